@@ -8,13 +8,13 @@ namespace tactus::bench {
 
 LinkRun send_deadband_coded(const States& states, const std::vector<std::uint32_t>& sent, const std::string& link,
                             double load_mbit, std::uint64_t seed) {
-  latency::Cell cell;
+  latency::TestCase cell;
   cell.link = link;
   cell.load_mbit = load_mbit;
   cell.seconds = static_cast<double>(states.size()) * 1e-3;
   latency::RunSettings settings = run_settings();
   settings.link_seed = seed;
-  const latency::Stamps stamps = latency::stamp_here(cell, settings, wire::stop_signal(), sent);
+  const latency::Timestamps stamps = latency::measure_locally(cell, settings, wire::stop_signal(), sent);
   LinkRun run;
   std::vector<bool> has_arrived(states.size(), false);
   for (const latency::Arrival& arrival : stamps.arrivals) {

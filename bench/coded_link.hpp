@@ -18,7 +18,7 @@ struct LinkRun {
 };
 
 /// Sends the states with the indices `sent` over `link`, each at its session time, while mesh records load the link
-/// with `load_mbit` (latency::Cell). Takes as long as the movement. Throws as latency::run_here does.
+/// with `load_mbit` (latency::TestCase). Takes as long as the movement. Throws as latency::run_locally does.
 [[nodiscard]] LinkRun send_deadband_coded(const States& states, const std::vector<std::uint32_t>& sent,
                                           const std::string& link, double load_mbit, std::uint64_t seed = 1);
 

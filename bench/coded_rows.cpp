@@ -6,7 +6,7 @@
 #include "bench/coded_run.hpp"
 #include "bench/models.hpp"
 #include "bench/movement.hpp"
-#include "latency/cell.hpp"
+#include "latency/test_case.hpp"
 
 namespace tactus::bench {
 namespace {

@@ -21,7 +21,7 @@ Report run(const RoundSettings& settings) {
   std::vector<Configuration> configurations;
   const auto add = [&](const char* name, const std::string& link, double load_mbit, int round_interval = 1,
                        Profile profile = Profile::kTactus, Transport transport = Transport::kUdp) {
-    latency::Cell cell;
+    latency::TestCase cell;
     cell.transport = transport;
     cell.profile = profile;
     cell.load_mbit = load_mbit;

@@ -8,7 +8,7 @@ namespace {
 Report run(const RoundSettings& settings) {
   std::vector<Configuration> configurations;
   const auto add = [&](const char* name, latency::Transport transport) {
-    latency::Cell cell;
+    latency::TestCase cell;
     cell.transport = transport;
     cell.link = settings.link;
     configurations.push_back({name, cell});

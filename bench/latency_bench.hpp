@@ -48,7 +48,7 @@ struct Configuration {
   };
 
   std::string name;
-  latency::Cell cell;
+  latency::TestCase cell;
   int round_interval = 1;  ///< the configuration runs in one of so many rounds
   Percentiles age{}, half_round_trip{}, half_round_trip_sent{};
   Samples mesh_mbyte_per_s{};
@@ -77,7 +77,7 @@ inline void run_rounds(std::vector<Configuration>& configurations, const RoundSe
       Configuration& configuration = configurations[(i + static_cast<std::size_t>(round)) % configurations.size()];
       if (round % configuration.round_interval != 0) continue;
       configuration.cell.seconds = settings.seconds;
-      configuration.add(latency::run_here(configuration.cell, run_options, wire::stop_signal()));
+      configuration.add(latency::run_locally(configuration.cell, run_options, wire::stop_signal()));
     }
   }
 }

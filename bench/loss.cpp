@@ -59,10 +59,10 @@ Report run(const Settings& settings) {
   Report report{{"probe states at 1 kHz, mesh records", 0, 0, text}};
   for (const LossCase& loss : kCases) {
     std::fprintf(stderr, "loss %g %%\n", loss.loss_percent);
-    latency::Cell cell;
+    latency::TestCase cell;
     cell.link = "P0:loss=" + std::to_string(loss.loss_percent);
     cell.seconds = settings.seconds;
-    const latency::Result result = latency::run_here(cell, run_options, stop);
+    const latency::Result result = latency::run_locally(cell, run_options, stop);
     char name[48];
     std::snprintf(name, sizeof name, "loss %g %%: ", loss.loss_percent);
     const double lost = 100 * static_cast<double>(result.lost) / static_cast<double>(result.expected);

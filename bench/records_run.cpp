@@ -47,10 +47,10 @@ RecordsRun run_records(const std::string& link, double seconds, std::size_t burs
   wire::SessionAddress address;
   address.session = "records." + std::to_string(::getpid());
   address.participant = "host";
-  latency::Cell cell;
+  latency::TestCase cell;
   cell.load_mbit = latency::kUnpaced;
-  const auto sink = make_there<latency::Sink>(pair, netem::Side::kB, cell, address, burst_bytes);
-  const auto load = make_there<latency::Load>(pair, netem::Side::kA, cell, address);
+  const auto sink = make_there<latency::MeshSink>(pair, netem::Side::kB, cell, address, burst_bytes);
+  const auto load = make_there<latency::MeshSource>(pair, netem::Side::kA, cell, address);
   for (int i = 0; i < 2000 && !load->matched() && !stop; ++i) wait(0.01, stop);
   if (!load->matched()) throw netem::LinkError("the two ends have not found each other over " + link);
   load->start();
@@ -65,7 +65,7 @@ RecordsRun run_records(const std::string& link, double seconds, std::size_t burs
   run.mbyte_per_s = bytes * 1e3 / static_cast<double>(wire::monotonic_ns() - began);
   run.sent_share = bytes > 0 ? static_cast<double>(load->sent_bytes() - sent) / bytes : 0;
   Samples sizes;
-  for (const latency::Sink::Burst& burst : sink->take_bursts()) {
+  for (const latency::MeshSink::Burst& burst : sink->take_bursts()) {
     run.burst_ms.add(burst.ms);
     sizes.add(static_cast<double>(burst.bytes) * 1e-3);
   }

@@ -1,4 +1,4 @@
-/// Transports of pings and echoes: raw UDP, a topic of Tactus through wire/, or Cyclone DDS.
+/// Carriers, the ends of the transports of pings and echoes: raw UDP, a topic of Tactus through wire/, or Cyclone DDS.
 #pragma once
 
 #include <cstdint>
@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "latency/cell.hpp"
+#include "latency/test_case.hpp"
 #include "wire/participants.hpp"
 
 namespace tactus::latency {
@@ -15,70 +15,73 @@ namespace tactus::latency {
 /// A ping or its echo. Times are on the sender's monotonic clock.
 struct Packet {
   std::uint32_t sequence = 0;
-  std::uint32_t reader = 0;   ///< of an echo: its sender
-  std::int64_t event_ns = 0;  ///< ping: intended time of sending; echo: arrival of the ping
+  std::uint32_t reader = 0;   ///< of an echo: number of the echoer that sends it
+  std::int64_t event_ns = 0;  ///< ping: intended time of sending; echo: time of arrival of its ping
   std::int64_t sent_ns = 0;   ///< time of the send call
 };
-/// Called in a thread of the carrier, one call at a time; may send on the same carrier. `arrived_ns`: our monotonic
-/// clock.
+/// Called in a thread of the carrier, one call at a time; may send on the same carrier. `arrived_ns` is on the
+/// receiver's monotonic clock.
 using OnPacket = std::function<void(const Packet&, std::int64_t arrived_ns)>;
 
-enum class Part { kPinger, kEchoer };
+enum class Role { kPinger, kEchoer };
 
 /// One end of a transport. Destroying it ends its thread; no callback runs after that.
 class Carrier {
  public:
   virtual ~Carrier() = default;
-  /// False when the transport refused it. A ping goes to every echoer. One thread at a time.
+  /// Returns false when the transport refused the packet. A ping goes to every echoer. One thread at a time.
   virtual bool send(const Packet& packet) noexcept = 0;
-  /// Number of echoers, or pingers, found.
+  /// Number of matched echoers at the pinger, or of pingers at an echoer.
   [[nodiscard]] virtual std::uint32_t matched() const noexcept = 0;
 };
 
-/// Address and settings of one end over UDP.
 struct UdpSettings {
   std::string echo_address;               ///< pinger only: IPv4 address or name of the echoers' machine
   std::vector<std::uint16_t> echo_ports;  ///< pinger only
   int priority = 0;                       ///< SCHED_FIFO of the receiving thread; 0: none
 };
 /// Throws LatencyError naming what the system refuses.
-[[nodiscard]] std::unique_ptr<Carrier> make_udp(Part part, std::uint32_t payload, const UdpSettings& side,
+[[nodiscard]] std::unique_ptr<Carrier> make_udp(Role role, std::uint32_t payload, const UdpSettings& settings,
                                                 OnPacket callback);
-/// The port of an echoer made by make_udp.
+/// Port of an echoer that make_udp made.
 [[nodiscard]] std::uint16_t port_of(const Carrier& udp);
 
-inline constexpr std::uint32_t kPeerChunkBytes = 1300;  ///< of a tuned peer's load: one frame with all headers
+/// Bytes of a mesh chunk with Profile::kTuned or Cyclone DDS: with all headers it fills at most one frame.
+inline constexpr std::uint32_t kTunedChunkBytes = 1300;
 
-/// The sending end of the mesh traffic beside the pings.
+/// The sending end of the load: mesh traffic during the pings.
 class LoadSource {
  public:
   virtual ~LoadSource() = default;
   [[nodiscard]] virtual bool matched() const noexcept = 0;
-  /// Call once, after matched().
+  /// Starts sending. Call once, when matched() is true.
   virtual void start() = 0;
 };
+/// The receiving end of the load.
 class LoadSink {
  public:
   virtual ~LoadSink() = default;
-  /// Payload between the first and the last arrival, per second; 0 with fewer than two.
+  /// Payload received between the first and the last arrival, divided by that time; 0 with fewer than two arrivals.
   [[nodiscard]] virtual double bytes_per_s() = 0;
 };
 
-/// Probe states over Cyclone DDS, from the same IDL, tuned by hand: best effort, socket marks as ours, and a domain of
-/// their own, so that they share no socket and no thread with the load. Threads get SCHED_FIFO `priority` if allowed.
-/// Throws LatencyError; requires has_cyclone().
-[[nodiscard]] std::unique_ptr<Carrier> make_cyclone(Part part, int domain, int priority, OnPacket callback);
-/// Chunks of one frame over Cyclone DDS, reliable, as fast as its writer accepts them. Likewise.
+/// Makes a carrier of probe states over Cyclone DDS, with the IDL of Tactus. It is tuned by hand: best effort, and the
+/// socket marks of qos/flow.yaml. The carrier and the load have different domains, so that they share no socket and no
+/// thread. The carrier's threads get SCHED_FIFO `priority` if the system allows it. Requires has_cyclone(). Throws
+/// LatencyError.
+[[nodiscard]] std::unique_ptr<Carrier> make_cyclone(Role role, int domain, int priority, OnPacket callback);
+/// Makes a load over Cyclone DDS: reliable chunks of one frame, as fast as the writer accepts them. Requires
+/// has_cyclone(). Throws LatencyError.
 [[nodiscard]] std::unique_ptr<LoadSource> make_cyclone_load(int domain);
 [[nodiscard]] std::unique_ptr<LoadSink> make_cyclone_sink(int domain);
 
-/// A DDS topic of `cell` with its own profiles; `participants` must outlive it. Pings and echoes each have a partition.
-/// Throws WireError.
-[[nodiscard]] std::unique_ptr<Carrier> make_dds(Part part, const Cell& cell, wire::Participants& participants,
+/// Makes a carrier over the DDS topic of `test`. Pings and echoes have different DDS partitions. `participants` must
+/// outlive the carrier. Throws WireError.
+[[nodiscard]] std::unique_ptr<Carrier> make_dds(Role role, const TestCase& test, wire::Participants& participants,
                                                 OnPacket callback);
 
-/// Joins a session with the transport and profile of `cell`. For `tactus` and `udp` it uses the qos directory itself,
-/// otherwise a temporary copy with changes. Throws WireError.
-[[nodiscard]] std::unique_ptr<wire::Participants> join(const Cell& cell, wire::SessionAddress address);
+/// Joins a session with the transport and profile of `test`. With profile tactus over UDP it uses the qos directory
+/// itself, otherwise a temporary copy with changes. Throws WireError.
+[[nodiscard]] std::unique_ptr<wire::Participants> join_session(const TestCase& test, wire::SessionAddress address);
 
 }  // namespace tactus::latency

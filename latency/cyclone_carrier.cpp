@@ -21,7 +21,7 @@ namespace tactus::latency {
 namespace {
 
 constexpr char kPings[] = "latency_pings", kEchoes[] = "latency_echoes", kMesh[] = "latency_mesh";
-/// Messages of one frame and large buffers; a queue for 2 MB of samples that are not yet acknowledged.
+/// Messages of one frame, large buffers, and a queue for 2 MB of samples that are not yet acknowledged.
 constexpr char kConfig[] =
     "<General><MaxMessageSize>1452B</MaxMessageSize><FragmentSize>1344B</FragmentSize></General>"
     "<Internal><SocketReceiveBufferSize min=\"1MB\" max=\"4MB\"/>"
@@ -43,27 +43,29 @@ std::set<int> datagram_sockets() {
   return found;
 }
 
-/// A domain with sockets and threads of its own, which inherit the priority of the thread that creates them. Cyclone
-/// DDS cannot mark its sockets (its issue 2225), so this does.
+/// A domain with its own sockets and threads.
+///
+/// The constructor takes `priority` while it creates the domain, because threads inherit the priority of their creator.
+/// If `marks_sockets`, it marks the new sockets itself, because Cyclone DDS cannot (its issue 2225).
 class Domain {
  public:
-  Domain(int number, int priority, bool marked) {
+  Domain(int number, int priority, bool marks_sockets) {
     const std::set<int> before = datagram_sockets();
     int policy = 0;
-    sched_param usual{}, wanted{};
-    wanted.sched_priority = priority;
-    pthread_getschedparam(pthread_self(), &policy, &usual);
-    if (priority > 0) pthread_setschedparam(pthread_self(), SCHED_FIFO, &wanted);
+    sched_param previous{}, requested{};
+    requested.sched_priority = priority;
+    pthread_getschedparam(pthread_self(), &policy, &previous);
+    if (priority > 0) pthread_setschedparam(pthread_self(), SCHED_FIFO, &requested);
     const auto id = static_cast<dds_domainid_t>(number);
     domain_ = dds_create_domain(id, kConfig);
     if (domain_ >= 0) participant_ = dds_create_participant(id, nullptr, nullptr);
-    pthread_setschedparam(pthread_self(), policy, &usual);
+    pthread_setschedparam(pthread_self(), policy, &previous);
     checked("domain", domain_);
     if (participant_ < 0) dds_delete(domain_);
     checked("participant", participant_);
     constexpr int kExpeditedTos = 184, kPriority = 6;  // as qos/flow.yaml marks the probe class
     for (const int fd : datagram_sockets()) {
-      if (!marked || before.count(fd) != 0) continue;
+      if (!marks_sockets || before.count(fd) != 0) continue;
       ::setsockopt(fd, IPPROTO_IP, IP_TOS, &kExpeditedTos, sizeof kExpeditedTos);
       ::setsockopt(fd, SOL_SOCKET, SO_PRIORITY, &kPriority, sizeof kPriority);
     }
@@ -107,12 +109,12 @@ class Qos {
   dds_qos_t* const qos_ = dds_create_qos();
 };
 
-/// Best effort, keep last 1, read in the listener, as for our own probe states.
+/// Best effort, keep last 1, read in the listener, as for probe states over Fast DDS.
 class CycloneCarrier final : public Carrier {
  public:
-  CycloneCarrier(Part part, int domain, int priority, OnPacket callback)
+  CycloneCarrier(Role role, int domain, int priority, OnPacket callback)
       : callback_{std::move(callback)}, domain_{domain, priority, true} {
-    const bool pinger = part == Part::kPinger;
+    const bool pinger = role == Role::kPinger;
     const Qos qos{false};
     const auto topic = [&](const char* name) { return domain_.topic(name, tactus_idl_ProbeState_desc, qos); };
     writer_ = domain_.writer(topic(pinger ? kPings : kEchoes), qos);
@@ -170,10 +172,10 @@ class CycloneLoad final : public LoadSource {
   }
   void start() override {
     thread_ = std::thread{[this] {
-      std::array<std::uint8_t, kPeerChunkBytes> bytes;
+      std::array<std::uint8_t, kTunedChunkBytes> bytes;
       bytes.fill(0x5a);
       tactus_idl_BulkChunk chunk{};
-      chunk.payload = {kPeerChunkBytes, kPeerChunkBytes, bytes.data(), false};
+      chunk.payload = {kTunedChunkBytes, kTunedChunkBytes, bytes.data(), false};
       for (; !stop_; ++chunk.sequence_number) (void)dds_write(writer_, &chunk);  // waits while the queue is full
     }};
   }
@@ -200,10 +202,10 @@ class CycloneSink final : public LoadSink {
 
  private:
   void receive(dds_entity_t reader) {
-    constexpr std::size_t kMost = 64;
-    std::array<void*, kMost> samples{};
-    std::array<dds_sample_info_t, kMost> infos;
-    for (int count; (count = dds_take(reader, samples.data(), infos.data(), kMost, kMost)) > 0;) {
+    constexpr std::size_t kMaxSamples = 64;
+    std::array<void*, kMaxSamples> samples{};
+    std::array<dds_sample_info_t, kMaxSamples> infos;
+    for (int count; (count = dds_take(reader, samples.data(), infos.data(), kMaxSamples, kMaxSamples)) > 0;) {
       const std::int64_t now = wire::monotonic_ns();
       for (int i = 0; i < count; ++i) {
         if (!infos[static_cast<std::size_t>(i)].valid_data) continue;
@@ -224,8 +226,8 @@ class CycloneSink final : public LoadSink {
 
 }  // namespace
 
-std::unique_ptr<Carrier> make_cyclone(Part part, int domain, int priority, OnPacket callback) {
-  return std::make_unique<CycloneCarrier>(part, domain, priority, std::move(callback));
+std::unique_ptr<Carrier> make_cyclone(Role role, int domain, int priority, OnPacket callback) {
+  return std::make_unique<CycloneCarrier>(role, domain, priority, std::move(callback));
 }
 std::unique_ptr<LoadSource> make_cyclone_load(int domain) { return std::make_unique<CycloneLoad>(domain); }
 std::unique_ptr<LoadSink> make_cyclone_sink(int domain) { return std::make_unique<CycloneSink>(domain); }

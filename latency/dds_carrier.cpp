@@ -48,16 +48,16 @@ Packet decode(const session::BulkChunk& sample) {
 template <class Sample>
 class DdsCarrier final : public Carrier {
  public:
-  DdsCarrier(Part part, std::uint32_t payload, wire::Participants& participants, const wire::TopicSpec<Sample>& topic,
+  DdsCarrier(Role role, std::uint32_t payload, wire::Participants& participants, const wire::TopicSpec<Sample>& topic,
              OnPacket callback)
       : payload_{payload},
         participants_{participants},
         callback_{std::move(callback)},
-        writer_{participants, topic, {part == Part::kPinger ? kPings : kEchoes}},
+        writer_{participants, topic, {role == Role::kPinger ? kPings : kEchoes}},
         reader_{participants,
                 topic,
                 [this](Sample&& sample) { callback_(decode(sample), wire::monotonic_ns()); },
-                {part == Part::kPinger ? kEchoes : kPings}} {}
+                {role == Role::kPinger ? kEchoes : kPings}} {}
 
   bool send(const Packet& packet) noexcept override {
     if constexpr (!std::is_same_v<Sample, session::BulkChunk>) {
@@ -80,8 +80,8 @@ class DdsCarrier final : public Carrier {
   wire::Reader<Sample> reader_;  // last: its callback uses the other members
 };
 
-/// A changed copy of a qos directory, removed on destruction. On disk, because wire::Participants and Fast DDS read
-/// profiles from files only.
+/// A temporary copy of a qos directory with the settings of a test; the destructor removes it. It is on disk, because
+/// wire::Participants and Fast DDS read profiles only from files.
 class QosCopy {
  public:
   QosCopy(const std::filesystem::path& from, Profile profile, Transport transport) {
@@ -121,23 +121,23 @@ class QosCopy {
  private:
   using Element = tinyxml2::XMLElement;
 
-  /// Removes everything but the names from all profiles, so that the library's defaults apply.
+  /// Removes all settings from the profiles, so that the library's defaults apply.
   static void strip(Element& profiles) {
     for (Element* profile = profiles.FirstChildElement(); profile != nullptr; profile = profile->NextSiblingElement()) {
       if (profile->Attribute("profile_name") == nullptr) continue;
-      const bool participant = std::strcmp(profile->Name(), "participant") == 0;
+      const bool is_participant = std::strcmp(profile->Name(), "participant") == 0;
       profile->DeleteChildren();
-      if (participant) profile->InsertNewChildElement("rtps");
+      if (is_participant) profile->InsertNewChildElement("rtps");
     }
   }
 
-  /// `id` must be unique among the files: the library has one table of ids.
+  /// `id` must be unique among the files, because the library has one table of ids for all files.
   static void set_transport(Element& profiles, Transport transport, const std::string& id) {
     if (Element* const descriptors = profiles.FirstChildElement("transport_descriptors"))
       profiles.DeleteChild(descriptors);
-    for (Element* part = profiles.FirstChildElement("participant"); part != nullptr;
-         part = part->NextSiblingElement("participant")) {
-      Element* const rtps = part->FirstChildElement("rtps");
+    for (Element* participant = profiles.FirstChildElement("participant"); participant != nullptr;
+         participant = participant->NextSiblingElement("participant")) {
+      Element* const rtps = participant->FirstChildElement("rtps");
       for (const char* name : {"useBuiltinTransports", "userTransports"})
         if (Element* const old = rtps->FirstChildElement(name)) rtps->DeleteChild(old);
       if (transport == Transport::kBuiltin) continue;
@@ -152,10 +152,10 @@ class QosCopy {
     descriptor->InsertNewChildElement("type")->SetText(transport == Transport::kShm ? "SHM" : "UDPv4");
   }
 
-  /// What an expert of Fast DDS sets, on stripped profiles: one frame for each message, large buffers, and
-  ///   probe: best effort, keep last 1, sent by the thread that writes, never blocked by a full socket
-  ///   bulk:  reliable, keep all, asynchronous, 12 kB each ms: 96 % of a link of 100 Mbit/s
-  static void tune(Element& profiles, bool bulk) {
+  /// Adds the settings of an expert of Fast DDS to stripped profiles: one frame for each message, large buffers, and
+  ///   probe: best effort, keep last 1, sent by the writing thread, not blocked by a full socket
+  ///   bulk:  reliable, keep all, asynchronous, 12 kB each ms (96 % of a link of 100 Mbit/s)
+  static void tune(Element& profiles, bool is_bulk) {
     constexpr char kProbe[] =
         "<all><topic><historyQos><kind>KEEP_LAST</kind><depth>1</depth></historyQos></topic>"
         "<qos><reliability><kind>BEST_EFFORT</kind></reliability><durability><kind>VOLATILE</kind></durability>"
@@ -172,18 +172,18 @@ class QosCopy {
     for (const auto& [name, value] : {std::pair{"maxMessageSize", "1472"},
                                       {"sendBufferSize", "1048576"},
                                       {"receiveBufferSize", "4194304"},
-                                      {"non_blocking_send", bulk ? "false" : "true"}})
+                                      {"non_blocking_send", is_bulk ? "false" : "true"}})
       descriptor->InsertNewChildElement(name)->SetText(value);
     tinyxml2::XMLDocument tuned;
-    tuned.Parse(bulk ? kBulk : kProbe);
+    tuned.Parse(is_bulk ? kBulk : kProbe);
     for (Element* profile = profiles.FirstChildElement(); profile != nullptr; profile = profile->NextSiblingElement()) {
-      const bool writer = std::strcmp(profile->Name(), "data_writer") == 0;
-      if (!writer && std::strcmp(profile->Name(), "data_reader") != 0) continue;
-      for (const Element* part = tuned.RootElement()->FirstChildElement(); part != nullptr;
-           part = part->NextSiblingElement()) {
-        if (!writer && std::strcmp(part->Name(), "throughputController") == 0) continue;
-        tinyxml2::XMLNode* const copy = profile->InsertEndChild(part->DeepClone(profiles.GetDocument()));
-        if (Element* const mode = copy->FirstChildElement("publishMode"); mode != nullptr && !writer)
+      const bool is_writer = std::strcmp(profile->Name(), "data_writer") == 0;
+      if (!is_writer && std::strcmp(profile->Name(), "data_reader") != 0) continue;
+      for (const Element* setting = tuned.RootElement()->FirstChildElement(); setting != nullptr;
+           setting = setting->NextSiblingElement()) {
+        if (!is_writer && std::strcmp(setting->Name(), "throughputController") == 0) continue;
+        tinyxml2::XMLNode* const copy = profile->InsertEndChild(setting->DeepClone(profiles.GetDocument()));
+        if (Element* const mode = copy->FirstChildElement("publishMode"); mode != nullptr && !is_writer)
           copy->DeleteChild(mode);
       }
     }
@@ -194,20 +194,21 @@ class QosCopy {
 
 }  // namespace
 
-std::unique_ptr<Carrier> make_dds(Part part, const Cell& cell, wire::Participants& participants, OnPacket callback) {
-  if (cell.topic == Topic::kProbeState)
-    return std::make_unique<DdsCarrier<session::ProbeState>>(part, cell.payload, participants,
+std::unique_ptr<Carrier> make_dds(Role role, const TestCase& test, wire::Participants& participants,
+                                  OnPacket callback) {
+  if (test.topic == Topic::kProbeState)
+    return std::make_unique<DdsCarrier<session::ProbeState>>(role, test.payload, participants,
                                                              wire::topics::kProbeState, std::move(callback));
-  return std::make_unique<DdsCarrier<session::BulkChunk>>(part, cell.payload, participants, wire::topics::kRecords,
+  return std::make_unique<DdsCarrier<session::BulkChunk>>(role, test.payload, participants, wire::topics::kRecords,
                                                           std::move(callback));
 }
 
-std::unique_ptr<wire::Participants> join(const Cell& cell, wire::SessionAddress address) {
-  if (cell.profile == Profile::kTactus && (cell.transport == Transport::kUdp || cell.transport == Transport::kRawUdp))
+std::unique_ptr<wire::Participants> join_session(const TestCase& test, wire::SessionAddress address) {
+  if (test.profile == Profile::kTactus && (test.transport == Transport::kUdp || test.transport == Transport::kRawUdp))
     return std::make_unique<wire::Participants>(std::move(address));
-  const QosCopy copy{address.qos, cell.profile, cell.transport};
+  const QosCopy copy{address.qos, test.profile, test.transport};
   address.qos = copy.path();
-  address.one_participant = cell.profile == Profile::kShared;
+  address.one_participant = test.profile == Profile::kShared;
   return std::make_unique<wire::Participants>(std::move(address));
 }
 

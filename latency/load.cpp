@@ -14,15 +14,16 @@ namespace {
 constexpr char kSinkName[] = "sink";
 constexpr char kObjectName[] = "load";
 constexpr std::uint32_t kFaces = 200'000;
-constexpr std::size_t kMinHeld = 60, kMaxHeld = 200;  // regions; fewer than all, as present ones are not resent
-constexpr std::size_t kWanted = 200;                  // regions requested at once
-constexpr std::int64_t kPause = 20'000'000;           // between bursts
-constexpr std::chrono::microseconds kPatience{1000};
+// Regions that the sink holds. It evicts the others, because a host sends a region again only after its eviction.
+constexpr std::size_t kMinHeld = 60, kMaxHeld = 200;
+constexpr std::size_t kMaxWanted = 200;        // regions requested at once
+constexpr std::int64_t kPauseNs = 20'000'000;  // between bursts
+constexpr std::chrono::microseconds kInboxTimeout{1000};
 
-/// Raw UDP gets its load over DDS as well.
-Cell of_load(Cell cell) {
-  if (cell.transport == Transport::kRawUdp) cell.transport = Transport::kUdp;
-  return cell;
+/// Returns the test with DDS over UDP instead of raw UDP, because the load always uses DDS.
+TestCase load_test(TestCase test) {
+  if (test.transport == Transport::kRawUdp) test.transport = Transport::kUdp;
+  return test;
 }
 
 wire::SessionAddress named(wire::SessionAddress address, const char* participant) {
@@ -39,31 +40,31 @@ const spm::codec::CompressedModel& model() {
 
 }  // namespace
 
-Load::Load(const Cell& cell, wire::SessionAddress address, wire::Participants* shared)
-    : mbit_{cell.load_mbit},
-      plain_{cell.profile != Profile::kTactus},
-      tuned_{cell.profile == Profile::kTuned},
-      own_participants_{shared == nullptr ? join(of_load(cell), std::move(address)) : nullptr},
+MeshSource::MeshSource(const TestCase& test, wire::SessionAddress address, wire::Participants* shared)
+    : mbit_{test.load_mbit},
+      is_flood_{test.profile != Profile::kTactus},
+      is_tuned_{test.profile == Profile::kTuned},
+      own_participants_{shared == nullptr ? join_session(load_test(test), std::move(address)) : nullptr},
       participants_{shared == nullptr ? *own_participants_ : *shared},
       catalogue_{participants_, wire::topics::kCatalogue},
       base_{participants_, wire::topics::kBase, {wire::hrtc_partition(kSinkName)}},
       records_{participants_, wire::topics::kRecords, {wire::hrtc_partition(kSinkName)}},
       reader_{participants_, wire::topics::kDemand,
               [this](session::Demand&& demand) { demands_.put(std::move(demand)); }} {
-  if (!plain_) (void)model();
+  if (!is_flood_) (void)model();
 }
 
-Load::~Load() {
+MeshSource::~MeshSource() {
   stop_ = true;
   if (thread_.joinable()) thread_.join();
 }
 
-void Load::start() {
-  thread_ = std::thread{[this] { plain_ ? flood() : serve(); }};
+void MeshSource::start() {
+  thread_ = std::thread{[this] { is_flood_ ? flood() : serve(); }};
 }
 
-/// Serves like host_service. A configured rate is an upper limit on top of the pacer.
-void Load::serve() {
+/// Serves the model as host_service does. The rate of the test limits the traffic in addition to the pacer.
+void MeshSource::serve() {
   session::DeliveryServer server{participants_.origin()};
   const std::uint64_t object = session::id_of(kObjectName);
   server.add(object, model());
@@ -77,18 +78,18 @@ void Load::serve() {
   (void)catalogue_.send(entry);
   const double bytes_per_ns = mbit_ * 1e6 / 8 * 1e-9;
   std::int64_t next_ns = wire::monotonic_ns();
-  std::chrono::microseconds patience{0};
+  std::chrono::microseconds timeout{0};
   while (!stop_) {
-    for (const auto& arrived : demands_.take(patience)) (void)server.on_demand(arrived.sample, arrived.at_ns);
-    patience = std::chrono::microseconds{0};
+    for (const auto& arrived : demands_.take(timeout)) (void)server.on_demand(arrived.sample, arrived.at_ns);
+    timeout = std::chrono::microseconds{0};
     constexpr int kChunksPerRound = 64;
     for (int i = 0; i < kChunksPerRound; ++i) {
       const std::int64_t now_ns = wire::monotonic_ns();
-      const bool may = mbit_ == kUnpaced || now_ns >= next_ns;
-      const auto out = server.next(now_ns, [&](std::uint64_t) { return may; });
+      const bool may_send = mbit_ == kUnpaced || now_ns >= next_ns;
+      const auto out = server.next(now_ns, [&](std::uint64_t) { return may_send; });
       if (!out) {
-        const std::int64_t due = (may ? server.due_ns() : next_ns) - now_ns;
-        patience = std::clamp(std::chrono::microseconds{due / 1000}, std::chrono::microseconds{0}, 5 * kPatience);
+        const std::int64_t due = (may_send ? server.due_ns() : next_ns) - now_ns;
+        timeout = std::clamp(std::chrono::microseconds{due / 1000}, std::chrono::microseconds{0}, 5 * kInboxTimeout);
         break;
       }
       (void)(out->chunk.kind() == session::BulkKind::kBase ? base_ : records_).send(out->chunk);
@@ -100,18 +101,18 @@ void Load::serve() {
   }
 }
 
-void Load::flood() {
+void MeshSource::flood() {
   constexpr std::int64_t kPeriodNs = 1'000'000;
   session::BulkChunk chunk;
   chunk.pieces.resize(1);
-  const std::size_t max = tuned_ ? kPeerChunkBytes : session::kMaxPayload;
+  const std::size_t max = is_tuned_ ? kTunedChunkBytes : session::kMaxPayload;
   const std::size_t size = max - session::header_bytes(chunk.pieces[0].region, 1);
   chunk.pieces[0].payload.assign(size, 0x5a);
   const double chunks_per_period = mbit_ * 1e6 / 8 * kPeriodNs * 1e-9 / static_cast<double>(size);
   double due = 0;  // chunks
   for (std::int64_t next = wire::monotonic_ns(); !stop_; next += kPeriodNs) {
     if (mbit_ != kUnpaced) wire::sleep_until(next);
-    // Time lost to a full history is not made up: the rate is an upper limit.
+    // After a full history, sends no more than one period's chunks: the rate is an upper limit.
     due = mbit_ == kUnpaced ? 1 : std::min(due + chunks_per_period, chunks_per_period + 1);
     for (; due >= 1 && !stop_; due -= 1) {
       ++chunk.sequence;
@@ -121,10 +122,12 @@ void Load::flood() {
   }
 }
 
-Sink::Sink(const Cell& cell, wire::SessionAddress address, std::size_t burst_bytes, wire::Participants* shared)
+MeshSink::MeshSink(const TestCase& test, wire::SessionAddress address, std::size_t burst_bytes,
+                   wire::Participants* shared)
     : min_burst_{burst_bytes},
-      plain_{cell.profile != Profile::kTactus},
-      own_participants_{shared == nullptr ? join(of_load(cell), named(std::move(address), kSinkName)) : nullptr},
+      is_flood_{test.profile != Profile::kTactus},
+      own_participants_{shared == nullptr ? join_session(load_test(test), named(std::move(address), kSinkName))
+                                          : nullptr},
       participants_{shared == nullptr ? *own_participants_ : *shared},
       client_{participants_.origin(), {}},
       demand_{participants_, wire::topics::kDemand},
@@ -134,14 +137,14 @@ Sink::Sink(const Cell& cell, wire::SessionAddress address, std::size_t burst_byt
           participants_, wire::topics::kRecords, into_inbox<session::BulkChunk>(), {wire::hrtc_partition(kSinkName)}},
       thread_{[this] { run(); }} {}
 
-Sink::~Sink() {
+MeshSink::~MeshSink() {
   stop_ = true;
   thread_.join();
 }
 
-void Sink::run() {
+void MeshSink::run() {
   while (!stop_) {
-    for (const auto& arrived : inbox_.take(kPatience))
+    for (const auto& arrived : inbox_.take(kInboxTimeout))
       std::visit([&](const auto& sample) { take(sample, arrived.at_ns); }, arrived.sample);
     if (host_ == 0) continue;
     const std::int64_t now_ns = wire::monotonic_ns();
@@ -154,8 +157,8 @@ void Sink::run() {
   }
 }
 
-void Sink::take(const session::CatalogueEntry& entry, std::int64_t at_ns) {
-  if (plain_ || host_ != 0) return;
+void MeshSink::take(const session::CatalogueEntry& entry, std::int64_t at_ns) {
+  if (is_flood_ || host_ != 0) return;
   host_ = entry.origin.participant;
   host_incarnation_ = entry.origin.incarnation;
   regions_ = entry.summary.regions;
@@ -164,12 +167,12 @@ void Sink::take(const session::CatalogueEntry& entry, std::int64_t at_ns) {
   client_.open(entry.object_id, entry.summary.digest);
 }
 
-void Sink::take(const session::BulkChunk& chunk, std::int64_t at_ns) {
-  if (plain_) return count_message(chunk.payload_bytes(), at_ns);
+void MeshSink::take(const session::BulkChunk& chunk, std::int64_t at_ns) {
+  if (is_flood_) return count_message(chunk.payload_bytes(), at_ns);
   for (const session::DeliveryClient::Message& message : client_.on_chunk(chunk, at_ns)) take(message, at_ns);
 }
 
-void Sink::take(const session::DeliveryClient::Message& message, std::int64_t at_ns) {
+void MeshSink::take(const session::DeliveryClient::Message& message, std::int64_t at_ns) {
   if (message.kind == session::BulkKind::kBase) {
     client_.base_held(message.object_id);
     for (std::uint32_t region = 0; region < regions_; ++region) absent_.push_back(region);
@@ -185,12 +188,12 @@ void Sink::take(const session::DeliveryClient::Message& message, std::int64_t at
     const std::lock_guard lock{mutex_};
     bursts_.push_back({static_cast<double>(at_ns - burst_ns_) * 1e-6, burst_bytes_});
   }
-  client_.want(message.object_id, {});  // otherwise evicted regions would come again
+  client_.want(message.object_id, {});  // otherwise the host would send regions again that are evicted
   if (burst_bytes_ < min_burst_) ++burst_regions_;
-  pause_until_ns_ = at_ns + kPause;
+  pause_until_ns_ = at_ns + kPauseNs;
 }
 
-void Sink::count_message(std::size_t bytes, std::int64_t at_ns) {
+void MeshSink::count_message(std::size_t bytes, std::int64_t at_ns) {
   if (first_ns_ == 0)
     first_ns_ = at_ns;
   else
@@ -198,15 +201,15 @@ void Sink::count_message(std::size_t bytes, std::int64_t at_ns) {
   last_ns_ = at_ns;
 }
 
-/// Requests regions in turn: keeps the newest ones, and requests an evicted one again later.
-void Sink::request_next_regions(std::int64_t now_ns) {
+/// Requests regions in turn. Holds the newest regions and evicts the oldest, which it requests again later.
+void MeshSink::request_next_regions(std::int64_t now_ns) {
   const std::uint64_t object = session::id_of(kObjectName);
-  retiring_ = held_.size() > (retiring_ ? kMinHeld : kMaxHeld);
-  while (retiring_ && held_.size() > kMinHeld && client_.retire(object, held_.front())) held_.erase(held_.begin());
+  is_retiring_ = held_.size() > (is_retiring_ ? kMinHeld : kMaxHeld);
+  while (is_retiring_ && held_.size() > kMinHeld && client_.retire(object, held_.front())) held_.erase(held_.begin());
   for (const std::uint32_t region : client_.take_released(object)) absent_.push_back(region);
-  const std::size_t max = min_burst_ == 0 ? kWanted : burst_regions_;
-  const bool may = min_burst_ == 0 || (wanted_.empty() && now_ns >= pause_until_ns_);
-  if (!may || wanted_.size() >= max || absent_.size() < (min_burst_ == 0 ? 1 : max)) return;
+  const std::size_t max = min_burst_ == 0 ? kMaxWanted : burst_regions_;
+  const bool may_request = min_burst_ == 0 || (wanted_.empty() && now_ns >= pause_until_ns_);
+  if (!may_request || wanted_.size() >= max || absent_.size() < (min_burst_ == 0 ? 1 : max)) return;
   const std::size_t count = std::min(max - wanted_.size(), absent_.size());
   wanted_.insert(wanted_.end(), absent_.begin(), absent_.begin() + static_cast<std::ptrdiff_t>(count));
   absent_.erase(absent_.begin(), absent_.begin() + static_cast<std::ptrdiff_t>(count));
@@ -217,12 +220,12 @@ void Sink::request_next_regions(std::int64_t now_ns) {
   client_.want(object, std::move(all));
 }
 
-double Sink::bytes_per_s() {
+double MeshSink::bytes_per_s() {
   const std::int64_t passed = last_ns_ - first_ns_;
   return passed > 0 ? static_cast<double>(bytes_) * 1e9 / static_cast<double>(passed) : 0;
 }
 
-std::vector<Sink::Burst> Sink::take_bursts() {
+std::vector<MeshSink::Burst> MeshSink::take_bursts() {
   const std::lock_guard lock{mutex_};
   return std::exchange(bursts_, {});
 }

@@ -1,5 +1,8 @@
-/// Mesh traffic beside the pings: demand, delivery, pacer and topics as in host and HRTC. With other profiles it sends
-/// as many chunks as a writer with the library's defaults accepts.
+/// The load of a latency test: mesh traffic during the pings.
+///
+/// With profile tactus, a MeshSource and a MeshSink exchange demands, base mesh and records as a host and an HRTC do,
+/// pacer included. With the other profiles the source sends as many chunks as the writer accepts, up to the rate of the
+/// test.
 #pragma once
 
 #include <atomic>
@@ -19,14 +22,15 @@
 
 namespace tactus::latency {
 
-/// A host of one generated model, in a thread of normal priority; joins the session on its own.
-class Load final : public LoadSource {
+/// The host of one generated model, in a thread of normal priority.
+class MeshSource final : public LoadSource {
  public:
-  /// With Profile::kShared its endpoints are in `shared`, which must outlive it.
-  Load(const Cell& cell, wire::SessionAddress address, wire::Participants* shared = nullptr);
-  ~Load() override;
-  Load(const Load&) = delete;
-  Load& operator=(const Load&) = delete;
+  /// If `shared` is null, joins the session with participants of its own. Otherwise makes its endpoints in `shared`,
+  /// which must outlive this.
+  MeshSource(const TestCase& test, wire::SessionAddress address, wire::Participants* shared = nullptr);
+  ~MeshSource() override;
+  MeshSource(const MeshSource&) = delete;
+  MeshSource& operator=(const MeshSource&) = delete;
 
   [[nodiscard]] bool matched() const noexcept override { return records_.matched() > 0; }
   void start() override;
@@ -38,7 +42,7 @@ class Load final : public LoadSource {
   void flood();
 
   const double mbit_;
-  const bool plain_, tuned_;
+  const bool is_flood_, is_tuned_;  // chunks without demands, if the profile is not tactus; profile tuned
   const std::unique_ptr<wire::Participants> own_participants_;
   wire::Participants& participants_;
   wire::Writer<session::CatalogueEntry> catalogue_;
@@ -50,25 +54,25 @@ class Load final : public LoadSource {
   std::thread thread_;
 };
 
-/// The HRTC for that load: requests the regions of the model in turn, without end.
-class Sink final : public LoadSink {
+/// The HRTC of that host: requests the regions of the model in turn until it is destroyed.
+class MeshSink final : public LoadSink {
  public:
-  /// `burst_bytes` 0: requests continuously. Otherwise requests about so many bytes at once, and again when they have
-  /// arrived.
-  Sink(const Cell& cell, wire::SessionAddress address, std::size_t burst_bytes = 0,
-       wire::Participants* shared = nullptr);
-  ~Sink() override;
-  Sink(const Sink&) = delete;
-  Sink& operator=(const Sink&) = delete;
+  /// If `burst_bytes` is 0, requests continuously. Otherwise requests regions of about `burst_bytes` at once, and the
+  /// next ones 20 ms after the last of them has arrived.
+  MeshSink(const TestCase& test, wire::SessionAddress address, std::size_t burst_bytes = 0,
+           wire::Participants* shared = nullptr);
+  ~MeshSink() override;
+  MeshSink(const MeshSink&) = delete;
+  MeshSink& operator=(const MeshSink&) = delete;
 
-  /// Counts complete messages.
+  /// Counts complete messages only, or chunks if the profile is not tactus.
   [[nodiscard]] double bytes_per_s() override;
   [[nodiscard]] std::uint64_t bytes() const noexcept { return bytes_; }
   struct Burst {
-    double ms;
+    double ms;  ///< from the request to the arrival of the last region
     std::size_t bytes;
   };
-  /// Bursts since the last call; each lasts from the request to the last region.
+  /// Returns the bursts since the last call.
   [[nodiscard]] std::vector<Burst> take_bursts();
 
  private:
@@ -85,14 +89,14 @@ class Sink final : public LoadSink {
   }
 
   const std::size_t min_burst_;  // bytes
-  const bool plain_;
+  const bool is_flood_;          // the source sends chunks without demands
   const std::unique_ptr<wire::Participants> own_participants_;
   wire::Participants& participants_;
   session::DeliveryClient client_;
   std::uint64_t host_ = 0, host_incarnation_ = 0;
-  std::vector<std::uint32_t> absent_, wanted_;  // regions, next one first
-  std::vector<std::uint32_t> held_;             // oldest first
-  bool retiring_ = false;                       // evicting; many at a time, as a cache does
+  std::vector<std::uint32_t> absent_, wanted_;  // regions; the next to request is first
+  std::vector<std::uint32_t> held_;             // regions; the oldest is first
+  bool is_retiring_ = false;                    // from kMaxHeld down to kMinHeld held regions
   std::uint32_t regions_ = 0;
   std::int64_t burst_ns_ = 0, pause_until_ns_ = 0;
   std::size_t burst_bytes_ = 0, burst_regions_ = 8;

@@ -31,7 +31,8 @@ On two machines:
   tactus-latency serve                      (on one)
   tactus-latency run --to OTHER-HOST        (on the other)
 
-Options of axes accept several values, separated by commas; every combination is a test. Links need root.
+Options from --transport to --link accept several values, separated by commas. Every combination of values is a test.
+Links need root.
 
 Exit status: 0 done, 2 wrong input or missing support of machine or network, 130 interrupted.)";
 
@@ -63,32 +64,34 @@ void add_run(CLI::App& app, Options& o) {
   add_axis(app, "--transport", o.grid.transports, kTransportNames,
            "Transport of the samples; raw-udp is the reference");
   add_axis(app, "--profile", o.grid.profiles, kProfileNames,
-           "QoS: of qos/, the library's defaults, or the defaults with one participant");
+           "QoS: qos/, the library's defaults, the defaults with one participant, or tuned by hand");
   add_axis(app, "--topic", o.grid.topics, kTopicNames, "Topic of the samples");
   app.add_option("--payload", o.grid.payloads, "Bytes of a record or of a raw datagram; a probe state has 236")
       ->delimiter(',');
   app.add_option("--rate", o.grid.rates, "Pings per second")->delimiter(',')->default_str("1000");
   add_axis(app, "--coding", o.grid.codings, kCodingNames,
-           "Pings sent: all, or those of a hand that the deadband coder sends");
-  app.add_option("--readers", o.grid.readers, "Number of readers; each one answers")->delimiter(',')->default_str("1");
-  app.add_option("--load", o.loads, "Mbit/s of mesh records as background load, or max")
+           "Pings to send: all, or those that pass the deadband coding of a simulated hand");
+  app.add_option("--readers", o.grid.readers, "Number of readers; each echoes every ping")
+      ->delimiter(',')
+      ->default_str("1");
+  app.add_option("--load", o.loads, "Mbit/s of mesh records during the pings, or max")
       ->delimiter(',')
       ->default_str("0");
-  app.add_option("--link", o.grid.links, "Link between the two sides: none, or one of `tactus-link list`")
+  app.add_option("--link", o.grid.links, "Link to emulate between the two sides: none, or one of `tactus-link list`")
       ->delimiter(',')
       ->default_str("none");
-  app.add_option("--seconds", o.grid.seconds, "Length of each test")->capture_default_str();
-  app.add_option("--repeat", o.grid.repeat, "Number of repetitions of all tests, alternating")
+  app.add_option("--seconds", o.grid.seconds, "Duration of each test")->capture_default_str();
+  app.add_option("--repeat", o.grid.repetitions, "Number of runs of the list of all tests")
       ->capture_default_str()
       ->check(CLI::Range(1, 1000));
   app.add_option("--priority", o.settings.side.priority, "SCHED_FIFO priority of sender and receivers; 0: none")
       ->capture_default_str()
       ->check(CLI::Range(0, 98));
-  app.add_option("--domain", o.settings.side.domain, "First of the three DDS domains to use")->capture_default_str();
+  app.add_option("--domain", o.settings.side.domain, "First of three DDS domains")->capture_default_str();
   app.add_option("--seed", o.settings.link_seed, "Seed of emulated links")->capture_default_str();
-  app.add_option("--to", o.to, "Host that runs `tactus-latency serve`; default: both sides run here");
+  app.add_option("--to", o.to, "Machine that runs `tactus-latency serve`; default: both sides run on this machine");
   app.add_option("--port", o.port, "TCP port of `tactus-latency serve`")->capture_default_str();
-  app.add_option("--json", o.json, "File for all figures");
+  app.add_option("--json", o.json, "File for all results");
   app.add_option("--html", o.html, "File for a page with plots");
 }
 
@@ -111,60 +114,60 @@ std::vector<double> parse_loads(const std::vector<std::string>& texts) {
   return loads;
 }
 
-int run(Options& o, const Subject& subject, const std::atomic<bool>& stop) {
+int run(Options& o, const RunInfo& info, const std::atomic<bool>& cancelled) {
   o.grid.loads = parse_loads(o.loads);
-  const std::vector<Cell> cells = o.grid.cells();
-  for (const Cell& cell : cells)
-    if (cell.link != "none") (void)netem::parse_link(cell.link);  // fail now rather than after an hour
-  std::optional<Channel> channel;
+  const std::vector<TestCase> tests = o.grid.tests();
+  for (const TestCase& test : tests)
+    if (test.link != "none") (void)netem::parse_link(test.link);  // throws before the first test runs
+  std::optional<ControlConnection> control;
   if (!o.to.empty()) {
-    for (const Cell& cell : cells)
-      if (cell.link != "none")
-        throw LatencyError("link is '" + cell.link + "'; expected none with --to, where the real network is the link");
-    channel.emplace(connect_to(o.to, o.port), stop);
+    for (const TestCase& test : tests)
+      if (test.link != "none")
+        throw LatencyError("link is '" + test.link + "'; expected none with --to, where the real network is the link");
+    control.emplace(connect_to(o.to, o.port), cancelled);
     o.settings.side.echo_address = o.to;
   }
   std::vector<Result> results;
   int status = 0;
-  for (const Cell& cell : cells) {
-    std::cerr << "[" << results.size() + 1 << "/" << cells.size() << "] " << describe(cell) << '\n';
+  for (const TestCase& test : tests) {
+    std::cerr << "[" << results.size() + 1 << "/" << tests.size() << "] " << describe(test) << '\n';
     try {
-      results.push_back(channel ? run_against(cell, *channel, o.settings.side, stop)
-                                : run_here(cell, o.settings, stop));
+      results.push_back(control ? run_with_server(test, *control, o.settings.side, cancelled)
+                                : run_locally(test, o.settings, cancelled));
     } catch (const LatencyError& error) {
-      if (!stop) throw;
+      if (!cancelled) throw;
       std::cerr << "tactus-latency: interrupted\n";
       status = kInterrupted;
       break;
     }
   }
   if (results.empty()) return status;
-  print_table(std::cout, subject, results);
-  if (!o.json.empty()) write_json(o.json, subject, results);
-  if (!o.html.empty()) write_html(o.html, subject, results);
+  print_table(std::cout, info, results);
+  if (!o.json.empty()) write_json(o.json, info, results);
+  if (!o.html.empty()) write_html(o.html, info, results);
   return status;
 }
 
-int serve_all(const Options& o, const std::atomic<bool>& stop) {
+int serve_all(const Options& o, const std::atomic<bool>& cancelled) {
   if (o.control >= 0) {
-    Channel channel{o.control, stop};
+    ControlConnection control{o.control, cancelled};
     try {
-      serve(channel, o.settings.side, stop);
+      serve(control, o.settings.side, cancelled);
     } catch (const LatencyError&) {  // sent to the other side, which prints it
-      if (!stop) return kWrongInput;
+      if (!cancelled) return kWrongInput;
     }
     return 0;
   }
   const int listener = listen_at(o.port);
   std::cerr << "listening on port " << port_of(listener) << "; the other side: tactus-latency run --to HOST\n";
-  for (int socket; (socket = accept_from(listener, stop)) >= 0;) {
+  for (int socket; (socket = accept_from(listener, cancelled)) >= 0;) {
     std::cerr << "a pinger has connected\n";
-    Channel channel{socket, stop};
+    ControlConnection control{socket, cancelled};
     try {
-      serve(channel, o.settings.side, stop);
+      serve(control, o.settings.side, cancelled);
       std::cerr << "the pinger has finished\n";
     } catch (const std::exception& error) {  // the next pinger may succeed
-      if (!stop) std::cerr << "tactus-latency: " << error.what() << '\n';
+      if (!cancelled) std::cerr << "tactus-latency: " << error.what() << '\n';
     }
   }
   ::close(listener);
@@ -183,8 +186,9 @@ int main(int argc, char** argv) {
       "tactus-latency"};
   app.footer(kExamples);
   app.require_subcommand(1);
-  CLI::App* const run_command = app.add_subcommand("run", "Measure");
-  CLI::App* const serve_command = app.add_subcommand("serve", "Answer a `run --to` on another machine, until Ctrl-C");
+  CLI::App* const run_command = app.add_subcommand("run", "Run latency tests");
+  CLI::App* const serve_command =
+      app.add_subcommand("serve", "Echo the pings of `run --to` from other machines until Ctrl-C");
   add_run(*run_command, options);
   add_serve(*serve_command, options);
   for (CLI::App* const command : {run_command, serve_command}) {
@@ -196,9 +200,9 @@ int main(int argc, char** argv) {
   } catch (const CLI::ParseError& error) {
     return app.exit(error) == 0 ? 0 : kWrongInput;
   }
-  const std::atomic<bool>& stop = tactus::wire::stop_signal();
+  const std::atomic<bool>& cancelled = tactus::wire::stop_signal();
   try {
-    return *serve_command ? serve_all(options, stop) : run(options, subject_of(argc, argv), stop);
+    return *serve_command ? serve_all(options, cancelled) : run(options, run_info(argc, argv), cancelled);
   } catch (const std::exception& error) {
     std::cerr << "tactus-latency: " << error.what() << '\n';
     return kWrongInput;

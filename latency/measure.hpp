@@ -1,11 +1,12 @@
-/// Measures one cell: the pinger's side here, the echoer's side at the other end of a Channel.
+/// Measures the times of one test. `measure` is the pinger's side, `serve` the echoers' side; a ControlConnection joins
+/// the two sides.
 ///
-///     pinger                              echoer (as many as the cell has readers)
-///     intended, sent ----- ping ----->    received           age = received - intended, by one clock
+///     pinger                              echoer (one for each reader of the test)
+///     intended, sent ----- ping ----->    received           age = received - intended, on one clock
 ///     arrived       <----- echo ------    echoed             half round trip = (arrived - intended) / 2
 ///
-/// Pings leave at the intended times of a fixed schedule. The measured time starts at the intended time even when a
-/// ping leaves late, because the pinger woke up late or the previous ping was blocked. So there is no coordinated
+/// A fixed schedule states the intended time of each ping. A ping is sent late if the pinger wakes up late or if the
+/// previous ping blocked it. Age and round trip count from the intended time also then, which avoids coordinated
 /// omission.
 #pragma once
 
@@ -15,58 +16,58 @@
 #include <string>
 #include <vector>
 
-#include "latency/cell.hpp"
-#include "latency/channel.hpp"
+#include "latency/control_connection.hpp"
+#include "latency/test_case.hpp"
 #include "wire/participants.hpp"
 
 namespace tactus::latency {
 
 struct Ping {
-  std::int64_t intended_ns = 0, sent_ns = 0;  ///< sent is 0 when the schedule ended first
-  bool waited = false;                        ///< the pinger slept until the intended time and was not blocked
+  std::int64_t intended_ns = 0, sent_ns = 0;  ///< pinger's clock; sent_ns is 0 if the schedule ended before
+  bool waited = false;                        ///< the pinger slept until the intended time, so nothing blocked it
 };
-/// Arrival of a ping at an echoer; the echoer's clock.
+/// Arrival of a ping at an echoer.
 struct Arrival {
-  std::uint32_t sequence = 0, reader = 0;
-  std::int64_t received_ns = 0;
+  std::uint32_t sequence = 0, reader = 0;  ///< numbers of the ping and of the echoer, from 0
+  std::int64_t received_ns = 0;            ///< echoer's clock
 };
 struct Echo {
   std::uint32_t sequence = 0, reader = 0;
-  std::int64_t received_ns = 0, echoed_ns = 0;  ///< the echoer's clock
-  std::int64_t arrived_ns = 0;
+  std::int64_t received_ns = 0, echoed_ns = 0;  ///< echoer's clock
+  std::int64_t arrived_ns = 0;                  ///< pinger's clock
 };
 
-/// All timestamps of a cell. Both lists in order of arrival, duplicates included.
-struct Stamps {
-  Cell cell;
-  std::vector<Ping> pings;  ///< by sequence
+/// All timestamps of a test. Arrivals and echoes are in order of arrival and include duplicates.
+struct Timestamps {
+  TestCase test;
+  std::vector<Ping> pings;  ///< by sequence number
   std::vector<Arrival> arrivals;
   std::vector<Echo> echoes;
-  bool one_clock = false;          ///< both sides read the same clock
+  bool shares_clock = false;       ///< both sides read the same clock
   std::uint64_t refused = 0;       ///< pings that the carrier refused
-  double load_bytes_per_s = 0;     ///< received by the sink
-  std::vector<std::string> notes;  ///< about real-time priority, of both sides
+  double load_bytes_per_s = 0;     ///< payload of the load that arrived
+  std::vector<std::string> notes;  ///< real-time priorities of both sides
 };
 
-/// Settings of one side, not of a cell.
+/// Settings of one side of the tests.
 struct SideSettings {
-  std::string echo_address = "127.0.0.1";  ///< of the echoers' machine, as seen from the pinger
-  int domain = 20;
-  wire::Discovery discovery;  ///< each side has its own; unused with raw-udp
+  std::string echo_address = "127.0.0.1";  ///< address of the echoers' machine, as seen from the pinger
+  int domain = 20;                         ///< first of three DDS domains
+  wire::Discovery discovery;               ///< each side has its own; unused with raw-udp
   std::filesystem::path qos;
   int priority = 60;  ///< SCHED_FIFO of the pinger and of receiving threads; 0: none
 };
 
-/// The pings of a cell's schedule to send, ascending; empty: all.
-using Plan = std::vector<std::uint32_t>;
+/// Sequence numbers of the pings to send, ascending; empty: all of the schedule.
+using PingSelection = std::vector<std::uint32_t>;
 
-/// Runs the cell with the echoer at the other end of `channel`. Leaves its thread at real-time priority. Throws
-/// LatencyError and WireError.
-[[nodiscard]] Stamps measure(const Cell& cell, Channel& channel, const SideSettings& side,
-                             const std::atomic<bool>& stop, const Plan& plan = {});
+/// Runs the test with the echoers at the other end of `control`. The calling thread gets real-time priority and keeps
+/// it. Throws LatencyError and WireError.
+[[nodiscard]] Timestamps measure(const TestCase& test, ControlConnection& control, const SideSettings& side,
+                                 const std::atomic<bool>& cancelled, const PingSelection& selection = {});
 
-/// Answers pingers until the other side closes or `stop` is set. `side.domain` and `side.priority` come from the
-/// pinger. An error is sent to the other side and thrown.
-void serve(Channel& channel, const SideSettings& side, const std::atomic<bool>& stop);
+/// Runs the echoers of tests until the other side closes or `cancelled` is set. The pinger's side sets the domain, and
+/// a priority of at most `side.priority`. Sends an error to the other side and throws it.
+void serve(ControlConnection& control, const SideSettings& side, const std::atomic<bool>& cancelled);
 
 }  // namespace tactus::latency

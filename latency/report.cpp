@@ -27,24 +27,24 @@ nlohmann::ordered_json to_json(const Summary& summary) {
 
 }  // namespace
 
-Subject subject_of(int argc, const char* const* argv) {
-  Subject subject;
-  for (int i = 0; i < argc; ++i) subject.command += std::string{i == 0 ? "" : " "} + argv[i];
-  std::ifstream info{"/proc/cpuinfo"};
+RunInfo run_info(int argc, const char* const* argv) {
+  RunInfo info;
+  for (int i = 0; i < argc; ++i) info.command += std::string{i == 0 ? "" : " "} + argv[i];
+  std::ifstream cpuinfo{"/proc/cpuinfo"};
   std::string processor = "unknown";
-  for (std::string line; std::getline(info, line);) {
+  for (std::string line; std::getline(cpuinfo, line);) {
     if (line.rfind("model name", 0) != 0) continue;
     if (const std::size_t colon = line.find(": "); colon != std::string::npos) processor = line.substr(colon + 2);
     break;
   }
-  subject.machine = std::to_string(std::thread::hardware_concurrency()) + " x " + processor;
-  if (utsname names{}; uname(&names) == 0) subject.machine += std::string{", "} + names.sysname + " " + names.release;
-  subject.build = TACTUS_VERSION;
-  return subject;
+  info.machine = std::to_string(std::thread::hardware_concurrency()) + " x " + processor;
+  if (utsname names{}; uname(&names) == 0) info.machine += std::string{", "} + names.sysname + " " + names.release;
+  info.build = TACTUS_VERSION;
+  return info;
 }
 
-void print_table(std::ostream& out, const Subject& subject, const std::vector<Result>& results) {
-  out << subject.machine << "\n\nTimes in us, from the intended time of a ping.\n\n"
+void print_table(std::ostream& out, const RunInfo& info, const std::vector<Result>& results) {
+  out << info.machine << "\n\nTimes in us, from the intended time of a ping.\n\n"
       << "             half round trip                             age one way                jitter   lost  re-    "
          "dup- echoes    "
          "mesh\n"
@@ -54,7 +54,7 @@ void print_table(std::ostream& out, const Subject& subject, const std::vector<Re
   for (const Result& r : results) {
     const Summary& half = r.half_round_trip;
     const double share = r.expected > 0 ? 100.0 * static_cast<double>(r.lost) / static_cast<double>(r.expected) : 0;
-    out << describe(r.cell) << '\n';
+    out << describe(r.test) << '\n';
     for (const double us : {half.p50, half.p90, half.p99, half.p999, half.max}) out << in_column(us);
     out << "  ";
     for (const double us : {r.age.p50, r.age.p99, r.age.p999, r.age.max, r.clock_bound_us}) out << in_column(us);
@@ -62,7 +62,7 @@ void print_table(std::ostream& out, const Subject& subject, const std::vector<Re
     std::snprintf(line, sizeof line, " %s%7.2f%6llu%6llu%7llu%8s\n", in_column(r.jitter_us).c_str(), share,
                   static_cast<unsigned long long>(r.reordered), static_cast<unsigned long long>(r.duplicates),
                   static_cast<unsigned long long>(r.echoes_lost),
-                  r.cell.load_mbit != 0 ? number("%.2f", r.load_mbyte_per_s).c_str() : "-");
+                  r.test.load_mbit != 0 ? number("%.2f", r.load_mbyte_per_s).c_str() : "-");
     out << line;
   }
   out << '\n';
@@ -70,7 +70,7 @@ void print_table(std::ostream& out, const Subject& subject, const std::vector<Re
   for (const Result& r : results) {
     notes.insert(r.notes.begin(), r.notes.end());
     if (r.refused > 0)
-      notes.insert(describe(r.cell) + ": " + std::to_string(r.refused) +
+      notes.insert(describe(r.test) + ": " + std::to_string(r.refused) +
                    " pings were refused or blocked until the end");
   }
   for (const std::string& note : notes) out << note << '\n';
@@ -80,40 +80,41 @@ void print_table(std::ostream& out, const Subject& subject, const std::vector<Re
     late_p99 = std::max(late_p99, r.timer.p99);
   }
   char line[160];
-  std::snprintf(
-      line, sizeof line,
-      "the pinger woke up late by p50 %.0f, p99 %.0f us in the worst test; half of that is in the half round trips\n",
-      late_p50, late_p99);
+  std::snprintf(line, sizeof line,
+                "lateness of the pinger's wake-ups in the worst test: p50 %.0f, p99 %.0f us; the half round trips "
+                "contain half of "
+                "it\n",
+                late_p50, late_p99);
   out << line;
 }
 
-void write_json(const std::string& file, const Subject& subject, const std::vector<Result>& results) {
+void write_json(const std::string& file, const RunInfo& info, const std::vector<Result>& results) {
   nlohmann::ordered_json out;
-  out["program"] = "tactus-latency " + subject.build;
-  out["command"] = subject.command;
-  out["machine"] = subject.machine;
+  out["program"] = "tactus-latency " + info.build;
+  out["command"] = info.command;
+  out["machine"] = info.machine;
   out["unit"] = "us";
   out["curve_shares"] = curve_shares();
   out["cells"] = nlohmann::ordered_json::array();
   for (const Result& r : results) {
-    nlohmann::ordered_json cell = latency::to_json(r.cell);
-    cell["half_round_trip"] = to_json(r.half_round_trip);
-    cell["half_round_trip_from_send"] = to_json(r.half_round_trip_sent);
-    cell["age"] = to_json(r.age);
-    cell["known_age"] = to_json(r.age_of_information);
-    cell["clock_bound"] = r.clock_bound_us;
-    cell["timer_late"] = to_json(r.timer);
-    cell["jitter_rfc3550"] = r.jitter_us;
-    cell["expected"] = r.expected;
-    cell["lost"] = r.lost;
-    cell["echoes_lost"] = r.echoes_lost;
-    cell["reordered"] = r.reordered;
-    cell["duplicates"] = r.duplicates;
-    cell["refused"] = r.refused;
-    cell["mesh_mbyte_per_s"] = r.load_mbyte_per_s;
-    cell["curve"] = r.curve;
-    cell["notes"] = r.notes;
-    out["cells"].push_back(std::move(cell));
+    nlohmann::ordered_json test = latency::to_json(r.test);
+    test["half_round_trip"] = to_json(r.half_round_trip);
+    test["half_round_trip_from_send"] = to_json(r.half_round_trip_sent);
+    test["age"] = to_json(r.age);
+    test["known_age"] = to_json(r.age_of_information);
+    test["clock_bound"] = r.clock_bound_us;
+    test["timer_late"] = to_json(r.timer);
+    test["jitter_rfc3550"] = r.jitter_us;
+    test["expected"] = r.expected;
+    test["lost"] = r.lost;
+    test["echoes_lost"] = r.echoes_lost;
+    test["reordered"] = r.reordered;
+    test["duplicates"] = r.duplicates;
+    test["refused"] = r.refused;
+    test["mesh_mbyte_per_s"] = r.load_mbyte_per_s;
+    test["curve"] = r.curve;
+    test["notes"] = r.notes;
+    out["cells"].push_back(std::move(test));
   }
   std::ofstream to{file};
   to << out.dump(2) << '\n';

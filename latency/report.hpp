@@ -1,4 +1,4 @@
-/// The results of a latency test as text, JSON and HTML.
+/// Writes the results of latency tests as text, JSON and HTML.
 #pragma once
 
 #include <iosfwd>
@@ -9,21 +9,22 @@
 
 namespace tactus::latency {
 
-/// The conditions of a test.
-struct Subject {
+/// The conditions of a run of the program.
+struct RunInfo {
   std::string command;
   std::string machine;  ///< processors and kernel
   std::string build;    ///< version
 };
-[[nodiscard]] Subject subject_of(int argc, const char* const* argv);
+[[nodiscard]] RunInfo run_info(int argc, const char* const* argv);
 
-/// One line for each result, and each note once.
-void print_table(std::ostream& out, const Subject& subject, const std::vector<Result>& results);
+/// Prints a line for each result, and each note once.
+void print_table(std::ostream& out, const RunInfo& info, const std::vector<Result>& results);
 
-/// All figures, curves included. Throws LatencyError when the file cannot be written.
-void write_json(const std::string& file, const Subject& subject, const std::vector<Result>& results);
+/// Writes all results with their curves. Throws LatencyError when the file cannot be written.
+void write_json(const std::string& file, const RunInfo& info, const std::vector<Result>& results);
 
-/// One self-contained page with the table, the distributions and each run over time. Throws LatencyError likewise.
-void write_html(const std::string& file, const Subject& subject, const std::vector<Result>& results);
+/// Writes one self-contained page: a table, the distributions, and a plot of each test over time. Throws LatencyError
+/// when the file cannot be written.
+void write_html(const std::string& file, const RunInfo& info, const std::vector<Result>& results);
 
 }  // namespace tactus::latency

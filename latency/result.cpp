@@ -9,22 +9,22 @@
 namespace tactus::latency {
 namespace {
 
-constexpr std::size_t kMoments = 400;
-constexpr std::int64_t kSamplePeriodNs = 97'000;  // no divisor of common periods, so that the phase varies
+constexpr std::size_t kMaxBins = 400;
+constexpr std::int64_t kSamplePeriodNs = 97'000;  // divides no usual period of pings, so that the phase varies
 
-/// Maps the pinger's clock to the echoer's, with the session clock's state at the time of each ping.
+/// Maps the pinger's clock to the echoer's clock, for each ping with the estimate that a session clock had at its time.
 class EchoerClock {
  public:
-  explicit EchoerClock(const Stamps& stamps) {
-    if (stamps.one_clock) return;
+  explicit EchoerClock(const Timestamps& timestamps) {
+    if (timestamps.shares_clock) return;
     const session::Origin pinger{1, 1, 1, 0}, echoer{1, 2, 1, 0};
     session::ClockSettings settings;
     settings.window = 256;
     session::SessionClock clock{pinger, settings, 0};
     clock.set_reference(echoer.participant, echoer.incarnation, 0);
-    for (const Echo& echo : stamps.echoes) {
-      if (echo.reader != 0 || echo.sequence >= stamps.pings.size()) continue;
-      session::ClockSample sample = clock.request(stamps.pings[echo.sequence].sent_ns);
+    for (const Echo& echo : timestamps.echoes) {
+      if (echo.reader != 0 || echo.sequence >= timestamps.pings.size()) continue;
+      session::ClockSample sample = clock.request(timestamps.pings[echo.sequence].sent_ns);
       sample.origin = echoer;
       sample.peer = pinger.participant;
       sample.answer = true;
@@ -35,7 +35,7 @@ class EchoerClock {
     one_ = false;
   }
 
-  /// The echoer's time at `local_ns`; updates the worst error bound.
+  /// Returns the echoer's time at the pinger's time `local_ns`. Raises bound_us to the error bound of the result.
   std::int64_t at(std::int64_t local_ns) {
     if (one_) return local_ns;
     if (maps_.empty()) {
@@ -67,43 +67,44 @@ const std::vector<double>& curve_shares() {
   return shares;
 }
 
-std::uint32_t warm_up(const Cell& cell) noexcept {
+std::uint32_t warm_up(const TestCase& test) noexcept {
   constexpr double kSeconds = 0.3;
-  return std::min(static_cast<std::uint32_t>(kSeconds * cell.rate_hz), cell.pings() / 5);
+  return std::min(static_cast<std::uint32_t>(kSeconds * test.rate_hz), test.ticks() / 5);
 }
 
-Result evaluate(const Stamps& stamps) {
+Result evaluate(const Timestamps& timestamps) {
   Result result;
-  result.cell = stamps.cell;
-  result.notes = stamps.notes;
-  result.refused = stamps.refused;
-  result.load_mbyte_per_s = stamps.load_bytes_per_s * 1e-6;
-  const auto all = static_cast<std::uint32_t>(stamps.pings.size());
-  // A coded test has fewer pings than ticks; the same share of its pings is warm-up.
-  const auto first = static_cast<std::uint32_t>(std::uint64_t{warm_up(stamps.cell)} * all / stamps.cell.pings());
-  const std::uint32_t judged = all - first;
-  result.expected = static_cast<std::uint64_t>(judged) * stamps.cell.readers;
+  result.test = timestamps.test;
+  result.notes = timestamps.notes;
+  result.refused = timestamps.refused;
+  result.load_mbyte_per_s = timestamps.load_bytes_per_s * 1e-6;
+  const auto all = static_cast<std::uint32_t>(timestamps.pings.size());
+  // A coded test has fewer pings than ticks. The warm-up has the same share of the pings as of the ticks.
+  const auto first =
+      static_cast<std::uint32_t>(std::uint64_t{warm_up(timestamps.test)} * all / timestamps.test.ticks());
+  const std::uint32_t evaluated = all - first;
+  result.expected = static_cast<std::uint64_t>(evaluated) * timestamps.test.readers;
 
   std::vector<double> timer;
   for (std::uint32_t i = first; i < all; ++i) {
-    const Ping& ping = stamps.pings[i];
+    const Ping& ping = timestamps.pings[i];
     if (ping.sent_ns == 0) ++result.refused;
     if (ping.waited) timer.push_back(static_cast<double>(ping.sent_ns - ping.intended_ns) * 1e-3);
   }
   result.timer = summarise(timer);
 
-  EchoerClock clock{stamps};
-  std::vector<SequenceTally> tallies(stamps.cell.readers, SequenceTally{judged});
-  std::vector<InterarrivalJitter> jitters(stamps.cell.readers);
+  EchoerClock clock{timestamps};
+  std::vector<SequenceTally> tallies(timestamps.test.readers, SequenceTally{evaluated});
+  std::vector<InterarrivalJitter> jitters(timestamps.test.readers);
   std::vector<double> age, information_age;
   struct Newest {
     std::int64_t sequence = -1, intended_ns = 0, sampled_ns = 0;  // the echoer's clock
   };
-  std::vector<Newest> newest(stamps.cell.readers);
-  for (const Arrival& arrival : stamps.arrivals) {
-    if (arrival.sequence < first || arrival.sequence >= all || arrival.reader >= stamps.cell.readers) continue;
+  std::vector<Newest> newest(timestamps.test.readers);
+  for (const Arrival& arrival : timestamps.arrivals) {
+    if (arrival.sequence < first || arrival.sequence >= all || arrival.reader >= timestamps.test.readers) continue;
     if (!tallies[arrival.reader].add(arrival.sequence - first)) continue;
-    const Ping& ping = stamps.pings[arrival.sequence];
+    const Ping& ping = timestamps.pings[arrival.sequence];
     const std::int64_t intended_ns = clock.at(ping.intended_ns);
     age.push_back(static_cast<double>(arrival.received_ns - intended_ns) * 1e-3);
     Newest& last = newest[arrival.reader];
@@ -127,30 +128,30 @@ Result evaluate(const Stamps& stamps) {
   for (const InterarrivalJitter& jitter : jitters) result.jitter_us = std::max(result.jitter_us, jitter.us());
 
   std::vector<double> intended, sent;
-  std::vector<SequenceTally> answered(stamps.cell.readers, SequenceTally{judged});
-  std::vector<std::vector<double>> by_moment(std::min<std::size_t>(kMoments, std::max<std::uint32_t>(judged, 1)));
-  const auto moment_of = [&](std::uint32_t sequence) { return (sequence - first) * by_moment.size() / judged; };
-  for (const Echo& echo : stamps.echoes) {
-    if (echo.sequence < first || echo.sequence >= all || echo.reader >= stamps.cell.readers) continue;
+  std::vector<SequenceTally> answered(timestamps.test.readers, SequenceTally{evaluated});
+  std::vector<std::vector<double>> by_bin(std::min<std::size_t>(kMaxBins, std::max<std::uint32_t>(evaluated, 1)));
+  const auto bin_of = [&](std::uint32_t sequence) { return (sequence - first) * by_bin.size() / evaluated; };
+  for (const Echo& echo : timestamps.echoes) {
+    if (echo.sequence < first || echo.sequence >= all || echo.reader >= timestamps.test.readers) continue;
     if (!answered[echo.reader].add(echo.sequence - first)) continue;
-    const Ping& ping = stamps.pings[echo.sequence];
+    const Ping& ping = timestamps.pings[echo.sequence];
     intended.push_back(static_cast<double>(echo.arrived_ns - ping.intended_ns) * 0.5e-3);
     sent.push_back(static_cast<double>(echo.arrived_ns - ping.sent_ns) * 0.5e-3);
-    by_moment[moment_of(echo.sequence)].push_back(intended.back());
+    by_bin[bin_of(echo.sequence)].push_back(intended.back());
   }
   result.half_round_trip = summarise(intended);
   result.half_round_trip_sent = summarise(sent);
   result.echoes_lost =
       result.expected - result.lost - std::min<std::uint64_t>(result.expected - result.lost, intended.size());
   for (const double share : curve_shares()) result.curve.push_back(session::percentile(intended, share));
-  std::vector<std::uint32_t> pings_of(by_moment.size(), 0);
-  for (std::uint32_t i = first; i < all; ++i) ++pings_of[moment_of(i)];
-  for (std::size_t i = 0; i < by_moment.size(); ++i) {
-    const Summary summary = summarise(by_moment[i]);
+  std::vector<std::uint32_t> pings_of(by_bin.size(), 0);
+  for (std::uint32_t i = first; i < all; ++i) ++pings_of[bin_of(i)];
+  for (std::size_t i = 0; i < by_bin.size(); ++i) {
+    const Summary summary = summarise(by_bin[i]);
     const double at_s =
-        static_cast<double>(i) * stamps.cell.seconds * judged / all / static_cast<double>(by_moment.size());
-    result.moments.push_back({at_s, summary.p50, summary.max,
-                              pings_of[i] * stamps.cell.readers - static_cast<std::uint32_t>(summary.count)});
+        static_cast<double>(i) * timestamps.test.seconds * evaluated / all / static_cast<double>(by_bin.size());
+    result.bins.push_back({at_s, summary.p50, summary.max,
+                           pings_of[i] * timestamps.test.readers - static_cast<std::uint32_t>(summary.count)});
   }
   return result;
 }

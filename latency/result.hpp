@@ -1,4 +1,4 @@
-/// Statistics of the timestamps of a cell.
+/// Computes the statistics of a test from its timestamps.
 #pragma once
 
 #include <cstdint>
@@ -10,43 +10,44 @@
 
 namespace tactus::latency {
 
-/// An interval of the run, for plots: the echoes of the pings intended in it.
-struct Moment {
-  double at_s = 0;
-  double median_us = 0, max_us = 0;  ///< half round trip; 0 without an echo
-  std::uint32_t missing = 0;         ///< echoes
+/// An interval of a test, with the echoes of the pings that were intended in this interval.
+struct TimeBin {
+  double at_s = 0;                   ///< its begin, from the first ping after the warm-up
+  double median_us = 0, max_us = 0;  ///< half round trip; NaN without an echo
+  std::uint32_t missing = 0;         ///< number of echoes that did not arrive
 };
 
-/// Times in microseconds. All populations exclude the first pings (warm_up). Lost pings have no time; they are counted.
+/// Times in microseconds. All populations exclude the pings of the warm-up. Lost pings are counted, but have no time.
 struct Result {
-  Cell cell;
-  Summary half_round_trip;       ///< from the intended time of a ping, halved; echoes of all readers
-  Summary half_round_trip_sent;  ///< from the send call: without late wake-ups and blocking of the pinger
-  Summary age;                   ///< one way, from the intended time; arrivals at all readers
-  Summary age_of_information;  ///< age of the newest state at a reader, sampled every 97 us (age of information); grows
-                               ///< with losses
-  double clock_bound_us = 0;   ///< error bound of age; 0: both sides read one clock
-  Summary timer;               ///< lateness of the pinger's wake-ups
-  double jitter_us = 0;        ///< RFC 3550, of the worst reader
-  std::uint64_t expected = 0;  ///< pings x readers
-  std::uint64_t lost = 0;      ///< did not arrive
-  std::uint64_t echoes_lost = 0;                ///< pings that arrived without an echo
-  std::uint64_t reordered = 0, duplicates = 0;  ///< of arrivals
-  std::uint64_t refused = 0;                    ///< refused by the carrier, or blocked until the end
+  TestCase test;
+  Summary half_round_trip;        ///< half of the time from a ping's intended time to its echo; echoes of all readers
+  Summary half_round_trip_sent;   ///< the same from the send call, without late wake-ups and blocking of the pinger
+  Summary age;                    ///< time from a ping's intended time to its arrival; arrivals at all readers
+  Summary age_of_information;     ///< age of the newest ping at a reader, sampled every 97 us; losses increase it
+  double clock_bound_us = 0;      ///< error bound of `age`; 0: both sides read one clock
+  Summary timer;                  ///< lateness of the pinger's wake-ups
+  double jitter_us = 0;           ///< of the worst reader, as in RFC 3550
+  std::uint64_t expected = 0;     ///< pings x readers
+  std::uint64_t lost = 0;         ///< expected arrivals that are missing
+  std::uint64_t echoes_lost = 0;  ///< arrivals whose echo is missing
+  std::uint64_t reordered = 0, duplicates = 0;  ///< arrivals
+  std::uint64_t refused = 0;                    ///< pings that the carrier refused or blocked until the end
   double load_mbyte_per_s = 0;                  ///< mesh records that arrived
-  std::vector<double> curve;                    ///< half round trip at the shares of curve_shares
-  std::vector<Moment> moments;
+  std::vector<double> curve;                    ///< half round trips, one for each of curve_shares
+  std::vector<TimeBin> bins;
   std::vector<std::string> notes;
 };
 
-/// Shares at which plots show the distribution: 0 to four nines, evenly in the logarithm of the remainder.
+/// Returns the shares of echoes at which plots show the half round trip: from 0 to 99.99 %, evenly spaced in the
+/// logarithm of the remaining share.
 [[nodiscard]] const std::vector<double>& curve_shares();
 
-/// Pings at the start of a run that are not evaluated, while caches, discovery and queues settle.
-[[nodiscard]] std::uint32_t warm_up(const Cell& cell) noexcept;
+/// Returns the number of pings at the start of a test that are not evaluated, while caches, discovery and queues
+/// settle.
+[[nodiscard]] std::uint32_t warm_up(const TestCase& test) noexcept;
 
-/// Pure function of the timestamps. With two clocks the offset comes from the echoes of reader 0, through
-/// session/clock.
-[[nodiscard]] Result evaluate(const Stamps& stamps);
+/// Computes the statistics of a test. If the two sides have two clocks, estimates their offset from the echoes of
+/// reader 0 by session/clock. Pure.
+[[nodiscard]] Result evaluate(const Timestamps& timestamps);
 
 }  // namespace tactus::latency

@@ -1,4 +1,4 @@
-/// A test on this machine: for each cell a link, an echoer in its own process, and the pinger here.
+/// Runs one latency test: on this machine, or with a server on another one.
 #pragma once
 
 #include <atomic>
@@ -12,21 +12,23 @@ namespace tactus::latency {
 
 struct RunSettings {
   SideSettings side;
-  std::string echoer =
-      "tactus-latency";  ///< program of the echoer; with a path, or in the directory of the running program
+  /// Program of the echoer. Without a path, it is in the directory of the running program.
+  std::string echoer = "tactus-latency";
   std::uint64_t link_seed = 1;
 };
 
-/// Needs no other machine. Cells with a link need root. Throws LatencyError, WireError and LinkError.
-[[nodiscard]] Result run_here(const Cell& cell, const RunSettings& settings, const std::atomic<bool>& stop);
+/// Runs the pinger in this process and the echoers in a process of their own. If the test names a link, emulates the
+/// link between them, which needs root. Setting `cancelled` ends the test with LatencyError. Throws LatencyError,
+/// WireError and LinkError.
+[[nodiscard]] Result run_locally(const TestCase& test, const RunSettings& settings, const std::atomic<bool>& cancelled);
 
-/// The same, but returns the timestamps only.
-[[nodiscard]] Stamps stamp_here(const Cell& cell, const RunSettings& settings, const std::atomic<bool>& stop,
-                                const Plan& plan);
+/// Runs the test as run_locally, but sends only the pings of `selection` and returns their timestamps.
+[[nodiscard]] Timestamps measure_locally(const TestCase& test, const RunSettings& settings,
+                                         const std::atomic<bool>& cancelled, const PingSelection& selection);
 
-/// Tests against a connected `tactus-latency serve`. The real network is then the link; the cell's link is only a
-/// label.
-[[nodiscard]] Result run_against(const Cell& cell, Channel& channel, const SideSettings& side,
-                                 const std::atomic<bool>& stop);
+/// Runs the test with the `tactus-latency serve` at the other end of `control`, over the real network between the two
+/// machines. Emulates no link. Throws LatencyError and WireError.
+[[nodiscard]] Result run_with_server(const TestCase& test, ControlConnection& control, const SideSettings& side,
+                                     const std::atomic<bool>& cancelled);
 
 }  // namespace tactus::latency

@@ -33,14 +33,14 @@ session::ProbeState state_at(double seconds) {
 
 }  // namespace
 
-std::vector<std::uint32_t> ticks_of(const Cell& cell) {
-  std::vector<std::uint32_t> ticks(cell.pings());
+std::vector<std::uint32_t> ticks_of(const TestCase& test) {
+  std::vector<std::uint32_t> ticks(test.ticks());
   std::iota(ticks.begin(), ticks.end(), 0u);
-  if (cell.coding == Coding::kNone) return ticks;
+  if (test.coding == Coding::kNone) return ticks;
   session::ProbeEncoder encoder;
   std::vector<std::uint32_t> sent;
   for (const std::uint32_t tick : ticks)
-    if (encoder.step(state_at(tick / cell.rate_hz))) sent.push_back(tick);
+    if (encoder.step(state_at(tick / test.rate_hz))) sent.push_back(tick);
   return sent;
 }
 

@@ -1,4 +1,4 @@
-/// Statistics of a latency test.
+/// Statistics of times and sequence numbers.
 #pragma once
 
 #include <cstddef>
@@ -8,7 +8,7 @@
 
 namespace tactus::latency {
 
-/// Percentiles as session/percentile.hpp has them; all are NaN without values.
+/// Mean, maximum and percentiles (session/percentile.hpp); NaN without values.
 struct Summary {
   std::size_t count = 0;
   static constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
@@ -17,15 +17,15 @@ struct Summary {
 /// Sorts `values`. O(n log n).
 [[nodiscard]] Summary summarise(std::vector<double>& values);
 
-/// Counts losses, duplicates and reordering of numbered samples.
+/// Counts lost, duplicate and reordered samples by their sequence numbers.
 ///
-/// A repeated number is a duplicate. A first arrival after a larger number is reordered. A number that never arrives is
-/// lost.
+/// A sample whose number arrived before is a duplicate. A sample whose number arrives first after a larger number is
+/// reordered. A number that never arrives is lost.
 class SequenceTally {
  public:
-  /// Counts numbers from 0 to `expected` - 1; ignores others. Allocates a bit for each.
+  /// Counts the numbers from 0 to `expected` - 1 and ignores others. Allocates a bit for each number.
   explicit SequenceTally(std::uint32_t expected);
-  /// True for the first arrival of a number. O(1), does not allocate.
+  /// Returns true for the first arrival of a number. O(1), does not allocate.
   bool add(std::uint32_t sequence) noexcept;
 
   [[nodiscard]] std::uint32_t expected() const noexcept { return static_cast<std::uint32_t>(received_.size()); }
@@ -36,15 +36,15 @@ class SequenceTally {
 
  private:
   std::vector<bool> received_;
-  std::uint32_t next_ = 0;  // above the largest received
+  std::uint32_t next_ = 0;  // largest received number + 1
   std::uint32_t unique_ = 0, duplicates_ = 0, reordered_ = 0;
 };
 
-/// Interarrival jitter: smoothed difference between the spacing at the receiver and at the sender.
+/// Interarrival jitter: smoothed difference between the intervals of two samples at the receiver and at the sender.
 /// Source: RFC 3550, section 6.4.1.
 class InterarrivalJitter {
  public:
-  /// Call in order of arrival; each argument has one clock. O(1).
+  /// Call in order of arrival. The sender's and the receiver's clock may differ. O(1).
   void add(std::int64_t sent_ns, std::int64_t received_ns) noexcept;
   [[nodiscard]] double us() const noexcept { return jitter_ns_ * 1e-3; }
 

@@ -19,7 +19,7 @@ namespace {
 
 constexpr std::uint32_t kMagic = 0x7ac705;
 constexpr int kBufferBytes = 1 << 20;              // as in the profiles of the probe class
-constexpr int kExpeditedTos = 184, kPriority = 6;  // as qos/flow.yaml marks the probe class
+constexpr int kExpeditedTos = 184, kPriority = 6;  // marks of the probe class in qos/flow.yaml
 
 /// The first bytes of a datagram; the rest is zero.
 struct Datagram {
@@ -31,9 +31,9 @@ static_assert(sizeof(Datagram) == kMinPayload);
 
 class UdpCarrier final : public Carrier {
  public:
-  UdpCarrier(Part part, std::uint32_t payload, const UdpSettings& side, OnPacket callback)
-      : payload_{payload}, priority_{side.priority}, callback_{std::move(callback)} {
-    if (part == Part::kPinger) find_echoers(side);
+  UdpCarrier(Role role, std::uint32_t payload, const UdpSettings& settings, OnPacket callback)
+      : payload_{payload}, priority_{settings.priority}, callback_{std::move(callback)} {
+    if (role == Role::kPinger) find_echoers(settings);
     socket_ = ::socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
     if (socket_ < 0) throw LatencyError(std::string{"raw UDP: no socket: "} + std::strerror(errno));
     ::setsockopt(socket_, SOL_SOCKET, SO_RCVBUF, &kBufferBytes, sizeof kBufferBytes);
@@ -73,13 +73,13 @@ class UdpCarrier final : public Carrier {
   [[nodiscard]] std::uint16_t port() const noexcept { return port_; }
 
  private:
-  void find_echoers(const UdpSettings& side) {
+  void find_echoers(const UdpSettings& settings) {
     addrinfo hints{}, *found = nullptr;
     hints.ai_family = AF_INET;
     hints.ai_socktype = SOCK_DGRAM;
-    const int error = ::getaddrinfo(side.echo_address.c_str(), nullptr, &hints, &found);
-    if (error != 0) throw LatencyError("raw UDP: '" + side.echo_address + "': " + ::gai_strerror(error));
-    for (const std::uint16_t port : side.echo_ports) {
+    const int error = ::getaddrinfo(settings.echo_address.c_str(), nullptr, &hints, &found);
+    if (error != 0) throw LatencyError("raw UDP: '" + settings.echo_address + "': " + ::gai_strerror(error));
+    for (const std::uint16_t port : settings.echo_ports) {
       sockaddr_in to{};
       std::memcpy(&to, found->ai_addr, sizeof to);
       to.sin_port = htons(port);
@@ -121,8 +121,8 @@ class UdpCarrier final : public Carrier {
 
 }  // namespace
 
-std::unique_ptr<Carrier> make_udp(Part part, std::uint32_t payload, const UdpSettings& side, OnPacket callback) {
-  return std::make_unique<UdpCarrier>(part, payload, side, std::move(callback));
+std::unique_ptr<Carrier> make_udp(Role role, std::uint32_t payload, const UdpSettings& settings, OnPacket callback) {
+  return std::make_unique<UdpCarrier>(role, payload, settings, std::move(callback));
 }
 
 std::uint16_t port_of(const Carrier& udp) { return dynamic_cast<const UdpCarrier&>(udp).port(); }

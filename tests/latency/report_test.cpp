@@ -15,40 +15,40 @@ using testing::HasSubstr;
 using testing::Not;
 
 Result sample(double us) {
-  Stamps stamps;
-  stamps.cell.seconds = 2;
-  stamps.one_clock = true;
-  for (std::uint32_t i = 0; i < stamps.cell.pings(); ++i) {
+  Timestamps timestamps;
+  timestamps.test.seconds = 2;
+  timestamps.shares_clock = true;
+  for (std::uint32_t i = 0; i < timestamps.test.ticks(); ++i) {
     const std::int64_t at = i * INT64_C(1'000'000);
     const auto took = static_cast<std::int64_t>(us * 1e3 * (1 + i % 7));
-    stamps.pings.push_back({at, at, true});
+    timestamps.pings.push_back({at, at, true});
     if (i % 100 == 50) continue;
-    stamps.arrivals.push_back({i, 0, at + took});
-    stamps.echoes.push_back({i, 0, at + took, at + took, at + 2 * took});
+    timestamps.arrivals.push_back({i, 0, at + took});
+    timestamps.echoes.push_back({i, 0, at + took, at + took, at + 2 * took});
   }
-  stamps.notes = {"pinger: SCHED_FIFO 60"};
-  return evaluate(stamps);
+  timestamps.notes = {"pinger: SCHED_FIFO 60"};
+  return evaluate(timestamps);
 }
 
 class ReportTest : public testing::Test {
  protected:
   [[nodiscard]] std::string path(const char* name) const { return (folder_.path() / name).string(); }
   test_support::TemporaryFolder folder_;
-  Subject subject_{"tactus-latency run --link \"<P4>\"", "2 x Something & Co", "0.1"};
+  RunInfo info_{"tactus-latency run --link \"<P4>\"", "2 x Something & Co", "0.1"};
   std::vector<Result> results_{sample(40), sample(4000)};
 };
 
 TEST_F(ReportTest, TheTableHasALineForEachResultAndEachNoteOnce) {
-  results_[1].cell.link = "P4";
+  results_[1].test.link = "P4";
   std::ostringstream out;
-  print_table(out, subject_, results_);
+  print_table(out, info_, results_);
   EXPECT_THAT(out.str(), HasSubstr("udp tactus probe_state 236 B 1000 Hz x1\n"));
   EXPECT_THAT(out.str(), HasSubstr("udp tactus probe_state 236 B 1000 Hz x1, link P4"));
   EXPECT_EQ(out.str().find("SCHED_FIFO 60"), out.str().rfind("SCHED_FIFO 60"));
 }
 
 TEST_F(ReportTest, JsonHasTheFiguresAndTheCurve) {
-  write_json(path("r.json"), subject_, results_);
+  write_json(path("r.json"), info_, results_);
   const auto json = nlohmann::json::parse(test_support::read_bytes(path("r.json")));
   ASSERT_EQ(json.at("cells").size(), 2u);
   const auto& cell = json.at("cells")[0];
@@ -58,7 +58,7 @@ TEST_F(ReportTest, JsonHasTheFiguresAndTheCurve) {
 }
 
 TEST_F(ReportTest, ThePageIsWellFormedAndSelfContained) {
-  write_html(path("r.html"), subject_, results_);
+  write_html(path("r.html"), info_, results_);
   const std::string page = test_support::read_bytes(path("r.html"));
   EXPECT_THAT(page, Not(HasSubstr("<script")));
   EXPECT_THAT(page, Not(HasSubstr("http")));
@@ -75,16 +75,16 @@ TEST_F(ReportTest, ThePageIsWellFormedAndSelfContained) {
 }
 
 TEST_F(ReportTest, WritesAPageForARunWithoutEchoes) {
-  Stamps stamps;
-  stamps.pings.resize(stamps.cell.pings());
-  stamps.one_clock = true;
-  write_html(path("r.html"), subject_, {evaluate(stamps)});
+  Timestamps timestamps;
+  timestamps.pings.resize(timestamps.test.ticks());
+  timestamps.shares_clock = true;
+  write_html(path("r.html"), info_, {evaluate(timestamps)});
   EXPECT_THAT(test_support::read_bytes(path("r.html")), HasSubstr("100.000"));
 }
 
 TEST_F(ReportTest, AFileThatCannotBeWrittenIsNamed) {
-  EXPECT_THROW(write_json(path("no/such/r.json"), subject_, results_), LatencyError);
-  EXPECT_THROW(write_html(path("no/such/r.html"), subject_, results_), LatencyError);
+  EXPECT_THROW(write_json(path("no/such/r.json"), info_, results_), LatencyError);
+  EXPECT_THROW(write_html(path("no/such/r.html"), info_, results_), LatencyError);
 }
 
 }  // namespace

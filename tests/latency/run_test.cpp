@@ -4,7 +4,7 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
-#include "latency/cell.hpp"
+#include "latency/test_case.hpp"
 #include "netem/pair.hpp"
 #include "tests/support/process.hpp"
 #include "tests/support/temporary_folder.hpp"

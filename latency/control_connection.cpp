@@ -1,4 +1,4 @@
-#include "latency/channel.hpp"
+#include "latency/control_connection.hpp"
 
 #include <netdb.h>
 #include <netinet/in.h>
@@ -12,39 +12,40 @@
 #include <cstring>
 #include <nlohmann/json.hpp>
 
-#include "latency/cell.hpp"
+#include "latency/test_case.hpp"
 
 namespace tactus::latency {
 namespace {
 
 using namespace std::chrono_literals;
 
-constexpr std::size_t kLongestLine = 64 * 1024;
-constexpr int kLookAroundMs = 100;  // polling period of the stop flag
+constexpr std::size_t kMaxLineBytes = 64 * 1024;
+constexpr int kPollPeriodMs = 100;  // of the flag `cancelled`
 
-/// Waits until `socket` is readable; false after `patience`. Throws LatencyError when stopped.
-bool readable(int socket, std::chrono::milliseconds patience, const std::atomic<bool>& stop) {
-  const auto end = std::chrono::steady_clock::now() + patience;
+/// Waits until `socket` is readable. Returns false after `timeout`. Throws LatencyError when cancelled.
+bool wait_readable(int socket, std::chrono::milliseconds timeout, const std::atomic<bool>& cancelled) {
+  const auto end = std::chrono::steady_clock::now() + timeout;
   do {
-    if (stop) throw LatencyError("interrupted");
+    if (cancelled) throw LatencyError("interrupted");
     pollfd on{socket, POLLIN, 0};
-    if (::poll(&on, 1, kLookAroundMs) == 1) return true;
+    if (::poll(&on, 1, kPollPeriodMs) == 1) return true;
   } while (std::chrono::steady_clock::now() < end);
   return false;
 }
 
 }  // namespace
 
-Channel::Channel(int socket, const std::atomic<bool>& stop) noexcept : socket_{socket}, stop_{stop} {}
+ControlConnection::ControlConnection(int socket, const std::atomic<bool>& cancelled) noexcept
+    : socket_{socket}, cancelled_{cancelled} {}
 
-Channel::~Channel() { ::close(socket_); }
+ControlConnection::~ControlConnection() { ::close(socket_); }
 
-void Channel::send(const nlohmann::ordered_json& message) {
+void ControlConnection::send(const nlohmann::ordered_json& message) {
   const std::string line = message.dump() + "\n";
   send_block(line.data(), line.size());
 }
 
-void Channel::send_block(const void* data, std::size_t bytes) {
+void ControlConnection::send_block(const void* data, std::size_t bytes) {
   for (const char* at = static_cast<const char*>(data); bytes > 0;) {
     const ssize_t sent = ::send(socket_, at, bytes, MSG_NOSIGNAL);
     if (sent < 0 && errno == EINTR) continue;
@@ -54,9 +55,9 @@ void Channel::send_block(const void* data, std::size_t bytes) {
   }
 }
 
-void Channel::fill(std::chrono::milliseconds patience) {
-  if (!readable(socket_, patience, stop_))
-    throw LatencyError("no answer from the other side within " + std::to_string(patience.count()) + " ms");
+void ControlConnection::append_received(std::chrono::milliseconds timeout) {
+  if (!wait_readable(socket_, timeout, cancelled_))
+    throw LatencyError("no answer from the other side within " + std::to_string(timeout.count()) + " ms");
   std::array<char, 65536> block;
   const ssize_t got = ::recv(socket_, block.data(), block.size(), 0);
   if (got < 0 && errno == EINTR) return;
@@ -64,11 +65,11 @@ void Channel::fill(std::chrono::milliseconds patience) {
   received_.append(block.data(), static_cast<std::size_t>(got));
 }
 
-nlohmann::ordered_json Channel::receive(std::chrono::milliseconds patience) {
+nlohmann::ordered_json ControlConnection::receive(std::chrono::milliseconds timeout) {
   std::size_t end = 0;
   while ((end = received_.find('\n')) == std::string::npos) {
-    if (received_.size() > kLongestLine) throw LatencyError("the other side sent no line; is it tactus-latency?");
-    fill(patience);
+    if (received_.size() > kMaxLineBytes) throw LatencyError("the other side sent no line; is it tactus-latency?");
+    append_received(timeout);
   }
   const std::string line = received_.substr(0, end);
   received_.erase(0, end + 1);
@@ -82,16 +83,16 @@ nlohmann::ordered_json Channel::receive(std::chrono::milliseconds patience) {
   }
 }
 
-bool Channel::wait() {
+bool ControlConnection::wait() {
   if (!received_.empty()) return true;
-  while (!readable(socket_, 1s, stop_)) {
+  while (!wait_readable(socket_, 1s, cancelled_)) {
   }
   char next = 0;
   return ::recv(socket_, &next, 1, MSG_PEEK) == 1;
 }
 
-void Channel::receive_block(void* data, std::size_t bytes, std::chrono::milliseconds patience) {
-  while (received_.size() < bytes) fill(patience);
+void ControlConnection::receive_block(void* data, std::size_t bytes, std::chrono::milliseconds timeout) {
+  while (received_.size() < bytes) append_received(timeout);
   std::memcpy(data, received_.data(), bytes);
   received_.erase(0, bytes);
 }
@@ -119,14 +120,14 @@ std::uint16_t port_of(int listener) {
   return ntohs(own.sin_port);
 }
 
-int accept_from(int listener, const std::atomic<bool>& stop) {
-  while (!stop) {
+int accept_from(int listener, const std::atomic<bool>& cancelled) {
+  while (!cancelled) {
     pollfd on{listener, POLLIN, 0};
-    if (::poll(&on, 1, kLookAroundMs) != 1) continue;
-    const int made = ::accept4(listener, nullptr, nullptr, SOCK_CLOEXEC);
+    if (::poll(&on, 1, kPollPeriodMs) != 1) continue;
+    const int connection = ::accept4(listener, nullptr, nullptr, SOCK_CLOEXEC);
     const int yes = 1;
-    if (made >= 0) ::setsockopt(made, IPPROTO_TCP, TCP_NODELAY, &yes, sizeof yes);
-    if (made >= 0) return made;
+    if (connection >= 0) ::setsockopt(connection, IPPROTO_TCP, TCP_NODELAY, &yes, sizeof yes);
+    if (connection >= 0) return connection;
   }
   return -1;
 }
@@ -138,17 +139,17 @@ int connect_to(const std::string& host, std::uint16_t port) {
   const std::string service = std::to_string(port);
   if (const int error = ::getaddrinfo(host.c_str(), service.c_str(), &hints, &found); error != 0)
     throw LatencyError("host '" + host + "': " + ::gai_strerror(error));
-  const int made = ::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
-  const int refused = ::connect(made, found->ai_addr, found->ai_addrlen) != 0 ? errno : 0;
+  const int connection = ::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+  const int refused = ::connect(connection, found->ai_addr, found->ai_addrlen) != 0 ? errno : 0;
   ::freeaddrinfo(found);
   if (refused != 0) {
-    ::close(made);
+    ::close(connection);
     throw LatencyError(host + " port " + service + ": " + std::strerror(refused) +
                        "; expected `tactus-latency serve` there, and no firewall between");
   }
   const int yes = 1;
-  ::setsockopt(made, IPPROTO_TCP, TCP_NODELAY, &yes, sizeof yes);
-  return made;
+  ::setsockopt(connection, IPPROTO_TCP, TCP_NODELAY, &yes, sizeof yes);
+  return connection;
 }
 
 }  // namespace tactus::latency

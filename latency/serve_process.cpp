@@ -1,4 +1,4 @@
-#include "latency/helper.hpp"
+#include "latency/serve_process.hpp"
 
 #include <fcntl.h>
 #include <signal.h>
@@ -11,7 +11,7 @@
 #include <filesystem>
 #include <thread>
 
-#include "latency/cell.hpp"
+#include "latency/test_case.hpp"
 
 namespace tactus::latency {
 namespace {
@@ -21,7 +21,7 @@ std::string path_of(const std::string& program) {
   return (std::filesystem::read_symlink("/proc/self/exe").parent_path() / program).string();
 }
 
-/// Ours, and the one that the process inherits.
+/// Returns two connected sockets: first ours, second the socket that the process inherits.
 std::pair<int, int> socket_pair() {
   std::array<int, 2> ends{};
   if (::socketpair(AF_UNIX, SOCK_STREAM, 0, ends.data()) != 0) throw LatencyError("no socket pair");
@@ -31,13 +31,13 @@ std::pair<int, int> socket_pair() {
 
 }  // namespace
 
-Helper::Helper(const std::string& program, const std::vector<std::string>& options, const std::atomic<bool>& stop,
-               const Start& start)
-    : Helper{program, options, stop, start, socket_pair()} {}
+ServeProcess::ServeProcess(const std::string& program, const std::vector<std::string>& options,
+                           const std::atomic<bool>& cancelled, const Start& start)
+    : ServeProcess{program, options, cancelled, start, socket_pair()} {}
 
-Helper::Helper(const std::string& program, const std::vector<std::string>& options, const std::atomic<bool>& stop,
-               const Start& start, std::pair<int, int> ends)
-    : channel_{ends.first, stop} {
+ServeProcess::ServeProcess(const std::string& program, const std::vector<std::string>& options,
+                           const std::atomic<bool>& cancelled, const Start& start, std::pair<int, int> ends)
+    : control_{ends.first, cancelled} {
   std::vector<std::string> command{path_of(program), "serve", "--control", std::to_string(ends.second)};
   command.insert(command.end(), options.begin(), options.end());
   try {
@@ -49,7 +49,7 @@ Helper::Helper(const std::string& program, const std::vector<std::string>& optio
   ::close(ends.second);
 }
 
-Helper::~Helper() {
+ServeProcess::~ServeProcess() {
   using namespace std::chrono_literals;
   ::kill(pid_, SIGINT);
   for (int i = 0; i < 150; ++i, std::this_thread::sleep_for(10ms))  // waitpid has no timeout
