@@ -3,7 +3,7 @@
 #include <numeric>
 #include <stdexcept>
 
-#include "study/meeting.hpp"
+#include "study/membership_exchange.hpp"
 
 namespace tactus::bench {
 namespace {
@@ -31,7 +31,7 @@ RemoteSession::RemoteSession(const spm::Model& model, const RemoteSettings& sett
       core_{session::Origin{kSession, kHrtc, 1, 0}, core_settings(settings)},
       membership_{session::Origin{kSession, kHrtc, 1, 0}, {"hrtc", "session"}, core_.gateway(), now_},
       unmet_(model.regions.size(), 0) {
-  study::meet(host_, membership_, now_);
+  study::exchange_membership(host_, membership_, now_);
 }
 
 void RemoteSession::network(std::int64_t until) {
@@ -74,7 +74,7 @@ const hrtc_service::ProbeOutput& RemoteSession::run_cycle() {
   if (cycles_ % kTickEvery == 0) {
     core_.gateway().tick(now_, membership_.clock());
     membership_.tick(now_);
-    study::meet(host_, membership_, now_);
+    study::exchange_membership(host_, membership_, now_);
   }
   hrtc_service::Servo& servo = core_.servo();
   servo.refine(spm::Budget{settings_.budget});

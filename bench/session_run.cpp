@@ -2,7 +2,7 @@
 
 #include <stdexcept>
 
-#include "study/meeting.hpp"
+#include "study/membership_exchange.hpp"
 
 namespace tactus::bench {
 namespace {
@@ -34,7 +34,7 @@ SessionRun::SessionRun(const spm::Model& model, double scale, const SessionSetti
       host_{session::Origin{kSession, kHost, 1, 0}, host_settings(encoded_, scale, settings.material), now_},
       core_{session::Origin{kSession, kHrtc, 1, 0}, core_settings(settings)},
       membership_{session::Origin{kSession, kHrtc, 1, 0}, {"hrtc", "session"}, core_.gateway(), now_} {
-  study::meet(host_, membership_, now_);
+  study::exchange_membership(host_, membership_, now_);
 }
 
 void SessionRun::settle(const spm::Vec3d& away) {
@@ -70,7 +70,7 @@ void SessionRun::prepare_second(const spm::Vec3d& tip, const spm::Vec3d& velocit
 void SessionRun::exchange() {
   hrtc_service::Gateway& gateway = core_.gateway();
   membership_.tick(now_);
-  study::meet(host_, membership_, now_);
+  study::exchange_membership(host_, membership_, now_);
   double mark = thread_cpu_us();
   const auto lap = [&mark] {
     const double before = mark;

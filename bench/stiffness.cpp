@@ -22,8 +22,8 @@ struct Settings {
 
 std::string cell(double value) {
   char text[32];
-  if (value >= kStiffest) {
-    std::snprintf(text, sizeof text, " > %7.0f", kStiffest);
+  if (value >= kMaxStiffness) {
+    std::snprintf(text, sizeof text, " > %7.0f", kMaxStiffness);
   } else {
     std::snprintf(text, sizeof text, " %9.0f", value);
   }
@@ -35,7 +35,7 @@ Report run(const Settings& settings) {
   std::snprintf(
       text, sizeof text,
       "device and hand %.1f kg, %.0f N s/m; two copies of a box of 0.5 kg, 3 N s/m each; searched to %.0f N/m",
-      kDeviceMass, kDeviceDamping, kStiffest);
+      kDeviceMass, kDeviceDamping, kMaxStiffness);
   Report report{{"largest that stays stable", 0, 0, text}};
   report.virtual_time(true);
   report.note("  there   wall over the network, N/m          spring between two copies, N/m");
@@ -44,9 +44,9 @@ Report run(const Settings& settings) {
   const std::vector<double> trips =
       settings.quick ? std::vector<double>{0, 50, 200} : std::vector<double>{0, 5, 10, 20, 50, 100, 200, 300};
   const int steps = settings.quick ? 6 : 9;
-  double conservative = 1e9, min_line = kStiffest;
+  double conservative = 1e9, min_line = kMaxStiffness;
   for (const double trip_ms : trips) {
-    const Stiffness found = largest_stable(trip_ms * 1e-3, steps);
+    const Stiffness found = largest_stable_stiffness(trip_ms * 1e-3, steps);
     char row[32];
     std::snprintf(row, sizeof row, "  %5.0f ", trip_ms);
     report.note(row + cell(found.wall_bound) + cell(found.wall) + cell(found.wall_passivity) + "   " +

@@ -16,20 +16,19 @@ using client_sim::ActionKind;
 using client_sim::Measure;
 using client_sim::Scenario;
 
-/// A world whose links are all as slow as the slower direction of `link`.
+/// Returns a world with the slower direction of `link` between each pair of participants.
 WorldSettings world_for(const netem::LinkSettings& link, std::size_t users, std::uint64_t seed) {
-  // The playout delay as in a session: all but a hundredth of the arriving samples arrive within it.
-  constexpr double kDeviations = 2.3;
+  constexpr double kDeviations = 2.3;  // as in a session, 99 % of the samples arrive within the playout delay
   WorldSettings world;
   world.users = users;
   world.link = link.forth.delay_ms >= link.back.delay_ms ? link.forth : link.back;
-  world.playout = (world.link.delay_ms + kDeviations * world.link.jitter_ms + 1) * 1e-3;  // and a cycle
+  world.playout = (world.link.delay_ms + kDeviations * world.link.jitter_ms + 1) * 1e-3;  // + 1 ms: a cycle
   world.seed = seed;
   return world;
 }
 
 ScenarioRun run_hand_over(const Scenario& scenario, const netem::LinkSettings& link, std::uint64_t seed) {
-  std::vector<Toucher> users;
+  std::vector<HandOverUser> users;
   for (const client_sim::User& user : scenario.users)
     users.push_back({action_of(user, ActionKind::kHold).seconds, action_of(user, ActionKind::kWait).seconds});
   return {hand_over(users, scenario.duration, link, seed), {}};
@@ -43,22 +42,22 @@ ScenarioRun carry_together(Method method, const netem::LinkSettings& link, std::
   const MassResult mass = apparent_mass(world, kFrequency);
   const double none = std::numeric_limits<double>::quiet_NaN();
   const auto if_finite = [&](double value) { return carried.finite ? value : none; };
-  // A copy that runs away, or hardly moves, has no meaningful mass.
+  // The mass is meaningless if the copy diverges or hardly moves.
   const double ratio = mass.mass / world.mass;
-  const bool weighs = std::isfinite(ratio) && std::abs(ratio) > 1e-3 && std::abs(ratio) < 100;
+  const bool has_mass = std::isfinite(ratio) && std::abs(ratio) > 1e-3 && std::abs(ratio) < 100;
   return {{{"runs without end", "%", carried.finite ? 0.0 : 100.0},
            {"settled after", "s", if_finite(carried.settled)},
            {"copies apart 1 s later", "mm", if_finite(carried.apart * 1e3)},
            {"copies apart, most", "mm", if_finite(carried.apart_moving * 1e3)},
            {"injected", "mJ a minute", if_finite(carried.injected * 1e3 * 60 / kSeconds)},
            {"peak force", "N", if_finite(carried.peak_force)},
-           {"apparent mass, of the mass", "", weighs ? ratio : none},
-           {"apparent damping", "N s/m", weighs ? mass.damping : none}},
+           {"apparent mass, of the mass", "", has_mass ? ratio : none},
+           {"apparent damping", "N s/m", has_mass ? mass.damping : none}},
           {}};
 }
 
 ScenarioRun find_stiffness(const netem::LinkSettings& link) {
-  const Stiffness found = largest_stable((link.forth.delay_ms + link.back.delay_ms) * 1e-3, 9);
+  const Stiffness found = largest_stable_stiffness((link.forth.delay_ms + link.back.delay_ms) * 1e-3, 9);
   return {{{kRoundTrip, "ms", link.forth.delay_ms + link.back.delay_ms},
            {"wall beyond the network: (b + B) / (T/2 + td)", "N/m", found.wall_bound},
            {"held last", "N/m", found.wall},
@@ -76,48 +75,48 @@ Experiments experiments_of(const Study& study, const std::vector<Scenario>& scen
   Experiments experiments;
   for (const Scenario& scenario : scenarios) {
     const std::string object = object_of(scenario);
-    const bool is_there = std::any_of(experiments.subjects.begin(), experiments.subjects.end(),
+    const bool is_built = std::any_of(experiments.subjects.begin(), experiments.subjects.end(),
                                       [&](const Subject& subject) { return subject.name == object; });
-    if (is_there) continue;
+    if (is_built) continue;
     experiments.subjects.push_back(object == "wall" ? make_subject("wall", "wall", 20'000, 0.2)
                                    : object == "crate"
                                        ? make_subject("crate", "box", 1200, 0.1)
                                        : make_subject("scan", study.scan.model, study.scan.faces, study.scan.size));
   }
   for (const Scenario& scenario : scenarios) {
-    Experiment experiment{scenario.name, Topic::kForces, scenario.digest, study.profiles, study.seeds, {}};
-    // The vector of subjects does not change any more, so these pointers stay valid when it is moved.
+    Experiment experiment{scenario.name, Section::kForces, scenario.digest, study.profiles, study.seeds, {}};
+    // Pointers to the subjects stay valid: the vector no longer changes, and moving it does not move its elements.
     const Subject* const subject = experiments.subjects.data() +
                                    (std::find_if(experiments.subjects.begin(), experiments.subjects.end(),
                                                  [&](const Subject& one) { return one.name == object_of(scenario); }) -
                                     experiments.subjects.begin());
     const auto run_by = [&, subject](auto* run) {
-      return
-          [scenario, subject, run](const netem::LinkSettings& link, std::uint64_t seed, const std::atomic<bool>& stop) {
-            return run(scenario, *subject, link, seed, stop);
-          };
+      return [scenario, subject, run](const netem::LinkSettings& link, std::uint64_t seed,
+                                      const std::atomic<bool>& cancelled) {
+        return run(scenario, *subject, link, seed, cancelled);
+      };
     };
     experiment.run = run_by(run_scenario);
     switch (scenario.measures) {
       case Measure::kTarget:
-        experiment.topic = Topic::kTarget;
+        experiment.section = Section::kTarget;
         experiment.run = run_by(press_to_target);
         break;
       case Measure::kLift:
-        experiment.topic = Topic::kLift;
+        experiment.section = Section::kLift;
         experiment.run = run_by(lift_together);
         break;
       case Measure::kHandOver:
-        experiment.topic = Topic::kHandOver;
+        experiment.section = Section::kHandOver;
         experiment.run = [scenario](const netem::LinkSettings& link, std::uint64_t seed, const std::atomic<bool>&) {
           return run_hand_over(scenario, link, seed);
         };
         break;
       case Measure::kFirstTouch:
-        experiment.topic = Topic::kFirstTouch;
+        experiment.section = Section::kFirstTouch;
         break;
       case Measure::kForces:
-        if (scenario.tool != client_sim::Tool::kSphere) experiment.topic = Topic::kTool;
+        if (scenario.tool != client_sim::Tool::kSphere) experiment.section = Section::kTool;
         break;
       case Measure::kNone:
         break;
@@ -126,14 +125,14 @@ Experiments experiments_of(const Study& study, const std::vector<Scenario>& scen
   }
   if (study.collaboration) {
     for (const Method method : {Method::kChannel, Method::kSpring, Method::kNaive, Method::kServer}) {
-      experiments.all.push_back({std::string{"carry, "} + kMethodNames[static_cast<int>(method)], Topic::kCollaboration,
-                                 0, study.profiles, study.seeds,
+      experiments.all.push_back({std::string{"carry, "} + kMethodNames[static_cast<int>(method)],
+                                 Section::kCollaboration, 0, study.profiles, study.seeds,
                                  [method](const netem::LinkSettings& link, std::uint64_t seed,
                                           const std::atomic<bool>&) { return carry_together(method, link, seed); }});
     }
   }
   if (study.stiffness) {
-    Experiment experiment{"stiffness", Topic::kStiffness, 0, {kBaseline}, 1, {}};
+    Experiment experiment{"stiffness", Section::kStiffness, 0, {kBaseline}, 1, {}};
     for (const char* half : {"2.5", "5", "10", "25", "50", "100", "150"})
       experiment.profiles.push_back(std::string{kBaseline} + ":delay=" + half);
     experiment.run = [](const netem::LinkSettings& link, std::uint64_t, const std::atomic<bool>&) {

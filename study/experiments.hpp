@@ -1,7 +1,7 @@
-/// The experiments of a study, each with its links and seeds.
+/// The experiments of a study, each with its links and number of seeds.
 ///
-/// A measured scenario is one experiment. Others have no scenario: carrying a shared object with each simulation
-/// method, and the search for the largest stable stiffness.
+/// Each scenario of the study is one experiment. Two kinds of experiments have no scenario: users who carry a shared
+/// object, for each simulation method, and the search for the largest stable stiffness.
 #pragma once
 
 #include <functional>
@@ -11,30 +11,39 @@
 
 namespace tactus::study {
 
-/// The table to which an experiment belongs.
-enum class Topic : std::uint8_t { kForces, kTool, kFirstTouch, kTarget, kLift, kHandOver, kCollaboration, kStiffness };
-inline constexpr const char* kTopicNames[]{
+/// The section of the report to which an experiment belongs.
+enum class Section : std::uint8_t {
+  kForces,
+  kTool,
+  kFirstTouch,
+  kTarget,
+  kLift,
+  kHandOver,
+  kCollaboration,
+  kStiffness
+};
+inline constexpr const char* kSectionNames[]{
     "Force fidelity", "Force and torque of a tool",  "Cold start", "Target force", "Lift", "Hand-over",
     "Collaboration",  "Stiffness against round trip"};
 
-/// The figure of the stiffness experiment that is the abscissa of its plot.
+/// Name of the figure that is the abscissa of the stiffness plot.
 inline constexpr const char* kRoundTrip = "round trip";
 
 struct Experiment {
   std::string name;
-  Topic topic = Topic::kForces;
-  std::uint64_t digest = 0;           ///< of its inputs that the program's version does not determine
-  std::vector<std::string> profiles;  ///< the baseline first
+  Section section = Section::kForces;
+  std::uint64_t digest = 0;           ///< of the scenario; 0 if the program's version determines all inputs
+  std::vector<std::string> profiles;  ///< links; the baseline is first
   std::uint32_t seeds = 1;
-  std::function<ScenarioRun(const netem::LinkSettings&, std::uint64_t seed, const std::atomic<bool>& stop)> run;
+  std::function<ScenarioRun(const netem::LinkSettings&, std::uint64_t seed, const std::atomic<bool>& cancelled)> run;
 };
 
-/// The experiments of a study that passed `check`, and their objects; several threads may run them.
+/// The experiments of a study, and the objects that they use. Several threads may run them.
 struct Experiments {
   std::vector<Subject> subjects;
   std::vector<Experiment> all;
 };
-/// Builds the models. Throws spm::ModelError.
+/// Builds the models of a study that passed `check`. Throws spm::ModelError.
 [[nodiscard]] Experiments experiments_of(const Study& study, const std::vector<client_sim::Scenario>& scenarios);
 
 }  // namespace tactus::study

@@ -7,7 +7,7 @@ namespace tactus::study {
 namespace {
 
 constexpr double kDt = 1e-3;           // s
-constexpr std::size_t kNewTouch = 20;  // ms without contact; less is a bounce
+constexpr std::size_t kMinPause = 20;  // ms without force between two touches; after less, the touch continues
 
 }  // namespace
 
@@ -17,15 +17,14 @@ double torque_jnd_of(double torque) noexcept { return std::max(0.13 * torque, kM
 
 void Fidelity::Touches::add(std::size_t ms, const Vec3d& position, double force) {
   if (force < kMinForce) return;
-  if (all.empty() || ms >= all.back().ended + kNewTouch) all.push_back({ms, ms, position, 0});
-  all.back().ended = ms + 1;
+  if (all.empty() || ms >= all.back().end + kMinPause) all.push_back({ms, ms, position, 0});
+  all.back().end = ms + 1;
   all.back().peak = std::max(all.back().peak, force);
 }
 
 const Fidelity::Touch* Fidelity::Touches::overlapping(const Touch& other) const {
-  const auto found = std::find_if(all.begin(), all.end(), [&](const Touch& touch) {
-    return touch.began < other.ended && other.began < touch.ended;
-  });
+  const auto found = std::find_if(
+      all.begin(), all.end(), [&](const Touch& touch) { return touch.begin < other.end && other.begin < touch.end; });
   return found == all.end() ? nullptr : &*found;
 }
 
@@ -36,59 +35,60 @@ void Fidelity::add(const Vec3d& position, const haptics::Wrench& felt, const hap
   ++ms_;
   if (felt.force.norm() >= kMinForce) {
     ++felt_ms_;
-    exact_ += exact ? 1 : 0;
+    exact_ms_ += exact ? 1 : 0;
   } else if (size < kMinForce) {
     return;
   }
-  ++contact_;
+  ++contact_ms_;
   const double error = (felt.force - truth.force).norm();
   squares_ += error * error;
   max_ = std::max(max_, error);
-  above_ += error > jnd_of(size) ? 1 : 0;
+  above_jnd_ms_ += error > jnd_of(size) ? 1 : 0;
   const double torque = truth.torque.norm(), torque_error = (felt.torque - truth.torque).norm();
   true_torque_squares_ += torque * torque;
   torque_squares_ += torque_error * torque_error;
   torque_max_ = std::max(torque_max_, torque_error);
-  torque_above_ += torque_error > torque_jnd_of(torque) ? 1 : 0;
+  torque_above_jnd_ms_ += torque_error > torque_jnd_of(torque) ? 1 : 0;
 }
 
 Figures Fidelity::figures() const {
-  const auto count = static_cast<double>(std::max<std::size_t>(contact_, 1));
-  double late = 0, off = 0, ratio = 0;
+  const auto count = static_cast<double>(std::max<std::size_t>(contact_ms_, 1));
+  double onset_ms = 0, onset_mm = 0, ratio = 0;  // sums of differences and of ratios
   std::size_t paired = 0, missed = 0;
   const Touch* last = nullptr;
   for (const Touch& truth : truth_.all) {
     const Touch* const felt = felt_.overlapping(truth);
     if (felt == nullptr) ++missed;
-    if (felt == nullptr || felt == last) continue;  // continues the previous contact, so it has no onset here
+    if (felt == nullptr || felt == last)
+      continue;  // a touch already paired with an earlier true touch has no new onset
     last = felt;
     ++paired;
-    late += std::abs(static_cast<double>(felt->began) - static_cast<double>(truth.began));
-    off += (felt->position - truth.position).norm() * 1e3;
+    onset_ms += std::abs(static_cast<double>(felt->begin) - static_cast<double>(truth.begin));
+    onset_mm += (felt->position - truth.position).norm() * 1e3;
     ratio += felt->peak / truth.peak;
   }
-  const auto unfounded = std::count_if(felt_.all.begin(), felt_.all.end(),
-                                       [&](const Touch& felt) { return truth_.overlapping(felt) == nullptr; });
+  const auto without_truth = std::count_if(felt_.all.begin(), felt_.all.end(),
+                                           [&](const Touch& felt) { return truth_.overlapping(felt) == nullptr; });
   const auto each = static_cast<double>(std::max<std::size_t>(paired, 1));
   const auto number = [](std::size_t value) { return static_cast<double>(value); };
   return {{"contact", "s", number(felt_ms_) * kDt},
-          {"exact", "%", 100 * number(exact_) / number(std::max<std::size_t>(felt_ms_, 1))},
+          {"exact", "%", 100 * number(exact_ms_) / number(std::max<std::size_t>(felt_ms_, 1))},
           {"force error rms", "N", std::sqrt(squares_ / count)},
           {"force error max", "N", max_},
-          {"above 1 JND", "%", 100 * number(above_) / count},
+          {"above 1 JND", "%", 100 * number(above_jnd_ms_) / count},
           {"touches", "", number(truth_.all.size())},
-          {"onset off by", "ms", late / each},
-          {"onset off by", "mm", off / each},
+          {"onset off by", "ms", onset_ms / each},
+          {"onset off by", "mm", onset_mm / each},
           {"peak force ratio", "", paired > 0 ? ratio / each : 0},
           {"missed", "", number(missed)},
-          {"false", "", static_cast<double>(unfounded)}};
+          {"false", "", static_cast<double>(without_truth)}};
 }
 
 Figures Fidelity::torque_figures() const {
-  const auto count = static_cast<double>(std::max<std::size_t>(contact_, 1));
+  const auto count = static_cast<double>(std::max<std::size_t>(contact_ms_, 1));
   return {{"torque error rms", "mN m", 1e3 * std::sqrt(torque_squares_ / count)},
           {"torque error max", "mN m", 1e3 * torque_max_},
-          {"torque above 1 JND", "%", 100 * static_cast<double>(torque_above_) / count},
+          {"torque above 1 JND", "%", 100 * static_cast<double>(torque_above_jnd_ms_) / count},
           {"true torque rms", "mN m", 1e3 * std::sqrt(true_torque_squares_ / count)}};
 }
 

@@ -8,19 +8,20 @@ namespace tactus::study {
 using spm::Vec3d;
 
 FullMesh::FullMesh(std::span<const std::array<float, 3>> vertices, std::span<const std::array<std::uint32_t, 3>> faces,
-                   const hrtc_service::Placement& placement, double cell)
-    : placement_{placement}, vertices_{vertices}, faces_{faces}, cell_{cell / placement.scale()} {
+                   const hrtc_service::Placement& placement, double cell_size)
+    : placement_{placement}, vertices_{vertices}, faces_{faces}, cell_size_{cell_size / placement.scale()} {
   Vec3d low = Vec3d::Constant(1e30), high = Vec3d::Constant(-1e30);
   for (const std::array<float, 3>& v : vertices) {
     low = low.cwiseMin(Vec3d{v[0], v[1], v[2]});
     high = high.cwiseMax(Vec3d{v[0], v[1], v[2]});
   }
   origin_ = low;
-  for (int axis = 0; axis < 3; ++axis) size_[axis] = static_cast<std::int32_t>((high[axis] - low[axis]) / cell_) + 1;
+  for (int axis = 0; axis < 3; ++axis)
+    size_[axis] = static_cast<std::int32_t>((high[axis] - low[axis]) / cell_size_) + 1;
   starts_.assign(std::size_t(size_[0]) * size_[1] * size_[2] + 1, 0);
   const auto each_cell = [&](std::uint32_t face, auto&& visit) {
     const auto [a, b, c] = corners(face);
-    const Cell first = cell_of(a.cwiseMin(b).cwiseMin(c)), last = cell_of(a.cwiseMax(b).cwiseMax(c));
+    const GridCell first = cell_of(a.cwiseMin(b).cwiseMin(c)), last = cell_of(a.cwiseMax(b).cwiseMax(c));
     for (std::int32_t z = first[2]; z <= last[2]; ++z)
       for (std::int32_t y = first[1]; y <= last[1]; ++y)
         for (std::int32_t x = first[0]; x <= last[0]; ++x) visit((std::size_t(z) * size_[1] + y) * size_[0] + x);
@@ -33,11 +34,11 @@ FullMesh::FullMesh(std::span<const std::array<float, 3>> vertices, std::span<con
     each_cell(face, [&](std::size_t at) { entries_[next[at]++] = {face, box_of(face)}; });
 }
 
-FullMesh::Cell FullMesh::cell_of(const Vec3d& p) const noexcept {
-  Cell cell;
+FullMesh::GridCell FullMesh::cell_of(const Vec3d& p) const noexcept {
+  GridCell cell;
   for (int axis = 0; axis < 3; ++axis)
     cell[axis] = static_cast<std::int32_t>(
-        std::clamp(std::floor((p[axis] - origin_[axis]) / cell_), 0.0, double(size_[axis] - 1)));
+        std::clamp(std::floor((p[axis] - origin_[axis]) / cell_size_), 0.0, double(size_[axis] - 1)));
   return cell;
 }
 
@@ -56,7 +57,7 @@ FullMesh::Corners FullMesh::corners(std::uint32_t face) const noexcept {
 
 template <class Visit>
 void FullMesh::for_each_near(const Vec3d& middle, const double& reach, Visit&& visit) const noexcept {
-  const Cell first = cell_of(middle.array() - reach), last = cell_of(middle.array() + reach);
+  const GridCell first = cell_of(middle.array() - reach), last = cell_of(middle.array() + reach);
   for (std::int32_t z = first[2]; z <= last[2]; ++z)
     for (std::int32_t y = first[1]; y <= last[1]; ++y)
       for (std::int32_t x = first[0]; x <= last[0]; ++x) {
@@ -64,7 +65,7 @@ void FullMesh::for_each_near(const Vec3d& middle, const double& reach, Visit&& v
         for (std::uint32_t i = starts_[at]; i < starts_[at + 1]; ++i) {
           const Entry& entry = entries_[i];
           if (entry.box.squared_distance(middle) > reach * reach) continue;
-          const Cell home = cell_of(entry.box.low);  // a face in several cells counts in the first of them
+          const GridCell home = cell_of(entry.box.low);  // visits a face of several cells in the first of them
           if (std::max(home[0], first[0]) != x || std::max(home[1], first[1]) != y || std::max(home[2], first[2]) != z)
             continue;
           visit(entry);
@@ -79,9 +80,9 @@ bool FullMesh::sweep(const Vec3d& from, const Vec3d& to, double radius, haptics:
   const double grown = (reach + (end - start).norm() / 2) * (1 + 1e-6) + 1e-9 * start.cwiseAbs().maxCoeff();
   const double slack = grown - reach - (end - start).norm() / 2;
   for_each_near((start + end) / 2, grown, [&](const Entry& entry) {
-    // Before the earliest contact so far, the sphere comes no closer than this.
-    const double near = reach + slack + first.time() * (end - start).norm();
-    if (entry.box.squared_distance(start) > near * near) return;
+    // A face further from the start than this cannot be touched before the earliest contact found so far.
+    const double max = reach + slack + first.time() * (end - start).norm();
+    if (entry.box.squared_distance(start) > max * max) return;
     const auto [a, b, c] = corners(entry.face);
     first.offer(a, b, c, 0, entry.face);
   });
@@ -92,18 +93,18 @@ bool FullMesh::sweep(const Vec3d& from, const Vec3d& to, double radius, haptics:
 }
 
 bool FullMesh::closest(const Vec3d& point, double within, haptics::SurfaceHit& hit) const noexcept {
-  constexpr double kHair = 1e-6;
+  constexpr double kTolerance = 1e-6;  // relative
   const Vec3d centre = placement_.to_model(point);
-  const double max = within / placement_.scale() * (1 + kHair);
-  // Faces that share the closest point add up, so all candidates are offered in the order of their ids.
+  const double max = within / placement_.scale() * (1 + kTolerance);
+  // ClosestSide sums the faces that share the closest point, so it gets them in the order of their ids.
   std::vector<std::pair<std::uint32_t, Corners>> found;
-  for (double start = cell_ / 4; found.empty(); start *= 2) {
+  for (double start = cell_size_ / 4; found.empty(); start *= 2) {
     double reach = std::min(start, max);
     for_each_near(centre, reach, [&](const Entry& entry) {
       const Corners at = corners(entry.face);
       const double distance = std::sqrt(spm::closest_point(centre, at.a, at.b, at.c).squared_distance);
       if (distance > reach) return;
-      reach = std::min(reach, distance * (1 + kHair));
+      reach = std::min(reach, distance * (1 + kTolerance));
       found.push_back({entry.face, at});
     });
     if (start >= max) break;

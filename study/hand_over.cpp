@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "session/ownership.hpp"
-#include "study/path.hpp"
+#include "study/virtual_link.hpp"
 
 namespace tactus::study {
 namespace {
@@ -17,9 +17,9 @@ using session::Holder;
 
 constexpr std::uint64_t kSession = 30, kObject = 100;
 constexpr std::int64_t kCycleNs = 1'000'000;
-constexpr std::size_t kBytes = 250;  // a claim, grant or pose with headers
+constexpr std::size_t kSampleBytes = 250;  // a claim, grant or pose with headers
 
-using Mail = std::variant<session::ObjectClaim, session::ObjectGrant, session::ObjectPose>;
+using OwnershipSample = std::variant<session::ObjectClaim, session::ObjectGrant, session::ObjectPose>;
 
 /// A host or an HRTC.
 struct Program {
@@ -32,15 +32,15 @@ struct Program {
 struct Hrtc : Program {
   explicit Hrtc(const session::Origin& origin) : Program{origin, {}, 0}, holder{origin, kObject, {}} {}
   Holder holder;
-  Toucher user;
+  HandOverUser user;
   bool touching = false;
-  std::int64_t change_ns = 0;    // when the user begins or ends the next contact
-  std::int64_t touched_ns = -1;  // and not granted yet
+  std::int64_t next_change_ns = 0;  // begin or end of the user's next touch
+  std::int64_t requested_ns = -1;   // begin of the touch if it is not granted yet; else -1
 };
 
 }  // namespace
 
-Figures hand_over(const std::vector<Toucher>& users, double seconds, const netem::LinkSettings& link,
+Figures hand_over(const std::vector<HandOverUser>& users, double seconds, const netem::LinkSettings& link,
                   std::uint64_t seed) {
   std::mt19937_64 random{seed};
   const auto between = [&](double mean) {
@@ -50,23 +50,23 @@ Figures hand_over(const std::vector<Toucher>& users, double seconds, const netem
   Program host{{kSession, 1, 1, 0}, {}, 0};
   session::Arbiter arbiter{host.self, kObject, {}, now_ns};
   std::vector<std::unique_ptr<Hrtc>> hrtcs;
-  for (const Toucher& user : users) {
+  for (const HandOverUser& user : users) {
     hrtcs.push_back(std::make_unique<Hrtc>(session::Origin{kSession, hrtcs.size() + 2, 1, 0}));
     hrtcs.back()->user = user;
-    hrtcs.back()->change_ns = now_ns + between(user.pause);
+    hrtcs.back()->next_change_ns = now_ns + between(user.pause);
     hrtcs.back()->holder.set_one_way(static_cast<std::int64_t>(link.forth.delay_ms * 1e6));
   }
-  const std::size_t nodes = users.size() + 1;  // the host's is the first
-  std::vector<std::vector<Path<Mail>>> paths(nodes);
+  const std::size_t nodes = users.size() + 1;  // the first is the host
+  std::vector<std::vector<VirtualLink<OwnershipSample>>> links(nodes);
   for (std::size_t from = 0; from < nodes; ++from)
     for (std::size_t to = 0; to < nodes; ++to)
-      paths[from].emplace_back(from < to ? link.forth : link.back, seed * 1024 + from * 32 + to);
-  const auto broadcast = [&](std::size_t from, const Mail& mail) {
+      links[from].emplace_back(from < to ? link.forth : link.back, seed * 1024 + from * 32 + to);
+  const auto broadcast = [&](std::size_t from, const OwnershipSample& sample) {
     for (std::size_t to = 0; to < nodes; ++to)
-      if (to != from) paths[from][to].send(now_ns, mail, kBytes);
+      if (to != from) links[from][to].send(now_ns, sample, kSampleBytes);
   };
 
-  std::map<std::uint64_t, std::uint64_t> publishers;  // by fencing number, its first user
+  std::map<std::uint64_t, std::uint64_t> publishers;  // by fencing number: participant that used it first
   std::size_t doubled = 0, nobody = 0, several = 0, touches = 0, ms = 0;
   std::vector<double> waits;  // ms
   const auto publish = [&](std::size_t node, Program& program, std::uint64_t fencing) {
@@ -82,9 +82,9 @@ Figures hand_over(const std::vector<Toucher>& users, double seconds, const netem
   for (const std::int64_t end_ns = now_ns + static_cast<std::int64_t>(seconds * 1e9); now_ns < end_ns;
        now_ns += kCycleNs, ++ms) {
     for (std::size_t from = 1; from < nodes; ++from) {
-      while (const auto mail = paths[from][0].take(now_ns)) {
-        if (const auto* const claim = std::get_if<session::ObjectClaim>(&*mail)) arbiter.on_claim(*claim, now_ns);
-        const auto* const pose = std::get_if<session::ObjectPose>(&*mail);
+      while (const auto sample = links[from][0].take(now_ns)) {
+        if (const auto* const claim = std::get_if<session::ObjectClaim>(&*sample)) arbiter.on_claim(*claim, now_ns);
+        const auto* const pose = std::get_if<session::ObjectPose>(&*sample);
         if (pose != nullptr && host.gate.accept(*pose, now_ns)) arbiter.on_pose(pose->fencing, now_ns);
       }
     }
@@ -95,31 +95,32 @@ Figures hand_over(const std::vector<Toucher>& users, double seconds, const netem
       publish(0, host, arbiter.fencing());
     }
     for (std::size_t node = 1; node < nodes; ++node) {
-      Hrtc& one = *hrtcs[node - 1];
+      Hrtc& hrtc = *hrtcs[node - 1];
       for (std::size_t from = 0; from < nodes; ++from) {
         if (from == node) continue;
-        while (const auto mail = paths[from][node].take(now_ns)) {
-          if (const auto* const grant = std::get_if<session::ObjectGrant>(&*mail)) one.holder.on_grant(*grant, now_ns);
-          const auto* const pose = std::get_if<session::ObjectPose>(&*mail);
-          if (pose != nullptr && one.gate.accept(*pose, now_ns)) one.holder.on_pose(pose->fencing, now_ns);
+        while (const auto sample = links[from][node].take(now_ns)) {
+          if (const auto* const grant = std::get_if<session::ObjectGrant>(&*sample))
+            hrtc.holder.on_grant(*grant, now_ns);
+          const auto* const pose = std::get_if<session::ObjectPose>(&*sample);
+          if (pose != nullptr && hrtc.gate.accept(*pose, now_ns)) hrtc.holder.on_pose(pose->fencing, now_ns);
         }
       }
-      if (now_ns >= one.change_ns) {
-        one.touching = !one.touching;
-        one.holder.touch(one.touching);
-        one.change_ns = now_ns + between(one.touching ? one.user.hold : one.user.pause);
-        touches += one.touching ? 1 : 0;
-        one.touched_ns = one.touching ? now_ns : -1;
+      if (now_ns >= hrtc.next_change_ns) {
+        hrtc.touching = !hrtc.touching;
+        hrtc.holder.touch(hrtc.touching);
+        hrtc.next_change_ns = now_ns + between(hrtc.touching ? hrtc.user.hold : hrtc.user.pause);
+        touches += hrtc.touching ? 1 : 0;
+        hrtc.requested_ns = hrtc.touching ? now_ns : -1;
       }
-      if (const auto claim = one.holder.tick(now_ns)) paths[node][0].send(now_ns, *claim, kBytes);
-      const Holder::Role role = one.holder.role(now_ns);
-      if (one.touched_ns >= 0 && role != Holder::Role::kRequesting) {
-        waits.push_back(static_cast<double>(now_ns - one.touched_ns) * 1e-6);
-        one.touched_ns = -1;
+      if (const auto claim = hrtc.holder.tick(now_ns)) links[node][0].send(now_ns, *claim, kSampleBytes);
+      const Holder::Role role = hrtc.holder.role(now_ns);
+      if (hrtc.requested_ns >= 0 && role != Holder::Role::kRequesting) {
+        waits.push_back(static_cast<double>(now_ns - hrtc.requested_ns) * 1e-6);
+        hrtc.requested_ns = -1;
       }
       if (role != Holder::Role::kOwner && role != Holder::Role::kLeader) continue;
       ++publishing;
-      publish(node, one, one.holder.fencing());
+      publish(node, hrtc, hrtc.holder.fencing());
     }
     nobody += publishing == 0 ? 1 : 0;
     several += publishing > 1 ? 1 : 0;

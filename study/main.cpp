@@ -36,9 +36,9 @@ my-study.yaml:
   seeds: 30
   scan: {model: dragon.ply, size: 0.2}
 
-Everything runs in virtual time. An interrupted study continues in the same folder. docs/how-to/studies.md describes how
-scenarios define measurements, and each figure.
-Exit status: 0 done, 2 wrong input, 130 interrupted; finished runs are kept and written.)";
+Everything runs in virtual time. If a study was interrupted, the same command with the same folder continues it.
+docs/how-to/studies.md describes how scenarios define measurements, and each figure.
+Exit status: 0 done, 2 wrong input, 130 interrupted. An interrupted study writes the tables of its finished runs.)";
 
 struct Options {
   std::string file, out = "study", scan;
@@ -83,7 +83,7 @@ void keep_only(const std::vector<std::string>& names, std::vector<Experiment>& e
   experiments = std::move(kept);
 }
 
-/// Identifies everything besides experiment, link and seed that determines a run.
+/// Returns a line that identifies everything that determines a run, except experiment, link and seed.
 std::string identity_of(const Study& study, const Experiments& experiments) {
   nlohmann::ordered_json identity{{"study", study.name}, {"commit", TACTUS_COMMIT}};
   for (const Subject& subject : experiments.subjects) identity["models"][subject.name] = subject.model.summary.digest;
@@ -114,8 +114,8 @@ void write_traces(const std::filesystem::path& folder, const Run& run, const Sce
   }
 }
 
-/// The remaining runs, by as many threads as there are jobs. Seeds are the outer loop, so that an interrupted study is
-/// a smaller complete one.
+/// Runs the remaining runs in parallel. The outer loop is over seeds, so that an interrupted study is a complete study
+/// with fewer seeds.
 class Runner {
  public:
   Runner(const Options& options, const Study& study, const Experiments& experiments, RunLog& log)
@@ -127,10 +127,10 @@ class Runner {
             left_.push_back({&experiment, profile, study.first_seed + i});
   }
   /// Rethrows the error of the first failed run.
-  void run(const std::atomic<bool>& stop) {
+  void run(const std::atomic<bool>& cancelled) {
     const unsigned jobs = options_.jobs > 0 ? options_.jobs : std::max(1u, std::thread::hardware_concurrency());
     std::vector<std::thread> threads;
-    for (unsigned i = 0; i < jobs; ++i) threads.emplace_back([&] { work(stop); });
+    for (unsigned i = 0; i < jobs; ++i) threads.emplace_back([&] { work(cancelled); });
     for (std::thread& thread : threads) thread.join();
     if (failure_) std::rethrow_exception(failure_);
   }
@@ -141,12 +141,12 @@ class Runner {
     std::string profile;
     std::uint64_t seed;
   };
-  void work(const std::atomic<bool>& stop) {
-    for (std::size_t i = next_++; i < left_.size() && !stop && !failed_; i = next_++) {
+  void work(const std::atomic<bool>& cancelled) {
+    for (std::size_t i = next_++; i < left_.size() && !cancelled && !failed_; i = next_++) {
       const Task& task = left_[i];
       try {
-        const ScenarioRun result = task.experiment->run(netem::parse_link(task.profile), task.seed, stop);
-        if (stop) return;
+        const ScenarioRun result = task.experiment->run(netem::parse_link(task.profile), task.seed, cancelled);
+        if (cancelled) return;
         const Run run{task.experiment->name, task.profile, task.seed, result.figures};
         if (options_.trace) write_traces(std::filesystem::path{options_.out} / "traces", run, result);
         const std::lock_guard lock{mutex_};
@@ -171,7 +171,7 @@ class Runner {
   std::exception_ptr failure_;
 };
 
-int run(const Options& options, const std::string& command, const std::atomic<bool>& stop) {
+int run(const Options& options, const std::string& command, const std::atomic<bool>& cancelled) {
   Study study = study_of(options);
   const std::vector<client_sim::Scenario> scenarios = check(study);
   std::fprintf(stderr, "building the models\n");
@@ -180,7 +180,7 @@ int run(const Options& options, const std::string& command, const std::atomic<bo
   const std::filesystem::path folder{options.out};
   RunLog log{folder, identity_of(study, experiments)};
   Runner runner{options, study, experiments, log};
-  runner.run(stop);
+  runner.run(cancelled);
 
   About about{study.name, command, machine(), TACTUS_COMMIT, {}};
   for (const Subject& subject : experiments.subjects)
@@ -192,20 +192,20 @@ int run(const Options& options, const std::string& command, const std::atomic<bo
   about.notes.push_back(
       "Each figure is a mean over seeds with its 95 % confidence interval. To repeat one run: `tactus sim study " +
       file + "--only NAME --profiles LINK --seeds 1 --first-seed SEED --trace --out FOLDER`.");
-  if (stop) about.notes.push_back("Interrupted: some seeds are missing.");
-  const std::vector<Cell> cells = cells_of(log.runs(), experiments.all);
-  if (cells.empty()) {
-    std::fprintf(stderr, "tactus-study: interrupted before anything was finished\n");
+  if (cancelled) about.notes.push_back("Interrupted: some seeds are missing.");
+  const std::vector<LinkResult> results = results_by_link(log.runs(), experiments.all);
+  if (results.empty()) {
+    std::fprintf(stderr, "tactus-study: interrupted before the first run finished\n");
     return kInterrupted;
   }
-  const std::string tables = markdown(about, cells);
+  const std::string tables = markdown(about, results);
   write_file(folder / "tables.md", tables);
-  write_file(folder / "index.html", html(about, cells));
-  write_file(folder / "cells.csv", csv(cells));
-  write_file(folder / "study.json", json(about, cells));
+  write_file(folder / "index.html", html(about, results));
+  write_file(folder / "cells.csv", csv(results));
+  write_file(folder / "study.json", json(about, results));
   std::cout << tables;
-  if (stop) std::fprintf(stderr, "tactus-study: interrupted; finished runs are in %s\n", folder.c_str());
-  return stop ? kInterrupted : 0;
+  if (cancelled) std::fprintf(stderr, "tactus-study: interrupted; finished runs are in %s\n", folder.c_str());
+  return cancelled ? kInterrupted : 0;
 }
 
 }  // namespace
@@ -243,9 +243,9 @@ int main(int argc, char** argv) {
     const std::string word = argv[i];
     command += word.find(' ') == std::string::npos ? " " + word : " '" + word + "'";
   }
-  const std::atomic<bool>& stop = wire::stop_signal();
+  const std::atomic<bool>& cancelled = wire::stop_signal();
   try {
-    return run(options, command, stop);
+    return run(options, command, cancelled);
   } catch (const std::exception& error) {
     std::cerr << "tactus-study: " << error.what() << '\n';
     return kWrongInput;

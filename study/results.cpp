@@ -67,12 +67,12 @@ void RunLog::add(const Run& run) {
   if (!out_) throw std::runtime_error("cannot write " + file_.string());
 }
 
-std::vector<Cell> cells_of(const std::vector<Run>& runs, const std::vector<Experiment>& experiments) {
-  std::vector<Cell> cells;
+std::vector<LinkResult> results_by_link(const std::vector<Run>& runs, const std::vector<Experiment>& experiments) {
+  std::vector<LinkResult> results;
   for (const Experiment& experiment : experiments) {
     const std::string& scenario = experiment.name;
     for (const std::string& profile : experiment.profiles) {
-      Cell cell{scenario, profile, experiment.topic, {}};
+      LinkResult result{scenario, profile, experiment.section, {}};
       std::vector<std::vector<double>> values, differences;
       for (const Run& run : runs) {
         if (run.scenario != scenario || run.profile != profile) continue;
@@ -80,8 +80,8 @@ std::vector<Cell> cells_of(const std::vector<Run>& runs, const std::vector<Exper
           return other.scenario == scenario && other.profile == kBaseline && other.seed == run.seed;
         });
         for (std::size_t i = 0; i < run.figures.size(); ++i) {
-          if (i == cell.figures.size()) {
-            cell.figures.push_back({run.figures[i].name, run.figures[i].unit, {}, {}});
+          if (i == result.figures.size()) {
+            result.figures.push_back({run.figures[i].name, run.figures[i].unit, {}, {}});
             values.emplace_back();
             differences.emplace_back();
           }
@@ -92,14 +92,14 @@ std::vector<Cell> cells_of(const std::vector<Run>& runs, const std::vector<Exper
             differences[i].push_back(run.figures[i].value - base->figures[i].value);
         }
       }
-      for (std::size_t i = 0; i < cell.figures.size(); ++i) {
-        cell.figures[i].value = estimate(values[i]);
-        cell.figures[i].difference = estimate(differences[i]);
+      for (std::size_t i = 0; i < result.figures.size(); ++i) {
+        result.figures[i].value = estimate(values[i]);
+        result.figures[i].difference = estimate(differences[i]);
       }
-      if (!cell.figures.empty()) cells.push_back(std::move(cell));
+      if (!result.figures.empty()) results.push_back(std::move(result));
     }
   }
-  return cells;
+  return results;
 }
 
 void write_file(const std::filesystem::path& file, const std::string& text) {

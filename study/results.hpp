@@ -1,6 +1,4 @@
-/// The runs of a study in a folder, one line each, so that an interrupted study can continue; and their cells.
-///
-/// Not realtime.
+/// Stores the runs of a study in a folder, so that an interrupted study can continue, and evaluates them over seeds.
 #pragma once
 
 #include <filesystem>
@@ -22,12 +20,12 @@ struct Run {
 /// One thread at a time.
 class RunLog {
  public:
-  /// Continues with the existing runs. `study`: a line that identifies the study. Throws std::runtime_error when the
+  /// Continues with the existing runs. `study` is a line that identifies the study. Throws std::runtime_error when the
   /// folder cannot be written or has runs of another study.
   RunLog(const std::filesystem::path& folder, const std::string& study);
 
   [[nodiscard]] bool has(const std::string& scenario, const std::string& profile, std::uint64_t seed) const;
-  /// The run is on disk when it returns. Throws std::runtime_error.
+  /// Writes the run to disk before it returns. Throws std::runtime_error.
   void add(const Run& run);
   [[nodiscard]] const std::vector<Run>& runs() const noexcept { return runs_; }
 
@@ -37,21 +35,23 @@ class RunLog {
   std::vector<Run> runs_;
 };
 
-/// A figure over the seeds of a cell.
-struct CellFigure {
+/// Estimates of one figure over the seeds.
+struct FigureEstimates {
   std::string name, unit;
   Estimate value;
-  Estimate difference;  ///< from the baseline's run of the same seed; empty in the baseline's own cell
+  Estimate difference;  ///< from the baseline's run with the same seed; empty for the baseline itself
 };
-struct Cell {
+/// The figures of one experiment over one link.
+struct LinkResult {
   std::string scenario, profile;
-  Topic topic = Topic::kForces;
-  std::vector<CellFigure> figures;
+  Section section = Section::kForces;
+  std::vector<FigureEstimates> figures;
 };
-/// In the order of experiments and their links, without those that have no run.
-[[nodiscard]] std::vector<Cell> cells_of(const std::vector<Run>& runs, const std::vector<Experiment>& experiments);
+/// Returns the results in the order of experiments and their links. Omits links without a run.
+[[nodiscard]] std::vector<LinkResult> results_by_link(const std::vector<Run>& runs,
+                                                      const std::vector<Experiment>& experiments);
 
-/// Writes a file beside `file` and renames it. Throws std::runtime_error.
+/// Writes the file under another name and renames it, so that `file` is never incomplete. Throws std::runtime_error.
 void write_file(const std::filesystem::path& file, const std::string& text);
 
 }  // namespace tactus::study

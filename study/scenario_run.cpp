@@ -19,7 +19,7 @@ using spm::Vec3d;
 
 constexpr double kDt = 1e-3;
 
-/// The ground truth: the surfaces that true hands touch, and their probes.
+/// The surface of the ground truth, on which it makes true hands.
 class Truth {
  public:
   Truth(const client_sim::Scenario& scenario, const Subject& subject, const spm::MeshProbe* tool,
@@ -75,7 +75,7 @@ std::string object_of(const client_sim::Scenario& scenario) {
 }
 
 ScenarioRun run_scenario(const client_sim::Scenario& given, const Subject& subject, const netem::LinkSettings& link,
-                         std::uint64_t seed, const std::atomic<bool>& stop) {
+                         std::uint64_t seed, const std::atomic<bool>& cancelled) {
   const client_sim::Scenario scenario = client_sim::varied(given, seed);
   SessionSettings settings;
   settings.link = link;
@@ -84,20 +84,21 @@ ScenarioRun run_scenario(const client_sim::Scenario& given, const Subject& subje
   settings.cycle.tool = tool ? &*tool : nullptr;
   VirtualSession session{subject, scenario, settings};
   const Truth truth{scenario, subject, settings.cycle.tool, settings};
-  const bool cold = scenario.measures == Measure::kFirstTouch;
-  cold ? session.begin() : session.settle();
+  const bool is_cold_start = scenario.measures == Measure::kFirstTouch;
+  is_cold_start ? session.start_users() : session.settle();
 
   ScenarioRun run;
   run.hands.resize(scenario.users.size());
   std::vector<std::unique_ptr<TrueHand>> true_hands;
   for (std::size_t user = 0; user < scenario.users.size(); ++user) true_hands.push_back(truth.hand());
-  double base = -1, touched = -1, exact = -1, kbyte = 0;
+  double base = -1, touched = -1, exact = -1;  // s; -1: has not happened
+  double kbyte = 0;                            // received until the first exact contact
   for (double time = 0; time < scenario.duration && !session.done(); time += kDt) {
-    if (stop) return {};
+    if (cancelled) return {};
     session.step();
     if (base < 0 && session.base_shown()) base = time;
     for (std::size_t user = 0; user < run.hands.size(); ++user) {
-      if (!session.is_here(user)) continue;
+      if (!session.has_hand(user)) continue;
       const Felt& felt = session.felt(user);
       const haptics::Wrench true_wrench = true_hands[user]->at(felt.device, session.mesh_changed());
       run.hands[user].push_back({felt.device.position, felt.wrench, true_wrench, felt.exact});
@@ -111,13 +112,13 @@ ScenarioRun run_scenario(const client_sim::Scenario& given, const Subject& subje
   Fidelity fidelity;
   for (const std::vector<Sample>& hand : run.hands) {
     for (const Sample& sample : hand) fidelity.add(sample.position, sample.felt, sample.truth, sample.exact);
-    fidelity.let_go();
+    fidelity.start_next_hand();
   }
-  if (cold) {
-    const double missing = scenario.duration;  // an event that did not happen counts with the whole duration
-    const auto ms = [&](double at) { return 1e3 * (at < 0 ? missing : at); };
+  if (is_cold_start) {
+    // An event that did not happen counts with the whole duration.
+    const auto ms = [&](double at) { return 1e3 * (at < 0 ? scenario.duration : at); };
     run.figures = {{"base mesh shown after", "ms", ms(base)},
-                   {"surface met after", "ms", ms(touched)},
+                   {"surface touched after", "ms", ms(touched)},
                    {"first exact contact after", "ms", ms(exact)},
                    {"received until then", "kB", kbyte},
                    {"of the model's records, in all", "%",

@@ -1,4 +1,4 @@
-/// One run of a scenario over a link, and its figures compared with the scenario's ground truth.
+/// Runs a scenario over a link and compares its forces with their ground truth.
 #pragma once
 
 #include <atomic>
@@ -10,25 +10,25 @@
 
 namespace tactus::study {
 
-/// Of one hand, each millisecond from its start.
+/// One millisecond of a hand.
 struct Sample {
   spm::Vec3d position;
-  haptics::Wrench felt, truth;
-  bool exact;
+  haptics::Wrench felt, truth;  ///< the wrench of the session, and the true one
+  bool exact;                   ///< the contact was exact
 };
 struct ScenarioRun {
   Figures figures;
-  std::vector<std::vector<Sample>> hands;  ///< by user
+  std::vector<std::vector<Sample>> hands;  ///< by user; from the millisecond in which the user got a hand
 };
 
-/// The name of the object that its users touch. Throws client_sim::ScenarioError when they touch several.
+/// Returns the name of the object that the users touch. Throws client_sim::ScenarioError unless it is exactly one.
 [[nodiscard]] std::string object_of(const client_sim::Scenario& scenario);
 
-/// Runs in virtual time. `scenario` must measure something, and `subject` must be its object. The same arguments give
-/// the same figures to the bit. Ends early with an empty result when `stop` is set. Throws std::runtime_error when the
-/// object does not arrive.
+/// Runs the scenario in virtual time. `scenario` must measure something, and `subject` must be its object. The same
+/// arguments give the same figures to the bit. If `cancelled` becomes true, returns early with an empty result. Throws
+/// std::runtime_error if the base mesh does not arrive within a minute.
 [[nodiscard]] ScenarioRun run_scenario(const client_sim::Scenario& scenario, const Subject& subject,
                                        const netem::LinkSettings& link, std::uint64_t seed,
-                                       const std::atomic<bool>& stop);
+                                       const std::atomic<bool>& cancelled);
 
 }  // namespace tactus::study

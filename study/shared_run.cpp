@@ -14,7 +14,7 @@ using client_sim::ActionKind;
 using client_sim::Scenario;
 
 constexpr double kDt = 1e-3;      // s
-constexpr double kTremor = 1e-4;  // m rms, of a hand at rest
+constexpr double kTremor = 1e-4;  // m rms, of resting hands
 constexpr double kDegree = 3.14159265358979323846 / 180;
 
 SharedSessionSettings settings_of(const netem::LinkSettings& link, std::uint64_t seed) {
@@ -25,7 +25,7 @@ SharedSessionSettings settings_of(const netem::LinkSettings& link, std::uint64_t
   return settings;
 }
 
-/// Adds the users; users with the same HRTC name share an HRTC.
+/// Adds the users. Those with the same HRTC name share an HRTC.
 void add_users(SharedSession& session, const Scenario& scenario) {
   std::map<std::string, std::size_t> hrtcs;
   for (const client_sim::User& user : scenario.users) {
@@ -38,7 +38,7 @@ double force_on(const SharedSession& session, std::size_t user) {
   return hrtc_service::vec(session.probe(user).force).norm();
 }
 
-/// Greatest distance between corresponding corners of two copies, m.
+/// Returns the largest distance between corresponding corners of two copies, m.
 double separation(const SharedSession& session) {
   double max = 0;
   const haptics::BodySettings& shape = session.shared().settings;
@@ -66,15 +66,15 @@ const client_sim::Action& action_of(const client_sim::User& user, ActionKind kin
 }
 
 ScenarioRun press_to_target(const Scenario& scenario, const Subject& subject, const netem::LinkSettings& link,
-                            std::uint64_t seed, const std::atomic<bool>& stop) {
-  constexpr std::size_t kSettling = 1000, kKept = 200;  // ms
+                            std::uint64_t seed, const std::atomic<bool>& cancelled) {
+  constexpr std::size_t kSettlingMs = 1000, kMinOnTargetMs = 200;
   const double target = action_of(scenario.users.front(), ActionKind::kHold).force;
   const double seconds = action_of(scenario.users.front(), ActionKind::kHold).seconds;
   SharedSession session{subject, settings_of(link, seed)};
   add_users(session, client_sim::varied(scenario, seed));
   std::vector<std::vector<double>> forces(scenario.users.size());
   for (double time = 0; time < scenario.duration; time += kDt) {
-    if (stop) return {};
+    if (cancelled) return {};
     session.step();
     for (std::size_t user = 0; user < forces.size(); ++user) forces[user].push_back(force_on(session, user));
   }
@@ -86,22 +86,22 @@ ScenarioRun press_to_target(const Scenario& scenario, const Subject& subject, co
   std::size_t begin = 0;
   while (begin < end && !all(begin, [](double force) { return force >= kMinForce; })) ++begin;
   std::size_t reached = begin;
-  for (std::size_t kept = 0; reached < end && kept < kKept; ++reached)
-    kept = all(reached, [&](double force) { return std::abs(force - target) <= scenario.within; }) ? kept + 1 : 0;
+  for (std::size_t ms = 0; reached < end && ms < kMinOnTargetMs; ++reached)
+    ms = all(reached, [&](double force) { return std::abs(force - target) <= scenario.within; }) ? ms + 1 : 0;
   double squares = 0, max = 0;
-  std::size_t on_target = 0, lost = 0, judged = 0;
+  std::size_t on_target = 0, lost = 0, evaluated = 0;
   const std::size_t last = std::min(end, begin + static_cast<std::size_t>(seconds / kDt));
-  for (std::size_t ms = begin + kSettling; ms < last; ++ms) {
+  for (std::size_t ms = begin + kSettlingMs; ms < last; ++ms) {
     for (const std::vector<double>& user : forces) {
       const double off = std::abs(user[ms] - target);
       squares += off * off;
       max = std::max(max, off);
       on_target += off <= scenario.within ? 1 : 0;
       lost += user[ms] < kMinForce ? 1 : 0;
-      ++judged;
+      ++evaluated;
     }
   }
-  const auto count = static_cast<double>(std::max<std::size_t>(judged, 1));
+  const auto count = static_cast<double>(std::max<std::size_t>(evaluated, 1));
   const auto percent = [&](std::size_t of) { return 100 * static_cast<double>(of) / count; };
   const auto ms_from = [&](std::size_t from, std::size_t to) { return static_cast<double>(to - from); };
   return {{{"both touch after", "ms", ms_from(0, begin)},
@@ -115,15 +115,15 @@ ScenarioRun press_to_target(const Scenario& scenario, const Subject& subject, co
 }
 
 ScenarioRun lift_together(const Scenario& scenario, const Subject& subject, const netem::LinkSettings& link,
-                          std::uint64_t seed, const std::atomic<bool>& stop) {
-  constexpr double kNearly = 0.9;  // of the height: counts as held up
-  const double wanted = action_of(scenario.users.front(), ActionKind::kLift).height;
+                          std::uint64_t seed, const std::atomic<bool>& cancelled) {
+  constexpr double kHeldShare = 0.9;  // of the height of the lift, from which the object counts as held up
+  const double height_of_lift = action_of(scenario.users.front(), ActionKind::kLift).height;
   SharedSession session{subject, settings_of(link, seed)};
   add_users(session, client_sim::varied(scenario, seed));
   const double ground = session.shared().start.position.z();
   double highest = 0, held = 0, tilt = 0, furthest = 0, peak = 0;
   for (double time = 0; time < scenario.duration; time += kDt) {
-    if (stop) return {};
+    if (cancelled) return {};
     session.step();
     furthest = std::max(furthest, separation(session));
     for (std::size_t user = 0; user < scenario.users.size(); ++user) peak = std::max(peak, force_on(session, user));
@@ -131,7 +131,7 @@ ScenarioRun lift_together(const Scenario& scenario, const Subject& subject, cons
     const haptics::BodyState seen = sharing::state_of(session.seen(), session.shared().centre);
     const double height = seen.position.z() - ground;
     highest = std::max(highest, height);
-    held += height >= kNearly * wanted ? kDt : 0;
+    held += height >= kHeldShare * height_of_lift ? kDt : 0;
     tilt = std::max(tilt, std::acos(std::clamp((seen.orientation * Vec3d::UnitZ()).z(), -1.0, 1.0)) / kDegree);
   }
   std::uint32_t lifts = 0, lost = 0;

@@ -1,4 +1,4 @@
-/// Runs of scenarios whose users share a moving object, and their figures. docs/how-to/studies.md defines each figure.
+/// Runs scenarios whose users share a moving object. docs/how-to/studies.md defines each figure.
 #pragma once
 
 #include <atomic>
@@ -7,18 +7,18 @@
 
 namespace tactus::study {
 
-/// Users press the object from several sides, each with the force of its `hold`. Virtual time; the same arguments give
-/// the same figures to the bit. Ends early with an empty result when `stop` is set.
+/// Runs users who press the object from several sides, each with the force of its action `hold`. Virtual time. The same
+/// arguments give the same figures to the bit. If `cancelled` becomes true, returns early with an empty result.
 [[nodiscard]] ScenarioRun press_to_target(const client_sim::Scenario& scenario, const Subject& subject,
                                           const netem::LinkSettings& link, std::uint64_t seed,
-                                          const std::atomic<bool>& stop);
+                                          const std::atomic<bool>& cancelled);
 
-/// The same for users who lift it together, each by its `lift` action.
+/// Runs users who lift the object together, each by its action `lift`. Otherwise as press_to_target.
 [[nodiscard]] ScenarioRun lift_together(const client_sim::Scenario& scenario, const Subject& subject,
                                         const netem::LinkSettings& link, std::uint64_t seed,
-                                        const std::atomic<bool>& stop);
+                                        const std::atomic<bool>& cancelled);
 
-/// The user's first action of that kind, which must exist.
+/// Returns the user's first action of that kind, which must exist.
 [[nodiscard]] const client_sim::Action& action_of(const client_sim::User& user, client_sim::ActionKind kind);
 
 }  // namespace tactus::study

@@ -16,8 +16,8 @@ using spm::Vec3d;
 
 constexpr std::uint64_t kSession = 30, kHost = 100;
 constexpr std::size_t kHostNode = 0, kViewerNode = 1, kFirstHrtcNode = 2;
-constexpr std::size_t kHeads = 170;       // bytes of headers: Ethernet, IP, UDP, RTPS, ours
-constexpr std::size_t kSmallBytes = 250;  // a claim, grant, pose or roster entry with headers
+constexpr std::size_t kHeaderBytes = 170;  // of Ethernet, IP, UDP, RTPS and Tactus
+constexpr std::size_t kSmallBytes = 250;   // a claim, grant, pose or roster entry with headers
 constexpr std::size_t kClockBytes = 250;
 constexpr std::size_t kCopyBytes = 400, kStateBytes = 330;
 
@@ -59,42 +59,42 @@ struct SharedSession::Hrtc {
   std::uint32_t probes = 0, index = 0;
   std::uint32_t pose_sequence = 0;
   std::int64_t posed_ns = 0;
-  bool dead = false;
+  bool is_dead = false;
 };
 
 SharedSession::SharedSession(const Subject& subject, const SharedSessionSettings& settings)
     : subject_{subject}, settings_{settings} {
   for (const std::size_t node : {kHostNode, kViewerNode}) connect(node);
   start_host();
-  while (!settings_.young && !host_->clock().answers()) (void)host_->tick(now_ns_ += 2 * kMs);
+  while (!settings_.host_begins_late && !host_->clock().answers()) (void)host_->tick(now_ns_ += 2 * kMs);
   shared_ = sharing::body_of(entry_);
   view_[entry_.object] = client_sim::view_of(entry_);
 }
 SharedSession::~SharedSession() = default;
 
-/// Creates the links between a new node and all existing ones.
+/// Creates the links between a new node and all existing nodes.
 void SharedSession::connect(std::size_t node) {
-  const auto make_path = [&](std::size_t from, std::size_t to) {
+  const auto make_link = [&](std::size_t from, std::size_t to) {
     constexpr std::uint64_t kMaxNodes = 64;
     const auto& profile = from < to ? settings_.link.forth : settings_.link.back;
-    return Path<Arrive>{profile, (settings_.seed * kMaxNodes + from) * kMaxNodes + to};
+    return VirtualLink<Arrive>{profile, (settings_.seed * kMaxNodes + from) * kMaxNodes + to};
   };
-  for (std::size_t from = 0; from < node; ++from) paths_[from].push_back(make_path(from, node));
-  paths_.emplace_back();
-  for (std::size_t to = 0; to <= node; ++to) paths_[node].push_back(make_path(node, to));
+  for (std::size_t from = 0; from < node; ++from) links_[from].push_back(make_link(from, node));
+  links_.emplace_back();
+  for (std::size_t to = 0; to <= node; ++to) links_[node].push_back(make_link(node, to));
 }
 
 void SharedSession::start_host() {
-  // Incarnations are nanoseconds, of which one life uses few as fencing numbers.
+  // An incarnation is a time in ns. A host's fencing numbers count up from it and stay below the next incarnation.
   const session::Origin self = origin_of(kHost, static_cast<std::uint64_t>(now_ns_));
   host_ = std::make_unique<host_service::HostCore>(self, host_settings(subject_, settings_.mass), now_ns_);
   entry_ = host_->catalogue().front();
-  ++host_life_;
+  ++host_starts_;
 }
 
 void SharedSession::stop_host() {
   host_.reset();
-  ++host_life_;
+  ++host_starts_;
 }
 
 std::size_t SharedSession::add_hrtc() {
@@ -113,7 +113,7 @@ void SharedSession::send_catalogue(std::size_t hrtc) {
     to_hrtc(kHostNode, hrtc, kSmallBytes, [entry](Hrtc& receiver) { receiver.membership.on_catalogue(entry); });
 }
 
-void SharedSession::kill_hrtc(std::size_t hrtc) { hrtcs_[hrtc]->dead = true; }
+void SharedSession::kill_hrtc(std::size_t hrtc) { hrtcs_[hrtc]->is_dead = true; }
 
 std::size_t SharedSession::join(std::size_t hrtc, User user) {
   user.hrtc = hrtc;
@@ -177,18 +177,18 @@ bool SharedSession::done() const {
 }
 
 void SharedSession::send(std::size_t from, std::size_t to, std::size_t bytes, Arrive arrive) {
-  paths_[from][to].send(now_ns_, std::move(arrive), bytes);
+  links_[from][to].send(now_ns_, std::move(arrive), bytes);
 }
 
 void SharedSession::to_host(std::size_t from, std::size_t bytes, Arrive arrive) {
-  send(from, kHostNode, bytes, [this, life = host_life_, arrive = std::move(arrive)] {
-    if (host_ != nullptr && life == host_life_) arrive();
+  send(from, kHostNode, bytes, [this, life = host_starts_, arrive = std::move(arrive)] {
+    if (host_ != nullptr && life == host_starts_) arrive();
   });
 }
 
 void SharedSession::to_hrtc(std::size_t from, std::size_t i, std::size_t bytes, std::function<void(Hrtc&)> arrive) {
   send(from, kFirstHrtcNode + i, bytes, [this, i, arrive = std::move(arrive)] {
-    if (!hrtcs_[i]->dead) arrive(*hrtcs_[i]);
+    if (!hrtcs_[i]->is_dead) arrive(*hrtcs_[i]);
   });
 }
 
@@ -220,13 +220,13 @@ void SharedSession::haptic_cycle(std::size_t i) {
     input.active = true;
     input.device = user.device->read(now_ns_);
   }
-  if (settings_.watch != nullptr) settings_.watch->begins();
+  if (settings_.observer != nullptr) settings_.observer->on_begin();
   const hrtc_service::Servo::Outputs& outputs = servo.touch(c.inputs, now_ns_);
   for (User& user : users_)
     if (user.hrtc == i && user.device != nullptr) user.device->write(hrtc_service::vec(outputs[user.probe].force));
   servo.publish(now_ns_, now_ns_ + kMs);
   (void)servo.refine(spm::Budget{1u << 20});
-  if (settings_.watch != nullptr) settings_.watch->ends();
+  if (settings_.observer != nullptr) settings_.observer->on_end();
   if (hrtc_service::BodyReports reports; c.core.link().bodies.reports_for_sender.take(reports)) c.reports = reports;
 }
 
@@ -263,17 +263,18 @@ void SharedSession::serve(std::size_t i) {
   gateway.tick(now_ns_, c.membership.clock());
   c.membership.tick(now_ns_);
   if (auto request = c.membership.clock_request(now_ns_)) send_clock(kFirstHrtcNode + i, request->sample);
-  follow_membership(i);
+  send_membership(i);
   while (auto demand = gateway.demand(now_ns_)) {
-    const std::size_t bytes = kHeads + 100 + 8 * (demand->have.size() + demand->wanted.size() + demand->gaps.size());
+    const std::size_t bytes =
+        kHeaderBytes + 100 + 8 * (demand->have.size() + demand->wanted.size() + demand->gaps.size());
     to_host(kFirstHrtcNode + i, bytes, [this, demand = *demand] { host_->on_demand(demand, now_ns_); });
   }
   for (const session::ObjectClaim& claim : gateway.claims())
     to_host(kFirstHrtcNode + i, kSmallBytes, [this, claim] { host_->on_claim(claim, now_ns_); });
 }
 
-/// Sends what an HRTC publishes of itself.
-void SharedSession::follow_membership(std::size_t i) {
+/// Sends the roster entry and the clock answers of an HRTC.
+void SharedSession::send_membership(std::size_t i) {
   const hrtc_service::MembershipOutput output = std::exchange(hrtcs_[i]->membership.output, {});
   for (const session::ClockSample& answer : output.clock) send_clock(kFirstHrtcNode + i, answer);
   if (!output.roster) return;
@@ -283,7 +284,7 @@ void SharedSession::follow_membership(std::size_t i) {
                 [this, entry](Hrtc& hrtc) { hrtc.membership.on_roster(entry, now_ns_); });
 }
 
-/// A request to the reference of session time, or its answer, which leaves at once.
+/// Sends a clock request to its peer, or the answer of a request.
 void SharedSession::send_clock(std::size_t from, const session::ClockSample& sample) {
   if (sample.peer == kHost) {
     to_host(from, kClockBytes, [this, sample] {
@@ -295,19 +296,19 @@ void SharedSession::send_clock(std::size_t from, const session::ClockSample& sam
   const auto to = static_cast<std::size_t>(sample.peer) - 1;
   to_hrtc(from, to, kClockBytes, [this, to, sample](Hrtc& hrtc) {
     hrtc.membership.on_clock(sample, now_ns_, now_ns_);
-    follow_membership(to);
+    send_membership(to);
   });
 }
 
-/// All others, when it is one of them that sends.
+/// Sends to all HRTCs except the sender.
 void SharedSession::send_to_hrtcs(std::size_t from, std::size_t bytes, const std::function<void(Hrtc&)>& arrive) {
   for (std::size_t i = 0; i < hrtcs_.size(); ++i)
     if (from != kFirstHrtcNode + i) to_hrtc(from, i, bytes, arrive);
 }
 
-/// The user receives its probe's state, the other users receive it too, and the user sends its next intent.
+/// Delivers the state of the user's probe to the user and to the other HRTCs, then applies the user's next intent.
 void SharedSession::step_user(User& user) {
-  if (hrtcs_[user.hrtc]->dead) return;
+  if (hrtcs_[user.hrtc]->is_dead) return;
   if (user.device != nullptr) {
     const hrtc_service::ProbeOutput& output = hrtcs_[user.hrtc]->core.servo().outputs()[user.probe];
     const Hrtc& own = *hrtcs_[user.hrtc];
@@ -361,7 +362,7 @@ void SharedSession::host_tick() {
   while (auto out = host_->next_chunk(now_ns_)) {
     const std::uint64_t receiver = out->hrtc;
     if (receiver < 1 || receiver > hrtcs_.size()) continue;
-    const std::size_t bytes = kHeads + out->chunk.payload_bytes();
+    const std::size_t bytes = kHeaderBytes + out->chunk.payload_bytes();
     to_hrtc(kHostNode, receiver - 1, bytes,
             [this, chunk = std::move(out->chunk)](Hrtc& hrtc) { hrtc.core.gateway().on_chunk(chunk, now_ns_); });
   }
@@ -369,12 +370,12 @@ void SharedSession::host_tick() {
 
 void SharedSession::step() {
   now_ns_ += kMs;
-  for (auto& from : paths_)
-    for (Path<Arrive>& path : from)
+  for (auto& from : links_)
+    for (VirtualLink<Arrive>& path : from)
       while (const auto arrive = path.take(now_ns_)) (*arrive)();
   const bool even = now_ns_ / kMs % 2 == 0;
   for (std::size_t i = 0; i < hrtcs_.size(); ++i) {
-    if (hrtcs_[i]->dead) continue;
+    if (hrtcs_[i]->is_dead) continue;
     haptic_cycle(i);
     send_reports(i);
     if (even) serve(i);

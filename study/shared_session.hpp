@@ -1,11 +1,10 @@
-/// A host, HRTCs and users of one moving object, in virtual time: the classes of the services for shared objects,
-/// joined by links between all of them.
+/// A host, HRTCs and users of one moving object in virtual time. They run the classes of the services for shared
+/// objects, with an emulated link between each pair.
 ///
 ///     Operator --> SimulatedDevice --> HrtcCore  ~~ link ~~  HostCore
 ///
-/// Without threads, sockets and discovery. All run by one clock, of which they know nothing: the host begins the
-/// session, HRTCs ask it for the time over the links, and the samples between them are in session time. World frame,
-/// SI. The same settings and calls give the same run. One thread.
+/// It has no threads, sockets and discovery. As in a live session, the HRTCs request the session time from the host,
+/// and samples are in session time. World frame, SI. The same settings and calls give the same run. One thread.
 #pragma once
 
 #include <functional>
@@ -18,26 +17,26 @@
 #include "host_service/host_core.hpp"
 #include "hrtc_service/bodies.hpp"
 #include "netem/profile.hpp"
-#include "study/path.hpp"
 #include "study/subject.hpp"
+#include "study/virtual_link.hpp"
 
 namespace tactus::study {
 
-/// Called when an HRTC's haptic thread would start and end the work of a cycle.
-class CycleWatch {
+/// Called before and after the work of an HRTC's haptic thread in each cycle.
+class CycleObserver {
  public:
-  virtual ~CycleWatch() = default;
-  virtual void begins() = 0;
-  virtual void ends() = 0;
+  virtual ~CycleObserver() = default;
+  virtual void on_begin() = 0;
+  virtual void on_end() = 0;
 };
 
 struct SharedSessionSettings {
-  CycleWatch* watch = nullptr;  ///< must outlive the session; may be null
-  netem::LinkSettings link;     ///< host to HRTCs and viewer; each direction between two HRTCs
-  std::uint64_t seed = 1;       ///< of the link's losses and delays and of the hands
-  double mass = 0.5;            ///< kg, of the object
-  double tremor = 0;            ///< m rms, of the hands
-  bool young = false;           ///< the host has not begun the session when the first HRTC joins
+  CycleObserver* observer = nullptr;  ///< must outlive the session; may be null
+  netem::LinkSettings link;           ///< `forth` is from the host to HRTCs and viewer
+  std::uint64_t seed = 1;             ///< of losses, delays and hands
+  double mass = 0.5;                  ///< kg, of the object
+  double tremor = 0;                  ///< m rms, of the hands
+  bool host_begins_late = false;      ///< the host begins the session after the first HRTC has joined
 };
 
 class SharedSession {
@@ -50,16 +49,16 @@ class SharedSession {
 
   /// Returns the index of the new HRTC.
   std::size_t add_hrtc();
-  /// Adds a user at an HRTC, who starts where its script does; returns its index.
+  /// Adds a user at an HRTC, whose hand starts where its script begins. Returns the user's index.
   std::size_t add_user(std::size_t hrtc, const client_sim::User& user);
-  /// Adds a user without a script, whose hand follows `move_hand`; returns its index.
+  /// Adds a user without a script, whom move_hand moves. Returns the user's index.
   std::size_t add_hand(std::size_t hrtc, const spm::Vec3d& start);
   void move_hand(std::size_t user, const spm::Vec3d& to);
 
   void stop_host();
   /// Starts the host again, with a new incarnation.
   void start_host();
-  /// The HRTC no longer sends or receives.
+  /// Ends all sending and receiving of the HRTC.
   void kill_hrtc(std::size_t hrtc);
 
   /// Advances by one millisecond.
@@ -67,19 +66,18 @@ class SharedSession {
 
   [[nodiscard]] std::int64_t now_ns() const noexcept { return now_ns_; }
   [[nodiscard]] std::size_t hrtcs() const noexcept { return hrtcs_.size(); }
-  /// The shared body as HRTCs simulate it.
   [[nodiscard]] const sharing::SharedBody& shared() const noexcept { return shared_; }
-  /// State after the last haptic cycle of an HRTC; null before it has the object.
+  /// State of the body after the last haptic cycle of an HRTC; null before the HRTC has the object.
   [[nodiscard]] const hrtc_service::BodyReport* body(std::size_t hrtc) const;
   [[nodiscard]] session::Holder::Role role(std::size_t hrtc) const;
   [[nodiscard]] double figure(std::size_t hrtc, const std::string& name) const;
   [[nodiscard]] const haptics::PassivityController::Ledger& port(std::size_t user) const;
   [[nodiscard]] const hrtc_service::ProbeOutput& probe(std::size_t user) const;
-  /// The operator of a user with a script.
+  /// The operator of a user, who must have a script.
   [[nodiscard]] const client_sim::Operator& op(std::size_t user) const { return *users_[user].op; }
-  /// All scripts have ended.
+  /// Returns whether all scripts have ended.
   [[nodiscard]] bool done() const;
-  /// Of a host that runs.
+  /// Call only while the host runs.
   [[nodiscard]] const host_service::ObjectAuthority& object_authority() const { return host_->authority(); }
   /// The newest pose that a viewer has accepted.
   [[nodiscard]] const session::ObjectPose& seen() const noexcept { return seen_; }
@@ -90,9 +88,9 @@ class SharedSession {
     std::size_t hrtc = 0;
     std::uint32_t probe = 0;
     std::uint64_t id = 0;
-    std::uint32_t sequence = 0;                        // of its probe states
-    std::unique_ptr<haptics::SimulatedDevice> device;  // created when its start position is known
-    std::unique_ptr<client_sim::Operator> op;          // null: a hand without a script
+    std::uint32_t sequence = 0;                        // number of the last probe state
+    std::unique_ptr<haptics::SimulatedDevice> device;  // null until the hand's start position is known
+    std::unique_ptr<client_sim::Operator> op;          // null: a user without a script
     haptics::HandSettings hand;
   };
   using Arrive = std::function<void()>;
@@ -113,19 +111,19 @@ class SharedSession {
   void send_to_hrtcs(std::size_t from, std::size_t bytes, const std::function<void(Hrtc&)>& arrive);
   void send_catalogue(std::size_t hrtc);
   void send_clock(std::size_t from, const session::ClockSample& sample);
-  void follow_membership(std::size_t i);
+  void send_membership(std::size_t i);
 
   const Subject& subject_;
   SharedSessionSettings settings_;
   session::CatalogueEntry entry_;
   sharing::SharedBody shared_;
   std::unique_ptr<host_service::HostCore> host_;
-  std::uint64_t host_life_ = 0;
+  std::uint64_t host_starts_ = 0;
   std::vector<std::unique_ptr<Hrtc>> hrtcs_;
   std::vector<User> users_;
-  std::vector<std::vector<Path<Arrive>>> paths_;  // [from][to]: host, viewer, then the HRTCs
-  client_sim::Objects view_;                      // the viewer's
-  session::PoseGate gate_;
+  std::vector<std::vector<VirtualLink<Arrive>>> links_;  // [from][to]: host, viewer, then the HRTCs
+  client_sim::Objects view_;                             // of the viewer
+  session::PoseGate gate_;                               // of the viewer
   session::ObjectPose seen_;
   std::int64_t now_ns_ = 10'000 * kMs;
 };

@@ -10,7 +10,7 @@
 #include "haptics/passivity.hpp"
 #include "haptics/shared_object.hpp"
 #include "haptics/simulated_device.hpp"
-#include "study/path.hpp"
+#include "study/virtual_link.hpp"
 
 namespace tactus::study {
 namespace {
@@ -19,19 +19,19 @@ using namespace haptics;
 constexpr double kDt = 1e-3;
 constexpr double kPi = 3.14159265358979323846;
 constexpr std::int64_t kCycleNs = 1'000'000;
-constexpr std::size_t kBytes = 400;  // state of a copy or of a hand, with headers
-constexpr double kRest = 6;          // s, end of the hands' motion
+constexpr std::size_t kPacketBytes = 400;  // with headers
+constexpr double kMotionEnd = 6;           // s
 const Vec3d kHalf{0.06, 0.06, 0.04};
 
-/// A sample on a link: state of a copy or of a hand.
+/// A sample on a link: the state of a copy, or the state of a hand's device.
 struct Packet {
   CopySample copy;
   DeviceState device;
   bool grab = false;
 };
 
-/// Copies pulled to the mean of the others' last received positions, with or without a tank.
-/// Source: Lee, Huang 2010.
+/// A spring that pulls a copy to the mean of the last received positions of the other copies. If `modulated`, an energy
+/// tank limits the changes of the set position. Source: Lee, Huang 2010.
 class SpringCoupling {
  public:
   SpringCoupling(double stiffness, double damping, const BodySettings& share, bool modulated) : modulated_{modulated} {
@@ -45,29 +45,30 @@ class SpringCoupling {
   }
   [[nodiscard]] ImplicitForce begin(const BodyState& state) {
     state_ = state;
-    Vec6d wanted = Vec6d::Zero();
+    Vec6d desired = Vec6d::Zero();
     int count = 0;
     for (const CopySample& peer : received_) {
       if (peer.time_ns < 0) continue;
-      wanted.head<3>() += peer.body.position - state.position;
-      wanted.tail<3>() += log_map(state.orientation.conjugate() * peer.body.orientation);
+      desired.head<3>() += peer.body.position - state.position;
+      desired.tail<3>() += log_map(state.orientation.conjugate() * peer.body.orientation);
       ++count;
     }
-    if (count > 0) wanted /= count;
-    const double costs = 0.5 * stiffness_.dot(wanted.cwiseAbs2() - stretch_.cwiseAbs2());
+    if (count > 0) desired /= count;
+    const double costs = 0.5 * stiffness_.dot(desired.cwiseAbs2() - stretch_.cwiseAbs2());
     if (modulated_ && costs > tank_) {
-      // Bisection for the share of the step from the old to the wanted set position that the tank can pay.
+      // Bisects for the largest share of the step from the old to the desired set position that the tank's energy
+      // allows.
       ++held_;
       double low = 0, high = 1;
       for (int i = 0; i < 40; ++i) {
         const double share = (low + high) / 2;
-        const Vec6d between = stretch_ + share * (wanted - stretch_);
+        const Vec6d between = stretch_ + share * (desired - stretch_);
         (0.5 * stiffness_.dot(between.cwiseAbs2() - stretch_.cwiseAbs2()) <= tank_ ? low : high) = share;
       }
-      wanted = stretch_ + low * (wanted - stretch_);
+      desired = stretch_ + low * (desired - stretch_);
     }
-    tank_ = std::min(0.05, tank_ - 0.5 * stiffness_.dot(wanted.cwiseAbs2() - stretch_.cwiseAbs2()));
-    stretch_ = wanted;
+    tank_ = std::min(0.05, tank_ - 0.5 * stiffness_.dot(desired.cwiseAbs2() - stretch_.cwiseAbs2()));
+    stretch_ = desired;
     const Vec6d mass = kDt * kDt * stiffness_ + kDt * damping_;
     const Vec6d impulse = kDt * stiffness_.cwiseProduct(stretch_);
     const Eigen::Matrix3d axes = state.orientation.toRotationMatrix();
@@ -104,7 +105,7 @@ class SpringCoupling {
 
 BodySettings whole_of(const WorldSettings& settings) {
   BodySettings whole = box_body(settings.mass, kHalf);
-  whole.friction = 0.05;  // slides on a smooth table
+  whole.friction = 0.05;  // the table is smooth
   return whole;
 }
 
@@ -116,8 +117,8 @@ class World {
     const std::size_t nodes = settings.users + (server() ? 1 : 0);
     for (std::size_t i = 0; i < nodes; ++i) {
       objects_.push_back(std::make_unique<SharedObject>(whole, start));
-      paths_.emplace_back();
-      for (std::size_t j = 0; j < nodes; ++j) paths_[i].emplace_back(settings.link, settings.seed * 64 + i * 8 + j);
+      links_.emplace_back();
+      for (std::size_t j = 0; j < nodes; ++j) links_[i].emplace_back(settings.link, settings.seed * 64 + i * 8 + j);
     }
     touches_.resize(settings.users);
     remote_.resize(settings.users);
@@ -155,14 +156,14 @@ class World {
 
   [[nodiscard]] const PassivityController::Ledger& port(std::size_t i) const { return ports_[i].ledger(); }
 
-  /// The user's device in this cycle; returns the force on the hand.
+  /// Steps the touch of a user's device in this cycle and returns the force on the hand.
   Vec3d hold(std::size_t user, const DeviceState& device, bool grab) {
     BodyTouch& touch = touches_[user];
     touch.step(device, grab, objects_[user]->state(), shape_, {settings_.grip, settings_.grip_damping}, kDt);
     outgoing_.device = device;
     outgoing_.grab = grab;
     if (server()) {
-      paths_[user][settings_.users].send(now_ns_, outgoing_, kBytes);
+      links_[user][settings_.users].send(now_ns_, outgoing_, kPacketBytes);
     }
     Vec3d force = Vec3d::Zero();
     if (touch.touching())
@@ -177,7 +178,7 @@ class World {
   }
   void push(std::size_t node, const Vec3d& force) { pushes_[node] = force; }
 
-  /// One cycle of every simulator.
+  /// Advances every simulator by one cycle.
   void step(const Surroundings& surroundings) {
     for (std::size_t i = 0; i < objects_.size(); ++i) receive(i);
     if (server()) {
@@ -226,7 +227,7 @@ class World {
   void receive(std::size_t i) {
     for (std::size_t from = 0; from < objects_.size(); ++from) {
       if (from == i) continue;
-      while (const auto packet = paths_[from][i].take(now_ns_)) {
+      while (const auto packet = links_[from][i].take(now_ns_)) {
         if (server()) {
           if (i == settings_.users) {
             remote_[from] = *packet;
@@ -273,7 +274,7 @@ class World {
     }
     for (std::size_t to = 0; to < objects_.size(); ++to) {
       if (to == i || (server() && i != settings_.users)) continue;
-      paths_[i][to].send(now_ns_, packet, kBytes);
+      links_[i][to].send(now_ns_, packet, kPacketBytes);
     }
   }
 
@@ -281,28 +282,29 @@ class World {
   BoxSurface shape_;
   std::vector<std::unique_ptr<CopyCoupling>> couplings_;
   std::vector<std::unique_ptr<SharedObject>> objects_;
-  std::vector<std::vector<Path<Packet>>> paths_;  // from, to
+  std::vector<std::vector<VirtualLink<Packet>>> links_;  // from, to
   std::vector<BodyTouch> touches_, remote_touches_;
   std::vector<Packet> remote_;
   std::vector<std::vector<PointSpring>> springs_;
   std::vector<SpringCoupling> pulls_;
   std::vector<PassivityController> ports_;
-  std::vector<double> passed_on_;  // J to the body since the port's last step
+  std::vector<double> passed_on_;  // energy given to the body since the last step of the port, J
   Packet outgoing_;
   std::vector<Vec3d> pushes_;
   std::int64_t now_ns_ = kCycleNs;
   double server_given_ = 0;
 };
 
-/// Offset of the object's centre that the users want: up, along, around and back to rest.
-Vec3d wanted_at(double time) {
-  const double t = std::clamp(time - 1, 0.0, kRest - 1);
-  const double phase = t / (kRest - 1);
+/// Returns the displacement of the object's centre on the users' path: a closed curve in the horizontal plane, from 1 s
+/// to kMotionEnd.
+Vec3d path_at(double time) {
+  const double t = std::clamp(time - 1, 0.0, kMotionEnd - 1);
+  const double phase = t / (kMotionEnd - 1);
   const double smooth = phase * phase * (3 - 2 * phase);
   return {0.15 * std::sin(2 * kPi * smooth), 0.05 * (1 - std::cos(2 * kPi * smooth)), 0};
 }
 
-double furthest_corners(const BodyState& a, const BodyState& b, const BodySettings& body) {
+double max_corner_distance(const BodyState& a, const BodyState& b, const BodySettings& body) {
   double furthest = 0;
   for (std::uint32_t i = 0; i < body.point_count; ++i)
     furthest = std::max(furthest, (a.to_world(body.points[i]) - b.to_world(body.points[i])).norm());
@@ -329,7 +331,7 @@ CarryResult carry(const WorldSettings& settings, double seconds) {
     const double angle = 2 * kPi * static_cast<double>(i) / static_cast<double>(settings.users);
     User user;
     const Vec3d direction{std::cos(angle), std::sin(angle), 0};
-    // On the side face, pressed in by 1 mm, so that it is in contact when it grabs.
+    // The tip is 1 mm inside the side face, so that it is in contact when it grabs.
     const double face = kHalf.x() / direction.head<2>().cwiseAbs().maxCoeff();
     user.grip_point = start.position + direction * (face + 0.003 - 0.001);
     user.error = settings.disagreement * Vec3d{normal(random), normal(random), normal(random)};
@@ -346,17 +348,17 @@ CarryResult carry(const WorldSettings& settings, double seconds) {
   CarryResult result;
   const Surroundings surroundings;
   const int cycles = static_cast<int>(seconds / kDt);
-  const double rest = kRest + 0.2;  // includes the lag of the slowest hand
+  const double rest = kMotionEnd + 0.2;  // the hands lag behind by at most 0.2 s
   for (int cycle = 0; cycle < cycles; ++cycle) {
     const double time = cycle * kDt;
     for (std::size_t i = 0; i < settings.users; ++i) {
       User& user = users[i];
-      // Two points of the path: the hand's target now and in one cycle.
+      // The path has two waypoints: the hand's targets now and in the next cycle.
       HandPath path;
       path.count = 2;
       for (int k = 0; k < 2; ++k) {
         const double at = time - user.lag + k * kDt;
-        const Vec3d target = user.grip_point + wanted_at(at) + std::clamp(at - 1, 0.0, 1.0) * user.error;
+        const Vec3d target = user.grip_point + path_at(at) + std::clamp(at - 1, 0.0, 1.0) * user.error;
         path.waypoints[static_cast<std::size_t>(k)] = {world.now_ns() - kCycleNs + k * kCycleNs,
                                                        {target.x(), target.y(), target.z()}};
       }
@@ -378,7 +380,7 @@ CarryResult carry(const WorldSettings& settings, double seconds) {
       if (!state.position.allFinite() || state.position.norm() > 1e3) result.finite = false;
       fastest = std::max(fastest, world.object(i).body().top_speed());
       for (std::size_t j = 0; j < i; ++j)
-        apart = std::max(apart, furthest_corners(state, world.object(j).state(), whole));
+        apart = std::max(apart, max_corner_distance(state, world.object(j).state(), whole));
     }
     if (!result.finite) break;
     result.apart_moving = std::max(result.apart_moving, apart);

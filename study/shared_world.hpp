@@ -1,6 +1,6 @@
-/// Users who hold one object over a network, in virtual time: a comparison of simulation methods.
+/// Compares methods to simulate an object that several users hold over a network, in virtual time.
 ///
-///     hand -- device -- touch --[spring]-- copy or delayed pose of the object ~~ network ~~ the others
+///     hand -- device -- touch --[spring]-- copy or delayed pose of the object ~~ network ~~ the other users
 ///
 /// The same seed gives the same run. One thread.
 #pragma once
@@ -13,10 +13,10 @@
 namespace tactus::study {
 
 enum class Method {
-  kChannel,  ///< copies coupled by wave-variable channels (haptics/coupling.hpp)
-  kSpring,   ///< copies, each pulled to the others' last received positions by passive set-position modulation
-  kNaive,    ///< the same without a tank
-  kServer    ///< one simulator; all users touch its last received pose
+  kChannel,  ///< wave-variable channels couple the copies (haptics/coupling.hpp)
+  kSpring,   ///< a spring pulls each copy to the last received positions of the others; an energy tank limits it
+  kNaive,    ///< as kSpring without an energy tank
+  kServer    ///< one server simulates the object; all users touch the last received pose
 };
 inline constexpr const char* kMethodNames[]{"channel", "set position", "naive", "server"};
 
@@ -24,40 +24,40 @@ struct WorldSettings {
   Method method = Method::kChannel;
   std::size_t users = 2;
   double mass = 0.5;            ///< kg
-  double coupling = 1000;       ///< N/m between copies
-  double coupling_damping = 3;  ///< N s/m, likewise, of kSpring and kNaive; channels have their own
-  double grip = 1000;           ///< N/m between a device and the held object
-  double grip_damping = 4;      ///< N s/m, likewise
+  double coupling = 1000;       ///< stiffness between copies, N/m
+  double coupling_damping = 3;  ///< damping between copies with kSpring and kNaive, N s/m
+  double grip = 1000;           ///< stiffness between a device and the held object, N/m
+  double grip_damping = 4;      ///< damping between a device and the held object, N s/m
   netem::LinkProfile link;      ///< each direction
-  double playout = 0.03;        ///< s, delay of the channel
+  double playout = 0.03;        ///< playout delay of the channels, s
   std::uint64_t seed = 1;
-  bool port_control = false;     ///< a passivity controller at the port of each hand
-  double disagreement = 0.0005;  ///< m, standard deviation of the object's position as assumed by the hands
+  bool port_control = false;     ///< with a passivity controller at the port of each hand
+  double disagreement = 0.0005;  ///< m, standard deviation of the hands' estimates of the object's position
 };
 
 struct CarryResult {
-  double settled = 0;       ///< s from the end of the users' motion until no point of a copy is faster than 1 mm/s
-  double apart = 0;         ///< m, between corners of copies, 1 s after the end of the motion
-  double apart_moving = 0;  ///< m, maximum
-  double injected = 0;      ///< J, maximum energy that all couplings gave minus what they took
-  double held = 0;          ///< share of cycles in which a tank limited a set position
-  double peak_force = 0;    ///< N, on a hand
-  double port_lowest = 0;   ///< J, of the energy of any hand's port
-  double tank_lowest = 0;   ///< J, of any copy's tank
-  double withholding = 0;   ///< share of cycles in which a port reduced a force
-  bool finite = true;
+  double settled = 0;       ///< time from the end of the hands' motion until all points of copies are below 1 mm/s, s
+  double apart = 0;         ///< largest distance of corresponding corners of copies 1 s after the hands' motion, m
+  double apart_moving = 0;  ///< largest distance of corresponding corners of copies in the whole run, m
+  double injected = 0;      ///< maximum of the energy that all couplings gave minus the energy that they received, J
+  double held = 0;          ///< share of cycles in which an energy tank limited a set position
+  double peak_force = 0;    ///< on a hand, N
+  double port_lowest = 0;   ///< minimum energy of a hand's port, J
+  double tank_lowest = 0;   ///< minimum energy of a copy's tank, J
+  double withholding = 0;   ///< share of cycles in which a passivity controller reduced a force
+  bool finite = true;       ///< false: the run diverged and ended early
 };
-/// The users grab the object, carry it along a path of about 6 s, and then rest until `seconds`.
+/// Runs users who grab the object, carry it along a path until 6 s, and then rest until `seconds`.
 [[nodiscard]] CarryResult carry(const WorldSettings& settings, double seconds);
 
 struct MassResult {
-  double mass = 0;     ///< kg, in phase with the acceleration
-  double damping = 0;  ///< N s/m, in phase with the velocity
+  double mass = 0;     ///< force in phase with the acceleration, divided by the acceleration, kg
+  double damping = 0;  ///< force in phase with the velocity, divided by the velocity, N s/m
 };
-/// True when two copies, pushed apart for 0.2 s without any hand, come to rest.
+/// Returns whether two copies come to rest after 0.2 s in which forces push them apart. No hand touches them.
 [[nodiscard]] bool comes_to_rest(const WorldSettings& settings);
 
-/// Apparent mass of the object for a force of `frequency` on one copy while nobody holds the others.
+/// Measures the apparent mass of the object with a force of `frequency` (Hz) on one copy while no hand holds a copy.
 [[nodiscard]] MassResult apparent_mass(const WorldSettings& settings, double frequency);
 
 }  // namespace tactus::study

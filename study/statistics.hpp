@@ -1,4 +1,4 @@
-/// Mean and confidence interval over the seeds of a cell.
+/// Mean and confidence interval of a figure over seeds.
 #pragma once
 
 #include <cstddef>
@@ -8,12 +8,12 @@ namespace tactus::study {
 
 struct Estimate {
   double mean = 0;
-  double low = 0, high = 0;  ///< 95 % confidence; both equal the mean for a single value
+  double low = 0, high = 0;  ///< bounds of the 95 % confidence interval; both equal the mean of a single value
   std::size_t count = 0;
 };
 
-/// Percentile bootstrap: means of 2000 samples drawn from `values` with replacement, their 2.5th and 97.5th percentile.
-/// The same values give the same bits. Source: Efron 1979.
+/// Estimates the interval by the percentile bootstrap: the 2.5th and 97.5th percentile of the means of 2000 samples,
+/// drawn from `values` with replacement. The same values give the same bits. Source: Efron 1979.
 [[nodiscard]] Estimate estimate(const std::vector<double>& values);
 
 }  // namespace tactus::study

@@ -16,19 +16,19 @@ using haptics::Vec3d;
 constexpr double kDt = 1e-3;
 constexpr int kSubsteps = 10;
 
-/// True when a mass pressed with 1 N against a wall comes to rest; the wall's force is delayed by `delay`.
-bool rests_on_wall(double stiffness, double delay, bool control) {
+/// Returns whether a mass comes to rest that 1 N presses against a wall. `delay` is the delay of the wall's force, s.
+bool rests_on_wall(double stiffness, double delay, bool has_passivity_controller) {
   const auto cycles = static_cast<std::size_t>(std::lround(delay / kDt));
-  std::deque<Vec3d> under_way(cycles, Vec3d::Zero());
+  std::deque<Vec3d> in_transit(cycles, Vec3d::Zero());
   haptics::PassivityController passivity_controller;
   double x = 0.001, v = 0, early = 0, late = 0;
   const int total = 20'000;
   for (int cycle = 0; cycle < total; ++cycle) {
-    // The wall may pull, because the bound is for the linear system.
-    under_way.push_back({-stiffness * x, 0, 0});
-    Vec3d force = under_way.front();
-    under_way.pop_front();
-    if (control) force = passivity_controller.step(force, {x, 0, 0}, 0, kDt);
+    // The wall may pull, because the analytic bound is for a linear system.
+    in_transit.push_back({-stiffness * x, 0, 0});
+    Vec3d force = in_transit.front();
+    in_transit.pop_front();
+    if (has_passivity_controller) force = passivity_controller.step(force, {x, 0, 0}, 0, kDt);
     for (int i = 0; i < kSubsteps; ++i) {
       const double h = kDt / kSubsteps;
       v = (v + h / kDeviceMass * (force.x() + 1)) / (1 + h / kDeviceMass * kDeviceDamping);
@@ -41,11 +41,12 @@ bool rests_on_wall(double stiffness, double delay, bool control) {
   return late < 1e-4 || late < 0.9 * early;
 }
 
-/// The largest stiffness up to kStiffest at which `stable` holds, by bisection of its logarithm; 0: none from 5 N/m.
+/// Returns the largest stiffness from 5 N/m to kMaxStiffness for which `stable` returns true, or 0 if there is none.
+/// Bisects the logarithm.
 template <class Stable>
 double largest(Stable&& stable, int steps) {
-  if (stable(kStiffest)) return kStiffest;
-  double low = std::log(5.0), high = std::log(kStiffest);
+  if (stable(kMaxStiffness)) return kMaxStiffness;
+  double low = std::log(5.0), high = std::log(kMaxStiffness);
   if (!stable(5)) return 0;
   for (int i = 0; i < steps; ++i) {
     const double middle = (low + high) / 2;
@@ -56,7 +57,7 @@ double largest(Stable&& stable, int steps) {
 
 }  // namespace
 
-Stiffness largest_stable(double round_trip, int steps) {
+Stiffness largest_stable_stiffness(double round_trip, int steps) {
   constexpr double kCopyDamping = 3;  // N s/m
   Stiffness found;
   found.wall_bound = haptics::stable_stiffness(kDeviceDamping, 0, kDt, round_trip);

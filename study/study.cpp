@@ -48,8 +48,8 @@ using client_sim::ActionKind;
 using client_sim::Measure;
 using client_sim::Scenario;
 
-/// Why a study cannot run the scenario; empty when it can.
-std::string trouble_with(const Scenario& scenario) {
+/// Returns the reason why a study cannot run the scenario; empty when it can.
+std::string refusal_reason(const Scenario& scenario) {
   if (scenario.measures == Measure::kNone) return "measures nothing; expected 'measures' and 'truth'";
   const std::size_t max = hrtc_service::kMaxProbes;
   if (scenario.users.size() > max)
@@ -90,8 +90,8 @@ std::vector<Scenario> check(Study& study) {
   std::vector<Scenario> scenarios;
   for (const std::string& name : study.scenarios) {
     scenarios.push_back(client_sim::load_scenario(name));
-    const std::string trouble = trouble_with(scenarios.back());
-    if (!trouble.empty()) throw ScenarioError{"scenario '" + scenarios.back().name + "': " + trouble};
+    const std::string reason = refusal_reason(scenarios.back());
+    if (!reason.empty()) throw ScenarioError{"scenario '" + scenarios.back().name + "': " + reason};
   }
   return scenarios;
 }

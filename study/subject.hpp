@@ -1,4 +1,4 @@
-/// The object that the users of a study touch: a model in the forms that host and ground truth need.
+/// An object that the users of a study touch, as the host and as the ground truth need it.
 #pragma once
 
 #include <array>
@@ -13,16 +13,16 @@
 namespace tactus::study {
 
 struct Subject {
-  std::string name;    ///< of the object, as in scenarios
-  std::string source;  ///< file or generator
+  std::string name;    ///< name of the object in scenarios
+  std::string source;  ///< name of the file or generated shape
   std::unique_ptr<const spm::offline::BuiltModel> built;
   spm::Model model;
   std::unique_ptr<const spm::codec::EncodedModel> encoded;
-  std::vector<std::array<std::uint32_t, 3>> finest;  ///< by FaceId
+  std::vector<std::array<std::uint32_t, 3>> finest;  ///< faces of the finest mesh, by FaceId
 };
 
-/// `source`: a model file of any kind but `.spm`, or one of spm::offline::shape_names(), then with `faces` faces.
-/// `size`: of its longest side, m. Throws spm::ModelError.
+/// Builds the model. `source` is a mesh file, or one of spm::offline::shape_names(), which is generated with `faces`
+/// faces. `size` is the longest side, m. Throws spm::ModelError.
 [[nodiscard]] Subject make_subject(const std::string& name, const std::string& source, std::uint32_t faces,
                                    double size);
 

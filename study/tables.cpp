@@ -13,7 +13,7 @@ namespace {
 
 using nlohmann::ordered_json;
 
-/// Three significant digits, at most a thousandth.
+/// Returns three significant digits, with at most three after the decimal point.
 std::string number(double value) {
   char text[32];
   const double size = std::abs(value);
@@ -28,48 +28,50 @@ std::string with_bounds(const Estimate& estimate) {
   return low == high ? low : number(estimate.mean) + " (" + low + " to " + high + ")";
 }
 
-std::string title(const CellFigure& figure) { return figure.name + (figure.unit.empty() ? "" : ", " + figure.unit); }
+std::string title(const FigureEstimates& figure) {
+  return figure.name + (figure.unit.empty() ? "" : ", " + figure.unit);
+}
 
-/// The first row is the head, the first column text.
+/// The first row has the headings. The first column holds text, the others numbers.
 struct Table {
   std::string caption;
   std::vector<std::vector<std::string>> rows;
 };
 
 template <class Value>
-std::vector<Value> distinct(const std::vector<Cell>& cells, Value Cell::*member) {
+std::vector<Value> distinct(const std::vector<LinkResult>& results, Value LinkResult::*member) {
   std::vector<Value> values;
-  for (const Cell& cell : cells)
-    if (std::find(values.begin(), values.end(), cell.*member) == values.end()) values.push_back(cell.*member);
+  for (const LinkResult& result : results)
+    if (std::find(values.begin(), values.end(), result.*member) == values.end()) values.push_back(result.*member);
   return values;
 }
 
-const CellFigure* find(const std::vector<Cell>& cells, const std::string& scenario, const std::string& profile,
-                       const std::string& name) {
-  for (const Cell& cell : cells) {
-    if (cell.scenario != scenario || cell.profile != profile) continue;
-    for (const CellFigure& figure : cell.figures)
+const FigureEstimates* find(const std::vector<LinkResult>& results, const std::string& scenario,
+                            const std::string& profile, const std::string& name) {
+  for (const LinkResult& result : results) {
+    if (result.scenario != scenario || result.profile != profile) continue;
+    for (const FigureEstimates& figure : result.figures)
       if (figure.name == name) return &figure;
   }
   return nullptr;
 }
 
-std::vector<Cell> of_topic(const std::vector<Cell>& cells, Topic topic) {
-  std::vector<Cell> found;
-  for (const Cell& cell : cells)
-    if (cell.topic == topic) found.push_back(cell);
+std::vector<LinkResult> of_section(const std::vector<LinkResult>& results, Section section) {
+  std::vector<LinkResult> found;
+  for (const LinkResult& result : results)
+    if (result.section == section) found.push_back(result);
   return found;
 }
 
-/// One figure by link and scenario.
-Table overview(const std::vector<Cell>& cells, const std::string& name, const std::string& unit) {
-  const std::vector<std::string> scenarios = distinct(cells, &Cell::scenario);
+/// Returns the table of one figure, with a row for each link and a column for each scenario.
+Table overview(const std::vector<LinkResult>& results, const std::string& name, const std::string& unit) {
+  const std::vector<std::string> scenarios = distinct(results, &LinkResult::scenario);
   Table table{"", {{name + ", " + unit}}};
   table.rows.front().insert(table.rows.front().end(), scenarios.begin(), scenarios.end());
-  for (const std::string& profile : distinct(cells, &Cell::profile)) {
+  for (const std::string& profile : distinct(results, &LinkResult::profile)) {
     std::vector<std::string> row{profile};
     for (const std::string& scenario : scenarios) {
-      const CellFigure* const figure = find(cells, scenario, profile, name);
+      const FigureEstimates* const figure = find(results, scenario, profile, name);
       row.push_back(figure == nullptr ? "" : with_bounds(figure->value));
     }
     table.rows.push_back(row);
@@ -77,31 +79,31 @@ Table overview(const std::vector<Cell>& cells, const std::string& name, const st
   return table;
 }
 
-/// All figures; one row for each cell with values.
-Table details(const std::string& caption, const std::vector<Cell>& cells, Estimate CellFigure::*member) {
+/// Returns the table of all figures, with a row for each result that has values.
+Table details(const std::string& caption, const std::vector<LinkResult>& results, Estimate FigureEstimates::*member) {
   Table table{caption, {{"scenario, link"}}};
-  for (const CellFigure& figure : cells.front().figures) table.rows.front().push_back(title(figure));
-  for (const Cell& cell : cells) {
-    if ((cell.figures.front().*member).count == 0) continue;
-    std::vector<std::string> row{cell.scenario + ", " + cell.profile};
-    for (const CellFigure& figure : cell.figures) row.push_back(with_bounds(figure.*member));
+  for (const FigureEstimates& figure : results.front().figures) table.rows.front().push_back(title(figure));
+  for (const LinkResult& result : results) {
+    if ((result.figures.front().*member).count == 0) continue;
+    std::vector<std::string> row{result.scenario + ", " + result.profile};
+    for (const FigureEstimates& figure : result.figures) row.push_back(with_bounds(figure.*member));
     table.rows.push_back(row);
   }
   return table;
 }
 
-std::vector<Table> tables_of(const std::vector<Cell>& cells, Topic topic) {
+std::vector<Table> tables_of(const std::vector<LinkResult>& results, Section section) {
   std::vector<Table> tables;
-  if (topic == Topic::kForces || topic == Topic::kTool)
-    tables = {overview(cells, "force error rms", "N"), overview(cells, "above 1 JND", "% of contact")};
-  if (topic == Topic::kTool) {
-    tables.push_back(overview(cells, "torque error rms", "mN m"));
-    tables.push_back(overview(cells, "torque above 1 JND", "% of contact"));
+  if (section == Section::kForces || section == Section::kTool)
+    tables = {overview(results, "force error rms", "N"), overview(results, "above 1 JND", "% of contact")};
+  if (section == Section::kTool) {
+    tables.push_back(overview(results, "torque error rms", "mN m"));
+    tables.push_back(overview(results, "torque above 1 JND", "% of contact"));
   }
-  tables.push_back(details("", cells, &CellFigure::value));
-  if (topic != Topic::kStiffness && distinct(cells, &Cell::profile).size() > 1)
-    tables.push_back(
-        details("Difference from " + std::string{kBaseline} + ", paired by seed:", cells, &CellFigure::difference));
+  tables.push_back(details("", results, &FigureEstimates::value));
+  if (section != Section::kStiffness && distinct(results, &LinkResult::profile).size() > 1)
+    tables.push_back(details("Difference from " + std::string{kBaseline} + ", paired by seed:", results,
+                             &FigureEstimates::difference));
   return tables;
 }
 
@@ -109,7 +111,7 @@ std::string markdown(const Table& table) {
   std::string text = table.caption.empty() ? "" : table.caption + "\n\n";
   for (std::size_t i = 0; i < table.rows.size(); ++i) {
     text += "|";
-    for (const std::string& cell : table.rows[i]) text += " " + cell + " |";
+    for (const std::string& field : table.rows[i]) text += " " + field + " |";
     text += "\n";
     if (i > 0) continue;
     text += "|---|";
@@ -119,30 +121,30 @@ std::string markdown(const Table& table) {
   return text + "\n";
 }
 
-/// A figure over links, one curve per scenario, with confidence intervals.
+/// A plot of one figure over links, with a curve for each scenario and confidence intervals.
 struct Drawing {
-  Topic topic;
+  Section section;
   const char* figure;
   bool logarithmic;
 };
-constexpr Drawing kDrawings[]{{Topic::kForces, "above 1 JND", false},
-                              {Topic::kForces, "force error rms", false},
-                              {Topic::kForces, "onset off by", true},
-                              {Topic::kTool, "above 1 JND", false},
-                              {Topic::kTool, "torque above 1 JND", false},
-                              {Topic::kTool, "force error rms", false},
-                              {Topic::kTool, "torque error rms", false},
-                              {Topic::kFirstTouch, "first exact contact after", true},
-                              {Topic::kFirstTouch, "above 1 JND", false},
-                              {Topic::kTarget, "on target", false},
-                              {Topic::kLift, "held up for", false},
-                              {Topic::kLift, "copies apart, most", true},
-                              {Topic::kHandOver, "granted after, mean", true},
-                              {Topic::kCollaboration, "copies apart, most", true},
-                              {Topic::kCollaboration, "apparent mass, of the mass", false},
-                              {Topic::kCollaboration, "injected", true}};
+constexpr Drawing kDrawings[]{{Section::kForces, "above 1 JND", false},
+                              {Section::kForces, "force error rms", false},
+                              {Section::kForces, "onset off by", true},
+                              {Section::kTool, "above 1 JND", false},
+                              {Section::kTool, "torque above 1 JND", false},
+                              {Section::kTool, "force error rms", false},
+                              {Section::kTool, "torque error rms", false},
+                              {Section::kFirstTouch, "first exact contact after", true},
+                              {Section::kFirstTouch, "above 1 JND", false},
+                              {Section::kTarget, "on target", false},
+                              {Section::kLift, "held up for", false},
+                              {Section::kLift, "copies apart, most", true},
+                              {Section::kHandOver, "granted after, mean", true},
+                              {Section::kCollaboration, "copies apart, most", true},
+                              {Section::kCollaboration, "apparent mass, of the mass", false},
+                              {Section::kCollaboration, "injected", true}};
 
-/// Smallest and largest value that a scale can show.
+/// The range of the values of a plot. A logarithmic scale ignores values below kMin.
 class Range {
  public:
   explicit Range(bool logarithmic) : logarithmic_{logarithmic} {}
@@ -162,13 +164,13 @@ class Range {
   double low_ = 1e300, high_ = -1e300;
 };
 
-std::string draw(const std::vector<Cell>& cells, const Drawing& drawing) {
-  const std::vector<std::string> profiles = distinct(cells, &Cell::profile);
-  const std::vector<std::string> scenarios = distinct(cells, &Cell::scenario);
+std::string draw(const std::vector<LinkResult>& results, const Drawing& drawing) {
+  const std::vector<std::string> profiles = distinct(results, &LinkResult::profile);
+  const std::vector<std::string> scenarios = distinct(results, &LinkResult::scenario);
   Range range{drawing.logarithmic};
-  const CellFigure* any = nullptr;
-  for (const Cell& cell : cells) {
-    const CellFigure* const figure = find(cells, cell.scenario, cell.profile, drawing.figure);
+  const FigureEstimates* any = nullptr;
+  for (const LinkResult& result : results) {
+    const FigureEstimates* const figure = find(results, result.scenario, result.profile, drawing.figure);
     if (figure == nullptr || figure->value.count == 0) continue;
     any = figure;
     range.add(figure->value.low);
@@ -183,7 +185,7 @@ std::string draw(const std::vector<Cell>& cells, const Drawing& drawing) {
   for (std::size_t k = 0; k < scenarios.size(); ++k) {
     std::vector<std::pair<double, double>> points;
     for (std::size_t i = 0; i < profiles.size(); ++i) {
-      const CellFigure* const figure = find(cells, scenarios[k], profiles[i], drawing.figure);
+      const FigureEstimates* const figure = find(results, scenarios[k], profiles[i], drawing.figure);
       if (figure == nullptr || figure->value.count == 0) continue;
       points.emplace_back(share(i), figure->value.mean);
       plot.bar(share(i), figure->value.low, figure->value.high, page::colour(k));
@@ -194,16 +196,16 @@ std::string draw(const std::vector<Cell>& cells, const Drawing& drawing) {
   return "<h3>" + page::escaped(title(*any)) + "</h3>\n" + plot.svg() + page::key(scenarios);
 }
 
-/// A curve for each method over the round trip; analytic bounds are dashed.
-std::string draw_stiffness(const std::vector<Cell>& cells) {
+/// Draws the stiffness over the round trip, with a curve for each method. Curves of analytic bounds are dashed.
+std::string draw_stiffness(const std::vector<LinkResult>& results) {
   constexpr double kShortest = 1;  // ms, position of a zero round trip
   std::vector<std::string> names;
   Range range{true};
-  for (const CellFigure& figure : cells.front().figures)
+  for (const FigureEstimates& figure : results.front().figures)
     if (figure.name != kRoundTrip) names.push_back(figure.name);
   double longest = 2 * kShortest;
-  for (const Cell& cell : cells)
-    for (const CellFigure& figure : cell.figures) {
+  for (const LinkResult& result : results)
+    for (const FigureEstimates& figure : result.figures) {
       if (figure.name == kRoundTrip)
         longest = std::max(longest, figure.value.mean);
       else
@@ -213,15 +215,15 @@ std::string draw_stiffness(const std::vector<Cell>& cells) {
   const auto share = [&](double ms) {
     return std::log(std::max(ms, kShortest) / kShortest) / std::log(longest / kShortest);
   };
-  for (const Cell& cell : cells) {
-    const double ms = find(cells, cell.scenario, cell.profile, kRoundTrip)->value.mean;
+  for (const LinkResult& result : results) {
+    const double ms = find(results, result.scenario, result.profile, kRoundTrip)->value.mean;
     plot.tick(share(ms), number(ms) + " ms");
   }
   for (std::size_t k = 0; k < names.size(); ++k) {
     std::vector<std::pair<double, double>> points;
-    for (const Cell& cell : cells)
-      points.emplace_back(share(find(cells, cell.scenario, cell.profile, kRoundTrip)->value.mean),
-                          find(cells, cell.scenario, cell.profile, names[k])->value.mean);
+    for (const LinkResult& result : results)
+      points.emplace_back(share(find(results, result.scenario, result.profile, kRoundTrip)->value.mean),
+                          find(results, result.scenario, result.profile, names[k])->value.mean);
     plot.curve(points, page::colour(k), 1.8, names[k].find("(") != std::string::npos);
   }
   plot.caption("round trip; dashed: analytic bounds");
@@ -234,32 +236,32 @@ ordered_json to_json(const Estimate& estimate) {
 
 }  // namespace
 
-std::string markdown(const About& about, const std::vector<Cell>& cells) {
+std::string markdown(const About& about, const std::vector<LinkResult>& results) {
   std::string text =
       "# Study " + about.study + "\n\n`" + about.command + "`\n\n" + about.machine + "; commit " + about.build + ".\n";
   for (const std::string& note : about.notes) text += "\n" + note + "\n";
-  for (std::size_t i = 0; i < std::size(kTopicNames); ++i) {
-    const std::vector<Cell> of = of_topic(cells, static_cast<Topic>(i));
+  for (std::size_t i = 0; i < std::size(kSectionNames); ++i) {
+    const std::vector<LinkResult> of = of_section(results, static_cast<Section>(i));
     if (of.empty()) continue;
-    text += std::string{"\n## "} + kTopicNames[i] + "\n\n";
-    for (const Table& table : tables_of(of, static_cast<Topic>(i))) text += markdown(table);
+    text += std::string{"\n## "} + kSectionNames[i] + "\n\n";
+    for (const Table& table : tables_of(of, static_cast<Section>(i))) text += markdown(table);
   }
   return text;
 }
 
-std::string html(const About& about, const std::vector<Cell>& cells) {
+std::string html(const About& about, const std::vector<LinkResult>& results) {
   std::string body = "<h1>Study " + page::escaped(about.study) + "</h1>\n<p><code>" + page::escaped(about.command) +
                      "</code><br>" + page::escaped(about.machine) + "; commit " + page::escaped(about.build) + "</p>\n";
   for (const std::string& note : about.notes) body += "<p>" + page::escaped(note) + "</p>\n";
-  for (std::size_t i = 0; i < std::size(kTopicNames); ++i) {
-    const auto topic = static_cast<Topic>(i);
-    const std::vector<Cell> of = of_topic(cells, topic);
+  for (std::size_t i = 0; i < std::size(kSectionNames); ++i) {
+    const auto section = static_cast<Section>(i);
+    const std::vector<LinkResult> of = of_section(results, section);
     if (of.empty()) continue;
-    body += "<h2>" + page::escaped(kTopicNames[i]) + "</h2>\n";
+    body += "<h2>" + page::escaped(kSectionNames[i]) + "</h2>\n";
     for (const Drawing& drawing : kDrawings)
-      if (drawing.topic == topic) body += draw(of, drawing);
-    if (topic == Topic::kStiffness) body += draw_stiffness(of);
-    for (const Table& table : tables_of(of, topic)) {
+      if (drawing.section == section) body += draw(of, drawing);
+    if (section == Section::kStiffness) body += draw_stiffness(of);
+    for (const Table& table : tables_of(of, section)) {
       if (!table.caption.empty()) body += "<p>" + page::escaped(table.caption) + "</p>\n";
       body += page::table(table.rows);
     }
@@ -267,35 +269,35 @@ std::string html(const About& about, const std::vector<Cell>& cells) {
   return page::page("Study " + about.study, body);
 }
 
-std::string csv(const std::vector<Cell>& cells) {
+std::string csv(const std::vector<LinkResult>& results) {
   std::string text =
       "topic,scenario,link,figure,unit,n,mean,low,high,difference_n,difference_mean,difference_low,difference_high\n";
-  for (const Cell& cell : cells) {
-    for (const CellFigure& figure : cell.figures) {
+  for (const LinkResult& result : results) {
+    for (const FigureEstimates& figure : result.figures) {
       char numbers[256];
       const Estimate &value = figure.value, &difference = figure.difference;
       std::snprintf(numbers, sizeof numbers, ",%zu,%.9g,%.9g,%.9g,%zu,%.9g,%.9g,%.9g\n", value.count, value.mean,
                     value.low, value.high, difference.count, difference.mean, difference.low, difference.high);
-      text += std::string{kTopicNames[static_cast<std::size_t>(cell.topic)]} + ",\"" + cell.scenario + "\"," +
-              cell.profile + ",\"" + figure.name + "\"," + figure.unit + numbers;
+      text += std::string{kSectionNames[static_cast<std::size_t>(result.section)]} + ",\"" + result.scenario + "\"," +
+              result.profile + ",\"" + figure.name + "\"," + figure.unit + numbers;
     }
   }
   return text;
 }
 
-std::string json(const About& about, const std::vector<Cell>& cells) {
+std::string json(const About& about, const std::vector<LinkResult>& results) {
   ordered_json all{{"study", about.study}, {"command", about.command}, {"machine", about.machine},
                    {"build", about.build}, {"notes", about.notes},     {"cells", ordered_json::array()}};
-  for (const Cell& cell : cells) {
+  for (const LinkResult& result : results) {
     ordered_json figures = ordered_json::array();
-    for (const CellFigure& figure : cell.figures)
+    for (const FigureEstimates& figure : result.figures)
       figures.push_back({{"name", figure.name},
                          {"unit", figure.unit},
                          {"value", to_json(figure.value)},
                          {"difference", to_json(figure.difference)}});
-    all["cells"].push_back({{"topic", kTopicNames[static_cast<std::size_t>(cell.topic)]},
-                            {"scenario", cell.scenario},
-                            {"link", cell.profile},
+    all["cells"].push_back({{"topic", kSectionNames[static_cast<std::size_t>(result.section)]},
+                            {"scenario", result.scenario},
+                            {"link", result.profile},
                             {"figures", figures}});
   }
   return all.dump(2) + "\n";

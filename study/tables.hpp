@@ -1,6 +1,4 @@
-/// A study's cells as tables and as a page with plots.
-///
-/// Not realtime.
+/// Writes the results of a study as tables and as a page with plots.
 #pragma once
 
 #include <string>
@@ -10,15 +8,15 @@
 
 namespace tactus::study {
 
-/// Context that a reader needs with the figures.
+/// The conditions of a study.
 struct About {
   std::string study, command, machine, build;
   std::vector<std::string> notes;
 };
-[[nodiscard]] std::string markdown(const About& about, const std::vector<Cell>& cells);
-/// Plots and tables for a browser, self-contained.
-[[nodiscard]] std::string html(const About& about, const std::vector<Cell>& cells);
-[[nodiscard]] std::string csv(const std::vector<Cell>& cells);
-[[nodiscard]] std::string json(const About& about, const std::vector<Cell>& cells);
+[[nodiscard]] std::string markdown(const About& about, const std::vector<LinkResult>& results);
+/// Returns a self-contained page with plots and tables.
+[[nodiscard]] std::string html(const About& about, const std::vector<LinkResult>& results);
+[[nodiscard]] std::string csv(const std::vector<LinkResult>& results);
+[[nodiscard]] std::string json(const About& about, const std::vector<LinkResult>& results);
 
 }  // namespace tactus::study

@@ -1,6 +1,6 @@
-/// The ground truth of forces: the force on a hand with the whole surface in the same process.
+/// Computes the ground truth of forces: the force on a hand that touches the complete finest surface without delay.
 ///
-/// It receives the device state of each cycle, and nothing that the session computes.
+/// Its only inputs from the session are the device state of each cycle and the cycles in which the mesh changed.
 #pragma once
 
 #include "haptics/body_touch.hpp"
@@ -13,13 +13,13 @@ namespace tactus::study {
 class TrueHand {
  public:
   virtual ~TrueHand() = default;
-  /// Advances by one millisecond. `mesh_changed`: the session's mesh has changed, so a tool there gathers its pairs
-  /// again. Doing so in the same cycles leaves the mesh as the only difference, because rounding depends on the pose of
-  /// the gather.
+  /// Advances by one millisecond and returns the true wrench. `mesh_changed`: the mesh of the session has changed, so
+  /// that the session's tool gathers its pairs again. The true tool then does the same, because the rounding of its
+  /// result depends on the pose at which it gathered.
   [[nodiscard]] virtual haptics::Wrench at(const haptics::DeviceState& device, bool mesh_changed) = 0;
 };
 
-/// A sphere that follows the hand over a surface, with a proxy of its own.
+/// A sphere with a proxy of its own.
 class TrueSphere final : public TrueHand {
  public:
   /// `surface` must outlive it.
@@ -34,7 +34,7 @@ class TrueSphere final : public TrueHand {
   haptics::ForceRenderer renderer_;
 };
 
-/// A tool on all faces of the finest mesh, in one static tree.
+/// A tool on the finest mesh in one static tree.
 class TrueTool final : public TrueHand {
  public:
   /// `mesh` is at the origin with `scale` metres per unit; it and `probe` must outlive this.

@@ -15,10 +15,10 @@ constexpr std::uint64_t kHost = 10, kHrtc = 20, kSession = 30;
 constexpr std::int64_t kCycleNs = 1'000'000, kNetworkStepNs = 250'000;
 constexpr double kDt = 1e-3;
 constexpr std::uint64_t kSeedsPerRun = 64;
-constexpr double kTremor = 1e-4;         // m rms, of a resting hand between 8 and 12 Hz
-constexpr std::size_t kHeads = 170;      // bytes of headers: Ethernet, IP, UDP, RTPS, ours
-constexpr std::size_t kPoseBytes = 330;  // a pose or a command with its force, with headers
-constexpr std::size_t kRosterBytes = kHeads + 150, kClockBytes = kHeads + 80;
+constexpr double kTremor = 1e-4;           // m rms, of a resting hand between 8 and 12 Hz
+constexpr std::size_t kHeaderBytes = 170;  // of Ethernet, IP, UDP, RTPS and Tactus
+constexpr std::size_t kPoseBytes = 330;    // a pose or a command with its force, with headers
+constexpr std::size_t kRosterBytes = kHeaderBytes + 150, kClockBytes = kHeaderBytes + 80;
 
 host_service::HostCoreSettings host_settings(const Subject& subject, const session::Material& material) {
   host_service::HostCoreSettings settings = host_service::host_of(subject.name, subject.encoded->coded());
@@ -36,7 +36,7 @@ hrtc_service::HrtcCoreSettings core_settings(const SessionSettings& settings, do
 }
 
 std::size_t bytes_of(const session::Demand& demand) {
-  return kHeads + 100 + 8 * (demand.have.size() + demand.wanted.size() + demand.gaps.size());
+  return kHeaderBytes + 100 + 8 * (demand.have.size() + demand.wanted.size() + demand.gaps.size());
 }
 
 }  // namespace
@@ -76,19 +76,19 @@ bool VirtualSession::base_shown() const {
 }
 
 void VirtualSession::settle() {
-  constexpr int kPatience = 60'000, kCalm = 1000;  // cycles
-  for (int i = 0, shown = 0; i < kPatience; ++i) {
+  constexpr int kMaxCycles = 60'000, kSettlingCycles = 1000;  // cycles
+  for (int i = 0, shown = 0; i < kMaxCycles; ++i) {
     step();
-    if (base_shown() && ++shown == kCalm) {
-      acting_ = true;
+    if (base_shown() && ++shown == kSettlingCycles) {
+      users_act_ = true;
       return;
     }
   }
   throw std::runtime_error("the base mesh did not arrive within a minute; does it fit the pool?");
 }
 
-/// Carries messages between loader and host over the link.
-void VirtualSession::move_network(std::int64_t until_ns) {
+/// Advances the time to `until_ns` and carries samples between HRTC and host over the link.
+void VirtualSession::carry_samples(std::int64_t until_ns) {
   while (auto demand = core_.gateway().demand(now_ns_)) {
     const std::size_t bytes = bytes_of(*demand);
     demands_.send(now_ns_, std::move(*demand), bytes);
@@ -96,7 +96,7 @@ void VirtualSession::move_network(std::int64_t until_ns) {
   for (; now_ns_ < until_ns; now_ns_ += kNetworkStepNs) {
     while (const auto demand = demands_.take(now_ns_)) host_.on_demand(*demand, now_ns_);
     while (auto out = host_.next_chunk(now_ns_)) {
-      const std::size_t bytes = kHeads + out->chunk.payload_bytes();
+      const std::size_t bytes = kHeaderBytes + out->chunk.payload_bytes();
       records_.send(now_ns_, std::move(out->chunk), bytes);
     }
     while (const auto chunk = records_.take(now_ns_)) core_.gateway().on_chunk(*chunk, now_ns_);
@@ -105,8 +105,8 @@ void VirtualSession::move_network(std::int64_t until_ns) {
   }
 }
 
-/// Who is there and what time it is, over the link.
-void VirtualSession::keep_company() {
+/// Sends roster entries and clock requests over the link.
+void VirtualSession::exchange_membership() {
   const host_service::HostMessages& messages = host_.tick(now_ns_);
   if (messages.roster)
     to_hrtc_.send(
@@ -139,7 +139,7 @@ void VirtualSession::send_clock_to_hrtc(const session::ClockSample& sample) {
       kClockBytes);
 }
 
-/// Sends the user's next intent, computed from its probe's state.
+/// Sends the user's next intent to its hand. The user computes it from the state of its probe.
 void VirtualSession::send_intent(Hand& hand) {
   const std::optional<session::Intent> intent = hand.op.tick(now_ns_, objects_);
   if (!intent) return;
@@ -150,7 +150,7 @@ void VirtualSession::send_intent(Hand& hand) {
   hand.device->paths().post(sharing::hand_path(*intent, 0));
 }
 
-/// As client_sim/remote_hand, with one clock for both ends.
+/// Moves a remote hand as client_sim/remote_hand does, but with one clock for both ends.
 void VirtualSession::move_remote(Hand& hand) {
   constexpr double kHold = 0.010, kZeroBy = 0.060;  // s
   while (const auto command = hand.commands.take(now_ns_)) {
@@ -221,8 +221,8 @@ void VirtualSession::report(std::size_t user, const hrtc_service::ProbeOutput& o
 
 void VirtualSession::step() {
   ++cycles_;
-  keep_company();
-  move_network(now_ns_ + kCycleNs);
+  exchange_membership();
+  carry_samples(now_ns_ + kCycleNs);
   if (objects_.empty() && now_ns_ >= catalogue_ns_) {
     const session::CatalogueEntry& entry = host_.catalogue().front();
     membership_.on_catalogue(entry);
@@ -232,7 +232,7 @@ void VirtualSession::step() {
     core_.gateway().tick(now_ns_, membership_.clock());
     membership_.tick(now_ns_);
   }
-  if (acting_) {
+  if (users_act_) {
     for (std::size_t user = 0; user < hands_.size(); ++user) {
       send_intent(*hands_[user]);
       read(user);

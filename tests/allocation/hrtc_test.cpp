@@ -154,10 +154,10 @@ TEST(Allocation, ObjectsThatAreWithdrawnAndComeAgainAllocateNothing) {
 }
 
 /// Allocations in what haptic threads do.
-class Allocations final : public study::CycleWatch {
+class Allocations final : public study::CycleObserver {
  public:
-  void begins() override { guard_.emplace(); }
-  void ends() override {
+  void on_begin() override { guard_.emplace(); }
+  void on_end() override {
     count += guard_->count();
     guard_.reset();
     ++cycles;
@@ -175,7 +175,7 @@ TEST(Allocation, HoldsAndBodiesAllocateNothingWhileACrateIsGrabbedHandedOverRele
   study::SharedSessionSettings settings;
   settings.link = netem::parse_link("P0:delay=5");
   settings.mass = 0.5;
-  settings.watch = &allocations;
+  settings.observer = &allocations;
   study::SharedSession session{crate, settings};
   const client_sim::Scenario scenario = client_sim::load_scenario("grab");
   session.add_hrtc();

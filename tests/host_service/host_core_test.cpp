@@ -9,7 +9,7 @@
 #include "spm/codec/model_codec.hpp"
 #include "spm/offline/build.hpp"
 #include "spm/offline/generate.hpp"
-#include "study/meeting.hpp"
+#include "study/membership_exchange.hpp"
 
 namespace tactus::host_service {
 namespace {
@@ -74,7 +74,7 @@ TEST_F(HostCoreTest, AnHrtcThatJoinsFindsItsObjectDemandsItAndTouchesItExactly) 
       core.gateway().tick(now_, membership.clock());
       membership.tick(now_);
     }
-    study::meet(host, membership, now_);
+    study::exchange_membership(host, membership, now_);
     while (const auto demand = core.gateway().demand(now_)) host.on_demand(*demand, now_);
     while (const auto out = host.next_chunk(now_)) core.gateway().on_chunk(out->chunk, now_);
     const double depth = std::min(1.0, cycle / 2000.0);  // from 20 mm outside to 2 mm inside

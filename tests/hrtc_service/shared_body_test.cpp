@@ -22,8 +22,8 @@ constexpr double kHalf = 0.05;  // m, of the crate's edges
 /// A crate of 0.8 kg and users around it, `delay_ms` from each other and from the host.
 class Session : public SharedSession {
  public:
-  explicit Session(std::int64_t delay_ms, double mass = 0.8, bool young = false)
-      : SharedSession{crate(), settings(delay_ms, mass, young)} {}
+  explicit Session(std::int64_t delay_ms, double mass = 0.8, bool host_begins_late = false)
+      : SharedSession{crate(), settings(delay_ms, mass, host_begins_late)} {}
 
   void run(
       double seconds, const std::function<void()>& each_ms = [] {}) {
@@ -38,11 +38,11 @@ class Session : public SharedSession {
     static const study::Subject kCrate = study::make_subject("crate", "box", 1200, 2 * kHalf);
     return kCrate;
   }
-  static study::SharedSessionSettings settings(std::int64_t delay_ms, double mass, bool young) {
+  static study::SharedSessionSettings settings(std::int64_t delay_ms, double mass, bool host_begins_late) {
     study::SharedSessionSettings settings;
     settings.link = netem::parse_link("P0:delay=" + std::to_string(delay_ms));
     settings.mass = mass;
-    settings.young = young;
+    settings.host_begins_late = host_begins_late;
     return settings;
   }
 };
@@ -129,8 +129,8 @@ Lift lift(bool two_hrtcs, std::int64_t delay_ms) {
   return result;
 }
 
-/// The channels between copies are as long as samples are under way. The samples that HRTCs exchange before their clocks
-/// agree seem half a second old, and channels as long as that would let the copies drift centimetres apart.
+/// The channels between copies are as long as samples are under way. The samples that HRTCs exchange before their
+/// clocks agree seem half a second old, and channels as long as that would let the copies drift centimetres apart.
 TEST(SharedBody, CopiesStayTogetherAtHrtcsThatMeetBeforeTheirClocksAgree) {
   Session session{2, 0.8, true};
   const auto side = [](double sign, double gap) -> Vec3d { return {sign * (kHalf + 0.003 + gap), 0, kHalf}; };
@@ -311,7 +311,8 @@ TEST_F(HeldByTwo, CopiesGoOnWithoutTheirHostAndItTakesTheClaimsUpWhenItStartsAga
   EXPECT_LT(furthest, 0.005);
   EXPECT_GT(session_.seen().fencing, before);
   EXPECT_EQ((std::set{session_.role(0), session_.role(1)}), (std::set{Holder::Role::kLeader, Holder::Role::kCopy}));
-  EXPECT_NEAR(1e-6 * static_cast<double>(session_.now_ns() - session_.seen().session_time_ns - began_ns), 0, 20) << "ms";
+  EXPECT_NEAR(1e-6 * static_cast<double>(session_.now_ns() - session_.seen().session_time_ns - began_ns), 0, 20)
+      << "ms";
 }
 
 TEST_F(HeldByTwo, TheOneWhoIsLeftKeepsTheObject) {

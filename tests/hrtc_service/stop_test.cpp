@@ -15,7 +15,7 @@
 #include "spm/codec/model_codec.hpp"
 #include "spm/offline/build.hpp"
 #include "spm/offline/generate.hpp"
-#include "study/meeting.hpp"
+#include "study/membership_exchange.hpp"
 
 namespace tactus {
 namespace {
@@ -78,7 +78,7 @@ class PressedSphere : public ::testing::Test {
       hrtc_service::Gateway& gateway = core_.gateway();
       gateway.tick(now, membership_.clock());
       membership_.tick(now);
-      study::meet(host_, membership_, now);
+      study::exchange_membership(host_, membership_, now);
       while (auto demand = gateway.demand(now)) host_.on_demand(*demand, now);
       while (auto chunk = host_.next_chunk(now)) gateway.on_chunk(chunk->chunk, now);
       std::this_thread::yield();

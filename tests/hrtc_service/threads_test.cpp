@@ -20,7 +20,7 @@
 #include "spm/codec/model_codec.hpp"
 #include "spm/offline/build.hpp"
 #include "spm/offline/generate.hpp"
-#include "study/meeting.hpp"
+#include "study/membership_exchange.hpp"
 #include "tests/support/system_calls.hpp"
 #include "tests/support/temporary_folder.hpp"
 
@@ -125,7 +125,7 @@ TEST(Threads, AHandFeelsWhatALoaderBringsAndEvictsMeanwhile) {
     }
     gateway.tick(now, membership.clock());
     membership.tick(now);
-    study::meet(host, membership, now);
+    study::exchange_membership(host, membership, now);
     if (gateway.fresh()) {
       const std::uint32_t status = gateway.reports().probes[0].status;
       const bool touching = (status & session::kInContact) != 0;

@@ -107,7 +107,7 @@ TEST(Fidelity, JudgesTorquesWhileForcesAreFelt) {
 TEST(Fidelity, KeepsHandsApart) {
   Hand hand;
   hand.feel(20, 1, 1);
-  hand.fidelity.let_go();
+  hand.fidelity.start_next_hand();
   hand.feel(20, 1, 1);
   EXPECT_EQ(value_of(hand.figures(), "touches"), 2);
 }

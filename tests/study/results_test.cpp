@@ -19,45 +19,46 @@ Run run_of(const std::string& profile, std::uint64_t seed, double error) {
 }
 
 Experiment tap_over(std::vector<std::string> profiles) {
-  return {"tap", Topic::kForces, 0, std::move(profiles), 3, {}};
+  return {"tap", Section::kForces, 0, std::move(profiles), 3, {}};
 }
 
 TEST(Cells, ArePairedByTheirSeeds) {
   // Seeds differ more than links: only pairing shows that P4 is worse by 0.5 each time.
   const std::vector<study::Run> runs{run_of("P0", 1, 1), run_of("P0", 2, 5), run_of("P4", 2, 5.5), run_of("P4", 1, 1.5),
                                      run_of("P4", 3, 9)};
-  const std::vector<Cell> cells = cells_of(runs, {tap_over({"P0", "P4", "P6"})});
-  ASSERT_EQ(cells.size(), 2u);
-  EXPECT_EQ(cells[0].profile, "P0");
-  EXPECT_EQ(cells[0].figures[0].value.mean, 3);
-  EXPECT_EQ(cells[0].figures[0].difference.count, 0u);
-  EXPECT_EQ(cells[1].figures[0].value.count, 3u);
-  EXPECT_EQ(cells[1].figures[0].difference.count, 2u);
-  EXPECT_EQ(cells[1].figures[0].difference.mean, 0.5);
-  EXPECT_EQ(cells[1].figures[0].difference.low, 0.5);
-  EXPECT_EQ(cells[1].figures[0].difference.high, 0.5);
+  const std::vector<LinkResult> results = results_by_link(runs, {tap_over({"P0", "P4", "P6"})});
+  ASSERT_EQ(results.size(), 2u);
+  EXPECT_EQ(results[0].profile, "P0");
+  EXPECT_EQ(results[0].figures[0].value.mean, 3);
+  EXPECT_EQ(results[0].figures[0].difference.count, 0u);
+  EXPECT_EQ(results[1].figures[0].value.count, 3u);
+  EXPECT_EQ(results[1].figures[0].difference.count, 2u);
+  EXPECT_EQ(results[1].figures[0].difference.mean, 0.5);
+  EXPECT_EQ(results[1].figures[0].difference.low, 0.5);
+  EXPECT_EQ(results[1].figures[0].difference.high, 0.5);
 }
 
 TEST(Cells, OmitRunsWithoutTheFigure) {
-  const std::vector<Cell> cells =
-      cells_of({run_of("P0", 1, 1), run_of("P4", 1, std::nan("")), run_of("P4", 2, 3)}, {tap_over({"P0", "P4"})});
-  EXPECT_EQ(cells[1].figures[0].value.count, 1u);
-  EXPECT_EQ(cells[1].figures[0].value.mean, 3);
-  EXPECT_EQ(cells[1].figures[0].difference.count, 0u);
+  const std::vector<LinkResult> results = results_by_link(
+      {run_of("P0", 1, 1), run_of("P4", 1, std::nan("")), run_of("P4", 2, 3)}, {tap_over({"P0", "P4"})});
+  EXPECT_EQ(results[1].figures[0].value.count, 1u);
+  EXPECT_EQ(results[1].figures[0].value.mean, 3);
+  EXPECT_EQ(results[1].figures[0].difference.count, 0u);
 }
 
 TEST(Tables, HaveProfilesAsRowsAndScenariosAsColumns) {
-  const std::vector<Cell> cells = cells_of({run_of("P0", 1, 0), run_of("P4", 1, 0.123456)}, {tap_over({"P0", "P4"})});
-  const std::string text = markdown({"s", "tactus sim study", "machine", "abc", {"a note"}}, cells);
+  const std::vector<LinkResult> results =
+      results_by_link({run_of("P0", 1, 0), run_of("P4", 1, 0.123456)}, {tap_over({"P0", "P4"})});
+  const std::string text = markdown({"s", "tactus sim study", "machine", "abc", {"a note"}}, results);
   EXPECT_THAT(text, HasSubstr("| force error rms, N | tap |\n|---|--:|\n| P0 | 0 |\n| P4 | 0.123 |\n"));
   EXPECT_THAT(text, HasSubstr("a note"));
-  EXPECT_THAT(csv(cells), HasSubstr("\"tap\",P4,\"force error rms\",N,1,0.123456,0.123456,0.123456,1,0.123456"));
+  EXPECT_THAT(csv(results), HasSubstr("\"tap\",P4,\"force error rms\",N,1,0.123456,0.123456,0.123456,1,0.123456"));
 }
 
 TEST(Page, HasAPlotPerFigureAndIsSelfContained) {
-  const std::vector<Cell> cells =
-      cells_of({run_of("P0", 1, 0), run_of("P4", 1, 0.2), run_of("P4", 2, std::nan(""))}, {tap_over({"P0", "P4"})});
-  const std::string page = html({"<s>", "tactus sim study", "machine", "abc", {}}, cells);
+  const std::vector<LinkResult> results = results_by_link(
+      {run_of("P0", 1, 0), run_of("P4", 1, 0.2), run_of("P4", 2, std::nan(""))}, {tap_over({"P0", "P4"})});
+  const std::string page = html({"<s>", "tactus sim study", "machine", "abc", {}}, results);
   EXPECT_THAT(page, HasSubstr("<h1>Study &lt;s&gt;</h1>"));
   EXPECT_THAT(page, HasSubstr("<h2>Force fidelity</h2>"));
   EXPECT_THAT(page, HasSubstr("<th>force error rms, N</th>"));

@@ -12,7 +12,7 @@
 #include "hrtc_service/hrtc_core.hpp"
 #include "hrtc_service/membership.hpp"
 #include "spm/codec/model_codec.hpp"
-#include "study/meeting.hpp"
+#include "study/membership_exchange.hpp"
 
 namespace tactus::test_support {
 
@@ -34,7 +34,7 @@ class LocalSession {
         membership_{session::Origin{kSession, kHrtc, 1, 0}, {"hrtc", "session"}, core_.gateway(), now_},
         delay_{delay_cycles} {
     gateway().on_event = [this](const std::string& text) { events.push_back(text); };
-    study::meet(host_, membership_, now_);
+    study::exchange_membership(host_, membership_, now_);
   }
 
   /// The host withdraws an object, or offers it again.
@@ -149,7 +149,7 @@ class LocalSession {
   void exchange() {
     gateway().tick(now_, membership_.clock());
     membership_.tick(now_);
-    if (connected) study::meet(host_, membership_, now_);
+    if (connected) study::exchange_membership(host_, membership_, now_);
     while (auto demand = gateway().demand(now_))
       if (connected) demands_.push_back({cycles_ + delay_, std::move(*demand)});
     while (!demands_.empty() && demands_.front().due <= cycles_) {

@@ -1,4 +1,4 @@
-/// What a host and an HRTC publish of themselves, carried from core to core without delay.
+/// Exchanges the membership samples of a host and an HRTC without delay.
 #pragma once
 
 #include "host_service/host_core.hpp"
@@ -6,9 +6,9 @@
 
 namespace tactus::study {
 
-/// Every few milliseconds, after the ticks of the HRTC: roster entries, clock samples, and the catalogue when the host
-/// publishes it. Ticks the host; drops what else either would send.
-inline void meet(host_service::HostCore& host, hrtc_service::Membership& hrtc, std::int64_t now_ns) {
+/// Ticks the host and delivers roster entries, clock samples, and the catalogue if the host publishes it. Drops all
+/// other samples of both. Call every few milliseconds, after the ticks of the HRTC.
+inline void exchange_membership(host_service::HostCore& host, hrtc_service::Membership& hrtc, std::int64_t now_ns) {
   const host_service::HostMessages& messages = host.tick(now_ns);
   if (messages.roster) hrtc.on_roster(*messages.roster, now_ns);
   if (messages.catalogue)
