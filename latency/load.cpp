@@ -145,7 +145,7 @@ MeshSink::~MeshSink() {
 void MeshSink::run() {
   while (!stop_) {
     for (const auto& arrived : inbox_.take(kInboxTimeout))
-      std::visit([&](const auto& sample) { take(sample, arrived.at_ns); }, arrived.sample);
+      std::visit([&](const auto& sample) { on_sample(sample, arrived.at_ns); }, arrived.sample);
     if (host_ == 0) continue;
     const std::int64_t now_ns = wire::monotonic_ns();
     client_.host_seen(host_, host_incarnation_, now_ns);
@@ -157,7 +157,7 @@ void MeshSink::run() {
   }
 }
 
-void MeshSink::take(const session::CatalogueEntry& entry, std::int64_t at_ns) {
+void MeshSink::on_sample(const session::CatalogueEntry& entry, std::int64_t at_ns) {
   if (is_flood_ || host_ != 0) return;
   host_ = entry.origin.participant;
   host_incarnation_ = entry.origin.incarnation;
@@ -167,12 +167,12 @@ void MeshSink::take(const session::CatalogueEntry& entry, std::int64_t at_ns) {
   client_.open(entry.object_id, entry.summary.digest);
 }
 
-void MeshSink::take(const session::BulkChunk& chunk, std::int64_t at_ns) {
+void MeshSink::on_sample(const session::BulkChunk& chunk, std::int64_t at_ns) {
   if (is_flood_) return count_message(chunk.payload_bytes(), at_ns);
-  for (const session::DeliveryClient::Message& message : client_.on_chunk(chunk, at_ns)) take(message, at_ns);
+  for (const session::DeliveryClient::Message& message : client_.on_chunk(chunk, at_ns)) on_sample(message, at_ns);
 }
 
-void MeshSink::take(const session::DeliveryClient::Message& message, std::int64_t at_ns) {
+void MeshSink::on_sample(const session::DeliveryClient::Message& message, std::int64_t at_ns) {
   if (message.kind == session::BulkKind::kBase) {
     client_.base_held(message.object_id);
     for (std::uint32_t region = 0; region < regions_; ++region) absent_.push_back(region);

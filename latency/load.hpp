@@ -54,7 +54,7 @@ class MeshSource final : public LoadSource {
   std::thread thread_;
 };
 
-/// The HRTC of that host: requests the regions of the model in turn until it is destroyed.
+/// The HRTC of that host. Requests the regions of the model in turn until it is destroyed.
 class MeshSink final : public LoadSink {
  public:
   /// If `burst_bytes` is 0, requests continuously. Otherwise requests regions of about `burst_bytes` at once, and the
@@ -78,9 +78,9 @@ class MeshSink final : public LoadSink {
  private:
   using Sample = std::variant<session::CatalogueEntry, session::BulkChunk>;
   void run();
-  void take(const session::CatalogueEntry& entry, std::int64_t at_ns);
-  void take(const session::BulkChunk& chunk, std::int64_t at_ns);
-  void take(const session::DeliveryClient::Message& message, std::int64_t at_ns);
+  void on_sample(const session::CatalogueEntry& entry, std::int64_t at_ns);
+  void on_sample(const session::BulkChunk& chunk, std::int64_t at_ns);
+  void on_sample(const session::DeliveryClient::Message& message, std::int64_t at_ns);
   void count_message(std::size_t bytes, std::int64_t at_ns);
   void request_next_regions(std::int64_t now_ns);
   template <class T>

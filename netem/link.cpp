@@ -21,7 +21,7 @@ std::optional<std::int64_t> Link::departure(std::int64_t arrival_ns, std::size_t
     sent = std::max(free_ns_, arrival_ns) + std::llround(static_cast<double>(bytes) * ns_per_byte);
     free_ns_ = sent;
   }
-  if (loses()) {
+  if (is_lost()) {
     ++counts_.lost;
     return std::nullopt;
   }
@@ -33,10 +33,10 @@ std::optional<std::int64_t> Link::departure(std::int64_t arrival_ns, std::size_t
   return departure;
 }
 
-bool Link::loses() {
+bool Link::is_lost() {
   if (profile_.mean_loss() == 0) return false;
-  const double burst = share_(loss_random_),
-               single = share_(loss_random_);  // each frame draws both, so losses do not shift the sequence
+  const double burst = uniform_(loss_random_),
+               single = uniform_(loss_random_);  // always two numbers, so that losses do not change later draws
   in_burst_ = in_burst_ ? burst >= profile_.burst_end : burst < profile_.burst_start;
   return in_burst_ || single < profile_.loss;
 }
@@ -44,29 +44,29 @@ bool Link::loses() {
 double Link::jitter(std::int64_t at_ns) {
   if (profile_.jitter_ms == 0) return 0;
   if (profile_.reorder) return profile_.jitter_ms * normal_(jitter_random_);
-  // A critically damped oscillator driven by white noise, stepped exactly over the time passed: normal at every moment,
-  // with a bounded rate of change. Rasmussen, Williams, Gaussian Processes for Machine Learning, 2006, section 4.2.1
-  // (Matern, nu = 3/2).
+  // Exact step of a critically damped oscillator that white noise drives. Its position is normally distributed at each
+  // time and has a continuous rate of change (Matern process with nu = 3/2). Source: Rasmussen, Williams, Gaussian
+  // Processes for Machine Learning, 2006, section 4.2.1.
   const double first = normal_(jitter_random_), second = normal_(jitter_random_);
-  if (!started_) {
-    started_ = true;
-    wander_ = first;
-    wander_speed_ = second;
+  if (!has_smooth_jitter_) {
+    has_smooth_jitter_ = true;
+    smooth_jitter_ = first;
+    smooth_jitter_rate_ = second;
   } else {
-    const double a = static_cast<double>(at_ns - wander_ns_) * 1e-6 / kJitterMemoryMs;
-    const double fade = std::exp(-a);
-    const double x = fade * ((1 + a) * wander_ + a * wander_speed_);
-    const double v = fade * ((1 - a) * wander_speed_ - a * wander_);
-    const double var_x = std::max(0.0, 1 - fade * fade * (1 + 2 * a + 2 * a * a));
-    const double var_v = std::max(0.0, 1 - fade * fade * (1 - 2 * a + 2 * a * a));
-    const double cov = 2 * a * a * fade * fade;
+    const double a = static_cast<double>(at_ns - smooth_jitter_ns_) * 1e-6 / kJitterMemoryMs;
+    const double decay = std::exp(-a);
+    const double x = decay * ((1 + a) * smooth_jitter_ + a * smooth_jitter_rate_);
+    const double v = decay * ((1 - a) * smooth_jitter_rate_ - a * smooth_jitter_);
+    const double var_x = std::max(0.0, 1 - decay * decay * (1 + 2 * a + 2 * a * a));
+    const double var_v = std::max(0.0, 1 - decay * decay * (1 - 2 * a + 2 * a * a));
+    const double cov = 2 * a * a * decay * decay;
     const double sd_v = std::sqrt(var_v);
     const double part = sd_v > 0 ? cov / sd_v : 0;
-    wander_speed_ = v + sd_v * first;
-    wander_ = x + part * first + std::sqrt(std::max(0.0, var_x - part * part)) * second;
+    smooth_jitter_rate_ = v + sd_v * first;
+    smooth_jitter_ = x + part * first + std::sqrt(std::max(0.0, var_x - part * part)) * second;
   }
-  wander_ns_ = at_ns;
-  return profile_.jitter_ms * wander_;
+  smooth_jitter_ns_ = at_ns;
+  return profile_.jitter_ms * smooth_jitter_;
 }
 
 }  // namespace tactus::netem

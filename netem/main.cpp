@@ -27,10 +27,11 @@ Examples:
   tactus-link run --profile P0:delay=10:loss=1:rate=100 -- iperf3 -s -1 -- iperf3 -c 10.77.0.1 -u
   tactus-link up --profile P7          (until Ctrl-C; prints how to enter)
 
-The first command runs in namespace a (10.77.0.1), the second in b (10.77.0.2). When the second ends, the first gets
-SIGINT, after 2 s SIGTERM and after 4 s SIGKILL. The exit status is that of the second, or of the first if it fails.
+COMMAND_A runs in namespace a (10.77.0.1), COMMAND_B in namespace b (10.77.0.2). When B ends, A gets SIGINT, after 2 s
+SIGTERM and after 4 s SIGKILL.
 
-Exit status: that of the command, 127 when it cannot be run, 2 wrong input or missing rights, 130 interrupted.)";
+Exit status of run: that of B, or that of A if A fails first; 127 if a command cannot be started, 2 wrong input or missing
+rights, 130 interrupted.)";
 
 struct Options {
   std::string profile = "P0";
@@ -44,29 +45,30 @@ struct Options {
 };
 
 void add_options(CLI::App& app, Options& options) {
-  app.add_option("--profile", options.profile,
-                 "Named link (see `tactus-link list`), with changed settings after colons")
+  app.add_option("--profile", options.profile, "Named link (see `tactus-link list`); settings after colons change it")
       ->capture_default_str();
   app.add_option("--seed", options.seed, "Seed of delays and losses")->capture_default_str();
 }
 
 void print_list() {
   for (const NamedLink& link : kNamedLinks)
-    std::printf("%-5s %-52s %s\n", link.name, link.what, describe(link.each_way).c_str());
+    std::printf("%-5s %-52s %s\n", link.name, link.description, describe(link.each_way).c_str());
   std::printf(
-      "\nP0a to P8a: the same, with 70 %% of the round trip's delay and jitter from a to b.\n"
-      "P0:delay=10:jitter=2:reorder:loss=1:burst=0.01/0.25:rate=100:queue=300000: a changed link.\n"
-      "Any of these settings, for both directions. Units: delay and jitter ms; loss %% outside bursts;\n"
-      "burst: chance per frame that a burst of losses begins, and that it ends; rate Mbit/s; queue bytes.\n"
-      "With reorder each frame has a jitter of its own.\n");
+      "\nP0a to P8a: as P0 to P8, with 70 %% of the round trip's delay and jitter from a to b.\n"
+      "Settings after colons change a link in both directions, for example\n"
+      "P0:delay=10:jitter=2:reorder:loss=1:burst=0.01/0.25:rate=100:queue=300000\n"
+      "Units: delay and jitter in ms, loss in %% of the frames outside bursts, rate in Mbit/s, queue in bytes.\n"
+      "burst: probability per frame that a burst of losses begins / that it ends.\n"
+      "reorder: each frame has an independent delay and may overtake others.\n");
 }
 
 void print_start(const LinkedPair& pair, const LinkSettings& link) {
   std::fprintf(stderr, "link %s: a to b %s; b to a %s; seed %llu\n", link.name.c_str(), describe(link.forth).c_str(),
                describe(link.back).c_str(), static_cast<unsigned long long>(link.seed));
   if (!pair.realtime())
-    std::fprintf(stderr,
-                 "relay: no real-time priority, delays are less exact; allow rtprio 80 (limits.conf) or run as root\n");
+    std::fprintf(
+        stderr,
+        "relay: no real-time priority, so delays are less exact; allow rtprio 80 (limits.conf) or run as root\n");
 }
 
 void print_end(const LinkedPair& pair, const LinkSettings& link) {
@@ -78,10 +80,10 @@ void print_end(const LinkedPair& pair, const LinkSettings& link) {
                  static_cast<unsigned long long>(direction.dropped));
   }
   if (figures.overflowed > 0)
-    std::fprintf(stderr, "relay: dropped %llu frames because %zu were in transit; limit the rate of the link\n",
+    std::fprintf(stderr, "relay: dropped %llu frames, because %zu were in transit; limit the rate of the link\n",
                  static_cast<unsigned long long>(figures.overflowed), Relay::kMaxFrames);
-  std::fprintf(stderr, "departures late by p50 %.0f, p99 %.0f, max %.0f us\n", figures.late_p50_us, figures.late_p99_us,
-               figures.late_max_us);
+  std::fprintf(stderr, "lateness of departures: p50 %.0f, p99 %.0f, max %.0f us\n", figures.late_p50_us,
+               figures.late_p99_us, figures.late_max_us);
 }
 
 /// The signals that this program waits for; they are blocked in all its threads.
@@ -101,7 +103,7 @@ int run(const Options& options, const Command& first, const Command& second) {
   const std::array<pid_t, 2> pids{pair.start(Side::kA, first), pair.start(Side::kB, second)};
   std::array<std::optional<int>, 2> ended;  // exit codes
   std::optional<int> result;
-  int patience = 0;  // half seconds since SIGINT
+  int half_seconds = 0;  // since SIGINT
   const sigset_t signals = watched_signals();
   const auto send_signal = [&](int signal) {
     for (std::size_t i = 0; i < 2; ++i)
@@ -123,11 +125,11 @@ int run(const Options& options, const Command& first, const Command& second) {
         result = ended[0];
       if (result) send_signal(SIGINT);
     } else if (signal < 0) {
-      if (++patience == 4) send_signal(SIGTERM);
-      if (patience == 8) send_signal(SIGKILL);
+      if (++half_seconds == 4) send_signal(SIGTERM);
+      if (half_seconds == 8) send_signal(SIGKILL);
     }
   }
-  for (const pid_t pid : pids) ::kill(-pid, SIGKILL);  // processes that the commands started and did not end
+  for (const pid_t pid : pids) ::kill(-pid, SIGKILL);  // ends processes that the commands started and did not end
   print_end(pair, link);
   return *result;
 }
@@ -147,7 +149,7 @@ int up(const Options& options) {
   return 0;
 }
 
-/// The commands after each `--`.
+/// Returns the command after each `--`, and reduces `argc` to the arguments before the first.
 std::vector<Command> split_commands(int& argc, char** argv) {
   std::vector<Command> commands;
   int own = argc;
@@ -175,7 +177,8 @@ int main(int argc, char** argv) {
   app.footer(kExamples);
   app.require_subcommand(1);
   CLI::App* const list = app.add_subcommand("list", "Print the named links");
-  CLI::App* const run_command = app.add_subcommand("run", "Run two commands, one in each namespace: -- A... -- B...");
+  CLI::App* const run_command =
+      app.add_subcommand("run", "Run two commands, one in each namespace: -- COMMAND_A... -- COMMAND_B...");
   CLI::App* const up_command = app.add_subcommand("up", "Keep the link up until Ctrl-C");
   for (CLI::App* const command : {run_command, up_command}) add_options(*command, options);
   try {

@@ -39,7 +39,7 @@ constexpr char kRemedy[] =
     "namespaces and tap devices need root (CAP_SYS_ADMIN and CAP_NET_ADMIN): run it with sudo, in a container with "
     "--privileged";
 
-/// A file descriptor, closed on destruction.
+/// Owns a file descriptor.
 class Descriptor {
  public:
   explicit Descriptor(int fd = -1) noexcept : fd_{fd} {}
@@ -125,7 +125,7 @@ Descriptor make_tap() {
   return tap;
 }
 
-/// Script for address, route and neighbour of one side.
+/// Returns the script that sets address, route and neighbour of one side.
 std::string device_script(Side side) {
   const auto own = static_cast<std::size_t>(side);
   const Side other = side == Side::kA ? Side::kB : Side::kA;
@@ -153,7 +153,8 @@ std::string device_script(Side side) {
          device + "\n";
 }
 
-/// Waits until the device in the calling thread's namespace passes frames, shortly after both its ends are up.
+/// Waits until the device in the calling thread's namespace passes frames, which it does shortly after both ends are
+/// up.
 void wait_running() {
   const Descriptor any{::socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0)};
   ifreq request{};
@@ -162,12 +163,12 @@ void wait_running() {
   for (const auto end = std::chrono::steady_clock::now() + kPatience; std::chrono::steady_clock::now() < end;) {
     if (::ioctl(any.get(), SIOCGIFFLAGS, &request) != 0) fail("cannot look at device " + std::string{kDevice}, errno);
     if ((request.ifr_flags & IFF_RUNNING) != 0) return;
-    std::this_thread::sleep_for(std::chrono::milliseconds{1});  // there is no notification to wait for
+    std::this_thread::sleep_for(std::chrono::milliseconds{1});  // nothing notifies
   }
   throw LinkError("device " + std::string{kDevice} + " passes no frames 10 s after it was brought up");
 }
 
-/// Script for the kernel's token bucket with three bands by socket priority.
+/// Returns the script for the kernel's token bucket with three bands by socket priority.
 std::string rate_script(const LinkProfile& direction) {
   char text[256];
   std::snprintf(text, sizeof text,
@@ -177,7 +178,7 @@ std::string rate_script(const LinkProfile& direction) {
   return text;
 }
 
-/// Starts a program in the namespace of descriptor `where`; -1: in the caller's.
+/// Starts a program in the namespace of descriptor `where`; -1 means the caller's namespace.
 pid_t start_in(int where, std::vector<std::string> command) {
   std::vector<char*> argv;
   for (std::string& word : command) argv.push_back(word.data());
@@ -207,7 +208,7 @@ pid_t start_in(int where, std::vector<std::string> command) {
 pid_t start_program(std::vector<std::string> command) { return start_in(-1, std::move(command)); }
 
 std::string missing_privilege() try {
-  // In a thread of its own, because the namespace ends with it.
+  // A thread of its own, so that the new namespace ends with the thread.
   std::string reason;
   std::thread{[&reason] {
     try {
@@ -219,7 +220,7 @@ std::string missing_privilege() try {
   }}.join();
   if (!reason.empty()) return reason;
   (void)remove_stale();
-  // Entering a namespace needs a root that is a mount point; in a chroot it is not.
+  // To enter a namespace, `ip` needs a root directory that is a mount point, which is not the case in a chroot.
   static std::atomic<int> tries{0};
   const std::string name = "tactus-link-" + std::to_string(::getpid()) + "-try" + std::to_string(tries++);
   batch({"ip"}, "netns add " + name + "\n");

@@ -1,11 +1,11 @@
-/// Two network namespaces joined by a link: two machines in one, for tests, benchmarks and users.
+/// Two network namespaces on one machine, which an emulated link joins as if they were two machines.
 ///
 ///     namespace tactus-link-PID-a                              namespace tactus-link-PID-b
 ///     link0 10.77.0.1/24  <--tap-->  relay (this process)  <--tap-->  link0 10.77.0.2/24
 ///
-/// With Medium::kVeth the kernel joins the two without a relay. Multicast passes the link, neighbours are preset (no
-/// ARP that could be lost), and there is no IPv6 and no route to other networks. Both share files, clock and shared
-/// memory.
+/// With Medium::kVeth the kernel joins the namespaces without a relay. Multicast passes the link. Neighbours are
+/// preset, because the link could lose ARP. There is no IPv6 and no route to other networks. The namespaces share
+/// files, clock and shared memory.
 #pragma once
 
 #include <sys/types.h>
@@ -21,22 +21,23 @@ namespace tactus::netem {
 
 enum class Side { kA = 0, kB = 1 };
 
-/// The reason why this process cannot make namespaces, with the remedy; empty when it can. Leaves no namespace.
+/// Returns the reason why this process cannot make namespaces, with the remedy; empty when it can. Leaves no namespace.
 [[nodiscard]] std::string missing_privilege();
 
-/// Removes namespaces of pairs whose process has ended; returns the names that it removed.
+/// Removes the namespaces of pairs whose process has ended, and returns their names.
 std::vector<std::string> remove_stale();
 
-/// Starts a program in the caller's namespace, found in PATH, in its own process group; the caller waits for it. It
-/// ends when the starting thread ends. A program that cannot be run ends with status 127. Throws LinkError.
+/// Starts a program of PATH in the caller's namespace and in its own process group. The caller must wait for the
+/// returned process. The process ends when the starting thread ends. If the program cannot be run, the process ends
+/// with status 127. Throws LinkError.
 [[nodiscard]] pid_t start_program(std::vector<std::string> command);
 
-/// Owns both namespaces; destroying it removes their names, and the namespaces when no process uses them. Threads: its
-/// creator's; `enter` and `figures` from any thread.
+/// Owns both namespaces. The destructor removes their names; the kernel removes a namespace when no process uses it.
+/// Only `enter` and `figures` may be called from other threads than the creator's.
 class LinkedPair {
  public:
-  /// Removes namespaces that killed programs left, then makes both. Takes about 50 ms. Throws LinkError for settings
-  /// out of range, and for a refusal of the system, with the remedy.
+  /// Calls remove_stale, then makes both namespaces. Takes about 50 ms. Throws LinkError for settings out of range, and
+  /// with the remedy if the system refuses.
   explicit LinkedPair(const LinkSettings& settings);
   ~LinkedPair();
   LinkedPair(const LinkedPair&) = delete;
@@ -46,15 +47,16 @@ class LinkedPair {
   [[nodiscard]] const std::string& name(Side side) const;
   [[nodiscard]] static const char* address(Side side) noexcept { return side == Side::kA ? "10.77.0.1" : "10.77.0.2"; }
 
-  /// Moves the calling thread and its later children into a namespace. Throws LinkError.
+  /// Moves the calling thread into a namespace. Processes and threads that it creates later are in it too. Throws
+  /// LinkError.
   void enter(Side side) const;
 
-  /// As start_program, in a namespace.
+  /// Starts a program in a namespace, otherwise as start_program.
   [[nodiscard]] pid_t start(Side side, std::vector<std::string> command) const;
 
-  /// All zero with Medium::kVeth.
+  /// Figures of the relay; all zero with Medium::kVeth.
   [[nodiscard]] RelayFigures figures() const;
-  /// True when the relay runs at a real-time priority, or when there is none.
+  /// Returns whether the relay runs at a real-time priority; true with Medium::kVeth.
   [[nodiscard]] bool realtime() const noexcept;
 
  private:

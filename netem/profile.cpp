@@ -9,7 +9,7 @@
 namespace tactus::netem {
 namespace {
 
-constexpr double kForthShare = 0.7;  // share of the round trip in the asymmetric variant, a to b
+constexpr double kForthShare = 0.7;  // share of the round trip from a to b in the asymmetric variant
 
 void check_range(const std::string& link, const char* what, double value, double low, double high) {
   if (value >= low && value <= high) return;

@@ -8,7 +8,7 @@
 
 namespace tactus::netem {
 
-/// A link that cannot be made, or invalid settings. The message has the value found and the remedy.
+/// Invalid settings of a link, or a link that cannot be made. The message has the value found and the remedy.
 class LinkError : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
@@ -16,17 +16,18 @@ class LinkError : public std::runtime_error {
 
 /// One direction of a link.
 struct LinkProfile {
-  double delay_ms = 0;   ///< from the last bit sent to the last bit received, mean
-  double jitter_ms = 0;  ///< standard deviation of the delay: normal, cut off at 0
-  /// False: the delay varies smoothly (correlated over kJitterMemoryMs), as with a queue, and frames stay in order.
-  /// True: each frame has an independent delay and may overtake others.
+  double delay_ms = 0;   ///< mean time from the last bit sent to the last bit received
+  double jitter_ms = 0;  ///< standard deviation of the delay, which is normally distributed and at least 0
+  /// False: the delay varies smoothly, as in a queue, and frames stay in order. Its correlation time is
+  /// kJitterMemoryMs. True: each frame has an independent delay and may overtake others.
   bool reorder = false;
-  double loss = 0;  ///< probability that a frame outside a burst is lost, 0..1
-  double burst_start =
-      0;  ///< Gilbert-Elliott p: probability per frame that a burst begins; all frames of a burst are lost
-  double burst_end = 1;  ///< Gilbert-Elliott r: probability per lost frame that the burst ends; its mean length is 1/r
-  double rate_mbit = 0;  ///< 10^6 bits of Ethernet frames per second; 0: no limit
-  std::uint32_t queue_bytes = 300'000;  ///< queue for a limited rate; a frame that does not fit is dropped
+  double loss = 0;  ///< probability that a frame outside a burst is lost, 0 to 1
+  /// Gilbert-Elliott p: probability per frame that a burst begins. All frames of a burst are lost.
+  double burst_start = 0;
+  /// Gilbert-Elliott r: probability per frame of a burst that the burst ends. The mean length of a burst is 1/r frames.
+  double burst_end = 1;
+  double rate_mbit = 0;                 ///< 10^6 bits of Ethernet frames per second; 0: no limit
+  std::uint32_t queue_bytes = 300'000;  ///< size of the queue with a limited rate; a frame that does not fit is dropped
 
   /// Share of all frames that are lost, in bursts and outside them.
   [[nodiscard]] constexpr double mean_loss() const noexcept {
@@ -35,25 +36,25 @@ struct LinkProfile {
   }
 };
 
-/// Correlation time of smooth jitter, ms. It exceeds four standard deviations of any profile below, so the delay almost
-/// never falls faster than time passes, which would compress the spacing of frames.
+/// Correlation time of smooth jitter, ms. A delay that falls as fast as time passes would reduce the intervals between
+/// frames to zero. It almost never does, because this time exceeds four standard deviations of any profile below.
 inline constexpr double kJitterMemoryMs = 100;
 
-/// How two namespaces are joined.
+/// The connection between two namespaces.
 enum class Medium {
-  kRelay,  ///< our relay, with all of LinkProfile; costs about 50 us (docs/how-to/link-emulation.md)
-  kVeth    ///< the kernel's pair, with rate and queue only (a token bucket with three priority bands)
+  kRelay,  ///< a Relay, which supports all of LinkProfile and adds about 50 us (docs/how-to/link-emulation.md)
+  kVeth    ///< a veth pair of the kernel, which supports rate and queue (a token bucket with three priority bands)
 };
 
 struct NamedLink {
   const char* name;
-  const char* what;
+  const char* description;
   Medium medium;
   LinkProfile each_way;
 };
 
-/// Delay, jitter and loss from published studies; rates and queues are ours where those state none. P7 loses 3.8 % in
-/// bursts of four frames and 1.2 % outside bursts.
+/// Named links. Delay, jitter and loss are from published studies. We chose rates and queues where the studies state
+/// none. P7 loses 3.8 % of the frames in bursts of four frames, and 1.2 % of the others.
 inline constexpr std::array kNamedLinks{
     NamedLink{"veth", "no emulation: the kernel's link between two namespaces", Medium::kVeth, {}},
     NamedLink{"P0", "no delay: the relay's own cost", Medium::kRelay, {}},
@@ -76,16 +77,16 @@ struct LinkSettings {
   std::uint64_t seed = 1;
 };
 
-/// Parses a link: a name of kNamedLinks; with a suffix `a` the asymmetric variant with 70 % of the round trip's delay
-/// and jitter from a to b; then any of these for both directions: `:delay=MS :jitter=MS :reorder :loss=PERCENT
-/// :burst=P/R :rate=MBIT :queue=BYTES`. Examples: "P4", "P4a", "P0:delay=10:loss=1:rate=100". Throws LinkError with
-/// the expected form.
+/// Parses a link: a name of kNamedLinks, then settings for both directions. After the name, the suffix `a` means the
+/// asymmetric variant, with 70 % of the round trip's delay and jitter from a to b. Settings are `:delay=MS :jitter=MS
+/// :reorder :loss=PERCENT :burst=P/R :rate=MBIT :queue=BYTES`. Examples: "P4", "P4a", "P0:delay=10:loss=1:rate=100".
+/// Throws LinkError with the expected form.
 [[nodiscard]] LinkSettings parse_link(const std::string& text);
 
-/// Throws LinkError for a number out of range, or one that the medium does not support.
+/// Throws LinkError for a setting that is out of range or that the medium does not support.
 void check(const LinkSettings& settings);
 
-/// "15 ms +- 2, loss 0.5 %, 100 Mbit/s with 300 kB of queue".
+/// Returns a text such as "15 ms +- 2, loss 0.5 %, 100 Mbit/s with 300 kB of queue".
 [[nodiscard]] std::string describe(const LinkProfile& profile);
 
 }  // namespace tactus::netem

@@ -14,7 +14,7 @@ namespace tactus::netem {
 namespace {
 
 constexpr int kBurst = 64;                    // frames taken from one side before the other side
-constexpr std::int64_t kBusyWaitNs = 40'000;  // typical lateness of a wake-up; more without real-time priority
+constexpr std::int64_t kBusyWaitNs = 40'000;  // typical lateness of a wake-up with real-time priority
 constexpr std::size_t kLateBuckets = 10'001;
 
 std::int64_t monotonic_ns() noexcept {
@@ -23,8 +23,8 @@ std::int64_t monotonic_ns() noexcept {
   return now.tv_sec * INT64_C(1'000'000'000) + now.tv_nsec;
 }
 
-/// Nearest rank, to the whole microsecond below: buckets take constant memory at any number of frames. 0 without
-/// frames.
+/// Returns a percentile by nearest rank, rounded down to a whole microsecond; 0 without frames. Counting by microsecond
+/// takes constant memory at any number of frames.
 double percentile(const std::vector<std::uint64_t>& buckets, double share) {
   std::uint64_t total = 0;
   for (const std::uint64_t count : buckets) total += count;
@@ -109,7 +109,7 @@ void Relay::send_due() {
     if (late < 0) return;
     departures_.pop();
     const Frame& frame = frames_[next.frame];
-    // A tap whose interface is down refuses the frame, which is then lost, as on an unplugged cable.
+    // A tap whose interface is down refuses the frame. The frame is lost, as on an unplugged cable.
     (void)!::write(taps_[next.to], frame.data.data(), frame.bytes);
     free_.push_back(next.frame);
     ++sent_;

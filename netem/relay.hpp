@@ -1,4 +1,4 @@
-/// Carries Ethernet frames between two tap devices; two Links decide delays and losses.
+/// Carries Ethernet frames between two tap devices. Two Links decide delays and losses.
 #pragma once
 
 #include <array>
@@ -15,18 +15,18 @@ namespace tactus::netem {
 
 struct RelayFigures {
   LinkCounts forth, back;
-  std::uint64_t overflowed = 0;  ///< dropped because kMaxFrames were in transit
-  std::uint64_t sent = 0;
-  /// Lateness of departures against those of Link, us, over all frames sent.
+  std::uint64_t overflowed = 0;  ///< frames dropped because kMaxFrames were in transit
+  std::uint64_t sent = 0;        ///< frames
+  /// Lateness of the frames sent: time after the departure that Link computed, us.
   double late_p50_us = 0, late_p99_us = 0, late_max_us = 0;
 };
 
 class Relay {
  public:
-  static constexpr std::size_t kMaxFrames =
-      65536;  ///< in transit at once, both directions; 2 KiB each, allocated on demand
+  /// Frames in transit at once, in both directions together; 2 KiB each, allocated on demand.
+  static constexpr std::size_t kMaxFrames = 65536;
 
-  /// `a` and `b` are non-blocking descriptors of tap devices, borrowed: they must outlive run().
+  /// `a` and `b` are non-blocking descriptors of tap devices. The caller keeps them open until run() returns.
   Relay(int a, int b, const LinkSettings& settings);
   ~Relay();
   Relay(const Relay&) = delete;
@@ -34,9 +34,9 @@ class Relay {
 
   /// Carries frames until stop(). Sleeps until shortly before a departure, then spins.
   void run();
-  /// Ends run(), from any thread.
+  /// Ends run(). Any thread may call this.
   void stop() noexcept;
-  /// From any thread.
+  /// Any thread may call this.
   [[nodiscard]] RelayFigures figures() const;
 
  private:
@@ -46,7 +46,7 @@ class Relay {
   };
   struct Departure {
     std::int64_t at_ns;
-    std::uint64_t order;  // keeps the order of frames with equal departures
+    std::uint64_t order;  // number of the arrival, which orders frames with equal departures
     std::uint32_t frame;
     int to;
     bool operator>(const Departure& other) const noexcept {
@@ -62,13 +62,13 @@ class Relay {
   int wake_;
   std::array<Link, 2> links_;  // by the side at which frames arrive
   std::atomic<bool> stop_{false};
-  std::deque<Frame> frames_;  // grows as needed, never moves
+  std::deque<Frame> frames_;  // a deque, because frames must not move when it grows
   std::vector<std::uint32_t> free_;
   std::priority_queue<Departure, std::vector<Departure>, std::greater<>> departures_;
   std::uint64_t order_ = 0;
 
   mutable std::mutex mutex_;         // for the members below and the counts of links_
-  std::vector<std::uint64_t> late_;  // by microsecond; the last bucket has all greater values
+  std::vector<std::uint64_t> late_;  // counts by lateness in us; the last one counts all larger values
   double late_max_us_ = 0;
   std::uint64_t overflowed_ = 0, sent_ = 0;
 };

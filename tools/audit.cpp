@@ -15,7 +15,7 @@ namespace {
 
 using Entry = ContactLog::Entry;
 
-/// Selects `count` of `from`, evenly spread, the first included.
+/// Returns `count` elements of `from`, evenly spread and beginning with the first.
 template <class T>
 std::vector<T> evenly(const std::vector<T>& from, std::size_t count) {
   std::vector<T> chosen;
@@ -130,20 +130,20 @@ class ObjectAuditor {
     for (; logged != logged_.end(); ++logged) found.extra.push_back(logged->triangle);
 
     ++result_.audited;
-    ask_second(entry);
+    add_second_opinion(entry);
     if (found.missing.empty() && found.extra.empty() && found.depths.empty()) return;
     ++result_.mismatched;
-    if (result_.mismatches.size() < ObjectAudit::kMismatchesKept) result_.mismatches.push_back(std::move(found));
+    if (result_.mismatches.size() < ObjectAudit::kMaxListed) result_.mismatches.push_back(std::move(found));
   }
 
-  /// `near_` has the triangles near the sphere of the entry.
-  void ask_second(const Entry& entry) {
+  /// Compares the entry with FCL. `near_` must hold the triangles near the entry's sphere.
+  void add_second_opinion(const Entry& entry) {
     SecondOpinions& opinions = result_.second;
     const SecondOpinion::Answer answer = second_.compare(entry.centre, entry.radius, kTangent / scale_, near_);
     ++opinions.requested;
     opinions.tangent += answer.tangent;
     if (answer.agrees()) return;
-    if (++opinions.disagreed > SecondOpinions::kKept) return;
+    if (++opinions.disagreed > SecondOpinions::kMaxListed) return;
     Disagreement& first = opinions.first.emplace_back();
     first.time_ns = entry.time_ns;
     first.probe = entry.probe;
@@ -167,7 +167,7 @@ class ObjectAuditor {
         add_records(model, region, needed);
       };
       if (regions.for_each_meeting(centre, entry->radius, add_cell)) continue;
-      for (std::uint32_t i = 0; i < regions.size(); ++i)  // a sphere wider than the range of the grid search
+      for (std::uint32_t i = 0; i < regions.size(); ++i)  // the sphere is too wide for the grid search
         if (regions.box(spm::RegionId{i}).squared_distance(centre) <= entry->radius * entry->radius)
           add_cell(spm::RegionId{i}, 0);
     }
@@ -283,7 +283,8 @@ AuditReport audit_files(const std::filesystem::path& log_path, const std::filesy
   const ContactLog log = read_log(log_path);
   const bool is_spm = spm::offline::is_model_file(model_path);
   if (is_spm && !spm_path.empty())
-    throw AuditError(model_path.string() + ": an .spm file itself; expected a mesh beside " + spm_path.string());
+    throw AuditError(model_path.string() + ": is an .spm file; expected a mesh, because --spm names " +
+                     spm_path.string());
   const bool has_spm = is_spm || !spm_path.empty();
   spm::OwnedModel decoded;
   if (has_spm) static_cast<void>(spm::offline::MappedModel{is_spm ? model_path : spm_path, &decoded});

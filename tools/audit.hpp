@@ -1,9 +1,10 @@
-/// Checks a contact log against the original model: was every contact that an HRTC reported as exact the true one?
+/// Checks a contact log against the original model: every contact that an HRTC logged as exact must be the contact with
+/// the original triangles.
 ///
-/// It uses only the original triangles and the log: other geometry code, another search, extended precision. Contacts
-/// are compared as sets of triangle keys and by depth. A triangle whose distance is within kTangent of the radius may
-/// be in the set or not; it is counted. FCL answers the same question for the same triangles and every audited entry.
-/// It does not decide a mismatch, but where it disagrees, the audit itself is in doubt.
+/// The audit shares no geometry code with the HRTC: it has another search and extended precision. For each audited
+/// entry it compares the keys of the touched triangles and the depths. It ignores and counts a triangle whose distance
+/// is within kTangent of the radius, because rounding decides whether the tip touches it. FCL checks the same entries
+/// as a second opinion. A disagreement with FCL is no mismatch, but it makes the audit doubtful.
 #pragma once
 
 #include <array>
@@ -27,18 +28,18 @@ class AuditError : public std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-inline constexpr double kTangent = 1e-6;          ///< metres; also the tolerance of depths
-inline constexpr std::uint32_t kNearChange = 10;  ///< cycles; entries within it are near a region change
+inline constexpr double kTangent = 1e-6;          ///< tolerance of distances and depths, m
+inline constexpr std::uint32_t kNearChange = 10;  ///< cycles after a region change in which entries are near the change
 
 struct AuditOptions {
-  std::uint32_t cycles = 10000;  ///< maximum audited per object
+  std::uint32_t cycles = 10000;  ///< maximum number of audited cycles per object
 };
 
-/// The original of an object.
+/// The original model of an object.
 struct Original {
-  std::string name;                 ///< of the file, without folder and extension
+  std::string name;                 ///< name of the file, without folder and extension
   std::vector<Corners> triangles;   ///< cleaned, not empty
-  std::optional<spm::Model> model;  ///< borrowed; for the records that the paths needed
+  std::optional<spm::Model> model;  ///< for the records that the paths needed; its owner must outlive this
 };
 
 /// An audited entry that differs from the original.
@@ -46,7 +47,7 @@ struct Mismatch {
   std::int64_t time_ns;
   std::uint32_t probe;
   std::vector<std::uint64_t> missing;  ///< keys of touched triangles that the log lacks
-  std::vector<std::uint64_t> extra;    ///< keys in the log that are not touched, or that are logged too often
+  std::vector<std::uint64_t> extra;    ///< keys of logged triangles that are not touched, or that are logged too often
   struct Depth {
     std::uint64_t triangle;
     double logged, expected;  ///< metres
@@ -54,75 +55,76 @@ struct Mismatch {
   std::vector<Depth> depths;
 };
 
-/// An audited entry where FCL differs from the audit.
+/// An audited entry for which FCL and the audit differ.
 struct Disagreement {
   std::int64_t time_ns;
   std::uint32_t probe;
-  std::vector<std::uint64_t> only_audit, only_fcl;  ///< keys of triangles that only one of them reports as touched
+  std::vector<std::uint64_t> only_audit, only_fcl;  ///< keys of triangles that only the audit, or only FCL, touches
   struct Distance {
-    std::optional<double> audit;  ///< metres; none when further than the radius
+    std::optional<double> audit;  ///< metres; empty if larger than the radius
     double fcl;                   ///< metres
   };
-  std::optional<Distance> distance;  ///< of the nearest triangle, if they differ
+  std::optional<Distance> distance;  ///< distance of the nearest triangle, if the two values differ
 };
 
-/// FCL's answers to the audited entries.
+/// FCL's opinions on the audited entries.
 struct SecondOpinions {
-  static constexpr std::size_t kKept = 5;
-  std::uint64_t requested = 0;
-  std::uint64_t tangent = 0;  ///< triangles on which they differ within kTangent of the radius
-  std::uint64_t disagreed = 0;
-  std::vector<Disagreement> first;  ///< the first kKept
+  static constexpr std::size_t kMaxListed = 5;
+  std::uint64_t requested = 0;      ///< entries
+  std::uint64_t tangent = 0;        ///< triangles with a difference, but at a distance within kTangent of the radius
+  std::uint64_t disagreed = 0;      ///< entries
+  std::vector<Disagreement> first;  ///< the first kMaxListed disagreements
 };
 
-/// First contact of a probe with the original surface, and its first exact contact.
+/// First contact of a probe with the original surface.
 struct FirstTouch {
   std::uint32_t probe;
-  std::int64_t touch_ns;                 ///< first entry in contact with the original
-  std::optional<std::int64_t> exact_ns;  ///< first exact entry in contact with it
+  std::int64_t touch_ns;                 ///< time of the first entry in contact with the original
+  std::optional<std::int64_t> exact_ns;  ///< time of the first exact entry in contact with the original
 };
 
-/// Records that the paths needed and that the HRTC received.
+/// Numbers of records.
 struct RecordsUse {
-  std::uint64_t needed;    ///< union of the closed lists of all cells that a sphere in contact intersected
-  std::uint64_t of_model;  ///< all records of the model
-  std::optional<std::uint64_t> received, returned;  ///< from the log's totals; none if the HRTC was killed
+  std::uint64_t needed;    ///< in the closed lists of all regions that a sphere in contact intersected, without repeats
+  std::uint64_t of_model;  ///< in the model
+  /// Received, and of these received again after an eviction. From the log's totals; empty if the HRTC was killed.
+  std::optional<std::uint64_t> received, returned;
 };
 
 struct ObjectAudit {
-  static constexpr std::size_t kMismatchesKept = 5;
+  static constexpr std::size_t kMaxListed = 5;
   std::string name;
   std::uint32_t index = 0;
-  std::uint64_t entries = 0;        ///< logged near the object
-  std::uint64_t contact = 0;        ///< of these, with the original surface within the radius
-  std::uint64_t exact_contact = 0;  ///< of these, flagged exact
-  std::uint64_t truncated = 0;      ///< exact entries with more contacts than an entry holds: not audited
-  std::uint64_t audited = 0;
-  std::uint64_t audited_near_change = 0;
-  std::uint64_t triangles = 0;  ///< compared in all audited entries
-  std::uint64_t tangent = 0;    ///< triangles ignored as tangent in audited entries
-  std::uint64_t mismatched = 0;
-  std::vector<Mismatch> mismatches;  ///< the first kMismatchesKept
+  std::uint64_t entries = 0;              ///< entries logged near the object
+  std::uint64_t contact = 0;              ///< entries in contact with the original surface
+  std::uint64_t exact_contact = 0;        ///< entries in contact with it that are logged as exact
+  std::uint64_t truncated = 0;            ///< exact entries that are not audited, because they lack some contacts
+  std::uint64_t audited = 0;              ///< entries
+  std::uint64_t audited_near_change = 0;  ///< entries
+  std::uint64_t triangles = 0;            ///< triangles compared, over all audited entries
+  std::uint64_t tangent = 0;              ///< triangles ignored as tangent, over all audited entries
+  std::uint64_t mismatched = 0;           ///< entries
+  std::vector<Mismatch> mismatches;       ///< the first kMaxListed mismatches
   SecondOpinions second;
   std::vector<FirstTouch> touches;  ///< by probe
   std::optional<RecordsUse> records;
 };
 
 struct AuditReport {
-  std::string log;  ///< name of the file, without folder and extension
-  std::string original;
+  std::string log;       ///< name of the file, without folder and extension
+  std::string original;  ///< Original::name
   std::uint64_t original_triangles = 0;
   std::vector<std::string> logged_objects;  ///< names of all objects in the log
   bool torn = false;                        ///< the log ends within an entry
-  bool unfinished = false;                  ///< an object has no totals: its HRTC was killed
+  bool unfinished = false;                  ///< an object has no totals, because its HRTC was killed
   std::uint64_t undeclared = 0;             ///< entries of objects that the log does not name
   std::vector<ObjectAudit> objects;         ///< objects that match the original
 
-  /// No mismatch, and no disagreement with FCL.
+  /// Returns whether there is no mismatch and no disagreement with FCL.
   [[nodiscard]] bool clean() const noexcept;
 };
 
-/// A whole log in memory, about 100 bytes per entry and 16 per contact.
+/// A complete log in memory. An entry takes about 100 bytes, a contact 16.
 struct ContactLog {
   struct Entry {
     std::int64_t time_ns;
@@ -139,22 +141,21 @@ struct ContactLog {
   std::vector<trace::LoggedTotals> totals;
   bool torn = false;
 };
-/// Throws LogError (missing, not a log, other version), or AuditError naming an entry with an impossible sphere or
-/// scale.
+/// Throws LogError for a file that is missing, is no log or has another version, and AuditError for an entry with an
+/// impossible sphere or scale.
 [[nodiscard]] ContactLog read_log(const std::filesystem::path& path);
 
-/// Selects the entries to audit, ascending: up to `max` of `near_change.size()` candidates. Up to 40 % of `max` are
-/// near a region change, evenly spread; the rest are others, evenly spread. If there are too few others, more entries
-/// near a change are selected.
+/// Selects at most `max` of `near_change.size()` entries for the audit, in ascending order. At most 40 % of them are
+/// near a region change, unless there are too few others. Both groups are evenly spread over the log.
 [[nodiscard]] std::vector<std::size_t> choose_entries(const std::vector<bool>& near_change, std::size_t max);
 
-/// Audits the objects of `log` with the digest of `original.model`; without a model, those with its name, or the only
-/// one. `second` must be for `original.triangles`.
+/// Audits the objects of `log` whose digest is that of `original.model`. If there is no model, audits the objects with
+/// the name of the original, or else the only object of the log. `second` must be for `original.triangles`.
 [[nodiscard]] AuditReport audit(const ContactLog& log, const Original& original, SecondOpinion& second,
                                 const AuditOptions& options);
 
-/// Audits `log` against `model`, a mesh (imported and cleaned) or an .spm file (its finest faces). `spm`, which may be
-/// empty, is the .spm file of a mesh. Throws the errors of reading them.
+/// Audits `log` against the file `model`: a mesh, which is imported and cleaned, or an .spm file, whose finest faces
+/// count. `spm` is the .spm file of a mesh, or empty. Throws the errors of reading the files.
 [[nodiscard]] AuditReport audit_files(const std::filesystem::path& log, const std::filesystem::path& model,
                                       const std::filesystem::path& spm, const AuditOptions& options);
 

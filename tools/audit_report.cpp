@@ -106,7 +106,7 @@ std::string row(const char* name, std::uint64_t value, const std::string& more =
   return formatted("  %-32s %llu", name, static_cast<unsigned long long>(value)) + more + "\n";
 }
 
-/// A line with the keys; empty without keys.
+/// Returns a line with the first keys; empty without keys.
 std::string keys_text(const char* what, const std::vector<std::uint64_t>& keys) {
   constexpr std::size_t kShown = 3;
   if (keys.empty()) return {};
@@ -115,28 +115,27 @@ std::string keys_text(const char* what, const std::vector<std::uint64_t>& keys) 
   return text + (keys.size() > kShown ? " and " + std::to_string(keys.size() - kShown) + " more\n" : "\n");
 }
 
-std::string place_text(std::int64_t time_ns, std::uint32_t probe) {
+std::string entry_text(std::int64_t time_ns, std::uint32_t probe) {
   return formatted("    at %.6f s, probe %u\n", static_cast<double>(time_ns) * 1e-9, probe);
 }
 
 std::string mismatch_text(const Mismatch& mismatch) {
-  std::string text = place_text(mismatch.time_ns, mismatch.probe) + keys_text("missing", mismatch.missing) +
+  std::string text = entry_text(mismatch.time_ns, mismatch.probe) + keys_text("missing", mismatch.missing) +
                      keys_text("extra", mismatch.extra);
   if (!mismatch.depths.empty()) {
     const Mismatch::Depth& first = mismatch.depths.front();
-    text += formatted("      %zu wrong depths, the first of ", mismatch.depths.size()) + hex(first.triangle) +
-            formatted(": %.6g m, expected %.6g m\n", first.logged, first.expected);
+    text += formatted("      %zu wrong depths; of triangle ", mismatch.depths.size()) + hex(first.triangle) +
+            formatted(": logged %.6g m, expected %.6g m\n", first.logged, first.expected);
   }
   return text;
 }
 
 std::string disagreement_text(const Disagreement& one) {
-  std::string text = place_text(one.time_ns, one.probe) + keys_text("touched by the audit alone", one.only_audit) +
+  std::string text = entry_text(one.time_ns, one.probe) + keys_text("touched by the audit alone", one.only_audit) +
                      keys_text("touched by FCL alone", one.only_fcl);
   if (one.distance) {
-    text += "      nearest at " + formatted("%.9g m by FCL, ", one.distance->fcl) +
-            (one.distance->audit ? formatted("%.9g m", *one.distance->audit) : "further than the radius") +
-            " by the audit\n";
+    text += "      distance of the nearest triangle: FCL " + formatted("%.9g m, audit ", one.distance->fcl) +
+            (one.distance->audit ? formatted("%.9g m", *one.distance->audit) : "more than the radius") + "\n";
   }
   return text;
 }
@@ -146,14 +145,14 @@ std::string records_text(const RecordsUse& use) {
   if (!use.received) return text + "  records received                 not in the log: its HRTC was killed\n";
   return text +
          row("records received", *use.received,
-             formatted(", %.3f times the needed, %.2f %% of the model", share(*use.received, use.needed),
+             formatted(", %.3f times the needed records, %.2f %% of the model", share(*use.received, use.needed),
                        100 * share(*use.received, use.of_model))) +
-         row("  of these again after eviction", *use.returned);
+         row("  received again after eviction", *use.returned);
 }
 
 std::string object_text(const ObjectAudit& object) {
   std::string text = "object '" + object.name + "' of the log\n";
-  text += row("cycles logged near it", object.entries);
+  text += row("cycles logged near the object", object.entries);
   if (object.entries == 0) return text + "  not touched: no entry to audit\n";
   text += row("cycles in contact", object.contact,
               formatted(", %.3f %% of them exact", 100 * share(object.exact_contact, object.contact)));
@@ -165,7 +164,7 @@ std::string object_text(const ObjectAudit& object) {
   for (const FirstTouch& touch : object.touches) {
     const auto after = milliseconds(touch);
     text += formatted("  probe %-26u ", touch.probe) +
-            (after ? formatted("exact %.1f ms after the tip touched the surface", *after) : "never exact in contact") +
+            (after ? formatted("first exact contact %.1f ms after the first touch", *after) : "no exact contact") +
             "\n";
   }
   if (object.records) text += records_text(*object.records);
@@ -204,15 +203,15 @@ std::string audit_text(const AuditReport& report) {
   std::string text = "audit of " + report.log + " against " + report.original + ", " +
                      std::to_string(report.original_triangles) + " triangles\n";
   if (report.torn) {
-    text += "the log ends within an entry (a killed HRTC?); read up to there\n";
+    text += "the log ends within an entry, perhaps because its HRTC was killed; the entries before are audited\n";
   } else if (report.unfinished) {
-    text += "the log ends without totals (a killed HRTC?)\n";
+    text += "the log ends without totals, perhaps because its HRTC was killed\n";
   }
   if (report.undeclared > 0)
     text += std::to_string(report.undeclared) + " entries of objects that the log does not name: not audited\n";
   for (const ObjectAudit& object : report.objects) text += object_text(object);
   if (!report.objects.empty()) return text;
-  text += "no object of the log is this original: 0 cycles audited. The log has";
+  text += "no object of the log matches the original: 0 cycles audited. The log has";
   if (report.logged_objects.empty()) return text + " no objects\n";
   text += "\n";
   for (const std::string& name : report.logged_objects) text += "  '" + name + "'\n";

@@ -1,4 +1,4 @@
-/// An audit report as text and as JSON.
+/// Writes an audit report as text and as JSON.
 #pragma once
 
 #include <nlohmann/json_fwd.hpp>
@@ -9,7 +9,7 @@
 namespace tactus::tools {
 
 [[nodiscard]] nlohmann::ordered_json audit_json(const AuditReport& report);
-/// Lines of at most 100 columns, unless a name is longer than 40 bytes.
+/// Returns lines of at most 100 columns, unless a name is longer than 40 bytes.
 [[nodiscard]] std::string audit_text(const AuditReport& report);
 
 }  // namespace tactus::tools

@@ -37,8 +37,9 @@ struct Lists {
   std::uint32_t longest = 0, max_faces = 0;
 };
 
-/// Size of the messages with the records of the step that needs most.
-std::uint64_t bytes_entering(const spm::codec::CompressedModel& coded, const spm::offline::Certificate& certificate) {
+/// Returns the bytes of the messages with the new records of the certificate's worst step.
+std::uint64_t bytes_of_worst_step(const spm::codec::CompressedModel& coded,
+                                  const spm::offline::Certificate& certificate) {
   std::uint64_t bytes = 0;
   for (const auto& [region, missing] : certificate.brings)
     bytes += spm::codec::encode_region(coded, region, std::span<const spm::Interval>{missing}).size();
@@ -65,8 +66,7 @@ ordered_json info_json(const spm::Model& model, const spm::offline::Provenance& 
     const spm::offline::TreeSize size = spm::offline::tree_size(s.faces, width);
     return ordered_json{{"height", size.levels}, {"nodes", size.nodes + s.faces}};
   };
-  // Steps of the certificate per cycle.
-  const double steps = certificate.steps_per_second() * kPeriod;
+  const double steps = certificate.steps_per_second() * kPeriod;  // of the certificate, per cycle
   const auto faces_changing = static_cast<std::uint64_t>(std::ceil(certificate.faces * steps));
   ordered_json drops;
   for (const auto& [name, count] : dropped(provenance.cleaned)) drops[name] = count;
@@ -113,7 +113,7 @@ ordered_json info_json(const spm::Model& model, const spm::offline::Provenance& 
                          {"tree_nodes", certificate.nodes},
                          {"records_per_second", certificate.entering * certificate.steps_per_second()}}}};
   if (coded != nullptr) {
-    const auto bytes = static_cast<double>(bytes_entering(*coded, certificate));
+    const auto bytes = static_cast<double>(bytes_of_worst_step(*coded, certificate));
     json["certificate"]["step_bytes"] = bytes;
     json["certificate"]["bytes_per_second"] = bytes * certificate.steps_per_second();
   }
@@ -152,31 +152,31 @@ std::string info_text(const spm::Model& model, const spm::offline::Provenance& p
   row("coordinates", s.position_step > 0 ? "on a grid of " + millimetres(s.position_step) : "as imported, to the bit");
   const auto& regions = json["regions"];
   row("regions", std::to_string(s.regions) + ", cells of " + millimetres(s.grid.cell_size));
-  row("records of a region", "mean " + number(regions["records_mean"]) + ", most " +
-                                 std::to_string(regions["records_max"].get<std::uint32_t>()));
-  row("faces of a region", "most " + std::to_string(regions["most_faces"].get<std::uint32_t>()));
-  row("lists / records", number(regions["list_sum_per_record"]));
-  row("probe of radius", millimetres(certificate.radius));
-  row("  overlaps at most", std::to_string(certificate.regions) + " regions");
-  row("  needs at most", std::to_string(certificate.records) + " records, " + std::to_string(certificate.parts) +
-                             " pool slots, and the base mesh");
+  row("records per region", "mean " + number(regions["records_mean"]) + ", max " +
+                                std::to_string(regions["records_max"].get<std::uint32_t>()));
+  row("faces per region", "max " + std::to_string(regions["most_faces"].get<std::uint32_t>()));
+  row("list entries per record", number(regions["list_sum_per_record"]));
+  row("probe radius", millimetres(certificate.radius));
+  row("  overlapped regions", "at most " + std::to_string(certificate.regions));
+  row("  needed records", "at most " + std::to_string(certificate.records) + ", in " +
+                              std::to_string(certificate.parts) + " pool slots, and the base mesh");
   const auto& needs = json["certificate"];
-  row("  in a pool of at least", std::to_string(needs["pool_slots"].get<std::uint32_t>()) + " slots");
-  row("  or a memory of at least",
+  row("  sufficient pool", std::to_string(needs["pool_slots"].get<std::uint32_t>()) + " slots");
+  row("  sufficient memory",
       number(needs["memory_bytes"].get<double>() / (1 << 20)) + " MiB, all directories included");
-  row("moving at", number(needs["speed_m_s"]) + " m/s");
-  std::string step = "at most " + std::to_string(certificate.entering) + " records are new";
-  std::string second = "at most " + number(needs["records_per_second"]) + " records";
+  row("probe speed", number(needs["speed_m_s"]) + " m/s");
+  std::string step = "at most " + std::to_string(certificate.entering);
+  std::string second = "at most " + number(needs["records_per_second"]);
   if (coded != nullptr) {
     step += ", " + number(needs["step_bytes"].get<double>() / 1000) + " kB";
     second += ", " + number(needs["bytes_per_second"].get<double>() * 8e-6) + " Mbit";
   }
-  row("  for every " + millimetres(certificate.step), step);
-  row("  in a second", second);
-  row("  in a cycle of 1 ms", "at most " + number(needs["cycle_units"]) +
-                                  " units of refinement, in the mean of a second; refit recomputes " +
-                                  std::to_string(needs["cycle_marked"].get<std::uint64_t>()) +
-                                  " nodes, a query reads " + std::to_string(certificate.nodes));
+  row("  new records per " + millimetres(certificate.step), step);
+  row("  new records per second", second);
+  row("  refinement per cycle", "at most " + number(needs["cycle_units"]) + " units, mean over a second");
+  row("  refit per cycle",
+      "at most " + std::to_string(needs["cycle_marked"].get<std::uint64_t>()) + " nodes recomputed");
+  row("  query", "at most " + std::to_string(certificate.nodes) + " nodes read");
   return text + dropped_text(provenance.cleaned);
 }
 

@@ -1,4 +1,4 @@
-/// Reports of `tactus-mesh` about a model, as text and as JSON.
+/// Writes the reports of `tactus-mesh` about a model as text and as JSON.
 #pragma once
 
 #include <nlohmann/json_fwd.hpp>
@@ -12,8 +12,8 @@
 
 namespace tactus::tools {
 
-/// The rows of the paper's Table 1, the regions, and the certificate for one probe; with `coded` also the sizes of
-/// messages in bytes.
+/// Returns the rows of the paper's Table 1, the regions, and the certificate of a probe. If `coded` is given, adds the
+/// sizes of messages in bytes.
 [[nodiscard]] nlohmann::ordered_json info_json(const spm::Model& model, const spm::offline::Provenance& provenance,
                                                const spm::offline::Certificate& certificate,
                                                const spm::codec::CompressedModel* coded = nullptr);
@@ -24,7 +24,7 @@ namespace tactus::tools {
 [[nodiscard]] nlohmann::ordered_json verification_json(const spm::offline::Verification& verification);
 [[nodiscard]] std::string verification_text(const spm::offline::Verification& verification);
 
-/// One line for each kind of dropped element; empty when none was dropped.
+/// Returns a line for each kind of dropped element; empty when none was dropped.
 [[nodiscard]] std::string dropped_text(const spm::offline::CleanReport& cleaned);
 
 }  // namespace tactus::tools

@@ -25,7 +25,7 @@ namespace {
 
 using namespace spm::offline;
 
-/// A progress bar on a terminal, on one line that it overwrites; silent elsewhere.
+/// Shows a progress bar on one line of a terminal. Writes nothing if there is no terminal.
 class ProgressBar {
  public:
   explicit ProgressBar(const ToolStreams& streams) : streams_{streams} {}
@@ -53,7 +53,7 @@ class ProgressBar {
   std::chrono::steady_clock::time_point last_;
 };
 
-/// Options of all commands; each command uses its own.
+/// Values of the options of all commands.
 struct Settings {
   std::string model, out, file, shape, unit = "m";
   std::string log, spm, json_file;
@@ -113,7 +113,7 @@ void report_built(const Settings& settings, const BuiltModel& built, const Prove
   }
 }
 
-/// Writes the model that `make` builds with a progress callback; reports the result.
+/// Calls `make` with a progress callback, writes the model that it returns, and reports the result.
 template <class Make>
 int build_into_file(const Settings& settings, const std::string& source, const ToolStreams& streams, Make make) {
   StageTimes times;
@@ -183,7 +183,7 @@ int make(const Settings& settings, const ToolStreams& streams) {
 
 int audit_log(const Settings& settings, bool json, const ToolStreams& streams) {
   std::ofstream file;
-  if (!settings.json_file.empty()) {  // first, because an unwritable file should not cost a minute
+  if (!settings.json_file.empty()) {  // opened before the audit, which takes up to a minute
     file.open(settings.json_file);
     if (!file) throw AuditError(settings.json_file + ": cannot be written");
   }
@@ -194,11 +194,10 @@ int audit_log(const Settings& settings, bool json, const ToolStreams& streams) {
     streams.out << audit_text(report);
   }
   if (file.is_open() && !(file << audit_json(report).dump(2) << "\n" << std::flush))
-    throw AuditError(settings.json_file + ": cannot be written to its end");
+    throw AuditError(settings.json_file + ": cannot be written completely");
   return report.clean() ? kDone : kCheckFailed;
 }
 
-/// The command line and its commands.
 class CommandLine {
  public:
   CommandLine() {
@@ -232,7 +231,7 @@ class CommandLine {
   void add_build() {
     build_ = app_.add_subcommand("build", "Build an .spm model from a triangle mesh");
     build_->footer("Example: tactus-mesh build bunny.obj bunny.spm --unit cm");
-    build_->add_option("MODEL", settings_.model, "OBJ, PLY, STL, glTF, GLB, OFF or another file with a surface")
+    build_->add_option("MODEL", settings_.model, "Mesh file: OBJ, PLY, STL, glTF, GLB, OFF or another format")
         ->required();
     build_->add_option("OUT", settings_.out, "The .spm file to write")->required();
     CLI::Option* unit = build_->add_option("--unit", settings_.unit, "Unit of length of the file")
@@ -243,13 +242,13 @@ class CommandLine {
                 ->excludes(unit);
     build_
         ->add_option("--pairs", settings_.pairs_mm,
-                     "Contract vertices closer than this, in millimetres, even if the topology changes: closes cracks "
-                     "and tunnels in coarse versions")
+                     "Distance in millimetres below which vertices are contracted even if the topology changes; closes "
+                     "cracks and tunnels in coarse versions")
         ->check(CLI::NonNegativeNumber);
     build_->add_flag("--allow-losses", settings_.allow_losses,
                      "Build even if most vertices or faces of MODEL are dropped");
     build_->add_option("--threads", settings_.threads,
-                       "Threads for the build; 0: all processors. The result does not depend on it");
+                       "Threads for the build; 0: one per processor. The result is the same with any number");
     add_density(build_);
     add_report(build_);
   }
@@ -263,7 +262,7 @@ class CommandLine {
     verify_ = app_.add_subcommand("verify", "Check that an .spm model reproduces its original to the bit");
     verify_->footer("Example: tactus-mesh verify bunny.spm bunny.obj");
     verify_->add_option("FILE", settings_.file, "The .spm file")->required();
-    verify_->add_option("MODEL", settings_.model, "The mesh that it was built from")->required();
+    verify_->add_option("MODEL", settings_.model, "The mesh from which FILE was built")->required();
     verify_->add_flag("--json", settings_.json, "Report as JSON");
   }
   void add_generate() {
@@ -285,14 +284,17 @@ class CommandLine {
     audit_ = app_.add_subcommand("audit", "Check an HRTC's contact log against the original model");
     audit_->footer(
         "Example: tactus-mesh audit hrtc-1.hlog organ.ply --spm organ.spm --json audit.json\n"
-        "It audits the object of the log that matches MODEL: by digest (an .spm file, or --spm), otherwise by name,\n"
-        "otherwise the only object. A missing or untouched object is not a failure. FCL gives a second opinion on\n"
-        "every audited cycle; if it disagrees by more than 1e-6 m, the check fails.");
+        "The audited object of the log is the one with the digest of the .spm file. Without an .spm file, it is the "
+        "one\n"
+        "with the name of MODEL, or else the only one. A missing or untouched object is not a failure. FCL gives a\n"
+        "second opinion on every audited cycle. If it disagrees by more than 1e-6 m, the check fails.");
     audit_->add_option("LOG", settings_.log, "Contact log of tactus-hrtc --log")->required();
     audit_->add_option("MODEL", settings_.model, "The original mesh, or an .spm file for its finest mesh")->required();
-    audit_->add_option("--spm", settings_.spm, "The .spm file of MODEL: also counts the records that the paths needed");
+    audit_->add_option("--spm", settings_.spm, "The .spm file of MODEL, to count the records that the paths needed");
     audit_->add_option("--cycles", settings_.audit.cycles, "Maximum number of audited cycles")->capture_default_str();
-    audit_json_ = audit_->add_option("--json", settings_.json_file, "Report as JSON, in FILE or instead of the text")
+    audit_json_ = audit_
+                      ->add_option("--json", settings_.json_file,
+                                   "Write the report as JSON: into FILE, or to the output instead of the text")
                       ->type_name("[FILE]")
                       ->expected(0, 1);
   }
@@ -305,7 +307,7 @@ class CommandLine {
         ->capture_default_str();
     command
         ->add_option("--grid", settings_.grid_bits,
-                     "Compact profile: bits of the grid, over the longest side, to which coordinates are rounded")
+                     "Compact profile: round coordinates to a grid with this number of bits over the longest side")
         ->check(CLI::Range(4u, 20u));
   }
   void add_report(CLI::App* command) {

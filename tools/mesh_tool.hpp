@@ -1,4 +1,4 @@
-/// `tactus-mesh`: builds, describes and verifies models, audits contact logs, generates meshes.
+/// The program `tactus-mesh`, which builds, describes and verifies models, audits contact logs and generates meshes.
 #pragma once
 
 #include <iosfwd>
@@ -8,12 +8,12 @@ namespace tactus::tools {
 struct ToolStreams {
   std::ostream& out;     ///< results
   std::ostream& errors;  ///< messages, and progress
-  bool progress;         ///< `errors` is a terminal: show a bar
+  bool progress;         ///< whether to show a progress bar, because `errors` is a terminal
 };
 
 enum ExitCode { kDone = 0, kCheckFailed = 1, kBadInput = 2 };
 
-/// The whole program except its streams. Never throws.
+/// Runs the program with the given streams and returns its exit status. Never throws.
 [[nodiscard]] int run_mesh_tool(int argc, const char* const* argv, ToolStreams streams);
 
 }  // namespace tactus::tools

@@ -1,7 +1,7 @@
-/// FCL's answer to the question of an audit: which triangles does a sphere touch, and how far is the nearest one?
+/// Compares an audit with FCL: the triangles that a sphere touches, and the distance of the nearest triangle.
 ///
-/// FCL computes squares in double precision, so it is less accurate than the audit and does not decide. But when they
-/// differ by more than the tolerance, one of them is wrong. Model frame, file units. One thread at a time.
+/// FCL computes squares in double precision, so it is less accurate than the audit. If FCL and the audit differ by more
+/// than the tolerance, one of the two is wrong. Model frame, file units. One thread at a time.
 #pragma once
 
 #include <cstdint>
@@ -16,23 +16,25 @@ namespace tactus::tools {
 class SecondOpinion {
  public:
   struct Answer {
-    std::vector<std::uint32_t> only_ours, only_fcl;  ///< touched triangles, without those near tangency
-    std::uint32_t tangent = 0;  ///< triangles omitted: reported by only one, at a distance equal to the radius
-    /// Distances of the nearest triangle if they differ; `ours` is empty when no triangle is within the radius.
+    std::vector<std::uint32_t> only_ours, only_fcl;  ///< triangles that only the audit, or only FCL, touches
+    std::uint32_t tangent =
+        0;  ///< such triangles that are omitted, as their distance is the radius within the tolerance
+    /// Distances of the nearest triangle. `ours` is empty if no triangle is within the radius.
     struct Distance {
       std::optional<double> ours;
       double fcl;
     };
-    std::optional<Distance> distance;
+    std::optional<Distance> distance;  ///< empty if the two distances agree
 
     [[nodiscard]] bool agrees() const noexcept { return only_ours.empty() && only_fcl.empty() && !distance; }
   };
 
-  /// Borrows `triangles`: not empty. Builds FCL's tree at the first query, O(n log n), about 300 bytes per triangle.
+  /// `triangles` must not be empty and must outlive this. The first query builds FCL's tree in O(n log n), with about
+  /// 300 bytes per triangle.
   explicit SecondOpinion(const std::vector<Corners>& triangles) : triangles_{triangles} {}
 
-  /// Compares FCL with `near`, which must hold all triangles not much further than `radius` from `centre`, ascending.
-  /// Differences up to `tolerance` are ignored; FCL's squares need about 1e-8 of the largest triangle.
+  /// Compares FCL with `near`, which must hold all triangles within `radius` of `centre` in ascending order, and may
+  /// hold more. Ignores differences up to `tolerance`, which must be at least 1e-8 of the size of the largest triangle.
   [[nodiscard]] Answer compare(const Point& centre, double radius, double tolerance,
                                const std::vector<SurfaceGrid::Near>& near);
 

@@ -13,7 +13,7 @@ using Vector = std::array<Real, 3>;
 
 Real dot(const Vector& a, const Vector& b) noexcept { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
-/// |q - s a - t b| squared.
+/// Returns |q - s a - t b|^2.
 Real squared_residual(const Vector& q, const Vector& a, Real s, const Vector& b, Real t) noexcept {
   Real sum = 0;
   for (int axis = 0; axis < 3; ++axis) {
@@ -23,18 +23,18 @@ Real squared_residual(const Vector& q, const Vector& a, Real s, const Vector& b,
   return sum;
 }
 
-/// Squared distance of q from the segment between the origin and `end`.
+/// Returns the squared distance of q from the segment between the origin and `end`.
 Real squared_from_segment(const Vector& q, const Vector& end) noexcept {
   const Real length2 = dot(end, end);
   const Real along = length2 > 0 ? std::clamp<Real>(dot(q, end) / length2, 0, 1) : 0;
   return squared_residual(q, end, along, end, 0);
 }
 
-// Ten grids, each four times as coarse as the previous one, span the max of 2^20 cells along a side.
+// 4^10 = 2^20: the cell of the last level is as wide as kMaxCells cells of the first level.
 constexpr int kLevels = 11;
 constexpr double kLevelStep = 4;
 constexpr double kMaxCells = 1u << 20;
-constexpr double kSlack = 1e-6;  // of a cell, for rounding
+constexpr double kSlack = 1e-6;  // tolerance for rounding, in cells
 
 std::uint64_t cell_key(std::uint64_t level, std::uint64_t x, std::uint64_t y, std::uint64_t z) noexcept {
   return level << 60 | x << 40 | y << 20 | z;
@@ -91,7 +91,7 @@ SurfaceGrid::SurfaceGrid(const std::vector<Corners>& triangles, double reach) : 
   levels_.resize(kLevels);
   double cell = std::max(reach, longest * 1.001 / kMaxCells);
   for (Level& level : levels_) {
-    level.cell = cell;
+    level.cell_size = cell;
     for (int axis = 0; axis < 3; ++axis)
       level.last[axis] = static_cast<std::uint32_t>(std::floor((high[axis] - low_[axis]) / cell));
     cell *= kLevelStep;
@@ -102,10 +102,10 @@ SurfaceGrid::SurfaceGrid(const std::vector<Corners>& triangles, double reach) : 
     const Box box = box_of(triangles[i]);
     const double width = std::max({box.high[0] - box.low[0], box.high[1] - box.low[1], box.high[2] - box.low[2]});
     std::uint64_t level = 0;
-    while (levels_[level].cell < width) ++level;
+    while (levels_[level].cell_size < width) ++level;
     std::array<std::uint64_t, 3> at;
     for (int axis = 0; axis < 3; ++axis)
-      at[axis] = static_cast<std::uint64_t>(std::floor((box.low[axis] - low_[axis]) / levels_[level].cell));
+      at[axis] = static_cast<std::uint64_t>(std::floor((box.low[axis] - low_[axis]) / levels_[level].cell_size));
     key_of[i] = cell_key(level, at[0], at[1], at[2]);
   }
   order_.resize(triangles.size());
@@ -129,8 +129,8 @@ void SurfaceGrid::search(const Point& point, double distance, Visit&& visit) con
     bool outside = false;
     for (int axis = 0; axis < 3; ++axis) {
       // A triangle extends at most one cell beyond the cell of its lowest corner.
-      const double low = std::floor((point[axis] - distance - low_[axis]) / level.cell - kSlack) - 1;
-      const double high = std::floor((point[axis] + distance - low_[axis]) / level.cell + kSlack);
+      const double low = std::floor((point[axis] - distance - low_[axis]) / level.cell_size - kSlack) - 1;
+      const double high = std::floor((point[axis] + distance - low_[axis]) / level.cell_size + kSlack);
       if (!(low <= level.last[axis] && high >= 0)) {
         outside = true;
         break;

@@ -1,7 +1,6 @@
-/// The original surface for an audit: all its triangles, exact distances, and a grid to find them.
+/// Finds the triangles of the original surface near a point, for an audit.
 ///
-/// It deliberately shares no geometry code with the run time, so that one error cannot affect both. Model frame, file
-/// units.
+/// It shares no geometry code with an HRTC, so that no error can affect both. Model frame, file units.
 #pragma once
 
 #include <array>
@@ -12,16 +11,16 @@
 namespace tactus::tools {
 
 using Point = std::array<double, 3>;
-/// Three corners, x y z each, as in the file.
+/// Coordinates of three corners, x y z each, as in the file.
 using Corners = std::array<float, 9>;
 
-/// Distance of a point from a triangle, which may be degenerate: the minimum over the three edges and, if it lies
-/// inside, the foot of the perpendicular. The foot solves the normal equations of its barycentric coordinates. Extended
-/// precision, so a needle costs no accuracy.
+/// Returns the distance of a point from a triangle, which may be degenerate. It is the minimum of the distances to the
+/// three edges and, if the foot of the perpendicular is inside the triangle, to the foot. Computes in extended
+/// precision, so that it is accurate for needles too.
 [[nodiscard]] double distance_to_triangle(const Point& point, const Corners& triangle) noexcept;
 
-/// Finds the triangles near a point in a hierarchy of hash grids. Each triangle is in one grid cell, of the finest grid
-/// whose cells are at least as wide as the triangle.
+/// A hierarchy of hash grids. Each triangle is in one cell of the finest grid whose cells are at least as wide as the
+/// triangle: the cell of its lowest corner.
 class SurfaceGrid {
  public:
   struct Near {
@@ -29,19 +28,21 @@ class SurfaceGrid {
     double distance;
   };
 
-  /// Borrows `triangles`, which must be finite. Fast for distances up to about `reach` > 0. O(n log n).
+  /// `triangles` must be finite and must outlive this. Queries are fast for distances up to about `reach` > 0. O(n log
+  /// n).
   SurfaceGrid(const std::vector<Corners>& triangles, double reach);
 
-  /// All triangles no further than `distance` from `point`, by ascending number.
+  /// Fills `out` with all triangles within `distance` of `point`, in ascending order.
   void within(const Point& point, double distance, std::vector<Near>& out) const;
-  /// True when there is such a triangle; stops at the first.
+  /// Returns whether a triangle is within `distance` of `point`.
   [[nodiscard]] bool touches(const Point& point, double distance) const;
 
  private:
   struct Level {
-    double cell;  ///< width
-    std::array<std::uint32_t, 3> last{};
-    std::unordered_map<std::uint64_t, std::uint32_t> first;  ///< of each cell's triangles in `order_`
+    double cell_size;
+    std::array<std::uint32_t, 3> last{};  ///< index of the last cell on each axis
+    std::unordered_map<std::uint64_t, std::uint32_t>
+        first;  ///< by key of a cell: index of its first triangle in `order_`
   };
   struct Box {
     Point low, high;
@@ -54,8 +55,8 @@ class SurfaceGrid {
   const std::vector<Corners>& triangles_;
   Point low_{};
   std::vector<Level> levels_;
-  std::vector<std::uint32_t> order_;  ///< triangles, by grid and cell of the grid
-  std::vector<std::uint64_t> keys_;   ///< of the cell of each entry in `order_`
+  std::vector<std::uint32_t> order_;  ///< triangles, sorted by grid and cell
+  std::vector<std::uint64_t> keys_;   ///< key of the cell of each entry in `order_`
 };
 
 }  // namespace tactus::tools

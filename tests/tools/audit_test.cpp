@@ -333,7 +333,7 @@ TEST_F(Audit, TimesEachProbeFromTrueTouchToExactContact) {
   EXPECT_EQ(object.touches[1].probe, 2u);
   EXPECT_EQ(object.touches[1].exact_ns, std::nullopt);
   EXPECT_THAT(run({path("a.hlog"), path("organ.ply")}).out,
-              AllOf(HasSubstr("exact 12.0 ms after"), HasSubstr("never exact")));
+              AllOf(HasSubstr("contact 12.0 ms after"), HasSubstr("no exact contact")));
 }
 
 TEST_F(Audit, ReadsATruncatedLogAndReportsIt) {

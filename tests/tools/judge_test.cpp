@@ -51,9 +51,9 @@ struct Session {
               {"objects", {{{"raised_m", 0.1}, {"held_s", 2.1}, {"left_m", 0.0005}}}},
               {"participants", {participant("host-a", "host"), hrtc("hrtc-1"), hrtc("hrtc-2")}}};
   std::vector<json> audits{audit("hrtc-1", "organ"), audit("hrtc-2", "organ"), audit("hrtc-2", "terrain")};
-  Promise promise{true, true, 0.15};
+  Expectations expectations{true, true, 0.15};
 
-  [[nodiscard]] std::vector<Row> rows() const { return judge(report, audits, promise); }
+  [[nodiscard]] std::vector<Row> rows() const { return judge(report, audits, expectations); }
 };
 
 std::vector<std::string> fallen(const std::vector<Row>& rows) {
@@ -98,7 +98,7 @@ TEST(Judge, EachRowFallsShortAlone) {
       {"audited cycles, hrtc-1", [](Session& s) { s.audits[0]["objects"][0]["audited"] = 3999; }},
       {"audited cycles, hrtc-1", [](Session& s) { s.audits.erase(s.audits.begin()); }},
       {"received first / needed, hrtc-2", [&](Session& s) { object(s)["records"]["received"] = 2300; }},
-      {"received / all, hrtc-2", [](Session& s) { s.promise.received_share = 0.06; }},
+      {"received / all, hrtc-2", [](Session& s) { s.expectations.received_share = 0.06; }},
       {"region change",
        [](Session& s) {
          for (json& one : s.audits) one["objects"][0]["audited_near_change"] = 33;
@@ -148,7 +148,7 @@ TEST(Judge, AnHrtcThatWasKilledHasNoTotalsAndFallsShort) {
 
 TEST(Judge, RowsThatDoNotApplySaySoAndDoNotFail) {
   Session session;
-  session.promise = {};
+  session.expectations = {};
   session.report["objects"] = json::array();
   const std::vector<Row> rows = session.rows();
   EXPECT_TRUE(all_hold(rows));
@@ -159,14 +159,14 @@ TEST(Judge, RowsThatDoNotApplySaySoAndDoNotFail) {
 
 TEST(Judge, AShortSessionIsJudgedWithoutItsTouchRows) {
   Session session;
-  session.promise.lift = false;
+  session.expectations.has_lift = false;
   session.report["duration_s"] = 1.0;
   session.report["users"][0]["touches"] = 0;
   session.report["users"][0]["first_exact_contact_s"] = nullptr;
   session.audits[0]["objects"] = json::array();
   const std::vector<Row> rows = session.rows();
   EXPECT_THAT(fallen(rows), IsEmpty());
-  EXPECT_EQ(row_of(rows, "users who touched").reason, "1.0 s of touching, this row needs 6 s");
+  EXPECT_EQ(row_of(rows, "users who touched").reason, "duration 1.0 s, this row requires 6 s");
   session.audits[1]["objects"][0]["mismatched"] = 2;
   EXPECT_THAT(fallen(session.rows()), ::testing::ElementsAre("exact contacts that differ from the original"));
 }

@@ -1,4 +1,4 @@
-// tactus-control: stops the forces of a session, resets them, sets its mode, ends it.
+// tactus-control: publishes emergency stops, resets, modes, and the end of a session.
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
@@ -26,18 +26,19 @@ Examples:
   tactus-control reset --session lab --domain 40
   tactus-control mode "collaborate ann,bob" --session lab --domain 40
 
-A stop sets every force in the session to zero at once. Forces stay off until a reset, which starts them softly. A reset
-ends the stops in force when it begins, and no later ones.
+A stop sets every force in the session to zero at once. Forces remain off until a reset, which starts them softly. A
+reset ends the stops that are in force when it begins. It does not end later stops.
 Exit status: 0 acknowledged by all hosts and HRTCs, at least one of them an HRTC (mode and end: received by all),
 1 not acknowledged by all, or another stop is still in force, 2 wrong input, 130 interrupted.)";
 
 constexpr std::int64_t kMs = 1'000'000;
-/// Period at which a stop and a reset are repeated.
-constexpr milliseconds kRepeat{20};
-/// Time from the first host or HRTC until all are assumed found: discovery reports no end.
-constexpr std::int64_t kOthersNs = 1500 * kMs;
-/// Time from the first host or HRTC until the stops in force are read: five heartbeats.
-constexpr std::int64_t kGatherNs = 500 * kMs;
+/// Period in which a stop or a reset is repeated.
+constexpr milliseconds kRepeatPeriod{20};
+/// Time from the discovery of the first host or HRTC until all are assumed discovered, because discovery reports no
+/// end.
+constexpr std::int64_t kDiscoveryNs = 1500 * kMs;
+/// Time from the discovery of the first host or HRTC until a reset reads the stops in force: five heartbeats.
+constexpr std::int64_t kReadStopsNs = 500 * kMs;
 
 struct Order {
   std::string text;
@@ -63,7 +64,7 @@ class Session {
   [[nodiscard]] const session::Roster& roster() const { return roster_; }
   [[nodiscard]] bool interrupted() const { return stop_; }
 
-  /// Reads rosters for `time`. False when interrupted or when the patience has run out.
+  /// Receives roster entries for `time`. Returns false when interrupted or after `patience`.
   [[nodiscard]] bool wait(milliseconds time) {
     const std::int64_t until_ns = monotonic_ns() + time.count() * kMs;
     for (std::int64_t now_ns = monotonic_ns(); now_ns < until_ns && !stop_; now_ns = monotonic_ns()) {
@@ -75,11 +76,11 @@ class Session {
     if (found_ns_ == 0 && acting() > 0) found_ns_ = now_ns;
     return !stop_ && now_ns < end_ns_;
   }
-  /// True when a host or an HRTC was found at least `ns` ago.
+  /// Returns whether the first host or HRTC was found at least `ns` ago.
   [[nodiscard]] bool found_for(std::int64_t ns) const { return found_ns_ != 0 && monotonic_ns() - found_ns_ >= ns; }
   [[nodiscard]] bool found() const { return found_ns_ != 0; }
 
-  /// Repeats the sample until every host and HRTC has acknowledged it.
+  /// Publishes the sample repeatedly until every host and HRTC has acknowledged it, or wait() returns false.
   template <class Sample>
   session::Acknowledgement deliver(wire::Writer<Sample>& out, Sample sample) {
     session::Acknowledgement answer;
@@ -88,7 +89,7 @@ class Session {
       if (out.send(sample) == wire::SendStatus::kInvalid)
         throw std::runtime_error(std::string{"the sample was not sent: "} + out.last_fault());
       answer = session::acknowledgement(roster_, sample);
-    } while (!(answer.missing.empty() && found_for(kOthersNs)) && wait(kRepeat));
+    } while (!(answer.missing.empty() && found_for(kDiscoveryNs)) && wait(kRepeatPeriod));
     return answer;
   }
 
@@ -105,20 +106,20 @@ class Session {
   session::Roster roster_;
   const std::atomic<bool>& stop_;
   const std::int64_t end_ns_;
-  std::int64_t found_ns_ = 0;  // 0: none yet
+  std::int64_t found_ns_ = 0;  // time at which the first host or HRTC was found; 0: none yet
   wire::Inbox<session::RosterEntry> inbox_{1u << 12};
   wire::Reader<session::RosterEntry> reader_{
       // last, so that its callback does not outlive the inbox
       participants_, wire::topics::kRoster, [this](session::RosterEntry&& entry) { inbox_.put(std::move(entry)); }};
 };
 
-int fail_unfound(const wire::SessionAddress& address, double patience) {
+int report_none_found(const wire::SessionAddress& address, double patience) {
   std::cerr << "tactus-control: no host or HRTC found in session " << address.session << ", domain " << address.domain
             << ", within " << patience << " s\n";
   return 1;
 }
 
-/// Prints the participants that acknowledged; returns the exit status.
+/// Prints which participants acknowledged and which did not. Returns the exit status.
 int report(const session::Acknowledgement& answer) {
   std::cout << "acknowledged by HRTCs:" << join(answer.hrtcs) << "; by hosts:" << join(answer.hosts) << '\n';
   if (!answer.missing.empty()) std::cout << "not acknowledged by:" << join(answer.missing) << '\n';
@@ -130,11 +131,11 @@ int stop_forces(const wire::SessionAddress& address, const Order& order, const s
   wire::Writer<session::EmergencyStop> out{session.participants(), wire::topics::kStop};
   const session::Acknowledgement answer = session.deliver(out, {session.participants().origin(), 1, order.text});
   if (session.interrupted()) return 130;
-  return session.found() ? report(answer) : fail_unfound(address, order.patience);
+  return session.found() ? report(answer) : report_none_found(address, order.patience);
 }
 
-/// The stops in force at any host or HRTC, each issuer once.
-std::vector<session::StopName> all_standing(const session::Roster& roster) {
+/// Returns the newest stop of each issuer that is in force at a host or HRTC.
+std::vector<session::StopName> stops_in_force(const session::Roster& roster) {
   std::vector<session::StopName> all;
   roster.for_each([&](const session::RosterEntry& entry) {
     for (const session::StopName& stop : session::standing(entry.stops)) {
@@ -153,11 +154,11 @@ std::vector<session::StopName> all_standing(const session::Roster& roster) {
 int reset_forces(const wire::SessionAddress& address, const Order& order, const std::atomic<bool>& stop) {
   Session session{address, order.patience, stop};
   wire::Writer<session::ForceReset> out{session.participants(), wire::topics::kReset};
-  while (!session.found_for(kGatherNs) && session.wait(kRepeat)) {
+  while (!session.found_for(kReadStopsNs) && session.wait(kRepeatPeriod)) {
   }
   if (session.interrupted()) return 130;
-  if (!session.found()) return fail_unfound(address, order.patience);
-  const std::vector<session::StopName> stops = all_standing(session.roster());
+  if (!session.found()) return report_none_found(address, order.patience);
+  const std::vector<session::StopName> stops = stops_in_force(session.roster());
   std::cout << "resets " << stops.size() << (stops.size() == 1 ? " stop\n" : " stops\n");
   session::Acknowledgement answer;
   std::size_t named = 0;
@@ -181,26 +182,26 @@ int reset_forces(const wire::SessionAddress& address, const Order& order, const 
   return still == 0 ? status : 1;
 }
 
-/// Publishes a sample that programs receive but acknowledge only at the DDS level.
+/// Publishes a sample that only DDS acknowledges, not the roster. Returns the exit status.
 template <class Sample>
 int announce(const wire::SessionAddress& address, const wire::TopicSpec<Sample>& topic, const Order& order,
              Sample sample, const std::atomic<bool>& stop) {
   wire::Participants participants{address};
   wire::Writer<Sample> out{participants, topic};
   sample.origin = participants.origin();
-  // The writer stores the sample for readers that it discovers later, so it may send before it has any.
+  // The writer stores the sample for readers that it discovers later, so it may send before it has discovered one.
   if (out.send(sample) != wire::SendStatus::kSent)
     throw std::runtime_error(std::string{"the sample was not sent: "} + out.last_fault());
   const std::int64_t end_ns = monotonic_ns() + static_cast<std::int64_t>(order.patience * 1e9);
   std::optional<std::int64_t> found_ns;
-  int received = 0;  // a maximum, because programs leave after an end
-  while (!stop && monotonic_ns() < end_ns && (!found_ns || monotonic_ns() - *found_ns < kOthersNs)) {
+  int received = 0;  // maximum number of matched readers, because programs leave after an end
+  while (!stop && monotonic_ns() < end_ns && (!found_ns || monotonic_ns() - *found_ns < kDiscoveryNs)) {
     received = std::max(received, out.matched());
     if (!found_ns && received > 0) found_ns = monotonic_ns();
-    std::this_thread::sleep_for(kRepeat);  // discovery has no notification to wait for
+    std::this_thread::sleep_for(kRepeatPeriod);  // nothing notifies of a match
   }
   if (stop) return 130;
-  if (!found_ns) return fail_unfound(address, order.patience);
+  if (!found_ns) return report_none_found(address, order.patience);
   const bool all = out.wait_acknowledged(std::chrono::seconds{1});
   std::cout << "received by " << received << " programs" << (all ? "" : "; not all have confirmed it") << '\n';
   return all ? 0 : 1;
@@ -229,15 +230,15 @@ int main(int argc, char** argv) {
     return sub;
   };
   const CLI::App* const stop =
-      with_reason(app.add_subcommand("stop", "Emergency stop: every force to zero, at once, until a reset"));
+      with_reason(app.add_subcommand("stop", "Emergency stop: set every force to zero at once, until a reset"));
   const CLI::App* const reset = with_reason(
       app.add_subcommand("reset", "End the stops now in force and the faults of devices; forces start softly"));
   const CLI::App* const end =
       with_reason(app.add_subcommand("end", "End the session: its programs write their reports and leave"));
-  app.add_subcommand("mode", "Session mode of all or of some users")
+  app.add_subcommand("mode", "Set the session mode of all users or of some")
       ->add_option("MODE", order.text,
-                   "As for tactus-sim --mode: auto, or collaborate or large-scale, for everyone or followed by "
-                   "USER,USER...")
+                   "auto, collaborate or large-scale; the last two may be followed by USER,USER..., as for tactus-sim "
+                   "--mode")
       ->required();
   try {
     app.parse(argc, argv);

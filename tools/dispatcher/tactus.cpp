@@ -1,4 +1,4 @@
-// Dispatcher of all programs: `tactus host ...` runs `tactus-host ...` from the same directory.
+// tactus: runs the program of a command, for example `tactus-host` of the same directory for `tactus host`.
 #include <unistd.h>
 
 #include <array>
@@ -16,7 +16,7 @@ constexpr int kWrongInput = 2;
 
 struct Command {
   std::string_view name;     // one or two words
-  std::string_view program;  // in the same directory; the demo is in the scripts directory
+  std::string_view program;  // file in the same directory; for the demo, in the scripts directory
   std::string_view purpose;
 };
 constexpr std::array kCommands{
@@ -30,8 +30,8 @@ constexpr std::array kCommands{
     Command{"record", "tactus-record", "record every topic of a session in an MCAP file"},
     Command{"replay", "tactus-replay", "recompute the forces of a flight recording and compare them to the bit"},
     Command{"latency", "tactus-latency", "measure latency, jitter and loss of a session's topics, and of a network"},
-    Command{"doctor", "tactus-doctor", "check this machine for a session, with remedies"},
-    Command{"link", "tactus-link", "emulate network links between two namespaces of this machine"},
+    Command{"doctor", "tactus-doctor", "check whether this machine is fit for a session, and print remedies"},
+    Command{"link", "tactus-link", "emulate a network link between two namespaces of this machine"},
     Command{"demo", "demo", "run a complete session on this machine"},
 };
 
@@ -61,15 +61,15 @@ int main(int argc, char** argv) {
     print_help(stderr);
     return kWrongInput;
   }
-  const std::string_view wanted{argv[1]};
-  if (wanted == "--help" || wanted == "-h") {
+  const std::string_view first_word{argv[1]};
+  if (first_word == "--help" || first_word == "-h") {
     print_help(stdout);
     return 0;
   }
-  const std::string two_words = std::string{wanted} + " " + (argc > 2 ? argv[2] : "");
+  const std::string two_words = std::string{first_word} + " " + (argc > 2 ? argv[2] : "");
   for (const Command& command : kCommands) {
     const int words = command.name == two_words ? 2 : 1;
-    if (words == 1 && command.name != wanted) continue;
+    if (words == 1 && command.name != first_word) continue;
     const std::string program = path_of(command).string();
     std::vector<char*> arguments(argv + words, argv + argc + 1);  // with the null that ends argv
     std::string name = "tactus " + std::string{command.name};

@@ -21,7 +21,7 @@ std::string formatted(const char* format, Values... values) {
   return buffer;
 }
 
-std::string whole(double value) { return formatted("%.0f", value); }
+std::string rounded(double value) { return formatted("%.0f", value); }
 
 std::string listed(const std::vector<std::string>& names) {
   std::string text;
@@ -33,13 +33,13 @@ std::string listed(const std::vector<std::string>& names) {
 struct HrtcAudit {
   std::uint64_t contact = 0, exact = 0, audited = 0, near_change = 0;
   std::uint64_t needed = 0, received = 0, returned = 0, of_models = 0;
-  std::vector<std::string> unfinished;  // originals whose log has no totals
+  std::vector<std::string> without_totals;  // originals for which the log has no totals
 };
 
 struct Totals {
   std::map<std::string, HrtcAudit> hrtcs;
   std::uint64_t audits = 0, mismatched = 0, disagreed = 0;
-  double slowest_exact = 0;              // s
+  double max_exact_after = 0;            // time from a probe's first touch to its first exact contact, s
   std::vector<std::string> never_exact;  // probes with contact but without exact contact
 };
 
@@ -63,11 +63,11 @@ Totals totals_of(const std::vector<Json>& audits) {
           totals.never_exact.push_back("probe " + std::to_string(probe.at("probe").get<int>()) + " of " + log + " on " +
                                        original);
         else
-          totals.slowest_exact = std::max(totals.slowest_exact, 1e-3 * after.get<double>());
+          totals.max_exact_after = std::max(totals.max_exact_after, 1e-3 * after.get<double>());
       }
       const auto records = object.find("records");
       if (records == object.end() || !records->contains("received")) {
-        hrtc.unfinished.push_back(original);
+        hrtc.without_totals.push_back(original);
         continue;
       }
       hrtc.needed += records->at("needed").get<std::uint64_t>();
@@ -81,11 +81,11 @@ Totals totals_of(const std::vector<Json>& audits) {
 
 class Judge {
  public:
-  Judge(const Json& report, const std::vector<Json>& audits, const Promise& promise, const Bounds& bounds)
-      : report_{report}, totals_{totals_of(audits)}, promise_{promise}, bounds_{bounds} {
+  Judge(const Json& report, const std::vector<Json>& audits, const Expectations& expectations, const Bounds& bounds)
+      : report_{report}, totals_{totals_of(audits)}, expectations_{expectations}, bounds_{bounds} {
     seconds_ = report.at("duration_s").get<double>();
-    if (seconds_ < bounds.shortest_session)
-      too_short_ = formatted("%.1f s of touching, this row needs %.0f s", seconds_, bounds.shortest_session);
+    if (seconds_ < bounds.min_session)
+      too_short_ = formatted("duration %.1f s, this row requires %.0f s", seconds_, bounds.min_session);
   }
 
   std::vector<Row> run() {
@@ -109,15 +109,15 @@ class Judge {
     rows_.push_back({std::move(what), std::move(value), std::move(bound),
                      holds ? Verdict::kHolds : Verdict::kFallsShort, std::move(reason)});
   }
-  void leave_out(std::string what, std::string value, std::string reason) {
+  void add_not_applicable(std::string what, std::string value, std::string reason) {
     rows_.push_back({std::move(what), std::move(value), {}, Verdict::kDoesNotApply, std::move(reason)});
   }
-  /// A row that does not apply to a short session.
+  /// Adds a row that does not apply to a short session.
   void add_touch(std::string what, std::string value, std::string bound, bool holds, std::string reason = {}) {
     if (too_short_.empty())
       add(std::move(what), std::move(value), std::move(bound), holds, std::move(reason));
     else
-      leave_out(std::move(what), std::move(value), too_short_);
+      add_not_applicable(std::move(what), std::move(value), too_short_);
   }
 
   void participants() {
@@ -139,7 +139,7 @@ class Judge {
 
   void users() {
     const Json& users = report_.at("users");
-    std::vector<std::string> idle, never, late, faulty;
+    std::vector<std::string> idle, never, late, with_fault;
     double last = 0;
     for (const Json& user : users) {
       const auto name = user.at("name").get<std::string>();
@@ -149,52 +149,52 @@ class Judge {
         never.push_back(name);
       else
         last = std::max(last, first.get<double>());
-      if (!first.is_null() && first.get<double>() > bounds_.first_exact) late.push_back(name);
-      if (user.at("faults").get<unsigned>() > 0) faulty.push_back(name);
+      if (!first.is_null() && first.get<double>() > bounds_.max_first_exact) late.push_back(name);
+      if (user.at("faults").get<unsigned>() > 0) with_fault.push_back(name);
     }
     add_touch("users who touched something",
               std::to_string(users.size() - idle.size()) + " of " + std::to_string(users.size()), "all",
               !users.empty() && idle.empty(), idle.empty() ? "" : "not " + listed(idle));
     never.insert(never.end(), late.begin(), late.end());
     add_touch("first exact contact of the last user", formatted("%.2f s", last),
-              formatted("<= %.0f s", bounds_.first_exact), !users.empty() && never.empty(),
+              formatted("<= %.0f s", bounds_.max_first_exact), !users.empty() && never.empty(),
               never.empty() ? "" : "never or later: " + listed(never));
-    add("users with a latched fault", std::to_string(faulty.size()), "0", faulty.empty(), listed(faulty));
+    add("users with a latched fault", std::to_string(with_fault.size()), "0", with_fault.empty(), listed(with_fault));
   }
 
   void exactness(const std::string& name, const HrtcAudit& hrtc) {
     const double share = hrtc.contact > 0 ? static_cast<double>(hrtc.exact) / static_cast<double>(hrtc.contact) : 0;
     add_touch("share of exact contact, " + name, formatted("%.2f %%", 100 * share),
-              formatted(">= %.0f %%", 100 * bounds_.exact_share), share >= bounds_.exact_share,
+              formatted(">= %.0f %%", 100 * bounds_.min_exact_share), share >= bounds_.min_exact_share,
               hrtc.contact > 0 ? "" : "no contact");
-    const double min =
-        std::min(std::floor(bounds_.audited_per_second * seconds_), static_cast<double>(bounds_.audited_enough));
-    add_touch("audited cycles, " + name, std::to_string(hrtc.audited), ">= " + whole(min),
+    const double min = std::min(std::floor(bounds_.min_audited_per_second * seconds_),
+                                static_cast<double>(bounds_.max_required_audits));
+    add_touch("audited cycles, " + name, std::to_string(hrtc.audited), ">= " + rounded(min),
               static_cast<double>(hrtc.audited) >= min);
   }
 
   void vertex_splits(const std::string& name, const HrtcAudit& hrtc) {
     const std::string per_needed = "vertex splits received first / needed, " + name;
     const std::string of_all = "vertex splits received / all, " + name;
-    if (!hrtc.unfinished.empty() || hrtc.of_models == 0) {
-      const std::string reason = "the log has no totals for " + listed(hrtc.unfinished);
-      add_touch(per_needed, "unknown", formatted("<= %.2f", bounds_.received_per_needed), false, reason);
+    if (!hrtc.without_totals.empty() || hrtc.of_models == 0) {
+      const std::string reason = "the log has no totals for " + listed(hrtc.without_totals);
+      add_touch(per_needed, "unknown", formatted("<= %.2f", bounds_.max_received_per_needed), false, reason);
       add_touch(of_all, "unknown", "known", false, reason);
       return;
     }
     const auto first = static_cast<double>(hrtc.received - std::min(hrtc.received, hrtc.returned));
     const double ratio = hrtc.needed > 0 ? first / static_cast<double>(hrtc.needed) : 0;
-    // Every needed split was received at least once, or the contacts that need it were not exact.
-    add_touch(per_needed, formatted("%.3f", ratio), formatted("<= %.2f", bounds_.received_per_needed),
-              hrtc.needed > 0 && ratio <= bounds_.received_per_needed,
-              hrtc.needed > 0 ? "" : "the paths of this HRTC needed none");
+    // There is no lower bound, because a contact without a needed split is not exact and counts in another row.
+    add_touch(per_needed, formatted("%.3f", ratio), formatted("<= %.2f", bounds_.max_received_per_needed),
+              hrtc.needed > 0 && ratio <= bounds_.max_received_per_needed,
+              hrtc.needed > 0 ? "" : "the paths of this HRTC needed no vertex splits");
     const double share = static_cast<double>(hrtc.received) / static_cast<double>(hrtc.of_models);
     const std::string value = formatted("%.2f %%", 100 * share);
-    if (promise_.received_share)
-      add_touch(of_all, value, formatted("<= %.0f %%", 100 * *promise_.received_share),
-                share <= *promise_.received_share);
+    if (expectations_.received_share)
+      add_touch(of_all, value, formatted("<= %.0f %%", 100 * *expectations_.received_share),
+                share <= *expectations_.received_share);
     else
-      leave_out(of_all, value, "no bound was given for these models and this duration");
+      add_not_applicable(of_all, value, "no bound was given for these models and this duration");
   }
 
   void audits() {
@@ -205,10 +205,11 @@ class Judge {
         totals_.audits > 0 && totals_.mismatched == 0, totals_.audits > 0 ? "" : "no audit was given");
     add("audited cycles where FCL disagrees", std::to_string(totals_.disagreed), "0",
         totals_.audits > 0 && totals_.disagreed == 0, totals_.audits > 0 ? "" : "no audit was given");
-    add_touch("first touch of a surface until it is exact", formatted("%.0f ms", 1e3 * totals_.slowest_exact),
-              formatted("<= %.0f ms", 1e3 * bounds_.exact_after_touch),
-              totals_.audits > 0 && totals_.never_exact.empty() && totals_.slowest_exact <= bounds_.exact_after_touch,
-              totals_.never_exact.empty() ? "" : "never: " + listed(totals_.never_exact));
+    add_touch(
+        "first touch of a surface until exact contact", formatted("%.0f ms", 1e3 * totals_.max_exact_after),
+        formatted("<= %.0f ms", 1e3 * bounds_.max_exact_after_touch),
+        totals_.audits > 0 && totals_.never_exact.empty() && totals_.max_exact_after <= bounds_.max_exact_after_touch,
+        totals_.never_exact.empty() ? "" : "never: " + listed(totals_.never_exact));
   }
 
   void evictions() {
@@ -221,16 +222,16 @@ class Judge {
     const std::pair<const char*, double> rows[] = {{"regions evicted from the compressed caches", evicted},
                                                    {"regions loaded again after eviction", reloaded}};
     for (const auto& [what, count] : rows) {
-      if (promise_.eviction)
-        add_touch(what, whole(count), ">= 1", count >= 1);
+      if (expectations_.has_eviction)
+        add_touch(what, rounded(count), ">= 1", count >= 1);
       else
-        leave_out(what, whole(count), "the caches may be large enough for all touched regions");
+        add_not_applicable(what, rounded(count), "the caches may be large enough for all touched regions");
     }
   }
 
   void lift() {
-    if (!promise_.lift) {
-      leave_out("lift of an object by two users", "-", "no lift in this session");
+    if (!expectations_.has_lift) {
+      add_not_applicable("lift of an object by two users", "-", "no lift in this session");
       return;
     }
     const auto between = [this](const char* what, double value, const char* unit, double low, double high, int digits,
@@ -242,10 +243,10 @@ class Judge {
     const Json& objects = report_.at("objects");
     const bool moved = objects.size() == 1;
     const auto of_object = [&](const char* key) { return moved ? objects[0].at(key).get<double>() : 0.0; };
-    between("raised", 1e3 * of_object("raised_m"), "mm", 1e3 * bounds_.raised_min, 1e3 * bounds_.raised_max, 1, moved);
-    between("held", of_object("held_s"), "s", bounds_.held_min, bounds_.held_max, 2, moved);
-    between("put down above where it was", 1e3 * of_object("left_m"), "mm", -1e3 * bounds_.left, 1e3 * bounds_.left, 1,
-            moved);
+    between("raised", 1e3 * of_object("raised_m"), "mm", 1e3 * bounds_.min_raised, 1e3 * bounds_.max_raised, 1, moved);
+    between("held", of_object("held_s"), "s", bounds_.min_held, bounds_.max_held, 2, moved);
+    between("put down above the start", 1e3 * of_object("left_m"), "mm", -1e3 * bounds_.max_offset,
+            1e3 * bounds_.max_offset, 1, moved);
     double apart = 0, lowest = 0;
     std::size_t coupled = 0;
     for (const Json& participant : report_.at("participants")) {
@@ -256,16 +257,16 @@ class Judge {
       lowest = std::min(lowest, 1e-6 * values.at(figures::kPortLowest).get<double>());
     }
     add("lift: HRTCs with a coupled copy", std::to_string(coupled), "2", coupled == 2);
-    between("distance of the copies", 1e3 * apart, "mm", 0, 1e3 * bounds_.copies_apart, 1, coupled == 2);
+    between("distance of the copies", 1e3 * apart, "mm", 0, 1e3 * bounds_.max_copy_distance, 1, coupled == 2);
     between("energy injected between the copies", 1e3 * report_.at("injected_j").get<double>(), "mJ", 0,
-            1e3 * bounds_.injected, 3, moved);
+            1e3 * bounds_.max_injected, 3, moved);
     add("lift: lowest energy of a hand's port", coupled == 2 ? formatted("%.3f uJ", 1e6 * lowest) : "unknown",
-        formatted(">= %.0f uJ", 1e6 * bounds_.port_lowest), coupled == 2 && lowest >= bounds_.port_lowest);
+        formatted(">= %.0f uJ", 1e6 * bounds_.min_port_energy), coupled == 2 && lowest >= bounds_.min_port_energy);
   }
 
   const Json& report_;
   Totals totals_;
-  Promise promise_;
+  Expectations expectations_;
   Bounds bounds_;
   double seconds_ = 0;
   std::string too_short_;
@@ -286,9 +287,9 @@ const char* name_of(Verdict verdict) {
 
 }  // namespace
 
-std::vector<Row> judge(const Json& report, const std::vector<Json>& audits, const Promise& promise,
+std::vector<Row> judge(const Json& report, const std::vector<Json>& audits, const Expectations& expectations,
                        const Bounds& bounds) {
-  return Judge{report, audits, promise, bounds}.run();
+  return Judge{report, audits, expectations, bounds}.run();
 }
 
 bool all_hold(const std::vector<Row>& rows) {
@@ -306,11 +307,11 @@ std::string text(const std::vector<Row>& rows) {
   }
   const auto short_of =
       std::count_if(rows.begin(), rows.end(), [](const Row& row) { return row.verdict == Verdict::kFallsShort; });
-  const auto left_out =
+  const auto not_applicable =
       std::count_if(rows.begin(), rows.end(), [](const Row& row) { return row.verdict == Verdict::kDoesNotApply; });
   const auto all = static_cast<std::ptrdiff_t>(rows.size());
-  return out +
-         formatted("%td rows hold, %td fall short, %td do not apply\n", all - short_of - left_out, short_of, left_out);
+  return out + formatted("%td rows hold, %td fall short, %td do not apply\n", all - short_of - not_applicable, short_of,
+                         not_applicable);
 }
 
 Json json(const std::vector<Row>& rows) {

@@ -33,16 +33,17 @@ int main(int argc, char** argv) {
   using namespace tactus;
   std::string report;
   std::vector<std::string> audits;
-  judge::Promise promise;
+  judge::Expectations expectations;
   bool as_json = false;
   CLI::App app{"Compares a session's report and the audits of its contacts with their bounds.", "tactus-judge"};
   app.footer(kExamples);
   app.add_option("REPORT", report, "Output of tactus-sim --json")->required();
-  app.add_option("AUDIT", audits, "Output of tactus-mesh audit --json for each HRTC and model")->required();
-  app.add_flag("--lift", promise.lift, "Two users lift an object in this session");
-  app.add_flag("--eviction", promise.eviction,
-               "The compressed caches are too small for the touched regions, so that regions are evicted and reloaded");
-  app.add_option("--received-share", promise.received_share,
+  app.add_option("AUDIT", audits, "Outputs of tactus-mesh audit --json, one for each HRTC and model")->required();
+  app.add_flag("--lift", expectations.has_lift, "Two users lift an object in this session");
+  app.add_flag(
+      "--eviction", expectations.has_eviction,
+      "Regions are evicted and loaded again, because the compressed caches are too small for the touched ones");
+  app.add_option("--received-share", expectations.received_share,
                  "Share of all vertex splits that an HRTC may receive, from 0 to 1")
       ->check(CLI::Range(0.0, 1.0));
   app.add_flag("--json", as_json, "Print the rows as JSON");
@@ -54,7 +55,7 @@ int main(int argc, char** argv) {
   try {
     std::vector<nlohmann::json> read_audits;
     for (const std::string& audit : audits) read_audits.push_back(read(audit));
-    const std::vector<judge::Row> rows = judge::judge(read(report), read_audits, promise);
+    const std::vector<judge::Row> rows = judge::judge(read(report), read_audits, expectations);
     std::cout << (as_json ? judge::json(rows).dump(2) + "\n" : judge::text(rows));
     return judge::all_hold(rows) ? 0 : 1;
   } catch (const std::exception& error) {

@@ -28,18 +28,19 @@ Examples:
 
   tactus-record lab.mcap --to-csv lab.csv
 
-Ends with Ctrl-C, or after --seconds. Messages are CDR, schemas the IDL of Tactus; MCAP readers that support omgidl can
-show them. To hosts the recorder is one more HRTC, unless --without-bulk omits the meshes.
+The recording ends with Ctrl-C, or after --seconds. Messages are encoded as CDR, and the schemas are the IDL of Tactus.
+MCAP readers that support omgidl can show them. To hosts the recorder is one more HRTC, unless --without-bulk omits the
+meshes.
 Exit status: 0 recorded, 1 the file could not be written completely, 2 wrong input, 130 interrupted before any message.)";
 
-constexpr auto kFlush = std::chrono::seconds{1};  // maximum loss after a kill
+constexpr auto kFlushPeriod = std::chrono::seconds{1};  // a kill loses at most the messages of this time
 
 std::uint64_t since_1970() {
   const auto now = std::chrono::system_clock::now().time_since_epoch();
   return static_cast<std::uint64_t>(std::chrono::duration_cast<std::chrono::nanoseconds>(now).count());
 }
 
-/// The file, its channels, and its first write error.
+/// The MCAP file with its channels and its first write error.
 class Recording {
  public:
   explicit Recording(const std::string& file) : mcap_{file, "tactus " TACTUS_VERSION} {}
@@ -57,23 +58,23 @@ class Recording {
 
   void add(std::size_t topic, std::span<const std::uint8_t> encoded) {
     const std::lock_guard lock{mutex_};
-    if (!trouble_.empty() || topic >= channels_.size()) return;
+    if (!error_.empty() || topic >= channels_.size()) return;
     const std::uint64_t now = since_1970();
     guarded([&] { mcap_.write(channels_[topic], now, now, ++sequences_[topic], encoded); });
   }
 
   void flush() {
     const std::lock_guard lock{mutex_};
-    if (trouble_.empty()) guarded([&] { mcap_.flush(); });
+    if (error_.empty()) guarded([&] { mcap_.flush(); });
   }
   void close() {
     const std::lock_guard lock{mutex_};
-    if (trouble_.empty()) guarded([&] { mcap_.close(); });
+    if (error_.empty()) guarded([&] { mcap_.close(); });
   }
 
-  [[nodiscard]] std::string trouble() const {
+  [[nodiscard]] std::string error() const {
     const std::lock_guard lock{mutex_};
-    return trouble_;
+    return error_;
   }
   [[nodiscard]] std::uint64_t messages() const {
     const std::lock_guard lock{mutex_};
@@ -90,7 +91,7 @@ class Recording {
     try {
       write();
     } catch (const trace::McapError& error) {
-      trouble_ = error.what();
+      error_ = error.what();
     }
   }
 
@@ -98,7 +99,7 @@ class Recording {
   trace::McapWriter mcap_;
   std::vector<trace::McapWriter::Channel> channels_;
   std::vector<std::uint32_t> sequences_;
-  std::string trouble_;
+  std::string error_;
 };
 
 int record(const wire::SessionAddress& address, const std::string& file, double seconds, bool bulk,
@@ -106,33 +107,33 @@ int record(const wire::SessionAddress& address, const std::string& file, double 
   Recording recording{file};
   wire::Participants participants{address};
   {
-    // Samples that arrive before the channels are written are dropped; no reader is matched that early.
+    // add() drops samples that arrive before set_topics(). There are none, because no reader has matched so early.
     wire::Tap tap{participants, bulk,
                   [&](std::size_t topic, std::span<const std::uint8_t> encoded) { recording.add(topic, encoded); }};
     recording.set_topics(tap.topics());
     std::cout << "recording session " << address.session << " into " << file << std::endl;
     const auto begin = Clock::now();
     auto flushed = begin;
-    while (!stop && recording.trouble().empty() &&
+    while (!stop && recording.error().empty() &&
            (seconds == 0 || Clock::now() - begin < std::chrono::duration<double>{seconds})) {
-      // Callbacks do the work; this thread flushes and ends it.
+      // The callbacks of the tap write the messages. This thread flushes the file and ends the recording.
       std::this_thread::sleep_for(std::chrono::milliseconds{50});
-      if (Clock::now() - flushed < kFlush) continue;
+      if (Clock::now() - flushed < kFlushPeriod) continue;
       recording.flush();
       flushed = Clock::now();
     }
   }
   recording.close();
   std::cout << recording.messages() << " messages, " << recording.bytes() << " bytes\n";
-  if (const std::string trouble = recording.trouble(); !trouble.empty()) {
-    std::cerr << "tactus-record: " << trouble << '\n';
+  if (const std::string error = recording.error(); !error.empty()) {
+    std::cerr << "tactus-record: " << error << '\n';
     return 1;
   }
   return stop && recording.messages() == 0 ? 130 : 0;
 }
 
-/// One table per channel, DIRECTORY/TOPIC.csv: time of arrival in ns since 1970, sequence number, then a column for
-/// each number of the IDL. A topic's second channel (full-rate probe states) is TOPIC-2.csv.
+/// Writes a table for each channel into DIRECTORY/TOPIC.csv: time of arrival in ns since 1970, sequence number, and a
+/// column for each number of the IDL type. The second channel of a topic (full-rate probe states) is TOPIC-2.csv.
 int to_csv(const std::string& file, const std::filesystem::path& directory) {
   trace::McapReader reader{file};
   std::filesystem::create_directories(directory);
@@ -198,7 +199,7 @@ int main(int argc, char** argv) {
       ->capture_default_str()
       ->check(CLI::Range(0.0, 1e6));
   app.add_flag("--without-bulk", without_bulk, "Omit base meshes and records");
-  app.add_option("--to-csv", csv, "Do not record; write each topic of FILE as a table into this directory");
+  app.add_option("--to-csv", csv, "Write each topic of FILE as a table into this directory, instead of recording");
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {

@@ -18,22 +18,23 @@ Examples:
   tactus-replay desk-20261122T101500Z-1.mcap --model organ.spm --model tool.spm
   tactus-replay desk.mcap --model organ.spm --to-csv forces.csv
 
-Exit status: 0 every force is equal to the bit, 1 some differ, 2 wrong input: not a flight recording, another build, or a
-model that is missing.)";
+Exit status: 0 every force is the same to the bit, 1 some forces differ, 2 wrong input: not a flight recording, another
+build, or a missing model.)";
 
-/// One line per probe and cycle.
+/// Writes a CSV file with a line for each probe and cycle.
 class Table {
  public:
   explicit Table(const std::string& file) : file_{file}, out_{file} {
     out_ << "cycle,time_ns,probe,x,y,z,status,force_x,force_y,force_z,replayed_x,replayed_y,replayed_z\n";
     out_.precision(17);
   }
-  void add(const trace::FlightTouch& touch, const trace::FlightProbe& probe, const hrtc_service::ProbeOutput& had) {
+  void add(const trace::FlightTouch& touch, const trace::FlightProbe& probe,
+           const hrtc_service::ProbeOutput& replayed) {
     out_ << touch.cycle << ',' << touch.time_ns << ',' << probe.probe;
     for (const double x : probe.position) out_ << ',' << x;
     out_ << ',' << probe.status;
     for (const double x : probe.force) out_ << ',' << x;
-    for (const double x : had.force) out_ << ',' << x;
+    for (const double x : replayed.force) out_ << ',' << x;
     out_ << '\n';
   }
   void close() {
@@ -77,8 +78,8 @@ int main(int argc, char** argv) {
   app.add_option("--model", model_files, "The .spm file of a touched object; repeatable")->allow_extra_args(false);
   app.add_option("--to-csv", csv, "Write each pose with its force, recorded and replayed, into this file");
   app.add_flag("--any-build", options.any_build,
-               "Also replay a recording of another build that begins at the start, to find the first difference");
-  app.add_option("--max-pool", options.max_pool_bytes, "Refuse a recording whose pool takes more: 16GiB")
+               "Also replay a recording of another build, if it begins at cycle 0, to find the first difference");
+  app.add_option("--max-pool", options.max_pool_bytes, "Refuse a recording with a larger pool; default: 16GiB")
       ->transform(CLI::AsSizeValue(false));
   try {
     app.parse(argc, argv);
@@ -99,7 +100,7 @@ int main(int argc, char** argv) {
     std::unique_ptr<Table> table;
     if (!csv.empty()) {
       table = std::make_unique<Table>(csv);
-      options.on_probe = [&](const auto&... published) { table->add(published...); };
+      options.on_probe = [&](const auto&... probe) { table->add(probe...); };
     }
     const hrtc_service::FlightReport report = hrtc_service::replay_flight(file, options);
     if (table) table->close();
