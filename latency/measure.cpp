@@ -25,17 +25,17 @@ constexpr auto kMatchTimeout = 20s;    // discovery over a lossy link takes less
 constexpr auto kLastEchoTimeout = 2s;  // after the last ping
 
 /// Identifies the CLOCK_MONOTONIC of this process: boot of the kernel, and time namespace.
-std::string clock_id() {
+std::string clock_identity() {
   std::string id;
   std::getline(std::ifstream{"/proc/sys/kernel/random/boot_id"}, id);
   std::error_code none;
   return id + std::filesystem::read_symlink("/proc/self/ns/time", none).string();
 }
 
-wire::SessionAddress address_of(const std::string& session, const std::string& who, const SideSettings& side) {
+wire::SessionAddress address_of(const std::string& session, const std::string& participant, const SideSettings& side) {
   wire::SessionAddress address;
   address.session = session;
-  address.participant = who;
+  address.participant = participant;
   address.domain = side.domain;
   address.discovery = side.discovery;
   address.qos = side.qos;
@@ -153,8 +153,8 @@ void serve_load(const nlohmann::ordered_json& requested, ControlConnection& cont
   (void)control.wait();
 }
 
-void serve_one(const nlohmann::ordered_json& requested, ControlConnection& control, SideSettings side,
-               const std::atomic<bool>& cancelled) {
+void serve_test(const nlohmann::ordered_json& requested, ControlConnection& control, SideSettings side,
+                const std::atomic<bool>& cancelled) {
   if (requested.value("version", 0) != kVersion)
     throw LatencyError("version " + std::to_string(requested.value("version", 0)) + " of the other side; expected " +
                        std::to_string(kVersion) + ": use the same release on both sides");
@@ -178,7 +178,7 @@ void serve_one(const nlohmann::ordered_json& requested, ControlConnection& contr
     sink = std::make_unique<CycloneLoad>("sink", side, cancelled);
   else if (test.load_mbit != 0)
     sink = std::make_unique<MeshSink>(test, address_of(session, "sink", side), 0, shared);
-  control.send({{"ports", ports}, {"clock", clock_id()}, {"realtime", realtime || side.priority == 0}});
+  control.send({{"ports", ports}, {"clock", clock_identity()}, {"realtime", realtime || side.priority == 0}});
 
   (void)control.receive(std::chrono::duration_cast<std::chrono::milliseconds>(kAnswerTimeout + kMatchTimeout));
   const bool matched = wait_until(
@@ -242,7 +242,7 @@ Timestamps measure(const TestCase& test, ControlConnection& control, const SideS
   Timestamps timestamps;
   timestamps.test = test;
   timestamps.pings.resize(ticks_of(test).size());
-  timestamps.shares_clock = answer.at("clock").get<std::string>() == clock_id();
+  timestamps.shares_clock = answer.at("clock").get<std::string>() == clock_identity();
   if (!answer.at("realtime").get<bool>()) timestamps.notes.emplace_back("echoers: no real-time priority");
 
   // The carrier's thread writes the echoes; this thread reads them after the carrier's thread has ended.
@@ -307,7 +307,7 @@ Timestamps measure(const TestCase& test, ControlConnection& control, const SideS
 
 void serve(ControlConnection& control, const SideSettings& side, const std::atomic<bool>& cancelled) {
   try {
-    while (control.wait()) serve_one(control.receive(kAnswerTimeout), control, side, cancelled);
+    while (control.wait()) serve_test(control.receive(kAnswerTimeout), control, side, cancelled);
   } catch (const std::exception& error) {
     try {
       control.send({{"error", error.what()}});

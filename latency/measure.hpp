@@ -23,7 +23,7 @@
 namespace tactus::latency {
 
 struct Ping {
-  std::int64_t intended_ns = 0, sent_ns = 0;  ///< pinger's clock; sent_ns is 0 if the schedule ended before
+  std::int64_t intended_ns = 0, sent_ns = 0;  ///< pinger's clock; sent_ns is 0 if the ping was not sent
   bool waited = false;                        ///< the pinger slept until the intended time, so nothing blocked it
 };
 /// Arrival of a ping at an echoer.

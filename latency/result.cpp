@@ -32,12 +32,12 @@ class EchoerClock {
       sample.t2_ns = echo.echoed_ns;
       if (clock.on_answer(sample, echo.arrived_ns)) maps_.push_back(clock.map());
     }
-    one_ = false;
+    shares_clock_ = false;
   }
 
   /// Returns the echoer's time at the pinger's time `local_ns`. Raises bound_us to the error bound of the result.
   std::int64_t at(std::int64_t local_ns) {
-    if (one_) return local_ns;
+    if (shares_clock_) return local_ns;
     if (maps_.empty()) {
       bound_ns_ = session::kClockUnknown;
       return local_ns;
@@ -51,7 +51,7 @@ class EchoerClock {
   [[nodiscard]] double bound_us() const noexcept { return static_cast<double>(bound_ns_) * 1e-3; }
 
  private:
-  bool one_ = true;
+  bool shares_clock_ = true;
   std::vector<session::ClockMap> maps_;
   std::int64_t bound_ns_ = 0;
 };

@@ -30,8 +30,8 @@ Examples:
 COMMAND_A runs in namespace a (10.77.0.1), COMMAND_B in namespace b (10.77.0.2). When B ends, A gets SIGINT, after 2 s
 SIGTERM and after 4 s SIGKILL.
 
-Exit status of run: that of B, or that of A if A fails first; 127 if a command cannot be started, 2 wrong input or missing
-rights, 130 interrupted.)";
+Exit status of run: that of B, or that of A if A fails first; 127 if a command cannot be started, 2 wrong input or
+missing rights, 130 interrupted.)";
 
 struct Options {
   std::string profile = "P0";

@@ -45,13 +45,13 @@ ScenarioRun carry_together(Method method, const netem::LinkSettings& link, std::
   // The mass is meaningless if the copy diverges or hardly moves.
   const double ratio = mass.mass / world.mass;
   const bool has_mass = std::isfinite(ratio) && std::abs(ratio) > 1e-3 && std::abs(ratio) < 100;
-  return {{{"runs without end", "%", carried.finite ? 0.0 : 100.0},
-           {"settled after", "s", if_finite(carried.settled)},
-           {"copies apart 1 s later", "mm", if_finite(carried.apart * 1e3)},
-           {"copies apart, most", "mm", if_finite(carried.apart_moving * 1e3)},
-           {"injected", "mJ a minute", if_finite(carried.injected * 1e3 * 60 / kSeconds)},
+  return {{{"diverged runs", "%", carried.finite ? 0.0 : 100.0},
+           {"time to settle", "s", if_finite(carried.settled)},
+           {"distance of copies 1 s later", "mm", if_finite(carried.apart * 1e3)},
+           {"largest distance of copies", "mm", if_finite(carried.apart_moving * 1e3)},
+           {"injected energy", "mJ a minute", if_finite(carried.injected * 1e3 * 60 / kSeconds)},
            {"peak force", "N", if_finite(carried.peak_force)},
-           {"apparent mass, of the mass", "", has_mass ? ratio : none},
+           {"apparent mass / mass", "", has_mass ? ratio : none},
            {"apparent damping", "N s/m", has_mass ? mass.damping : none}},
           {}};
 }
@@ -59,13 +59,13 @@ ScenarioRun carry_together(Method method, const netem::LinkSettings& link, std::
 ScenarioRun find_stiffness(const netem::LinkSettings& link) {
   const Stiffness found = largest_stable_stiffness((link.forth.delay_ms + link.back.delay_ms) * 1e-3, 9);
   return {{{kRoundTrip, "ms", link.forth.delay_ms + link.back.delay_ms},
-           {"wall beyond the network: (b + B) / (T/2 + td)", "N/m", found.wall_bound},
-           {"held last", "N/m", found.wall},
-           {"passivity controller", "N/m", found.wall_passivity},
-           {"two copies: 0.8 x 2 B / (RTT + T)", "N/m", found.copies_bound},
-           {"naive", "N/m", found.copies_naive},
-           {"set position", "N/m", found.copies_set},
-           {"channel", "N/m", found.copies_channel}},
+           {"wall, bound: (b + B) / (T/2 + td)", "N/m", found.wall_bound},
+           {"wall, delayed force", "N/m", found.wall},
+           {"wall, passivity controller", "N/m", found.wall_passivity},
+           {"copies, bound: 0.8 x 2 B / (RTT + T)", "N/m", found.copies_bound},
+           {"copies, naive", "N/m", found.copies_naive},
+           {"copies, set position", "N/m", found.copies_set},
+           {"copies, channel", "N/m", found.copies_channel}},
           {}};
 }
 

@@ -130,12 +130,12 @@ Figures hand_over(const std::vector<HandOverUser>& users, double seconds, const 
   double sum = 0;
   for (const double wait : waits) sum += wait;
   return {{"touches", "", static_cast<double>(touches)},
-          {"of these granted", "", static_cast<double>(waits.size())},
-          {"granted after, mean", "ms", waits.empty() ? 0 : sum / static_cast<double>(waits.size())},
-          {"granted after, longest", "ms", waits.empty() ? 0 : waits.back()},
-          {"nobody publishes", "%", percent(nobody)},
-          {"a former owner publishes too", "%", percent(several)},
-          {"two under one number", "", static_cast<double>(doubled)},
+          {"granted touches", "", static_cast<double>(waits.size())},
+          {"time to grant, mean", "ms", waits.empty() ? 0 : sum / static_cast<double>(waits.size())},
+          {"time to grant, max", "ms", waits.empty() ? 0 : waits.back()},
+          {"no publisher", "%", percent(nobody)},
+          {"several publishers", "%", percent(several)},
+          {"shared fencing numbers", "", static_cast<double>(doubled)},
           {"hand-overs", "", static_cast<double>(publishers.size())}};
 }
 

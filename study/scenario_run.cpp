@@ -117,11 +117,11 @@ ScenarioRun run_scenario(const client_sim::Scenario& given, const Subject& subje
   if (is_cold_start) {
     // An event that did not happen counts with the whole duration.
     const auto ms = [&](double at) { return 1e3 * (at < 0 ? scenario.duration : at); };
-    run.figures = {{"base mesh shown after", "ms", ms(base)},
-                   {"surface touched after", "ms", ms(touched)},
-                   {"first exact contact after", "ms", ms(exact)},
-                   {"received until then", "kB", kbyte},
-                   {"of the model's records, in all", "%",
+    run.figures = {{"time to base mesh", "ms", ms(base)},
+                   {"time to touch", "ms", ms(touched)},
+                   {"time to exact contact", "ms", ms(exact)},
+                   {"received until exact", "kB", kbyte},
+                   {"share of records received", "%",
                     100.0 * static_cast<double>(session.records_received()) / subject.model.summary.records}};
   }
   for (Figure& figure : fidelity.figures()) run.figures.push_back(std::move(figure));

@@ -104,13 +104,13 @@ ScenarioRun press_to_target(const Scenario& scenario, const Subject& subject, co
   const auto count = static_cast<double>(std::max<std::size_t>(evaluated, 1));
   const auto percent = [&](std::size_t of) { return 100 * static_cast<double>(of) / count; };
   const auto ms_from = [&](std::size_t from, std::size_t to) { return static_cast<double>(to - from); };
-  return {{{"both touch after", "ms", ms_from(0, begin)},
-           {"on target after", "ms", ms_from(begin, reached)},
-           {"on target", "%", percent(on_target)},
-           {"off target by, rms", "N", std::sqrt(squares / count)},
-           {"off target by, most", "N", max},
-           {"contact lost", "%", percent(lost)},
-           {"lowest port", "mJ", 1e3 * lowest_port(session, scenario.users.size())}},
+  return {{{"time until all touch", "ms", ms_from(0, begin)},
+           {"time to target", "ms", ms_from(begin, reached)},
+           {"time on target", "%", percent(on_target)},
+           {"deviation from target, rms", "N", std::sqrt(squares / count)},
+           {"deviation from target, max", "N", max},
+           {"time without contact", "%", percent(lost)},
+           {"lowest port energy", "mJ", 1e3 * lowest_port(session, scenario.users.size())}},
           {}};
 }
 
@@ -142,16 +142,16 @@ ScenarioRun lift_together(const Scenario& scenario, const Subject& subject, cons
   double given = 0;
   for (std::size_t i = 0; i < session.hrtcs(); ++i) given += session.figure(i, session::figures::kCopyGiven);
   const haptics::BodyState left = sharing::state_of(session.seen(), session.shared().centre);
-  return {{{"lifts of users ended", "", static_cast<double>(lifts)},
-           {"lost", "", static_cast<double>(lost)},
-           {"raised by, most", "mm", 1e3 * highest},
-           {"held up for", "s", held},
-           {"tilted by, most", "degrees", tilt},
-           {"copies apart, most", "mm", 1e3 * furthest},
-           {"injected", "mJ", 1e-3 * given},
+  return {{{"completed lifts", "", static_cast<double>(lifts)},
+           {"lost lifts", "", static_cast<double>(lost)},
+           {"largest height", "mm", 1e3 * highest},
+           {"time held up", "s", held},
+           {"largest tilt", "degrees", tilt},
+           {"largest distance of copies", "mm", 1e3 * furthest},
+           {"injected energy", "mJ", 1e-3 * given},
            {"peak force", "N", peak},
-           {"lowest port", "mJ", 1e3 * lowest_port(session, scenario.users.size())},
-           {"stands off the ground at the end by", "mm", 1e3 * (left.position.z() - ground)}},
+           {"lowest port energy", "mJ", 1e3 * lowest_port(session, scenario.users.size())},
+           {"height at the end", "mm", 1e3 * (left.position.z() - ground)}},
           {}};
 }
 

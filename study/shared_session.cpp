@@ -64,7 +64,7 @@ struct SharedSession::Hrtc {
 
 SharedSession::SharedSession(const Subject& subject, const SharedSessionSettings& settings)
     : subject_{subject}, settings_{settings} {
-  for (const std::size_t node : {kHostNode, kViewerNode}) connect(node);
+  for (const std::size_t node : {kHostNode, kViewerNode}) add_links(node);
   start_host();
   while (!settings_.host_begins_late && !host_->clock().answers()) (void)host_->tick(now_ns_ += 2 * kMs);
   shared_ = sharing::body_of(entry_);
@@ -73,7 +73,7 @@ SharedSession::SharedSession(const Subject& subject, const SharedSessionSettings
 SharedSession::~SharedSession() = default;
 
 /// Creates the links between a new node and all existing nodes.
-void SharedSession::connect(std::size_t node) {
+void SharedSession::add_links(std::size_t node) {
   const auto make_link = [&](std::size_t from, std::size_t to) {
     constexpr std::uint64_t kMaxNodes = 64;
     const auto& profile = from < to ? settings_.link.forth : settings_.link.back;
@@ -89,18 +89,18 @@ void SharedSession::start_host() {
   const session::Origin self = origin_of(kHost, static_cast<std::uint64_t>(now_ns_));
   host_ = std::make_unique<host_service::HostCore>(self, host_settings(subject_, settings_.mass), now_ns_);
   entry_ = host_->catalogue().front();
-  ++host_starts_;
+  ++host_changes_;
 }
 
 void SharedSession::stop_host() {
   host_.reset();
-  ++host_starts_;
+  ++host_changes_;
 }
 
 std::size_t SharedSession::add_hrtc() {
   const std::size_t i = hrtcs_.size();
   hrtcs_.push_back(std::make_unique<Hrtc>(origin_of(i + 1, 1), now_ns_));
-  connect(kFirstHrtcNode + i);
+  add_links(kFirstHrtcNode + i);
   Hrtc& hrtc = *hrtcs_.back();
   hrtc_service::Gateway& gateway = hrtc.core.gateway();
   gateway.on_object = [&hrtc](const hrtc_service::TouchObject& object) { hrtc.index = object.index; };
@@ -115,7 +115,7 @@ void SharedSession::send_catalogue(std::size_t hrtc) {
 
 void SharedSession::kill_hrtc(std::size_t hrtc) { hrtcs_[hrtc]->is_dead = true; }
 
-std::size_t SharedSession::join(std::size_t hrtc, User user) {
+std::size_t SharedSession::append_user(std::size_t hrtc, User user) {
   user.hrtc = hrtc;
   user.probe = hrtcs_[hrtc]->probes++;
   user.hand.seed = static_cast<std::uint32_t>(settings_.seed * 64 + users_.size() + 1);
@@ -128,11 +128,11 @@ std::size_t SharedSession::add_user(std::size_t hrtc, const client_sim::User& pe
   User user;
   user.id = session::id_of(person.name);
   user.op = std::make_unique<client_sim::Operator>(person, client_sim::OperatorSettings{});
-  return join(hrtc, std::move(user));
+  return append_user(hrtc, std::move(user));
 }
 
 std::size_t SharedSession::add_hand(std::size_t hrtc, const Vec3d& start) {
-  const std::size_t i = join(hrtc, {});
+  const std::size_t i = append_user(hrtc, {});
   users_[i].id = session::id_of("hand" + std::to_string(i));
   users_[i].hand.start = start;
   users_[i].device = std::make_unique<haptics::SimulatedDevice>(users_[i].hand);
@@ -181,8 +181,8 @@ void SharedSession::send(std::size_t from, std::size_t to, std::size_t bytes, Ar
 }
 
 void SharedSession::to_host(std::size_t from, std::size_t bytes, Arrive arrive) {
-  send(from, kHostNode, bytes, [this, life = host_starts_, arrive = std::move(arrive)] {
-    if (host_ != nullptr && life == host_starts_) arrive();
+  send(from, kHostNode, bytes, [this, changes = host_changes_, arrive = std::move(arrive)] {
+    if (host_ != nullptr && changes == host_changes_) arrive();
   });
 }
 
@@ -200,10 +200,10 @@ void SharedSession::publish(std::size_t from, const session::ObjectPose& pose) {
     to_hrtc(from, i, kSmallBytes,
             [this, pose](Hrtc& hrtc) { hrtc.core.gateway().on_pose(pose, now_ns_, hrtc.session_ns(now_ns_)); });
   }
-  send(from, kViewerNode, kSmallBytes, [this, pose] { see(pose); });
+  send(from, kViewerNode, kSmallBytes, [this, pose] { on_viewer_pose(pose); });
 }
 
-void SharedSession::see(const session::ObjectPose& pose) {
+void SharedSession::on_viewer_pose(const session::ObjectPose& pose) {
   if (!gate_.accept(pose, now_ns_)) return;
   seen_ = pose;
   session::CatalogueEntry moved = entry_;
@@ -212,28 +212,29 @@ void SharedSession::see(const session::ObjectPose& pose) {
 }
 
 void SharedSession::haptic_cycle(std::size_t i) {
-  Hrtc& c = *hrtcs_[i];
-  hrtc_service::Servo& servo = c.core.servo();
+  Hrtc& hrtc = *hrtcs_[i];
+  hrtc_service::Servo& servo = hrtc.core.servo();
   for (User& user : users_) {
     if (user.hrtc != i || user.device == nullptr) continue;
-    hrtc_service::ProbeInput& input = c.inputs[user.probe];
+    hrtc_service::ProbeInput& input = hrtc.inputs[user.probe];
     input.active = true;
     input.device = user.device->read(now_ns_);
   }
   if (settings_.observer != nullptr) settings_.observer->on_begin();
-  const hrtc_service::Servo::Outputs& outputs = servo.touch(c.inputs, now_ns_);
+  const hrtc_service::Servo::Outputs& outputs = servo.touch(hrtc.inputs, now_ns_);
   for (User& user : users_)
     if (user.hrtc == i && user.device != nullptr) user.device->write(hrtc_service::vec(outputs[user.probe].force));
   servo.publish(now_ns_, now_ns_ + kMs);
   (void)servo.refine(spm::Budget{1u << 20});
   if (settings_.observer != nullptr) settings_.observer->on_end();
-  if (hrtc_service::BodyReports reports; c.core.link().bodies.reports_for_sender.take(reports)) c.reports = reports;
+  if (hrtc_service::BodyReports reports; hrtc.core.link().bodies.reports_for_sender.take(reports))
+    hrtc.reports = reports;
 }
 
 void SharedSession::send_reports(std::size_t i) {
-  Hrtc& c = *hrtcs_[i];
-  const hrtc_service::BodyReport& body = c.reports.bodies[0];
-  if (c.reports.count == 0) return;
+  Hrtc& hrtc = *hrtcs_[i];
+  const hrtc_service::BodyReport& body = hrtc.reports.bodies[0];
+  if (hrtc.reports.count == 0) return;
   for (std::size_t to = 0; body.copies > 0 && to < hrtcs_.size(); ++to) {
     if (to == i) continue;
     session::ObjectCopy copy;
@@ -245,24 +246,24 @@ void SharedSession::send_reports(std::size_t i) {
       peer.core.gateway().on_peer_received(peer.index, now_ns_);
     });
   }
-  if (body.publish == 0 || now_ns_ - c.posed_ns < hrtc_service::kBodyPoseNs) return;
-  c.posed_ns = now_ns_;
+  if (body.publish == 0 || now_ns_ - hrtc.posed_ns < hrtc_service::kBodyPoseNs) return;
+  hrtc.posed_ns = now_ns_;
   session::ObjectPose pose;
-  pose.origin = c.origin;
+  pose.origin = hrtc.origin;
   pose.object_id = entry_.object_id;
-  pose.sequence = ++c.pose_sequence;
+  pose.sequence = ++hrtc.pose_sequence;
   pose.fencing = body.publish;
-  pose.session_time_ns = c.reports.session_ns;
+  pose.session_time_ns = hrtc.reports.session_ns;
   sharing::put_state(body.state, shared_.centre, pose);
   publish(kFirstHrtcNode + i, pose);
 }
 
-void SharedSession::serve(std::size_t i) {
-  Hrtc& c = *hrtcs_[i];
-  hrtc_service::Gateway& gateway = c.core.gateway();
-  gateway.tick(now_ns_, c.membership.clock());
-  c.membership.tick(now_ns_);
-  if (auto request = c.membership.clock_request(now_ns_)) send_clock(kFirstHrtcNode + i, request->sample);
+void SharedSession::step_gateway(std::size_t i) {
+  Hrtc& hrtc = *hrtcs_[i];
+  hrtc_service::Gateway& gateway = hrtc.core.gateway();
+  gateway.tick(now_ns_, hrtc.membership.clock());
+  hrtc.membership.tick(now_ns_);
+  if (auto request = hrtc.membership.clock_request(now_ns_)) send_clock(kFirstHrtcNode + i, request->sample);
   send_membership(i);
   while (auto demand = gateway.demand(now_ns_)) {
     const std::size_t bytes =
@@ -378,7 +379,7 @@ void SharedSession::step() {
     if (hrtcs_[i]->is_dead) continue;
     haptic_cycle(i);
     send_reports(i);
-    if (even) serve(i);
+    if (even) step_gateway(i);
   }
   if (even)
     for (User& user : users_) step_user(user);

@@ -95,17 +95,17 @@ class SharedSession {
   };
   using Arrive = std::function<void()>;
 
-  std::size_t join(std::size_t hrtc, User user);
-  void connect(std::size_t node);
+  std::size_t append_user(std::size_t hrtc, User user);
+  void add_links(std::size_t node);
   void send(std::size_t from, std::size_t to, std::size_t bytes, Arrive arrive);
   void to_host(std::size_t from, std::size_t bytes, Arrive arrive);
   void to_hrtc(std::size_t from, std::size_t i, std::size_t bytes, std::function<void(Hrtc&)> arrive);
   void publish(std::size_t from, const session::ObjectPose& pose);
-  void see(const session::ObjectPose& pose);
+  void on_viewer_pose(const session::ObjectPose& pose);
 
   void haptic_cycle(std::size_t i);
   void send_reports(std::size_t i);
-  void serve(std::size_t i);
+  void step_gateway(std::size_t i);
   void step_user(User& user);
   void host_tick();
   void send_to_hrtcs(std::size_t from, std::size_t bytes, const std::function<void(Hrtc&)>& arrive);
@@ -118,7 +118,7 @@ class SharedSession {
   session::CatalogueEntry entry_;
   sharing::SharedBody shared_;
   std::unique_ptr<host_service::HostCore> host_;
-  std::uint64_t host_starts_ = 0;
+  std::uint64_t host_changes_ = 0;  // number of starts and stops
   std::vector<std::unique_ptr<Hrtc>> hrtcs_;
   std::vector<User> users_;
   std::vector<std::vector<VirtualLink<Arrive>>> links_;  // [from][to]: host, viewer, then the HRTCs

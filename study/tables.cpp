@@ -129,20 +129,20 @@ struct Drawing {
 };
 constexpr Drawing kDrawings[]{{Section::kForces, "above 1 JND", false},
                               {Section::kForces, "force error rms", false},
-                              {Section::kForces, "onset off by", true},
+                              {Section::kForces, "onset error", true},
                               {Section::kTool, "above 1 JND", false},
                               {Section::kTool, "torque above 1 JND", false},
                               {Section::kTool, "force error rms", false},
                               {Section::kTool, "torque error rms", false},
-                              {Section::kFirstTouch, "first exact contact after", true},
+                              {Section::kFirstTouch, "time to exact contact", true},
                               {Section::kFirstTouch, "above 1 JND", false},
-                              {Section::kTarget, "on target", false},
-                              {Section::kLift, "held up for", false},
-                              {Section::kLift, "copies apart, most", true},
-                              {Section::kHandOver, "granted after, mean", true},
-                              {Section::kCollaboration, "copies apart, most", true},
-                              {Section::kCollaboration, "apparent mass, of the mass", false},
-                              {Section::kCollaboration, "injected", true}};
+                              {Section::kTarget, "time on target", false},
+                              {Section::kLift, "time held up", false},
+                              {Section::kLift, "largest distance of copies", true},
+                              {Section::kHandOver, "time to grant, mean", true},
+                              {Section::kCollaboration, "largest distance of copies", true},
+                              {Section::kCollaboration, "apparent mass / mass", false},
+                              {Section::kCollaboration, "injected energy", true}};
 
 /// The range of the values of a plot. A logarithmic scale ignores values below kMin.
 class Range {

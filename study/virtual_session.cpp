@@ -171,13 +171,13 @@ void VirtualSession::move_remote(Hand& hand) {
   pose.velocity = hrtc_service::plain(state.velocity);
   pose.orientation = hrtc_service::plain(state.orientation);
   pose.buttons = state.buttons;
-  pose.sequence = ++hand.numbered;
+  pose.sequence = ++hand.last_pose_number;
   pose.command_felt = hand.newest.number;
   pose.taken_ns = now_ns_;
   hand.poses.send(now_ns_, pose, kPoseBytes);
 }
 
-void VirtualSession::read(std::size_t user) {
+void VirtualSession::read_device(std::size_t user) {
   Hand& hand = *hands_[user];
   hrtc_service::ProbeInput& input = inputs_[user];
   if (!hand.device) return;
@@ -185,7 +185,7 @@ void VirtualSession::read(std::size_t user) {
     move_remote(hand);
     while (auto pose = hand.poses.take(now_ns_)) {
       pose->arrived_ns = now_ns_;
-      if (session::accepted(hand.numbers.admit(pose->sequence, now_ns_))) hand.remote->on_pose(*pose);
+      if (session::accepted(hand.pose_window.admit(pose->sequence, now_ns_))) hand.remote->on_pose(*pose);
     }
     if (!hand.remote->has_pose()) return;
     input.device = hand.remote->read(now_ns_);
@@ -197,7 +197,7 @@ void VirtualSession::read(std::size_t user) {
   input.pose_age = static_cast<double>(now_ns_ - input.device.time_ns) * 1e-9;
 }
 
-void VirtualSession::report(std::size_t user, const hrtc_service::ProbeOutput& output) {
+void VirtualSession::deliver_output(std::size_t user, const hrtc_service::ProbeOutput& output) {
   Hand& hand = *hands_[user];
   if (!output.active) return;
   session::ProbeState state;
@@ -235,12 +235,12 @@ void VirtualSession::step() {
   if (users_act_) {
     for (std::size_t user = 0; user < hands_.size(); ++user) {
       send_intent(*hands_[user]);
-      read(user);
+      read_device(user);
     }
   }
   hrtc_service::Servo& servo = core_.servo();
   const hrtc_service::Servo::Outputs& outputs = servo.touch(inputs_, now_ns_);
-  for (std::size_t user = 0; user < hands_.size(); ++user) report(user, outputs[user]);
+  for (std::size_t user = 0; user < hands_.size(); ++user) deliver_output(user, outputs[user]);
   servo.publish(now_ns_, now_ns_ + kCycleNs);
   mesh_changed_ = changed_;
   changed_ = servo.refine(spm::Budget{settings_.budget}).costs.changes > 0;

@@ -101,8 +101,8 @@ class VirtualSession {
     VirtualLink<Command> commands;
     Command newest;
     std::int64_t newest_ns = 0;
-    std::uint32_t numbered = 0;
-    session::SequenceWindow numbers{session::kCycleNumbers};
+    std::uint32_t last_pose_number = 0;
+    session::SequenceWindow pose_window{session::kCycleNumbers};
   };
 
   void carry_samples(std::int64_t until_ns);
@@ -110,9 +110,9 @@ class VirtualSession {
   void send_clock_to_host(const session::ClockSample& sample);
   void send_clock_to_hrtc(const session::ClockSample& sample);
   void send_intent(Hand& hand);
-  void read(std::size_t user);
+  void read_device(std::size_t user);
   void move_remote(Hand& hand);
-  void report(std::size_t user, const hrtc_service::ProbeOutput& output);
+  void deliver_output(std::size_t user, const hrtc_service::ProbeOutput& output);
 
   SessionSettings settings_;
   client_sim::Objects objects_;

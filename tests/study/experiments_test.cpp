@@ -37,39 +37,39 @@ TEST_F(StudyExperiments, ShareTheBaseline) {
 
 TEST_F(StudyExperiments, TwoUsersReachTheirTargetForce) {
   const ScenarioRun near = run("target-force", "P0");
-  EXPECT_GT(value_of(near, "on target"), 99);
-  EXPECT_LT(value_of(near, "off target by, rms"), 0.05);
-  EXPECT_EQ(value_of(near, "contact lost"), 0);
+  EXPECT_GT(value_of(near, "time on target"), 99);
+  EXPECT_LT(value_of(near, "deviation from target, rms"), 0.05);
+  EXPECT_EQ(value_of(near, "time without contact"), 0);
 }
 
 TEST_F(StudyExperiments, CopiesOfALiftedCrateStayTogetherAcrossAnOcean) {
   for (const auto& [link, max_apart] : {std::pair{"P4", 15.0}, std::pair{"P6", 25.0}}) {
     SCOPED_TRACE(link);
     const ScenarioRun far = run("lift", link);
-    EXPECT_EQ(value_of(far, "lifts of users ended"), 2);
-    EXPECT_EQ(value_of(far, "lost"), 0);
-    EXPECT_LT(value_of(far, "copies apart, most"), max_apart);
-    EXPECT_LT(value_of(far, "tilted by, most"), 20);
-    EXPECT_LT(value_of(far, "injected"), 1);
-    EXPECT_GE(value_of(far, "lowest port"), -1e-3);
+    EXPECT_EQ(value_of(far, "completed lifts"), 2);
+    EXPECT_EQ(value_of(far, "lost lifts"), 0);
+    EXPECT_LT(value_of(far, "largest distance of copies"), max_apart);
+    EXPECT_LT(value_of(far, "largest tilt"), 20);
+    EXPECT_LT(value_of(far, "injected energy"), 1);
+    EXPECT_GE(value_of(far, "lowest port energy"), -1e-3);
   }
 }
 
 TEST_F(StudyExperiments, FourUsersNeverPublishUnderOneNumberAndWaitARoundTrip) {
   const ScenarioRun far = run("hand-over", "P4");
   EXPECT_GT(value_of(far, "touches"), 40);
-  EXPECT_EQ(value_of(far, "two under one number"), 0);
-  EXPECT_NEAR(value_of(far, "granted after, mean"), 32, 6);
+  EXPECT_EQ(value_of(far, "shared fencing numbers"), 0);
+  EXPECT_NEAR(value_of(far, "time to grant, mean"), 32, 6);
 }
 
 TEST_F(StudyExperiments, UnstableRunsAreCountedWithoutFigures) {
   const ScenarioRun naive = run("carry, naive", "P6");
-  EXPECT_EQ(value_of(naive, "runs without end"), 100);
-  EXPECT_TRUE(std::isnan(value_of(naive, "copies apart, most")));
+  EXPECT_EQ(value_of(naive, "diverged runs"), 100);
+  EXPECT_TRUE(std::isnan(value_of(naive, "largest distance of copies")));
   const ScenarioRun channel = run("carry, channel", "P6");
-  EXPECT_EQ(value_of(channel, "runs without end"), 0);
-  EXPECT_LT(value_of(channel, "settled after"), 2);
-  EXPECT_LT(value_of(channel, "copies apart 1 s later"), 5);
+  EXPECT_EQ(value_of(channel, "diverged runs"), 0);
+  EXPECT_LT(value_of(channel, "time to settle"), 2);
+  EXPECT_LT(value_of(channel, "distance of copies 1 s later"), 5);
 }
 
 }  // namespace

@@ -40,7 +40,7 @@ constexpr std::int64_t kDiscoveryNs = 1500 * kMs;
 /// Time from the discovery of the first host or HRTC until a reset reads the stops in force: five heartbeats.
 constexpr std::int64_t kReadStopsNs = 500 * kMs;
 
-struct Order {
+struct Request {
   std::string text;
   double patience = 5;  // s
 };
@@ -126,12 +126,12 @@ int report(const session::Acknowledgement& answer) {
   return answer.missing.empty() && !answer.hrtcs.empty() ? 0 : 1;
 }
 
-int stop_forces(const wire::SessionAddress& address, const Order& order, const std::atomic<bool>& stop) {
-  Session session{address, order.patience, stop};
+int stop_forces(const wire::SessionAddress& address, const Request& request, const std::atomic<bool>& stop) {
+  Session session{address, request.patience, stop};
   wire::Writer<session::EmergencyStop> out{session.participants(), wire::topics::kStop};
-  const session::Acknowledgement answer = session.deliver(out, {session.participants().origin(), 1, order.text});
+  const session::Acknowledgement answer = session.deliver(out, {session.participants().origin(), 1, request.text});
   if (session.interrupted()) return 130;
-  return session.found() ? report(answer) : report_none_found(address, order.patience);
+  return session.found() ? report(answer) : report_none_found(address, request.patience);
 }
 
 /// Returns the newest stop of each issuer that is in force at a host or HRTC.
@@ -151,13 +151,13 @@ std::vector<session::StopName> stops_in_force(const session::Roster& roster) {
   return all;
 }
 
-int reset_forces(const wire::SessionAddress& address, const Order& order, const std::atomic<bool>& stop) {
-  Session session{address, order.patience, stop};
+int reset_forces(const wire::SessionAddress& address, const Request& request, const std::atomic<bool>& stop) {
+  Session session{address, request.patience, stop};
   wire::Writer<session::ForceReset> out{session.participants(), wire::topics::kReset};
   while (!session.found_for(kReadStopsNs) && session.wait(kRepeatPeriod)) {
   }
   if (session.interrupted()) return 130;
-  if (!session.found()) return report_none_found(address, order.patience);
+  if (!session.found()) return report_none_found(address, request.patience);
   const std::vector<session::StopName> stops = stops_in_force(session.roster());
   std::cout << "resets " << stops.size() << (stops.size() == 1 ? " stop\n" : " stops\n");
   session::Acknowledgement answer;
@@ -168,7 +168,7 @@ int reset_forces(const wire::SessionAddress& address, const Order& order, const 
     reset.number = ++number;
     for (; named < stops.size() && reset.stops.size() < session::kMaxStops; ++named)
       reset.stops.push_back(stops[named]);
-    reset.text = order.text;
+    reset.text = request.text;
     answer = session.deliver(out, reset);
   } while (named < stops.size() && answer.missing.empty());
   if (session.interrupted()) return 130;
@@ -184,7 +184,7 @@ int reset_forces(const wire::SessionAddress& address, const Order& order, const 
 
 /// Publishes a sample that only DDS acknowledges, not the roster. Returns the exit status.
 template <class Sample>
-int announce(const wire::SessionAddress& address, const wire::TopicSpec<Sample>& topic, const Order& order,
+int announce(const wire::SessionAddress& address, const wire::TopicSpec<Sample>& topic, const Request& request,
              Sample sample, const std::atomic<bool>& stop) {
   wire::Participants participants{address};
   wire::Writer<Sample> out{participants, topic};
@@ -192,7 +192,7 @@ int announce(const wire::SessionAddress& address, const wire::TopicSpec<Sample>&
   // The writer stores the sample for readers that it discovers later, so it may send before it has discovered one.
   if (out.send(sample) != wire::SendStatus::kSent)
     throw std::runtime_error(std::string{"the sample was not sent: "} + out.last_fault());
-  const std::int64_t end_ns = monotonic_ns() + static_cast<std::int64_t>(order.patience * 1e9);
+  const std::int64_t end_ns = monotonic_ns() + static_cast<std::int64_t>(request.patience * 1e9);
   std::optional<std::int64_t> found_ns;
   int received = 0;  // maximum number of matched readers, because programs leave after an end
   while (!stop && monotonic_ns() < end_ns && (!found_ns || monotonic_ns() - *found_ns < kDiscoveryNs)) {
@@ -201,7 +201,7 @@ int announce(const wire::SessionAddress& address, const wire::TopicSpec<Sample>&
     std::this_thread::sleep_for(kRepeatPeriod);  // nothing notifies of a match
   }
   if (stop) return 130;
-  if (!found_ns) return report_none_found(address, order.patience);
+  if (!found_ns) return report_none_found(address, request.patience);
   const bool all = out.wait_acknowledged(std::chrono::seconds{1});
   std::cout << "received by " << received << " programs" << (all ? "" : "; not all have confirmed it") << '\n';
   return all ? 0 : 1;
@@ -212,17 +212,17 @@ int announce(const wire::SessionAddress& address, const wire::TopicSpec<Sample>&
 int main(int argc, char** argv) {
   wire::SessionAddress address;
   address.participant = "control-" + std::to_string(getpid());
-  Order order;
+  Request request;
   CLI::App app{"Sends an emergency stop, reset, mode or end to all programs of a session.", "tactus-control"};
   app.footer(kExamples);
   app.require_subcommand(1);
   app.fallthrough();
   wire::add_address_options(app, address, "program");
-  app.add_option("--patience", order.patience, "Seconds to wait for hosts and HRTCs and for acknowledgements")
+  app.add_option("--patience", request.patience, "Seconds to wait for hosts and HRTCs and for acknowledgements")
       ->capture_default_str()
       ->check(CLI::Range(0.1, 3600.0));
   const auto with_reason = [&](CLI::App* sub) {
-    sub->add_option("--reason", order.text, "Text for the logs and reports of all programs")
+    sub->add_option("--reason", request.text, "Text for the logs and reports of all programs")
         ->check([](const std::string& text) -> std::string {
           return text.size() <= session::kMaxText ? ""
                                                   : "expected at most " + std::to_string(session::kMaxText) + " bytes";
@@ -236,7 +236,7 @@ int main(int argc, char** argv) {
   const CLI::App* const end =
       with_reason(app.add_subcommand("end", "End the session: its programs write their reports and leave"));
   app.add_subcommand("mode", "Set the session mode of all users or of some")
-      ->add_option("MODE", order.text,
+      ->add_option("MODE", request.text,
                    "auto, collaborate or large-scale; the last two may be followed by USER,USER..., as for tactus-sim "
                    "--mode")
       ->required();
@@ -247,10 +247,10 @@ int main(int argc, char** argv) {
   }
   try {
     const std::atomic<bool>& interrupted = wire::stop_signal();
-    if (stop->parsed()) return stop_forces(address, order, interrupted);
-    if (reset->parsed()) return reset_forces(address, order, interrupted);
-    if (end->parsed()) return announce(address, wire::topics::kEnd, order, {{}, order.text}, interrupted);
-    return announce(address, wire::topics::kControl, order, {{}, 1, session::ControlKind::kMode, order.text},
+    if (stop->parsed()) return stop_forces(address, request, interrupted);
+    if (reset->parsed()) return reset_forces(address, request, interrupted);
+    if (end->parsed()) return announce(address, wire::topics::kEnd, request, {{}, request.text}, interrupted);
+    return announce(address, wire::topics::kControl, request, {{}, 1, session::ControlKind::kMode, request.text},
                     interrupted);
   } catch (const std::exception& error) {
     std::cerr << "tactus-control: " << error.what() << '\n';

@@ -31,7 +31,8 @@ Examples:
 The recording ends with Ctrl-C, or after --seconds. Messages are encoded as CDR, and the schemas are the IDL of Tactus.
 MCAP readers that support omgidl can show them. To hosts the recorder is one more HRTC, unless --without-bulk omits the
 meshes.
-Exit status: 0 recorded, 1 the file could not be written completely, 2 wrong input, 130 interrupted before any message.)";
+Exit status: 0 recorded, 1 the file could not be written completely, 2 wrong input, 130 interrupted before any
+message.)";
 
 constexpr auto kFlushPeriod = std::chrono::seconds{1};  // a kill loses at most the messages of this time
 
