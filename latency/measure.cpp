@@ -201,6 +201,17 @@ void serve_test(const nlohmann::ordered_json& requested, ControlConnection& cont
   control.send_block(arrivals.data(), arrivals.size() * sizeof(Arrival));
 }
 
+/// Makes the load of the test; null if it has none.
+std::unique_ptr<LoadSource> make_load(const TestCase& test, const std::string& session, const SideSettings& side,
+                                      wire::Participants* shared, const std::atomic<bool>& cancelled) {
+  if (test.load_mbit == 0) return nullptr;
+  if (test.transport != Transport::kCyclone)
+    return std::make_unique<MeshSource>(test, address_of(session, "load", side), shared);
+  auto source = std::make_unique<CycloneLoad>("source", side, cancelled);
+  source->wait_for_match();
+  return source;
+}
+
 /// Sends the pings in `selection`, or all if it is empty, each at its intended time.
 void send_pings(const TestCase& test, const PingSelection& selection, Carrier& carrier, Timestamps& timestamps,
                 const std::atomic<bool>& cancelled) {
@@ -265,15 +276,8 @@ Timestamps measure(const TestCase& test, ControlConnection& control, const SideS
     participants = join_session(test, address_of(session, "ping", side));
     carrier = make_dds(Role::kPinger, test, *participants, callback);
   }
-  std::unique_ptr<LoadSource> load;
   wire::Participants* const shared = test.profile == Profile::kShared ? participants.get() : nullptr;
-  if (test.load_mbit != 0 && test.transport == Transport::kCyclone) {
-    auto source = std::make_unique<CycloneLoad>("source", side, cancelled);
-    source->wait_for_match();
-    load = std::move(source);
-  } else if (test.load_mbit != 0) {
-    load = std::make_unique<MeshSource>(test, address_of(session, "load", side), shared);
-  }
+  std::unique_ptr<LoadSource> load = make_load(test, session, side, shared, cancelled);
   const auto matched = [&] { return carrier->matched() >= test.readers && (!load || load->matched()); };
   if (!wait_until(matched, kMatchTimeout, cancelled))
     throw LatencyError(
@@ -297,8 +301,8 @@ Timestamps measure(const TestCase& test, ControlConnection& control, const SideS
   const auto result = control.receive(kAnswerTimeout);
   const auto arrivals = result.at("arrivals").get<std::size_t>();
   if (arrivals > 2 * all + 1000 * test.readers)
-    throw LatencyError("the other side has " + std::to_string(arrivals) + " arrivals of " + std::to_string(all) +
-                       " pings");
+    throw LatencyError("the other side reports " + std::to_string(arrivals) + " arrivals; expected about " +
+                       std::to_string(all));
   timestamps.arrivals.resize(arrivals);
   control.receive_block(timestamps.arrivals.data(), arrivals * sizeof(Arrival), kAnswerTimeout);
   result.at("load_bytes_per_s").get_to(timestamps.load_bytes_per_s);

@@ -81,8 +81,8 @@ void batch(std::vector<std::string> command, const std::string& script) {
   pid_t child = 0;
   int error = ::posix_spawnp(&child, argv[0], &actions, nullptr, argv.data(), environ);
   if (error == ENOENT) {  // /sbin may be missing in PATH
-    const std::string beside = "/sbin/" + command[0];
-    error = ::posix_spawn(&child, beside.c_str(), &actions, nullptr, argv.data(), environ);
+    const std::string in_sbin = "/sbin/" + command[0];
+    error = ::posix_spawn(&child, in_sbin.c_str(), &actions, nullptr, argv.data(), environ);
   }
   posix_spawn_file_actions_destroy(&actions);
   if (error == ENOENT) throw LinkError("no command '" + command[0] + "'; install the Debian package iproute2");
@@ -156,12 +156,13 @@ std::string device_script(Side side) {
 /// Waits until the device in the calling thread's namespace passes frames, which it does shortly after both ends are
 /// up.
 void wait_running() {
-  const Descriptor any{::socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0)};
+  const Descriptor socket{::socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0)};
   ifreq request{};
   std::strcpy(request.ifr_name, kDevice);
-  constexpr auto kPatience = std::chrono::seconds{10};
-  for (const auto end = std::chrono::steady_clock::now() + kPatience; std::chrono::steady_clock::now() < end;) {
-    if (::ioctl(any.get(), SIOCGIFFLAGS, &request) != 0) fail("cannot look at device " + std::string{kDevice}, errno);
+  constexpr auto kTimeout = std::chrono::seconds{10};
+  for (const auto end = std::chrono::steady_clock::now() + kTimeout; std::chrono::steady_clock::now() < end;) {
+    if (::ioctl(socket.get(), SIOCGIFFLAGS, &request) != 0)
+      fail("cannot read the state of device " + std::string{kDevice}, errno);
     if ((request.ifr_flags & IFF_RUNNING) != 0) return;
     std::this_thread::sleep_for(std::chrono::milliseconds{1});  // nothing notifies
   }
@@ -178,8 +179,8 @@ std::string rate_script(const LinkProfile& direction) {
   return text;
 }
 
-/// Starts a program in the namespace of descriptor `where`; -1 means the caller's namespace.
-pid_t start_in(int where, std::vector<std::string> command) {
+/// Starts a program in the namespace of the descriptor `network_namespace`; -1 means the caller's namespace.
+pid_t start_in(int network_namespace, std::vector<std::string> command) {
   std::vector<char*> argv;
   for (std::string& word : command) argv.push_back(word.data());
   argv.push_back(nullptr);
@@ -193,10 +194,10 @@ pid_t start_in(int where, std::vector<std::string> command) {
     sigset_t none;
     sigemptyset(&none);
     ::sigprocmask(SIG_SETMASK, &none, nullptr);
-    if (where < 0 || ::setns(where, CLONE_NEWNET) == 0) ::execvp(argv[0], argv.data());
-    constexpr char kWhat[] = ": cannot be run here\n";
+    if (network_namespace < 0 || ::setns(network_namespace, CLONE_NEWNET) == 0) ::execvp(argv[0], argv.data());
+    constexpr char kMessage[] = ": cannot be run here\n";
     (void)!::write(STDERR_FILENO, argv[0], std::strlen(argv[0]));
-    (void)!::write(STDERR_FILENO, kWhat, sizeof kWhat - 1);
+    (void)!::write(STDERR_FILENO, kMessage, sizeof kMessage - 1);
     ::_exit(127);
   }
   ::setpgid(child, child);  // in both processes, because either may run first

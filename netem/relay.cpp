@@ -67,13 +67,13 @@ void Relay::stop() noexcept {
 
 void Relay::wait(std::int64_t now_ns) {
   timespec timeout{};
-  const bool any = !departures_.empty();
-  if (any) {
+  const bool has_departure = !departures_.empty();
+  if (has_departure) {
     const std::int64_t sleep = std::max<std::int64_t>(departures_.top().at_ns - now_ns - kBusyWaitNs, 0);
     timeout = {sleep / 1'000'000'000, sleep % 1'000'000'000};
   }
   std::array<pollfd, 3> on{{{taps_[0], POLLIN, 0}, {taps_[1], POLLIN, 0}, {wake_, POLLIN, 0}}};
-  ::ppoll(on.data(), on.size(), any ? &timeout : nullptr, nullptr);
+  ::ppoll(on.data(), on.size(), has_departure ? &timeout : nullptr, nullptr);
 }
 
 void Relay::receive(int side) {

@@ -54,27 +54,27 @@ std::string join(const std::vector<std::string>& names) {
 /// One run of this program in a session, with the hosts and HRTCs that it finds.
 class Session {
  public:
-  Session(const wire::SessionAddress& address, double patience, const std::atomic<bool>& stop)
+  Session(const wire::SessionAddress& address, double patience, const std::atomic<bool>& cancelled)
       : participants_{address},
         roster_{participants_.origin(), {}},
-        stop_{stop},
+        cancelled_{cancelled},
         end_ns_{monotonic_ns() + static_cast<std::int64_t>(patience * 1e9)} {}
 
   [[nodiscard]] wire::Participants& participants() { return participants_; }
   [[nodiscard]] const session::Roster& roster() const { return roster_; }
-  [[nodiscard]] bool interrupted() const { return stop_; }
+  [[nodiscard]] bool interrupted() const { return cancelled_; }
 
   /// Receives roster entries for `time`. Returns false when interrupted or after `patience`.
   [[nodiscard]] bool wait(milliseconds time) {
     const std::int64_t until_ns = monotonic_ns() + time.count() * kMs;
-    for (std::int64_t now_ns = monotonic_ns(); now_ns < until_ns && !stop_; now_ns = monotonic_ns()) {
+    for (std::int64_t now_ns = monotonic_ns(); now_ns < until_ns && !cancelled_; now_ns = monotonic_ns()) {
       const auto left = std::chrono::microseconds{(until_ns - now_ns + 999) / 1000};
       for (const auto& arrived : inbox_.take(left)) (void)roster_.on_entry(arrived.sample, arrived.at_ns);
     }
     const std::int64_t now_ns = monotonic_ns();
     (void)roster_.tick(now_ns);
     if (found_ns_ == 0 && acting() > 0) found_ns_ = now_ns;
-    return !stop_ && now_ns < end_ns_;
+    return !cancelled_ && now_ns < end_ns_;
   }
   /// Returns whether the first host or HRTC was found at least `ns` ago.
   [[nodiscard]] bool found_for(std::int64_t ns) const { return found_ns_ != 0 && monotonic_ns() - found_ns_ >= ns; }
@@ -104,7 +104,7 @@ class Session {
 
   wire::Participants participants_;
   session::Roster roster_;
-  const std::atomic<bool>& stop_;
+  const std::atomic<bool>& cancelled_;
   const std::int64_t end_ns_;
   std::int64_t found_ns_ = 0;  // time at which the first host or HRTC was found; 0: none yet
   wire::Inbox<session::RosterEntry> inbox_{1u << 12};
@@ -126,8 +126,8 @@ int report(const session::Acknowledgement& answer) {
   return answer.missing.empty() && !answer.hrtcs.empty() ? 0 : 1;
 }
 
-int stop_forces(const wire::SessionAddress& address, const Request& request, const std::atomic<bool>& stop) {
-  Session session{address, request.patience, stop};
+int stop_forces(const wire::SessionAddress& address, const Request& request, const std::atomic<bool>& cancelled) {
+  Session session{address, request.patience, cancelled};
   wire::Writer<session::EmergencyStop> out{session.participants(), wire::topics::kStop};
   const session::Acknowledgement answer = session.deliver(out, {session.participants().origin(), 1, request.text});
   if (session.interrupted()) return 130;
@@ -151,8 +151,8 @@ std::vector<session::StopName> stops_in_force(const session::Roster& roster) {
   return all;
 }
 
-int reset_forces(const wire::SessionAddress& address, const Request& request, const std::atomic<bool>& stop) {
-  Session session{address, request.patience, stop};
+int reset_forces(const wire::SessionAddress& address, const Request& request, const std::atomic<bool>& cancelled) {
+  Session session{address, request.patience, cancelled};
   wire::Writer<session::ForceReset> out{session.participants(), wire::topics::kReset};
   while (!session.found_for(kReadStopsNs) && session.wait(kRepeatPeriod)) {
   }
@@ -185,7 +185,7 @@ int reset_forces(const wire::SessionAddress& address, const Request& request, co
 /// Publishes a sample that only DDS acknowledges, not the roster. Returns the exit status.
 template <class Sample>
 int announce(const wire::SessionAddress& address, const wire::TopicSpec<Sample>& topic, const Request& request,
-             Sample sample, const std::atomic<bool>& stop) {
+             Sample sample, const std::atomic<bool>& cancelled) {
   wire::Participants participants{address};
   wire::Writer<Sample> out{participants, topic};
   sample.origin = participants.origin();
@@ -195,12 +195,12 @@ int announce(const wire::SessionAddress& address, const wire::TopicSpec<Sample>&
   const std::int64_t end_ns = monotonic_ns() + static_cast<std::int64_t>(request.patience * 1e9);
   std::optional<std::int64_t> found_ns;
   int received = 0;  // maximum number of matched readers, because programs leave after an end
-  while (!stop && monotonic_ns() < end_ns && (!found_ns || monotonic_ns() - *found_ns < kDiscoveryNs)) {
+  while (!cancelled && monotonic_ns() < end_ns && (!found_ns || monotonic_ns() - *found_ns < kDiscoveryNs)) {
     received = std::max(received, out.matched());
     if (!found_ns && received > 0) found_ns = monotonic_ns();
     std::this_thread::sleep_for(kRepeatPeriod);  // nothing notifies of a match
   }
-  if (stop) return 130;
+  if (cancelled) return 130;
   if (!found_ns) return report_none_found(address, request.patience);
   const bool all = out.wait_acknowledged(std::chrono::seconds{1});
   std::cout << "received by " << received << " programs" << (all ? "" : "; not all have confirmed it") << '\n';

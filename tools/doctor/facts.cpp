@@ -142,7 +142,7 @@ std::vector<std::string> unreachable(const wire::Discovery& discovery) {
 }
 
 /// Measures in a thread of its own, so that the real-time priority ends with that thread.
-void measure_lateness(const Settings& settings, const std::atomic<bool>& stop, Facts& facts) {
+void measure_lateness(const Settings& settings, const std::atomic<bool>& cancelled, Facts& facts) {
   std::thread{[&] {
     sched_param requested{};
     requested.sched_priority = settings.priority;
@@ -151,7 +151,7 @@ void measure_lateness(const Settings& settings, const std::atomic<bool>& stop, F
     constexpr std::int64_t kPeriod_ns = 1'000'000;
     std::vector<double> late_us;
     std::int64_t due = wire::monotonic_ns();
-    for (const std::int64_t end = due + static_cast<std::int64_t>(settings.seconds * 1e9); due < end && !stop;) {
+    for (const std::int64_t end = due + static_cast<std::int64_t>(settings.seconds * 1e9); due < end && !cancelled;) {
       due = std::max(due + kPeriod_ns, wire::monotonic_ns());
       wire::sleep_until(due);
       late_us.push_back(static_cast<double>(wire::monotonic_ns() - due) * 1e-3);
@@ -235,7 +235,7 @@ std::vector<std::string> stale_segments() {
 }
 
 /// Waits until one topic of each traffic class has matched between two participants.
-void try_to_match(const Settings& settings, const std::atomic<bool>& stop, Facts& facts) {
+void try_to_match(const Settings& settings, const std::atomic<bool>& cancelled, Facts& facts) {
   try {
     wire::SessionAddress sender = settings.address;
     sender.session = "doctor." + std::to_string(::getpid()) + "." + std::to_string(wire::monotonic_ns());
@@ -250,7 +250,7 @@ void try_to_match(const Settings& settings, const std::atomic<bool>& stop, Facts
     const wire::Reader<session::Metrics> session_reader{to, wire::topics::kMetrics, [](session::Metrics&&) {}};
     const wire::Reader<session::ProbeState> probe_reader{to, wire::topics::kProbeState, [](session::ProbeState&&) {}};
     const wire::Reader<session::BulkChunk> bulk_reader{to, wire::topics::kBase, [](session::BulkChunk&&) {}};
-    while (!stop) {
+    while (!cancelled) {
       const double elapsed_s = static_cast<double>(wire::monotonic_ns() - begin) * 1e-9;
       if (session_writer.matched() + probe_writer.matched() + bulk_writer.matched() == 3)
         facts.match_time_s = elapsed_s;
@@ -264,7 +264,7 @@ void try_to_match(const Settings& settings, const std::atomic<bool>& stop, Facts
 
 }  // namespace
 
-Facts collect_facts(const Settings& settings, const std::atomic<bool>& stop) {
+Facts collect_facts(const Settings& settings, const std::atomic<bool>& cancelled) {
   Facts facts;
   facts.discovery = settings.address.discovery;
   facts.required = wire::read_footprint(settings.address.qos);
@@ -277,7 +277,7 @@ Facts collect_facts(const Settings& settings, const std::atomic<bool>& stop) {
   facts.send_buffer_max = read("/proc/sys/net/core/wmem_max", 0);
   facts.can_lock_memory = can_lock_memory();
   facts.rt_runtime_us = read("/proc/sys/kernel/sched_rt_runtime_us", 950000L);
-  measure_lateness(settings, stop, facts);
+  measure_lateness(settings, cancelled, facts);
   facts.clock_source = read("/sys/devices/system/clocksource/clocksource0/current_clocksource", std::string{});
   facts.clock_read_ns = clock_read_ns();
   inspect_ports(settings.address.domain, facts);
@@ -285,7 +285,7 @@ Facts collect_facts(const Settings& settings, const std::atomic<bool>& stop) {
   if (::uname(&system) == 0) facts.kernel = system.release;
   facts.library = wire::library_version();
   facts.stale_segments = stale_segments();
-  try_to_match(settings, stop, facts);
+  try_to_match(settings, cancelled, facts);
   return facts;
 }
 

@@ -58,7 +58,7 @@ struct Settings {
 };
 
 /// Inspects the machine, measures its lateness, and joins the domain briefly. Takes `seconds`, and up to 5 s for the
-/// discovery test. Ends early when `stop` is set. Throws wire::WireError for a qos directory that cannot be read.
-[[nodiscard]] Facts collect_facts(const Settings& settings, const std::atomic<bool>& stop);
+/// discovery test. Ends early when `cancelled` is set. Throws wire::WireError for a qos directory that cannot be read.
+[[nodiscard]] Facts collect_facts(const Settings& settings, const std::atomic<bool>& cancelled);
 
 }  // namespace tactus::doctor

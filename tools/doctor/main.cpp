@@ -44,10 +44,10 @@ int main(int argc, char** argv) {
   } catch (const CLI::ParseError& error) {
     return app.exit(error) == 0 ? 0 : 2;
   }
-  const std::atomic<bool>& stop = wire::stop_signal();
+  const std::atomic<bool>& cancelled = wire::stop_signal();
   try {
-    const std::vector<doctor::Finding> findings = doctor::judge(doctor::collect_facts(settings, stop));
-    if (stop) return 130;
+    const std::vector<doctor::Finding> findings = doctor::judge(doctor::collect_facts(settings, cancelled));
+    if (cancelled) return 130;
     std::cout << (as_json ? doctor::json(findings) : doctor::text(findings));
     return std::any_of(findings.begin(), findings.end(),
                        [](const doctor::Finding& f) { return f.severity == doctor::Severity::kFault; })

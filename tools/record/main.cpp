@@ -104,7 +104,7 @@ class Recording {
 };
 
 int record(const wire::SessionAddress& address, const std::string& file, double seconds, bool bulk,
-           const std::atomic<bool>& stop) {
+           const std::atomic<bool>& cancelled) {
   Recording recording{file};
   wire::Participants participants{address};
   {
@@ -115,7 +115,7 @@ int record(const wire::SessionAddress& address, const std::string& file, double 
     std::cout << "recording session " << address.session << " into " << file << std::endl;
     const auto begin = Clock::now();
     auto flushed = begin;
-    while (!stop && recording.error().empty() &&
+    while (!cancelled && recording.error().empty() &&
            (seconds == 0 || Clock::now() - begin < std::chrono::duration<double>{seconds})) {
       // The callbacks of the tap write the messages. This thread flushes the file and ends the recording.
       std::this_thread::sleep_for(std::chrono::milliseconds{50});
@@ -130,7 +130,7 @@ int record(const wire::SessionAddress& address, const std::string& file, double 
     std::cerr << "tactus-record: " << error << '\n';
     return 1;
   }
-  return stop && recording.messages() == 0 ? 130 : 0;
+  return cancelled && recording.messages() == 0 ? 130 : 0;
 }
 
 /// Writes a table for each channel into DIRECTORY/TOPIC.csv: time of arrival in ns since 1970, sequence number, and a
@@ -206,10 +206,10 @@ int main(int argc, char** argv) {
   } catch (const CLI::ParseError& error) {
     return app.exit(error) == 0 ? 0 : 2;
   }
-  const std::atomic<bool>& stop = wire::stop_signal();
+  const std::atomic<bool>& cancelled = wire::stop_signal();
   try {
     if (!csv.empty()) return to_csv(file, csv);
-    return record(address, file, seconds, !without_bulk, stop);
+    return record(address, file, seconds, !without_bulk, cancelled);
   } catch (const std::exception& error) {
     std::cerr << "tactus-record: " << error.what() << '\n';
     return 2;
