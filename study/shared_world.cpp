@@ -19,9 +19,9 @@ using namespace haptics;
 constexpr double kDt = 1e-3;
 constexpr double kPi = 3.14159265358979323846;
 constexpr std::int64_t kCycleNs = 1'000'000;
-constexpr std::size_t kPacketBytes = 400;  // with headers
-constexpr double kMotionEnd = 6;           // s
-const Vec3d kHalf{0.06, 0.06, 0.04};
+constexpr std::size_t kPacketBytes = 400;    // with headers
+constexpr double kMotionEnd = 6;             // s, from the begin of the run
+const Vec3d kHalfExtents{0.06, 0.06, 0.04};  // of the box, m
 
 /// A sample on a link: the state of a copy, or the state of a hand's device.
 struct Packet {
@@ -98,13 +98,13 @@ class SpringCoupling {
     return none;
   }();
   BodyState state_;
-  Vec6d stretch_ = Vec6d::Zero();
+  Vec6d stretch_ = Vec6d::Zero();  // set position minus position of the copy
   double tank_ = 1e-4, given_ = 0;
   std::uint64_t held_ = 0;
 };
 
 BodySettings whole_of(const WorldSettings& settings) {
-  BodySettings whole = box_body(settings.mass, kHalf);
+  BodySettings whole = box_body(settings.mass, kHalfExtents);
   whole.friction = 0.05;  // the table is smooth
   return whole;
 }
@@ -113,7 +113,7 @@ BodySettings whole_of(const WorldSettings& settings) {
 class World {
  public:
   explicit World(const WorldSettings& settings, const BodySettings& whole, const BodyState& start)
-      : settings_{settings}, shape_{kHalf} {
+      : settings_{settings}, shape_{kHalfExtents} {
     const std::size_t nodes = settings.users + (server() ? 1 : 0);
     for (std::size_t i = 0; i < nodes; ++i) {
       objects_.push_back(std::make_unique<SharedObject>(whole, start));
@@ -144,7 +144,8 @@ class World {
         share.mass /= static_cast<double>(settings.users);
         share.inertia /= static_cast<double>(settings.users);
         objects_[i] = std::make_unique<SharedObject>(share, start);
-        pulls_.emplace_back(settings.coupling, settings.coupling_damping, share, settings.method == Method::kSpring);
+        springs_to_copies_.emplace_back(settings.coupling, settings.coupling_damping, share,
+                                        settings.method == Method::kSpring);
       }
     }
   }
@@ -200,13 +201,13 @@ class World {
   [[nodiscard]] double given() const {
     double sum = server_given_;
     for (const auto& object : objects_) sum += object->coupling() != nullptr ? object->coupling()->ledger().given : 0;
-    for (const SpringCoupling& pull : pulls_) sum += pull.given();
+    for (const SpringCoupling& pull : springs_to_copies_) sum += pull.given();
     return sum;
   }
   [[nodiscard]] std::uint64_t held() const {
     std::uint64_t sum = 0;
     for (const auto& object : objects_) sum += object->coupling() != nullptr ? object->coupling()->ledger().held : 0;
-    for (const SpringCoupling& pull : pulls_) sum += pull.held();
+    for (const SpringCoupling& pull : springs_to_copies_) sum += pull.held();
     return sum;
   }
   [[nodiscard]] double tank_lowest() const {
@@ -237,21 +238,21 @@ class World {
         } else if (settings_.method == Method::kChannel) {
           objects_[i]->coupling()->on_sample(from, packet->copy);
         } else {
-          pulls_[i].on_sample(from, packet->copy);
+          springs_to_copies_[i].on_sample(from, packet->copy);
         }
       }
     }
   }
 
   void simulate(std::size_t i, const Surroundings& surroundings) {
-    ImplicitForce more;
-    if (!pulls_.empty()) more = pulls_[i].begin(objects_[i]->state());
-    more.impulse.head<3>() += kDt * pushes_[i];
+    ImplicitForce external;
+    if (!springs_to_copies_.empty()) external = springs_to_copies_[i].begin(objects_[i]->state());
+    external.impulse.head<3>() += kDt * pushes_[i];
     const BodyState before = objects_[i]->state();
     auto& springs = springs_[i];
-    objects_[i]->step(now_ns_, springs, surroundings, kDt, &more);
+    objects_[i]->step(now_ns_, springs, surroundings, kDt, &external);
     const BodyState& after = objects_[i]->state();
-    if (!pulls_.empty()) pulls_[i].finish(after);
+    if (!springs_to_copies_.empty()) springs_to_copies_[i].finish(after);
     if (server() && i == settings_.users) {
       for (const PointSpring& spring : springs) {
         const Vec3d velocity = after.velocity_at(after.to_world(before.to_body(spring.point)));
@@ -286,7 +287,7 @@ class World {
   std::vector<BodyTouch> touches_, remote_touches_;
   std::vector<Packet> remote_;
   std::vector<std::vector<PointSpring>> springs_;
-  std::vector<SpringCoupling> pulls_;
+  std::vector<SpringCoupling> springs_to_copies_;
   std::vector<PassivityController> ports_;
   std::vector<double> passed_on_;  // energy given to the body since the last step of the port, J
   Packet outgoing_;
@@ -316,7 +317,7 @@ double max_corner_distance(const BodyState& a, const BodyState& b, const BodySet
 CarryResult carry(const WorldSettings& settings, double seconds) {
   const BodySettings whole = whole_of(settings);
   BodyState start;
-  start.position.z() = kHalf.z();
+  start.position.z() = kHalfExtents.z();
   World world{settings, whole, start};
   std::mt19937_64 random{settings.seed};
   std::normal_distribution<double> normal;
@@ -332,7 +333,7 @@ CarryResult carry(const WorldSettings& settings, double seconds) {
     User user;
     const Vec3d direction{std::cos(angle), std::sin(angle), 0};
     // The tip is 1 mm inside the side face, so that it is in contact when it grabs.
-    const double face = kHalf.x() / direction.head<2>().cwiseAbs().maxCoeff();
+    const double face = kHalfExtents.x() / direction.head<2>().cwiseAbs().maxCoeff();
     user.grip_point = start.position + direction * (face + 0.003 - 0.001);
     user.error = settings.disagreement * Vec3d{normal(random), normal(random), normal(random)};
     user.lag = 0.05 + 0.03 * std::abs(normal(random));
