@@ -35,9 +35,9 @@ void add_records(Report& report, const Settings& settings, const std::atomic<boo
                    run.burst_ms.percentile(0.99), loss.records_bound_ms);
     const std::string share = std::string{name} + "bytes sent for each byte delivered";
     if (loss.loss_percent <= 5)
-      report.at_most(share, "whole run", "", run.sent_share, 1.3);
+      report.at_most(share, "whole run", "", run.sent_per_received, 1.3);
     else
-      report.figure(share, "whole run", "", run.sent_share);
+      report.figure(share, "whole run", "", run.sent_per_received);
   }
   for (const char* percent : {"0", "1"}) {
     std::fprintf(stderr, "records, 10 ms, loss %s %%\n", percent);

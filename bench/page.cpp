@@ -11,31 +11,32 @@ namespace {
 
 using Json = nlohmann::json;
 
-constexpr const char* kHead =
+constexpr const char* kTableHead =
     "| bench | command | figure | population | n | bound | value | verdict |\n"
     "|---|---|---|---|---:|---|---|---|\n";
 
 std::string text_of(const Json& row, const char* field) { return row.at(field).get<std::string>(); }
 
-/// A cell: without the character that ends one.
-std::string cell(std::string text) {
+/// Returns the text of a table cell. Escapes |, which would end the cell.
+std::string table_cell(std::string text) {
   for (std::size_t at = 0; (at = text.find('|', at)) != std::string::npos; at += 2) text.insert(at, 1, '\\');
   return text.empty() ? "" : text + " ";
 }
 
 bool falls_short(const Json& row) { return row.at("verdict") == "falls short"; }
 
-std::string line_of(const Json& row) {
+/// Returns a row of JSON as a row of a table.
+std::string table_row(const Json& row) {
   std::string line = "| ";
-  for (const char* field : {"bench", "command", "figure"}) line += cell(text_of(row, field)) + "| ";
-  line += cell(text_of(row, "population") + (row.at("virtual_time").get<bool>() ? ", virtual time" : "")) + "| ";
+  for (const char* field : {"bench", "command", "figure"}) line += table_cell(text_of(row, field)) + "| ";
+  line += table_cell(text_of(row, "population") + (row.at("virtual_time").get<bool>() ? ", virtual time" : "")) + "| ";
   line += std::to_string(row.at("n").get<std::size_t>()) + " | ";
-  for (const char* field : {"bound", "text", "verdict"}) line += cell(text_of(row, field)) + "| ";
+  for (const char* field : {"bound", "text", "verdict"}) line += table_cell(text_of(row, field)) + "| ";
   line.pop_back();
   return line + "\n";
 }
 
-/// The distinct texts that `get` gives, joined.
+/// Returns the distinct texts that `get` returns for the runs, joined by commas.
 template <class Get>
 std::string distinct(const std::vector<Json>& runs, Get&& get) {
   std::set<std::string> texts;
@@ -67,8 +68,8 @@ std::string page(const std::vector<Json>& runs) {
   if (commits.find(',') != std::string::npos) throw std::runtime_error("runs of several commits: " + commits);
   std::string out =
       "# Benchmarks\n\n"
-      "`scripts/bench report` wrote this page. A figure without samples, or of work that did not finish,\n"
-      "falls short. *Virtual time* marks what a simulated clock measured: it is the same on any machine.\n\n";
+      "`scripts/bench report` wrote this page. A figure without samples, or of unfinished work, falls short.\n"
+      "*Virtual time* marks figures of a simulated clock. They are the same on every machine.\n\n";
   const bool quick = std::any_of(runs.begin(), runs.end(), [](const Json& run) {
     return text_of(run, "command").find(" --quick") != std::string::npos;
   });
@@ -87,14 +88,14 @@ std::string page(const std::vector<Json>& runs) {
   std::string rows;
   for (const Json& run : runs)
     for (const Json& row : run.at("rows"))
-      if (falls_short(row)) rows += line_of(row);
-  out += rows.empty() ? "None.\n" : kHead + rows;
+      if (falls_short(row)) rows += table_row(row);
+  out += rows.empty() ? "None.\n" : kTableHead + rows;
   for (const Json& run : runs) {
     out += "\n## " + text_of(run, "command") + "\n\n";
-    out += text_of(run.at("model"), "name") + ". " + text_of(run, "settings") + "\n\n" + kHead;
+    out += text_of(run.at("model"), "name") + ". " + text_of(run, "settings") + "\n\n" + kTableHead;
     for (const bool bounded : {true, false})
       for (const Json& row : run.at("rows"))
-        if ((row.at("verdict") != "no bound") == bounded) out += line_of(row);
+        if ((row.at("verdict") != "no bound") == bounded) out += table_row(row);
   }
   return out;
 }

@@ -1,4 +1,4 @@
-/// The page of benchmarks, docs/benchmarks.md, from the files that Report writes.
+/// Writes docs/benchmarks.md from the JSON files that Report writes.
 #pragma once
 
 #include <nlohmann/json.hpp>
@@ -7,14 +7,15 @@
 
 namespace tactus::bench {
 
-/// The files in `folder` in the order of their names. Throws std::runtime_error when there are none, or one is no JSON.
+/// Returns the content of each .json file in `folder`, sorted by file name. Throws std::runtime_error if `folder` has
+/// no such file, or if a file is not JSON.
 [[nodiscard]] std::vector<nlohmann::json> read_runs(const std::string& folder);
 
-/// Markdown: what was run on which machine, the rows that fall short, then one table for each run. Throws
-/// std::runtime_error when the runs are not of one commit, and nlohmann's exceptions when a field is missing.
+/// Returns the page in Markdown: command and machine, the rows that fall short, then a table for each run. Throws
+/// std::runtime_error if the runs are of several commits, and nlohmann's exceptions if a field is missing.
 [[nodiscard]] std::string page(const std::vector<nlohmann::json>& runs);
 
-/// A line of text for each row that falls short.
+/// Returns a line of text for each row that falls short.
 [[nodiscard]] std::vector<std::string> shortfalls(const std::vector<nlohmann::json>& runs);
 
 }  // namespace tactus::bench

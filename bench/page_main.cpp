@@ -1,4 +1,5 @@
-// What `scripts/bench all` and `scripts/bench report` do with the rows of benchmarks that have run.
+// Prints docs/benchmarks.md or its shortfalls for `scripts/bench report` and `scripts/bench all`. Writes the row of a
+// benchmark that failed.
 #include <CLI/CLI.hpp>
 #include <cstdio>
 
@@ -7,17 +8,18 @@
 
 int main(int argc, char** argv) {
   using namespace tactus::bench;
-  CLI::App app{"Rows of benchmarks: the page, the shortfalls, a row for a benchmark that failed", "tactus-bench-page"};
+  CLI::App app{"Prints docs/benchmarks.md or its shortfalls; writes the row of a benchmark that failed",
+               "tactus-bench-page"};
   std::string folder, file, bench, command;
   int status = 0;
-  CLI::App* write = app.add_subcommand("write", "print the page of benchmarks");
-  CLI::App* list = app.add_subcommand("shortfalls", "print the rows that fall short; exit status 1 when there are any");
-  for (CLI::App* each : {write, list}) each->add_option("folder", folder, "with the JSON files")->required();
-  CLI::App* failed = app.add_subcommand("failed", "write the row of a benchmark that ended without rows");
-  failed->add_option("file", file, "to write")->required();
-  failed->add_option("bench", bench, "its name")->required();
-  failed->add_option("command", command, "how it was called")->required();
-  failed->add_option("status", status, "its exit status")->required();
+  CLI::App* write = app.add_subcommand("write", "prints docs/benchmarks.md");
+  CLI::App* list = app.add_subcommand("shortfalls", "prints the rows that fall short; exit status 1 if there is one");
+  for (CLI::App* each : {write, list}) each->add_option("folder", folder, "folder of the JSON files")->required();
+  CLI::App* failed = app.add_subcommand("failed", "writes the row of a benchmark that ended without rows");
+  failed->add_option("file", file, "JSON file to write")->required();
+  failed->add_option("bench", bench, "name of the benchmark")->required();
+  failed->add_option("command", command, "command of the benchmark")->required();
+  failed->add_option("status", status, "exit status of the benchmark")->required();
   app.require_subcommand(1);
   try {
     app.parse(argc, argv);

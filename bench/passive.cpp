@@ -1,4 +1,5 @@
-// Energy of a hand's port at 2,000 N/m, at a wall and on a shared object, at any round trip with loss; in virtual time.
+// Measures the energy that the port of a hand gives at 2,000 N/m, at a wall and on a shared object, for round trips of
+// 0 to 500 ms with loss. Virtual time.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
@@ -24,15 +25,17 @@ struct Settings {
   bool quick = false;
 };
 
-constexpr double kDt = 1e-3;
-constexpr double kMin = -1e-6;  // J
+constexpr double kPeriod = 1e-3;          // s
+constexpr double kMinPortEnergy = -1e-6;  // J
 
-struct Port {
-  double lowest = 0, withholding = 0, peak = 0;
+struct PortResult {
+  double min_energy = 0;   // J
+  double withholding = 0;  // cycles in which force was withheld, divided by cycles
 };
 
-/// Taps and presses on a fixed wall by a trembling hand, on a device with hardly any damping of its own.
-Port tap(double stiffness, double speed, int seconds, bool control, unsigned seed) {
+/// Simulates a trembling hand that taps a fixed wall, with a device of little damping. If `control` is true, the
+/// passivity controller withholds force.
+PortResult tap_wall(double stiffness, double speed, int seconds, bool control, unsigned seed) {
   DeviceSpec spec;
   spec.damping = 0.2;
   HandSettings hand;
@@ -42,30 +45,29 @@ Port tap(double stiffness, double speed, int seconds, bool control, unsigned see
   hand.seed = seed;
   SimulatedDevice device{hand, spec};
   PassivityController passivity;
-  Port port;
-  Vec3d force = Vec3d::Zero(), before = hand.start;
+  PortResult port;
+  Vec3d force = Vec3d::Zero(), last_position = hand.start;
   double energy = 0;
   for (int cycle = 0; cycle < seconds * 1000; ++cycle) {
     HandPath path;
     path.count = 1;
-    const double phase = std::fmod(cycle * kDt * speed / 0.06, 1.0);
+    const double phase = std::fmod(cycle * kPeriod * speed / 0.06, 1.0);
     path.waypoints[0] = {0, {0, 0, 0.02 - 0.06 * (phase < 0.5 ? phase : 1 - phase)}};
     device.paths().post(path);
     const DeviceState state = device.read(cycle * 1'000'000LL);
-    energy -= force.dot(state.position - before);  // counted here, not by the HRTC
-    before = state.position;
-    port.lowest = std::min(port.lowest, energy);
+    energy -= force.dot(state.position - last_position);  // independent of the passivity controller's own count
+    last_position = state.position;
+    port.min_energy = std::min(port.min_energy, energy);
     const Vec3d wall{0, 0, stiffness * std::max(0.0, -state.position.z())};
-    force = passivity.step(wall, state.position, 0, kDt, control);
+    force = passivity.step(wall, state.position, 0, kPeriod, control);
     device.write(force);
-    port.peak = std::max(port.peak, force.norm());
   }
   port.withholding = static_cast<double>(passivity.ledger().withholding) / (1000.0 * seconds);
   return port;
 }
 
 template <class... Values>
-std::string line(const char* format, Values... values) {
+std::string format_line(const char* format, Values... values) {
   char text[200];
   std::snprintf(text, sizeof text, format, values...);
   return text;
@@ -76,16 +78,16 @@ Report run(const Settings& settings) {
   std::snprintf(text, sizeof text, "%.0f N/m, 1 kHz; encoder steps of 10 um at the wall; 10 %% lost in bursts of 4",
                 settings.stiffness);
   Report report{{"a wall; a box of 0.5 kg held by several users", 0, 0, text}};
-  double lowest_wall = 0, lowest_shared = 0, lowest_tank = 0;
+  double min_wall = 0, min_shared = 0, min_tank = 0;
   const int seconds = settings.quick ? 5 : settings.seconds;
-  report.note("                                        lowest energy, J         cycles in which");
+  report.note("                                          min energy, J          cycles in which");
   report.note("                                     without        with      force was withheld");
   for (const double speed : {0.02, 0.1, 0.3, 0.6}) {
-    const Port without = tap(settings.stiffness, speed, seconds, false, 1);
-    const Port with = tap(settings.stiffness, speed, seconds, true, 1);
-    lowest_wall = std::min(lowest_wall, with.lowest);
-    report.note(line("  wall, hand at %.2f m/s       %12.2e %12.2e %14.2f %%", speed, without.lowest, with.lowest,
-                     with.withholding * 100));
+    const PortResult without = tap_wall(settings.stiffness, speed, seconds, false, 1);
+    const PortResult with = tap_wall(settings.stiffness, speed, seconds, true, 1);
+    min_wall = std::min(min_wall, with.min_energy);
+    report.note(format_line("  wall, hand at %.2f m/s       %12.2e %12.2e %14.2f %%", speed, without.min_energy,
+                            with.min_energy, with.withholding * 100));
   }
   for (const double round_trip : {0.0, 20.0, 50.0, 100.0, 200.0, 500.0}) {
     for (const std::size_t users : {std::size_t{2}, std::size_t{4}}) {
@@ -102,15 +104,16 @@ Report run(const Settings& settings) {
       const CarryResult without = carry(world, 12);
       world.port_control = true;
       const CarryResult with = carry(world, 12);
-      lowest_shared = std::min(lowest_shared, with.port_lowest);
-      lowest_tank = std::min(lowest_tank, with.tank_lowest);
-      report.note(line("  object, %zu users, %3.0f ms      %12.2e %12.2e %14.2f %%", users, round_trip,
-                       without.port_lowest, with.port_lowest, with.withholding * 100));
+      min_shared = std::min(min_shared, with.port_lowest);
+      min_tank = std::min(min_tank, with.tank_lowest);
+      report.note(format_line("  object, %zu users, %3.0f ms      %12.2e %12.2e %14.2f %%", users, round_trip,
+                              without.port_lowest, with.port_lowest, with.withholding * 100));
     }
   }
-  report.at_least("energy of the hand's port", "wall, lowest", "J", lowest_wall, kMin);
-  report.at_least("energy of a hand's port", "shared object, 0-500 ms, lowest", "J", lowest_shared, kMin);
-  report.at_least("energy of a copy's tank", "shared object, 0-500 ms, lowest", "J", lowest_tank, -1e-12);
+  report.at_least("min energy of the port of a hand at a wall", "runs", "J", min_wall, kMinPortEnergy);
+  report.at_least("min energy of the port of a hand on a shared object, 0 to 500 ms", "runs", "J", min_shared,
+                  kMinPortEnergy);
+  report.at_least("min energy of the tank of a copy, 0 to 500 ms", "runs", "J", min_tank, -1e-12);
   return report;
 }
 
@@ -120,11 +123,13 @@ Report run(const Settings& settings) {
 int main(int argc, char** argv) {
   tactus::bench::Settings settings;
   tactus::bench::App app{
-      "passive", "Energy of the ports at 2,000 N/m, at 0 to 500 ms there and back and 10 % loss, in virtual time.",
-      "5 s, fewer rows"};
-  app.add_option("--stiffness", settings.stiffness, "N/m")->check(CLI::Range(100.0, 5000.0));
-  app.add_option("--damping", settings.damping, "N s/m between a hand and what it holds")->check(CLI::Range(0.0, 20.0));
-  app.add_option("--seconds", settings.seconds, "of tapping, at each speed")->check(CLI::Range(1, 3600));
+      "passive", "Measures the energy that the ports of hands give, at round trips of 0 to 500 ms with 10 % loss",
+      "5 s at each speed, 2 users"};
+  app.add_option("--stiffness", settings.stiffness, "stiffness of wall and coupling, N/m")
+      ->check(CLI::Range(100.0, 5000.0));
+  app.add_option("--damping", settings.damping, "damping between a hand and the object that it holds, N s/m")
+      ->check(CLI::Range(0.0, 20.0));
+  app.add_option("--seconds", settings.seconds, "time of tapping at each speed, s")->check(CLI::Range(1, 3600));
   return tactus::bench::bench_main(app, argc, argv, [&] {
     settings.quick = app.quick;
     return tactus::bench::run(settings);

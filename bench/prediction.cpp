@@ -1,4 +1,5 @@
-// Which strategy of prediction has what the tip meets in time, and what it fetches in vain: by speed and round trip.
+// Measures for each strategy of prediction, by speed and round trip: the share of contact cycles whose regions arrived
+// in time, and the bytes of regions that the tip never touched.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cstdio>
@@ -12,29 +13,32 @@ namespace tactus::bench {
 namespace {
 
 struct Settings {
-  std::string model, only;
+  std::string model, strategy;  // empty: all strategies
   std::uint32_t faces = 1000000;
-  double seconds = 10, rate = 100, pool = 16;
-  std::vector<double> speeds{0.05, 0.2, 0.5, 1}, round_trips{0, 10, 100};
+  double seconds = 10, rate_mbit = 100, pool_mib = 16;
+  std::vector<double> speeds{0.05, 0.2, 0.5, 1}, round_trips_ms{0, 10, 100};
   std::uint64_t seed = 1;
   bool quick = false;
 };
 
+/// Results of one strategy at one speed and round trip.
 struct Outcome {
-  std::uint64_t contacts = 0, hits = 0;
+  std::uint64_t contact_cycles = 0, hits = 0;  // hits: contact cycles with all regions at full resolution
   RemoteSession::Traffic traffic;
-  [[nodiscard]] double hit() const { return 100.0 * static_cast<double>(hits) / static_cast<double>(contacts); }
+  [[nodiscard]] double hit_percent() const {
+    return 100.0 * static_cast<double>(hits) / static_cast<double>(contact_cycles);
+  }
 };
 
-Outcome run_one(const StrokedModel& model, const std::vector<spm::Vec3d>& path, const std::vector<bool>& touches,
+Outcome run_one(const StrokedModel& model, const std::vector<spm::Vec3d>& path, const std::vector<bool>& touching,
                 const RemoteSettings& settings) {
   RemoteSession session{model.subject.model, settings};
   session.start();
   Outcome outcome;
   for (std::size_t i = 0; i < path.size(); ++i) {
     session.step(path[i]);
-    if (!touches[i]) continue;
-    ++outcome.contacts;
+    if (!touching[i]) continue;
+    ++outcome.contact_cycles;
     outcome.hits += session.forest().exact(session.to_model(path[i]), settings.radius / session.scale()) ? 1 : 0;
   }
   outcome.traffic = session.traffic();
@@ -42,49 +46,52 @@ Outcome run_one(const StrokedModel& model, const std::vector<spm::Vec3d>& path, 
 }
 
 Report run(const Settings& settings) {
-  std::fprintf(stderr, "making the model\n");
+  std::fprintf(stderr, "building the model\n");
   const StrokedModel model{settings.model, settings.faces};
   const spm::ModelSummary& summary = model.subject.model.summary;
   char text[256];
-  std::snprintf(text, sizeof text,
-                "tip 3 mm, curvature of a band of %g Hz, lifted a third of the time, %g s each, pool %g MiB, %g "
-                "Mbit/s, seed %llu",
-                kBand, settings.seconds, settings.pool, settings.rate, static_cast<unsigned long long>(settings.seed));
+  std::snprintf(
+      text, sizeof text,
+      "tip 3 mm, curvature of the path band-limited to %g Hz, lifted a third of the time, %g s each, pool %g MiB, %g "
+      "Mbit/s, seed %llu",
+      kBand, settings.seconds, settings.pool_mib, settings.rate_mbit, static_cast<unsigned long long>(settings.seed));
   Report report{{model.subject.name, summary.digest, summary.faces, text}};
   report.virtual_time(true);
 
   RemoteSettings remote;
-  remote.pool = spm::PoolSettings::for_bytes(static_cast<std::uint64_t>(settings.pool * (1 << 20)));
+  remote.pool = spm::PoolSettings::for_bytes(static_cast<std::uint64_t>(settings.pool_mib * (1 << 20)));
   remote.radius = kTipRadius;
-  remote.rate = settings.rate * 1e6;
+  remote.rate = settings.rate_mbit * 1e6;
   for (const double speed : settings.speeds) {
     const auto poses = static_cast<std::uint32_t>(settings.seconds * 1000);
     const std::vector<spm::Vec3d> path = surface_motion(model, speed, 0.005, poses, settings.seed);
-    std::vector<bool> touches;
-    for (const spm::Vec3d& tip : path) touches.push_back(model.distance(tip) <= kTipRadius);
-    for (const double round_trip : settings.round_trips) {
-      remote.round_trip = round_trip * 1e-3;
+    std::vector<bool> touching;
+    for (const spm::Vec3d& tip : path) touching.push_back(model.distance(tip) <= kTipRadius);
+    for (const double round_trip_ms : settings.round_trips_ms) {
+      remote.round_trip = round_trip_ms * 1e-3;
       double best = 0, shipped = 0;
       for (std::size_t s = 0; s < spm::kStrategyNames.size(); ++s) {
         const std::string strategy = spm::kStrategyNames[s];
-        if (!settings.only.empty() && strategy != settings.only) continue;
+        if (!settings.strategy.empty() && strategy != settings.strategy) continue;
         remote.loader.strategy = static_cast<spm::Strategy>(s);
-        const Outcome outcome = run_one(model, path, touches, remote);
+        const Outcome outcome = run_one(model, path, touching, remote);
         char name[96];
-        std::snprintf(name, sizeof name, "%g m/s, %g ms: %s", speed, round_trip, strategy.c_str());
-        std::fprintf(stderr, "%-32s hit %8.4f %%, fetched %7.2f MB, unused %7.2f MB\n", name, outcome.hit(),
-                     static_cast<double>(outcome.traffic.bytes) / 1e6,
-                     static_cast<double>(outcome.traffic.unused) / 1e6);
-        report.figure(name + std::string{", hit"}, "contact cycles", "%", outcome.hit());
-        report.figure(name + std::string{", fetched"}, "regions", "MB",
+        std::snprintf(name, sizeof name, "%g m/s, %g ms: %s", speed, round_trip_ms, strategy.c_str());
+        std::fprintf(stderr, "%-32s hits %8.4f %%, received %7.2f MB, never touched %7.2f MB\n", name,
+                     outcome.hit_percent(), static_cast<double>(outcome.traffic.bytes) / 1e6,
+                     static_cast<double>(outcome.traffic.unused_bytes) / 1e6);
+        report.figure(name + std::string{", exact contact cycles divided by contact cycles"}, "contact cycles", "%",
+                      outcome.hit_percent());
+        report.figure(name + std::string{", regions received"}, "regions", "MB",
                       static_cast<double>(outcome.traffic.bytes) / 1e6);
-        report.figure(name + std::string{", never used"}, "regions", "MB",
-                      static_cast<double>(outcome.traffic.unused) / 1e6);
-        (strategy == "mixture" ? shipped : best) = std::max(strategy == "mixture" ? 0 : best, outcome.hit());
+        report.figure(name + std::string{", regions received and never touched"}, "regions", "MB",
+                      static_cast<double>(outcome.traffic.unused_bytes) / 1e6);
+        (strategy == "mixture" ? shipped : best) = std::max(strategy == "mixture" ? 0 : best, outcome.hit_percent());
       }
-      if (!settings.only.empty()) continue;
-      char name[96];
-      std::snprintf(name, sizeof name, "%g m/s, %g ms: mixture less the best other", speed, round_trip);
+      if (!settings.strategy.empty()) continue;
+      char name[112];
+      std::snprintf(name, sizeof name, "%g m/s, %g ms: share of exact contact cycles, mixture minus best other", speed,
+                    round_trip_ms);
       report.at_least(name, "contact cycles", "%", shipped - best, -2);
     }
   }
@@ -97,18 +104,19 @@ Report run(const Settings& settings) {
 int main(int argc, char** argv) {
   tactus::bench::Settings settings;
   tactus::bench::App app{"prediction",
-                         "Hit rate and bytes fetched in vain, by strategy of prediction, speed and round trip",
-                         "3 s each on 200,000 faces, for CI"};
+                         "Measures the share of exact contact cycles and the bytes received in vain, by strategy of "
+                         "prediction, speed and round trip",
+                         "moves for 3 s on 200,000 faces, for CI"};
   app.add_option("--model", settings.model, "model file of any kind, or .spm (default: a generated organ)")
       ->check(CLI::ExistingFile);
   app.add_option("--faces", settings.faces, "faces of the generated organ")->check(CLI::Range(1000u, 50000000u));
-  app.add_option("--seconds", settings.seconds, "of motion, for each figure")->check(CLI::Range(1.0, 3600.0));
-  app.add_option("--speeds", settings.speeds, "mean, m/s")->check(CLI::Range(0.001, 5.0));
-  app.add_option("--round-trips", settings.round_trips, "ms")->check(CLI::Range(0.0, 1000.0));
-  app.add_option("--rate", settings.rate, "of the link, Mbit/s")->check(CLI::Range(0.1, 1e5));
-  app.add_option("--pool", settings.pool, "MiB")->check(CLI::Range(1.0, 1e4));
-  app.add_option("--strategy", settings.only, "only this one");
-  app.add_option("--seed", settings.seed, "of the paths");
+  app.add_option("--seconds", settings.seconds, "time of motion for each figure, s")->check(CLI::Range(1.0, 3600.0));
+  app.add_option("--speeds", settings.speeds, "mean speeds, m/s")->check(CLI::Range(0.001, 5.0));
+  app.add_option("--round-trips", settings.round_trips_ms, "round trips, ms")->check(CLI::Range(0.0, 1000.0));
+  app.add_option("--rate", settings.rate_mbit, "rate of the link, Mbit/s")->check(CLI::Range(0.1, 1e5));
+  app.add_option("--pool", settings.pool_mib, "size of the pool, MiB")->check(CLI::Range(1.0, 1e4));
+  app.add_option("--strategy", settings.strategy, "measures only this strategy");
+  app.add_option("--seed", settings.seed, "seed of the paths");
   return tactus::bench::bench_main(app, argc, argv, [&] {
     if (app.quick) {
       settings.seconds = std::min(settings.seconds, 3.0);

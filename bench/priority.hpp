@@ -1,4 +1,4 @@
-/// The priority that what is timed runs at: that of a haptic thread, where the system grants it.
+/// Real-time priority for timed code, and CPU time and page faults of the calling thread.
 #pragma once
 
 #include <sched.h>
@@ -8,7 +8,8 @@
 
 namespace tactus::bench {
 
-/// SCHED_FIFO for the calling thread as long as it lives. Whatever the thread starts meanwhile inherits it.
+/// Gives the calling thread the priority of a haptic thread until its destruction, if the system grants it. Threads
+/// started meanwhile inherit this priority.
 class Priority {
  public:
   Priority() noexcept {
@@ -23,20 +24,21 @@ class Priority {
   Priority(const Priority&) = delete;
   Priority& operator=(const Priority&) = delete;
 
+  /// Returns the granted scheduling policy.
   [[nodiscard]] const char* text() const noexcept { return granted_ ? "SCHED_FIFO" : "no real-time priority"; }
 
  private:
   bool granted_;
 };
 
-/// What of the calling thread the system has seen so far.
+/// Resources that the calling thread has used since its start.
 struct ThreadUse {
-  double cpu_us = 0;     ///< computed
-  long faults = 0;       ///< pages that were mapped but not there, or not yet
-  long preemptions = 0;  ///< times that something else took its processor
+  double cpu_us = 0;     ///< CPU time
+  long faults = 0;       ///< number of page faults
+  long preemptions = 0;  ///< number of involuntary context switches
 };
 
-/// What the calling thread has computed so far, us.
+/// Returns the CPU time of the calling thread, us.
 [[nodiscard]] inline double thread_cpu_us() noexcept {
   timespec now{};
   clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);

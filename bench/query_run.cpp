@@ -17,22 +17,22 @@ namespace {
 
 using spm::Vec3d;
 
-constexpr std::uint32_t kContacts = 1u << 16;
-constexpr std::size_t kBlock = 100;         // cycles in a row for one contender
-constexpr double kTangent = 1e-9;           // m
-constexpr std::size_t kWashed = 64u << 20;  // bytes walked before a cold query
+constexpr std::uint32_t kMaxContacts = 1u << 16;
+constexpr std::size_t kBlockCycles = 100;       // consecutive cycles of one contender
+constexpr double kTangencyTolerance = 1e-9;     // m
+constexpr std::size_t kFlushBytes = 64u << 20;  // bytes written before a cold query
 constexpr std::size_t kColdCycles = 500;
 
-/// Walks memory that nothing else uses.
-class Washer {
+/// Writes memory that nothing else uses, which evicts everything else from the CPU caches.
+class CacheFlusher {
  public:
-  void wash() {
+  void flush() {
     for (std::size_t i = 0; i < memory_.size(); i += 64) ++memory_[i];
     asm volatile("" : : "r"(memory_.data()) : "memory");
   }
 
  private:
-  std::vector<unsigned char> memory_ = std::vector<unsigned char>(kWashed);
+  std::vector<unsigned char> memory_ = std::vector<unsigned char>(kFlushBytes);
 };
 
 std::uint64_t mix(std::uint64_t x) noexcept {
@@ -63,23 +63,23 @@ ContactKeys keys_of(const Contacts& contacts, std::size_t count, bool finest_onl
   return keys;
 }
 
-/// Queries of an AB-tree, which are the same on the refined and on a fixed mesh.
+/// Query of an AB-tree, of the refined mesh or of a fixed mesh.
 class TreeQuery {
  public:
   TreeQuery(const QueryScene& scene, ProbeKind kind) : scene_{scene}, kind_{kind}, placed_{scene.probe} {
-    kind == ProbeKind::kSphere ? spheres_.resize(kContacts) : pairs_.resize(kContacts);
+    kind == ProbeKind::kSphere ? spheres_.resize(kMaxContacts) : pairs_.resize(kMaxContacts);
   }
   void query(const spm::AbTree& tree, std::size_t pose) {
     bool complete = true;
     if (kind_ == ProbeKind::kSphere) {
-      count_ = tree.touching(scene_.path[pose].centre, scene_.radius, spheres_.data(), kContacts);
+      count_ = tree.touching(scene_.path[pose].centre, scene_.radius, spheres_.data(), kMaxContacts);
     } else {
       placed_.place(scene_.poses[pose]);
-      const spm::MeshTouch touch = placed_.touching(tree, pairs_.data(), kContacts);
+      const spm::MeshTouch touch = placed_.touching(tree, pairs_.data(), kMaxContacts);
       count_ = touch.contacts;
       complete = touch.complete;
     }
-    if (count_ > kContacts || !complete) throw std::runtime_error("a query ended before it had all contacts");
+    if (count_ > kMaxContacts || !complete) throw std::runtime_error("a query did not return all contacts");
   }
   [[nodiscard]] ContactKeys keys(bool finest_only) const {
     return kind_ == ProbeKind::kSphere ? keys_of(spheres_, count_, finest_only) : keys_of(pairs_, count_, finest_only);
@@ -95,13 +95,14 @@ class TreeQuery {
   std::uint32_t count_ = 0;
 };
 
-double outside_by(const QueryScene& scene, std::size_t pose, const std::array<Vec3d, 3>& face) {
+/// Returns the distance from the sphere's surface to the face, file units; negative if they overlap.
+double gap_to(const QueryScene& scene, std::size_t pose, const std::array<Vec3d, 3>& face) {
   const Vec3d& centre = scene.path[pose].centre;
   return std::sqrt(spm::closest_point(centre, face[0], face[1], face[2]).squared_distance) - scene.radius;
 }
 
 bool is_tangent(const QueryScene& scene, std::size_t pose, const std::array<Vec3d, 3>& face) {
-  return std::abs(outside_by(scene, pose, face)) * scene.unit < kTangent;
+  return std::abs(gap_to(scene, pose, face)) * scene.unit < kTangencyTolerance;
 }
 
 std::array<Vec3d, 3> finest_corners(const QueryScene& scene, std::uint64_t face) {
@@ -113,25 +114,28 @@ std::array<Vec3d, 3> finest_corners(const QueryScene& scene, std::uint64_t face)
   return corners;
 }
 
-/// Both on one mesh; with `finest`, a sphere's faces that are nearly tangent may differ.
+/// Compares the contacts of two queries of the same mesh. If the mesh is the finest one, differences of nearly tangent
+/// faces of a sphere do not count.
 void compare(Comparison& to, const QueryScene& scene, ProbeKind kind, std::size_t pose, const ContactKeys& found,
              const ContactKeys& expected, bool finest) {
   ++to.cycles;
   to.contacts += expected.size();
   if (found == expected) return;
   if (kind == ProbeKind::kStylus || !finest) {
-    ++to.differ;
+    ++to.different_cycles;
     return;
   }
-  ContactKeys odd;
-  std::set_symmetric_difference(found.begin(), found.end(), expected.begin(), expected.end(), std::back_inserter(odd));
-  const auto tangent = std::count_if(
-      odd.begin(), odd.end(), [&](std::uint64_t face) { return is_tangent(scene, pose, finest_corners(scene, face)); });
-  to.tangent += static_cast<std::uint64_t>(tangent);
-  to.differ += static_cast<std::size_t>(tangent) < odd.size() ? 1 : 0;
+  ContactKeys different_faces;
+  std::set_symmetric_difference(found.begin(), found.end(), expected.begin(), expected.end(),
+                                std::back_inserter(different_faces));
+  const auto tangent = std::count_if(different_faces.begin(), different_faces.end(), [&](std::uint64_t face) {
+    return is_tangent(scene, pose, finest_corners(scene, face));
+  });
+  to.tangent_faces += static_cast<std::uint64_t>(tangent);
+  to.different_cycles += static_cast<std::size_t>(tangent) < different_faces.size() ? 1 : 0;
 }
 
-/// Compares what the query found with all shown faces, tested one by one.
+/// Compares the contacts of the query with those of a test of each shown face.
 void compare_with_all(Comparison& to, const QueryScene& scene, ProbeKind kind, std::size_t pose,
                       const spm::AbTree& tree, const TreeQuery& query) {
   ContactKeys found = query.keys(false), expected;
@@ -148,11 +152,11 @@ void compare_with_all(Comparison& to, const QueryScene& scene, ProbeKind kind, s
     const std::array<Vec3d, 3> face = spm::shown_corners(tree, row);
     const spm::FaceId id{tree.row(row).face};
     if (kind == ProbeKind::kSphere) {
-      const double outside = outside_by(scene, pose, face);
-      if (std::abs(outside) * scene.unit < kTangent) {
-        ++to.tangent;
+      const double gap = gap_to(scene, pose, face);
+      if (std::abs(gap) * scene.unit < kTangencyTolerance) {
+        ++to.tangent_faces;
         found.erase(std::remove(found.begin(), found.end(), index(id)), found.end());
-      } else if (outside < 0) {
+      } else if (gap < 0) {
         expected.push_back(index(id));
       }
       continue;
@@ -167,13 +171,13 @@ void compare_with_all(Comparison& to, const QueryScene& scene, ProbeKind kind, s
   std::sort(expected.begin(), expected.end());
   ++to.cycles;
   to.contacts += expected.size();
-  to.differ += found != expected ? 1 : 0;
+  to.different_cycles += found != expected ? 1 : 0;
 }
 
-/// The refined mesh, refined for all of the probe.
-class Refined {
+/// The refined mesh, which is refined for the whole probe.
+class RefinedQuery {
  public:
-  Refined(const QueryScene& scene, ProbeKind kind)
+  RefinedQuery(const QueryScene& scene, ProbeKind kind)
       : scene_{scene},
         run_{scene.subject.model,
              kind == ProbeKind::kSphere ? spm::ProbeShape{scene.radius} : spm::ProbeShape{scene.probe},
@@ -196,31 +200,31 @@ class Refined {
   TreeQuery query_;
 };
 
-double timed(const Contender& contender, std::size_t pose) {
+double time_us(const Contender& contender, std::size_t pose) {
   Stopwatch watch;
   contender.query(pose);
   return watch.lap();
 }
 
-/// Every tenth cycle is cold, by turns before its query and before all of it.
+/// Times every tenth cycle cold. Alternates between a cold frame and a cold query.
 void run_cold(const QueryScene& scene, ProbeKind kind, QueryRun& run) {
   constexpr std::size_t kEvery = 10;
   const std::size_t poses = std::min(scene.poses.size(), kColdCycles * kEvery);
-  Washer washer;
-  Refined refined{scene, kind};
+  CacheFlusher flusher;
+  RefinedQuery refined{scene, kind};
   for (std::size_t pose = 0; pose < poses; ++pose) {
-    const bool cold = pose % kEvery == 0, whole = pose / kEvery % 2 == 0;
-    if (cold && whole) washer.wash();
+    const bool cold = pose % kEvery == 0, cold_frame = pose / kEvery % 2 == 0;
+    if (cold && cold_frame) flusher.flush();
     const RefinedStep step = refined.step(pose);
     if (!cold) continue;
-    if (!whole) washer.wash();
+    if (!cold_frame) flusher.flush();
     const double query = refined.query(pose);
-    whole ? run.refined.cold_frame.add(step.refine + step.refit + query) : run.refined.cold_query.add(query);
+    cold_frame ? run.refined.cold_frame.add(step.refine + step.refit + query) : run.refined.cold_query.add(query);
   }
   for (Contender& contender : run.fixed)
     for (std::size_t pose = 0; pose < poses; pose += kEvery) {
-      washer.wash();
-      contender.cold.add(timed(contender, pose));
+      flusher.flush();
+      contender.cold_us.add(time_us(contender, pose));
     }
 }
 
@@ -230,12 +234,13 @@ void add_query_options(App& app, QuerySettings& settings) {
   app.add_option("--model", settings.model, "model file of any kind (default: a generated organ)")
       ->check(CLI::ExistingFile);
   app.add_option("--faces", settings.faces, "faces of the generated organ")->check(CLI::Range(1000u, 30000000u));
-  app.add_option("--seconds", settings.seconds, "length of the path")->check(CLI::Range(1.0, 3600.0));
-  app.add_option("--speed", settings.speed, "of the tip, m/s")->check(CLI::Range(0.001, 2.0));
-  app.add_option("--pool-share", settings.pool_share, "pool, as a share of the model's records")
+  app.add_option("--seconds", settings.seconds, "length of the path, s")->check(CLI::Range(1.0, 3600.0));
+  app.add_option("--speed", settings.speed, "speed of the tip, m/s")->check(CLI::Range(0.001, 2.0));
+  app.add_option("--pool-share", settings.pool_share, "pool divided by the model's records")
       ->check(CLI::Range(0.01, 1.0));
-  app.add_option("--budget", settings.budget, "of a cycle, units of spm::Budget")->check(CLI::Range(100u, 1000000u));
-  app.add_option("--seed", settings.seed, "of the path");
+  app.add_option("--budget", settings.budget, "budget of a cycle, units of spm::Budget")
+      ->check(CLI::Range(100u, 1000000u));
+  app.add_option("--seed", settings.seed, "seed of the path");
 }
 
 QueryScene::QueryScene(LoadedModel loaded, const QuerySettings& given)
@@ -245,7 +250,7 @@ QueryScene::QueryScene(LoadedModel loaded, const QuerySettings& given)
       radius{given.radius / unit},
       stylus{stylus_in(unit)},
       probe{stylus.positions, stylus.faces} {
-  std::fprintf(stderr, "making the path\n");
+  std::fprintf(stderr, "computing the path\n");
   const spm::fcl::FixedMesh surface{subject.model.positions, subject.finest};
   path = surface_poses(subject.model.positions, subject.finest,
                        {radius, settings.depth / unit, settings.speed * kPeriod / unit,
@@ -258,7 +263,7 @@ std::string QueryScene::text() const {
   char text[320];
   std::snprintf(text, sizeof text,
                 "radius %g mm, stylus of %u triangles, %g cm/s, %g mm deep, %g s, 1 unit = %g m, %u base faces, pool "
-                "%g of the model, budget %u, path seed %llu, each query timed once, %s",
+                "%g of the model's records, budget %u, path seed %llu, each query timed once, %s",
                 settings.radius * 1e3, probe.triangles(), settings.speed * 1e2, settings.depth * 1e3, settings.seconds,
                 unit, subject.model.summary.base_faces, settings.pool_share, settings.budget,
                 static_cast<unsigned long long>(settings.seed), Priority{}.text());
@@ -266,40 +271,40 @@ std::string QueryScene::text() const {
 }
 
 Population Comparison::population() const {
-  return {"cycles with " + std::to_string(contacts) + " contacts", static_cast<std::size_t>(cycles)};
+  return {"cycles, " + std::to_string(contacts) + " contacts", static_cast<std::size_t>(cycles)};
 }
 
-FixedMeshes::FixedMeshes(const QueryScene& scene, const spm::offline::TriangleMesh& mesh)
+FixedMesh::FixedMesh(const QueryScene& scene, const spm::offline::TriangleMesh& mesh)
     : scene_{scene},
       tree_{mesh.positions, mesh.faces},
       embree_{mesh.positions, mesh.faces},
       embree_tool_{mesh.positions, mesh.faces, scene.stylus.positions, scene.stylus.faces},
       fcl_{mesh.positions, mesh.faces} {}
 
-std::vector<Contender> FixedMeshes::contenders(ProbeKind probe, const std::string& name, int first) {
+std::vector<Contender> FixedMesh::contenders(ProbeKind probe, const std::string& mesh_name, int embree_index) {
   std::vector<Contender> all;
   if (probe == ProbeKind::kSphere) {
     const auto found = std::make_shared<std::vector<spm::Contact>>();
     all.push_back(
-        {"Embree, " + name,
+        {"Embree, " + mesh_name,
          [this, found](std::size_t pose) { embree_.touching(scene_.path[pose].centre, scene_.radius, *found); },
          [found] { return keys_of(*found, found->size(), false); }});
   } else {
     const auto found = std::make_shared<std::vector<spm::MeshContact>>();
-    all.push_back({"Embree, " + name,
+    all.push_back({"Embree, " + mesh_name,
                    [this, found](std::size_t pose) { embree_tool_.touching(scene_.poses[pose], *found); },
                    [found] { return keys_of(*found, found->size(), false); }});
   }
   const auto query = std::make_shared<TreeQuery>(scene_, probe);
-  all.push_back({"AB-tree, " + name, [this, query](std::size_t pose) { query->query(tree_.tree(), pose); },
-                 [query] { return query->keys(false); }, first});
+  all.push_back({"AB-tree, " + mesh_name, [this, query](std::size_t pose) { query->query(tree_.tree(), pose); },
+                 [query] { return query->keys(false); }, embree_index});
   return all;
 }
 
-Contender FixedMeshes::with_fcl(ProbeKind probe, const std::string& name) {
+Contender FixedMesh::fcl_contender(ProbeKind probe, const std::string& mesh_name) {
   if (probe == ProbeKind::kSphere) {
     const auto faces = std::make_shared<std::vector<std::uint32_t>>();
-    return {"FCL, " + name,
+    return {"FCL, " + mesh_name,
             [this, faces](std::size_t pose) { fcl_.touching(scene_.path[pose].centre, scene_.radius, *faces); },
             {}};
   }
@@ -310,7 +315,7 @@ Contender FixedMeshes::with_fcl(ProbeKind probe, const std::string& name) {
   };
   const std::vector<std::array<float, 3>>& rest = scene_.stylus.positions;
   const auto tool = std::make_shared<Tool>(Tool{{rest, scene_.stylus.faces}, rest, {}});
-  return {"FCL, " + name,
+  return {"FCL, " + mesh_name,
           [this, tool, &rest](std::size_t pose) {
             for (std::size_t v = 0; v < rest.size(); ++v) {
               const Vec3d at = scene_.poses[pose] * Vec3d{rest[v][0], rest[v][1], rest[v][2]};
@@ -324,19 +329,19 @@ Contender FixedMeshes::with_fcl(ProbeKind probe, const std::string& name) {
           {}};
 }
 
-double RefinedTimes::exact_percent() const noexcept {
-  return cycles == 0 ? 0 : 100 * static_cast<double>(exact) / static_cast<double>(cycles);
+double RefinedFigures::exact_percent() const noexcept {
+  return cycles == 0 ? 0 : 100 * static_cast<double>(exact_cycles) / static_cast<double>(cycles);
 }
 
 QueryRun run_queries(const QueryScene& scene, ProbeKind kind, std::vector<Contender> fixed, bool cold) {
   std::fprintf(stderr, "%s, %zu cycles\n", kind == ProbeKind::kSphere ? "sphere" : "stylus", scene.poses.size());
   QueryRun run{{}, std::move(fixed)};
-  Refined refined{scene, kind};
-  RefinedTimes& r = run.refined;
+  RefinedQuery refined{scene, kind};
+  RefinedFigures& r = run.refined;
   const std::size_t sample = std::max<std::size_t>(1, scene.poses.size() / 50);
-  std::vector<std::vector<ContactKeys>> found(run.fixed.size(), std::vector<ContactKeys>(kBlock));
-  std::vector<ContactKeys> found_refined(kBlock);
-  std::vector<bool> exact(kBlock);
+  std::vector<std::vector<ContactKeys>> found(run.fixed.size(), std::vector<ContactKeys>(kBlockCycles));
+  std::vector<ContactKeys> found_refined(kBlockCycles);
+  std::vector<bool> exact(kBlockCycles);
   const auto refine_and_query = [&](std::size_t pose, std::size_t in_block) {
     const RefinedStep step = refined.step(pose);
     const double query = refined.query(pose);
@@ -348,34 +353,34 @@ QueryRun run_queries(const QueryScene& scene, ProbeKind kind, std::vector<Conten
     }
     r.query.add(query);
     r.frame.add(step.refine + step.refit + query);
-    if (pose % sample == 0) compare_with_all(r.by_all, scene, kind, pose, refined.tree(), refined.found());
+    if (pose % sample == 0) compare_with_all(r.with_brute_force, scene, kind, pose, refined.tree(), refined.found());
     ++r.cycles;
     exact[in_block] = refined.exact();
-    r.exact += exact[in_block] ? 1 : 0;
+    r.exact_cycles += exact[in_block] ? 1 : 0;
     found_refined[in_block] = refined.found().keys(true);
   };
   const Priority priority;
-  for (std::size_t begin = 0; begin < scene.poses.size(); begin += kBlock) {
-    const std::size_t count = std::min(kBlock, scene.poses.size() - begin);
+  for (std::size_t begin = 0; begin < scene.poses.size(); begin += kBlockCycles) {
+    const std::size_t count = std::min(kBlockCycles, scene.poses.size() - begin);
     const std::size_t contenders = run.fixed.size() + 1;
     for (std::size_t turn = 0; turn < contenders; ++turn) {
-      const std::size_t who = (begin / kBlock + turn) % contenders;
+      const std::size_t contender_index = (begin / kBlockCycles + turn) % contenders;
       for (std::size_t i = 0; i < count; ++i) {
-        if (who == run.fixed.size()) {
+        if (contender_index == run.fixed.size()) {
           refine_and_query(begin + i, i);
           continue;
         }
-        Contender& contender = run.fixed[who];
-        contender.times.add(timed(contender, begin + i));
-        if (contender.contacts) found[who][i] = contender.contacts();
+        Contender& contender = run.fixed[contender_index];
+        contender.times_us.add(time_us(contender, begin + i));
+        if (contender.contacts) found[contender_index][i] = contender.contacts();
       }
     }
     for (std::size_t i = 0; i < count; ++i) {
-      if (exact[i]) compare(r.compared, scene, kind, begin + i, found_refined[i], found[0][i], true);
-      for (std::size_t who = 0; who < run.fixed.size(); ++who) {
-        Contender& contender = run.fixed[who];
+      if (exact[i]) compare(r.with_finest, scene, kind, begin + i, found_refined[i], found[0][i], true);
+      for (std::size_t contender_index = 0; contender_index < run.fixed.size(); ++contender_index) {
+        Contender& contender = run.fixed[contender_index];
         if (contender.reference < 0) continue;
-        compare(contender.compared, scene, kind, begin + i, found[who][i],
+        compare(contender.with_reference, scene, kind, begin + i, found[contender_index][i],
                 found[static_cast<std::size_t>(contender.reference)][i], contender.reference == 0);
       }
     }
@@ -389,20 +394,21 @@ spm::offline::TriangleMesh finest_mesh(const LoadedModel& subject) {
 }
 
 void add_comparisons(Report& report, const std::string& probe, const QueryRun& run) {
-  const auto differ = [&](const std::string& what, const Comparison& c) {
-    report.at_most(probe + ": cycles in which " + what, c.population(), "", static_cast<double>(c.differ), 0);
-    if (c.tangent > 0)
-      report.figure(probe + ": faces left out near tangency", c.population(), "", static_cast<double>(c.tangent));
+  const auto add = [&](const std::string& what, const Comparison& c) {
+    report.at_most(probe + ": " + what, c.population(), "", static_cast<double>(c.different_cycles), 0);
+    if (c.tangent_faces > 0)
+      report.figure(probe + ": nearly tangent faces, not compared", c.population(), "",
+                    static_cast<double>(c.tangent_faces));
   };
-  const RefinedTimes& r = run.refined;
-  differ("the refined mesh while exact has other finest contacts than " + run.fixed.front().name, r.compared);
-  differ("the refined mesh has other contacts than all its faces one by one", r.by_all);
+  const RefinedFigures& r = run.refined;
+  add("exact cycles with contacts that differ from " + run.fixed.front().name, r.with_finest);
+  add("cycles with contacts that differ from a test of each shown face", r.with_brute_force);
   for (const Contender& contender : run.fixed)
     if (contender.reference >= 0)
-      differ(
-          contender.name + " has other contacts than " + run.fixed[static_cast<std::size_t>(contender.reference)].name,
-          contender.compared);
-  report.at_least(probe + ": exact", {"all cycles", r.cycles}, "%", r.exact_percent(), 99);
+      add("cycles of " + contender.name + " with contacts that differ from " +
+              run.fixed[static_cast<std::size_t>(contender.reference)].name,
+          contender.with_reference);
+  report.at_least(probe + ": exact cycles divided by all cycles", {"cycles", r.cycles}, "%", r.exact_percent(), 99);
 }
 
 }  // namespace tactus::bench

@@ -1,8 +1,8 @@
-/// One path of a sphere and of a stylus over a model, and what each contender takes for its queries there.
+/// Times the collision queries of a sphere and of a stylus along one path, on the locally refined mesh and on fixed
+/// meshes.
 ///
-/// The refined mesh and the contenders on fixed meshes each get every pose once, in blocks of 100 cycles whose order
-/// rotates. A time is that of one query, and the first cycle counts like any other. Contacts are compared outside what
-/// is timed. File units, model frame.
+/// Each contender queries each pose once. Contenders take turns after each block of 100 cycles, in rotating order. Each
+/// time is of one query; the first cycle counts. Contacts are compared outside the timed code. File units, model frame.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -26,61 +26,70 @@ namespace tactus::bench {
 struct QuerySettings {
   std::string model;
   std::uint32_t faces = 70000;
-  double seconds = 20;
-  double radius = 0.003;  // m
-  double speed = 0.05;    // m/s
-  double depth = 0.0002;  // m
-  double pool_share = 0.25;
-  std::uint32_t budget = 1000;
+  double seconds = 20;          // length of the path
+  double radius = 0.003;        // m
+  double speed = 0.05;          // m/s
+  double depth = 0.0002;        // m
+  double pool_share = 0.25;     // pool divided by the model's records
+  std::uint32_t budget = 1000;  // of a cycle, units of spm::Budget
   std::uint64_t seed = 1;
 };
+/// Adds an option for each setting except radius and depth.
 void add_query_options(App& app, QuerySettings& settings);
 
 enum class ProbeKind { kSphere, kStylus };
 
+/// The model, the two probes and their path.
 struct QueryScene {
   QueryScene(LoadedModel loaded, const QuerySettings& settings);
 
   QuerySettings settings;
   LoadedModel subject;
-  double unit, radius;  ///< m; file units
-  std::vector<SurfacePose> path;
-  std::vector<Eigen::Isometry3d> poses;  ///< of both probes
+  double unit;                           ///< metres in a file unit
+  double radius;                         ///< of the sphere, file units
+  std::vector<SurfacePose> path;         ///< of the sphere's centre and the stylus' tip
+  std::vector<Eigen::Isometry3d> poses;  ///< of the stylus, one for each pose of `path`
   spm::offline::TriangleMesh stylus;
   spm::MeshProbe probe;  ///< the stylus
 
-  /// What the figures depend on, with the priority that was granted.
+  /// Returns the settings on which the figures depend, and the scheduling policy that the system grants.
   [[nodiscard]] std::string text() const;
 };
 
-/// Sorted; of a sphere face ids, of a stylus hashes over face, triangle, point, normal and depth.
+/// The contacts of one query, sorted. For a sphere, face ids. For a stylus, hashes over face, triangle, point, normal
+/// and depth.
 using ContactKeys = std::vector<std::uint64_t>;
 
-/// What one kind of query found where another found something, with the number of cycles compared.
+/// Comparison of the contacts of one kind of query with those of another, the reference.
 struct Comparison {
-  std::uint64_t cycles = 0, contacts = 0, differ = 0;
-  std::uint64_t tangent = 0;  ///< faces left out: within 1e-9 m of tangency, where rounding decides
+  std::uint64_t cycles = 0;            ///< number of cycles compared
+  std::uint64_t contacts = 0;          ///< number of contacts of the reference
+  std::uint64_t different_cycles = 0;  ///< number of cycles with different contacts
+  /// Number of faces that were not compared: the sphere is within 1e-9 m of tangency, where rounding decides.
+  std::uint64_t tangent_faces = 0;
   [[nodiscard]] Population population() const;
 };
 
-/// A way to query a fixed mesh.
+/// One kind of query on a fixed mesh, with its times.
 struct Contender {
   std::string name;
   std::function<void(std::size_t pose)> query;
-  std::function<ContactKeys()> contacts;  ///< of the last query; null: not compared
-  int reference = -1;                     ///< the contender on the same mesh whose contacts are expected; -1: none
-  Samples times{}, cold{};                ///< us; cold: after 64 MiB of other memory were walked
-  Comparison compared{};
+  std::function<ContactKeys()> contacts;  ///< returns the contacts of the last query; null: contacts are not compared
+  int reference = -1;                     ///< index of the contender with the expected contacts; -1: none
+  Samples times_us{};
+  Samples cold_us{};  ///< times of queries before which 64 MiB of other memory were written
+  Comparison with_reference{};
 };
 
-/// A fixed mesh in the trees of all. Must outlive its contenders.
-class FixedMeshes {
+/// A fixed mesh in the data structures of Embree, AB-tree and FCL. Must outlive its contenders.
+class FixedMesh {
  public:
-  FixedMeshes(const QueryScene& scene, const spm::offline::TriangleMesh& mesh);
-  /// Embree, then the AB-tree compared with it. `name` of the mesh; `first`: the index of the first contender.
-  [[nodiscard]] std::vector<Contender> contenders(ProbeKind probe, const std::string& name, int first);
-  /// FCL, which is not compared.
-  [[nodiscard]] Contender with_fcl(ProbeKind probe, const std::string& name);
+  FixedMesh(const QueryScene& scene, const spm::offline::TriangleMesh& mesh);
+  /// Returns Embree and the AB-tree, whose reference is Embree. `mesh_name` becomes part of their names. The caller
+  /// puts Embree at `embree_index` of its contenders.
+  [[nodiscard]] std::vector<Contender> contenders(ProbeKind probe, const std::string& mesh_name, int embree_index);
+  /// Returns FCL, whose contacts are not compared.
+  [[nodiscard]] Contender fcl_contender(ProbeKind probe, const std::string& mesh_name);
 
  private:
   const QueryScene& scene_;
@@ -90,29 +99,33 @@ class FixedMeshes {
   spm::fcl::FixedMesh fcl_;
 };
 
-/// us. A frame is T_R + T_B + T_Q; loading is outside, as it has a thread of its own in an HRTC.
-struct RefinedTimes {
-  Samples refine, refit, query, frame;    ///< all cycles
-  Samples changed_refine, changed_refit;  ///< cycles that split or collapsed a record
-  Samples cold_query, cold_frame;
-  std::uint64_t cycles = 0, exact = 0;
-  Comparison compared;  ///< exact cycles, with the first contender
-  Comparison by_all;    ///< a sample of all cycles, with all shown faces one by one
+/// Times on the refined mesh, us. A frame is T_R + T_B + T_Q. Loading is not timed, since another thread of an HRTC
+/// does it.
+struct RefinedFigures {
+  Samples refine, refit, query, frame;    ///< times of all cycles
+  Samples changed_refine, changed_refit;  ///< times of the cycles that split or collapsed a record
+  Samples cold_query, cold_frame;         ///< times of cold queries and of cold frames
+  std::uint64_t cycles = 0, exact_cycles = 0;
+  Comparison with_finest;       ///< of exact cycles with the first contender
+  Comparison with_brute_force;  ///< of about 50 cycles with a test of all shown faces
+  /// Returns the exact cycles divided by all cycles, %.
   [[nodiscard]] double exact_percent() const noexcept;
 };
 
+/// Times and comparisons of one probe on the refined mesh and on the fixed meshes.
 struct QueryRun {
-  RefinedTimes refined;
+  RefinedFigures refined;
   std::vector<Contender> fixed;
 };
 
-/// Refines for the whole probe. `cold`: also times cold queries and frames. The first of `fixed` is on the finest mesh.
+/// Runs all cycles with refinement for the whole probe. The first of `fixed` must query the finest mesh. If `cold`,
+/// also times cold queries and frames.
 [[nodiscard]] QueryRun run_queries(const QueryScene& scene, ProbeKind probe, std::vector<Contender> fixed, bool cold);
 
-/// The mesh that records refine the model to.
+/// Returns the model's mesh at full resolution.
 [[nodiscard]] spm::offline::TriangleMesh finest_mesh(const LoadedModel& subject);
 
-/// Adds the bounds that contacts are the same.
+/// Adds rows with the bounds that contacts are equal and that 99 % of the cycles are exact.
 void add_comparisons(Report& report, const std::string& probe, const QueryRun& run);
 
 }  // namespace tactus::bench

@@ -13,28 +13,27 @@
 namespace tactus::bench {
 namespace {
 
-/// Makes a T in a thread that is in the namespace, so that all its sockets are there, and keeps it.
+/// Creates a T in a thread that has entered the namespace, so that all sockets of T are in this namespace.
 template <class T, class... Arguments>
-std::unique_ptr<T> make_there(const netem::LinkedPair& pair, netem::Side side, Arguments&&... arguments) {
+std::unique_ptr<T> make_in_namespace(const netem::LinkedPair& pair, netem::Side side, Arguments&&... arguments) {
   std::unique_ptr<T> made;
-  std::exception_ptr trouble;
+  std::exception_ptr error;
   std::thread{[&] {
     try {
       pair.enter(side);
       made = std::make_unique<T>(std::forward<Arguments>(arguments)...);
     } catch (...) {
-      trouble = std::current_exception();
+      error = std::current_exception();
     }
   }}.join();
-  if (trouble != nullptr) std::rethrow_exception(trouble);
+  if (error != nullptr) std::rethrow_exception(error);
   return made;
 }
 
 void wait(double seconds, const std::atomic<bool>& stop) {
   const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(seconds);
   while (std::chrono::steady_clock::now() < end && !stop)
-    std::this_thread::sleep_for(
-        std::chrono::milliseconds{10});  // other threads measure; this one looks whether to stop
+    std::this_thread::sleep_for(std::chrono::milliseconds{10});  // other threads measure
 }
 
 }  // namespace
@@ -49,21 +48,21 @@ RecordsRun run_records(const std::string& link, double seconds, std::size_t burs
   address.participant = "host";
   latency::TestCase cell;
   cell.load_mbit = latency::kUnpaced;
-  const auto sink = make_there<latency::MeshSink>(pair, netem::Side::kB, cell, address, burst_bytes);
-  const auto load = make_there<latency::MeshSource>(pair, netem::Side::kA, cell, address);
+  const auto sink = make_in_namespace<latency::MeshSink>(pair, netem::Side::kB, cell, address, burst_bytes);
+  const auto load = make_in_namespace<latency::MeshSource>(pair, netem::Side::kA, cell, address);
   for (int i = 0; i < 2000 && !load->matched() && !stop; ++i) wait(0.01, stop);
-  if (!load->matched()) throw netem::LinkError("the two ends have not found each other over " + link);
+  if (!load->matched()) throw netem::LinkError("the two sides have not discovered each other over " + link);
   load->start();
   wait(seconds / 5, stop);
 
   (void)sink->take_bursts();
-  const std::uint64_t came = sink->bytes(), sent = load->sent_bytes();
+  const std::uint64_t received_before = sink->bytes(), sent_before = load->sent_bytes();
   const std::int64_t began = wire::monotonic_ns();
   wait(seconds, stop);
   RecordsRun run;
-  const auto bytes = static_cast<double>(sink->bytes() - came);
+  const auto bytes = static_cast<double>(sink->bytes() - received_before);
   run.mbyte_per_s = bytes * 1e3 / static_cast<double>(wire::monotonic_ns() - began);
-  run.sent_share = bytes > 0 ? static_cast<double>(load->sent_bytes() - sent) / bytes : 0;
+  run.sent_per_received = bytes > 0 ? static_cast<double>(load->sent_bytes() - sent_before) / bytes : 0;
   Samples sizes;
   for (const latency::MeshSink::Burst& burst : sink->take_bursts()) {
     run.burst_ms.add(burst.ms);

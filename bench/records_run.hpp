@@ -1,4 +1,5 @@
-/// Mesh records between two namespaces: the delivery of the programs over a real link, without anything beside.
+/// Delivers mesh records between two namespaces over an emulated link, with the delivery of the programs and no other
+/// traffic.
 #pragma once
 
 #include <atomic>
@@ -10,14 +11,14 @@
 namespace tactus::bench {
 
 struct RecordsRun {
-  Samples burst_ms;     ///< from wanting regions to holding the last of them
-  double burst_kb = 0;  ///< mean size of these
-  double mbyte_per_s = 0;
-  double sent_share = 0;  ///< payload sent for each byte of messages that came whole
+  Samples burst_ms;              ///< time from the request of a burst of regions to the arrival of the last of them
+  double burst_kb = 0;           ///< mean size of a burst
+  double mbyte_per_s = 0;        ///< payload of complete messages, MB/s
+  double sent_per_received = 0;  ///< payload sent divided by payload of complete messages
 };
 
-/// Regions of about `burst_bytes` together at a time, or with 0 as fast as they come, for `seconds` over `link`. The
-/// pacer and what else learns have a fifth of that before. Throws LinkError and WireError; needs root.
+/// Requests regions over `link` for `seconds`, in bursts of about `burst_bytes`; 0: without a pause. Before, runs for a
+/// fifth of `seconds` without measuring, while the pacer adapts. Needs root. Throws LinkError and WireError.
 [[nodiscard]] RecordsRun run_records(const std::string& link, double seconds, std::size_t burst_bytes,
                                      std::uint64_t seed, const std::atomic<bool>& stop);
 

@@ -9,18 +9,19 @@ namespace tactus::bench {
 
 namespace {
 
-constexpr double kKeepMargin = 0.002;  // m; with the next as in an HRTC (hrtc_service/cycle.hpp)
-constexpr double kMargin = 0.0005;     // m
+// Margins of an HRTC (hrtc_service/cycle.hpp), m.
+constexpr double kRetainMargin = 0.002;
+constexpr double kRefineMargin = 0.0005;
 
 spm::LocalRefinementSettings settings_of(const spm::ModelSummary& summary, const RefinedRunSettings& settings) {
-  // A tip as large as a small model meets most of it at once, whatever the share.
+  // A tip as large as a small model touches most of the model at once and needs this pool, whatever the share.
   constexpr std::uint32_t kMinSlots = 8192;
   const std::uint32_t base = std::max(summary.base_vertices, (summary.base_faces + 1) / 2);
   const auto share = static_cast<std::uint32_t>(settings.pool_share * summary.parts);
   const spm::PoolSettings pool = spm::PoolSettings::for_slots(base + std::max(share, kMinSlots));
   spm::LocalRefinementSettings refinement;
   refinement.memory = pool.bytes() + spm::directory_bytes(summary, pool);
-  refinement.margins = {kMargin / summary.metres_per_unit, kKeepMargin / summary.metres_per_unit};
+  refinement.margins = {kRefineMargin / summary.metres_per_unit, kRetainMargin / summary.metres_per_unit};
   refinement.min_speed = settings.speed;
   return refinement;
 }
@@ -34,7 +35,7 @@ RefinedRun::RefinedRun(const spm::Model& model, const spm::ProbeShape& probe, co
       refinement_{source_, probe, settings_of(model.summary, settings)} {}
 
 RefinedStep RefinedRun::step(const Eigen::Isometry3d& pose, bool in_contact) {
-  refinement_.approach(pose, static_cast<double>(cycle_++) * kPeriod, in_contact);
+  refinement_.approach(pose, static_cast<double>(cycles_++) * kPeriod, in_contact);
   RefinedStep step;
   const spm::ForestCounters before = forest().counters();
   spm::Budget budget{settings_.budget};
@@ -52,7 +53,7 @@ RefinedStep RefinedRun::step(const Eigen::Isometry3d& pose, bool in_contact) {
 }
 
 bool RefinedRun::settled() const noexcept {
-  return cycle_ > static_cast<std::uint64_t>(spm::LocalRefinementSettings{}.load_ahead / kPeriod);
+  return cycles_ > static_cast<std::uint64_t>(spm::LocalRefinementSettings{}.load_ahead / kPeriod);
 }
 
 }  // namespace tactus::bench

@@ -1,8 +1,8 @@
-/// An HRTC's run time along a path, without network or threads: what the benchmarks of the cycle, of queries and
-/// of the paper's tables have in common.
+/// Runs the loading and refinement of an HRTC along a path, without network or threads, for the benchmarks of the
+/// cycle, of queries and of the paper's tables.
 ///
-/// spm::LocalRefinement with regions that come through the codec as they would from a host, outside what is timed, and
-/// a pool of a share of the model. File units, model frame.
+/// Regions pass through the codec as those of a host do; this is not timed. The pool holds a share of the model. File
+/// units, model frame.
 #pragma once
 
 #include <cstdint>
@@ -18,32 +18,32 @@ namespace tactus::bench {
 constexpr double kPeriod = 0.001;  ///< s, of the cycle
 
 struct RefinedRunSettings {
-  double speed = 0;  ///< units/s; what a tip at rest is expected to start with
-  double pool_share = 0.25;
+  double speed = 0;             ///< min speed that the prediction assumes, units/s
+  double pool_share = 0.25;     ///< pool divided by the model's records
   std::uint32_t budget = 1000;  ///< of a cycle, units of spm::Budget
 };
 
-/// What one cycle did before its query.
+/// Times and counts of one cycle before its query.
 struct RefinedStep {
-  double refine = 0, refit = 0;  ///< us; refine: with the selection of targets
-  ThreadUse before;              ///< after loading, which is not the cycle's
-  std::uint64_t visits = 0;      ///< list entries looked at
-  std::uint64_t changes = 0;     ///< records split or collapsed
+  double refine = 0, refit = 0;  ///< us; refine includes the selection of targets
+  ThreadUse before;              ///< resources used before the timed part, after loading
+  std::uint64_t visits = 0;      ///< number of list entries visited
+  std::uint64_t changes = 0;     ///< number of records split or collapsed
 };
 
 class RefinedRun {
  public:
-  /// `model` must outlive it. Shows the base mesh. `probe`: what is to be exact. Throws std::runtime_error when the
-  /// base mesh does not fit the pool.
+  /// Shows the base mesh. Contacts of `probe` become exact by refinement. `model` must outlive this object. Throws
+  /// std::runtime_error if the base mesh does not fit the pool.
   RefinedRun(const spm::Model& model, const spm::ProbeShape& probe, const RefinedRunSettings& settings);
 
-  /// One cycle up to its query. `in_contact`: what the query before found.
+  /// Runs one cycle up to its query. `in_contact`: whether the previous query found a contact.
   RefinedStep step(const Eigen::Isometry3d& pose, bool in_contact);
   RefinedStep step(const spm::Vec3d& tip, bool in_contact) {
     return step(Eigen::Isometry3d{Eigen::Translation3d{tip}}, in_contact);
   }
 
-  /// The first regions have had time to come.
+  /// Returns true once the prediction has looked ahead long enough for the first regions to be loaded.
   [[nodiscard]] bool settled() const noexcept;
   [[nodiscard]] const spm::LocalRefinement& refinement() const noexcept { return refinement_; }
   [[nodiscard]] const spm::Forest& forest() const noexcept { return refinement_.forest(); }
@@ -54,7 +54,7 @@ class RefinedRun {
   spm::codec::CompressedSource source_;
   RefinedRunSettings settings_;
   spm::LocalRefinement refinement_;
-  std::uint64_t cycle_ = 0;  // those begun
+  std::uint64_t cycles_ = 0;  // number of cycles begun
 };
 
 }  // namespace tactus::bench

@@ -1,4 +1,5 @@
-// Flight recordings of real sessions, replayed: do the forces come out the same to the bit? And what recording takes.
+// Replays flight recordings of real sessions and checks that the forces are equal to the bit. Measures the time and
+// memory that recording takes.
 #include <signal.h>
 
 #include <algorithm>
@@ -26,7 +27,7 @@ using netem::Side;
 
 struct Settings {
   double seconds = 180;
-  std::string keep;  // folder
+  std::string output_folder;  // for models and recordings; empty: a temporary folder
   std::string part = "all";
 };
 
@@ -35,7 +36,7 @@ constexpr char kObjects[] = R"(objects:
     model: organ.spm
     material: {stiffness: 800, damping: 2, static_friction: 0.4, dynamic_friction: 0.3}
 )";
-/// Five users of two HRTCs, all on their ways over the whole object, two with devices at a distance.
+/// Five users of two HRTCs, whose paths cover the whole object. Two have remote devices.
 constexpr char kUsers[] = R"(name: recorded
 duration: 7200
 users:
@@ -46,10 +47,10 @@ users:
   - {name: eve, hrtc: shelf, script: [{approach: {object: organ, direction: [0, -1, 0], speed: 0.15}}, {follow: {speed: 0.05, force: 1, seconds: 7000, pattern: around}}]}
 )";
 
-/// A session of programs with two HRTCs: `desk` records all of it, `shelf` keeps its last 30 s.
-class Recorded {
+/// A session with two HRTCs. `desk` records the whole session, `shelf` its last 30 s.
+class RecordedSession {
  public:
-  Recorded(const Settings& settings, const std::filesystem::path& folder)
+  RecordedSession(const Settings& settings, const std::filesystem::path& folder)
       : settings_{settings}, folder_{folder}, session_{"veth"} {
     run("mesh", {"generate", "organ", path("organ.ply"), "--faces", "400000", "--seed", "7"});
     run("mesh", {"build", path("organ.ply"), path("organ.spm"), "--cell-faces", "100"});
@@ -57,7 +58,8 @@ class Recorded {
     test_support::write_bytes(path("users.yaml"), kUsers);
   }
 
-  void play() {
+  /// Runs the session until its end, with pauses of the users' poses, a stop and a reset.
+  void run_session() {
     host_ = session_.start(Side::kA, "host",
                            {"--name", "museum", "--cache", path("cache"), "--config", path("objects.yaml")});
     char whole[32];
@@ -70,17 +72,17 @@ class Recorded {
         {"--name", "shelf", "--pool", "4096", "--flight-file", path("end.mcap"), "--flight-folder", path("flights")});
     users_ = session_.start(Side::kB, "sim", {"--scenario", path("users.yaml")});
     session_.until(
-        "a touch",
+        "a contact",
         [](const SeenSession& seen) {
           return std::any_of(seen.states.begin(), seen.states.end(),
                              [](const auto& state) { return (state.status & session::kInContact) != 0; });
         },
         60s);
-    const auto share = [this](double of) {
+    const auto share_of_session = [this](double of) {
       return std::chrono::milliseconds{static_cast<int>(settings_.seconds * of * 1e3)};
     };
-    for (int part = 0; part < 4; ++part) {  // silences, a stop after the second
-      pause(share(0.2));
+    for (int part = 0; part < 4; ++part) {  // each with pauses of the users' poses; a stop follows part 1
+      pause(share_of_session(0.2));
       for (int i = 0; i < 5; ++i) {
         users_->signal(SIGSTOP);
         pause(10ms + 20ms * i);
@@ -89,23 +91,24 @@ class Recorded {
       }
       session_.forget_states();
       if (part != 1) continue;
-      const std::size_t said = shelf_->output().size();
+      const std::size_t printed = shelf_->output().size();
       control("stop");
-      if (wait_for_text(*shelf_, said, "flight recording", 20s) == 0)
-        throw std::runtime_error("no recording of a stop");
+      if (wait_for_text(*shelf_, printed, "flight recording", 20s) == 0)
+        throw std::runtime_error("no flight recording of the stop");
       pause(2s);
       control("reset");
     }
-    pause(share(0.2));
+    pause(share_of_session(0.2));
     users_->signal(SIGINT);
-    for (e2e::Process* const one : {users_.get(), desk_.get(), shelf_.get(), host_.get()})
-      if (!one->wait(60s)) throw std::runtime_error("a program does not end: " + one->output());
+    for (e2e::Process* const program : {users_.get(), desk_.get(), shelf_.get(), host_.get()})
+      if (!program->wait(60s)) throw std::runtime_error("a program did not end: " + program->output());
     for (const auto& entry : std::filesystem::directory_iterator{path("flights")})
-      if (entry.path().filename().string().rfind("shelf", 0) == 0) of_stop_ = entry.path();
+      if (entry.path().filename().string().rfind("shelf", 0) == 0) stop_file_ = entry.path();
   }
 
   [[nodiscard]] std::string path(const std::string& name) const { return folder_ / name; }
-  [[nodiscard]] const std::string& of_stop() const { return of_stop_; }
+  /// Returns the file that `shelf` wrote at the stop.
+  [[nodiscard]] const std::string& stop_file() const { return stop_file_; }
 
  private:
   static void run(const std::string& name, std::vector<std::string> arguments) {
@@ -122,49 +125,57 @@ class Recorded {
   std::filesystem::path folder_;
   LiveSession session_;
   std::unique_ptr<e2e::Process> host_, desk_, shelf_, users_;
-  std::string of_stop_;
+  std::string stop_file_;
 };
 
-void replay(Report& report, const std::string& what, const std::string& file, const spm::codec::CompressedModel& model,
-            bool whole) {
-  std::fprintf(stderr, "replaying %s\n", what.c_str());
+/// Replays a recording and adds its rows. `whole`: whether it contains the whole session.
+void replay(Report& report, const std::string& population, const std::string& file,
+            const spm::codec::CompressedModel& model, bool whole) {
+  std::fprintf(stderr, "replaying %s\n", population.c_str());
   hrtc_service::FlightReplayOptions options;
   options.model = [&](std::uint64_t digest) { return digest == model.summary().digest ? &model : nullptr; };
-  const std::int64_t began = hrtc_service::monotonic_ns();
-  const hrtc_service::FlightReport had = hrtc_service::replay_flight(file, options);
-  const double took = static_cast<double>(hrtc_service::monotonic_ns() - began) * 1e-9;
+  const std::int64_t start_ns = hrtc_service::monotonic_ns();
+  const hrtc_service::FlightReport flight = hrtc_service::replay_flight(file, options);
+  const double replay_s = static_cast<double>(hrtc_service::monotonic_ns() - start_ns) * 1e-9;
   const auto count = [&](const char* name, std::uint64_t value) {
-    report.figure(name, what, "", static_cast<double>(value));
+    report.figure(name, population, "", static_cast<double>(value));
   };
-  report.figure("recorded", what, "s", had.seconds);
-  count("cycles", had.cycles);
-  count("cycles lost", had.lost);
-  count("forces compared", had.probe_cycles);
-  count("of these in contact", had.in_contact);
-  count("of these exact", had.exact);
-  count("of stale poses", had.stale);
-  count("off by a fault", had.faulted);
-  count("regions that came", had.regions_came);
-  count("regions that left", had.regions_left);
-  count("cycles cut short by the deadline", had.budget_spent);
-  count("stops", had.stops);
-  count("resets", had.resets);
-  report.figure("file", what, "MiB", static_cast<double>(std::filesystem::file_size(file)) / (1 << 20));
-  report.figure("replayed faster than life", what, "times", had.seconds / took);
-  if (had.differ > 0) report.note(what + ": first " + had.first_difference);
-  report.at_most("cycles that differ in any bit", {what, had.cycles}, "", static_cast<double>(had.differ), 0);
-  report.at_least("forces compared in contact", what, "", static_cast<double>(had.in_contact), 1000 * had.seconds / 2);
-  report.at_least("regions that came and left", what, "", static_cast<double>(had.regions_left), 50);
+  report.figure("length of the recording", population, "s", flight.seconds);
+  count("cycles", flight.cycles);
+  count("cycles lost", flight.lost);
+  count("forces compared", flight.probe_cycles);
+  count("forces compared in contact", flight.in_contact);
+  count("forces compared in exact contact", flight.exact);
+  count("forces compared of stale poses", flight.stale);
+  count("forces compared that a fault set to zero", flight.faulted);
+  count("arrivals of regions", flight.regions_came);
+  count("departures of regions", flight.regions_left);
+  count("cycles whose refinement ended at the deadline", flight.budget_spent);
+  count("stops", flight.stops);
+  count("resets", flight.resets);
+  report.figure("size of the file", population, "MiB",
+                static_cast<double>(std::filesystem::file_size(file)) / (1 << 20));
+  report.figure("length of the recording divided by time of the replay", population, "times",
+                flight.seconds / replay_s);
+  if (flight.differ > 0) report.note(population + ": first " + flight.first_difference);
+  report.at_most("cycles whose forces differ in any bit", {population, flight.cycles}, "",
+                 static_cast<double>(flight.differ), 0);
+  report.at_least("forces compared in contact", population, "", static_cast<double>(flight.in_contact),
+                  1000 * flight.seconds / 2);
+  report.at_least("departures of regions", population, "", static_cast<double>(flight.regions_left), 50);
   if (whole) {
-    report.at_least("forces of stale poses", what, "", static_cast<double>(had.stale), 10);
-    report.at_least("stops and resets", what, "", static_cast<double>(std::min(had.stops, had.resets)), 1);
-    report.at_least("cycles cut short", what, "", static_cast<double>(had.budget_spent), 10);
+    report.at_least("forces compared of stale poses", population, "", static_cast<double>(flight.stale), 10);
+    report.at_least("min of stops and resets", population, "",
+                    static_cast<double>(std::min(flight.stops, flight.resets)), 1);
+    report.at_least("cycles whose refinement ended at the deadline", population, "",
+                    static_cast<double>(flight.budget_spent), 10);
   } else {
-    report.at_least("begins in the middle, at cycle", what, "", static_cast<double>(had.start.first_cycle), 1);
+    report.at_least("number of the first cycle", population, "", static_cast<double>(flight.start.first_cycle), 1);
   }
 }
 
-/// What the recorder adds to a cycle, with the caches as a cycle leaves them, and what 30 s of it take.
+/// Measures the time that the recorder adds to a cycle, with the CPU caches as the cycle leaves them, and the memory
+/// for 30 s.
 void measure_cost(Report& report) {
   constexpr int kCycles = 35000;
   for (const std::uint32_t probes : {1u, 8u}) {
@@ -178,7 +189,7 @@ void measure_cost(Report& report) {
     hrtc_service::FlightStore store{recorder, hrtc_service::flight_start("bench", {}, settings.pool, {}), 30,
                                     hrtc_service::FlightStore::bytes_for(30, 0.001, probes)};
     std::array<hrtc_service::ProbeInput, hrtc_service::kMaxProbes> inputs;
-    Samples costs, with_state;
+    Samples costs_ns, costs_with_state_ns;
     for (int cycle = 0; cycle < kCycles; ++cycle) {
       session.prepare(path[cycle], (path[cycle + 1] - path[cycle]) * 1000);
       (void)session.cycle(spm::Budget{1u << 20});
@@ -186,37 +197,39 @@ void measure_cost(Report& report) {
         inputs[i].active = true;
         inputs[i].device.position = path[cycle];
       }
-      const std::int64_t began = hrtc_service::monotonic_ns();
-      recorder.touched(inputs, began, nullptr, 0, session.haptic().result());
+      const std::int64_t start_ns = hrtc_service::monotonic_ns();
+      recorder.touched(inputs, start_ns, nullptr, 0, session.haptic().result());
       recorder.refined(session.haptic(), {}, true);
-      const auto took = static_cast<double>(hrtc_service::monotonic_ns() - began);
-      (cycle % 1000 == 999 ? with_state : costs).add(took);
+      const auto cost_ns = static_cast<double>(hrtc_service::monotonic_ns() - start_ns);
+      (cycle % 1000 == 999 ? costs_with_state_ns : costs_ns).add(cost_ns);
       if (cycle % 20 == 0) store.drain();
     }
     const std::string population = std::to_string(probes) + (probes == 1 ? " probe" : " probes");
-    report.row("recorder in a cycle", population, "ns", costs);
-    report.row("the same once a second, with state", population, "ns", with_state);
-    report.figure("memory of 30 s", population, "MiB", static_cast<double>(store.bytes()) / (1 << 20));
-    report.figure("memory of 30 s, at most", population, "MiB",
+    report.row("time of the recorder in a cycle", population, "ns", costs_ns);
+    report.row("time of the recorder in a cycle with state, once a second", population, "ns", costs_with_state_ns);
+    report.figure("memory in use for 30 s", population, "MiB", static_cast<double>(store.bytes()) / (1 << 20));
+    report.figure("max memory for 30 s", population, "MiB",
                   static_cast<double>(hrtc_service::FlightStore::bytes_for(30, 0.001, probes)) / (1 << 20));
-    report.at_most("recorder in a cycle, p99", {population, costs.size()}, "ns", costs.percentile(0.99), 5000);
+    report.at_most("time of the recorder in a cycle, p99", {population, costs_ns.size()}, "ns",
+                   costs_ns.percentile(0.99), 5000);
   }
 }
 
 void replay_session(Report& report, const Settings& settings) {
   const test_support::TemporaryFolder folder;
-  const std::filesystem::path at = settings.keep.empty() ? folder.path() : std::filesystem::path{settings.keep};
-  std::filesystem::create_directories(at);
-  std::string of_stop;
+  const std::filesystem::path files =
+      settings.output_folder.empty() ? folder.path() : std::filesystem::path{settings.output_folder};
+  std::filesystem::create_directories(files);
+  std::string stop_file;
   in_own_thread([&] {
-    Recorded session{settings, at};
-    session.play();
-    of_stop = session.of_stop();
+    RecordedSession session{settings, files};
+    session.run_session();
+    stop_file = session.stop_file();
   });
-  const spm::offline::MappedModel model{at / "organ.spm"};
-  replay(report, "whole session", at / "whole.mcap", model.coded(), true);
-  replay(report, "30 s before a stop", of_stop, model.coded(), false);
-  replay(report, "30 s before the end", at / "end.mcap", model.coded(), false);
+  const spm::offline::MappedModel model{files / "organ.spm"};
+  replay(report, "whole session", files / "whole.mcap", model.coded(), true);
+  replay(report, "30 s before a stop", stop_file, model.coded(), false);
+  replay(report, "30 s before the end", files / "end.mcap", model.coded(), false);
 }
 
 Report run(const Settings& settings) {
@@ -236,11 +249,13 @@ Report run(const Settings& settings) {
 
 int main(int argc, char** argv) {
   tactus::bench::Settings settings;
-  tactus::bench::App app{"replay", "Flight recordings of a real session, replayed to the bit; needs root",
-                         "90 s, for CI"};
-  app.add_option("--seconds", settings.seconds, "of the session")->check(CLI::Range(5.0, 3600.0));
-  app.add_option("--keep", settings.keep, "folder for models and recordings, which stay there");
-  app.add_option("--part", settings.part, "session: record and replay one; cost: what recording takes; all")
+  tactus::bench::App app{"replay",
+                         "Replays flight recordings of a real session and compares the forces to the bit; needs root",
+                         "a session of 90 s, for CI"};
+  app.add_option("--seconds", settings.seconds, "length of the session, s")->check(CLI::Range(5.0, 3600.0));
+  app.add_option("--keep", settings.output_folder, "folder for models and recordings (default: a temporary folder)");
+  app.add_option("--part", settings.part,
+                 "session: records and replays a session; cost: measures the cost of recording; all: both")
       ->check(CLI::IsMember({"all", "session", "cost"}));
   return tactus::bench::latency_main(app, argc, argv, [&] {
     if (app.quick) settings.seconds = 90;

@@ -1,8 +1,8 @@
-/// The cores of a host and an HRTC around one model, in one thread and without DDS: what benchmarks of a whole HRTC
-/// drive.
+/// Runs the cores of a host and of an HRTC with one object, in one thread and without DDS, for benchmarks of a whole
+/// HRTC.
 ///
-/// The host serves through the delivery protocol and the codec; demands and chunks are `delay_cycles` under way. The
-/// object stands at the origin, so world metres are file units times `scale`.
+/// The host sends regions through the delivery protocol and the codec. Demands and chunks arrive after `delay_cycles`.
+/// The object is at the origin, so that metres in the world are file units times `scale`.
 #pragma once
 
 #include <array>
@@ -28,39 +28,41 @@ struct SessionSettings {
   std::uint32_t delay_cycles = 2;
 };
 
-/// One region as the loader took it in.
+/// One region that the loader received.
 struct RegionLoad {
-  std::uint64_t records = 0;  ///< received
-  double us = 0;              ///< of CPU time, from its last chunk to its slots
+  std::uint64_t records = 0;  ///< number of records received
+  double us = 0;              ///< CPU time for its last chunk until its records have slots
 };
 
 class SessionRun {
  public:
   static constexpr std::int64_t kPeriodNs = 1'000'000;
 
-  /// `model` must outlive it. Nothing is here yet, the base mesh included.
+  /// Begins with an empty pool, also without the base mesh. `model` must outlive this object.
   SessionRun(const spm::Model& model, double scale, const SessionSettings& settings);
   SessionRun(const SessionRun&) = delete;
   SessionRun& operator=(const SessionRun&) = delete;
 
-  /// Cycles far from the object until its base mesh is shown. Throws std::runtime_error when it does not come.
+  /// Runs cycles with the tip at `away`, far from the object, until the base mesh is shown. Throws std::runtime_error
+  /// if that takes more than 20,000 cycles.
   void settle(const spm::Vec3d& away);
 
-  /// All but the haptic thread's part: host and loader work in every second cycle.
+  /// Begins a cycle: runs everything outside the haptic thread. Host and loader run in every second cycle.
   void prepare(const spm::Vec3d& tip, const spm::Vec3d& velocity,
                const Eigen::Quaterniond& orientation = Eigen::Quaterniond::Identity());
-  /// Gives the cycle that was prepared a second probe.
+  /// Adds a second probe to the prepared cycle.
   void prepare_second(const spm::Vec3d& tip, const spm::Vec3d& velocity);
-  /// The haptic thread's part of the cycle that was prepared.
+  /// Runs the haptic thread's part of the prepared cycle, with refinement before contact.
   const hrtc_service::CycleResult& cycle(spm::Budget budget) noexcept;
-  /// The same as a haptic thread has it: touch, then refine as long as that is allowed.
+  /// Runs the haptic thread's part of the prepared cycle in the order of an HRTC: contact, then refinement up to
+  /// `limit`.
   const hrtc_service::CycleResult& cycle(const hrtc_service::RefineLimit& limit) noexcept;
 
   [[nodiscard]] const hrtc_service::Loader& loader() const noexcept { return core_.gateway().loader(); }
   [[nodiscard]] hrtc_service::Cycle& haptic() noexcept { return core_.servo().cycle(); }
-  /// CPU time of the gateway in the last `prepare`, us.
+  /// Returns the CPU time of the gateway in the last `prepare`, us.
   [[nodiscard]] double loader_us() const noexcept { return loader_us_; }
-  /// Regions taken in during the last `prepare`.
+  /// Returns the regions that the loader received in the last `prepare`.
   [[nodiscard]] const std::vector<RegionLoad>& loads() const noexcept { return loads_; }
 
  private:

@@ -1,4 +1,5 @@
-// Sessions by seed, in virtual time: what must hold does, whatever is lost, doubled, killed or cut off.
+// Simulates sessions by seed in virtual time, and checks their conditions while samples are lost or repeated, programs
+// are killed and links are cut.
 #include <CLI/CLI.hpp>
 #include <array>
 #include <atomic>
@@ -20,9 +21,9 @@ using namespace test_support;
 
 struct Settings {
   std::uint64_t schedules = 100'000;
-  std::uint64_t first = 1;
-  std::uint64_t seed = 0;
-  unsigned threads = 0;
+  std::uint64_t first = 1;  // seed
+  std::uint64_t seed = 0;   // of the schedule to replay; 0: runs all
+  unsigned threads = 0;     // 0: one for each processor
 };
 
 constexpr double kMaxSeconds = 300;
@@ -36,15 +37,15 @@ Report replay(std::uint64_t seed) {
   std::printf("\n%llu messages in %.0f ms, healed %.0f ms after the last fault\n",
               static_cast<unsigned long long>(result.messages), static_cast<double>(result.virtual_ns) * 1e-6,
               static_cast<double>(result.healed_ns) * 1e-6);
-  for (const std::string& what : result.broken) std::printf("BROKEN %s\n", what.c_str());
+  for (const std::string& condition : result.broken) std::printf("BROKEN %s\n", condition.c_str());
   std::printf("\n");
   Report report{{"2 hosts, 3 HRTCs, 2 clients", 0, 0, schedule.text()}};
   report.virtual_time(true);
-  report.at_most("conditions broken", "the schedule", "", static_cast<double>(result.broken.size()), 0);
+  report.at_most("broken conditions", "schedules", "", static_cast<double>(result.broken.size()), 0);
   return report;
 }
 
-/// Of all schedules so far.
+/// Totals over all schedules.
 struct Totals {
   std::vector<std::uint64_t> failed;  // seeds
   std::array<std::uint64_t, kFaultKinds> faults{};
@@ -82,8 +83,8 @@ Report run(const Settings& settings) {
   std::mutex mutex;
   std::atomic<std::uint64_t> next{settings.first};
   const std::uint64_t end = settings.first + settings.schedules;
-  (void)coded_of(kFirstObject);  // made once, before threads share it
-  Stopwatch clock;
+  (void)coded_of(kFirstObject);  // builds the model once, before threads share it
+  Stopwatch stopwatch;
   std::vector<std::thread> workers;
   for (unsigned i = 0; i < threads; ++i) {
     workers.emplace_back([&] {
@@ -95,31 +96,34 @@ Report run(const Settings& settings) {
     });
   }
   for (std::thread& worker : workers) worker.join();
-  const double seconds = clock.lap() * 1e-6;
+  const double seconds = stopwatch.lap() * 1e-6;
 
   char text[160];
-  std::snprintf(text, sizeof text, "seeds %llu to %llu, %u threads; replay one with --seed N",
+  std::snprintf(text, sizeof text, "seeds %llu to %llu, %u threads; --seed N replays one",
                 static_cast<unsigned long long>(settings.first), static_cast<unsigned long long>(end - 1), threads);
   Report report{{"2 hosts, 3 HRTCs, 2 clients in virtual time", 0, 0, text}};
   report.virtual_time(true);
   const auto count = [](auto value) { return static_cast<double>(value); };
-  report.row("healed after the last fault", "schedules", "ms", totals.healed_ms);
-  report.figure("schedules", "", "", count(settings.schedules));
-  report.figure("virtual time", "all", "s", totals.virtual_s);
-  report.figure("messages", "all", "", count(totals.messages));
+  report.row("time from the last fault until the session has recovered", "schedules", "ms", totals.healed_ms);
+  report.figure("schedules", "schedules", "", count(settings.schedules));
+  report.figure("virtual time of all schedules", "schedules", "s", totals.virtual_s);
+  report.figure("messages of all schedules", "messages", "", count(totals.messages));
   for (std::size_t kind = 0; kind < kFaultKinds; ++kind)
-    report.figure(std::string{"faults: "} + kFaultNames[kind], "all", "", count(totals.faults[kind]));
-  report.figure("regions held, released, refused", "held", "", count(totals.held));
-  report.figure("", "released", "", count(totals.released));
-  report.figure("", "refused, to come again", "", count(totals.refused));
-  report.figure("changes of host", "of an object at an HRTC", "", count(totals.host_changes));
-  report.figure("hosts found silent", "that were dead", "", count(totals.deaths_noticed));
-  report.figure("", "that lived", "", count(totals.false_suspicions));
-  report.at_most("schedules that broke something", {"all", settings.schedules}, "", count(totals.failed.size()), 0);
-  report.at_least("messages", {"in each schedule", settings.schedules}, "", count(totals.min_messages), 300);
-  report.at_least("kinds of fault", {"in each schedule", settings.schedules}, "", count(totals.min_kinds), 3);
+    report.figure(std::string{"faults: "} + kFaultNames[kind], "faults", "", count(totals.faults[kind]));
+  report.figure("regions held", "regions", "", count(totals.held));
+  report.figure("regions released", "regions", "", count(totals.released));
+  report.figure("regions refused, which the host sends again", "regions", "", count(totals.refused));
+  report.figure("changes of the host that serves an object to an HRTC", "changes", "", count(totals.host_changes));
+  report.figure("dead hosts suspected", "suspicions", "", count(totals.deaths_noticed));
+  report.figure("live hosts suspected", "suspicions", "", count(totals.false_suspicions));
+  report.at_most("schedules with a broken condition", {"schedules", settings.schedules}, "",
+                 count(totals.failed.size()), 0);
+  report.at_least("min number of messages in a schedule", {"schedules", settings.schedules}, "",
+                  count(totals.min_messages), 300);
+  report.at_least("min number of kinds of fault in a schedule", {"schedules", settings.schedules}, "",
+                  count(totals.min_kinds), 3);
   report.virtual_time(false);
-  report.at_most("time for 10^5 schedules", {"by what these took", settings.schedules}, "s",
+  report.at_most("wall time for 10^5 schedules, extrapolated", {"schedules", settings.schedules}, "s",
                  seconds * 1e5 / count(settings.schedules), kMaxSeconds);
   return report;
 }
@@ -129,13 +133,14 @@ Report run(const Settings& settings) {
 
 int main(int argc, char** argv) {
   tactus::bench::Settings settings;
-  tactus::bench::App app{"simulate",
-                         "Seeded schedules of faults for a session of two hosts and three HRTCs, checked at every step",
-                         "2,000 schedules, for CI"};
-  app.add_option("--schedules", settings.schedules, "how many seeds")->check(CLI::Range(1u, 100'000'000u));
-  app.add_option("--first", settings.first, "the first seed")->check(CLI::PositiveNumber);
-  app.add_option("--seed", settings.seed, "replay this one with a line for each message")->check(CLI::PositiveNumber);
-  app.add_option("--threads", settings.threads, "at once (default: one for each processor)")
+  tactus::bench::App app{
+      "simulate", "Simulates a session of two hosts and three HRTCs with random faults, and checks it at each step",
+      "2,000 schedules, for CI"};
+  app.add_option("--schedules", settings.schedules, "number of schedules")->check(CLI::Range(1u, 100'000'000u));
+  app.add_option("--first", settings.first, "seed of the first schedule")->check(CLI::PositiveNumber);
+  app.add_option("--seed", settings.seed, "replays the schedule of this seed and prints a line for each message")
+      ->check(CLI::PositiveNumber);
+  app.add_option("--threads", settings.threads, "number of threads (default: one for each processor)")
       ->check(CLI::Range(1u, 256u));
   return tactus::bench::bench_main(app, argc, argv, [&] {
     if (app.quick) settings.schedules = 2000;

@@ -1,5 +1,4 @@
-// How many bytes a model takes, part by part, and how fast its records are coded and read back.
-
+// Measures the bytes of a model's parts, and the speed at which its records are encoded and decoded.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cstdio>
@@ -33,29 +32,30 @@ struct Settings {
   bool quick = false;
 };
 
-/// Seconds that this thread has computed: others on the machine do not count.
+/// Returns the CPU time of this thread, s.
 double cpu_seconds() {
   timespec now{};
   clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
   return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
 }
 
+/// Returns the min CPU time of `repeats` calls of `work`, s.
 template <class Work>
-double best_seconds(std::uint32_t repeats, Work work) {
-  double best = 1e300;
+double min_seconds(std::uint32_t repeats, Work work) {
+  double min = 1e300;
   for (std::uint32_t i = 0; i < repeats; ++i) {
     const double start = cpu_seconds();
     work();
-    best = std::min(best, cpu_seconds() - start);
+    min = std::min(min, cpu_seconds() - start);
   }
-  return best;
+  return min;
 }
 
 void measure(Report& report, const std::string& name, const spm::Model& model, const Settings& settings) {
   const double vertices = model.summary.vertices;
   const bool compact = model.summary.position_step > 0;
   const double encode =
-      best_seconds(std::min(settings.repeats, 2u), [&] { const spm::codec::EncodedModel made{model}; });
+      min_seconds(std::min(settings.repeats, 2u), [&] { const spm::codec::EncodedModel made{model}; });
   const spm::codec::EncodedModel encoded{model};
   const spm::codec::CompressedModel& coded = encoded.coded();
 
@@ -65,17 +65,19 @@ void measure(Report& report, const std::string& name, const spm::Model& model, c
     for (const Field field : fields) bits += static_cast<double>(field_bits[static_cast<std::size_t>(field)]);
     return bits / 8;
   };
-  const auto row = [&](const char* part, double bytes) { report.figure(part, name, "B/vertex", bytes / vertices); };
+  const auto add_part = [&](const char* part, double bytes) {
+    report.figure(part, name, "B/vertex", bytes / vertices);
+  };
   const spm::codec::ModelSpans& bytes = coded.spans();
-  row("positions", bytes_of({Field::kAlong, Field::kAlongOfInner, Field::kAcross, Field::kAcrossOfInner}));
-  row("topology",
-      bytes_of({Field::kShape, Field::kShapeOfInner, Field::kCorner}) + static_cast<double>(field_bits.back()) / 8);
-  row("tree ids", bytes_of({Field::kAnchor, Field::kAnchorFirst, Field::kDeformed, Field::kBornFirst,
+  add_part("positions", bytes_of({Field::kAlong, Field::kAlongOfInner, Field::kAcross, Field::kAcrossOfInner}));
+  add_part("topology", bytes_of({Field::kShape, Field::kShapeOfInner, Field::kCorner}) +
+                           static_cast<double>(field_bits.back()) / 8);
+  add_part("ids", bytes_of({Field::kAnchor, Field::kAnchorFirst, Field::kDeformed, Field::kBornFirst,
                             Field::kBornFirstOfInner, Field::kBornNext, Field::kBornNextOfInner}));
-  row("radii", bytes_of({Field::kRadius}));
-  row("regions", static_cast<double>(bytes.lists.size()));
-  row("base mesh, cells, tables", static_cast<double>(bytes.base.size()));
-  row("sizes, for random access", static_cast<double>(bytes.sizes.size()));
+  add_part("radii", bytes_of({Field::kRadius}));
+  add_part("closed lists of regions", static_cast<double>(bytes.lists.size()));
+  add_part("base mesh, cells, tables", static_cast<double>(bytes.base.size()));
+  add_part("sizes, for random access", static_cast<double>(bytes.sizes.size()));
 
   std::vector<Bytes> messages;
   std::uint64_t records = 0;
@@ -83,28 +85,28 @@ void measure(Report& report, const std::string& name, const spm::Model& model, c
     messages.push_back(encode_region(coded, spm::RegionId{r}, model.intervals_of(spm::RegionId{r})));
     records += model.regions[r].record_count;
   }
-  const double decode = best_seconds(settings.repeats, [&] {
+  const double decode = min_seconds(settings.repeats, [&] {
     for (const Bytes& message : messages) {
       const auto data = decode_region(message, model.summary, coded.tables());
       if (!data) throw std::runtime_error(data.error().text);
     }
   });
-  report.figure("decode", name, "records/s", static_cast<double>(records) / decode);
-  report.figure("encode", name, "records/s", model.summary.records / encode);
+  report.figure("decoded records per CPU time", name, "records/s", static_cast<double>(records) / decode);
+  report.figure("encoded records per CPU time", name, "records/s", model.summary.records / encode);
 
-  const double whole =
+  const double whole_model =
       static_cast<double>(bytes.base.size() + bytes.codes.size() + bytes.lists.size() + bytes.sizes.size()) / vertices;
-  report.at_most("whole", name, "B/vertex", whole, compact ? 8 : 16);
+  report.at_most("whole model", name, "B/vertex", whole_model, compact ? 8 : 16);
   if (settings.quick) return;
-  report.at_least("decode", name, "records/s", static_cast<double>(records) / decode, 10e6);
-  report.at_least("encode", name, "records/s", model.summary.records / encode, 2e6);
+  report.at_least("decoded records per CPU time", name, "records/s", static_cast<double>(records) / decode, 10e6);
+  report.at_least("encoded records per CPU time", name, "records/s", model.summary.records / encode, 2e6);
 }
 
 Report run(const Settings& settings) {
   Report report{{settings.model.empty() ? "generated organs" : settings.model, 0, 0,
-                 "lossless and compact, grid of " + std::to_string(kGridBits) + " bits; best of " +
-                     std::to_string(settings.repeats) + ", time of one thread"}};
-  const auto both = [&](const std::string& name, const spm::offline::TriangleMesh& mesh) {
+                 "lossless and compact, grid of " + std::to_string(kGridBits) + " bits; min of " +
+                     std::to_string(settings.repeats) + " CPU times of one thread"}};
+  const auto measure_profiles = [&](const std::string& name, const spm::offline::TriangleMesh& mesh) {
     for (const unsigned grid_bits : {0u, kGridBits}) {
       spm::offline::BuildOptions options;
       options.grid_bits = grid_bits;
@@ -113,10 +115,11 @@ Report run(const Settings& settings) {
     }
   };
   if (!settings.model.empty()) {
-    both(std::filesystem::path{settings.model}.filename().string(), spm::offline::import_mesh(settings.model));
+    measure_profiles(std::filesystem::path{settings.model}.filename().string(),
+                     spm::offline::import_mesh(settings.model));
   } else {
     for (const std::uint32_t faces : {kBunnyFaces, settings.faces}) {
-      both("organ " + std::to_string(faces), generate(spm::offline::Shape::kOrgan, faces, 1));
+      measure_profiles("organ " + std::to_string(faces), generate(spm::offline::Shape::kOrgan, faces, 1));
       if (settings.quick) break;
     }
   }
@@ -128,14 +131,14 @@ Report run(const Settings& settings) {
 
 int main(int argc, char** argv) {
   tactus::bench::Settings settings;
-  tactus::bench::App app{"size", "Bytes of a model part by part, and the speed of its codec",
+  tactus::bench::App app{"size", "Measures the bytes of a model's parts and the speed of the codec",
                          "the smaller organ alone, without bounds on speed, for CI"};
   app.add_option("--model", settings.model, "mesh file of any kind (default: generated organs)")
       ->check(CLI::ExistingFile);
   app.add_option("--faces", settings.faces, "faces of the larger generated organ")
       ->check(CLI::Range(1000u, 200000000u))
       ->capture_default_str();
-  app.add_option("--repeats", settings.repeats, "of which the best counts")->check(CLI::Range(1u, 100u));
+  app.add_option("--repeats", settings.repeats, "runs, of which the min time counts")->check(CLI::Range(1u, 100u));
   return tactus::bench::bench_main(app, argc, argv, [&] {
     settings.quick = app.quick;
     if (app.quick) settings.repeats = 1;

@@ -1,4 +1,4 @@
-/// Wall time of short pieces of work.
+/// Measures wall time.
 #pragma once
 
 #include <chrono>
@@ -7,7 +7,7 @@ namespace tactus::bench {
 
 class Stopwatch {
  public:
-  /// Microseconds since the last lap or the start.
+  /// Returns the time since the last call, or since construction, us.
   double lap() {
     const auto now = std::chrono::steady_clock::now();
     const double us = std::chrono::duration<double, std::micro>(now - last_).count();

@@ -1,5 +1,5 @@
-/// What the benchmarks of prediction and of swift motion have in common: a model at a hand's scale and a hand that
-/// comes from the air and strokes it.
+/// A model at a hand's scale, and the path of a hand that approaches and strokes it, for the benchmarks of prediction
+/// and of swift motion.
 #pragma once
 
 #include <cmath>
@@ -11,12 +11,12 @@
 
 namespace tactus::bench {
 
-constexpr double kBand = 3;             ///< Hz, of the path's curvature
-constexpr double kBendRadius = 0.1;     ///< m, rms
-constexpr double kTipRadius = 0.003;    ///< m, of the tip
-constexpr double kPressDepth = 0.0002;  ///< m
+constexpr double kBand = 3;             ///< bandwidth of the path's curvature, Hz
+constexpr double kBendRadius = 0.1;     ///< 1 divided by the rms of the path's curvature, m
+constexpr double kTipRadius = 0.003;    ///< m
+constexpr double kPressDepth = 0.0002;  ///< depth of the tip in the surface, m
 
-/// A generated organ, or a file, with a mean edge of kHandEdge.
+/// A model file, or a generated organ, with a mean edge length of kHandEdge.
 struct StrokedModel {
   LoadedModel subject;
   spm::FinestTree finest;
@@ -31,7 +31,7 @@ struct StrokedModel {
         finest{subject.model.positions, subject.finest},
         unit{subject.model.summary.metres_per_unit} {}
 
-  /// World frame: the model's, in metres.
+  /// Returns the nearest point of the finest mesh. Model frame, metres.
   [[nodiscard]] spm::Vec3d nearest(const spm::Vec3d& point) const {
     spm::NearestFace found;
     static_cast<void>(finest.tree().nearest(point / unit, 1e12, found));
@@ -40,26 +40,27 @@ struct StrokedModel {
   [[nodiscard]] double distance(const spm::Vec3d& point) const { return (point - nearest(point)).norm(); }
 };
 
-/// The same way with poses `step` apart, however it winds.
-[[nodiscard]] inline std::vector<spm::Vec3d> evenly(const std::vector<spm::Vec3d>& way, double step) {
-  std::vector<spm::Vec3d> poses{way.front()};
+/// Returns points on the polyline `path` whose distances along the polyline are `step`.
+[[nodiscard]] inline std::vector<spm::Vec3d> resample(const std::vector<spm::Vec3d>& path, double step) {
+  std::vector<spm::Vec3d> poses{path.front()};
   double left = step;
-  for (std::size_t i = 1; i < way.size(); ++i) {
-    spm::Vec3d from = way[i - 1];
-    for (double length = (way[i] - from).norm(); length >= left; length = (way[i] - from).norm()) {
-      from += (way[i] - from) * (left / length);
+  for (std::size_t i = 1; i < path.size(); ++i) {
+    spm::Vec3d from = path[i - 1];
+    for (double length = (path[i] - from).norm(); length >= left; length = (path[i] - from).norm()) {
+      from += (path[i] - from) * (left / length);
       poses.push_back(from);
       left = step;
     }
-    left -= (way[i] - from).norm();
+    left -= (path[i] - from).norm();
   }
   return poses;
 }
 
-/// From 5 cm above the model's highest vertex straight down, then a hand's strokes, the tip at `speed` all the time; m.
+/// Returns the path of a tip at constant `speed`, m/s, one pose a cycle of 1 ms, m. The tip moves down from 5 cm above
+/// the model's highest vertex and then strokes the surface. `height`: of lifts, m.
 [[nodiscard]] inline std::vector<spm::Vec3d> surface_motion(const StrokedModel& model, double speed, double height,
                                                             std::uint32_t poses, std::uint64_t seed) {
-  constexpr double kFrom = 0.05;  // m
+  constexpr double kStartHeight = 0.05;  // m
   spm::Vec3d top = spm::Vec3d::Constant(-1e300);
   for (const std::array<float, 3>& p : model.subject.model.positions)
     if (p[2] > top[2]) top = {p[0], p[1], p[2]};
@@ -78,10 +79,10 @@ struct StrokedModel {
                 [&](const spm::Vec3d& point) -> spm::Vec3d { return model.nearest(point * unit) / unit; });
   for (spm::Vec3d& tip : hand) tip *= unit;
   std::vector<spm::Vec3d> path;
-  for (double left = kFrom; left > 0; left -= speed * settings.period)
+  for (double left = kStartHeight; left > 0; left -= speed * settings.period)
     path.push_back(hand.front() + left * spm::Vec3d::UnitZ());
-  const std::vector<spm::Vec3d> even = evenly(hand, speed * settings.period);
-  path.insert(path.end(), even.begin(), even.end());
+  const std::vector<spm::Vec3d> resampled = resample(hand, speed * settings.period);
+  path.insert(path.end(), resampled.begin(), resampled.end());
   path.resize(std::min<std::size_t>(path.size(), poses));
   return path;
 }

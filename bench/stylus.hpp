@@ -1,4 +1,4 @@
-/// The stylus as the benchmarks use it: in the model's unit, its shaft along the surface's lagging normal.
+/// The stylus in a model's file units, and its poses on a surface path. Its shaft points along the smoothed normal.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -9,7 +9,7 @@
 
 namespace tactus::bench {
 
-/// `unit` in metres.
+/// Returns the stylus in units of `unit` metres.
 [[nodiscard]] inline spm::offline::TriangleMesh stylus_in(double unit) {
   spm::offline::TriangleMesh mesh = spm::offline::stylus();
   for (std::array<float, 3>& p : mesh.positions)
@@ -17,7 +17,7 @@ namespace tactus::bench {
   return mesh;
 }
 
-/// Tip on the path. Only the tip is kept out of the surface: the shaft may cut through the model elsewhere.
+/// Returns poses with the tip on the path. The shaft may pass through the model.
 [[nodiscard]] inline std::vector<Eigen::Isometry3d> stylus_poses(const std::vector<SurfacePose>& path) {
   std::vector<Eigen::Isometry3d> poses;
   for (const SurfacePose& pose : path) {

@@ -16,8 +16,8 @@ namespace {
 using spm::kNone;
 using spm::Vec3d;
 
-/// For edge i of face f, from its corner i to the next: the face on the other side, or kNone where there is not exactly
-/// one.
+/// Returns for each face the neighbours across its edges; edge i begins at corner i. kNone if an edge does not have
+/// exactly two faces.
 std::vector<std::array<std::uint32_t, 3>> neighbours(std::span<const std::array<std::uint32_t, 3>> faces) {
   struct Edge {
     std::uint32_t low, high, face, side;
@@ -42,30 +42,31 @@ std::vector<std::array<std::uint32_t, 3>> neighbours(std::span<const std::array<
   return across;
 }
 
-/// A face of the largest part that is connected across edges.
-std::uint32_t face_of_largest_part(const std::vector<std::array<std::uint32_t, 3>>& across) {
+/// Returns a face of the component with the most faces.
+std::uint32_t face_of_largest_component(const std::vector<std::array<std::uint32_t, 3>>& across) {
   std::vector<bool> seen(across.size(), false);
-  std::vector<std::uint32_t> part;
+  std::vector<std::uint32_t> component;
   std::size_t largest = 0;
   std::uint32_t face = 0;
   for (std::uint32_t start = 0; start < across.size(); ++start) {
     if (seen[start]) continue;
-    part.assign(1, start);
+    component.assign(1, start);
     seen[start] = true;
-    for (std::size_t next = 0; next < part.size(); ++next) {
-      for (const std::uint32_t other : across[part[next]]) {
-        if (other == kNone || seen[other]) continue;
-        seen[other] = true;
-        part.push_back(other);
+    for (std::size_t next = 0; next < component.size(); ++next) {
+      for (const std::uint32_t neighbour : across[component[next]]) {
+        if (neighbour == kNone || seen[neighbour]) continue;
+        seen[neighbour] = true;
+        component.push_back(neighbour);
       }
     }
-    if (part.size() <= largest) continue;
-    largest = part.size();
+    if (component.size() <= largest) continue;
+    largest = component.size();
     face = start;
   }
   return face;
 }
 
+/// A point that moves on geodesics of a mesh.
 class Walker {
  public:
   Walker(std::span<const std::array<float, 3>> vertices, std::span<const std::array<std::uint32_t, 3>> faces,
@@ -74,7 +75,7 @@ class Walker {
         faces_{faces},
         across_{neighbours(faces)},
         rng_{seed},
-        face_{face_of_largest_part(across_)} {
+        face_{face_of_largest_component(across_)} {
     point_ = (corner(face_, 0) + corner(face_, 1) + corner(face_, 2)) / 3;
     turn_to_random();
   }
@@ -84,9 +85,9 @@ class Walker {
     return (corner(face_, 1) - corner(face_, 0)).cross(corner(face_, 2) - corner(face_, 0)).normalized();
   }
 
-  /// Goes `length` along the surface.
+  /// Moves the point by `length` along the surface.
   void advance(double length) {
-    constexpr int kMaxCrossings = 1000;  // of edges in one step: more is a walk round a vertex that does not end
+    constexpr int kMaxCrossings = 1000;  // of edges in one step; a point that crosses more circles around a vertex
     constexpr int kMaxTurns = 100;
     for (int turns = 0; turns < kMaxTurns; ++turns) {
       for (int crossings = 0; crossings < kMaxCrossings; ++crossings) {
@@ -101,7 +102,7 @@ class Walker {
       }
       turn_to_random();
     }
-    throw std::runtime_error("surface path: the walk does not leave face " + std::to_string(face_));
+    throw std::runtime_error("surface path: the point cannot leave face " + std::to_string(face_));
   }
 
   /// Turns by `angle` radians about the face's normal.
@@ -120,7 +121,7 @@ class Walker {
     return {p[0], p[1], p[2]};
   }
 
-  /// Unit vector in the plane of `face`, across its edge `side` towards the third corner.
+  /// Returns the unit vector in the plane of `face`, perpendicular to its edge `side`, towards the third corner.
   [[nodiscard]] Vec3d inward(std::uint32_t face, int side) const {
     const Vec3d along = (corner(face, side + 1) - corner(face, side)).normalized();
     const Vec3d to_third = corner(face, side + 2) - corner(face, side);
@@ -141,17 +142,17 @@ class Walker {
 
   void cross(int side) {
     const Vec3d along = (corner(face_, side + 1) - corner(face_, side)).normalized();
-    const double kept = direction_.dot(along);
-    const double through = std::sqrt(std::max(0.0, 1 - kept * kept));
-    const std::uint32_t other = across_[face_][side];
-    if (other == kNone) {
-      direction_ = (along * kept + inward(face_, side) * through).normalized();
+    const double along_edge = direction_.dot(along);
+    const double across_edge = std::sqrt(std::max(0.0, 1 - along_edge * along_edge));
+    const std::uint32_t neighbour = across_[face_][side];
+    if (neighbour == kNone) {
+      direction_ = (along * along_edge + inward(face_, side) * across_edge).normalized();
       return;
     }
     int back = 0;
-    while (across_[other][back] != face_) ++back;
-    face_ = other;
-    direction_ = (along * kept + inward(face_, back) * through).normalized();
+    while (across_[neighbour][back] != face_) ++back;
+    face_ = neighbour;
+    direction_ = (along * along_edge + inward(face_, back) * across_edge).normalized();
   }
 
   void turn_to_random() {
@@ -174,7 +175,7 @@ class BandNoise {
   BandNoise(double band, std::mt19937_64& rng) {
     constexpr double kTwoPi = 2 * 3.14159265358979;
     std::uniform_real_distribution<double> unit{0, 1};
-    for (std::size_t i = 0; i < kTones; ++i)  // one in each of as many bands of equal width
+    for (std::size_t i = 0; i < kTones; ++i)  // one tone in each of kTones bands of equal width
       tones_[i] = {kTwoPi * band * (static_cast<double>(i) + unit(rng)) / kTones, kTwoPi * unit(rng)};
   }
   [[nodiscard]] double operator()(double time) const {
@@ -196,7 +197,7 @@ struct Plane {
   [[nodiscard]] Vec3d project(const Vec3d& point) const { return point - normal * normal.dot(point - mean); }
 };
 
-/// A surface without what is smaller than `reach`: planes fitted to vertices around a point, the near ones count most.
+/// A surface without details smaller than `reach`. Fits a plane to the vertices around a point, weighted by distance.
 class SmoothedSurface {
  public:
   SmoothedSurface(std::span<const std::array<float, 3>> vertices, double reach) : reach_{reach} {
@@ -234,7 +235,7 @@ class SmoothedSurface {
   std::vector<Vec3d> samples_;
 };
 
-constexpr double kHandSmoothing = 8;  // radii: a hand does not follow bumps smaller than this sideways
+constexpr double kHandSmoothing = 8;  // tip radii; a hand moves past smaller bumps along the smoothed surface
 
 }  // namespace
 
@@ -242,7 +243,7 @@ std::vector<SurfacePose> surface_poses(std::span<const std::array<float, 3>> ver
                                        std::span<const std::array<std::uint32_t, 3>> faces,
                                        const PathSettings& settings,
                                        const std::function<double(const Vec3d&)>& distance) {
-  constexpr double kTurnEvery = 5;  // radii; the path's curvature changes that often
+  constexpr double kTurnEvery = 5;  // tip radii between changes of the path's curvature
   Walker walker{vertices, faces, settings.seed};
   std::mt19937_64 rng{settings.seed + 1};
   std::uniform_real_distribution<double> curvature{-0.1 / settings.radius, 0.1 / settings.radius};
@@ -251,7 +252,7 @@ std::vector<SurfacePose> surface_poses(std::span<const std::array<float, 3>> ver
   const auto turn_every = static_cast<std::uint64_t>(std::max(1.0, kTurnEvery * settings.radius / settings.step));
 
   Vec3d normal = walker.normal();
-  const auto centre_here = [&] {
+  const auto centre_above_point = [&] {
     normal = ((1 - smoothing) * normal + smoothing * walker.normal()).normalized();
     Vec3d centre = walker.point() + normal * stand_off;
     for (int i = 0; i < 20; ++i) {
@@ -264,21 +265,21 @@ std::vector<SurfacePose> surface_poses(std::span<const std::array<float, 3>> ver
 
   std::vector<SurfacePose> path;
   path.reserve(settings.poses);
-  Vec3d from = centre_here();
+  Vec3d from = centre_above_point();
   path.push_back({from, normal});
-  double carry = 0;  // length since the last pose
+  double since_last_pose = 0;  // length
   double bend = 0;
   for (std::uint64_t i = 0; path.size() < settings.poses; ++i) {
     if (i % turn_every == 0) bend = curvature(rng);
     walker.turn(bend * settings.step);
     walker.advance(settings.step);
-    const Vec3d to = centre_here();
+    const Vec3d to = centre_above_point();
     const double length = (to - from).norm();
-    double at = settings.step - carry;
+    double at = settings.step - since_last_pose;
     for (; at <= length && path.size() < settings.poses; at += settings.step) {
       path.push_back({from + (to - from) * (at / length), normal});
     }
-    carry = length - (at - settings.step);
+    since_last_pose = length - (at - settings.step);
     from = to;
   }
   return path;
@@ -295,7 +296,7 @@ std::vector<Vec3d> surface_path(std::span<const std::array<float, 3>> vertices,
 std::vector<Vec3d> hand_path(std::span<const std::array<float, 3>> vertices, const Vec3d& start,
                              const HandPathSettings& settings, const std::function<Vec3d(const Vec3d&)>& nearest) {
   constexpr double kLiftBand = 1;      // Hz
-  constexpr double kLiftAbove = 0.43;  // a normal variable is above it a third of the time
+  constexpr double kLiftAbove = 0.43;  // a standard normal variable exceeds this value a third of the time
   std::mt19937_64 rng{settings.seed};
   const BandNoise bend{settings.band, rng}, lift{kLiftBand, rng};
   const double stand_off = settings.radius - settings.depth;

@@ -1,9 +1,9 @@
-/// A tip that follows a mesh's surface at constant speed: the poses that the benchmarks of the cycle are fed with.
+/// Computes paths of a tip on the surface of a mesh, at constant speed, for benchmarks and tests.
 ///
-/// A point walks straight on across faces, unfolding each edge, turns slowly at random, and turns back at borders and
-/// non-manifold edges. The tip's centre stands off the surface so that the ball is `depth` deep, along a normal
-/// smoothed over the ball's size; where walls are near, it is moved out until it is no deeper. Then the centres are
-/// spaced evenly. File units.
+/// A point moves on a geodesic across the faces, changes its direction slowly at random, and turns back at borders and
+/// non-manifold edges. The tip's centre lies above the point, along a normal that is smoothed over the tip's radius, so
+/// that the tip is `depth` deep. Where another part of the surface is nearer, the centre moves out along the normal
+/// until the tip is no deeper than `depth`. Finally, the centres are resampled at equal distances. File units.
 #pragma once
 
 #include <array>
@@ -18,24 +18,24 @@ namespace tactus::bench {
 
 struct PathSettings {
   double radius = 0;  ///< of the tip
-  double depth = 0;   ///< how deep the ball is in the surface
-  double step = 0;    ///< distance of the centre from one pose to the next
+  double depth = 0;   ///< depth of the tip in the surface
+  double step = 0;    ///< distance between the centres of successive poses
   std::uint32_t poses = 0;
   std::uint64_t seed = 1;
 };
 
 struct SurfacePose {
-  spm::Vec3d centre;
-  spm::Vec3d normal;  ///< unit, of the surface, smoothed over the ball's size along the path: it lags a little
+  spm::Vec3d centre;  ///< of the tip
+  spm::Vec3d normal;  ///< unit normal of the surface, a moving average over about a tip radius of the path before
 };
 
-/// `distance` gives the distance to the mesh. Allocates. Throws std::runtime_error when the walk gets stuck in
-/// a needle too thin to be left.
+/// Returns `settings.poses` poses. `distance` returns the distance from a point to the mesh. Allocates. Throws
+/// std::runtime_error if the point cannot leave a face that is too thin.
 [[nodiscard]] std::vector<SurfacePose> surface_poses(std::span<const std::array<float, 3>> vertices,
                                                      std::span<const std::array<std::uint32_t, 3>> faces,
                                                      const PathSettings& settings,
                                                      const std::function<double(const spm::Vec3d&)>& distance);
-/// The centres alone.
+/// Returns only the centres of surface_poses.
 [[nodiscard]] std::vector<spm::Vec3d> surface_path(std::span<const std::array<float, 3>> vertices,
                                                    std::span<const std::array<std::uint32_t, 3>> faces,
                                                    const PathSettings& settings,
@@ -43,20 +43,21 @@ struct SurfacePose {
 
 struct HandPathSettings {
   double radius = 0;       ///< of the tip
-  double depth = 0;        ///< how deep the ball is in the surface while it touches
-  double speed = 0;        ///< units/s sideways, constant
-  double bend_radius = 0;  ///< rms of the path's curvature is one over this
-  double band = 3;         ///< Hz; the curvature has a flat spectrum in time up to here and nothing above
-  double period = 0.001;   ///< s from one pose to the next
-  double height = 0;       ///< the tip lifts off about this far for a third of the time; 0: never
+  double depth = 0;        ///< depth of the tip in the surface during contact
+  double speed = 0;        ///< speed along the smoothed surface, units/s
+  double bend_radius = 0;  ///< 1 divided by the rms of the path's curvature
+  double band = 3;         ///< bandwidth of the curvature as a function of time, Hz
+  double period = 0.001;   ///< time between successive poses, s
+  double height = 0;       ///< scale of the lifts, which take a third of the time; 0: no lifts
   std::uint32_t poses = 0;
   std::uint64_t seed = 1;
 };
 
-/// A hand that strokes the surface. Sideways it moves at constant speed on a path whose curvature is a random function
-/// of time with a limited band, in the plane of the surface as it is without its bumps; across that plane the tip goes
-/// up and down as the surface below it does. From `start`, anywhere outside. `nearest` gives the nearest point of the
-/// mesh. The same settings give the same path.
+/// Returns the centres of a tip in a hand that strokes the surface.
+///
+/// The hand moves at constant speed along the smoothed surface. The curvature of its path is a band-limited random
+/// function of time. Perpendicular to the smoothed surface, the tip follows the mesh. `start`: any point outside the
+/// mesh. `nearest` returns the nearest point of the mesh. The same settings give the same path.
 [[nodiscard]] std::vector<spm::Vec3d> hand_path(std::span<const std::array<float, 3>> vertices, const spm::Vec3d& start,
                                                 const HandPathSettings& settings,
                                                 const std::function<spm::Vec3d(const spm::Vec3d&)>& nearest);

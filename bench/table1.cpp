@@ -1,7 +1,7 @@
-// The paper's Table 1, models and their base meshes, beside what this project makes of the same.
+// Compares the models and base meshes of the paper's Table 1 with those that this project builds.
 //
-// The paper's models: a sphere of 4,096 faces, the cow, and a Stanford bunny of 37,576 faces. Without --cow and --bunny
-// generated organs of the same sizes stand in for these two.
+// The paper's models are a sphere of 4,096 faces, the cow, and a Stanford bunny of 37,576 faces. Without --cow and
+// --bunny, generated organs of the same sizes replace the cow and the bunny.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
@@ -29,7 +29,7 @@ struct Settings {
   bool quick = false;
 };
 
-/// What the paper's table says, as far as it is used here.
+/// Values of the paper's table.
 struct PaperRow {
   const char* name;
   std::uint32_t vertices, faces, base_vertices, base_faces;
@@ -39,10 +39,11 @@ constexpr PaperRow kCow{"cow", 2904, 5804, 355, 706};
 constexpr PaperRow kBunny{"bunny", 20000, 37576, 1406, 500};
 constexpr std::uint32_t kCowHeight = 12;
 
-/// Vertices, edges with one face, and Euler's number of a mesh, computed from its faces.
+/// Topology of a mesh, computed from its faces.
 struct Topology {
-  std::uint32_t vertices = 0, border = 0;
-  std::int64_t euler = 0;
+  std::uint32_t vertices = 0;      // used by a face
+  std::uint32_t border_edges = 0;  // edges with one face
+  std::int64_t euler = 0;          // Euler characteristic: vertices - edges + faces
 };
 
 Topology topology(const std::vector<std::array<std::uint32_t, 3>>& faces) {
@@ -56,14 +57,14 @@ Topology topology(const std::vector<std::array<std::uint32_t, 3>>& faces) {
   std::sort(used.begin(), used.end());
   Topology t;
   t.vertices = static_cast<std::uint32_t>(std::unique(used.begin(), used.end()) - used.begin());
-  for (const auto& edge : edges) t.border += edge.second == 1 ? 1 : 0;
+  for (const auto& edge : edges) t.border_edges += edge.second == 1 ? 1 : 0;
   t.euler =
       std::int64_t{t.vertices} - static_cast<std::int64_t>(edges.size()) + static_cast<std::int64_t>(faces.size());
   return t;
 }
 
-/// Vertices that a file holds. The importer gives each face of an .obj file corners of its own and knows no others, so
-/// that these are counted here.
+/// Returns the number of vertices in a file. The importer splits the vertices of an .obj file by face and drops unused
+/// ones. Therefore this function counts them in the file.
 std::uint32_t vertices_in(const std::string& file, const TriangleMesh& imported) {
   const bool obj = file.size() > 4 && file.compare(file.size() - 4, 4, ".obj") == 0;
   if (!obj) return static_cast<std::uint32_t>(imported.positions.size());
@@ -73,13 +74,13 @@ std::uint32_t vertices_in(const std::string& file, const TriangleMesh& imported)
   return count;
 }
 
-std::uint32_t binary_height(std::uint32_t leaves) {
+std::uint32_t binary_tree_height(std::uint32_t leaves) {
   std::uint32_t height = 0;
   while ((std::uint64_t{1} << height) < leaves) ++height;
   return height;
 }
 
-/// One model of the table; says what is in the file and what becomes of it.
+/// One model of the table, with the results of this project.
 struct ModelRow {
   PaperRow paper;
   std::string source;
@@ -88,7 +89,7 @@ struct ModelRow {
   Topology finest, base;
 };
 
-ModelRow make(const PaperRow& paper, TriangleMesh mesh, const std::string& file) {
+ModelRow build(const PaperRow& paper, TriangleMesh mesh, const std::string& file) {
   const std::string source = file.empty() ? "generated" : file;
   ModelRow row{paper, source, vertices_in(file, mesh), {}, {}, {}};
   spm::offline::BuildOptions options;
@@ -102,46 +103,47 @@ ModelRow make(const PaperRow& paper, TriangleMesh mesh, const std::string& file)
   return row;
 }
 
-void print(Report& report, const ModelRow& row) {
-  const std::string paper = std::string{row.paper.name} + ", paper", today = std::string{row.paper.name} + ", today";
+void add_rows(Report& report, const ModelRow& row) {
+  const std::string paper = std::string{row.paper.name} + ", paper",
+                    built = std::string{row.paper.name} + ", built here";
   const spm::ModelSummary& s = row.summary;
-  const auto both = [&](const char* name, std::uint32_t theirs, std::uint32_t ours) {
-    report.figure(name, paper, "", theirs);
-    report.figure(name, today, "", ours);
+  const auto add_both = [&](const char* name, std::uint32_t paper_value, std::uint32_t built_value) {
+    report.figure(name, paper, "", paper_value);
+    report.figure(name, built, "", built_value);
   };
-  both("vertices, in the file", row.paper.vertices, row.file_vertices);
-  report.figure("vertices that a face uses", today, "", s.vertices);
-  both("faces", row.paper.faces, s.faces);
-  both("base vertices", row.paper.base_vertices, s.base_vertices);
-  both("base faces", row.paper.base_faces, s.base_faces);
-  both("vertex splits", row.paper.vertices - row.paper.base_vertices, s.records);
-  report.figure("tree height, 8 wide", today, "", spm::offline::tree_size(s.faces, 8).levels);
-  report.figure("tree height, binary", today, "", binary_height(s.faces));
-  report.at_most(std::string{row.paper.name} + ": vertices - base vertices - splits", today, "",
+  add_both("vertices in the file", row.paper.vertices, row.file_vertices);
+  report.figure("vertices used by a face", built, "", s.vertices);
+  add_both("faces", row.paper.faces, s.faces);
+  add_both("base vertices", row.paper.base_vertices, s.base_vertices);
+  add_both("base faces", row.paper.base_faces, s.base_faces);
+  add_both("vertex splits", row.paper.vertices - row.paper.base_vertices, s.records);
+  report.figure("height of a tree with 8 children a node", built, "", spm::offline::tree_size(s.faces, 8).levels);
+  report.figure("height of a binary tree", built, "", binary_tree_height(s.faces));
+  report.at_most(std::string{row.paper.name} + ": vertices - base vertices - vertex splits", built, "",
                  std::abs(double(s.vertices) - s.base_vertices - s.records), 0);
 }
 
-/// Why 500 faces of the paper's bunny have 1,406 vertices. V = F / 2 + B / 2 + X, with B border edges and Euler's
-/// number X, holds for every surface whose edges have one face or two.
+/// Explains why the base mesh of the paper's bunny has 1,406 vertices for 500 faces. V = F / 2 + B / 2 + X, with B
+/// border edges and Euler characteristic X, holds for every surface whose edges have one face or two.
 void explain_bunny(Report& report, const ModelRow& row) {
   const std::uint32_t unused = row.file_vertices - row.summary.vertices;
-  const auto border_of = [&](double vertices, double faces) {
+  const auto border_edges_of = [&](double vertices, double faces) {
     return 2 * (vertices - faces / 2 - static_cast<double>(row.finest.euler));
   };
   const double base_used = double(kBunny.base_vertices) - unused, used = double(kBunny.vertices) - unused;
   char text[512];
   std::snprintf(
       text, sizeof text,
-      "The bunny's 1,406 base vertices: a base of 500 faces needs about 250. The file here has %u vertices that no "
-      "face uses. Taken off, the paper's\nbunny has %.0f vertices for its 37,576 faces, which is a border of "
-      "%.0f edges (this file: %u), and its base has %.0f vertices,\na border of %.0f edges (here: %u). "
-      "So the unreferenced vertices were counted; import drops them here.",
-      unused, used, border_of(used, kBunny.faces), row.finest.border, base_used,
-      border_of(base_used, kBunny.base_faces), row.base.border);
+      "The bunny's 1,406 base vertices: a base mesh of 500 faces needs about 250. This file has %u vertices that no "
+      "face uses. Without them, the paper's\nbunny has %.0f vertices for its 37,576 faces and thus a border of "
+      "%.0f edges (this file: %u). Its base mesh has %.0f vertices and thus\na border of %.0f edges (here: %u). "
+      "The paper therefore counted the unused vertices. This project drops them on import.",
+      unused, used, border_edges_of(used, kBunny.faces), row.finest.border_edges, base_used,
+      border_edges_of(base_used, kBunny.base_faces), row.base.border_edges);
   report.note(text);
-  report.figure("base vertices and unreferenced ones", "bunny, today", "", row.summary.base_vertices + unused);
+  report.figure("base vertices plus unused vertices", "bunny, built here", "", row.summary.base_vertices + unused);
   report.at_most(
-      "bunny: base vertices and unreferenced ones, off the paper's 1,406 by", "bunny, today", "%",
+      "bunny: base vertices plus unused vertices, difference from the paper's 1,406", "bunny, built here", "%",
       100 * std::abs(double(row.summary.base_vertices) + unused - kBunny.base_vertices) / kBunny.base_vertices, 5);
 }
 
@@ -150,28 +152,29 @@ void explain_cow(Report& report, const ModelRow& row) {
   char text[320];
   std::snprintf(
       text, sizeof text,
-      "The cow's tree height of %u: %u faces, one a leaf, need a binary tree of height %u (2^12 = 4,096 leaves are too "
-      "few). With up to two\nfaces a leaf there are %u leaves, and height %u is enough. Here: 8 children, one face "
-      "a leaf, height %u.",
-      kCowHeight, row.summary.faces, binary_height(row.summary.faces), pairs, binary_height(pairs),
+      "The cow's tree height of %u: %u faces with one face a leaf need a binary tree of height %u (2^12 = 4,096 leaves "
+      "are too few). With two\nfaces a leaf, there are %u leaves, and height %u is enough. This project: 8 children a "
+      "node, one face a leaf, height %u.",
+      kCowHeight, row.summary.faces, binary_tree_height(row.summary.faces), pairs, binary_tree_height(pairs),
       spm::offline::tree_size(row.summary.faces, 8).levels);
   report.note(text);
-  report.at_most("cow: height with two faces a leaf, off the paper's 12 by", "cow, today", "",
-                 std::abs(double(binary_height(pairs)) - kCowHeight), 0);
+  report.at_most("cow: height of a binary tree with two faces a leaf, difference from the paper's 12",
+                 "cow, built here", "", std::abs(double(binary_tree_height(pairs)) - kCowHeight), 0);
 }
 
 Report run(const Settings& settings) {
   using namespace spm::offline;
   const auto model = [](const PaperRow& paper, const std::string& file) {
-    return make(paper, file.empty() ? generate(Shape::kOrgan, paper.faces, 1) : import_mesh(file), file);
+    return build(paper, file.empty() ? generate(Shape::kOrgan, paper.faces, 1) : import_mesh(file), file);
   };
-  const ModelRow sphere = make(kSphere, generate(Shape::kSphere, kSphere.faces), "");
+  const ModelRow sphere = build(kSphere, generate(Shape::kSphere, kSphere.faces), "");
   const ModelRow cow = model(kCow, settings.cow);
   const ModelRow bunny = model(kBunny, settings.bunny);
   Report report{{"sphere: " + sphere.source + "; cow: " + cow.source + "; bunny: " + bunny.source, bunny.summary.digest,
                  bunny.summary.faces, "base meshes of the paper's size"}};
-  for (const ModelRow* row : {&sphere, &cow, &bunny}) print(report, *row);
-  report.at_most("sphere: base vertices", "sphere, today", "", sphere.summary.base_vertices, kSphere.base_vertices);
+  for (const ModelRow* row : {&sphere, &cow, &bunny}) add_rows(report, *row);
+  report.at_most("sphere: base vertices", "sphere, built here", "", sphere.summary.base_vertices,
+                 kSphere.base_vertices);
   explain_cow(report, cow);
   if (!settings.bunny.empty()) explain_bunny(report, bunny);
   return report;
@@ -182,10 +185,11 @@ Report run(const Settings& settings) {
 
 int main(int argc, char** argv) {
   tactus::bench::Settings settings;
-  tactus::bench::App app{"table1", "The paper's Table 1 beside today's models", "no difference: it takes a second"};
-  app.add_option("--cow", settings.cow, "the cow's file (default: a generated organ of its size)")
+  tactus::bench::App app{"table1", "Compares the models of the paper's Table 1 with those that this project builds",
+                         "changes nothing"};
+  app.add_option("--cow", settings.cow, "file of the cow (default: a generated organ of the same size)")
       ->check(CLI::ExistingFile);
-  app.add_option("--bunny", settings.bunny, "a Stanford bunny's file (default: as for the cow)")
+  app.add_option("--bunny", settings.bunny, "file of a Stanford bunny (default: a generated organ of the same size)")
       ->check(CLI::ExistingFile);
   return tactus::bench::bench_main(app, argc, argv, [&] { return tactus::bench::run(settings); });
 }

@@ -1,7 +1,9 @@
-// A stylus of 720 triangles with six degrees of freedom, slid, turned, tapped and pressed over a scan.
+// Moves a stylus of 720 triangles with six degrees of freedom over a scan. The stylus slides, rotates, taps and
+// presses.
 //
-// What judges is not what steers: exact pairs of triangles on the full mesh at every cycle and half-way between, FCL's
-// in a sample, and, when any pair meets, how deep the tool's surface is below the mesh.
+// Checks the poses of the tool with code that the tool does not use. In each cycle and midway between cycles, it
+// searches for intersecting triangles of stylus and full mesh. If there are any, it measures the depth of the stylus'
+// surface below the mesh. In a sample of cycles, FCL searches for intersecting triangles, too.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
@@ -37,18 +39,18 @@ struct Settings {
   double depth = 0.03;  // m
   double friction = 0.3;
   haptics::ToolGrip grip;
-  double deadline_us = 400;  // by which the HRTC refines
+  double deadline_us = 400;  // of the HRTC's cycle
   double pool_share = 0.5;
-  std::uint32_t delay = 2;  // cycles that demands and records are under way, each
+  std::uint32_t delay_cycles = 2;  // of demands, and of records
   std::uint64_t seed = 1;
-  bool refined = false;
+  bool with_refined = false;  // also measures a refined mesh
   bool quick = false;
 };
 
-/// How far the tool is in the mesh, by all that the tool's own code does not use.
-class Judge {
+/// Measures how deep the tool is in the finest mesh, independently of the tool's code.
+class DepthChecker {
  public:
-  Judge(const LoadedModel& subject, const spm::offline::TriangleMesh& stylus, const spm::MeshProbe& probe)
+  DepthChecker(const LoadedModel& subject, const spm::offline::TriangleMesh& stylus, const spm::MeshProbe& probe)
       : unit_{subject.model.summary.metres_per_unit},
         finest_{subject.model.positions, subject.finest},
         full_{subject.model.positions, subject.finest, hrtc_service::Placement{{}, unit_}, 0.001},
@@ -57,8 +59,8 @@ class Judge {
         fcl_stylus_{stylus.positions, stylus.faces},
         placed_{probe},
         contacts_(1u << 16) {
-    // Corners, and points between them no further apart than this.
-    constexpr double kSpacing = 0.00025;
+    // Corners, and points between them at distances of at most this.
+    constexpr double kSpacing = 0.00025;  // m
     for (const auto& face : stylus.faces) {
       const auto corner = [&](std::size_t i) {
         const auto& p = stylus.positions[face[i]];
@@ -71,23 +73,23 @@ class Judge {
     }
   }
 
-  /// m; 0 when no triangle of the tool meets one of the mesh.
+  /// Returns the max depth of the tool below the mesh, m. Returns 0 if no triangles intersect.
   double depth(const haptics::ToolPose& pose) {
     placed_.place(in_model(pose), 1 / unit_);
     const spm::MeshTouch touch = placed_.touching(finest_.tree(), contacts_.data(), 1u << 16);
     if (touch.contacts == 0) return 0;
-    double deepest = 0;
+    double max_depth = 0;
     for (std::uint32_t i = 0; i < std::min(touch.contacts, 1u << 16); ++i)
-      deepest = std::max(deepest, contacts_[i].depth * unit_);
+      max_depth = std::max(max_depth, contacts_[i].depth * unit_);
     for (const Vec3d& sample : samples_) {
       haptics::SurfaceHit hit;
       const Vec3d at = pose.position + pose.orientation * sample;
-      if (full_.closest(at, 0.003, hit) && hit.sided) deepest = std::max(deepest, -hit.distance);
+      if (full_.closest(at, 0.003, hit) && hit.sided) max_depth = std::max(max_depth, -hit.distance);
     }
-    return deepest;
+    return max_depth;
   }
-  /// Pairs that meet, by FCL.
-  std::size_t by_fcl(const haptics::ToolPose& pose) {
+  /// Returns the number of intersecting pairs of triangles, by FCL.
+  std::size_t fcl_pairs(const haptics::ToolPose& pose) {
     const Eigen::Isometry3d at = in_model(pose);
     std::vector<std::array<float, 3>> moved;
     for (const auto& p : stylus_.positions) {
@@ -121,38 +123,46 @@ class Judge {
   std::vector<std::array<std::uint32_t, 2>> pairs_;
 };
 
-haptics::ToolPose between(const haptics::ToolPose& a, const haptics::ToolPose& b) {
+/// Returns the pose midway between `a` and `b`.
+haptics::ToolPose midway(const haptics::ToolPose& a, const haptics::ToolPose& b) {
   return {(a.position + b.position) / 2, a.orientation.slerp(0.5, b.orientation)};
 }
 
+/// Results of one path on one mesh.
 struct Outcome {
-  Samples cpu, wall, refining, changes, loader, work, contacts, force_step, torque_step;
-  double deepest = 0, energy = 0, lowest = 0;
-  std::uint64_t cycles = 0, touching = 0, lagging = 0, dropped = 0, meeting = 0, exact = 0, spent = 0;
-  std::uint64_t by_fcl = 0, fcl_meeting = 0;
+  Samples cpu_us, wall_us, refinement_us, loader_us;
+  Samples changes, work, contacts;        // of each cycle
+  Samples force_step_n, torque_step_mnm;  // change from cycle to cycle while the device rests, N and mN m
+  double max_depth = 0;                   // m
+  double energy = 0, min_energy = 0;      // that the port of the hand received, J
+  std::uint64_t cycles = 0, contact_cycles = 0, exact_cycles = 0, lagging_cycles = 0, budget_cycles = 0;
+  std::uint64_t dropped_contacts = 0;
+  std::uint64_t fcl_cycles = 0, fcl_intersecting_cycles = 0;
 };
 
-enum class On { kFullRate, kWholeAsIfChanging, kRefined };
+/// Mesh on which the tool moves. With kWholeAsIfChanged, the tool takes the mesh as changed in each cycle, so that it
+/// reuses nothing from the cycle before.
+enum class Mesh { kWhole, kWholeAsIfChanged, kRefined };
 
-/// An HRTC at a host that keeps the mesh fine along the tool, as a service has it.
-class Refined {
+/// An HRTC and its host. The HRTC refines the mesh along the tool.
+class RefinedTool {
  public:
-  Refined(const Settings& settings, const LoadedModel& subject, const spm::MeshProbe& probe,
-          const haptics::ToolPose& from)
+  RefinedTool(const Settings& settings, const LoadedModel& subject, const spm::MeshProbe& probe,
+              const haptics::ToolPose& from)
       : run_{subject.model, subject.model.summary.metres_per_unit, settings_of(settings, subject, probe)},
         governor_{std::llround(settings.deadline_us * 1e3)} {
     run_.settle(from.position);
-    // The first regions come while the tool is still away.
+    // The first regions arrive while the tool rests at `from`.
     for (int i = 0; i < 400; ++i) step(from, from);
   }
-  /// The haptic thread's part; CPU time, us.
+  /// Runs a cycle. Times the haptic thread's part.
   void step(const haptics::ToolPose& before, const haptics::ToolPose& device) {
     run_.prepare(device.position, (device.position - before.position) / kPeriod, device.orientation);
     const double began = thread_cpu_us();
     Stopwatch watch;
     result_ = &run_.cycle(governor_.limit());
-    wall_ = watch.lap();
-    cpu_ = thread_cpu_us() - began;
+    wall_us_ = watch.lap();
+    cpu_us_ = thread_cpu_us() - began;
     const hrtc_service::CycleCosts& costs = result_->costs;
     if (costs.foreseen > 0)
       governor_.observe(costs.visits * spm::Budget::kVisit + costs.changes * spm::Budget::kChange, costs.refit,
@@ -160,9 +170,9 @@ class Refined {
   }
   [[nodiscard]] const hrtc_service::CycleResult& result() const { return *result_; }
   [[nodiscard]] const haptics::ToolResult& tool() { return run_.haptic().tool(0)->last(); }
-  [[nodiscard]] double cpu() const { return cpu_; }
-  [[nodiscard]] double wall() const { return wall_; }
-  [[nodiscard]] double loader() const { return run_.loader_us(); }
+  [[nodiscard]] double cpu_us() const { return cpu_us_; }
+  [[nodiscard]] double wall_us() const { return wall_us_; }
+  [[nodiscard]] double loader_us() const { return run_.loader_us(); }
 
  private:
   static SessionSettings settings_of(const Settings& settings, const LoadedModel& subject,
@@ -172,30 +182,30 @@ class Refined {
     session.cycle.tool = session.loader.tool = &probe;
     session.material = {settings.grip.stiffness, 1, settings.friction, settings.friction};
     session.device.max_torque = session.cycle.force.max_torque;
-    session.delay_cycles = settings.delay;
+    session.delay_cycles = settings.delay_cycles;
     return session;
   }
 
   SessionRun run_;
   hrtc_service::Governor governor_;
   const hrtc_service::CycleResult* result_ = nullptr;
-  double cpu_ = 0, wall_ = 0;
+  double cpu_us_ = 0, wall_us_ = 0;
 };
 
-/// On a mesh that stays, on one of which nothing is known from the last cycle, or on one that an HRTC refines.
-Outcome slide(const Settings& settings, const LoadedModel& subject, const std::vector<ToolPathPose>& path,
-              const spm::MeshProbe& probe, On on, Judge& judge) {
-  constexpr std::size_t kByFcl = 20;  // every so many cycles
+/// Moves the tool along `path` on the mesh of kind `mesh`, then checks its poses.
+Outcome move_tool(const Settings& settings, const LoadedModel& subject, const std::vector<ToolPathPose>& path,
+                  const spm::MeshProbe& probe, Mesh mesh, DepthChecker& checker) {
+  constexpr std::size_t kFclEvery = 20;  // cycles
   Outcome outcome;
   haptics::Tool tool{probe};
   tool.set_grip(settings.grip);
   haptics::ToolObject object;
-  object.tree = &judge.tree();
+  object.tree = &checker.tree();
   object.scale = subject.model.summary.metres_per_unit;
   object.friction = settings.friction;
   haptics::ToolPose device_before = path.front().device;
-  std::optional<Refined> refined;
-  if (on == On::kRefined) refined.emplace(settings, subject, probe, device_before);
+  std::optional<RefinedTool> refined;
+  if (mesh == Mesh::kRefined) refined.emplace(settings, subject, probe, device_before);
   Vec3d force = Vec3d::Zero(), torque = Vec3d::Zero();
   std::vector<haptics::ToolPose> poses;
   poses.reserve(path.size());
@@ -204,93 +214,100 @@ Outcome slide(const Settings& settings, const LoadedModel& subject, const std::v
     if (refined) {
       refined->step(device_before, device);
       const hrtc_service::CycleResult& result = refined->result();
-      outcome.refining.add((result.costs.refine + result.costs.refit) * 1e-3);
+      outcome.refinement_us.add((result.costs.refine + result.costs.refit) * 1e-3);
       outcome.changes.add(result.costs.changes);
-      outcome.loader.add(refined->loader());
-      outcome.wall.add(refined->wall());
-      outcome.cpu.add(refined->cpu());
+      outcome.loader_us.add(refined->loader_us());
+      outcome.wall_us.add(refined->wall_us());
+      outcome.cpu_us.add(refined->cpu_us());
       const std::uint32_t status = result.probes[0].status;
-      if ((status & session::kInContact) != 0) outcome.exact += (status & session::kExact) != 0 ? 1 : 0;
-      outcome.spent += result.budget_spent ? 1 : 0;
+      if ((status & session::kInContact) != 0) outcome.exact_cycles += (status & session::kExact) != 0 ? 1 : 0;
+      outcome.budget_cycles += result.budget_spent ? 1 : 0;
     } else {
       const double began = thread_cpu_us();
       Stopwatch watch;
-      tool.step(device, kPeriod, {&object, 1}, on != On::kFullRate || i == 0);
-      outcome.wall.add(watch.lap());
-      outcome.cpu.add(thread_cpu_us() - began);
+      tool.step(device, kPeriod, {&object, 1}, mesh != Mesh::kWhole || i == 0);
+      outcome.wall_us.add(watch.lap());
+      outcome.cpu_us.add(thread_cpu_us() - began);
     }
     const haptics::ToolResult& at = refined ? refined->tool() : tool.last();
 
     ++outcome.cycles;
-    outcome.touching += at.in_contact ? 1 : 0;
-    outcome.lagging += at.lagging ? 1 : 0;
-    outcome.dropped += at.dropped;
+    outcome.contact_cycles += at.in_contact ? 1 : 0;
+    outcome.lagging_cycles += at.lagging ? 1 : 0;
+    outcome.dropped_contacts += at.dropped;
     outcome.contacts.add(at.contacts);
     outcome.work.add(at.work);
     poses.push_back(at.pose);
 
-    // What the port took from the hand since the last pose: exact, as a wrench is held for a cycle.
+    // Energy from the hand since the last pose. The wrench is constant during a cycle, so that this product is exact.
     outcome.energy -= force.dot(device.position - device_before.position) +
                       torque.dot(haptics::log_map(device.orientation * device_before.orientation.conjugate()));
-    outcome.lowest = std::min(outcome.lowest, outcome.energy);
+    outcome.min_energy = std::min(outcome.min_energy, outcome.energy);
     const Vec3d force_before = force, torque_before = torque;
     force = settings.grip.stiffness * at.displacement;
     torque = settings.grip.rotational_stiffness * at.rotation;
     if (path[i].at_rest && at.in_contact) {
-      outcome.force_step.add((force - force_before).norm());
-      outcome.torque_step.add((torque - torque_before).norm() * 1e3);
+      outcome.force_step_n.add((force - force_before).norm());
+      outcome.torque_step_mnm.add((torque - torque_before).norm() * 1e3);
     }
     device_before = device;
   }
-  // Apart from what is timed, which would find its memory gone from the caches.
+  // The checks come last, since they would evict the data of the timed code from the CPU caches.
   for (std::size_t i = 0; i < poses.size(); ++i) {
-    const double depth = std::max(judge.depth(poses[i]), i == 0 ? 0 : judge.depth(between(poses[i - 1], poses[i])));
-    outcome.deepest = std::max(outcome.deepest, depth);
-    outcome.meeting += depth > 0 ? 1 : 0;
-    if (i % kByFcl != 0) continue;
-    ++outcome.by_fcl;
-    outcome.fcl_meeting += judge.by_fcl(poses[i]) > 0 ? 1 : 0;
+    const double depth = std::max(checker.depth(poses[i]), i == 0 ? 0 : checker.depth(midway(poses[i - 1], poses[i])));
+    outcome.max_depth = std::max(outcome.max_depth, depth);
+    if (i % kFclEvery != 0) continue;
+    ++outcome.fcl_cycles;
+    outcome.fcl_intersecting_cycles += checker.fcl_pairs(poses[i]) > 0 ? 1 : 0;
   }
   return outcome;
 }
 
-void note(Outcome& outcome, const std::string& on, Report& report) {
-  report.row("cycle, CPU time", on, "us", outcome.cpu);
-  report.row("cycle, wall time", on, "us", outcome.wall);
-  if (outcome.refining.size() > 0) {
-    report.row("  of that, refinement and refit", on, "us", outcome.refining);
-    report.row("records split and collapsed in a cycle", on, "", outcome.changes);
-    report.row("loader's tick, CPU time", on, "us", outcome.loader);
+void add_rows(Outcome& outcome, const std::string& mesh, Report& report) {
+  report.row("CPU time of a cycle", mesh, "us", outcome.cpu_us);
+  report.row("wall time of a cycle", mesh, "us", outcome.wall_us);
+  if (outcome.refinement_us.size() > 0) {
+    report.row("time of refinement and refit in a cycle", mesh, "us", outcome.refinement_us);
+    report.row("records split and collapsed in a cycle", mesh, "", outcome.changes);
+    report.row("CPU time of the loader's tick", mesh, "us", outcome.loader_us);
   }
-  report.row("work of the tool", on, "", outcome.work);
-  report.row("contacts that press", on, "", outcome.contacts);
-  report.row("force's step in 1 ms at rest", on, "N", outcome.force_step);
-  report.row("torque's step in 1 ms at rest", on, "mN m", outcome.torque_step);
+  report.row("work of the tool", mesh, "", outcome.work);
+  report.row("contacts with a force", mesh, "", outcome.contacts);
+  report.row("change of the force in a cycle while the device rests", mesh, "N", outcome.force_step_n);
+  report.row("change of the torque in a cycle while the device rests", mesh, "mN m", outcome.torque_step_mnm);
   const auto share = [&](std::uint64_t part) {
     return 100.0 * static_cast<double>(part) / static_cast<double>(outcome.cycles);
   };
-  report.figure("cycles in contact", on, "%", share(outcome.touching));
-  if (outcome.refining.size() > 0) {
-    report.figure("cycles whose time to refine was over first", on, "%", share(outcome.spent));
-    report.at_least("cycles in contact with the finest mesh all along the tool", {on, outcome.touching}, "%",
-                    100.0 * static_cast<double>(outcome.exact) / static_cast<double>(outcome.touching), 99);
+  report.figure("contact cycles divided by cycles", mesh, "%", share(outcome.contact_cycles));
+  if (outcome.refinement_us.size() > 0) {
+    report.figure("cycles whose refinement ended at the deadline, divided by cycles", mesh, "%",
+                  share(outcome.budget_cycles));
+    report.at_least("exact contact cycles divided by contact cycles", {mesh, outcome.contact_cycles}, "%",
+                    100.0 * static_cast<double>(outcome.exact_cycles) / static_cast<double>(outcome.contact_cycles),
+                    99);
   }
-  report.figure("cycles in which the tool did not get where it was pulled", on, "%", share(outcome.lagging));
-  report.figure("contacts without room", on, "", static_cast<double>(outcome.dropped));
-  report.figure("energy that the port took", on, "J", outcome.energy);
-  report.figure("cycles looked at by FCL", on, "", static_cast<double>(outcome.by_fcl));
-  report.at_most("interpenetration", {on, outcome.cpu.size()}, "mm", outcome.deepest * 1e3, 0.05);
-  report.at_most("cycles in which FCL finds triangles that meet", on, "", static_cast<double>(outcome.fcl_meeting), 0);
-  report.at_most("cycle, p99.9, CPU time", {on, outcome.cpu.size()}, "us", outcome.cpu.percentile(0.999), 500);
-  report.at_most("force's step in 1 ms at rest", {on, outcome.force_step.size()}, "N", outcome.force_step.max(), 0.05);
-  report.at_least("energy of the port, lowest", {on, outcome.cpu.size()}, "J", outcome.lowest, -1e-6);
+  report.figure("cycles in which the tool lags behind its target, divided by cycles", mesh, "%",
+                share(outcome.lagging_cycles));
+  report.figure("contacts dropped over the capacity", mesh, "", static_cast<double>(outcome.dropped_contacts));
+  report.figure("energy that the port of the hand received", mesh, "J", outcome.energy);
+  report.figure("cycles checked by FCL", mesh, "", static_cast<double>(outcome.fcl_cycles));
+  report.at_most("max depth of the tool in the mesh", {mesh, outcome.cpu_us.size()}, "mm", outcome.max_depth * 1e3,
+                 0.05);
+  report.at_most("cycles in which FCL finds intersecting triangles", {mesh, outcome.fcl_cycles}, "",
+                 static_cast<double>(outcome.fcl_intersecting_cycles), 0);
+  report.at_most("CPU time of a cycle, p99.9", {mesh, outcome.cpu_us.size()}, "us", outcome.cpu_us.percentile(0.999),
+                 500);
+  report.at_most("max change of the force in a cycle while the device rests", {mesh, outcome.force_step_n.size()}, "N",
+                 outcome.force_step_n.max(), 0.05);
+  report.at_least("min energy that the port of the hand has received", {mesh, outcome.cpu_us.size()}, "J",
+                  outcome.min_energy, -1e-6);
 }
 
 Report run(const Settings& settings) {
-  std::fprintf(stderr, "making the model\n");
+  std::fprintf(stderr, "building the model\n");
   const LoadedModel subject = load_model(settings.model, settings.faces);
   const spm::ModelSummary& summary = subject.model.summary;
-  std::fprintf(stderr, "making the path\n");
+  std::fprintf(stderr, "computing the path\n");
   ToolPathSettings path_settings;
   path_settings.speed = settings.speed;
   path_settings.depth = settings.depth;
@@ -299,29 +316,29 @@ Report run(const Settings& settings) {
   const std::vector<ToolPathPose> path = tool_path(subject, path_settings);
   const spm::offline::TriangleMesh stylus = spm::offline::stylus();
   const spm::MeshProbe probe{stylus.positions, stylus.faces};
-  Judge judge{subject, stylus, probe};
+  DepthChecker checker{subject, stylus, probe};
 
-  double fastest = 0, turning = 0;
+  double max_speed = 0, max_rotation = 0;  // m/s, rad/s
   for (std::size_t i = 1; i < path.size(); ++i) {
     const haptics::ToolPose &a = path[i - 1].device, &b = path[i].device;
-    fastest = std::max(fastest, (b.position - a.position).norm() / kPeriod);
-    turning = std::max(turning, haptics::log_map(b.orientation * a.orientation.conjugate()).norm() / kPeriod);
+    max_speed = std::max(max_speed, (b.position - a.position).norm() / kPeriod);
+    max_rotation = std::max(max_rotation, haptics::log_map(b.orientation * a.orientation.conjugate()).norm() / kPeriod);
   }
-  char text[256];
+  char text[320];
   std::snprintf(text, sizeof text,
-                "stylus of %zu triangles, %g s, along the surface up to %g m/s, tip up to %.2f m/s, turning up to "
-                "%.1f rad/s, pressed up to %g cm, friction %g, %g N/m, %g N m/rad, rounding %g mm, seed %llu",
-                stylus.faces.size(), settings.seconds, settings.speed, fastest, turning, settings.depth * 1e2,
+                "stylus of %zu triangles, %g s, along the surface up to %g m/s, tip up to %.2f m/s, rotation up to "
+                "%.1f rad/s, depth up to %g cm, friction %g, %g N/m, %g N m/rad, collision margin %g mm, seed %llu",
+                stylus.faces.size(), settings.seconds, settings.speed, max_speed, max_rotation, settings.depth * 1e2,
                 settings.friction, settings.grip.stiffness, settings.grip.rotational_stiffness,
                 haptics::ToolSettings{}.collision_margin * 1e3, static_cast<unsigned long long>(settings.seed));
   Report report{{subject.name, summary.digest, summary.faces, text}};
-  for (const auto& [on, name] : {std::pair{On::kFullRate, "whole mesh"},
-                                 {On::kWholeAsIfChanging, "whole, as if changing"},
-                                 {On::kRefined, "refined"}}) {
-    if (on == On::kRefined && !settings.refined) continue;
+  for (const auto& [mesh, name] : {std::pair{Mesh::kWhole, "cycles, whole mesh"},
+                                   {Mesh::kWholeAsIfChanged, "cycles, whole mesh as if changed"},
+                                   {Mesh::kRefined, "cycles, refined mesh"}}) {
+    if (mesh == Mesh::kRefined && !settings.with_refined) continue;
     std::fprintf(stderr, "%s\n", name);
-    Outcome outcome = slide(settings, subject, path, probe, on, judge);
-    note(outcome, name, report);
+    Outcome outcome = move_tool(settings, subject, path, probe, mesh, checker);
+    add_rows(outcome, name, report);
   }
   return report;
 }
@@ -331,20 +348,23 @@ Report run(const Settings& settings) {
 
 int main(int argc, char** argv) {
   tactus::bench::Settings settings;
-  tactus::bench::App app{"tool", "A stylus with six degrees of freedom over a scan", "5 s, for CI"};
+  tactus::bench::App app{"tool", "Moves a stylus with six degrees of freedom over a scan and checks its depth",
+                         "uses a path of 5 s, for CI"};
   app.add_option("--model", settings.model, "model file of any kind, or .spm (default: a generated organ)")
       ->check(CLI::ExistingFile);
   app.add_option("--faces", settings.faces, "faces of the generated organ")->check(CLI::Range(1000u, 30000000u));
-  app.add_option("--seconds", settings.seconds, "length of the path")->check(CLI::Range(1.0, 3600.0));
-  app.add_option("--speed", settings.speed, "along the surface, m/s")->check(CLI::Range(0.001, 1.0));
-  app.add_option("--depth", settings.depth, "by which the device is pressed in, m")->check(CLI::Range(0.0, 0.1));
-  app.add_option("--friction", settings.friction, "coefficient")->check(CLI::Range(0.0, 2.0));
-  app.add_option("--deadline", settings.deadline_us, "of the HRTC's cycle, us")->check(CLI::Range(10.0, 10000.0));
-  app.add_option("--pool-share", settings.pool_share, "of the model's records that the HRTC has room for")
+  app.add_option("--seconds", settings.seconds, "length of the path, s")->check(CLI::Range(1.0, 3600.0));
+  app.add_option("--speed", settings.speed, "max speed along the surface, m/s")->check(CLI::Range(0.001, 1.0));
+  app.add_option("--depth", settings.depth, "max depth of the device below the surface, m")
+      ->check(CLI::Range(0.0, 0.1));
+  app.add_option("--friction", settings.friction, "friction coefficient")->check(CLI::Range(0.0, 2.0));
+  app.add_option("--deadline", settings.deadline_us, "deadline of the HRTC's cycle, us")
+      ->check(CLI::Range(10.0, 10000.0));
+  app.add_option("--pool-share", settings.pool_share, "pool divided by the model's records")
       ->check(CLI::Range(0.01, 1.0));
-  app.add_option("--delay", settings.delay, "of demands and records, ms each")->check(CLI::Range(0u, 500u));
-  app.add_option("--seed", settings.seed, "of the path");
-  app.add_flag("--refined", settings.refined, "also on a mesh that an HRTC refines around the tool");
+  app.add_option("--delay", settings.delay_cycles, "delay of demands, and of records, ms")->check(CLI::Range(0u, 500u));
+  app.add_option("--seed", settings.seed, "seed of the path");
+  app.add_flag("--refined", settings.with_refined, "also measures a mesh that an HRTC refines along the tool");
   return tactus::bench::bench_main(app, argc, argv, [&] {
     if (app.quick) settings.seconds = std::min(settings.seconds, 5.0);
     return tactus::bench::run(settings);

@@ -13,29 +13,32 @@ namespace {
 
 using spm::Vec3d;
 
-constexpr double kTurn = 2 * 3.14159265358979323846;
-constexpr double kApproach = 1, kFrom = 0.06;             // s, m above the surface
-constexpr double kWrist = 0.25, kHand = 0.02;             // s, of what smooths
-constexpr double kRound = 4, kRest = 0.8, kSettle = 0.4;  // s; of each round the last part is rest
+constexpr double kTwoPi = 2 * 3.14159265358979323846;
+constexpr double kApproachTime = 1;        // s
+constexpr double kStartHeight = 0.06;      // above the surface, m
+constexpr double kWristTime = 0.25;        // time constant of the tool's axis, s
+constexpr double kHandTime = 0.02;         // time constant of each of the hand's two filters, s
+constexpr double kRound = 4, kRest = 0.8;  // s; each round ends with a rest
+constexpr double kSettle = 0.4;            // s of a rest after which the device counts as resting
 
-/// A smooth function of time within [-1, 1].
+/// A smooth random function of time within [-1, 1]: a sum of three sines.
 class Wave {
  public:
-  Wave(std::mt19937_64& random, double slowest, double fastest) {
-    std::uniform_real_distribution<double> phase{0, kTurn}, rate{std::log(slowest), std::log(fastest)};
-    for (auto& [frequency, start] : parts_) {
+  Wave(std::mt19937_64& random, double min_hz, double max_hz) {
+    std::uniform_real_distribution<double> phase{0, kTwoPi}, rate{std::log(min_hz), std::log(max_hz)};
+    for (auto& [frequency, start] : sines_) {
       frequency = std::exp(rate(random));
       start = phase(random);
     }
   }
   [[nodiscard]] double at(double t) const {
     double sum = 0;
-    for (const auto& [frequency, start] : parts_) sum += std::sin(kTurn * frequency * t + start);
-    return sum / static_cast<double>(parts_.size());
+    for (const auto& [frequency, start] : sines_) sum += std::sin(kTwoPi * frequency * t + start);
+    return sum / static_cast<double>(sines_.size());
   }
 
  private:
-  std::array<std::pair<double, double>, 3> parts_;
+  std::array<std::pair<double, double>, 3> sines_;
 };
 
 }  // namespace
@@ -44,50 +47,50 @@ std::vector<ToolPathPose> tool_path(const LoadedModel& subject, const ToolPathSe
   const double unit = subject.model.summary.metres_per_unit;
   const spm::fcl::FixedMesh finest{subject.model.positions, subject.finest};
   std::mt19937_64 random{settings.seed};
-  const double fine = settings.speed * settings.period / 4;  // of the walk
+  const double path_step = settings.speed * settings.period / 4;  // step of the surface path, m
   const std::vector<SurfacePose> along =
       surface_poses(subject.model.positions, subject.finest,
-                    {settings.radius / unit, 0, fine / unit, 4 * settings.poses + 8, settings.seed},
+                    {settings.radius / unit, 0, path_step / unit, 4 * settings.poses + 8, settings.seed},
                     [&](const Vec3d& p) { return finest.distance(p); });
-  const Wave pace{random, 0.2, 1.5}, press{random, 0.1, 0.6}, tap{random, 2, 6};
-  const std::array<Wave, 3> leans{Wave{random, 0.1, 0.6}, Wave{random, 0.1, 0.6}, Wave{random, 0.1, 0.6}};
+  const Wave speed_wave{random, 0.2, 1.5}, depth_wave{random, 0.1, 0.6}, tap_wave{random, 2, 6};
+  const std::array<Wave, 3> tilts{Wave{random, 0.1, 0.6}, Wave{random, 0.1, 0.6}, Wave{random, 0.1, 0.6}};
 
   std::vector<ToolPathPose> path;
   path.reserve(settings.poses);
-  double t = 0, way = 0;
+  double t = 0, steps = 0;  // time of the motion, without rests; distance along the surface path
   Vec3d upright = along.front().normal;
   Eigen::Quaterniond base = Eigen::Quaterniond::FromTwoVectors(Vec3d::UnitZ(), upright);
-  std::array<haptics::ToolPose, 2> hand;  // the wish, passed on twice
+  std::array<haptics::ToolPose, 2> hand;  // the target pose after one and after two low-pass filters
   for (std::uint32_t i = 0; i < settings.poses; ++i) {
-    // In a rest time itself stands still, after running out.
-    const double now = i * settings.period, in_round = std::fmod(now, kRound);
-    const double until_rest = kRound - kRest - in_round, since_rest = in_round;
-    const double flow = now < kApproach ? 1 : std::clamp(std::min(until_rest, since_rest) / 0.1, 0.0, 1.0);
-    t += flow * settings.period;
+    // `t` slows down before a rest and stops during it.
+    const double now = i * settings.period, since_rest_end = std::fmod(now, kRound);
+    const double until_rest = kRound - kRest - since_rest_end;
+    const double time_rate = now < kApproachTime ? 1 : std::clamp(std::min(until_rest, since_rest_end) / 0.1, 0.0, 1.0);
+    t += time_rate * settings.period;
     const bool tapping = std::fmod(now, 3 * kRound) > 2 * kRound;
-    const double speed = settings.speed * std::abs(pace.at(t)) * (now < kApproach ? 0 : flow);
-    way = std::min(way + speed * settings.period / fine, static_cast<double>(along.size() - 2));
-    const auto at = static_cast<std::size_t>(way);
-    const double part = way - static_cast<double>(at);
-    const Vec3d centre = unit * ((1 - part) * along[at].centre + part * along[at + 1].centre);
-    const Vec3d normal = ((1 - part) * along[at].normal + part * along[at + 1].normal).normalized();
-    // What it leans on turns no faster than a wrist, and without twist.
-    const Vec3d before = upright;
-    upright = (upright + settings.period / kWrist * (normal - upright)).normalized();
-    base = (Eigen::Quaterniond::FromTwoVectors(before, upright) * base).normalized();
-    double depth = settings.depth * std::pow(press.at(t), 2) - (tapping ? 0.004 : 0.001);
-    if (tapping) depth = -0.002 - 0.006 * tap.at(t);
-    if (now < kApproach) depth = -kFrom * (1 - now / kApproach) + depth * now / kApproach;
-    const double lean = now < kApproach ? now / kApproach : 1;
-    const Vec3d turn = settings.lean * lean * Vec3d{leans[0].at(t), leans[1].at(t), 2 * leans[2].at(t)};
-    const Eigen::Quaterniond orientation = base * haptics::exp_map(turn);
-    const haptics::ToolPose wish{centre - depth * upright, orientation};
-    if (i == 0) hand.fill(wish);
-    const haptics::ToolPose* from = &wish;
+    const double speed = settings.speed * std::abs(speed_wave.at(t)) * (now < kApproachTime ? 0 : time_rate);
+    steps = std::min(steps + speed * settings.period / path_step, static_cast<double>(along.size() - 2));
+    const auto at = static_cast<std::size_t>(steps);
+    const double fraction = steps - static_cast<double>(at);
+    const Vec3d centre = unit * ((1 - fraction) * along[at].centre + fraction * along[at + 1].centre);
+    const Vec3d normal = ((1 - fraction) * along[at].normal + fraction * along[at + 1].normal).normalized();
+    // The tool's axis follows the normal at the speed of a wrist, without rotation about itself.
+    const Vec3d previous = upright;
+    upright = (upright + settings.period / kWristTime * (normal - upright)).normalized();
+    base = (Eigen::Quaterniond::FromTwoVectors(previous, upright) * base).normalized();
+    double depth = settings.depth * std::pow(depth_wave.at(t), 2) - (tapping ? 0.004 : 0.001);
+    if (tapping) depth = -0.002 - 0.006 * tap_wave.at(t);
+    if (now < kApproachTime) depth = -kStartHeight * (1 - now / kApproachTime) + depth * now / kApproachTime;
+    const double lean = now < kApproachTime ? now / kApproachTime : 1;
+    const Vec3d rotation = settings.lean * lean * Vec3d{tilts[0].at(t), tilts[1].at(t), 2 * tilts[2].at(t)};
+    const Eigen::Quaterniond orientation = base * haptics::exp_map(rotation);
+    const haptics::ToolPose target{centre - depth * upright, orientation};
+    if (i == 0) hand.fill(target);
+    const haptics::ToolPose* from = &target;
     for (haptics::ToolPose& stage : hand) {
-      const double share = settings.period / kHand;
-      stage.position += share * (from->position - stage.position);
-      stage.orientation = stage.orientation.slerp(share, from->orientation).normalized();
+      const double gain = settings.period / kHandTime;
+      stage.position += gain * (from->position - stage.position);
+      stage.orientation = stage.orientation.slerp(gain, from->orientation).normalized();
       from = &stage;
     }
     ToolPathPose pose;

@@ -1,8 +1,8 @@
-/// A hand that works at a surface with a tool: poses for the 6-DoF benchmark and its tests.
+/// Simulates a hand that moves a tool on a surface: poses for the benchmark of tools with six degrees of freedom.
 ///
-/// The tip's place on the surface wanders at a speed that swells and dies away; it is pressed in deeper and less deep,
-/// lifts off and taps; the tool leans about all axes, as far as `lean`, and turns about its own; now and then all of it
-/// stands still. Every part is a sum of sines with periods of its own, so that nothing repeats. World frame, metres.
+/// The tip follows a path on the surface at varying speed and depth, lifts off and taps. The tool tilts about all axes
+/// by up to `lean` and rotates about its own axis. It rests at the end of each period of 4 s. Speed, depth and angles
+/// are sums of sines whose periods differ, so that the motion does not repeat. World frame, metres.
 #pragma once
 
 #include <cstdint>
@@ -15,19 +15,20 @@ namespace tactus::bench {
 
 struct ToolPathSettings {
   double radius = 0.003;  ///< m, of the tip
-  double speed = 0.3;     ///< m/s, greatest of the tip along the surface
-  double depth = 0.03;    ///< m, greatest by which the device is pressed in
-  double lean = 1.9;      ///< rad off the surface's normal
-  double period = 0.001;  ///< s
+  double speed = 0.3;     ///< max speed of the tip along the surface, m/s
+  double depth = 0.03;    ///< max depth of the device below the surface, m
+  double lean = 1.9;      ///< max tilt from the surface's normal, rad
+  double period = 0.001;  ///< time between successive poses, s
   std::uint32_t poses = 0;
   std::uint64_t seed = 1;
 };
 
 struct ToolPathPose {
   haptics::ToolPose device;
-  bool at_rest = false;  ///< stands still, and has done so for long enough that what is touched should rest too
+  bool at_rest = false;  ///< the device has rested so long that force and torque should be constant
 };
 
+/// Returns `settings.poses` poses. Throws as surface_poses does.
 [[nodiscard]] std::vector<ToolPathPose> tool_path(const LoadedModel& subject, const ToolPathSettings& settings);
 
 }  // namespace tactus::bench

@@ -14,17 +14,17 @@ namespace {
 using spm::RegionId;
 
 constexpr std::size_t kMaxProblems = 10;
-constexpr std::uint32_t kMaxWanted = 12;  // regions of one target
+constexpr std::uint32_t kMaxWanted = 12;  // regions in a target
 constexpr double kMinBudget = 1, kMaxBudget = 3e5;
 
-/// Regions here and there share few tree nodes: a node for two slots, where an HRTC has one for three.
+/// Returns settings with one tree node for two slots; an HRTC has one for three. Random regions share fewer tree nodes.
 spm::PoolSettings pool_for(const spm::ModelSummary& summary, double share) {
   spm::PoolSettings settings = spm::PoolSettings::for_slots(slots_for(summary, share));
   settings.tree_nodes = settings.slots / 2 + 1024;
   return settings;
 }
 
-/// A shown face in ids: what does not depend on where things lie in memory.
+/// A shown face by ids, independent of the places in memory.
 struct ShownFace {
   std::uint32_t face, last;
   std::array<std::uint32_t, 3> vertices;
@@ -46,6 +46,7 @@ std::vector<ShownFace> shown_mesh(const HrtcModel& hrtc) {
   return faces;
 }
 
+/// Runs the random operations on an HRTC's cache and forest, and checks them.
 class Torture {
  public:
   Torture(const spm::Model& model, const TortureSettings& settings)
@@ -60,30 +61,30 @@ class Torture {
     for (std::uint32_t check = 1; check <= settings_.checks; ++check) {
       watch.lap();
       const std::uint64_t until = settings_.operations * check / settings_.checks;
-      while (count().operations() < until) step();
+      while (update_counts().operations() < until) step();
       result_.seconds += watch.lap() * 1e-6;
-      recount();
+      check_invariants();
     }
-    finish();
-    return count();
+    check_final_mesh();
+    return update_counts();
   }
 
  private:
-  std::uint64_t any(std::uint64_t below) { return random_() % below; }
-  RegionId any_region() { return RegionId{static_cast<std::uint32_t>(any(regions_))}; }
-  /// Evenly over the magnitudes, so that cuts fall everywhere.
-  std::uint32_t any_budget() {
+  std::uint64_t random_below(std::uint64_t bound) { return random_() % bound; }
+  RegionId random_region() { return RegionId{static_cast<std::uint32_t>(random_below(regions_))}; }
+  /// Returns a random budget. Its logarithm is uniform, so that steps end in all stages.
+  std::uint32_t random_budget() {
     const double unit = static_cast<double>(random_() >> 11) * 0x1p-53;
     return static_cast<std::uint32_t>(kMinBudget * std::pow(kMaxBudget / kMinBudget, unit));
   }
 
-  TortureResult& count() {
+  TortureResult& update_counts() {
     const spm::ForestCounters& forest = hrtc_.forest().counters();
     const spm::CacheCounters& cache = hrtc_.cache().counters();
     result_.splits = forest.splits;
     result_.collapses = forest.collapses;
     result_.loaded = std::min<std::uint64_t>(cache.records_accepted, records_);
-    result_.reloaded = cache.records_accepted - result_.loaded;  // at least
+    result_.reloaded = cache.records_accepted - result_.loaded;  // a lower bound
     result_.repeated = cache.records_repeated;
     result_.regions_evicted = cache.regions_released;
     return result_;
@@ -91,7 +92,7 @@ class Torture {
 
   void step() {
     ++result_.steps;
-    switch (any(8)) {
+    switch (random_below(8)) {
       case 0:
       case 1:
         load();
@@ -102,24 +103,25 @@ class Torture {
       case 3:
       case 4: {
         wanted_.clear();
-        for (std::uint64_t more = any(kMaxWanted + 1); more > 0; --more) wanted_.push_back(any_region());
+        for (std::uint64_t remaining = random_below(kMaxWanted + 1); remaining > 0; --remaining)
+          wanted_.push_back(random_region());
         hrtc_.forest().target(wanted_.data(), static_cast<std::uint32_t>(wanted_.size()),
-                              any(2) == 0 ? spm::Unrequested::kCoarsen : spm::Unrequested::kRest);
+                              random_below(2) == 0 ? spm::Unrequested::kCoarsen : spm::Unrequested::kRest);
         break;
       }
       default:
         break;
     }
-    spm::Budget budget{any_budget()};
+    spm::Budget budget{random_budget()};
     if (hrtc_.forest().advance(budget) == spm::Advance::kBudget) ++result_.cut_by_budget;
-    if (any(4) > 0) hrtc_.forest().refit();  // several steps may share a refit
-    if (any(2) > 0) release();
+    if (random_below(4) > 0) hrtc_.forest().refit();  // several steps may share a refit
+    if (random_below(2) > 0) release();
   }
 
   void load() {
-    const RegionId region = any_region();
+    const RegionId region = random_region();
     if (hrtc_.cache().holds(hrtc_.object(), region)) return;
-    const spm::AcceptResult accepted = hrtc_.load(hrtc_.message(region, any(4) == 0));
+    const spm::AcceptResult accepted = hrtc_.load(hrtc_.message(region, random_below(4) == 0));
     if (accepted == spm::AcceptResult::kAccepted) {
       ++result_.regions_loaded;
     } else if (accepted == spm::AcceptResult::kPoolFull) {
@@ -127,14 +129,14 @@ class Torture {
       retire();
       retire();
     } else {
-      problem("region " + std::to_string(index(region)) +
-              " was refused: " + std::to_string(static_cast<int>(accepted)));
+      add_problem("region " + std::to_string(index(region)) +
+                  " was refused: " + std::to_string(static_cast<int>(accepted)));
     }
   }
 
-  /// A held region from a random place on.
+  /// Retires the first loaded region from a random number on.
   void retire() {
-    const std::uint32_t from = index(any_region());
+    const std::uint32_t from = index(random_region());
     for (std::uint32_t i = 0; i < regions_; ++i) {
       const RegionId region{(from + i) % regions_};
       if (!hrtc_.forest().is_here(region) || hrtc_.forest().is_retiring(region)) continue;
@@ -149,56 +151,56 @@ class Torture {
     result_.evicted += before - hrtc_.records_held();
   }
 
-  void problem(std::string text) {
+  void add_problem(std::string text) {
     if (result_.problems.size() < kMaxProblems) result_.problems.push_back(std::move(text));
   }
 
-  void recount() {
+  void check_invariants() {
     ++result_.checks;
     hrtc_.forest().refit();
-    for (std::string& text : hrtc_.forest().violations()) problem(std::move(text));
-    for (std::string& text : hrtc_.cache().violations()) problem(std::move(text));
+    for (std::string& text : hrtc_.forest().violations()) add_problem(std::move(text));
+    for (std::string& text : hrtc_.cache().violations()) add_problem(std::move(text));
   }
 
-  void finish() {
+  void check_final_mesh() {
     const spm::Model& model = hrtc_.model();
-    for (std::uint32_t more = 0; more < kMaxWanted || hrtc_.records_held() == 0; ++more) {
+    for (std::uint32_t remaining = 0; remaining < kMaxWanted || hrtc_.records_held() == 0; ++remaining) {
       load();
       refine(hrtc_, {});
       release();
     }
-    std::vector<RegionId> goal;
+    std::vector<RegionId> refined_regions;
     for (std::uint32_t region = 0; region < model.summary.regions; ++region)
       if (hrtc_.forest().is_here(RegionId{region}) && !hrtc_.forest().is_retiring(RegionId{region}) &&
-          (goal.empty() || any(3) > 0))
-        goal.push_back(RegionId{region});
-    std::shuffle(goal.begin(), goal.end(), random_);
-    result_.regions_at_end = static_cast<std::uint32_t>(goal.size());
-    refine(hrtc_, goal);
+          (refined_regions.empty() || random_below(3) > 0))
+        refined_regions.push_back(RegionId{region});
+    std::shuffle(refined_regions.begin(), refined_regions.end(), random_);
+    result_.regions_at_end = static_cast<std::uint32_t>(refined_regions.size());
+    refine(hrtc_, refined_regions);
     release();
-    recount();
+    check_invariants();
     result_.hash = hrtc_.forest().mesh_hash();
 
     std::vector<bool> wanted(model.summary.records, false);
-    for (const RegionId region : goal)
-      for (const spm::Interval& run : model.intervals_of(region))
-        std::fill(wanted.begin() + run.first, wanted.begin() + run.first + run.count, true);
+    for (const RegionId region : refined_regions)
+      for (const spm::Interval& interval : model.intervals_of(region))
+        std::fill(wanted.begin() + interval.first, wanted.begin() + interval.first + interval.count, true);
     for (std::uint32_t record = 0; record < model.summary.records; ++record)
       if (wanted[record]) result_.expected_hash ^= spm::Forest::hash_of(model.vertex_of(spm::RecordId{record}));
 
     HrtcModel fresh{model, pool_for(model.summary, 1)};
-    std::sort(goal.begin(), goal.end());
-    for (const RegionId region : goal)
+    std::sort(refined_regions.begin(), refined_regions.end());
+    for (const RegionId region : refined_regions)
       if (fresh.load(fresh.message(region, true)) != spm::AcceptResult::kAccepted)
-        problem("the fresh forest refused region " + std::to_string(index(region)));
-    refine(fresh, goal);
+        add_problem("the fresh forest refused region " + std::to_string(index(region)));
+    refine(fresh, refined_regions);
     result_.fresh_hash = fresh.forest().mesh_hash();
     compare(shown_mesh(hrtc_), shown_mesh(fresh));
   }
 
-  void refine(HrtcModel& hrtc, const std::vector<RegionId>& goal) {
-    hrtc.forest().target(goal.data(), static_cast<std::uint32_t>(goal.size()));
-    // What coarsens frees its tree nodes in the refit; what found none before then finds them.
+  void refine(HrtcModel& hrtc, const std::vector<RegionId>& refined_regions) {
+    hrtc.forest().target(refined_regions.data(), static_cast<std::uint32_t>(refined_regions.size()));
+    // Coarsening frees tree nodes in the refit. Splits that found no free node can then follow in the next round.
     constexpr int kMaxRounds = 8;
     spm::Advance advance = spm::Advance::kBudget;
     for (int round = 0; round < kMaxRounds && advance != spm::Advance::kDone; ++round) {
@@ -206,14 +208,14 @@ class Torture {
       advance = hrtc.forest().advance(budget);
       hrtc.forest().refit();
     }
-    if (advance != spm::Advance::kDone) problem("a set of regions was not refined to its end");
+    if (advance != spm::Advance::kDone) add_problem("a set of regions was not refined completely");
   }
 
-  void compare(const std::vector<ShownFace>& ours, const std::vector<ShownFace>& theirs) {
-    result_.faces_compared = theirs.size();
-    const std::size_t common = std::min(ours.size(), theirs.size());
-    result_.faces_different = std::max(ours.size(), theirs.size()) - common;
-    for (std::size_t i = 0; i < common; ++i) result_.faces_different += ours[i] == theirs[i] ? 0 : 1;
+  void compare(const std::vector<ShownFace>& found, const std::vector<ShownFace>& expected) {
+    result_.faces_compared = expected.size();
+    const std::size_t common = std::min(found.size(), expected.size());
+    result_.faces_different = std::max(found.size(), expected.size()) - common;
+    for (std::size_t i = 0; i < common; ++i) result_.faces_different += found[i] == expected[i] ? 0 : 1;
   }
 
   TortureSettings settings_;

@@ -9,19 +9,20 @@ namespace tactus::bench {
 namespace {
 
 constexpr double kApproach = 1, kFollowing = 2, kTapping = 2;  // s
-constexpr double kFrom = 0.02;                                 // m above the surface at which the approach begins
+constexpr double kStartHeight = 0.02;                          // of the approach, above the surface, m
 constexpr double kTapHeight = 0.003;                           // m
-constexpr double kSlowest = 2, kFastest = 12;                  // Hz, of taps
+constexpr double kMinTapRate = 2, kMaxTapRate = 12;            // Hz
 
-/// m above the path on the surface, t seconds after the approach.
+/// Returns the height of the tip above the surface path `t` seconds after the approach, m.
 double height(double t) {
-  constexpr double kTurns = 2 * 3.14159265358979323846;
+  constexpr double kTwoPi = 2 * 3.14159265358979323846;
   const double round = kFollowing + kTapping;
-  const double at = std::fmod(t, round) - kFollowing;
-  if (at <= 0) return 0;
-  // The phase of taps that become faster evenly; it ends on a whole number of them.
-  const double phase = kSlowest * at + (kFastest - kSlowest) * at * at / (2 * kTapping);
-  return kTapHeight * (1 - std::cos(kTurns * phase)) / 2;
+  const double since_following = std::fmod(t, round) - kFollowing;
+  if (since_following <= 0) return 0;
+  // Number of taps so far. Their rate grows linearly, and the number at the end is whole.
+  const double taps =
+      kMinTapRate * since_following + (kMaxTapRate - kMinTapRate) * since_following * since_following / (2 * kTapping);
+  return kTapHeight * (1 - std::cos(kTwoPi * taps)) / 2;
 }
 
 }  // namespace
@@ -38,8 +39,8 @@ std::vector<spm::Vec3d> touch_path(const LoadedModel& subject, const TouchPathSe
   std::vector<spm::Vec3d> path;
   path.reserve(settings.poses);
   for (std::uint32_t i = 0; i < approach; ++i) {
-    const double left = 1 - static_cast<double>(i) / approach;
-    path.push_back(along[0].centre * unit + along[0].normal * (kFrom * left));
+    const double remaining = 1 - static_cast<double>(i) / approach;
+    path.push_back(along[0].centre * unit + along[0].normal * (kStartHeight * remaining));
   }
   for (std::size_t i = 0; path.size() < settings.poses; ++i)
     path.push_back(along[i].centre * unit + along[i].normal * height(static_cast<double>(i) * settings.period));

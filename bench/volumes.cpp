@@ -1,5 +1,6 @@
-// What other bounding volumes would do in the AB-tree: spheres, boxes, 18-DOPs and oriented boxes in the same
-// eight-wide implicit tree over the finest faces, along the same path, with the same tests of triangles.
+// Compares bounding volumes for the AB-tree: spheres, boxes, 18-DOPs and oriented boxes. Each is used in the same
+// implicit tree with eight children a node, over the finest faces, along the same path, with the same tests of
+// triangles.
 #include "bench/volumes.hpp"
 
 #include <CLI/CLI.hpp>
@@ -49,7 +50,7 @@ Triangles triangles_of(std::span<const std::array<float, 3>> positions,
   return triangles;
 }
 
-/// The tree whose node `id` of level l is over the faces from id * 8^l on; level 1 is levels_[0].
+/// A tree in which node `id` of level l, counted from 1, contains the faces from id * 8^l on. levels_[0] is level 1.
 template <class Volume>
 class Tree {
  public:
@@ -57,59 +58,59 @@ class Tree {
     for (std::size_t count = triangles.size(); count > 1 || levels_.empty();) {
       count = (count + kWidth - 1) / kWidth;
       levels_.emplace_back(count);
-      for (std::uint32_t id = 0; id < count; ++id) make(levels_.size() - 1, id, nullptr);
+      for (std::uint32_t id = 0; id < count; ++id) compute(levels_.size() - 1, id, nullptr);
     }
   }
   [[nodiscard]] std::size_t height() const { return levels_.size(); }
   [[nodiscard]] const std::vector<Volume>& nodes(std::size_t level) const { return levels_[level]; }
-  /// Of a node of `level`, one level down: nodes, or faces below level 0.
+  /// Returns the end of the children of a node at levels_[level]: nodes, or faces if `level` is 0.
   [[nodiscard]] std::uint32_t end_of_children(std::size_t level, std::uint32_t id) const {
-    const std::size_t below = level == 0 ? triangles_.size() : levels_[level - 1].size();
-    return static_cast<std::uint32_t>(std::min<std::size_t>(below, kWidth * (std::size_t{id} + 1)));
+    const std::size_t count = level == 0 ? triangles_.size() : levels_[level - 1].size();
+    return static_cast<std::uint32_t>(std::min<std::size_t>(count, kWidth * (std::size_t{id} + 1)));
   }
 
-  /// The volumes of all nodes above these faces anew; returns how many. `faces` ascend.
+  /// Recomputes the volumes of all nodes above `faces`, which must be sorted. Returns the number of volumes.
   std::uint32_t refit(std::vector<std::uint32_t> faces) {
-    std::uint32_t made = 0;
+    std::uint32_t refitted = 0;
     for (std::size_t level = 0; level < levels_.size(); ++level) {
       for (std::uint32_t& id : faces) id /= kWidth;
       faces.erase(std::unique(faces.begin(), faces.end()), faces.end());
       for (const std::uint32_t id : faces) {
         const Volume before = levels_[level][id];
-        make(level, id, &before);
+        compute(level, id, &before);
       }
-      made += static_cast<std::uint32_t>(faces.size());
+      refitted += static_cast<std::uint32_t>(faces.size());
     }
-    return made;
+    return refitted;
   }
 
-  /// Faces below nodes whose volumes meet the ball; returns how many volumes were asked.
-  std::uint32_t near(const Vec3d& centre, double radius, std::vector<std::uint32_t>& faces) const {
-    std::uint32_t requested = 0;
-    visit(height() - 1, 0, centre, radius, requested, faces);
-    return requested;
+  /// Adds the faces whose leaf volumes overlap the sphere to `faces`. Returns the number of volumes tested.
+  std::uint32_t find(const Vec3d& centre, double radius, std::vector<std::uint32_t>& faces) const {
+    std::uint32_t tested = 0;
+    visit(height() - 1, 0, centre, radius, tested, faces);
+    return tested;
   }
 
  private:
-  void make(std::size_t level, std::uint32_t id, const Volume* like) {
+  void compute(std::size_t level, std::uint32_t id, const Volume* previous) {
     const std::uint32_t first = kWidth * id, end = end_of_children(level, id);
     if (level == 0) {
       const Points points{triangles_[first].data(), 3 * std::size_t{end - first}};
       levels_[level][id] = Volume::of(points);
     } else {
       levels_[level][id] =
-          Volume::over(std::span<const Volume>{levels_[level - 1].data() + first, std::size_t{end - first}}, like);
+          Volume::over(std::span<const Volume>{levels_[level - 1].data() + first, std::size_t{end - first}}, previous);
     }
   }
-  void visit(std::size_t level, std::uint32_t id, const Vec3d& centre, double radius, std::uint32_t& requested,
+  void visit(std::size_t level, std::uint32_t id, const Vec3d& centre, double radius, std::uint32_t& tested,
              std::vector<std::uint32_t>& faces) const {
-    ++requested;
-    if (!levels_[level][id].meets_sphere(centre, radius)) return;
+    ++tested;
+    if (!levels_[level][id].overlaps_sphere(centre, radius)) return;
     for (std::uint32_t child = kWidth * id; child < end_of_children(level, id); ++child) {
       if (level == 0)
         faces.push_back(child);
       else
-        visit(level - 1, child, centre, radius, requested, faces);
+        visit(level - 1, child, centre, radius, tested, faces);
     }
   }
 
@@ -117,28 +118,28 @@ class Tree {
   std::vector<std::vector<Volume>> levels_;
 };
 
-/// The probe's tree, its nodes taken into the model's frame for each pose.
+/// Finds overlapping leaves of the model's tree and the probe's tree. Moves the probe's volumes into the model's frame.
 template <class Volume>
 class ProbePairs {
  public:
   ProbePairs(const Tree<Volume>& model, const Tree<Volume>& probe)
       : model_{model}, probe_{probe}, moved_(probe.height()) {}
-  /// Pairs of nodes of level 1 whose volumes meet; returns how many pairs of volumes were asked.
+  /// Adds the pairs of leaves whose volumes overlap to `leaves`. Returns the number of pairs of volumes tested.
   std::uint32_t find(const Eigen::Isometry3d& pose, std::vector<std::array<std::uint32_t, 2>>& leaves) {
     for (std::size_t level = 0; level < moved_.size(); ++level) {
       moved_[level].clear();
       for (const Volume& volume : probe_.nodes(level)) moved_[level].push_back(volume.moved(pose));
     }
-    requested_ = 0;
+    tested_ = 0;
     visit(model_.height() - 1, 0, probe_.height() - 1, 0, leaves);
-    return requested_;
+    return tested_;
   }
 
  private:
   void visit(std::size_t a, std::uint32_t i, std::size_t b, std::uint32_t j,
              std::vector<std::array<std::uint32_t, 2>>& leaves) {
-    ++requested_;
-    if (!model_.nodes(a)[i].meets(moved_[b][j])) return;
+    ++tested_;
+    if (!model_.nodes(a)[i].overlaps(moved_[b][j])) return;
     if (a == 0 && b == 0) {
       leaves.push_back({i, j});
     } else if (a >= b) {
@@ -151,24 +152,27 @@ class ProbePairs {
   const Tree<Volume>& model_;
   const Tree<Volume>& probe_;
   std::vector<std::vector<Volume>> moved_;
-  std::uint32_t requested_ = 0;
+  std::uint32_t tested_ = 0;
 };
 
+/// Model, stylus, path and expected contacts.
 struct Subjects {
-  double radius;  // file units
+  double radius;  // of the sphere, file units
   Triangles model, stylus;
   std::vector<SurfacePose> path;
   std::vector<Eigen::Isometry3d> poses;
-  std::vector<std::vector<std::uint32_t>> touched;  // by pose: faces, by the tree of the project
-  std::vector<std::uint32_t> pairs;                 // by pose: triangles of the stylus and the model that meet
+  std::vector<std::vector<std::uint32_t>> touched;  // by pose: faces that the sphere touches, by the AB-tree
+  std::vector<std::uint32_t> pairs;                 // by pose: number of intersecting pairs of triangles
 
-  /// Below two nodes of level 1.
-  [[nodiscard]] std::uint32_t meeting(std::uint32_t node, std::uint32_t of_stylus,
-                                      const Eigen::Isometry3d& pose) const {
+  /// Returns the number of intersecting pairs of triangles in two leaves.
+  [[nodiscard]] std::uint32_t intersections_in(std::uint32_t model_leaf, std::uint32_t stylus_leaf,
+                                               const Eigen::Isometry3d& pose) const {
     std::uint32_t count = 0;
-    for (std::size_t b = kWidth * of_stylus; b < std::min<std::size_t>(stylus.size(), kWidth * (of_stylus + 1)); ++b) {
+    for (std::size_t b = kWidth * stylus_leaf; b < std::min<std::size_t>(stylus.size(), kWidth * (stylus_leaf + 1));
+         ++b) {
       const std::array<Vec3d, 3> moved{pose * stylus[b][0], pose * stylus[b][1], pose * stylus[b][2]};
-      for (std::size_t a = kWidth * node; a < std::min<std::size_t>(model.size(), kWidth * (node + 1)); ++a) {
+      for (std::size_t a = kWidth * model_leaf; a < std::min<std::size_t>(model.size(), kWidth * (model_leaf + 1));
+           ++a) {
         spm::PairContact contact;
         count += spm::meet(model[a], moved, contact) ? 1 : 0;
       }
@@ -185,71 +189,72 @@ void measure(Subjects& subjects, Report& report) {
   const Tree<Volume> stylus{subjects.stylus};
   ProbePairs<Volume> probe{tree, stylus};
   Samples volumes, triangles, sphere_us, pair_volumes, pair_leaves, stylus_us, nodes, node_ns;
-  std::uint64_t wrong = 0;
+  std::uint64_t different = 0;
   std::vector<std::uint32_t> faces, touched;
   std::vector<std::array<std::uint32_t, 2>> leaves;
-  constexpr int kRounds = 3;  // the least of their times: more is the machine's other work
+  constexpr int kRounds = 3;  // the min of their times counts, since other work on the machine only adds time
   for (std::size_t pose = 0; pose < subjects.path.size(); ++pose) {
-    double sphere = 1e300, both = 1e300, refit = 1e300;
-    std::uint32_t requested = 0, requested_pairs = 0, made = 0, meeting = 0;
+    double min_sphere_us = 1e300, min_stylus_us = 1e300, min_refit_us = 1e300;
+    std::uint32_t tested = 0, tested_pairs = 0, refitted = 0, intersections = 0;
     for (int round = 0; round < kRounds; ++round) {
       faces.clear();
       touched.clear();
       leaves.clear();
       Stopwatch watch;
       const Vec3d& centre = subjects.path[pose].centre;
-      requested = tree.near(centre, subjects.radius, faces);
+      tested = tree.find(centre, subjects.radius, faces);
       for (const std::uint32_t face : faces) {
         const auto& t = subjects.model[face];
         if (spm::closest_point(centre, t[0], t[1], t[2]).squared_distance <= subjects.radius * subjects.radius)
           touched.push_back(face);
       }
-      sphere = std::min(sphere, watch.lap());
-      requested_pairs = probe.find(subjects.poses[pose], leaves);
-      both = std::min(both, watch.lap());
-      made = tree.refit(touched);
-      refit = std::min(refit, watch.lap());
+      min_sphere_us = std::min(min_sphere_us, watch.lap());
+      tested_pairs = probe.find(subjects.poses[pose], leaves);
+      min_stylus_us = std::min(min_stylus_us, watch.lap());
+      refitted = tree.refit(touched);
+      min_refit_us = std::min(min_refit_us, watch.lap());
     }
-    // The triangles' own tests are the same for all volumes, so they are not timed, and not done everywhere.
+    // The tests of triangles are the same for all volumes. Therefore they are not timed, and done for a sample of
+    // poses.
     if (pose % 20 == 0)
-      for (const auto& [i, j] : leaves) meeting += subjects.meeting(i, j, subjects.poses[pose]);
-    if (subjects.pairs.size() == pose) subjects.pairs.push_back(meeting);
-    wrong += touched != subjects.touched[pose] || meeting != subjects.pairs[pose] ? 1 : 0;
-    volumes.add(requested);
+      for (const auto& [i, j] : leaves) intersections += subjects.intersections_in(i, j, subjects.poses[pose]);
+    if (subjects.pairs.size() == pose) subjects.pairs.push_back(intersections);
+    different += touched != subjects.touched[pose] || intersections != subjects.pairs[pose] ? 1 : 0;
+    volumes.add(tested);
     triangles.add(static_cast<double>(faces.size()));
-    sphere_us.add(sphere);
-    pair_volumes.add(requested_pairs);
+    sphere_us.add(min_sphere_us);
+    pair_volumes.add(tested_pairs);
     pair_leaves.add(static_cast<double>(leaves.size()));
-    stylus_us.add(both);
-    if (made > 0) {
-      nodes.add(made);
-      node_ns.add(refit * 1000 / made);
+    stylus_us.add(min_stylus_us);
+    if (refitted > 0) {
+      nodes.add(refitted);
+      node_ns.add(min_refit_us * 1000 / refitted);
     }
   }
   report.figure("floats of a volume", name, "", sizeof(Volume) / sizeof(float));
-  report.row("ball: volumes asked", name, "", volumes);
-  report.row("ball: triangles asked", name, "", triangles);
-  report.row("ball: time, triangles included", name, "us", sphere_us);
-  report.row("stylus: pairs of volumes asked", name, "", pair_volumes);
-  report.row("stylus: pairs of eight triangles left", name, "", pair_leaves);
-  report.row("stylus: time, triangles not included", name, "us", stylus_us);
-  report.row("refit of the touched faces: nodes", name, "", nodes);
-  report.row("refit of the touched faces: per node", name, "ns", node_ns);
-  report.at_most("other contacts than the AB-tree's or the first volume's", name, "poses", static_cast<double>(wrong),
-                 0);
+  report.row("sphere: volumes tested in a query", name, "", volumes);
+  report.row("sphere: triangles tested in a query", name, "", triangles);
+  report.row("sphere: time of a query with tests of triangles", name, "us", sphere_us);
+  report.row("stylus: pairs of volumes tested in a query", name, "", pair_volumes);
+  report.row("stylus: overlapping pairs of leaves in a query", name, "", pair_leaves);
+  report.row("stylus: time of a query without tests of triangles", name, "us", stylus_us);
+  report.row("refit above the touched faces: nodes", name, "", nodes);
+  report.row("refit above the touched faces: time of a node", name, "ns", node_ns);
+  report.at_most("poses with contacts that differ from those of AB-tree or box", name, "",
+                 static_cast<double>(different), 0);
 }
 
 Report run(const Settings& settings) {
-  std::fprintf(stderr, "making the model\n");
+  std::fprintf(stderr, "building the model\n");
   const LoadedModel subject = load_model(settings.model, settings.faces);
   const double unit = subject.model.summary.metres_per_unit;
   const spm::FinestTree finest{subject.model.positions, subject.finest};
   spm::offline::TriangleMesh stylus = stylus_in(unit);
-  std::vector<std::array<std::uint32_t, 3>> ordered;
-  for (const std::uint32_t face : face_order(stylus)) ordered.push_back(stylus.faces[face]);
+  std::vector<std::array<std::uint32_t, 3>> ordered_faces;
+  for (const std::uint32_t face : face_order(stylus)) ordered_faces.push_back(stylus.faces[face]);
   Subjects subjects{kRadius / unit,
                     triangles_of(subject.model.positions, subject.finest),
-                    triangles_of(stylus.positions, ordered),
+                    triangles_of(stylus.positions, ordered_faces),
                     {},
                     {},
                     {},
@@ -260,7 +265,7 @@ Report run(const Settings& settings) {
     return finest.tree().nearest(p, 1e12, found) ? std::sqrt(found.squared_distance) : 1e300;
   });
   subjects.poses = stylus_poses(subjects.path);
-  Samples shipped;
+  Samples ab_tree_us;
   std::vector<spm::Contact> contacts(1u << 16);
   for (const SurfacePose& pose : subjects.path) {
     double min = 1e300;
@@ -271,7 +276,7 @@ Report run(const Settings& settings) {
                                      static_cast<std::uint32_t>(contacts.size()));
       min = std::min(min, watch.lap());
     }
-    shipped.add(min);
+    ab_tree_us.add(min);
     std::vector<std::uint32_t> faces;
     for (std::uint32_t i = 0; i < count; ++i) faces.push_back(index(contacts[i].face));
     std::sort(faces.begin(), faces.end());
@@ -279,10 +284,12 @@ Report run(const Settings& settings) {
   }
 
   char text[128];
-  std::snprintf(text, sizeof text, "ball of 3 mm and stylus of 720 triangles, %zu poses %g mm apart, seed 1",
+  std::snprintf(text, sizeof text,
+                "sphere of 3 mm and stylus of 720 triangles, %zu poses at distances of %g mm, seed 1",
                 subjects.path.size(), settings.step * 1e3);
   Report report{{subject.name, subject.model.summary.digest, subject.model.summary.faces, text}};
-  report.row("ball: time", "the AB-tree, eight boxes at once", "us", shipped);
+  report.row("sphere: time of a query with tests of triangles", "queries, AB-tree with vector instructions", "us",
+             ab_tree_us);
   measure<SlabVolume<3>>(subjects, report);
   measure<SphereVolume>(subjects, report);
   measure<SlabVolume<9>>(subjects, report);
@@ -295,12 +302,13 @@ Report run(const Settings& settings) {
 
 int main(int argc, char** argv) {
   tactus::bench::Settings settings;
-  tactus::bench::App app{"volumes", "Other bounding volumes in the AB-tree's place, over the finest mesh",
+  tactus::bench::App app{"volumes", "Compares bounding volumes for the AB-tree over the finest mesh",
                          "200 poses, for CI"};
   app.add_option("--model", settings.model, "model file of any kind, or .spm (default: a generated organ)")
       ->check(CLI::ExistingFile);
   app.add_option("--faces", settings.faces, "faces of the generated organ")->check(CLI::Range(1000u, 10000000u));
-  CLI::Option* poses = app.add_option("--poses", settings.poses, "of the path")->check(CLI::Range(10u, 100000u));
+  CLI::Option* poses =
+      app.add_option("--poses", settings.poses, "number of poses of the path")->check(CLI::Range(10u, 100000u));
   return tactus::bench::bench_main(app, argc, argv, [&] {
     if (app.quick && poses->count() == 0) settings.poses = 200;
     return tactus::bench::run(settings);

@@ -1,7 +1,8 @@
-/// Bounding volumes that a node of a tree like ours could have, each made from what lies below it alone, as refit makes
-/// it. Scalar, one like the other: to be compared with each other, not with spm/lanes.
+/// Bounding volumes for the nodes of a tree like the AB-tree. Each is computed from its points or child volumes, as
+/// refit does.
 ///
-/// Stored as floats, a hair too large, so that what is tested never misses. Any frame.
+/// The code is scalar, for a comparison among these volumes; spm/lanes uses vector instructions. Volumes are stored as
+/// floats and enlarged by more than the rounding error, so that no overlap is missed. Any frame.
 #pragma once
 
 #include <Eigen/Dense>
@@ -19,10 +20,11 @@ namespace tactus::bench {
 using spm::Vec3d;
 using Points = std::span<const Vec3d>;
 
-/// Each has
-///   of(points) and over(children, like): `like` is the node as it was, whose axes are kept; null: new ones
-///   moved(pose): one in another frame around it
-///   meets_sphere(centre, radius) and meets(other): never false when they do
+/// Each volume class has:
+///   of(points)                      returns the volume around the points
+///   over(children, previous)        returns the volume around the children; `previous`: gives its axes; null: new axes
+///   moved(pose)                     returns a volume in another frame that contains this one
+///   overlaps_sphere(centre, radius), overlaps(other)   return false only if there is no overlap
 struct SphereVolume {
   static constexpr const char* kName = "sphere";
   std::array<float, 3> centre;
@@ -35,7 +37,7 @@ struct SphereVolume {
     for (const Vec3d& p : points) radius = std::max(radius, (p - box.center()).norm());
     return make(box.center(), radius);
   }
-  static SphereVolume over(std::span<const SphereVolume> children, const SphereVolume* /*like*/) {
+  static SphereVolume over(std::span<const SphereVolume> children, const SphereVolume* /*previous*/) {
     Eigen::AlignedBox3d box;
     for (const SphereVolume& child : children) {
       box.extend(child.middle() - Vec3d::Constant(child.radius));
@@ -47,11 +49,11 @@ struct SphereVolume {
     return make(box.center(), radius);
   }
   [[nodiscard]] SphereVolume moved(const Eigen::Isometry3d& pose) const { return make(pose * middle(), radius); }
-  [[nodiscard]] bool meets_sphere(const Vec3d& at, double reach) const {
+  [[nodiscard]] bool overlaps_sphere(const Vec3d& at, double reach) const {
     const double sum = reach + radius;
     return (at - middle()).squaredNorm() <= sum * sum;
   }
-  [[nodiscard]] bool meets(const SphereVolume& other) const { return meets_sphere(other.middle(), other.radius); }
+  [[nodiscard]] bool overlaps(const SphereVolume& other) const { return overlaps_sphere(other.middle(), other.radius); }
 
  private:
   static SphereVolume make(const Vec3d& centre, double radius) {
@@ -61,7 +63,8 @@ struct SphereVolume {
   [[nodiscard]] Vec3d middle() const { return {centre[0], centre[1], centre[2]}; }
 };
 
-/// Between planes along fixed directions: 3 make a box, 9 an 18-DOP (axes and face diagonals of a cube).
+/// Volume between pairs of parallel planes. 3 directions make a box. 9 directions, the axes and face diagonals of a
+/// cube, make an 18-DOP.
 template <int kDirections>
 struct SlabVolume {
   static constexpr const char* kName = kDirections == 3 ? "box" : "18-DOP";
@@ -70,10 +73,10 @@ struct SlabVolume {
   static SlabVolume of(Points points) {
     SlabVolume volume = none();
     for (const Vec3d& p : points)
-      for (int d = 0; d < kDirections; ++d) volume.take(d, along(d, p), along(d, p), p.cwiseAbs().sum() * 2e-7);
+      for (int d = 0; d < kDirections; ++d) volume.extend(d, along(d, p), along(d, p), p.cwiseAbs().sum() * 2e-7);
     return volume;
   }
-  static SlabVolume over(std::span<const SlabVolume> children, const SlabVolume* /*like*/) {
+  static SlabVolume over(std::span<const SlabVolume> children, const SlabVolume* /*previous*/) {
     SlabVolume volume = none();
     for (const SlabVolume& child : children)
       for (std::size_t d = 0; d < kDirections; ++d) {
@@ -89,7 +92,7 @@ struct SlabVolume {
                                 (i & 4) != 0 ? high[2] : low[2]};
     return of(Points{corners.data(), corners.size()});
   }
-  [[nodiscard]] bool meets_sphere(const Vec3d& at, double reach) const {
+  [[nodiscard]] bool overlaps_sphere(const Vec3d& at, double reach) const {
     double squared = 0;
     for (std::size_t d = 0; d < 3; ++d) {
       const double apart = std::max({low[d] - at[static_cast<int>(d)], at[static_cast<int>(d)] - high[d], 0.0});
@@ -102,7 +105,7 @@ struct SlabVolume {
     }
     return true;
   }
-  [[nodiscard]] bool meets(const SlabVolume& other) const {
+  [[nodiscard]] bool overlaps(const SlabVolume& other) const {
     for (std::size_t d = 0; d < kDirections; ++d)
       if (low[d] > other.high[d] || other.low[d] > high[d]) return false;
     return true;
@@ -120,20 +123,21 @@ struct SlabVolume {
     const int a = d % 3, b = (d + 1) % 3;
     return d < 6 ? p[a] + p[b] : p[a] - p[b];
   }
-  void take(int direction, double from, double to, double hair) {
+  void extend(int direction, double from, double to, double margin) {
     const auto d = static_cast<std::size_t>(direction);
-    low[d] = std::min(low[d], static_cast<float>(from - hair));
-    high[d] = std::max(high[d], static_cast<float>(to + hair));
+    low[d] = std::min(low[d], static_cast<float>(from - margin));
+    high[d] = std::max(high[d], static_cast<float>(to + margin));
   }
 };
 
+/// Box with its own axes, the principal axes of the points.
 struct OrientedVolume {
   static constexpr const char* kName = "oriented box";
   std::array<float, 3> centre, half;
   std::array<float, 9> axes;  // columns
 
   static OrientedVolume of(Points points) { return around(points, axes_of(points)); }
-  static OrientedVolume over(std::span<const OrientedVolume> children, const OrientedVolume* like) {
+  static OrientedVolume over(std::span<const OrientedVolume> children, const OrientedVolume* previous) {
     std::array<Vec3d, 64> corners;
     std::size_t count = 0;
     for (const OrientedVolume& child : children)
@@ -142,21 +146,21 @@ struct OrientedVolume {
         corners[count++] = child.middle() + child.matrix() * sign.cwiseProduct(child.extent());
       }
     const Points all{corners.data(), count};
-    return around(all, like != nullptr ? like->matrix() : axes_of(all));
+    return around(all, previous != nullptr ? previous->matrix() : axes_of(all));
   }
   [[nodiscard]] OrientedVolume moved(const Eigen::Isometry3d& pose) const {
     return make(pose * middle(), extent(), pose.linear() * matrix());
   }
-  [[nodiscard]] bool meets_sphere(const Vec3d& at, double reach) const {
+  [[nodiscard]] bool overlaps_sphere(const Vec3d& at, double reach) const {
     const Vec3d apart = ((matrix().transpose() * (at - middle())).cwiseAbs() - extent()).cwiseMax(0.0);
     return apart.squaredNorm() <= reach * reach;
   }
   /// Source: Gottschalk, Lin, Manocha 1996 (fifteen separating axes).
-  [[nodiscard]] bool meets(const OrientedVolume& other) const {
-    const Eigen::Matrix3d mine = matrix();
-    const Eigen::Matrix3d r = mine.transpose() * other.matrix();
+  [[nodiscard]] bool overlaps(const OrientedVolume& other) const {
+    const Eigen::Matrix3d axes_in_frame = matrix();
+    const Eigen::Matrix3d r = axes_in_frame.transpose() * other.matrix();
     const Eigen::Matrix3d size = r.cwiseAbs() + Eigen::Matrix3d::Constant(1e-6);
-    const Vec3d t = mine.transpose() * (other.middle() - middle()), a = extent(), b = other.extent();
+    const Vec3d t = axes_in_frame.transpose() * (other.middle() - middle()), a = extent(), b = other.extent();
     for (int i = 0; i < 3; ++i) {
       if (std::abs(t[i]) > a[i] + size.row(i).dot(b)) return false;
       if (std::abs(t.dot(r.col(i))) > size.col(i).dot(a) + b[i]) return false;
@@ -186,9 +190,9 @@ struct OrientedVolume {
   }
   static OrientedVolume make(const Vec3d& centre, const Vec3d& half, const Eigen::Matrix3d& axes) {
     OrientedVolume volume;
-    const double hair = (centre.cwiseAbs().maxCoeff() + half.maxCoeff()) * 1e-6;
+    const double margin = (centre.cwiseAbs().maxCoeff() + half.maxCoeff()) * 1e-6;
     Eigen::Map<Eigen::Vector3f>{volume.centre.data()} = centre.cast<float>();
-    Eigen::Map<Eigen::Vector3f>{volume.half.data()} = (half + Vec3d::Constant(hair)).cast<float>();
+    Eigen::Map<Eigen::Vector3f>{volume.half.data()} = (half + Vec3d::Constant(margin)).cast<float>();
     Eigen::Map<Eigen::Matrix3f>{volume.axes.data()} = axes.cast<float>();
     return volume;
   }

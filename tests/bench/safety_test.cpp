@@ -41,7 +41,7 @@ TEST(Safety, TheSameSeedMakesTheSameRun) {
   const SafetyResult second = run_safety(settings);
   EXPECT_EQ(first.cycles, second.cycles);
   EXPECT_EQ(first.interventions, second.interventions);
-  EXPECT_EQ(first.largest_force, second.largest_force);
+  EXPECT_EQ(first.max_force, second.max_force);
 }
 
 }  // namespace

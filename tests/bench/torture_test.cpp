@@ -1,4 +1,5 @@
-// 10^6 records split, collapsed, loaded, evicted and reloaded in any order end where the set of regions says.
+// After 10^6 records are split, collapsed, loaded, evicted and reloaded in random order, the refined regions determine
+// the mesh.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 

@@ -1,0 +1,115 @@
+/// Observes a running session: ages and numbers of probe states, exact contacts, and figures of metrics.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <mutex>
+#include <set>
+#include <string>
+#include <utility>
+
+#include "bench/figures.hpp"
+#include "session/figures.hpp"
+#include "session/messages.hpp"
+#include "wire/endpoints.hpp"
+#include "wire/participants.hpp"
+#include "wire/process.hpp"
+
+namespace tactus::bench {
+
+/// Deadband-coded probe states of all users.
+struct StateDelivery {
+  Samples ages_us;     // time from sending to decoding of each state that arrived
+  double arrived = 0,  // number of states that arrived between the first and the last metrics of their HRTC
+      sent = 0;        // number of states that the HRTCs sent in the same time, by their metrics
+};
+
+/// Receives the probe states and metrics of all participants of a session.
+class SessionObserver {
+ public:
+  explicit SessionObserver(const wire::SessionAddress& address)
+      : links_{address},
+        states_{links_, wire::topics::kProbeState, [this](session::ProbeState&& state) { on_state(state); }},
+        metrics_{links_, wire::topics::kMetrics, [this](session::Metrics&& metrics) { on_metrics(metrics); }} {}
+
+  /// Adds the ages of the probe states of `user` to `ages`, us, until the next call. Null: adds no ages.
+  void add_ages_of(const std::string& user, Samples* ages) {
+    const std::lock_guard lock{mutex_};
+    user_with_ages_ = session::id_of(user);
+    ages_ = ages;
+  }
+  /// Counts the states of all users until `stop_counting` is called.
+  void start_counting() {
+    const std::lock_guard lock{mutex_};
+    counting_ = true;
+    delivery_ = {};
+    counts_.clear();
+  }
+  /// Stops the count. Returns the states received since `start_counting`.
+  [[nodiscard]] StateDelivery stop_counting() {
+    const std::lock_guard lock{mutex_};
+    counting_ = false;
+    for (const auto& [hrtc, count] : counts_) {
+      delivery_.arrived += count.arrived_at_last - count.arrived_at_first;
+      delivery_.sent += count.sent_at_last - count.sent_at_first;
+    }
+    return std::exchange(delivery_, {});
+  }
+  /// Returns the number of users that have had an exact contact.
+  [[nodiscard]] std::size_t exact_users() const {
+    const std::lock_guard lock{mutex_};
+    return exact_users_.size();
+  }
+  /// Returns the newest value of the figure `name` of a participant. Returns 0 if none has arrived.
+  [[nodiscard]] double figure(const std::string& participant, const std::string& name) const {
+    const std::lock_guard lock{mutex_};
+    const auto found = figures_.find({session::id_of(participant), name});
+    return found == figures_.end() ? 0 : found->second;
+  }
+
+ private:
+  /// Number of states of one HRTC, also at its first and last metrics while states are counted.
+  struct Count {
+    double arrived = 0, arrived_at_first = 0, arrived_at_last = 0, sent_at_first = -1, sent_at_last = 0;
+  };
+
+  void on_state(const session::ProbeState& state) {
+    const std::lock_guard lock{mutex_};
+    const double age_us = static_cast<double>(wire::monotonic_ns() - state.origin.time_ns) / 1e3;
+    if (ages_ != nullptr && state.user_id == user_with_ages_) ages_->add(age_us);
+    if (counting_) {
+      delivery_.ages_us.add(age_us);
+      ++counts_[state.origin.participant].arrived;
+    }
+    constexpr std::uint32_t kTouches = session::kInContact | session::kExact;
+    if ((state.status & kTouches) == kTouches) exact_users_.insert(state.user_id);
+  }
+  void on_metrics(const session::Metrics& metrics) {
+    const std::lock_guard lock{mutex_};
+    for (const auto& [name, value] : metrics.figures) {
+      figures_[{metrics.origin.participant, name}] = value;
+      if (!counting_ || name != session::figures::kStatesDeadbandCoded) continue;
+      Count& count = counts_[metrics.origin.participant];
+      if (count.sent_at_first < 0) {
+        count.sent_at_first = value;
+        count.arrived_at_first = count.arrived;
+      }
+      count.sent_at_last = value;
+      count.arrived_at_last = count.arrived;
+    }
+  }
+
+  mutable std::mutex mutex_;
+  std::uint64_t user_with_ages_ = 0;
+  Samples* ages_ = nullptr;
+  bool counting_ = false;
+  StateDelivery delivery_;
+  std::map<std::uint64_t, Count> counts_;  // by HRTC
+  std::set<std::uint64_t> exact_users_;
+  std::map<std::pair<std::uint64_t, std::string>, double> figures_;
+  wire::Participants links_;
+  wire::Reader<session::ProbeState> states_;
+  wire::Reader<session::Metrics> metrics_;
+};
+
+}  // namespace tactus::bench

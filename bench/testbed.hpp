@@ -1,0 +1,160 @@
+/// The programs, model and recordings of the benchmark of many HRTCs.
+#pragma once
+
+#include <cstdint>
+#include <cstdio>
+#include <filesystem>
+#include <fstream>
+#include <memory>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "bench/models.hpp"
+#include "bench/surface_path.hpp"
+#include "spm/fcl/fixed_mesh.hpp"
+#include "spm/offline/model_file.hpp"
+#include "tests/support/process.hpp"
+#include "tests/support/temporary_folder.hpp"
+#include "wire/participants.hpp"
+
+namespace tactus::bench {
+
+/// Settings of the benchmark of many HRTCs.
+struct ScaleSettings {
+  std::string part;  // empty: all parts
+  std::uint32_t faces = 1'000'000;
+  int domain = 40;
+  int windows = 10;    // number of windows of each kind
+  double seconds = 2;  // length of each window
+  int joining_hrtcs = 32;
+  int min_joining_hrtcs = 0;              // 0: an eighth of joining_hrtcs
+  int probes = 64;                        // 8 to an HRTC
+  std::uint32_t state_faces = 2'950'000;  // of the model of part "state", for about 10,000 regions
+};
+
+/// Writes a model and recordings of tips on its surface, and starts programs with them, each part in its own session.
+class Testbed {
+ public:
+  explicit Testbed(const ScaleSettings& settings) : settings_{settings} {
+    std::fprintf(stderr, "writing the model and the recordings\n");
+    LoadedModel subject = load_model({}, settings.faces);
+    digest_ = subject.model.summary.digest;
+    spm::offline::write_model(folder_.path() / "model.spm", subject.model, {});
+    scale_to_edge(subject, kHandEdge);
+    std::ofstream config{folder_.path() / "host.yaml"};
+    config.precision(17);
+    config << "objects:\n  - name: object\n    model: " << (folder_.path() / "model.spm").string()
+           << "\n    position: [0, 0, 0]\n    scale: " << subject.model.summary.metres_per_unit << '\n';
+    if (!config.flush()) throw std::runtime_error("cannot write " + (folder_.path() / "host.yaml").string());
+    write_path("slow.csv", subject, kSlowSpeed);
+    if (settings.part.empty() || settings.part == "coded")
+      for (int i = 0; i < settings.probes; ++i) write_moving(i);  // on the slow path
+    write_path("fast.csv", subject, kFastSpeed);
+    for (int i = 0; i < settings.joining_hrtcs; ++i) write_resting(i);  // on the fast path
+    programs_ = std::filesystem::read_symlink("/proc/self/exe").parent_path();
+  }
+
+  [[nodiscard]] std::uint64_t digest() const noexcept { return digest_; }
+
+  /// Starts a host in `session`, which serves the model when this returns. Throws std::runtime_error after 60 s.
+  [[nodiscard]] std::unique_ptr<e2e::Process> host(const std::string& session) const {
+    auto host = start("tactus-host", session, {"--name", "host", "--config", (folder_.path() / "host.yaml").string()});
+    if (!host->wait_for_line("serving 'object'", std::chrono::seconds{60}))
+      throw std::runtime_error("the host does not serve:\n" + host->output());
+    return host;
+  }
+  /// Starts an HRTC with one user of the same name, whose tip replays the recording `path`.
+  [[nodiscard]] std::unique_ptr<e2e::Process> hrtc(const std::string& session, const std::string& name,
+                                                   const std::string& path, std::vector<std::string> more = {}) const {
+    more.insert(more.end(), {"--name", name, "--replay", name + "=" + (folder_.path() / (path + ".csv")).string()});
+    return start("tactus-hrtc", session, more);
+  }
+  /// Starts an HRTC with one user for each recording of `paths`. A user's name is "HRTC-RECORDING".
+  [[nodiscard]] std::unique_ptr<e2e::Process> hrtc(const std::string& session, const std::string& name,
+                                                   const std::vector<std::string>& paths) const {
+    std::vector<std::string> arguments{"--name", name};
+    for (const std::string& path : paths)
+      arguments.insert(arguments.end(),
+                       {"--replay", name + "-" + path + "=" + (folder_.path() / (path + ".csv")).string()});
+    return start("tactus-hrtc", session, arguments);
+  }
+  /// Returns the name of the recording of a tip that moves.
+  [[nodiscard]] static std::string moving_recording(int index) { return "path-" + std::to_string(index); }
+  /// Returns the name of the recording of a tip that rests.
+  [[nodiscard]] static std::string resting_recording(int index) { return "rest-" + std::to_string(index); }
+  [[nodiscard]] wire::SessionAddress address(const std::string& session, const std::string& participant) const {
+    wire::SessionAddress address;
+    address.session = session;
+    address.participant = participant;
+    address.domain = settings_.domain;
+    address.qos = wire::default_qos_directory();
+    return address;
+  }
+
+ private:
+  [[nodiscard]] std::unique_ptr<e2e::Process> start(const std::string& program, const std::string& session,
+                                                    const std::vector<std::string>& more) const {
+    std::vector<std::string> command{(programs_ / program).string(), "--session", session, "--domain",
+                                     std::to_string(settings_.domain)};
+    command.insert(command.end(), more.begin(), more.end());
+    return std::make_unique<e2e::Process>(std::move(command));
+  }
+  /// Writes the recording of a tip that follows a path at `speed`, m/s, and stores the path in `path_`.
+  void write_path(const std::string& name, const LoadedModel& subject, double speed) {
+    const double unit = subject.model.summary.metres_per_unit;
+    const spm::fcl::FixedMesh finest{subject.model.positions, subject.finest};
+    const PathSettings path{kRadius / unit, kDepth / unit, speed * kPeriod / unit, 30'000, 1};
+    std::ofstream out{folder_.path() / name};
+    out.precision(9);
+    double time = 0;
+    path_.clear();
+    for (const spm::Vec3d& at : surface_path(subject.model.positions, subject.finest, path,
+                                             [&](const spm::Vec3d& p) { return finest.distance(p); })) {
+      path_.push_back(at * unit);
+      write_row(out, time, path_.back());
+      time += kPeriod;
+    }
+    if (!out.flush()) throw std::runtime_error("cannot write " + name);
+  }
+  /// Writes the recording of a tip that rests at a point of `path_`. The points of all HRTCs are evenly spaced.
+  void write_resting(int index) const {
+    const std::string name = resting_recording(index) + ".csv";
+    std::ofstream out{folder_.path() / name};
+    out.precision(9);
+    const std::size_t at =
+        path_.size() * static_cast<std::size_t>(index) / static_cast<std::size_t>(settings_.joining_hrtcs);
+    for (const double time : {0.0, 60.0}) write_row(out, time, path_[at]);
+    if (!out.flush()) throw std::runtime_error("cannot write " + name);
+  }
+  /// Writes the recording of a tip that follows a part of `path_`. The parts of all probes begin evenly spaced.
+  void write_moving(int index) const {
+    const std::string name = moving_recording(index) + ".csv";
+    std::ofstream out{folder_.path() / name};
+    out.precision(9);
+    constexpr std::size_t kSteps = 20'000, kStride = 5;
+    const std::size_t steps = std::min(kSteps, path_.size());
+    const std::size_t from =
+        (path_.size() - steps) * static_cast<std::size_t>(index) / static_cast<std::size_t>(settings_.probes);
+    for (std::size_t i = 0; i < steps; i += kStride) write_row(out, static_cast<double>(i) * kPeriod, path_[from + i]);
+    if (!out.flush()) throw std::runtime_error("cannot write " + name);
+  }
+  static void write_row(std::ofstream& out, double time, const spm::Vec3d& at) {
+    out << time << ',' << at[0] << ',' << at[1] << ',' << at[2] << '\n';
+  }
+
+  static constexpr double kPeriod = 0.001;    // s
+  static constexpr double kRadius = 0.003;    // of the tip, m
+  static constexpr double kDepth = 0.0003;    // of the tip in the surface, m
+  static constexpr double kSlowSpeed = 0.05;  // m/s
+  static constexpr double kFastSpeed = 0.3;   // m/s, of the impaired HRTC's tip
+
+  ScaleSettings settings_;
+  std::uint64_t digest_ = 0;
+  std::vector<spm::Vec3d> path_;  // the path that write_path wrote last, m
+  test_support::TemporaryFolder folder_;
+  std::filesystem::path programs_;
+};
+
+}  // namespace tactus::bench
