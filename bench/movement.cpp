@@ -26,7 +26,7 @@ client_sim::Objects objects_of(const spm::ModelSummary& summary, double scale) {
   view.id = 1;
   for (int axis = 0; axis < 3; ++axis) {
     view.centre[axis] = scale * (summary.bounds_min[axis] + summary.bounds_max[axis]) / 2;
-    view.half[axis] = scale * (summary.bounds_max[axis] - summary.bounds_min[axis]) / 2;
+    view.half_size[axis] = scale * (summary.bounds_max[axis] - summary.bounds_min[axis]) / 2;
   }
   return {{"object", view}};
 }
@@ -83,7 +83,7 @@ std::vector<session::ProbeState> simulate(const spm::Model& model, double scale,
   SessionRun run{model, scale, settings};
   const client_sim::Objects objects = objects_of(model.summary, scale);
   const client_sim::ObjectView& view = objects.begin()->second;
-  const Vec3d start = view.centre + Vec3d{0, 0, view.half.z() + 0.03};
+  const Vec3d start = view.centre + Vec3d{0, 0, view.half_size.z() + 0.03};
   run.settle(start);
 
   client_sim::Operator user{user_of(movement), {}};

@@ -314,7 +314,7 @@ SafetyResult run_safety(const SafetySettings& settings) {
         ++result.undecodable;
         continue;
       }
-      if (wire::fault(arrived) != nullptr) {
+      if (wire::invalid_field(arrived) != nullptr) {
         ++result.refused;
         if (!random.chance(settings.unchecked)) continue;
         ++result.unchecked;

@@ -27,7 +27,7 @@ users:
       - retreat: {}
 )";
 
-/// One user takes a crate from above, and another takes it over in the air and puts it down.
+/// One user raises a crate, and another user takes it over in the air and puts it down.
 constexpr char kGrab[] = R"(name: grab
 duration: 20
 users:
@@ -47,7 +47,7 @@ users:
       - release: {}
 )";
 
-/// Users who lift a crate, to append to a list of users.
+/// Entries of two users who lift a crate, for the end of a list of users.
 constexpr char kLifters[] = R"(  - name: dan
     hrtc: "#1"
     script:
@@ -91,7 +91,7 @@ constexpr char kDemoUsers[] = R"(  - name: ann
       - retreat: {}
 )";
 
-// Scenarios of studies. Each tap of a scan touches a point that nothing has touched before.
+// Scenarios of studies. In tap-scan, each tap touches another point, so its regions are not loaded yet.
 
 constexpr char kTapWall[] = R"(name: tap-wall
 measures: forces
@@ -183,8 +183,9 @@ users:
       - follow: {speed: 0.05, force: 1.5, seconds: 2, pattern: zigzag, extent: 0.02}
 )";
 
-/// The users hold the crate above its centre of mass. Only its weight resists rotation about the line between two
-/// points: below that line it hangs stably, above it would tip over.
+/// The users press on the crate above its centre of mass, at 70 % of its height. Only the weight resists a rotation
+/// about the line between the two contact points. With the centre of mass below this line the crate hangs stably; with
+/// the centre above it, the crate would tip over.
 constexpr char kLift[] = R"(name: lift
 measures: lift
 truth: analytic

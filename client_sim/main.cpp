@@ -31,13 +31,14 @@ my.yaml:
         - retreat: {}
     - name: bob
       hrtc: "#2"
-      remote: true          # holds a device here, not in the HRTC
+      remote: true          # the device is in this program, not in the HRTC
       repeat: true
       script:
         - tap: {object: "#1", count: 5, speed: 0.1, force: 1}
         - wait: {seconds: 1}
 
-"#n" is the n-th one in the session, by name. Patterns: circle, zigzag, around. lean: 0.5 tilts the hand while it follows.
+"#n" is the n-th HRTC or static object of the session, in the order of names. Patterns: circle, zigzag, around.
+"lean: 0.5" tilts a following hand by up to 0.5 rad.
 Actions: approach, follow, tap, hold, lift, retreat, wait, grab; after a grab also move and release.
 Exit status: 0 the scenario ran, 1 it stopped early, 2 wrong input or the name is taken.)";
 
@@ -45,7 +46,7 @@ Exit status: 0 the scenario ran, 1 it stopped early, 2 wrong input or the name i
   throw std::runtime_error("cannot write the report " + file.string() + ": " + cause);
 }
 
-/// Writes a file beside `file` and renames it, so that a reader never sees half a report.
+/// Writes a temporary file in the same folder and renames it to `file`, so that no other program reads half a report.
 void write_json(const std::filesystem::path& file, const std::string& text) {
   const std::filesystem::path part = file.string() + ".part";
   std::ofstream out{part};
@@ -59,7 +60,7 @@ void write_json(const std::filesystem::path& file, const std::string& text) {
   fail_to_write(file, error.message());
 }
 
-/// Fails before the session rather than after it when the report cannot be written. Leaves no file.
+/// Throws before the session starts if the report cannot be written after it. Leaves no file.
 void expect_writable(const std::filesystem::path& file) {
   if (std::filesystem::is_directory(file)) fail_to_write(file, "found a directory, expected a file");
   const std::filesystem::path part = file.string() + ".part";
@@ -92,8 +93,8 @@ int main(int argc, char** argv) {
       ->capture_default_str()
       ->check(CLI::Range(0.1, 86400.0));
   app.add_option("--mode", mode,
-                 "Set how probe states are sent: auto, or collaborate or large-scale, for everyone or followed by "
-                 "USER,USER...");
+                 "Session mode, which sets how probe states are sent: auto, collaborate or large-scale. A list "
+                 "USER,USER... after collaborate or large-scale restricts the mode to these users");
   app.add_option("--json", json, "File for the report as JSON");
   app.add_flag("--list", list, "List the built-in scenarios");
   try {

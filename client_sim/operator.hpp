@@ -1,7 +1,8 @@
-/// A simulated user: turns a script, known objects and measured forces into hand motions.
+/// Decides the path of a simulated user's hand from a script, the catalogue and measured forces.
 ///
-/// It has no mesh. It uses bounds, surface points and pose of an object from the catalogue, the probe states of its own
-/// probe, and the forces of other probes. World frame, SI; times are session time. One thread at a time. Not realtime.
+/// An operator has no mesh. It uses the bounds, surface points and pose of each object from the catalogue, the states
+/// of its own probe, and the forces of other probes. World frame, SI; times are session time. One thread at a time. Not
+/// realtime.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -11,115 +12,118 @@
 #include <string>
 #include <vector>
 
+#include "client_sim/object_view.hpp"
 #include "client_sim/scenario.hpp"
 #include "session/messages.hpp"
 
 namespace tactus::client_sim {
 
-/// An object as the catalogue describes it: a box, and points of the surface in it.
-struct ObjectView {
-  std::uint64_t id = 0;
-  Vec3d centre = Vec3d::Zero();                            ///< world, m
-  Vec3d half = Vec3d::Zero();                              ///< half edges along the object's axes, m
-  Eigen::Matrix3d rotation = Eigen::Matrix3d::Identity();  ///< object's axes to world
-  bool moves = false;                                      ///< the object is movable
-  struct SurfacePoint {
-    Vec3d position, normal;  ///< world, m; the normal is zero where unknown
-  };
-  std::vector<SurfacePoint> surface;  ///< empty: the whole box counts as solid
-  double spacing = 0;                 ///< m; every point of the surface is within this distance of one of these
-};
-[[nodiscard]] ObjectView view_of(const session::CatalogueEntry& entry);
-
-/// By object name.
-using Objects = std::map<std::string, ObjectView>;
-
-/// The object that a scenario names: by name, or with "#n" the n-th fixed object by name, modulo their number. Null
-/// when there is none.
-[[nodiscard]] const ObjectView* find_object(const Objects& objects, const std::string& reference);
-
 struct OperatorSettings {
-  double hand_stiffness = 250;             ///< N/m, the user's estimate for its own hand
+  double hand_stiffness = 250;             ///< N/m, stiffness of the hand that the operator assumes
   double travel_speed = 0.25;              ///< m/s, in free space
-  double clearance = 0.02;                 ///< m outside an object's bounds, for approaches
-  std::int64_t period_ns = 10'000'000;     ///< between intents
-  std::int64_t lookahead_ns = 40'000'000;  ///< range into the future of an intent
+  double clearance = 0.02;                 ///< m, distance from an object's bounds at which an approach starts
+  std::int64_t period_ns = 10'000'000;     ///< time between two intents
+  std::int64_t lookahead_ns = 40'000'000;  ///< time from the first to the last waypoint of an intent
 };
 
-/// Counts of what the script has achieved so far.
+/// Results of the script so far.
 struct OperatorTally {
   std::uint32_t taps = 0;
-  std::uint32_t approaches_missed = 0;  ///< reached the far side of the bounds without contact
-  std::uint32_t contacts_lost = 0;      ///< while following
-  double following = 0;                 ///< s
+  std::uint32_t approaches_missed = 0;  ///< approaches that reached the far side of the bounds without contact
+  std::uint32_t contacts_lost = 0;      ///< contacts lost while following or holding
+  double following = 0;                 ///< s spent following or holding
   std::uint32_t lifts = 0;              ///< objects raised, held and put down
-  std::uint32_t lifts_lost = 0;         ///< contact was lost while lifting
+  std::uint32_t lifts_lost = 0;         ///< lifts that ended early because contact was lost
   std::uint32_t grabs = 0;              ///< objects that the hand held
-  std::uint32_t grabs_refused = 0;      ///< objects that it touched and could not hold
-  std::uint32_t grabs_lost = 0;         ///< holds that ended before release
+  std::uint32_t grabs_refused = 0;      ///< objects that the hand touched and could not hold
+  std::uint32_t grabs_lost = 0;         ///< holds that ended before the script released the object
 };
 
 class Operator {
  public:
   Operator(const User& user, const OperatorSettings& settings);
 
-  /// A state of this user's probe; states of others and states older than the newest are ignored.
+  /// Takes a state of this user's probe. Ignores states of others and states older than the newest one.
   void on_probe_state(const session::ProbeState& state);
-  /// A state of another user's probe.
+  /// Takes a state of another user's probe.
   void on_other(const session::ProbeState& state);
 
-  /// Continues the script; returns an intent whenever one is due. Before the first probe state the intent is a point
-  /// clear of the first object, where an HRTC may place the hand. The caller sets `origin`.
+  /// Continues the script; returns an intent whenever one is due. Before the first probe state, the intent is a point
+  /// outside the first object, at which the HRTC may place the hand. The caller sets `origin`.
   [[nodiscard]] std::optional<session::Intent> tick(std::int64_t session_now_ns, const Objects& objects);
 
-  /// The script has ended and does not repeat.
-  [[nodiscard]] bool done() const noexcept { return done_; }
+  /// True once the script has ended; never for a script that repeats.
+  [[nodiscard]] bool done() const noexcept { return is_done_; }
   [[nodiscard]] const OperatorTally& tally() const noexcept { return tally_; }
   [[nodiscard]] const User& user() const noexcept { return user_; }
-  /// True while the script expects contact.
+  /// True while the operator follows a surface, or holds with a force.
   [[nodiscard]] bool following() const noexcept { return stage_ == Stage::kFollow; }
 
  private:
+  /// The stages of actions. An action begins with kPlan and passes through some of the others:
+  ///
+  ///     approach  kTravel kSettle kApproach
+  ///     tap       kTravel kSettle (kApproach kPullBack) x count
+  ///     follow    kTravel kSettle kApproach kFollow; in contact with the same object only kFollow
+  ///     hold      kFollow; without force kWait
+  ///     lift      kTravel kSettle kApproach kPressTogether kLift kTravel kSettle
+  ///     grab      kTravel kSettle kApproach kGrab
+  ///     move      kMove
+  ///     release   kRelease kTravel kSettle
+  ///     retreat   kTravel kSettle
+  ///     wait      kWait
   enum class Stage : std::uint8_t {
-    kBegin,
-    kTravel,
-    kSteady,
-    kPressIn,
-    kLiftOff,
-    kFollow,
-    kGrip,
-    kCarry,
-    kClose,
-    kMove,
-    kOpen,
-    kStill
+    kPlan,
+    kTravel,         ///< moves along `route_`
+    kSettle,         ///< waits until the device has reached the hand's target
+    kApproach,       ///< moves towards the object until the contact force is reached
+    kPullBack,       ///< moves away from the surface between two taps
+    kFollow,         ///< moves along the surface and controls the force
+    kPressTogether,  ///< presses until enough users press
+    kLift,           ///< raises the object, holds it and lowers it
+    kGrab,           ///< waits until the HRTC reports that the hand holds the object
+    kMove,           ///< moves the held object
+    kRelease,        ///< waits until the HRTC has released the object
+    kWait            ///< does not move
   };
 
-  void act(double dt, const Objects& objects);
+  // operator.cpp
+  void run_stage(double dt, const Objects& objects);
   void orient_hand(double dt);
-  [[nodiscard]] bool begin(const Action& action, const Objects& objects);
-  [[nodiscard]] Vec3d aim_at(const Action& action, const ObjectView& view) const;
-  [[nodiscard]] Vec3d start_of(const Action& action, const ObjectView& view) const;
   [[nodiscard]] std::optional<session::Intent> first_intent(std::int64_t session_now_ns, const Objects& objects);
-  void plan_route(const Vec3d& to);
+  [[nodiscard]] bool begin_action(const Action& action, const Objects& objects);
   void next_action();
-  void press_in(const Action& action, double dt);
-  void lift_off(const Action& action, double dt);
-  void follow(const Action& action, double dt);
-  void start_gripping();
-  void grip(const Action& action, double dt);
-  void carry(const Action& action, double dt);
-  void close_hand(double dt);
-  void move_held(const Action& action, double dt);
-  void open_hand();
-  void give_up_holding();
-  void bear(const Vec3d& load, double within, double dt);
-  void press_with(double force, double settling, double dt);
-  [[nodiscard]] bool others_press(const Action& action, double force) const;
-  void start_following(const Action& action);
-  [[nodiscard]] bool go_to(const Vec3d& target, double speed, double dt);
-  [[nodiscard]] Vec3d tangent(const Action& action);
+  [[nodiscard]] bool move_hand_towards(const Vec3d& target, double speed, double dt);
   [[nodiscard]] bool touching() const noexcept;
+
+  // operator_approach.cpp
+  [[nodiscard]] Vec3d aim_point(const Action& action, const ObjectView& view) const;
+  [[nodiscard]] Vec3d start_point(const Action& action, const ObjectView& view) const;
+  void plan_route(const Vec3d& to);
+  void approach(const Action& action, double dt);
+  void pull_back(const Action& action, double dt);
+
+  // operator_follow.cpp
+  void start_following(const Action& action);
+  void follow(const Action& action, double dt);
+  [[nodiscard]] Vec3d tangent(const Action& action);
+
+  // operator_hold.cpp
+  void start_lift();
+  void press_together(const Action& action, double dt);
+  void lift(const Action& action, double dt);
+  void grab(double dt);
+  void start_moving();
+  void move_object(const Action& action, double dt);
+  void release();
+  void end_hold();
+  void leave_object();
+  void press(double force, double time_constant, double dt);
+  void track_load(const Vec3d& load, double time_constant, double dt);
+  [[nodiscard]] Vec3d load_offset() const;
+  [[nodiscard]] bool others_press(const Action& action, double force) const;
+
+  static constexpr double kWaitingForce = 0.5;  // N, with which a user presses until the others press too
 
   User user_;
   OperatorSettings settings_;
@@ -127,18 +131,20 @@ class Operator {
   std::uint32_t sequence_ = 0;
   OperatorTally tally_;
 
-  // Measured state.
+  // Newest state of the own probe.
   bool has_state_ = false;
   std::int64_t state_ns_ = 0;
   Vec3d device_ = Vec3d::Zero(), proxy_ = Vec3d::Zero();
-  Vec3d travel_ = Vec3d::Zero();   // velocity of the proxy, smoothed
-  Vec3d normal_ = Vec3d::UnitZ();  // of the surface, estimated from the force
-  double force_ = 0;               // N, smoothed
-  double raw_force_ = 0;
+  Vec3d proxy_velocity_ = Vec3d::Zero();  // smoothed
+  Vec3d normal_ = Vec3d::UnitZ();         // of the surface, estimated from the force
+  Vec3d smoothed_force_ = Vec3d::Zero();  // N
+  double force_norm_ = 0;                 // N
+  double smoothed_norm_ = 0;              // N
   bool in_contact_ = false;
-  bool holding_ = false, refused_ = false;  // as the HRTC reports
-  bool off_ = false;                        // its force is, until a reset
-  Vec3d felt_force_ = Vec3d::Zero();        // N, smoothed
+  bool is_holding_ = false, is_refused_ = false;  // status bits kHolding, kHoldRefused
+  bool has_fault_ = false;                        // status bit kFault: there is no force until a reset
+
+  // Newest states of the other users' probes.
   struct Other {
     std::uint64_t object = 0;
     double force = 0;              // N
@@ -146,46 +152,52 @@ class Operator {
   };
   std::map<std::uint64_t, Other> others_;  // by user
 
-  // Orientation of the hand, when the script tilts it.
-  bool leans_ = false;
-  Vec3d upright_ = Vec3d::UnitZ();                            // surface normal, smoothed by the wrist
-  Eigen::Quaterniond base_ = Eigen::Quaterniond::Identity();  // its z axis is upright_
-  Eigen::Quaterniond orientation_ = Eigen::Quaterniond::Identity(), ahead_ = Eigen::Quaterniond::Identity();
+  // Orientation of the hand.
+  bool tilts_hand_ = false;           // an action of the script has a `lean`
+  Vec3d hand_axis_ = Vec3d::UnitZ();  // z axis of the hand without tilt: the surface normal, smoothed by the wrist
+  Eigen::Quaterniond untilted_ = Eigen::Quaterniond::Identity();
+  Eigen::Quaterniond orientation_ = Eigen::Quaterniond::Identity();
+  Eigen::Quaterniond orientation_ahead_ = Eigen::Quaterniond::Identity();  // at the end of the intent
 
-  // Wanted motion.
+  // Progress in the script.
   std::size_t action_ = 0;
-  bool done_ = false;
-  Stage stage_ = Stage::kBegin;
+  bool is_done_ = false;
+  Stage stage_ = Stage::kPlan;
   std::int64_t ticked_ns_ = 0;
+  double stage_time_ = 0;                  // s since the stage began
+  double followed_time_ = 0;               // s of kFollow in this action
+  std::uint32_t attempts_ = 0, taps_ = 0;  // in this action
+  double loss_time_ = 0;                   // s since contact, or in kMove the hold, was lost
+  bool is_leaving_ = false;                // the route leads away from the object and ends the action
+
+  // Motion of the hand. `hand_` is the target of the device, which lags behind it and stops at surfaces.
   Vec3d hand_ = Vec3d::Zero(), hand_velocity_ = Vec3d::Zero();
-  double clock_ = 0;     // s in this stage
-  double followed_ = 0;  // s in this action
-  std::uint32_t attempts_ = 0, taps_ = 0;
-  std::vector<Vec3d> route_;  // remaining points, last first
+  std::vector<Vec3d> route_;  // remaining points, the next one at the end
   std::uint32_t buttons_ = 0;
 
   // The object of the action.
   std::string object_;
   ObjectView view_;
-  Vec3d outwards_ = Vec3d::UnitZ();  // direction of approach, reversed, world
-  Vec3d start_ = Vec3d::Zero();      // outside the bounds
-  double depth_ = 0;                 // m from `start_` to the far side of the bounds
+  Vec3d outwards_ = Vec3d::UnitZ();       // unit vector from the object to the start of the approach, world
+  Vec3d approach_start_ = Vec3d::Zero();  // outside the bounds
+  double max_travel_ = 0;                 // m from `approach_start_` to the far side of the bounds
 
   // Contact.
-  Vec3d touched_ = Vec3d::Zero();  // where contact began
-  bool has_touched_ = false;
-  Vec3d cursor_ = Vec3d::Zero();  // target point that leads the proxy along the surface
-  double push_ = 0;               // m, wanted depth of the hand below the cursor
-  double lost_ = 0;               // s without contact
-  double extent_ = 0;
-  double row_ = 0, row_step_ = 0, heading_ = 1;  // zigzag
-  double plane_ = 0;                             // around: distance of the plane of motion from the centre
+  Vec3d first_contact_ = Vec3d::Zero();  // position of the proxy when contact began
+  bool has_first_contact_ = false;
+  double push_depth_ = 0;  // m, distance of the hand below the surface, which makes the force
 
-  // Lifting.
-  Vec3d gripped_ = Vec3d::Zero();  // position of the device when all pressed, or when the hold began
-  Vec3d load_ = Vec3d::Zero();     // N, tangential to the press, as the arm carries it
-  double both_ = 0;                // s for which all have pressed
-  bool released_ = false;          // the route leads away from the object
+  // Following.
+  Vec3d cursor_ = Vec3d::Zero();   // point on the surface that leads the proxy
+  double extent_ = 0;              // m, size of the pattern
+  double row_ = 0, row_step_ = 0;  // zigzag: m, coordinate of the row and distance to the next
+  double heading_ = 1;             // zigzag: direction along the row, 1 or -1
+  double plane_offset_ = 0;        // around: m, distance of the plane of motion from the object's centre
+
+  // Holding.
+  Vec3d anchor_ = Vec3d::Zero();  // position of the hand without push, load and displacement
+  Vec3d load_ = Vec3d::Zero();    // N, smoothed force of the object's weight and inertia on the arm
+  double together_time_ = 0;      // s for which all users have pressed with enough force
 };
 
 }  // namespace tactus::client_sim

@@ -9,7 +9,7 @@
 namespace tactus::client_sim {
 namespace {
 
-constexpr double kHold = 0.010, kZeroBy = 0.060;  // s; as haptics::ForceSettings
+constexpr double kHold = 0.010, kZeroBy = 0.060;  // s without a command; the same values as in haptics::ForceSettings
 constexpr int kPriority = 40;
 
 }  // namespace
@@ -48,7 +48,8 @@ void RemoteHand::on_command(const session::DeviceCommand& command) {
 
 void RemoteHand::run() {
   pthread_setname_np(pthread_self(), "remote hand");
-  (void)wire::enter_realtime("remote hand", kPriority);  // best effort: a late pose only reduces the stiffness
+  // A refusal is no error, because poses that are late only reduce the stiffness.
+  (void)wire::enter_realtime("remote hand", kPriority);
   const auto period_ns = static_cast<std::int64_t>(1e9 / settings_.rate);
   std::int64_t due_ns = wire::monotonic_ns();
   session::DevicePose pose;
@@ -59,8 +60,8 @@ void RemoteHand::run() {
     wire::sleep_until(due_ns);
     const std::int64_t now_ns = wire::monotonic_ns();
     const ReceivedCommand& command = command_.latest();
-    const double silent = static_cast<double>(now_ns - command.arrived_ns) * 1e-9;
-    const double share = std::clamp((kZeroBy - silent) / (kZeroBy - kHold), 0.0, 1.0);
+    const double command_age = static_cast<double>(now_ns - command.arrived_ns) * 1e-9;
+    const double share = std::clamp((kZeroBy - command_age) / (kZeroBy - kHold), 0.0, 1.0);
     device_.write_wrench(share * haptics::Vec3d{command.force[0], command.force[1], command.force[2]},
                          share * haptics::Vec3d{command.torque[0], command.torque[1], command.torque[2]});
     const haptics::DeviceState state = device_.read(now_ns);

@@ -1,9 +1,10 @@
-/// A simulated user's hand on a device of its own: it sends poses to its HRTC and applies the commands that come back.
+/// Simulates a user's hand on a device at the client: sends its poses to the HRTC and applies the commands of the HRTC.
 ///
 ///     paths --> simulated device --> device_pose (1 kHz) --> HRTC
 ///                      ^ force <------- device_command <------'
 ///
-/// A thread of its own keeps the rate. A force without a new command is held for 10 ms and reaches zero at 60 ms.
+/// A thread of its own sends the poses. If no new command arrives, the force stays constant for 10 ms after the last
+/// command and then falls to zero at 60 ms.
 #pragma once
 
 #include <atomic>
@@ -22,9 +23,9 @@ namespace tactus::client_sim {
 
 struct RemoteHandSettings {
   std::string user;
-  std::string hrtc;  ///< commands of this HRTC are accepted
-  double radius = 0.003;
-  double rate = 1000;  ///< Hz of poses
+  std::string hrtc;       ///< only commands of this HRTC are accepted
+  double radius = 0.003;  ///< m, of the tip
+  double rate = 1000;     ///< Hz, of poses
   haptics::HandSettings hand;
 };
 
@@ -34,13 +35,12 @@ class RemoteHand {
   RemoteHand(wire::Participants& participants, const RemoteHandSettings& settings);
   ~RemoteHand();
 
-  /// The hand's target from now on, and the session clock's map. One thread.
+  /// Sets the path of the hand from now on, and the map from the program's clock to session time. One thread.
   void set_intent(const session::Intent& intent, const session::ClockMap& map);
-  /// Commands dropped because their number is outside its window. Any thread.
+  /// Number of commands dropped because their sequence number is not plausible. Any thread.
   [[nodiscard]] std::uint64_t implausible() const noexcept { return implausible_.load(std::memory_order_relaxed); }
 
  private:
-  /// The newest command.
   struct ReceivedCommand {
     std::array<double, 3> force{}, torque{};
     std::uint32_t sequence = 0;
@@ -56,7 +56,7 @@ class RemoteHand {
   haptics::SimulatedDevice device_;
   haptics::Mailbox<session::ClockMap> clock_;
   haptics::Mailbox<ReceivedCommand> command_;
-  session::SenderWindow commands_seen_{session::kCycleNumbers};  // used by the reader
+  session::SenderWindow commands_seen_{session::kCycleNumbers};  // used in the thread of `commands_`
   std::atomic<std::uint64_t> implausible_{0};
   wire::Writer<session::DevicePose> poses_;
   wire::Reader<session::DeviceCommand> commands_;

@@ -31,7 +31,7 @@ bool has(const ParticipantReport& participant, const std::string& name) { return
 
 constexpr std::size_t kColumns = 100;
 
-/// Breaks longer lines, at spaces where possible; continuation lines are indented further.
+/// Breaks lines that are longer than kColumns, at spaces where possible. Continuation lines have 4 columns more indent.
 std::string wrapped(const std::string& text) {
   std::string out;
   std::size_t begin = 0;
@@ -51,8 +51,8 @@ std::string wrapped(const std::string& text) {
   return out;
 }
 
-/// "-" for a time that was never reached.
-std::string moment(double seconds) { return seconds < 0 ? "-" : line("%.2f", seconds); }
+/// A time in seconds; "-" for a negative one, which means never.
+std::string time_or_dash(double seconds) { return seconds < 0 ? "-" : line("%.2f", seconds); }
 
 void write_users(const Report& report, std::string& out) {
   out +=
@@ -60,10 +60,10 @@ void write_users(const Report& report, std::string& out) {
       "  name            hrtc          touch s  exact s  contact s  exact %  mean N   max N  touches  taps\n";
   for (const UserReport& user : report.users) {
     const TouchTally& touch = user.touch;
-    out +=
-        line("  %-14s  %-12s  %7s  %7s  %9.2f  %7.2f  %6.2f  %6.2f  %7u  %4u\n", user.name.substr(0, 14).c_str(),
-             user.hrtc.substr(0, 12).c_str(), moment(touch.first_touch).c_str(), moment(touch.first_exact).c_str(),
-             touch.contact, 100 * touch.exact_share(), touch.force_mean(), touch.force_max, touch.touches, user.taps);
+    out += line("  %-14s  %-12s  %7s  %7s  %9.2f  %7.2f  %6.2f  %6.2f  %7u  %4u\n", user.name.substr(0, 14).c_str(),
+                user.hrtc.substr(0, 12).c_str(), time_or_dash(touch.first_touch).c_str(),
+                time_or_dash(touch.first_exact).c_str(), touch.contact, 100 * touch.exact_share(), touch.force_mean(),
+                touch.force_max, touch.touches, user.taps);
     if (touch.states == 0) out += "    no probe state was received\n";
     if (user.lifts + user.lifts_lost > 0) out += line("    lifts %u, lost meanwhile %u\n", user.lifts, user.lifts_lost);
     if (user.grabs + user.grabs_refused > 0)
@@ -81,10 +81,11 @@ void write_objects(const Report& report, std::string& out) {
   out += "\nObjects that move      raised mm  held s  left at mm    poses  taken on\n";
   for (const ObjectReport& object : report.objects) {
     const MoveTally& moved = object.moved;
-    out += line("  %-18s  %10.1f  %6.2f  %10.1f  %7llu  %8u\n", object.name.substr(0, 18).c_str(), 1e3 * moved.raised,
-                moved.held(), 1e3 * moved.left, static_cast<unsigned long long>(moved.poses), moved.simulators);
+    out +=
+        line("  %-18s  %10.1f  %6.2f  %10.1f  %7llu  %8u\n", object.name.substr(0, 18).c_str(), 1e3 * moved.max_raised,
+             moved.held_time(), 1e3 * moved.last_raised, static_cast<unsigned long long>(moved.poses), moved.takeovers);
   }
-  out += line("  energy injected between copies: %.4f mJ\n", 1e3 * injected(report));
+  out += line("  energy injected between copies: %.4f mJ\n", 1e3 * injected_energy(report));
 }
 
 constexpr std::pair<const char*, const char*> kInterventions[] = {
@@ -95,9 +96,9 @@ constexpr std::pair<const char*, const char*> kInterventions[] = {
 
 void write_hrtc(const ParticipantReport& hrtc, std::uint64_t records_total, std::string& out) {
   const auto value = [&](const std::string& name) { return value_of(hrtc, name); };
-  out += "\nHRTC " + hrtc.name + (hrtc.here ? "\n" : " (gone before the end)\n");
+  out += "\nHRTC " + hrtc.name + (hrtc.present_at_end ? "\n" : " (gone before the end)\n");
   if (hrtc.figures.empty()) {
-    out += "  sent no figures\n";
+    out += "  published no figures\n";
     return;
   }
   out += line("  cycles %.0f", value(figures::kCycles));
@@ -128,28 +129,29 @@ void write_hrtc(const ParticipantReport& hrtc, std::uint64_t records_total, std:
   const double contact = value(figures::kContactCycles);
   out += line("  contact cycles %.0f, exact %.2f %%\n", contact,
               contact > 0 ? 100 * value(figures::kExactCycles) / contact : 0.0);
-  out += line("  pool %.0f of %.0f slots (peak %.0f), %.0f regions made room there\n", value(figures::kPoolUsed),
-              value(figures::kPoolLimit), value(figures::kPoolPeak), value(figures::kRegionsCoarsened));
+  out +=
+      line("  pool %.0f of %.0f slots (peak %.0f), %.0f regions coarsened to free slots\n", value(figures::kPoolUsed),
+           value(figures::kPoolLimit), value(figures::kPoolPeak), value(figures::kRegionsCoarsened));
   out += line(
       "  compressed cache %.0f of %.0f blocks (peak %.0f)\n"
-      "    regions evicted %.0f, reloaded %.0f, refused for room %.0f\n",
+      "    regions evicted %.0f, reloaded %.0f, refused for lack of memory %.0f\n",
       value(figures::kCompressedUsed), value(figures::kCompressedLimit), value(figures::kCompressedPeak),
       value(figures::kEvictions), value(figures::kReloads), value(figures::kRefusedFull));
   if (value(figures::kRemoteDevices) > 0)
-    out += line("  remote devices %.0f, their round trip at most %.1f ms\n", value(figures::kRemoteDevices),
+    out += line("  remote devices %.0f, max round trip %.1f ms\n", value(figures::kRemoteDevices),
                 value(figures::kDeviceRoundTrip) * 1e-3);
   if (value(figures::kPortEnergy) != 0 || value(figures::kCopyGroups) > 0)
     out += line(
-        "  objects moved: copies apart at most %.2f mm, couplings gave %.3f mJ and received %.3f mJ\n"
-        "    ports of hands hold %.2f mJ, the lowest held %.6f mJ; withheld %.3f mJ\n",
+        "  objects moved: max distance between copies %.2f mm, couplings gave %.3f mJ and received %.3f mJ\n"
+        "    energy at the ports of hands %.2f mJ, lowest at one port %.6f mJ; withheld %.3f mJ\n",
         value(figures::kCopiesApart) * 1e-3, value(figures::kCopyGiven) * 1e-3, value(figures::kCopyReceived) * 1e-3,
         value(figures::kPortEnergy) * 1e-3, value(figures::kPortLowest) * 1e-3, value(figures::kPortWithheld) * 1e-3);
   if (value(figures::kStaleCycles) > 0)
-    out += line("  cycles with a pose too old, summed over probes: %.0f\n", value(figures::kStaleCycles));
+    out += line("  cycles with a stale pose, summed over probes: %.0f\n", value(figures::kStaleCycles));
   std::string interventions;
   for (const auto& [name, label] : kInterventions)
     if (value(name) > 0) interventions += line("%s%s %.0f", interventions.empty() ? "" : ", ", label, value(name));
-  if (!interventions.empty()) out += "  limits on forces, times begun: " + interventions + "\n";
+  if (!interventions.empty()) out += "  limits on forces, number of times each began: " + interventions + "\n";
   const double records = value(figures::kRecordsReceived);
   out += line("  records received %.0f", records);
   if (records_total > 0) {
@@ -197,8 +199,8 @@ const char* role_name(session::Role role) {
 }  // namespace
 
 void TouchTally::add(const session::ProbeState& state, std::int64_t start_ns, std::int64_t received_ns) {
-  constexpr std::int64_t kNewTouch = 20'000'000;  // ns without contact; a shorter loss is a bounce
-  constexpr double kLongestGap = 0.05;            // s, maximum that one sample stands for
+  constexpr std::int64_t kMaxBounceNs = 20'000'000;  // a contact after a shorter interruption is no new touch
+  constexpr double kMaxCovered = 0.05;               // s, max time that one state covers
   const session::Admission admission = window_.admit(state.origin, state.sequence, received_ns);
   if (!session::accepted(admission)) return;
   ++states;
@@ -208,9 +210,8 @@ void TouchTally::add(const session::ProbeState& state, std::int64_t start_ns, st
   const double force = std::hypot(state.force[0], state.force[1], state.force[2]);
   if (admission == session::Admission::kAccepted) {
     states_lost += state.sequence - last_.sequence - 1;
-    // Each sample stands for the time until the next one.
     const double dt =
-        std::clamp(static_cast<double>(state.session_time_ns - last_.session_time_ns) * 1e-9, 0.0, kLongestGap);
+        std::clamp(static_cast<double>(state.session_time_ns - last_.session_time_ns) * 1e-9, 0.0, kMaxCovered);
     served += dt;
     if ((last_.status & session::kInContact) != 0) {
       contact += dt;
@@ -224,9 +225,9 @@ void TouchTally::add(const session::ProbeState& state, std::int64_t start_ns, st
     fault_reason = session::fault_reason(state.status);
   }
   if (contact_now) {
-    const bool held = started_ && (last_.status & session::kInContact) != 0;
-    if (left_ns_ == INT64_MIN || (!held && state.session_time_ns - left_ns_ >= kNewTouch)) ++touches;
-    left_ns_ = state.session_time_ns;
+    const bool was_in_contact = started_ && (last_.status & session::kInContact) != 0;
+    if (contact_ns_ == INT64_MIN || (!was_in_contact && state.session_time_ns - contact_ns_ >= kMaxBounceNs)) ++touches;
+    contact_ns_ = state.session_time_ns;
     const double since_start = static_cast<double>(state.session_time_ns - start_ns) * 1e-9;
     if (first_touch < 0) first_touch = std::max(0.0, since_start);
     if (first_exact < 0 && exact_now) first_exact = std::max(0.0, since_start);
@@ -239,21 +240,21 @@ void TouchTally::add(const session::ProbeState& state, std::int64_t start_ns, st
 void MoveTally::add(const session::ObjectPose& pose, double height) {
   constexpr std::int64_t kSamplePeriodNs = 10'000'000;
   constexpr std::size_t kMax = 1'000'000;
-  if (poses++ == 0) first_ = height;
-  if (poses > 1 && pose.origin.participant != last_.origin.participant) ++simulators;
-  left = height - first_;
-  raised = std::max(raised, left);
+  if (poses++ == 0) first_height_ = height;
+  if (poses > 1 && pose.origin.participant != last_.origin.participant) ++takeovers;
+  last_raised = height - first_height_;
+  max_raised = std::max(max_raised, last_raised);
   last_ = pose;
   if (heights_.size() < kMax && (heights_.empty() || pose.session_time_ns - heights_.back().ns >= kSamplePeriodNs))
-    heights_.push_back({pose.session_time_ns, left});
+    heights_.push_back({pose.session_time_ns, last_raised});
 }
 
-double MoveTally::held() const {
-  constexpr double kMin = 0.005;  // m; less does not count as a lift
-  if (raised < kMin) return 0;
+double MoveTally::held_time() const {
+  constexpr double kMinLift = 0.005;  // m; a smaller max height does not count as a lift
+  if (max_raised < kMinLift) return 0;
   std::int64_t longest = 0, since = -1;
   for (const Sample& sample : heights_) {
-    if (sample.raised < 0.9 * raised)
+    if (sample.raised < 0.9 * max_raised)
       since = -1;
     else if (since < 0)
       since = sample.ns;
@@ -263,7 +264,7 @@ double MoveTally::held() const {
   return 1e-9 * static_cast<double>(longest);
 }
 
-double injected(const Report& report) {
+double injected_energy(const Report& report) {
   double given = 0;
   for (const ParticipantReport& participant : report.participants) given += value_of(participant, figures::kCopyGiven);
   return 1e-6 * std::max(0.0, given);
@@ -272,7 +273,7 @@ double injected(const Report& report) {
 std::string text(const Report& report) {
   std::string out =
       line("Session %s, scenario %s: %.1f s\n", report.session.c_str(), report.scenario.c_str(), report.duration);
-  if (!report.trouble.empty()) out += "Not to its end: " + report.trouble + "\n";
+  if (!report.trouble.empty()) out += "Stopped early: " + report.trouble + "\n";
   write_users(report, out);
   write_objects(report, out);
   for (const ParticipantReport& participant : report.participants) {
@@ -281,7 +282,7 @@ std::string text(const Report& report) {
   for (const ParticipantReport& participant : report.participants) {
     if (participant.role != session::Role::kHost) continue;
     out += line("\nHost %s%s\n  sent %.0f bytes, %.0f records in %.0f regions, to %.0f HRTCs\n",
-                participant.name.c_str(), participant.here ? "" : " (gone before the end)",
+                participant.name.c_str(), participant.present_at_end ? "" : " (gone before the end)",
                 value_of(participant, figures::kHostBytes), value_of(participant, figures::kHostRecords),
                 value_of(participant, figures::kHostRegions), value_of(participant, figures::kHostHrtcs));
   }
@@ -330,17 +331,17 @@ std::string json(const Report& report) {
   json objects = json::array();
   for (const ObjectReport& object : report.objects) {
     objects.push_back({{"name", object.name},
-                       {"raised_m", object.moved.raised},
-                       {"held_s", object.moved.held()},
-                       {"left_m", object.moved.left},
+                       {"raised_m", object.moved.max_raised},
+                       {"held_s", object.moved.held_time()},
+                       {"left_m", object.moved.last_raised},
                        {"poses", object.moved.poses},
-                       {"taken_on", object.moved.simulators}});
+                       {"taken_on", object.moved.takeovers}});
   }
   json participants = json::array();
   for (const ParticipantReport& participant : report.participants) {
     participants.push_back({{"name", participant.name},
                             {"role", role_name(participant.role)},
-                            {"here_at_end", participant.here},
+                            {"here_at_end", participant.present_at_end},
                             {"figures", participant.figures}});
   }
   json events = json::array();
@@ -352,7 +353,7 @@ std::string json(const Report& report) {
                  {"records_total", report.records_total},
                  {"users", users},
                  {"objects", objects},
-                 {"injected_j", injected(report)},
+                 {"injected_j", injected_energy(report)},
                  {"participants", participants},
                  {"implausible", report.implausible},
                  {"events", events}};

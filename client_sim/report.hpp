@@ -1,7 +1,7 @@
-/// The results of a session, as text and as JSON.
+/// Computes the results of a session, and writes them as text and as JSON.
 ///
-/// Users are judged by the probe states received, HRTCs and hosts by the figures they publish (session/figures.hpp).
-/// Not realtime.
+/// The results of users come from the received probe states, those of HRTCs and hosts from the figures that they
+/// publish (session/figures.hpp). Not realtime.
 #pragma once
 
 #include <cstdint>
@@ -15,57 +15,57 @@
 
 namespace tactus::client_sim {
 
-/// Sums up one user's probe states.
+/// Counts and sums over the probe states of one user.
 class TouchTally {
  public:
-  /// `start_ns`, `received_ns`: session times of the start of the run and of the arrival of this sample.
+  /// `start_ns`: session time of the start of the scenario. `received_ns`: session time of the arrival of `state`.
   void add(const session::ProbeState& state, std::int64_t start_ns, std::int64_t received_ns);
 
   std::uint64_t states = 0;
-  std::uint64_t states_lost = 0;         ///< gaps in their sequence
-  double served = 0;                     ///< s covered by probe states
-  double contact = 0;                    ///< s
-  double exact = 0;                      ///< s of contact
-  double first_touch = -1;               ///< s since the start; < 0: none
-  double first_exact = -1;               ///< s since the start, of the first exact contact
+  std::uint64_t states_lost = 0;         ///< sequence numbers that did not arrive
+  double served = 0;                     ///< s covered by probe states; each covers the time until the next, max 50 ms
+  double contact = 0;                    ///< s of `served` in contact
+  double exact = 0;                      ///< s of `contact` in exact contact
+  double first_touch = -1;               ///< s from the start to the first contact; < 0: none
+  double first_exact = -1;               ///< s from the start to the first exact contact; < 0: none
   double force_max = 0;                  ///< N
-  std::uint32_t touches = 0;             ///< times that contact began, after at least 20 ms without
-  std::uint32_t faults = 0;              ///< times that a fault was latched
+  std::uint32_t touches = 0;             ///< number of contacts that began after at least 20 ms without contact
+  std::uint32_t faults = 0;              ///< number of faults that were latched
   std::string fault_reason;              ///< of the last fault
-  session::Samples<> age_us{1'000'000};  ///< of probe states at arrival
+  session::Samples<> age_us{1'000'000};  ///< ages of probe states at arrival
 
   [[nodiscard]] double force_mean() const noexcept { return contact > 0 ? force_seconds_ / contact : 0; }
   [[nodiscard]] double exact_share() const noexcept { return contact > 0 ? exact / contact : 0; }
 
  private:
-  double force_seconds_ = 0;
+  double force_seconds_ = 0;  // N s, integral of the force in contact
   session::SenderWindow window_{session::kCycleNumbers};
   session::ProbeState last_;
-  std::int64_t left_ns_ = INT64_MIN;  // time of the last contact
+  std::int64_t contact_ns_ = INT64_MIN;  // session time of the newest state in contact
   bool started_ = false;
 };
 
-/// Sums up the poses of a movable object.
+/// Counts the poses of a movable object and measures its height.
 class MoveTally {
  public:
-  /// `height` of its centre, m.
+  /// `height`: of the object's centre, m.
   void add(const session::ObjectPose& pose, double height);
 
   std::uint64_t poses = 0;
-  std::uint32_t simulators = 0;  ///< times that another program took over its simulation
-  double raised = 0;             ///< m, maximum above its first height
-  double left = 0;               ///< m above its first height, at the end
-  /// s, the longest unbroken time above nine tenths of `raised`. O(time).
-  [[nodiscard]] double held() const;
+  std::uint32_t takeovers = 0;  ///< number of times that another program took over the simulation
+  double max_raised = 0;        ///< m, max height above the first one
+  double last_raised = 0;       ///< m, last height above the first one
+  /// The longest time, s, for which the object stayed above 90 % of `max_raised`. O(number of poses).
+  [[nodiscard]] double held_time() const;
 
  private:
-  double first_ = 0;
+  double first_height_ = 0;
   session::ObjectPose last_;
   struct Sample {
     std::int64_t ns;
     double raised;
   };
-  std::vector<Sample> heights_;  // since the start, one per 10 ms while it moves
+  std::vector<Sample> heights_;  // at most one in 10 ms
 };
 
 struct ObjectReport {
@@ -88,35 +88,35 @@ struct UserReport {
 struct ParticipantReport {
   std::string name;
   session::Role role = session::Role::kHost;
-  bool here = true;  ///< at the end
+  bool present_at_end = true;
   std::map<std::string, double> figures;
 };
 
 struct ReportEvent {
-  double time;  ///< s since the start, negative before it; without a start, since the program's start
+  double time;  ///< s since the start of the scenario; if it never started, since the start of the program
   std::string text;
 };
 
 struct Report {
   std::string session;
   std::string scenario;
-  double duration = 0;              ///< s that it ran
-  std::string trouble;              ///< why it stopped early; empty when it did not
-  std::uint64_t records_total = 0;  ///< of all models in the catalogue
-  /// Samples that the client dropped: a number or a time outside its window.
-  std::uint64_t implausible = 0;
+  double duration = 0;              ///< s for which the scenario ran
+  std::string trouble;              ///< reason why the scenario stopped early; empty if it did not
+  std::uint64_t records_total = 0;  ///< number of records of all models in the catalogue
+  std::uint64_t implausible = 0;    ///< samples that the client dropped: a number or a time was not plausible
   std::vector<UserReport> users;
   std::vector<ObjectReport> objects;            ///< movable objects
   std::vector<ParticipantReport> participants;  ///< hosts and HRTCs
   std::vector<ReportEvent> events;
 };
 
-/// J given by couplings to the copies of all HRTCs minus J taken from them: energy that the network added.
-[[nodiscard]] double injected(const Report& report);
+/// Energy that the network added, J: the energy that couplings gave to the copies of all HRTCs minus the energy that
+/// they received from them; at least 0.
+[[nodiscard]] double injected_energy(const Report& report);
 
-/// Lines of at most 100 columns.
+/// Writes the report as text, with lines of at most 100 columns.
 [[nodiscard]] std::string text(const Report& report);
-/// One JSON object with every figure of every participant under its name.
+/// Writes the report as one JSON object, with every figure of every participant under its name.
 [[nodiscard]] std::string json(const Report& report);
 
 }  // namespace tactus::client_sim

@@ -18,19 +18,19 @@ namespace {
 using yaml::Map;
 using yaml::Value;
 
-constexpr double kLongest = 86400;  // s
-constexpr double kFastest = 0.5;    // m/s: the proxy is tested up to this speed
-constexpr double kSlowest = 1e-4;
-constexpr double kStrongest = 20;  // N
+constexpr double kMaxDuration = 86400;  // s
+constexpr double kMaxSpeed = 0.5;       // m/s; tests of the proxy end at this speed
+constexpr double kMinSpeed = 1e-4;      // m/s
+constexpr double kMaxForce = 20;        // N
 
-struct Verb {
+struct ActionSyntax {
   const char* name;
   ActionKind kind;
   std::vector<std::string> keys;
 };
 
-const std::vector<Verb>& verbs() {
-  static const std::vector<Verb> kVerbs{
+const std::vector<ActionSyntax>& action_syntaxes() {
+  static const std::vector<ActionSyntax> kSyntaxes{
       {"approach", ActionKind::kApproach, {"object", "direction", "point", "speed", "until_force"}},
       {"tap", ActionKind::kTap, {"object", "direction", "point", "count", "speed", "force", "depth"}},
       {"follow",
@@ -44,11 +44,10 @@ const std::vector<Verb>& verbs() {
       {"wait", ActionKind::kWait, {"seconds"}},
       {"retreat", ActionKind::kRetreat, {"speed"}},
   };
-  return kVerbs;
+  return kSyntaxes;
 }
 
-/// Default values of a lift.
-Action lifting(Action action) {
+Action with_lift_defaults(Action action) {
   action.force = 6;
   action.speed = 0.08;
   action.seconds = 2;
@@ -63,32 +62,34 @@ void read_vector(const Map& map, const char* key, double min, double max, Vec3d&
 
 Action parse_action(const Value& value) {
   std::vector<std::string> names;
-  for (const Verb& verb : verbs()) names.emplace_back(verb.name);
+  for (const ActionSyntax& syntax : action_syntaxes()) names.emplace_back(syntax.name);
   const Map outer{value, names};
   if (!value.node().IsMap() || value.node().size() != 1) value.fail_expecting("a map with one action");
-  const Verb& verb = *std::find_if(verbs().begin(), verbs().end(), [&](const Verb& v) { return outer.has(v.name); });
-  const Map map{outer.child(verb.name), verb.keys};
+  const ActionSyntax& syntax = *std::find_if(action_syntaxes().begin(), action_syntaxes().end(),
+                                             [&](const ActionSyntax& v) { return outer.has(v.name); });
+  const Map map{outer.child(syntax.name), syntax.keys};
 
   Action action;
-  action.kind = verb.kind;
-  if (verb.kind == ActionKind::kTap) action.speed = 0.2;
-  if (verb.kind == ActionKind::kFollow) action.speed = 0.05;
-  if (verb.kind == ActionKind::kApproach || verb.kind == ActionKind::kGrab) action.force = 0.3;
-  if (verb.kind == ActionKind::kHold) action.force = 0;
-  if (verb.kind == ActionKind::kLift) action = lifting(action);
+  action.kind = syntax.kind;
+  if (syntax.kind == ActionKind::kTap) action.speed = 0.2;
+  if (syntax.kind == ActionKind::kFollow) action.speed = 0.05;
+  if (syntax.kind == ActionKind::kApproach || syntax.kind == ActionKind::kGrab) action.force = 0.3;
+  if (syntax.kind == ActionKind::kHold) action.force = 0;
+  if (syntax.kind == ActionKind::kLift) action = with_lift_defaults(action);
   map.text("object", action.object, session::kMaxName);
   read_vector(map, "direction", -1e6, 1e6, action.direction);
   if (!(action.direction.norm() > 1e-9)) map.child("direction").fail("found a zero vector, expected a direction");
   action.direction.normalize();
   read_vector(map, "point", 0, 1, action.point);
-  map.number("speed", kSlowest, kFastest, action.speed);
-  const bool approaches = verb.kind == ActionKind::kApproach || verb.kind == ActionKind::kGrab;
-  map.number(approaches ? "until_force" : "force", verb.kind == ActionKind::kHold ? 0 : 0.05, kStrongest, action.force);
+  map.number("speed", kMinSpeed, kMaxSpeed, action.speed);
+  const bool approaches = syntax.kind == ActionKind::kApproach || syntax.kind == ActionKind::kGrab;
+  map.number(approaches ? "until_force" : "force", syntax.kind == ActionKind::kHold ? 0 : 0.05, kMaxForce,
+             action.force);
   map.number("depth", 0, 0.05, action.depth);
-  map.number("seconds", 0, kLongest, action.seconds);
+  map.number("seconds", 0, kMaxDuration, action.seconds);
   map.integer("count", 1, 10000, action.count);
   map.number("height", 0.001, 1, action.height);
-  if (verb.kind == ActionKind::kMove) (void)map.required("by");
+  if (syntax.kind == ActionKind::kMove) (void)map.required("by");
   read_vector(map, "by", -2, 2, action.by);
   map.integer("others", 0, 7, action.others);
   map.number("extent", 1e-4, 100, action.extent);
@@ -107,26 +108,26 @@ User parse_user(const Value& value) {
   map.number("radius", 1e-5, 0.05, user.radius);
   map.flag("repeat", user.repeat);
   map.flag("remote", user.remote);
-  bool aimed = false;
+  bool has_object = false;
   bool takes_time = false;
-  bool holds = false;
+  bool is_holding = false;
   for (const Value& item : map.required("script").items("actions")) {
     const Action action = parse_action(item);
-    aimed = aimed || !action.object.empty();
+    has_object = has_object || !action.object.empty();
     takes_time = takes_time || action.kind != ActionKind::kRetreat;
-    if (!aimed && action.kind != ActionKind::kWait) item.fail("names no object, and no action before it does");
-    const bool open = action.kind != ActionKind::kMove && action.kind != ActionKind::kRelease;
-    if (open && holds && action.kind != ActionKind::kWait)
+    if (!has_object && action.kind != ActionKind::kWait) item.fail("names no object, and no action before it does");
+    const bool needs_held_object = action.kind == ActionKind::kMove || action.kind == ActionKind::kRelease;
+    if (!needs_held_object && is_holding && action.kind != ActionKind::kWait)
       item.fail("the hand holds something: expected move, wait or release");
-    if (!open && !holds) item.fail("the hand holds nothing: expected grab before it");
-    holds = action.kind == ActionKind::kGrab || (holds && action.kind != ActionKind::kRelease);
+    if (needs_held_object && !is_holding) item.fail("the hand holds nothing: expected grab before it");
+    is_holding = action.kind == ActionKind::kGrab || (is_holding && action.kind != ActionKind::kRelease);
     user.script.push_back(action);
   }
   if (user.repeat && !takes_time) map.child("script").fail("takes no time, so it cannot repeat");
   return user;
 }
 
-bool goes_with(Truth truth, Measure measure) {
+bool can_compare(Truth truth, Measure measure) {
   switch (measure) {
     case Measure::kNone:
       return truth == Truth::kNone;
@@ -154,13 +155,13 @@ Scenario parse_scenario(const std::string& text, const std::string& source) {
   map.choice("measures", {"nothing", "forces", "first-touch", "target", "lift", "hand-over"}, scenario.measures);
   if (scenario.measures != Measure::kNone) (void)map.required("truth");
   map.choice("truth", {"none", "full-mesh", "analytic", "state-machine"}, scenario.truth);
-  if (!goes_with(scenario.truth, scenario.measures)) {
+  if (!can_compare(scenario.truth, scenario.measures)) {
     map.child("truth").fail_expecting("a truth with which the scenario's 'measures' can be compared");
   }
   map.choice("tool", {"sphere", "stylus"}, scenario.tool);
   map.number("within", 0.01, 10, scenario.within);
   map.number("spread", 0, 0.5, scenario.spread);
-  map.number("duration", 0.1, kLongest, scenario.duration);
+  map.number("duration", 0.1, kMaxDuration, scenario.duration);
   map.integer("seed", 0, 1e15, scenario.seed);
   std::set<std::string> names;
   for (const Value& item : map.required("users").items("users")) {

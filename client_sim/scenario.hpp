@@ -27,77 +27,78 @@ namespace tactus::client_sim {
 
 using spm::Vec3d;
 
-/// A scenario that does not exist, or that its user cannot run.
+/// Thrown if a scenario does not exist.
 class ScenarioError : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
 };
 
 enum class ActionKind : std::uint8_t {
-  kApproach,  ///< moves from outside towards `point` of the object until the force is reached
-  kTap,       ///< in until force or depth, out again, `count` times
+  kApproach,  ///< moves from outside towards `point` of the object until the contact has `force`
+  kTap,       ///< approaches until `force` or `depth` and moves back, `count` times
   kFollow,    ///< moves along the surface at `speed` with `force`, for `seconds`
-  kHold,      ///< presses with `force` (0: no motion) for `seconds`
+  kHold,      ///< presses with `force` for `seconds`; if `force` is 0, does not move
   kWait,      ///< does not move for `seconds`
-  kLift,      ///< with others: presses with `force`, raises the object by `height`, holds it `seconds`, puts it down
+  kLift,      ///< with other users, presses with `force`, raises the object by `height`, waits `seconds`, puts it down
   kGrab,      ///< approaches, and holds the object at the contact point
-  kMove,      ///< moves a held object by `by`, and stays there for `seconds`
+  kMove,      ///< moves a held object by `by`, and waits `seconds`
   kRelease,   ///< releases the object and moves away
   kRetreat    ///< leaves the object's bounds in the direction of the approach
 };
 
-/// Paths along a surface; each needs only the bounds of the object.
+/// Paths along a surface. They are computed from the bounds of the object.
 enum class Pattern : std::uint8_t {
-  kCircle,  ///< circles around the first contact at `extent` from it, seen along the approach
-  kZigzag,  ///< back and forth in rows over a square of half edge `extent`
-  kAround   ///< all around the object's centre, in the plane of the approach
+  kCircle,  ///< a circle of radius `extent` around the first contact, seen along the approach
+  kZigzag,  ///< parallel rows over a square of half edge `extent`
+  kAround   ///< around the object's centre, in a plane parallel to the approach
 };
 
 struct Action {
   ActionKind kind = ActionKind::kWait;
-  std::string object;                  ///< name or "#n"; empty: as in the previous action
+  std::string object;                  ///< name or "#n"; empty: the object of the previous action
   Vec3d direction = Vec3d::UnitZ();    ///< object's frame, unit, towards the hand
   Vec3d point = Vec3d::Constant(0.5);  ///< target point, as a share of the object's bounds along each axis
   double speed = 0.1;                  ///< m/s
-  double force = 1;                    ///< N; of an approach: until_force
-  double depth = 0;                    ///< tap: m beyond the first contact at which it turns back; 0: at `force`
-  double seconds = 1;
+  double force = 1;                    ///< N; approach and grab: key until_force
+  double depth = 0;                    ///< tap: m beyond the first contact at which the hand turns back; 0: at `force`
+  double seconds = 1;                  ///< s
   std::uint32_t count = 1;
   double height = 0.1;       ///< lift: m
   Vec3d by = Vec3d::Zero();  ///< move: m, world
-  std::uint32_t others = 1;  ///< lift: number of other users who have to press before it begins
+  std::uint32_t others = 1;  ///< lift: number of other users who have to press before the user lifts
   Pattern pattern = Pattern::kCircle;
-  double extent = 0;  ///< m; 0: a third of what the bounds allow
-  double lean = 0;    ///< follow: rad, amplitude of the tilt from the surface's normal; twice that about the normal
+  double extent = 0;  ///< follow: m, size of the pattern; 0: a third of the smaller half extent of the bounds
+  double lean =
+      0;  ///< follow: rad, amplitude of the tilt from the surface's normal; the turn about it has twice as much
 };
 
 struct User {
   std::string name;
   std::string hrtc;       ///< name or "#n"
   double radius = 0.003;  ///< m, of the probe
-  bool repeat = false;    ///< repeat the script until the session ends
-  bool remote = false;    ///< holds a device at the client, not in the HRTC
+  bool repeat = false;    ///< true: the script repeats until the session ends
+  bool remote = false;    ///< true: the device is at the client, not in the HRTC
   std::vector<Action> script;
 };
 
 /// The quantity that a study measures in a run of the scenario.
 enum class Measure : std::uint8_t {
-  kNone,        ///< nothing: it only runs
+  kNone,        ///< no measurement
   kForces,      ///< forces on each hand, at each of its positions
-  kFirstTouch,  ///< forces, and the time until the touched regions are loaded by an HRTC that has just started
-  kTarget,      ///< error of the force that users keep while they press one body from several sides
+  kFirstTouch,  ///< forces, and the time until an HRTC that has just started has loaded the touched regions
+  kTarget,      ///< error of the force with which users press one body from several sides
   kLift,        ///< motion of a body that users lift together
-  kHandOver     ///< times at which users take over a body from each other
+  kHandOver     ///< times at which one user takes over a body from another
 };
-/// The reference of that measurement.
+/// The ground truth with which a study compares the measurement.
 enum class Truth : std::uint8_t {
   kNone,
-  kFullMesh,     ///< all faces of the touched object, in the same process: a second proxy follows the same hand
-  kAnalytic,     ///< forces: a box with the object's bounds; target and lift: the values in the script
-  kStateMachine  ///< at most one simulating program per fencing number (session/ownership.hpp)
+  kFullMesh,     ///< forces of a second proxy that follows the same hand on all faces of the touched object
+  kAnalytic,     ///< kForces: forces of a box with the object's bounds; kTarget and kLift: the values in the script
+  kStateMachine  ///< the rule that at most one program simulates a body per fencing number (session/ownership.hpp)
 };
 
-/// The probe of each user in a study; in a live session the HRTC's --tool decides.
+/// The probe of each user in a study. In a live session, option --tool of the HRTC selects the probe.
 enum class Tool : std::uint8_t {
   kSphere,  ///< User::radius
   kStylus   ///< spm::offline::stylus
@@ -105,36 +106,35 @@ enum class Tool : std::uint8_t {
 
 struct Scenario {
   std::string name;
-  std::uint64_t digest = 0;  ///< of its text
+  std::uint64_t digest = 0;  ///< hash of the YAML text
   Measure measures = Measure::kNone;
   Truth truth = Truth::kNone;  ///< kNone only when nothing is measured
   Tool tool = Tool::kSphere;
-  double within = 0.2;   ///< N; a force counts as on target within this distance
-  double spread = 0;     ///< amplitude by which `varied` moves each target point, as a share of the bounds
-  double duration = 10;  ///< s from the moment when all users are served
+  double within = 0.2;   ///< N; max error of a force that counts as on target
+  double spread = 0;     ///< max displacement of each target point by `varied`, as a share of the bounds
+  double duration = 10;  ///< s from the time at which all users have slots
   std::uint64_t seed = 1;
   std::vector<User> users;
 };
 
-/// Parses `text`; `source` names it in messages. Unknown keys, wrong types and values out of range throw YamlError.
+/// Parses `text`. Messages name it by `source`. Throws YamlError for unknown keys, wrong types and values out of range.
 [[nodiscard]] Scenario parse_scenario(const std::string& text, const std::string& source);
 
-/// The scenario with target points varied by `seed` within its spread; the same for the same seed.
+/// Returns the scenario with target points displaced at random within its spread. Equal seeds give equal scenarios.
 [[nodiscard]] Scenario varied(Scenario scenario, std::uint64_t seed);
 
-/// Loads a built-in scenario by name, or else a file by path. Throws YamlError, or ScenarioError that lists the
-/// built-in names.
+/// Loads the built-in scenario with this name; if there is none, the file with this path. Throws YamlError for an
+/// invalid file, and ScenarioError, which lists the built-in names, for a missing one.
 [[nodiscard]] Scenario load_scenario(const std::string& name_or_path);
 
-/// `touch`, `follow`, `lift`, `grab`, `demo`, `demo-lift`, and those of studies (docs/how-to/studies.md): name and YAML
-/// text.
 struct BuiltInScenario {
   const char* name;
-  const char* text;
+  const char* text;  ///< YAML
 };
+/// `touch`, `follow`, `lift`, `grab`, `demo`, `demo-lift`, and the scenarios of studies (docs/how-to/studies.md).
 [[nodiscard]] const std::vector<BuiltInScenario>& built_in_scenarios();
 
-/// The number of a reference: 3 for "#3"; 0 for a name.
+/// Returns n for the reference "#n", and 0 for a name.
 [[nodiscard]] std::uint32_t ordinal_of(const std::string& reference);
 
 }  // namespace tactus::client_sim

@@ -24,10 +24,10 @@ using Sample = std::variant<session::RosterEntry, session::CatalogueEntry, sessi
                             session::ObjectPose>;
 using Inbox = wire::Inbox<Sample>;
 
-constexpr std::int64_t kClockNs = 100'000'000;
+constexpr std::int64_t kClockRequestNs = 100'000'000;  // between two clock requests, once synchronised
 constexpr auto kTick = std::chrono::milliseconds{2};
 
-/// One participant of the core.
+/// One participant of this program.
 struct Presence {
   explicit Presence(const wire::SessionAddress& address)
       : participants{address}, roster{participants, wire::topics::kRoster}, clock{participants, wire::topics::kClock} {}
@@ -44,8 +44,8 @@ struct Presence {
   std::map<std::uint64_t, std::unique_ptr<wire::Writer<session::Intent>>> intents;  // by user
 };
 
-/// A user with a device of its own.
-struct Remote {
+/// A user with a device at the client.
+struct RemoteUser {
   RemoteHandSettings settings;
   std::unique_ptr<RemoteHand> hand;  // created at its first intent
 };
@@ -88,24 +88,24 @@ struct Sim::Impl {
     }));
   }
 
-  void take(const session::RosterEntry& entry, std::int64_t now_ns) {
+  void on_sample(const session::RosterEntry& entry, std::int64_t now_ns) {
     (void)roster.on_entry(entry, now_ns);
     core.on_roster(entry, now_ns);
   }
-  void take(const session::CatalogueEntry& entry, std::int64_t) { core.on_catalogue(entry); }
-  void take(const session::ProbeState& state, std::int64_t now_ns) {
+  void on_sample(const session::CatalogueEntry& entry, std::int64_t) { core.on_catalogue(entry); }
+  void on_sample(const session::ProbeState& state, std::int64_t now_ns) {
     core.on_probe_state(state, clock.map().session_time(now_ns));
   }
-  void take(const session::Metrics& metrics, std::int64_t now_ns) { core.on_metrics(metrics, now_ns); }
-  void take(const session::EmergencyStop& stop, std::int64_t) { core.on_stop(stop); }
-  void take(const session::ForceReset& reset, std::int64_t) { core.on_reset(reset); }
-  void take(const session::SessionEnd& end, std::int64_t) { core.on_end(end); }
-  void take(const session::ObjectPose& pose, std::int64_t) { core.on_object_pose(pose); }
-  void take(const session::ClockSample& sample, std::int64_t now_ns) {
+  void on_sample(const session::Metrics& metrics, std::int64_t now_ns) { core.on_metrics(metrics, now_ns); }
+  void on_sample(const session::EmergencyStop& stop, std::int64_t) { core.on_stop(stop); }
+  void on_sample(const session::ForceReset& reset, std::int64_t) { core.on_reset(reset); }
+  void on_sample(const session::SessionEnd& end, std::int64_t) { core.on_end(end); }
+  void on_sample(const session::ObjectPose& pose, std::int64_t) { core.on_object_pose(pose); }
+  void on_sample(const session::ClockSample& sample, std::int64_t now_ns) {
     if (sample.answer && sample.peer == main.participants.origin().participant) clock.on_answer(sample, now_ns);
   }
 
-  /// The participant that sends a message of the core; joins when it is new.
+  /// Returns the participant with this id; if it is new, it joins the session.
   Presence& presence_of(std::uint64_t participant, const std::string& name) {
     if (participant == main.participants.origin().participant) return main;
     std::unique_ptr<Presence>& presence = others[participant];
@@ -154,19 +154,19 @@ struct Sim::Impl {
       if (remote == remotes.end())
         from.send(std::move(intent));
       else
-        send_remote(remote->second, from, intent);
+        move_remote_hand(remote->second, from, intent);
     }
   }
 
-  /// The user of that name if it has a device here; otherwise null.
+  /// Returns the user with this name if its device is at the client, otherwise null.
   [[nodiscard]] const User* find_remote(const std::string& user) const {
-    for (const User& one : options.scenario.users)
-      if (one.name == user && one.remote) return &one;
+    for (const User& candidate : options.scenario.users)
+      if (candidate.name == user && candidate.remote) return &candidate;
     return nullptr;
   }
 
-  /// The first intent sets the hand's initial position.
-  void send_remote(Remote& remote, Presence& from, const session::Intent& intent) {
+  /// Passes an intent to the user's simulated hand. The first intent sets the initial position.
+  void move_remote_hand(RemoteUser& remote, Presence& from, const session::Intent& intent) {
     if (!remote.hand) {
       sharing::set_start(intent, remote.settings.hand);
       remote.hand = std::make_unique<RemoteHand>(from.participants, remote.settings);
@@ -178,7 +178,7 @@ struct Sim::Impl {
     session::keep_time(roster, main.participants.origin(), session::Role::kClient, false, now_ns, clock);
     core.set_own_presence(clock.map().session_time(now_ns), clock.joined_ns());
     if (clock.reference() == 0) return;
-    const std::int64_t period = clock.synchronised() ? kClockNs : kClockNs / 5;
+    const std::int64_t period = clock.synchronised() ? kClockRequestNs : kClockRequestNs / 5;
     if (now_ns - clock_requested_ns < period) return;
     clock_requested_ns = now_ns;
     session::ClockSample request = clock.request(monotonic_ns());
@@ -198,7 +198,7 @@ struct Sim::Impl {
   wire::Writer<session::Control> control_out{main.participants, wire::topics::kControl};
   wire::Writer<session::SessionEnd> end_out{main.participants, wire::topics::kEnd};
   std::map<std::uint64_t, std::unique_ptr<Presence>> others;
-  std::map<std::uint64_t, Remote> remotes;  // by user
+  std::map<std::uint64_t, RemoteUser> remotes;  // by user
   std::vector<std::pair<Presence*, session::RosterEntry>> leave_messages;
   SimCore core;
   session::SessionClock clock;
@@ -217,7 +217,7 @@ Report Sim::run(const std::atomic<bool>& stop, const std::function<void(const st
   bool stopped = false;
   while (!sim.core.finished()) {
     for (const Inbox::Arrived& arrived : sim.inbox.take(kTick))
-      std::visit([&](const auto& sample) { sim.take(sample, arrived.at_ns); }, arrived.sample);
+      std::visit([&](const auto& sample) { sim.on_sample(sample, arrived.at_ns); }, arrived.sample);
     const std::int64_t now_ns = monotonic_ns();
     (void)sim.roster.tick(now_ns);
     sim.keep_time(now_ns);

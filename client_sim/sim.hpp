@@ -1,7 +1,7 @@
-/// Carries messages between a SimCore and the wire.
+/// Passes samples between a SimCore and the topics of a session.
 ///
-/// One wire::Participants for each HRTC with users of this program. A queue holds arriving samples for the one thread
-/// that runs the core.
+/// The adapter has one wire::Participants for each HRTC that serves users of this program. A queue holds arriving
+/// samples for the one thread that runs the core.
 #pragma once
 
 #include <atomic>
@@ -22,7 +22,7 @@ struct SimOptions {
   std::string mode{};                        ///< SimSettings::mode
 };
 
-/// An older program in the session already has the name of this one.
+/// Thrown if an older program in the session has the name of this one.
 class NameTaken : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
@@ -34,8 +34,8 @@ class Sim {
   explicit Sim(SimOptions options);
   ~Sim();
 
-  /// Runs until the scenario ends, or until `stop` is set and the session has ended in order. `log` gets a line
-  /// whenever the reason for waiting changes. Throws NameTaken; the session then continues.
+  /// Runs until the scenario ends, or until `stop` is set and the core has ended the session. `log` gets a line
+  /// whenever the reason for waiting changes. Throws NameTaken; in this case the session continues.
   [[nodiscard]] Report run(const std::atomic<bool>& stop, const std::function<void(const std::string&)>& log);
 
  private:

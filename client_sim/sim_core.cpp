@@ -11,15 +11,16 @@ constexpr std::size_t kMaxEvents = 1000;
 
 double seconds(std::int64_t ns) { return static_cast<double>(ns) * 1e-9; }
 
-/// The references that cannot be resolved: absent names, and "#n" with more than `counted` entries.
-std::string unfulfilled(const std::set<std::string>& references, const std::vector<std::string>& names,
-                        std::size_t counted, bool count_around) {
+/// Lists the references without an entry. "#n" has an entry if n is at most `counted`; if `wraps`, n is taken modulo
+/// `counted`, so that one entry is enough.
+std::string missing_references(const std::set<std::string>& references, const std::vector<std::string>& names,
+                               std::size_t counted, bool wraps) {
   std::string missing;
   for (const std::string& reference : references) {
     const std::uint32_t ordinal = ordinal_of(reference);
-    const bool there = ordinal == 0 ? std::find(names.begin(), names.end(), reference) != names.end()
-                                    : counted >= ordinal || (count_around && counted > 0);
-    if (!there) missing += (missing.empty() ? "" : ", ") + reference;
+    const bool found = ordinal == 0 ? std::find(names.begin(), names.end(), reference) != names.end()
+                                    : counted >= ordinal || (wraps && counted > 0);
+    if (!found) missing += (missing.empty() ? "" : ", ") + reference;
   }
   return missing;
 }
@@ -63,8 +64,9 @@ void SimCore::log_event(const std::string& text) {
 
 void SimCore::on_catalogue(const session::CatalogueEntry& entry) {
   if (entry.origin.session != self_.session) return;
-  if (entry.withdrawn) return;  // another host may serve it, and users may touch loaded regions
-  if (movables_.count(entry.object_id) == 0) objects_[entry.object] = view_of(entry);  // else it may have moved
+  if (entry.withdrawn) return;  // another host may serve the object, and users may touch its loaded regions
+  // A known movable object may have moved since its entry was published.
+  if (movables_.count(entry.object_id) == 0) objects_[entry.object] = view_of(entry);
   if (entry.body.mass > 0) movables_.try_emplace(entry.object_id, Movable{entry, {}, {}});
   record_counts_[entry.object] = entry.summary.records;
 }
@@ -74,7 +76,7 @@ void SimCore::on_roster(const session::RosterEntry& entry, std::int64_t now_ns) 
   now_ns_ = std::max(now_ns_, now_ns);
   if (first_peer_ns_ < 0 && !is_own(entry.origin.participant)) first_peer_ns_ = now_ns;
   if (stops_.on_roster(entry)) log_event("emergency stop: " + session::text(entry) + " forwards it");
-  take_events(roster_.on_entry(entry, now_ns));
+  process_events(roster_.on_entry(entry, now_ns));
 }
 
 bool SimCore::is_own(std::uint64_t participant) const {
@@ -88,10 +90,10 @@ void SimCore::on_name_conflict(const session::RosterEvent& event) {
   if (event.entry_yields != is_second) taken_name_ = event.entry.name;
 }
 
-void SimCore::take_events(const std::vector<session::RosterEvent>& events) {
+void SimCore::process_events(const std::vector<session::RosterEvent>& events) {
   for (const session::RosterEvent& event : events) {
     const session::RosterEntry& entry = event.entry;
-    if (is_own(entry.origin.participant)) {  // other names of this program also arrive
+    if (is_own(entry.origin.participant)) {  // each participant of this program receives the entries of the others
       if (event.change == session::RosterChange::kNameConflict) on_name_conflict(event);
       continue;
     }
@@ -100,8 +102,8 @@ void SimCore::take_events(const std::vector<session::RosterEvent>& events) {
         Peer& peer = peers_[entry.origin.participant];
         peer.name = entry.name;
         peer.role = entry.role;
-        peer.here = event.change != session::RosterChange::kGone && event.change != session::RosterChange::kLeft;
-        peer.present_at_end = peer.here || (peer.present_at_end && end_ns_ >= 0);
+        peer.is_present = event.change != session::RosterChange::kGone && event.change != session::RosterChange::kLeft;
+        peer.present_at_end = peer.is_present || (peer.present_at_end && end_ns_ >= 0);
       }
     }
     if (event.change != session::RosterChange::kChanged) log_event(session::text(event));
@@ -157,7 +159,7 @@ void SimCore::on_end(const session::SessionEnd& end) {
 }
 
 void SimCore::stop(const std::string& reason) {
-  if (stopped_.empty()) stopped_ = reason;
+  if (stop_reason_.empty()) stop_reason_ = reason;
 }
 
 void SimCore::assign_users(const std::vector<std::string>& hrtcs) {
@@ -167,12 +169,12 @@ void SimCore::assign_users(const std::vector<std::string>& hrtcs) {
     const std::string& hrtc = ordinal == 0 ? user.hrtc : hrtcs[(ordinal - 1) % hrtcs.size()];
     const auto [found, is_new] = by_hrtc.try_emplace(hrtc, by_hrtc.size());
     if (is_new && found->second > 0) {
-      Presence further = presences_.front();
-      further.entry.name = settings_.name + "." + std::to_string(found->second + 1);
-      further.entry.origin.participant = session::id_of(further.entry.name);
-      if (roster_.find(further.entry.origin.participant) != nullptr) taken_name_ = further.entry.name;
-      further.entry.users.clear();
-      presences_.push_back(further);
+      Presence additional = presences_.front();
+      additional.entry.name = settings_.name + "." + std::to_string(found->second + 1);
+      additional.entry.origin.participant = session::id_of(additional.entry.name);
+      if (roster_.find(additional.entry.origin.participant) != nullptr) taken_name_ = additional.entry.name;
+      additional.entry.users.clear();
+      presences_.push_back(additional);
     }
     Presence& presence = presences_[found->second];
     presence.entry.requested_hrtc = hrtc;
@@ -192,12 +194,12 @@ void SimCore::gather(std::int64_t now_ns) {
   std::size_t fixed = 0;
   for (const auto& [name, view] : objects_) {
     objects.push_back(name);
-    fixed += view.moves ? 0 : 1;
+    fixed += view.is_movable ? 0 : 1;
   }
   if (found_ns_ < 0 && !hrtcs.empty() && !objects.empty()) found_ns_ = now_ns;
   const bool settled = found_ns_ >= 0 && seconds(now_ns - found_ns_) >= settings_.settle;
-  const std::string no_hrtc = unfulfilled(hrtc_references(scenario_), hrtcs, hrtcs.size(), settled);
-  const std::string no_object = unfulfilled(object_references(scenario_), objects, fixed, settled);
+  const std::string no_hrtc = missing_references(hrtc_references(scenario_), hrtcs, hrtcs.size(), settled);
+  const std::string no_object = missing_references(object_references(scenario_), objects, fixed, settled);
   trouble_.clear();
   if (!no_hrtc.empty()) trouble_ = "no HRTC " + no_hrtc + " in session '" + settings_.session + "'";
   if (!no_object.empty()) trouble_ += (trouble_.empty() ? "" : "; ") + ("no host serves object " + no_object);
@@ -249,21 +251,21 @@ void SimCore::send_heartbeats(std::int64_t now_ns, bool leaving, SimMessages& ou
 void SimCore::begin_ending(std::int64_t now_ns, SimMessages& out) {
   state_ = SimState::kEnding;
   end_ns_ = now_ns;
-  const std::string reason = stopped_.empty() ? "scenario done" : stopped_;
+  const std::string reason = stop_reason_.empty() ? "scenario done" : stop_reason_;
   out.ends.push_back({origin_of(0, now_ns), reason.substr(0, session::kMaxText)});
 }
 
 bool SimCore::last_figures_are_in() const {
   return std::all_of(peers_.begin(), peers_.end(),
-                     [&](const auto& peer) { return !peer.second.here || peer.second.figures_ns > end_ns_; });
+                     [&](const auto& peer) { return !peer.second.is_present || peer.second.figures_ns > end_ns_; });
 }
 
 SimMessages SimCore::tick(std::int64_t now_ns, std::int64_t session_now_ns) {
   SimMessages out;
   if (finished()) return out;
   now_ns_ = now_ns;
-  if (began_ns_ < 0) began_ns_ = now_ns;
-  take_events(roster_.tick(now_ns));
+  if (first_tick_ns_ < 0) first_tick_ns_ = now_ns;
+  process_events(roster_.tick(now_ns));
 
   if (state_ == SimState::kGathering && taken_name_.empty()) gather(now_ns);
   if (!taken_name_.empty()) {
@@ -284,9 +286,9 @@ SimMessages SimCore::tick(std::int64_t now_ns, std::int64_t session_now_ns) {
     }
   }
   if (state_ == SimState::kGathering || state_ == SimState::kJoining) {
-    if (!stopped_.empty()) trouble_ = stopped_;
-    if (!stopped_.empty() || seconds(now_ns - began_ns_) > settings_.patience) {
-      if (stopped_.empty()) trouble_ += ", waited " + std::to_string(static_cast<int>(settings_.patience)) + " s";
+    if (!stop_reason_.empty()) trouble_ = stop_reason_;
+    if (!stop_reason_.empty() || seconds(now_ns - first_tick_ns_) > settings_.patience) {
+      if (stop_reason_.empty()) trouble_ += ", waited " + std::to_string(static_cast<int>(settings_.patience)) + " s";
       state_ = SimState::kFailed;
       send_heartbeats(now_ns, true, out);
       return out;
@@ -309,8 +311,9 @@ SimMessages SimCore::tick(std::int64_t now_ns, std::int64_t session_now_ns) {
     }
     const bool all_done =
         std::all_of(users_.begin(), users_.end(), [](const SimUser& sim_user) { return sim_user.op.done(); });
-    if (!stopped_.empty()) trouble_ = stopped_;
-    if (all_done || !stopped_.empty() || seconds(now_ns - start_ns_) >= scenario_.duration) begin_ending(now_ns, out);
+    if (!stop_reason_.empty()) trouble_ = stop_reason_;
+    if (all_done || !stop_reason_.empty() || seconds(now_ns - start_ns_) >= scenario_.duration)
+      begin_ending(now_ns, out);
   } else if (state_ == SimState::kEnding && (last_figures_are_in() || seconds(now_ns - end_ns_) >= settings_.linger)) {
     state_ = SimState::kEnded;
     send_heartbeats(now_ns, true, out);
@@ -341,7 +344,7 @@ Report SimCore::report() const {
     report.participants.push_back({peer.name, peer.role, peer.present_at_end, peer.figures});
   std::sort(report.participants.begin(), report.participants.end(),
             [](const ParticipantReport& a, const ParticipantReport& b) { return a.name < b.name; });
-  const std::int64_t origin_ns = start_ns_ >= 0 ? start_ns_ : began_ns_;
+  const std::int64_t origin_ns = start_ns_ >= 0 ? start_ns_ : first_tick_ns_;
   for (const auto& [at_ns, text] : events_) report.events.push_back({seconds(at_ns - origin_ns), text});
   return report;
 }

@@ -1,13 +1,17 @@
-/// A session from the client's side: waits for HRTCs and objects, adds users, runs their scripts, ends, reports.
+/// Runs a scenario in a session: waits for HRTCs and objects, adds users, runs their scripts, ends the session,
+/// reports.
 ///
-///     gathering --> joining --> running --> ending --> ended
-///     HRTCs and     users have   scripts     last
-///     objects seen  their slots  run         figures      (any --> failed: `trouble` has the reason)
+///     kGathering  waits until the HRTCs and objects of the scenario are present
+///     kJoining    waits until HRTCs have given slots to all users
+///     kRunning    runs the scripts
+///     kEnding     waits for the last figures of hosts and HRTCs
+///     kEnded
+///     kFailed     reached from any state; trouble() returns the reason
 ///
-/// Of two programs with one name the later one leaves, as with hosts and HRTCs, and the session continues without it.
+/// If two programs have one name, the later one leaves, as with hosts and HRTCs. The session continues without it.
 ///
-/// An adapter carries the messages: arriving samples go into on_...(), and tick() returns samples to send. It has no
-/// socket, thread or clock. One thread at a time. Not realtime.
+/// The core has no socket, thread or clock. The adapter passes arriving samples to on_...() and sends the samples that
+/// tick() returns. One thread at a time. Not realtime.
 #pragma once
 
 #include <cstdint>
@@ -30,13 +34,13 @@ namespace tactus::client_sim {
 
 struct SimSettings {
   std::string session;
-  std::string name;  ///< of this participant; the participant for a second HRTC is `name.2`
+  std::string name;  ///< of this participant; users at a second HRTC belong to participant `name.2`
   std::uint64_t incarnation = 0;
   std::string mode;       ///< published at the start, format of session::parse_mode; empty: none
   double patience = 20;   ///< s to wait for HRTCs, objects and slots
   double name_check = 1;  ///< s between the first sign of other participants and joining, to detect a name conflict
-  double settle = 2;      ///< s after the first of them, then "#n" is taken modulo their number
-  double linger = 2;      ///< s at the end to wait for the last figures of the others
+  double settle = 2;      ///< s after the first HRTC and object; then n of "#n" is taken modulo the number present
+  double linger = 2;      ///< s, max wait at the end for the last figures of hosts and HRTCs
   std::int64_t heartbeat_ns = 100'000'000;
   session::RosterSettings roster;
   OperatorSettings hand;
@@ -56,7 +60,8 @@ class SimCore {
  public:
   SimCore(const Scenario& scenario, const SimSettings& settings);
 
-  // Samples of other sessions are ignored. Times are of this program's monotonic clock unless the name says session.
+  // The core ignores samples of other sessions. Times are of this program's monotonic clock unless the name says
+  // session.
   void on_catalogue(const session::CatalogueEntry& entry);
   void on_roster(const session::RosterEntry& entry, std::int64_t now_ns);
   void on_probe_state(const session::ProbeState& state, std::int64_t session_now_ns);
@@ -64,25 +69,25 @@ class SimCore {
   void on_object_pose(const session::ObjectPose& pose);
   void on_stop(const session::EmergencyStop& stop);
   void on_reset(const session::ForceReset& reset);
-  /// Ends this program too when another participant sent it.
+  /// If another participant sent `end`, this program ends too.
   void on_end(const session::SessionEnd& end);
 
-  /// Call every few milliseconds.
+  /// Returns the samples to send. Call it every few milliseconds.
   [[nodiscard]] SimMessages tick(std::int64_t now_ns, std::int64_t session_now_ns);
 
-  /// Ends the session early and in order, during the next ticks.
+  /// Ends the session early, in the normal order of states, during the next ticks.
   void stop(const std::string& reason);
 
-  /// When this program joined: of two with one name the later one leaves.
+  /// Sets the session time at which this program joined; of two programs with one name, the later one leaves.
   void set_own_presence(std::int64_t session_time_ns, std::int64_t joined_ns) noexcept {
     roster_.set_own_presence(session_time_ns, joined_ns);
   }
 
   [[nodiscard]] SimState state() const noexcept { return state_; }
   [[nodiscard]] bool finished() const noexcept { return state_ == SimState::kEnded || state_ == SimState::kFailed; }
-  /// It failed because an older program has one of its names.
+  /// True if the core failed because an older program has one of its names.
   [[nodiscard]] bool name_taken() const noexcept { return !taken_name_.empty(); }
-  /// What it is waiting for, or why it failed; otherwise empty.
+  /// The condition that the core waits for, or the reason why it failed; otherwise empty.
   [[nodiscard]] const std::string& trouble() const noexcept { return trouble_; }
   [[nodiscard]] Report report() const;
 
@@ -102,8 +107,8 @@ class SimCore {
   struct Peer {
     std::string name;
     session::Role role;
-    bool here = true;
-    bool present_at_end = true;  // present until the end was announced
+    bool is_present = true;
+    bool present_at_end = true;  // when the end was announced
     std::map<std::string, double> figures;
     std::int64_t figures_ns = INT64_MIN;
   };
@@ -114,7 +119,7 @@ class SimCore {
   [[nodiscard]] std::string missing_slots() const;
   void begin_ending(std::int64_t now_ns, SimMessages& out);
   [[nodiscard]] bool last_figures_are_in() const;
-  void take_events(const std::vector<session::RosterEvent>& events);
+  void process_events(const std::vector<session::RosterEvent>& events);
   [[nodiscard]] bool is_own(std::uint64_t participant) const;
   void on_name_conflict(const session::RosterEvent& event);
   void send_heartbeats(std::int64_t now_ns, bool leaving, SimMessages& out);
@@ -127,8 +132,8 @@ class SimCore {
   session::Roster roster_;
   session::StopLatch stops_;
   SimState state_ = SimState::kGathering;
-  std::string trouble_, stopped_;
-  std::string taken_name_;  // the name that an older program has
+  std::string trouble_, stop_reason_;
+  std::string taken_name_;  // name of this program that an older program has
   std::vector<Presence> presences_;
   std::vector<SimUser> users_;
   struct Movable {
@@ -145,8 +150,11 @@ class SimCore {
   std::vector<std::pair<std::int64_t, std::string>> events_;  // by this program's clock
   std::uint32_t control_sequence_ = 0;
   std::int64_t now_ns_ = 0;
-  std::int64_t began_ns_ = -1, first_peer_ns_ = -1, found_ns_ = -1;
-  std::int64_t start_ns_ = -1, session_start_ns_ = 0, end_ns_ = -1;
+  // Times at which things happened first; -1: not yet.
+  std::int64_t first_tick_ns_ = -1, first_peer_ns_ = -1;
+  std::int64_t found_ns_ = -1;                         // an HRTC and an object were present
+  std::int64_t start_ns_ = -1, session_start_ns_ = 0;  // the scenario started
+  std::int64_t end_ns_ = -1;                           // the end was announced
 };
 
 }  // namespace tactus::client_sim

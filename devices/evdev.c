@@ -1,16 +1,19 @@
-/* A mouse or a gamepad as a device: Linux input events move the tip, and a gamepad that can rumble shows the force.
+/* Device driver for a mouse or a gamepad: Linux input events move the tip, and a gamepad rumbles with the
+ * force, if it can.
  *
  *   tactus-hrtc --device ann=tactus-evdev.so,mouse:/dev/input/event3
  *   tactus-hrtc --device bob=tactus-evdev.so,gamepad:/dev/input/event7
  *
- * mouse    moves x and y by 0.1 mm a count, the wheel z by 2 mm a notch; the left button is the clutch, the right one
- *          grabs
- * gamepad  the left stick moves x and y, the right one z, at up to 0.15 m/s; the south button is the clutch, the east
- *          one grabs
+ *                  mouse                              gamepad
+ *   x and y        motion, 0.1 mm for each count      left stick, at most 0.15 m/s
+ *   z              wheel, 2 mm for each notch         right stick, at most 0.15 m/s
+ *   clutch         left button                        south button
+ *   grab           right button                       east button
  *
- * The tip stays in a cube of 0.4 m. Neither device exerts a force, so the driver reports a low stiffness; a gamepad
- * rumbles with |force|. An unplugged device has failed. The driver sums positions itself and needs neither SDK nor
- * desktop. Reading /dev/input requires membership of the group `input`. */
+ * The tip stays in a cube with edges of 0.4 m. Neither device exerts a force, so the driver reports a low stiffness.
+ * The rumble of a gamepad is proportional to the norm of the force. The device has failed when it is unplugged. The
+ * driver needs neither an SDK nor a desktop. The user must be a member of the group `input`, which may read /dev/input.
+ */
 #include <errno.h>
 #include <fcntl.h>
 #include <linux/input.h>
@@ -25,28 +28,28 @@
 
 enum { kAxes = 3, kEvents = 32, kReads = 4 };
 
-static const double kHalf = 0.2;   /* m, of the cube */
-static const double kCount = 1e-4; /* m, of a mouse */
-static const double kNotch = 2e-3; /* m, of its wheel */
-static const double kSpeed = 0.15; /* m/s, of a fully deflected stick */
-static const double kFollow = 0.5; /* m/s along each axis, so that a flick of the mouse does not trip the speed limit */
-static const double kDead = 0.1;   /* dead zone of a stick, share of its range */
-static const double kMaxForce = 5; /* N; full rumble */
-static const double kRumbleStep = 0.05;
-static const int64_t kRumbleNs = 20000000; /* between two rumble commands: each is a system call */
+static const double kHalfEdge = 0.2;       /* m, of the cube */
+static const double kCountLength = 1e-4;   /* m, path of the tip for each count of a mouse */
+static const double kNotchLength = 2e-3;   /* m, path of the tip for each notch of a wheel */
+static const double kStickSpeed = 0.15;    /* m/s, at full deflection */
+static const double kMaxTipSpeed = 0.5;    /* m/s for each axis, so that a fast mouse does not exceed the speed limit */
+static const double kDeadZone = 0.1;       /* of a stick, share of its range */
+static const double kMaxForce = 5;         /* N, at full rumble */
+static const double kRumbleStep = 0.05;    /* share of full rumble, min change that is sent */
+static const int64_t kRumbleNs = 20000000; /* min time between two rumble commands, because each is a system call */
 
 struct axis {
-  double middle, half; /* of the raw values */
-  double value;        /* -1..1 */
+  double middle, half_range; /* of the raw values */
+  double value;              /* -1..1 */
 };
 
 struct tactus_device {
   int fd;
   int is_mouse, can_rumble, effect;
-  double target[kAxes], position[kAxes]; /* m; the tip follows at kFollow */
+  double target[kAxes], position[kAxes]; /* m; the tip moves to the target at kMaxTipSpeed */
   struct axis sticks[kAxes];
   uint32_t buttons;
-  double rumble, wanted;
+  double rumble, target_rumble; /* share of full rumble: the last one sent, and that of the newest force */
   int64_t time_ns, rumbled_ns;
 };
 
@@ -56,10 +59,10 @@ static void find_axes(struct tactus_device* device) {
   for (int i = 0; i < kAxes; ++i) {
     struct input_absinfo info;
     device->sticks[i].middle = 0;
-    device->sticks[i].half = 32767;
+    device->sticks[i].half_range = 32767;
     if (ioctl(device->fd, EVIOCGABS(kStickCodes[i]), &info) < 0 || info.maximum <= info.minimum) continue;
     device->sticks[i].middle = (info.maximum + (double)info.minimum) / 2;
-    device->sticks[i].half = (info.maximum - (double)info.minimum) / 2;
+    device->sticks[i].half_range = (info.maximum - (double)info.minimum) / 2;
   }
 }
 
@@ -108,7 +111,7 @@ static void spec_of_input(struct tactus_device* device, struct tactus_device_spe
   spec->max_force = kMaxForce;
   spec->max_stiffness = 500;
   spec->damping = 2;
-  spec->workspace_radius = kHalf;
+  spec->workspace_radius = kHalfEdge;
 }
 
 static void set_button(struct tactus_device* device, uint32_t button, int down) {
@@ -121,17 +124,17 @@ static void take(struct tactus_device* device, const struct input_event* event) 
   if (event->type == EV_KEY && event->code == (device->is_mouse ? BTN_RIGHT : BTN_EAST))
     set_button(device, 2u, event->value); /* the grab */
   if (device->is_mouse && event->type == EV_REL) {
-    if (event->code == REL_X) device->target[0] += kCount * event->value;
-    if (event->code == REL_Y) device->target[1] -= kCount * event->value; /* screens count downwards */
-    if (event->code == REL_WHEEL) device->target[2] += kNotch * event->value;
+    if (event->code == REL_X) device->target[0] += kCountLength * event->value;
+    if (event->code == REL_Y) device->target[1] -= kCountLength * event->value; /* screens count downwards */
+    if (event->code == REL_WHEEL) device->target[2] += kNotchLength * event->value;
   }
   if (device->is_mouse || event->type != EV_ABS) return;
   for (int i = 0; i < kAxes; ++i) {
     struct axis* const stick = &device->sticks[i];
     if (event->code != kStickCodes[i]) continue;
-    const double value = (event->value - stick->middle) / stick->half;
+    const double value = (event->value - stick->middle) / stick->half_range;
     const double clipped = value > 1 ? 1 : value < -1 ? -1 : value;
-    const double beyond = fabs(clipped) < kDead ? 0 : (fabs(clipped) - kDead) / (1 - kDead);
+    const double beyond = fabs(clipped) < kDeadZone ? 0 : (fabs(clipped) - kDeadZone) / (1 - kDeadZone);
     stick->value = copysign(beyond, i == 0 ? clipped : -clipped); /* up is negative */
   }
 }
@@ -149,11 +152,11 @@ static int read_input(struct tactus_device* device, int64_t now_ns, struct tactu
   device->time_ns = now_ns;
   const double passed = dt < 0.01 ? dt : 0.01;
   for (int i = 0; i < kAxes; ++i) {
-    device->target[i] += kSpeed * device->sticks[i].value * passed;
-    if (device->target[i] > kHalf) device->target[i] = kHalf;
-    if (device->target[i] < -kHalf) device->target[i] = -kHalf;
+    device->target[i] += kStickSpeed * device->sticks[i].value * passed;
+    if (device->target[i] > kHalfEdge) device->target[i] = kHalfEdge;
+    if (device->target[i] < -kHalfEdge) device->target[i] = -kHalfEdge;
     const double left = device->target[i] - device->position[i];
-    const double step = fabs(left) < kFollow * passed ? left : copysign(kFollow * passed, left);
+    const double step = fabs(left) < kMaxTipSpeed * passed ? left : copysign(kMaxTipSpeed * passed, left);
     device->position[i] += step;
     pose->position[i] = device->position[i];
   }
@@ -185,13 +188,14 @@ static void set_rumble(struct tactus_device* device, double strength) {
 
 static int write_input(struct tactus_device* device, const double force[3]) {
   const double size = sqrt(force[0] * force[0] + force[1] * force[1] + force[2] * force[2]);
-  device->wanted = size < kMaxForce ? size / kMaxForce : 1;
+  device->target_rumble = size < kMaxForce ? size / kMaxForce : 1;
   if (!device->can_rumble) return 0;
-  const int same = fabs(device->wanted - device->rumble) < kRumbleStep && (device->wanted > 0) == (device->rumble > 0);
+  const int same =
+      fabs(device->target_rumble - device->rumble) < kRumbleStep && (device->target_rumble > 0) == (device->rumble > 0);
   const int64_t since = device->time_ns - device->rumbled_ns;
   if (since < kRumbleNs || (same && (device->rumble == 0 || since < 5 * kRumbleNs))) return 0;
-  set_rumble(device, device->wanted);
-  device->rumble = device->wanted;
+  set_rumble(device, device->target_rumble);
+  device->rumble = device->target_rumble;
   device->rumbled_ns = device->time_ns;
   return 0;
 }

@@ -1,18 +1,19 @@
-// A Haply Inverse3 as a device, by the public protocol of the Haply Inverse Service 3.5 (WebSocket and JSON, its
-// simulation channel). The service must run on the machine with the device. No SDK.
+// Device driver for a Haply Inverse3. It uses the public protocol of the Haply Inverse Service 3.5, the simulation
+// channel with WebSocket and JSON, and no SDK. The service must run on the machine with the device.
 //
 //   tactus-hrtc --device ann=tactus-haply.so                        the first Inverse3 of the service on this machine
-//   tactus-hrtc --device ann=tactus-haply.so,localhost:10001/049D   the Inverse3 with that id
+//   tactus-hrtc --device ann=tactus-haply.so,localhost:10001/049D   the Inverse3 with id 049D
 //
-//      service -- list of all devices -->                        on connection
-//              <-- force, once with a profile --                 a thread of the driver, at most 2 kHz
-//              -- state of all devices -->                       one answer to each message
+//      service -- list of all devices --> driver      when the driver connects
+//              <------------- force -----             from a thread of the driver, at most 2 kHz; the first with a
+//              profile
+//              -- state of all devices -->            one answer to each force
 //
-// Only the newest position and the newest force are used. The haptic thread and the network thread never wait for each
-// other. When no force was written for 50 ms, the driver sends zero. The device has failed when the connection ends,
-// the device is removed, or the service is silent for a second or sends invalid messages. Then the driver prints a line
-// for the operator, and the service stops the force because it gets no commands. Only the position of the tip is read,
-// not orientation and buttons of a grip.
+// The driver uses only the newest position and the newest force. The haptic thread and the network thread never wait
+// for each other. If no force was written for 50 ms, the driver sends zero. The device has failed when the connection
+// ends, when the device is removed, and when the service is silent for a second or sends invalid messages. In these
+// cases the driver prints a line for the operator, and the service ends the force because it gets no commands. The
+// driver reads position and velocity of the tip, but not the orientation and buttons of a grip.
 //
 // Written from docs.haply.co, version 3.5.x: "WebSocket Protocol", "Simulation Channel" and "Control Commands" (metres,
 // newton, right-handed). Tested against a simulated service, not with a real device.
@@ -47,13 +48,13 @@ using Json = nlohmann::json;
 using Vector = std::array<double, 3>;
 using namespace std::chrono_literals;
 
-constexpr auto kPatience = 3s;      // until the service has sent its list of devices
-constexpr auto kSilence = 1s;       // after which the device has failed
-constexpr auto kPeriod = 500us;     // minimum between two messages
-constexpr auto kForceHolds = 50ms;  // after a write; then zero is sent
+constexpr auto kConnectTimeout = 3s;  // until the service has sent its list of devices
+constexpr auto kMaxSilence = 1s;      // time without a message after which the device has failed
+constexpr auto kMinPeriod = 500us;    // between two messages to the service
+constexpr auto kMaxForceAge = 50ms;   // time after a write from which zero is sent
 constexpr auto kCloseTimeout = 300ms;
-constexpr int kMaxInvalid = 100;  // messages in a row
-constexpr std::size_t kMaxBytes = 1u << 20;
+constexpr int kMaxInvalid = 100;             // invalid messages in a row
+constexpr std::size_t kMaxBytes = 1u << 20;  // of a message
 
 std::int64_t now_ns() {
   return std::chrono::duration_cast<std::chrono::nanoseconds>(Clock::now().time_since_epoch()).count();
@@ -67,7 +68,7 @@ class Newest {
     slots_[back_] = value;
     back_ = between_.exchange(back_ | kNew, std::memory_order_acq_rel) & kSlot;
   }
-  /// False when there is no new value.
+  /// Copies the newest value; false if none was posted since the last call.
   bool take(T& value) noexcept {
     if ((between_.load(std::memory_order_relaxed) & kNew) == 0) return false;
     front_ = between_.exchange(front_, std::memory_order_acq_rel) & kSlot;
@@ -105,17 +106,18 @@ bool vector_of(const Json& object, const char* name, Vector& value) {
   return true;
 }
 
-/// The id of an entry of `inverse3`; empty when it has none.
+/// The id of an entry of the list `inverse3`; empty if it has none.
 std::string id_of(const Json& device) {
   if (!device.is_object()) return "";
   const auto id = device.find("device_id");
   return id != device.end() && id->is_string() ? id->get<std::string>() : "";
 }
 
-/// Connection to the service. Its own thread runs every function that is not marked otherwise.
+/// Connection to the service. A thread of its own runs all functions for which no other thread is stated.
 class Service {
  public:
-  /// Waits for the list of devices. Throws std::runtime_error that names the value found and the value expected.
+  /// Called by another thread. Waits for the list of devices. Throws std::runtime_error, which names the value found
+  /// and the value expected.
   Service(std::string host, std::string port, std::string wanted)
       : host_{std::move(host)}, port_{std::move(port)}, id_{std::move(wanted)} {
     std::future<std::string> ready = ready_.get_future();
@@ -125,12 +127,13 @@ class Service {
       context_.run();
       ended_.set_value();
     }};
-    has_ended_ = std::move(ended);
-    const std::string trouble =
-        ready.wait_for(kPatience) == std::future_status::ready ? ready.get() : "it sent no list of devices within 3 s";
-    if (trouble.empty()) return;
+    ended_future_ = std::move(ended);
+    const std::string problem = ready.wait_for(kConnectTimeout) == std::future_status::ready
+                                    ? ready.get()
+                                    : "it sent no list of devices within 3 s";
+    if (problem.empty()) return;
     stop();
-    throw std::runtime_error("Haply Inverse Service at " + host_ + ":" + port_ + ": " + trouble);
+    throw std::runtime_error("Haply Inverse Service at " + host_ + ":" + port_ + ": " + problem);
   }
   ~Service() { stop(); }
   Service(const Service&) = delete;
@@ -145,22 +148,24 @@ class Service {
   /// Called by other threads: commands zero force, then closes the connection.
   void stop() {
     closing_ = true;
-    if (has_ended_.valid() && has_ended_.wait_for(kCloseTimeout) != std::future_status::ready) context_.stop();
+    if (ended_future_.valid() && ended_future_.wait_for(kCloseTimeout) != std::future_status::ready) context_.stop();
     if (thread_.joinable()) thread_.join();
   }
 
+  /// Ends the connection: before the device was found as the result of the constructor, later as a failed device.
   void fail(const std::string& why) {
-    if (!inventory_) return report(why);
+    if (!has_device_) return report(why);
     if (!failed_.exchange(true, std::memory_order_acq_rel) && !closing_)
       std::fprintf(stderr, "tactus-haply: %s:%s, device %s: %s\n", host_.c_str(), port_.c_str(), id_.c_str(),
                    why.c_str());
     end();
   }
-  void report(const std::string& trouble) {
+  /// Passes the result to the constructor; empty: the device was found. Only the first call counts.
+  void report(const std::string& problem) {
     if (reported_) return;
     reported_ = true;
-    ready_.set_value(trouble);
-    if (!trouble.empty()) end();
+    ready_.set_value(problem);
+    if (!problem.empty()) end();
   }
   void end() {
     beast::get_lowest_layer(socket_).close();
@@ -172,14 +177,14 @@ class Service {
     asio::ip::tcp::resolver resolver{context_};
     const auto endpoints = resolver.resolve(host_, port_, error);
     if (error) return report(error.message() + "; is the service running?");
-    beast::get_lowest_layer(socket_).expires_after(kPatience);
+    beast::get_lowest_layer(socket_).expires_after(kConnectTimeout);
     beast::get_lowest_layer(socket_).async_connect(endpoints, [this](Error failed, const auto&) {
       if (failed) return report(failed.message() + "; is the service running?");
       beast::get_lowest_layer(socket_).socket().set_option(asio::ip::tcp::no_delay{true}, failed);
       beast::get_lowest_layer(socket_).expires_never();
       websocket::stream_base::timeout limits{};
-      limits.handshake_timeout = kPatience;
-      limits.idle_timeout = kSilence;
+      limits.handshake_timeout = kConnectTimeout;
+      limits.idle_timeout = kMaxSilence;
       limits.keep_alive_pings = false;
       socket_.set_option(limits);
       socket_.read_message_max(kMaxBytes);
@@ -198,11 +203,11 @@ class Service {
           Json::parse(static_cast<const char*>(buffer_.data().data()),
                       static_cast<const char*>(buffer_.data().data()) + buffer_.size(), nullptr, false);
       buffer_.consume(buffer_.size());
-      const bool is_valid = inventory_ ? take_state(message, time_ns) : take_inventory(message);
+      const bool is_valid = has_device_ ? take_state(message, time_ns) : take_device_list(message);
       if (!is_valid && ++invalid_ > kMaxInvalid) return fail("its messages do not follow version 3.5");
       if (is_valid) invalid_ = 0;
-      if (failed_ || (reported_ && !inventory_)) return;
-      if (inventory_) return pace();
+      if (failed_ || (reported_ && !has_device_)) return;
+      if (has_device_) return send_later();
       read();
     });
   }
@@ -213,7 +218,7 @@ class Service {
     return found != message.end() && found->is_array() ? &*found : nullptr;
   }
 
-  bool take_inventory(const Json& message) {
+  bool take_device_list(const Json& message) {
     const Json* const devices = devices_in(message);
     if (devices == nullptr) return false;
     std::string found;
@@ -223,7 +228,7 @@ class Service {
       found += (found.empty() ? "" : ", ") + id;
       if (!id_.empty() && id != id_) continue;
       id_ = id;
-      inventory_ = true;
+      has_device_ = true;
       report("");
       return true;
     }
@@ -250,8 +255,9 @@ class Service {
     return true;
   }
 
-  void pace() {
-    timer_.expires_at(std::max(Clock::now(), sent_ + kPeriod));
+  /// Sends the next message when it is due.
+  void send_later() {
+    timer_.expires_at(std::max(Clock::now(), sent_ + kMinPeriod));
     timer_.async_wait([this](Error error) {
       if (!error) send();
     });
@@ -260,8 +266,8 @@ class Service {
   void send() {
     sent_ = Clock::now();
     (void)forces_.take(force_);
-    const bool fresh = !closing_ && now_ns() - force_.time_ns <= std::chrono::nanoseconds{kForceHolds}.count();
-    const Vector force = fresh ? force_.value : Vector{};
+    const bool is_recent = !closing_ && now_ns() - force_.time_ns <= std::chrono::nanoseconds{kMaxForceAge}.count();
+    const Vector force = is_recent ? force_.value : Vector{};
     Json device;
     device["device_id"] = id_;
     Json& vector = device["commands"]["set_cursor_force"]["vector"];
@@ -290,8 +296,8 @@ class Service {
   std::string text_;
   std::promise<std::string> ready_;
   std::promise<void> ended_;
-  std::future<void> has_ended_;
-  bool reported_ = false, inventory_ = false, profile_sent_ = false;
+  std::future<void> ended_future_;
+  bool reported_ = false, has_device_ = false, profile_sent_ = false;
   int invalid_ = 0;
   Clock::time_point sent_{};
   Force force_;
@@ -309,7 +315,7 @@ struct tactus_device {
 
 namespace {
 
-/// HOST:PORT/DEVICE; parts may be omitted from the end.
+/// `config`: HOST:PORT/DEVICE, HOST:PORT or empty.
 tactus_device* open_haply(const char* config, char* error, std::size_t error_size) {
   std::string address = config, id;
   if (const std::size_t slash = address.find('/'); slash != std::string::npos) {
@@ -334,7 +340,7 @@ tactus_device* open_haply(const char* config, char* error, std::size_t error_siz
 
 void close_haply(tactus_device* device) { delete device; }
 
-/// Conservative values, because the service reports none, and its round trip adds a millisecond.
+/// Conservative limits, because the service reports none and its round trip adds a millisecond.
 void spec_of_haply(tactus_device*, tactus_device_spec* spec) {
   spec->max_force = 5;
   spec->max_stiffness = 800;

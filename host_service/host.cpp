@@ -22,10 +22,10 @@ using std::chrono::microseconds;
 using std::chrono::milliseconds;
 using wire::monotonic_ns;
 
-constexpr milliseconds kPoll{5};        // max wait while readers of an HRTC are not matched
-constexpr milliseconds kPatience{50};   // max wait otherwise, so that a signal is noticed
-constexpr milliseconds kFarewell{300};  // max wait for acknowledgements of the withdrawn catalogue
-constexpr int kChunksPerRound = 64;     // sent before received samples are processed again
+constexpr milliseconds kMaxUnmatchedWait{5};  // while readers of an HRTC are not matched
+constexpr milliseconds kMaxWait{50};          // otherwise; after it, the loop reads the stop flag
+constexpr milliseconds kMaxLeaveWait{300};    // for acknowledgements of the withdrawn catalogue
+constexpr int kChunksPerRound = 64;           // number of chunks sent between two reads of the inbox
 constexpr std::size_t kInboxCapacity = 8192;
 
 /// A request of an HRTC's failure detector (session/failure_detector.hpp).
@@ -44,8 +44,8 @@ struct BulkLink {
         base{participants, wire::topics::kBase, {wire::hrtc_partition(hrtc)}},
         records{participants, wire::topics::kRecords, {wire::hrtc_partition(hrtc)}} {}
 
-  /// A sample that is sent before the readers are matched is lost.
-  [[nodiscard]] bool ready() const { return base.matched() > 0 && records.matched() > 0; }
+  /// True if the readers are matched. A sample that is sent before is lost.
+  [[nodiscard]] bool is_ready() const { return base.matched() > 0 && records.matched() > 0; }
   [[nodiscard]] wire::SendStatus send(const session::BulkChunk& chunk) {
     return (chunk.kind() == session::BulkKind::kBase ? base : records).send(chunk);
   }
@@ -67,7 +67,7 @@ struct FailureDetectorLink {
   wire::Reader<session::ClockSample> requests;
 };
 
-struct Served {
+struct ServedObject {
   ObjectConfig config;
   spm::offline::MappedModel model;
 };
@@ -84,25 +84,26 @@ void check(const HostOptions& options) {
   }
 }
 
-std::vector<Served> open_models(const HostOptions& options, const Log& log, const std::atomic<bool>& stop) {
+std::vector<ServedObject> open_models(const HostOptions& options, const Log& log, const std::atomic<bool>& stop) {
   check(options);
   const ModelStore store{options.cache, [&](const std::string& line) { log(Severity::kInfo, line); }, stop};
-  std::vector<Served> served;
+  std::vector<ServedObject> served;
   for (const ObjectConfig& object : options.objects) served.push_back({object, store.open(object.model)});
   return served;
 }
 
-/// Called after all models are open: building them may have used all processors for minutes.
+/// Raises the priority if requested, and returns the address. Called after all models are open, because building them
+/// may use all processors for minutes.
 const wire::SessionAddress& raise_priority_then_address(const HostOptions& options, const Log& log) {
   if (options.raise_priority) log(Severity::kInfo, wire::raise_priority("host '" + options.address.participant + "'"));
   return options.address;
 }
 
-HostCoreSettings core_settings(const HostOptions& options, const std::vector<Served>& served) {
+HostCoreSettings core_settings(const HostOptions& options, const std::vector<ServedObject>& served) {
   HostCoreSettings settings;
   settings.name = options.address.participant;
   settings.session = options.address.session;
-  for (const Served& object : served) settings.objects.push_back({object.config, &object.model.coded()});
+  for (const ServedObject& object : served) settings.objects.push_back({object.config, &object.model.coded()});
   settings.at = options.at;
   return settings;
 }
@@ -150,23 +151,23 @@ struct Host::Impl {
   }
 
   int run();
-  void take(const session::RosterEntry& entry, std::int64_t at_ns) { core.on_roster(entry, at_ns); }
-  void take(const session::Demand& demand, std::int64_t at_ns) { core.on_demand(demand, at_ns); }
-  void take(const session::ClockSample& sample, std::int64_t at_ns) {
+  void on_sample(const session::RosterEntry& entry, std::int64_t at_ns) { core.on_roster(entry, at_ns); }
+  void on_sample(const session::Demand& demand, std::int64_t at_ns) { core.on_demand(demand, at_ns); }
+  void on_sample(const session::ClockSample& sample, std::int64_t at_ns) {
     if (const auto answer = core.on_clock(sample, at_ns, monotonic_ns())) (void)clock_out.send(*answer);
   }
-  void take(const FailureDetectorRequest& request, std::int64_t at_ns) {
+  void on_sample(const FailureDetectorRequest& request, std::int64_t at_ns) {
     const auto link = failure_detectors.find(request.sample.origin.participant);
     if (link == failure_detectors.end()) return;
     if (const auto answer = core.on_failure_detector(request.sample, at_ns, monotonic_ns()))
       (void)link->second.answers.send(*answer);
   }
-  void take(const session::EmergencyStop& sample, std::int64_t) { core.on_stop(sample); }
-  void take(const session::ForceReset& reset, std::int64_t) { core.on_reset(reset); }
-  void take(const session::SessionEnd& end, std::int64_t) { core.on_end(end); }
-  void take(const session::CatalogueEntry& entry, std::int64_t at_ns) { core.on_catalogue(entry, at_ns); }
-  void take(const session::ObjectClaim& claim, std::int64_t at_ns) { core.on_claim(claim, at_ns); }
-  void take(const session::ObjectPose& pose, std::int64_t at_ns) { core.on_pose(pose, at_ns); }
+  void on_sample(const session::EmergencyStop& sample, std::int64_t) { core.on_stop(sample); }
+  void on_sample(const session::ForceReset& reset, std::int64_t) { core.on_reset(reset); }
+  void on_sample(const session::SessionEnd& end, std::int64_t) { core.on_end(end); }
+  void on_sample(const session::CatalogueEntry& entry, std::int64_t at_ns) { core.on_catalogue(entry, at_ns); }
+  void on_sample(const session::ObjectClaim& claim, std::int64_t at_ns) { core.on_claim(claim, at_ns); }
+  void on_sample(const session::ObjectPose& pose, std::int64_t at_ns) { core.on_pose(pose, at_ns); }
 
   void send(const HostMessages& messages);
   [[nodiscard]] microseconds send_chunks();
@@ -177,7 +178,7 @@ struct Host::Impl {
   HostOptions options;
   Log log;
   const std::atomic<bool>& stop;
-  std::vector<Served> served;  // declared before the members that borrow from it
+  std::vector<ServedObject> served;  // declared before the members that borrow from it
   wire::Participants participants;
   HostCore core;
   std::optional<wire::Writer<session::ObjectGrant>> grants_out;  // if there are movable objects
@@ -201,12 +202,12 @@ int Host::Impl::run() {
   }
   log_info("host '" + options.address.participant + "' is in session '" + options.address.session + "' on domain " +
            std::to_string(options.address.domain));
-  microseconds patience{0};
+  microseconds max_wait{0};
   while (!stop && core.end() == HostEnd::kNone) {
-    for (const Inbox::Arrived& arrived : inbox.take(patience))
-      std::visit([&](const auto& sample) { take(sample, arrived.at_ns); }, arrived.sample);
+    for (const Inbox::Arrived& arrived : inbox.take(max_wait))
+      std::visit([&](const auto& sample) { on_sample(sample, arrived.at_ns); }, arrived.sample);
     send(core.tick(monotonic_ns()));
-    patience = send_chunks();
+    max_wait = send_chunks();
   }
   if (stop) log_info("stopped by a signal");
   leave();
@@ -222,24 +223,25 @@ void Host::Impl::send(const HostMessages& messages) {
   for (const session::ObjectPose& pose : messages.poses) (void)poses_out->send(pose);
 }
 
-/// Sends the messages that are due. Returns how long to wait for samples.
+/// Sends the chunks that are due. Returns the time for which the caller may wait for samples.
 microseconds Host::Impl::send_chunks() {
-  const bool pending = std::any_of(bulk.begin(), bulk.end(), [](const auto& link) { return !link.second.ready(); });
+  const bool has_unmatched =
+      std::any_of(bulk.begin(), bulk.end(), [](const auto& link) { return !link.second.is_ready(); });
   const auto can_send = [&](std::uint64_t hrtc) {
     const auto link = bulk.find(hrtc);
-    return link != bulk.end() && link->second.ready();
+    return link != bulk.end() && link->second.is_ready();
   };
   for (int i = 0; i < kChunksPerRound; ++i) {
     const std::int64_t now_ns = monotonic_ns();
     const std::optional<session::Outgoing> out = core.next_chunk(now_ns, can_send);
     if (!out) {
       const microseconds due{std::max<std::int64_t>(0, core.due_ns() - now_ns) / 1000};
-      return std::min<microseconds>(due, pending ? kPoll : kPatience);
+      return std::min<microseconds>(due, has_unmatched ? kMaxUnmatchedWait : kMaxWait);
     }
     BulkLink& link = bulk.at(out->hrtc);
-    // The next demand lists chunks that the network dropped, so only an invalid chunk is an error.
+    // A blocked chunk is no error, because the next demand lists the chunks that did not arrive.
     if (link.send(out->chunk) == wire::SendStatus::kInvalid)
-      log(Severity::kError, "a chunk for '" + link.name + "' cannot be sent: " + link.records.last_fault());
+      log(Severity::kError, "a chunk for '" + link.name + "' cannot be sent: " + link.records.invalid_reason());
   }
   return microseconds{0};
 }
@@ -249,7 +251,7 @@ void Host::Impl::send_catalogue(bool withdrawn) {
     entry.origin = participants.origin();
     entry.withdrawn = withdrawn;
     if (catalogue_out.send(entry) == wire::SendStatus::kSent) continue;
-    log(Severity::kError, "'" + entry.object + "' cannot be announced: " + catalogue_out.last_fault());
+    log(Severity::kError, "'" + entry.object + "' cannot be announced: " + catalogue_out.invalid_reason());
   }
 }
 
@@ -261,7 +263,7 @@ void Host::Impl::leave() {
     entry.leaving = true;
     (void)roster_out.send(entry);
   });
-  (void)catalogue_out.wait_acknowledged(kFarewell);
+  (void)catalogue_out.wait_acknowledged(kMaxLeaveWait);
   const session::DeliveryCounters& all = core.delivery().counters();
   log_info("left the session after sending " + std::to_string(all.regions) + " regions with " +
            std::to_string(all.records) + " records, " + std::to_string(all.payload_bytes) + " bytes");

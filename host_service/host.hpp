@@ -1,8 +1,8 @@
-/// A VE host as a service: a HostCore between the topics of a session, with models from files.
+/// Runs a VE host as a service: connects a HostCore to the topics of a session, and opens its models.
 ///
 ///     readers --> inbox --> one thread: HostCore --> writers
 ///
-/// DDS callbacks only fill the inbox. Each HRTC gets bulk writers in a partition of its own when it joins, so an HRTC
+/// DDS callbacks only fill the inbox. When an HRTC joins, it gets bulk writers in a partition of its own, so an HRTC
 /// that hangs does not delay the others. A host never computes the force of a device.
 #pragma once
 
@@ -19,7 +19,7 @@
 
 namespace tactus::host_service {
 
-/// Gets one line for each event; called in the threads of the constructor and of run().
+/// Receives one line for each event, in the threads that call the constructor and run().
 using Log = std::function<void(Severity, const std::string&)>;
 
 struct HostOptions {
@@ -27,21 +27,21 @@ struct HostOptions {
   std::vector<ObjectConfig> objects;
   std::filesystem::path cache;        ///< for models that have to be built
   std::array<double, 3> at{0, 0, 0};  ///< m, position of the first object without a pose; others follow along x
-  /// Raises the priority of the calling thread and of the DDS threads once the models are open, if the system allows
-  /// it. All HRTCs wait for these few threads; at ordinary priority they would wait longer on a busy machine.
+  /// True: once the models are open, raises the priority of the calling thread and of the DDS threads, if the system
+  /// allows it. All HRTCs wait for these few threads, and with ordinary priority they wait longer on a busy machine.
   bool raise_priority = false;
 };
 
 class Host {
  public:
-  /// Opens or builds every model, then joins the session. Throws HostError, spm::offline::ModelError, wire::WireError.
-  /// Throws Stopped (model_store.hpp) when `stop` is set before all models are open. After a throw no other program has
-  /// seen this host. `stop` must outlive the host.
+  /// Opens or builds all models, and then joins the session. Throws HostError, spm::offline::ModelError or
+  /// wire::WireError, and Stopped (model_store.hpp) if `stop` is set before all models are open. If it throws, no other
+  /// program has discovered this host. `stop` must outlive the host.
   Host(HostOptions options, Log log, const std::atomic<bool>& stop);
   ~Host();
 
-  /// Serves until `stop` is set or the session ends, then leaves within a second. The exit code: 0, or 2 when an older
-  /// program of the same name is in the session.
+  /// Serves until `stop` is set or the session ends, and then leaves within a second. Returns the exit status of the
+  /// program: 0, or 2 if an older program with the same name is in the session.
   [[nodiscard]] int run();
 
  private:

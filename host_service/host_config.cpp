@@ -17,7 +17,7 @@ constexpr double kRadiansPerDegree = 0.017453292519943295;
 constexpr double kUnitTolerance = 1e-3;
 constexpr double kUnbounded = std::numeric_limits<double>::infinity();
 
-/// Roll about x, then pitch about y, then yaw about z, all axes fixed.
+/// Quaternion of a rotation by roll about x, then pitch about y, then yaw about z, all about fixed axes.
 std::array<double, 4> from_rpy(const std::array<double, 3>& degrees) {
   std::array<double, 3> c{};
   std::array<double, 3> s{};
@@ -33,7 +33,7 @@ session::Pose read_pose(const Map& map) {
   session::Pose pose;
   map.numbers("position", -kUnbounded, kUnbounded, pose.position);
   if (map.has("rotation") && map.has("rpy_degrees"))
-    map.child("rpy_degrees").fail("found 'rotation' too, which rotates the object as well; expected one of them");
+    map.child("rpy_degrees").fail("found 'rotation' too, which also sets the rotation; expected one of them");
   if (map.has("rotation")) {
     map.numbers("rotation", -kUnbounded, kUnbounded, pose.orientation);
     double square = 0;
@@ -61,7 +61,7 @@ session::Material read_material(const Value& value) {
   map.number("static_friction", 0, kUnbounded, material.static_friction);
   map.number("dynamic_friction", 0, kUnbounded, material.dynamic_friction);
   if (material.dynamic_friction > material.static_friction)
-    value.fail("found a 'dynamic_friction' over 'static_friction', expected at most that");
+    value.fail("found a 'dynamic_friction' above 'static_friction', expected at most 'static_friction'");
   return material;
 }
 
@@ -94,7 +94,7 @@ ObjectConfig read_object(const Value& value, const std::filesystem::path& folder
                             " bytes; expected a name");
   if (map.has("position") || map.has("rotation") || map.has("rpy_degrees")) object.pose = read_pose(map);
   if (map.has("scale") && map.has("size"))
-    map.child("size").fail("found 'scale' too, which sets the scale as well; expected one of them");
+    map.child("size").fail("found 'scale' too, which also sets the scale; expected one of them");
   const auto read = [&](const char* key, double min, std::optional<double>& target) {
     if (map.has(key)) target = map.child(key).number(min, kUnbounded);
   };

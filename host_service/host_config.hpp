@@ -1,15 +1,15 @@
-/// The objects that a host serves, read from a YAML file or given as model files.
+/// Reads the objects that a host serves from a YAML file or from the names of model files.
 ///
 ///     objects:
 ///       - name: organ                  # unique in the session; default: the model's file name
 ///         model: models/organ.ply      # .spm or any importable format; relative to this file
 ///         position: [0, 0, 0.1]        # m
 ///         rotation: [0, 0, 0, 1]       # quaternion x, y, z, w; or rpy_degrees: [roll, pitch, yaw]
-///         size: 0.2                    # m, longest side of its bounds; or scale: metres per file unit
+///         size: 0.2                    # m, longest side of the bounds; or scale: metres per file unit
 ///         material: {stiffness: 800, damping: 2, static_friction: 0.3, dynamic_friction: 0.2}
 ///       - model: crate.spm
-///         body: {mass: 0.8, friction: 0.6}   # makes it movable; inertia: [x, y, z]; default: a box of its bounds
-///     ground: 0                        # m, height of the plane on which movable objects come to rest
+///         body: {mass: 0.8, friction: 0.6}   # the object is movable; inertia: [x, y, z], default: of its bounds
+///     ground: 0                        # m, height of the ground plane for movable objects
 #pragma once
 
 #include <array>
@@ -23,16 +23,16 @@
 
 namespace tactus::host_service {
 
-/// An input with which a host cannot start. The message names the item, the value found and the value expected.
+/// Thrown for input with which a host cannot start. The message names the item, the value found and the value expected.
 class HostError : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
 };
 
-/// Makes an object movable; docs/explanation/shared-objects.md.
+/// The settings that make an object movable (docs/explanation/shared-objects.md).
 struct BodyConfig {
   double mass = 1;                               ///< kg
-  std::optional<std::array<double, 3>> inertia;  ///< kg m^2, about the model's axes; default: a box of its bounds
+  std::optional<std::array<double, 3>> inertia;  ///< kg m^2, about the model's axes; default: of a box with its bounds
   double friction = session::Body{}.friction;    ///< coefficient, against the ground
   double ground = 0;                             ///< m, height of the ground plane
 };
@@ -47,10 +47,10 @@ struct ObjectConfig {
   std::optional<BodyConfig> body;  ///< none: the object is static
 };
 
-/// Throws yaml::YamlError when an entry is missing, unknown or out of bounds.
+/// Reads a file as above. Throws yaml::YamlError for an entry that is missing, unknown or out of bounds.
 [[nodiscard]] std::vector<ObjectConfig> read_config(const std::filesystem::path& file);
 
-/// The object's name is the file name without folder and extension.
+/// Returns an object with default settings whose name is the file name without folder and extension.
 [[nodiscard]] ObjectConfig object_from_model(const std::filesystem::path& model);
 
 }  // namespace tactus::host_service

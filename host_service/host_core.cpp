@@ -13,13 +13,13 @@ namespace {
 
 constexpr std::int64_t kMs = 1'000'000;
 constexpr std::int64_t kHeartbeatNs = 100 * kMs;
-constexpr std::int64_t kClockNs = 500 * kMs;
+constexpr std::int64_t kClockRequestNs = 500 * kMs;
 constexpr std::int64_t kMetricsNs = 1000 * kMs;
 constexpr std::int64_t kMetricsSoonNs = 100 * kMs;
-constexpr std::int64_t kHungNs = 5000 * kMs;  // between ticks; others may have dropped the catalogue after it
+constexpr std::int64_t kHungNs = 5000 * kMs;  // min time between two ticks that counts as a hang
 constexpr std::int64_t kStepNs = 1 * kMs;     // period while it simulates a moving object
 constexpr std::int64_t kHeldNs = 5 * kMs;     // period while an HRTC holds an object
-constexpr double kGap = 0.05;                 // m, between objects without a pose
+constexpr double kSpacing = 0.05;             // m, between objects without a pose
 
 double scale_of(const ObjectConfig& config, const spm::ModelSummary& summary) {
   if (config.scale) return *config.scale;
@@ -53,7 +53,7 @@ HostCore::HostCore(const session::Origin& self, const HostCoreSettings& settings
       stops_{self},
       authority_{self, settings.authority},
       heartbeat_{kHeartbeatNs},
-      request_due_{kClockNs},
+      request_due_{kClockRequestNs},
       metrics_due_{kMetricsNs} {
   for (const HostedObject& object : settings.objects) delivery_.add(session::id_of(object.config.name), *object.model);
   make_catalogue(settings);
@@ -62,7 +62,7 @@ HostCore::HostCore(const session::Origin& self, const HostCoreSettings& settings
 }
 
 void HostCore::make_catalogue(const HostCoreSettings& settings) {
-  double x = settings.at[0];  // of the next object without a pose
+  double x = settings.at[0];  // coordinate at which the bounds of the next object without a pose begin
   bool first = true;
   for (const auto& [config, model] : settings.objects) {
     const spm::ModelSummary& summary = model->summary();
@@ -84,7 +84,7 @@ void HostCore::make_catalogue(const HostCoreSettings& settings) {
     } else {
       entry.pose.position = settings.at;
       if (!first) entry.pose.position[0] = x - summary.bounds_min[0] * entry.scale;
-      x = entry.pose.position[0] + summary.bounds_max[0] * entry.scale + kGap;
+      x = entry.pose.position[0] + summary.bounds_max[0] * entry.scale + kSpacing;
       first = false;
     }
     catalogue_.push_back(entry);
@@ -93,12 +93,12 @@ void HostCore::make_catalogue(const HostCoreSettings& settings) {
 
 /// Makes the static objects with which movable bodies collide.
 void HostCore::make_scenery(const std::vector<HostedObject>& objects) {
-  std::vector<StaticObject> standing;
+  std::vector<StaticObject> static_objects;
   for (std::size_t i = 0; i < objects.size(); ++i)
     if (!sharing::can_move(catalogue_[i]))
-      standing.push_back({catalogue_[i].pose, catalogue_[i].scale, objects[i].model});
-  if (standing.empty()) return;
-  scenery_.emplace(standing);
+      static_objects.push_back({catalogue_[i].pose, catalogue_[i].scale, objects[i].model});
+  if (static_objects.empty()) return;
+  scenery_.emplace(static_objects);
   authority_.set_scenery(&*scenery_);
 }
 
@@ -124,22 +124,22 @@ void HostCore::react(const session::RosterEvent& event, std::int64_t now_ns) {
   using session::RosterChange;
   const session::RosterEntry& entry = event.entry;
   const std::uint64_t id = entry.origin.participant;
-  const bool trouble = event.change == RosterChange::kWrongVersion || event.change == RosterChange::kNameConflict ||
-                       event.change == RosterChange::kFull;
+  const bool is_problem = event.change == RosterChange::kWrongVersion || event.change == RosterChange::kNameConflict ||
+                          event.change == RosterChange::kFull;
   if (event.change != RosterChange::kChanged) {
-    report(trouble ? Severity::kWarning : Severity::kInfo, session::text(event));
+    report(is_problem ? Severity::kWarning : Severity::kInfo, session::text(event));
   }
   if (event.change == RosterChange::kNameConflict && id == self_.participant && event.entry_yields) {
     report(Severity::kError, "a host '" + name_ + "' was in session '" + session_ +
                                  "' before: this one ends; start it with another --name");
     end_ = HostEnd::kNameTaken;
   }
-  metrics_due_.hasten(now_ns, kMetricsSoonNs);  // programs that compare scenes should not wait long
+  metrics_due_.hasten(now_ns, kMetricsSoonNs);  // so that programs which compare scenes get the new one soon
   const bool gone = event.change == RosterChange::kLeft || event.change == RosterChange::kGone;
   if (entry.role == session::Role::kHost && gone) authority_.on_host_gone(id, now_ns);
   if (entry.role != session::Role::kHrtc) return;
   if (event.change == RosterChange::kJoined || event.change == RosterChange::kRestarted) {
-    heartbeat_.repeat_soon();  // the HRTC requests regions only after it has received this entry
+    heartbeat_.repeat_soon();  // the HRTC requests regions only after it has received this host's entry
     hrtcs_.try_emplace(id, entry.name);
     if (on_hrtc) on_hrtc(id, entry.name);
   } else if (gone) {
@@ -156,7 +156,7 @@ void HostCore::on_demand(const session::Demand& demand, std::int64_t now_ns) {
   if (result == Result::kImplausible) ++demands_implausible_;
   if (result == Result::kMalformed && demands_refused_++ == 0) {
     report(Severity::kWarning,
-           "a demand names regions that its model does not have; such demands are dropped and counted");
+           "a demand lists regions that the model does not have; such demands are dropped and counted");
   }
 }
 
@@ -207,7 +207,7 @@ void HostCore::move_objects(std::int64_t now_ns) {
   if (authority_.empty()) return;
   const ObjectAuthority::Messages& moved = authority_.tick(now_ns, clock_.map().session_time(now_ns));
   messages_.grants = moved.grants;
-  // Before synchronisation the time in a pose would not be session time, so receivers could not use it.
+  // Before synchronisation the host does not know the session time, which each pose has to state.
   if (clock_.synchronised()) messages_.poses = moved.poses;
   if (authority_.busy())
     objects_due_ns_ = now_ns + kStepNs;

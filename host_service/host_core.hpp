@@ -1,12 +1,13 @@
-/// The core of a VE host, without DDS, thread, clock, file or log: serves regions, and decides who simulates objects.
+/// The core of a VE host: serves regions, and decides which programs simulate its objects.
 ///
 ///     demands                        --> DeliveryServer       --> chunks
 ///     claims, poses, catalogues      --> ObjectAuthority      --> grants, poses
 ///     roster entries, clock samples  --> Roster, SessionClock --> roster entry, clock samples
 ///     stops, resets                  --> StopLatch            --> roster entry
 ///
-/// Samples and times are arguments; the functions return the samples to send. The caller opens the models. The service,
-/// studies, benchmarks and tests all use this class. One thread at a time. Not realtime.
+/// The core has no DDS, thread, clock, file or log. Samples and times are arguments, and the functions return the
+/// samples to send. The caller opens the models. The service, studies, benchmarks and tests use this class. One thread
+/// at a time. Not realtime.
 #pragma once
 
 #include <array>
@@ -37,18 +38,18 @@ struct HostedObject {
 
 struct HostCoreSettings {
   std::string name;                   ///< of the participant
-  std::string session;                ///< to join
-  std::vector<HostedObject> objects;  ///< with different names
+  std::string session;                ///< session to join
+  std::vector<HostedObject> objects;  ///< each with a different name
   std::array<double, 3> at{0, 0, 0};  ///< m, position of the first object without a pose; others follow along x
   ObjectAuthoritySettings authority;
 };
 
-/// Settings of a host with one object, at the origin and with the scale of its model.
+/// Returns the settings of a host with one object, which is at the origin and has the scale of its model.
 [[nodiscard]] HostCoreSettings host_of(const std::string& object, const spm::codec::CompressedModel& model);
 
 /// The samples to send after a tick, in this order.
 struct HostMessages {
-  bool catalogue = false;  ///< true: all entries of HostCore::catalogue()
+  bool catalogue = false;  ///< true: send all entries of HostCore::catalogue()
   std::optional<session::RosterEntry> roster;
   std::optional<session::ClockSample> clock_request;
   std::optional<session::Metrics> metrics;
@@ -65,26 +66,27 @@ enum class HostEnd : std::uint8_t {
 
 class HostCore {
  public:
-  /// `self`: its time is not used. Decodes only the base meshes of static objects, if there are movable objects.
+  /// The time in `self` is not used. If there are movable objects, the constructor decodes the base meshes of the
+  /// static ones.
   HostCore(const session::Origin& self, const HostCoreSettings& settings, std::int64_t now_ns);
   HostCore(const HostCore&) = delete;
   HostCore& operator=(const HostCore&) = delete;
 
-  /// One line for each event that an operator should see.
+  /// Receives one line for each event that an operator should see.
   std::function<void(Severity, const std::string&)> on_event;
-  /// An HRTC joined or returned: chunks and answers for it may follow.
+  /// Called when an HRTC has joined or returned. Chunks and answers for the HRTC may follow.
   std::function<void(std::uint64_t hrtc, const std::string& name)> on_hrtc;
-  /// An HRTC left: no samples for it follow until `on_hrtc`.
+  /// Called when an HRTC has left. No samples for the HRTC follow until the next `on_hrtc`.
   std::function<void(std::uint64_t hrtc)> on_hrtc_gone;
 
   void on_roster(const session::RosterEntry& entry, std::int64_t now_ns);
   void on_demand(const session::Demand& demand, std::int64_t now_ns);
-  /// The answer to publish at once, if the sample is a request that this host has to answer. `arrived_ns`: time of its
-  /// arrival.
+  /// Returns the answer to publish at once, if `sample` is a request that this host has to answer. `arrived_ns`: time
+  /// of arrival of `sample`.
   [[nodiscard]] std::optional<session::ClockSample> on_clock(const session::ClockSample& sample,
                                                              std::int64_t arrived_ns, std::int64_t now_ns);
-  /// The same for the request of an HRTC's failure detector. The answer shows that this host lives, even when the host
-  /// has no session time to state. Send it to that HRTC only.
+  /// Returns the answer to the request of an HRTC's failure detector; send the answer to that HRTC only. It shows that
+  /// this host lives, even if the host has no session time yet.
   [[nodiscard]] std::optional<session::ClockSample> on_failure_detector(const session::ClockSample& request,
                                                                         std::int64_t arrived_ns, std::int64_t now_ns);
   void on_stop(const session::EmergencyStop& stop) { (void)stops_.on_stop(stop.name()); }
@@ -98,21 +100,23 @@ class HostCore {
     authority_.on_pose(pose, now_ns, clock_.map().session_time(now_ns));
   }
 
-  /// Call it after samples and at `due_ns`, at least every 50 ms. The result is valid until the next tick.
+  /// Returns the samples that are due. Call it after samples have arrived and at `due_ns`, at least every 50 ms. The
+  /// result is valid until the next tick.
   [[nodiscard]] const HostMessages& tick(std::int64_t now_ns);
-  /// The next chunk to send, or none until `due_ns` or a demand. Plans no chunk for an HRTC for which `can_send` is
-  /// false.
+  /// Returns the next chunk to send; none if no chunk is due before `due_ns` or the next demand. Returns no chunk for
+  /// an HRTC for which `can_send` is false.
   [[nodiscard]] std::optional<session::Outgoing> next_chunk(std::int64_t now_ns,
                                                             const session::DeliveryServer::CanSend& can_send = {}) {
     return delivery_.next(now_ns, can_send);
   }
-  /// Call it after `tick`, and after `next_chunk` returned none: the next time at which either may return something
-  /// although no sample arrived.
+  /// The time at which `tick` or `next_chunk` has to be called again if no sample arrives before. Call it after `tick`,
+  /// and after `next_chunk` has returned none.
   [[nodiscard]] std::int64_t due_ns() const noexcept;
 
-  /// The entries that it announces.
+  /// The catalogue entries of the host's objects.
   [[nodiscard]] const std::vector<session::CatalogueEntry>& catalogue() const noexcept { return catalogue_; }
-  /// An additional heartbeat; `tick` returns the periodic ones.
+  /// Returns a roster entry with the next heartbeat number. Only for additional entries; `tick` returns the periodic
+  /// ones.
   [[nodiscard]] session::RosterEntry roster_entry(std::int64_t now_ns);
   [[nodiscard]] session::Metrics metrics(std::int64_t now_ns) const;
 
@@ -134,7 +138,7 @@ class HostCore {
   session::DeliveryServer delivery_;
   session::Roster roster_;
   session::SessionClock clock_;
-  session::StopLatch stops_;        // for HRTCs that start after a stop
+  session::StopLatch stops_;        // forwarded to HRTCs that start after a stop
   std::optional<Scenery> scenery_;  // if there are movable and static objects
   ObjectAuthority authority_;
   std::vector<session::CatalogueEntry> catalogue_;

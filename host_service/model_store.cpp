@@ -29,7 +29,7 @@ namespace {
 using spm::offline::MappedModel;
 using spm::offline::ModelError;
 
-/// Raise this when the same input gives another model: models in the cache are then no longer used.
+/// Raise this number when the builder makes another model from the same input. Models in the cache are then not used.
 constexpr std::uint32_t kBuilderVersion = 1;
 
 class Hasher {
@@ -56,7 +56,7 @@ class Hasher {
   }();
 };
 
-/// Covers the file, and the buffers that a glTF file names.
+/// Hash of the file and, for a glTF file, of the buffers that it names.
 std::uint64_t content_hash(const std::filesystem::path& model) {
   Hasher hasher;
   hasher.add(&kBuilderVersion, sizeof kBuilderVersion);
@@ -74,14 +74,14 @@ std::uint64_t content_hash(const std::filesystem::path& model) {
   return hasher.digest();
 }
 
-/// Log lines that a worker thread passes to the thread that waits for it.
+/// Passes log lines and the end of the work from a worker thread to the thread that waits for it.
 class LogLines {
  public:
   void add(std::string line) {
     const std::lock_guard lock{mutex_};
     lines_.push_back(std::move(line));
   }
-  /// Throws Stopped when the waiting thread has given up.
+  /// Throws Stopped if the waiting thread waits no more.
   void expect_open() const {
     if (closed_) throw Stopped{};
   }
@@ -95,7 +95,7 @@ class LogLines {
     finished_ = true;
     finishing_.notify_all();
   }
-  /// Waits up to `limit`; true when the work is finished.
+  /// Waits at most `limit` for the end of the work; true if it has ended.
   [[nodiscard]] bool wait_finished(std::chrono::milliseconds limit) {
     std::unique_lock lock{mutex_};
     return finishing_.wait_for(lock, limit, [this] { return finished_; });
@@ -109,8 +109,8 @@ class LogLines {
   std::atomic<bool> closed_{false};
 };
 
-/// Runs `work(lines)` in a thread of its own and returns its result or throws its exception. Throws Stopped when `stop`
-/// is set first; the thread then runs on detached, so `work` must own all that it uses.
+/// Runs `work(lines)` in a thread of its own, and returns its result or throws its exception. If `stop` is set before,
+/// throws Stopped. The thread then continues detached, so `work` must own all data that it uses.
 template <class Work>
 auto unless_stopped(const std::atomic<bool>& stop, const ModelStore::Log& log, Work work) {
   constexpr std::chrono::milliseconds kPatience{20};
@@ -120,7 +120,7 @@ auto unless_stopped(const std::atomic<bool>& stop, const ModelStore::Log& log, W
   auto result = task.get_future();
   std::thread{[lines, task = std::move(task)]() mutable {
     task();
-    task = Task{};  // before `finish`: then only the waiting thread owns an exception
+    task = Task{};  // before `finish`, so that only the waiting thread owns an exception
     lines->finish();
   }}.detach();
   for (bool done = false; !done;) {
@@ -138,7 +138,7 @@ std::optional<MappedModel> open_cached(const std::filesystem::path& path, LogLin
   try {
     return MappedModel{path};
   } catch (const ModelError& error) {
-    lines.add(std::string{"the cached model is broken and will be built again: "} + error.what());
+    lines.add(std::string{"the cached model is invalid and will be built again: "} + error.what());
     return std::nullopt;
   }
 }
@@ -183,7 +183,7 @@ MappedModel ModelStore::open(const std::filesystem::path& model) const {
   std::optional<MappedModel> ready =
       unless_stopped(stop_, log_, [cached](LogLines& lines) { return open_cached(cached, lines); });
   if (ready) {
-    log_(model.string() + ": taken from the cache, " + cached.string());
+    log_(model.string() + ": opened from the cache, " + cached.string());
     return std::move(*ready);
   }
   std::error_code failed;
@@ -191,7 +191,7 @@ MappedModel ModelStore::open(const std::filesystem::path& model) const {
   if (failed) throw ModelError{cache_.string() + ": cannot make this folder for built models: " + failed.message()};
   const spm::offline::BuiltModel built =
       unless_stopped(stop_, log_, [model](LogLines& lines) { return build(model, lines); });
-  // In this thread: Stopped then leaves either the complete file or none.
+  // Written in this thread, so that Stopped leaves either the complete file or none.
   spm::offline::write_model(cached, built.model(), {model.filename().string(), built.cleaned});
   log_(model.string() + ": built and stored in " + cached.string());
   return open_file(cached);

@@ -1,4 +1,4 @@
-/// Opens models: `.spm` files directly; other files are built once and cached by their content.
+/// Opens models. A `.spm` file is opened directly; any other file is built once and cached by its content.
 #pragma once
 
 #include <atomic>
@@ -14,7 +14,7 @@ namespace tactus::host_service {
 /// `$XDG_CACHE_HOME/tactus`, else `~/.cache/tactus`, else a folder in the directory of temporary files.
 [[nodiscard]] std::filesystem::path default_cache_directory();
 
-/// `stop` was set before all models were open.
+/// Thrown if `stop` is set before all models are open.
 class Stopped : public std::runtime_error {
  public:
   Stopped() : std::runtime_error{"stopped by a signal"} {}
@@ -28,10 +28,12 @@ class ModelStore {
   /// `stop` must outlive the store.
   ModelStore(std::filesystem::path cache, Log log, const std::atomic<bool>& stop);
 
-  /// Opens a `.spm` file. Imports and builds any other file (seconds to minutes), unless the cache has the result for
-  /// the same bytes. Rebuilds a damaged cache entry. Throws spm::offline::ModelError. Throws Stopped within about 20 ms
-  /// of `stop`, or once a built model has been written. The importer cannot be interrupted: its thread, which owns
-  /// nothing of the caller, may then run on, so end the program without destroying its globals.
+  /// Opens a `.spm` file. Imports and builds any other file, which takes seconds to minutes, unless the cache contains
+  /// the result for the same bytes. Rebuilds a damaged cache entry. Throws spm::offline::ModelError.
+  ///
+  /// If `stop` is set, throws Stopped within about 20 ms, or once a built model has been written. The importer cannot
+  /// be interrupted, so its thread may continue after the throw. The thread uses no data of the caller, but it may use
+  /// global objects, so end the program without destroying them.
   [[nodiscard]] spm::offline::MappedModel open(const std::filesystem::path& model) const;
 
  private:

@@ -7,18 +7,19 @@ namespace tactus::host_service {
 namespace {
 
 constexpr std::int64_t kStepNs = 1'000'000;
-constexpr std::int64_t kMaxNs = 50'000'000;  // simulated in one tick at most
-/// Longer than the DDS lease: a host that comes back within the lease does not send its catalogue again.
-constexpr std::int64_t kForgetNs = 10'000'000'000;
+constexpr std::int64_t kMaxTickNs = 50'000'000;  // max time that one tick simulates
+/// Time after which an absent host no longer counts as a host of an object. It is longer than the DDS lease, because a
+/// host that returns within the lease does not send its catalogue again.
+constexpr std::int64_t kMaxAbsenceNs = 10'000'000'000;
 
 }  // namespace
 
 void ObjectAuthority::add(const session::CatalogueEntry& entry, std::int64_t now_ns) {
   if (!sharing::can_move(entry)) return;
   const sharing::SharedBody body = sharing::body_of(entry);
-  const auto [at, fresh] = objects_.try_emplace(entry.object_id, body);
+  const auto [at, is_new] = objects_.try_emplace(entry.object_id, body);
   at->second.simulated.follow();
-  if (fresh) choose_authority(entry.object_id, at->second, now_ns);
+  if (is_new) choose_authority(entry.object_id, at->second, now_ns);
 }
 
 void ObjectAuthority::choose_authority(std::uint64_t id, Object& object, std::int64_t now_ns) {
@@ -26,13 +27,13 @@ void ObjectAuthority::choose_authority(std::uint64_t id, Object& object, std::in
     const auto at = hosts_.find(host);
     return std::make_pair(at == hosts_.end() ? session::kNotJoined : at->second, host);
   };
-  const bool other_is_authority = std::any_of(object.others.begin(), object.others.end(), [&](const auto& other) {
-    return hosts_.count(other.first) != 0 && rank(other.first) < rank(self_.participant);
-  });
+  const bool other_is_authority = std::any_of(
+      object.other_hosts.begin(), object.other_hosts.end(),
+      [&](const auto& other) { return hosts_.count(other.first) != 0 && rank(other.first) < rank(self_.participant); });
   if (other_is_authority) {
     object.arbiter.reset();
-    if (object.owned) object.simulated.follow();
-    object.owned = false;
+    if (object.is_simulated_here) object.simulated.follow();
+    object.is_simulated_here = false;
   } else if (object.arbiter == nullptr) {
     object.arbiter =
         std::make_unique<session::Arbiter>(self_, id, settings_.ownership, now_ns, object.gate.confirmed_fencing());
@@ -43,8 +44,8 @@ void ObjectAuthority::on_catalogue(const session::CatalogueEntry& entry, std::in
   const std::uint64_t host = entry.origin.participant;
   const auto at = objects_.find(entry.object_id);
   if (at == objects_.end() || host == self_.participant || entry.origin.session != self_.session) return;
-  at->second.others.erase(host);
-  if (!entry.withdrawn) at->second.others[host] = 0;
+  at->second.other_hosts.erase(host);
+  if (!entry.withdrawn) at->second.other_hosts[host] = 0;
   choose_authority(at->first, at->second, now_ns);
 }
 
@@ -69,13 +70,13 @@ void ObjectAuthority::on_hrtc_gone(std::uint64_t hrtc) {
 }
 
 void ObjectAuthority::drop_absent(Object& object, std::int64_t now_ns) const {
-  for (auto at = object.others.begin(); at != object.others.end();) {
+  for (auto at = object.other_hosts.begin(); at != object.other_hosts.end();) {
     auto& [host, absent_ns] = *at;
     if (hosts_.count(host) != 0)
       absent_ns = 0;
     else if (absent_ns == 0)
       absent_ns = now_ns;
-    at = absent_ns != 0 && now_ns - absent_ns >= kForgetNs ? object.others.erase(at) : std::next(at);
+    at = absent_ns != 0 && now_ns - absent_ns >= kMaxAbsenceNs ? object.other_hosts.erase(at) : std::next(at);
   }
 }
 
@@ -103,14 +104,14 @@ std::uint64_t ObjectAuthority::implausible() const noexcept {
 }
 
 void ObjectAuthority::simulate(Object& object, std::int64_t now_ns, std::int64_t session_now_ns) {
-  if (!object.owned) {
-    object.owned = true;
+  if (!object.is_simulated_here) {
+    object.is_simulated_here = true;
     object.simulated.place(object.pose_interpolator.at(session_now_ns));
     object.simulated.own();
     object.stepped_ns = now_ns;
     object.published_ns = now_ns - settings_.rest_ns;
   }
-  object.stepped_ns = std::max(object.stepped_ns, now_ns - kMaxNs);
+  object.stepped_ns = std::max(object.stepped_ns, now_ns - kMaxTickNs);
   const haptics::Surroundings around{true, object.body.ground, scenery_ == nullptr ? nullptr : &scenery_->surface()};
   while (object.stepped_ns + kStepNs <= now_ns) {
     object.stepped_ns += kStepNs;
@@ -132,12 +133,12 @@ const ObjectAuthority::Messages& ObjectAuthority::tick(std::int64_t now_ns, std:
     if (object.arbiter == nullptr) continue;
     if (auto grant = object.arbiter->tick(now_ns)) messages_.grants.push_back(std::move(*grant));
     if (!object.arbiter->owns(now_ns)) {
-      if (object.owned) object.simulated.follow();
-      object.owned = false;
+      if (object.is_simulated_here) object.simulated.follow();
+      object.is_simulated_here = false;
       held_ = true;
       continue;
     }
-    const bool was_asleep = object.owned && object.simulated.asleep();
+    const bool was_asleep = object.is_simulated_here && object.simulated.asleep();
     simulate(object, now_ns, session_now_ns);
     const bool asleep = object.simulated.asleep();
     busy_ = busy_ || !asleep;

@@ -1,14 +1,14 @@
-/// Decides which program simulates each movable object of a host, and simulates the objects that nobody holds.
+/// Decides which programs simulate each movable object of a host, and simulates the objects that no HRTC simulates.
 ///
 ///     claims, poses of others -->  Arbiter  --> grants
 ///                                  SharedObject, 1 kHz while it moves --> poses
 ///
-/// An object at rest that nobody holds costs a pose and a grant every `rest_ns`, so that HRTCs which join later receive
-/// its pose. If several hosts serve one object, the one that joined the session first is its authority. When that host
-/// is gone, the next one continues from the last pose. If the only host restarts while nobody holds the object, the
-/// object starts at its catalogue pose.
+/// An object at rest costs a pose and a grant every `rest_ns`, so that HRTCs which join later receive its pose. If
+/// several hosts serve one object, the host that joined the session first is its authority. When that host has left,
+/// the next one continues from the last pose. If the only host restarts while no HRTC simulates the object, the object
+/// starts at its catalogue pose.
 ///
-/// Times are arguments; no DDS, no thread. One thread at a time. Not realtime.
+/// Times are arguments. Uses no DDS and no thread. One thread at a time. Not realtime.
 #pragma once
 
 #include <cstdint>
@@ -26,8 +26,8 @@ namespace tactus::host_service {
 
 struct ObjectAuthoritySettings {
   session::OwnershipSettings ownership;
-  std::int64_t pose_ns = 4'000'000;    ///< between poses of a moving object
-  std::int64_t rest_ns = 200'000'000;  ///< between poses of an object at rest
+  std::int64_t pose_ns = 4'000'000;    ///< time between two poses of a moving object
+  std::int64_t rest_ns = 200'000'000;  ///< time between two poses of an object at rest
 };
 
 class ObjectAuthority {
@@ -35,17 +35,17 @@ class ObjectAuthority {
   explicit ObjectAuthority(const session::Origin& self, const ObjectAuthoritySettings& settings = {})
       : self_{self}, settings_{settings} {}
 
-  /// Static objects that the bodies collide with; null: only the ground. Must outlive this object.
+  /// Sets the static objects with which the bodies collide; null: only the ground. `scenery` must outlive this object.
   void set_scenery(Scenery* scenery) noexcept { scenery_ = scenery; }
   /// Adds an object of this host; ignores a static one.
   void add(const session::CatalogueEntry& entry, std::int64_t now_ns);
 
-  /// An entry of another host: that host serves the object too.
+  /// Processes a catalogue entry of another host, which serves the object too or has withdrawn it.
   void on_catalogue(const session::CatalogueEntry& entry, std::int64_t now_ns);
-  /// `joined_ns`: session time at which this host or another one joined the session.
+  /// Records that `host`, which may be this one, joined the session at session time `joined_ns`.
   void on_host(std::uint64_t host, std::int64_t joined_ns, std::int64_t now_ns);
   void on_host_gone(std::uint64_t host, std::int64_t now_ns);
-  /// Claims of the HRTC are numbered anew when it returns.
+  /// Forgets the claims of the HRTC, because their numbers begin again when it returns.
   void on_hrtc_gone(std::uint64_t hrtc);
   void on_claim(const session::ObjectClaim& claim, std::int64_t now_ns);
   void on_pose(const session::ObjectPose& pose, std::int64_t now_ns, std::int64_t session_now_ns);
@@ -57,14 +57,14 @@ class ObjectAuthority {
   /// Simulates up to `now_ns`, 50 ms at most. The caller publishes the result, which is valid until the next tick.
   [[nodiscard]] const Messages& tick(std::int64_t now_ns, std::int64_t session_now_ns);
 
-  /// This host simulates a moving object: the next tick is due within a millisecond.
+  /// True while this host simulates a moving object; the next tick is then due after 1 ms.
   [[nodiscard]] bool busy() const noexcept { return busy_; }
-  /// An HRTC holds an object: the next tick is due within some milliseconds.
+  /// True while an HRTC simulates an object of this host; the next tick is then due after a few milliseconds.
   [[nodiscard]] bool held() const noexcept { return held_; }
   [[nodiscard]] bool empty() const noexcept { return objects_.empty(); }
-  /// 1 kHz steps, summed over all objects.
+  /// Number of simulation steps, summed over all objects.
   [[nodiscard]] std::uint64_t steps() const noexcept { return steps_; }
-  /// Claims and poses that were dropped because they are outside their windows.
+  /// Number of claims and poses that were dropped because a number or time was not plausible.
   [[nodiscard]] std::uint64_t implausible() const noexcept;
 
  private:
@@ -74,8 +74,8 @@ class ObjectAuthority {
     haptics::SharedObject simulated;
     sharing::PoseInterpolator pose_interpolator;
     session::PoseGate gate;
-    std::map<std::uint64_t, std::int64_t> others;  // other hosts that serve it: absent since; 0: present
-    bool owned = false;
+    std::map<std::uint64_t, std::int64_t> other_hosts;  // that serve the object: absent since; 0: present
+    bool is_simulated_here = false;
     std::int64_t stepped_ns = 0, published_ns = 0;
     std::uint32_t sequence = 0;
     std::uint64_t received = 0;
@@ -92,7 +92,7 @@ class ObjectAuthority {
   session::Origin self_;
   ObjectAuthoritySettings settings_;
   Scenery* scenery_ = nullptr;
-  std::vector<haptics::Vec3d> contact_points_;   // contact points of all bodies, in this tick
+  std::vector<haptics::Vec3d> contact_points_;   // of all bodies with static objects, in this tick
   std::map<std::uint64_t, Object> objects_;      // by id
   std::map<std::uint64_t, std::int64_t> hosts_;  // present hosts, including this one: session time of joining
   Messages messages_;

@@ -11,8 +11,8 @@ namespace {
 
 using haptics::Vec3d;
 
-constexpr double kAround = sharing::kAroundBody;
-constexpr int kMaxNew = 8;  // regions decoded in one call of `refine_around`
+constexpr double kAround = sharing::kAroundBody;  // m, radius around a contact that is refined
+constexpr int kMaxNew = 8;                        // max regions decoded in one call of `refine_around`
 
 std::uint32_t base_slots(const std::vector<StaticObject>& objects) {
   std::uint32_t slots = 0;
@@ -28,7 +28,7 @@ spm::PoolSettings pool_for(const std::vector<StaticObject>& objects, std::uint32
   return settings;
 }
 
-/// No budget, because no haptic cycle waits for this refinement.
+/// Refines with a budget that is large enough for any refinement, because no haptic cycle waits for the result.
 void refine(spm::Forest& forest) {
   spm::Budget budget{1u << 22};
   (void)forest.advance(budget);
@@ -49,15 +49,15 @@ struct Scenery::Object {
 Scenery::Scenery(const std::vector<StaticObject>& objects, std::uint32_t slots)
     : pool_{pool_for(objects, slots)}, nodes_{pool_.settings.tree_nodes}, cache_{pool_} {
   const auto wide = [](const std::array<float, 3>& p) { return Vec3d{p[0], p[1], p[2]}; };
-  for (const StaticObject& standing : objects) {
+  for (const StaticObject& source : objects) {
     if (objects_.size() == spm::kMaxObjects) break;
-    const spm::BaseMesh& base = standing.model->base();
+    const spm::BaseMesh& base = source.model->base();
     spm::Cache::Admitted admitted = cache_.admit(base);
     if (!admitted.fits) continue;
     auto& object = *objects_.emplace_back(std::make_unique<Object>());
-    object.model = standing.model;
+    object.model = source.model;
     object.index = admitted.object;
-    object.placement = sharing::Placement{standing.pose, standing.scale};
+    object.placement = sharing::Placement{source.pose, source.scale};
     object.bounds = {wide(base.summary.bounds_min), wide(base.summary.bounds_max)};
     object.forest =
         std::make_unique<spm::Forest>(pool_, nodes_, admitted.object, base.summary,
@@ -92,13 +92,13 @@ void Scenery::release_unwanted(const std::vector<std::vector<spm::RegionId>>& wa
   }
 }
 
-void Scenery::refine_around(const std::vector<Vec3d>& places) {
+void Scenery::refine_around(const std::vector<Vec3d>& points) {
   std::vector<std::vector<spm::RegionId>> wanted(objects_.size());
   for (std::size_t i = 0; i < objects_.size(); ++i) {
     const Object& object = *objects_[i];
-    for (const Vec3d& place : places) {
-      if (!sharing::near_bounds(object.placement, object.bounds, place, kAround)) continue;
-      object.forest->grid().for_each_meeting(object.placement.to_model(place), kAround / object.placement.scale(),
+    for (const Vec3d& point : points) {
+      if (!sharing::near_bounds(object.placement, object.bounds, point, kAround)) continue;
+      object.forest->grid().for_each_meeting(object.placement.to_model(point), kAround / object.placement.scale(),
                                              [&](spm::RegionId region, double) { wanted[i].push_back(region); });
     }
     std::sort(wanted[i].begin(), wanted[i].end());

@@ -17,14 +17,14 @@ bool all_finite(const Array& values) noexcept {
   return true;
 }
 
-/// A larger number could overflow where values are summed and multiplied.
+/// Sums and products of larger numbers could overflow.
 constexpr double kMax = 1e9;
 template <class Array>
 bool all_moderate(const Array& values) noexcept {
-  return std::all_of(values.begin(), values.end(), [](double v) { return std::abs(v) <= kMax; });  // no NaN either
+  return std::all_of(values.begin(), values.end(), [](double v) { return std::abs(v) <= kMax; });  // false for NaN
 }
 
-/// Differences of such times, and to any local clock, do not overflow.
+/// True for times whose differences, also from the time of any local clock, do not overflow.
 bool is_time(std::int64_t ns) noexcept { return ns > -(std::int64_t{1} << 61) && ns < std::int64_t{1} << 61; }
 constexpr char kNoTime[] = "session_time_ns: expected within 2^61 ns of zero";
 
@@ -47,7 +47,7 @@ bool ascending(const std::vector<spm::Interval>& intervals) noexcept {
   return true;
 }
 
-const char* fault(const session::Pose& pose) noexcept {
+const char* invalid_field(const session::Pose& pose) noexcept {
   if (!all_finite(pose.position)) return "pose.position: expected finite numbers";
   double square = 0;
   for (const double v : pose.orientation) square += v * v;
@@ -55,7 +55,7 @@ const char* fault(const session::Pose& pose) noexcept {
   return nullptr;
 }
 
-const char* fault(const session::Material& m) noexcept {
+const char* invalid_field(const session::Material& m) noexcept {
   if (!not_negative(m.stiffness)) return "material.stiffness: expected finite, at least 0";
   if (!not_negative(m.damping)) return "material.damping: expected finite, at least 0";
   if (!not_negative(m.static_friction)) return "material.static_friction: expected finite, at least 0";
@@ -65,7 +65,7 @@ const char* fault(const session::Material& m) noexcept {
   return nullptr;
 }
 
-const char* fault(const session::Body& b) noexcept {
+const char* invalid_field(const session::Body& b) noexcept {
   if (!not_negative(b.mass)) return "body.mass: expected finite, at least 0";
   if (b.mass == 0) return nullptr;  // the other fields have no meaning
   const auto& i = b.inertia;
@@ -81,7 +81,7 @@ const char* fault(const session::Body& b) noexcept {
   return nullptr;
 }
 
-const char* fault(const spm::ModelSummary& s) noexcept {
+const char* invalid_field(const spm::ModelSummary& s) noexcept {
   if (s.base_vertices > s.vertices || s.records != s.vertices - s.base_vertices) {
     return "summary.records: expected vertices - base_vertices";
   }
@@ -103,12 +103,12 @@ const char* fault(const spm::ModelSummary& s) noexcept {
 
 }  // namespace
 
-const char* fault(const session::RosterEntry& r) noexcept {
+const char* invalid_field(const session::RosterEntry& r) noexcept {
   if (r.role > session::Role::kViewer) return "role: expected 0..3";
   if (!is_name(r.name)) return "name: expected 1..63 bytes";
   if (!is_name(r.session)) return "session: expected 1..63 bytes";
-  if (session::id_of(r.name) != r.origin.participant) return "name: expected the one that origin.participant is of";
-  if (session::id_of(r.session) != r.origin.session) return "session: expected the one that origin.session is of";
+  if (session::id_of(r.name) != r.origin.participant) return "name: expected the name with id origin.participant";
+  if (session::id_of(r.session) != r.origin.session) return "session: expected the name with id origin.session";
   if (!fits(r.requested_hrtc, session::kMaxName)) return "requested_hrtc: expected at most 63 bytes";
   if (r.users.size() > session::kMaxSlots) return "users: expected at most 64";
   for (const std::string& user : r.users) {
@@ -120,33 +120,33 @@ const char* fault(const session::RosterEntry& r) noexcept {
     if (slot.slot >= session::kMaxSlots) return "slots.slot: expected 0..63";
   }
   if (r.stops.size() > session::kMaxStops) return "stops: expected at most 32";
-  constexpr std::int64_t kLongestSessionNs = INT64_C(1) << 60;  // 36 years; differences do not overflow
-  const auto in_session = [](std::int64_t time_ns) { return time_ns >= 0 && time_ns <= kLongestSessionNs; };
+  constexpr std::int64_t kMaxSessionNs = INT64_C(1) << 60;  // 36 years; differences do not overflow
+  const auto in_session = [](std::int64_t time_ns) { return time_ns >= 0 && time_ns <= kMaxSessionNs; };
   if (!in_session(r.session_time_ns)) return "session_time_ns: expected 0..2^60";
   if (r.joined_ns != session::kNotJoined && !in_session(r.joined_ns)) return "joined_ns: expected 0..2^60, or 2^63 - 1";
   return nullptr;
 }
 
-const char* fault(const session::CatalogueEntry& c) noexcept {
+const char* invalid_field(const session::CatalogueEntry& c) noexcept {
   if (!is_name(c.host)) return "host: expected 1..63 bytes";
   if (!is_name(c.object)) return "object: expected 1..63 bytes";
-  if (session::id_of(c.host) != c.origin.participant) return "host: expected the one that origin.participant is of";
-  if (session::id_of(c.object) != c.object_id) return "object: expected the one that object_id is of";
+  if (session::id_of(c.host) != c.origin.participant) return "host: expected the name with id origin.participant";
+  if (session::id_of(c.object) != c.object_id) return "object: expected the name with id object_id";
   if (c.withdrawn) return nullptr;  // the other fields have no meaning
   if (!positive(c.scale)) return "scale: expected finite, above 0";
-  if (const char* f = fault(c.summary)) return f;
-  if (const char* f = fault(c.pose)) return f;
-  if (const char* f = fault(c.material)) return f;
+  if (const char* f = invalid_field(c.summary)) return f;
+  if (const char* f = invalid_field(c.pose)) return f;
+  if (const char* f = invalid_field(c.material)) return f;
   if (c.surface.points.size() > session::kMaxSurfacePoints) return "surface.points: expected at most 32";
   for (const spm::SurfacePoint& point : c.surface.points) {
     if (!all_finite(point.position)) return "surface.points.position: expected finite numbers";
     if (!all_finite(point.normal)) return "surface.points.normal: expected finite numbers";
   }
   if (!not_negative(c.surface.spacing)) return "surface.spacing: expected finite, at least 0";
-  return fault(c.body);
+  return invalid_field(c.body);
 }
 
-const char* fault(const session::Demand& d) noexcept {
+const char* invalid_field(const session::Demand& d) noexcept {
   if (d.have.size() > session::kMaxHaveIntervals) return "have: expected at most 1024 intervals";
   if (!ascending(d.have)) return "have: expected ascending intervals of regions below 0xffffffff";
   if (d.gaps.size() > session::kMaxGaps) return "gaps: expected at most 128 intervals";
@@ -155,7 +155,7 @@ const char* fault(const session::Demand& d) noexcept {
   return nullptr;
 }
 
-const char* fault(const session::Metrics& m) noexcept {
+const char* invalid_field(const session::Metrics& m) noexcept {
   if (m.figures.size() > session::kMaxFigures) return "figures: expected at most 128";
   for (const session::Figure& figure : m.figures) {
     if (!is_name(figure.name)) return "figures.name: expected 1..63 bytes";
@@ -165,19 +165,19 @@ const char* fault(const session::Metrics& m) noexcept {
   return nullptr;
 }
 
-const char* fault(const session::Control& c) noexcept {
+const char* invalid_field(const session::Control& c) noexcept {
   if (c.kind > session::ControlKind::kMode) return "kind: expected 0..1";
   if (!fits(c.text, session::kMaxText)) return "text: expected at most 255 bytes";
   return nullptr;
 }
 
-const char* fault(const session::EmergencyStop& s) noexcept {
+const char* invalid_field(const session::EmergencyStop& s) noexcept {
   if (s.number == 0) return "number: expected at least 1";
   if (!fits(s.text, session::kMaxText)) return "text: expected at most 255 bytes";
   return nullptr;
 }
 
-const char* fault(const session::ForceReset& r) noexcept {
+const char* invalid_field(const session::ForceReset& r) noexcept {
   if (r.number == 0) return "number: expected at least 1";
   if (r.stops.size() > session::kMaxStops) return "stops: expected at most 32";
   for (const session::StopName& stop : r.stops) {
@@ -187,12 +187,12 @@ const char* fault(const session::ForceReset& r) noexcept {
   return nullptr;
 }
 
-const char* fault(const session::SessionEnd& e) noexcept {
+const char* invalid_field(const session::SessionEnd& e) noexcept {
   if (!fits(e.text, session::kMaxText)) return "text: expected at most 255 bytes";
   return nullptr;
 }
 
-const char* fault(const session::BulkChunk& b) noexcept {
+const char* invalid_field(const session::BulkChunk& b) noexcept {
   if (b.sequence == 0) return "sequence: expected at least 1";
   std::size_t bytes = 0;
   for (const session::BulkPiece& piece : b.pieces) {
@@ -206,19 +206,19 @@ const char* fault(const session::BulkChunk& b) noexcept {
   return nullptr;
 }
 
-const char* fault(const session::Intent& i) noexcept {
+const char* invalid_field(const session::Intent& i) noexcept {
   if (i.path.empty() || i.path.size() > session::kMaxWaypoints) return "path: expected 1..16 waypoints";
   for (std::size_t k = 0; k < i.path.size(); ++k) {
     if (!is_time(i.path[k].session_time_ns)) return "path.session_time_ns: expected within 2^61 ns of zero";
-    if (const char* f = fault(i.path[k].pose)) return f;
+    if (const char* f = invalid_field(i.path[k].pose)) return f;
     if (k > 0 && i.path[k].session_time_ns <= i.path[k - 1].session_time_ns) return "path: expected ascending times";
   }
   return nullptr;
 }
 
-const char* fault(const session::ProbeState& p) noexcept {
+const char* invalid_field(const session::ProbeState& p) noexcept {
   if (!is_time(p.session_time_ns)) return kNoTime;
-  if (const char* f = fault(p.device)) return f;
+  if (const char* f = invalid_field(p.device)) return f;
   if (!all_finite(p.proxy)) return "proxy: expected finite numbers";
   if (!all_finite(p.velocity)) return "velocity: expected finite numbers";
   if (!all_finite(p.force)) return "force: expected finite numbers";
@@ -228,15 +228,15 @@ const char* fault(const session::ProbeState& p) noexcept {
   return nullptr;
 }
 
-const char* fault(const session::DevicePose& d) noexcept {
+const char* invalid_field(const session::DevicePose& d) noexcept {
   if (!is_time(d.session_time_ns)) return kNoTime;
-  if (const char* f = fault(d.pose)) return f;
+  if (const char* f = invalid_field(d.pose)) return f;
   if (!all_finite(d.velocity)) return "velocity: expected finite numbers";
   if (!not_negative(d.radius)) return "radius: expected finite, at least 0";
   return nullptr;
 }
 
-const char* fault(const session::DeviceCommand& d) noexcept {
+const char* invalid_field(const session::DeviceCommand& d) noexcept {
   if (!all_finite(d.force)) return "force: expected finite numbers";
   if (!all_finite(d.torque)) return "torque: expected finite numbers";
   if (!all_finite(d.normal)) return "normal: expected finite numbers";
@@ -244,23 +244,23 @@ const char* fault(const session::DeviceCommand& d) noexcept {
   return nullptr;
 }
 
-const char* fault(const session::ObjectPose& o) noexcept {
+const char* invalid_field(const session::ObjectPose& o) noexcept {
   if (!is_time(o.session_time_ns)) return kNoTime;
-  if (const char* f = fault(o.pose)) return f;
+  if (const char* f = invalid_field(o.pose)) return f;
   if (!all_finite(o.velocity)) return "velocity: expected finite numbers";
   if (!all_finite(o.angular_velocity)) return "angular_velocity: expected finite numbers";
   return nullptr;
 }
 
-const char* fault(const session::ObjectClaim& c) noexcept {
-  constexpr std::int64_t kLongest = std::int64_t{1} << 40;  // ns, some 18 minutes
-  if (c.one_way_ns < 0 || c.one_way_ns > kLongest) return "one_way_ns: expected 0 up to 2^40";
+const char* invalid_field(const session::ObjectClaim& c) noexcept {
+  constexpr std::int64_t kMaxDelayNs = std::int64_t{1} << 40;  // 18 minutes
+  if (c.one_way_ns < 0 || c.one_way_ns > kMaxDelayNs) return "one_way_ns: expected 0 up to 2^40";
   return nullptr;
 }
 
-const char* fault(const session::ObjectGrant& g) noexcept {
-  constexpr std::int64_t kLongest = std::int64_t{1} << 40;
-  if (g.channel_delay_ns < 0 || g.channel_delay_ns > kLongest) return "channel_delay_ns: expected 0 up to 2^40";
+const char* invalid_field(const session::ObjectGrant& g) noexcept {
+  constexpr std::int64_t kMaxDelayNs = std::int64_t{1} << 40;
+  if (g.channel_delay_ns < 0 || g.channel_delay_ns > kMaxDelayNs) return "channel_delay_ns: expected 0 up to 2^40";
   if (g.touchers.size() > session::kMaxTouchers) return "touchers: expected at most 8";
   for (std::size_t i = 0; i < g.touchers.size(); ++i) {
     for (std::size_t k = 0; k < i; ++k) {
@@ -270,11 +270,11 @@ const char* fault(const session::ObjectGrant& g) noexcept {
   return nullptr;
 }
 
-const char* fault(const session::ObjectCopy& c) noexcept {
+const char* invalid_field(const session::ObjectCopy& c) noexcept {
   if (c.session_time_ns < 0 || !is_time(c.session_time_ns)) return "session_time_ns: expected 0 up to 2^61";
   if (c.channels.size() < 2 || c.channels.size() > session::kMaxTouchers) return "channels: expected 2 to 8";
   if (c.copy_index >= c.channels.size()) return "copy_index: expected below the number of channels";
-  if (const char* f = fault(c.body)) return f;
+  if (const char* f = invalid_field(c.body)) return f;
   if (!all_moderate(c.body.position)) return "body.position: expected at most 1e9";
   if (!all_moderate(c.velocity)) return "velocity: expected at most 1e9";
   if (!all_moderate(c.angular_velocity)) return "angular_velocity: expected at most 1e9";
@@ -286,6 +286,6 @@ const char* fault(const session::ObjectCopy& c) noexcept {
   return nullptr;
 }
 
-const char* fault(const session::ClockSample&) noexcept { return nullptr; }  // SessionClock checks the times
+const char* invalid_field(const session::ClockSample&) noexcept { return nullptr; }  // SessionClock checks the times
 
 }  // namespace tactus::wire

@@ -1,4 +1,4 @@
-/// The options of every program that joins a session. Header only, for a `main` that uses CLI11.
+/// Adds the command-line options that all programs of a session have. Header only, for a `main` that uses CLI11.
 #pragma once
 
 #include <CLI/CLI.hpp>
@@ -8,7 +8,7 @@
 
 namespace tactus::wire {
 
-/// --peer and --discovery-server.
+/// Adds --peer and --discovery-server.
 inline void add_discovery_options(CLI::App& app, Discovery& discovery) {
   CLI::Option* const peers =
       app.add_option("--peer", discovery.peers, "Discover other programs at this HOST, not by multicast; repeatable")
@@ -23,8 +23,8 @@ inline void add_discovery_options(CLI::App& app, Discovery& discovery) {
       ->excludes(peers);
 }
 
-/// --session, --name, --domain, the options of discovery, --qos; `address` holds the defaults. `who` names the program
-/// in the help.
+/// Adds --session, --name, --domain, --qos and the options of discovery. `address` contains the defaults; the help text
+/// calls the program `who`.
 inline void add_address_options(CLI::App& app, SessionAddress& address, const std::string& who) {
   app.add_option("--session", address.session, "Session to join")->capture_default_str();
   app.add_option("--name", address.participant, "Name of this " + who + ", unique in the session")

@@ -1,4 +1,4 @@
-/// Conversion between the structs of session/messages.hpp and the generated types; only for wire/ and its tests.
+/// Converts between the structs of session/messages.hpp and the generated types. Only wire/ and its tests include it.
 #pragma once
 
 #include <tactus.h>
@@ -21,8 +21,8 @@ struct IdlOf;
   void to_idl(const session::NAME& from, idl::IDL_NAME& to); \
   void from_idl(const idl::IDL_NAME& from, session::NAME& to)
 
-// `to_idl` expects a sample without fault. `from_idl` accepts anything and leaves the check to `fault`: an enumerator
-// out of range stays out of range. Both overwrite every field.
+// `to_idl` expects a sample without invalid fields. `from_idl` accepts any sample, and an enumerator out of range stays
+// out of range; the caller checks the result by `invalid_field`. Both overwrite every field.
 TACTUS_WIRE_TYPE(RosterEntry, RosterEntry);
 TACTUS_WIRE_TYPE(CatalogueEntry, CatalogueEntry);
 TACTUS_WIRE_TYPE(Demand, Demand);
@@ -59,7 +59,7 @@ template <class IdlType>
 [[nodiscard]] idl::PoseValue pose_to_idl(const session::Pose& from);
 [[nodiscard]] session::Pose pose_from_idl(const idl::PoseValue& from);
 
-/// IDL enumerations have 32 bits, ours 8: a larger value becomes 255, which no enumeration here uses.
+/// Converts an enumeration of 32 bits to one of 8. A larger value becomes 255, which no enumeration uses.
 template <class Enum, class IdlEnum>
 [[nodiscard]] Enum enum_from_idl(IdlEnum from) {
   const auto value = static_cast<std::uint32_t>(from);

@@ -15,7 +15,7 @@ void intervals_to_idl(const std::vector<spm::Interval>& from, std::vector<idl::I
   }
 }
 
-// A varint has 7 bits a byte, low bits first; the top bit is set if more bytes follow.
+// A varint has 7 bits in each byte, low bits first. The top bit of a byte is set if another byte follows.
 void put_varint(std::vector<std::uint8_t>& to, std::uint64_t value) {
   for (; value >= 0x80; value >>= 7) to.push_back(static_cast<std::uint8_t>(value | 0x80));
   to.push_back(static_cast<std::uint8_t>(value));
@@ -134,7 +134,7 @@ void from_idl(const idl::BulkChunk& from, session::BulkChunk& to) {
   to.pieces.clear();
   for (PieceReader reader{from.payload()}; !reader.done();) {
     auto piece = reader.next();
-    to.pieces.push_back(piece ? std::move(*piece) : session::BulkPiece{});  // `fault` refuses a piece without bytes
+    to.pieces.push_back(piece ? std::move(*piece) : session::BulkPiece{});  // invalid: no bytes
     if (!piece) return;
   }
 }

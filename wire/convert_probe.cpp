@@ -2,7 +2,7 @@
 
 namespace tactus::wire {
 
-// Both headers state the same bounds.
+// The IDL and session/messages.hpp have to state the same bounds.
 static_assert(idl::kProtocolVersion == session::kProtocolVersion);
 static_assert(idl::kMaxName == session::kMaxName);
 static_assert(idl::kMaxText == session::kMaxText);

@@ -1,4 +1,4 @@
-/// Fast DDS helpers that the sources of wire/ share. Never included outside wire/ and its tests.
+/// Helpers around Fast DDS for the sources of wire/. Only wire/ and its tests include it.
 #pragma once
 
 #include <fastcdr/Cdr.h>
@@ -29,16 +29,18 @@ namespace tactus::wire {
 
 namespace dds = eprosima::fastdds::dds;
 
-/// Failed decodings in this thread. Fast DDS drops such samples silently; a Reader compares the count before and after.
+/// Number of failed decodings in this thread. Fast DDS drops such samples silently, so a Reader compares the number
+/// before and after it takes a sample.
 inline thread_local std::uint64_t decode_failures = 0;
 
-/// A generated type that is safe for untrusted samples and for several endpoints in several threads: no exception
-/// leaves the decoder, and the key is computed on the stack instead of in a buffer that all endpoints share.
+/// Makes a generated type safe for untrusted samples and for several endpoints in several threads.
 ///
-/// Class probe has one instance for each topic, whatever the key in the sample. Fast DDS 2.9.1 frees no instance while
-/// its writer lives: after 64 users an HRTC could not send the state of another, and after 1,024 a reader would accept
-/// no other. The history needs no instances there, because it stores nothing: a reader takes each sample in the thread
-/// that received it, before the next one. The key is sent only as part of the sample.
+/// No exception leaves the decoder. The key is computed on the stack instead of in a buffer that all endpoints share.
+///
+/// In class probe, each topic has one DDS instance, whatever the key in the sample. With an instance per key, an HRTC
+/// could not send the state of a 65th user, and a reader would accept no state of a 1,025th one, because Fast DDS 2.9.1
+/// frees no instance while its writer lives. The topics of this class need no instances, because their history stores
+/// nothing: a reader takes each sample in the thread that received it, before the next one arrives.
 template <class Support>
 class Guarded : public Support {
  public:
@@ -59,7 +61,7 @@ class Guarded : public Support {
     if (!this->m_isGetKeyDefined) return false;
     std::array<char, 16> key{};  // fits every key of tactus.idl, so no digest is needed
     if (has_one_instance_)
-      key[0] = 1;  // all zero would be no valid handle
+      key[0] = 1;  // a handle of zeros is invalid
     else
       serialize_key(*static_cast<Type*>(data), key);
     for (std::size_t i = 0; i < key.size(); ++i) handle->value[i] = static_cast<std::uint8_t>(key[i]);
@@ -85,12 +87,12 @@ struct Participants::Impl {
   std::array<dds::DomainParticipant*, kTrafficClasses> participants{};
   std::map<std::string, dds::DataWriterQos> writer_qos;  ///< by profile, as TopicSpec::profile
   std::map<std::string, dds::DataReaderQos> reader_qos;
-  std::mutex topics_mutex;  ///< for `topic`
+  std::mutex topics_mutex;  ///< held by `topic()`
 
   [[nodiscard]] dds::DomainParticipant& participant(TrafficClass traffic) const {
     return *participants[static_cast<std::size_t>(traffic)];
   }
-  /// The topic; created with `type` for its first endpoint. Throws WireError.
+  /// Returns the topic, and creates it with `type` for the first endpoint. Throws WireError.
   dds::Topic& topic(const char* name, TrafficClass traffic, dds::TypeSupport type);
   /// `<session>` or `<session>/<part>`. Throws WireError for a part that could match others.
   [[nodiscard]] std::string partition(const std::string& part) const;
@@ -112,12 +114,12 @@ class MatchCount {
   std::atomic<int> count_{0};
 };
 
-/// Captures the messages that Fast DDS logs until destruction, instead of passing them to the sink. One at a time.
+/// Until its destruction, captures the messages that Fast DDS logs instead of passing them to the sink. One at a time.
 class LogCapture {
  public:
   LogCapture();
   ~LogCapture();
-  /// The messages so far, separated by "; ".
+  /// Returns and removes the messages captured so far, separated by "; ".
   [[nodiscard]] std::string take();
 };
 

@@ -30,7 +30,7 @@ rtps::Locator_t locator(const std::string& host, std::uint32_t port) {
   return made;
 }
 
-/// "host" or "host:port".
+/// The locator of `server`, which is HOST or HOST:PORT.
 rtps::Locator_t server_locator(const std::string& server) {
   const std::size_t colon = server.rfind(':');
   if (colon == std::string::npos) return locator(server, kDiscoveryServerPort);
@@ -47,11 +47,11 @@ rtps::Locator_t server_locator(const std::string& server) {
 
 void apply(const Discovery& discovery, eprosima::fastdds::dds::DomainParticipantQos& qos) {
   if (!discovery.peers.empty() && !discovery.servers.empty()) {
-    throw WireError("both peers and a discovery server are named; expected one of the two");
+    throw WireError("found both peers and a discovery server; expected one of the two");
   }
   rtps::BuiltinAttributes& builtin = qos.wire_protocol().builtin;
   for (const std::string& peer : discovery.peers) {
-    builtin.initialPeersList.push_back(locator(peer, 0));  // port 0: those of this domain, for the profile's range
+    builtin.initialPeersList.push_back(locator(peer, 0));  // port 0: all discovery ports in the profile's range
   }
   if (!discovery.peers.empty()) builtin.initialPeersList.push_back(locator("127.0.0.1", 0));
 

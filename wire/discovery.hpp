@@ -7,11 +7,12 @@
 
 namespace tactus::wire {
 
-/// Throws WireError for a name that does not resolve to an IPv4 address, an invalid port, or peers together with
-/// servers. Resolving a name may take seconds.
+/// Applies `discovery` to `qos`. Throws WireError for a name that does not resolve to an IPv4 address, for an invalid
+/// port, and for peers together with servers. Resolving a name may take seconds.
 void apply(const Discovery& discovery, eprosima::fastdds::dds::DomainParticipantQos& qos);
 
-/// Removes ROS_DISCOVERY_SERVER, which would make every participant a client of the servers that it names.
+/// Removes the environment variable ROS_DISCOVERY_SERVER, which would make every participant a client of the discovery
+/// servers that it names.
 void ignore_environment();
 
 }  // namespace tactus::wire

@@ -13,9 +13,9 @@ namespace {
 
 using eprosima::fastrtps::types::ReturnCode_t;
 
-/// A chunk has no origin; its stream replaces it (session/messages.hpp).
+/// False for a chunk, which has a stream instead of an origin (session/messages.hpp).
 template <class Sample>
-constexpr bool kNamesOrigin = !std::is_same_v<Sample, session::BulkChunk>;
+constexpr bool kHasOrigin = !std::is_same_v<Sample, session::BulkChunk>;
 
 template <class Sample>
 dds::Topic& topic_of(Participants& participants, const TopicSpec<Sample>& spec) {
@@ -56,7 +56,7 @@ struct Writer<Sample>::Impl final : dds::DataWriterListener {
   }
   ~Impl() override {
     writer->set_listener(nullptr);
-    // Fast DDS 2.9.1 frees the history without its lock; a heartbeat at that moment would loop for ever.
+    // Fast DDS 2.9.1 frees the history without its lock, and a heartbeat at that moment would loop forever.
     std::size_t dropped = 0;
     writer->clear_history(&dropped);
     publisher->delete_datawriter(writer);
@@ -73,7 +73,7 @@ struct Writer<Sample>::Impl final : dds::DataWriterListener {
   dds::DataWriter* writer = nullptr;
   typename IdlOf<Sample>::Type encoded;  // a member, to reuse its buffers
   MatchCount matches;
-  const char* last_fault = "";
+  const char* invalid_reason = "";
 };
 
 template <class Sample>
@@ -89,15 +89,15 @@ Writer<Sample>& Writer<Sample>::operator=(Writer&&) noexcept = default;
 template <class Sample>
 SendStatus Writer<Sample>::send(const Sample& sample) noexcept try {
   const Participants::Impl& participants = impl_->participants.impl();
-  const char* wrong = fault(sample);
-  if constexpr (kNamesOrigin<Sample>) {
+  const char* wrong = invalid_field(sample);
+  if constexpr (kHasOrigin<Sample>) {
     if (wrong == nullptr && (sample.origin.session != participants.session_id ||
                              sample.origin.participant != participants.participant_id)) {
       wrong = "origin: expected session and participant of this program";
     }
   }
   if (wrong != nullptr) {
-    impl_->last_fault = wrong;
+    impl_->invalid_reason = wrong;
     return SendStatus::kInvalid;
   }
   to_idl(sample, impl_->encoded);
@@ -112,8 +112,8 @@ int Writer<Sample>::matched() const noexcept {
 }
 
 template <class Sample>
-const char* Writer<Sample>::last_fault() const noexcept {
-  return impl_->last_fault;
+const char* Writer<Sample>::invalid_reason() const noexcept {
+  return impl_->invalid_reason;
 }
 
 template <class Sample>
@@ -149,7 +149,7 @@ struct Reader<Sample>::Impl final : dds::DataReaderListener {
   }
 
   void on_data_available(dds::DataReader* from) override {
-    const std::lock_guard<std::mutex> lock{mutex};  // unicast and multicast have separate threads
+    const std::lock_guard<std::mutex> lock{mutex};  // DDS has separate threads for unicast and multicast
     if (closed) return;
     dds::SampleInfo info;
     for (;;) {
@@ -157,7 +157,7 @@ struct Reader<Sample>::Impl final : dds::DataReaderListener {
       const bool taken = from->take_next_sample(&encoded, &info) == ReturnCode_t::RETCODE_OK;
       if (decode_failures != failures) {
         invalid += decode_failures - failures;
-        last_fault = "encoding: expected that of the type";
+        invalid_reason = "encoding: expected the encoding of the type";
       }
       if (!taken) return;
       if (info.valid_data) take(info);
@@ -166,16 +166,16 @@ struct Reader<Sample>::Impl final : dds::DataReaderListener {
 
   void take(const dds::SampleInfo& info) {
     if (info.sample_identity.writer_guid().guidPrefix == participant.guid().guidPrefix) return;
-    if constexpr (kNamesOrigin<Sample>) {
+    if constexpr (kHasOrigin<Sample>) {
       if (encoded.stamp().session() != participants.impl().session_id) {
         ++foreign;
         return;
       }
     }
     from_idl(encoded, sample);
-    if (const char* wrong = fault(sample)) {
+    if (const char* wrong = invalid_field(sample)) {
       ++invalid;
-      last_fault = wrong;
+      invalid_reason = wrong;
       return;
     }
     ++received;
@@ -201,7 +201,7 @@ struct Reader<Sample>::Impl final : dds::DataReaderListener {
   Sample sample{};
   MatchCount matches;
   std::atomic<std::uint64_t> received{0}, invalid{0}, foreign{0}, lost{0};
-  std::atomic<const char*> last_fault{""};
+  std::atomic<const char*> invalid_reason{""};
 };
 
 template <class Sample>
@@ -226,8 +226,8 @@ ReaderCounts Reader<Sample>::counts() const noexcept {
 }
 
 template <class Sample>
-const char* Reader<Sample>::last_fault() const noexcept {
-  return impl_->last_fault;
+const char* Reader<Sample>::invalid_reason() const noexcept {
+  return impl_->invalid_reason;
 }
 
 #define TACTUS_WIRE_ENDPOINTS(SAMPLE)     \

@@ -1,4 +1,4 @@
-/// Typed endpoints of topics. A Writer sends plain structs, a Reader delivers checked ones; neither exposes DDS.
+/// Typed endpoints of topics. A Writer sends plain structs, and a Reader delivers checked ones. Neither exposes DDS.
 #pragma once
 
 #include <chrono>
@@ -13,30 +13,30 @@ namespace tactus::wire {
 
 /// Options of one endpoint of a topic.
 struct EndpointOptions {
-  /// Restricts the endpoint to a part of the session, e.g. `user_partition("alice")`; both endpoints must name the
-  /// same. Empty: the session as a whole.
+  /// Restricts the endpoint to a part of the session, for example `user_partition("alice")`. Writer and reader must
+  /// have the same partition. Empty: the session as a whole.
   std::string partition;
 };
-/// Partition of the samples of one user (device_pose, device_command, intent), which permissions can name.
+/// Partition of the samples of one user: device_pose, device_command and intent. DDS permissions can name it.
 [[nodiscard]] std::string user_partition(const std::string& user);
 /// Partition of the bulk stream from any host to one HRTC.
 [[nodiscard]] std::string hrtc_partition(const std::string& hrtc);
-/// Partition of metrics that report losses of deadband-coded probe states by HRTC; used only while there are losses.
+/// Partition of the metrics with the losses of deadband-coded probe states by HRTC, sent only while there are losses.
 inline constexpr const char* kLossesPartition = "losses";
 /// Partition of the full-rate probe states of users who collaborate.
 [[nodiscard]] std::string group_partition(std::uint64_t group);
 
 enum class SendStatus {
   kSent,     ///< passed to DDS
-  kInvalid,  ///< not sent: a bound, a number or the origin is wrong; see `last_fault`
+  kInvalid,  ///< not sent, because a field is invalid; see `invalid_reason`
   kBlocked   ///< not sent: a reliable history stayed full for the profile's max_blocking_time
 };
 
-/// Typed writer of one topic. Its destructor leaves the topic. One thread at a time; `matched` from any.
+/// Typed writer of one topic. Its destructor leaves the topic. One thread at a time; any thread may call `matched`.
 template <class Sample>
 class Writer {
  public:
-  /// Uses the QoS profile that `topic` names. Throws WireError with the topic when DDS refuses it.
+  /// Uses the QoS profile that `topic` names. Throws WireError, which names the topic, if DDS refuses the endpoint.
   Writer(Participants& participants, const TopicSpec<Sample>& topic, const EndpointOptions& options = {});
   ~Writer();
   Writer(Writer&&) noexcept;
@@ -46,11 +46,11 @@ class Writer {
   /// it is for wire threads, never for the haptic thread.
   [[nodiscard]] SendStatus send(const Sample& sample) noexcept;
 
-  /// Number of matched readers, except those of its own Participants.
+  /// Number of matched readers, without those of the writer's own Participants.
   [[nodiscard]] int matched() const noexcept;
-  /// Why the last send was kInvalid; empty when none was. Static text.
-  [[nodiscard]] const char* last_fault() const noexcept;
-  /// Waits until every matched reliable reader has acknowledged all samples; false when `limit` passes first.
+  /// The invalid field of the last sample that was kInvalid; empty if there was none. Static text.
+  [[nodiscard]] const char* invalid_reason() const noexcept;
+  /// Waits until every matched reliable reader has acknowledged all samples. False if `limit` passes first.
   bool wait_acknowledged(std::chrono::milliseconds limit) noexcept;
 
  private:
@@ -58,19 +58,19 @@ class Writer {
   std::unique_ptr<Impl> impl_;
 };
 
-/// Samples that reached a Reader since its construction.
+/// Numbers of samples since the construction of a Reader.
 struct ReaderCounts {
   std::uint64_t received = 0;  ///< passed to the callback
   std::uint64_t invalid = 0;   ///< undecodable, out of bounds or not finite; dropped
   std::uint64_t foreign = 0;   ///< of another session; dropped
-  std::uint64_t lost = 0;      ///< detected as lost by DDS; on keep-last topics also those overwritten
+  std::uint64_t lost = 0;      ///< lost according to DDS; on keep-last topics also samples that newer ones replaced
 };
 
-/// Typed reader of one topic. Ignores samples of its own Participants.
+/// Typed reader of one topic. Ignores samples that its own Participants sent.
 template <class Sample>
 class Reader {
  public:
-  /// Runs in a DDS thread, one call at a time; must return soon, not throw and not destroy the Reader.
+  /// Runs in a DDS thread, one call at a time. It must return soon, and must not throw or destroy the Reader.
   using OnSample = std::function<void(Sample&&)>;
 
   Reader(Participants& participants, const TopicSpec<Sample>& topic, OnSample on_sample,
@@ -80,11 +80,11 @@ class Reader {
   Reader(Reader&&) noexcept;
   Reader& operator=(Reader&&) noexcept;
 
-  /// Number of matched writers, except those of its own Participants.
+  /// Number of matched writers, without those of the reader's own Participants.
   [[nodiscard]] int matched() const noexcept;
   [[nodiscard]] ReaderCounts counts() const noexcept;
-  /// Why the last invalid sample was dropped; empty when none was. Static text.
-  [[nodiscard]] const char* last_fault() const noexcept;
+  /// The invalid field of the last sample that was dropped; empty if there was none. Static text.
+  [[nodiscard]] const char* invalid_reason() const noexcept;
 
  private:
   struct Impl;

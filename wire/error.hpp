@@ -6,7 +6,8 @@
 
 namespace tactus::wire {
 
-/// A bad address, domain or profile; the message names the item, the place, the value found and the value expected.
+/// Thrown for an invalid address, domain or profile. The message names the item, its file, the value found and the
+/// value expected.
 class WireError : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;

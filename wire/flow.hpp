@@ -1,4 +1,4 @@
-/// Reads qos/flow.yaml: settings that the XML profiles of Fast DDS 2.9 cannot express.
+/// Reads qos/flow.yaml, the settings of sockets that the XML profiles of Fast DDS 2.9 cannot express.
 #pragma once
 
 #include <array>
@@ -9,7 +9,7 @@
 
 namespace tactus::wire {
 
-/// Marks on the sockets of a traffic class; 0 leaves the system's default.
+/// Options of the sockets of a traffic class; 0: the default of the system.
 struct SocketMarks {
   int tos = 0;       ///< IP_TOS byte, 0..255
   int priority = 0;  ///< SO_PRIORITY, 0..6

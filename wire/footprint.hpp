@@ -6,16 +6,16 @@
 
 namespace tactus::wire {
 
-/// UDP port of multicast discovery in one DDS domain; all programs of a machine share it.
+/// UDP port of multicast discovery in a DDS domain. All programs of a machine share it.
 [[nodiscard]] constexpr int discovery_port(int domain) noexcept { return 7400 + 250 * domain; }
-/// UDP port of unicast discovery of the n-th program of a machine, from 0. The next port receives its samples.
+/// UDP port of unicast discovery of program number `program` of a machine, from 0. The next port receives its samples.
 [[nodiscard]] constexpr int own_port(int domain, int program) noexcept {
   return discovery_port(domain) + 10 + 2 * program;
 }
 
-/// The largest sizes that the three classes of a qos directory set, bytes.
+/// Sizes in bytes, each the largest one that the three traffic classes of a qos directory set.
 struct Footprint {
-  int message = 0;  ///< a datagram, without the headers of IP and UDP
+  int message = 0;  ///< of a datagram, without the headers of IP and UDP
   int receive_buffer = 0;
   int send_buffer = 0;
 };

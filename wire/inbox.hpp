@@ -15,18 +15,18 @@
 namespace tactus::wire {
 
 enum class Urgency : std::uint8_t {
-  kWaits,  ///< until `take` times out
-  kWakes,  ///< the consumer
-  kLast    ///< wakes it too, and finds room when the inbox is full: the sample is not repeated
+  kWaits,  ///< the sample waits until `take` times out
+  kWakes,  ///< the sample wakes the consumer
+  kLast    ///< as kWakes; also uses a reserve when the inbox is full, because the sample is not repeated
 };
 
-/// Many producers, one consumer. Drops and counts samples above the capacity: every topic recovers from losses, but for
-/// the end of a session.
+/// Many producers, one consumer. Drops and counts samples above the capacity. All topics recover from such losses
+/// except the end of a session, which is put with kLast.
 template <class Sample>
 class Inbox {
  public:
   struct Arrived {
-    std::int64_t at_ns;  ///< monotonic, when it was put
+    std::int64_t at_ns;  ///< time of `put`, monotonic clock
     Sample sample;
   };
 
@@ -44,7 +44,7 @@ class Inbox {
     if (urgency != Urgency::kWaits) arrived_.notify_one();
   }
 
-  /// All samples in order of arrival; waits at most `timeout` for the first.
+  /// Returns all samples in the order of their arrival. Waits at most `timeout` for the first.
   [[nodiscard]] std::vector<Arrived> take(std::chrono::microseconds timeout) {
     std::unique_lock lock{mutex_};
     arrived_.wait_for(lock, timeout, [this] { return !samples_.empty(); });
@@ -65,15 +65,15 @@ class Inbox {
   std::uint64_t dropped_ = 0;
 };
 
-/// Calls `say`, which sends a leave message, three times in 30 ms: roster samples are not acknowledged, and one burst
-/// of loss must not take all. Blocks; for the end of a program.
-template <class Say>
-void send_leave_messages(Say&& say) {
+/// Calls `send`, which sends a leave message, three times in 30 ms at the end of a program. Roster samples are not
+/// acknowledged, and one burst of loss must not drop all three messages. Blocks.
+template <class Send>
+void send_leave_messages(Send&& send) {
   constexpr int kTimes = 3;
   constexpr std::chrono::milliseconds kBetween{10};
   for (int i = 0; i < kTimes; ++i) {
-    say();
-    std::this_thread::sleep_for(kBetween);  // after the last one too: another thread may send it
+    send();
+    std::this_thread::sleep_for(kBetween);  // also after the last message, which another thread may have to send
   }
 }
 

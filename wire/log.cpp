@@ -33,8 +33,8 @@ class Consumer final : public dds::LogConsumer {
   }
 };
 
-/// Redirects the library's messages from the standard output, once.
-void own_the_log() {
+/// Redirects the library's messages from the standard output to the consumer above. Further calls do nothing.
+void redirect_log() {
   static const bool once = [] {
     dds::Log::ClearConsumers();
     dds::Log::RegisterConsumer(std::make_unique<Consumer>());
@@ -47,14 +47,14 @@ void own_the_log() {
 }  // namespace
 
 void set_log_sink(std::function<void(const std::string&)> sink) {
-  own_the_log();
+  redirect_log();
   LogState& state = log_state();
   const std::lock_guard<std::mutex> lock{state.mutex};
   state.sink = std::move(sink);
 }
 
 LogCapture::LogCapture() {
-  own_the_log();
+  redirect_log();
   dds::Log::Flush();
   LogState& state = log_state();
   const std::lock_guard<std::mutex> lock{state.mutex};

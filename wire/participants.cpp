@@ -26,10 +26,10 @@ namespace {
 using eprosima::fastrtps::types::ReturnCode_t;
 namespace fdds = eprosima::fastdds::rtps;
 
-/// Name of participants that only read bulk; they ignore each other.
+/// DDS name of the participants that only read bulk, by which they ignore each other.
 constexpr char kReadsBulk[] = "tactus_bulk_reader";
 
-/// Fast DDS stores profiles in one global table, so one Participants at a time fills and reads it.
+/// Held while a Participants fills and reads the profiles, because Fast DDS stores them in one global table.
 std::mutex& factory_mutex() {
   static std::mutex mutex;
   return mutex;
@@ -49,7 +49,7 @@ void check_name(const char* what, const std::string& name) {
   }
 }
 
-/// Descriptors of this process that are IPv4 datagram sockets.
+/// File descriptors of this process that are IPv4 datagram sockets.
 std::set<int> datagram_sockets() {
   std::set<int> found;
   for (const auto& entry : std::filesystem::directory_iterator("/proc/self/fd")) {
@@ -63,7 +63,8 @@ std::set<int> datagram_sockets() {
   return found;
 }
 
-/// Fast DDS 2.9 cannot mark its sockets. IP_TOS first: the kernel derives a priority from it, which we then replace.
+/// Sets the options of the sockets that were opened since `before`, because Fast DDS 2.9 cannot. Sets IP_TOS first: the
+/// kernel then also sets a priority, which SO_PRIORITY replaces.
 void mark_new_sockets(const std::set<int>& before, const SocketMarks& marks) {
   if (marks.tos == 0 && marks.priority == 0) return;
   for (const int fd : datagram_sockets()) {
@@ -73,8 +74,8 @@ void mark_new_sockets(const std::set<int>& before, const SocketMarks& marks) {
   }
 }
 
-/// During its lifetime, threads that this thread creates get SCHED_FIFO, if the system allows it. Fast DDS 2.9 has no
-/// setting for this.
+/// Gives SCHED_FIFO to the calling thread until destruction, if the system allows it, so that the threads that it
+/// creates inherit the priority. Fast DDS 2.9 has no setting for the priority of its threads.
 class InheritedPriority {
  public:
   explicit InheritedPriority(int priority) {
@@ -138,7 +139,7 @@ dds::DomainParticipant* join(Participants::Impl& impl, TrafficClass traffic, con
   return made;
 }
 
-/// Copies the profiles of all topics of one class from the library's table.
+/// Copies the profiles of all topics of a traffic class from the library's table.
 void copy_profiles(Participants::Impl& impl, TrafficClass traffic, const Durations& durations) {
   dds::DomainParticipant& participant = impl.participant(traffic);
   dds::Publisher* publisher = participant.create_publisher(dds::PUBLISHER_QOS_DEFAULT);
@@ -190,7 +191,7 @@ Participants::Participants(SessionAddress address) : impl_{std::make_unique<Impl
   if (address.domain < kMinDomain || address.domain > kMaxDomain) {
     throw WireError("domain " + std::to_string(address.domain) + " is out of range; expected " +
                     std::to_string(kMinDomain) + " to " + std::to_string(kMaxDomain) +
-                    " (0 belongs to ROS 2; the ports of higher ones are ephemeral ports of the system)");
+                    " (ROS 2 uses domain 0; higher domains would use ephemeral ports of the system)");
   }
   if (address.incarnation == 0) {
     const auto clock = std::chrono::nanoseconds(std::chrono::system_clock::now().time_since_epoch()).count();
@@ -258,8 +259,8 @@ std::string Participants::Impl::partition(const std::string& part) const {
 }  // namespace tactus::wire
 
 #ifdef __SANITIZE_ADDRESS__
-/// Debian's Fast DDS deletes its statistics classes through a base class without a virtual destructor; Tactus has no
-/// such class.
+/// Disables a check of AddressSanitizer that Debian's Fast DDS fails: it deletes its statistics classes through a base
+/// class without a virtual destructor. Tactus has no such class.
 extern "C" const char* __asan_default_options();
 extern "C" const char* __asan_default_options() { return "new_delete_type_mismatch=0"; }
 #endif

@@ -1,8 +1,8 @@
-/// A program's participants in a session: one DDS participant for each traffic class.
+/// Owns a program's DDS participants in a session, one for each traffic class.
 ///
-/// Three classes use three DDS domains: separate sockets, receive threads and locks, so that a mesh transfer does not
-/// delay probe states. Measured: with one participant for all, p99 of the probe under a saturated link was 61 ms; with
-/// one for each class 0.1 ms (docs/reference/qos.md).
+/// The three classes use three DDS domains. They have separate sockets, receive threads and locks, so a mesh transfer
+/// does not delay probe states. Measured on a saturated link, p99 of the probe's delay: 0.1 ms with a participant for
+/// each class, 61 ms with one participant for all (docs/reference/qos.md).
 #pragma once
 
 #include <cstdint>
@@ -20,40 +20,40 @@ namespace tactus::wire {
 enum class TrafficClass { kSession = 0, kProbe = 1, kBulk = 2 };  ///< also the offset from the base domain
 inline constexpr int kTrafficClasses = 3;
 
-/// Valid base domains. ROS 2 uses domain 0; above the max, ports would reach the ephemeral ones (32768).
+/// Valid base domains. ROS 2 uses domain 0. Domains above the max would use ephemeral ports (from 32768).
 inline constexpr int kMinDomain = 1;
 inline constexpr int kMaxDomain = 97;
 inline constexpr int kDefaultDomain = 20;
 
-/// Default directory of the profiles: `qos/` of the source tree for a program that runs from its build tree, else
-/// `share/tactus/qos` beside the program's `bin`.
+/// Default directory of the profiles. For a program in its build tree, this is `qos/` of the source tree; for others,
+/// it is `share/tactus/qos` next to the program's `bin`.
 [[nodiscard]] std::filesystem::path default_qos_directory();
 
 inline constexpr std::uint16_t kDiscoveryServerPort = 11811;
 
-/// How a program discovers others. Empty: by multicast, which not every network forwards.
+/// The method by which a program discovers others. Empty: multicast, which not every network forwards.
 struct Discovery {
-  /// IPv4 addresses or names of machines. The program announces itself to each of them and to this machine, instead of
-  /// the multicast group. Of two programs, one has to name the other's machine.
+  /// IPv4 addresses or names of machines. The program announces itself to each of them and to its own machine, instead
+  /// of to the multicast group. For two programs to meet, one of them has to name the machine of the other.
   std::vector<std::string> peers;
-  /// Discovery servers of Fast DDS (`fast-discovery-server -i N -p PORT`), HOST or HOST:PORT, in the order of their ids
-  /// from 0. One server serves all three domains and every session. Further servers are redundant.
+  /// Discovery servers of Fast DDS (`fast-discovery-server -i N -p PORT`), as HOST or HOST:PORT, in the order of their
+  /// ids N from 0. One server serves all three domains and all sessions. Additional servers are redundant.
   std::vector<std::string> servers;
 };
 
 /// The identity of a program and its session.
 struct SessionAddress {
   std::string session;          ///< 1..kMaxName bytes, without control characters and * ? [ ] / backslash
-  std::string participant;      ///< the same; unique in the session
+  std::string participant;      ///< name with the same rules; unique in the session
   int domain = kDefaultDomain;  ///< base domain; the program also uses the next two
   Discovery discovery;
   std::filesystem::path qos = default_qos_directory();
-  std::uint64_t incarnation = 0;  ///< 0: a new one is made (wire/incarnation.hpp)
-  bool one_participant = false;   ///< for all classes, with the profile of class session; only to measure its cost
-  /// The program writes no bulk topic, so it ignores other participants that only read bulk; there may be many. With a
-  /// discovery server this has no effect.
+  std::uint64_t incarnation = 0;  ///< 0: a new number is issued (wire/incarnation.hpp)
+  bool one_participant = false;   ///< true: one for all classes, with the profile of class session; for measurements
+  /// True: the program writes no bulk topic, so its bulk participant ignores the bulk participants of other such
+  /// programs, of which there may be many. Has no effect with a discovery server.
   bool only_reads_bulk = false;
-  int probe_priority = 0;  ///< SCHED_FIFO priority of the probe participant's threads, 1..99; 0: the caller's
+  int probe_priority = 0;  ///< SCHED_FIFO priority of the probe participant's threads, 1..99; 0: as the calling thread
 };
 
 /// Owns the three participants and the profiles of every endpoint. Must outlive its Writers and Readers. Threads: any.
@@ -72,7 +72,7 @@ class Participants {
   /// The origin for a sample that this program sends now: session, participant, incarnation and time.
   [[nodiscard]] session::Origin origin() const noexcept;
 
-  /// Whether the probe participant's threads run at `probe_priority`; false when it is 0 or the system refused.
+  /// True if the probe participant's threads run at `probe_priority`; false if that is 0 or the system refused it.
   [[nodiscard]] bool probe_is_realtime() const noexcept;
 
   struct Impl;
@@ -82,8 +82,8 @@ class Participants {
   std::unique_ptr<Impl> impl_;
 };
 
-/// Sets the sink for warnings and errors of the DDS library, for the whole process; without a sink they are dropped.
-/// Called from a thread of the library.
+/// Sets the function that receives the warnings and errors of the DDS library, for the whole process. Without a sink
+/// they are dropped. A thread of the library calls the sink.
 void set_log_sink(std::function<void(const std::string&)> sink);
 
 }  // namespace tactus::wire

@@ -14,7 +14,7 @@ namespace {
 
 using Duration = Durations::Duration;
 
-/// An XML element with a duration, and the field of the QoS that it sets.
+/// An XML element that contains a duration, and the field of the QoS that the element sets.
 template <class Qos>
 struct DurationField {
   const char* element;
@@ -56,7 +56,7 @@ const std::vector<DurationField<dds::DataReaderQos>>& duration_fields(const dds:
   return all;
 }
 
-/// A number of decimal digits below `limit`; none for any other text.
+/// Reads a number below `limit` in decimal digits; none for any other text.
 std::optional<std::uint32_t> number_of(const tinyxml2::XMLElement& element, std::uint32_t limit) {
   const char* const text = element.GetText();
   constexpr std::size_t kMaxDigits = 9;
@@ -69,7 +69,7 @@ std::optional<std::uint32_t> number_of(const tinyxml2::XMLElement& element, std:
   return value < limit ? std::optional{value} : std::nullopt;
 }
 
-/// A duration with exactly <sec> and <nanosec>; none for any other form, which is left to the library.
+/// Reads a duration that consists of <sec> and <nanosec>; none for any other form, which the library has to read.
 std::optional<Duration> duration_of(const tinyxml2::XMLElement& element) {
   const auto* const seconds = element.FirstChildElement("sec");
   const auto* const rest = element.FirstChildElement("nanosec");
@@ -81,7 +81,7 @@ std::optional<Duration> duration_of(const tinyxml2::XMLElement& element) {
   return Duration{static_cast<std::int32_t>(*s), *ns};
 }
 
-/// Moves the durations with an entry in `places` from the profile into `into`.
+/// Moves the durations that `duration_fields` lists from the profile into `into`.
 template <class Qos>
 void take_durations(tinyxml2::XMLElement& from, const std::string& profile,
                     const std::vector<DurationField<Qos>>& duration_fields, Durations& into) {
@@ -117,8 +117,8 @@ void take_durations(tinyxml2::XMLDocument& document, Durations& into) {
 using eprosima::fastrtps::types::ReturnCode_t;
 using eprosima::fastrtps::xmlparser::XMLProfileManager;
 
-/// The library reports what is wrong with a file, but not in which profile. So this loads each profile alone, together
-/// with the transports.
+/// Returns the first invalid profile of a file with the library's message. The library's message for a whole file does
+/// not name the profile, so this loads each profile alone, together with the transports.
 std::string first_broken_profile(const std::filesystem::path& file, LogCapture& log) {
   tinyxml2::XMLDocument whole;
   if (whole.LoadFile(file.c_str()) != tinyxml2::XML_SUCCESS) return whole.ErrorStr();
@@ -165,7 +165,8 @@ Durations load_profiles(const std::filesystem::path& directory, LogCapture& log)
     throw WireError("qos directory '" + directory.string() +
                     "' does not exist; expected one with session.xml, probe.xml, bulk.xml and flow.yaml");
   }
-  // With its first participant the library loads a file that the environment names: load it now, then delete the table.
+  // With its first participant, the library would load a profile file that the environment names. So load that file now
+  // and delete the table.
   auto* factory = dds::DomainParticipantFactory::get_instance();
   factory->load_profiles();
   XMLProfileManager::DeleteInstance();

@@ -10,19 +10,20 @@
 
 namespace tactus::wire {
 
-/// By TrafficClass; also the file names, without `.xml`.
+/// Names of the traffic classes, by TrafficClass; also the names of their files, without `.xml`.
 inline constexpr std::array<const char*, kTrafficClasses> kClassNames{"session", "probe", "bulk"};
 
-/// Durations in profiles, parsed here instead of by the library. The library compiles three regular expressions for
-/// each duration, 2.5 million instructions, which is more than the rest of a program's start.
+/// The durations in profiles, which this class stores so that the library does not parse them. For each duration the
+/// library compiles three regular expressions. That takes 2.5 million instructions, more than the rest of a program's
+/// start.
 class Durations {
  public:
   using Duration = eprosima::fastrtps::Duration_t;
-  /// `element`: its name after the name of its parent.
+  /// `element`: PARENT/NAME of the XML element.
   void add(const std::string& profile, const std::string& element, const Duration& value) {
     by_profile_[profile][element] = value;
   }
-  /// Sets the durations of `profile` in a QoS from the library's table.
+  /// Sets the durations of `profile` in a QoS that comes from the library's table.
   void apply(const std::string& profile, dds::DomainParticipantQos& qos) const;
   void apply(const std::string& profile, dds::DataWriterQos& qos) const;
   void apply(const std::string& profile, dds::DataReaderQos& qos) const;
@@ -34,8 +35,8 @@ class Durations {
   std::map<std::string, std::map<std::string, Duration>> by_profile_;
 };
 
-/// Replaces the library's table with the profiles of `directory`; returns their durations, which the table lacks.
-/// Throws WireError with the file, the first broken profile and the library's message. One thread at a time in the
+/// Replaces the library's table by the profiles of `directory` without their durations, and returns the durations.
+/// Throws WireError with the file, the first invalid profile and the library's message. One thread at a time in the
 /// whole process.
 [[nodiscard]] Durations load_profiles(const std::filesystem::path& directory, LogCapture& log);
 

@@ -17,14 +17,14 @@ void touch_stack() noexcept {
   constexpr std::size_t kBytes = 256 * 1024;
   unsigned char stack[kBytes];
   for (std::size_t i = 0; i < kBytes; i += 4096) stack[i] = 0;
-  asm volatile("" : : "r"(stack) : "memory");  // keeps the writes from being optimised away
+  asm volatile("" : : "r"(stack) : "memory");  // so that the compiler does not remove the writes
 }
 
 }  // namespace
 
 std::string enter_realtime(const std::string& who, int priority) {
   touch_stack();
-  // Denormals cost hundreds of cycles each and have no physical meaning here.
+  // Treats denormals as zero: each costs hundreds of processor cycles and has no physical meaning.
   _mm_setcsr(_mm_getcsr() | 0x8040);
   sched_param parameters{};
   parameters.sched_priority = priority;

@@ -1,5 +1,5 @@
-/// System settings for threads with deadlines, and for threads that many programs wait for: priority, locked memory,
-/// sleep until an absolute time.
+/// Requests priority and locked memory for threads with deadlines and for threads for which many programs wait, and
+/// sleeps until an absolute time.
 #pragma once
 
 #include <cstdint>
@@ -9,15 +9,16 @@
 
 namespace tactus::wire {
 
-/// Requests SCHED_FIFO at `priority` for the calling thread and touches its stack. Returns one line, which begins with
-/// `who`: the result and, if it was refused, the missing right.
+/// Requests SCHED_FIFO at `priority` for the calling thread, turns denormals off and touches its stack. Returns one
+/// line that begins with `who` and states the result; if the system refused, also the right that is missing.
 [[nodiscard]] std::string enter_realtime(const std::string& who, int priority);
 
-/// Requests nice -10 for the calling thread and the threads that it creates later: nine times the share of an ordinary
-/// thread on a busy machine. Returns one line as above.
+/// Requests nice -10 for the calling thread and the threads that it creates later. On a busy machine they then get nine
+/// times the processor time of an ordinary thread. Returns one line as enter_realtime does.
 [[nodiscard]] std::string raise_priority(const std::string& who);
 
-/// Locks the present and future memory of the process, page by page on first use. Returns one line as above.
+/// Locks the present and future memory of the process, each page at its first use. Returns one line as enter_realtime
+/// does, without `who`.
 [[nodiscard]] std::string lock_memory();
 
 /// Sleeps until monotonic_ns() is `due_ns` or later. One system call.

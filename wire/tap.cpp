@@ -13,12 +13,12 @@ namespace {
 using eprosima::fastrtps::types::ReturnCode_t;
 using Bytes = std::vector<std::uint8_t>;
 
-/// The base of samples of all types; samples are created and passed as this.
+/// The common base of the samples of all types.
 struct Encoded {
   Bytes bytes;
 };
 
-/// A generated type that also stores the encoded sample.
+/// A generated type whose samples also contain their encoded bytes.
 template <class Support>
 class Raw final : public Guarded<Support> {
  public:
@@ -37,14 +37,14 @@ class Raw final : public Guarded<Support> {
   void deleteData(void* data) override { delete &of(data); }
 
  private:
-  /// Contains the decoded sample too, from which the key is computed.
+  /// The encoded bytes, and the decoded sample, from which the key is computed.
   struct Sample : Encoded {
     typename Support::type decoded;
   };
   [[nodiscard]] static Sample& of(void* data) { return *static_cast<Sample*>(static_cast<Encoded*>(data)); }
 };
 
-/// Reads one topic without its C++ type; only the name of the DDS type differs.
+/// Reads the encoded samples of one topic of any type.
 class RawReader final : public dds::DataReaderListener {
  public:
   RawReader(dds::DomainParticipant& participant, dds::Topic& topic, const std::vector<std::string>& partitions,
@@ -52,7 +52,7 @@ class RawReader final : public dds::DataReaderListener {
       : participant_{participant}, data_{topic}, on_sample_{std::move(on_sample)} {
     dds::SubscriberQos subscriber = dds::SUBSCRIBER_QOS_DEFAULT;
     for (const std::string& partition : partitions) subscriber.partition().push_back(partition.c_str());
-    // No sample may overwrite another before it is taken.
+    // With this history, no sample replaces another one before the reader takes it.
     qos.history().kind = dds::KEEP_ALL_HISTORY_QOS;
     subscriber_ = participant_.create_subscriber(subscriber);
     if (subscriber_ != nullptr) reader_ = subscriber_->create_datareader(&topic, qos, this);
@@ -63,7 +63,7 @@ class RawReader final : public dds::DataReaderListener {
   ~RawReader() override {
     reader_->set_listener(nullptr);
     {
-      const std::lock_guard lock{mutex_};  // waits for a running callback, stops one that is about to run
+      const std::lock_guard lock{mutex_};  // waits for a running callback, and stops one that is about to run
       closed_ = true;
     }
     subscriber_->delete_datareader(reader_);
@@ -117,20 +117,21 @@ struct Tap::Impl {
       dds::Topic& topic = in.topic(spec.name, spec.traffic, dds::TypeSupport{new Raw<Support>{spec.traffic}});
       // Full-rate probe states and copies of objects use the partitions of groups, with profiles of their own.
       const std::string profile = spec.profile;
-      const bool of_groups = profile == topics::kProbeStateFullRate.profile || profile == topics::kObjectCopy.profile;
+      const bool is_group_topic =
+          profile == topics::kProbeStateFullRate.profile || profile == topics::kObjectCopy.profile;
       const std::vector<std::string> parts =
-          of_groups ? std::vector<std::string>{"/g/*"} : std::vector<std::string>{"", "/u/*", "/h/*"};
+          is_group_topic ? std::vector<std::string>{"/g/*"} : std::vector<std::string>{"", "/u/*", "/h/*"};
       std::vector<std::string> partitions;
       for (const std::string& part : parts) partitions.push_back(session + part);
       const std::size_t number = tap_topics.size();
-      tap_topics.push_back({spec.name, topic.get_type_name(), of_groups ? "g/*" : ", u/*, h/*"});
+      tap_topics.push_back({spec.name, topic.get_type_name(), is_group_topic ? "g/*" : ", u/*, h/*"});
       readers.push_back(std::make_unique<RawReader>(
           in.participant(spec.traffic), topic, partitions, in.reader_qos.at(spec.profile),
           [on_sample, number](std::span<const std::uint8_t> encoded) { on_sample(number, encoded); }));
     });
   }
 
-  /// Only for its type.
+  /// Used only for its return type.
   template <class Sample>
   static Sample sample_of(const TopicSpec<Sample>&);
 

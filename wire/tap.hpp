@@ -14,20 +14,20 @@ namespace tactus::wire {
 
 /// One reader of a tap.
 struct TapTopic {
-  std::string name;        ///< of the topic; two readers of one topic have the same
-  std::string type;        ///< as idl_text() names it
-  std::string partitions;  ///< that it reads; "" is the session as a whole
+  std::string name;        ///< of the topic; a topic with two profiles has two readers
+  std::string type;        ///< name in idl_text()
+  std::string partitions;  ///< partitions that the reader reads, separated by ", "; "" is the session as a whole
 };
 
-/// Reads all topics in every partition of the session. Its readers are additional: writers send best-effort samples
-/// once more; for class bulk that doubles the traffic. Drops samples that cannot be decoded.
+/// Reads all topics in every partition of the session. Drops samples that cannot be decoded. Writers send each
+/// best-effort sample to a tap's readers too; for class bulk this doubles the traffic.
 class Tap {
  public:
-  /// `topic` is an index into topics(); `encoded` includes the encapsulation and is valid during the call. Called from
-  /// several DDS threads, one call at a time for each topic.
+  /// `topic`: index in topics(). `encoded`: the sample with its encapsulation header, valid during the call. Several
+  /// DDS threads call it, one call at a time for each topic.
   using OnSample = std::function<void(std::size_t topic, std::span<const std::uint8_t> encoded)>;
 
-  /// `participants` must be the tap's own: its types differ from those of Reader and Writer. Throws WireError.
+  /// `participants` must have no Reader or Writer, because a tap registers other types. Throws WireError.
   Tap(Participants& participants, bool bulk, OnSample on_sample);
   /// After this returns no callback runs.
   ~Tap();

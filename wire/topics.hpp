@@ -6,7 +6,8 @@
 
 namespace tactus::wire {
 
-/// A topic and the profiles of its endpoints, `<profile>_writer` and `<profile>_reader` in the file of its class.
+/// A topic and the profiles of its endpoints, which are `<profile>_writer` and `<profile>_reader` in the file of its
+/// traffic class.
 template <class Sample>
 struct TopicSpec {
   const char* name;
@@ -27,10 +28,10 @@ inline constexpr TopicSpec<session::SessionEnd> kEnd{"tactus_end", TrafficClass:
 inline constexpr TopicSpec<session::BulkChunk> kBase{"tactus_base", TrafficClass::kBulk, "base"};
 inline constexpr TopicSpec<session::BulkChunk> kRecords{"tactus_records", TrafficClass::kBulk, "records"};
 
-/// In the probe class, whose packets and receive threads have priority.
+/// An emergency stop is in the probe class, because the packets and receive threads of that class have priority.
 inline constexpr TopicSpec<session::EmergencyStop> kStop{"tactus_stop", TrafficClass::kProbe, "stop"};
 inline constexpr TopicSpec<session::ProbeState> kProbeState{"tactus_probe_state", TrafficClass::kProbe, "probe_state"};
-/// The same topic with the endpoints of mode `collaborate`, in a group's partition.
+/// The same topic with the profiles of mode `collaborate`, in a group's partition.
 inline constexpr TopicSpec<session::ProbeState> kProbeStateFullRate{"tactus_probe_state", TrafficClass::kProbe,
                                                                     "probe_state_full_rate"};
 inline constexpr TopicSpec<session::DevicePose> kDevicePose{"tactus_device_pose", TrafficClass::kProbe, "device_pose"};
@@ -43,7 +44,8 @@ inline constexpr TopicSpec<session::ObjectClaim> kObjectClaim{"tactus_object_cla
 inline constexpr TopicSpec<session::ObjectGrant> kObjectGrant{"tactus_object_grant", TrafficClass::kProbe,
                                                               "object_grant"};
 inline constexpr TopicSpec<session::ObjectCopy> kObjectCopy{"tactus_object_copy", TrafficClass::kProbe, "object_copy"};
-/// In the probe class, because it dates probe states and must wait in the same queues.
+/// Clock samples are in the probe class, because they have to wait in the same queues as the probe states that they
+/// date.
 inline constexpr TopicSpec<session::ClockSample> kClock{"tactus_clock", TrafficClass::kProbe, "clock"};
 
 /// Calls `visit` with every TopicSpec.

@@ -136,15 +136,15 @@ TEST(Allocation, ObjectsThatAreWithdrawnAndComeAgainAllocateNothing) {
   session.membership().on_object_gone = [&](const hrtc_service::Loader::ObjectInfo&) { ++gone; };
   for (int cycle = 0; cycle < 20000; ++cycle) {
     if (cycle % 2000 == 1000)
-      for (const std::size_t object : {0u, 2u}) session.offer(object, true);
+      for (const std::size_t object : {0u, 2u}) session.set_withdrawn(object, true);
     if (cycle % 2000 == 1500)
-      for (const std::size_t object : {0u, 2u}) session.offer(object, false);
+      for (const std::size_t object : {0u, 2u}) session.set_withdrawn(object, false);
     const double out = 0.05 + 0.0015;
     session.prepare({2 + out, 0, 0}, Vec3d::Zero());
     session.inputs()[1] = session.inputs()[0];
     session.inputs()[1].device.position = {0, out, 0};
     const test_support::NoAlloc guard;
-    (void)session.touch_all();
+    (void)session.touch_with_bodies();
     session.core().servo().refine(spm::Budget{4000});
     allocations += guard.count();
     (void)recorder.next(record);

@@ -47,7 +47,7 @@ class ClosedLoop {
     ObjectView view;
     view.id = 1;
     view.centre = (low + high) / 2;
-    view.half = (high - low) / 2;
+    view.half_size = (high - low) / 2;
     objects_["body"] = view;
   }
 
@@ -168,7 +168,7 @@ TEST(Operator, SendsNothingBeforeItsFirstProbeState) {
 TEST(Operator, TiltsWhileItFollowsAndComesUprightWithoutAStep) {
   Operator ann{user_with("      - follow: {object: body, seconds: 6, lean: 0.8}\n      - retreat: {}\n"), {}};
   ObjectView view;
-  view.half = {0.1, 0.1, 0.1};
+  view.half_size = {0.1, 0.1, 0.1};
   session::ProbeState state;
   state.user_id = session::id_of("ann");
   const auto turned = [](const session::Waypoint& waypoint) {
@@ -212,7 +212,7 @@ TEST(Operator, SendsIntentsAt100HzWithLookahead) {
   state.device.position = {0, 0, 1};
   ann.on_probe_state(state);
   ObjectView view;
-  view.half = {0.1, 0.1, 0.1};
+  view.half_size = {0.1, 0.1, 0.1};
   int intents = 0;
   for (std::int64_t now = 1'000'000'000; now < 2'000'000'000; now += 1'000'000) {
     const auto intent = ann.tick(now, {{"body", view}});

@@ -128,7 +128,7 @@ Report example_report() {
   report.participants.push_back(hrtc);
   ParticipantReport host;
   host.name = "vault";
-  host.here = false;
+  host.present_at_end = false;
   host.figures = {{session::figures::kHostBytes, 123456}};
   report.participants.push_back(host);
   report.events.push_back({3.25, "host vault gone"});

@@ -408,11 +408,11 @@ TEST(SimCore, ReportsAHostThatLeavesAndReturns) {
     return *std::find_if(report.participants.begin(), report.participants.end(),
                          [](const ParticipantReport& p) { return p.name == "host"; });
   };
-  EXPECT_FALSE(participant().here);
+  EXPECT_FALSE(participant().present_at_end);
   world.host("host");
   world.entries.back().origin.incarnation = 2;
   world.run(0.1);
-  EXPECT_TRUE(participant().here);
+  EXPECT_TRUE(participant().present_at_end);
   int published = 0;
   for (const ReportEvent& event : world.core.report().events) {
     if (event.time > 0 && event.text.find("host") != std::string::npos) ++published;

@@ -266,7 +266,7 @@ TEST_F(MeetingTest, UsersGiveUpNamingWhatTheyMissed) {
   ASSERT_TRUE(desk.wait_for_line("serves"));
   Process no_host{in_session("sim", {"--scenario", "touch", "--patience", "10"})};
   EXPECT_EQ(no_host.wait(), 1);
-  EXPECT_THAT(no_host.output(), HasSubstr("Not to its end: no host serves object #1, waited 10 s"));
+  EXPECT_THAT(no_host.output(), HasSubstr("Stopped early: no host serves object #1, waited 10 s"));
 }
 
 }  // namespace

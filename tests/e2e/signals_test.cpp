@@ -41,7 +41,7 @@ TEST_P(EverySignal, EndsProgramsThatWaitForOthers) {
   users.signal(GetParam());
   EXPECT_TRUE(ends_with(1, users));
   EXPECT_TRUE(has_left(observer, "sim"));
-  EXPECT_THAT(users.output(), HasSubstr("Not to its end: interrupted"));
+  EXPECT_THAT(users.output(), HasSubstr("Stopped early: interrupted"));
 }
 
 TEST_P(EverySignal, EndsProgramsInTheMiddleOfASession) {
@@ -63,7 +63,7 @@ TEST_P(EverySignal, EndsProgramsInTheMiddleOfASession) {
   users.signal(GetParam());
   EXPECT_TRUE(ends_with(1, users));
   EXPECT_TRUE(has_left(observer, "sim"));
-  EXPECT_THAT(users.output(), HasSubstr("Not to its end: interrupted"));
+  EXPECT_THAT(users.output(), HasSubstr("Stopped early: interrupted"));
   EXPECT_THAT(test_support::read_bytes(path("report.json")), HasSubstr("\"trouble\": \"interrupted\""));
 }
 
@@ -79,7 +79,7 @@ TEST_P(EverySignal, ToTheUsersEndsTheWholeSession) {
   EXPECT_TRUE(ends_with(1, users));
   EXPECT_TRUE(ends_with(0, desk));
   EXPECT_TRUE(ends_with(0, museum));
-  EXPECT_THAT(users.output(), HasSubstr("Not to its end: interrupted"));
+  EXPECT_THAT(users.output(), HasSubstr("Stopped early: interrupted"));
   EXPECT_THAT(users.output(), HasSubstr("HRTC desk"));
 }
 

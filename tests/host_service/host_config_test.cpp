@@ -129,7 +129,7 @@ TEST_F(HostConfigTest, RefusesValuesOutOfRange) {
   EXPECT_THAT(with("position: [1, 2]"), HasSubstr("list of 3 numbers"));
   EXPECT_THAT(with("rotation: [0, 0, 0, 2]"), HasSubstr("unit quaternion"));
   EXPECT_THAT(with("material: {stiffness: -5}"), HasSubstr("stiffness: found '-5'"));
-  EXPECT_THAT(with("material: {static_friction: 0.1, dynamic_friction: 0.2}"), HasSubstr("over 'static_friction'"));
+  EXPECT_THAT(with("material: {static_friction: 0.1, dynamic_friction: 0.2}"), HasSubstr("above 'static_friction'"));
   EXPECT_THAT(with("name: ''"), HasSubstr("1 to 63 bytes"));
   EXPECT_THAT(with("scale: 1\n    size: 1"), HasSubstr("expected one of them"));
   EXPECT_THAT(complaint("objects:\n  - name: a\n"), HasSubstr("key 'model' is missing"));

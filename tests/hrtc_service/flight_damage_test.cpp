@@ -153,8 +153,8 @@ class FlightDamage : public ::testing::TestWithParam<bool> {
     for (int cycle = 0; cycle < 1250; ++cycle) {
       const Vec3d held = Vec3d::UnitX();  // where the object stands that can move
       session.prepare(held + at(cycle, 0), (at(cycle + 1, 0) - at(cycle, 0)) * 1000);
-      if (cycle % 100 == 3) session.offer(0, true);
-      if (cycle % 100 == 60) session.offer(0, false);
+      if (cycle % 100 == 3) session.set_withdrawn(0, true);
+      if (cycle % 100 == 60) session.set_withdrawn(0, false);
       session.inputs()[0].device.buttons =
           cycle % 100 > 8 && cycle % 100 < 18 ? std::uint32_t{haptics::kGrabButton} : 0;
       hrtc_service::ProbeInput& other = session.inputs()[1];

@@ -86,8 +86,8 @@ class Flight : public ::testing::Test {
       other.active = cycle % 3000 > 400;
       other.device.position = at(cycle, 2) + (withdraws_ ? Vec3d::UnitX() : Vec3d{Vec3d::Zero()});
       other.device.velocity = velocity(2);
-      if (withdraws_ && cycle % 1000 == 400) session.offer(1, true);
-      if (withdraws_ && cycle % 1000 == 700) session.offer(1, false);
+      if (withdraws_ && cycle % 1000 == 400) session.set_withdrawn(1, true);
+      if (withdraws_ && cycle % 1000 == 700) session.set_withdrawn(1, false);
       other.failed = cycle == 2600;
       session.inputs()[0].pose_age = cycle % 1500 > 1300 && cycle % 1500 < 1400 ? 0.001 * (cycle % 1500 - 1300) : 0;
       if (movable_ && cycle % 700 > 300) session.inputs()[0].device.buttons = haptics::kGrabButton;

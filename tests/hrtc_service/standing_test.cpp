@@ -55,7 +55,7 @@ class OnTheOrgan : public ::testing::Test {
     session_.prepare(device, Vec3d::Zero());
     session_.inputs()[0].device.buttons = grab ? std::uint32_t{haptics::kGrabButton} : 0u;
     session_.core().link().bodies.orders.post(orders_);
-    outputs_ = session_.touch_all();
+    outputs_ = session_.touch_with_bodies();
     (void)session_.core().servo().refine(spm::Budget{1u << 20});
     (void)session_.core().link().bodies.reports_for_sender.take(reports_);
   }
@@ -127,7 +127,7 @@ TEST(ToolAndBody, AStylusPushesABoxAlongTheGroundAndFeelsItsFriction) {
     hand += 1e-3 * velocity;
     session.prepare(hand, velocity);
     session.core().link().bodies.orders.post(orders);
-    const hrtc_service::Servo::Outputs& outputs = session.touch_all();
+    const hrtc_service::Servo::Outputs& outputs = session.touch_with_bodies();
     (void)session.core().servo().refine(spm::Budget{1u << 20});
     (void)session.core().link().bodies.reports_for_sender.take(reports);
     if (i < 1000) continue;

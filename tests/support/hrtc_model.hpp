@@ -1,4 +1,4 @@
-/// A fixture for the tests of cache, forest and tree: those of an HRTC for one model, without threads and DDS.
+/// Test fixture with the cache, the forest and the tree that an HRTC has for one model, without threads and DDS.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -28,17 +28,17 @@ class HrtcModel {
         spm::RegionGrid{base.summary.grid, std::span<const spm::Region>{base.regions}}, std::move(admitted.base));
   }
 
-  /// The message of a host: the region's list, and those of its records that no held region lists.
+  /// Returns the message that a host sends for `region`: its closed list, and the listed records that are not loaded.
   [[nodiscard]] spm::RegionData message(spm::RegionId region) const {
-    std::vector<bool> held(model_.summary.records, false);
+    std::vector<bool> loaded(model_.summary.records, false);
     for (std::uint32_t other = 0; other < model_.summary.regions; ++other)
       if (cache_.holds(object_, spm::RegionId{other}))
-        for (const spm::Interval& run : model_.intervals_of(spm::RegionId{other}))
-          std::fill(held.begin() + run.first, held.begin() + run.first + run.count, true);
+        for (const spm::Interval& interval : model_.intervals_of(spm::RegionId{other}))
+          std::fill_n(loaded.begin() + interval.first, interval.count, true);
     std::vector<spm::Interval> missing;
-    for (const spm::Interval& run : model_.intervals_of(region))
-      for (std::uint32_t record = run.first; record < run.first + run.count; ++record) {
-        if (held[record]) continue;
+    for (const spm::Interval& interval : model_.intervals_of(region))
+      for (std::uint32_t record = interval.first; record < interval.first + interval.count; ++record) {
+        if (loaded[record]) continue;
         if (!missing.empty() && missing.back().first + missing.back().count == record)
           ++missing.back().count;
         else
@@ -47,11 +47,11 @@ class HrtcModel {
     return decoded(spm::codec::encode_region(encoded_.coded(), region, missing));
   }
 
-  /// The message of a faulty host: it contains `list` instead of the region's list.
+  /// Returns the message of a faulty host, which contains `list` instead of the region's closed list.
   [[nodiscard]] spm::RegionData false_message(spm::RegionId region, const std::vector<spm::Interval>& list) const {
     const spm::codec::CompressedModel& coded = encoded_.coded();
     std::uint32_t count = 0;
-    for (const spm::Interval& run : list) count += run.count;
+    for (const spm::Interval& interval : list) count += interval.count;
     const spm::Interval all{0, count};
     spm::codec::BitWriter out;
     out.put(index(region), 32);
@@ -68,14 +68,14 @@ class HrtcModel {
     return result;
   }
 
-  /// Refines just these as far as `units` allow, and refits.
+  /// Refines `regions` with a budget of `units`, treats all other regions as `unrequested` states, and refits.
   spm::Advance refine(const std::vector<spm::RegionId>& regions, std::uint32_t units = 1u << 30,
-                      spm::ChangeDetector* watches = nullptr, std::uint32_t watch_count = 0,
+                      spm::ChangeDetector* detectors = nullptr, std::uint32_t detector_count = 0,
                       spm::Unrequested unrequested = spm::Unrequested::kCoarsen) {
     forest_->target(regions.data(), static_cast<std::uint32_t>(regions.size()), unrequested);
     spm::Budget budget{units};
     const spm::Advance result = forest_->advance(budget);
-    forest_->refit(watches, watch_count);
+    forest_->refit(detectors, detector_count);
     return result;
   }
 
@@ -88,8 +88,8 @@ class HrtcModel {
   [[nodiscard]] spm::VertexId vertex_id(spm::Slot slot) const { return pool_.vertices[slot].id; }
   [[nodiscard]] float radius(spm::Slot slot) const { return pool_.radius[slot]; }
   [[nodiscard]] const spm::Pool& pool() const { return pool_; }
-  /// Overwrites the vertex ids in the slots of released records, so that they match no record. Only while no region is
-  /// loaded.
+  /// Overwrites the vertex ids in the slots of released records, so that they match no record. Requires that no region
+  /// is loaded.
   void wipe_records() {
     for (spm::Vertex& vertex : pool_.vertices)
       if (index(vertex.id) >= model_.summary.base_vertices) vertex.id = {};

@@ -1,4 +1,4 @@
-/// What an HRTC's pool holds of a model, against the model itself.
+/// Compares the records in an HRTC's pool with the records of the model.
 #pragma once
 
 #include <cstring>
@@ -10,51 +10,52 @@
 
 namespace tactus::test_support {
 
-/// Where the records in the pool differ from the model's, to the bit; empty when every record of the model is there,
-/// the same. The pool holds one object, and nothing has been released.
+/// Returns the first difference, or the number of loaded records if some are missing. Returns an empty string if the
+/// pool contains every record of the model and each is equal to the bit. Requires a pool with one object, from which no
+/// record has been released.
 inline std::string loaded_difference(const spm::Model& model, const spm::Pool& pool) {
   using spm::kNone;
   const std::uint32_t base = model.summary.base_vertices;
-  spm::IdVector<spm::Slot, bool> continues{pool.parts.size()};
+  spm::IdVector<spm::Slot, bool> is_later_part{pool.parts.size()};
   for (const spm::Slot slot : pool.parts.ids()) {
     if (index(pool.vertices[slot].id) >= base && pool.parts[slot].next != kNone)
-      continues[pool.parts[slot].next] = true;
+      is_later_part[pool.parts[slot].next] = true;
   }
   std::uint32_t found = 0;
   for (const spm::Slot head : pool.parts.ids()) {
     const std::uint32_t u = index(pool.vertices[head].id);
-    if (u < base || continues[head]) continue;
+    if (u < base || is_later_part[head]) continue;
     ++found;
     const std::string where = "record " + std::to_string(u - base);
     spm::Slot slot = head;
     for (spm::PartIndex p{u - base}; p != kNone; p = model.parts[p].next) {
-      const spm::RecordPart& stated = model.parts[p];
-      const spm::LoadedPart& held = pool.parts[slot];
+      const spm::RecordPart& expected = model.parts[p];
+      const spm::LoadedPart& loaded = pool.parts[slot];
       if (std::memcmp(&pool.vertices[slot].position, &model.positions[u], sizeof model.positions[u]) != 0) {
         return where + ": position";
       }
-      if (pool.vertices[slot].id != spm::VertexId{u} || pool.radius[slot] != spm::radius_of(stated.radius))
+      if (pool.vertices[slot].id != spm::VertexId{u} || pool.radius[slot] != spm::radius_of(expected.radius))
         return where + ": radius";
-      if (pool.vertices[held.parent].id != stated.parent) return where + ": parent";
-      if (held.born_count != stated.born_count || held.deformed_count != stated.deformed_count)
+      if (pool.vertices[loaded.parent].id != expected.parent) return where + ": parent";
+      if (loaded.born_count != expected.born_count || loaded.deformed_count != expected.deformed_count)
         return where + ": counts";
-      for (int i = 0; i < held.born_count; ++i) {
-        if (held.born[i].bits != stated.born[i].bits) return where + ": born face";
-        if (pool.vertices[held.born_x[i]].id != stated.born_x[i]) return where + ": third corner";
+      for (int i = 0; i < loaded.born_count; ++i) {
+        if (loaded.born[i].bits != expected.born[i].bits) return where + ": born face";
+        if (pool.vertices[loaded.born_x[i]].id != expected.born_x[i]) return where + ": third corner";
       }
-      for (int i = 0; i < held.deformed_count; ++i) {
-        const spm::LoadedPart::DeformedRef ref = held.deformed[i];
+      for (int i = 0; i < loaded.deformed_count; ++i) {
+        const spm::LoadedPart::DeformedRef ref = loaded.deformed[i];
         if (spm::DeformedRef::make(pool.faces[ref.face()].face, ref.corner(), ref.last()).bits !=
-            stated.deformed[i].bits) {
+            expected.deformed[i].bits) {
           return where + ": deformed face";
         }
       }
-      if ((held.next == kNone) != (stated.next == kNone)) return where + ": parts";
-      if (held.next != kNone) slot = held.next;
+      if ((loaded.next == kNone) != (expected.next == kNone)) return where + ": parts";
+      if (loaded.next != kNone) slot = loaded.next;
     }
   }
   if (found == model.summary.records) return {};
-  return std::to_string(found) + " records of " + std::to_string(model.summary.records);
+  return "found " + std::to_string(found) + " records, expected " + std::to_string(model.summary.records);
 }
 
 }  // namespace tactus::test_support

@@ -1,4 +1,4 @@
-/// The cores of a host and an HRTC in one thread, without DDS: a session in which every step can be looked at.
+/// Runs the cores of a host and an HRTC in one thread, without DDS, so that a test can inspect each step of a session.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -21,8 +21,9 @@ class LocalSession {
   static constexpr std::uint64_t kHost = 10, kHrtc = 20, kSession = 30;
   static constexpr std::int64_t kPeriodNs = 1'000'000;
 
-  /// `models` must outlive the session; scale in metres per file unit. `delay_cycles`: chunks and demands are that long
-  /// under way. A tool of the loader's is the cycle's, too. With a `mass`, kg, the last object can move.
+  /// The arrays of `models` must outlive the session. `scale`: metres per file unit. `delay_cycles`: transit of chunks
+  /// and demands, in cycles. `loader.tool` is also the tool of the cycle. `mass`: mass of the last object, kg; 0: that
+  /// object is static as the others are. `targets`: CycleSettings::targets.
   LocalSession(const std::vector<spm::Model>& models, double scale, spm::PoolSettings settings,
                std::uint32_t delay_cycles = 2, const hrtc_service::LoaderSettings& loader = {},
                const session::Material& material = {}, double mass = 0,
@@ -37,20 +38,21 @@ class LocalSession {
     study::exchange_membership(host_, membership_, now_);
   }
 
-  /// The host withdraws an object, or offers it again.
-  void offer(std::size_t object, bool withdrawn) {
+  /// Passes the HRTC a catalogue entry by which the host withdraws the object or offers it again.
+  void set_withdrawn(std::size_t object, bool withdrawn) {
     session::CatalogueEntry entry = host_.catalogue()[object];
     entry.withdrawn = withdrawn;
     membership_.on_catalogue(entry);
   }
 
-  /// One cycle with one tip at `device` (world). Host and loader work every second cycle.
+  /// Runs one cycle with one tip at `device` (world frame, m; velocity in m/s). Host and loader run in every second
+  /// cycle. `units`: refinement budget.
   const hrtc_service::CycleResult& step(const spm::Vec3d& device, const spm::Vec3d& velocity,
                                         std::uint32_t units = 1u << 20) {
     prepare(device, velocity);
     return run_cycle(units);
   }
-  /// The first half: all but what the haptic thread does.
+  /// First half of `step`: the work of all threads but the haptic thread.
   void prepare(const spm::Vec3d& device, const spm::Vec3d& velocity) {
     now_ += kPeriodNs;
     ++cycles_;
@@ -59,12 +61,12 @@ class LocalSession {
     inputs_[0].device.position = device;
     inputs_[0].device.velocity = velocity;
   }
-  /// The second half: the haptic thread's, from one look at the mesh that was touched to the next.
+  /// Second half of `step`, the work of the haptic thread: refines, and then computes the forces.
   const hrtc_service::CycleResult& run_cycle(std::uint32_t units) noexcept {
     core_.servo().refine(spm::Budget{units});
     return touch();
   }
-  /// Of the cycle alone: what can move stays where it is.
+  /// Computes the forces of the cycle alone, without bodies: movable objects do not move.
   const hrtc_service::CycleResult& touch() noexcept {
     hrtc_service::ServoLink& link = core_.link();
     std::array<hrtc_service::Arrival, 64> arrived;
@@ -74,17 +76,17 @@ class LocalSession {
     link.reports_for_gateway.post({now_, now_ + kPeriodNs, cycles_, result.probes, result.interventions});
     return result;
   }
-  /// Of the whole servo: the forces as bodies leave them.
-  const hrtc_service::Servo::Outputs& touch_all() noexcept {
+  /// Computes the forces of the whole servo, including those of bodies.
+  const hrtc_service::Servo::Outputs& touch_with_bodies() noexcept {
     core_.servo().touch(inputs_, now_);
     core_.servo().publish(now_, now_ + kPeriodNs);
     return core_.servo().outputs();
   }
 
-  /// The next log entry; false when there is none.
+  /// Pops the next entry of the contact log; false if there is none.
   bool take_log(trace::LoggedQuery& entry) { return core_.link().log.pop(entry); }
 
-  /// What the next `touch` is given: that of the first probe is set by `prepare`, others are whose test it is.
+  /// Inputs of the next `touch`. `prepare` sets the input of the first probe; a test may set the others.
   [[nodiscard]] std::array<hrtc_service::ProbeInput, hrtc_service::kMaxProbes>& inputs() { return inputs_; }
   [[nodiscard]] const session::CatalogueEntry& entry(std::size_t object) const { return host_.catalogue()[object]; }
   [[nodiscard]] hrtc_service::HrtcCore& core() noexcept { return core_; }
@@ -117,7 +119,7 @@ class LocalSession {
     return specs;
   }
 
-  /// Objects in metres of `scale` beside each other; the last one can move when it has a `mass`.
+  /// Settings of a host whose objects stand 1 m apart along x. If `mass` is above 0, the last object is movable.
   static host_service::HostCoreSettings host_settings(const std::vector<spm::codec::EncodedModel>& models, double scale,
                                                       const session::Material& material, double mass) {
     host_service::HostCoreSettings settings;
@@ -134,15 +136,13 @@ class LocalSession {
     return settings;
   }
 
-  /// What the loader said.
-  std::vector<std::string> events;
-  /// While false nothing passes between host and loader.
-  bool connected = true;
+  std::vector<std::string> events;  ///< log lines of the gateway
+  bool connected = true;            ///< false: new samples between host and HRTC are lost
 
  private:
   template <class Sample>
   struct Delayed {
-    std::uint64_t due;
+    std::uint64_t due_cycle;
     Sample sample;
   };
 
@@ -152,13 +152,13 @@ class LocalSession {
     if (connected) study::exchange_membership(host_, membership_, now_);
     while (auto demand = gateway().demand(now_))
       if (connected) demands_.push_back({cycles_ + delay_, std::move(*demand)});
-    while (!demands_.empty() && demands_.front().due <= cycles_) {
+    while (!demands_.empty() && demands_.front().due_cycle <= cycles_) {
       host_.on_demand(demands_.front().sample, now_);
       demands_.pop_front();
     }
     while (auto chunk = host_.next_chunk(now_))
       if (connected) chunks_.push_back({cycles_ + delay_, std::move(chunk->chunk)});
-    while (!chunks_.empty() && chunks_.front().due <= cycles_) {
+    while (!chunks_.empty() && chunks_.front().due_cycle <= cycles_) {
       gateway().on_chunk(chunks_.front().sample, now_);
       chunks_.pop_front();
     }

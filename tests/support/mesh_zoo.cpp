@@ -26,14 +26,14 @@ TriangleMesh moved(TriangleMesh mesh, float dx, float dy, float dz) {
   return mesh;
 }
 
-TriangleMesh together(TriangleMesh a, const TriangleMesh& b) {
+TriangleMesh joined(TriangleMesh a, const TriangleMesh& b) {
   const auto first = static_cast<std::uint32_t>(a.positions.size());
   a.positions.insert(a.positions.end(), b.positions.begin(), b.positions.end());
   for (const Triangle& f : b.faces) a.faces.push_back({f[0] + first, f[1] + first, f[2] + first});
   return a;
 }
 
-/// Hills, so that no two versions of the surface look alike.
+/// Adds hills, so that any two versions of the surface differ.
 TriangleMesh hilly(TriangleMesh patch) {
   for (Point& p : patch.positions) p[2] += 0.8f * std::sin(0.9f * p[0]) * std::cos(0.7f * p[1]);
   return patch;
@@ -47,12 +47,12 @@ TriangleMesh with_hole(TriangleMesh mesh) {
   return out;
 }
 
-/// A line with three faces on each of its edges: a flat patch and a fin on its middle column.
+/// A flat patch with a fin upright on its middle column, so that each edge of that column has three faces.
 TriangleMesh fin() {
   TriangleMesh patch = grid_patch(6, 8);
   TriangleMesh upright = grid_patch(3, 8);
   for (Point& p : upright.positions) p = {3, p[1], p[0]};
-  return together(std::move(patch), upright);
+  return joined(std::move(patch), upright);
 }
 
 /// Two spheres that touch in one vertex.
@@ -64,16 +64,16 @@ TriangleMesh bow_tie() {
     for (std::size_t axis = 0; axis < 3; ++axis) p[axis] = 2 * top[axis] - p[axis];
   }
   for (Triangle& f : other.faces) std::swap(f[1], f[2]);
-  return together(sphere, other);
+  return joined(sphere, other);
 }
 
-/// Two spheres that share one edge, which so has four faces.
+/// Two spheres that share one edge, which therefore has four faces.
 TriangleMesh pinched_edge() {
   const TriangleMesh sphere = icosphere(2);
   const Triangle at = sphere.faces[0];
   const Point a = sphere.positions[at[0]], b = sphere.positions[at[1]];
   TriangleMesh other = sphere;
-  for (Point& p : other.positions) {  // half a turn about the line through a and b, but for a and b themselves
+  for (Point& p : other.positions) {  // rotated by 180 degrees about the line through a and b, which stay in place
     if (p == a || p == b) continue;
     float along = 0, length2 = 0;
     for (std::size_t k = 0; k < 3; ++k) {
@@ -82,10 +82,10 @@ TriangleMesh pinched_edge() {
     }
     for (std::size_t k = 0; k < 3; ++k) p[k] = 2 * (a[k] + along / length2 * (b[k] - a[k])) - p[k];
   }
-  return together(sphere, other);
+  return joined(sphere, other);
 }
 
-/// A sphere with pillows of two faces on some of its edges, as range scans leave them.
+/// A sphere with pillows of two faces on some of its edges, as in meshes from range scans.
 TriangleMesh pillows() {
   TriangleMesh mesh = icosphere(2);
   const std::size_t count = mesh.faces.size();
@@ -100,7 +100,7 @@ TriangleMesh pillows() {
   return mesh;
 }
 
-/// A patch of which every second row of faces is a thousand times longer than wide.
+/// A patch in which the faces of every second row are a thousand times longer than wide.
 TriangleMesh slivers() {
   TriangleMesh mesh = grid_patch(24, 12);
   for (Point& p : mesh.positions) {
@@ -111,7 +111,7 @@ TriangleMesh slivers() {
   return mesh;
 }
 
-/// Every face with corners of its own, as STL has them.
+/// Gives every face its own vertices, as in an STL file.
 TriangleMesh soup_of(const TriangleMesh& mesh) {
   TriangleMesh soup;
   for (const Triangle& f : mesh.faces) {
@@ -131,7 +131,8 @@ TriangleMesh with_duplicate_faces(TriangleMesh mesh) {
   return mesh;
 }
 
-/// Faces without area, among them one on a vertex in the middle of an edge, one on a single point, and one not finite.
+/// Adds faces without area: one with three vertices on a line, one with two corners at one vertex, and one with all
+/// three; also a face with a coordinate that is not a number.
 TriangleMesh with_degenerate_faces(TriangleMesh mesh) {
   const auto first = static_cast<std::uint32_t>(mesh.positions.size());
   const float nan = std::numeric_limits<float>::quiet_NaN();
@@ -144,7 +145,7 @@ TriangleMesh with_degenerate_faces(TriangleMesh mesh) {
   return mesh;
 }
 
-/// Both sides of one sheet: the same corners, turned over. No edge has fewer than four faces inside.
+/// A sheet with each face a second time in the opposite orientation. Each inner edge has four faces.
 TriangleMesh two_sided() {
   TriangleMesh sheet = hilly(grid_patch(6, 6));
   const std::vector<Triangle> faces = sheet.faces;
@@ -152,7 +153,7 @@ TriangleMesh two_sided() {
   return sheet;
 }
 
-/// One vertex with a hundred spokes.
+/// A disc of a hundred faces around one vertex.
 TriangleMesh fan() {
   TriangleMesh mesh;
   mesh.positions.push_back({0, 0, 0.5f});
@@ -165,7 +166,7 @@ TriangleMesh fan() {
   return mesh;
 }
 
-/// A strip with one turn in it: it has one side, so faces cannot all agree on a direction.
+/// A Moebius strip. It has only one side, so its faces cannot all have consistent orientations.
 TriangleMesh moebius() {
   TriangleMesh mesh;
   constexpr int kSteps = 40, kAcross = 4;
@@ -202,10 +203,10 @@ TriangleMesh noisy_sphere() {
 
 TriangleMesh many_components() {
   TriangleMesh mesh = icosphere(2);
-  mesh = together(mesh, moved(tetrahedron(), 3, 0, 0));
-  mesh = together(mesh, moved(hilly(grid_patch(5, 5)), 0, 3, 0));
-  mesh = together(mesh, TriangleMesh{{{9, 0, 0}, {10, 0, 0}, {9, 1, 0}}, {{0, 1, 2}}});
-  return together(mesh, moved(icosphere(1), -3, 0, 0));
+  mesh = joined(mesh, moved(tetrahedron(), 3, 0, 0));
+  mesh = joined(mesh, moved(hilly(grid_patch(5, 5)), 0, 3, 0));
+  mesh = joined(mesh, TriangleMesh{{{9, 0, 0}, {10, 0, 0}, {9, 1, 0}}, {{0, 1, 2}}});
+  return joined(mesh, moved(icosphere(1), -3, 0, 0));
 }
 
 }  // namespace

@@ -1,4 +1,4 @@
-/// Small meshes, each with something that has broken mesh code before; the name says what.
+/// Small meshes, each with a property that has broken mesh code before. The name of a mesh states this property.
 #pragma once
 
 #include <iosfwd>
@@ -11,18 +11,18 @@ namespace tactus::test_support {
 
 struct ZooMesh {
   std::string name;
-  spm::offline::TriangleMesh mesh;  ///< as a file might have it: not cleaned
-  bool manifold;                    ///< no edge has more than two faces, once cleaned
+  spm::offline::TriangleMesh mesh;  ///< not cleaned, as in a model file
+  bool manifold;                    ///< once the mesh is cleaned, no edge has more than two faces
 };
 
 [[nodiscard]] std::vector<ZooMesh> mesh_zoo();
 
-/// Unit sphere of 20 * 4^subdivisions nearly even faces.
+/// Unit sphere of 20 * 4^subdivisions faces of nearly equal size.
 [[nodiscard]] spm::offline::TriangleMesh icosphere(int subdivisions);
-/// `columns` x `rows` quads, each of two triangles, in the plane z = 0, with unit spacing.
+/// Grid of `columns` x `rows` unit squares in the plane z = 0, each of two triangles.
 [[nodiscard]] spm::offline::TriangleMesh grid_patch(int columns, int rows);
 
-/// For gtest: the name alone.
+/// Prints only the name, for gtest.
 void PrintTo(const ZooMesh& mesh, std::ostream* out);
 
 }  // namespace tactus::test_support

@@ -3,7 +3,8 @@
 #include <cerrno>
 #include <cstddef>
 
-// glibc's own entries; ours below take the public names, so that a library's calls are seen as well.
+// The allocation functions of glibc under its internal names. The functions below replace the public ones, so that they
+// also count the call_count of libraries.
 extern "C" {
 void* __libc_malloc(std::size_t size);
 void* __libc_calloc(std::size_t count, std::size_t size);
@@ -14,43 +15,43 @@ void __libc_free(void* old);
 
 namespace {
 
-thread_local bool watching = false;
-thread_local std::uint64_t calls = 0;
+thread_local bool counting = false;
+thread_local std::uint64_t call_count = 0;
 
-void note() noexcept {
-  if (watching) ++calls;
+void count_call() noexcept {
+  if (counting) ++call_count;
 }
 
 }  // namespace
 
 extern "C" {
 void* malloc(std::size_t size) {
-  note();
+  count_call();
   return __libc_malloc(size);
 }
 void* calloc(std::size_t count, std::size_t size) {
-  note();
+  count_call();
   return __libc_calloc(count, size);
 }
 void* realloc(void* old, std::size_t size) {
-  note();
+  count_call();
   return __libc_realloc(old, size);
 }
 void* memalign(std::size_t alignment, std::size_t size) {
-  note();
+  count_call();
   return __libc_memalign(alignment, size);
 }
 void* aligned_alloc(std::size_t alignment, std::size_t size) {
-  note();
+  count_call();
   return __libc_memalign(alignment, size);
 }
 int posix_memalign(void** out, std::size_t alignment, std::size_t size) {
-  note();
+  count_call();
   *out = __libc_memalign(alignment, size);
   return *out == nullptr ? ENOMEM : 0;
 }
 void free(void* old) {
-  if (old != nullptr) note();
+  if (old != nullptr) count_call();
   __libc_free(old);
 }
 }
@@ -58,10 +59,10 @@ void free(void* old) {
 namespace tactus::test_support {
 
 NoAlloc::NoAlloc() noexcept {
-  calls = 0;
-  watching = true;
+  call_count = 0;
+  counting = true;
 }
-NoAlloc::~NoAlloc() { watching = false; }
-std::uint64_t NoAlloc::count() const noexcept { return calls; }
+NoAlloc::~NoAlloc() { counting = false; }
+std::uint64_t NoAlloc::count() const noexcept { return call_count; }
 
 }  // namespace tactus::test_support

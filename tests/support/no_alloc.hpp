@@ -1,19 +1,20 @@
-/// Counts every allocation of the calling thread while it lives: operator new, malloc and their kin.
+/// Counts the allocations and releases of memory by the calling thread: malloc, free and all functions that call them.
 ///
-/// Link no_alloc.cpp into the test. Not for sanitizer builds, which bring an allocator of their own.
+/// Link no_alloc.cpp into the test. Do not use it in sanitizer builds, which have an allocator of their own.
 #pragma once
 
 #include <cstdint>
 
 namespace tactus::test_support {
 
+/// Counts from its construction to its destruction. One at a time in each thread.
 class NoAlloc {
  public:
   NoAlloc() noexcept;
   ~NoAlloc();
   NoAlloc(const NoAlloc&) = delete;
   NoAlloc& operator=(const NoAlloc&) = delete;
-  /// Allocations and releases since the construction.
+  /// Number of allocations and releases since the construction.
   [[nodiscard]] std::uint64_t count() const noexcept;
 };
 

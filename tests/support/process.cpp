@@ -23,7 +23,7 @@ Process::Process(std::vector<std::string> command) {
   const pid_t parent = ::getpid();
   pid_ = ::fork();
   if (pid_ < 0) throw std::system_error{errno, std::generic_category(), "fork"};
-  if (pid_ == 0) {  // only what is safe in a child of many threads, until exec
+  if (pid_ == 0) {  // other threads may have held locks at the fork: only async-signal-safe calls until exec
     ::setpgid(0, 0);
     ::prctl(PR_SET_PDEATHSIG, SIGKILL);
     if (::getppid() != parent) ::_exit(127);
@@ -34,34 +34,34 @@ Process::Process(std::vector<std::string> command) {
     ::execv(argv[0], argv.data());
     ::_exit(127);
   }
-  ::setpgid(pid_, pid_);  // whichever of the two comes first
+  ::setpgid(pid_, pid_);  // parent and child both set the group, so it exists for whichever runs first
   ::close(pipe[1]);
-  watcher_ = std::thread{[this, from = pipe[0]] { watch(from); }};
+  reader_ = std::thread{[this, from = pipe[0]] { read_until_end(from); }};
 }
 
 Process::~Process() {
-  ::kill(-pid_, SIGKILL);  // also what it may have left behind, or the pipe would stay open
-  watcher_.join();
+  ::kill(-pid_, SIGKILL);  // the whole group: any process of it would hold the pipe open
+  reader_.join();
 }
 
-void Process::watch(int pipe) {
+void Process::read_until_end(int pipe) {
   std::array<char, 4096> block;
   for (ssize_t count; (count = ::read(pipe, block.data(), block.size())) != 0;) {
     if (count < 0 && errno == EINTR) continue;
     if (count < 0) break;
     const std::lock_guard lock{mutex_};
     output_.append(block.data(), static_cast<std::size_t>(count));
-    news_.notify_all();
+    changed_.notify_all();
   }
   ::close(pipe);
   siginfo_t info{};
   while (::waitid(P_PID, static_cast<id_t>(pid_), &info, WEXITED | WNOWAIT) != 0 && errno == EINTR) {
   }
-  const std::lock_guard lock{mutex_};  // from here on nobody signals a number that may be another's
+  const std::lock_guard lock{mutex_};  // after waitpid the id may belong to another process; do not signal it
   int status = 0;
   ::waitpid(pid_, &status, 0);
   status_ = WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
-  news_.notify_all();
+  changed_.notify_all();
 }
 
 std::string Process::output() const {
@@ -80,7 +80,7 @@ bool Process::wait_for_line(const std::string& pattern, std::chrono::millisecond
   };
   std::unique_lock lock{mutex_};
   bool matched = false;
-  news_.wait_for(lock, limit, [&] { return (matched = found()) || status_; });
+  changed_.wait_for(lock, limit, [&] { return (matched = found()) || status_; });
   return matched;
 }
 
@@ -91,7 +91,7 @@ void Process::signal(int number) {
 
 std::optional<int> Process::wait(std::chrono::milliseconds limit) {
   std::unique_lock lock{mutex_};
-  news_.wait_for(lock, limit, [this] { return status_.has_value(); });
+  changed_.wait_for(lock, limit, [this] { return status_.has_value(); });
   return status_;
 }
 

@@ -1,4 +1,4 @@
-/// A program started as a user would start it: what it prints, how it ends, and that nothing of it stays behind.
+/// Starts a program as a user would start it, and returns its output, its exit status and whether it left processes.
 #pragma once
 
 #include <sys/types.h>
@@ -15,41 +15,43 @@ namespace tactus::e2e {
 
 using namespace std::chrono_literals;
 
-/// How long a test waits before it gives up on something that has to happen; the machine may be busy.
+/// Time after which a test that waits for an event fails. It is long because the machine may be busy.
 inline constexpr std::chrono::milliseconds kWatchdog = 20s;
 
-/// Intervals in a process group of its own, with both output streams in one pipe. Dies with the thread that started it,
-/// and at the latest when this is destroyed, its group with it. Functions may be called from one thread.
+/// A running program in a process group of its own, with both output streams in one pipe. The kernel kills the program
+/// when the thread that started it ends. The destructor kills its whole process group. One thread at a time.
 class Process {
  public:
-  /// `command[0]` is a path. A command that cannot be run ends with 127.
+  /// `command[0]` is a path. If the command cannot be run, the exit status is 127.
   explicit Process(std::vector<std::string> command);
   ~Process();
   Process(const Process&) = delete;
   Process& operator=(const Process&) = delete;
 
-  /// What it has printed so far.
+  /// Output so far.
   [[nodiscard]] std::string output() const;
-  /// Waits until a line matches (ECMAScript, anywhere in it). False when it ends or `limit` passes without one.
+  /// Waits for a line of output with a match of `pattern` (ECMAScript, anywhere in the line). False if the program ends
+  /// or `limit` passes first.
   [[nodiscard]] bool wait_for_line(const std::string& pattern, std::chrono::milliseconds limit = kWatchdog) const;
-  /// To the process alone. Nothing once it has ended.
+  /// Sends a signal to the program, not to its group. Does nothing once the program has ended.
   void signal(int number);
-  /// Exit status, or 128 and the signal that killed it; none when it runs on for `limit`. Its output is complete then.
+  /// Waits for the end of the program. Returns the exit status, or 128 plus the signal that killed the program, or
+  /// nothing if the program still runs after `limit`. Once a status is returned, the output is complete.
   [[nodiscard]] std::optional<int> wait(std::chrono::milliseconds limit = kWatchdog);
   [[nodiscard]] bool running() const;
   [[nodiscard]] pid_t pid() const noexcept { return pid_; }
-  /// Nothing of its process group is alive. Asked after it has ended.
+  /// True if no process of the program's group exists. Call it after the program has ended.
   [[nodiscard]] bool left_nothing_running() const;
 
  private:
-  void watch(int pipe);
+  void read_until_end(int pipe);
 
   pid_t pid_ = 0;
   mutable std::mutex mutex_;
-  mutable std::condition_variable news_;
+  mutable std::condition_variable changed_;  // output or status
   std::string output_;
   std::optional<int> status_;
-  std::thread watcher_;
+  std::thread reader_;
 };
 
 }  // namespace tactus::e2e

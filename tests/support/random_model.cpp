@@ -18,7 +18,7 @@ using spm::RecordPart;
 
 struct Face {
   std::array<std::uint32_t, 3> corners;
-  std::uint32_t writer = kNone;  // record that wrote it last; kNone: the base mesh
+  std::uint32_t writer = kNone;  // last record that added or changed the face; kNone: the base mesh
 };
 
 class Maker {
@@ -27,13 +27,13 @@ class Maker {
     parts_.resize(records);
     needs_.resize(records);
     model_.positions = {{1, 0, 0}, {-1, 0, 0}, {0, 1, 0}, {0, -1, 0}, {0, 0, 1}, {0, 0, -1}};
-    around_.resize(6);
+    faces_of_vertex_.resize(6);
     for (std::uint32_t i = 0; i < 8; ++i) add_face({i & 1u, 2 + (i >> 1 & 1u), 4 + (i >> 2)}, kNone);
     for (std::uint32_t r = 0; r < records; ++r) split(r);
   }
 
   spm::OwnedModel finish(std::uint64_t seed, std::uint32_t cells) {
-    mark_last();
+    mark_finest();
     spm::ModelSummary& s = model_.summary;
     s.digest = seed * 0x9e3779b97f4a7c15ull + records_;
     s.base_vertices = 6;
@@ -46,24 +46,25 @@ class Maker {
     for (std::uint32_t f = 0; f < 8; ++f) {
       const auto& [a, b, c] = base_corners_[f];
       model_.base_faces.push_back(
-          {spm::FaceId{f}, base_last_[f], {spm::VertexId{a}, spm::VertexId{b}, spm::VertexId{c}}});
+          {spm::FaceId{f}, base_finest_[f], {spm::VertexId{a}, spm::VertexId{b}, spm::VertexId{c}}});
     }
-    for (const std::uint32_t level : level_) s.max_level = std::max(s.max_level, level);
+    for (const std::uint32_t level : levels_) s.max_level = std::max(s.max_level, level);
     model_.parts = parts_;
     s.parts = static_cast<std::uint32_t>(parts_.size());
-    bound();
+    set_bounds();
     make_regions(cells);
     return std::move(model_);
   }
 
  private:
-  std::uint32_t below(std::size_t n) { return static_cast<std::uint32_t>(random_() % n); }
+  /// A random number in [0, n).
+  std::uint32_t random_below(std::size_t n) { return static_cast<std::uint32_t>(random_() % n); }
 
   std::uint32_t add_face(std::array<std::uint32_t, 3> corners, std::uint32_t writer) {
     const auto f = static_cast<std::uint32_t>(faces_.size());
     faces_.push_back({corners, writer});
     if (writer == kNone) base_corners_.push_back(corners);
-    for (const std::uint32_t v : corners) around_[v].push_back(f);
+    for (const std::uint32_t v : corners) faces_of_vertex_[v].push_back(f);
     return f;
   }
 
@@ -71,20 +72,21 @@ class Maker {
     if (v >= 6) needs_[record].insert(v - 6);
   }
 
+  /// Splits a random vertex t into t and u, deforms some faces of t, and adds faces with u, t and a random vertex x.
   void split(std::uint32_t record) {
     const std::uint32_t u = 6 + record;
-    const std::uint32_t t = below(u);
+    const std::uint32_t t = random_below(u);
     std::array<float, 3> position = model_.positions[t];
     for (float& c : position) c += std::uniform_real_distribution<float>{-0.2f, 0.2f}(random_);
     model_.positions.push_back(position);
-    around_.emplace_back();
+    faces_of_vertex_.emplace_back();
     need_vertex(record, t);
 
     std::vector<DeformedRef> deformed;
-    std::vector<std::uint32_t> kept;
-    for (const std::uint32_t f : around_[t]) {
-      if (below(2) == 0) {
-        kept.push_back(f);
+    std::vector<std::uint32_t> unchanged;
+    for (const std::uint32_t f : faces_of_vertex_[t]) {
+      if (random_below(2) == 0) {
+        unchanged.push_back(f);
         continue;
       }
       Face& face = faces_[f];
@@ -95,16 +97,16 @@ class Maker {
       deformed.push_back(DeformedRef::make(spm::FaceId{f}, corner, false));
       face.corners[corner] = u;
       face.writer = record;
-      around_[u].push_back(f);
+      faces_of_vertex_[u].push_back(f);
     }
-    around_[t] = kept;
+    faces_of_vertex_[t] = unchanged;
 
     std::vector<std::pair<BornRef, std::uint32_t>> born;
-    const std::uint32_t count = below(20) == 0 ? 5 : 1 + below(2);
+    const std::uint32_t count = random_below(20) == 0 ? 5 : 1 + random_below(2);
     for (std::uint32_t i = 0; i < count; ++i) {
-      std::uint32_t x = below(u);
+      std::uint32_t x = random_below(u);
       if (x == t) x = (t + 1) % u;
-      const std::uint32_t order = below(6);
+      const std::uint32_t order = random_below(6);
       need_vertex(record, x);
       const std::uint32_t face = add_face(spm::born_face(order, u, t, x), record);
       born.emplace_back(BornRef::make(spm::FaceId{face}, order, false), x);
@@ -112,10 +114,11 @@ class Maker {
     store(record, t, born, deformed);
   }
 
+  /// Stores the record in as many parts as its faces need.
   void store(std::uint32_t record, std::uint32_t t, const std::vector<std::pair<BornRef, std::uint32_t>>& born,
              const std::vector<DeformedRef>& deformed) {
-    level_.push_back(1);
-    for (const std::uint32_t need : needs_[record]) level_[record] = std::max(level_[record], level_[need] + 1);
+    levels_.push_back(1);
+    for (const std::uint32_t need : needs_[record]) levels_[record] = std::max(levels_[record], levels_[need] + 1);
     std::uint32_t at = record;
     std::size_t b = 0;
     std::size_t d = 0;
@@ -130,17 +133,18 @@ class Maker {
       for (; d < deformed.size() && part.deformed_count < spm::kDeformedPerPart; ++d, ++part.deformed_count) {
         part.deformed[part.deformed_count] = deformed[d];
       }
-      const bool more = b < born.size() || d < deformed.size();
-      if (more) part.next = spm::PartIndex{static_cast<std::uint32_t>(parts_.size())};
+      const bool needs_part = b < born.size() || d < deformed.size();
+      if (needs_part) part.next = spm::PartIndex{static_cast<std::uint32_t>(parts_.size())};
       parts_[at] = part;
-      if (!more) return;
+      if (!needs_part) return;
       at = index(part.next);
       parts_.emplace_back();
     }
   }
 
-  void mark_last() {
-    for (std::uint32_t f = 0; f < 8; ++f) base_last_.push_back(faces_[f].writer == kNone ? 1 : 0);
+  /// Marks the finest version of each face: the one that its last record writes.
+  void mark_finest() {
+    for (std::uint32_t f = 0; f < 8; ++f) base_finest_.push_back(faces_[f].writer == kNone ? 1 : 0);
     for (std::uint32_t r = 0; r < records_; ++r) {
       for (std::uint32_t at = r; at != kNone; at = index(parts_[at].next)) {
         RecordPart& part = parts_[at];
@@ -153,14 +157,15 @@ class Maker {
     }
   }
 
-  /// By the definition: for each vertex, down to all that collapse into it. Children have larger ids.
+  /// Computes the radius of each vertex by its definition, the largest distance to a vertex that collapses onto it.
+  /// Such vertices have larger ids, so the loop runs downwards.
   void measure_radii() {
     const std::size_t vertices = model_.positions.size();
-    std::vector<std::vector<std::uint32_t>> below_it(vertices);
+    std::vector<std::vector<std::uint32_t>> descendants(vertices);
     std::uint16_t max = 0;
     for (std::size_t v = vertices; v-- > 0;) {
       double distance = 0;
-      for (const std::uint32_t w : below_it[v]) {
+      for (const std::uint32_t w : descendants[v]) {
         const auto &p = model_.positions[v], &q = model_.positions[w];
         distance = std::max(distance, std::hypot(double{p[0]} - q[0], double{p[1]} - q[1], double{p[2]} - q[2]));
       }
@@ -172,14 +177,14 @@ class Maker {
       }
       for (std::uint32_t at = static_cast<std::uint32_t>(v) - 6; at != kNone; at = index(parts_[at].next))
         parts_[at].radius = code;
-      std::vector<std::uint32_t>& above = below_it[index(parts_[v - 6].parent)];
-      above.push_back(static_cast<std::uint32_t>(v));
-      above.insert(above.end(), below_it[v].begin(), below_it[v].end());
+      std::vector<std::uint32_t>& of_parent = descendants[index(parts_[v - 6].parent)];
+      of_parent.push_back(static_cast<std::uint32_t>(v));
+      of_parent.insert(of_parent.end(), descendants[v].begin(), descendants[v].end());
     }
     model_.summary.deviation = spm::radius_of(max);
   }
 
-  void bound() {
+  void set_bounds() {
     spm::ModelSummary& s = model_.summary;
     s.bounds_min = s.bounds_max = model_.positions[0];
     for (const auto& p : model_.positions) {
@@ -190,9 +195,10 @@ class Maker {
     }
   }
 
-  void close(std::uint32_t record, std::set<std::uint32_t>& list) const {
+  /// Adds a record, and all records that it depends on, to a closed list.
+  void add_dependencies(std::uint32_t record, std::set<std::uint32_t>& list) const {
     if (!list.insert(record).second) return;
-    for (const std::uint32_t need : needs_[record]) close(need, list);
+    for (const std::uint32_t need : needs_[record]) add_dependencies(need, list);
   }
 
   void make_regions(std::uint32_t cells) {
@@ -215,7 +221,7 @@ class Maker {
     for (const auto& [cell, faces] : faces_of_cell) {
       std::set<std::uint32_t> list;
       for (const std::uint32_t f : faces) {
-        if (faces_[f].writer != kNone) close(faces_[f].writer, list);
+        if (faces_[f].writer != kNone) add_dependencies(faces_[f].writer, list);
       }
       add_region(cell, list, static_cast<std::uint32_t>(faces.size()));
     }
@@ -249,11 +255,11 @@ class Maker {
   spm::OwnedModel model_;
   std::vector<RecordPart> parts_;
   std::vector<std::set<std::uint32_t>> needs_;  // by record
-  std::vector<std::uint32_t> level_;            // by record
+  std::vector<std::uint32_t> levels_;           // by record
   std::vector<Face> faces_;
-  std::vector<std::vector<std::uint32_t>> around_;  // faces by vertex
+  std::vector<std::vector<std::uint32_t>> faces_of_vertex_;  // faces by vertex
   std::vector<std::array<std::uint32_t, 3>> base_corners_;
-  std::vector<std::uint32_t> base_last_;
+  std::vector<std::uint32_t> base_finest_;
 };
 
 }  // namespace

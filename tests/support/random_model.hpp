@@ -1,7 +1,8 @@
-/// A random model that passes spm::violations, made by splitting at random instead of simplifying.
+/// Makes a random model that passes spm::violations, by random vertex splits instead of simplification.
 ///
-/// Its surface makes no geometric sense, but its records, closures and regions have the form of real ones, chains of
-/// several parts included. For tests of what carries a model, not of what refines it. Same seed, same model.
+/// The surface of the model makes no geometric sense. Its records, closed lists and regions have the structure of those
+/// of real models, and some records have several parts. Use it to test code that encodes, stores or sends models, not
+/// code that refines them. Equal arguments give equal models.
 #pragma once
 
 #include <cstdint>
@@ -10,7 +11,8 @@
 
 namespace tactus::test_support {
 
-/// `records` splits of an octahedron, cells of an even grid of `cells` per axis over it.
+/// Returns a model of `records` vertex splits of an octahedron, with regions of cubic cells. `cells`: number of cells
+/// along the longest axis of the bounds.
 [[nodiscard]] spm::OwnedModel random_model(std::uint64_t seed, std::uint32_t records, std::uint32_t cells);
 
 }  // namespace tactus::test_support

@@ -37,51 +37,52 @@ ReferenceMesh::ReferenceMesh(const spm::Model& model)
   std::vector<std::array<std::uint32_t, 3>> corners = corners_;
   for (std::uint32_t r = 0; r < model.summary.records; ++r) {
     const std::uint32_t u = model.summary.base_vertices + r;
-    std::vector<Write>& writes = writes_.emplace_back();
+    std::vector<FaceChange>& changes = changes_.emplace_back();
     for (spm::PartIndex p{r}; p != spm::kNone; p = model.parts[p].next) {
       const spm::RecordPart& part = model.parts[p];
       for (std::size_t i = 0; i < part.born_count; ++i) {
-        // u at corner order / 2; t after it when the order is even, before it when odd; x where neither is.
+        // The new vertex u is at corner order / 2. The parent is at the corner after u if the order is even, and at the
+        // corner before u if it is odd. Vertex x is at the remaining corner.
         const spm::BornRef born = part.born[i];
         const std::uint32_t x = index(part.born_x[i]), face = index(born.face());
         std::array<std::uint32_t, 3> after{x, x, x};
         after[born.order() / 2] = u;
         after[(born.order() / 2 + (born.order() % 2 == 0 ? 1 : 2)) % 3] = index(part.parent);
-        writes.push_back({face, corners[face], after, born.last()});
+        changes.push_back({face, corners[face], after, born.last()});
       }
       for (std::size_t i = 0; i < part.deformed_count; ++i) {
         const spm::DeformedRef deformed = part.deformed[i];
         const std::uint32_t face = index(deformed.face());
         std::array<std::uint32_t, 3> after = corners[face];
         after[deformed.corner()] = u;
-        writes.push_back({face, corners[face], after, deformed.last()});
+        changes.push_back({face, corners[face], after, deformed.last()});
       }
     }
-    for (const Write& write : writes) corners[write.face] = write.after;
+    for (const FaceChange& change : changes) corners[change.face] = change.after;
   }
 }
 
 bool ReferenceMesh::apply(std::uint32_t record) {
   const std::uint32_t u = model_.summary.base_vertices + record;
   if (active_[u]) return false;
-  for (const Write& write : writes_[record]) {
-    if (corners_[write.face] != write.before || shown_[write.face] != (write.before != kNoCorners)) return false;
-    for (const std::uint32_t v : write.after) {
+  for (const FaceChange& change : changes_[record]) {
+    if (corners_[change.face] != change.before || shown_[change.face] != (change.before != kNoCorners)) return false;
+    for (const std::uint32_t v : change.after) {
       if (v != u && !active_[v]) return false;
     }
   }
-  for (const Write& write : writes_[record]) {
-    shown_[write.face] = true;
-    finest_[write.face] = write.last;
-    corners_[write.face] = write.after;
+  for (const FaceChange& change : changes_[record]) {
+    shown_[change.face] = true;
+    finest_[change.face] = change.becomes_finest;
+    corners_[change.face] = change.after;
   }
   active_[u] = true;
   return true;
 }
 
 bool ReferenceMesh::apply_region(std::uint32_t region) {
-  for (const spm::Interval& run : model_.intervals_of(spm::RegionId{region})) {
-    for (std::uint32_t r = run.first; r < run.first + run.count; ++r) {
+  for (const spm::Interval& interval : model_.intervals_of(spm::RegionId{region})) {
+    for (std::uint32_t r = interval.first; r < interval.first + interval.count; ++r) {
       if (!applied(r) && !apply(r)) return false;
     }
   }
@@ -92,7 +93,7 @@ std::vector<std::string> ReferenceMesh::defects(const std::vector<std::array<std
                                                 bool manifold) const {
   std::vector<std::string> found;
   std::set<std::array<std::uint32_t, 3>> seen, seen_finest;
-  std::map<std::pair<std::uint32_t, std::uint32_t>, int> uses;
+  std::map<std::pair<std::uint32_t, std::uint32_t>, int> faces_of_edge;
   for (std::uint32_t f = 0; f < shown_.size(); ++f) {
     if (!shown_[f]) continue;
     const std::string name = "face " + std::to_string(f);
@@ -100,19 +101,19 @@ std::vector<std::string> ReferenceMesh::defects(const std::vector<std::array<std
     for (std::size_t k = 0; k < 3; ++k) {
       if (!active_[c[k]]) found.push_back(name + ": corner " + std::to_string(c[k]) + " is not active");
       if (c[k] == c[(k + 1) % 3]) found.push_back(name + ": has a corner twice");
-      ++uses[std::minmax(c[k], c[(k + 1) % 3])];
+      ++faces_of_edge[std::minmax(c[k], c[(k + 1) % 3])];
     }
-    // Two faces on the same three vertices are allowed where the finest mesh has them, as in a two-sided sheet.
+    // Two faces may have the same three vertices if they have the same ones in the finest mesh too (a two-sided sheet).
     std::array<std::uint32_t, 3> set = c, finest_set = finest[f];
     std::sort(set.begin(), set.end());
     std::sort(finest_set.begin(), finest_set.end());
-    const bool name_conflict = !seen_finest.insert(finest_set).second;
-    if (!seen.insert(set).second && !name_conflict) found.push_back(name + ": is there twice");
+    const bool repeats_in_finest = !seen_finest.insert(finest_set).second;
+    if (!seen.insert(set).second && !repeats_in_finest) found.push_back(name + ": has the vertices of another face");
     if (normal(model_.positions, c).dot(normal(model_.positions, finest[f])) <= 0) {
       found.push_back(name + ": is turned over");
     }
   }
-  for (const auto& [edge, count] : uses) {
+  for (const auto& [edge, count] : faces_of_edge) {
     if (manifold && count > 2) {
       found.push_back("edge " + std::to_string(edge.first) + " " + std::to_string(edge.second) + ": has " +
                       std::to_string(count) + " faces");

@@ -1,5 +1,7 @@
-/// Applies a set of records to whole arrays by id and checks every precondition. An oracle for the builder and for the
-/// run time, so it does not use spm::for_each_change.
+/// Applies records to a mesh that is stored by vertex and face id, and checks every precondition.
+///
+/// Tests compare the model builder and the forest with this mesh. So that an error in their shared code does not occur
+/// in both, it does not use spm::for_each_change.
 #pragma once
 
 #include <array>
@@ -14,23 +16,24 @@ namespace tactus::test_support {
 
 class ReferenceMesh {
  public:
-  /// Starts as the base mesh. Borrows what the model borrows.
+  /// Starts as the base mesh. The arrays of `model` must outlive the mesh.
   explicit ReferenceMesh(const spm::Model& model);
 
-  /// Splits; false, with nothing changed, when a vertex or face version that the record needs is not there. Which
-  /// versions these are is what it meets when all records are applied in ascending order.
+  /// Applies the vertex split of `record`. False, without a change, if the record is already applied, or if a vertex or
+  /// a version of a face that it needs is missing. A record needs the versions of its faces that exist just before it
+  /// when all records are applied in ascending order.
   [[nodiscard]] bool apply(std::uint32_t record);
   [[nodiscard]] bool applied(std::uint32_t record) const { return active_[model_.summary.base_vertices + record]; }
-  /// Splits all records of a region that are not applied yet, in ascending order.
+  /// Applies all records of a region that are not applied yet, in ascending order. False if one of them fails.
   [[nodiscard]] bool apply_region(std::uint32_t region);
 
   [[nodiscard]] bool shown(std::uint32_t face) const { return shown_[face]; }
   [[nodiscard]] bool finest(std::uint32_t face) const { return shown_[face] && finest_[face]; }
   [[nodiscard]] const std::array<std::uint32_t, 3>& corners(std::uint32_t face) const { return corners_[face]; }
 
-  /// What is wrong with the mesh as it stands, in words: a shown face on a vertex that is not active, with a corner
-  /// twice, or there twice; with `manifold`, an edge with more than two faces; against `finest`, a face turned by more
-  /// than a right angle.
+  /// Describes each defect of the present mesh: a shown face with an inactive vertex or with one vertex at two corners,
+  /// two shown faces with the same vertices, and a face whose normal is 90 degrees or more from its normal in `finest`.
+  /// If `manifold`, also an edge with more than two faces.
   [[nodiscard]] std::vector<std::string> defects(const std::vector<std::array<std::uint32_t, 3>>& finest,
                                                  bool manifold) const;
 
@@ -39,21 +42,22 @@ class ReferenceMesh {
   }
 
  private:
-  struct Write {
+  /// The change of one face by a record.
+  struct FaceChange {
     std::uint32_t face;
-    std::array<std::uint32_t, 3> before, after;  ///< `before` is no corners for a face that is born
-    bool last;
+    std::array<std::uint32_t, 3> before, after;  ///< corners; `before` of a born face: kNoCorners
+    bool becomes_finest;
   };
 
   spm::Model model_;
-  std::vector<std::vector<Write>> writes_;  // by record
+  std::vector<std::vector<FaceChange>> changes_;  // by record
   std::vector<bool> active_, shown_, finest_;
   std::vector<std::array<std::uint32_t, 3>> corners_;
 };
 
-/// Oriented triangles as bits of their positions, each from its smallest corner, sorted: equal when two meshes have the
-/// same faces, however numbered.
+/// The bits of the positions of an oriented triangle's corners, beginning with the smallest corner.
 using FaceBits = std::array<std::array<std::uint32_t, 3>, 3>;
+/// Returns all faces in ascending order. Two meshes with the same faces give equal results, whatever the numbering.
 [[nodiscard]] std::vector<FaceBits> sorted_faces(std::span<const std::array<float, 3>> positions,
                                                  const std::vector<std::array<std::uint32_t, 3>>& faces);
 

@@ -1,4 +1,4 @@
-/// Any triangles under an AB-tree, without a model, records or regions: for tests of queries.
+/// Puts the triangles of a mesh under an AB-tree, without model, records or regions, for tests of queries.
 #pragma once
 
 #include <algorithm>
@@ -12,7 +12,8 @@
 
 namespace tactus::test_support {
 
-/// Faces of a mesh in a tree of their own; at first all are shown. Every second one passes for a coarse version.
+/// The faces of one mesh with an AB-tree. At first all faces are shown. Those with odd numbers count as finest faces,
+/// the others as coarse versions.
 class ShownMesh {
  public:
   explicit ShownMesh(const spm::offline::TriangleMesh& mesh)
@@ -31,14 +32,14 @@ class ShownMesh {
     show([](std::uint32_t) { return true; });
   }
 
-  /// Shows just the faces of which `wanted(FaceId as a number)` is true.
-  template <class Wanted>
-  void show(const Wanted& wanted) {
+  /// Shows exactly the faces for whose number `is_shown(number)` is true.
+  template <class IsShown>
+  void show(const IsShown& is_shown) {
     for (std::uint32_t f = 0; f < faces_; ++f) {
       const spm::RowIndex row{f};
-      const bool shown = pool_.faces[row].node != spm::kNone;
-      if (wanted(f) && !shown) tree_.insert(row);
-      if (!wanted(f) && shown) tree_.remove(row);
+      const bool was_shown = pool_.faces[row].node != spm::kNone;
+      if (is_shown(f) && !was_shown) tree_.insert(row);
+      if (!is_shown(f) && was_shown) tree_.remove(row);
     }
     tree_.refit();
   }

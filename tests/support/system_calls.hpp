@@ -1,7 +1,7 @@
-/// Which system calls a thread makes: a seccomp filter that lets through the ones it is allowed and records the others.
+/// Restricts a thread to one system call by a seccomp filter, and counts the other system calls that it tries.
 ///
-/// A recorded call is not made; it fails with ENOSYS. The filter stays for the rest of the thread's life, so a thread
-/// may always end (rt_sigprocmask, madvise, munmap, exit). x86-64 Linux. Source: seccomp(2), SECCOMP_RET_TRAP.
+/// A call that is not allowed fails with ENOSYS. The filter stays until the thread ends, so the calls by which a thread
+/// ends are always allowed (rt_sigprocmask, madvise, munmap, exit). x86-64 Linux. Source: seccomp(2), SECCOMP_RET_TRAP.
 #pragma once
 
 #include <linux/audit.h>
@@ -22,7 +22,7 @@
 
 namespace tactus::test_support {
 
-/// A sanitizer's runtime makes system calls of its own.
+/// True in builds with a sanitizer, whose runtime makes system calls of its own.
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
 inline constexpr bool kSanitized = true;
 #else
@@ -31,8 +31,8 @@ inline constexpr bool kSanitized = false;
 
 class SystemCalls {
  public:
-  /// The calling thread may call `allowed` from now on. Once per thread. Throws std::system_error where the kernel
-  /// refuses the filter.
+  /// From now on the calling thread may only make the system call with number `allowed`. Call it once per thread.
+  /// Throws std::system_error if the kernel refuses the filter.
   static void allow_only(std::uint32_t allowed) {
     struct sigaction action {};
     action.sa_sigaction = on_call;
@@ -55,7 +55,7 @@ class SystemCalls {
     if (prctl(PR_SET_SECCOMP, SECCOMP_MODE_FILTER, &program) != 0) fail("prctl seccomp");
   }
 
-  /// How often each other call was tried, by number, in all filtered threads since the last `clear`.
+  /// Number of attempts of each call that is not allowed, by call number, in all filtered threads since `clear`.
   [[nodiscard]] static std::map<long, std::uint64_t> tried() {
     std::map<long, std::uint64_t> calls;
     for (std::size_t number = 0; number < counts_.size(); ++number)

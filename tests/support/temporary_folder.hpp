@@ -1,4 +1,4 @@
-/// A folder that is gone when the test is.
+/// Makes a folder for a test, and removes it with its content at the end of the test.
 #pragma once
 
 #include <unistd.h>

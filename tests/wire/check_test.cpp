@@ -62,185 +62,185 @@ ses::BulkChunk chunk() {
   return b;
 }
 
-/// Makes a valid sample invalid by `spoil`; the fault must name `field`.
+/// Makes a valid sample invalid by `spoil`; the message must name `field`.
 template <class Sample, class Spoil>
-void expect_fault(Sample sample, const char* field, Spoil&& spoil) {
-  ASSERT_THAT(fault(sample), IsNull());
+void expect_invalid(Sample sample, const char* field, Spoil&& spoil) {
+  ASSERT_THAT(invalid_field(sample), IsNull());
   spoil(sample);
-  const char* reason = fault(sample);
+  const char* reason = invalid_field(sample);
   ASSERT_NE(reason, nullptr) << field;
   EXPECT_THAT(reason, HasSubstr(field));
 }
 
 TEST(Check, NamesTheWrongFieldOfARosterEntry) {
-  expect_fault(roster(), "role", [](auto& r) { r.role = static_cast<ses::Role>(4); });
-  expect_fault(roster(), "name", [](auto& r) { r.name.clear(); });
-  expect_fault(roster(), "name", [](auto& r) { r.name = "q"; });
-  expect_fault(roster(), "session", [](auto& r) { r.session = "t"; });
-  expect_fault(roster(), "requested_hrtc", [](auto& r) { r.requested_hrtc.assign(64, 'c'); });
-  expect_fault(roster(), "requested_hrtc", [](auto& r) { r.requested_hrtc = std::string("a\0b", 3); });
-  expect_fault(roster(), "users", [](auto& r) { r.users.assign(65, "u"); });
-  expect_fault(roster(), "users", [](auto& r) { r.users = {""}; });
-  expect_fault(roster(), "slots", [](auto& r) { r.slots.assign(65, {"u", 0}); });
-  expect_fault(roster(), "slots.slot", [](auto& r) { r.slots = {{"u", 64}}; });
-  expect_fault(roster(), "stops", [](auto& r) { r.stops.assign(33, {1, 2, 3, 4, 5}); });
-  expect_fault(roster(), "session_time_ns", [](auto& r) { r.session_time_ns = -1; });
-  expect_fault(roster(), "session_time_ns", [](auto& r) { r.session_time_ns = INT64_MAX; });
-  expect_fault(roster(), "joined_ns", [](auto& r) { r.joined_ns = ses::kNotJoined - 1; });
+  expect_invalid(roster(), "role", [](auto& r) { r.role = static_cast<ses::Role>(4); });
+  expect_invalid(roster(), "name", [](auto& r) { r.name.clear(); });
+  expect_invalid(roster(), "name", [](auto& r) { r.name = "q"; });
+  expect_invalid(roster(), "session", [](auto& r) { r.session = "t"; });
+  expect_invalid(roster(), "requested_hrtc", [](auto& r) { r.requested_hrtc.assign(64, 'c'); });
+  expect_invalid(roster(), "requested_hrtc", [](auto& r) { r.requested_hrtc = std::string("a\0b", 3); });
+  expect_invalid(roster(), "users", [](auto& r) { r.users.assign(65, "u"); });
+  expect_invalid(roster(), "users", [](auto& r) { r.users = {""}; });
+  expect_invalid(roster(), "slots", [](auto& r) { r.slots.assign(65, {"u", 0}); });
+  expect_invalid(roster(), "slots.slot", [](auto& r) { r.slots = {{"u", 64}}; });
+  expect_invalid(roster(), "stops", [](auto& r) { r.stops.assign(33, {1, 2, 3, 4, 5}); });
+  expect_invalid(roster(), "session_time_ns", [](auto& r) { r.session_time_ns = -1; });
+  expect_invalid(roster(), "session_time_ns", [](auto& r) { r.session_time_ns = INT64_MAX; });
+  expect_invalid(roster(), "joined_ns", [](auto& r) { r.joined_ns = ses::kNotJoined - 1; });
 }
 
 TEST(Check, LeavesTheProtocolVersionToTheSession) {
   auto r = roster();
   r.protocol = ses::kProtocolVersion + 1;
-  EXPECT_THAT(fault(r), IsNull());
+  EXPECT_THAT(invalid_field(r), IsNull());
 }
 
 TEST(Check, NamesTheWrongFieldOfACatalogueEntry) {
-  expect_fault(catalogue(), "object", [](auto& c) { c.object_id = 1; });
-  expect_fault(catalogue(), "host", [](auto& c) { c.origin.participant = 1; });
-  expect_fault(catalogue(), "scale", [](auto& c) { c.scale = 0; });
-  expect_fault(catalogue(), "scale", [](auto& c) { c.scale = kInf; });
-  expect_fault(catalogue(), "orientation", [](auto& c) { c.pose.orientation = {0, 0, 0, 1.01}; });
-  expect_fault(catalogue(), "orientation", [](auto& c) { c.pose.orientation[0] = kNan; });
-  expect_fault(catalogue(), "position", [](auto& c) { c.pose.position[0] = kInf; });
-  expect_fault(catalogue(), "records", [](auto& c) { c.summary.records = 5; });
-  expect_fault(catalogue(), "records", [](auto& c) { c.summary.base_vertices = 9; });
-  expect_fault(catalogue(), "faces", [](auto& c) { c.summary.base_faces = 13; });
-  expect_fault(catalogue(), "parts", [](auto& c) { c.summary.parts = 3; });
-  expect_fault(catalogue(), "bounds", [](auto& c) { c.summary.bounds_min[1] = 1; });
-  expect_fault(catalogue(), "cell_size", [](auto& c) { c.summary.grid.cell_size = -1; });
-  expect_fault(catalogue(), "metres_per_unit", [](auto& c) { c.summary.metres_per_unit = kNan; });
-  expect_fault(catalogue(), "surface.points", [](auto& c) { c.surface.points.resize(33); });
-  expect_fault(catalogue(), "surface.points.position", [](auto& c) {
+  expect_invalid(catalogue(), "object", [](auto& c) { c.object_id = 1; });
+  expect_invalid(catalogue(), "host", [](auto& c) { c.origin.participant = 1; });
+  expect_invalid(catalogue(), "scale", [](auto& c) { c.scale = 0; });
+  expect_invalid(catalogue(), "scale", [](auto& c) { c.scale = kInf; });
+  expect_invalid(catalogue(), "orientation", [](auto& c) { c.pose.orientation = {0, 0, 0, 1.01}; });
+  expect_invalid(catalogue(), "orientation", [](auto& c) { c.pose.orientation[0] = kNan; });
+  expect_invalid(catalogue(), "position", [](auto& c) { c.pose.position[0] = kInf; });
+  expect_invalid(catalogue(), "records", [](auto& c) { c.summary.records = 5; });
+  expect_invalid(catalogue(), "records", [](auto& c) { c.summary.base_vertices = 9; });
+  expect_invalid(catalogue(), "faces", [](auto& c) { c.summary.base_faces = 13; });
+  expect_invalid(catalogue(), "parts", [](auto& c) { c.summary.parts = 3; });
+  expect_invalid(catalogue(), "bounds", [](auto& c) { c.summary.bounds_min[1] = 1; });
+  expect_invalid(catalogue(), "cell_size", [](auto& c) { c.summary.grid.cell_size = -1; });
+  expect_invalid(catalogue(), "metres_per_unit", [](auto& c) { c.summary.metres_per_unit = kNan; });
+  expect_invalid(catalogue(), "surface.points", [](auto& c) { c.surface.points.resize(33); });
+  expect_invalid(catalogue(), "surface.points.position", [](auto& c) {
     c.surface.points.resize(1);
     c.surface.points[0].position[2] = std::numeric_limits<float>::quiet_NaN();
   });
-  expect_fault(catalogue(), "surface.points.normal", [](auto& c) {
+  expect_invalid(catalogue(), "surface.points.normal", [](auto& c) {
     c.surface.points.resize(2);
     c.surface.points[1].normal[0] = std::numeric_limits<float>::infinity();
   });
-  expect_fault(catalogue(), "surface.spacing", [](auto& c) { c.surface.spacing = -1; });
-  expect_fault(catalogue(), "stiffness", [](auto& c) { c.material.stiffness = -1; });
-  expect_fault(catalogue(), "dynamic_friction", [](auto& c) { c.material.dynamic_friction = 0.1; });
+  expect_invalid(catalogue(), "surface.spacing", [](auto& c) { c.surface.spacing = -1; });
+  expect_invalid(catalogue(), "stiffness", [](auto& c) { c.material.stiffness = -1; });
+  expect_invalid(catalogue(), "dynamic_friction", [](auto& c) { c.material.dynamic_friction = 0.1; });
 }
 
 TEST(Check, ChecksOnlyTheNamesOfAWithdrawnObject) {
   auto c = catalogue();
   c.withdrawn = true;
   c.scale = 0;
-  EXPECT_THAT(fault(c), IsNull());
+  EXPECT_THAT(invalid_field(c), IsNull());
   c.object = "x";
-  EXPECT_NE(fault(c), nullptr);
+  EXPECT_NE(invalid_field(c), nullptr);
 }
 
 TEST(Check, NamesTheWrongFieldOfADemand) {
-  expect_fault(ses::Demand{}, "have", [](auto& d) { d.have = {{0, 0}}; });
-  expect_fault(ses::Demand{}, "have", [](auto& d) { d.have = {{5, 2}, {6, 1}}; });
-  expect_fault(ses::Demand{}, "have", [](auto& d) { d.have = {{0xfffffff0u, 0x20}}; });
-  expect_fault(ses::Demand{}, "wanted", [](auto& d) { d.wanted.resize(257); });
-  expect_fault(ses::Demand{}, "gaps", [](auto& d) { d.gaps = {{5, 1}, {5, 1}}; });
-  expect_fault(ses::Demand{}, "gaps", [](auto& d) {
+  expect_invalid(ses::Demand{}, "have", [](auto& d) { d.have = {{0, 0}}; });
+  expect_invalid(ses::Demand{}, "have", [](auto& d) { d.have = {{5, 2}, {6, 1}}; });
+  expect_invalid(ses::Demand{}, "have", [](auto& d) { d.have = {{0xfffffff0u, 0x20}}; });
+  expect_invalid(ses::Demand{}, "wanted", [](auto& d) { d.wanted.resize(257); });
+  expect_invalid(ses::Demand{}, "gaps", [](auto& d) { d.gaps = {{5, 1}, {5, 1}}; });
+  expect_invalid(ses::Demand{}, "gaps", [](auto& d) {
     for (std::uint32_t i = 0; i < 129; ++i) d.gaps.push_back({2 * i, 1});
   });
-  expect_fault(ses::Demand{}, "have", [](auto& d) {
+  expect_invalid(ses::Demand{}, "have", [](auto& d) {
     for (std::uint32_t i = 0; i < 1025; ++i) d.have.push_back({2 * i, 1});
   });
 }
 
 TEST(Check, NamesTheWrongFieldOfABulkChunk) {
-  expect_fault(chunk(), "sequence", [](auto& b) { b.sequence = 0; });
-  expect_fault(chunk(), "pieces.part", [](auto& b) { b.pieces[0].part = 1; });
-  expect_fault(chunk(), "pieces.part", [](auto& b) { b.pieces[0].parts = 0; });
-  expect_fault(chunk(), "pieces", [](auto& b) { b.pieces[0].payload.resize(ses::kMaxPayload - 2); });
-  expect_fault(chunk(), "pieces.payload", [](auto& b) { b.pieces[0].payload.clear(); });
-  expect_fault(chunk(), "pieces.region", [](auto& b) { b.pieces.push_back({spm::kNone, 0, 1, 0, {1}}); });
+  expect_invalid(chunk(), "sequence", [](auto& b) { b.sequence = 0; });
+  expect_invalid(chunk(), "pieces.part", [](auto& b) { b.pieces[0].part = 1; });
+  expect_invalid(chunk(), "pieces.part", [](auto& b) { b.pieces[0].parts = 0; });
+  expect_invalid(chunk(), "pieces", [](auto& b) { b.pieces[0].payload.resize(ses::kMaxPayload - 2); });
+  expect_invalid(chunk(), "pieces.payload", [](auto& b) { b.pieces[0].payload.clear(); });
+  expect_invalid(chunk(), "pieces.region", [](auto& b) { b.pieces.push_back({spm::kNone, 0, 1, 0, {1}}); });
 }
 
 TEST(Check, NamesTheWrongFieldOfProbeSamples) {
   ses::Intent intent;
   intent.path = {{1, {}}, {2, {}}};
-  expect_fault(intent, "path", [](auto& i) { i.path.clear(); });
-  expect_fault(intent, "path", [](auto& i) { i.path.resize(17); });
-  expect_fault(intent, "path", [](auto& i) { i.path[1].session_time_ns = 1; });
-  expect_fault(intent, "position", [](auto& i) { i.path[0].pose.position[1] = kNan; });
-  expect_fault(intent, "orientation", [](auto& i) { i.path[1].pose.orientation = {0, 0, 0, 1.1}; });
-  expect_fault(ses::ProbeState{}, "orientation", [](auto& p) { p.device.orientation = {0, 0, 0, 0}; });
-  expect_fault(ses::ProbeState{}, "proxy", [](auto& p) { p.proxy[0] = kNan; });
-  expect_fault(ses::ProbeState{}, "velocity", [](auto& p) { p.velocity[1] = kInf; });
-  expect_fault(ses::ProbeState{}, "force", [](auto& p) { p.force[2] = -kInf; });
-  expect_fault(ses::ProbeState{}, "radius", [](auto& p) { p.radius = -1e-9; });
-  expect_fault(ses::ProbeState{}, "error_bound", [](auto& p) { p.error_bound = -1; });
-  expect_fault(ses::DevicePose{}, "position", [](auto& d) { d.pose.position[2] = kNan; });
-  expect_fault(ses::DevicePose{}, "velocity", [](auto& d) { d.velocity[0] = kNan; });
-  expect_fault(ses::DevicePose{}, "radius", [](auto& d) { d.radius = kNan; });
-  expect_fault(ses::DeviceCommand{}, "force", [](auto& d) { d.force[0] = kNan; });
-  expect_fault(ses::DeviceCommand{}, "torque", [](auto& d) { d.torque[0] = kNan; });
-  expect_fault(ses::DeviceCommand{}, "normal", [](auto& d) { d.normal[0] = kNan; });
-  expect_fault(ses::DeviceCommand{}, "error_bound", [](auto& d) { d.error_bound = -1; });
-  expect_fault(ses::ObjectPose{}, "velocity", [](auto& o) { o.velocity[0] = kNan; });
-  expect_fault(ses::ObjectPose{}, "angular_velocity", [](auto& o) { o.angular_velocity[0] = kNan; });
-  expect_fault(ses::ObjectPose{}, "orientation", [](auto& o) { o.pose.orientation[3] = -1.002; });
+  expect_invalid(intent, "path", [](auto& i) { i.path.clear(); });
+  expect_invalid(intent, "path", [](auto& i) { i.path.resize(17); });
+  expect_invalid(intent, "path", [](auto& i) { i.path[1].session_time_ns = 1; });
+  expect_invalid(intent, "position", [](auto& i) { i.path[0].pose.position[1] = kNan; });
+  expect_invalid(intent, "orientation", [](auto& i) { i.path[1].pose.orientation = {0, 0, 0, 1.1}; });
+  expect_invalid(ses::ProbeState{}, "orientation", [](auto& p) { p.device.orientation = {0, 0, 0, 0}; });
+  expect_invalid(ses::ProbeState{}, "proxy", [](auto& p) { p.proxy[0] = kNan; });
+  expect_invalid(ses::ProbeState{}, "velocity", [](auto& p) { p.velocity[1] = kInf; });
+  expect_invalid(ses::ProbeState{}, "force", [](auto& p) { p.force[2] = -kInf; });
+  expect_invalid(ses::ProbeState{}, "radius", [](auto& p) { p.radius = -1e-9; });
+  expect_invalid(ses::ProbeState{}, "error_bound", [](auto& p) { p.error_bound = -1; });
+  expect_invalid(ses::DevicePose{}, "position", [](auto& d) { d.pose.position[2] = kNan; });
+  expect_invalid(ses::DevicePose{}, "velocity", [](auto& d) { d.velocity[0] = kNan; });
+  expect_invalid(ses::DevicePose{}, "radius", [](auto& d) { d.radius = kNan; });
+  expect_invalid(ses::DeviceCommand{}, "force", [](auto& d) { d.force[0] = kNan; });
+  expect_invalid(ses::DeviceCommand{}, "torque", [](auto& d) { d.torque[0] = kNan; });
+  expect_invalid(ses::DeviceCommand{}, "normal", [](auto& d) { d.normal[0] = kNan; });
+  expect_invalid(ses::DeviceCommand{}, "error_bound", [](auto& d) { d.error_bound = -1; });
+  expect_invalid(ses::ObjectPose{}, "velocity", [](auto& o) { o.velocity[0] = kNan; });
+  expect_invalid(ses::ObjectPose{}, "angular_velocity", [](auto& o) { o.angular_velocity[0] = kNan; });
+  expect_invalid(ses::ObjectPose{}, "orientation", [](auto& o) { o.pose.orientation[3] = -1.002; });
 }
 
 TEST(Check, NamesTheWrongFieldOfSharedObjectSamples) {
-  expect_fault(body(), "body.mass", [](auto& c) { c.body.mass = -1; });
-  expect_fault(body(), "body.mass", [](auto& c) { c.body.mass = kNan; });
-  expect_fault(body(), "body.inertia", [](auto& c) { c.body.inertia[1] = 0; });
-  expect_fault(body(), "body.inertia", [](auto& c) { c.body.inertia[2] = 0.01; });
-  expect_fault(body(), "body.friction", [](auto& c) { c.body.friction = -0.1; });
-  expect_fault(body(), "body.ground", [](auto& c) { c.body.ground = kInf; });
-  expect_fault(ses::ObjectClaim{}, "one_way_ns", [](auto& c) { c.one_way_ns = -1; });
-  expect_fault(ses::ObjectGrant{}, "channel_delay_ns", [](auto& g) { g.channel_delay_ns = std::int64_t{1} << 50; });
-  expect_fault(ses::ObjectGrant{}, "touchers", [](auto& g) { g.touchers.resize(9); });
-  expect_fault(ses::ObjectGrant{}, "touchers", [](auto& g) { g.touchers = {{1, 2, 3}, {1, 3, 3}}; });
-  expect_fault(copy(), "session_time_ns", [](auto& c) { c.session_time_ns = -1; });
-  expect_fault(copy(), "channels", [](auto& c) { c.channels.resize(9); });
-  expect_fault(copy(), "copy_index", [](auto& c) { c.copy_index = 2; });
-  expect_fault(copy(), "orientation", [](auto& c) { c.body.orientation[3] = 0; });
-  expect_fault(copy(), "velocity", [](auto& c) { c.velocity[2] = kNan; });
-  expect_fault(copy(), "angular_velocity", [](auto& c) { c.angular_velocity[2] = kNan; });
-  expect_fault(copy(), "pressed", [](auto& c) { c.pressed[1] = kInf; });
-  expect_fault(copy(), "channels.wave", [](auto& c) { c.channels[0].wave[5] = kInf; });
-  expect_fault(copy(), "channels.wave", [](auto& c) { c.channels[1].wave[0] = -1e308; });
-  expect_fault(copy(), "channels.energy", [](auto& c) { c.channels[1].energy = 1e10; });
-  expect_fault(copy(), "channels.energy", [](auto& c) { c.channels[1].energy = -1e-9; });
+  expect_invalid(body(), "body.mass", [](auto& c) { c.body.mass = -1; });
+  expect_invalid(body(), "body.mass", [](auto& c) { c.body.mass = kNan; });
+  expect_invalid(body(), "body.inertia", [](auto& c) { c.body.inertia[1] = 0; });
+  expect_invalid(body(), "body.inertia", [](auto& c) { c.body.inertia[2] = 0.01; });
+  expect_invalid(body(), "body.friction", [](auto& c) { c.body.friction = -0.1; });
+  expect_invalid(body(), "body.ground", [](auto& c) { c.body.ground = kInf; });
+  expect_invalid(ses::ObjectClaim{}, "one_way_ns", [](auto& c) { c.one_way_ns = -1; });
+  expect_invalid(ses::ObjectGrant{}, "channel_delay_ns", [](auto& g) { g.channel_delay_ns = std::int64_t{1} << 50; });
+  expect_invalid(ses::ObjectGrant{}, "touchers", [](auto& g) { g.touchers.resize(9); });
+  expect_invalid(ses::ObjectGrant{}, "touchers", [](auto& g) { g.touchers = {{1, 2, 3}, {1, 3, 3}}; });
+  expect_invalid(copy(), "session_time_ns", [](auto& c) { c.session_time_ns = -1; });
+  expect_invalid(copy(), "channels", [](auto& c) { c.channels.resize(9); });
+  expect_invalid(copy(), "copy_index", [](auto& c) { c.copy_index = 2; });
+  expect_invalid(copy(), "orientation", [](auto& c) { c.body.orientation[3] = 0; });
+  expect_invalid(copy(), "velocity", [](auto& c) { c.velocity[2] = kNan; });
+  expect_invalid(copy(), "angular_velocity", [](auto& c) { c.angular_velocity[2] = kNan; });
+  expect_invalid(copy(), "pressed", [](auto& c) { c.pressed[1] = kInf; });
+  expect_invalid(copy(), "channels.wave", [](auto& c) { c.channels[0].wave[5] = kInf; });
+  expect_invalid(copy(), "channels.wave", [](auto& c) { c.channels[1].wave[0] = -1e308; });
+  expect_invalid(copy(), "channels.energy", [](auto& c) { c.channels[1].energy = 1e10; });
+  expect_invalid(copy(), "channels.energy", [](auto& c) { c.channels[1].energy = -1e-9; });
 }
 
 TEST(Check, IgnoresTheBodyOfAStaticObject) {
   ses::CatalogueEntry c = body();
   c.body = {0, {-1, kNan, 0}, -1, kNan};
-  EXPECT_THAT(fault(c), IsNull());
+  EXPECT_THAT(invalid_field(c), IsNull());
 }
 
 TEST(Check, AcceptsAQuaternionWithinTheTolerance) {
   ses::ObjectPose o;
   o.pose.orientation = {0, 0, 0, -1.0009};
-  EXPECT_THAT(fault(o), IsNull());
+  EXPECT_THAT(invalid_field(o), IsNull());
 }
 
 TEST(Check, NamesTheWrongFieldOfMetricsAndControl) {
-  expect_fault(ses::Metrics{}, "figures", [](auto& m) { m.figures.assign(129, {"f", 0}); });
-  expect_fault(ses::Metrics{}, "figures.name", [](auto& m) { m.figures = {{"", 0}}; });
-  expect_fault(ses::Metrics{}, "figures.value", [](auto& m) { m.figures = {{"f", kNan}}; });
-  expect_fault(ses::Metrics{}, "meshes", [](auto& m) { m.meshes.assign(65, {1, 2}); });
-  expect_fault(ses::Control{}, "kind", [](auto& c) { c.kind = static_cast<ses::ControlKind>(2); });
-  expect_fault(ses::Control{}, "text", [](auto& c) { c.text.assign(256, 't'); });
+  expect_invalid(ses::Metrics{}, "figures", [](auto& m) { m.figures.assign(129, {"f", 0}); });
+  expect_invalid(ses::Metrics{}, "figures.name", [](auto& m) { m.figures = {{"", 0}}; });
+  expect_invalid(ses::Metrics{}, "figures.value", [](auto& m) { m.figures = {{"f", kNan}}; });
+  expect_invalid(ses::Metrics{}, "meshes", [](auto& m) { m.meshes.assign(65, {1, 2}); });
+  expect_invalid(ses::Control{}, "kind", [](auto& c) { c.kind = static_cast<ses::ControlKind>(2); });
+  expect_invalid(ses::Control{}, "text", [](auto& c) { c.text.assign(256, 't'); });
 }
 
 TEST(Check, NamesTheWrongFieldOfStopsResetsAndEnds) {
   ses::EmergencyStop stop;
-  EXPECT_THAT(fault(stop), HasSubstr("number"));
+  EXPECT_THAT(invalid_field(stop), HasSubstr("number"));
   stop.number = 1;
-  EXPECT_THAT(fault(stop), IsNull());
-  expect_fault(stop, "text", [](auto& s) { s.text.assign(256, 't'); });
+  EXPECT_THAT(invalid_field(stop), IsNull());
+  expect_invalid(stop, "text", [](auto& s) { s.text.assign(256, 't'); });
   ses::ForceReset reset;
-  EXPECT_THAT(fault(reset), HasSubstr("number"));
+  EXPECT_THAT(invalid_field(reset), HasSubstr("number"));
   reset.number = 1;
-  EXPECT_THAT(fault(reset), IsNull());
-  expect_fault(reset, "stops", [](auto& r) { r.stops.assign(33, {1, 2, 3}); });
-  expect_fault(reset, "stops.number", [](auto& r) { r.stops = {{1, 2, 0}}; });
-  expect_fault(reset, "text", [](auto& r) { r.text.assign(256, 't'); });
-  expect_fault(ses::SessionEnd{}, "text", [](auto& e) { e.text.assign(256, 't'); });
+  EXPECT_THAT(invalid_field(reset), IsNull());
+  expect_invalid(reset, "stops", [](auto& r) { r.stops.assign(33, {1, 2, 3}); });
+  expect_invalid(reset, "stops.number", [](auto& r) { r.stops = {{1, 2, 0}}; });
+  expect_invalid(reset, "text", [](auto& r) { r.text.assign(256, 't'); });
+  expect_invalid(ses::SessionEnd{}, "text", [](auto& e) { e.text.assign(256, 't'); });
 }
 
 }  // namespace

@@ -114,7 +114,7 @@ TEST(Hostile, NonFiniteNumbersAreDroppedAndCounted) {
   EXPECT_TRUE(victim.refuses(intruder, &sample));
 
   EXPECT_EQ(victim.reader.counts().received, 0u);
-  EXPECT_THAT(victim.reader.last_fault(), testing::HasSubstr("proxy"));
+  EXPECT_THAT(victim.reader.invalid_reason(), testing::HasSubstr("proxy"));
 }
 
 TEST(Hostile, AnEnumeratorThatDoesNotExistIsDropped) {
@@ -225,7 +225,7 @@ void expect_survival_of_changes() {
       if (is_sound) from_idl(decoded, sample);
     });
     payload.data = nullptr;  // owned by `exact`
-    ++(is_sound && fault(sample) == nullptr ? accepted : refused);
+    ++(is_sound && invalid_field(sample) == nullptr ? accepted : refused);
   }
 
   EXPECT_GT(accepted, kTries / 10);

@@ -18,7 +18,7 @@ class TapTest : public ::testing::Test {
     const Sample sample = full<Sample>(alpha_);
     const auto end = std::chrono::steady_clock::now() + kWatchdog;
     for (std::optional<Received> got; std::chrono::steady_clock::now() < end;) {
-      EXPECT_EQ(writer.send(sample), SendStatus::kSent) << writer.last_fault();
+      EXPECT_EQ(writer.send(sample), SendStatus::kSent) << writer.invalid_reason();
       while ((got = inbox_.next(10ms)))
         if (tap_.topics()[got->topic].name == topic.name) return got->bytes;
     }

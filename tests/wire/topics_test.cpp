@@ -27,9 +27,9 @@ class TwoPrograms : public testing::Test {
 
     const auto got = send_until_received(writer, inbox, sent);
 
-    ASSERT_TRUE(got.has_value()) << "last fault: " << writer.last_fault() << reader.last_fault();
+    ASSERT_TRUE(got.has_value()) << "last invalid sample: " << writer.invalid_reason() << reader.invalid_reason();
     EXPECT_EQ(fields(*got), fields(sent));
-    EXPECT_EQ(reader.counts().invalid, 0u) << reader.last_fault();
+    EXPECT_EQ(reader.counts().invalid, 0u) << reader.invalid_reason();
     // A sample may arrive before either endpoint is notified of the match.
     EXPECT_TRUE(eventually([&] { return writer.matched() == 1 && reader.matched() == 1; }));
   }
@@ -142,7 +142,7 @@ TEST_F(TwoPrograms, TheLargestSamplesArrive) {
     Reader<Sample> reader{beta_, topic, inbox.callback()};
     Writer<Sample> writer{alpha_, topic};
     const auto got = send_until_received(writer, inbox, sample);
-    ASSERT_TRUE(got.has_value()) << writer.last_fault();
+    ASSERT_TRUE(got.has_value()) << writer.invalid_reason();
     EXPECT_EQ(fields(*got), fields(sample));
   };
   arrives(topics::kRoster, roster);
@@ -286,11 +286,11 @@ TEST_F(TwoPrograms, AnInvalidSampleIsNotSent) {
   auto state = full<ses::ProbeState>(alpha_);
   state.force[1] = std::numeric_limits<double>::quiet_NaN();
   EXPECT_EQ(writer.send(state), SendStatus::kInvalid);
-  EXPECT_THAT(writer.last_fault(), testing::HasSubstr("force"));
+  EXPECT_THAT(writer.invalid_reason(), testing::HasSubstr("force"));
 
   state = full<ses::ProbeState>(beta_);
   EXPECT_EQ(writer.send(state), SendStatus::kInvalid);
-  EXPECT_THAT(writer.last_fault(), testing::HasSubstr("origin"));
+  EXPECT_THAT(writer.invalid_reason(), testing::HasSubstr("origin"));
 }
 
 TEST_F(TwoPrograms, AReaderMayLeaveWhileSamplesArrive) {

@@ -87,7 +87,7 @@ class Session {
     do {
       sample.origin = participants_.origin();
       if (out.send(sample) == wire::SendStatus::kInvalid)
-        throw std::runtime_error(std::string{"the sample was not sent: "} + out.last_fault());
+        throw std::runtime_error(std::string{"the sample was not sent: "} + out.invalid_reason());
       answer = session::acknowledgement(roster_, sample);
     } while (!(answer.missing.empty() && found_for(kDiscoveryNs)) && wait(kRepeatPeriod));
     return answer;
@@ -191,7 +191,7 @@ int announce(const wire::SessionAddress& address, const wire::TopicSpec<Sample>&
   sample.origin = participants.origin();
   // The writer stores the sample for readers that it discovers later, so it may send before it has discovered one.
   if (out.send(sample) != wire::SendStatus::kSent)
-    throw std::runtime_error(std::string{"the sample was not sent: "} + out.last_fault());
+    throw std::runtime_error(std::string{"the sample was not sent: "} + out.invalid_reason());
   const std::int64_t end_ns = monotonic_ns() + static_cast<std::int64_t>(request.patience * 1e9);
   std::optional<std::int64_t> found_ns;
   int received = 0;  // maximum number of matched readers, because programs leave after an end

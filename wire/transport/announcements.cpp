@@ -14,9 +14,9 @@ using eprosima::fastrtps::rtps::IPLocator;
 constexpr std::uint32_t kMetatrafficUnicast = 0x32, kName = 0x62;  // parameters (RTPS 2.2, 9.6.2)
 constexpr std::uint32_t kLocatorSize = 24, kPortAt = 4, kAddressAt = 8;
 constexpr std::array<std::uint8_t, 4> kAnnouncer{0x00, 0x01, 0x00, 0xc2};  // entity id of participant data (9.3.1.5)
-constexpr std::size_t kMany = 4096;
+constexpr std::size_t kMaxEntries = 4096;
 
-/// The DATA submessage of a participant announcement.
+/// Returns the DATA submessage of the participant announcement in a message, if there is one.
 std::optional<RtpsData> announcement_in(const std::uint8_t* message, std::uint32_t size) {
   const std::optional<Submessage> found = find_submessage(message, size, kDataId);
   std::optional<RtpsData> data = found ? data_of(*found) : std::nullopt;
@@ -24,7 +24,7 @@ std::optional<RtpsData> announcement_in(const std::uint8_t* message, std::uint32
   return data;
 }
 
-/// A CDR string is its length, including the zero byte at its end, and its bytes.
+/// True if a CDR string equals `text`. A CDR string has a length, which includes the zero byte at the end, and bytes.
 bool is_text(const RtpsBytes& value, const std::string& text) {
   const auto bytes = static_cast<std::uint32_t>(text.size());
   return value.size > 4 + bytes && value.number(0, 4) == bytes + 1 &&
@@ -42,7 +42,7 @@ bool Announcements::on_received(const std::uint8_t* message, std::uint32_t size)
   const std::optional<RtpsData> announcement = announcement_in(message, size);
   if (!announcement || announcement->payload.size == 0) return true;
   const std::lock_guard<std::mutex> lock{mutex_};
-  if (discovered_.size() > kMany) discovered_.clear();
+  if (discovered_.size() > kMaxEntries) discovered_.clear();
   const auto [entry, is_new] = discovered_.try_emplace(sender_of(message), true);
   if (!is_new) return entry->second;
   ParameterList parameters = parameters_of(announcement->payload);
@@ -55,12 +55,13 @@ bool Announcements::on_received(const std::uint8_t* message, std::uint32_t size)
   return entry->second;
 }
 
-/// Drops the records of announcements to this locator. Participants of this machine are reached through its loopback.
+/// Forgets the announcements that were sent to this locator, or to the loopback address of this machine at its port.
 void Announcements::forget(std::uint32_t port, const std::uint8_t* address) {
   for (auto at = sent_.begin(); at != sent_.end();) {
     const Locator& to = at->first.second;
-    const bool there = to.port == port && (IPLocator::isLocal(to) || std::equal(to.address, to.address + 16, address));
-    at = there ? sent_.erase(at) : std::next(at);
+    const bool is_same =
+        to.port == port && (IPLocator::isLocal(to) || std::equal(to.address, to.address + 16, address));
+    at = is_same ? sent_.erase(at) : std::next(at);
   }
 }
 
@@ -71,7 +72,7 @@ std::vector<Announcements::Locator> Announcements::due(const void* sender, std::
   const std::lock_guard<std::mutex> lock{mutex_};
   if (std::any_of(to.begin(), to.end(), is_group)) group_ns_ = now_ns;
   const bool has_group = group_ns_ && now_ns - *group_ns_ < kUnicastIntervalNs;
-  if (sent_.size() > kMany) sent_.clear();
+  if (sent_.size() > kMaxEntries) sent_.clear();
   for (const Locator& locator : to) {
     const std::int64_t interval_ns = has_group && !is_group(locator) ? kUnicastIntervalNs : kGroupIntervalNs;
     const auto [at, first] = sent_.try_emplace({sender, locator}, Sent{sequence, now_ns});

@@ -1,10 +1,12 @@
-/// Selects which participant announcements to send.
+/// Selects the participant announcements to send, and drops the others.
 ///
-/// Fast DDS 2.9.1 announces a participant to the multicast group and to every known participant whenever it discovers
-/// one. If n participants join at the same time, that is n^3 datagrams, and nearly all of them repeat a recent one.
-/// Figures: decision 11, not measured again since; none compares with no filter at all. When 20 HRTCs join, 3,300
-/// announcements go to single participants; with a rule that ignored the group it was 14,100. When participants that
-/// only read bulk ignore each other, 12 that join receive a quarter fewer discovery datagrams.
+/// Whenever Fast DDS 2.9.1 discovers a participant, it announces its own to the multicast group and to every known
+/// participant. If n participants join at the same time, they send n^3 datagrams, of which nearly all repeat a recent
+/// one.
+///
+/// Measurements for decision 11, which has no figure without a filter: when 20 HRTCs join, they send 3,300
+/// announcements to single participants; before the filter knew the group, 14,100. When 12 participants that only read
+/// bulk join and ignore each other, they receive a quarter fewer discovery datagrams.
 #pragma once
 
 #include <fastdds/rtps/common/Locator.h>
@@ -25,22 +27,25 @@ namespace tactus::wire {
 class Announcements {
  public:
   using Locator = eprosima::fastrtps::rtps::Locator_t;
-  static constexpr std::int64_t kGroupIntervalNs = 90'000'000;       ///< min interval to a group, or without a group
-  static constexpr std::int64_t kUnicastIntervalNs = 1'900'000'000;  ///< min interval to one that the group reaches too
+  /// Min time between equal announcements to the group, or to a participant that no group reaches.
+  static constexpr std::int64_t kGroupIntervalNs = 90'000'000;
+  /// Min time between equal announcements to a participant that the group reaches too.
+  static constexpr std::int64_t kUnicastIntervalNs = 1'900'000'000;
 
-  /// Sequence number of the announcement in an RTPS message; none if there is no announcement.
+  /// Returns the sequence number of the announcement in an RTPS message; none if the message contains none.
   [[nodiscard]] static std::optional<std::uint64_t> sequence_of(const std::uint8_t* message, std::uint32_t size);
 
-  /// The locators in `to` to which this sender (an address) has not sent this announcement within the interval. The
-  /// library sends to single locators and to the group separately, so the group exists if `to` had one recently.
+  /// Returns the locators in `to` to which `sender`, identified by its address, has not sent this announcement within
+  /// the interval. The library sends to single locators and to the group in different calls, so a group counts as
+  /// existing if one was in `to` recently.
   [[nodiscard]] std::vector<Locator> due(const void* sender, std::uint64_t sequence, const std::vector<Locator>& to,
                                          std::int64_t now_ns);
 
-  /// `ignored`: name of participants whose announcements are dropped; empty: none.
+  /// `ignored`: name of the participants whose received announcements are dropped; empty: none are.
   explicit Announcements(std::string ignored = {}) : ignored_name_{std::move(ignored)} {}
 
-  /// Reads a received message. After the first announcement of a participant, announcements to its locator are due
-  /// again, even if an earlier participant with the same locator received them. False if the participant is ignored.
+  /// Reads a received message; false if its sender is an ignored participant. After the first announcement of a
+  /// participant, announcements to its locator are due again, even if an earlier participant there received them.
   [[nodiscard]] bool on_received(const std::uint8_t* message, std::uint32_t size);
 
  private:

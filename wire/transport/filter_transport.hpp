@@ -1,16 +1,16 @@
-/// The UDP transport of Fast DDS with message filters. It delays, drops or shortens messages and creates none.
+/// Adds filters to the UDP transport of Fast DDS. They delay, drop or shorten messages, and create none.
 ///
-///     out   announcements: only to receivers without a recent repetition          (announcements.hpp)
-///           samples:       without the submessages that no reader uses            (trimming.hpp)
-///     in    everything:    after the participant has been created                 (gate.hpp)
-///           announcements: without those of ignored participants                  (announcements.hpp)
-///           everything:    without statistics                                     (rtps_message.hpp)
+///     sent      announcements: dropped if the receiver got the same one recently    (announcements.hpp)
+///               samples:       sent without the submessages that no reader uses     (trimming.hpp)
+///     received  all messages:  delayed until the participant has been created       (gate.hpp)
+///               announcements: dropped if their participant is ignored              (announcements.hpp)
+///               all messages:  passed on without statistics                         (rtps_message.hpp)
 ///
-/// The gate: Fast DDS 2.9.1 announces a participant before it can receive. Other participants answer within a fraction
-/// of a millisecond. The library would drop these answers and discover the others only by their next periodic
-/// announcement, up to half a second later. With the gate, early messages wait in the socket buffers.
-/// Figure: decision 11, late joiners that receive their first probe state within 50 ms (`scripts/bench rejoin`): 98 of
-/// 100, without the gate 81 of 100.
+/// Reason for the gate: Fast DDS 2.9.1 announces a participant before the participant can receive. Other participants
+/// answer within a fraction of a millisecond. The library would drop these answers and discover the others only by
+/// their next periodic announcement, up to half a second later. With the gate, early messages wait in the socket
+/// buffers. Figure of decision 11 (`scripts/bench rejoin`): of 100 participants that join a session, 98 receive their
+/// first probe state within 50 ms; without the gate, 81.
 #pragma once
 
 #include <fastdds/rtps/transport/ChainingTransportDescriptor.h>
@@ -24,11 +24,11 @@ namespace tactus::wire {
 
 struct FilterSettings {
   std::shared_ptr<Gate> gate;  ///< opened by the caller after the participant has been created
-  std::string ignored;         ///< name of participants that are ignored; empty: none
+  std::string ignored;         ///< name of the participants to ignore; empty: none
   bool trims_samples = false;
 };
 
-/// Wraps a transport descriptor of the profiles; its maxMessageSize stays the size of the largest datagram.
+/// Wraps a transport descriptor of the profiles, whose maxMessageSize is still the size of the largest datagram.
 struct FilterTransportDescriptor final : eprosima::fastdds::rtps::ChainingTransportDescriptor {
   FilterTransportDescriptor(std::shared_ptr<eprosima::fastdds::rtps::TransportDescriptorInterface> udp,
                             FilterSettings settings);

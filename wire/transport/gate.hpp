@@ -8,12 +8,13 @@
 
 namespace tactus::wire {
 
-/// Closed until `open`, then open for good. Threads: any.
+/// Closed until `open` is called, and open from then on. Threads: any.
 class Gate {
  public:
   explicit Gate(std::chrono::milliseconds timeout = std::chrono::seconds{1}) : timeout_{timeout} {}
   void open() noexcept;
-  /// Returns when open, or after the timeout, because a participant that fails to start waits for its receive threads.
+  /// Waits until the gate is open, at most for the timeout. Without a timeout, a participant that fails to start would
+  /// wait forever for its receive threads.
   void pass();
 
  private:

@@ -76,15 +76,15 @@ std::optional<ParameterList::Parameter> ParameterList::next() noexcept {
   if (ended_ || rest_.size < kParameterHead) return std::nullopt;
   const std::uint32_t id = rest_.number(0, 2), length = rest_.number(2, 2);
   ended_ = id == kSentinel;
-  const RtpsBytes behind = rest_.from(kParameterHead);
+  const RtpsBytes after_head = rest_.from(kParameterHead);
   if (ended_) {
-    rest_ = behind;
+    rest_ = after_head;
     return std::nullopt;
   }
-  ended_ = length > behind.size;
-  rest_ = behind.from(length);
+  ended_ = length > after_head.size;
+  rest_ = after_head.from(length);
   if (ended_) return std::nullopt;
-  return Parameter{id, {behind.at, length, behind.little_endian}};
+  return Parameter{id, {after_head.at, length, after_head.little_endian}};
 }
 
 ParameterList parameters_of(const RtpsBytes& payload) noexcept {

@@ -14,50 +14,50 @@ inline constexpr std::uint32_t kSubmessageHeader = 4;  ///< header: id, flags, l
 inline constexpr std::uint8_t kPadId = 0x01, kInfoTimeId = 0x09, kInfoDestinationId = 0x0e, kDataId = 0x15;
 inline constexpr std::uint8_t kStatisticsId = 0x80;  ///< a vendor's submessage that Debian's build of Fast DDS adds
 
-/// A part of a message, and the byte order of its numbers.
+/// A range of bytes in a message, and the byte order of its numbers.
 struct RtpsBytes {
   const std::uint8_t* at;
   std::uint32_t size;
   bool little_endian;
 
-  /// The unsigned number of `bytes` bytes at `from`. The caller has checked the range.
+  /// The unsigned number in the `bytes` bytes at offset `from`. The caller has checked the range.
   [[nodiscard]] std::uint32_t number(std::uint32_t from, std::uint32_t bytes) const noexcept;
-  /// All bytes from `from` on; empty when `from` is after the end.
+  /// All bytes from offset `from` on; empty if `from` is after the end.
   [[nodiscard]] RtpsBytes from(std::uint32_t from) const noexcept;
 };
 
 struct Submessage {
   std::uint8_t id, flags;
   RtpsBytes body;      ///< lies inside the message, even if the submessage claims to be longer
-  bool last;           ///< its length is 0, which means up to the end of the message
+  bool last;           ///< the length field is 0: the submessage extends to the end of the message
   std::uint32_t next;  ///< offset of the next submessage, if there is one
 };
 
-/// The submessage at byte `at`; none when no submessage header fits there.
+/// The submessage at offset `at`; none if the message ends before a submessage header would.
 [[nodiscard]] std::optional<Submessage> submessage_at(const std::uint8_t* message, std::uint32_t size,
                                                       std::uint32_t at) noexcept;
 
-/// The first submessage with this id, in a message that has at least the size of an RTPS header.
+/// The first submessage with this id. The message must have at least kRtpsHeader bytes.
 [[nodiscard]] std::optional<Submessage> find_submessage(const std::uint8_t* message, std::uint32_t size,
                                                         std::uint8_t id) noexcept;
 
 using GuidPrefix = std::array<std::uint8_t, 12>;
-/// The participant that sent a message of at least kRtpsHeader bytes.
+/// The participant that sent a message. The message must have at least kRtpsHeader bytes.
 [[nodiscard]] GuidPrefix sender_of(const std::uint8_t* message) noexcept;
 
 /// The content of a DATA submessage (9.4.5.3).
 struct RtpsData {
   std::array<std::uint8_t, 4> writer;  ///< entity id
   std::uint64_t sequence;
-  RtpsBytes payload;  ///< with its encapsulation; empty when the sample has no data
+  RtpsBytes payload;  ///< with its encapsulation header; empty if the sample has no data
 
   /// True for the writers of discovery and of vendors, false for writers of user topics (9.3.1.2).
   [[nodiscard]] bool is_built_in() const noexcept { return (writer[3] & 0xc0u) != 0; }
 };
-/// None when `submessage` is no DATA submessage, or shorter than its fixed part.
+/// The content of `submessage`; none if it is no DATA submessage, or shorter than the fixed part of one.
 [[nodiscard]] std::optional<RtpsData> data_of(const Submessage& submessage) noexcept;
 
-/// A parameter list (9.4.2.11), such as inline QoS or the payload of a discovery sample, read from front to back.
+/// Reads a parameter list (9.4.2.11), such as inline QoS or the payload of a discovery sample.
 class ParameterList {
  public:
   struct Parameter {
@@ -66,7 +66,7 @@ class ParameterList {
   };
   explicit ParameterList(const RtpsBytes& list) noexcept : rest_{list} {}
 
-  /// The next parameter; none after the sentinel, and for a parameter that reaches beyond the list.
+  /// Reads the next parameter; none at the sentinel, or if the parameter extends beyond the list.
   [[nodiscard]] std::optional<Parameter> next() noexcept;
   /// The bytes after the parameters read so far; after the sentinel, the bytes after the list.
   [[nodiscard]] const RtpsBytes& rest() const noexcept { return rest_; }
@@ -75,18 +75,19 @@ class ParameterList {
   RtpsBytes rest_;
   bool ended_ = false;
 };
-/// The parameters in a payload: its encapsulation states their byte order.
+/// The parameters in a payload, in the byte order that its encapsulation header states.
 [[nodiscard]] ParameterList parameters_of(const RtpsBytes& payload) noexcept;
 
-/// Fast DDS takes a message for one with statistics if the byte 60 before its end is 0x80. It then overwrites these 60
-/// bytes when it sends the message, and removes them when it receives it. This adds PAD submessages to such a message
-/// until that byte differs, and returns the new size. There must be room for kMaxPadding more bytes; `size` is a
-/// multiple of four.
+/// Adds PAD submessages to a message until the byte 60 before its end is not 0x80, and returns the new size.
+///
+/// Reason: if that byte is 0x80, Fast DDS assumes that the message has statistics. It overwrites the last 60 bytes when
+/// it sends the message, and removes them when it receives the message. `size` must be a multiple of four, and the
+/// buffer must have kMaxPadding more bytes.
 inline constexpr std::uint32_t kStatisticsSize = 60, kMaxPadding = 64;
 [[nodiscard]] std::uint32_t pad_if_it_looks_like_statistics(std::uint8_t* message, std::uint32_t size) noexcept;
 
-/// The size of a message without its first statistics submessage and all that follows. The statistics are not used, and
-/// Debian's Fast DDS, which is built with assertions, aborts the process if they are not the last submessage.
+/// The size of a message up to its first statistics submessage. Nothing uses the statistics, and Debian's Fast DDS,
+/// which is built with assertions, aborts the process if they are not the last submessage.
 [[nodiscard]] std::uint32_t size_without_statistics(const std::uint8_t* message, std::uint32_t size) noexcept;
 
 }  // namespace tactus::wire

@@ -8,13 +8,13 @@ namespace tactus::wire {
 bool trim(const std::uint8_t* message, std::uint32_t size, TrimmedMessage& out) noexcept {
   if (size + kMaxPadding > out.bytes.size()) return false;
   std::optional<Submessage> part = submessage_at(message, size, kRtpsHeader);
-  const bool to_one = part && part->id == kInfoDestinationId;
-  if (to_one) part = submessage_at(message, size, part->next);
+  const bool has_destination = part && part->id == kInfoDestinationId;
+  if (has_destination) part = submessage_at(message, size, part->next);
   if (!part || part->id != kInfoTimeId) return false;
   const std::uint32_t begin = part->next;
   part = submessage_at(message, size, begin);
   const std::optional<RtpsData> data = part ? data_of(*part) : std::nullopt;
-  if (!data || (data->is_built_in() && !to_one)) return false;
+  if (!data || (data->is_built_in() && !has_destination)) return false;
   const std::uint32_t end = part->next;
   if (end + kStatisticsSize != size || message[end] != kStatisticsId) return false;
 

@@ -36,7 +36,7 @@ int main(int argc, char** argv) try {
   for (int beat = 0; beat < 300 && !(someone && something && touching); ++beat) {
     self.origin = participants.origin();
     self.heartbeat = static_cast<std::uint64_t>(beat);
-    if (presence.send(self) != wire::SendStatus::kSent) std::cerr << presence.last_fault() << '\n';
+    if (presence.send(self) != wire::SendStatus::kSent) std::cerr << presence.invalid_reason() << '\n';
     std::this_thread::sleep_for(std::chrono::milliseconds{100});
   }
   return someone && something && touching ? 0 : 1;

@@ -1,0 +1,51 @@
+/// The objects of a session as a simulated user without a mesh knows them: boxes with points of the surface.
+///
+/// World frame, SI. Not realtime.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "client_sim/scenario.hpp"
+#include "session/messages.hpp"
+
+namespace tactus::client_sim {
+
+/// An object as its catalogue entry describes it. The box is the model's bounds.
+struct ObjectView {
+  std::uint64_t id = 0;
+  Vec3d centre = Vec3d::Zero();                            ///< of the box; world, m
+  Vec3d half_size = Vec3d::Zero();                         ///< half edges of the box along the object's axes, m
+  Eigen::Matrix3d rotation = Eigen::Matrix3d::Identity();  ///< from the object's axes to world
+  bool is_movable = false;
+  struct SurfacePoint {
+    Vec3d position, normal;  ///< world, m; the normal is zero where it is unknown
+  };
+  std::vector<SurfacePoint> surface;  ///< empty: the whole box counts as solid
+  double spacing = 0;                 ///< m; max distance of a point of the surface from the nearest of `surface`
+};
+[[nodiscard]] ObjectView view_of(const session::CatalogueEntry& entry);
+
+/// By object name.
+using Objects = std::map<std::string, ObjectView>;
+
+/// Returns the object that a scenario names, or null if there is none. "#n" is the n-th static object in the order of
+/// names; n is taken modulo the number of static objects.
+[[nodiscard]] const ObjectView* find_object(const Objects& objects, const std::string& reference);
+
+/// The point of `view.surface` that is nearest to `from`; without such points, the centre of the box.
+[[nodiscard]] Vec3d nearest_surface_point(const ObjectView& view, const Vec3d& from);
+
+/// Max distance of the box from its centre along a unit vector, m.
+[[nodiscard]] double half_extent_along(const ObjectView& view, const Vec3d& direction);
+
+/// Distance from a point inside the box to its boundary along a unit vector, m.
+[[nodiscard]] double exit_distance(const ObjectView& view, const Vec3d& from, const Vec3d& direction);
+
+/// Returns a unit vector perpendicular to `axis`; equal arguments give equal results.
+[[nodiscard]] Vec3d perpendicular_to(const Vec3d& axis);
+
+}  // namespace tactus::client_sim
