@@ -56,7 +56,7 @@ void RemoteSession::run_link(std::int64_t until_ns) {
       for (const session::BulkPiece& piece : chunk.pieces) {
         if (piece.region == spm::kNone) continue;
         std::uint64_t& untouched_bytes = untouched_bytes_[piece.region];
-        if (piece.part == 0) {
+        if (piece.index == 0) {
           traffic_.unused_bytes += untouched_bytes;
           untouched_bytes = 0;
           ++traffic_.regions;

@@ -329,7 +329,7 @@ DeliveryState run_state(const ScaleSettings& settings) {
       demand.have.push_back({block * block_size + block_size / 2, block_size / 4});
     for (std::uint32_t block = hrtc % 4; block < blocks && demand.wanted.size() < session::kMaxWanted; block += 4)
       demand.wanted.push_back({block * block_size, block * 1000});
-    if (server.on_demand(demand, 0) != session::DeliveryServer::DemandResult::kTaken)
+    if (server.on_demand(demand, 0) != session::DeliveryServer::DemandResult::kApplied)
       throw std::runtime_error("the server refuses a demand");
   }
   for (int chunk = 0; chunk < 3200; ++chunk) (void)server.next(chunk * INT64_C(100'000));

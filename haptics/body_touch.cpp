@@ -30,8 +30,8 @@ bool BoxSurface::sweep(const Vec3d& from, const Vec3d& to, double radius, Surfac
   return first.result(hit);
 }
 
-bool BoxSurface::closest(const Vec3d& point, double within, SurfaceHit& hit) const noexcept {
-  ClosestSide side{point, within};
+bool BoxSurface::closest(const Vec3d& point, double max_distance, SurfaceHit& hit) const noexcept {
+  ClosestSide side{point, max_distance};
   for (std::uint32_t i = 0; i < triangles_.size(); ++i) {
     side.offer(triangles_[i][0], triangles_[i][1], triangles_[i][2], 0, i);
   }

@@ -1,12 +1,13 @@
-/// Contact of a probe with a moving body: a proxy in the body's own frame, and the spring between device and proxy.
+/// Contact of a probe with a moving body: moves a proxy in the body's frame, and couples device and body by a spring.
 ///
 ///     hand <-- stiffness (anchor - device) -- device ~~~~ anchor on the body -- same spring, implicit --> body
 ///
-/// A push acts while the device is pressed in, with the proxy's friction. Two probes that press from opposite sides can
-/// lift a body. A grab acts in all directions at the point where it began, until the grab button is released. The shape
-/// is any Surface in the body's frame: a box here, a refined mesh in an HRTC.
+/// Without a grab the spring pushes while the device is inside the body, with the friction of the proxy. Two probes
+/// that press from opposite sides can lift a body. With a grab the spring also pulls: it ends at the point of the body
+/// where the grab began, until the grab button is released. The shape of the body is any Surface in the body's frame: a
+/// BoxSurface in tests and studies, the active mesh in an HRTC.
 ///
-/// World frame where no other is named, SI. One thread at a time. Realtime: one step of the proxy.
+/// World frame unless a name says `body`, SI. One thread at a time. Realtime: the cost is one step of the proxy.
 #pragma once
 
 #include <array>
@@ -24,7 +25,7 @@ class BoxSurface final : public Surface {
  public:
   explicit BoxSurface(const Vec3d& half_extents) noexcept;
   [[nodiscard]] bool sweep(const Vec3d& from, const Vec3d& to, double radius, SurfaceHit& hit) noexcept override;
-  [[nodiscard]] bool closest(const Vec3d& point, double within, SurfaceHit& hit) const noexcept override;
+  [[nodiscard]] bool closest(const Vec3d& point, double max_distance, SurfaceHit& hit) const noexcept override;
 
  private:
   std::array<std::array<Vec3d, 3>, 12> triangles_;
@@ -37,7 +38,7 @@ class BodyTouch {
   void set_grip(const Grip& grip) noexcept { proxy_.set_grip(grip); }
   void reset() noexcept { proxy_.reset(), grabbed_ = false, ramp_body_ = {}; }
 
-  /// One cycle with `device` in the world frame. `grab`: hold the body at the contact point. Realtime.
+  /// Computes one cycle with `device` in the world frame. `grab`: the grab button is down. Realtime.
   void step(const DeviceState& device, bool grab, const BodyState& body, Surface& shape_body, const Feel& feel,
             double dt) noexcept;
 
@@ -48,8 +49,8 @@ class BodyTouch {
   [[nodiscard]] const PointSpring& spring() const noexcept { return spring_; }
   /// Contact in the world frame, for ForceRenderer.
   [[nodiscard]] const ProxyResult& touch() const noexcept { return touch_; }
-  /// The device with its velocity relative to the body, for ForceRenderer. An absolute velocity would damp both of
-  /// them.
+  /// The device with its velocity relative to the body, for ForceRenderer. With the absolute velocity the force would
+  /// also damp the common motion of hand and body.
   [[nodiscard]] const DeviceState& device() const noexcept { return relative_; }
 
  private:
@@ -58,7 +59,8 @@ class BodyTouch {
   PointSpring spring_;
   DeviceState relative_;
   Vec3d anchor_body_ = Vec3d::Zero();
-  Ramp ramp_body_;  // m; a probe that starts inside the body builds up its force gradually
+  Ramp ramp_body_;  // m, subtracted from the anchor, so that the force of a probe that starts inside the body rises
+                    // slowly
   bool grabbed_ = false;
 };
 

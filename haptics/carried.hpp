@@ -1,6 +1,7 @@
-/// What one cycle leaves to the next, value by value: into bytes, and back from bytes that nobody vouches for.
+/// Writes the state that one cycle leaves for the next into bytes, and restores it from bytes that may be damaged.
 ///
-/// A class names its values in one function, each with what it may be; a member that outlives a cycle belongs there:
+/// A class visits its values in one function, each with the values that are valid. Every member that outlives a cycle
+/// belongs there:
 ///
 ///     template <class Visit>
 ///     void for_each_carried(Visit& visit) noexcept {
@@ -8,8 +9,9 @@
 ///       visit.flag("placed", placed_);
 ///     }
 ///
-/// The same function counts the bytes (CarriedSize), writes them (CarriedWriter, realtime) and reads them back
-/// (CarriedReader). The reader checks each value before anything uses it. Bytes are those of the same build.
+/// The same function counts the bytes (CarriedSize), writes them (CarriedWriter, realtime) and reads them
+/// (CarriedReader). The reader checks each value before anything uses it. Only the build that wrote the bytes can read
+/// them.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -26,11 +28,12 @@
 
 namespace tactus::haptics {
 
-/// What may be visited. `Derived::take(name, value, is_valid, expected)` does what the class is for.
+/// The kinds of values that a class can visit. `Derived::take(name, value, is_valid, expected)` counts, writes or
+/// reads.
 template <class Derived>
 class CarriedVisit {
  public:
-  /// Finite.
+  /// Visits finite numbers.
   void number(const char* name, double& value) noexcept {
     checked(
         name, value, [](double x) { return std::isfinite(x); }, "a finite number");
@@ -45,7 +48,7 @@ class CarriedVisit {
   void number(const char* name, std::array<double, size>& value) noexcept {
     for (double& x : value) number(name, x);
   }
-  /// Of which every value may be.
+  /// Visits numbers of which every value is valid.
   template <class T>
   void any(const char* name, T& value) noexcept {
     static_assert(std::is_arithmetic_v<T> && !std::is_same_v<T, bool>);
@@ -72,7 +75,7 @@ class CarriedVisit {
     checked(
         name, value, [max](std::size_t x) { return x <= max; }, "a count that fits");
   }
-  /// From `first` to `last`.
+  /// Visits an enumerator from `first` to `last`.
   template <class Enum>
   void choice(const char* name, Enum& value, Enum first, Enum last) noexcept {
     using Number = std::underlying_type_t<Enum>;
@@ -82,7 +85,7 @@ class CarriedVisit {
         "one of its enumerators");
     value = static_cast<Enum>(number);
   }
-  /// A number, or an array of them, for which `is_valid`; `expected` says so in words.
+  /// Visits a number or an array that satisfies `is_valid`. `expected` states the same in words.
   template <class T, class IsValid>
   void checked(const char* name, T& value, IsValid&& is_valid, const char* expected) noexcept {
     static_assert(std::is_trivially_copyable_v<T> && !std::is_same_v<T, bool>);
@@ -90,6 +93,7 @@ class CarriedVisit {
   }
 };
 
+/// Counts the bytes.
 class CarriedSize : public CarriedVisit<CarriedSize> {
  public:
   template <class T, class IsValid>
@@ -102,9 +106,10 @@ class CarriedSize : public CarriedVisit<CarriedSize> {
   std::size_t bytes_ = 0;
 };
 
+/// Writes the values.
 class CarriedWriter : public CarriedVisit<CarriedWriter> {
  public:
-  /// As many bytes as CarriedSize counts.
+  /// `to` must have as many bytes as CarriedSize counts.
   explicit CarriedWriter(void* to) noexcept : to_{static_cast<unsigned char*>(to)} {}
   template <class T, class IsValid>
   void take(const char* /*name*/, const T& value, const IsValid& /*is_valid*/, const char* /*expected*/) noexcept {
@@ -116,25 +121,26 @@ class CarriedWriter : public CarriedVisit<CarriedWriter> {
   unsigned char* to_;
 };
 
+/// Reads the values.
 class CarriedReader : public CarriedVisit<CarriedReader> {
  public:
   explicit CarriedReader(std::span<const std::uint8_t> from) noexcept : from_{from} {}
-  /// Leaves a value that is refused, and all that follow, as they were.
+  /// A refused value and all later values are not changed.
   template <class T, class IsValid>
   void take(const char* name, T& value, const IsValid& is_valid, const char* expected) noexcept {
     if (refused_ != nullptr) return;
     T read;
-    const bool there = sizeof read <= from_.size() - at_;
-    if (there) std::memcpy(&read, from_.data() + at_, sizeof read);
-    if (!there || !is_valid(read)) {
+    const bool is_complete = sizeof read <= from_.size() - at_;
+    if (is_complete) std::memcpy(&read, from_.data() + at_, sizeof read);
+    if (!is_complete || !is_valid(read)) {
       refused_ = name;
-      expected_ = there ? expected : nullptr;
+      expected_ = is_complete ? expected : nullptr;
       return;
     }
     value = read;
     at_ += sizeof read;
   }
-  /// What was found where and what was expected; empty when all bytes were read and none was refused. Allocates.
+  /// Message that states the first refused value and the expected one. Empty if all bytes were read. Allocates.
   [[nodiscard]] std::string error() const {
     const std::string size = "found a state of " + std::to_string(from_.size()) + " bytes, expected ";
     if (refused_ == nullptr) return at_ == from_.size() ? "" : size + std::to_string(at_);
@@ -146,8 +152,8 @@ class CarriedReader : public CarriedVisit<CarriedReader> {
  private:
   std::span<const std::uint8_t> from_;
   std::size_t at_ = 0;
-  const char* refused_ = nullptr;   // the first value that was
-  const char* expected_ = nullptr;  // null: the bytes end before it
+  const char* refused_ = nullptr;   // name of the first refused value
+  const char* expected_ = nullptr;  // null: the bytes end before that value
 };
 
 }  // namespace tactus::haptics

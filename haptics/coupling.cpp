@@ -8,29 +8,29 @@ namespace tactus::haptics {
 namespace {
 
 constexpr double kPi = 3.14159265358979323846;
-constexpr int kLongestGap = 100;                        // cycles without a sample across which waves are interpolated
-constexpr std::int64_t kAssumedMotionNs = 500'000'000;  // a peer without samples is assumed to move along for so long
-constexpr double kSurplusShare = 0.05;                  // share of the energy above the reserve that is sent per cycle
-constexpr double kHomingCosts = 3;   // tank level, in costs of one cycle's waves, from which homing is allowed
-constexpr double kSmoothing = 0.02;  // s, time constant of the users' forces
+constexpr int kLongestGap = 100;  // max cycles without a sample across which waves are interpolated
+constexpr std::int64_t kAssumedMotionNs = 500'000'000;  // time for which a peer without samples is assumed to move on
+constexpr double kSurplusShare = 0.05;  // share of the energy above the reserve that goes to the peers per cycle
+constexpr double kHomingCosts = 3;      // min tank level for homing, as a multiple of the energy of this cycle's waves
+constexpr double kSmoothing = 0.02;     // s, time constant for the users' forces
 
 }  // namespace
 
 CopyCoupling::CopyCoupling(const CouplingSettings& settings, std::size_t index, const BodySettings& whole) noexcept
     : settings_{settings}, index_{index}, share_{whole} {
   const double copies = static_cast<double>(settings_.copies);
-  // A long channel resonates within the bandwidth of a hand, so its waves are low-pass filtered. A short one resonates
-  // above that bandwidth, where the hands damp it.
+  // A long channel resonates within the bandwidth of a hand, so its waves are low-pass filtered. A short channel
+  // resonates above that bandwidth, where the hands damp the resonance.
   filter_ = settings_.delay * std::min(0.8, settings_.delay / 0.3);
   channel_delay_ = settings_.delay + filter_ + 1e-3;
   const double phi = settings_.channel_share;
 
-  // Springs and channels are compliant, so an object feels heavier at 1 Hz than at rest, by the share `yields`. Half of
-  // that is subtracted beforehand.
+  // Springs and channels are compliant, so at 1 Hz an object feels heavier than at rest, by the share `excess`. About
+  // half of this share is subtracted from the mass.
   const double others = whole.mass * (copies - 1) / copies;
-  const double yields = std::pow(2 * kPi, 2) * others *
+  const double excess = std::pow(2 * kPi, 2) * others *
                         (1 / settings_.stiffness + copies * channel_delay_ * channel_delay_ / (2 * phi * whole.mass));
-  const double scale = 1 / (1 + 0.45 * std::min(0.3, yields));
+  const double scale = 1 / (1 + 0.45 * std::min(0.3, excess));
 
   share_.mass = whole.mass * scale * (1 - phi) / copies;
   share_.inertia = whole.inertia * (scale * (1 - phi) / copies);
@@ -39,7 +39,7 @@ CopyCoupling::CopyCoupling(const CouplingSettings& settings, std::size_t index, 
   share_.angular_damping = whole.angular_damping / copies;
 
   whole_ << Vec3d::Constant(whole.mass), whole.inertia;
-  // Rotational equivalents of a mass of 1 kg, and of a spring whose parts act at the corners of a box.
+  // Factors from a mass to an inertia, and from a stiffness at the corners of a box to a rotational stiffness.
   Vec6d per_mass;
   per_mass << Vec3d::Ones(), whole.inertia / whole.mass;
   Vec6d per_spring;
@@ -93,7 +93,7 @@ void CopyCoupling::on_sample(std::size_t peer, const CopySample& sample) noexcep
   if (sample.time_ns <= pressed_ns_[peer]) return;
   pressed_ns_[peer] = sample.time_ns;
   pressed_[peer] = sample.pressed;
-  // The counter never falls. A lower value shows that the previous sample was wrong, and counting restarts from it.
+  // The counter never decreases. A lower value shows that the previous sample was wrong; it is the new base then.
   const double arrived = std::min(sample.energy[index_] - energy_received_[peer], settings_.tank);
   energy_received_[peer] = sample.energy[index_];
   if (!(arrived > 0)) return;
@@ -125,8 +125,8 @@ Mat6d CopyCoupling::impedance_to(std::size_t peer) const noexcept {
   const Vec3d along = between / size;
   const double opposed = std::min(pressed_[index_].dot(along), -pressed_[peer].dot(along));
   const double carried = 2 * std::max(0.0, opposed - settings_.ignored_force) / static_cast<double>(settings_.copies);
-  const double wanted = std::min(carried * channel_delay_ / settings_.stretch, settings_.max_mass / channel_delay_);
-  if (const double more = wanted - impedance_[0]; more > 0)
+  const double target = std::min(carried * channel_delay_ / settings_.stretch, settings_.max_mass / channel_delay_);
+  if (const double more = target - impedance_[0]; more > 0)
     impedance.topLeftCorner<3, 3>() += more * along * along.transpose();
   return impedance;
 }
@@ -136,15 +136,20 @@ void CopyCoupling::begin(std::int64_t now_ns, double dt, RigidBody& body) noexce
   now_ns_ = now_ns;
   dt_ = dt;
   axes_ = body.state().orientation;
-  step_.setZero();
-  const double copies = static_cast<double>(settings_.copies);
-  const double allowed = settings_.allowance / copies * dt;
+  const double allowed = settings_.allowance / static_cast<double>(settings_.copies) * dt;
   ledger_.received += allowed;
   ledger_.tank = std::min(settings_.tank, ledger_.tank + allowed);
+  receive_waves(now_ns, dt);
+  choose_step(dt);
+  add_spring(dt, body);
+}
 
+/// Interpolates the samples of all copies at the delay D, moves the homing on, and filters the waves.
+void CopyCoupling::receive_waves(std::int64_t now_ns, double dt) noexcept {
+  const double copies = static_cast<double>(settings_.copies);
   const std::int64_t then_ns = now_ns - std::llround(settings_.delay * 1e9);
   Received own;
-  bool all = interpolate(received_[index_], then_ns, own);
+  bool all_received = interpolate(received_[index_], then_ns, own);
   Vec6d apart = Vec6d::Zero();
   double furthest = 0;
   for (std::size_t i = 0; i < settings_.copies; ++i) {
@@ -152,29 +157,31 @@ void CopyCoupling::begin(std::int64_t now_ns, double dt, RigidBody& body) noexce
     Channel& channel = channels_[i];
     Received peer;
     if (interpolate(received_[i], then_ns, peer)) {
-      if (!channel.received) channel.offset = channel.wanted - peer.wave;
+      if (!channel.received) channel.offset = channel.raw - peer.wave;
       channel.received = true;
-      channel.wanted = peer.wave + channel.offset;
-      if (all) {
+      channel.raw = peer.wave + channel.offset;
+      if (all_received) {
         furthest = std::max(furthest, (peer.position - own.position).norm());
         apart.head<3>() += (peer.position - own.position) / copies;
         apart.tail<3>() += log_map(own.orientation.conjugate() * peer.orientation) / copies;
       }
     } else {
-      all = false;
-      if (!channel.received && now_ns - start_ns_ <= kAssumedMotionNs) channel.wanted += dt * start_speed_;
+      all_received = false;
+      if (!channel.received && now_ns - start_ns_ <= kAssumedMotionNs) channel.raw += dt * start_speed_;
     }
   }
-  if (all) ledger_.apart = furthest;
-  if (all && may_home_) homing_ += apart * (settings_.homing * dt / channel_delay_);
+  if (all_received) ledger_.apart = furthest;
+  if (all_received && may_home_) homing_ += apart * (settings_.homing * dt / channel_delay_);
   for (std::size_t i = 0; i < settings_.copies; ++i) {
     if (i == index_) continue;
-    channels_[i].filtered += (channels_[i].wanted + homing_ - channels_[i].filtered) * (dt / (filter_ + dt));
+    channels_[i].filtered += (channels_[i].raw + homing_ - channels_[i].filtered) * (dt / (filter_ + dt));
   }
+}
 
-  // Limits the steps to the maximum speed and to the energy in the tank.
+/// Steps each channel towards its filtered wave, as far as the maximum speed and the energy in the tank allow.
+void CopyCoupling::choose_step(double dt) noexcept {
   const double arm = std::sqrt(share_.inertia.maxCoeff() / share_.mass);
-  double cost = 0;
+  double cost = 0;  // J
   Mat6d impedances = Mat6d::Zero();
   ledger_.behind = 0;
   for (std::size_t i = 0; i < settings_.copies; ++i) {
@@ -182,8 +189,8 @@ void CopyCoupling::begin(std::int64_t now_ns, double dt, RigidBody& body) noexce
     Channel& channel = channels_[i];
     channel.step = channel.filtered - channel.arrived;
     ledger_.behind = std::max(ledger_.behind, channel.step.head<3>().norm());
-    const double fastest = std::max(channel.step.head<3>().norm(), arm * channel.step.tail<3>().norm()) / dt;
-    if (fastest > settings_.max_speed) channel.step *= settings_.max_speed / fastest;
+    const double speed = std::max(channel.step.head<3>().norm(), arm * channel.step.tail<3>().norm()) / dt;
+    if (speed > settings_.max_speed) channel.step *= settings_.max_speed / speed;
     channel.impedance = impedance_to(i);
     impedances += channel.impedance;
     cost += channel.step.dot(channel.impedance * channel.step) / (4 * dt);
@@ -195,6 +202,7 @@ void CopyCoupling::begin(std::int64_t now_ns, double dt, RigidBody& body) noexce
     ++ledger_.held;
   }
   ledger_.tank -= share * share * cost;
+  step_.setZero();
   for (std::size_t i = 0; i < settings_.copies; ++i) {
     if (i == index_) continue;
     channels_[i].step *= share;
@@ -203,11 +211,13 @@ void CopyCoupling::begin(std::int64_t now_ns, double dt, RigidBody& body) noexce
   }
   admittance_ = impedances.inverse();
   step_ = admittance_ * step_;
+}
 
+void CopyCoupling::add_spring(double dt, RigidBody& body) noexcept {
   // Spring and channels in series, at the end of the step: F = K (e + step - F dt / b - u - dt v).
-  pull_ = (Mat6d(stiffness_.cwiseInverse().asDiagonal()) + dt * admittance_).inverse();
-  const Mat6d mass = dt * dt * pull_ + dt * Mat6d(drag_.asDiagonal());
-  const Vec6d impulse = dt * pull_ * (set_position_ + step_ - moved_);
+  effective_stiffness_ = (Mat6d(stiffness_.cwiseInverse().asDiagonal()) + dt * admittance_).inverse();
+  const Mat6d mass = dt * dt * effective_stiffness_ + dt * Mat6d(drag_.asDiagonal());
+  const Vec6d impulse = dt * effective_stiffness_ * (set_position_ + step_ - moved_);
   const Eigen::Matrix3d axes = axes_.toRotationMatrix();
   Mat6d mass_world = Mat6d::Zero();
   mass_world.topLeftCorner<3, 3>() = mass.topLeftCorner<3, 3>();
@@ -222,7 +232,7 @@ void CopyCoupling::finish(const Vec6d& velocity, const RigidBody& body, const Ve
     Vec6d own;
     own << velocity.head<3>(), axes_.conjugate() * velocity.tail<3>();
     const Vec6d moved = dt_ * own;
-    const Vec6d force = pull_ * (set_position_ + step_ - moved_ - moved);
+    const Vec6d force = effective_stiffness_ * (set_position_ + step_ - moved_ - moved);
     const double channels = static_cast<double>(settings_.copies - 1);
     const Vec6d end_step = step_ - dt_ * admittance_ * force;
     const double dragged = drag_.dot(own.cwiseProduct(moved));
@@ -230,16 +240,16 @@ void CopyCoupling::finish(const Vec6d& velocity, const RigidBody& body, const Ve
     ledger_.tank += settings_.credited * dragged;
     set_position_ += end_step;
     moved_ += moved;
-    // Energy that the channels put into the spring and that the spring neither returned nor stored. Without this credit
-    // a low tank would make the set position oscillate, and the oscillation would lower the tank further.
+    // The tank gets the energy that the channels put into the spring and that the spring neither returned nor stored.
+    // Without this credit a low tank would make the set position oscillate, which would lower the tank further.
     const double stored = 0.5 * stiffness_.dot((set_position_ - moved_).cwiseAbs2());
     ledger_.tank += std::max(0.0, force.dot(end_step - moved) - (stored - ledger_.stored));
     ledger_.stored = stored;
 
     for (std::size_t i = 0; i < settings_.copies; ++i) {
       if (i == index_) continue;
-      const Vec6d leaving = end_step - channels_[i].step / 2;  // times dt
-      own_.energy[i] += leaving.dot(channels_[i].impedance * leaving) / dt_;
+      const Vec6d departing = end_step - channels_[i].step / 2;  // dt times the velocity of the wave
+      own_.energy[i] += departing.dot(channels_[i].impedance * departing) / dt_;
       own_.waves[i] = 2 * set_position_ - channels_[i].arrived;
     }
     if (const double spare = kSurplusShare * (ledger_.tank - settings_.reserve); spare > 0) {

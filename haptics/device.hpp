@@ -1,4 +1,4 @@
-/// A haptic device in its own frame, and the frame that maps it into the world.
+/// Interface of a haptic device in its own frame, and the frame that maps the device into the world.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -15,7 +15,7 @@ using spm::Vec3d;
 struct DeviceSpec {
   double max_force = 10;                ///< N
   double max_stiffness = 5000;          ///< N/m, the vendor's limit
-  double damping = 3;                   ///< N s/m, physical, minimum; sets the stiffness that stays stable
+  double damping = 3;                   ///< N s/m, minimum physical damping; determines the maximum stable stiffness
   double workspace_radius = 0.2;        ///< m
   double max_torque = 0;                ///< N m; 0: forces only
   double max_rotational_stiffness = 1;  ///< N m/rad, the vendor's limit
@@ -34,13 +34,14 @@ struct DeviceState {
   std::uint32_t buttons = 0;  ///< Button
   std::int64_t time_ns = 0;   ///< time of the measurement, on the clock given to `read`
 
-  // Of a device on another machine.
-  std::uint32_t sequence = 0;  ///< the sequence number that the sender gave the pose
-  double transit = 0;          ///< s, time the pose took to arrive; not counted as silence
-  double loop_delay = 0;       ///< s from the pose to its force in the hand, beyond half a cycle
+  // Only of a device on another machine:
+  std::uint32_t sequence = 0;  ///< the sender's sequence number of the pose
+  double transit = 0;          ///< s, transit of the pose; not part of its age
+  double loop_delay = 0;       ///< s, delay from pose to force in addition to half a cycle
 };
 
-/// A device that cannot be opened; the message names device or file, line, what was found and what was expected.
+/// Error of a device that cannot be opened. The message names the device, or file and line, the value found and the
+/// value expected.
 class DeviceError : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
@@ -58,27 +59,28 @@ class Device {
  public:
   virtual ~Device() = default;
   [[nodiscard]] virtual const DeviceSpec& spec() const noexcept = 0;
-  /// The newest state. `now_ns` never goes back.
+  /// Returns the newest state. `now_ns` never decreases.
   [[nodiscard]] virtual DeviceState read(std::int64_t now_ns) noexcept = 0;
-  /// The force on the user's hand, N in the device's frame, held until the next write.
+  /// Sets the force on the user's hand until the next write, N in the device's frame.
   virtual void write(const Vec3d& force) noexcept = 0;
-  /// Force and a torque about the tip, N m, for devices that can exert one; called instead of `write`.
+  /// Sets force and torque about the tip, N m. Called instead of `write`; devices without torque ignore the torque.
   virtual void write_wrench(const Vec3d& force, const Vec3d& /*torque*/) noexcept { write(force); }
   [[nodiscard]] virtual DeviceHealth health() const noexcept = 0;
 };
 
 /// The pose of a device in the world: tip = rotation * (scale * position) + translation.
 ///
-/// Work is equal on both sides, so a force comes back as scale * rotation^-1 * force, and a world stiffness feels
-/// scale^2 times as stiff: enlarged motions have lower limits. While clutched the device moves and the tip does not.
-/// One thread at a time. Realtime.
+/// The work is equal in both frames. So a world force is scale * rotation^-1 * force in the device's frame, and a world
+/// stiffness is scale^2 times as large there. So a scale above 1 lowers the limits in the world. While the clutch is
+/// down, the device moves and the tip does not. One thread at a time. Realtime.
 class DeviceFrame {
  public:
   explicit DeviceFrame(const Eigen::Quaterniond& rotation = Eigen::Quaterniond::Identity(),
                        const Vec3d& translation = Vec3d::Zero(), double scale = 1) noexcept
       : rotation_{rotation.normalized()}, translation_{translation}, scale_{scale} {}
 
-  /// The device's state in the world, once per cycle. After the clutch is released the tip continues from where it was.
+  /// Returns the device's state in the world; call it once per cycle. After the clutch is released, the tip continues
+  /// from its last position.
   [[nodiscard]] DeviceState to_world(const DeviceState& device, bool clutched) noexcept {
     DeviceState world = device;
     const Vec3d moved = rotation_ * (scale_ * device.position);
@@ -91,18 +93,18 @@ class DeviceFrame {
     return world;
   }
 
-  /// A world force in the device's frame; zero while clutched, because the hand is not at the tip.
+  /// Converts a world force to the device's frame. Zero while the clutch is down, because the hand is not at the tip.
   [[nodiscard]] Vec3d force_to_device(const Vec3d& force_world) const noexcept {
     if (clutched_) return Vec3d::Zero();
     return scale_ * (rotation_.conjugate() * force_world);
   }
-  /// A torque in the device's frame; torques are not scaled.
+  /// Converts a world torque to the device's frame; torques are not scaled.
   [[nodiscard]] Vec3d torque_to_device(const Vec3d& torque_world) const noexcept {
     if (clutched_) return Vec3d::Zero();
     return rotation_.conjugate() * torque_world;
   }
 
-  /// The device's limits in world units.
+  /// Converts the device's limits to world units.
   [[nodiscard]] DeviceSpec to_world(const DeviceSpec& spec) const noexcept {
     return {spec.max_force / scale_,
             spec.max_stiffness / (scale_ * scale_),

@@ -10,14 +10,15 @@ namespace {
 
 constexpr double kAgeTolerance = 1e-9;  // s, for differences of large times
 
-/// Returns a force within `limit` unchanged, to the bit.
+/// Shortens a force to `limit`. A shorter force is not changed by a bit.
 Vec3d limited(const Vec3d& force, double limit) noexcept {
   const double size = force.norm();
   return size > limit ? Vec3d(force * (limit / size)) : force;
 }
 
-/// Damping along a contact's normal, or a torque's axis. It may cancel the push but not turn it into a pull.
-double damped(const Vec3d& force, const Vec3d& normal, const Vec3d& velocity, double damping) noexcept {
+/// Damping force along a contact normal, or damping torque along an axis. It may cancel the push but not turn it into a
+/// pull.
+double damping_along(const Vec3d& force, const Vec3d& normal, const Vec3d& velocity, double damping) noexcept {
   return std::max(-std::max(0.0, force.dot(normal)), -damping * velocity.dot(normal));
 }
 
@@ -30,11 +31,11 @@ Vec3d rotation_between(const Eigen::Quaterniond& from, const Eigen::Quaterniond&
   return log_map(to * from.conjugate());
 }
 
-/// Force of a contact's spring and damper.
+/// Force of spring and damper of a contact.
 Vec3d contact_force(const ProxyResult& proxy, const DeviceState& device, double stiffness, double damping) noexcept {
   Vec3d force = stiffness * (proxy.anchor - device.position);
   if (proxy.in_contact)
-    force += damped(force, proxy.normal, device.velocity - proxy.surface_velocity, damping) * proxy.normal;
+    force += damping_along(force, proxy.normal, device.velocity - proxy.surface_velocity, damping) * proxy.normal;
   return force;
 }
 
@@ -60,9 +61,9 @@ ToolGrip ForceRenderer::grip_with(double arm, const Feel& feel, double dt, doubl
   const double stiffness = this->stiffness(feel, dt, loop_delay);
   const double rotational_stiffness = stiffness * arm * arm;
   // A device without torque cannot become unstable by torque.
-  const double borne =
+  const double limited_stiffness =
       bears_torque() ? std::min(rotational_stiffness, spec_.max_rotational_stiffness) : rotational_stiffness;
-  return {stiffness, borne, kAngularDamping * borne};
+  return {stiffness, limited_stiffness, kAngularDamping * limited_stiffness};
 }
 
 ToolGrip ForceRenderer::grip(const Feel& feel, double dt, double loop_delay) const noexcept {
@@ -99,11 +100,11 @@ void ForceRenderer::advance_gain(double pose_age, double dt) noexcept {
   }
 }
 
-/// True when the device moves faster than a hand does while a force acts on it.
+/// Returns whether a force acts and the device moves faster than a hand can move against it.
 bool ForceRenderer::too_fast(const DeviceState& device, double dt) noexcept {
   double speed = device.velocity.norm(), angular_velocity = 0;
   if (has_pose_) {
-    // A repeated pose has no new information. A late pose covers more than one cycle.
+    // A repeated pose adds no motion. The motion since an older pose took more than one cycle.
     const double passed = std::max(dt, static_cast<double>(device.time_ns - time_ns_) * 1e-9);
     speed = std::max(speed, (device.position - position_).norm() / passed);
     const bool turns = is_unit(device.orientation) && is_unit(orientation_);
@@ -146,7 +147,7 @@ const ForceResult& ForceRenderer::step(const Hold& hold, const ToolGrip& grip, c
 
 Vec3d ForceRenderer::ramped(const Vec3d& pressed, const Vec3d& normal) noexcept {
   if (ramp_.done()) return pressed;
-  // A force from before the change may pull on the new surface. That pull fades with the ramp and never grows.
+  // The force that continues from before the change may pull on the new surface. This pull must not grow.
   const double max = std::max(0.0, -last_.dot(normal));
   const double pull = -(pressed - ramp_.remaining()).dot(normal);
   if (pull > max) ramp_.set(ramp_.remaining() - normal * (pull - max));
@@ -176,13 +177,13 @@ void ForceRenderer::render(const ProxyResult& proxy, const DeviceState& device, 
   if (!admit(device, feel, pose_age, dt)) return;
 
   const double stiffness = this->stiffness(feel, dt, device.loop_delay);
-  // Limited before the ramp as well: the excess would not be felt and would lengthen the ramp.
+  // The force is limited before the ramp as well: the excess would not be felt, but it would lengthen the ramp.
   bool saturated = false;
   const auto pressed = [&](const ProxyResult& at) noexcept {
     const Vec3d whole = contact_force(at, device, stiffness, feel.damping);
-    const Vec3d within = limited(whole, max_force());
-    saturated = saturated || within != whole;
-    return within;
+    const Vec3d bounded = limited(whole, max_force());
+    saturated = saturated || bounded != whole;
+    return bounded;
   };
   Vec3d force = pressed(proxy);
   ramp_.advance(kSurfaceRamp * dt);
@@ -209,12 +210,12 @@ void ForceRenderer::render(const ToolResult& tool, const ToolGrip& grip, const D
   if (!finite) return latch(Fault::kInputNotFinite);
   if (!admit(device, feel, pose_age, dt)) return;
   Vec3d force = grip.stiffness * tool.displacement;
-  if (tool.in_contact) force += damped(force, tool.normal, device.velocity, feel.damping) * tool.normal;
+  if (tool.in_contact) force += damping_along(force, tool.normal, device.velocity, feel.damping) * tool.normal;
   if (!force.isZero(0) && grip.stiffness < feel.stiffness) result_.bits |= kForceStiffnessCut;
   Vec3d torque = grip.rotational_stiffness * tool.rotation;
   if (const double size = torque.norm(); tool.in_contact && size > 0) {
     const Vec3d axis = torque / size;
-    torque += damped(torque, axis, angular_velocity_, grip.angular_damping) * axis;
+    torque += damping_along(torque, axis, angular_velocity_, grip.angular_damping) * axis;
   }
   limit(force, torque, pose_age, dt);
 }
@@ -240,7 +241,7 @@ Vec3d ForceRenderer::slewed(const Vec3d& wanted, const Vec3d& before, double lar
   return before + change * (largest / size);
 }
 
-/// Of what was released, the rest of its force goes on top.
+/// Adds the fading force and torque of a withdrawn object.
 void ForceRenderer::fade(Vec3d& force, Vec3d& torque, double dt) noexcept {
   fading_.advance(kSurfaceRamp * dt);
   fading_torque_.advance(kTorqueRamp * dt);
@@ -258,12 +259,12 @@ void ForceRenderer::fade(Vec3d& force, Vec3d& torque, double dt) noexcept {
 void ForceRenderer::limit(const Vec3d& force, const Vec3d& torque, double pose_age, double dt) noexcept {
   advance_gain(pose_age, dt);
   const bool felt = !force.isZero(0) || !torque.isZero(0);
-  Vec3d within = limited(force, max_force()), limited_torque = limited(torque, max_torque());
-  // A missing torque on a device without torque is no event.
-  if (within != force || (max_torque() > 0 && limited_torque != torque)) result_.bits |= kForceSaturated;
-  fade(within, limited_torque, dt);
+  Vec3d limited_force = limited(force, max_force()), limited_torque = limited(torque, max_torque());
+  // A device without torque sets no bit for a missing torque.
+  if (limited_force != force || (max_torque() > 0 && limited_torque != torque)) result_.bits |= kForceSaturated;
+  fade(limited_force, limited_torque, dt);
   if (gain_ < 1 && felt) result_.bits |= kForceSoftStart;
-  Vec3d out = slewed(within * gain_, result_.force, settings_.max_slew * dt);
+  Vec3d out = slewed(limited_force * gain_, result_.force, settings_.max_slew * dt);
   Vec3d out_torque = slewed(limited_torque * gain_, result_.torque, settings_.max_torque_slew * dt);
   if (pose_age >= settings_.zero_by - kAgeTolerance) {
     out.setZero();

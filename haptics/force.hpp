@@ -1,14 +1,14 @@
 /// Computes a safe force from proxy and device.
 ///
-/// force = stiffness (anchor - device) - damping * velocity along the contact normal, relative to the touched surface,
-/// then limited. Every limit that acts sets a bit, so that an operator can see it.
+/// The force is stiffness (anchor - device) minus damping times the velocity along the contact normal, relative to the
+/// touched surface. Then the force is limited. Every limit that acts sets a bit, so that an operator can see it.
 ///
-/// When the surface changes, the force continues as if it had not changed. The difference between the two forces is
-/// removed and then let through at a constant rate. So there is no step, and the force soon matches the new surface.
-/// During the ramp the force may push more or less than the new surface would, but it never pulls the hand in.
+/// When the surface changes, the force first continues as if the surface had not changed. Then it moves at a constant
+/// rate to the force of the changed surface. So the force does not jump. During this surface ramp it may push more or
+/// less than the changed surface would, but it never pulls the hand in.
 ///
 /// A tool also exerts a torque: rotational stiffness times rotation (haptics/tool.hpp, which prevents jumps of
-/// displacement and rotation when a surface changes). Force and torque are limited separately; each bit covers both.
+/// displacement and rotation when a surface changes). Force and torque have separate limits; each bit stands for both.
 ///
 /// World frame, SI. One thread at a time. Realtime. docs/explanation/safety.md lists the rules and their tests.
 #pragma once
@@ -23,19 +23,19 @@
 
 namespace tactus::haptics {
 
-/// A frame on a moving object that a hand holds in all six degrees of freedom. World frame.
+/// The frame of a held object to which the device is coupled in all six degrees of freedom. World frame.
 struct Hold {
-  ToolPose pose;                           ///< pose that the device is pulled to
+  ToolPose pose;                           ///< pose to which the device is pulled
   Vec3d velocity = Vec3d::Zero();          ///< m/s, of that frame
   Vec3d angular_velocity = Vec3d::Zero();  ///< rad/s, of the object
 };
 
 struct Wrench {
-  Vec3d force = Vec3d::Zero(), torque = Vec3d::Zero();  ///< N; N m about the tip
+  Vec3d force = Vec3d::Zero();   ///< N
+  Vec3d torque = Vec3d::Zero();  ///< N m, about the tip
 };
 
-/// Reasons why a force was changed. A report of several cycles combines their bits with "or". There are kForceBits of
-/// them.
+/// Reasons why a force was changed; kForceBits bits. A report about several cycles has the bits of all of them.
 enum ForceBit : std::uint32_t {
   kForceSaturated = 1u << 0,     ///< |force| was above the limit
   kForceSlewLimited = 1u << 1,   ///< the force changed faster than allowed
@@ -47,20 +47,19 @@ enum ForceBit : std::uint32_t {
 };
 constexpr std::uint32_t kForceBits = 7;
 
-/// Why a force is off until reset. The numbers go over the network (session::fault_of).
-
+/// Reason why a force is off until a reset. Status bits carry these numbers (session::kFaultReason).
 enum class Fault : std::uint8_t {
   kNone = 0,
-  kInputNotFinite = 1,  ///< a pose, velocity or surface figure was NaN or infinite
+  kInputNotFinite = 1,  ///< a pose, a velocity or a property of the surface was NaN or infinite
   kForceNotFinite = 2,  ///< the computed force was NaN or infinite
   kDeviceFailed = 3,    ///< DeviceHealth::kFailed
   kEmergencyStop = 4,
   kTooFast = 5  ///< the tip moved faster than ForceSettings::max_speed while a force acted on it
 };
 
-/// N/s: rate at which the force effect of a surface change is let through.
+/// N/s: rate of the surface ramp.
 inline constexpr double kSurfaceRamp = 45;
-/// N m/s: the same for the torque of what is gone.
+/// N m/s: rate at which the torque of a withdrawn object fades.
 inline constexpr double kTorqueRamp = 1.5;
 
 struct ForceSettings {
@@ -70,15 +69,15 @@ struct ForceSettings {
   double recovery = 0.1;    ///< s from zero to full strength once poses are fresh again
   double hold = 0.010;      ///< s, age up to which a pose counts as fresh
   double zero_by = 0.060;   ///< s, age at which the force is zero
-  /// m/s, from the device's velocity and from its positions. No hand moves so fast against a force, but a device that
-  /// broke loose does. Without a force nothing trips.
+  /// m/s, limit of the device's velocity, and of the velocity computed from its positions. No hand moves so fast
+  /// against a force, but a device out of control does. Without a force there is no fault.
   double max_speed = 1.5;
   double max_torque = 0.3;           ///< N m; the device's own limit also applies
   double max_torque_slew = 150;      ///< N m/s
-  double max_angular_velocity = 40;  ///< rad/s, from the device's orientations; otherwise as max_speed
+  double max_angular_velocity = 40;  ///< rad/s, limit like max_speed, computed from the device's orientations
 };
 
-/// How the touched object feels along its normal.
+/// Stiffness and damping of the touched object along the contact normal.
 struct Feel {
   double stiffness = 1000;  ///< N/m
   double damping = 1;       ///< N s/m
@@ -88,18 +87,19 @@ struct ForceResult {
   Vec3d force = Vec3d::Zero();   ///< N, on the user's hand
   Vec3d torque = Vec3d::Zero();  ///< N m, about the tip; zero without a tool
   std::uint32_t bits = 0;        ///< ForceBit
-  std::uint32_t began = 0;       ///< bits that the previous step did not have
+  std::uint32_t began = 0;       ///< bits that the previous step did not set
   Fault fault = Fault::kNone;
 };
 
 /// Rotation vector from the device to the held frame, rad.
 [[nodiscard]] Vec3d rotation_to(const Hold& hold, const DeviceState& device) noexcept;
-/// Force and torque of a hold's springs and dampers on the hand, before limits; the device turns at `angular_velocity`.
+/// Force and torque on the hand from the springs and dampers of a hold, before limits. `angular_velocity`: of the
+/// device.
 [[nodiscard]] Wrench wrench_of(const Hold& hold, const ToolGrip& grip, double damping, const DeviceState& device,
                                const Vec3d& angular_velocity) noexcept;
 
-/// The stiffness that stays stable on a device of damping b: (b + B) / (T / 2 + td), with B the virtual damping, T the
-/// cycle and td the further delay of the loop. Source: Hulin, Preusche, Hirzinger 2006; 5-45 % conservative.
+/// The maximum stable stiffness on a device of damping b: (b + B) / (T / 2 + td), with the virtual damping B, the cycle
+/// T and the further delay td of the loop. It is 5 to 45 % too low. Source: Hulin, Preusche, Hirzinger 2006.
 [[nodiscard]] constexpr double stable_stiffness(double device_damping, double damping, double cycle,
                                                 double loop_delay) noexcept {
   return (device_damping + damping) / (cycle / 2 + loop_delay);
@@ -110,45 +110,47 @@ class ForceRenderer {
   /// `spec` in world units (DeviceFrame::to_world).
   ForceRenderer(const ForceSettings& settings, const DeviceSpec& spec) noexcept : settings_{settings}, spec_{spec} {}
 
-  /// A material's stiffness as limited for this device, at cycles of `dt` seconds and with DeviceState::loop_delay. The
-  /// proxy's grip needs the same value.
+  /// The stiffness of a material after the limit for this device, N/m, at cycles of `dt` seconds and with
+  /// DeviceState::loop_delay. The proxy's grip needs the same value.
   [[nodiscard]] double stiffness(const Feel& feel, double dt, double loop_delay = 0) const noexcept;
 
-  /// The coupling of a tool, limited likewise; 0.1 N m/rad at 1,000 N/m.
+  /// The coupling of a tool, limited in the same way; 0.1 N m/rad at 1,000 N/m.
   [[nodiscard]] ToolGrip grip(const Feel& feel, double dt, double loop_delay = 0) const noexcept;
-  /// The coupling of a held object, limited likewise, as for fingers 10 cm apart: 2.5 N m/rad at 1,000 N/m.
+  /// The coupling of a held object, limited in the same way. Its rotational stiffness is that of two fingers 10 cm
+  /// apart: 2.5 N m/rad at 1,000 N/m.
   [[nodiscard]] ToolGrip hold(const Feel& feel, double dt, double loop_delay = 0) const noexcept;
 
-  /// One cycle of `dt` seconds. `pose_age`: seconds since the device was at `device`, without transit time.
-  /// `unchanged`: the proxy's position if the surface had not changed in this cycle (Proxy::unchanged); null: the same
-  /// position. For every input the force is finite and within its limits, and after the first fault it is zero.
+  /// Computes one cycle of `dt` seconds. `pose_age`: age of the device pose without its transit, s. `unchanged`: the
+  /// result of Proxy::unchanged in a cycle in which the surface changed, otherwise null. For every input the force is
+  /// finite and within its limits. After a fault it is zero.
   [[nodiscard]] const ForceResult& step(const ProxyResult& proxy, const DeviceState& device, const Feel& feel,
                                         double pose_age, double dt, const ProxyResult* unchanged = nullptr) noexcept;
-  /// The same for a tool coupled by `grip`.
+  /// Computes one cycle for a tool that is coupled by `grip`.
   [[nodiscard]] const ForceResult& step(const ToolResult& tool, const ToolGrip& grip, const DeviceState& device,
                                         const Feel& feel, double pose_age, double dt) noexcept;
 
-  /// The same for a hand that holds something by `grip`.
+  /// Computes one cycle for a hand that holds an object, coupled by `grip`.
   [[nodiscard]] const ForceResult& step(const Hold& hold, const ToolGrip& grip, const DeviceState& device,
                                         const Feel& feel, double pose_age, double dt) noexcept;
-  /// The device's angular velocity from its orientations, smoothed; rad/s.
+  /// Smoothed angular velocity of the device, computed from its orientations, rad/s.
   [[nodiscard]] const Vec3d& angular_velocity() const noexcept { return angular_velocity_; }
   /// Share of the full force: below 1 during a soft start and with old poses.
   [[nodiscard]] double strength() const noexcept { return gain_; }
   [[nodiscard]] bool bears_torque() const noexcept { return max_torque() > 0; }
 
-  /// Sets the force to zero until a reset. ForceResult reports the first fault since the reset.
+  /// Sets the force to zero until a reset. ForceResult states the first fault since the last reset.
   void latch(Fault fault) noexcept;
 
-  /// Clears the fault; the force then starts softly.
+  /// Clears the fault; the force begins with a soft start.
   void reset() noexcept;
 
-  /// What the probe touches or holds is gone in the next step: the change of force and torque that follows is let
-  /// through at kSurfaceRamp and kTorqueRamp.
+  /// Reports that the touched or held object is withdrawn in the next step: its force and torque then fade at
+  /// kSurfaceRamp and kTorqueRamp.
   void release() noexcept { released_ = true; }
 
-  /// What one step leaves to the next, but for the settings; see haptics/carried.hpp. What only numbers follow from,
-  /// which are checked before they are felt, may be anything. Realtime if `visit` is.
+  /// Visits the state that one step leaves for the next, without the settings (haptics/carried.hpp). Values from which
+  /// only forces are computed may be anything, because forces are checked before they reach the hand. Realtime if
+  /// `visit` is.
   template <class Visit>
   void for_each_carried(Visit& visit) noexcept {
     static_assert(sizeof(ForceResult) == 64, "carry the new member");
@@ -198,12 +200,12 @@ class ForceRenderer {
   DeviceSpec spec_;
   ForceResult result_;
   double gain_ = 0;        // share of full strength
-  double rise_time_ = -1;  // s from zero to full strength; < 0: as at the start
+  double rise_time_ = -1;  // s from zero to full strength; < 0: ForceSettings::soft_start
   std::uint32_t bits_before_ = 0;
   Ramp ramp_;                    // N
-  Vec3d last_ = Vec3d::Zero();   // N, as ramped, before the limits
-  bool released_ = false;        // since the last step
-  Ramp fading_, fading_torque_;  // N, N m; of what was released
+  Vec3d last_ = Vec3d::Zero();   // N, force after the surface ramp, before the limits
+  bool released_ = false;        // `release` was called since the last step
+  Ramp fading_, fading_torque_;  // N, N m; force and torque of a withdrawn object
   bool has_pose_ = false;        // the next three are valid
   Vec3d position_ = Vec3d::Zero();
   Eigen::Quaterniond orientation_ = Eigen::Quaterniond::Identity();

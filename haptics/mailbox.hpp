@@ -1,4 +1,4 @@
-/// Shows one thread the newest value of another; older values are overwritten.
+/// Passes the newest value of one thread to another; a newer value overwrites an older one.
 ///
 ///     producer: post(a) post(b)            post(c)
 ///     consumer:                  take -> b         take -> c   take -> nothing new
@@ -16,7 +16,7 @@ namespace tactus::haptics {
 
 template <class T>
 class Mailbox {
-  static_assert(std::is_trivially_destructible_v<T>, "posting copies, and may not allocate");
+  static_assert(std::is_trivially_destructible_v<T>, "a post copies the value and must not allocate");
 
  public:
   /// Until the first post, `latest` is `initial`.
@@ -24,7 +24,7 @@ class Mailbox {
   Mailbox(const Mailbox&) = delete;
   Mailbox& operator=(const Mailbox&) = delete;
 
-  /// Producer only.
+  /// Producer only: makes `value` the newest.
   void post(const T& value) noexcept {
     slots_[back_].value = value;
     back_ = between_.exchange(static_cast<std::uint8_t>(back_ | kNew), std::memory_order_acq_rel) & kSlot;
@@ -38,7 +38,7 @@ class Mailbox {
     return true;
   }
 
-  /// Consumer only: the newest value, seen before or not. The reference is valid until the consumer's next call.
+  /// Consumer only: returns the newest value, even if the consumer has seen it. Valid until the consumer's next call.
   [[nodiscard]] const T& latest() noexcept {
     refresh();
     return slots_[front_].value;

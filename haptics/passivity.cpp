@@ -24,20 +24,20 @@ Vec3d PassivityController::step(const Vec3d& force, const Vec3d& position, doubl
   force_ = force;
   if (!control) return force_;
 
-  // The next displacement equals this one, plus what the hand can add by accelerating.
+  // Assumes that the next displacement equals this one, plus the displacement by the maximum acceleration.
   const double margin = settings_.acceleration * dt * dt;
-  const double left = std::max(0.0, ledger_.energy + settings_.allowance);
+  const double available = std::max(0.0, ledger_.energy + settings_.allowance);
   const double length = displacement.norm();
-  const auto drawn = [&](const Vec3d& f) { return f.dot(displacement) + f.norm() * margin; };
-  if (const double wanted = drawn(force_); wanted > left) {
+  const auto given = [&](const Vec3d& f) { return f.dot(displacement) + f.norm() * margin; };
+  if (const double wanted = given(force_); wanted > available) {
     ++ledger_.withholding;
     if (const double along = length > 0 ? force_.dot(displacement) / length : 0.0; along > 0) {
       // First reduces the part along the motion, because its direction is the most certain.
-      const double less = std::min(along, (wanted - left) / length);
+      const double less = std::min(along, (wanted - available) / length);
       force_ -= less / length * displacement;
     }
-    if (const double still = drawn(force_); still > left) force_ *= std::max(0.0, left / still);
-    ledger_.withheld += wanted - drawn(force_);
+    if (const double still = given(force_); still > available) force_ *= std::max(0.0, available / still);
+    ledger_.withheld += wanted - given(force_);
   }
   if (ledger_.energy < -settings_.allowance && length > settings_.min_speed * dt) {
     ++ledger_.damping;

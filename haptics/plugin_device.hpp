@@ -1,4 +1,4 @@
-/// A device whose driver is a shared library, loaded at run time.
+/// Operates a device through a driver in a shared library, which is loaded at run time.
 #pragma once
 
 #include <memory>
@@ -7,14 +7,14 @@
 #include "haptics/device.hpp"
 
 struct tactus_device;         // haptics/device_plugin.h
-struct tactus_device_driver;  // the same
+struct tactus_device_driver;  // haptics/device_plugin.h
 
 namespace tactus::haptics {
 
 class PluginDevice final : public Device {
  public:
-  /// Loads `library` (a path; the system's library path is searched for a bare name) and opens the device that `config`
-  /// names to its driver. Throws DeviceError with the driver's reason.
+  /// Loads `library`, a path or a name in the system's library path, and opens the device that `config` describes to
+  /// the driver. Throws DeviceError with the driver's reason.
   PluginDevice(const std::string& library, const std::string& config);
   /// Commands zero force, closes the device and unloads the driver.
   ~PluginDevice() override;
@@ -31,7 +31,7 @@ class PluginDevice final : public Device {
   }
 
  private:
-  static constexpr double kSmoothing = 0.005;  // s, of a velocity derived from positions
+  static constexpr double kSmoothing = 0.005;  // s, time constant of a velocity derived from positions
 
   std::unique_ptr<void, int (*)(void*)> library_;
   const tactus_device_driver* driver_ = nullptr;

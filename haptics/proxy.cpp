@@ -11,12 +11,12 @@ namespace tactus::haptics {
 namespace {
 
 constexpr int kMaxIterations = 6;
-constexpr double kSkin = 1e-6;           // m between proxy and surface: far above rounding errors, too small to feel
+constexpr double kSkin = 1e-6;  // m, distance between proxy and surface: far above rounding errors, too small to feel
 constexpr double kSamePlane = 1 - 1e-6;  // cosine
 constexpr double kNoMotion = 1e-9;       // m
-constexpr double kMinShare = 1.0 / 16;   // smallest share of the radius for a proxy in a narrow gap
+constexpr double kMinShare = 1.0 / 16;   // min share of the radius that a proxy needs in a narrow gap
 
-/// Keeps the centre at normal . x >= offset.
+/// A constraint on the centre x: normal . x >= offset.
 struct Plane {
   Vec3d normal;
   double offset;
@@ -27,10 +27,10 @@ Plane plane_at(const SurfaceHit& hit, double radius) noexcept {
   return {hit.normal, hit.normal.dot(hit.point) + radius + kSkin, hit.object, hit.face};
 }
 
-/// At most three planes, and the point they allow that is nearest to a goal.
+/// At most three planes. Finds the point nearest to a goal that satisfies all of them.
 class Planes {
  public:
-  /// False when three other planes already constrain the proxy.
+  /// Adds a plane, if necessary in place of one that does not constrain the proxy. Returns false if three others do.
   [[nodiscard]] bool add(const Plane& plane) noexcept {
     for (int i = 0; i < count_; ++i) {
       if (planes_[i].normal.dot(plane.normal) > kSamePlane) {
@@ -51,8 +51,8 @@ class Planes {
     return false;
   }
 
-  /// Minimises |x - goal| subject to all planes: tries every set of planes as equalities, and takes the set with
-  /// multipliers >= 0 whose point satisfies the other planes. False when no point satisfies all planes.
+  /// Minimises |x - goal| subject to all planes. Tries every set of planes as equalities. The solution is the set with
+  /// multipliers >= 0 whose point satisfies the other planes. Returns false if no point satisfies all planes.
   [[nodiscard]] bool nearest(const Vec3d& goal, Vec3d& x) noexcept {
     static constexpr std::array<unsigned, 8> kBySize{0, 1, 2, 4, 3, 5, 6, 7};
     for (const unsigned set : kBySize) {
@@ -64,7 +64,7 @@ class Planes {
     return false;
   }
 
-  /// The plane that constrains the proxy most; null when none does.
+  /// The plane farthest on whose inner side the goal lies; null: the goal satisfies all planes.
   [[nodiscard]] const Plane* holding(const Vec3d& goal) const noexcept {
     const Plane* best = nullptr;
     double depth = 0;
@@ -85,7 +85,7 @@ class Planes {
     for (int i = 0; i < count_; ++i) {
       if ((set >> i & 1u) != 0) rows[size++] = i;
     }
-    // x = goal + N' m with N x = d, so (N N') m = d - N goal. Unused rows stay those of the identity.
+    // x = goal + N' m with N x = d, so (N N') m = d - N goal. Unused rows are those of the identity matrix.
     Eigen::Matrix3d gram = Eigen::Matrix3d::Identity();
     Vec3d gap = Vec3d::Zero();
     for (int i = 0; i < size; ++i) {
@@ -169,10 +169,10 @@ Proxy::FrictionGoal Proxy::friction_goal(const Vec3d& device, const Vec3d& norma
 bool Proxy::move_in_cone(const Vec3d& device, Vec3d normal, const Vec3d& held_at, Surface& surface,
                          Motion& found) noexcept {
   constexpr int kMaxRounds = 2;
-  constexpr double kTurned = 5e-4, kTurnedFar = 5e-3;  // rad
-  constexpr double kOne = 0.99;                        // cosine
-  // A slipping proxy trails on the dynamic cone. It may stick again only inside that cone and well inside the static
-  // one, so that it does not alternate between the states.
+  constexpr double kSmallTurn = 5e-4, kMediumTurn = 5e-3;  // rad, between the normals of two rounds
+  constexpr double kSameNormal = 0.99;                     // cosine
+  // A slipping proxy is on the rim of the dynamic cone. It may stick again only inside that cone and well inside the
+  // static cone, so that it does not alternate between sticking and slipping.
   constexpr double kStickAgain = 0.7;
   const double coefficient =
       slipping_ ? std::min(kStickAgain * grip_.static_friction, grip_.dynamic_friction) : grip_.static_friction;
@@ -180,25 +180,26 @@ bool Proxy::move_in_cone(const Vec3d& device, Vec3d normal, const Vec3d& held_at
   found = move(result_.proxy, friction.goal, surface);
   if (!found.held) return false;
   last_motion_ = {result_.proxy, friction.goal};
-  // The proxy moved along the tangent at its old position; the surface at the new position may slope differently or be
-  // lower.
+  // The goal lies on the tangent plane at the old position, but at the new position the surface may have another slope
+  // or height. So the friction is corrected with the normal there.
   for (int round = 0; round < kMaxRounds && !friction.sticking; ++round) {
     SurfaceHit under;
-    // If the surface below is not the constraint, several surfaces constrain the proxy, and their sum is the normal.
-    const bool one =
-        surface.sweep(found.end, friction.goal, settings_.radius, under) && under.normal.dot(found.normal()) > kOne;
-    const Vec3d upright = one ? under.normal : found.normal();
-    const double turned = upright.cross(normal).norm();
-    if (turned < kTurned) break;
-    const Vec3d there = one ? Vec3d(under.point + upright * (settings_.radius + kSkin)) : found.end;
-    const FrictionGoal corrected = friction_goal(device, upright, there, 0);  // it slips, whatever the surface there
-    const Motion better = move(found.end, corrected.goal, surface, one ? &under : nullptr);
+    // If the surface below is not the only constraint, several surfaces constrain the proxy, and the normal is that of
+    // the motion.
+    const bool is_single = surface.sweep(found.end, friction.goal, settings_.radius, under) &&
+                           under.normal.dot(found.normal()) > kSameNormal;
+    const Vec3d normal_below = is_single ? under.normal : found.normal();
+    const double turned = normal_below.cross(normal).norm();
+    if (turned < kSmallTurn) break;
+    const Vec3d contact = is_single ? Vec3d(under.point + normal_below * (settings_.radius + kSkin)) : found.end;
+    const FrictionGoal corrected = friction_goal(device, normal_below, contact, 0);  // 0: the proxy slips
+    const Motion better = move(found.end, corrected.goal, surface, is_single ? &under : nullptr);
     if (!better.held) break;
-    last_motion_ = {found.end, corrected.goal, one, friction.goal, under};
+    last_motion_ = {found.end, corrected.goal, is_single, friction.goal, under};
     found = better;
     friction = corrected;
-    normal = upright;
-    if (turned < kTurnedFar) break;
+    normal = normal_below;
+    if (turned < kMediumTurn) break;
   }
   result_.sticking = friction.sticking;
   slipping_ = !friction.sticking;
@@ -206,15 +207,15 @@ bool Proxy::move_in_cone(const Vec3d& device, Vec3d normal, const Vec3d& held_at
 }
 
 Proxy::Motion Proxy::move_with_friction(const Vec3d& device, Surface& surface) noexcept {
-  // The friction cone stands on the contact normal, which is known only after the motion. The first guess is the normal
-  // of the last step, otherwise that of a motion without friction.
-  const bool rough = grip_.static_friction > 0;
+  // The axis of the friction cone is the contact normal, which is known only after the motion. The first guess is the
+  // normal of the last step, or without contact that of a motion without friction.
+  const bool has_friction = grip_.static_friction > 0;
   Motion found;
-  if (rough && result_.in_contact && result_.normal.dot(result_.proxy - device) > 0 &&
+  if (has_friction && result_.in_contact && result_.normal.dot(result_.proxy - device) > 0 &&
       move_in_cone(device, result_.normal, result_.proxy, surface, found))
     return found;
   const Motion free = move(result_.proxy, device, surface);
-  if (rough && free.held && move_in_cone(device, free.normal(), free.end, surface, found)) return found;
+  if (has_friction && free.held && move_in_cone(device, free.normal(), free.end, surface, found)) return found;
   result_.sticking = slipping_ = false;
   last_motion_ = {result_.proxy, device};
   return free;
@@ -228,8 +229,8 @@ bool Proxy::inside(const Surface& surface) const noexcept {
 
 bool Proxy::closest(const Vec3d& x, const Surface& surface, SurfaceHit& hit) const noexcept {
   // A surface in contact is close. A search over the full reach is worthwhile only without contact.
-  constexpr double kAtHand = 1e-5;  // m
-  return surface.closest(x, settings_.radius + kAtHand, hit) || surface.closest(x, settings_.reach, hit);
+  constexpr double kContactTolerance = 1e-5;  // m
+  return surface.closest(x, settings_.radius + kContactTolerance, hit) || surface.closest(x, settings_.reach, hit);
 }
 
 void Proxy::find_side(const Surface& surface) noexcept {
@@ -244,9 +245,9 @@ void Proxy::find_side(const Surface& surface) noexcept {
 void Proxy::keep_side(const Surface& surface) noexcept {
   constexpr int kMaxPushes = 8;
   const double sign = side_ == Side::kInner ? -1 : 1;
-  // Where the gap is narrower than the proxy, its centre still comes to the correct side.
+  // If the gap between surfaces is narrower than the proxy, its centre still moves to the correct side.
   for (double share = 1; share >= kMinShare; share /= 2) {
-    const double room = settings_.radius * share;
+    const double radius = settings_.radius * share;
     Vec3d x = result_.proxy;
     for (int push = 0; push < kMaxPushes; ++push) {
       SurfaceHit hit;
@@ -255,7 +256,7 @@ void Proxy::keep_side(const Surface& surface) noexcept {
         return;
       }
       const double distance = hit.sided ? sign * hit.distance : std::abs(hit.distance);
-      if (distance >= room - kSkin) {
+      if (distance >= radius - kSkin) {
         result_.proxy = x;
         return;
       }
@@ -265,7 +266,7 @@ void Proxy::keep_side(const Surface& surface) noexcept {
       } else {
         outwards = sign * hit.normal;
       }
-      x = hit.point + outwards * (room + kSkin);
+      x = hit.point + outwards * (radius + kSkin);
     }
   }
 }
@@ -284,8 +285,7 @@ bool Proxy::repeats_motion(Surface& surface) const noexcept {
 }
 
 void Proxy::follow_change(Surface& surface) noexcept {
-  // The last motion repeated ends at the same position: no touched surface changed, and the proxy stays there to the
-  // bit.
+  // If the repeated motion ends at the same position, the touched surfaces did not change, and the proxy does not move.
   if (result_.in_contact && repeats_motion(surface)) return;
   if (side_ == Side::kUnknown) {
     result_.outside_only = inside(surface);
@@ -305,7 +305,7 @@ bool Proxy::push(const Vec3d& wanted, double radius, Surface& surface, Vec3d& to
     if (!surface.sweep_moving(result_.proxy, to, radius, hit)) return true;
     if (!planes.add(plane_at(hit, radius)) || !planes.nearest(wanted, to)) break;
   }
-  // As far as it can move with the obstacle, if that is the only one.
+  // Moves as far as the last obstacle allows, if that is the only one.
   const Vec3d at = surface.carried(hit.object, result_.proxy);
   const Vec3d motion = to - at;
   const double closing = -motion.dot(hit.normal);
@@ -318,7 +318,7 @@ void Proxy::move_with_objects(double dt, Surface& surface) noexcept {
   const bool held = result_.in_contact;
   const Vec3d wanted = held ? surface.carried(result_.object, result_.proxy) : result_.proxy;
   if (dt > 0) result_.surface_velocity = (wanted - result_.proxy) / dt;
-  // Where objects close around the proxy, its centre still stays outside.
+  // If objects close around the proxy, its centre still stays outside of them.
   for (double share = 1; share >= kMinShare; share /= 4) {
     Vec3d to;
     if (!push(wanted, settings_.radius * share, surface, to)) continue;
@@ -345,18 +345,18 @@ void Proxy::follow(const Vec3d& device, Surface& surface) noexcept {
 
 ProxyResult Proxy::unchanged(const Vec3d& device, double dt, Surface& before) const noexcept {
   if (!device.allFinite()) return result_;
-  Proxy there = *this;
-  there.result_.surface_velocity.setZero();
-  if (!started_) there.result_.outside_only = true;
-  if (before.moving() && !there.result_.outside_only) there.move_with_objects(dt, before);
-  if (there.result_.outside_only) {
-    there.result_.proxy = device;
-    there.result_.in_contact = false;
+  Proxy copy = *this;
+  copy.result_.surface_velocity.setZero();
+  if (!started_) copy.result_.outside_only = true;
+  if (before.moving() && !copy.result_.outside_only) copy.move_with_objects(dt, before);
+  if (copy.result_.outside_only) {
+    copy.result_.proxy = device;
+    copy.result_.in_contact = false;
   } else {
-    there.follow(device, before);
+    copy.follow(device, before);
   }
-  there.result_.anchor = there.result_.proxy;
-  return there.result_;
+  copy.result_.anchor = copy.result_.proxy;
+  return copy.result_;
 }
 
 const ProxyResult& Proxy::step(const Vec3d& device, double dt, Surface& surface, bool surface_changed) noexcept {
@@ -366,7 +366,7 @@ const ProxyResult& Proxy::step(const Vec3d& device, double dt, Surface& surface,
   if (!started_) {
     started_ = true;
     result_.proxy = last_motion_.goal = device;
-    surface_changed = true;  // there was no surface
+    surface_changed = true;  // the surface is new to the proxy
   } else if (surface.moving() && !result_.outside_only) {
     move_with_objects(dt, surface);
   }

@@ -1,4 +1,4 @@
-/// The proxy (god-object): a sphere that follows the device but stays on its side of every surface.
+/// Moves the proxy (god-object), a sphere that follows the device but stays on its side of every surface.
 ///
 ///            device in the air            device pressed in, moving right
 ///                  o  = proxy                   ( )->  proxy slides on the surface
@@ -8,14 +8,14 @@
 /// World frame, metres, seconds. The proxy moves by sweeps that stop before the time of impact, so it passes through no
 /// surface at any speed.
 ///
-/// - When objects move, the proxy first moves with the object it touches, as part of it, and is pushed by any object in
-///   its path. These sweeps are relative to each object, so no object passes through the proxy at any speed.
+/// - When objects move, the proxy first moves with the touched object as a part of it. Then any object that moves into
+///   the proxy pushes it. These sweeps are relative to each object, so no object passes through the proxy at any speed.
 /// - Friction moves the goal of a motion back towards the previous proxy position: to the rim of the friction cone, or
-///   all the way while it sticks. The cone stands on the normal at the end of the motion, predicted from the last
+///   fully while the proxy sticks. The axis of the cone is the normal at the end of the motion, predicted from the last
 ///   motion.
 /// - When the surface changes, the last motion is repeated. If it ends at the same position, no relevant surface
 ///   changed, and the proxy is equal to the bit. Otherwise the proxy stays on its side and is pushed out. ForceRenderer
-///   ramps the effect on the force and needs the proxy's position without the change: see `unchanged`.
+///   ramps the effect on the force, and for that needs the proxy's position without the change (`unchanged`).
 ///
 /// One thread at a time. Realtime: at most 45 sweeps and 43 closest points per step, and 21 more sweeps when objects
 /// move; usually 2 sweeps (3 to 5 with friction and slip) and 1 closest point. Source: Zilles, Salisbury 1995
@@ -29,11 +29,11 @@
 namespace tactus::haptics {
 
 struct ProxySettings {
-  double radius = 0.003;
-  /// m. A surface that changes by less than this cannot pass the proxy, which stays on its side and is pushed out. It
-  /// should exceed the greatest distance of the base mesh from the finest mesh; a larger value costs time.
+  double radius = 0.003;  ///< m
+  /// m. A surface that changes by less than this cannot pass the proxy; it pushes the proxy out instead. The value
+  /// should exceed the maximum distance of the base mesh from the finest mesh. A larger value costs time.
   double reach = 0.01;
-  /// m. Search radius for the surface around a proxy that starts, or around which an object appears.
+  /// m. Radius of the surface search around a proxy that starts, and around one near which an object appears.
   double start_reach = 1;
 };
 
@@ -44,15 +44,17 @@ struct Grip {
 };
 
 struct ProxyResult {
-  Vec3d proxy = Vec3d::Zero();    ///< centre, constrained by the surface
-  Vec3d anchor = Vec3d::Zero();   ///< pulls the device; the proxy, unless a grab holds the hand elsewhere (BodyTouch)
-  Vec3d normal = Vec3d::UnitZ();  ///< of the contact, or of the last one
-  Vec3d surface_velocity = Vec3d::Zero();  ///< m/s, of the touched object at the proxy
+  Vec3d proxy = Vec3d::Zero();  ///< centre of the proxy, m
+  Vec3d anchor =
+      Vec3d::Zero();  ///< end of the spring to the device: the proxy, or with a grab the grabbed point (BodyTouch)
+  Vec3d normal = Vec3d::UnitZ();           ///< of the contact; without contact: of the last contact
+  Vec3d surface_velocity = Vec3d::Zero();  ///< m/s, velocity of the touched object at the proxy
   bool in_contact = false;
-  bool sticking = false;              ///< held by static friction
-  bool surface_moved = false;         ///< in this step a changed or first surface moved the proxy
-  bool near_surface = false;          ///< there is a surface within ProxySettings::reach
-  bool outside_only = false;          ///< it started inside, or a surface appeared around it: no contact until outside
+  bool sticking = false;       ///< static friction holds the proxy
+  bool surface_moved = false;  ///< in this step a changed or appearing surface moved the proxy
+  bool near_surface = false;   ///< a surface is within ProxySettings::reach
+  bool outside_only =
+      false;  ///< the proxy started inside, or a surface appeared around it: no contact until it is outside
   std::uint32_t object = spm::kNone;  ///< the touched object
   std::uint32_t face = spm::kNone;
 };
@@ -63,29 +65,31 @@ class Proxy {
 
   /// Applies from the next step on. Realtime.
   void set_grip(const Grip& grip) noexcept { grip_ = grip; }
-  /// Sets ProxySettings::reach from the next step on; objects may appear after the proxy. Realtime.
+  /// Sets ProxySettings::reach from the next step on, because objects may appear later than the proxy. Realtime.
   void set_reach(double reach) noexcept { settings_.reach = reach; }
 
   /// Clears all state; the next step starts at the device.
   void reset() noexcept { *this = Proxy{settings_}; }
 
-  /// One cycle of `dt` seconds with the device's tip at `device`. `surface_changed`: the surface near the tip differs
-  /// from the last step. A position that is not finite changes nothing. Realtime.
+  /// Computes one cycle of `dt` seconds with the device's tip at `device`. `surface_changed`: the surface near the tip
+  /// has changed since the last step. A position that is not finite changes nothing. Realtime.
   ///
-  /// - A proxy that a changed surface has passed or overlaps returns to its side, and so does one that starts with its
-  ///   centre outside, or outside of a surface that appears: it is in contact at once.
-  /// - A proxy whose centre starts inside, or around which a surface appears, touches nothing until it is outside. An
-  ///   open sheet counts as inside from behind. So the proxy cannot be trapped.
-  /// - Where moving objects leave no room for the proxy, its centre stays outside while a sixteenth of its radius fits.
-  ///   When that does not fit either, it touches nothing until it is outside.
+  /// - A proxy that a changed surface has passed or overlaps returns to its side. A proxy that starts, or near which a
+  ///   surface appears, is on the outside if its centre is outside. In both cases it is in contact at once.
+  /// - A proxy whose centre starts inside a surface, or around which a surface appears, touches nothing until it is
+  ///   outside. The back of an open sheet counts as inside. So the proxy cannot be trapped.
+  /// - If there is no space for the proxy between moving objects, its centre stays outside while a sphere of a
+  /// sixteenth
+  ///   of its radius fits. If that does not fit either, the proxy touches nothing until it is outside.
   [[nodiscard]] const ProxyResult& step(const Vec3d& device, double dt, Surface& surface,
                                         bool surface_changed) noexcept;
 
-  /// The result of `step` if the surface had not changed. Call it before `step`, with the surface before the change. A
-  /// proxy that has not started counts as free of contact. Realtime.
+  /// Returns the result that `step` would have if the surface had not changed. Call it before `step`, with the surface
+  /// before the change. A proxy that has not started is not in contact. Realtime.
   [[nodiscard]] ProxyResult unchanged(const Vec3d& device, double dt, Surface& before) const noexcept;
 
-  /// What one step leaves to the next, but for the settings; see haptics/carried.hpp. Realtime if `visit` is.
+  /// Visits the state that one step leaves for the next, without the settings (haptics/carried.hpp). Realtime if
+  /// `visit` is.
   template <class Visit>
   void for_each_carried(Visit& visit) noexcept {
     static_assert(sizeof(ProxyResult) == 112 && sizeof(LastMotion) == 160, "carry the new member");
@@ -115,7 +119,7 @@ class Proxy {
   enum class Side : std::int8_t { kInner = -1, kUnknown = 0, kOuter = 1 };
   struct Motion;
   struct FrictionGoal;
-  /// The last constrained motion, and the hit from which its first plane came.
+  /// The last constrained motion, and the closest point from which its first plane was taken.
   struct LastMotion {
     Vec3d start = Vec3d::Zero(), goal = Vec3d::Zero();
     bool probed = false;

@@ -1,4 +1,5 @@
-/// Lets a jump through at a constant rate: subtracts the remaining part, which shrinks every step.
+/// Turns a jump of a vector into a change at a constant rate. The caller subtracts `remaining`, which shrinks every
+/// step.
 ///
 ///     in   _____|~~~~~~~~~~~     out  _____/~~~~~~~~     remaining = in - out
 ///
@@ -11,6 +12,7 @@ namespace tactus::haptics {
 
 class Ramp {
  public:
+  /// Begins a ramp: the jump, or the part of it that is not yet applied.
   void set(const spm::Vec3d& remaining) noexcept { remaining_ = remaining; }
   /// One step: reduces the remaining part by at most `max`.
   void advance(double max) noexcept {

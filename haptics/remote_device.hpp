@@ -1,13 +1,14 @@
-/// A device on another machine whose poses arrive over the network.
+/// Represents a device on another machine, whose poses arrive over the network.
 ///
 ///     network thread            haptic thread         sender thread
 ///     on_pose --- mailbox --->  read                  on_command
 ///        ^ pose, and the newest command that the device had applied     v command
 ///        +------------------------ the device ------------------------+
 ///
-/// The newest pose counts. The cycle's report carries its force, numbered by `on_command`, so `write` does nothing
-/// here. The round trip limits the stiffness: when a pose arrives, the force of its newest command is so old. That age
-/// includes both directions, losses and waiting at both ends, and needs only our own clock. World frame, SI.
+/// `read` returns the newest pose. `write` does nothing, because the sender thread reads the force from the report of
+/// the cycle and numbers the command by `on_command`. The round trip limits the stiffness. It is measured when a pose
+/// arrives, as the age of the newest command that the device had applied. This age includes both directions, losses and
+/// waiting at both ends, and needs only our own clock. World frame, SI.
 #pragma once
 
 #include <array>
@@ -19,16 +20,17 @@
 
 namespace tactus::haptics {
 
-/// A bound on a varying delay: mean plus four mean deviations, as in TCP's retransmission timer (RFC 6298). It follows
-/// a rise within 50 ms, too short for an instability to grow, and a fall within 1 s, so that the stiffness does not
+/// An upper bound of a varying delay: mean plus four mean deviations, as in TCP's retransmission timer (RFC 6298). The
+/// bound rises within 50 ms, before an instability can grow, and falls within 1 s, so that the stiffness does not
 /// oscillate.
 class LoopDelay {
  public:
-  /// `seconds`: one measured delay; `dt`: s since the previous one.
+  /// Adds a measured delay, s. `dt`: time since the previous measurement, s.
   void add(double seconds, double dt) noexcept;
+  /// The bound, s.
   [[nodiscard]] double value() const noexcept { return value_; }
 
-  static constexpr double kUnknown = 0.25;  ///< s, before the first measurement
+  static constexpr double kUnknown = 0.25;  ///< s, the bound before the first measurement
 
  private:
   static constexpr double kRise = 0.05, kFall = 1;  // s, time constants of the bound
@@ -37,43 +39,44 @@ class LoopDelay {
   double value_ = kUnknown;
 };
 
-/// A pose as it arrives; times on our own clock.
+/// A received pose; times are of our own clock.
 struct RemotePose {
   std::array<double, 3> position{0, 0, 0};
   std::array<double, 3> velocity{0, 0, 0};
   std::array<double, 4> orientation{0, 0, 0, 1};  ///< x, y, z, w
   std::uint32_t sequence = 0;
   std::uint32_t buttons = 0;
-  std::uint32_t command_felt = 0;  ///< number of the newest command applied when the pose was taken; 0: none yet
-  std::int64_t taken_ns = 0;       ///< as estimated by the session clock
+  std::uint32_t command_felt = 0;  ///< number of the newest command that the device had applied; 0: none
+  std::int64_t taken_ns = 0;       ///< time of the measurement, estimated by the session clock
   std::int64_t arrived_ns = 0;
 };
 
 class RemoteDevice final : public Device {
  public:
-  /// `spec`: limits that the sender reports.
+  /// `spec`: limits of the device, as its sender reports them.
   explicit RemoteDevice(const DeviceSpec& spec = {}) : spec_{spec} {}
 
-  /// A pose that the sender's window has accepted (session/sequence_window.hpp); it is the newest from now on. One
-  /// network thread at a time.
+  /// Sets the newest pose. A plausible window must have accepted it (session/sequence_window.hpp). One network thread
+  /// at a time.
   void on_pose(RemotePose pose) noexcept;
-  /// A command leaves for the device with the force of the cycle that began at `cycle_ns`. Returns its number, from 1.
-  /// One sending thread.
+  /// Registers a command with the force of the cycle that began at `cycle_ns`. Returns the number of the command,
+  /// from 1. Sender thread only.
   [[nodiscard]] std::uint32_t on_command(std::int64_t cycle_ns) noexcept;
   /// True after the first pose; any thread.
   [[nodiscard]] bool has_pose() const noexcept { return has_pose_.load(std::memory_order_acquire); }
-  /// s; any thread.
+  /// Bound of the round trip, s; any thread.
   [[nodiscard]] double loop_delay() const noexcept { return shown_loop_delay_.load(std::memory_order_relaxed); }
 
   [[nodiscard]] const DeviceSpec& spec() const noexcept override { return spec_; }
-  /// Before the first pose: at the origin, with time 0. Realtime.
+  /// The newest pose; before the first: the origin, with time 0. Realtime.
   [[nodiscard]] DeviceState read(std::int64_t now_ns) noexcept override;
   void write(const Vec3d&) noexcept override {}
   [[nodiscard]] DeviceHealth health() const noexcept override { return DeviceHealth::kReady; }
 
  private:
-  static constexpr std::int64_t kOldest = 10'000'000'000;  // ns of transit; more shows a wrong clock
-  static constexpr std::uint32_t kRemembered = 1024;       // commands; an older one counts as the oldest of these
+  static constexpr std::int64_t kOldest = 10'000'000'000;  // ns, max transit; a longer one shows a wrong clock
+  static constexpr std::uint32_t kRemembered =
+      1024;  // commands whose time is stored; an older one counts as the oldest stored
   struct Mail {
     RemotePose pose;
     double loop_delay = LoopDelay::kUnknown;
@@ -83,7 +86,7 @@ class RemoteDevice final : public Device {
 
   DeviceSpec spec_;
   Mailbox<Mail> poses_;
-  std::array<std::atomic<std::int64_t>, kRemembered> sent_ns_{};  // by command, modulo
+  std::array<std::atomic<std::int64_t>, kRemembered> sent_ns_{};  // by command modulo kRemembered
   std::atomic<std::uint32_t> commands_{0};
   std::atomic<bool> has_pose_{false};
   std::atomic<double> shown_loop_delay_{LoopDelay::kUnknown};

@@ -1,4 +1,4 @@
-/// A device that plays recorded poses and ignores every force.
+/// Plays recorded poses as a device and ignores every force.
 #pragma once
 
 #include <cstddef>
@@ -10,7 +10,7 @@
 
 namespace tactus::haptics {
 
-/// Starts with the first `read`; linear between poses, at rest after the last.
+/// Begins with the first `read`. Poses are interpolated linearly; after the last pose the device rests.
 class ReplayDevice final : public Device {
  public:
   /// Loads a text file of lines `time_s,x,y,z` with ascending times and positions in metres, device frame. Empty lines,
@@ -32,7 +32,7 @@ class ReplayDevice final : public Device {
   };
   DeviceSpec spec_;
   std::vector<TimedPosition> poses_;
-  std::size_t next_ = 0;  // first pose after the present time
+  std::size_t next_ = 0;  // index of the first pose after the current time
   std::int64_t start_ns_ = 0;
   bool started_ = false;
   bool ended_ = false;

@@ -8,7 +8,7 @@ namespace tactus::haptics {
 
 namespace {
 
-constexpr double kContactReach = 0.005;  // m; at 1 kHz a point needs 5 m/s to jump it
+constexpr double kContactReach = 0.005;  // m; a point that crosses it in one cycle of 1 ms has a speed of 5 m/s
 
 Eigen::Matrix3d skew(const Vec3d& v) noexcept {
   Eigen::Matrix3d m;
@@ -92,7 +92,7 @@ SolverBody RigidBody::free() const noexcept {
 
 void RigidBody::finish(const Vec6d& velocity) noexcept {
   const Vec3d angular_velocity = velocity.tail<3>();
-  const Vec3d momentum = inertia_world() * angular_velocity;  // angular momentum, constant while the body turns on
+  const Vec3d momentum = inertia_world() * angular_velocity;  // angular momentum, constant during the step
   const Eigen::Quaterniond before = state_.orientation;
   const auto angular_velocity_at = [&](const Eigen::Quaterniond& orientation) -> Vec3d {
     return orientation * (orientation.conjugate() * momentum).cwiseQuotient(settings_.inertia);
@@ -135,14 +135,14 @@ void add_ground_contacts(const RigidBody& body, std::uint32_t index, double heig
 
 namespace {
 
-/// Contacts of a body's box with a surface; gives them ids and omits duplicates.
+/// Finds the contacts of a body's box with a surface, numbers them, and omits duplicates.
 class BoxContacts {
  public:
   BoxContacts(const RigidBody& body, std::uint32_t index, const SurfaceDistance& surface,
               ContactSolver& solver) noexcept
       : body_{body}, index_{index}, surface_{surface}, solver_{solver}, half_{body.settings().half} {
-    constexpr double kMaxSeek = 0.03;  // m
-    seek_ = kContactReach + std::min(kMaxSeek, 0.25 * half_.maxCoeff());
+    constexpr double kMaxSearchDistance = 0.03;  // m
+    search_distance_ = kContactReach + std::min(kMaxSearchDistance, 0.25 * half_.maxCoeff());
   }
 
   void add() noexcept {
@@ -161,11 +161,11 @@ class BoxContacts {
   }
 
  private:
-  [[nodiscard]] bool closest(const Vec3d& point_body, double within, SurfaceHit& hit) const noexcept {
-    return surface_.closest(body_.state().to_world(point_body), within, hit) && hit.sided;
+  [[nodiscard]] bool closest(const Vec3d& point_body, double max_distance, SurfaceHit& hit) const noexcept {
+    return surface_.closest(body_.state().to_world(point_body), max_distance, hit) && hit.sided;
   }
 
-  /// `at`: in half edges.
+  /// Adds the contact of a point of the box, if there is one. `at`: the point as a multiple of the half edges.
   void add_at(const Vec3d& at) noexcept {
     SurfaceHit hit;
     const Vec3d point = half_.cwiseProduct(at);
@@ -178,7 +178,7 @@ class BoxContacts {
     at[(axis + 1) % 3] = side;
     at[(axis + 2) % 3] = other_side;
     SurfaceHit hit;
-    if (!closest(half_.cwiseProduct(at), seek_, hit)) {
+    if (!closest(half_.cwiseProduct(at), search_distance_, hit)) {
       ++number_;
       return;
     }
@@ -186,11 +186,12 @@ class BoxContacts {
     add_at(at);
   }
 
-  /// Gradient ascent from a point of a face to where the surface comes nearest to the face, or penetrates it most.
+  /// Adds the contact at which the surface is closest to a face, or penetrates the face most. Searches by gradient
+  /// ascent from the point `u`, `v` of the face.
   void add_face(int axis, double side, double u, double v) noexcept {
-    constexpr double kFacing = 0.1;  // cosine; a surface that faces away belongs to another face or a corner
-    constexpr double kStill = 1e-5;  // m, smallest step
-    constexpr int kTimes = 6;
+    constexpr double kMinFacing = 0.1;  // cosine; a surface that faces away belongs to another face or a corner
+    constexpr double kMinStep = 1e-5;   // m
+    constexpr int kMaxSteps = 6;
     ++number_;
     const int across = (axis + 1) % 3, along = (axis + 2) % 3;
     Vec3d at, outwards = Vec3d::Zero(), uphill_before = Vec3d::Zero();
@@ -201,11 +202,11 @@ class BoxContacts {
     double step = 0.25 * std::max(half_[across], half_[along]), nearest = kContactReach;
     Vec3d nearest_point = at;
     SurfaceHit hit;
-    for (int time = 0; time < kTimes && closest(at, seek_, hit); ++time) {
+    for (int i = 0; i < kMaxSteps && closest(at, search_distance_, hit); ++i) {
       const Vec3d normal = body_.state().orientation.conjugate() * hit.normal;
       const double facing = -normal.dot(outwards);
-      if (facing < kFacing) break;
-      const double gap = hit.distance / facing;  // along the face's normal, treating the surface as a plane
+      if (facing < kMinFacing) break;
+      const double gap = hit.distance / facing;  // m, along the normal of the face, if the surface is a plane
       if (gap < nearest && gap > -kContactReach) {
         nearest = gap;
         nearest_point = at;
@@ -214,7 +215,7 @@ class BoxContacts {
       const double steepness = uphill.norm() / facing;
       if (uphill.dot(uphill_before) < 0) step /= 2;
       const double length = std::min(step, std::abs(gap) / std::max(steepness, 1e-9));
-      if (length < kStill || steepness < 1e-6) break;
+      if (length < kMinStep || steepness < 1e-6) break;
       uphill_before = uphill;
       at = (at + length * uphill.normalized()).cwiseMax(-half_).cwiseMin(half_);
     }
@@ -245,8 +246,8 @@ class BoxContacts {
   const SurfaceDistance& surface_;
   ContactSolver& solver_;
   Vec3d half_;
-  double seek_ = 0;           // m
-  std::uint32_t number_ = 0;  // of the point examined
+  double search_distance_ = 0;  // m
+  std::uint32_t number_ = 0;    // of the last point that was searched
   std::array<Vec3d, kMax> points_, normals_;
   std::uint32_t count_ = 0;
 };

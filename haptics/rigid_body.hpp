@@ -1,11 +1,11 @@
-/// A rigid body in steps of one cycle: springs and dampers are implicit, the contact solver handles contacts.
+/// Simulates a rigid body, one step per cycle, with implicit springs and dampers. The contact solver handles contacts.
 ///
 ///     begin --> add forces, springs --> free() --> [ContactSolver] --> finish(velocity)
 ///
-/// Forces act at the end of the step: F = K (target - point - dt v') + B (w - v') with v' the resulting velocity. So a
-/// spring does at most as much work on the body as it loses, at any stiffness, and springs and dampers add no energy
-/// (force times displacement <= V before - V after, because V is convex). A torque-free rotation keeps its momentum;
-/// its energy stays within 1 % (midpoint rule).
+/// Forces are those at the end of the step: F = K (target - point - dt v') + B (w - v'), with the resulting velocity v'
+/// of the point and the velocity w of the target. The spring energy V is convex, so force times displacement is at most
+/// V before minus V after. So springs and dampers add no energy at any stiffness. A rotation without torque conserves
+/// its momentum; its energy changes by less than 1 % (midpoint rule).
 ///
 /// World frame, SI. The body frame has the principal axes and its origin at the centre of mass. One thread at a time.
 /// Realtime throughout. Source: Baraff, Witkin 1998 (implicit springs in the mass matrix); Otaduy, Lin 2005 (the same
@@ -26,15 +26,15 @@ struct BodySettings {
   double mass = 0.5;                           ///< kg
   Vec3d inertia = Vec3d::Constant(2e-4);       ///< kg m^2, about the principal axes
   Vec3d gravity{0, 0, -9.81};                  ///< m/s^2
-  double damping = 0;                          ///< N s/m, air drag, so that a floating body comes to rest
+  double damping = 0;                          ///< N s/m, drag that brings a floating body to rest
   double angular_damping = 0;                  ///< N m s
   double friction = 0.5;                       ///< coefficient, against ground and static geometry
-  std::array<Vec3d, kMaxBodyPoints> points{};  ///< body frame: corners that can touch the ground
+  std::array<Vec3d, kMaxBodyPoints> points{};  ///< m, body frame: points that can touch the ground
   std::uint32_t point_count = 0;
-  Vec3d half = Vec3d::Zero();  ///< m, half edges of the box that collides with static geometry; zero: none
+  Vec3d half = Vec3d::Zero();  ///< m, half edges of the box that collides with static geometry; zero: no box
 };
 
-/// A box of uniform density.
+/// Settings of a box of uniform density.
 [[nodiscard]] BodySettings box_body(double mass, const Vec3d& half_extents) noexcept;
 
 struct BodyState {
@@ -59,7 +59,7 @@ struct BodyState {
 
 /// A spring and damper from a point of the body to a moving target.
 struct PointSpring {
-  Vec3d point = Vec3d::Zero();  ///< of the body, world frame, at the start of the step
+  Vec3d point = Vec3d::Zero();  ///< point of the body at the start of the step, world frame
   Vec3d target = Vec3d::Zero();
   Vec3d target_velocity = Vec3d::Zero();
   double stiffness = 0;  ///< N/m
@@ -91,33 +91,34 @@ class RigidBody {
       : settings_{settings}, state_{state} {}
 
   [[nodiscard]] const BodySettings& settings() const noexcept { return settings_; }
-  /// Other mass, gravity or damping from the next step on; velocities do not change.
+  /// Replaces the settings from the next step on; velocities do not change.
   void change(const BodySettings& settings) noexcept { settings_ = settings; }
   [[nodiscard]] const BodyState& state() const noexcept { return state_; }
   void place(const BodyState& state) noexcept { state_ = state; }
 
-  /// Starts a step; adds gravity and air drag.
+  /// Begins a step of `dt` seconds, with gravity and drag.
   void begin(double dt) noexcept;
   void add_force(const Vec3d& point_world, const Vec3d& force) noexcept;
   void add_spring(const PointSpring& spring) noexcept;
   void add_spring(const RotationalSpring& spring) noexcept;
-  /// Adds another force of this step: the impulse `impulse` - `mass` * velocity at the end of the step.
+  /// Adds a force to this step whose impulse is `impulse` - `mass` * velocity, with the velocity at the end of the
+  /// step.
   void add_implicit(const Mat6d& mass, const Vec6d& impulse) noexcept;
-  /// The velocity without contacts, and the inverse of the effective mass.
+  /// The body for the contact solver: velocity without contacts, and inverse of the effective mass.
   [[nodiscard]] SolverBody free() const noexcept;
-  /// Ends the step with the solver's velocity.
+  /// Ends the step with the velocity that the solver returned.
   void finish(const Vec6d& velocity) noexcept;
   /// Sets both velocities to zero.
   void stop() noexcept { state_.velocity.setZero(), state_.angular_velocity.setZero(); }
 
-  /// Principal inertia in the world.
+  /// Inertia about the centre, world frame.
   [[nodiscard]] Eigen::Matrix3d inertia_world() const noexcept;
   [[nodiscard]] double kinetic_energy() const noexcept;
-  /// Against gravity, zero at the origin.
+  /// Potential energy of gravity, J; zero at the origin of the world.
   [[nodiscard]] double potential_energy() const noexcept {
     return -settings_.mass * settings_.gravity.dot(state_.position);
   }
-  /// Speed of the fastest of its points, or of the centre if it has none.
+  /// Maximum speed of the centre and of the settings' points, m/s.
   [[nodiscard]] double top_speed() const noexcept;
 
  private:
@@ -128,7 +129,7 @@ class RigidBody {
   Vec6d momentum_ = Vec6d::Zero();
 };
 
-/// Calls `visit(point)`, body frame, for the points of a box from which `add_surface_contacts` starts its searches.
+/// Calls `visit(point)` for the points of a box, body frame, from which `add_surface_contacts` begins its searches.
 template <class Visit>
 void for_each_box_point(const Vec3d& half, Visit&& visit) noexcept {
   for (int x = -1; x <= 1; ++x)
@@ -143,16 +144,16 @@ void for_each_box_point(const Vec3d& half, Visit&& visit) noexcept {
     }
 }
 
-/// Adds contacts of body number `index` for its points near the plane z = `height`. Realtime.
+/// Adds contacts between the points of `body` and the plane z = `height`. `index`: of the body in the solver. Realtime.
 void add_ground_contacts(const RigidBody& body, std::uint32_t index, double height, ContactSolver& solver) noexcept;
-/// The same for static geometry and the body's box. Realtime.
+/// Adds contacts between the box of `body` and static geometry. Realtime.
 ///
-///     corners      8: each with the surface point closest to it
-///     edges       12: each where it is closest to the surface point nearest to its middle
-///     faces    6 x 5: gradient ascent from the centre and the quarters' centres to the nearest surface
+///     corners      8: each with the surface point closest to the corner
+///     edges       12: each at the point closest to that surface point which is closest to the middle of the edge
+///     faces    6 x 5: gradient ascent from the centre of the face and of its quarters to the closest surface
 ///
-/// So contacts include a bump in the middle of a face, and an edge of the scene across an edge of the body. Of several
-/// bumps in one quarter only one is found. At most 213 closest points, about 60 on a flat surface, one when nothing is
+/// So it finds a bump in the middle of a face, and an edge of the scene across an edge of the body. Of several bumps in
+/// one quarter it finds one. It needs at most 213 closest points, about 60 on a flat surface, and one if no surface is
 /// near.
 void add_surface_contacts(const RigidBody& body, std::uint32_t index, const SurfaceDistance& surface,
                           ContactSolver& solver) noexcept;

@@ -12,21 +12,21 @@ void SharedObject::own() noexcept {
   coupling_ = nullptr;
   body_.change(whole_);
   following_ = false;
-  still_ = 0;
+  rest_time_ = 0;
 }
 
 void SharedObject::couple(CopyCoupling& coupling) noexcept {
   coupling_ = &coupling;
   body_.change(coupling_->share());
   following_ = false;
-  still_ = 0;
+  rest_time_ = 0;
 }
 
 void SharedObject::step(std::int64_t now_ns, std::span<const PointSpring> springs, const Surroundings& surroundings,
                         double dt, const ImplicitForce* more,
                         std::span<const RotationalSpring> rotational_springs) noexcept {
   if (following_) return;
-  if (!springs.empty() || more != nullptr) still_ = 0;
+  if (!springs.empty() || more != nullptr) rest_time_ = 0;
   if (asleep()) return;
 
   const Vec3d centre = body_.state().position;
@@ -51,7 +51,7 @@ void SharedObject::step(std::int64_t now_ns, std::span<const PointSpring> spring
   }
 
   const bool may_sleep = supported && springs.empty() && more == nullptr && coupling_ == nullptr;
-  still_ = may_sleep && body_.top_speed() < kRestSpeed ? still_ + dt : 0;
+  rest_time_ = may_sleep && body_.top_speed() < kRestSpeed ? rest_time_ + dt : 0;
   if (asleep()) body_.stop();
 }
 

@@ -1,13 +1,12 @@
-/// A shared object as one program simulates it: alone, as one of several copies, or not at all.
+/// A shared object in one program, which simulates the object alone, as one of several copies, or not at all.
 ///
-///     follow    another program simulates it; its pose is the last one received
-///     own       this program simulates it, with the probes that touch it here
-///     couple    several programs simulate it, each with its own users' probes (coupling.hpp)
+///     follow    another program simulates the object; the pose is the last one received
+///     own       this program simulates the object, with the probes of its own users
+///     couple    several programs simulate a copy each, with the probes of their own users (coupling.hpp)
 ///
-/// Host and HRTC use the same class; the present owner decides the mode (session/ownership.hpp). A host that never
-/// gives up an object is the server-authoritative form.
+/// Hosts and HRTCs use this class. The ownership of the object decides the mode (session/ownership.hpp).
 ///
-/// World frame, SI. One thread at a time. Realtime, except for making a CopyCoupling, which fills histories.
+/// World frame, SI. One thread at a time. Realtime, except for the construction of a CopyCoupling.
 #pragma once
 
 #include <span>
@@ -16,13 +15,14 @@
 
 namespace tactus::haptics {
 
+/// The static geometry around a body.
 struct Surroundings {
-  bool ground = true;
-  double ground_height = 0;
-  const SurfaceDistance* scene = nullptr;  ///< static geometry, or null
+  bool ground = true;                      ///< there is a ground plane
+  double ground_height = 0;                ///< m
+  const SurfaceDistance* scene = nullptr;  ///< static objects, or null
 };
 
-/// A force on a body beside its springs: the impulse `impulse` - `mass` * velocity.
+/// A force whose impulse is `impulse` - `mass` * velocity (RigidBody::add_implicit).
 struct ImplicitForce {
   Mat6d mass = Mat6d::Zero();
   Vec6d impulse = Vec6d::Zero();
@@ -35,37 +35,37 @@ class SharedObject {
 
   void follow() noexcept;
   void own() noexcept;
-  /// `coupling` must be for the same body and must outlive its use here, until the next call of one of these three.
+  /// `coupling` must be for the same body, and must live until the next call of `follow`, `own` or `couple`.
   void couple(CopyCoupling& coupling) noexcept;
 
-  /// Sets its pose while another program simulates it.
+  /// Sets the state of an object that another program simulates.
   void place(const BodyState& state) noexcept { body_.place(state); }
-  /// One cycle. `springs`: of probes that touch it; `rotational_springs`: of probes that hold it. Does nothing while
-  /// following.
+  /// Simulates one cycle. `springs`: of the probes that touch the object. `rotational_springs`: of the probes that hold
+  /// it. Does nothing after `follow`.
   void step(std::int64_t now_ns, std::span<const PointSpring> springs, const Surroundings& surroundings, double dt,
             const ImplicitForce* more = nullptr, std::span<const RotationalSpring> rotational_springs = {}) noexcept;
 
   [[nodiscard]] const BodyState& state() const noexcept { return body_.state(); }
   [[nodiscard]] const RigidBody& body() const noexcept { return body_; }
-  /// Null unless coupled.
+  /// The coupling in use, or null.
   [[nodiscard]] CopyCoupling* coupling() noexcept { return coupling_; }
   [[nodiscard]] const CopyCoupling* coupling() const noexcept { return coupling_; }
   [[nodiscard]] const SolverResult& contacts() const noexcept { return solver_.last(); }
   /// Contacts with static geometry in the last step.
   [[nodiscard]] std::span<const Contact> static_contacts() const noexcept { return solver_.contacts(); }
-  /// True for an owned object that rests on something and that nobody touches; it does not move until that changes.
-  [[nodiscard]] bool asleep() const noexcept { return still_ >= kStill; }
+  /// Whether the object rests on a surface and is untouched, so that the simulation pauses. Only after `own`.
+  [[nodiscard]] bool asleep() const noexcept { return rest_time_ >= kSleepAfter; }
 
  private:
-  static constexpr double kRestSpeed = 5e-4;  // m/s
-  static constexpr double kStill = 0.3;       // s
+  static constexpr double kRestSpeed = 5e-4;  // m/s, below which an object counts as at rest
+  static constexpr double kSleepAfter = 0.3;  // s at rest
 
   BodySettings whole_;
   RigidBody body_;
   ContactSolver solver_;
   CopyCoupling* coupling_ = nullptr;
   bool following_ = false;
-  double still_ = 0;  // s since it moved
+  double rest_time_ = 0;  // s at rest
 };
 
 }  // namespace tactus::haptics

@@ -1,10 +1,10 @@
-/// A simulated hand that holds a device: the probe of a scripted user inside an HRTC.
+/// Simulates a hand and the device that it holds, for simulated users.
 ///
 ///     hand's target --[ spring, damper ]-- device's mass --[ damper ]-- ground
 ///                                            ^ force of the surface
 ///
-/// Rotation works likewise: spring and damper of the wrist, and an inertia that is equal about all axes. Device frame,
-/// SI. `read` advances the simulation to the given time, under the wrench last written.
+/// Rotation is simulated in the same way: spring and damper of the wrist, and an inertia that is equal about all axes.
+/// Device frame, SI. `read` advances the simulation to the given time, with the wrench last written.
 #pragma once
 
 #include <array>
@@ -26,8 +26,8 @@ struct HandPath {
     std::array<double, 4> orientation{0, 0, 0, 1};  ///< unit quaternion x, y, z, w
   };
   std::array<Waypoint, kMaxHandWaypoints> waypoints{};
-  std::uint32_t count = 0;    ///< 0: empty; the hand follows its previous path
-  std::uint32_t buttons = 0;  ///< buttons held during the path, Button
+  std::uint32_t count = 0;    ///< 0: no path; the hand continues on its previous path
+  std::uint32_t buttons = 0;  ///< Button, pressed during the path
 
   /// Target position and velocity at a time; `count` must not be 0. Realtime.
   void at(std::int64_t time_ns, Vec3d& position, Vec3d& velocity) const noexcept;
@@ -35,38 +35,39 @@ struct HandPath {
   [[nodiscard]] Eigen::Quaterniond orientation_at(std::int64_t time_ns) const noexcept;
 
  private:
-  /// The waypoints on both sides of a time; the same waypoint twice before the first and after the last.
+  /// The waypoints before and after a time. Before the first and after the last waypoint both are the same.
   struct Segment {
     const Waypoint *from, *to;
-    double share, rate;  // position between the two, 0 to 1; 1/s
+    double share, rate;  // share of the way between the two, and its rate of change, 1/s
   };
   [[nodiscard]] Segment segment_at(std::int64_t time_ns) const noexcept;
 };
 
 struct HandSettings {
-  double mass = 0.2;            ///< kg, of the device
+  double mass = 0.2;            ///< kg, mass of the device
   double hand_stiffness = 250;  ///< N/m
   double hand_damping = 5;      ///< N s/m
   double tremor = 0;            ///< m, root mean square of the target's 8-12 Hz tremor
   double noise = 0;             ///< m, standard deviation of a position reading
   double encoder_step = 0;      ///< m; 0: continuous
-  std::uint32_t seed = 1;       ///< for tremor and noise
+  std::uint32_t seed = 1;       ///< seed of tremor and noise
   Vec3d start = Vec3d::Zero();  ///< position of the hand until its first path
-  Eigen::Quaterniond start_orientation = Eigen::Quaterniond::Identity();  ///< orientation until then
-  double inertia = 2e-4;                                                  ///< kg m^2, of the device about its tip
-  double wrist_stiffness = 1;                                             ///< N m/rad
-  double wrist_damping = 0.03;                                            ///< N m s
+  Eigen::Quaterniond start_orientation =
+      Eigen::Quaterniond::Identity();  ///< orientation of the hand until its first path
+  double inertia = 2e-4;               ///< kg m^2, inertia of the device about its tip
+  double wrist_stiffness = 1;          ///< N m/rad
+  double wrist_damping = 0.03;         ///< N m s
 };
 
 class SimulatedDevice final : public Device {
  public:
   explicit SimulatedDevice(const HandSettings& settings = {}, const DeviceSpec& spec = {});
 
-  /// One other thread posts the hand's paths here; times are on the clock given to `read`.
+  /// Mailbox for the paths of the hand, which one other thread posts. Times are of the clock given to `read`.
   [[nodiscard]] Mailbox<HandPath>& paths() noexcept { return paths_; }
 
   [[nodiscard]] const DeviceSpec& spec() const noexcept override { return spec_; }
-  /// Realtime: at most 200 substeps; the part of a gap beyond 50 ms is skipped.
+  /// Realtime: at most 200 substeps. If more than 50 ms have passed, only the last 50 ms are simulated.
   [[nodiscard]] DeviceState read(std::int64_t now_ns) noexcept override;
   void write(const Vec3d& force) noexcept override { write_wrench(force, Vec3d::Zero()); }
   void write_wrench(const Vec3d& force, const Vec3d& torque) noexcept override {

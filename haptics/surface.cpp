@@ -34,6 +34,7 @@ double angle_at(const Vec3d& a, const Vec3d& b, const Vec3d& c) noexcept {
   return std::atan2(ab.cross(ac).norm(), ab.dot(ac));
 }
 
+/// Weight of the normal of triangle abc: its angle at the vertex that is closest, or 1 on an edge or face.
 double weight_of(Feature feature, const Vec3d& a, const Vec3d& b, const Vec3d& c) noexcept {
   switch (feature) {
     case Feature::kVertexA:
@@ -57,7 +58,8 @@ void ClosestSide::offer(const Vec3d& a, const Vec3d& b, const Vec3d& c, std::uin
                         std::uint32_t face) noexcept {
   const spm::ClosestPoint closest = spm::closest_point(query_, a, b, c);
   const double distance = std::sqrt(closest.squared_distance);
-  // Two faces compute the closest point of their common edge separately; rounding errors are far below this.
+  // Distance below which two points count as the same. The closest point of a common edge is computed for each face,
+  // and the rounding errors are far smaller.
   constexpr double kSamePoint = 1e-10;
   const bool shared = faces_ > 0 && (closest.point - point_).squaredNorm() <
                                         kSamePoint * kSamePoint * std::max(1.0, point_.squaredNorm());

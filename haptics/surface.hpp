@@ -1,7 +1,7 @@
-/// Collision queries for a proxy over all surfaces near it. World frame, metres.
+/// Collision queries of a proxy against all surfaces near it. World frame, metres.
 ///
-/// An HRTC answers from its AB-trees, a test from a list of triangles. Both pass the triangles that they find to the
-/// two accumulators below, which contain the rules. Realtime throughout.
+/// An HRTC searches its AB-trees for triangles, a test searches a list. Both offer the triangles that they find to
+/// FirstTouch and ClosestSide, which decide the result. Realtime throughout.
 #pragma once
 
 #include <cstdint>
@@ -13,12 +13,12 @@ namespace tactus::haptics {
 using spm::Vec3d;
 
 struct SurfaceHit {
-  double time = 1;              ///< of a sweep: share of the motion at the first contact
+  double time = 1;              ///< sweep only: share of the motion before the contact
   Vec3d point = Vec3d::Zero();  ///< on the surface
-  Vec3d normal =
-      Vec3d::UnitZ();   ///< of a sweep: from `point` to the sphere's centre; of a closest point: the outer normal
-  double distance = 0;  ///< of a closest point: from the query, negative on the inner side
-  bool sided = true;    ///< false at a border, or where face normals cancel out
+  /// After a sweep: from `point` to the sphere's centre. For a closest point: the outer normal.
+  Vec3d normal = Vec3d::UnitZ();
+  double distance = 0;  ///< closest point only: distance from the query, negative on the inner side
+  bool sided = true;    ///< closest point only; false: the side is unknown, at a border or where normals cancel out
   std::uint32_t object = spm::kNone;
   std::uint32_t face = spm::kNone;  ///< FaceId
 };
@@ -28,47 +28,49 @@ class SurfaceDistance {
  public:
   virtual ~SurfaceDistance() = default;
 
-  /// The closest point of all surfaces and the side that `point` is on; false when no surface is closer than `within`.
-  /// Realtime.
-  [[nodiscard]] virtual bool closest(const Vec3d& point, double within, SurfaceHit& hit) const noexcept = 0;
+  /// Finds the closest point of all surfaces, and the side of the surface on which `point` lies. Returns false if no
+  /// surface is closer than `max_distance`. Realtime.
+  [[nodiscard]] virtual bool closest(const Vec3d& point, double max_distance, SurfaceHit& hit) const noexcept = 0;
 };
 
-/// Belongs to one probe: what a sweep has found may be noted for the next.
+/// Queries for one probe. An implementation may store candidates of one sweep for the next.
 class Surface : public SurfaceDistance {
  public:
-  /// The first contact of a sphere whose centre moves straight from `from` to `to`, over all surfaces, from both sides.
-  /// By the rules of spm::swept_sphere a sphere that rests on a triangle may slide and leave. Realtime.
+  /// Finds the first contact of a sphere whose centre moves straight from `from` to `to`. Both sides of all surfaces
+  /// count. A sphere that rests on a triangle may slide along it or move away (spm::swept_sphere). Returns false
+  /// without a contact. Realtime.
   [[nodiscard]] virtual bool sweep(const Vec3d& from, const Vec3d& to, double radius, SurfaceHit& hit) noexcept = 0;
 
   /// True when an object has moved since the last step. The next three functions then describe its motion.
   [[nodiscard]] virtual bool moving() const noexcept { return false; }
-  /// The first contact of a sphere whose centre was at `from` in the last step and is to be at `to` now. Relative to
-  /// each object it moves straight, and a touched surface moves along. `hit` has present positions. Realtime.
+  /// Finds the first contact of a sphere whose centre was at `from` in the last step and is to be at `to` now. The path
+  /// is straight in the frame of each object, so objects move during the sweep. `hit` states present positions.
+  /// Realtime.
   [[nodiscard]] virtual bool sweep_moving(const Vec3d& from, const Vec3d& to, double radius, SurfaceHit& hit) noexcept {
     return sweep(from, to, radius, hit);
   }
-  /// The present position of the point of `object` that was at `point` in the last step. Realtime.
+  /// The present position of that point of `object` which was at `point` in the last step. Realtime.
   [[nodiscard]] virtual Vec3d carried(std::uint32_t object, const Vec3d& point) const noexcept {
     static_cast<void>(object);
     return point;
   }
-  /// The same for a direction. Realtime.
+  /// The present direction of that vector of `object` which was `direction` in the last step. Realtime.
   [[nodiscard]] virtual Vec3d turned(std::uint32_t object, const Vec3d& direction) const noexcept {
     static_cast<void>(object);
     return direction;
   }
 };
 
-/// The earliest contact among the triangles offered; of several at once the one with the lowest object and face. Offer
-/// at least every triangle whose box overlaps the box of the swept sphere.
+/// Selects the earliest contact of a sweep among the triangles offered. Of simultaneous contacts it selects the lowest
+/// object number, then the lowest face. Offer at least every triangle whose box overlaps the box of the swept sphere.
 class FirstTouch {
  public:
   FirstTouch(const Vec3d& from, const Vec3d& to, double radius) noexcept : from_{from}, to_{to}, radius_{radius} {}
 
-  /// Corners counter-clockwise seen from outside.
+  /// Offers the triangle a, b, c, whose corners are counter-clockwise seen from outside.
   void offer(const Vec3d& a, const Vec3d& b, const Vec3d& c, std::uint32_t object, std::uint32_t face) noexcept;
 
-  /// Later contacts no longer matter.
+  /// Time of the earliest contact so far, as a share of the motion. Later contacts need not be offered.
   [[nodiscard]] double time() const noexcept { return best_.time; }
   [[nodiscard]] bool result(SurfaceHit& hit) const noexcept;
 
@@ -83,19 +85,19 @@ class FirstTouch {
   bool found_ = false;
 };
 
-/// The closest point of the triangles offered, and the side of the surface that the query is on.
+/// Finds the closest point of the triangles offered, and the side of the surface on which the query point lies.
 ///
-/// Triangles that share the closest point (on an edge or at a vertex) add up to the angle-weighted normal there. Its
-/// sign is correct on every closed, consistently oriented surface. So offer every triangle closer than *or as close as*
-/// `reach()`.
+/// If several triangles share the closest point, on an edge or at a vertex, their normals are added with the weights of
+/// their angles. The sum gives the correct side on every closed, consistently oriented surface. So offer every triangle
+/// whose distance is at most `reach()`, also if it is equal.
 /// Source: Baerentzen, Aanaes 2005 (signed distance from angle-weighted pseudo-normals).
 class ClosestSide {
  public:
-  ClosestSide(const Vec3d& query, double within) noexcept : query_{query}, reach_{within} {}
+  ClosestSide(const Vec3d& query, double max_distance) noexcept : query_{query}, reach_{max_distance} {}
 
   void offer(const Vec3d& a, const Vec3d& b, const Vec3d& c, std::uint32_t object, std::uint32_t face) noexcept;
 
-  /// Triangles further away than this no longer matter.
+  /// Distance above which a triangle no longer changes the result.
   [[nodiscard]] double reach() const noexcept { return reach_; }
   [[nodiscard]] bool result(SurfaceHit& hit) const noexcept;
 

@@ -10,31 +10,31 @@
 namespace tactus::haptics {
 namespace {
 
-constexpr float kAbsent = std::numeric_limits<float>::infinity();  // distance of an absent pair
+constexpr float kAbsent = std::numeric_limits<float>::infinity();  // distance of a pair that is too far away to matter
 constexpr std::uint32_t kMaxObjects = 255;
 
 // Shares of the collision margin.
-constexpr double kTouching = 0.1;    // permanent overlap allowed to a contact
-constexpr double kSolveAgain = 0.2;  // overlap at the new pose that triggers another solve
-constexpr double kBlocked = 0.5;     // maximum overlap
-constexpr double kStep = 1.5;        // longest step in contact
-constexpr double kMargin = 0.4;      // pairs are gathered this far beyond it
-constexpr double kShort = 0.8;       // displacement for which one gather is enough
-constexpr double kUseful = 2.6;      // gaps that matter in the next step
+constexpr double kAllowedOverlap = 0.1;  // overlap of two margins that a contact may have permanently
+constexpr double kSolveAgain = 0.2;      // overlap at the new pose above which the step is solved again
+constexpr double kMaxOverlap = 0.5;      // overlap above which a motion is blocked
+constexpr double kMaxStep = 1.5;         // longest step in contact
+constexpr double kGatherBeyond = 0.4;    // distance beyond the margin within which pairs are gathered
+constexpr double kShort = 0.8;           // displacement up to which one gather is enough
+constexpr double kUsefulGap = 2.6;       // largest gap that can matter in the next step
 
-constexpr double kDeviceShare = 1.2;  // displacements of the device that the tool moves per cycle, beside max_yield
-constexpr double kPress = 1e-3;       // m of a press that the solver sees
-constexpr std::uint32_t kNodePairsPerRow = 2;  // pairs of nodes that cost as much as an iterated row
-constexpr double kLinear = 2e-7;               // m, error of a solver's answer in a gap
-constexpr double kTouchDistance = 1e-6;        // m; below this the face's normal gives the direction
-constexpr double kFloatError = 1e-6;           // m, generous bound on errors of float coordinates
+constexpr double kDeviceShare = 1.2;  // max displacement of the tool per displacement of the device, without max_yield
+constexpr double kMinPress = 1e-3;    // m of the prevented displacement that the solver gets at least
+constexpr std::uint32_t kNodePairsPerRow = 2;  // visited pairs of nodes that cost as much as one iterated row
+constexpr double kSolverError = 2e-7;          // m, error of a gap after the solver's displacement
+constexpr double kTouchDistance = 1e-6;  // m, distance below which the normal of the face is the direction of a gap
+constexpr double kFloatError = 1e-6;     // m, upper bound of the errors of float coordinates
 
 SolverSettings solver_settings(const ToolSettings& tool) noexcept {
   SolverSettings settings;
   settings.iterations = 40;
   settings.tolerance = 2e-5;  // m/s; 20 nm in a cycle of 1 ms
   settings.push_out = tool.push_out;
-  settings.allowed_overlap = kTouching * tool.collision_margin;
+  settings.allowed_overlap = kAllowedOverlap * tool.collision_margin;
   return settings;
 }
 
@@ -71,7 +71,7 @@ void Tool::reset() noexcept {
   result_ = ToolResult{};
 }
 
-double Tool::blocked() const noexcept { return (1 - kBlocked) * settings_.collision_margin; }
+double Tool::blocked() const noexcept { return (1 - kMaxOverlap) * settings_.collision_margin; }
 
 ToolPose Tool::moved(const ToolPose& pose, const Displacement& displacement) noexcept {
   return {pose.position + displacement.linear, (exp_map(displacement.angular) * pose.orientation).normalized()};
@@ -102,7 +102,7 @@ std::uint64_t Tool::PairSet::id(const Part& part, std::uint32_t pair) const noex
          index(eight.face[pair % kWidth]);
 }
 
-/// Gathers the pairs near `pose`. False when the capacity or the work budget is used up before all are found.
+/// Gathers the pairs near `pose`. Returns false if the capacity or the work budget is used up before all are found.
 bool Tool::gather(const ToolPose& pose, double margin, std::uint32_t max_pairs, std::uint32_t max_work,
                   std::span<const ToolObject> objects, Nearby& into) noexcept {
   const Nearby& other = &into == current_ ? *candidate_ : *current_;
@@ -125,11 +125,11 @@ bool Tool::gather(const ToolPose& pose, double margin, std::uint32_t max_pairs, 
     in_model.linear() = object.rotation.transpose() * turned;
     in_model.translation() = object.rotation.transpose() * (pose.position - object.translation) / object.scale;
     placed_.place(in_model, 1 / object.scale);
-    const std::uint32_t room = (capacity - block) * kWidth;
-    const spm::MeshTouch touch = placed_.near(*object.tree, margin / object.scale, set.blocks.data() + block, room,
-                                              kNodePairsPerRow * (work_end - result_.work));
+    const std::uint32_t free_slots = (capacity - block) * kWidth;
+    const spm::MeshTouch touch = placed_.near(*object.tree, margin / object.scale, set.blocks.data() + block,
+                                              free_slots, kNodePairsPerRow * (work_end - result_.work));
     result_.work += touch.contacts + (touch.work - std::min(touch.work, touch.contacts)) / kNodePairsPerRow;
-    if (!touch.complete || touch.contacts > room) return false;
+    if (!touch.complete || touch.contacts > free_slots) return false;
     if (touch.contacts == 0) continue;
 
     // From here on corners are in metres, along the object's axes, relative to the tool's origin.
@@ -139,8 +139,8 @@ bool Tool::gather(const ToolPose& pose, double margin, std::uint32_t max_pairs, 
     place(pose, part);
     for (; block < part.last; ++block) {
       spm::NearPairs& pairs = set.blocks[block];
-      const std::uint32_t here = std::min(kWidth, touch.contacts - (block - part.first) * kWidth);
-      for (std::uint32_t lane = here; lane < kWidth; ++lane) {
+      const std::uint32_t count = std::min(kWidth, touch.contacts - (block - part.first) * kWidth);
+      for (std::uint32_t lane = count; lane < kWidth; ++lane) {
         pairs.face[lane] = spm::kNone;
         pairs.triangle[lane] = pairs.triangle[0];
         for (auto& corner : pairs.corners.corner)
@@ -199,11 +199,12 @@ void Tool::measure(const Part& part, double within, std::uint32_t block, Nearby&
   }
 }
 
-/// Measures the pairs of current_ again at a pose that displaces no point of the tool by more than `length`.
+/// Measures the pairs of current_ at another pose, which displaces no point of the tool by more than `length`. Returns
+/// false if the work budget is used up.
 bool Tool::measure_again(const ToolPose& pose, double length, Nearby& into) noexcept {
   if (result_.work >= settings_.work) return false;
   PairSet& set = *current_->set;
-  const double useful = kUseful * settings_.collision_margin;
+  const double useful = kUsefulGap * settings_.collision_margin;
   into.pose = pose;
   into.set = &set;
   into.travel = current_->travel + length;
@@ -251,22 +252,22 @@ Tool::Gap Tool::gap_of(const Part& part, const spm::TriangleLanes& faces, unsign
 
 // ---- solve ----
 
-/// If there is no room, drops the rows that did not press in the last solve.
-bool Tool::make_room() noexcept {
+/// If all rows are in use, drops those without an impulse in the last solve. Returns whether a row is free.
+bool Tool::free_row() noexcept {
   if (row_count_ < kMaxContacts) return true;
-  std::size_t kept = 0;
+  std::size_t count = 0;
   for (std::size_t i = 0; i < row_count_; ++i) {
     if (i < solver_.contacts().size() && solver_.impulse(i).isZero(0)) continue;
-    rows_[kept++] = rows_[i];
+    rows_[count++] = rows_[i];
   }
-  row_count_ = kept;
+  row_count_ = count;
   if (row_count_ < kMaxContacts) return true;
   ++result_.dropped;
   return false;
 }
 
 void Tool::add_row(std::uint64_t id, const Gap& gap, double friction) noexcept {
-  if (!make_room()) return;
+  if (!free_row()) return;
   Contact& row = rows_[row_count_++];
   row = Contact{};
   row.id = id;
@@ -274,11 +275,11 @@ void Tool::add_row(std::uint64_t id, const Gap& gap, double friction) noexcept {
   row.point = pose_.position + gap.arm;
   row.normal = gap.normal;
   row.gap = gap.distance - settings_.collision_margin;
-  if (!push_) row.gap = std::max(row.gap, -kTouching * settings_.collision_margin);
+  if (!push_) row.gap = std::max(row.gap, -kAllowedOverlap * settings_.collision_margin);
   row.friction = friction;
 }
 
-/// Starts with the pairs that pressed in the last solve and are still near.
+/// Selects the first rows: the pairs that had an impulse in the last solve and are still near.
 void Tool::choose_first_rows() noexcept {
   std::array<std::uint64_t, kMaxContacts> pressed;
   std::size_t count = 0;
@@ -311,7 +312,8 @@ Tool::Displacement Tool::solve(const Displacement& wanted, double dt) noexcept {
   return {body.velocity.head<3>() * dt, body.velocity.tail<3>() * dt};
 }
 
-/// Adds the pairs that `displacement` would bring too close, the worst of each group; false when there are none.
+/// Adds rows for pairs that `displacement` would bring too close: of several similar pairs, the one that would be
+/// closest. Returns false if it added none.
 bool Tool::add_violated(const Displacement& displacement, double dt) noexcept {
   constexpr int kAtOnce = 4;
   const float lx = static_cast<float>(displacement.linear.x()), ly = static_cast<float>(displacement.linear.y()),
@@ -319,10 +321,10 @@ bool Tool::add_violated(const Displacement& displacement, double dt) noexcept {
   const float tx = static_cast<float>(displacement.angular.x()), ty = static_cast<float>(displacement.angular.y()),
               tz = static_cast<float>(displacement.angular.z());
   const auto collision_margin = static_cast<float>(settings_.collision_margin),
-             touching = static_cast<float>(kTouching) * collision_margin;
+             touching = static_cast<float>(kAllowedOverlap) * collision_margin;
   const auto share = static_cast<float>(std::min(1.0, SolverSettings{}.push_out_rate * dt)),
              max = static_cast<float>(settings_.push_out * dt);
-  constexpr float kOff = static_cast<float>(kLinear);
+  constexpr float kOff = static_cast<float>(kSolverError);
   const Nearby& near = *current_;
   std::uint32_t count = 0;
   for (std::uint32_t pair = 0; pair < current_->set->pairs; ++pair) {
@@ -331,7 +333,7 @@ bool Tool::add_violated(const Displacement& displacement, double dt) noexcept {
     const float closing = near.normal[0][pair] * (lx + ty * az - tz * ay) +
                           near.normal[1][pair] * (ly + tz * ax - tx * az) +
                           near.normal[2][pair] * (lz + tx * ay - ty * ax);
-    // As in the solver: a gap may close, an overlap must not grow, and a large overlap shrinks.
+    // As in the solver, a gap may close, an overlap must not grow, and a large overlap must shrink.
     const float min = gap >= 0 ? -gap : push_ ? std::min(max, share * std::max(0.0f, -gap - touching)) : 0;
     excess_[pair] = closing - min;
     if (closing < min - kOff && has_row_[pair] == 0 && near.distance[pair] < kAbsent &&
@@ -351,32 +353,34 @@ bool Tool::add_violated(const Displacement& displacement, double dt) noexcept {
     if (row_count_ == before) return added;
     added = true;
     has_row_[worst] = 1;
-    // This row may also solve pairs with nearly the same position and direction.
-    std::uint32_t kept = 0;
+    // This row may also constrain the pairs with nearly the same position and direction, so they are not added.
+    std::uint32_t remaining = 0;
     const double alike = 0.02 * probe_.radius();
     for (std::uint32_t k = 0; k < count; ++k) {
       const Gap other = near.gap(violated_[k]);
       if (other.normal.dot(gap.normal) > 0.95 && (other.arm - gap.arm).squaredNorm() < alike * alike) continue;
-      violated_[kept++] = violated_[k];
+      violated_[remaining++] = violated_[k];
     }
-    count = kept;
+    count = remaining;
   }
   return added;
 }
 
-// ---- look and go ----
+// ---- check and move ----
 
-/// Checks the pose after `displacement`. With `again` > 0, pairs that come too close become rows under that number.
+/// Checks the pose after `displacement`. If `again` is above 0, adds rows for pairs that are too close there; their ids
+/// contain this number.
 Tool::Check Tool::check(const Displacement& displacement, int again, std::span<const ToolObject> objects) noexcept {
   const double collision_margin = settings_.collision_margin;
   Nearby& candidate = *candidate_;
   const double length = longest(displacement);
   const ToolPose after = moved(pose_, displacement);
   const bool enough_gathered = current_->travel + length <= current_->set->margin - collision_margin - kFloatError;
-  if (!(enough_gathered ? measure_again(after, length, candidate)
-                        : gather(after, (1 + kMargin) * collision_margin + kFloatError, ~0u, ~0u, objects, candidate)))
+  if (!(enough_gathered
+            ? measure_again(after, length, candidate)
+            : gather(after, (1 + kGatherBeyond) * collision_margin + kFloatError, ~0u, ~0u, objects, candidate)))
     return Check::kBlocked;
-  // Pairs that already overlap are listed in overlaps_.
+  // The sum of the gaps at both ends must exceed the step. Pairs that overlapped before are checked by overlaps_.
   if (std::max(current_->nearest, 0.0) + std::max(candidate.nearest, 0.0) <= length && !overlapping_)
     return Check::kBlocked;
   if (candidate.nearest >= (1 - kSolveAgain) * collision_margin) return Check::kFree;
@@ -389,7 +393,7 @@ Tool::Check Tool::check(const Displacement& displacement, int again, std::span<c
       if (distance >= (1 - kSolveAgain) * collision_margin ||
           (overlapping_ && distance > 0 && candidate.inner[pair] != 0))
         continue;
-      if (distance < (1 - kBlocked) * collision_margin) {  // allowed only if it was as close before
+      if (distance < (1 - kMaxOverlap) * collision_margin) {  // allowed only if the pair was as close before
         const std::uint64_t id = candidate.set->id(part, pair);
         const auto before = std::lower_bound(overlaps_.begin(), overlaps_.end(), id,
                                              [](const Overlap& o, std::uint64_t wanted) { return o.id < wanted; });
@@ -412,7 +416,7 @@ Tool::Check Tool::check(const Displacement& displacement, int again, std::span<c
     }
   if (count == 0) return Check::kFree;
   if (again == 0) return Check::kTooNear;
-  // The gap at the new pose, expressed at the present pose.
+  // The gaps are those at the new pose, and the rows are for the present pose.
   const Eigen::Quaterniond rotation = exp_map(displacement.angular);
   for (std::size_t i = 0; i < count; ++i) {
     Gap gap = candidate.gap(worst[i]);
@@ -426,11 +430,11 @@ Tool::Check Tool::check(const Displacement& displacement, int again, std::span<c
   return Check::kTooNear;
 }
 
-/// Lists the pairs that a changed surface left closer than `blocked()`: they must not come closer.
+/// Lists the pairs that are closer than `blocked()` after the surface changed. They must not come closer.
 void Tool::find_overlaps() noexcept {
   overlaps_.clear();
   overlapping_ = current_->nearest <= 0;
-  const double limit_distance = (1 - kBlocked) * settings_.collision_margin + kTouchDistance;
+  const double limit_distance = (1 - kMaxOverlap) * settings_.collision_margin + kTouchDistance;
   if (current_->nearest >= limit_distance) return;
   for (const Part& part : current_->set->parts)
     for (std::uint32_t pair = part.first * kWidth; pair < part.last * kWidth; ++pair) {
@@ -490,10 +494,10 @@ Tool::Step Tool::step_towards(const ToolPose& device, double dt, double limit,
   ++result_.steps;
   const double collision_margin = settings_.collision_margin;
   if (!gathered_) {
-    // For a short displacement one gather is enough; a longer one gathers again at its end.
+    // For a short displacement one gather is enough. After a longer one, `check` gathers again.
     const double wanted = std::min(longest(to_device(device)), limit);
-    const double beyond =
-        wanted < kShort * collision_margin ? std::max(wanted, kMargin * collision_margin) : kMargin * collision_margin;
+    const double beyond = wanted < kShort * collision_margin ? std::max(wanted, kGatherBeyond * collision_margin)
+                                                             : kGatherBeyond * collision_margin;
     if (!gather(pose_, collision_margin + beyond + 2 * kFloatError, ~0u, ~0u, objects, *current_)) return {};
     gathered_ = true;
   }
@@ -505,14 +509,14 @@ Tool::Step Tool::step_towards(const ToolPose& device, double dt, double limit,
 
   Displacement wanted = to_device(device);
   const double need = longest(wanted);
-  const double longest_step =
-      overlapping_ ? (2 - 2 * kBlocked) * collision_margin : std::max(kStep * collision_margin, current_->nearest);
+  const double longest_step = overlapping_ ? (2 - 2 * kMaxOverlap) * collision_margin
+                                           : std::max(kMaxStep * collision_margin, current_->nearest);
   const double max = std::min({need, limit, longest_step});
-  // A push-out may exceed the displacement to the device.
+  // A push-out may be longer than the displacement to the device.
   const double allowed = std::max(max, too_near && push_ ? settings_.push_out * dt : 0);
-  // In a deep press, surfaces prevent nearly all of the wanted displacement, as in the previous step. A part of it
-  // gives the same result, and lets the solver converge on what has changed.
-  const double held = longest(prevented_), bound = std::max(kPress, 2 * device_moved_);
+  // If the device is far inside a surface, the surface prevents nearly all of the wanted displacement, as it did in the
+  // previous step. So most of the prevented part is left out. The result is the same, and the solver converges sooner.
+  const double held = longest(prevented_), bound = std::max(kMinPress, 2 * device_moved_);
   const double left_out = held > bound ? 1 - bound / held : 0;
   wanted = wanted - prevented_ * left_out;
   choose_first_rows();
@@ -523,8 +527,8 @@ Tool::Step Tool::step_towards(const ToolPose& device, double dt, double limit,
     for (int round = 0; round < kRounds && (round == 0 || result_.work < settings_.work); ++round) {
       displacement = solve(wanted, dt);
       if (const double length = longest(displacement); length > allowed) {
-        // The unconstrained part is shortened to the step, and the constrained part stays. So nearby surfaces and the
-        // whole press decide the result, including friction.
+        // Only the unconstrained part is shortened, to the length of the step. So the whole force against nearby
+        // surfaces, including friction, still determines the result.
         cut = cut || length > max;
         const Displacement excess = displacement * (1 - allowed / length);
         wanted = wanted - excess;
@@ -546,7 +550,7 @@ Tool::Step Tool::step_towards(const ToolPose& device, double dt, double limit,
   return {longest(displacement), cut};
 }
 
-/// Moves by all of `wanted` when no surface is near; false when finding out would cost too much.
+/// Moves by `wanted` if no surface is near. Returns false if one is near, or if the search would cost too much.
 bool Tool::move_freely(const Displacement& wanted, double margin, std::span<const ToolObject> objects) noexcept {
   constexpr std::uint32_t kFewPairs = 64, kLittleWork = 300;
   gathered_ = false;

@@ -1,4 +1,4 @@
-/// A rigid mesh as a tool: a god-object with six degrees of freedom that follows the device and passes through no
+/// Moves a rigid mesh as a tool: a god-object with six degrees of freedom that follows the device and passes through no
 /// surface.
 ///
 ///      device pose            o---------      spring and torsion spring ("virtual coupling"),
@@ -6,24 +6,24 @@
 ///      tool's pose      o---/------
 ///     ____________________(____)________     contact where the tool, with its collision margin, touches a surface
 ///
-/// The tool takes the reachable pose in which the coupling stores the least energy. One cycle is a few of these steps:
+/// The tool moves to the reachable pose in which the coupling stores the least energy. A cycle has several steps. Each:
 ///
-///     gather    all pairs of triangles within a margin (AbTree against the probe's tree): enough for several steps
-///     solve     the displacement d closest to e, the displacement to the device, in the coupling's metric, with
-///               n . d + gap >= 0 for these pairs: ContactSolver, with violated pairs added one by one
-///     check     their gaps at the new pose; pairs that are too close there go back to `solve`
-///     move      by d when no pair is too close; otherwise by a half or less of d, or not at all
+///     gather    finds all pairs of triangles within a margin (AbTree against the probe's tree), enough for several
+///     steps solve     computes the displacement d that is closest, in the coupling's metric, to the displacement to
+///     the
+///               device, with n . d + gap >= 0 for these pairs. ContactSolver solves it; violated pairs are added
+///     check     measures the gaps of the pairs at the new pose; pairs that are too close are added, and `solve`
+///     repeats move      moves by d if no pair is too close, otherwise by at most half of d, or not at all
 ///
-/// So a contact stays at a distance of `collision_margin`, not at the triangles. At both ends of a step no pair is
-/// closer than half of that. A step is shorter than the sum of the gaps at its two ends. Pairs that were not gathered
-/// are further away than the tool moves. Hence no motion leads through a fixed surface, for any device speed, sheet
-/// thickness or work budget. When the budget is used up the tool stops and continues in the next cycle; `lagging`
-/// reports this.
+/// So in contact the triangles are `collision_margin` apart. At both ends of a step no pair is closer than half of
+/// that. A step is shorter than the sum of the gaps at its two ends. Pairs that were not gathered are further away than
+/// the tool moves. Hence no motion leads through a fixed surface, for any device speed, sheet thickness or work budget.
+/// When the budget is used up, the tool stops and continues in the next cycle; `lagging` reports this.
 ///
-/// When a changed surface leaves the tool too close or overlapping, it is pushed out along the faces' outer normals at
-/// no more than `push_out`, so that the force does not jump. Where contacts block every motion, for instance after a
-/// surface rose far into the tool, it moves out without contacts, and the hand may pull it out. A tool that starts
-/// inside a surface touches nothing until it is outside. Otherwise both sides of a surface count.
+/// If a changed surface is too close to the tool or overlaps it, the tool is pushed out along the outer normals of the
+/// faces, at no more than `push_out`, so that the force does not jump. If contacts block every motion, for instance
+/// after a surface rose far into the tool, the tool moves out without contacts, and the hand may pull it out. A tool
+/// that starts inside a surface touches nothing until it is outside. Otherwise both sides of a surface count.
 ///
 /// World frame, SI. One thread at a time. Realtime: the settings bound the work. Same input, same bits.
 /// Source: Ortega, Redon, Coquillart 2007 (god-object with six degrees of freedom by Gauss's principle); Colgate et al.
@@ -43,16 +43,16 @@
 namespace tactus::haptics {
 
 struct ToolSettings {
-  double collision_margin = 1e-4;  ///< m by which the tool is thicker than its triangles
-  double max_displacement = 2e-3;  ///< m, maximum of any of its points per cycle
+  double collision_margin = 1e-4;  ///< m, distance from the triangles at which contact begins
+  double max_displacement = 2e-3;  ///< m, maximum displacement of any point of the tool per cycle
   double push_out = 0.02;          ///< m/s
-  /// N/s: how fast the tool may release coupling force by moving on its own, for instance when it slips off an edge
-  /// under a hand at rest. Beyond that it moves only as far as the device.
+  /// N/s: maximum rate at which the coupling force falls because the tool moves while the device rests, for instance
+  /// when the tool slips off an edge. A faster motion needs a motion of the device.
   double max_yield = 40;
-  std::uint32_t steps = 8;     ///< per cycle
-  std::uint32_t pairs = 2048;  ///< of triangles within the margin; with more of them steps become shorter
-  /// Per cycle: pairs of triangles measured plus rows iterated by the solver (not counting the excess of its last run),
-  /// about 0.1 us each. Pairs of tree nodes visited count half.
+  std::uint32_t steps = 8;     ///< max steps per cycle
+  std::uint32_t pairs = 2048;  ///< max pairs of triangles within the margin; if there are more, steps become shorter
+  /// Work budget per cycle, in units of about 0.1 us. A measured pair of triangles and a row in an iteration of the
+  /// solver count one, a visited pair of tree nodes a half. The last run of the solver may exceed the budget.
   std::uint32_t work = 2400;
 };
 
@@ -60,15 +60,15 @@ struct ToolSettings {
 struct ToolGrip {
   double stiffness = 1000;            ///< N/m
   double rotational_stiffness = 0.1;  ///< N m/rad
-  double angular_damping = 1e-3;      ///< N m s, of the torque on the hand only
+  double angular_damping = 1e-3;      ///< N m s, damps only the torque on the hand
 };
 
 struct ToolPose {
-  Vec3d position = Vec3d::Zero();  ///< of the tool's origin
+  Vec3d position = Vec3d::Zero();  ///< of the tool's origin, m
   Eigen::Quaterniond orientation = Eigen::Quaterniond::Identity();
 };
 
-/// An object to touch: world = rotation * (scale * model) + translation.
+/// An object that the tool may touch: world = rotation * (scale * model) + translation.
 struct ToolObject {
   const spm::AbTree* tree = nullptr;
   Eigen::Matrix3d rotation = Eigen::Matrix3d::Identity();
@@ -80,25 +80,26 @@ struct ToolObject {
 
 struct ToolResult {
   ToolPose pose;
-  /// From the device to the tool: displacement of the origin, m, and rotation vector, rad. Times the stiffnesses they
-  /// give the wrench on the hand, at the origin.
+  /// Displacement of the origin, m, and rotation vector, rad, from the device to the tool. Multiplied by the
+  /// stiffnesses they are the force and the torque on the hand.
   Vec3d displacement = Vec3d::Zero(), rotation = Vec3d::Zero();
-  Vec3d normal = Vec3d::UnitZ();  ///< mean of the contact normals, weighted by force; without contact the last one
-  Vec3d point = Vec3d::Zero();    ///< mean of the contact points, likewise
+  Vec3d normal =
+      Vec3d::UnitZ();  ///< mean of the contact normals, weighted by force; without contact: of the last contact
+  Vec3d point = Vec3d::Zero();  ///< mean of the contact points, weighted in the same way
   bool in_contact = false;
   bool lagging = false;        ///< stopped by the work budget or by max_displacement
-  bool outside_only = false;   ///< started inside a surface: touches nothing until it is outside
+  bool outside_only = false;   ///< the tool started inside a surface and touches nothing until it is outside
   bool too_near = false;       ///< a changed surface is too close; the tool is being pushed out
-  std::uint32_t contacts = 0;  ///< contacts that press
-  std::uint32_t dropped = 0;   ///< contacts that did not fit into the solver
-  std::uint32_t steps = 0, solves = 0, pairs = 0, work = 0;  ///< pairs: of the last step
-  std::uint32_t object = spm::kNone;                         ///< object with the greatest contact force
-  std::uint32_t face = spm::kNone;                           ///< its FaceId
+  std::uint32_t contacts = 0;  ///< contacts with a force
+  std::uint32_t dropped = 0;   ///< contacts above the limits of the solver
+  std::uint32_t steps = 0, solves = 0, pairs = 0, work = 0;  ///< of this cycle; pairs: of its last step
+  std::uint32_t object = spm::kNone;                         ///< object with the largest contact force
+  std::uint32_t face = spm::kNone;                           ///< FaceId of that contact
 };
 
 class Tool {
  public:
-  /// `probe` in metres; must outlive it. Allocates.
+  /// `probe`: the mesh of the tool in metres; must outlive the tool. Allocates.
   explicit Tool(const spm::MeshProbe& probe, const ToolSettings& settings = {});
   Tool(const Tool&) = delete;
   Tool& operator=(const Tool&) = delete;
@@ -108,18 +109,18 @@ class Tool {
   /// Clears all state; the next step starts at the device.
   void reset() noexcept;
 
-  /// One cycle of `dt` seconds with the device at `device`. `surface_changed`: the objects near the tool, at most 255,
-  /// have changed since the last step: other objects, other poses or other faces. A pose that is not finite changes
+  /// Computes one cycle of `dt` seconds with the device at `device`. `objects`: the objects near the tool, at most 255.
+  /// `surface_changed`: their list, poses or faces have changed since the last cycle. A pose that is not finite changes
   /// nothing. Realtime.
   const ToolResult& step(const ToolPose& device, double dt, std::span<const ToolObject> objects,
                          bool surface_changed) noexcept;
 
   [[nodiscard]] const ToolResult& last() const noexcept { return result_; }
 
-  /// The next step looks anew at what is around it. Realtime.
+  /// Discards the gathered pairs, so that the next cycle gathers them anew. Realtime.
   void forget_surroundings() noexcept { gathered_ = false; }
-  /// What one step leaves to the next, but for its surroundings, which are forgotten; see haptics/carried.hpp. A tool
-  /// of the same shape and settings goes on from it. Realtime if `visit` is.
+  /// Visits the state that one cycle leaves for the next (haptics/carried.hpp), and discards the gathered pairs. A tool
+  /// of the same shape and settings can continue from this state. Realtime if `visit` is.
   template <class Visit>
   void for_each_carried(Visit& visit) noexcept {
     static_assert(
@@ -142,7 +143,7 @@ class Tool {
     visit.number("motion of the device", device_moved_), visit.number("backlog of motion", backlog_);
     visit.count("count of rows", row_count_, kMaxContacts);
     for (std::size_t i = 0; i < row_count_; ++i) {
-      Contact& row = rows_[i];  // between the tool, body 0, and what does not move
+      Contact& row = rows_[i];  // between the tool, body 0, and static geometry
       visit.any("id of a row", row.id);
       visit.number("point of a row", row.point), visit.number("arm of a row", row.arm_a);
       visit.number("normal of a row", row.normal);
@@ -169,50 +170,51 @@ class Tool {
   struct Gap {
     double distance;
     Vec3d normal;  // unit, from the object to the tool
-    Vec3d arm;     // the tool's nearest point from its origin
-    bool inner;    // the tool is on the face's inner side
+    Vec3d arm;     // from the tool's origin to its closest point
+    bool inner;    // the tool is on the inner side of the face
   };
   /// Pairs of one object, in blocks of eight. Coordinates in the object's axes are in metres from `origin`.
   struct Part {
     const ToolObject* object;
     std::uint32_t first, last;  // blocks
     Vec3d origin;               // model frame
-    Vec3d tool;                 // the tool's origin, in the object's axes
+    Vec3d tool;                 // origin of the tool, in the object's axes
   };
   /// All pairs within a margin of one pose.
   struct PairSet {
     double margin = 0;  // m
     std::vector<spm::NearPairs> blocks;
-    std::vector<float> nearest;  // smallest gap of a block's pairs at that pose
+    std::vector<float> nearest;  // smallest gap of each block at that pose, m
     std::vector<Part> parts;
     std::uint32_t pairs = 0;  // slots in use
     [[nodiscard]] const Part& part(std::uint32_t pair) const noexcept;
     [[nodiscard]] std::uint64_t id(const Part& part, std::uint32_t pair) const noexcept;
   };
-  /// The gaps of these pairs at another pose; infinite for a pair that does not matter.
+  /// The gaps of the pairs of a set at another pose; infinite for a pair that is too far away to matter.
   struct Nearby {
     ToolPose pose;
     PairSet* set = nullptr;
-    double travel = 0;   // m, longest displacement of a point since they were gathered
-    double nearest = 0;  // m; no pair is closer, gathered or not
+    double travel = 0;   // m, longest displacement of a point since the pairs were gathered
+    double nearest = 0;  // m, lower bound of the distance of all pairs, gathered or not
     std::vector<float> distance;
     std::array<std::vector<float>, 3> normal, arm;
     std::vector<std::uint8_t> inner;
     [[nodiscard]] Gap gap(std::uint32_t pair) const noexcept;
   };
+  /// A pair that is too close at the start of a step.
   struct Overlap {
     std::uint64_t id;
     double distance;
   };
   struct Step {
-    double length = 0;
-    bool cut = true;  // shorter than wanted
+    double length = 0;  // m, longest displacement of a point
+    bool cut = true;    // the step is shorter than wanted
   };
   enum class Check : std::uint8_t { kFree, kTooNear, kBlocked };
 
-  /// m; no motion leads closer than this.
+  /// Smallest gap that a motion may lead to, m.
   [[nodiscard]] double blocked() const noexcept;
-  /// Bound on the displacement of any point of the tool.
+  /// Upper bound of the displacement of any point of the tool, m.
   [[nodiscard]] double longest(const Displacement& displacement) const noexcept {
     return displacement.linear.norm() + displacement.angular.norm() * probe_.radius();
   }
@@ -227,7 +229,7 @@ class Tool {
   [[nodiscard]] Gap gap_of(const Part& part, const spm::TriangleLanes& faces, unsigned lane) const noexcept;
 
   void find_overlaps() noexcept;
-  [[nodiscard]] bool make_room() noexcept;
+  [[nodiscard]] bool free_row() noexcept;
   void add_row(std::uint64_t id, const Gap& gap, double friction) noexcept;
   void choose_first_rows() noexcept;
   [[nodiscard]] Displacement solve(const Displacement& wanted, double dt) noexcept;
@@ -248,9 +250,9 @@ class Tool {
   ToolPose pose_, device_before_;
   bool started_ = false;
   double device_moved_ = 0;  // m, longest displacement of a point of the device in this cycle
-  double backlog_ = 0;       // m, distance the device moved in free space that the tool has not yet moved
-  bool stuck_ = false;       // too close to a surface, and no motion was possible in the last step
-  bool trapped_ = false;     // was stuck and is not yet outside
+  double backlog_ = 0;       // m, distance that the device moved in free space and the tool has not moved yet
+  bool stuck_ = false;       // the tool is too close to a surface, and no motion was possible in the last step
+  bool trapped_ = false;     // the tool was stuck and is not yet outside
   Displacement prevented_;   // part of the last wanted displacement that surfaces prevented
 
   spm::PlacedProbe placed_;
@@ -263,11 +265,11 @@ class Tool {
   Nearby* current_ = &nearby_[0];    // at pose_
   Nearby* candidate_ = &nearby_[1];  // at the end of a displacement
   bool gathered_ = false;
-  std::vector<Overlap> overlaps_;      // pairs of current_ that are already too close, by id
-  bool overlapping_ = false;           // some pairs overlap; then pairs on a face's inner side may separate
-  bool push_ = false;                  // this step pushes out
-  std::vector<float> excess_;          // closing displacement beyond what the pair allows
-  std::vector<std::uint8_t> has_row_;  // the pair has a row
+  std::vector<Overlap> overlaps_;      // pairs of current_ that are too close, by id
+  bool overlapping_ = false;           // some pairs overlap; then pairs on the inner side of a face may separate
+  bool push_ = false;                  // this step pushes the tool out
+  std::vector<float> excess_;          // m by which the displacement closes a pair more than its gap allows
+  std::vector<std::uint8_t> has_row_;  // by pair: the solver has a row for the pair
   std::vector<std::uint32_t> violated_;
 
   ContactSolver solver_;

@@ -132,7 +132,7 @@ const ObjectAuthority::Messages& ObjectAuthority::tick(std::int64_t now_ns, std:
     drop_absent(object, now_ns);
     if (object.arbiter == nullptr) continue;
     if (auto grant = object.arbiter->tick(now_ns)) messages_.grants.push_back(std::move(*grant));
-    if (!object.arbiter->owns(now_ns)) {
+    if (!object.arbiter->host_simulates(now_ns)) {
       if (object.is_simulated_here) object.simulated.follow();
       object.is_simulated_here = false;
       held_ = true;

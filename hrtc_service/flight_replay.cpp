@@ -152,7 +152,7 @@ class World {
     touch.name = described.name;
     touch.placement = Placement{described.placement};
     touch.material = {described.stiffness, described.damping, described.static_friction, described.dynamic_friction};
-    if (described.movable) touch.body = sharing::body_within(base.summary, touch.placement.scale());
+    if (described.movable) touch.body = sharing::body_of_bounds(base.summary, touch.placement.scale());
     const auto wide = [](const std::array<float, 3>& p) { return Vec3d{p[0], p[1], p[2]}; };
     touch.bounds = {wide(base.summary.bounds_min), wide(base.summary.bounds_max)};
     touch.deviation = base.summary.deviation;

@@ -73,7 +73,7 @@ void OwnershipClient::on_reports(const BodyReports& reports) {
                                  [&](const auto& object) { return object->index == report.object; });
     if (at == objects_.end()) continue;
     Object& object = **at;
-    object.holder.touch(report.held);
+    object.holder.set_touching(report.held);
     while (!object.groups.empty() && object.groups.front().unused_from != 0 &&
            object.groups.front().unused_from <= reports.orders_seen)
       object.groups.pop_front();

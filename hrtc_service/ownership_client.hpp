@@ -45,7 +45,7 @@ class OwnershipClient {
   void on_pose(const session::ObjectPose& pose, std::int64_t now_ns);
   /// Reports the arrival of a peer's sample.
   void on_peer_received(std::uint32_t object_index, std::int64_t now_ns);
-  /// The transit of samples from the peers, which claims carry.
+  /// Sets ObjectClaim::one_way_ns of the next claims from the measured transit of the samples that arrive here.
   void on_transits(const session::TransitEstimator& transits) noexcept;
 
   void on_reports(const BodyReports& reports);

@@ -60,8 +60,8 @@ template <class HandNear, class Visit>
 void for_each_place_under(const sharing::SharedBody& body, const Placement& placement, const spm::CellBox& bounds,
                           const Placement& stands, HandNear&& hand_near, Visit&& visit) noexcept {
   if (!hand_near(sharing::centre_of(body, placement), body.settings.half.norm() + kHandNear)) return;
-  const double radius = sharing::kAroundBody / stands.scale();
-  sharing::for_each_place_beside(body, placement, stands, bounds, [&](const Vec3d& place) { visit(place, radius); });
+  const double radius = sharing::kBodySearchDistance / stands.scale();
+  sharing::for_each_search_point(body, placement, stands, bounds, [&](const Vec3d& place) { visit(place, radius); });
 }
 
 /// The objects that a tip could touch, from the loader's last search. The tip moves and objects arrive before the next

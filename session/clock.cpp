@@ -27,7 +27,7 @@ SessionClock::SessionClock(const Origin& self, const ClockSettings& settings, st
 
 void SessionClock::set_reference(std::uint64_t participant, std::uint64_t incarnation, std::int64_t local_now_ns) {
   if (participant == reference_ && incarnation == reference_incarnation_) return;
-  // As the reference its error was 0 by definition. Its error against another is unknown until that one answers.
+  // The error of the reference was 0 by definition. The error against another reference is unknown until it answers.
   if (reference_ == self_.participant && participant != 0) map_.bound_ns = kClockUnknown;
   reference_ = participant;
   reference_incarnation_ = incarnation;
@@ -70,10 +70,12 @@ bool SessionClock::on_answer(const ClockSample& answer, std::int64_t local_now_n
   }
   const std::int64_t turnaround = answer.t2_ns - answer.t1_ns;
   const std::int64_t rtt = local_now_ns - answer.t0_ns - turnaround;
-  const bool mine = answer.answer && answer.origin.session == self_.session && answer.peer == self_.participant &&
-                    answer.origin.participant == reference_ && answer.origin.incarnation == reference_incarnation_;
-  if (!mine || answer.t0_ns != requested_ns_[answer.sequence % requested_ns_.size()] || answer.sequence <= answered_ ||
-      answer.sequence > sequence_ || turnaround < 0 || rtt < 0 || rtt > settings_.max_rtt_ns) {
+  const bool is_answer_to_us = answer.answer && answer.origin.session == self_.session &&
+                               answer.peer == self_.participant && answer.origin.participant == reference_ &&
+                               answer.origin.incarnation == reference_incarnation_;
+  if (!is_answer_to_us || answer.t0_ns != requested_ns_[answer.sequence % requested_ns_.size()] ||
+      answer.sequence <= answered_ || answer.sequence > sequence_ || turnaround < 0 || rtt < 0 ||
+      rtt > settings_.max_rtt_ns) {
     return false;
   }
   answered_ = answer.sequence;
@@ -83,7 +85,7 @@ bool SessionClock::on_answer(const ClockSample& answer, std::int64_t local_now_n
     ++implausible_;
     return false;
   }
-  if (time == Admission::kAnew) window_.clear();
+  if (time == Admission::kNewStart) window_.clear();
   window_.push_back({local_now_ns, offset, rtt / 2 + 1});
   if (window_.size() > settings_.window) window_.pop_front();
   steer(local_now_ns);
@@ -93,24 +95,24 @@ bool SessionClock::on_answer(const ClockSample& answer, std::int64_t local_now_n
 /// Steers the map towards the best measurement. Steps only for the first measurement and for an error above `step_ns`;
 /// changes nothing while a force is on and a step is due.
 void SessionClock::steer(std::int64_t local_now_ns) {
-  const auto bound_now = [&](const Measured& m) {
+  const auto bound_now = [&](const Measurement& m) {
     return m.bound_ns + std::llround(static_cast<double>(local_now_ns - m.local_ns) * settings_.drift);
   };
-  const Measured& best = *std::min_element(window_.begin(), window_.end(), [&](const Measured& a, const Measured& b) {
-    return bound_now(a) < bound_now(b);
-  });
+  const Measurement& best =
+      *std::min_element(window_.begin(), window_.end(),
+                        [&](const Measurement& a, const Measurement& b) { return bound_now(a) < bound_now(b); });
   const std::int64_t target = local_now_ns + best.offset_ns;
   const std::int64_t continued = map_.session_time(local_now_ns);
-  const bool far = std::abs(target - continued) > settings_.step_ns + bound_now(best);
-  const bool step = !synchronised_ || far;
-  waits_ = step && force_on_;
+  const bool is_far = std::abs(target - continued) > settings_.step_ns + bound_now(best);
+  const bool must_step = !synchronised_ || is_far;
+  waits_ = must_step && force_on_;
   if (waits_) {
     const std::int64_t wrong_ns = synchronised_ ? std::abs(target - continued) + bound_now(best) : kClockUnknown;
     map_ = {local_now_ns, continued, 0, local_now_ns, std::min(wrong_ns, kClockUnknown), settings_.drift};
     return;
   }
-  const std::int64_t session = step ? target : continued;
-  if (step) joined_ns_ = session;
+  const std::int64_t session = must_step ? target : continued;
+  if (must_step) joined_ns_ = session;
   const std::int64_t error = target - session;
   const double slew = error > 0 ? settings_.max_slew : error < 0 ? -settings_.max_slew : 0;
   const auto duration = std::llround(static_cast<double>(std::abs(error)) / settings_.max_slew);

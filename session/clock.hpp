@@ -1,16 +1,16 @@
-/// The session clock: estimates the session time of a reference participant, and follows it by slewing.
+/// The session clock: estimates the session time of the time reference, and follows it by slewing.
 ///
 ///     requester  t0 ----request---->  t1   reference
 ///     requester  t3 <---answer------  t2             offset = ((t1 - t0) + (t2 - t3)) / 2, error at most rtt / 2
 ///
 /// t0 and t3 are times of the requester's monotonic clock. t1 and t2 are session time of the reference, which is its
 /// monotonic clock plus a constant. Session time begins at 0 with the first program and continues when another
-/// participant becomes the reference, so it is also the age of the session (session/time_reference.hpp). Of the answers
-/// in a window, the one with the smallest error bound counts; the bound grows with the drift between two crystals.
+/// participant becomes the reference. So it is also the age of the session (session/time_reference.hpp). Of the newest
+/// answers, the clock uses the one with the smallest error bound; the bound grows with the drift between two crystals.
 /// The first answer sets the clock. After that the clock runs slightly faster or slower until it agrees. It steps only
-/// when the error is above `step_ns` and above the error bounds: then two sessions that began apart have merged. The
-/// clock is neither set nor stepped while the caller reports that a force is on, because coupled objects and simulated
-/// hands follow session time. Until then the clock continues, and its bound states the error.
+/// when the error is above `step_ns` plus the error bound: then two sessions that began separately have merged. While
+/// the caller reports that a force is on, the clock is neither set nor stepped, because coupled objects and simulated
+/// hands move by session time. Meanwhile the clock continues, and its bound states the error.
 ///
 /// Local monotonic nanoseconds are arguments; no clock inside. One thread; a ClockMap may be copied to other threads.
 /// Source: RFC 5905, section 8 (four-stamp exchange) and its clock filter (lowest delay in a window).
@@ -26,26 +26,27 @@
 namespace tactus::session {
 
 struct ClockSettings {
-  std::size_t window = 16;                  ///< answers that are compared
+  std::size_t window = 16;                  ///< number of newest answers that are compared
   double max_slew = 0.05;                   ///< max difference between the rates of session time and local clock, s/s
   std::int64_t step_ns = 100'000'000;       ///< an error above this plus the error bound causes a step
   double drift = 200e-6;                    ///< max drift between two clocks, s/s
   std::int64_t max_rtt_ns = 1'000'000'000;  ///< answers with a longer round trip are ignored
 };
 
-/// Maps local to session time; a plain value, valid until replaced. Session time slews until `slew_until_ns` and runs
-/// at the rate of the local clock after that.
+/// Maps local time to session time. Session time slews until `slew_until_ns`; after that it runs at the rate of the
+/// local clock.
 struct ClockMap {
   std::int64_t local_ns = 0;
   std::int64_t session_ns = 0;
-  double slew = 0;                 ///< session time gained per local time
-  std::int64_t slew_until_ns = 0;  ///< local
+  double slew = 0;                 ///< s/s, rate of session time minus rate of local time
+  std::int64_t slew_until_ns = 0;  ///< local time
   std::int64_t bound_ns = 0;       ///< max error at local_ns, after the slewing
   double drift = 0;                ///< growth of the bound, s/s
 
   /// Session time at a local time not before `local_ns`.
   [[nodiscard]] std::int64_t session_time(std::int64_t at_local_ns) const noexcept;
-  /// Max error against the reference. After a change of reference: against the one before, until the new one answers.
+  /// Max error of session time. After a change of reference it is the error against the previous reference, until the
+  /// new one answers.
   [[nodiscard]] std::int64_t bound(std::int64_t at_local_ns) const noexcept;
 };
 
@@ -54,42 +55,44 @@ inline constexpr std::int64_t kClockUnknown = INT64_C(1) << 60;
 
 class SessionClock {
  public:
-  /// Session time is 0 at `local_now_ns`, unless another program has begun the session.
+  /// Begins with session time 0 at `local_now_ns`; the first answer of a reference sets another.
   SessionClock(const Origin& self, const ClockSettings& settings, std::int64_t local_now_ns);
 
-  /// Sets the reference (time_reference). With this program as the reference the clock runs freely. 0: none yet.
+  /// Sets the reference (time_reference). If this program is the reference, the clock runs freely. `participant` 0:
+  /// none.
   void set_reference(std::uint64_t participant, std::uint64_t incarnation, std::int64_t local_now_ns);
   [[nodiscard]] std::uint64_t reference() const noexcept { return reference_; }
-  /// Whether a force is on at this program: then the clock waits with a step.
+  /// Sets whether a force of this program is on; meanwhile the clock does not step.
   void set_force_on(bool on) noexcept { force_on_ = on; }
 
-  /// The request to publish now; for the caller to repeat while another participant is the reference.
+  /// Returns a request to publish now. Call it periodically while another participant is the reference.
   [[nodiscard]] ClockSample request(std::int64_t local_now_ns);
-  /// Whether this program answers requests: only the reference does. The time of any other is still being steered.
+  /// Whether this program answers requests. Only the reference does, because other clocks still slew.
   [[nodiscard]] bool answers() const noexcept { return reference_ != 0 && reference_ == self_.participant; }
-  /// The answer to publish at once. `local_received_ns`: arrival of the request.
+  /// Returns the answer to publish at once. `local_received_ns`: arrival of the request.
   [[nodiscard]] ClockSample answer(const ClockSample& request, std::int64_t local_received_ns,
                                    std::int64_t local_now_ns) const;
-  /// Takes an answer that arrived at `local_now_ns`. False when it does not come from the reference, does not match a
-  /// request of this clock, is a repetition, impossible or implausible (session/sequence_window.hpp).
+  /// Applies an answer that arrived at `local_now_ns`. Returns false for an answer that is not from the reference,
+  /// matches no request of this clock, is repeated, impossible or implausible (session/sequence_window.hpp).
   bool on_answer(const ClockSample& answer, std::int64_t local_now_ns);
 
-  /// Whether session time is valid: this program is the reference, or has received its answer.
+  /// Whether session time is valid: this program is the reference, or has received an answer of the reference.
   [[nodiscard]] bool synchronised() const noexcept { return synchronised_; }
-  /// Whether a set or a step of the clock is due, but a force is on.
+  /// Whether the clock has to be set or to step, but waits because a force is on.
   [[nodiscard]] bool waits() const noexcept { return waits_; }
   [[nodiscard]] const ClockMap& map() const noexcept { return map_; }
-  /// Answers dropped because their time is outside its window.
+  /// Number of answers dropped because their time was outside its window.
   [[nodiscard]] std::uint64_t implausible() const noexcept { return implausible_; }
   /// Local time of construction.
   [[nodiscard]] std::int64_t began_ns() const noexcept { return began_ns_; }
-  /// Session time at which this program joined; kNotJoined until it is synchronised. A step sets it anew, because the
-  /// program has then joined another session.
+  /// Session time at which this program joined; kNotJoined until it is synchronised. A step changes this time, because
+  /// the program has then joined another session.
   [[nodiscard]] std::int64_t joined_ns() const noexcept { return joined_ns_; }
   [[nodiscard]] const ClockSettings& settings() const noexcept { return settings_; }
 
  private:
-  struct Measured {
+  /// The result of one answer.
+  struct Measurement {
     std::int64_t local_ns;
     std::int64_t offset_ns;  // session minus local
     std::int64_t bound_ns;
@@ -109,7 +112,7 @@ class SessionClock {
   std::uint32_t answered_ = 0;                   // newest request that was answered
   std::uint64_t implausible_ = 0;
   TimeWindow times_;  // session times in the reference's answers
-  std::deque<Measured> window_;
+  std::deque<Measurement> window_;
   ClockMap map_;
 };
 

@@ -6,15 +6,15 @@
 namespace tactus::session {
 namespace {
 
-constexpr std::size_t kMaxHoles = 1024;  // of a stream
-/// Memory of a payload besides its bytes.
+constexpr std::size_t kMaxStreamGaps = 1024;
+/// Memory that a stored piece takes in addition to its payload, bytes.
 constexpr std::size_t kPayloadOverhead = 96;
 constexpr std::int64_t kNsPerUs = 1000;
 
 bool well_formed(const BulkChunk& chunk) {
   return chunk.sequence != 0 && chunk.payload_bytes() <= kMaxPayload &&
          std::all_of(chunk.pieces.begin(), chunk.pieces.end(), [&](const BulkPiece& piece) {
-           return piece.part < piece.parts && (piece.region == spm::kNone) == (chunk.kind() == BulkKind::kBase);
+           return piece.index < piece.count && (piece.region == spm::kNone) == (chunk.kind() == BulkKind::kBase);
          });
 }
 
@@ -41,19 +41,19 @@ bool DeliveryClient::Host::offers_object(std::uint64_t object, std::uint64_t dig
 
 void DeliveryClient::host_seen(std::uint64_t host, std::uint64_t incarnation, std::int64_t now_ns) {
   Host& state = hosts_[host];
-  if (incarnation < state.incarnation && state.live) return;  // the newer program has not yielded the name
+  if (incarnation < state.incarnation && state.present) return;  // name conflict: the newer program still lives
   if (incarnation != state.incarnation) {
     begin_streams(host, incarnation);
     state.incarnation_ns = now_ns;
   }
-  state.live = true;
-  state.seen_ns = now_ns;
+  state.present = true;
+  state.heartbeat_ns = now_ns;
   state.absent_ns = 0;
 }
 
 void DeliveryClient::host_gone(std::uint64_t host) {
   const auto at = hosts_.find(host);
-  if (at != hosts_.end()) at->second.live = false;
+  if (at != hosts_.end()) at->second.present = false;
 }
 
 void DeliveryClient::host_left(std::uint64_t host, std::uint64_t incarnation) {
@@ -66,7 +66,7 @@ void DeliveryClient::host_left(std::uint64_t host, std::uint64_t incarnation) {
 
 void DeliveryClient::suspect_host(std::uint64_t host) {
   const auto at = hosts_.find(host);
-  if (at != hosts_.end()) at->second.seen_ns -= settings_.host_late_ns;
+  if (at != hosts_.end()) at->second.heartbeat_ns -= settings_.host_late_ns;
 }
 
 void DeliveryClient::end_streams(std::uint64_t host) {
@@ -75,17 +75,17 @@ void DeliveryClient::end_streams(std::uint64_t host) {
   }
 }
 
-/// Keeps a host that serves an object: choose_host has to replace it first.
+/// Forgets hosts that have been absent for long and serve no object, and the offers of replaced incarnations.
 void DeliveryClient::forget_hosts(std::int64_t now_ns) {
   for (auto at = hosts_.begin(); at != hosts_.end();) {
     Host& host = at->second;
-    if (!host.live && host.absent_ns == 0) host.absent_ns = now_ns;
+    if (!host.present && host.absent_ns == 0) host.absent_ns = now_ns;
     if (now_ns - host.incarnation_ns >= settings_.forget_host_ns)
       for (auto offer = host.offers.begin(); offer != host.offers.end();)
         offer = offer->first.second < host.incarnation ? host.offers.erase(offer) : std::next(offer);
     const bool serves = std::any_of(objects_.begin(), objects_.end(),
                                     [&](const auto& object) { return object.second.host == at->first; });
-    if (host.live || serves || now_ns - host.absent_ns < settings_.forget_host_ns) {
+    if (host.present || serves || now_ns - host.absent_ns < settings_.forget_host_ns) {
       ++at;
       continue;
     }
@@ -104,7 +104,7 @@ void DeliveryClient::begin_streams(std::uint64_t host, std::uint64_t incarnation
     begin_stream(host, object_id);
     if (object.host != host) continue;
     for (auto& [region, retiring] : object.retiring) retiring.echo_sequence = 0;
-    change(object);
+    begin_epoch(object);
   }
 }
 
@@ -124,7 +124,7 @@ void DeliveryClient::open(std::uint64_t object_id, std::uint64_t digest) {
   at->second.digest = digest;
   at->second.epoch = last_epoch_;
   for (const auto& [host, state] : hosts_) begin_stream(host, object_id);
-  change(at->second);
+  begin_epoch(at->second);
 }
 
 void DeliveryClient::close(std::uint64_t object_id) {
@@ -142,8 +142,8 @@ bool DeliveryClient::offered(std::uint64_t object_id, std::uint64_t digest) cons
                      [&](const auto& host) { return host.second.offers_object(object_id, digest); });
 }
 
-/// Changes between two demands share the epoch of the second one.
-void DeliveryClient::change(Object& object) {
+/// Gives the next demand a new epoch; all changes since the last demand share it.
+void DeliveryClient::begin_epoch(Object& object) {
   if (object.changed) return;
   object.changed = true;
   ++object.epoch;
@@ -153,7 +153,7 @@ void DeliveryClient::want(std::uint64_t object_id, std::vector<Wanted> wanted) {
   Object& object = objects_.at(object_id);
   std::stable_sort(wanted.begin(), wanted.end(),
                    [](const Wanted& a, const Wanted& b) { return a.contact_in_us < b.contact_in_us; });
-  // Changed times alone wait for the next demand.
+  // If only contact times changed, no demand is due: they are published with the next one.
   const bool same = std::equal(wanted.begin(), wanted.end(), object.wanted.begin(), object.wanted.end(),
                                [](const Wanted& a, const Wanted& b) { return a.region == b.region; });
   if (!same) {
@@ -162,7 +162,7 @@ void DeliveryClient::want(std::uint64_t object_id, std::vector<Wanted> wanted) {
       object.urgent = std::none_of(object.wanted.begin(), object.wanted.end(),
                                    [&](const Wanted& before) { return before.region == w.region; });
     }
-    change(object);
+    begin_epoch(object);
   }
   object.wanted = std::move(wanted);
 }
@@ -185,77 +185,79 @@ std::vector<DeliveryClient::Message> DeliveryClient::on_chunk(const BulkChunk& c
     ++counters_.implausible;
     return {};
   }
-  if (number == Admission::kAnew) {  // earlier chunks may come again under other numbers
+  if (number == Admission::kNewStart) {  // the host repeats the pieces of earlier chunks under new numbers
     stream.newest = 0;
-    stream.holes.clear();
+    stream.gaps.clear();
   }
-  if (time == Admission::kAnew) host.arrivals = 0;
+  if (time == Admission::kNewStart) host.arrivals = 0;
   const bool shorter = static_cast<std::int32_t>(one_way_us - host.one_way_us) < 0;
   if (host.arrivals++ == 0 || shorter) host.one_way_us = one_way_us;
-  note_sequence(stream, chunk, now_ns);
-  note_rate(chunk.payload_bytes(), now_ns);
-  note_echo(object, stream, chunk, now_ns);
+  track_gaps(stream, chunk, now_ns);
+  measure_rate(chunk.payload_bytes(), now_ns);
+  on_echo(object, stream, chunk, now_ns);
   std::vector<Message> messages;
   for (const BulkPiece& piece : chunk.pieces) {
-    object.acknowledge = true;
+    object.received_changed = true;
     if (auto message = assemble(object, stream.object_id, chunk, piece, now_ns))
       messages.push_back(std::move(*message));
   }
   return messages;
 }
 
-void DeliveryClient::note_sequence(Stream& stream, const BulkChunk& chunk, std::int64_t now_ns) const {
+/// Begins, fills and forgets gaps after the arrival of a chunk.
+void DeliveryClient::track_gaps(Stream& stream, const BulkChunk& chunk, std::int64_t now_ns) const {
   const std::uint32_t sequence = chunk.sequence;
   if (sequence > stream.newest) {
-    if (sequence != stream.newest + 1) stream.holes[stream.newest + 1] = {sequence - 1, now_ns, 0};
+    if (sequence != stream.newest + 1) stream.gaps[stream.newest + 1] = {sequence - 1, now_ns, 0};
     stream.newest = sequence;
-  } else if (auto after = stream.holes.upper_bound(sequence); after != stream.holes.begin()) {
+  } else if (auto after = stream.gaps.upper_bound(sequence); after != stream.gaps.begin()) {
     const auto at = std::prev(after);
-    const Stream::Hole hole = at->second;
-    if (sequence <= hole.last) {
-      if (sequence < hole.last) stream.holes.emplace(sequence + 1, hole);
+    const Stream::Gap gap = at->second;
+    if (sequence <= gap.last) {
+      if (sequence < gap.last) stream.gaps.emplace(sequence + 1, gap);
       if (at->first < sequence) {
         at->second.last = sequence - 1;
       } else {
-        stream.holes.erase(at);
+        stream.gaps.erase(at);
       }
     }
   }
-  for (auto at = stream.holes.begin(); at != stream.holes.end();) {
+  for (auto at = stream.gaps.begin(); at != stream.gaps.end();) {
     const bool closed = at->second.reported_epoch != 0 && at->second.reported_epoch <= chunk.epoch;
-    if (!closed && stream.holes.size() <= kMaxHoles) {
+    if (!closed && stream.gaps.size() <= kMaxStreamGaps) {
       ++at;
     } else {
-      at = stream.holes.erase(at);
+      at = stream.gaps.erase(at);
     }
   }
 }
 
-/// Whether a hole has become a gap that no demand has reported yet.
-bool DeliveryClient::has_unreported_gap(const Stream& stream, std::int64_t now_ns) const {
-  return std::any_of(stream.holes.begin(), stream.holes.end(), [&](const auto& hole) {
-    return hole.second.reported_epoch == 0 && now_ns - hole.second.since_ns >= settings_.overtaking_ns;
+/// Whether a gap is older than reordering explains, and no demand has reported it yet.
+bool DeliveryClient::has_gap_to_report(const Stream& stream, std::int64_t now_ns) const {
+  return std::any_of(stream.gaps.begin(), stream.gaps.end(), [&](const auto& gap) {
+    return gap.second.reported_epoch == 0 && now_ns - gap.second.detected_ns >= settings_.overtaking_ns;
   });
 }
 
-/// Reports up to the first hole that may still be filled by chunks that were overtaken.
+/// Fills Demand::gaps and Demand::newest, up to the first gap that overtaken chunks may still fill.
 void DeliveryClient::report_gaps(Object& object, Stream& stream, Demand& demand, std::int64_t now_ns) {
   demand.newest = stream.newest;
-  for (auto& [first, hole] : stream.holes) {
-    const bool young = hole.reported_epoch == 0 && now_ns - hole.since_ns < settings_.overtaking_ns;
-    if (young || demand.gaps.size() == kMaxGaps) {
+  for (auto& [first, gap] : stream.gaps) {
+    const bool may_be_filled = gap.reported_epoch == 0 && now_ns - gap.detected_ns < settings_.overtaking_ns;
+    if (may_be_filled || demand.gaps.size() == kMaxGaps) {
       demand.newest = first - 1;
       return;
     }
-    if (hole.reported_epoch == 0) {
-      hole.reported_epoch = object.epoch;
-      counters_.lost += hole.last - first + 1;
+    if (gap.reported_epoch == 0) {
+      gap.reported_epoch = object.epoch;
+      counters_.lost += gap.last - first + 1;
     }
-    demand.gaps.push_back({first, hole.last - first + 1});
+    demand.gaps.push_back({first, gap.last - first + 1});
   }
 }
 
-/// The last sequence up to which no chunk of this object is missing and no message waits for the caller's answer.
+/// The last sequence up to which no chunk of the stream is missing and the caller has answered all messages. With
+/// `or_parked`, parked messages count as answered.
 std::uint32_t DeliveryClient::processed_up_to(const Object& object, std::uint32_t stream, bool or_parked) const {
   std::uint32_t received = streams_.at(stream).received();
   for (const auto& [region, pending] : object.pending) {
@@ -265,39 +267,41 @@ std::uint32_t DeliveryClient::processed_up_to(const Object& object, std::uint32_
   return received;
 }
 
-void DeliveryClient::note_echo(Object& object, const Stream& stream, const BulkChunk& chunk, std::int64_t now_ns) {
+/// Measures the round trip, and notes which retired regions the serving host has echoed.
+void DeliveryClient::on_echo(Object& object, const Stream& stream, const BulkChunk& chunk, std::int64_t now_ns) {
   if (stream.host != object.host) return;
-  if (object.timed_ns != 0 && chunk.epoch >= object.timed_epoch) {
+  if (object.measured_from_ns != 0 && chunk.epoch >= object.measured_epoch) {
     constexpr std::int64_t kSmoothing = 8;
-    const std::int64_t took = now_ns - object.timed_ns;
-    round_trip_ns_ += round_trip_ns_ == 0 ? took : (took - round_trip_ns_) / kSmoothing;
-    object.timed_ns = 0;
+    const std::int64_t round_trip_ns = now_ns - object.measured_from_ns;
+    round_trip_ns_ += round_trip_ns_ == 0 ? round_trip_ns : (round_trip_ns - round_trip_ns_) / kSmoothing;
+    object.measured_from_ns = 0;
   }
   for (auto& [region, retiring] : object.retiring) {
     if (retiring.echo_sequence == 0 && chunk.epoch >= retiring.epoch) retiring.echo_sequence = chunk.sequence;
   }
 }
 
+/// Adds a piece to its message. Returns the message if the piece completes it.
 std::optional<DeliveryClient::Message> DeliveryClient::assemble(Object& object, std::uint64_t object_id,
                                                                 const BulkChunk& chunk, const BulkPiece& piece,
                                                                 std::int64_t now_ns) {
-  const bool here = chunk.kind() == BulkKind::kBase
-                        ? object.has_base
-                        : object.have.count(piece.region) != 0 || object.retiring.count(piece.region) != 0;
-  if (here || object.pending.count(piece.region) != 0) {
+  const bool is_held = chunk.kind() == BulkKind::kBase
+                           ? object.has_base
+                           : object.have.count(piece.region) != 0 || object.retiring.count(piece.region) != 0;
+  if (is_held || object.pending.count(piece.region) != 0) {
     ++counters_.stale;
     return std::nullopt;
   }
   auto at = object.partials.find(piece.region);
-  // A cancelled message that is sent after all is cut anew, to fit another chunk. Its first part then has another size.
-  const auto cut_anew = [&] {
+  // A host that cancels a message and plans it again cuts it to fit another chunk, so its first piece has another size.
+  const auto is_cut_again = [&] {
     const auto first = at->second.payloads.find(0);
-    return piece.part == 0 && first != at->second.payloads.end() && first->second.size() != piece.payload.size();
+    return piece.index == 0 && first != at->second.payloads.end() && first->second.size() != piece.payload.size();
   };
-  const auto other = [&] {
-    return at->second.checksum != piece.checksum || at->second.parts != piece.parts || cut_anew();
+  const auto is_other_message = [&] {
+    return at->second.checksum != piece.checksum || at->second.piece_count != piece.count || is_cut_again();
   };
-  if (at != object.partials.end() && other()) {
+  if (at != object.partials.end() && is_other_message()) {
     const auto age = std::make_pair(at->second.epoch, at->second.last_sequence);
     if (std::make_pair(chunk.epoch, chunk.sequence) < age) {
       ++counters_.stale;
@@ -309,40 +313,47 @@ std::optional<DeliveryClient::Message> DeliveryClient::assemble(Object& object, 
   if (at == object.partials.end()) {
     at = object.partials.try_emplace(piece.region).first;
     at->second.checksum = piece.checksum;
-    at->second.parts = piece.parts;
+    at->second.piece_count = piece.count;
   }
   Partial& partial = at->second;
   partial.epoch = std::max(partial.epoch, chunk.epoch);
   if (partial.stream != chunk.stream) partial.last_sequence = 0;
   partial.stream = chunk.stream;
   partial.last_sequence = std::max(partial.last_sequence, chunk.sequence);
-  partial.touched_ns = now_ns;
-  if (partial.payloads.emplace(piece.part, piece.payload).second) {
+  partial.received_ns = now_ns;
+  if (partial.payloads.emplace(piece.index, piece.payload).second) {
     partial.bytes += piece.payload.size() + kPayloadOverhead;
     partial_bytes_ += piece.payload.size() + kPayloadOverhead;
   }
-  if (partial.payloads.size() < partial.parts) {
-    if (partial_bytes_ > settings_.max_partial_bytes) bound_partials(now_ns);
+  if (partial.payloads.size() < partial.piece_count) {
+    if (partial_bytes_ > settings_.max_partial_bytes) limit_partials(now_ns);
     return std::nullopt;
   }
+  return complete(object, object_id, chunk.kind(), at);
+}
 
+/// Joins the pieces of a complete message and removes them. Returns none if the message is stale or corrupt.
+std::optional<DeliveryClient::Message> DeliveryClient::complete(Object& object, std::uint64_t object_id, BulkKind kind,
+                                                                std::map<std::uint32_t, Partial>::iterator at) {
+  const Partial& partial = at->second;
   if (partial.epoch < object.released_epoch) {
     drop_partial(object, at);
     ++counters_.stale;
     return std::nullopt;
   }
-  Message message{object_id, chunk.kind(), piece.region, partial.epoch, {}};
+  Message message{object_id, kind, at->first, partial.epoch, {}};
   message.bytes.reserve(partial.bytes);
-  for (const auto& [part, payload] : partial.payloads) {
+  for (const auto& [index, payload] : partial.payloads) {
     message.bytes.insert(message.bytes.end(), payload.begin(), payload.end());
   }
   const Pending pending{partial.stream, partial.epoch, partial.last_sequence, false};
+  const std::uint32_t checksum = partial.checksum;
   drop_partial(object, at);
-  if (checksum_of(message.bytes) != piece.checksum) {
+  if (checksum_of(message.bytes) != checksum) {
     ++counters_.corrupt;
     return std::nullopt;
   }
-  object.pending.emplace(piece.region, pending);
+  object.pending.emplace(message.region, pending);
   ++counters_.messages;
   return message;
 }
@@ -352,58 +363,60 @@ void DeliveryClient::drop_partial(Object& object, std::map<std::uint32_t, Partia
   object.partials.erase(at);
 }
 
-/// Drops messages that got no chunk for `partial_timeout_ns`, then the ones idle for longest, until the rest fits.
-void DeliveryClient::bound_partials(std::int64_t now_ns) {
+/// Drops incomplete messages without a new piece for `partial_timeout_ns`. Then drops those without a new piece for
+/// longest, until the others fit into `max_partial_bytes`.
+void DeliveryClient::limit_partials(std::int64_t now_ns) {
   for (;;) {
-    Object* owner = nullptr;
+    Object* object_of_oldest = nullptr;
     std::map<std::uint32_t, Partial>::iterator oldest;
     for (auto& [object_id, object] : objects_) {
       for (auto at = object.partials.begin(); at != object.partials.end(); ++at) {
-        if (owner != nullptr && oldest->second.touched_ns <= at->second.touched_ns) continue;
-        owner = &object;
+        if (object_of_oldest != nullptr && oldest->second.received_ns <= at->second.received_ns) continue;
+        object_of_oldest = &object;
         oldest = at;
       }
     }
-    if (owner == nullptr) return;
-    const bool expired = now_ns - oldest->second.touched_ns >= settings_.partial_timeout_ns;
+    if (object_of_oldest == nullptr) return;
+    const bool expired = now_ns - oldest->second.received_ns >= settings_.partial_timeout_ns;
     if (!expired && partial_bytes_ <= settings_.max_partial_bytes) return;
-    drop_partial(*owner, oldest);
+    drop_partial(*object_of_oldest, oldest);
   }
 }
 
 void DeliveryClient::set_room(std::uint64_t bytes) {
   room_ = bytes;
-  // A host may wait for room, so enough new room is worth a demand of its own.
+  // A host may be waiting for credit, so a demand is due when the credit can grow by several chunks.
   constexpr std::uint64_t kMinNewRoom = 8 * kMaxPayload;
-  if (room_published_ >= settings_.credit || room_ < room_published_ + kMinNewRoom) return;
-  for (auto& [object_id, object] : objects_) object.acknowledge = object.acknowledge || awaits_answer(object);
+  if (published_room_ >= settings_.credit || room_ < published_room_ + kMinNewRoom) return;
+  for (auto& [object_id, object] : objects_) object.received_changed = object.received_changed || is_answer_due(object);
 }
 
 std::uint64_t DeliveryClient::granted_credit(std::int64_t now_ns) {
-  const std::int64_t known_ns = now_ns - round_trip_ns_ - 2 * settings_.demand_interval_ns;
-  while (published_.size() > 1 && published_[1].at_ns <= known_ns) published_.pop_front();
+  const std::int64_t received_before_ns = now_ns - round_trip_ns_ - 2 * settings_.demand_interval_ns;
+  while (published_.size() > 1 && published_[1].at_ns <= received_before_ns) published_.pop_front();
   return published_.empty() ? 0 : published_.front().credit;
 }
 
-/// The arrival rate in a window. Keeps the best of late, because a host with nothing to send does not fill the link.
-void DeliveryClient::note_rate(std::size_t bytes, std::int64_t now_ns) {
+/// Measures the arrival rate in windows. Keeps the largest, slowly decreasing, because a host that has little to send
+/// does not fill the link.
+void DeliveryClient::measure_rate(std::size_t bytes, std::int64_t now_ns) {
   constexpr std::int64_t kMinWindow = 20'000'000;
-  constexpr double kForgetting = 0.95;
+  constexpr double kDecay = 0.95;
   constexpr double kNsPerS = 1e9;
   window_.bytes += bytes;
-  const std::int64_t lasted = now_ns - window_.begun_ns;
-  if (lasted < std::max(kMinWindow, round_trip_ns_)) return;
-  const double rate = static_cast<double>(window_.bytes) * kNsPerS / static_cast<double>(lasted);
-  rate_ = std::max(rate, kForgetting * rate_);
+  const std::int64_t duration_ns = now_ns - window_.begun_ns;
+  if (duration_ns < std::max(kMinWindow, round_trip_ns_)) return;
+  const double rate = static_cast<double>(window_.bytes) * kNsPerS / static_cast<double>(duration_ns);
+  rate_ = std::max(rate, kDecay * rate_);
   window_ = {now_ns, 0};
 }
 
-/// 1.25 times rate times round trip: large enough to discover a faster link, small enough not to build a queue.
+/// 1.25 times rate times round trip: large enough to discover a faster link, too small to build a long queue.
 std::uint32_t DeliveryClient::credit() const {
-  constexpr double kMore = 1.25;
+  constexpr double kMargin = 1.25;
   constexpr double kNsPerS = 1e9;
-  const double turnaround = static_cast<double>(round_trip_ns_ + settings_.demand_interval_ns) / kNsPerS;
-  const double credit = std::clamp(kMore * rate_ * turnaround, static_cast<double>(settings_.credit),
+  const double turnaround_s = static_cast<double>(round_trip_ns_ + settings_.demand_interval_ns) / kNsPerS;
+  const double credit = std::clamp(kMargin * rate_ * turnaround_s, static_cast<double>(settings_.credit),
                                    static_cast<double>(std::max(settings_.credit, settings_.max_credit)));
   return static_cast<std::uint32_t>(std::min(credit, static_cast<double>(room_)));
 }
@@ -412,7 +425,7 @@ void DeliveryClient::base_held(std::uint64_t object_id) {
   Object& object = objects_.at(object_id);
   object.pending.erase(spm::kNone);
   object.has_base = true;
-  change(object);
+  begin_epoch(object);
 }
 
 void DeliveryClient::base_refused(std::uint64_t object_id) { refused(object_id, spm::kNone); }
@@ -422,15 +435,15 @@ void DeliveryClient::held(std::uint64_t object_id, std::uint32_t region) {
   object.pending.erase(region);
   object.retiring.erase(region);
   if (!object.have.insert(region).second) return;
-  object.unannounced.insert(region);
-  change(object);
+  object.unlisted.insert(region);
+  begin_epoch(object);
 }
 
 void DeliveryClient::refused(std::uint64_t object_id, std::uint32_t region) {
   Object& object = objects_.at(object_id);
   if (object.pending.erase(region) == 0) return;
   ++counters_.refused;
-  object.acknowledge = true;
+  object.received_changed = true;
 }
 
 void DeliveryClient::park(std::uint64_t object_id, std::uint32_t region) {
@@ -439,9 +452,9 @@ void DeliveryClient::park(std::uint64_t object_id, std::uint32_t region) {
 
 bool DeliveryClient::retire(std::uint64_t object_id, std::uint32_t region) {
   Object& object = objects_.at(object_id);
-  if (object.host != 0 && object.unannounced.count(region) != 0) return false;
+  if (object.host != 0 && object.unlisted.count(region) != 0) return false;
   if (object.have.erase(region) == 0) return false;
-  change(object);
+  begin_epoch(object);
   object.retiring[region] = {object.epoch, 0};
   return true;
 }
@@ -454,11 +467,11 @@ std::vector<std::uint32_t> DeliveryClient::take_released(std::uint64_t object_id
   const std::uint32_t received = served ? processed_up_to(object, stream_from(object.host, object_id), true) : 0;
   for (auto at = object.retiring.begin(); at != object.retiring.end();) {
     const Retiring& retiring = at->second;
-    const bool passed = retiring.echo_sequence != 0 && retiring.echo_sequence <= received;
+    const bool echo_processed = retiring.echo_sequence != 0 && retiring.echo_sequence <= received;
     const bool relied_on = std::any_of(object.pending.begin(), object.pending.end(), [&](const auto& entry) {
       return !entry.second.parked && entry.second.epoch < retiring.epoch;
     });
-    if ((served && !passed) || relied_on) {
+    if ((served && !echo_processed) || relied_on) {
       ++at;
       continue;
     }
@@ -470,12 +483,12 @@ std::vector<std::uint32_t> DeliveryClient::take_released(std::uint64_t object_id
 }
 
 void DeliveryClient::choose_host(std::uint64_t object_id, Object& object, std::int64_t now_ns) {
-  const auto offers = [&](const Host& host) { return host.live && host.offers_object(object_id, object.digest); };
+  const auto offers = [&](const Host& host) { return host.present && host.offers_object(object_id, object.digest); };
   const auto current = hosts_.find(object.host);
   const bool serving = object.host != 0 && current != hosts_.end() && offers(current->second);
-  if (serving && now_ns - current->second.seen_ns < settings_.host_late_ns) return;
+  if (serving && now_ns - current->second.heartbeat_ns < settings_.host_late_ns) return;
   for (const auto& [id, host] : hosts_) {
-    if (!offers(host) || now_ns - host.seen_ns >= settings_.host_late_ns) continue;
+    if (!offers(host) || now_ns - host.heartbeat_ns >= settings_.host_late_ns) continue;
     serve_from(object, id);
     return;
   }
@@ -485,13 +498,13 @@ void DeliveryClient::choose_host(std::uint64_t object_id, Object& object, std::i
 void DeliveryClient::serve_from(Object& object, std::uint64_t host) {
   if (object.host != 0) ++counters_.host_changes;
   object.host = host;
-  object.timed_ns = 0;
+  object.measured_from_ns = 0;
   for (auto& [region, retiring] : object.retiring) retiring.echo_sequence = 0;
-  change(object);
+  begin_epoch(object);
 }
 
-/// Whether an answer of the serving host is due.
-bool DeliveryClient::awaits_answer(const Object& object) const {
+/// Whether the serving host has to send chunks or an echo for the last demand.
+bool DeliveryClient::is_answer_due(const Object& object) const {
   if (object.host == 0) return false;
   if (!object.has_base) return object.pending.empty();
   if (!object.retiring.empty()) return true;
@@ -500,45 +513,46 @@ bool DeliveryClient::awaits_answer(const Object& object) const {
   });
 }
 
-/// A demand or its answer is more often lost than late, so the first repetition comes soon. Later ones double their
-/// interval up to `repeat_ns`, for a host that has nothing to send.
-std::int64_t DeliveryClient::repeat_after(const Object& object) const {
+/// A missing answer is more often lost than delayed, so the first repetition follows soon. Then the interval doubles up
+/// to `repeat_ns`, because the host may have nothing to send.
+std::int64_t DeliveryClient::repetition_interval_ns(const Object& object) const {
   constexpr unsigned kMaxDoublings = 8;
   const std::int64_t first = 2 * round_trip_ns_ + settings_.demand_interval_ns;
-  return std::min(first << std::min(object.repeats, kMaxDoublings), settings_.repeat_ns);
+  return std::min(first << std::min(object.repetitions, kMaxDoublings), settings_.repeat_ns);
 }
 
 std::optional<Demand> DeliveryClient::demand(std::int64_t now_ns) {
-  bound_partials(now_ns);
+  limit_partials(now_ns);
   forget_hosts(now_ns);
   for (auto& [object_id, object] : objects_) {
     choose_host(object_id, object, now_ns);
     if (object.host == 0) continue;
-    if (has_unreported_gap(streams_.at(stream_from(object.host, object_id)), now_ns)) {
-      change(object);
+    if (has_gap_to_report(streams_.at(stream_from(object.host, object_id)), now_ns)) {
+      begin_epoch(object);
       object.urgent = true;
     }
     const std::int64_t since = now_ns - object.sent_ns;
     const std::int64_t interval = object.urgent ? settings_.urgent_interval_ns : settings_.demand_interval_ns;
-    const bool is_changed = (object.changed || object.acknowledge) && since >= interval;
-    const bool repeats = awaits_answer(object) && since >= (is_changed ? settings_.repeat_ns : repeat_after(object));
-    if (object.sent_once && !is_changed && !repeats && since < settings_.keep_alive_ns) continue;
-    if (repeats) change(object);  // a new epoch makes the host answer again
-    object.repeats = is_changed ? 0 : object.repeats + 1;
+    const bool is_changed = (object.changed || object.received_changed) && since >= interval;
+    const bool is_repetition =
+        is_answer_due(object) && since >= (is_changed ? settings_.repeat_ns : repetition_interval_ns(object));
+    if (object.has_been_sent && !is_changed && !is_repetition && since < settings_.keep_alive_ns) continue;
+    if (is_repetition) begin_epoch(object);  // a new epoch makes the host answer again
+    object.repetitions = is_changed ? 0 : object.repetitions + 1;
     return make_demand(object_id, object, now_ns);
   }
   return std::nullopt;
 }
 
 Demand DeliveryClient::make_demand(std::uint64_t object_id, Object& object, std::int64_t now_ns) {
-  room_published_ = room_;
-  if (object.changed && object.timed_ns == 0) {
-    object.timed_epoch = object.epoch;
-    object.timed_ns = now_ns;
+  published_room_ = room_;
+  if (object.changed && object.measured_from_ns == 0) {
+    object.measured_epoch = object.epoch;
+    object.measured_from_ns = now_ns;
   }
-  object.changed = object.acknowledge = object.urgent = false;
-  object.unannounced.clear();
-  object.sent_once = true;
+  object.changed = object.received_changed = object.urgent = false;
+  object.unlisted.clear();
+  object.has_been_sent = true;
   object.sent_ns = now_ns;
   Demand demand;
   demand.origin = self_;
@@ -554,7 +568,7 @@ Demand DeliveryClient::make_demand(std::uint64_t object_id, Object& object, std:
     } else if (demand.have.size() < kMaxHaveIntervals) {
       demand.have.push_back({region, 1});
     } else {
-      break;  // hosts then send the records of the omitted regions again
+      break;  // the host may then send records of the omitted regions again
     }
   }
   for (const Wanted& wanted : object.wanted) {

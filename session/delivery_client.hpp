@@ -1,27 +1,30 @@
-/// An HRTC's side of delivery: publishes which regions it has and wants of each object, and joins chunks to messages.
+/// An HRTC's side of delivery: publishes the regions that the HRTC has and wants of each object, and joins the pieces
+/// in received chunks to messages.
 ///
-///     offer, host_seen, host_gone     which host serves what   (catalogue, roster)
-///     want, held, refused, retire     decisions of the HRTC    (prediction, cache)
-///     on_chunk -> Messages            complete messages        (base, records)
-///     demand -> Demand                to publish               (demand)
-///     take_released                   regions that may be freed
+///     offer, host_seen, host_gone     hosts and the objects that they serve   (catalogue, roster)
+///     want, held, refused, retire     decisions of the HRTC                   (prediction, cache)
+///     on_chunk -> Messages            complete messages                       (base, records)
+///     demand -> Demand                the demand to publish                   (demand)
+///     take_released                   regions that the HRTC may free
 ///
-/// The caller must answer every message: base_held or base_refused, held or refused; at once or, after `park`, later.
-/// Until then `received` stays below the message, so that no host takes a region for lost while it waits for decoding.
-/// A refused region that is still wanted comes again. A caller without room for it stops wanting it.
+/// The caller must answer every message: a base mesh with base_held or base_refused, a region with held or refused. It
+/// answers at once or, after `park`, later. Until the answer, Demand::received stays below the chunks of the message.
+/// So the host does not repeat a region while it waits for decoding. A refused region is sent again while it is wanted,
+/// so a caller without memory for a region must also remove it from the wanted regions.
 ///
-/// A retired region leaves `have` at once, but chunks that hosts sent before they received that demand may rely on its
-/// records. The region is released when the serving host has echoed that epoch and all earlier chunks are processed,
-/// or when no host serves. From then on messages of earlier epochs are dropped. A message that was begun earlier is
-/// valid if its last chunk has a later epoch, because its host has checked it against the newer demand.
+/// A retired region leaves Demand::have at once. Chunks that hosts sent before they received that demand may still rely
+/// on the records of the region. So the region is released only when the serving host has echoed the epoch of that
+/// demand and all earlier chunks are processed, or when no host serves the object. After that, messages of earlier
+/// epochs are dropped. A message that a host began in an earlier epoch is accepted if its last chunk has a later epoch,
+/// because the host has then checked the message against the newer demand.
 ///
-/// The demand alone repairs losses. Each stream numbers its chunks, repeated parts included. A sequence that did not
-/// arrive is a hole. When a hole is older than reordering explains (`overtaking_ns`), a demand of a new epoch reports
-/// it as a gap. A chunk of that epoch or a later one shows that the host has received the report. The hole is then
-/// closed, because its parts come under new numbers. If a demand or its answer is lost, the demand is repeated.
+/// The demand alone repairs losses. Each stream numbers its chunks; a repeated piece travels in a chunk with a new
+/// number. A skipped number is a gap. When a gap is older than reordering explains (`overtaking_ns`), a demand of a new
+/// epoch reports it. A chunk of that epoch or a later one shows that the host has received the report, so the client
+/// forgets the gap. If a demand or its answer is lost, the client repeats the demand.
 ///
-/// A chunk whose sequence or sending time is implausible (session/sequence_window.hpp) is dropped: a demand would
-/// otherwise report all chunks up to it as lost.
+/// A chunk whose sequence or sending time is implausible (session/sequence_window.hpp) is dropped. Otherwise the next
+/// demand would report all chunks up to a wrong sequence as lost.
 ///
 /// No clock, socket or thread; one thread at a time.
 #pragma once
@@ -40,22 +43,24 @@
 namespace tactus::session {
 
 struct DeliverySettings {
-  std::int64_t overtaking_ns = 3'000'000;       ///< age at which a hole in the stream is reported as a gap
+  std::int64_t overtaking_ns = 3'000'000;       ///< age at which a gap in the stream is reported
   std::int64_t demand_interval_ns = 5'000'000;  ///< min time between demands of one object
-  std::int64_t urgent_interval_ns = 2'000'000;  ///< the same, when a new region is wanted within `urgent_us`
+  std::int64_t urgent_interval_ns = 2'000'000;  ///< min time if a new region is wanted within `urgent_us`
   std::uint32_t urgent_us = 25'000;
-  /// Max time between demands of one object while an answer is due; each has a new epoch. The first repetitions come
-  /// sooner on short round trips.
+  /// Max time between demands of one object while an answer is due. Each repetition has a new epoch. On short round
+  /// trips the first repetitions follow sooner.
   std::int64_t repeat_ns = 20'000'000;
   std::int64_t keep_alive_ns = 500'000'000;  ///< period of unchanged demands
-  std::int64_t host_late_ns = 250'000'000;   ///< silence after which another host is chosen, if there is one
-  /// Time after which the offers of a host that is gone are dropped. Longer than the DDS lease: a host that comes back
-  /// within the lease counts as the same writer, so DDS does not send its catalogue again.
+  std::int64_t host_late_ns = 250'000'000;   ///< silence after which another host is chosen if one offers the object
+  /// Time after which the offers of an absent host are dropped. It is longer than the DDS lease: for DDS, a host that
+  /// returns within the lease is the same writer, so DDS does not deliver its catalogue again.
   std::int64_t forget_host_ns = 10'000'000'000;
-  std::int64_t partial_timeout_ns = 2'000'000'000;  ///< an incomplete message without a new chunk is dropped
-  std::uint32_t credit = 256 * 1024;                ///< initial credit: bytes in flight from a host to this HRTC
-  std::uint32_t max_credit = 8u << 20;              ///< limit of the credit, which grows with rate and round trip
-  std::size_t max_partial_bytes = 64u << 20;  ///< of incomplete messages; above it those idle for longest are dropped
+  std::int64_t partial_timeout_ns =
+      2'000'000'000;                          ///< time without a new piece after which an incomplete message is dropped
+  std::uint32_t credit = 256 * 1024;          ///< initial credit: bytes in flight from a host to this HRTC
+  std::uint32_t max_credit = 8u << 20;        ///< max credit; the credit grows with rate and round trip
+  std::size_t max_partial_bytes = 64u << 20;  ///< max bytes of incomplete messages; above it the messages
+                                              ///< without a new piece for longest are dropped
 };
 
 class DeliveryClient {
@@ -63,27 +68,30 @@ class DeliveryClient {
   /// `self`: session, participant (this HRTC) and incarnation of all demands.
   DeliveryClient(const Origin& self, const DeliverySettings& settings);
 
-  /// A host offers an object, or withdraws it.
+  /// Applies a catalogue entry: a host offers an object or withdraws it.
   void offer(const CatalogueEntry& entry);
-  /// A heartbeat. A new incarnation begins new streams.
+  /// Reports a heartbeat of a host. A new incarnation begins new streams.
   void host_seen(std::uint64_t host, std::uint64_t incarnation, std::int64_t now_ns);
+  /// Reports that a host is silent; it stays known, with its offers, for `forget_host_ns`.
   void host_gone(std::uint64_t host);
-  /// The program of this incarnation has left on purpose: what it offers is withdrawn.
+  /// Reports the leave message of this incarnation: withdraws the objects that it offers.
   void host_left(std::uint64_t host, std::uint64_t incarnation);
-  /// The host may have failed: until its next heartbeat another host is preferred. A false suspicion loses no data.
+  /// Reports that the host may have failed: until its next heartbeat another host is preferred. A false suspicion loses
+  /// no data.
   void suspect_host(std::uint64_t host);
 
-  /// Opens an object: its base mesh is wanted from now on. Chunks of objects that are not open are ignored.
+  /// Opens an object and requests its base mesh. Chunks of objects that are not open are ignored.
   void open(std::uint64_t object_id, std::uint64_t digest);
-  /// Drops the object's state, including incomplete messages. Its chunks are ignored from now on.
+  /// Drops the state of an object, including incomplete messages. Later chunks of the object are ignored.
   void close(std::uint64_t object_id);
-  /// Whether a host offers the object with this digest. A host that is gone, and a program of a host that was replaced
-  /// by a newer one, count for `forget_host_ns`. A second program of that name, which yields it, withdraws only its
-  /// own.
+  /// Whether a host offers the object with this digest. The offers of an absent host, and those of an incarnation that
+  /// a newer one replaced, remain valid for `forget_host_ns`. In a name conflict, the program that leaves withdraws
+  /// only its own offers.
   [[nodiscard]] bool offered(std::uint64_t object_id, std::uint64_t digest) const;
-  /// Replaces the wanted regions, in any order. The kMaxWanted soonest are requested.
+  /// Sets the wanted regions, in any order. The kMaxWanted regions with the soonest contact are requested.
   void want(std::uint64_t object_id, std::vector<Wanted> wanted);
 
+  /// A complete message. `region` is spm::kNone for a base mesh.
   struct Message {
     std::uint64_t object_id = 0;
     BulkKind kind = BulkKind::kBase;
@@ -91,39 +99,43 @@ class DeliveryClient {
     std::uint32_t epoch = 0;
     std::vector<std::uint8_t> bytes;
   };
-  /// Takes a chunk of topic base or records. Returns the messages that it completes; the caller must answer them in
-  /// this order.
+  /// Processes a chunk of topic base or records. Returns the messages that the chunk completes; the caller must answer
+  /// them in this order.
   [[nodiscard]] std::vector<Message> on_chunk(const BulkChunk& chunk, std::int64_t now_ns);
 
-  /// Sets the payload bytes of regions for which the caller has room; limits the credit. No limit at first.
+  /// Limits the credit to the payload bytes of regions that the caller can store now. Without a call: no limit.
   void set_room(std::uint64_t bytes);
-  /// Payload bytes that hosts may have in flight under published credits; the caller must keep room for them.
+  /// Payload bytes that hosts may have in flight under the published credits. The caller must reserve memory for them.
   [[nodiscard]] std::uint64_t granted_credit(std::int64_t now_ns);
+  /// Answers that the caller has stored the base mesh.
   void base_held(std::uint64_t object_id);
+  /// Answers that the caller did not store the base mesh.
   void base_refused(std::uint64_t object_id);
-  /// The region is in the cache. Cancels `retire` if the region is not released yet.
+  /// Answers that the region is in the cache. Cancels `retire` if the region is not released yet.
   void held(std::uint64_t object_id, std::uint32_t region);
+  /// Answers that the caller did not store the region.
   void refused(std::uint64_t object_id, std::uint32_t region);
-  /// Delays the answer until there is room. Regions are released as if the answer had been given, so the message may
-  /// rely on records that are gone. Hosts wait too: the message still counts as in flight.
+  /// Postpones the answer until the caller has memory for the region. Meanwhile the message counts as in flight for the
+  /// credit. Retired regions are released as if the caller had answered, so this message may rely on released records.
   void park(std::uint64_t object_id, std::uint32_t region);
-  /// The region is to be freed. Until take_released names it, a message may still rely on its records; a caller that
-  /// frees it earlier must detect the missing records and refuse the message. Returns false and changes nothing while
-  /// no demand has reported the region: hosts would take it, and all messages that rely on it, for lost.
+  /// Marks a region that the caller wants to free. Until take_released returns the region, a message may rely on its
+  /// records; a caller that frees them earlier must refuse such a message. Returns false and changes nothing if no
+  /// demand has listed the region yet: the host would treat the region, and all messages that rely on it, as refused.
   [[nodiscard]] bool retire(std::uint64_t object_id, std::uint32_t region);
-  /// Regions that no later message can rely on; each is returned once.
+  /// Returns the retired regions on which no later message can rely, each once.
   [[nodiscard]] std::vector<std::uint32_t> take_released(std::uint64_t object_id);
 
-  /// The next demand that is due, or none. Also applies timeouts: call it every few milliseconds until it returns none.
+  /// Returns the next demand to publish, or none when none is due. Also applies timeouts. Call it every few
+  /// milliseconds until it returns none.
   [[nodiscard]] std::optional<Demand> demand(std::int64_t now_ns);
 
-  /// Time from a demand to the first chunk that echoes its epoch, smoothed over the objects; 0 before the first.
+  /// Time from a demand to the first chunk that echoes its epoch, smoothed over all objects; 0: not measured yet.
   [[nodiscard]] std::int64_t round_trip_ns() const noexcept { return round_trip_ns_; }
-  /// Payload bytes/s that arrived in the best of the last windows.
+  /// Largest recent arrival rate, bytes/s of payload.
   [[nodiscard]] double rate() const noexcept { return rate_; }
-  /// 0 when no host serves the object.
+  /// Participant id of the host that serves the object; 0: none.
   [[nodiscard]] std::uint64_t serving_host(std::uint64_t object_id) const;
-  /// Number of stored entries; falls again when hosts and objects have gone.
+  /// Numbers of stored entries. They decrease when hosts are forgotten and objects are closed.
   struct Sizes {
     std::size_t hosts = 0, offers = 0, streams = 0, objects = 0;
   };
@@ -135,105 +147,111 @@ class DeliveryClient {
     std::uint64_t chunks = 0;
     std::uint64_t payload_bytes = 0;
     std::uint64_t messages = 0;
-    std::uint64_t foreign = 0;       ///< chunks of an unknown stream, of a future epoch, or malformed
-    std::uint64_t implausible = 0;   ///< chunks whose sequence or sending time is outside its window
-    std::uint64_t stale = 0;         ///< chunks that rely on released regions, or of regions that are held
+    std::uint64_t foreign = 0;       ///< chunks of an unknown stream or a future epoch, and malformed chunks
+    std::uint64_t implausible = 0;   ///< chunks with a sequence or sending time outside its window
+    std::uint64_t stale = 0;         ///< pieces of regions that are held, and messages that rely on released regions
     std::uint64_t corrupt = 0;       ///< messages with a wrong checksum
     std::uint64_t lost = 0;          ///< chunks reported as gaps
     std::uint64_t refused = 0;       ///< messages refused by the caller
-    std::uint64_t host_changes = 0;  ///< times that a serving host was replaced or lost
+    std::uint64_t host_changes = 0;  ///< number of times that a serving host was replaced or lost
   };
   [[nodiscard]] const Counters& counters() const noexcept { return counters_; }
 
  private:
   /// Chunks from one incarnation of a host about one object.
   struct Stream {
-    struct Hole {
+    /// Consecutive skipped numbers; the first is the key in `gaps`.
+    struct Gap {
       std::uint32_t last;
-      std::int64_t since_ns;         // when it was detected
-      std::uint32_t reported_epoch;  // of the first demand that reported it; 0: none
+      std::int64_t detected_ns;
+      std::uint32_t reported_epoch;  // epoch of the first demand that reported the gap; 0: none
     };
     std::uint64_t host = 0, object_id = 0;
     SequenceWindow numbers{kChunkNumbers};
-    std::uint32_t newest = 0;             // largest sequence received
-    std::map<std::uint32_t, Hole> holes;  // below `newest`, by first sequence
-    [[nodiscard]] std::uint32_t received() const noexcept { return holes.empty() ? newest : holes.begin()->first - 1; }
+    std::uint32_t newest = 0;           // largest sequence received
+    std::map<std::uint32_t, Gap> gaps;  // below `newest`, by first number
+    [[nodiscard]] std::uint32_t received() const noexcept { return gaps.empty() ? newest : gaps.begin()->first - 1; }
   };
   struct Host {
-    bool live = false;
-    std::int64_t seen_ns = 0;
-    std::int64_t absent_ns = 0;  // when a tick first saw it gone; 0: it is live, or no tick since
+    bool present = false;
+    std::int64_t heartbeat_ns = 0;  // arrival of the last heartbeat, earlier after a suspicion
+    std::int64_t absent_ns = 0;     // when forget_hosts first found the host absent; 0: not yet
     std::uint64_t incarnation = 0;
-    std::int64_t incarnation_ns = 0;  // when it was first seen
+    std::int64_t incarnation_ns = 0;  // arrival of the first heartbeat of `incarnation`
     // (object, incarnation) -> digest
     std::map<std::pair<std::uint64_t, std::uint64_t>, std::uint64_t> offers;
     [[nodiscard]] bool offers_object(std::uint64_t object, std::uint64_t digest) const;
     std::uint32_t arrivals = 0, one_way_us = 0;  // as in Demand
     WrappedTimeWindow times;
   };
+  /// An incomplete message.
   struct Partial {
     std::uint32_t checksum = 0;
-    std::uint32_t parts = 1;
-    std::uint32_t epoch = 0;
+    std::uint32_t piece_count = 1;
+    std::uint32_t epoch = 0;  // largest epoch of its chunks
     std::uint32_t stream = 0;
     std::uint32_t last_sequence = 0;
-    std::int64_t touched_ns = 0;
+    std::int64_t received_ns = 0;  // arrival of its last piece
     std::size_t bytes = 0;
-    std::map<std::uint32_t, std::vector<std::uint8_t>> payloads;  // by part
+    std::map<std::uint32_t, std::vector<std::uint8_t>> payloads;  // by index of the piece
   };
-  struct Pending {  // a message for which the caller owes an answer
+  /// A message that the caller has not answered.
+  struct Pending {
     std::uint32_t stream = 0;
     std::uint32_t epoch = 0;
     std::uint32_t last_sequence = 0;
     bool parked = false;
   };
   struct Retiring {
-    std::uint32_t epoch = 0;
-    std::uint32_t echo_sequence = 0;  // of the serving host's stream; 0: not echoed
+    std::uint32_t epoch = 0;          // of the first demand without the region
+    std::uint32_t echo_sequence = 0;  // first chunk of the serving host that echoed this epoch; 0: none
   };
   struct Object {
     std::uint64_t digest = 0;
-    std::uint64_t host = 0;
+    std::uint64_t host = 0;  // serving host; 0: none
     bool has_base = false;
     std::set<std::uint32_t> have;
-    std::set<std::uint32_t> unannounced;  // of these, added since the last demand
+    std::set<std::uint32_t> unlisted;  // regions of `have` that no demand has listed yet
     std::vector<Wanted> wanted;
     std::map<std::uint32_t, Pending> pending;    // by region; kNone: the base mesh
     std::map<std::uint32_t, Retiring> retiring;  // by region
     std::map<std::uint32_t, Partial> partials;   // by region; kNone: the base mesh
     std::uint32_t epoch = 0;
     std::uint32_t released_epoch = 0;  // messages of earlier epochs may rely on released regions
-    bool changed = false;              // since the last demand; `epoch` is already that of the next
-    bool acknowledge = false;          // `received` may have grown
-    bool urgent = false;               // a new region is wanted soon
-    bool sent_once = false;
-    std::int64_t sent_ns = 0;
-    unsigned repeats = 0;           // of the demand, since it changed
-    std::uint32_t timed_epoch = 0;  // its round trip is being measured,
-    std::int64_t timed_ns = 0;      // since then; 0: none is
+    bool changed = false;              // since the last demand; `epoch` is then that of the next demand
+    bool received_changed = false;     // Demand::received may have grown since the last demand
+    bool urgent = false;               // the next demand has a new region that is wanted soon, or a gap to report
+    bool has_been_sent = false;        // a demand for this object has been published
+    std::int64_t sent_ns = 0;          // when the last demand was published
+    unsigned repetitions = 0;          // of the last changed demand
+    // The demand whose round trip is being measured.
+    std::uint32_t measured_epoch = 0;
+    std::int64_t measured_from_ns = 0;  // 0: no measurement
   };
 
-  void change(Object& object);
+  void begin_epoch(Object& object);
   void begin_streams(std::uint64_t host, std::uint64_t incarnation);
   void begin_stream(std::uint64_t host, std::uint64_t object_id);
   [[nodiscard]] std::uint32_t stream_from(std::uint64_t host, std::uint64_t object_id) const;
-  void note_sequence(Stream& stream, const BulkChunk& chunk, std::int64_t now_ns) const;
-  [[nodiscard]] bool has_unreported_gap(const Stream& stream, std::int64_t now_ns) const;
+  void track_gaps(Stream& stream, const BulkChunk& chunk, std::int64_t now_ns) const;
+  [[nodiscard]] bool has_gap_to_report(const Stream& stream, std::int64_t now_ns) const;
   void report_gaps(Object& object, Stream& stream, Demand& demand, std::int64_t now_ns);
   [[nodiscard]] std::uint32_t processed_up_to(const Object& object, std::uint32_t stream, bool or_parked) const;
-  void note_echo(Object& object, const Stream& stream, const BulkChunk& chunk, std::int64_t now_ns);
+  void on_echo(Object& object, const Stream& stream, const BulkChunk& chunk, std::int64_t now_ns);
   [[nodiscard]] std::optional<Message> assemble(Object& object, std::uint64_t object_id, const BulkChunk& chunk,
                                                 const BulkPiece& piece, std::int64_t now_ns);
+  [[nodiscard]] std::optional<Message> complete(Object& object, std::uint64_t object_id, BulkKind kind,
+                                                std::map<std::uint32_t, Partial>::iterator at);
   void drop_partial(Object& object, std::map<std::uint32_t, Partial>::iterator at);
-  void bound_partials(std::int64_t now_ns);
+  void limit_partials(std::int64_t now_ns);
   void forget_hosts(std::int64_t now_ns);
   void end_streams(std::uint64_t host);
   void choose_host(std::uint64_t object_id, Object& object, std::int64_t now_ns);
   void serve_from(Object& object, std::uint64_t host);
-  void note_rate(std::size_t bytes, std::int64_t now_ns);
+  void measure_rate(std::size_t bytes, std::int64_t now_ns);
   [[nodiscard]] std::uint32_t credit() const;
-  [[nodiscard]] bool awaits_answer(const Object& object) const;
-  [[nodiscard]] std::int64_t repeat_after(const Object& object) const;
+  [[nodiscard]] bool is_answer_due(const Object& object) const;
+  [[nodiscard]] std::int64_t repetition_interval_ns(const Object& object) const;
   [[nodiscard]] Demand make_demand(std::uint64_t object_id, Object& object, std::int64_t now_ns);
 
   Origin self_;
@@ -241,20 +259,22 @@ class DeliveryClient {
   std::map<std::uint64_t, Host> hosts_;
   std::map<std::uint64_t, Object> objects_;
   std::map<std::uint32_t, Stream> streams_;  // by stream_id
-  std::uint32_t last_epoch_ = 0;             // of objects that were closed: one that comes again is older to no host
+  std::uint32_t last_epoch_ = 0;  // largest epoch of closed objects; an object that is opened again continues there
   std::size_t partial_bytes_ = 0;
   std::int64_t round_trip_ns_ = 0;
-  std::uint64_t room_ = ~std::uint64_t{0}, room_published_ = 0;
+  std::uint64_t room_ = ~std::uint64_t{0}, published_room_ = 0;
   struct Published {
     std::int64_t at_ns;
     std::uint32_t credit;
   };
-  std::deque<Published> published_;  // of the last round trip, each credit less than the one before; and the last
-  struct Window {
+  // Credits that a host may still use, in the order of publication. Each is smaller than the one before.
+  std::deque<Published> published_;
+  /// The current measurement of the arrival rate.
+  struct RateWindow {
     std::int64_t begun_ns = 0;
     std::uint64_t bytes = 0;
   } window_;
-  double rate_ = 0;  // bytes/s, in the best of the last windows
+  double rate_ = 0;  // bytes/s
   Counters counters_;
 };
 

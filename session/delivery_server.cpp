@@ -10,18 +10,19 @@
 namespace tactus::session {
 namespace {
 
-/// Time to contact assigned to a base mesh: more urgent than all prefetching, less than regions touched sooner.
+/// Time to contact assigned to base meshes. Regions that are touched sooner come first; prefetched regions come later.
 constexpr std::uint32_t kBaseContactUs = 100'000;
-/// Room in a chunk below which no part is added.
+/// Free bytes of a chunk below which no piece is added.
 constexpr std::size_t kMinRoom = 64;
-/// Delay of an echo after the last chunk, doubled each time (tail loss probe).
+/// Delay of the first tail loss probe after the last chunk. Each further probe doubles the delay, up to the max.
 constexpr std::int64_t kMinTailProbeNs = 4'000'000, kMaxTailProbeNs = 128'000'000;
-/// Silence after which an HRTC is dropped; it repeats demands every half second (DeliverySettings::keep_alive_ns).
-constexpr std::int64_t kForgetNs = 5'000'000'000;
+/// Time without a demand after which an HRTC is dropped. It repeats demands every half second
+/// (DeliverySettings::keep_alive_ns).
+constexpr std::int64_t kDropNs = 5'000'000'000;
 
 std::uint32_t end_of(const spm::Interval& interval) { return interval.first + interval.count; }
 
-/// Ascending intervals that do not touch, all below `limit`.
+/// Whether the intervals ascend, do not touch and lie below `limit`.
 bool well_formed_intervals(const std::vector<spm::Interval>& intervals, std::uint32_t limit) {
   std::uint64_t end = 0;
   for (const spm::Interval& interval : intervals) {
@@ -88,17 +89,17 @@ DeliveryServer::DemandResult DeliveryServer::on_demand(const Demand& demand, std
   HrtcState& state = hrtcs_.try_emplace(demand.origin.participant).first->second;
   const Admission source = state.source.admit(demand.origin);
   if (source == Admission::kImplausible) return DemandResult::kImplausible;
-  if (source == Admission::kAnew) {
-    note_sequences(state);  // an earlier incarnation may come back, and its stream with it
-    HrtcState fresh;
-    fresh.source = state.source;
-    fresh.counters = state.counters;
-    state = std::move(fresh);
+  if (source == Admission::kNewStart) {
+    keep_max_sequence(state);  // an earlier incarnation may return and use its stream again
+    HrtcState restarted;
+    restarted.source = state.source;
+    restarted.counters = state.counters;
+    state = std::move(restarted);
   }
   state.received_ns = now_ns;
   const Admission time = state.times.admit(demand.origin.time_ns, now_ns);
   if (time == Admission::kImplausible) return DemandResult::kImplausible;
-  if (time == Admission::kAnew) {
+  if (time == Admission::kNewStart) {
     state.credit_time_ns = INT64_MIN;
     for (auto& [id, service] : state.services) service.demand.origin.time_ns = INT64_MIN;
   }
@@ -106,7 +107,7 @@ DeliveryServer::DemandResult DeliveryServer::on_demand(const Demand& demand, std
   Service& service = found->second;
   if (first) {
     service.stream = stream_id(self_, demand.origin, demand.object_id);
-    service.sequence = highest_forgotten_;
+    service.sequence = max_dropped_sequence_;
   }
   const Admission epoch = service.epochs.admit(demand.epoch, now_ns);
   if (epoch == Admission::kImplausible) return DemandResult::kImplausible;
@@ -119,44 +120,44 @@ DeliveryServer::DemandResult DeliveryServer::on_demand(const Demand& demand, std
     state.credit = demand.credit;
   }
   if (demand.serving_host != self_.participant) {
-    if (service.begun() != nullptr) count(state, [](DeliveryCounters& c) { ++c.messages_dropped; });
-    for (const Sent& sent : service.under_way) state.pacer.forget(sent.bytes);
-    Service silent;
-    silent.stream = service.stream;
-    silent.sequence = service.sequence;
-    silent.planned = service.planned;
-    silent.epochs = service.epochs;
-    silent.demand = demand;
-    service = std::move(silent);
-    return DemandResult::kTaken;
+    if (service.partly_sent() != nullptr) count(state, [](DeliveryCounters& c) { ++c.messages_dropped; });
+    for (const SentPiece& sent : service.under_way) state.pacer.forget(sent.bytes);
+    Service stopped;
+    stopped.stream = service.stream;
+    stopped.sequence = service.sequence;
+    stopped.planned = service.planned;
+    stopped.epochs = service.epochs;
+    stopped.demand = demand;
+    service = std::move(stopped);
+    return DemandResult::kApplied;
   }
   service.echo_owed = service.echo_owed || !service.serving || demand.epoch != service.demand.epoch;
-  const bool can_build_on = service.serving;
+  const bool was_serving = service.serving;
   service.serving = true;
   const Demand before = std::exchange(service.demand, demand);
   if (demand.stream != service.stream) service.demand.received = service.demand.newest = 0;
-  acknowledge(state, service, now_ns);
-  compare(state, service, object->second, can_build_on ? &before.have : nullptr);
-  return DemandResult::kTaken;
+  apply_receipt(state, service, now_ns);
+  compare(state, service, object->second, was_serving ? &before.have : nullptr);
+  return DemandResult::kApplied;
 }
 
-/// Removes the chunks that the demand acknowledges or reports as gaps from those in flight.
-void DeliveryServer::acknowledge(HrtcState& state, Service& service, std::int64_t now_ns) {
+/// Removes the pieces that the demand reports as received or as lost from those in flight, and informs the pacer.
+void DeliveryServer::apply_receipt(HrtcState& state, Service& service, std::int64_t now_ns) {
   constexpr std::int64_t kNsPerUs = 1000;
   const Demand& demand = service.demand;
   const auto now_us = static_cast<std::uint32_t>(now_ns / kNsPerUs);
-  const auto passed = [&](const Sent& sent) { return sent.sequence <= std::max(demand.newest, demand.received); };
+  const auto passed = [&](const SentPiece& sent) { return sent.sequence <= std::max(demand.newest, demand.received); };
   Pacer::Feedback feedback;
   std::uint32_t waited_us = 0;
   for (; !service.under_way.empty() && passed(service.under_way.front()); service.under_way.pop_front()) {
-    const Sent& sent = service.under_way.front();
+    const SentPiece& sent = service.under_way.front();
     const auto message = std::lower_bound(service.messages.begin(), service.messages.end(), sent.message,
                                           [](const Message& m, std::uint32_t number) { return m.number < number; });
-    const bool is_here = message != service.messages.end() && message->number == sent.message;
-    if (is_here) --message->under_way;
+    const bool is_stored = message != service.messages.end() && message->number == sent.message;
+    if (is_stored) --message->under_way;
     if (sent.sequence > demand.received && contains(demand.gaps, sent.sequence)) {
       feedback.lost_bytes += sent.bytes;
-      if (is_here) message->lost.push_back(sent.part);
+      if (is_stored) message->lost.push_back(sent.index);
     } else {
       feedback.arrived_bytes += sent.bytes;
       waited_us = std::max(waited_us, now_us - sent.at_us);
@@ -168,19 +169,19 @@ void DeliveryServer::acknowledge(HrtcState& state, Service& service, std::int64_
   state.pacer.on_feedback(feedback, now_ns);
 }
 
-/// Limits the intervals of each service so that all services together stay small. With few services the covered
-/// records are exact, and none is sent twice.
+/// Adds the records of a region to the covered records. The interval limit of a service shrinks with the number of
+/// services, which bounds the memory of all. With few services the set is exact, and no record is sent twice.
 void DeliveryServer::cover(Service& service, const Object& object, std::uint32_t region) const {
-  constexpr std::size_t kInAll = 40'960, kMin = 1'280, kMax = 5'120;  // intervals: 320, 10 and 40 KiB
+  constexpr std::size_t kMaxTotal = 40'960, kMin = 1'280, kMax = 5'120;  // intervals: 320, 10 and 40 KiB
   std::size_t services = 0;
   for (const auto& [hrtc, state] : hrtcs_) services += state.services.size();
   service.covered.add(list_of(object.model, region),
-                      std::clamp(kInAll / std::max<std::size_t>(services, 1), kMin, kMax));
+                      std::clamp(kMaxTotal / std::max<std::size_t>(services, 1), kMin, kMax));
 }
 
-/// Updates the messages, the covered records and the regions to send from the newest demand. Extends the covered
-/// records in place if the demand still has all of `had`, the regions of the one before, and no message was refused
-/// or lost a part; else computes them anew.
+/// Updates the messages, the covered records and the regions to send from the newest demand. `previous`: the regions
+/// that the demand before had; null: no such demand. If the demand still has all of them, and no message was refused or
+/// has a lost piece, the covered records are extended; otherwise they are computed anew.
 void DeliveryServer::compare(HrtcState& state, Service& service, const Object& object,
                              const std::vector<spm::Interval>* previous) {
   const Demand& demand = service.demand;
@@ -189,45 +190,47 @@ void DeliveryServer::compare(HrtcState& state, Service& service, const Object& o
     return std::any_of(demand.wanted.begin(), demand.wanted.end(),
                        [&](const Wanted& w) { return w.region == message.region; });
   };
-  const auto is_over = [&](const Message& message) {
+  const auto has_ended = [&](const Message& message) {
     const bool base = message.region == spm::kNone;
     if (base ? !demand.need_base : contains(demand.have, message.region)) return true;  // accepted
     if (message.arrived() && message.last_sequence <= demand.received) return refused = true;
-    const bool parts_to_come = !message.sent() || !message.lost.empty();
-    const bool cancelled = parts_to_come && (base != demand.need_base || (!base && !wanted(message)));
+    const bool has_pieces_to_send = !message.sent() || !message.lost.empty();
+    const bool cancelled = has_pieces_to_send && (base != demand.need_base || (!base && !wanted(message)));
     if (!cancelled) return false;
     count(state, [](DeliveryCounters& c) { ++c.messages_dropped; });
-    refused = refused || message.sent();  // its records are not there
+    refused = refused || message.sent();  // the HRTC does not have its records
     return true;
   };
   const auto erase_if = [&](const auto& condition) {
     service.messages.erase(std::remove_if(service.messages.begin(), service.messages.end(), condition),
                            service.messages.end());
   };
-  erase_if(is_over);
+  erase_if(has_ended);
 
-  const bool only_more =
+  const bool only_added =
       previous != nullptr && contains_all(demand.have, *previous) && !refused && first_lost(service) == nullptr;
-  if (!only_more) service.covered.clear();
+  if (!only_added) service.covered.clear();
   for (const spm::Interval& interval : demand.have) {
     for (std::uint32_t region = interval.first; region != end_of(interval); ++region) {
-      if (!only_more || !contains(*previous, region)) cover(service, object, region);
+      if (!only_added || !contains(*previous, region)) cover(service, object, region);
     }
   }
-  // The HRTC keeps a retired region until it has processed all that was sent before it saw the echo. So a message that
-  // was sent completely is doubtful only if an earlier one was refused. A part that is sent now must be valid now.
+  // The HRTC frees a retired region only after it has processed all chunks that were sent before the echo. So a message
+  // that was sent completely is doubtful only if an earlier message was refused. A piece that is sent from now on must
+  // not rely on regions that have left `have`.
   erase_if([&](Message& message) {
-    if (only_more || message.region == spm::kNone) return false;
-    const bool parts_to_come = !message.sent() || !message.lost.empty();
-    if (parts_to_come || refused) {
-      message.doubtful = !contains_all(message.records, service.covered.missing(list_of(object.model, message.region)));
-      if (message.doubtful && parts_to_come) {
+    if (only_added || message.region == spm::kNone) return false;
+    const bool has_pieces_to_send = !message.sent() || !message.lost.empty();
+    if (has_pieces_to_send || refused) {
+      message.is_doubtful =
+          !contains_all(message.records, service.covered.missing(list_of(object.model, message.region)));
+      if (message.is_doubtful && has_pieces_to_send) {
         refused = refused || message.sent();
         count(state, [](DeliveryCounters& c) { ++c.messages_dropped; });
         return true;
       }
     }
-    if (message.sent() && !message.doubtful) cover(service, object, message.region);
+    if (message.sent() && !message.is_doubtful) cover(service, object, message.region);
     return false;
   });
 
@@ -236,8 +239,8 @@ void DeliveryServer::compare(HrtcState& state, Service& service, const Object& o
   std::set<std::uint32_t> seen;
   for (const Message& message : service.messages) seen.insert(message.region);
   for (const Wanted& w : demand.wanted) {
-    if (Message* begun = service.begun(); begun != nullptr && begun->region == w.region)
-      begun->contact_in_us = w.contact_in_us;
+    if (Message* current = service.partly_sent(); current != nullptr && current->region == w.region)
+      current->contact_in_us = w.contact_in_us;
     if (contains(demand.have, w.region) || !seen.insert(w.region).second) continue;
     service.to_send.push_back(w);
   }
@@ -245,9 +248,9 @@ void DeliveryServer::compare(HrtcState& state, Service& service, const Object& o
                    [](const Wanted& a, const Wanted& b) { return a.contact_in_us > b.contact_in_us; });
 }
 
-bool DeliveryServer::Message::fits(std::uint32_t part, std::size_t room) const noexcept {
-  const auto [from, to] = parts.range(part);
-  return header_bytes(region, parts.count) + to - from <= room;
+bool DeliveryServer::Message::fits(std::uint32_t piece, std::size_t room) const noexcept {
+  const auto [from, to] = pieces.range(piece);
+  return header_bytes(region, pieces.count) + to - from <= room;
 }
 
 DeliveryServer::Message* DeliveryServer::first_lost(Service& service, std::size_t room) {
@@ -257,11 +260,11 @@ DeliveryServer::Message* DeliveryServer::first_lost(Service& service, std::size_
   return at == service.messages.end() ? nullptr : &*at;
 }
 
-/// Time to contact of the next message of this service.
+/// Time to contact of the message that this service would send next, us.
 std::optional<std::uint32_t> DeliveryServer::urgency(Service& service) {
   if (!service.serving) return std::nullopt;
   if (const Message* lost = first_lost(service)) return lost->contact_in_us;
-  if (const Message* begun = service.begun()) return begun->contact_in_us;
+  if (const Message* current = service.partly_sent()) return current->contact_in_us;
   if (service.demand.need_base) {
     return service.messages.empty() ? std::optional<std::uint32_t>{kBaseContactUs} : std::nullopt;
   }
@@ -269,13 +272,13 @@ std::optional<std::uint32_t> DeliveryServer::urgency(Service& service) {
   return service.to_send.back().contact_in_us;
 }
 
-/// Plans the next message. Its first part fits into `room` bytes.
+/// Plans the next message, whose first piece fits into `room` bytes.
 void DeliveryServer::plan(Service& service, const Object& object, std::size_t room) const {
   Message message;
   message.number = ++service.planned;
   if (service.demand.need_base) {
     message.contact_in_us = kBaseContactUs;
-    message.parts = MessageParts::cut(static_cast<std::uint32_t>(object.model.spans().base.size()), spm::kNone, room);
+    message.pieces = MessagePieces::cut(static_cast<std::uint32_t>(object.model.spans().base.size()), spm::kNone, room);
     message.checksum = object.base_checksum;
   } else {
     const Wanted wanted = service.to_send.back();
@@ -284,25 +287,25 @@ void DeliveryServer::plan(Service& service, const Object& object, std::size_t ro
     message.contact_in_us = wanted.contact_in_us;
     message.records = service.covered.missing(list_of(object.model, wanted.region));
     service.encoded = spm::codec::encode_region(object.model, spm::RegionId{wanted.region}, message.records);
-    message.parts = MessageParts::cut(static_cast<std::uint32_t>(service.encoded.size()), wanted.region, room);
+    message.pieces = MessagePieces::cut(static_cast<std::uint32_t>(service.encoded.size()), wanted.region, room);
     message.checksum = checksum_of(service.encoded);
   }
   service.messages.push_back(std::move(message));
 }
 
-/// Bytes of chunks in flight, and of messages that have arrived but are not answered.
+/// Bytes of the chunks in flight and of the messages that arrived completely but are not in `have` yet.
 std::uint64_t DeliveryServer::unanswered(const HrtcState& state) {
   std::uint64_t bytes = state.pacer.under_way();
   for (const auto& [object_id, service] : state.services) {
-    for (const Message& message : service.messages) bytes += message.arrived() ? message.parts.bytes : 0;
+    for (const Message& message : service.messages) bytes += message.arrived() ? message.pieces.bytes : 0;
   }
   return bytes;
 }
 
 std::optional<Outgoing> DeliveryServer::next(std::int64_t now_ns, const CanSend& can_send) {
   due_ns_ = std::numeric_limits<std::int64_t>::max();
-  for (auto silent = hrtcs_.begin(); silent != hrtcs_.end();)
-    silent = now_ns - silent->second.received_ns >= kForgetNs ? forget(silent) : std::next(silent);
+  for (auto hrtc = hrtcs_.begin(); hrtc != hrtcs_.end();)
+    hrtc = now_ns - hrtc->second.received_ns >= kDropNs ? drop(hrtc) : std::next(hrtc);
   auto at = hrtcs_.upper_bound(last_served_);
   for (std::size_t tried = 0; tried < hrtcs_.size(); ++tried, ++at) {
     if (at == hrtcs_.end()) at = hrtcs_.begin();
@@ -326,14 +329,14 @@ std::optional<Outgoing> DeliveryServer::next(std::uint64_t hrtc, HrtcState& stat
   }
   if (soonest && unanswered(state) + kMaxPayload > state.credit) soonest.reset();
   if (!soonest) state.pacer.set_idle();
-  // The next chunk of this object, now or as soon as the pacer allows, is also its echo.
+  // The next chunk of this object echoes the epoch too. It is sent now or as soon as the pacer allows.
   const std::optional<std::uint64_t> next_object = soonest;
   if (soonest && !state.pacer.may_send(kMaxPayload, now_ns)) {
     soonest.reset();
     if (state.pacer.next_ns() > now_ns) due_ns_ = std::min(due_ns_, state.pacer.next_ns());
   }
-  // An epoch that would wait behind another object's data or for the window is echoed alone, because the HRTC frees
-  // memory on it.
+  // An echo that would wait for another object's data, or for the pacer's window, is sent alone, because the HRTC waits
+  // for it to free memory.
   for (auto& [object_id, service] : state.services) {
     const bool soon = object_id == next_object && (soonest || state.pacer.next_ns() > now_ns);
     const bool probes_tail = service.serving && !service.under_way.empty() && now_ns >= service.tail_probe_ns;
@@ -341,7 +344,7 @@ std::optional<Outgoing> DeliveryServer::next(std::uint64_t hrtc, HrtcState& stat
     if (!service.under_way.empty()) due_ns_ = std::min(due_ns_, service.tail_probe_ns);
   }
   if (!soonest) return std::nullopt;
-  return send_parts(hrtc, state, *soonest, now_ns);
+  return send_pieces(hrtc, state, *soonest, now_ns);
 }
 
 BulkChunk DeliveryServer::make_chunk(HrtcState& state, Service& service, std::int64_t now_ns) {
@@ -363,16 +366,16 @@ Outgoing DeliveryServer::send_echo(std::uint64_t hrtc, HrtcState& state, Service
   return {hrtc, make_chunk(state, service, now_ns)};
 }
 
-Outgoing DeliveryServer::send_parts(std::uint64_t hrtc, HrtcState& state, std::uint64_t object_id,
-                                    std::int64_t now_ns) {
+Outgoing DeliveryServer::send_pieces(std::uint64_t hrtc, HrtcState& state, std::uint64_t object_id,
+                                     std::int64_t now_ns) {
   Service& service = state.services.at(object_id);
   const Object& object = objects_.at(object_id);
   BulkChunk chunk = make_chunk(state, service, now_ns);
   std::size_t room = kMaxPayload;
   while (auto piece = next_piece(state, service, object, chunk, room)) {
-    room -= header_bytes(piece->region, piece->parts) + piece->payload.size();
+    room -= header_bytes(piece->region, piece->count) + piece->payload.size();
     chunk.pieces.push_back(std::move(*piece));
-    if (chunk.kind() == BulkKind::kBase) break;  // regions rely on it
+    if (chunk.kind() == BulkKind::kBase) break;  // a chunk carries a base mesh or regions, not both
   }
   state.pacer.sent(static_cast<std::uint32_t>(chunk.payload_bytes()), now_ns);
   service.tail_probe_interval_ns = kMinTailProbeNs;
@@ -381,47 +384,47 @@ Outgoing DeliveryServer::send_parts(std::uint64_t hrtc, HrtcState& state, std::u
   return {hrtc, std::move(chunk)};
 }
 
-/// The next piece that fits into `room` bytes of the chunk, marked as sent with it; none if no piece fits.
+/// Returns the next piece that fits into `room` bytes of the chunk, or none, and registers it as in flight.
 std::optional<BulkPiece> DeliveryServer::next_piece(HrtcState& state, Service& service, const Object& object,
                                                     const BulkChunk& chunk, std::size_t room) {
   if (room < kMinRoom) return std::nullopt;
   Message* message = first_lost(service, room);
-  const bool again = message != nullptr;
-  if (!again && service.begun() == nullptr) {
+  const bool is_repeated = message != nullptr;
+  if (!is_repeated && service.partly_sent() == nullptr) {
     if (!chunk.pieces.empty() && (service.demand.need_base || service.to_send.empty())) return std::nullopt;
     plan(service, object, room);
   }
-  if (!again) message = service.begun();
+  if (!is_repeated) message = service.partly_sent();
   if (!chunk.pieces.empty() && message->region == spm::kNone) return std::nullopt;
-  if (!again && !message->fits(message->begun, room)) return std::nullopt;
+  if (!is_repeated && !message->fits(message->sent_pieces, room)) return std::nullopt;
 
   BulkPiece piece;
   piece.region = message->region;
-  piece.parts = message->parts.count;
+  piece.count = message->pieces.count;
   piece.checksum = message->checksum;
   std::vector<std::uint8_t> encoded;
   std::span<const std::uint8_t> bytes{service.encoded};
   if (message->region == spm::kNone) {
     bytes = object.model.spans().base;
-  } else if (again && message != service.begun()) {
+  } else if (is_repeated && message != service.partly_sent()) {
     encoded = spm::codec::encode_region(object.model, spm::RegionId{message->region}, message->records);
     bytes = std::span<const std::uint8_t>{encoded};
   }
-  if (again) {
-    piece.part = message->lost.back();
+  if (is_repeated) {
+    piece.index = message->lost.back();
     message->lost.pop_back();
     count(state, [](DeliveryCounters& c) { ++c.repeated; });
   } else {
-    piece.part = message->begun++;
+    piece.index = message->sent_pieces++;
   }
-  const auto [from, to] = message->parts.range(piece.part);
+  const auto [from, to] = message->pieces.range(piece.index);
   piece.payload.assign(bytes.begin() + from, bytes.begin() + to);
   message->last_sequence = chunk.sequence;
   ++message->under_way;
   const auto size = static_cast<std::uint16_t>(piece.payload.size());
-  service.under_way.push_back({chunk.sequence, message->number, chunk.sent_us, piece.part, size});
+  service.under_way.push_back({chunk.sequence, message->number, chunk.sent_us, piece.index, size});
 
-  if (!again && message->sent()) {
+  if (!is_repeated && message->sent()) {
     service.encoded.clear();
     if (message->region == spm::kNone) {
       count(state, [](DeliveryCounters& c) { ++c.bases; });
@@ -437,19 +440,19 @@ std::optional<BulkPiece> DeliveryServer::next_piece(HrtcState& state, Service& s
   return piece;
 }
 
-void DeliveryServer::note_sequences(const HrtcState& state) {
+void DeliveryServer::keep_max_sequence(const HrtcState& state) {
   for (const auto& [object_id, service] : state.services)
-    highest_forgotten_ = std::max(highest_forgotten_, service.sequence);
+    max_dropped_sequence_ = std::max(max_dropped_sequence_, service.sequence);
 }
 
 void DeliveryServer::on_hrtc_gone(std::uint64_t hrtc) {
   const auto state = hrtcs_.find(hrtc);
-  if (state != hrtcs_.end()) forget(state);
+  if (state != hrtcs_.end()) drop(state);
 }
 
-std::map<std::uint64_t, DeliveryServer::HrtcState>::iterator DeliveryServer::forget(
+std::map<std::uint64_t, DeliveryServer::HrtcState>::iterator DeliveryServer::drop(
     std::map<std::uint64_t, HrtcState>::iterator state) {
-  note_sequences(state->second);
+  keep_max_sequence(state->second);
   return hrtcs_.erase(state);
 }
 

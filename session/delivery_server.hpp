@@ -1,30 +1,33 @@
-/// A VE host's side of delivery: compares what each HRTC has with what it wants, and selects the next chunk to send.
+/// A VE host's side of delivery: compares the regions that each HRTC has with those that it wants, and selects the next
+/// chunk to send.
 ///
-/// Works on states, not commands: only the newest demand of each HRTC for each object counts. Lost demands, a restarted
-/// host and an HRTC that comes back need no special case. For each HRTC and object the server stores
+/// A demand states everything anew, so only the newest demand of each HRTC for each object counts. Lost demands, a
+/// restarted host and a returning HRTC need no special case. For each HRTC and object the server stores
 ///
 ///     have       the regions that the newest demand lists
-///     messages   regions planned since and not yet in `have`: their records, and which parts are still to be sent
-///     under way  the parts in flight: sequence of the chunk, message, part
+///     messages   the regions that were planned and are not yet in `have`: their records, and the pieces still to send
+///     under way  the pieces in flight: sequence of the chunk, message, index
 ///
-/// A wanted region is sent as its list of records, with the records that no region of `have` and no sent message lists.
-/// The demand alone repairs losses. The parts of a chunk that it reports as a gap are sent again under a new sequence,
-/// encoded anew from the message's records. A message that arrived completely and is not in `have` although `received`
-/// has passed it was refused; it is planned anew if it is still wanted. While chunks are in flight and nothing else is
-/// to be sent, occasional echoes show the HRTC whether the last chunks are missing (a tail loss probe, as in RFC 8985).
+/// A wanted region is sent as its list of records, with those records that no region of `have` and no sent message
+/// lists. The demand alone repairs losses. If a demand reports a chunk as a gap, its pieces are encoded anew from the
+/// records of the message and sent under a new sequence. If all chunks of a message were received, but its region is
+/// not in `have` of a demand whose `received` has passed them, the HRTC has refused the message. The server plans it
+/// anew while the region is wanted. While chunks are in flight and nothing else is to be sent, the server sends echoes
+/// at growing intervals; they show the HRTC whether the last chunks are missing (a tail loss probe, as in RFC 8985).
 ///
-/// The server fills each chunk: first with lost parts, then with the next parts of the current message, whole following
-/// messages, and the first part of one more, cut to the room that is left. Each service has one partly sent message. If
-/// a newer demand still wants its region, and the message still holds all missing records, it continues; otherwise it
-/// is cancelled and planned anew. The same holds for a message with lost parts. So every chunk is valid under the epoch
-/// that it carries, the newest received: it does not rely on regions that left `have` at that epoch or before.
+/// The server fills each chunk: first with lost pieces, then with the next piece of the current message, with whole
+/// messages, and with the first piece of one more message, cut to the free bytes. For each HRTC and object at most one
+/// message is partly sent. That message continues after a newer demand if its region is still wanted and it still
+/// contains all missing records. Otherwise it is cancelled and planned anew. The same rule holds for a message with
+/// lost pieces. So every chunk is valid under the epoch that it carries, which is the newest received: it does not rely
+/// on regions that left `have` at that epoch or before.
 ///
-/// Order: HRTCs in round robin, chunk by chunk; the objects of one HRTC by soonest contact; lost parts before new ones.
-/// A Pacer for each HRTC limits amount and rate.
+/// Order: HRTCs in round robin, chunk by chunk; the objects of one HRTC by soonest contact; lost pieces before new
+/// ones. A Pacer for each HRTC limits amount and rate.
 ///
-/// No clock, socket or thread; one thread at a time. Memory for each HRTC and object served: the demand, the messages
-/// in flight and the covered records as intervals (spm/interval_set.hpp), about 30 KiB. If the regions of an HRTC need
-/// more intervals than this, some of their shared records are sent again.
+/// No clock, socket or thread; one thread at a time. Memory for each HRTC and object: the demand, the messages in
+/// flight and the covered records as intervals (spm/interval_set.hpp), about 30 KiB. If the regions of an HRTC need
+/// more intervals than fit, some of their shared records are sent again.
 #pragma once
 
 #include <cstdint>
@@ -34,7 +37,7 @@
 #include <optional>
 #include <vector>
 
-#include "session/message_parts.hpp"
+#include "session/message_pieces.hpp"
 #include "session/messages.hpp"
 #include "session/pacer.hpp"
 #include "session/sequence_window.hpp"
@@ -54,11 +57,11 @@ struct DeliveryCounters {
   std::uint64_t chunks = 0;
   std::uint64_t payload_bytes = 0;
   std::uint64_t echoes = 0;            ///< chunks without payload
-  std::uint64_t repeated = 0;          ///< parts sent again
+  std::uint64_t repeated = 0;          ///< pieces sent again
   std::uint64_t bases = 0;             ///< base meshes sent completely
   std::uint64_t regions = 0;           ///< regions sent completely
-  std::uint64_t records = 0;           ///< records in them
-  std::uint64_t messages_dropped = 0;  ///< cancelled or contradicted by a newer demand
+  std::uint64_t records = 0;           ///< records in these regions
+  std::uint64_t messages_dropped = 0;  ///< messages cancelled after a newer demand
 };
 
 class DeliveryServer {
@@ -73,32 +76,35 @@ class DeliveryServer {
   [[nodiscard]] std::uint32_t base_bytes(std::uint64_t object_id) const;
 
   enum class DemandResult : std::uint8_t {
-    kTaken,
-    kNotNewer,    ///< an older epoch or repetition
+    kApplied,
+    kNotNewer,    ///< of an older epoch, or a repeated sample
     kNotServed,   ///< another session, an unknown object or another digest
     kMalformed,   ///< intervals out of order, or regions that the model does not have
     kImplausible  ///< incarnation, epoch or time outside its window (session/sequence_window.hpp)
   };
+  /// Applies a demand that is newer than those before.
   DemandResult on_demand(const Demand& demand, std::int64_t now_ns);
 
-  /// Drops the state of this HRTC. Its next stream starts above all sequences used so far. An HRTC that sends no demand
-  /// for ten keep-alive periods is dropped without this call, because a demand may arrive after its sender has left.
+  /// Drops the state of this HRTC. If it returns, its streams start above all sequences used so far. The server also
+  /// drops an HRTC that sends no demand for ten keep-alive periods, because a demand may arrive after its sender has
+  /// left.
   void on_hrtc_gone(std::uint64_t hrtc);
 
-  /// Whether the network can take a chunk for this HRTC now.
+  /// Returns whether the network can accept a chunk for this HRTC now.
   using CanSend = std::function<bool(std::uint64_t hrtc)>;
-  /// The next chunk to send; none until `due_ns` or a demand. Plans nothing for an HRTC that `can_send` excludes.
+  /// Returns the next chunk to send, or none; then none is due before `due_ns` or the next demand. Plans nothing for an
+  /// HRTC for which `can_send` is false.
   [[nodiscard]] std::optional<Outgoing> next(std::int64_t now_ns, const CanSend& can_send = {});
-  /// After `next` returned none: when to call it again without a demand.
+  /// Time at which `next` is to be called again after it returned none, if no demand arrives before.
   [[nodiscard]] std::int64_t due_ns() const noexcept { return due_ns_; }
 
   /// Bytes sent to this HRTC that it has not answered; never above its credit.
   [[nodiscard]] std::uint64_t bytes_under_way(std::uint64_t hrtc) const;
   /// The pacer of an HRTC that has sent a demand; null for others.
   [[nodiscard]] const Pacer* pacer(std::uint64_t hrtc) const;
-  /// Since the first demand of each HRTC; without those that are gone.
+  /// Counters of each HRTC since its first demand; HRTCs that were dropped are not listed.
   [[nodiscard]] std::map<std::uint64_t, DeliveryCounters> counters_by_hrtc() const;
-  /// Sum over all HRTCs since the start.
+  /// Sums over all HRTCs since the start.
   [[nodiscard]] const DeliveryCounters& counters() const noexcept { return counters_; }
 
  private:
@@ -111,19 +117,19 @@ class DeliveryServer {
     std::uint32_t region = spm::kNone;  // kNone: the base mesh
     std::uint32_t contact_in_us = 0;
     std::uint32_t checksum = 0;
-    MessageParts parts;
-    std::uint32_t begun = 0;      // parts sent at least once
-    bool doubtful = false;        // relies on records that the HRTC may no longer have
-    std::uint32_t under_way = 0;  // chunks
+    MessagePieces pieces;
+    std::uint32_t sent_pieces = 0;  // sent at least once
+    bool is_doubtful = false;       // relies on records that the HRTC may no longer have
+    std::uint32_t under_way = 0;    // pieces in flight
     std::uint32_t last_sequence = 0;
-    std::vector<std::uint32_t> lost;  // parts to send again
+    std::vector<std::uint32_t> lost;  // indices of the pieces to send again
     std::vector<spm::Interval> records;
-    [[nodiscard]] bool sent() const noexcept { return begun == parts.count; }
+    [[nodiscard]] bool sent() const noexcept { return sent_pieces == pieces.count; }
     [[nodiscard]] bool arrived() const noexcept { return sent() && under_way == 0 && lost.empty(); }
-    [[nodiscard]] bool fits(std::uint32_t part, std::size_t room) const noexcept;
+    [[nodiscard]] bool fits(std::uint32_t piece, std::size_t room) const noexcept;
   };
-  struct Sent {
-    std::uint32_t sequence, message, at_us, part;
+  struct SentPiece {
+    std::uint32_t sequence, message, at_us, index;
     std::uint16_t bytes;
   };
   /// The delivery of one object to one HRTC.
@@ -133,16 +139,17 @@ class DeliveryServer {
     bool serving = false;
     bool echo_owed = false;
     std::uint32_t stream = 0;
-    std::uint32_t sequence = 0;      // last used
+    std::uint32_t sequence = 0;      // of the last chunk
     std::int64_t tail_probe_ns = 0;  // time of the next tail loss probe
     std::int64_t tail_probe_interval_ns = 0;
-    std::deque<Sent> under_way;         // by sequence
-    std::uint32_t planned = 0;          // messages
+    std::deque<SentPiece> under_way;    // by sequence
+    std::uint32_t planned = 0;          // number of messages so far
     std::vector<Message> messages;      // by number; all but the last are sent()
-    std::vector<std::uint8_t> encoded;  // payload of the last one until it is sent()
+    std::vector<std::uint8_t> encoded;  // payload of the last message until it is sent()
     spm::IntervalSet covered;           // records listed by a region of `have` or by a sent() message
     std::vector<Wanted> to_send;        // soonest last
-    [[nodiscard]] Message* begun() noexcept {
+    /// Null when no message is partly sent.
+    [[nodiscard]] Message* partly_sent() noexcept {
       return messages.empty() || messages.back().sent() ? nullptr : &messages.back();
     }
   };
@@ -150,8 +157,8 @@ class DeliveryServer {
     SourceWindow source;
     TimeWindow times;
     WrappedTimeWindow one_ways;
-    std::int64_t received_ns = 0;  // the newest demand
-    std::int64_t credit_time_ns = 0;
+    std::int64_t received_ns = 0;     // arrival of the newest demand
+    std::int64_t credit_time_ns = 0;  // sending time of the demand that stated `credit`
     std::uint32_t credit = 0;
     Pacer pacer;
     std::map<std::uint64_t, Service> services;  // by object
@@ -159,8 +166,8 @@ class DeliveryServer {
   };
 
   [[nodiscard]] bool well_formed(const Demand& demand, const spm::ModelSummary& summary) const;
-  void note_sequences(const HrtcState& state);
-  void acknowledge(HrtcState& state, Service& service, std::int64_t now_ns);
+  void keep_max_sequence(const HrtcState& state);
+  void apply_receipt(HrtcState& state, Service& service, std::int64_t now_ns);
   void compare(HrtcState& state, Service& service, const Object& object, const std::vector<spm::Interval>* previous);
   void cover(Service& service, const Object& object, std::uint32_t region) const;
   [[nodiscard]] static Message* first_lost(Service& service, std::size_t room = kMaxPayload);
@@ -169,10 +176,11 @@ class DeliveryServer {
   [[nodiscard]] static std::uint64_t unanswered(const HrtcState& state);
   [[nodiscard]] std::optional<Outgoing> next(std::uint64_t hrtc, HrtcState& state, std::int64_t now_ns);
   [[nodiscard]] Outgoing send_echo(std::uint64_t hrtc, HrtcState& state, Service& service, std::int64_t now_ns);
-  [[nodiscard]] Outgoing send_parts(std::uint64_t hrtc, HrtcState& state, std::uint64_t object_id, std::int64_t now_ns);
+  [[nodiscard]] Outgoing send_pieces(std::uint64_t hrtc, HrtcState& state, std::uint64_t object_id,
+                                     std::int64_t now_ns);
   [[nodiscard]] std::optional<BulkPiece> next_piece(HrtcState& state, Service& service, const Object& object,
                                                     const BulkChunk& chunk, std::size_t room);
-  std::map<std::uint64_t, HrtcState>::iterator forget(std::map<std::uint64_t, HrtcState>::iterator state);
+  std::map<std::uint64_t, HrtcState>::iterator drop(std::map<std::uint64_t, HrtcState>::iterator state);
   [[nodiscard]] BulkChunk make_chunk(HrtcState& state, Service& service, std::int64_t now_ns);
   template <class Count>
   void count(HrtcState& state, Count add) {
@@ -184,7 +192,7 @@ class DeliveryServer {
   std::map<std::uint64_t, Object> objects_;
   std::map<std::uint64_t, HrtcState> hrtcs_;  // by HRTC
   std::uint64_t last_served_ = 0;
-  std::uint32_t highest_forgotten_ = 0;  // largest sequence used in streams to HRTCs that are gone
+  std::uint32_t max_dropped_sequence_ = 0;  // largest sequence used in streams to dropped HRTCs
   std::int64_t due_ns_ = 0;
   DeliveryCounters counters_;
 };

@@ -34,18 +34,18 @@ void FailureDetector::on_answer(const ClockSample& answer, std::int64_t now_ns) 
       answer.origin.session != self_.session)
     return;
   Watched& host = at->second;
-  const bool same = host.incarnation == answer.origin.incarnation;
-  if (same) {
+  const bool is_same_program = host.incarnation == answer.origin.incarnation;
+  if (is_same_program) {
     constexpr double kNsPerS = 1e9;
     const double passed_s = static_cast<double>(now_ns - host.answered_ns) / kNsPerS;
     host.longest_ns *= std::exp2(-passed_s / settings_.half_life_s);
     host.longest_ns = std::max(host.longest_ns, static_cast<double>(host.silence_ns));
-    if (host.missed) ++false_suspicions_;
+    if (host.suspected) ++false_suspicions_;
   }
   host.incarnation = answer.origin.incarnation;
   host.answered_ns = now_ns;
   host.silence_ns = 0;
-  host.missed = false;
+  host.suspected = false;
 }
 
 std::int64_t FailureDetector::timeout_ns(const Watched& host) const noexcept {
@@ -55,7 +55,7 @@ std::int64_t FailureDetector::timeout_ns(const Watched& host) const noexcept {
 
 bool FailureDetector::all_answered() const noexcept {
   return std::all_of(hosts_.begin(), hosts_.end(), [this](const auto& watched) {
-    return watched.second.missed || watched.second.silence_ns <= settings_.period_ns;
+    return watched.second.suspected || watched.second.silence_ns <= settings_.period_ns;
   });
 }
 
@@ -66,8 +66,8 @@ std::vector<FailureDetector::Suspect> FailureDetector::take_suspects(std::int64_
   for (auto& [id, host] : hosts_) {
     if (host.incarnation == 0) continue;
     host.silence_ns += passed_ns;
-    if (host.missed || host.silence_ns < timeout_ns(host)) continue;
-    host.missed = true;
+    if (host.suspected || host.silence_ns < timeout_ns(host)) continue;
+    host.suspected = true;
     suspects.push_back({id, host.silence_ns});
   }
   return suspects;

@@ -1,18 +1,19 @@
-/// A failure detector for the hosts that an HRTC needs now: pings them every few milliseconds, reports silent ones.
+/// Detects failures of the hosts that an HRTC needs now: pings them every few milliseconds and reports silent ones.
 ///
-///     watch          the hosts that serve objects near a tip
-///     next_request   the requests to send
-///     on_answer      the answers
-///     take_suspects  the hosts that are suspected now
+///     watch          sets the hosts that serve objects near a tip
+///     next_request   returns the requests to send
+///     on_answer      processes the answers
+///     take_suspects  returns the hosts that are newly suspected
 ///
-/// The roster detects a failure within 250 ms, which is too slow for a host whose object is being touched. Fast
-/// heartbeats from everyone would load the network with hosts times HRTCs messages. So each HRTC pings the one or two
+/// The roster detects a failure within 250 ms. That is too slow for a host whose object is being touched. If all hosts
+/// sent fast heartbeats to all HRTCs, the load would grow with hosts times HRTCs. So each HRTC pings the one or two
 /// hosts that it needs. A host answers from its main loop, so a host that hangs is detected too.
 ///
-/// The timeout adapts to the silences of late, so that a lossy link or a busy machine raises few false suspicions. A
-/// false one costs a change of host and no data (DeliveryClient::suspect_host). Time during which this program did not
-/// poll does not count as silence. A host that has not answered yet is never suspected: it may not have discovered us.
-/// Source: Chandra, Toueg 1996 (unreliable failure detectors); the rule for the timeout is ours.
+/// The timeout adapts to the longest recent silence, so that a lossy link or a busy machine causes few false
+/// suspicions. A false suspicion causes a change of host and loses no data (DeliveryClient::suspect_host). Time during
+/// which this program did not poll does not count as silence. A host that has not answered yet is never suspected,
+/// because it may not have discovered this program. Source: Chandra, Toueg 1996 (unreliable failure detectors); the
+/// rule for the timeout is ours.
 ///
 /// No clock, socket or thread; one thread at a time.
 #pragma once
@@ -29,9 +30,9 @@ namespace tactus::session {
 struct FailureDetectorSettings {
   std::int64_t period_ns = 8'000'000;         ///< between requests to one host
   std::int64_t min_timeout_ns = 30'000'000;   ///< lower limit of the timeout
-  std::int64_t max_timeout_ns = 250'000'000;  ///< upper limit; by then the roster has noticed as well
+  std::int64_t max_timeout_ns = 250'000'000;  ///< upper limit; the roster detects a failure by then
   double margin = 2;                          ///< timeout, as a multiple of the longest recent silence
-  double half_life_s = 10;                    ///< of the longest recent silence
+  double half_life_s = 10;                    ///< half-life of the longest recent silence
   std::int64_t max_poll_gap_ns = 6'000'000;   ///< longest time between two polls that counts as silence
 };
 
@@ -39,13 +40,14 @@ class FailureDetector {
  public:
   FailureDetector(const Origin& self, const FailureDetectorSettings& settings) : self_{self}, settings_{settings} {}
 
-  /// Replaces the hosts to watch.
+  /// Sets the hosts to ping.
   void watch(const std::vector<std::uint64_t>& hosts);
+  /// Whether there are hosts to ping.
   [[nodiscard]] bool watches() const noexcept { return !hosts_.empty(); }
-  /// Whether no host has an overdue answer: polling half as often is then enough.
+  /// Whether no host has an overdue answer. Then it is enough to poll half as often.
   [[nodiscard]] bool all_answered() const noexcept;
   [[nodiscard]] bool watches(std::uint64_t host) const { return hosts_.count(host) != 0; }
-  /// The next request that is due, or none; of topic clock.
+  /// Returns the next request that is due, for topic clock, or none.
   [[nodiscard]] std::optional<ClockSample> next_request(std::int64_t now_ns);
   void on_answer(const ClockSample& answer, std::int64_t now_ns);
 
@@ -53,11 +55,11 @@ class FailureDetector {
     std::uint64_t host = 0;
     std::int64_t silent_ns = 0;
   };
-  /// Hosts whose timeout has expired since the last call; each is returned once, until it answers again. Call it every
-  /// few milliseconds, after all samples that arrived have been taken.
+  /// Returns the hosts whose timeout has expired since the last call. A host is returned again only after it has
+  /// answered. Call it every few milliseconds, after all received samples have been processed.
   [[nodiscard]] std::vector<Suspect> take_suspects(std::int64_t now_ns);
 
-  /// Suspicions that were followed by an answer of the same program.
+  /// Number of suspicions after which the same program answered.
   [[nodiscard]] std::uint64_t false_suspicions() const noexcept { return false_suspicions_; }
 
  private:
@@ -65,10 +67,10 @@ class FailureDetector {
     std::int64_t requested_ns = 0;
     std::uint32_t sequence = 0;
     std::uint64_t incarnation = 0;  // of the last answer; 0: none yet
-    std::int64_t silence_ns = 0;    // silence, while this program polled
-    double longest_ns = 0;          // recent silence
-    std::int64_t answered_ns = 0;
-    bool missed = false;
+    std::int64_t silence_ns = 0;    // since the last answer, while this program polled
+    double longest_ns = 0;          // longest recent silence, decaying
+    std::int64_t answered_ns = 0;   // arrival of the last answer
+    bool suspected = false;
   };
   [[nodiscard]] std::int64_t timeout_ns(const Watched& host) const noexcept;
 

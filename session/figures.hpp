@@ -1,4 +1,4 @@
-/// Names of the figures on topic metrics, shared by the programs that write them and those that report them.
+/// Names of the figures on topic metrics, for the programs that publish figures and those that report them.
 ///
 /// Counters count since the start of the program. Times are in microseconds, as their names say.
 #pragma once
@@ -12,8 +12,10 @@ inline constexpr char kHostBytes[] = "host.bytes";
 inline constexpr char kHostRegions[] = "host.regions";
 inline constexpr char kHostRecords[] = "host.records";
 inline constexpr char kHostHrtcs[] = "host.hrtcs";
-inline constexpr char kHostImplausible[] = "host.implausible";  ///< samples dropped: number or time outside its window
-inline constexpr char kHostBodySteps[] = "host.body_steps";     ///< of 1 ms, of objects that the host simulated
+inline constexpr char kHostImplausible[] =
+    "host.implausible";  ///< samples dropped because number or time was outside its window
+inline constexpr char kHostBodySteps[] =
+    "host.body_steps";  ///< steps of 1 ms, over all objects that the host simulated
 
 // An HRTC: cycles.
 inline constexpr char kCycles[] = "hrtc.cycles";
@@ -26,11 +28,13 @@ inline constexpr char kSkipped[] = "hrtc.skipped";
 inline constexpr char kWakeP50[] = "hrtc.wake_us.p50";
 inline constexpr char kWakeP99[] = "hrtc.wake_us.p99";
 inline constexpr char kWakeMax[] = "hrtc.wake_us.max";
-inline constexpr char kTimerP50[] = "hrtc.timer_us.p50";  ///< of a bare timer of the same priority, for comparison
+inline constexpr char kTimerP50[] =
+    "hrtc.timer_us.p50";  ///< wake-up delay of a bare timer of the same priority, for comparison
 inline constexpr char kTimerP99[] = "hrtc.timer_us.p99";
 inline constexpr char kTimerMax[] = "hrtc.timer_us.max";
-inline constexpr char kTimerOverruns[] = "hrtc.timer_overruns";  ///< of that timer, with 30 us of work per cycle
-/// Followed by .p50, .p99, .p999 or .max.
+inline constexpr char kTimerOverruns[] =
+    "hrtc.timer_overruns";  ///< overruns of that timer with 30 us of work per cycle
+// Times of a cycle; the name is followed by .p50, .p99, .p999 or .max.
 inline constexpr char kLoadTime[] = "hrtc.t_l_us";
 inline constexpr char kRefineTime[] = "hrtc.t_r_us";
 inline constexpr char kRefitTime[] = "hrtc.t_b_us";
@@ -58,13 +62,15 @@ inline constexpr char kRefusedFull[] = "hrtc.refused_full";
 inline constexpr char kObjectsRefused[] = "hrtc.objects_refused";
 inline constexpr char kRecordsReceived[] = "hrtc.records_received";
 inline constexpr char kRecordsReturned[] = "hrtc.records_returned";
-inline constexpr char kRecordsRepeated[] = "hrtc.records_repeated";  ///< received although they were held
-inline constexpr char kRecordsPublished[] = "hrtc.records_told";     ///< of these, in regions that a demand reported
+inline constexpr char kRecordsRepeated[] = "hrtc.records_repeated";  ///< records received although they were held
+inline constexpr char kRecordsPublished[] =
+    "hrtc.records_told";  ///< of these, records in regions that a demand had listed
 inline constexpr char kBytesReceived[] = "hrtc.bytes_received";
 inline constexpr char kLoadLatency[] = "hrtc.load_latency_us";
-inline constexpr char kFalseAlarms[] = "hrtc.false_alarms";  ///< hosts that were suspected and answered after all
+inline constexpr char kFalseAlarms[] = "hrtc.false_alarms";  ///< suspected hosts that answered later
 inline constexpr char kHostChanges[] = "hrtc.host_changes";
-// From the first catalogue entry to the first base mesh held, and to the first exact contact; payload up to the latter.
+// Time from the first catalogue entry to the first base mesh held, and to the first exact contact; payload received by
+// then.
 inline constexpr char kFirstBase[] = "hrtc.first_base_us";
 inline constexpr char kFirstExact[] = "hrtc.first_exact_us";
 inline constexpr char kFirstExactBytes[] = "hrtc.first_exact_bytes";
@@ -82,31 +88,35 @@ inline constexpr char kLostOf[] = "lost.";
 
 // An HRTC: remote devices of its users.
 inline constexpr char kRemoteDevices[] = "hrtc.remote_devices";
-inline constexpr char kDeviceRoundTrip[] = "hrtc.loop_us";  ///< max round trip to them now, as used to limit stiffness
-/// Cycles that wanted more regions of an object refined than they may (option --targets of an HRTC).
+inline constexpr char kDeviceRoundTrip[] =
+    "hrtc.loop_us";  ///< max round trip to a remote device now, as used for the stiffness cut
+/// Cycles in which an object had more regions to refine than option --targets of an HRTC allows.
 inline constexpr char kTargetsDropped[] = "hrtc.targets_dropped";
-inline constexpr char kStaleCycles[] = "hrtc.stale_cycles";  ///< summed over all probes: force ramped for an old pose
+inline constexpr char kStaleCycles[] = "hrtc.stale_cycles";  ///< cycles with a stale pose, summed over all probes
 
-// An HRTC: movable objects, where there are any; uJ and um. docs/explanation/shared-objects.md.
+// An HRTC with movable objects; energies in uJ, distances in um (docs/explanation/shared-objects.md).
 inline constexpr char kBodiesHeld[] = "hrtc.bodies_held";
-inline constexpr char kBodiesCoupled[] = "hrtc.bodies_coupled";   ///< of these, held by other HRTCs too
-inline constexpr char kCopyGroups[] = "hrtc.copy_groups";         ///< that it has been in
-inline constexpr char kCopiesApart[] = "hrtc.copies_apart_um";    ///< max distance of its copies' centres from a peer's
+inline constexpr char kBodiesCoupled[] = "hrtc.bodies_coupled";  ///< of these, bodies that other HRTCs hold too
+inline constexpr char kCopyGroups[] = "hrtc.copy_groups";        ///< groups in which the HRTC has had a copy
+inline constexpr char kCopiesApart[] =
+    "hrtc.copies_apart_um";  ///< max distance of the centre of a copy from that of a peer's copy
 inline constexpr char kCopyGiven[] = "hrtc.copy_given_uj";        ///< net energy from couplings to its copies
 inline constexpr char kCopyReceived[] = "hrtc.copy_received_uj";  ///< energy of its couplings, from peers and allowance
 inline constexpr char kCopyTank[] = "hrtc.copy_tank_uj";
-inline constexpr char kGrabs[] = "hrtc.grabs";                    ///< times that a hand began to hold an object
-inline constexpr char kGrabsRefused[] = "hrtc.grabs_refused";     ///< times that it could not hold the touched object
-inline constexpr char kPortEnergy[] = "hrtc.port_energy_uj";      ///< of its users' hands on bodies, summed
+inline constexpr char kGrabs[] = "hrtc.grabs";                 ///< times that a hand began to hold an object
+inline constexpr char kGrabsRefused[] = "hrtc.grabs_refused";  ///< times that it could not hold the touched object
+inline constexpr char kPortEnergy[] =
+    "hrtc.port_energy_uj";  ///< energy at the ports of its users' hands on bodies, summed
 inline constexpr char kPortLowest[] = "hrtc.port_lowest_uj";      ///< min over the hands, torque included
-inline constexpr char kPortWithheld[] = "hrtc.port_withheld_uj";  ///< that the passivity controller withheld
+inline constexpr char kPortWithheld[] = "hrtc.port_withheld_uj";  ///< energy that the passivity controller withheld
 
 // An HRTC: how often each safety limit became active, over all its probes; in the order of haptics::ForceBit.
 inline constexpr const char* kInterventions[] = {"safety.saturated",   "safety.slew_limited",  "safety.soft_starts",
                                                  "safety.stale_poses", "safety.surface_ramps", "safety.stiffness_cuts",
                                                  "safety.faults"};
 
-/// Followed by the topic's name and .rate, .lost_share, .age_us.p50, .age_us.p99 or .age_us.max: by its reader.
+/// Followed by the name of a topic and .rate, .lost_share, .age_us.p50, .age_us.p99 or .age_us.max, as measured by the
+/// receiver.
 inline constexpr char kTopicPrefix[] = "topic.";
 
 }  // namespace tactus::session::figures

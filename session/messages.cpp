@@ -14,13 +14,13 @@ std::uint32_t stream_id(const Origin& host, const Origin& hrtc, std::uint64_t ob
   return static_cast<std::uint32_t>(XXH3_64bits(names.data(), sizeof names));
 }
 
-std::size_t header_bytes(std::uint32_t region, std::uint32_t parts) noexcept {
+std::size_t header_bytes(std::uint32_t region, std::uint32_t count) noexcept {
   const auto varint = [](std::uint64_t value) {
     std::size_t bytes = 1;
     for (; value >= 0x80; value >>= 7) ++bytes;
     return bytes;
   };
-  return varint(std::uint64_t{region} + 1) + 2 * varint(parts) + varint(kMaxPayload) + sizeof(BulkPiece::checksum);
+  return varint(std::uint64_t{region} + 1) + 2 * varint(count) + varint(kMaxPayload) + sizeof(BulkPiece::checksum);
 }
 
 std::size_t BulkChunk::payload_bytes() const noexcept {

@@ -1,8 +1,8 @@
-/// The samples that participants of a session exchange: one plain struct for each topic of idl/tactus.idl.
+/// The samples that participants of a session exchange, as one plain struct for each topic of idl/tactus.idl.
 ///
-/// wire/ converts them to and from DDS samples and refuses those that are out of bounds or not finite, so a received
-/// struct is safe to use. Times are nanoseconds of the sender's monotonic clock unless the name says `session`.
-/// Lengths in metres, forces in newton, world frame unless the name says otherwise.
+/// wire/ converts these structs to and from DDS samples. It refuses samples with values out of bounds or not finite, so
+/// a received struct is safe to use. Times are nanoseconds of the sender's monotonic clock unless the name says
+/// `session`. Lengths are in metres and forces in newton, in the world frame unless the name says otherwise.
 #pragma once
 
 #include <array>
@@ -17,17 +17,18 @@
 
 namespace tactus::session {
 
-/// Raise this when a change makes older programs misread newer samples.
+/// Raise this number when a change makes older programs misread newer samples.
 inline constexpr std::uint32_t kProtocolVersion = 16;
 
-// Bounds, also in idl/tactus.idl; a test compares the two.
+// Bounds. idl/tactus.idl repeats them; a test compares both.
 inline constexpr std::size_t kMaxName = 63;
 inline constexpr std::size_t kMaxText = 255;
 inline constexpr std::size_t kMaxSlots = 64;  ///< users in one HRTC
 inline constexpr std::size_t kMaxHaveIntervals = 1024;
 inline constexpr std::size_t kMaxWanted = 256;
 inline constexpr std::size_t kMaxGaps = 128;
-inline constexpr std::size_t kMaxPayload = 1400;  ///< encoded pieces of a chunk: they fill one Ethernet frame
+inline constexpr std::size_t kMaxPayload =
+    1400;  ///< bytes of the encoded pieces of a chunk, which fill one Ethernet frame
 inline constexpr std::size_t kMaxFigures = 128;
 inline constexpr std::size_t kMaxMeshes = 64;  ///< objects of one HRTC
 inline constexpr std::size_t kMaxWaypoints = 16;
@@ -35,29 +36,29 @@ inline constexpr std::size_t kMaxSurfacePoints = 32;
 inline constexpr std::size_t kMaxTouchers = 8;  ///< HRTCs that simulate one object together
 inline constexpr std::size_t kMaxStops = 32;    ///< issuers of stops and resets that one program records
 
-/// Stable 64-bit id of a name: XXH3-64 of its bytes. Keys in samples are ids; the roster carries the names.
+/// Id of a name: XXH3-64 of its bytes. Keys in samples are ids; the roster carries the names.
 [[nodiscard]] std::uint64_t id_of(const std::string& name) noexcept;
 
-/// The sender of a sample; part of every sample.
+/// The sender of a sample, and when it was sent. Every sample has one.
 struct Origin {
   std::uint64_t session = 0;      ///< id_of(session name)
   std::uint64_t participant = 0;  ///< id_of(participant name)
-  std::uint64_t incarnation = 0;  ///< differs at each start of the program, grows
-  std::int64_t time_ns = 0;       ///< sender's monotonic clock when sent
+  std::uint64_t incarnation = 0;  ///< grows with each start of the program
+  std::int64_t time_ns = 0;       ///< sending time, sender's monotonic clock
 };
 
-/// joined_ns of a program that has not joined yet.
+/// Value of RosterEntry::joined_ns before the program has joined.
 inline constexpr std::int64_t kNotJoined = INT64_MAX;
 
 enum class Role : std::uint8_t { kHost = 0, kHrtc = 1, kClient = 2, kViewer = 3 };
 
-/// A user that an HRTC has accepted.
+/// A user that an HRTC has accepted, and the probe of this user.
 struct UserSlot {
   std::string user;
   std::uint32_t slot = 0;  ///< probe number in that HRTC
 };
 
-/// Names an emergency stop. The issuer numbers its stops from 1.
+/// The name of an emergency stop: its issuer and the issuer's number, from 1.
 struct StopName {
   std::uint64_t participant = 0;
   std::uint64_t incarnation = 0;
@@ -73,22 +74,22 @@ struct StopRecord {
   std::uint32_t reset = 0;  ///< number of its newest reset; 0: none
 };
 
-/// Topic roster, key origin.participant: presence and heartbeat, sent periodically and on every change.
+/// Topic roster, key origin.participant: states that a program is present. Sent periodically and on every change.
 struct RosterEntry {
   Origin origin;
   std::uint32_t protocol = kProtocolVersion;
   Role role = Role::kViewer;
-  std::string name;  ///< participant
+  std::string name;  ///< of the participant
   std::string session;
   std::string requested_hrtc;      ///< client only: the HRTC that is to serve its users
   std::vector<std::string> users;  ///< client only
   std::vector<UserSlot> slots;     ///< HRTC only: users accepted
   std::uint64_t heartbeat = 0;     ///< grows by one each sample
   bool leaving = false;
-  std::vector<StopRecord> stops{};      ///< host and HRTC: acknowledge stops and resets, forward standing stops
-  std::uint64_t reference = 0;          ///< participant whose clock it follows (its own: the reference); 0: none
-  std::int64_t session_time_ns = 0;     ///< by its clock, when sent; a session begins at 0
-  std::int64_t joined_ns = kNotJoined;  ///< session time at which it joined
+  std::vector<StopRecord> stops{};   ///< host and HRTC only: acknowledge stops and resets, and forward standing stops
+  std::uint64_t reference = 0;       ///< time reference of this program; its own id: it is the reference; 0: none
+  std::int64_t session_time_ns = 0;  ///< session time at sending, by the program's own clock
+  std::int64_t joined_ns = kNotJoined;  ///< session time at which the program joined
   bool force_on = false;                ///< HRTC only: a force is on, so session time must not step
 };
 
@@ -104,10 +105,10 @@ struct Material {
   double dynamic_friction = 0;  ///< coefficient, at most the static one
 };
 
-/// The rigid body of a movable object. Its axes are the model's; its centre of mass is the centre of its bounds.
+/// The rigid body of a movable object. Its axes are those of the model. Its centre of mass is the centre of the bounds.
 struct Body {
-  double mass = 0;                  ///< kg; 0: the object is static, and the other fields have no meaning
-  std::array<double, 3> inertia{};  ///< kg m^2, about these axes
+  double mass = 0;                  ///< kg; 0: the object is static, and the other fields are not used
+  std::array<double, 3> inertia{};  ///< kg m^2, about the axes of the model
   double friction = 0.5;            ///< coefficient, against the ground
   double ground = 0;                ///< m, height of the ground plane
 };
@@ -120,7 +121,7 @@ struct CatalogueEntry {
   std::uint64_t object_id = 0;  ///< id_of(object)
   spm::ModelSummary summary;    ///< digest, counts, bounds, grid
   double scale = 1;             ///< metres per file unit
-  Pose pose;                    ///< model frame (scaled) to world; of a movable object, its pose at the start
+  Pose pose;                    ///< model frame (scaled) to world; the start pose of a movable object
   Material material;
   Body body;
   std::uint32_t base_bytes = 0;  ///< size of the encoded base mesh
@@ -131,34 +132,34 @@ struct CatalogueEntry {
 /// The content of a message.
 enum class BulkKind : std::uint8_t {
   kBase = 0,    ///< an encoded base mesh
-  kRegion = 1,  ///< an encoded region list with the records that the HRTC lacks
-  kEcho = 2     ///< no payload: only reports epoch and sequence
+  kRegion = 1,  ///< an encoded region: its list of records, and those records that the HRTC lacks
+  kEcho = 2     ///< no payload: the chunk reports only epoch and sequence
 };
 
-/// A part of a message.
+/// The part of a message that one chunk carries.
 struct BulkPiece {
-  std::uint32_t region = spm::kNone;  ///< kNone: a base mesh
-  std::uint32_t part = 0, parts = 1;  ///< index of the part, and number of parts of the message
-  std::uint32_t checksum = 0;         ///< `checksum_of` the whole joined payload
+  std::uint32_t region = spm::kNone;   ///< kNone: a base mesh
+  std::uint32_t index = 0, count = 1;  ///< index of this piece, and number of pieces of the message
+  std::uint32_t checksum = 0;          ///< `checksum_of` the payloads of all pieces, joined
   std::vector<std::uint8_t> payload;
 };
 
-/// Upper bound of the bytes of kMaxPayload that the header of a piece takes.
-[[nodiscard]] std::size_t header_bytes(std::uint32_t region, std::uint32_t parts) noexcept;
+/// Max encoded size of the header of a piece, bytes; counts towards kMaxPayload.
+[[nodiscard]] std::size_t header_bytes(std::uint32_t region, std::uint32_t count) noexcept;
 
-/// Topics base and records: pieces of messages, or an echo. One chunk can hold the end of a message and the beginning
-/// of the next, so that frames are full. `stream_id` identifies the host, the HRTC and the object.
+/// Topics base and records: pieces of messages, or an echo. One chunk can carry the end of a message and the beginning
+/// of the next, so that frames are full. `stream` is the stream_id of the host, the HRTC and the object.
 struct BulkChunk {
   std::uint32_t stream = 0;
-  std::uint32_t sequence = 0;     ///< of the stream, from 1; repeated parts get a new one
-  std::uint32_t epoch = 0;        ///< newest demand epoch that the host has received of this HRTC and object
-  std::uint32_t sent_us = 0;      ///< sender's monotonic clock, modulo 2^32
-  std::vector<BulkPiece> pieces;  ///< of base meshes or of regions, not both; none: an echo
+  std::uint32_t sequence = 0;  ///< number of the chunk in the stream, from 1
+  std::uint32_t epoch = 0;     ///< newest epoch of a demand that the host has received from this HRTC for this object
+  std::uint32_t sent_us = 0;   ///< sender's monotonic clock, modulo 2^32
+  std::vector<BulkPiece> pieces;  ///< pieces of base meshes or of regions, not both; empty: an echo
 
   [[nodiscard]] BulkKind kind() const noexcept {
     return pieces.empty() ? BulkKind::kEcho : pieces.front().region == spm::kNone ? BulkKind::kBase : BulkKind::kRegion;
   }
-  /// Of the messages, without the headers of pieces.
+  /// Sum of the payloads, without the headers of pieces.
   [[nodiscard]] std::size_t payload_bytes() const noexcept;
 };
 
@@ -166,18 +167,19 @@ struct BulkChunk {
 [[nodiscard]] std::uint32_t stream_id(const Origin& host, const Origin& hrtc, std::uint64_t object_id) noexcept;
 [[nodiscard]] std::uint32_t checksum_of(std::span<const std::uint8_t> payload) noexcept;
 
-/// A wanted region; a smaller time is more urgent.
+/// A region that an HRTC requests.
 struct Wanted {
   std::uint32_t region = 0;
   std::uint32_t contact_in_us = 0;  ///< expected time to contact
 };
 
-/// Topic demand, keys origin.participant (the HRTC) and object_id: a state, not a command. It cancels what it omits.
+/// Topic demand, keys origin.participant (the HRTC) and object_id: the regions that an HRTC has and wants. Each demand
+/// replaces the one before: a region that `wanted` no longer lists is cancelled.
 struct Demand {
   Origin origin;
   std::uint64_t object_id = 0;
   std::uint64_t digest = 0;
-  std::uint64_t serving_host = 0;  ///< participant that has to answer; others stay silent
+  std::uint64_t serving_host = 0;  ///< participant that has to answer; the other hosts do not
   std::uint32_t epoch = 0;         ///< grows with every change
   bool need_base = false;
   std::vector<spm::Interval> have;  ///< regions held, as ascending intervals of RegionIds
@@ -185,10 +187,11 @@ struct Demand {
   std::uint32_t stream = 0;         ///< stream_id of the fields below
   std::uint32_t received = 0;       ///< all chunks up to this sequence have been processed
   std::uint32_t newest = 0;         ///< `gaps` is complete up to this sequence
-  std::vector<spm::Interval> gaps;  ///< sequences between these two that did not arrive, as ascending intervals
-  std::uint32_t credit = 0;         ///< bytes that the host may have in flight to this HRTC
-  std::uint32_t arrivals = 0;       ///< chunks from the host since the previous demand to it
-  std::uint32_t one_way_us = 0;     ///< min of their arrival - sent_us, modulo 2^32
+  std::vector<spm::Interval>
+      gaps;                      ///< sequences from `received` to `newest` that did not arrive, as ascending intervals
+  std::uint32_t credit = 0;      ///< bytes that the host may have in flight to this HRTC
+  std::uint32_t arrivals = 0;    ///< chunks from the host since the previous demand to it
+  std::uint32_t one_way_us = 0;  ///< min over these chunks of arrival time minus sent_us, modulo 2^32
 };
 
 struct Waypoint {
@@ -196,34 +199,35 @@ struct Waypoint {
   Pose pose;
 };
 
-/// Topic intent, keys user_id and probe: the path of a simulated hand. Linear between waypoints; holds the last one.
+/// Topic intent, keys user_id and probe: the path of a simulated hand. The hand moves linearly between waypoints and
+/// stays at the last one.
 struct Intent {
   Origin origin;
   std::uint64_t user_id = 0;
   std::uint32_t probe = 0;
   std::uint32_t sequence = 0;
-  std::uint32_t buttons = 0;   ///< of the hand's device, as in DevicePose
+  std::uint32_t buttons = 0;   ///< haptics::Button, pressed during the path
   std::vector<Waypoint> path;  ///< ascending times, 1..kMaxWaypoints
 };
 
 // Status bits of probe states and device commands.
 enum StatusBit : std::uint32_t {
   kInContact = 1u << 0,
-  kExact = 1u << 1,  ///< every labelled cell that the query overlapped was fully refined
+  kExact = 1u << 1,  ///< every labelled cell that the query overlapped was at full resolution
   kStalePose = 1u << 2,
   kForceSaturated = 1u << 3,
-  kForceRamped = 1u << 4,  ///< soft start, stale data or a surface that moved past the proxy
+  kForceRamped = 1u << 4,  ///< reduced by a soft start, stale data or a surface that moved past the proxy
   kContactsTruncated = 1u << 5,
   kPoolFull = 1u << 6,
   kBudgetSpent = 1u << 7,    ///< refinement continues in the next cycle
   kFault = 1u << 8,          ///< latched
   kSurfaceMoved = 1u << 9,   ///< refinement moved the surface past the proxy this cycle
-  kStiffnessCut = 1u << 10,  ///< material stiffer than the device, or the round trip to a remote one, allows
+  kStiffnessCut = 1u << 10,  ///< the material is stiffer than the device or the round trip to it allows
   kHolding = 1u << 11,       ///< the hand holds the object
   kHoldRefused = 1u << 12,   ///< the hand cannot hold the touched object: it is static, or the force is off
   /// More regions near the probe need refinement than the HRTC refines at a time; the least urgent stay coarse.
   kTargetsDropped = 1u << 13,
-  kFaultReason = 0xfu << 24  ///< why kFault is set: haptics::Fault; fault_reason gives the text
+  kFaultReason = 0xfu << 24  ///< reason of kFault: a haptics::Fault; fault_reason returns its text
 };
 constexpr unsigned kFaultReasonShift = 24;
 
@@ -247,10 +251,10 @@ struct ProbeState {
   std::uint32_t status = 0;       ///< StatusBit
   float error_bound = 0;          ///< m; max distance of the shown surface from the true one; 0 when exact
   std::uint32_t data_age_us = 0;  ///< age of the device pose used
-  float stiffness = 0;            ///< N/m, of the contact that made the force; 0 without contact
+  float stiffness = 0;            ///< N/m, of the contact that caused the force; 0 without contact
 };
 
-/// Topic device_pose, keys user_id and probe: a remote device to its HRTC.
+/// Topic device_pose, keys user_id and probe: the pose of a remote device, for its HRTC.
 struct DevicePose {
   Origin origin;
   std::uint64_t user_id = 0;
@@ -264,13 +268,13 @@ struct DevicePose {
   std::uint32_t command_felt = 0;  ///< sequence of the newest device_command applied
 };
 
-/// Topic device_command, keys user_id and probe: an HRTC to a remote device.
+/// Topic device_command, keys user_id and probe: the force of an HRTC for a remote device.
 struct DeviceCommand {
   Origin origin;
   std::uint64_t user_id = 0;
   std::uint32_t probe = 0;
   std::uint32_t sequence = 0;
-  std::uint32_t pose_answered = 0;
+  std::uint32_t pose_answered = 0;  ///< sequence of the device_pose from which the force was computed
   std::array<double, 3> force{0, 0, 0};
   std::array<double, 3> torque{0, 0, 0};
   std::array<double, 3> normal{0, 0, 0};
@@ -279,32 +283,35 @@ struct DeviceCommand {
   std::uint32_t data_age_us = 0;
 };
 
-/// Topic object_pose, key object_id: written by the one program that owns the object.
+/// Topic object_pose, key object_id: the pose of an object, written by the one program that owns the object.
 struct ObjectPose {
   Origin origin;
   std::uint64_t object_id = 0;
   std::uint32_t sequence = 0;
-  std::uint64_t fencing = 0;  ///< fencing number of the owner: smaller ones are ignored from then on
+  std::uint64_t fencing = 0;  ///< fencing number of the owner; receivers ignore later poses with a smaller one
   std::int64_t session_time_ns = 0;
   Pose pose;                                        ///< model frame (scaled) to world
-  std::array<double, 3> velocity{0, 0, 0};          ///< of that frame's origin
+  std::array<double, 3> velocity{0, 0, 0};          ///< of the model's origin
   std::array<double, 3> angular_velocity{0, 0, 0};  ///< rad/s
 };
 
-/// Topic object_claim, keys origin.participant and object_id: an HRTC's user touches a movable object, or has let go
-/// (session/ownership.hpp).
+/// Topic object_claim, keys origin.participant and object_id: states that a user of an HRTC touches a movable object,
+/// or has released it (session/ownership.hpp).
 struct ObjectClaim {
   Origin origin;
   std::uint64_t object_id = 0;
   std::uint32_t sequence = 0;
   bool touching = false;
-  std::uint64_t fencing = 0;    ///< largest number received
-  std::int64_t one_way_ns = 0;  ///< max transit that it measures from its peers, jitter included
+  std::uint64_t fencing = 0;  ///< largest fencing number received; 0: none
+  /// Upper bound of the transit of samples between this HRTC and other programs, measured on the poses, probe states
+  /// and copies that it receives. Claim and grant are assumed to take no longer (lease), nor copies (channel delay).
+  std::int64_t one_way_ns = 0;
 };
 
+/// An HRTC whose user touches an object.
 struct Toucher {
   std::uint64_t participant = 0, incarnation = 0;
-  std::uint32_t claim = 0;  ///< sequence of its newest claim received
+  std::uint32_t claim = 0;  ///< sequence of the newest claim that the host has received from it
 };
 
 /// Topic object_grant, keys origin.participant (the host) and object_id: the programs that simulate the object.
@@ -313,37 +320,38 @@ struct ObjectGrant {
   std::uint64_t object_id = 0;
   std::uint32_t sequence = 0;
   std::uint64_t fencing = 0;
-  std::int64_t channel_delay_ns = 0;  ///< delay of the wave-variable channels, the same for all
-  std::vector<Toucher> touchers;      ///< longest holder first; empty: the host simulates
+  std::int64_t channel_delay_ns = 0;  ///< delay of the wave-variable channels, equal for all copies
+  std::vector<Toucher> touchers;      ///< the longest toucher first; empty: the host simulates
 };
 
-/// The wave-variable channel from a copy to one of its peers, since the group began.
+/// Output of a copy into the wave-variable channel to one peer, since the group began.
 struct CopyChannel {
-  std::array<double, 6> wave{};  ///< integral of the outgoing wave: m in the world, then rad about the body's axes
-  double energy = 0;             ///< J put into the channel, never decreases
+  std::array<double, 6>
+      wave{};         ///< integral of the departing wave: m in the world frame, then rad about the body's axes
+  double energy = 0;  ///< J put into the channel, never decreases
 };
 
-/// Topic object_copy, keys origin.participant and object_id: the state of one simulation of an object, for the others;
-/// each cycle while there are several (haptics/coupling.hpp).
+/// Topic object_copy, keys origin.participant and object_id: the state of one copy of an object, for its peers. Sent in
+/// each cycle while there are several copies (haptics/coupling.hpp).
 struct ObjectCopy {
   Origin origin;
   std::uint64_t object_id = 0;
   std::uint32_t sequence = 0;
-  std::uint64_t fencing = 0;     ///< of the grant that made the group
+  std::uint64_t fencing = 0;     ///< of the grant that lists the copies
   std::uint32_t copy_index = 0;  ///< index in the grant's list
   std::int64_t session_time_ns = 0;
-  Pose body;                                        ///< of the centre of mass, with the model's axes
-  std::array<double, 3> velocity{0, 0, 0};          ///< of that centre
+  Pose body;                                        ///< pose of the centre of mass, with the model's axes
+  std::array<double, 3> velocity{0, 0, 0};          ///< of the centre of mass
   std::array<double, 3> angular_velocity{0, 0, 0};  ///< rad/s
-  std::array<double, 3> pressed{0, 0, 0};           ///< N, applied by its own users
-  std::vector<CopyChannel> channels;                ///< one for each index of the grant's list; its own has no meaning
+  std::array<double, 3> pressed{0, 0, 0};           ///< N, force of the copy's own users on it
+  std::vector<CopyChannel> channels;  ///< by index in the grant's list; the entry of this copy itself is not used
 };
 
-/// Topic clock, keys origin.participant and peer: four-stamp exchange. An answer repeats the request's sequence and t0.
-/// No wall clocks: the requester's monotonic clock, and the responder's session time.
+/// Topic clock, keys origin.participant and peer: a request or an answer of the four-stamp exchange. An answer repeats
+/// sequence and t0 of the request. The stamps are of the requester's monotonic clock and the responder's session time.
 struct ClockSample {
   Origin origin;
-  std::uint64_t peer = 0;  ///< participant that it is addressed to
+  std::uint64_t peer = 0;  ///< participant to which the sample is addressed
   std::uint32_t sequence = 0;
   bool answer = false;
   std::int64_t t0_ns = 0;  ///< request sent, requester's clock
@@ -356,24 +364,24 @@ struct Figure {
   double value = 0;
 };
 
-/// Identifies the mesh that an HRTC shows of an object: equal for equal sets of split vertices, in whatever order they
-/// were split; 0 for the base mesh.
+/// Identifies the active mesh of an object in an HRTC. It is equal for equal sets of split vertices, whatever their
+/// order; 0: the base mesh.
 struct MeshHash {
   std::uint64_t object_id = 0;
   std::uint64_t hash = 0;
 };
 
-/// Topic metrics, key origin.participant: 1-2 Hz.
+/// Topic metrics, key origin.participant: the figures of a host or an HRTC, sent at 1 to 2 Hz.
 struct Metrics {
   Origin origin;
   std::vector<Figure> figures;
   std::vector<MeshHash> meshes{};  ///< HRTC only: one for each object
-  std::uint64_t scene = 0;         ///< scene_hash of its roster (session/roster.hpp)
+  std::uint64_t scene = 0;         ///< scene_hash of the program's roster (session/roster.hpp)
 };
 
 enum class ControlKind : std::uint8_t { kStart = 0, kMode = 1 };
 
-/// Topic control, key origin.participant: for everyone in the session.
+/// Topic control, key origin.participant: a command for all participants of the session.
 struct Control {
   Origin origin;
   std::uint32_t sequence = 0;
@@ -381,7 +389,8 @@ struct Control {
   std::string text;  ///< mode name
 };
 
-/// Topic stop: forces are off until a reset names this stop. Its sender repeats it until everyone has acknowledged it.
+/// Topic stop: all forces are off until a reset names this stop. The sender repeats the sample until all hosts and
+/// HRTCs have acknowledged it.
 struct EmergencyStop {
   Origin origin;
   std::uint32_t number = 0;  ///< names the stop, with the origin
@@ -390,10 +399,10 @@ struct EmergencyStop {
   [[nodiscard]] StopName name() const noexcept { return {origin.participant, origin.incarnation, number}; }
 };
 
-/// Topic reset: ends the stops that it names, and the faults of devices. Repeated as a stop is.
+/// Topic reset: ends the stops that it names, and the faults of devices. The sender repeats it like a stop.
 struct ForceReset {
   Origin origin;
-  std::uint32_t number = 0;  ///< of the sender's resets, from 1
+  std::uint32_t number = 0;  ///< the sender's number of this reset, from 1
   std::vector<StopName> stops;
   std::string text;  ///< reason
 };

@@ -36,13 +36,14 @@ ModeCommand parse_mode(const std::string& text) {
 
 double distance_from(const CatalogueEntry& object, const std::array<double, 3>& position) {
   const auto& [x, y, z, w] = object.pose.orientation;
-  const double turn[3][3] = {{1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)},
-                             {2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)},
-                             {2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)}};
+  const double rotation[3][3] = {{1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)},
+                                 {2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)},
+                                 {2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)}};
   double squared = 0;
-  for (std::size_t axis = 0; axis < 3; ++axis) {  // of the object
+  for (std::size_t axis = 0; axis < 3; ++axis) {  // of the object's frame
     double along = 0;
-    for (std::size_t row = 0; row < 3; ++row) along += turn[row][axis] * (position[row] - object.pose.position[row]);
+    for (std::size_t row = 0; row < 3; ++row)
+      along += rotation[row][axis] * (position[row] - object.pose.position[row]);
     const double low = object.scale * static_cast<double>(object.summary.bounds_min[axis]);
     const double high = object.scale * static_cast<double>(object.summary.bounds_max[axis]);
     squared += std::pow(std::max({low - along, along - high, 0.0}), 2);
@@ -63,9 +64,9 @@ void Modes::on_probe(std::uint64_t user, std::uint64_t participant, const std::a
 }
 
 void Modes::assign_object(Probe& probe, std::int64_t now_ns) const {
-  const auto held = objects_.find(probe.object);
-  if (held != objects_.end()) {
-    if (distance_from(held->second, probe.position) <= settings_.apart) probe.near_ns = now_ns;
+  const auto near = objects_.find(probe.object);
+  if (near != objects_.end()) {
+    if (distance_from(near->second, probe.position) <= settings_.apart) probe.near_ns = now_ns;
     if (now_ns - probe.near_ns < settings_.dwell_ns) return;
   }
   probe.object = 0;
@@ -79,12 +80,12 @@ void Modes::assign_object(Probe& probe, std::int64_t now_ns) const {
   }
 }
 
-bool Modes::commanded(std::uint64_t user) const {
+bool Modes::is_commanded(std::uint64_t user) const {
   return command_.kind != ModeCommand::Kind::kAuto && (command_.users.empty() || command_.users.count(user) != 0);
 }
 
-std::uint64_t Modes::group_wanted(std::uint64_t user, const Probe& probe) const {
-  if (!commanded(user)) return probe.object;
+std::uint64_t Modes::group_for(std::uint64_t user, const Probe& probe) const {
+  if (!is_commanded(user)) return probe.object;
   if (command_.kind == ModeCommand::Kind::kLargeScale) return 0;
   std::uint64_t group = kEveryone;
   for (const std::uint64_t one : command_.users) group = group * 0x9e3779b97f4a7c15u + one;
@@ -94,34 +95,34 @@ std::uint64_t Modes::group_wanted(std::uint64_t user, const Probe& probe) const 
 void Modes::tick(std::int64_t now_ns) {
   for (auto at = probes_.begin(); at != probes_.end();)
     at = now_ns - at->second.seen_ns > settings_.forget_ns ? probes_.erase(at) : std::next(at);
-  std::map<std::uint64_t, std::set<std::uint64_t>> ours;
+  std::map<std::uint64_t, std::set<std::uint64_t>> own_by_group;
   std::set<std::uint64_t> others;                 // groups with users of other HRTCs
   std::map<std::uint64_t, std::size_t> together;  // users by object
   for (auto& [user, probe] : probes_) {
     assign_object(probe, now_ns);
-    if (!commanded(user)) ++together[probe.object];
+    if (!is_commanded(user)) ++together[probe.object];
   }
   for (const auto& [user, probe] : probes_) {
-    const std::uint64_t group = group_wanted(user, probe);
-    if (group == 0 || (!commanded(user) && together[group] > settings_.max_together)) continue;
+    const std::uint64_t group = group_for(user, probe);
+    if (group == 0 || (!is_commanded(user) && together[group] > settings_.max_together)) continue;
     if (probe.participant == self_)
-      ours[group].insert(user);
+      own_by_group[group].insert(user);
     else
       others.insert(group);
   }
-  for (const auto& [group, users] : ours)
-    if (others.count(group) != 0) groups_[group].over = false;
+  for (const auto& [group, users] : own_by_group)
+    if (others.count(group) != 0) groups_[group].ended = false;
   for (auto at = groups_.begin(); at != groups_.end();) {
     Group& group = at->second;
-    const auto own = ours.find(at->first);
-    if (own != ours.end() && others.count(at->first) != 0) {
-      group.ours = own->second;
-    } else if (!group.over) {
-      group.over = true;
-      group.over_ns = now_ns;
-      group.ours.clear();
+    const auto own = own_by_group.find(at->first);
+    if (own != own_by_group.end() && others.count(at->first) != 0) {
+      group.own_users = own->second;
+    } else if (!group.ended) {
+      group.ended = true;
+      group.ended_ns = now_ns;
+      group.own_users.clear();
     }
-    at = group.over && now_ns - group.over_ns >= settings_.linger_ns ? groups_.erase(at) : std::next(at);
+    at = group.ended && now_ns - group.ended_ns >= settings_.linger_ns ? groups_.erase(at) : std::next(at);
   }
 }
 
@@ -138,7 +139,7 @@ void Modes::on_peers(std::uint64_t group, bool matched) {
 
 std::uint64_t Modes::group_of(std::uint64_t user) const {
   for (const auto& [id, group] : groups_)
-    if (group.matched && group.ours.count(user) != 0) return id;
+    if (group.matched && group.own_users.count(user) != 0) return id;
   return 0;
 }
 

@@ -1,24 +1,26 @@
-/// Ownership of a shared object: the host simulates it while nobody touches it, then the first toucher, then all.
+/// Ownership of a shared object: the claims of HRTCs and the grants of its host decide which programs simulate it.
 ///
 ///     no toucher         the host simulates
 ///     one toucher        it owns the object and publishes its poses
-///     several touchers   each simulates a copy (haptics/coupling.hpp); the one that has held longest leads and
+///     several touchers   each simulates a copy (haptics/coupling.hpp); the one that has touched for longest leads and
 ///                        publishes the object's poses
 ///
-/// Touchers repeat a claim while they touch, and the host repeats a grant in answer. Both are states, so lost, repeated
-/// or late samples need no special case. Each change of ownership gets a larger fencing number. Receivers accept a pose
-/// only under the largest one received. So a former owner that was suspended cannot move the object any more.
+/// A toucher is an HRTC whose user touches the object. Touchers repeat a claim while they touch, and the host repeats a
+/// grant. Claims and grants state everything anew, so lost, repeated or overtaken samples need no special case. Each
+/// change of the touchers gets a larger fencing number. Receivers accept a pose only under the largest fencing number
+/// that they have received. So a former owner that was suspended cannot move the object any more.
 ///
-///     toucher   claim 7 ----------->  host      lease until the claim's arrival + lease
-///               <-- grant 12: claim 7 toucher   may simulate until it sent claim 7 + lease
+///     toucher   claim 7 ----------->  host      its lease ends one lease time after the arrival of claim 7
+///               <-- grant 12: claim 7 toucher   its lease ends one lease time after the sending of claim 7
 ///
-/// The lease is extended by the round trip that claim 7 reports, so that grants arrive in time on long links.
+/// So a toucher's lease ends before the host takes the object back, and this needs no synchronised clocks. The lease
+/// time is a constant plus twice the transit that the claim states, so that grants arrive in time on long links.
 ///
-/// A toucher's lease ends before the host takes the object back; this needs no synchronised clocks. A host that starts
-/// waits for the shortest lease before it simulates, and learns the current fencing number from claims and poses.
+/// A host that starts waits for the shortest lease time before it simulates: another host may have granted a lease.
+/// It learns the current fencing number from claims and poses.
 ///
-/// A toucher feels the object before the grant: it simulates at once for itself (Holder::Role::kRequesting), and its
-/// state becomes the object's with the grant.
+/// A toucher feels the object before the first grant arrives. Until then it simulates the object for itself
+/// (Holder::Role::kRequesting). With the grant, its state becomes the state of the object.
 /// Source: Gray, Cheriton 1989 (leases).
 ///
 /// No clock, socket or thread; one thread at a time.
@@ -36,91 +38,96 @@
 namespace tactus::session {
 
 struct OwnershipSettings {
-  std::int64_t lease_ns = 250'000'000;  ///< in addition to the round trip that the claim reports
-  std::int64_t period_ns = 20'000'000;  ///< of claims, and of grants while somebody holds the object
-  std::int64_t idle_ns = 500'000'000;   ///< of grants while nobody holds it
+  std::int64_t lease_ns = 250'000'000;  ///< constant share of the lease time
+  std::int64_t period_ns = 20'000'000;  ///< period of claims, and of grants while there are touchers
+  std::int64_t idle_ns = 500'000'000;   ///< period of grants while there is no toucher
 };
 
-/// The host's side, for one object.
+/// The host's part: grants one object to its touchers.
 class Arbiter {
  public:
-  /// `fencing`: PoseGate::confirmed_fencing of the poses that this host has received.
+  /// `fencing`: PoseGate::confirmed_fencing after the poses that this host has received; 0: none.
   Arbiter(const Origin& self, std::uint64_t object_id, const OwnershipSettings& settings, std::int64_t now_ns,
           std::uint64_t fencing = 0);
 
+  /// Starts, renews or ends the lease of the claim's sender.
   void on_claim(const ObjectClaim& claim, std::int64_t now_ns);
-  /// A pose of the object from another program, and its fencing number.
+  /// Reports the fencing number of a pose or claim of another program.
   void on_pose(std::uint64_t fencing, std::int64_t now_ns);
-  /// An HRTC has left the session: drops the numbering of its claims. A lease of it ends in time.
+  /// Forgets the claim numbers of an HRTC that has left the session. Its lease continues until it expires.
   void forget(std::uint64_t participant);
-  /// The grant to publish now; none if nothing has changed and no repetition is due.
+  /// Ends expired leases. Returns the grant to publish now, or none when no grant is due.
   [[nodiscard]] std::optional<ObjectGrant> tick(std::int64_t now_ns);
 
-  /// Whether the host itself has to simulate, under `fencing()`.
-  [[nodiscard]] bool owns(std::int64_t now_ns) const noexcept;
+  /// Whether the host itself has to simulate the object, under `fencing()`.
+  [[nodiscard]] bool host_simulates(std::int64_t now_ns) const noexcept;
   [[nodiscard]] std::uint64_t fencing() const noexcept { return fencing_; }
-  /// Claims and fencing numbers that were dropped because they are outside their windows (session/sequence_window.hpp).
+  /// Number of claims and fencing numbers dropped because they were outside their windows
+  /// (session/sequence_window.hpp).
   [[nodiscard]] std::uint64_t implausible() const noexcept { return implausible_; }
 
  private:
-  struct Held {
+  struct Lease {
     Toucher toucher;
     std::int64_t until_ns;
-    std::int64_t one_way_ns;
+    std::int64_t transit_ns;  // ObjectClaim::one_way_ns
   };
-  /// Senders of claims: an old claim must not bring back a toucher that has let go.
-  struct Claimant {
+  /// The claim numbers of one HRTC: an overtaken claim must not bring back a toucher that has released the object.
+  struct ClaimSender {
     std::uint64_t participant;
-    std::int64_t seen_ns;
-    SenderWindow claims;
+    std::int64_t accepted_ns;  // arrival of its newest accepted claim
+    SenderWindow numbers;
   };
-  void change(std::int64_t now_ns);
-  [[nodiscard]] bool is_newer(const ObjectClaim& claim, std::int64_t now_ns);
+  void raise_fencing(std::int64_t now_ns);
+  [[nodiscard]] ClaimSender& find_or_add_sender(std::uint64_t participant, std::int64_t now_ns);
+  [[nodiscard]] bool accept_number(const ObjectClaim& claim, std::int64_t now_ns);
 
   Origin self_;
   std::uint64_t object_id_;
   OwnershipSettings settings_;
-  std::int64_t quiet_until_ns_;  // one lease after the start: a lease granted before may still be valid
+  std::int64_t first_grant_ns_;  // one lease after the start: a lease granted before may still be valid
   std::uint64_t fencing_ = 0;
-  SequenceWindow fencings_;          // of claims, of others' poses and of this host
-  std::vector<Held> held_;           // longest first
-  std::vector<Claimant> claimants_;  // at most kMaxClaimants, all holders among them
+  SequenceWindow fencing_window_;           // fencing numbers of claims, of others' poses and of this host
+  std::vector<Lease> leases_;               // oldest first
+  std::vector<ClaimSender> claim_senders_;  // at most kMaxClaimSenders, all touchers among them
   std::uint64_t implausible_ = 0;
   std::int64_t channel_delay_ns_ = 0;
   std::uint32_t sequence_ = 0;
-  std::int64_t granted_ns_ = 0;
-  bool changed_ = true;
+  std::int64_t last_grant_ns_ = 0;
+  bool fencing_changed_ = true;  // since the last grant
 };
 
-/// An HRTC's side, for one object.
+/// An HRTC's part: claims one object while a user touches it, and follows the grants of the host.
 class Holder {
  public:
   enum class Role : std::uint8_t {
-    kWatching,    ///< does not touch: shows the owner's poses
-    kRequesting,  ///< touches without a grant: simulates for itself, publishes nothing
-    kOwner,       ///< the only toucher: simulates and publishes
-    kLeader,      ///< simulates one of several copies, publishes
-    kCopy         ///< simulates one of several copies
+    kWatching,    ///< does not touch: shows the poses of the owner
+    kRequesting,  ///< touches without a valid lease: simulates for itself and publishes no poses
+    kOwner,       ///< is the only toucher: simulates and publishes poses
+    kLeader,      ///< simulates one of several copies and publishes poses
+    kCopy         ///< simulates one of several copies and publishes no poses
   };
 
   Holder(const Origin& self, std::uint64_t object_id, const OwnershipSettings& settings);
 
-  void touch(bool touching) noexcept;
+  /// Sets whether a user of this HRTC touches the object.
+  void set_touching(bool touching) noexcept;
+  /// Sets ObjectClaim::one_way_ns of later claims.
   void set_one_way(std::int64_t one_way_ns) noexcept { one_way_ns_ = one_way_ns; }
-  /// A pose of the object was accepted.
+  /// Reports the fencing number of a pose that was accepted.
   void on_pose(std::uint64_t fencing, std::int64_t now_ns) noexcept { (void)admit_fencing(fencing, now_ns); }
   void on_grant(const ObjectGrant& grant, std::int64_t now_ns);
-  /// The claim to publish now; none if none is due.
+  /// Returns the claim to publish now, or none when no claim is due.
   [[nodiscard]] std::optional<ObjectClaim> tick(std::int64_t now_ns);
 
   [[nodiscard]] Role role(std::int64_t now_ns) const noexcept;
-  /// For the poses that an owner or a leader publishes.
+  /// Fencing number for the poses that an owner or a leader publishes.
   [[nodiscard]] std::uint64_t fencing() const noexcept { return granted_.fencing; }
-  /// The grant with all copies, this one included, from which to build the coupling. A new `fencing` is a new group.
+  /// The newest grant. It lists all copies, also that of this HRTC. A new `fencing` means a new group of copies.
   [[nodiscard]] const ObjectGrant& grant() const noexcept { return granted_; }
-  /// Its own index among the copies.
+  /// Index of this HRTC in the grant; kMaxTouchers: the grant does not list it.
   [[nodiscard]] std::size_t copy_index() const noexcept { return copy_index_; }
-  /// Grants that were dropped because fencing number or sequence is outside its window.
+  /// Number of grants and poses dropped because their number was outside its window.
   [[nodiscard]] std::uint64_t implausible() const noexcept { return implausible_; }
 
  private:
@@ -130,36 +137,37 @@ class Holder {
   OwnershipSettings settings_;
   bool touching_ = false;
   std::uint32_t sequence_ = 0;
-  std::int64_t claimed_ns_ = 0;
-  bool changed_ = false;
-  struct Sent {
+  std::int64_t last_claim_ns_ = 0;
+  bool touching_changed_ = false;  // since the last claim
+  struct SentClaim {
     std::uint32_t sequence;
     std::int64_t at_ns;
     bool touching;
     std::int64_t lease_ns;
   };
-  std::array<Sent, 64> sent_{};               // claims, by sequence
-  ObjectGrant granted_;                       // with the largest fencing number seen
-  SequenceWindow fencings_{kFencingNumbers};  // of grants and poses
-  SequenceWindow grants_{kClaimNumbers};      // under the fencing number of `granted_`
+  std::array<SentClaim, 64> sent_claims_{};         // at sequence modulo size
+  ObjectGrant granted_;                             // newest accepted grant
+  SequenceWindow fencing_window_{kFencingNumbers};  // fencing numbers of grants and poses
+  SequenceWindow grant_window_{kClaimNumbers};      // sequences of grants with the fencing number of `granted_`
   std::uint64_t implausible_ = 0;
   std::size_t copy_index_ = kMaxTouchers;
-  std::int64_t until_ns_ = 0;  // end of the lease, counted from the sending of its claim
+  std::int64_t until_ns_ = 0;  // end of the lease
   std::int64_t one_way_ns_ = 0;
-  int release_claims_ = 0;  // claims to send after letting go
+  int release_claims_left_ = 0;  // claims still to send after the release
 };
 
-/// Decides which samples of an object's copies count, for an HRTC that simulates one of them.
+/// Decides which samples from the other copies of an object are accepted, for an HRTC that simulates one copy.
 class CopyGate {
  public:
-  /// False: implausible (session/sequence_window.hpp). An overtaken sample counts, because it fills a gap. Realtime.
+  /// Returns false for an implausible sample (session/sequence_window.hpp). Accepts an overtaken sample, because it can
+  /// fill a gap in the received channels. Realtime.
   [[nodiscard]] bool accept(const ObjectCopy& copy, std::int64_t now_ns, std::int64_t session_now_ns) noexcept;
   [[nodiscard]] std::uint64_t implausible() const noexcept { return implausible_; }
 
  private:
   struct Peer {
-    std::uint64_t participant = 0;  // 0: none
-    std::int64_t seen_ns = INT64_MIN;
+    std::uint64_t participant = 0;         // 0: none
+    std::int64_t received_ns = INT64_MIN;  // arrival of its last sample
     SenderWindow numbers{kCycleNumbers};
     TimeWindow times;
   };
@@ -167,22 +175,23 @@ class CopyGate {
   std::uint64_t implausible_ = 0;
 };
 
-/// Decides which poses of an object count, for a program that shows it.
+/// Decides which poses of an object are accepted, for a program that shows the object.
 class PoseGate {
  public:
-  /// False: from an older owner, older than the newest pose of the owner, or implausible (session/sequence_window.hpp).
+  /// Returns false for a pose of a former owner, an overtaken or repeated pose, and an implausible pose
+  /// (session/sequence_window.hpp).
   [[nodiscard]] bool accept(const ObjectPose& pose, std::int64_t now_ns) noexcept;
-  [[nodiscard]] std::uint64_t fencing() const noexcept { return fencings_.newest(); }
-  /// 0 after a single pose, because its number may have been wrong.
+  [[nodiscard]] std::uint64_t fencing() const noexcept { return fencing_window_.newest(); }
+  /// Newest fencing number, or 0 while only one pose has carried it: that number may be wrong.
   [[nodiscard]] std::uint64_t confirmed_fencing() const noexcept {
-    return fencings_.confirmed() ? fencings_.newest() : 0;
+    return fencing_window_.confirmed() ? fencing_window_.newest() : 0;
   }
   [[nodiscard]] std::uint64_t implausible() const noexcept { return implausible_; }
 
  private:
-  SequenceWindow fencings_{kFencingNumbers};
-  SequenceWindow poses_{kObjectPoseNumbers};  // of the owner, under the newest fencing number
-  std::uint64_t participant_ = 0, incarnation_ = 0;
+  SequenceWindow fencing_window_{kFencingNumbers};
+  SequenceWindow pose_window_{kObjectPoseNumbers};   // sequences under the newest fencing number
+  std::uint64_t participant_ = 0, incarnation_ = 0;  // of the owner under that number
   std::uint64_t implausible_ = 0;
 };
 

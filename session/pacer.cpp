@@ -14,29 +14,30 @@ constexpr double kMaxWindow = 16e6;
 constexpr std::int64_t kInitialRoundTrip = 10 * kMs;
 constexpr std::int64_t kMinRoundTrip = kMs;
 
-// Target queueing delay: a constant, a share of the round trip, and half the time that a chunk takes to send.
+// Target queueing delay: the sum of a constant, a share of the round trip, and half the time to send a chunk.
 constexpr std::int64_t kTarget = kMs / 4;
-constexpr std::int64_t kTargetShare = 8;  // of a round trip
-constexpr double kMaxChunkTime = 8e6;
-// Max growth of the window per round trip, as a share of the window. Together with the target it keeps the control loop
-// stable. A late demand makes the queue look empty, so growth is slow, except up to half the best known rate.
-constexpr double kGain = 1.0 / 16, kKnownGain = 1.0 / 8;
-constexpr double kMaxDecrease = 8;  // max shrinking, as a multiple of kGain
+constexpr std::int64_t kTargetDivisor = 8;  // the share is the round trip divided by this
+constexpr double kMaxChunkTime = 8e6;       // ns
+// Max growth of the window per round trip, as a share of the window. It is small enough for a stable control loop.
+// While a demand is delayed, the queue seems empty, so growth is slow, except up to half the best measured rate.
+constexpr double kGain = 1.0 / 16, kProvenGain = 1.0 / 8;
+constexpr double kMaxDecrease = 8;  // max decrease of the window, as a multiple of kGain
 
 constexpr double kPaceStarting = 2, kPace = 1.2;  // windows per round trip
-constexpr std::int64_t kCatchUp = 4 * kMs;        // of lost sending time, after the sender was delayed
+constexpr std::int64_t kCatchUp = 4 * kMs;        // max delay of the sender that it may make up for
 constexpr std::int64_t kSpan = 10'000 * kMs;
 constexpr std::int64_t kDrainEvery = 2'000 * kMs;
 constexpr std::int64_t kDrainEveryRoundTrips = 40;
-constexpr double kDrainShare = 0.5;  // of the window, for one round trip
-// To measure the base delay: one round trip until less is in flight, one until that shows, one to measure.
+constexpr double kDrainShare = 0.5;  // share of the window that remains for one round trip
+// A deep drain measures the base delay: one round trip until fewer bytes are in flight, one until the delay falls, and
+// one to measure.
 constexpr std::int64_t kDeepDrainRoundTrips = 3;
 constexpr double kDeepDrainShare = 0.25;
 
 constexpr std::int64_t kBaseDelayOver = 1'000 * kMs;
-constexpr std::int64_t kMaxBaseDelayShare =
-    2;                                // round trips over this: max base delay above the min, as it may contain a queue
-constexpr double kForgetBest = 0.99;  // of the best rate, in a round trip
+/// The base delay may contain a queue, so it exceeds the min by at most the round trip divided by this.
+constexpr std::int64_t kMaxBaseDelayDivisor = 2;
+constexpr double kBestDecay = 0.99;  // factor on the best rate per round trip
 constexpr std::uint32_t kMaxLossSeen = 8 * kMaxPayload;
 
 }  // namespace
@@ -50,11 +51,11 @@ double Pacer::pace() const noexcept {
 
 std::int64_t Pacer::target_ns() const noexcept {
   const double chunk = std::min(static_cast<double>(kMaxPayload * round_trip_ns_) / window_ / 2, kMaxChunkTime);
-  return kTarget + round_trip_ns_ / kTargetShare + static_cast<std::int64_t>(chunk);
+  return kTarget + round_trip_ns_ / kTargetDivisor + static_cast<std::int64_t>(chunk);
 }
 
 bool Pacer::may_send(std::uint32_t bytes, std::int64_t now_ns) {
-  // Time without anything to send, or with a full window, is not made up for.
+  // Only time lost to pacing is made up for, not time without data or with a full window.
   if (!paced_) next_ns_ = std::max(next_ns_, now_ns);
   const double window = now_ns < drain_until_ns_ ? drain_share_ * window_ : window_;
   if (under_way_ != 0 && under_way_ + bytes > window) {
@@ -91,7 +92,7 @@ void Pacer::note_one_way(std::uint32_t one_way_us, std::int64_t now_ns) {
   measured_ns_ = now_ns;
   double base_us = min;
   if (base_delay_us_) {
-    const double max = static_cast<double>(round_trip_ns_ / kMaxBaseDelayShare) * 1e-3;
+    const double max = static_cast<double>(round_trip_ns_ / kMaxBaseDelayDivisor) * 1e-3;
     base_us = std::clamp(*base_delay_us_, base_us, base_us + max);
     base_delay_excess_ns_ = static_cast<std::int64_t>((base_us - min) * 1e3);
   }
@@ -103,20 +104,20 @@ void Pacer::note_one_way(std::uint32_t one_way_us, std::int64_t now_ns) {
 void Pacer::note_round(const Feedback& feedback, std::int64_t now_ns) {
   round_arrived_ += feedback.arrived_bytes;
   round_lost_ += feedback.lost_bytes;
-  const std::int64_t lasted = now_ns - round_ns_;
-  if (lasted < round_trip_ns_) return;
-  // No link loses this much by itself: a queue overflows that is too short to show as delay.
+  const std::int64_t duration_ns = now_ns - round_ns_;
+  if (duration_ns < round_trip_ns_) return;
+  // No link loses so many chunks by itself. A queue that is too short to cause a measurable delay has overflowed.
   if (round_lost_ > std::max<std::uint64_t>(round_arrived_, kMaxLossSeen)) window_ = std::max(window_ / 2, kMinWindow);
-  best_ = std::max(kForgetBest * best_, static_cast<double>(round_arrived_) / static_cast<double>(lasted));
+  best_ = std::max(kBestDecay * best_, static_cast<double>(round_arrived_) / static_cast<double>(duration_ns));
   round_ns_ = now_ns;
   round_arrived_ = round_lost_ = 0;
 }
 
 void Pacer::on_feedback(const Feedback& feedback, std::int64_t now_ns) {
-  // Pacing may keep the bytes in flight below the window. Far below it the sender had nothing more to send, so a queue
-  // does not come from this stream.
-  const bool ours = under_way_ > window_ / 3;
-  const bool used = std::exchange(was_blocked_, false) && ours;
+  // If the bytes in flight are far below the window, the sender had no more data, so this stream did not cause a queue.
+  // They may be slightly below it because of the pacing.
+  const bool may_cause_queue = under_way_ > window_ / 3;
+  const bool was_limited = std::exchange(was_blocked_, false) && may_cause_queue;
   if (under_way_ > best_ * static_cast<double>(round_trip_ns_) / 2) loaded_until_ns_ = now_ns + 2 * round_trip_ns_;
   under_way_ -= feedback.arrived_bytes + feedback.lost_bytes;
   if (feedback.arrived_bytes == 0) return;
@@ -137,11 +138,11 @@ void Pacer::on_feedback(const Feedback& feedback, std::int64_t now_ns) {
     empty_ns_ = drain_until_ns_;
   }
   const auto target = static_cast<double>(target_ns());
-  const double off = std::clamp((target - static_cast<double>(queueing_ns_)) / target, -kMaxDecrease, 1.0);
-  starting_ = starting_ && off > 0.25;
-  if (off > 0 ? !used : !ours) return;
-  const bool known_to_fit = off > 0 && window_ < best_ * static_cast<double>(round_trip_ns_) / 2;
-  const double gain = starting_ ? 1 : (known_to_fit ? kKnownGain : kGain) * off;
+  const double deviation = std::clamp((target - static_cast<double>(queueing_ns_)) / target, -kMaxDecrease, 1.0);
+  starting_ = starting_ && deviation > 0.25;
+  if (deviation > 0 ? !was_limited : !may_cause_queue) return;
+  const bool is_rate_proven = deviation > 0 && window_ < best_ * static_cast<double>(round_trip_ns_) / 2;
+  const double gain = starting_ ? 1 : (is_rate_proven ? kProvenGain : kGain) * deviation;
   window_ = std::clamp(window_ + gain * feedback.arrived_bytes, kMinWindow, kMaxWindow);
 }
 

@@ -1,8 +1,8 @@
-/// Percentiles of stored samples: the one rule of the project.
+/// Computes percentiles of stored samples. All percentiles of the project are computed in this way.
 ///
-/// Nearest rank, without interpolation: the percentile of a share is the smallest sample that at least this share of
-/// all samples do not exceed. So it is always one of the samples; share 0 gives the smallest, 1 the largest. Without
-/// samples it is NaN, which compares false with every bound.
+/// The rule is nearest rank, without interpolation: the percentile of a share is the smallest sample that at least this
+/// share of all samples do not exceed. So a percentile is always one of the samples; that of share 0 is the smallest,
+/// that of share 1 the largest. Without samples it is NaN, which compares false with every bound.
 #pragma once
 
 #include <algorithm>
@@ -21,14 +21,14 @@ namespace tactus::session {
   return static_cast<std::size_t>(std::clamp(std::ceil((share - kTolerance) * of), 1.0, of)) - 1;
 }
 
-/// `sorted` ascends. O(1).
+/// Percentile of samples in ascending order. O(1).
 template <class Value>
 [[nodiscard]] double percentile(const std::vector<Value>& sorted, double share) noexcept {
   if (sorted.empty()) return std::numeric_limits<double>::quiet_NaN();
   return static_cast<double>(sorted[percentile_index(sorted.size(), share)]);
 }
 
-/// Samples of one quantity: all, or the newest of them. One thread at a time.
+/// Stores the samples of one quantity, all or only the newest. One thread at a time.
 template <class Value = double>
 class Samples {
  public:
@@ -46,7 +46,7 @@ class Samples {
   }
   [[nodiscard]] bool empty() const noexcept { return values_.empty(); }
   [[nodiscard]] std::size_t size() const noexcept { return values_.size(); }
-  /// O(size), allocates.
+  /// Percentile of the stored samples; NaN without samples. O(size), allocates.
   [[nodiscard]] double percentile(double share) const {
     if (values_.empty()) return std::numeric_limits<double>::quiet_NaN();
     std::vector<Value> values = values_;
@@ -55,7 +55,7 @@ class Samples {
     return static_cast<double>(*at);
   }
   [[nodiscard]] double max() const { return percentile(1); }
-  /// NaN without samples. O(size).
+  /// Mean of the stored samples; NaN without samples. O(size).
   [[nodiscard]] double mean() const noexcept {
     return std::accumulate(values_.begin(), values_.end(), 0.0) / static_cast<double>(values_.size());
   }

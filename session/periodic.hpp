@@ -1,4 +1,4 @@
-/// Periodic timers, and the period of roster entries. No clock: times are arguments, ns.
+/// Periodic timers, one of them for roster entries. No clock: times are arguments, ns.
 #pragma once
 
 #include <algorithm>
@@ -7,7 +7,7 @@
 
 namespace tactus::session {
 
-/// A periodic timer: `due` is true once in every period.
+/// A periodic timer. The first call of `due` in each period returns true.
 class Every {
  public:
   explicit Every(std::int64_t period_ns) : period_ns_{period_ns} {}
@@ -16,12 +16,13 @@ class Every {
     next_ns_ = now_ns + period_ns_;
     return true;
   }
-  /// Time until it is due; 0 when it is.
+  /// Time until the timer is due; 0: it is due.
   [[nodiscard]] std::chrono::microseconds left(std::int64_t now_ns) const {
     return std::chrono::microseconds{now_ns < next_ns_ ? (next_ns_ - now_ns + 999) / 1000 : 0};
   }
+  /// Makes the timer due now.
   void at_once() { next_ns_ = 0; }
-  /// Makes it due within `within_ns`. Repeated calls do not make it due more often than that.
+  /// Makes the timer due within `within_ns`. With repeated calls it is due at most once in each `within_ns`.
   void hasten(std::int64_t now_ns, std::int64_t within_ns) { next_ns_ = std::min(next_ns_, now_ns + within_ns); }
   void set_period(std::int64_t period_ns) { period_ns_ = period_ns; }
 
@@ -30,7 +31,7 @@ class Every {
   std::int64_t next_ns_ = 0;
 };
 
-/// When to publish this program's next roster entry.
+/// The timer for the roster entries of this program.
 class Heartbeat : public Every {
  public:
   using Every::Every;

@@ -5,7 +5,8 @@
 namespace tactus::session {
 namespace {
 
-std::array<double, 3> between(const std::array<double, 3>& a, const std::array<double, 3>& b, double share) noexcept {
+std::array<double, 3> interpolate(const std::array<double, 3>& a, const std::array<double, 3>& b,
+                                  double share) noexcept {
   return {a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1]), a[2] + share * (b[2] - a[2])};
 }
 
@@ -13,9 +14,9 @@ std::array<double, 3> between(const std::array<double, 3>& a, const std::array<d
 
 void ProbePlayout::on_state(const ProbeState& state, std::int64_t session_now_ns) noexcept {
   constexpr std::int64_t kStepNs = 100'000'000;  // longer than any reordering
-  const bool other_life = count_ > 0 && states_[0].origin.incarnation != state.origin.incarnation;
-  const bool stepped_back = started_ && session_now_ns < moved_ns_ - kStepNs;
-  if (other_life || stepped_back) *this = ProbePlayout{settings_};
+  const bool restarted = count_ > 0 && states_[0].origin.incarnation != state.origin.incarnation;
+  const bool stepped_back = started_ && session_now_ns < updated_ns_ - kStepNs;
+  if (restarted || stepped_back) *this = ProbePlayout{settings_};
   insert(state);
   update_delay(session_now_ns - state.session_time_ns, session_now_ns);
 }
@@ -39,9 +40,9 @@ void ProbePlayout::update_delay(std::int64_t transit_ns, std::int64_t now_ns) no
   transit_.on_transit(transit_ns, now_ns);
   const std::int64_t wanted =
       std::clamp<std::int64_t>(transit_.max_ns() + settings_.reserve_ns, 0, settings_.max_delay_ns);
-  const std::int64_t fall = started_ ? std::max<std::int64_t>(now_ns - moved_ns_, 0) / 100 : INT64_MAX;
+  const std::int64_t fall = started_ ? std::max<std::int64_t>(now_ns - updated_ns_, 0) / 100 : INT64_MAX;
   delay_ns_ = wanted >= delay_ns_ - fall ? wanted : delay_ns_ - fall;
-  moved_ns_ = now_ns;
+  updated_ns_ = now_ns;
   started_ = true;
 }
 
@@ -59,8 +60,8 @@ Shown ProbePlayout::at(std::int64_t session_now_ns) noexcept {
   if (next != begin && next != end && next->sequence != state.sequence + 1) {  // states between them were lost
     const double share = static_cast<double>(shown_ns_ - state.session_time_ns) /
                          static_cast<double>(next->session_time_ns - state.session_time_ns);
-    shown.view = {between(state.device.position, next->device.position, share),
-                  between(state.proxy, next->proxy, share), between(state.force, next->force, share)};
+    shown.view = {interpolate(state.device.position, next->device.position, share),
+                  interpolate(state.proxy, next->proxy, share), interpolate(state.force, next->force, share)};
   }
   return shown;
 }

@@ -1,15 +1,14 @@
-/// Playout of a remote probe: delays its states so that nearly all arrive in time, and no longer.
+/// Delays the states of a remote probe by a playout delay that is just long enough for nearly all states.
 ///
 ///     state of 10 ms   -----> arrives 15.2        shown at 10 + P
 ///     state of 20 ms   ------------> arrives 27   shown at 20 + P       P: playout delay
 ///
-/// The playout delay P is the transit of nearly all states (session/transit.hpp). It rises at once and falls by 1 % of
-/// the time passed. So the receiver shows a true past at an even rate, and knows its age. Between two states with
-/// consecutive numbers it extrapolates the first (`reckon`), as the sender has checked. Where states between two were
-/// lost, it interpolates.
+/// The playout delay P is the max transit of nearly all states (session/transit.hpp). P rises at once, and falls by at
+/// most 1 % of the elapsed time. So the receiver shows the past at a nearly constant rate, with a known age. Between
+/// two states with consecutive numbers it extrapolates the first (`reckon`), because the sender has checked this
+/// extrapolation. If states between two were lost, it interpolates.
 ///
-/// For one probe. Times are session time; a clock error only matters where it changes. One thread at a time. Does not
-/// allocate.
+/// Times are session time; a constant clock error has no effect. One thread at a time. Does not allocate.
 /// Source: Ramjee, Kurose, Towsley, Schulzrinne 1994 (adaptive playout).
 #pragma once
 
@@ -23,10 +22,11 @@
 namespace tactus::session {
 
 struct PlayoutSettings {
-  std::int64_t max_delay_ns = 80'000'000;  ///< states with a longer transit come too late
+  std::int64_t max_delay_ns = 80'000'000;  ///< max P; states with a longer transit arrive too late
   std::int64_t reserve_ns = 2'000'000;     ///< added to the transit, so that a successor can replace a lost state
 };
 
+/// The view of a probe to show at a time.
 struct Shown {
   ProbeView view;
   ProbeState state;        ///< the state from which the view is computed
@@ -34,16 +34,17 @@ struct Shown {
   bool stale = true;       ///< no state for three keep-alive periods
 };
 
+/// The playout of one probe.
 class ProbePlayout {
  public:
   explicit ProbePlayout(const PlayoutSettings& settings = {}) noexcept : settings_{settings} {}
 
-  /// Takes a state. A state of another incarnation starts the playout anew, and so does a step back of session time.
-  /// Repeated and overtaken states are inserted by number.
+  /// Takes a state. Overtaken states are inserted by number, repeated ones ignored. A state of another incarnation, or
+  /// a step back of session time, starts the playout anew.
   void on_state(const ProbeState& state, std::int64_t session_now_ns) noexcept;
-  /// The view to show now. Before the first state it is `stale` and has sequence 0.
+  /// Returns the view to show now. Before the first state it is stale and has sequence 0.
   [[nodiscard]] Shown at(std::int64_t session_now_ns) noexcept;
-  /// Changes the settings; P follows gradually.
+  /// Changes the settings. P rises at once or falls gradually.
   void set(const PlayoutSettings& settings) noexcept { settings_ = settings; }
   /// The playout delay P now.
   [[nodiscard]] std::int64_t delay_ns() const noexcept { return delay_ns_; }
@@ -57,7 +58,9 @@ class ProbePlayout {
   std::array<ProbeState, kCapacity> states_;  // ascending by sequence
   std::size_t count_ = 0;
   TransitEstimator transit_;
-  std::int64_t delay_ns_ = 0, moved_ns_ = 0, shown_ns_ = INT64_MIN;
+  std::int64_t delay_ns_ = 0;
+  std::int64_t updated_ns_ = 0;        // when delay_ns_ was updated
+  std::int64_t shown_ns_ = INT64_MIN;  // session time of the last view
   bool started_ = false;
 };
 

@@ -18,12 +18,12 @@ Vec along(const Vec& from, const Vec& direction, double share) noexcept {
 }
 double distance(const Vec& a, const Vec& b) noexcept { return std::hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2]); }
 
-/// Seconds of motion to extrapolate between two times; limited after a keep-alive period, where the motion dies out.
+/// Time by which to extrapolate between two times, s. After a keep-alive period it grows ever more slowly to a limit.
 double motion(std::int64_t from_ns, std::int64_t to_ns) noexcept {
-  constexpr double kFullMotionS = static_cast<double>(kKeepAliveNs) * 1e-9, kDying = 0.02;
+  constexpr double kFullMotionS = static_cast<double>(kKeepAliveNs) * 1e-9, kDecay = 0.02;
   const double seconds = static_cast<double>(to_ns - from_ns) * 1e-9;
   return seconds <= kFullMotionS ? std::max(seconds, -kFullMotionS)
-                                 : kFullMotionS + kDying * (1 - std::exp((kFullMotionS - seconds) / kDying));
+                                 : kFullMotionS + kDecay * (1 - std::exp((kFullMotionS - seconds) / kDecay));
 }
 
 }  // namespace
@@ -61,11 +61,12 @@ bool ProbeEncoder::step(const ProbeState& state) noexcept {
   if (!send) {
     const ProbeState& last = sent_[(count_ - 1) % kSent];
     const std::int64_t passed_ns = state.session_time_ns - last.session_time_ns;
-    send = passed_ns >= kKeepAliveNs || passed_ns < 0;  // session time has stepped to that of an older session
-    // The receiver's newest state is the one `back` before the last with probability loss^back (1 - loss).
+    send = passed_ns >= kKeepAliveNs || passed_ns < 0;  // < 0: session time has stepped
+    // With probability loss^back (1 - loss), the receiver's newest state is the one that was sent `back` before the
+    // last.
     double likely = 1 - settings_.loss, misled = 0;
-    const std::size_t kept = std::min<std::uint64_t>(count_, kSent);
-    for (std::size_t back = 0; back < kept && likely > 0 && !send; ++back, likely *= settings_.loss) {
+    const std::size_t stored = std::min<std::uint64_t>(count_, kSent);
+    for (std::size_t back = 0; back < stored && likely > 0 && !send; ++back, likely *= settings_.loss) {
       if (misleads(sent_[(count_ - 1 - back) % kSent], state)) misled += likely;
       send = misled > settings_.risk;
     }

@@ -3,11 +3,11 @@
 ///     HRTC      o . . . . o . . . . . . . o . o . . . .     o sent, . omitted: within the deadband
 ///     receiver  o - - - - o - - - - - - - o - o - - - -     - extrapolated
 ///
-/// The deadband is the just noticeable difference: 10 % of a force (Weber), at least 0.05 N; 1 mm of a position. The
-/// sender extrapolates as receivers do, so it knows their error. With losses it does not know which state a receiver
-/// has, only the probability of each. It sends as soon as the states that would mislead a receiver have together more
-/// than the probability `risk`. Without losses that is the plain deadband. With losses it repeats, with the newest
-/// state, as long as older states would mislead.
+/// The deadband is the just noticeable difference: 10 % of a force (Weber) but at least 0.05 N, and 1 mm of a position.
+/// A state misleads a receiver if its extrapolation differs from the present state by more. The sender extrapolates as
+/// receivers do, so it can compute this. With losses the sender does not know which state a receiver has, only the
+/// probability of each. It sends when the states that mislead have together more than the probability `risk`. Without
+/// losses that is the plain deadband. With losses the sender sends further states while older ones would mislead.
 ///
 /// No clock and no DDS: times are session time. One thread at a time. Does not allocate.
 /// Sources: Hinterseer, Steinbach 2006 (isotropic deadband); Kammerl, Vittorias et al. 2012 (losses as a probability of
@@ -22,6 +22,7 @@
 
 namespace tactus::session {
 
+/// Max time between two sent states of a probe.
 inline constexpr std::int64_t kKeepAliveNs = 40'000'000;
 
 /// Position and force of a probe at one time; world frame, SI.
@@ -31,17 +32,18 @@ struct ProbeView {
   std::array<double, 3> force{0, 0, 0};
 };
 
-/// Extrapolates `state` forwards or backwards to `at_ns` (dead reckoning): the device by its velocity; in contact the
-/// proxy by the tangential part of the velocity, and the force by the normal part times the stiffness. After a
-/// keep-alive period the motion dies out.
+/// Extrapolates `state` forwards or backwards to `at_ns` (dead reckoning). The device moves by its velocity. In contact
+/// the proxy moves by the tangential part of the velocity, and the force changes by the normal part times the
+/// stiffness. After a keep-alive period the motion decays.
 [[nodiscard]] ProbeView reckon(const ProbeState& state, std::int64_t at_ns) noexcept;
 
+/// Just noticeable differences.
 struct Jnd {
   double force_share = 0.1;   ///< of the force
   double force_floor = 0.05;  ///< N, min noticeable force
   double position = 0.001;    ///< m, of device and proxy
 
-  /// |difference| of two forces in just noticeable differences; `felt` is the true force.
+  /// |felt - shown| as a multiple of the just noticeable difference at the true force `felt`.
   [[nodiscard]] double of_force(const std::array<double, 3>& felt, const std::array<double, 3>& shown) const noexcept;
 };
 
@@ -51,12 +53,12 @@ struct CodingSettings {
   double risk = 0.005;  ///< max probability that a receiver is misled
 };
 
-/// For one probe.
+/// Decides which states of one probe are sent.
 class ProbeEncoder {
  public:
   explicit ProbeEncoder(const CodingSettings& settings = {}) noexcept : settings_{settings} {}
 
-  /// Call it once a cycle; true when the state has to be sent, at least every kKeepAliveNs.
+  /// Returns whether the state has to be sent. Call it once a cycle.
   [[nodiscard]] bool step(const ProbeState& state) noexcept;
   /// Applies from the next step on.
   void set_loss(double loss) noexcept { settings_.loss = loss; }
@@ -66,8 +68,8 @@ class ProbeEncoder {
   [[nodiscard]] bool misleads(const ProbeState& sent, const ProbeState& state) const noexcept;
 
   CodingSettings settings_;
-  std::array<ProbeState, kSent> sent_;  // the last ones, a ring
-  std::uint64_t count_ = 0;             // sent so far
+  std::array<ProbeState, kSent> sent_;  // the newest sent states, a ring
+  std::uint64_t count_ = 0;             // number of sent states
 };
 
 }  // namespace tactus::session

@@ -15,7 +15,7 @@ void RemoteProbe::count(const ProbeState& state) noexcept {
   newest_coded_ = std::max(newest_coded_, state.sequence);
 }
 
-/// Resets what is shown, but not the windows of plausible numbers.
+/// Resets playout and losses, but not the plausible windows.
 void RemoteProbe::begin_anew() noexcept {
   playout_ = ProbePlayout{deadband_settings_};
   stream_ = StateStream::kDeadbandCoded;
@@ -27,7 +27,7 @@ void RemoteProbe::begin_anew() noexcept {
 Admission RemoteProbe::on_state(const ProbeState& state, StateStream stream, std::int64_t session_now_ns) noexcept {
   const Admission source = source_.admit(state.origin);
   if (source == Admission::kImplausible) return source;
-  if (source == Admission::kAnew) {
+  if (source == Admission::kNewStart) {
     for (SequenceWindow& numbers : numbers_) numbers = SequenceWindow{kCycleNumbers};
     time_ = TimeWindow{};
   }
@@ -37,11 +37,13 @@ Admission RemoteProbe::on_state(const ProbeState& state, StateStream stream, std
   if (number == Admission::kImplausible) return number;
   const Admission time = time_.admit(state.session_time_ns, session_now_ns);
   if (time == Admission::kImplausible) return time;
-  // The first state of the second stream does not end what the first stream showed.
-  const bool jumped = number == Admission::kAnew && !first;
-  const bool anew = source == Admission::kAnew || jumped || (time == Admission::kAnew && newest_ != 0);
-  if (anew) begin_anew();
-  const Admission admission = anew ? Admission::kAnew : number == Admission::kOld ? number : Admission::kAccepted;
+  // The first state of the second stream is not a new start, because the first stream goes on.
+  const bool jumped = number == Admission::kNewStart && !first;
+  const bool is_new_start = source == Admission::kNewStart || jumped || (time == Admission::kNewStart && newest_ != 0);
+  if (is_new_start) begin_anew();
+  const Admission admission = is_new_start                ? Admission::kNewStart
+                              : number == Admission::kOld ? number
+                                                          : Admission::kAccepted;
   if (stream == StateStream::kDeadbandCoded) count(state);
   if (stream == StateStream::kFullRate) full_rate_ns_ = session_now_ns;
   const StateStream now =
@@ -52,10 +54,10 @@ Admission RemoteProbe::on_state(const ProbeState& state, StateStream stream, std
     offset_ = newest_ + 2 - state.sequence;  // skips a number, so that the playout interpolates between the streams
     playout_.set(now == StateStream::kFullRate ? PlayoutSettings{0, 0} : deadband_settings_);
   }
-  ProbeState kept = state;
-  kept.sequence += offset_;
-  newest_ = std::max(newest_, kept.sequence);
-  playout_.on_state(kept, session_now_ns);
+  ProbeState renumbered = state;
+  renumbered.sequence += offset_;
+  newest_ = std::max(newest_, renumbered.sequence);
+  playout_.on_state(renumbered, session_now_ns);
   return admission;
 }
 

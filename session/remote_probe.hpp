@@ -1,12 +1,13 @@
-/// A probe of another HRTC: selects the stream of states to show, and measures the losses.
+/// Selects which states of a remote probe are shown, and measures the losses.
 ///
-/// Everyone receives its deadband-coded states. While its user collaborates with a user here, full-rate states come as
-/// well, one a cycle. Full-rate states are shown at once, as long as they come; otherwise the deadband-coded ones are
-/// shown through a playout buffer (session/playout.hpp). At a change of stream the view is interpolated from the last
-/// state of the one to the first of the other, and the delay changes gradually, so nothing jumps.
+/// All programs receive the deadband-coded states of the probe. While its user collaborates with a user of this HRTC,
+/// its full-rate states arrive as well, one each cycle. While full-rate states arrive, they are shown at once.
+/// Otherwise the deadband-coded states are shown with a playout delay (session/playout.hpp). At a change of stream the
+/// view is interpolated between the last state of one stream and the first of the other, and the delay changes
+/// gradually. So the view does not jump.
 ///
-/// A state counts when its number and time are plausible (session/sequence_window.hpp). When a user moves to another
-/// HRTC, the new HRTC's states count after three consecutive ones, whenever that HRTC was started.
+/// A state is accepted when its number and time are plausible (session/sequence_window.hpp). When a user moves to
+/// another HRTC, the states of that HRTC are accepted after three consecutive ones.
 ///
 /// Times are session time. One thread at a time. Does not allocate.
 #pragma once
@@ -25,7 +26,7 @@ class RemoteProbe {
   explicit RemoteProbe(const PlayoutSettings& settings = {}) noexcept
       : deadband_settings_{settings}, playout_{settings} {}
 
-  /// Returns whether the state counts; kAnew: earlier states do not; kOld: it fills a gap, but is not the newest.
+  /// Takes a state. Returns kNewStart when earlier states no longer count, and kOld for a state that fills a gap.
   [[nodiscard]] Admission on_state(const ProbeState& state, StateStream stream, std::int64_t session_now_ns) noexcept;
   [[nodiscard]] Shown at(std::int64_t session_now_ns) noexcept { return playout_.at(session_now_ns); }
 
@@ -35,7 +36,8 @@ class RemoteProbe {
   [[nodiscard]] double lost() const noexcept { return lost_; }
 
  private:
-  static constexpr std::int64_t kFullRateNs = 20'000'000;  // silence after which deadband-coded states are shown again
+  static constexpr std::int64_t kFullRateNs =
+      20'000'000;  // time without full-rate states until deadband-coded ones are shown
 
   void begin_anew() noexcept;
   void count(const ProbeState& state) noexcept;
@@ -48,7 +50,7 @@ class RemoteProbe {
   TimeWindow time_;
   std::int64_t full_rate_ns_ = INT64_MIN / 2;  // arrival of the last full-rate state
   std::uint32_t newest_coded_ = 0;             // largest number of a deadband-coded state
-  std::uint32_t offset_ = 0, newest_ = 0;      // numbers in the playout: number in the stream plus offset_
+  std::uint32_t offset_ = 0, newest_ = 0;      // a number in the playout is the number in the stream plus offset_
   double lost_ = 0;
 };
 

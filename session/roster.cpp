@@ -8,8 +8,9 @@
 namespace tactus::session {
 namespace {
 
-/// Heartbeats after which an older incarnation counts as alive, not as late samples.
-constexpr std::uint32_t kMinRivalBeats = 2;
+/// Accepted heartbeats after the first from which a rival counts as alive. Fewer may be delayed entries of a program
+/// that has ended.
+constexpr std::uint32_t kMinRivalHeartbeats = 2;
 constexpr std::size_t kMaxRivals = 4;
 constexpr std::size_t kMaxRefused = 256;
 
@@ -33,17 +34,17 @@ bool same_users(const RosterEntry& a, const RosterEntry& b) {
                     [](const UserSlot& x, const UserSlot& y) { return x.user == y.user && x.slot == y.slot; });
 }
 
-/// How long a program has been in the session.
+/// Time since a program joined the session; -1: it has not joined.
 std::int64_t presence_ns(const RosterEntry& entry) noexcept {
   return entry.joined_ns == kNotJoined ? -1 : entry.session_time_ns - entry.joined_ns;
 }
 
-/// Of two programs with one name, the one that joined later yields. If they joined at about the same time, the larger
-/// incarnation yields: any rule will do on which both agree.
-bool yields(const RosterEntry& one, const RosterEntry& other) noexcept {
+/// Whether the program of `one` has to leave because that of `other` has the same name: the one that joined later
+/// leaves. If they joined at about the same time, the larger incarnation leaves. Any rule would do on which both agree.
+bool has_to_leave(const RosterEntry& one, const RosterEntry& other) noexcept {
   constexpr std::int64_t kSameNs = 1'000'000'000;
-  const std::int64_t longer_ns = presence_ns(one) - presence_ns(other);
-  if (longer_ns > kSameNs || longer_ns < -kSameNs) return longer_ns < 0;
+  const std::int64_t difference_ns = presence_ns(one) - presence_ns(other);
+  if (difference_ns > kSameNs || difference_ns < -kSameNs) return difference_ns < 0;
   return one.origin.incarnation > other.origin.incarnation;
 }
 
@@ -87,64 +88,77 @@ Roster::Roster(const Origin& self, const RosterSettings& settings) : self_{self}
 
 std::vector<RosterEvent> Roster::on_entry(const RosterEntry& entry, std::int64_t now_ns) {
   std::vector<RosterEvent> events;
-  const auto add_event = [&](RosterChange change) { events.push_back({change, entry, 0}); };
   if (entry.origin.session != self_.session) return events;
-  const std::uint64_t id = entry.origin.participant;
-  const std::uint64_t incarnation = entry.origin.incarnation;
-  if (id == self_.participant) {
-    own_.entry.name = entry.name;
-    own_.entry.role = entry.role;
-    if (incarnation != self_.incarnation) (void)track_rival(own_, entry, now_ns, events);
-    return events;
+  const auto member = members_.find(entry.origin.participant);
+  if (entry.origin.participant == self_.participant) {
+    on_own_name(entry, now_ns, events);
+  } else if (entry.protocol != kProtocolVersion) {
+    refuse(entry, RosterChange::kWrongVersion, entry.protocol, events);
+  } else if (member == members_.end()) {
+    on_new_name(entry, now_ns, events);
+  } else if (entry.origin.incarnation < member->second.entry.origin.incarnation) {
+    on_older_incarnation(member->second, entry, now_ns, events);
+  } else {
+    on_newest_incarnation(member->second, entry, now_ns, events);
   }
-  if (entry.protocol != kProtocolVersion) {
-    if (refused_.size() == kMaxRefused) refused_.clear();
-    const bool is_new = refused_.emplace(std::make_pair(id, incarnation), entry.protocol).second;
-    if (is_new) events.push_back({RosterChange::kWrongVersion, entry, entry.protocol});
-    return events;
-  }
+  return events;
+}
 
-  auto at = members_.find(id);
-  if (at == members_.end()) {
-    if (entry.leaving) return events;
-    if (members_.size() == kMaxParticipants) forget_absent();
-    if (members_.size() == kMaxParticipants) {
-      if (refused_.size() == kMaxRefused) refused_.clear();
-      const bool is_new = refused_.emplace(std::make_pair(id, incarnation), entry.protocol).second;
-      if (is_new) add_event(RosterChange::kFull);
-      return events;
-    }
-    at = members_.try_emplace(id).first;
-    at->second.entry = entry;
-    (void)at->second.heartbeats.admit(entry.heartbeat, now_ns);
-    at->second.present = true;
-    at->second.seen_ns = now_ns;
-    add_event(RosterChange::kJoined);
-    return events;
-  }
+/// Applies an entry with the name of this program: its own, or that of a rival.
+void Roster::on_own_name(const RosterEntry& entry, std::int64_t now_ns, std::vector<RosterEvent>& events) {
+  own_.entry.name = entry.name;
+  own_.entry.role = entry.role;
+  if (entry.origin.incarnation != self_.incarnation) (void)track_rival(own_, entry, now_ns, events);
+}
 
-  Member& member = at->second;
+/// Adds an event for the first refused entry of a program.
+void Roster::refuse(const RosterEntry& entry, RosterChange change, std::uint64_t other,
+                    std::vector<RosterEvent>& events) {
+  if (refused_.size() == kMaxRefused) refused_.clear();
+  const auto program = std::make_pair(entry.origin.participant, entry.origin.incarnation);
+  if (refused_.emplace(program, entry.protocol).second) events.push_back({change, entry, other});
+}
+
+void Roster::on_new_name(const RosterEntry& entry, std::int64_t now_ns, std::vector<RosterEvent>& events) {
+  if (entry.leaving) return;
+  if (members_.size() == kMaxParticipants) forget_absent();
+  if (members_.size() == kMaxParticipants) return refuse(entry, RosterChange::kFull, 0, events);
+  Member& member = members_[entry.origin.participant];
+  member.entry = entry;
+  (void)member.heartbeats.admit(entry.heartbeat, now_ns);
+  member.present = true;
+  member.seen_ns = now_ns;
+  events.push_back({RosterChange::kJoined, entry, 0});
+}
+
+/// Applies an entry of an incarnation that is older than the participant's newest one.
+void Roster::on_older_incarnation(Member& member, const RosterEntry& entry, std::int64_t now_ns,
+                                  std::vector<RosterEvent>& events) const {
+  const bool alive = track_rival(member, entry, now_ns, events);
+  if (member.present || !alive) return;
+  // The newer incarnation has ended, so the older one is the participant again.
+  const SequenceWindow heartbeats = member.rivals.at(entry.origin.incarnation).heartbeats;
+  member = Member{};
+  member.entry = entry;
+  member.heartbeats = heartbeats;
+  member.present = true;
+  member.seen_ns = now_ns;
+  events.push_back({RosterChange::kJoined, entry, 0});
+}
+
+/// Applies an entry of the participant's newest incarnation, or of one that is newer still.
+void Roster::on_newest_incarnation(Member& member, const RosterEntry& entry, std::int64_t now_ns,
+                                   std::vector<RosterEvent>& events) {
+  const auto add_event = [&](RosterChange change) { events.push_back({change, entry, 0}); };
   const std::uint64_t before = member.entry.origin.incarnation;
-  if (incarnation < before) {
-    const bool alive = track_rival(member, entry, now_ns, events);
-    if (!member.present && alive) {  // the newer program has yielded or died: the older one keeps the name
-      const SequenceWindow heartbeats = member.rivals.at(incarnation).heartbeats;
-      member = Member{};
-      member.entry = entry;
-      member.heartbeats = heartbeats;
-      member.present = true;
-      member.seen_ns = now_ns;
-      add_event(RosterChange::kJoined);
-    }
-    return events;
-  }
-  if (incarnation == before && member.left) return events;
-  SequenceWindow heartbeats = incarnation == before ? member.heartbeats : SequenceWindow{kHeartbeatNumbers};
+  const bool is_same = entry.origin.incarnation == before;
+  if (is_same && member.left) return;
+  SequenceWindow heartbeats = is_same ? member.heartbeats : SequenceWindow{kHeartbeatNumbers};
   const Admission admission = heartbeats.admit(entry.heartbeat, now_ns);
   if (!accepted(admission)) {
     member.heartbeats = heartbeats;
     implausible_ += admission == Admission::kImplausible ? 1 : 0;
-    return events;
+    return;
   }
   if (entry.leaving) {
     if (member.present) add_event(RosterChange::kLeft);
@@ -153,11 +167,11 @@ std::vector<RosterEvent> Roster::on_entry(const RosterEntry& entry, std::int64_t
     member.heartbeats = heartbeats;
     member.left = true;
     member.seen_ns = now_ns;
-    return events;
+    return;
   }
   if (!member.present) {
     add_event(RosterChange::kJoined);
-  } else if (incarnation > before) {
+  } else if (!is_same) {
     add_event(RosterChange::kRestarted);
     if (member.rivals.size() < kMaxRivals) member.rivals[before] = {member.heartbeats, 0, false, now_ns};
   } else {
@@ -169,10 +183,10 @@ std::vector<RosterEvent> Roster::on_entry(const RosterEntry& entry, std::int64_t
   member.entry = entry;
   member.heartbeats = heartbeats;
   member.seen_ns = now_ns;
-  return events;
 }
 
-/// True when the entry's program is alive: enough heartbeats have come since its first entry as a rival.
+/// Counts the heartbeats of a rival, and adds an event for a new name conflict. Returns true when enough heartbeats
+/// have arrived to show that the rival is alive.
 bool Roster::track_rival(Member& member, const RosterEntry& entry, std::int64_t now_ns,
                          std::vector<RosterEvent>& events) const {
   const std::uint64_t incarnation = entry.origin.incarnation;
@@ -187,10 +201,10 @@ bool Roster::track_rival(Member& member, const RosterEntry& entry, std::int64_t 
   Rival& rival = member.rivals[incarnation];
   if (entry.leaving || !accepted(rival.heartbeats.admit(entry.heartbeat, now_ns))) return false;
   rival.seen_ns = now_ns;
-  if (++rival.beats < kMinRivalBeats) return false;
+  if (++rival.accepted < kMinRivalHeartbeats) return false;
   if (member.present && !rival.reported) {
     rival.reported = true;
-    events.push_back({RosterChange::kNameConflict, member.entry, incarnation, yields(member.entry, entry)});
+    events.push_back({RosterChange::kNameConflict, member.entry, incarnation, has_to_leave(member.entry, entry)});
   }
   return true;
 }
@@ -220,7 +234,7 @@ std::vector<RosterEvent> Roster::tick(std::int64_t now_ns) {
   return events;
 }
 
-/// Makes room for new rivals.
+/// Deletes silent rivals, so that new ones can be stored.
 void Roster::forget_rivals(Member& member, std::int64_t now_ns) const {
   for (auto rival = member.rivals.begin(); rival != member.rivals.end();)
     rival = now_ns - rival->second.seen_ns >= settings_.gone_ns ? member.rivals.erase(rival) : std::next(rival);

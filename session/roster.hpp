@@ -1,11 +1,12 @@
-/// The participants of a session, tracked by their roster samples: joins, changes, silence, departures, name conflicts.
+/// Tracks the participants of a session by their roster entries: joins, changes, silence, departures and name
+/// conflicts.
 ///
-/// A participant is late and then gone by the time since its last heartbeat. A newer incarnation replaces an older one.
-/// If two programs send heartbeats under one name, their incarnations differ; the conflict is reported once for each
-/// pair. When the newer program ends, the older one takes the name again. The program that joined the session later
-/// yields. Incarnations do not decide, because they come from wall clocks, which may be wrong.
+/// A participant that sends no heartbeat is first late, then gone. A newer incarnation of a name replaces the older
+/// one. If both send heartbeats, the name conflict is reported once for each pair. The program that joined the session
+/// later has to leave. Incarnations do not decide this, because they come from wall clocks, which may be wrong. When
+/// the newer incarnation ends, the older one becomes the participant of that name again.
 ///
-/// No clock; one thread at a time. At most kMaxParticipants are recorded.
+/// No clock; one thread at a time. Stores at most kMaxParticipants.
 #pragma once
 
 #include <cstdint>
@@ -23,19 +24,20 @@ namespace tactus::session {
 inline constexpr std::size_t kMaxParticipants = 1024;
 
 struct RosterSettings {
-  std::int64_t late_ns = 250'000'000;       ///< since the last heartbeat
-  std::int64_t gone_ns = 500'000'000;       ///< since the last heartbeat
-  std::int64_t forget_ns = 10'000'000'000;  ///< since the last heartbeat; longer than any sample is in transit
+  // Times since the last heartbeat.
+  std::int64_t late_ns = 250'000'000;       ///< the participant is late
+  std::int64_t gone_ns = 500'000'000;       ///< the participant is gone
+  std::int64_t forget_ns = 10'000'000'000;  ///< its record is deleted; longer than any transit
 };
 
 enum class RosterChange : std::uint8_t {
   kJoined,
-  kRestarted,  ///< a newer incarnation took over
+  kRestarted,  ///< a newer incarnation replaced an older one
   kChanged,    ///< users, slots or requested HRTC differ
   kLate,
-  kBack,          ///< was late and sends heartbeats again
+  kBack,          ///< a late participant has sent a heartbeat
   kLeft,          ///< sent a leave message
-  kGone,          ///< silent for too long
+  kGone,          ///< sent no heartbeat for RosterSettings::gone_ns
   kWrongVersion,  ///< refused; `other` is its protocol version
   kNameConflict,  ///< two programs send heartbeats under this name; `other` is the incarnation of the second
   kFull           ///< refused: kMaxParticipants reached
@@ -45,52 +47,52 @@ struct RosterEvent {
   RosterChange change;
   RosterEntry entry;
   std::uint64_t other = 0;
-  bool entry_yields = false;  ///< kNameConflict: the program of `entry` has to yield, else that of `other`
+  bool entry_yields = false;  ///< kNameConflict: the program of `entry` has to leave, otherwise that of `other`
 };
 
-/// One line for a log.
+/// Text of an event, one line for a log.
 [[nodiscard]] std::string text(const RosterEvent& event);
-/// Role and name.
+/// Role and name of a participant.
 [[nodiscard]] std::string text(const RosterEntry& entry);
 
 class Roster {
  public:
-  /// `self` is this program: its own samples give no events; those of another program with its name do.
+  /// `self` is this program. Its own entries cause no events; those of another program with its name do.
   Roster(const Origin& self, const RosterSettings& settings);
 
-  /// Takes an entry; ignores those of other sessions.
+  /// Applies an entry; ignores entries of other sessions.
   [[nodiscard]] std::vector<RosterEvent> on_entry(const RosterEntry& entry, std::int64_t now_ns);
   /// Detects participants that are late or gone.
   [[nodiscard]] std::vector<RosterEvent> tick(std::int64_t now_ns);
 
-  /// Null when it is not present. Valid until the next call that changes the roster.
+  /// The newest entry of a present participant, or null. Valid until the next call that changes the roster.
   [[nodiscard]] const RosterEntry* find(std::uint64_t participant) const;
-  /// All present participants except this program, by id.
+  /// Entries of all present participants except this program, by id.
   [[nodiscard]] std::vector<RosterEntry> entries() const;
-  /// Calls `visit` with each of these entries, without copies.
+  /// Calls `visit(entry)` for the same entries without copying them.
   template <class Visit>
   void for_each(Visit&& visit) const {
     for (const auto& [id, member] : members_)
       if (member.present) visit(member.entry);
   }
   [[nodiscard]] bool is_late(std::uint64_t participant) const;
-  /// Entries that were dropped because their heartbeat is outside its window (session/sequence_window.hpp).
+  /// Number of entries dropped because their heartbeat was outside its window (session/sequence_window.hpp).
   [[nodiscard]] std::uint64_t implausible() const noexcept { return implausible_; }
-  /// Arrival of the last sample of a present participant; 0 for others.
+  /// Arrival of the last entry of a present participant; 0 for others.
   [[nodiscard]] std::int64_t seen_ns(std::uint64_t participant) const;
   /// Sets how long this program has been in the session, as its own entries state it.
   void set_own_presence(std::int64_t session_time_ns, std::int64_t joined_ns) noexcept {
     own_.entry.session_time_ns = session_time_ns;
     own_.entry.joined_ns = joined_ns;
   }
-  /// Number of recorded participants: those present, and those that left a moment ago.
+  /// Number of stored participants: those present, and those that left or were gone recently.
   [[nodiscard]] std::size_t remembered() const noexcept { return members_.size(); }
 
  private:
-  /// A program that sends heartbeats under a name that another incarnation holds.
+  /// A program that sends heartbeats under the name of a participant with another incarnation.
   struct Rival {
     SequenceWindow heartbeats{kHeartbeatNumbers};
-    std::uint32_t beats = 0;  // heartbeats received
+    std::uint32_t accepted = 0;  // heartbeats after the first
     bool reported = false;
     std::int64_t seen_ns = 0;
   };
@@ -98,12 +100,19 @@ class Roster {
     RosterEntry entry;
     SequenceWindow heartbeats{kHeartbeatNumbers};
     std::int64_t seen_ns = 0;
-    bool present = false;  // false: left or gone; recorded to detect its late samples
+    bool present = false;  // false: left or gone, stored to recognise its delayed entries
     bool left = false;
     bool late = false;
     std::map<std::uint64_t, Rival> rivals;  // by incarnation
   };
 
+  void on_own_name(const RosterEntry& entry, std::int64_t now_ns, std::vector<RosterEvent>& events);
+  void refuse(const RosterEntry& entry, RosterChange change, std::uint64_t other, std::vector<RosterEvent>& events);
+  void on_new_name(const RosterEntry& entry, std::int64_t now_ns, std::vector<RosterEvent>& events);
+  void on_older_incarnation(Member& member, const RosterEntry& entry, std::int64_t now_ns,
+                            std::vector<RosterEvent>& events) const;
+  void on_newest_incarnation(Member& member, const RosterEntry& entry, std::int64_t now_ns,
+                             std::vector<RosterEvent>& events);
   bool track_rival(Member& member, const RosterEntry& entry, std::int64_t now_ns,
                    std::vector<RosterEvent>& events) const;
   void forget_rivals(Member& member, std::int64_t now_ns) const;
@@ -117,19 +126,19 @@ class Roster {
   std::map<std::pair<std::uint64_t, std::uint64_t>, std::uint32_t> refused_;  // participant, incarnation -> version
 };
 
-/// Hash of the hosts and HRTCs that are present, with their incarnations, `self` with its `role` included. Equal in all
-/// programs that see the same hosts and HRTCs.
+/// Hash of the present hosts and HRTCs with their incarnations. `self` counts as well if its `role` is one of these.
+/// The hash is equal in all programs whose rosters list the same hosts and HRTCs.
 [[nodiscard]] std::uint64_t scene_hash(const Roster& roster, const Origin& self, Role role);
 
-/// The users that an HRTC has accepted and the probe number of each.
+/// Assigns probe numbers to the users that an HRTC has accepted.
 class UserSlots {
  public:
-  /// `capacity` at most kMaxSlots.
+  /// Throws std::invalid_argument if `capacity` is above kMaxSlots.
   explicit UserSlots(std::size_t capacity);
 
-  /// The user's slot; the same again for a user who has one; none when all are taken.
+  /// Returns the user's probe number, a free one for a new user; none when no number is free.
   [[nodiscard]] std::optional<std::uint32_t> grant(const std::string& user);
-  /// False when the user had none.
+  /// Frees the number of a user. Returns false when the user had none.
   bool release(const std::string& user);
   [[nodiscard]] std::vector<UserSlot> list() const;
 

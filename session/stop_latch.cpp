@@ -22,7 +22,8 @@ bool StopLatch::is_own(const StopRecord& record) const noexcept {
   return record.participant == self_.participant && record.incarnation == self_.incarnation;
 }
 
-/// Null when every record has a standing stop. One record is reserved for the stop of this program.
+/// Returns the record of an issuer, a new one if necessary. Null if all records have a standing stop. One record is
+/// reserved for the stops of this program.
 StopRecord* StopLatch::find_or_add(std::uint64_t participant, std::uint64_t incarnation) {
   const auto known = find_in(records_, participant, incarnation);
   if (known != records_.end()) return &*known;
@@ -30,16 +31,15 @@ StopRecord* StopLatch::find_or_add(std::uint64_t participant, std::uint64_t inca
   const auto others = static_cast<std::size_t>(
       std::count_if(records_.begin(), records_.end(), [this](const StopRecord& record) { return !is_own(record); }));
   if (!is_own(added) && others >= kMaxStops - 1) {
-    const auto forgotten = std::find_if(records_.begin(), records_.end(), [this](const StopRecord& record) {
-      return !stands(record) && !is_own(record);
-    });
-    if (forgotten == records_.end()) return nullptr;
-    records_.erase(forgotten);
+    const auto oldest = std::find_if(records_.begin(), records_.end(),
+                                     [this](const StopRecord& record) { return !stands(record) && !is_own(record); });
+    if (oldest == records_.end()) return nullptr;
+    records_.erase(oldest);
   }
   return &records_.emplace_back(added);
 }
 
-/// Numbers only grow. Moves the record to the end, so references to records become invalid.
+/// Sets a number of a record if `value` is larger. Then moves the record to the end, which invalidates references.
 void StopLatch::set(StopRecord& record, std::uint32_t StopRecord::*number, std::uint32_t value) {
   if (value <= record.*number) return;
   record.*number = value;
@@ -67,8 +67,9 @@ bool StopLatch::on_stop(const StopName& stop) {
 bool StopLatch::on_reset(const ForceReset& reset) {
   for (const StopName& stop : reset.stops) {
     StopRecord* const record = find_or_add(stop.participant, stop.incarnation);
-    if (record == nullptr) continue;                              // the stop will stand when it arrives
-    if (is_own(*record) && stop.number > record->stop) continue;  // a reset cannot name a stop not issued yet
+    if (record == nullptr) continue;  // if the stop arrives later, it will stand
+    if (is_own(*record) && stop.number > record->stop)
+      continue;  // the reset names a stop that this program has not issued
     set(*record, &StopRecord::ended, stop.number);
   }
   StopRecord* const from = find_or_add(reset.origin.participant, reset.origin.incarnation);
@@ -98,7 +99,7 @@ std::vector<StopName> standing(const std::vector<StopRecord>& records) {
 bool acknowledges(const RosterEntry& entry, const EmergencyStop& stop) {
   const auto record = find_in(entry.stops, stop.origin.participant, stop.origin.incarnation);
   if (record != entry.stops.end() && record->stop >= stop.number) return true;
-  // It had no record free, so its own stop stands instead.
+  // If the program had no free record for the stop, it has issued a stop of its own instead.
   const auto own = find_in(entry.stops, entry.origin.participant, entry.origin.incarnation);
   return own != entry.stops.end() && stands(*own);
 }

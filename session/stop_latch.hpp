@@ -1,4 +1,4 @@
-/// Emergency stops and resets: which stops stand, so that forces are off, and which programs have acknowledged them.
+/// Records which emergency stops stand, so that forces are off, and which programs have acknowledged stops and resets.
 ///
 ///     issuer           host, HRTC                         operator
 ///       | stop (1)         |                                  |
@@ -12,9 +12,10 @@
 ///       |                  | running                          |
 ///
 /// The name of a stop is its issuer, the issuer's incarnation and a growing number. A later stop of an issuer replaces
-/// its earlier ones, and a reset that names a stop also ends the earlier ones of that issuer. So the state of an issuer
-/// is two numbers that only grow, and neither order nor repetition of samples matters. A stop stands while its number
-/// is larger than the largest that a reset has named. A reset may arrive before the stop that it names.
+/// its earlier ones, and a reset that names a stop also ends the earlier ones of that issuer. So the stops of an
+/// issuer are described by two numbers that only grow, and neither order nor repetition of samples matters. A stop
+/// stands while its number is larger than the largest that a reset has named. A reset may arrive before the stop that
+/// it names.
 ///
 /// No DDS and no clock; one thread at a time.
 #pragma once
@@ -28,23 +29,25 @@
 
 namespace tactus::session {
 
-/// The stops and resets that one program has received. It records kMaxStops issuers at most. For a new one it drops the
-/// record without a standing stop that changed least recently. When all records have standing stops, it raises a stop
-/// of its own instead, which a reset has to name like any other.
+/// The stops and resets that one program has received, for at most kMaxStops issuers. For a new issuer it drops the
+/// record without a standing stop that changed least recently. If all records have standing stops, it issues a stop of
+/// its own instead. A reset has to name that stop like any other.
 class StopLatch {
  public:
-  /// `self` issues the stop that stands for those without a record. The constructor and `standing` allocate; nothing
-  /// else does.
+  /// `self`: issuer of the stop that replaces stops without a record. Only the constructor and `standing` allocate.
   explicit StopLatch(const Origin& self);
 
-  /// True when the stop is new and stands.
+  /// Applies a stop. Returns true when the stop is new and stands.
   bool on_stop(const StopName& stop);
-  /// True when the reset is new. A repeated reset changes nothing: a fault that came in between stays.
+  /// Applies a reset. Returns true when the reset is new. A repeated reset changes nothing, so a fault since the first
+  /// one stays latched.
   bool on_reset(const ForceReset& reset);
-  /// Takes over the stops that stand at another program, but no resets. Returns true as `on_stop` does.
+  /// Applies the stops that stand in the roster entry of another program, but no resets. Returns true if a stop is new
+  /// and stands.
   bool on_roster(const RosterEntry& entry);
 
   [[nodiscard]] bool stopped() const noexcept;
+  /// Number of resets applied.
   [[nodiscard]] std::uint32_t resets() const noexcept { return resets_; }
   /// Grows whenever `records` changes.
   [[nodiscard]] std::uint64_t changes() const noexcept { return changes_; }
@@ -58,12 +61,12 @@ class StopLatch {
   void set(StopRecord& record, std::uint32_t StopRecord::*number, std::uint32_t value);
 
   Origin self_;
-  std::vector<StopRecord> records_;  // the last changed at the end
+  std::vector<StopRecord> records_;  // the most recently changed last
   std::uint32_t resets_ = 0;
   std::uint64_t changes_ = 0;
 };
 
-/// The stops that stand at a program with these records.
+/// Names of the stops that stand in these records.
 [[nodiscard]] std::vector<StopName> standing(const std::vector<StopRecord>& records);
 
 /// Whether the program of this entry, a host or an HRTC, has acknowledged the sample.
@@ -75,7 +78,8 @@ struct Acknowledgement {
   std::vector<std::string> hrtcs, hosts;  ///< that have acknowledged
   std::vector<std::string> missing;       ///< that have not
 };
-/// For `sample`, an EmergencyStop or a ForceReset. Its sender repeats it until `missing` is empty.
+/// Lists who has acknowledged `sample`, an EmergencyStop or a ForceReset. The sender repeats it until `missing` is
+/// empty.
 template <class Sample>
 [[nodiscard]] Acknowledgement acknowledgement(const Roster& roster, const Sample& sample) {
   Acknowledgement result;

@@ -8,85 +8,88 @@
 namespace tactus::session {
 namespace {
 
-/// Sessions whose ages differ by less count as equally old; then the participant that joined first is the reference.
+/// Sessions whose ages differ by at most this count as equally old. Then the participant that joined first decides.
 constexpr std::int64_t kSameAgeNs = 1'000'000'000;
 
-struct Claim {
-  TimeReference who;
-  std::int64_t session_ns = 0;  // now
-  std::int64_t joined_ns = 0;
+/// A participant that is a reference.
+struct Reference {
+  TimeReference id;
+  std::int64_t session_ns = 0;  // its session time now
+  std::int64_t joined_ns = 0;   // session time at which it joined
 };
 
-bool keeps_time(Role role) noexcept { return role == Role::kHost || role == Role::kHrtc; }
+bool can_be_reference(Role role) noexcept { return role == Role::kHost || role == Role::kHrtc; }
 
-bool outranks(const Claim& a, const Claim& b) noexcept {
+bool outranks(const Reference& a, const Reference& b) noexcept {
   const std::int64_t older_ns = a.session_ns - b.session_ns;
   if (std::abs(older_ns) > kSameAgeNs) return older_ns > 0;
-  return std::tie(a.joined_ns, a.who.participant) < std::tie(b.joined_ns, b.who.participant);
+  return std::tie(a.joined_ns, a.id.participant) < std::tie(b.joined_ns, b.id.participant);
 }
 
-std::optional<Claim> claim_of(const Roster& roster, const RosterEntry& entry, std::int64_t local_now_ns) {
-  if (!keeps_time(entry.role) || entry.reference != entry.origin.participant) return std::nullopt;
+std::optional<Reference> reference_of(const Roster& roster, const RosterEntry& entry, std::int64_t local_now_ns) {
+  if (!can_be_reference(entry.role) || entry.reference != entry.origin.participant) return std::nullopt;
   const std::int64_t age_ns = local_now_ns - roster.seen_ns(entry.origin.participant);
-  return Claim{{entry.origin.participant, entry.origin.incarnation}, entry.session_time_ns + age_ns, entry.joined_ns};
+  return Reference{
+      {entry.origin.participant, entry.origin.incarnation}, entry.session_time_ns + age_ns, entry.joined_ns};
 }
 
-/// The claim of another participant that outranks the others.
-std::optional<Claim> best_claim(const Roster& roster, std::int64_t local_now_ns) {
-  std::optional<Claim> best;
+/// The reference, other than this program, that outranks the others; none if there is none.
+std::optional<Reference> best_reference(const Roster& roster, std::int64_t local_now_ns) {
+  std::optional<Reference> best;
   roster.for_each([&](const RosterEntry& entry) {
-    const std::optional<Claim> claim = claim_of(roster, entry, local_now_ns);
-    if (claim && (!best || outranks(*claim, *best))) best = claim;
+    const std::optional<Reference> reference = reference_of(roster, entry, local_now_ns);
+    if (reference && (!best || outranks(*reference, *best))) best = reference;
   });
   return best;
 }
 
-bool force_on_with(const Roster& roster, std::uint64_t reference) {
+bool is_force_on_with(const Roster& roster, std::uint64_t reference) {
   bool on = false;
   roster.for_each([&](const RosterEntry& entry) { on = on || (entry.force_on && entry.reference == reference); });
   return on;
 }
 
-/// The smallest id among the participants that have followed a reference, or among all when none has.
+/// The successor of a reference that has left: the smallest id among the participants that followed a reference, or
+/// among all if none did.
 TimeReference successor(const Roster& roster, const Origin& self, Role role, const SessionClock& clock,
                         std::int64_t local_now_ns) {
   struct Candidate {
     bool follows;
-    TimeReference who;
+    TimeReference id;
   };
   std::optional<Candidate> first;
   const auto consider = [&](bool follows, const Origin& origin) {
-    const bool before =
-        !first || follows != first->follows ? !first || follows : origin.participant < first->who.participant;
-    if (before) first = Candidate{follows, {origin.participant, origin.incarnation}};
+    const bool is_better =
+        !first || follows != first->follows ? !first || follows : origin.participant < first->id.participant;
+    if (is_better) first = Candidate{follows, {origin.participant, origin.incarnation}};
   };
-  if (keeps_time(role) && (clock.synchronised() || local_now_ns - clock.began_ns() >= kReferenceSettleNs))
+  if (can_be_reference(role) && (clock.synchronised() || local_now_ns - clock.began_ns() >= kReferenceSettleNs))
     consider(clock.synchronised() && !clock.waits(), self);
   roster.for_each([&](const RosterEntry& entry) {
-    if (keeps_time(entry.role)) consider(entry.reference != 0, entry.origin);
+    if (can_be_reference(entry.role)) consider(entry.reference != 0, entry.origin);
   });
-  return first ? first->who : TimeReference{};
+  return first ? first->id : TimeReference{};
 }
 
 }  // namespace
 
 TimeReference time_reference(const Roster& roster, const Origin& self, Role role, const SessionClock& clock,
                              bool force_on, std::int64_t local_now_ns) {
-  const std::optional<Claim> best = best_claim(roster, local_now_ns);
+  const std::optional<Reference> best = best_reference(roster, local_now_ns);
   if (clock.answers()) {
     const TimeReference own{self.participant, self.incarnation};
     if (!best) return own;
     const std::int64_t session_ns = clock.map().session_time(local_now_ns);
     if (!outranks(*best, {own, session_ns, clock.joined_ns()})) return own;
     const bool steps = std::abs(best->session_ns - session_ns) > clock.settings().step_ns;
-    const bool waits = steps && (force_on || force_on_with(roster, self.participant));
-    return waits ? own : best->who;
+    const bool waits = steps && (force_on || is_force_on_with(roster, self.participant));
+    return waits ? own : best->id;
   }
-  // A follower stays with its reference while that claims; of two references, they decide themselves which one yields.
+  // A follower does not change its reference while that is one. If there are two, the references themselves decide.
   const RosterEntry* const current = roster.find(clock.reference());
-  if (current != nullptr && claim_of(roster, *current, local_now_ns))
+  if (current != nullptr && reference_of(roster, *current, local_now_ns))
     return {current->origin.participant, current->origin.incarnation};
-  return best ? best->who : successor(roster, self, role, clock, local_now_ns);
+  return best ? best->id : successor(roster, self, role, clock, local_now_ns);
 }
 
 void keep_time(Roster& roster, const Origin& self, Role role, bool force_on, std::int64_t local_now_ns,
@@ -98,7 +101,7 @@ void keep_time(Roster& roster, const Origin& self, Role role, bool force_on, std
 }
 
 void put_time(const SessionClock& clock, bool force_on, std::int64_t local_now_ns, RosterEntry& entry) {
-  const bool follows = clock.synchronised() && !clock.waits();  // else it must not become the reference
+  const bool follows = clock.synchronised() && !clock.waits();  // otherwise this program must not become the reference
   entry.reference = follows ? clock.reference() : 0;
   entry.session_time_ns = follows ? std::max<std::int64_t>(0, clock.map().session_time(local_now_ns)) : 0;
   entry.joined_ns = std::max<std::int64_t>(0, clock.joined_ns());

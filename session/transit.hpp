@@ -1,7 +1,7 @@
-/// The transit of nearly all samples: the max of the last two seconds, without their worst tenth of a second, because a
-/// single stall is not worth waiting for.
+/// Estimates the max transit of nearly all samples, over the last two seconds. The worst tenth of a second is left out,
+/// because a single stall should not delay all later samples.
 ///
-/// When session time steps back, because the session has joined an older one, later measurements are dropped.
+/// When session time steps back, because two sessions have merged, measurements from later times are dropped.
 /// One thread at a time. Does not allocate.
 #pragma once
 
@@ -13,8 +13,9 @@ namespace tactus::session {
 
 class TransitEstimator {
  public:
+  /// Adds the transit of a sample.
   void on_transit(std::int64_t transit_ns, std::int64_t now_ns) noexcept;
-  /// As of the last sample; 0 when there was none.
+  /// The estimate after the last sample; 0: no sample.
   [[nodiscard]] std::int64_t max_ns() const noexcept { return max_ns_; }
 
  private:

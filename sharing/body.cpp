@@ -28,7 +28,7 @@ std::array<double, 3> inertia_of_bounds(const spm::ModelSummary& summary, double
   return plain(haptics::box_body(mass, half_of(summary, scale)).inertia);
 }
 
-SharedBody body_within(const spm::ModelSummary& summary, double scale) noexcept {
+SharedBody body_of_bounds(const spm::ModelSummary& summary, double scale) noexcept {
   SharedBody body;
   body.settings = haptics::box_body(body.settings.mass, half_of(summary, scale));
   for (int axis = 0; axis < 3; ++axis)
@@ -37,7 +37,7 @@ SharedBody body_within(const spm::ModelSummary& summary, double scale) noexcept 
 }
 
 SharedBody body_of(const session::CatalogueEntry& entry) noexcept {
-  SharedBody body = body_within(entry.summary, entry.scale);
+  SharedBody body = body_of_bounds(entry.summary, entry.scale);
   body.settings.mass = entry.body.mass;
   body.settings.inertia = vec(entry.body.inertia);
   body.settings.friction = entry.body.friction;

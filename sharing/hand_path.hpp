@@ -8,17 +8,18 @@
 
 namespace tactus::sharing {
 
-/// `later_ns`: the hand's clock minus session time. The intent has passed wire/check.
-[[nodiscard]] inline haptics::HandPath hand_path(const session::Intent& intent, std::int64_t later_ns) {
+/// The path on the hand's clock. `clock_offset_ns`: the hand's clock minus session time. The intent has passed
+/// wire/check.
+[[nodiscard]] inline haptics::HandPath hand_path(const session::Intent& intent, std::int64_t clock_offset_ns) {
   haptics::HandPath path;
   path.buttons = intent.buttons;
   for (const session::Waypoint& waypoint : intent.path)
-    path.waypoints[path.count++] = {waypoint.session_time_ns + later_ns, waypoint.pose.position,
+    path.waypoints[path.count++] = {waypoint.session_time_ns + clock_offset_ns, waypoint.pose.position,
                                     waypoint.pose.orientation};
   return path;
 }
 
-/// Sets the start of a hand that has not moved yet to the first waypoint.
+/// Sets the start pose of a simulated hand to the first waypoint of its first intent.
 inline void set_start(const session::Intent& first, haptics::HandSettings& hand) {
   const session::Pose& pose = first.path.front().pose;
   hand.start = {pose.position[0], pose.position[1], pose.position[2]};

@@ -1,9 +1,9 @@
-/// The shown pose of an object that another program simulates: extrapolates its newest pose to now.
+/// Extrapolates the newest received pose of an object that another program simulates to the present.
 ///
 ///     received poses  x----->        x----->          extrapolated by their velocity
-///     shown           ------------\__-------\___      the jump at a new pose is faded out
+///     result          ------------\__-------\___      the jump at a new pose is faded out
 ///
-/// So the shown pose has no playout delay, stops when no poses arrive, and does not jump. Session time.
+/// So the resulting pose has no playout delay, does not jump, and stops when no poses arrive. Session time.
 /// World frame, SI. One thread at a time. Realtime.
 #pragma once
 
@@ -25,20 +25,23 @@ class PoseInterpolator {
   PoseInterpolator() noexcept : PoseInterpolator{BodyState{}} {}
   explicit PoseInterpolator(const BodyState& state) noexcept { show(state, 0); }
 
-  /// Sets the shown pose and drops earlier ones. The difference to later poses fades out from here.
+  /// Sets the pose and forgets those received. The jump to the next received pose is faded out.
   void show(const BodyState& state, std::int64_t session_now_ns) noexcept;
+  /// Takes a received pose.
   void on_pose(const ReceivedPose& pose, std::int64_t session_now_ns) noexcept;
+  /// The extrapolated state, with the faded jump.
   [[nodiscard]] BodyState at(std::int64_t session_now_ns) const noexcept;
 
  private:
-  static constexpr std::int64_t kLongestNs = 60'000'000;  // max extrapolation
-  static constexpr double kFade = 0.02;                   // s, in which a difference falls by a factor e
+  static constexpr std::int64_t kMaxExtrapolationNs = 60'000'000;
+  static constexpr double kFade = 0.02;  // s, time constant of the fading
 
-  [[nodiscard]] BodyState target(std::int64_t session_now_ns) const noexcept;
+  [[nodiscard]] BodyState extrapolate_received(std::int64_t session_now_ns) const noexcept;
 
   ReceivedPose received_;
-  std::int64_t faded_from_ns_ = 0;  // time of the two differences below
-  Vec3d position_error_ = Vec3d::Zero(), rotation_error_ = Vec3d::Zero();
+  std::int64_t jump_ns_ = 0;  // when the last pose was received
+  // Shown minus extrapolated pose at that time: m, and rotation vector in rad.
+  Vec3d position_jump_ = Vec3d::Zero(), rotation_jump_ = Vec3d::Zero();
 };
 
 }  // namespace tactus::sharing

@@ -4,37 +4,40 @@
 
 namespace tactus::sharing {
 
-bool closest_of(std::span<const ScenePart> parts, const Vec3d& point, double within, haptics::SurfaceHit& hit,
+bool closest_of(std::span<const ScenePart> parts, const Vec3d& point, double max_distance, haptics::SurfaceHit& hit,
                 const spm::CandidateCaches* caches) noexcept {
-  // Faces that share the nearest point lie within kHair of its distance. If more do than fit, they share no vertex.
-  constexpr double kHair = 1e-9;
-  const double hair = kHair * (1 + within);
+  // The faces around an edge or a vertex share the closest point, but rounding gives them different distances. So all
+  // faces within `tolerance` of the smallest distance are offered to ClosestSide. If there are more than kMaxNearest of
+  // them, they are assumed to share no vertex.
+  constexpr double kRelativeTolerance = 1e-9;
+  const double tolerance = kRelativeTolerance * (1 + max_distance);
   using Rows = std::array<spm::RowIndex, spm::AbTree::kMaxNearest>;
-  Rows rows;
-  std::uint32_t found = 0;
-  const ScenePart* nearest = nullptr;
-  double reach = within;
+  Rows closest_rows;
+  std::uint32_t closest_count = 0;
+  const ScenePart* closest_part = nullptr;
+  double distance = max_distance;
   for (const ScenePart& part : parts) {
     const Placement& placement = *part.placement;
     const double scale = placement.scale();
     spm::NearestFace face;
-    Rows here;
-    const std::uint32_t count = part.tree->nearest(placement.to_model(point), reach / scale, hair / scale, face,
-                                                   here.data(), here.size(), caches);
+    Rows rows;
+    const std::uint32_t count = part.tree->nearest(placement.to_model(point), distance / scale, tolerance / scale, face,
+                                                   rows.data(), rows.size(), caches);
     if (count == 0) continue;
-    nearest = &part;
-    reach = std::sqrt(face.squared_distance) * scale;
-    found = count;
-    std::copy_n(here.begin(), count, rows.begin());
+    closest_part = &part;
+    distance = std::sqrt(face.squared_distance) * scale;
+    closest_count = count;
+    std::copy_n(rows.begin(), count, closest_rows.begin());
   }
-  if (nearest == nullptr) return false;
-  haptics::ClosestSide side{point, std::min(within, reach + hair)};
-  for (std::uint32_t i = 0; i < found; ++i) {
-    const std::array<float, 9> corners = nearest->tree->corners(rows[i]);
+  if (closest_part == nullptr) return false;
+  haptics::ClosestSide side{point, std::min(max_distance, distance + tolerance)};
+  for (std::uint32_t i = 0; i < closest_count; ++i) {
+    const std::array<float, 9> corners = closest_part->tree->corners(closest_rows[i]);
     const auto corner = [&](int c) {
-      return nearest->placement->to_world({corners[3 * c], corners[3 * c + 1], corners[3 * c + 2]});
+      return closest_part->placement->to_world({corners[3 * c], corners[3 * c + 1], corners[3 * c + 2]});
     };
-    side.offer(corner(0), corner(1), corner(2), nearest->object, index(nearest->tree->row(rows[i]).face));
+    side.offer(corner(0), corner(1), corner(2), closest_part->object,
+               index(closest_part->tree->row(closest_rows[i]).face));
   }
   return side.result(hit);
 }

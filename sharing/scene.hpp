@@ -1,6 +1,6 @@
-/// The static objects with which movable bodies collide: meshes at their present resolution.
+/// Contact queries between movable bodies and static objects, on the active meshes of these objects.
 ///
-/// World frame, metres, unless the name says model. One thread at a time, the one that refines the meshes. Realtime.
+/// World frame, metres, unless the name says model. Only the thread that refines the meshes may call. Realtime.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -41,7 +41,7 @@ class Placement {
   [[nodiscard]] double scale() const noexcept { return scale_; }
   [[nodiscard]] const Eigen::Matrix3d& rotation() const noexcept { return rotation_; }
   [[nodiscard]] const Vec3d& translation() const noexcept { return translation_; }
-  /// Scale, rotation row by row, translation; restores the same placement to the bit.
+  /// Scale, rotation matrix row by row, and translation. The constructor from them restores the placement to the bit.
   using Numbers = std::array<double, 13>;
   [[nodiscard]] Numbers numbers() const noexcept {
     Numbers all{scale_};
@@ -57,7 +57,7 @@ class Placement {
       translation_[row] = all[10 + row];
     }
   }
-  /// All numbers are finite, the scale is above zero, and the rotation matrix is a rotation.
+  /// Whether all numbers are finite, the scale is positive, and the matrix is a rotation.
   [[nodiscard]] bool valid() const noexcept {
     constexpr double kTolerance = 1e-6;
     return std::isfinite(scale_) && scale_ > 0 && translation_.allFinite() && rotation_.isUnitary(kTolerance) &&
@@ -74,21 +74,24 @@ class Placement {
 struct ScenePart {
   const spm::AbTree* tree = nullptr;
   const Placement* placement = nullptr;
-  std::uint32_t object = spm::kNone;  ///< copied to SurfaceHit
+  std::uint32_t object = spm::kNone;  ///< written to SurfaceHit::object
 };
 
-/// haptics::SurfaceDistance::closest over all `parts`. `caches`: candidate caches of sweeps near the point; null: none.
-[[nodiscard]] bool closest_of(std::span<const ScenePart> parts, const Vec3d& point, double within,
+/// Finds the closest point of all `parts`, as haptics::SurfaceDistance::closest does. `caches`: candidate caches of
+/// earlier sweeps near the point, or null.
+[[nodiscard]] bool closest_of(std::span<const ScenePart> parts, const Vec3d& point, double max_distance,
                               haptics::SurfaceHit& hit, const spm::CandidateCaches* caches = nullptr) noexcept;
 
+/// A list of static objects.
 class Scene final : public haptics::SurfaceDistance {
  public:
   void clear() noexcept { count_ = 0; }
-  /// At most spm::kMaxObjects.
+  /// Adds an object; at most spm::kMaxObjects between two calls of `clear`.
   void add(const ScenePart& part) noexcept { parts_[count_++] = part; }
   [[nodiscard]] bool empty() const noexcept { return count_ == 0; }
-  [[nodiscard]] bool closest(const Vec3d& point, double within, haptics::SurfaceHit& hit) const noexcept override {
-    return closest_of({parts_.data(), count_}, point, within, hit);
+  [[nodiscard]] bool closest(const Vec3d& point, double max_distance,
+                             haptics::SurfaceHit& hit) const noexcept override {
+    return closest_of({parts_.data(), count_}, point, max_distance, hit);
   }
 
  private:
@@ -96,32 +99,32 @@ class Scene final : public haptics::SurfaceDistance {
   std::size_t count_ = 0;
 };
 
-/// Distance from a body's contact search points within which the mesh has to be the finest, m: the search distance plus
-/// the motion until the mesh is refined.
-inline constexpr double kAroundBody = 0.006;
+/// Distance from a body's contact search points within which the mesh must be at full resolution, m: the search
+/// distance plus the distance that the body moves until the mesh is refined.
+inline constexpr double kBodySearchDistance = 0.006;
 
 /// Whether a sphere overlaps an object's bounds; `bounds` is in the model frame.
-[[nodiscard]] inline bool near_bounds(const Placement& placement, const spm::CellBox& bounds, const Vec3d& centre,
-                                      double radius) noexcept {
+[[nodiscard]] inline bool overlaps_bounds(const Placement& placement, const spm::CellBox& bounds, const Vec3d& centre,
+                                          double radius) noexcept {
   const double reach = radius / placement.scale();
   return bounds.squared_distance(placement.to_model(centre)) <= reach * reach;
 }
 
-/// The body's centre in the world.
+/// The centre of mass of a body whose model is at `placement`, world frame.
 [[nodiscard]] inline Vec3d centre_of(const SharedBody& body, const Placement& placement) noexcept {
   return placement.translation() + placement.rotation() * body.centre;
 }
 
-/// Calls `visit(place)` with each point at which the box of `body`, whose model is at `placement`, searches for
-/// contacts with an object of these bounds; in that object's model frame. Visits none when the object is too far away.
+/// Calls `visit(point)` for each point from which `body`, whose model is at `placement`, searches for contacts with an
+/// object. `bounds` and the points are in the object's model frame. Visits no point if the object is too far away.
 template <class Visit>
-void for_each_place_beside(const SharedBody& body, const Placement& placement, const Placement& object,
+void for_each_search_point(const SharedBody& body, const Placement& placement, const Placement& object,
                            const spm::CellBox& bounds, Visit&& visit) noexcept {
   const Vec3d& half = body.settings.half;
   const Vec3d centre = centre_of(body, placement);
-  if (!near_bounds(object, bounds, centre, half.norm() + kAroundBody)) return;
+  if (!overlaps_bounds(object, bounds, centre, half.norm() + kBodySearchDistance)) return;
   haptics::for_each_box_point(
-      half, [&](const Vec3d& place) { visit(object.to_model(centre + placement.rotation() * place)); });
+      half, [&](const Vec3d& point) { visit(object.to_model(centre + placement.rotation() * point)); });
 }
 
 }  // namespace tactus::sharing

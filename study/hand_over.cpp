@@ -90,7 +90,7 @@ Figures hand_over(const std::vector<HandOverUser>& users, double seconds, const 
     }
     std::size_t publishing = 0;
     if (const auto grant = arbiter.tick(now_ns)) broadcast(0, *grant);
-    if (arbiter.owns(now_ns)) {
+    if (arbiter.host_simulates(now_ns)) {
       ++publishing;
       publish(0, host, arbiter.fencing());
     }
@@ -107,7 +107,7 @@ Figures hand_over(const std::vector<HandOverUser>& users, double seconds, const 
       }
       if (now_ns >= hrtc.next_change_ns) {
         hrtc.touching = !hrtc.touching;
-        hrtc.holder.touch(hrtc.touching);
+        hrtc.holder.set_touching(hrtc.touching);
         hrtc.next_change_ns = now_ns + between(hrtc.touching ? hrtc.user.hold : hrtc.user.pause);
         touches += hrtc.touching ? 1 : 0;
         hrtc.requested_ns = hrtc.touching ? now_ns : -1;

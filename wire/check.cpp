@@ -196,11 +196,11 @@ const char* invalid_field(const session::BulkChunk& b) noexcept {
   if (b.sequence == 0) return "sequence: expected at least 1";
   std::size_t bytes = 0;
   for (const session::BulkPiece& piece : b.pieces) {
-    if (piece.part >= piece.parts) return "pieces.part: expected below parts";
+    if (piece.index >= piece.count) return "pieces.index: expected below count";
     if (piece.payload.empty()) return "pieces.payload: expected at least one byte";
     if ((piece.region == spm::kNone) != (b.kind() == session::BulkKind::kBase))
       return "pieces.region: expected base meshes and regions in different chunks";
-    bytes += session::header_bytes(piece.region, piece.parts) + piece.payload.size();
+    bytes += session::header_bytes(piece.region, piece.count) + piece.payload.size();
   }
   if (bytes > session::kMaxPayload) return "pieces: expected at most 1400 bytes with their headers";
   return nullptr;

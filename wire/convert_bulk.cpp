@@ -35,8 +35,8 @@ class PieceReader {
     if (!region || *region == 0 || !part || !parts || !size) return std::nullopt;
     if (static_cast<std::size_t>(end_ - at_) < sizeof piece.checksum + *size) return std::nullopt;
     piece.region = static_cast<std::uint32_t>(*region - 1);
-    piece.part = static_cast<std::uint32_t>(*part);
-    piece.parts = static_cast<std::uint32_t>(*parts);
+    piece.index = static_cast<std::uint32_t>(*part);
+    piece.count = static_cast<std::uint32_t>(*parts);
     for (unsigned shift = 0; shift < 32; shift += 8) piece.checksum |= std::uint32_t{*at_++} << shift;
     piece.payload.assign(at_, at_ + *size);
     at_ += *size;
@@ -117,8 +117,8 @@ void to_idl(const session::BulkChunk& from, idl::BulkChunk& to) {
   bytes.clear();
   for (const session::BulkPiece& piece : from.pieces) {
     put_varint(bytes, std::uint64_t{piece.region} + 1);
-    put_varint(bytes, piece.part);
-    put_varint(bytes, piece.parts);
+    put_varint(bytes, piece.index);
+    put_varint(bytes, piece.count);
     put_varint(bytes, piece.payload.size());
     for (unsigned shift = 0; shift < 32; shift += 8)
       bytes.push_back(static_cast<std::uint8_t>(piece.checksum >> shift));

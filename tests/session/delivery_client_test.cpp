@@ -238,7 +238,7 @@ TEST_F(DeliveryClientTest, IgnoresForeignChunks) {
       [&](BulkChunk& c) { c.stream = other(kSession, kHost, 5, kHrtc, 31); },
       [&](BulkChunk& c) { c.stream = other(kSession, kHost, 4, kHrtc, kObject); },
       [&](BulkChunk& c) { c.stream = other(kSession, 12, 5, kHrtc, kObject); },
-      [](BulkChunk& c) { c.pieces[0].part = 1; },
+      [](BulkChunk& c) { c.pieces[0].index = 1; },
       [](BulkChunk& c) {
         c.pieces.push_back({spm::kNone, 0, 1, 0, {1}});
       },

@@ -89,9 +89,9 @@ class DeliveryServerTest : public testing::Test {
     std::vector<std::uint8_t> bytes;
     for (const BulkPiece& piece : pieces_in(chunks)) {
       if (piece.region == spm::kNone) continue;
-      if (piece.part == 0) bytes.clear();
+      if (piece.index == 0) bytes.clear();
       bytes.insert(bytes.end(), piece.payload.begin(), piece.payload.end());
-      if (piece.part + 1 != piece.parts) continue;
+      if (piece.index + 1 != piece.count) continue;
       const auto data = spm::codec::decode_region(bytes, model_.summary, encoded_.coded().tables());
       if (!data) {
         ADD_FAILURE() << data.error().text;
@@ -150,7 +150,7 @@ TEST_F(DeliveryServerTest, FillsEveryChunkButTheLast) {
   std::set<std::uint32_t> shared;
   for (const BulkChunk& chunk : chunks) {
     std::size_t bytes = 0;
-    for (const BulkPiece& piece : chunk.pieces) bytes += header_bytes(piece.region, piece.parts) + piece.payload.size();
+    for (const BulkPiece& piece : chunk.pieces) bytes += header_bytes(piece.region, piece.count) + piece.payload.size();
     EXPECT_LE(bytes, kMaxPayload);
     if (&chunk != &chunks.back()) {
       EXPECT_GT(bytes, kMaxPayload - 64) << "chunk " << chunk.sequence;
@@ -250,7 +250,7 @@ TEST_F(DeliveryServerTest, SendsALostPartAgainUnchangedUnderANewSequence) {
   submit(demand(1, {3}));
   const std::vector<BulkChunk> sent = drain_window(3);
   ASSERT_EQ(pieces_in(sent).size(), sent.size());
-  ASSERT_GT(sent.back().pieces[0].parts, sent.size());
+  ASSERT_GT(sent.back().pieces[0].count, sent.size());
 
   Demand d = demand(2, {3});
   d.received = sent[0].sequence;
@@ -262,7 +262,7 @@ TEST_F(DeliveryServerTest, SendsALostPartAgainUnchangedUnderANewSequence) {
   ASSERT_EQ(again.size(), 1u);
   const BulkPiece &lost = sent[1].pieces[0], &repeated = again[0].pieces.at(0);
   EXPECT_EQ(repeated.region, lost.region);
-  EXPECT_EQ(repeated.part, lost.part);
+  EXPECT_EQ(repeated.index, lost.index);
   EXPECT_EQ(repeated.payload, lost.payload);
   EXPECT_EQ(repeated.checksum, lost.checksum);
   EXPECT_GT(again[0].sequence, sent.back().sequence);
@@ -270,7 +270,7 @@ TEST_F(DeliveryServerTest, SendsALostPartAgainUnchangedUnderANewSequence) {
   EXPECT_EQ(server_.counters().repeated, 1u);
   d.origin.time_ns = ++time_;
   submit(d);
-  EXPECT_EQ(drain_window(1).at(0).pieces.at(0).part, sent.back().pieces[0].part + 1)
+  EXPECT_EQ(drain_window(1).at(0).pieces.at(0).index, sent.back().pieces[0].index + 1)
       << "the missing part was sent again once";
 }
 
@@ -309,7 +309,7 @@ TEST_F(DeliveryServerTest, AnEchoFollowsTheLastChunksToShowTheirLoss) {
 TEST_F(DeliveryServerTest, ACancelledRegionIsNotCompleted) {
   submit(demand(1, {3, 5}));
   const std::vector<BulkChunk> begun = drain(1);
-  ASSERT_GT(begun[0].pieces.at(0).parts, 1u);
+  ASSERT_GT(begun[0].pieces.at(0).count, 1u);
 
   submit(demand(2, {5}));
 
@@ -326,7 +326,7 @@ TEST_F(DeliveryServerTest, AMessageThatReliesOnARetiredRegionIsPlannedAnew) {
   d.have = {{0, 2}};
   submit(d);
   const std::vector<BulkChunk> begun = drain(1);
-  ASSERT_GT(begun[0].pieces.at(0).parts, 1u);
+  ASSERT_GT(begun[0].pieces.at(0).count, 1u);
 
   submit(demand(2, {3}));
 
@@ -519,14 +519,14 @@ TEST_F(DeliveryServerTest, GoesOnAfterOneDemandFromTheFarFuture) {
     };
     std::uint32_t epoch = 0;
     for (int i = 0; i < 20; ++i)
-      ASSERT_EQ(submit_later(at_now(demand(++epoch, {1}))), DeliveryServer::DemandResult::kTaken);
+      ASSERT_EQ(submit_later(at_now(demand(++epoch, {1}))), DeliveryServer::DemandResult::kApplied);
     Demand wrong = at_now(demand(++epoch, {1}));
     vary(wrong);
     (void)submit_later(wrong);
     for (int i = 0; i < 4; ++i) (void)submit_later(at_now(demand(++epoch, {1})));
     Demand poor = at_now(demand(++epoch, {2}));
     poor.credit = 0;
-    EXPECT_EQ(submit_later(poor), DeliveryServer::DemandResult::kTaken);
+    EXPECT_EQ(submit_later(poor), DeliveryServer::DemandResult::kApplied);
     for (int i = 0; i < 10; ++i) {
       const std::optional<Outgoing> out = server.next(now_ + 100 * kMs);
       EXPECT_TRUE(!out || out->chunk.kind() == BulkKind::kEcho) << "the credit of the last demand applies";
@@ -549,15 +549,15 @@ TEST_F(DeliveryServerTest, AnHrtcWithoutDemandsIsDropped) {
   EXPECT_EQ(server_.counters_by_hrtc().count(kHrtc), 1u) << "it repeats its demands";
 }
 
-TEST(MessageParts, EveryByteOfALargeMessageIsInOnePart) {
-  constexpr std::uint32_t kBytes = 200'000'000;  // needs more than 65,535 parts
-  const MessageParts parts = MessageParts::cut(kBytes, spm::kNone, kMaxPayload);
+TEST(MessagePieces, EveryByteOfALargeMessageIsInOnePiece) {
+  constexpr std::uint32_t kBytes = 200'000'000;  // needs more than 65,535 pieces
+  const MessagePieces pieces = MessagePieces::cut(kBytes, spm::kNone, kMaxPayload);
   std::size_t end = 0;
-  for (std::uint32_t part = 0; part < parts.count; ++part) {
-    const auto [from, to] = parts.range(part);
+  for (std::uint32_t piece = 0; piece < pieces.count; ++piece) {
+    const auto [from, to] = pieces.range(piece);
     ASSERT_EQ(from, end);
     ASSERT_LT(from, to);
-    ASSERT_LE(to - from + header_bytes(spm::kNone, parts.count), kMaxPayload);
+    ASSERT_LE(to - from + header_bytes(spm::kNone, pieces.count), kMaxPayload);
     end = to;
   }
   EXPECT_EQ(end, kBytes);

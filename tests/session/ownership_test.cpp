@@ -73,7 +73,7 @@ class Contest {
     for (const auto& [fencing, authors] : authors_)
       ASSERT_LE(authors.size(), 1u) << "poses of two owners were accepted under fencing number " << fencing;
     if (host_incarnation_ > 1) return;  // a restarted host may overlap with a lease, under another number
-    int owners = host_->owns(now_) ? 1 : 0;
+    int owners = host_->host_simulates(now_) ? 1 : 0;
     for (const Hrtc& hrtc : hrtcs_) {
       const Holder::Role role = hrtc.holder->role(now_);
       if (role == Holder::Role::kOwner && hrtc.suspended_until <= now_) ++owners;
@@ -180,7 +180,8 @@ class Contest {
     if (const auto grant = host_->tick(now_)) {
       for (std::size_t i = 0; i < kHrtcs; ++i) send(kHostIndex, i, *grant);
     }
-    if (host_->owns(now_)) publish(kHostIndex, kHost, host_incarnation_ * kHostLife, host_->fencing(), host_sequence_);
+    if (host_->host_simulates(now_))
+      publish(kHostIndex, kHost, host_incarnation_ * kHostLife, host_->fencing(), host_sequence_);
   }
 
   OwnershipSettings settings_;
@@ -204,13 +205,13 @@ TEST(Ownership, TheHostOwnsBeforeAndAfterATouch) {
   Contest contest{1};
   contest.run(300);
   EXPECT_EQ(contest.seen_author(), kHost);
-  contest.holder(0).touch(true);
+  contest.holder(0).set_touching(true);
   EXPECT_EQ(contest.role(0), Holder::Role::kRequesting);
   contest.run(30);
   EXPECT_EQ(contest.role(0), Holder::Role::kOwner);
   EXPECT_EQ(contest.seen_author(), 1u);
-  EXPECT_FALSE(contest.host().owns(contest.now()));
-  contest.holder(0).touch(false);
+  EXPECT_FALSE(contest.host().host_simulates(contest.now()));
+  contest.holder(0).set_touching(false);
   EXPECT_EQ(contest.role(0), Holder::Role::kWatching);
   contest.run(30);
   EXPECT_EQ(contest.seen_author(), kHost);
@@ -220,10 +221,10 @@ TEST(Ownership, TwoTouchersSimulateCopiesAndTheLongestHolderLeads) {
   Contest contest{1};
   contest.run(300);
   contest.holder(2).set_one_way(40 * kMs);
-  contest.holder(2).touch(true);
+  contest.holder(2).set_touching(true);
   contest.run(30);
   const std::uint64_t alone = contest.holder(2).fencing();
-  contest.holder(1).touch(true);
+  contest.holder(1).set_touching(true);
   contest.run(30);
   EXPECT_EQ(contest.role(2), Holder::Role::kLeader);
   EXPECT_EQ(contest.role(1), Holder::Role::kCopy);
@@ -231,7 +232,7 @@ TEST(Ownership, TwoTouchersSimulateCopiesAndTheLongestHolderLeads) {
   EXPECT_EQ(contest.holder(1).grant().channel_delay_ns, 40 * kMs);
   EXPECT_NE(contest.holder(1).copy_index(), contest.holder(2).copy_index());
   EXPECT_EQ(contest.seen_author(), 3u);
-  contest.holder(2).touch(false);
+  contest.holder(2).set_touching(false);
   contest.run(30);
   EXPECT_EQ(contest.role(1), Holder::Role::kOwner);
   EXPECT_EQ(contest.seen_author(), 2u);
@@ -240,12 +241,12 @@ TEST(Ownership, TwoTouchersSimulateCopiesAndTheLongestHolderLeads) {
 TEST(Ownership, ASuspendedOwnerLosesTheObjectAfterItsLeaseAndItsPosesAreRefused) {
   Contest contest{1};
   contest.run(300);
-  contest.holder(0).touch(true);
+  contest.holder(0).set_touching(true);
   contest.run(30);
   ASSERT_EQ(contest.role(0), Holder::Role::kOwner);
   contest.suspend(0, contest.now() + 600 * kMs);
   contest.run(300);
-  EXPECT_TRUE(contest.host().owns(contest.now()));
+  EXPECT_TRUE(contest.host().host_simulates(contest.now()));
   EXPECT_EQ(contest.seen_author(), kHost);
   const std::uint64_t before = contest.refused();
   contest.run(310);  // it resumes and sends one more pose
@@ -259,7 +260,7 @@ TEST(Ownership, TheLeaseGrowsWithTheRoundTrip) {
   Contest contest{1, {0, 0, 300, 0}};
   contest.run(700);
   for (const std::size_t i : {0u, 1u}) contest.holder(i).set_one_way(300 * kMs);
-  contest.holder(0).touch(true);
+  contest.holder(0).set_touching(true);
   contest.run(610);
   EXPECT_EQ(contest.role(0), Holder::Role::kOwner);
   contest.run(1000);
@@ -268,21 +269,21 @@ TEST(Ownership, TheLeaseGrowsWithTheRoundTrip) {
   contest.run(850);
   EXPECT_EQ(contest.role(0), Holder::Role::kRequesting);
   contest.run(400);
-  EXPECT_TRUE(contest.host().owns(contest.now()));
+  EXPECT_TRUE(contest.host().host_simulates(contest.now()));
   contest.check();
 }
 
 TEST(Ownership, ADisconnectedOwnerStopsBeforeTheHostTakesTheObjectBack) {
   Contest contest{1};
   contest.run(300);
-  contest.holder(0).touch(true);
+  contest.holder(0).set_touching(true);
   contest.run(30);
   contest.disconnect(0, contest.now() + 1000 * kMs);
   std::int64_t stopped = 0, taken = 0;
   for (int ms = 0; ms < 500; ++ms) {
     contest.run(1);
     if (stopped == 0 && contest.role(0) != Holder::Role::kOwner) stopped = contest.now();
-    if (taken == 0 && contest.host().owns(contest.now())) taken = contest.now();
+    if (taken == 0 && contest.host().host_simulates(contest.now())) taken = contest.now();
   }
   ASSERT_GT(stopped, 0);
   ASSERT_GT(taken, 0);
@@ -292,9 +293,9 @@ TEST(Ownership, ADisconnectedOwnerStopsBeforeTheHostTakesTheObjectBack) {
 TEST(Ownership, ARestartedHostGrantsALargerNumber) {
   Contest contest{1};
   contest.run(300);
-  contest.holder(0).touch(true);
+  contest.holder(0).set_touching(true);
   contest.run(30);
-  contest.holder(1).touch(true);
+  contest.holder(1).set_touching(true);
   contest.run(30);
   const std::uint64_t before = contest.holder(0).fencing();
   contest.start_host();
@@ -335,7 +336,7 @@ TEST(Ownership, EachNumberHasOneOwnerUnderFaultsAndOneOwnerRemainsAfterThem) {
           if (seed % 3 == 0) contest.start_host();
           break;
         default:
-          contest.holder(who).touch(touches[who] = !touches[who]);
+          contest.holder(who).set_touching(touches[who] = !touches[who]);
       }
       for (int ms = below(150); ms > 0; --ms) {
         contest.run(1);
@@ -359,7 +360,7 @@ TEST(Ownership, EachNumberHasOneOwnerUnderFaultsAndOneOwnerRemainsAfterThem) {
     }
     EXPECT_EQ(simulating, touching) << "seed " << seed;
     EXPECT_EQ(leading, touching > 0 ? 1 : 0) << "seed " << seed;
-    EXPECT_EQ(contest.host().owns(contest.now()), touching == 0) << "seed " << seed;
+    EXPECT_EQ(contest.host().host_simulates(contest.now()), touching == 0) << "seed " << seed;
     EXPECT_GT(contest.seen_ns(), contest.now() - 50 * kMs) << "seed " << seed << ": nobody simulates the object";
     if (HasFailure()) return;
   }
@@ -419,7 +420,7 @@ TEST(Arbiter, GrantsAgainAfterOneClaimFromTheFarFuture) {
       arbiter.on_claim(claim_of(1, 3, ++sequence, true), now += 20 * kMs);
       (void)arbiter.tick(now);
     }
-    ASSERT_FALSE(arbiter.owns(now)) << "an HRTC touches";
+    ASSERT_FALSE(arbiter.host_simulates(now)) << "an HRTC touches";
     arbiter.on_claim(claim_of(1, 3, ++sequence, false), now += 20 * kMs);
     const std::optional<ObjectGrant> grant = arbiter.tick(now);
     ASSERT_TRUE(grant);
@@ -441,7 +442,7 @@ TEST(Arbiter, OneFencingNumberFromTheFarFutureIsNotTaken) {
 TEST(Holder, AcceptsGrantsAfterOneFromTheFarFuture) {
   for (const bool is_number : {true, false}) {
     Holder holder{origin_of(1, 1), kObject, {}};
-    holder.touch(true);
+    holder.set_touching(true);
     std::int64_t now = 0;
     std::uint32_t sequence = 0;
     for (int i = 0; i < 100; ++i) {

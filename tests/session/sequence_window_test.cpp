@@ -48,7 +48,7 @@ TEST(SequenceWindow, AJumpIsAcceptedAfterThreeConsecutiveSamplesThatAgree) {
     EXPECT_EQ(window.admit(to, 150 * kMs), Admission::kImplausible);
     EXPECT_EQ(window.admit(to, 150 * kMs), Admission::kImplausible) << "a repetition is no successor";
     EXPECT_EQ(window.admit(to + 1, 151 * kMs), Admission::kImplausible);
-    EXPECT_EQ(window.admit(to + 2, 152 * kMs), Admission::kAnew);
+    EXPECT_EQ(window.admit(to + 2, 152 * kMs), Admission::kNewStart);
     EXPECT_EQ(window.admit(to + 3, 153 * kMs), Admission::kAccepted);
   }
 }
@@ -66,8 +66,8 @@ TEST(SequenceWindow, SamplesThatDisagreeOrAreInterruptedAreNoJump) {
 
 TEST(SequenceWindow, TheFirstNumberIsUnconfirmedUntilASecondAgrees) {
   SequenceWindow window{kLimits};
-  EXPECT_EQ(window.admit(UINT64_MAX, 0), Admission::kAnew);
-  EXPECT_EQ(window.admit(7, kMs), Admission::kAnew);
+  EXPECT_EQ(window.admit(UINT64_MAX, 0), Admission::kNewStart);
+  EXPECT_EQ(window.admit(7, kMs), Admission::kNewStart);
   EXPECT_FALSE(window.confirmed());
   EXPECT_EQ(window.admit(8, 2 * kMs), Admission::kAccepted);
   EXPECT_TRUE(window.confirmed());
@@ -79,7 +79,7 @@ TEST(SequenceWindow, ANumberThatRepeatsIsAcceptedEachTime) {
   EXPECT_EQ(window.admit(100, 101 * kMs), Admission::kAccepted);
   EXPECT_EQ(window.admit(99, 102 * kMs), Admission::kOld);
   for (int i = 0; i < 2; ++i) EXPECT_EQ(window.admit(5000, 103 * kMs), Admission::kImplausible);
-  EXPECT_EQ(window.admit(5000, 104 * kMs), Admission::kAnew) << "equal numbers agree";
+  EXPECT_EQ(window.admit(5000, 104 * kMs), Admission::kNewStart) << "equal numbers agree";
 }
 
 TEST(SequenceWindow, AFencingNumberNeverFallsOnceConfirmed) {
@@ -87,8 +87,8 @@ TEST(SequenceWindow, AFencingNumberNeverFallsOnceConfirmed) {
   for (std::int64_t i = 0; i < 100; ++i) EXPECT_EQ(window.admit(5, i * kMs), Admission::kOld);
   EXPECT_EQ(window.newest(), std::uint64_t{1} << 40);
   SequenceWindow fresh{{10, 1000, true, false}};
-  EXPECT_EQ(fresh.admit(UINT64_MAX, 0), Admission::kAnew);
-  EXPECT_EQ(fresh.admit(5, 0), Admission::kAnew) << "a single sample is not confirmed";
+  EXPECT_EQ(fresh.admit(UINT64_MAX, 0), Admission::kNewStart);
+  EXPECT_EQ(fresh.admit(5, 0), Admission::kNewStart) << "a single sample is not confirmed";
 }
 
 /// Samples may be lost or forged. A forged number from far away must not cause the refusal of an honest sample.
@@ -109,12 +109,12 @@ TEST(SequenceWindow, HonestSamplesPassBetweenForgedOnes) {
 
 TEST(SourceWindow, ALargerIncarnationTakesOverAtOnceAndASmallerOneAfterThreeConsecutiveSamples) {
   SourceWindow window;
-  EXPECT_EQ(window.admit(origin(1, 50)), Admission::kAnew);
+  EXPECT_EQ(window.admit(origin(1, 50)), Admission::kNewStart);
   EXPECT_EQ(window.admit(origin(1, 50)), Admission::kAccepted);
-  EXPECT_EQ(window.admit(origin(1, UINT64_MAX)), Admission::kAnew);
+  EXPECT_EQ(window.admit(origin(1, UINT64_MAX)), Admission::kNewStart);
   EXPECT_EQ(window.admit(origin(1, 50)), Admission::kImplausible);
   EXPECT_EQ(window.admit(origin(1, 50)), Admission::kImplausible);
-  EXPECT_EQ(window.admit(origin(1, 50)), Admission::kAnew);
+  EXPECT_EQ(window.admit(origin(1, 50)), Admission::kNewStart);
 }
 
 TEST(SourceWindow, IncarnationsOfDifferentParticipantsAreNotCompared) {
@@ -122,7 +122,7 @@ TEST(SourceWindow, IncarnationsOfDifferentParticipantsAreNotCompared) {
     SourceWindow window;
     (void)window.admit(origin(1, 50));
     for (unsigned i = 1; i < kAgreeing; ++i) EXPECT_EQ(window.admit(origin(2, incarnation)), Admission::kImplausible);
-    EXPECT_EQ(window.admit(origin(2, incarnation)), Admission::kAnew);
+    EXPECT_EQ(window.admit(origin(2, incarnation)), Admission::kNewStart);
     EXPECT_EQ(window.admit(origin(1, 50)), Admission::kImplausible);
   }
 }
@@ -139,7 +139,7 @@ TEST(SenderWindow, ARestartedSenderCountsFromItsFirstNumber) {
   SenderWindow window{kLimits};
   for (std::uint64_t i = 1000; i < 1100; ++i)
     EXPECT_TRUE(accepted(window.admit(origin(1, 5), i, static_cast<std::int64_t>(i) * kMs)));
-  EXPECT_EQ(window.admit(origin(1, 6), 1, 1100 * kMs), Admission::kAnew);
+  EXPECT_EQ(window.admit(origin(1, 6), 1, 1100 * kMs), Admission::kNewStart);
   EXPECT_EQ(window.admit(origin(1, 6), 2, 1101 * kMs), Admission::kAccepted);
 }
 
@@ -166,7 +166,7 @@ TEST(TimeWindow, AStepOfTheClockIsAcceptedAfterThreeSamplesThatAgree) {
   for (std::int64_t ms = 0; ms < 10; ++ms) (void)window.admit(ms * kMs, ms * kMs);
   EXPECT_EQ(window.admit(60'010 * kMs, 10 * kMs), Admission::kImplausible);
   EXPECT_EQ(window.admit(60'011 * kMs, 11 * kMs), Admission::kImplausible);
-  EXPECT_EQ(window.admit(60'012 * kMs, 12 * kMs), Admission::kAnew);
+  EXPECT_EQ(window.admit(60'012 * kMs, 12 * kMs), Admission::kNewStart);
   EXPECT_EQ(window.admit(60'013 * kMs, 13 * kMs), Admission::kAccepted);
 }
 

@@ -39,7 +39,7 @@ struct Text {
     for (const BulkPiece& piece : chunk.pieces) {
       if (&piece != chunk.pieces.data()) line += ", ";
       line += piece.region == spm::kNone ? "base mesh" : "region " + std::to_string(piece.region);
-      line += " part " + std::to_string(piece.part + 1) + " of " + std::to_string(piece.parts);
+      line += " piece " + std::to_string(piece.index + 1) + " of " + std::to_string(piece.count);
     }
     return line;
   }

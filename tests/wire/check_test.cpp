@@ -149,8 +149,8 @@ TEST(Check, NamesTheWrongFieldOfADemand) {
 
 TEST(Check, NamesTheWrongFieldOfABulkChunk) {
   expect_invalid(chunk(), "sequence", [](auto& b) { b.sequence = 0; });
-  expect_invalid(chunk(), "pieces.part", [](auto& b) { b.pieces[0].part = 1; });
-  expect_invalid(chunk(), "pieces.part", [](auto& b) { b.pieces[0].parts = 0; });
+  expect_invalid(chunk(), "pieces.index", [](auto& b) { b.pieces[0].index = 1; });
+  expect_invalid(chunk(), "pieces.index", [](auto& b) { b.pieces[0].count = 0; });
   expect_invalid(chunk(), "pieces", [](auto& b) { b.pieces[0].payload.resize(ses::kMaxPayload - 2); });
   expect_invalid(chunk(), "pieces.payload", [](auto& b) { b.pieces[0].payload.clear(); });
   expect_invalid(chunk(), "pieces.region", [](auto& b) { b.pieces.push_back({spm::kNone, 0, 1, 0, {1}}); });

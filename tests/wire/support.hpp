@@ -108,7 +108,7 @@ inline auto fields(const ses::StopName& s) { return std::tuple{s.participant, s.
 inline auto fields(const ses::StopRecord& s) {
   return std::tuple{s.participant, s.incarnation, s.stop, s.ended, s.reset};
 }
-inline auto fields(const ses::BulkPiece& p) { return std::tuple{p.region, p.part, p.parts, p.checksum, p.payload}; }
+inline auto fields(const ses::BulkPiece& p) { return std::tuple{p.region, p.index, p.count, p.checksum, p.payload}; }
 template <class T>
 auto fields(const std::vector<T>& list) {
   std::vector<decltype(fields(list.front()))> all;
