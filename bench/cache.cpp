@@ -88,7 +88,7 @@ Outcome run_pool(const spm::Model& model, const Settings& settings, const PoolCa
   SessionSettings session;
   session.pool = spm::PoolSettings::for_slots(slots_for(model.summary, pool.pool_share, 8192));
   session.cycle.radius = session.loader.radius = settings.radius;
-  session.loader.keep_unwanted = pool.keeps_unwanted;
+  session.loader.retain_unwanted = pool.keeps_unwanted;
   const double scale = model.summary.metres_per_unit;
   SessionRun run{model, scale, session};
   run.settle(away * scale);

@@ -224,9 +224,9 @@ HrtcRun run_hrtc(const LoadedModel& subject, const Settings& settings, const std
     const double cpu = thread_cpu_us() - before;
     const double wall = stopwatch.lap();
     const hrtc_service::CycleCosts& costs = result.costs;
-    if (costs.foreseen > 0)
+    if (costs.predicted_total > 0)
       governor.observe(costs.visits * spm::Budget::kVisit + costs.changes * spm::Budget::kChange, costs.refit,
-                       costs.total(), costs.foreseen);
+                       costs.total(), costs.predicted_total);
     outcome.cpu.add(cpu);
     outcome.wall.add(wall);
     for (std::size_t p = 0; p < paths.size(); ++p) {

@@ -137,9 +137,9 @@ Outcome run_deadline(const spm::Model& model, const Settings& settings, const st
 
     const hrtc_service::CycleCosts& costs = result.costs;
     const double own_ns = std::min(own * 1e3, static_cast<double>(costs.total()));
-    if (costs.foreseen > 0)
+    if (costs.predicted_total > 0)
       governor.observe(costs.visits * spm::Budget::kVisit + costs.changes * spm::Budget::kChange, costs.refit,
-                       costs.total(), costs.foreseen);
+                       costs.total(), costs.predicted_total);
     const double reference_us = reference.run();
     outcome.reference.add(reference_us);
     if (reference_us < deadline_us) ++outcome.reference_in_time;
@@ -167,8 +167,8 @@ Outcome run_deadline(const spm::Model& model, const Settings& settings, const st
     outcome.right += row * std::min<double>(costs.refine + costs.refit, own_ns);
   }
   load.set(false);
-  outcome.refit_unit_ns = governor.refit_unit_ns();
-  outcome.surprise_us = governor.surprise_ns() * 1e-3;
+  outcome.refit_unit_ns = governor.refit_ns_per_unit();
+  outcome.surprise_us = governor.excess_ns() * 1e-3;
   return outcome;
 }
 

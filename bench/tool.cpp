@@ -164,9 +164,9 @@ class RefinedTool {
     wall_us_ = watch.lap();
     cpu_us_ = thread_cpu_us() - began;
     const hrtc_service::CycleCosts& costs = result_->costs;
-    if (costs.foreseen > 0)
+    if (costs.predicted_total > 0)
       governor_.observe(costs.visits * spm::Budget::kVisit + costs.changes * spm::Budget::kChange, costs.refit,
-                        costs.total(), costs.foreseen);
+                        costs.total(), costs.predicted_total);
   }
   [[nodiscard]] const hrtc_service::CycleResult& result() const { return *result_; }
   [[nodiscard]] const haptics::ToolResult& tool() { return run_.haptic().tool(0)->last(); }

@@ -6,29 +6,31 @@
 namespace tactus::hrtc_service {
 namespace {
 
-// After the last touch, a body still counts as held, so that a bounce does not release it.
-constexpr std::int64_t kHoldNs = 100'000'000;
-// Then the simulation waits so long for a new owner: longer than a lease.
-constexpr std::int64_t kAloneNs = 300'000'000;
+// Time for which a body counts as held after the last touch, so that a bounce does not release it.
+constexpr std::int64_t kReleaseDelayNs = 100'000'000;
+// Time for which a released body is simulated without a new owner. Longer than a lease.
+constexpr std::int64_t kMaxUnownedNs = 300'000'000;
 
 Placement placement_of(const haptics::BodyState& state, const TouchObject& object) {
   return Placement{sharing::pose_of(state, object.body->centre), object.placement.scale()};
 }
 
-/// J in a spring of that stiffness and displacement whose force is limited.
-double stored_in(double stiffness, double stretch, double max_force) noexcept {
+/// Returns the energy in a spring with limited force, J.
+double spring_energy(double stiffness, double stretch, double max_force) noexcept {
   const double within = std::min(stretch, max_force / std::max(stiffness, 1e-9));
   return 0.5 * stiffness * within * within + max_force * (stretch - within);
 }
 
-/// The ratio of the limited to the requested force.
-double share_of(double left, double wanted) noexcept { return wanted > 0 ? std::min(1.0, left / wanted) : 0.0; }
+/// Returns the ratio of the limited force to the force before the limits, at most 1.
+double force_share(double limited, double unlimited) noexcept {
+  return unlimited > 0 ? std::min(1.0, limited / unlimited) : 0.0;
+}
 
-/// The factor that reduces a size to at most `most`.
-double shortened(double size, double max) noexcept { return size > max ? max / size : 1.0; }
+/// Returns the factor that reduces `size` to `max`, at most 1.
+double clamp_factor(double size, double max) noexcept { return size > max ? max / size : 1.0; }
 
-/// The same limits for rotation: the wrist of a hand, a grip of some centimetres.
-haptics::PassivitySettings of_turning() noexcept {
+/// Returns the limits of a rotational port, for the wrist of a hand and a grip of some centimetres.
+haptics::PassivitySettings rotational_port_settings() noexcept {
   haptics::PassivitySettings settings;
   settings.acceleration = 500;  // rad/s^2
   settings.min_speed = 0.02;    // rad/s
@@ -45,7 +47,8 @@ BodyLink::BodyLink() {
 }
 
 Bodies::Bodies(const CycleSettings& settings, BodyLink& link) : settings_{settings}, link_{link} {
-  for (Turning& turning : turning_) turning.port = haptics::PassivityController{of_turning()};
+  for (RotationalPort& rotational : rotational_ports_)
+    rotational.port = haptics::PassivityController{rotational_port_settings()};
   simulated_.resize(kMaxBodies, haptics::SharedObject{haptics::BodySettings{}});
 }
 
@@ -55,7 +58,7 @@ std::uint32_t Bodies::body_of(std::uint32_t object) const noexcept {
   return kMaxBodies;
 }
 
-void Bodies::find_new(const Cycle& cycle) noexcept {
+void Bodies::add_new_bodies(const Cycle& cycle) noexcept {
   if (cycle.objects_changed() == objects_changed_) return;
   objects_changed_ = cycle.objects_changed();
   for (const TouchObject* const object : cycle.objects()) {
@@ -63,9 +66,9 @@ void Bodies::find_new(const Cycle& cycle) noexcept {
     Body& body = bodies_[count_];
     body = Body{};
     body.object = object;
-    body.placed = object->body->start;
-    body.pose_interpolator.show(body.placed, 0);
-    simulated_[count_] = haptics::SharedObject{object->body->settings, body.placed};
+    body.state_in_cycle = object->body->start;
+    body.pose_interpolator.show(body.state_in_cycle, 0);
+    simulated_[count_] = haptics::SharedObject{object->body->settings, body.state_in_cycle};
     simulated_[count_].follow();
     ++count_;
   }
@@ -94,17 +97,17 @@ void Bodies::forget_withdrawn(const Cycle& cycle) noexcept {
     simulated_[i] = simulated_[count_];
   }
   if (!any) return;
-  for (Spring& spring : springs_) spring.body = kMaxBodies;  // indices from before the removal
+  for (HandSpring& spring : springs_) spring.body = kMaxBodies;  // indices from before the removal
   if (count_ > 0) return;
-  passed_on_.fill(0);
+  energy_to_body_.fill(0);
   for (std::uint32_t p = 0; p < kMaxProbes; ++p) {  // `limit` does not run without bodies, so the ports are reset here
     ports_[p].limited(Vec3d::Zero());
-    turning_[p].port.limited(Vec3d::Zero());
-    turning_[p].passed_on = 0;
+    rotational_ports_[p].port.limited(Vec3d::Zero());
+    rotational_ports_[p].energy_to_body = 0;
   }
 }
 
-void Bodies::simulate_as_ordered(std::uint32_t i) noexcept {
+void Bodies::apply_coupling_order(std::uint32_t i) noexcept {
   Body& body = bodies_[i];
   haptics::CopyCoupling* const coupling = body.mode == Mode::kHeld ? body.order.coupling : nullptr;
   if (coupling == body.coupling) return;
@@ -115,159 +118,165 @@ void Bodies::simulate_as_ordered(std::uint32_t i) noexcept {
     simulated_[i].own();
 }
 
-void Bodies::take_orders() noexcept {
-  if (link_.orders.take(current_)) {
-    for (std::uint32_t k = 0; k < current_.count; ++k) {
-      const std::uint32_t i = body_of(current_.bodies[k].object);
+void Bodies::process_orders() noexcept {
+  if (link_.orders.take(orders_)) {
+    for (std::uint32_t k = 0; k < orders_.count; ++k) {
+      const std::uint32_t i = body_of(orders_.bodies[k].object);
       if (i == kMaxBodies) continue;
-      bodies_[i].order = current_.bodies[k];
-      if (bodies_[i].mode != Mode::kFollows) simulate_as_ordered(i);
+      bodies_[i].order = orders_.bodies[k];
+      if (bodies_[i].mode != Mode::kFollows) apply_coupling_order(i);
     }
-    reports_.orders_seen = current_.number;
+    reports_.orders_seen = orders_.number;
   }
   while (link_.copies.pop(arrival_)) {
     const std::uint32_t i = body_of(arrival_.object);
-    if (i == kMaxBodies || bodies_[i].order.coupling == nullptr || bodies_[i].order.group != arrival_.group) continue;
-    bodies_[i].order.coupling->on_sample(arrival_.place, arrival_.sample);
+    if (i == kMaxBodies || bodies_[i].order.coupling == nullptr ||
+        bodies_[i].order.coupling_fencing != arrival_.coupling_fencing)
+      continue;
+    bodies_[i].order.coupling->on_sample(arrival_.copy_index, arrival_.sample);
   }
 }
 
-void Bodies::show(Cycle& cycle, Body& body, const haptics::BodyState& state) const noexcept {
-  const bool moved =
-      state.position != body.placed.position || state.orientation.coeffs() != body.placed.orientation.coeffs();
-  body.placed = state;
+void Bodies::set_pose(Cycle& cycle, Body& body, const haptics::BodyState& state) const noexcept {
+  const bool moved = state.position != body.state_in_cycle.position ||
+                     state.orientation.coeffs() != body.state_in_cycle.orientation.coeffs();
+  body.state_in_cycle = state;
   if (moved) cycle.move(*body.object, placement_of(state, *body.object));
 }
 
-void Bodies::follow_if_requested(Body& body, haptics::SharedObject& simulated, std::int64_t now_ns,
-                                 std::int64_t session_ns) noexcept {
-  const bool taken_on = body.order.received.number > body.received_at_release;
-  if (!taken_on && now_ns - body.let_go_ns < kAloneNs) return;
+void Bodies::follow_if_superseded(Body& body, haptics::SharedObject& simulated, std::int64_t now_ns,
+                                  std::int64_t session_ns) noexcept {
+  const bool superseded = body.order.received.number > body.pose_number_at_release;
+  if (!superseded && now_ns - body.released_ns < kMaxUnownedNs) return;
   body.mode = Mode::kFollows;
   body.pose_interpolator.show(simulated.state(), session_ns);
-  body.interpolated = body.received_at_release;
+  body.interpolated_number = body.pose_number_at_release;
   simulated.follow();
 }
 
-void Bodies::place(Cycle& cycle, std::int64_t now_ns) noexcept {
-  find_new(cycle);
+void Bodies::apply_received_poses(Cycle& cycle, std::int64_t now_ns) noexcept {
+  add_new_bodies(cycle);
   if (count_ == 0) return;
-  take_orders();
-  const std::int64_t session_ns = current_.clock.session_time(now_ns);
+  process_orders();
+  const std::int64_t session_ns = orders_.clock.session_time(now_ns);
   for (std::uint32_t i = 0; i < count_; ++i) {
     Body& body = bodies_[i];
-    if (body.mode == Mode::kLetGo) follow_if_requested(body, simulated_[i], now_ns, session_ns);
+    if (body.mode == Mode::kReleased) follow_if_superseded(body, simulated_[i], now_ns, session_ns);
     if (body.mode != Mode::kFollows) continue;
-    if (body.order.received.number > body.interpolated) {
-      // The first pose holds for all times before it.
-      if (body.interpolated == 0)
+    if (body.order.received.number > body.interpolated_number) {
+      // Before its time, the first pose is used unchanged.
+      if (body.interpolated_number == 0)
         body.pose_interpolator.show(body.order.received.state, body.order.received.session_ns);
-      body.interpolated = body.order.received.number;
+      body.interpolated_number = body.order.received.number;
       body.pose_interpolator.on_pose(body.order.received, session_ns);
     }
-    show(cycle, body, body.pose_interpolator.at(session_ns));
+    set_pose(cycle, body, body.pose_interpolator.at(session_ns));
   }
 }
 
-Vec3d Bodies::through_port(std::uint32_t probe, const Vec3d& force, const haptics::DeviceState& device,
-                           double passed_on, double stored, const ProbeOutput& output) noexcept {
-  Vec3d left = ports_[probe].step(force, device.position, passed_on, settings_.period, true, stored);
-  left *= shortened(left.norm(), settings_.force.max_force);
-  if ((output.status & session::kFault) != 0) left.setZero();
-  ports_[probe].limited(left);
-  return left;
+Vec3d Bodies::limit_force(std::uint32_t probe, const Vec3d& force, const haptics::DeviceState& device,
+                          double energy_to_body, double stored, const ProbeOutput& output) noexcept {
+  Vec3d allowed = ports_[probe].step(force, device.position, energy_to_body, settings_.period, true, stored);
+  allowed *= clamp_factor(allowed.norm(), settings_.force.max_force);
+  if ((output.status & session::kFault) != 0) allowed.setZero();
+  ports_[probe].limited(allowed);
+  return allowed;
 }
 
-Vec3d Bodies::through_turn_port(std::uint32_t probe, const Vec3d& torque, bool control, double stored,
-                                const ProbeOutput& output) noexcept {
-  Turning& turning = turning_[probe];
-  const double passed_on = std::exchange(turning.passed_on, 0);
-  Vec3d left = turning.port.step(torque, turning.angle, passed_on, settings_.period, control, stored);
-  left *= shortened(left.norm(), settings_.force.max_torque);
-  if ((output.status & session::kFault) != 0) left.setZero();
-  turning.port.limited(left);
-  return left;
+Vec3d Bodies::limit_torque(std::uint32_t probe, const Vec3d& torque, bool control, double stored,
+                           const ProbeOutput& output) noexcept {
+  RotationalPort& rotational = rotational_ports_[probe];
+  const double energy_to_body = std::exchange(rotational.energy_to_body, 0);
+  Vec3d allowed = rotational.port.step(torque, rotational.angle, energy_to_body, settings_.period, control, stored);
+  allowed *= clamp_factor(allowed.norm(), settings_.force.max_torque);
+  if ((output.status & session::kFault) != 0) allowed.setZero();
+  rotational.port.limited(allowed);
+  return allowed;
 }
 
-/// A push: the body receives the surface's force on the hand with the opposite sign.
-void Bodies::limit_touch(const Cycle& cycle, std::uint32_t p, const haptics::DeviceState& device, double passed_on,
+/// Limits the force of a tip that pushes the body, and sets its spring. The body receives the force on the hand with
+/// the opposite sign.
+void Bodies::limit_touch(const Cycle& cycle, std::uint32_t p, const haptics::DeviceState& device, double energy_to_body,
                          ProbeOutput& output) noexcept {
-  Spring& pulled = springs_[p];
-  const TouchObject& object = *bodies_[pulled.body].object;
+  HandSpring& hand = springs_[p];
+  const TouchObject& object = *bodies_[hand.body].object;
   const haptics::ProxyResult& touch = cycle.proxy(p).last();
   const double stiffness = output.stiffness;
   const double damping = object.material.damping;
   const Vec3d relative = device.velocity - touch.surface_velocity;
 
-  // The share of the force that the limits left (haptics/force.hpp).
+  // The force before the limits of haptics/force.hpp, and the share of it that they have left.
   Vec3d wanted = stiffness * (touch.anchor - device.position);
   const double push = std::max(0.0, wanted.dot(touch.normal));
   wanted += std::max(-push, -damping * relative.dot(touch.normal)) * touch.normal;
   Vec3d force = vec(output.force);
-  const double share = share_of(force.norm(), wanted.norm());
+  const double share = force_share(force.norm(), wanted.norm());
 
-  // The damper of the body also acts along the surface, so the damper of the hand must.
+  // The spring of the body damps motion along the surface, too. So the force on the hand must do the same.
   force -= share * damping * (relative - relative.dot(touch.normal) * touch.normal);
-  const double stored = stored_in(stiffness, (touch.anchor - device.position).norm(), settings_.force.max_force);
-  output.force = plain(through_port(p, force, device, passed_on, stored, output));
-  pulled.spring = {touch.anchor, device.position, device.velocity, share * stiffness, share * damping};
+  const double stored = spring_energy(stiffness, (touch.anchor - device.position).norm(), settings_.force.max_force);
+  output.force = plain(limit_force(p, force, device, energy_to_body, stored, output));
+  hand.spring = {touch.anchor, device.position, device.velocity, share * stiffness, share * damping};
 }
 
-/// A push by a tool: its coupling as a spring at the contact point, and the remaining torque about that point.
-void Bodies::limit_tool(const Cycle& cycle, std::uint32_t p, const haptics::DeviceState& device, double passed_on,
+/// Limits the force of a tool that pushes the body. Sets its coupling as a spring at the contact point, and the
+/// remaining torque about that point.
+void Bodies::limit_tool(const Cycle& cycle, std::uint32_t p, const haptics::DeviceState& device, double energy_to_body,
                         ProbeOutput& output) noexcept {
-  Spring& pulled = springs_[p];
-  const Body& body = bodies_[pulled.body];
+  HandSpring& hand = springs_[p];
+  const Body& body = bodies_[hand.body];
   const haptics::ToolResult& tool = cycle.tool(p)->last();
   const haptics::ForceRenderer& renderer = cycle.renderer(p);
   const double stiffness = output.stiffness, damping = body.object->material.damping;
-  const Vec3d relative = device.velocity - body.placed.velocity_at(tool.point);
+  const Vec3d relative = device.velocity - body.state_in_cycle.velocity_at(tool.point);
   const Vec3d wanted = stiffness * tool.displacement;
   const double push = std::max(0.0, wanted.dot(tool.normal));
   const Vec3d damped = wanted + std::max(-push, -damping * relative.dot(tool.normal)) * tool.normal;
   Vec3d force = vec(output.force);
-  const double share = share_of(force.norm(), damped.norm());
+  const double share = force_share(force.norm(), damped.norm());
   force -= share * damping * (relative - relative.dot(tool.normal) * tool.normal);
-  const double stored = stored_in(stiffness, tool.displacement.norm(), settings_.force.max_force);
-  output.force = plain(through_port(p, force, device, passed_on, stored, output));
-  pulled.spring = {tool.point, tool.point - tool.displacement, device.velocity, share * stiffness, share * damping};
+  const double stored = spring_energy(stiffness, tool.displacement.norm(), settings_.force.max_force);
+  output.force = plain(limit_force(p, force, device, energy_to_body, stored, output));
+  hand.spring = {tool.point, tool.point - tool.displacement, device.velocity, share * stiffness, share * damping};
 
   const haptics::Feel feel{body.object->material.stiffness, damping};
-  const Vec3d turning = renderer.grip(feel, settings_.period, device.loop_delay).rotational_stiffness * tool.rotation;
-  const Vec3d torque =
-      renderer.bears_torque()
-          ? vec(output.torque)
-          : Vec3d(renderer.strength() * shortened(turning.norm(), settings_.force.max_torque) * turning);
-  pulled.torque = -torque - (tool.pose.position - tool.point).cross(share * wanted);
+  const Vec3d coupling_torque =
+      renderer.grip(feel, settings_.period, device.loop_delay).rotational_stiffness * tool.rotation;
+  const Vec3d torque = renderer.bears_torque()
+                           ? vec(output.torque)
+                           : Vec3d(renderer.strength() *
+                                   clamp_factor(coupling_torque.norm(), settings_.force.max_torque) * coupling_torque);
+  hand.torque = -torque - (tool.pose.position - tool.point).cross(share * wanted);
 }
 
-/// A hold: the same in all six degrees of freedom. A device without torque can still rotate the held object.
-void Bodies::limit_held(const Cycle& cycle, std::uint32_t p, const haptics::DeviceState& device, double passed_on,
+/// Limits the force and torque of a hand that holds the body, and sets its springs. A device without torque can still
+/// rotate the body.
+void Bodies::limit_held(const Cycle& cycle, std::uint32_t p, const haptics::DeviceState& device, double energy_to_body,
                         ProbeOutput& output) noexcept {
-  Spring& pulled = springs_[p];
-  const Cycle::Held& held = cycle.held(p);
+  HandSpring& hand = springs_[p];
+  const Cycle::HoldState& held = cycle.held(p);
   const haptics::ForceRenderer& renderer = cycle.renderer(p);
   const double damping = held.feel.damping;
   const Vec3d force = vec(output.force), torque = vec(output.torque);
   const Vec3d turn = haptics::rotation_to(held.hold, device);
   const double max_torque = settings_.force.max_torque, wanted = held.pull.torque.norm();
-  const double share = share_of(force.norm(), held.pull.force.norm());
-  const double turn_share =
-      renderer.bears_torque() ? share_of(torque.norm(), wanted) : renderer.strength() * shortened(wanted, max_torque);
+  const double share = force_share(force.norm(), held.pull.force.norm());
+  const double torque_share = renderer.bears_torque() ? force_share(torque.norm(), wanted)
+                                                      : renderer.strength() * clamp_factor(wanted, max_torque);
   const haptics::ToolGrip& grip = held.grip;
   const double stretch = (held.hold.pose.position - device.position).norm();
-  const double stored = stored_in(grip.stiffness, stretch, settings_.force.max_force);
-  output.force = plain(through_port(p, force, device, passed_on, stored, output));
+  const double stored = spring_energy(grip.stiffness, stretch, settings_.force.max_force);
+  output.force = plain(limit_force(p, force, device, energy_to_body, stored, output));
   if (renderer.bears_torque())
-    output.torque = plain(
-        through_turn_port(p, torque, true, stored_in(grip.rotational_stiffness, turn.norm(), max_torque), output));
-  pulled.spring = {held.hold.pose.position, device.position, device.velocity, share * grip.stiffness, share * damping};
-  pulled.turn = {-turn, renderer.angular_velocity(), turn_share * grip.rotational_stiffness,
-                 turn_share * grip.angular_damping};
+    output.torque =
+        plain(limit_torque(p, torque, true, spring_energy(grip.rotational_stiffness, turn.norm(), max_torque), output));
+  hand.spring = {held.hold.pose.position, device.position, device.velocity, share * grip.stiffness, share * damping};
+  hand.rotational_spring = {-turn, renderer.angular_velocity(), torque_share * grip.rotational_stiffness,
+                            torque_share * grip.angular_damping};
 }
 
-void Bodies::limit(const Cycle& cycle, const std::array<ProbeInput, kMaxProbes>& inputs,
-                   std::array<ProbeOutput, kMaxProbes>& outputs) noexcept {
+void Bodies::limit_forces(const Cycle& cycle, const std::array<ProbeInput, kMaxProbes>& inputs,
+                          std::array<ProbeOutput, kMaxProbes>& outputs) noexcept {
   for (std::uint32_t p = 0; p < kMaxProbes; ++p) {
     const std::uint32_t began = outputs[p].status & ~std::exchange(status_before_[p], outputs[p].status);
     reports_.grabs += (began & session::kHolding) != 0 ? 1 : 0;
@@ -278,38 +287,39 @@ void Bodies::limit(const Cycle& cycle, const std::array<ProbeInput, kMaxProbes>&
   for (std::uint32_t p = 0; p < kMaxProbes; ++p) {
     ProbeOutput& output = outputs[p];
     const Vec3d force = vec(output.force), torque = vec(output.torque);
-    Spring& pulled = springs_[p];
-    pulled.body = kMaxBodies;
-    const double passed_on = std::exchange(passed_on_[p], 0);
-    if (!output.active) {  // the next user starts elsewhere
+    HandSpring& hand = springs_[p];
+    hand.body = kMaxBodies;
+    const double energy_to_body = std::exchange(energy_to_body_[p], 0);
+    if (!output.active) {  // reset for the next user
       reductions_[p] = {};
       ports_[p].limited(Vec3d::Zero());
-      turning_[p].port.limited(Vec3d::Zero());
+      rotational_ports_[p].port.limited(Vec3d::Zero());
       continue;
     }
     const haptics::DeviceState& device = inputs[p].device;
-    Turning& turning = turning_[p];
-    turning.angle += haptics::log_map(device.orientation * turning.orientation.conjugate());
-    turning.orientation = device.orientation;
-    pulled.holds = (output.status & session::kHolding) != 0;
-    if ((output.status & session::kInContact) != 0) pulled.body = body_of(output.object);
-    pulled.torque.setZero();
-    if (pulled.body == kMaxBodies) {
-      (void)ports_[p].step(Vec3d::Zero(), device.position, passed_on, settings_.period, false);
-    } else if (pulled.holds) {
-      limit_held(cycle, p, device, passed_on, output);
+    RotationalPort& rotational = rotational_ports_[p];
+    rotational.angle += haptics::log_map(device.orientation * rotational.orientation.conjugate());
+    rotational.orientation = device.orientation;
+    hand.is_hold = (output.status & session::kHolding) != 0;
+    if ((output.status & session::kInContact) != 0) hand.body = body_of(output.object);
+    hand.torque.setZero();
+    if (hand.body == kMaxBodies) {
+      (void)ports_[p].step(Vec3d::Zero(), device.position, energy_to_body, settings_.period, false);
+    } else if (hand.is_hold) {
+      limit_held(cycle, p, device, energy_to_body, output);
     } else if (cycle.tool(p) != nullptr) {
-      limit_tool(cycle, p, device, passed_on, output);
+      limit_tool(cycle, p, device, energy_to_body, output);
     } else {
-      limit_touch(cycle, p, device, passed_on, output);
+      limit_touch(cycle, p, device, energy_to_body, output);
     }
-    if (!pulled.holds || pulled.body == kMaxBodies) (void)through_turn_port(p, Vec3d::Zero(), false, 0, output);
+    if (!hand.is_hold || hand.body == kMaxBodies) (void)limit_torque(p, Vec3d::Zero(), false, 0, output);
     reductions_[p].force = vec(output.force) - force;
     reductions_[p].torque = vec(output.torque) - torque;
   }
 }
 
-/// The reduction is never larger than the rendered force, so a fault or a stop still takes all force.
+/// Adds the fading reduction to the rendered force and torque. It is never larger than the rendered force, so a fault
+/// or a stop still makes the force zero.
 void Bodies::fade_reduction(std::uint32_t p, ProbeOutput& output) noexcept {
   Reduction& reduction = reductions_[p];
   const auto add = [](haptics::Ramp& ramp, Plain3& rendered, double step) {
@@ -324,10 +334,10 @@ void Bodies::fade_reduction(std::uint32_t p, ProbeOutput& output) noexcept {
 }
 
 std::uint32_t Bodies::steps_due(Body& body, std::int64_t session_ns) const noexcept {
-  constexpr std::int64_t kMax = 10;
+  constexpr std::int64_t kMaxSteps = 10;
   const auto period_ns = static_cast<std::int64_t>(settings_.period * 1e9 + 0.5);
   const std::int64_t due = (session_ns - body.simulated_ns + period_ns / 2) / period_ns;
-  if (due < 0 || due > kMax) {  // the first touch, or a step of a clock
+  if (due < 0 || due > kMaxSteps) {  // after the first touch, or after a jump of session time
     body.simulated_ns = session_ns - period_ns;
     return 1;
   }
@@ -335,7 +345,7 @@ std::uint32_t Bodies::steps_due(Body& body, std::int64_t session_ns) const noexc
 }
 
 const haptics::SurfaceDistance* Bodies::scene_around(const Cycle& cycle, const haptics::RigidBody& body) noexcept {
-  // m: the largest displacement of a body until the next cycle, and the distance of contacts found before they touch.
+  // m: max displacement of a body in a cycle plus the distance at which the solver finds contacts
   constexpr double kMargin = 0.02;
   scene_.clear();
   const double reach = body.settings().half.norm() + kMargin;
@@ -346,14 +356,14 @@ const haptics::SurfaceDistance* Bodies::scene_around(const Cycle& cycle, const h
   return scene_.empty() ? nullptr : &scene_;
 }
 
-void Bodies::step(Cycle& cycle, std::int64_t now_ns) noexcept {
+void Bodies::simulate(Cycle& cycle, std::int64_t now_ns) noexcept {
   if (count_ == 0) return;
-  const std::int64_t session_ns = current_.clock.session_time(now_ns);
+  const std::int64_t session_ns = orders_.clock.session_time(now_ns);
   for (std::uint32_t i = 0; i < count_; ++i) {
     Body& body = bodies_[i];
     std::array<haptics::PointSpring, kMaxProbes> springs;
-    std::array<haptics::RotationalSpring, kMaxProbes> turns;
-    std::array<std::uint32_t, kMaxProbes> probes{}, holders{};
+    std::array<haptics::RotationalSpring, kMaxProbes> rotational_springs;
+    std::array<std::uint32_t, kMaxProbes> probes{}, holder_probes{};
     std::uint32_t count = 0, holding = 0;
     haptics::ImplicitForce pushing;
     for (std::uint32_t p = 0; p < kMaxProbes; ++p) {
@@ -361,25 +371,25 @@ void Bodies::step(Cycle& cycle, std::int64_t now_ns) noexcept {
       probes[count] = p;
       springs[count++] = springs_[p].spring;
       pushing.impulse.tail<3>() += settings_.period * springs_[p].torque;
-      if (!springs_[p].holds) continue;
-      holders[holding] = p;
-      turns[holding++] = springs_[p].turn;
+      if (!springs_[p].is_hold) continue;
+      holder_probes[holding] = p;
+      rotational_springs[holding++] = springs_[p].rotational_spring;
     }
     haptics::SharedObject& simulated = simulated_[i];
     if (count > 0) {
-      body.touched_ns = now_ns;
+      body.last_touch_ns = now_ns;
       if (body.mode == Mode::kFollows) {
-        simulated.place(body.placed);
+        simulated.place(body.state_in_cycle);
         simulated.own();
         body.coupling = nullptr;
       }
       body.mode = Mode::kHeld;
-      simulate_as_ordered(i);
-    } else if (body.mode == Mode::kHeld && now_ns - body.touched_ns > kHoldNs) {
-      body.mode = Mode::kLetGo;
-      body.let_go_ns = now_ns;
-      body.received_at_release = body.order.received.number;
-      simulate_as_ordered(i);
+      apply_coupling_order(i);
+    } else if (body.mode == Mode::kHeld && now_ns - body.last_touch_ns > kReleaseDelayNs) {
+      body.mode = Mode::kReleased;
+      body.released_ns = now_ns;
+      body.pose_number_at_release = body.order.received.number;
+      apply_coupling_order(i);
     }
     if (body.mode == Mode::kFollows) continue;
 
@@ -388,24 +398,25 @@ void Bodies::step(Cycle& cycle, std::int64_t now_ns) noexcept {
       body.simulated_ns += static_cast<std::int64_t>(settings_.period * 1e9 + 0.5);
       const haptics::BodyState before = simulated.state();
       simulated.step(body.simulated_ns, {springs.data(), count}, around, settings_.period,
-                     count > 0 ? &pushing : nullptr, {turns.data(), holding});
+                     count > 0 ? &pushing : nullptr, {rotational_springs.data(), holding});
       const haptics::BodyState& after = simulated.state();
       for (std::uint32_t k = 0; k < count; ++k) {
         const Vec3d velocity = after.velocity + after.angular_velocity.cross(springs[k].point - before.position);
-        const Vec3d way = settings_.period * velocity;
-        passed_on_[probes[k]] += springs[k].force(velocity, settings_.period).dot(way);
-        passed_on_[probes[k]] += settings_.period * springs_[probes[k]].torque.dot(after.angular_velocity);
-        springs[k].point += way;  // the position in the next step
+        const Vec3d displacement = settings_.period * velocity;
+        energy_to_body_[probes[k]] += springs[k].force(velocity, settings_.period).dot(displacement);
+        energy_to_body_[probes[k]] += settings_.period * springs_[probes[k]].torque.dot(after.angular_velocity);
+        springs[k].point += displacement;  // the position in the next step
         springs[k].target += settings_.period * springs[k].target_velocity;
       }
       for (std::uint32_t k = 0; k < holding; ++k) {
-        const Vec3d torque = turns[k].torque(after.angular_velocity, settings_.period);
-        turning_[holders[k]].passed_on += settings_.period * torque.dot(after.angular_velocity);
-        turns[k].rotation += settings_.period * (turns[k].target_angular_velocity - after.angular_velocity);
+        const Vec3d torque = rotational_springs[k].torque(after.angular_velocity, settings_.period);
+        rotational_ports_[holder_probes[k]].energy_to_body += settings_.period * torque.dot(after.angular_velocity);
+        rotational_springs[k].rotation +=
+            settings_.period * (rotational_springs[k].target_angular_velocity - after.angular_velocity);
       }
     }
     if (body.coupling != nullptr) body.ledger = body.coupling->ledger();
-    show(cycle, body, simulated.state());
+    set_pose(cycle, body, simulated.state());
   }
   report(now_ns, session_ns);
 }
@@ -420,17 +431,17 @@ void Bodies::report(std::int64_t now_ns, std::int64_t session_ns) noexcept {
     report.object = body.object->index;
     report.held = body.mode == Mode::kHeld;
     report.simulated = body.mode != Mode::kFollows;
-    report.publish = report.held ? body.order.publish : 0;
-    report.group = body.order.group;
-    report.state = body.placed;
+    report.publish_fencing = report.held ? body.order.publish_fencing : 0;
+    report.coupling_fencing = body.order.coupling_fencing;
+    report.state = body.state_in_cycle;
     report.ledger = body.ledger;
     report.copies = body.coupling != nullptr ? static_cast<std::uint32_t>(body.coupling->copies()) : 0;
     if (report.copies == 0) continue;
-    report.place = static_cast<std::uint32_t>(body.coupling->index());
+    report.copy_index = static_cast<std::uint32_t>(body.coupling->index());
     report.sample = body.coupling->sample();
   }
   for (std::uint32_t p = 0; p < kMaxProbes; ++p) reports_.ports[p] = ports_[p].ledger();
-  for (std::uint32_t p = 0; p < kMaxProbes; ++p) reports_.turns[p] = turning_[p].port.ledger();
+  for (std::uint32_t p = 0; p < kMaxProbes; ++p) reports_.rotational_ports[p] = rotational_ports_[p].port.ledger();
   link_.reports_for_sender.post(reports_);
   link_.reports_for_gateway.post(reports_);
 }

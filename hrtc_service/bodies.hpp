@@ -1,19 +1,20 @@
-/// Movable objects in the haptic thread: their poses, the forces of probes on them, and their forces on hands.
+/// Simulates movable objects in the haptic thread, sets their poses, and limits their forces on hands.
 ///
-///     place:  orders, copies of peers, received poses --> Cycle::move       before Cycle::touch
-///     limit:  forces of the touch --[ port's energy ]--> forces on hands    after it
-///     step:   springs of the touch --> SharedObject --> Cycle::move         once the forces are out
+///     1. apply_received_poses   orders, samples and poses of others --> Cycle::move    before Cycle::touch
+///     2. limit_forces           forces of the touch, limited by the energy of ports    after Cycle::touch
+///     3. simulate               springs of the touch --> SharedObject --> Cycle::move  after the forces are published
 ///
-/// This class simulates a body from the moment a probe touches it, alone or as one of several copies, as the orders
-/// say. After the release it goes on until a received pose shows that another program simulates the body. All other
-/// bodies follow the received poses. The cycle's proxy is the spring between hand and body: the body receives the force
-/// on the hand with the opposite sign, scaled as the limits scaled it, so the energy is counted on both sides
-/// (haptics/passivity.hpp).
+/// When a probe touches a body, this class begins to simulate it: alone, or coupled to the copies of peers if the
+/// orders name a coupling. After the release it continues until a received pose shows that another program simulates
+/// the body. All other bodies follow the received poses.
 ///
-/// Simulated time advances in steps of a period of session time: the next step makes up for a skipped cycle, and a
-/// cycle that is late by less than half a period changes nothing. So the waves of peers are played evenly.
+/// The cycle's proxy is the spring between hand and body. The body receives the limited force on the hand with the
+/// opposite sign. So the energy is counted on both sides (haptics/passivity.hpp).
 ///
-/// Allocates at construction only. Realtime; the haptic thread's, except the link.
+/// Simulated time advances in steps of one period of session time. After a skipped cycle the next one computes two
+/// steps. A cycle that is late by less than half a period computes one. So samples of peers are consumed evenly.
+///
+/// Allocates at construction only. Realtime. Haptic thread, except the link.
 #pragma once
 
 #include <array>
@@ -31,50 +32,51 @@
 
 namespace tactus::hrtc_service {
 
-/// The service's order for one body.
+/// Order of the ownership client for one body.
 struct BodyOrder {
   std::uint32_t object = spm::kNone;          ///< index
-  haptics::CopyCoupling* coupling = nullptr;  ///< to simulate it with while it is held here; null: alone
-  std::uint64_t group = 0;                    ///< fencing number of the coupling's group
-  std::uint64_t publish = 0;                  ///< fencing number under which its poses count; 0: they do not
-  sharing::ReceivedPose received;             ///< the newest pose that another program published
+  haptics::CopyCoupling* coupling = nullptr;  ///< coupling to the copies of peers, used while held; null: none
+  std::uint64_t coupling_fencing = 0;         ///< fencing number of the grant for the coupling
+  std::uint64_t publish_fencing = 0;          ///< fencing number of its published poses; 0: they are not published
+  sharing::ReceivedPose received;             ///< newest pose from another program
 };
 
 struct BodyOrders {
-  std::uint64_t number = 0;  ///< grows with each
+  std::uint64_t number = 0;  ///< increases with each change
   session::ClockMap clock;
   std::uint32_t count = 0;
   std::array<BodyOrder, kMaxBodies> bodies;
 };
 
-/// A peer's sample on its way to the haptic thread.
+/// A peer's sample of its copy, for the haptic thread.
 struct CopyArrival {
-  std::uint32_t object = 0, place = 0;
-  std::uint64_t group = 0;
+  std::uint32_t object = 0, copy_index = 0;  ///< indices of the object, and of the peer's copy
+  std::uint64_t coupling_fencing = 0;
   haptics::CopySample sample;
 };
 using CopyRing = boost::lockfree::spsc_queue<CopyArrival>;
 
 struct BodyReport {
   std::uint32_t object = 0;
-  bool held = false;       ///< a probe touches it, or touched it a moment ago
-  bool simulated = false;  ///< here
-  std::uint64_t publish = 0, group = 0;
-  std::uint32_t copies = 0, place = 0;  ///< size of its group, and its number there; 0 copies: simulated alone
+  bool held = false;       ///< a probe has touched it within the last 0.1 s
+  bool simulated = false;  ///< by this HRTC
+  std::uint64_t publish_fencing = 0, coupling_fencing = 0;
+  std::uint32_t copies = 0,
+                copy_index = 0;  ///< number of coupled copies, and index of this copy; 0 copies: no coupling
   haptics::BodyState state;
-  haptics::CopyCoupling::Ledger ledger;  ///< of its current group, or else of its last one
-  haptics::CopySample sample;            ///< to send, when it has copies
+  haptics::CopyCoupling::Ledger ledger;  ///< of its current coupling, or of the last one
+  haptics::CopySample sample;            ///< sample to send if `copies` is not 0
 };
 
 struct BodyReports {
-  std::uint64_t orders_seen = 0;  ///< the newest order taken; couplings that only older ones name are unused
+  std::uint64_t orders_seen = 0;  ///< number of the newest orders in use; couplings of older orders are no longer used
   std::int64_t time_ns = 0;
   std::int64_t session_ns = 0;
   std::uint32_t count = 0;
   std::array<BodyReport, kMaxBodies> bodies;
-  std::array<haptics::PassivityController::Ledger, kMaxProbes> ports;  ///< of hands, on bodies
-  std::array<haptics::PassivityController::Ledger, kMaxProbes> turns;  ///< the same, of their torques
-  std::uint64_t grabs = 0, refused = 0;  ///< how often a grab succeeded, and how often it failed
+  std::array<haptics::PassivityController::Ledger, kMaxProbes> ports;             ///< of forces on hands
+  std::array<haptics::PassivityController::Ledger, kMaxProbes> rotational_ports;  ///< of torques on hands
+  std::uint64_t grabs = 0, refused = 0;  ///< numbers of successful and of refused grabs
 };
 
 /// The exchange between Bodies and the gateway.
@@ -91,91 +93,94 @@ class Bodies {
   /// `link` must outlive it.
   Bodies(const CycleSettings& settings, BodyLink& link);
 
-  void place(Cycle& cycle, std::int64_t now_ns) noexcept;
-  /// Removes the bodies of objects that were withdrawn; call it right after `touch`.
+  /// Adopts new orders, and moves the bodies that others simulate. Call it before Cycle::touch.
+  void apply_received_poses(Cycle& cycle, std::int64_t now_ns) noexcept;
+  /// Removes the bodies of withdrawn objects. Call it right after Cycle::touch.
   void forget_withdrawn(const Cycle& cycle) noexcept;
-  /// `outputs`: of the last touch.
-  void limit(const Cycle& cycle, const std::array<ProbeInput, kMaxProbes>& inputs,
-             std::array<ProbeOutput, kMaxProbes>& outputs) noexcept;
-  /// Moves the bodies that are simulated here for the next touch, and reports.
-  void step(Cycle& cycle, std::int64_t now_ns) noexcept;
+  /// Limits the forces of the last touch in `outputs` to the energy that their ports permit.
+  void limit_forces(const Cycle& cycle, const std::array<ProbeInput, kMaxProbes>& inputs,
+                    std::array<ProbeOutput, kMaxProbes>& outputs) noexcept;
+  /// Simulates bodies up to now, moves them for the next touch, and posts reports.
+  void simulate(Cycle& cycle, std::int64_t now_ns) noexcept;
 
   [[nodiscard]] bool empty() const noexcept { return count_ == 0; }
 
  private:
-  enum class Mode : std::uint8_t { kFollows, kHeld, kLetGo };
+  enum class Mode : std::uint8_t { kFollows, kHeld, kReleased };
   struct Body {
     const TouchObject* object = nullptr;
     Mode mode = Mode::kFollows;
     BodyOrder order;
-    haptics::CopyCoupling* coupling = nullptr;  // in use
+    haptics::CopyCoupling* coupling = nullptr;  // of the running simulation
     sharing::PoseInterpolator pose_interpolator;
-    std::int64_t touched_ns = 0, let_go_ns = 0;
+    std::int64_t last_touch_ns = 0, released_ns = 0;
     std::int64_t simulated_ns = 0;  // session time up to which it is simulated
-    std::uint64_t received_at_release = 0, interpolated = 0;
+    // Numbers of received poses: the newest at the release, and the newest in the interpolator.
+    std::uint64_t pose_number_at_release = 0, interpolated_number = 0;
     haptics::CopyCoupling::Ledger ledger;
-    haptics::BodyState placed;  // as the cycle knows it
+    haptics::BodyState state_in_cycle;  // the state with the pose that the cycle uses
   };
-  struct Spring {
-    std::uint32_t body = kMaxBodies;  // none
+  /// Springs between a hand and the body that it touches.
+  struct HandSpring {
+    std::uint32_t body = kMaxBodies;  // index in bodies_; kMaxBodies: none
     haptics::PointSpring spring;
-    bool holds = false;
-    haptics::RotationalSpring turn;  // while it holds
-    Vec3d torque = Vec3d::Zero();    // N m on the body, of a tool that pushes
+    bool is_hold = false;                         // the hand holds the body
+    haptics::RotationalSpring rotational_spring;  // valid if `is_hold`
+    Vec3d torque = Vec3d::Zero();                 // torque of a tool on the body, N m
   };
 
-  void find_new(const Cycle& cycle) noexcept;
-  void limit_touch(const Cycle& cycle, std::uint32_t probe, const haptics::DeviceState& device, double passed_on,
+  void add_new_bodies(const Cycle& cycle) noexcept;
+  void limit_touch(const Cycle& cycle, std::uint32_t probe, const haptics::DeviceState& device, double energy_to_body,
                    ProbeOutput& output) noexcept;
-  void limit_tool(const Cycle& cycle, std::uint32_t probe, const haptics::DeviceState& device, double passed_on,
+  void limit_tool(const Cycle& cycle, std::uint32_t probe, const haptics::DeviceState& device, double energy_to_body,
                   ProbeOutput& output) noexcept;
-  void limit_held(const Cycle& cycle, std::uint32_t probe, const haptics::DeviceState& device, double passed_on,
+  void limit_held(const Cycle& cycle, std::uint32_t probe, const haptics::DeviceState& device, double energy_to_body,
                   ProbeOutput& output) noexcept;
-  /// The share of a force on the hand that its port permits.
-  [[nodiscard]] Vec3d through_port(std::uint32_t probe, const Vec3d& force, const haptics::DeviceState& device,
-                                   double passed_on, double stored, const ProbeOutput& output) noexcept;
-  /// The share of a torque that the rotational port permits.
-  [[nodiscard]] Vec3d through_turn_port(std::uint32_t probe, const Vec3d& torque, bool control, double stored,
-                                        const ProbeOutput& output) noexcept;
+  /// Returns the part of a force on the hand that its port permits. `stored`: energy in the spring, J.
+  [[nodiscard]] Vec3d limit_force(std::uint32_t probe, const Vec3d& force, const haptics::DeviceState& device,
+                                  double energy_to_body, double stored, const ProbeOutput& output) noexcept;
+  /// Returns the part of a torque on the hand that its rotational port permits.
+  [[nodiscard]] Vec3d limit_torque(std::uint32_t probe, const Vec3d& torque, bool control, double stored,
+                                   const ProbeOutput& output) noexcept;
   void fade_reduction(std::uint32_t probe, ProbeOutput& output) noexcept;
-  void take_orders() noexcept;
-  void simulate_as_ordered(std::uint32_t i) noexcept;
-  /// Simulates from the last simulated time to now.
+  void process_orders() noexcept;
+  void apply_coupling_order(std::uint32_t i) noexcept;
+  /// Returns the number of periods between the simulated time and now.
   [[nodiscard]] std::uint32_t steps_due(Body& body, std::int64_t session_ns) const noexcept;
-  void follow_if_requested(Body& body, haptics::SharedObject& simulated, std::int64_t now_ns,
-                           std::int64_t session_ns) noexcept;
-  /// Fixed objects near a body, with the meshes that the cycle shows; null for none.
+  void follow_if_superseded(Body& body, haptics::SharedObject& simulated, std::int64_t now_ns,
+                            std::int64_t session_ns) noexcept;
+  /// Returns the fixed objects near a body, with their active meshes; null if there are none.
   [[nodiscard]] const haptics::SurfaceDistance* scene_around(const Cycle& cycle,
                                                              const haptics::RigidBody& body) noexcept;
-  void show(Cycle& cycle, Body& body, const haptics::BodyState& state) const noexcept;
+  void set_pose(Cycle& cycle, Body& body, const haptics::BodyState& state) const noexcept;
   void report(std::int64_t now_ns, std::int64_t session_ns) noexcept;
   [[nodiscard]] std::uint32_t body_of(std::uint32_t object) const noexcept;
 
   CycleSettings settings_;
   BodyLink& link_;
-  BodyOrders current_;
-  std::uint64_t objects_changed_ = 0;  // of the cycle, as seen
+  BodyOrders orders_;
+  std::uint64_t objects_changed_ = 0;  // Cycle::objects_changed at the last update of bodies_
   std::uint32_t count_ = 0;
   std::array<Body, kMaxBodies> bodies_;
-  std::vector<haptics::SharedObject> simulated_;  // beside bodies_, kMaxBodies
+  std::vector<haptics::SharedObject> simulated_;  // simulations, by index in bodies_; size kMaxBodies
   std::array<haptics::PassivityController, kMaxProbes> ports_;
-  std::array<double, kMaxProbes> passed_on_{};  // J, to a body since the last step of the port
-  struct Turning {
+  std::array<double, kMaxProbes> energy_to_body_{};  // J, of each probe since the last step of its port
+  struct RotationalPort {
     haptics::PassivityController port;
-    double passed_on = 0;         // J
-    Vec3d angle = Vec3d::Zero();  // rad, of the device, summed over its turns
+    double energy_to_body = 0;    // J
+    Vec3d angle = Vec3d::Zero();  // sum of the device's rotation vectors, rad
     Eigen::Quaterniond orientation = Eigen::Quaterniond::Identity();
   };
-  std::array<Turning, kMaxProbes> turning_;
-  /// The part of a force and a torque that a port took away, N and N m. When its body is withdrawn, the hand gets it
-  /// back gradually, so that the force decreases from the force that the hand felt.
+  std::array<RotationalPort, kMaxProbes> rotational_ports_;
+  /// The force and torque that a port has removed, N and N m. When its body is withdrawn, the removed part fades out,
+  /// so that the force on the hand changes gradually.
   struct Reduction {
     Vec3d force = Vec3d::Zero(), torque = Vec3d::Zero();
     haptics::Ramp fading, fading_torque;
   };
   std::array<Reduction, kMaxProbes> reductions_;
   std::array<std::uint32_t, kMaxProbes> status_before_{};
-  std::array<Spring, kMaxProbes> springs_;
+  std::array<HandSpring, kMaxProbes> springs_;
   sharing::Scene scene_;
   BodyReports reports_;
   CopyArrival arrival_;

@@ -10,7 +10,7 @@ namespace tactus::hrtc_service {
 namespace {
 
 constexpr std::int64_t kMs = 1'000'000;
-constexpr std::int64_t kLingerNs = 2000 * kMs;  // for which the endpoints of a released object remain
+constexpr std::int64_t kReleasedEndpointsNs = 2000 * kMs;  // lifetime of the endpoints after the release of an object
 
 }  // namespace
 
@@ -37,7 +37,7 @@ void BodyExchange::remove(std::uint32_t object_index, std::uint64_t object_id) {
     endpoints_.erase(at);
   }
   const std::lock_guard lock{ring_mutex_};
-  implausible_before_ += gates_[object_index].implausible();
+  past_implausible_ += gates_[object_index].implausible();
   gates_[object_index] = {};
   copy_received_ns_[object_index] = 0;
 }
@@ -56,23 +56,23 @@ void BodyExchange::on_copy(std::uint32_t object, const session::ObjectCopy& copy
 }
 
 void BodyExchange::sync_endpoints(std::int64_t now_ns) {
-  for (const OwnershipClient::Held& body : gateway_.ownership().bodies()) {
-    if (!body.held) continue;
+  for (const OwnershipClient::BodyStatus& body : gateway_.ownership().bodies()) {
+    if (!body.is_held) continue;
     Endpoints& endpoints = endpoints_[body.id];
     endpoints.held_ns = now_ns;
     if (endpoints.out != nullptr) continue;
-    endpoints.object = body.object;
+    endpoints.object = body.object_index;
     const wire::EndpointOptions where{wire::group_partition(body.id)};
     endpoints.out =
         std::make_unique<wire::Writer<session::ObjectCopy>>(participants_, wire::topics::kObjectCopy, where);
     endpoints.in = std::make_unique<wire::Reader<session::ObjectCopy>>(
         participants_, wire::topics::kObjectCopy,
-        [this, object = body.object](session::ObjectCopy&& copy) { on_copy(object, copy); }, where);
-    slots_[body.object].copies = endpoints.out.get();
+        [this, object = body.object_index](session::ObjectCopy&& copy) { on_copy(object, copy); }, where);
+    slots_[body.object_index].copies = endpoints.out.get();
     slots_out_.post(slots_);
   }
   for (auto at = endpoints_.begin(); at != endpoints_.end();) {
-    if (now_ns - at->second.held_ns < kLingerNs) {
+    if (now_ns - at->second.held_ns < kReleasedEndpointsNs) {
       ++at;
       continue;
     }
@@ -99,7 +99,7 @@ void BodyExchange::send_claims() {
 
 std::uint64_t BodyExchange::implausible() const {
   const std::lock_guard lock{ring_mutex_};
-  std::uint64_t all = implausible_before_;
+  std::uint64_t all = past_implausible_;
   for (const session::CopyGate& gate : gates_) all += gate.implausible();
   return all;
 }
@@ -118,18 +118,18 @@ void BodyExchange::send() {
       copy.origin = participants_.origin();
       copy.object_id = slot.id;
       copy.sequence = ++sent.copy_sequence;
-      copy.fencing = body.group;
-      copy.copy_index = body.place;
+      copy.fencing = body.coupling_fencing;
+      copy.copy_index = body.copy_index;
       sharing::put_sample(body.sample, body.copies, copy);
       (void)slot.copies->send(copy);
     }
-    if (body.publish == 0 || reports.time_ns - sent.pose_sent_ns < kBodyPoseNs) continue;
+    if (body.publish_fencing == 0 || reports.time_ns - sent.pose_sent_ns < kPosePeriodNs) continue;
     sent.pose_sent_ns = reports.time_ns;
     session::ObjectPose pose;
     pose.origin = participants_.origin();
     pose.object_id = slot.id;
     pose.sequence = ++sent.pose_sequence;
-    pose.fencing = body.publish;
+    pose.fencing = body.publish_fencing;
     pose.session_time_ns = reports.session_ns;
     sharing::put_state(body.state, vec(slot.centre), pose);
     (void)poses_out_.send(pose);

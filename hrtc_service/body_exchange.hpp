@@ -1,12 +1,12 @@
-/// Exchanges samples about movable objects with hosts and other HRTCs: the DDS half of OwnershipClient and Bodies.
+/// Sends and receives the samples of OwnershipClient and Bodies about movable objects.
 ///
-///     object_grant, object_pose  --> service's inbox     service  --> object_claim
-///     object_copy of peers       --> haptic thread's ring     sender --> object_copy, object_pose
+///     object_copy of peers  --> haptic thread's ring     sender   --> object_copy, object_pose
+///                                                        service  --> object_claim
 ///
-/// The endpoints for copies of an object are in a partition of that object, and exist only while a user here holds it.
-/// So no other participant receives a sample of each holder in each cycle.
+/// The endpoints for copies of an object are in a partition of that object. They exist only while a user of this HRTC
+/// touches the object. So only the HRTCs that simulate the object receive its copies, one sample in each cycle.
 ///
-/// Service thread, except where a comment says otherwise.
+/// Service thread, unless a comment names another one.
 #pragma once
 
 #include <array>
@@ -26,22 +26,23 @@ namespace tactus::hrtc_service {
 
 class BodyExchange {
  public:
-  /// All must outlive it.
+  /// All arguments must outlive the exchange.
   BodyExchange(wire::Participants& participants, BodyLink& link, Gateway& gateway);
   ~BodyExchange();
 
-  /// Adds an object when the HRTC begins to show it.
+  /// Adds an object that was passed to the servo. Ignores fixed objects.
   void add(const TouchObject& object);
-  /// The servo has forgotten the object.
+  /// Removes an object that the servo has returned.
   void remove(std::uint32_t object_index, std::uint64_t object_id);
-  /// Before each tick of the gateway: opens and closes endpoints, passes on the transit times of copies.
+  /// Opens and closes endpoints, and passes the transit times of copies to the gateway. Call it before each tick of the
+  /// gateway.
   void tick(std::int64_t now_ns, const session::ClockMap& clock);
-  /// After each tick of the gateway.
+  /// Sends the claims of the gateway. Call it after each tick of the gateway.
   void send_claims();
-  /// Copies dropped because they are outside their windows.
+  /// Returns the number of copies that were dropped outside their plausible windows.
   [[nodiscard]] std::uint64_t implausible() const;
 
-  /// Sender's thread: sends the haptic thread's report of its last cycle. Takes no lock.
+  /// Sends copies and poses from the haptic thread's newest reports. Sender thread. Takes no lock.
   void send();
 
  private:
@@ -49,16 +50,16 @@ class BodyExchange {
     std::uint32_t object = 0;  // index
     std::unique_ptr<wire::Writer<session::ObjectCopy>> out;
     std::unique_ptr<wire::Reader<session::ObjectCopy>> in;
-    std::int64_t held_ns = 0;
+    std::int64_t held_ns = 0;  // time when a user last touched the object
   };
-  /// Of one object index, for the sender.
+  /// Data of one object for the sender.
   struct Slot {
-    std::uint64_t id = 0;
-    Plain3 centre{};
-    wire::Writer<session::ObjectCopy>* copies = nullptr;
+    std::uint64_t id = 0;                                 // 0: no movable object has this index
+    Plain3 centre{};                                      // of mass, model frame times scale, m
+    wire::Writer<session::ObjectCopy>* copies = nullptr;  // null: no user touches the object
   };
   using Slots = std::array<Slot, kMaxObjects>;
-  /// The sender's own, by object index.
+  /// State of the sender for one object.
   struct Sent {
     std::uint32_t copy_sequence = 0, pose_sequence = 0;
     std::int64_t pose_sent_ns = 0;
@@ -71,18 +72,18 @@ class BodyExchange {
   BodyLink& link_;
   Gateway& gateway_;
   wire::Writer<session::ObjectClaim> claims_out_;
-  wire::Writer<session::ObjectPose> poses_out_;  // the sender's
+  wire::Writer<session::ObjectPose> poses_out_;  // sender thread only
   mutable std::mutex ring_mutex_;                // guards the producer's end of the haptic thread's ring, and the gates
   std::array<session::CopyGate, kMaxObjects> gates_;
-  std::uint64_t implausible_before_ = 0;  // by the gates of objects that are gone
+  std::uint64_t past_implausible_ = 0;  // copies dropped by the gates of removed objects
   std::array<std::atomic<std::int64_t>, kMaxObjects> copy_received_ns_{};
   std::atomic<std::int64_t> session_offset_ns_{0};
-  std::atomic<std::int64_t> copy_transit_ns_{-1};  // the maximum since the service last read it; -1: none came
+  std::atomic<std::int64_t> copy_transit_ns_{-1};  // max transit since the last tick; -1: no copy arrived
   Slots slots_;
   Handover<Slots> slots_out_;                                            // to the sender
   Retired<std::unique_ptr<wire::Writer<session::ObjectCopy>>> dropped_;  // until the sender no longer uses them
-  std::array<Sent, kMaxObjects> sent_;
-  std::map<std::uint64_t, Endpoints> endpoints_;  // by object; last, so that callbacks end before their targets
+  std::array<Sent, kMaxObjects> sent_;                                   // by object index; sender thread only
+  std::map<std::uint64_t, Endpoints> endpoints_;  // by object id; last, so that callbacks end before their targets
 };
 
 }  // namespace tactus::hrtc_service

@@ -1,7 +1,7 @@
-/// The contact log of an HRTC whose objects come and go.
+/// Writes the contact log of an HRTC.
 ///
-/// The haptic thread names an object by its index, which comes again with another object once the first is gone. The
-/// log numbers the objects in the order in which they came, so that an entry always means the same one.
+/// The haptic thread identifies an object by its index, which a later object may get. The log numbers the objects in
+/// the order of their arrival, so that a number always means the same object.
 ///
 /// Service thread.
 #pragma once
@@ -21,11 +21,11 @@ class ContactJournal {
   /// `queries` must outlive it. Throws trace::LogError naming a file that cannot be created.
   ContactJournal(const std::filesystem::path& file, ContactQuery::LogRing& queries);
 
-  /// An object that is shown from now on: before the haptic thread gets it.
+  /// Adds an object, before the haptic thread receives it.
   void add(const TouchObject& object);
-  /// Writes what the haptic thread has logged. False after a failed write.
+  /// Writes the queries that the haptic thread has logged. Returns false after a failed write.
   bool drain();
-  /// An object that the haptic thread has forgotten, or the end: writes what was logged of it, and its totals.
+  /// Writes the totals of an object that the haptic thread has returned, or of each object at the end.
   void close(const Loader::ObjectInfo& object);
 
  private:

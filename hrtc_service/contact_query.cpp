@@ -6,7 +6,8 @@
 namespace tactus::hrtc_service {
 
 void ContactQuery::run(std::uint32_t probe, const Vec3d& tip, std::int64_t now_ns, const ObjectsSurface& surface,
-                       const std::array<std::uint32_t, kMaxObjects>& since_change, ProbeOutput& output) noexcept {
+                       const std::array<std::uint32_t, kMaxObjects>& cycles_since_change,
+                       ProbeOutput& output) noexcept {
   bool exact = tip.allFinite();
   float bound = exact ? 0 : std::numeric_limits<float>::max();
   for (std::uint32_t i = 0; i < surface.count(); ++i) {
@@ -18,7 +19,7 @@ void ContactQuery::run(std::uint32_t probe, const Vec3d& tip, std::int64_t now_n
     const bool truncated = found > kMaxContacts;
     if (truncated) output.status |= session::kContactsTruncated;
     found = std::min(found, kMaxContacts);
-    if (object_exact) {  // a coarse face in a refined cell belongs to another cell
+    if (object_exact) {  // coarse faces here belong to other cells
       const auto end =
           std::remove_if(contacts_.begin(), contacts_.begin() + found, [](const spm::Contact& c) { return !c.last(); });
       found = static_cast<std::uint32_t>(end - contacts_.begin());
@@ -30,7 +31,7 @@ void ContactQuery::run(std::uint32_t probe, const Vec3d& tip, std::int64_t now_n
     if (log_ == nullptr) continue;
     entry_.time_ns = now_ns;
     entry_.probe = probe;
-    entry_.since_change = since_change[object.index];
+    entry_.since_change = cycles_since_change[object.index];
     entry_.exact = object_exact;
     entry_.truncated = truncated;
     log(object, sphere.centre, sphere.radius, found);
@@ -39,7 +40,7 @@ void ContactQuery::run(std::uint32_t probe, const Vec3d& tip, std::int64_t now_n
   output.error_bound = bound;
 }
 
-/// Logs only where the sphere touches a face or a cell.
+/// Logs the contacts, if the sphere touches a face or a labelled cell.
 void ContactQuery::log(const TouchObject& object, const Vec3d& centre, double radius, std::uint32_t found) noexcept {
   bool in_cell = found > 0;
   if (!in_cell) object.forest->grid().for_each_meeting(centre, radius, [&](spm::RegionId, double) { in_cell = true; });

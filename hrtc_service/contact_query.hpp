@@ -1,6 +1,6 @@
-/// Finds the faces that a tip touches, decides whether they are those of the finest mesh, and logs both.
+/// Finds the faces that a tip touches, decides whether the contact is exact, and logs both.
 ///
-/// The haptic thread's. Realtime after construction.
+/// Haptic thread. Realtime after construction.
 #pragma once
 
 #include <array>
@@ -16,16 +16,17 @@ class ContactQuery {
  public:
   using LogRing = boost::lockfree::spsc_queue<trace::LoggedQuery>;
 
-  /// `radius`: of the tips, m. `log` must outlive this; null: nothing is logged.
+  /// `radius`: radius of the tips, m. `log` must outlive the query; null: nothing is logged.
   ContactQuery(double radius, LogRing* log) : radius_{radius}, log_{log} {}
 
-  /// Sets contacts, exactness and error bound of `output` for a probe's tip at that position on `surface`.
-  /// `since_change`: cycles since the mesh of each object changed, by index; `now_ns` and `probe` are for the log.
+  /// Sets contacts, exactness and error bound of `output` for a probe whose tip is at `tip`, world.
+  /// `cycles_since_change`: cycles since the mesh of each object changed, by index; `now_ns` and `probe` are for the
+  /// log.
   void run(std::uint32_t probe, const Vec3d& tip, std::int64_t now_ns, const ObjectsSurface& surface,
-           const std::array<std::uint32_t, kMaxObjects>& since_change, ProbeOutput& output) noexcept;
+           const std::array<std::uint32_t, kMaxObjects>& cycles_since_change, ProbeOutput& output) noexcept;
 
-  [[nodiscard]] bool logs() const noexcept { return log_ != nullptr; }
-  /// Log entries that were lost because the ring was full.
+  [[nodiscard]] bool is_logging() const noexcept { return log_ != nullptr; }
+  /// Returns the number of log entries that were lost because the ring was full.
   [[nodiscard]] std::uint64_t log_dropped() const noexcept { return log_dropped_; }
 
  private:

@@ -10,7 +10,7 @@ namespace {
 
 constexpr std::uint32_t kAllProbes = (1u << kMaxProbes) - 1;
 
-std::uint32_t since(std::int64_t& mark) noexcept {
+std::uint32_t lap_ns(std::int64_t& mark) noexcept {
   const std::int64_t now = monotonic_ns();
   const auto passed = static_cast<std::uint32_t>(now - mark);
   mark = now;
@@ -23,8 +23,8 @@ Cycle::Cycle(const CycleSettings& settings, const std::array<haptics::DeviceSpec
              DepartureRing& departures, LogRing* log)
     : settings_{settings}, departures_{departures}, query_{settings.radius, log}, targets_{settings.targets} {
   objects_.reserve(kMaxObjects);
-  leaving_.reserve(kMaxObjects);
-  left_.reserve(departures.write_available());
+  withdrawn_.reserve(kMaxObjects);
+  departed_.reserve(departures.write_available());
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
     surfaces_[i].set_caches(&candidate_caches_);
     spheres_.emplace_back(settings.radius);
@@ -35,13 +35,13 @@ Cycle::Cycle(const CycleSettings& settings, const std::array<haptics::DeviceSpec
 
 void Cycle::stop(haptics::Fault fault) noexcept {
   if (observer_ != nullptr) observer_->stopped(fault);
-  stopped_ = fault;
+  stop_fault_ = fault;
   for (haptics::ForceRenderer& force : forces_) force.latch(fault);
 }
 
 void Cycle::reset_faults() noexcept {
   if (observer_ != nullptr) observer_->reset();
-  stopped_ = haptics::Fault::kNone;
+  stop_fault_ = haptics::Fault::kNone;
   for (haptics::ForceRenderer& force : forces_) force.reset();
 }
 
@@ -52,7 +52,7 @@ void Cycle::move(const TouchObject& object, const Placement& placement) noexcept
   if (!state.moved) state.before = state.placement;
   state.moved = true;
   state.placement = placement;
-  wandering_ |= std::uint64_t{1} << object.index;
+  moved_objects_ |= std::uint64_t{1} << object.index;
 }
 
 const TouchObject& Cycle::object(std::uint32_t index) const noexcept {
@@ -65,20 +65,20 @@ const CycleResult& Cycle::touch(const std::array<ProbeInput, kMaxProbes>& probes
                                 const Arrival* arrivals, std::uint32_t arrival_count) noexcept {
   std::int64_t mark = touch_began_ns_ = monotonic_ns();
   CycleCosts& costs = result_.costs;
-  for (std::uint32_t i = 0; i < arrival_count; ++i) take(arrivals[i]);
+  for (std::uint32_t i = 0; i < arrival_count; ++i) process_arrival(arrivals[i]);
   costs.arrivals = arrival_count;
-  costs.load = since(mark);
+  costs.load = lap_ns(mark);
   costs.query = costs.force = 0;
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
     const ProbeInput& input = probes[i];
-    near_[i] = input.active ? input.near.at(input.device.position) | wandering_ : 0;
+    near_[i] = input.active ? input.near.at(input.device.position) | moved_objects_ : 0;
     tips_[i] = {input.device.position, input.device.velocity};
     surfaces_[i].clear();
     if (!input.active) {
-      take_away(i);
+      reset_probe(i);
       continue;
     }
-    const bool all_shown = gather_surface(i);
+    const bool all_have_meshes = gather_surface(i);
     ProbeOutput output;
     output.active = true;
     output.device = plain(input.device.position);
@@ -89,16 +89,16 @@ const CycleResult& Cycle::touch(const std::array<ProbeInput, kMaxProbes>& probes
     if (result_.budget_spent) output.status |= session::kBudgetSpent;
     if (result_.targets_dropped) output.status |= session::kTargetsDropped;
     if (tools_.empty())
-      query_.run(i, input.device.position, now_ns, surfaces_[i], since_change_, output);
-    else if (query_.logs())
-      query_.run(i, tools_[i].place(), now_ns, surfaces_[i], since_change_, output);
-    costs.query += since(mark);
+      query_.run(i, input.device.position, now_ns, surfaces_[i], cycles_since_change_, output);
+    else if (query_.is_logging())
+      query_.run(i, tools_[i].coupling_point(), now_ns, surfaces_[i], cycles_since_change_, output);
+    costs.query += lap_ns(mark);
     render(i, input, output);
-    if (!all_shown) {
+    if (!all_have_meshes) {
       output.status &= ~static_cast<std::uint32_t>(session::kExact);
       output.error_bound = std::numeric_limits<float>::max();
     }
-    costs.force += since(mark);
+    costs.force += lap_ns(mark);
     result_.probes[i] = output;
   }
   for (const TouchObject* object : objects_) states_[object->index].moved = false;
@@ -106,10 +106,10 @@ const CycleResult& Cycle::touch(const std::array<ProbeInput, kMaxProbes>& probes
   return result_;
 }
 
-void Cycle::take(const Arrival& arrival) noexcept {
+void Cycle::process_arrival(const Arrival& arrival) noexcept {
   switch (arrival.kind) {
     case Arrival::Kind::kObject:
-      TACTUS_ASSERT(objects_.size() + leaving_.size() < kMaxObjects);
+      TACTUS_ASSERT(objects_.size() + withdrawn_.size() < kMaxObjects);
       objects_.push_back(arrival.object);
       ++objects_changed_;
       states_[arrival.object->index].placement = arrival.object->placement;
@@ -136,49 +136,49 @@ void Cycle::take(const Arrival& arrival) noexcept {
 void Cycle::withdraw(TouchObject& object) noexcept {
   const std::uint64_t bit = std::uint64_t{1} << object.index;
   objects_.erase(std::find(objects_.begin(), objects_.end(), &object));
-  leaving_.push_back(&object);
+  withdrawn_.push_back(&object);
   ++objects_changed_;
   object.forest->keep(false);
   object.forest->withdraw();
   if ((movable_ & bit) != 0) --movable_count_;
   movable_ &= ~bit;
-  wandering_ &= ~bit;
+  moved_objects_ &= ~bit;
   states_[object.index] = {};
-  since_change_[object.index] = 0;
+  cycles_since_change_[object.index] = 0;
   forget_surroundings();
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
     near_[i] &= ~bit;
-    const bool held = held_[i].lose(object.index);
+    const bool held = held_[i].lose_object(object.index);
     ProbeOutput& output = result_.probes[i];
     if (held || output.object == object.index) forces_[i].release();
     if (output.object == object.index) output.object = spm::kNone;
   }
 }
 
-/// Resets a probe that its user has left, so that the next user starts with no state of it.
-void Cycle::take_away(std::uint32_t number) noexcept {
+/// Resets a probe without a user, so that the next user starts with no state of it.
+void Cycle::reset_probe(std::uint32_t number) noexcept {
   held_[number].reset();
   if (result_.probes[number].active) {
     spheres_[number].reset();
     if (!tools_.empty()) tools_[number].reset();
     forces_[number].reset();
-    if (stopped_ != haptics::Fault::kNone) forces_[number].latch(stopped_);
+    if (stop_fault_ != haptics::Fault::kNone) forces_[number].latch(stop_fault_);
   }
   result_.probes[number] = ProbeOutput{};
 }
 
-/// False when an object near the probe has no mesh yet.
+/// Adds the objects near the probe to its surface. Returns false if one of them has no mesh yet.
 bool Cycle::gather_surface(std::uint32_t number) noexcept {
-  bool all_shown = true;
+  bool all_have_meshes = true;
   for (const TouchObject* object : objects_) {
     if (!is_near(number, *object)) continue;
     const ObjectState& state = states_[object->index];
     if (object->forest->base_shown())
       surfaces_[number].add(*object, state.placement, state.moved ? &state.before : nullptr, state.unchanged[number]);
     else
-      all_shown = false;
+      all_have_meshes = false;
   }
-  return all_shown;
+  return all_have_meshes;
 }
 
 void Cycle::render(std::uint32_t number, const ProbeInput& input, ProbeOutput& output) noexcept {
@@ -187,22 +187,22 @@ void Cycle::render(std::uint32_t number, const ProbeInput& input, ProbeOutput& o
   HeldObject& hand = held_[number];
   bool changed = false, changed_here = false;
   for (std::uint32_t i = 0; i < surface.count(); ++i) {
-    changed = changed || since_change_[surface[i].index] == 0;
+    changed = changed || cycles_since_change_[surface[i].index] == 0;
     changed_here = changed_here || (states_[surface[i].index].changed >> number & 1u) != 0;
   }
   const ProbeStep step{input, surface, changed, changed_here, settings_.period, renderer, output};
   if (input.failed) renderer.latch(haptics::Fault::kDeviceFailed);
   with_probe(number, [&](auto& probe) {
-    if (const std::uint32_t held = hand.open(input.device); held != spm::kNone) {
+    if (const std::uint32_t held = hand.release_if_open(input.device); held != spm::kNone) {
       const ObjectState& state = states_[held];
-      hand.follow(step, object(held), state.moved ? state.before : state.placement, state.placement);
-      probe.carry(step, hand.held().hold.pose);
+      hand.follow_object(step, object(held), state.moved ? state.before : state.placement, state.placement);
+      probe.move_to(step, hand.held().hold.pose);
       add_force(hand.render(step, settings_.force.zero_by), output);
       return;
     }
     add_force(probe.render(step), output);
     if (output.object != spm::kNone)
-      hand.close(step, probe.place(), states_[output.object].placement, can_move(output.object));
+      hand.hold_if_closed(step, probe.coupling_point(), states_[output.object].placement, can_move(output.object));
   });
 }
 
@@ -222,38 +222,39 @@ void Cycle::add_force(const haptics::ForceResult& force, ProbeOutput& output) no
 
 const CycleResult& Cycle::refine(spm::Budget budget, const RefineLimit& limit) noexcept {
   std::int64_t mark = monotonic_ns();
-  double began = 0;  // the first portion
+  double began = 0;  // start of the first portion
   CycleCosts& costs = result_.costs;
-  costs.visits = costs.changes = costs.nodes_marked = costs.granted = costs.foreseen = 0;
+  costs.visits = costs.changes = costs.nodes_marked = costs.granted = costs.predicted_total = 0;
   result_.budget_spent = result_.nodes_full = result_.targets_dropped = false;
-  left_.clear();
+  departed_.clear();
   spm::Budget granted;
-  take_apart(budget, granted, limit, began);
-  bool felt = false;  // the change may be felt
-  for (const SphereTouch& sphere : spheres_) felt = felt || sphere.proxy().last().near_surface;
+  coarsen_withdrawn(budget, granted, limit, began);
+  // Near a surface a user may feel a change of the mesh, so the forest stores the previous version.
+  bool is_near_surface = false;
+  for (const SphereTouch& sphere : spheres_) is_near_surface = is_near_surface || sphere.proxy().last().near_surface;
   for (TouchObject* object : objects_) {
-    object->forest->keep(felt);
+    object->forest->keep(is_near_surface);
     const spm::Forest& forest = *object->forest;
     const spm::ForestCounters before = forest.counters();
-    const bool shown = forest.base_shown();
+    const bool base_was_shown = forest.base_shown();
     select_targets(*object);
     const spm::Advance result = advance(*object, budget, granted, limit, began);
     result_.budget_spent = result_.budget_spent || result == spm::Advance::kBudget || result == spm::Advance::kKeptFull;
     result_.nodes_full = result_.nodes_full || result == spm::Advance::kNodesFull;
     const std::uint32_t changes = count_work(forest, before);
-    note_changes(*object, changes, !shown && forest.base_shown());
-    give_back(*object);
+    reset_changes(*object, changes, !base_was_shown && forest.base_shown());
+    return_retired_regions(*object);
   }
-  costs.refine = since(mark);
+  costs.refine = lap_ns(mark);
   for (TouchObject* object : objects_) costs.nodes_marked += refit(*object);
-  for (TouchObject* object : leaving_) costs.nodes_marked += object->forest->refit().marked;
-  depart();
-  costs.refit = since(mark);
-  if (observer_ != nullptr) observer_->refined(*this, left_, departures_.write_available() > 0);
+  for (TouchObject* object : withdrawn_) costs.nodes_marked += object->forest->refit().marked;
+  return_removed_objects();
+  costs.refit = lap_ns(mark);
+  if (observer_ != nullptr) observer_->refined(*this, departed_, departures_.write_available() > 0);
   return result_;
 }
 
-/// Returns the changes.
+/// Adds the work of a forest since `before` to the costs. Returns its number of splits and collapses.
 std::uint32_t Cycle::count_work(const spm::Forest& forest, const spm::ForestCounters& before) noexcept {
   const spm::ForestCounters& after = forest.counters();
   const auto changes = static_cast<std::uint32_t>(after.splits - before.splits + after.collapses - before.collapses);
@@ -262,30 +263,31 @@ std::uint32_t Cycle::count_work(const spm::Forest& forest, const spm::ForestCoun
   return changes;
 }
 
-/// Of the objects that leave, as much as their share of the budget allows.
-void Cycle::take_apart(spm::Budget& budget, spm::Budget& granted, const RefineLimit& limit, double& began) noexcept {
-  spm::Budget share{std::min(budget.units, kForLeaving)};
+/// Coarsens withdrawn objects with their share of the budget.
+void Cycle::coarsen_withdrawn(spm::Budget& budget, spm::Budget& granted, const RefineLimit& limit,
+                              double& began) noexcept {
+  spm::Budget share{std::min(budget.units, kWithdrawnUnits)};
   budget.units -= share.units;
-  for (TouchObject* object : leaving_) {
+  for (TouchObject* object : withdrawn_) {
     const spm::ForestCounters before = object->forest->counters();
     (void)advance(*object, share, granted, limit, began);
     (void)count_work(*object->forest, before);
-    give_back(*object);
+    return_retired_regions(*object);
   }
   budget.units += share.units;
 }
 
-/// To the loader: objects of which nothing is left.
-void Cycle::depart() noexcept {
-  for (auto at = leaving_.begin(); at != leaving_.end();) {
+/// Returns to the loader the withdrawn objects whose nodes and records are all free.
+void Cycle::return_removed_objects() noexcept {
+  for (auto at = withdrawn_.begin(); at != withdrawn_.end();) {
     TouchObject& object = **at;
-    if (!object.forest->is_gone() || departures_.write_available() == 0 || left_.size() == left_.capacity()) {
+    if (!object.forest->is_gone() || departures_.write_available() == 0 || departed_.size() == departed_.capacity()) {
       ++at;
       continue;
     }
-    left_.push_back({object.index, spm::RegionId{spm::kNone}});
-    departures_.push(left_.back());
-    at = leaving_.erase(at);
+    departed_.push_back({object.index, spm::RegionId{spm::kNone}});
+    departures_.push(departed_.back());
+    at = withdrawn_.erase(at);
   }
 }
 
@@ -314,7 +316,7 @@ void Cycle::add_probe_targets(std::uint32_t number, const TouchObject& object) n
   }
   targets_.add_sphere(place({tips_[number].position, tips_[number].velocity, settings_.radius}));
   if (result_.probes[number].object != object.index) return;
-  // The proxy lags behind a device that is pressed in.
+  // The proxy of a device pressed into a surface is elsewhere.
   const double scale = placement.scale();
   targets_.add_soon(placement.to_model(vec(result_.probes[number].proxy)),
                     settings_.radius / scale + settings_.refine_margin / scale);
@@ -323,21 +325,21 @@ void Cycle::add_probe_targets(std::uint32_t number, const TouchObject& object) n
 void Cycle::add_targets_under_bodies(const TouchObject& object) noexcept {
   if (object.body || movable_ == 0) return;
   const Placement& stands = placement(object);
-  const auto hand_near = [&](const Vec3d& centre, double distance) {
+  const auto has_hand_near = [&](const Vec3d& centre, double distance) {
     for (std::uint32_t i = 0; i < kMaxProbes; ++i)
       if (result_.probes[i].active && (tips_[i].position - centre).squaredNorm() < distance * distance) return true;
     return false;
   };
   for (const TouchObject* const body : objects_)
     if (can_move(body->index))
-      for_each_place_under(*body->body, placement(*body), object.bounds, stands, hand_near,
-                           [&](const Vec3d& place, double radius) { targets_.add_soon(place, radius); });
+      for_each_sphere_under(*body->body, placement(*body), object.bounds, stands, has_hand_near,
+                            [&](const Vec3d& place, double radius) { targets_.add_soon(place, radius); });
 }
 
 spm::Advance Cycle::advance(TouchObject& object, spm::Budget& budget, spm::Budget& granted, const RefineLimit& limit,
                             double& began) noexcept {
   CycleCosts& costs = result_.costs;
-  spm::Advance result = object.forest->advance(granted);  // the rest of the budget after the objects before
+  spm::Advance result = object.forest->advance(granted);  // with units that earlier objects have not used
   while (result == spm::Advance::kBudget && budget.units > 0) {
     const auto now = static_cast<double>(monotonic_ns() - touch_began_ns_);
     const std::uint32_t spent = costs.granted - granted.units;
@@ -345,7 +347,7 @@ spm::Advance Cycle::advance(TouchObject& object, spm::Budget& budget, spm::Budge
       began = now;
     else if (!limit.allows(began, now, spent))
       break;
-    costs.foreseen = static_cast<std::uint32_t>(limit.end(now, spent));
+    costs.predicted_total = static_cast<std::uint32_t>(limit.end(now, spent));
     const std::uint32_t portion = std::min(kPortion, budget.units);
     budget.units -= portion;
     granted.units += portion;
@@ -355,31 +357,31 @@ spm::Advance Cycle::advance(TouchObject& object, spm::Budget& budget, spm::Budge
   return result;
 }
 
-/// Notes for the next touch where an object's mesh changed.
-void Cycle::note_changes(const TouchObject& object, std::uint32_t changes, bool appeared) noexcept {
+/// Resets the changes of an object for the next touch, before `refit` finds them.
+void Cycle::reset_changes(const TouchObject& object, std::uint32_t changes, bool appeared) noexcept {
   ObjectState& state = states_[object.index];
   state.changed = appeared ? kAllProbes : 0;
   for (Unchanged& unchanged : state.unchanged) {
     unchanged = Unchanged{};
     unchanged.appeared = appeared;
   }
-  std::uint32_t& since = since_change_[object.index];
+  std::uint32_t& since = cycles_since_change_[object.index];
   since = changes > 0 ? 0 : since + 1;
 }
 
-/// Hands the retired regions without applied records back to the loader.
-void Cycle::give_back(TouchObject& object) noexcept {
-  while (departures_.write_available() > 0 && left_.size() < left_.capacity()) {
+/// Returns to the loader the retired regions without applied records.
+void Cycle::return_retired_regions(TouchObject& object) noexcept {
+  while (departures_.write_available() > 0 && departed_.size() < departed_.capacity()) {
     const spm::RegionId region = object.forest->take_retired();
     if (region == spm::kNone) return;
-    left_.push_back({object.index, region});
-    departures_.push(left_.back());
+    departed_.push_back({object.index, region});
+    departures_.push(departed_.back());
   }
 }
 
 std::uint32_t Cycle::refit(TouchObject& object) noexcept {
-  // A proxy rests close to the faces that hold it; changes further away do not move it.
-  constexpr double kHair = 1.01;
+  // A proxy is close to the faces that stop it. Changes further away do not move it.
+  constexpr double kProxyMargin = 1.01;  // tip radii
   ObjectState& state = states_[object.index];
   const Placement& placement = state.moved ? state.before : state.placement;  // of the last touch
   const double scale = placement.scale();
@@ -389,7 +391,8 @@ std::uint32_t Cycle::refit(TouchObject& object) noexcept {
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
     if (!is_near(i, object) || !tools_.empty()) continue;  // a tool detects changes itself
     probes[count] = i;
-    change_detectors[count++] = {placement.to_model(vec(result_.probes[i].proxy)), kHair * settings_.radius / scale};
+    change_detectors[count++] = {placement.to_model(vec(result_.probes[i].proxy)),
+                                 kProxyMargin * settings_.radius / scale};
   }
   const spm::RefitCount refitted = object.forest->refit(change_detectors.data(), count);
   for (std::uint32_t i = 0; i < count; ++i) {

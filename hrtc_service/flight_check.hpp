@@ -11,8 +11,7 @@
 
 namespace tactus::hrtc_service {
 
-/// Throws trace::FlightError with what was found and what was expected. `max_pool_bytes`: the largest memory that a
-/// pool may take.
+/// Throws trace::FlightError with the value found and the value expected. `max_pool_bytes`: max memory of a pool.
 void expect_valid(const trace::FlightMessage& message, std::uint64_t max_pool_bytes);
 
 }  // namespace tactus::hrtc_service

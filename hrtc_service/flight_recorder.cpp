@@ -16,26 +16,26 @@ std::array<double, 3> numbers(const Vec3d& v) noexcept { return plain(v); }
 // A new member of the input of a cycle must be added to the record, too (idl/flight.idl).
 static_assert(sizeof(ProbeInput) == 208 && sizeof(haptics::DeviceState) == 128, "record the new member");
 
-constexpr std::uint64_t head_of(FlightEntry kind, std::uint32_t words) noexcept {
+constexpr std::uint64_t entry_head(FlightEntry kind, std::uint32_t words) noexcept {
   return std::uint64_t{static_cast<std::uint32_t>(kind)} << 32 | words;
 }
 
 }  // namespace
 
-FlightRecorder::FlightRecorder(std::uint32_t state_every)
+FlightRecorder::FlightRecorder(std::uint32_t state_period)
     : ring_{kRingWords},
       words_(kMaxWords, 0),
       events_(kMaxEventWords, 0),
       in_use_(kMaxInUse),
-      state_every_{state_every} {
+      state_period_{state_period} {
   while (ring_.push(0)) {
   }
   ring_.consume_all([](std::uint64_t) {});
 }
 
 bool FlightRecorder::has_room(std::uint32_t words) noexcept {
-  broken_ = broken_ || count_ + words > kMaxWords;
-  return !broken_;
+  is_too_long_ = is_too_long_ || count_ + words > kMaxWords;
+  return !is_too_long_;
 }
 
 template <class Value>
@@ -43,32 +43,38 @@ void FlightRecorder::put(FlightEntry kind, const Value& value) noexcept {
   static_assert(std::is_trivially_copyable_v<Value>);
   constexpr std::uint32_t kWords = (sizeof value + 7) / 8;
   if (!has_room(1 + kWords)) return;
-  words_[count_] = head_of(kind, kWords);
+  words_[count_] = entry_head(kind, kWords);
   words_[count_ + kWords] = 0;  // the padding after the value
   std::memcpy(&words_[count_ + 1], &value, sizeof value);
   count_ += 1 + kWords;
 }
 
-/// Adds an event to the record and to the events retained in case the record is lost. `came`: the object, when it is
-/// new.
+/// Adds an event to the record, and to the events that are stored in case the record is lost. `new_object`: the object
+/// of a kObjectCame event, else null.
 void FlightRecorder::put_event(Kind kind, std::uint32_t object, spm::RegionId region,
-                               const TouchObject* came) noexcept {
+                               const TouchObject* new_object) noexcept {
   constexpr std::uint32_t kWords = 1 + sizeof(trace::FlightEvent) / 8;
   constexpr std::uint32_t kWithObject = kWords + sizeof(FlightNewObject) / 8;
   static_assert(sizeof(trace::FlightEvent) % 8 == 0);
   if (event_count_ + kWithObject > kMaxEventWords) {
-    if (ended() == 0) ended_.store(lost_ + 1, std::memory_order_relaxed);
+    if (lost_at_end() == 0) lost_at_end_.store(lost_ + 1, std::memory_order_relaxed);
     return;
   }
-  const std::uint32_t words = came != nullptr ? kWithObject : kWords;
+  const std::uint32_t words = new_object != nullptr ? kWithObject : kWords;
   const trace::FlightEvent event{cycle_, kind, object, spm::index(region), 0};
   std::uint64_t* const entry = &events_[event_count_];
-  entry[0] = head_of(came != nullptr ? FlightEntry::kObject : FlightEntry::kEvent, words - 1);
+  entry[0] = entry_head(new_object != nullptr ? FlightEntry::kObject : FlightEntry::kEvent, words - 1);
   std::memcpy(entry + 1, &event, sizeof event);
-  if (came != nullptr) {
-    FlightNewObject described{
-        came->id, came->digest, came->placement.numbers(), came->material, came->index, came->body ? 1u : 0u, {}};
-    std::copy_n(came->name.data(), std::min(came->name.size(), std::size_t{session::kMaxName}), described.name.data());
+  if (new_object != nullptr) {
+    FlightNewObject described{new_object->id,
+                              new_object->digest,
+                              new_object->placement.numbers(),
+                              new_object->material,
+                              new_object->index,
+                              new_object->body ? 1u : 0u,
+                              {}};
+    std::copy_n(new_object->name.data(), std::min(new_object->name.size(), std::size_t{session::kMaxName}),
+                described.name.data());
     std::memcpy(entry + kWords, &described, sizeof described);
   }
   event_count_ += words;
@@ -110,7 +116,7 @@ void FlightRecorder::touched(const std::array<ProbeInput, kMaxProbes>& probes, s
     probe.loop_delay = input.device.loop_delay;
     probe.pose_age = input.pose_age;
     probe.near_found = input.near.found;
-    probe.near_sought = input.near.sought;
+    probe.near_sought = input.near.searched;
     probe.near_centre = input.near.centre;
     probe.near_moved = input.near.moved;
     probe.force = output.force;
@@ -129,21 +135,20 @@ void FlightRecorder::touched(const std::array<ProbeInput, kMaxProbes>& probes, s
   put(FlightEntry::kTouch, trace::FlightTouch{cycle_, now_ns, _mm_getcsr() & 0xffc0u});
 }
 
-/// The carried state as a 64-bit size and bytes; then the count of objects, and for each its number and base faces,
-/// mesh hash, count of active regions, and for each region its number and applied records, with retiring and resting in
-/// the top bits. A state that does not fit is omitted.
+/// Adds the state of the cycle: size and bytes of Cycle::for_each_carried, and the number of objects. Then, for each
+/// object: index and base faces, mesh hash, number of regions in use. Then, for each region: number and applied
+/// records, with retiring and resting in the top bits. Omits a state that does not fit.
 bool FlightRecorder::put_state(Cycle& cycle) noexcept {
-  // A state does not contain the previous version of the meshes, which the next touch may query. So it waits for a
-  // cycle that changed no mesh. It does not contain the remains of withdrawn objects either, so it waits until these
-  // have departed.
-  if (!cycle.leaving().empty()) return false;
+  // A state contains neither the previous versions of the meshes, which the next touch may query, nor withdrawn
+  // objects. So it is only recorded after a cycle that changed no mesh, and when no withdrawn object remains.
+  if (!cycle.withdrawn_objects().empty()) return false;
   for (const TouchObject* object : cycle.objects())
     if (object->forest->kept_differs()) return false;
   const std::uint32_t from = count_;
   const auto put_word = [&](std::uint64_t word) {
     if (has_room(1)) words_[count_++] = word;
   };
-  put_word(0);  // placeholder for the entry's head
+  put_word(0);  // for the head of the entry
   haptics::CarriedSize size;
   cycle.for_each_carried(size);
   put_word(size.bytes());
@@ -161,7 +166,7 @@ bool FlightRecorder::put_state(Cycle& cycle) noexcept {
     put_word(forest.mesh_hash());
     put_word(in_use);
     if (in_use > kMaxInUse || !has_room(in_use)) {
-      broken_ = true;
+      is_too_long_ = true;
       break;
     }
     for (std::uint32_t i = 0; i < in_use; ++i) {
@@ -170,13 +175,13 @@ bool FlightRecorder::put_state(Cycle& cycle) noexcept {
                          std::uint64_t{region.applied} << 32 | spm::index(region.region);
     }
   }
-  if (broken_) {
-    broken_ = false;
+  if (is_too_long_) {
+    is_too_long_ = false;
     count_ = from;
     return false;
   }
-  words_[from] = head_of(FlightEntry::kState, count_ - from - 1);
-  since_state_ = 0;
+  words_[from] = entry_head(FlightEntry::kState, count_ - from - 1);
+  cycles_since_state_ = 0;
   return true;
 }
 
@@ -188,25 +193,25 @@ bool FlightRecorder::push() noexcept {
   return true;
 }
 
-void FlightRecorder::refined(Cycle& cycle, std::span<const Departure> left, bool departures_fit) noexcept {
-  for (const Departure& departure : left)
+void FlightRecorder::refined(Cycle& cycle, std::span<const Departure> departed, bool departures_fit) noexcept {
+  for (const Departure& departure : departed)
     put_event(departure.is_object() ? Kind::kObjectLeft : Kind::kRegionLeft, departure.object, departure.region);
-  if (ended() == 0) {
+  if (lost_at_end() == 0) {
     const CycleResult& result = cycle.result();
     std::uint64_t hash = 0;
     for (const TouchObject* object : cycle.objects()) hash = flight_hash(hash, object->forest->mesh_hash());
-    const bool state_due = departures_fit && lost_ == 0 && ++since_state_ >= state_every_;
+    const bool state_due = departures_fit && lost_ == 0 && ++cycles_since_state_ >= state_period_;
     put(FlightEntry::kRefine, trace::FlightRefine{cycle_, hash, result.costs.granted, result.budget_spent ? 1u : 0u,
                                                   result.nodes_full ? 1u : 0u, state_due ? 1u : 0u});
     // A replay from this state starts without surroundings, so this cycle must continue without them, too.
     if (state_due) cycle.forget_surroundings();
-    const bool whole = !broken_ && departures_fit && lost_ == 0;
-    if (whole && state_due) static_cast<void>(put_state(cycle));
-    if (!whole || !push()) {
+    const bool is_complete = !is_too_long_ && departures_fit && lost_ == 0;
+    if (is_complete && state_due) static_cast<void>(put_state(cycle));
+    if (!is_complete || !push()) {
       ++lost_;
-      // Recording continues when there is room for some cycles.
+      // Recording continues when half of the ring is free.
       count_ = 1;
-      broken_ = false;
+      is_too_long_ = false;
       put(FlightEntry::kLost, lost_);
       if (ring_.write_available() >= kRingWords / 2 && has_room(event_count_)) {
         std::copy_n(events_.begin(), event_count_, words_.begin() + count_);
@@ -217,7 +222,7 @@ void FlightRecorder::refined(Cycle& cycle, std::span<const Departure> left, bool
   }
   ++cycle_;
   count_ = 1;
-  broken_ = false;
+  is_too_long_ = false;
 }
 
 bool FlightRecorder::next(FlightRecord& record) {

@@ -21,13 +21,13 @@ namespace {
 
 using trace::FlightError;
 
-/// A recorded call that is impossible after a deviation.
-class Astray : public FlightError {
+/// The error of a recorded call that is impossible in the replayed state.
+class ImpossibleCall : public FlightError {
  public:
   using FlightError::FlightError;
 };
 
-/// Sets the processor's treatment of denormals and rounding during its lifetime.
+/// Restores the processor's treatment of denormals and rounding at the end of its lifetime.
 class FloatControl {
  public:
   FloatControl() : before_{_mm_getcsr()} {}
@@ -47,7 +47,7 @@ std::string text(const std::array<double, 3>& v) {
 }
 
 template <class Value>
-bool same(const Value& a, const Value& b) noexcept {
+bool is_same(const Value& a, const Value& b) noexcept {
   return std::memcmp(&a, &b, sizeof a) == 0;
 }
 
@@ -127,18 +127,18 @@ class World {
       throw FlightError("found object " + std::to_string(number) + ", which has not come");
     return objects_[number]->touch;
   }
-  /// One that is not withdrawn. `number` below kMaxObjects.
-  [[nodiscard]] TouchObject& present(std::uint32_t number) {
+  /// Returns an object. Throws ImpossibleCall if it is withdrawn. `number`: below kMaxObjects.
+  [[nodiscard]] TouchObject& not_withdrawn(std::uint32_t number) {
     TouchObject& touch = object(number);
-    if (objects_[number]->withdrawn) throw Astray("object '" + touch.name + "' has been withdrawn");
+    if (objects_[number]->withdrawn) throw ImpossibleCall("object '" + touch.name + "' has been withdrawn");
     return touch;
   }
 
   [[nodiscard]] Arrival add(const trace::FlightObject& described, const spm::codec::CompressedModel& model) {
     const spm::BaseMesh& base = model.base();
     if (objects_[described.object] != nullptr)
-      throw Astray("object '" + described.name + "' comes as number " + std::to_string(described.object) +
-                   ", which object '" + objects_[described.object]->touch.name + "' has");
+      throw ImpossibleCall("object '" + described.name + "' comes as number " + std::to_string(described.object) +
+                           ", which object '" + objects_[described.object]->touch.name + "' has");
     spm::Cache::Admitted admitted = cache_.admit(base);
     if (!admitted.fits) throw FlightError("object '" + described.name + "' does not fit as it did");
     objects_[described.object] = std::make_unique<Object>();
@@ -163,42 +163,44 @@ class World {
   }
 
   [[nodiscard]] Arrival region(std::uint32_t number, spm::RegionId region) {
-    TouchObject& touch = present(number);
+    TouchObject& touch = not_withdrawn(number);
     const spm::codec::CompressedModel& model = *objects_[number]->model;
     if (spm::index(region) >= model.summary().regions || touch.forest->is_here(region))
-      throw Astray("region " + std::to_string(spm::index(region)) + " of object '" + touch.name + "' cannot have come");
+      throw ImpossibleCall("region " + std::to_string(spm::index(region)) + " of object '" + touch.name +
+                           "' cannot have come");
     spm::RegionList list;
     if (!spm::codec::take_region(model, region, cache_, objects_[number]->in_cache, list))
-      throw Astray("region " + std::to_string(spm::index(region)) + " of object '" + touch.name +
-                   "' does not fit as it did");
+      throw ImpossibleCall("region " + std::to_string(spm::index(region)) + " of object '" + touch.name +
+                           "' does not fit as it did");
     return {Arrival::Kind::kRegion, &touch, region, list};
   }
 
-  /// `arrivals`: the arrivals of the same cycle; the region may be among them.
+  /// Returns the retirement of a region, which may itself be among the `arrivals` of the same cycle.
   [[nodiscard]] Arrival retirement(std::uint32_t number, spm::RegionId region, const std::vector<Arrival>& arrivals) {
-    TouchObject& touch = present(number);
+    TouchObject& touch = not_withdrawn(number);
     const spm::Forest& forest = *touch.forest;
-    const bool comes = std::any_of(arrivals.begin(), arrivals.end(), [&](const Arrival& arrival) {
+    const bool arrives_now = std::any_of(arrivals.begin(), arrivals.end(), [&](const Arrival& arrival) {
       return arrival.kind == Arrival::Kind::kRegion && arrival.object == &touch && arrival.region == region;
     });
-    const bool here =
+    const bool is_loaded =
         spm::index(region) < forest.grid().size() && forest.is_here(region) && !forest.is_retiring(region);
-    const bool retires = std::any_of(arrivals.begin(), arrivals.end(), [&](const Arrival& arrival) {
+    const bool is_retired_twice = std::any_of(arrivals.begin(), arrivals.end(), [&](const Arrival& arrival) {
       return arrival.kind == Arrival::Kind::kRetire && arrival.object == &touch && arrival.region == region;
     });
-    if ((!comes && !here) || retires)
-      throw Astray("region " + std::to_string(spm::index(region)) + " of object '" + touch.name +
-                   "' is not here to be retired");
+    if ((!arrives_now && !is_loaded) || is_retired_twice)
+      throw ImpossibleCall("region " + std::to_string(spm::index(region)) + " of object '" + touch.name +
+                           "' is not here to be retired");
     return {Arrival::Kind::kRetire, &touch, region, {}};
   }
 
   [[nodiscard]] Arrival withdrawal(std::uint32_t number) {
-    TouchObject& touch = present(number);
+    TouchObject& touch = not_withdrawn(number);
     objects_[number]->withdrawn = true;
     return {Arrival::Kind::kWithdraw, &touch, {}, {}};
   }
 
-  /// Frees the departed regions and objects at once, which is no later than in the recorded run.
+  /// Frees the departed regions and objects, and returns their number. The recorded run freed them at this time or
+  /// later.
   std::uint64_t release() {
     std::uint64_t released = 0;
     for (Departure departure; departures_.pop(departure); ++released) {
@@ -221,18 +223,18 @@ class World {
     static_cast<void>(cycle_.touch(probes, now_ns, arrivals.data(), static_cast<std::uint32_t>(arrivals.size())));
   }
 
-  /// Whether only objects have arrived.
+  /// Restores a recorded state. Only the arrivals of the objects may have been processed before.
   void restore(const trace::FlightState& state) {
-    for (const trace::FlightObjectState& published : state.objects) {
-      spm::Forest& forest = *object(published.object).forest;
-      for (const std::uint32_t here : published.here)
-        forest.add(spm::RegionId{here}, region(published.object, spm::RegionId{here}).list);
+    for (const trace::FlightObjectState& recorded : state.objects) {
+      spm::Forest& forest = *object(recorded.object).forest;
+      for (const std::uint32_t here : recorded.here)
+        forest.add(spm::RegionId{here}, region(recorded.object, spm::RegionId{here}).list);
       std::vector<spm::Forest::InUse> in_use;
-      for (const trace::FlightRegion& one : published.in_use)
+      for (const trace::FlightRegion& one : recorded.in_use)
         in_use.push_back({spm::RegionId{one.region}, one.applied, one.retiring, one.resting});
-      if (!forest.restore(published.base_faces, in_use.data(), static_cast<std::uint32_t>(in_use.size())) ||
-          forest.mesh_hash() != published.mesh_hash)
-        throw FlightError("object '" + object(published.object).name + "' cannot be brought to the state of cycle " +
+      if (!forest.restore(recorded.base_faces, in_use.data(), static_cast<std::uint32_t>(in_use.size())) ||
+          forest.mesh_hash() != recorded.mesh_hash)
+        throw FlightError("object '" + object(recorded.object).name + "' cannot be brought to the state of cycle " +
                           std::to_string(state.cycle));
     }
     haptics::CarriedReader reader{state.carried};
@@ -273,9 +275,9 @@ class Replay {
     try {
       while (reader_.next(message)) {
         expect_valid(message, options_.max_pool_bytes);
-        std::visit([this](const auto& value) { take(value); }, message);
+        std::visit([this](const auto& value) { process(value); }, message);
       }
-    } catch (const Astray& error) {
+    } catch (const ImpossibleCall& error) {
       if (report_.differ == 0)
         throw FlightError(name_ + ", after cycle " + std::to_string(cycle_) + ": " + error.what());
       report_.given_up = "cycle " + std::to_string(cycle_) + ", " + error.what();
@@ -289,7 +291,7 @@ class Replay {
   }
 
  private:
-  void take(const trace::FlightStart& start) {
+  void process(const trace::FlightStart& start) {
     if (started_) throw FlightError("found a second start");
     started_ = true;
     report_.start = start;
@@ -300,9 +302,9 @@ class Replay {
     world_ = std::make_unique<World>(start);
   }
 
-  void take(const trace::FlightObject& object) { described_[object.object] = object; }
+  void process(const trace::FlightObject& object) { objects_[object.object] = object; }
 
-  void take(const trace::FlightState& state) {
+  void process(const trace::FlightState& state) {
     if (report_.cycles == 0) report_.from_the_beginning = false;
     if (report_.start.build != build_id())
       throw FlightError("begins in the middle of a run, with a state that only build " + report_.start.build +
@@ -311,7 +313,7 @@ class Replay {
     report_.lost += state.lost;
     world_ = std::make_unique<World>(report_.start);
     std::vector<Arrival> objects;
-    for (const trace::FlightObjectState& object : state.objects) objects.push_back(come(object.object));
+    for (const trace::FlightObjectState& object : state.objects) objects.push_back(object_arrival(object.object));
     world_->touch({}, 0, objects);
     world_->restore(state);
     inputs_ = {};
@@ -319,7 +321,7 @@ class Replay {
     arrivals_.clear();
   }
 
-  void take(const trace::FlightEvent& event) {
+  void process(const trace::FlightEvent& event) {
     expect_start();
     using Kind = trace::FlightEvent::Kind;
     const spm::RegionId region{event.region};
@@ -331,7 +333,7 @@ class Replay {
         ++report_.resets;
         return world().reset_faults();
       case Kind::kObjectCame:
-        arrivals_.push_back(come(event.object));
+        arrivals_.push_back(object_arrival(event.object));
         return;
       case Kind::kRegionCame:
         ++report_.regions_came;
@@ -346,23 +348,23 @@ class Replay {
         return;
       case Kind::kRegionLeft:
       case Kind::kObjectLeft:
-        ++left_;
+        ++recorded_departures_;
         return;
     }
   }
 
-  void take(const trace::FlightMove& move) {
+  void process(const trace::FlightMove& move) {
     expect_start();
     ++report_.moves;
-    world().move(world_->present(move.object), Placement{move.placement});
+    world().move(world_->not_withdrawn(move.object), Placement{move.placement});
   }
 
-  void take(const trace::FlightProbe& probe) {
+  void process(const trace::FlightProbe& probe) {
     inputs_[probe.probe] = input_of(probe);
     probes_.push_back(probe);
   }
 
-  void take(const trace::FlightTouch& touch) {
+  void process(const trace::FlightTouch& touch) {
     expect_start();
     cycle_ = touch.cycle;
     control_.set(touch.float_control);
@@ -375,55 +377,57 @@ class Replay {
     arrivals_.clear();
   }
 
-  void take(const trace::FlightRefine& refine) {
+  void process(const trace::FlightRefine& refine) {
     expect_start();
     cycle_ = refine.cycle;
     const CycleResult& result = world().refine(spm::Budget{refine.granted});
     std::uint64_t hash = 0;
     for (const TouchObject* object : world().objects()) hash = flight_hash(hash, object->forest->mesh_hash());
     if (refine.forgot != 0) world().forget_surroundings();
-    const std::uint64_t left = world_->release();
-    if (hash != refine.mesh_hash) note("the mesh is another one");
-    if (left != left_) note(std::to_string(left_) + " regions and objects left, had " + std::to_string(left));
+    const std::uint64_t departures = world_->release();
+    if (hash != refine.mesh_hash) add_difference("the mesh differs");
+    if (departures != recorded_departures_)
+      add_difference(std::to_string(recorded_departures_) + " regions and objects left, had " +
+                     std::to_string(departures));
     if (result.costs.granted != refine.granted || result.budget_spent != (refine.budget_spent != 0) ||
         result.nodes_full != (refine.nodes_full != 0))
-      note("refinement went otherwise");
-    report_.regions_left += left;
+      add_difference("refinement went otherwise");
+    report_.regions_left += departures;
     report_.budget_spent += result.budget_spent ? 1 : 0;
-    left_ = 0;
+    recorded_departures_ = 0;
     ++report_.cycles;
-    if (differs_) ++report_.differ;
-    differs_ = false;
+    if (cycle_differs_) ++report_.differ;
+    cycle_differs_ = false;
   }
 
-  void compare(const trace::FlightTouch& touch, const trace::FlightProbe& recorded, const ProbeOutput& had) {
+  void compare(const trace::FlightTouch& touch, const trace::FlightProbe& recorded, const ProbeOutput& replayed) {
     const std::string who = "probe " + std::to_string(recorded.probe) + ": ";
-    if (!same(recorded.force, had.force))
-      note(who + "force was " + text(recorded.force) + " N, had " + text(had.force));
-    else if (!same(recorded.torque, had.torque))
-      note(who + "torque was " + text(recorded.torque) + " N m, had " + text(had.torque));
-    else if (!same(recorded.proxy, had.proxy) || !same(recorded.proxy_orientation, had.orientation))
-      note(who + "proxy was at " + text(recorded.proxy) + " m, had " + text(had.proxy));
-    else if (recorded.status != had.status || recorded.touched_object != had.object ||
-             recorded.contacts != had.contacts)
-      note(who + "status, object or contacts differ");
+    if (!is_same(recorded.force, replayed.force))
+      add_difference(who + "force was " + text(recorded.force) + " N, had " + text(replayed.force));
+    else if (!is_same(recorded.torque, replayed.torque))
+      add_difference(who + "torque was " + text(recorded.torque) + " N m, had " + text(replayed.torque));
+    else if (!is_same(recorded.proxy, replayed.proxy) || !is_same(recorded.proxy_orientation, replayed.orientation))
+      add_difference(who + "proxy was at " + text(recorded.proxy) + " m, had " + text(replayed.proxy));
+    else if (recorded.status != replayed.status || recorded.touched_object != replayed.object ||
+             recorded.contacts != replayed.contacts)
+      add_difference(who + "status, object or contacts differ");
     const auto has = [&](std::uint32_t bits) { return (recorded.status & bits) == bits ? 1u : 0u; };
     ++report_.probe_cycles;
     report_.in_contact += has(session::kInContact);
     report_.exact += has(session::kInContact | session::kExact);
     report_.stale += has(session::kStalePose);
     report_.faulted += has(session::kFault);
-    if (options_.on_probe) options_.on_probe(touch, recorded, had);
+    if (options_.on_probe) options_.on_probe(touch, recorded, replayed);
   }
 
-  void note(const std::string& what) {
-    differs_ = true;
+  void add_difference(const std::string& what) {
+    cycle_differs_ = true;
     if (report_.first_difference.empty()) report_.first_difference = "cycle " + std::to_string(cycle_) + ", " + what;
   }
 
-  Arrival come(std::uint32_t number) {
-    const auto described = described_.find(number);
-    if (described == described_.end())
+  Arrival object_arrival(std::uint32_t number) {
+    const auto described = objects_.find(number);
+    if (described == objects_.end())
       throw FlightError("found object " + std::to_string(number) + ", which is not described");
     const trace::FlightObject& object = described->second;
     const spm::codec::CompressedModel* const model = options_.model(object.digest);
@@ -447,13 +451,13 @@ class Replay {
   trace::FlightFileReader reader_;
   FloatControl control_;
   FlightReport report_;
-  bool started_ = false, differs_ = false;
+  bool started_ = false, cycle_differs_ = false;
   std::unique_ptr<World> world_;
-  std::map<std::uint32_t, trace::FlightObject> described_;
+  std::map<std::uint32_t, trace::FlightObject> objects_;
   std::array<ProbeInput, kMaxProbes> inputs_;
   std::vector<trace::FlightProbe> probes_;
   std::vector<Arrival> arrivals_;
-  std::uint64_t cycle_ = 0, left_ = 0;
+  std::uint64_t cycle_ = 0, recorded_departures_ = 0;
   std::int64_t first_ns_ = 0, last_ns_ = 0;
 };
 

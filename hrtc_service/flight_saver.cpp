@@ -14,15 +14,15 @@ namespace {
 using std::chrono::milliseconds;
 using std::chrono::steady_clock;
 
-constexpr auto kDrain = milliseconds{20};
-constexpr auto kAfter = milliseconds{500};
+constexpr auto kDrainPeriod = milliseconds{20};
+constexpr auto kSaveDelay = milliseconds{500};
 
-/// Cycles in a second, which is the distance of two recorded states.
-std::uint32_t second_of(const trace::FlightStart& start) {
+/// Returns the number of cycles in a second, the period of recorded states.
+std::uint32_t cycles_per_second(const trace::FlightStart& start) {
   return static_cast<std::uint32_t>(std::max(1.0, std::round(1 / start.period)));
 }
 
-/// As part of a file's name.
+/// Returns the current time for a file name.
 std::string now_text() {
   const std::time_t now = std::time(nullptr);
   std::tm parts{};
@@ -47,7 +47,7 @@ std::uint64_t limit_flight(FlightOptions& options, std::uint64_t memory_bytes, d
 FlightSaver::FlightSaver(const FlightOptions& options, const trace::FlightStart& start, std::uint32_t probes)
     : options_{options},
       participant_{start.participant},
-      recorder_{second_of(start)},
+      recorder_{cycles_per_second(start)},
       max_bytes_{std::min(FlightStore::bytes_for(options.seconds, start.period, probes), options.max_bytes)},
       store_{recorder_, start, options.seconds, max_bytes_} {
   if (!options.file.empty()) {
@@ -73,7 +73,7 @@ void FlightSaver::save(const std::string& reason, bool requested) {
   const std::lock_guard lock{mutex_};
   if (!requested && files_ >= kMaxFiles) return;
   if (reason_.empty()) {
-    due_ = steady_clock::now() + kAfter;
+    due_ = steady_clock::now() + kSaveDelay;
     reason_ = reason;
   } else if (reason_.find(reason) == std::string::npos) {
     reason_ += "; " + reason;
@@ -108,7 +108,7 @@ bool FlightSaver::write(const std::filesystem::path& file, const std::string& re
 void FlightSaver::run() {
   std::unique_lock lock{mutex_};
   while (!ending_ || !reason_.empty()) {
-    wake_.wait_for(lock, kDrain, [this] { return ending_; });
+    wake_.wait_for(lock, kDrainPeriod, [this] { return ending_; });
     std::string reason;
     if (!reason_.empty() && (ending_ || steady_clock::now() >= due_)) {
       reason.swap(reason_);
@@ -121,13 +121,13 @@ void FlightSaver::run() {
       const std::string name = participant_ + "-" + now_text() + "-" + std::to_string(number) + ".mcap";
       static_cast<void>(write(options_.folder / name, reason));
     }
-    if (store_.lost() > lost_published_) {
-      lost_published_ = store_.lost();
+    if (store_.lost() > lost_reported_) {
+      lost_reported_ = store_.lost();
       if (on_event)
-        on_event(true, "the flight recorder fell behind: " + std::to_string(lost_published_) + " cycles lost");
+        on_event(true, "the flight recorder fell behind: " + std::to_string(lost_reported_) + " cycles lost");
     }
-    if (recorder_.ended() != 0 && !end_published_) {
-      end_published_ = true;
+    if (recorder_.lost_at_end() != 0 && !is_end_reported_) {
+      is_end_reported_ = true;
       if (on_event) on_event(true, "the flight recorder has ended: it fell too far behind");
     }
     lock.lock();

@@ -1,4 +1,4 @@
-/// Runs the flight recorder of an HRTC: a separate thread holds the last seconds and writes them to a file after an
+/// Runs the flight recorder of an HRTC: a thread stores the last seconds of cycles, and writes them to a file after an
 /// event such as a fault.
 #pragma once
 
@@ -18,37 +18,37 @@
 namespace tactus::hrtc_service {
 
 struct FlightOptions {
-  double seconds = 30;                                                  ///< recorded; 0: nothing is recorded
-  std::uint64_t max_bytes = std::numeric_limits<std::uint64_t>::max();  ///< beyond it the oldest cycles are removed
-  std::filesystem::path folder;  ///< of the files that events cause; created when missing
-  std::filesystem::path file;    ///< written at the end; empty: none
+  double seconds = 30;                                                  ///< stored time; 0: nothing is recorded
+  std::uint64_t max_bytes = std::numeric_limits<std::uint64_t>::max();  ///< if exceeded, old cycles are dropped
+  std::filesystem::path folder;                                         ///< for the files of events; created if missing
+  std::filesystem::path file;                                           ///< for the recording at the end; empty: none
 };
 
-/// Limits the recorder to an eighth of `memory_bytes`, and returns how much of them it takes at most. Where an eighth
-/// does not hold a second of all probes, nothing is recorded.
+/// Limits the recorder to an eighth of `memory_bytes`, and returns its max memory in bytes. If that does not hold a
+/// second of cycles with all probes, sets `seconds` to 0 and returns 0.
 [[nodiscard]] std::uint64_t limit_flight(FlightOptions& options, std::uint64_t memory_bytes, double period,
                                          std::uint32_t probes) noexcept;
 
 class FlightSaver {
  public:
-  /// Throws std::runtime_error when `file` cannot be written. Allocates the memory of the haptic thread at once, the
-  /// rest during recording, up to `max_bytes()`.
+  /// Allocates the memory that the haptic thread uses. Further memory, up to `max_bytes()`, is allocated during
+  /// recording. Throws std::runtime_error if `file` cannot be written.
   FlightSaver(const FlightOptions& options, const trace::FlightStart& start, std::uint32_t probes);
   ~FlightSaver();
 
-  /// The observer for the haptic thread's cycle.
+  /// Returns the observer for the haptic thread's cycle.
   [[nodiscard]] FlightRecorder& recorder() noexcept { return recorder_; }
   [[nodiscard]] std::uint64_t max_bytes() const noexcept { return max_bytes_; }
 
-  /// Called in the thread of the flight recorder, with a line for operators. Set before `start`.
-  std::function<void(bool trouble, const std::string&)> on_event;
+  /// Called with a line for operators, in the thread of the flight recorder. Set it before `start`.
+  std::function<void(bool is_warning, const std::string&)> on_event;
 
-  /// The objects that the haptic thread touches must exist until `stop`.
+  /// Starts the thread.
   void start();
-  /// Requests a file, which is written half a second later, so that it contains the cycles after the event. Events
-  /// until then share that file. At most kMaxFiles in a run; files that an operator requests (`asked`) have no limit.
+  /// Requests a file. It is written half a second later, so that it contains the cycles after the event. Events until
+  /// then share that file. Ignores events after kMaxFiles files, except an operator's request (`requested`).
   void save(const std::string& reason, bool requested);
-  /// Ends the thread and writes `file`. Call it after the haptic thread has ended. False when writing failed.
+  /// Ends the thread and writes `file`. Call it after the haptic thread has ended. Returns false if writing failed.
   bool stop();
 
   static constexpr std::uint32_t kMaxFiles = 20;
@@ -64,12 +64,12 @@ class FlightSaver {
   FlightStore store_;
   std::mutex mutex_;
   std::condition_variable wake_;
-  std::string reason_;  // of a file that is due
+  std::string reason_;  // reason of the requested file; empty: none requested
   std::chrono::steady_clock::time_point due_;
   bool ending_ = false;
   std::uint32_t files_ = 0;
-  std::uint64_t lost_published_ = 0;
-  bool end_published_ = false;
+  std::uint64_t lost_reported_ = 0;
+  bool is_end_reported_ = false;
   std::thread thread_;
 };
 

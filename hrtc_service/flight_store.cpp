@@ -15,20 +15,20 @@ namespace {
 
 using Event = trace::FlightEvent;
 
-FlightEntry kind_of(const std::uint64_t* entry) noexcept { return static_cast<FlightEntry>(entry[0] >> 32); }
-/// With its head.
-std::size_t size_of(const std::uint64_t* entry) noexcept { return 1 + (entry[0] & 0xffffffffu); }
+FlightEntry entry_kind(const std::uint64_t* entry) noexcept { return static_cast<FlightEntry>(entry[0] >> 32); }
+/// Returns the length of an entry with its head, in words.
+std::size_t entry_words(const std::uint64_t* entry) noexcept { return 1 + (entry[0] & 0xffffffffu); }
 
 template <class Value>
-Value value_of(const std::uint64_t* entry) noexcept {
+Value entry_value(const std::uint64_t* entry) noexcept {
   static_assert(std::is_trivially_copyable_v<Value>);
   Value value;
   std::memcpy(static_cast<void*>(&value), entry + 1, sizeof value);
   return value;
 }
 
-/// Of a kObject.
-trace::FlightObject object_of(const std::uint64_t* entry) {
+/// Returns the object of a kObject entry.
+trace::FlightObject entry_object(const std::uint64_t* entry) {
   FlightNewObject object;
   std::memcpy(static_cast<void*>(&object), entry + 1 + sizeof(Event) / 8, sizeof object);
   return {object.object,
@@ -45,11 +45,11 @@ trace::FlightObject object_of(const std::uint64_t* entry) {
 
 template <class Visit>
 void for_each_entry(const std::uint64_t* from, const std::uint64_t* end, Visit&& visit) {
-  for (; from < end; from += size_of(from)) visit(from);
+  for (; from < end; from += entry_words(from)) visit(from);
 }
 
-/// Times in a file are ns since 1970; times in a record are of our clock.
-std::int64_t since_1970_less_ours() {
+/// Returns the offset from monotonic times, as in records, to Unix times, as in files, ns.
+std::int64_t unix_minus_monotonic_ns() {
   const auto now = std::chrono::system_clock::now().time_since_epoch();
   return std::chrono::duration_cast<std::chrono::nanoseconds>(now).count() - monotonic_ns();
 }
@@ -99,36 +99,36 @@ trace::FlightStart flight_start(const std::string& participant, const CycleSetti
 FlightStore::FlightStore(FlightRecorder& recorder, trace::FlightStart start, double seconds, std::uint64_t max_bytes)
     : recorder_{recorder},
       start_{std::move(start)},
-      keep_ns_{std::llround(seconds * 1e9)},
+      duration_ns_{std::llround(seconds * 1e9)},
       max_words_{max_bytes / sizeof(std::uint64_t)} {
   segments_.emplace_back();
 }
 
 std::uint64_t FlightStore::bytes_for(double seconds, double period, std::uint32_t probes) noexcept {
-  constexpr double kOfCycle = 160, kOfProbe = 8 + sizeof(trace::FlightProbe), kOfSecond = 1 << 17;
-  const double all = seconds + 2;  // the oldest segment, and the current one
-  return static_cast<std::uint64_t>(all * ((kOfCycle + probes * kOfProbe) / period + kOfSecond));
+  constexpr double kCycleBytes = 160, kProbeBytes = 8 + sizeof(trace::FlightProbe), kStateBytes = 1 << 17;
+  const double all = seconds + 2;  // with the rest of the oldest segment, and the current one
+  return static_cast<std::uint64_t>(all * ((kCycleBytes + probes * kProbeBytes) / period + kStateBytes));
 }
 
-void FlightStore::Known::take(const std::uint64_t* entry) {
-  const FlightEntry kind = kind_of(entry);
+void FlightStore::Contents::apply(const std::uint64_t* entry) {
+  const FlightEntry kind = entry_kind(entry);
   if (kind != FlightEntry::kEvent && kind != FlightEntry::kObject) return;
-  const auto event = value_of<Event>(entry);
+  const auto event = entry_value<Event>(entry);
   switch (event.kind) {
     case Event::Kind::kObjectCame:
       objects.resize(std::max<std::size_t>(objects.size(), event.object + 1));
-      here.resize(objects.size());
-      objects[event.object] = object_of(entry);
+      regions.resize(objects.size());
+      objects[event.object] = entry_object(entry);
       break;
     case Event::Kind::kRegionCame:
-      here[event.object].insert(event.region);
+      regions[event.object].insert(event.region);
       break;
     case Event::Kind::kRegionLeft:
-      here[event.object].erase(event.region);
+      regions[event.object].erase(event.region);
       break;
     case Event::Kind::kObjectLeft:
       objects[event.object].reset();
-      here[event.object].clear();
+      regions[event.object].clear();
       break;
     case Event::Kind::kStopped:
     case Event::Kind::kReset:
@@ -138,26 +138,26 @@ void FlightStore::Known::take(const std::uint64_t* entry) {
   }
 }
 
-void FlightStore::Known::take_all(const Words& entries) {
-  for_each_entry(entries.data(), entries.data() + entries.size(), [this](const std::uint64_t* entry) { take(entry); });
+void FlightStore::Contents::apply_entries(const Words& entries) {
+  for_each_entry(entries.data(), entries.data() + entries.size(), [this](const std::uint64_t* entry) { apply(entry); });
 }
 
-void FlightStore::Known::take_records(const Words& records) {
+void FlightStore::Contents::apply_records(const Words& records) {
   for (std::size_t at = 0; at < records.size(); at += records[at])
-    for_each_entry(&records[at] + 1, &records[at] + records[at], [this](const std::uint64_t* entry) { take(entry); });
+    for_each_entry(&records[at] + 1, &records[at] + records[at], [this](const std::uint64_t* entry) { apply(entry); });
 }
 
-void FlightStore::take(const FlightRecord& record) {
+void FlightStore::add(const FlightRecord& record) {
   const std::uint64_t* const begin = record.data() + 1;
   const std::uint64_t* const end = record.data() + record.size();
   const std::uint64_t* state = nullptr;
   std::uint64_t lost = 0, cycle = 0;
   std::int64_t time_ns = 0;
   for_each_entry(begin, end, [&](const std::uint64_t* entry) {
-    if (kind_of(entry) == FlightEntry::kState) state = entry;
-    if (kind_of(entry) == FlightEntry::kLost) lost = entry[1];
-    if (kind_of(entry) == FlightEntry::kTouch) time_ns = value_of<trace::FlightTouch>(entry).time_ns;
-    if (kind_of(entry) == FlightEntry::kRefine) cycle = value_of<trace::FlightRefine>(entry).cycle;
+    if (entry_kind(entry) == FlightEntry::kState) state = entry;
+    if (entry_kind(entry) == FlightEntry::kLost) lost = entry[1];
+    if (entry_kind(entry) == FlightEntry::kTouch) time_ns = entry_value<trace::FlightTouch>(entry).time_ns;
+    if (entry_kind(entry) == FlightEntry::kRefine) cycle = entry_value<trace::FlightRefine>(entry).cycle;
   });
   if (lost == 0) {
     Segment& last = segments_.back();
@@ -172,10 +172,10 @@ void FlightStore::take(const FlightRecord& record) {
     words_ += 1 + static_cast<std::uint64_t>(until - begin);
   }
   if (state == nullptr) return;
-  // Expect the next second to be as long as the last one.
-  const std::size_t room = segments_.back().records.size();
+  // The next segment will probably be as long as the last one.
+  const std::size_t last_size = segments_.back().records.size();
   Segment& next = segments_.emplace_back();
-  next.records.reserve(room + room / 16);
+  next.records.reserve(last_size + last_size / 16);
   next.lost = lost;
   next.state.assign(state, end);
   const Segment& before = segments_[segments_.size() - 2];
@@ -183,34 +183,34 @@ void FlightStore::take(const FlightRecord& record) {
   next.first_ns = next.last_ns = before.last_ns;
   if (lost > 0) {
     lost_ += lost;
-    const std::uint64_t* const events = begin + size_of(begin);  // behind kLost
-    next.before.assign(events, state);
+    const std::uint64_t* const events = begin + entry_words(begin);  // after kLost
+    next.lost_events.assign(events, state);
   }
   words_ += next.words();
 }
 
-void FlightStore::take_new() {
-  while (recorder_.next(record_)) take(record_);
+void FlightStore::add_new_records() {
+  while (recorder_.next(record_)) add(record_);
 }
 
-void FlightStore::evict() {
+void FlightStore::drop_old_segments() {
   while (segments_.size() > 2 &&
-         (segments_.back().last_ns - segments_[1].first_ns >= keep_ns_ || words_ > max_words_)) {
+         (segments_.back().last_ns - segments_[1].first_ns >= duration_ns_ || words_ > max_words_)) {
     Segment& oldest = segments_.front();
-    known_.take_records(oldest.records);
-    known_.take_all(segments_[1].before);
+    contents_.apply_records(oldest.records);
+    contents_.apply_entries(segments_[1].lost_events);
     words_ -= oldest.words();
     segments_.pop_front();
   }
 }
 
 void FlightStore::drain() {
-  take_new();
-  evict();
+  add_new_records();
+  drop_old_segments();
 }
 
 /// See FlightRecorder::put_state.
-trace::FlightState FlightStore::state_of(const Segment& segment, const Known& known) const {
+trace::FlightState FlightStore::state_of(const Segment& segment, const Contents& contents) const {
   trace::FlightState state;
   state.cycle = segment.first_cycle;
   state.lost = segment.lost;
@@ -224,8 +224,8 @@ trace::FlightState FlightStore::state_of(const Segment& segment, const Known& kn
     object.object = static_cast<std::uint32_t>(*at >> 32);
     object.base_faces = static_cast<std::uint32_t>(*at++);
     object.mesh_hash = *at++;
-    const std::set<std::uint32_t>& here = known.here[object.object];
-    object.here.assign(here.begin(), here.end());
+    const std::set<std::uint32_t>& held = contents.regions[object.object];
+    object.here.assign(held.begin(), held.end());
     for (std::uint64_t regions = *at++; regions > 0; --regions, ++at)
       object.in_use.push_back({static_cast<std::uint32_t>(*at), static_cast<std::uint32_t>(*at >> 32) & 0x3fffffffu,
                                (*at >> 63) != 0, (*at >> 62 & 1u) != 0});
@@ -235,62 +235,64 @@ trace::FlightState FlightStore::state_of(const Segment& segment, const Known& kn
 
 std::uint64_t FlightStore::write(const std::filesystem::path& file, const std::string& reason) {
   trace::FlightFileWriter out{file};
-  const std::int64_t offset_ns = since_1970_less_ours();
-  const auto set_time = [&](std::int64_t ours_ns) { out.set_time(static_cast<std::uint64_t>(ours_ns + offset_ns)); };
-  take_new();
+  const std::int64_t offset_ns = unix_minus_monotonic_ns();
+  const auto set_time = [&](std::int64_t monotonic_time_ns) {
+    out.set_time(static_cast<std::uint64_t>(monotonic_time_ns + offset_ns));
+  };
+  add_new_records();
   trace::FlightStart start = start_;
   start.reason = reason;
   start.first_cycle = segments_.front().first_cycle;
   set_time(segments_.front().first_ns);
   out.write(start);
-  Known known = known_;
+  Contents contents = contents_;
   const auto write_objects = [&] {
-    for (const std::optional<trace::FlightObject>& object : known.objects)
+    for (const std::optional<trace::FlightObject>& object : contents.objects)
       if (object) out.write(*object);
   };
   write_objects();
 
-  // Records that arrive meanwhile are for the next file; no segment is dropped until this one is written.
+  // Records that arrive during writing are not written. No segment is dropped until the file is complete.
   std::uint64_t cycles = 0;
   const std::size_t segments = segments_.size();
-  const std::size_t of_last = segments_.back().records.size();
+  const std::size_t last_segment_size = segments_.back().records.size();
   for (std::size_t number = 0; number < segments; ++number) {
     if (number > 0 && segments_[number].lost > 0) {
-      known.take_all(segments_[number].before);
+      contents.apply_entries(segments_[number].lost_events);
       write_objects();
     }
     if (!segments_[number].state.empty() && (number == 0 || segments_[number].lost > 0)) {
-      trace::FlightState state = state_of(segments_[number], known);
+      trace::FlightState state = state_of(segments_[number], contents);
       if (number == 0) state.lost = 0;
       out.write(state);
     }
-    const std::size_t end = number + 1 < segments ? segments_[number].records.size() : of_last;
+    const std::size_t end = number + 1 < segments ? segments_[number].records.size() : last_segment_size;
     for (std::size_t at = 0; at < end; at += segments_[number].records[at]) {
       const std::uint64_t* const record = &segments_[number].records[at];
       for_each_entry(record + 1, record + record[0], [&](const std::uint64_t* entry) {
-        if (kind_of(entry) == FlightEntry::kTouch) set_time(value_of<trace::FlightTouch>(entry).time_ns);
+        if (entry_kind(entry) == FlightEntry::kTouch) set_time(entry_value<trace::FlightTouch>(entry).time_ns);
       });
       for_each_entry(record + 1, record + record[0], [&](const std::uint64_t* entry) {
-        known.take(entry);
-        switch (kind_of(entry)) {
+        contents.apply(entry);
+        switch (entry_kind(entry)) {
           case FlightEntry::kObject:
-            out.write(object_of(entry));
-            out.write(value_of<trace::FlightEvent>(entry));
+            out.write(entry_object(entry));
+            out.write(entry_value<trace::FlightEvent>(entry));
             break;
           case FlightEntry::kEvent:
-            out.write(value_of<trace::FlightEvent>(entry));
+            out.write(entry_value<trace::FlightEvent>(entry));
             break;
           case FlightEntry::kMove:
-            out.write(value_of<trace::FlightMove>(entry));
+            out.write(entry_value<trace::FlightMove>(entry));
             break;
           case FlightEntry::kProbe:
-            out.write(value_of<trace::FlightProbe>(entry));
+            out.write(entry_value<trace::FlightProbe>(entry));
             break;
           case FlightEntry::kTouch:
-            out.write(value_of<trace::FlightTouch>(entry));
+            out.write(entry_value<trace::FlightTouch>(entry));
             break;
           case FlightEntry::kRefine:
-            out.write(value_of<trace::FlightRefine>(entry));
+            out.write(entry_value<trace::FlightRefine>(entry));
             break;
           case FlightEntry::kLost:
           case FlightEntry::kState:
@@ -298,8 +300,8 @@ std::uint64_t FlightStore::write(const std::filesystem::path& file, const std::s
         }
       });
       ++cycles;
-      constexpr std::uint64_t kDrainEvery = 64;  // cycles: fractions of a millisecond of writing
-      if (cycles % kDrainEvery == 0) take_new();
+      constexpr std::uint64_t kDrainEvery = 64;  // cycles, which take less than 1 ms to write
+      if (cycles % kDrainEvery == 0) add_new_records();
     }
   }
   out.close();

@@ -5,7 +5,7 @@
 namespace tactus::hrtc_service {
 namespace {
 
-constexpr std::int64_t kMaxTransitNs = 1'000'000'000;  // a larger value is a wrong time, not a transit
+constexpr std::int64_t kMaxTransitNs = 1'000'000'000;  // a larger difference is a wrong time stamp
 
 }  // namespace
 
@@ -47,26 +47,26 @@ void Gateway::on_transit(std::int64_t transit_ns, std::int64_t session_now_ns) n
 }
 
 void Gateway::take_reports() {
-  fresh_ = link_.reports_for_gateway.take(reports_);
+  fresh_ = link_.reports_for_gateway.take(probe_reports_);
   if (!fresh_) return;
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
-    const ProbeOutput& probe = reports_.probes[i];
-    sights_[i] = {probe.active,     (probe.status & session::kInContact) != 0,
-                  reports_.time_ns, vec(probe.device),
-                  vec(probe.proxy), quaternion(probe.orientation)};
+    const ProbeOutput& probe = probe_reports_.probes[i];
+    reported_probes_[i] = {probe.active,           (probe.status & session::kInContact) != 0,
+                           probe_reports_.time_ns, vec(probe.device),
+                           vec(probe.proxy),       quaternion(probe.orientation)};
   }
 }
 
-/// The loader searches around the current placement of an object.
+/// Passes the current poses of movable objects to the loader.
 void Gateway::move_objects() {
-  for (const OwnershipClient::Held& body : ownership_.bodies()) {
+  for (const OwnershipClient::BodyStatus& body : ownership_.bodies()) {
     const auto at = movable_.find(body.id);
     if (at == movable_.end()) continue;
     auto& [entry, moved] = at->second;
     if (body.pose.position == entry.pose.position && body.pose.orientation == entry.pose.orientation) continue;
     moved = true;
     entry.pose = body.pose;
-    loader_.on_moved(body.object, Placement{entry.pose, entry.scale});
+    loader_.on_moved(body.object_index, Placement{entry.pose, entry.scale});
   }
 }
 
@@ -80,11 +80,11 @@ void Gateway::tick(std::int64_t now_ns, const session::ClockMap& clock) {
     claims_ = ownership_.tick(now_ns, clock);
     move_objects();
   }
-  loader_.tick(now_ns, sights_, near_);
+  loader_.tick(now_ns, reported_probes_, near_);
   link_.near.post(near_);
 }
 
-std::vector<session::CatalogueEntry> Gateway::take_moved() {
+std::vector<session::CatalogueEntry> Gateway::collect_moved() {
   std::vector<session::CatalogueEntry> moved;
   for (auto& [id, movable] : movable_)
     if (std::exchange(movable.moved, false)) moved.push_back(movable.entry);

@@ -1,11 +1,12 @@
-/// The half of an HRTC that faces the session: it manages the regions, the simulators and the poses of the objects.
+/// Receives samples of the session, loads regions for the servo, and claims objects: the half of an HRTC without
+/// forces.
 ///
-///     catalogue, chunks           --> Loader           --> demands           link: arrivals, near
-///     grants, poses of others     --> OwnershipClient  --> claims            link: orders of bodies
-///     link: reports of the servo  --> both
+///     from the session, from the servo             to the session, to the servo
+///     catalogue, chunks; probe reports  --> Loader          --> demands; arrivals, near objects
+///     grants, poses; body reports       --> OwnershipClient --> claims; orders for bodies
 ///
-/// Policy without DDS, thread, clock, file or log: samples and times are arguments, samples to send are results. One
-/// thread at a time. Not realtime.
+/// No DDS, thread, clock, file or log: samples and times are arguments, samples to send are results. One thread at a
+/// time. Not realtime.
 #pragma once
 
 #include <array>
@@ -31,18 +32,17 @@ struct GatewaySettings {
 
 class Gateway {
  public:
-  /// `pool`, `nodes` and `link` must outlive it, and it the servo's last cycle.
+  /// `pool`, `nodes` and `link` must outlive the gateway. The gateway must outlive the servo's last cycle.
   Gateway(spm::Pool& pool, spm::NodePool& nodes, const session::Origin& self, const GatewaySettings& settings,
           ServoLink& link);
 
-  /// One line for each event that an operator should see.
+  /// Called with one line for each event that an operator should see.
   std::function<void(const std::string&)> on_event;
-  /// An object that is wanted from now on.
+  /// Called with each object whose base mesh is requested from now on.
   std::function<void(const session::CatalogueEntry&)> on_object_found;
-  /// An object that is shown from now on.
+  /// Called with each object that is passed to the servo.
   std::function<void(const TouchObject&)> on_object;
-  /// An object that was forgotten because no host offers it any more: one that was shown, once the servo has given it
-  /// back; its index may come again.
+  /// Called with each removed object, after the servo has returned it. A later object may get its index.
   std::function<void(const Loader::ObjectInfo&)> on_object_gone;
 
   void on_catalogue(const session::CatalogueEntry& entry) { loader_.on_catalogue(entry); }
@@ -55,35 +55,38 @@ class Gateway {
   void on_chunk(const session::BulkChunk& chunk, std::int64_t now_ns) { loader_.on_chunk(chunk, now_ns); }
   void on_grant(const session::ObjectGrant& grant, std::int64_t now_ns) { ownership_.on_grant(grant, now_ns); }
   void on_pose(const session::ObjectPose& pose, std::int64_t now_ns, std::int64_t session_now_ns);
-  /// The time that any sample of a peer's probe class took, ns. Counts only while the clock is set.
+  /// Adds the transit of a sample of the probe class. It counts only if the session clock is set.
   void on_transit(std::int64_t transit_ns, std::int64_t session_now_ns) noexcept;
-  /// When the newest copy of a peer came.
+  /// Stores the arrival time of the newest sample of a peer's copy.
   void on_peer_received(std::uint32_t object_index, std::int64_t now_ns) {
     ownership_.on_peer_received(object_index, now_ns);
   }
 
-  /// Every few milliseconds: takes the servo's reports, moves objects, predicts, evicts, hands regions over.
+  /// Processes the servo's reports, and ticks loader and ownership client. Call it every few milliseconds.
   void tick(std::int64_t now_ns, const session::ClockMap& clock);
-  /// The claims that the last tick made.
+  /// Returns the claims of the last tick.
   [[nodiscard]] const std::vector<session::ObjectClaim>& claims() const noexcept { return claims_; }
-  /// The next demand to publish, until none is due.
+  /// Returns the next demand to publish, or nothing when none is due.
   [[nodiscard]] std::optional<session::Demand> demand(std::int64_t now_ns) { return loader_.demand(now_ns); }
 
-  /// The newest reports; `fresh` when the last tick took them.
-  [[nodiscard]] const ProbeReports& reports() const noexcept { return reports_; }
+  /// Returns the newest reports.
+  [[nodiscard]] const ProbeReports& reports() const noexcept { return probe_reports_; }
+  /// Returns whether the last tick received new reports.
   [[nodiscard]] bool fresh() const noexcept { return fresh_; }
-  [[nodiscard]] const std::array<ProbeSight, kMaxProbes>& sights() const noexcept { return sights_; }
-  /// Objects near each probe, as of the last tick.
+  [[nodiscard]] const std::array<ReportedProbe, kMaxProbes>& reported_probes() const noexcept {
+    return reported_probes_;
+  }
+  /// Returns the objects near each probe at the last tick.
   [[nodiscard]] const std::array<NearObjects, kMaxProbes>& near() const noexcept { return near_; }
   [[nodiscard]] const Loader& loader() const noexcept { return loader_; }
   [[nodiscard]] const OwnershipClient& ownership() const noexcept { return ownership_; }
-  /// Movable objects whose pose changed since the last call, where they stand now.
-  [[nodiscard]] std::vector<session::CatalogueEntry> take_moved();
+  /// Returns the movable objects whose pose changed since the last call, with their current poses.
+  [[nodiscard]] std::vector<session::CatalogueEntry> collect_moved();
 
  private:
   struct Movable {
-    session::CatalogueEntry entry;  // where it stands
-    bool moved = false;             // since take_moved
+    session::CatalogueEntry entry;  // with the current pose
+    bool moved = false;             // since collect_moved
   };
 
   void take_reports();
@@ -93,12 +96,12 @@ class Gateway {
   Loader loader_;
   OwnershipClient ownership_;
   session::TransitEstimator transit_;
-  bool clock_is_set_ = false;                 // before, differences to the session time of others are not transits
-  std::map<std::uint64_t, Movable> movable_;  // by object
-  ProbeReports reports_;
+  bool clock_is_set_ = false;                 // session time is known, so transits can be measured
+  std::map<std::uint64_t, Movable> movable_;  // by object id
+  ProbeReports probe_reports_;
   BodyReports body_reports_;
   bool fresh_ = false;
-  std::array<ProbeSight, kMaxProbes> sights_;
+  std::array<ReportedProbe, kMaxProbes> reported_probes_;
   std::array<NearObjects, kMaxProbes> near_;
   std::vector<session::ObjectClaim> claims_;
 };

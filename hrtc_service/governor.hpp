@@ -1,14 +1,16 @@
-/// Decides how long a cycle may refine: until the application's deadline, minus the time of the work that follows.
+/// Decides how long a cycle may refine, so that it ends before its deadline.
 ///
-///   deadline:  |--- touch ---|- refine, in portions -|- refit -|- surprise -|
-///                                                    ^ last portion begins while this is not past the deadline
+///     |--- touch ---|- refine, in portions -|- refit -|- excess -|  deadline
+///                                           ^ a portion may begin only if this end is before the deadline
 ///
-/// Forces come first, so their cost is known when refinement begins. The rest is predicted: refitting, from its
-/// measured cost per unit of Budget, and `surprise`, the amount by which a cycle exceeds the prediction at the start of
-/// its last portion. The governor measures two quantiles of it, which a tenth and a hundredth of the cycles exceed, and
-/// extrapolates to the requested, rarer quantile on an exponential tail. It does not measure that one, because some
-/// cycles in a hundred are interrupted for longer than they compute, and less refinement would not prevent that.
-/// Only the floor (kFloor) is tuned. Where forces leave less time than the floor, cycles miss the deadline.
+/// Forces come first, so their cost is known when refinement begins. The cost of refitting is predicted from its
+/// measured cost for each unit of Budget. The excess is the time by which a cycle takes longer than predicted at the
+/// start of its last portion.
+///
+/// The governor measures the excesses that a tenth and a hundredth of the cycles exceed. On an exponential tail through
+/// both, it extrapolates the excess that only the permitted share of cycles exceeds. It does not measure that one,
+/// because some cycles in a hundred are interrupted for longer than they compute, and less refinement would not prevent
+/// that. Only the floor (kFloor) is tuned. If forces leave less time than the floor, cycles miss the deadline.
 ///
 /// Realtime. Source: Liu, Georganas, Roth, 3DIM 2005, section 3 (frame budget); quantiles by stochastic
 /// approximation (Robbins, Monro 1951).
@@ -21,75 +23,77 @@
 
 namespace tactus::hrtc_service {
 
-/// The time at which refinement stops, whatever its Budget: ns since the start of the cycle.
+/// The time limit of refinement in one cycle, in addition to its Budget.
 struct RefineLimit {
-  double until = std::numeric_limits<double>::infinity();
-  double at_least = 0;    ///< time that refinement may always take
-  double refit_unit = 0;  ///< cost of refitting for each refined unit
+  double until = std::numeric_limits<double>::infinity();  ///< max predicted end, ns since the start of the cycle
+  double min_duration = 0;                                 ///< time that refinement may always take, ns
+  double refit_ns_per_unit = 0;                            ///< cost of refitting for each refined unit of Budget, ns
 
-  /// The predicted end of the cycle if no further portion begins.
-  [[nodiscard]] double end(double now, std::uint32_t units) const noexcept { return now + units * refit_unit; }
-  /// `began`: start of the first portion, which is always permitted.
+  /// Returns the predicted end of the cycle if no further portion begins, ns.
+  [[nodiscard]] double end(double now, std::uint32_t units) const noexcept { return now + units * refit_ns_per_unit; }
+  /// Returns whether another portion may begin at `now`. `began`: start of the first portion, which is always
+  /// permitted.
   [[nodiscard]] bool allows(double began, double now, std::uint32_t units) const noexcept {
-    return end(now, units) < std::max(until, began + at_least);
+    return end(now, units) < std::max(until, began + min_duration);
   }
 };
 
 class Governor {
  public:
-  /// `deadline_ns`: limit of the cycle's own work. `misses`: share of the cycles that may exceed it.
-  explicit Governor(std::int64_t deadline_ns, double misses = 0.0005) noexcept
+  /// `deadline_ns`: limit of the cycle's own work. `missing_share`: share of the cycles that may exceed it.
+  explicit Governor(std::int64_t deadline_ns, double missing_share = 0.0005) noexcept
       : deadline_{static_cast<double>(deadline_ns)},
-        further_{std::log(kOften / misses) / std::log(kOften / kSeldom)},
-        often_{deadline_ / 10, kOften},
-        seldom_{deadline_ / 5, kSeldom} {}
+        tail_factor_{std::log(kTenth / missing_share) / std::log(kTenth / kHundredth)},
+        excess_of_tenth_{deadline_ / 10, kTenth},
+        excess_of_hundredth_{deadline_ / 5, kHundredth} {}
 
-  /// The limit for the next cycle.
+  /// Returns the limit for the next cycle.
   [[nodiscard]] RefineLimit limit() const noexcept {
-    return {deadline_ - surprise_ns(), kFloor * deadline_, refit_unit_ns()};
+    return {deadline_ - excess_ns(), kFloor * deadline_, refit_ns_per_unit()};
   }
 
-  /// Reports a cycle: refined units, ns of refitting, ns of the whole cycle, and the prediction of that at the start of
-  /// its last portion. An interruption before that start is in both times, so it changes nothing.
-  void observe(std::uint32_t units, double refit_ns, double taken_ns, double foreseen_ns) noexcept {
-    const double min = kMinShare * deadline_;
-    often_.see(taken_ns - foreseen_ns, min, deadline_);
-    seldom_.see(taken_ns - foreseen_ns, min, deadline_);
-    units_ += kMemory * (units - units_);
-    refit_ns_ += kMemory * (refit_ns - refit_ns_);
+  /// Adds a cycle: its refined units of Budget, the time of refitting, the time of the whole cycle, and the prediction
+  /// of that time at the start of its last portion. An interruption before that start is in both times, so it does not
+  /// count as excess.
+  void observe(std::uint32_t units, double refit_ns, double cycle_ns, double predicted_ns) noexcept {
+    const double min = kMinExcessShare * deadline_;
+    excess_of_tenth_.update(cycle_ns - predicted_ns, min, deadline_);
+    excess_of_hundredth_.update(cycle_ns - predicted_ns, min, deadline_);
+    units_ += kRefitWeight * (units - units_);
+    refit_ns_ += kRefitWeight * (refit_ns - refit_ns_);
   }
 
-  [[nodiscard]] double refit_unit_ns() const noexcept {
-    constexpr double kGuess = 4, kWeight = 10;  // units; until the first measurements
+  [[nodiscard]] double refit_ns_per_unit() const noexcept {
+    constexpr double kGuess = 4, kWeight = 10;  // ns for each unit, and its weight in units, before measurements
     return (refit_ns_ + kGuess * kWeight) / (units_ + kWeight);
   }
-  [[nodiscard]] double surprise_ns() const noexcept {
-    const double apart = std::max(seldom_.value - often_.value, 0.0);
-    return std::min(often_.value + further_ * apart, deadline_);
+  [[nodiscard]] double excess_ns() const noexcept {
+    const double distance = std::max(excess_of_hundredth_.value - excess_of_tenth_.value, 0.0);
+    return std::min(excess_of_tenth_.value + tail_factor_ * distance, deadline_);
   }
 
  private:
-  // Speed of convergence; the limits do not depend on it.
-  static constexpr double kStep = 0.1;     // of a quantile's logarithm
-  static constexpr double kMemory = 0.01;  // weight of the newest cycle in the cost of refitting
-  static constexpr double kOften = 0.1, kSeldom = 0.01;
-  // Of the deadline. Forces may take all of it; without a floor a moving tip would outrun refinement.
-  static constexpr double kFloor = 0.18;
-  static constexpr double kMinShare = 0.01;  // smallest quantile
+  // The speeds of convergence do not change the limits.
+  static constexpr double kStep = 0.1;          // step of a quantile's logarithm
+  static constexpr double kRefitWeight = 0.01;  // weight of the newest cycle in the cost of refitting
+  static constexpr double kTenth = 0.1, kHundredth = 0.01;
+  // Shares of the deadline. Forces may take all of it, and without a floor a fast tip would reach coarse regions.
+  static constexpr double kFloor = 0.18;           // min duration of refinement
+  static constexpr double kMinExcessShare = 0.01;  // min value of a quantile
 
-  /// The value that a given share of the cycles exceeds.
+  /// Estimates the value that a given share of the samples exceeds.
   struct Quantile {
     Quantile(double start, double share) noexcept
         : value{start}, rise{std::exp(kStep * (1 - share))}, fall{std::exp(-kStep * share)} {}
-    void see(double sample, double min, double max) noexcept {
+    void update(double sample, double min, double max) noexcept {
       value = std::clamp(value * (sample > value ? rise : fall), min, max);
     }
     double value, rise, fall;
   };
 
   double deadline_;
-  double further_;  // position on the tail, in units of the distance between the two quantiles
-  Quantile often_, seldom_;
+  double tail_factor_;  // distance of the extrapolated quantile / distance of the measured quantiles
+  Quantile excess_of_tenth_, excess_of_hundredth_;
   double units_ = 0, refit_ns_ = 0;  // of a cycle, smoothed
 };
 

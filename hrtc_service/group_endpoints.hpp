@@ -1,7 +1,7 @@
-/// The DDS endpoints through which users near one object exchange full-rate states (session/modes.hpp): a writer and a
-/// reader for each group, in a partition of its own.
+/// Opens and closes the endpoints for full-rate states (session/modes.hpp): a writer and a reader for each group, in
+/// the partition of the group.
 ///
-/// The service's thread, but for what says otherwise.
+/// Service thread, unless a comment names another one.
 #pragma once
 
 #include <array>
@@ -22,18 +22,18 @@ class GroupEndpoints {
  public:
   using OnState = std::function<void(session::ProbeState&&)>;
 
-  /// `on_state` gets what arrives in a group, in a thread of DDS. `participants` must outlive it.
+  /// `on_state` receives the states of all groups, in a thread of DDS. `participants` must outlive the endpoints.
   GroupEndpoints(wire::Participants& participants, OnState on_state);
   ~GroupEndpoints();
 
-  /// Opens and closes endpoints as the groups of `users` say. `ids`: of our users by probe, 0 where there is none.
+  /// Opens and closes endpoints according to the groups of `users`. `ids`: ids of this HRTC's users by probe, 0: none.
   void sync(RemoteUsers& users, const std::array<std::uint64_t, kMaxProbes>& ids);
-  /// Probes here whose states go out at full rate.
+  /// Returns the number of probes whose states are sent at full rate.
   [[nodiscard]] std::size_t collaborating() const noexcept;
 
-  /// Sender's thread, before the states of each cycle: from now on it uses the newest endpoints only.
+  /// Adopts the newest endpoints. Call it before the states of each cycle. Sender thread.
   void take_endpoints() noexcept { in_use_ = &full_rate_out_.latest(); }
-  /// Sender's thread: sends the state if the probe's user collaborates; false when it does not. Takes no lock.
+  /// Sends the state if the probe's user collaborates, else returns false. Sender thread. Takes no lock.
   bool send_full_rate(std::uint32_t probe, const session::ProbeState& state);
 
  private:
@@ -48,7 +48,7 @@ class GroupEndpoints {
   std::map<std::uint64_t, Endpoints> endpoints_;  // by group
   Writers full_rate_{};
   Handover<Writers> full_rate_out_;  // to the sender
-  const Writers* in_use_ = nullptr;  // the sender's, since take_endpoints
+  const Writers* in_use_ = nullptr;  // writers of the sender since take_endpoints
   Retired<Endpoints> dropped_;       // until the sender no longer uses them
 };
 

@@ -27,7 +27,7 @@ std::string HapticThread::start() {
     pthread_setname_np(pthread_self(), "haptic");
     thread_id = gettid();
     granted.set_value(settings_.priority > 0 ? wire::enter_realtime("haptic thread", settings_.priority)
-                                             : "haptic thread: no real-time priority asked for");
+                                             : "haptic thread: no real-time priority requested");
     run();
   }};
   std::string line = future.get();
@@ -110,9 +110,9 @@ void HapticThread::run() {
           clock.skipped() - skipped);
     skipped = clock.skipped();
     const CycleCosts& costs = result.costs;
-    if (costs.foreseen > 0)
+    if (costs.predicted_total > 0)
       governor_.observe(costs.visits * spm::Budget::kVisit + costs.changes * spm::Budget::kChange, costs.refit,
-                        costs.total(), costs.foreseen);
+                        costs.total(), costs.predicted_total);
   }
   for (haptics::Device* device : current_.devices)
     if (device != nullptr) device->write(Vec3d::Zero());

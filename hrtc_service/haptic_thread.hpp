@@ -1,9 +1,9 @@
-/// The thread that drives the servo: period, devices, deadline.
+/// Runs the servo in a thread of its own: reads the devices, computes a cycle each period, and writes the forces.
 ///
 ///   commands --> read devices -> Servo::touch -> write forces -> Servo::publish -> Servo::refine --> traces
 ///
-/// Its loop allocates, locks and logs nothing, and its only system call is the sleep. docs/explanation/cycle.md follows
-/// one pose through it.
+/// The loop does not allocate, lock or log, and its only system call is the sleep. docs/explanation/cycle.md describes
+/// it along the path of one pose.
 #pragma once
 
 #include <algorithm>
@@ -24,38 +24,38 @@
 
 namespace tactus::hrtc_service {
 
-/// Commands for the probe slots. The service owns the devices and destroys one only after the thread has obeyed
-/// commands without it.
+/// Commands for the haptic thread. The service owns the devices. It destroys a device only after the thread has obeyed
+/// commands that do not name it.
 struct HapticCommands {
   std::uint64_t number = 0;                            ///< increases with each command
-  std::array<haptics::Device*, kMaxProbes> devices{};  ///< null: no probe
-  std::array<bool, kMaxProbes> framed{};               ///< the device has a frame of its own
-  std::uint32_t snapshots = 0;                         ///< increases with each request to copy the active mesh
+  std::array<haptics::Device*, kMaxProbes> devices{};  ///< by probe; null: no probe
+  std::array<bool, kMaxProbes> framed{};               ///< poses are in the device frame of HapticSettings
+  std::uint32_t snapshots = 0;                         ///< increases with each request to copy the active meshes
 };
 
-/// Age and number of the pose of a report, as messages carry them.
+/// Returns the age of the pose of a report, us.
 [[nodiscard]] inline std::uint32_t age_us(const ProbeOutput& probe) noexcept {
   return static_cast<std::uint32_t>(std::clamp(probe.pose_age * 1e6f, 0.0f, 4e9f));
 }
 
-/// The figures of one cycle; ns.
+/// Measurements of one cycle.
 struct CycleTrace {
   CycleCosts costs;
   CycleTimes times;
-  std::uint32_t wake_late = 0;  ///< after its due time
-  std::uint32_t skipped = 0;    ///< whole ticks missed before it
-  std::uint8_t active = 0;      ///< probes
-  std::uint8_t in_contact = 0;
-  std::uint8_t exact = 0;  ///< of those in contact
-  std::uint8_t stale = 0;  ///< probes whose pose was too old
+  std::uint32_t wake_late = 0;  ///< wake-up time minus due time, ns
+  std::uint32_t skipped = 0;    ///< periods skipped before this cycle
+  std::uint8_t active = 0;      ///< active probes
+  std::uint8_t in_contact = 0;  ///< probes in contact
+  std::uint8_t exact = 0;       ///< probes in exact contact
+  std::uint8_t stale = 0;       ///< probes with a stale pose
   bool targets_dropped = false;
 };
 
 struct HapticSettings {
-  double period = 0.001;               ///< s; the cycle's
-  std::int64_t deadline_ns = 250'000;  ///< for the cycle's own work
-  int priority = 60;                   ///< SCHED_FIFO; 0: ordinary scheduling
-  haptics::DeviceFrame frame;          ///< of devices that have one of their own
+  double period = 0.001;               ///< of cycles, s
+  std::int64_t deadline_ns = 250'000;  ///< max time of a cycle's own work
+  int priority = 60;                   ///< of SCHED_FIFO; 0: ordinary scheduling
+  haptics::DeviceFrame frame;          ///< of the devices at this machine
 
   [[nodiscard]] std::int64_t period_ns() const noexcept { return std::llround(period * 1e9); }
 };
@@ -64,21 +64,21 @@ class HapticThread {
  public:
   using TraceRing = boost::lockfree::spsc_queue<CycleTrace>;
 
-  /// `servo` must outlive it; only this thread drives it.
+  /// `servo` must outlive the thread, and only this thread may call it.
   HapticThread(const HapticSettings& settings, Servo& servo);
   ~HapticThread();
 
-  /// Starts; returns a log line about the granted priority and memory locking.
+  /// Starts the thread, and returns a log line about its priority.
   [[nodiscard]] std::string start();
   void stop();
 
   [[nodiscard]] haptics::Mailbox<HapticCommands>& commands() noexcept { return commands_; }
-  /// Whether the thread obeys commands of this number or later ones. It no longer uses a device that they do not name.
+  /// Returns whether the thread obeys the commands of this number or later ones. It then uses only their devices.
   [[nodiscard]] bool has_obeyed(std::uint64_t number) const noexcept {
     return obeyed_.load(std::memory_order_acquire) >= number;
   }
   [[nodiscard]] TraceRing& traces() noexcept { return traces_; }
-  /// Reads the counters of the system for the thread; after `start`.
+  /// Returns the sampler of the thread's system counters. Call it only after `start`.
   [[nodiscard]] UsageSampler& usage() noexcept { return *usage_; }
   [[nodiscard]] std::uint64_t traces_dropped() const noexcept {
     return traces_dropped_.load(std::memory_order_relaxed);
@@ -103,16 +103,18 @@ class HapticThread {
   std::atomic<std::uint64_t> traces_dropped_{0};
   std::atomic<std::uint64_t> obeyed_{0};  // number of the newest commands
 
-  // The thread's own.
+  // Haptic thread only.
   HapticCommands current_;
   std::array<haptics::DeviceFrame, kMaxProbes> frames_;
   Servo::Inputs inputs_;
 };
 
-/// The sender of commands to a haptic thread: each change sends all commands again. One thread.
+/// Posts commands to a haptic thread. One thread.
 class HapticOrders {
  public:
   explicit HapticOrders(HapticThread& to) : to_{to} {}
+
+  /// Applies `change` to the commands, and posts all of them.
 
   template <class Change>
   void post(Change&& change) {
@@ -120,7 +122,7 @@ class HapticOrders {
     ++commands_.number;
     to_.commands().post(commands_);
   }
-  /// Whether the thread obeys the commands of this number.
+  /// Returns whether the thread obeys the commands of this number or later ones.
   [[nodiscard]] bool obeyed(std::uint64_t number) const noexcept { return to_.has_obeyed(number); }
   [[nodiscard]] const HapticCommands& now() const noexcept { return commands_; }
 

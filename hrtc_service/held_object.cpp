@@ -4,17 +4,17 @@
 
 namespace tactus::hrtc_service {
 
-std::uint32_t HeldObject::open(const haptics::DeviceState& device) noexcept {
+std::uint32_t HeldObject::release_if_open(const haptics::DeviceState& device) noexcept {
   if ((device.buttons & haptics::kGrabButton) == 0) grasp_ = {};
   return held_.object = grasp_.object;
 }
 
-void HeldObject::follow(const ProbeStep& step, const TouchObject& object, const Placement& before,
-                        const Placement& now) noexcept {
+void HeldObject::follow_object(const ProbeStep& step, const TouchObject& object, const Placement& before,
+                               const Placement& now) noexcept {
   const Eigen::Quaterniond turn{now.rotation()}, turn_before{before.rotation()};
-  const Vec3d place = vec(grasp_.place);
-  held_.hold.pose = {now.to_world(place), (turn * quaternion(grasp_.orientation)).normalized()};
-  held_.hold.velocity = (held_.hold.pose.position - before.to_world(place)) / step.period;
+  const Vec3d point = vec(grasp_.point);
+  held_.hold.pose = {now.to_world(point), (turn * quaternion(grasp_.orientation)).normalized()};
+  held_.hold.velocity = (held_.hold.pose.position - before.to_world(point)) / step.period;
   held_.hold.angular_velocity = haptics::log_map(turn * turn_before.conjugate()) / step.period;
   held_.feel = {object.material.stiffness, object.material.damping};
   held_.grip = step.renderer.hold(held_.feel, step.period, step.input.device.loop_delay);
@@ -34,20 +34,21 @@ const haptics::ForceResult& HeldObject::render(const ProbeStep& step, double zer
   output.status |= session::kInContact | session::kHolding;
   if (force.fault != haptics::Fault::kNone || step.age() >= zero_by) {
     grasp_ = {};
-    grasp_.spent = true;
+    grasp_.must_open = true;
   }
   return force;
 }
 
-void HeldObject::close(const ProbeStep& step, const Vec3d& place, const Placement& placement, bool can_move) noexcept {
+void HeldObject::hold_if_closed(const ProbeStep& step, const Vec3d& point, const Placement& placement,
+                                bool can_move) noexcept {
   const haptics::DeviceState& device = step.input.device;
   if ((device.buttons & haptics::kGrabButton) == 0) return;
-  if (grasp_.spent || (step.output.status & session::kFault) != 0 || !can_move) {
+  if (grasp_.must_open || (step.output.status & session::kFault) != 0 || !can_move) {
     step.output.status |= session::kHoldRefused;
     return;
   }
   grasp_.object = step.output.object;
-  grasp_.place = plain(placement.to_model(place));
+  grasp_.point = plain(placement.to_model(point));
   grasp_.orientation = plain(Eigen::Quaterniond{placement.rotation()}.conjugate() * device.orientation);
 }
 

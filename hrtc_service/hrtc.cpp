@@ -32,19 +32,18 @@ namespace tactus::hrtc_service {
 namespace {
 
 constexpr std::int64_t kMs = 1'000'000;
-// Minimum period of passes; their period as a multiple of their duration; its maximum.
-constexpr std::int64_t kServiceNs = 2 * kMs;
-constexpr std::int64_t kServiceRest = 10;
-constexpr std::int64_t kServiceMaxNs = 10 * kMs;
-// Minimum period when no tip moves and all wanted regions are stored.
-constexpr std::int64_t kServiceRestingNs = 8 * kMs;
+// Period of the service thread's passes.
+constexpr std::int64_t kMinServiceNs = 2 * kMs;
+constexpr std::int64_t kMinServiceAtRestNs = 8 * kMs;  // while Loader::at_rest
+constexpr std::int64_t kServicePeriodFactor = 10;      // period / duration of the last pass
+constexpr std::int64_t kMaxServiceNs = 10 * kMs;
 constexpr std::int64_t kMetricsNs = 500 * kMs;
-constexpr std::int64_t kMetricsSoonNs = 100 * kMs;
+constexpr std::int64_t kSceneMetricsNs = 100 * kMs;
 constexpr std::int64_t kAllMetricsNs = 5000 * kMs;
-constexpr std::int64_t kOverrunLoggedNs = 1000 * kMs;
-constexpr std::int64_t kTargetsLoggedNs = 10'000 * kMs;
+constexpr std::int64_t kOverrunLogNs = 1000 * kMs;
+constexpr std::int64_t kTargetsLogNs = 10'000 * kMs;
 constexpr std::int64_t kGroupsNs = 20 * kMs;
-constexpr std::int64_t kNoHostNs = 5000 * kMs;
+constexpr std::int64_t kNoHostLogNs = 5000 * kMs;
 
 using session::Every;
 struct HostAnswer {
@@ -54,12 +53,12 @@ struct HostAnswer {
 struct FullRateState {
   session::ProbeState state;
 };
-wire::SessionAddress reads_bulk(wire::SessionAddress address) {
+wire::SessionAddress without_bulk_writers(wire::SessionAddress address) {
   address.only_reads_bulk = true;
   return address;
 }
 
-/// A stop that stands at another program.
+/// A stop that a roster entry of another program lists.
 struct RelayedStop {
   std::string by;
 };
@@ -87,43 +86,43 @@ struct Hrtc::Impl {
   ~Impl();
   int run(const std::atomic<bool>& stop);
 
-  // Samples that arrive.
-  void take(const session::RosterEntry& entry, std::int64_t now_ns) { membership.on_roster(entry, now_ns); }
-  void take(const session::CatalogueEntry& entry, std::int64_t now_ns);
-  void take(const session::BulkChunk& chunk, std::int64_t now_ns) { gateway.on_chunk(chunk, now_ns); }
-  void take(const session::Intent& intent, std::int64_t now_ns);
-  void take(const session::ClockSample& sample, std::int64_t now_ns);
-  void take(const HostAnswer& answer, std::int64_t now_ns) { membership.on_host_answer(answer.sample, now_ns); }
-  void take(const session::Control& control, std::int64_t now_ns);
-  // The servo obeys these already: the callbacks set its stop.
-  void take(const session::EmergencyStop& stop, std::int64_t now_ns);
-  void take(const RelayedStop& stop, std::int64_t now_ns);
-  void take(const session::ForceReset& reset, std::int64_t now_ns);
-  void take(const session::SessionEnd& end, std::int64_t now_ns);
-  void take(const session::ProbeState& state, std::int64_t now_ns) {
+  // Each of these processes one received sample.
+  void process(const session::RosterEntry& entry, std::int64_t now_ns) { membership.on_roster(entry, now_ns); }
+  void process(const session::CatalogueEntry& entry, std::int64_t now_ns);
+  void process(const session::BulkChunk& chunk, std::int64_t now_ns) { gateway.on_chunk(chunk, now_ns); }
+  void process(const session::Intent& intent, std::int64_t now_ns);
+  void process(const session::ClockSample& sample, std::int64_t now_ns);
+  void process(const HostAnswer& answer, std::int64_t now_ns) { membership.on_host_answer(answer.sample, now_ns); }
+  void process(const session::Control& control, std::int64_t now_ns);
+  // The callbacks have already passed stops and resets to the servo.
+  void process(const session::EmergencyStop& stop, std::int64_t now_ns);
+  void process(const RelayedStop& stop, std::int64_t now_ns);
+  void process(const session::ForceReset& reset, std::int64_t now_ns);
+  void process(const session::SessionEnd& end, std::int64_t now_ns);
+  void process(const session::ProbeState& state, std::int64_t now_ns) {
     membership.on_state(state, session::StateStream::kDeadbandCoded, now_ns);
   }
-  void take(const FullRateState& full_rate, std::int64_t now_ns) {
+  void process(const FullRateState& full_rate, std::int64_t now_ns) {
     membership.on_state(full_rate.state, session::StateStream::kFullRate, now_ns);
   }
-  void take(const session::Metrics& received, std::int64_t now_ns) { membership.on_metrics(received, now_ns); }
-  void take(const session::ObjectGrant& grant, std::int64_t now_ns) { gateway.on_grant(grant, now_ns); }
-  void take(const session::ObjectPose& pose, std::int64_t now_ns) {
+  void process(const session::Metrics& received, std::int64_t now_ns) { membership.on_metrics(received, now_ns); }
+  void process(const session::ObjectGrant& grant, std::int64_t now_ns) { gateway.on_grant(grant, now_ns); }
+  void process(const session::ObjectPose& pose, std::int64_t now_ns) {
     gateway.on_pose(pose, now_ns, membership.clock().session_time(now_ns));
   }
 
-  void follow_output();
-  void follow_stops();
-  void follow_reports();
+  void process_output();
+  void acknowledge_stops();
+  void process_reports();
   void log_fault(std::uint32_t slot, std::uint32_t status);
   void log_hold(std::uint32_t slot, const ProbeOutput& probe);
   void add_local_users();
-  void note_first_touch(std::int64_t now_ns);
+  void measure_first_touch(std::int64_t now_ns);
   void send(session::RosterEntry entry);
   void send_metrics(bool all);
   void tick_gateway(std::int64_t now_ns);
   void send_requests();
-  void watch_for_hosts(std::int64_t now_ns);
+  void check_for_hosts(std::int64_t now_ns);
   void send_states();
   void serve(std::int64_t now_ns);
   void log_overrun(const CycleTrace& trace, const LateVerdict& verdict);
@@ -135,7 +134,7 @@ struct Hrtc::Impl {
   HrtcOptions options;
   wire::Participants participants;
   Inbox inbox{1u << 14};
-  std::unique_ptr<FlightSaver> flight;  // null: nothing is recorded
+  std::unique_ptr<FlightSaver> flight;  // null: no flight recorder
   HrtcCore core;
   Gateway& gateway{core.gateway()};
   const Loader& loader{core.gateway().loader()};
@@ -146,7 +145,7 @@ struct Hrtc::Impl {
   StopSwitch stops{participants.origin(), core.link()};
   bool stopped = false;  // at the last pass of the service thread
   std::vector<session::StopRecord> stops_acknowledged;
-  session::StopName stop_received;  // the newest; used by the callback only
+  session::StopName stop_received;  // newest stop; used by the callback only
   haptics::Mailbox<session::ClockMap> sender_clock;
 
   wire::Writer<session::RosterEntry> roster_out;
@@ -163,23 +162,24 @@ struct Hrtc::Impl {
   std::unique_ptr<TimerBeside> timer;
   std::unique_ptr<ContactJournal> log;
 
-  Every metrics{kMetricsNs}, all_metrics{kAllMetricsNs}, no_host{kNoHostNs}, sync_groups{kGroupsNs};
+  Every metrics{kMetricsNs}, all_metrics{kAllMetricsNs}, no_host{kNoHostLogNs}, sync_groups{kGroupsNs};
   std::int64_t started_ns = 0;
   bool ended = false;
   int exit_code = 0;
   std::array<std::uint32_t, kMaxProbes> faults_logged{};  // status bits
   std::array<std::uint32_t, kMaxProbes> holds_logged{};   // status bits
   LateCycleClassifier late_cycles;
-  std::deque<CycleTrace> late_traces;  // not classified yet
-  Every overrun_logged{kOverrunLoggedNs}, targets_logged{kTargetsLoggedNs};
+  std::deque<CycleTrace> late_traces;  // late cycles without a class
+  Every overrun_logged{kOverrunLogNs}, targets_logged{kTargetsLogNs};
   std::uint32_t overruns_unlogged = 0;
-  std::uint64_t first_cycle = 0;  // seen; 0: none yet
+  std::uint64_t first_cycle = 0;  // number of the first reported cycle; 0: none
   std::int64_t first_cycle_ns = 0;
-  std::optional<SnapshotTaker> snapshots;  // when requested
-  std::uint32_t saves_seen = 0;
+  std::optional<SnapshotTaker> snapshots;  // only with HrtcOptions::snapshot
+  std::uint32_t save_requests_seen = 0;
   struct {
-    std::int64_t catalogue_ns = 0, base_ns = 0, exact_ns = 0;  // first times; 0: not yet
-    std::uint64_t bytes = 0;                                   // of payload, up to exact_ns
+    // Times of the first catalogue entry, base mesh and exact contact; 0: none.
+    std::int64_t catalogue_ns = 0, base_ns = 0, exact_ns = 0;
+    std::uint64_t bytes = 0;  // payload received until `exact_ns`
   } first;
 
   std::thread sender;
@@ -187,7 +187,7 @@ struct Hrtc::Impl {
 
   // Last, so that callbacks end before their targets do.
   std::vector<std::shared_ptr<void>> readers;
-  /// Samples from all to all wait for the service's next pass, because a large session has many of them.
+  /// Samples that every program sends to every other do not wake the service, because a large session has many of them.
   template <class Typed>
   static constexpr wire::Urgency kUrgency =
       std::is_same_v<Typed, session::SessionEnd> ? wire::Urgency::kLast
@@ -200,14 +200,14 @@ struct Hrtc::Impl {
     readers.push_back(std::make_shared<wire::Reader<Typed>>(
         participants, topic, [this](Typed&& sample) { receive(std::move(sample)); }, where));
   }
-  // In threads of DDS.
+  // Threads of DDS.
   template <class Typed>
   void receive(Typed&& sample) {
     inbox.put(std::move(sample), kUrgency<Typed>);
   }
   void receive(session::EmergencyStop&& stop) {
     const bool is_new = stops.on_stop(stop.name());
-    // A roster entry may have brought the stop before, but not its reason.
+    // A roster entry may have reported the stop before, but without its reason.
     if (is_new || !is_same(stop.name(), stop_received)) inbox.put(session::EmergencyStop{stop});
     stop_received = stop.name();
   }
@@ -227,7 +227,7 @@ std::array<haptics::DeviceSpec, kMaxProbes> specs_of(const HrtcOptions& options)
   for (std::uint32_t i = 0; i < kMaxProbes; ++i)
     if (i < options.local_users.size())
       specs[i] = options.haptic.frame.to_world(options.local_users[i].device->spec());
-    else if (options.core.servo.cycle.tool != nullptr)  // a client limits a command to its device
+    else if (options.core.servo.cycle.tool != nullptr)  // a client itself limits the torque to that of its device
       specs[i].max_torque = options.core.servo.cycle.force.max_torque;
   return specs;
 }
@@ -258,7 +258,7 @@ HapticSettings haptic_settings(const HrtcOptions& options) {
 
 Hrtc::Impl::Impl(HrtcOptions given)
     : options{std::move(given)},
-      participants{reads_bulk(options.address)},
+      participants{without_bulk_writers(options.address)},
       flight{flight_saver(options)},
       core{participants.origin(), core_settings(options, flight.get())},
       haptic{haptic_settings(options), core.servo()},
@@ -274,22 +274,23 @@ Hrtc::Impl::Impl(HrtcOptions given)
       metrics_out{participants, wire::topics::kMetrics},
       losses_out{participants, wire::topics::kMetrics, {wire::kLossesPartition}},
       groups{participants, [this](session::ProbeState&& state) { inbox.put(FullRateState{std::move(state)}); }},
-      states{participants, options.core.servo.cycle.radius, options.coding, devices, membership.remote_users(), groups},
+      states{participants, options.core.servo.cycle.radius, options.uses_deadband,
+             devices,      membership.remote_users(),       groups},
       exchange{participants, core.link().bodies, gateway} {
   gateway.on_event = [](const std::string& text) { spdlog::info("{}", text); };
   gateway.on_object = [this](const TouchObject& object) {
     exchange.add(object);
-    states.on_object(object.index, object.id);
+    states.set_object_id(object.index, object.id);
     if (log) log->add(object);
   };
   membership.on_object_gone = [this](const Loader::ObjectInfo& object) {
-    if (object.index == spm::kNone) return;  // it never came
+    if (object.index == spm::kNone) return;  // its base mesh never arrived
     exchange.remove(object.index, object.id);
-    states.on_object(object.index, 0);
+    states.set_object_id(object.index, 0);
     if (log) log->close(object);
   };
   add_local_users();
-  // The last step that may throw, so that no directory is left behind.
+  // The directory is made after every step that may throw, so that a failed start leaves none.
   if (!options.snapshot.empty()) expect_snapshot_directory(options.snapshot);
   if (!options.log.empty()) log = std::make_unique<ContactJournal>(options.log, core.link().log);
   if (!options.snapshot.empty()) {
@@ -330,24 +331,24 @@ void Hrtc::Impl::add_local_users() {
   }
 }
 
-void Hrtc::Impl::take(const session::CatalogueEntry& entry, std::int64_t now_ns) {
-  if (ended) return;  // the last figures are of the session, not of what its hosts withdraw at its end
+void Hrtc::Impl::process(const session::CatalogueEntry& entry, std::int64_t now_ns) {
+  if (ended) return;  // the last metrics must still contain the objects that hosts withdraw at the end
   if (first.catalogue_ns == 0) first.catalogue_ns = now_ns;
   membership.on_catalogue(entry);
 }
 
-/// Intents are in session time, the hand's clock is ours.
-void Hrtc::Impl::take(const session::Intent& intent, std::int64_t now_ns) {
+/// Converts the intent from session time to the clock of this machine.
+void Hrtc::Impl::process(const session::Intent& intent, std::int64_t now_ns) {
   devices.on_intent(intent, now_ns - membership.clock().session_time(now_ns));
 }
 
-/// Answers at once, because the delay is part of the measurement's error.
-void Hrtc::Impl::take(const session::ClockSample& sample, std::int64_t now_ns) {
+/// Answers at once, because a delay adds to the error of the measurement.
+void Hrtc::Impl::process(const session::ClockSample& sample, std::int64_t now_ns) {
   membership.on_clock(sample, now_ns, monotonic_ns());
-  follow_output();
+  process_output();
 }
 
-void Hrtc::Impl::take(const session::Control& control, std::int64_t) {
+void Hrtc::Impl::process(const session::Control& control, std::int64_t) {
   switch (control.kind) {
     case session::ControlKind::kStart:
       spdlog::info("session {} starts", options.address.session);
@@ -358,25 +359,25 @@ void Hrtc::Impl::take(const session::Control& control, std::int64_t) {
   }
 }
 
-void Hrtc::Impl::take(const session::EmergencyStop& stop, std::int64_t) {
+void Hrtc::Impl::process(const session::EmergencyStop& stop, std::int64_t) {
   spdlog::warn("emergency stop: {}", stop.text);
 }
 
-void Hrtc::Impl::take(const RelayedStop& stop, std::int64_t) {
+void Hrtc::Impl::process(const RelayedStop& stop, std::int64_t) {
   spdlog::warn("emergency stop: {} forwards it", stop.by);
 }
 
-void Hrtc::Impl::take(const session::ForceReset& reset, std::int64_t) {
+void Hrtc::Impl::process(const session::ForceReset& reset, std::int64_t) {
   spdlog::info("forces are reset: {}{}", reset.text, stops.stopped() ? "; another stop holds them off" : "");
 }
 
-void Hrtc::Impl::take(const session::SessionEnd& end, std::int64_t) {
+void Hrtc::Impl::process(const session::SessionEnd& end, std::int64_t) {
   spdlog::info("session {} ends{}{}", options.address.session, end.text.empty() ? "" : ": ", end.text);
   ended = true;
 }
 
-/// Sends the samples, writes the log lines and obeys the orders of the membership.
-void Hrtc::Impl::follow_output() {
+/// Sends the samples of the membership, logs its events, and adds and removes users.
+void Hrtc::Impl::process_output() {
   MembershipOutput& output = membership.output;
   for (const SessionEvent& event : output.events) {
     constexpr spdlog::level::level_enum kLevels[] = {spdlog::level::info, spdlog::level::warn, spdlog::level::err};
@@ -397,8 +398,8 @@ void Hrtc::Impl::follow_output() {
       devices.remove(user.probe);
   }
   if (output.roster) send(std::move(*output.roster));
-  // Programs that compare scenes need not wait.
-  if (output.scene_changed) metrics.hasten(monotonic_ns(), kMetricsSoonNs);
+  // Programs compare scenes by these metrics.
+  if (output.scene_changed) metrics.hasten(monotonic_ns(), kSceneMetricsNs);
   if (output.name_conflict) {
     exit_code = 2;
     ended = true;
@@ -407,7 +408,7 @@ void Hrtc::Impl::follow_output() {
 }
 
 /// Acknowledges in the roster the stops that the servo has obeyed, and saves the cycles before a stop.
-void Hrtc::Impl::follow_stops() {
+void Hrtc::Impl::acknowledge_stops() {
   if (stops.acknowledge(stops_acknowledged)) membership.on_stops(stops_acknowledged);
   const bool before = std::exchange(stopped, stops.stopped());
   if (stopped && !before && flight) flight->save("emergency stop", false);
@@ -423,7 +424,7 @@ void Hrtc::Impl::send_metrics(bool all) {
   session::Metrics sample;
   sample.origin = participants.origin();
   sample.scene = session::scene_hash(membership.roster(), participants.origin(), session::Role::kHrtc);
-  statistics.write(sample.figures, all);
+  statistics.add_figures(sample.figures, all);
   if (all && !timer_samples.empty()) {
     sample.figures.push_back({names::kTimerP50, timer_samples.percentile(0.5) * 1e-3});
     sample.figures.push_back({names::kTimerP99, timer_samples.percentile(0.99) * 1e-3});
@@ -461,8 +462,8 @@ void Hrtc::Impl::send_metrics(bool all) {
        static_cast<double>(membership.implausible() + delivery.implausible + devices.implausible() +
                            gateway.ownership().implausible() + exchange.implausible())}};
   for (const auto& [name, value] : counts) sample.figures.push_back({name, value});
-  states.write(sample.figures);
-  devices.write(sample.figures);
+  states.add_figures(sample.figures);
+  devices.add_figures(sample.figures);
   static_assert(std::size(names::kInterventions) == haptics::kForceBits);
   for (std::size_t i = 0; i < haptics::kForceBits; ++i)
     sample.figures.push_back({names::kInterventions[i], static_cast<double>(gateway.reports().interventions[i])});
@@ -472,9 +473,9 @@ void Hrtc::Impl::send_metrics(bool all) {
   since_catalogue(names::kFirstBase, first.base_ns);
   since_catalogue(names::kFirstExact, first.exact_ns);
   if (first.exact_ns != 0) sample.figures.push_back({names::kFirstExactBytes, static_cast<double>(first.bytes)});
-  membership.remote_users().write(sample.figures);
+  membership.remote_users().add_figures(sample.figures);
   sample.figures.push_back({names::kTogether, static_cast<double>(groups.collaborating())});
-  gateway.ownership().write(sample.figures);
+  gateway.ownership().add_figures(sample.figures);
   static_assert(kMaxObjects <= session::kMaxMeshes);
   const MeshHashes& hashes = core.link().mesh_hashes.latest();
   for (const Loader::ObjectInfo& object : loader.objects()) sample.meshes.push_back({object.id, hashes[object.index]});
@@ -484,15 +485,15 @@ void Hrtc::Impl::send_metrics(bool all) {
   if (!sample.figures.empty()) (void)losses_out.send(sample);
 }
 
-/// Ticks the gateway every few milliseconds, between the two halves of the exchange of copies.
+/// Ticks the gateway between the two halves of the body exchange.
 void Hrtc::Impl::tick_gateway(std::int64_t now_ns) {
   exchange.tick(now_ns, membership.clock());
   gateway.tick(now_ns, membership.clock());
   exchange.send_claims();
-  if (gateway.fresh()) follow_reports();
+  if (gateway.fresh()) process_reports();
 }
 
-void Hrtc::Impl::follow_reports() {
+void Hrtc::Impl::process_reports() {
   const ProbeReports& reports = gateway.reports();
   if (first_cycle == 0) {
     first_cycle = reports.cycle;
@@ -504,11 +505,12 @@ void Hrtc::Impl::follow_reports() {
   }
 }
 
-/// Wakes by its own timer shortly after the planned time of the forces, and again soon if they are late, because the
-/// haptic thread notifies no thread. Between two cycles it also reads the system's counters for the haptic thread.
+/// Sends probe states, commands and copies, and samples the system counters of the haptic thread. Runs in the sender
+/// thread. The haptic thread notifies no thread, so this one wakes by timer after the planned start of each cycle, and
+/// every twentieth of a period until the cycle's reports are there.
 void Hrtc::Impl::send_states() {
   pthread_setname_np(pthread_self(), "sender");
-  prctl(PR_SET_TIMERSLACK, 1000);  // ns; ordinary threads wake 50 us late otherwise
+  prctl(PR_SET_TIMERSLACK, 1000);  // ns; by default ordinary threads wake 50 us late
   const std::int64_t step_ns = options.haptic.period_ns() / 20;
   const auto gap_ns = static_cast<std::int64_t>(1e9 / options.state_rate) - kMs / 2;
   std::int64_t sent_ns = 0;
@@ -527,18 +529,16 @@ void Hrtc::Impl::send_states() {
   }
 }
 
-/// Logs the figures of an overrun, at most one line a second.
+/// Logs the costs of an overrun, at most one line in each second.
 void Hrtc::Impl::log_overrun(const CycleTrace& trace, const LateVerdict& verdict) {
   ++overruns_unlogged;
   if (!overrun_logged.due(monotonic_ns())) return;
   const CycleCosts& costs = trace.costs;
   const auto us = [](auto ns) { return ns / 1000; };
   spdlog::warn(
-      "overrun{}: awake for {} us, of these at least {} its own; blocked {} times, page faults {} minor, {} major; {} "
-      "us "
-      "loading, {} refining ({} visits, {} changes), {} refitting, {} querying, {} on forces; {} regions came, {} of "
-      "{} "
-      "probes in contact",
+      "overrun{}: {} us from begin to end, at least {} us of it own work; blocked {} times; {} minor and {} major page "
+      "faults; loading {} us, refinement {} us ({} visits, {} changes), refit {} us, query {} us, forces {} us; {} "
+      "arrivals; {} of {} probes in contact",
       overruns_unlogged == 1 ? std::string{} : fmt::format(" ({} since the last line)", overruns_unlogged),
       us(trace.times.end_ns - trace.times.began_ns), us(verdict.own_ns), verdict.blocked, verdict.minor_faults,
       verdict.major_faults, us(costs.load), us(costs.refine), costs.visits, costs.changes, us(costs.refit),
@@ -561,7 +561,7 @@ void Hrtc::Impl::drain_rings() {
     statistics.add(trace);
     if (trace.targets_dropped && targets_logged.due(monotonic_ns()))
       spdlog::warn(
-          "the mesh near a probe stays coarse in places: more than {} regions of an object are to be refined; "
+          "the mesh near a probe remains partly coarse: more than {} regions of an object need refinement; "
           "raise --targets",
           options.core.servo.cycle.targets);
     late_cycles.add(trace.times);
@@ -580,7 +580,7 @@ void Hrtc::Impl::drain_rings() {
 void Hrtc::Impl::take_snapshots(std::int64_t now_ns) {
   if (!snapshots) return;
   try {
-    snapshots->tick(now_ns, touches_exactly(gateway.reports()), gateway.sights(), core.servo(), orders);
+    snapshots->tick(now_ns, touches_exactly(gateway.reports()), gateway.reported_probes(), core.servo(), orders);
   } catch (const std::runtime_error& error) {
     spdlog::error("{}", error.what());
     exit_code = 1;
@@ -588,7 +588,7 @@ void Hrtc::Impl::take_snapshots(std::int64_t now_ns) {
   }
 }
 
-void Hrtc::Impl::note_first_touch(std::int64_t now_ns) {
+void Hrtc::Impl::measure_first_touch(std::int64_t now_ns) {
   if (first.base_ns == 0 && !loader.objects().empty()) first.base_ns = now_ns;
   if (first.exact_ns != 0 || !touches_exactly(gateway.reports())) return;
   first.exact_ns = gateway.reports().time_ns;
@@ -609,14 +609,14 @@ void Hrtc::Impl::log_fault(std::uint32_t slot, std::uint32_t status) {
 void Hrtc::Impl::log_hold(std::uint32_t slot, const ProbeOutput& probe) {
   constexpr std::uint32_t kHold = session::kHolding | session::kHoldRefused;
   const std::uint32_t now = probe.status & kHold, before = std::exchange(holds_logged[slot], now);
-  if (now == before || !membership.taken(slot)) return;
+  if (now == before || !membership.has_user(slot)) return;
   std::string name = "something";
   for (const Loader::ObjectInfo& object : loader.objects())
     if (object.index == probe.object) name = "'" + object.name + "'";
   if ((now & session::kHolding) != 0) {
     spdlog::info("user {} holds {}", membership.name_at(slot), name);
   } else if ((before & session::kHolding) != 0) {
-    spdlog::info("user {} has let go", membership.name_at(slot));
+    spdlog::info("user {} has released the object", membership.name_at(slot));
   } else if ((now & session::kHoldRefused) != 0) {
     spdlog::warn("user {} cannot hold {}: it does not move here, or forces were off since the hand has closed",
                  membership.name_at(slot), name);
@@ -625,24 +625,24 @@ void Hrtc::Impl::log_hold(std::uint32_t slot, const ProbeOutput& probe) {
 
 void Hrtc::Impl::serve(std::int64_t now_ns) {
   tick_gateway(now_ns);
-  note_first_touch(now_ns);
-  follow_stops();
+  measure_first_touch(now_ns);
+  acknowledge_stops();
   membership.tick(now_ns);
-  follow_output();
+  process_output();
   send_requests();
   sender_clock.post(membership.clock());
   devices.on_clock(membership.clock().session_time(now_ns) - now_ns);
   if (metrics.due(now_ns)) send_metrics(all_metrics.due(now_ns));
   devices.open_remote_devices();
-  devices.free_left();
+  devices.free_departed();
   if (sync_groups.due(now_ns)) groups.sync(membership.remote_users(), membership.user_ids());
   drain_rings();
-  if (options.saves != nullptr && saves_seen != *options.saves) {
-    saves_seen = *options.saves;
-    if (flight) flight->save("asked for by a signal", true);
+  if (options.save_requests != nullptr && save_requests_seen != *options.save_requests) {
+    save_requests_seen = *options.save_requests;
+    if (flight) flight->save("requested by a signal", true);
   }
   take_snapshots(now_ns);
-  if (!membership.host_seen()) watch_for_hosts(now_ns);
+  if (!membership.host_seen()) check_for_hosts(now_ns);
 }
 
 void Hrtc::Impl::send_requests() {
@@ -659,9 +659,9 @@ void Hrtc::Impl::send_requests() {
   }
 }
 
-/// Logs that no host was found, and ends the program after `host_patience`.
-void Hrtc::Impl::watch_for_hosts(std::int64_t now_ns) {
-  if (now_ns - started_ns > kNoHostNs && no_host.due(now_ns))
+/// Logs a warning while no host is found, and ends the program after `host_patience`.
+void Hrtc::Impl::check_for_hosts(std::int64_t now_ns) {
+  if (now_ns - started_ns > kNoHostLogNs && no_host.due(now_ns))
     spdlog::warn(
         "no host found in session {} on domain {}; still looking (is tactus-host running with the same --session and "
         "--domain?)",
@@ -682,16 +682,16 @@ void Hrtc::Impl::finish() {
   drain_rings();
   if (flight && !flight->stop()) exit_code = 1;
   if (haptic.traces_dropped() > 0)
-    spdlog::warn("{} cycles are missing in the figures: the service fell behind", haptic.traces_dropped());
+    spdlog::warn("{} cycles are missing in the metrics: the service thread was too slow", haptic.traces_dropped());
   if (inbox.dropped() > 0) spdlog::warn("{} samples found the inbox full and were dropped", inbox.dropped());
   if (log) {
     for (const Loader::ObjectInfo& object : loader.objects()) log->close(object);
-    for (const Loader::ObjectInfo& object : loader.leaving()) log->close(object);
+    for (const Loader::ObjectInfo& object : loader.withdrawn_objects()) log->close(object);
     if (core.servo().cycle().log_dropped() > 0)
       spdlog::warn("{} contact log entries were dropped", core.servo().cycle().log_dropped());
     log.reset();
   }
-  // Best effort, so it is sent more than once.
+  // The metrics topic does not repeat lost samples, so the last metrics are sent three times.
   for (int i = 0; i < 3; ++i) {
     send_metrics(true);
     std::this_thread::sleep_for(std::chrono::milliseconds{20});
@@ -703,8 +703,8 @@ int Hrtc::Impl::run(const std::atomic<bool>& stop) {
   if (options.haptic.priority > 0) spdlog::info("{}", wire::lock_memory());
   started_ns = monotonic_ns();
   if (flight) {
-    flight->on_event = [](bool trouble, const std::string& text) {
-      spdlog::log(trouble ? spdlog::level::warn : spdlog::level::info, "{}", text);
+    flight->on_event = [](bool is_warning, const std::string& text) {
+      spdlog::log(is_warning ? spdlog::level::warn : spdlog::level::info, "{}", text);
     };
     flight->start();
     spdlog::info("flight recorder: the last {:g} s, {:.1f} MiB at most", options.flight.seconds,
@@ -721,24 +721,24 @@ int Hrtc::Impl::run(const std::atomic<bool>& stop) {
                    ? std::string{}
                    : fmt::format(", and {:.1f} MiB for directories",
                                  static_cast<double>(options.core.gateway.loader.directory_bytes) / (1 << 20)));
-  // The period does not depend on the number of samples, which grows with the square of the session's size. A pass may
-  // take at most a share of a core: on an overloaded machine answers arrive later, so prediction looks further ahead
-  // and takes more time. The failure detector also runs between passes.
-  Every due{kServiceNs}, watch{kServiceNs};
+  // A pass begins at its time, not when a sample arrives, because the number of samples grows with the square of the
+  // session's size. Passes should take only a tenth of a core: on an overloaded machine answers arrive later, so
+  // prediction looks further ahead and takes more time. The failure detector also runs between passes.
+  Every pass{kMinServiceNs}, watch{kMinServiceNs};
   while (!stop && !ended) {
     const std::int64_t before_ns = monotonic_ns();
     const std::int64_t watch_ns = membership.watch_period_ns();
     if (watch_ns > 0) watch.set_period(watch_ns);
-    const auto patience = watch_ns > 0 ? std::min(due.left(before_ns), watch.left(before_ns)) : due.left(before_ns);
+    const auto patience = watch_ns > 0 ? std::min(pass.left(before_ns), watch.left(before_ns)) : pass.left(before_ns);
     for (const Inbox::Arrived& arrived : inbox.take(patience))
-      std::visit([&](const auto& sample) { take(sample, arrived.at_ns); }, arrived.sample);
+      std::visit([&](const auto& sample) { process(sample, arrived.at_ns); }, arrived.sample);
     const std::int64_t now_ns = monotonic_ns();
-    if (watch_ns > 0 && watch.due(now_ns) && membership.watch_hosts(now_ns)) due.at_once();
-    follow_output();
-    if (!due.due(now_ns)) continue;
+    if (watch_ns > 0 && watch.due(now_ns) && membership.watch_hosts(now_ns)) pass.at_once();
+    process_output();
+    if (!pass.due(now_ns)) continue;
     serve(now_ns);
-    const std::int64_t min_ns = loader.at_rest() ? kServiceRestingNs : kServiceNs;
-    due.set_period(std::clamp(kServiceRest * (monotonic_ns() - now_ns), min_ns, kServiceMaxNs));
+    const std::int64_t min_ns = loader.at_rest() ? kMinServiceAtRestNs : kMinServiceNs;
+    pass.set_period(std::clamp(kServicePeriodFactor * (monotonic_ns() - now_ns), min_ns, kMaxServiceNs));
   }
   finish();
   return exit_code;

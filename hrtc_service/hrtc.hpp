@@ -1,12 +1,12 @@
 /// The service HRTC: joins a session, loads the objects of all hosts, gives probes to users and computes their forces.
 ///
-///   thread   runs                                              woken by
-///   haptic   devices, cycle                                    its period
-///   sender   probe states                                      its own timer
-///   service  roster, clock, loader, metrics, log               samples that arrive, else every 2 ms
-///   flight   the flight recorder                               20 ms
-///   (DDS)    callbacks that copy a sample into the inbox;      the network
-///            those of stops and resets stop the haptic thread directly
+///   thread   work                                              woken by
+///   haptic   devices, cycle                                    timer, each cycle
+///   sender   probe states, commands, copies                    timer, after each cycle
+///   service  roster, clock, loader, metrics, log               samples, or timer after 2 ms at least
+///   flight   flight recorder                                   timer, every 20 ms
+///   (DDS)    callbacks: copy a sample into the inbox, or       network
+///            pass a stop or reset to the haptic thread
 #pragma once
 
 #include <atomic>
@@ -31,7 +31,7 @@ struct LocalUser {
 };
 
 struct HrtcOptions {
-  /// The tool of every user, m, instead of a sphere; core.servo.cycle.tool must point to it. Null: none.
+  /// Tool of every user, m; core.servo.cycle.tool must point to it. Null: every probe is a sphere.
   std::unique_ptr<const spm::MeshProbe> tool;
   wire::SessionAddress address;
   HrtcCoreSettings core;
@@ -40,18 +40,18 @@ struct HrtcOptions {
   std::vector<LocalUser> local_users;
   std::filesystem::path log;       ///< contact log; empty: none
   std::filesystem::path snapshot;  ///< directory for snapshots; empty: none
-  FlightOptions flight;            ///< of the flight recorder
-  /// Increases with each request of an operator to write the flight recording; null: no such requests.
-  const std::atomic<std::uint32_t>* saves = nullptr;
-  double host_patience = 0;   ///< s to wait for a first host; 0: without limit
-  bool timer_beside = false;  ///< measure a bare timer of the same priority
-  double state_rate = 1000;   ///< Hz of probe states, at most the cycle's
-  bool coding = true;         ///< deadband-coded states for the session; false: all states
+  FlightOptions flight;
+  /// Number of requests of an operator to write the flight recording. Null: there are no such requests.
+  const std::atomic<std::uint32_t>* save_requests = nullptr;
+  double host_patience = 0;   ///< max time to wait for a first host, s; 0: no limit
+  bool timer_beside = false;  ///< also measure a thread that only sleeps, at the same priority
+  double state_rate = 1000;   ///< max rate of probe states, Hz
+  bool uses_deadband = true;  ///< false: the session receives every probe state
 };
 
 class Hrtc {
  public:
-  /// Throws for an invalid name, domain, profile or file. Starts no thread.
+  /// Throws if a name, domain, profile or file is invalid. Starts no thread.
   explicit Hrtc(HrtcOptions options);
   ~Hrtc();
 

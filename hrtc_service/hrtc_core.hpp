@@ -1,6 +1,6 @@
-/// A whole HRTC without DDS, threads, clocks, devices and files: memory, servo and gateway.
+/// Assembles an HRTC from memory, servo and gateway, without DDS, threads, clocks, devices and files.
 ///
-///     samples, times --> Gateway <== ServoLink ==> Servo <-- probe inputs, time left
+///     samples, times --> Gateway <== ServoLink ==> Servo <-- probe inputs, limit of refinement
 ///                          |                         |
 ///              demands, claims, events             forces
 ///
@@ -23,7 +23,7 @@ struct HrtcCoreSettings {
 
 class HrtcCore {
  public:
-  /// Allocates all memory. Throws std::bad_alloc when there is not enough.
+  /// Allocates all memory. Throws std::bad_alloc if that fails.
   HrtcCore(const session::Origin& self, const HrtcCoreSettings& settings)
       : pool_{settings.pool},
         nodes_{settings.pool.tree_nodes},

@@ -14,18 +14,18 @@
 namespace tactus::hrtc_service {
 namespace {
 
-constexpr std::int64_t kLongestReadingNs = 20'000;  // of the times, which must belong to one moment
-constexpr std::int64_t kLongestCountsNs = 500'000;
-constexpr std::int64_t kSwitchNs = 20'000;  // maximum from a cycle's end until the system counts its sleep as a switch
-constexpr int kTries = 3;
-constexpr std::size_t kMaxCycles = 8192;  // without readings
+constexpr std::int64_t kMaxReadingNs = 20'000;  // max duration of reading the times
+constexpr std::int64_t kMaxCountsNs = 500'000;  // max time from reading the counts to reading the times
+constexpr std::int64_t kMaxSwitchNs = 20'000;   // max time from the end of a cycle to the count of its sleep
+constexpr int kMaxTries = 3;
+constexpr std::size_t kMaxCycles = 8192;  // max stored cycles
 
 int open_file(pid_t thread_id, const char* name) {
   const std::string path = "/proc/self/task/" + std::to_string(thread_id) + "/" + name;
   return open(path.c_str(), O_RDONLY | O_CLOEXEC);
 }
 
-/// The start of a file of /proc.
+/// Returns the first bytes of a file of /proc.
 template <std::size_t kBytes>
 std::string_view contents(int file, std::array<char, kBytes>& buffer) {
   const ssize_t bytes = file < 0 ? -1 : pread(file, buffer.data(), buffer.size(), 0);
@@ -34,7 +34,7 @@ std::string_view contents(int file, std::array<char, kBytes>& buffer) {
 
 /// Removes the number at the start of `text`, after blanks, and returns it.
 template <class Number>
-bool take_number(std::string_view& text, Number& number) {
+bool parse_number(std::string_view& text, Number& number) {
   text.remove_prefix(std::min(text.find_first_not_of(" \t"), text.size()));
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
   text.remove_prefix(static_cast<std::size_t>(end - text.data()));
@@ -45,10 +45,10 @@ bool number_after(std::string_view text, std::string_view label, std::uint64_t& 
   const std::size_t at = text.find(label);
   if (at == std::string_view::npos) return false;
   text.remove_prefix(at + label.size());
-  return take_number(text, number);
+  return parse_number(text, number);
 }
 
-/// The length of [from, to] within [first, last].
+/// Returns the length of the part of [from, to] that is within [first, last].
 std::int64_t overlap(std::int64_t from, std::int64_t to, std::int64_t first, std::int64_t last) {
   return std::max<std::int64_t>(0, std::min(to, last) - std::max(from, first));
 }
@@ -69,8 +69,9 @@ UsageSampler::~UsageSampler() {
 
 bool UsageSampler::read_counts(ThreadUsage& usage) const {
   std::array<char, 4096> buffer;
-  // "pid (name) state" and numbers, of which the tenth, counted from pid, are the minor faults. The name may hold
-  // blanks. It comes first: the switch into a sleep that it shows is in `status`.
+  // The file `stat` is "pid (name) state" and numbers. The name may contain blanks. Counted from pid, field 10 has the
+  // minor faults and field 12 the major faults. It is read before `status`, so that `status` counts the switch into the
+  // sleep that `stat` shows.
   std::string_view stat = contents(stat_, buffer);
   const std::size_t name_end = stat.rfind(") ");
   if (name_end == std::string_view::npos) return false;
@@ -79,8 +80,8 @@ bool UsageSampler::read_counts(ThreadUsage& usage) const {
   stat.remove_prefix(std::min<std::size_t>(1, stat.size()));
   std::int64_t other = 0;
   for (int field = 4; field < 10; ++field)
-    if (!take_number(stat, other)) return false;
-  if (!take_number(stat, usage.minor_faults) || !take_number(stat, other) || !take_number(stat, usage.major_faults))
+    if (!parse_number(stat, other)) return false;
+  if (!parse_number(stat, usage.minor_faults) || !parse_number(stat, other) || !parse_number(stat, usage.major_faults))
     return false;
   const std::string_view status = contents(status_, buffer);
   return number_after(status, "\nvoluntary_ctxt_switches:", usage.voluntary) &&
@@ -90,20 +91,20 @@ bool UsageSampler::read_counts(ThreadUsage& usage) const {
 bool UsageSampler::read_times(Reading& reading) const {
   std::array<char, 128> buffer;
   ThreadUsage& usage = reading.usage;
-  for (int i = 0; i < kTries && !reading.brief; ++i) {
+  for (int i = 0; i < kMaxTries && !reading.is_consistent; ++i) {
     const std::int64_t before_ns = monotonic_ns();
     timespec cpu{};
     if (clock_gettime(cpu_clock_, &cpu) != 0) return false;
     std::string_view schedstat = contents(schedstat_, buffer);
     const std::int64_t after_ns = monotonic_ns();
     std::uint64_t ran = 0, waited = 0, times_run = 0;
-    if (!take_number(schedstat, ran) || !take_number(schedstat, waited) || !take_number(schedstat, times_run) ||
+    if (!parse_number(schedstat, ran) || !parse_number(schedstat, waited) || !parse_number(schedstat, times_run) ||
         times_run == 0)
       return false;
     usage.cpu_ns = cpu.tv_sec * 1'000'000'000 + cpu.tv_nsec;
     usage.wait_ns = static_cast<std::int64_t>(waited);
     usage.time_ns = before_ns + (after_ns - before_ns) / 2;
-    reading.brief = after_ns - before_ns < kLongestReadingNs && usage.time_ns - usage.counted_ns < kLongestCountsNs;
+    reading.is_consistent = after_ns - before_ns < kMaxReadingNs && usage.time_ns - usage.counted_ns < kMaxCountsNs;
   }
   return true;
 }
@@ -118,14 +119,15 @@ std::optional<UsageSampler::Reading> UsageSampler::read() const {
 void UsageSampler::sample(std::int64_t now_ns) {
   if (now_ns - sampled_ns_ < kPeriodNs) return;
   const std::optional<Reading> reading = read();
-  if (!reading || !reading->brief || (!reading->usage.asleep && now_ns - sampled_ns_ < kLongestNs)) return;
+  if (!reading || !reading->is_consistent || (!reading->usage.asleep && now_ns - sampled_ns_ < kMaxPeriodNs)) return;
   sampled_ns_ = now_ns;
   (void)usages_.push(reading->usage);
 }
 
 void LateCycleClassifier::add(const CycleTimes& cycle) {
   const Cycle added{cycle, newest_ ? newest_->end_ns : cycle.due_ns - 1};
-  // A gap without a late cycle before it: cycles are missing, and differences over the gap say nothing.
+  // If this cycle does not follow the newest one, and that one was not late, cycles are missing. Readings from before
+  // the gap cannot be compared with later ones.
   if (newest_ && !newest_->late() && cycle.due_ns > newest_->deadline_ns) {
     cycles_.clear();
     while (!usages_.empty() && usages_.front().time_ns < cycle.due_ns) usages_.pop_front();
@@ -136,44 +138,45 @@ void LateCycleClassifier::add(const CycleTimes& cycle) {
   if (cycles_.size() > kMaxCycles) cycles_.pop_front();
 }
 
-void LateCycleClassifier::forget_before(std::int64_t time_ns) {
+void LateCycleClassifier::drop_before(std::int64_t time_ns) {
   while (usages_.size() > 1 && usages_[1].time_ns <= time_ns) usages_.pop_front();
   const std::int64_t needed_ns = usages_.empty() ? time_ns : std::min(time_ns, usages_.front().time_ns);
-  while (!cycles_.empty() && cycles_.front().times.end_ns < needed_ns - kSwitchNs) cycles_.pop_front();
+  while (!cycles_.empty() && cycles_.front().times.end_ns < needed_ns - kMaxSwitchNs) cycles_.pop_front();
 }
 
 std::optional<LateVerdict> LateCycleClassifier::next() {
   if (late_.empty()) {
-    if (newest_) forget_before(newest_->end_ns);
+    if (newest_) drop_before(newest_->end_ns);
     return std::nullopt;
   }
   const Cycle late = late_.front();
   const auto after = std::find_if(usages_.begin(), usages_.end(),
                                   [&](const ThreadUsage& usage) { return usage.time_ns >= late.times.end_ns; });
-  const bool forgotten = cycles_.front().times.due_ns > late.times.due_ns;
-  // What the thread did until the second reading must be known, too.
-  const bool known = after != usages_.end() && newest_->end_ns >= after->time_ns;
-  if (!known && !finished_ && !forgotten) return std::nullopt;
+  const bool was_dropped = cycles_.front().times.due_ns > late.times.due_ns;
+  // The cycles up to the second reading must be known, too.
+  const bool is_covered = after != usages_.end() && newest_->end_ns >= after->time_ns;
+  if (!is_covered && !finished_ && !was_dropped) return std::nullopt;
   LateVerdict verdict;
   const std::int64_t from_ns = late.start_ns();
   if (late.delay_ns() >= late.times.end_ns - late.times.deadline_ns) {
-    verdict.late_class = last_class_;  // in time if the cycle before had been
-  } else if (after != usages_.end() && after != usages_.begin() && usages_.front().time_ns <= from_ns && !forgotten) {
+    verdict.late_class = last_class_;  // it would have been in time if the previous cycle had been
+  } else if (after != usages_.end() && after != usages_.begin() && usages_.front().time_ns <= from_ns && !was_dropped) {
     const auto before = std::find_if(std::make_reverse_iterator(after), usages_.rend(),
                                      [&](const ThreadUsage& usage) { return usage.time_ns <= from_ns; });
-    verdict = judge(late, *before, *after);
+    verdict = classify(late, *before, *after);
   }
   verdict.times = late.times;
   last_class_ = verdict.late_class;
   late_.pop_front();
-  forget_before(late_.empty() ? newest_->end_ns : late_.front().times.due_ns);
+  drop_before(late_.empty() ? newest_->end_ns : late_.front().times.due_ns);
   return verdict;
 }
 
-LateVerdict LateCycleClassifier::judge(const Cycle& late, const ThreadUsage& before, const ThreadUsage& after) const {
-  // wake: due, the cycle before ended, and not begun; awake: from then to the cycle's end. Each, in sum, is CPU time,
-  // run-queue wait, blocking and time for which nothing accounts (a late timer, a hypervisor): the four that the
-  // readings tell apart.
+LateVerdict LateCycleClassifier::classify(const Cycle& late, const ThreadUsage& before,
+                                          const ThreadUsage& after) const {
+  // wake_ns: time in which a cycle was due and the previous one had ended, but it had not begun.
+  // awake_ns: time from the begin to the end of a cycle.
+  // Both consist of CPU time, run-queue wait, blocking, and unaccounted time (a late timer, a hypervisor).
   std::int64_t wake_ns = 0, awake_ns = 0;
   std::int64_t longest_other_ns = 0;
   std::int64_t sleeps_min = 0, sleeps_max = 0;
@@ -183,17 +186,17 @@ LateVerdict LateCycleClassifier::judge(const Cycle& late, const ThreadUsage& bef
         overlap(cycle.times.began_ns, cycle.times.end_ns, before.time_ns, after.time_ns);
     awake_ns += cycle_awake_ns;
     if (cycle.times.due_ns != late.times.due_ns) longest_other_ns = std::max(longest_other_ns, cycle_awake_ns);
-    if (cycle.follows_at_once()) continue;
-    const std::int64_t slept_ns = cycle.previous_end_ns, surely_ns = slept_ns + kSwitchNs;
-    if (slept_ns > before.time_ns && surely_ns < after.counted_ns) ++sleeps_min;
-    if (surely_ns > before.counted_ns && slept_ns < after.time_ns) ++sleeps_max;
+    if (cycle.follows_without_sleep()) continue;
+    const std::int64_t sleep_ns = cycle.previous_end_ns, latest_switch_ns = sleep_ns + kMaxSwitchNs;
+    if (sleep_ns > before.time_ns && latest_switch_ns < after.counted_ns) ++sleeps_min;
+    if (latest_switch_ns > before.counted_ns && sleep_ns < after.time_ns) ++sleeps_max;
   }
   if (!before.asleep || newest_->end_ns < after.time_ns) ++sleeps_max;
   if (!after.asleep) --sleeps_min;
   const std::int64_t half_ns = (late.times.deadline_ns - late.times.due_ns) / 2;
   const std::int64_t late_awake_ns = late.times.end_ns - late.times.began_ns;
   const std::int64_t late_wake_ns = late.times.began_ns - late.start_ns();
-  const std::int64_t others_ns = awake_ns - late_awake_ns;
+  const std::int64_t other_awake_ns = awake_ns - late_awake_ns;
 
   LateVerdict verdict;
   verdict.cpu_ns = after.cpu_ns - before.cpu_ns;
@@ -203,32 +206,33 @@ LateVerdict LateCycleClassifier::judge(const Cycle& late, const ThreadUsage& bef
   const auto switches = static_cast<std::int64_t>(after.voluntary - before.voluntary);
   const bool may_have_blocked = switches > sleeps_min;
   verdict.blocked = static_cast<std::uint64_t>(std::max<std::int64_t>(0, switches - sleeps_max));
-  // A switch has no length: it explains the late cycle where no other cycle was long.
+  // The duration of a blocking is unknown. It explains the late cycle only if no other cycle was long.
   const bool has_blocked = verdict.blocked > 0 && longest_other_ns <= half_ns;
 
-  // Of the time awake, what is not the thread's own: neither CPU time nor blocking. If nothing blocked it is all that
-  // is not CPU time; otherwise run-queue wait alone can be, and at least that which no wake-up can have taken.
+  // Foreign time is the part of awake_ns that is neither CPU time nor blocking. If the thread did not block, it is all
+  // time off the CPU. Otherwise it is at most the run-queue wait, and at least the run-queue wait minus wake_ns.
   const std::int64_t off_cpu_ns = std::max<std::int64_t>(0, awake_ns - verdict.cpu_ns);
-  const std::int64_t foreign_min =
+  const std::int64_t foreign_min_ns =
       may_have_blocked ? std::clamp<std::int64_t>(verdict.wait_ns - wake_ns, 0, off_cpu_ns) : off_cpu_ns;
-  const std::int64_t foreign_max = has_blocked ? std::min(verdict.wait_ns, off_cpu_ns) : off_cpu_ns;
-  const std::int64_t foreign_of_late = std::max<std::int64_t>(0, foreign_min - others_ns);
-  verdict.own_ns = std::max<std::int64_t>(0, late_awake_ns - foreign_max);
-  const std::int64_t own_max = late_awake_ns - foreign_of_late;
+  const std::int64_t foreign_max_ns = has_blocked ? std::min(verdict.wait_ns, off_cpu_ns) : off_cpu_ns;
+  const std::int64_t late_foreign_ns = std::max<std::int64_t>(0, foreign_min_ns - other_awake_ns);
+  verdict.own_ns = std::max<std::int64_t>(0, late_awake_ns - foreign_max_ns);
+  const std::int64_t own_max_ns = late_awake_ns - late_foreign_ns;
 
   if (verdict.own_ns > half_ns) {
     verdict.late_class = LateClass::kOverrun;
     return verdict;
   }
-  if (own_max > half_ns) return verdict;
-  // Not its own. It is run-queue wait, less what nothing accounts for, wherever in these cycles that was. CPU time
-  // beyond the time awake was charged to the thread while it woke: interrupts, or a hypervisor.
-  const std::int64_t nothing_ns =
+  if (own_max_ns > half_ns) return verdict;
+  // The late cycle's own time does not explain it. Its run-queue wait is at least its wake time and foreign time minus
+  // all unaccounted time of these cycles. CPU time beyond awake_ns was counted before the thread ran: interrupts, or a
+  // hypervisor.
+  const std::int64_t unaccounted_ns =
       std::max<std::int64_t>(0, wake_ns + awake_ns - std::min(verdict.cpu_ns, awake_ns) - verdict.wait_ns);
-  const std::int64_t unaccounted_max = has_blocked ? std::min(nothing_ns, wake_ns) : nothing_ns;
-  const std::int64_t wait_of_late = late_wake_ns + foreign_of_late - unaccounted_max;
+  const std::int64_t unaccounted_max_ns = has_blocked ? std::min(unaccounted_ns, wake_ns) : unaccounted_ns;
+  const std::int64_t late_wait_ns = late_wake_ns + late_foreign_ns - unaccounted_max_ns;
   const std::int64_t lateness_ns = late.times.end_ns - late.times.deadline_ns - late.delay_ns();
-  if (wait_of_late >= lateness_ns) verdict.late_class = LateClass::kPreempted;
+  if (late_wait_ns >= lateness_ns) verdict.late_class = LateClass::kPreempted;
   return verdict;
 }
 

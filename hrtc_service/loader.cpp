@@ -12,8 +12,8 @@ namespace tactus::hrtc_service {
 namespace {
 
 constexpr double kNsPerS = 1e9;
-// After this age, a prediction is repeated even if the tips have hardly moved.
-constexpr std::int64_t kStaleNs = 50'000'000;
+// A prediction of this age is repeated even if no probe has moved.
+constexpr std::int64_t kMaxPredictionAgeNs = 50'000'000;
 constexpr double kMinDamping = 3e-3;  // s, times a body's stiffness; docs/explanation/shared-objects.md
 
 spm::fcl::WorldBox world_box(const spm::CellBox& box, const Placement& placement) {
@@ -57,13 +57,13 @@ void Loader::open(const session::CatalogueEntry& entry) {
     const bool same = known->second->summary.digest == entry.summary.digest;
     if (same && !known->second->withdrawn) return;
     if (!same && !known->second->withdrawn)
-      say("object " + entry.object + ": host " + entry.host +
-          " offers a different model under the same name; ignored as long as the first is there");
+      report_event("object " + entry.object + ": host " + entry.host +
+                   " offers a different model under the same name; ignored until the first model is withdrawn");
     return postpone(entry);
   }
   if (objects_.size() == kMaxObjects) {
-    say("object " + entry.object + ": ignored as long as there are " + std::to_string(kMaxObjects) +
-        " others, the most in one HRTC");
+    report_event("object " + entry.object + ": ignored while there are " + std::to_string(kMaxObjects) +
+                 " others, the maximum of an HRTC");
     return postpone(entry);
   }
   auto object = std::make_unique<Object>();
@@ -75,15 +75,16 @@ void Loader::open(const session::CatalogueEntry& entry) {
   object->summary = entry.summary;
   Object& added = *object;
   objects_[entry.object_id] = std::move(object);
-  if (!take_directory(added)) return;
+  if (!reserve_directory(added)) return;
   delivery_.open(entry.object_id, entry.summary.digest);
   if (on_object_found) on_object_found(entry);
-  say("object " + entry.object + " found at host " + entry.host + ": " + std::to_string(entry.summary.faces) +
-      " faces, " + std::to_string(entry.summary.regions) + " regions");
+  report_event("object " + entry.object + " found at host " + entry.host + ": " + std::to_string(entry.summary.faces) +
+               " faces, " + std::to_string(entry.summary.regions) + " regions");
 }
 
-/// False when it does not fit. A base mesh above the bound of incomplete messages would be dropped again and again.
-bool Loader::take_directory(Object& object) {
+/// Reserves memory for the directory of an object. Returns false and marks the object as refused if it does not fit, or
+/// if its base mesh is larger than `max_partial_bytes`, so that it could never be assembled.
+bool Loader::reserve_directory(Object& object) {
   const auto mib = [](std::uint64_t bytes) { return static_cast<double>(bytes) / (1 << 20); };
   if (object.entry.base_bytes > settings_.delivery.max_partial_bytes) {
     object.refused = true;
@@ -91,13 +92,14 @@ bool Loader::take_directory(Object& object) {
     char sizes[128];
     std::snprintf(sizes, sizeof sizes, "of %.1f MiB is larger than an HRTC assembles, %.1f MiB",
                   mib(object.entry.base_bytes), mib(settings_.delivery.max_partial_bytes));
-    say("object " + object.info.name + ": refused, its base mesh " + sizes + "; build the model with a smaller one");
+    report_event("object " + object.info.name + ": refused, its base mesh " + sizes +
+                 "; build the model with a smaller one");
     return false;
   }
   const std::uint64_t takes = spm::directory_bytes(object.summary, pool_.settings);
-  const std::uint64_t left = settings_.directory_bytes - directories_;
+  const std::uint64_t left = settings_.directory_bytes - directory_bytes_;
   if (takes <= left) {
-    directories_ += takes;
+    directory_bytes_ += takes;
     return true;
   }
   object.refused = true;
@@ -105,8 +107,8 @@ bool Loader::take_directory(Object& object) {
   char sizes[128];
   std::snprintf(sizes, sizeof sizes, "takes %.1f MiB, %.1f of %.1f MiB are left", mib(takes), mib(left),
                 mib(settings_.directory_bytes));
-  say("object " + object.info.name + ": refused, its directory of " + std::to_string(object.summary.regions) +
-      " regions " + sizes + "; raise --memory");
+  report_event("object " + object.info.name + ": refused, its directory of " + std::to_string(object.summary.regions) +
+               " regions " + sizes + "; raise --memory");
   return false;
 }
 
@@ -129,20 +131,20 @@ void Loader::drop_parked(const Object& object) {
       parked_.end());
 }
 
-/// An object that is not shown yet is removed with the last host that offers it.
+/// Removes the objects without a base mesh that no host offers any more.
 void Loader::forget_unoffered(std::int64_t now_ns) {
-  constexpr std::int64_t kLookNs = 1'000'000'000;
-  if (now_ns - looked_at_offers_ns_ < kLookNs) return;
-  looked_at_offers_ns_ = now_ns;
+  constexpr std::int64_t kOfferCheckNs = 1'000'000'000;
+  if (now_ns - offers_checked_ns_ < kOfferCheckNs) return;
+  offers_checked_ns_ = now_ns;
   std::vector<std::uint64_t> unoffered;
   for (const auto& [id, object] : objects_)
     if (!object->ready && !delivery_.offered(id, object->info.digest)) unoffered.push_back(id);
   for (const std::uint64_t id : unoffered) {
     Object& object = *objects_.at(id);
-    say("object " + object.info.name + ": no host offers it any more");
+    report_event("object " + object.info.name + ": no host offers it any more");
     delivery_.close(id);
     drop_parked(object);
-    if (!object.refused) directories_ -= spm::directory_bytes(object.summary, pool_.settings);
+    if (!object.refused) directory_bytes_ -= spm::directory_bytes(object.summary, pool_.settings);
     forget(object);
   }
   if (!unoffered.empty()) open_postponed();
@@ -165,22 +167,23 @@ void Loader::on_chunk(const session::BulkChunk& chunk, std::int64_t now_ns) {
     const auto found = objects_.find(message.object_id);
     if (found == objects_.end()) continue;
     if (message.kind == session::BulkKind::kBase) {
-      take_base(*found->second, std::exchange(message.bytes, {}));
+      on_base_mesh(*found->second, std::exchange(message.bytes, {}));
       malloc_trim(0);  // the temporary memory of a base mesh is as large as the mesh
     } else {
-      take(*found->second, std::move(message), now_ns);
+      on_region(*found->second, std::move(message), now_ns);
     }
-    hand_over();
+    push_arrivals();
   }
 }
 
-void Loader::take_base(Object& object, const std::vector<std::uint8_t>& bytes) {
+void Loader::on_base_mesh(Object& object, const std::vector<std::uint8_t>& bytes) {
   auto decoded = spm::codec::decode_base(std::span<const std::uint8_t>{bytes});
   if (!decoded || decoded->mesh.summary.digest != object.info.digest ||
       decoded->mesh.summary.regions != object.summary.regions ||
       decoded->mesh.summary.records != object.summary.records) {
     ++figures_.decode_errors;
-    say("object " + object.info.name + ": base mesh refused: " + (decoded ? "another model's" : decoded.error().text));
+    report_event("object " + object.info.name +
+                 ": base mesh refused: " + (decoded ? "another model's" : decoded.error().text));
     delivery_.base_refused(object.info.id);
     return;
   }
@@ -194,11 +197,11 @@ void Loader::take_base(Object& object, const std::vector<std::uint8_t>& bytes) {
   if (!admitted.fits) {
     if (!object.refused) {
       ++figures_.objects_refused;
-      directories_ -= spm::directory_bytes(object.summary, pool_.settings);
-      say("object " + object.info.name + ": refused, its base mesh takes " +
-          std::to_string(spm::Cache::slots_for_base(base)) + " slots and " + std::to_string(nodes) +
-          " tree nodes, the pool has " + std::to_string(free_before) + " and " + std::to_string(nodes_free) +
-          " free; raise --memory or --pool");
+      directory_bytes_ -= spm::directory_bytes(object.summary, pool_.settings);
+      report_event("object " + object.info.name + ": refused, its base mesh takes " +
+                   std::to_string(spm::Cache::slots_for_base(base)) + " slots and " + std::to_string(nodes) +
+                   " tree nodes, the pool has " + std::to_string(free_before) + " and " + std::to_string(nodes_free) +
+                   " free; raise --memory or --pool");
     }
     object.refused = true;
     return delivery_.base_held(object.info.id);  // another request would change nothing
@@ -215,9 +218,9 @@ void Loader::take_base(Object& object, const std::vector<std::uint8_t>& bytes) {
   std::uint32_t largest = 0;
   for (const spm::Region& region : base.regions) largest = std::max(largest, region.part_count);
   if (largest > pool_.settings.slots - base_slots_)
-    say("object " + object.info.name + ": stays coarse in places, for its largest region takes " +
-        std::to_string(largest) + " slots, the pool has " + std::to_string(pool_.settings.slots - base_slots_) +
-        " beside base meshes; raise --memory or --pool");
+    report_event("object " + object.info.name + ": stays coarse in places, for its largest region takes " +
+                 std::to_string(largest) + " slots, the pool has " +
+                 std::to_string(pool_.settings.slots - base_slots_) + " beside base meshes; raise --memory or --pool");
   TouchObject& touch = object.touch;
   touch.index = object.info.index;
   touch.id = object.info.id;
@@ -244,130 +247,133 @@ void Loader::take_base(Object& object, const std::vector<std::uint8_t>& bytes) {
   by_index_[touch.index] = &object;
   active_.push_back(&object);
   object.ready = true;
-  predicted_ns_ = predict_next_ns_ = 0;
-  waiting_.push_back({Arrival::Kind::kObject, &touch, {}, {}});
+  last_prediction_ns_ = next_prediction_ns_ = 0;
+  pending_arrivals_.push_back({Arrival::Kind::kObject, &touch, {}, {}});
   if (on_object) on_object(touch);
   delivery_.base_held(object.info.id);
 }
 
-/// Whether the last prediction is still good enough: the tips have hardly moved since, or a new one would exceed its
-/// share of the time. (On an overloaded machine loading takes longer, so prediction must look further ahead.)
-bool Loader::still_ahead(std::int64_t now_ns, const std::array<ProbeSight, kMaxProbes>& sights) const {
-  constexpr double kHardly = 0.1;  // of the tip's radius
-  bool moved = now_ns - predicted_ns_ >= kStaleNs;
+/// Returns whether the last prediction is still good enough: the probes have hardly moved since, or a new prediction
+/// would exceed its share of the time.
+bool Loader::prediction_is_current(std::int64_t now_ns, const std::array<ReportedProbe, kMaxProbes>& probes) const {
+  constexpr double kMaxMotion = 0.1;  // tip radii
+  bool moved = now_ns - last_prediction_ns_ >= kMaxPredictionAgeNs;
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
-    const ProbeSight &before = predicted_for_[i], &sight = sights[i];
-    if (sight.active != before.active || sight.in_contact != before.in_contact) return false;
-    moved = moved || (sight.active && !(this->moved(sight, before) <= kHardly * settings_.radius));
+    const ReportedProbe &before = predicted_probes_[i], &probe = probes[i];
+    if (probe.active != before.active || probe.in_contact != before.in_contact) return false;
+    moved = moved || (probe.active && !(displacement(probe, before) <= kMaxMotion * settings_.radius));
   }
-  return !moved || now_ns < predict_next_ns_;
+  return !moved || now_ns < next_prediction_ns_;
 }
 
-/// World. The reported pose for a tool, the device's position for a tip.
-Vec3d Loader::centre(const ProbeSight& sight, const spm::ProbeSphere& sphere) const noexcept {
-  return settings_.tool == nullptr ? sight.device : Vec3d{sight.proxy + sight.orientation * sphere.centre};
+/// Returns the centre of one sphere of a probe, world frame: relative to the reported pose of a tool, or the device's
+/// position for a tip.
+Vec3d Loader::sphere_centre(const ReportedProbe& probe, const spm::ProbeSphere& sphere) const noexcept {
+  return settings_.tool == nullptr ? probe.device : Vec3d{probe.proxy + probe.orientation * sphere.centre};
 }
 
-/// The spheres of a probe in the frame of an object with that placement.
-std::span<const spm::PlacedSphere> Loader::spheres(const ProbeSight& sight, const Placement& placement,
+/// Returns the spheres of a probe in the model frame of an object with that placement. `out` is their storage.
+std::span<const spm::PlacedSphere> Loader::spheres(const ReportedProbe& probe, const Placement& placement,
                                                    PlacedSpheres& out) const noexcept {
   const std::span<const spm::ProbeSphere> spheres = shape_.spheres();
   std::transform(spheres.begin(), spheres.end(), out.begin(), [&](const spm::ProbeSphere& sphere) {
-    return placed({centre(sight, sphere), Vec3d::Zero(), sphere.radius}, placement);
+    return placed({sphere_centre(probe, sphere), Vec3d::Zero(), sphere.radius}, placement);
   });
   return {out.data(), spheres.size()};
 }
 
-/// m; the largest displacement.
-double Loader::moved(const ProbeSight& sight, const ProbeSight& before) const noexcept {
+/// Returns the largest displacement of a sphere of the probe, m.
+double Loader::displacement(const ReportedProbe& probe, const ReportedProbe& before) const noexcept {
   double furthest = 0;
   for (const spm::ProbeSphere& sphere : shape_.spheres())
-    furthest = std::max(furthest, (centre(sight, sphere) - centre(before, sphere)).norm());
+    furthest = std::max(furthest, (sphere_centre(probe, sphere) - sphere_centre(before, sphere)).norm());
   return furthest;
 }
 
-void Loader::observe(Object& object, const std::array<ProbeSight, kMaxProbes>& sights) const {
+void Loader::observe(Object& object, const std::array<ReportedProbe, kMaxProbes>& probes) const {
   PlacedSpheres out;
   for (std::uint32_t i = 0; i < kMaxProbes; ++i)
-    if (sights[i].active)
-      object.predictors[i].observe(static_cast<double>(sights[i].time_ns) / kNsPerS,
-                                   spheres(sights[i], object.placement, out), sights[i].in_contact);
+    if (probes[i].active)
+      object.predictors[i].observe(static_cast<double>(probes[i].time_ns) / kNsPerS,
+                                   spheres(probes[i], object.placement, out), probes[i].in_contact);
 }
 
-/// s; the horizon of the prediction.
-double Loader::lead(double round_trip) const {
-  // A demand waits for its due time, its answer for the next tick and cycle.
+/// Returns the horizon of the prediction, s.
+double Loader::horizon(double round_trip) const {
+  // A demand waits until it is due, and its answer until the next tick and cycle.
   constexpr double kTurnaround = 0.015;  // s
   return std::clamp(1.25 * round_trip + kTurnaround, settings_.min_lead, settings_.max_lead);
 }
 
-void Loader::predict(std::int64_t now_ns, const std::array<ProbeSight, kMaxProbes>& sights) {
-  constexpr std::int64_t kRest = 20;  // times the duration
-  constexpr double kMaxRest = 0.25;   // of the horizon
+void Loader::predict(std::int64_t now_ns, const std::array<ReportedProbe, kMaxProbes>& probes) {
+  constexpr std::int64_t kPauseFactor = 20;  // pause until the next prediction / duration of this one
+  constexpr double kMaxPauseShare = 0.25;    // max pause / horizon
   const auto clock_ns = [this] { return settings_.clock == nullptr ? 0 : settings_.clock(); };
   const std::int64_t began = clock_ns();
   const double round_trip = static_cast<double>(delivery_.round_trip_ns()) / kNsPerS;
-  const double ahead = lead(round_trip);
-  predicted_ns_ = now_ns;
-  predicted_for_ = sights;
-  prospects_.clear();
-  for (Object* object : active_) predict(*object, sights, round_trip, ahead);
-  predict_next_ns_ =
-      now_ns + std::min(kRest * (clock_ns() - began), static_cast<std::int64_t>(kMaxRest * ahead * kNsPerS));
+  const double ahead = horizon(round_trip);
+  last_prediction_ns_ = now_ns;
+  predicted_probes_ = probes;
+  predicted_contacts_.clear();
+  for (Object* object : active_) predict(*object, probes, round_trip, ahead);
+  next_prediction_ns_ = now_ns + std::min(kPauseFactor * (clock_ns() - began),
+                                          static_cast<std::int64_t>(kMaxPauseShare * ahead * kNsPerS));
 }
 
-void Loader::predict(Object& object, const std::array<ProbeSight, kMaxProbes>& sights, double round_trip, double lead) {
+void Loader::predict(Object& object, const std::array<ReportedProbe, kMaxProbes>& probes, double round_trip,
+                     double lead) {
   const Placement& placement = object.placement;
-  met_.clear();
+  predicted_regions_.clear();
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
-    const ProbeSight& sight = sights[i];
-    if (!sight.active) continue;
-    object.predictors[i].predict(lead, met_);
-    // The proxy lags behind a device that is pressed in, and must stand on the finest surface too.
-    if (sight.in_contact && settings_.tool == nullptr)
-      object.grid().for_each_meeting(placement.to_model(sight.proxy),
+    const ReportedProbe& probe = probes[i];
+    if (!probe.active) continue;
+    object.predictors[i].predict(lead, predicted_regions_);
+    // The proxy of a device pressed into a surface is elsewhere. The surface around it must be the finest, too.
+    if (probe.in_contact && settings_.tool == nullptr)
+      object.grid().for_each_meeting(placement.to_model(probe.proxy),
                                      (settings_.radius + settings_.margin) / placement.scale(),
                                      [&](spm::RegionId region, double) {
-                                       met_.add({region, 0, lead, 0});
+                                       predicted_regions_.add({region, 0, lead, 0});
                                      });
   }
-  predict_under_bodies(object, sights, lead);
-  met_.sort();
-  std::vector<spm::PredictedRegion> met{met_.entries().begin(), met_.entries().end()};
-  std::sort(met.begin(), met.end(), [](const auto& a, const auto& b) { return a.region < b.region; });
+  predict_under_bodies(object, probes, lead);
+  predicted_regions_.sort();
+  std::vector<spm::PredictedRegion> predicted{predicted_regions_.entries().begin(), predicted_regions_.entries().end()};
+  std::sort(predicted.begin(), predicted.end(), [](const auto& a, const auto& b) { return a.region < b.region; });
 
-  auto next = met.begin();
-  for (auto wish = object.wishes.begin(); wish != object.wishes.end();) {
-    while (next != met.end() && spm::index(next->region) < wish->first) ++next;
-    const bool still = next != met.end() && spm::index(next->region) == wish->first;
-    wish = still ? std::next(wish) : object.wishes.erase(wish);
+  auto next = predicted.begin();
+  for (auto wanted_region = object.wanted_regions.begin(); wanted_region != object.wanted_regions.end();) {
+    while (next != predicted.end() && spm::index(next->region) < wanted_region->first) ++next;
+    const bool still = next != predicted.end() && spm::index(next->region) == wanted_region->first;
+    wanted_region = still ? std::next(wanted_region) : object.wanted_regions.erase(wanted_region);
   }
-  for (const spm::PredictedRegion& region : met) {
-    // A region that cannot arrive before the tip leaves it comes last.
-    constexpr double kTooLate = 1e3;
+  for (const spm::PredictedRegion& region : predicted) {
+    // A region that cannot arrive before the contact ends is requested last.
+    constexpr double kTooLatePenalty = 1e3;
     const std::uint32_t number = spm::index(region.region);
-    const bool in_time = !object.notes[number].absent() || region.contact_until >= round_trip;
-    prospects_.push_back({region.doubt + (in_time ? 0 : kTooLate),
-                          in_time ? region.contact_in : lead + region.contact_in, region.contact_in, &object, number,
-                          &object.wishes[number]});
+    const bool in_time = !object.notes[number].is_absent() || region.contact_until >= round_trip;
+    predicted_contacts_.push_back({region.doubt + (in_time ? 0 : kTooLatePenalty),
+                                   in_time ? region.contact_in : lead + region.contact_in, region.contact_in, &object,
+                                   number, &object.wanted_regions[number]});
   }
 }
 
-void Loader::predict_under_bodies(const Object& object, const std::array<ProbeSight, kMaxProbes>& sights, double lead) {
+void Loader::predict_under_bodies(const Object& object, const std::array<ReportedProbe, kMaxProbes>& probes,
+                                  double lead) {
   if (object.touch.body) return;
-  const auto hand_near = [&](const Vec3d& point, double distance) {
-    return std::any_of(sights.begin(), sights.end(), [&](const ProbeSight& sight) {
-      return sight.active && (sight.device - point).squaredNorm() < distance * distance;
+  const auto has_hand_near = [&](const Vec3d& point, double distance) {
+    return std::any_of(probes.begin(), probes.end(), [&](const ReportedProbe& probe) {
+      return probe.active && (probe.device - point).squaredNorm() < distance * distance;
     });
   };
   for (const Object* const other : active_)
     if (other->touch.body)
-      for_each_place_under(*other->touch.body, other->placement, object.touch.bounds, object.placement, hand_near,
-                           [&](const Vec3d& place, double radius) {
-                             object.grid().for_each_meeting(place, radius, [&](spm::RegionId region, double) {
-                               met_.add({region, 0, lead, 0});
-                             });
-                           });
+      for_each_sphere_under(*other->touch.body, other->placement, object.touch.bounds, object.placement, has_hand_near,
+                            [&](const Vec3d& place, double radius) {
+                              object.grid().for_each_meeting(place, radius, [&](spm::RegionId region, double) {
+                                predicted_regions_.add({region, 0, lead, 0});
+                              });
+                            });
 }
 
 void Loader::on_moved(std::uint32_t object_index, const Placement& placement) {
@@ -375,50 +381,51 @@ void Loader::on_moved(std::uint32_t object_index, const Placement& placement) {
   Object& object = *by_index_[object_index];
   object.placement = placement;
   if (object.withdrawn) return;
-  predicted_ns_ = 0;  // a tip at rest may be touched
+  last_prediction_ns_ = 0;  // the object may now touch a tip at rest
   broad_phase_.put(object_index, world_box(object.touch.bounds, placement));
 }
 
-void Loader::hand_over() {
-  while (!waiting_.empty() && arrivals_.push(waiting_.front())) waiting_.pop_front();
+void Loader::push_arrivals() {
+  while (!pending_arrivals_.empty() && arrivals_.push(pending_arrivals_.front())) pending_arrivals_.pop_front();
 }
 
-void Loader::find_near(const std::array<ProbeSight, kMaxProbes>& sights, std::array<NearObjects, kMaxProbes>& near) {
+void Loader::find_near(const std::array<ReportedProbe, kMaxProbes>& probes, std::array<NearObjects, kMaxProbes>& near) {
   near.fill({});
-  std::uint64_t sought = 0;
-  for (const Object* object : active_) sought |= std::uint64_t{1} << object->info.index;
+  std::uint64_t searched = 0;
+  for (const Object* object : active_) searched |= std::uint64_t{1} << object->info.index;
   std::vector<spm::fcl::ProbeSphere> spheres;
   std::vector<std::uint32_t> numbers;
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
-    if (!sights[i].active || !sights[i].device.allFinite()) continue;
-    near[i] = {0, sought, plain(sights[i].device), settings_.near_distance / 2};  // the proxy lags behind the device
+    if (!probes[i].active || !probes[i].device.allFinite()) continue;
+    // The other half covers the distance between device and proxy.
+    near[i] = {0, searched, plain(probes[i].device), settings_.near_distance / 2};
     const double reach = std::max(settings_.radius, shape_.reach());
-    spheres.push_back({sights[i].device, reach + settings_.near_distance});
+    spheres.push_back({probes[i].device, reach + settings_.near_distance});
     numbers.push_back(i);
   }
   for (const spm::fcl::NearPair& pair : broad_phase_.near(std::span<const spm::fcl::ProbeSphere>{spheres}))
     near[numbers[pair.probe]].found |= std::uint64_t{1} << pair.object;
 }
 
-void Loader::tick(std::int64_t now_ns, const std::array<ProbeSight, kMaxProbes>& sights,
+void Loader::tick(std::int64_t now_ns, const std::array<ReportedProbe, kMaxProbes>& probes,
                   std::array<NearObjects, kMaxProbes>& near) {
-  take_departures();
-  take_released();
-  take_parked(now_ns);
+  process_departures();
+  collect_released();
+  store_parked(now_ns);
   forget_unoffered(now_ns);
-  for (Object* object : active_) observe(*object, sights);
+  for (Object* object : active_) observe(*object, probes);
   constexpr std::int64_t kAtRestNs = 100'000'000;
-  if (!still_ahead(now_ns, sights)) {
-    if (now_ns - predicted_ns_ < kStaleNs) moved_ns_ = now_ns;
-    predict(now_ns, sights);
+  if (!prediction_is_current(now_ns, probes)) {
+    if (now_ns - last_prediction_ns_ < kMaxPredictionAgeNs) last_motion_ns_ = now_ns;
+    predict(now_ns, probes);
   }
-  want(now_ns);
-  at_rest_ = needed_ == 0 && now_ns - moved_ns_ >= kAtRestNs;
+  request_wanted(now_ns);
+  at_rest_ = blocks_needed_ == 0 && now_ns - last_motion_ns_ >= kAtRestNs;
   find_eviction_candidates();
-  show_due();
+  load_soonest();
   coarsen();
-  hand_over();
-  find_near(sights, near);
+  push_arrivals();
+  find_near(probes, near);
 }
 
 LoaderFigures Loader::figures() const {
@@ -429,11 +436,12 @@ LoaderFigures Loader::figures() const {
   figures.compressed_limit = store_.blocks();
   for (const Object* object : active_) {
     figures.regions_held += object->held.size();
-    figures.regions_shown += object->shown.size();
+    figures.regions_loaded += object->loaded.size();
   }
   figures.regions_held += eviction_candidates_.size();
-  for (const Place& eviction_candidate : eviction_candidates_)
-    figures.regions_spare += eviction_candidate.object->notes[eviction_candidate.region].kept() == Kept::kSpare ? 1 : 0;
+  for (const RegionRef& candidate : eviction_candidates_)
+    figures.regions_evictable +=
+        candidate.object->notes[candidate.region].store_state() == StoreState::kEvictable ? 1 : 0;
   return figures;
 }
 
@@ -443,22 +451,22 @@ std::vector<Loader::ObjectInfo> Loader::objects() const {
   return infos;
 }
 
-std::vector<Loader::ObjectInfo> Loader::leaving() const {
+std::vector<Loader::ObjectInfo> Loader::withdrawn_objects() const {
   std::vector<ObjectInfo> infos;
   for (const Object* object : by_index_)
     if (object != nullptr && object->withdrawn) infos.push_back(object->info);
   return infos;
 }
 
-std::vector<std::uint32_t> Loader::regions_met(std::uint32_t object_index,
-                                               const std::array<ProbeSight, kMaxProbes>& sights) const {
+std::vector<std::uint32_t> Loader::regions_at_probes(std::uint32_t object_index,
+                                                     const std::array<ReportedProbe, kMaxProbes>& probes) const {
   std::vector<std::uint32_t> met;
   const Object& object = *by_index_[object_index];
   const Placement& placement = object.placement;
   PlacedSpheres out;
-  for (const ProbeSight& sight : sights)
-    if (sight.active)
-      for (const spm::PlacedSphere& sphere : spheres(sight, placement, out))
+  for (const ReportedProbe& probe : probes)
+    if (probe.active)
+      for (const spm::PlacedSphere& sphere : spheres(probe, placement, out))
         object.grid().for_each_meeting(sphere.centre, sphere.radius,
                                        [&](spm::RegionId region, double) { met.push_back(spm::index(region)); });
   return met;
@@ -467,7 +475,7 @@ std::vector<std::uint32_t> Loader::regions_met(std::uint32_t object_index,
 std::vector<std::uint32_t> Loader::predicted(std::uint32_t object_index) const {
   std::vector<std::uint32_t> regions;
   if (object_index < kMaxObjects && by_index_[object_index] != nullptr)
-    for (const auto& [region, wish] : by_index_[object_index]->wishes) regions.push_back(region);
+    for (const auto& [region, wanted_region] : by_index_[object_index]->wanted_regions) regions.push_back(region);
   return regions;
 }
 

@@ -1,24 +1,26 @@
-/// The regions that an HRTC holds: it requests those that probes will meet, stores them compressed as they arrive,
-/// decodes those that probes meet next into the pool, and evicts those that no probe needs.
+/// Requests the regions that probes will touch, stores them compressed, decodes the ones touched soonest into the pool,
+/// and evicts regions that no probe needs.
 ///
-///   catalogue, chunks -> [assemble] -> store -> [decode, slots] -> arrivals ring -> haptic thread
-///   probe sights -> [predict] -> demand               departures ring <-
+///   catalogue, chunks -> [assemble] -> store -> [decode] -> arrivals ring -> haptic thread
+///   reported probes -> [predict] -> demand               departures ring <-
 ///
-/// Demands publish the content of the store (`have`). The pool is a cache of the store: it gets the regions that are
-/// met soonest, and a region that leaves the pool stays in the store, so that no force waits for the network.
+/// The store is the compressed cache. Demands list its regions (`have`). The pool is a cache of the store. A region
+/// that leaves the pool remains in the store, so it can be loaded again without the network.
 ///
-/// A region leaves the store in two steps. A region that nobody has wanted for long is left out of `have` before its
-/// room is needed. Once the host has echoed that, the region is spare: it is still stored, it is taken back if it is
-/// wanted again, and it is freed when room is needed. The host gets credit for the free room and for the regions left
-/// out of `have`, and no more. Its echo arrives before the data that it sends on that credit, so the loader never
-/// evicts a region that the host counts as present.
+/// The loader evicts a region from the store in two steps:
+///  1. It retires the region: demands no longer list it in `have`.
+///  2. When the host has echoed such a demand, the region is evictable. The loader frees it only when it needs memory.
+/// If a probe needs the region again before that, the eviction is cancelled.
 ///
-/// An object is withdrawn when a host says so, in the catalogue or by leaving, and no other host offers it. It leaves
-/// at once for predictions and demands; its memory is freed once the haptic thread has given it back. An object whose
-/// hosts only fell silent stays, frozen at what is loaded: a user may be touching it, and a host may come back.
+/// The host gets credit only for the blocks that are free or belong to retired regions. Its echo arrives before the
+/// data that it sends on that credit. So the loader never evicts a region that the host counts as present.
 ///
-/// One thread, not the haptic one. Allocates while decoding; what it keeps is bounded by pool and store and by the
-/// number of regions of its objects.
+/// An object is withdrawn when its last host withdraws it or sends a leave message. Predictions and demands then omit
+/// it at once. Its memory is freed when the haptic thread has returned it. If its hosts are only silent, the object
+/// remains with the loaded regions, because a user may be touching it and a host may come back.
+///
+/// One thread, not the haptic one. Allocates while decoding. Memory is bounded by pool, store and the number of regions
+/// of the objects.
 #pragma once
 
 #include <boost/lockfree/spsc_queue.hpp>
@@ -42,52 +44,55 @@
 
 namespace tactus::hrtc_service {
 
-/// The newest state of a probe, as the haptic thread reports it.
-struct ProbeSight {
+/// Newest state of a probe from the reports of the haptic thread. World frame.
+struct ReportedProbe {
   bool active = false;
   bool in_contact = false;
   std::int64_t time_ns = 0;
   Vec3d device = Vec3d::Zero();
-  Vec3d proxy = Vec3d::Zero();  ///< where the force comes from, while in contact; always where a tool is
-  Eigen::Quaterniond orientation = Eigen::Quaterniond::Identity();  ///< of the tool
+  Vec3d proxy = Vec3d::Zero();  ///< proxy of a tip, valid while `in_contact`; position of a tool, always valid
+  Eigen::Quaterniond orientation = Eigen::Quaterniond::Identity();  ///< orientation of the tool
 };
 
 struct LoaderSettings {
-  double radius = 0.003;  ///< m, of the tips
-  /// The tool that every probe holds instead of a sphere, m. Null: a sphere.
+  double radius = 0.003;  ///< radius of the tips, m
+  /// Tool of every probe, m. Null: every probe is a sphere.
   const spm::MeshProbe* tool = nullptr;
   spm::Strategy strategy = spm::Strategy::kMixture;
-  double margin = 0.0005;      ///< m; cells this near to a tip's path are loaded
-  double min_speed = 0.05;     ///< m/s; a tip at rest is expected to start with this
-  double near_distance = 0.1;  ///< m; objects within are offered to the haptic thread's queries
-  double min_lead = 0.02;      ///< s; prediction looks at least this far ahead, more when loading takes longer
-  double max_lead = 0.5;       ///< s
-  std::int64_t idle_before_spare_ns = 300'000'000;  ///< until an unwanted region becomes spare, at most
-  bool keep_unwanted = true;                        ///< false: an unwanted region is evicted at once
-  /// ns; measures the cost of prediction, which is limited to a share of the time. Null: the cost counts as 0.
+  double margin = 0.0005;      ///< max distance of a predicted region from a tip's path, m
+  double min_speed = 0.05;     ///< speed that the prediction assumes for a tip at rest, m/s
+  double near_distance = 0.1;  ///< max distance from a probe to the objects that the haptic thread queries, m
+  double min_lead = 0.02;      ///< min prediction horizon, s; a longer round trip extends it
+  double max_lead = 0.5;       ///< max prediction horizon, s
+  /// Regions that were wanted within this time are evicted after all others. Contacts separated by less time belong to
+  /// one visit.
+  std::int64_t recently_wanted_ns = 300'000'000;
+  bool retain_unwanted = true;  ///< false: an unwanted region is evicted at once
+  /// Clock for the cost of prediction, ns. The loader limits that cost to a share of the time. Null: the cost is 0.
   std::int64_t (*clock)() = nullptr;
-  /// For the directories of all objects together (spm/directory.hpp); an object whose own does not fit is refused.
+  /// Max bytes of the directories of all objects (spm/directory.hpp). An object whose directory does not fit is
+  /// refused.
   std::uint64_t directory_bytes = ~std::uint64_t{0};
   session::DeliverySettings delivery;
 };
 
 struct LoaderFigures {
-  std::uint64_t regions_held = 0;   ///< in the store
-  std::uint64_t regions_spare = 0;  ///< of those held: unknown to the host, so that they can go at any time
-  std::uint64_t regions_shown = 0;  ///< in the pool
+  std::uint64_t regions_held = 0;       ///< regions in the store
+  std::uint64_t regions_evictable = 0;  ///< held regions that hosts no longer count as present
+  std::uint64_t regions_loaded = 0;     ///< regions in the pool
   std::uint64_t regions_received = 0;
-  std::uint64_t regions_evicted = 0;    ///< from the store, for want of room
-  std::uint64_t regions_reloaded = 0;   ///< received again after that
-  std::uint64_t regions_coarsened = 0;  ///< gone from the pool
+  std::uint64_t regions_evicted = 0;    ///< regions freed from the store
+  std::uint64_t regions_reloaded = 0;   ///< regions received again after their eviction
+  std::uint64_t regions_coarsened = 0;  ///< regions removed from the pool
   std::uint64_t records_received = 0;
-  std::uint64_t records_returned = 0;   ///< of these, which were here already or once
-  std::uint64_t records_repeated = 0;   ///< of these, which were here already
-  std::uint64_t records_published = 0;  ///< of these, in regions published to hosts
-  std::uint64_t refused_full = 0;
-  std::uint64_t refused_other = 0;
+  std::uint64_t records_returned = 0;   ///< received records that are or once were in the store
+  std::uint64_t records_repeated = 0;   ///< received records that are already in the store
+  std::uint64_t records_published = 0;  ///< received records of regions that demands listed in `have`
+  std::uint64_t refused_full = 0;       ///< messages refused because the store was full
+  std::uint64_t refused_other = 0;      ///< messages and regions refused because records did not fit together
   std::uint64_t decode_errors = 0;
-  std::uint64_t objects_refused = 0;  ///< because memory was full
-  double load_latency = 0;            ///< s, from wanting a region to holding it; smoothed
+  std::uint64_t objects_refused = 0;  ///< objects refused because memory was full
+  double load_latency = 0;            ///< time from the start of wanting a region to its storage, smoothed, s
   std::uint32_t slots_used = 0, slots_peak = 0, slots_limit = 0;
   std::uint32_t compressed_used = 0, compressed_peak = 0, compressed_limit = 0;  ///< blocks of the store
 };
@@ -102,50 +107,52 @@ class Loader {
   /// Called with one line for each event that an operator should see.
   std::function<void(const std::string&)> on_event;
 
-  /// Called with each object that is wanted from now on.
+  /// Called with each object whose base mesh is requested from now on.
   std::function<void(const session::CatalogueEntry&)> on_object_found;
 
-  /// Called with each object that is handed to the haptic thread, in the same order.
+  /// Called with each object that is passed to the haptic thread, in the order of the arrivals.
   std::function<void(const TouchObject&)> on_object;
 
-  /// Called with each object that was handed over and is withdrawn. It stays until `on_object_gone`.
+  /// Called with each object that the haptic thread has received and that is now withdrawn. The reference remains valid
+  /// until `on_object_gone`.
   std::function<void(const TouchObject&)> on_object_withdrawn;
 
-  /// An object as others may see it: never changed after it is ready.
+  /// Description of an object. After the base mesh has arrived, only the counters change.
   struct ObjectInfo {
     std::string name;
     std::uint64_t id = 0;
     std::uint64_t digest = 0;
     double scale = 1;
-    std::uint32_t index = spm::kNone;  ///< kNone: it has not come yet
+    std::uint32_t index = spm::kNone;  ///< kNone: the base mesh has not arrived
     std::uint64_t records_received = 0, records_returned = 0, regions_received = 0, regions_released = 0;
   };
-  /// Called with each object that is forgotten: no host offers it any more, and the haptic thread does not have it. Its
-  /// index may come again with another object.
+  /// Called with each object that the loader has removed, after the haptic thread has returned it. A later object may
+  /// get its index.
   std::function<void(const ObjectInfo&)> on_object_gone;
 
   void on_catalogue(const session::CatalogueEntry& entry);
-  [[nodiscard]] bool knows(std::uint64_t object_id) const { return objects_.count(object_id) != 0; }
+  [[nodiscard]] bool has_object(std::uint64_t object_id) const { return objects_.count(object_id) != 0; }
   /// Bytes of the directories of all objects, at most LoaderSettings::directory_bytes.
-  [[nodiscard]] std::uint64_t directories() const noexcept { return directories_; }
+  [[nodiscard]] std::uint64_t directory_bytes_used() const noexcept { return directory_bytes_; }
   void on_host_seen(std::uint64_t host, std::uint64_t incarnation, std::int64_t now_ns);
   void on_host_gone(std::uint64_t host);
-  /// That program has left on purpose.
+  /// Processes the leave message of this incarnation.
   void on_host_left(std::uint64_t host, std::uint64_t incarnation);
   void on_host_silent(std::uint64_t host);
   void on_chunk(const session::BulkChunk& chunk, std::int64_t now_ns);
 
-  /// Sets the placement of an object for predictions, the broad phase and `regions_met`.
+  /// Sets the placement of a movable object for predictions, the broad phase and `regions_at_probes`.
   void on_moved(std::uint32_t object_index, const Placement& placement);
 
-  /// Predicts, evicts and hands over; every few milliseconds. `near` gets the objects near each probe.
-  void tick(std::int64_t now_ns, const std::array<ProbeSight, kMaxProbes>& sights,
+  /// Predicts, evicts, and passes regions to the haptic thread. Call it every few milliseconds. Sets `near` to the
+  /// objects near each probe.
+  void tick(std::int64_t now_ns, const std::array<ReportedProbe, kMaxProbes>& probes,
             std::array<NearObjects, kMaxProbes>& near);
 
-  /// The next demand to publish, until none is due.
+  /// Returns the next demand to publish, or nothing when none is due.
   [[nodiscard]] std::optional<session::Demand> demand(std::int64_t now_ns) { return delivery_.demand(now_ns); }
 
-  /// In the last tick no tip had moved for some time, and all wanted regions were stored.
+  /// True if, at the last tick, no probe had moved for 0.1 s and all wanted regions were stored.
   [[nodiscard]] bool at_rest() const noexcept { return at_rest_; }
 
   [[nodiscard]] LoaderFigures figures() const;
@@ -158,73 +165,77 @@ class Loader {
     return delivery_.counters();
   }
 
-  /// Those that were handed over, but for withdrawn ones.
+  /// Returns the objects that were passed to the haptic thread and are not withdrawn.
   [[nodiscard]] std::vector<ObjectInfo> objects() const;
-  /// Those that are withdrawn and that the haptic thread has not given back yet.
-  [[nodiscard]] std::vector<ObjectInfo> leaving() const;
+  /// Returns the withdrawn objects that the haptic thread has not returned yet.
+  [[nodiscard]] std::vector<ObjectInfo> withdrawn_objects() const;
   [[nodiscard]] const session::CatalogueEntry& entry(std::uint32_t object_index) const {
     return by_index_[object_index]->entry;
   }
-  /// 0 when nobody does.
+  /// Returns the id of the host that serves the object, or 0.
   [[nodiscard]] std::uint64_t serving_host(std::uint64_t object_id) const { return delivery_.serving_host(object_id); }
-  /// Labelled cells that the tips meet.
-  [[nodiscard]] std::vector<std::uint32_t> regions_met(std::uint32_t object_index,
-                                                       const std::array<ProbeSight, kMaxProbes>& sights) const;
+  /// Returns the regions that the probes intersect, with repetitions.
+  [[nodiscard]] std::vector<std::uint32_t> regions_at_probes(std::uint32_t object_index,
+                                                             const std::array<ReportedProbe, kMaxProbes>& probes) const;
   [[nodiscard]] const spm::RegionGrid& grid(std::uint32_t object_index) const {
     return by_index_[object_index]->grid();
   }
-  /// Regions predicted in the last tick, by object index.
+  /// Returns the regions of the object in the newest prediction.
   [[nodiscard]] std::vector<std::uint32_t> predicted(std::uint32_t object_index) const;
 
  private:
-  /// In the store: leaving is out of `have`, spare once hosts know that.
-  enum class Kept : std::uint8_t { kAbsent, kHeld, kLeaving, kSpare };
-  /// In the pool.
-  enum class Shown : std::uint8_t { kNot, kShown, kDeparting };
-  /// One for each region of every object, so it is packed. Times are modulo some 50 days.
+  /// State of a region in the store. kRetired: left out of `have`. kEvictable: hosts have echoed that.
+  enum class StoreState : std::uint8_t { kAbsent, kHeld, kRetired, kEvictable };
+  /// State of a region in the pool. kDeparting: the haptic thread is coarsening it.
+  enum class PoolState : std::uint8_t { kNotLoaded, kLoaded, kDeparting };
+  /// State of one region. Packed, because every region of every object has one. Times wrap after some 50 days.
   struct RegionNote {
-    std::uint32_t wanted;           // last time it was, in ms
-    std::uint32_t met : 28;         // last time a tip met it, in 17 ms; 0: never
-    std::uint32_t kept_bits : 2;    // Kept
-    std::uint32_t shown_bits : 2;   // Shown
-    std::uint32_t met_before : 28;  // the same of the visit before that one
-    std::uint32_t was_here : 1;
-    std::uint32_t due : 1;     // met so soon that it belongs into the pool
-    std::uint32_t faulty : 1;  // the stored data contradicts the model
-    [[nodiscard]] Kept kept() const noexcept { return static_cast<Kept>(kept_bits); }
-    void set(Kept kept) noexcept { kept_bits = static_cast<std::uint32_t>(kept) & 3u; }
-    [[nodiscard]] Shown shown() const noexcept { return static_cast<Shown>(shown_bits); }
-    void set(Shown shown) noexcept { shown_bits = static_cast<std::uint32_t>(shown) & 3u; }
-    [[nodiscard]] bool absent() const noexcept { return kept() == Kept::kAbsent && shown() != Shown::kShown; }
-    void want_at(std::int64_t now_ns) noexcept { wanted = static_cast<std::uint32_t>(now_ns / kMs); }
-    /// Since it was wanted, ns.
+    std::uint32_t wanted_ms;            // time of the last tick in which the region was wanted
+    std::uint32_t last_contact : 28;    // time of the last contact, in ticks of 17 ms; 0: never
+    std::uint32_t store_bits : 2;       // StoreState
+    std::uint32_t pool_bits : 2;        // PoolState
+    std::uint32_t previous_visit : 28;  // time of the last contact of the visit before, in ticks of 17 ms; 0: none
+    std::uint32_t was_stored : 1;       // has been in the store
+    std::uint32_t belongs_in_pool : 1;  // among the predicted regions that fit into the pool, soonest contact first
+    std::uint32_t is_faulty : 1;        // the stored data contradicts the model
+    [[nodiscard]] StoreState store_state() const noexcept { return static_cast<StoreState>(store_bits); }
+    void set(StoreState state) noexcept { store_bits = static_cast<std::uint32_t>(state) & 3u; }
+    [[nodiscard]] PoolState pool_state() const noexcept { return static_cast<PoolState>(pool_bits); }
+    void set(PoolState state) noexcept { pool_bits = static_cast<std::uint32_t>(state) & 3u; }
+    [[nodiscard]] bool is_absent() const noexcept {
+      return store_state() == StoreState::kAbsent && pool_state() != PoolState::kLoaded;
+    }
+    void mark_wanted(std::int64_t now_ns) noexcept { wanted_ms = static_cast<std::uint32_t>(now_ns / kNsPerMs); }
+    /// Returns the time since the region was last wanted, ns.
     [[nodiscard]] std::int64_t unwanted_ns(std::int64_t now_ns) const noexcept {
-      return static_cast<std::int64_t>(static_cast<std::uint32_t>(now_ns / kMs) - wanted) * kMs;
+      return static_cast<std::int64_t>(static_cast<std::uint32_t>(now_ns / kNsPerMs) - wanted_ms) * kNsPerMs;
     }
-    /// Contacts within `pause_ns` belong to the same visit.
-    void meet_at(std::int64_t now_ns, std::int64_t pause_ns) noexcept {
-      const std::uint32_t now = grains(now_ns);
-      if (((now - met) & kGrains) >= pause_ns / kGrain) met_before = met & kGrains;
-      met = now & kGrains;
+    /// Stores the time of a contact. Contacts separated by less than `pause_ns` belong to one visit.
+    void mark_contact(std::int64_t now_ns, std::int64_t pause_ns) noexcept {
+      const std::uint32_t now = contact_ticks(now_ns);
+      if (((now - last_contact) & kContactTicks) >= pause_ns / kContactTickNs)
+        previous_visit = last_contact & kContactTicks;
+      last_contact = now & kContactTicks;
     }
-    /// Since the visit before the last, ns; the maximum when there was none.
-    [[nodiscard]] std::int64_t since_visit_ns(std::int64_t now_ns) const noexcept {
-      return met_before == 0 ? std::int64_t{kGrains} * kGrain
-                             : static_cast<std::int64_t>((grains(now_ns) - met_before) & kGrains) * kGrain;
+    /// Returns the time since the visit before the last one, ns. If there was none, returns the largest time.
+    [[nodiscard]] std::int64_t since_previous_visit_ns(std::int64_t now_ns) const noexcept {
+      return previous_visit == 0
+                 ? std::int64_t{kContactTicks} * kContactTickNs
+                 : static_cast<std::int64_t>((contact_ticks(now_ns) - previous_visit) & kContactTicks) * kContactTickNs;
     }
 
    private:
-    static constexpr std::int64_t kMs = 1'000'000, kGrain = 1 << 24;
-    static constexpr std::uint32_t kGrains = (1u << 28) - 1;
-    [[nodiscard]] static std::uint32_t grains(std::int64_t ns) noexcept {
-      return static_cast<std::uint32_t>(ns / kGrain % kGrains) + 1;
+    static constexpr std::int64_t kNsPerMs = 1'000'000, kContactTickNs = 1 << 24;
+    static constexpr std::uint32_t kContactTicks = (1u << 28) - 1;
+    [[nodiscard]] static std::uint32_t contact_ticks(std::int64_t ns) noexcept {
+      return static_cast<std::uint32_t>(ns / kContactTickNs % kContactTicks) + 1;
     }
   };
   static_assert(sizeof(RegionNote) == spm::kRegionNoteBytes);
-  /// Of a region that a tip is expected to meet.
-  struct Wish {
-    std::int64_t since_ns = 0;        // start of being wanted; 0: not wanted, because memory was full
-    std::uint32_t blocks_needed = 0;  // that it needed when it was refused because memory was full
+  /// A region that a probe is predicted to touch.
+  struct WantedRegion {
+    std::int64_t since_ns = 0;        // start of this prediction; 0: more urgent regions fill the store
+    std::uint32_t blocks_needed = 0;  // blocks that it needed when the full store refused it; 0: never refused
   };
   struct Object {
     ObjectInfo info;
@@ -232,20 +243,20 @@ class Loader {
     spm::ModelSummary summary;
     spm::codec::RecordTables tables;
     TouchObject touch;
-    Placement placement;            // where it stands now
-    std::vector<RegionNote> notes;  // by region
-    std::map<std::uint32_t, Wish> wishes;
-    std::vector<spm::ProbePredictor> predictors;   // by probe
-    std::vector<std::uint32_t> held;               // regions in that state
-    std::vector<std::uint32_t> shown;              // regions in the pool
-    std::uint32_t base_slots = 0, base_nodes = 0;  // that its base mesh takes
-    bool ready = false;                            // base mesh is in
-    bool withdrawn = false;                        // after that
-    bool refused = false;                          // base mesh or directory does not fit
+    Placement placement;                                   // current
+    std::vector<RegionNote> notes;                         // by region
+    std::map<std::uint32_t, WantedRegion> wanted_regions;  // by region; the newest prediction
+    std::vector<spm::ProbePredictor> predictors;           // by probe
+    std::vector<std::uint32_t> held;                       // regions in StoreState::kHeld
+    std::vector<std::uint32_t> loaded;                     // regions in PoolState::kLoaded
+    std::uint32_t base_slots = 0, base_nodes = 0;          // slots and tree nodes of its base mesh
+    bool ready = false;                                    // the base mesh is in the pool
+    bool withdrawn = false;                                // only after `ready`
+    bool refused = false;                                  // base mesh or directory does not fit
     [[nodiscard]] const spm::RegionGrid& grid() const noexcept { return touch.forest->grid(); }  // never changes
   };
 
-  [[nodiscard]] bool take_directory(Object& object);
+  [[nodiscard]] bool reserve_directory(Object& object);
   void forget_unoffered(std::int64_t now_ns);
   void drop_parked(const Object& object);
   void open(const session::CatalogueEntry& entry);
@@ -258,58 +269,63 @@ class Loader {
   void free_withdrawn(Object& object);
   void forget(Object& object);
   void open_postponed();
-  void take_base(Object& object, const std::vector<std::uint8_t>& bytes);
-  [[nodiscard]] bool still_ahead(std::int64_t now_ns, const std::array<ProbeSight, kMaxProbes>& sights) const;
-  void observe(Object& object, const std::array<ProbeSight, kMaxProbes>& sights) const;
-  [[nodiscard]] Vec3d centre(const ProbeSight& sight, const spm::ProbeSphere& sphere) const noexcept;
+  void on_base_mesh(Object& object, const std::vector<std::uint8_t>& bytes);
+  [[nodiscard]] bool prediction_is_current(std::int64_t now_ns,
+                                           const std::array<ReportedProbe, kMaxProbes>& probes) const;
+  void observe(Object& object, const std::array<ReportedProbe, kMaxProbes>& probes) const;
+  [[nodiscard]] Vec3d sphere_centre(const ReportedProbe& probe, const spm::ProbeSphere& sphere) const noexcept;
   using PlacedSpheres = std::array<spm::PlacedSphere, spm::ProbeShape::kMaxSpheres>;
-  [[nodiscard]] std::span<const spm::PlacedSphere> spheres(const ProbeSight& sight, const Placement& placement,
+  [[nodiscard]] std::span<const spm::PlacedSphere> spheres(const ReportedProbe& probe, const Placement& placement,
                                                            PlacedSpheres& out) const noexcept;
-  [[nodiscard]] double moved(const ProbeSight& sight, const ProbeSight& before) const noexcept;
-  [[nodiscard]] double lead(double round_trip) const;
-  void predict(std::int64_t now_ns, const std::array<ProbeSight, kMaxProbes>& sights);
-  void predict(Object& object, const std::array<ProbeSight, kMaxProbes>& sights, double round_trip, double lead);
-  void predict_under_bodies(const Object& object, const std::array<ProbeSight, kMaxProbes>& sights, double lead);
+  [[nodiscard]] double displacement(const ReportedProbe& probe, const ReportedProbe& before) const noexcept;
+  [[nodiscard]] double horizon(double round_trip) const;
+  void predict(std::int64_t now_ns, const std::array<ReportedProbe, kMaxProbes>& probes);
+  void predict(Object& object, const std::array<ReportedProbe, kMaxProbes>& probes, double round_trip, double lead);
+  void predict_under_bodies(const Object& object, const std::array<ReportedProbe, kMaxProbes>& probes, double lead);
 
   // The store (loader_store.cpp).
-  [[nodiscard]] std::uint32_t room_to_come() const noexcept { return store_.blocks_free() + store_.blocks_leaving(); }
-  /// The estimated memory of a region in the store.
-  [[nodiscard]] double coded_of(const Object& object, std::uint32_t region) const noexcept;
-  void take(Object& object, session::DeliveryClient::Message message, std::int64_t now_ns);
-  void take_parked(std::int64_t now_ns);
-  /// False when there is no room now, but will be.
-  [[nodiscard]] bool keep(Object& object, const session::DeliveryClient::Message& message, std::int64_t now_ns);
-  void want(std::int64_t now_ns);
+  [[nodiscard]] std::uint32_t blocks_after_eviction() const noexcept {
+    return store_.blocks_free() + store_.blocks_leaving();
+  }
+  /// Estimates the memory of a region in the store, in blocks.
+  [[nodiscard]] double block_estimate(const Object& object, std::uint32_t region) const noexcept;
+  void on_region(Object& object, session::DeliveryClient::Message message, std::int64_t now_ns);
+  void store_parked(std::int64_t now_ns);
+  /// Stores or refuses the region of a message. Returns false if the message has to wait for an eviction.
+  [[nodiscard]] bool store_or_refuse(Object& object, const session::DeliveryClient::Message& message,
+                                     std::int64_t now_ns);
+  void request_wanted(std::int64_t now_ns);
   void find_eviction_candidates();
-  void take_back(Object& object, std::uint32_t region);
-  void take_released();
-  [[nodiscard]] bool free_spare();
-  struct Place {
+  void cancel_eviction(Object& object, std::uint32_t region);
+  void collect_released();
+  [[nodiscard]] bool evict_one();
+  struct RegionRef {
     Object* object;
     std::uint32_t region;
   };
   void evict(Object& object, std::uint32_t region);
-  std::deque<Place>::iterator free_now(std::deque<Place>::iterator eviction_candidate);
+  std::deque<RegionRef>::iterator evict_candidate(std::deque<RegionRef>::iterator candidate);
 
   // The pool (loader_pool.cpp).
-  /// The estimated memory of a region's records in the pool: of all, or of those that are not there yet.
-  [[nodiscard]] double slots_of(const Object& object, std::uint32_t region) const noexcept;
-  [[nodiscard]] spm::Cache::Room fresh_room_of(const Object& object, std::uint32_t region) const noexcept;
-  void show_due();
-  /// The memory that is missing; nothing when the region was decoded.
-  [[nodiscard]] spm::Cache::Room show(Object& object, std::uint32_t region);
+  /// Estimates the slots of all records of a region.
+  [[nodiscard]] double slot_estimate(const Object& object, std::uint32_t region) const noexcept;
+  /// Estimates the memory that loading a region would take, without its records that are already loaded.
+  [[nodiscard]] spm::Cache::Room room_to_load(const Object& object, std::uint32_t region) const noexcept;
+  void load_soonest();
+  /// Decodes a stored region into the pool. Returns the memory that is missing for that, zero if the pool was not full.
+  [[nodiscard]] spm::Cache::Room load(Object& object, std::uint32_t region);
   void coarsen();
-  void take_departures();
-  void hand_over();
-  void find_near(const std::array<ProbeSight, kMaxProbes>& sights, std::array<NearObjects, kMaxProbes>& near);
-  void say(const std::string& text) const {
+  void process_departures();
+  void push_arrivals();
+  void find_near(const std::array<ReportedProbe, kMaxProbes>& probes, std::array<NearObjects, kMaxProbes>& near);
+  void report_event(const std::string& text) const {
     if (on_event) on_event(text);
   }
 
   spm::Pool& pool_;
   spm::NodePool& nodes_;
   LoaderSettings settings_;
-  spm::ProbeShape shape_;  // of every probe; m
+  spm::ProbeShape shape_;  // shape of every probe, m
   ArrivalRing& arrivals_;
   DepartureRing& departures_;
   spm::Cache cache_;
@@ -317,51 +333,52 @@ class Loader {
   session::DeliveryClient delivery_;
   spm::fcl::BroadPhase broad_phase_;
   std::map<std::uint64_t, std::unique_ptr<Object>> objects_;    // by id
-  std::vector<Object*> active_;                                 // handed over and not withdrawn, in this order
-  std::array<Object*, kMaxObjects> by_index_{};                 // handed over; null: none
-  std::map<std::uint64_t, session::CatalogueEntry> postponed_;  // by id: until what is in the way is gone
-  struct Prospect {
-    double doubt;       // see spm::PredictedRegion
-    double order;       // s: when it is met, or later when it could only come too late for that
-    double contact_in;  // s
+  std::vector<Object*> active_;                                 // ready and not withdrawn, in the order of arrivals
+  std::array<Object*, kMaxObjects> by_index_{};                 // ready; null: none
+  std::map<std::uint64_t, session::CatalogueEntry> postponed_;  // by id; entries to open when another object is gone
+  struct PredictedContact {
+    double doubt;            // as in spm::PredictedRegion, larger if the region cannot arrive before the contact ends
+    double request_order;    // s; time to contact, larger if the region cannot arrive before the contact ends
+    double time_to_contact;  // s
     Object* object;
     std::uint32_t region;
-    Wish* wish;
+    WantedRegion* wanted;
   };
-  static constexpr std::uint32_t kMaxMet = 4096;
-  spm::Predictor::Answer met_{kMaxMet};  // of one object, in a prediction
-  std::vector<Prospect> prospects_;      // of the last prediction
-  std::int64_t predicted_ns_ = 0, predict_next_ns_ = 0;
-  std::int64_t moved_ns_ = 0;  // when a tip last left what was predicted
+  static constexpr std::uint32_t kMaxPredicted = 4096;
+  spm::Predictor::Answer predicted_regions_{kMaxPredicted};  // regions of one object, while it is predicted
+  std::vector<PredictedContact> predicted_contacts_;         // contacts of the last prediction, all objects
+  std::int64_t last_prediction_ns_ = 0;                      // 0: predict in the next tick
+  std::int64_t next_prediction_ns_ = 0;                      // a prediction before this time would cost too much
+  std::int64_t last_motion_ns_ = 0;                          // time when a probe last moved
   bool at_rest_ = false;
-  std::array<ProbeSight, kMaxProbes> predicted_for_{};
-  std::deque<Arrival> waiting_;  // for room in the ring
+  std::array<ReportedProbe, kMaxProbes> predicted_probes_{};
+  std::deque<Arrival> pending_arrivals_;  // arrivals for which the ring was full
   struct Parked {
     Object* object;
     session::DeliveryClient::Message message;
   };
-  std::deque<Parked> parked_;  // for room in the store; later ones may count on earlier ones
+  std::deque<Parked> parked_;  // messages that wait for memory, in order: one may need the records of an earlier one
   std::size_t parked_bytes_ = 0;
-  std::deque<Place> eviction_candidates_;  // kLeaving or kSpare, first to go first
-  std::uint32_t needed_ = 0;               // blocks, for what is wanted soonest and absent, more or less
-  std::uint32_t reserve_ = 0;              // blocks, made ready ahead of need
-  std::uint32_t faulty_ = 0;               // regions that are
+  std::deque<RegionRef> eviction_candidates_;  // regions in kRetired or kEvictable, in the order of eviction
+  std::uint32_t blocks_needed_ = 0;            // estimated blocks of the wanted regions that arrive next
+  std::uint32_t blocks_reserve_ = 0;           // blocks to free before wanted regions need them
+  std::uint32_t faulty_regions_ = 0;           // number of regions with `is_faulty`
   struct Departing {
     Object* object;
     std::uint32_t region;
-    spm::Cache::Room room;  // that it gives, at least
+    spm::Cache::Room room;  // memory that its release frees, at least
   };
   std::vector<Departing> departing_;
-  spm::Cache::Room room_needed_;   // in the pool, for what is due, kept and not shown, more or less
-  std::vector<Place> due_;         // of the last tick
-  std::int64_t wanted_at_ns_ = 0;  // of the last tick: what is wanted was wanted then
-  std::uint32_t base_slots_ = 0;   // that base meshes take
-  std::uint32_t base_nodes_ = 0;   // and of the tree, at least
-  std::uint64_t directories_ = 0;  // bytes, of all objects
-  std::int64_t looked_at_offers_ns_ = 0;
-  double fresh_share_ = 1;        // of a region's records, those that had to be decoded; smoothed
-  double blocks_per_record_ = 1;  // of a region's list, that its message took; smoothed
-  double bytes_per_block_ = 12;   // on its way; smoothed
+  spm::Cache::Room missing_room_;        // estimated memory that the pool lacks for stored regions of `pool_targets_`
+  std::vector<RegionRef> pool_targets_;  // regions with `belongs_in_pool`
+  std::int64_t last_tick_ns_ = 0;        // equal to the time of `mark_wanted` of every wanted region
+  std::uint32_t base_slots_ = 0;         // slots of all base meshes
+  std::uint32_t base_nodes_ = 0;         // min tree nodes of all base meshes
+  std::uint64_t directory_bytes_ = 0;    // of all objects
+  std::int64_t offers_checked_ns_ = 0;   // time of the last search for objects that no host offers
+  double undecoded_share_ = 1;           // records that a loaded region had to decode / its records; smoothed
+  double blocks_per_record_ = 1;         // blocks that a region took in the store / records of its list; smoothed
+  double bytes_per_block_ = 12;          // bytes of a message / blocks that it takes in an empty store; smoothed
   LoaderFigures figures_;
 };
 

@@ -1,4 +1,4 @@
-// The loader's half for the store: it selects the regions to request, to leave out of `have`, and to free.
+// The store of the loader: selects the regions to request, to retire and to evict.
 #include <algorithm>
 #include <tuple>
 
@@ -8,14 +8,15 @@ namespace tactus::hrtc_service {
 namespace {
 
 constexpr double kNsPerS = 1e9;
-constexpr double kSureOf = 0.9;  // of the store: some messages need more blocks for their bytes than the average
+// Share of the store that estimates may fill. Some messages need more blocks for each byte than the average.
+constexpr double kUsableShare = 0.9;
 
 }  // namespace
 
-/// In the order of arrival.
-void Loader::take(Object& object, session::DeliveryClient::Message message, std::int64_t now_ns) {
-  if (parked_.empty() && keep(object, message, now_ns)) return;
-  if (parked_bytes_ + message.bytes.size() > settings_.delivery.max_credit) {  // more than was requested
+/// Stores, refuses or parks the region of a message, in the order of arrival.
+void Loader::on_region(Object& object, session::DeliveryClient::Message message, std::int64_t now_ns) {
+  if (parked_.empty() && store_or_refuse(object, message, now_ns)) return;
+  if (parked_bytes_ + message.bytes.size() > settings_.delivery.max_credit) {  // hosts sent more than their credit
     ++figures_.refused_full;
     return delivery_.refused(object.info.id, message.region);
   }
@@ -24,14 +25,14 @@ void Loader::take(Object& object, session::DeliveryClient::Message message, std:
   parked_.push_back({&object, std::move(message)});
 }
 
-void Loader::take_parked(std::int64_t now_ns) {
-  while (!parked_.empty() && keep(*parked_.front().object, parked_.front().message, now_ns)) {
+void Loader::store_parked(std::int64_t now_ns) {
+  while (!parked_.empty() && store_or_refuse(*parked_.front().object, parked_.front().message, now_ns)) {
     parked_bytes_ -= parked_.front().message.bytes.size();
     parked_.pop_front();
   }
 }
 
-bool Loader::keep(Object& object, const session::DeliveryClient::Message& message, std::int64_t now_ns) {
+bool Loader::store_or_refuse(Object& object, const session::DeliveryClient::Message& message, std::int64_t now_ns) {
   using Status = spm::codec::CompressedCache::Put::Status;
   const auto refuse = [&] {
     delivery_.refused(object.info.id, message.region);
@@ -42,21 +43,21 @@ bool Loader::keep(Object& object, const session::DeliveryClient::Message& messag
   const spm::RegionId region{message.region};
   const std::span<const std::uint8_t> bytes{message.bytes};
   spm::codec::CompressedCache::Put put = store_.put(number, region, bytes);
-  while (put.status == Status::kFull && free_spare())
+  while (put.status == Status::kFull && evict_one())
     if (store_.blocks_free() >= put.blocks) put = store_.put(number, region, bytes);
 
   RegionNote& note = object.notes[message.region];
-  const auto wish = object.wishes.find(message.region);
+  const auto wanted_region = object.wanted_regions.find(message.region);
   switch (put.status) {
     case Status::kKept:
       break;
     case Status::kHere:
-      if (note.kept() != Kept::kHeld) return refuse();  // being evicted; requested again afterwards
+      if (note.store_state() != StoreState::kHeld) return refuse();  // retired; requested again after its eviction
       delivery_.held(object.info.id, message.region);
       return true;
     case Status::kFull:
       if (!eviction_candidates_.empty()) return false;
-      if (wish != object.wishes.end()) wish->second.blocks_needed = put.blocks;
+      if (wanted_region != object.wanted_regions.end()) wanted_region->second.blocks_needed = put.blocks;
       ++figures_.refused_full;
       return refuse();
     case Status::kIncomplete:
@@ -64,7 +65,8 @@ bool Loader::keep(Object& object, const session::DeliveryClient::Message& messag
       return refuse();
     case Status::kMalformed:
       ++figures_.decode_errors;
-      say("object " + object.info.name + ": region " + std::to_string(message.region) + " refused: " + put.error);
+      report_event("object " + object.info.name + ": region " + std::to_string(message.region) +
+                   " refused: " + put.error);
       return refuse();
   }
   object.info.records_received += put.records;
@@ -75,175 +77,186 @@ bool Loader::keep(Object& object, const session::DeliveryClient::Message& messag
   figures_.records_published += put.published;
   ++object.info.regions_received;
   ++figures_.regions_received;
-  if (note.was_here) ++figures_.regions_reloaded;
-  if (wish != object.wishes.end() && wish->second.since_ns != 0) {
-    const double latency = static_cast<double>(now_ns - wish->second.since_ns) / kNsPerS;
+  if (note.was_stored) ++figures_.regions_reloaded;
+  if (wanted_region != object.wanted_regions.end() && wanted_region->second.since_ns != 0) {
+    const double latency = static_cast<double>(now_ns - wanted_region->second.since_ns) / kNsPerS;
     figures_.load_latency += 0.1 * (latency - figures_.load_latency);
   }
   figures_.compressed_peak = std::max(figures_.compressed_peak, store_.blocks() - store_.blocks_free());
   const std::uint32_t records = cache_.records_of(number, region);
   if (records > 0) blocks_per_record_ += 0.1 * (static_cast<double>(put.blocks) / records - blocks_per_record_);
   bytes_per_block_ += 0.1 * (static_cast<double>(message.bytes.size()) / put.whole - bytes_per_block_);
-  note.set(Kept::kHeld);
-  note.was_here = 1;
+  note.set(StoreState::kHeld);
+  note.was_stored = 1;
   object.held.push_back(message.region);
   delivery_.held(object.info.id, message.region);
-  const spm::Cache::Room room = fresh_room_of(object, message.region);
-  if (note.shown() == Shown::kNot && cache_.slots_free() >= room.slots && cache_.blocks_free() >= room.blocks)
-    static_cast<void>(show(object, message.region));
+  const spm::Cache::Room room = room_to_load(object, message.region);
+  if (note.pool_state() == PoolState::kNotLoaded && cache_.slots_free() >= room.slots &&
+      cache_.blocks_free() >= room.blocks)
+    static_cast<void>(load(object, message.region));
   return true;
 }
 
-double Loader::coded_of(const Object& object, std::uint32_t region) const noexcept {
+double Loader::block_estimate(const Object& object, std::uint32_t region) const noexcept {
   return blocks_per_record_ * cache_.records_of(spm::ObjectIndex{object.info.index}, spm::RegionId{region});
 }
 
-/// Wants the regions that are met soonest, over all objects, as far as the store can hold them together. Otherwise
-/// regions that are met late would take the memory of those that are met now.
-void Loader::want(std::int64_t now_ns) {
-  const double room = 0.9 * store_.blocks();
-  std::stable_sort(prospects_.begin(), prospects_.end(),
-                   [](const Prospect& a, const Prospect& b) { return a.doubt < b.doubt; });
-  // The regions that arrive in a round trip replace those that were left out of `have` one round trip before.
-  constexpr double kOnTheWay = 1.5;
-  double all = 0;  // blocks
-  const auto beyond = std::find_if(prospects_.begin(), prospects_.end(), [&](const Prospect& prospect) {
-    const bool absent = prospect.object->notes[prospect.region].absent();
-    all += (absent ? kOnTheWay : 1) * coded_of(*prospect.object, prospect.region);
-    return all > room && prospect.contact_in > 0;
-  });
-  prospects_.erase(beyond, prospects_.end());
-  std::stable_sort(prospects_.begin(), prospects_.end(),
-                   [](const Prospect& a, const Prospect& b) { return a.order < b.order; });
+/// Requests the most probable predicted regions of all objects that fit into the store together. Without this limit,
+/// later contacts would take the memory of contacts that are due now.
+void Loader::request_wanted(std::int64_t now_ns) {
+  const double usable_blocks = kUsableShare * store_.blocks();
+  std::stable_sort(predicted_contacts_.begin(), predicted_contacts_.end(),
+                   [](const PredictedContact& a, const PredictedContact& b) { return a.doubt < b.doubt; });
+  // An absent region counts more, because the blocks of a retired region are free only one round trip later.
+  constexpr double kInFlightFactor = 1.5;
+  double blocks = 0;
+  const auto first_excess =
+      std::find_if(predicted_contacts_.begin(), predicted_contacts_.end(), [&](const PredictedContact& contact) {
+        const bool absent = contact.object->notes[contact.region].is_absent();
+        blocks += (absent ? kInFlightFactor : 1) * block_estimate(*contact.object, contact.region);
+        return blocks > usable_blocks && contact.time_to_contact > 0;
+      });
+  predicted_contacts_.erase(first_excess, predicted_contacts_.end());
+  std::stable_sort(
+      predicted_contacts_.begin(), predicted_contacts_.end(),
+      [](const PredictedContact& a, const PredictedContact& b) { return a.request_order < b.request_order; });
   std::array<std::vector<session::Wanted>, kMaxObjects> wanted;  // by object index
-  constexpr double kToFree = 0.01;                               // s
-  const double soon = delivery_.rate() / bytes_per_block_ * kToFree;
-  double absent = 0;  // blocks of its part that is not stored
-  needed_ = 0;
-  wanted_at_ns_ = now_ns;
-  const double promised = static_cast<double>(delivery_.granted_credit(now_ns)) / (kSureOf * bytes_per_block_);
-  for (const Prospect& prospect : prospects_) {
-    RegionNote& note = prospect.object->notes[prospect.region];
-    Wish& wish = *prospect.wish;
-    note.want_at(now_ns);
-    if (wish.since_ns == 0) wish.since_ns = now_ns;
-    if (prospect.contact_in <= 0) note.meet_at(now_ns, settings_.idle_before_spare_ns);
-    const bool going = note.kept() == Kept::kLeaving || note.kept() == Kept::kSpare;
-    const double takes = coded_of(*prospect.object, prospect.region);
-    // Otherwise its memory is reserved: it is evicted last, and may be shown until then.
-    if (going && !note.faulty && room_to_come() - takes > promised) take_back(*prospect.object, prospect.region);
-    if (!note.absent()) continue;
-    absent += takes;
-    if (needed_ == 0 || needed_ < soon) needed_ += std::max(static_cast<std::uint32_t>(takes), wish.blocks_needed);
-    // Refused before, so it would not fit now.
-    if (room_to_come() < wish.blocks_needed) continue;
-    wanted[prospect.object->info.index].push_back({prospect.region, static_cast<std::uint32_t>(prospect.order * 1e6)});
+  constexpr double kEvictionTime = 0.01;                         // s
+  const double blocks_to_free_now = delivery_.rate() / bytes_per_block_ * kEvictionTime;
+  double absent_blocks = 0;
+  blocks_needed_ = 0;
+  last_tick_ns_ = now_ns;
+  const double credit_blocks =
+      static_cast<double>(delivery_.granted_credit(now_ns)) / (kUsableShare * bytes_per_block_);
+  for (const PredictedContact& contact : predicted_contacts_) {
+    RegionNote& note = contact.object->notes[contact.region];
+    WantedRegion& wanted_region = *contact.wanted;
+    note.mark_wanted(now_ns);
+    if (wanted_region.since_ns == 0) wanted_region.since_ns = now_ns;
+    if (contact.time_to_contact <= 0) note.mark_contact(now_ns, settings_.recently_wanted_ns);
+    const bool retired = note.store_state() == StoreState::kRetired || note.store_state() == StoreState::kEvictable;
+    const double region_blocks = block_estimate(*contact.object, contact.region);
+    // If hosts have credit for its blocks, the region remains retired. It is evicted last, and can be loaded until
+    // then.
+    if (retired && !note.is_faulty && blocks_after_eviction() - region_blocks > credit_blocks)
+      cancel_eviction(*contact.object, contact.region);
+    if (!note.is_absent()) continue;
+    absent_blocks += region_blocks;
+    if (blocks_needed_ == 0 || blocks_needed_ < blocks_to_free_now)
+      blocks_needed_ += std::max(static_cast<std::uint32_t>(region_blocks), wanted_region.blocks_needed);
+    // The full store refused the region, and it would do so again.
+    if (blocks_after_eviction() < wanted_region.blocks_needed) continue;
+    wanted[contact.object->info.index].push_back(
+        {contact.region, static_cast<std::uint32_t>(contact.request_order * 1e6)});
   }
-  // The absent regions arrive within a round trip, and as many more will be wanted until then.
-  constexpr double kAhead = 2;
-  reserve_ = static_cast<std::uint32_t>(std::clamp(kAhead * absent, store_.blocks() / 16.0, store_.blocks() * 0.75));
-  const double coming = room_to_come();
-  // A base mesh is admitted or refused whatever regions take.
+  // The absent regions arrive within a round trip. In that time as many others become wanted.
+  constexpr double kReserveFactor = 2;
+  blocks_reserve_ = static_cast<std::uint32_t>(
+      std::clamp(kReserveFactor * absent_blocks, store_.blocks() / 16.0, store_.blocks() * 0.75));
+  // The limit is not set while a base mesh is expected, because the store has no part in its admission.
   if (std::all_of(objects_.begin(), objects_.end(),
                   [](const auto& entry) { return entry.second->ready || entry.second->refused; }))
-    delivery_.set_room(static_cast<std::uint64_t>(kSureOf * coming * bytes_per_block_));
+    delivery_.set_room(static_cast<std::uint64_t>(kUsableShare * blocks_after_eviction() * bytes_per_block_));
   for (Object* object : active_) delivery_.want(object->info.id, std::move(wanted[object->info.index]));
 }
 
-/// Leaves out of `have` the regions that are least likely to be wanted again, until they free enough memory for the
-/// reserve. First those that no tip met; then those of one visit, longest unwanted first; then by the visit before the
-/// last, so that the regions of a repeated path remain although many others pass (O'Neil et al. 1993, LRU-2). A region
-/// that was wanted a moment ago is left out only when there is no other and the memory is needed now.
+/// Retires all faulty regions, and further regions until their eviction frees `blocks_needed_` and `blocks_reserve_`:
+///  1. regions that no probe touched, longest unwanted first;
+///  2. regions with one visit, longest unwanted first;
+///  3. regions with more visits, the longest time since the visit before the last first. So the regions of a repeated
+///     path remain although many others are visited (O'Neil et al. 1993, LRU-2);
+///  4. recently wanted regions, longest unwanted first.
 void Loader::find_eviction_candidates() {
-  const auto gives = [&](std::uint32_t blocks) { return room_to_come() >= blocks; };
-  const bool enough = settings_.keep_unwanted && gives(reserve_) && gives(needed_);
-  if (enough && faulty_ == 0) return;
+  const auto has_enough_blocks = [&] {
+    return settings_.retain_unwanted && blocks_after_eviction() >= std::max(blocks_reserve_, blocks_needed_);
+  };
+  if (has_enough_blocks() && faulty_regions_ == 0) return;
 
   struct Candidate {
-    bool sound, recent, was_met;
-    std::int64_t visit_before_ns, wanted_ns;  // less when longer ago
+    bool is_sound, is_recent, was_touched;
+    std::int64_t previous_visit_ns, wanted_ns;  // minus the time since that event
     Object* object;
     std::uint32_t region;
     [[nodiscard]] auto order() const {
-      return std::make_tuple(sound, recent, recent || was_met, recent ? 0 : visit_before_ns, wanted_ns);
+      return std::make_tuple(is_sound, is_recent, is_recent || was_touched, is_recent ? 0 : previous_visit_ns,
+                             wanted_ns);
     }
   };
   std::vector<Candidate> candidates;
   for (Object* object : active_)
     for (const std::uint32_t region : object->held) {
       const RegionNote& note = object->notes[region];
-      const std::int64_t unwanted_ns = note.unwanted_ns(wanted_at_ns_);
-      if (unwanted_ns == 0 && !note.faulty) continue;
-      const bool recent = unwanted_ns < settings_.idle_before_spare_ns;
-      candidates.push_back(
-          {note.faulty == 0, recent, note.met != 0, -note.since_visit_ns(wanted_at_ns_), -unwanted_ns, object, region});
+      const std::int64_t unwanted_ns = note.unwanted_ns(last_tick_ns_);
+      if (unwanted_ns == 0 && !note.is_faulty) continue;
+      const bool is_recent = unwanted_ns < settings_.recently_wanted_ns;
+      candidates.push_back({note.is_faulty == 0, is_recent, note.last_contact != 0,
+                            -note.since_previous_visit_ns(last_tick_ns_), -unwanted_ns, object, region});
     }
   std::sort(candidates.begin(), candidates.end(),
             [](const Candidate& a, const Candidate& b) { return a.order() < b.order(); });
   for (const Candidate& candidate : candidates) {
-    if (candidate.sound && settings_.keep_unwanted && gives(needed_) && gives(reserve_)) break;
+    if (candidate.is_sound && has_enough_blocks()) break;
     Object& object = *candidate.object;
     if (!delivery_.retire(object.info.id, candidate.region)) continue;
     store_.leave(spm::ObjectIndex{object.info.index}, spm::RegionId{candidate.region});
-    object.notes[candidate.region].set(Kept::kLeaving);
+    object.notes[candidate.region].set(StoreState::kRetired);
     object.held.erase(std::find(object.held.begin(), object.held.end(), candidate.region));
     eviction_candidates_.push_back({&object, candidate.region});
   }
 }
 
-void Loader::take_back(Object& object, std::uint32_t region) {
-  eviction_candidates_.erase(
-      std::find_if(eviction_candidates_.begin(), eviction_candidates_.end(), [&](const Place& eviction_candidate) {
-        return eviction_candidate.object == &object && eviction_candidate.region == region;
-      }));
+void Loader::cancel_eviction(Object& object, std::uint32_t region) {
+  eviction_candidates_.erase(std::find_if(
+      eviction_candidates_.begin(), eviction_candidates_.end(),
+      [&](const RegionRef& candidate) { return candidate.object == &object && candidate.region == region; }));
   store_.stay(spm::ObjectIndex{object.info.index}, spm::RegionId{region});
-  object.notes[region].set(Kept::kHeld);
+  object.notes[region].set(StoreState::kHeld);
   object.held.push_back(region);
   delivery_.held(object.info.id, region);
 }
 
-void Loader::take_released() {
+void Loader::collect_released() {
   for (Object* object : active_)
     for (const std::uint32_t region : delivery_.take_released(object->info.id))
-      if (object->notes[region].kept() == Kept::kLeaving) object->notes[region].set(Kept::kSpare);
-  const auto goes = [&](const Place& eviction_candidate) {
-    const RegionNote& note = eviction_candidate.object->notes[eviction_candidate.region];
-    return note.kept() == Kept::kSpare && (note.faulty != 0 || !settings_.keep_unwanted);
+      if (object->notes[region].store_state() == StoreState::kRetired)
+        object->notes[region].set(StoreState::kEvictable);
+  const auto must_free = [&](const RegionRef& candidate) {
+    const RegionNote& note = candidate.object->notes[candidate.region];
+    return note.store_state() == StoreState::kEvictable && (note.is_faulty != 0 || !settings_.retain_unwanted);
   };
-  for (auto eviction_candidate = eviction_candidates_.begin(); eviction_candidate != eviction_candidates_.end();)
-    eviction_candidate = goes(*eviction_candidate) ? free_now(eviction_candidate) : std::next(eviction_candidate);
+  for (auto candidate = eviction_candidates_.begin(); candidate != eviction_candidates_.end();)
+    candidate = must_free(*candidate) ? evict_candidate(candidate) : std::next(candidate);
 }
 
-std::deque<Loader::Place>::iterator Loader::free_now(std::deque<Place>::iterator eviction_candidate) {
-  evict(*eviction_candidate->object, eviction_candidate->region);
+std::deque<Loader::RegionRef>::iterator Loader::evict_candidate(std::deque<RegionRef>::iterator candidate) {
+  evict(*candidate->object, candidate->region);
   ++figures_.regions_evicted;
-  return eviction_candidates_.erase(eviction_candidate);
+  return eviction_candidates_.erase(candidate);
 }
 
-/// A region that leaves.
+/// Frees a retired region in the store.
 void Loader::evict(Object& object, std::uint32_t region) {
   store_.release(spm::ObjectIndex{object.info.index}, spm::RegionId{region});
   RegionNote& note = object.notes[region];
-  note.set(Kept::kAbsent);
-  faulty_ -= note.faulty;
-  note.faulty = 0;
+  note.set(StoreState::kAbsent);
+  faulty_regions_ -= note.is_faulty;
+  note.is_faulty = 0;
   ++object.info.regions_released;
 }
 
-/// Frees a spare region, if possible one that is not wanted again. False when none is spare.
-bool Loader::free_spare() {
-  auto spare = eviction_candidates_.end();
-  for (auto eviction_candidate = eviction_candidates_.begin(); eviction_candidate != eviction_candidates_.end();
-       ++eviction_candidate) {
-    const RegionNote& note = eviction_candidate->object->notes[eviction_candidate->region];
-    if (note.kept() != Kept::kSpare) continue;
-    if (spare == eviction_candidates_.end()) spare = eviction_candidate;
-    if (note.unwanted_ns(wanted_at_ns_) == 0) continue;
-    spare = eviction_candidate;
+/// Evicts an evictable region, preferably an unwanted one. Returns false if no region is evictable.
+bool Loader::evict_one() {
+  auto chosen = eviction_candidates_.end();
+  for (auto candidate = eviction_candidates_.begin(); candidate != eviction_candidates_.end(); ++candidate) {
+    const RegionNote& note = candidate->object->notes[candidate->region];
+    if (note.store_state() != StoreState::kEvictable) continue;
+    if (chosen == eviction_candidates_.end()) chosen = candidate;
+    if (note.unwanted_ns(last_tick_ns_) == 0) continue;
+    chosen = candidate;
     break;
   }
-  if (spare == eviction_candidates_.end()) return false;
-  free_now(spare);
+  if (chosen == eviction_candidates_.end()) return false;
+  evict_candidate(chosen);
   return true;
 }
 

@@ -1,4 +1,4 @@
-// The loader's half that lets objects go which no host offers any more.
+// Removal of the objects that no host offers any more.
 #include <algorithm>
 #include <utility>
 
@@ -6,20 +6,22 @@
 
 namespace tactus::hrtc_service {
 
-/// At once, but for what the haptic thread uses: that is freed when the object departs.
+/// Removes an object from predictions, demands and the store. Its memory in the pool is freed when the haptic thread
+/// has returned it (free_withdrawn).
 void Loader::withdraw(Object& object) {
-  say("object " + object.info.name + ": withdrawn");
+  report_event("object " + object.info.name + ": withdrawn");
   object.withdrawn = true;
   active_.erase(std::find(active_.begin(), active_.end(), &object));
   delivery_.close(object.info.id);
   drop_parked(object);
   broad_phase_.remove(object.info.index);
-  // What was predicted and is due names its regions.
-  prospects_.clear();
-  predicted_ns_ = predict_next_ns_ = 0;
-  object.wishes.clear();
-  due_.erase(std::remove_if(due_.begin(), due_.end(), [&](const Place& place) { return place.object == &object; }),
-             due_.end());
+  // These lists may refer to regions of the object.
+  predicted_contacts_.clear();
+  last_prediction_ns_ = next_prediction_ns_ = 0;
+  object.wanted_regions.clear();
+  pool_targets_.erase(std::remove_if(pool_targets_.begin(), pool_targets_.end(),
+                                     [&](const RegionRef& target) { return target.object == &object; }),
+                      pool_targets_.end());
 
   const spm::ObjectIndex number{object.info.index};
   for (const std::uint32_t region : object.held) {
@@ -27,24 +29,24 @@ void Loader::withdraw(Object& object) {
     evict(object, region);
   }
   object.held.clear();
-  const auto leaves = [&](const Place& place) {
-    if (place.object == &object) evict(object, place.region);
-    return place.object == &object;
+  const auto evict_own = [&](const RegionRef& candidate) {
+    if (candidate.object == &object) evict(object, candidate.region);
+    return candidate.object == &object;
   };
-  eviction_candidates_.erase(std::remove_if(eviction_candidates_.begin(), eviction_candidates_.end(), leaves),
+  eviction_candidates_.erase(std::remove_if(eviction_candidates_.begin(), eviction_candidates_.end(), evict_own),
                              eviction_candidates_.end());
   store_.remove(number);
 
-  waiting_.push_back({Arrival::Kind::kWithdraw, &object.touch, {}, {}});
+  pending_arrivals_.push_back({Arrival::Kind::kWithdraw, &object.touch, {}, {}});
   if (on_object_withdrawn) on_object_withdrawn(object.touch);
-  hand_over();
+  push_arrivals();
 }
 
-/// The haptic thread has forgotten it.
+/// Frees the pool memory of an object that the haptic thread has returned, and opens postponed objects.
 void Loader::free_withdrawn(Object& object) {
   const spm::ObjectIndex number{object.info.index};
   for (std::uint32_t region = 0; region < object.notes.size(); ++region)
-    if (object.notes[region].shown() != Shown::kNot) {
+    if (object.notes[region].pool_state() != PoolState::kNotLoaded) {
       cache_.release(number, spm::RegionId{region});
       ++figures_.regions_coarsened;
     }
@@ -54,9 +56,9 @@ void Loader::free_withdrawn(Object& object) {
   cache_.remove(number);
   base_slots_ -= object.base_slots;
   base_nodes_ -= object.base_nodes;
-  directories_ -= spm::directory_bytes(object.summary, pool_.settings);
+  directory_bytes_ -= spm::directory_bytes(object.summary, pool_.settings);
   by_index_[object.info.index] = nullptr;
-  say("object " + object.info.name + ": freed");
+  report_event("object " + object.info.name + ": freed");
   forget(object);
   open_postponed();
 }
@@ -67,14 +69,15 @@ void Loader::forget(Object& object) {
   if (on_object_gone) on_object_gone(info);
 }
 
-/// Until there is room for it, or until the object of that name is gone.
+/// Stores the entry of an object that cannot be opened now, for want of space or because its name is in use. Removes
+/// entries that no host offers any more.
 void Loader::postpone(const session::CatalogueEntry& entry) {
   for (auto at = postponed_.begin(); at != postponed_.end();)
     at = delivery_.offered(at->first, at->second.summary.digest) ? std::next(at) : postponed_.erase(at);
   if (postponed_.size() < kMaxObjects) postponed_[entry.object_id] = entry;
 }
 
-/// There is more room: what was refused or postponed is tried again, when it is still offered.
+/// Opens the refused and postponed objects that hosts still offer. Called when an object was removed.
 void Loader::open_postponed() {
   std::vector<Object*> refused;
   for (const auto& [id, object] : objects_)

@@ -25,9 +25,9 @@ Examples:
   tactus-hrtc --session lab --name desk4 --device bob=./mydevice.so,/dev/ttyACM0
   tactus-hrtc --session lab --name desk5 --tool stylus
 
-Exit status: 0 ended by the session or a signal, 1 given up or output lost, 2 wrong input or a name that is taken.)";
+Exit status: 0 ended by the session or a signal, 1 no host found or an output file failed, 2 wrong input or a name in use.)";
 
-/// The text before and after the first `=`; refuses empty parts.
+/// Returns the text before and after the first `=`. Throws CLI::ValidationError if one of them is empty.
 std::pair<std::string, std::string> parts_of(const std::string& text, const char* option, const char* expected) {
   const std::size_t equals = text.find('=');
   if (equals == std::string::npos || equals == 0 || equals + 1 == text.size())
@@ -35,7 +35,7 @@ std::pair<std::string, std::string> parts_of(const std::string& text, const char
   return {text.substr(0, equals), text.substr(equals + 1)};
 }
 
-/// A device that its driver opens by "FILE" or "FILE,CONFIG".
+/// Opens a device by its driver. `text`: "FILE" or "FILE,CONFIG".
 std::unique_ptr<tactus::haptics::Device> open_plugin(const std::string& text) {
   const std::size_t comma = text.find(',');
   const std::string config = comma == std::string::npos ? "" : text.substr(comma + 1);
@@ -47,12 +47,12 @@ std::unique_ptr<tactus::haptics::Device> open_plugin(const std::string& text) {
 /// Loads a mesh file, or the built-in mesh of that name.
 std::unique_ptr<const tactus::spm::MeshProbe> open_tool(const std::string& name) {
   using namespace tactus::spm;
-  constexpr double kLargest = 1;  // m; a larger mesh probably has another unit
+  constexpr double kMaxRadius = 1;  // m; a larger mesh probably has another unit
   const offline::TriangleMesh mesh = name == "stylus" ? offline::stylus() : offline::import_mesh(name);
   auto tool = std::make_unique<const MeshProbe>(mesh.positions, mesh.faces);
-  if (tool->radius() > kLargest)
-    throw std::runtime_error("--tool " + name + ": found a vertex " + std::to_string(tool->radius()) +
-                             " from the origin, expected metres, at most " + std::to_string(kLargest));
+  if (tool->radius() > kMaxRadius)
+    throw std::runtime_error("--tool " + name + ": found a vertex at " + std::to_string(tool->radius()) +
+                             " from the origin, expected metres, at most " + std::to_string(kMaxRadius));
   return tool;
 }
 
@@ -64,9 +64,9 @@ int main(int argc, char** argv) {
   options.address.session = "tactus";
   options.address.participant = "hrtc";
   options.flight.folder = std::filesystem::temp_directory_path() / "tactus-flight";
-  options.saves = &wire::save_signals();
+  options.save_requests = &wire::save_signals();
   constexpr std::uint32_t kMinSlots = 256;
-  constexpr double kToolDeadline = 400;  // us; of which a tool itself may take more than half
+  constexpr double kToolDeadline = 400;  // us, because a tool may take more than 200 us
   std::uint32_t slots = 1u << 16;
   std::uint32_t cache_blocks = 0;
   std::uint64_t memory_bytes = 0;
@@ -85,12 +85,12 @@ int main(int argc, char** argv) {
   wire::add_address_options(app, options.address, "HRTC");
   CLI::Option* pool =
       app.add_option("--pool", slots,
-                     "Slots for mesh records, of all objects together; 64 Ki take 38 MiB with the compressed cache")
+                     "Slots for the records of all objects; 64 Ki slots with their compressed cache take 38 MiB")
           ->capture_default_str()
           ->check(CLI::Range(kMinSlots, spm::kMaxSlots));
   CLI::Option* cache =
       app.add_option("--compressed-cache", cache_blocks,
-                     "Blocks of 20 bytes for compressed records, of which each takes one or two (6 for each slot)")
+                     "Blocks of 20 bytes for compressed records; a record takes one or two (default: 6 for each slot)")
           ->check(CLI::Range(1u, spm::kMaxSlots));
   CLI::Option* memory = app.add_option("--memory", memory_bytes,
                                        "Memory for all models and the flight recorder, instead of --pool: 16MiB, 1GiB")
@@ -101,13 +101,12 @@ int main(int argc, char** argv) {
   for (std::size_t i = 0; i < spm::kStrategyNames.size(); ++i)
     strategies[spm::kStrategyNames[i]] = static_cast<spm::Strategy>(i);
   app.add_option("--prediction", options.core.gateway.loader.strategy,
-                 "Method that predicts the regions that a tip will meet")
+                 "Strategy that predicts the regions that a tip will touch")
       ->transform(CLI::CheckedTransformer(strategies, CLI::ignore_case)
                       .description("{neighbours,linear,polynomial,distance,mixture}"))
       ->default_str("mixture");
-  app.add_option(
-         "--targets", options.core.servo.cycle.targets,
-         "Maximum number of regions of an object that are refined at a time; the least urgent others stay coarse")
+  app.add_option("--targets", options.core.servo.cycle.targets,
+                 "Maximum number of refined regions of an object; less urgent regions remain coarse")
       ->capture_default_str()
       ->check(CLI::Range(1u, hrtc_service::CycleSettings::kMaxTargets));
   app.add_option("--users", options.max_users, "Maximum number of probes")
@@ -116,25 +115,26 @@ int main(int argc, char** argv) {
   app.add_option("--rate", rate, "Cycles per second")->capture_default_str()->check(CLI::Range(100.0, 10000.0));
   const CLI::Option* deadline =
       app.add_option("--deadline", deadline_us,
-                     "Microseconds that a cycle's own work may take; sets the refinement budget (400 with a tool)")
+                     "Maximum time of a cycle's own work, us; limits refinement (default with --tool: 400)")
           ->capture_default_str()
           ->check(CLI::Range(20.0, 10000.0));
   app.add_option("--priority", options.haptic.priority, "SCHED_FIFO priority of the haptic thread; 0: none")
       ->capture_default_str()
       ->check(CLI::Range(0, 98));
-  app.add_option("--tip-radius", radius_mm, "Radius of the tips, mm")
+  app.add_option("--tip-radius", radius_mm, "Radius of every tip, mm")
       ->capture_default_str()
       ->check(CLI::Range(0.1, 100.0));
-  app.add_option("--max-force", max_force, "Largest force, N")->capture_default_str()->check(CLI::Range(0.1, 100.0));
-  app.add_option("--tool", tool,
-                 "Tool that every user holds instead of a sphere, with six degrees of freedom: a mesh file in metres, "
-                 "with its origin at the device's tip, or stylus");
-  app.add_option("--max-torque", max_torque, "Largest torque, N m")
+  app.add_option("--max-force", max_force, "Maximum force, N")->capture_default_str()->check(CLI::Range(0.1, 100.0));
+  app.add_option(
+      "--tool", tool,
+      "Tool of every user, with six degrees of freedom, instead of a sphere: 'stylus', or a mesh file in metres "
+      "with its origin at the device's tip");
+  app.add_option("--max-torque", max_torque, "Maximum torque, N m")
       ->capture_default_str()
       ->check(CLI::Range(0.001, 10.0));
-  app.add_option("--replay", replays, "USER=FILE: adds a user whose device replays lines time_s,x,y,z");
+  app.add_option("--replay", replays, "USER=FILE: adds a user whose device replays the lines time_s,x,y,z of a file");
   app.add_option("--device", plugins,
-                 "USER=DRIVER[,CONFIG]: adds a user with a device at this machine, opened by this shared library "
+                 "USER=DRIVER[,CONFIG]: adds a user with a device at this machine; DRIVER is its shared library "
                  "(docs/how-to/own-device.md)");
   app.add_option("--device-scale", frame_scale, "World metres per device metre, for devices at this machine")
       ->capture_default_str()
@@ -142,21 +142,22 @@ int main(int argc, char** argv) {
   app.add_option("--device-offset", frame_offset, "Origin of the devices at this machine in the world, m")->expected(3);
   app.add_option("--log", options.log, "Contact log, for tactus-mesh audit");
   app.add_option("--snapshot", options.snapshot, "Directory for PLY files of the active mesh during contact");
-  app.add_option(
-         "--flight-recorder", options.flight.seconds,
-         "Seconds of cycles to record in memory and to write, for tactus replay, after a fault, an emergency stop or "
-         "SIGUSR1; 0: none")
+  app.add_option("--flight-recorder", options.flight.seconds,
+                 "Time of the newest cycles in memory, s; written to a file for tactus replay after a fault, an "
+                 "emergency stop or "
+                 "SIGUSR1; 0: no recorder")
       ->capture_default_str()
       ->check(CLI::Range(0.0, 3600.0));
-  app.add_option("--flight-folder", options.flight.folder, "Folder of these files")->capture_default_str();
+  app.add_option("--flight-folder", options.flight.folder, "Folder for the files of the flight recorder")
+      ->capture_default_str();
   app.add_option("--flight-file", options.flight.file, "File for the flight recording at the end of the program");
   app.add_option("--wait-host", options.host_patience,
-                 "Seconds to wait for a first host before the program ends; 0: no limit");
-  app.add_option("--state-rate", options.state_rate, "Probe states per second")
+                 "Time to wait for a first host before the program ends, s; 0: no limit");
+  app.add_option("--state-rate", options.state_rate, "Maximum rate of probe states, Hz")
       ->capture_default_str()
       ->check(CLI::Range(1.0, 10000.0));
-  app.add_flag("--coding,!--no-coding", options.coding,
-               "Send the session only the probe states that a receiver would miss (the default)");
+  app.add_flag("--coding,!--no-coding", options.uses_deadband,
+               "Send deadband-coded states to the session (default), or with --no-coding every probe state");
   app.add_flag("--timer-beside", options.timer_beside,
                "Measure a bare timer of the same priority beside the haptic thread");
   try {
@@ -170,13 +171,13 @@ int main(int argc, char** argv) {
   options.core.pool = spm::PoolSettings::for_slots(slots);
   if (cache->count() > 0) options.core.pool.compressed_blocks = cache_blocks;
   if (memory->count() > 0) {
-    const bool wanted = options.flight.seconds > 0;
+    const bool is_recorder_requested = options.flight.seconds > 0;
     const std::uint64_t recorder =
         hrtc_service::limit_flight(options.flight, memory_bytes, 1 / rate, options.max_users);
-    if (wanted && recorder == 0) {
+    if (is_recorder_requested && recorder == 0) {
       std::cerr << "tactus-hrtc: --memory: an eighth of " << memory_bytes
                 << " bytes does not hold a second of flight recording for " << options.max_users
-                << " probes, so nothing is recorded; fewer --users need less\n";
+                << " probes, so nothing is recorded; fewer --users need less memory\n";
     }
     const spm::MemoryShares shares = spm::shares_of(memory_bytes - recorder);
     options.core.gateway.loader.directory_bytes = shares.directories;

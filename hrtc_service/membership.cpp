@@ -16,12 +16,12 @@ constexpr std::int64_t kHeartbeatNs = 100 * kMs;
 constexpr std::int64_t kClockNs = 200 * kMs, kClockFastNs = 20 * kMs;
 constexpr std::uint32_t kFastClockRequests = 10;
 constexpr std::int64_t kModesNs = 20 * kMs;
-constexpr std::int64_t kWatchNs = 2 * kMs, kWatchAtEaseNs = 4 * kMs;
-// The force counts as on so long after its end, because a tip may bounce and a hand may close again.
-constexpr std::int64_t kForceNs = 200 * kMs;
-constexpr std::uint32_t kClockIsSetUs = 1'000'000;  // a sender whose bound is larger has not set its clock yet
+constexpr std::int64_t kWatchNs = 2 * kMs, kRelaxedWatchNs = 4 * kMs;
+// Time for which a force counts as on after its end, because a tip may bounce and a hand may close again.
+constexpr std::int64_t kForceHoldNs = 200 * kMs;
+constexpr std::uint32_t kClockIsSetUs = 1'000'000;  // larger time bounds mean that the sender's clock is not set
 
-/// Contacts and holds count, also when their force is zero in this cycle.
+/// Returns whether a probe has a force, a contact or a hold. The force of a contact or hold may be zero in one cycle.
 bool has_force(const ProbeReports& reports) {
   return std::any_of(reports.probes.begin(), reports.probes.end(), [](const ProbeOutput& probe) {
     return probe.active && ((probe.status & (session::kInContact | session::kHolding)) != 0 ||
@@ -49,7 +49,7 @@ Membership::Membership(const session::Origin& self, const MembershipSettings& se
       clock_request_{kClockFastNs},
       modes_{kModesNs},
       objects_moved_{kModesNs},
-      force_ns_{now_ns - kForceNs} {
+      last_force_ns_{now_ns - kForceHoldNs} {
   gateway_.on_object_found = [this](const session::CatalogueEntry& entry) { remote_users_.on_catalogue(entry); };
   gateway_.on_object_gone = [this](const Loader::ObjectInfo& object) {
     remote_users_.on_object_gone(object.id);
@@ -58,13 +58,14 @@ Membership::Membership(const session::Origin& self, const MembershipSettings& se
   };
 }
 
-bool Membership::force_on(std::int64_t now_ns) const noexcept { return now_ns - force_ns_ < kForceNs; }
+bool Membership::is_force_on(std::int64_t now_ns) const noexcept { return now_ns - last_force_ns_ < kForceHoldNs; }
 
 void Membership::on_roster(const session::RosterEntry& entry, std::int64_t now_ns) {
   for (const session::RosterEvent& event : roster_.on_entry(entry, now_ns)) on_event(event, now_ns);
   const session::RosterEntry* const recorded = roster_.find(entry.origin.participant);
-  const bool counts = recorded != nullptr && recorded->origin.incarnation == entry.origin.incarnation && !entry.leaving;
-  if (entry.role != session::Role::kHost || !counts) return;
+  const bool is_valid =
+      recorded != nullptr && recorded->origin.incarnation == entry.origin.incarnation && !entry.leaving;
+  if (entry.role != session::Role::kHost || !is_valid) return;
   host_seen_ = true;
   gateway_.on_host_seen(entry.origin.participant, entry.origin.incarnation, now_ns);
 }
@@ -73,41 +74,42 @@ void Membership::on_event(const session::RosterEvent& event, std::int64_t) {
   using session::RosterChange;
   const session::RosterEntry& entry = event.entry;
   const std::uint64_t participant = entry.origin.participant;
-  if (event.change != RosterChange::kChanged) say(Severity::kInfo, session::text(event));
+  if (event.change != RosterChange::kChanged) report(Severity::kInfo, session::text(event));
   output.scene_changed = true;
   const bool is_new = event.change == RosterChange::kJoined || event.change == RosterChange::kRestarted;
-  if (entry.role == session::Role::kHost && is_new) heartbeat_.repeat_soon();  // it may not have found this HRTC yet
+  if (entry.role == session::Role::kHost && is_new)
+    heartbeat_.repeat_soon();  // the host may not have received our entry
   if (event.change == RosterChange::kNameConflict && participant == self_.participant) {
-    say(Severity::kError, "another program named " + settings_.name + " is in session " + settings_.session +
-                              "; every name may be there once");
+    report(Severity::kError, "another program named " + settings_.name + " is in session " + settings_.session +
+                                 "; every name may be there once");
     output.name_conflict = output.name_conflict || event.entry_yields;
     return;
   }
-  const bool gone = event.change == RosterChange::kGone || event.change == RosterChange::kLeft;
-  if (entry.role == session::Role::kHost && gone) gateway_.on_host_gone(participant);
+  const bool is_gone = event.change == RosterChange::kGone || event.change == RosterChange::kLeft;
+  if (entry.role == session::Role::kHost && is_gone) gateway_.on_host_gone(participant);
   if (entry.role == session::Role::kHost && event.change == RosterChange::kLeft)
     gateway_.on_host_left(participant, entry.origin.incarnation);
-  if (entry.role == session::Role::kHrtc && gone) remote_users_.on_hrtc_gone(participant);
-  if (entry.role == session::Role::kClient) on_client(event, gone);
+  if (entry.role == session::Role::kHrtc && is_gone) remote_users_.on_hrtc_gone(participant);
+  if (entry.role == session::Role::kClient) on_client(event, is_gone);
 }
 
-void Membership::on_client(const session::RosterEvent& event, bool gone) {
+void Membership::on_client(const session::RosterEvent& event, bool is_gone) {
   using session::RosterChange;
   const session::RosterEntry& entry = event.entry;
   const std::uint64_t client = entry.origin.participant;
-  if (gone || event.change == RosterChange::kRestarted)
+  if (is_gone || event.change == RosterChange::kRestarted)
     for (const std::string& name : entry.users) remove_user(client, name);
-  const bool here = event.change == RosterChange::kJoined || event.change == RosterChange::kRestarted ||
-                    event.change == RosterChange::kChanged;
-  const bool chosen = here && entry.requested_hrtc == settings_.name;
-  // After a restart the others remain: it may be a second program of that name, which will leave.
+  const bool is_present = event.change == RosterChange::kJoined || event.change == RosterChange::kRestarted ||
+                          event.change == RosterChange::kChanged;
+  const bool has_chosen_us = is_present && entry.requested_hrtc == settings_.name;
+  // After a restart the other users remain, because the new program may be a name conflict and leave again.
   if (event.change == RosterChange::kChanged) {
-    std::vector<std::string> left;
+    std::vector<std::string> departed;
     for (const auto& [probe, user] : users_)
-      if (user.client == client && !(chosen && contains(entry.users, user.name))) left.push_back(user.name);
-    for (const std::string& name : left) remove_user(client, name);
+      if (user.client == client && !(has_chosen_us && contains(entry.users, user.name))) departed.push_back(user.name);
+    for (const std::string& name : departed) remove_user(client, name);
   }
-  if (!chosen) return;
+  if (!has_chosen_us) return;
   add_users(entry);
   heartbeat_.at_once();
 }
@@ -117,23 +119,23 @@ void Membership::add_users(const session::RosterEntry& client) {
     const auto taken = std::find_if(users_.begin(), users_.end(), [&](const auto& u) { return u.second.name == name; });
     if (taken != users_.end()) {
       if (taken->second.client != client.origin.participant)
-        say(Severity::kWarning, "user " + name + " of client " + client.name +
-                                    " refused: another user of that name has probe " + std::to_string(taken->first));
+        report(Severity::kWarning, "user " + name + " of client " + client.name +
+                                       " refused: another user of that name has probe " + std::to_string(taken->first));
       continue;
     }
     const std::optional<std::uint32_t> slot = slots_.grant(name);
     if (!slot) {
-      say(Severity::kWarning, "user " + name + " refused: all " + std::to_string(slots_.list().size()) +
-                                  " probes are taken; raise --users");
+      report(Severity::kWarning, "user " + name + " refused: all " + std::to_string(slots_.list().size()) +
+                                     " probes are taken; raise --users");
       continue;
     }
     users_[*slot] = {name, session::id_of(name), client.origin.participant};
     output.users.push_back({true, *slot, session::id_of(name), client.origin.participant, name});
-    say(Severity::kInfo, "user " + name + " has probe " + std::to_string(*slot));
+    report(Severity::kInfo, "user " + name + " has probe " + std::to_string(*slot));
   }
 }
 
-/// Removes only this client's user; users of other clients may have the same name.
+/// Removes a user of this client. A user of another client may have the same name and remains.
 void Membership::remove_user(std::uint64_t client, const std::string& name) {
   const auto at = std::find_if(users_.begin(), users_.end(), [&](const auto& user) {
     return user.second.name == name && user.second.client == client && client != 0;
@@ -144,12 +146,13 @@ void Membership::remove_user(std::uint64_t client, const std::string& name) {
   slots_.release(name);
   remote_users_.on_user_left(user.id);
   output.users.push_back({false, probe, user.id, client, name});
-  say(Severity::kInfo, "user " + name + " has left");
-  roster_.for_each([&](const session::RosterEntry& other) {  // those refused for want of this probe or this name
-    if (other.role == session::Role::kClient && other.requested_hrtc == settings_.name &&
-        other.origin.participant != client)
-      add_users(other);
-  });
+  report(Severity::kInfo, "user " + name + " has left");
+  roster_.for_each(
+      [&](const session::RosterEntry& other) {  // users who were refused may now get this probe or this name
+        if (other.role == session::Role::kClient && other.requested_hrtc == settings_.name &&
+            other.origin.participant != client)
+          add_users(other);
+      });
   heartbeat_.at_once();
 }
 
@@ -160,9 +163,9 @@ std::optional<std::uint32_t> Membership::add_local(const std::string& name) {
 }
 
 void Membership::on_catalogue(const session::CatalogueEntry& entry) {
-  heartbeat_.repeat_soon();  // a host opens the endpoints of an HRTC's mesh stream once it has found the HRTC
+  heartbeat_.repeat_soon();  // a host opens the endpoints for an HRTC when it has received the HRTC's entry
   gateway_.on_catalogue(entry);
-  if (gateway_.loader().knows(entry.object_id)) remote_users_.on_catalogue(entry);
+  if (gateway_.loader().has_object(entry.object_id)) remote_users_.on_catalogue(entry);
 }
 
 void Membership::on_clock(const session::ClockSample& sample, std::int64_t arrived_ns, std::int64_t now_ns) {
@@ -188,9 +191,9 @@ void Membership::on_state(const session::ProbeState& state, session::StateStream
 void Membership::on_mode(const std::string& text) {
   try {
     remote_users_.on_mode(text);
-    say(Severity::kInfo, "mode: " + text);
+    report(Severity::kInfo, "mode: " + text);
   } catch (const std::invalid_argument& error) {
-    say(Severity::kWarning, error.what());
+    report(Severity::kWarning, error.what());
   }
 }
 
@@ -201,12 +204,12 @@ void Membership::on_stops(const std::vector<session::StopRecord>& stops) {
 
 void Membership::tick(std::int64_t now_ns) {
   for (const session::RosterEvent& event : roster_.tick(now_ns)) on_event(event, now_ns);
-  follow_forces(now_ns);
+  track_forces(now_ns);
   choose_hosts_to_watch();
-  follow_serving_hosts(now_ns);
-  session::keep_time(roster_, self_, session::Role::kHrtc, force_on(now_ns), now_ns, clock_);
+  report_host_changes(now_ns);
+  session::keep_time(roster_, self_, session::Role::kHrtc, is_force_on(now_ns), now_ns, clock_);
   if (objects_moved_.due(now_ns))
-    for (const session::CatalogueEntry& entry : gateway_.take_moved()) remote_users_.on_catalogue(entry);
+    for (const session::CatalogueEntry& entry : gateway_.collect_moved()) remote_users_.on_catalogue(entry);
   if (modes_.due(now_ns)) {
     for (const auto& [probe, user] : users_)
       if (const ProbeOutput& own = gateway_.reports().probes[probe]; own.active)
@@ -216,11 +219,11 @@ void Membership::tick(std::int64_t now_ns) {
   if (heartbeat_.due(now_ns)) output.roster = roster_entry(false, now_ns);
 }
 
-/// The reference of session time delays a step while a force is on, so it must receive this at once.
-void Membership::follow_forces(std::int64_t now_ns) {
+/// Sends a roster entry at once when a force begins, because the time reference must not step while a force is on.
+void Membership::track_forces(std::int64_t now_ns) {
   if (!gateway_.fresh() || !has_force(gateway_.reports())) return;
-  if (!force_on(now_ns)) heartbeat_.at_once();
-  force_ns_ = now_ns;
+  if (!is_force_on(now_ns)) heartbeat_.at_once();
+  last_force_ns_ = now_ns;
 }
 
 void Membership::choose_hosts_to_watch() {
@@ -236,18 +239,18 @@ void Membership::choose_hosts_to_watch() {
 
 std::int64_t Membership::watch_period_ns() const noexcept {
   if (!failure_detector_.watches()) return 0;
-  return failure_detector_.all_answered() ? kWatchAtEaseNs : kWatchNs;
+  return failure_detector_.all_answered() ? kRelaxedWatchNs : kWatchNs;
 }
 
 bool Membership::watch_hosts(std::int64_t now_ns) {
-  while (auto question = failure_detector_.next_request(now_ns)) output.clock_to_host.push_back(*question);
-  const std::vector<session::FailureDetector::Suspect> all_silent = failure_detector_.take_suspects(now_ns);
-  for (const session::FailureDetector::Suspect& silent : all_silent) {
-    say(Severity::kWarning,
-        "host '" + host_name(silent.host) + "' has not answered for " + std::to_string(silent.silent_ns / kMs) + " ms");
-    gateway_.on_host_silent(silent.host);
+  while (auto request = failure_detector_.next_request(now_ns)) output.clock_to_host.push_back(*request);
+  const std::vector<session::FailureDetector::Suspect> suspects = failure_detector_.take_suspects(now_ns);
+  for (const session::FailureDetector::Suspect& suspect : suspects) {
+    report(Severity::kWarning, "host '" + host_name(suspect.host) + "' has not answered for " +
+                                   std::to_string(suspect.silent_ns / kMs) + " ms");
+    gateway_.on_host_silent(suspect.host);
   }
-  return !all_silent.empty();
+  return !suspects.empty();
 }
 
 std::string Membership::host_name(std::uint64_t host) const {
@@ -255,19 +258,19 @@ std::string Membership::host_name(std::uint64_t host) const {
   return entry == nullptr ? "?" : entry->name;
 }
 
-/// One event when another host serves an object, and one when its first records are here.
-void Membership::follow_serving_hosts(std::int64_t now_ns) {
+/// Reports an event when another host serves an object, and one when its first records have arrived.
+void Membership::report_host_changes(std::int64_t now_ns) {
   for (const Loader::ObjectInfo& object : gateway_.loader().objects()) {
     Serving& serving = serving_[object.id];
     const std::uint64_t host = gateway_.loader().serving_host(object.id);
     if (host != serving.host && host != 0) {
       if (serving.host != 0)
-        say(Severity::kInfo, "object " + object.name + " is now served by host '" + host_name(host) + "'");
+        report(Severity::kInfo, "object " + object.name + " is now served by host '" + host_name(host) + "'");
       serving = {host, serving.host == 0 ? 0 : now_ns, object.regions_received};
     }
     if (serving.since_ns == 0 || object.regions_received == serving.regions_before) continue;
-    say(Severity::kInfo, "records of object " + object.name + " come again, " +
-                             std::to_string((now_ns - serving.since_ns) / kMs) + " ms after the change of host");
+    report(Severity::kInfo, "records of object " + object.name + " come again, " +
+                                std::to_string((now_ns - serving.since_ns) / kMs) + " ms after the change of host");
     serving.since_ns = 0;
   }
 }
@@ -287,10 +290,10 @@ session::RosterEntry Membership::roster_entry(bool leaving, std::int64_t now_ns)
   entry.name = settings_.name;
   entry.session = settings_.session;
   entry.slots = slots_.list();
-  entry.heartbeat = ++beats_;
+  entry.heartbeat = ++heartbeats_;
   entry.leaving = leaving;
   entry.stops = stops_;
-  session::put_time(clock_, force_on(now_ns), now_ns, entry);
+  session::put_time(clock_, is_force_on(now_ns), now_ns, entry);
   return entry;
 }
 

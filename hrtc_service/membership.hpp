@@ -1,12 +1,12 @@
-/// Manages the roster, the time reference, the liveness of hosts, and the users who have a probe here.
+/// Manages the roster, the time reference, the failure detection of hosts, and the users who have a probe of this HRTC.
 ///
-///     roster, clock, catalogue, probe states  -->  Membership  -->  roster entry, clock samples, users in and out
+///     roster, clock, catalogue, probe states  -->  Membership  -->  roster entry, clock samples, changes of users
 ///                                                    |    ^
 ///                         hosts seen, gone, silent   v    |  probes, objects
 ///                                                   Gateway
 ///
-/// Policy without DDS, thread, clock, file or log: samples and times are arguments; `output` holds samples to send and
-/// lines to log until `clear`. One thread at a time. Not realtime.
+/// No DDS, thread, clock, file or log: samples and times are arguments. `output` collects samples to send and lines to
+/// log until `clear`. One thread at a time. Not realtime.
 #pragma once
 
 #include <array>
@@ -36,23 +36,23 @@ struct SessionEvent {
   std::string text;
 };
 
-/// A user who gets a probe, or gives it back.
+/// A user who gets a probe, or who leaves it.
 struct UserChange {
-  bool joined = false;
+  bool joined = false;  ///< false: the user has left
   std::uint32_t probe = 0;
   std::uint64_t id = 0, client = 0;
   std::string name;
 };
 
-/// The orders for the adapter.
+/// Samples, user changes and events for the adapter.
 struct MembershipOutput {
   std::optional<session::RosterEntry> roster;
-  std::vector<session::ClockSample> clock;          ///< to everyone
-  std::vector<session::ClockSample> clock_to_host;  ///< in this HRTC's own partition, where hosts listen
+  std::vector<session::ClockSample> clock;          ///< for all participants
+  std::vector<session::ClockSample> clock_to_host;  ///< for hosts, in this HRTC's own partition
   std::vector<UserChange> users;
   std::vector<SessionEvent> events;
   bool scene_changed = false;  ///< a participant joined or left: publish metrics soon
-  bool name_conflict = false;  ///< another program has this name, so this one must end
+  bool name_conflict = false;  ///< another program has the name of this one, so this one must end
   void clear() { *this = {}; }
 };
 
@@ -63,77 +63,79 @@ class Membership {
 
   MembershipOutput output;
 
-  /// After an object was forgotten, see Gateway::on_object_gone.
+  /// Called as Gateway::on_object_gone.
   std::function<void(const Loader::ObjectInfo&)> on_object_gone;
 
   void on_roster(const session::RosterEntry& entry, std::int64_t now_ns);
   void on_catalogue(const session::CatalogueEntry& entry);
-  /// `arrived_ns` when the sample came, `now_ns` when the answer leaves.
+  /// `arrived_ns`: arrival of the sample; `now_ns`: time at which its answer is sent.
   void on_clock(const session::ClockSample& sample, std::int64_t arrived_ns, std::int64_t now_ns);
-  /// An answer in this HRTC's own partition, for the failure detector or for the clock.
+  /// Processes an answer of a host, for the failure detector and the clock.
   void on_host_answer(const session::ClockSample& answer, std::int64_t now_ns);
   void on_state(const session::ProbeState& state, session::StateStream stream, std::int64_t now_ns);
   void on_metrics(const session::Metrics& metrics, std::int64_t now_ns) { remote_users_.on_metrics(metrics, now_ns); }
   void on_mode(const std::string& text);
-  /// Sets the stops that the servo has obeyed; the next roster entry, which is due at once, acknowledges them.
+  /// Sets the stops that the servo has obeyed. A roster entry acknowledges them at once.
   void on_stops(const std::vector<session::StopRecord>& stops);
-  /// Adds a user whose device is at this machine. Returns the probe; none when all probes are in use.
+  /// Adds a user whose device is at this machine. Returns the probe, or nothing when all probes are in use.
   [[nodiscard]] std::optional<std::uint32_t> add_local(const std::string& name);
 
-  /// Every few milliseconds, after the gateway's tick.
+  /// Call it every few milliseconds, after the gateway's tick.
   void tick(std::int64_t now_ns);
-  /// Between ticks, as often as `watches` says: requests an answer of each host of a near object. True when the failure
-  /// detector has just reported one.
+  /// Requests an answer from each host that serves a near object. Call it every `watch_period_ns`. Returns true if the
+  /// failure detector reports a new suspect.
   [[nodiscard]] bool watch_hosts(std::int64_t now_ns);
-  /// ns between two calls of watch_hosts; 0: no host needs it.
+  /// Returns the time between two calls of watch_hosts, ns. 0: no host needs them.
   [[nodiscard]] std::int64_t watch_period_ns() const noexcept;
   struct ClockRequest {
     session::ClockSample sample;
-    bool to_host = false;  ///< in this HRTC's own partition, where hosts listen
+    bool to_host = false;  ///< send it in this HRTC's own partition
   };
-  /// The next request to the reference of session time, if one is due; `now_ns` when it leaves.
+  /// Returns the next request to the time reference, if one is due. `now_ns`: time at which it is sent.
   [[nodiscard]] std::optional<ClockRequest> clock_request(std::int64_t now_ns);
-  /// This program's roster entry now; `leaving`: the last one.
+  /// Returns the roster entry of this program. `leaving`: it is the leave message.
   [[nodiscard]] session::RosterEntry roster_entry(bool leaving, std::int64_t now_ns);
 
   [[nodiscard]] const session::Roster& roster() const noexcept { return roster_; }
   [[nodiscard]] const session::ClockMap& clock() const noexcept { return clock_.map(); }
   [[nodiscard]] RemoteUsers& remote_users() noexcept { return remote_users_; }
   [[nodiscard]] const RemoteUsers& remote_users() const noexcept { return remote_users_; }
-  /// Ids by probe, 0 where there is no user.
+  /// Returns the ids of the users by probe, 0 where there is no user.
   [[nodiscard]] std::array<std::uint64_t, kMaxProbes> user_ids() const;
-  /// "nobody" where there is none.
+  /// Returns the name of the probe's user, or "nobody".
   [[nodiscard]] const std::string& name_at(std::uint32_t probe) const;
-  [[nodiscard]] bool taken(std::uint32_t probe) const { return users_.count(probe) != 0; }
+  [[nodiscard]] bool has_user(std::uint32_t probe) const { return users_.count(probe) != 0; }
   [[nodiscard]] bool host_seen() const noexcept { return host_seen_; }
   [[nodiscard]] std::uint64_t false_suspicions() const noexcept { return failure_detector_.false_suspicions(); }
   [[nodiscard]] std::uint64_t implausible() const noexcept {
     return roster_.implausible() + clock_.implausible() + remote_users_.implausible();
   }
-  /// A force is on, or was a moment ago: then session time must not step.
-  [[nodiscard]] bool force_on(std::int64_t now_ns) const noexcept;
+  /// Returns whether a force is on or was within the last 0.2 s. Session time must not step then.
+  [[nodiscard]] bool is_force_on(std::int64_t now_ns) const noexcept;
 
  private:
   struct User {
     std::string name;
     std::uint64_t id = 0;
-    std::uint64_t client = 0;  // participant; 0: a device of our own
+    std::uint64_t client = 0;  // participant; 0: the user's device is at this machine
   };
-  /// Which host serves an object, and since when without its first records.
+  /// The host that serves an object.
   struct Serving {
     std::uint64_t host = 0;
-    std::int64_t since_ns = 0;  // 0: its records have come
-    std::uint64_t regions_before = 0;
+    std::int64_t since_ns = 0;         // time of the change of host; 0: its records have arrived
+    std::uint64_t regions_before = 0;  // regions of the object received before the change
   };
 
-  void say(SessionEvent::Severity severity, std::string text) { output.events.push_back({severity, std::move(text)}); }
+  void report(SessionEvent::Severity severity, std::string text) {
+    output.events.push_back({severity, std::move(text)});
+  }
   void on_event(const session::RosterEvent& event, std::int64_t now_ns);
-  void on_client(const session::RosterEvent& event, bool gone);
+  void on_client(const session::RosterEvent& event, bool is_gone);
   void add_users(const session::RosterEntry& client);
   void remove_user(std::uint64_t client, const std::string& name);
-  void follow_forces(std::int64_t now_ns);
+  void track_forces(std::int64_t now_ns);
   void choose_hosts_to_watch();
-  void follow_serving_hosts(std::int64_t now_ns);
+  void report_host_changes(std::int64_t now_ns);
   [[nodiscard]] std::string host_name(std::uint64_t host) const;
 
   session::Origin self_;
@@ -150,8 +152,8 @@ class Membership {
   session::Heartbeat heartbeat_;
   session::Every clock_request_, modes_, objects_moved_;
   std::uint32_t clock_requests_ = 0;
-  std::uint64_t beats_ = 0;
-  std::int64_t force_ns_;  // when a force was on last
+  std::uint64_t heartbeats_ = 0;
+  std::int64_t last_force_ns_;  // last time when a force was on
   bool host_seen_ = false;
 };
 

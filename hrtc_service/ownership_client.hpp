@@ -1,13 +1,14 @@
-/// The ownership client: claims the movable objects that users of an HRTC hold, and decides who simulates each object.
+/// Claims the movable objects that users of this HRTC touch, and derives from the grants of hosts which objects the
+/// haptic thread simulates, publishes or couples to the copies of peers.
 ///
-///     reports of the haptic thread --> Holder --> claims
-///     grants, poses of others -------->        --> orders for the haptic thread (Bodies)
+///     reports of the haptic thread --+--> Holder, one for each object --+--> claims
+///     grants, poses of others -------+                                  +--> orders for the haptic thread (Bodies)
 ///
-/// A coupling is made here, where its histories may be filled, and stays until the haptic thread has seen orders
-/// without it. When a host is gone and a grant runs out, the copies continue together as long as they receive each
-/// other's samples; the poses that they publish are valid again once a host has granted the object.
+/// This class makes the couplings, because that allocates. A coupling exists until the haptic thread has received
+/// orders that do not name it. If the host is gone and the grant expires, the copies remain coupled as long as they
+/// receive samples from each other. Their poses count again when a host has granted the object.
 ///
-/// Times come as arguments; no DDS, no thread. The service's thread. Not realtime.
+/// Times are arguments. No DDS. Service thread. Not realtime.
 #pragma once
 
 #include <cstdint>
@@ -24,53 +25,53 @@
 
 namespace tactus::hrtc_service {
 
-inline constexpr std::int64_t kBodyPoseNs = 4'000'000;  ///< between poses of what moves here
+inline constexpr std::int64_t kPosePeriodNs = 4'000'000;  ///< min time between published poses of one object
 
 class OwnershipClient {
  public:
-  /// `orders` belongs to the haptic thread and must outlive this.
+  /// `orders`: mailbox to the haptic thread; must outlive the client.
   OwnershipClient(const session::Origin& self, haptics::Mailbox<BodyOrders>& orders,
                   const session::OwnershipSettings& settings = {});
 
-  /// An object that can move, in the order in which the haptic thread gets them. False: there are kMaxBodies already,
-  /// and it will stay where it is.
+  /// Adds a movable object. Call it in the order of the arrivals in the haptic thread. Returns false if there are
+  /// kMaxBodies already; the object then never moves.
   bool add(std::uint32_t object_index, std::uint64_t object_id, const sharing::SharedBody& body);
 
-  /// The object is withdrawn: it is claimed no more, and orders do not name it. Its couplings stay until `free`.
+  /// Stops claims and orders for a withdrawn object. Its couplings exist until `free`.
   void withdraw(std::uint32_t object_index);
-  /// The haptic thread has forgotten it.
+  /// Frees a withdrawn object, after the haptic thread has returned it.
   void free(std::uint32_t object_index) { withdrawn_.erase(object_index); }
 
   void on_grant(const session::ObjectGrant& grant, std::int64_t now_ns);
   void on_pose(const session::ObjectPose& pose, std::int64_t now_ns);
-  /// Reports the arrival of a peer's sample.
+  /// Stores the arrival time of the newest sample from a peer.
   void on_peer_received(std::uint32_t object_index, std::int64_t now_ns);
   /// Sets ObjectClaim::one_way_ns of the next claims from the measured transit of the samples that arrive here.
   void on_transits(const session::TransitEstimator& transits) noexcept;
 
   void on_reports(const BodyReports& reports);
-  /// Posts orders; the claims to send now.
+  /// Posts orders, and returns the claims to send now.
   [[nodiscard]] std::vector<session::ObjectClaim> tick(std::int64_t now_ns, const session::ClockMap& clock);
 
-  struct Held {
-    std::uint32_t object = 0;  ///< index
+  struct BodyStatus {
+    std::uint32_t object_index = 0;
     std::uint64_t id = 0;
-    bool held = false;   ///< by a user here
-    session::Pose pose;  ///< where it is shown
+    bool is_held = false;  ///< a user of this HRTC touches it
+    session::Pose pose;    ///< in the haptic thread
   };
-  /// All bodies, as of the last reports.
-  [[nodiscard]] const std::vector<Held>& bodies() const noexcept { return shown_; }
+  /// Returns the status of all movable objects in the last reports.
+  [[nodiscard]] const std::vector<BodyStatus>& bodies() const noexcept { return bodies_; }
   [[nodiscard]] session::Holder::Role role(std::uint32_t object_index, std::int64_t now_ns) const;
 
-  void write(std::vector<session::Figure>& figures) const;
-  /// Grants and poses dropped because they are outside their windows.
+  void add_figures(std::vector<session::Figure>& figures) const;
+  /// Returns the number of grants and poses that were dropped outside their plausible windows.
   [[nodiscard]] std::uint64_t implausible() const noexcept;
 
  private:
-  struct Group {
-    std::uint64_t fencing = 0;
+  struct GrantedCoupling {
+    std::uint64_t fencing = 0;  // of the grant
     std::unique_ptr<haptics::CopyCoupling> coupling;
-    std::uint64_t unused_from = 0;  // number of the first orders without it; 0: in use
+    std::uint64_t first_orders_without = 0;  // number of the first orders that do not name it; 0: in use
   };
   struct Object {
     std::uint32_t index;
@@ -79,29 +80,31 @@ class OwnershipClient {
     session::Holder holder;
     session::PoseGate gate;
     sharing::ReceivedPose received;
-    std::deque<Group> groups;  // the last may be in use
+    std::deque<GrantedCoupling> couplings;  // only the last one may be in use
     std::int64_t peer_received_ns = 0;
     // Figures.
-    std::uint64_t last_group = 0;
-    haptics::CopyCoupling::Ledger ledger;
-    double given_before = 0, received_before = 0;  // by groups before the last
+    std::uint64_t last_fencing = 0;            // of the coupling in `ledger`
+    haptics::CopyCoupling::Ledger ledger;      // of the last coupling
+    double past_given = 0, past_received = 0;  // J, of all couplings before it
   };
 
   [[nodiscard]] Object* find(std::uint64_t id);
-  void choose_group(Object& object, std::int64_t now_ns);
-  void post();
+  [[nodiscard]] static GrantedCoupling* coupling_in_use(Object& object) noexcept;
+  /// Makes or releases the object's coupling as its role demands.
+  void update_coupling(Object& object, std::int64_t now_ns);
+  void post_orders();
 
   session::Origin self_;
   session::OwnershipSettings settings_;
-  haptics::Mailbox<BodyOrders>& orders_out_;
+  haptics::Mailbox<BodyOrders>& orders_mailbox_;
   BodyOrders orders_;
   std::vector<std::unique_ptr<Object>> objects_;
   std::map<std::uint32_t, std::unique_ptr<Object>> withdrawn_;  // by index
-  std::vector<Held> shown_;
-  std::int64_t one_way_ns_ = 0;
+  std::vector<BodyStatus> bodies_;
+  std::int64_t transit_with_margin_ns_ = 0;
   BodyReports reports_;
-  double apart_max_ = 0;
-  std::uint64_t groups_made_ = 0;
+  double max_separation_ = 0;
+  std::uint64_t couplings_made_ = 0;
 };
 
 }  // namespace tactus::hrtc_service

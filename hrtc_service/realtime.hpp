@@ -1,4 +1,4 @@
-/// Absolute deadlines for the haptic thread.
+/// Periodic wake-ups at absolute times, for the haptic thread.
 #pragma once
 
 #include <cstdint>
@@ -9,14 +9,16 @@ namespace tactus::hrtc_service {
 
 using wire::monotonic_ns;
 
-/// Sleeps to the next multiple of the period; deadlines are absolute, so lateness does not add up. When more than a
-/// whole period was missed, the missed ticks are skipped and counted.
+/// Wakes a thread once in each period. Wake-up times are absolute, so delays do not add up. If the thread is late by
+/// more than a period, the missed periods are skipped and counted.
 class PeriodicClock {
  public:
   explicit PeriodicClock(std::int64_t period_ns) noexcept;
-  /// Returns how late the thread woke, ns.
+  /// Sleeps until the next period, and returns the wake-up time minus the due time, ns.
   std::int64_t wait_next() noexcept;
+  /// Returns the due time of the next period.
   [[nodiscard]] std::int64_t due_ns() const noexcept { return due_; }
+  /// Returns the number of skipped periods.
   [[nodiscard]] std::uint64_t skipped() const noexcept { return skipped_; }
 
  private:

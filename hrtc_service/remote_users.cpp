@@ -8,9 +8,9 @@
 namespace tactus::hrtc_service {
 namespace {
 
-constexpr std::int64_t kSilentNs = 300'000'000;     // after which a remote probe is removed
-constexpr double kMinLoss = 1e-3;                   // smallest published loss
-constexpr std::int64_t kLossAgeNs = 3'000'000'000;  // for which a reported loss is valid
+constexpr std::int64_t kSilentNs = 300'000'000;     // silence after which a remote probe is removed
+constexpr double kMinLoss = 1e-3;                   // min published share
+constexpr std::int64_t kLossAgeNs = 3'000'000'000;  // time for which a reported loss is valid
 
 std::string loss_figure(std::uint64_t participant) {
   std::array<char, 17> digits{};
@@ -57,7 +57,7 @@ void RemoteUsers::tick(std::int64_t now_ns) {
   modes_.tick(now_ns);
 }
 
-void RemoteUsers::write(std::vector<session::Figure>& figures) const {
+void RemoteUsers::add_figures(std::vector<session::Figure>& figures) const {
   namespace names = session::figures;
   std::int64_t playout_ns = 0;
   for (const auto& [key, remote] : remotes_) playout_ns = std::max(playout_ns, remote.probe.delay_ns());

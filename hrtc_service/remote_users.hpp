@@ -1,9 +1,9 @@
-/// The states of users at other HRTCs, and the groups of users who collaborate with a user here.
+/// Tracks the probes of users at other HRTCs, and the groups in which users of this HRTC collaborate with them.
 ///
-///     probe states (deadband-coded, full-rate)  --> RemoteProbe, Modes  --> groups: who needs full-rate states
-///     metrics of other HRTCs                    --> the share of our states that they lose
+///     probe states (deadband-coded, full-rate)  --> RemoteProbe, Modes  --> groups that need full-rate states
+///     metrics of other HRTCs                    --> share of our states that they lose
 ///
-/// Policy without DDS, thread or clock. One thread at a time, except `loss`.
+/// No DDS, thread or clock. One thread at a time, except `loss`.
 #pragma once
 
 #include <array>
@@ -35,26 +35,26 @@ class RemoteUsers {
   }
   void on_state(const session::ProbeState& state, session::StateStream stream, std::int64_t now_ns,
                 std::int64_t session_now_ns);
-  /// Takes the share of our states that another HRTC lost, from its metrics.
+  /// Reads from the metrics of another HRTC the share of our states that it lost.
   void on_metrics(const session::Metrics& metrics, std::int64_t now_ns);
   void on_hrtc_gone(std::uint64_t participant);
   void on_user_left(std::uint64_t user) { modes_.forget(user); }
-  /// Forgets silent probes.
+  /// Removes silent probes and old losses.
   void tick(std::int64_t now_ns);
 
-  /// Groups that need endpoints, ascending.
+  /// Returns the groups that need endpoints, ascending.
   [[nodiscard]] std::vector<std::uint64_t> groups() const { return modes_.groups(); }
-  /// The group of our user; 0: none.
+  /// Returns the group of a user of this HRTC, or 0.
   [[nodiscard]] std::uint64_t group_of(std::uint64_t user) const { return modes_.group_of(user); }
-  /// Whether both endpoints of a group have found a peer.
+  /// Reports whether both endpoints of a group have found a peer.
   void on_peers(std::uint64_t group, bool matched) { modes_.on_peers(group, matched); }
 
-  /// Any thread: the largest share of our deadband-coded states that an HRTC loses.
+  /// Returns the largest share of our deadband-coded states that an HRTC loses. Any thread.
   [[nodiscard]] double loss() const noexcept { return loss_.load(std::memory_order_relaxed); }
-  void write(std::vector<session::Figure>& figures) const;
-  /// States dropped because their origin, number or time is outside its window.
+  void add_figures(std::vector<session::Figure>& figures) const;
+  /// Returns the number of states that were dropped outside their plausible windows.
   [[nodiscard]] std::uint64_t implausible() const noexcept { return implausible_; }
-  /// The HRTCs whose states are lost in transit, with the share; empty when none.
+  /// Returns a figure for each HRTC of whose states this one loses a share.
   [[nodiscard]] std::vector<session::Figure> losses() const;
 
  private:

@@ -25,59 +25,59 @@ const Servo::Outputs& Servo::touch(Inputs& inputs, std::int64_t now_ns) noexcept
   const auto arrived = static_cast<std::uint32_t>(link_.arrivals.pop(arrived_.data(), arrived_.size()));
   const std::array<NearObjects, kMaxProbes>& near = link_.near.latest();
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) inputs[i].near = near[i];
-  bodies_.place(cycle_, now_ns);
+  bodies_.apply_received_poses(cycle_, now_ns);
   outputs_ = cycle_.touch(inputs, now_ns, arrived_.data(), arrived).probes;
   bodies_.forget_withdrawn(cycle_);
-  bodies_.limit(cycle_, inputs, outputs_);
+  bodies_.limit_forces(cycle_, inputs, outputs_);
   return outputs_;
 }
 
 void Servo::publish(std::int64_t now_ns, std::int64_t next_due_ns) noexcept {
   link_.acknowledge_stop(stop_);
-  bodies_.step(cycle_, now_ns);
+  bodies_.simulate(cycle_, now_ns);
   const ProbeReports reports{now_ns, next_due_ns, ++cycles_, outputs_, cycle_.result().interventions};
   link_.reports_for_sender.post(reports);
   link_.reports_for_gateway.post(reports);
 }
 
 const CycleResult& Servo::refine(spm::Budget budget, const RefineLimit& limit) noexcept {
-  const CycleResult& result = cycle_.refine(snapshot_.under_way ? spm::Budget{0} : budget, limit);
+  const CycleResult& result = cycle_.refine(snapshot_.is_copying ? spm::Budget{0} : budget, limit);
   for (const TouchObject* object : cycle_.objects()) hashes_[object->index] = object->forest->mesh_hash();
   link_.mesh_hashes.post(hashes_);
-  if (snapshot_.under_way) continue_snapshot();
+  if (snapshot_.is_copying) continue_snapshot();
   return result;
 }
 
 void Servo::begin_snapshot() noexcept {
-  if (snapshot_.nodes.empty() || snapshot_.under_way) return;
+  if (snapshot_.nodes.empty() || snapshot_.is_copying) return;
   snapshot_.count = snapshot_.objects = snapshot_.next_node = 0;
   snapshot_.objects_changed = cycle_.objects_changed();
-  snapshot_.under_way = true;
+  snapshot_.is_copying = true;
 }
 
 void Servo::continue_snapshot() noexcept {
-  if (snapshot_.objects_changed != cycle_.objects_changed()) {  // their order may be another one
-    snapshot_.under_way = false;
+  if (snapshot_.objects_changed != cycle_.objects_changed()) {  // positions may have changed
+    snapshot_.is_copying = false;
     begin_snapshot();
   }
-  std::uint32_t room = 500;  // nodes: some 20 us
+  std::uint32_t nodes_left = 500;  // max leaves copied in a cycle, which take some 20 us
   const std::vector<TouchObject*>& objects = cycle_.objects();
-  while (room > 0 && snapshot_.objects < objects.size()) {
+  while (nodes_left > 0 && snapshot_.objects < objects.size()) {
     const TouchObject& object = *objects[snapshot_.objects];
-    const auto left = static_cast<std::uint32_t>(snapshot_.nodes.size()) - snapshot_.count;
-    const std::uint32_t wanted = std::min(room, left);
+    const auto free_nodes = static_cast<std::uint32_t>(snapshot_.nodes.size()) - snapshot_.count;
+    const std::uint32_t max_copied = std::min(nodes_left, free_nodes);
     spm::TreeNode* out = snapshot_.nodes.data() + snapshot_.count;
-    const std::uint32_t copied = object.forest->tree().copy_leaves(snapshot_.next_node, out, wanted);
+    const std::uint32_t copied = object.forest->tree().copy_leaves(snapshot_.next_node, out, max_copied);
     snapshot_.count += copied;
-    room -= copied;
+    nodes_left -= copied;
     if (copied > 0) snapshot_.next_node = out[copied - 1].id + 1;
-    if (copied == wanted && left > copied) break;
+    if (copied == max_copied && free_nodes > copied) break;
     snapshot_.indices[snapshot_.objects] = object.index;
     snapshot_.ends[snapshot_.objects++] = snapshot_.count;
     snapshot_.next_node = 0;
   }
   if (snapshot_.objects < objects.size()) return;
-  snapshot_.under_way = false;
+  snapshot_.is_copying = false;
   snapshots_done_.fetch_add(1, std::memory_order_release);
 }
 

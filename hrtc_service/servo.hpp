@@ -1,11 +1,11 @@
-/// The half of an HRTC that makes forces: cycle, forest, proxies, bodies, safety.
+/// Computes forces from device poses and from the objects that the gateway has loaded: the half of an HRTC with forces.
 ///
-///     touch     probe inputs, samples of the gateway  ->  forces
-///     publish   moves the bodies, and reports             once the forces are out
-///     refine    refines the mesh for the next touch       in the time that is left
+///     1. touch     computes the forces
+///     2. publish   simulates bodies and posts reports, after the devices have received the forces
+///     3. refine    refines the meshes for the next touch, in the remaining time
 ///
-/// A cycle is these three in this order. No thread, clock, device, DDS or file: the haptic thread of a service, a study
-/// in virtual time and a benchmark drive the same class. Realtime. One thread.
+/// A cycle calls these three in this order. No thread, clock, device, DDS or file: the haptic thread, studies in
+/// virtual time and benchmarks call the same class. Realtime. One thread.
 #pragma once
 
 #include <array>
@@ -20,7 +20,7 @@
 
 namespace tactus::hrtc_service {
 
-/// A face of the mesh shown of one object; model frame, file units.
+/// A face of an object's active mesh, model frame, file units.
 struct SnapshotFace {
   std::array<float, 9> corners;
   bool finest;
@@ -28,9 +28,9 @@ struct SnapshotFace {
 
 struct ServoSettings {
   CycleSettings cycle;
-  std::array<haptics::DeviceSpec, kMaxProbes> specs;  ///< of the probes' devices, world units
-  CycleObserver* recorder = nullptr;                  ///< of every cycle; outlives the servo
-  std::uint32_t snapshot_nodes = 0;  ///< tree nodes of the pool when snapshots will be requested; 0: never
+  std::array<haptics::DeviceSpec, kMaxProbes> specs;  ///< limits of the probes' devices, world units
+  CycleObserver* recorder = nullptr;                  ///< observer of every cycle; must outlive the servo
+  std::uint32_t snapshot_nodes = 0;                   ///< capacity for snapshots in tree nodes; 0: no snapshots
 };
 
 class Servo {
@@ -38,27 +38,28 @@ class Servo {
   using Inputs = std::array<ProbeInput, kMaxProbes>;
   using Outputs = std::array<ProbeOutput, kMaxProbes>;
 
-  /// Allocates everything. `link` must outlive it.
+  /// Allocates everything. `link` must outlive the servo.
   Servo(const ServoSettings& settings, ServoLink& link);
 
-  /// Sets `inputs[i].near` from the link. The result stays valid until the next touch.
+  /// Computes the forces. Sets `inputs[i].near` from the link. The result is valid until the next touch.
   const Outputs& touch(Inputs& inputs, std::int64_t now_ns) noexcept;
-  /// `next_due_ns`: planned start of the next cycle.
+  /// Simulates bodies and posts reports. `next_due_ns`: planned start of the next cycle.
   void publish(std::int64_t now_ns, std::int64_t next_due_ns) noexcept;
-  /// The costs of the whole cycle so far. While a snapshot is copied it refines nothing.
+  /// Refines within `budget` and `limit`, and returns the results of the whole cycle. Refines nothing while a snapshot
+  /// is copied.
   const CycleResult& refine(spm::Budget budget, const RefineLimit& limit = {}) noexcept;
 
   [[nodiscard]] const Outputs& outputs() const noexcept { return outputs_; }
   [[nodiscard]] Cycle& cycle() noexcept { return cycle_; }
   [[nodiscard]] const Cycle& cycle() const noexcept { return cycle_; }
 
-  /// Starts to copy the shown meshes, a part in each of several cycles.
+  /// Starts to copy the active meshes. Each of the next cycles copies a part.
   void begin_snapshot() noexcept;
-  /// Snapshots copied so far. Any thread.
+  /// Returns the number of complete snapshots. Any thread.
   [[nodiscard]] std::uint32_t snapshots_done() const noexcept {
     return snapshots_done_.load(std::memory_order_acquire);
   }
-  /// The mesh shown of an object in the last snapshot; only between `snapshots_done` and the next request. Allocates.
+  /// Returns an object's mesh in the last snapshot. Call it only when no snapshot is being copied. Allocates.
   [[nodiscard]] std::vector<SnapshotFace> snapshot(std::uint32_t object_index) const;
 
  private:
@@ -70,18 +71,18 @@ class Servo {
   Bodies bodies_;
   StopWord stop_;
   std::uint64_t cycles_ = 0;
-  Outputs outputs_;  // of the touch, with what bodies change of it
+  Outputs outputs_;  // of the last touch, with forces limited by `bodies_`
   std::array<Arrival, 64> arrived_;
   MeshHashes hashes_{};
   struct Snapshot {
-    std::vector<spm::TreeNode> nodes;  // of level 1, object after object
-    std::uint32_t count = 0;
-    std::array<std::uint32_t, kMaxObjects> ends{};  // in `nodes`, by position among the cycle's objects
-    std::array<std::uint32_t, kMaxObjects> indices{};
-    std::uint32_t objects = 0;          // copied whole
-    std::uint32_t next_node = 0;        // of the object after these
-    std::uint64_t objects_changed = 0;  // of the cycle, when it began
-    bool under_way = false;
+    std::vector<spm::TreeNode> nodes;                  // leaves, object after object
+    std::uint32_t count = 0;                           // leaves copied
+    std::array<std::uint32_t, kMaxObjects> ends{};     // end in `nodes`, by position in Cycle::objects
+    std::array<std::uint32_t, kMaxObjects> indices{};  // object index, by position in Cycle::objects
+    std::uint32_t objects = 0;                         // objects copied completely
+    std::uint32_t next_node = 0;                       // next leaf of the object after these
+    std::uint64_t objects_changed = 0;                 // Cycle::objects_changed at the begin of the copy
+    bool is_copying = false;
   } snapshot_;
   std::atomic<std::uint32_t> snapshots_done_{0};
 };

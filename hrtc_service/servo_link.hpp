@@ -1,13 +1,13 @@
-/// The interface between the two halves of an HRTC: rings of plain structs, newest-value mailboxes, one stop word.
+/// Connects the two halves of an HRTC, gateway and servo, by rings, mailboxes and one stop word.
 ///
-///     gateway                                                 servo
-///     objects and decoded regions      -- arrivals ------->   cycle
-///     objects near each probe          -- near ----------->   cycle
-///     who simulates each body, copies  -- bodies --------->   bodies
-///     emergency stop and reset         -- stop word ------>   cycle
-///     regions no longer applied        <- departures ------   cycle
-///     probes, bodies, mesh hashes      <- mailboxes -------   after each cycle
-///     audited queries                  <- log -------------   cycle
+///     gateway                                                  servo
+///     objects and decoded regions       -- arrivals ------->   Cycle
+///     objects near each probe           -- near ----------->   Cycle
+///     orders for bodies, peers' copies  -- bodies --------->   Bodies
+///     emergency stop and reset          -- stop word ------>   Cycle
+///     regions and objects not in use    <- departures ------   Cycle
+///     probes, bodies, mesh hashes       <- mailboxes -------   after each cycle
+///     queries for the contact log       <- log -------------   Cycle
 ///
 /// Every queue has one producer and one consumer. Nothing here blocks. Memory is allocated and touched at construction.
 #pragma once
@@ -25,10 +25,10 @@
 
 namespace tactus::hrtc_service {
 
-/// The emergency stop for the servo, in one word, so that a stop and a reset cannot arrive in the wrong order.
+/// Stop and reset for the servo in one word, so that they cannot arrive in the wrong order.
 struct StopWord {
   bool stopped = false;      ///< all forces are zero
-  std::uint32_t resets = 0;  ///< below 2^31; an increase ends faults, and forces start softly unless `stopped`
+  std::uint32_t resets = 0;  ///< number of resets, below 2^31; an increase ends faults
 
   [[nodiscard]] std::uint32_t bits() const noexcept { return resets << 1 | (stopped ? 1u : 0u); }
   [[nodiscard]] static StopWord of(std::uint32_t bits) noexcept { return {(bits & 1u) != 0, bits >> 1}; }
@@ -40,13 +40,13 @@ struct ProbeReports {
   std::int64_t next_due_ns = 0;  ///< planned start of the next cycle
   std::uint64_t cycle = 0;
   std::array<ProbeOutput, kMaxProbes> probes;
-  std::array<std::uint32_t, haptics::kForceBits> interventions{};  ///< of CycleResult
+  std::array<std::uint32_t, haptics::kForceBits> interventions{};  ///< as in CycleResult
 };
 
-/// Forest::mesh_hash of the mesh shown of each object, by object index; 0 where there is none.
+/// Forest::mesh_hash of each object's active mesh, by object index; 0 where there is no object.
 using MeshHashes = std::array<std::uint64_t, kMaxObjects>;
 
-/// Allocates a whole ring and touches its memory, so that the haptic thread causes no page fault there.
+/// Fills and empties a ring, so that the haptic thread causes no page fault in its memory.
 template <class Ring>
 void touch_memory(Ring& ring) {
   const auto blank = std::make_unique<typename Ring::value_type>();
@@ -58,9 +58,12 @@ void touch_memory(Ring& ring) {
 struct ServoLink {
   static constexpr std::size_t kRingEntries = 4096;
 
-  /// `logs`: the servo records its queries.
-  explicit ServoLink(bool logs = false)
-      : arrivals{kRingEntries}, departures{kRingEntries}, log{logs ? kRingEntries : 1}, logs_queries{logs} {
+  /// `log_queries`: the servo logs its queries.
+  explicit ServoLink(bool log_queries = false)
+      : arrivals{kRingEntries},
+        departures{kRingEntries},
+        log{log_queries ? kRingEntries : 1},
+        logs_queries{log_queries} {
     touch_memory(arrivals);
     touch_memory(departures);
     touch_memory(log);
@@ -69,7 +72,7 @@ struct ServoLink {
   // Gateway to servo.
   ArrivalRing arrivals;
   haptics::Mailbox<std::array<NearObjects, kMaxProbes>> near;
-  /// The next cycle obeys it. Wait-free. One thread at a time calls this and `obeys_stop`.
+  /// Sets the stop word for the next cycle. Wait-free. One thread at a time calls this and `obeys_stop`.
   void set_stop(StopWord word) noexcept { stop_word_.store(word.bits(), std::memory_order_release); }
   [[nodiscard]] StopWord stop() const noexcept { return StopWord::of(stop_word_.load(std::memory_order_acquire)); }
 
@@ -80,7 +83,7 @@ struct ServoLink {
   Cycle::LogRing log;
   const bool logs_queries;
   void acknowledge_stop(StopWord word) noexcept { stop_obeyed_.store(word.bits(), std::memory_order_release); }
-  /// Whether the published forces follow the newest `set_stop`.
+  /// Returns whether the published forces obey the newest stop word.
   [[nodiscard]] bool obeys_stop() const noexcept {
     return stop_obeyed_.load(std::memory_order_acquire) == stop_word_.load(std::memory_order_relaxed);
   }

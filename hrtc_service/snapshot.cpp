@@ -15,15 +15,16 @@
 namespace tactus::hrtc_service {
 namespace {
 
-constexpr std::int64_t kContactNs = 2'000'000'000;  // from one snapshot to the next; the first comes sooner
+constexpr std::int64_t kMinContactNs = 2'000'000'000;  // exact contact before a snapshot; a quarter for the first
 
 struct Colour {
   unsigned char red, green, blue;
 };
 
-bool meets(const spm::RegionGrid& grid, const std::vector<std::uint32_t>& regions, const Vec3d& point, double slack) {
+bool is_in_regions(const spm::RegionGrid& grid, const std::vector<std::uint32_t>& regions, const Vec3d& point,
+                   double margin) {
   return std::any_of(regions.begin(), regions.end(), [&](std::uint32_t region) {
-    return grid.box(spm::RegionId{region}).squared_distance(point) <= slack * slack;
+    return grid.box(spm::RegionId{region}).squared_distance(point) <= margin * margin;
   });
 }
 
@@ -71,9 +72,9 @@ void write_snapshot(const std::filesystem::path& file, const std::vector<Snapsho
     if (!face.finest) {
       const auto shade = static_cast<unsigned char>(200 - 130 * std::sqrt(size(face) / largest));
       colour = {shade, shade, shade};
-    } else if (meets(grid, contact_regions, centre, 0)) {
+    } else if (is_in_regions(grid, contact_regions, centre, 0)) {
       colour = {205, 50, 45};
-    } else if (meets(grid, predicted_regions, centre, 0)) {
+    } else if (is_in_regions(grid, predicted_regions, centre, 0)) {
       colour = {230, 190, 50};
     }
     for (int corner = 0; corner < 3; ++corner)
@@ -103,29 +104,31 @@ void SnapshotTaker::write(const Servo& servo, std::uint32_t number) const {
   }
 }
 
-void SnapshotTaker::tick(std::int64_t now_ns, bool touches_exactly, const std::array<ProbeSight, kMaxProbes>& sights,
+void SnapshotTaker::tick(std::int64_t now_ns, bool touches_exactly, const std::array<ReportedProbe, kMaxProbes>& probes,
                          const Servo& servo, HapticOrders& orders) {
-  if (requested_) {
+  if (is_requested_) {
     if (servo.snapshots_done() != orders.now().snapshots) return;
     write(servo, orders.now().snapshots);
-    requested_ = false;
-    ++taken_;
-    contact_since_ns_ = 0;
+    is_requested_ = false;
+    ++snapshots_taken_;
+    contact_began_ns_ = 0;
     return;
   }
   if (!touches_exactly) {
-    contact_since_ns_ = 0;
+    contact_began_ns_ = 0;
     return;
   }
-  if (contact_since_ns_ == 0) contact_since_ns_ = now_ns;
-  if (now_ns - contact_since_ns_ < (taken_ == 0 ? kContactNs / 4 : kContactNs) || taken_ >= kMax) return;
+  if (contact_began_ns_ == 0) contact_began_ns_ = now_ns;
+  if (now_ns - contact_began_ns_ < (snapshots_taken_ == 0 ? kMinContactNs / 4 : kMinContactNs) ||
+      snapshots_taken_ >= kMaxSnapshots)
+    return;
   digests_.fill(0);
   for (const Loader::ObjectInfo& object : loader_.objects()) {
     digests_[object.index] = object.digest;
-    contacts_[object.index] = loader_.regions_met(object.index, sights);
+    contacts_[object.index] = loader_.regions_at_probes(object.index, probes);
     predictions_[object.index] = loader_.predicted(object.index);
   }
-  requested_ = true;
+  is_requested_ = true;
   orders.post([](HapticCommands& commands) { ++commands.snapshots; });
 }
 

@@ -1,4 +1,5 @@
-/// Writes the active mesh as a coloured PLY file: contact and predicted regions, as in the paper's figure 9.
+/// Writes the active mesh as a PLY file in which colours show contact and predicted regions, as in the paper's
+/// figure 9.
 #pragma once
 
 #include <array>
@@ -14,27 +15,29 @@
 
 namespace tactus::hrtc_service {
 
-/// Checks that `directory` is, or can become, a directory with write access; leaves no file. Throws std::runtime_error
+/// Checks that `directory` is, or can become, a directory with write access. Leaves no file. Throws std::runtime_error
 /// with the value found and the value expected.
 void expect_snapshot_directory(const std::filesystem::path& directory);
 
-/// Colours: red where a tip is (contact regions), yellow where one is expected (predicted regions), green elsewhere at
-/// full resolution, grey where coarse, the darker the larger the face. Model frame, file units. Written atomically;
-/// throws std::runtime_error naming the file when it cannot be.
+/// Writes faces at full resolution in red (contact regions), yellow (predicted regions) or green (all others). Coarse
+/// faces are grey, and the darker the larger they are. Model frame, file units. Writes atomically. Throws
+/// std::runtime_error naming the file.
 void write_snapshot(const std::filesystem::path& file, const std::vector<SnapshotFace>& faces,
                     const spm::RegionGrid& grid, const std::vector<std::uint32_t>& contact_regions,
                     const std::vector<std::uint32_t>& predicted_regions);
 
-/// Takes a few snapshots, two seconds apart, while a tip touches at full resolution. Service thread.
+/// Takes up to kMaxSnapshots snapshots, each after two seconds of exact contact; the first after half a second. Service
+/// thread.
 class SnapshotTaker {
  public:
-  static constexpr int kMax = 5;
+  static constexpr int kMaxSnapshots = 5;
 
-  /// For the HRTC of this name. `loader` must outlive it.
+  /// `name`: name of the HRTC. `loader` must outlive the object.
   SnapshotTaker(std::filesystem::path directory, std::string name, const Loader& loader);
 
-  /// Takes the newest reports. Some calls write a snapshot, which takes milliseconds. Throws as write_snapshot.
-  void tick(std::int64_t now_ns, bool touches_exactly, const std::array<ProbeSight, kMaxProbes>& sights,
+  /// Requests a snapshot or writes the requested one, if it is due. Writing takes milliseconds. Throws as
+  /// write_snapshot.
+  void tick(std::int64_t now_ns, bool touches_exactly, const std::array<ReportedProbe, kMaxProbes>& probes,
             const Servo& servo, HapticOrders& orders);
 
  private:
@@ -43,10 +46,11 @@ class SnapshotTaker {
   std::filesystem::path directory_;
   std::string name_;
   const Loader& loader_;
-  std::int64_t contact_since_ns_ = 0;
-  int taken_ = 0;
-  bool requested_ = false;                            // one is being copied
-  std::array<std::uint64_t, kMaxObjects> digests_{};  // of what was there when it was requested, by object index
+  std::int64_t contact_began_ns_ = 0;
+  int snapshots_taken_ = 0;
+  bool is_requested_ = false;  // the servo is copying a snapshot
+  // Of the objects at the request, by object index.
+  std::array<std::uint64_t, kMaxObjects> digests_{};
   std::array<std::vector<std::uint32_t>, kMaxObjects> contacts_, predictions_;
 };
 

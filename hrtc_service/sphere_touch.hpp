@@ -1,6 +1,6 @@
-/// A probe that is a sphere: its proxy, and the force of the proxy on the hand.
+/// Moves the proxy of a spherical probe, and computes its force on the hand.
 ///
-/// World frame, SI. The haptic thread's. Realtime.
+/// World frame, SI. Haptic thread. Realtime.
 #pragma once
 
 #include "haptics/proxy.hpp"
@@ -10,31 +10,31 @@ namespace tactus::hrtc_service {
 
 class SphereTouch {
  public:
-  /// `radius`: m.
+  /// `radius`: radius of the tip, m.
   explicit SphereTouch(double radius) noexcept;
 
-  /// Resets the proxy; the next step starts at the device.
+  /// Resets the proxy. The next step starts at the device.
   void reset() noexcept { proxy_.reset(); }
-  /// haptics::ProxySettings::reach from the next step on.
+  /// Sets haptics::ProxySettings::reach from the next step on.
   void set_reach(double reach) noexcept { proxy_.set_reach(reach); }
 
   /// Moves the proxy with the device while the hand holds an object.
-  void carry(const ProbeStep& step, const haptics::ToolPose& held) noexcept;
+  void move_to(const ProbeStep& step, const haptics::ToolPose& goal) noexcept;
   /// Moves the proxy towards the device and computes the force.
   const haptics::ForceResult& render(const ProbeStep& step) noexcept;
 
-  /// What pulls the device.
-  [[nodiscard]] const Vec3d& place() const noexcept { return proxy_.last().anchor; }
+  /// Returns the point to which the device is coupled.
+  [[nodiscard]] const Vec3d& coupling_point() const noexcept { return proxy_.last().anchor; }
   [[nodiscard]] const haptics::Proxy& proxy() const noexcept { return proxy_; }
 
-  /// As Cycle's.
+  /// As Cycle::for_each_carried.
   template <class Visit>
   void for_each_carried(Visit& visit) noexcept {
     proxy_.for_each_carried(visit);
   }
 
  private:
-  [[nodiscard]] haptics::Feel take_material(const ProbeStep& step) noexcept;
+  [[nodiscard]] haptics::Feel apply_material(const ProbeStep& step) noexcept;
 
   double radius_;
   haptics::Proxy proxy_;

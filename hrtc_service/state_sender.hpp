@@ -1,4 +1,5 @@
-/// Publishes the probes here: full-rate states to users who collaborate, deadband-coded states to the session.
+/// Publishes the states of this HRTC's probes: full-rate states to users who collaborate, deadband-coded states to the
+/// session.
 #pragma once
 
 #include <array>
@@ -17,42 +18,44 @@ namespace tactus::hrtc_service {
 
 class StateSender {
  public:
-  /// `radius`: of the tips, m. `coding`: deadband-coded states for the session; false: all states. The arguments that
-  /// are references must outlive it.
-  StateSender(wire::Participants& participants, double radius, bool coding, const UserDevices& devices,
+  /// `radius`: radius of the tips, m. `uses_deadband` false: the session receives every state. All references must
+  /// outlive the sender.
+  StateSender(wire::Participants& participants, double radius, bool uses_deadband, const UserDevices& devices,
               const RemoteUsers& remote_users, GroupEndpoints& groups);
 
-  /// Sender's thread. `map`: session time of `latest`.
-  void send(const ProbeReports& latest, const session::ClockMap& map);
+  /// Sends the states of the newest reports. `clock` maps their times to session time. Sender thread.
+  void send(const ProbeReports& latest, const session::ClockMap& clock);
 
-  /// Service thread: adds the object of this index, so that states can name it. `id` 0: the servo has removed it.
-  void on_object(std::uint32_t index, std::uint64_t id) noexcept { object_ids_[index] = id; }
-  /// Any thread.
-  void write(std::vector<session::Figure>& figures) const;
+  /// Sets the id by which states name the object of this index, 0 when the servo has removed the object. Service
+  /// thread.
+  void set_object_id(std::uint32_t index, std::uint64_t id) noexcept { object_ids_[index] = id; }
+  /// Appends the numbers of sent states. Any thread.
+  void add_figures(std::vector<session::Figure>& figures) const;
 
  private:
-  struct Coder {
-    std::uint64_t user = 0;
+  struct ProbeCoder {
+    std::uint64_t user = 0;  // id
     session::ProbeEncoder encoder{};
   };
 
   [[nodiscard]] session::ProbeState state_of(const ProbeReports& latest, std::uint32_t probe,
-                                             const session::ClockMap& map) const;
+                                             const session::ClockMap& clock) const;
 
   const wire::Participants& participants_;
   const double radius_;
-  const bool coding_;
+  const bool uses_deadband_;
   const UserDevices& devices_;
   const RemoteUsers& remote_users_;
   GroupEndpoints& groups_;
-  wire::Writer<session::ProbeState> out_;
+  wire::Writer<session::ProbeState> states_out_;
   std::array<std::atomic<std::uint64_t>, kMaxObjects> object_ids_{};
   std::atomic<std::uint64_t> sent_deadband_coded_{0}, sent_full_rate_{0};
 
-  // The sender's own.
-  int matched_ = 0;
-  std::array<Coder, kMaxProbes> coders_;
-  std::array<std::uint32_t, kMaxProbes> deadband_coded_{}, full_rate_{};  // numbers given
+  // Sender thread only.
+  int matched_readers_ = 0;  // readers of the session's states at the last `send`
+  std::array<ProbeCoder, kMaxProbes> coders_;
+  // Sequence numbers of the last states, by probe.
+  std::array<std::uint32_t, kMaxProbes> deadband_coded_numbers_{}, full_rate_numbers_{};
 };
 
 }  // namespace tactus::hrtc_service

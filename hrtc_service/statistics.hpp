@@ -1,4 +1,4 @@
-/// Statistics of the cycles of an HRTC: counts, and percentiles of the newest million samples.
+/// Counts the cycles of an HRTC, and computes percentiles of their newest million samples.
 #pragma once
 
 #include <cstdint>
@@ -50,8 +50,8 @@ class CycleStatistics {
   }
   [[nodiscard]] std::uint64_t cycles() const noexcept { return cycles_; }
 
-  /// `all`: with percentiles, which take some 50 ms for a million samples.
-  void write(std::vector<session::Figure>& out, bool all) const {
+  /// Appends the figures. `with_percentiles` takes some 50 ms for a million samples.
+  void add_figures(std::vector<session::Figure>& out, bool with_percentiles) const {
     namespace names = session::figures;
     out.push_back({names::kCycles, static_cast<double>(cycles_)});
     out.push_back({names::kOverruns, static_cast<double>(overruns_)});
@@ -62,7 +62,7 @@ class CycleStatistics {
     out.push_back({names::kExactCycles, static_cast<double>(exact_)});
     out.push_back({names::kStaleCycles, static_cast<double>(stale_)});
     out.push_back({names::kTargetsDropped, static_cast<double>(targets_dropped_)});
-    if (!all || wake_.empty()) return;
+    if (!with_percentiles || wake_.empty()) return;
     out.push_back({names::kWakeP50, wake_.percentile(0.5) * 1e-3});
     out.push_back({names::kWakeP99, wake_.percentile(0.99) * 1e-3});
     out.push_back({names::kWakeMax, wake_.percentile(1) * 1e-3});
@@ -78,10 +78,11 @@ class CycleStatistics {
   }
 
  private:
-  static constexpr std::size_t kKept = 1'000'000;
+  static constexpr std::size_t kMaxSamples = 1'000'000;
   std::uint64_t cycles_ = 0, overruns_ = 0, preempted_ = 0, late_unknown_ = 0, skipped_ = 0;
   std::uint64_t contact_ = 0, exact_ = 0, stale_ = 0, targets_dropped_ = 0;
-  Samples wake_{kKept}, load_{kKept}, refine_{kKept}, refit_{kKept}, query_{kKept}, force_{kKept}, total_{kKept};
+  Samples wake_{kMaxSamples}, load_{kMaxSamples}, refine_{kMaxSamples}, refit_{kMaxSamples}, query_{kMaxSamples},
+      force_{kMaxSamples}, total_{kMaxSamples};
 };
 
 }  // namespace tactus::hrtc_service

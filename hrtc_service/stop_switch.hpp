@@ -2,7 +2,7 @@
 ///
 ///     callback of stop, reset, roster --> StopLatch --> ServoLink::set_stop --> zero force in the next cycle
 ///                                             |
-///     roster entry of this HRTC  <------------+  once the haptic thread has obeyed
+///     roster entry of this HRTC  <------------+  after the haptic thread has obeyed
 #pragma once
 
 #include <pthread.h>
@@ -30,29 +30,29 @@ class InheritingMutex {
   pthread_mutex_t mutex_;
 };
 
-/// Any thread except the haptic thread. The work under the lock is bounded and allocates nothing.
+/// Any thread except the haptic thread. Its lock is held only for bounded work without allocation.
 class StopSwitch {
  public:
-  /// `link` must outlive this, and no other object may set its stop.
+  /// `link` must outlive the switch, and no other object may set its stop.
   StopSwitch(const session::Origin& self, ServoLink& link) : link_{link}, latch_{self} {}
 
-  // After the return, the haptic thread's next cycle obeys. True when the stop or reset is new to the StopLatch.
+  // The haptic thread obeys in its next cycle. Return whether the stop or reset is new.
   bool on_stop(const session::StopName& stop);
   bool on_reset(const session::ForceReset& reset);
   bool on_roster(const session::RosterEntry& entry);
 
   [[nodiscard]] bool stopped() const;
-  /// Writes the stops and resets that the haptic thread has obeyed to `records`, for the roster entry. Newer ones wait
-  /// for its next cycle. True when `records` changed.
+  /// If the haptic thread has obeyed the newest stop or reset since the last call, sets `records` to all stops and
+  /// resets, for the roster entry, and returns true.
   bool acknowledge(std::vector<session::StopRecord>& records);
 
  private:
   void post_to_haptic_thread() noexcept;
 
   ServoLink& link_;
-  mutable InheritingMutex mutex_;  // for what follows
+  mutable InheritingMutex mutex_;  // guards the members below
   session::StopLatch latch_;
-  std::uint64_t acknowledged_ = 0;  // StopLatch::changes
+  std::uint64_t acknowledged_ = 0;  // StopLatch::changes at the last acknowledgement
 };
 
 }  // namespace tactus::hrtc_service

@@ -11,7 +11,7 @@
 namespace tactus::hrtc_service {
 namespace {
 
-constexpr std::int64_t kWorkNs = 30'000;
+constexpr std::int64_t kWorkNs = 30'000;  // duration of the computation
 
 }  // namespace
 
@@ -45,19 +45,19 @@ void TimerBeside::compute(std::uint32_t steps) noexcept {
   for (std::uint32_t i = 0; i < steps; ++i) number_ = number_ * 6364136223846793005u + 1442695040888963407u;
 }
 
-std::uint32_t TimerBeside::steps_of_work() noexcept {
-  constexpr std::uint32_t kTried = 10000;
-  std::int64_t best = kWorkNs;
+std::uint32_t TimerBeside::steps_for_work() noexcept {
+  constexpr std::uint32_t kMeasuredSteps = 10000;
+  std::int64_t min_ns = kWorkNs;
   for (int round = 0; round < 8; ++round) {
     const std::int64_t began = monotonic_ns();
-    compute(kTried);
-    best = std::min(best, monotonic_ns() - began);
+    compute(kMeasuredSteps);
+    min_ns = std::min(min_ns, monotonic_ns() - began);
   }
-  return static_cast<std::uint32_t>(kTried * kWorkNs / std::max<std::int64_t>(best, 1));
+  return static_cast<std::uint32_t>(kMeasuredSteps * kWorkNs / std::max<std::int64_t>(min_ns, 1));
 }
 
 void TimerBeside::run(std::int64_t period_ns) {
-  const std::uint32_t steps = steps_of_work();
+  const std::uint32_t steps = steps_for_work();
   for (PeriodicClock clock{period_ns}; running_;) {
     (void)clock.wait_next();
     const std::int64_t began = monotonic_ns();

@@ -1,5 +1,4 @@
-/// What the system itself does to a thread that keeps time: measured beside the haptic thread, so that its figures can
-/// be judged by it.
+/// Measures the delays that the system adds to a periodic thread, as a reference for the figures of the haptic thread.
 #pragma once
 
 #include <atomic>
@@ -13,26 +12,26 @@
 
 namespace tactus::hrtc_service {
 
-/// A thread that sleeps as the haptic thread does and then computes for a fixed 30 us. It shows what lateness the
-/// system itself brings, and how often interrupts make little work look like an overrun.
+/// A thread that sleeps like the haptic thread and computes for 30 us in each period. It shows how late the system
+/// wakes a thread, and how often interrupts make a short computation an overrun.
 class TimerBeside {
  public:
-  /// `priority`: SCHED_FIFO; 0: do not ask.
+  /// `priority`: priority of SCHED_FIFO; 0: ordinary scheduling.
   TimerBeside(std::int64_t period_ns, int priority);
   ~TimerBeside();
   TimerBeside(const TimerBeside&) = delete;
   TimerBeside& operator=(const TimerBeside&) = delete;
 
-  /// Adds how late it woke since the last call, ns, and classifies late cycles. One thread.
+  /// Adds the wake-up delays since the last call to `samples`, ns, and classifies late cycles. One thread.
   void drain(Samples& samples);
-  /// Its cycles that were classified as overruns. The same thread.
+  /// Returns the number of overruns. The same thread.
   [[nodiscard]] std::uint64_t overruns() const noexcept { return overruns_; }
-  /// Reads what the system counts for the timer's thread.
+  /// Returns the sampler of this thread's system counters.
   [[nodiscard]] UsageSampler& usage() noexcept { return *usage_; }
 
  private:
   void compute(std::uint32_t steps) noexcept;
-  [[nodiscard]] std::uint32_t steps_of_work() noexcept;
+  [[nodiscard]] std::uint32_t steps_for_work() noexcept;
   void run(std::int64_t period_ns);
 
   std::atomic<bool> running_{true};

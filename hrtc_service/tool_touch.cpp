@@ -16,17 +16,17 @@ ToolTouch::ToolTouch(const spm::MeshProbe& probe) : tool_{probe}, shape_{shape_o
 void ToolTouch::reset() noexcept {
   tool_.reset();
   objects_before_ = 0;
-  linear_.setZero();
+  velocity_.setZero();
   angular_velocity_.setZero();
 }
 
-void ToolTouch::carry(const ProbeStep& step, const haptics::ToolPose& goal) noexcept {
+void ToolTouch::move_to(const ProbeStep& step, const haptics::ToolPose& goal) noexcept {
   const ObjectsSurface& surface = step.surface;
   std::uint64_t near = 0;
   for (std::uint32_t i = 0; i < surface.count(); ++i) {
     const TouchObject& object = surface[i];
     const Placement& placement = surface.placement(i);
-    // A moving object would carry a tool that sticks to it. Tools do not follow objects, so the tool slides.
+    // The tool slides on movable objects, because it does not follow a moving object to which it sticks.
     const double friction = object.body ? 0 : object.material.dynamic_friction;
     objects_[i] = {&object.forest->tree(),
                    placement.rotation(),
@@ -44,12 +44,12 @@ void ToolTouch::carry(const ProbeStep& step, const haptics::ToolPose& goal) noex
   constexpr double kSmoothing = 0.008;  // s
   const double share = std::min(1.0, step.period / kSmoothing);
   const Vec3d turned = haptics::log_map(now.orientation * before.orientation.conjugate());
-  linear_ += share * ((now.position - before.position) / step.period - linear_);
+  velocity_ += share * ((now.position - before.position) / step.period - velocity_);
   angular_velocity_ += share * (turned / step.period - angular_velocity_);
   step.output.orientation = plain(now.orientation);
 }
 
-/// The feel of the touched object.
+/// Returns the feel of the touched object.
 haptics::Feel ToolTouch::feel_of(const ProbeStep& step) const noexcept {
   const session::Material* const material = step.material(tool_.last().object);
   return material != nullptr ? haptics::Feel{material->stiffness, material->damping} : haptics::Feel{};
@@ -59,9 +59,9 @@ const haptics::ForceResult& ToolTouch::render(const ProbeStep& step) noexcept {
   haptics::DeviceState device = step.input.device;
   const haptics::Feel feel = feel_of(step);
   const haptics::ToolGrip grip = step.renderer.grip(feel, step.period, device.loop_delay);
-  carry(step, {device.position, device.orientation});
+  move_to(step, {device.position, device.orientation});
   const haptics::ToolResult& result = tool_.last();
-  // The damper moves with the touched object.
+  // The damper acts against the velocity of the touched object.
   if (result.in_contact)
     device.velocity -= (result.point - step.surface.carried_from(result.object, result.point)) / step.period;
   const haptics::ForceResult& force = step.renderer.step(result, grip, device, feel, step.age(), step.period);
@@ -89,7 +89,7 @@ std::span<const TouchSphere> ToolTouch::spheres(Spheres& out) const noexcept {
   const std::span<const spm::ProbeSphere> spheres = shape_.spheres();
   for (std::size_t i = 0; i < spheres.size(); ++i) {
     const Vec3d arm = pose.orientation * spheres[i].centre;
-    out[i] = {pose.position + arm, linear_ + angular_velocity_.cross(arm), spheres[i].radius};
+    out[i] = {pose.position + arm, velocity_ + angular_velocity_.cross(arm), spheres[i].radius};
   }
   return {out.data(), spheres.size()};
 }

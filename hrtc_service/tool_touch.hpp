@@ -1,7 +1,7 @@
-/// A probe that holds a tool: the tool, its force on the hand, and the spheres that cover it for refinement and query.
+/// Moves a tool, computes its force on the hand, and covers it with spheres for refinement and query.
 ///
-/// The smoothed velocity of the tool predicts the motion of the spheres. World frame, SI. The haptic thread's. Realtime
-/// after construction.
+/// The smoothed velocity of the tool predicts the motion of the spheres. World frame, SI. Haptic thread. Realtime after
+/// construction.
 #pragma once
 
 #include <array>
@@ -14,8 +14,8 @@
 
 namespace tactus::hrtc_service {
 
-/// The shape within which the mesh must be the finest one for exact contacts: the tool enlarged by its collision
-/// margin, or, when `tool` is null, a tip of that radius. m. Loader and cycle use the same shape.
+/// Returns the shape within which the mesh must be the finest for exact contacts, m: the tool enlarged by its collision
+/// margin, or a tip of that radius if `tool` is null. Loader and cycle use the same shape.
 [[nodiscard]] spm::ProbeShape shape_of_probe(const spm::MeshProbe* tool, double radius);
 
 class ToolTouch {
@@ -23,28 +23,28 @@ class ToolTouch {
   /// `probe` in metres; must outlive it. Allocates.
   explicit ToolTouch(const spm::MeshProbe& probe);
 
-  /// Resets the tool; the next step starts at the device.
+  /// Resets the tool. The next step starts at the device.
   void reset() noexcept;
 
-  /// Moves the tool with the object that the hand holds, as far as the other objects of the step permit.
-  void carry(const ProbeStep& step, const haptics::ToolPose& held) noexcept;
-  /// Moves the tool towards the device and computes the force. Friction is that of each object's material.
+  /// Moves the tool towards `goal`, as far as the objects of the step permit.
+  void move_to(const ProbeStep& step, const haptics::ToolPose& goal) noexcept;
+  /// Moves the tool towards the device and computes the force.
   const haptics::ForceResult& render(const ProbeStep& step) noexcept;
 
-  /// The pose of the tool.
-  [[nodiscard]] const Vec3d& place() const noexcept { return tool_.last().pose.position; }
+  /// Returns the point to which the device is coupled: the origin of the tool.
+  [[nodiscard]] const Vec3d& coupling_point() const noexcept { return tool_.last().pose.position; }
   [[nodiscard]] const haptics::ToolResult& last() const noexcept { return tool_.last(); }
-  /// The tool's surface at its pose, enlarged by the collision margin.
+  /// Returns spheres that cover the tool at its pose, enlarged by the collision margin. `out` is their storage.
   using Spheres = std::array<TouchSphere, spm::ProbeShape::kMaxSpheres>;
   [[nodiscard]] std::span<const TouchSphere> spheres(Spheres& out) const noexcept;
   [[nodiscard]] haptics::Tool& tool() noexcept { return tool_; }
 
-  /// As Cycle's, with haptics::Tool's.
+  /// As Cycle::for_each_carried.
   template <class Visit>
   void for_each_carried(Visit& visit) noexcept {
     tool_.for_each_carried(visit);
     visit.any("objects near a tool", objects_before_);
-    visit.number("velocity of a tool", linear_), visit.number("angular velocity of a tool", angular_velocity_);
+    visit.number("velocity of a tool", velocity_), visit.number("angular velocity of a tool", angular_velocity_);
   }
 
  private:
@@ -53,8 +53,8 @@ class ToolTouch {
   haptics::Tool tool_;
   spm::ProbeShape shape_;
   std::array<haptics::ToolObject, kMaxObjects> objects_;
-  std::uint64_t objects_before_ = 0;                                 // of the last step, by index bit
-  Vec3d linear_ = Vec3d::Zero(), angular_velocity_ = Vec3d::Zero();  // of the tool, smoothed
+  std::uint64_t objects_before_ = 0;                                   // objects of the last step, by index bit
+  Vec3d velocity_ = Vec3d::Zero(), angular_velocity_ = Vec3d::Zero();  // of the tool, smoothed
 };
 
 }  // namespace tactus::hrtc_service

@@ -15,8 +15,8 @@ ObjectsSurface ObjectsSurface::on_meshes_before() const noexcept {
   return before;
 }
 
-void ObjectsSurface::take_earlier(const Entry& entry, const Vec3d& from_model, const Vec3d& to_model, double radius,
-                                  bool& found, haptics::SurfaceHit& hit) noexcept {
+void ObjectsSurface::add_sweep_hit(const Entry& entry, const Vec3d& from_model, const Vec3d& to_model, double radius,
+                                   bool& found, haptics::SurfaceHit& hit) noexcept {
   const Placement& placement = *entry.now;
   const double radius_model = radius / placement.scale();
   spm::SweepContact touch;
@@ -28,7 +28,7 @@ void ObjectsSurface::take_earlier(const Entry& entry, const Vec3d& from_model, c
     const Vec3d centre = vec(unchanged.centre);
     const double far = std::max((from_model - centre).norm(), (end - centre).norm());
     const double reach = (far + radius_model) * (1 + kRelativeTolerance);
-    met_change_ = met_change_ || reach * reach >= unchanged.squared_radius;
+    reached_change_ = reached_change_ || reach * reach >= unchanged.squared_radius;
   }
   if (!touches) return;
   if (found && !(touch.time < hit.time)) return;
@@ -45,7 +45,7 @@ bool ObjectsSurface::sweep(const Vec3d& from, const Vec3d& to, double radius, ha
   bool found = false;
   for (std::uint32_t i = 0; i < count_; ++i) {
     const Placement& placement = *entries_[i].now;
-    take_earlier(entries_[i], placement.to_model(from), placement.to_model(to), radius, found, hit);
+    add_sweep_hit(entries_[i], placement.to_model(from), placement.to_model(to), radius, found, hit);
   }
   return found;
 }
@@ -56,7 +56,7 @@ bool ObjectsSurface::sweep_moving(const Vec3d& from, const Vec3d& to, double rad
   for (std::uint32_t i = 0; i < count_; ++i) {
     const Entry& entry = entries_[i];
     const Placement& before = entry.before != nullptr ? *entry.before : *entry.now;
-    take_earlier(entry, before.to_model(from), entry.now->to_model(to), radius, found, hit);
+    add_sweep_hit(entry, before.to_model(from), entry.now->to_model(to), radius, found, hit);
   }
   return found;
 }

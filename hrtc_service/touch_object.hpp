@@ -1,4 +1,4 @@
-/// The haptic thread's view of an object, and the messages between that thread and the loader.
+/// Data of an object in the haptic thread, and the messages between that thread and the loader.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -38,64 +38,65 @@ static_assert(kMaxObjects <= 64, "bits in NearObjects");
 
 using sharing::Placement;
 
-/// Made by the loader, which also destroys it: after its Departure, or after the haptic thread has ended. In between
-/// only the haptic thread touches `forest`.
+/// An object of the haptic thread. The loader makes it, and destroys it after its Departure or after the end of the
+/// haptic thread. Until then only the haptic thread uses `forest`.
 struct TouchObject {
-  std::uint32_t index = 0;  ///< of the cache, and bit in NearObjects
+  std::uint32_t index = 0;  ///< index in the cache, and bit in NearObjects
   std::uint64_t id = 0;
   std::uint64_t digest = 0;  ///< of the model
-  std::string name;          ///< in the session; for messages
-  Placement placement;       ///< at the time of its arrival
+  std::string name;          ///< in the session, for log lines
+  Placement placement;       ///< at its arrival
   session::Material material;
-  std::optional<sharing::SharedBody> body;  ///< when it can move
+  std::optional<sharing::SharedBody> body;  ///< only of a movable object
   spm::CellBox bounds;                      ///< model frame
-  double deviation = 0;                     ///< file units; no version of the mesh is further from the finest
+  double deviation = 0;                     ///< max distance of any version of the mesh from the finest, file units
   std::unique_ptr<spm::Forest> forest;
 };
 
-/// Finds where a body near a hand can touch an object that does not move: there the mesh must be the finest one. Calls
-/// `visit(centre, radius)` with spheres in the model frame of the object with these bounds and this placement.
-/// `hand_near(point, distance)`: whether some tip is that near to a point of the world.
+/// Finds the parts of a fixed object that a body near a hand can touch, because their mesh must be the finest. The
+/// fixed object has `bounds` and the placement `stands`. Calls `visit(centre, radius)` with spheres in its model frame.
+/// `has_hand_near(point, distance)`: whether some tip is within that distance of a point, world frame.
 template <class HandNear, class Visit>
-void for_each_place_under(const sharing::SharedBody& body, const Placement& placement, const spm::CellBox& bounds,
-                          const Placement& stands, HandNear&& hand_near, Visit&& visit) noexcept {
-  if (!hand_near(sharing::centre_of(body, placement), body.settings.half.norm() + kHandNear)) return;
+void for_each_sphere_under(const sharing::SharedBody& body, const Placement& placement, const spm::CellBox& bounds,
+                           const Placement& stands, HandNear&& has_hand_near, Visit&& visit) noexcept {
+  if (!has_hand_near(sharing::centre_of(body, placement), body.settings.half.norm() + kHandNear)) return;
   const double radius = sharing::kBodySearchDistance / stands.scale();
   sharing::for_each_search_point(body, placement, stands, bounds, [&](const Vec3d& place) { visit(place, radius); });
 }
 
-/// The objects that a tip could touch, from the loader's last search. The tip moves and objects arrive before the next
-/// search, so everything that this search does not cover counts as near.
+/// The objects that a tip could touch, from the loader's last search. Objects that arrived after the search count as
+/// near, and all objects do if the tip has moved too far since.
 struct NearObjects {
-  std::uint64_t found = 0;   ///< by index bit
-  std::uint64_t sought = 0;  ///< the objects that the search covered
-  Plain3 centre{};           ///< world; of the tip at the search
-  double moved = 0;          ///< m; within this distance from there, the tip can only touch the objects found
+  std::uint64_t found = 0;     ///< objects near the tip, by index bit
+  std::uint64_t searched = 0;  ///< objects that the search covered, by index bit
+  Plain3 centre{};             ///< position of the tip at the search, world
+  double moved = 0;            ///< max motion of the tip for which `found` is complete, m
 
+  /// Returns the objects that count as near a tip at this position, by index bit.
   [[nodiscard]] std::uint64_t at(const Vec3d& tip) const noexcept {
     if (!tip.allFinite()) return 0;
-    return (tip - vec(centre)).squaredNorm() <= moved * moved ? found | ~sought : ~std::uint64_t{0};
+    return (tip - vec(centre)).squaredNorm() <= moved * moved ? found | ~searched : ~std::uint64_t{0};
   }
 };
 
-/// Loader to haptic thread.
+/// A message from the loader to the haptic thread.
 struct Arrival {
   enum class Kind : std::uint8_t {
     kObject,
     kRegion,
     kRetire,
-    kWithdraw  ///< the object; nothing else of it arrives afterwards
+    kWithdraw  ///< the last arrival of an object
   } kind = Kind::kObject;
   TouchObject* object = nullptr;
   spm::RegionId region{};
-  spm::RegionList list;  ///< kRegion
+  spm::RegionList list;  ///< only of kRegion
 };
 
-/// Haptic thread to loader: no record of the region is applied any more. Or, of a withdrawn object: the haptic thread
-/// has removed the object and its regions.
+/// A message from the haptic thread to the loader: no record of the region is applied any more, or the haptic thread
+/// has removed a withdrawn object with all its regions.
 struct Departure {
-  std::uint32_t object = 0;
-  spm::RegionId region{spm::kNone};  ///< kNone: the object
+  std::uint32_t object = 0;          ///< index
+  spm::RegionId region{spm::kNone};  ///< kNone: the withdrawn object
   [[nodiscard]] bool is_object() const noexcept { return spm::index(region) == spm::kNone; }
 };
 
@@ -106,31 +107,31 @@ using DepartureRing = boost::lockfree::spsc_queue<Departure>;
 struct Unchanged {
   Plain3 centre{};
   double squared_radius = std::numeric_limits<double>::infinity();
-  bool appeared = false;  ///< in the last cycle there was no mesh
+  bool appeared = false;  ///< the object had no mesh in the last cycle
 };
 
-/// The surfaces of several objects as one surface for one probe, at their current placements and at those of the last
-/// cycle. Borrows its arguments for a cycle. Realtime.
+/// Combines the surfaces of several objects near one probe, at their placements now and in the last cycle. Borrows its
+/// arguments for a cycle. Realtime.
 class ObjectsSurface final : public haptics::Surface {
  public:
-  /// For sweeps; may be null. Must outlive the surface.
+  /// Sets the caches for sweeps; null for none. They must outlive the surface.
   void set_caches(spm::CandidateCaches* caches) noexcept { caches_ = caches; }
   void clear() noexcept {
     count_ = 0;
     moving_ = 0;
-    met_change_ = false;
+    reached_change_ = false;
     version_ = spm::Version::kNow;
   }
-  /// `before` null: the object has not moved.
+  /// Adds an object. `before` is its placement in the last cycle, null if it has not moved.
   void add(const TouchObject& object, const Placement& now, const Placement* before,
            const Unchanged& unchanged) noexcept {
     entries_[count_++] = {&object, &now, before, unchanged};
     if (before != nullptr) ++moving_;
   }
-  /// The objects at their current placements with their meshes of the last cycle. For sweeps only.
+  /// Returns the objects at their current placements with their meshes of the last cycle. For sweeps only.
   [[nodiscard]] ObjectsSurface on_meshes_before() const noexcept;
-  /// A sweep reached a part of a mesh that may have changed since the last cycle.
-  [[nodiscard]] bool met_change() const noexcept { return met_change_; }
+  /// Returns whether a sweep reached a part of a mesh that may have changed since the last cycle.
+  [[nodiscard]] bool reached_change() const noexcept { return reached_change_; }
   [[nodiscard]] std::uint32_t count() const noexcept { return count_; }
   [[nodiscard]] const TouchObject& operator[](std::uint32_t i) const noexcept { return *entries_[i].object; }
   [[nodiscard]] const Placement& placement(std::uint32_t i) const noexcept { return *entries_[i].now; }
@@ -142,7 +143,7 @@ class ObjectsSurface final : public haptics::Surface {
   [[nodiscard]] bool sweep_moving(const Vec3d& from, const Vec3d& to, double radius,
                                   haptics::SurfaceHit& hit) noexcept override;
   [[nodiscard]] Vec3d carried(std::uint32_t object, const Vec3d& point) const noexcept override;
-  /// The position in the last step of the surface point that is now at `point`.
+  /// Returns the position that the surface point at `point` had in the last cycle.
   [[nodiscard]] Vec3d carried_from(std::uint32_t object, const Vec3d& point) const noexcept;
   [[nodiscard]] Vec3d turned(std::uint32_t object, const Vec3d& direction) const noexcept override;
 
@@ -153,15 +154,15 @@ class ObjectsSurface final : public haptics::Surface {
     const Placement* before = nullptr;
     Unchanged unchanged;
   };
-  void take_earlier(const Entry& entry, const Vec3d& from_model, const Vec3d& to_model, double radius, bool& found,
-                    haptics::SurfaceHit& hit) noexcept;
+  void add_sweep_hit(const Entry& entry, const Vec3d& from_model, const Vec3d& to_model, double radius, bool& found,
+                     haptics::SurfaceHit& hit) noexcept;
   [[nodiscard]] const Entry* moved(std::uint32_t object) const noexcept;
 
   std::array<Entry, kMaxObjects> entries_{};
   std::uint32_t count_ = 0;
   std::uint32_t moving_ = 0;
   spm::Version version_ = spm::Version::kNow;
-  bool met_change_ = false;
+  bool reached_change_ = false;
   spm::CandidateCaches* caches_ = nullptr;
 };
 

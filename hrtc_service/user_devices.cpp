@@ -14,7 +14,7 @@ UserDevices::UserDevices(wire::Participants& participants, HapticOrders& orders,
     : participants_{participants}, orders_{orders}, on_intent_{std::move(on_intent)} {}
 UserDevices::~UserDevices() = default;
 
-void UserDevices::give_device(std::uint32_t probe, haptics::Device* device) {
+void UserDevices::set_device(std::uint32_t probe, haptics::Device* device) {
   orders_.post([&](HapticCommands& commands) { commands.devices[probe] = device; });
 }
 
@@ -22,10 +22,10 @@ void UserDevices::add_local(std::uint32_t probe, const std::string& name, std::u
   User& user = users_[probe];
   user.name = name;
   user.id = session::id_of(name);
-  user.own = std::move(device);
+  user.local_device = std::move(device);
   user_ids_[probe] = user.id;
   orders_.post([&](HapticCommands& commands) { commands.framed[probe] = true; });
-  give_device(probe, user.own.get());
+  set_device(probe, user.local_device.get());
 }
 
 void UserDevices::add(std::uint32_t probe, const std::string& name, std::uint64_t client) {
@@ -39,7 +39,7 @@ void UserDevices::add(std::uint32_t probe, const std::string& name, std::uint64_
   listen_to_device(user);
 }
 
-/// A device whose poses its client sends: the callback passes them to the haptic thread directly, not to the service.
+/// Opens the reader of a client's device poses. Its callback passes them to the haptic thread without the service.
 void UserDevices::listen_to_device(User& user) {
   user.remote = std::make_unique<haptics::RemoteDevice>();
   const auto on_pose = [this, remote = user.remote.get(), id = user.id, client = user.client,
@@ -50,16 +50,16 @@ void UserDevices::listen_to_device(User& user) {
     const session::Admission admission = window.admit(pose.origin, pose.sequence, now_ns);
     if (admission == session::Admission::kImplausible) implausible_.fetch_add(1, std::memory_order_relaxed);
     if (!session::accepted(admission)) return;
-    haptics::RemotePose taken;
-    taken.position = pose.pose.position;
-    taken.orientation = pose.pose.orientation;
-    taken.velocity = pose.velocity;
-    taken.sequence = pose.sequence;
-    taken.buttons = pose.buttons;
-    taken.command_felt = pose.command_felt;
-    taken.taken_ns = pose.session_time_ns - session_offset_ns_.load(std::memory_order_relaxed);
-    taken.arrived_ns = now_ns;
-    remote->on_pose(taken);
+    haptics::RemotePose remote_pose;
+    remote_pose.position = pose.pose.position;
+    remote_pose.orientation = pose.pose.orientation;
+    remote_pose.velocity = pose.velocity;
+    remote_pose.sequence = pose.sequence;
+    remote_pose.buttons = pose.buttons;
+    remote_pose.command_felt = pose.command_felt;
+    remote_pose.taken_ns = pose.session_time_ns - session_offset_ns_.load(std::memory_order_relaxed);
+    remote_pose.arrived_ns = now_ns;
+    remote->on_pose(remote_pose);
   };
   user.poses = std::make_unique<wire::Reader<session::DevicePose>>(
       participants_, wire::topics::kDevicePose, on_pose, wire::EndpointOptions{wire::user_partition(user.name)});
@@ -69,25 +69,25 @@ void UserDevices::remove(std::uint32_t probe) {
   const auto at = users_.find(probe);
   if (at == users_.end()) return;
   User& user = at->second;
-  give_device(probe, nullptr);
-  remote_ends_[probe] = {};
-  const std::uint64_t remotes = remote_ends_out_.post(remote_ends_);
+  set_device(probe, nullptr);
+  remote_endpoints_[probe] = {};
+  const std::uint64_t remotes = remote_endpoints_out_.post(remote_endpoints_);
   user_ids_[probe] = 0;
   user.intents.reset();
   user.poses.reset();
-  left_.push_back({std::move(user), orders_.now().number, remotes});
+  departed_users_.push_back({std::move(user), orders_.now().number, remotes});
   users_.erase(at);
-  free_left();
+  free_departed();
 }
 
-void UserDevices::free_left() {
-  left_.erase(std::remove_if(left_.begin(), left_.end(),
-                             [this](const Left& left) {
-                               const bool sent_to = left.user.commands != nullptr;
-                               return orders_.obeyed(left.orders) &&
-                                      (!sent_to || remote_ends_out_.passed(left.remotes));
-                             }),
-              left_.end());
+void UserDevices::free_departed() {
+  departed_users_.erase(std::remove_if(departed_users_.begin(), departed_users_.end(),
+                                       [this](const DepartedUser& departed) {
+                                         const bool has_commands = departed.user.commands != nullptr;
+                                         return orders_.obeyed(departed.orders) &&
+                                                (!has_commands || remote_endpoints_out_.passed(departed.remotes));
+                                       }),
+                        departed_users_.end());
 }
 
 void UserDevices::on_intent(const session::Intent& intent, std::int64_t ahead_ns) {
@@ -99,7 +99,7 @@ void UserDevices::on_intent(const session::Intent& intent, std::int64_t ahead_ns
       sharing::set_start(intent, hand);
       hand.seed = slot + 1;
       user.hand = std::make_unique<haptics::SimulatedDevice>(hand);
-      give_device(slot, user.hand.get());
+      set_device(slot, user.hand.get());
     }
     user.hand->paths().post(sharing::hand_path(intent, ahead_ns));
   }
@@ -110,14 +110,14 @@ void UserDevices::open_remote_devices() {
     if (user.remote == nullptr || !user.remote->has_pose() || orders_.now().devices[slot] != nullptr) continue;
     user.commands = std::make_unique<wire::Writer<session::DeviceCommand>>(
         participants_, wire::topics::kDeviceCommand, wire::EndpointOptions{wire::user_partition(user.name)});
-    remote_ends_[slot] = {user.remote.get(), user.id, user.commands.get()};
-    remote_ends_out_.post(remote_ends_);
-    give_device(slot, user.remote.get());
+    remote_endpoints_[slot] = {user.remote.get(), user.id, user.commands.get()};
+    remote_endpoints_out_.post(remote_endpoints_);
+    set_device(slot, user.remote.get());
     spdlog::info("user {} brings a device of its own", user.name);
   }
 }
 
-void UserDevices::write(std::vector<session::Figure>& figures) const {
+void UserDevices::add_figures(std::vector<session::Figure>& figures) const {
   namespace names = session::figures;
   double remotes = 0, loop_delay = 0;
   for (const auto& [slot, user] : users_) {
@@ -130,16 +130,16 @@ void UserDevices::write(std::vector<session::Figure>& figures) const {
 }
 
 void UserDevices::send_commands(const ProbeReports& latest) {
-  const RemoteEnds& endpoints = remote_ends_out_.latest();
+  const RemoteEndpoints& endpoints = remote_endpoints_out_.latest();
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
-    const RemoteEnd& end = endpoints[i];
+    const RemoteEndpoint& endpoint = endpoints[i];
     const ProbeOutput& probe = latest.probes[i];
-    if (end.device == nullptr || !probe.active) continue;
+    if (endpoint.device == nullptr || !probe.active) continue;
     session::DeviceCommand command;
     command.origin = participants_.origin();
-    command.user_id = end.user_id;
+    command.user_id = endpoint.user_id;
     command.probe = i;
-    command.sequence = end.device->on_command(latest.time_ns);
+    command.sequence = endpoint.device->on_command(latest.time_ns);
     command.pose_answered = probe.pose_sequence;
     command.force = probe.force;
     command.torque = probe.torque;
@@ -147,7 +147,7 @@ void UserDevices::send_commands(const ProbeReports& latest) {
     command.status = probe.status;
     command.error_bound = probe.error_bound;
     command.data_age_us = age_us(probe);
-    (void)end.commands->send(command);
+    (void)endpoint.commands->send(command);
   }
 }
 

@@ -1,13 +1,13 @@
-/// The devices and endpoints of the users who have a probe here.
+/// Manages the devices of this HRTC's users, and the endpoints of devices at clients.
 ///
 ///     at this machine               LocalUser                                  --> Device
 ///     at a client, simulated here   intent          --> service's inbox        --> SimulatedDevice
 ///     at a client                   device_pose     --> (DDS)                  --> RemoteDevice
 ///                                   device_command  <-- sender <-- reports     <--
 ///
-/// The haptic thread receives the devices in its commands, the sender receives those at clients by a Handover. The
-/// devices of a user who has left are destroyed once neither thread uses them. Service thread, except where a comment
-/// says otherwise.
+/// The haptic thread receives all devices in its commands. The sender receives the devices at clients by a Handover.
+/// When a user has left, the user's devices are destroyed as soon as neither thread uses them. Service thread, unless a
+/// comment names another one.
 #pragma once
 
 #include <array>
@@ -33,8 +33,8 @@ namespace tactus::hrtc_service {
 class UserDevices {
  public:
   using OnIntent = std::function<void(session::Intent&&)>;
-  /// `on_intent` receives the intents of users here, in threads of DDS. `participants`, `orders` and the references in
-  /// `on_intent` must outlive this.
+  /// `on_intent` receives the intents of this HRTC's users, in threads of DDS. `participants`, `orders` and the
+  /// references in `on_intent` must outlive the object.
   UserDevices(wire::Participants& participants, HapticOrders& orders, OnIntent on_intent);
   ~UserDevices();
 
@@ -42,58 +42,58 @@ class UserDevices {
   void add_local(std::uint32_t probe, const std::string& user, std::unique_ptr<haptics::Device> device);
   /// Adds a client's user: opens the endpoints of its intents and poses.
   void add(std::uint32_t probe, const std::string& user, std::uint64_t client);
-  /// Removes a user: closes the endpoints and takes the device from the haptic thread.
+  /// Removes a user: closes the endpoints, and commands the haptic thread to stop using the device.
   void remove(std::uint32_t probe);
 
-  /// Sets the path that a user requests of a simulated hand. `ahead_ns`: our clock minus session time.
+  /// Sets the requested path of a simulated hand. `ahead_ns`: local clock minus session time.
   void on_intent(const session::Intent& intent, std::int64_t ahead_ns);
   /// Passes to the haptic thread the devices that have sent their first pose since the last call.
   void open_remote_devices();
-  /// Destroys the devices of users who have left, when no thread uses them any more. Call it at times.
-  void free_left();
-  /// Users whose devices are not destroyed yet.
-  [[nodiscard]] std::size_t left() const noexcept { return left_.size(); }
-  /// Sets session time minus our clock for later poses.
+  /// Destroys the devices of users who have left, if no thread uses them any more. Call it every few milliseconds.
+  void free_departed();
+  /// Returns the number of users who have left and whose devices still exist.
+  [[nodiscard]] std::size_t departed_count() const noexcept { return departed_users_.size(); }
+  /// Sets the offset for later poses: session time minus local clock.
   void on_clock(std::int64_t session_offset_ns) noexcept { session_offset_ns_ = session_offset_ns; }
 
-  void write(std::vector<session::Figure>& figures) const;
-  /// Device poses dropped because their origin or number is outside its window; any thread.
+  void add_figures(std::vector<session::Figure>& figures) const;
+  /// Returns the number of device poses that were dropped outside their plausible windows. Any thread.
   [[nodiscard]] std::uint64_t implausible() const noexcept { return implausible_.load(std::memory_order_relaxed); }
 
-  /// Any thread: 0 where there is no user.
+  /// Returns the id of the probe's user, or 0. Any thread.
   [[nodiscard]] std::uint64_t user_at(std::uint32_t probe) const noexcept {
     return user_ids_[probe].load(std::memory_order_relaxed);
   }
-  /// Sender's thread: sends the haptic thread's report of its last cycle to the devices at clients. Takes no lock.
+  /// Sends the forces of the last cycle to the devices at clients. Sender thread. Takes no lock.
   void send_commands(const ProbeReports& latest);
 
  private:
   struct User {
     std::string name;
     std::uint64_t id = 0;
-    std::uint64_t client = 0;                                        // participant; 0: a device of our own
-    std::unique_ptr<haptics::Device> own;                            // at this machine
-    std::unique_ptr<haptics::SimulatedDevice> hand;                  // once it has an intent
-    std::unique_ptr<haptics::RemoteDevice> remote;                   // receives its poses, if it sends any
-    std::unique_ptr<wire::Writer<session::DeviceCommand>> commands;  // once it has
+    std::uint64_t client = 0;                                        // participant; 0: the device is at this machine
+    std::unique_ptr<haptics::Device> local_device;                   // device at this machine
+    std::unique_ptr<haptics::SimulatedDevice> hand;                  // after its first intent
+    std::unique_ptr<haptics::RemoteDevice> remote;                   // receives the poses of a device at the client
+    std::unique_ptr<wire::Writer<session::DeviceCommand>> commands;  // after the first pose
     std::unique_ptr<wire::Reader<session::Intent>> intents;
     std::unique_ptr<wire::Reader<session::DevicePose>> poses;  // last, so that no callback outlives what it fills
   };
-  /// A user who has left; `orders` and `remotes` are the first without its devices.
-  struct Left {
+  /// A user who has left. `orders` and `remotes`: numbers of the first lists that do not name the user's devices.
+  struct DepartedUser {
     User user;
     std::uint64_t orders = 0, remotes = 0;
   };
-  /// Where the forces of a remote device go, for the sender.
-  struct RemoteEnd {
+  /// A remote device and its writer, for the sender.
+  struct RemoteEndpoint {
     haptics::RemoteDevice* device = nullptr;  // null: this probe has none
     std::uint64_t user_id = 0;
     wire::Writer<session::DeviceCommand>* commands = nullptr;
   };
-  using RemoteEnds = std::array<RemoteEnd, kMaxProbes>;
+  using RemoteEndpoints = std::array<RemoteEndpoint, kMaxProbes>;
 
   void listen_to_device(User& user);
-  void give_device(std::uint32_t probe, haptics::Device* device);
+  void set_device(std::uint32_t probe, haptics::Device* device);
 
   wire::Participants& participants_;
   HapticOrders& orders_;
@@ -101,9 +101,9 @@ class UserDevices {
   std::array<std::atomic<std::uint64_t>, kMaxProbes> user_ids_{};
   std::atomic<std::int64_t> session_offset_ns_{0};
   std::atomic<std::uint64_t> implausible_{0};
-  RemoteEnds remote_ends_;
-  Handover<RemoteEnds> remote_ends_out_;  // to the sender
-  std::vector<Left> left_;
+  RemoteEndpoints remote_endpoints_;
+  Handover<RemoteEndpoints> remote_endpoints_out_;  // to the sender
+  std::vector<DepartedUser> departed_users_;
   std::map<std::uint32_t, User> users_;  // by slot; last, so that no callback outlives what it fills
 };
 

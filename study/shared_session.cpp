@@ -157,7 +157,7 @@ session::Holder::Role SharedSession::role(std::size_t hrtc) const {
 
 double SharedSession::figure(std::size_t hrtc, const std::string& name) const {
   std::vector<session::Figure> figures;
-  hrtcs_[hrtc]->core.gateway().ownership().write(figures);
+  hrtcs_[hrtc]->core.gateway().ownership().add_figures(figures);
   for (const session::Figure& figure : figures)
     if (figure.name == name) return figure.value;
   return 0;
@@ -239,20 +239,21 @@ void SharedSession::send_reports(std::size_t i) {
     if (to == i) continue;
     session::ObjectCopy copy;
     sharing::put_sample(body.sample, body.copies, copy);
-    to_hrtc(kFirstHrtcNode + i, to, kCopyBytes, [this, copy_index = body.place, group = body.group, copy](Hrtc& peer) {
-      const std::int64_t session_ns = peer.session_ns(now_ns_);
-      peer.core.gateway().on_transit(session_ns - copy.session_time_ns, session_ns);
-      (void)peer.core.link().bodies.copies.push({peer.index, copy_index, group, sharing::sample_of(copy)});
-      peer.core.gateway().on_peer_received(peer.index, now_ns_);
-    });
+    to_hrtc(kFirstHrtcNode + i, to, kCopyBytes,
+            [this, copy_index = body.copy_index, fencing = body.coupling_fencing, copy](Hrtc& peer) {
+              const std::int64_t session_ns = peer.session_ns(now_ns_);
+              peer.core.gateway().on_transit(session_ns - copy.session_time_ns, session_ns);
+              (void)peer.core.link().bodies.copies.push({peer.index, copy_index, fencing, sharing::sample_of(copy)});
+              peer.core.gateway().on_peer_received(peer.index, now_ns_);
+            });
   }
-  if (body.publish == 0 || now_ns_ - hrtc.posed_ns < hrtc_service::kBodyPoseNs) return;
+  if (body.publish_fencing == 0 || now_ns_ - hrtc.posed_ns < hrtc_service::kPosePeriodNs) return;
   hrtc.posed_ns = now_ns_;
   session::ObjectPose pose;
   pose.origin = hrtc.origin;
   pose.object_id = entry_.object_id;
   pose.sequence = ++hrtc.pose_sequence;
-  pose.fencing = body.publish;
+  pose.fencing = body.publish_fencing;
   pose.session_time_ns = hrtc.reports.session_ns;
   sharing::put_state(body.state, shared_.centre, pose);
   publish(kFirstHrtcNode + i, pose);

@@ -62,7 +62,7 @@ TEST_F(FlightTest, WhatWasBeforeAStopIsKeptAndReplayedToTheBit) {
   EXPECT_THAT(of_stop, HasSubstr(" 1 stops, 0 resets"));
   EXPECT_THAT(of_stop, HasSubstr("from cycle "));
   EXPECT_THAT(of_stop, HasSubstr("every force is the same to the bit"));
-  EXPECT_THAT(replayed(files[1], 0, models().organ), HasSubstr("written for: asked for by a signal"));
+  EXPECT_THAT(replayed(files[1], 0, models().organ), HasSubstr("written for: requested by a signal"));
   EXPECT_THAT(replayed(path("end.mcap"), 0, models().organ), HasSubstr("written for: the end"));
   EXPECT_THAT(replayed(path("end.mcap"), 2, models().sphere), HasSubstr("object 'organ' is of the model with digest "));
 }

@@ -59,11 +59,11 @@ TEST_F(LoaderTest, AnObjectThatIsWithdrawnBeforeItHasComeIsFreed) {
   for (int number = 0; number < 500; ++number) {  // more than there is room for at a time
     offer(number, false);
     run(200);
-    ASSERT_TRUE(loader_->knows(session::id_of("object " + std::to_string(number)))) << number;
+    ASSERT_TRUE(loader_->has_object(session::id_of("object " + std::to_string(number)))) << number;
     offer(number, true);
     run(1100);
   }
-  EXPECT_EQ(loader_->directories(), 0u);
+  EXPECT_EQ(loader_->directory_bytes_used(), 0u);
   EXPECT_EQ(gone_, 500);
 }
 
@@ -72,7 +72,7 @@ TEST_F(LoaderTest, AnObjectThatIsRefusedIsForgottenWithItsOffer) {
   for (int number = 0; number < 200; ++number) {
     offer(number, false, kTooLarge);
     run(200);
-    ASSERT_EQ(loader_->directories(), 0u);
+    ASSERT_EQ(loader_->directory_bytes_used(), 0u);
     offer(number, true);
     run(1100);
   }

@@ -160,7 +160,7 @@ TEST_F(OrganSession, WhatIsSpareIsTakenBackWithoutBeingSentAgain) {
   to_and_fro(session, kThere, 0);
   const hrtc_service::LoaderFigures back = session.loader().figures();
 
-  EXPECT_GT(there.regions_spare, 0u) << "a sixteenth of the store is kept ready";
+  EXPECT_GT(there.regions_evictable, 0u) << "a sixteenth of the store is kept ready";
   EXPECT_EQ(back.regions_evicted, 0u) << "no room was needed";
   EXPECT_EQ(back.regions_reloaded, 0u);
   EXPECT_EQ(back.records_returned, 0u);

@@ -70,9 +70,9 @@ TEST_F(UserDevicesTest, WhatUsersBringIsFreedAfterTheyHaveLeft) {
     report.probes[0].active = true;
     devices_->send_commands(report);
     devices_->remove(0);
-    while (devices_->left() > 0) {
+    while (devices_->departed_count() > 0) {
       devices_->send_commands(report);
-      devices_->free_left();
+      devices_->free_departed();
       std::this_thread::yield();
     }
   }
@@ -81,7 +81,7 @@ TEST_F(UserDevicesTest, WhatUsersBringIsFreedAfterTheyHaveLeft) {
     devices_->add(0, user, client_.origin().participant);
     devices_->remove(0);
   }
-  while (devices_->left() > 0) devices_->free_left();
+  while (devices_->departed_count() > 0) devices_->free_departed();
   EXPECT_EQ(devices_->user_at(0), 0u);
 }
 
@@ -94,12 +94,12 @@ TEST_F(UserDevicesTest, AWriterIsNotDestroyedWhereTheSenderCouldMeetIt) {
   const std::uint64_t without = orders_->now().number + 1;
   devices_->remove(0);
   while (!orders_->obeyed(without)) std::this_thread::yield();
-  devices_->free_left();
+  devices_->free_departed();
 
-  EXPECT_EQ(devices_->left(), 1u) << "the sender may be about to send its last command";
+  EXPECT_EQ(devices_->departed_count(), 1u) << "the sender may be about to send its last command";
   devices_->send_commands(report);
-  devices_->free_left();
-  EXPECT_EQ(devices_->left(), 0u);
+  devices_->free_departed();
+  EXPECT_EQ(devices_->departed_count(), 0u);
 }
 
 TEST(Handover, ThingsLiveUntilTheUserHasLetGoOfThem) {

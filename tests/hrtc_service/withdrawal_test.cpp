@@ -181,9 +181,9 @@ class WithdrawalTest : public testing::Test {
             loader.list_blocks_used(),
             figures.compressed_used,
             core_->nodes().used(),
-            loader.directories(),
-            loader.objects().size() + loader.leaving().size() + core_->servo().cycle().objects().size() +
-                core_->servo().cycle().leaving().size(),
+            loader.directory_bytes_used(),
+            loader.objects().size() + loader.withdrawn_objects().size() + core_->servo().cycle().objects().size() +
+                core_->servo().cycle().withdrawn_objects().size(),
             sizes.streams,
             sizes.objects};
   }
