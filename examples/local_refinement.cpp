@@ -1,6 +1,6 @@
-// Local refinement without a session: a sphere slides over a model with 16 MiB of memory. In each millisecond the
-// program refines the mesh near the sphere, within a budget.
-//   local_refinement [MODEL]      a .ply, .stl, .obj or .spm file; without one an organ of 200,000 faces
+// Shows local refinement without a session: a sphere slides over a model, and every millisecond the program refines the
+// mesh near the sphere within a budget. The refinement has 16 MiB of memory.
+//   local_refinement [MODEL]      MODEL: a .ply, .stl, .obj or .spm file; default: an organ of 200,000 faces
 #include "spm/local_refinement.hpp"
 
 #include <cmath>
@@ -19,7 +19,8 @@ using namespace tactus::spm;
 
 namespace {
 
-/// An encoded model: a file of `tactus-mesh build`, or built by this program, which takes some 10 us per face.
+/// A compressed model: an .spm file (made by `tactus mesh build`), or a model that this program builds, which takes
+/// some 10 us per face.
 struct Source {
   std::optional<offline::MappedModel> file;
   std::optional<codec::EncodedModel> built;
@@ -48,18 +49,18 @@ int run(const char* path) {
   settings.margins = {radius / 6, radius * 2 / 3};
   LocalRefinement refinement{regions, ProbeShape{radius}, settings};
 
-  constexpr int kFrames = 2000;  // of 1 ms
+  constexpr int kCycles = 2000;  // of 1 ms each
   constexpr std::uint32_t kContacts = 1u << 14;
   std::vector<Contact> contacts(kContacts);
   int touching = 0, exact = 0;
-  double distance = 0.7 * size;  // from the middle to the sphere; decreases until they touch
-  for (int frame = 0; frame < kFrames; ++frame) {
-    const double angle = 1e-3 * frame;
+  double distance = 0.7 * size;  // from the middle of the model to the sphere; decreases until the sphere touches it
+  for (int cycle = 0; cycle < kCycles; ++cycle) {
+    const double angle = 1e-3 * cycle;
     const Vec3d out{std::cos(angle), std::sin(angle) * std::cos(angle / 3), std::sin(angle) * std::sin(angle / 3)};
     Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
     pose.translation() = middle + distance * out;
 
-    refinement.approach(pose, 1e-3 * frame, touching > 0);
+    refinement.approach(pose, 1e-3 * cycle, touching > 0);
     (void)refinement.refine(Budget{4000});
     const std::uint32_t found =
         refinement.touching(pose.translation(), radius, contacts.data(), static_cast<std::uint32_t>(contacts.size()));
@@ -68,7 +69,8 @@ int run(const char* path) {
     ++touching;
     exact += refinement.exact() ? 1 : 0;
   }
-  std::printf("%u faces; of %d frames %d in contact, %d of these exact\n", summary.faces, kFrames, touching, exact);
+  std::printf("%u faces, %d cycles, %d contact cycles, %d exact contact cycles\n", summary.faces, kCycles, touching,
+              exact);
   return touching > 0 && exact > 0.9 * touching ? 0 : 1;
 }
 

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "spm/codec/take_region.hpp"
+#include "spm/codec/load_region.hpp"
 
 namespace tactus::host_service {
 
@@ -70,7 +70,7 @@ Scenery::~Scenery() = default;
 
 bool Scenery::load(Object& object, spm::RegionId region) {
   spm::RegionList list;
-  if (!spm::codec::take_region(*object.model, region, cache_, object.index, list)) return false;
+  if (!spm::codec::load_region(*object.model, region, cache_, object.index, list)) return false;
   object.forest->add(region, list);
   object.loaded_regions.push_back(region);
   ++regions_loaded_;

@@ -14,7 +14,7 @@
 #include "hrtc_service/flight_check.hpp"
 #include "hrtc_service/flight_recorder.hpp"
 #include "spm/cache.hpp"
-#include "spm/codec/take_region.hpp"
+#include "spm/codec/load_region.hpp"
 
 namespace tactus::hrtc_service {
 namespace {
@@ -169,7 +169,7 @@ class World {
       throw ImpossibleCall("region " + std::to_string(spm::index(region)) + " of object '" + touch.name +
                            "' cannot have come");
     spm::RegionList list;
-    if (!spm::codec::take_region(model, region, cache_, objects_[number]->in_cache, list))
+    if (!spm::codec::load_region(model, region, cache_, objects_[number]->in_cache, list))
       throw ImpossibleCall("region " + std::to_string(spm::index(region)) + " of object '" + touch.name +
                            "' does not fit as it did");
     return {Arrival::Kind::kRegion, &touch, region, list};
@@ -285,7 +285,7 @@ class Replay {
       throw FlightError(name_ + ", after cycle " + std::to_string(cycle_) + ": " + error.what());
     }
     if (!started_) throw FlightError(name_ + ": found no flight recording in it");
-    report_.cut = reader_.is_cut();
+    report_.cut = reader_.is_truncated();
     report_.seconds = static_cast<double>(last_ns_ - first_ns_) * 1e-9;
     return std::move(report_);
   }

@@ -285,7 +285,7 @@ class Loader {
 
   // The store (loader_store.cpp).
   [[nodiscard]] std::uint32_t blocks_after_eviction() const noexcept {
-    return store_.blocks_free() + store_.blocks_leaving();
+    return store_.blocks_free() + store_.blocks_retired();
   }
   /// Estimates the memory of a region in the store, in blocks.
   [[nodiscard]] double block_estimate(const Object& object, std::uint32_t region) const noexcept;

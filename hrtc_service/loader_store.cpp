@@ -33,7 +33,7 @@ void Loader::store_parked(std::int64_t now_ns) {
 }
 
 bool Loader::store_or_refuse(Object& object, const session::DeliveryClient::Message& message, std::int64_t now_ns) {
-  using Status = spm::codec::CompressedCache::Put::Status;
+  using Status = spm::codec::CompressedCache::PutResult::Status;
   const auto refuse = [&] {
     delivery_.refused(object.info.id, message.region);
     return true;
@@ -42,16 +42,16 @@ bool Loader::store_or_refuse(Object& object, const session::DeliveryClient::Mess
   const spm::ObjectIndex number{object.info.index};
   const spm::RegionId region{message.region};
   const std::span<const std::uint8_t> bytes{message.bytes};
-  spm::codec::CompressedCache::Put put = store_.put(number, region, bytes);
+  spm::codec::CompressedCache::PutResult put = store_.put(number, region, bytes);
   while (put.status == Status::kFull && evict_one())
     if (store_.blocks_free() >= put.blocks) put = store_.put(number, region, bytes);
 
   RegionNote& note = object.notes[message.region];
   const auto wanted_region = object.wanted_regions.find(message.region);
   switch (put.status) {
-    case Status::kKept:
+    case Status::kStored:
       break;
-    case Status::kHere:
+    case Status::kAlreadyHeld:
       if (note.store_state() != StoreState::kHeld) return refuse();  // retired; requested again after its eviction
       delivery_.held(object.info.id, message.region);
       return true;
@@ -85,7 +85,7 @@ bool Loader::store_or_refuse(Object& object, const session::DeliveryClient::Mess
   figures_.compressed_peak = std::max(figures_.compressed_peak, store_.blocks() - store_.blocks_free());
   const std::uint32_t records = cache_.records_of(number, region);
   if (records > 0) blocks_per_record_ += 0.1 * (static_cast<double>(put.blocks) / records - blocks_per_record_);
-  bytes_per_block_ += 0.1 * (static_cast<double>(message.bytes.size()) / put.whole - bytes_per_block_);
+  bytes_per_block_ += 0.1 * (static_cast<double>(message.bytes.size()) / put.blocks_if_empty - bytes_per_block_);
   note.set(StoreState::kHeld);
   note.was_stored = 1;
   object.held.push_back(message.region);
@@ -198,7 +198,7 @@ void Loader::find_eviction_candidates() {
     if (candidate.is_sound && has_enough_blocks()) break;
     Object& object = *candidate.object;
     if (!delivery_.retire(object.info.id, candidate.region)) continue;
-    store_.leave(spm::ObjectIndex{object.info.index}, spm::RegionId{candidate.region});
+    store_.retire(spm::ObjectIndex{object.info.index}, spm::RegionId{candidate.region});
     object.notes[candidate.region].set(StoreState::kRetired);
     object.held.erase(std::find(object.held.begin(), object.held.end(), candidate.region));
     eviction_candidates_.push_back({&object, candidate.region});
@@ -209,7 +209,7 @@ void Loader::cancel_eviction(Object& object, std::uint32_t region) {
   eviction_candidates_.erase(std::find_if(
       eviction_candidates_.begin(), eviction_candidates_.end(),
       [&](const RegionRef& candidate) { return candidate.object == &object && candidate.region == region; }));
-  store_.stay(spm::ObjectIndex{object.info.index}, spm::RegionId{region});
+  store_.reinstate(spm::ObjectIndex{object.info.index}, spm::RegionId{region});
   object.notes[region].set(StoreState::kHeld);
   object.held.push_back(region);
   delivery_.held(object.info.id, region);
@@ -236,7 +236,7 @@ std::deque<Loader::RegionRef>::iterator Loader::evict_candidate(std::deque<Regio
 
 /// Frees a retired region in the store.
 void Loader::evict(Object& object, std::uint32_t region) {
-  store_.release(spm::ObjectIndex{object.info.index}, spm::RegionId{region});
+  store_.evict(spm::ObjectIndex{object.info.index}, spm::RegionId{region});
   RegionNote& note = object.notes[region];
   note.set(StoreState::kAbsent);
   faulty_regions_ -= note.is_faulty;

@@ -25,7 +25,7 @@ void Loader::withdraw(Object& object) {
 
   const spm::ObjectIndex number{object.info.index};
   for (const std::uint32_t region : object.held) {
-    store_.leave(number, spm::RegionId{region});
+    store_.retire(number, spm::RegionId{region});
     evict(object, region);
   }
   object.held.clear();

@@ -109,7 +109,7 @@ void write_html(const std::string& file, const RunInfo& info, const std::vector<
   body << "</table></div>\n<h2>Distribution of the half round trip</h2>\n" << distributions(results);
   std::vector<std::string> names;
   for (const Result& r : results) names.push_back(describe(r.test));
-  body << page::key(names);
+  body << page::legend(names);
   for (std::size_t i = 0; i < results.size(); ++i)
     body << "<h2>" << escaped(names[i]) << "</h2>\n" << plot_over_time(results[i], page::colour(i));
   std::ofstream out{file};

@@ -41,7 +41,7 @@ std::string page(const std::string& title, const std::string& body) {
 
 const char* colour(std::size_t i) noexcept { return kColours[i % kColours.size()]; }
 
-std::string key(const std::vector<std::string>& names) {
+std::string legend(const std::vector<std::string>& names) {
   std::string out = "<div class=\"key\">\n";
   for (std::size_t i = 0; i < names.size(); ++i)
     out += std::string{"<div><span style=\"background:"} + colour(i) + "\"></span>" + escaped(names[i]) + "</div>\n";
@@ -51,9 +51,9 @@ std::string key(const std::vector<std::string>& names) {
 std::string table(const std::vector<std::vector<std::string>>& rows) {
   std::string out = "<div class=\"wide\"><table>\n";
   for (std::size_t i = 0; i < rows.size(); ++i) {
-    const std::string cell = i == 0 ? "th" : "td";
+    const std::string tag = i == 0 ? "th" : "td";
     out += "<tr>";
-    for (const std::string& text : rows[i]) out += "<" + cell + ">" + escaped(text) + "</" + cell + ">";
+    for (const std::string& text : rows[i]) out += "<" + tag + ">" + escaped(text) + "</" + tag + ">";
     out += "</tr>\n";
   }
   return out + "</table></div>\n";

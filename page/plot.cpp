@@ -32,17 +32,17 @@ Plot::Plot(const Scale& scale) : scale_{scale}, low_{scale.low}, high_{scale.hig
     low_ = std::floor(std::log10(scale.low) * 3) / 3;
     high_ = std::max(low_ + 0.5, std::log10(scale.high) + 0.05);
     for (int decade = static_cast<int>(std::floor(low_)); decade <= high_; ++decade)
-      for (const int digit : {1, 2, 5}) level(digit * std::pow(10.0, decade));
+      for (const int digit : {1, 2, 5}) grid_line(digit * std::pow(10.0, decade));
   } else {
     if (!(high_ > low_)) high_ = low_ + 1;
     const double rough = (high_ - low_) / 5, decade = std::pow(10.0, std::floor(std::log10(rough)));
     const double step = decade * (rough > 5 * decade ? 10 : rough > 2 * decade ? 5 : 2);
     high_ = step * std::ceil(high_ / step);
-    for (double value = step * std::floor(low_ / step); value < high_ + step / 2; value += step) level(value);
+    for (double value = step * std::floor(low_ / step); value < high_ + step / 2; value += step) grid_line(value);
   }
 }
 
-void Plot::level(double value) {
+void Plot::grid_line(double value) {
   const double at = scale_.logarithmic ? std::log10(value) : value;
   if (at < low_ || at > high_ + 1e-9) return;
   line(kLeft, y(value), kWidth - kRight, y(value), kGrey, 0.3);

@@ -193,7 +193,7 @@ std::string draw(const std::vector<LinkResult>& results, const Drawing& drawing)
     plot.curve(points, page::colour(k), 1.8);
   }
   plot.caption("link");
-  return "<h3>" + page::escaped(title(*any)) + "</h3>\n" + plot.svg() + page::key(scenarios);
+  return "<h3>" + page::escaped(title(*any)) + "</h3>\n" + plot.svg() + page::legend(scenarios);
 }
 
 /// Draws the stiffness over the round trip, with a curve for each method. Curves of analytic bounds are dashed.
@@ -227,7 +227,7 @@ std::string draw_stiffness(const std::vector<LinkResult>& results) {
     plot.curve(points, page::colour(k), 1.8, names[k].find("(") != std::string::npos);
   }
   plot.caption("round trip; dashed: analytic bounds");
-  return "<h3>largest stable stiffness, N/m</h3>\n" + plot.svg() + page::key(names);
+  return "<h3>largest stable stiffness, N/m</h3>\n" + plot.svg() + page::legend(names);
 }
 
 ordered_json to_json(const Estimate& estimate) {

@@ -206,7 +206,7 @@ ContactLog read_log(const std::filesystem::path& path) {
   for (;;) {
     switch (reader.next()) {
       case trace::ContactLogReader::Entry::kEnd:
-        log.torn = reader.torn();
+        log.torn = reader.is_truncated();
         return log;
       case trace::ContactLogReader::Entry::kObject:
         if (!(std::isfinite(reader.object.scale) && reader.object.scale > 0))

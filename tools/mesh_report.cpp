@@ -41,7 +41,7 @@ struct Lists {
 std::uint64_t bytes_of_worst_step(const spm::codec::CompressedModel& coded,
                                   const spm::offline::Certificate& certificate) {
   std::uint64_t bytes = 0;
-  for (const auto& [region, missing] : certificate.brings)
+  for (const auto& [region, missing] : certificate.messages)
     bytes += spm::codec::encode_region(coded, region, std::span<const spm::Interval>{missing}).size();
   return bytes;
 }
@@ -99,19 +99,19 @@ ordered_json info_json(const spm::Model& model, const spm::offline::Provenance& 
                          {"regions", certificate.regions},
                          {"records", certificate.records},
                          {"slots", certificate.parts},
-                         {"worst_at", certificate.worst},
+                         {"worst_at", certificate.worst_position},
                          {"pool_slots", spm::offline::slots_needed(s, certificate)},
                          {"memory_bytes", spm::offline::memory_needed(s, certificate)},
                          {"speed_m_s", certificate.speed * s.metres_per_unit},
                          {"step_m", certificate.step * s.metres_per_unit},
-                         {"step_records", certificate.entering},
-                         {"step_units", certificate.units},
+                         {"step_records", certificate.entering_records},
+                         {"step_units", certificate.work_units},
                          {"step_faces", certificate.faces},
-                         {"cycle_units", certificate.units * steps},
+                         {"cycle_units", certificate.work_units * steps},
                          {"cycle_faces", certificate.faces * steps},
                          {"cycle_marked", spm::offline::max_marked(faces_changing, s.faces)},
                          {"tree_nodes", certificate.nodes},
-                         {"records_per_second", certificate.entering * certificate.steps_per_second()}}}};
+                         {"records_per_second", certificate.entering_records * certificate.steps_per_second()}}}};
   if (coded != nullptr) {
     const auto bytes = static_cast<double>(bytes_of_worst_step(*coded, certificate));
     json["certificate"]["step_bytes"] = bytes;
@@ -165,7 +165,7 @@ std::string info_text(const spm::Model& model, const spm::offline::Provenance& p
   row("  sufficient memory",
       number(needs["memory_bytes"].get<double>() / (1 << 20)) + " MiB, all directories included");
   row("probe speed", number(needs["speed_m_s"]) + " m/s");
-  std::string step = "at most " + std::to_string(certificate.entering);
+  std::string step = "at most " + std::to_string(certificate.entering_records);
   std::string second = "at most " + number(needs["records_per_second"]);
   if (coded != nullptr) {
     step += ", " + number(needs["step_bytes"].get<double>() / 1000) + " kB";

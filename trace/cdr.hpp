@@ -1,11 +1,13 @@
-/// Plain CDR (XCDR version 1, little-endian, with its encapsulation) of our own structs, for recordings.
+/// Encodes and decodes our own structs as plain CDR (XCDR version 1, little-endian, with its encapsulation), for
+/// recordings.
 ///
-/// One function reads and writes a struct; it lists the fields in the order of its IDL:
+/// Each struct has one function, which serves for reading and writing. It lists the fields in the order of the IDL:
 ///
 ///     template <class Self, class Visit>
 ///     static void fields(Self& self, Visit&& visit) { visit(self.cycle), visit(self.name); }
 ///
-/// Fields: numbers, enums (as 32 bits), bool, std::string, std::array, std::vector, and structs of these. Allocates.
+/// A field may be a number, an enum (as 32 bits), a bool, a std::string, std::array or std::vector, or such a struct.
+/// Allocates.
 #pragma once
 
 #include <array>
@@ -34,7 +36,7 @@ template <class T>
 struct IsVector : std::false_type {};
 template <class T>
 struct IsVector<std::vector<T>> : std::true_type {};
-inline constexpr std::size_t kHead = 4;  // encapsulation; alignment counts from its end
+inline constexpr std::size_t kHeadBytes = 4;  // the encapsulation; fields are aligned relative to its end
 }  // namespace cdr
 
 class CdrWriter {
@@ -58,14 +60,16 @@ class CdrWriter {
       T::fields(value, *this);
     }
   }
-  /// Valid until the next value; `clear` starts another message.
+  /// The encoded message. The span is valid until the next value is written.
   [[nodiscard]] std::span<const std::uint8_t> bytes() const noexcept { return {bytes_.data(), bytes_.size()}; }
-  void clear() { bytes_.resize(cdr::kHead); }
+  /// Begins a new message.
+  void clear() { bytes_.resize(cdr::kHeadBytes); }
 
  private:
   template <class Number>
   void put(Number value) {
-    const std::size_t to = cdr::kHead + (bytes_.size() - cdr::kHead + sizeof value - 1) / sizeof value * sizeof value;
+    const std::size_t to =
+        cdr::kHeadBytes + (bytes_.size() - cdr::kHeadBytes + sizeof value - 1) / sizeof value * sizeof value;
     bytes_.resize(to + sizeof value);
     std::memcpy(bytes_.data() + to, &value, sizeof value);  // little-endian, as spm/ requires
   }
@@ -74,9 +78,9 @@ class CdrWriter {
 
 class CdrReader {
  public:
-  /// Throws CdrError for another encoding; reading throws CdrError for a message that is too short.
+  /// Throws CdrError if the message has another encoding. Reading a value throws CdrError if the message is too short.
   explicit CdrReader(std::span<const std::uint8_t> bytes) : bytes_{bytes} {
-    if (bytes.size() < cdr::kHead || bytes[0] != 0 || bytes[1] != 1)
+    if (bytes.size() < cdr::kHeadBytes || bytes[0] != 0 || bytes[1] != 1)
       throw CdrError("found another encoding, expected little-endian CDR");
   }
   template <class T>
@@ -105,14 +109,15 @@ class CdrReader {
  private:
   template <class Number>
   Number take() {
-    const std::size_t from = cdr::kHead + (at_ - cdr::kHead + sizeof(Number) - 1) / sizeof(Number) * sizeof(Number);
+    const std::size_t from =
+        cdr::kHeadBytes + (at_ - cdr::kHeadBytes + sizeof(Number) - 1) / sizeof(Number) * sizeof(Number);
     if (from + sizeof(Number) > bytes_.size()) throw CdrError("found the end of the message, expected more");
     at_ = from + sizeof(Number);
     Number value;
     std::memcpy(&value, bytes_.data() + from, sizeof value);
     return value;
   }
-  /// Number of elements, each of at least one byte.
+  /// Reads a number of elements. Each element takes at least one byte, which limits the number.
   std::size_t count() {
     const auto elements = take<std::uint32_t>();
     if (elements > bytes_.size() - at_)
@@ -120,7 +125,7 @@ class CdrReader {
     return elements;
   }
   std::span<const std::uint8_t> bytes_;
-  std::size_t at_ = cdr::kHead;
+  std::size_t at_ = cdr::kHeadBytes;
 };
 
 }  // namespace tactus::trace

@@ -31,7 +31,7 @@ struct ContactEntry {
 static_assert(sizeof(ContactEntry) == 16);
 
 struct TotalsEntry {
-  std::uint64_t object, received, returned, regions_received, regions_released;
+  std::uint64_t object, records_received, records_returned, regions_received, regions_released;
 };
 
 struct ObjectHead {
@@ -40,6 +40,7 @@ struct ObjectHead {
   std::uint32_t index, name_bytes;
 };
 
+/// Mixes the bits of a hash (finalizer of splitmix64).
 std::uint64_t mixed(std::uint64_t z) noexcept {
   z = (z ^ z >> 30) * 0xbf58476d1ce4e5b9ull;
   z = (z ^ z >> 27) * 0x94d049bb133111ebull;
@@ -111,7 +112,7 @@ ContactLogReader::ContactLogReader(const std::filesystem::path& path)
       get(magic, sizeof magic) && std::memcmp(magic, kMagic, sizeof magic) == 0 && get(&version, sizeof version);
   if (!is_log || version != kVersion) {
     std::fclose(file_);
-    throw LogError(is_log ? name_ + ": contact log of version " + std::to_string(version) + ", expected " +
+    throw LogError(is_log ? name_ + ": found a contact log of version " + std::to_string(version) + ", expected " +
                                 std::to_string(kVersion)
                           : name_ + ": not a contact log");
   }
@@ -120,37 +121,38 @@ ContactLogReader::ContactLogReader(const std::filesystem::path& path)
 ContactLogReader::~ContactLogReader() { std::fclose(file_); }
 
 bool ContactLogReader::get(void* data, std::size_t size) {
-  torn_ = std::fread(data, 1, size, file_) != size;
-  return !torn_;
+  is_truncated_ = std::fread(data, 1, size, file_) != size;
+  return !is_truncated_;
 }
 
 ContactLogReader::Entry ContactLogReader::next() {
   std::uint8_t tag = 0;
   if (!get(&tag, 1)) {
-    torn_ = false;  // no entry had begun
+    is_truncated_ = false;  // no entry had begun
     return Entry::kEnd;
   }
   if (tag == kObjectTag) {
     ObjectHead head;
     if (!get(&head, sizeof head)) return Entry::kEnd;
     if (head.name_bytes > kMaxNameBytes)
-      throw LogError(name_ + ": object name of " + std::to_string(head.name_bytes) + " bytes");
+      throw LogError(name_ + ": found an object name of " + std::to_string(head.name_bytes) +
+                     " bytes, expected at most " + std::to_string(kMaxNameBytes));
     object = {head.index, head.digest, head.scale, std::string(head.name_bytes, '\0')};
     return get(object.name.data(), head.name_bytes) ? Entry::kObject : Entry::kEnd;
   }
   if (tag == kTotalsTag) {
     TotalsEntry entry;
     if (!get(&entry, sizeof entry)) return Entry::kEnd;
-    totals = {static_cast<std::uint32_t>(entry.object), entry.received, entry.returned, entry.regions_received,
-              entry.regions_released};
+    totals = {static_cast<std::uint32_t>(entry.object), entry.records_received, entry.records_returned,
+              entry.regions_received, entry.regions_released};
     return Entry::kTotals;
   }
-  if (tag != kQueryTag) throw LogError(name_ + ": unknown entry " + std::to_string(tag));
+  if (tag != kQueryTag) throw LogError(name_ + ": found entry tag " + std::to_string(tag) + ", expected 1 to 3");
   QueryHead head;
   if (!get(&head, sizeof head)) return Entry::kEnd;
   if (head.contact_count > LoggedQuery::kMaxContacts)
-    throw LogError(name_ + ": " + std::to_string(head.contact_count) + " contacts in one entry, at most " +
-                   std::to_string(LoggedQuery::kMaxContacts) + " expected");
+    throw LogError(name_ + ": found an entry with " + std::to_string(head.contact_count) +
+                   " contacts, expected at most " + std::to_string(LoggedQuery::kMaxContacts));
   query.time_ns = head.time_ns;
   query.object = head.object;
   query.probe = head.probe;

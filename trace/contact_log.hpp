@@ -1,10 +1,9 @@
-/// The contact log of an HRTC, from which its contacts can be checked afterwards: contacts, positions, and whether they
-/// were exact.
+/// Writes and reads the contact log of an HRTC, by which an audit checks the contacts after the session.
 ///
-/// A file of tagged, little-endian entries: each object when it appears, one entry per cycle for each probe and near
-/// object, and one summary per object at the end. The positions of its corners identify a contact, so that a checker
-/// needs only the model and no numbering. Writing buffers and flushes; not for the haptic thread. Reading ends at a
-/// truncated last entry (after a killed HRTC).
+/// The file has tagged, little-endian entries: one for each object when the HRTC adds it, one per cycle for each probe
+/// and each object near it, and one summary per object at the end. A contact is identified by the corner positions of
+/// its triangle, so the audit needs the model, but no face numbers. Writing may block: not for the haptic thread. The
+/// last entry of the log of a killed HRTC may be truncated; reading ends before it.
 #pragma once
 
 #include <array>
@@ -25,7 +24,7 @@ class LogError : public std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-/// A key from a triangle's oriented corner positions: equal for its three rotations, up to 64-bit collisions. Realtime.
+/// Returns a 64-bit hash of a triangle's oriented corner positions, the same for its three rotations. Realtime.
 [[nodiscard]] std::uint64_t triangle_key(const std::array<float, 9>& corners) noexcept;
 
 struct LoggedObject {
@@ -36,38 +35,38 @@ struct LoggedObject {
 };
 
 struct LoggedContact {
-  std::uint64_t triangle;  ///< triangle_key
+  std::uint64_t triangle;  ///< triangle_key() of the triangle
   float depth;             ///< file units
 };
 
-/// One probe against one object in one cycle.
+/// The contacts of one probe with one object in one cycle.
 struct LoggedQuery {
   static constexpr std::uint32_t kMaxContacts = 512;
   std::int64_t time_ns = 0;
   std::uint32_t object = 0;
   std::uint32_t probe = 0;
-  std::array<double, 3> centre{};  ///< of the tip, model frame, file units
-  double radius = 0;               ///< file units
+  std::array<double, 3> centre{};  ///< centre of the tip, model frame, file units
+  double radius = 0;               ///< radius of the tip, file units
   std::uint64_t mesh_hash = 0;
-  std::uint32_t since_change = 0;  ///< cycles since a region was refined or coarsened; 0: this cycle
+  std::uint32_t since_change = 0;  ///< number of cycles since a region was refined or coarsened; 0: in this cycle
   bool exact = false;
-  bool truncated = false;  ///< more contacts than kMaxContacts
+  bool truncated = false;  ///< there were more than kMaxContacts contacts
   std::uint32_t contact_count = 0;
   std::array<LoggedContact, kMaxContacts> contacts;
 };
 
-/// Figures of the loader for an object over the whole session.
+/// Totals of the loader for an object over the whole session.
 struct LoggedTotals {
   std::uint32_t object = 0;
-  std::uint64_t records_received = 0;  ///< including repetitions
-  std::uint64_t records_returned = 0;  ///< of these, received again after an eviction
+  std::uint64_t records_received = 0;  ///< number of received records, with repetitions
+  std::uint64_t records_returned = 0;  ///< number of these that had been received before
   std::uint64_t regions_received = 0;
   std::uint64_t regions_released = 0;
 };
 
 class ContactLogWriter {
  public:
-  /// Throws LogError naming a file that cannot be created.
+  /// Throws LogError that names the file if it cannot be created.
   explicit ContactLogWriter(const std::filesystem::path& path);
   ~ContactLogWriter();
   ContactLogWriter(const ContactLogWriter&) = delete;
@@ -76,7 +75,7 @@ class ContactLogWriter {
   void write(const LoggedObject& object);
   void write(const LoggedQuery& query);
   void write(const LoggedTotals& totals);
-  /// False after a failed write (disk full); earlier entries stay readable.
+  /// False after a failed write, for example on a full disk. Earlier entries remain readable.
   [[nodiscard]] bool healthy() const noexcept { return healthy_; }
 
  private:
@@ -85,8 +84,8 @@ class ContactLogWriter {
   bool healthy_ = true;
 };
 
-/// Reads entries in order. Throws LogError for a file that is missing, not a log, of another version, or corrupt before
-/// its end.
+/// Reads entries in order. All functions throw LogError if the file cannot be read, is not a log or has another
+/// version, or if an entry is damaged.
 class ContactLogReader {
  public:
   explicit ContactLogReader(const std::filesystem::path& path);
@@ -95,10 +94,10 @@ class ContactLogReader {
   ContactLogReader& operator=(const ContactLogReader&) = delete;
 
   enum class Entry { kEnd, kObject, kQuery, kTotals };
-  /// Reads the next entry into the member that corresponds to the result.
+  /// Reads the next entry into `object`, `query` or `totals` and returns which. Returns kEnd at the end of the file.
   [[nodiscard]] Entry next();
-  /// After kEnd: the file ends within an entry.
-  [[nodiscard]] bool torn() const noexcept { return torn_; }
+  /// True if the last entry is truncated. Call after kEnd.
+  [[nodiscard]] bool is_truncated() const noexcept { return is_truncated_; }
   LoggedObject object;
   LoggedQuery query;
   LoggedTotals totals;
@@ -107,7 +106,7 @@ class ContactLogReader {
   [[nodiscard]] bool get(void* data, std::size_t size);
   std::FILE* file_;
   std::string name_;
-  bool torn_ = false;
+  bool is_truncated_ = false;
 };
 
 }  // namespace tactus::trace

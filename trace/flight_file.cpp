@@ -10,7 +10,7 @@ namespace tactus::trace {
 namespace {
 
 constexpr std::size_t kTypes = std::variant_size_v<FlightMessage>;
-/// Topic and type of each message, in the order of FlightMessage.
+/// Topic and IDL type of each alternative of FlightMessage.
 constexpr std::array<std::pair<const char*, const char*>, kTypes> kChannels{
     {{"flight_start", "tactus::flight::Start"},
      {"flight_object", "tactus::flight::Object"},
@@ -21,6 +21,7 @@ constexpr std::array<std::pair<const char*, const char*>, kTypes> kChannels{
      {"flight_touch", "tactus::flight::Touch"},
      {"flight_refine", "tactus::flight::Refine"}}};
 
+/// Decodes the bytes as alternative `type` of FlightMessage.
 template <std::size_t i = 0>
 FlightMessage decode(std::size_t type, std::span<const std::uint8_t> bytes) {
   if constexpr (i < kTypes) {
@@ -29,7 +30,7 @@ FlightMessage decode(std::size_t type, std::span<const std::uint8_t> bytes) {
     CdrReader{bytes}(message);
     return message;
   } else {
-    throw CdrError("found an unknown type");  // not reached: the caller passes types of kChannels
+    throw CdrError("found an unknown type");  // not reached: the caller passes an index of kChannels
   }
 }
 
@@ -94,6 +95,6 @@ bool FlightFileReader::next(FlightMessage& message) {
   return true;
 }
 
-bool FlightFileReader::is_cut() const noexcept { return impl_->mcap.is_cut(); }
+bool FlightFileReader::is_truncated() const noexcept { return impl_->mcap.is_truncated(); }
 
 }  // namespace tactus::trace

@@ -1,8 +1,9 @@
-/// The file of a flight recorder: every call to an HRTC's cycle, and the resulting forces.
+/// Writes and reads the file of a flight recorder: all calls to an HRTC's cycle, and the resulting forces.
 ///
-/// An MCAP file with one channel for each struct below, as CDR, described by idl/flight.idl, which the file contains.
-/// Messages are in the order of the calls; times in the file are those of the cycle, in ns since 1970. Replaying the
-/// calls reproduces the forces to the bit (hrtc_service/flight_replay.hpp). The IDL states units and frames.
+/// The file is an MCAP file with one channel for each struct of FlightMessage. The structs are encoded as CDR.
+/// idl/flight.idl describes them, states units and frames, and is contained in the file. Messages are in the order of
+/// the calls. The time of a message is that of its cycle, in ns since 1970. A replay of the calls computes the same
+/// forces to the bit (hrtc_service/flight_replay.hpp).
 #pragma once
 
 #include <array>
@@ -37,7 +38,7 @@ struct FlightStart {
   double period = 0, tip_radius = 0, refine_margin = 0, keep_margin = 0, refine_ahead = 0;
   double max_force = 0, max_slew = 0, soft_start = 0, recovery = 0, hold = 0, zero_by = 0, max_speed = 0;
   double max_torque = 0, max_torque_slew = 0, max_angular_velocity = 0;
-  std::vector<FlightLimits> devices;  ///< by probe
+  std::vector<FlightLimits> devices;  ///< limits of the devices, by probe
   std::vector<float> tool_vertices;
   std::vector<std::uint32_t> tool_triangles;
   std::uint32_t slots = 0, tree_nodes = 0, list_blocks = 0, targets = 0;
@@ -88,7 +89,7 @@ struct FlightObjectState {
   }
 };
 
-/// State at the end of a cycle.
+/// State of all objects and probes at the end of a cycle, from which a replay can start.
 struct FlightState {
   std::uint64_t cycle = 0, lost = 0;
   std::vector<FlightObjectState> objects;
@@ -99,7 +100,7 @@ struct FlightState {
   }
 };
 
-// The structs of each cycle are trivially copyable for the haptic thread.
+// The structs below are written in every cycle. They are trivially copyable, so that the haptic thread can copy them.
 
 struct FlightEvent {
   enum class Kind : std::uint32_t {
@@ -178,25 +179,28 @@ struct FlightRefine {
 using FlightMessage = std::variant<FlightStart, FlightObject, FlightState, FlightEvent, FlightMove, FlightProbe,
                                    FlightTouch, FlightRefine>;
 
-/// Not a flight recording, or broken, or of another build: says what, where, found and expected.
+/// Thrown for a file that is no flight recording, is damaged, or has the types of another version. The message names
+/// file, topic and message, the value found and the value expected.
 class FlightError : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
 };
 
-/// Allocates, blocks; not for the haptic thread.
+/// Writes a flight recording. All functions allocate and may block: not for the haptic thread.
 class FlightFileWriter {
  public:
-  /// Replaces the file. The constructor, `write` and `close` throw McapError, naming the file, when it cannot be
+  /// Replaces the file. The constructor, `write` and `close` throw McapError that names the file if it cannot be
   /// written.
   explicit FlightFileWriter(std::filesystem::path file);
   ~FlightFileWriter();
 
-  /// Time of the following messages, ns since 1970.
+  /// Sets the time of the next messages, ns since 1970.
   void set_time(std::uint64_t since_1970_ns) noexcept;
   void write(const FlightMessage& message);
   void close();
+  /// Number of messages written.
   [[nodiscard]] std::uint64_t messages() const noexcept;
+  /// Number of bytes written to the file.
   [[nodiscard]] std::uint64_t bytes() const noexcept;
 
  private:
@@ -206,14 +210,15 @@ class FlightFileWriter {
 
 class FlightFileReader {
  public:
-  /// Throws McapError naming a file that cannot be read or is not an MCAP file.
+  /// Throws McapError that names the file if it cannot be read or is no MCAP file.
   explicit FlightFileReader(const std::filesystem::path& file);
   ~FlightFileReader();
 
-  /// False at the end. Throws FlightError, and McapError for a broken file.
+  /// Reads the next message. Returns false at the end of the file. Throws McapError if the MCAP file is damaged, and
+  /// FlightError if the message is not of a flight recording.
   [[nodiscard]] bool next(FlightMessage& message);
-  /// True when the file is truncated.
-  [[nodiscard]] bool is_cut() const noexcept;
+  /// True if `next` has found the end of a truncated file.
+  [[nodiscard]] bool is_truncated() const noexcept;
 
  private:
   struct Impl;

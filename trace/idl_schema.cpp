@@ -17,10 +17,10 @@ struct IdlSchema::Type {
   };
   Kind kind = Kind::kNumber;
   Number number = Number::kU8;
-  std::size_t count = 0;           // of an array
-  std::shared_ptr<const Type> of;  // elements
-  std::vector<std::string> names;  // enumerators
-  std::vector<Member> members;
+  std::size_t count = 0;           // number of elements of an array
+  std::shared_ptr<const Type> of;  // type of the elements of an array or sequence
+  std::vector<std::string> names;  // names of the enumerators
+  std::vector<Member> members;     // of a struct
 };
 
 /// Recursive-descent parser of the IDL text.
@@ -29,8 +29,8 @@ class IdlSchema::Parser {
   using TypePtr = std::shared_ptr<const Type>;
 
   explicit Parser(const std::string& text) {
-    split(text);
-    while (at_ < tokens_.size()) definition("");
+    tokenize(text);
+    while (at_ < tokens_.size()) parse_definition("");
   }
   [[nodiscard]] std::map<std::string, TypePtr> structs() && { return std::move(structs_); }
 
@@ -40,7 +40,8 @@ class IdlSchema::Parser {
     int line;
   };
 
-  void split(const std::string& text) {
+  /// Splits the text into tokens.
+  void tokenize(const std::string& text) {
     int line = 1;
     for (std::size_t i = 0; i < text.size();) {
       const char c = text[i];
@@ -67,22 +68,24 @@ class IdlSchema::Parser {
     throw SchemaError("IDL, line " + std::to_string(line) + ": found " +
                       (end ? "the end" : "'" + tokens_[at_].text + "'") + ", expected " + expected);
   }
-  [[nodiscard]] bool is(const char* text) const { return at_ < tokens_.size() && tokens_[at_].text == text; }
+  [[nodiscard]] bool is_next(const char* text) const { return at_ < tokens_.size() && tokens_[at_].text == text; }
   bool accept(const char* text) {
-    if (!is(text)) return false;
+    if (!is_next(text)) return false;
     ++at_;
     return true;
   }
   void expect(const char* text) {
     if (!accept(text)) fail(std::string{"'"} + text + "'");
   }
-  std::string word() {
+  /// Reads a name.
+  std::string parse_name() {
     if (at_ >= tokens_.size() ||
         (std::isalpha(static_cast<unsigned char>(tokens_[at_].text[0])) == 0 && tokens_[at_].text[0] != '_'))
       fail("a name");
     return tokens_[at_++].text;
   }
-  std::size_t size() {
+  /// Reads a number or the name of a constant.
+  std::size_t parse_number() {
     if (at_ >= tokens_.size()) fail("a number");
     const std::string& text = tokens_[at_].text;
     if (const auto known = constants_.find(text); known != constants_.end()) {
@@ -95,9 +98,9 @@ class IdlSchema::Parser {
     ++at_;
     return value;
   }
-  void annotations() {
+  void skip_annotations() {
     while (accept("@")) {
-      (void)word();
+      (void)parse_name();
       if (!accept("(")) continue;
       while (!accept(")")) {
         if (at_++ >= tokens_.size()) fail("')'");
@@ -105,41 +108,41 @@ class IdlSchema::Parser {
     }
   }
 
-  void definition(const std::string& scope) {
-    annotations();
+  void parse_definition(const std::string& scope) {
+    skip_annotations();
     if (accept("module")) {
-      const std::string inner = scope + word() + "::";
+      const std::string inner = scope + parse_name() + "::";
       expect("{");
-      while (!is("}")) definition(inner);
+      while (!is_next("}")) parse_definition(inner);
       expect("}");
     } else if (accept("const")) {
-      (void)type();
-      const std::string name = word();
+      (void)parse_type();
+      const std::string name = parse_name();
       expect("=");
-      constants_[name] = size();
+      constants_[name] = parse_number();
     } else if (accept("typedef")) {
-      const TypePtr of = type();
-      const std::string name = word();
-      named_[name] = array_of(of);
+      const TypePtr of = parse_type();
+      const std::string name = parse_name();
+      named_[name] = parse_array_of(of);
     } else if (accept("enum")) {
       Type made;
       made.kind = Type::Kind::kEnum;
-      const std::string name = word();
+      const std::string name = parse_name();
       expect("{");
-      do made.names.push_back(word());
+      do made.names.push_back(parse_name());
       while (accept(","));
       expect("}");
       named_[name] = std::make_shared<const Type>(std::move(made));
     } else if (accept("struct")) {
       Type made;
       made.kind = Type::Kind::kStruct;
-      const std::string name = word();
+      const std::string name = parse_name();
       expect("{");
-      while (!is("}")) {
-        annotations();
-        const TypePtr of = type();
-        const std::string member = word();
-        made.members.push_back({member, array_of(of)});
+      while (!is_next("}")) {
+        skip_annotations();
+        const TypePtr of = parse_type();
+        const std::string member = parse_name();
+        made.members.push_back({member, parse_array_of(of)});
         expect(";");
       }
       expect("}");
@@ -150,10 +153,11 @@ class IdlSchema::Parser {
     expect(";");
   }
 
-  TypePtr array_of(TypePtr of) {
+  /// Reads the array bounds after a name, if any, and returns the type of the array of `of`.
+  TypePtr parse_array_of(TypePtr of) {
     std::vector<std::size_t> counts;
     while (accept("[")) {
-      counts.push_back(size());
+      counts.push_back(parse_number());
       expect("]");
     }
     for (auto count = counts.rbegin(); count != counts.rend(); ++count) {
@@ -172,7 +176,8 @@ class IdlSchema::Parser {
     return std::make_shared<const Type>(std::move(made));
   }
 
-  TypePtr type() {
+  /// Reads a type without array bounds.
+  TypePtr parse_type() {
     using Number = Type::Number;
     if (accept("boolean")) return number(Number::kBoolean);
     if (accept("octet")) return number(Number::kU8);
@@ -188,7 +193,7 @@ class IdlSchema::Parser {
     if (accept("string")) {
       made.kind = Type::Kind::kText;
       if (accept("<")) {
-        (void)size();
+        (void)parse_number();
         expect(">");
       }
       return std::make_shared<const Type>(std::move(made));
@@ -196,8 +201,8 @@ class IdlSchema::Parser {
     if (accept("sequence")) {
       made.kind = Type::Kind::kSequence;
       expect("<");
-      made.of = type();
-      if (accept(",")) (void)size();
+      made.of = parse_type();
+      if (accept(",")) (void)parse_number();
       expect(">");
       return std::make_shared<const Type>(std::move(made));
     }
@@ -210,27 +215,27 @@ class IdlSchema::Parser {
   std::vector<Token> tokens_;
   std::size_t at_ = 0;
   std::map<std::string, std::size_t> constants_;
-  std::map<std::string, TypePtr> named_;
-  std::map<std::string, TypePtr> structs_;
+  std::map<std::string, TypePtr> named_;    // all types, by name without scope
+  std::map<std::string, TypePtr> structs_;  // by full name
 };
 
 /// Decodes a sample by its type.
 class IdlSchema::Decoder {
  public:
   explicit Decoder(std::span<const std::uint8_t> encoded) : bytes_{encoded} {
-    if (bytes_.size() < kHead || bytes_[0] != 0 || bytes_[1] > 1)
-      throw SchemaError("sample: expected the encapsulation of plain CDR");
+    if (bytes_.size() < kHeadBytes || bytes_[0] != 0 || bytes_[1] > 1)
+      throw SchemaError("sample: found another encoding, expected plain CDR");
     swap_ = bytes_[1] == 0;  // this machine is little-endian, as spm/ requires
   }
 
-  /// Appends the cells of a value; `path` names the field in errors.
-  void cells(const Type& type, const std::string& path, std::vector<std::string>& out) {
+  /// Appends the values of all columns of a field to `out`. `path` names the field in errors.
+  void values(const Type& type, const std::string& path, std::vector<std::string>& out) {
     switch (type.kind) {
       case Type::Kind::kStruct:
-        for (const Type::Member& member : type.members) cells(*member.type, path + "." + member.name, out);
+        for (const Type::Member& member : type.members) values(*member.type, path + "." + member.name, out);
         break;
       case Type::Kind::kArray:
-        for (std::size_t i = 0; i < type.count; ++i) cells(*type.of, path, out);
+        for (std::size_t i = 0; i < type.count; ++i) values(*type.of, path, out);
         break;
       case Type::Kind::kSequence: {
         std::string text;
@@ -243,14 +248,15 @@ class IdlSchema::Decoder {
         break;
       case Type::Kind::kNumber:
       case Type::Kind::kEnum:
-        out.push_back(plain(type, path));
+        out.push_back(scalar(type, path));
         break;
     }
   }
 
  private:
-  static constexpr std::size_t kHead = 4;
+  static constexpr std::size_t kHeadBytes = 4;  // the encapsulation
 
+  /// Appends a field as JSON.
   void json(const Type& type, const std::string& path, std::string& out) {
     const auto list = [&](std::size_t count, char open, char close, const auto& each) {
       out += open;
@@ -272,7 +278,7 @@ class IdlSchema::Decoder {
         break;
       case Type::Kind::kSequence: {
         const auto count = take<std::uint32_t>(path);
-        if (count > bytes_.size()) fail(path);  // every element takes at least a byte
+        if (count > bytes_.size()) fail(path);  // every element has at least one byte
         list(count, '[', ']', [&](std::size_t) { json(*type.of, path, out); });
         break;
       }
@@ -280,10 +286,10 @@ class IdlSchema::Decoder {
         quote(text(path), out);
         break;
       case Type::Kind::kEnum:
-        quote(plain(type, path), out);
+        quote(scalar(type, path), out);
         break;
       case Type::Kind::kNumber:
-        out += plain(type, path);
+        out += scalar(type, path);
         break;
     }
   }
@@ -305,16 +311,16 @@ class IdlSchema::Decoder {
   }
 
   [[noreturn]] static void fail(const std::string& path) {
-    throw SchemaError("sample: ends in " + path.substr(path.empty() ? 0 : 1) + ", expected more bytes");
+    throw SchemaError("sample: found its end in field " + path.substr(path.empty() ? 0 : 1) + ", expected more bytes");
   }
 
   template <class Value>
   Value take(const std::string& path) {
-    const std::size_t from = kHead + (at_ + sizeof(Value) - 1) / sizeof(Value) * sizeof(Value);
+    const std::size_t from = kHeadBytes + (at_ + sizeof(Value) - 1) / sizeof(Value) * sizeof(Value);
     if (from + sizeof(Value) > bytes_.size()) fail(path);
     std::array<std::uint8_t, sizeof(Value)> raw{};
     for (std::size_t i = 0; i < raw.size(); ++i) raw[i] = bytes_[from + (swap_ ? raw.size() - 1 - i : i)];
-    at_ = from + sizeof(Value) - kHead;
+    at_ = from + sizeof(Value) - kHeadBytes;
     Value value;
     std::memcpy(&value, raw.data(), sizeof value);
     return value;
@@ -322,13 +328,14 @@ class IdlSchema::Decoder {
 
   std::string text(const std::string& path) {
     const auto size = take<std::uint32_t>(path);  // with its terminating zero
-    if (size == 0 || size > bytes_.size() - kHead - at_) fail(path);
+    if (size == 0 || size > bytes_.size() - kHeadBytes - at_) fail(path);
     std::string value;
-    for (std::uint32_t i = 0; i + 1 < size; ++i) value += static_cast<char>(bytes_[kHead + at_ + i]);
+    for (std::uint32_t i = 0; i + 1 < size; ++i) value += static_cast<char>(bytes_[kHeadBytes + at_ + i]);
     at_ += size;
     return value;
   }
 
+  /// Returns the number with the fewest digits that restore it.
   template <class Value>
   static std::string shortest(Value value) {
     std::array<char, 32> digits{};
@@ -336,7 +343,8 @@ class IdlSchema::Decoder {
     return {digits.data(), end};
   }
 
-  std::string plain(const Type& type, const std::string& path) {
+  /// Reads a number or enumerator.
+  std::string scalar(const Type& type, const std::string& path) {
     if (type.kind == Type::Kind::kEnum) {
       const auto value = take<std::uint32_t>(path);
       return value < type.names.size() ? type.names[value] : std::to_string(value);
@@ -367,18 +375,18 @@ class IdlSchema::Decoder {
   }
 
   std::span<const std::uint8_t> bytes_;
-  std::size_t at_ = 0;  // from the end of the encapsulation, where alignment counts from
-  bool swap_ = false;
+  std::size_t at_ = 0;  // position after the encapsulation, bytes; fields are aligned relative to it
+  bool swap_ = false;   // the sample is big-endian
 };
 
-IdlSchema::IdlSchema(const std::string& text) : types_{Parser{text}.structs()} {}
+IdlSchema::IdlSchema(const std::string& text) : structs_{Parser{text}.structs()} {}
 IdlSchema::~IdlSchema() = default;
 
 std::vector<std::string> IdlSchema::columns(const std::string& type) const {
-  const auto found = types_.find(type);
-  if (found == types_.end()) throw SchemaError("IDL: found no struct " + type);
+  const auto found = structs_.find(type);
+  if (found == structs_.end()) throw SchemaError("IDL: found no struct " + type);
   std::vector<std::string> all;
-  const auto add = [&](const auto& self, const Type& of, const std::string& path) -> void {
+  const auto add_columns = [&](const auto& self, const Type& of, const std::string& path) -> void {
     if (of.kind == Type::Kind::kStruct)
       for (const Type::Member& member : of.members)
         self(self, *member.type, path.empty() ? member.name : path + "." + member.name);
@@ -387,15 +395,15 @@ std::vector<std::string> IdlSchema::columns(const std::string& type) const {
     else
       all.push_back(path);
   };
-  add(add, *found->second, "");
+  add_columns(add_columns, *found->second, "");
   return all;
 }
 
-std::vector<std::string> IdlSchema::cells(const std::string& type, std::span<const std::uint8_t> encoded) const {
-  const auto found = types_.find(type);
-  if (found == types_.end()) throw SchemaError("IDL: found no struct " + type);
+std::vector<std::string> IdlSchema::values(const std::string& type, std::span<const std::uint8_t> encoded) const {
+  const auto found = structs_.find(type);
+  if (found == structs_.end()) throw SchemaError("IDL: found no struct " + type);
   std::vector<std::string> all;
-  Decoder{encoded}.cells(*found->second, "", all);
+  Decoder{encoded}.values(*found->second, "", all);
   return all;
 }
 

@@ -1,8 +1,8 @@
-/// Decodes samples by the text of their IDL, as contained in a recording: no code per type.
+/// Decodes samples of a recording by the IDL text in the recording, without generated code.
 ///
 /// Supports the part of OMG IDL that tactus.idl uses: modules, constants, typedefs, arrays, enumerations, structs,
-/// bounded strings and sequences; annotations are skipped. Encoding: plain CDR (XCDR version 1) of either byte order,
-/// with its encapsulation. One thread at a time.
+/// strings and sequences. Skips annotations. The samples are plain CDR (XCDR version 1) of either byte order, with
+/// their encapsulation. One thread at a time.
 #pragma once
 
 #include <cstdint>
@@ -15,7 +15,7 @@
 
 namespace tactus::trace {
 
-/// For IDL the message has the line, for a sample the field.
+/// Thrown for unusable IDL text or samples. The message names the line of the text or the field of the sample.
 class SchemaError : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
@@ -23,23 +23,24 @@ class SchemaError : public std::runtime_error {
 
 class IdlSchema {
  public:
-  /// Throws SchemaError with line, found and expected.
+  /// Parses IDL text. Throws SchemaError that names line, text found and text expected.
   explicit IdlSchema(const std::string& text);
   ~IdlSchema();
 
-  /// Column names of a sample of `type` ("tactus::idl::ProbeState"), one for each number or string: fields of structs
-  /// as `a.b`, elements of arrays as `a.0`, a sequence as one column. Throws SchemaError for an unknown type.
+  /// Returns the columns of a table of samples of `type`, for example "tactus::idl::ProbeState". Each number, string
+  /// and enumerator has a column: `a.b` is field b of struct a, and `a.0` the first element of array a. A sequence has
+  /// a single column. Throws SchemaError if the type is unknown.
   [[nodiscard]] std::vector<std::string> columns(const std::string& type) const;
 
-  /// The cells of a sample in these columns: numbers with the digits that reproduce them, enumerators by name, a
-  /// sequence as JSON. Throws SchemaError when the sample does not match the type.
-  [[nodiscard]] std::vector<std::string> cells(const std::string& type, std::span<const std::uint8_t> encoded) const;
+  /// Returns the values of a sample, one for each column. A number has as many digits as are needed to restore it; an
+  /// enumerator has its name; a sequence is JSON. Throws SchemaError if the sample does not match the type.
+  [[nodiscard]] std::vector<std::string> values(const std::string& type, std::span<const std::uint8_t> encoded) const;
 
  private:
   struct Type;
   class Parser;
   class Decoder;
-  std::map<std::string, std::shared_ptr<const Type>> types_;  // structs, by full name
+  std::map<std::string, std::shared_ptr<const Type>> structs_;  // by full name
 };
 
 }  // namespace tactus::trace

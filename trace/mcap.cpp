@@ -28,7 +28,7 @@ enum Opcode : std::uint8_t {
   kDataEnd = 0x0F
 };
 
-/// Little-endian encoder, as MCAP requires.
+/// Encodes the fields of an MCAP record, little-endian.
 class Encoder {
  public:
   template <class Number>
@@ -45,17 +45,17 @@ class Encoder {
   Encoder& text(const std::string& value) {
     return number(static_cast<std::uint32_t>(value.size())).raw(value.data(), value.size());
   }
-  /// A map or an array: a byte count, then the bytes that `fill` appends.
-  template <class Fill>
-  Encoder& sized(Fill&& fill) {
+  /// Appends a map or an array: the number of its bytes, and the bytes that `append` appends.
+  template <class Append>
+  Encoder& sized(Append&& append) {
     const std::size_t at = bytes_.size();
     number(std::uint32_t{0});
-    fill(*this);
+    append(*this);
     const auto size = static_cast<std::uint32_t>(bytes_.size() - at - sizeof(std::uint32_t));
     for (std::size_t i = 0; i < sizeof size; ++i) bytes_[at + i] = static_cast<std::uint8_t>(size >> (8 * i));
     return *this;
   }
-  /// The encoded bytes as the content of a record.
+  /// Returns a record with this opcode and the encoded fields.
   [[nodiscard]] Bytes record(Opcode opcode) const {
     Encoder whole;
     whole.number(static_cast<std::uint8_t>(opcode)).number(static_cast<std::uint64_t>(bytes_.size()));
@@ -116,7 +116,7 @@ McapWriter::Channel McapWriter::add_channel(Schema schema, const std::string& to
                           .record(kChannel));
   schema_of_.push_back(of);
   counts_.push_back(0);
-  written_.push_back(false);
+  is_written_.push_back(false);
   return Channel{id};
 }
 
@@ -124,10 +124,10 @@ void McapWriter::write(Channel channel, std::uint64_t log_time, std::uint64_t pu
                        std::span<const std::uint8_t> message) {
   const auto id = static_cast<std::uint16_t>(channel);
   const auto append = [&](const Bytes& record) { chunk_.insert(chunk_.end(), record.begin(), record.end()); };
-  if (!written_[id - 1u]) {  // a stream reader needs schema and channel before the first message
+  if (!is_written_[id - 1u]) {  // a stream reader needs schema and channel before the first message
     append(schemas_[schema_of_[id - 1u] - 1u]);
     append(channels_[id - 1u]);
-    written_[id - 1u] = true;
+    is_written_[id - 1u] = true;
   }
   if (chunk_messages_.empty()) chunk_first_ = chunk_last_ = log_time;
   chunk_first_ = std::min(chunk_first_, log_time);
@@ -167,7 +167,7 @@ void McapWriter::flush() {
       put(Encoder{}
               .number(channel)
               .sized([&messages = messages](Encoder& array) {
-                for (const Index& message : messages) array.number(message.time).number(message.offset);
+                for (const MessageIndex& message : messages) array.number(message.time).number(message.offset);
               })
               .record(kMessageIndex));
     }
@@ -180,8 +180,8 @@ void McapWriter::flush() {
 }
 
 void McapWriter::close() {
-  if (closed_) return;
-  closed_ = true;
+  if (is_closed_) return;
+  is_closed_ = true;
   flush();
   put(Encoder{}.number(std::uint32_t{0}).record(kDataEnd));
 
@@ -252,7 +252,7 @@ void McapWriter::close() {
 
 namespace {
 
-/// The fields of a record, in order.
+/// Reads the fields of a record in order. Sets `broken` if a field is longer than the record.
 class Fields {
  public:
   Fields(std::span<const std::uint8_t> bytes, bool& broken) : bytes_{bytes}, broken_{broken} {}
@@ -289,7 +289,7 @@ class Fields {
   std::size_t at_ = 0;
 };
 
-constexpr std::size_t kRecordHead = 9;  // opcode and length
+constexpr std::size_t kRecordHead = 9;  // bytes of opcode and length
 
 }  // namespace
 
@@ -305,33 +305,33 @@ void McapReader::fail(const std::string& what) const {
   throw McapError(name_.string() + ", at byte " + std::to_string(offset_) + ": " + what);
 }
 
-/// Reads records until a chunk has messages.
-bool McapReader::fill() {
-  while (!ended_) {
+/// Reads MCAP records up to the next chunk, and the chunk. Returns false at the end of the file.
+bool McapReader::read_chunk() {
+  while (!has_ended_) {
     std::array<std::uint8_t, kRecordHead> head{};
     const std::size_t got = std::fread(head.data(), 1, head.size(), file_.get());
-    cut_ = got < head.size();
-    if (cut_) return false;
+    is_truncated_ = got < head.size();
+    if (is_truncated_) return false;
     bool broken = false;
     Fields fields{{head.data() + 1, head.size() - 1}, broken};
     const auto length = fields.number<std::uint64_t>();
-    // Limits the length, so that a broken one cannot allocate all memory.
+    // Limits the length, so that a damaged length cannot allocate all memory.
     constexpr std::uint64_t kMax = 1u << 30;
     if (length > kMax) fail("found a record of " + std::to_string(length) + " bytes, expected at most 2^30");
     Bytes content;
-    while (content.size() < length && !cut_) {  // piece by piece: so much may not be there
-      constexpr std::uint64_t kPiece = 1u << 20;
+    while (content.size() < length && !is_truncated_) {  // in pieces, because the file may be shorter
+      constexpr std::uint64_t kPieceBytes = 1u << 20;
       const std::size_t had = content.size();
-      content.resize(std::min(length, had + kPiece));
-      cut_ = std::fread(content.data() + had, 1, content.size() - had, file_.get()) < content.size() - had;
+      content.resize(std::min(length, had + kPieceBytes));
+      is_truncated_ = std::fread(content.data() + had, 1, content.size() - had, file_.get()) < content.size() - had;
     }
-    if (cut_) return false;
+    if (is_truncated_) return false;
     offset_ += head.size() + length;
-    ended_ = head[0] == kDataEnd;
+    has_ended_ = head[0] == kDataEnd;
     if (head[0] != kChunk) continue;
     Fields chunk{{content.data(), content.size()}, broken};
-    (void)chunk.number<std::uint64_t>();  // first and last time
-    (void)chunk.number<std::uint64_t>();
+    (void)chunk.number<std::uint64_t>();  // first time
+    (void)chunk.number<std::uint64_t>();  // last time
     const auto size = chunk.number<std::uint64_t>();
     const auto crc = chunk.number<std::uint32_t>();
     const std::string compression = chunk.text();
@@ -347,7 +347,7 @@ bool McapReader::fill() {
 
 bool McapReader::next(McapMessage& message) {
   for (;;) {
-    if (in_chunk_ == chunk_.size() && !fill()) return false;
+    if (in_chunk_ == chunk_.size() && !read_chunk()) return false;
     bool broken = chunk_.size() - in_chunk_ < kRecordHead;
     Fields fields{{chunk_.data() + in_chunk_, chunk_.size() - in_chunk_}, broken};
     const auto opcode = fields.number<std::uint8_t>();
@@ -355,11 +355,12 @@ bool McapReader::next(McapMessage& message) {
     if (broken || length > chunk_.size() - in_chunk_ - kRecordHead) fail("found a broken record in a chunk");
     const std::uint8_t* const content = chunk_.data() + in_chunk_ + kRecordHead;
     in_chunk_ += kRecordHead + length;
-    if (take(opcode, {content, length}, message)) return true;
+    if (read_record(opcode, {content, length}, message)) return true;
   }
 }
 
-bool McapReader::take(std::uint8_t opcode, std::span<const std::uint8_t> content, McapMessage& message) {
+/// Reads a record of a chunk. Returns true if it is a message.
+bool McapReader::read_record(std::uint8_t opcode, std::span<const std::uint8_t> content, McapMessage& message) {
   bool broken = false;
   Fields fields{content, broken};
   if (opcode == kSchema) {

@@ -28,7 +28,7 @@ std::string joined(const std::vector<std::string>& names) {
   return all;
 }
 
-std::string shown(const YAML::Node& node) {
+std::string description(const YAML::Node& node) {
   if (!node.IsDefined()) return "nothing";
   if (node.IsScalar()) return "'" + node.Scalar().substr(0, 60) + "'";
   if (node.IsMap()) return "a map";
@@ -60,9 +60,11 @@ void Value::fail_at(YAML::Mark mark, const std::string& what) const {
 
 void Value::fail(const std::string& what) const { fail_at(node_.Mark(), what); }
 
-void Value::fail_expecting(const std::string& what) const { fail("found " + shown(node_) + ", expected " + what); }
+void Value::fail_expecting(const std::string& what) const {
+  fail("found " + description(node_) + ", expected " + what);
+}
 
-Value Value::below(const std::string& key) const {
+Value Value::child(const std::string& key) const {
   return {source_, path_.empty() ? key : path_ + "." + key, node_[key]};
 }
 
@@ -94,7 +96,7 @@ Map::Map(Value value, const std::vector<std::string>& allowed) : value_{std::mov
   std::set<std::string> seen;
   for (const auto& entry : node) {
     const YAML::Node& key_node = entry.first;
-    if (!key_node.IsScalar()) value_.fail_at(key_node.Mark(), "found " + shown(key_node) + ", expected a key");
+    if (!key_node.IsScalar()) value_.fail_at(key_node.Mark(), "found " + description(key_node) + ", expected a key");
     const std::string& key = key_node.Scalar();
     if (std::find(allowed.begin(), allowed.end(), key) == allowed.end()) {
       value_.fail_at(key_node.Mark(), "unknown key '" + key.substr(0, 60) + "', expected one of " + joined(allowed));
@@ -129,7 +131,7 @@ void Map::flag(const char* key, bool& value) const {
     found.fail_expecting("true or false");
 }
 
-std::size_t Map::index_among(const char* key, const std::vector<std::string>& names) const {
+std::size_t Map::index_in(const char* key, const std::vector<std::string>& names) const {
   const Value found = child(key);
   const auto at = found.node_.IsScalar() ? std::find(names.begin(), names.end(), found.node_.Scalar()) : names.end();
   if (at == names.end()) found.fail_expecting("one of " + joined(names));

@@ -1,7 +1,6 @@
-/// Strict reading of YAML: every key must be known, every value must have the expected type and range, and each message
-/// names file, line, column, key, the value found and the value expected.
+/// Reads YAML strictly: every key must be known, and every value must have the expected type and range.
 ///
-/// Not realtime.
+/// Error messages name file, line, column, key, the value found and the value expected. Not realtime.
 #pragma once
 
 #include <yaml-cpp/yaml.h>
@@ -16,56 +15,60 @@
 
 namespace tactus::yaml {
 
-/// The message is `file:line:column: key: found ..., expected ...`.
+/// Thrown for unusable YAML. The message is `file:line:column: key: found ..., expected ...`.
 class YamlError : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
 };
 
-/// A value of a document, with its position.
+/// A value of a YAML document, with its position for messages.
 class Value {
  public:
-  /// `source` names the document in messages. Throws YamlError when `text` is not YAML.
+  /// Parses a document. `source` names it in messages. Throws YamlError if `text` is not YAML.
   [[nodiscard]] static Value parse(const std::string& text, const std::string& source);
-  /// Throws YamlError when the file cannot be read or is not YAML.
+  /// Reads and parses a file. Throws YamlError if it cannot be read or is not YAML.
   [[nodiscard]] static Value load(const std::filesystem::path& file);
 
-  /// Throws YamlError with the position of this value.
+  /// Throws YamlError with the position of this value and the message `what`.
   [[noreturn]] void fail(const std::string& what) const;
-  /// Throws YamlError: found this value, expected `what`.
+  /// Throws YamlError: "found (this value), expected (`what`)".
   [[noreturn]] void fail_expecting(const std::string& what) const;
 
   [[nodiscard]] const YAML::Node& node() const { return node_; }
-  /// The items of a list that is not empty; `what` names them in the message.
+  /// Returns the items of a list. Throws YamlError if this is no list or an empty one; `what` names the items in the
+  /// message.
   [[nodiscard]] std::vector<Value> items(const std::string& what) const;
 
+  /// Returns a finite number from `min` to `max`. Throws YamlError if this is not one.
   [[nodiscard]] double number(double min, double max) const;
-  /// At most `max_bytes` long, and not empty.
+  /// Returns a text of 1 to `max_bytes` bytes. Throws YamlError if this is not one.
   [[nodiscard]] std::string text(std::size_t max_bytes) const;
 
  private:
   friend class Map;
   Value(std::string source, std::string path, YAML::Node node)
       : source_{std::move(source)}, path_{std::move(path)}, node_{std::move(node)} {}
-  [[nodiscard]] Value below(const std::string& key) const;
+  /// The value of a key of this map.
+  [[nodiscard]] Value child(const std::string& key) const;
   [[noreturn]] void fail_at(YAML::Mark mark, const std::string& what) const;
 
   std::string source_;
-  std::string path_;
+  std::string path_;  // keys and indices from the root, for messages
   YAML::Node node_;
 };
 
-/// A map with known keys only; nothing after a key counts as an empty map. Each reader leaves `value` unchanged when
-/// the key is missing, and throws YamlError for a wrong type or value.
+/// A map of which all keys are known. A null value counts as an empty map. If a key is missing, the functions with an
+/// argument `value` or `values` leave it unchanged. They throw YamlError if the value has a wrong type or range.
 class Map {
  public:
+  /// Throws YamlError if `value` is no map, or has a key that is not in `allowed` or a key twice.
   Map(Value value, const std::vector<std::string>& allowed);
 
   [[nodiscard]] const Value& value() const { return value_; }
   [[nodiscard]] bool has(const char* key) const { return value_.node_.IsMap() && value_.node_[key].IsDefined(); }
-  /// The value of a key that the map has.
-  [[nodiscard]] Value child(const char* key) const { return value_.below(key); }
-  /// Throws when the key is missing.
+  /// The value of a key. The map must have the key.
+  [[nodiscard]] Value child(const char* key) const { return value_.child(key); }
+  /// Returns the value of a key. Throws YamlError if the key is missing.
   [[nodiscard]] Value required(const char* key) const;
 
   void number(const char* key, double min, double max, double& value) const;
@@ -85,17 +88,18 @@ class Map {
     for (std::size_t i = 0; i < n; ++i) values[i] = items[i].number(min, max);
   }
   void text(const char* key, std::string& value, std::size_t max_bytes = 65535) const;
-  /// A list of at least one text.
+  /// Reads a list of at least one text.
   void texts(const char* key, std::vector<std::string>& values) const;
   void flag(const char* key, bool& value) const;
-  /// One of `names`, as an enumerator with its index.
+  /// Reads one of `names` and sets `value` to the enumerator whose number is the index of the name.
   template <class Enum>
   void choice(const char* key, const std::vector<std::string>& names, Enum& value) const {
-    if (has(key)) value = static_cast<Enum>(index_among(key, names));
+    if (has(key)) value = static_cast<Enum>(index_in(key, names));
   }
 
  private:
-  [[nodiscard]] std::size_t index_among(const char* key, const std::vector<std::string>& names) const;
+  /// Returns the index in `names` of the value of a key. Throws YamlError if it is none of them.
+  [[nodiscard]] std::size_t index_in(const char* key, const std::vector<std::string>& names) const;
 
   Value value_;
 };

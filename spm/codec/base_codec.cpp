@@ -43,38 +43,36 @@ ModelSummary get_summary(ByteReader& in) {
 }
 
 void put_positions(ByteWriter& out, const ModelSummary& s, std::span<const std::array<float, 3>> positions) {
-  const PositionCode place{s};
+  const PositionCode code{s};
   std::array<std::uint32_t, 3> before{};
   for (std::uint32_t v = 0; v < s.base_vertices; ++v) {
     if (!(s.position_step > 0)) out.raw(positions[v]);
     for (std::size_t axis = 0; s.position_step > 0 && axis < 3; ++axis) {
-      const std::uint32_t at = place.of(axis, double{positions[v][axis]});
+      const std::uint32_t at = code.of(axis, double{positions[v][axis]});
       out.varint(zigzag(static_cast<std::int32_t>(at - before[axis])));
       before[axis] = at;
     }
   }
 }
 
-/// Sums of hostile differences may wrap; violations() sees the result, whatever it is.
+/// Reads the base positions. Sums of hostile differences may wrap; violations() checks the result.
 void get_positions(ByteReader& in, const ModelSummary& s, std::vector<std::array<float, 3>>& positions) {
-  const PositionCode place{s};
+  const PositionCode code{s};
   std::array<std::uint32_t, 3> at{};
   for (std::array<float, 3>& position : positions) {
     if (!(s.position_step > 0)) position = in.raw<std::array<float, 3>>();
     for (std::size_t axis = 0; s.position_step > 0 && axis < 3; ++axis) {
       at[axis] += static_cast<std::uint32_t>(unzigzag(in.varint()));
-      position[axis] = place.at(axis, at[axis]);
+      position[axis] = code.at(axis, at[axis]);
     }
   }
 }
 
-DecodeError truncated(const char* where) {
-  return {std::string{"base mesh: the bytes end or go wrong in its "} + where};
-}
+DecodeError truncated(const char* where) { return {std::string{"base mesh: truncated or damaged in its "} + where}; }
 
 DecodeError too_many(const char* what, std::uint32_t count, std::size_t bytes) {
-  return {"base mesh: " + std::to_string(count) + " " + what + " do not fit the " + std::to_string(bytes) +
-          " bytes that are left"};
+  return {"base mesh: " + std::to_string(count) + " " + what + " do not fit into the remaining " +
+          std::to_string(bytes) + " bytes"};
 }
 
 }  // namespace
@@ -116,7 +114,7 @@ Result<DecodedBase> decode_base(std::span<const std::uint8_t> bytes) {
   ByteReader in{bytes};
   const auto version = in.raw<std::uint8_t>();
   if (in.ok() && version != kBaseVersion) {
-    return DecodeError{"base mesh: encoding version " + std::to_string(version) + ", expected " +
+    return DecodeError{"base mesh: found encoding version " + std::to_string(version) + ", expected " +
                        std::to_string(kBaseVersion)};
   }
   DecodedBase decoded;
@@ -133,7 +131,7 @@ Result<DecodedBase> decode_base(std::span<const std::uint8_t> bytes) {
 
   if (in.left() / kMinFaceBytes < s.base_faces) return too_many("faces", s.base_faces, in.left());
   base.faces.resize(s.base_faces);
-  // Sums of hostile differences may wrap; violations() sees the result, whatever it is.
+  // Sums of hostile differences may wrap; violations() checks the result.
   std::uint64_t face_before = 0;
   std::uint64_t corner_before = 0;
   for (BaseFace& face : base.faces) {
@@ -154,7 +152,9 @@ Result<DecodedBase> decode_base(std::span<const std::uint8_t> bytes) {
     std::array<std::uint32_t, 4> small{};
     for (std::uint32_t& value : small) value = in.varint32();
     for (const std::uint32_t value : small) {
-      if (value > 0xffffu) return DecodeError{"base mesh: cell coordinate " + std::to_string(value) + " over 65535"};
+      if (value > 0xffffu)
+        return DecodeError{"base mesh: found cell coordinate or depth " + std::to_string(value) +
+                           ", expected at most 65535"};
     }
     for (int axis = 0; axis < 3; ++axis) region.cell[axis] = static_cast<std::uint16_t>(small[axis]);
     region.depth = static_cast<std::uint16_t>(small[3]);
@@ -169,7 +169,7 @@ Result<DecodedBase> decode_base(std::span<const std::uint8_t> bytes) {
   const std::uint64_t table_bytes = in.varint();
   if (in.left() < table_bytes) return truncated("tables");
   BitReader bits{in.rest().subspan(0, table_bytes)};
-  if (!decoded.tables.read(bits)) return DecodeError{"base mesh: its tables are no prefix codes"};
+  if (!decoded.tables.read(bits)) return DecodeError{"base mesh: its tables are not prefix codes"};
   in.skip(table_bytes);
   if (!in.ok()) return truncated("tables");
   if (in.left() != 0) return DecodeError{"base mesh: " + std::to_string(in.left()) + " bytes too many"};

@@ -1,14 +1,16 @@
-/// The base mesh as bytes: summary, base vertices, base faces, labelled cells without their record lists, and the
-/// prefix codes of the records.
+/// Encodes and decodes the base mesh message. It has the summary, base vertices, base faces, labelled cells without
+/// their record lists, and the prefix codes of the records.
 ///
 ///     version | digest | counts | bounds, grid, unit, deviation, position step | positions | radii |
 ///     base faces | regions | tables
 ///
 ///     positions: lossless profile: floats; compact profile: signed differences to the previous vertex, in steps
-///     face:      (signed difference to the previous face << 1 | last), three signed differences to the previous corner
-///     region:    cell x, y, z, depth, occupied parts, record count, parts beyond it, face count, checksum
+///     face:      2 x (signed difference to the previous face) + (1 if finest), and for each of the three corners the
+///                signed difference to the previous corner
+///     region:    cell x, y, z, depth, occupied subcells, records, parts minus records, faces, checksum
+///     tables:    number of bytes, prefix codes
 ///
-/// Floats, bounds, grid, checksums and digest are raw little-endian values; all others are varints.
+/// Counts, differences, cells and depths are varints. All other values are raw, little-endian.
 #pragma once
 
 #include <span>
@@ -20,7 +22,7 @@
 
 namespace tactus::spm::codec {
 
-/// O(base mesh + regions).
+/// Encodes the base mesh of `model`. O(base mesh + regions).
 [[nodiscard]] Bytes encode_base(const Model& model, const RecordTables& tables);
 
 struct DecodedBase {
@@ -28,7 +30,8 @@ struct DecodedBase {
   RecordTables tables;
 };
 
-/// The bytes are not trusted. Memory is at most a small multiple of the input; the result has no violations().
+/// Decodes bytes that are not trusted. Uses at most a small multiple of their size as memory. The result has no
+/// violations().
 Result<DecodedBase> decode_base(std::span<const std::uint8_t> bytes);
 
 }  // namespace tactus::spm::codec

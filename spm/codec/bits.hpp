@@ -1,4 +1,4 @@
-/// A writer and a reader of bits, the lowest bit first.
+/// Writes and reads bits, the lowest bit of each byte first.
 #pragma once
 
 #include <cstdint>
@@ -11,17 +11,18 @@ namespace tactus::spm::codec {
 
 class BitWriter {
  public:
-  /// Appends the lowest `count` bits of `value`, at most 56. The other bits of `value` must be 0.
+  /// Appends the lowest `count` bits of `value`; `count` is at most 56. All higher bits of `value` must be 0.
   void put(std::uint64_t value, unsigned count) {
     window_ |= value << filled_;
     for (filled_ += count; filled_ >= 8; filled_ -= 8, window_ >>= 8)
       bytes_.push_back(static_cast<std::uint8_t>(window_));
   }
-  /// Appends `count` bits of `bytes` from bit `first`.
+  /// Appends `count` bits of `bytes`, from bit `first` on.
   void copy(std::span<const std::uint8_t> bytes, std::uint64_t first, std::uint64_t count);
 
+  /// Number of bits written.
   [[nodiscard]] std::uint64_t size() const noexcept { return 8 * std::uint64_t{bytes_.size()} + filled_; }
-  /// Returns the bytes; the last one is padded with 0.
+  /// Returns the bytes, the last one filled up with zero bits, and empties the writer.
   [[nodiscard]] Bytes take() {
     if (filled_ > 0) bytes_.push_back(static_cast<std::uint8_t>(window_));
     filled_ = 0;
@@ -35,13 +36,13 @@ class BitWriter {
   unsigned filled_ = 0;
 };
 
-/// Reads bits that are not trusted. Past the end every bit is 0 and ok() is false.
+/// Reads bits that are not trusted. Every bit past the end is 0. ok() is false once such a bit has been read.
 class BitReader {
  public:
   explicit BitReader(std::span<const std::uint8_t> bytes, std::uint64_t at = 0) noexcept
       : data_{bytes.data()}, size_{bytes.size()}, at_{at} {}
 
-  /// At least the next 57 bits, without reading them.
+  /// Returns the next 57 bits or more; the reader stays where it is.
   [[nodiscard]] std::uint64_t peek() const noexcept {
     const std::uint64_t byte = at_ >> 3;
     std::uint64_t window = 0;
@@ -53,15 +54,16 @@ class BitReader {
     return window >> (at_ & 7u);
   }
   void skip(unsigned count) noexcept { at_ += count; }
-  /// At most 56 bits.
+  /// Reads the next `count` bits, at most 56.
   [[nodiscard]] std::uint64_t get(unsigned count) noexcept {
     const std::uint64_t value = peek() & ((std::uint64_t{1} << count) - 1);
     at_ += count;
     return value;
   }
+  /// Number of bits read or skipped.
   [[nodiscard]] std::uint64_t at() const noexcept { return at_; }
   [[nodiscard]] bool ok() const noexcept { return at_ <= 8 * std::uint64_t{size_}; }
-  /// Bits not yet read; 0 past the end.
+  /// Number of bits not yet read; 0 past the end.
   [[nodiscard]] std::uint64_t left() const noexcept { return ok() ? 8 * std::uint64_t{size_} - at_ : 0; }
 
  private:

@@ -1,4 +1,4 @@
-/// A writer and a reader of bytes: little-endian raw values and base-128 varints.
+/// Writes and reads bytes: raw values in little-endian order, and varints (7 bits of the number in each byte).
 #pragma once
 
 #include <cstdint>
@@ -11,9 +11,9 @@ namespace tactus::spm::codec {
 
 using Bytes = std::vector<std::uint8_t>;
 
-static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "raw values travel as they lie in memory");
+static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "raw values are copied from memory");
 
-/// Maps signed differences to small unsigned numbers: 0, -1, 1, -2 ... to 0, 1, 2, 3 ...
+/// Maps the signed numbers 0, -1, 1, -2 ... to 0, 1, 2, 3 ..., so that a small difference takes a short varint.
 [[nodiscard]] constexpr std::uint64_t zigzag(std::int64_t value) noexcept {
   return static_cast<std::uint64_t>(value) << 1 ^ static_cast<std::uint64_t>(value >> 63);
 }
@@ -39,8 +39,8 @@ class ByteWriter {
   Bytes bytes_;
 };
 
-/// Reads bytes that are not trusted. Past the end, or at a varint of more than ten bytes, ok() becomes false for good
-/// and every further value is 0. So a loop of bounded length can check ok() once, at its end.
+/// Reads bytes that are not trusted. After the first value that is incomplete, and after a varint of more than ten
+/// bytes, ok() remains false and all further values are 0. So a loop of bounded length can check ok() once, at its end.
 class ByteReader {
  public:
   explicit ByteReader(std::span<const std::uint8_t> bytes) noexcept
@@ -68,7 +68,7 @@ class ByteReader {
     fail();
     return 0;
   }
-  /// A varint that must fit 32 bits.
+  /// Reads a varint that must fit 32 bits.
   [[nodiscard]] std::uint32_t varint32() noexcept {
     const std::uint64_t value = varint();
     if (value <= 0xffffffffu) return static_cast<std::uint32_t>(value);
@@ -77,8 +77,9 @@ class ByteReader {
   }
 
   [[nodiscard]] std::span<const std::uint8_t> rest() const noexcept { return {at_, left()}; }
-  /// At most left() bytes.
+  /// Skips `count` bytes, at most left().
   void skip(std::size_t count) noexcept { at_ += count; }
+  /// Number of bytes not yet read.
   [[nodiscard]] std::size_t left() const noexcept { return static_cast<std::size_t>(end_ - at_); }
   [[nodiscard]] bool ok() const noexcept { return ok_; }
 

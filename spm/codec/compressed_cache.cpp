@@ -9,17 +9,17 @@
 namespace tactus::spm::codec {
 namespace {
 
-constexpr std::uint16_t kMaxHolders = 0xffff;
+constexpr std::uint16_t kMaxLists = 0xffff;
 
 }  // namespace
 
 CompressedCache::CompressedCache(std::uint32_t blocks)
     : blocks_(blocks),
-      holders_(blocks, 0),
-      staying_(blocks, 0),
+      lists_with_(blocks, 0),
+      unretired_lists_with_(blocks, 0),
       index_{blocks},
       first_free_{blocks == 0 ? kNone : 0u},
-      free_{blocks} {
+      free_blocks_{blocks} {
   for (std::uint32_t i = 0; i < blocks; ++i) blocks_[i].next = i + 1 < blocks ? i + 1 : kNone;
 }
 
@@ -29,30 +29,30 @@ void CompressedCache::admit(ObjectIndex object, const ModelSummary& summary, con
       Object{&summary, RecordReader{summary, tables}, &tables, IdVector<RecordId, bool>{summary.records}});
 }
 
-std::uint32_t CompressedCache::write(const Bytes& bytes) noexcept {
+std::uint32_t CompressedCache::write_chain(const Bytes& bytes) noexcept {
   const std::uint32_t first = first_free_;
   std::uint32_t last = kNone;
-  for (std::size_t at = 0; at < bytes.size(); at += kPayload) {
+  for (std::size_t at = 0; at < bytes.size(); at += kPayloadBytes) {
     last = first_free_;
     TACTUS_CHECK(last != kNone);
     Block& block = blocks_[last];
     first_free_ = block.next;
-    --free_;
+    --free_blocks_;
     block.bytes = {};
-    std::memcpy(block.bytes.data(), &bytes[at], std::min(kPayload, bytes.size() - at));
+    std::memcpy(block.bytes.data(), &bytes[at], std::min(kPayloadBytes, bytes.size() - at));
   }
   blocks_[last].next = kNone;
   return first;
 }
 
-void CompressedCache::free(std::uint32_t first) noexcept {
+void CompressedCache::free_chain(std::uint32_t first) noexcept {
   std::uint32_t last = first;
-  for (++free_; blocks_[last].next != kNone; last = blocks_[last].next) ++free_;
+  for (++free_blocks_; blocks_[last].next != kNone; last = blocks_[last].next) ++free_blocks_;
   blocks_[last].next = first_free_;
   first_free_ = first;
 }
 
-void CompressedCache::read(std::uint32_t first) {
+void CompressedCache::read_chain(std::uint32_t first) {
   buffer_.clear();
   for (std::uint32_t at = first; at != kNone; at = blocks_[at].next)
     buffer_.insert(buffer_.end(), blocks_[at].bytes.begin(), blocks_[at].bytes.end());
@@ -60,25 +60,26 @@ void CompressedCache::read(std::uint32_t first) {
 
 void CompressedCache::read_list(ObjectIndex object, RegionId region) {
   const Object& of = *objects_[object];
-  read(index_.find(key_of(object, region)));
+  read_chain(index_.find(key_of(object, region)));
   BitReader in{buffer_};
   std::uint32_t total = 0;
   const std::string error = get_intervals(in, *of.tables, of.summary->records, list_, total);
   TACTUS_CHECK(error.empty());
 }
 
-CompressedCache::Put CompressedCache::put(ObjectIndex number, RegionId region, std::span<const std::uint8_t> message) {
-  using Status = Put::Status;
+CompressedCache::PutResult CompressedCache::put(ObjectIndex number, RegionId region,
+                                                std::span<const std::uint8_t> message) {
+  using Status = PutResult::Status;
   Object& object = *objects_[number];
-  Put put;
-  if (index(region) < object.summary->regions && keeps(number, region)) {
-    put.status = Status::kHere;
+  PutResult put;
+  if (index(region) < object.summary->regions && holds(number, region)) {
+    put.status = Status::kAlreadyHeld;
     return put;
   }
   std::vector<RecordCode> codes;
   const Result<RegionData> decoded = decode_region(message, *object.summary, *object.tables, &codes);
   if (!decoded || decoded->region != region) {
-    put.error = decoded ? "names region " + std::to_string(index(decoded->region)) : decoded.error().text;
+    put.error = decoded ? "contains region " + std::to_string(index(decoded->region)) : decoded.error().text;
     return put;
   }
   const RegionData& data = *decoded;
@@ -86,12 +87,13 @@ CompressedCache::Put CompressedCache::put(ObjectIndex number, RegionId region, s
 
   BitWriter list;
   put_intervals(list, *object.tables, data.list);
-  put.blocks = put.whole = blocks_for(list.size());
+  put.blocks = put.blocks_if_empty = blocks_for(list.size());
   std::size_t code = 0;
   const Interval* sent = data.sent.data();
   const Interval* const sent_end = sent + data.sent.size();
-  // Calls with each record of the list, its block, and its code or null.
-  const auto for_each = [&](const auto& with) {
+  // Calls `visit` with each record of the list, its first block or kNone, and its code in the message or null. Stops
+  // if `visit` returns false.
+  const auto for_each = [&](const auto& visit) {
     code = 0;
     sent = data.sent.data();
     for (const Interval& interval : data.list)
@@ -99,41 +101,41 @@ CompressedCache::Put CompressedCache::put(ObjectIndex number, RegionId region, s
         while (sent != sent_end && sent->first + sent->count <= r) ++sent;
         const bool is_sent = sent != sent_end && sent->first <= r;
         const RecordId record{r};
-        if (!with(record, index_.find(key(number, record)), is_sent ? &codes[code] : nullptr)) return false;
+        if (!visit(record, index_.find(key(number, record)), is_sent ? &codes[code] : nullptr)) return false;
         code += is_sent ? 1 : 0;
       }
     return true;
   };
-  put.status = Status::kKept;
-  const bool complete = for_each([&](RecordId, std::uint32_t block, const RecordCode* is_sent) {
-    if (is_sent != nullptr) {
-      const std::uint32_t takes = blocks_for(kAnchorBits + is_sent->bits);
-      put.whole += takes;
-      if (block == kNone) put.blocks += takes;
+  put.status = Status::kStored;
+  const bool complete = for_each([&](RecordId, std::uint32_t block, const RecordCode* received) {
+    if (received != nullptr) {
+      const std::uint32_t needed = blocks_for(kAnchorBits + received->bits);
+      put.blocks_if_empty += needed;
+      if (block == kNone) put.blocks += needed;
     }
-    if (block != kNone && holders_[block] == kMaxHolders) put.status = Status::kFull;
-    return block != kNone || is_sent != nullptr;
+    if (block != kNone && lists_with_[block] == kMaxLists) put.status = Status::kFull;
+    return block != kNone || received != nullptr;
   });
   if (!complete) put.status = Status::kIncomplete;
-  if (complete && put.blocks > free_) put.status = Status::kFull;
-  if (put.status != Status::kKept) return put;
+  if (complete && put.blocks > free_blocks_) put.status = Status::kFull;
+  if (put.status != Status::kStored) return put;
 
-  index_.insert(key_of(number, region), write(list.take()));
-  static_cast<void>(for_each([&](RecordId record, std::uint32_t block, const RecordCode* is_sent) {
-    if (is_sent != nullptr && object.seen[record]) ++put.returned;
-    if (is_sent != nullptr && block != kNone) ++put.repeated;
-    if (is_sent != nullptr && block != kNone && staying_[block] > 0) ++put.published;
+  index_.insert(key_of(number, region), write_chain(list.take()));
+  static_cast<void>(for_each([&](RecordId record, std::uint32_t block, const RecordCode* received) {
+    if (received != nullptr && object.was_received[record]) ++put.returned;
+    if (received != nullptr && block != kNone) ++put.repeated;
+    if (received != nullptr && block != kNone && unretired_lists_with_[block] > 0) ++put.published;
     if (block == kNone) {
       BitWriter out;
-      out.put(index(is_sent->anchor), kAnchorBits);
-      out.copy(message, is_sent->first, is_sent->bits);
-      block = write(out.take());
-      holders_[block] = staying_[block] = 0;
+      out.put(index(received->anchor), kAnchorBits);
+      out.copy(message, received->first, received->bits);
+      block = write_chain(out.take());
+      lists_with_[block] = unretired_lists_with_[block] = 0;
       index_.insert(key(number, record), block);
-      object.seen[record] = true;
+      object.was_received[record] = true;
     }
-    if (staying_[block]++ == 0 && holders_[block] > 0) leaving_ -= length(block);
-    ++holders_[block];
+    if (unretired_lists_with_[block]++ == 0 && lists_with_[block] > 0) retired_blocks_ -= chain_length(block);
+    ++lists_with_[block];
     return true;
   }));
   return put;
@@ -151,7 +153,7 @@ const RegionData& CompressedCache::get(ObjectIndex number, RegionId region, cons
     for (std::uint32_t r = interval.first; r != interval.first + interval.count; ++r) {
       const RecordId record{r};
       if (cache.has(number, record)) continue;
-      read(index_.find(key(number, record)));
+      read_chain(index_.find(key(number, record)));
       BitReader in{buffer_};
       const FaceId anchor{static_cast<std::uint32_t>(in.get(kAnchorBits))};
       data_.residuals.emplace_back();
@@ -166,7 +168,7 @@ const RegionData& CompressedCache::get(ObjectIndex number, RegionId region, cons
   return data_;
 }
 
-std::uint32_t CompressedCache::length(std::uint32_t first) const noexcept {
+std::uint32_t CompressedCache::chain_length(std::uint32_t first) const noexcept {
   std::uint32_t length = 0;
   for (std::uint32_t at = first; at != kNone; at = blocks_[at].next) ++length;
   return length;
@@ -181,44 +183,44 @@ void CompressedCache::for_each_listed(ObjectIndex object, Visit visit) const {
     }
 }
 
-void CompressedCache::leave(ObjectIndex object, RegionId region) noexcept {
+void CompressedCache::retire(ObjectIndex object, RegionId region) noexcept {
   read_list(object, region);
   for_each_listed(object, [&](std::uint64_t, std::uint32_t block) {
-    if (--staying_[block] == 0) leaving_ += length(block);
+    if (--unretired_lists_with_[block] == 0) retired_blocks_ += chain_length(block);
   });
-  leaving_ += length(index_.find(key_of(object, region)));
+  retired_blocks_ += chain_length(index_.find(key_of(object, region)));
 }
 
-void CompressedCache::stay(ObjectIndex object, RegionId region) noexcept {
+void CompressedCache::reinstate(ObjectIndex object, RegionId region) noexcept {
   read_list(object, region);
   for_each_listed(object, [&](std::uint64_t, std::uint32_t block) {
-    if (staying_[block]++ == 0) leaving_ -= length(block);
+    if (unretired_lists_with_[block]++ == 0) retired_blocks_ -= chain_length(block);
   });
-  leaving_ -= length(index_.find(key_of(object, region)));
+  retired_blocks_ -= chain_length(index_.find(key_of(object, region)));
 }
 
-void CompressedCache::release(ObjectIndex object, RegionId region) noexcept {
-  const std::uint32_t free_before = free_;
+void CompressedCache::evict(ObjectIndex object, RegionId region) noexcept {
+  const std::uint32_t free_before = free_blocks_;
   read_list(object, region);
   for_each_listed(object, [&](std::uint64_t key_of_record, std::uint32_t block) {
-    if (--holders_[block] > 0) return;
+    if (--lists_with_[block] > 0) return;
     index_.erase(key_of_record);
-    free(block);
+    free_chain(block);
   });
   const std::uint64_t key = key_of(object, region);
-  free(index_.find(key));
+  free_chain(index_.find(key));
   index_.erase(key);
-  leaving_ -= free_ - free_before;
+  retired_blocks_ -= free_blocks_ - free_before;
 }
 
 std::vector<std::string> CompressedCache::violations() {
   std::vector<std::string> found;
-  std::vector<std::uint32_t> counted(blocks_.size(), 0);
+  std::vector<std::uint32_t> counted(blocks_.size(), 0);  // regions that list the record, by its first block
   std::vector<bool> taken(blocks_.size(), false);
   std::uint32_t chained = 0;
-  const auto take = [&](std::uint32_t first, const std::string& what) {
+  const auto take_chain = [&](std::uint32_t first, const std::string& what) {
     for (std::uint32_t at = first; at != kNone; at = blocks_[at].next) {
-      if (taken[at]) found.push_back(what + ": block " + std::to_string(at) + " is another's too");
+      if (taken[at]) found.push_back(what + ": block " + std::to_string(at) + " also belongs to another chain");
       if (taken[at]) return;
       taken[at] = true;
       ++chained;
@@ -229,25 +231,26 @@ std::vector<std::string> CompressedCache::violations() {
     for (const RegionId region : ids<RegionId>(objects_[number]->summary->regions)) {
       const std::uint32_t first = index_.find(key_of(number, region));
       if (first == kNone) continue;
-      take(first, "region " + std::to_string(index(region)));
+      take_chain(first, "region " + std::to_string(index(region)));
       read_list(number, region);
       for (const Interval& interval : list_)
         for (std::uint32_t record = interval.first; record != interval.first + interval.count; ++record) {
           const std::uint32_t block = index_.find(key(number, RecordId{record}));
           if (block == kNone)
             found.push_back("record " + std::to_string(record) + " of region " + std::to_string(index(region)) +
-                            " is not here");
+                            " is not in the cache");
           else if (counted[block]++ == 0)
-            take(block, "record " + std::to_string(record));
+            take_chain(block, "record " + std::to_string(record));
         }
     }
   }
   for (std::uint32_t block = 0; block < blocks_.size(); ++block)
-    if (counted[block] > 0 && (counted[block] != holders_[block] || staying_[block] > holders_[block]))
-      found.push_back("block " + std::to_string(block) + " is of " + std::to_string(counted[block]) +
-                      " regions, counted " + std::to_string(holders_[block]));
-  if (chained + free_ != blocks_.size())
-    found.push_back(std::to_string(chained) + " blocks in use and " + std::to_string(free_) + " free of " +
+    if (counted[block] > 0 &&
+        (counted[block] != lists_with_[block] || unretired_lists_with_[block] > lists_with_[block]))
+      found.push_back("block " + std::to_string(block) + ": found its record in " + std::to_string(counted[block]) +
+                      " lists, counted " + std::to_string(lists_with_[block]));
+  if (chained + free_blocks_ != blocks_.size())
+    found.push_back(std::to_string(chained) + " blocks in use and " + std::to_string(free_blocks_) + " free of " +
                     std::to_string(blocks_.size()));
   return found;
 }

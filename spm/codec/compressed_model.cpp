@@ -9,12 +9,13 @@
 namespace tactus::spm::codec {
 namespace {
 
-/// The start of each, and the end of the last one. Sums of sizes that are not trusted may wrap.
-std::vector<std::uint64_t> places(ByteReader& sizes, std::size_t count) {
-  std::vector<std::uint64_t> places{0};
-  places.reserve(count + 1);
-  for (std::size_t i = 0; i < count; ++i) places.push_back(places.back() + sizes.varint());
-  return places;
+/// Reads `count` sizes and returns the start of each item and the end of the last. The sizes are not trusted, so sums
+/// may wrap.
+std::vector<std::uint64_t> read_starts(ByteReader& sizes, std::size_t count) {
+  std::vector<std::uint64_t> starts{0};
+  starts.reserve(count + 1);
+  for (std::size_t i = 0; i < count; ++i) starts.push_back(starts.back() + sizes.varint());
+  return starts;
 }
 
 }  // namespace
@@ -30,11 +31,11 @@ Result<CompressedModel> CompressedModel::open(const ModelSpans& spans) {
   }
   CompressedModel model;
   ByteReader sizes{spans.sizes};
-  model.code_places_ = places(sizes, blocks);
-  model.list_places_ = places(sizes, s.regions);
+  model.block_starts_ = read_starts(sizes, blocks);
+  model.list_starts_ = read_starts(sizes, s.regions);
   if (!sizes.ok() || sizes.left() != 0) {
-    return DecodeError{"model: its " + std::to_string(spans.sizes.size()) + " bytes of sizes are not " +
-                       std::to_string(blocks + s.regions) + " sizes"};
+    return DecodeError{"model: found " + std::to_string(spans.sizes.size()) + " bytes of sizes, expected exactly " +
+                       std::to_string(blocks + s.regions) + " varints"};
   }
   model.base_ = std::move(*base);
   model.spans_ = spans;
@@ -42,7 +43,7 @@ Result<CompressedModel> CompressedModel::open(const ModelSpans& spans) {
 }
 
 std::vector<Interval> CompressedModel::intervals_of(RegionId region) const {
-  BitReader in{spans_.lists, list_places_[index(region)]};
+  BitReader in{spans_.lists, list_starts_[index(region)]};
   std::vector<Interval> intervals;
   std::uint32_t total = 0;
   if (!get_intervals(in, tables(), summary().records, intervals, total).empty()) intervals.clear();
@@ -53,31 +54,31 @@ void CompressedModel::put_records(BitWriter& out, std::span<const Interval> reco
   RecordReader reader{summary(), tables()};
   std::vector<RecordPart> parts;
   PositionPredictor::Residuals residuals{};
-  NamedFaces named;  // in the message
-  FaceId sent{};     // anchor
+  RecentFaces recent;    // faces of the previous records in the message
+  FaceId last_anchor{};  // anchor of the previous record in the message
   for (const Interval& interval : records) {
     BitReader in{spans_.codes};
     FaceId anchor{};
     const std::uint32_t end = interval.first + interval.count;
     for (std::uint32_t r = interval.first / kRecordsPerBlock * kRecordsPerBlock; r != end; ++r) {
-      const bool leads = r % kRecordsPerBlock == 0;
-      if (leads) in = BitReader{spans_.codes, code_places_[r / kRecordsPerBlock]};
-      anchor = leads ? reader.get_first_anchor(in, FaceId{}) : reader.get_anchor(in, anchor);
+      const bool begins_block = r % kRecordsPerBlock == 0;
+      if (begins_block) in = BitReader{spans_.codes, block_starts_[r / kRecordsPerBlock]};
+      anchor = begins_block ? reader.get_first_anchor(in, FaceId{}) : reader.get_anchor(in, anchor);
       const std::uint64_t first = in.at();
       parts.clear();
       if (!reader.get(in, RecordId{r}, anchor, parts, residuals)) return;
       if (r < interval.first) continue;
-      const std::uint64_t difference = zigzag_difference(anchor, sent);
+      const std::uint64_t difference = zigzag_difference(anchor, last_anchor);
       if (r == interval.first) {
-        named.clear();
+        recent.clear();
         put_number(out, tables()[Field::kAnchorFirst], difference);
-      } else if (const std::uint32_t place = named.find(anchor); place < NamedFaces::kSize) {
-        tables()[Field::kAnchor].put(out, place);
+      } else if (const std::uint32_t position = recent.find(anchor); position < RecentFaces::kSize) {
+        tables()[Field::kAnchor].put(out, position);
       } else {
-        put_number(out, tables()[Field::kAnchor], difference, NamedFaces::kSize);
+        put_number(out, tables()[Field::kAnchor], difference, RecentFaces::kSize);
       }
-      named.add(anchor, parts.front());
-      sent = anchor;
+      recent.add(anchor, parts.front());
+      last_anchor = anchor;
       out.copy(spans_.codes, first, in.at() - first);
     }
   }

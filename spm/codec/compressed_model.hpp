@@ -1,11 +1,11 @@
-/// A whole model in the form in which it is stored and sent; an `.spm` file has these bytes, and a VE host serves them
+/// Gives access to a whole model in its compressed form. An `.spm` file stores these bytes, and a VE host serves them
 /// without decoding.
 ///
-///     base         the base mesh message (base_codec.hpp), with the prefix codes
-///     codes        the codes of all records, in order (record_codes.hpp)
-///     lists        by region: the intervals of its record list
-///     sizes        in bits, as varints: of each block of kRecordsPerBlock records in `codes`, then of each region's
-///     list
+///     base         the base mesh message, with the prefix codes (base_codec.hpp)
+///     codes        the codes of all records, in order of their numbers (record_codes.hpp)
+///     lists        for each region, the intervals of its record list
+///     sizes        number of bits, as a varint, of each block of kRecordsPerBlock records in `codes`, and then of each
+///                  region's list
 #pragma once
 
 #include <cstdint>
@@ -26,33 +26,33 @@ struct ModelSpans {
 
 class CompressedModel {
  public:
-  /// Decodes and checks the base mesh, and checks the number of sizes. decode_model() checks codes and lists; without
-  /// it, codes and lists that are not trusted are never read past their end, but may be wrong. The spans must outlive
-  /// the result.
+  /// Decodes and checks the base mesh, and checks the number of sizes. Does not check codes and lists, which
+  /// decode_model() does: unchecked ones may be wrong, but no function reads past their end. The spans must outlive the
+  /// result.
   static Result<CompressedModel> open(const ModelSpans& spans);
-  /// Empty: for later assignment.
+  /// Makes an empty object, to which a model can be assigned.
   CompressedModel() = default;
 
   [[nodiscard]] const ModelSummary& summary() const noexcept { return base_.mesh.summary; }
   [[nodiscard]] const BaseMesh& base() const noexcept { return base_.mesh; }
   [[nodiscard]] const RecordTables& tables() const noexcept { return base_.tables; }
   [[nodiscard]] const ModelSpans& spans() const noexcept { return spans_; }
-  /// By block: its first bit in `codes`; then the end of `codes`.
-  [[nodiscard]] const std::vector<std::uint64_t>& code_places() const noexcept { return code_places_; }
-  /// By region: the first bit of its list; then the end of `lists`.
-  [[nodiscard]] const std::vector<std::uint64_t>& list_places() const noexcept { return list_places_; }
+  /// First bit of each block in `codes`. The last entry is the end of `codes`, in bits.
+  [[nodiscard]] const std::vector<std::uint64_t>& block_starts() const noexcept { return block_starts_; }
+  /// First bit of each region's list in `lists`. The last entry is the end of `lists`, in bits.
+  [[nodiscard]] const std::vector<std::uint64_t>& list_starts() const noexcept { return list_starts_; }
 
-  /// The region's record list. O(intervals), allocates.
+  /// Decodes the region's record list. Returns an empty list if its bits are damaged. O(intervals), allocates.
   [[nodiscard]] std::vector<Interval> intervals_of(RegionId region) const;
 
-  /// Appends the codes of these records in the form of a message. O(records + intervals x kRecordsPerBlock): the block
-  /// of an interval is read from its start to find the first record.
+  /// Appends the codes of these records in the form of a message. O(records + intervals x kRecordsPerBlock), because
+  /// the first record of an interval is found by reading its block from the start.
   void put_records(BitWriter& out, std::span<const Interval> records) const;
 
  private:
   DecodedBase base_;
   ModelSpans spans_;
-  std::vector<std::uint64_t> code_places_, list_places_;
+  std::vector<std::uint64_t> block_starts_, list_starts_;
 };
 
 }  // namespace tactus::spm::codec

@@ -3,7 +3,7 @@
 namespace tactus::spm::codec {
 namespace {
 
-constexpr std::uint64_t kMinIntervalBits = 2;  // a gap and a length
+constexpr std::uint64_t kMinIntervalBits = 2;  // one for the distance, one for the length
 
 std::string text(std::uint64_t value) { return std::to_string(value); }
 
@@ -23,19 +23,19 @@ std::string get_intervals(BitReader& in, const RecordTables& tables, std::uint32
                           std::vector<Interval>& intervals, std::uint32_t& total) {
   const std::uint64_t count = get_rare(in);
   if (!in.ok() || in.left() / kMinIntervalBits < count) {
-    return text(count) + " intervals do not fit the " + text(in.left()) + " bits that are left";
+    return text(count) + " intervals do not fit into the remaining " + text(in.left()) + " bits";
   }
   intervals.resize(count);
   total = 0;
   bool ok = true;
   std::uint64_t end = 0;
   for (Interval& interval : intervals) {
-    const std::uint64_t gap = get_number(in, tables[Field::kGap], ok);
+    const std::uint64_t distance = get_number(in, tables[Field::kGap], ok);
     const std::uint64_t length = get_number(in, tables[Field::kCount], ok) + 1;
-    const std::uint64_t first = end + gap;
-    if (!ok || !in.ok() || (gap == 0 && end != 0) || first + length > limit) {
-      return "interval of " + text(length) + " records from " + text(first) + " after one that ends at " + text(end) +
-             ", expected a gap and no record from " + text(limit);
+    const std::uint64_t first = end + distance;
+    if (!ok || !in.ok() || (distance == 0 && end != 0) || first + length > limit) {
+      return "interval of " + text(length) + " records from " + text(first) + " after an interval that ends at " +
+             text(end) + ", expected a distance of at least 1 and an end of at most " + text(limit);
     }
     interval = {static_cast<std::uint32_t>(first), static_cast<std::uint32_t>(length)};
     end = first + length;

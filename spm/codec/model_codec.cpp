@@ -24,7 +24,7 @@ class ModelDecoder {
   explicit ModelDecoder(OwnedModel& model)
       : model_{model}, front_{base_front(model.summary, model.base_faces)}, u_{model.summary.base_vertices} {}
 
-  /// False if the record contradicts the records before it.
+  /// Returns false if the record contradicts the previous ones.
   [[nodiscard]] bool add(std::uint32_t record, const std::vector<RecordPart>& parts,
                          const PositionPredictor::Residuals& residuals) {
     u_ = VertexId{model_.summary.base_vertices + record};
@@ -57,7 +57,7 @@ class ModelDecoder {
  private:
   OwnedModel& model_;
   ModelFront front_;
-  VertexId u_;  // the vertex of the current record; those below it are decoded
+  VertexId u_;  // vertex of the current record; all vertices below it are decoded
   std::vector<RecordPart> continuations_;
 };
 
@@ -90,7 +90,7 @@ Result<OwnedModel> decode_model(const CompressedModel& coded) {
   const ModelSummary& s = model.summary = coded.summary();
   const std::uint64_t bits = 8 * std::uint64_t{bytes.codes.size()};
   if (bits / RecordReader::kMinBits < s.parts) {
-    return wrong(std::to_string(s.parts) + " parts do not fit " + std::to_string(bits) + " bits of codes");
+    return wrong(std::to_string(s.parts) + " parts do not fit into " + std::to_string(bits) + " bits of codes");
   }
   model.base_radii = coded.base().radii;
   model.base_faces = coded.base().faces;
@@ -106,17 +106,18 @@ Result<OwnedModel> decode_model(const CompressedModel& coded) {
   PositionPredictor::Residuals residuals{};
   FaceId anchor{};
   for (std::uint32_t r = 0; r < s.records; ++r) {
-    const bool leads = r % kRecordsPerBlock == 0;
-    if (leads && coded.code_places()[r / kRecordsPerBlock] != codes.at()) {
-      return wrong("record " + std::to_string(r) + ": its place is stated as bit " +
-                   std::to_string(coded.code_places()[r / kRecordsPerBlock]) + ", expected " +
+    const bool begins_block = r % kRecordsPerBlock == 0;
+    if (begins_block && coded.block_starts()[r / kRecordsPerBlock] != codes.at()) {
+      return wrong("record " + std::to_string(r) + ": found a block that begins at bit " +
+                   std::to_string(coded.block_starts()[r / kRecordsPerBlock]) + ", expected bit " +
                    std::to_string(codes.at()));
     }
-    anchor = leads ? reader.get_first_anchor(codes, FaceId{}) : reader.get_anchor(codes, anchor);
+    anchor = begins_block ? reader.get_first_anchor(codes, FaceId{}) : reader.get_anchor(codes, anchor);
     parts.clear();
     if (!reader.get(codes, RecordId{r}, anchor, parts, residuals)) return wrong(reader.error());
     if (!decoder.add(r, parts, residuals)) {
-      return wrong("record " + std::to_string(r) + ": names what is not there, or lies outside of the bounds");
+      return wrong("record " + std::to_string(r) +
+                   ": refers to a face or vertex that does not exist yet, or lies outside the bounds");
     }
   }
   decoder.finish();
@@ -124,9 +125,9 @@ Result<OwnedModel> decode_model(const CompressedModel& coded) {
     return wrong("found " + std::to_string(model.parts.size()) + " parts, expected " + std::to_string(s.parts));
   }
   for (std::uint32_t r = 0; r < s.regions; ++r) {
-    if (coded.list_places()[r] != lists.at()) {
-      return wrong("region " + std::to_string(r) + ": the place of its list is stated as bit " +
-                   std::to_string(coded.list_places()[r]) + ", expected " + std::to_string(lists.at()));
+    if (coded.list_starts()[r] != lists.at()) {
+      return wrong("region " + std::to_string(r) + ": found a list that begins at bit " +
+                   std::to_string(coded.list_starts()[r]) + ", expected bit " + std::to_string(lists.at()));
     }
     std::vector<Interval> intervals;
     std::uint32_t records = 0;
@@ -137,10 +138,10 @@ Result<OwnedModel> decode_model(const CompressedModel& coded) {
     model.regions[r].interval_count = static_cast<std::uint32_t>(intervals.size());
     model.intervals.insert(model.intervals.end(), intervals.begin(), intervals.end());
   }
-  if (coded.code_places().back() != codes.at() || coded.list_places().back() != lists.at()) {
-    return wrong("its last sizes do not fit");
+  if (coded.block_starts().back() != codes.at() || coded.list_starts().back() != lists.at()) {
+    return wrong("the size of the last block or list does not match its bits");
   }
-  if (codes.left() >= 8 || lists.left() >= 8) return wrong("bytes too many");
+  if (codes.left() >= 8 || lists.left() >= 8) return wrong("found bytes after the last record or list");
   return model;
 }
 

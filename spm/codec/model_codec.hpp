@@ -1,4 +1,4 @@
-/// Converts a whole model between arrays and bytes.
+/// Encodes a whole model, and decodes it.
 #pragma once
 
 #include "spm/codec/compressed_model.hpp"
@@ -14,7 +14,7 @@ class EncodedModel {
   EncodedModel(EncodedModel&&) noexcept = default;
   EncodedModel& operator=(EncodedModel&&) noexcept = default;
 
-  /// Refers to the bytes of this object; stays valid if this object is moved.
+  /// The compressed model. It refers to the bytes of this object and remains valid if this object is moved.
   [[nodiscard]] const CompressedModel& coded() const noexcept { return coded_; }
 
  private:
@@ -22,9 +22,9 @@ class EncodedModel {
   CompressedModel coded_;
 };
 
-/// The bytes are not trusted. Memory is bounded by the summary and the input. Each record is checked against the mesh
-/// before it (RecordDecoder); whether records and lists are a sound model is for violations() to check. About 0.3 us a
-/// record.
+/// Decodes bytes that are not trusted. The summary and the number of bytes bound the memory. Checks each record against
+/// the mesh of the previous records (RecordDecoder). Does not check whether records and lists are a sound model;
+/// violations() does. About 0.3 us a record.
 Result<OwnedModel> decode_model(const CompressedModel& coded);
 
 }  // namespace tactus::spm::codec

@@ -10,7 +10,7 @@ namespace {
 
 constexpr unsigned kMaxZeros = 16;
 
-/// Depths in the tree of least cost; 0 where `counts` is 0, and for a symbol that is alone.
+/// Returns the depth of each symbol in Huffman's tree: 0 if its count is 0, or if it is the only symbol.
 std::vector<unsigned> depths(const std::vector<std::uint64_t>& counts) {
   using Node = std::pair<std::uint64_t, std::size_t>;  // count, number
   std::priority_queue<Node, std::vector<Node>, std::greater<>> open;
@@ -38,37 +38,37 @@ std::vector<unsigned> depths(const std::vector<std::uint64_t>& counts) {
 
 }  // namespace
 
-PrefixCode::PrefixCode(std::span<const std::uint64_t> counts) {
-  std::vector<std::uint64_t> flattened(counts.begin(), counts.end());
+PrefixCode::PrefixCode(std::span<const std::uint64_t> frequencies) {
+  std::vector<std::uint64_t> flattened(frequencies.begin(), frequencies.end());
   std::vector<unsigned> depth = depths(flattened);
   while (*std::max_element(depth.begin(), depth.end()) > kMaxLength) {
     for (std::uint64_t& count : flattened) count = (count + 1) / 2;
     depth = depths(flattened);
   }
   for (std::size_t s = 0; s < depth.size(); ++s) {
-    const bool alone = flattened[s] > 0 && depth[s] == 0;
-    length_.push_back(static_cast<std::uint8_t>(alone ? 1 : depth[s]));
+    const bool is_only_symbol = flattened[s] > 0 && depth[s] == 0;
+    length_.push_back(static_cast<std::uint8_t>(is_only_symbol ? 1 : depth[s]));
   }
-  static_cast<void>(assign());
+  static_cast<void>(assign_words());
 }
 
-/// Codes and decoding table from the lengths; false when these claim more than there is.
-bool PrefixCode::assign() {
-  code_.assign(length_.size(), 0);
+/// Computes words and decoding table from the lengths. Returns false if there are not enough words of these lengths.
+bool PrefixCode::assign_words() {
+  word_.assign(length_.size(), 0);
   unsigned longest = 0;
   for (const std::uint8_t length : length_) longest = std::max<unsigned>(longest, length);
   table_.assign(std::size_t{1} << longest, 0);
   mask_ = (1u << longest) - 1;
-  std::uint32_t next = 0;  // highest bit first
+  std::uint32_t next = 0;  // next word, highest bit first
   for (unsigned length = 1; length <= longest; ++length) {
     next <<= 1;
     for (std::size_t s = 0; s < length_.size(); ++s) {
       if (length_[s] != length) continue;
       if (next >> length != 0) return false;
-      std::uint32_t code = 0;
-      for (unsigned bit = 0; bit < length; ++bit) code |= (next >> bit & 1u) << (length - 1 - bit);
-      code_[s] = static_cast<std::uint16_t>(code);
-      for (std::size_t at = code; at < table_.size(); at += std::size_t{1} << length) {
+      std::uint32_t word = 0;
+      for (unsigned bit = 0; bit < length; ++bit) word |= (next >> bit & 1u) << (length - 1 - bit);
+      word_[s] = static_cast<std::uint16_t>(word);
+      for (std::size_t at = word; at < table_.size(); at += std::size_t{1} << length) {
         table_[at] = static_cast<std::uint16_t>(s << kLengthBits | length);
       }
       ++next;
@@ -95,7 +95,7 @@ bool PrefixCode::read(BitReader& in, std::uint32_t symbols) {
     length_.push_back(length);
     if (length == 0) length_.resize(length_.size() + in.get(kLengthBits), 0);
   }
-  return in.ok() && length_.size() == symbols && assign();
+  return in.ok() && length_.size() == symbols && assign_words();
 }
 
 }  // namespace tactus::spm::codec

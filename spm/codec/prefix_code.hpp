@@ -1,6 +1,7 @@
-/// A canonical prefix code over a small alphabet, made from the frequencies of the symbols. Its lengths determine it.
+/// A canonical prefix code over a small alphabet: the lengths of the words determine the words.
 ///
-/// Source: Huffman 1952. Lengths are limited to kMaxLength by flattening the frequencies.
+/// The frequencies of the symbols determine the lengths. If a word would be longer than kMaxLength bits, the
+/// frequencies are made more equal until none is. Source: Huffman 1952.
 #pragma once
 
 #include <array>
@@ -17,11 +18,11 @@ class PrefixCode {
   static constexpr unsigned kMaxLength = 11;
 
   PrefixCode() = default;
-  /// A symbol with frequency 0 gets no code. At most 2^kMaxLength symbols.
-  explicit PrefixCode(std::span<const std::uint64_t> counts);
+  /// `frequencies`: by symbol, at most 2^kMaxLength symbols. A symbol with frequency 0 has no word.
+  explicit PrefixCode(std::span<const std::uint64_t> frequencies);
 
-  void put(BitWriter& out, std::uint32_t symbol) const { out.put(code_[symbol], length_[symbol]); }
-  /// Any bits give a symbol of the alphabet. `ok` becomes false if they are not a code.
+  void put(BitWriter& out, std::uint32_t symbol) const { out.put(word_[symbol], length_[symbol]); }
+  /// Reads a symbol. If the next bits are no word of the code, sets `ok` to false and returns symbol 0.
   [[nodiscard]] std::uint32_t get(BitReader& in, bool& ok) const noexcept {
     const std::uint32_t entry = table_[in.peek() & mask_];
     const std::uint32_t length = entry & kLengthMask;
@@ -30,19 +31,20 @@ class PrefixCode {
     return entry >> kLengthBits;
   }
 
-  /// Writes the lengths, four bits each. A sequence of zeros is 0 and its length less one, in four bits.
+  /// Writes the lengths with four bits each. After the first of up to 16 zeros, the next four bits are the number of
+  /// further zeros.
   void write(BitWriter& out) const;
-  /// False if the lengths are not those of a prefix code.
+  /// Reads the lengths for `symbols` symbols. Returns false if no prefix code has these lengths.
   [[nodiscard]] bool read(BitReader& in, std::uint32_t symbols);
 
  private:
   static constexpr unsigned kLengthBits = 4;
   static constexpr std::uint32_t kLengthMask = (1u << kLengthBits) - 1;
-  [[nodiscard]] bool assign();
+  [[nodiscard]] bool assign_words();
 
-  std::vector<std::uint8_t> length_;     // by symbol; 0: has no code
-  std::vector<std::uint16_t> code_;      // by symbol, lowest bit first
-  std::vector<std::uint16_t> table_{0};  // symbol and length, by as many bits as the longest code has
+  std::vector<std::uint8_t> length_;     // bits of the word, by symbol; 0: no word
+  std::vector<std::uint16_t> word_;      // by symbol, lowest bit first
+  std::vector<std::uint16_t> table_{0};  // symbol and length, by the next bits, as many as the longest word has
   std::uint32_t mask_ = 0;
 };
 

@@ -18,14 +18,14 @@ std::array<std::uint32_t, kFields> symbols_of_fields() {
   std::array<std::uint32_t, kFields> symbols;
   symbols.fill(kNumberSymbols);
   symbols[static_cast<std::size_t>(Field::kRadius)] = kRadiusSymbols;
-  symbols[static_cast<std::size_t>(Field::kAnchor)] = NamedFaces::kSize + kNumberSymbols;
+  symbols[static_cast<std::size_t>(Field::kAnchor)] = RecentFaces::kSize + kNumberSymbols;
   symbols[static_cast<std::size_t>(Field::kShape)] = Shape::kSymbols;
   symbols[static_cast<std::size_t>(Field::kShapeOfInner)] = Shape::kSymbols;
   symbols[static_cast<std::size_t>(Field::kCorner)] = 3;
   return symbols;
 }
 
-/// Counts symbols, for the prefix codes.
+/// A sink for RecordEncoder that counts the symbols, for the prefix codes.
 class Counter {
  public:
   void symbol(Field field, std::uint32_t s) { ++counts_[static_cast<std::size_t>(field)][s]; }
@@ -36,9 +36,10 @@ class Counter {
   void rare(std::uint64_t) {}
   void begin_block() {}
 
-  RecordTables::Counts counts_ = RecordTables::no_counts();
+  RecordTables::Counts counts_ = RecordTables::zero_counts();
 };
 
+/// A sink for RecordEncoder that writes the bits.
 class Writer {
  public:
   explicit Writer(const RecordTables& tables) : tables_{tables} {}
@@ -58,83 +59,84 @@ class Writer {
     put_rare(out_, value);
     count(kFields);
   }
-  void begin_block() { places_.push_back(out_.size()); }
+  void begin_block() { block_starts_.push_back(out_.size()); }
 
   BitWriter out_;
-  std::vector<std::uint64_t> places_;
-  std::array<std::uint64_t, kFields + 1> bits_{};  // by field; the last: explicit form
+  std::vector<std::uint64_t> block_starts_;
+  std::array<std::uint64_t, kFields + 1> bits_{};  // number of bits by field; last: without prefix code
 
  private:
   void count(std::size_t field) {
-    bits_[field] += out_.size() - before_;
-    before_ = out_.size();
+    bits_[field] += out_.size() - counted_;
+    counted_ = out_.size();
   }
-  std::uint64_t before_ = 0;
+  std::uint64_t counted_ = 0;  // bits
   const RecordTables& tables_;
 };
 
-/// Applies the records in order and encodes each of them against the mesh before it.
+/// Applies the records in order. Encodes each record with the mesh to which it is applied.
 template <class Sink>
-class Coder {
+class RecordEncoder {
  public:
-  Coder(const Model& model, Sink& sink)
+  RecordEncoder(const Model& model, Sink& sink)
       : model_{model},
         sink_{sink},
-        max_{radius_code(model.summary.deviation)},
+        max_radius_{radius_code(model.summary.deviation)},
         front_{base_front(model.summary, model.base_faces)} {}
 
-  void interval() {
-    FaceId anchor{};
+  void encode_all() {
+    FaceId last_anchor{};
     for (const RecordId r : ids<RecordId>(model_.summary.records)) {
       const RecordPart& first = model_.first_part(r);
-      const FaceId own = anchor_of(first);
+      const FaceId own_anchor = anchor_of(first);
       if (index(r) % kRecordsPerBlock == 0) {
         sink_.begin_block();
-        named_.clear();
-        difference(Field::kAnchorFirst, own, FaceId{});
-      } else if (const std::uint32_t place = named_.find(own); place < NamedFaces::kSize) {
-        sink_.symbol(Field::kAnchor, place);
+        recent_.clear();
+        difference(Field::kAnchorFirst, own_anchor, FaceId{});
+      } else if (const std::uint32_t position = recent_.find(own_anchor); position < RecentFaces::kSize) {
+        sink_.symbol(Field::kAnchor, position);
       } else {
-        sink_.number(Field::kAnchor, zigzag_difference(own, anchor), NamedFaces::kSize);
+        sink_.number(Field::kAnchor, zigzag_difference(own_anchor, last_anchor), RecentFaces::kSize);
       }
-      named_.add(own, first);
-      anchor = own;
-      code(r);
+      recent_.add(own_anchor, first);
+      last_anchor = own_anchor;
+      encode(r);
     }
   }
 
  private:
   using Ring = VertexRing<VertexId>;
 
-  void code(RecordId record) {
+  void encode(RecordId record) {
     const RecordPart& first = model_.first_part(record);
     const VertexId u = model_.vertex_of(record);
     Ring ring;
     ring.add(first.parent);
-    gather(first, ring);
+    gather_ring(first, ring);
 
     if (first.radius == 0) {
       sink_.symbol(Field::kRadius, 0);
     } else {
-      const std::uint32_t below = max_ - first.radius + 1u;
+      const std::uint32_t below = max_radius_ - first.radius + 1u;
       sink_.symbol(Field::kRadius, std::min(below, kRareRadius));
       if (below >= kRareRadius) sink_.rare(below);
     }
     const std::uint32_t shape = shape_of(first, ring);
-    sink_.symbol(of_kind(Field::kShape, first.radius), shape);
+    sink_.symbol(field_for(Field::kShape, first.radius), shape);
     if (shape == Shape::kUnusual) {
-      spell_out(record, u, ring);
+      encode_explicitly(record, u, ring);
     } else {
       sink_.symbol(Field::kCorner, first.deformed[0].corner());
-      const Field born = of_kind(Field::kBornFirst, first.radius), next = of_kind(Field::kBornNext, first.radius);
+      const Field born = field_for(Field::kBornFirst, first.radius), next = field_for(Field::kBornNext, first.radius);
       difference(born, first.born[0].face(), first.deformed[0].face());
       if (first.born_count > 1) difference(next, first.born[1].face(), first.born[0].face());
-      place_it(u, first.radius, expected(ring));
+      encode_position(u, first.radius, predictor_for(ring));
     }
     apply(record, u);
   }
 
-  void gather(const RecordPart& part, Ring& ring) const {
+  /// Adds the corners of the part's deformed faces, except the parent vertex.
+  void gather_ring(const RecordPart& part, Ring& ring) const {
     for (int i = 0; i < part.deformed_count; ++i) {
       const std::array<VertexId, 3>& corners = front_.corners(part.deformed[i].face());
       ring.add(corners[(part.deformed[i].corner() + 1) % 3]);
@@ -142,12 +144,13 @@ class Coder {
     }
   }
 
-  /// True if the next face around t after `before` is `face`.
+  /// True if `face` is the next face after `before` around the parent vertex.
   [[nodiscard]] bool follows(const DeformedRef& before, const DeformedRef& face) const {
     ModelFront::At at{before.face(), before.corner()};
     return front_.swing(at) && at.face == face.face();
   }
 
+  /// The symbol of the record's shape.
   [[nodiscard]] std::uint32_t shape_of(const RecordPart& part, const Ring& ring) const {
     if (part.next != kNone || part.deformed_count == 0 || part.deformed_count > Shape::kMaxFan ||
         part.born_count == 0) {
@@ -156,14 +159,16 @@ class Coder {
     for (int i = 1; i < part.deformed_count; ++i) {
       if (!follows(part.deformed[i - 1], part.deformed[i])) return Shape::kUnusual;
     }
-    const auto at_first = [&](int i) { return part.born[i].order() == 0 && part.born_x[i] == ring[1]; };
-    const auto at_last = [&](int i) { return part.born[i].order() == 1 && part.born_x[i] == ring[ring.size() - 1]; };
-    Shape shape{Shape::kBoth, part.deformed_count, 0};
-    if (part.born_count == 1 && at_first(0)) {
-      shape.ends = Shape::kFirst;
-    } else if (part.born_count == 1 && at_last(0)) {
-      shape.ends = Shape::kLast;
-    } else if (part.born_count != 2 || !at_first(0) || !at_last(1)) {
+    const auto is_at_first_end = [&](int i) { return part.born[i].order() == 0 && part.born_x[i] == ring[1]; };
+    const auto is_at_last_end = [&](int i) {
+      return part.born[i].order() == 1 && part.born_x[i] == ring[ring.size() - 1];
+    };
+    Shape shape{Shape::kBothEnds, part.deformed_count, 0};
+    if (part.born_count == 1 && is_at_first_end(0)) {
+      shape.born_at = Shape::kFirstEnd;
+    } else if (part.born_count == 1 && is_at_last_end(0)) {
+      shape.born_at = Shape::kLastEnd;
+    } else if (part.born_count != 2 || !is_at_first_end(0) || !is_at_last_end(1)) {
       return Shape::kUnusual;
     }
     std::uint32_t bit = 0;
@@ -172,24 +177,24 @@ class Coder {
     return shape.symbol();
   }
 
-  void spell_out(RecordId record, VertexId u, Ring& ring) {
+  void encode_explicitly(RecordId record, VertexId u, Ring& ring) {
     const PartIndex first{index(record)};
     FaceId before = anchor_of(model_.parts[first]);
-    bool anchor = true;
+    bool is_anchor = true;  // the next face is the anchor, which is encoded already
     DeformedRef last{};
     bool any_deformed = false;
     const auto face = [&](Field field, FaceId own) {
-      if (!anchor) difference(field, own, before);
-      anchor = false;
+      if (!is_anchor) difference(field, own, before);
+      is_anchor = false;
       before = own;
     };
-    std::optional<PositionPredictor> place;
+    std::optional<PositionPredictor> predictor;
     for (PartIndex p = first; p != kNone; p = model_.parts[p].next) {
       const RecordPart& part = model_.parts[p];
       sink_.raw(part.born_count | part.deformed_count << 2 | std::uint32_t{part.next != kNone} << 6, 7);
       if (p == first && part.deformed_count > 0) sink_.raw(part.deformed[0].corner(), 2);
       if (p == first && part.deformed_count == 0) sink_.rare(index(u) - index(part.parent));
-      if (p != first) gather(part, ring);
+      if (p != first) gather_ring(part, ring);
       for (int i = 0; i < part.deformed_count; ++i) {
         const bool next = any_deformed && follows(last, part.deformed[i]);
         if (any_deformed) sink_.raw(next, 1);
@@ -199,7 +204,7 @@ class Coder {
         sink_.raw(part.deformed[i].last(), 1);
       }
       for (int i = 0; i < part.born_count; ++i) {
-        face(of_kind(Field::kBornNext, part.radius), part.born[i].face());
+        face(field_for(Field::kBornNext, part.radius), part.born[i].face());
         sink_.raw(part.born[i].bits & 15u, 4);
         const std::uint32_t at = ring.find(part.born_x[i]);
         const bool in_ring = at < ring.size();
@@ -207,20 +212,20 @@ class Coder {
         sink_.rare(in_ring ? at : index(u) - index(part.born_x[i]));
         ring.add(part.born_x[i]);
       }
-      if (p == first) place.emplace(expected(ring));
+      if (p == first) predictor.emplace(predictor_for(ring));
     }
-    place_it(u, model_.parts[first].radius, *place);
+    encode_position(u, model_.parts[first].radius, *predictor);
   }
 
-  [[nodiscard]] PositionPredictor expected(const Ring& ring) const {
+  [[nodiscard]] PositionPredictor predictor_for(const Ring& ring) const {
     return {model_.summary, ring,
             [this](VertexId v) -> const std::array<float, 3>& { return model_.positions[index(v)]; }};
   }
-  void place_it(VertexId u, std::uint16_t radius, const PositionPredictor& place) {
-    const PositionPredictor::Residuals offsets = place.residuals_to(model_.positions[index(u)]);
+  void encode_position(VertexId u, std::uint16_t radius, const PositionPredictor& predictor) {
+    const PositionPredictor::Residuals residuals = predictor.residuals_to(model_.positions[index(u)]);
     for (std::size_t i = 0; i < 3; ++i) {
-      sink_.number(of_kind(i < 2 ? Field::kAlong : Field::kAcross, radius),
-                   zigzag(static_cast<std::int32_t>(offsets[i])));
+      sink_.number(field_for(i < 2 ? Field::kAlong : Field::kAcross, radius),
+                   zigzag(static_cast<std::int32_t>(residuals[i])));
     }
   }
 
@@ -243,12 +248,12 @@ class Coder {
 
   const Model& model_;
   Sink& sink_;
-  NamedFaces named_;
-  std::uint32_t max_;
+  RecentFaces recent_;
+  std::uint32_t max_radius_;
   ModelFront front_;
 };
 
-/// Counts the symbols of the intervals and of their first anchors.
+/// Counts the symbols that the intervals of all lists and their first anchors take.
 void count_lists(const Model& model, Counter& counter) {
   for (std::uint32_t region = 0; region < model.summary.regions; ++region) {
     std::uint32_t end = 0;
@@ -262,40 +267,41 @@ void count_lists(const Model& model, Counter& counter) {
       anchor = anchor_of(model.first_part(RecordId{end - 1}));
     }
   }
-  // A message can have any part of any list, so numbers of every size need a symbol.
+  // A message can have any subset of a list, so numbers of every size need a symbol.
   for (const Field field : {Field::kGap, Field::kCount, Field::kAnchor, Field::kAnchorFirst}) {
-    const std::uint32_t base = field == Field::kAnchor ? NamedFaces::kSize : 0;
+    const std::uint32_t base = field == Field::kAnchor ? RecentFaces::kSize : 0;
     for (std::uint64_t size = kSmallNumbers; size < std::uint64_t{1} << 33; size *= 2) {
       counter.number(field, size, base);
       counter.number(field, size + size / 2, base);
     }
     for (std::uint64_t value = 0; value < kSmallNumbers; ++value) counter.number(field, value, base);
   }
-  for (std::uint32_t place = 0; place < NamedFaces::kSize; ++place) counter.symbol(Field::kAnchor, place);
+  for (std::uint32_t place = 0; place < RecentFaces::kSize; ++place) counter.symbol(Field::kAnchor, place);
 }
 
-/// The first shape of a fan of `deformed` faces, among the shapes with one born face.
+/// Number of shapes of fans with fewer than `deformed` faces, with one born face at a given end.
 constexpr std::uint32_t first_shape(std::uint32_t deformed) { return (1u << (deformed + 1)) - 4; }
+/// Number of all shapes with one born face at a given end.
 constexpr std::uint32_t kOneBorn = first_shape(Shape::kMaxFan + 1);
 static_assert(4 * kOneBorn == Shape::kUnusual);
 
 }  // namespace
 
 std::uint32_t Shape::symbol() const noexcept {
-  if (ends == kBoth) return 2 * first_shape(deformed) + finest;
-  return (ends == kFirst ? 2 : 3) * kOneBorn + first_shape(deformed) + finest;
+  if (born_at == kBothEnds) return 2 * first_shape(deformed) + finest;
+  return (born_at == kFirstEnd ? 2 : 3) * kOneBorn + first_shape(deformed) + finest;
 }
 
 Shape Shape::of(std::uint32_t symbol) noexcept {
-  const Endpoints ends = symbol < 2 * kOneBorn ? kBoth : symbol < 3 * kOneBorn ? kFirst : kLast;
-  const std::uint32_t scale = ends == kBoth ? 2 : 1;
-  const std::uint32_t rest = symbol - (ends == kBoth ? 0 : ends == kFirst ? 2 : 3) * kOneBorn;
+  const BornAt born_at = symbol < 2 * kOneBorn ? kBothEnds : symbol < 3 * kOneBorn ? kFirstEnd : kLastEnd;
+  const std::uint32_t scale = born_at == kBothEnds ? 2 : 1;
+  const std::uint32_t rest = symbol - (born_at == kBothEnds ? 0 : born_at == kFirstEnd ? 2 : 3) * kOneBorn;
   std::uint8_t deformed = 1;
   while (scale * first_shape(deformed + 1u) <= rest) ++deformed;
-  return {ends, deformed, rest - scale * first_shape(deformed)};
+  return {born_at, deformed, rest - scale * first_shape(deformed)};
 }
 
-RecordTables::Counts RecordTables::no_counts() {
+RecordTables::Counts RecordTables::zero_counts() {
   Counts counts;
   const auto symbols = symbols_of_fields();
   for (std::size_t field = 0; field < kFields; ++field) counts[field].assign(symbols[field], 0);
@@ -320,12 +326,12 @@ bool RecordTables::read(BitReader& in) {
 
 EncodedRecords encode_records(const Model& model) {
   Counter counter;
-  Coder<Counter>{model, counter}.interval();
+  RecordEncoder<Counter>{model, counter}.encode_all();
   count_lists(model, counter);
   RecordTables tables{counter.counts_};
   Writer writer{tables};
-  Coder<Writer>{model, writer}.interval();
-  std::vector<std::uint64_t>& bits = writer.places_;
+  RecordEncoder<Writer>{model, writer}.encode_all();
+  std::vector<std::uint64_t>& bits = writer.block_starts_;
   bits.push_back(writer.out_.size());
   std::adjacent_difference(bits.begin(), bits.end(), bits.begin());
   bits.erase(bits.begin());
@@ -334,7 +340,7 @@ EncodedRecords encode_records(const Model& model) {
 
 std::array<std::uint64_t, kFields + 1> bits_by_field(const Model& model, const RecordTables& tables) {
   Writer writer{tables};
-  Coder<Writer>{model, writer}.interval();
+  RecordEncoder<Writer>{model, writer}.encode_all();
   return writer.bits_;
 }
 

@@ -1,21 +1,22 @@
-/// A model's records as bit strings. Each record has one code, whatever the receiver and the other records in a
-/// message.
+/// Encodes records as bits. Except for its anchor, a record has the same code in every message, whatever the receiver
+/// has and whichever records are sent with it.
 ///
 ///     anchor | radius | shape | corner | born faces | residuals
 ///
-///     anchor     the first face of the record: a reference to a face of the last few records (NamedFaces), or the
-///                difference to the anchor of the previous record. Only this field depends on the previous records in a
-///                message, so each message encodes it again.
-///     shape      one symbol for the usual combinations of faces and of their `last` flags; another symbol announces
-///                the explicit form.
-///     corner     the corner of t in the anchor, which is the first deformed face. The receiver finds the other
-///                deformed faces by walking around t (LoadedFront), and so the parent and the third corners. It can,
-///                because no loaded record changes the faces that this record deforms.
-///     faces      each as the difference to the previous one.
+///     anchor     the first deformed face of the record, or its first born face if it deforms none. The field is the
+///                position of the anchor among the faces of the last few records (RecentFaces), or the difference to
+///                the anchor of the previous record. It depends on the previous records in the message, so each message
+///                encodes it anew.
+///     shape      one symbol for each usual combination of faces and of their flags "finest". Symbol kUnusual announces
+///                the explicit form, which has all faces one by one (RecordReader::get_explicit_faces).
+///     corner     the corner of the anchor at which the parent vertex t is. The receiver finds the other deformed faces
+///                by walking around t (LoadedFront), and from them the third corners of the born faces. The walk finds
+///                them because no loaded record has changed the faces that this record deforms.
+///     born faces each as the difference to the previous face.
 ///     residuals  the difference to the predicted position (PositionPredictor), in steps of the model's profile.
 ///
-/// Each field has a prefix code of the model's own (RecordTables), which is part of the base mesh message. See
-/// docs/decisions/0006-record-compression.md.
+/// Each field has its own prefix code, made for the model (RecordTables). The base mesh message contains these codes.
+/// See docs/decisions/0006-record-compression.md.
 #pragma once
 
 #include <array>
@@ -31,43 +32,46 @@ namespace tactus::spm::codec {
 enum class Field : std::uint8_t {
   kRadius,
   kCorner,
-  kAnchor,       ///< if the previous record number is also the previous one in the message
-  kAnchorFirst,  ///< otherwise; the previous anchor of the first record is 0
-  kDeformed,
-  kGap,
-  kCount,
-  // In pairs (of_kind): for a leaf, a record with radius 0, and for any other record.
+  kAnchor,       ///< of a record whose predecessor in the message has the previous record number
+  kAnchorFirst,  ///< of any other record; the first record of a message or block has face 0 as previous anchor
+  kDeformed,     ///< deformed face, in the explicit form
+  kGap,          ///< distance between two intervals of a list
+  kCount,        ///< length of an interval of a list, minus 1
+  // The remaining fields are in pairs: for records with radius 0, and for all others (field_for).
   kShape,
   kShapeOfInner,
   kBornFirst,
   kBornFirstOfInner,
   kBornNext,
   kBornNextOfInner,
-  kAlong,  ///< the surface, both coordinates
+  kAlong,  ///< residuals of the two coordinates along the surface
   kAlongOfInner,
-  kAcross,
+  kAcross,  ///< residual of the coordinate across the surface
   kAcrossOfInner
 };
 inline constexpr std::size_t kFields = 17;
 
-[[nodiscard]] constexpr Field of_kind(Field field, std::uint16_t radius) noexcept {
+/// The first or second field of the pair that begins with `field`, depending on the radius code of the record.
+[[nodiscard]] constexpr Field field_for(Field field, std::uint16_t radius) noexcept {
   return static_cast<Field>(static_cast<unsigned>(field) + (radius != 0 ? 1 : 0));
 }
 
-/// A radius is encoded as its distance below the maximum code plus 1, and as 0 if there is none. This symbol announces
-/// an explicit number.
+/// The symbol of radius code 0 is 0. The symbol of any other radius code is the maximum code minus this code, plus 1.
+/// If the symbol would be kRareRadius or more, it is kRareRadius, and the number follows (put_rare).
 inline constexpr std::uint32_t kRareRadius = 255;
 
-/// A small number is one symbol; a larger one is a symbol for its size, followed by its lower bits.
+/// A number below kSmallNumbers is one symbol. A larger number is a symbol for its length in bits and its second
+/// highest bit, followed by its lower bits.
 inline constexpr std::uint32_t kSmallNumbers = 16;
 inline constexpr std::uint32_t kNumberSymbols = kSmallNumbers + 2 * 29;
 
+/// The prefix codes of a model, one for each field.
 class RecordTables {
  public:
-  using Counts = std::array<std::vector<std::uint64_t>, kFields>;  ///< by field and symbol
-  [[nodiscard]] static Counts no_counts();
+  using Counts = std::array<std::vector<std::uint64_t>, kFields>;  ///< frequencies by field and symbol
+  [[nodiscard]] static Counts zero_counts();
 
-  /// Empty: cannot decode.
+  /// Makes tables without any code, to which others can be assigned.
   RecordTables() = default;
   explicit RecordTables(const Counts& counts);
 
@@ -81,41 +85,47 @@ class RecordTables {
   std::array<PrefixCode, kFields> codes_;
 };
 
-/// The usual shapes: one part, one or two born faces at the ends of a fan of up to kMaxFan deformed ones.
+/// A usual combination of faces: one or two born faces, at the ends of a fan of up to kMaxFan deformed faces. The
+/// record has one part.
 struct Shape {
   static constexpr std::uint32_t kMaxFan = 6;
   static constexpr std::uint32_t kUnusual = 1008;
   static constexpr std::uint32_t kSymbols = kUnusual + 1;
-  enum Endpoints : std::uint8_t { kBoth, kFirst, kLast };  ///< the ends of the fan at which faces are born
+  enum BornAt : std::uint8_t { kBothEnds, kFirstEnd, kLastEnd };  ///< the ends of the fan at which faces are born
 
-  Endpoints ends;
-  std::uint8_t deformed;  ///< 1 to kMaxFan
-  std::uint32_t finest;   ///< a bit for each face, born faces first
+  BornAt born_at;
+  std::uint8_t deformed;  ///< number of deformed faces, 1 to kMaxFan
+  std::uint32_t finest;   ///< one bit for each face, born faces first: the face is finest
 
-  [[nodiscard]] std::uint32_t born() const noexcept { return ends == kBoth ? 2 : 1; }
+  /// Number of born faces.
+  [[nodiscard]] std::uint32_t born() const noexcept { return born_at == kBothEnds ? 2 : 1; }
   [[nodiscard]] std::uint32_t symbol() const noexcept;
-  [[nodiscard]] static Shape of(std::uint32_t symbol) noexcept;  ///< below kUnusual
+  /// The shape of a symbol below kUnusual.
+  [[nodiscard]] static Shape of(std::uint32_t symbol) noexcept;
 };
 
-/// The faces of the previous records since the start of the interval or block: a reference to one of them takes few
-/// bits. The first kSize symbols of Field::kAnchor are positions here; the symbols of a number follow.
-class NamedFaces {
+/// The newest kSize faces of the previous records in the same interval or block. An anchor is often one of them, and
+/// its position takes few bits. The first kSize symbols of Field::kAnchor are these positions; the symbols of numbers
+/// follow.
+class RecentFaces {
  public:
   static constexpr std::uint32_t kSize = 32;
 
-  NamedFaces() noexcept { clear(); }
+  RecentFaces() noexcept { clear(); }
   void clear() noexcept { faces_.fill(kNone); }
   void add(FaceId anchor, const RecordPart& part) noexcept {
     add(anchor);
     for (int i = part.born_count; i-- > 0;) add(part.born[i].face());
   }
-  /// The face at `place`, counted from the last one; kNone if there are fewer.
-  [[nodiscard]] FaceId operator[](std::uint32_t place) const noexcept { return faces_[(end_ - 1 - place) % kSize]; }
-  /// The position of `face`, or kSize.
+  /// The face at `position`; the newest face has position 0. kNone if there are fewer faces.
+  [[nodiscard]] FaceId operator[](std::uint32_t position) const noexcept {
+    return faces_[(end_ - 1 - position) % kSize];
+  }
+  /// The position of `face`, or kSize if it is not among the faces.
   [[nodiscard]] std::uint32_t find(FaceId face) const noexcept {
-    std::uint32_t place = 0;
-    while (place < kSize && (*this)[place] != face) ++place;
-    return place;
+    std::uint32_t position = 0;
+    while (position < kSize && (*this)[position] != face) ++position;
+    return position;
   }
 
  private:
@@ -124,31 +134,32 @@ class NamedFaces {
   std::uint32_t end_ = kSize;
 };
 
-/// Records per block of a file. Each block is encoded like a message of its own, and its size is stored.
+/// Number of records in a block of a model file. Each block is encoded like a message of its own, and the file has its
+/// size.
 inline constexpr std::uint32_t kRecordsPerBlock = 128;
 
 struct EncodedRecords {
   RecordTables tables;
-  Bytes codes;                            ///< of all records, in order
-  std::vector<std::uint64_t> block_bits;  ///< by block
+  Bytes codes;                            ///< of all records, in order of their numbers
+  std::vector<std::uint64_t> block_bits;  ///< number of bits of each block
 };
-/// Applies all records twice. About 0.3 us a record.
+/// Encodes all records of a model. Applies each record twice: to count symbols, and to write. About 0.3 us a record.
 [[nodiscard]] EncodedRecords encode_records(const Model& model);
 
-/// Bits of all records by field; the last entry: the explicit form.
+/// Number of bits of all records by field. The last entry counts the bits without prefix code.
 [[nodiscard]] std::array<std::uint64_t, kFields + 1> bits_by_field(const Model& model, const RecordTables& tables);
 
-/// The first deformed face of the record, or else its first born face.
+/// The anchor of a record: its first deformed face, or its first born face if it deforms none.
 [[nodiscard]] inline FaceId anchor_of(const RecordPart& part) noexcept {
   return part.deformed_count > 0 ? part.deformed[0].face() : part.born[0].face();
 }
 
-/// The difference of two face ids, for put_number.
+/// The difference of two face ids, as put_number takes it.
 [[nodiscard]] inline std::uint64_t zigzag_difference(FaceId face, FaceId before) noexcept {
   return zigzag(std::int64_t{index(face)} - index(before));
 }
 
-/// The symbol of a number and the count of its lower bits.
+/// The symbol of a number, and how many of its lower bits follow.
 struct NumberParts {
   std::uint32_t symbol, low_bits;
 };
@@ -158,29 +169,30 @@ struct NumberParts {
   while (value >> length != 0) ++length;
   return {kSmallNumbers + 2 * (length - 5) + static_cast<std::uint32_t>(value >> (length - 2) & 1u), length - 2};
 }
-/// Writes a number below 2^33. The symbols of numbers begin at `base`.
+/// Writes a number below 2^33. In `code`, symbol `base` is that of number 0.
 inline void put_number(BitWriter& out, const PrefixCode& code, std::uint64_t value, std::uint32_t base = 0) {
   const NumberParts parts = number_parts(value);
   code.put(out, base + parts.symbol);
   out.put(value & ((std::uint64_t{1} << parts.low_bits) - 1), parts.low_bits);
 }
-[[nodiscard]] inline std::uint64_t rest_of_number(BitReader& in, std::uint32_t symbol) noexcept {
+/// Returns the number of a symbol. Reads the lower bits, if the number has any.
+[[nodiscard]] inline std::uint64_t finish_number(BitReader& in, std::uint32_t symbol) noexcept {
   if (symbol < kSmallNumbers) return symbol;
   const std::uint32_t low_bits = (symbol - kSmallNumbers) / 2 + 3;
   return (std::uint64_t{2} | (symbol & 1u)) << low_bits | in.get(low_bits);
 }
 [[nodiscard]] inline std::uint64_t get_number(BitReader& in, const PrefixCode& code, bool& ok) noexcept {
-  return rest_of_number(in, code.get(in, ok));
+  return finish_number(in, code.get(in, ok));
 }
 
-/// Writes a rare number without prefix code: six bits for its length, then the number.
+/// Writes a rare number without prefix code: its length in six bits, and the number.
 inline void put_rare(BitWriter& out, std::uint64_t value) {
   unsigned length = 0;
   while (value >> length != 0) ++length;
   out.put(length, 6);
   out.put(value, length);
 }
-/// Reads at most 56 bits, whatever the length is.
+/// Reads a number written by put_rare. The length is not trusted: at most 56 bits are read.
 [[nodiscard]] inline std::uint64_t get_rare(BitReader& in) noexcept {
   const auto length = static_cast<unsigned>(in.get(6));
   return in.get(length < 56 ? length : 56);

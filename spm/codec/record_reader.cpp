@@ -8,7 +8,7 @@
 namespace tactus::spm::codec {
 
 RecordReader::RecordReader(const ModelSummary& summary, const RecordTables& tables)
-    : summary_{summary}, tables_{tables}, max_{radius_code(summary.deviation)} {}
+    : summary_{summary}, tables_{tables}, max_radius_{radius_code(summary.deviation)} {}
 
 bool RecordReader::fail(RecordId record, const char* what, std::uint64_t found, const char* relation,
                         std::uint64_t expected) {
@@ -26,24 +26,25 @@ bool RecordReader::get(BitReader& in, RecordId record, FaceId anchor, std::vecto
   first.next = kNone;
   std::uint64_t below = tables_[Field::kRadius].get(in, code_ok_);
   if (below == kRareRadius) below = get_rare(in);
-  if (below > max_) return fail(record, "radius code under the greatest by", below - 1, "below", max_);
-  first.radius = static_cast<std::uint16_t>(below == 0 ? 0 : max_ + 1 - below);
+  if (below > max_radius_)
+    return fail(record, "radius code: distance below the maximum", below - 1, "below", max_radius_);
+  first.radius = static_cast<std::uint16_t>(below == 0 ? 0 : max_radius_ + 1 - below);
 
-  const std::uint32_t shape = tables_[of_kind(Field::kShape, first.radius)].get(in, code_ok_);
+  const std::uint32_t shape = tables_[field_for(Field::kShape, first.radius)].get(in, code_ok_);
   if (!code_ok_ || !in.ok()) return fail(record, "bits left", 0, "at least", kMinBits);
-  const bool good = shape == Shape::kUnusual ? get_spelt_out(in, record, first, anchor, parts)
-                                             : get_usual(in, record, first, anchor, Shape::of(shape), parts);
+  const bool good = shape == Shape::kUnusual ? get_explicit_faces(in, record, first, anchor, parts)
+                                             : get_usual_faces(in, record, first, anchor, Shape::of(shape), parts);
   if (!good) return false;
-  named_.add(anchor, parts[at]);
-  const Field along = of_kind(Field::kAlong, first.radius), across = of_kind(Field::kAcross, first.radius);
+  recent_.add(anchor, parts[at]);
+  const Field along = field_for(Field::kAlong, first.radius), across = field_for(Field::kAcross, first.radius);
   for (std::size_t i = 0; i < 3; ++i) {
     residuals[i] = static_cast<std::uint32_t>(unzigzag(number(in, i < 2 ? along : across)));
   }
   return (code_ok_ && in.ok()) || fail(record, "bits left", 0, "at least", 1);
 }
 
-bool RecordReader::get_usual(BitReader& in, RecordId record, RecordPart& part, FaceId anchor, const Shape& shape,
-                             std::vector<RecordPart>& parts) {
+bool RecordReader::get_usual_faces(BitReader& in, RecordId record, RecordPart& part, FaceId anchor, const Shape& shape,
+                                   std::vector<RecordPart>& parts) {
   const std::uint32_t corner = tables_[Field::kCorner].get(in, code_ok_);
   std::uint32_t bits = shape.finest >> shape.born();
   part.deformed_count = shape.deformed;
@@ -51,10 +52,11 @@ bool RecordReader::get_usual(BitReader& in, RecordId record, RecordPart& part, F
   for (std::uint32_t i = 1; i < shape.deformed; ++i) {
     part.deformed[i] = DeformedRef::make(kSwing, kCornerOfParent, (bits >> i & 1u) != 0);
   }
-  const Field first_born = of_kind(Field::kBornFirst, part.radius), next_born = of_kind(Field::kBornNext, part.radius);
+  const Field first_born = field_for(Field::kBornFirst, part.radius),
+              next_born = field_for(Field::kBornNext, part.radius);
   FaceId face = anchor, max = anchor;
   part.born_count = static_cast<std::uint8_t>(shape.born());
-  bool at_last = shape.ends == Shape::kLast;
+  bool at_last = shape.born_at == Shape::kLastEnd;
   for (std::uint32_t i = 0; i < shape.born(); ++i) {
     face = face_after(in, i == 0 ? first_born : next_born, face);
     part.born[i] = BornRef::make(face, at_last ? 1 : 0, (shape.finest >> i & 1u) != 0);
@@ -66,8 +68,8 @@ bool RecordReader::get_usual(BitReader& in, RecordId record, RecordPart& part, F
   return index(max) < summary_.faces || fail(record, "face", index(max), "below", summary_.faces);
 }
 
-bool RecordReader::get_spelt_out(BitReader& in, RecordId record, RecordPart first, FaceId anchor,
-                                 std::vector<RecordPart>& parts) {
+bool RecordReader::get_explicit_faces(BitReader& in, RecordId record, RecordPart first, FaceId anchor,
+                                      std::vector<RecordPart>& parts) {
   const VertexId u{summary_.base_vertices + index(record)};
   FaceId face = anchor;
   bool first_face = true, any_deformed = false;
@@ -76,7 +78,7 @@ bool RecordReader::get_spelt_out(BitReader& in, RecordId record, RecordPart firs
     first_face = false;
     return index(face) < summary_.faces || fail(record, "face", index(face), "below", summary_.faces);
   };
-  for (bool more = true, leads = true; more; leads = false) {
+  for (bool more = true, is_first_part = true; more; is_first_part = false) {
     const auto head = static_cast<std::uint32_t>(in.get(7));
     more = head >> 6 != 0;
     RecordPart part = first;
@@ -86,14 +88,14 @@ bool RecordReader::get_spelt_out(BitReader& in, RecordId record, RecordPart firs
     if (part.deformed_count > kDeformedPerPart) {
       return fail(record, "deformed corners", part.deformed_count, "at most", kDeformedPerPart);
     }
-    if (part.born_count + part.deformed_count == 0) return fail(record, "faces in a part", 0, "over", 0);
+    if (part.born_count + part.deformed_count == 0) return fail(record, "faces in a part", 0, "at least", 1);
     std::uint32_t corner = kCornerOfParent;
-    if (leads && part.deformed_count > 0) corner = static_cast<std::uint32_t>(in.get(2));
-    if (leads && part.deformed_count > 0 && corner > 2) return fail(record, "corner", corner, "at most", 2);
-    if (leads && part.deformed_count == 0) {
+    if (is_first_part && part.deformed_count > 0) corner = static_cast<std::uint32_t>(in.get(2));
+    if (is_first_part && part.deformed_count > 0 && corner > 2) return fail(record, "corner", corner, "at most", 2);
+    if (is_first_part && part.deformed_count == 0) {
       const std::uint64_t to_parent = get_rare(in);
       if (to_parent == 0 || to_parent > index(u))
-        return fail(record, "distance to its parent", to_parent, "1 to", index(u));
+        return fail(record, "distance to the parent vertex", to_parent, "1 to", index(u));
       part.parent = first.parent = VertexId{index(u) - static_cast<std::uint32_t>(to_parent)};
     }
     for (int i = 0; i < part.deformed_count; ++i) {
@@ -104,11 +106,12 @@ bool RecordReader::get_spelt_out(BitReader& in, RecordId record, RecordPart firs
       any_deformed = true;
     }
     for (int i = 0; i < part.born_count; ++i) {
-      if (!next_face(of_kind(Field::kBornNext, first.radius)) || !get_born(in, record, u, face, part, i)) return false;
+      if (!next_face(field_for(Field::kBornNext, first.radius)) || !get_born(in, record, u, face, part, i))
+        return false;
     }
     if (!in.ok()) return fail(record, "bits left for its faces", 0, "at least", 1);
     if (parts.size() >= summary_.parts) {
-      return fail(record, "parts up to here", parts.size() + 1, "at most", summary_.parts);
+      return fail(record, "parts so far", parts.size() + 1, "at most", summary_.parts);
     }
     if (more) part.next = PartIndex{static_cast<std::uint32_t>(parts.size() + 1)};
     parts.push_back(part);
@@ -122,7 +125,8 @@ bool RecordReader::get_born(BitReader& in, RecordId record, VertexId u, FaceId f
   part.born[i] = BornRef::make(face, bits >> 1, (bits & 1u) != 0);
   const bool in_ring = in.get(1) != 0;
   const std::uint64_t x = get_rare(in);
-  if (in_ring && x >= kLastInRing) return fail(record, "place of a third corner", x, "below", kLastInRing);
+  if (in_ring && x >= kLastInRing)
+    return fail(record, "position of a third corner in the ring", x, "below", kLastInRing);
   if (!in_ring && (x == 0 || x > index(u))) return fail(record, "distance to a third corner", x, "1 to", index(u));
   const auto value = static_cast<std::uint32_t>(x);
   part.born_x[i] = in_ring ? ring_place(value) : VertexId{index(u) - value};

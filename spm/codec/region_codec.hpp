@@ -1,11 +1,10 @@
-/// A region message as bits: the region's closed record list, and those of its records that the receiver lacks.
+/// Encodes and decodes a region message: the region's closed list, and the listed records that the receiver lacks.
 ///
 ///     region | intervals of the list | intervals of the sent records | sent records, in order
-///     intervals:  count, then for each the gap to the previous interval and the length less one. The intervals of the
-///                 sent records count positions in the list.
 ///
-/// The code of a record is the same in every message; only its anchor is relative to the previous record in the message
-/// (see record_codes.hpp). So any host can send any subset of records to any receiver.
+/// interval_codec.hpp describes the intervals. The intervals of the sent records are positions in the list, not record
+/// numbers. The code of a record is the same in every message, except its anchor, which depends on the previous record
+/// in the message (record_codes.hpp). So any host can send any subset of the list to any receiver.
 #pragma once
 
 #include <span>
@@ -17,19 +16,21 @@
 
 namespace tactus::spm::codec {
 
-/// `missing`: a subset of the region's list as ascending intervals that do not touch. Cost: see
-/// CompressedModel::put_records.
+/// Encodes the region with the records in `missing`: a subset of the region's list, as ascending intervals with at
+/// least one number between two of them. Costs as much as CompressedModel::put_records; allocates.
 [[nodiscard]] Bytes encode_region(const CompressedModel& model, RegionId region, std::span<const Interval> missing);
 
-/// The position of a record's code in a message, without its anchor.
+/// A record in a message: its anchor, and the bits of its code without the anchor.
 struct RecordCode {
   FaceId anchor;
-  std::uint64_t first, bits;
+  std::uint64_t first;  ///< position of the first bit in the message
+  std::uint64_t bits;   ///< number of bits
 };
 
-/// The bytes are not trusted. Memory is at most a small multiple of the input. Checks all that does not depend on the
-/// receiver's state: form and order of the intervals, every code, every id against the counts of `summary`. Less than
-/// 0.1 us a record. `codes`, if given, is set to the positions of the records in the message, in order.
+/// Decodes bytes that are not trusted. Uses at most a small multiple of their size as memory. Checks everything that
+/// does not depend on the receiver's state: form and order of the intervals, every code, and every id against the
+/// counts of `summary`. Less than 0.1 us a record; allocates. If `codes` is not null, sets it to the records of the
+/// message, in order.
 Result<RegionData> decode_region(std::span<const std::uint8_t> bytes, const ModelSummary& summary,
                                  const RecordTables& tables, std::vector<RecordCode>* codes = nullptr);
 

@@ -1,4 +1,4 @@
-/// A decoded value, or the reason why the bytes were refused.
+/// Result: a decoded value, or the reason for which the bytes were refused.
 #pragma once
 
 #include <string>
@@ -7,7 +7,7 @@
 
 namespace tactus::spm::codec {
 
-/// What is wrong and where, the value found and the value expected.
+/// An error message: place of the error, value found, value expected.
 struct DecodeError {
   std::string text;
 };
@@ -19,12 +19,12 @@ class [[nodiscard]] Result {
   Result(E error) : state_{std::move(error)} {}
 
   [[nodiscard]] explicit operator bool() const noexcept { return state_.index() == 0; }
-  /// Only when true.
+  /// The value. The result must be true.
   [[nodiscard]] T& operator*() { return std::get<0>(state_); }
   [[nodiscard]] const T& operator*() const { return std::get<0>(state_); }
   [[nodiscard]] T* operator->() { return &std::get<0>(state_); }
   [[nodiscard]] const T* operator->() const { return &std::get<0>(state_); }
-  /// Only when false.
+  /// The reason. The result must be false.
   [[nodiscard]] const E& error() const { return std::get<1>(state_); }
 
  private:

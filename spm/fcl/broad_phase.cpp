@@ -20,8 +20,8 @@ struct Object {
   std::unique_ptr<::fcl::CollisionObjectd> shape;
 };
 
-// FCL keeps a box as centre and edges, which rounding may make smaller than it was; the exact test below undoes the
-// excess.
+// Makes a box for FCL. FCL stores a box as centre and edges. Their rounding may make the box smaller, so this box is
+// slightly larger. Pairs that FCL finds only because of that fail the exact test in add_pair().
 std::unique_ptr<::fcl::CollisionObjectd> shape_of(const WorldBox& box) {
   constexpr double kSlack = 1e-12;
   const Vec3d margin = Vec3d::Constant(kSlack * (1 + box.low.cwiseAbs().cwiseMax(box.high.cwiseAbs()).maxCoeff()));
@@ -33,7 +33,7 @@ std::unique_ptr<::fcl::CollisionObjectd> shape_of(const WorldBox& box) {
   return shape;
 }
 
-bool meets(const ProbeSphere& sphere, const WorldBox& box) {
+bool intersects(const ProbeSphere& sphere, const WorldBox& box) {
   const Vec3d nearest = sphere.centre.cwiseMax(box.low).cwiseMin(box.high);
   return (sphere.centre - nearest).squaredNorm() <= sphere.radius * sphere.radius;
 }
@@ -44,13 +44,14 @@ struct Query {
   std::vector<NearPair>* pairs;
 };
 
-// Called by FCL for each object whose box meets the ball's box; false means: go on.
+// FCL calls this for each object whose box intersects the box of the probe's sphere. Returns false, so that FCL
+// continues.
 bool add_pair(::fcl::CollisionObjectd* a, ::fcl::CollisionObjectd* b, void* data) {
   const auto& query = *static_cast<const Query*>(data);
-  // Only objects carry user data; the probe's own shape does not.
+  // The shapes of objects have user data, the shape of a probe has none.
   const void* user = a->getUserData() != nullptr ? a->getUserData() : b->getUserData();
   const auto& object = *static_cast<const Object*>(user);
-  if (meets(*query.sphere, object.box)) query.pairs->push_back({query.probe, object.number});
+  if (intersects(*query.sphere, object.box)) query.pairs->push_back({query.probe, object.number});
   return false;
 }
 
@@ -58,7 +59,7 @@ bool add_pair(::fcl::CollisionObjectd* a, ::fcl::CollisionObjectd* b, void* data
 
 struct BroadPhase::Manager {
   ::fcl::DynamicAABBTreeCollisionManagerd tree;
-  std::map<std::uint32_t, Object> objects;  // node-based: FCL holds pointers into it
+  std::map<std::uint32_t, Object> objects;  // a map does not move its values, to which FCL has pointers
 };
 
 BroadPhase::BroadPhase() : manager_{std::make_unique<Manager>()} {}

@@ -1,6 +1,7 @@
-/// Finds the objects near each probe, with FCL's dynamic tree of axis-aligned boxes. For the loader, outside the cycle.
+/// Finds the objects near each probe, with FCL's dynamic tree of axis-aligned boxes. The loader calls it, not the
+/// cycle.
 ///
-/// World frame, metres. Objects move rarely, probes in every query. Allocates. One thread at a time.
+/// World frame, metres. Fast if objects move rarely; probes may move in every query. Allocates. One thread at a time.
 #pragma once
 
 #include <cstdint>
@@ -17,13 +18,13 @@ struct WorldBox {
   Vec3d low, high;
 };
 
-/// A probe and its reach until the next query.
+/// A sphere that contains a probe until the next query.
 struct ProbeSphere {
   Vec3d centre;
   double radius = 0;
 };
 
-/// `probe` is an index into the query's probes, `object` the caller's number.
+/// A probe (index in the query) and an object (number that the caller has given) whose sphere and box intersect.
 struct NearPair {
   std::uint32_t probe = 0, object = 0;
 };
@@ -40,7 +41,7 @@ class BroadPhase {
   /// Removes `object` if it exists.
   void remove(std::uint32_t object);
 
-  /// All pairs in which the sphere intersects or touches the box; by probe, then by object. Throws
+  /// Returns all pairs in which the sphere intersects or touches the box, ordered by probe and object. Throws
   /// std::invalid_argument if a probe is not finite or its radius is negative.
   [[nodiscard]] std::vector<NearPair> near(std::span<const ProbeSphere> probes) const;
 

@@ -36,11 +36,11 @@ void check(int fcl_status, const char* step) {
 }  // namespace
 
 struct FixedMesh::Tree {
-  // FCL's traversals take the model by reference without const, but change it only under a pose other than identity.
+  // FCL's traversals set_vertices the model by non-const reference, but do not change it under the identity pose.
   mutable ::fcl::BVHModel<Box> model;
   std::vector<::fcl::Vector3d> vertices;
 
-  void take(std::span<const Position> from) {
+  void set_vertices(std::span<const Position> from) {
     vertices.resize(from.size());
     for (std::size_t i = 0; i < from.size(); ++i) vertices[i] = {from[i][0], from[i][1], from[i][2]};
   }
@@ -66,7 +66,7 @@ FixedMesh::FixedMesh(std::span<const Position> vertices, std::span<const Face> f
     }
     triangles.emplace_back(faces[f][0], faces[f][1], faces[f][2]);
   }
-  tree_->take(vertices);
+  tree_->set_vertices(vertices);
   check(tree_->model.beginModel(static_cast<int>(faces.size()), static_cast<int>(vertices.size())), "beginModel");
   check(tree_->model.addSubModel(tree_->vertices, triangles), "addSubModel");
   check(tree_->model.endModel(), "endModel");
@@ -94,11 +94,11 @@ void FixedMesh::touching(const Vec3d& centre, double radius, std::vector<std::ui
 
 void FixedMesh::intersecting(const FixedMesh& other, std::vector<std::array<std::uint32_t, 2>>& pairs) const {
   pairs.clear();
-  ::fcl::Transform3d here = ::fcl::Transform3d::Identity(), there = here;
+  ::fcl::Transform3d own_pose = ::fcl::Transform3d::Identity(), other_pose = own_pose;
   ::fcl::CollisionRequestd request{std::numeric_limits<std::size_t>::max(), true};
   ::fcl::CollisionResultd result;
   ::fcl::detail::MeshCollisionTraversalNode<Box> node;
-  ::fcl::detail::initialize(node, tree_->model, here, other.tree_->model, there, request, result);
+  ::fcl::detail::initialize(node, tree_->model, own_pose, other.tree_->model, other_pose, request, result);
   ::fcl::detail::collide<double>(&node);
   pairs.reserve(result.numContacts());
   for (std::size_t i = 0; i < result.numContacts(); ++i) {
@@ -111,7 +111,7 @@ double FixedMesh::distance(const Vec3d& point) const {
   const Sphere sphere{0};
   const Solver solver;
   ::fcl::DistanceResultd result;
-  // FCL declares initialize() for this node but defines another, so that the fields are set here.
+  // FCL declares initialize() for this node but defines it with other parameters, so this code sets the fields itself.
   ::fcl::detail::MeshShapeDistanceTraversalNode<Box, Sphere, Solver> node;
   node.request = ::fcl::DistanceRequestd{};
   node.result = &result;
@@ -132,7 +132,7 @@ void FixedMesh::move(std::span<const Position> vertices) {
     throw std::invalid_argument("FixedMesh::move: " + std::to_string(vertices.size()) + " vertices, expected " +
                                 std::to_string(tree_->vertices.size()));
   }
-  tree_->take(vertices);
+  tree_->set_vertices(vertices);
 }
 
 void FixedMesh::refit() { tree_->replace(true); }

@@ -1,8 +1,8 @@
-/// A mesh of fixed resolution in FCL's tree of axis-aligned boxes: a baseline for benchmarks and an independent oracle
-/// for tests.
+/// Answers queries on a mesh of fixed resolution with FCL's tree of axis-aligned boxes. Benchmarks compare with it, and
+/// tests use it as an independent check.
 ///
-/// The caller's frame and unit throughout. Every call allocates, because FCL does; outside the cycle. One thread at a
-/// time.
+/// All arguments and results are in the caller's frame and unit. Every call allocates, because FCL does, so the cycle
+/// must not use it. One thread at a time.
 #pragma once
 
 #include <array>
@@ -26,24 +26,24 @@ class FixedMesh {
   FixedMesh(FixedMesh&&) noexcept;
   FixedMesh& operator=(FixedMesh&&) noexcept;
 
-  /// Sets `faces` to the indices of all triangles within `radius` of `centre`, in FCL's order. Uses FCL's traversal
-  /// directly, because FCL's plain call copies the whole mesh for this kind of tree.
+  /// Sets `faces` to the indices of all triangles within `radius` of `centre`, in FCL's order. Calls FCL's traversal
+  /// directly: for a tree of axis-aligned boxes, FCL's collide() copies the whole mesh.
   void touching(const Vec3d& centre, double radius, std::vector<std::uint32_t>& faces) const;
 
-  /// Sets `pairs` to the intersecting pairs (triangle of this, triangle of `other`), in FCL's order. FCL also computes
-  /// point, normal and depth of each pair.
+  /// Sets `pairs` to the intersecting pairs (triangle of this mesh, triangle of `other`), in FCL's order. FCL also
+  /// computes point, normal and depth of each pair, which costs time.
   void intersecting(const FixedMesh& other, std::vector<std::array<std::uint32_t, 2>>& pairs) const;
 
-  /// Distance from `point` to the nearest triangle; 0 on it. FCL squares before it compares: right to about 1e-8 of the
-  /// mesh's extent.
+  /// Returns the distance from `point` to the nearest triangle. FCL compares squared distances, so the error is up to
+  /// about 1e-8 of the mesh's extent.
   [[nodiscard]] double distance(const Vec3d& point) const;
 
-  /// Sets new positions for the same vertices. Call refit() or rebuild() before the next query. Throws
-  /// std::invalid_argument if the count differs.
+  /// Sets new positions of the vertices. Call refit() or rebuild() before the next query. Throws std::invalid_argument
+  /// if the number of vertices differs.
   void move(std::span<const Position> vertices);
-  /// Recomputes all boxes, children first; the tree is unchanged.
+  /// Recomputes all boxes, children first; which triangles a node has is unchanged.
   void refit();
-  /// Builds the tree again.
+  /// Builds the tree anew.
   void rebuild();
 
  private:

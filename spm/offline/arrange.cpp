@@ -10,7 +10,7 @@ void order_fan(std::span<DeformedRef> fan, const std::vector<Triangle>& corners)
   const auto to = [&](std::size_t i) { return corners[index(fan[i].face())][(fan[i].corner() + 2) % 3]; };
   const std::size_t count = fan.size();
   for (std::size_t i = 0; i < count; ++i) {
-    const auto begins = [&](std::size_t j) {
+    const auto begins_fan = [&](std::size_t j) {
       for (std::size_t k = i; k < count; ++k) {
         if (to(k) == from(j)) return false;
       }
@@ -20,18 +20,18 @@ void order_fan(std::span<DeformedRef> fan, const std::vector<Triangle>& corners)
     while (next < count && (i == 0 || from(next) != to(i - 1))) ++next;
     if (next == count) {
       next = i;
-      while (next < count && !begins(next)) ++next;
+      while (next < count && !begins_fan(next)) ++next;
     }
     if (next < count) std::swap(fan[i], fan[next]);
   }
 }
 
 void arrange_faces(const ModelSummary& summary, std::span<RecordPart> parts) {
-  IdVector<FaceId, std::uint8_t> turned{summary.faces};
+  IdVector<FaceId, std::uint8_t> rotation{summary.faces};
   for (RecordPart& part : parts) {
     for (int i = 0; i < part.born_count; ++i) {
       const BornRef born = part.born[i];
-      turned[born.face()] = static_cast<std::uint8_t>(born.order() / 2);
+      rotation[born.face()] = static_cast<std::uint8_t>(born.order() / 2);
       part.born[i] = BornRef::make(born.face(), born.order() % 2, born.last());
     }
     if (part.born_count == 2 && part.born[0].order() > part.born[1].order()) {
@@ -42,7 +42,7 @@ void arrange_faces(const ModelSummary& summary, std::span<RecordPart> parts) {
   for (RecordPart& part : parts) {
     for (int i = 0; i < part.deformed_count; ++i) {
       const DeformedRef ref = part.deformed[i];
-      part.deformed[i] = DeformedRef::make(ref.face(), (ref.corner() + 3u - turned[ref.face()]) % 3, ref.last());
+      part.deformed[i] = DeformedRef::make(ref.face(), (ref.corner() + 3u - rotation[ref.face()]) % 3, ref.last());
     }
   }
 }

@@ -1,4 +1,5 @@
-/// Orders the faces of records and their corners so that records take the fewest bits. The mesh is unchanged.
+/// Orders the faces of each record, and the corners of each face, so that records take the fewest bits. The mesh is the
+/// same before and after.
 #pragma once
 
 #include <cstdint>
@@ -10,12 +11,13 @@
 
 namespace tactus::spm::offline {
 
-/// Sorts faces around one vertex counter-clockwise, one fan after the other. `corners`: by face; the vertex is at the
-/// corner of each DeformedRef. O(n^2).
+/// Sorts the faces around a vertex counter-clockwise, one fan after the other. Each entry of `fan` is a face and its
+/// corner at the vertex. `corners`: the mesh, by face. O(n^2) for n faces around the vertex.
 void order_fan(std::span<DeformedRef> fan, const std::vector<Triangle>& corners);
 
-/// Rotates the corners of every face so that u is at corner 0 when the face is born, and sorts the born faces: first
-/// the one at the first end of the fan. `parts` as in Model. O(parts), a byte for each face.
+/// Rotates the corners of every born face so that its corner 0 is the new vertex u. If a record bears two faces, sorts
+/// them: the face at the first end of the fan comes first. `parts` as in Model. O(parts); allocates a byte for each
+/// face.
 void arrange_faces(const ModelSummary& summary, std::span<RecordPart> parts);
 
 }  // namespace tactus::spm::offline

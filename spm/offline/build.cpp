@@ -23,6 +23,7 @@ namespace {
 
 constexpr std::size_t kGrain = 1 << 16;
 
+/// Throws ModelError if the cleaned mesh has no face, or too many.
 void require_surface(const TriangleMesh& mesh, const CleanReport& cleaned) {
   const std::uint32_t dropped = cleaned.non_finite_faces + cleaned.repeated_corner_faces + cleaned.zero_area_faces;
   if (mesh.faces.empty()) {
@@ -35,8 +36,9 @@ void require_surface(const TriangleMesh& mesh, const CleanReport& cleaned) {
   }
 }
 
-/// If most of a mesh is degenerate or unused, it was probably read wrongly.
-void require_max(std::size_t vertices, std::size_t faces, const CleanReport& cleaned) {
+/// Throws ModelError if cleaning dropped most faces or vertices: the mesh was probably read wrongly. `vertices`,
+/// `faces`: numbers before cleaning.
+void require_few_losses(std::size_t vertices, std::size_t faces, const CleanReport& cleaned) {
   const auto require = [](const char* what, std::size_t of, std::size_t dropped, const std::string& reasons) {
     if (2 * dropped <= of) return;
     throw ModelError{std::string{"most "} + what + " would be dropped: found " + std::to_string(dropped) + " of " +
@@ -58,8 +60,8 @@ void require_max(std::size_t vertices, std::size_t faces, const CleanReport& cle
   require("vertices", vertices - cleaned.welded_vertices, cleaned.unreferenced_vertices, "no face uses them");
 }
 
-/// Numbers the faces in the order of the tree above them, and the vertices in the order of the faces, so that
-/// neighbours in space are neighbours in memory.
+/// Numbers the faces in the order of the leaves of the AB-tree, and the vertices in the order of the faces, so that
+/// neighbours in space are close in memory.
 void reorder(TriangleMesh& mesh, unsigned threads) {
   std::vector<Triangle> faces(mesh.faces.size());
   {
@@ -85,7 +87,7 @@ void reorder(TriangleMesh& mesh, unsigned threads) {
   mesh.positions = std::move(positions);
 }
 
-/// Converts vertices, faces and collapses to ids. The faces of `mesh` are in their final order.
+/// Builds a model from a clean mesh whose faces are in the order of face_order().
 class Assembler {
  public:
   Assembler(const TriangleMesh& mesh, double position_step, const BuildOptions& options, const Progress& progress)
@@ -166,8 +168,9 @@ class Assembler {
     return side;
   }
 
-  /// In a coarser version of a face, each corner is replaced by an ancestor. Between corners the motion is linear, so
-  /// no point moves further than a corner.
+  /// Sets radii and deviation. In a coarser version of a face, each corner is at the position of an ancestor in the
+  /// vertex forest. Every point of the face is a linear combination of its corners, so no point moves further than the
+  /// corner that moves most.
   void write_radii() {
     ModelSummary& s = out_.summary;
     std::vector<std::uint32_t> parent(s.vertices, kNone);
@@ -186,13 +189,13 @@ class Assembler {
     }
   }
 
-  /// The first face of each collapse.
+  /// Returns the first face of each collapse.
   std::vector<std::uint32_t> anchors() const {
     std::vector<std::uint32_t> faces;
     faces.reserve(needs_.size());
     for (const Segment& segment : collapses_.segments) {
       for (std::uint32_t i = 0; i < segment.size(); ++i) {
-        const Faces own = faces_of(segment, i);
+        const FaceRange own = faces_of(segment, i);
         faces.push_back(
             index(own.moved < own.moved_end ? segment.moved[own.moved].face() : segment.dying[own.dying].face()));
       }
@@ -200,7 +203,7 @@ class Assembler {
     return faces;
   }
 
-  /// Base vertices are in the order of the faces, records in the order of the region lists.
+  /// Numbers vertices and records. Base vertices are in the order of `mesh`, records in that of RegionLists::order.
   void number_records(const RegionLists& lists) {
     const auto vertices = static_cast<std::uint32_t>(mesh_.positions.size());
     ModelSummary& s = out_.summary;
@@ -245,30 +248,32 @@ class Assembler {
 
   void write_records() {
     out_.parts.resize(out_.summary.records);
-    struct Long {
+    /// A record with several parts.
+    struct LongRecord {
       std::uint32_t record;
       const Segment* segment;
-      std::uint32_t at;
+      std::uint32_t collapse;  // in the segment
     };
-    std::vector<std::vector<Long>> longer(collapses_.segments.size());
+    std::vector<std::vector<LongRecord>> long_records(collapses_.segments.size());
     parallel_for(collapses_.segments.size(), options_.threads, [&](std::size_t s, unsigned) {
       const Segment& segment = collapses_.segments[s];
       for (std::uint32_t i = 0; i < segment.size(); ++i) {
         const std::uint32_t record = vertex_id_[segment.sequence[i].u] - out_.summary.base_vertices;
-        Faces rest = faces_of(segment, i);
+        FaceRange rest = faces_of(segment, i);
         out_.parts[record] = next_part(segment, i, rest);
-        if (!rest.empty()) longer[s].push_back({record, &segment, i});
+        if (!rest.empty()) long_records[s].push_back({record, &segment, i});
       }
     });
-    std::vector<Long> chains;
-    for (const std::vector<Long>& some : longer) chains.insert(chains.end(), some.begin(), some.end());
-    std::sort(chains.begin(), chains.end(), [](const Long& a, const Long& b) { return a.record < b.record; });
-    for (const Long& chain : chains) {
-      Faces rest = faces_of(*chain.segment, chain.at);
-      static_cast<void>(next_part(*chain.segment, chain.at, rest));
+    std::vector<LongRecord> chains;
+    for (const std::vector<LongRecord>& some : long_records) chains.insert(chains.end(), some.begin(), some.end());
+    std::sort(chains.begin(), chains.end(),
+              [](const LongRecord& a, const LongRecord& b) { return a.record < b.record; });
+    for (const LongRecord& chain : chains) {
+      FaceRange rest = faces_of(*chain.segment, chain.collapse);
+      static_cast<void>(next_part(*chain.segment, chain.collapse, rest));  // the first part, which is written already
       for (PartIndex last{chain.record}; !rest.empty();) {
         last = part(last).next = PartIndex{static_cast<std::uint32_t>(out_.parts.size())};
-        out_.parts.push_back(next_part(*chain.segment, chain.at, rest));
+        out_.parts.push_back(next_part(*chain.segment, chain.collapse, rest));
       }
     }
     out_.summary.parts = static_cast<std::uint32_t>(out_.parts.size());
@@ -276,17 +281,18 @@ class Assembler {
 
   [[nodiscard]] RecordPart& part(PartIndex p) { return out_.parts[index(p)]; }
 
-  /// The faces of a collapse that are not written yet.
-  struct Faces {
+  /// The faces of a collapse that no part has yet, as ranges of Segment::dying and Segment::moved.
+  struct FaceRange {
     std::uint32_t dying, dying_end, moved, moved_end;
     [[nodiscard]] bool empty() const { return dying == dying_end && moved == moved_end; }
   };
-  static Faces faces_of(const Segment& segment, std::uint32_t i) {
+  static FaceRange faces_of(const Segment& segment, std::uint32_t i) {
     const Collapse &c = segment.sequence[i], &end = segment.sequence[i + 1];
     return {c.first_dying, end.first_dying, c.first_moved, end.first_moved};
   }
 
-  RecordPart next_part(const Segment& segment, std::uint32_t i, Faces& rest) const {
+  /// Returns the next part of the record of collapse i, and removes its faces from `rest`.
+  RecordPart next_part(const Segment& segment, std::uint32_t i, FaceRange& rest) const {
     RecordPart part{};
     part.parent = VertexId{vertex_id_[segment.sequence[i].t]};
     part.next = kNone;
@@ -339,8 +345,8 @@ class Assembler {
   const Progress& progress_;
   Collapses collapses_;
   Dependencies needs_;
-  std::vector<std::uint32_t> vertex_id_;  // by number in `mesh_`
-  std::vector<std::uint32_t> record_of_;  // by collapse
+  std::vector<std::uint32_t> vertex_id_;  // vertex id, by vertex of `mesh_`
+  std::vector<std::uint32_t> record_of_;  // record id, by collapse
   BuiltModel out_{};
 };
 
@@ -351,7 +357,7 @@ BuiltModel build_model(TriangleMesh mesh, const BuildOptions& options, const Pro
   const std::size_t vertices = mesh.positions.size(), faces = mesh.faces.size();
   CleanReport cleaned = clean(mesh, options.threads);
   require_surface(mesh, cleaned);
-  if (options.losses == Losses::kRefuse) require_max(vertices, faces, cleaned);
+  if (options.losses == Losses::kRefuse) require_few_losses(vertices, faces, cleaned);
   double step = 0;
   if (options.grid_bits > 0) {
     step = step_of_grid(mesh, options.grid_bits);

@@ -1,4 +1,5 @@
-/// Builds a model from triangles: clean, simplify, find dependencies, divide into regions, number.
+/// Builds a model from triangles. Cleans and simplifies the mesh, finds the dependencies of the records, divides the
+/// model into regions, and numbers records, vertices and faces.
 #pragma once
 
 #include <filesystem>
@@ -19,28 +20,30 @@ struct BuildOptions {
   SimplifyOptions simplify;
   PartitionOptions partition;
   double metres_per_unit = 1;
-  std::optional<double> size;  ///< metres of the longest side of the bounds; overrides `metres_per_unit`
-  double pair_distance = 0;    ///< metres, overrides `simplify.pair_distance` unless 0
-  /// Compact profile: moves coordinates to a grid of this many bits over the longest side, 4 to 20. 0: lossless.
+  std::optional<double> size;  ///< longest side of the bounds, metres; overrides `metres_per_unit`
+  double pair_distance = 0;    ///< metres; unless 0, overrides `simplify.pair_distance`
+  /// 4 to 20: compact profile, with 2^grid_bits grid positions along the longest side. 0: lossless profile.
   unsigned grid_bits = 0;
-  Losses losses = Losses::kRefuse;  ///< in reading and cleaning; faces that a grid drops do not count
-  unsigned threads = 0;             ///< 0: all processors; does not affect the result
+  Losses losses = Losses::kRefuse;  ///< applies to reading and cleaning, not to faces that the grid makes degenerate
+  unsigned threads = 0;             ///< 0: one per processor; does not affect the result
 };
 
-/// Called with the stage and its finished share, 0 to 1, at the start of the stage and from time to time, in the
-/// building thread. Stages in order: read, clean, order, simplify, depend, divide, number, list, sum up.
+/// Receives the name of the current stage and its finished share, 0 to 1. It is called in the thread that called the
+/// build, at the start of each stage and now and then. Stages in order: read, clean, order, simplify, depend, divide,
+/// number, list, sum up.
 using Progress = std::function<void(std::string_view stage, double done)>;
 
 struct BuiltModel : OwnedModel {
   CleanReport cleaned;
 };
 
-/// Equal meshes and options give equal bytes. Cleans the mesh first. Throws ModelError if no face is left, if there are
-/// too many, or if most faces or vertices were dropped and `losses` does not allow it.
+/// Builds a model from a mesh, which need not be clean. Equal meshes and options give equal bytes. Throws ModelError if
+/// no face is left after cleaning, if there are too many faces, or if cleaning dropped most faces or vertices and
+/// `losses` does not allow it.
 [[nodiscard]] BuiltModel build_model(TriangleMesh mesh, const BuildOptions& options = {},
                                      const Progress& progress = {});
 
-/// Imports and builds. Every message names the file.
+/// Imports a file and builds a model from it. Throws ModelError that names the file.
 [[nodiscard]] BuiltModel build_model_file(const std::filesystem::path& path, const BuildOptions& options = {},
                                           const Progress& progress = {});
 

@@ -12,8 +12,9 @@
 namespace tactus::spm::offline {
 namespace {
 
-/// Squared distance between a cube and the nearest occupied part of a cell.
-double squared_apart(const CellBox& box, const std::array<std::uint32_t, 2>& occupied, const Vec3d& cube, double edge) {
+/// Squared distance between a cube and the nearest occupied subcell of a cell. `cube`: its lowest corner.
+double squared_distance(const CellBox& box, const std::array<std::uint32_t, 2>& occupied, const Vec3d& cube,
+                        double edge) {
   const double quarter = (box.high[0] - box.low[0]) / 4;
   double apart[3][4];
   for (int axis = 0; axis < 3; ++axis)
@@ -29,71 +30,75 @@ double squared_apart(const CellBox& box, const std::array<std::uint32_t, 2>& occ
   return nearest;
 }
 
-/// The cubes in which a sphere can intersect a region, and the regions of each cube.
+/// The cubes of a certificate that have regions, and the regions of each cube.
 class Cubes {
  public:
   Cubes(const Model& model, double radius)
       : edge_{std::max(model.summary.grid.cell_size / 4, radius / 2)},
-        // The first cube is so low that no coordinate is negative.
+        // The origin is so low that the coordinates of all cubes are positive.
         origin_{Vec3d{model.summary.grid.origin[0], model.summary.grid.origin[1], model.summary.grid.origin[2]} -
                 Vec3d::Constant(std::ceil(radius / edge_ + 2) * edge_)} {
     const RegionGrid grid{model.summary.grid, model.regions};
     const double reach = radius + 1e-9 * model.summary.grid.cell_size;  // the rounding margin of RegionGrid
-    std::vector<Meeting> meetings;
+    std::vector<Intersection> intersections;
     for (std::uint32_t i = 0; i < grid.size(); ++i)
-      add(grid.box(RegionId{i}), model.regions[i].occupied, i, reach, meetings);
-    std::sort(meetings.begin(), meetings.end(), [](const Meeting& a, const Meeting& b) {
-      return a.place != b.place ? a.place < b.place : a.region < b.region;
+      add(grid.box(RegionId{i}), model.regions[i].occupied, i, reach, intersections);
+    std::sort(intersections.begin(), intersections.end(), [](const Intersection& a, const Intersection& b) {
+      return a.key != b.key ? a.key < b.key : a.region < b.region;
     });
-    regions_.reserve(meetings.size());
-    for (const Meeting& meeting : meetings) {
-      if (places_.empty() || places_.back() != meeting.place) {
-        places_.push_back(meeting.place);
+    regions_.reserve(intersections.size());
+    for (const Intersection& intersection : intersections) {
+      if (keys_.empty() || keys_.back() != intersection.key) {
+        keys_.push_back(intersection.key);
         first_.push_back(regions_.size());
       }
-      regions_.push_back(meeting.region);
+      regions_.push_back(intersection.region);
     }
     first_.push_back(regions_.size());
   }
 
   [[nodiscard]] double edge() const noexcept { return edge_; }
-  [[nodiscard]] std::uint32_t size() const noexcept { return static_cast<std::uint32_t>(places_.size()); }
-  /// Ascending.
+  [[nodiscard]] std::uint32_t size() const noexcept { return static_cast<std::uint32_t>(keys_.size()); }
+  /// The regions of a cube, ascending.
   [[nodiscard]] std::span<const std::uint32_t> regions(std::uint32_t cube) const noexcept {
     return std::span<const std::uint32_t>{regions_}.subspan(first_[cube], first_[cube + 1] - first_[cube]);
   }
   [[nodiscard]] Vec3d centre(std::uint32_t cube) const noexcept {
-    return origin_ + edge_ * Vec3d{at(places_[cube], 0) + 0.5, at(places_[cube], 1) + 0.5, at(places_[cube], 2) + 0.5};
+    return origin_ + edge_ * Vec3d{coordinate(keys_[cube], 0) + 0.5, coordinate(keys_[cube], 1) + 0.5,
+                                   coordinate(keys_[cube], 2) + 0.5};
   }
-  /// Row by row along `axis`.
-  [[nodiscard]] std::vector<std::uint32_t> along(int axis) const {
-    const auto rotated = [&](std::uint32_t cube) {
-      const std::uint64_t place = places_[cube];
+  /// All cubes, row by row; the rows are parallel to `axis`.
+  [[nodiscard]] std::vector<std::uint32_t> rows_along(int axis) const {
+    const auto rotated_key = [&](std::uint32_t cube) {
+      const std::uint64_t key = keys_[cube];
       const int down = (2 - axis) * kBits;
-      return (place << (3 * kBits - down) | place >> down) & kFullRate;
+      return (key << (3 * kBits - down) | key >> down) & kKeyMask;
     };
     std::vector<std::uint32_t> order(size());
     std::iota(order.begin(), order.end(), 0u);
-    std::sort(order.begin(), order.end(), [&](std::uint32_t a, std::uint32_t b) { return rotated(a) < rotated(b); });
+    std::sort(order.begin(), order.end(),
+              [&](std::uint32_t a, std::uint32_t b) { return rotated_key(a) < rotated_key(b); });
     return order;
   }
-  [[nodiscard]] bool neighbours(std::uint32_t cube, std::uint32_t next, int axis) const noexcept {
-    return places_[next] - places_[cube] == std::uint64_t{1} << (2 - axis) * kBits;
+  /// True if `next` comes directly after `cube` on the axis.
+  [[nodiscard]] bool are_neighbours(std::uint32_t cube, std::uint32_t next, int axis) const noexcept {
+    return keys_[next] - keys_[cube] == std::uint64_t{1} << (2 - axis) * kBits;
   }
 
  private:
-  struct Meeting {
-    std::uint64_t place;
+  struct Intersection {
+    std::uint64_t key;  // coordinates of the cube: x in the highest bits, z in the lowest
     std::uint32_t region;
   };
   static constexpr int kBits = 21;
-  static constexpr std::uint64_t kFullRate = (std::uint64_t{1} << 3 * kBits) - 1;
+  static constexpr std::uint64_t kKeyMask = (std::uint64_t{1} << 3 * kBits) - 1;
 
-  [[nodiscard]] static double at(std::uint64_t place, int axis) noexcept {
-    return static_cast<double>(place >> (2 - axis) * kBits & ((1u << kBits) - 1));
+  [[nodiscard]] static double coordinate(std::uint64_t key, int axis) noexcept {
+    return static_cast<double>(key >> (2 - axis) * kBits & ((1u << kBits) - 1));
   }
+  /// Adds an intersection for each cube in which a sphere with radius `reach` can intersect the region.
   void add(const CellBox& box, const std::array<std::uint32_t, 2>& occupied, std::uint32_t region, double reach,
-           std::vector<Meeting>& meetings) const {
+           std::vector<Intersection>& intersections) const {
     std::array<std::uint64_t, 3> low{}, high{};
     for (int axis = 0; axis < 3; ++axis) {
       const auto k = static_cast<std::size_t>(axis);
@@ -104,31 +109,32 @@ class Cubes {
       for (std::uint64_t y = low[1]; y <= high[1]; ++y)
         for (std::uint64_t z = low[2]; z <= high[2]; ++z) {
           const Vec3d corner = origin_ + edge_ * Vec3d{double(x), double(y), double(z)};
-          if (squared_apart(box, occupied, corner, edge_) > reach * reach) continue;
-          meetings.push_back({x << 2 * kBits | y << kBits | z, region});
+          if (squared_distance(box, occupied, corner, edge_) > reach * reach) continue;
+          intersections.push_back({x << 2 * kBits | y << kBits | z, region});
         }
   }
 
   double edge_;
   Vec3d origin_;
-  std::vector<std::uint64_t> places_;
-  std::vector<std::size_t> first_;  // in regions_
-  std::vector<std::uint32_t> regions_;
+  std::vector<std::uint64_t> keys_;     // by cube, ascending
+  std::vector<std::size_t> first_;      // by cube: start in regions_; last: end of regions_
+  std::vector<std::uint32_t> regions_;  // of all cubes
 };
 
-/// The lists in atoms. An atom is a block of consecutive records that are in the same lists.
+/// The region lists in atoms. An atom is a maximal row of consecutive records that are in the same lists.
 struct Atoms {
-  std::vector<Interval> intervals;  // by interval of the model, in atoms
-  std::vector<std::uint32_t> records, parts;
-  std::vector<std::uint32_t> faces;        // changes of faces: born or deformed
-  std::vector<std::uint32_t> bear;         // by atom from first_bear on: tree nodes of level 1 with faces that it bears
-  std::vector<std::size_t> first_bear{0};  // and the end
+  std::vector<Interval> intervals;            // intervals of the model, counted in atoms
+  std::vector<std::uint32_t> records, parts;  // number of records and parts, by atom
+  std::vector<std::uint32_t> faces;           // number of born and deformed faces, by atom
+  std::vector<std::uint32_t> leaves;          // leaves of the tree with faces that the atom bears; of all atoms
+  std::vector<std::size_t> first_leaf{0};     // by atom: start in `leaves`; last: end of `leaves`
 
   explicit Atoms(const Model& model) {
     std::vector<bool> begins(std::size_t{model.summary.records} + 1, false);
     for (const Interval& interval : model.intervals)
       begins[interval.first] = begins[interval.first + interval.count] = true;
-    std::vector<std::uint32_t> before(std::size_t{model.summary.records} + 1);  // atoms that begin before
+    // By record: number of atoms that begin before it.
+    std::vector<std::uint32_t> before(std::size_t{model.summary.records} + 1);
     std::uint32_t count = 0;
     for (std::uint32_t r = 0; r < model.summary.records; ++r) {
       before[r] = count;
@@ -145,7 +151,7 @@ struct Atoms {
         const RecordPart& part = model.parts[p];
         ++parts.back();
         faces.back() += part.born_count + part.deformed_count;
-        for (int i = 0; i < part.born_count; ++i) bear.push_back(index(part.born[i].face()) >> 3);
+        for (int i = 0; i < part.born_count; ++i) leaves.push_back(index(part.born[i].face()) >> 3);
       }
     }
     if (count > 0) end_atom();
@@ -157,14 +163,14 @@ struct Atoms {
 
  private:
   void end_atom() {
-    const auto from = bear.begin() + static_cast<std::ptrdiff_t>(first_bear.back());
-    std::sort(from, bear.end());
-    bear.erase(std::unique(from, bear.end()), bear.end());
-    first_bear.push_back(bear.size());
+    const auto from = leaves.begin() + static_cast<std::ptrdiff_t>(first_leaf.back());
+    std::sort(from, leaves.end());
+    leaves.erase(std::unique(from, leaves.end()), leaves.end());
+    first_leaf.push_back(leaves.size());
   }
 };
 
-/// The tree nodes above the base mesh and the faces that some atoms bear.
+/// Counts the tree nodes above the base mesh and above the faces that some atoms bear.
 class ShownNodes {
  public:
   ShownNodes(const Model& model, const Atoms& atoms) : atoms_{atoms} {
@@ -173,10 +179,10 @@ class ShownNodes {
     for (const BaseFace& face : model.base_faces) add_node(index(face.face) >> 3);
   }
   void add(std::uint32_t atom) {
-    for (std::size_t i = atoms_.first_bear[atom]; i < atoms_.first_bear[atom + 1]; ++i) add_node(atoms_.bear[i]);
+    for (std::size_t i = atoms_.first_leaf[atom]; i < atoms_.first_leaf[atom + 1]; ++i) add_node(atoms_.leaves[i]);
   }
   void remove(std::uint32_t atom) {
-    for (std::size_t i = atoms_.first_bear[atom]; i < atoms_.first_bear[atom + 1]; ++i) remove_node(atoms_.bear[i]);
+    for (std::size_t i = atoms_.first_leaf[atom]; i < atoms_.first_leaf[atom + 1]; ++i) remove_node(atoms_.leaves[i]);
   }
   [[nodiscard]] std::uint32_t count() const noexcept { return count_; }
 
@@ -189,14 +195,15 @@ class ShownNodes {
   }
 
   const Atoms& atoms_;
-  std::vector<std::vector<std::uint32_t>> shown_;  // by level from 1 on and node: children that exist; of faces, atoms
+  // By level from 1 on, and by node: number of child nodes that exist. At level 1: number of atoms and base faces.
+  std::vector<std::vector<std::uint32_t>> shown_;
   std::uint32_t count_ = 0;
 };
 
-/// The union of some regions' lists, one region more or less at a time.
+/// The union of the lists of some regions. Regions can be added and removed.
 class Union {
  public:
-  /// `nodes` follows, unless it is null.
+  /// If `nodes` is not null, adds and removes the atoms there too.
   Union(const Model& model, const Atoms& atoms, ShownNodes* nodes)
       : model_{model}, atoms_{atoms}, nodes_{nodes}, listed_(atoms.records.size(), 0) {}
   void add(std::uint32_t region) {
@@ -221,7 +228,7 @@ class Union {
   }
   [[nodiscard]] std::uint32_t records() const noexcept { return records_; }
   [[nodiscard]] std::uint32_t parts() const noexcept { return parts_; }
-  /// Faces borne, taken away or deformed since the last call, each as often as it was.
+  /// Returns the number of changes of faces (added, removed or deformed) since the previous call.
   [[nodiscard]] std::uint32_t take_changed_faces() noexcept { return std::exchange(changed_faces_, 0); }
 
  private:
@@ -236,7 +243,7 @@ class Union {
   std::uint32_t records_ = 0, parts_ = 0, changed_faces_ = 0;
 };
 
-/// Calls `visit` with each value that is in `a` and not in `b`; both ascend.
+/// Calls `visit` with each value of `a` that `b` does not have. Both are ascending.
 template <class Visit>
 void for_each_only_in(std::span<const std::uint32_t> a, std::span<const std::uint32_t> b, Visit&& visit) {
   std::size_t at = 0;
@@ -246,27 +253,28 @@ void for_each_only_in(std::span<const std::uint32_t> a, std::span<const std::uin
   }
 }
 
-std::vector<Certificate::Bringing> brought(const Model& model, std::span<const std::uint32_t> before,
-                                           std::span<const std::uint32_t> now) {
-  std::vector<bool> here(model.summary.records, false);
+/// Returns the messages that a host sends to an HRTC that has the regions `before` and needs the regions `now`.
+std::vector<Certificate::RegionMessage> messages_of_step(const Model& model, std::span<const std::uint32_t> before,
+                                                         std::span<const std::uint32_t> now) {
+  std::vector<bool> present(model.summary.records, false);
   for (const std::uint32_t region : before)
     for (const Interval& interval : model.intervals_of(RegionId{region}))
-      std::fill(here.begin() + interval.first, here.begin() + interval.first + interval.count, true);
-  std::vector<Certificate::Bringing> brings;
+      std::fill(present.begin() + interval.first, present.begin() + interval.first + interval.count, true);
+  std::vector<Certificate::RegionMessage> messages;
   for_each_only_in(now, before, [&](std::uint32_t region) {
     std::vector<Interval> missing;
     for (const Interval& interval : model.intervals_of(RegionId{region}))
       for (std::uint32_t r = interval.first; r < interval.first + interval.count; ++r) {
-        if (here[r]) continue;
-        here[r] = true;
+        if (present[r]) continue;
+        present[r] = true;
         if (!missing.empty() && missing.back().first + missing.back().count == r)
           ++missing.back().count;
         else
           missing.push_back({r, 1});
       }
-    brings.push_back({RegionId{region}, std::move(missing)});
+    messages.push_back({RegionId{region}, std::move(missing)});
   });
-  return brings;
+  return messages;
 }
 
 }  // namespace
@@ -274,15 +282,16 @@ std::vector<Certificate::Bringing> brought(const Model& model, std::span<const s
 Certificate certify(const Model& model, double radius, double speed) {
   const Cubes cubes{model, radius};
   const Atoms atoms{model};
-  Certificate worst{};
-  worst.radius = radius;
-  worst.speed = speed;
-  worst.step = cubes.edge();
-  std::uint32_t worst_cube = kNone, from = kNone, to = kNone;  // kNone: outside all cubes
+  Certificate certificate{};
+  certificate.radius = radius;
+  certificate.speed = speed;
+  certificate.step = cubes.edge();
+  // Cubes; kNone: outside all cubes.
+  std::uint32_t worst_cube = kNone, from = kNone, to = kNone;
   std::uint32_t work_from = kNone, work_to = kNone;
-  const auto enter = [&](std::uint32_t records, std::uint32_t before, std::uint32_t now) {
-    if (records <= worst.entering) return;
-    worst.entering = records;
+  const auto update_entering = [&](std::uint32_t records, std::uint32_t before, std::uint32_t now) {
+    if (records <= certificate.entering_records) return;
+    certificate.entering_records = records;
     from = before;
     to = now;
   };
@@ -290,11 +299,11 @@ Certificate certify(const Model& model, double radius, double speed) {
     return cube == kNone ? std::span<const std::uint32_t>{} : cubes.regions(cube);
   };
   ShownNodes nodes{model, atoms};
-  worst.nodes = nodes.count();
+  certificate.nodes = nodes.count();
   for (int axis = 0; axis < 3; ++axis) {
     Union needed{model, atoms, axis == 0 ? &nodes : nullptr};
     std::uint32_t before = kNone;
-    // Measures a step and the reverse step.
+    // Counts the work and the entering records of the step from cube `before` to cube `now`, and of the reverse step.
     const auto step = [&](std::uint32_t now) {
       const std::uint32_t had = needed.records();
       std::uint32_t visits = 0;
@@ -309,45 +318,45 @@ Certificate certify(const Model& model, double radius, double speed) {
       });
       const std::uint32_t changes = 2 * both - had - needed.records();
       const std::uint32_t units = visits * Budget::kVisit + changes * Budget::kChange;
-      if (units > worst.units) {
-        worst.units = units;
+      if (units > certificate.work_units) {
+        certificate.work_units = units;
         work_from = before;
         work_to = now;
       }
-      worst.faces = std::max(worst.faces, needed.take_changed_faces());
-      enter(both - had, before, now);
-      enter(both - needed.records(), now, before);
+      certificate.faces = std::max(certificate.faces, needed.take_changed_faces());
+      update_entering(both - had, before, now);
+      update_entering(both - needed.records(), now, before);
       before = now;
     };
-    for (const std::uint32_t cube : cubes.along(axis)) {
-      if (before != kNone && !cubes.neighbours(before, cube, axis)) step(kNone);
+    for (const std::uint32_t cube : cubes.rows_along(axis)) {
+      if (before != kNone && !cubes.are_neighbours(before, cube, axis)) step(kNone);
       step(cube);
       if (axis > 0) continue;
       std::uint32_t blocks = 0;
       for (const std::uint32_t region : regions(cube))
         blocks += ListBlock::blocks_for(model.regions[region].record_count);
-      worst.blocks = std::max(worst.blocks, blocks);
-      worst.regions = std::max(worst.regions, static_cast<std::uint32_t>(regions(cube).size()));
-      worst.records = std::max(worst.records, needed.records());
-      worst.nodes = std::max(worst.nodes, nodes.count());
-      if (worst_cube != kNone && needed.parts() <= worst.parts) continue;
-      worst.parts = needed.parts();
+      certificate.blocks = std::max(certificate.blocks, blocks);
+      certificate.regions = std::max(certificate.regions, static_cast<std::uint32_t>(regions(cube).size()));
+      certificate.records = std::max(certificate.records, needed.records());
+      certificate.nodes = std::max(certificate.nodes, nodes.count());
+      if (worst_cube != kNone && needed.parts() <= certificate.parts) continue;
+      certificate.parts = needed.parts();
       worst_cube = cube;
     }
     step(kNone);
   }
   const Vec3d at = cubes.centre(worst_cube);
-  worst.worst = {at[0], at[1], at[2]};
-  for (const std::uint32_t region : regions(work_from)) worst.units_from.push_back(RegionId{region});
-  for (const std::uint32_t region : regions(work_to)) worst.units_to.push_back(RegionId{region});
-  worst.brings = brought(model, regions(from), regions(to));
-  return worst;
+  certificate.worst_position = {at[0], at[1], at[2]};
+  for (const std::uint32_t region : regions(work_from)) certificate.regions_before.push_back(RegionId{region});
+  for (const std::uint32_t region : regions(work_to)) certificate.regions_after.push_back(RegionId{region});
+  certificate.messages = messages_of_step(model, regions(from), regions(to));
+  return certificate;
 }
 
 std::uint32_t slots_needed(const ModelSummary& summary, const Certificate& certificate) noexcept {
   const std::uint32_t min = std::max(summary.base_vertices, (summary.base_faces + 1) / 2) + certificate.parts;
   std::uint32_t low = 0, high = 1u << 27;
-  while (high - low > 1) {  // nodes and blocks follow from the slots
+  while (high - low > 1) {  // bisection, because for_slots() computes list blocks and tree nodes from the slots
     const std::uint32_t slots = low + (high - low) / 2;
     const PoolSettings pool = PoolSettings::for_slots(slots);
     const bool fits = slots >= min && pool.list_blocks >= certificate.blocks && pool.tree_nodes >= certificate.nodes;

@@ -1,4 +1,5 @@
-/// The maximum that one probe can ever need of a model, computed before a session.
+/// Computes a certificate before a session: the most regions, records and memory that one probe can ever need of a
+/// model.
 #pragma once
 
 #include <array>
@@ -10,51 +11,55 @@
 
 namespace tactus::spm::offline {
 
-/// Upper bounds over all positions and straight motions of a sphere. Space is divided into cubes of edge `step`. For
-/// each cube, `certify` counts the regions whose occupied parts the sphere can intersect while its centre is in the
-/// cube. The work bounds assume that these regions are refined and that they change when the centre enters the next
-/// cube.
+/// Upper bounds over all positions and straight motions of a sphere. Space is divided into cubes of edge `step`. The
+/// regions of a cube are those whose occupied subcells the sphere can intersect while its centre is in the cube. The
+/// bounds of work assume that exactly the regions of the current cube are refined. A step is a motion of the centre
+/// from one cube into a neighbouring cube.
 struct Certificate {
-  double radius, speed;  ///< of the sphere, file units and file units/s
+  double radius;  ///< radius of the sphere, file units
+  double speed;   ///< maximum speed of the sphere, file units/s
 
-  std::uint32_t regions;        ///< labelled cells of one cube
-  std::uint32_t records;        ///< in the union of their lists
-  std::uint32_t parts;          ///< pool slots of these records, without the base mesh
-  std::uint32_t blocks;         ///< list blocks of these regions
-  std::uint32_t nodes;          ///< tree nodes above them and the base mesh; an upper bound for a query
-  std::array<double, 3> worst;  ///< the position with the most parts, model frame
+  // Maxima over all cubes.
+  std::uint32_t regions;  ///< number of regions of a cube
+  std::uint32_t records;  ///< number of records in the union of their lists
+  std::uint32_t parts;    ///< number of slots that these records take, without the base mesh
+  std::uint32_t blocks;   ///< number of list blocks that these regions take
+  std::uint32_t nodes;    ///< number of tree nodes above these records and the base mesh; bounds every query
+  std::array<double, 3> worst_position;  ///< centre of the cube with the most parts, model frame
 
-  double step;                                 ///< file units
-  std::uint32_t entering;                      ///< records that a cube needs and the previous cube does not
-  std::uint32_t units;                         ///< of Budget (spm/forest.hpp) for a step from one cube to the next
-  std::uint32_t faces;                         ///< max faces that such a step adds, removes or deforms
-  std::vector<RegionId> units_from, units_to;  ///< regions before and after the step with the most units
-  /// The messages of a host for the step with the most entering records: regions, each with its missing records.
-  struct Bringing {
+  double step;  ///< edge of a cube, file units
+  // Maxima over all steps.
+  std::uint32_t entering_records;        ///< number of records that the next cube needs and the last one does not
+  std::uint32_t work_units;              ///< work of the step, in units of Budget (spm/forest.hpp)
+  std::uint32_t faces;                   ///< number of faces that the step adds, removes or deforms
+  std::vector<RegionId> regions_before;  ///< refined regions before the step with the most work
+  std::vector<RegionId> regions_after;   ///< refined regions after this step
+  /// A region message: the region and the records that the HRTC lacks.
+  struct RegionMessage {
     RegionId region;
     std::vector<Interval> missing;
   };
-  std::vector<Bringing> brings;
-  /// The maximum number of cubes that a straight motion enters in a second.
+  std::vector<RegionMessage> messages;  ///< the messages that a host sends for the step with the most entering records
+  /// The maximum number of steps of a straight motion in a second.
   [[nodiscard]] double steps_per_second() const noexcept { return std::sqrt(3.0) * speed / step; }
 };
 
-/// `model` must be sound. Some seconds for 10^5 regions. Allocates.
+/// Computes the certificate of a sound model. Takes some seconds for 10^5 regions; allocates.
 [[nodiscard]] Certificate certify(const Model& model, double radius, double speed);
 
-/// The slots of a pool for the base mesh and the parts of the worst cube.
+/// The number of slots that a pool needs for the base mesh and for the regions of any cube.
 [[nodiscard]] std::uint32_t slots_needed(const ModelSummary& summary, const Certificate& certificate) noexcept;
-/// The minimum memory for models (shares_of in spm/directory.hpp) of an HRTC with this object alone.
+/// The minimum memory for models (shares_of in spm/directory.hpp) of an HRTC that has only this object, in bytes.
 [[nodiscard]] std::uint64_t memory_needed(const ModelSummary& summary, const Certificate& certificate) noexcept;
 
 /// The maximum number of nodes that AbTree::refit recomputes for `faces` changed faces.
 [[nodiscard]] std::uint64_t max_marked(std::uint64_t faces, std::uint64_t finest_faces);
 
-/// Levels and inner nodes of a tree over the faces in which a node has `width` children.
 struct TreeSize {
   std::uint32_t levels;
-  std::uint64_t nodes;
+  std::uint64_t nodes;  ///< number of inner nodes
 };
+/// The size of a tree with `leaves` leaves in which each inner node has up to `width` children.
 [[nodiscard]] TreeSize tree_size(std::uint64_t leaves, std::uint32_t width);
 
 }  // namespace tactus::spm::offline

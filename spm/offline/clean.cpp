@@ -16,7 +16,7 @@ using Point = std::array<float, 3>;
 
 constexpr std::size_t kGrain = 1 << 16;
 
-/// Never 0.
+/// Hashes three numbers. The result is never 0.
 std::uint32_t mix(std::uint64_t a, std::uint64_t b, std::uint64_t c) {
   std::uint64_t h = a * 0x9e3779b97f4a7c15ull ^ b * 0xc2b2ae3d27d4eb4full ^ c * 0x165667b19e3779f9ull;
   h ^= h >> 29;
@@ -24,8 +24,9 @@ std::uint32_t mix(std::uint64_t a, std::uint64_t b, std::uint64_t c) {
   return std::max(1u, static_cast<std::uint32_t>(h ^ h >> 32));
 }
 
-/// For each item below `count` the first equal item; kNone for items with hash 0. Each thread has a hash table (open
-/// addressing) for a range of hashes and enters items in ascending order, so the result does not depend on `threads`.
+/// Returns, for each item below `count`, the first item that is equal to it, which may be the item itself; kNone for
+/// items with hash 0. Each thread has a hash table (open addressing) for a range of hashes and enters the items in
+/// ascending order, so the result does not depend on `threads`.
 template <class HashOf, class Equal>
 std::vector<std::uint32_t> first_equals(std::size_t count, unsigned threads, HashOf hash_of, Equal equal) {
   std::vector<std::uint32_t> hashes(count), first(count, kNone);
@@ -60,19 +61,19 @@ std::uint32_t bits(float x) {
   return b;
 }
 
-/// An exact sum of doubles as doubles that do not overlap (Shewchuk 1997, grow-expansion).
+/// An exact sum of doubles, stored as doubles whose bits do not overlap. Source: Shewchuk 1997, grow-expansion.
 class ExactSum {
  public:
   void add(double value) {
-    std::size_t kept = 0;
+    std::size_t size = 0;
     for (std::size_t i = 0; i < size_; ++i) {
       const double sum = value + terms_[i];
       const double from_value = sum - terms_[i];
       const double error = (value - from_value) + (terms_[i] - (sum - from_value));
-      if (error != 0) terms_[kept++] = error;
+      if (error != 0) terms_[size++] = error;
       value = sum;
     }
-    size_ = kept;
+    size_ = size;
     if (value != 0) terms_[size_++] = value;
   }
   void add_product(double a, double b) {
@@ -80,14 +81,14 @@ class ExactSum {
     add(product);
     add(std::fma(a, b, -product));
   }
-  [[nodiscard]] bool zero() const { return size_ == 0; }
+  [[nodiscard]] bool is_zero() const { return size_ == 0; }
 
  private:
   std::array<double, 32> terms_{};
   std::size_t size_ = 0;
 };
 
-/// The exact difference a - b: the rounded value and the rounding error.
+/// The exact difference a - b: `high` is the rounded value, `low` the rounding error.
 struct Difference {
   double high, low;
   Difference(double a, double b) : high{a - b} {
@@ -96,8 +97,8 @@ struct Difference {
   }
 };
 
-/// True if (b - a) x (c - a) is exactly zero in the plane of axes i, j.
-bool flat_in(const Point& a, const Point& b, const Point& c, std::size_t i, std::size_t j) {
+/// True if the projections of a, b, c on the plane of axes i, j are exactly on one line.
+bool are_collinear_in(const Point& a, const Point& b, const Point& c, std::size_t i, std::size_t j) {
   const Difference bi{b[i], a[i]}, bj{b[j], a[j]}, ci{c[i], a[i]}, cj{c[j], a[j]};
   const double left = bi.high * cj.high, right = bj.high * ci.high;
   if (std::abs(left - right) > 1e-15 * (std::abs(left) + std::abs(right))) return false;
@@ -108,20 +109,20 @@ bool flat_in(const Point& a, const Point& b, const Point& c, std::size_t i, std:
   for (const double p : {bj.high, bj.low}) {
     for (const double q : {ci.high, ci.low}) sum.add_product(-p, q);
   }
-  return sum.zero();
+  return sum.is_zero();
 }
 
-bool collinear(const Point& a, const Point& b, const Point& c) {
-  return flat_in(a, b, c, 0, 1) && flat_in(a, b, c, 1, 2) && flat_in(a, b, c, 2, 0);
+bool are_collinear(const Point& a, const Point& b, const Point& c) {
+  return are_collinear_in(a, b, c, 0, 1) && are_collinear_in(a, b, c, 1, 2) && are_collinear_in(a, b, c, 2, 0);
 }
 
-bool finite(const Point& p) { return std::isfinite(p[0]) && std::isfinite(p[1]) && std::isfinite(p[2]); }
+bool is_finite(const Point& p) { return std::isfinite(p[0]) && std::isfinite(p[1]) && std::isfinite(p[2]); }
 
-/// For each vertex the first one with the same position; the vertex itself if the position is not finite.
+/// Returns, for each vertex, the first vertex at the same position; the vertex itself if the position is not finite.
 std::vector<std::uint32_t> weld(TriangleMesh& mesh, CleanReport& report, unsigned threads) {
   std::vector<Point>& at = mesh.positions;
   const auto hash_of = [&at](std::uint32_t v) {
-    if (!finite(at[v])) return 0u;
+    if (!is_finite(at[v])) return 0u;
     for (float& x : at[v]) x += 0.0f;  // -0 becomes 0
     return mix(bits(at[v][0]), bits(at[v][1]), bits(at[v][2]));
   };
@@ -139,12 +140,12 @@ Triangle from_smallest(const Triangle& f) {
   return f[1] < f[2] ? Triangle{f[1], f[2], f[0]} : Triangle{f[2], f[0], f[1]};
 }
 
-/// The counter for a bad face, or null if the face alone is good.
-std::uint32_t CleanReport::*fault_of(const TriangleMesh& mesh, const Triangle& f) {
+/// Returns the counter for a face that must be dropped, or null. Does not look for duplicates.
+std::uint32_t CleanReport::*reason_to_drop(const TriangleMesh& mesh, const Triangle& f) {
   const Point &a = mesh.positions[f[0]], &b = mesh.positions[f[1]], &c = mesh.positions[f[2]];
-  if (!finite(a) || !finite(b) || !finite(c)) return &CleanReport::non_finite_faces;
+  if (!is_finite(a) || !is_finite(b) || !is_finite(c)) return &CleanReport::non_finite_faces;
   if (f[0] == f[1] || f[1] == f[2] || f[2] == f[0]) return &CleanReport::repeated_corner_faces;
-  return collinear(a, b, c) ? &CleanReport::zero_area_faces : nullptr;
+  return are_collinear(a, b, c) ? &CleanReport::zero_area_faces : nullptr;
 }
 
 void drop_bad_faces(TriangleMesh& mesh, const std::vector<std::uint32_t>& welded, CleanReport& report,
@@ -152,7 +153,7 @@ void drop_bad_faces(TriangleMesh& mesh, const std::vector<std::uint32_t>& welded
   std::vector<Triangle>& faces = mesh.faces;
   const auto hash_of = [&](std::uint32_t i) {
     for (std::uint32_t& v : faces[i]) v = welded[v];
-    if (fault_of(mesh, faces[i]) != nullptr) return 0u;
+    if (reason_to_drop(mesh, faces[i]) != nullptr) return 0u;
     const Triangle key = from_smallest(faces[i]);
     return mix(key[0], key[1], key[2]);
   };
@@ -166,7 +167,7 @@ void drop_bad_faces(TriangleMesh& mesh, const std::vector<std::uint32_t>& welded
     } else if (first[i] != kNone) {
       ++report.duplicate_faces;
     } else {
-      ++(report.*fault_of(mesh, faces[i]));
+      ++(report.*reason_to_drop(mesh, faces[i]));
     }
   }
   faces.resize(kept);
@@ -198,7 +199,7 @@ void require_vertices(const TriangleMesh& mesh, unsigned threads) {
     for (std::size_t i = begin; i < end; ++i) {
       for (const std::uint32_t v : mesh.faces[i]) {
         if (v < mesh.positions.size()) continue;
-        throw ModelError{"face " + std::to_string(i) + ": names vertex " + std::to_string(v) + ", the mesh has " +
+        throw ModelError{"face " + std::to_string(i) + ": found vertex " + std::to_string(v) + ", expected below " +
                          std::to_string(mesh.positions.size())};
       }
     }

@@ -11,9 +11,10 @@
 namespace tactus::spm::offline {
 namespace {
 
-class Closure {
+class DependencyFinder {
  public:
-  Closure(Collapses& collapses, std::size_t vertices, unsigned threads) : collapses_{collapses}, threads_{threads} {
+  DependencyFinder(Collapses& collapses, std::size_t vertices, unsigned threads)
+      : collapses_{collapses}, threads_{threads} {
     out_.segment.assign(1, 0);
     for (const Segment& segment : collapses.segments) out_.segment.push_back(out_.segment.back() + segment.size());
     out_.removed_by.assign(vertices, kNone);
@@ -23,8 +24,8 @@ class Closure {
     backwards_.resize(collapses.segments.size());
   }
 
-  /// Undoes the collapses, the last first, so that the needs of a record are known before those of its dependants.
-  /// Segments of one round share no face and no removed vertex.
+  /// Undoes the collapses, beginning with the last, so that the level of a record is known before a record that depends
+  /// on it is visited. Segments of one round share no face and no removed vertex, so threads can undo them in parallel.
   Dependencies run() {
     const std::size_t segments = collapses_.segments.size();
     parallel_for(segments, threads_, [this](std::size_t s, unsigned) {
@@ -52,6 +53,7 @@ class Closure {
   }
 
  private:
+  /// Undoes the collapses of segment s, and finds level and needs of each.
   void undo(std::size_t s) {
     Segment& segment = collapses_.segments[s];
     std::vector<std::uint32_t> own;
@@ -63,7 +65,7 @@ class Closure {
       std::uint32_t level = 1;
       for (const std::uint32_t j : own) level = std::max(level, 1u + out_.level[j]);
       if (level > 0xffff) {
-        throw ModelError{"vertex " + std::to_string(segment.sequence[i].u) + ": depends on more than 65535 levels"};
+        throw ModelError{"vertex " + std::to_string(segment.sequence[i].u) + ": found a level above 65535"};
       }
       out_.level[id] = static_cast<std::uint16_t>(level);
       std::sort(own.begin(), own.end(), std::greater<>{});
@@ -72,6 +74,7 @@ class Closure {
     }
   }
 
+  /// Undoes collapse i of a segment, record `id`, and sets `own` to the records that it needs.
   void find_needs(Segment& segment, std::uint32_t i, std::uint32_t id, std::vector<std::uint32_t>& own) {
     const Collapse &c = segment.sequence[i], &end = segment.sequence[i + 1];
     own.clear();
@@ -101,14 +104,14 @@ class Closure {
   Collapses& collapses_;
   unsigned threads_;
   Dependencies out_;
-  std::vector<std::uint32_t> writer_;                  // by face: the record that changed it last
-  std::vector<std::vector<std::uint32_t>> backwards_;  // by segment: needs, from the last collapse to the first
+  std::vector<std::uint32_t> writer_;                  // by face: the newest record that bore or deformed it
+  std::vector<std::vector<std::uint32_t>> backwards_;  // by segment: needs of its collapses, the last collapse first
 };
 
 }  // namespace
 
 Dependencies dependencies(Collapses& collapses, std::size_t vertices, unsigned threads) {
-  return Closure{collapses, vertices, threads}.run();
+  return DependencyFinder{collapses, vertices, threads}.run();
 }
 
 }  // namespace tactus::spm::offline

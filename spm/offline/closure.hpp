@@ -1,8 +1,9 @@
-/// The dependencies of records: the records that must come before a record, so that every closed set is a valid mesh.
+/// Finds the dependencies of records: the records that must be applied before a record, so that every closed set is a
+/// valid mesh.
 ///
-/// Record i needs (a) for each face that it deforms, the record that produces the previous version of the face, and (b)
-/// the records of t and of all other corners of the faces that it produces. Rule (a) alone is not enough for ears at
-/// borders: an ear deforms no face, but its vertices must exist.
+/// A record needs (a) for each face that it deforms, the record that made the previous version of the face, and (b) for
+/// each corner of a face that it bears or deforms, the record that adds the vertex. Rule (a) alone is not enough at
+/// borders: a record that bears one face and deforms none still needs the vertices of that face.
 /// Source: De Floriani, Magillo, Puppo 1997 (a closed set of a Multi-Triangulation is a mesh).
 #pragma once
 
@@ -14,23 +15,26 @@
 
 namespace tactus::spm::offline {
 
-/// Collapses are numbered as if all segments were one sequence.
+/// The dependencies of the records that undo the collapses. A record has the number of its collapse; the collapses of
+/// all segments are numbered as one sequence. A record needs only records of later collapses.
 struct Dependencies {
-  std::vector<std::uint32_t> segment;     ///< the first collapse of each segment, and the number of collapses
-  std::vector<std::uint32_t> removed_by;  ///< by vertex: the collapse that removes it; kNone in the base mesh
-  std::vector<std::uint32_t> first;  ///< collapse i needs `needs[first[i], first[i + 1])`, each later in the sequence
-  std::vector<std::uint32_t> needs;  ///< each once, ascending
-  std::vector<std::uint16_t> level;  ///< 1 + the highest level needed
+  std::vector<std::uint32_t> segment;     ///< first collapse of each segment; last: number of collapses
+  std::vector<std::uint32_t> removed_by;  ///< collapse that removes the vertex, by vertex; kNone in the base mesh
+  std::vector<std::uint32_t> first;       ///< first index of record i in `needs`; the index of record i + 1 is its end
+  std::vector<std::uint32_t> needs;       ///< the records that record 0 needs, ascending; those of record 1; ...
+  std::vector<std::uint16_t> level;       ///< 1 + highest level of a needed record
   std::uint32_t max_level = 0;
 
+  /// Number of collapses.
   [[nodiscard]] std::uint32_t size() const noexcept { return segment.back(); }
+  /// The records that record i needs.
   [[nodiscard]] std::span<const std::uint32_t> of(std::uint32_t i) const {
     return {needs.data() + first[i], first[i + 1] - first[i]};
   }
 };
 
-/// Afterwards `collapses.corners` is the finest mesh, and the moved corners of each collapse are in the order of
-/// order_fan(). Throws ModelError if a dependency chain is longer than the maximum level.
+/// Finds all dependencies. Sorts the moved corners of each collapse by order_fan(), and sets `collapses.corners` to the
+/// finest mesh. Throws ModelError if a record has a level above 65535. `threads`: 0: one per processor.
 [[nodiscard]] Dependencies dependencies(Collapses& collapses, std::size_t vertices, unsigned threads = 0);
 
 }  // namespace tactus::spm::offline

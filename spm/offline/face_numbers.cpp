@@ -10,7 +10,7 @@
 namespace tactus::spm::offline {
 namespace {
 
-constexpr std::uint32_t kBlock = 64, kLeafNode = 8;
+constexpr std::uint32_t kBlock = 64, kLeaf = 8;  // faces
 constexpr std::size_t kGrain = 1 << 16;
 static_assert(kGrain % kBlock == 0);
 
@@ -18,35 +18,36 @@ class FaceNumbers {
  public:
   FaceNumbers(const TriangleMesh& mesh, const ModelSummary& summary, std::span<const RecordPart> parts,
               unsigned threads)
-      : mesh_{mesh}, kin_(summary.faces, Kin{kNone, kNone, kNone}) {
-    // No face is born twice.
+      : mesh_{mesh}, births_(summary.faces, Birth{kNone, kNone, kNone}) {
+    // No face is born twice, so the threads write different elements.
     parallel_ranges(summary.records, kGrain, threads, [&](std::size_t begin, std::size_t end) {
       for (auto r = static_cast<std::uint32_t>(begin); r < end; ++r) {
         const RecordPart& part = parts[r];
         if (part.born_count == 0) continue;
         const std::uint32_t first = index(part.born[0].face());
         const std::uint32_t second = index(part.born_count == 2 ? part.born[1].face() : FaceId{kNone});
-        kin_[first] = {r, second, index(codec::anchor_of(part))};
-        if (second != kNone) kin_[second] = {r, first, first};
+        births_[first] = {r, second, index(codec::anchor_of(part))};
+        if (second != kNone) births_[second] = {r, first, first};
       }
     });
   }
 
-  /// Sets the new numbers of a block's faces.
+  /// Sets the new numbers of the faces of a block.
   void number(std::uint32_t first, std::uint32_t count, std::vector<std::uint32_t>& numbers) const {
     std::array<PlacedFace, kBlock> faces;
-    for (std::uint32_t i = 0; i < count; ++i) faces[i] = placed(first + i, first, count);
+    for (std::uint32_t i = 0; i < count; ++i) faces[i] = placed_face(first + i, first, count);
     divide_block(faces.data(), count);
-    for (std::uint32_t i = 0; i < count; i += kLeafNode) {
-      number_leaf_node(faces.data() + i, std::min(kLeafNode, count - i), first + i, numbers);
+    for (std::uint32_t i = 0; i < count; i += kLeaf) {
+      number_leaf(faces.data() + i, std::min(kLeaf, count - i), first + i, numbers);
     }
   }
 
  private:
-  struct Kin {
-    std::uint32_t bearer;  // the record, if its first part bears the face
-    std::uint32_t mate;    // the other face that the record bears
-    std::uint32_t origin;  // the face from which its number is coded; the mate if it is the second of two
+  struct Birth {
+    std::uint32_t bearer;  // record whose first part bears the face
+    std::uint32_t mate;    // other face that the record bears
+    std::uint32_t
+        origin;  // face to which the number is coded as a difference; the mate, if the face is the second of two
   };
   [[nodiscard]] bool share_an_edge(std::uint32_t a, std::uint32_t b) const {
     int shared = 0;
@@ -62,10 +63,11 @@ class FaceNumbers {
       centre[axis] += share * sum;
     }
   }
-  /// Two faces that shall stay together get the same position.
-  [[nodiscard]] PlacedFace placed(std::uint32_t face, std::uint32_t first, std::uint32_t count) const {
+  /// Returns the face with a position. Two faces of a record that share an edge get the same position, so that they are
+  /// put into one leaf.
+  [[nodiscard]] PlacedFace placed_face(std::uint32_t face, std::uint32_t first, std::uint32_t count) const {
     PlacedFace result{{0, 0, 0}, face};
-    const std::uint32_t mate = kin_[face].mate;
+    const std::uint32_t mate = births_[face].mate;
     const bool together = mate != kNone && mate - first < count && share_an_edge(face, mate);
     add_centre(std::min(face, together ? mate : face), together ? 0.5f : 1.0f, result.centre);
     if (together) add_centre(std::max(face, mate), 0.5f, result.centre);
@@ -73,7 +75,7 @@ class FaceNumbers {
   }
 
   static void divide_block(PlacedFace* faces, std::size_t count) {
-    while (count > kLeafNode) {
+    while (count > kLeaf) {
       const std::size_t left = largest_power_below(count);
       split_along_longest_axis(faces, count, left);
       divide_block(faces, left);
@@ -82,25 +84,27 @@ class FaceNumbers {
     }
   }
 
-  /// Numbers each face after its origin; of several, the one with the deepest tree of followers last.
-  void number_leaf_node(const PlacedFace* faces, std::uint32_t count, std::uint32_t next,
-                        std::vector<std::uint32_t>& numbers) const {
+  /// Numbers each face of a leaf after its origin. If several faces have one origin, the face with the longest chain of
+  /// faces that follow it comes last.
+  void number_leaf(const PlacedFace* faces, std::uint32_t count, std::uint32_t next,
+                   std::vector<std::uint32_t>& numbers) const {
     struct Member {
       std::uint64_t birth;
       std::uint32_t face;
     };
-    std::array<Member, kLeafNode> members;
+    std::array<Member, kLeaf> members;
     for (std::uint32_t i = 0; i < count; ++i) {
-      const Kin& kin = kin_[faces[i].face];
-      const bool second = kin.mate != kNone && kin.origin == kin.mate;
-      members[i] = {kin.bearer == kNone ? 0 : 2 * std::uint64_t{kin.bearer} + 2 + second, faces[i].face};
+      const Birth& birth = births_[faces[i].face];
+      const bool second = birth.mate != kNone && birth.origin == birth.mate;
+      members[i] = {birth.bearer == kNone ? 0 : 2 * std::uint64_t{birth.bearer} + 2 + second, faces[i].face};
     }
     std::sort(members.begin(), members.begin() + count, [](const Member& a, const Member& b) {
       return a.birth != b.birth ? a.birth < b.birth : a.face < b.face;
     });
-    std::array<std::uint32_t, kLeafNode> origin{}, depth{};
+    std::array<std::uint32_t, kLeaf> origin{};  // index of the origin in `members`; the face's own index if none
+    std::array<std::uint32_t, kLeaf> depth{};   // length of the longest chain of faces that follow
     for (std::uint32_t i = count; i-- > 0;) {
-      const std::uint32_t from = kin_[members[i].face].origin;
+      const std::uint32_t from = births_[members[i].face].origin;
       for (origin[i] = 0; origin[i] < i && members[origin[i]].face != from;) ++origin[i];
       if (origin[i] < i) depth[origin[i]] = std::max(depth[origin[i]], depth[i] + 1);
     }
@@ -118,7 +122,7 @@ class FaceNumbers {
   }
 
   const TriangleMesh& mesh_;
-  std::vector<Kin> kin_;  // by face; kNone: none
+  std::vector<Birth> births_;  // by face; kNone if it does not apply
 };
 
 }  // namespace

@@ -49,7 +49,8 @@ struct Before {
 
 constexpr std::size_t kFew = 16;
 
-/// Sorts by counting for each face the faces before it. Without branches, which would be mispredicted.
+/// Sorts at most kFew faces: counts for each face the faces before it. Has no branches that depend on the faces, which
+/// would be mispredicted.
 void sort_few(PlacedFace* faces, std::size_t count, std::size_t axis) {
   std::array<PlacedFace, kFew> from;
   std::array<Four, kFew / 4> place{};
@@ -71,7 +72,8 @@ void sort_few(PlacedFace* faces, std::size_t count, std::size_t axis) {
   for (std::size_t i = 0; i < count; ++i) faces[rank[i / 4][i % 4]] = from[i];
 }
 
-/// Moves the faces before `pivot` to the front and returns their number. Without branches.
+/// Moves the faces that are before `pivot` in the order to the front and returns their number. Has no branches that
+/// depend on the faces.
 std::size_t move_to_front(PlacedFace* faces, std::size_t count, std::size_t axis, const PlacedFace& pivot) {
   const float at = pivot.centre[axis];
   std::size_t front = 0;
@@ -85,8 +87,8 @@ std::size_t move_to_front(PlacedFace* faces, std::size_t count, std::size_t axis
   return front;
 }
 
-/// A pivot from a sample, probably just beyond the `nth`, so that the next partition is small. Never the first or last
-/// of the sample.
+/// Returns a pivot from a sample. It is probably near the `nth` face, on the side of the larger part, so that the `nth`
+/// face is in the smaller part. It is never the first or last face of the sample.
 PlacedFace choose_pivot(const PlacedFace* faces, std::size_t count, std::size_t nth, Before before) {
   constexpr std::size_t kMax = 127;
   std::array<PlacedFace, kMax> sample;
@@ -99,10 +101,10 @@ PlacedFace choose_pivot(const PlacedFace* faces, std::size_t count, std::size_t 
   return *chosen;
 }
 
-/// Like std::nth_element; the order within the halves differs.
+/// Like std::nth_element, but with another order within the two parts.
 void select(PlacedFace* faces, std::size_t count, std::size_t nth, std::size_t axis) {
   for (std::size_t steps = 0; count > kFew; ++steps) {
-    if (steps == 64) {  // bad samples: guarantees linear time
+    if (steps == 64) {  // the samples were bad; std::nth_element is linear
       std::nth_element(faces, faces + nth, faces + count, Before{axis});
       return;
     }
@@ -142,7 +144,9 @@ void order(PlacedFace* faces, std::size_t count) {
   }
 }
 
-/// Splits every block of more than `max` faces at `left_of`, one generation at a time, until none is left.
+/// Splits every block of more than `max` faces in two with `split`, until no block has more. `left_of(count)` is the
+/// number of faces of the left part. Each pass splits all such blocks once, in parallel. Returns the start of each
+/// block and the end of the last.
 template <class LeftOf, class Split>
 std::vector<std::size_t> split_all(std::vector<PlacedFace>& faces, std::size_t max, unsigned threads, LeftOf left_of,
                                    Split split) {
@@ -177,7 +181,7 @@ std::vector<std::size_t> divide(std::vector<PlacedFace>& faces, std::size_t max,
     const auto left = static_cast<std::size_t>(share * static_cast<double>(count));
     return std::clamp<std::size_t>(left, 1, count - 1);
   };
-  // The order within a block is part of the result.
+  // std::nth_element instead of split_along_longest_axis(): the order within a block affects the result.
   return split_all(faces, max, threads, left_of, [](PlacedFace* block, std::size_t count, std::size_t left) {
     std::nth_element(block, block + left, block + count, Before{longest_axis(block, count)});
   });

@@ -24,7 +24,8 @@ constexpr std::array<NamedShape, 6> kShapes{{{"sphere", Shape::kSphere},
                                              {"wall", Shape::kWall},
                                              {"box", Shape::kBox}}};
 
-/// Smooth noise over space in [-1, 1]: random values at integer points, blended by quintics. Source: Perlin 2002.
+/// A smooth random function of position with values in [-1, 1]: random values at integer positions, interpolated by
+/// quintic polynomials. Source: Perlin 2002.
 class Noise {
  public:
   explicit Noise(std::uint64_t seed) : seed_{seed} {}
@@ -47,7 +48,7 @@ class Noise {
     return sum;
   }
 
-  /// A sum of octaves; each has twice the frequency and half the amplitude of the previous one.
+  /// The sum of `count` octaves. Each octave has twice the frequency and half the amplitude of the previous one.
   double octaves(Vec3d p, int count) const {
     double sum = 0, height = 1;
     for (int i = 0; i < count; ++i) {
@@ -77,8 +78,9 @@ std::array<float, 3> rounded(const Vec3d& p) {
   return {static_cast<float>(p[0]), static_cast<float>(p[1]), static_cast<float>(p[2])};
 }
 
-/// A unit sphere of rings of latitude. Each ring has vertices in proportion to its length and is connected to the next.
-/// A closed surface of V vertices has 2 V - 4 faces, so the right number of vertices gives exactly `faces` faces.
+/// A unit sphere whose vertices are on rings of latitude. The number of vertices of a ring is proportional to its
+/// length. Triangles connect each ring to the next. A closed surface of V vertices has 2 V - 4 faces, so the number of
+/// vertices determines the number of faces.
 ///
 ///      pole
 ///     /  |  \        ring i has counts[i] vertices
@@ -90,6 +92,7 @@ struct UnitSphere {
   std::vector<Triangle> faces;
 };
 
+/// Returns the number of vertices of each ring, for a sphere with so many vertices on rings.
 std::vector<std::uint32_t> ring_counts(std::uint32_t vertices) {
   const auto rings = static_cast<std::uint32_t>(
       std::clamp(std::round(std::sqrt(kPi * vertices * std::sqrt(3.0) / 8)), 1.0, std::max(1.0, vertices / 3.0)));
@@ -97,12 +100,12 @@ std::vector<std::uint32_t> ring_counts(std::uint32_t vertices) {
   double total = 0;
   for (std::uint32_t i = 0; i < rings; ++i) total += length[i] = std::sin(kPi * (i + 1) / (rings + 1));
   std::vector<std::uint32_t> counts(rings);
-  double wanted = 0;
-  std::uint32_t given = 0;
-  for (std::uint32_t i = 0; i < rings; ++i) {  // at least 3 each; the next ring gets the rounding error
-    wanted += 3 + (vertices - 3.0 * rings) * length[i] / total;
-    counts[i] = i + 1 == rings ? vertices - given : static_cast<std::uint32_t>(std::round(wanted)) - given;
-    given += counts[i];
+  double exact_sum = 0;
+  std::uint32_t sum = 0;
+  for (std::uint32_t i = 0; i < rings; ++i) {  // each ring has at least 3; the next ring corrects the rounding error
+    exact_sum += 3 + (vertices - 3.0 * rings) * length[i] / total;
+    counts[i] = i + 1 == rings ? vertices - sum : static_cast<std::uint32_t>(std::round(exact_sum)) - sum;
+    sum += counts[i];
   }
   return counts;
 }
@@ -122,7 +125,8 @@ UnitSphere unit_sphere(std::uint32_t faces) {
       const double angle = 2 * kPi * k / counts[i];
       sphere.points.emplace_back(std::sin(polar) * std::cos(angle), std::sin(polar) * std::sin(angle), std::cos(polar));
     }
-    // Connects two rings: the ring with the smaller angle advances.
+    // Connects this ring to the ring above. Each triangle advances by one vertex on the ring whose next edge has the
+    // middle with the smaller angle.
     std::uint32_t a = 0, b = 0;
     const std::uint32_t above_steps = i == 0 ? 0 : above_count;
     while (a < above_steps || b < counts[i]) {
@@ -179,10 +183,11 @@ struct Quads {
   std::uint32_t columns, rows;
 };
 
-/// The grid of quads for which 2 * columns * rows is nearest to `faces`, with about `aspect` columns for each row.
+/// Returns the grid of quads for which 2 * columns * rows is nearest to `faces`, with about `aspect` times as many
+/// columns as rows. It has at least `min` columns and rows.
 Quads quads(std::uint32_t faces, double aspect, std::uint32_t min) {
-  const double wanted = faces / 2.0;
-  const double columns = std::sqrt(wanted * aspect);
+  const double count = faces / 2.0;
+  const double columns = std::sqrt(count * aspect);
   const auto around = static_cast<std::uint32_t>(std::max<double>(min, std::round(columns)));
   Quads best{};
   double best_error = 0;
@@ -191,8 +196,8 @@ Quads quads(std::uint32_t faces, double aspect, std::uint32_t min) {
     const std::uint32_t offset = (step + 1) / 2;
     if (step % 2 == 0 && around < min + offset) continue;
     const std::uint32_t c = step % 2 == 0 ? around - offset : around + offset;
-    const auto r = static_cast<std::uint32_t>(std::max<double>(min, std::round(wanted / c)));
-    const double error = std::abs(double(c) * r - wanted);
+    const auto r = static_cast<std::uint32_t>(std::max<double>(min, std::round(count / c)));
+    const double error = std::abs(double(c) * r - count);
     if (best.columns == 0 || error < best_error) {
       best = {c, r};
       best_error = error;
@@ -237,9 +242,9 @@ TriangleMesh terrain(std::uint32_t faces, std::uint64_t seed) {
   return mesh;
 }
 
-/// The outer squares of a lattice of cubes that is `wide` times as wide as high.
+/// Generates a closed block from the outer squares of a lattice of cubes that is `wide` times as wide as high.
 TriangleMesh block(std::uint32_t faces, std::int64_t wide) {
-  // 2 w^2 + 4 w h squares of two faces each, with w = `wide` h.
+  // A lattice of w x w x h cubes has 2 w^2 + 4 w h outer squares of two faces each, and w = `wide` * h.
   const double min = static_cast<double>(4 * wide * wide + 8 * wide);
   const std::int64_t high = std::max<std::int64_t>(1, std::llround(std::sqrt(faces / min)));
   const std::array<std::int64_t, 3> count{wide * high, wide * high, high};
@@ -283,7 +288,7 @@ TriangleMesh block(std::uint32_t faces, std::int64_t wide) {
 
 TriangleMesh stylus() {
   constexpr std::uint32_t kAround = 24;
-  constexpr std::uint32_t kTipRings = 12, kRings = 15;  // the last three along the shaft
+  constexpr std::uint32_t kTipRings = 12, kRings = 15;  // 12 rings of the hemisphere, 3 along the shaft
   constexpr double kRadius = 0.003, kShaft = 0.025;
   TriangleMesh mesh;
   mesh.positions.push_back(rounded({0, 0, -kRadius}));

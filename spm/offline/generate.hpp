@@ -1,4 +1,5 @@
-/// Generates meshes of any size from a few parameters, for tests, demos and benchmarks: about 0.1 m large, in metres.
+/// Generates meshes with any number of faces, for tests, demos and benchmarks. The meshes are about 0.1 m large; unit:
+/// metres.
 #pragma once
 
 #include <cstdint>
@@ -10,25 +11,25 @@
 namespace tactus::spm::offline {
 
 enum class Shape {
-  kSphere,   ///< radius 0.05, nearly equal triangles; any even number of faces from 8
-  kTorus,    ///< radii 0.05 and 0.02, axis z
-  kOrgan,    ///< closed and star-shaped, with bumps and folds in several octaves; as many faces as a sphere
-  kTerrain,  ///< 0.1 x 0.1 in x and y, a height field in z with a border
-  kWall,     ///< a closed block of 0.1 x 0.1 x 0.02 around the origin with flat sides
-  kBox,      ///< edges of 0.1 along the axes, each side a grid
+  kSphere,   ///< radius 0.05 m, nearly equal triangles; any even number of faces from 8
+  kTorus,    ///< radii 0.05 m and 0.02 m, axis z
+  kOrgan,    ///< closed and star-shaped, with bumps and folds in several octaves; any even number of faces from 8
+  kTerrain,  ///< height field in z with a border, 0.1 m x 0.1 m in x and y
+  kWall,     ///< closed block of 0.1 m x 0.1 m x 0.02 m around the origin, with flat sides
+  kBox,      ///< cube with edges of 0.1 m along the axes; each side is a grid
 };
 
-/// A stylus, closed and convex: a hemisphere of 3 mm radius around the origin and a round shaft of the same radius, 25
-/// mm along +z. 720 triangles, 362 vertices, metres.
+/// Generates a stylus, closed and convex: a hemisphere of 3 mm radius around the origin, and a round shaft of the same
+/// radius and 25 mm length along +z. It has 720 triangles and 362 vertices; unit: metres.
 [[nodiscard]] TriangleMesh stylus();
 
-/// The names for users: sphere, torus, organ, terrain, wall, box.
+/// The names of the shapes for users: sphere, torus, organ, terrain, wall, box.
 [[nodiscard]] std::vector<std::string_view> shape_names();
-/// Throws ModelError that lists the shapes.
+/// Throws ModelError that lists the names if there is no such shape.
 [[nodiscard]] Shape shape_from_name(std::string_view name);
 
-/// A mesh with about `faces` faces, as near as the shape allows. `seed` changes organ and terrain. Throws ModelError if
-/// `faces` is below 8 or at least kMaxFaces.
+/// Generates a mesh whose number of faces is as near to `faces` as the shape allows. `seed` affects organ and terrain
+/// only. Throws ModelError if `faces` is below 8 or at least kMaxFaces.
 [[nodiscard]] TriangleMesh generate(Shape shape, std::uint32_t faces, std::uint64_t seed = 1);
 
 }  // namespace tactus::spm::offline

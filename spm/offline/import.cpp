@@ -23,10 +23,10 @@
 namespace tactus::spm::offline {
 namespace {
 
-/// The contents of a scene other than triangles, for the error message.
+/// Counts of what the reader found, for messages.
 struct Found {
   std::size_t points = 0, lines = 0;
-  std::size_t faces = 0;  // polygons before they are cut
+  std::size_t faces = 0;  // faces before polygons are cut
 };
 
 [[noreturn]] void fail(const std::filesystem::path& path, const std::string& what) {
@@ -48,12 +48,13 @@ std::string extension_of(const std::filesystem::path& path) {
   return extension;
 }
 
-/// The counts that a file declares; 0 if its format does not declare them.
+/// The numbers of vertices and faces that a file declares; 0 if its format does not declare them.
 struct Declared {
   double vertices = 0, faces = 0;
 };
 
-/// Checked before the reader reserves memory: a vertex takes at least the bytes of "0 0 0\n".
+/// Reads the declared counts. Throws if the file is too short for them, because the reader would reserve memory for
+/// them: a vertex takes at least the 6 bytes of "0 0 0\n".
 Declared declared_by_off(const std::filesystem::path& path) {
   std::ifstream file{path};
   std::string magic;
@@ -97,7 +98,7 @@ Declared declared_by_stl(const std::filesystem::path& path) {
   return counts;
 }
 
-/// Checks the indices of a scene before they are used.
+/// Throws if a face of the scene has a vertex that does not exist.
 void check_indices(const aiScene& scene, const std::filesystem::path& path) {
   for (unsigned m = 0; m < scene.mNumMeshes; ++m) {
     const aiMesh& mesh = *scene.mMeshes[m];
@@ -122,20 +123,21 @@ Matrix matrix_of(const aiMatrix4x4& m) {
   return out;
 }
 
-void append_mesh(const aiMesh& from, const Matrix& placed, TriangleMesh& to, Found& found) {
+/// Appends a mesh of the scene, transformed by `transform`.
+void append_mesh(const aiMesh& from, const Matrix& transform, TriangleMesh& to, Found& found) {
   const std::size_t first = to.positions.size();
-  if (first + from.mNumVertices >= kNone) throw ModelError{"more vertices than 32 bits can name"};
-  const bool moved = placed != Matrix::Identity();
+  if (first + from.mNumVertices >= kNone) throw ModelError{"found more vertices than 32 bits can number"};
+  const bool moved = transform != Matrix::Identity();
   for (unsigned v = 0; v < from.mNumVertices; ++v) {
     const aiVector3D& p = from.mVertices[v];
     if (moved) {
-      const Eigen::Vector4d q = placed * Eigen::Vector4d{p.x, p.y, p.z, 1};
+      const Eigen::Vector4d q = transform * Eigen::Vector4d{p.x, p.y, p.z, 1};
       to.positions.push_back({static_cast<float>(q[0]), static_cast<float>(q[1]), static_cast<float>(q[2])});
     } else {
       to.positions.push_back({p.x, p.y, p.z});
     }
   }
-  const bool mirrored = placed.topLeftCorner<3, 3>().determinant() < 0;
+  const bool mirrored = transform.topLeftCorner<3, 3>().determinant() < 0;
   const auto add = [&](const aiFace& face, std::uint32_t a, std::uint32_t b, std::uint32_t c) {
     if (mirrored) std::swap(b, c);
     const auto id = [&](std::uint32_t k) { return static_cast<std::uint32_t>(first + face.mIndices[k]); };
@@ -159,12 +161,13 @@ void append_mesh(const aiMesh& from, const Matrix& placed, TriangleMesh& to, Fou
 }
 
 void append_node(const aiScene& scene, const aiNode& node, const Matrix& parent, TriangleMesh& mesh, Found& found) {
-  const Matrix placed = parent * matrix_of(node.mTransformation);
-  for (unsigned i = 0; i < node.mNumMeshes; ++i) append_mesh(*scene.mMeshes[node.mMeshes[i]], placed, mesh, found);
-  for (unsigned i = 0; i < node.mNumChildren; ++i) append_node(scene, *node.mChildren[i], placed, mesh, found);
+  const Matrix transform = parent * matrix_of(node.mTransformation);
+  for (unsigned i = 0; i < node.mNumMeshes; ++i) append_mesh(*scene.mMeshes[node.mMeshes[i]], transform, mesh, found);
+  for (unsigned i = 0; i < node.mNumChildren; ++i) append_node(scene, *node.mChildren[i], transform, mesh, found);
 }
 
-std::string list(const aiScene& scene, const Found& found) {
+/// Describes a scene without triangles.
+std::string described(const aiScene& scene, const Found& found) {
   std::string text;
   const auto add = [&text](std::size_t count, const char* what) {
     if (count > 0) text += (text.empty() ? "" : ", ") + std::to_string(count) + " " + what;
@@ -182,35 +185,37 @@ TriangleMesh import_with(Assimp::Importer& importer, const std::filesystem::path
   check_indices(*scene, path);
   TriangleMesh mesh;
   if (scene->mRootNode != nullptr) append_node(*scene, *scene->mRootNode, Matrix::Identity(), mesh, found);
-  if (mesh.faces.empty()) fail(path, "found " + list(*scene, found) + ", expected a surface of triangles");
+  if (mesh.faces.empty()) fail(path, "found " + described(*scene, found) + ", expected a surface of triangles");
   return mesh;
 }
 
-/// Counts different points, because assimp repeats the vertices of an OBJ file for each face.
-std::size_t distinct(std::vector<std::array<float, 3>> positions) {
+/// Counts the distinct positions. assimp repeats the vertices of an OBJ file for each face, so their number says
+/// nothing.
+std::size_t count_distinct(std::vector<std::array<float, 3>> positions) {
   const auto before = [](const auto& a, const auto& b) {
     return std::memcmp(&a, &b, sizeof a) < 0;
-  };  // NaN has no order
+  };  // by bytes, because NaN is not ordered
   std::sort(positions.begin(), positions.end(), before);
   return static_cast<std::size_t>(std::unique(positions.begin(), positions.end()) - positions.begin());
 }
 
-/// Compares with the declared counts, because assimp drops unknown content silently.
-void require_max(const std::filesystem::path& path, const Declared& declared, const TriangleMesh& mesh,
-                 const Found& found) {
+/// Throws if most declared vertices or faces are missing, because assimp drops unknown content silently.
+void require_few_losses(const std::filesystem::path& path, const Declared& declared, const TriangleMesh& mesh,
+                        const Found& found) {
   const auto require = [&](const char* what, double has, double read) {
     if (2 * read >= has) return;
     std::ostringstream text;
     text.precision(12);
-    text << "most " << what << " would be dropped: found " << has << " in the file, of which its faces give " << read
-         << "; expected at least half (tactus-mesh build --allow-losses builds it as it is)";
+    text << "most " << what << " would be dropped: the file declares " << has << ", found " << read
+         << ", expected at least half (tactus-mesh build --allow-losses builds it as it is)";
     fail(path, text.str());
   };
   require("faces", declared.faces, static_cast<double>(found.faces));
-  if (declared.vertices > 0) require("vertices", declared.vertices, static_cast<double>(distinct(mesh.positions)));
+  if (declared.vertices > 0)
+    require("vertices", declared.vertices, static_cast<double>(count_distinct(mesh.positions)));
 }
 
-/// Decides by content, whatever the name is, because assimp cannot read all PLY files.
+/// True if the name or the first bytes are those of a PLY file, which read_ply() must read (ply.hpp).
 bool is_ply(const std::filesystem::path& path, const std::string& extension) {
   std::array<char, 4> magic{};
   std::ifstream{path, std::ios::binary}.read(magic.data(), magic.size());
@@ -223,7 +228,8 @@ TriangleMesh import_ply(const std::filesystem::path& path, Losses losses) {
     fail(path, "found " + std::to_string(ply.mesh.positions.size()) + " points and " + std::to_string(ply.lines) +
                    " lines, expected a surface of triangles");
   const Found found{0, ply.lines, ply.polygons};
-  if (losses == Losses::kRefuse) require_max(path, {0, static_cast<double>(ply.lines + ply.polygons)}, ply.mesh, found);
+  if (losses == Losses::kRefuse)
+    require_few_losses(path, {0, static_cast<double>(ply.lines + ply.polygons)}, ply.mesh, found);
   return std::move(ply.mesh);
 }
 
@@ -241,7 +247,7 @@ TriangleMesh import_mesh(const std::filesystem::path& path, Losses losses) {
     Assimp::Importer importer;
     Found found;
     TriangleMesh mesh = import_with(importer, path, found);
-    if (losses == Losses::kRefuse) require_max(path, declared, mesh, found);
+    if (losses == Losses::kRefuse) require_few_losses(path, declared, mesh, found);
     return mesh;
   } catch (const ModelError&) {
     throw;

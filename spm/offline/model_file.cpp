@@ -18,7 +18,7 @@
 namespace tactus::spm::offline {
 namespace {
 
-static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "the file is memory as it stands");
+static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "the file has the bytes of values in memory");
 
 constexpr std::array<char, 8> kMagic{'t', 'a', 'c', 't', 'S', 'P', 'M', '\n'};
 constexpr std::size_t kAlignment = 64;
@@ -32,7 +32,7 @@ struct Header {
   std::uint32_t version;
   std::uint32_t sections;
   std::uint64_t file_size;
-  std::uint64_t checksum;  // of this header, with 0 here, and of the table
+  std::uint64_t checksum;  // of this header, with checksum 0, and of the table
   std::array<std::uint64_t, 4> reserved;
 };
 static_assert(sizeof(Header) == 64);
@@ -55,7 +55,7 @@ std::uint64_t checksum_of(Header header, const Table& table) {
   return XXH3_64bits(bytes.data(), bytes.size());
 }
 
-/// Calls `use(data, bytes)` for each array, in the order of the sections.
+/// Calls `use(data, bytes)` for each array of the model, in a fixed order.
 template <class Use>
 void for_each_array(const Model& model, Use use) {
   const auto bytes_of = [&use](auto span) { use(span.data(), span.size() * sizeof(*span.data())); };
@@ -119,7 +119,7 @@ void check_header(const Header& header, std::size_t size, const std::filesystem:
     fail(path, "found " + std::to_string(header.sections) + " sections, expected " + std::to_string(kSections));
   }
   if (header.file_size != size) {
-    fail(path, "found " + std::to_string(size) + " bytes, its header says " + std::to_string(header.file_size) +
+    fail(path, "found " + std::to_string(size) + " bytes, its header declares " + std::to_string(header.file_size) +
                    (size < header.file_size ? " (truncated)" : ""));
   }
 }
@@ -127,10 +127,13 @@ void check_header(const Header& header, std::size_t size, const std::filesystem:
 void check_section(const SectionEntry& section, std::uint32_t i, const unsigned char* file, std::size_t size,
                    const std::filesystem::path& path) {
   const std::string name = std::string{"section "} + kSectionNames[i];
-  if (static_cast<std::uint32_t>(section.kind) != i + 1) fail(path, name + ": not in its place in the table");
+  if (static_cast<std::uint32_t>(section.kind) != i + 1)
+    fail(path, name + ": found section kind " + std::to_string(static_cast<std::uint32_t>(section.kind)) +
+                   ", expected " + std::to_string(i + 1));
   if (section.offset % kAlignment != 0 || section.offset > size || section.size > size - section.offset) {
-    fail(path, name + ": bytes " + std::to_string(section.offset) + " + " + std::to_string(section.size) +
-                   ", the file has " + std::to_string(size));
+    fail(path, name + ": found offset " + std::to_string(section.offset) + " and " + std::to_string(section.size) +
+                   " bytes, expected a multiple of 64 and an end within the " + std::to_string(size) +
+                   " bytes of the file");
   }
   if (XXH3_64bits(file + section.offset, section.size) != section.checksum) {
     fail(path, name + ": checksum does not match, the file is damaged");
@@ -211,7 +214,7 @@ MappedModel::MappedModel(const std::filesystem::path& path, OwnedModel* arrays) 
   if (::fstat(file.fd, &status) != 0 || !S_ISREG(status.st_mode)) fail(path, "is no regular file");
   const auto size = static_cast<std::size_t>(status.st_size);
   if (size < sizeof(Header) + sizeof(Table)) {
-    fail(path, "found " + std::to_string(size) + " bytes, an .spm file has at least " +
+    fail(path, "found " + std::to_string(size) + " bytes, expected at least " +
                    std::to_string(sizeof(Header) + sizeof(Table)));
   }
   mapping_ = std::make_unique<const Mapping>(file.fd, size);

@@ -45,10 +45,10 @@ void parallel_ranges(std::size_t count, std::size_t grain, unsigned threads,
 }
 
 void parallel_groups(std::size_t count, std::size_t grain, unsigned threads,
-                     const std::function<bool(std::size_t item)>& joined,
+                     const std::function<bool(std::size_t item)>& continues_group,
                      const std::function<void(std::size_t first, std::size_t last)>& work) {
   const auto begin = [&](std::size_t i) {
-    while (i > 0 && i < count && joined(i)) ++i;
+    while (i > 0 && i < count && continues_group(i)) ++i;
     return std::min(i, count);
   };
   parallel_ranges(count, grain, threads, [&](std::size_t first, std::size_t last) {

@@ -1,4 +1,4 @@
-/// Independent work on several threads, with a result that does not depend on their number.
+/// Runs independent work on several threads. The results do not depend on the number of threads.
 #pragma once
 
 #include <algorithm>
@@ -8,37 +8,38 @@
 
 namespace tactus::spm::offline {
 
-/// `threads`, or the number of processors of this process if `threads` is 0.
+/// Returns `threads`, or the number of processors if `threads` is 0.
 [[nodiscard]] unsigned thread_count(unsigned threads);
 
-/// Calls `work(item, worker)` once for each item below `count`, on `threads` threads (0: all processors), in ascending
-/// order of the items. Worker 0 is the calling thread. Items must not share data that one of them writes. If items
-/// throw, rethrows the exception of the first of them in order; later items may not have run.
+/// Calls `work(item, worker)` once for each item below `count`, on `threads` threads (0: one per processor). The calls
+/// begin in ascending order of the items. Worker 0 is the calling thread. A call must not write data that another call
+/// uses. If calls throw, rethrows the exception of the first such item; the work of later items may be missing.
 void parallel_for(std::size_t count, unsigned threads,
                   const std::function<void(std::size_t item, unsigned worker)>& work);
 
-/// The same in ranges: `work(first, last)` for ranges of about `grain` items that together are [0, count).
+/// Like parallel_for, but calls `work(first, last)` for ranges of `grain` items that together are [0, count).
 void parallel_ranges(std::size_t count, std::size_t grain, unsigned threads,
                      const std::function<void(std::size_t first, std::size_t last)>& work);
 
-/// The same, but no range begins at an item for which `joined(item)` is true: the item belongs to the previous one.
+/// Like parallel_ranges, but extends a range by all items up to the next one for which `continues_group(item)` is
+/// false, so that a group of items is in one range.
 void parallel_groups(std::size_t count, std::size_t grain, unsigned threads,
-                     const std::function<bool(std::size_t item)>& joined,
+                     const std::function<bool(std::size_t item)>& continues_group,
                      const std::function<void(std::size_t first, std::size_t last)>& work);
 
-/// The range of a hash if all 32-bit hashes are divided into `parts` equal ranges.
+/// The number of the range in which a hash is, if all 32-bit hashes are divided into `parts` equal ranges.
 [[nodiscard]] constexpr std::uint32_t range_of_hash(std::uint32_t hash, std::uint32_t parts) noexcept {
   return static_cast<std::uint32_t>(std::uint64_t{hash} * parts >> 32);  // a size_t may have 32 bits only
 }
 
-/// Runs two functions in parallel, or one after the other with a single thread.
+/// Runs two functions in parallel, or one after the other if there is a single thread.
 void parallel_both(unsigned threads, const std::function<void()>& one, const std::function<void()>& other);
 
-/// Sum of `value(item)` for items below `count`, added in order.
+/// Returns the sum of `value(item)` over all items below `count`. Adds them in order, so that rounding is the same.
 [[nodiscard]] double parallel_sum(std::size_t count, unsigned threads,
                                   const std::function<double(std::size_t item)>& value);
 
-/// Sorts by a strict total order. Items must be different, so that the result is unique.
+/// Sorts by a strict total order. No two items may be equal, so that the result is unique.
 template <class Item, class Less>
 void parallel_sort(std::vector<Item>& items, unsigned threads, Less less) {
   constexpr std::size_t kChunk = std::size_t{1} << 16;

@@ -11,7 +11,7 @@ namespace tactus::spm::offline {
 namespace {
 
 constexpr std::uint32_t kMaxDepth = 6;
-constexpr double kMaxCellsPerSide = 1000;  // times 2^kMaxDepth still fits 16 bits
+constexpr double kMaxCellsPerSide = 1000;  // so that coordinates at kMaxDepth fit 16 bits
 
 class Partitioner {
  public:
@@ -32,18 +32,18 @@ class Partitioner {
     const double side = (high - low).maxCoeff();
     const double even = std::sqrt(area * options.cell_faces / static_cast<double>(mesh.faces.size()));
     const double cell = std::min(std::max(even, side / kMaxCellsPerSide), 1.01 * side);
-    hair_ = 1e-6 * cell + 4 * static_cast<double>(std::numeric_limits<float>::epsilon()) * largest;
+    margin_ = 1e-6 * cell + 4 * static_cast<double>(std::numeric_limits<float>::epsilon()) * largest;
     // The model is in the middle of the grid, slightly inside the outermost cells.
     out_.grid.cell_size = cell;
     for (int axis = 0; axis < 3; ++axis) {
-      const double extent = high[axis] - low[axis] + 4 * hair_;
+      const double extent = high[axis] - low[axis] + 4 * margin_;
       count_[axis] = static_cast<std::uint32_t>(std::ceil(extent / cell));
       out_.grid.origin[static_cast<std::size_t>(axis)] = (low[axis] + high[axis] - count_[axis] * cell) / 2;
     }
   }
 
   Partition run() {
-    std::vector<Entry> entries = meetings();
+    std::vector<Entry> entries = intersections();
     parallel_sort(entries, threads_,
                   [](const Entry& a, const Entry& b) { return a.key != b.key ? a.key < b.key : a.face < b.face; });
     constexpr std::size_t kPiece = 1 << 15;
@@ -72,25 +72,27 @@ class Partitioner {
   }
 
  private:
-  using Place = std::array<std::uint32_t, 3>;
+  using CellCoordinates = std::array<std::uint32_t, 3>;
+  /// An intersection of a cell of the even grid and a face.
   struct Entry {
-    std::uint64_t key;
+    std::uint64_t key;  // Morton code of the cell
     std::uint32_t face;
   };
-  /// As in Partition.
+  /// Some of the cells, in the form of Partition.
   struct Cells {
     std::vector<Cell> cells;
     std::vector<std::uint32_t> faces;
   };
 
-  /// The pairs of intersecting faces and cells of the regular grid.
-  std::vector<Entry> meetings() const {
+  /// Finds all pairs of a face and a cell of the even grid that intersect.
+  std::vector<Entry> intersections() const {
     constexpr std::size_t kChunk = 1 << 16;
     std::vector<std::vector<Entry>> chunks((mesh_.faces.size() + kChunk - 1) / kChunk);
     parallel_for(chunks.size(), threads_, [&](std::size_t chunk, unsigned) {
       chunks[chunk].reserve(kChunk * 3 / 2);
       const std::size_t last = std::min(mesh_.faces.size(), (chunk + 1) * kChunk);
-      for (std::size_t f = chunk * kChunk; f < last; ++f) add_meetings(static_cast<std::uint32_t>(f), chunks[chunk]);
+      for (std::size_t f = chunk * kChunk; f < last; ++f)
+        add_intersections(static_cast<std::uint32_t>(f), chunks[chunk]);
     });
     std::size_t sum = 0;
     for (const std::vector<Entry>& chunk : chunks) sum += chunk.size();
@@ -103,23 +105,23 @@ class Partitioner {
     return entries;
   }
 
-  void add_meetings(std::uint32_t f, std::vector<Entry>& entries) const {
+  void add_intersections(std::uint32_t f, std::vector<Entry>& entries) const {
     const std::array<Vec3d, 3> t = corners(f);
-    Place first{}, last{};
+    CellCoordinates first{}, last{};
     for (int axis = 0; axis < 3; ++axis) {
       const double low = std::min({t[0][axis], t[1][axis], t[2][axis]});
       const double high = std::max({t[0][axis], t[1][axis], t[2][axis]});
-      first[static_cast<std::size_t>(axis)] = cell_of(low - hair_, axis);
-      last[static_cast<std::size_t>(axis)] = cell_of(high + hair_, axis);
+      first[static_cast<std::size_t>(axis)] = cell_of(low - margin_, axis);
+      last[static_cast<std::size_t>(axis)] = cell_of(high + margin_, axis);
     }
-    if (first == last) {  // the face is inside one cell
+    if (first == last) {  // the bounds of the face are inside one cell
       entries.push_back({morton(first[0], first[1], first[2]), f});
       return;
     }
     for (std::uint32_t z = first[2]; z <= last[2]; ++z) {
       for (std::uint32_t y = first[1]; y <= last[1]; ++y) {
         for (std::uint32_t x = first[0]; x <= last[0]; ++x) {
-          if (meets_cell(t, {x, y, z}, 0)) entries.push_back({morton(x, y, z), f});
+          if (intersects_cell(t, {x, y, z}, 0)) entries.push_back({morton(x, y, z), f});
         }
       }
     }
@@ -139,18 +141,18 @@ class Partitioner {
     return static_cast<std::uint32_t>(std::clamp(at, 0.0, count_[axis] - 1.0));
   }
 
-  bool meets_cell(const std::array<Vec3d, 3>& t, const Place& at, std::uint32_t depth) const {
+  bool intersects_cell(const std::array<Vec3d, 3>& t, const CellCoordinates& at, std::uint32_t depth) const {
     const double edge = std::ldexp(out_.grid.cell_size, -static_cast<int>(depth));
     Vec3d centre;
     for (int axis = 0; axis < 3; ++axis) {
       const auto k = static_cast<std::size_t>(axis);
       centre[axis] = out_.grid.origin[k] + (at[k] + 0.5) * edge;
     }
-    return triangle_meets_box(t, centre, edge / 2 + hair_);
+    return triangle_intersects_cube(t, centre, edge / 2 + margin_);
   }
 
-  static Place unmorton(std::uint64_t key) {
-    Place at{};
+  static CellCoordinates unmorton(std::uint64_t key) {
+    CellCoordinates at{};
     for (std::uint32_t bit = 0; bit < 21; ++bit) {
       for (std::uint32_t axis = 0; axis < 3; ++axis)
         at[axis] |= static_cast<std::uint32_t>(key >> (3 * bit + axis) & 1u) << bit;
@@ -158,9 +160,10 @@ class Partitioner {
     return at;
   }
 
-  void add(const Place& at, std::uint32_t depth, const std::vector<std::uint32_t>& faces, Cells& out) const {
+  /// Adds the cell at `at` with these faces, or the eight cells into which it is divided.
+  void add(const CellCoordinates& at, std::uint32_t depth, const std::vector<std::uint32_t>& faces, Cells& out) const {
     if (faces.empty() || divide(at, depth, faces, out)) return;
-    const std::uint64_t occupied = occupied_by(faces, at, depth);
+    const std::uint64_t occupied = occupied_subcells(faces, at, depth);
     out.cells.push_back(
         {{static_cast<std::uint16_t>(at[0]), static_cast<std::uint16_t>(at[1]), static_cast<std::uint16_t>(at[2])},
          static_cast<std::uint16_t>(depth),
@@ -170,8 +173,9 @@ class Partitioner {
     out.faces.insert(out.faces.end(), faces.begin(), faces.end());
   }
 
-  /// The parts of the cell that the faces intersect, each slightly enlarged.
-  std::uint64_t occupied_by(const std::vector<std::uint32_t>& faces, const Place& at, std::uint32_t depth) const {
+  /// Returns the occupied subcells as bits. The test enlarges each subcell slightly.
+  std::uint64_t occupied_subcells(const std::vector<std::uint32_t>& faces, const CellCoordinates& at,
+                                  std::uint32_t depth) const {
     const double edge = std::ldexp(out_.grid.cell_size, -static_cast<int>(depth));
     const double quarter = edge / 4;
     Vec3d low;
@@ -188,17 +192,17 @@ class Partitioner {
         const auto quarter_of = [&](double x) {
           return static_cast<int>(std::clamp(std::floor((x - low[axis]) / quarter), 0.0, 3.0));
         };
-        first[k] = quarter_of(std::min({t[0][axis], t[1][axis], t[2][axis]}) - hair_);
-        last[k] = quarter_of(std::max({t[0][axis], t[1][axis], t[2][axis]}) + hair_);
+        first[k] = quarter_of(std::min({t[0][axis], t[1][axis], t[2][axis]}) - margin_);
+        last[k] = quarter_of(std::max({t[0][axis], t[1][axis], t[2][axis]}) + margin_);
       }
-      const bool one = first == last;
+      const bool in_one_subcell = first == last;
       for (int z = first[2]; z <= last[2]; ++z) {
         for (int y = first[1]; y <= last[1]; ++y) {
           for (int x = first[0]; x <= last[0]; ++x) {
             const std::uint64_t bit = std::uint64_t{1} << (x + 4 * y + 16 * z);
             if ((occupied & bit) != 0) continue;
             const Vec3d centre = low + quarter * Vec3d{x + 0.5, y + 0.5, z + 0.5};
-            if (one || triangle_meets_box(t, centre, quarter / 2 + hair_)) occupied |= bit;
+            if (in_one_subcell || triangle_intersects_cube(t, centre, quarter / 2 + margin_)) occupied |= bit;
           }
         }
       }
@@ -206,36 +210,38 @@ class Partitioner {
     return occupied;
   }
 
-  /// False if the eight cells would share most of their faces, as around a hub or in a stack of sheets.
-  bool divide(const Place& at, std::uint32_t depth, const std::vector<std::uint32_t>& faces, Cells& out) const {
+  /// Divides a cell with too many faces in eight and adds these cells. Returns false if the cell has few enough faces,
+  /// or if the eight cells would share most faces, as around a vertex of very many faces or in a stack of sheets.
+  bool divide(const CellCoordinates& at, std::uint32_t depth, const std::vector<std::uint32_t>& faces,
+              Cells& out) const {
     if (faces.size() <= options_.max_cell_faces || depth == kMaxDepth) return false;
     std::array<std::vector<std::uint32_t>, 8> parts;
     std::size_t sum = 0;
-    const auto place = [&at](std::uint32_t octant) {
-      return Place{2 * at[0] + (octant & 1u), 2 * at[1] + (octant >> 1 & 1u), 2 * at[2] + (octant >> 2)};
+    const auto child = [&at](std::uint32_t octant) {
+      return CellCoordinates{2 * at[0] + (octant & 1u), 2 * at[1] + (octant >> 1 & 1u), 2 * at[2] + (octant >> 2)};
     };
     for (std::uint32_t octant = 0; octant < 8; ++octant) {
       for (const std::uint32_t f : faces) {
-        if (meets_cell(corners(f), place(octant), depth + 1)) parts[octant].push_back(f);
+        if (intersects_cell(corners(f), child(octant), depth + 1)) parts[octant].push_back(f);
       }
       sum += parts[octant].size();
     }
     if (sum > 2 * faces.size()) return false;
-    for (std::uint32_t octant = 0; octant < 8; ++octant) add(place(octant), depth + 1, parts[octant], out);
+    for (std::uint32_t octant = 0; octant < 8; ++octant) add(child(octant), depth + 1, parts[octant], out);
     return true;
   }
 
   const TriangleMesh& mesh_;
   PartitionOptions options_;
   unsigned threads_;
-  double hair_ = 0;
+  double margin_ = 0;  // by which cells are enlarged on each side, file units
   std::array<std::uint32_t, 3> count_{};
   Partition out_{};
 };
 
 }  // namespace
 
-bool triangle_meets_box(const std::array<Vec3d, 3>& triangle, const Vec3d& centre, double half_edge) {
+bool triangle_intersects_cube(const std::array<Vec3d, 3>& triangle, const Vec3d& centre, double half_edge) {
   const Vec3d a = triangle[0] - centre, b = triangle[1] - centre, c = triangle[2] - centre;
   const auto apart = [&](const Vec3d& axis) {
     const double pa = axis.dot(a), pb = axis.dot(b), pc = axis.dot(c);

@@ -19,14 +19,14 @@ namespace {
 
 }  // namespace
 
-PendingFile::PendingFile(const std::filesystem::path& path) : path_{path}, name_{path.string() + ".XXXXXX"} {
-  fd_ = ::mkstemp(name_.data());
+PendingFile::PendingFile(const std::filesystem::path& path) : path_{path}, temporary_{path.string() + ".XXXXXX"} {
+  fd_ = ::mkstemp(temporary_.data());
   if (fd_ < 0) fail(path_);
 }
 
 PendingFile::~PendingFile() {
   if (fd_ >= 0) ::close(fd_);
-  if (!name_.empty()) ::unlink(name_.c_str());
+  if (!temporary_.empty()) ::unlink(temporary_.c_str());
 }
 
 void PendingFile::write(const void* data, std::size_t size) {
@@ -46,8 +46,8 @@ void PendingFile::commit() {
   ::umask(mask);
   const bool synced = ::fchmod(fd_, 0666 & ~mask) == 0 && ::fsync(fd_) == 0;
   const bool closed = ::close(std::exchange(fd_, -1)) == 0;
-  if (!synced || !closed || ::rename(name_.c_str(), path_.c_str()) != 0) fail(path_);
-  name_.clear();
+  if (!synced || !closed || ::rename(temporary_.c_str(), path_.c_str()) != 0) fail(path_);
+  temporary_.clear();
 }
 
 }  // namespace tactus::spm::offline

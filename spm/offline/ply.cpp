@@ -49,7 +49,7 @@ enum class Encoding : std::uint8_t { kAscii, kLittleEndian, kBigEndian };
 struct Property {
   std::string name;
   Type type;
-  std::optional<Type> count;  ///< of a list
+  std::optional<Type> count;  // type of the number of entries, if the property is a list
 };
 
 struct Element {
@@ -57,7 +57,7 @@ struct Element {
   std::uint64_t count;
   std::vector<Property> properties;
 
-  /// The property with that name that is (or is not) a list, or kNone.
+  /// Returns the index of the property with that name that is a list (or is none), or kNone.
   [[nodiscard]] std::size_t find(const char* property, bool list) const {
     for (std::size_t i = 0; i < properties.size(); ++i)
       if (properties[i].name == property && properties[i].count.has_value() == list) return i;
@@ -68,7 +68,7 @@ struct Element {
 struct Header {
   Encoding encoding = Encoding::kAscii;
   std::vector<Element> elements;
-  std::uint64_t bytes = 0;  ///< up to the first element
+  std::uint64_t bytes = 0;  // length of the header
 };
 
 class HeaderReader {
@@ -92,16 +92,16 @@ class HeaderReader {
         read_element(words);
       } else if (words[0] == "property") {
         read_property(words);
-      }  // anything else is a comment, marked or (old Blender) not
+      }  // every other line is a comment; old versions of Blender do not mark it
     }
-    if (!has_format_) fail("a line with the format before it");
+    if (!has_format_) fail("a line with the format before the end of the header");
     header_.bytes = at_;
     check_size();
     return std::move(header_);
   }
 
  private:
-  /// The words of the next line. All lines of a header have the same line ending, one of three.
+  /// Returns the words of the next line. Line endings are LF, CR or CR LF, the same for all lines of a header.
   std::vector<std::string> next_line() {
     const std::size_t end = text_.find_first_of("\r\n", at_);
     if (end == std::string::npos) {
@@ -141,7 +141,7 @@ class HeaderReader {
     header_.elements.back().properties.push_back({words.back(), *type, count});
   }
 
-  /// Checks the counts of the header before they are used.
+  /// Throws if the file is too short for the counts of the header.
   void check_size() const {
     std::uint64_t min = 0;
     for (const Element& element : header_.elements) {
@@ -176,13 +176,13 @@ class Numbers {
     file_.seekg(static_cast<std::streamoff>(header.bytes));
   }
 
-  /// The position of the next number, for messages.
-  void at(const Element& element, std::uint64_t row) noexcept {
+  /// Sets the element and row of the next numbers, for messages.
+  void set_position(const Element& element, std::uint64_t row) noexcept {
     element_ = &element;
     row_ = row;
   }
 
-  /// A double can represent the numbers of all types.
+  /// Reads the next number. A double can represent the numbers of all types.
   double next(Type type) { return encoding_ == Encoding::kAscii ? next_word(type) : next_binary(type); }
 
   void skip(const Property& property) {
@@ -197,11 +197,11 @@ class Numbers {
     return static_cast<std::uint64_t>(count);
   }
 
-  /// -1 is allowed at the end of a strip.
+  /// Reads a vertex index, or -1, which ends a strip.
   std::int64_t next_index(Type type) {
     const double index = next(type);
     if (!(index >= -1 && index < kNone) || index != static_cast<double>(static_cast<std::int64_t>(index)))
-      fail("vertex index " + text_of(index), "a whole number");
+      fail("vertex index " + text_of(index), "a whole number of at least -1");
     return static_cast<std::int64_t>(index);
   }
 
@@ -217,7 +217,7 @@ class Numbers {
     return text.str();
   }
 
-  /// Makes `bytes` available from begin_, unless the file ends earlier.
+  /// Reads until the buffer has `bytes` bytes from begin_. Returns false if the file ends before.
   bool fill(std::size_t bytes) {
     if (end_ - begin_ >= bytes) return true;
     std::memmove(buffer_.data(), buffer_.data() + begin_, end_ - begin_);
@@ -274,7 +274,7 @@ class Numbers {
     const char* const digits = first + (*first == '+' && last - first > 1 ? 1 : 0);
     std::from_chars_result result{};
     double number = 0;
-    if (type == Type::kFloat) {  // rounded once
+    if (type == Type::kFloat) {  // not read as a double, so that it is rounded only once
       float single = 0;
       result = std::from_chars(digits, last, single);
       number = single;
@@ -313,13 +313,13 @@ class Reader {
         read_strips(element);
       } else {
         for (std::uint64_t row = 0; row < element.count; ++row) {
-          numbers_.at(element, row);
+          numbers_.set_position(element, row);
           for (const Property& property : element.properties) numbers_.skip(property);
         }
       }
     }
     if (!has_vertices) throw ModelError{path_.string() + ": PLY header: found no element vertex, expected one"};
-    return make();
+    return cut_polygons();
   }
 
  private:
@@ -333,7 +333,7 @@ class Reader {
                          ", expected x, y and z"};
     }
     for (std::uint64_t row = 0; row < element.count; ++row) {
-      numbers_.at(element, row);
+      numbers_.set_position(element, row);
       std::array<float, 3> position{};
       for (std::size_t i = 0; i < element.properties.size(); ++i) {
         const auto axis = std::find(axes.begin(), axes.end(), i);
@@ -347,16 +347,16 @@ class Reader {
     }
   }
 
-  /// Calls `take(row, index)` for each entry of the vertex lists of an element, and `end(row)` after each list.
-  template <class Take, class End>
-  void read_lists(const Element& element, Take take, End end) {
+  /// Calls `add(index)` for each entry of the vertex lists of an element, and `end()` after each list.
+  template <class Add, class End>
+  void read_lists(const Element& element, Add add, End end) {
     std::size_t corners = element.find("vertex_indices", true);
     if (corners == kNone) corners = element.find("vertex_index", true);
     if (corners == kNone && element.count > 0)
       throw ModelError{path_.string() + ": PLY header: element " + element.name +
                        ": found no list, expected property list TYPE TYPE vertex_indices"};
     for (std::uint64_t row = 0; row < element.count; ++row) {
-      numbers_.at(element, row);
+      numbers_.set_position(element, row);
       for (std::size_t i = 0; i < element.properties.size(); ++i) {
         const Property& property = element.properties[i];
         if (i != corners) {
@@ -364,7 +364,7 @@ class Reader {
           continue;
         }
         for (std::uint64_t left = numbers_.next_count(*property.count); left > 0; --left)
-          take(numbers_.next_index(property.type));
+          add(numbers_.next_index(property.type));
         end();
       }
     }
@@ -387,7 +387,7 @@ class Reader {
 
   void read_strips(const Element& element) {
     std::array<std::uint32_t, 2> last{};
-    std::uint64_t length = 0;  // of this strip so far
+    std::uint64_t length = 0;  // corners of this strip so far
     read_lists(
         element,
         [&](std::int64_t index) {
@@ -398,8 +398,8 @@ class Reader {
           const auto corner = static_cast<std::uint32_t>(index);
           const auto [a, b] = last;
           if (length >= 2 && a != b && b != corner && corner != a) {
-            const bool turned = length % 2 == 1;
-            corners_.insert(corners_.end(), {turned ? b : a, turned ? a : b, corner});
+            const bool is_reversed = length % 2 == 1;
+            corners_.insert(corners_.end(), {is_reversed ? b : a, is_reversed ? a : b, corner});
             sizes_.push_back(3);
           }
           last = {b, corner};
@@ -408,8 +408,8 @@ class Reader {
         [&] { length = 0; });
   }
 
-  /// Cuts the polygons after all elements are read, because the vertices may come last.
-  PlyMesh make() {
+  /// Cuts the polygons and returns the mesh. The vertices may be the last element, so all elements must have been read.
+  PlyMesh cut_polygons() {
     std::vector<Triangle>& faces = out_.mesh.faces;
     std::vector<std::array<float, 3>> polygon;
     std::size_t first = 0;
@@ -436,7 +436,8 @@ class Reader {
   std::filesystem::path path_;
   Header header_;
   Numbers numbers_;
-  std::vector<std::uint32_t> corners_, sizes_;  // of faces as the file has them
+  std::vector<std::uint32_t> corners_;  // corners of all polygons
+  std::vector<std::uint32_t> sizes_;    // number of corners, by polygon
   PlyMesh out_;
 };
 

@@ -1,7 +1,7 @@
 /// Reads PLY files: polygons and triangle strips, ASCII and binary in both byte orders.
 ///
-/// assimp 5.2 never returns for a header without an end, and makes one triangle of a file of strips. So PLY has its own
-/// reader. Format: G. Turk, "The PLY Polygon File Format", 1994.
+/// We do not use the PLY reader of assimp 5.2: it never returns if a header has no end, and reads only one triangle
+/// from a file of strips. Format: G. Turk, "The PLY Polygon File Format", 1994.
 #pragma once
 
 #include <cstddef>
@@ -15,14 +15,14 @@ namespace tactus::spm::offline {
 /// to float.
 struct PlyMesh {
   TriangleMesh mesh;
-  std::size_t polygons = 0;  ///< faces before they are cut, with the triangles of strips
-  std::size_t lines = 0;     ///< faces with fewer than three corners, which are left out
+  std::size_t polygons = 0;  ///< number of faces before polygons are cut; counts each triangle of a strip
+  std::size_t lines = 0;     ///< number of faces with fewer than three corners, which `mesh` does not have
 };
 
-/// Reads the elements `vertex`, `face` (lists `vertex_indices` or `vertex_index`) and `tristrips` (lists of strips with
-/// alternating winding, separated by -1; repeated corners give no triangle). Skips all other elements and properties.
-/// Throws ModelError that names the file and the error if the file is damaged or truncated, or a face has a vertex that
-/// does not exist. Memory is bounded by the size of the file, whatever its header declares.
+/// Reads the elements `vertex`, `face` and `tristrips`, with their lists `vertex_indices` or `vertex_index`, and skips
+/// all other elements and properties. In a list of `tristrips`, -1 separates strips, the winding alternates, and a
+/// repeated corner makes no triangle. Throws ModelError that names file and error if the file is damaged or truncated,
+/// or if a face has a vertex that does not exist. The size of the file bounds the memory, whatever the header declares.
 [[nodiscard]] PlyMesh read_ply(const std::filesystem::path& path);
 
 }  // namespace tactus::spm::offline

@@ -9,14 +9,14 @@ namespace {
 
 using Point2 = std::array<double, 2>;
 
-/// Twice the signed area: positive if a, b, c turn left.
-double turn(const Point2& a, const Point2& b, const Point2& c) {
+/// Twice the signed area of the triangle; positive if a, b, c are counter-clockwise.
+double signed_area2(const Point2& a, const Point2& b, const Point2& c) {
   return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
 }
 
-/// The polygon projected along its normal, counter-clockwise.
+/// Projects the polygon along the axis nearest to its normal, so that the result is counter-clockwise.
 std::vector<Point2> flattened(const std::vector<std::array<float, 3>>& corners) {
-  Vec3d normal = Vec3d::Zero();  // Newell: the sum over edges
+  Vec3d normal = Vec3d::Zero();  // Newell's method: a sum over the edges
   for (std::size_t i = 0; i < corners.size(); ++i) {
     const std::array<float, 3>&a = corners[i], &b = corners[(i + 1) % corners.size()];
     for (std::size_t axis = 0; axis < 3; ++axis) {
@@ -43,7 +43,7 @@ class Cutter {
     std::size_t i = 0, tried = 0;
     while (left_.size() > 3) {
       i %= left_.size();
-      // A polygon without ear is flat or crosses itself; then any cut is as good.
+      // A polygon without ear has no area or crosses itself, so no cut is better than another.
       if (tried < left_.size() && !is_ear(i)) {
         ++i;
         ++tried;
@@ -63,11 +63,11 @@ class Cutter {
 
   bool is_ear(std::size_t i) const {
     const Point2 &a = at_[before(i)], &b = at_[left_[i]], &c = at_[after(i)];
-    if (!(turn(a, b, c) > 0)) return false;
+    if (!(signed_area2(a, b, c) > 0)) return false;
     for (const std::uint32_t k : left_) {
       const Point2& p = at_[k];
       if (p == a || p == b || p == c) continue;
-      if (turn(a, b, p) >= 0 && turn(b, c, p) >= 0 && turn(c, a, p) >= 0) return false;
+      if (signed_area2(a, b, p) >= 0 && signed_area2(b, c, p) >= 0 && signed_area2(c, a, p) >= 0) return false;
     }
     return true;
   }

@@ -11,25 +11,26 @@
 namespace tactus::spm::offline {
 namespace {
 
-/// Appends the collapses that the corners of these faces need. `seen`: by collapse, the last cell that has it.
+/// Appends to `list` the collapses that the corners of these faces need, directly or indirectly. `seen`: by collapse,
+/// the last cell whose list has it.
 void append_closure(const TriangleMesh& mesh, std::span<const std::uint32_t> faces, const Dependencies& needs,
                     std::uint32_t cell, std::vector<std::uint32_t>& seen, std::vector<std::uint32_t>& list) {
-  const auto reach = [&](std::uint32_t collapse) {
+  const auto append = [&](std::uint32_t collapse) {
     if (collapse == kNone || seen[collapse] == cell) return;
     seen[collapse] = cell;
     list.push_back(collapse);
   };
   std::size_t next = list.size();
   for (const std::uint32_t f : faces) {
-    for (const std::uint32_t v : mesh.faces[f]) reach(needs.removed_by[v]);
+    for (const std::uint32_t v : mesh.faces[f]) append(needs.removed_by[v]);
   }
   for (; next < list.size(); ++next) {
-    for (const std::uint32_t need : needs.of(list[next])) reach(need);
+    for (const std::uint32_t need : needs.of(list[next])) append(need);
   }
 }
 
-/// Orders collapses that the same cells need: each after its dependencies, and next the one whose anchor is nearest to
-/// the previous anchor, `last` at the start.
+/// Orders collapses that the same cells need (RegionLists::order): each comes after its dependencies, and of those that
+/// may come next, the one whose anchor is nearest to the previous anchor.
 class NearestFirst {
  public:
   NearestFirst(const Dependencies& needs, const std::vector<std::uint32_t>& anchors)
@@ -38,28 +39,28 @@ class NearestFirst {
   void order(std::span<std::uint32_t> same) {
     sorted_.assign(same.begin(), same.end());
     std::sort(sorted_.begin(), sorted_.end());
-    wait_.assign(sorted_.size(), 0);
-    waiting_.clear();
+    missing_.assign(sorted_.size(), 0);
+    dependants_.clear();
     ready_.clear();
     for (std::uint32_t i = 0; i < sorted_.size(); ++i) {
       for (const std::uint32_t need : needs_.of(sorted_[i])) {
         const auto found = std::lower_bound(sorted_.begin(), sorted_.end(), need);
         if (found == sorted_.end() || *found != need) continue;
-        ++wait_[i];
-        waiting_.push_back({static_cast<std::uint32_t>(found - sorted_.begin()), i});
+        ++missing_[i];
+        dependants_.push_back({static_cast<std::uint32_t>(found - sorted_.begin()), i});
       }
-      if (wait_[i] == 0) ready_.push_back({anchors_[sorted_[i]], i});
+      if (missing_[i] == 0) ready_.push_back({anchors_[sorted_[i]], i});
     }
-    std::sort(waiting_.begin(), waiting_.end());
+    std::sort(dependants_.begin(), dependants_.end());
     std::sort(ready_.begin(), ready_.end());
     for (std::uint32_t& next : same) {
       const std::uint32_t i = take_nearest();
       next = sorted_[i];
-      for (auto w = std::lower_bound(waiting_.begin(), waiting_.end(), Pair{i, 0});
-           w != waiting_.end() && w->first == i; ++w) {
-        if (--wait_[w->second] > 0) continue;
-        const Pair fresh{anchors_[sorted_[w->second]], w->second};
-        ready_.insert(std::lower_bound(ready_.begin(), ready_.end(), fresh), fresh);
+      for (auto w = std::lower_bound(dependants_.begin(), dependants_.end(), Pair{i, 0});
+           w != dependants_.end() && w->first == i; ++w) {
+        if (--missing_[w->second] > 0) continue;
+        const Pair now_ready{anchors_[sorted_[w->second]], w->second};
+        ready_.insert(std::lower_bound(ready_.begin(), ready_.end(), now_ready), now_ready);
       }
     }
   }
@@ -68,23 +69,23 @@ class NearestFirst {
   using Pair = std::pair<std::uint32_t, std::uint32_t>;
 
   std::uint32_t take_nearest() {
-    auto nearest = std::lower_bound(ready_.begin(), ready_.end(), Pair{last_, 0});
+    auto nearest = std::lower_bound(ready_.begin(), ready_.end(), Pair{last_anchor_, 0});
     if (nearest == ready_.end() ||
-        (nearest != ready_.begin() && last_ - std::prev(nearest)->first < nearest->first - last_))
+        (nearest != ready_.begin() && last_anchor_ - std::prev(nearest)->first < nearest->first - last_anchor_))
       --nearest;
     const std::uint32_t i = nearest->second;
-    last_ = nearest->first;
+    last_anchor_ = nearest->first;
     ready_.erase(nearest);
     return i;
   }
 
   const Dependencies& needs_;
   const std::vector<std::uint32_t>& anchors_;
-  std::uint32_t last_ = 0;             // anchor
-  std::vector<std::uint32_t> sorted_;  // the collapses to order; the members below have positions in it
-  std::vector<std::uint32_t> wait_;    // number of dependencies that are not placed yet
-  std::vector<Pair> waiting_;          // dependency, dependant
-  std::vector<Pair> ready_;            // anchor, collapse; ascending
+  std::uint32_t last_anchor_ = 0;
+  std::vector<std::uint32_t> sorted_;   // the collapses to order; the members below have indices in it
+  std::vector<std::uint32_t> missing_;  // number of dependencies that are not placed yet
+  std::vector<Pair> dependants_;        // dependency, dependant; ascending
+  std::vector<Pair> ready_;             // anchor, collapse without missing dependencies; ascending
 };
 
 }  // namespace
@@ -123,7 +124,7 @@ std::vector<std::uint32_t> RegionLists::order(const Dependencies& needs, const s
     }
   }
 
-  // First by first cell, then each bucket alone.
+  // Sorts the collapses into buckets by their first cell, and each bucket in parallel.
   const auto bucket_of = [&](std::uint32_t c) { return first[c] == first[c + 1] ? cells_ : cells[first[c]]; };
   std::vector<std::size_t> buckets(cells_ + 2, 0);
   for (std::uint32_t c = 0; c < needs.size(); ++c) ++buckets[bucket_of(c) + 1];

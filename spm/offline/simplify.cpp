@@ -12,10 +12,10 @@
 namespace tactus::spm::offline {
 namespace {
 
-constexpr std::uint32_t kShrink = 4;  // a round leaves one face of so many
+constexpr std::uint32_t kShrink = 4;  // faces of a block before a round, divided by those after it
 constexpr std::size_t kGrain = 1 << 16;
 
-/// A scale that makes the mean edge about 1 without rounding errors.
+/// Returns a power of two that scales the mean edge to about 1. Scaling by it has no rounding error.
 float scale_of(const TriangleMesh& mesh, unsigned threads) {
   const double sum = parallel_sum(mesh.faces.size(), threads, [&mesh](std::size_t i) {
     const Triangle& f = mesh.faces[i];
@@ -44,27 +44,27 @@ class Simplifier {
     surface_.state.assign(mesh.faces.size(), Surface::kAlive);
     surface_.quadrics.resize(mesh.positions.size());
     surface_.owner.resize(mesh.positions.size());
-    surface_.slot.assign(mesh.positions.size(), 0);
-    living_.resize(mesh.faces.size());
-    for (std::uint32_t f = 0; f < living_.size(); ++f) living_[f] = f;
+    surface_.local_number.assign(mesh.positions.size(), 0);
+    alive_.resize(mesh.faces.size());
+    for (std::uint32_t f = 0; f < alive_.size(); ++f) alive_[f] = f;
   }
 
   Collapses run() {
     for (std::uint32_t round = 0;; ++round) {
       out_.rounds.push_back(out_.segments.size());
-      const std::size_t before = living_.size();
+      const std::size_t before = alive_.size();
       if (before <= options_.block_faces || before <= options_.base_faces) break;
       simplify_blocks(round);
-      if (living_.size() > before - before / 16) break;  // few legal collapses: only the last round can continue
+      if (alive_.size() > before - before / 16) break;  // few legal collapses are left within blocks
     }
     std::fill(surface_.owner.begin(), surface_.owner.end(), 0);
-    const bool fresh = out_.segments.empty();
-    out_.segments.push_back(patch(0).simplify({living_, 0, options_.base_faces, fresh, true}, progress_));
+    const bool is_first_round = out_.segments.empty();
+    out_.segments.push_back(patch(0).simplify({alive_, 0, options_.base_faces, is_first_round, true}, progress_));
     out_.rounds.push_back(out_.segments.size());
-    keep_living();
-    std::sort(living_.begin(), living_.end());
-    for (const std::uint32_t f : living_) out_.base_finest.push_back((surface_.state[f] & Surface::kTouched) == 0);
-    out_.base = std::move(living_);
+    drop_removed();
+    std::sort(alive_.begin(), alive_.end());
+    for (const std::uint32_t f : alive_) out_.base_finest.push_back((surface_.state[f] & Surface::kChanged) == 0);
+    out_.base = std::move(alive_);
     out_.corners = std::move(surface_.corners);
     return std::move(out_);
   }
@@ -72,24 +72,24 @@ class Simplifier {
  private:
   void simplify_blocks(std::uint32_t round) {
     const std::vector<std::size_t> blocks = round == 0 ? even_blocks() : divided_blocks(round);
-    own_vertices(blocks);
-    if (round == 0) make_shared_quadrics();
+    assign_owners(blocks);
+    if (round == 0) compute_shared_quadrics();
     const std::size_t first = out_.segments.size();
     out_.segments.resize(first + blocks.size() - 1);
-    const std::size_t faces = living_.size();
+    const std::size_t faces = alive_.size();
     parallel_for(blocks.size() - 1, threads_, [&](std::size_t i, unsigned worker) {
       const auto count = static_cast<std::uint32_t>(blocks[i + 1] - blocks[i]);
-      // The requested base mesh may be larger than the result of a round.
+      // The base mesh may have more faces than a quarter of the mesh.
       const auto target = static_cast<std::uint32_t>(
           std::max<std::uint64_t>(count / kShrink, std::uint64_t{options_.base_faces} * count / faces + 1));
-      const std::span<const std::uint32_t> block{living_.data() + blocks[i], count};
+      const std::span<const std::uint32_t> block{alive_.data() + blocks[i], count};
       out_.segments[first + i] =
           patch(worker).simplify({block, static_cast<std::uint32_t>(i), target, round == 0, false});
       if (progress_ && worker == 0) {
         progress_(1 - double(faces) / double(mesh_.faces.size()) * (1 - 0.75 * double(i) / double(blocks.size())));
       }
     });
-    keep_living();
+    drop_removed();
   }
 
   Patch& patch(unsigned worker) {
@@ -97,59 +97,62 @@ class Simplifier {
     return *patches_[worker];
   }
 
-  void keep_living() {
-    living_.erase(std::remove_if(living_.begin(), living_.end(),
-                                 [this](std::uint32_t f) { return (surface_.state[f] & Surface::kAlive) == 0; }),
-                  living_.end());
+  /// Drops from `alive_` the faces that collapses have removed.
+  void drop_removed() {
+    alive_.erase(std::remove_if(alive_.begin(), alive_.end(),
+                                [this](std::uint32_t f) { return (surface_.state[f] & Surface::kAlive) == 0; }),
+                 alive_.end());
   }
 
   std::vector<std::size_t> even_blocks() const {
     std::vector<std::size_t> blocks;
-    for (std::size_t at = 0; at < living_.size(); at += options_.block_faces) blocks.push_back(at);
-    blocks.push_back(living_.size());
+    for (std::size_t at = 0; at < alive_.size(); at += options_.block_faces) blocks.push_back(at);
+    blocks.push_back(alive_.size());
     return blocks;
   }
 
-  /// Cuts at other positions than the previous round, so that its block borders are now inside blocks.
+  /// Cuts at other positions than the previous round, so that the previous borders of blocks are now inside blocks.
   std::vector<std::size_t> divided_blocks(std::uint32_t round) {
-    std::vector<PlacedFace> placed(living_.size());
-    parallel_ranges(living_.size(), kGrain, threads_, [&](std::size_t first, std::size_t last) {
+    std::vector<PlacedFace> placed(alive_.size());
+    parallel_ranges(alive_.size(), kGrain, threads_, [&](std::size_t first, std::size_t last) {
       for (std::size_t i = first; i < last; ++i) {
-        placed[i].face = living_[i];
+        placed[i].face = alive_[i];
         placed[i].centre = {0, 0, 0};
-        for (const std::uint32_t v : surface_.corners[living_[i]]) {
+        for (const std::uint32_t v : surface_.corners[alive_[i]]) {
           for (std::size_t axis = 0; axis < 3; ++axis) placed[i].centre[axis] += mesh_.positions[v][axis] / 3;
         }
       }
     });
     constexpr std::array<double, 4> kShares{0.38, 0.6, 0.44, 0.67};
     std::vector<std::size_t> blocks = divide(placed, options_.block_faces, kShares[round % kShares.size()], threads_);
-    for (std::size_t i = 0; i < placed.size(); ++i) living_[i] = placed[i].face;
+    for (std::size_t i = 0; i < placed.size(); ++i) alive_[i] = placed[i].face;
     return blocks;
   }
 
-  void own_vertices(const std::vector<std::size_t>& blocks) {
+  /// Sets Surface::owner for all vertices of faces that are not removed.
+  void assign_owners(const std::vector<std::size_t>& blocks) {
     constexpr std::uint32_t kUnseen = kNone - 1;
     std::fill(surface_.owner.begin(), surface_.owner.end(), kUnseen);
     parallel_for(blocks.size() - 1, threads_, [&](std::size_t item, unsigned) {
       const auto block = static_cast<std::uint32_t>(item);
       for (std::size_t i = blocks[item]; i < blocks[item + 1]; ++i) {
-        for (const std::uint32_t v : surface_.corners[living_[i]]) {
+        for (const std::uint32_t v : surface_.corners[alive_[i]]) {
           std::uint32_t* owner = &surface_.owner[v];
           std::uint32_t seen = __atomic_load_n(owner, __ATOMIC_RELAXED);
           if (seen == kUnseen &&
               __atomic_compare_exchange_n(owner, &seen, block, false, __ATOMIC_RELAXED, __ATOMIC_RELAXED)) {
             continue;
           }
-          // Any thread may write first: with two blocks the vertex ends as shared.
+          // Whichever thread writes first, a vertex of two blocks is shared at the end.
           if (seen != block && seen != Surface::kShared) __atomic_store_n(owner, Surface::kShared, __ATOMIC_RELAXED);
         }
       }
     });
   }
 
-  /// Computed here because no patch has all faces of a shared vertex while they are in their finest version.
-  void make_shared_quadrics() {
+  /// Computes the quadrics of all shared vertices in the first round. A patch cannot: it lacks faces of a shared
+  /// vertex, and in later rounds these are no longer in their finest version.
+  void compute_shared_quadrics() {
     using Pair = std::array<std::uint32_t, 2>;
     std::vector<std::vector<Pair>> found(mesh_.faces.size() / kGrain + 1);
     parallel_ranges(mesh_.faces.size(), kGrain, threads_, [&](std::size_t first, std::size_t last) {
@@ -168,32 +171,34 @@ class Simplifier {
     constexpr std::size_t kFewStars = 1 << 12;
     const auto same_vertex = [&stars](std::size_t i) { return stars[i][0] == stars[i - 1][0]; };
     parallel_groups(stars.size(), kFewStars, threads_, same_vertex, [&](std::size_t first, std::size_t last) {
-      make_quadrics({stars.data() + first, last - first});
+      compute_quadrics({stars.data() + first, last - first});
     });
   }
 
-  /// `stars`: all face corners of some vertices (vertex, 4 * face + corner), ascending.
-  void make_quadrics(std::span<const std::array<std::uint32_t, 2>> stars) {
-    std::vector<std::array<std::uint32_t, 2>> rim;  // neighbour, face
+  /// Computes the quadrics of some vertices. `stars`: all face corners at these vertices (vertex, 4 * face + corner),
+  /// ascending.
+  void compute_quadrics(std::span<const std::array<std::uint32_t, 2>> stars) {
+    std::vector<std::array<std::uint32_t, 2>> edges;  // neighbour, face
     for (std::size_t i = 0; i < stars.size();) {
       const std::uint32_t v = stars[i][0];
       Quadric& quadric = surface_.quadrics[v];
-      rim.clear();
+      edges.clear();
       for (; i < stars.size() && stars[i][0] == v; ++i) {
         const std::uint32_t f = stars[i][1] / 4, k = stars[i][1] % 4;
         float length = 0;
         const Offset normal = normal_of(f, length);
         quadric.add_plane(normal, length / 2);
-        rim.push_back({mesh_.faces[f][(k + 1) % 3], f});
-        rim.push_back({mesh_.faces[f][(k + 2) % 3], f});
+        edges.push_back({mesh_.faces[f][(k + 1) % 3], f});
+        edges.push_back({mesh_.faces[f][(k + 2) % 3], f});
       }
-      std::sort(rim.begin(), rim.end());
-      for (std::size_t k = 0; k < rim.size(); ++k) {
-        const bool once = (k == 0 || rim[k - 1][0] != rim[k][0]) && (k + 1 == rim.size() || rim[k + 1][0] != rim[k][0]);
-        if (!once) continue;
+      std::sort(edges.begin(), edges.end());
+      for (std::size_t k = 0; k < edges.size(); ++k) {
+        const bool is_border =
+            (k == 0 || edges[k - 1][0] != edges[k][0]) && (k + 1 == edges.size() || edges[k + 1][0] != edges[k][0]);
+        if (!is_border) continue;
         float length = 0;
-        add_border_plane(quadric, between(surface_.scaled(v), surface_.scaled(rim[k][0])),
-                         normal_of(rim[k][1], length));
+        add_border_plane(quadric, between(surface_.scaled(v), surface_.scaled(edges[k][0])),
+                         normal_of(edges[k][1], length));
       }
     }
   }
@@ -209,7 +214,7 @@ class Simplifier {
   const std::function<void(double)>& progress_;
   Surface surface_;
   std::vector<std::optional<Patch>> patches_;  // by worker
-  std::vector<std::uint32_t> living_;          // faces, in the order of the blocks
+  std::vector<std::uint32_t> alive_;           // faces that are not removed, in the order of the blocks
   Collapses out_;
 };
 

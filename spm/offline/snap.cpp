@@ -41,23 +41,24 @@ double step_of_grid(const TriangleMesh& mesh, unsigned bits) {
   const double float_step = furthest * std::numeric_limits<float>::epsilon();
   if (!(step > float_step)) {
     throw ModelError{"grid of " + std::to_string(bits) + " bits: its step would be " + std::to_string(step) +
-                     ", expected above " + std::to_string(float_step) + ", what floats resolve this far from 0"};
+                     ", expected above " + std::to_string(float_step) +
+                     ", the distance of neighbouring floats this far from 0"};
   }
   return step;
 }
 
 CleanReport snap(TriangleMesh& mesh, double step, unsigned threads) {
   CleanReport report;
-  // Cleaning may change the lower bounds, at which the grid begins.
+  // Repeats, because cleaning may change the lower bounds, at which the grid begins.
   for (bool moved = true; moved && !mesh.positions.empty();) {
     ModelSummary summary{};
     summary.bounds_min = bounds_of(mesh).low;
     summary.position_step = step;
-    const PositionCode place{summary};
+    const PositionCode grid{summary};
     moved = false;
     for (std::array<float, 3>& p : mesh.positions) {
       for (std::size_t axis = 0; axis < 3; ++axis) {
-        const float before = std::exchange(p[axis], place.at(axis, place.of(axis, double{p[axis]})));
+        const float before = std::exchange(p[axis], grid.at(axis, grid.of(axis, double{p[axis]})));
         moved = moved || p[axis] != before;
       }
     }

@@ -1,4 +1,4 @@
-/// Triangles from a file or a generator.
+/// TriangleMesh: the triangles of a file or a generator.
 #pragma once
 
 #include <array>
@@ -8,7 +8,8 @@
 
 namespace tactus::spm::offline {
 
-/// An unusable model, file or option. The message names it, the value found and the value expected.
+/// Thrown for an unusable model, file or option. The message names the model, file or option, the value found and the
+/// value expected.
 class ModelError : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;

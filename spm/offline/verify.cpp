@@ -15,7 +15,7 @@ namespace {
 
 constexpr std::size_t kMaxMismatches = 10;
 
-/// An oriented triangle as the bits of its positions, from its smallest corner.
+/// An oriented triangle as the bits of its corner positions, the corner with the smallest bits first.
 using FaceBits = std::array<std::array<std::uint32_t, 3>, 3>;
 
 FaceBits bits_of(std::span<const std::array<float, 3>> positions, const Triangle& face) {
@@ -37,10 +37,10 @@ Vec3d point(std::span<const std::array<float, 3>> positions, std::uint32_t v) {
   return {positions[v][0], positions[v][1], positions[v][2]};
 }
 
-/// The mesh with one region refined at a time. `undo` costs as much as `apply`.
-class OneRegion {
+/// The active mesh of a model of which at most one region is refined. `undo` costs as much as `apply`.
+class MeshWithOneRegion {
  public:
-  explicit OneRegion(const Model& model) : model_{model}, corners_{model.summary.faces, {kNone, kNone, kNone}} {
+  explicit MeshWithOneRegion(const Model& model) : model_{model}, corners_{model.summary.faces, {kNone, kNone, kNone}} {
     for (const BaseFace& face : model.base_faces) corners_[face.face] = face.corners;
   }
 
@@ -50,8 +50,8 @@ class OneRegion {
     }
   }
   void undo() {
-    for (auto before = undo_.rbegin(); before != undo_.rend(); ++before) corners_[before->face] = before->corners;
-    undo_.clear();
+    for (auto change = changes_.rbegin(); change != changes_.rend(); ++change) corners_[change->face] = change->corners;
+    changes_.clear();
   }
   [[nodiscard]] bool is_finest(std::uint32_t face, const Triangle& finest) const {
     const auto& [a, b, c] = corners_[FaceId{face}];
@@ -59,7 +59,7 @@ class OneRegion {
   }
 
  private:
-  struct Before {
+  struct PreviousVersion {
     FaceId face;
     std::array<VertexId, 3> corners;
   };
@@ -69,18 +69,18 @@ class OneRegion {
     for_each_change(
         model_.parts, PartIndex{index(record)}, u,
         [&](DeformedRef ref) {
-          undo_.push_back({ref.face(), corners_[ref.face()]});
+          changes_.push_back({ref.face(), corners_[ref.face()]});
           corners_[ref.face()][ref.corner()] = u;
         },
         [&](BornRef ref, const std::array<VertexId, 3>& corners, PartIndex, std::uint32_t) {
-          undo_.push_back({ref.face(), corners_[ref.face()]});
+          changes_.push_back({ref.face(), corners_[ref.face()]});
           corners_[ref.face()] = corners;
         });
   }
 
   const Model& model_;
   ModelCorners corners_;
-  std::vector<Before> undo_;
+  std::vector<PreviousVersion> changes_;  // previous versions of changed faces, in order
 };
 
 class Verifier {
@@ -90,51 +90,53 @@ class Verifier {
 
   Verification run() {
     out_.faces = static_cast<std::uint32_t>(original_.faces.size());
-    compare_whole();
+    compare_finest_meshes();
     if (out_.mismatches.empty()) compare_regions();
     return std::move(out_);
   }
 
  private:
-  void mismatch(const std::string& text) {
+  void add_mismatch(const std::string& text) {
     if (out_.mismatches.size() < kMaxMismatches) out_.mismatches.push_back(text);
   }
 
-  void compare_whole() {
+  void compare_finest_meshes() {
     const std::vector<FaceBits> expected = sorted_bits(original_.positions, original_.faces);
     const std::vector<FaceBits> found = sorted_bits(model_.positions, finest_);
     if (expected == found) return;
     std::vector<FaceBits> missing, extra;
     std::set_difference(expected.begin(), expected.end(), found.begin(), found.end(), std::back_inserter(missing));
     std::set_difference(found.begin(), found.end(), expected.begin(), expected.end(), std::back_inserter(extra));
-    mismatch("finest mesh: " + std::to_string(missing.size()) + " of " + std::to_string(expected.size()) +
-             " faces of the original are missing, " + std::to_string(extra.size()) + " are not the original's");
+    add_mismatch("finest mesh: " + std::to_string(missing.size()) + " of " + std::to_string(expected.size()) +
+                 " faces of the original are missing, " + std::to_string(extra.size()) +
+                 " faces are not in the original");
   }
 
-  /// The finest faces of the model are those of the original here, so they replace them.
+  /// Compares with the finest faces of the model, which compare_finest_meshes() has found equal to those of the
+  /// original.
   void compare_regions() {
     const RegionGrid grid{model_.summary.grid, model_.regions};
     const double rounding = 1e-9 * model_.summary.grid.cell_size;
     const std::vector<std::uint32_t> by_x = faces_by_x();
-    OneRegion mesh{model_};
-    std::vector<bool> covered(std::size_t{4} * finest_.size(), false);
+    MeshWithOneRegion mesh{model_};
+    std::vector<bool> covered(std::size_t{4} * finest_.size(), false);  // by face: its corners and centre
     for (std::uint32_t i = 0; i < grid.size(); ++i) {
       if (progress_ && i % 64 == 0) progress_(double(i) / grid.size());
       const CellBox& box = grid.box(RegionId{i});
       mesh.apply(RegionId{i});
-      const auto first = std::lower_bound(by_x.begin(), by_x.end(), box.low[0] - widest_,
+      const auto first = std::lower_bound(by_x.begin(), by_x.end(), box.low[0] - max_extent_x_,
                                           [this](std::uint32_t f, double x) { return low_x(f) < x; });
       for (auto at = first; at != by_x.end() && low_x(*at) <= box.high[0]; ++at) {
         const std::array<Vec3d, 3> t = triangle(*at);
-        if (!triangle_meets_box(t, (box.low + box.high) / 2, (box.high - box.low).maxCoeff() / 2)) continue;
+        if (!triangle_intersects_cube(t, (box.low + box.high) / 2, (box.high - box.low).maxCoeff() / 2)) continue;
         ++out_.faces_in_regions;
         if (!mesh.is_finest(*at, finest_[*at])) {
-          mismatch("region " + std::to_string(i) + ": face " + std::to_string(*at) + " is not in its finest version");
+          add_mismatch("region " + std::to_string(i) + ": face " + std::to_string(*at) +
+                       " is not in its finest version");
         }
         for (std::size_t k = 0; k < 4; ++k) {
           const Vec3d point = k < 3 ? t[k] : Vec3d{(t[0] + t[1] + t[2]) / 3};
-          const double apart = grid.squared_distance(RegionId{i}, point);
-          if (apart <= rounding * rounding) covered[4 * *at + k] = true;
+          if (grid.squared_distance(RegionId{i}, point) <= rounding * rounding) covered[4 * *at + k] = true;
         }
       }
       mesh.undo();
@@ -142,7 +144,8 @@ class Verifier {
     }
     for (std::size_t i = 0; i < covered.size(); ++i) {
       if (!covered[i])
-        mismatch("face " + std::to_string(i / 4) + ": a point of it lies in no occupied part of a labelled cell");
+        add_mismatch("face " + std::to_string(i / 4) +
+                     ": a corner or its centre lies in no occupied subcell of a labelled cell");
     }
   }
 
@@ -161,8 +164,8 @@ class Verifier {
     std::sort(order.begin(), order.end(), [this](std::uint32_t a, std::uint32_t b) { return low_x(a) < low_x(b); });
     for (const Triangle& t : finest_) {
       for (std::size_t k = 0; k < 3; ++k) {
-        widest_ = std::max(widest_,
-                           std::abs(double{model_.positions[t[k]][0]} - double{model_.positions[t[(k + 1) % 3]][0]}));
+        max_extent_x_ = std::max(
+            max_extent_x_, std::abs(double{model_.positions[t[k]][0]} - double{model_.positions[t[(k + 1) % 3]][0]}));
       }
     }
     return order;
@@ -172,7 +175,7 @@ class Verifier {
   const TriangleMesh& original_;
   const std::function<void(double)>& progress_;
   std::vector<Triangle> finest_;
-  double widest_ = 0;  // extent in x of the widest face
+  double max_extent_x_ = 0;  // maximum extent of a face in x
   Verification out_;
 };
 

@@ -1,4 +1,4 @@
-/// Compares a model with the original mesh, face by face and bit by bit, as a whole and region by region.
+/// Compares a model with its original mesh to the bit: all faces of the finest mesh, and the faces of each region.
 #pragma once
 
 #include <cstdint>
@@ -12,17 +12,17 @@
 namespace tactus::spm::offline {
 
 struct Verification {
-  std::uint32_t faces = 0;              ///< of the original
-  std::uint32_t regions = 0;            ///< refined one by one
-  std::uint64_t faces_in_regions = 0;   ///< compared with only one region refined
-  std::vector<std::string> mismatches;  ///< descriptions of the first few; empty if the model is exact
+  std::uint32_t faces = 0;              ///< number of faces of the original
+  std::uint32_t regions = 0;            ///< number of regions that were refined alone
+  std::uint64_t faces_in_regions = 0;   ///< number of faces that were compared while one region was refined
+  std::vector<std::string> mismatches;  ///< descriptions of the first ten; empty if the model is exact
 };
 
-/// `original` is cleaned first. Checks that
-/// - all records together give exactly the faces of the original, as oriented triples of positions;
-/// - one region's list alone gives the finest version of every face that intersects its cell;
-/// - every corner and every centre of a face is in an occupied part of a labelled cell.
-/// `model` must be sound. Calls `progress` with the finished share.
+/// Cleans `original` and checks that
+/// - the finest mesh has exactly the faces of the original, as oriented triples of positions;
+/// - if one region alone is refined, every face that intersects its cell is finest;
+/// - every corner and the centre of every face is in an occupied subcell of a labelled cell.
+/// `model` must be sound. Calls `progress` with the finished share, 0 to 1.
 [[nodiscard]] Verification verify(const Model& model, TriangleMesh original,
                                   const std::function<void(double)>& progress = {});
 

@@ -1,4 +1,4 @@
-/// Writes triangle files for other programs.
+/// Writes meshes as files for other programs.
 #pragma once
 
 #include <filesystem>
@@ -7,9 +7,9 @@
 
 namespace tactus::spm::offline {
 
-/// The extension selects the format: .ply and .stl are binary, .obj is text with enough digits to restore the floats.
-/// Throws ModelError that names the path if the extension is unknown or the file cannot be written. An existing file
-/// then remains, and no other program sees an incomplete file.
+/// Writes a .ply or .stl file (binary) or an .obj file (text, with enough digits to restore the floats). No other
+/// program sees an incomplete file. If the extension is unknown or the file cannot be written, throws ModelError that
+/// names the path; an existing file is then unchanged.
 void write_mesh(const std::filesystem::path& path, const TriangleMesh& mesh);
 
 }  // namespace tactus::spm::offline

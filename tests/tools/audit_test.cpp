@@ -526,7 +526,7 @@ TEST_F(Audit, RefusesWrongInputWithAMessageThatNamesIt) {
       {{organ, organ}, "organ.ply: not a contact log"},
       {{path("empty.hlog"), organ}, "empty.hlog: not a contact log"},
       {{path("later.hlog"), organ}, "contact log of version 9, expected 1"},
-      {{path("tag.hlog"), organ}, "unknown entry 77"},
+      {{path("tag.hlog"), organ}, "found entry tag 77"},
       {{path("radius.hlog"), organ}, "radius.hlog: entry 0 has a sphere of radius"},
       {{path("centre.hlog"), organ}, "centre that is not finite"},
       {{path("scale.hlog"), organ}, "scale.hlog: object 'organ' has the scale 0"},

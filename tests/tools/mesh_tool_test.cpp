@@ -131,9 +131,9 @@ TEST_F(MeshTool, RefusesAFileOfWhichMostWouldBeDroppedUnlessAllowed) {
       {"faces.obj",
        "faces.obj: most faces would be dropped: found 3 of 5 unusable (2 with two equal corners, 1 equal "
        "to another), expected at most half"},
-      {"unused.obj", "unused.obj: most vertices would be dropped: found 11 in the file, of which its faces give 4"},
+      {"unused.obj", "unused.obj: most vertices would be dropped: the file declares 11, found 4, expected"},
       {"unused.ply", "unused.ply: most vertices would be dropped: found 4 of 7 unusable (no face uses them)"},
-      {"lines.ply", "lines.ply: most faces would be dropped: found 3 in the file, of which its faces give 1"}};
+      {"lines.ply", "lines.ply: most faces would be dropped: the file declares 3, found 1, expected"}};
   for (const auto& [name, message] : cases) {
     const Outcome refused = run({"build", path(name), path("x.spm")});
     EXPECT_EQ(refused.code, kBadInput) << name;

@@ -74,7 +74,7 @@ TEST_F(FlightFile, ReadsTheWrittenMessages) {
     EXPECT_EQ(encoded(found), encoded(message)) << "type " << message.index();
   }
   EXPECT_FALSE(reader.next(found));
-  EXPECT_FALSE(reader.is_cut());
+  EXPECT_FALSE(reader.is_truncated());
 }
 
 TEST_F(FlightFile, MatchesItsIdl) {
@@ -84,7 +84,7 @@ TEST_F(FlightFile, MatchesItsIdl) {
   for (McapMessage message; reader.next(message);) {
     const IdlSchema schema{*message.schema_text};
     const std::vector<std::string> columns = schema.columns(message.schema);
-    const std::vector<std::string> cells = schema.cells(message.schema, {message.bytes.data(), message.bytes.size()});
+    const std::vector<std::string> cells = schema.values(message.schema, {message.bytes.data(), message.bytes.size()});
     ASSERT_EQ(cells.size(), columns.size()) << message.topic;
     for (std::size_t i = 0; i < cells.size(); ++i) values[message.topic + " " + columns[i]] = cells[i];
   }

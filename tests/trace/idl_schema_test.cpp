@@ -77,7 +77,7 @@ TEST(IdlSchema, NamesAColumnForEachNumber) {
 }
 
 TEST(IdlSchema, ReadsASampleIntoItsColumns) {
-  EXPECT_THAT(IdlSchema{kText}.cells("a::b::Outer", sample().bytes()),
+  EXPECT_THAT(IdlSchema{kText}.values("a::b::Outer", sample().bytes()),
               ElementsAre("9223372036854775808", "true", "0.1", "-2.5e-300", "kGreen", "n\"1",
                           R"([{"where":[3,4],"colour":"7"}])", "1.5", "0.1", "-0", "4", "-2"));
 }
@@ -86,13 +86,13 @@ TEST(IdlSchema, ASampleThatIsCutAnywhereIsRefused) {
   const IdlSchema schema{kText};
   const Encoded whole = sample();
   for (std::size_t cut = 1; cut <= whole.bytes().size(); ++cut)
-    EXPECT_THROW((void)schema.cells("a::b::Outer", whole.bytes(cut)), SchemaError) << cut;
+    EXPECT_THROW((void)schema.values("a::b::Outer", whole.bytes(cut)), SchemaError) << cut;
 }
 
 TEST(IdlSchema, RefusesImpossibleCountsBeforeAllocating) {
   Encoded e;
   e.add(std::uint64_t{1}).add(std::uint8_t{1}).add(0.1).add(0.1).add(std::uint32_t{1}).text("x").add(0xffffffffu);
-  EXPECT_THROW((void)IdlSchema{kText}.cells("a::b::Outer", e.bytes()), SchemaError);
+  EXPECT_THROW((void)IdlSchema{kText}.values("a::b::Outer", e.bytes()), SchemaError);
 }
 
 TEST(IdlSchema, BrokenTextIsRefusedWithItsLine) {

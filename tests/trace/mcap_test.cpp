@@ -61,7 +61,7 @@ class Mcap : public ::testing::Test {
       }
       all += '\n';
     }
-    if (cut != nullptr) *cut = reader.is_cut();
+    if (cut != nullptr) *cut = reader.is_truncated();
     return all;
   }
 

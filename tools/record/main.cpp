@@ -169,7 +169,7 @@ int to_csv(const std::string& file, const std::filesystem::path& directory) {
     }
     std::ofstream& out = table->second.out;
     out << message.log_time << ',' << message.sequence;
-    for (const std::string& cell : schema.cells(message.schema, {message.bytes.data(), message.bytes.size()}))
+    for (const std::string& cell : schema.values(message.schema, {message.bytes.data(), message.bytes.size()}))
       out << ',' << quoted(cell);
     out << '\n';
     ++table->second.rows;
@@ -179,7 +179,7 @@ int to_csv(const std::string& file, const std::filesystem::path& directory) {
     if (!table.out) throw std::runtime_error("cannot write " + table.path.string());
     std::cout << table.path.string() << ": " << table.rows << " rows\n";
   }
-  if (reader.is_cut()) std::cout << file << " is truncated; everything before is included\n";
+  if (reader.is_truncated()) std::cout << file << " is truncated; everything before is included\n";
   return 0;
 }
 

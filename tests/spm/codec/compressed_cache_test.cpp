@@ -20,7 +20,7 @@ namespace {
 
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
-using Status = CompressedCache::Put::Status;
+using Status = CompressedCache::PutResult::Status;
 
 constexpr std::uint64_t kSeed = 20261121;
 constexpr std::uint32_t kBlocks = 1 << 14;
@@ -57,7 +57,7 @@ class CompressedCacheTest : public ::testing::Test {
     }
     return encode_region(encoded_->coded(), RegionId{region}, missing);
   }
-  CompressedCache::Put put(std::uint32_t region, const std::set<std::uint32_t>& have = {}) {
+  CompressedCache::PutResult put(std::uint32_t region, const std::set<std::uint32_t>& have = {}) {
     return store_.put(kObject, RegionId{region}, message(region, have));
   }
 
@@ -71,7 +71,7 @@ EncodedModel* CompressedCacheTest::encoded_ = nullptr;
 
 TEST_F(CompressedCacheTest, ACacheFilledFromItHoldsTheModelsRecords) {
   test_support::HrtcModel hrtc{built_->model(), PoolSettings::for_slots(2 * summary().parts)};
-  for (std::uint32_t region = 0; region < regions(); ++region) ASSERT_EQ(put(region).status, Status::kKept) << region;
+  for (std::uint32_t region = 0; region < regions(); ++region) ASSERT_EQ(put(region).status, Status::kStored) << region;
   for (std::uint32_t region = 0; region < regions(); ++region) {
     RegionList list;
     const RegionData& data = store_.get(kObject, RegionId{region}, hrtc.cache());
@@ -125,8 +125,8 @@ TEST_F(CompressedCacheTest, CountsWhatIsFreeAndWhatLeavesAsSetsOfRecordsDo) {
       const std::set<std::uint32_t> have =
           random() % 8 == 0 ? std::set<std::uint32_t>{} : all(random() % 2 == 0);  // as the host knows it
       const std::uint32_t free = store_.blocks_free();
-      const CompressedCache::Put put = this->put(region, have);
-      ASSERT_EQ(put.status, Status::kKept) << "step " << step << ", seed " << kSeed;
+      const CompressedCache::PutResult put = this->put(region, have);
+      ASSERT_EQ(put.status, Status::kStored) << "step " << step << ", seed " << kSeed;
       EXPECT_EQ(free - store_.blocks_free(), put.blocks);
       std::uint32_t again = 0, fresh = 0, repeated = 0, published = 0;
       const std::set<std::uint32_t> here = all(false);
@@ -144,20 +144,20 @@ TEST_F(CompressedCacheTest, CountsWhatIsFreeAndWhatLeavesAsSetsOfRecordsDo) {
       returned += put.returned > 0 ? 1 : 0;
       kept[region] = {records_of(region), put.blocks - fresh, false};
     } else if (at->second.leaves && random() % 2 == 0) {
-      store_.stay(kObject, RegionId{region});
+      store_.reinstate(kObject, RegionId{region});
       at->second.leaves = false;
       ++taken_back;
     } else if (at->second.leaves) {
-      store_.release(kObject, RegionId{region});
+      store_.evict(kObject, RegionId{region});
       kept.erase(at);
       ++left;
     } else {
-      store_.leave(kObject, RegionId{region});
+      store_.retire(kObject, RegionId{region});
       at->second.leaves = true;
     }
     const std::uint32_t used = blocks(all(false), false), staying = blocks(all(true), true);
     ASSERT_EQ(store_.blocks_free(), kBlocks - used) << "step " << step << ", seed " << kSeed;
-    ASSERT_EQ(store_.blocks_leaving(), used - staying) << "step " << step << ", seed " << kSeed;
+    ASSERT_EQ(store_.blocks_retired(), used - staying) << "step " << step << ", seed " << kSeed;
     if (step % 100 == 0) {
       ASSERT_THAT(store_.violations(), IsEmpty()) << "step " << step << ", seed " << kSeed;
     }
@@ -169,7 +169,7 @@ TEST_F(CompressedCacheTest, CountsWhatIsFreeAndWhatLeavesAsSetsOfRecordsDo) {
 }
 
 TEST_F(CompressedCacheTest, AMessageThatCountsOnWhatIsNotHereIsIncompleteAndChangesNothing) {
-  ASSERT_EQ(put(0).status, Status::kKept);
+  ASSERT_EQ(put(0).status, Status::kStored);
   std::set<std::uint32_t> have = records_of(0);
   std::uint32_t other = 1;
   while (records_of(other) == have) ++other;
@@ -177,7 +177,7 @@ TEST_F(CompressedCacheTest, AMessageThatCountsOnWhatIsNotHereIsIncompleteAndChan
 
   EXPECT_EQ(put(other, have).status, Status::kIncomplete);
 
-  EXPECT_FALSE(store_.keeps(kObject, RegionId{other}));
+  EXPECT_FALSE(store_.holds(kObject, RegionId{other}));
   EXPECT_THAT(store_.violations(), IsEmpty());
 }
 
@@ -185,29 +185,29 @@ TEST_F(CompressedCacheTest, WhatDoesNotFitIsRefusedWithWhatItNeedsAndChangesNoth
   std::uint32_t region = 0;
   CompressedCache small{1000};
   small.admit(kObject, summary(), encoded_->coded().tables());
-  CompressedCache::Put put;
+  CompressedCache::PutResult put;
   do put = small.put(kObject, RegionId{region}, message(region, {}));
-  while (put.status == Status::kKept && ++region < regions());
+  while (put.status == Status::kStored && ++region < regions());
 
   EXPECT_EQ(put.status, Status::kFull);
   EXPECT_GT(put.blocks, small.blocks_free());
-  EXPECT_FALSE(small.keeps(kObject, RegionId{region}));
+  EXPECT_FALSE(small.holds(kObject, RegionId{region}));
   EXPECT_THAT(small.violations(), IsEmpty());
   for (std::uint32_t kept = 0; kept < region; ++kept) {
-    small.leave(kObject, RegionId{kept});
-    small.release(kObject, RegionId{kept});
+    small.retire(kObject, RegionId{kept});
+    small.evict(kObject, RegionId{kept});
   }
   EXPECT_EQ(small.blocks_free(), 1000u);
-  EXPECT_EQ(small.blocks_leaving(), 0u);
+  EXPECT_EQ(small.blocks_retired(), 0u);
 }
 
 TEST_F(CompressedCacheTest, WhatIsNoMessageOfThatRegionIsRefusedInWords) {
-  EXPECT_THAT(store_.put(kObject, RegionId{1}, message(2, {})).error, HasSubstr("names region 2"));
+  EXPECT_THAT(store_.put(kObject, RegionId{1}, message(2, {})).error, HasSubstr("contains region 2"));
   Bytes cut = message(1, {});
   cut.resize(cut.size() / 2);
   EXPECT_EQ(store_.put(kObject, RegionId{1}, cut).status, Status::kMalformed);
-  ASSERT_EQ(put(1).status, Status::kKept);
-  EXPECT_EQ(put(1).status, Status::kHere);
+  ASSERT_EQ(put(1).status, Status::kStored);
+  EXPECT_EQ(put(1).status, Status::kAlreadyHeld);
 }
 
 }  // namespace

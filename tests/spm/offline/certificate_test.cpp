@@ -66,7 +66,7 @@ TEST(Certificate, AMovingSphereNeedsNoMoreThanWhatItBeganWithAndWhatEveryStepBri
   const RegionGrid grid{model.summary.grid, model.regions};
   constexpr double kRadius = 0.003;
   const Certificate certificate = certify(model, kRadius, 0.05);
-  EXPECT_LE(certificate.entering, certificate.records);
+  EXPECT_LE(certificate.entering_records, certificate.records);
   std::mt19937 random{7};
   std::uniform_real_distribution<double> unit{-1, 1};
   std::size_t max_beyond_start = 0;
@@ -84,7 +84,7 @@ TEST(Certificate, AMovingSphereNeedsNoMoreThanWhatItBeganWithAndWhatEveryStepBri
         for (const spm::Interval& run : model.intervals_of(region))
           for (std::uint32_t r = run.first; r < run.first + run.count; ++r) records.insert(r);
       }));
-      ASSERT_LE(static_cast<double>(records.size()), certificate.records + crossings * certificate.entering);
+      ASSERT_LE(static_cast<double>(records.size()), certificate.records + crossings * certificate.entering_records);
     }
     max_beyond_start = std::max(max_beyond_start, records.size());
   }
@@ -111,8 +111,8 @@ TEST(Certificate, TheWorstStepTakesTheWorkThatItSays) {
       EXPECT_LE(refit.marked, max_marked(refit.changed, model.summary.faces));
       return kPlenty - budget.units;
     };
-    step(certificate.units_from);
-    EXPECT_EQ(step(certificate.units_to), certificate.units) << radius;
+    step(certificate.regions_before);
+    EXPECT_EQ(step(certificate.regions_after), certificate.work_units) << radius;
     EXPECT_LE(hrtc.nodes().used(), certificate.nodes) << radius;
   }
 }
@@ -129,8 +129,9 @@ TEST(Certificate, NoSphereAnywhereShowsMoreNodesThanItSaysAndTheBoundIsNear) {
   std::uint32_t max = 0;
   for (int i = 0; i < 300; ++i) {
     const std::array<float, 3>& near = model.positions[random() % model.summary.vertices];
-    const Vec3d centre = i == 0 ? Vec3d{certificate.worst[0], certificate.worst[1], certificate.worst[2]}
-                                : Vec3d{near[0], near[1], near[2]};
+    const Vec3d centre =
+        i == 0 ? Vec3d{certificate.worst_position[0], certificate.worst_position[1], certificate.worst_position[2]}
+               : Vec3d{near[0], near[1], near[2]};
     std::vector<RegionId> regions;
     ASSERT_TRUE(grid.for_each_meeting(centre, kRadius, [&](RegionId region, double) { regions.push_back(region); }));
     ASSERT_EQ(hrtc.refine(regions), Advance::kDone);
@@ -145,17 +146,17 @@ TEST(Certificate, WhatTheWorstStepBringsIsNewAndComplete) {
   const Model model = built.model();
   const Certificate certificate = certify(model, 0.003, 0.05);
   std::set<std::uint32_t> brought;
-  for (const Certificate::Bringing& bringing : certificate.brings) {
+  for (const Certificate::RegionMessage& message : certificate.messages) {
     std::set<std::uint32_t> listed;
-    for (const spm::Interval& run : model.intervals_of(bringing.region))
+    for (const spm::Interval& run : model.intervals_of(message.region))
       for (std::uint32_t r = run.first; r < run.first + run.count; ++r) listed.insert(r);
-    for (const spm::Interval& run : bringing.missing)
+    for (const spm::Interval& run : message.missing)
       for (std::uint32_t r = run.first; r < run.first + run.count; ++r) {
         EXPECT_EQ(listed.count(r), 1u);
         EXPECT_TRUE(brought.insert(r).second) << "record " << r << " comes twice";
       }
   }
-  EXPECT_EQ(brought.size(), certificate.entering);
+  EXPECT_EQ(brought.size(), certificate.entering_records);
 }
 
 TEST(Certificate, APoolOfTheSlotsNeededHoldsWhatABallNeedsAndTheMemoryNeededHasThatPool) {
@@ -170,8 +171,9 @@ TEST(Certificate, APoolOfTheSlotsNeededHoldsWhatABallNeedsAndTheMemoryNeededHasT
   std::mt19937 random{11};
   for (int i = 0; i < 30; ++i) {
     const std::array<float, 3>& near = model.positions[random() % model.summary.vertices];
-    const Vec3d centre = i == 0 ? Vec3d{certificate.worst[0], certificate.worst[1], certificate.worst[2]}
-                                : Vec3d{near[0], near[1], near[2]};
+    const Vec3d centre =
+        i == 0 ? Vec3d{certificate.worst_position[0], certificate.worst_position[1], certificate.worst_position[2]}
+               : Vec3d{near[0], near[1], near[2]};
     test_support::HrtcModel hrtc{model, settings};
     std::vector<RegionId> regions;
     ASSERT_TRUE(grid.for_each_meeting(centre, 0.003, [&](RegionId region, double) { regions.push_back(region); }));

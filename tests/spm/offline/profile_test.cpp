@@ -48,7 +48,7 @@ TEST_P(EveryProfile, IsSoundVerifiesAndArrivesToTheBitInAnyOrderOfRegions) {
     built = build_model(zoo.mesh, options_with(bits));
   } catch (const ModelError& e) {
     ASSERT_GT(bits, 0u);
-    ASSERT_THAT(e.what(), HasSubstr("what floats resolve this far"));
+    ASSERT_THAT(e.what(), HasSubstr("the distance of neighbouring floats this far"));
     return;
   }
   const Model model = built.model();

@@ -1,4 +1,4 @@
-#include "spm/codec/take_region.hpp"
+#include "spm/codec/load_region.hpp"
 
 #include <vector>
 
@@ -6,7 +6,7 @@
 
 namespace tactus::spm::codec {
 
-bool take_region(const CompressedModel& model, RegionId region, Cache& cache, ObjectIndex object, RegionList& list) {
+bool load_region(const CompressedModel& model, RegionId region, Cache& cache, ObjectIndex object, RegionList& list) {
   std::vector<Interval> missing;
   for (const Interval& interval : model.intervals_of(region))
     for (std::uint32_t record = interval.first; record < interval.first + interval.count; ++record) {
