@@ -103,8 +103,8 @@ class Walker {
  private:
   void find_intersected(const Vec3d& tip) {
     intersected_.clear();
-    hrtc_.forest().grid().for_each_meeting(tip, radius_,
-                                           [&](RegionId region, double) { intersected_.push_back(region); });
+    hrtc_.forest().grid().for_each_intersecting(tip, radius_,
+                                                [&](RegionId region, double) { intersected_.push_back(region); });
     std::sort(intersected_.begin(), intersected_.end());
   }
 
@@ -124,7 +124,7 @@ class Walker {
     const spm::ForestCounters before = forest.counters();
     spm::Budget budget{~0u};
     Stopwatch stopwatch;
-    forest.target(wanted_.data(), static_cast<std::uint32_t>(wanted_.size()));
+    forest.set_targets(wanted_.data(), static_cast<std::uint32_t>(wanted_.size()));
     const spm::Advance advance = forest.advance(budget);
     refit_count_ = forest.refit();
     const double us = stopwatch.lap();

@@ -126,7 +126,7 @@ Run run_cycles(const spm::Model& model, const Settings& settings, double unit, c
     touched.is_exact = true;
     touched.first = run.faces.size();
     for (std::uint32_t c = 0; c < std::min(count, kMaxContacts); ++c) {
-      if (contacts[c].last()) run.faces.push_back(index(contacts[c].face));
+      if (contacts[c].is_finest()) run.faces.push_back(index(contacts[c].face));
     }
     touched.count = run.faces.size() - touched.first;
     std::sort(run.faces.begin() + static_cast<std::ptrdiff_t>(touched.first), run.faces.end());

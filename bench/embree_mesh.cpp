@@ -247,7 +247,7 @@ struct EmbreeTool::Scenes {
   }
 
   void flush() {
-    for (unsigned hit = spm::meet(pairs, count, found, spm::best_simd()); hit != 0; hit &= hit - 1) {
+    for (unsigned hit = spm::intersect(pairs, count, found, spm::best_simd()); hit != 0; hit &= hit - 1) {
       const auto lane = static_cast<unsigned>(__builtin_ctz(hit));
       out->push_back({spm::FaceId{pending[lane].primID0},
                       pending[lane].primID1,

@@ -198,7 +198,7 @@ double active_mesh_distance(const spm::Forest& forest, const Vec3d& centre, doub
       std::min<std::uint32_t>(forest.tree().touching(centre, radius, contacts.data(), 2048), 2048);
   double depth = -1e300;
   for (std::uint32_t i = 0; i < count; ++i)
-    if (contacts[i].last()) depth = std::max(depth, contacts[i].depth(centre, radius));
+    if (contacts[i].is_finest()) depth = std::max(depth, contacts[i].depth(centre, radius));
   return radius - depth;
 }
 
@@ -258,7 +258,7 @@ Path make_path(const LoadedModel& subject, const Settings& settings) {
 
 /// Returns the slots of a pool for the base mesh and a tenth of the slots and tree nodes that a probe needs at most.
 std::uint32_t slots_of_small_pool(const spm::Model& model, const spm::offline::Certificate& certificate) {
-  const std::uint32_t base_nodes = spm::tree_nodes_over(model.base_faces, model.summary.faces);
+  const std::uint32_t base_nodes = spm::tree_nodes_above(model.base_faces, model.summary.faces);
   std::uint32_t slots = std::max(slots_for(model.summary, 0) + certificate.parts / 10, 256u);
   while (spm::PoolSettings::for_slots(slots).tree_nodes < base_nodes + certificate.nodes / 10) slots += 16;
   return slots;
@@ -297,7 +297,7 @@ Report run(const Settings& settings) {
   std::fprintf(stderr, "touching in this process\n");
   hrtc_service::FlightOptions flight;
   const std::uint64_t recorder = hrtc_service::limit_flight(flight, settings.memory, kPeriod, hrtc_service::kMaxProbes);
-  const spm::MemoryShares shares = spm::shares_of(settings.memory - recorder);
+  const spm::MemoryShares shares = spm::memory_shares(settings.memory - recorder);
   const InProcess whole_here = run_in_process(subject.model, settings, shares.pool, path);
   const InProcess small_here = run_in_process(subject.model, settings, spm::PoolSettings::for_slots(small_slots), path);
 

@@ -51,8 +51,8 @@ std::uint64_t key_of(const spm::MeshContact& c) noexcept {
   return h;
 }
 std::uint64_t key_of(const spm::Contact& c) noexcept { return index(c.face); }
-bool is_finest(const spm::MeshContact& c) noexcept { return c.last; }
-bool is_finest(const spm::Contact& c) noexcept { return c.last(); }
+bool is_finest(const spm::MeshContact& c) noexcept { return c.is_finest; }
+bool is_finest(const spm::Contact& c) noexcept { return c.is_finest(); }
 
 template <class Contacts>
 ContactKeys keys_of(const Contacts& contacts, std::size_t count, bool finest_only) {
@@ -165,8 +165,8 @@ void compare_with_all(Comparison& to, const QueryScene& scene, ProbeKind kind, s
     const Vec3d face_high = face[0].cwiseMax(face[1]).cwiseMax(face[2]);
     if ((face_low.array() > high.array()).any() || (face_high.array() < low.array()).any()) continue;
     for (std::uint32_t t = 0; t < tool.size(); ++t)
-      if (spm::PairContact c; spm::meet(face, tool[t], c))
-        expected.push_back(key_of(spm::MeshContact{id, t, tree.row(row).last != 0, c.point, c.normal, c.depth, row}));
+      if (spm::PairContact c; spm::intersect(face, tool[t], c))
+        expected.push_back(key_of(spm::MeshContact{id, t, tree.row(row).finest != 0, c.point, c.normal, c.depth, row}));
   }
   std::sort(expected.begin(), expected.end());
   ++to.cycles;

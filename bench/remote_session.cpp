@@ -92,7 +92,7 @@ void RemoteSession::start() {
   constexpr int kMaxCycles = 60000;
   for (int i = 0; i < kMaxCycles; ++i) {
     run_cycle();
-    if (!core_.servo().cycle().objects().empty() && forest().base_shown()) return;
+    if (!core_.servo().cycle().objects().empty() && forest().is_base_shown()) return;
   }
   throw std::runtime_error("the base mesh was not shown within a minute; check that it fits the pool");
 }
@@ -104,8 +104,8 @@ const hrtc_service::ProbeOutput& RemoteSession::step(const spm::Vec3d& tip) {
   input.device.position = tip;
   last_tip_ = tip;
   const hrtc_service::ProbeOutput& output = run_cycle();
-  forest().grid().for_each_meeting(to_model(tip), settings_.radius / scale_,
-                                   [&](spm::RegionId region, double) { untouched_bytes_[index(region)] = 0; });
+  forest().grid().for_each_intersecting(to_model(tip), settings_.radius / scale_,
+                                        [&](spm::RegionId region, double) { untouched_bytes_[index(region)] = 0; });
   return output;
 }
 

@@ -39,7 +39,7 @@ SessionRun::SessionRun(const spm::Model& model, double scale, const SessionSetti
 
 void SessionRun::settle(const spm::Vec3d& away) {
   constexpr int kMaxCycles = 20000;
-  const auto ready = [&] { return !haptic().objects().empty() && haptic().objects().front()->forest->base_shown(); };
+  const auto ready = [&] { return !haptic().objects().empty() && haptic().objects().front()->forest->is_base_shown(); };
   for (int i = 0; i < kMaxCycles; ++i) {
     prepare(away, spm::Vec3d::Zero());
     (void)cycle(spm::Budget{1u << 20});

@@ -56,7 +56,7 @@ double shown_distance(const RemoteSession& session, const Vec3d& tip, bool exact
       std::min<std::uint32_t>(session.forest().tree().touching(centre, radius, contacts.data(), 2048), 2048);
   double depth = -1e300;
   for (std::uint32_t i = 0; i < count; ++i)
-    if (contacts[i].last()) depth = std::max(depth, contacts[i].depth(centre, radius));
+    if (contacts[i].is_finest()) depth = std::max(depth, contacts[i].depth(centre, radius));
   return (radius - depth) * session.scale();
 }
 
@@ -83,8 +83,8 @@ Outcome run_one(const StrokedModel& model, const std::vector<Vec3d>& path, const
     if (tip_exact) continue;  // only the contact at the proxy's position is inexact
     const std::vector<std::uint32_t> wanted = session.loader().predicted(0);
     bool predicted = true, loaded = true;
-    session.forest().grid().for_each_meeting(centre, radius, [&](spm::RegionId region, double) {
-      if (session.forest().is_here(region)) return;
+    session.forest().grid().for_each_intersecting(centre, radius, [&](spm::RegionId region, double) {
+      if (session.forest().is_loaded(region)) return;
       loaded = false;
       predicted = predicted && std::find(wanted.begin(), wanted.end(), index(region)) != wanted.end();
     });

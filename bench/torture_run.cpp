@@ -38,7 +38,7 @@ std::vector<ShownFace> shown_mesh(const HrtcModel& hrtc) {
   std::vector<ShownFace> faces;
   for (const spm::RowIndex number : hrtc.forest().tree().shown()) {
     const spm::FaceRow& row = hrtc.pool().faces[number];
-    ShownFace face{index(row.face), row.last, {}, hrtc.forest().tree().corners(number)};
+    ShownFace face{index(row.face), row.finest, {}, hrtc.forest().tree().corners(number)};
     for (std::size_t corner = 0; corner < 3; ++corner)
       face.vertices[corner] = index(hrtc.pool().vertices[row.vertices[corner]].id);
     faces.push_back(face);
@@ -105,8 +105,8 @@ class Torture {
         wanted_.clear();
         for (std::uint64_t remaining = random_below(kMaxWanted + 1); remaining > 0; --remaining)
           wanted_.push_back(random_region());
-        hrtc_.forest().target(wanted_.data(), static_cast<std::uint32_t>(wanted_.size()),
-                              random_below(2) == 0 ? spm::Unrequested::kCoarsen : spm::Unrequested::kRest);
+        hrtc_.forest().set_targets(wanted_.data(), static_cast<std::uint32_t>(wanted_.size()),
+                                   random_below(2) == 0 ? spm::Unrequested::kCoarsen : spm::Unrequested::kRetain);
         break;
       }
       default:
@@ -120,7 +120,7 @@ class Torture {
 
   void load() {
     const RegionId region = random_region();
-    if (hrtc_.cache().holds(hrtc_.object(), region)) return;
+    if (hrtc_.cache().is_loaded(hrtc_.object(), region)) return;
     const spm::AcceptResult accepted = hrtc_.load(hrtc_.message(region, random_below(4) == 0));
     if (accepted == spm::AcceptResult::kAccepted) {
       ++result_.regions_loaded;
@@ -139,7 +139,7 @@ class Torture {
     const std::uint32_t from = index(random_region());
     for (std::uint32_t i = 0; i < regions_; ++i) {
       const RegionId region{(from + i) % regions_};
-      if (!hrtc_.forest().is_here(region) || hrtc_.forest().is_retiring(region)) continue;
+      if (!hrtc_.forest().is_loaded(region) || hrtc_.forest().is_retiring(region)) continue;
       hrtc_.forest().retire(region);
       return;
     }
@@ -171,7 +171,7 @@ class Torture {
     }
     std::vector<RegionId> refined_regions;
     for (std::uint32_t region = 0; region < model.summary.regions; ++region)
-      if (hrtc_.forest().is_here(RegionId{region}) && !hrtc_.forest().is_retiring(RegionId{region}) &&
+      if (hrtc_.forest().is_loaded(RegionId{region}) && !hrtc_.forest().is_retiring(RegionId{region}) &&
           (refined_regions.empty() || random_below(3) > 0))
         refined_regions.push_back(RegionId{region});
     std::shuffle(refined_regions.begin(), refined_regions.end(), random_);
@@ -199,7 +199,7 @@ class Torture {
   }
 
   void refine(HrtcModel& hrtc, const std::vector<RegionId>& refined_regions) {
-    hrtc.forest().target(refined_regions.data(), static_cast<std::uint32_t>(refined_regions.size()));
+    hrtc.forest().set_targets(refined_regions.data(), static_cast<std::uint32_t>(refined_regions.size()));
     // Coarsening frees tree nodes in the refit. Splits that found no free node can then follow in the next round.
     constexpr int kMaxRounds = 8;
     spm::Advance advance = spm::Advance::kBudget;

@@ -174,7 +174,7 @@ struct Subjects {
       for (std::size_t a = kWidth * model_leaf; a < std::min<std::size_t>(model.size(), kWidth * (model_leaf + 1));
            ++a) {
         spm::PairContact contact;
-        count += spm::meet(model[a], moved, contact) ? 1 : 0;
+        count += spm::intersect(model[a], moved, contact) ? 1 : 0;
       }
     }
     return count;

@@ -185,7 +185,7 @@ void Tool::measure(const Part& part, double within, std::uint32_t block, Nearby&
   for (unsigned lane = 0; lane < kWidth; ++lane) {
     const std::uint32_t pair = block * kWidth + lane;
     into.distance[pair] = kAbsent;
-    const bool near = gaps_.distance[lane] <= within || (gaps_.may_meet >> lane & 1u) != 0;
+    const bool near = gaps_.distance[lane] <= within || (gaps_.may_intersect >> lane & 1u) != 0;
     if (!near || pairs.face[lane] == spm::kNone) continue;
     const Gap gap = gap_of(part, pairs.corners, lane);
     if (gap.distance > within) continue;
@@ -234,8 +234,8 @@ Tool::Gap Tool::gap_of(const Part& part, const spm::TriangleLanes& faces, unsign
   const spm::Triangle3d face{corner(faces, 0), corner(faces, 1), corner(faces, 2)};
   spm::PairContact contact;
   const Vec3d across = (face[1] - face[0]).cross(face[2] - face[0]);
-  if ((gaps_.may_meet >> lane & 1u) != 0 &&
-      spm::meet(face, {corner(lanes_, 0), corner(lanes_, 1), corner(lanes_, 2)}, contact)) {
+  if ((gaps_.may_intersect >> lane & 1u) != 0 &&
+      spm::intersect(face, {corner(lanes_, 0), corner(lanes_, 1), corner(lanes_, 2)}, contact)) {
     gap.distance = -contact.depth;
     gap.normal = contact.normal;
     on_tool = contact.point;

@@ -98,8 +98,8 @@ void Scenery::refine_around(const std::vector<Vec3d>& points) {
     const Object& object = *objects_[i];
     for (const Vec3d& point : points) {
       if (!sharing::overlaps_bounds(object.placement, object.bounds, point, kAround)) continue;
-      object.forest->grid().for_each_meeting(object.placement.to_model(point), kAround / object.placement.scale(),
-                                             [&](spm::RegionId region, double) { wanted[i].push_back(region); });
+      object.forest->grid().for_each_intersecting(object.placement.to_model(point), kAround / object.placement.scale(),
+                                                  [&](spm::RegionId region, double) { wanted[i].push_back(region); });
     }
     std::sort(wanted[i].begin(), wanted[i].end());
     wanted[i].erase(std::unique(wanted[i].begin(), wanted[i].end()), wanted[i].end());
@@ -110,7 +110,7 @@ void Scenery::refine_around(const std::vector<Vec3d>& points) {
     Object& object = *objects_[i];
     for (const spm::RegionId region : wanted[i]) {
       if (full || loaded == kMaxNew) break;
-      if (object.forest->is_here(region)) continue;
+      if (object.forest->is_loaded(region)) continue;
       full = !load(object, region);
       ++loaded;
     }
@@ -119,7 +119,8 @@ void Scenery::refine_around(const std::vector<Vec3d>& points) {
   for (std::size_t i = 0; i < objects_.size(); ++i) {
     Object& object = *objects_[i];
     if (wanted[i].empty()) continue;
-    object.forest->target(wanted[i].data(), static_cast<std::uint32_t>(wanted[i].size()), spm::Unrequested::kRest);
+    object.forest->set_targets(wanted[i].data(), static_cast<std::uint32_t>(wanted[i].size()),
+                               spm::Unrequested::kRetain);
     refine(*object.forest);
   }
 }

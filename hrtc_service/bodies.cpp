@@ -350,7 +350,7 @@ const haptics::SurfaceDistance* Bodies::scene_around(const Cycle& cycle, const h
   scene_.clear();
   const double reach = body.settings().half.norm() + kMargin;
   for (const TouchObject* object : cycle.objects())
-    if (!object->body && object->forest->base_shown() &&
+    if (!object->body && object->forest->is_base_shown() &&
         sharing::overlaps_bounds(object->placement, object->bounds, body.state().position, reach))
       scene_.add({&object->forest->tree(), &object->placement, object->index});
   return scene_.empty() ? nullptr : &scene_;

@@ -20,8 +20,8 @@ void ContactQuery::run(std::uint32_t probe, const Vec3d& tip, std::int64_t now_n
     if (truncated) output.status |= session::kContactsTruncated;
     found = std::min(found, kMaxContacts);
     if (object_exact) {  // coarse faces here belong to other cells
-      const auto end =
-          std::remove_if(contacts_.begin(), contacts_.begin() + found, [](const spm::Contact& c) { return !c.last(); });
+      const auto end = std::remove_if(contacts_.begin(), contacts_.begin() + found,
+                                      [](const spm::Contact& c) { return !c.is_finest(); });
       found = static_cast<std::uint32_t>(end - contacts_.begin());
     } else {
       bound = std::max(bound, static_cast<float>(object.deviation * placement.scale()));
@@ -43,7 +43,8 @@ void ContactQuery::run(std::uint32_t probe, const Vec3d& tip, std::int64_t now_n
 /// Logs the contacts, if the sphere touches a face or a labelled cell.
 void ContactQuery::log(const TouchObject& object, const Vec3d& centre, double radius, std::uint32_t found) noexcept {
   bool in_cell = found > 0;
-  if (!in_cell) object.forest->grid().for_each_meeting(centre, radius, [&](spm::RegionId, double) { in_cell = true; });
+  if (!in_cell)
+    object.forest->grid().for_each_intersecting(centre, radius, [&](spm::RegionId, double) { in_cell = true; });
   if (!in_cell) return;
   entry_.object = object.index;
   entry_.centre = plain(centre);

@@ -138,7 +138,7 @@ void Cycle::withdraw(TouchObject& object) noexcept {
   objects_.erase(std::find(objects_.begin(), objects_.end(), &object));
   withdrawn_.push_back(&object);
   ++objects_changed_;
-  object.forest->keep(false);
+  object.forest->store_previous(false);
   object.forest->withdraw();
   if ((movable_ & bit) != 0) --movable_count_;
   movable_ &= ~bit;
@@ -173,7 +173,7 @@ bool Cycle::gather_surface(std::uint32_t number) noexcept {
   for (const TouchObject* object : objects_) {
     if (!is_near(number, *object)) continue;
     const ObjectState& state = states_[object->index];
-    if (object->forest->base_shown())
+    if (object->forest->is_base_shown())
       surfaces_[number].add(*object, state.placement, state.moved ? &state.before : nullptr, state.unchanged[number]);
     else
       all_have_meshes = false;
@@ -233,16 +233,17 @@ const CycleResult& Cycle::refine(spm::Budget budget, const RefineLimit& limit) n
   bool is_near_surface = false;
   for (const SphereTouch& sphere : spheres_) is_near_surface = is_near_surface || sphere.proxy().last().near_surface;
   for (TouchObject* object : objects_) {
-    object->forest->keep(is_near_surface);
+    object->forest->store_previous(is_near_surface);
     const spm::Forest& forest = *object->forest;
     const spm::ForestCounters before = forest.counters();
-    const bool base_was_shown = forest.base_shown();
+    const bool base_was_shown = forest.is_base_shown();
     select_targets(*object);
     const spm::Advance result = advance(*object, budget, granted, limit, began);
-    result_.budget_spent = result_.budget_spent || result == spm::Advance::kBudget || result == spm::Advance::kKeptFull;
+    result_.budget_spent =
+        result_.budget_spent || result == spm::Advance::kBudget || result == spm::Advance::kPreviousFull;
     result_.nodes_full = result_.nodes_full || result == spm::Advance::kNodesFull;
     const std::uint32_t changes = count_work(forest, before);
-    reset_changes(*object, changes, !base_was_shown && forest.base_shown());
+    reset_changes(*object, changes, !base_was_shown && forest.is_base_shown());
     return_retired_regions(*object);
   }
   costs.refine = lap_ns(mark);
@@ -281,7 +282,8 @@ void Cycle::coarsen_withdrawn(spm::Budget& budget, spm::Budget& granted, const R
 void Cycle::return_removed_objects() noexcept {
   for (auto at = withdrawn_.begin(); at != withdrawn_.end();) {
     TouchObject& object = **at;
-    if (!object.forest->is_gone() || departures_.write_available() == 0 || departed_.size() == departed_.capacity()) {
+    if (!object.forest->is_fully_hidden() || departures_.write_available() == 0 ||
+        departed_.size() == departed_.capacity()) {
       ++at;
       continue;
     }
@@ -298,7 +300,7 @@ void Cycle::select_targets(TouchObject& object) noexcept {
     if (is_near(i, object)) add_probe_targets(i, object);
   add_targets_under_bodies(object);
   const std::span<const spm::RegionId> targets = targets_.finish();
-  object.forest->target(targets.data(), static_cast<std::uint32_t>(targets.size()), spm::Unrequested::kRest);
+  object.forest->set_targets(targets.data(), static_cast<std::uint32_t>(targets.size()), spm::Unrequested::kRetain);
   result_.targets_dropped = result_.targets_dropped || !targets_.complete();
 }
 
@@ -396,7 +398,7 @@ std::uint32_t Cycle::refit(TouchObject& object) noexcept {
   }
   const spm::RefitCount refitted = object.forest->refit(change_detectors.data(), count);
   for (std::uint32_t i = 0; i < count; ++i) {
-    if (change_detectors[i].met) state.changed |= 1u << probes[i];
+    if (change_detectors[i].is_changed) state.changed |= 1u << probes[i];
     Unchanged& unchanged = state.unchanged[probes[i]];
     unchanged.centre = plain(change_detectors[i].centre);
     unchanged.squared_radius = change_detectors[i].squared_distance;

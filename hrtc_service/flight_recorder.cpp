@@ -143,7 +143,7 @@ bool FlightRecorder::put_state(Cycle& cycle) noexcept {
   // objects. So it is only recorded after a cycle that changed no mesh, and when no withdrawn object remains.
   if (!cycle.withdrawn_objects().empty()) return false;
   for (const TouchObject* object : cycle.objects())
-    if (object->forest->kept_differs()) return false;
+    if (object->forest->previous_differs()) return false;
   const std::uint32_t from = count_;
   const auto put_word = [&](std::uint64_t word) {
     if (has_room(1)) words_[count_++] = word;
@@ -161,7 +161,7 @@ bool FlightRecorder::put_state(Cycle& cycle) noexcept {
   put_word(cycle.objects().size());
   for (const TouchObject* object : cycle.objects()) {
     const spm::Forest& forest = *object->forest;
-    const std::uint32_t in_use = forest.in_use(in_use_.data(), kMaxInUse);
+    const std::uint32_t in_use = forest.copy_in_use(in_use_.data(), kMaxInUse);
     put_word(std::uint64_t{object->index} << 32 | forest.base_faces_shown());
     put_word(forest.mesh_hash());
     put_word(in_use);
@@ -171,7 +171,7 @@ bool FlightRecorder::put_state(Cycle& cycle) noexcept {
     }
     for (std::uint32_t i = 0; i < in_use; ++i) {
       const spm::Forest::InUse& region = in_use_[i];
-      words_[count_++] = std::uint64_t{region.retiring} << 63 | std::uint64_t{region.resting} << 62 |
+      words_[count_++] = std::uint64_t{region.retiring} << 63 | std::uint64_t{region.retained} << 62 |
                          std::uint64_t{region.applied} << 32 | spm::index(region.region);
     }
   }

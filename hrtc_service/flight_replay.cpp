@@ -165,7 +165,7 @@ class World {
   [[nodiscard]] Arrival region(std::uint32_t number, spm::RegionId region) {
     TouchObject& touch = not_withdrawn(number);
     const spm::codec::CompressedModel& model = *objects_[number]->model;
-    if (spm::index(region) >= model.summary().regions || touch.forest->is_here(region))
+    if (spm::index(region) >= model.summary().regions || touch.forest->is_loaded(region))
       throw ImpossibleCall("region " + std::to_string(spm::index(region)) + " of object '" + touch.name +
                            "' cannot have come");
     spm::RegionList list;
@@ -183,7 +183,7 @@ class World {
       return arrival.kind == Arrival::Kind::kRegion && arrival.object == &touch && arrival.region == region;
     });
     const bool is_loaded =
-        spm::index(region) < forest.grid().size() && forest.is_here(region) && !forest.is_retiring(region);
+        spm::index(region) < forest.grid().size() && forest.is_loaded(region) && !forest.is_retiring(region);
     const bool is_retired_twice = std::any_of(arrivals.begin(), arrivals.end(), [&](const Arrival& arrival) {
       return arrival.kind == Arrival::Kind::kRetire && arrival.object == &touch && arrival.region == region;
     });
@@ -210,7 +210,7 @@ class World {
         continue;
       }
       for (std::uint32_t region = 0; region < object->model->summary().regions; ++region)
-        if (cache_.holds(object->in_cache, spm::RegionId{region}))
+        if (cache_.is_loaded(object->in_cache, spm::RegionId{region}))
           cache_.release(object->in_cache, spm::RegionId{region});
       cache_.remove(object->in_cache);
       object.reset();

@@ -85,9 +85,9 @@ trace::FlightStart flight_start(const std::string& participant, const CycleSetti
     start.devices.push_back({spec.max_force, spec.max_stiffness, spec.damping, spec.workspace_radius, spec.max_torque,
                              spec.max_rotational_stiffness});
   if (settings.tool != nullptr) {
-    for (const std::array<float, 3>& vertex : settings.tool->given_vertices())
+    for (const std::array<float, 3>& vertex : settings.tool->original_vertices())
       start.tool_vertices.insert(start.tool_vertices.end(), vertex.begin(), vertex.end());
-    for (const std::array<std::uint32_t, 3>& triangle : settings.tool->given_triangles())
+    for (const std::array<std::uint32_t, 3>& triangle : settings.tool->original_triangles())
       start.tool_triangles.insert(start.tool_triangles.end(), triangle.begin(), triangle.end());
   }
   start.slots = pool.slots;

@@ -191,7 +191,7 @@ void Loader::on_base_mesh(Object& object, const std::vector<std::uint8_t>& bytes
   const spm::BaseMesh& base = decoded->mesh;
   const std::uint32_t free_before = cache_.slots_free();
   const std::uint32_t nodes_free = pool_.settings.tree_nodes - base_nodes_;
-  const std::uint32_t nodes = spm::tree_nodes_over(base.faces, object.summary.faces);
+  const std::uint32_t nodes = spm::tree_nodes_above(base.faces, object.summary.faces);
   spm::Cache::Admitted admitted;
   if (nodes + spm::AbTree::kMaxHeight <= nodes_free) admitted = cache_.admit(base);
   if (!admitted.fits) {
@@ -330,11 +330,11 @@ void Loader::predict(Object& object, const std::array<ReportedProbe, kMaxProbes>
     object.predictors[i].predict(lead, predicted_regions_);
     // The proxy of a device pressed into a surface is elsewhere. The surface around it must be the finest, too.
     if (probe.in_contact && settings_.tool == nullptr)
-      object.grid().for_each_meeting(placement.to_model(probe.proxy),
-                                     (settings_.radius + settings_.margin) / placement.scale(),
-                                     [&](spm::RegionId region, double) {
-                                       predicted_regions_.add({region, 0, lead, 0});
-                                     });
+      object.grid().for_each_intersecting(placement.to_model(probe.proxy),
+                                          (settings_.radius + settings_.margin) / placement.scale(),
+                                          [&](spm::RegionId region, double) {
+                                            predicted_regions_.add({region, 0, lead, 0});
+                                          });
   }
   predict_under_bodies(object, probes, lead);
   predicted_regions_.sort();
@@ -351,10 +351,10 @@ void Loader::predict(Object& object, const std::array<ReportedProbe, kMaxProbes>
     // A region that cannot arrive before the contact ends is requested last.
     constexpr double kTooLatePenalty = 1e3;
     const std::uint32_t number = spm::index(region.region);
-    const bool in_time = !object.notes[number].is_absent() || region.contact_until >= round_trip;
-    predicted_contacts_.push_back({region.doubt + (in_time ? 0 : kTooLatePenalty),
-                                   in_time ? region.contact_in : lead + region.contact_in, region.contact_in, &object,
-                                   number, &object.wanted_regions[number]});
+    const bool in_time = !object.notes[number].is_absent() || region.contact_end >= round_trip;
+    predicted_contacts_.push_back({region.sigmas_from_path + (in_time ? 0 : kTooLatePenalty),
+                                   in_time ? region.time_to_contact : lead + region.time_to_contact,
+                                   region.time_to_contact, &object, number, &object.wanted_regions[number]});
   }
 }
 
@@ -370,7 +370,7 @@ void Loader::predict_under_bodies(const Object& object, const std::array<Reporte
     if (other->touch.body)
       for_each_sphere_under(*other->touch.body, other->placement, object.touch.bounds, object.placement, has_hand_near,
                             [&](const Vec3d& place, double radius) {
-                              object.grid().for_each_meeting(place, radius, [&](spm::RegionId region, double) {
+                              object.grid().for_each_intersecting(place, radius, [&](spm::RegionId region, double) {
                                 predicted_regions_.add({region, 0, lead, 0});
                               });
                             });
@@ -467,8 +467,8 @@ std::vector<std::uint32_t> Loader::regions_at_probes(std::uint32_t object_index,
   for (const ReportedProbe& probe : probes)
     if (probe.active)
       for (const spm::PlacedSphere& sphere : spheres(probe, placement, out))
-        object.grid().for_each_meeting(sphere.centre, sphere.radius,
-                                       [&](spm::RegionId region, double) { met.push_back(spm::index(region)); });
+        object.grid().for_each_intersecting(sphere.centre, sphere.radius,
+                                            [&](spm::RegionId region, double) { met.push_back(spm::index(region)); });
   return met;
 }
 

@@ -345,11 +345,11 @@ class Loader {
     WantedRegion* wanted;
   };
   static constexpr std::uint32_t kMaxPredicted = 4096;
-  spm::Predictor::Answer predicted_regions_{kMaxPredicted};  // regions of one object, while it is predicted
-  std::vector<PredictedContact> predicted_contacts_;         // contacts of the last prediction, all objects
-  std::int64_t last_prediction_ns_ = 0;                      // 0: predict in the next tick
-  std::int64_t next_prediction_ns_ = 0;                      // a prediction before this time would cost too much
-  std::int64_t last_motion_ns_ = 0;                          // time when a probe last moved
+  spm::Predictor::Regions predicted_regions_{kMaxPredicted};  // regions of one object, while it is predicted
+  std::vector<PredictedContact> predicted_contacts_;          // contacts of the last prediction, all objects
+  std::int64_t last_prediction_ns_ = 0;                       // 0: predict in the next tick
+  std::int64_t next_prediction_ns_ = 0;                       // a prediction before this time would cost too much
+  std::int64_t last_motion_ns_ = 0;                           // time when a probe last moved
   bool at_rest_ = false;
   std::array<ReportedProbe, kMaxProbes> predicted_probes_{};
   std::deque<Arrival> pending_arrivals_;  // arrivals for which the ring was full

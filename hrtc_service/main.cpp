@@ -179,7 +179,7 @@ int main(int argc, char** argv) {
                 << " bytes does not hold a second of flight recording for " << options.max_users
                 << " probes, so nothing is recorded; fewer --users need less memory\n";
     }
-    const spm::MemoryShares shares = spm::shares_of(memory_bytes - recorder);
+    const spm::MemoryShares shares = spm::memory_shares(memory_bytes - recorder);
     options.core.gateway.loader.directory_bytes = shares.directories;
     options.core.pool = shares.pool;
     if (options.core.pool.slots < kMinSlots) {

@@ -91,7 +91,7 @@ std::vector<SnapshotFace> Servo::snapshot(std::uint32_t object_index) const {
         if ((node.mask >> lane & 1u) == 0) continue;
         SnapshotFace& face = faces.emplace_back();
         for (std::uint32_t row = 0; row < face.corners.size(); ++row) face.corners[row] = node.lanes[row][lane];
-        face.finest = (node.last >> lane & 1u) != 0;
+        face.finest = (node.finest >> lane & 1u) != 0;
       }
     }
   }

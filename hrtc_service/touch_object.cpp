@@ -10,7 +10,7 @@ ObjectsSurface ObjectsSurface::on_meshes_before() const noexcept {
     const Entry& entry = entries_[i];
     if (!entry.unchanged.appeared) before.add(*entry.object, *entry.now, entry.before, {});
   }
-  before.version_ = spm::Version::kKept;
+  before.version_ = spm::Version::kPrevious;
   before.caches_ = caches_;
   return before;
 }

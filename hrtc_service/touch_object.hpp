@@ -120,7 +120,7 @@ class ObjectsSurface final : public haptics::Surface {
     count_ = 0;
     moving_ = 0;
     reached_change_ = false;
-    version_ = spm::Version::kNow;
+    version_ = spm::Version::kCurrent;
   }
   /// Adds an object. `before` is its placement in the last cycle, null if it has not moved.
   void add(const TouchObject& object, const Placement& now, const Placement* before,
@@ -161,7 +161,7 @@ class ObjectsSurface final : public haptics::Surface {
   std::array<Entry, kMaxObjects> entries_{};
   std::uint32_t count_ = 0;
   std::uint32_t moving_ = 0;
-  spm::Version version_ = spm::Version::kNow;
+  spm::Version version_ = spm::Version::kCurrent;
   bool reached_change_ = false;
   spm::CandidateCaches* caches_ = nullptr;
 };

@@ -10,30 +10,30 @@
 namespace tactus::spm {
 namespace {
 
-constexpr float kNothing = std::numeric_limits<float>::quiet_NaN();
+constexpr float kEmptyLane = std::numeric_limits<float>::quiet_NaN();
 
 constexpr std::array<lanes::Floats, lanes::kTriangleRows> no_lanes() noexcept {
   std::array<lanes::Floats, lanes::kTriangleRows> rows{};
   for (lanes::Floats& row : rows)
-    for (float& lane : row) lane = kNothing;
+    for (float& lane : row) lane = kEmptyLane;
   return rows;
 }
 constexpr auto kNoLanes = no_lanes();
 
 void clear_lane(TreeNode& node, unsigned lane) noexcept {
-  for (lanes::Floats& row : node.lanes) row[lane] = kNothing;
+  for (lanes::Floats& row : node.lanes) row[lane] = kEmptyLane;
 }
 
 lanes::Bounds bounds_of(const TreeNode& node) noexcept {
   lanes::Bounds bounds;
   if (node.level == 1)
-    lanes::kBest.bounds_of_triangles(node.lanes.data(), bounds);
+    lanes::kBestKernels.bounds_of_triangles(node.lanes.data(), bounds);
   else
-    lanes::kBest.bounds_of_boxes(node.lanes.data(), bounds);
+    lanes::kBestKernels.bounds_of_boxes(node.lanes.data(), bounds);
   return bounds;
 }
 
-/// False if the child already had this box.
+/// Sets the box of a child. False if the child already had this box.
 bool set_box(TreeNode& node, unsigned child, const lanes::Bounds& bounds) noexcept {
   bool changed = false;
   for (int axis = 0; axis < 3; ++axis) {
@@ -48,7 +48,8 @@ bool set_box(TreeNode& node, unsigned child, const lanes::Bounds& bounds) noexce
 constexpr float kFar = std::numeric_limits<float>::infinity();
 constexpr lanes::Bounds kNoBounds{{kFar, kFar, kFar}, {-kFar, -kFar, -kFar}};
 
-/// A child without a box adds nothing: its NaN never compares as smaller or larger.
+/// Extends `all` by the box of a child. A child without a box consists of NaNs, which compare as neither smaller nor
+/// larger, so it changes nothing.
 void add(lanes::Bounds& all, const TreeNode& node, unsigned child) noexcept {
   for (int axis = 0; axis < 3; ++axis) {
     const float low = node.lanes[axis][child], high = node.lanes[3 + axis][child];
@@ -74,7 +75,7 @@ double squared_distance(const lanes::Bounds& box, const Vec3d& point) noexcept {
   return sum;
 }
 
-bool holds(const lanes::Bounds& box, const ChangeDetector& sphere) noexcept {
+bool contains(const lanes::Bounds& box, const ChangeDetector& sphere) noexcept {
   bool inside = true;
   for (int axis = 0; axis < 3; ++axis)
     inside = inside && box.low[axis] <= sphere.centre[axis] - sphere.radius &&
@@ -87,27 +88,27 @@ inline unsigned highest_bit(unsigned bits) noexcept { return static_cast<unsigne
 }  // namespace
 
 NodePool::NodePool(std::uint32_t nodes)
-    : nodes_(nodes), free_{nodes}, index_{nodes}, kept_(kKeptNodes), kept_next_(kKeptNodes) {
-  for (std::uint32_t i = 0; i < kKeptNodes; ++i) kept_next_[i] = i + 1 < kKeptNodes ? i + 1 : kNone;
+    : nodes_(nodes), free_{nodes}, index_{nodes}, previous_nodes_(kPreviousNodes), next_previous_(kPreviousNodes) {
+  for (std::uint32_t i = 0; i < kPreviousNodes; ++i) next_previous_[i] = i + 1 < kPreviousNodes ? i + 1 : kNone;
 }
 
 AbTree::AbTree(Pool& pool, NodePool& nodes, ObjectIndex object, std::uint32_t finest_faces)
-    : pool_{pool}, nodes_{nodes}, object_{object}, finest_faces_{finest_faces}, version_{++nodes.versions_} {
+    : pool_{pool}, nodes_{nodes}, object_{object}, finest_faces_{finest_faces}, version_{++nodes.newest_version_} {
   marked_.fill(kNone);
   while ((std::uint64_t{1} << 3 * height_) < finest_faces) ++height_;
 }
 
-void AbTree::keep(bool keeping) noexcept {
-  if (kept_first_ != kNone) {
-    nodes_.kept_next_[kept_last_] = nodes_.kept_free_;
-    nodes_.kept_free_ = kept_first_;
-    nodes_.kept_free_count_ += kept_count_;
-    kept_first_ = kept_last_ = kNone;
-    kept_count_ = 0;
+void AbTree::store_previous(bool enabled) noexcept {
+  if (first_previous_ != kNone) {
+    nodes_.next_previous_[last_previous_] = nodes_.first_free_previous_;
+    nodes_.first_free_previous_ = first_previous_;
+    nodes_.free_previous_count_ += previous_count_;
+    first_previous_ = last_previous_ = kNone;
+    previous_count_ = 0;
   }
-  keeping_ = keeping;
-  changed_ = false;
-  ++keeping_number_;
+  stores_previous_ = enabled;
+  is_changed_ = false;
+  ++previous_number_;
 }
 
 NodeIndex AbTree::make_leaf(std::uint32_t id) noexcept {
@@ -124,7 +125,7 @@ NodeIndex AbTree::make_leaf(std::uint32_t id) noexcept {
     const NodeIndex above = at;
     --level;
     TACTUS_ASSERT(nodes_.free() > 0);
-    at = near = NodeIndex{nodes_.free_.take(near != kNone ? index(near) : 0)};
+    at = near = NodeIndex{nodes_.free_.allocate(near != kNone ? index(near) : 0)};
     TreeNode& node = nodes_.nodes_[at];
     node.lanes = kNoLanes;
     node.parent = above;
@@ -132,9 +133,9 @@ NodeIndex AbTree::make_leaf(std::uint32_t id) noexcept {
     node.level = static_cast<std::uint8_t>(level);
     node.mask = 0;
     node.dirty = 0;
-    node.last = 0;
-    node.kept = keeping_number_;  // it has no previous version
-    changed_ = true;
+    node.finest = 0;
+    node.previous_number = previous_number_;  // the node has no previous version to store
+    is_changed_ = true;
     nodes_.index_.insert(key(level), index(at));
     if (above == kNone) {
       root_ = at;
@@ -152,14 +153,14 @@ void AbTree::insert(RowIndex row_index) noexcept {
   TACTUS_ASSERT(row.node == kNone && index(row.face) < finest_faces_);
   const NodeIndex leaf = make_leaf(index(row.face) >> 3);
   TreeNode& node = nodes_.nodes_[leaf];
-  keep_node(node);
+  store_node(node);
   const unsigned lane = lane_of(row.face);
   node.child[lane] = index(row_index);
   node.mask = static_cast<std::uint8_t>(node.mask | 1u << lane);
   row.node = leaf;
   for (std::uint32_t corner = 0; corner < 3; ++corner)
     node.set_corner(lane, corner, pool_.vertices[row.vertices[corner]]);
-  node.set_last(lane, row.last != 0);
+  node.set_finest(lane, row.finest != 0);
   mark_child(leaf, node, lane);
 }
 
@@ -167,7 +168,7 @@ void AbTree::remove(RowIndex row_index) noexcept {
   FaceRow& row = pool_.faces[row_index];
   TACTUS_ASSERT(row.node != kNone);
   TreeNode& node = nodes_.nodes_[row.node];
-  keep_node(node);
+  store_node(node);
   const unsigned lane = lane_of(row.face);
   node.mask = static_cast<std::uint8_t>(node.mask & ~(1u << lane));
   clear_lane(node, lane);
@@ -189,7 +190,7 @@ std::uint32_t AbTree::copy_leaves(std::uint32_t from, TreeNode* out, std::uint32
     for (unsigned bits = node.mask; bits != 0;) {
       const unsigned child = highest_bit(bits);
       bits &= ~(1u << child);
-      // Ids of level 1 that it covers end here.
+      // End of the ids of level 1 below this child.
       const std::uint64_t end = (std::uint64_t{node.id} * TreeNode::kWidth + child + 1) << 3 * (node.level - 2);
       if (end <= from) break;
       stack[depth++] = node.node(child);
@@ -217,14 +218,15 @@ std::array<float, 9> AbTree::corners(const Contact& contact) const noexcept {
   return corners_of(nodes_[contact.node()], lane_of(contact.face));
 }
 
-RefitCount AbTree::refit(ChangeDetector* change_detectors, std::uint32_t watch_count) noexcept {
+RefitCount AbTree::refit(ChangeDetector* change_detectors, std::uint32_t detector_count) noexcept {
   RefitCount count;
   lanes::Bounds all = kNoBounds;
+  // Updates `all` and the detectors with the old and the new box of a changed leaf.
   const auto notify = [&](const TreeNode* above, unsigned lane, const lanes::Bounds& now) noexcept {
     lanes::Bounds changed = now;
     if (above != nullptr) add(changed, *above, lane);  // the box before the change
     add(all, changed);
-    for (std::uint32_t i = 0; i < watch_count; ++i)
+    for (std::uint32_t i = 0; i < detector_count; ++i)
       change_detectors[i].squared_distance =
           std::min(change_detectors[i].squared_distance, squared_distance(changed, change_detectors[i].centre));
   };
@@ -240,7 +242,7 @@ RefitCount AbTree::refit(ChangeDetector* change_detectors, std::uint32_t watch_c
       node.dirty = 0;
       const unsigned lane = node.id & 7u;
       const lanes::Bounds bounds = node.mask != 0 ? bounds_of(node) : kNoBounds;
-      if (level == 1 && watch_count > 0) notify(at != root_ ? &nodes[node.parent] : nullptr, lane, bounds);
+      if (level == 1 && detector_count > 0) notify(at != root_ ? &nodes[node.parent] : nullptr, lane, bounds);
       if (node.mask == 0) {
         if (at == root_) {
           root_ = kNone;
@@ -251,7 +253,7 @@ RefitCount AbTree::refit(ChangeDetector* change_detectors, std::uint32_t watch_c
           mark_child(node.parent, above, lane);
         }
         nodes_.index_.erase(NodePool::key(object_, level, node.id));
-        nodes_.free_.give(index(at));
+        nodes_.free_.release(index(at));
       } else if (at != root_) {
         TreeNode& above = nodes[node.parent];
         if (set_box(above, lane, bounds)) mark_child(node.parent, above, lane);
@@ -259,12 +261,14 @@ RefitCount AbTree::refit(ChangeDetector* change_detectors, std::uint32_t watch_c
       at = next;
     }
   }
-  if (count.marked > 0) version_ = ++nodes_.versions_;
-  // A surface that moves from one side of a sphere to the other, with no face near, has the sphere within its changes.
-  for (std::uint32_t i = 0; i < watch_count && count.marked > 0; ++i) {
-    ChangeDetector& watch = change_detectors[i];
-    if (height_ == 1) watch.squared_distance = 0;
-    watch.met = watch.met || watch.squared_distance <= watch.radius * watch.radius || holds(all, watch);
+  if (count.marked > 0) version_ = ++nodes_.newest_version_;
+  // If a surface moves from one side of a sphere to the other, no changed box may intersect the sphere, but the box of
+  // all changes contains it.
+  for (std::uint32_t i = 0; i < detector_count && count.marked > 0; ++i) {
+    ChangeDetector& detector = change_detectors[i];
+    if (height_ == 1) detector.squared_distance = 0;
+    detector.is_changed = detector.is_changed || detector.squared_distance <= detector.radius * detector.radius ||
+                          contains(all, detector);
   }
   for (std::uint32_t level = 1; level <= height_; ++level) {
     const std::uint64_t of_level = (std::uint64_t{finest_faces_} + (1ull << 3 * level) - 1) >> 3 * level;
@@ -309,15 +313,15 @@ std::vector<std::string> AbTree::violations() const {
       clear_lane(expected, i);
       if ((node.mask >> i & 1u) != 0 && node.level == 1) {
         const FaceRow& row = pool_.faces[node.row(i)];
-        if (row.face != node.face(i) || row.node != at) found.push_back(name + " holds a row that is not its own");
-        if ((node.last >> i & 1u) != row.last)
+        if (row.face != node.face(i) || row.node != at) found.push_back(name + " has a row of another face or node");
+        if ((node.finest >> i & 1u) != row.finest)
           found.push_back(name + " has a wrong version of child " + std::to_string(i));
         for (std::size_t k = 0; k < lanes::kTriangleRows; ++k)
           expected.lanes[k][i] = pool_.vertices[row.vertices[k / 3]].position[k % 3];
       } else if ((node.mask >> i & 1u) != 0) {
         const TreeNode& below = nodes_[node.node(i)];
         if (below.parent != at || below.level + 1 != node.level || below.id != node.id * 8 + i)
-          found.push_back(name + " has a child that does not know it");
+          found.push_back(name + " has a child with another parent, level or id");
         set_box(expected, i, bounds_of(below));
         stack.push_back(node.node(i));
       }

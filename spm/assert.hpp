@@ -1,5 +1,5 @@
-/// Checks of our own logic. TACTUS_ASSERT is allowed in the haptic thread and disabled by NDEBUG. TACTUS_CHECK is
-/// always enabled and not allowed in the haptic thread.
+/// Checks for errors of the program itself. A failed check prints a message and aborts. TACTUS_ASSERT is allowed in the
+/// haptic thread and disabled by NDEBUG. TACTUS_CHECK is always enabled and not allowed in the haptic thread.
 #pragma once
 
 #include <cstdio>

@@ -9,8 +9,8 @@
 namespace tactus::spm {
 namespace {
 
-constexpr std::uint16_t kPinned = 0xffff;
-constexpr std::uint16_t kMaxLists = 0x7fff;  // that list a record; SlotState cannot count more
+constexpr std::uint16_t kBaseSlot = 0xffff;  // in list_counts_: the slot belongs to a base mesh
+constexpr std::uint16_t kMaxLists = 0x7fff;  // max number of lists with a record; SlotState cannot count more
 
 bool in_intervals(std::span<const Interval> intervals, std::uint32_t id, std::size_t& hint) noexcept {
   while (hint < intervals.size() && id >= intervals[hint].first + intervals[hint].count) ++hint;
@@ -23,7 +23,7 @@ std::uint64_t total(std::span<const Interval> intervals) noexcept {
   return count;
 }
 
-/// True if the intervals ascend, are below `limit`, not empty, and do not touch.
+/// True if the intervals ascend, are not empty, are below `limit`, and at least one id is between two of them.
 bool well_formed(std::span<const Interval> intervals, std::uint32_t limit) noexcept {
   std::uint64_t next = 0;
   bool first = true;
@@ -43,7 +43,7 @@ Cache::Cache(Pool& pool)
       records_{pool.settings.slots},
       faces_{2 * pool.settings.slots},
       front_{2 * std::size_t{pool.settings.slots}},
-      loaded_(pool.settings.slots),
+      list_counts_(pool.settings.slots),
       checksums_(pool.settings.slots),
       free_{pool.settings.slots},
       free_blocks_(pool.settings.list_blocks),
@@ -61,7 +61,7 @@ Cache::Admitted Cache::admit(const BaseMesh& base) {
   const std::uint32_t needed = slots_for_base(base);
   if (needed > free_.count()) return {};
   std::uint32_t number = next_object_;
-  for (std::uint32_t tried = 0; number < objects_.size() && objects_[ObjectIndex{number}].here; ++tried) {
+  for (std::uint32_t tried = 0; number < objects_.size() && objects_[ObjectIndex{number}].is_used; ++tried) {
     if (tried == kMaxObjects) return {};
     number = (number + 1) % kMaxObjects;
   }
@@ -73,13 +73,13 @@ Cache::Admitted Cache::admit(const BaseMesh& base) {
   result.object = ObjectIndex{number};
   Object& object = objects_[result.object];
   object = {};
-  object.here = true;
+  object.is_used = true;
   object.summary = base.summary;
   object.base_faces = faces;
   std::vector<Slot> slots(needed);
   for (Slot& slot : slots) {
-    slot = take_slot();
-    loaded_[slot] = kPinned;
+    slot = allocate_slot();
+    list_counts_[slot] = kBaseSlot;
     pool_.parts[slot] = LoadedPart{};
     pool_.parts[slot].next = kNone;
     pool_.state[slot] = SlotState{};
@@ -98,7 +98,7 @@ Cache::Admitted Cache::admit(const BaseMesh& base) {
     for (int corner = 0; corner < 3; ++corner) row.vertices[corner] = object.base_slots[face.corners[corner]];
     front_.set(row_index, row.vertices);
     row.face = face.face;
-    row.last = face.last;
+    row.finest = face.finest;
     row.node = kNone;
     faces_.insert(key(result.object, face.face), index(row_index));
     result.base.faces.push_back(row_index);
@@ -116,19 +116,19 @@ Cache::Admitted Cache::admit(const BaseMesh& base) {
 
 void Cache::remove(ObjectIndex number) noexcept {
   Object& object = objects_[number];
-  TACTUS_CHECK(object.here);
+  TACTUS_CHECK(object.is_used);
   for (const BlockIndex block : object.first_blocks.values()) TACTUS_CHECK(block == kNone);
   const std::vector<Slot>& slots = object.base_slots.values();
   for (std::uint32_t i = 0; i < object.base_faces; ++i)
     faces_.erase(key(number, pool_.faces[row_of(slots[i / 2], i % 2)].face));
   for (const Slot slot : slots) {
-    loaded_[slot] = 0;
-    free_.give(index(slot));
+    list_counts_[slot] = 0;
+    free_.release(index(slot));
   }
   object = {};
 }
 
-/// What RecordDecoder needs of the cache.
+/// The Store of RecordDecoder for an object of the cache.
 struct Cache::DecoderStore {
   using Vertex = Slot;
   using Face = RowIndex;
@@ -138,9 +138,9 @@ struct Cache::DecoderStore {
 
   [[nodiscard]] Front& front() const noexcept { return cache.front_; }
   [[nodiscard]] Slot vertex(VertexId id) const noexcept {
-    const Object& of = cache.objects_[object];
-    const std::uint32_t base = of.summary.base_vertices;
-    return index(id) < base ? of.base_slots[id] : cache.find(object, RecordId{index(id) - base});
+    const Object& owner = cache.objects_[object];
+    const std::uint32_t base = owner.summary.base_vertices;
+    return index(id) < base ? owner.base_slots[id] : cache.find(object, RecordId{index(id) - base});
   }
   [[nodiscard]] RowIndex face(FaceId id) const noexcept { return RowIndex{cache.faces_.find(key(object, id))}; }
   [[nodiscard]] RowIndex bear(FaceId id, Slot slot, std::uint32_t i) const noexcept {
@@ -159,7 +159,7 @@ AcceptResult Cache::decode(ObjectIndex object, RecordId record, const RegionData
                            const PositionPredictor::Residuals& residuals) noexcept {
   const ModelSummary& summary = objects_[object].summary;
   const VertexId id{summary.base_vertices + index(record)};
-  const Slot u = next_slot();  // taken in the loop
+  const Slot u = next_slot();  // the loop allocates it
   DecoderStore store{*this, object};
   RecordDecoder<DecoderStore> decoder{store, summary, u};
   std::array<float, 3> position{};
@@ -169,12 +169,12 @@ AcceptResult Cache::decode(ObjectIndex object, RecordId record, const RegionData
     const RecordPart& source = data.parts[part];
     if (free_.count() == 0) return AcceptResult::kPoolFull;
     const Slot before = slot;
-    slot = take_slot();
+    slot = allocate_slot();
     if (before != kNone) pool_.parts[before].next = slot;
     if (before == kNone) records_.insert(key(object, record), index(slot));
     pool_.state[slot] = SlotState{};
     pool_.vertices[slot] = {position, id};
-    loaded_[slot] = 0;
+    list_counts_[slot] = 0;
     switch (decoder.add(source, slot, pool_.parts[slot])) {
       case RecordResult::kDecoded:
         break;
@@ -197,7 +197,7 @@ AcceptResult Cache::decode(ObjectIndex object, RecordId record, const RegionData
   return AcceptResult::kAccepted;
 }
 
-void Cache::forget(ObjectIndex object, Slot first_slot) noexcept {
+void Cache::free_record(ObjectIndex object, Slot first_slot) noexcept {
   const std::uint32_t base = objects_[object].summary.base_vertices;
   records_.erase(key(object, RecordId{index(pool_.vertices[first_slot].id) - base}));
   for (Slot slot = first_slot; slot != kNone;) {
@@ -209,11 +209,11 @@ void Cache::forget(ObjectIndex object, Slot first_slot) noexcept {
       corner = part.parent;
     }
     for (std::uint32_t i = 0; i < part.born_count; ++i) {
-      front_.take_out(row_of(slot, i), part.born[i].order());
+      front_.unlink(row_of(slot, i), part.born[i].order());
       faces_.erase(key(object, part.born[i].face()));
     }
     const Slot next = part.next;
-    free_.give(index(slot));
+    free_.release(index(slot));
     slot = next;
   }
 }
@@ -221,7 +221,7 @@ void Cache::forget(ObjectIndex object, Slot first_slot) noexcept {
 AcceptResult Cache::accept(ObjectIndex number, const RegionData& data, RegionList& out) noexcept {
   Object& object = objects_[number];
   if (index(data.region) >= object.first_blocks.size()) return AcceptResult::kMalformed;
-  if (object.first_blocks[data.region] != kNone) return AcceptResult::kHeld;
+  if (object.first_blocks[data.region] != kNone) return AcceptResult::kLoaded;
   const std::span<const Interval> list{data.list};
   const std::span<const Interval> sent{data.sent};
   if (!well_formed(list, object.summary.records) || !well_formed(sent, object.summary.records) ||
@@ -230,23 +230,23 @@ AcceptResult Cache::accept(ObjectIndex number, const RegionData& data, RegionLis
   const auto length = static_cast<std::uint32_t>(total(list));
   if (ListBlock::blocks_for(length) > free_block_count_) return AcceptResult::kPoolFull;
 
-  RegionList made;
+  RegionList new_list;
   BlockIndex block = kNone;
   const auto append = [&](Slot slot) noexcept {
-    const std::uint32_t place = made.length % ListBlock::kEntries;
+    const std::uint32_t place = new_list.length % ListBlock::kEntries;
     if (place == 0) {
       const BlockIndex before = block;
       block = free_blocks_[--free_block_count_];
       pool_.blocks[block].before = before;
       pool_.blocks[block].after = kNone;
       if (before == kNone)
-        made.first_block = block;
+        new_list.first_block = block;
       else
         pool_.blocks[before].after = block;
     }
     if (slot == kNone) return;
     pool_.blocks[block].slots[place] = slot;
-    ++made.length;
+    ++new_list.length;
   };
   if (length == 0) append(kNone);
 
@@ -255,13 +255,13 @@ AcceptResult Cache::accept(ObjectIndex number, const RegionData& data, RegionLis
   std::uint32_t part = 0;
   std::uint32_t position = 0;
   std::uint32_t checksum = 0;
-  std::uint64_t repeated = 0, fresh = 0;
+  std::uint64_t repeated = 0, accepted = 0;
   for (const Interval& interval : list) {
     for (std::uint32_t r = interval.first; r < interval.first + interval.count; ++r) {
       const RecordId record{r};
       const bool is_sent = in_intervals(sent, r, hint);
       Slot slot = find(number, record);
-      if (slot != kNone && is_sent) {  // loaded already: skip its parts
+      if (slot != kNone && is_sent) {  // the record is already loaded: skips its parts
         ++repeated;
         while (part < data.parts.size() && data.parts[part].next != kNone) ++part;
         ++part;
@@ -273,13 +273,13 @@ AcceptResult Cache::accept(ObjectIndex number, const RegionData& data, RegionLis
         if (result == AcceptResult::kAccepted) {
           slot = next_slot();
           result = decode(number, record, data, part, data.residuals[position++]);
-          if (result != AcceptResult::kAccepted && find(number, record) != kNone) forget(number, slot);
-          ++fresh;
+          if (result != AcceptResult::kAccepted && find(number, record) != kNone) free_record(number, slot);
+          ++accepted;
         }
       }
-      if (result == AcceptResult::kAccepted && loaded_[slot] == kMaxLists) result = AcceptResult::kPoolFull;
+      if (result == AcceptResult::kAccepted && list_counts_[slot] == kMaxLists) result = AcceptResult::kPoolFull;
       if (result != AcceptResult::kAccepted) break;
-      ++loaded_[slot];
+      ++list_counts_[slot];
       checksum += checksums_[slot];
       append(slot);
     }
@@ -289,18 +289,18 @@ AcceptResult Cache::accept(ObjectIndex number, const RegionData& data, RegionLis
       (part != data.parts.size() || position != data.residuals.size() || checksum != object.checksums[data.region]))
     result = AcceptResult::kMalformed;
   if (result != AcceptResult::kAccepted) {
-    if (made.first_block != kNone) release_list(number, made);
+    if (new_list.first_block != kNone) release_list(number, new_list);
     return result;
   }
-  counters_.records_accepted += fresh;
+  counters_.records_accepted += accepted;
   counters_.records_repeated += repeated;
-  object.first_blocks[data.region] = made.first_block;
-  out = made;
+  object.first_blocks[data.region] = new_list.first_block;
+  out = new_list;
   return AcceptResult::kAccepted;
 }
 
 void Cache::release_list(ObjectIndex number, const RegionList& list) noexcept {
-  // From the back: a record is freed before the records that it needs.
+  // Walks backwards, so that a record is freed before the records that it needs.
   BlockIndex block = list.first_block;
   while (pool_.blocks[block].after != kNone) block = pool_.blocks[block].after;
   std::uint32_t left = list.length;
@@ -308,7 +308,7 @@ void Cache::release_list(ObjectIndex number, const RegionList& list) noexcept {
     const std::uint32_t in_block = left == 0 ? 0 : (left - 1) % ListBlock::kEntries + 1;
     for (std::uint32_t i = in_block; i-- > 0;) {
       const Slot slot = pool_.blocks[block].slots[i];
-      if (--loaded_[slot] == 0) forget(number, slot);
+      if (--list_counts_[slot] == 0) free_record(number, slot);
     }
     left -= in_block;
     const BlockIndex before = pool_.blocks[block].before;
@@ -333,52 +333,52 @@ Cache::Room Cache::room_of(ObjectIndex number, RegionId region) const noexcept {
     ++room.blocks;
     for (std::uint32_t i = 0; i < ListBlock::kEntries && left > 0; ++i, --left) {
       const Slot first_slot = pool_.blocks[block].slots[i];
-      if (loaded_[first_slot] > 1) continue;
+      if (list_counts_[first_slot] > 1) continue;
       for (Slot slot = first_slot; slot != kNone; slot = pool_.parts[slot].next) ++room.slots;
     }
   }
   return room;
 }
 
-bool Cache::holds(ObjectIndex object, RegionId region) const noexcept {
+bool Cache::is_loaded(ObjectIndex object, RegionId region) const noexcept {
   return objects_[object].first_blocks[region] != kNone;
 }
 
 std::vector<std::string> Cache::violations() const {
   std::vector<std::string> found;
-  IdVector<Slot, std::uint32_t> counted(loaded_.size());
-  std::uint32_t blocks_held = 0;
+  IdVector<Slot, std::uint32_t> counts(list_counts_.size());
+  std::uint32_t used_blocks = 0;
   for (const Object& object : objects_)
     for (const RegionId region : object.first_blocks.ids()) {
       const RegionList list = object.list(region);
       if (list.first_block == kNone) continue;
       std::uint32_t left = list.length;
       for (BlockIndex block = list.first_block; block != kNone; block = pool_.blocks[block].after) {
-        ++blocks_held;
+        ++used_blocks;
         for (std::uint32_t i = 0; i < ListBlock::kEntries && left > 0; ++i, --left)
-          ++counted[pool_.blocks[block].slots[i]];
+          ++counts[pool_.blocks[block].slots[i]];
       }
-      if (left != 0) found.push_back("a region's list has " + std::to_string(left) + " entries less than its length");
+      if (left != 0) found.push_back("the list of a region has " + std::to_string(left) + " entries too few");
     }
-  if (blocks_held + free_block_count_ != pool_.settings.list_blocks)
-    found.push_back(std::to_string(blocks_held) + " blocks held and " + std::to_string(free_block_count_) +
+  if (used_blocks + free_block_count_ != pool_.settings.list_blocks)
+    found.push_back(std::to_string(used_blocks) + " blocks in use and " + std::to_string(free_block_count_) +
                     " free of " + std::to_string(pool_.settings.list_blocks));
-  std::uint32_t chained = 0;
-  for (const Slot slot : loaded_.ids()) {
-    if (loaded_[slot] == kPinned) {
-      ++chained;
+  std::uint32_t used_slots = 0;
+  for (const Slot slot : list_counts_.ids()) {
+    if (list_counts_[slot] == kBaseSlot) {
+      ++used_slots;
       continue;
     }
-    if (counted[slot] > 0 && free_.has(index(slot)))
+    if (counts[slot] > 0 && free_.is_free(index(slot)))
       found.push_back("slot " + std::to_string(index(slot)) + " is listed and free");
-    if (counted[slot] > 0 && counted[slot] != loaded_[slot])
-      found.push_back("slot " + std::to_string(index(slot)) + " is in " + std::to_string(counted[slot]) +
-                      " lists, counted " + std::to_string(loaded_[slot]));
-    if (counted[slot] > 0)
-      for (Slot part = slot; part != kNone; part = pool_.parts[part].next) ++chained;
+    if (counts[slot] > 0 && counts[slot] != list_counts_[slot])
+      found.push_back("slot " + std::to_string(index(slot)) + " is in " + std::to_string(counts[slot]) +
+                      " lists, but its count is " + std::to_string(list_counts_[slot]));
+    if (counts[slot] > 0)
+      for (Slot part = slot; part != kNone; part = pool_.parts[part].next) ++used_slots;
   }
-  if (chained + free_.count() != pool_.settings.slots)
-    found.push_back(std::to_string(chained) + " slots in use and " + std::to_string(free_.count()) + " free of " +
+  if (used_slots + free_.count() != pool_.settings.slots)
+    found.push_back(std::to_string(used_slots) + " slots in use and " + std::to_string(free_.count()) + " free of " +
                     std::to_string(pool_.settings.slots));
   return found;
 }

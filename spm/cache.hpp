@@ -1,10 +1,11 @@
-/// The loader's half of the pool: which records of which objects are loaded, and in which slots.
+/// The loader's half of the pool. The cache stores which records of which objects are loaded, and in which slots.
 ///
-/// The cache takes base meshes and regions in ids and decodes them into slots. It also stores the mesh at the loaded
-/// front. A record that is not loaded deforms only faces that are on this front, so all of its deformed faces but the
-/// first, its parent, its third corners and its position follow from the first face. The cache counts for each record
-/// how many held regions list it. So releasing a region frees the records that no other region lists, and never breaks
-/// a closed set. Everything that arrives is checked against what is loaded.
+/// The cache decodes base meshes and regions, whose references are ids, into slots. It checks each message against the
+/// loaded records. It also stores the mesh at the loaded front. A record that is not loaded deforms only faces on this
+/// front. A message therefore usually names only the first deformed face of a record; the other deformed faces, the
+/// parent, the third corners and the predicted position follow from this face. The cache counts for each record the
+/// loaded regions that list it. When a region is released, only the records that no other loaded region lists are
+/// freed, so the loaded records stay a closed set.
 ///
 /// One thread, not the haptic one. Does not allocate after `admit`.
 /// Source: Liu, Georganas, Roth, 3DIM 2005, section 3 (local cache, loaded fronting).
@@ -26,20 +27,20 @@ namespace tactus::spm {
 
 enum class AcceptResult : std::uint8_t {
   kAccepted,
-  kHeld,        ///< the region is held already
-  kPoolFull,    ///< no slot or list block is free, or 32,767 held lists have a record: release regions and try again
-  kIncomplete,  ///< needs a record that is neither loaded nor in the message: request the region again
-  kMalformed    ///< contradicts the model or the loaded records, or its list is not closed
+  kLoaded,      ///< the region is loaded already
+  kPoolFull,    ///< no slot or list block is free, or 32,767 loaded regions list a record: release regions, try again
+  kIncomplete,  ///< a needed record is neither loaded nor in the message: request the region again
+  kMalformed    ///< the message contradicts the model or the loaded records, or its list is not closed
 };
 
-/// The base mesh in slots, for the haptic thread.
+/// The face rows of a base mesh, for the haptic thread. They are valid until the object is removed.
 struct BaseSlots {
-  std::vector<RowIndex> faces;  ///< in FaceId order of the base; filled and pinned
+  std::vector<RowIndex> faces;  ///< in the order of BaseMesh::faces
 };
 
 struct CacheCounters {
-  std::uint64_t records_accepted = 0;  ///< decoded into slots
-  std::uint64_t records_repeated = 0;  ///< received again while loaded
+  std::uint64_t records_accepted = 0;  ///< records decoded into slots
+  std::uint64_t records_repeated = 0;  ///< loaded records received again
   std::uint64_t regions_released = 0;
 };
 
@@ -48,46 +49,47 @@ class Cache {
   /// `pool` must outlive the cache. Allocates.
   explicit Cache(Pool& pool);
 
-  /// Slots that `admit` needs.
+  /// Returns the number of slots that `admit` needs.
   [[nodiscard]] static std::uint32_t slots_for_base(const BaseMesh& base) noexcept;
-  /// Loads a base mesh, which must have passed violations(), until `remove`. If it does not fit, or the cache has
-  /// kMaxObjects objects, `fits` is false and nothing has changed. A removed number is used again as late as possible.
-  /// Allocates.
   struct Admitted {
     bool fits = false;
     ObjectIndex object{};
     BaseSlots base;
   };
+  /// Loads a base mesh until `remove`. `base` must have passed violations(). If the base mesh does not fit, or there
+  /// are already kMaxObjects objects, `fits` is false and the cache is unchanged. The index of a removed object is
+  /// reused as late as possible. Allocates.
   [[nodiscard]] Admitted admit(const BaseMesh& base);
 
-  /// Frees the base mesh. No region of the object may be held, and the haptic thread must have given it back. O(base).
+  /// Frees the base mesh. No region of the object may be loaded, and the haptic thread must have returned the object.
+  /// O(base).
   void remove(ObjectIndex object) noexcept;
 
-  /// Decodes the new records, counts all records of the list, and sets `list` to the list in slots. If the result is
-  /// not kAccepted, the cache is unchanged. O(list + sent).
+  /// Loads a region: decodes its new records, increments the counts of all records in its list, and sets `list` to the
+  /// list in slots. If the result is not kAccepted, the cache is unchanged. O(list + sent).
   [[nodiscard]] AcceptResult accept(ObjectIndex object, const RegionData& data, RegionList& list) noexcept;
 
-  /// Bytes that the cache needs for an object's regions, held or not.
+  /// Returns the bytes that the cache needs for all regions of an object, loaded or not.
   [[nodiscard]] static std::uint64_t directory_bytes(const ModelSummary& summary) noexcept {
     return std::uint64_t{summary.regions} * 3 * sizeof(std::uint32_t);
   }
 
-  /// Frees the region's list and the records that no other held region lists. The haptic thread must have returned the
-  /// region. O(list).
+  /// Unloads a region: frees its list and the records that no other loaded region lists. The haptic thread must have
+  /// returned the region. O(list).
   void release(ObjectIndex object, RegionId region) noexcept;
 
-  /// Slots and blocks that `release` would free now. Neighbours that share records make it less. O(list).
   struct Room {
     std::uint32_t slots = 0, blocks = 0;
   };
+  /// Returns the slots and list blocks that `release` would free now, without the slots of shared records. O(list).
   [[nodiscard]] Room room_of(ObjectIndex object, RegionId region) const noexcept;
 
-  [[nodiscard]] bool holds(ObjectIndex object, RegionId region) const noexcept;
-  /// Whether the record has a slot.
-  [[nodiscard]] bool has(ObjectIndex object, RecordId record) const noexcept {
+  [[nodiscard]] bool is_loaded(ObjectIndex object, RegionId region) const noexcept;
+
+  [[nodiscard]] bool has_record(ObjectIndex object, RecordId record) const noexcept {
     return records_.find(key(object, record)) != kNone;
   }
-  /// Length of the region's list, held or not.
+  /// The length of the region's list, loaded or not.
   [[nodiscard]] std::uint32_t records_of(ObjectIndex object, RegionId region) const noexcept {
     return objects_[object].record_counts[region];
   }
@@ -96,20 +98,20 @@ class Cache {
   [[nodiscard]] std::uint32_t blocks_free() const noexcept { return free_block_count_; }
   [[nodiscard]] const CacheCounters& counters() const noexcept { return counters_; }
 
-  /// Broken invariants. O(pool), allocates: tests.
+  /// Returns descriptions of broken invariants. O(pool), allocates: tests.
   [[nodiscard]] std::vector<std::string> violations() const;
 
  private:
   using Front = LoadedFront<RowIndex, Slot>;
   struct DecoderStore;
   struct Object {
-    bool here = false;
+    bool is_used = false;
     ModelSummary summary;
-    IdVector<VertexId, Slot> base_slots;  // by base vertex, then the slots that only store faces
+    IdVector<VertexId, Slot> base_slots;  // by base vertex; then the slots that only store faces
     std::uint32_t base_faces = 0;
     IdVector<RegionId, std::uint32_t> record_counts;  // length of the region's list
-    IdVector<RegionId, std::uint32_t> checksums;      // sum of the checksums of its records
-    IdVector<RegionId, BlockIndex> first_blocks;      // of its list; kNone if the region is not held
+    IdVector<RegionId, std::uint32_t> checksums;      // sum of the checksums of the region's records
+    IdVector<RegionId, BlockIndex> first_blocks;      // first block of the list; kNone if the region is not loaded
     [[nodiscard]] RegionList list(RegionId region) const noexcept {
       return {first_blocks[region], record_counts[region]};
     }
@@ -124,22 +126,22 @@ class Cache {
   }
   [[nodiscard]] AcceptResult decode(ObjectIndex object, RecordId record, const RegionData& data, std::uint32_t& part,
                                     const PositionPredictor::Residuals& residuals) noexcept;
-  void forget(ObjectIndex object, Slot first_slot) noexcept;
+  void free_record(ObjectIndex object, Slot first_slot) noexcept;
   void release_list(ObjectIndex number, const RegionList& list) noexcept;
-  /// The next free slot after the one taken last, so that neighbours in a list are neighbours in memory.
-  [[nodiscard]] Slot next_slot() const noexcept { return Slot{free_.next(index(taken_last_))}; }
-  [[nodiscard]] Slot take_slot() noexcept { return taken_last_ = Slot{free_.take(index(taken_last_))}; }
+  /// The next free slot after the last allocated one, so that neighbours in a list are neighbours in memory.
+  [[nodiscard]] Slot next_slot() const noexcept { return Slot{free_.next_free(index(last_slot_))}; }
+  [[nodiscard]] Slot allocate_slot() noexcept { return last_slot_ = Slot{free_.allocate(index(last_slot_))}; }
 
   Pool& pool_;
   IdVector<ObjectIndex, Object> objects_;
-  std::uint32_t next_object_ = 0;  // where the search for a free number starts
+  std::uint32_t next_object_ = 0;  // index at which the search for a free one starts
   FlatIndex records_;              // (object, RecordId) -> first slot
-  FlatIndex faces_;                // (object, FaceId) -> face row, of every face borne by a held record or the base
+  FlatIndex faces_;                // (object, FaceId) -> face row, of every face of the base mesh or a loaded record
   Front front_;
-  IdVector<Slot, std::uint16_t> loaded_;     // by first slot: held lists with the record
-  IdVector<Slot, std::uint32_t> checksums_;  // by first slot: see checksum.hpp
-  FreeSet free_;                             // slots
-  Slot taken_last_{};
+  IdVector<Slot, std::uint16_t> list_counts_;  // by first slot: number of loaded regions that list the record
+  IdVector<Slot, std::uint32_t> checksums_;    // by first slot: see checksum.hpp
+  FreeSet free_;                               // slots
+  Slot last_slot_{};
   std::vector<BlockIndex> free_blocks_;
   std::uint32_t free_block_count_ = 0;
   CacheCounters counters_;

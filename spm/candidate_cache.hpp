@@ -1,5 +1,5 @@
-/// The leaves of an AbTree around a sphere with their distances. A proxy that slides makes many sweeps from nearly the
-/// same position; all but the first find their candidates here.
+/// A cache of the leaves of an AbTree near a sphere, with their distances. A sliding proxy makes many sweeps from
+/// nearly the same position. The first sweep fills the cache; the others find their candidates in it.
 ///
 /// Model frame, file units. Fixed memory. The caller owns the caches and passes them to each query, so queries in
 /// several threads share no mutable state. One thread at a time.
@@ -18,61 +18,61 @@ class NodePool;
 struct TreeNode;
 
 struct CandidateCache {
-  /// Width of the layer around the sphere whose leaves are cached, in radii. A wider layer makes the first sweep
-  /// slower; a narrower one serves fewer sweeps.
-  static constexpr double kAround = 0.03;
+  /// Width of the layer around the sphere whose leaves are cached, in radii. With a wider layer, the first sweep is
+  /// slower; with a narrower one, fewer sweeps can use the cache.
+  static constexpr double kLayer = 0.03;
   static constexpr std::uint32_t kMaxLeaves = 512;
 
   struct Leaf {
     const TreeNode* node;
-    double distance;  ///< from the centre to its nearest triangle
-    unsigned lanes;   ///< bits of the triangles within the reach
+    double distance;  ///< distance of the centre from the nearest triangle of the leaf
+    unsigned lanes;   ///< bits of the triangles within `reach` of the centre
   };
 
-  /// Identifies a mesh: its pool, the version of its AbTree, and the number of its AbTree::keep if it is a previous
-  /// version.
+  /// Identifies a version of a mesh. `previous_number` is 0 for the current version of the AbTree; for a previous
+  /// version it is the number of the call of AbTree::store_previous.
   struct Mesh {
     const NodePool* pool = nullptr;
-    std::uint64_t version = 0, keeping = 0;
+    std::uint64_t version = 0, previous_number = 0;
     [[nodiscard]] bool operator==(const Mesh& other) const noexcept {
-      return pool == other.pool && version == other.version && keeping == other.keeping;
+      return pool == other.pool && version == other.version && previous_number == other.previous_number;
     }
   };
   Mesh mesh;
-  std::uint64_t used = 0;  ///< time of the last use; the least recently used cache is replaced
+  std::uint64_t used = 0;  ///< number of the last use; the least recently used cache is replaced
 
   Vec3d centre = Vec3d::Zero();
-  double reach = -1;     ///< every triangle within this distance of the centre is in a leaf here
-  bool crowded = false;  ///< there are more leaves than fit
+  double reach = -1;          ///< every triangle within this distance of the centre is in a cached leaf
+  bool is_truncated = false;  ///< there were more leaves than fit
   std::uint32_t count = 0;
   std::array<Leaf, kMaxLeaves> leaves;
 
-  /// The distance around `point` within which all triangles are here; below 0: none.
-  [[nodiscard]] double known_around(const Vec3d& point) const noexcept { return reach - (point - centre).norm(); }
+  /// Distance from `point` within which the cache contains all triangles; negative if there is no such distance.
+  [[nodiscard]] double complete_radius(const Vec3d& point) const noexcept { return reach - (point - centre).norm(); }
 };
 
-/// Caches for two meshes (versions or objects) and two positions of a proxy each. Allocates at construction. Do not use
-/// it after a NodePool that it was used with is destroyed.
+/// The caches of a proxy: two positions each on two meshes (versions or objects). Allocates at construction. Every
+/// NodePool with which the caches are used must outlive their last use.
 class CandidateCaches {
  public:
   static constexpr std::uint32_t kCount = 4;
   CandidateCaches() : caches_(kCount) {}
 
-  /// A cache with all triangles of `mesh` within `within` of `point`, or null.
+  /// Returns a cache that contains all triangles of `mesh` within `radius` of `point`, or null.
   [[nodiscard]] const CandidateCache* find(const CandidateCache::Mesh& mesh, const Vec3d& point,
-                                           double within) const noexcept {
+                                           double radius) const noexcept {
     for (const CandidateCache& cache : caches_)
-      if (cache.mesh == mesh && cache.known_around(point) >= within) return &cache;
+      if (cache.mesh == mesh && cache.complete_radius(point) >= radius) return &cache;
     return nullptr;
   }
-  /// The same, and counts as a use.
+  /// As `find`, and marks the cache as the most recently used.
   [[nodiscard]] const CandidateCache* use(const CandidateCache::Mesh& mesh, const Vec3d& point,
-                                          double within) noexcept {
-    const CandidateCache* const found = find(mesh, point, within);
+                                          double radius) noexcept {
+    const CandidateCache* const found = find(mesh, point, radius);
     if (found != nullptr) caches_[static_cast<std::size_t>(found - caches_.data())].used = ++used_;
     return found;
   }
-  /// The least recently used cache, to be filled again.
+  /// Returns the least recently used cache, for the caller to fill, and marks it as the most recently used.
   [[nodiscard]] CandidateCache& replace() noexcept {
     CandidateCache& oldest =
         *std::min_element(caches_.begin(), caches_.end(),

@@ -1,8 +1,8 @@
-/// A checksum of the vertices on which a region's records depend. It is part of the base mesh. A region message whose
-/// list lacks a needed record can be consistent with everything that is loaded; its checksum then differs.
+/// Computes a checksum of the vertices on which a region's records depend. If the list in a region message lacks a
+/// needed record, the message may still fit the loaded mesh, but its checksum differs from the one in the base mesh.
 ///
-/// The checksum of a record is a sum over the vertices around its split (VertexRing), by id, in any order. The checksum
-/// of a region is the sum over its list. It detects damage and mistakes; it is not a signature.
+/// The checksum of a record is a sum over the ids of the vertices around its split (VertexRing). The checksum of a
+/// region is the sum of the checksums of its records. Sums wrap. Checksums detect damage and mistakes, but no forgery.
 #pragma once
 
 #include <cstdint>
@@ -13,7 +13,7 @@
 
 namespace tactus::spm {
 
-/// `id_of` maps a vertex of the ring to its VertexId.
+/// Returns the checksum of the record that adds `u`. `id_of` maps a vertex of the ring to its VertexId.
 template <class Vertex, class IdOf>
 [[nodiscard]] std::uint32_t checksum_of(VertexId u, const VertexRing<Vertex>& ring, IdOf id_of) noexcept {
   std::uint64_t sum = 0;
@@ -24,14 +24,14 @@ template <class Vertex, class IdOf>
   return static_cast<std::uint32_t>(sum >> 32);
 }
 
-/// By record. O(size), allocates.
+/// Returns the checksums of all records. O(size), allocates.
 [[nodiscard]] std::vector<std::uint32_t> record_checksums(const Model& model);
 
-/// Of one region, from the checksums of all records.
+/// Returns the checksum of a region from the checksums of all records.
 [[nodiscard]] std::uint32_t region_checksum(const Model& model, RegionId region,
                                             const std::vector<std::uint32_t>& records);
 
-/// By region. Sums wrap. `model` must be sound except for its checksums. O(size), allocates.
+/// Returns the checksums of all regions. `model` must have no violations except in its checksums. O(size), allocates.
 [[nodiscard]] std::vector<std::uint32_t> region_checksums(const Model& model);
 
 }  // namespace tactus::spm

@@ -1,4 +1,4 @@
-/// The whole finest mesh in an AB-tree, with the queries of an HRTC but without refinement.
+/// An AB-tree of the whole finest mesh. It offers the queries of an HRTC without a forest.
 #pragma once
 
 #include <algorithm>
@@ -11,7 +11,7 @@
 
 namespace tactus::spm {
 
-/// The corners of a shown face in double.
+/// Returns the corners of a shown face in double.
 [[nodiscard]] inline std::array<Vec3d, 3> shown_corners(const AbTree& tree, RowIndex row) {
   const std::array<float, 9> c = tree.corners(row);
   return {Vec3d{c[0], c[1], c[2]}, Vec3d{c[3], c[4], c[5]}, Vec3d{c[6], c[7], c[8]}};
@@ -19,7 +19,7 @@ namespace tactus::spm {
 
 class FinestTree {
  public:
-  /// `faces` by FaceId. Face rows have the numbers of their faces.
+  /// `faces` is sorted by FaceId. The row of a face has the number of its FaceId.
   FinestTree(std::span<const std::array<float, 3>> positions, std::span<const std::array<std::uint32_t, 3>> faces)
       : pool_{{static_cast<std::uint32_t>(std::max(faces.size() / 2 + 1, positions.size())), 1, 1}},
         nodes_{static_cast<std::uint32_t>(faces.size()) / 6 + 64},

@@ -10,7 +10,7 @@
 namespace tactus::spm {
 namespace {
 
-constexpr std::uint32_t kFetched = 16;  // list entries whose memory is prefetched together
+constexpr std::uint32_t kPrefetched = 16;  // list entries whose memory is prefetched together
 
 }  // namespace
 
@@ -21,10 +21,10 @@ Forest::Forest(Pool& pool, NodePool& nodes, ObjectIndex object, const ModelSumma
       grid_{std::move(grid)},
       tree_{pool, nodes, object, summary.faces},
       base_{std::move(base)},
-      place_(grid_.size(), kNone),
-      states_(max_held(grid_.size(), pool.settings)),
+      state_index_(grid_.size(), kNone),
+      states_(max_loaded(grid_.size(), pool.settings)),
       in_use_(states_.size()),
-      order_(states_.size()) {
+      targets_(states_.size()) {
   free_states_.reserve(states_.size());
   for (auto number = static_cast<std::uint32_t>(states_.size()); number-- > 0;) free_states_.push_back(number);
 }
@@ -36,15 +36,15 @@ std::uint64_t Forest::hash_of(VertexId vertex) noexcept {
   return z ^ z >> 31;
 }
 
-void Forest::use(RegionId region) noexcept {
+void Forest::add_in_use(RegionId region) noexcept {
   State& state = state_of(region);
-  if (state.resting) wake(region);
+  if (state.retained) end_retention(region);
   if (state.in_use_at != kNone) return;
   state.in_use_at = in_use_count_;
   in_use_[in_use_count_++] = region;
 }
 
-void Forest::unuse(RegionId region) noexcept {
+void Forest::remove_in_use(RegionId region) noexcept {
   State& state = state_of(region);
   const RegionId last = in_use_[--in_use_count_];
   in_use_[state.in_use_at] = last;
@@ -52,34 +52,35 @@ void Forest::unuse(RegionId region) noexcept {
   state.in_use_at = kNone;
 }
 
-void Forest::rest(RegionId region) noexcept {
-  unuse(region);
+void Forest::retain(RegionId region) noexcept {
+  remove_in_use(region);
   State& state = state_of(region);
   if (state.cursor == 0) return;
-  state.resting = true;
+  state.retained = true;
   state.older = newest_;
   state.newer = kNone;
   (newest_ != kNone ? state_of(newest_).newer : oldest_) = region;
   newest_ = region;
 }
 
-void Forest::wake(RegionId region) noexcept {
+void Forest::end_retention(RegionId region) noexcept {
   State& state = state_of(region);
   (state.older != kNone ? state_of(state.older).newer : oldest_) = state.newer;
   (state.newer != kNone ? state_of(state.newer).older : newest_) = state.older;
-  state.resting = false;
+  state.retained = false;
 }
 
-/// One entry for each node above the limit, so retained regions are coarsened about as fast as new ones are refined.
-std::uint32_t Forest::overdue() const noexcept {
+/// Returns the number of entries of retained regions to coarsen for a target. It is one for each node above the limit,
+/// so retained regions are coarsened about as fast as new ones are refined.
+std::uint32_t Forest::entries_to_coarsen() const noexcept {
   if (unrequested_ == Unrequested::kCoarsen) return ~0u;
-  const std::uint32_t max = max_resting(pool_.settings);
+  const std::uint32_t max = retained_node_limit(pool_.settings);
   return nodes_.used() > max ? nodes_.used() - max : 0;
 }
 
 void Forest::add(RegionId region, RegionList list) noexcept {
-  TACTUS_ASSERT(!is_here(region) && !free_states_.empty());
-  place_[region] = free_states_.back();
+  TACTUS_ASSERT(!is_loaded(region) && !free_states_.empty());
+  state_index_[region] = free_states_.back();
   free_states_.pop_back();
   State& state = state_of(region);
   state = State{};
@@ -88,10 +89,10 @@ void Forest::add(RegionId region, RegionList list) noexcept {
 }
 
 void Forest::retire(RegionId region) noexcept {
-  TACTUS_ASSERT(is_here(region) && !is_retiring(region));
+  TACTUS_ASSERT(is_loaded(region) && !is_retiring(region));
   state_of(region).retiring = true;
   ++retiring_count_;
-  use(region);
+  add_in_use(region);
 }
 
 RegionId Forest::take_retired() noexcept {
@@ -100,28 +101,28 @@ RegionId Forest::take_retired() noexcept {
     const RegionId region = in_use_[i];
     const State& state = state_of(region);
     if (!state.retiring || state.cursor != 0) continue;
-    unuse(region);
+    remove_in_use(region);
     --retiring_count_;
-    free_states_.push_back(place_[region]);
-    place_[region] = kNone;
+    free_states_.push_back(state_index_[region]);
+    state_index_[region] = kNone;
     return region;
   }
   return kNone;
 }
 
-void Forest::target(const RegionId* regions, std::uint32_t count, Unrequested unrequested) noexcept {
-  ++stamp_;
-  unrequested_ = unrequested;
-  order_count_ = 0;
+void Forest::set_targets(const RegionId* regions, std::uint32_t count, Unrequested other_regions) noexcept {
+  ++target_number_;
+  unrequested_ = other_regions;
+  target_count_ = 0;
   for (std::uint32_t i = 0; i < count; ++i) {
-    if (!is_here(regions[i])) continue;
+    if (!is_loaded(regions[i])) continue;
     State& state = state_of(regions[i]);
-    if (state.retiring || state.requested == stamp_) continue;
-    state.requested = stamp_;
-    use(regions[i]);
-    order_[order_count_++] = regions[i];
+    if (state.retiring || state.target_number == target_number_) continue;
+    state.target_number = target_number_;
+    add_in_use(regions[i]);
+    targets_[target_count_++] = regions[i];
   }
-  overdue_ = oldest_ != kNone ? overdue() : 0;
+  entries_to_coarsen_ = oldest_ != kNone ? entries_to_coarsen() : 0;
 }
 
 const Slot* Forest::entry(State& state, std::uint32_t number) noexcept {
@@ -131,13 +132,13 @@ const Slot* Forest::entry(State& state, std::uint32_t number) noexcept {
   return &pool_.blocks[state.block].slots[number % ListBlock::kEntries];
 }
 
-/// Most of the cost of a split is a dozen cache misses. The list names the next records, so their memory is prefetched
-/// together, in three passes, because each pass needs addresses that the one before has fetched.
-void Forest::fetch(const Slot* slots, std::uint32_t count, bool splitting) const noexcept {
+/// Prefetches the memory of the next records in a list, because a dozen cache misses are most of the cost of a split.
+/// There are three passes, because each pass needs addresses that the pass before has loaded.
+void Forest::prefetch_records(const Slot* slots, std::uint32_t count, bool splitting) const noexcept {
   const IdVector<Slot, LoadedPart>& parts = pool_.parts;
   const IdVector<RowIndex, FaceRow>& rows = pool_.faces;
   const IdVector<Slot, Vertex>& vertices = pool_.vertices;
-  std::array<Slot, kFetched> changing;
+  std::array<Slot, kPrefetched> changing;
   std::uint32_t changes = 0;
   for (std::uint32_t i = 0; i < count; ++i) {
     const SlotState state = pool_.state[slots[i]];
@@ -171,17 +172,17 @@ void Forest::fetch(const Slot* slots, std::uint32_t count, bool splitting) const
   }
 }
 
-bool Forest::room_for(Slot slot) const noexcept {
+bool Forest::has_tree_nodes_for(Slot slot) const noexcept {
   std::uint32_t faces = 0;
   for (; slot != kNone; slot = pool_.parts[slot].next) faces += pool_.parts[slot].born_count;
   return nodes_.free() >= faces * tree_.height();
 }
 
-bool Forest::room_to_keep(Slot slot) const noexcept {
+bool Forest::has_previous_nodes_for(Slot slot) const noexcept {
   std::uint32_t faces = 0;
   for (; slot != kNone; slot = pool_.parts[slot].next)
     faces += std::uint32_t{pool_.parts[slot].born_count} + pool_.parts[slot].deformed_count;
-  return tree_.room_to_keep() >= faces;
+  return tree_.free_previous_nodes() >= faces;
 }
 
 void Forest::split(Slot slot) noexcept {
@@ -192,13 +193,13 @@ void Forest::split(Slot slot) noexcept {
       [&](LoadedPart::DeformedRef ref) {
         FaceRow& row = rows[ref.face()];
         row.vertices[ref.corner()] = slot;
-        row.last = ref.last();
-        tree_.update(row, ref.corner(), vertex, ref.last());
+        row.finest = ref.is_finest();
+        tree_.update(row, ref.corner(), vertex, ref.is_finest());
       },
       [&](BornRef ref, const std::array<Slot, 3>& corners, Slot part, std::uint32_t i) {
         FaceRow& row = rows[row_of(part, i)];
         row.vertices = corners;
-        row.last = ref.last();
+        row.finest = ref.is_finest();
         tree_.insert(row_of(part, i));
       });
   pool_.state[slot].bits |= SlotState::kShown;
@@ -206,7 +207,7 @@ void Forest::split(Slot slot) noexcept {
   ++counters_.splits;
 }
 
-/// Undoes a split. No other code undoes a record in place.
+/// Undoes a split.
 void Forest::collapse(Slot slot) noexcept {
   const IdVector<Slot, LoadedPart>& parts = pool_.parts;
   IdVector<RowIndex, FaceRow>& rows = pool_.faces;
@@ -219,7 +220,7 @@ void Forest::collapse(Slot slot) noexcept {
       const LoadedPart::DeformedRef ref = part.deformed[i];
       FaceRow& row = rows[ref.face()];
       row.vertices[ref.corner()] = parent;
-      row.last = 0;
+      row.finest = 0;
       tree_.update(row, ref.corner(), vertex, false);
     }
   }
@@ -232,15 +233,15 @@ Advance Forest::refine(State& state, Budget& budget) noexcept {
   while (state.cursor < state.list.length) {
     const Slot* slots = entry(state, state.cursor);
     const std::uint32_t count = std::min(
-        {kFetched, state.list.length - state.cursor, ListBlock::kEntries - state.cursor % ListBlock::kEntries});
-    fetch(slots, count, true);
+        {kPrefetched, state.list.length - state.cursor, ListBlock::kEntries - state.cursor % ListBlock::kEntries});
+    prefetch_records(slots, count, true);
     for (std::uint32_t i = 0; i < count; ++i) {
       if (budget.units < Budget::kVisit) return Advance::kBudget;
       SlotState& record = pool_.state[slots[i]];
       if (!record.shown()) {
         if (budget.units < Budget::kVisit + Budget::kChange) return Advance::kBudget;
-        if (!room_for(slots[i])) return Advance::kNodesFull;
-        if (!room_to_keep(slots[i])) return Advance::kKeptFull;
+        if (!has_tree_nodes_for(slots[i])) return Advance::kNodesFull;
+        if (!has_previous_nodes_for(slots[i])) return Advance::kPreviousFull;
         split(slots[i]);
         budget.units -= Budget::kChange;
       }
@@ -258,14 +259,14 @@ Advance Forest::refine(State& state, Budget& budget) noexcept {
 Advance Forest::coarsen(State& state, Budget& budget, std::uint32_t& entries) noexcept {
   while (state.cursor > 0 && entries > 0) {
     const Slot* last = entry(state, state.cursor - 1);
-    const std::uint32_t count = std::min({kFetched, (state.cursor - 1) % ListBlock::kEntries + 1, entries});
-    fetch(last - (count - 1), count, false);
+    const std::uint32_t count = std::min({kPrefetched, (state.cursor - 1) % ListBlock::kEntries + 1, entries});
+    prefetch_records(last - (count - 1), count, false);
     for (std::uint32_t i = 0; i < count; ++i) {
       if (budget.units < Budget::kVisit + Budget::kChange) return Advance::kBudget;
       const Slot slot = *(last - i);
       SlotState& record = pool_.state[slot];
       TACTUS_ASSERT(record.wanted() > 0 && record.shown());
-      if (record.wanted() == 1 && !room_to_keep(slot)) return Advance::kKeptFull;
+      if (record.wanted() == 1 && !has_previous_nodes_for(slot)) return Advance::kPreviousFull;
       --record.bits;
       --state.cursor;
       --entries;
@@ -279,24 +280,24 @@ Advance Forest::coarsen(State& state, Budget& budget, std::uint32_t& entries) no
   return Advance::kDone;
 }
 
-/// Leaves nothing shown.
+/// Collapses all records, then hides the base mesh.
 Advance Forest::hide_all(Budget& budget) noexcept {
   std::uint32_t all = ~0u;
   for (std::uint32_t i = in_use_count_; i-- > 0;) {
     const RegionId region = in_use_[i];
     State& state = state_of(region);
     if (const Advance coarsening = coarsen(state, budget, all); coarsening != Advance::kDone) return coarsening;
-    if (!state.retiring) unuse(region);
+    if (!state.retiring) remove_in_use(region);
   }
   while (oldest_ != kNone) {
     const RegionId region{oldest_};
     if (const Advance coarsening = coarsen(state_of(region), budget, all); coarsening != Advance::kDone)
       return coarsening;
-    wake(region);
+    end_retention(region);
   }
   for (; base_cursor_ > 0; --base_cursor_) {
     if (budget.units < Budget::kChange) return Advance::kBudget;
-    if (tree_.room_to_keep() == 0) return Advance::kKeptFull;
+    if (tree_.free_previous_nodes() == 0) return Advance::kPreviousFull;
     tree_.remove(base_.faces[base_cursor_ - 1]);
     budget.units -= Budget::kChange;
   }
@@ -305,43 +306,45 @@ Advance Forest::hide_all(Budget& budget) noexcept {
 
 Advance Forest::advance(Budget& budget) noexcept {
   if (withdrawn_) return hide_all(budget);
-  for (; !base_shown(); ++base_cursor_) {
+  for (; !is_base_shown(); ++base_cursor_) {
     if (budget.units < Budget::kChange) return Advance::kBudget;
     if (nodes_.free() < tree_.height()) return Advance::kNodesFull;
-    if (tree_.room_to_keep() == 0) return Advance::kKeptFull;
+    if (tree_.free_previous_nodes() == 0) return Advance::kPreviousFull;
     tree_.insert(base_.faces[base_cursor_]);
     budget.units -= Budget::kChange;
   }
   Advance refining = Advance::kDone;
-  for (std::uint32_t i = 0; i < order_count_ && refining == Advance::kDone; ++i) {
-    if (!is_here(order_[i])) continue;  // retired and unloaded since the target was set
-    if (State& state = state_of(order_[i]); wants(state)) refining = refine(state, budget);
+  for (std::uint32_t i = 0; i < target_count_ && refining == Advance::kDone; ++i) {
+    if (!is_loaded(targets_[i])) continue;  // retired and unloaded since the target was set
+    if (State& state = state_of(targets_[i]); is_target(state)) refining = refine(state, budget);
   }
-  if (refining == Advance::kBudget || refining == Advance::kKeptFull) return refining;
+  if (refining == Advance::kBudget || refining == Advance::kPreviousFull) return refining;
 
   for (std::uint32_t i = in_use_count_; i-- > 0;) {
     const RegionId region = in_use_[i];
     State& state = state_of(region);
-    if (wants(state)) continue;
-    if (unrequested_ == Unrequested::kRest && !state.retiring) {
-      rest(region);
+    if (is_target(state)) continue;
+    if (unrequested_ == Unrequested::kRetain && !state.retiring) {
+      retain(region);
       continue;
     }
     std::uint32_t all = ~0u;
     if (const Advance coarsening = coarsen(state, budget, all); coarsening != Advance::kDone) return coarsening;
-    if (!state.retiring) unuse(region);
+    if (!state.retiring) remove_in_use(region);
   }
-  if (refining == Advance::kNodesFull) overdue_ = ~0u;  // coarsen all retained regions while the target needs nodes
-  while (oldest_ != kNone && overdue_ > 0) {
+  if (refining == Advance::kNodesFull)
+    entries_to_coarsen_ = ~0u;  // coarsen all retained regions while the target needs nodes
+  while (oldest_ != kNone && entries_to_coarsen_ > 0) {
     const RegionId region = oldest_;
     State& state = state_of(region);
-    if (const Advance coarsening = coarsen(state, budget, overdue_); coarsening != Advance::kDone) return coarsening;
-    if (state.cursor == 0) wake(region);
+    if (const Advance coarsening = coarsen(state, budget, entries_to_coarsen_); coarsening != Advance::kDone)
+      return coarsening;
+    if (state.cursor == 0) end_retention(region);
   }
   return refining;
 }
 
-std::uint32_t Forest::in_use(InUse* out, std::uint32_t capacity) const noexcept {
+std::uint32_t Forest::copy_in_use(InUse* out, std::uint32_t capacity) const noexcept {
   for (std::uint32_t i = 0; i < in_use_count_ && i < capacity; ++i) {
     const State& state = state_of(in_use_[i]);
     out[i] = {in_use_[i], state.cursor, state.retiring, false};
@@ -358,50 +361,51 @@ std::uint32_t Forest::in_use(InUse* out, std::uint32_t capacity) const noexcept 
 bool Forest::restore(std::uint32_t base_faces, const InUse* regions, std::uint32_t count) noexcept {
   if (base_faces > base_.faces.size() || base_cursor_ > 0) return false;
   for (; base_cursor_ < base_faces; ++base_cursor_) {
-    if (nodes_.free() < tree_.height() || tree_.room_to_keep() == 0) return false;
+    if (nodes_.free() < tree_.height() || tree_.free_previous_nodes() == 0) return false;
     tree_.insert(base_.faces[base_cursor_]);
   }
   for (std::uint32_t i = 0; i < count; ++i) {
     const RegionId region = regions[i].region;
-    if (index(region) >= place_.size() || !is_here(region)) return false;
+    if (index(region) >= state_index_.size() || !is_loaded(region)) return false;
     State& state = state_of(region);
-    if (state.in_use_at != kNone || state.resting || regions[i].applied > state.list.length) return false;
-    if (regions[i].applied > 0 && !base_shown()) return false;  // no record is split before the base mesh is shown
-    if (regions[i].resting && (regions[i].retiring || regions[i].applied == 0)) return false;
-    use(region);
+    if (state.in_use_at != kNone || state.retained || regions[i].applied > state.list.length) return false;
+    if (regions[i].applied > 0 && !is_base_shown()) return false;  // no record is split before the base mesh is shown
+    if (regions[i].retained && (regions[i].retiring || regions[i].applied == 0)) return false;
+    add_in_use(region);
     for (; state.cursor < regions[i].applied; ++state.cursor) {
       const Slot slot = *entry(state, state.cursor);
       SlotState& record = pool_.state[slot];
       if (!record.shown()) {
-        if (!room_for(slot) || !room_to_keep(slot)) return false;
+        if (!has_tree_nodes_for(slot) || !has_previous_nodes_for(slot)) return false;
         split(slot);
       }
       ++record.bits;
     }
     if (regions[i].retiring) retire(region);
-    if (regions[i].resting) rest(region);
+    if (regions[i].retained) retain(region);
   }
   static_cast<void>(tree_.refit());
   return true;
 }
 
 bool Forest::exact(const Vec3d& centre, double radius) const noexcept {
-  bool all = base_shown();
+  bool all = is_base_shown();
   const bool seen =
-      grid_.for_each_meeting(centre, radius, [&](RegionId region, double) { all = all && is_refined(region); });
+      grid_.for_each_intersecting(centre, radius, [&](RegionId region, double) { all = all && is_refined(region); });
   return all && seen;
 }
 
 std::vector<std::string> Forest::violations() const {
   std::vector<std::string> found;
-  std::map<Slot, std::uint32_t> wanted;  // over the applied entries
-  for (const RegionId region : place_.ids()) {
-    if (!is_here(region)) continue;
+  std::map<Slot, std::uint32_t> wanted;  // number of applied entries of each record
+  for (const RegionId region : state_index_.ids()) {
+    if (!is_loaded(region)) continue;
     const State& state = state_of(region);
     if (state.cursor > state.list.length)
-      found.push_back("region " + std::to_string(index(region)) + " is past its end");
-    if (state.cursor > 0 && state.in_use_at == kNone && !state.resting)
-      found.push_back("region " + std::to_string(index(region)) + " is refined and not in use");
+      found.push_back("region " + std::to_string(index(region)) + " has more applied entries than its list");
+    if (state.cursor > 0 && state.in_use_at == kNone && !state.retained)
+      found.push_back("region " + std::to_string(index(region)) +
+                      " has applied entries but is neither in use nor retained");
     std::uint32_t left = state.cursor;
     for (BlockIndex block = state.list.first_block; left > 0; block = pool_.blocks[block].after)
       for (std::uint32_t i = 0; i < ListBlock::kEntries && left > 0; ++i, --left)
@@ -416,23 +420,23 @@ std::vector<std::string> Forest::violations() const {
     if (state.wanted() != count)
       found.push_back(name + " is wanted " + std::to_string(state.wanted()) + " times, counted " +
                       std::to_string(count));
-    if (!state.shown()) found.push_back(name + " is wanted and not shown");
+    if (!state.shown()) found.push_back(name + " is wanted but not shown");
     hash ^= hash_of(pool_.vertices[slot].id);
     for (Slot at = slot; at != kNone; at = pool_.parts[at].next)
       for (std::uint32_t i = 0; i < pool_.parts[at].born_count; ++i) expected_rows.insert(row_of(at, i));
   }
-  if (hash != hash_) found.push_back("the mesh hash differs from a recount: some record is shown and not wanted");
+  if (hash != hash_) found.push_back("the mesh hash differs from a recount: a record is shown but not wanted");
   for (const RowIndex row_index : tree_.shown()) {
     const FaceRow& row = pool_.faces[row_index];
     if (expected_rows.erase(row_index) == 0)
-      found.push_back("face " + std::to_string(index(row.face)) + " is shown by no record");
+      found.push_back("face " + std::to_string(index(row.face)) + " is shown, but no shown record bears it");
     for (int i = 0; i < 3; ++i) {
       const Vertex& vertex = pool_.vertices[row.vertices[i]];
       const bool is_record = pool_.state[row.vertices[i]].shown();
       const bool is_base = pool_.state[row.vertices[i]].bits == 0 && wanted.count(row.vertices[i]) == 0;
       if (!is_record && !is_base)
-        found.push_back("face " + std::to_string(index(row.face)) + " stands on vertex " +
-                        std::to_string(index(vertex.id)) + ", not shown");
+        found.push_back("face " + std::to_string(index(row.face)) + " has the corner " +
+                        std::to_string(index(vertex.id)) + ", which is not shown");
     }
   }
   if (!expected_rows.empty())

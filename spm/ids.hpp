@@ -1,8 +1,9 @@
-/// Strong indices: each kind of thing in a model or a pool has its own index type, so a face cannot pass for a vertex.
+/// Strong index types: vertices, faces, records and so on each have their own type, so the compiler rejects a FaceId in
+/// place of a VertexId.
 ///
-/// Ids (`VertexId`, `FaceId`, `RecordId`, `RegionId`, `PartIndex`) appear in files and samples and stay the same for
-/// the lifetime of a model. The other indices have a meaning in one HRTC only. An index costs as much as a
-/// std::uint32_t. Kernels that compute with raw numbers name the index type in a comment.
+/// The ids `VertexId`, `FaceId`, `RecordId`, `RegionId` and `PartIndex` appear in files and samples and never change
+/// while a model exists. The other indices are valid in one HRTC only. An index costs as much as a std::uint32_t.
+/// Kernels that compute with raw numbers name the index type in a comment.
 #pragma once
 
 #include <cstdint>
@@ -15,7 +16,8 @@ namespace tactus::spm {
 /// A vertex of the finest mesh. Base vertices come first: `[0, base_vertices)`. Record `r` adds vertex
 /// `base_vertices + r`.
 enum class VertexId : std::uint32_t {};
-/// A face of the finest mesh. It keeps its id in every coarser version, and is the leaf with that id in the AB-tree.
+/// A face of the finest mesh. A coarser version of the face has the same id. In the AB-tree it is child `id % 8` of
+/// leaf `id / 8`.
 enum class FaceId : std::uint32_t {};
 /// A vertex split. Ids are in topological order: an ascending list can be applied from front to back and undone from
 /// back to front.
@@ -29,7 +31,7 @@ enum class RegionId : std::uint32_t {};
 enum class ObjectIndex : std::uint32_t {};
 /// A slot of the pool: one record part, its vertex and the two faces that it bears.
 enum class Slot : std::uint32_t {};
-/// A face row of the pool. The rows of slot `s` are `2 s` and `2 s + 1`.
+/// A face row of the pool. Slot `s` has the rows `2 s` and `2 s + 1`.
 enum class RowIndex : std::uint32_t {};
 /// A list block of the pool.
 enum class BlockIndex : std::uint32_t {};
@@ -58,7 +60,7 @@ struct None {
 };
 inline constexpr None kNone{};
 
-/// All indices below `count`, in order: `for (RegionId region : ids<RegionId>(count))`.
+/// The range of all indices below `count`, in order: `for (RegionId region : ids<RegionId>(count))`.
 template <Index Id>
 class IdRange {
  public:

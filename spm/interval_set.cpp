@@ -26,42 +26,42 @@ void IntervalSet::add(std::span<const Interval> added, std::size_t max) {
   }
   for (; own != intervals_.end(); ++own) append(*own);
   intervals_.assign(all.begin(), all.end());                  // releases unused memory
-  if (intervals_.size() > max) forget_shortest(max / 4 * 3);  // a quarter more, so that this is rare
+  if (intervals_.size() > max) remove_shortest(max / 4 * 3);  // removes a quarter more than necessary, so it is rare
 }
 
-void IntervalSet::forget_shortest(std::size_t left) {
+void IntervalSet::remove_shortest(std::size_t remaining) {
   std::vector<std::uint32_t> counts;
   for (const Interval& interval : intervals_) counts.push_back(interval.count);
-  const auto kept = counts.begin() + static_cast<std::ptrdiff_t>(left - 1);
-  std::nth_element(counts.begin(), kept, counts.end(), std::greater<>{});
-  auto equal = std::count(counts.begin(), kept + 1, *kept);  // how many as short as the shortest remaining one may stay
-  const auto forgotten = [&](const Interval& interval) {
-    if (interval.count != *kept) return interval.count < *kept;
+  const auto shortest = counts.begin() + static_cast<std::ptrdiff_t>(remaining - 1);  // of the remaining intervals
+  std::nth_element(counts.begin(), shortest, counts.end(), std::greater<>{});
+  auto equal = std::count(counts.begin(), shortest + 1, *shortest);  // remaining intervals of this length
+  const auto is_removed = [&](const Interval& interval) {
+    if (interval.count != *shortest) return interval.count < *shortest;
     if (equal == 0) return true;
     --equal;
     return false;
   };
-  intervals_.erase(std::remove_if(intervals_.begin(), intervals_.end(), forgotten), intervals_.end());
+  intervals_.erase(std::remove_if(intervals_.begin(), intervals_.end(), is_removed), intervals_.end());
   intervals_.shrink_to_fit();
 }
 
 std::vector<Interval> IntervalSet::missing(std::span<const Interval> intervals) const {
-  std::vector<Interval> left;
+  std::vector<Interval> missing;
   auto own = intervals_.begin();
   for (const Interval& interval : intervals) {
     std::uint32_t at = interval.first;
-    own = std::partition_point(own, intervals_.end(), [&](const Interval& held) { return end_of(held) <= at; });
+    own = std::partition_point(own, intervals_.end(), [&](const Interval& present) { return end_of(present) <= at; });
     for (; at != end_of(interval);) {
       const std::uint32_t next =
           own == intervals_.end() ? end_of(interval) : std::min(std::max(own->first, at), end_of(interval));
-      if (next != at) left.push_back({at, next - at});
+      if (next != at) missing.push_back({at, next - at});
       if (next == end_of(interval)) break;
       at = std::min(end_of(*own), end_of(interval));
       if (at == end_of(*own)) ++own;
     }
   }
-  left.shrink_to_fit();  // the caller may store it
-  return left;
+  missing.shrink_to_fit();  // the caller may store the result
+  return missing;
 }
 
 }  // namespace tactus::spm

@@ -44,6 +44,6 @@ const Kernels& kernels(Simd simd) noexcept {
   return base::kKernels;
 }
 
-const Kernels kBest = kernels(best_simd());
+const Kernels kBestKernels = kernels(best_simd());
 
 }  // namespace tactus::spm::lanes

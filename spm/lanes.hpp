@@ -1,7 +1,7 @@
-/// Eight boxes or eight triangles at a time: the arithmetic of the AB-tree's queries.
+/// The arithmetic of the AB-tree's queries, for eight boxes or eight triangles at a time.
 ///
-/// Compiled for several instruction sets; the program uses the best one that the processor has. All give the same bits.
-/// An empty lane is NaN throughout: it is near nothing and inside no bound. Not usable before main. Realtime.
+/// The kernels are compiled for several instruction sets. The program uses the best one of the processor. All give the
+/// same bits. An empty lane consists of NaNs: every comparison with it is false. Do not use before main. Realtime.
 #pragma once
 
 #include <array>
@@ -17,43 +17,43 @@ inline constexpr unsigned kAllLanes = (1u << kLanes) - 1;
 using Floats = std::array<float, kLanes>;
 using Doubles = std::array<double, kLanes>;
 
-/// Boxes by axis: low x, y, z, then high x, y, z.
+/// Rows of eight boxes: low x, y, z, then high x, y, z.
 inline constexpr int kBoxRows = 6;
-/// Triangles by corner, then axis: a x, a y, a z, b x, ...
+/// Rows of eight triangles: x, y, z of corner a, then of b, then of c.
 inline constexpr int kTriangleRows = 9;
 
 struct Bounds {
-  std::array<float, 3> low, high;  ///< inverted when all lanes are empty
+  std::array<float, 3> low, high;  ///< low is above high if all lanes are empty
 };
 
-/// The nearest points of eight triangles.
+/// The points of eight triangles that are nearest to a given point.
 struct Closest {
   alignas(64) std::array<Doubles, 3> point;
   alignas(64) Doubles squared_distance;
 };
 
-/// The eight faces of a tree node.
+/// The eight faces of a node of level 1.
 struct Faces {
   const Floats* corners;
   FaceId first;
-  NodeIndex node;      ///< below 2^31
-  std::uint32_t last;  ///< bits of the faces in their finest version
+  NodeIndex node;        ///< below 2^31
+  std::uint32_t finest;  ///< bits of the faces in their finest version
 };
 
-/// Outer bounds of a sphere's straight path, in float.
-struct Way {
-  std::array<float, 3> middle;     ///< of a sphere around the swept volume
-  float squared_reach;             ///< of that sphere
-  std::array<float, 3> low, high;  ///< of a box around the swept volume
-  std::array<float, 3> direction;  ///< of the path; a touched triangle has a point with direction . point >= behind
-  float behind;
+/// Outer bounds, in float, of the volume that a sphere sweeps along a straight path.
+struct SweepBounds {
+  std::array<float, 3> middle;     ///< centre of a bounding sphere
+  float squared_reach;             ///< squared radius of this bounding sphere
+  std::array<float, 3> low, high;  ///< bounding box
+  std::array<float, 3> direction;  ///< unit vector of the path
+  float behind;                    ///< a triangle on the path has a point with direction . point >= behind
 };
 
-/// The same path in double: the centre moves from `from` by `motion`.
+/// A sphere whose centre moves from `from` by `motion`, in double.
 struct Sweep {
   std::array<double, 3> from, motion;
-  double radius, length;  ///< of the sphere; of `motion`
-  double extent;          ///< maximum coordinate; rounding errors are proportional to it
+  double radius, length;  ///< radius of the sphere, length of `motion`
+  double extent;          ///< max absolute coordinate, to which rounding errors are proportional
 };
 
 struct Kernels {
@@ -61,29 +61,30 @@ struct Kernels {
   void (*box_distances)(const Floats* boxes, const std::array<float, 3>& p, Floats& squared) noexcept;
   /// Bits of the boxes whose squared distance from `p` is at most `squared_radius`.
   unsigned (*boxes_within)(const Floats* boxes, const std::array<float, 3>& p, float squared_radius) noexcept;
-  /// Bits of the boxes that the sphere may touch on its path.
-  unsigned (*boxes_on)(const Floats* boxes, const Way& way) noexcept;
+  /// Bits of the boxes that intersect all `bounds` of a sweep.
+  unsigned (*boxes_on_path)(const Floats* boxes, const SweepBounds& bounds) noexcept;
   void (*bounds_of_boxes)(const Floats* boxes, Bounds& bounds) noexcept;
   void (*bounds_of_triangles)(const Floats* corners, Bounds& bounds) noexcept;
   /// Bits of the triangles whose boxes have a squared distance from `p` of at most `squared_radius`.
   unsigned (*triangles_within)(const Floats* corners, const std::array<float, 3>& p, float squared_radius) noexcept;
-  /// Bits of the triangles that the sphere may touch on its path.
-  unsigned (*triangles_on)(const Floats* corners, const Way& way) noexcept;
-  /// Bits of the triangles of `wanted` for which spm::swept_sphere may return a time up to `limit`. `earliest` is a
-  /// lower bound of that time, which differs between instruction sets. About 50 ns.
-  unsigned (*touched_by)(const Floats* corners, const Sweep& sweep, unsigned wanted, double limit,
-                         Doubles& earliest) noexcept;
-  /// spm::closest_point for each lane of `wanted`, up to rounding; the distance of other lanes may be NaN. About 20 ns.
-  void (*closest_points)(const Floats* corners, const std::array<double, 3>& p, unsigned wanted, Closest& out) noexcept;
-  /// Writes a contact to `out` for each triangle of `wanted` within `radius` of `p` and returns how many. It may write
-  /// to all eight elements of `out`. About 20 ns.
-  std::uint32_t (*touches)(const Faces& faces, const std::array<double, 3>& p, unsigned wanted, double radius,
+  /// Bits of the triangles whose boxes intersect all `bounds` of a sweep.
+  unsigned (*triangles_on_path)(const Floats* corners, const SweepBounds& bounds) noexcept;
+  /// Bits of the triangles in `mask` for which spm::swept_sphere may return a time up to `limit`. Sets `earliest` to
+  /// a lower bound of this time, which differs between instruction sets. About 50 ns.
+  unsigned (*sweep_candidates)(const Floats* corners, const Sweep& sweep, unsigned mask, double limit,
+                               Doubles& earliest) noexcept;
+  /// Computes spm::closest_point, up to rounding, for each lane in `mask`. The distance of other lanes may be NaN.
+  /// About 20 ns.
+  void (*closest_points)(const Floats* corners, const std::array<double, 3>& p, unsigned mask, Closest& out) noexcept;
+  /// Writes a contact to `out` for each triangle in `mask` within `radius` of `p`, and returns their number. May
+  /// write to all eight elements of `out`. About 20 ns.
+  std::uint32_t (*touches)(const Faces& faces, const std::array<double, 3>& p, unsigned mask, double radius,
                            Contact* out) noexcept;
 };
 
 /// The kernels for `simd`, which the processor must have; for tests.
 [[nodiscard]] const Kernels& kernels(Simd simd) noexcept;
 /// The kernels for the best instruction set of the processor.
-extern const Kernels kBest;
+extern const Kernels kBestKernels;
 
 }  // namespace tactus::spm::lanes

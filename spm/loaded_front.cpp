@@ -7,9 +7,9 @@ namespace tactus::spm {
 template <class Face, class Vertex>
 void LoadedFront<Face, Vertex>::link(std::span<const Face> faces) {
   struct Edge {
-    std::uint64_t ends;  // the lower one first
+    std::uint64_t ends;  // the two vertices, the lower index first
     std::uint32_t at;
-    bool ascends;
+    bool ascends;  // the edge goes from the lower to the higher index
   };
   std::vector<Edge> edges;
   edges.reserve(3 * faces.size());
@@ -28,24 +28,24 @@ void LoadedFront<Face, Vertex>::link(std::span<const Face> faces) {
 }
 
 template <class Face, class Vertex>
-void LoadedFront<Face, Vertex>::join(const Split& split) noexcept {
+void LoadedFront<Face, Vertex>::link_split(const Split& split) noexcept {
   if (split.deformed_count_ > Split::kMaxDeformed || split.born_count_ > Split::kMaxBorn) return;
   using Born = typename Split::Born;
   const auto at = [](const Born& born, int corner) { return number({born.face, static_cast<std::uint32_t>(corner)}); };
   for (std::uint32_t i = 0; i < split.born_count_; ++i) {
     const Born& born = split.born_[i];
     const Vertex x = corners(born.face)[static_cast<std::size_t>(born.at.x)];
-    At side{};
+    CornerRef side{};  // the corner of f opposite to the edge with x
     int found = 0;
     for (std::uint32_t k = 0; k < split.deformed_count_; ++k) {
-      const At d = split.deformed_[k];
+      const CornerRef d = split.deformed_[k];
       if (corners(d.face)[born.even ? after(d.corner) : before(d.corner)] != x) continue;
       side = {d.face, born.even ? before(d.corner) : after(d.corner)};
       ++found;
     }
     if (found != 1) continue;
-    link(at(born, born.at.u), opposite(number(side)));
-    link(at(born, born.at.t), number(side));
+    link(at(born, born.at.u), opposite(number(side)));  // across (t, x) is g
+    link(at(born, born.at.t), number(side));            // across (u, x) is f
   }
   if (split.born_count_ == 2 && split.born_[0].even != split.born_[1].even) {
     link(at(split.born_[0], split.born_[0].at.x), at(split.born_[1], split.born_[1].at.x));
@@ -53,7 +53,7 @@ void LoadedFront<Face, Vertex>::join(const Split& split) noexcept {
 }
 
 template <class Face, class Vertex>
-void LoadedFront<Face, Vertex>::take_out(Face face, std::uint32_t order) noexcept {
+void LoadedFront<Face, Vertex>::unlink(Face face, std::uint32_t order) noexcept {
   const BornCorners at = born_corners(order);
   const Links links = faces_[face].opposite;
   const std::uint32_t inner = links[static_cast<std::size_t>(at.t)], outer = links[static_cast<std::size_t>(at.u)];

@@ -9,7 +9,8 @@
 namespace tactus::spm {
 namespace {
 
-/// The pool that fits beside the directory, whose size grows with that of the pool.
+/// Returns the settings of the largest pool that fits into the memory together with the directory. The size of the
+/// directory is that for a pool of the whole memory, which is an upper bound.
 PoolSettings pool_in(std::uint64_t memory, const ModelSummary& summary) {
   const std::uint64_t directory = directory_bytes(summary, PoolSettings::for_bytes(memory));
   return PoolSettings::for_bytes(memory > directory ? memory - directory : 0);
@@ -43,7 +44,7 @@ LocalRefinement::LocalRefinement(RegionSource& source, ProbeShape probe, const L
       predictor_{forest_.grid(), probe_, 1, {0, settings.margins.refine, settings.min_speed, settings.strategy}},
       targets_{settings.targets},
       placed_(probe_.spheres().size()),
-      wanted_in_(source.base().regions.size(), 0) {
+      last_wanted_frame_(source.base().regions.size(), 0) {
   Budget all{~0u};
   if (forest_.advance(all) != Advance::kDone)
     throw std::runtime_error("the base mesh takes more than the " + std::to_string(pool_.settings.tree_nodes) +
@@ -51,7 +52,7 @@ LocalRefinement::LocalRefinement(RegionSource& source, ProbeShape probe, const L
   forest_.refit();
 }
 
-void LocalRefinement::place(const Eigen::Isometry3d& pose, double time) {
+void LocalRefinement::place_spheres(const Eigen::Isometry3d& pose, double time) {
   const std::span<const ProbeSphere> spheres = probe_.spheres();
   const double passed = time - time_;
   const double frames_ahead = frame_ > 0 && passed > 0 ? settings_.look_ahead / passed : 0;
@@ -64,28 +65,28 @@ void LocalRefinement::place(const Eigen::Isometry3d& pose, double time) {
 }
 
 void LocalRefinement::approach(const Eigen::Isometry3d& pose, double time, bool in_contact) {
-  place(pose, time);
+  place_spheres(pose, time);
   for (RegionId gone = forest_.take_retired(); gone != kNone; gone = forest_.take_retired())
     cache_.release(admitted_.object, gone);
   predictor_.observe(time, placed_, in_contact);
-  met_.clear();
-  predictor_.predict(settings_.load_ahead, met_);
-  met_.sort();
-  for (const PredictedRegion& met : met_.entries()) wanted_in_[met.region] = frame_;
-  for (const PredictedRegion& met : met_.entries()) {
-    if (cache_.holds(admitted_.object, met.region) || load(met.region)) continue;
+  predicted_.clear();
+  predictor_.predict(settings_.load_ahead, predicted_);
+  predicted_.sort();
+  for (const PredictedRegion& predicted : predicted_.entries()) last_wanted_frame_[predicted.region] = frame_;
+  for (const PredictedRegion& predicted : predicted_.entries()) {
+    if (cache_.is_loaded(admitted_.object, predicted.region) || load(predicted.region)) continue;
     return evict();
   }
 }
 
-/// False if it does not fit.
+/// Loads the region. False if it does not fit.
 bool LocalRefinement::load(RegionId region) {
   RegionList list;
   switch (cache_.accept(admitted_.object, source_.region(region), list)) {
     case AcceptResult::kAccepted:
       forest_.add(region, list);
       return true;
-    case AcceptResult::kHeld:
+    case AcceptResult::kLoaded:
       return true;
     case AcceptResult::kPoolFull:
       return false;
@@ -93,15 +94,15 @@ bool LocalRefinement::load(RegionId region) {
     case AcceptResult::kMalformed:
       break;
   }
-  throw std::runtime_error("region " + std::to_string(index(region)) + " contradicts the model that it is of");
+  throw std::runtime_error("region " + std::to_string(index(region)) + " contradicts its model");
 }
 
-/// Retires the least recently wanted region. Its memory is free once it is coarse.
+/// Retires the least recently wanted region. Its memory can be freed once the region is coarse.
 void LocalRefinement::evict() {
   RegionId oldest = kNone;
-  for (const RegionId region : wanted_in_.ids()) {
-    if (wanted_in_[region] == frame_ || !forest_.is_here(region) || forest_.is_retiring(region)) continue;
-    if (oldest == kNone || wanted_in_[region] < wanted_in_[oldest]) oldest = region;
+  for (const RegionId region : last_wanted_frame_.ids()) {
+    if (last_wanted_frame_[region] == frame_ || !forest_.is_loaded(region) || forest_.is_retiring(region)) continue;
+    if (oldest == kNone || last_wanted_frame_[region] < last_wanted_frame_[oldest]) oldest = region;
   }
   if (oldest == kNone) return;
   forest_.retire(oldest);
@@ -115,20 +116,21 @@ void LocalRefinement::select_targets() noexcept {
   else
     targets_.add_spheres(placed_);
   const std::span<const RegionId> targets = targets_.finish();
-  forest_.target(targets.data(), static_cast<std::uint32_t>(targets.size()), Unrequested::kRest);
+  forest_.set_targets(targets.data(), static_cast<std::uint32_t>(targets.size()), Unrequested::kRetain);
 }
 
 std::uint32_t LocalRefinement::touching(const Vec3d& centre, double radius, Contact* out,
                                         std::uint32_t capacity) const noexcept {
   const std::uint32_t found = forest_.tree().touching(centre, radius, out, capacity);
   if (found > capacity || !forest_.exact(centre, radius)) return found;
-  return static_cast<std::uint32_t>(std::remove_if(out, out + found, [](const Contact& c) { return !c.last(); }) - out);
+  return static_cast<std::uint32_t>(std::remove_if(out, out + found, [](const Contact& c) { return !c.is_finest(); }) -
+                                    out);
 }
 
 MeshTouch LocalRefinement::touching(PlacedProbe& probe, MeshContact* out, std::uint32_t capacity) const noexcept {
   MeshTouch touch = probe.touching(forest_.tree(), out, capacity);
   if (touch.contacts > capacity || !touch.complete || !exact()) return touch;
-  MeshContact* const end = std::remove_if(out, out + touch.contacts, [](const MeshContact& c) { return !c.last; });
+  MeshContact* const end = std::remove_if(out, out + touch.contacts, [](const MeshContact& c) { return !c.is_finest; });
   touch.contacts = static_cast<std::uint32_t>(end - out);
   return touch;
 }

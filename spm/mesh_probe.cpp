@@ -13,15 +13,14 @@ namespace {
 
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
-/// Of a query's coordinates: more than all float roundings of a box or of a height over a plane together.
+/// Share of the max coordinate of a query. Exceeds the sum of all float rounding errors of a box or of a height above a
+/// plane.
 constexpr float kSlack = 3e-6f;
 
-/// Flatter triangles than this have no normal to rely on; height over longest edge.
+/// Height divided by longest edge of a triangle. Thinner triangles have no reliable normal.
 constexpr double kThin = 1e-6;
 
 }  // namespace
-
-// ---- the probe and its tree ----
 
 MeshProbe::MeshProbe(std::span<const std::array<float, 3>> vertices,
                      std::span<const std::array<std::uint32_t, 3>> triangles) {
@@ -35,7 +34,7 @@ MeshProbe::MeshProbe(std::span<const std::array<float, 3>> vertices,
     for (int axis = 0; axis < 3; ++axis) vertices_[axis].push_back(p[axis]);
     radius_ = std::max(radius_, p.norm());
   }
-  given_ = vertices.size();
+  vertex_count_ = vertices.size();
   for (std::vector<double>& filled : vertices_) filled.resize((filled.size() + 7) / 8 * 8, 0);
   for (std::size_t t = 0; t < triangles.size(); ++t)
     for (const std::uint32_t corner : triangles[t])
@@ -52,7 +51,8 @@ MeshProbe::MeshProbe(std::span<const std::array<float, 3>> vertices,
 
 std::uint32_t MeshProbe::build(std::vector<std::uint32_t>& order, std::uint32_t first, std::uint32_t last, int height,
                                std::span<const std::array<std::uint32_t, 3>> triangles) {
-  // Parts of 8^(height - 1) triangles, the last one perhaps smaller, by halving along the longest axis of the centres.
+  // Divides the triangles into parts of 8^(height - 1), of which the last can be smaller. Halves them repeatedly along
+  // the longest axis of the box of their centres.
   const std::uint32_t part = 1u << 3 * (height - 1);
   const auto centre = [&](std::uint32_t t, int axis) {
     const std::vector<double>& at = vertices_[axis];
@@ -102,7 +102,7 @@ std::uint32_t MeshProbe::build(std::vector<std::uint32_t>& order, std::uint32_t 
       for (int i = 0; i < 3; ++i) {
         for (int axis = 0; axis < 3; ++axis) {
           t[i][axis] = vertices_[axis][corners[i]];
-          const auto p = static_cast<float>(t[i][axis]);  // as it came
+          const auto p = static_cast<float>(t[i][axis]);  // exact, because it was a float
           node.low[axis][k] = std::min(node.low[axis][k], p);
           node.high[axis][k] = std::max(node.high[axis][k], p);
         }
@@ -134,17 +134,15 @@ std::uint32_t MeshProbe::build(std::vector<std::uint32_t>& order, std::uint32_t 
   return static_cast<std::uint32_t>(nodes_.size() - 1);
 }
 
-// ---- a query ----
-
-/// One query on its way down.
+/// The state of one query.
 struct ProbeWalk {
   using PlacedNode = PlacedProbe::Node;
   using Node = MeshProbe::Node;
 
   const AbTree& tree;
   PlacedProbe& probe;
-  MeshContact* out;  // or, null,
-  NearPairs* near;   // what comes within the margin
+  MeshContact* out;  // output of `touching`; null for `near`
+  NearPairs* near;   // output of `near`; null for `touching`
   std::uint32_t capacity;
   std::uint32_t max_work;
   float margin;
@@ -154,16 +152,17 @@ struct ProbeWalk {
   PlacedProbe::Entry* stack = probe.stack_.data();
   std::uint32_t pose = probe.pose_;
   int depth = 0;
-  std::uint32_t pairs = 0;  // waiting in probe.pairs_
+  std::uint32_t pairs = 0;  // number of pairs in probe.pairs_ that are not tested yet
   std::array<RowIndex, TrianglePairs::kWidth> rows{};
   std::array<std::uint32_t, TrianglePairs::kWidth> triangles{};
-  float rotation[3][3]{}, inverse[3][3]{}, translation[3]{}, back[3]{};  // back: object's origin in the probe's frame
+  float rotation[3][3]{}, translation[3]{};         // from the probe's frame to the object's frame, with the scale
+  float inverse[3][3]{}, inverse_translation[3]{};  // from the object's frame to the probe's frame
   float scale = 1;
-  float reach = 0;                      // no placed coordinate is larger
-  float slack = 0, slack_in_probe = 0;  // with the margin
+  float reach = 0;                      // upper bound of the absolute coordinates of the placed probe
+  float slack = 0, slack_in_probe = 0;  // rounding errors plus margin, in the unit of the object and of the probe
   MeshTouch result{};
 
-  void aim() noexcept {
+  void prepare() noexcept {
     scale = static_cast<float>(probe.scale_);
     const Vec3d origin = -(probe.rotation_.transpose() * probe.translation_) / probe.scale_;
     for (int i = 0; i < 3; ++i) {
@@ -172,7 +171,7 @@ struct ProbeWalk {
         inverse[j][i] = static_cast<float>(probe.rotation_(i, j) / probe.scale_);
       }
       translation[i] = static_cast<float>(probe.translation_[i]);
-      back[i] = static_cast<float>(origin[i]);
+      inverse_translation[i] = static_cast<float>(origin[i]);
     }
     reach = static_cast<float>((probe.translation_.cwiseAbs().maxCoeff() + probe.scale_ * probe.probe_.radius_) *
                                (1 + 1e-6));
@@ -184,8 +183,8 @@ struct ProbeWalk {
     stack[depth++] = {object_node, probe_node, size};
   }
 
-  /// Counts a pair of nodes; false when no work is left.
-  [[nodiscard]] bool spend() noexcept {
+  /// Counts a pair of nodes as work. False if the work limit is reached.
+  [[nodiscard]] bool count_pair() noexcept {
     if (result.work < max_work) {
       ++result.work;
       return true;
@@ -194,7 +193,7 @@ struct ProbeWalk {
     return false;
   }
 
-  void gather(const MeshProbe::Node& node, PlacedNode& here) const noexcept {
+  void load_corners(const MeshProbe::Node& node, PlacedNode& here) const noexcept {
     for (unsigned k = 0; k < node.count; ++k) {
       const std::array<std::uint32_t, 3>& corners = probe.probe_.corners_[node.child[k]];
       for (int i = 0; i < 3; ++i)
@@ -234,14 +233,14 @@ struct ProbeWalk {
   void flush() noexcept {
     result.work += pairs;
     const PairContacts& found = probe.found_;
-    for (unsigned hit = meet(probe.pairs_, pairs, probe.found_, probe.simd_); hit != 0; hit &= hit - 1) {
+    for (unsigned hit = intersect(probe.pairs_, pairs, probe.found_, probe.simd_); hit != 0; hit &= hit - 1) {
       const auto lane = static_cast<unsigned>(std::countr_zero(hit));
       const std::uint32_t at = result.contacts++;
       if (at >= capacity) continue;
       const FaceRow& face = tree.row(rows[lane]);
       out[at] = {face.face,
                  probe.probe_.number_[triangles[lane]],
-                 face.last != 0,
+                 face.finest != 0,
                  {found.point[0][lane], found.point[1][lane], found.point[2][lane]},
                  {found.normal[0][lane], found.normal[1][lane], found.normal[2][lane]},
                  found.depth[lane],
@@ -253,7 +252,7 @@ struct ProbeWalk {
 
 namespace {
 
-/// A rigid motion of `count` points, a multiple of 8, by axis.
+/// Arguments of a motion of `count` points, a multiple of 8. Coordinates are by axis.
 struct Placing {
   std::size_t count;
   double rotation[3][3], translation[3];
@@ -267,8 +266,8 @@ using ProbeNode = ProbeWalk::Node;
 
 inline unsigned highest_bit(unsigned bits) noexcept { return static_cast<unsigned>(std::bit_width(bits)) - 1; }
 
-// AVX-512 does no better than AVX2 here: all is floats by eight, and comparisons through its mask registers take
-// longer.
+// There is no variant for AVX-512, because it is not faster than AVX2: the vectors have eight floats, and comparisons
+// with mask registers take longer.
 namespace base {
 constexpr int kDoubles = 2;
 #include "spm/mesh_probe_kernel.inc"
@@ -284,14 +283,14 @@ TACTUS_TARGET_END
 
 }  // namespace
 
-std::vector<std::array<float, 3>> MeshProbe::given_vertices() const {
-  std::vector<std::array<float, 3>> vertices(given_);
-  for (std::size_t v = 0; v < given_; ++v)
+std::vector<std::array<float, 3>> MeshProbe::original_vertices() const {
+  std::vector<std::array<float, 3>> vertices(vertex_count_);
+  for (std::size_t v = 0; v < vertex_count_; ++v)
     for (std::size_t axis = 0; axis < 3; ++axis) vertices[v][axis] = static_cast<float>(vertices_[axis][v]);
   return vertices;
 }
 
-std::vector<std::array<std::uint32_t, 3>> MeshProbe::given_triangles() const {
+std::vector<std::array<std::uint32_t, 3>> MeshProbe::original_triangles() const {
   std::vector<std::array<std::uint32_t, 3>> given(corners_.size());
   for (std::size_t t = 0; t < corners_.size(); ++t) given[number_[t]] = corners_[t];
   return given;
@@ -302,16 +301,16 @@ PlacedProbe::PlacedProbe(const MeshProbe& probe, Simd simd)
       simd_{simd},
       vertices_(probe.vertices_),
       nodes_(probe.nodes_.size()),
-      in_tree_(probe.triangles()),
+      tree_number_(probe.triangles()),
       stack_(kStack) {
   for (std::vector<float>& rounded : rounded_) rounded.resize(vertices_[0].size());
-  for (std::uint32_t t = 0; t < probe.triangles(); ++t) in_tree_[probe.number_[t]] = t;
+  for (std::uint32_t t = 0; t < probe.triangles(); ++t) tree_number_[probe.number_[t]] = t;
   place(Eigen::Isometry3d::Identity());
 }
 
 void PlacedProbe::begin_pose() noexcept {
   if (++pose_ != 0) return;
-  for (Node& node : nodes_) node.pose = 0;  // all numbers used: none may look current
+  for (Node& node : nodes_) node.pose = 0;  // the number has wrapped, so old numbers must not look current
   ++pose_;
 }
 
@@ -337,7 +336,7 @@ void PlacedProbe::place(const Eigen::Isometry3d& pose, double scale) noexcept {
 Triangle3d PlacedProbe::triangle(std::uint32_t number) const noexcept {
   Triangle3d placed;
   for (int i = 0; i < 3; ++i) {
-    const std::uint32_t v = probe_.corners_[in_tree_[number]][i];
+    const std::uint32_t v = probe_.corners_[tree_number_[number]][i];
     placed[i] = {vertices_[0][v], vertices_[1][v], vertices_[2][v]};
   }
   return placed;
@@ -356,10 +355,10 @@ MeshTouch PlacedProbe::near(const AbTree& tree, double margin, NearPairs* out, s
 MeshTouch PlacedProbe::walk(const AbTree& tree, MeshContact* out, NearPairs* near, std::uint32_t capacity,
                             std::uint32_t max_work, float margin) noexcept {
   if (tree.root() == kNone) return {};
-  if (margin != margin_) begin_pose();  // boxes were placed with the room of another
+  if (margin != margin_) begin_pose();  // the placed boxes contain the margin of another query
   margin_ = margin;
   ProbeWalk walk{tree, *this, out, near, capacity, max_work, margin};
-  walk.aim();
+  walk.prepare();
   walk.push(tree.root(), probe_.root_, kInfinity);
 #ifdef TACTUS_HAS_TARGETS
   if (simd_ != Simd::kBase)

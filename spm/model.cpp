@@ -11,10 +11,10 @@
 namespace tactus::spm {
 namespace {
 
-constexpr std::uint32_t kMaxDepth = 8;  // the limit of RegionGrid
+constexpr std::uint32_t kMaxDepth = 8;  // RegionGrid::kMaxDepth
 constexpr std::size_t kMaxMessages = 20;
 
-/// Collects the first few messages; a broken file can cause thousands.
+/// Collects at most kMaxMessages messages, because a broken file can cause thousands.
 class Findings {
   template <class T>
   static decltype(auto) printed(const T& value) {
@@ -42,8 +42,8 @@ class Findings {
 
 bool finite(const std::array<float, 3>& p) { return std::isfinite(p[0]) && std::isfinite(p[1]) && std::isfinite(p[2]); }
 
-void expect_size(Findings& findings, const char* what, std::size_t found, std::uint64_t expected) {
-  if (found != expected) findings.add(what, ": found ", found, " entries, the summary says ", expected);
+void check_size(Findings& findings, const char* what, std::size_t found, std::uint64_t expected) {
+  if (found != expected) findings.add(what, ": found ", found, " entries, expected ", expected, " as in the summary");
 }
 
 void check_summary(const ModelSummary& s, Findings& findings) {
@@ -54,8 +54,8 @@ void check_summary(const ModelSummary& s, Findings& findings) {
     findings.add("faces: found ", s.faces, ", expected 1 to ", kMaxFaces - 1);
   }
   if (s.base_vertices > s.vertices || s.vertices - s.base_vertices != s.records) {
-    findings.add("records: found ", s.records, " with ", s.vertices, " vertices of which ", s.base_vertices,
-                 " base, expected the difference");
+    findings.add("records: found ", s.records, ", expected the ", s.vertices, " vertices minus the ", s.base_vertices,
+                 " base vertices");
   }
   if (s.base_vertices < 3) findings.add("base vertices: found ", s.base_vertices, ", expected at least 3");
   if (s.base_faces == 0 || s.base_faces > s.faces) {
@@ -65,8 +65,8 @@ void check_summary(const ModelSummary& s, Findings& findings) {
     findings.add("parts: found ", s.parts, ", expected at least the ", s.records, " records");
   }
   if (s.faces - s.base_faces > std::uint64_t{kBornPerPart} * s.parts) {
-    findings.add("faces: found ", s.faces, ", the base mesh and the parts have room for ",
-                 s.base_faces + std::uint64_t{kBornPerPart} * s.parts);
+    findings.add("faces: found ", s.faces, ", expected at most the ",
+                 s.base_faces + std::uint64_t{kBornPerPart} * s.parts, " for which base mesh and parts have room");
   }
   if (s.regions == 0 || s.regions == kNone) findings.add("regions: found ", s.regions, ", expected at least 1");
   if (s.max_level > 0xffff || (s.max_level == 0) != (s.records == 0)) {
@@ -74,7 +74,7 @@ void check_summary(const ModelSummary& s, Findings& findings) {
   }
   if (!finite(s.bounds_min) || !finite(s.bounds_max)) findings.add("bounds: not finite");
   for (std::size_t axis = 0; axis < 3; ++axis) {
-    if (!(s.bounds_min[axis] <= s.bounds_max[axis])) findings.add("bounds: minimum over maximum on axis ", axis);
+    if (!(s.bounds_min[axis] <= s.bounds_max[axis])) findings.add("bounds: minimum above maximum on axis ", axis);
     if (!std::isfinite(s.grid.origin[axis])) findings.add("grid origin: not finite on axis ", axis);
   }
   if (!(std::isfinite(s.grid.cell_size) && s.grid.cell_size > 0)) {
@@ -83,8 +83,8 @@ void check_summary(const ModelSummary& s, Findings& findings) {
   for (std::size_t axis = 0; axis < 3; ++axis) {
     const double steps = (double{s.bounds_max[axis]} - double{s.bounds_min[axis]}) / s.position_step;
     if (s.position_step != 0 && !(s.position_step > 0 && std::isfinite(s.position_step) && steps < 1 << 24)) {
-      findings.add("position step: found ", s.position_step, ", expected 0 or a length of which less than 2^24 span ",
-                   "axis ", axis);
+      findings.add("position step: found ", s.position_step, ", expected 0 or a length such that axis ", axis,
+                   " has less than 2^24 steps");
     }
   }
   if (!(std::isfinite(s.deviation) && s.deviation >= 0)) {
@@ -96,7 +96,7 @@ void check_summary(const ModelSummary& s, Findings& findings) {
 }
 
 void check_positions(const ModelSummary& s, std::span<const std::array<float, 3>> positions, Findings& findings) {
-  const PositionCode place{s};
+  const PositionCode code{s};
   for (std::size_t v = 0; v < positions.size() && !findings.full(); ++v) {
     if (!finite(positions[v])) {
       findings.add("vertex ", v, ": position not finite");
@@ -105,7 +105,7 @@ void check_positions(const ModelSummary& s, std::span<const std::array<float, 3>
     for (std::size_t axis = 0; axis < 3; ++axis) {
       if (positions[v][axis] < s.bounds_min[axis] || positions[v][axis] > s.bounds_max[axis]) {
         findings.add("vertex ", v, ": outside of the bounds on axis ", axis);
-      } else if (place.at(axis, place.of(axis, double{positions[v][axis]})) != positions[v][axis]) {
+      } else if (code.at(axis, code.of(axis, double{positions[v][axis]})) != positions[v][axis]) {
         findings.add("vertex ", v, ": off the grid of ", s.position_step, " on axis ", axis);
       }
     }
@@ -114,7 +114,7 @@ void check_positions(const ModelSummary& s, std::span<const std::array<float, 3>
 
 void check_radius(const char* what, std::size_t number, std::uint16_t code, double deviation, Findings& findings) {
   if (code >= kRadiusCodes || radius_of(code) > deviation) {
-    findings.add(what, " ", number, ": radius code ", code, ", expected one of at most the deviation, ", deviation);
+    findings.add(what, " ", number, ": radius code ", code, ", expected a radius of at most the deviation ", deviation);
   }
 }
 
@@ -127,11 +127,11 @@ void check_base_faces(const ModelSummary& s, std::span<const BaseFace> faces, Fi
     if (index(f.face) >= s.faces) {
       findings.add("base face ", i, ": face id ", f.face, ", expected below ", s.faces);
     } else if (seen[index(f.face)]) {
-      findings.add("base face ", i, ": face id ", f.face, " is there twice");
+      findings.add("base face ", i, ": face id ", f.face, " is used twice");
     } else {
       seen[index(f.face)] = true;
     }
-    if (f.last > 1) findings.add("base face ", i, ": last is ", f.last, ", expected 0 or 1");
+    if (f.finest > 1) findings.add("base face ", i, ": finest is ", f.finest, ", expected 0 or 1");
     for (const VertexId corner : f.corners) {
       if (index(corner) >= s.base_vertices) {
         findings.add("base face ", i, ": corner ", corner, ", expected below ", s.base_vertices);
@@ -153,14 +153,14 @@ void check_cells(const ModelSummary& s, std::span<const Region> regions, Finding
     if (r.depth > kMaxDepth) {
       findings.add("region ", i, ": depth ", r.depth, ", expected at most ", kMaxDepth);
     } else if (!cells.insert(cell_key(r.depth, r.cell[0], r.cell[1], r.cell[2])).second) {
-      findings.add("region ", i, ": its cell is there twice");
+      findings.add("region ", i, ": its cell is used twice");
     }
     if (r.occupied[0] == 0 && r.occupied[1] == 0) findings.add("region ", i, ": no part of its cell is occupied");
     if (r.face_count == 0 || r.face_count > s.faces) {
       findings.add("region ", i, ": ", r.face_count, " faces, expected 1 to ", s.faces);
     }
     if (r.record_count > s.records || r.part_count < r.record_count || r.part_count > s.parts) {
-      findings.add("region ", i, ": ", r.record_count, " records in ", r.part_count, " parts, the model has ",
+      findings.add("region ", i, ": ", r.record_count, " records in ", r.part_count, " parts, expected at most ",
                    s.records, " in ", s.parts);
     }
   }
@@ -176,98 +176,98 @@ void check_cells(const ModelSummary& s, std::span<const Region> regions, Finding
 }
 
 /// Applies all records in order and checks each of them against the mesh before it.
-class Replay {
+class RecordChecker {
  public:
-  Replay(const Model& model, Findings& findings) : model_{model}, findings_{findings} {
+  RecordChecker(const Model& model, Findings& findings) : model_{model}, findings_{findings} {
     const ModelSummary& s = model.summary;
     corners_ = ModelCorners{s.faces, {kNone, kNone, kNone}};
-    writer_ = IdVector<FaceId, RecordId>{s.faces, kNone};
-    finished_ = IdVector<FaceId, bool>{s.faces};
-    part_used_ = IdVector<PartIndex, bool>{s.parts};
+    last_record_ = IdVector<FaceId, RecordId>{s.faces, kNone};
+    is_finest_ = IdVector<FaceId, bool>{s.faces};
+    is_part_used_ = IdVector<PartIndex, bool>{s.parts};
     level_ = IdVector<RecordId, std::uint16_t>{s.records};
     chain_length_ = IdVector<RecordId, std::uint32_t>{s.records};
-    first_need_.reserve(std::size_t{s.records} + 1);
+    first_needed_.reserve(std::size_t{s.records} + 1);
     for (const BaseFace& f : model.base_faces) {
       corners_[f.face] = f.corners;
-      finished_[f.face] = f.last != 0;
+      is_finest_[f.face] = f.finest != 0;
     }
   }
 
-  void interval() {
+  void check_records() {
     const ModelSummary& s = model_.summary;
     std::uint32_t max_level = 0;
     for (const RecordId record : ids<RecordId>(s.records)) {
       if (findings_.full()) break;
       record_ = record;
-      first_need_.push_back(needs_.size());
+      first_needed_.push_back(needed_.size());
       check_record();
       max_level = std::max<std::uint32_t>(max_level, level_[record_]);
     }
-    first_need_.push_back(needs_.size());
+    first_needed_.push_back(needed_.size());
     if (!findings_.none()) return;
     if (max_level != s.max_level) findings_.add("max level: found ", s.max_level, ", expected ", max_level);
     check_radii();
     for (std::uint32_t p = s.records; p < s.parts && !findings_.full(); ++p) {
-      if (!part_used_[PartIndex{p}]) findings_.add("part ", p, ": belongs to no record");
+      if (!is_part_used_[PartIndex{p}]) findings_.add("part ", p, ": belongs to no record");
     }
     for (const FaceId f : ids<FaceId>(s.faces)) {
       if (findings_.full()) break;
       if (corners_[f][0] == kNone) {
         findings_.add("face ", f, ": neither in the base mesh nor born by a record");
-      } else if (!finished_[f]) {
-        findings_.add("face ", f, ": its finest version is not marked as the last");
+      } else if (!is_finest_[f]) {
+        findings_.add("face ", f, ": its finest version is not marked as finest");
       }
     }
   }
 
   void check_lists() {
     IdVector<RecordId, RegionId> in_list{model_.summary.records, kNone};
-    std::size_t next_run = 0;
+    std::size_t next_interval = 0;
     for (std::uint32_t i = 0; i < model_.regions.size() && !findings_.full(); ++i) {
       const Region& region = model_.regions[i];
-      if (region.first_interval != next_run || region.interval_count > model_.intervals.size() - next_run) {
+      if (region.first_interval != next_interval || region.interval_count > model_.intervals.size() - next_interval) {
         findings_.add("region ", i, ": intervals ", region.first_interval, " + ", region.interval_count,
-                      ", expected to begin at ", next_run, " and end by ", model_.intervals.size());
+                      ", expected to begin at ", next_interval, " and end by ", model_.intervals.size());
         return;
       }
-      next_run += region.interval_count;
+      next_interval += region.interval_count;
       check_list(RegionId{i}, model_.intervals.subspan(region.first_interval, region.interval_count), in_list);
     }
-    if (findings_.none() && next_run != model_.intervals.size()) {
-      findings_.add("intervals: ", model_.intervals.size() - next_run, " belong to no region");
+    if (findings_.none() && next_interval != model_.intervals.size()) {
+      findings_.add("intervals: ", model_.intervals.size() - next_interval, " belong to no region");
     }
   }
 
  private:
   void check_record() {
     const VertexId u = model_.vertex_of(record_);
-    std::size_t touched = 0;
+    std::size_t changes = 0;
     for (PartIndex p{index(record_)}; p != kNone;) {
       const RecordPart& part = model_.parts[p];
       ++chain_length_[record_];
       check_part(part, u);
-      touched += std::size_t{part.born_count} + part.deformed_count;
+      changes += std::size_t{part.born_count} + part.deformed_count;
       if (findings_.full()) return;
       if (part.next == kNone) break;
       if (index(part.next) < model_.summary.records || index(part.next) >= model_.summary.parts ||
-          part_used_[part.next]) {
+          is_part_used_[part.next]) {
         findings_.add("record ", record_, ": continues in part ", part.next, ", expected an unused one in ",
                       model_.summary.records, " to ", model_.summary.parts);
         return;
       }
       p = part.next;
-      part_used_[p] = true;
+      is_part_used_[p] = true;
     }
-    if (touched == 0) findings_.add("record ", record_, ": touches no face");
+    if (changes == 0) findings_.add("record ", record_, ": changes no face");
     std::uint32_t expected = 1;
-    for (std::size_t i = first_need_.back(); i < needs_.size(); ++i) {
-      expected = std::max<std::uint32_t>(expected, 1u + level_[needs_[i]]);
+    for (std::size_t i = first_needed_.back(); i < needed_.size(); ++i) {
+      expected = std::max<std::uint32_t>(expected, 1u + level_[needed_[i]]);
     }
     if (expected > 0xffff) findings_.add("record ", record_, ": depends on more than 65535 levels");
     level_[record_] = static_cast<std::uint16_t>(expected);
   }
 
-  /// Compares each radius with collapse_distances, with a tolerance for rounding on other machines.
+  /// Compares each radius with collapse_distances. Tolerates the rounding errors of other machines.
   void check_radii() {
     const ModelSummary& s = model_.summary;
     std::vector<std::uint32_t> parent(s.vertices, kNone);
@@ -286,7 +286,7 @@ class Replay {
       }
     }
     if (findings_.none() && s.deviation != radius_of(max)) {
-      findings_.add("deviation: found ", s.deviation, ", expected the greatest radius, ", radius_of(max));
+      findings_.add("deviation: found ", s.deviation, ", expected the largest radius ", radius_of(max));
     }
   }
 
@@ -294,7 +294,7 @@ class Replay {
     const RecordPart& head = model_.first_part(record_);
     const VertexId t = part.parent;
     if (t != head.parent || part.radius != head.radius) {
-      findings_.add("record ", record_, ": its parts disagree on parent or radius");
+      findings_.add("record ", record_, ": its parts have different parents or radii");
     }
     if (t >= u) {
       findings_.add("record ", record_, ": parent ", t, ", expected below ", u);
@@ -305,7 +305,7 @@ class Replay {
                     " deformed faces in a part, expected at most ", kBornPerPart, " and ", kDeformedPerPart);
       return;
     }
-    need_vertex(t);
+    add_needed(t);
     for (int i = 0; i < part.born_count; ++i) check_born(part.born[i], part.born_x[i], t, u);
     for (int i = 0; i < part.deformed_count; ++i) check_deformed(part.deformed[i], t, u);
   }
@@ -316,13 +316,13 @@ class Replay {
       findings_.add("record ", record_, ": bears face ", f, " in order ", born.order(), ", expected below ",
                     model_.summary.faces, " and 0 to 5");
     } else if (corners_[f][0] != kNone) {
-      findings_.add("record ", record_, ": bears face ", f, ", which is there already");
+      findings_.add("record ", record_, ": bears face ", f, ", which exists already");
     } else if (x >= u || x == t) {
       findings_.add("record ", record_, ": third corner ", x, " of face ", f, ", expected below ", u, " and not ", t);
     } else {
       corners_[f] = born_face(born.order(), u, t, x);
-      need_vertex(x);
-      wrote(f, born.last());
+      add_needed(x);
+      set_last_record(f, born.is_finest());
     }
   }
 
@@ -334,33 +334,33 @@ class Replay {
       return;
     }
     std::array<VertexId, 3>& corners = corners_[f];
-    if (corners[0] == kNone || writer_[f] == record_) {
+    if (corners[0] == kNone || last_record_[f] == record_) {
       findings_.add("record ", record_, ": deforms face ", f, ", which ",
-                    corners[0] == kNone ? "is not there yet" : "it has written already");
+                    corners[0] == kNone ? "does not exist yet" : "it has changed already");
       return;
     }
     if (corners[deformed.corner()] != t) {
       findings_.add("record ", record_, ": deforms corner ", deformed.corner(), " of face ", f, ", where ",
-                    corners[deformed.corner()], " stands, expected its parent ", t);
+                    corners[deformed.corner()], " is, expected its parent ", t);
       return;
     }
-    if (writer_[f] != kNone) needs_.push_back(writer_[f]);
+    if (last_record_[f] != kNone) needed_.push_back(last_record_[f]);
     for (std::size_t k = 0; k < 3; ++k) {
-      if (k != deformed.corner()) need_vertex(corners[k]);
+      if (k != deformed.corner()) add_needed(corners[k]);
     }
     corners[deformed.corner()] = u;
-    wrote(f, deformed.last());
+    set_last_record(f, deformed.is_finest());
   }
 
-  void need_vertex(VertexId v) {
+  void add_needed(VertexId v) {
     const std::uint32_t base = model_.summary.base_vertices;
-    if (index(v) >= base) needs_.push_back(RecordId{index(v) - base});
+    if (index(v) >= base) needed_.push_back(RecordId{index(v) - base});
   }
 
-  void wrote(FaceId f, bool last) {
-    if (finished_[f]) findings_.add("record ", record_, ": writes face ", f, " after its last version");
-    writer_[f] = record_;
-    finished_[f] = last;
+  void set_last_record(FaceId f, bool is_finest) {
+    if (is_finest_[f]) findings_.add("record ", record_, ": changes face ", f, " after its finest version");
+    last_record_[f] = record_;
+    is_finest_[f] = is_finest;
   }
 
   void check_list(RegionId region, std::span<const Interval> intervals, IdVector<RecordId, RegionId>& in_list) {
@@ -371,7 +371,7 @@ class Replay {
       const bool touches = i > 0 && interval.first <= after;
       if (interval.count == 0 || interval.first >= records || interval.count > records - interval.first || touches) {
         findings_.add("region ", region, ": interval ", interval.first, " + ", interval.count, " after ", after,
-                      ", expected ascending intervals that do not touch, below ", records);
+                      ", expected ascending intervals below ", records, " with an id between them");
         return;
       }
       after = std::uint64_t{interval.first} + interval.count;
@@ -379,9 +379,9 @@ class Replay {
       for (std::uint32_t r = interval.first; r < after; ++r) {
         in_list[RecordId{r}] = region;
         part_count += chain_length_[RecordId{r}];
-        for (std::size_t k = first_need_[r]; k < first_need_[r + 1]; ++k) {
-          if (in_list[needs_[k]] == region) continue;
-          findings_.add("region ", region, ": holds record ", r, " but not record ", needs_[k], ", which it needs");
+        for (std::size_t k = first_needed_[r]; k < first_needed_[r + 1]; ++k) {
+          if (in_list[needed_[k]] == region) continue;
+          findings_.add("region ", region, ": lists record ", r, " but not record ", needed_[k], ", which it needs");
           return;
         }
       }
@@ -389,7 +389,7 @@ class Replay {
     const Region& stated = model_.regions[index(region)];
     if (record_count != stated.record_count || part_count != stated.part_count) {
       findings_.add("region ", region, ": ", stated.record_count, " records in ", stated.part_count,
-                    " parts, its intervals have ", record_count, " in ", part_count);
+                    " parts, expected ", record_count, " in ", part_count, " as in its intervals");
     }
   }
 
@@ -397,16 +397,16 @@ class Replay {
   Findings& findings_;
   RecordId record_{};
   ModelCorners corners_;
-  IdVector<FaceId, RecordId> writer_;  // record that wrote the face last; kNone: the base mesh
-  IdVector<FaceId, bool> finished_;    // its finest version has been written
-  IdVector<PartIndex, bool> part_used_;
+  IdVector<FaceId, RecordId> last_record_;  // last record that changed the face; kNone if there is none
+  IdVector<FaceId, bool> is_finest_;        // the finest version of the face has been reached
+  IdVector<PartIndex, bool> is_part_used_;
   IdVector<RecordId, std::uint16_t> level_;
   IdVector<RecordId, std::uint32_t> chain_length_;
-  std::vector<RecordId> needs_;  // records that record r needs: [first_need_[r], first_need_[r + 1])
-  std::vector<std::size_t> first_need_;
+  std::vector<RecordId> needed_;  // records that record r needs, from first_needed_[r] to first_needed_[r + 1]
+  std::vector<std::size_t> first_needed_;
 };
 
-void verify_checksums(const Model& model, Findings& findings) {
+void check_checksums(const Model& model, Findings& findings) {
   const std::vector<std::uint32_t> checksums = region_checksums(model);
   for (std::size_t i = 0; i < model.regions.size() && !findings.full(); ++i) {
     if (model.regions[i].checksum != checksums[i]) {
@@ -450,20 +450,20 @@ std::vector<std::string> violations(const Model& model) {
   const ModelSummary& s = model.summary;
   Findings findings;
   check_summary(s, findings);
-  expect_size(findings, "positions", model.positions.size(), s.vertices);
-  expect_size(findings, "base radii", model.base_radii.size(), s.base_vertices);
-  expect_size(findings, "base faces", model.base_faces.size(), s.base_faces);
-  expect_size(findings, "parts", model.parts.size(), s.parts);
-  expect_size(findings, "regions", model.regions.size(), s.regions);
+  check_size(findings, "positions", model.positions.size(), s.vertices);
+  check_size(findings, "base radii", model.base_radii.size(), s.base_vertices);
+  check_size(findings, "base faces", model.base_faces.size(), s.base_faces);
+  check_size(findings, "parts", model.parts.size(), s.parts);
+  check_size(findings, "regions", model.regions.size(), s.regions);
   if (!findings.none()) return findings.take();
   check_positions(s, model.positions, findings);
   check_base_faces(s, model.base_faces, findings);
   check_cells(s, model.regions, findings);
   if (!findings.none()) return findings.take();
-  Replay replay{model, findings};
-  replay.interval();
-  if (findings.none()) replay.check_lists();
-  if (findings.none()) verify_checksums(model, findings);
+  RecordChecker checker{model, findings};
+  checker.check_records();
+  if (findings.none()) checker.check_lists();
+  if (findings.none()) check_checksums(model, findings);
   return findings.take();
 }
 
@@ -471,10 +471,10 @@ std::vector<std::string> violations(const BaseMesh& base) {
   const ModelSummary& s = base.summary;
   Findings findings;
   check_summary(s, findings);
-  expect_size(findings, "base positions", base.positions.size(), s.base_vertices);
-  expect_size(findings, "base radii", base.radii.size(), s.base_vertices);
-  expect_size(findings, "base faces", base.faces.size(), s.base_faces);
-  expect_size(findings, "regions", base.regions.size(), s.regions);
+  check_size(findings, "base positions", base.positions.size(), s.base_vertices);
+  check_size(findings, "base radii", base.radii.size(), s.base_vertices);
+  check_size(findings, "base faces", base.faces.size(), s.base_faces);
+  check_size(findings, "regions", base.regions.size(), s.regions);
   if (!findings.none()) return findings.take();
   check_positions(s, base.positions, findings);
   for (std::size_t v = 0; v < base.radii.size() && !findings.full(); ++v) {

@@ -1,6 +1,6 @@
-/// A whole space-partitioned multi-resolution (SPM) model as flat arrays: the contents of an `.spm` file.
+/// A space-partitioned multi-resolution (SPM) model as flat arrays, as stored in an `.spm` file.
 ///
-/// Model frame. Positions are floats in file units, exactly as imported. All references are ids.
+/// Model frame. Positions are floats in file units. All references are ids.
 /// Source: Liu, Georganas, Roth, 3DIM 2005, section 3 (header, base mesh, regions, vertex splits).
 #pragma once
 
@@ -19,67 +19,70 @@ namespace tactus::spm {
 using Vec3f = Eigen::Vector3f;
 using Vec3d = Eigen::Vector3d;
 
-/// A face of the base mesh. Some version of it is always shown.
+/// A face of the base mesh. Every version of the mesh has a version of this face.
 struct BaseFace {
   FaceId face;
-  std::uint32_t last;               ///< 1: no record deforms the face, so it is in its finest version
+  std::uint32_t finest;             ///< 1 if no record deforms the face, so that it has its finest version; else 0
   std::array<VertexId, 3> corners;  ///< below `base_vertices`
 };
 static_assert(sizeof(BaseFace) == 20);
 
-/// The even partition of the model's bounds. A cell at depth d has the edge `cell_size / 2^d`; cell (x, y, z) at depth
-/// d begins at `origin + (x, y, z) * edge`. Depth 0 is the regular grid; dense cells are divided into deeper ones.
+/// The even partition of the model's bounds. Depth 0 is a regular grid; a dense cell is divided into 8 cells of the
+/// next depth. A cell at depth d has the edge length `cell_size / 2^d`. Cell (x, y, z) at depth d has its lowest corner
+/// at `origin + (x, y, z) * edge length`. File units.
 struct GridFrame {
   std::array<double, 3> origin;
   double cell_size;
 };
 
-/// A labelled cell and the position of its closed record list in `Model::intervals`.
+/// A region: a labelled cell and its closed list.
 struct Region {
-  std::array<std::uint16_t, 3> cell;  ///< x, y, z at its depth
+  std::array<std::uint16_t, 3> cell;  ///< x, y, z of the cell at its depth
   std::uint16_t depth;
-  /// The cell is divided into 4 x 4 x 4 parts. Bit x + 4 y + 16 z, low word first: faces intersect that part.
+  /// One bit for each of the 4 x 4 x 4 subcells: 1 if finest faces intersect it. Subcell (x, y, z) has bit
+  /// x + 4 y + 16 z; the low word comes first.
   std::array<std::uint32_t, 2> occupied;
-  std::uint32_t first_interval, interval_count;  ///< in `Model::intervals`
-  std::uint32_t record_count;                    ///< length of the list
-  std::uint32_t part_count;                      ///< pool slots that its records need
-  std::uint32_t face_count;                      ///< finest faces that intersect the cell
-  std::uint32_t checksum;                        ///< of its list, see checksum.hpp
+  std::uint32_t first_interval, interval_count;  ///< intervals of the list in `Model::intervals`
+  std::uint32_t record_count;                    ///< number of records in the list
+  std::uint32_t part_count;                      ///< number of pool slots that these records need
+  std::uint32_t face_count;                      ///< number of finest faces that intersect the cell
+  std::uint32_t checksum;                        ///< checksum of the list, see checksum.hpp
 };
 static_assert(sizeof(Region) == 40);
 
-/// Consecutive record ids `[first, first + count)`. A region's intervals ascend and do not touch.
+/// The consecutive record ids `[first, first + count)`. Between two intervals of a region, at least one id is missing.
 struct Interval {
   std::uint32_t first, count;
 };
 
-/// Sizes and properties of a model; the first part of its base mesh message.
+/// Sizes and properties of a model. The base mesh message begins with them.
 struct ModelSummary {
-  std::uint64_t digest;  ///< XXH3-64 of all sections; models with equal digests are equal
-  std::uint32_t vertices, faces;
-  std::uint32_t base_vertices, base_faces;
-  std::uint32_t records;  ///< = vertices - base_vertices
-  std::uint32_t parts;    ///< records plus continuation parts
+  std::uint64_t digest;                     ///< XXH3-64 of all sections of the file
+  std::uint32_t vertices, faces;            ///< counts in the finest mesh
+  std::uint32_t base_vertices, base_faces;  ///< counts in the base mesh
+  std::uint32_t records;                    ///< vertices - base_vertices
+  std::uint32_t parts;                      ///< number of record parts
   std::uint32_t regions;
-  std::uint32_t max_level;                      ///< of all records: length of the longest dependency chain
-  std::array<float, 3> bounds_min, bounds_max;  ///< of the vertices, file units
+  std::uint32_t max_level;                      ///< maximum level of a record: length of the longest dependency chain
+  std::array<float, 3> bounds_min, bounds_max;  ///< bounding box of the vertices, file units
   GridFrame grid;
-  double metres_per_unit;  ///< suggested by `tactus mesh build`; a host can override it for an object
-  /// File units. The maximum distance between any version of the mesh and the finest one, in both directions: the
-  /// largest radius of a vertex.
+  double metres_per_unit;  ///< suggestion of `tactus mesh build`, which a host can override for an object
+  /// Upper bound of the distance between any version of the mesh and the finest one, in both directions, in file units.
+  /// It is the largest radius of a vertex.
   double deviation;
-  /// File units. 0: positions are floats as imported (lossless profile). Otherwise each coordinate is the float nearest
-  /// to `bounds_min` plus a multiple of this step, below 2^24 steps (compact profile).
+  /// Step of the grid of coordinates in file units. 0: the coordinates are those of the imported file (lossless
+  /// profile). Otherwise each coordinate is the float nearest to `bounds_min + n * position_step` with a whole number
+  /// n < 2^24 (compact profile).
   double position_step;
 };
 
-/// View of a model. The owner of the arrays must outlive it.
+/// A view of a model. The owner of the arrays must outlive the view.
 struct Model {
   ModelSummary summary;
   std::span<const std::array<float, 3>> positions;  ///< by VertexId
-  std::span<const std::uint16_t> base_radii;        ///< codes by VertexId below `base_vertices`, see record.hpp
+  std::span<const std::uint16_t> base_radii;        ///< radius codes by VertexId below `base_vertices`, see record.hpp
   std::span<const BaseFace> base_faces;
-  IdSpan<PartIndex, const RecordPart> parts;  ///< the first parts by RecordId, then continuation parts
+  IdSpan<PartIndex, const RecordPart> parts;  ///< first the first part of each record by RecordId, then the other parts
   std::span<const Region> regions;
   std::span<const Interval> intervals;
 
@@ -108,38 +111,41 @@ struct OwnedModel {
   }
 };
 
-/// The part of a model that an HRTC needs before the first record: the base mesh and the labelled cells.
+/// The data of a model that an HRTC needs before the first record: base mesh and labelled cells.
 struct BaseMesh {
   ModelSummary summary;
-  std::vector<std::array<float, 3>> positions;  ///< `base_vertices` of them
-  std::vector<std::uint16_t> radii;             ///< of these vertices, as codes
+  std::vector<std::array<float, 3>> positions;  ///< positions of the base vertices
+  std::vector<std::uint16_t> radii;             ///< radius codes of the base vertices
   std::vector<BaseFace> faces;
-  std::vector<Region> regions;  ///< first_interval and interval_count are 0: each region message has its list
+  /// first_interval and interval_count are 0, because each region message contains its list.
+  std::vector<Region> regions;
 };
 [[nodiscard]] BaseMesh base_mesh_of(const Model& model);
 
-/// For each vertex the maximum distance of the vertices that collapse into it, in file units. `parent` is kNone for a
-/// base vertex, and every chain of parents ends at one. O(vertices x depth), allocates.
+/// Returns for each vertex the maximum distance, in file units, of the vertices that collapse into it. `parent`
+/// contains the parent of each vertex, or kNone for a base vertex. O(vertices x depth of the forest), allocates.
 [[nodiscard]] std::vector<double> collapse_distances(std::span<const std::array<float, 3>> positions,
                                                      std::span<const std::uint32_t> parent);
-/// The radius code of such a distance, with a margin for the rounding errors of its computation.
+/// Returns the radius code of a result of `collapse_distances`, with a margin for its rounding errors.
 [[nodiscard]] inline std::uint16_t safe_radius_code(double distance) noexcept {
   return radius_code(distance * (1 + 1e-12));
 }
 
-/// Describes the defects of a model; empty if it is sound. Checks every index, order and count that the run time uses,
-/// so that a hostile file or stream causes no access out of bounds. O(size x forest depth), allocates.
+/// Returns descriptions of the defects of a model; empty if it has none. Checks every index, order and count that other
+/// code relies on, so that a hostile file or stream causes no access out of bounds. O(size x depth of the forest),
+/// allocates.
 [[nodiscard]] std::vector<std::string> violations(const Model& model);
 [[nodiscard]] std::vector<std::string> violations(const BaseMesh& base);
 
 /// The corners of faces by FaceId.
 using ModelCorners = IdVector<FaceId, std::array<VertexId, 3>>;
 
-/// The corners of the base mesh's faces; those of faces that a record bears are 0. Allocates.
+/// Returns the corners of the base faces. The corners of other faces are 0. Allocates.
 [[nodiscard]] ModelCorners base_corners(const Model& model);
 
-/// Applies a record to the corners after all records before it. Calls `visit` with the other two corners of each
-/// deformed corner and with the third corner of each born face; a vertex may come several times.
+/// Applies a record to `corners`, to which all records before it have been applied. Calls `visit` with the vertices on
+/// which the split depends: the two other corners of each deformed face and the third corner of each born face. May
+/// visit a vertex several times.
 template <class Visit>
 void apply_record(const Model& model, RecordId record, ModelCorners& corners, Visit visit) {
   const VertexId u = model.vertex_of(record);
@@ -157,10 +163,10 @@ void apply_record(const Model& model, RecordId record, ModelCorners& corners, Vi
       });
 }
 
-/// The finest mesh as triangles by FaceId, whose corners are indices of `positions`. Applies all records in order.
-/// O(size), allocates.
+/// Returns the finest mesh as triangles by FaceId, whose corners are indices of `positions`. Applies all records in
+/// order. O(size), allocates.
 [[nodiscard]] std::vector<std::array<std::uint32_t, 3>> finest_faces(const Model& model);
-/// The base mesh as triangles in the order of `base_faces`. Allocates.
+/// Returns the base mesh as triangles in the order of `base_faces`. Allocates.
 [[nodiscard]] std::vector<std::array<std::uint32_t, 3>> base_triangles(const Model& model);
 
 }  // namespace tactus::spm

@@ -9,16 +9,17 @@
 namespace tactus::spm {
 namespace {
 
-Vec3d along(const Vec3d& v, const Vec3d& normal) { return v - normal * normal.dot(v); }
+Vec3d tangential(const Vec3d& v, const Vec3d& normal) { return v - normal * normal.dot(v); }
 
 double angle(const Vec3d& from, const Vec3d& to, const Vec3d& normal) {
   return std::atan2(normal.dot(from.cross(to)), from.dot(to));
 }
 
-/// Calls `visit(centre of a labelled cell less p, weight)`; weights fall to 0 at `reach`.
+/// Calls `visit(centre, weight)` for the labelled cells near `p`. `centre` is relative to `p`. The weight decreases to
+/// 0 at the distance `reach`.
 template <class Visit>
 void for_each_cell(const RegionGrid& grid, const Vec3d& p, double reach, Visit&& visit) {
-  grid.for_each_meeting(p, reach, [&](RegionId region, double) {
+  grid.for_each_intersecting(p, reach, [&](RegionId region, double) {
     const CellBox box = grid.box(region);
     const Vec3d from = (box.low + box.high) / 2 - p;
     const double near = 1 - from.squaredNorm() / (reach * reach);
@@ -26,7 +27,8 @@ void for_each_cell(const RegionGrid& grid, const Vec3d& p, double reach, Visit&&
   });
 }
 
-/// The normal of the plane through the labelled cells around `p`, or `before` if there are too few.
+/// Returns the normal of the plane through the labelled cells around `p`, on the side of `before`. Returns `before` if
+/// there are too few cells.
 Vec3d plane_normal(const RegionGrid& grid, const Vec3d& p, double reach, const Vec3d& before) {
   double weights = 0;
   Vec3d mean = Vec3d::Zero();
@@ -44,7 +46,7 @@ Vec3d plane_normal(const RegionGrid& grid, const Vec3d& p, double reach, const V
   return normal.dot(before) < 0 ? Vec3d{-normal} : normal;
 }
 
-/// The mean height of the labelled cells around `p` along `normal`; false if there are none.
+/// Computes the mean height of the labelled cells around `p` along `normal`. False if there are none.
 bool height(const RegionGrid& grid, const Vec3d& p, double reach, const Vec3d& normal, double& above) {
   double weights = 0, sum = 0;
   for_each_cell(grid, p, reach, [&](const Vec3d& from, double weight) {
@@ -66,7 +68,7 @@ double squared_distance(const Vec3d& p, const Vec3d& a, const Vec3d& b) {
 }  // namespace
 
 Vec3d MotionSegment::heading(std::uint32_t back) const noexcept {
-  return along(sample(back).position - sample(back + kPerStep).position, sample(back).normal);
+  return tangential(sample(back).position - sample(back + kPerStep).position, sample(back).normal);
 }
 
 MotionSegment::Turns MotionSegment::turns(std::uint32_t back) const noexcept {
@@ -78,97 +80,97 @@ MotionSegment::Turns MotionSegment::turns(std::uint32_t back) const noexcept {
 }
 
 void MotionSegment::observe(const RegionGrid& grid, double reach, const Vec3d& position) {
-  constexpr double kSlowest = 1e-3;  // reaches per step
-  const bool step = ++since_step_ >= kPerStep || count_ == 0;
+  constexpr double kSlowest = 1e-3;  // slower motion counts as rest; `reach` per step
+  const bool is_step = ++since_step_ >= kPerStep || count_ == 0;
   const Vec3d before = count_ > 0 ? sample(0).normal : Vec3d::UnitZ();
   newest_ = (newest_ + 1) % kPast;
-  const bool still = count_ > 0 && (position - plane_at_).norm() <= kSlowest * reach;
-  past_[newest_] = {position, step && !still ? plane_normal(grid, position, reach, before) : before};
-  if (step && !still) plane_at_ = position;
+  const bool is_at_rest = count_ > 0 && (position - plane_at_).norm() <= kSlowest * reach;
+  past_[newest_] = {position, is_step && !is_at_rest ? plane_normal(grid, position, reach, before) : before};
+  if (is_step && !is_at_rest) plane_at_ = position;
   count_ = std::min(count_ + 1, kPast);
-  if (!step) return;
+  if (!is_step) return;
   since_step_ = 0;
-  if (missed_ < 0) missed_ = reach * reach;
-  compare();
-  learn(kSlowest * reach);
+  if (mean_square_error_ < 0) mean_square_error_ = reach * reach;
+  update_error();
+  fit_rule(kSlowest * reach);
   if (expected_.count == 0) {
-    expected_ = ahead(grid, reach, kJudged * kStep);
+    expected_ = predict(grid, reach, kJudged * kStep);
     waited_ = 0;
   }
 }
 
-void MotionSegment::interrupt() noexcept {
+void MotionSegment::restart() noexcept {
   count_ = 0;
   expected_.count = 0;
 }
 
-void MotionSegment::learn(double slowest) {
-  constexpr double kFading = 1 - 1.0 / 3000;  // each step
+void MotionSegment::fit_rule(double slowest) {
+  constexpr double kForgetting = 1 - 1.0 / 3000;  // factor of earlier samples, for each step
   constexpr double kStiffness = 1e-3;  // regularization towards a straight path, relative to the mean square of turns
-  constexpr std::uint32_t kThen = kPerStep * kSteps;
+  constexpr std::uint32_t kThen = kPerStep * kSteps;  // the rule predicts from this sample to the newest one
   if (count_ < kPast) return;
-  const Turns had = turns(kThen);
+  const Turns past_turns = turns(kThen);
   const Vec3d heading_then = heading(kThen);
   if (heading_then.norm() < slowest) return;  // the heading of a tip at rest is noise
-  squares_ = squares_ * kFading + had * had.transpose();
-  products_ *= kFading;
+  squares_ = squares_ * kForgetting + past_turns * past_turns.transpose();
+  products_ *= kForgetting;
   for (int m = 0; m < kSteps; ++m) {
     const std::uint32_t from = kThen - kPerStep * static_cast<std::uint32_t>(m);
-    const Vec3d went = sample(from - kPerStep).position - sample(from).position;
-    products_.col(m) += had * angle(heading_then, along(went, sample(kThen).normal), sample(kThen).normal);
+    const Vec3d moved = sample(from - kPerStep).position - sample(from).position;
+    products_.col(m) += past_turns * angle(heading_then, tangential(moved, sample(kThen).normal), sample(kThen).normal);
   }
-  Eigen::Matrix<double, kTurns, kTurns> stiff = squares_;
-  stiff.diagonal().array() += kStiffness * squares_.trace() / kTurns + 1e-12;
-  rule_ = stiff.ldlt().solve(products_);
+  Eigen::Matrix<double, kTurns, kTurns> regularized = squares_;
+  regularized.diagonal().array() += kStiffness * squares_.trace() / kTurns + 1e-12;
+  rule_ = regularized.ldlt().solve(products_);
 }
 
-void MotionSegment::compare() {
-  constexpr double kForgetting = 0.1;
+void MotionSegment::update_error() {
+  constexpr double kShare = 0.1;  // weight of a new error in the mean
   if (expected_.count == 0 || ++waited_ < kJudged) return;
   double nearest = (expected_.points[0] - sample(0).position).squaredNorm();
   for (std::uint32_t i = 1; i < expected_.count; ++i)
     nearest = std::min(nearest, squared_distance(sample(0).position, expected_.points[i - 1], expected_.points[i]));
-  missed_ += kForgetting * (nearest - missed_);
+  mean_square_error_ += kShare * (nearest - mean_square_error_);
   expected_.count = 0;
 }
 
-MotionSegment::Way MotionSegment::ahead(const RegionGrid& grid, double reach, double lead) const {
+MotionSegment::Path MotionSegment::predict(const RegionGrid& grid, double reach, double lead) const {
   constexpr int kPlaneEvery = 2;  // steps
-  Way way;
-  if (count_ < kPerStep * (kTurns + 2)) return way;
+  Path path;
+  if (count_ < kPerStep * (kTurns + 2)) return path;
   Vec3d normal = sample(0).normal;
   Vec3d forward = heading(0).normalized();
-  constexpr std::uint32_t kPace = 4 * kPerStep;
+  constexpr std::uint32_t kSpeedSamples = 4 * kPerStep;
   double length = 0;
-  for (std::uint32_t back = 0; back < kPace; ++back)
+  for (std::uint32_t back = 0; back < kSpeedSamples; ++back)
     length += (sample(back).position - sample(back + 1).position).norm();
-  length *= double{kPerStep} / kPace;
+  length *= double{kPerStep} / kSpeedSamples;
   const Eigen::Matrix<double, kSteps, 1> headings = rule_.transpose() * turns(0);
   Vec3d at = sample(0).position;
-  double stand_off = 0;
+  double height_at_tip = 0;
   const double near = reach / 2;
-  const bool on_cells = height(grid, at, near, normal, stand_off);
-  way.points[way.count++] = at;
+  const bool has_cells = height(grid, at, near, normal, height_at_tip);
+  path.points[path.count++] = at;
   double slope = 0;
   for (int m = 0; m < kSteps && m * kStep < lead; ++m) {
     const double sideways = length / std::sqrt(1 + slope * slope);
     at += sideways * (std::cos(headings[m]) * forward + std::sin(headings[m]) * normal.cross(forward));
-    double above = stand_off;
-    if (on_cells && height(grid, at, near, normal, above)) at += (above - stand_off) * normal;
-    slope = sideways > 0 ? (above - stand_off) / sideways : 0;
-    way.points[way.count++] = at;
+    double above = height_at_tip;
+    if (has_cells && height(grid, at, near, normal, above)) at += (above - height_at_tip) * normal;
+    slope = sideways > 0 ? (above - height_at_tip) / sideways : 0;
+    path.points[path.count++] = at;
     if (m % kPlaneEvery != kPlaneEvery - 1) continue;
-    // Rotates the plane with the surface, and the heading with the plane.
+    // Rotates the tangent plane with the surface, and the heading into the new plane.
     const Vec3d next = plane_normal(grid, at, reach, normal);
-    forward = along(forward, next).normalized();
+    forward = tangential(forward, next).normalized();
     normal = next;
   }
-  return way;
+  return path;
 }
 
-double MotionSegment::doubt(double time) const noexcept {
+double MotionSegment::rms_error(double time) const noexcept {
   const double share = time / (kJudged * kStep);
-  return std::sqrt(std::max(0.0, missed_)) * share * share;
+  return std::sqrt(std::max(0.0, mean_square_error_)) * share * share;
 }
 
 }  // namespace tactus::spm

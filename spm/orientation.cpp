@@ -15,12 +15,14 @@ struct TwoDoubles {
   double high, low;
 };
 
+/// Returns the exact sum; `high` is the rounded value.
 TwoDoubles two_sum(double a, double b) noexcept {
   const double high = a + b;
   const double b_part = high - a;
   return {high, (a - (high - b_part)) + (b - b_part)};
 }
 
+/// Splits a double into two with at most 26 significant bits each.
 TwoDoubles halves(double a) noexcept {
   constexpr double kSplitter = 0x1p27 + 1;
   const double c = kSplitter * a;
@@ -28,24 +30,25 @@ TwoDoubles halves(double a) noexcept {
   return {high, a - high};
 }
 
+/// Returns the exact product; `high` is the rounded value.
 TwoDoubles two_product(double a, double b) noexcept {
   const double high = a * b;
   const TwoDoubles x = halves(a), y = halves(b);
   return {high, ((x.high * y.high - high) + x.high * y.low + x.low * y.high) + x.low * y.low};
 }
 
-/// An exact sum of products of doubles as components that do not overlap, the smallest first, none zero.
+/// An exact sum of products of doubles. It is stored as components that do not overlap, the smallest first; none is 0.
 class ExactSum {
  public:
   void add(double term) noexcept {
-    int kept = 0;
+    int size = 0;
     for (int i = 0; i < size_; ++i) {
       const TwoDoubles sum = two_sum(term, part_[i]);
-      if (sum.low != 0) part_[kept++] = sum.low;
+      if (sum.low != 0) part_[size++] = sum.low;
       term = sum.high;
     }
-    if (term != 0) part_[kept++] = term;
-    size_ = kept;
+    if (term != 0) part_[size++] = term;
+    size_ = size;
     TACTUS_ASSERT(size_ < kMax);
   }
 
@@ -64,13 +67,13 @@ class ExactSum {
   [[nodiscard]] int sign() const noexcept { return size_ == 0 ? 0 : part_[size_ - 1] > 0 ? 1 : -1; }
 
  private:
-  // At most one component for each term: 6 products of 3 differences of 2 parts each, 4 terms for each product.
+  // One component for each term: 6 products of 3 differences are 6 x 8 products of 3 doubles, with 4 terms each.
   static constexpr int kMax = 6 * 8 * 4 + 1;
   std::array<double, kMax> part_;
   int size_ = 0;
 };
 
-/// An exact difference; `high` is the rounded value.
+/// Returns the exact difference of two doubles; `high` is the rounded value.
 TwoDoubles two_difference(double a, double b) noexcept { return two_sum(a, -b); }
 
 using ExactVector = std::array<TwoDoubles, 3>;
@@ -118,20 +121,20 @@ int sign_of(double value) noexcept { return value > 0 ? 1 : -1; }
 
 int orientation(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d) noexcept {
   const Vec3d u = b - a, v = c - a, w = d - a;
-  double determinant = 0, abs_of = 0;
+  double determinant = 0, abs_sum = 0;
   for (int i = 0; i < 3; ++i) {
     const int j = (i + 1) % 3, k = (i + 2) % 3;
     const double first = v[j] * w[k], second = v[k] * w[j];
     determinant += u[i] * (first - second);
-    abs_of += std::abs(u[i]) * (std::abs(first) + std::abs(second));
+    abs_sum += std::abs(u[i]) * (std::abs(first) + std::abs(second));
   }
-  constexpr double kBound = (7 + 56 * kEpsilon) * kEpsilon;
-  return std::abs(determinant) > kBound * abs_of ? sign_of(determinant) : exact_orientation(a, b, c, d);
+  constexpr double kBound = (7 + 56 * kEpsilon) * kEpsilon;  // o3derrboundA of Shewchuk
+  return std::abs(determinant) > kBound * abs_sum ? sign_of(determinant) : exact_orientation(a, b, c, d);
 }
 
 int orientation(const Vec3d& a, const Vec3d& b, const Vec3d& c, int x, int y) noexcept {
   const double first = (b[x] - a[x]) * (c[y] - a[y]), second = (b[y] - a[y]) * (c[x] - a[x]);
-  constexpr double kBound = (3 + 16 * kEpsilon) * kEpsilon;
+  constexpr double kBound = (3 + 16 * kEpsilon) * kEpsilon;  // ccwerrboundA of Shewchuk
   return std::abs(first - second) > kBound * (std::abs(first) + std::abs(second)) ? sign_of(first - second)
                                                                                   : exact_orientation(a, b, c, x, y);
 }

@@ -1,6 +1,7 @@
-/// Coordinates as whole numbers in the order of their values, so that a residual restores a coordinate exactly.
+/// Position codes: whole numbers for coordinates, in the order of their values. Code and residual restore a coordinate
+/// exactly.
 ///
-/// Lossless profile: one number for each float. Compact profile: one number for each step of the model's grid.
+/// A lossless profile has a code for each float. A compact profile has a code for each step of the coordinates' grid.
 #pragma once
 
 #include <cmath>
@@ -16,7 +17,7 @@ class PositionCode {
   explicit PositionCode(const ModelSummary& summary) noexcept
       : origin_{summary.bounds_min}, step_{summary.position_step} {}
 
-  /// The code of the value nearest to `coordinate`, which must not be below the bounds.
+  /// Returns the code of the value nearest to `coordinate`, which must not be below the bounds.
   [[nodiscard]] std::uint32_t of(std::size_t axis, double coordinate) const noexcept {
     if (step_ > 0) return static_cast<std::uint32_t>((coordinate - double{origin_[axis]}) / step_ + 0.5);
     const auto value = static_cast<float>(coordinate);
@@ -24,7 +25,7 @@ class PositionCode {
     std::memcpy(&bits, &value, sizeof bits);
     return (bits & kSign) != 0 ? ~bits : bits | kSign;
   }
-  /// Any code gives a float; if the code is not trusted, the float may not be finite.
+  /// Returns the coordinate of a code. For a code that `of` did not return, the float may not be finite.
   [[nodiscard]] float at(std::size_t axis, std::uint32_t code) const noexcept {
     if (step_ > 0) return static_cast<float>(double{origin_[axis]} + code * step_);
     const std::uint32_t bits = (code & kSign) != 0 ? code & ~kSign : ~code;

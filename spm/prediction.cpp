@@ -6,7 +6,7 @@
 namespace tactus::spm {
 namespace {
 
-constexpr double kPlane = 5;  // radii: radius of the surface from which the tangent plane is computed
+constexpr double kPlane = 5;  // tip radii from the tip within which the surface determines the tangent plane
 
 }  // namespace
 
@@ -14,16 +14,16 @@ void Predictor::observe(double time, const Vec3d& position, bool in_contact) {
   constexpr double kGap = 0.1;
   if (count_ > 0 && time - last_.time > kGap) {
     count_ = 0;
-    motion_segment_.interrupt();
+    motion_segment_.restart();
   }
   const Sample before = count_ > 0 ? last_ : Sample{time, position};
   last_ = {time, position};
-  // A coarse mesh may give no contact where the finest one would.
+  // Where the mesh is coarse, the tip may touch the finest surface without a contact.
   on_surface_ = in_contact;
   if (!on_surface_ && settings_.strategy == Strategy::kMixture)
-    grid_->for_each_meeting(position, settings_.radius, [&](RegionId, double) { on_surface_ = true; });
-  if (!on_surface_) motion_segment_.interrupt();
-  // Interpolates samples at even intervals.
+    grid_->for_each_intersecting(position, settings_.radius, [&](RegionId, double) { on_surface_ = true; });
+  if (!on_surface_) motion_segment_.restart();
+  // Resamples the positions at even intervals, by linear interpolation.
   constexpr double kTolerance = 1e-9;
   double next = count_ > 0 ? history_[newest_].time + kSpacing : time;
   for (; next <= time + kTolerance; next += kSpacing) {
@@ -63,41 +63,42 @@ Predictor::Motion Predictor::motion() const noexcept {
 }
 
 /// Adds the regions along the predicted path, within its uncertainty. False if there is no prediction.
-bool Predictor::follow(double lead, Answer& out) const {
-  constexpr double kMaxDoubt = 2, kMaxBeside = 3;  // the second in radii
-  const MotionSegment::Way way = motion_segment_.ahead(*grid_, kPlane * settings_.radius, lead);
-  if (way.count == 0) return false;
+bool Predictor::add_path_regions(double lead, Regions& out) const {
+  constexpr double kMaxSigmas = 2, kMaxRadii = 3;  // max distance from the path, in standard deviations and tip radii
+  const MotionSegment::Path path = motion_segment_.predict(*grid_, kPlane * settings_.radius, lead);
+  if (path.count == 0) return false;
   const double reach = settings_.radius + settings_.margin;
-  for (std::uint32_t i = 0; i < way.count; ++i) {
+  for (std::uint32_t i = 0; i < path.count; ++i) {
     const double time = i * MotionSegment::kStep;
-    const double missed = std::max(motion_segment_.doubt(time), 1e-3 * settings_.radius);
-    const double beside = std::min(kMaxDoubt * missed, kMaxBeside * settings_.radius);
+    const double sigma = std::max(motion_segment_.rms_error(time), 1e-3 * settings_.radius);
+    const double max_distance = std::min(kMaxSigmas * sigma, kMaxRadii * settings_.radius);
     const auto visit = [&](RegionId region, double squared) {
-      const double met = std::min(time, lead);
-      out.add({region, met, met, std::max(0.0, std::sqrt(squared) - reach) / missed});
+      const double contact = std::min(time, lead);
+      out.add({region, contact, contact, std::max(0.0, std::sqrt(squared) - reach) / sigma});
     };
-    if (!grid_->for_each_meeting(way.points[i], reach + beside, visit)) out.miss();
-    if (i + 1 < way.count)
-      if (!grid_->for_each_meeting((way.points[i] + way.points[i + 1]) / 2, reach + beside, visit)) out.miss();
+    if (!grid_->for_each_intersecting(path.points[i], reach + max_distance, visit)) out.mark_incomplete();
+    if (i + 1 < path.count)
+      if (!grid_->for_each_intersecting((path.points[i] + path.points[i + 1]) / 2, reach + max_distance, visit))
+        out.mark_incomplete();
   }
-  // A tip at rest may start in any direction.
-  const double could = settings_.min_speed * lead;
+  // A slow tip may start in any direction.
+  const double start_distance = settings_.min_speed * lead;
   if (motion().velocity.norm() < 2 * settings_.min_speed)
-    grid_->for_each_meeting(last_.position, reach + could, [&](RegionId region, double) {
-      out.add({region, lead, lead, kMaxDoubt});
+    grid_->for_each_intersecting(last_.position, reach + start_distance, [&](RegionId region, double) {
+      out.add({region, lead, lead, kMaxSigmas});
     });
   return true;
 }
 
-void Predictor::predict(double lead, Answer& out) const {
+void Predictor::predict(double lead, Regions& out) const {
   const Motion now = motion();
   const double speed = std::max(now.velocity.norm(), settings_.min_speed);
   const double reach = settings_.radius + settings_.margin;
   const auto add_sphere = [&](const Vec3d& centre, double sphere, double contact_in) {
-    if (!grid_->for_each_meeting(centre, sphere, [&](RegionId region, double) {
+    if (!grid_->for_each_intersecting(centre, sphere, [&](RegionId region, double) {
           out.add({region, contact_in, contact_in, 0});
         }))
-      out.miss();
+      out.mark_incomplete();
   };
   const Strategy strategy = settings_.strategy;
   const bool mixture = strategy == Strategy::kMixture;
@@ -105,7 +106,7 @@ void Predictor::predict(double lead, Answer& out) const {
   add_sphere(now.position, reach, 0);
   // For later times the predicted path is better than extrapolation.
   constexpr double kNear = 0.025;  // s
-  const double near = mixture && on_surface_ && follow(lead, out) ? std::min(lead, kNear) : lead;
+  const double near = mixture && on_surface_ && add_path_regions(lead, out) ? std::min(lead, kNear) : lead;
   constexpr int kSteps = 6;
   for (int step = 1; step <= kSteps; ++step) {
     const double t = near * step / kSteps;

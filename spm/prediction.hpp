@@ -1,12 +1,12 @@
-/// Predicts the regions that a probe will touch, and when, so that they can be loaded before.
+/// Predicts the regions that a probe will touch, and the times, so that they can be loaded before.
 ///
-/// Each strategy places spheres in space and time. The time to contact of a region is the earliest sphere that
-/// intersects it. All strategies but the mixture are the paper's ideas. We differ: the history consists of tip
-/// positions, because a region is too coarse to extrapolate from at 1 kHz. `scripts/bench prediction` shows how many
-/// regions each strategy loads in time and in vain.
+/// Each strategy predicts spheres with times. The time to contact of a region is the time of the earliest sphere that
+/// intersects the region. All strategies but the mixture are from the paper. We differ: the history consists of tip
+/// positions instead of regions, because regions are too coarse for extrapolation at 1 kHz. `scripts/bench prediction`
+/// reports how many regions each strategy loads in time and in vain.
 ///
-/// Model frame, file units, seconds. Fixed memory. One thread, not the haptic one: about 10 us; the mixture in contact
-/// takes some 50 us, and a few hundred with a look-ahead of 0.15 s.
+/// Model frame, file units, seconds. Fixed memory. One thread, not the haptic one. A prediction takes about 10 us. The
+/// mixture in contact takes some 50 us, and a few hundred with a look-ahead of 0.15 s.
 /// Source: Liu, Georganas, Roth, 3DIM 2005, section 3 (prediction of contact regions).
 #pragma once
 
@@ -24,56 +24,59 @@
 namespace tactus::spm {
 
 enum class Strategy : std::uint8_t {
-  kNeighbours,  ///< around the tip, as far as it can get at its speed
-  kLinear,      ///< along its velocity
-  kPolynomial,  ///< along its velocity and acceleration
-  kDistance,    ///< around the tip, as far as it can get at half its speed
-  kMixture      ///< in contact the predicted path (MotionSegment); otherwise linear and distance
+  kNeighbours,  ///< regions around the tip, within the distance that the tip covers at its speed
+  kLinear,      ///< regions along the velocity of the tip
+  kPolynomial,  ///< regions along the path with the velocity and acceleration of the tip
+  kDistance,    ///< regions around the tip, within half the distance that the tip covers at its speed
+  kMixture      ///< in contact the path predicted by MotionSegment and the polynomial; otherwise linear and distance
 };
-/// By Strategy: the names for users.
+/// Names of the strategies for users, by Strategy.
 inline constexpr std::array<const char*, 5> kStrategyNames{"neighbours", "linear", "polynomial", "distance", "mixture"};
 
 struct PredictedRegion {
   RegionId region{};
-  double contact_in = 0;     ///< s; 0: touched now
-  double contact_until = 0;  ///< s; the end of the contact
-  double doubt = 0;          ///< distance from the predicted path, in standard deviations of the prediction
+  double time_to_contact = 0;   ///< s; 0 if the region is touched now
+  double contact_end = 0;       ///< latest predicted time of contact, s
+  double sigmas_from_path = 0;  ///< distance from the predicted path, in standard deviations of the prediction
 
   [[nodiscard]] bool before(const PredictedRegion& other) const noexcept {
-    return contact_in != other.contact_in ? contact_in < other.contact_in : index(region) < index(other.region);
+    return time_to_contact != other.time_to_contact ? time_to_contact < other.time_to_contact
+                                                    : index(region) < index(other.region);
   }
   void merge(const PredictedRegion& other) noexcept {
-    contact_in = std::min(contact_in, other.contact_in);
-    contact_until = std::max(contact_until, other.contact_until);
-    doubt = std::min(doubt, other.doubt);
+    time_to_contact = std::min(time_to_contact, other.time_to_contact);
+    contact_end = std::max(contact_end, other.contact_end);
+    sigmas_from_path = std::min(sigmas_from_path, other.sigmas_from_path);
   }
 };
 
 struct PredictionSettings {
-  double radius = 0;     ///< file units, of the tip
-  double margin = 0;     ///< file units; max distance of a region from the tip's path
-  double min_speed = 0;  ///< file units/s; expected when a tip at rest starts
+  double radius = 0;     ///< radius of the tip, file units
+  double margin = 0;     ///< distance by which the predicted spheres exceed the tip, file units
+  double min_speed = 0;  ///< expected speed of a tip that starts from rest, file units/s
   Strategy strategy = Strategy::kMixture;
 };
 
 class Predictor {
  public:
-  /// The soonest contact first, once sorted. If there are more regions than fit, the latest are dropped.
-  struct Answer : RegionTable<PredictedRegion> {
+  /// Predicted regions. After `sort`, the smallest time to contact comes first. If there are more regions than fit,
+  /// those with the largest times are dropped.
+  struct Regions : RegionTable<PredictedRegion> {
     static constexpr std::uint32_t kMaxRegions = 1024;
-    explicit Answer(std::uint32_t capacity = kMaxRegions) : RegionTable{capacity} {}
+    explicit Regions(std::uint32_t capacity = kMaxRegions) : RegionTable{capacity} {}
   };
 
-  /// `grid` must outlive it.
+  /// `grid` must outlive the predictor.
   Predictor(const RegionGrid& grid, PredictionSettings settings) : grid_{&grid}, settings_{settings} {}
 
-  /// Adds the position of the tip's centre at `time`; times ascend. A gap of more than 0.1 s starts a new history.
+  /// Adds the position of the tip's centre at `time`; times must ascend. After an interval of more than 0.1 s, starts a
+  /// new history.
   void observe(double time, const Vec3d& position, bool in_contact);
 
-  /// Adds the regions that the tip will touch within `lead` of the last observation.
-  void predict(double lead, Answer& out) const;
+  /// Adds to `out` the regions that the tip will touch within `lead` seconds after the last observation.
+  void predict(double lead, Regions& out) const;
 
-  /// Motion fitted to the history: position, velocity, acceleration at the last observation.
+  /// Motion at the last observation, fitted to the history.
   struct Motion {
     Vec3d position, velocity, acceleration;
   };
@@ -81,7 +84,7 @@ class Predictor {
 
  private:
   static constexpr std::uint32_t kHistory = 24;
-  static constexpr double kSpacing = MotionSegment::kSpacing;  // between samples: 48 ms of history
+  static constexpr double kSpacing = MotionSegment::kSpacing;  // s between samples; the history covers 48 ms
   struct Sample {
     double time;
     Vec3d position;
@@ -90,7 +93,7 @@ class Predictor {
     return history_[(newest_ + kHistory - back) % kHistory];
   }
 
-  [[nodiscard]] bool follow(double lead, Answer& out) const;
+  [[nodiscard]] bool add_path_regions(double lead, Regions& out) const;
 
   const RegionGrid* grid_;
   PredictionSettings settings_;
@@ -102,10 +105,10 @@ class Predictor {
   bool on_surface_ = false;
 };
 
-/// The same for a probe of several spheres, each with its own path.
+/// Predicts the regions of a probe of several spheres, with a Predictor for each sphere.
 class ProbePredictor {
  public:
-  /// `scale`: units of `shape` per file unit. The radius of each sphere replaces that of `settings`.
+  /// `scale` is the number of units of `shape` per file unit. The radius of each sphere replaces `settings.radius`.
   ProbePredictor(const RegionGrid& grid, const ProbeShape& shape, double scale, PredictionSettings settings) {
     for (const ProbeSphere& sphere : shape.spheres()) {
       settings.radius = sphere.radius / scale;
@@ -113,11 +116,11 @@ class ProbePredictor {
     }
   }
 
-  /// `spheres`: the spheres of the shape at `time`, in the same order.
+  /// `spheres` are the spheres of the shape at `time`, in the same order.
   void observe(double time, std::span<const PlacedSphere> spheres, bool in_contact) {
     for (std::size_t i = 0; i < predictors_.size(); ++i) predictors_[i].observe(time, spheres[i].centre, in_contact);
   }
-  void predict(double lead, Predictor::Answer& out) const {
+  void predict(double lead, Predictor::Regions& out) const {
     for (const Predictor& predictor : predictors_) predictor.predict(lead, out);
   }
 

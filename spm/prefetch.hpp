@@ -1,4 +1,4 @@
-/// Prefetching of memory.
+/// Prefetches memory into the CPU cache.
 #pragma once
 
 namespace tactus::spm {

@@ -6,7 +6,7 @@
 namespace tactus::spm {
 namespace {
 
-constexpr double kSpacing = 1.0 / 128;  // of the samples, in radii of the probe
+constexpr double kSpacing = 1.0 / 128;  // distance between samples, in radii of the probe
 
 struct Cluster {
   std::vector<Vec3d> points;
@@ -27,7 +27,7 @@ Cluster cluster_of(std::vector<Vec3d> points) {
   return cluster;
 }
 
-/// Samples of the surface; every point of it is within `spacing` of a sample.
+/// Returns samples of the surface. Every point of the surface is within `spacing` of a sample.
 std::vector<Vec3d> samples_of(const MeshProbe& probe, double spacing) {
   const auto& at = probe.vertices();
   std::vector<Vec3d> points;

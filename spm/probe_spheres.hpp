@@ -1,9 +1,9 @@
-/// Spheres that together cover a probe's surface. Prediction and target selection use them instead of the probe.
+/// Covers a probe's surface with spheres. Prediction and target selection use the spheres instead of the probe.
 ///
 ///        _______________________
 ///     (_)_(_)_(_)_(_)_(_)_(_)_(_)     a stylus; the first sphere is at its tip
 ///
-/// The largest sphere is divided across its longest side until the maximum number is reached. Probe's frame and unit.
+/// Probe's frame and unit, unless stated otherwise.
 #pragma once
 
 #include <algorithm>
@@ -19,30 +19,31 @@ struct ProbeSphere {
   double radius = 0;
 };
 
-/// One of these spheres in an object's model frame; file units.
+/// A sphere of a probe in an object's model frame, in file units.
 struct PlacedSphere {
   Vec3d centre = Vec3d::Zero();
   double radius = 0;
-  Vec3d ahead = Vec3d::Zero();  ///< its motion during the look-ahead time of refinement
+  Vec3d displacement = Vec3d::Zero();  ///< expected displacement within the look-ahead time of refinement
 };
 
-/// At most `max` spheres, at least one. The sphere nearest to the probe's origin, the tip, comes first. Samples the
-/// surface finely: O(area / spacing^2). Allocates.
+/// Returns 1 to `max` spheres that cover the probe's surface. The sphere nearest to the probe's origin, the tip, comes
+/// first. Divides the samples of the largest sphere at the middle of their longest side until there are `max` spheres.
+/// O(samples of the surface), allocates.
 [[nodiscard]] std::vector<ProbeSphere> spheres_of(const MeshProbe& probe, std::uint32_t max);
 
 /// The spheres in which the mesh must be at full resolution so that the contacts of a probe are exact.
 class ProbeShape {
  public:
-  static constexpr std::uint32_t kMaxSpheres = 8;  ///< more would refine less of the mesh, but take longer to query
+  static constexpr std::uint32_t kMaxSpheres = 8;  ///< with more spheres, less is refined, but queries take longer
 
-  /// One sphere around the origin.
+  /// The shape of a sphere around the origin. Allocates.
   explicit ProbeShape(double radius) : spheres_{{Vec3d::Zero(), radius}} {}
-  /// A rigid mesh with the collision margin `margin`. Allocates, as spheres_of.
+  /// The shape of a rigid mesh with the collision margin `margin`. Allocates.
   explicit ProbeShape(const MeshProbe& mesh, double margin = 0) : spheres_{spheres_of(mesh, kMaxSpheres)} {
     for (ProbeSphere& sphere : spheres_) sphere.radius += margin;
   }
 
-  /// The tip's comes first.
+  /// The spheres; that of the tip comes first.
   [[nodiscard]] std::span<const ProbeSphere> spheres() const noexcept { return spheres_; }
   /// Maximum distance of a point of the spheres from the origin.
   [[nodiscard]] double reach() const noexcept {

@@ -1,15 +1,15 @@
-/// One vertex-split record: the change of the mesh when a removed vertex returns. 64 bytes a part.
+/// A vertex-split record: the data by which a split adds one vertex, u, next to its parent vertex, t.
 ///
-///          x0                    x0           split(u): adds u next to t.
-///         /  \                  /| \          born:     the new faces with both u and t (2, at a border 1).
-///        /    \   split(u)     / |  \         deformed: the faces around t in which u replaces t.
-///   ----t------    ----->  ---t--u----        collapse(u): writes t back at the same corners, to the bit.
-///        \    /                \ |  /
-///         x1                    x1            Every vertex that is ever shown is a vertex of the finest mesh.
+///          x0                    x0           born faces:     the new faces with both u and t (2; 1 at a border).
+///         /  \                  /| \          deformed faces: the faces around t in which u replaces t.
+///        /    \   split(u)     / |  \         collapse(u):    writes t back at the same corners, to the bit.
+///   ----t------    ----->  ---t--u----
+///        \    /                \ |  /         Every vertex of every version is a vertex of the finest mesh.
+///         x1                    x1
 ///
-/// A record is a chain of one or more parts. Most records have one part. A vertex of high valence or on a non-manifold
-/// edge has more, each with further faces. File and memory have the same layout, with ids in the file and slots in
-/// memory; RecordDecoder turns the first into the second.
+/// A record is a chain of one or more parts of 64 bytes. Most records have one part. If u has many faces or is on a
+/// non-manifold edge, the record has further parts with further faces. File and memory have the same layout, with ids
+/// in the file and slots in memory. RecordDecoder converts ids to slots.
 /// Source: Hoppe 1996 (vertex split); De Floriani, Magillo, Puppo 1997 (legality, see offline/closure.hpp).
 #pragma once
 
@@ -25,13 +25,13 @@ namespace tactus::spm {
 
 inline constexpr int kBornPerPart = 2;
 inline constexpr int kDeformedPerPart = 9;
-/// One bit of a vertex reference is reserved; see kInRing in region_data.hpp.
+/// One bit of a vertex reference is reserved, see kInRing in region_data.hpp.
 inline constexpr std::uint32_t kMaxVertices = 1u << 31;
-/// A face reference shares its 32 bits with a corner and a flag.
+/// A face reference shares its 32 bits with a corner and a flag, see BornRef.
 inline constexpr std::uint32_t kMaxFaces = 1u << 28;
 
-/// The corners of u, t and x in a born face: u is at corner `order / 2`, t at the next corner if `order` is even and at
-/// the previous one if it is odd, x at the remaining corner.
+/// The corner numbers of u, t and x in a born face. u is at corner `order / 2`. If `order` is even, t is at the next
+/// corner, else at the previous one. x is at the remaining corner.
 struct BornCorners {
   int u, t, x;
 };
@@ -51,42 +51,44 @@ template <class Vertex>
   return corners;
 }
 
-/// A born face: `face << 4 | order << 1 | last`; `last`: this is the finest version of the face.
+/// A born face: `face << 4 | order << 1 | is_finest`. `is_finest` states whether no later record deforms the face.
 struct BornRef {
   std::uint32_t bits;
-  [[nodiscard]] static constexpr BornRef make(FaceId face, std::uint32_t order, bool last) noexcept {
-    return {index(face) << 4 | order << 1 | static_cast<std::uint32_t>(last)};
+  [[nodiscard]] static constexpr BornRef make(FaceId face, std::uint32_t order, bool is_finest) noexcept {
+    return {index(face) << 4 | order << 1 | static_cast<std::uint32_t>(is_finest)};
   }
   [[nodiscard]] constexpr FaceId face() const noexcept { return FaceId{bits >> 4}; }
   [[nodiscard]] constexpr std::uint32_t order() const noexcept { return bits >> 1 & 7u; }
-  [[nodiscard]] constexpr bool last() const noexcept { return (bits & 1u) != 0; }
+  [[nodiscard]] constexpr bool is_finest() const noexcept { return (bits & 1u) != 0; }
 };
 
-/// A deformed corner: `face << 3 | corner << 1 | last`. In a file `Face` is FaceId, in memory RowIndex.
+/// A deformed corner: `face << 3 | corner << 1 | is_finest`. `Face` is FaceId in a file and RowIndex in memory.
 template <class Face>
 struct BasicDeformedRef {
   std::uint32_t bits;
-  [[nodiscard]] static constexpr BasicDeformedRef make(Face face, std::uint32_t corner, bool last) noexcept {
-    return {index(face) << 3 | corner << 1 | static_cast<std::uint32_t>(last)};
+  [[nodiscard]] static constexpr BasicDeformedRef make(Face face, std::uint32_t corner, bool is_finest) noexcept {
+    return {index(face) << 3 | corner << 1 | static_cast<std::uint32_t>(is_finest)};
   }
   [[nodiscard]] constexpr Face face() const noexcept { return Face{bits >> 3}; }
   [[nodiscard]] constexpr std::uint32_t corner() const noexcept { return bits >> 1 & 3u; }
-  [[nodiscard]] constexpr bool last() const noexcept { return (bits & 1u) != 0; }
+  [[nodiscard]] constexpr bool is_finest() const noexcept { return (bits & 1u) != 0; }
 };
 
-/// The radius of a vertex is an upper bound of its distance to each vertex that collapses into it, over any number of
-/// steps. Its code is the upper half of a float with four bits of fraction, rounded up. The code is 0 if no vertex
-/// collapses into it, monotone, and at most 6.25 % above the distance (more below 1e-38).
-inline constexpr std::uint16_t kRadiusCodes = 0xff0;  ///< codes below are finite
+/// The radius of a vertex is an upper bound of its distance from each vertex that collapses into it, over any number of
+/// steps. The radius code consists of exponent and upper four bits of fraction of a float, rounded up. The code is
+/// monotone, and 0 if no vertex collapses into the vertex. The radius exceeds the distance by at most 6.25 % (by more
+/// below 1e-38). Codes below kRadiusCodes are finite.
+inline constexpr std::uint16_t kRadiusCodes = 0xff0;
 
-/// File units. `code` is below kRadiusCodes.
+/// Returns the radius in file units. `code` is below kRadiusCodes.
 [[nodiscard]] inline float radius_of(std::uint16_t code) noexcept {
   const std::uint32_t bits = std::uint32_t{code} << 19;
   float radius;
   std::memcpy(&radius, &bits, sizeof radius);
   return radius;
 }
-/// The smallest code whose radius is at least `distance`, or kRadiusCodes. `distance` is not negative.
+/// Returns the smallest code whose radius is at least `distance`; kRadiusCodes if there is none. `distance` must not be
+/// negative.
 [[nodiscard]] inline std::uint16_t radius_code(double distance) noexcept {
   if (!(distance <= std::numeric_limits<float>::max())) return kRadiusCodes;
   auto rounded = static_cast<float>(distance);
@@ -96,29 +98,30 @@ inline constexpr std::uint16_t kRadiusCodes = 0xff0;  ///< codes below are finit
   return static_cast<std::uint16_t>((bits + 0x7ffffu) >> 19);
 }
 
-/// `Vertex`, `Face`, `Part`: the index types of vertices, deformed faces and parts.
+/// One part of a record. `Vertex`, `Face` and `Part` are the index types of vertices, deformed faces and parts.
 template <class Vertex, class Face, class Part>
 struct alignas(64) BasicRecordPart {
   using DeformedRef = BasicDeformedRef<Face>;
-  Vertex parent;                ///< t; the same in every part of a chain
-  Part next;                    ///< kNone ends the chain
-  std::uint8_t born_count;      ///< of this part, at most kBornPerPart
-  std::uint8_t deformed_count;  ///< of this part, at most kDeformedPerPart
-  std::uint16_t radius;         ///< of u, as a code; the same in every part of a chain
-  BornRef born[kBornPerPart];   ///< always FaceIds
-  Vertex born_x[kBornPerPart];  ///< the third corner
+  Vertex parent;                ///< t; the same in every part of a record
+  Part next;                    ///< next part of the record, or kNone
+  std::uint8_t born_count;      ///< number of born faces in this part, at most kBornPerPart
+  std::uint8_t deformed_count;  ///< number of deformed faces in this part, at most kDeformedPerPart
+  std::uint16_t radius;         ///< radius code of u; the same in every part of a record
+  BornRef born[kBornPerPart];   ///< born faces, by FaceId also in memory
+  Vertex born_x[kBornPerPart];  ///< x, the third corner, of each born face
   DeformedRef deformed[kDeformedPerPart];
 };
-/// In a file or message, and in the pool.
+/// A part in a file or message.
 using RecordPart = BasicRecordPart<VertexId, FaceId, PartIndex>;
+/// A part in the pool.
 using LoadedPart = BasicRecordPart<Slot, RowIndex, Slot>;
 using DeformedRef = RecordPart::DeformedRef;
 static_assert(sizeof(RecordPart) == 64 && sizeof(LoadedPart) == 64);
 
-/// Visits the changes of the split of `u`, whose record starts with part `first` of `parts`: `deform(ref)` for each
-/// deformed corner, which moves from t to u, and `bear(ref, corners, part, i)` for face `i` that `part` bears. Every
-/// split of a mesh goes through here, whatever stores the mesh. The changes touch different faces, so their order is
-/// free.
+/// Visits the changes of the split of `u`, whose record starts with part `first` of `parts`. Calls `deform(ref)` for
+/// each deformed corner, which moves from t to u, and `bear(ref, corners, part, i)` for born face `i` of `part`. Every
+/// code that splits uses this function, whatever stores the mesh. The changes concern different faces, so they can be
+/// applied in any order.
 template <class Parts, class Part, class Vertex, class Deform, class Bear>
 void for_each_change(const Parts& parts, Part first, Vertex u, Deform&& deform, Bear&& bear) {
   for (Part at = first; at != kNone; at = parts[at].next) {

@@ -1,19 +1,19 @@
-/// Decodes one vertex-split record of a message against the mesh at the loaded front. The one place that resolves and
-/// checks records that are not trusted: the cache of an HRTC and the reader of model files both use it.
+/// Decodes one vertex-split record of a message against the mesh at the loaded front. No other code resolves and checks
+/// records that are not trusted: the cache of an HRTC and the reader of model files both use the decoder.
 ///
-/// A message names some faces by id and implies the others. The decoder looks up what is named, finds the rest on the
-/// front, and checks that the record fits the mesh there. The front then has the corners after the split.
+/// A message names some faces by id and implies the others. The decoder looks up the named faces, finds the implied
+/// ones on the front, and checks that the record fits the mesh. It also applies the split to the corners of the front.
 ///
-/// `Store` is what the caller keeps records in:
+/// `Store` is the storage of the caller for decoded records:
 ///
 ///     Vertex, Face, Part        index types of the decoded record
-///     front()                   the LoadedFront<Face, Vertex>
-///     vertex(VertexId)          kNone if the vertex is not here
-///     face(FaceId)              kNone if the face is not here
-///     bear(FaceId, Part, i)     adds a face that is not here, as face `i` of `Part`; returns its index
-///     position(Vertex)          three floats
+///     front()                   returns the LoadedFront<Face, Vertex>
+///     vertex(VertexId)          returns the vertex, or kNone if it is not loaded
+///     face(FaceId)              returns the face, or kNone if it is not loaded
+///     bear(FaceId, Part, i)     adds a face that is not loaded, as face `i` of `Part`; returns its index
+///     position(Vertex)          returns three floats
 ///
-/// Realtime if these are. Source of the corner table: Rossignac 1999 (Edgebreaker).
+/// Realtime if the functions of `Store` are. Source: Rossignac 1999 (Edgebreaker).
 #pragma once
 
 #include <array>
@@ -30,8 +30,8 @@ namespace tactus::spm {
 
 enum class RecordResult : std::uint8_t {
   kDecoded,
-  kIncomplete,  ///< names a vertex or a face that is not here
-  kMalformed    ///< contradicts the mesh at the front
+  kIncomplete,  ///< the record names a vertex or a face that is not loaded
+  kMalformed    ///< the record contradicts the mesh at the front
 };
 
 template <class Store>
@@ -46,8 +46,8 @@ class RecordDecoder {
   RecordDecoder(Store& store, const ModelSummary& summary, Vertex u) noexcept
       : store_{store}, summary_{summary}, u_{u} {}
 
-  /// Decodes the next part into `target`, which is part `at` of `store`. If the result is not kDecoded, `target` counts
-  /// the faces that were entered until then, so that the caller can undo them. Sets everything but `target.next`.
+  /// Decodes the next part into `target`, which is part `at` of `store`. Sets `target.next` to kNone. If the result is
+  /// not kDecoded, `target` contains the faces that were changed before the error, so that the caller can undo them.
   [[nodiscard]] RecordResult add(const RecordPart& source, Part at, Decoded& target) noexcept {
     target.parent = parent_;
     target.next = kNone;
@@ -55,13 +55,13 @@ class RecordDecoder {
     target.radius = source.radius;
     if (source.born_count > kBornPerPart || source.deformed_count > kDeformedPerPart || source.radius >= kRadiusCodes)
       return RecordResult::kMalformed;
-    if (first_ && source.parent != kNone) {
+    if (is_first_part_ && source.parent != kNone) {
       target.parent = store_.vertex(source.parent);
       if (target.parent == kNone) return RecordResult::kIncomplete;
       if (target.parent == u_) return RecordResult::kMalformed;
       ring_.add(target.parent);
     }
-    first_ = false;
+    is_first_part_ = false;
     for (std::uint32_t i = 0; i < source.deformed_count; ++i)
       if (const RecordResult result = deform(source.deformed[i], target); result != RecordResult::kDecoded)
         return result;
@@ -74,15 +74,16 @@ class RecordDecoder {
     return RecordResult::kDecoded;
   }
 
-  /// Computes u's position from its residuals once the first part has been added. False if it is out of the bounds.
+  /// Computes the position of u from its residuals. Call after the first part was added. False if the position is out
+  /// of the bounds.
   [[nodiscard]] bool place(const PositionPredictor::Residuals& residuals,
                            std::array<float, 3>& position) const noexcept {
     const auto position_of = [this](Vertex v) -> const std::array<float, 3>& { return store_.position(v); };
     return PositionPredictor{summary_, ring_, position_of}.place(residuals, position);
   }
 
-  /// Links the faces that the record bears to their neighbours, after the last part.
-  void finish() noexcept { store_.front().join(faces_); }
+  /// Links the born faces to their neighbours. Call after the last part was added.
+  void finish() noexcept { store_.front().link_split(split_); }
 
   [[nodiscard]] const VertexRing<Vertex>& ring() const noexcept { return ring_; }
 
@@ -92,11 +93,11 @@ class RecordDecoder {
   [[nodiscard]] RecordResult deform(DeformedRef ref, Decoded& target) noexcept {
     Front& front = store_.front();
     if (ref.face() == kSwing) {
-      if (last_.face == kNone || !front.swing(last_)) return RecordResult::kMalformed;
-    } else if (last_.face = store_.face(ref.face()); last_.face == kNone) {
+      if (last_corner_.face == kNone || !front.swing(last_corner_)) return RecordResult::kMalformed;
+    } else if (last_corner_.face = store_.face(ref.face()); last_corner_.face == kNone) {
       return RecordResult::kIncomplete;
     }
-    std::array<Vertex, 3>& corners = front.corners(last_.face);
+    std::array<Vertex, 3>& corners = front.corners(last_corner_.face);
     std::uint32_t corner = ref.corner();
     if (target.parent == kNone) {
       if (corner == kCornerOfParent) return RecordResult::kMalformed;
@@ -112,9 +113,9 @@ class RecordDecoder {
     ring_.add(next);
     ring_.add(before);
     corners[corner] = u_;
-    last_.corner = corner;
-    faces_.deform(last_);
-    target.deformed[target.deformed_count++] = Decoded::DeformedRef::make(last_.face, corner, ref.last());
+    last_corner_.corner = corner;
+    split_.deform(last_corner_);
+    target.deformed[target.deformed_count++] = Decoded::DeformedRef::make(last_corner_.face, corner, ref.is_finest());
     return RecordResult::kDecoded;
   }
 
@@ -122,9 +123,10 @@ class RecordDecoder {
     if (index(ref.face()) >= summary_.faces || ref.order() > 5) return RecordResult::kMalformed;
     Vertex x = kNone;
     if (in_ring(named_x)) {
-      const std::uint32_t place = named_x == ring_place(kLastInRing) ? ring_.size() - 1 : index(named_x) & ~kInRing;
-      if (place >= ring_.size()) return RecordResult::kMalformed;
-      x = ring_[place];
+      const std::uint32_t position =
+          named_x == ring_position(kLastInRing) ? ring_.size() - 1 : index(named_x) & ~kInRing;
+      if (position >= ring_.size()) return RecordResult::kMalformed;
+      x = ring_[position];
     } else {
       x = store_.vertex(named_x);
       if (x == kNone) return RecordResult::kIncomplete;
@@ -133,7 +135,7 @@ class RecordDecoder {
     if (x == u_ || x == target.parent || store_.face(ref.face()) != kNone) return RecordResult::kMalformed;
     const Face face = store_.bear(ref.face(), at, target.born_count);
     store_.front().set(face, born_face(ref.order(), u_, target.parent, x));
-    faces_.bear(face, ref.order());
+    split_.bear(face, ref.order());
     target.born[target.born_count] = ref;
     target.born_x[target.born_count++] = x;
     return RecordResult::kDecoded;
@@ -143,10 +145,10 @@ class RecordDecoder {
   const ModelSummary& summary_;
   Vertex u_;
   Vertex parent_ = kNone;
-  bool first_ = true;
+  bool is_first_part_ = true;
   VertexRing<Vertex> ring_;
-  typename Front::Split faces_;
-  typename Front::At last_{kNone, 0};  // the corner deformed last
+  typename Front::Split split_;
+  typename Front::CornerRef last_corner_{kNone, 0};  // the last deformed corner
 };
 
 }  // namespace tactus::spm

@@ -7,8 +7,8 @@
 namespace tactus::spm {
 namespace {
 
-/// Size of the hash table; at most half full.
-std::size_t places_for(std::size_t cells) noexcept {
+/// Returns the size of the hash table, such that it is at most half full.
+std::size_t buckets_for(std::size_t cells) noexcept {
   std::size_t places = 16;
   while (places < 2 * cells) places *= 2;
   return places;
@@ -18,7 +18,7 @@ std::size_t places_for(std::size_t cells) noexcept {
 
 RegionGrid::RegionGrid(const GridFrame& frame, std::span<const Region> regions)
     : frame_{frame}, regions_{static_cast<std::uint32_t>(regions.size())} {
-  // Each divided cell once.
+  // Collects the divided cells, each of them once.
   std::vector<Cell> above;
   for (const Region& region : regions)
     for (std::uint32_t up = 1; up <= region.depth; ++up)
@@ -39,46 +39,46 @@ RegionGrid::RegionGrid(const GridFrame& frame, std::span<const Region> regions)
       extent_[axis] = std::max(extent_[axis], static_cast<double>(region.cell[axis] >> region.depth));
   }
   cells_.insert(cells_.end(), above.begin(), above.end());
-  places_.assign(places_for(cells_.size()), kNone);
-  mask_ = static_cast<std::uint32_t>(places_.size() - 1);
-  for (std::uint32_t number = 0; number < cells_.size(); ++number) enter(number);
+  buckets_.assign(buckets_for(cells_.size()), kNone);
+  mask_ = static_cast<std::uint32_t>(buckets_.size() - 1);
+  for (std::uint32_t number = 0; number < cells_.size(); ++number) insert(number);
 }
 
-void RegionGrid::enter(std::uint32_t number) noexcept {
+void RegionGrid::insert(std::uint32_t number) noexcept {
   const Cell& cell = cells_[number];
-  std::uint32_t place = home(cell.depth, cell.at[0], cell.at[1], cell.at[2]);
-  while (places_[place] != kNone) place = (place + 1) & mask_;
-  places_[place] = number;
+  std::uint32_t bucket = first_bucket(cell.depth, cell.at[0], cell.at[1], cell.at[2]);
+  while (buckets_[bucket] != kNone) bucket = (bucket + 1) & mask_;
+  buckets_[bucket] = number;
 }
 
 std::uint64_t RegionGrid::bytes(std::uint32_t regions) noexcept {
   const std::size_t cells = regions + regions / 8;
-  return cells * sizeof(Cell) + places_for(cells) * sizeof(std::uint32_t);
+  return cells * sizeof(Cell) + buckets_for(cells) * sizeof(std::uint32_t);
 }
 
 double RegionGrid::squared_distance(RegionId region, const Vec3d& p) const noexcept {
   const CellBox box = box_of(cells_[index(region)]);
   const double quarter = (box.high[0] - box.low[0]) / 4;
-  double apart[3][4];  // squared, by axis and quarter
+  double squared[3][4];  // squared distance along one axis, by axis and quarter
   for (int axis = 0; axis < 3; ++axis)
     for (int i = 0; i < 4; ++i) {
       const double low = box.low[axis] + i * quarter;
       const double d = std::max(std::max(low - p[axis], p[axis] - (low + quarter)), 0.0);
-      apart[axis][i] = d * d;
+      squared[axis][i] = d * d;
     }
-  // By the four bits of a row along x: the nearest set part.
-  constexpr double kNever = std::numeric_limits<double>::infinity();
-  double along_x[16];
-  along_x[0] = kNever;
+  // Squared distance along x from the nearest occupied subcell of a row, by the four bits of the row.
+  constexpr double kFar = std::numeric_limits<double>::infinity();
+  double squared_x[16];
+  squared_x[0] = kFar;
   for (unsigned bits = 1; bits < 16; ++bits) {
     const auto first = static_cast<unsigned>(std::countr_zero(bits));
-    along_x[bits] = std::min(apart[0][first], along_x[bits & (bits - 1)]);
+    squared_x[bits] = std::min(squared[0][first], squared_x[bits & (bits - 1)]);
   }
-  double nearest = kNever;
+  double nearest = kFar;
   std::uint64_t left = cells_[index(region)].occupied;
   for (int z = 0; z < 4; ++z)
     for (int y = 0; y < 4; ++y, left >>= 4)
-      nearest = std::min(nearest, apart[2][z] + apart[1][y] + along_x[left & 15u]);
+      nearest = std::min(nearest, squared[2][z] + squared[1][y] + squared_x[left & 15u]);
   return nearest;
 }
 

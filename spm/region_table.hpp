@@ -1,8 +1,8 @@
-/// The most urgent of the added regions, each of them once, in fixed memory.
+/// A table of regions that stores each region once. If there are more regions than fit, the least urgent are dropped.
 ///
-/// An Entry has `region`; `before(other)`, a strict order of different regions with the more urgent first; and
-/// `merge(other)`, which combines two entries of one region and never makes it less urgent. If there are more regions
-/// than fit, the least urgent ones are dropped. The result does not depend on the order of the calls. Realtime after
+/// An Entry has three members. `region` is the RegionId. `before(other)` is a strict order of the entries of different
+/// regions; it is true if this entry is more urgent. `merge(other)` combines two entries of one region and never makes
+/// it less urgent. The result does not depend on the order of the calls of `add`. Memory is fixed. Realtime after
 /// construction: `add` is O(1) on average, `sort` O(n log n).
 #pragma once
 
@@ -18,82 +18,82 @@ namespace tactus::spm {
 template <class Entry>
 class RegionTable {
  public:
-  /// `capacity`: max regions, at least 1. Allocates.
+  /// `capacity` is the max number of regions, at least 1. Allocates.
   explicit RegionTable(std::uint32_t capacity)
-      : capacity_{std::max(capacity, 1u)}, entries_(2 * std::size_t{capacity_}), place_of_(entries_.size()) {
+      : capacity_{std::max(capacity, 1u)}, entries_(2 * std::size_t{capacity_}), bucket_of_(entries_.size()) {
     while (std::size_t{1} << bits_ < 2 * entries_.size()) ++bits_;
-    places_.assign(std::size_t{1} << bits_, kNone);
+    buckets_.assign(std::size_t{1} << bits_, kNone);
   }
 
   void clear() noexcept {
-    free_places();
+    free_buckets();
     count_ = 0;
-    full_ = false;
+    has_limit_ = false;
     complete_ = true;
   }
 
   /// Do not call between `sort` and `clear`.
   void add(const Entry& entry) noexcept {
-    const std::uint32_t place = find(entry.region);
-    if (places_[place] != kNone) return entries_[places_[place]].merge(entry);
-    if (full_ && !entry.before(last_)) {
+    const std::uint32_t bucket = find(entry.region);
+    if (buckets_[bucket] != kNone) return entries_[buckets_[bucket]].merge(entry);
+    if (has_limit_ && !entry.before(limit_)) {
       complete_ = false;
       return;
     }
     entries_[count_] = entry;
-    take_place(place, count_++);
+    fill_bucket(bucket, count_++);
     if (count_ == entries_.size()) reduce();
   }
-  /// Notes that the caller could not find all regions.
-  void miss() noexcept { complete_ = false; }
+  /// Records that the caller could not find all regions.
+  void mark_incomplete() noexcept { complete_ = false; }
 
-  /// Puts the most urgent first.
+  /// Sorts the entries, the most urgent first, and drops the least urgent ones beyond the capacity.
   void sort() noexcept {
     if (count_ > capacity_) reduce();
     std::sort(entries_.begin(), entries_.begin() + count_, [](const Entry& a, const Entry& b) { return a.before(b); });
   }
 
-  /// After `sort`, at most the capacity.
+  /// The entries, at most `capacity`. Call after `sort`.
   [[nodiscard]] std::span<const Entry> entries() const noexcept { return {entries_.data(), count_}; }
-  /// False if a region was dropped or `miss` was called.
+  /// False if a region was dropped or `mark_incomplete` was called since `clear`.
   [[nodiscard]] bool complete() const noexcept { return complete_; }
 
  private:
   /// The region's position in the hash table, or the free position for it.
   [[nodiscard]] std::uint32_t find(RegionId region) const noexcept {
-    const auto mask = static_cast<std::uint32_t>(places_.size() - 1);
-    std::uint32_t place = index(region) * 0x9e3779b9u >> (32 - bits_);
-    while (places_[place] != kNone && entries_[places_[place]].region != region) place = (place + 1) & mask;
-    return place;
+    const auto mask = static_cast<std::uint32_t>(buckets_.size() - 1);
+    std::uint32_t bucket = index(region) * 0x9e3779b9u >> (32 - bits_);
+    while (buckets_[bucket] != kNone && entries_[buckets_[bucket]].region != region) bucket = (bucket + 1) & mask;
+    return bucket;
   }
-  void take_place(std::uint32_t place, std::uint32_t number) noexcept {
-    places_[place] = number;
-    place_of_[number] = place;
+  void fill_bucket(std::uint32_t bucket, std::uint32_t number) noexcept {
+    buckets_[bucket] = number;
+    bucket_of_[number] = bucket;
   }
-  void free_places() noexcept {
-    for (std::uint32_t i = 0; i < count_; ++i) places_[place_of_[i]] = kNone;
+  void free_buckets() noexcept {
+    for (std::uint32_t i = 0; i < count_; ++i) buckets_[bucket_of_[i]] = kNone;
   }
-  /// Drops all but the most urgent entries. Rare, because twice the capacity fits.
+  /// Drops all entries but the `capacity` most urgent ones. Rare, because there is memory for twice the capacity.
   void reduce() noexcept {
-    const auto last = entries_.begin() + (capacity_ - 1);
-    free_places();
-    std::nth_element(entries_.begin(), last, entries_.begin() + count_,
+    const auto least_urgent = entries_.begin() + (capacity_ - 1);
+    free_buckets();
+    std::nth_element(entries_.begin(), least_urgent, entries_.begin() + count_,
                      [](const Entry& a, const Entry& b) { return a.before(b); });
-    last_ = *last;
-    full_ = true;
+    limit_ = *least_urgent;
+    has_limit_ = true;
     complete_ = false;
     count_ = capacity_;
-    for (std::uint32_t i = 0; i < count_; ++i) take_place(find(entries_[i].region), i);
+    for (std::uint32_t i = 0; i < count_; ++i) fill_bucket(find(entries_[i].region), i);
   }
 
   std::uint32_t capacity_;
-  std::vector<Entry> entries_;           // the first count_
-  std::vector<std::uint32_t> place_of_;  // by entry: position in places_
-  std::vector<std::uint32_t> places_;    // hash table with open addressing: entry numbers
-  unsigned bits_ = 1;                    // log2 of the size of places_
+  std::vector<Entry> entries_;            // only the first count_ are valid
+  std::vector<std::uint32_t> bucket_of_;  // by entry: index in buckets_
+  std::vector<std::uint32_t> buckets_;    // hash table with open addressing: indices in entries_, or kNone
+  unsigned bits_ = 1;                     // log2 of the size of buckets_
   std::uint32_t count_ = 0;
-  bool full_ = false;  // true: `capacity_` regions are at least as urgent as last_
-  Entry last_{};
+  bool has_limit_ = false;  // if true, `capacity_` regions are at least as urgent as limit_
+  Entry limit_{};
   bool complete_ = true;
 };
 

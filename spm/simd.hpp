@@ -1,9 +1,10 @@
-/// Vectors of float or double in the compiler's own vector types, and the choice of the instruction set at run time.
+/// Vectors of float or double as vector types of the compiler, and the choice of the instruction set at run time.
 ///
-/// A kernel is written once, in a file `x_kernel.inc`. A source file includes it for each instruction set, in a
-/// namespace of its own, after simd_lanes.inc and between a TACTUS_TARGET macro and TACTUS_TARGET_END. (Compilers lower
-/// vector types before they inline, so helpers must be compiled for the instruction set too.) Lanes do not interact and
-/// nothing is contracted (-ffp-contract=off), so every variant gives the same bits; tests compare them.
+/// A kernel is written once, in a file `x_kernel.inc`, which includes simd_lanes.inc. A source file includes the kernel
+/// once for each instruction set, each time in another namespace and between a TACTUS_TARGET macro and
+/// TACTUS_TARGET_END. Compilers lower vector types before they inline, so the helpers in simd_lanes.inc must be
+/// compiled for each instruction set too. Lanes do not interact and nothing is contracted (-ffp-contract=off), so every
+/// variant gives the same bits. Tests compare the variants.
 #pragma once
 
 #include <cstdint>
@@ -34,7 +35,7 @@ using Float8 = float __attribute__((vector_size(32)));
 using Int8 = std::int32_t __attribute__((vector_size(32)));
 enum class Simd : std::uint8_t { kBase, kAvx2, kAvx512 };
 
-/// The best instruction set of this processor.
+/// Returns the best instruction set of the processor.
 [[nodiscard]] inline Simd best_simd() noexcept {
 #ifdef TACTUS_HAS_TARGETS
   __builtin_cpu_init();

@@ -35,11 +35,12 @@ SurfacePoints surface_points(const BaseMesh& base, std::size_t max) {
     const Vector3d a = corner(face, 0).position, b = corner(face, 1).position, c = corner(face, 2).position;
     const Vector3d twice_area = (b - a).cross(c - a);
     for (std::size_t k = 0; k < 3; ++k) corner(face, k).normal += twice_area;
-    if (face.last != 0) centres.push_back({(a + b + c) / 3, twice_area});
+    if (face.finest != 0) centres.push_back({(a + b + c) / 3, twice_area});
   }
   candidates.insert(candidates.end(), centres.begin(), centres.end());
 
-  std::vector<double> distances(candidates.size(), std::numeric_limits<double>::infinity());  // squared, to the nearest
+  std::vector<double> distances(candidates.size(),
+                                std::numeric_limits<double>::infinity());  // squared, to the nearest point
   std::size_t next = 0;
   while (out.points.size() < max && distances[next] > 0) {
     const Candidate& chosen = candidates[next];
@@ -51,7 +52,7 @@ SurfacePoints surface_points(const BaseMesh& base, std::size_t max) {
     next = static_cast<std::size_t>(std::max_element(distances.begin(), distances.end()) - distances.begin());
   }
 
-  // A part of the surface may have collapsed to a vertex without a face.
+  // A part of the surface may have collapsed to a vertex without a face, so all vertices count too.
   out.spacing = std::sqrt(*std::max_element(distances.begin(), distances.end()));
   // The distance from a point to a face is largest at a corner of the face.
   for (const BaseFace& face : base.faces) {

@@ -1,7 +1,7 @@
-/// A few points on a model's surface, at which participants without a mesh can aim.
+/// Selects a few points on a model's surface, at which participants without a mesh can aim.
 ///
-/// Each point is on the finest surface: a vertex of the base mesh, which is an original vertex, or the centre of a base
-/// face that no vertex split changes. Model frame, file units. Allocates; not realtime.
+/// Each point is on the finest surface: either a vertex of the base mesh, which is also a vertex of the original mesh,
+/// or the centre of a base face that no vertex split changes. Model frame, file units. Allocates; not realtime.
 #pragma once
 
 #include <array>
@@ -14,7 +14,7 @@ namespace tactus::spm {
 
 struct SurfacePoint {
   std::array<float, 3> position{};
-  std::array<float, 3> normal{};  ///< unit, outward, of the base mesh; zero where its faces cancel out
+  std::array<float, 3> normal{};  ///< outward unit normal of the base mesh; zero where its face normals cancel out
 };
 
 struct SurfacePoints {
@@ -23,8 +23,9 @@ struct SurfacePoints {
   double spacing = 0;
 };
 
-/// At most `max` points. Each next point is the one farthest from the previous points (T. Gonzalez, "Clustering to
-/// minimize the maximum intercluster distance", 1985). O(max x base faces). Empty for a mesh without faces.
+/// Selects at most `max` points. Each next point is the candidate farthest from the points before (T. Gonzalez,
+/// "Clustering to minimize the maximum intercluster distance", 1985). O(max x base faces). Selects none for a mesh
+/// without faces.
 [[nodiscard]] SurfacePoints surface_points(const BaseMesh& base, std::size_t max);
 
 }  // namespace tactus::spm

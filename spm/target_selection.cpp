@@ -5,8 +5,8 @@
 namespace tactus::spm {
 namespace {
 
-// Added to the squared distance, these order targets by how urgent they are.
-constexpr double kNow = 0, kSoon = 1e12, kLeft = 2e12;
+// The key of a target is its squared distance plus the constant of its group.
+constexpr double kNow = 0, kSoon = 1e12, kRefined = 2e12;
 constexpr double kNotWanted = -1;
 
 }  // namespace
@@ -17,39 +17,40 @@ void TargetSelection::begin(const Forest& forest, const TargetMargins& margins) 
   targets_.clear();
 }
 
-/// Adds the regions that are here and no further than `radius` from `centre` by `key_of(region, squared distance)`,
-/// unless that is kNotWanted.
+/// Adds the loaded regions within `radius` of `centre` with the key `key_of(region, squared distance)`, unless the key
+/// is kNotWanted.
 template <class KeyOf>
-void TargetSelection::look(const Vec3d& centre, double radius, KeyOf key_of) noexcept {
-  const bool all = forest_->grid().for_each_meeting(centre, radius, [&](RegionId region, double squared) {
-    if (!forest_->is_here(region)) return;
+void TargetSelection::add_within(const Vec3d& centre, double radius, KeyOf key_of) noexcept {
+  const bool all = forest_->grid().for_each_intersecting(centre, radius, [&](RegionId region, double squared) {
+    if (!forest_->is_loaded(region)) return;
     const double key = key_of(region, squared);
     if (key != kNotWanted) targets_.add({region, key});
   });
-  if (!all && centre.allFinite()) targets_.miss();
+  if (!all && centre.allFinite()) targets_.mark_incomplete();
 }
 
 void TargetSelection::add_soon(const Vec3d& centre, double radius) noexcept {
-  look(centre, radius, [](RegionId, double squared) { return kSoon + squared; });
+  add_within(centre, radius, [](RegionId, double squared) { return kSoon + squared; });
 }
 
 void TargetSelection::add_sphere(const PlacedSphere& sphere) noexcept {
-  const double half = sphere.ahead.norm() / 2;
-  look(sphere.centre, sphere.radius, [](RegionId, double squared) { return kNow + squared; });
-  add_soon(sphere.centre + sphere.ahead / 2, sphere.radius + half + margins_.refine);
-  look(sphere.centre, sphere.radius + half + margins_.keep,
-       [this](RegionId region, double squared) { return forest_->is_refined(region) ? kLeft + squared : kNotWanted; });
+  const double half = sphere.displacement.norm() / 2;
+  add_within(sphere.centre, sphere.radius, [](RegionId, double squared) { return kNow + squared; });
+  add_soon(sphere.centre + sphere.displacement / 2, sphere.radius + half + margins_.refine);
+  add_within(sphere.centre, sphere.radius + half + margins_.retain, [this](RegionId region, double squared) {
+    return forest_->is_refined(region) ? kRefined + squared : kNotWanted;
+  });
 }
 
 void TargetSelection::add_spheres(std::span<const PlacedSphere> spheres) noexcept {
   for (const PlacedSphere& sphere : spheres) {
-    const double reach = sphere.radius + sphere.ahead.norm() / 2, soon = reach + margins_.refine;
-    look(sphere.centre + sphere.ahead / 2, reach + std::max(margins_.refine, margins_.keep),
-         [&](RegionId region, double squared) {
-           if (squared > soon * soon) return forest_->is_refined(region) ? kLeft + squared : kNotWanted;
-           const double now = forest_->grid().squared_distance(region, sphere.centre);
-           return now <= sphere.radius * sphere.radius ? kNow + now : kSoon + squared;
-         });
+    const double reach = sphere.radius + sphere.displacement.norm() / 2, soon = reach + margins_.refine;
+    add_within(sphere.centre + sphere.displacement / 2, reach + std::max(margins_.refine, margins_.retain),
+               [&](RegionId region, double squared) {
+                 if (squared > soon * soon) return forest_->is_refined(region) ? kRefined + squared : kNotWanted;
+                 const double now = forest_->grid().squared_distance(region, sphere.centre);
+                 return now <= sphere.radius * sphere.radius ? kNow + now : kSoon + squared;
+               });
   }
 }
 

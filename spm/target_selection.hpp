@@ -1,10 +1,12 @@
 /// Selects the regions of an object to refine for the probes near it, in the order of their urgency. `exact` reports
 /// whether a probe's contacts are those of the finest mesh.
 ///
-/// Spheres cover the surface of each probe (spm/probe_spheres.hpp). Where a sphere meets a labelled cell, the mesh must
-/// be at full resolution. The order has three groups: a sphere meets the region now; a sphere will soon meet it; the
-/// region is refined and a sphere has just left it. Within a group, the nearest region comes first. The third group
-/// saves splits if the sphere returns.
+/// Spheres cover the surface of each probe (spm/probe_spheres.hpp). If a sphere intersects a labelled cell, the mesh
+/// must have full resolution in the cell. The order has three groups of regions:
+///   1. regions that a sphere intersects now,
+///   2. regions that a sphere will soon intersect,
+///   3. refined regions near a sphere, so that a small movement causes no splits and collapses.
+/// Within a group, the nearest region comes first.
 ///
 /// Model frame, file units. Fixed memory. Realtime after construction.
 /// Source: Liu, Georganas, Roth, 3DIM 2005, section 3 (contact regions and their refinement).
@@ -23,28 +25,28 @@ namespace tactus::spm {
 
 /// File units.
 struct TargetMargins {
-  double refine = 0;  ///< regions within this distance are refined before a sphere meets them
-  double keep = 0;    ///< refined regions within this distance stay refined, so that a small movement splits nothing
+  double refine = 0;  ///< regions within this distance of a sphere are in the second group
+  double retain = 0;  ///< refined regions within this distance of a sphere are in the third group
 };
 
 class TargetSelection {
  public:
-  /// `capacity`: max regions of one object; if more are selected, the least urgent are dropped. Allocates.
+  /// `capacity` is the max number of selected regions. If there are more, the least urgent are dropped. Allocates.
   explicit TargetSelection(std::uint32_t capacity) : targets_{capacity}, order_(std::max(capacity, 1u)) {}
 
-  /// Selects only regions that were added to `forest`. Do not change `forest` before `finish`.
+  /// Starts a selection among the loaded regions of `forest`. Do not change `forest` before `finish`.
   void begin(const Forest& forest, const TargetMargins& margins) noexcept;
 
-  /// Adds a probe that is one sphere.
+  /// Adds the regions near a probe of one sphere.
   void add_sphere(const PlacedSphere& sphere) noexcept;
-  /// Adds a probe of several spheres. It queries the grid once for each sphere and all three groups.
+  /// Adds the regions near a probe of several spheres. Queries the grid once for each sphere instead of three times.
   void add_spheres(std::span<const PlacedSphere> spheres) noexcept;
-  /// Adds a sphere for a later query. Its regions count as regions that a sphere will soon meet.
+  /// Adds the regions that a given sphere intersects to the second group.
   void add_soon(const Vec3d& centre, double radius) noexcept;
 
-  /// Returns the regions in their order, for Forest::target. Valid until the next `begin`.
+  /// Returns the selected regions in their order, for Forest::set_targets. Valid until the next `begin`.
   [[nodiscard]] std::span<const RegionId> finish() noexcept;
-  /// False when regions were dropped, or a sphere met more cells than a query of the grid visits.
+  /// False if regions were dropped, or a sphere was too large for a query of the grid.
   [[nodiscard]] bool complete() const noexcept { return targets_.complete(); }
 
  private:
@@ -57,7 +59,7 @@ class TargetSelection {
     void merge(const Target& other) noexcept { key = other.key < key ? other.key : key; }
   };
   template <class KeyOf>
-  void look(const Vec3d& centre, double radius, KeyOf key_of) noexcept;
+  void add_within(const Vec3d& centre, double radius, KeyOf key_of) noexcept;
 
   const Forest* forest_ = nullptr;
   TargetMargins margins_;
@@ -65,8 +67,8 @@ class TargetSelection {
   std::vector<RegionId> order_;
 };
 
-/// Returns true if every labelled cell that the spheres meet is refined. Queries inside the spheres then give the
-/// contacts of the finest mesh; the caller must ignore contacts with faces that are not finest, which belong to other
+/// True if every labelled cell that the spheres intersect is refined. Queries within the spheres then return the
+/// contacts of the finest mesh. The caller must ignore contacts with faces that are not finest, which belong to other
 /// cells.
 [[nodiscard]] bool exact(const Forest& forest, std::span<const PlacedSphere> spheres) noexcept;
 

@@ -8,11 +8,11 @@ namespace tactus::spm {
 
 bool swept_sphere(const Vec3d& from, const Vec3d& to, double radius, const Vec3d& a, const Vec3d& b, const Vec3d& c,
                   SweepHit& hit) noexcept {
-  // Newton's method on distance(t) - radius. The function is convex and starts positive, so every iterate stays at or
-  // before the root: an iterate past 1 or a distance that stops shrinking proves that there is no touch.
+  // Newton's method on distance(t) - radius. The function is convex and starts positive, so no iterate is after the
+  // root. If an iterate is above 1 or the distance no longer shrinks, there is no contact.
   constexpr int kMaxSteps = 32;
   constexpr double kGraze = 1e-11;  // a miss by less than this share of the extent is a contact
-  constexpr double kNoise = 1e-7;   // below this share of the extent, centre minus contact has no reliable direction
+  constexpr double kNoise = 1e-7;   // if the distance is below this share of the extent, its direction is not reliable
   const Vec3d motion = to - from;
   const double extent = std::max({from.cwiseAbs().maxCoeff(), to.cwiseAbs().maxCoeff(), a.cwiseAbs().maxCoeff(),
                                   b.cwiseAbs().maxCoeff(), c.cwiseAbs().maxCoeff(), radius});
@@ -37,19 +37,19 @@ bool swept_sphere(const Vec3d& from, const Vec3d& to, double radius, const Vec3d
     const Vec3d centre = from + motion * time;
     closest = closest_point(centre, a, b, c);
     distance = std::sqrt(closest.squared_distance);
-    // A point (radius 0) on the triangle has a noisy direction; the previous one gives the side from which it came.
+    // For a point (radius 0) on the triangle, the direction is rounding noise. The previous one states its side.
     if (!(distance > rounding)) break;
     const Vec3d direction = (centre - closest.point) / distance;
     if (!(motion.dot(direction) < 0)) {
-      // Rounding may have moved a point through a needle; this counts as a contact.
+      // If rounding has moved a point through a needle, this counts as a contact.
       if (distance - radius < kGraze * extent) break;
       return false;
     }
     normal = direction;
   }
   if (distance < kNoise * extent && closest.feature == Feature::kFace) {
-    const Vec3d upright = (b - a).cross(c - a).stableNormalized();
-    normal = upright.dot(motion) < 0 ? upright : Vec3d(-upright);
+    const Vec3d face_normal = (b - a).cross(c - a).stableNormalized();
+    normal = face_normal.dot(motion) < 0 ? face_normal : Vec3d(-face_normal);
   }
   hit = {time, closest.point, normal, closest.feature};
   return true;

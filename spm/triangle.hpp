@@ -1,6 +1,6 @@
-/// A point and a moving sphere against one triangle, in double precision.
+/// Computes the distance of a point from a triangle, and the contact of a moving sphere with a triangle, in double.
 ///
-/// Any frame and any unit, the same for all arguments. A triangle may be degenerate: a segment or a point. Both sides
+/// All arguments of a call have the same frame and unit. A triangle may be degenerate: a segment or a point. Both sides
 /// of a triangle collide. Realtime.
 #pragma once
 
@@ -22,15 +22,15 @@ struct ClosestPoint {
 
 /// The first contact of a moving sphere.
 struct SweepHit {
-  double time;   ///< in [0, 1], up to rounding
-  Vec3d point;   ///< of the triangle
-  Vec3d normal;  ///< unit, from `point` to the sphere's centre at that time
+  double time;   ///< share of the motion before the contact, in [0, 1] up to rounding
+  Vec3d point;   ///< contact point on the triangle
+  Vec3d normal;  ///< unit vector from `point` to the sphere's centre at the contact
   Feature feature;
 };
 
 namespace detail {
 
-/// Replaces `best` if segment ab is nearer to p; end points count as vertices.
+/// Replaces `best` if segment ab has a point nearer to p.
 inline void nearer_on_segment(const Vec3d& p, const Vec3d& a, const Vec3d& b, Feature on_edge, Feature at_a,
                               Feature at_b, ClosestPoint& best) noexcept {
   const Vec3d ab = b - a;
@@ -54,30 +54,30 @@ inline void nearer_on_segment(const Vec3d& p, const Vec3d& a, const Vec3d& b, Fe
 
 }  // namespace detail
 
-/// The point of triangle abc that is closest to p. Realtime, about 20 ns.
-///
-/// For a degenerate triangle or a needle, the distance is exact up to rounding.
+/// Returns the point of triangle abc that is closest to p. The distance is exact up to rounding, also for a degenerate
+/// triangle or a needle. Realtime, about 20 ns.
 [[nodiscard]] inline ClosestPoint closest_point(const Vec3d& p, const Vec3d& a, const Vec3d& b,
                                                 const Vec3d& c) noexcept {
   const Vec3d ab = b - a;
   const Vec3d ac = c - a;
   const Vec3d ap = p - a;
   ClosestPoint best{a, ap.squaredNorm(), Feature::kVertexA};
-  // Orthogonal axes ab and h in the plane: a cross product would lose the precision for a needle.
+  // ab and h are orthogonal axes in the plane. For a needle, a cross product would lose precision.
   const double ab2 = ab.squaredNorm();
   const double slant = ab2 > 0 ? ab.dot(ac) / ab2 : 0;
   const Vec3d h = ac - ab * slant;
   const double h2 = h.squaredNorm();
   const double longest2 = std::max({ab2, ac.squaredNorm(), (c - b).squaredNorm()});
-  // Edges on which the nearest point can be: those that p is beyond. All edges if rounding errors could decide.
+  // The nearest point can only be on an edge if p is beyond this edge. If rounding errors could decide, all edges are
+  // tried.
   bool on_ab = true, on_bc = true, on_ca = true;
-  // Below this the height of the triangle is rounding noise, and only its edges count.
+  // For flatter triangles the height is rounding noise, so only the edges are tried.
   constexpr double kFlat = 1e-28;
   if (ab2 * h2 > kFlat * longest2 * longest2) {
     const double s = ab.dot(ap) / ab2;
     const double w = h.dot(ap - ab * s) / h2;  // barycentric coordinate of c
-    const double v = s - slant * w;            // and of b
-    const double u = 1 - v - w;
+    const double v = s - slant * w;            // barycentric coordinate of b
+    const double u = 1 - v - w;                // barycentric coordinate of a
     constexpr double kInside = 1e-6;
     constexpr double kNeedle = 1e-6;
     if (ab2 * h2 > kNeedle * longest2 * longest2) {
@@ -97,15 +97,17 @@ inline void nearer_on_segment(const Vec3d& p, const Vec3d& a, const Vec3d& b, Fe
   return best;
 }
 
-/// The first time in [0, 1] at which a sphere whose centre moves straight from `from` to `to` touches triangle abc.
-/// False if it does not; `hit` is then unchanged. Radius 0 sweeps a point. A miss within rounding may count as a
-/// contact. Realtime, at most 32 closest points.
+/// Finds the first contact of triangle abc with a sphere whose centre moves straight from `from` to `to`. False if
+/// there is none; `hit` is then unchanged. The sphere may be a point (radius 0). A miss within rounding may count as a
+/// contact. Realtime, computes at most 32 closest points.
 ///
-/// The triangle is convex, so the distance of the centre is a convex function of time. Hence:
-/// - A sphere that already touches (distance <= radius) hits at time 0 if the distance shrinks, that is if
-///   `(to - from) . normal < 0`. Otherwise it never hits: it slides along the triangle or leaves it.
-/// - A centre on the triangle itself has no such normal and uses the normal of (a, b, c): it hits if it moves against
-///   that normal, and never if the triangle is degenerate.
+/// The triangle is convex, so the distance of the centre is a convex function of time. This decides the cases at time
+/// 0:
+/// - If the sphere already touches the triangle (distance <= radius), it has a contact at time 0 if the distance
+/// shrinks,
+///   that is if `(to - from) . normal < 0`. Otherwise it has none, because it slides along the triangle or leaves it.
+/// - If the centre is on the triangle, `normal` is the normal of (a, b, c). If the triangle is degenerate, there is no
+///   contact.
 [[nodiscard]] bool swept_sphere(const Vec3d& from, const Vec3d& to, double radius, const Vec3d& a, const Vec3d& b,
                                 const Vec3d& c, SweepHit& hit) noexcept;
 

@@ -1,7 +1,8 @@
-/// Distance and nearest points of two triangles: eight pairs at a time.
+/// Computes distance and nearest points of two triangles, for eight pairs at a time.
 ///
-/// In float, so the origin should be near: for coordinates up to L the error of the distance is some 3e-7 L. Any unit.
-/// Triangles may be degenerate: a segment or a point. Of parallel parts, any nearest point may be returned. Realtime.
+/// Uses float: for coordinates up to L, the error of the distance is some 3e-7 L, so the origin should be near. Any
+/// unit. Triangles may be degenerate: a segment or a point. If several pairs of points are nearest, returns any of
+/// them. Realtime.
 #pragma once
 
 #include <cstdint>
@@ -19,13 +20,13 @@ struct alignas(64) TriangleLanes {
 struct alignas(64) TriangleGaps {
   float distance[TriangleLanes::kWidth];
   float on_object[3][TriangleLanes::kWidth], on_probe[3][TriangleLanes::kWidth];  ///< nearest points, by axis
-  /// A bit for each lane: each triangle has corners on both sides of the other's plane, so they may intersect.
-  /// `distance`, which is between edges and corners, does not show that. No bit: they do not intersect, except within
-  /// rounding.
-  unsigned may_meet;
+  /// One bit for each lane. It is 1 if each triangle has corners on both sides of the other's plane, so that the
+  /// triangles may intersect; if it is 0, they do not intersect, except within rounding. `distance` does not show an
+  /// intersection, because it is computed between edges and corners.
+  unsigned may_intersect;
 };
 
-/// The same bits for every `simd`.
+/// Computes the gaps of all lanes. Every `simd` gives the same bits.
 void gaps(const TriangleLanes& object, const TriangleLanes& probe, TriangleGaps& out, Simd simd) noexcept;
 
 }  // namespace tactus::spm

@@ -10,14 +10,14 @@
 namespace tactus::spm {
 namespace {
 
-// Triangles F (object) and G (probe) have the edges f_i f_i+1 and g_j g_j+1. An edge of F pierces G if its end points
-// are on both sides of the plane of G and its line passes the three edges of G on the same side; likewise for an edge
-// of G. So the test needs the sides of 3 + 3 corners and of 3 x 3 pairs of edges:
+// Triangle F (object) has the edges f_i f_i+1, triangle G (probe) the edges g_j g_j+1. An edge of F pierces G if its
+// end points are on both sides of the plane of G and its line passes all three edges of G on the same side. The same
+// holds for an edge of G. The test therefore needs the sides of 3 + 3 corners and of 3 x 3 pairs of edges:
 //
 //   side_f[i] = (g0 g1 g2 f_i)    side_g[j] = (f0 f1 f2 g_j)    pass[i][j] = (f_i f_i+1 g_j g_j+1)
 //
-// with (a b c d) the sign of (b - a) x (c - a) . (d - a). Two triangles that intersect and are not coplanar have a
-// piercing edge; a zero counts as either sign.
+// where (a b c d) is the sign of (b - a) x (c - a) . (d - a). A zero counts as either sign. If two triangles intersect
+// and are not coplanar, an edge pierces.
 
 using Sides = std::array<int, 3>;
 
@@ -30,17 +30,17 @@ bool all_strictly_one_side(const Sides& s) noexcept { return s[0] * s[1] > 0 && 
 bool all_zero(const Sides& s) noexcept { return s[0] == 0 && s[1] == 0 && s[2] == 0; }
 bool no_two_opposite(int a, int b, int c) noexcept { return a * b >= 0 && b * c >= 0 && c * a >= 0; }
 
-/// The parameter of the plane between end points at distances |a| and |b| on both sides of it.
+/// Returns the share of a segment before a plane. The end points are on both sides, at the distances |a| and |b|.
 double crossing(double a, double b) noexcept {
-  const double whole = std::abs(a) + std::abs(b);
-  return whole > 0 ? std::abs(a) / whole : 0.5;
+  const double total = std::abs(a) + std::abs(b);
+  return total > 0 ? std::abs(a) / total : 0.5;
 }
 
 double volume(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d) noexcept {
   return (b - a).cross(c - a).dot(d - a);
 }
 
-/// Running mean of points.
+/// Sum and number of points, for their mean.
 struct Mean {
   Vec3d sum = Vec3d::Zero();
   int count = 0;
@@ -64,9 +64,9 @@ void add_piercings(const Triangle3d& a, const Triangle3d& b, const Sides& side, 
   }
 }
 
-/// Coplanar triangles, projected along a coordinate in which they have area. They are disjoint if an edge of one has
-/// the other strictly on its outer side.
-bool meet_in_plane(const Triangle3d& f, const Triangle3d& g, Vec3d& point) noexcept {
+/// Decides for coplanar triangles. Projects them along an axis such that both have an area. They are disjoint if an
+/// edge of one has the other triangle strictly on its outer side.
+bool intersect_in_plane(const Triangle3d& f, const Triangle3d& g, Vec3d& point) noexcept {
   int x = 0, y = 1, area_f = 0, area_g = 0;
   for (int dropped = 0; dropped < 3 && (area_f == 0 || area_g == 0); ++dropped) {
     x = (dropped + 1) % 3;
@@ -75,7 +75,7 @@ bool meet_in_plane(const Triangle3d& f, const Triangle3d& g, Vec3d& point) noexc
     area_g = orientation(g[0], g[1], g[2], x, y);
   }
   if (area_f == 0 || area_g == 0) return false;
-  std::array<Sides, 3> f_of_g, g_of_f;  // [corner of the one][edge of the other]: positive inside
+  std::array<Sides, 3> f_of_g, g_of_f;  // f_of_g[corner of F][edge of G] and the reverse: positive inside
   for (int i = 0; i < 3; ++i)
     for (int j = 0; j < 3; ++j) {
       f_of_g[i][j] = area_g * orientation(g[j], g[(j + 1) % 3], f[i], x, y);
@@ -105,15 +105,15 @@ bool meet_in_plane(const Triangle3d& f, const Triangle3d& g, Vec3d& point) noexc
   return true;
 }
 
-/// The exact decision, for pairs for which rounding errors could decide.
-[[gnu::noinline]] bool meet_exactly(const Triangle3d& f, const Triangle3d& g, Vec3d& point) noexcept {
+/// Decides exactly, for pairs for which rounding errors could change the decision.
+[[gnu::noinline]] bool intersect_exactly(const Triangle3d& f, const Triangle3d& g, Vec3d& point) noexcept {
   Signs s;
   for (int i = 0; i < 3; ++i) s.side_f[i] = orientation(g[0], g[1], g[2], f[i]);
   if (all_strictly_one_side(s.side_f)) return false;
   for (int j = 0; j < 3; ++j) s.side_g[j] = orientation(f[0], f[1], f[2], g[j]);
   if (all_strictly_one_side(s.side_g)) return false;
-  if (all_zero(s.side_f) || all_zero(s.side_g))  // a common plane, or one has no area
-    return all_zero(s.side_f) && all_zero(s.side_g) && meet_in_plane(f, g, point);
+  if (all_zero(s.side_f) || all_zero(s.side_g))  // the triangles have a common plane, or one has no area
+    return all_zero(s.side_f) && all_zero(s.side_g) && intersect_in_plane(f, g, point);
   for (int i = 0; i < 3; ++i)
     for (int j = 0; j < 3; ++j) s.pass[i][j] = orientation(f[i], f[(i + 1) % 3], g[j], g[(j + 1) % 3]);
   Mean points;
@@ -129,7 +129,7 @@ bool meet_in_plane(const Triangle3d& f, const Triangle3d& g, Vec3d& point) noexc
 constexpr double kFar = std::numeric_limits<double>::infinity();
 
 struct BatchMasks {
-  unsigned meets, unsure;
+  unsigned intersecting, unsure;
 };
 
 namespace base {
@@ -151,13 +151,13 @@ constexpr int kDoubles = 8;
 TACTUS_TARGET_END
 #endif
 
-BatchMasks meet_kernel(const TrianglePairs& pairs, unsigned count, PairContacts& out, Simd simd) noexcept {
+BatchMasks intersect_kernel(const TrianglePairs& pairs, unsigned count, PairContacts& out, Simd simd) noexcept {
 #ifdef TACTUS_HAS_TARGETS
-  if (simd == Simd::kAvx512) return avx512::meet(pairs, count, out);
-  if (simd == Simd::kAvx2) return avx2::meet(pairs, count, out);
+  if (simd == Simd::kAvx512) return avx512::intersect(pairs, count, out);
+  if (simd == Simd::kAvx2) return avx2::intersect(pairs, count, out);
 #endif
   static_cast<void>(simd);
-  return base::meet(pairs, count, out);
+  return base::intersect(pairs, count, out);
 }
 
 Triangle3d lane_of(const double (&corners)[3][3][TrianglePairs::kWidth], unsigned lane) noexcept {
@@ -169,31 +169,31 @@ Triangle3d lane_of(const double (&corners)[3][3][TrianglePairs::kWidth], unsigne
 
 }  // namespace
 
-unsigned meet(const TrianglePairs& pairs, unsigned count, PairContacts& out, Simd simd) noexcept {
-  BatchMasks masks = meet_kernel(pairs, count, out, simd);
+unsigned intersect(const TrianglePairs& pairs, unsigned count, PairContacts& out, Simd simd) noexcept {
+  BatchMasks masks = intersect_kernel(pairs, count, out, simd);
   const unsigned requested = (1u << count) - 1;
-  masks.meets &= requested;
+  masks.intersecting &= requested;
   for (unsigned left = masks.unsure & requested; left != 0; left &= left - 1) {
     const auto lane = static_cast<unsigned>(std::countr_zero(left));
     Vec3d point;
-    if (!meet_exactly(lane_of(pairs.object, lane), lane_of(pairs.probe, lane), point)) continue;
-    masks.meets |= 1u << lane;
+    if (!intersect_exactly(lane_of(pairs.object, lane), lane_of(pairs.probe, lane), point)) continue;
+    masks.intersecting |= 1u << lane;
     for (int axis = 0; axis < 3; ++axis) out.point[axis][lane] = point[axis];
   }
-  for (unsigned left = masks.meets; left != 0; left &= left - 1) {
+  for (unsigned left = masks.intersecting; left != 0; left &= left - 1) {
     const auto lane = static_cast<unsigned>(std::countr_zero(left));
-    const Vec3d across{out.normal[0][lane], out.normal[1][lane], out.normal[2][lane]};
-    const double length = across.norm();
-    // Corners that are collinear up to rounding have no normal.
-    const Vec3d normal = length > 0 ? Vec3d{across / length} : Vec3d::UnitZ();
+    const Vec3d scaled_normal{out.normal[0][lane], out.normal[1][lane], out.normal[2][lane]};
+    const double length = scaled_normal.norm();
+    // If the corners are collinear up to rounding, there is no normal, so any is returned.
+    const Vec3d normal = length > 0 ? Vec3d{scaled_normal / length} : Vec3d::UnitZ();
     for (int axis = 0; axis < 3; ++axis) out.normal[axis][lane] = normal[axis];
     const double lowest = length > 0 ? out.depth[lane] / length : 0;
     out.depth[lane] = lowest < 0 ? -lowest : 0;
   }
-  return masks.meets;
+  return masks.intersecting;
 }
 
-bool meet(const Triangle3d& object, const Triangle3d& probe, PairContact& contact) noexcept {
+bool intersect(const Triangle3d& object, const Triangle3d& probe, PairContact& contact) noexcept {
   TrianglePairs pairs;
   for (int corner = 0; corner < 3; ++corner)
     for (int axis = 0; axis < 3; ++axis)
@@ -202,7 +202,7 @@ bool meet(const Triangle3d& object, const Triangle3d& probe, PairContact& contac
         pairs.probe[corner][axis][lane] = probe[corner][axis];
       }
   PairContacts found;
-  if (meet(pairs, 1, found, Simd::kBase) == 0) return false;
+  if (intersect(pairs, 1, found, Simd::kBase) == 0) return false;
   for (int axis = 0; axis < 3; ++axis) {
     contact.point[axis] = found.point[axis][0];
     contact.normal[axis] = found.normal[axis][0];

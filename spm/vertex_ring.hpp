@@ -1,8 +1,9 @@
-/// The vertices around a split, in an order that sender and receiver share: t, then for each deformed corner the two
-/// other corners of its face, then the third corners that are named by id; each vertex once.
+/// The ring of a split: the vertices around it, each once, in an order that sender and receiver share. t comes first,
+/// then the two other corners of each deformed face, then the third corners that are named by id.
 ///
-/// A record depends on all of them, so every receiver that can decode the record has them. A record names the third
-/// corners of born faces by their position in the ring, and the ring predicts the position of u (PositionPredictor).
+/// A record depends on all vertices of its ring, so every receiver that can decode the record has them. A record can
+/// therefore name the third corners of born faces by their positions in the ring, and PositionPredictor can predict the
+/// position of u from the ring.
 #pragma once
 
 #include <algorithm>
@@ -16,7 +17,7 @@ namespace tactus::spm {
 template <class Vertex>
 class VertexRing {
  public:
-  /// Further vertices are left out.
+  /// Max size; further vertices are not added.
   static constexpr std::uint32_t kMax = 64;
 
   void add(Vertex vertex) noexcept {

@@ -72,7 +72,7 @@ bool VirtualSession::done() const {
 
 bool VirtualSession::base_shown() const {
   const std::vector<hrtc_service::TouchObject*>& objects = core_.servo().cycle().objects();
-  return !objects.empty() && objects.front()->forest->base_shown();
+  return !objects.empty() && objects.front()->forest->is_base_shown();
 }
 
 void VirtualSession::settle() {

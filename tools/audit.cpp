@@ -166,7 +166,7 @@ class ObjectAuditor {
         visited[spm::index(region)] = true;
         add_records(model, region, needed);
       };
-      if (regions.for_each_meeting(centre, entry->radius, add_cell)) continue;
+      if (regions.for_each_intersecting(centre, entry->radius, add_cell)) continue;
       for (std::uint32_t i = 0; i < regions.size(); ++i)  // the sphere is too wide for the grid search
         if (regions.box(spm::RegionId{i}).squared_distance(centre) <= entry->radius * entry->radius)
           add_cell(spm::RegionId{i}, 0);

@@ -86,7 +86,7 @@ Bytes encode_base(const Model& model, const RecordTables& tables) {
   std::int64_t face_before = 0;
   std::int64_t corner_before = 0;
   for (const BaseFace& face : model.base_faces) {
-    out.varint(zigzag(index(face.face) - face_before) << 1 | face.last);
+    out.varint(zigzag(index(face.face) - face_before) << 1 | face.finest);
     face_before = index(face.face);
     for (const VertexId corner : face.corners) {
       out.varint(zigzag(index(corner) - corner_before));
@@ -138,7 +138,7 @@ Result<DecodedBase> decode_base(std::span<const std::uint8_t> bytes) {
     const std::uint64_t code = in.varint();
     face_before += static_cast<std::uint64_t>(unzigzag(code >> 1));
     face.face = FaceId{static_cast<std::uint32_t>(face_before)};
-    face.last = code & 1u;
+    face.finest = code & 1u;
     for (VertexId& corner : face.corners) {
       corner_before += static_cast<std::uint64_t>(unzigzag(in.varint()));
       corner = VertexId{static_cast<std::uint32_t>(corner_before)};

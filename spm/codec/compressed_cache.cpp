@@ -152,7 +152,7 @@ const RegionData& CompressedCache::get(ObjectIndex number, RegionId region, cons
   for (const Interval& interval : data_.list)
     for (std::uint32_t r = interval.first; r != interval.first + interval.count; ++r) {
       const RecordId record{r};
-      if (cache.has(number, record)) continue;
+      if (cache.has_record(number, record)) continue;
       read_chain(index_.find(key(number, record)));
       BitReader in{buffer_};
       const FaceId anchor{static_cast<std::uint32_t>(in.get(kAnchorBits))};

@@ -10,7 +10,7 @@ bool load_region(const CompressedModel& model, RegionId region, Cache& cache, Ob
   std::vector<Interval> missing;
   for (const Interval& interval : model.intervals_of(region))
     for (std::uint32_t record = interval.first; record < interval.first + interval.count; ++record) {
-      if (cache.has(object, RecordId{record})) continue;
+      if (cache.has_record(object, RecordId{record})) continue;
       if (!missing.empty() && missing.back().first + missing.back().count == record)
         ++missing.back().count;
       else

@@ -146,7 +146,7 @@ class RecordEncoder {
 
   /// True if `face` is the next face after `before` around the parent vertex.
   [[nodiscard]] bool follows(const DeformedRef& before, const DeformedRef& face) const {
-    ModelFront::At at{before.face(), before.corner()};
+    ModelFront::CornerRef at{before.face(), before.corner()};
     return front_.swing(at) && at.face == face.face();
   }
 
@@ -172,8 +172,8 @@ class RecordEncoder {
       return Shape::kUnusual;
     }
     std::uint32_t bit = 0;
-    for (int i = 0; i < part.born_count; ++i) shape.finest |= std::uint32_t{part.born[i].last()} << bit++;
-    for (int i = 0; i < part.deformed_count; ++i) shape.finest |= std::uint32_t{part.deformed[i].last()} << bit++;
+    for (int i = 0; i < part.born_count; ++i) shape.finest |= std::uint32_t{part.born[i].is_finest()} << bit++;
+    for (int i = 0; i < part.deformed_count; ++i) shape.finest |= std::uint32_t{part.deformed[i].is_finest()} << bit++;
     return shape.symbol();
   }
 
@@ -201,7 +201,7 @@ class RecordEncoder {
         if (!next) face(Field::kDeformed, part.deformed[i].face());
         last = part.deformed[i];
         any_deformed = true;
-        sink_.raw(part.deformed[i].last(), 1);
+        sink_.raw(part.deformed[i].is_finest(), 1);
       }
       for (int i = 0; i < part.born_count; ++i) {
         face(field_for(Field::kBornNext, part.radius), part.born[i].face());
@@ -243,7 +243,7 @@ class RecordEncoder {
           front_.set(ref.face(), corners);
           faces.bear(ref.face(), ref.order());
         });
-    front_.join(faces);
+    front_.link_split(faces);
   }
 
   const Model& model_;

@@ -60,7 +60,7 @@ bool RecordReader::get_usual_faces(BitReader& in, RecordId record, RecordPart& p
   for (std::uint32_t i = 0; i < shape.born(); ++i) {
     face = face_after(in, i == 0 ? first_born : next_born, face);
     part.born[i] = BornRef::make(face, at_last ? 1 : 0, (shape.finest >> i & 1u) != 0);
-    part.born_x[i] = ring_place(at_last ? kLastInRing : 1);
+    part.born_x[i] = ring_position(at_last ? kLastInRing : 1);
     at_last = true;
     max = std::max(max, face);
   }
@@ -129,7 +129,7 @@ bool RecordReader::get_born(BitReader& in, RecordId record, VertexId u, FaceId f
     return fail(record, "position of a third corner in the ring", x, "below", kLastInRing);
   if (!in_ring && (x == 0 || x > index(u))) return fail(record, "distance to a third corner", x, "1 to", index(u));
   const auto value = static_cast<std::uint32_t>(x);
-  part.born_x[i] = in_ring ? ring_place(value) : VertexId{index(u) - value};
+  part.born_x[i] = in_ring ? ring_position(value) : VertexId{index(u) - value};
   return true;
 }
 

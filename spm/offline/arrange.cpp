@@ -32,7 +32,7 @@ void arrange_faces(const ModelSummary& summary, std::span<RecordPart> parts) {
     for (int i = 0; i < part.born_count; ++i) {
       const BornRef born = part.born[i];
       rotation[born.face()] = static_cast<std::uint8_t>(born.order() / 2);
-      part.born[i] = BornRef::make(born.face(), born.order() % 2, born.last());
+      part.born[i] = BornRef::make(born.face(), born.order() % 2, born.is_finest());
     }
     if (part.born_count == 2 && part.born[0].order() > part.born[1].order()) {
       std::swap(part.born[0], part.born[1]);
@@ -42,7 +42,7 @@ void arrange_faces(const ModelSummary& summary, std::span<RecordPart> parts) {
   for (RecordPart& part : parts) {
     for (int i = 0; i < part.deformed_count; ++i) {
       const DeformedRef ref = part.deformed[i];
-      part.deformed[i] = DeformedRef::make(ref.face(), (ref.corner() + 3u - rotation[ref.face()]) % 3, ref.last());
+      part.deformed[i] = DeformedRef::make(ref.face(), (ref.corner() + 3u - rotation[ref.face()]) % 3, ref.is_finest());
     }
   }
 }

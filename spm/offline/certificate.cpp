@@ -369,7 +369,7 @@ std::uint64_t memory_needed(const ModelSummary& summary, const Certificate& cert
   constexpr std::uint64_t kGrain = 1u << 16;
   const std::uint32_t slots = slots_needed(summary, certificate);
   for (std::uint64_t bytes = PoolSettings::for_slots(slots).bytes() / kGrain * kGrain;; bytes += kGrain) {
-    const MemoryShares shares = shares_of(bytes);
+    const MemoryShares shares = memory_shares(bytes);
     if (shares.pool.slots >= slots && shares.directories >= directory_bytes(summary, shares.pool)) return bytes;
   }
 }

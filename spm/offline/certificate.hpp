@@ -49,7 +49,7 @@ struct Certificate {
 
 /// The number of slots that a pool needs for the base mesh and for the regions of any cube.
 [[nodiscard]] std::uint32_t slots_needed(const ModelSummary& summary, const Certificate& certificate) noexcept;
-/// The minimum memory for models (shares_of in spm/directory.hpp) of an HRTC that has only this object, in bytes.
+/// The minimum memory for models (memory_shares in spm/directory.hpp) of an HRTC that has only this object, in bytes.
 [[nodiscard]] std::uint64_t memory_needed(const ModelSummary& summary, const Certificate& certificate) noexcept;
 
 /// The maximum number of nodes that AbTree::refit recomputes for `faces` changed faces.

@@ -147,11 +147,11 @@ void number_faces(const TriangleMesh& mesh, const ModelSummary& summary, std::ve
       RecordPart& part = parts[p];
       for (int i = 0; i < part.born_count; ++i) {
         const BornRef ref = part.born[i];
-        part.born[i] = BornRef::make(renumbered(ref.face()), ref.order(), ref.last());
+        part.born[i] = BornRef::make(renumbered(ref.face()), ref.order(), ref.is_finest());
       }
       for (int i = 0; i < part.deformed_count; ++i) {
         const DeformedRef ref = part.deformed[i];
-        part.deformed[i] = DeformedRef::make(renumbered(ref.face()), ref.corner(), ref.last());
+        part.deformed[i] = DeformedRef::make(renumbered(ref.face()), ref.corner(), ref.is_finest());
       }
     }
   });

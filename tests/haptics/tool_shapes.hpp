@@ -91,7 +91,7 @@ inline std::size_t meeting(const TriangleMesh& mesh, const TriangleMesh& tool, c
     if ((face_low.array() > high.array()).any() || (face_high.array() < low.array()).any()) continue;
     for (const spm::Triangle3d& triangle : placed) {
       spm::PairContact contact;
-      if (spm::meet(face, triangle, contact)) ++count;
+      if (spm::intersect(face, triangle, contact)) ++count;
     }
   }
   return count;

@@ -188,7 +188,7 @@ TEST_F(OrganSession, ATipThatJumpsOntoAnObjectIsNotReportedAsExactBeforeTheLoade
     for (int cycle = 0; cycle < cycles; ++cycle) session.step(away, Vec3d::Zero(), 2000);
     const hrtc_service::ProbeOutput& probe = session.step(position(0), Vec3d::Zero(), 2000).probes[0];
     if (session.cycle().objects().empty()) continue;
-    ++(session.cycle().objects().front()->forest->base_shown() ? shown : part_shown);
+    ++(session.cycle().objects().front()->forest->is_base_shown() ? shown : part_shown);
     ASSERT_EQ(probe.status & session::kExact, 0u) << "after " << cycles << " cycles";
     ASSERT_GT(probe.error_bound, 0) << "after " << cycles << " cycles";
   }

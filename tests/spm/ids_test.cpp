@@ -46,8 +46,8 @@ static_assert(!std::is_invocable_v<decltype(&AbTree::insert), AbTree&, Slot>);
 static_assert(!std::is_invocable_v<decltype(&AbTree::insert), AbTree&, FaceId>);
 static_assert(!std::is_invocable_v<decltype(&Forest::retire), Forest&, RecordId>);
 static_assert(!std::is_invocable_v<decltype(&Forest::hash_of), RecordId>);
-static_assert(!std::is_invocable_v<decltype(&Cache::has), const Cache&, ObjectIndex, VertexId>);
-static_assert(!std::is_invocable_v<decltype(&Cache::has), const Cache&, RegionId, RecordId>);
+static_assert(!std::is_invocable_v<decltype(&Cache::has_record), const Cache&, ObjectIndex, VertexId>);
+static_assert(!std::is_invocable_v<decltype(&Cache::has_record), const Cache&, RegionId, RecordId>);
 static_assert(!std::is_invocable_v<decltype(&BornRef::make), VertexId, std::uint32_t, bool>);
 static_assert(!std::is_invocable_v<decltype(&LoadedPart::DeformedRef::make), FaceId, std::uint32_t, bool>);
 

@@ -126,7 +126,7 @@ TEST_P(Lanes, ABallTouchesWhatIsAsNearAsItsRadius) {
       ++at;
       ASSERT_EQ(index(contact.face), index(faces.first) + lane);
       ASSERT_EQ(contact.node(), faces.node);
-      ASSERT_EQ(contact.last(), (0xa5u >> lane & 1u) != 0);
+      ASSERT_EQ(contact.is_finest(), (0xa5u >> lane & 1u) != 0);
       for (int axis = 0; axis < 3; ++axis)
         ASSERT_EQ(contact.point[axis], closest.point[axis][lane]) << "round " << round << " lane " << lane;
     }
@@ -249,11 +249,11 @@ TEST_P(Lanes, TrianglesOnAWayAreThoseWhoseBoxesAre) {
   int on_way = 0;
   for (int round = 0; round < 5000; ++round) {
     const Triangles triangles = random_triangles(random);
-    const lanes::Way way{point(), 1.f, {-0.8f, -0.8f, -0.8f}, {0.5f, 0.5f, 0.5f}, point(), coordinate(random)};
+    const lanes::SweepBounds way{point(), 1.f, {-0.8f, -0.8f, -0.8f}, {0.5f, 0.5f, 0.5f}, point(), coordinate(random)};
 
-    const unsigned found = kernels_.triangles_on(triangles.data(), way);
+    const unsigned found = kernels_.triangles_on_path(triangles.data(), way);
 
-    ASSERT_EQ(found, kernels_.boxes_on(boxes_of(triangles).data(), way)) << "round " << round;
+    ASSERT_EQ(found, kernels_.boxes_on_path(boxes_of(triangles).data(), way)) << "round " << round;
     on_way += found != 0 ? 1 : 0;
   }
   EXPECT_GT(on_way, 1000);
@@ -278,7 +278,7 @@ TEST_P(Lanes, NoTriangleThatASweptSphereTouchesInTimeIsLeftOut) {
     const double limit = round % 5 == 0 ? share(random) : 1;
 
     lanes::Doubles earliest;
-    const unsigned found = kernels_.touched_by(triangles.data(), sweep, lanes::kAllLanes, limit, earliest);
+    const unsigned found = kernels_.sweep_candidates(triangles.data(), sweep, lanes::kAllLanes, limit, earliest);
 
     for (std::size_t lane = 0; lane < lanes::kLanes; ++lane) {
       const bool here = (found >> lane & 1u) != 0;
@@ -348,8 +348,8 @@ TEST_P(LaneBoxes, DistancesMeetingsAndBoundsAreThoseOfOneBoxAtATime) {
       }
     }
     ASSERT_EQ(kernels_.boxes_within(boxes.data(), p, radius2), within) << "round " << round;
-    const lanes::Way way{p, radius2, low, high, direction, behind};
-    ASSERT_EQ(kernels_.boxes_on(boxes.data(), way), on_way) << "round " << round;
+    const lanes::SweepBounds way{p, radius2, low, high, direction, behind};
+    ASSERT_EQ(kernels_.boxes_on_path(boxes.data(), way), on_way) << "round " << round;
     ASSERT_EQ(bounds.low, all.low) << "round " << round;
     ASSERT_EQ(bounds.high, all.high) << "round " << round;
   }

@@ -44,7 +44,7 @@ Found all_pairs(const Shown& shown, const PlacedProbe& probe, std::uint32_t tria
     const Triangle3d face = shown.triangle(row);
     for (std::uint32_t t = 0; t < triangles; ++t) {
       PairContact contact;
-      if (!boxes_apart(face, tool[t]) && meet(face, tool[t], contact))
+      if (!boxes_apart(face, tool[t]) && intersect(face, tool[t], contact))
         found.emplace_back(index(shown.tree().row(row).face), t, contact.depth, flat(contact.point, contact.normal));
     }
   }
@@ -60,7 +60,7 @@ Found by_query(const Shown& shown, PlacedProbe& probe) {
   contacts.resize(touch.contacts);
   Found found;
   for (const MeshContact& c : contacts) {
-    EXPECT_EQ(c.last, index(c.face) % 2 == 1);
+    EXPECT_EQ(c.is_finest, index(c.face) % 2 == 1);
     EXPECT_EQ(shown.tree().row(c.row).face, c.face);
     found.emplace_back(index(c.face), c.triangle, c.depth, flat(c.point, c.normal));
   }

@@ -1,4 +1,4 @@
-// What a stroke's past says of its future: turns go on as they did, and the way follows the surface.
+// What a stroke's past says of its future: turns go on as they did, and the path follows the surface.
 
 #include "spm/motion_segment.hpp"
 
@@ -75,10 +75,10 @@ TEST(MotionSegment, LearnsHowAHandTurns) {
   for (double time = 12; time < 14; time += 0.1) {
     follow(motion_segment, grid, winding, time + MotionSegment::kSpacing, time + 0.1);
     const double now = time + 0.1;
-    const MotionSegment::Way way = motion_segment.ahead(grid, kReach, 0.11);
-    ASSERT_EQ(way.count, 12u);
+    const MotionSegment::Path path = motion_segment.predict(grid, kReach, 0.11);
+    ASSERT_EQ(path.count, 12u);
     const Vec3d before = winding(now - 0.01), here = winding(now), then = winding(now + 0.11);
-    learned += (way.points[11] - then).norm();
+    learned += (path.points[11] - then).norm();
     straight += (here + 11 * (here - before) - then).norm();
   }
 
@@ -98,22 +98,22 @@ TEST(MotionSegment, FollowsTheSurface) {
   MotionSegment motion_segment;
   follow(motion_segment, grid, round, 0, 1);
 
-  const MotionSegment::Way way = motion_segment.ahead(grid, kReach, 0.15);
+  const MotionSegment::Path path = motion_segment.predict(grid, kReach, 0.15);
 
-  ASSERT_EQ(way.count, 16u);
-  for (std::uint32_t i = 0; i < way.count; ++i) {
-    EXPECT_NEAR(std::hypot(way.points[i][0], way.points[i][2]), kRadius, 1) << i;
-    EXPECT_LT((way.points[i] - round(1 + i * MotionSegment::kStep)).norm(), 0.2 * i + 0.1) << i;
+  ASSERT_EQ(path.count, 16u);
+  for (std::uint32_t i = 0; i < path.count; ++i) {
+    EXPECT_NEAR(std::hypot(path.points[i][0], path.points[i][2]), kRadius, 1) << i;
+    EXPECT_LT((path.points[i] - round(1 + i * MotionSegment::kStep)).norm(), 0.2 * i + 0.1) << i;
   }
 }
 
 TEST(MotionSegment, DoubtsAsMuchAsItWasWrong) {
   const RegionGrid grid = Cells{floor()}.grid();
   MotionSegment motion_segment;
-  EXPECT_EQ(motion_segment.doubt(0.11), 0) << "nothing has been expected";
+  EXPECT_EQ(motion_segment.rms_error(0.11), 0) << "nothing has been expected";
   const auto straight = [](double time) { return Vec3d{-50 + 10 * time, 0.5, 0.5}; };
   follow(motion_segment, grid, straight, 0, 8);
-  const double sure = motion_segment.doubt(0.11);
+  const double sure = motion_segment.rms_error(0.11);
   const auto zigzag = [&](double time) {
     const double share = std::fmod(time, 0.3) / 0.15;
     return Vec3d{straight(time)[0], 10 * (share < 1 ? share : 2 - share), 0.5};
@@ -121,18 +121,18 @@ TEST(MotionSegment, DoubtsAsMuchAsItWasWrong) {
   follow(motion_segment, grid, zigzag, 8.002, 9);
 
   EXPECT_LT(sure, 0.1);
-  EXPECT_GT(motion_segment.doubt(0.11), 1);
-  EXPECT_LT(motion_segment.doubt(0.02), motion_segment.doubt(0.11) / 4);
+  EXPECT_GT(motion_segment.rms_error(0.11), 1);
+  EXPECT_LT(motion_segment.rms_error(0.02), motion_segment.rms_error(0.11) / 4);
 }
 
 TEST(MotionSegment, KnowsNothingRightAfterAnInterruption) {
   const RegionGrid grid = Cells{floor()}.grid();
   MotionSegment motion_segment;
   follow(motion_segment, grid, winding, 0, 1);
-  motion_segment.interrupt();
+  motion_segment.restart();
   follow(motion_segment, grid, winding, 2, 2.05);
 
-  EXPECT_EQ(motion_segment.ahead(grid, kReach, 0.1).count, 0u);
+  EXPECT_EQ(motion_segment.predict(grid, kReach, 0.1).count, 0u);
 }
 
 TEST(MotionSegment, StaysWhereATipIsAtRest) {
@@ -145,10 +145,10 @@ TEST(MotionSegment, StaysWhereATipIsAtRest) {
       },
       0, 1);
 
-  const MotionSegment::Way way = motion_segment.ahead(grid, kReach, 0.1);
+  const MotionSegment::Path path = motion_segment.predict(grid, kReach, 0.1);
 
-  ASSERT_EQ(way.count, 11u);
-  for (std::uint32_t i = 0; i < way.count; ++i) EXPECT_LT((way.points[i] - Vec3d{3, 4, 0.5}).norm(), 1e-9);
+  ASSERT_EQ(path.count, 11u);
+  for (std::uint32_t i = 0; i < path.count; ++i) EXPECT_LT((path.points[i] - Vec3d{3, 4, 0.5}).norm(), 1e-9);
 }
 
 }  // namespace

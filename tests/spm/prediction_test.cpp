@@ -29,15 +29,15 @@ class Prediction : public testing::Test {
     grid_ = std::make_unique<RegionGrid>(GridFrame{{-20.5, -20.5, -0.5}, 1}, std::span<const Region>{regions_});
   }
 
-  Predictor::Answer predict(Strategy strategy, bool in_contact) const {
+  Predictor::Regions predict(Strategy strategy, bool in_contact) const {
     Predictor predictor{*grid_, {kRadius, kMargin, 0, strategy}};
     for (int i = -60; i <= 0; ++i) predictor.observe(i * 0.002, {kSpeed * i * 0.002, 0, 0}, in_contact);
-    Predictor::Answer answer;
+    Predictor::Regions answer;
     predictor.predict(kLead, answer);
     answer.sort();
     return answer;
   }
-  static std::set<std::uint32_t> regions_of(const Predictor::Answer& answer) {
+  static std::set<std::uint32_t> regions_of(const Predictor::Regions& answer) {
     std::set<std::uint32_t> regions;
     for (const PredictedRegion& met : answer.entries()) regions.insert(index(met.region));
     return regions;
@@ -78,14 +78,14 @@ TEST_F(Prediction, OfTheMixtureWantsThePathAndSomeOfWhatIsBeside) {
 
 TEST_F(Prediction, PutsTheSoonestFirstAndTheTipsOwnCellAtOnce) {
   for (std::size_t s = 0; s < kStrategyNames.size(); ++s) {
-    const Predictor::Answer answer = predict(static_cast<Strategy>(s), true);
+    const Predictor::Regions answer = predict(static_cast<Strategy>(s), true);
     const std::span<const PredictedRegion> met = answer.entries();
     ASSERT_GT(met.size(), 1u) << kStrategyNames[s];
     EXPECT_TRUE(answer.complete()) << kStrategyNames[s];
-    EXPECT_EQ(met[0].contact_in, 0) << kStrategyNames[s];
+    EXPECT_EQ(met[0].time_to_contact, 0) << kStrategyNames[s];
     EXPECT_EQ(regions_of(answer).count(20 * 41 + 20), 1u) << kStrategyNames[s];
     for (std::size_t i = 1; i < met.size(); ++i)
-      EXPECT_LE(met[i - 1].contact_in, met[i].contact_in) << kStrategyNames[s];
+      EXPECT_LE(met[i - 1].time_to_contact, met[i].time_to_contact) << kStrategyNames[s];
   }
 }
 

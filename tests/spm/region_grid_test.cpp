@@ -76,7 +76,7 @@ TEST(RegionGrid, ABallMeetsTheCellsOfWhichAnOccupiedPartIsInReach) {
         ++passed_over;
     }
 
-    const bool complete = look_up.for_each_meeting(centre, radius, [&](RegionId region, double squared) {
+    const bool complete = look_up.for_each_intersecting(centre, radius, [&](RegionId region, double squared) {
       EXPECT_LE(squared, radius * radius);
       found.push_back(index(region));
     });
@@ -116,7 +116,7 @@ TEST(RegionGrid, AQueryUsesTheSameStackAtEveryDepth) {
     frames.push_back(__builtin_frame_address(0));
     found.push_back(index(region));
   };
-  ASSERT_TRUE(look_up.for_each_meeting(corner, 1.0, visit));
+  ASSERT_TRUE(look_up.for_each_intersecting(corner, 1.0, visit));
   // Children in order, each with all that is in it before the next.
   std::vector<std::uint32_t> expected;
   for (std::uint32_t depth = 8; depth > 0; --depth)
@@ -138,12 +138,12 @@ TEST(RegionGrid, ASphereThatIsNoSphereIsNotAnswered) {
     for (int axis = 0; axis < 3; ++axis) {
       Vec3d centre = place;
       centre[axis] = kNaN;
-      EXPECT_FALSE(look_up.for_each_meeting(centre, 0.1, visit)) << axis;
+      EXPECT_FALSE(look_up.for_each_intersecting(centre, 0.1, visit)) << axis;
     }
-  EXPECT_FALSE(look_up.for_each_meeting(inside, kNaN, visit));
-  EXPECT_FALSE(look_up.for_each_meeting(inside, -0.1, visit));
+  EXPECT_FALSE(look_up.for_each_intersecting(inside, kNaN, visit));
+  EXPECT_FALSE(look_up.for_each_intersecting(inside, -0.1, visit));
   EXPECT_EQ(visited, 0);
-  EXPECT_TRUE(look_up.for_each_meeting(outside, 0.1, visit)) << "it meets nothing, and that is known";
+  EXPECT_TRUE(look_up.for_each_intersecting(outside, 0.1, visit)) << "it meets nothing, and that is known";
 }
 
 }  // namespace

@@ -33,7 +33,7 @@ class Resting : public ::testing::TestWithParam<std::uint64_t> {
     return made;
   }
   static Advance ask(HrtcModel& hrtc, const std::vector<RegionId>& regions, std::uint32_t units = 1u << 30) {
-    return hrtc.refine(regions, units, nullptr, 0, Unrequested::kRest);
+    return hrtc.refine(regions, units, nullptr, 0, Unrequested::kRetain);
   }
   [[nodiscard]] RegionId any_region() {
     return RegionId{static_cast<std::uint32_t>(random_() % model_.summary.regions)};
@@ -60,19 +60,19 @@ class Resting : public ::testing::TestWithParam<std::uint64_t> {
 
 struct Published {
   std::vector<spm::Forest::InUse> regions;
-  explicit Published(const spm::Forest& forest) : regions(forest.in_use(nullptr, 0)) {
-    EXPECT_EQ(forest.in_use(regions.data(), static_cast<std::uint32_t>(regions.size())), regions.size());
+  explicit Published(const spm::Forest& forest) : regions(forest.copy_in_use(nullptr, 0)) {
+    EXPECT_EQ(forest.copy_in_use(regions.data(), static_cast<std::uint32_t>(regions.size())), regions.size());
   }
   [[nodiscard]] std::vector<RegionId> resting() const {
     std::vector<RegionId> found;
     for (const spm::Forest::InUse& one : regions)
-      if (one.resting) found.push_back(one.region);
+      if (one.retained) found.push_back(one.region);
     return found;
   }
   [[nodiscard]] std::vector<std::vector<std::uint32_t>> plain() const {
     std::vector<std::vector<std::uint32_t>> all;
     for (const spm::Forest::InUse& one : regions)
-      all.push_back({spm::index(one.region), one.applied, one.retiring ? 1u : 0u, one.resting ? 1u : 0u});
+      all.push_back({spm::index(one.region), one.applied, one.retiring ? 1u : 0u, one.retained ? 1u : 0u});
     return all;
   }
 };
@@ -116,7 +116,7 @@ TEST_P(Resting, ARegionLeftHalfRefinedGoesOnWhereItWas) {
 
 TEST_P(Resting, BeyondTheNodesThatMayRestTheLongestUnaskedGivesWayFirst) {
   const auto hrtc = this->hrtc(1024);
-  const std::uint32_t max = spm::Forest::max_resting(hrtc->pool().settings);
+  const std::uint32_t max = spm::Forest::retained_node_limit(hrtc->pool().settings);
   std::vector<std::uint32_t> requested_at(model_.summary.regions, 0);
   std::uint32_t gave_way = 0, max_resting = 0;
   for (std::uint32_t step = 1; step < 400; ++step) {
@@ -179,7 +179,7 @@ TEST_P(Resting, WhatRestsIsMadeAgainToTheBitAndGoesOnAlike) {
     if (published.resting().size() < 2) continue;
     ++compared;
     const auto again = this->hrtc(settings);
-    again->forest().keep(false);
+    again->forest().store_previous(false);
     ASSERT_TRUE(again->forest().restore(hrtc->forest().base_faces_shown(), published.regions.data(),
                                         static_cast<std::uint32_t>(published.regions.size())));
     for (int more = 0; more < 20; ++more) {

@@ -60,7 +60,7 @@ TEST_P(RunTime, EveryRegionRefinedShowsTheFinestMesh) {
   std::uint32_t compared = 0;
   for (const spm::RowIndex number : hrtc.forest().tree().shown()) {
     const spm::FaceRow& row = hrtc.row(number);
-    if (row.last == 0) continue;
+    if (row.finest == 0) continue;
     ++compared;
     for (int corner = 0; corner < 3; ++corner)
       EXPECT_EQ(index(hrtc.vertex_id(row.vertices[corner])), finest[index(row.face)][corner]);
@@ -169,21 +169,21 @@ TEST_P(RunTime, StaysSoundUnderAnySequenceOfLoadRefineCoarsenAndRelease) {
     const RegionId region = any_region();
     switch (random() % 4) {
       case 0:
-        if (!hrtc.cache().holds(hrtc.object(), region)) {
+        if (!hrtc.cache().is_loaded(hrtc.object(), region)) {
           ASSERT_EQ(hrtc.load(region), AcceptResult::kAccepted);
         } else {
-          ASSERT_EQ(hrtc.load(region), AcceptResult::kHeld);
+          ASSERT_EQ(hrtc.load(region), AcceptResult::kLoaded);
         }
         break;
       case 1:
-        if (hrtc.forest().is_here(region) && !hrtc.forest().is_retiring(region)) hrtc.forest().retire(region);
+        if (hrtc.forest().is_loaded(region) && !hrtc.forest().is_retiring(region)) hrtc.forest().retire(region);
         break;
       default:
         wanted.clear();
         for (std::uint64_t i = random() % 6; i > 0; --i) wanted.push_back(any_region());
     }
     (void)hrtc.refine(wanted, static_cast<std::uint32_t>(random() % 3000), nullptr, 0,
-                      random() % 2 == 0 ? spm::Unrequested::kCoarsen : spm::Unrequested::kRest);
+                      random() % 2 == 0 ? spm::Unrequested::kCoarsen : spm::Unrequested::kRetain);
     hrtc.release_retired();
     ASSERT_THAT(hrtc.forest().violations(), IsEmpty());
     ASSERT_THAT(hrtc.cache().violations(), IsEmpty());
@@ -401,7 +401,7 @@ TEST_P(RunTime, QueriesFindWhatAllPairsFind) {
       shared += rows.size() > 1 ? 1 : 0;
     }
     spm::SweepContact contact;
-    const bool hit = tree.sweep(centre, goal, sphere, contact, spm::Version::kNow, &caches);
+    const bool hit = tree.sweep(centre, goal, sphere, contact, spm::Version::kCurrent, &caches);
     ASSERT_EQ(hit, first <= 1);
     if (hit) {
       ASSERT_EQ(contact.time, first);
@@ -459,11 +459,11 @@ TEST_P(RunTime, ASphereInWhichAnythingChangedOrAroundWhichAllDidIsReported) {
       const spm::Vec3d reach = spm::Vec3d::Constant(watch.radius);
       const bool around = all.contains(watch.centre - reach) && all.contains(watch.centre + reach);
       if (near || around) {
-        ASSERT_TRUE(watch.met) << "round " << round;
+        ASSERT_TRUE(watch.is_changed) << "round " << round;
       }
       changed_near += near ? 1 : 0;
       changed_around += around && !near ? 1 : 0;
-      unchanged += watch.met ? 0 : 1;
+      unchanged += watch.is_changed ? 0 : 1;
     }
   }
   EXPECT_GT(changed_near, 20);
@@ -495,27 +495,27 @@ TEST_P(RunTime, ASweepOnThePreviousMeshMeetsTheMeshAsItWas) {
       sweep.from = point();
       sweep.to = point();
       sweep.radius = unit(random) * 0.05 * (high - low).norm();
-      sweep.hit = tree.sweep(sweep.from, sweep.to, sweep.radius, sweep.contact, spm::Version::kNow, &caches);
+      sweep.hit = tree.sweep(sweep.from, sweep.to, sweep.radius, sweep.contact, spm::Version::kCurrent, &caches);
     }
     std::vector<RegionId> wanted = all_regions(model_);
     std::shuffle(wanted.begin(), wanted.end(), random);
     wanted.resize(random() % 4);
-    hrtc.forest().keep(true);
+    hrtc.forest().store_previous(true);
     for (int part = 0; part < 2; ++part) {  // several refits may follow
       const spm::Advance result = hrtc.refine(wanted, static_cast<std::uint32_t>(random() % 2000));
-      ASSERT_NE(result, spm::Advance::kKeptFull);
+      ASSERT_NE(result, spm::Advance::kPreviousFull);
     }
     for (const Sweep& sweep : segments) {
       spm::SweepContact contact, now;
-      ASSERT_EQ(tree.sweep(sweep.from, sweep.to, sweep.radius, contact, spm::Version::kKept, &caches), sweep.hit);
-      const bool hits_now = tree.sweep(sweep.from, sweep.to, sweep.radius, now, spm::Version::kNow, &caches);
+      ASSERT_EQ(tree.sweep(sweep.from, sweep.to, sweep.radius, contact, spm::Version::kPrevious, &caches), sweep.hit);
+      const bool hits_now = tree.sweep(sweep.from, sweep.to, sweep.radius, now, spm::Version::kCurrent, &caches);
       if (!sweep.hit) continue;
       ASSERT_EQ(contact.face, sweep.contact.face) << "round " << round;
       ASSERT_EQ(contact.time, sweep.contact.time);
       ASSERT_EQ(contact.point, sweep.contact.point);
       differed += hits_now && now.time == contact.time ? 0 : 1;
     }
-    hrtc.forest().keep(false);
+    hrtc.forest().store_previous(false);
   }
   EXPECT_GT(differed, 20) << "else nothing was kept that mattered";
 }
@@ -553,11 +553,11 @@ TEST_P(RunTime, SpheresThatMoveMeetWhatBruteForceSaysOnEitherMesh) {
     std::vector<RegionId> wanted = all_regions(model_);
     std::shuffle(wanted.begin(), wanted.end(), random);
     wanted.resize(random() % 6);
-    hrtc.forest().keep(true);
-    ASSERT_NE(hrtc.refine(wanted, static_cast<std::uint32_t>(random() % 4000)), spm::Advance::kKeptFull);
+    hrtc.forest().store_previous(true);
+    ASSERT_NE(hrtc.refine(wanted, static_cast<std::uint32_t>(random() % 4000)), spm::Advance::kPreviousFull);
     const Triangles after = triangles();
-    for (const spm::Version version : {spm::Version::kNow, spm::Version::kKept, spm::Version::kNow}) {
-      const Triangles& all = version == spm::Version::kNow ? after : before;
+    for (const spm::Version version : {spm::Version::kCurrent, spm::Version::kPrevious, spm::Version::kCurrent}) {
+      const Triangles& all = version == spm::Version::kCurrent ? after : before;
       if (random() % 2 == 0) at = point();  // else where the last one ended, whatever has changed around it
       const double radius = std::max(distance(all, at) * (1 - 1e-4), 1e-3 * (high - low).norm());
       for (int step = 0; step < 8; ++step) {
@@ -586,7 +586,7 @@ TEST_P(RunTime, SpheresThatMoveMeetWhatBruteForceSaysOnEitherMesh) {
         }
       }
     }
-    hrtc.forest().keep(false);
+    hrtc.forest().store_previous(false);
   }
   EXPECT_GT(met, 100);
   EXPECT_GT(passed, 100);
@@ -630,7 +630,7 @@ TEST_P(RunTime, QueriesOfOneTreeInTwoThreadsFindWhatTheyFindAlone) {
       const std::size_t number = (first + i) % queries.size();
       const Query& query = queries[number];
       Answer& answer = answers[number];
-      answer.hit = tree.sweep(query.from, query.to, query.radius, answer.contact, spm::Version::kNow, &caches);
+      answer.hit = tree.sweep(query.from, query.to, query.radius, answer.contact, spm::Version::kCurrent, &caches);
       (void)tree.nearest(query.from, size, 0, answer.nearest, nullptr, 0, &caches);
     }
     return answers;
@@ -667,19 +667,19 @@ TEST_P(RunTime, TwoForestsOfOnePoolKeepTheirMeshesApart) {
     spm::SweepContact contact;
     return of.tree().sweep(low, high, (high - low).norm() / 4, contact, version);
   };
-  one->keep(true);  // from when it shows nothing
+  one->store_previous(true);  // from when it shows nothing
   spm::Budget budget{1u << 20};
   ASSERT_EQ(one->advance(budget), Advance::kDone);
   one->refit();
-  ASSERT_TRUE(meets(*one, spm::Version::kNow));
-  ASSERT_FALSE(meets(*one, spm::Version::kKept));
+  ASSERT_TRUE(meets(*one, spm::Version::kCurrent));
+  ASSERT_FALSE(meets(*one, spm::Version::kPrevious));
   for (const bool keeping : {true, false}) {
-    other->keep(keeping);
-    EXPECT_FALSE(meets(*one, spm::Version::kKept)) << "what the other forest keeps changes nothing";
-    EXPECT_FALSE(meets(*other, spm::Version::kNow));
+    other->store_previous(keeping);
+    EXPECT_FALSE(meets(*one, spm::Version::kPrevious)) << "what the other forest keeps changes nothing";
+    EXPECT_FALSE(meets(*other, spm::Version::kCurrent));
   }
-  one->keep(false);
-  EXPECT_TRUE(meets(*one, spm::Version::kKept)) << "nothing is kept: there is the mesh of now";
+  one->store_previous(false);
+  EXPECT_TRUE(meets(*one, spm::Version::kPrevious)) << "nothing is kept: there is the mesh of now";
 }
 
 TEST_P(RunTime, RefinementStopsWhenWhatItChangesCanNoLongerBeKept) {
@@ -689,9 +689,9 @@ TEST_P(RunTime, RefinementStopsWhenWhatItChangesCanNoLongerBeKept) {
   for (const RegionId region : all) ASSERT_EQ(hrtc.load(region), AcceptResult::kAccepted);
   ASSERT_EQ(hrtc.refine(all), spm::Advance::kDone);
   int rounds = 0;
-  spm::Advance result = spm::Advance::kKeptFull;
-  for (; result == spm::Advance::kKeptFull && rounds < 1000; ++rounds) {
-    hrtc.forest().keep(true);
+  spm::Advance result = spm::Advance::kPreviousFull;
+  for (; result == spm::Advance::kPreviousFull && rounds < 1000; ++rounds) {
+    hrtc.forest().store_previous(true);
     result = hrtc.refine({});
     ASSERT_THAT(hrtc.forest().violations(), IsEmpty()) << "round " << rounds;
   }

@@ -81,9 +81,9 @@ TEST(TriangleGap, IsTheDistanceOfTheNearestPointsUnlessTheyMayMeet) {
       const Triangle3d ft = lane_of(f, lane), gt = lane_of(g, lane);
       const double expected = apart(ft, gt);
       PairContact contact;
-      if (meet(ft, gt, contact)) {
+      if (intersect(ft, gt, contact)) {
         // Or the gap is as good as none.
-        ASSERT_TRUE((gap.may_meet >> lane & 1u) != 0 || gap.distance[lane] < 1e-5) << round << ' ' << lane;
+        ASSERT_TRUE((gap.may_intersect >> lane & 1u) != 0 || gap.distance[lane] < 1e-5) << round << ' ' << lane;
         ++met;
         continue;
       }
@@ -107,7 +107,7 @@ TEST(TriangleGap, IsTheSameForEveryInstructionSet) {
     TriangleGaps a, b;
     gaps(f, g, a, Simd::kBase);
     gaps(f, g, b, best_simd());
-    ASSERT_EQ(a.may_meet, b.may_meet);
+    ASSERT_EQ(a.may_intersect, b.may_intersect);
     for (unsigned lane = 0; lane < 8; ++lane) ASSERT_EQ(a.distance[lane], b.distance[lane]);
   }
 }
@@ -149,7 +149,7 @@ TEST(NearPairs, AreAllWithinTheMarginInAnyPoseAndScale) {
           const double between = std::max({(triangle[0] - triangle[1]).norm(), (triangle[0] - triangle[2]).norm()});
           if ((face[0] - triangle[0]).norm() > between + 0.01) continue;
           PairContact contact;
-          if (apart(face, triangle) > margin * (1 - 1e-6) && !meet(face, triangle, contact)) continue;
+          if (apart(face, triangle) > margin * (1 - 1e-6) && !intersect(face, triangle, contact)) continue;
           ++near;
           ASSERT_EQ(found.count({index(shown.tree().row(row).face), t}), 1u)
               << "round " << round << ", margin " << margin;

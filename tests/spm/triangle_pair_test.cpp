@@ -65,8 +65,8 @@ TEST_P(TrianglePairOnAGrid, MeetsWhereNoAxisSeparates) {
     PairContact contact;
     const bool expected = meet_by_axes(f, g);
     // Tenths are not exact in binary, but 1/1024ths are.
-    ASSERT_EQ(meet(as_double(f), as_double(g), contact), expected) << "round " << round;
-    ASSERT_EQ(meet(as_double(f, 0x1p-10), as_double(g, 0x1p-10), contact), expected) << "round " << round;
+    ASSERT_EQ(intersect(as_double(f), as_double(g), contact), expected) << "round " << round;
+    ASSERT_EQ(intersect(as_double(f, 0x1p-10), as_double(g, 0x1p-10), contact), expected) << "round " << round;
     ++(expected ? met : apart);
   }
   EXPECT_GT(met, 1000);
@@ -84,7 +84,7 @@ TEST(TrianglePair, TheContactPointLiesInBothTriangles) {
     const int extent = round % 2 == 0 ? 3 : 100;
     const Triangle3d f = as_double(random_triangle(random, extent)), g = as_double(random_triangle(random, extent));
     PairContact contact;
-    if (!meet(f, g, contact)) continue;
+    if (!intersect(f, g, contact)) continue;
     ++met;
     const double tolerance = 1e-12 * extent * extent;
     ASSERT_LT(distance_to(contact.point, f), tolerance) << "round " << round;
@@ -100,10 +100,10 @@ TEST(TrianglePair, MovingTheProbeByTheDepthClearsThePair) {
   for (int round = 0; round < 50000; ++round) {
     const Triangle3d f = as_double(random_triangle(random, 4)), g = as_double(random_triangle(random, 4));
     PairContact contact, other;
-    if (!meet(f, g, contact)) continue;
+    if (!intersect(f, g, contact)) continue;
     ASSERT_NEAR(contact.normal.norm(), 1, 1e-12);
     ASSERT_GE(contact.depth, 0);
-    ASSERT_FALSE(meet(f, moved(g, (contact.depth + 1e-7) * contact.normal), other)) << "round " << round;
+    ASSERT_FALSE(intersect(f, moved(g, (contact.depth + 1e-7) * contact.normal), other)) << "round " << round;
   }
 }
 
@@ -120,10 +120,10 @@ TEST(TrianglePair, MovingTheProbeByLessThanTheDepthDoesNotClearThePair) {
         g[corner][axis] = normal(random);
       }
     PairContact contact, other;
-    if (!meet(f, g, contact) || contact.depth < 1e-6) continue;
+    if (!intersect(f, g, contact) || contact.depth < 1e-6) continue;
     ++deep;
-    ASSERT_TRUE(meet(f, moved(g, (contact.depth - 1e-7) * contact.normal), other)) << "round " << round;
-    ASSERT_FALSE(meet(f, moved(g, (contact.depth + 1e-7) * contact.normal), other)) << "round " << round;
+    ASSERT_TRUE(intersect(f, moved(g, (contact.depth - 1e-7) * contact.normal), other)) << "round " << round;
+    ASSERT_FALSE(intersect(f, moved(g, (contact.depth + 1e-7) * contact.normal), other)) << "round " << round;
   }
   EXPECT_GT(deep, 1000);
 }
@@ -142,7 +142,7 @@ TEST(TrianglePair, EveryInstructionSetGivesTheSameBits) {
         }
     const unsigned count = 1 + static_cast<unsigned>(random() % TrianglePairs::kWidth);
     PairContacts expected;
-    const unsigned met = meet(pairs, count, expected, Simd::kBase);
+    const unsigned met = intersect(pairs, count, expected, Simd::kBase);
     for (unsigned lane = 0; lane < count; ++lane) {
       Triangle3d f, g;
       for (int corner = 0; corner < 3; ++corner)
@@ -151,7 +151,7 @@ TEST(TrianglePair, EveryInstructionSetGivesTheSameBits) {
           g[corner][axis] = pairs.probe[corner][axis][lane];
         }
       PairContact single;
-      ASSERT_EQ(meet(f, g, single), (met >> lane & 1u) != 0);
+      ASSERT_EQ(intersect(f, g, single), (met >> lane & 1u) != 0);
       if ((met >> lane & 1u) == 0) continue;
       for (int axis = 0; axis < 3; ++axis) {
         ASSERT_EQ(single.point[axis], expected.point[axis][lane]);
@@ -162,7 +162,7 @@ TEST(TrianglePair, EveryInstructionSetGivesTheSameBits) {
     for (const Simd simd : {Simd::kAvx2, Simd::kAvx512}) {
       if (simd > best_simd()) continue;
       PairContacts found;
-      ASSERT_EQ(meet(pairs, count, found, simd), met);
+      ASSERT_EQ(intersect(pairs, count, found, simd), met);
       for (unsigned lane = 0; lane < count; ++lane) {
         if ((met >> lane & 1u) == 0) continue;
         for (int axis = 0; axis < 3; ++axis) {

@@ -32,7 +32,7 @@ class HrtcModel {
   [[nodiscard]] spm::RegionData message(spm::RegionId region) const {
     std::vector<bool> loaded(model_.summary.records, false);
     for (std::uint32_t other = 0; other < model_.summary.regions; ++other)
-      if (cache_.holds(object_, spm::RegionId{other}))
+      if (cache_.is_loaded(object_, spm::RegionId{other}))
         for (const spm::Interval& interval : model_.intervals_of(spm::RegionId{other}))
           std::fill_n(loaded.begin() + interval.first, interval.count, true);
     std::vector<spm::Interval> missing;
@@ -72,7 +72,7 @@ class HrtcModel {
   spm::Advance refine(const std::vector<spm::RegionId>& regions, std::uint32_t units = 1u << 30,
                       spm::ChangeDetector* detectors = nullptr, std::uint32_t detector_count = 0,
                       spm::Unrequested unrequested = spm::Unrequested::kCoarsen) {
-    forest_->target(regions.data(), static_cast<std::uint32_t>(regions.size()), unrequested);
+    forest_->set_targets(regions.data(), static_cast<std::uint32_t>(regions.size()), unrequested);
     spm::Budget budget{units};
     const spm::Advance result = forest_->advance(budget);
     forest_->refit(detectors, detector_count);

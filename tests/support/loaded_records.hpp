@@ -45,7 +45,7 @@ inline std::string loaded_difference(const spm::Model& model, const spm::Pool& p
       }
       for (int i = 0; i < loaded.deformed_count; ++i) {
         const spm::LoadedPart::DeformedRef ref = loaded.deformed[i];
-        if (spm::DeformedRef::make(pool.faces[ref.face()].face, ref.corner(), ref.last()).bits !=
+        if (spm::DeformedRef::make(pool.faces[ref.face()].face, ref.corner(), ref.is_finest()).bits !=
             expected.deformed[i].bits) {
           return where + ": deformed face";
         }

@@ -31,7 +31,7 @@ ReferenceMesh::ReferenceMesh(const spm::Model& model)
   std::fill_n(active_.begin(), model.summary.base_vertices, true);
   for (const spm::BaseFace& f : model.base_faces) {
     shown_[index(f.face)] = true;
-    finest_[index(f.face)] = f.last != 0;
+    finest_[index(f.face)] = f.finest != 0;
     for (std::size_t k = 0; k < 3; ++k) corners_[index(f.face)][k] = index(f.corners[k]);
   }
   std::vector<std::array<std::uint32_t, 3>> corners = corners_;
@@ -48,14 +48,14 @@ ReferenceMesh::ReferenceMesh(const spm::Model& model)
         std::array<std::uint32_t, 3> after{x, x, x};
         after[born.order() / 2] = u;
         after[(born.order() / 2 + (born.order() % 2 == 0 ? 1 : 2)) % 3] = index(part.parent);
-        changes.push_back({face, corners[face], after, born.last()});
+        changes.push_back({face, corners[face], after, born.is_finest()});
       }
       for (std::size_t i = 0; i < part.deformed_count; ++i) {
         const spm::DeformedRef deformed = part.deformed[i];
         const std::uint32_t face = index(deformed.face());
         std::array<std::uint32_t, 3> after = corners[face];
         after[deformed.corner()] = u;
-        changes.push_back({face, corners[face], after, deformed.last()});
+        changes.push_back({face, corners[face], after, deformed.is_finest()});
       }
     }
     for (const FaceChange& change : changes) corners[change.face] = change.after;

@@ -149,7 +149,7 @@ TEST(FixedMesh, FindsThePairsOfTrianglesThatMeet) {
         return corners;
       };
       PairContact contact;
-      if (meet(triangle(low, f), triangle(high, g), contact)) expected.push_back({f, g});
+      if (intersect(triangle(low, f), triangle(high, g), contact)) expected.push_back({f, g});
     }
   ASSERT_GT(expected.size(), 50u);
 

@@ -40,7 +40,7 @@ TEST(Certificate, NoSphereAnywhereNeedsMoreAndTheBoundIsNear) {
       const Vec3d centre{near[0] + jitter(random), near[1] + jitter(random), near[2] + jitter(random)};
       std::size_t regions = 0, parts = 0;
       std::set<std::uint32_t> records;
-      ASSERT_TRUE(grid.for_each_meeting(centre, radius, [&](RegionId region, double) {
+      ASSERT_TRUE(grid.for_each_intersecting(centre, radius, [&](RegionId region, double) {
         ++regions;
         for (const spm::Interval& run : model.intervals_of(region)) {
           for (std::uint32_t r = run.first; r < run.first + run.count; ++r) records.insert(r);
@@ -80,7 +80,7 @@ TEST(Certificate, AMovingSphereNeedsNoMoreThanWhatItBeganWithAndWhatEveryStepBri
     double crossings = 3;
     for (int k = 0; k < kPieces; ++k, centre += piece) {
       crossings += piece.lpNorm<1>() / certificate.step;
-      ASSERT_TRUE(grid.for_each_meeting(centre, kRadius, [&](RegionId region, double) {
+      ASSERT_TRUE(grid.for_each_intersecting(centre, kRadius, [&](RegionId region, double) {
         for (const spm::Interval& run : model.intervals_of(region))
           for (std::uint32_t r = run.first; r < run.first + run.count; ++r) records.insert(r);
       }));
@@ -103,7 +103,7 @@ TEST(Certificate, TheWorstStepTakesTheWorkThatItSays) {
     Forest& forest = hrtc.forest();
     constexpr std::uint32_t kPlenty = 1u << 30;
     const auto step = [&](const std::vector<RegionId>& to) {
-      forest.target(to.data(), static_cast<std::uint32_t>(to.size()));
+      forest.set_targets(to.data(), static_cast<std::uint32_t>(to.size()));
       Budget budget{kPlenty};
       EXPECT_EQ(forest.advance(budget), Advance::kDone);
       const RefitCount refit = forest.refit();
@@ -133,7 +133,8 @@ TEST(Certificate, NoSphereAnywhereShowsMoreNodesThanItSaysAndTheBoundIsNear) {
         i == 0 ? Vec3d{certificate.worst_position[0], certificate.worst_position[1], certificate.worst_position[2]}
                : Vec3d{near[0], near[1], near[2]};
     std::vector<RegionId> regions;
-    ASSERT_TRUE(grid.for_each_meeting(centre, kRadius, [&](RegionId region, double) { regions.push_back(region); }));
+    ASSERT_TRUE(
+        grid.for_each_intersecting(centre, kRadius, [&](RegionId region, double) { regions.push_back(region); }));
     ASSERT_EQ(hrtc.refine(regions), Advance::kDone);
     max = std::max(max, hrtc.nodes().used());
   }
@@ -165,7 +166,7 @@ TEST(Certificate, APoolOfTheSlotsNeededHoldsWhatABallNeedsAndTheMemoryNeededHasT
   const RegionGrid grid{model.summary.grid, model.regions};
   const Certificate certificate = certify(model, 0.003, 0.05);
   const PoolSettings settings = PoolSettings::for_slots(slots_needed(model.summary, certificate));
-  const MemoryShares shares = shares_of(memory_needed(model.summary, certificate));
+  const MemoryShares shares = memory_shares(memory_needed(model.summary, certificate));
   EXPECT_GE(shares.pool.slots, settings.slots);
   EXPECT_GE(shares.directories, directory_bytes(model.summary, shares.pool));
   std::mt19937 random{11};
@@ -176,7 +177,7 @@ TEST(Certificate, APoolOfTheSlotsNeededHoldsWhatABallNeedsAndTheMemoryNeededHasT
                : Vec3d{near[0], near[1], near[2]};
     test_support::HrtcModel hrtc{model, settings};
     std::vector<RegionId> regions;
-    ASSERT_TRUE(grid.for_each_meeting(centre, 0.003, [&](RegionId region, double) { regions.push_back(region); }));
+    ASSERT_TRUE(grid.for_each_intersecting(centre, 0.003, [&](RegionId region, double) { regions.push_back(region); }));
     for (const RegionId region : regions) ASSERT_EQ(hrtc.load(region), AcceptResult::kAccepted) << "ball " << i;
     EXPECT_EQ(hrtc.refine(regions), Advance::kDone) << "ball " << i;
     EXPECT_TRUE(hrtc.forest().exact(centre, 0.003));
@@ -263,9 +264,9 @@ TEST(Certificate, TheNodesThatItSaysAreEnoughWhateverRests) {
   for (int i = 0; i < 300; ++i) {
     const std::array<float, 3>& near = model.positions[random() % model.summary.vertices];
     std::vector<RegionId> regions;
-    ASSERT_TRUE(grid.for_each_meeting(Vec3d{near[0], near[1], near[2]}, kRadius,
-                                      [&](RegionId region, double) { regions.push_back(region); }));
-    const auto ask = [&] { return hrtc.refine(regions, 1u << 30, nullptr, 0, Unrequested::kRest); };
+    ASSERT_TRUE(grid.for_each_intersecting(Vec3d{near[0], near[1], near[2]}, kRadius,
+                                           [&](RegionId region, double) { regions.push_back(region); }));
+    const auto ask = [&] { return hrtc.refine(regions, 1u << 30, nullptr, 0, Unrequested::kRetain); };
     Advance advance = ask();
     if (advance == Advance::kNodesFull) {  // those of what rested are free after the refit
       ++full;

@@ -84,7 +84,7 @@ TEST_P(EveryProfile, RegionsComeAndGoInAnyOrderWithTheChecksumsThatTheBaseMeshSt
   std::mt19937 random{7};
   for (int step = 0; step < 400; ++step) {
     const RegionId region{static_cast<std::uint32_t>(random() % model.summary.regions)};
-    if (hrtc.cache().holds(hrtc.object(), region)) {
+    if (hrtc.cache().is_loaded(hrtc.object(), region)) {
       hrtc.cache().release(hrtc.object(), region);
       continue;
     }

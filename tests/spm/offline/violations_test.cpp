@@ -59,7 +59,7 @@ const std::vector<Damage> kDamages{
     {"NoFaces", [](BuiltModel& m) { m.summary.faces = 0; }, "faces: found 0"},
     {"AFaceThatNothingBears", [](BuiltModel& m) { m.parts[m.summary.records - 1].born_count = 1; },
      "neither in the base mesh nor born"},
-    {"FarTooManyFaces", [](BuiltModel& m) { m.summary.faces = kMaxFaces - 1; }, "have room for"},
+    {"FarTooManyFaces", [](BuiltModel& m) { m.summary.faces = kMaxFaces - 1; }, "parts have room"},
     {"VerticesMissing", [](BuiltModel& m) { m.positions.pop_back(); }, "positions: found"},
     {"PartsMissing", [](BuiltModel& m) { m.parts.pop_back(); }, "parts: found"},
     {"PositionNotFinite", [](BuiltModel& m) { m.positions[5][1] = std::nanf(""); }, "vertex 5: position not finite"},
@@ -71,10 +71,10 @@ const std::vector<Damage> kDamages{
     {"ScaleNegative", [](BuiltModel& m) { m.summary.metres_per_unit = -1; }, "metres per unit"},
     {"BaseCornerNotBase", [](BuiltModel& m) { m.base_faces[0].corners[1] = VertexId{m.summary.base_vertices}; },
      "base face 0: corner"},
-    {"BaseFaceTwice", [](BuiltModel& m) { m.base_faces[1].face = m.base_faces[0].face; }, "is there twice"},
+    {"BaseFaceTwice", [](BuiltModel& m) { m.base_faces[1].face = m.base_faces[0].face; }, "is used twice"},
     {"BaseFaceIdTooHigh", [](BuiltModel& m) { m.base_faces[0].face = FaceId{m.summary.faces}; },
      "base face 0: face id"},
-    {"BaseLastWrong", [](BuiltModel& m) { m.base_faces[0].last ^= 1u; }, "last version"},
+    {"BaseFinestWrong", [](BuiltModel& m) { m.base_faces[0].finest ^= 1u; }, "finest version"},
     {"ParentIsTheVertexItself", [](BuiltModel& m) { m.parts[7].parent = VertexId{m.summary.base_vertices + 7}; },
      "record 7: parent"},
     {"TooManyBorn", [](BuiltModel& m) { m.parts[7].born_count = 3; }, "record 7: 3 born"},
@@ -83,7 +83,7 @@ const std::vector<Damage> kDamages{
      "in order 6"},
     {"BornFaceTooHigh", [](BuiltModel& m) { m.parts[7].born[0] = BornRef::make(FaceId{m.summary.faces}, 0, true); },
      "record 7: bears face"},
-    {"BornTwice", [](BuiltModel& m) { m.parts[7].born[1] = m.parts[7].born[0]; }, "which is there already"},
+    {"BornTwice", [](BuiltModel& m) { m.parts[7].born[1] = m.parts[7].born[0]; }, "which exists already"},
     {"ThirdCornerFromTheFuture", [](BuiltModel& m) { m.parts[7].born_x[0] = VertexId{m.summary.vertices - 1}; },
      "record 7: third corner"},
     {"DeformedFaceTooHigh",
@@ -96,14 +96,14 @@ const std::vector<Damage> kDamages{
     {"DeformedCornerOfAnother",
      [](BuiltModel& m) {
        DeformedRef& d = m.parts[record_with_deformed(m)].deformed[0];
-       d = DeformedRef::make(d.face(), (d.corner() + 1) % 3, d.last());
+       d = DeformedRef::make(d.face(), (d.corner() + 1) % 3, d.is_finest());
      },
      "expected its parent"},
-    {"LastForgotten",
+    {"FinestForgotten",
      [](BuiltModel& m) {
        for (BornRef& born : m.parts[m.summary.records - 1].born) born.bits &= ~1u;
      },
-     "not marked as the last"},
+     "not marked as finest"},
     {"RadiusTooSmall", [](BuiltModel& m) { --m.parts[record_with_radius(m)].radius; }, ": radius code"},
     {"RadiusTooLarge", [](BuiltModel& m) { ++m.parts[record_with_radius(m)].radius; }, ": radius code"},
     {"RadiusOfALeaf", [](BuiltModel& m) { m.parts[m.summary.records - 1].radius = 1; }, ": radius code 1"},
@@ -114,7 +114,7 @@ const std::vector<Damage> kDamages{
     {"MaxLevelWrong", [](BuiltModel& m) { ++m.summary.max_level; }, "max level"},
     {"ChainIntoARecord", [](BuiltModel& m) { m.parts[9].next = PartIndex{10}; }, "record 9: continues in part 10"},
     {"ChainBeyondTheEnd", [](BuiltModel& m) { m.parts[9].next = PartIndex{m.summary.parts}; }, "record 9: continues"},
-    {"CellTwice", [](BuiltModel& m) { m.regions[1].cell = m.regions[0].cell; }, "its cell is there twice"},
+    {"CellTwice", [](BuiltModel& m) { m.regions[1].cell = m.regions[0].cell; }, "its cell is used twice"},
     {"CellWithinAnother",
      [](BuiltModel& m) {
        m.regions[1].depth = static_cast<std::uint16_t>(m.regions[0].depth + 1);
