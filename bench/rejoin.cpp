@@ -3,6 +3,7 @@
 #include <signal.h>
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <atomic>
 #include <cstdio>
 #include <set>
@@ -12,6 +13,7 @@
 #include "bench/figures.hpp"
 #include "bench/latency_bench.hpp"
 #include "bench/live_session.hpp"
+#include "bench/models.hpp"
 #include "tests/support/temporary_folder.hpp"
 
 namespace tactus::bench {
@@ -27,11 +29,21 @@ struct Settings {
 
 constexpr auto kMaxAgreementTime = 10s;
 
-/// Returns a scenario in which `user` touches the organ and rests there.
-std::string scenario_of(const std::string& user, const std::string& hrtc) {
-  return "name: hold\nduration: 3600\nusers:\n  - name: " + user + "\n    hrtc: " + hrtc +
-         "\n    repeat: true\n    script:\n      - approach: {object: organ, direction: [0, 0, 1], speed: 0.15, "
-         "until_force: 0.5}\n      - hold: {seconds: 3000, force: 1}\n";
+constexpr double kTipRadius = 0.003;   // m, the default of tactus-hrtc
+constexpr double kDepth = 0.0002;      // m
+constexpr double kStartHeight = 0.01;  // m above the point of contact
+
+/// Writes the recording of a tip that comes down on the highest vertex of the model and rests there. Users of the same
+/// recording need the same mesh to the bit; simulated hands would rest where their friction and tremor leave them.
+void write_touch(const std::string& model, const std::string& file) {
+  const LoadedModel loaded = load_model(model, 0);
+  const double unit = loaded.model.summary.metres_per_unit;
+  const auto top = std::max_element(loaded.model.positions.begin(), loaded.model.positions.end(),
+                                    [](const auto& a, const auto& b) { return a[2] < b[2]; });
+  const double x = (*top)[0] * unit, y = (*top)[1] * unit, z = (*top)[2] * unit + kTipRadius - kDepth;
+  char rows[200];
+  std::snprintf(rows, sizeof rows, "0,%.9f,%.9f,%.9f\n0.5,%.9f,%.9f,%.9f\n", x, y, z + kStartHeight, x, y, z);
+  test_support::write_bytes(file, rows);
 }
 
 /// Joins a session once. Prints the time from the start until its DDS participants exist, and until the first probe
@@ -58,21 +70,24 @@ int join(const std::string& session) {
   return 0;
 }
 
-/// A session of a host, two HRTCs and two users. The link to the HRTC "right" and its user can be cut.
+/// A session of a host and two HRTCs with a user each, who rest on the same point. The link to the HRTC "right" and its
+/// user can be cut.
 class Rejoin {
  public:
   Rejoin() {
     const std::string mesh = path("organ.ply");
     run("mesh", {"generate", "organ", mesh, "--faces", "50000", "--seed", "7"});
     run("mesh", {"build", mesh, path("organ.spm")});
-    test_support::write_bytes(path("ann.yaml"), scenario_of("ann", "left"));
-    test_support::write_bytes(path("bob.yaml"), scenario_of("bob", "right"));
+    write_touch(path("organ.spm"), path("touch.csv"));
     host_ = session_.start(Side::kA, "host", {"--name", "museum", "--cache", path("cache"), path("organ.spm")});
-    left_ = session_.start(Side::kA, "hrtc", {"--name", "left", "--priority", "0"});
-    ann_ = session_.start(Side::kA, "sim", {"--name", "ann's", "--scenario", path("ann.yaml")});
-    start_right();
+    left_ = start_hrtc(Side::kA, "left", "ann");
+    right_ = start_hrtc(Side::kB, "right", "bob");
     session_.until(
-        "agreement of all participants", [](const SeenSession& seen) { return all_agree(seen, 0, 0); }, 60s);
+        "exact contact of both users and agreement of all participants",
+        [](const SeenSession& seen) {
+          return has_exact_contact(seen, "ann") && has_exact_contact(seen, "bob") && all_agree(seen, 0, 0);
+        },
+        60s);
   }
 
   /// Times since the start of a late joiner, ms. kUnfinished if no sample arrived.
@@ -124,13 +139,17 @@ class Rejoin {
       right_incarnation_ = session_.seen().roster.at(session::id_of("right")).origin.incarnation;
       right_->signal(SIGKILL);
       (void)right_->wait(5s);
-      bob_->signal(SIGKILL);
-      (void)bob_->wait(5s);
-      start_right();
+      right_ = start_hrtc(Side::kB, "right", "bob");
     });
   }
 
  private:
+  static bool has_exact_contact(const SeenSession& seen, const char* user) {
+    constexpr std::uint32_t kBits = session::kInContact | session::kExact;
+    return std::any_of(seen.states.begin(), seen.states.end(), [&](const auto& state) {
+      return state.user == session::id_of(user) && (state.status & kBits) == kBits;
+    });
+  }
   /// Returns true if host and HRTCs have equal scenes and mesh hashes. Uses metrics after `since_ns` only. The right
   /// HRTC must have an incarnation after `right_since`.
   static bool all_agree(const SeenSession& seen, std::int64_t since_ns, std::uint64_t right_since) {
@@ -145,9 +164,9 @@ class Rejoin {
     return scenes.size() == 1 && meshes.size() == 1 && *meshes.begin() != 0 &&
            seen.metrics.at(session::id_of("right")).origin.incarnation > right_since;
   }
-  void start_right() {
-    right_ = session_.start(Side::kB, "hrtc", {"--name", "right", "--priority", "0"});
-    bob_ = session_.start(Side::kB, "sim", {"--name", "bob's", "--scenario", path("bob.yaml")});
+  [[nodiscard]] std::unique_ptr<e2e::Process> start_hrtc(Side side, const std::string& name, const std::string& user) {
+    return session_.start(side, "hrtc",
+                          {"--name", name, "--priority", "0", "--replay", user + "=" + path("touch.csv")});
   }
   /// Drops all datagrams from the other side at ingress, before they are reassembled.
   void block_ingress(Side side) {
@@ -176,7 +195,7 @@ class Rejoin {
 
   test_support::TemporaryFolder folder_;
   LiveSession session_{"veth"};
-  std::unique_ptr<e2e::Process> host_, left_, ann_, right_, bob_;
+  std::unique_ptr<e2e::Process> host_, left_, right_;
   std::uint64_t right_incarnation_ = 0;
 };
 

@@ -46,8 +46,8 @@ struct BulkLink {
 
   /// True if the readers are matched. A sample that is sent before is lost.
   [[nodiscard]] bool is_ready() const { return base.matched() > 0 && records.matched() > 0; }
-  [[nodiscard]] wire::SendStatus send(const session::BulkChunk& chunk) {
-    return (chunk.kind() == session::BulkKind::kBase ? base : records).send(chunk);
+  [[nodiscard]] wire::Writer<session::BulkChunk>& writer_of(const session::BulkChunk& chunk) {
+    return chunk.kind() == session::BulkKind::kBase ? base : records;
   }
 
   std::string name;
@@ -239,9 +239,10 @@ microseconds Host::Impl::send_chunks() {
       return std::min<microseconds>(due, has_unmatched ? kMaxUnmatchedWait : kMaxWait);
     }
     BulkLink& link = bulk.at(out->hrtc);
+    wire::Writer<session::BulkChunk>& writer = link.writer_of(out->chunk);
     // A blocked chunk is no error, because the next demand lists the chunks that did not arrive.
-    if (link.send(out->chunk) == wire::SendStatus::kInvalid)
-      log(Severity::kError, "a chunk for '" + link.name + "' cannot be sent: " + link.records.invalid_reason());
+    if (writer.send(out->chunk) == wire::SendStatus::kInvalid)
+      log(Severity::kError, "a chunk for '" + link.name + "' cannot be sent: " + writer.invalid_reason());
   }
   return microseconds{0};
 }

@@ -189,8 +189,8 @@ TEST(Pacer, FillsLinksWithVaryingDelay) {
     if (link.each_way.rate_mbit == 0) continue;
     const std::vector<double> shares = of_seeds([&](std::uint64_t seed) { return send_named(link, 60, seed).share; });
     const bool loses_in_bursts = std::string{link.name} == "P7";
-    EXPECT_GT(shares[2], loses_in_bursts ? 0.8 : 0.9) << link.name << ", " << link.what;
-    EXPECT_GT(shares[0], loses_in_bursts ? 0.4 : 0.85) << link.name << ", " << link.what;
+    EXPECT_GT(shares[2], loses_in_bursts ? 0.8 : 0.9) << link.name << ", " << link.description;
+    EXPECT_GT(shares[0], loses_in_bursts ? 0.4 : 0.85) << link.name << ", " << link.description;
   }
 }
 
@@ -200,8 +200,8 @@ TEST(Pacer, KeepsAWindowForABurstOnLinksWithVaryingDelay) {
     if (link.each_way.rate_mbit == 0) continue;
     const std::vector<double> windows =
         of_seeds([&](std::uint64_t seed) { return send_named(link, 60, seed, kBurst).window; });
-    EXPECT_GE(windows[2], 2 * kBurst) << link.name << ", " << link.what;
-    EXPECT_GE(windows[0], kBurst / 2) << link.name << ", " << link.what;
+    EXPECT_GE(windows[2], 2 * kBurst) << link.name << ", " << link.description;
+    EXPECT_GE(windows[0], kBurst / 2) << link.name << ", " << link.description;
   }
 }
 
