@@ -18,7 +18,7 @@ using Position = std::array<float, 3>;
 using Face = std::array<std::uint32_t, 3>;
 using Plane = std::array<double, 4>;  // unit normal; distance from the origin
 
-/// Relative enlargement of queries in float, because their coordinates are rounded from double.
+/// Relative enlargement of queries and of the tool's boxes: their coordinates are rounded from double to float.
 constexpr double kRounding = 4e-7;
 
 class Device {
@@ -96,7 +96,7 @@ Vec3d to_double(const Position& p) noexcept { return {p[0], p[1], p[2]}; }
 struct EmbreeMesh::Scene {
   Scene(EmbreePositions positions, EmbreeFaces triangles)
       : vertices{positions.begin(), positions.end()}, faces{triangles.begin(), triangles.end()} {
-    // Embree must own the buffer, because it reads 16 bytes for each vertex: 4 bytes beyond the last vertex.
+    // Embree allocates the buffer, because it needs padding: it reads 16 bytes for each vertex of 12.
     std::copy(vertices.begin(), vertices.end(),
               static_cast<Position*>(rtcSetNewGeometryBuffer(mesh.geometry, RTC_BUFFER_TYPE_VERTEX, 0,
                                                              RTC_FORMAT_FLOAT3, sizeof(Position), vertices.size())));
@@ -262,9 +262,11 @@ struct EmbreeTool::Scenes {
 
   Device device;
   OneMesh object_scene{device, RTC_GEOMETRY_TYPE_USER, RTC_SCENE_FLAG_NONE, RTC_BUILD_QUALITY_HIGH};
-  // Embree refits only with this combination of flag and quality. A refit takes 11 us, a new tree 75 to 200 us.
+  // Embree refits a scene that is dynamic and of low quality, if its geometry has quality REFIT (see the constructor).
+  // A refit takes 11 us, a new tree 75 to 200 us.
   OneMesh tool_scene{device, RTC_GEOMETRY_TYPE_USER, RTC_SCENE_FLAG_DYNAMIC, RTC_BUILD_QUALITY_LOW};
-  Triangles object, tool;                              // the tool at its pose, in float, for the boxes
+  Triangles object;                                    // in its own frame
+  Triangles tool;                                      // at its pose, rounded to float, for the boxes
   std::vector<Position> rest_vertices;                 // of the tool, in its own frame
   std::vector<std::array<double, 3>> placed_vertices;  // of the tool at its pose
   std::vector<Plane> object_planes, tool_planes;

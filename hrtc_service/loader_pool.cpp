@@ -6,7 +6,7 @@
 namespace tactus::hrtc_service {
 namespace {
 
-/// Returns the memory that stays free for contacts without prediction.
+/// Returns the room that early loads leave free, for contacts that the prediction misses.
 spm::Cache::Room reserve_of(const spm::PoolSettings& pool) noexcept { return {pool.slots / 16, pool.list_blocks / 16}; }
 
 }  // namespace
@@ -22,12 +22,12 @@ spm::Cache::Room Loader::room_to_load(const Object& object, std::uint32_t region
           spm::ListBlock::blocks_for(records)};
 }
 
-/// Decodes the regions that probes will touch soonest. Regions touched within kSoon replace regions that are touched
-/// later. The others use free memory only.
+/// Decodes the regions that probes will touch soonest. If a region with contact within kSoon does not fit, its room is
+/// added to `missing_room_`, and `coarsen` frees it. Regions with a later contact use free memory only.
 void Loader::load_soonest() {
   constexpr double kSoon = 0.03;        // s
-  constexpr int kMaxEarlyLoads = 16;    // max regions decoded in a tick whose contact is later than kSoon
-  constexpr double kUsableShare = 0.9;  // of the slots without base meshes
+  constexpr int kMaxEarlyLoads = 16;    // max regions with contact later than kSoon, decoded in one tick
+  constexpr double kUsableShare = 0.9;  // share of the slots that base meshes do not occupy
   for (const RegionRef& target : pool_targets_) target.object->notes[target.region].belongs_in_pool = 0;
   pool_targets_.clear();
   std::stable_sort(
@@ -88,7 +88,8 @@ spm::Cache::Room Loader::load(Object& object, std::uint32_t region) {
   return {};
 }
 
-/// Retires loaded regions, longest unwanted first, until the missing regions and a reserve fit into the pool.
+/// Has regions coarsened, longest unwanted first, until the missing regions fit and at least the reserve is free. At
+/// most kMaxDeparting regions are being coarsened at a time. Without `retain_unwanted`, all unwanted regions go.
 void Loader::coarsen() {
   constexpr std::size_t kMaxDeparting = 16;
   const spm::Cache::Room reserve = reserve_of(pool_.settings);

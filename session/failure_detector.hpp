@@ -33,7 +33,7 @@ struct FailureDetectorSettings {
   std::int64_t max_timeout_ns = 250'000'000;  ///< upper limit; the roster detects a failure by then
   double margin = 2;                          ///< timeout, as a multiple of the longest recent silence
   double half_life_s = 10;                    ///< half-life of the longest recent silence
-  std::int64_t max_poll_gap_ns = 6'000'000;   ///< longest time between two polls that counts as silence
+  std::int64_t max_poll_gap_ns = 6'000'000;   ///< after a longer gap between polls, only so much counts as silence
 };
 
 class FailureDetector {
@@ -44,7 +44,7 @@ class FailureDetector {
   void watch(const std::vector<std::uint64_t>& hosts);
   /// Whether there are hosts to ping.
   [[nodiscard]] bool watches() const noexcept { return !hosts_.empty(); }
-  /// Whether no host has an overdue answer. Then it is enough to poll half as often.
+  /// Whether every host has answered its newest request. Then it is enough to poll half as often.
   [[nodiscard]] bool all_answered() const noexcept;
   [[nodiscard]] bool watches(std::uint64_t host) const { return hosts_.count(host) != 0; }
   /// Returns the next request that is due, for topic clock, or none.
@@ -59,7 +59,7 @@ class FailureDetector {
   /// answered. Call it every few milliseconds, after all received samples have been processed.
   [[nodiscard]] std::vector<Suspect> take_suspects(std::int64_t now_ns);
 
-  /// Number of suspicions after which the same program answered.
+  /// Number of false suspicions: the host answered later, with the same incarnation.
   [[nodiscard]] std::uint64_t false_suspicions() const noexcept { return false_suspicions_; }
 
  private:

@@ -3,10 +3,11 @@
 ///     state of 10 ms   -----> arrives 15.2        shown at 10 + P
 ///     state of 20 ms   ------------> arrives 27   shown at 20 + P       P: playout delay
 ///
-/// The playout delay P is the max transit of nearly all states (session/transit.hpp). P rises at once, and falls by at
-/// most 1 % of the elapsed time. So the receiver shows the past at a nearly constant rate, with a known age. Between
-/// two states with consecutive numbers it extrapolates the first (`reckon`), because the sender has checked this
-/// extrapolation. If states between two were lost, it interpolates.
+/// The playout delay P is the longest recent transit without outliers (session/transit.hpp), plus a reserve. P rises at
+/// once, and falls by at most 1 % of the elapsed time. So the receiver shows the past at a nearly constant rate, with a
+/// known age. Between two states with consecutive numbers, the receiver extrapolates the first (`reckon`): the sender
+/// makes sure that this extrapolation stays within the deadband. If states between two were lost, the receiver
+/// interpolates.
 ///
 /// Times are session time; a constant clock error has no effect. One thread at a time. Does not allocate.
 /// Source: Ramjee, Kurose, Towsley, Schulzrinne 1994 (adaptive playout).
@@ -23,7 +24,7 @@ namespace tactus::session {
 
 struct PlayoutSettings {
   std::int64_t max_delay_ns = 80'000'000;  ///< max P; states with a longer transit arrive too late
-  std::int64_t reserve_ns = 2'000'000;     ///< added to the transit, so that a successor can replace a lost state
+  std::int64_t reserve_ns = 2'000'000;     ///< added to the transit; most successors of a lost state arrive within it
 };
 
 /// The view of a probe to show at a time.
@@ -39,8 +40,8 @@ class ProbePlayout {
  public:
   explicit ProbePlayout(const PlayoutSettings& settings = {}) noexcept : settings_{settings} {}
 
-  /// Takes a state. Overtaken states are inserted by number, repeated ones ignored. A state of another incarnation, or
-  /// a step back of session time, starts the playout anew.
+  /// Takes a state. States out of order are inserted by number; repeated states are ignored. A state of another
+  /// incarnation, or a step back of session time, starts the playout anew.
   void on_state(const ProbeState& state, std::int64_t session_now_ns) noexcept;
   /// Returns the view to show now. Before the first state it is stale and has sequence 0.
   [[nodiscard]] Shown at(std::int64_t session_now_ns) noexcept;

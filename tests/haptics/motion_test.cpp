@@ -21,7 +21,7 @@ constexpr double kRadius = 0.003;
 class RandomMotions : public ::testing::TestWithParam<MotionScene> {};
 
 TEST_P(RandomMotions, NeverCarryTheProxyIntoAClosedSurface) {
-  constexpr std::uint64_t kMotions = 4000;  // per scene and friction; scripts/bench fidelity runs 10^7
+  constexpr std::uint64_t kMotions = 4000;  // for each scene and friction; scripts/bench fidelity runs 10^7 in total
   for (const double friction : {0.0, 0.6}) {
     const MotionResult result = run_motions(GetParam(), kMotions, friction, kSeed);
     EXPECT_EQ(result.passed, 0u) << "friction " << friction << ", seed " << kSeed << ": " << result.what;
@@ -46,18 +46,19 @@ TEST(RandomMotions, EnterMovingBodiesWhoseMotionIsHiddenFromTheProxy) {
     }
 }
 
-TEST(Friction, KeepsTheForceInTheStaticOrOnTheDynamicConeOnCurvedSurfaces) {
+TEST(Friction, TheForceOfACurvedSurfaceIsInTheStaticConeOrOnTheDynamicCone) {
   for (const double radius : {0.02, 0.05, 100.0})
     for (const bool hollow : {false, true})
-      for (const auto& [sticks, slips] : {std::pair{0.5, 0.3}, {0.8, 0.75}, {0.2, 0.2}}) {
-        const FrictionResult result = run_friction(AnalyticSphere{radius, hollow}, sticks, slips, 0.1, 20000, kSeed);
-        SCOPED_TRACE(::testing::Message() << "radius " << radius << " hollow " << hollow << " coefficients " << sticks
-                                          << ' ' << slips << " seed " << kSeed);
+      for (const auto& [static_friction, dynamic_friction] : {std::pair{0.5, 0.3}, {0.8, 0.75}, {0.2, 0.2}}) {
+        const FrictionResult result =
+            run_friction(AnalyticSphere{radius, hollow}, static_friction, dynamic_friction, 0.1, 20000, kSeed);
+        SCOPED_TRACE(::testing::Message() << "radius " << radius << " hollow " << hollow << " coefficients "
+                                          << static_friction << ' ' << dynamic_friction << " seed " << kSeed);
         EXPECT_LT(result.stick_error, 0.01);
         EXPECT_LT(result.slip_error, 0.01);
         EXPECT_GT(result.sticking, 500u);
         EXPECT_GT(result.slipping, 5000u);
-        // Hysteresis: after a slip it sticks again only well inside the static cone.
+        // Hysteresis: after a slip, the proxy sticks again only if the force is well inside the static cone.
         EXPECT_GT(result.max_stuck, 0.99);
         EXPECT_GT(result.stuck_again, 10u);
         EXPECT_LT(result.max_return, 0.71);

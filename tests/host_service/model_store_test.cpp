@@ -65,7 +65,7 @@ TEST_F(ModelStoreTest, RebuildsADamagedCacheEntry) {
   test_support::write_bytes(cached(), bytes);
 
   EXPECT_EQ(open(mesh_), digest);
-  EXPECT_THAT(log_text_, HasSubstr("broken"));
+  EXPECT_THAT(log_text_, HasSubstr("is invalid and will be built again"));
 }
 
 TEST_F(ModelStoreTest, TheHashCoversTheBuffersOfAGltfFile) {
