@@ -45,10 +45,10 @@ void add_table(Report& report, const Movement& movement, const States& states) {
     char name[64];
     std::snprintf(name, sizeof name, "%s, deadband %g %%: ", movement.name, 100 * share);
     const std::string prefix = name;
-    report.figure(prefix + "packets sent", "whole movement", "1/s",
+    report.figure(prefix + "packets sent", {"states, one each ms", states.size()}, "1/s",
                   1e3 * static_cast<double>(sent.size()) / static_cast<double>(states.size()));
-    report.figure(prefix + "force error rms", "views, one each ms", "N", received.rms_force);
-    report.figure(prefix + "force error rms", "views, one each ms", "JND", received.rms_jnd);
+    report.figure(prefix + "force error rms", {"views, one each ms", received.jnd.size()}, "N", received.rms_force);
+    report.figure(prefix + "force error rms", {"views, one each ms", received.jnd.size()}, "JND", received.rms_jnd);
     report.figure(prefix + "force error p99", {"views, one each ms", received.jnd.size()}, "JND",
                   received.jnd.percentile(0.99));
     report.figure(prefix + "position error p99", {"views, one each ms", received.position.size()}, "mm",
@@ -66,6 +66,7 @@ Report run(const Settings& settings) {
   double mean_percent_saved = 0;
   struct MovementResult {
     std::string name;
+    std::size_t states;
     double percent_saved;
     Fidelity received;
   };
@@ -77,12 +78,13 @@ Report run(const Settings& settings) {
     States link_states{states.begin(), states.begin() + static_cast<std::ptrdiff_t>(settings.link_seconds * 1e3)};
     const std::vector<std::uint32_t> sent = encode(link_states, coding(kForceJnd));
     const LinkRun link = send_deadband_coded(link_states, sent, settings.link, 0);
-    rows.push_back({movement.name, percent_saved(encode(states, coding(kForceJnd)), states),
+    rows.push_back({movement.name, states.size(), percent_saved(encode(states, coding(kForceJnd)), states),
                     play(link_states, sent, link.arrivals, session::PlayoutSettings{})});
     mean_percent_saved += rows.back().percent_saved / static_cast<double>(movements().size());
   }
   for (const MovementResult& row : rows) {
-    report.figure(row.name + ": packets saved, deadband 10 %", "whole movement", "%", row.percent_saved);
+    report.figure(row.name + ": packets saved, deadband 10 %", {"states, one each ms", row.states}, "%",
+                  row.percent_saved);
     report.row(row.name + ": force error over the link", "views, one each ms", "JND", row.received.jnd);
     report.row(row.name + ": playout delay over the link", "views, one each ms", "ms", row.received.delay);
   }

@@ -306,21 +306,21 @@ Report run(const Settings& settings) {
   const Population all{"all cycles", path_size}, compared{"cycles compared", theirs.compared_cycles};
   const Population changed{"cycles with changes", ours.changed_sum.size()},
       settled{"cycles after 0.2 s", ours.settled_cycles};
-  report.row("T_R refine", all, "us", ours.refine);
-  report.row("T_B refit", all, "us", ours.refit);
-  report.row("T_Q query", all, "us", ours.query);
+  report.row("T_R refine", all.name, "us", ours.refine);
+  report.row("T_B refit", all.name, "us", ours.refit);
+  report.row("T_Q query", all.name, "us", ours.query);
   if (is_small)
-    report.row("T_R + T_B + T_Q", all, "us", ours.sum, {{0.5, 5}, {0.99, 60}});
+    report.row("T_R + T_B + T_Q", all.name, "us", ours.sum, {{0.5, 5}, {0.99, 60}});
   else if (!is_huge)
-    report.row("T_R + T_B + T_Q", all, "us", ours.sum, {{0.5, 10}, {0.99, 60}, {0.999, 100}});
+    report.row("T_R + T_B + T_Q", all.name, "us", ours.sum, {{0.5, 10}, {0.99, 60}, {0.999, 100}});
   else
-    report.row("T_R + T_B + T_Q", all, "us", ours.sum, {{0.99, 100}, {0.999, 200}});
-  report.row("T_R refine", changed, "us", ours.changed_refine);
-  report.row("T_B refit", changed, "us", ours.changed_refit);
-  report.row("T_Q query", changed, "us", ours.changed_query);
-  report.row("T_R + T_B + T_Q", changed, "us", ours.changed_sum);
-  report.row("FCL query, finest mesh", all, "us", theirs.finest_query);
-  report.row("FCL query, base mesh", all, "us", theirs.base_query);
+    report.row("T_R + T_B + T_Q", all.name, "us", ours.sum, {{0.99, 100}, {0.999, 200}});
+  report.row("T_R refine", changed.name, "us", ours.changed_refine);
+  report.row("T_B refit", changed.name, "us", ours.changed_refit);
+  report.row("T_Q query", changed.name, "us", ours.changed_query);
+  report.row("T_R + T_B + T_Q", changed.name, "us", ours.changed_sum);
+  report.row("FCL query, finest mesh", all.name, "us", theirs.finest_query);
+  report.row("FCL query, base mesh", all.name, "us", theirs.base_query);
   report.row("FCL refit, finest mesh", "repeats", "us", theirs.finest_refit);
   const double changes = static_cast<double>(ours.splits + ours.collapses);
   const double cycles = static_cast<double>(path_size);
@@ -389,9 +389,9 @@ Report run_curve(const Settings& settings) {
     const Run& ours = outcome.ours;
     const auto cycles = static_cast<double>(outcome.cycles),
                changes = static_cast<double>(ours.splits + ours.collapses);
-    report.figure("changes in a cycle, mean", name, "", changes / cycles);
-    report.figure("T_R of a change, mean", name, "ns", 1e3 * ours.refine.mean() * cycles / changes);
-    report.figure("T_B of a change, mean", name, "ns", 1e3 * ours.refit.mean() * cycles / changes);
+    report.figure("changes in a cycle, mean", {name, outcome.cycles}, "", changes / cycles);
+    report.figure("T_R of a change, mean", {name, outcome.cycles}, "ns", 1e3 * ours.refine.mean() * cycles / changes);
+    report.figure("T_B of a change, mean", {name, outcome.cycles}, "ns", 1e3 * ours.refit.mean() * cycles / changes);
     report.figure("median T_R + T_B + T_Q / log2 of faces", {name, ours.sum.size()}, "us",
                   ours.sum.percentile(0.5) / std::log2(faces));
     for (const std::string& note : ours.notes) report.note(name + ", " + note);

@@ -218,12 +218,12 @@ Report run(const Settings& settings) {
     report.figure("refinement stopped by the governor", {cycles, outcome.cycles}, "%",
                   100.0 * static_cast<double>(outcome.stopped) / static_cast<double>(outcome.cycles));
     report.figure("exact", {"contact " + cycles, outcome.contact_cycles}, "%", outcome.percent_exact());
-    report.figure("refit time of a unit, governor at the end", cycles, "ns", outcome.refit_unit_ns);
-    report.figure("surprise, governor at the end", cycles, "us", outcome.surprise_us);
+    report.figure("refit time of a unit, governor at the end", {cycles, outcome.cycles}, "ns", outcome.refit_unit_ns);
+    report.figure("surprise, governor at the end", {cycles, outcome.cycles}, "us", outcome.surprise_us);
     const Eigen::Vector3d fit = outcome.normal.ldlt().solve(outcome.right);
-    report.figure("T_R + T_B, fit: constant", cycles, "ns", fit[0]);
-    report.figure("T_R + T_B, fit: a list entry visited", cycles, "ns", fit[1]);
-    report.figure("T_R + T_B, fit: a record changed", cycles, "ns", fit[2]);
+    report.figure("T_R + T_B, fit: constant", {cycles, outcome.cycles}, "ns", fit[0]);
+    report.figure("T_R + T_B, fit: a list entry visited", {cycles, outcome.cycles}, "ns", fit[1]);
+    report.figure("T_R + T_B, fit: a record changed", {cycles, outcome.cycles}, "ns", fit[2]);
     report.at_least("own work within the deadline", {cycles, outcome.cycles}, "%", outcome.percent_in_time(), 99.9);
     report.at_least("in contact", {cycles, outcome.cycles}, "%",
                     100.0 * static_cast<double>(outcome.contact_cycles) / static_cast<double>(outcome.cycles), 90);

@@ -108,13 +108,13 @@ void compare(const Settings& settings, LoadedModel& subject, Report& report) {
       touch_path(subject, {settings.radius, settings.depth, settings.speed, kPeriod, settings.cycles, settings.seed});
   std::fprintf(stderr, "following and tapping\n");
   const Comparison outcome = compare(subject, settings, path);
-  const auto figure = [&](const char* what, const char* population, std::uint64_t value) {
-    report.figure(what, population, "", static_cast<double>(value));
+  const auto figure = [&](const char* what, std::uint64_t value) {
+    report.figure(what, {"cycles of the path", outcome.cycles}, "", static_cast<double>(value));
   };
-  figure("cycles of following and tapping", "whole path", outcome.cycles);
-  figure("cycles in contact", "whole path", outcome.contact_cycles);
-  figure("regions received", "whole path", outcome.regions_received);
-  figure("regions coarsened to free their slots", "whole path", outcome.regions_coarsened);
+  figure("cycles of following and tapping", outcome.cycles);
+  figure("cycles in contact", outcome.contact_cycles);
+  figure("regions received", outcome.regions_received);
+  figure("regions coarsened to free their slots", outcome.regions_coarsened);
   report.figure("max difference of the forces", {"compared cycles", outcome.compared_cycles}, "N",
                 outcome.max_force_error);
   report.at_least(
@@ -127,15 +127,15 @@ void compare(const Settings& settings, LoadedModel& subject, Report& report) {
 void move_at_random(const Settings& settings, Report& report) {
   using namespace haptics::testing;
   const std::vector<MotionScene> scenes = motion_scenes();
-  std::uint64_t passed = 0, motions = 0;
+  std::uint64_t passed = 0, motions = 0, roomy_motions = 0;
   double deepest = 0;
   for (const MotionScene& scene : scenes) {
     std::fprintf(stderr, "random motions: %s\n", scene.name.c_str());
-    std::uint64_t contacts = 0, pushed = 0, crushed = 0;
+    std::uint64_t scene_motions = 0, contacts = 0, pushed = 0, crushed = 0;
     for (const double friction : {0.0, 0.6}) {
       const MotionResult result =
           run_motions(scene, settings.motions / (2 * scenes.size()) + 1, friction, settings.seed);
-      motions += result.motions;
+      scene_motions += result.motions;
       contacts += result.contacts;
       pushed += result.pushed;
       crushed += result.crushed;
@@ -143,12 +143,16 @@ void move_at_random(const Settings& settings, Report& report) {
       if (!scene.may_crush) deepest = std::max(deepest, result.deepest);
       if (result.passed > 0) report.note(scene.name + ", friction " + std::to_string(friction) + ": " + result.what);
     }
-    report.figure("contacts", scene.name, "", static_cast<double>(contacts));
-    if (pushed > 0) report.figure("contacts with a moving body", scene.name, "", static_cast<double>(pushed));
-    if (crushed > 0) report.figure("times without room for the proxy", scene.name, "", static_cast<double>(crushed));
+    motions += scene_motions;
+    if (!scene.may_crush) roomy_motions += scene_motions;
+    const Population in_scene{"random motions, " + scene.name, scene_motions};
+    report.figure("contacts", in_scene, "", static_cast<double>(contacts));
+    if (pushed > 0) report.figure("contacts with a moving body", in_scene, "", static_cast<double>(pushed));
+    if (crushed > 0) report.figure("times without room for the proxy", in_scene, "", static_cast<double>(crushed));
   }
-  report.figure("random motions", "all scenes", "", static_cast<double>(motions));
-  report.figure("overlap of proxy and body, max", "scenes that leave room", "um", deepest * 1e6);
+  report.figure("random motions", {"scenes", scenes.size()}, "", static_cast<double>(motions));
+  report.figure("overlap of proxy and body, max", {"random motions, scenes that leave room", roomy_motions}, "um",
+                deepest * 1e6);
   report.at_most("proxies that passed into a body", {"random motions", motions}, "", static_cast<double>(passed), 0);
 }
 
@@ -157,22 +161,30 @@ void run_friction_rows(const Settings& settings, Report& report) {
   constexpr double kSpeed = 0.3;         // m/s, max
   constexpr double kSmallRadius = 0.01;  // m; inside a sphere of this radius the tip's path is strongly curved
   double stick_error = 0, slip_error = 0, small_hollow_error = 0, max_stick_ratio = 0, max_return_ratio = 0;
+  std::uint64_t stick_cycles = 0, slip_cycles = 0, small_hollow_cycles = 0, returns = 0;
   for (const double radius : {kSmallRadius, 0.02, 0.05, 100.0})
     for (const bool hollow : {false, true})
       for (const auto& [static_friction, dynamic_friction] : {std::pair{0.5, 0.3}, {0.8, 0.75}, {0.2, 0.2}}) {
         const FrictionResult result = run_friction(AnalyticSphere{radius, hollow}, static_friction, dynamic_friction,
                                                    kSpeed, settings.friction_cycles, settings.seed);
         stick_error = std::max(stick_error, result.stick_error);
-        double& error = radius == kSmallRadius && hollow ? small_hollow_error : slip_error;
+        const bool is_small_hollow = radius == kSmallRadius && hollow;
+        stick_cycles += result.sticking;
+        returns += result.stuck_again;
+        (is_small_hollow ? small_hollow_cycles : slip_cycles) += result.slipping;
+        double& error = is_small_hollow ? small_hollow_error : slip_error;
         error = std::max(error, result.slip_error);
         max_stick_ratio = std::max(max_stick_ratio, result.max_stuck);
         max_return_ratio = std::max(max_return_ratio, result.max_return);
       }
-  report.figure("force error, dynamic cone, hollow of 10 mm", "slip cycles", "%", 100 * small_hollow_error);
-  report.figure("tangential force, max, share of static cone", "stick cycles", "%", 100 * max_stick_ratio);
-  report.figure("tangential force, max, share of static cone", "transitions to stick", "%", 100 * max_return_ratio);
-  report.at_most("force outside the static cone, max", "stick cycles", "%", 100 * stick_error, 1);
-  report.at_most("force error, dynamic cone, max", "slip cycles", "%", 100 * slip_error, 1);
+  report.figure("force error, dynamic cone, hollow of 10 mm", {"slip cycles", small_hollow_cycles}, "%",
+                100 * small_hollow_error);
+  report.figure("tangential force, max, share of static cone", {"stick cycles", stick_cycles}, "%",
+                100 * max_stick_ratio);
+  report.figure("tangential force, max, share of static cone", {"transitions to stick", returns}, "%",
+                100 * max_return_ratio);
+  report.at_most("force outside the static cone, max", {"stick cycles", stick_cycles}, "%", 100 * stick_error, 1);
+  report.at_most("force error, dynamic cone, max", {"slip cycles", slip_cycles}, "%", 100 * slip_error, 1);
 }
 
 Report run(const Settings& settings) {

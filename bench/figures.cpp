@@ -85,7 +85,7 @@ Verdict Row::verdict() const noexcept {
   return holds && population.n > 0 && std::isfinite(value) ? Verdict::kHolds : Verdict::kFallsShort;
 }
 
-void Report::row(const std::string& figure, const Population& population, const std::string& unit,
+void Report::row(const std::string& figure, const std::string& population, const std::string& unit,
                  const Samples& samples, std::initializer_list<PercentileBound> bounds) {
   std::map<double, const PercentileBound*> shares{{0.5, nullptr}, {1, nullptr}};
   for (const double share : {0.99, 0.999})
@@ -93,7 +93,7 @@ void Report::row(const std::string& figure, const Population& population, const 
   for (const PercentileBound& bound : bounds) shares[bound.share] = &bound;
   for (const auto& [share, bound] : shares) {
     const std::string name = figure + (share == 1 ? ", max" : ", p" + number(100 * share));
-    rows_.push_back({name, {population.name, samples.size()}, samples.percentile(share), unit});
+    rows_.push_back({name, {population, samples.size()}, samples.percentile(share), unit});
     rows_.back().virtual_time = virtual_time_;
     if (bound == nullptr) continue;
     rows_.back().limit = Limit::kAtMost;

@@ -20,10 +20,10 @@ using Samples = session::Samples<>;
 /// Sample for work that did not finish. It exceeds every upper bound.
 constexpr double kUnfinished = std::numeric_limits<double>::infinity();
 
-/// The things that a row counts, such as cycles, runs or regions, and their number. For a single measurement it is 1.
+/// The things from which a value was computed, such as cycles, runs or regions, and their number. For a single
+/// measurement, `name` is singular and `n` is 1.
 struct Population {
-  Population(std::string what, std::size_t count = 1) : name{std::move(what)}, n{count} {}
-  Population(const char* what, std::size_t count = 1) : name{what}, n{count} {}
+  Population(std::string what, std::size_t count) : name{std::move(what)}, n{count} {}
   std::string name;
   std::size_t n;
 };
@@ -68,10 +68,13 @@ class Report {
   void virtual_time(bool on) noexcept { virtual_time_ = on; }
 
   /// Adds rows with p50, p99, p99.9 and the maximum of `samples`, and with every percentile in `bounds`. If there are
-  /// too few samples to distinguish p99 or p99.9 from the maximum, its row is omitted. The number of samples replaces
-  /// the number of `population`.
-  void row(const std::string& figure, const Population& population, const std::string& unit, const Samples& samples,
+  /// too few samples to distinguish p99 or p99.9 from the maximum, its row is omitted. `population` is the name of what
+  /// was sampled.
+  void row(const std::string& figure, const std::string& population, const std::string& unit, const Samples& samples,
            std::initializer_list<PercentileBound> bounds = {});
+  /// Without this overload, {"cycles", 3} would become a string of three characters.
+  void row(const std::string&, const Population&, const std::string&, const Samples&,
+           std::initializer_list<PercentileBound> = {}) = delete;
   /// Adds a row without a bound.
   void figure(const std::string& figure, const Population& population, const std::string& unit, double value);
   void at_most(const std::string& figure, const Population& population, const std::string& unit, double value,

@@ -242,7 +242,7 @@ Report run(const Settings& settings) {
   char text[120];
   std::snprintf(text, sizeof text, "a 3 mm tip that knocks at the surface, %d HRTCs on each link", settings.tries);
   Report report{{subject.name, subject.summary.digest, subject.summary.faces, text}};
-  report.figure("indexed mesh, 12 bytes for each vertex and face", "model", "kB", subject.mesh_bytes * 1e-3);
+  report.figure("indexed mesh, 12 bytes for each vertex and face", {"model", 1}, "kB", subject.mesh_bytes * 1e-3);
   for (const LinkCase& link : kLinks) {
     double whole_ms = 0;
     FirstContacts contacts;
@@ -254,7 +254,7 @@ Report run(const Settings& settings) {
     const std::string name = std::string{link.name} + ": ";
     report.row(name + "catalogue to base mesh", "HRTCs", "ms", contacts.base_ms);
     report.row(name + "catalogue to exact contact", "HRTCs", "ms", contacts.exact_ms);
-    report.figure(name + "TCP download of the indexed mesh", "downloads", "ms", whole_ms);
+    report.figure(name + "TCP download of the indexed mesh", {"download", 1}, "ms", whole_ms);
     report.at_most(name + "catalogue to exact contact, p95", {"HRTCs", contacts.exact_ms.size()}, "ms",
                    contacts.exact_ms.percentile(0.95), link.bound_ms);
     report.at_most(name + "bytes until exact contact, p95", {"HRTCs", contacts.bytes.size()}, "% of the indexed mesh",

@@ -129,18 +129,19 @@ class RecordedSession {
 };
 
 /// Replays a recording and adds its rows. `whole`: whether it contains the whole session.
-void replay(Report& report, const std::string& population, const std::string& file,
-            const spm::codec::CompressedModel& model, bool whole) {
-  std::fprintf(stderr, "replaying %s\n", population.c_str());
+void replay(Report& report, const std::string& name, const std::string& file, const spm::codec::CompressedModel& model,
+            bool whole) {
+  std::fprintf(stderr, "replaying %s\n", name.c_str());
   hrtc_service::FlightReplayOptions options;
   options.model = [&](std::uint64_t digest) { return digest == model.summary().digest ? &model : nullptr; };
   const std::int64_t start_ns = hrtc_service::monotonic_ns();
   const hrtc_service::FlightReport flight = hrtc_service::replay_flight(file, options);
   const double replay_s = static_cast<double>(hrtc_service::monotonic_ns() - start_ns) * 1e-9;
-  const auto count = [&](const char* name, std::uint64_t value) {
-    report.figure(name, population, "", static_cast<double>(value));
+  const Population recording{"recording, " + name, 1}, cycles{"cycles, " + name, flight.cycles};
+  const auto count = [&](const char* what, std::uint64_t value) {
+    report.figure(what, cycles, "", static_cast<double>(value));
   };
-  report.figure("length of the recording", population, "s", flight.seconds);
+  report.figure("length of the recording", recording, "s", flight.seconds);
   count("cycles", flight.cycles);
   count("cycles lost", flight.lost);
   count("forces compared", flight.probe_cycles);
@@ -153,24 +154,22 @@ void replay(Report& report, const std::string& population, const std::string& fi
   count("cycles whose refinement ended at the deadline", flight.budget_spent);
   count("stops", flight.stops);
   count("resets", flight.resets);
-  report.figure("size of the file", population, "MiB",
+  report.figure("size of the file", recording, "MiB",
                 static_cast<double>(std::filesystem::file_size(file)) / (1 << 20));
-  report.figure("length of the recording divided by time of the replay", population, "times",
-                flight.seconds / replay_s);
-  if (flight.differ > 0) report.note(population + ": first " + flight.first_difference);
-  report.at_most("cycles whose forces differ in any bit", {population, flight.cycles}, "",
-                 static_cast<double>(flight.differ), 0);
-  report.at_least("forces compared in contact", population, "", static_cast<double>(flight.in_contact),
+  report.figure("length of the recording divided by time of the replay", recording, "times", flight.seconds / replay_s);
+  if (flight.differ > 0) report.note(name + ": first " + flight.first_difference);
+  report.at_most("cycles whose forces differ in any bit", cycles, "", static_cast<double>(flight.differ), 0);
+  report.at_least("forces compared in contact", cycles, "", static_cast<double>(flight.in_contact),
                   1000 * flight.seconds / 2);
-  report.at_least("departures of regions", population, "", static_cast<double>(flight.regions_left), 50);
+  report.at_least("departures of regions", cycles, "", static_cast<double>(flight.regions_left), 50);
   if (whole) {
-    report.at_least("forces compared of stale poses", population, "", static_cast<double>(flight.stale), 10);
-    report.at_least("min of stops and resets", population, "",
-                    static_cast<double>(std::min(flight.stops, flight.resets)), 1);
-    report.at_least("cycles whose refinement ended at the deadline", population, "",
+    report.at_least("forces compared of stale poses", cycles, "", static_cast<double>(flight.stale), 10);
+    report.at_least("min of stops and resets", cycles, "", static_cast<double>(std::min(flight.stops, flight.resets)),
+                    1);
+    report.at_least("cycles whose refinement ended at the deadline", cycles, "",
                     static_cast<double>(flight.budget_spent), 10);
   } else {
-    report.at_least("number of the first cycle", population, "", static_cast<double>(flight.start.first_cycle), 1);
+    report.at_least("number of the first cycle", recording, "", static_cast<double>(flight.start.first_cycle), 1);
   }
 }
 
@@ -204,14 +203,16 @@ void measure_cost(Report& report) {
       (cycle % 1000 == 999 ? costs_with_state_ns : costs_ns).add(cost_ns);
       if (cycle % 20 == 0) store.drain();
     }
-    const std::string population = std::to_string(probes) + (probes == 1 ? " probe" : " probes");
-    report.row("time of the recorder in a cycle", population, "ns", costs_ns);
-    report.row("time of the recorder in a cycle with state, once a second", population, "ns", costs_with_state_ns);
-    report.figure("memory in use for 30 s", population, "MiB", static_cast<double>(store.bytes()) / (1 << 20));
-    report.figure("max memory for 30 s", population, "MiB",
+    const std::string with_probes = std::to_string(probes) + (probes == 1 ? " probe" : " probes");
+    const std::string cycles = "cycles, " + with_probes;
+    const Population recorder_of_probes{"recorder, " + with_probes, 1};
+    report.row("time of the recorder in a cycle", cycles, "ns", costs_ns);
+    report.row("time of the recorder in a cycle with state, once a second", cycles, "ns", costs_with_state_ns);
+    report.figure("memory in use for 30 s", recorder_of_probes, "MiB", static_cast<double>(store.bytes()) / (1 << 20));
+    report.figure("max memory for 30 s", recorder_of_probes, "MiB",
                   static_cast<double>(hrtc_service::FlightStore::bytes_for(30, 0.001, probes)) / (1 << 20));
-    report.at_most("time of the recorder in a cycle, p99", {population, costs_ns.size()}, "ns",
-                   costs_ns.percentile(0.99), 5000);
+    report.at_most("time of the recorder in a cycle, p99", {cycles, costs_ns.size()}, "ns", costs_ns.percentile(0.99),
+                   5000);
   }
 }
 

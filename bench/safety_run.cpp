@@ -101,6 +101,7 @@ class Channel {
   Channel(Random& random, SafetyResult& result) : random_{random}, result_{result}, due_(kMaxDelay) {}
 
   void send(const Bytes& bytes, std::uint64_t cycle) {
+    ++result_.sent;
     if (silent_ > 0) --silent_;
     if (random_.chance(kSilence)) silent_ = 1 + static_cast<int>(random_.below(300));
     if (silent_ > 0 || random_.chance(kLost)) {

@@ -25,10 +25,10 @@ struct SafetySettings {
 
 /// Counts and extremes of all cycles, of the sphere and of the tool.
 struct SafetyResult {
-  std::uint64_t corrupted = 0, late = 0, repeated = 0, lost = 0;  ///< number of samples, by the channel
-  std::uint64_t arrived = 0, undecodable = 0, refused = 0;        ///< number of samples
-  std::uint64_t unchecked = 0;                                    ///< number of refused samples handed on
-  std::uint64_t overtaken = 0, accepted = 0;                      ///< number of samples, by their sequence numbers
+  std::uint64_t sent = 0, corrupted = 0, late = 0, repeated = 0, lost = 0;  ///< number of samples, by the channel
+  std::uint64_t arrived = 0, undecodable = 0, refused = 0;                  ///< number of samples
+  std::uint64_t unchecked = 0;                                              ///< number of refused samples handed on
+  std::uint64_t overtaken = 0, accepted = 0;  ///< number of samples, by their sequence numbers
   std::uint64_t cycles = 0, contact_cycles = 0;
   std::uint64_t force_cycles = 0, torque_cycles = 0;               ///< number of forces and torques, of sphere and tool
   std::array<std::uint64_t, haptics::kForceBits> interventions{};  ///< number of times that each began

@@ -296,6 +296,8 @@ double run_crowding(const Testbed& testbed, int count) {
 
 // ---- state
 
+constexpr std::size_t kDemandingHrtcs = 32;
+
 struct DeliveryState {
   std::uint32_t regions = 0;  // of the model
   double heap_bytes = 0;      // of the delivery server, for all HRTCs
@@ -313,7 +315,7 @@ DeliveryState run_state(const ScaleSettings& settings) {
   server.add(kObject, encoded.coded());
   const std::uint32_t regions = subject.model.summary.regions;
   const auto before = static_cast<double>(mallinfo2().uordblks);
-  for (std::uint64_t hrtc = 100; hrtc < 132; ++hrtc) {
+  for (std::uint64_t hrtc = 100; hrtc < 100 + kDemandingHrtcs; ++hrtc) {
     session::Demand demand;
     demand.origin = {kSession, hrtc, 1, 0};
     demand.object_id = kObject;
@@ -363,8 +365,8 @@ void report_joining(const Testbed& testbed, const ScaleSettings& settings, Repor
         settings.min_joining_hrtcs > 0 ? settings.min_joining_hrtcs : std::max(settings.joining_hrtcs / 8, 1);
     for (int count = min_count; count <= max && !wire::stop_signal(); count *= 2) {
       const JoiningRun joining = run_joining(testbed, count, tips);
-      const std::string population =
-          std::to_string(count) + " HRTCs, tips " + (tips == Tips::kResting ? "at rest" : "at 5 cm/s");
+      const Population population{std::string{"HRTCs, tips "} + (tips == Tips::kResting ? "at rest" : "at 5 cm/s"),
+                                  static_cast<std::size_t>(count)};
       report.figure("time until all HRTCs are started", population, "s", joining.started_s);
       report.figure("CPU time of host and HRTCs until the last exact contact", population, "s", joining.cpu_s);
       report.figure("CPU time of host and HRTCs per second afterwards", population, "s", joining.cores);
@@ -382,38 +384,40 @@ void report_joining(const Testbed& testbed, const ScaleSettings& settings, Repor
 void report_coded(const Testbed& testbed, const ScaleSettings& settings, Report& report) {
   for (int probes = std::max(settings.probes / 8, 1); probes <= settings.probes && !wire::stop_signal(); probes *= 2) {
     const CodedRun coded = run_coded(testbed, settings, probes);
-    const std::string population = std::to_string(probes) + " probes at 5 cm/s";
-    report.row("age of deadband-coded states", population, "us", coded.delivery.ages_us);
+    const std::string name = std::to_string(probes) + " probes at 5 cm/s";
+    const Population population{"probes at 5 cm/s", static_cast<std::size_t>(probes)};
+    const Population cycles{"cycles, " + name, static_cast<std::size_t>(coded.cycles)};
+    const Population sent{"states sent, " + name, static_cast<std::size_t>(coded.delivery.sent)};
+    report.row("age of deadband-coded states", "states, " + name, "us", coded.delivery.ages_us);
     report.figure("deadband-coded states received, for each probe", population, "1/s",
                   static_cast<double>(coded.delivery.ages_us.size()) / coded.seconds / probes);
     report.figure("deadband-coded states sent, by the metrics of the HRTCs", population, "", coded.delivery.sent);
     report.figure("deadband-coded states received in the same time", population, "", coded.delivery.arrived);
     report.figure("CPU time of host and HRTCs per second", population, "s", coded.cores);
-    report.figure("overruns divided by cycles", population, "%", 100 * coded.overruns / coded.cycles);
-    report.figure("preempted late cycles divided by cycles", population, "%", 100 * coded.preempted / coded.cycles);
-    report.figure("late cycles of unknown cause divided by cycles", population, "%",
-                  100 * coded.unknown / coded.cycles);
-    report.figure("skipped cycles divided by cycles", population, "%", 100 * coded.skipped / coded.cycles);
+    report.figure("overruns divided by cycles", cycles, "%", 100 * coded.overruns / coded.cycles);
+    report.figure("preempted late cycles divided by cycles", cycles, "%", 100 * coded.preempted / coded.cycles);
+    report.figure("late cycles of unknown cause divided by cycles", cycles, "%", 100 * coded.unknown / coded.cycles);
+    report.figure("skipped cycles divided by cycles", cycles, "%", 100 * coded.skipped / coded.cycles);
     report.figure("users with an exact contact", population, "", coded.exact_users);
     const double share = 100 * coded.delivery.arrived / coded.delivery.sent;
     if (probes == settings.probes) {
-      report.at_least("deadband-coded states received divided by those sent", population, "%", share, 99.9);
+      report.at_least("deadband-coded states received divided by those sent", sent, "%", share, 99.9);
       report.at_least("users with an exact contact", population, "", coded.exact_users, probes);
     } else {
-      report.figure("deadband-coded states received divided by those sent", population, "%", share);
+      report.figure("deadband-coded states received divided by those sent", sent, "%", share);
     }
   }
 }
 
 void report_crowding(const Testbed& testbed, const ScaleSettings&, Report& report) {
   const double one = run_crowding(testbed, 1), eight = run_crowding(testbed, 8);
-  report.figure("bytes sent to 8 HRTCs on one path, divided by bytes sent to one", "runs", "times", eight / one);
+  report.figure("bytes sent to 8 HRTCs on one path, divided by bytes sent to one", {"runs", 2}, "times", eight / one);
 }
 
 void report_state(const ScaleSettings& settings, Report& report) {
   const DeliveryState state = run_state(settings);
-  report.figure("regions of the model", "models", "", state.regions);
-  report.at_most("heap of the delivery server", "32 HRTCs", "MiB", state.heap_bytes / (1 << 20), 1);
+  report.figure("regions of the model", {"model", 1}, "", state.regions);
+  report.at_most("heap of the delivery server", {"HRTCs", kDemandingHrtcs}, "MiB", state.heap_bytes / (1 << 20), 1);
 }
 
 Report run(const ScaleSettings& settings) {

@@ -41,7 +41,7 @@ Report replay(std::uint64_t seed) {
   std::printf("\n");
   Report report{{"2 hosts, 3 HRTCs, 2 clients", 0, 0, schedule.text()}};
   report.virtual_time(true);
-  report.at_most("broken conditions", "schedules", "", static_cast<double>(result.broken.size()), 0);
+  report.at_most("broken conditions", {"schedule", 1}, "", static_cast<double>(result.broken.size()), 0);
   return report;
 }
 
@@ -104,18 +104,19 @@ Report run(const Settings& settings) {
   Report report{{"2 hosts, 3 HRTCs, 2 clients in virtual time", 0, 0, text}};
   report.virtual_time(true);
   const auto count = [](auto value) { return static_cast<double>(value); };
+  const Population schedules{"schedules", settings.schedules};
   report.row("time from the last fault until the session has recovered", "schedules", "ms", totals.healed_ms);
-  report.figure("schedules", "schedules", "", count(settings.schedules));
-  report.figure("virtual time of all schedules", "schedules", "s", totals.virtual_s);
-  report.figure("messages of all schedules", "messages", "", count(totals.messages));
+  report.figure("schedules", schedules, "", count(settings.schedules));
+  report.figure("virtual time of all schedules", schedules, "s", totals.virtual_s);
+  report.figure("messages of all schedules", schedules, "", count(totals.messages));
   for (std::size_t kind = 0; kind < kFaultKinds; ++kind)
-    report.figure(std::string{"faults: "} + kFaultNames[kind], "faults", "", count(totals.faults[kind]));
-  report.figure("regions held", "regions", "", count(totals.held));
-  report.figure("regions released", "regions", "", count(totals.released));
-  report.figure("regions refused, which the host sends again", "regions", "", count(totals.refused));
-  report.figure("changes of the host that serves an object to an HRTC", "changes", "", count(totals.host_changes));
-  report.figure("dead hosts suspected", "suspicions", "", count(totals.deaths_noticed));
-  report.figure("live hosts suspected", "suspicions", "", count(totals.false_suspicions));
+    report.figure(std::string{"faults: "} + kFaultNames[kind], schedules, "", count(totals.faults[kind]));
+  report.figure("regions held", schedules, "", count(totals.held));
+  report.figure("regions released", schedules, "", count(totals.released));
+  report.figure("regions refused, which the host sends again", schedules, "", count(totals.refused));
+  report.figure("changes of the host that serves an object to an HRTC", schedules, "", count(totals.host_changes));
+  report.figure("dead hosts suspected", schedules, "", count(totals.deaths_noticed));
+  report.figure("live hosts suspected", schedules, "", count(totals.false_suspicions));
   report.at_most("schedules with a broken condition", {"schedules", settings.schedules}, "",
                  count(totals.failed.size()), 0);
   report.at_least("min number of messages in a schedule", {"schedules", settings.schedules}, "",

@@ -104,8 +104,8 @@ ModelRow build(const PaperRow& paper, TriangleMesh mesh, const std::string& file
 }
 
 void add_rows(Report& report, const ModelRow& row) {
-  const std::string paper = std::string{row.paper.name} + ", paper",
-                    built = std::string{row.paper.name} + ", built here";
+  const Population paper{std::string{row.paper.name} + ", paper", 1},
+      built{std::string{row.paper.name} + ", built here", 1};
   const spm::ModelSummary& s = row.summary;
   const auto add_both = [&](const char* name, std::uint32_t paper_value, std::uint32_t built_value) {
     report.figure(name, paper, "", paper_value);
@@ -141,9 +141,9 @@ void explain_bunny(Report& report, const ModelRow& row) {
       unused, used, border_edges_of(used, kBunny.faces), row.finest.border_edges, base_used,
       border_edges_of(base_used, kBunny.base_faces), row.base.border_edges);
   report.note(text);
-  report.figure("base vertices plus unused vertices", "bunny, built here", "", row.summary.base_vertices + unused);
+  report.figure("base vertices plus unused vertices", {"bunny, built here", 1}, "", row.summary.base_vertices + unused);
   report.at_most(
-      "bunny: base vertices plus unused vertices, difference from the paper's 1,406", "bunny, built here", "%",
+      "bunny: base vertices plus unused vertices, difference from the paper's 1,406", {"bunny, built here", 1}, "%",
       100 * std::abs(double(row.summary.base_vertices) + unused - kBunny.base_vertices) / kBunny.base_vertices, 5);
 }
 
@@ -159,7 +159,7 @@ void explain_cow(Report& report, const ModelRow& row) {
       spm::offline::tree_size(row.summary.faces, 8).levels);
   report.note(text);
   report.at_most("cow: height of a binary tree with two faces a leaf, difference from the paper's 12",
-                 "cow, built here", "", std::abs(double(binary_tree_height(pairs)) - kCowHeight), 0);
+                 {"cow, built here", 1}, "", std::abs(double(binary_tree_height(pairs)) - kCowHeight), 0);
 }
 
 Report run(const Settings& settings) {
@@ -173,7 +173,7 @@ Report run(const Settings& settings) {
   Report report{{"sphere: " + sphere.source + "; cow: " + cow.source + "; bunny: " + bunny.source, bunny.summary.digest,
                  bunny.summary.faces, "base meshes of the paper's size"}};
   for (const ModelRow* row : {&sphere, &cow, &bunny}) add_rows(report, *row);
-  report.at_most("sphere: base vertices", "sphere, built here", "", sphere.summary.base_vertices,
+  report.at_most("sphere: base vertices", {"sphere, built here", 1}, "", sphere.summary.base_vertices,
                  kSphere.base_vertices);
   explain_cow(report, cow);
   if (!settings.bunny.empty()) explain_bunny(report, bunny);

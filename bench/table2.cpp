@@ -109,7 +109,7 @@ Report run(const QuerySettings& settings) {
                                             {"T_Q, original, FCL", paper.original, kOriginalFcl},
                                             {"T_Q, base, FCL", paper.base, kBaseFcl}})
     add_line(name, theirs, sphere.fixed[index].times_us, stylus.fixed[index].times_us);
-  report.figure("paper: T_Q on the refined mesh divided by T_Q on the base mesh", "", "times",
+  report.figure("paper: T_Q on the refined mesh divided by T_Q on the base mesh", {"table in the paper", 1}, "times",
                 paper.query / paper.base);
   for (const auto& [probe, of] : {std::pair{"sphere", &sphere}, {"stylus", &stylus}})
     report.figure(std::string{probe} + ": median T_Q on the refined mesh divided by that on the base mesh",

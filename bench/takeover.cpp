@@ -312,6 +312,7 @@ Report run(const Settings& settings) {
     Takeover takeover{settings};
     takeover.begin();
     const double overruns_before = takeover.figure(names::kOverruns);
+    const double cycles_before = takeover.figure(names::kCycles);
     const ReceivedRecords before = takeover.records();
     for (int i = 0; i < settings.kills; ++i) {
       std::fprintf(stderr, "\rkill %d of %d ", i + 1, settings.kills);
@@ -323,55 +324,60 @@ Report run(const Settings& settings) {
     const ReceivedRecords between = takeover.records() - before - in_windows;
     const double alarms_while_killing = takeover.alarms();
     const double overruns_while_killing = takeover.figure(names::kOverruns) - overruns_before;
+    const double cycles_while_killing = takeover.figure(names::kCycles) - cycles_before;
     takeover.count_calm_alarms();
     takeover.count_busy_alarms();
     takeover.begin_restarts();
     for (int i = 0; i < settings.restarts; ++i) takeover.restart_one();
 
+    const Population kill_windows{"windows with a kill", takeover.kill_windows().size()};
+    const Population cycles{"cycles", static_cast<std::size_t>(cycles_while_killing)};
     report.row("time from SIGKILL to the first demand to the other host", "kills", "ms", takeover.detected_ms);
     report.row("time from SIGKILL until records arrive again", "kills", "ms", takeover.flowing_ms);
     report.row("max force step in a window", "windows with a kill", "N/ms", max_force_steps(takeover.kill_windows()));
     report.row("max force step in a window", "windows without a kill", "N/ms",
                max_force_steps(takeover.control_windows()));
-    report.figure("overruns in windows with a kill", "cycles", "", sum_overruns(takeover.kill_windows()));
-    report.figure("overruns in windows without a kill", "cycles", "", sum_overruns(takeover.control_windows()));
-    report.figure("overruns in and between all windows", "cycles", "", overruns_while_killing);
-    report.figure("overruns of a timer with 30 us of work, whole run", "cycles", "",
+    report.figure("overruns in windows with a kill", kill_windows, "", sum_overruns(takeover.kill_windows()));
+    report.figure("overruns in windows without a kill", {"windows without a kill", takeover.control_windows().size()},
+                  "", sum_overruns(takeover.control_windows()));
+    report.figure("overruns in and between all windows", cycles, "", overruns_while_killing);
+    report.figure("overruns of a timer with 30 us of work, whole run", {"timer", 1}, "",
                   takeover.figure(names::kTimerOverruns));
     for (const auto& [when, records] :
          {std::pair{" in windows with a kill", in_windows}, {" between windows", between}}) {
-      report.figure(std::string{"records received"} + when, "records", "", records.received);
-      report.figure(std::string{"repeated records divided by records received"} + when, "records", "%",
+      const Population received{"records received", static_cast<std::size_t>(records.received)};
+      report.figure(std::string{"records received"} + when, received, "", records.received);
+      report.figure(std::string{"repeated records divided by records received"} + when, received, "%",
                     records.percent(records.repeated));
       report.figure(std::string{"repeated records listed by the last demand, divided by records received"} + when,
-                    "records", "%", records.percent(records.published));
+                    received, "%", records.percent(records.published));
     }
-    report.figure("false alarms while hosts are killed", "alarms", "", alarms_while_killing);
+    report.figure("false alarms while hosts are killed", {"kills", takeover.kill_windows().size()}, "",
+                  alarms_while_killing);
     char without_kills[64];
     std::snprintf(without_kills, sizeof without_kills, "false alarms in %g s without kills", settings.calm_s);
-    report.figure(without_kills, "alarms", "", takeover.calm_alarms());
-    report.figure(without_kills + std::string{", all cores busy"}, "alarms", "", takeover.busy_alarms());
+    report.figure(without_kills, {"run without kills", 1}, "", takeover.calm_alarms());
+    report.figure(without_kills + std::string{", all cores busy"}, {"run without kills", 1}, "",
+                  takeover.busy_alarms());
     for (const std::string& line : takeover.logged_overruns()) report.note(line);
     report.at_most("time from SIGKILL to the first demand to the other host, p99",
                    {"kills", takeover.detected_ms.size()}, "ms", takeover.detected_ms.percentile(0.99), 50);
     report.at_most("time from SIGKILL until records arrive again, p99", {"kills", takeover.flowing_ms.size()}, "ms",
                    takeover.flowing_ms.percentile(0.99), 100);
     const double windows = static_cast<double>(std::max<std::size_t>(1, takeover.control_windows().size()));
-    report.at_most("mean overruns in a window with a kill minus those in a window without",
-                   {"windows with a kill", takeover.kill_windows().size()}, "",
+    report.at_most("mean overruns in a window with a kill minus those in a window without", kill_windows, "",
                    sum_overruns(takeover.kill_windows()) / static_cast<double>(takeover.kill_windows().size()) -
                        sum_overruns(takeover.control_windows()) / windows,
                    0);
-    report.at_most("share of repeated records in windows with a kill minus their share between windows",
-                   {"windows with a kill", takeover.kill_windows().size()}, "%",
-                   in_windows.percent(in_windows.repeated) - between.percent(between.repeated), 1);
-    report.at_most("share of repeated records listed by the last demand",
-                   {"windows with a kill", takeover.kill_windows().size()}, "%",
+    report.at_most("share of repeated records in windows with a kill minus their share between windows", kill_windows,
+                   "%", in_windows.percent(in_windows.repeated) - between.percent(between.repeated), 1);
+    report.at_most("share of repeated records listed by the last demand", kill_windows, "%",
                    in_windows.percent(in_windows.published), 1);
-    report.at_most("max force step", {"windows with a kill", takeover.kill_windows().size()}, "N/ms",
-                   max_force_steps(takeover.kill_windows()).max(), 0.05 * kMaxForce);
-    report.at_most("records received again by an HRTC that holds all, from the restarted only host", "records", "",
-                   takeover.figure(names::kRecordsReturned, "shelf"), 0);
+    report.at_most("max force step", kill_windows, "N/ms", max_force_steps(takeover.kill_windows()).max(),
+                   0.05 * kMaxForce);
+    report.at_most("records received again by an HRTC that holds all, from the restarted only host",
+                   {"records received", static_cast<std::size_t>(takeover.figure(names::kRecordsReceived, "shelf"))},
+                   "", takeover.figure(names::kRecordsReturned, "shelf"), 0);
   };
   in_own_thread(measure);
   return report;

@@ -275,22 +275,23 @@ void add_rows(Outcome& outcome, const std::string& mesh, Report& report) {
   report.row("contacts with a force", mesh, "", outcome.contacts);
   report.row("change of the force in a cycle while the device rests", mesh, "N", outcome.force_step_n);
   report.row("change of the torque in a cycle while the device rests", mesh, "mN m", outcome.torque_step_mnm);
+  const Population cycles{mesh, outcome.cycles};
   const auto share = [&](std::uint64_t part) {
     return 100.0 * static_cast<double>(part) / static_cast<double>(outcome.cycles);
   };
-  report.figure("contact cycles divided by cycles", mesh, "%", share(outcome.contact_cycles));
+  report.figure("contact cycles divided by cycles", cycles, "%", share(outcome.contact_cycles));
   if (outcome.refinement_us.size() > 0) {
-    report.figure("cycles whose refinement ended at the deadline, divided by cycles", mesh, "%",
+    report.figure("cycles whose refinement ended at the deadline, divided by cycles", cycles, "%",
                   share(outcome.budget_cycles));
     report.at_least("exact contact cycles divided by contact cycles", {mesh, outcome.contact_cycles}, "%",
                     100.0 * static_cast<double>(outcome.exact_cycles) / static_cast<double>(outcome.contact_cycles),
                     99);
   }
-  report.figure("cycles in which the tool lags behind its target, divided by cycles", mesh, "%",
+  report.figure("cycles in which the tool lags behind its target, divided by cycles", cycles, "%",
                 share(outcome.lagging_cycles));
-  report.figure("contacts dropped over the capacity", mesh, "", static_cast<double>(outcome.dropped_contacts));
-  report.figure("energy that the port of the hand received", mesh, "J", outcome.energy);
-  report.figure("cycles checked by FCL", mesh, "", static_cast<double>(outcome.fcl_cycles));
+  report.figure("contacts dropped over the capacity", cycles, "", static_cast<double>(outcome.dropped_contacts));
+  report.figure("energy that the port of the hand received", cycles, "J", outcome.energy);
+  report.figure("cycles checked by FCL", cycles, "", static_cast<double>(outcome.fcl_cycles));
   report.at_most("max depth of the tool in the mesh", {mesh, outcome.cpu_us.size()}, "mm", outcome.max_depth * 1e3,
                  0.05);
   report.at_most("cycles in which FCL finds intersecting triangles", {mesh, outcome.fcl_cycles}, "",

@@ -231,7 +231,7 @@ void measure(Subjects& subjects, Report& report) {
       node_ns.add(min_refit_us * 1000 / refitted);
     }
   }
-  report.figure("floats of a volume", name, "", sizeof(Volume) / sizeof(float));
+  report.figure("floats of a volume", {name, 1}, "", sizeof(Volume) / sizeof(float));
   report.row("sphere: volumes tested in a query", name, "", volumes);
   report.row("sphere: triangles tested in a query", name, "", triangles);
   report.row("sphere: time of a query with tests of triangles", name, "us", sphere_us);
@@ -240,8 +240,8 @@ void measure(Subjects& subjects, Report& report) {
   report.row("stylus: time of a query without tests of triangles", name, "us", stylus_us);
   report.row("refit above the touched faces: nodes", name, "", nodes);
   report.row("refit above the touched faces: time of a node", name, "ns", node_ns);
-  report.at_most("poses with contacts that differ from those of AB-tree or box", name, "",
-                 static_cast<double>(different), 0);
+  report.at_most("poses with contacts that differ from those of AB-tree or box",
+                 {"poses, " + name, subjects.path.size()}, "", static_cast<double>(different), 0);
 }
 
 Report run(const Settings& settings) {

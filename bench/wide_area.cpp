@@ -63,7 +63,8 @@ struct DemoUser {
 /// Results of one demo.
 struct DemoRun {
   std::vector<DemoUser> users;
-  double overruns = 0, timer_overruns = 0, contact_cycles = 0, exact_cycles = 0;  // of both HRTCs
+  std::size_t hrtcs = 0;
+  double overruns = 0, timer_overruns = 0, cycles = 0, contact_cycles = 0, exact_cycles = 0;  // of both HRTCs
 };
 
 /// Runs the demo with the hosts on one side of a link and the HRTCs and users on the other.
@@ -114,8 +115,10 @@ class Demo {
     for (const auto& participant : report.at("participants")) {
       const auto& figures = participant.at("figures");
       if (participant.at("role") != "hrtc") continue;
+      ++run.hrtcs;
       run.overruns += figures.at(names::kOverruns).get<double>();
       run.timer_overruns += figures.value(names::kTimerOverruns, 0.0);
+      run.cycles += figures.at(names::kCycles).get<double>();
       run.contact_cycles += figures.at(names::kContactCycles).get<double>();
       run.exact_cycles += figures.at(names::kExactCycles).get<double>();
     }
@@ -133,15 +136,18 @@ void report_demo(const Settings& settings, Report& report) {
   for (const std::string& link : split(settings.demo_profiles)) {
     std::fprintf(stderr, "demo over %s\n", link.c_str());
     const DemoRun run = demo.run(link);
+    const Population cycles{"cycles of both HRTCs", static_cast<std::size_t>(run.cycles)};
     for (const DemoUser& user : run.users) {
-      report.figure("demo, " + link + ": contact time of " + user.name, "users", "s", user.contact_s);
-      report.figure("demo, " + link + ": exact contact time divided by contact time, " + user.name, "users", "%",
+      report.figure("demo, " + link + ": contact time of " + user.name, {"user", 1}, "s", user.contact_s);
+      report.figure("demo, " + link + ": exact contact time divided by contact time, " + user.name, {"user", 1}, "%",
                     100 * user.exact_share);
     }
-    report.figure("demo, " + link + ": overruns of timers with 30 us of work", "cycles", "", run.timer_overruns);
-    report.at_most("demo, " + link + ": overruns of both HRTCs minus overruns of timers", "cycles", "",
+    report.figure("demo, " + link + ": overruns of timers with 30 us of work", {"timers", run.hrtcs}, "",
+                  run.timer_overruns);
+    report.at_most("demo, " + link + ": overruns of both HRTCs minus overruns of timers", cycles, "",
                    std::max(0.0, run.overruns - run.timer_overruns), 0);
-    report.at_least("demo, " + link + ": exact contact cycles divided by contact cycles", "contact cycles", "%",
+    report.at_least("demo, " + link + ": exact contact cycles divided by contact cycles",
+                    {"contact cycles", static_cast<std::size_t>(run.contact_cycles)}, "%",
                     100 * run.exact_cycles / run.contact_cycles, 95);
   }
 }
@@ -259,7 +265,8 @@ std::array<States, 2> receive_states(const Subject& subject, const std::string& 
 
 /// Errors of the forces against the ground truth, in cycles with a contact in the session or in the ground truth.
 struct Fidelity {
-  double contact_s = 0;    // contact time in the session
+  double contact_s = 0;  // contact time in the session
+  std::size_t contact_cycles = 0;
   double exact_share = 0;  // exact contact cycles divided by contact cycles, in the session
   double rms = 0;          // N
   Samples error_n, error_jnd;
@@ -295,6 +302,7 @@ Fidelity compare(const Subject& subject, const States& states) {
     ++compared;
   }
   if (compared == 0 || in_contact == 0) throw std::runtime_error("no cycle had a contact");
+  fidelity.contact_cycles = static_cast<std::size_t>(in_contact);
   fidelity.contact_s = in_contact * kPeriod;
   fidelity.exact_share = exact / in_contact;
   fidelity.rms = std::sqrt(squares / compared);
@@ -311,17 +319,17 @@ void report_forces(const Settings& settings, Report& report) {
     for (std::size_t i = 0; i < states.size(); ++i) {
       const Fidelity fidelity = compare(subject, states[i]);
       const Population compared{"cycles with a contact in session or ground truth", fidelity.error_n.size()};
+      const Population contacts{"contact cycles", fidelity.contact_cycles};
       const std::string name = link + ", " + kUsers[i] + ": ";
-      report.figure(name + "contact time", "users", "s", fidelity.contact_s);
-      report.figure(name + "exact contact cycles divided by contact cycles", "contact cycles", "%",
-                    100 * fidelity.exact_share);
+      report.figure(name + "contact time", contacts, "s", fidelity.contact_s);
+      report.figure(name + "exact contact cycles divided by contact cycles", contacts, "%", 100 * fidelity.exact_share);
       report.figure(name + "rms error of the force", compared, "N", fidelity.rms);
       report.figure(name + "p99 error of the force", compared, "JND", fidelity.error_jnd.percentile(0.99));
       report.figure(name + "cycles with a force error above 1 JND divided by cycles", compared, "%",
                     100 * fidelity.noticeable_share);
       report.figure(name + "max error of the force", compared, "N", fidelity.error_n.max());
       if (kUsers[i] == "follow" && (link == "P4" || link == "P6"))
-        report.at_least(name + "exact contact cycles divided by contact cycles, at 5 cm/s", "contact cycles", "%",
+        report.at_least(name + "exact contact cycles divided by contact cycles, at 5 cm/s", contacts, "%",
                         100 * fidelity.exact_share, 95);
     }
   }

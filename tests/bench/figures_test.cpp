@@ -31,7 +31,7 @@ TEST(Report, EndsWithOneExactlyWhenABoundFallsShort) {
 
 TEST(Report, FallsShortWithoutSamples) {
   Report percentile{kSubject};
-  percentile.row("a", {"all", 3}, "us", Samples{}, {{0.99, 1e9}});
+  percentile.row("a", "all", "us", Samples{}, {{0.99, 1e9}});
   EXPECT_EQ(end_of(percentile), 1);
   Report count{kSubject};
   count.at_most("differences", {"compared", 0}, "", 0, 0);
@@ -44,10 +44,10 @@ TEST(Report, CountsUnfinishedWorkAsLate) {
   samples.add(kUnfinished);
   samples.add(kUnfinished);
   Report median{kSubject};
-  median.row("a", {"all", 3}, "ms", samples, {{0.5, 2}});
+  median.row("a", "all", "ms", samples, {{0.5, 2}});
   EXPECT_EQ(end_of(median), 0);
   Report tail{kSubject};
-  tail.row("a", {"all", 3}, "ms", samples, {{0.99, 1e300}});
+  tail.row("a", "all", "ms", samples, {{0.99, 1e300}});
   EXPECT_EQ(end_of(tail), 1);
   Report ratio{kSubject};
   ratio.at_least("theirs / ours", {"all", 3}, "times", kUnfinished, 2);
