@@ -1,9 +1,9 @@
 // Compares the forces on a refined mesh with those on the full mesh, counts proxies that pass into a body, and compares
 // friction forces with the friction law.
 //
-// First, a tip follows and taps a surface. Its poses go through host, loader and cycle, with a pool too small for the
-// model, and also through a proxy on the finest mesh. Second, hands move at random and press into bodies at rest and
-// in motion. Third, hands stroke spheres, whose normals are known exactly.
+// First, a tip follows and taps a surface. Host, loader and haptic cycle compute the force at each pose, with a pool
+// too small for the model. A proxy on the finest mesh computes it too. Second, hands move at random and press into
+// bodies at rest and in motion. Third, hands stroke spheres, whose normals are known exactly.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cstdio>
@@ -118,9 +118,9 @@ void compare(const Settings& settings, LoadedModel& subject, Report& report) {
   report.figure("max difference of the forces", {"compared cycles", outcome.compared_cycles}, "N",
                 outcome.max_force_error);
   report.at_least(
-      "exact, as in the cycle before", {"contact cycles", outcome.contact_cycles}, "%",
+      "exact, and in the cycle before too", {"contact cycles", outcome.contact_cycles}, "%",
       100.0 * static_cast<double>(outcome.compared_contact_cycles) / static_cast<double>(outcome.contact_cycles), 99);
-  report.at_most("force or proxy not equal to the bit", {"compared cycles", outcome.compared_cycles}, "cycles",
+  report.at_most("force or proxy differs in a bit", {"compared cycles", outcome.compared_cycles}, "cycles",
                  static_cast<double>(outcome.different_cycles), 0);
 }
 
@@ -148,7 +148,7 @@ void move_at_random(const Settings& settings, Report& report) {
     const Population in_scene{"random motions, " + scene.name, scene_motions};
     report.figure("contacts", in_scene, "", static_cast<double>(contacts));
     if (pushed > 0) report.figure("contacts with a moving body", in_scene, "", static_cast<double>(pushed));
-    if (crushed > 0) report.figure("times without room for the proxy", in_scene, "", static_cast<double>(crushed));
+    if (crushed > 0) report.figure("motions without room for the proxy", in_scene, "", static_cast<double>(crushed));
   }
   report.figure("random motions", {"scenes", scenes.size()}, "", static_cast<double>(motions));
   report.figure("overlap of proxy and body, max", {"random motions, scenes that leave room", roomy_motions}, "um",
@@ -177,14 +177,15 @@ void run_friction_rows(const Settings& settings, Report& report) {
         max_stick_ratio = std::max(max_stick_ratio, result.max_stuck);
         max_return_ratio = std::max(max_return_ratio, result.max_return);
       }
-  report.figure("force error, dynamic cone, hollow of 10 mm", {"slip cycles", small_hollow_cycles}, "%",
+  report.figure("force error, dynamic cone, inside a sphere of radius 10 mm", {"slip cycles", small_hollow_cycles}, "%",
                 100 * small_hollow_error);
-  report.figure("tangential force, max, share of static cone", {"stick cycles", stick_cycles}, "%",
+  report.figure("max tangential force divided by the static friction limit", {"stick cycles", stick_cycles}, "%",
                 100 * max_stick_ratio);
-  report.figure("tangential force, max, share of static cone", {"transitions to stick", returns}, "%",
+  report.figure("max tangential force divided by the static friction limit", {"transitions to stick", returns}, "%",
                 100 * max_return_ratio);
   report.at_most("force outside the static cone, max", {"stick cycles", stick_cycles}, "%", 100 * stick_error, 1);
-  report.at_most("force error, dynamic cone, max", {"slip cycles", slip_cycles}, "%", 100 * slip_error, 1);
+  report.at_most("force error, dynamic cone, max of the other surfaces", {"slip cycles", slip_cycles}, "%",
+                 100 * slip_error, 1);
 }
 
 Report run(const Settings& settings) {

@@ -68,7 +68,8 @@ std::string page(const std::vector<Json>& runs) {
   if (commits.find(',') != std::string::npos) throw std::runtime_error("runs of several commits: " + commits);
   std::string out =
       "# Benchmarks\n\n"
-      "`scripts/bench report` wrote this page. A figure falls short if it has no samples, or if its work did not finish.\n"
+      "`scripts/bench report` wrote this page. A figure falls short if it has no samples, or if its work did not "
+      "finish.\n"
       "*Virtual time* marks figures of a simulated clock. They are the same on every machine.\n\n";
   const bool quick = std::any_of(runs.begin(), runs.end(), [](const Json& run) {
     return text_of(run, "command").find(" --quick") != std::string::npos;

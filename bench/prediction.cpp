@@ -23,7 +23,7 @@ struct Settings {
 
 /// Results of one strategy at one speed and round trip.
 struct Outcome {
-  std::uint64_t contact_cycles = 0, hits = 0;  // hits: contact cycles with all regions at full resolution
+  std::uint64_t contact_cycles = 0, hits = 0;  // hits: cycles in which all regions at the tip were at full resolution
   RemoteSession::Traffic traffic;
   [[nodiscard]] double hit_percent() const {
     return 100.0 * static_cast<double>(hits) / static_cast<double>(contact_cycles);
@@ -52,7 +52,7 @@ Report run(const Settings& settings) {
   char text[256];
   std::snprintf(
       text, sizeof text,
-      "tip 3 mm, curvature of the path band-limited to %g Hz, lifted a third of the time, %g s each, pool %g MiB, %g "
+      "tip 3 mm, lifted a third of the time; path with curvature of up to %g Hz; %g s for each figure; pool %g MiB, %g "
       "Mbit/s, seed %llu",
       kBand, settings.seconds, settings.pool_mib, settings.rate_mbit, static_cast<unsigned long long>(settings.seed));
   Report report{{model.subject.name, summary.digest, summary.faces, text}};
