@@ -138,7 +138,7 @@ std::int64_t wait_for_text(const e2e::Process& process, std::size_t from, const 
 void pause(milliseconds time) {
   for (; time.count() > 0; time -= milliseconds{50}) {
     throw_if_stopped();
-    std::this_thread::sleep_for(std::min(time, milliseconds{50}));
+    std::this_thread::sleep_for(std::min(time, milliseconds{50}));  // a signal ends the pause within this time
   }
 }
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <filesystem>
 #include <fstream>
+#include <initializer_list>
 #include <set>
 #include <stdexcept>
 
@@ -12,8 +13,11 @@ namespace {
 using Json = nlohmann::json;
 
 constexpr const char* kTableHead =
-    "| bench | command | figure | population | n | bound | value | verdict |\n"
-    "|---|---|---|---|---:|---|---|---|\n";
+    "| figure | population | n | bound | value | verdict |\n"
+    "|---|---|---:|---|---|---|\n";
+constexpr const char* kShortfallHead =
+    "| command | figure | population | n | bound | value | verdict |\n"
+    "|---|---|---|---:|---|---|---|\n";
 
 std::string text_of(const Json& row, const char* field) { return row.at(field).get<std::string>(); }
 
@@ -25,10 +29,10 @@ std::string table_cell(std::string text) {
 
 bool falls_short(const Json& row) { return row.at("verdict") == "falls short"; }
 
-/// Returns a row of JSON as a row of a table.
-std::string table_row(const Json& row) {
+/// Returns a row of JSON as a row of a table that begins with `first_fields`.
+std::string table_row(const Json& row, std::initializer_list<const char*> first_fields) {
   std::string line = "| ";
-  for (const char* field : {"bench", "command", "figure"}) line += table_cell(text_of(row, field)) + "| ";
+  for (const char* field : first_fields) line += table_cell(text_of(row, field)) + "| ";
   line += table_cell(text_of(row, "population") + (row.at("virtual_time").get<bool>() ? ", virtual time" : "")) + "| ";
   line += std::to_string(row.at("n").get<std::size_t>()) + " | ";
   for (const char* field : {"bound", "text", "verdict"}) line += table_cell(text_of(row, field)) + "| ";
@@ -89,14 +93,14 @@ std::string page(const std::vector<Json>& runs) {
   std::string rows;
   for (const Json& run : runs)
     for (const Json& row : run.at("rows"))
-      if (falls_short(row)) rows += table_row(row);
-  out += rows.empty() ? "None.\n" : kTableHead + rows;
+      if (falls_short(row)) rows += table_row(row, {"command", "figure"});
+  out += rows.empty() ? "None.\n" : kShortfallHead + rows;
   for (const Json& run : runs) {
     out += "\n## " + text_of(run, "command") + "\n\n";
     out += text_of(run.at("model"), "name") + ". " + text_of(run, "settings") + "\n\n" + kTableHead;
     for (const bool bounded : {true, false})
       for (const Json& row : run.at("rows"))
-        if ((row.at("verdict") != "no bound") == bounded) out += table_row(row);
+        if ((row.at("verdict") != "no bound") == bounded) out += table_row(row, {"figure"});
   }
   return out;
 }

@@ -107,7 +107,7 @@ class Throttle {
       : thread_{[this, &program] {
           while (!done_) {
             program.signal(SIGSTOP);
-            std::this_thread::sleep_for(milliseconds{90});
+            std::this_thread::sleep_for(milliseconds{90});  // stopped
             program.signal(SIGCONT);
             std::this_thread::sleep_for(milliseconds{10});
           }
@@ -205,8 +205,8 @@ JoiningRun run_joining(const Testbed& testbed, int count, Tips tips) {
     return sum;
   };
   joining.cpu_s = cpu_of_all();
-  constexpr int kSteady = 2;  // s
-  std::this_thread::sleep_for(std::chrono::seconds{kSteady});
+  constexpr int kSteady = 2;                                   // s
+  std::this_thread::sleep_for(std::chrono::seconds{kSteady});  // the CPU time of this interval is measured
   joining.cores = (cpu_of_all() - joining.cpu_s) / kSteady;
   for (const auto& hrtc : hrtcs) hrtc->signal(SIGTERM);
   for (const auto& hrtc : hrtcs) (void)hrtc->wait();
@@ -264,6 +264,7 @@ CodedRun run_coded(const Testbed& testbed, const ScaleSettings& settings, int pr
   observer.start_counting();
   // An HRTC publishes its counts once a second, so a shorter measurement would compare too few of them.
   constexpr double kMinSeconds = 10;
+  // The observer counts the states of this interval.
   std::this_thread::sleep_for(std::chrono::duration<double>{std::max(settings.seconds, kMinSeconds)});
   coded.delivery = observer.stop_counting();
   add_totals(1);
@@ -287,7 +288,7 @@ double run_crowding(const Testbed& testbed, int count) {
   for (int i = 0; i < count; ++i)
     hrtcs.push_back(testbed.hrtc(session, "hrtc-" + std::to_string(i), "slow", {"--users", "1", "--state-rate", "50"}));
   (void)wait_until(20 * kSecond, [&] { return observer.exact_users() >= hrtcs.size(); });
-  std::this_thread::sleep_for(std::chrono::seconds{6});
+  std::this_thread::sleep_for(std::chrono::seconds{6});  // the HRTCs move and receive regions
   const double bytes = observer.figure("host", session::figures::kHostBytes);
   for (const auto& hrtc : hrtcs) terminate(*hrtc);
   terminate(*host);

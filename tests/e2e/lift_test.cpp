@@ -10,11 +10,14 @@ namespace {
 namespace figures = session::figures;
 using Seen = Observer::Seen;
 
-/// Lower bound of the energy of a hand's port, uJ. In a session without delays the energy is at least -1 uJ; the tests
-/// of the port in virtual time and the demo check that. These tests share the processors with other programs. If a
-/// thread is delayed by milliseconds, a force acts on the hand for longer than one cycle: beside four busy loops, the
-/// energy was -9 mJ.
-constexpr double kLowestPortEnergy = -50'000;
+/// Checks the lower bound of the energy of a hand's port: -1 uJ if each cycle ran. In a skipped cycle the force of the
+/// cycle before acts on, so each may give a hand the largest force of the device times the largest travel in a cycle.
+void expect_passive_ports(const nlohmann::json& figures) {
+  constexpr double kPerSkippedCycle = 8 * 0.4 * 1e-3 * 1e6;  // uJ; 8 N at 0.4 m/s for 1 ms
+  const double skipped = figures[session::figures::kSkipped].get<double>();
+  EXPECT_GE(figures[session::figures::kPortLowest].get<double>(), -1 - skipped * kPerSkippedCycle)
+      << skipped << " cycles were skipped";
+}
 
 constexpr char kLift[] = R"(name: lift
 duration: 11
@@ -69,7 +72,7 @@ TEST_F(LiftTest, TwoAtTwoHrtcsRaiseACrateHoldItAndPutItDown) {
     EXPECT_GE(published[figures::kCopyGroups].get<double>(), 1);
     EXPECT_GT(published[figures::kCopiesApart].get<double>(), 0);
     EXPECT_LT(published[figures::kCopiesApart].get<double>(), 15'000);
-    EXPECT_GE(published[figures::kPortLowest].get<double>(), kLowestPortEnergy);
+    expect_passive_ports(published);
   }
 }
 
@@ -118,7 +121,7 @@ TEST_F(LiftTest, OneGrabsACrateAndPutsItOnATableThatItCannotHave) {
   for (const auto& participant : all["participants"]) {
     if (participant["role"] != "hrtc") continue;
     EXPECT_EQ(participant["figures"][figures::kGrabs], 1);
-    EXPECT_GE(participant["figures"][figures::kPortLowest].get<double>(), kLowestPortEnergy);
+    expect_passive_ports(participant["figures"]);
   }
 }
 
