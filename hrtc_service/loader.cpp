@@ -6,15 +6,12 @@
 #include <cstdio>
 #include <utility>
 
-#include "spm/codec/base_codec.hpp"
-
 namespace tactus::hrtc_service {
 namespace {
 
 constexpr double kNsPerS = 1e9;
 // A prediction of this age is repeated even if no probe has moved.
 constexpr std::int64_t kMaxPredictionAgeNs = 50'000'000;
-constexpr double kMinDamping = 3e-3;  // s, times a body's stiffness; docs/explanation/shared-objects.md
 
 spm::fcl::WorldBox world_box(const spm::CellBox& box, const Placement& placement) {
   spm::fcl::WorldBox world{Vec3d::Constant(1e300), Vec3d::Constant(-1e300)};
@@ -27,8 +24,6 @@ spm::fcl::WorldBox world_box(const spm::CellBox& box, const Placement& placement
   }
   return world;
 }
-
-Vec3d wide(const std::array<float, 3>& p) { return {p[0], p[1], p[2]}; }
 
 }  // namespace
 
@@ -144,6 +139,7 @@ void Loader::forget_unoffered(std::int64_t now_ns) {
     report_event("object " + object.info.name + ": no host offers it any more");
     delivery_.close(id);
     drop_parked(object);
+    drop_pending_base(object);
     if (!object.refused) directory_bytes_ -= spm::directory_bytes(object.summary, pool_.settings);
     forget(object);
   }
@@ -174,83 +170,6 @@ void Loader::on_chunk(const session::BulkChunk& chunk, std::int64_t now_ns) {
     }
     push_arrivals();
   }
-}
-
-void Loader::on_base_mesh(Object& object, const std::vector<std::uint8_t>& bytes) {
-  auto decoded = spm::codec::decode_base(std::span<const std::uint8_t>{bytes});
-  if (!decoded || decoded->mesh.summary.digest != object.info.digest ||
-      decoded->mesh.summary.regions != object.summary.regions ||
-      decoded->mesh.summary.records != object.summary.records) {
-    ++figures_.decode_errors;
-    report_event("object " + object.info.name +
-                 ": base mesh refused: " + (decoded ? "another model's" : decoded.error().text));
-    delivery_.base_refused(object.info.id);
-    return;
-  }
-  if (object.ready) return delivery_.base_held(object.info.id);
-  const spm::BaseMesh& base = decoded->mesh;
-  const std::uint32_t free_before = cache_.slots_free();
-  const std::uint32_t nodes_free = pool_.settings.tree_nodes - base_nodes_;
-  const std::uint32_t nodes = spm::tree_nodes_above(base.faces, object.summary.faces);
-  spm::Cache::Admitted admitted;
-  if (nodes + spm::AbTree::kMaxHeight <= nodes_free) admitted = cache_.admit(base);
-  if (!admitted.fits) {
-    if (!object.refused) {
-      ++figures_.objects_refused;
-      directory_bytes_ -= spm::directory_bytes(object.summary, pool_.settings);
-      report_event("object " + object.info.name + ": refused, its base mesh takes " +
-                   std::to_string(spm::Cache::slots_for_base(base)) + " slots and " + std::to_string(nodes) +
-                   " tree nodes, the pool has " + std::to_string(free_before) + " and " + std::to_string(nodes_free) +
-                   " free; raise --memory or --pool");
-    }
-    object.refused = true;
-    return delivery_.base_held(object.info.id);  // another request would change nothing
-  }
-  object.base_slots = free_before - cache_.slots_free();
-  object.base_nodes = nodes;
-  base_slots_ += object.base_slots;
-  base_nodes_ += nodes;
-  object.summary = base.summary;
-  object.tables = std::move(decoded->tables);
-  store_.admit(admitted.object, object.summary, object.tables);
-  object.info.index = spm::index(admitted.object);
-  object.notes.resize(base.regions.size());
-  std::uint32_t largest = 0;
-  for (const spm::Region& region : base.regions) largest = std::max(largest, region.part_count);
-  if (largest > pool_.settings.slots - base_slots_)
-    report_event("object " + object.info.name + ": stays coarse in places, for its largest region takes " +
-                 std::to_string(largest) + " slots, the pool has " +
-                 std::to_string(pool_.settings.slots - base_slots_) + " beside base meshes; raise --memory or --pool");
-  TouchObject& touch = object.touch;
-  touch.index = object.info.index;
-  touch.id = object.info.id;
-  touch.digest = object.info.digest;
-  touch.name = object.info.name;
-  touch.placement = Placement{object.entry.pose, object.entry.scale};
-  touch.material = object.entry.material;
-  if (sharing::can_move(object.entry)) {
-    touch.body = sharing::body_of(object.entry);
-    touch.material.damping = std::max(touch.material.damping, kMinDamping * touch.material.stiffness);
-  }
-  object.placement = touch.placement;
-  touch.bounds = {wide(object.summary.bounds_min), wide(object.summary.bounds_max)};
-  touch.deviation = object.summary.deviation;
-  touch.forest =
-      std::make_unique<spm::Forest>(pool_, nodes_, spm::ObjectIndex{touch.index}, object.summary,
-                                    spm::RegionGrid{object.summary.grid, base.regions}, std::move(admitted.base));
-  const double scale = object.entry.scale;
-  const spm::PredictionSettings prediction{0, settings_.margin / scale, settings_.min_speed / scale,
-                                           settings_.strategy};
-  for (std::uint32_t i = 0; i < kMaxProbes; ++i)
-    object.predictors.emplace_back(object.grid(), shape_, scale, prediction);
-  broad_phase_.put(touch.index, world_box(touch.bounds, touch.placement));
-  by_index_[touch.index] = &object;
-  active_.push_back(&object);
-  object.ready = true;
-  last_prediction_ns_ = next_prediction_ns_ = 0;
-  pending_arrivals_.push_back({Arrival::Kind::kObject, &touch, {}, {}});
-  if (on_object) on_object(touch);
-  delivery_.base_held(object.info.id);
 }
 
 /// Returns whether the last prediction is still good enough: the probes have hardly moved since, or a new prediction
@@ -376,13 +295,17 @@ void Loader::predict_under_bodies(const Object& object, const std::array<Reporte
                             });
 }
 
+void Loader::update_broad_phase(const Object& object) {
+  broad_phase_.put(object.info.index, world_box(object.touch.bounds, object.placement));
+}
+
 void Loader::on_moved(std::uint32_t object_index, const Placement& placement) {
   if (object_index >= kMaxObjects || by_index_[object_index] == nullptr || !placement.valid()) return;
   Object& object = *by_index_[object_index];
   object.placement = placement;
   if (object.withdrawn) return;
   last_prediction_ns_ = 0;  // the object may now touch a tip at rest
-  broad_phase_.put(object_index, world_box(object.touch.bounds, placement));
+  update_broad_phase(object);
 }
 
 void Loader::push_arrivals() {
@@ -410,6 +333,7 @@ void Loader::find_near(const std::array<ReportedProbe, kMaxProbes>& probes, std:
 void Loader::tick(std::int64_t now_ns, const std::array<ReportedProbe, kMaxProbes>& probes,
                   std::array<NearObjects, kMaxProbes>& near) {
   process_departures();
+  admit_pending_bases();
   collect_released();
   store_parked(now_ns);
   forget_unoffered(now_ns);

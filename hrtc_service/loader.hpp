@@ -37,6 +37,7 @@
 #include "hrtc_service/tool_touch.hpp"
 #include "session/delivery_client.hpp"
 #include "spm/cache.hpp"
+#include "spm/codec/base_codec.hpp"
 #include "spm/codec/compressed_cache.hpp"
 #include "spm/directory.hpp"
 #include "spm/fcl/broad_phase.hpp"
@@ -249,7 +250,7 @@ class Loader {
     std::vector<spm::ProbePredictor> predictors;           // by probe
     std::vector<std::uint32_t> held;                       // regions in StoreState::kHeld
     std::vector<std::uint32_t> loaded;                     // regions in PoolState::kLoaded
-    std::uint32_t base_slots = 0, base_nodes = 0;          // slots and tree nodes of its base mesh
+    std::uint32_t base_slots = 0, base_nodes = 0;          // slots and tree nodes reserved for its base mesh
     bool ready = false;                                    // the base mesh is in the pool
     bool withdrawn = false;                                // only after `ready`
     bool refused = false;                                  // base mesh or directory does not fit
@@ -269,7 +270,6 @@ class Loader {
   void free_withdrawn(Object& object);
   void forget(Object& object);
   void open_postponed();
-  void on_base_mesh(Object& object, const std::vector<std::uint8_t>& bytes);
   [[nodiscard]] bool prediction_is_current(std::int64_t now_ns,
                                            const std::array<ReportedProbe, kMaxProbes>& probes) const;
   void observe(Object& object, const std::array<ReportedProbe, kMaxProbes>& probes) const;
@@ -282,6 +282,14 @@ class Loader {
   void predict(std::int64_t now_ns, const std::array<ReportedProbe, kMaxProbes>& probes);
   void predict(Object& object, const std::array<ReportedProbe, kMaxProbes>& probes, double round_trip, double lead);
   void predict_under_bodies(const Object& object, const std::array<ReportedProbe, kMaxProbes>& probes, double lead);
+
+  // Base meshes (loader_base.cpp).
+  void on_base_mesh(Object& object, const std::vector<std::uint8_t>& bytes);
+  [[nodiscard]] bool reserve_base(Object& object, const spm::BaseMesh& base);
+  void admit_pending_bases();
+  void drop_pending_base(Object& object);
+  void admit_base(Object& object, spm::codec::DecodedBase decoded);
+  void update_broad_phase(const Object& object);
 
   // The store (loader_store.cpp).
   [[nodiscard]] std::uint32_t blocks_after_eviction() const noexcept {
@@ -352,7 +360,13 @@ class Loader {
   std::int64_t last_motion_ns_ = 0;                           // time when a probe last moved
   bool at_rest_ = false;
   std::array<ReportedProbe, kMaxProbes> predicted_probes_{};
-  std::deque<Arrival> pending_arrivals_;  // arrivals for which the ring was full
+  struct PendingBase {
+    Object* object;
+    spm::codec::DecodedBase base;
+  };
+  std::deque<PendingBase> pending_bases_;  // base meshes that wait until regions are coarsened
+  std::uint32_t pending_base_slots_ = 0;   // slots that they need
+  std::deque<Arrival> pending_arrivals_;   // arrivals for which the ring was full
   struct Parked {
     Object* object;
     session::DeliveryClient::Message message;
@@ -372,8 +386,8 @@ class Loader {
   spm::Cache::Room missing_room_;        // estimated memory that the pool lacks for stored regions of `pool_targets_`
   std::vector<RegionRef> pool_targets_;  // regions with `belongs_in_pool`
   std::int64_t last_tick_ns_ = 0;        // equal to the time of `mark_wanted` of every wanted region
-  std::uint32_t base_slots_ = 0;         // slots of all base meshes
-  std::uint32_t base_nodes_ = 0;         // min tree nodes of all base meshes
+  std::uint32_t base_slots_ = 0;         // slots of all base meshes, loaded or pending
+  std::uint32_t base_nodes_ = 0;         // min tree nodes of all base meshes, loaded or pending
   std::uint64_t directory_bytes_ = 0;    // of all objects
   std::int64_t offers_checked_ns_ = 0;   // time of the last search for objects that no host offers
   double undecoded_share_ = 1;           // records that a loaded region had to decode / its records; smoothed

@@ -34,7 +34,8 @@ void Loader::load_soonest() {
       predicted_contacts_.begin(), predicted_contacts_.end(),
       [](const PredictedContact& a, const PredictedContact& b) { return a.time_to_contact < b.time_to_contact; });
   const double usable_slots = kUsableShare * (pool_.settings.slots - base_slots_);
-  const spm::Cache::Room reserve = reserve_of(pool_.settings);
+  spm::Cache::Room reserve = reserve_of(pool_.settings);
+  reserve.slots += pending_base_slots_;
   missing_room_ = {};
   bool is_full = false;
   int early_loads = 0;
@@ -88,12 +89,13 @@ spm::Cache::Room Loader::load(Object& object, std::uint32_t region) {
   return {};
 }
 
-/// Has regions coarsened, longest unwanted first, until the missing regions fit and at least the reserve is free. At
-/// most kMaxDeparting regions are being coarsened at a time. Without `retain_unwanted`, all unwanted regions go.
+/// Has regions coarsened, longest unwanted first, until the missing regions fit and at least the reserve is free, both
+/// besides the pending base meshes. At most kMaxDeparting regions are being coarsened at a time. Without
+/// `retain_unwanted`, all unwanted regions go.
 void Loader::coarsen() {
   constexpr std::size_t kMaxDeparting = 16;
   const spm::Cache::Room reserve = reserve_of(pool_.settings);
-  const spm::Cache::Room target{std::max(missing_room_.slots, reserve.slots),
+  const spm::Cache::Room target{std::max(missing_room_.slots, reserve.slots) + pending_base_slots_,
                                 std::max(missing_room_.blocks, reserve.blocks)};
   spm::Cache::Room expected{cache_.slots_free(), cache_.blocks_free()};
   for (const Departing& departing : departing_) {

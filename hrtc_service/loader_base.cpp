@@ -1,0 +1,135 @@
+// Base meshes: the loader checks them, reserves memory for them, and passes objects to the haptic thread.
+#include <algorithm>
+#include <utility>
+
+#include "hrtc_service/loader.hpp"
+
+namespace tactus::hrtc_service {
+namespace {
+
+constexpr double kMinDamping = 3e-3;  // s, times a body's stiffness; docs/explanation/shared-objects.md
+
+Vec3d wide(const std::array<float, 3>& p) { return {p[0], p[1], p[2]}; }
+
+}  // namespace
+
+/// Decodes a base mesh and admits it to the pool. If regions occupy its slots, they are coarsened first (`coarsen`).
+/// So whether an object fits depends on the other base meshes only.
+void Loader::on_base_mesh(Object& object, const std::vector<std::uint8_t>& bytes) {
+  auto decoded = spm::codec::decode_base(std::span<const std::uint8_t>{bytes});
+  if (!decoded || decoded->mesh.summary.digest != object.info.digest ||
+      decoded->mesh.summary.regions != object.summary.regions ||
+      decoded->mesh.summary.records != object.summary.records) {
+    ++figures_.decode_errors;
+    report_event("object " + object.info.name +
+                 ": base mesh refused: " + (decoded ? "another model's" : decoded.error().text));
+    delivery_.base_refused(object.info.id);
+    return;
+  }
+  delivery_.base_held(object.info.id);  // also if it does not fit: another request would change nothing
+  if (object.ready || object.base_slots > 0 || !reserve_base(object, decoded->mesh)) return;
+  if (!pending_bases_.empty() || object.base_slots > cache_.slots_free()) {
+    report_event("object " + object.info.name + ": waits until regions are coarsened, its base mesh takes " +
+                 std::to_string(object.base_slots) + " slots, the pool has " + std::to_string(cache_.slots_free()) +
+                 " free");
+    pending_base_slots_ += object.base_slots;
+    pending_bases_.push_back({&object, std::move(*decoded)});
+    return;
+  }
+  admit_base(object, std::move(*decoded));
+}
+
+/// Reserves slots and tree nodes for a base mesh. Returns false and marks the object as refused if they do not fit
+/// besides the other base meshes.
+bool Loader::reserve_base(Object& object, const spm::BaseMesh& base) {
+  const std::uint32_t slots = spm::Cache::slots_for_base(base);
+  const std::uint32_t nodes = spm::tree_nodes_above(base.faces, object.summary.faces);
+  const std::uint32_t slots_left = pool_.settings.slots - base_slots_;
+  const std::uint32_t nodes_left = pool_.settings.tree_nodes - base_nodes_;
+  if (slots > slots_left || nodes + spm::AbTree::kMaxHeight > nodes_left) {
+    if (!object.refused) {
+      ++figures_.objects_refused;
+      directory_bytes_ -= spm::directory_bytes(object.summary, pool_.settings);
+      report_event("object " + object.info.name + ": refused, its base mesh takes " + std::to_string(slots) +
+                   " slots and " + std::to_string(nodes) + " tree nodes, the pool has " + std::to_string(slots_left) +
+                   " and " + std::to_string(nodes_left) + " besides other base meshes; raise --memory or --pool");
+    }
+    object.refused = true;
+    return false;
+  }
+  object.base_slots = slots;
+  object.base_nodes = nodes;
+  base_slots_ += slots;
+  base_nodes_ += nodes;
+  return true;
+}
+
+/// Admits the base meshes whose slots have become free, in the order of their arrival.
+void Loader::admit_pending_bases() {
+  while (!pending_bases_.empty() && pending_bases_.front().object->base_slots <= cache_.slots_free()) {
+    PendingBase pending = std::move(pending_bases_.front());
+    pending_bases_.pop_front();
+    pending_base_slots_ -= pending.object->base_slots;
+    admit_base(*pending.object, std::move(pending.base));
+  }
+}
+
+/// Frees the reservation of an object whose base mesh waits for slots. Does nothing for other objects.
+void Loader::drop_pending_base(Object& object) {
+  const auto pending = std::find_if(pending_bases_.begin(), pending_bases_.end(),
+                                    [&](const PendingBase& each) { return each.object == &object; });
+  if (pending == pending_bases_.end()) return;
+  pending_base_slots_ -= object.base_slots;
+  base_slots_ -= object.base_slots;
+  base_nodes_ -= object.base_nodes;
+  pending_bases_.erase(pending);
+}
+
+/// Loads a base mesh for which the pool has free slots, and passes the object to the haptic thread.
+void Loader::admit_base(Object& object, spm::codec::DecodedBase decoded) {
+  const spm::BaseMesh& base = decoded.mesh;
+  spm::Cache::Admitted admitted = cache_.admit(base);
+  object.summary = base.summary;
+  object.tables = std::move(decoded.tables);
+  store_.admit(admitted.object, object.summary, object.tables);
+  object.info.index = spm::index(admitted.object);
+  object.notes.resize(base.regions.size());
+  std::uint32_t largest = 0;
+  for (const spm::Region& region : base.regions) largest = std::max(largest, region.part_count);
+  const std::uint32_t slots_left = pool_.settings.slots - base_slots_;
+  if (largest > slots_left)
+    report_event("object " + object.info.name + ": stays coarse in places, for its largest region takes " +
+                 std::to_string(largest) + " slots, the pool has " + std::to_string(slots_left) +
+                 " besides base meshes; raise --memory or --pool");
+  TouchObject& touch = object.touch;
+  touch.index = object.info.index;
+  touch.id = object.info.id;
+  touch.digest = object.info.digest;
+  touch.name = object.info.name;
+  touch.placement = Placement{object.entry.pose, object.entry.scale};
+  touch.material = object.entry.material;
+  if (sharing::can_move(object.entry)) {
+    touch.body = sharing::body_of(object.entry);
+    touch.material.damping = std::max(touch.material.damping, kMinDamping * touch.material.stiffness);
+  }
+  object.placement = touch.placement;
+  touch.bounds = {wide(object.summary.bounds_min), wide(object.summary.bounds_max)};
+  touch.deviation = object.summary.deviation;
+  touch.forest =
+      std::make_unique<spm::Forest>(pool_, nodes_, spm::ObjectIndex{touch.index}, object.summary,
+                                    spm::RegionGrid{object.summary.grid, base.regions}, std::move(admitted.base));
+  const double scale = object.entry.scale;
+  const spm::PredictionSettings prediction{0, settings_.margin / scale, settings_.min_speed / scale,
+                                           settings_.strategy};
+  for (std::uint32_t i = 0; i < kMaxProbes; ++i)
+    object.predictors.emplace_back(object.grid(), shape_, scale, prediction);
+  update_broad_phase(object);
+  by_index_[touch.index] = &object;
+  active_.push_back(&object);
+  object.ready = true;
+  last_prediction_ns_ = next_prediction_ns_ = 0;
+  pending_arrivals_.push_back({Arrival::Kind::kObject, &touch, {}, {}});
+  if (on_object) on_object(touch);
+}
+
+}  // namespace tactus::hrtc_service
