@@ -233,7 +233,7 @@ void send_pings(const TestCase& test, const PingSelection& selection, Carrier& c
     const std::int64_t now = wire::monotonic_ns();
     if (now > give_up) return;
     ping.sent_ns = now;
-    if (!carrier.send({i, 0, ping.intended_ns, now})) ++timestamps.refused;
+    ping.refused = !carrier.send({i, 0, ping.intended_ns, now});
   }
 }
 

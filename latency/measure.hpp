@@ -25,6 +25,7 @@ namespace tactus::latency {
 struct Ping {
   std::int64_t intended_ns = 0, sent_ns = 0;  ///< pinger's clock; sent_ns is 0 if the ping was not sent
   bool waited = false;                        ///< the pinger slept until the intended time, so nothing blocked it
+  bool refused = false;                       ///< the carrier refused it for at least one echoer
 };
 /// Arrival of a ping at an echoer.
 struct Arrival {
@@ -44,7 +45,6 @@ struct Timestamps {
   std::vector<Arrival> arrivals;
   std::vector<Echo> echoes;
   bool shares_clock = false;       ///< both sides read the same clock
-  std::uint64_t refused = 0;       ///< pings that the carrier refused
   double load_bytes_per_s = 0;     ///< payload of the load that arrived
   std::vector<std::string> notes;  ///< real-time priorities of both sides
 };

@@ -76,7 +76,6 @@ Result evaluate(const Timestamps& timestamps) {
   Result result;
   result.test = timestamps.test;
   result.notes = timestamps.notes;
-  result.refused = timestamps.refused;
   result.load_mbyte_per_s = timestamps.load_bytes_per_s * 1e-6;
   const auto all = static_cast<std::uint32_t>(timestamps.pings.size());
   // A coded test has fewer pings than ticks. The warm-up has the same share of the pings as of the ticks.
@@ -88,7 +87,7 @@ Result evaluate(const Timestamps& timestamps) {
   std::vector<double> timer;
   for (std::uint32_t i = first; i < all; ++i) {
     const Ping& ping = timestamps.pings[i];
-    if (ping.sent_ns == 0) ++result.refused;
+    if (ping.refused || ping.sent_ns == 0) ++result.refused;
     if (ping.waited) timer.push_back(static_cast<double>(ping.sent_ns - ping.intended_ns) * 1e-3);
   }
   result.timer = summarise(timer);

@@ -57,6 +57,13 @@ TEST(AResult, CountsABlockForEveryPingIntendedMeanwhile) {
   EXPECT_EQ(result.timer.max, 0) << "it was not the timer";
 }
 
+TEST(AResult, CountsRefusedPingsWithoutTheWarmUp) {
+  Timestamps timestamps = regular(2, 20 * kUs, 20 * kUs);
+  const std::uint32_t first = warm_up(timestamps.test);
+  for (const std::uint32_t refused : {first - 2, first - 1, first + 5}) timestamps.pings[refused].refused = true;
+  EXPECT_EQ(evaluate(timestamps).refused, 1u);
+}
+
 TEST(AResult, CountsLossReorderingAndDuplicatesWithoutTheWarmUp) {
   Timestamps timestamps = regular(2, 20 * kUs, 20 * kUs);
   const std::uint32_t first = warm_up(timestamps.test);
