@@ -6,6 +6,7 @@
 
 #include "bench/surface_path.hpp"
 #include "spm/offline/generate.hpp"
+#include "spm/rotation.hpp"
 
 namespace tactus::bench {
 
@@ -22,7 +23,7 @@ namespace tactus::bench {
   std::vector<Eigen::Isometry3d> poses;
   for (const SurfacePose& pose : path) {
     Eigen::Isometry3d at = Eigen::Isometry3d::Identity();
-    at.linear() = Eigen::Quaterniond::FromTwoVectors(spm::Vec3d::UnitZ(), pose.normal).toRotationMatrix();
+    at.linear() = spm::rotation_between(spm::Vec3d::UnitZ(), pose.normal).toRotationMatrix();
     at.translation() = pose.centre;
     poses.push_back(at);
   }

@@ -7,6 +7,7 @@
 #include "bench/surface_path.hpp"
 #include "haptics/rigid_body.hpp"
 #include "spm/fcl/fixed_mesh.hpp"
+#include "spm/rotation.hpp"
 
 namespace tactus::bench {
 namespace {
@@ -59,7 +60,7 @@ std::vector<ToolPathPose> tool_path(const LoadedModel& subject, const ToolPathSe
   path.reserve(settings.poses);
   double t = 0, steps = 0;  // time of the motion, without rests; distance along the surface path
   Vec3d upright = along.front().normal;
-  Eigen::Quaterniond base = Eigen::Quaterniond::FromTwoVectors(Vec3d::UnitZ(), upright);
+  Eigen::Quaterniond base = spm::rotation_between(Vec3d::UnitZ(), upright);
   std::array<haptics::ToolPose, 2> hand;  // the target pose after one and after two low-pass filters
   for (std::uint32_t i = 0; i < settings.poses; ++i) {
     // `t` slows down before a rest and stops during it.
@@ -77,7 +78,7 @@ std::vector<ToolPathPose> tool_path(const LoadedModel& subject, const ToolPathSe
     // The tool's axis follows the normal at the speed of a wrist, without rotation about itself.
     const Vec3d previous = upright;
     upright = (upright + settings.period / kWristTime * (normal - upright)).normalized();
-    base = (Eigen::Quaterniond::FromTwoVectors(previous, upright) * base).normalized();
+    base = (spm::rotation_between(previous, upright) * base).normalized();
     double depth = settings.depth * std::pow(depth_wave.at(t), 2) - (tapping ? 0.004 : 0.001);
     if (tapping) depth = -0.002 - 0.006 * tap_wave.at(t);
     if (now < kApproachTime) depth = -kStartHeight * (1 - now / kApproachTime) + depth * now / kApproachTime;

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "haptics/rigid_body.hpp"
+#include "spm/rotation.hpp"
 
 namespace tactus::client_sim {
 
@@ -113,7 +114,7 @@ void Operator::orient_hand(double dt) {
   hand_axis_ =
       (hand_axis_ + std::min(1.0, dt / kWristTime) * ((is_following ? normal_ : outwards_) - hand_axis_)).normalized();
   // The smallest rotation from `before` to the new axis: it does not turn the hand about its axis.
-  untilted_ = (Eigen::Quaterniond::FromTwoVectors(before, hand_axis_) * untilted_).normalized();
+  untilted_ = (spm::rotation_between(before, hand_axis_) * untilted_).normalized();
   const double lean = is_following ? user_.script[action_].lean : 0;
   const double lookahead = static_cast<double>(settings_.lookahead_ns) * 1e-9;
   const Eigen::Quaterniond from = orientation_, goal = untilted_ * tilt_after(lean, followed_time_);
@@ -253,7 +254,7 @@ std::optional<session::Intent> Operator::first_intent(std::int64_t session_now_n
     intent.sequence = ++sequence_;
     if (tilts_hand_) {  // the hand starts in the orientation of the approach
       hand_axis_ = (view->rotation * action.direction).normalized();
-      untilted_ = orientation_ = orientation_ahead_ = Eigen::Quaterniond::FromTwoVectors(Vec3d::UnitZ(), hand_axis_);
+      untilted_ = orientation_ = orientation_ahead_ = spm::rotation_between(Vec3d::UnitZ(), hand_axis_);
     }
     intent.path = {{session_now_ns, pose_of(start, orientation_)}};
     return intent;

@@ -8,7 +8,7 @@ target_link_libraries(tactus_test_precompiled PRIVATE tactus_options Eigen3::Eig
 target_compile_options(tactus_test_precompiled PRIVATE ${TACTUS_TEST_OPTIONS})
 target_precompile_headers(tactus_test_precompiled PRIVATE
   <gmock/gmock.h> <gtest/gtest.h> <Eigen/Core> <Eigen/Geometry> <algorithm> <array> <atomic> <chrono> <cmath> <cstdint> <cstring>
-  <filesystem> <fstream> <functional> <map> <memory> <optional> <random> <set> <sstream> <string> <string_view> <thread> <vector>)
+  <deque> <filesystem> <fstream> <functional> <map> <memory> <optional> <random> <set> <sstream> <string> <string_view> <thread> <vector>)
 
 # tactus_test(spm LABEL unit SOURCES forest_test.cpp LINK tactus::spm): the GoogleTest program spm_test and its ctest entry.
 #   PROGRAMS tactus-host ...      programs that it starts; the macro TACTUS_HOST ("tactus-" left out) has the path

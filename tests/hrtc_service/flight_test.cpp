@@ -15,6 +15,7 @@
 #include "hrtc_service/flight_store.hpp"
 #include "spm/offline/build.hpp"
 #include "spm/offline/generate.hpp"
+#include "spm/rotation.hpp"
 #include "tests/support/local_session.hpp"
 #include "tests/support/temporary_folder.hpp"
 
@@ -78,7 +79,7 @@ class Flight : public ::testing::Test {
       const auto velocity = [&](double turn) -> Vec3d { return (at(cycle + 1, turn) - at(cycle, turn)) * 1000; };
       session.prepare(at(cycle, 0), velocity(0));
       const auto leaning = [&](double turn) {
-        return Eigen::Quaterniond::FromTwoVectors(Vec3d::UnitZ(), at(cycle, turn) + Vec3d{0.03, 0, 0});
+        return spm::rotation_between(Vec3d::UnitZ(), at(cycle, turn) + Vec3d{0.03, 0, 0});
       };
       session.inputs()[0].device.orientation = leaning(0);
       hrtc_service::ProbeInput& other = session.inputs()[1];

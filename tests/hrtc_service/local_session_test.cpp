@@ -14,6 +14,7 @@
 #include "spm/offline/build.hpp"
 #include "spm/offline/certificate.hpp"
 #include "spm/offline/generate.hpp"
+#include "spm/rotation.hpp"
 
 namespace tactus {
 namespace {
@@ -283,7 +284,7 @@ TEST_F(OrganSession, AStylusLiesOnTheFinestMeshAlongAllOfItAndIsTurnedByIt) {
     const Vec3d at = position(cycle) + out * std::max(-0.0025, 0.03 - 1e-4 * cycle);
     session.prepare(at, Vec3d::Zero());
     session.inputs()[0].device.orientation =
-        Eigen::Quaterniond::FromTwoVectors(Vec3d::UnitZ(), out + 1.5 * out.unitOrthogonal());
+        spm::rotation_between(Vec3d::UnitZ(), out + 1.5 * out.unitOrthogonal());
     const hrtc_service::ProbeOutput& probed = session.run_cycle(20'000).probes[0];
     ASSERT_TRUE(hrtc_service::vec(probed.force).allFinite() && hrtc_service::vec(probed.torque).allFinite());
     if ((probed.status & session::kInContact) == 0) continue;
@@ -315,7 +316,7 @@ TEST_F(OrganSession, TargetsAboveTheSettingAreDroppedAndTheStatusSaysSo) {
       const Vec3d out = position(cycle).normalized();
       session.prepare(position(cycle) - 0.001 * out, Vec3d::Zero());
       session.inputs()[0].device.orientation =
-          Eigen::Quaterniond::FromTwoVectors(Vec3d::UnitZ(), out + 3 * out.unitOrthogonal());
+          spm::rotation_between(Vec3d::UnitZ(), out + 3 * out.unitOrthogonal());
       const hrtc_service::CycleResult& result = session.run_cycle(20'000);
       const bool said = (result.probes[0].status & session::kTargetsDropped) != 0;
       EXPECT_EQ(said, result.targets_dropped) << cycle;

@@ -19,6 +19,7 @@
 #include "spm/offline/build.hpp"
 #include "spm/offline/generate.hpp"
 #include "spm/region_table.hpp"
+#include "spm/rotation.hpp"
 
 namespace tactus::spm {
 namespace {
@@ -139,7 +140,7 @@ class Lying : public testing::Test {
       const Vec3d at{p[0], p[1], p[2]};
       const Vec3d out = at.normalized(), along = out.unitOrthogonal();
       Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
-      pose.linear() = Eigen::Quaterniond::FromTwoVectors(Vec3d::UnitZ(), along).toRotationMatrix();
+      pose.linear() = spm::rotation_between(Vec3d::UnitZ(), along).toRotationMatrix();
       pose.translation() = at + (kTip - kDeep) * out - kUp * along;
       if (world_->finest->tree().touching(pose.translation(), 1.5 * kTip, at_tip.data(), 16) > 0) continue;
       if (!touched(world_->finest->tree(), pose).empty()) world_->poses.push_back(pose);
