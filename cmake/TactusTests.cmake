@@ -13,11 +13,12 @@ target_precompile_headers(tactus_test_precompiled PRIVATE
 # tactus_test(spm LABEL unit SOURCES forest_test.cpp LINK tactus::spm): the GoogleTest program spm_test and its ctest entry.
 #   PROGRAMS tactus-host ...      programs that it starts; the macro TACTUS_HOST ("tactus-" left out) has the path
 #   SHARDS n                      n ctest entries, so that a long program uses several processors
+#   NIGHTLY 'Suite.*'             a filter of test cases that take long: they are an entry of their own with label nightly
 #   TIMEOUT s                     default 120; five times as long under a sanitizer
 # Tests with label dds mostly wait for other processes, so two of them count as one processor (scripts/test).
 # The report of each entry goes to reports/ENTRY.xml in the build folder, where scripts/test counts cases.
 function(tactus_test name)
-  cmake_parse_arguments(ARG "" "LABEL;TIMEOUT;SHARDS" "SOURCES;LINK;PROGRAMS" ${ARGN})
+  cmake_parse_arguments(ARG "" "LABEL;TIMEOUT;SHARDS;NIGHTLY" "SOURCES;LINK;PROGRAMS" ${ARGN})
   set(target ${name}_test)
   add_executable(${target} ${ARG_SOURCES})
   target_link_libraries(${target} PRIVATE tactus_options ${ARG_LINK} GTest::gmock GTest::gtest_main)
@@ -34,22 +35,32 @@ function(tactus_test name)
   if(NOT ARG_SHARDS)
     set(ARG_SHARDS 1)
   endif()
+  set(cost 1)
+  set(processors 2)
+  if(ARG_LABEL STREQUAL "dds")  # the longest tests, so they start first
+    set(cost 10)
+    set(processors 1)
+  endif()
+  set(properties TIMEOUT ${ARG_TIMEOUT} COST ${cost} PROCESSORS ${processors})
+  set(reports "GTEST_OUTPUT=xml:${PROJECT_BINARY_DIR}/reports")
   foreach(shard RANGE 1 ${ARG_SHARDS})
     set(entry ${name})
     if(ARG_SHARDS GREATER 1)
       set(entry ${name}_${shard})
     endif()
     math(EXPR index "${shard} - 1")
-    add_test(NAME ${entry} COMMAND ${target})
-    set(cost 1)
-    set(processors 2)
-    if(ARG_LABEL STREQUAL "dds")  # the longest tests, so they start first
-      set(cost 10)
-      set(processors 1)
+    set(environment "${reports}/${entry}.xml;GTEST_TOTAL_SHARDS=${ARG_SHARDS};GTEST_SHARD_INDEX=${index}")
+    if(ARG_NIGHTLY)
+      list(APPEND environment "GTEST_FILTER=-${ARG_NIGHTLY}")
     endif()
-    set_tests_properties(${entry} PROPERTIES LABELS ${ARG_LABEL} TIMEOUT ${ARG_TIMEOUT} COST ${cost} PROCESSORS ${processors}
-      ENVIRONMENT "GTEST_OUTPUT=xml:${PROJECT_BINARY_DIR}/reports/${entry}.xml;GTEST_TOTAL_SHARDS=${ARG_SHARDS};GTEST_SHARD_INDEX=${index}")
+    add_test(NAME ${entry} COMMAND ${target})
+    set_tests_properties(${entry} PROPERTIES ${properties} LABELS ${ARG_LABEL} ENVIRONMENT "${environment}")
   endforeach()
+  if(ARG_NIGHTLY)
+    add_test(NAME ${name}_nightly COMMAND ${target})
+    set_tests_properties(${name}_nightly PROPERTIES ${properties} LABELS "${ARG_LABEL};nightly"
+      ENVIRONMENT "${reports}/${name}_nightly.xml;GTEST_FILTER=${ARG_NIGHTLY}")
+  endif()
 endfunction()
 
 # tactus_starts(TARGET tactus-host ...): TARGET starts these programs. They are built first, and macros contain their paths.
