@@ -45,14 +45,14 @@ void add_table(Report& report, const Movement& movement, const States& states) {
     char name[64];
     std::snprintf(name, sizeof name, "%s, deadband %g %%: ", movement.name, 100 * share);
     const std::string prefix = name;
-    report.figure(prefix + "packets sent", {"states, one each ms", states.size()}, "1/s",
-                  1e3 * static_cast<double>(sent.size()) / static_cast<double>(states.size()));
-    report.figure(prefix + "force error rms", {"views, one each ms", received.jnd.size()}, "N", received.rms_force);
-    report.figure(prefix + "force error rms", {"views, one each ms", received.jnd.size()}, "JND", received.rms_jnd);
-    report.figure(prefix + "force error p99", {"views, one each ms", received.jnd.size()}, "JND",
-                  received.jnd.percentile(0.99));
-    report.figure(prefix + "position error p99", {"views, one each ms", received.position.size()}, "mm",
-                  1e3 * received.position.percentile(0.99));
+    report.add_value(prefix + "packets sent", {"states, one each ms", states.size()}, "1/s",
+                     1e3 * static_cast<double>(sent.size()) / static_cast<double>(states.size()));
+    report.add_value(prefix + "force error rms", {"views, one each ms", received.jnd.size()}, "N", received.rms_force);
+    report.add_value(prefix + "force error rms", {"views, one each ms", received.jnd.size()}, "JND", received.rms_jnd);
+    report.add_value(prefix + "force error p99", {"views, one each ms", received.jnd.size()}, "JND",
+                     received.jnd.percentile(0.99));
+    report.add_value(prefix + "position error p99", {"views, one each ms", received.position.size()}, "mm",
+                     1e3 * received.position.percentile(0.99));
   }
 }
 
@@ -83,19 +83,19 @@ Report run(const Settings& settings) {
     mean_percent_saved += rows.back().percent_saved / static_cast<double>(movements().size());
   }
   for (const MovementResult& row : rows) {
-    report.figure(row.name + ": packets saved, deadband 10 %", {"states, one each ms", row.states}, "%",
-                  row.percent_saved);
-    report.row(row.name + ": force error over the link", "views, one each ms", "JND", row.received.jnd);
-    report.row(row.name + ": playout delay over the link", "views, one each ms", "ms", row.received.delay);
+    report.add_value(row.name + ": packets saved, deadband 10 %", {"states, one each ms", row.states}, "%",
+                     row.percent_saved);
+    report.add_percentiles(row.name + ": force error over the link", "views, one each ms", "JND", row.received.jnd);
+    report.add_percentiles(row.name + ": playout delay over the link", "views, one each ms", "ms", row.received.delay);
   }
-  report.note("JND: |force error| / max(10 % of the force, 0.05 N).");
-  report.note("Deadband 20 %: max(20 % of the force, 0.1 N). Both limits of other deadbands are in proportion.");
-  report.at_least("packets saved, mean", {"movements", movements().size()}, "%", mean_percent_saved, 90);
+  report.add_note("JND: |force error| / max(10 % of the force, 0.05 N).");
+  report.add_note("Deadband 20 %: max(20 % of the force, 0.1 N). Both limits of other deadbands are in proportion.");
+  report.add_at_least("packets saved, mean", {"movements", movements().size()}, "%", mean_percent_saved, 90);
   for (const MovementResult& row : rows) {
-    report.at_most(row.name + ": force error rms, over the link", {"views, one each ms", row.received.jnd.size()},
-                   "JND", row.received.rms_jnd, 1);
-    report.at_most(row.name + ": force error p99, over the link", {"views, one each ms", row.received.jnd.size()},
-                   "JND", row.received.jnd.percentile(0.99), 1);
+    report.add_at_most(row.name + ": force error rms, over the link", {"views, one each ms", row.received.jnd.size()},
+                       "JND", row.received.rms_jnd, 1);
+    report.add_at_most(row.name + ": force error p99, over the link", {"views, one each ms", row.received.jnd.size()},
+                       "JND", row.received.jnd.percentile(0.99), 1);
   }
   return report;
 }

@@ -87,11 +87,11 @@ void report_lists(Report& report, const spm::Model& model) {
     records += region.record_count;
     intervals += region.interval_count;
   }
-  report.figure("records of a closed list, mean", {"regions", model.summary.regions}, "",
-                records / model.summary.regions);
-  report.figure("intervals of a closed list, mean", {"regions", model.summary.regions}, "",
-                intervals / model.summary.regions);
-  report.figure("base faces", {"model", 1}, "", model.summary.base_faces);
+  report.add_value("records of a closed list, mean", {"regions", model.summary.regions}, "",
+                   records / model.summary.regions);
+  report.add_value("intervals of a closed list, mean", {"regions", model.summary.regions}, "",
+                   intervals / model.summary.regions);
+  report.add_value("base faces", {"model", 1}, "", model.summary.base_faces);
 }
 
 Report run(const Settings& settings) {
@@ -130,36 +130,37 @@ Report run(const Settings& settings) {
   Report report{{name, model.summary.digest, model.summary.faces,
                  std::to_string(settings.threads) + " threads, fastest of " + std::to_string(repeats) +
                      " builds, base of " + std::to_string(settings.base_faces) + " faces" + pairs}};
-  report.figure(settings.model.empty() ? "generate, wall time" : "import, wall time", {"run", 1}, "s",
-                source_times.sum().seconds);
+  report.add_value(settings.model.empty() ? "generate, wall time" : "import, wall time", {"run", 1}, "s",
+                   source_times.sum().seconds);
   for (const StageTimes::Stage& stage : fastest.times.stages()) {
-    report.figure(stage.name + ", wall time", {"fastest build", 1}, "s", stage.seconds);
-    report.figure(stage.name + ", CPU time of all threads", {"fastest build", 1}, "s", stage.cpu_seconds);
+    report.add_value(stage.name + ", wall time", {"fastest build", 1}, "s", stage.seconds);
+    report.add_value(stage.name + ", CPU time of all threads", {"fastest build", 1}, "s", stage.cpu_seconds);
   }
   const StageTimes::Stage sum = fastest.times.sum();
   const double rate = model.summary.faces / sum.seconds;
-  report.figure("build, wall time", {"fastest build", 1}, "s", sum.seconds);
-  report.figure("build, CPU time of all threads", {"fastest build", 1}, "s", sum.cpu_seconds);
-  report.figure("faces / wall time", {"fastest build", 1}, "1/s", rate);
-  report.figure("faces / CPU time of all threads", {"fastest build", 1}, "1/s", model.summary.faces / sum.cpu_seconds);
+  report.add_value("build, wall time", {"fastest build", 1}, "s", sum.seconds);
+  report.add_value("build, CPU time of all threads", {"fastest build", 1}, "s", sum.cpu_seconds);
+  report.add_value("faces / wall time", {"fastest build", 1}, "1/s", rate);
+  report.add_value("faces / CPU time of all threads", {"fastest build", 1}, "1/s",
+                   model.summary.faces / sum.cpu_seconds);
   const Population import_and_builds{"import and builds", 1 + std::size_t{repeats}};
-  report.figure("resident memory, max", import_and_builds, "GiB", peak / (1 << 30));
+  report.add_value("resident memory, max", import_and_builds, "GiB", peak / (1 << 30));
   report_lists(report, model);
   const std::string distance = "rms distance from the base mesh at 10 cm";
   const Deviation deviation = deviation_from_base(model);
   const Population sampled{"sampled finest vertices", deviation.vertices};
   const double rms = 1e3 * model.summary.metres_per_unit * deviation.rms;
-  report.figure(distance, sampled, "mm", rms);
+  report.add_value(distance, sampled, "mm", rms);
 
   if (is_large) {
-    report.at_most("build, wall time", {"build", 1}, "s", sum.seconds, 90);
-    report.at_most("resident memory, max", import_and_builds, "GiB", peak / (1 << 30), 6);
+    report.add_at_most("build, wall time", {"build", 1}, "s", sum.seconds, 90);
+    report.add_at_most("resident memory, max", import_and_builds, "GiB", peak / (1 << 30), 6);
   } else if (model.summary.faces >= kMinRateFaces) {
-    report.at_least("faces / wall time", {"fastest build", 1}, "1/s", rate, 1e6);
+    report.add_at_least("faces / wall time", {"fastest build", 1}, "1/s", rate, 1e6);
   }
   if (settings.pairs > 0) {
-    report.at_most("base faces, with pairs", {"model", 1}, "", model.summary.base_faces, 1000);
-    report.at_most(distance + ", with pairs", sampled, "mm", rms, 1);
+    report.add_at_most("base faces, with pairs", {"model", 1}, "", model.summary.base_faces, 1000);
+    report.add_at_most(distance + ", with pairs", sampled, "mm", rms, 1);
   }
   return report;
 }

@@ -165,36 +165,36 @@ Report run(const Settings& settings) {
     const Outcome& outcome = outcomes[i];
     const std::string pool = kPools[i].name, cycles = "cycles, " + pool;
     const Population all{cycles, outcome.load_us.size()}, loads{"regions, " + pool, outcome.loads.size()};
-    report.row("T_L", cycles, "us", outcome.load_us);
-    report.row("loader time", cycles, "us", outcome.loader_us);
-    report.row("records received", cycles, "", outcome.records);
-    report.row("slots in use / records shown", cycles, "", outcome.slots_per_record);
-    report.figure("records received, sum", all, "", static_cast<double>(outcome.records_received));
-    report.figure("received again after an eviction", {"records, " + pool, outcome.records_received},
-                  "% of records received",
-                  100.0 * static_cast<double>(outcome.received_again) / static_cast<double>(outcome.records_received));
-    report.figure("regions received", all, "", static_cast<double>(outcome.figures.regions_received));
-    report.figure("regions evicted", all, "", static_cast<double>(outcome.figures.regions_evicted));
-    report.figure("regions refused by a full pool", all, "", static_cast<double>(outcome.figures.refused_full));
-    report.figure("slots in use, max", all, "", outcome.figures.slots_peak);
-    report.figure("exact", {"contact " + cycles, outcome.contact_cycles}, "%",
-                  100.0 * static_cast<double>(outcome.exact_cycles) / static_cast<double>(outcome.contact_cycles));
+    report.add_percentiles("T_L", cycles, "us", outcome.load_us);
+    report.add_percentiles("loader time", cycles, "us", outcome.loader_us);
+    report.add_percentiles("records received", cycles, "", outcome.records);
+    report.add_percentiles("slots in use / records shown", cycles, "", outcome.slots_per_record);
+    report.add_value("records received, sum", all, "", static_cast<double>(outcome.records_received));
+    report.add_value(
+        "received again after an eviction", {"records, " + pool, outcome.records_received}, "% of records received",
+        100.0 * static_cast<double>(outcome.received_again) / static_cast<double>(outcome.records_received));
+    report.add_value("regions received", all, "", static_cast<double>(outcome.figures.regions_received));
+    report.add_value("regions evicted", all, "", static_cast<double>(outcome.figures.regions_evicted));
+    report.add_value("regions refused by a full pool", all, "", static_cast<double>(outcome.figures.refused_full));
+    report.add_value("slots in use, max", all, "", outcome.figures.slots_peak);
+    report.add_value("exact", {"contact " + cycles, outcome.contact_cycles}, "%",
+                     100.0 * static_cast<double>(outcome.exact_cycles) / static_cast<double>(outcome.contact_cycles));
     const Fit line = fit(outcome.loads);
-    report.figure("loader time, intercept of the line", loads, "us for each region", line.intercept);
-    report.figure("loader time, slope of the line", loads, "us for each record", line.slope);
+    report.add_value("loader time, intercept of the line", loads, "us for each region", line.intercept);
+    report.add_value("loader time, slope of the line", loads, "us for each record", line.slope);
     // Between the two extremes, some slots are fresh memory and others were freed just before. That spreads the times.
     const bool is_extreme = i == 0 || i + 1 == std::size(kPools);
     if (!settings.quick)
-      report.at_least("loader time linear in records, r^2", loads, "", line.r2, is_extreme ? 0.95 : 0.9);
-    report.at_least("regions loaded", all, "", static_cast<double>(outcome.loads.size()), 100);
+      report.add_at_least("loader time linear in records, r^2", loads, "", line.r2, is_extreme ? 0.95 : 0.9);
+    report.add_at_least("regions loaded", all, "", static_cast<double>(outcome.loads.size()), 100);
   }
   const Outcome &none = outcomes.front(), &whole = outcomes.back();
-  report.at_least("records received again", {"records, only wanted regions", none.records_received}, "",
-                  static_cast<double>(none.received_again), 1);
-  report.at_most("records received again", {"records, whole model", whole.records_received}, "",
-                 static_cast<double>(whole.received_again), 0);
-  report.at_most("records received, whole model / only wanted regions", {"cycles", path.size()}, "times",
-                 static_cast<double>(whole.records_received) / static_cast<double>(none.records_received), 1);
+  report.add_at_least("records received again", {"records, only wanted regions", none.records_received}, "",
+                      static_cast<double>(none.received_again), 1);
+  report.add_at_most("records received again", {"records, whole model", whole.records_received}, "",
+                     static_cast<double>(whole.received_again), 0);
+  report.add_at_most("records received, whole model / only wanted regions", {"cycles", path.size()}, "times",
+                     static_cast<double>(whole.records_received) / static_cast<double>(none.records_received), 1);
   return report;
 }
 

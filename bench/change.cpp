@@ -184,28 +184,29 @@ Report run(const Settings& settings) {
                 summary.grid.cell_size * unit * 1e3, static_cast<unsigned long long>(settings.seed));
   Report report{{subject.name, summary.digest, summary.faces, text}};
   const std::string cell = "steps of one cell", jump = "jumps by one cell";
-  report.row("change and refit", cell, "us", steps.cell_us);
-  report.row("change and refit", "entering cells", "us", steps.entering_us);
-  report.row("change and refit", "leaving cells", "us", steps.leaving_us);
-  report.row("records changed", cell, "", steps.cell_records);
-  report.row("nodes marked", cell, "", steps.cell_marked);
-  report.row("change and refit", jump, "us", steps.jump_us);
-  report.row("records changed", jump, "", steps.jump_records);
-  report.row("marked nodes / exact bound", "refits", "", steps.marked_per_bound);
-  report.row("marked nodes / k(log2 n - log2 k + 2)", "refits", "", steps.marked_per_lemma_1);
-  report.row("FCL refit, finest mesh", "repeats", "us", refit);
-  report.row("FCL rebuild, finest mesh", "repeats", "us", rebuild);
+  report.add_percentiles("change and refit", cell, "us", steps.cell_us);
+  report.add_percentiles("change and refit", "entering cells", "us", steps.entering_us);
+  report.add_percentiles("change and refit", "leaving cells", "us", steps.leaving_us);
+  report.add_percentiles("records changed", cell, "", steps.cell_records);
+  report.add_percentiles("nodes marked", cell, "", steps.cell_marked);
+  report.add_percentiles("change and refit", jump, "us", steps.jump_us);
+  report.add_percentiles("records changed", jump, "", steps.jump_records);
+  report.add_percentiles("marked nodes / exact bound", "refits", "", steps.marked_per_bound);
+  report.add_percentiles("marked nodes / k(log2 n - log2 k + 2)", "refits", "", steps.marked_per_lemma_1);
+  report.add_percentiles("FCL refit, finest mesh", "repeats", "us", refit);
+  report.add_percentiles("FCL rebuild, finest mesh", "repeats", "us", rebuild);
 
-  report.at_least("number of steps", {"all steps", steps.count}, "", static_cast<double>(steps.cell_us.size()), 100);
-  report.at_most("refits that marked more than the exact bound", {"refits", steps.marked_per_bound.size()}, "",
-                 static_cast<double>(steps.over_bound), 0);
-  report.at_most("unfinished steps", {"all steps", steps.count}, "", static_cast<double>(steps.unfinished), 0);
+  report.add_at_least("number of steps", {"all steps", steps.count}, "", static_cast<double>(steps.cell_us.size()),
+                      100);
+  report.add_at_most("refits that marked more than the exact bound", {"refits", steps.marked_per_bound.size()}, "",
+                     static_cast<double>(steps.over_bound), 0);
+  report.add_at_most("unfinished steps", {"all steps", steps.count}, "", static_cast<double>(steps.unfinished), 0);
   const double median = steps.cell_us.percentile(0.5);
-  report.at_most("median of change and refit", {cell, steps.cell_us.size()}, "us", median, 100);
-  report.at_least("median FCL refit / median change and refit", {"repeats", refit.size()}, "times",
-                  refit.percentile(0.5) / median, 500);
-  report.at_least("median FCL rebuild / median change and refit", {"repeats", rebuild.size()}, "times",
-                  rebuild.percentile(0.5) / median, 1000);
+  report.add_at_most("median of change and refit", {cell, steps.cell_us.size()}, "us", median, 100);
+  report.add_at_least("median FCL refit / median change and refit", {"repeats", refit.size()}, "times",
+                      refit.percentile(0.5) / median, 500);
+  report.add_at_least("median FCL rebuild / median change and refit", {"repeats", rebuild.size()}, "times",
+                      rebuild.percentile(0.5) / median, 1000);
   return report;
 }
 

@@ -52,13 +52,13 @@ struct Outcome {
 
 /// The force of spring and damper alone, without ramps and limits.
 Vec3d unlimited_force(const haptics::ProxyResult& proxy, const haptics::DeviceState& device,
-                      const haptics::Feel& feel) {
+                      const haptics::ContactImpedance& impedance) {
   haptics::ForceSettings no_limits;
   no_limits.soft_start = 0;
   no_limits.max_force = no_limits.max_slew = 1e9;
   haptics::DeviceSpec spec;
   spec.max_force = 1e9;
-  return haptics::ForceRenderer{no_limits, spec}.step(proxy, device, feel, 0, kPeriod).force;
+  return haptics::ForceRenderer{no_limits, spec}.step(proxy, device, impedance, 0, kPeriod).force;
 }
 
 /// Returns the part of a force change that the hand's motion does not explain, N. Without a ramp, the motion causes
@@ -76,7 +76,7 @@ Outcome touch(const LoadedModel& subject, const Settings& settings, const std::v
   session.delay_cycles = settings.delay;
   SessionRun run{subject.model, subject.model.summary.metres_per_unit, session};
   run.settle(path.front());
-  const haptics::Feel feel{settings.material.stiffness, settings.material.damping};
+  const haptics::ContactImpedance impedance{settings.material.stiffness, settings.material.damping};
   constexpr std::uint32_t kLimitBits = session::kForceSaturated | session::kFault;
   Outcome outcome;
   Vec3d previous_force = Vec3d::Zero(), previous_unlimited = Vec3d::Zero();
@@ -90,11 +90,11 @@ Outcome touch(const LoadedModel& subject, const Settings& settings, const std::v
     haptics::Proxy proxy = run.haptic().proxy(0);
     haptics::ForceRenderer renderer = run.haptic().renderer(0);
     const haptics::ProxyResult& unchanged = proxy.step(device.position, kPeriod, run.haptic().surface(0), false);
-    const haptics::ForceResult& before = renderer.step(unchanged, device, feel, 0, kPeriod);
+    const haptics::ForceResult& before = renderer.step(unchanged, device, impedance, 0, kPeriod);
     const hrtc_service::ProbeOutput& probe = run.cycle(spm::Budget{settings.budget}).probes[0];
     const Vec3d force = hrtc_service::vec(probe.force);
-    const Vec3d unlimited = unlimited_force(run.haptic().proxy(0).last(), device, feel);
-    const Vec3d unlimited_before = unlimited_force(unchanged, device, feel);
+    const Vec3d unlimited = unlimited_force(run.haptic().proxy(0).last(), device, impedance);
+    const Vec3d unlimited_before = unlimited_force(unchanged, device, impedance);
     const double step = (force - before.force).norm(), unramped = (unlimited - unlimited_before).norm();
     if (std::max(step, unramped) > 0) {
       outcome.steps.add(step);
@@ -141,22 +141,22 @@ Report run(const Settings& settings) {
   Report report{{subject.name, summary.digest, summary.faces, text}};
   const std::string with_step = "cycles with such a step", unlimited = "cycles without a force limit";
   const Population all{"all cycles", path.size() - 1};  // touch() needs the pose after each cycle
-  report.row("force step by refinement", with_step, "N/ms", outcome.steps);
-  report.row("force step by refinement, without ramp", with_step, "N/ms", outcome.unramped_steps);
-  report.row("force change that the hand does not explain", unlimited, "N/ms", outcome.unexplained);
-  report.row("duration of a ramp of over 0.05 N", "ramps", "ms", outcome.ramps);
-  report.row("force change between cycles", "all cycles", "N/ms", outcome.changes);
-  report.figure("cycles in contact", all, "", static_cast<double>(outcome.contact_cycles));
-  report.figure("exact", {"contact cycles", outcome.contact_cycles}, "%",
-                100.0 * static_cast<double>(outcome.exact_cycles) / static_cast<double>(outcome.contact_cycles));
-  report.figure("cycles with a step by refinement over 0.05 N/ms", all, "",
-                static_cast<double>(outcome.cycles_over_max));
-  report.at_least("cycles in which refinement changes the force", all, "", static_cast<double>(outcome.steps.size()),
-                  20);
-  report.at_most("max force step by refinement", {with_step, outcome.steps.size()}, "N/ms", outcome.steps.max(),
-                 kMaxStep);
-  report.at_most("max force change not explained by the hand", {unlimited, outcome.unexplained.size()}, "N/ms",
-                 outcome.unexplained.max(), kMaxStep);
+  report.add_percentiles("force step by refinement", with_step, "N/ms", outcome.steps);
+  report.add_percentiles("force step by refinement, without ramp", with_step, "N/ms", outcome.unramped_steps);
+  report.add_percentiles("force change that the hand does not explain", unlimited, "N/ms", outcome.unexplained);
+  report.add_percentiles("duration of a ramp of over 0.05 N", "ramps", "ms", outcome.ramps);
+  report.add_percentiles("force change between cycles", "all cycles", "N/ms", outcome.changes);
+  report.add_value("cycles in contact", all, "", static_cast<double>(outcome.contact_cycles));
+  report.add_value("exact", {"contact cycles", outcome.contact_cycles}, "%",
+                   100.0 * static_cast<double>(outcome.exact_cycles) / static_cast<double>(outcome.contact_cycles));
+  report.add_value("cycles with a step by refinement over 0.05 N/ms", all, "",
+                   static_cast<double>(outcome.cycles_over_max));
+  report.add_at_least("cycles in which refinement changes the force", all, "",
+                      static_cast<double>(outcome.steps.size()), 20);
+  report.add_at_most("max force step by refinement", {with_step, outcome.steps.size()}, "N/ms", outcome.steps.max(),
+                     kMaxStep);
+  report.add_at_most("max force change not explained by the hand", {unlimited, outcome.unexplained.size()}, "N/ms",
+                     outcome.unexplained.max(), kMaxStep);
   return report;
 }
 

@@ -46,16 +46,16 @@ void add_coded_loss(Report& report, double percent, double seconds, std::uint64_
   const LinkRun run = send_deadband_coded(states, sent, "P0:loss=" + std::to_string(percent), 0, seed);
   const Fidelity received = play(states, sent, run.arrivals, {});
   const std::string name = formatted("loss %g %%, deadband-coded: ", percent);
-  report.figure(name + "packets sent", {"states, one each ms", states.size()}, "1/s", packets_per_s(sent, states));
-  report.figure(name + "lost", {"packets sent", sent.size()}, "%", run.lost_percent);
-  report.figure(name + "playout delay, p50", {"views, one each ms", received.delay.size()}, "ms",
-                received.delay.percentile(0.5));
-  report.figure(name + "force error rms", {"views, one each ms", received.jnd.size()}, "JND", received.rms_jnd);
-  report.figure(name + "force error above 1 JND", {"views, one each ms", received.jnd.size()}, "%",
-                100 * received.above_share);
-  report.figure(name + "force error max", {"views, one each ms", received.jnd.size()}, "JND", received.jnd.max());
-  report.at_most(name + "force error p99", {"views, one each ms", received.jnd.size()}, "JND",
-                 received.jnd.percentile(0.99), 1);
+  report.add_value(name + "packets sent", {"states, one each ms", states.size()}, "1/s", packets_per_s(sent, states));
+  report.add_value(name + "lost", {"packets sent", sent.size()}, "%", run.lost_percent);
+  report.add_value(name + "playout delay, p50", {"views, one each ms", received.delay.size()}, "ms",
+                   received.delay.percentile(0.5));
+  report.add_value(name + "force error rms", {"views, one each ms", received.jnd.size()}, "JND", received.rms_jnd);
+  report.add_value(name + "force error above 1 JND", {"views, one each ms", received.jnd.size()}, "%",
+                   100 * received.above_share);
+  report.add_value(name + "force error max", {"views, one each ms", received.jnd.size()}, "JND", received.jnd.max());
+  report.add_at_most(name + "force error p99", {"views, one each ms", received.jnd.size()}, "JND",
+                     received.jnd.percentile(0.99), 1);
 }
 
 void add_coded_isolation(Report& report, double mbit, double seconds, double bound_ms) {
@@ -64,16 +64,16 @@ void add_coded_isolation(Report& report, double mbit, double seconds, double bou
   const LinkRun run = send_deadband_coded(states, sent, formatted("veth:rate=%g", mbit), latency::kUnpaced);
   const Fidelity received = play(states, sent, run.arrivals, {});
   const std::string name = formatted("%g Mbit/s, deadband-coded: ", mbit);
-  report.figure(name + "packets sent", {"states, one each ms", states.size()}, "1/s", packets_per_s(sent, states));
-  report.figure(name + "delivered", {"packets sent", sent.size()}, "%", 100 - run.lost_percent);
-  report.figure(name + "mesh payload rate", {"run", 1}, "MB/s", run.mesh_mbyte_per_s);
-  report.figure(name + "playout delay, p50", {"views, one each ms", received.delay.size()}, "ms",
-                received.delay.percentile(0.5));
-  report.figure(name + "force error p99", {"views, one each ms", received.jnd.size()}, "JND",
-                received.jnd.percentile(0.99));
-  report.row(name + "age at arrival", "packets received", "ms", run.age);
-  report.at_most(name + "age at arrival p99", {"packets received", run.age.size()}, "ms", run.age.percentile(0.99),
-                 bound_ms);
+  report.add_value(name + "packets sent", {"states, one each ms", states.size()}, "1/s", packets_per_s(sent, states));
+  report.add_value(name + "delivered", {"packets sent", sent.size()}, "%", 100 - run.lost_percent);
+  report.add_value(name + "mesh payload rate", {"run", 1}, "MB/s", run.mesh_mbyte_per_s);
+  report.add_value(name + "playout delay, p50", {"views, one each ms", received.delay.size()}, "ms",
+                   received.delay.percentile(0.5));
+  report.add_value(name + "force error p99", {"views, one each ms", received.jnd.size()}, "JND",
+                   received.jnd.percentile(0.99));
+  report.add_percentiles(name + "age at arrival", "packets received", "ms", run.age);
+  report.add_at_most(name + "age at arrival p99", {"packets received", run.age.size()}, "ms", run.age.percentile(0.99),
+                     bound_ms);
 }
 
 }  // namespace tactus::bench

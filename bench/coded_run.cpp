@@ -47,14 +47,14 @@ Fidelity play(const States& states, const std::vector<std::uint32_t>& sent, cons
       state.sequence = sequence_numbers[arrivals[next].index];
       playout.on_state(state, arrivals[next].at_ns);
     }
-    const session::Shown shown = playout.at(now);
+    const session::ShownProbe shown = playout.view_at(now);
     if (now < kAdaptationNs || shown.at_ns < 0) continue;
     const auto index = static_cast<std::size_t>(shown.at_ns / kMs);
     if (index + 1 >= states.size()) break;
     const session::ProbeState &before = states[index], &after = states[index + 1];
     const double share = static_cast<double>(shown.at_ns - before.session_time_ns) / static_cast<double>(kMs);
     const Vec felt = interpolate(before.force, after.force, share);
-    const double error_jnd = jnd.of_force(felt, shown.view.force);
+    const double error_jnd = jnd.force_difference(felt, shown.view.force);
     result.jnd.add(error_jnd);
     result.position.add(distance(interpolate(before.device.position, after.device.position, share), shown.view.device));
     result.delay.add(static_cast<double>(now - shown.at_ns) * 1e-6);

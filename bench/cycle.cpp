@@ -102,7 +102,7 @@ Run run_cycles(const spm::Model& model, const Settings& settings, double unit, c
   for (std::size_t i = 0; i < path.size(); ++i) {
     const RefinedStep step = refined.step(path[i], in_contact);
     Stopwatch stopwatch;
-    const std::uint32_t count = forest.tree().touching(path[i], radius, contacts.data(), kMaxContacts);
+    const std::uint32_t count = forest.tree().find_contacts(path[i], radius, contacts.data(), kMaxContacts);
     const double query = stopwatch.lap();
 
     const double sum = step.refine + step.refit + query;
@@ -121,7 +121,7 @@ Run run_cycles(const spm::Model& model, const Settings& settings, double unit, c
     if (count > kMaxContacts) ++run.truncated_cycles;
     if (!refined.settled()) continue;
     ++run.settled_cycles;
-    if (!forest.exact(path[i], radius)) continue;
+    if (!forest.is_exact(path[i], radius)) continue;
     TouchedFaces& touched = run.touched[i];
     touched.is_exact = true;
     touched.first = run.faces.size();
@@ -173,7 +173,7 @@ Comparison run_fcl(const LoadedModel& subject, spm::fcl::FixedMesh& finest, cons
   std::vector<std::uint32_t> touching;
   for (std::size_t i = 0; i < path.size(); i += compare_every) {
     Stopwatch stopwatch;
-    finest.touching(path[i], radius, touching);
+    finest.find_contacts(path[i], radius, touching);
     result.finest_query.add(stopwatch.lap());
     if (run.touched[i].is_exact) {
       std::sort(touching.begin(), touching.end());
@@ -183,7 +183,7 @@ Comparison run_fcl(const LoadedModel& subject, spm::fcl::FixedMesh& finest, cons
       result.mismatches += wrong > 0 ? 1 : 0;
     }
     stopwatch.lap();
-    base.touching(path[i], radius, touching);
+    base.find_contacts(path[i], radius, touching);
     result.base_query.add(stopwatch.lap());
   }
   for (int i = 0; i < refits; ++i) {
@@ -276,12 +276,12 @@ void report_hrtc(const LoadedModel& subject, const Settings& settings, Report& r
     std::fprintf(stderr, "%s\n", tips);
     const HrtcRun run = run_hrtc(subject, settings, paths);
     if (paths.size() == 1)
-      report.row("cycle, CPU time", tips, "us", run.cpu, {{0.5, 10}, {0.99, 60}, {0.999, 100}});
+      report.add_percentiles("cycle, CPU time", tips, "us", run.cpu, {{0.5, 10}, {0.99, 60}, {0.999, 100}});
     else
-      report.row("cycle, CPU time", tips, "us", run.cpu, {{0.999, 200}});
-    report.row("cycle, wall time", tips, "us", run.wall);
-    report.at_least("exact, of contact cycles", {tips, run.contact_cycles}, "%",
-                    100 * static_cast<double>(run.exact_cycles) / static_cast<double>(run.contact_cycles), 99);
+      report.add_percentiles("cycle, CPU time", tips, "us", run.cpu, {{0.999, 200}});
+    report.add_percentiles("cycle, wall time", tips, "us", run.wall);
+    report.add_at_least("exact, of contact cycles", {tips, run.contact_cycles}, "%",
+                        100 * static_cast<double>(run.exact_cycles) / static_cast<double>(run.contact_cycles), 99);
     paths.push_back(path_of(subject, settings, finest, settings.seed + 1));
   }
 }
@@ -306,42 +306,43 @@ Report run(const Settings& settings) {
   const Population all{"all cycles", path_size}, compared{"cycles compared", theirs.compared_cycles};
   const Population changed{"cycles with changes", ours.changed_sum.size()},
       settled{"cycles after 0.2 s", ours.settled_cycles};
-  report.row("T_R refine", all.name, "us", ours.refine);
-  report.row("T_B refit", all.name, "us", ours.refit);
-  report.row("T_Q query", all.name, "us", ours.query);
+  report.add_percentiles("T_R refine", all.name, "us", ours.refine);
+  report.add_percentiles("T_B refit", all.name, "us", ours.refit);
+  report.add_percentiles("T_Q query", all.name, "us", ours.query);
   if (is_small)
-    report.row("T_R + T_B + T_Q", all.name, "us", ours.sum, {{0.5, 5}, {0.99, 60}});
+    report.add_percentiles("T_R + T_B + T_Q", all.name, "us", ours.sum, {{0.5, 5}, {0.99, 60}});
   else if (!is_huge)
-    report.row("T_R + T_B + T_Q", all.name, "us", ours.sum, {{0.5, 10}, {0.99, 60}, {0.999, 100}});
+    report.add_percentiles("T_R + T_B + T_Q", all.name, "us", ours.sum, {{0.5, 10}, {0.99, 60}, {0.999, 100}});
   else
-    report.row("T_R + T_B + T_Q", all.name, "us", ours.sum, {{0.99, 100}, {0.999, 200}});
-  report.row("T_R refine", changed.name, "us", ours.changed_refine);
-  report.row("T_B refit", changed.name, "us", ours.changed_refit);
-  report.row("T_Q query", changed.name, "us", ours.changed_query);
-  report.row("T_R + T_B + T_Q", changed.name, "us", ours.changed_sum);
-  report.row("FCL query, finest mesh", all.name, "us", theirs.finest_query);
-  report.row("FCL query, base mesh", all.name, "us", theirs.base_query);
-  report.row("FCL refit, finest mesh", "repeats", "us", theirs.finest_refit);
+    report.add_percentiles("T_R + T_B + T_Q", all.name, "us", ours.sum, {{0.99, 100}, {0.999, 200}});
+  report.add_percentiles("T_R refine", changed.name, "us", ours.changed_refine);
+  report.add_percentiles("T_B refit", changed.name, "us", ours.changed_refit);
+  report.add_percentiles("T_Q query", changed.name, "us", ours.changed_query);
+  report.add_percentiles("T_R + T_B + T_Q", changed.name, "us", ours.changed_sum);
+  report.add_percentiles("FCL query, finest mesh", all.name, "us", theirs.finest_query);
+  report.add_percentiles("FCL query, base mesh", all.name, "us", theirs.base_query);
+  report.add_percentiles("FCL refit, finest mesh", "repeats", "us", theirs.finest_refit);
   const double changes = static_cast<double>(ours.splits + ours.collapses);
   const double cycles = static_cast<double>(path_size);
-  report.figure("T_R of a change, mean", all, "ns", 1e3 * ours.refine.mean() * cycles / changes);
-  report.figure("T_B of a change, mean", all, "ns", 1e3 * ours.refit.mean() * cycles / changes);
-  report.figure("list entries visited", all, "", static_cast<double>(ours.visits));
-  report.figure("splits", all, "", static_cast<double>(ours.splits));
-  report.figure("collapses", all, "", static_cast<double>(ours.collapses));
-  report.figure("regions evicted", all, "", static_cast<double>(ours.evictions));
-  report.figure("triangles excepted, near tangency", compared, "", static_cast<double>(theirs.tangent_faces));
-  for (const std::string& note : ours.notes) report.note(note);
-  report.figure("cycles of more than 1 ms wall time", all, "", static_cast<double>(ours.notes.size()));
+  report.add_value("T_R of a change, mean", all, "ns", 1e3 * ours.refine.mean() * cycles / changes);
+  report.add_value("T_B of a change, mean", all, "ns", 1e3 * ours.refit.mean() * cycles / changes);
+  report.add_value("list entries visited", all, "", static_cast<double>(ours.visits));
+  report.add_value("splits", all, "", static_cast<double>(ours.splits));
+  report.add_value("collapses", all, "", static_cast<double>(ours.collapses));
+  report.add_value("regions evicted", all, "", static_cast<double>(ours.evictions));
+  report.add_value("triangles excepted, near tangency", compared, "", static_cast<double>(theirs.tangent_faces));
+  for (const std::string& note : ours.notes) report.add_note(note);
+  report.add_value("cycles of more than 1 ms wall time", all, "", static_cast<double>(ours.notes.size()));
 
-  report.at_most("cycles whose triangles differ from FCL's", compared, "", static_cast<double>(theirs.mismatches), 0);
-  report.at_most("truncated queries", all, "", ours.truncated_cycles, 0);
-  report.at_least("exact", settled, "%", ours.percent_exact(), is_small ? 99 : 99.9);
-  report.at_most("overruns: over 1 ms wall, over 0.5 ms CPU time", all, "", ours.overruns, 0);
+  report.add_at_most("cycles whose triangles differ from FCL's", compared, "", static_cast<double>(theirs.mismatches),
+                     0);
+  report.add_at_most("truncated queries", all, "", ours.truncated_cycles, 0);
+  report.add_at_least("exact", settled, "%", ours.percent_exact(), is_small ? 99 : 99.9);
+  report.add_at_most("overruns: over 1 ms wall, over 0.5 ms CPU time", all, "", ours.overruns, 0);
   constexpr std::uint32_t kRefitSize = 60000;  // faces; a full refit of a smaller mesh is too short for a ratio
   if (summary.faces >= kRefitSize) {
-    report.at_least("median FCL refit / median T_B", changed, "times",
-                    theirs.finest_refit.percentile(0.5) / ours.changed_refit.percentile(0.5), 300);
+    report.add_at_least("median FCL refit / median T_B", changed, "times",
+                        theirs.finest_refit.percentile(0.5) / ours.changed_refit.percentile(0.5), 300);
   }
   report_hrtc(subject, settings, report);
   return report;
@@ -381,32 +382,34 @@ Report run_curve(const Settings& settings) {
   }
 
   Report report{{"organs, seed 1", curve.back().digest, sizes.back(), text}};
-  for (const CurvePoint& point : curve) report.row("T_R + T_B + T_Q", point.name, "us", point.outcome.ours.sum);
   for (const CurvePoint& point : curve)
-    report.row("T_R + T_B + T_Q", point.name + ", changes", "us", point.outcome.ours.changed_sum);
-  for (const CurvePoint& point : curve) report.row("T_Q query", point.name, "us", point.outcome.ours.query);
+    report.add_percentiles("T_R + T_B + T_Q", point.name, "us", point.outcome.ours.sum);
+  for (const CurvePoint& point : curve)
+    report.add_percentiles("T_R + T_B + T_Q", point.name + ", changes", "us", point.outcome.ours.changed_sum);
+  for (const CurvePoint& point : curve) report.add_percentiles("T_Q query", point.name, "us", point.outcome.ours.query);
   for (const auto& [name, faces, digest, outcome] : curve) {
     const Run& ours = outcome.ours;
     const auto cycles = static_cast<double>(outcome.cycles),
                changes = static_cast<double>(ours.splits + ours.collapses);
-    report.figure("changes in a cycle, mean", {name, outcome.cycles}, "", changes / cycles);
-    report.figure("T_R of a change, mean", {name, outcome.cycles}, "ns", 1e3 * ours.refine.mean() * cycles / changes);
-    report.figure("T_B of a change, mean", {name, outcome.cycles}, "ns", 1e3 * ours.refit.mean() * cycles / changes);
-    report.figure("median T_R + T_B + T_Q / log2 of faces", {name, ours.sum.size()}, "us",
-                  ours.sum.percentile(0.5) / std::log2(faces));
-    for (const std::string& note : ours.notes) report.note(name + ", " + note);
+    report.add_value("changes in a cycle, mean", {name, outcome.cycles}, "", changes / cycles);
+    report.add_value("T_R of a change, mean", {name, outcome.cycles}, "ns",
+                     1e3 * ours.refine.mean() * cycles / changes);
+    report.add_value("T_B of a change, mean", {name, outcome.cycles}, "ns", 1e3 * ours.refit.mean() * cycles / changes);
+    report.add_value("median T_R + T_B + T_Q / log2 of faces", {name, ours.sum.size()}, "us",
+                     ours.sum.percentile(0.5) / std::log2(faces));
+    for (const std::string& note : ours.notes) report.add_note(name + ", " + note);
   }
   const auto median = [&curve](std::size_t i) { return curve[i].outcome.ours.sum.percentile(0.5); };
   for (std::size_t i = 0; i < curve.size(); ++i) {
     const auto& [name, faces, digest, outcome] = curve[i];
-    report.at_most("cycles whose triangles differ from FCL's", {name, outcome.theirs.compared_cycles}, "",
-                   static_cast<double>(outcome.theirs.mismatches), 0);
-    report.at_least("exact", {name, outcome.ours.settled_cycles}, "%", outcome.ours.percent_exact(), 99.9);
-    report.at_most("overruns: over 1 ms wall, over 0.5 ms CPU time", {name, outcome.cycles}, "", outcome.ours.overruns,
-                   0);
+    report.add_at_most("cycles whose triangles differ from FCL's", {name, outcome.theirs.compared_cycles}, "",
+                       static_cast<double>(outcome.theirs.mismatches), 0);
+    report.add_at_least("exact", {name, outcome.ours.settled_cycles}, "%", outcome.ours.percent_exact(), 99.9);
+    report.add_at_most("overruns: over 1 ms wall, over 0.5 ms CPU time", {name, outcome.cycles}, "",
+                       outcome.ours.overruns, 0);
     if (i < 1) continue;
-    report.at_most("growth of the median since the smallest size", {name, outcome.cycles}, "us/decade",
-                   (median(i) - median(0)) / std::log10(static_cast<double>(faces) / sizes[0]), kMaxGrowth);
+    report.add_at_most("growth of the median since the smallest size", {name, outcome.cycles}, "us/decade",
+                       (median(i) - median(0)) / std::log10(static_cast<double>(faces) / sizes[0]), kMaxGrowth);
   }
   return report;
 }

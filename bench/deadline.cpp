@@ -200,33 +200,34 @@ Report run(const Settings& settings) {
     char name[32];
     std::snprintf(name, sizeof name, "cycles, deadline %g us", deadline);
     const std::string cycles = name, missed = cycles + ", missed";
-    report.row("own work", cycles, "us", outcome.own);
-    report.row("own work without the second load", cycles, "us", outcome.own_alone);
-    report.row("own work with the second load", cycles, "us", outcome.own_with_load);
-    report.row("wall time", cycles, "us", outcome.wall);
-    report.row("T_R + T_B", cycles, "us", outcome.refine_refit);
-    report.row("T_Q", cycles, "us", outcome.query);
-    report.row("T_F", cycles, "us", outcome.force);
+    report.add_percentiles("own work", cycles, "us", outcome.own);
+    report.add_percentiles("own work without the second load", cycles, "us", outcome.own_alone);
+    report.add_percentiles("own work with the second load", cycles, "us", outcome.own_with_load);
+    report.add_percentiles("wall time", cycles, "us", outcome.wall);
+    report.add_percentiles("T_R + T_B", cycles, "us", outcome.refine_refit);
+    report.add_percentiles("T_Q", cycles, "us", outcome.query);
+    report.add_percentiles("T_F", cycles, "us", outcome.force);
     if (outcome.missed_query_force.size() > 0) {
-      report.row("T_Q + T_F", missed, "us", outcome.missed_query_force);
-      report.row("T_R + T_B", missed, "us", outcome.missed_refine_refit);
+      report.add_percentiles("T_Q + T_F", missed, "us", outcome.missed_query_force);
+      report.add_percentiles("T_R + T_B", missed, "us", outcome.missed_refine_refit);
     }
-    report.row("reference computation after each cycle", cycles, "us", outcome.reference);
-    report.figure("reference computation within the deadline", {cycles, outcome.cycles}, "%",
-                  100.0 * static_cast<double>(outcome.reference_in_time) / static_cast<double>(outcome.cycles));
-    report.row("granted budget", cycles, "units", outcome.granted);
-    report.figure("refinement stopped by the governor", {cycles, outcome.cycles}, "%",
-                  100.0 * static_cast<double>(outcome.stopped) / static_cast<double>(outcome.cycles));
-    report.figure("exact", {"contact " + cycles, outcome.contact_cycles}, "%", outcome.percent_exact());
-    report.figure("refit time of a unit, governor at the end", {cycles, outcome.cycles}, "ns", outcome.refit_unit_ns);
-    report.figure("surprise, governor at the end", {cycles, outcome.cycles}, "us", outcome.surprise_us);
+    report.add_percentiles("reference computation after each cycle", cycles, "us", outcome.reference);
+    report.add_value("reference computation within the deadline", {cycles, outcome.cycles}, "%",
+                     100.0 * static_cast<double>(outcome.reference_in_time) / static_cast<double>(outcome.cycles));
+    report.add_percentiles("granted budget", cycles, "units", outcome.granted);
+    report.add_value("refinement stopped by the governor", {cycles, outcome.cycles}, "%",
+                     100.0 * static_cast<double>(outcome.stopped) / static_cast<double>(outcome.cycles));
+    report.add_value("exact", {"contact " + cycles, outcome.contact_cycles}, "%", outcome.percent_exact());
+    report.add_value("refit time of a unit, governor at the end", {cycles, outcome.cycles}, "ns",
+                     outcome.refit_unit_ns);
+    report.add_value("surprise, governor at the end", {cycles, outcome.cycles}, "us", outcome.surprise_us);
     const Eigen::Vector3d fit = outcome.normal.ldlt().solve(outcome.right);
-    report.figure("T_R + T_B, fit: constant", {cycles, outcome.cycles}, "ns", fit[0]);
-    report.figure("T_R + T_B, fit: a list entry visited", {cycles, outcome.cycles}, "ns", fit[1]);
-    report.figure("T_R + T_B, fit: a record changed", {cycles, outcome.cycles}, "ns", fit[2]);
-    report.at_least("own work within the deadline", {cycles, outcome.cycles}, "%", outcome.percent_in_time(), 99.9);
-    report.at_least("in contact", {cycles, outcome.cycles}, "%",
-                    100.0 * static_cast<double>(outcome.contact_cycles) / static_cast<double>(outcome.cycles), 90);
+    report.add_value("T_R + T_B, fit: constant", {cycles, outcome.cycles}, "ns", fit[0]);
+    report.add_value("T_R + T_B, fit: a list entry visited", {cycles, outcome.cycles}, "ns", fit[1]);
+    report.add_value("T_R + T_B, fit: a record changed", {cycles, outcome.cycles}, "ns", fit[2]);
+    report.add_at_least("own work within the deadline", {cycles, outcome.cycles}, "%", outcome.percent_in_time(), 99.9);
+    report.add_at_least("in contact", {cycles, outcome.cycles}, "%",
+                        100.0 * static_cast<double>(outcome.contact_cycles) / static_cast<double>(outcome.cycles), 90);
   }
   return report;
 }

@@ -118,7 +118,7 @@ EmbreeMesh::EmbreeMesh(EmbreePositions vertices, EmbreeFaces faces)
 
 EmbreeMesh::~EmbreeMesh() = default;
 
-void EmbreeMesh::touching(const Vec3d& centre, double radius, std::vector<spm::Contact>& out) const {
+void EmbreeMesh::find_contacts(const Vec3d& centre, double radius, std::vector<spm::Contact>& out) const {
   struct Query {
     const Position* vertices;
     const Face* faces;
@@ -285,7 +285,7 @@ EmbreeTool::EmbreeTool(EmbreePositions object_vertices, EmbreeFaces object_faces
 
 EmbreeTool::~EmbreeTool() = default;
 
-void EmbreeTool::touching(const Eigen::Isometry3d& pose, std::vector<spm::MeshContact>& out) {
+void EmbreeTool::find_contacts(const Eigen::Isometry3d& pose, std::vector<spm::MeshContact>& out) {
   Scenes& s = *scenes_;
   out.clear();
   s.out = &out;

@@ -30,7 +30,7 @@ class EmbreeMesh {
   EmbreeMesh& operator=(const EmbreeMesh&) = delete;
 
   /// Fills `out` with all triangles within `radius` of `centre`. Faces and points are those of AbTree::touching.
-  void touching(const spm::Vec3d& centre, double radius, std::vector<spm::Contact>& out) const;
+  void find_contacts(const spm::Vec3d& centre, double radius, std::vector<spm::Contact>& out) const;
 
  private:
   struct Scene;
@@ -51,7 +51,7 @@ class EmbreeTool {
   EmbreeTool& operator=(const EmbreeTool&) = delete;
 
   /// Moves the tool to `pose` and fills `out` with all intersecting pairs, as PlacedProbe::touching does.
-  void touching(const Eigen::Isometry3d& pose, std::vector<spm::MeshContact>& out);
+  void find_contacts(const Eigen::Isometry3d& pose, std::vector<spm::MeshContact>& out);
 
  private:
   struct Scenes;

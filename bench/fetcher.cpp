@@ -21,7 +21,7 @@ Fetcher::Fetcher(const wire::SessionAddress& address)
       records_{listen(wire::topics::kRecords, {wire::hrtc_partition(address.participant)})} {}
 
 void Fetcher::receive(const session::CatalogueEntry& entry, std::int64_t) {
-  client_.offer(entry);
+  client_.on_catalogue(entry);
   if (object_ != 0) return;
   object_ = entry.object_id;
   region_count_ = entry.summary.regions;
@@ -31,9 +31,9 @@ void Fetcher::receive(const session::CatalogueEntry& entry, std::int64_t) {
 void Fetcher::receive(const session::RosterEntry& entry, std::int64_t at_ns) {
   if (entry.role != session::Role::kHost) return;
   if (entry.leaving)
-    client_.host_gone(entry.origin.participant);
+    client_.on_host_gone(entry.origin.participant);
   else
-    client_.host_seen(entry.origin.participant, entry.origin.incarnation, at_ns);
+    client_.on_host_heartbeat(entry.origin.participant, entry.origin.incarnation, at_ns);
 }
 
 void Fetcher::receive(const session::BulkChunk& chunk, std::int64_t at_ns) {
@@ -42,11 +42,11 @@ void Fetcher::receive(const session::BulkChunk& chunk, std::int64_t at_ns) {
 
 void Fetcher::receive(const session::DeliveryClient::Message& message, std::int64_t at_ns) {
   if (message.kind == session::BulkKind::kBase) {
-    client_.base_held(message.object_id);
+    client_.answer_base_stored(message.object_id);
     ready_ = true;
     return;
   }
-  client_.held(message.object_id, message.region);
+  client_.answer_stored(message.object_id, message.region);
   if (requested_ != message.region) return;
   if (times_ != nullptr) times_->add(static_cast<double>(at_ns - requested_ns_) / 1e6);
   received_ = std::exchange(requested_, std::nullopt);
@@ -68,12 +68,12 @@ void Fetcher::request_next() {
   received_.reset();
   requested_ = last_region_ = (last_region_ + 1) % region_count_;
   requested_ns_ = wire::monotonic_ns();
-  client_.want(object_, {{*requested_, 0}});
+  client_.set_wanted(object_, {{*requested_, 0}});
 }
 
 void Fetcher::run(std::int64_t until_ns, Samples* times) {
   times_ = times;
-  session::Every heartbeat_timer{kHeartbeatPeriodNs};
+  session::PeriodicTimer heartbeat_timer{kHeartbeatPeriodNs};
   for (std::int64_t now; (now = wire::monotonic_ns()) < until_ns && !wire::stop_signal();) {
     for (auto& arrived : inbox_.take(kMaxInboxWait))
       std::visit([&](const auto& sample) { receive(sample, arrived.at_ns); }, arrived.sample);

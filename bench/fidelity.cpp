@@ -66,7 +66,7 @@ Comparison compare(const LoadedModel& subject, const Settings& settings, const s
                        settings.radius / 2};
   haptics::Proxy proxy = run.haptic().proxy(0);
   haptics::ForceRenderer renderer = run.haptic().renderer(0);
-  const haptics::Feel feel{settings.material.stiffness, settings.material.damping};
+  const haptics::ContactImpedance impedance{settings.material.stiffness, settings.material.damping};
   proxy.set_grip({settings.material.static_friction, settings.material.dynamic_friction});
 
   Comparison outcome;
@@ -78,7 +78,7 @@ Comparison compare(const LoadedModel& subject, const Settings& settings, const s
     run.prepare(device.position, device.velocity);
     const hrtc_service::ProbeOutput refined = run.cycle(hrtc_service::RefineLimit{}).probes[0];
     const haptics::ProxyResult& full_result = proxy.step(device.position, kPeriod, full, false);
-    const Vec3d force = renderer.step(full_result, device, feel, 0, kPeriod).force;
+    const Vec3d force = renderer.step(full_result, device, impedance, 0, kPeriod).force;
 
     ++outcome.cycles;
     const bool is_exact = (refined.status & session::kExact) != 0;
@@ -109,19 +109,19 @@ void compare(const Settings& settings, LoadedModel& subject, Report& report) {
   std::fprintf(stderr, "following and tapping\n");
   const Comparison outcome = compare(subject, settings, path);
   const auto figure = [&](const char* what, std::uint64_t value) {
-    report.figure(what, {"cycles of the path", outcome.cycles}, "", static_cast<double>(value));
+    report.add_value(what, {"cycles of the path", outcome.cycles}, "", static_cast<double>(value));
   };
   figure("cycles of following and tapping", outcome.cycles);
   figure("cycles in contact", outcome.contact_cycles);
   figure("regions received", outcome.regions_received);
   figure("regions coarsened to free their slots", outcome.regions_coarsened);
-  report.figure("max difference of the forces", {"compared cycles", outcome.compared_cycles}, "N",
-                outcome.max_force_error);
-  report.at_least(
+  report.add_value("max difference of the forces", {"compared cycles", outcome.compared_cycles}, "N",
+                   outcome.max_force_error);
+  report.add_at_least(
       "exact, and in the cycle before too", {"contact cycles", outcome.contact_cycles}, "%",
       100.0 * static_cast<double>(outcome.compared_contact_cycles) / static_cast<double>(outcome.contact_cycles), 99);
-  report.at_most("force or proxy differs in a bit", {"compared cycles", outcome.compared_cycles}, "cycles",
-                 static_cast<double>(outcome.different_cycles), 0);
+  report.add_at_most("force or proxy differs in a bit", {"compared cycles", outcome.compared_cycles}, "cycles",
+                     static_cast<double>(outcome.different_cycles), 0);
 }
 
 void move_at_random(const Settings& settings, Report& report) {
@@ -141,19 +141,21 @@ void move_at_random(const Settings& settings, Report& report) {
       crushed += result.crushed;
       passed += result.passed;
       if (!scene.may_crush) deepest = std::max(deepest, result.deepest);
-      if (result.passed > 0) report.note(scene.name + ", friction " + std::to_string(friction) + ": " + result.what);
+      if (result.passed > 0)
+        report.add_note(scene.name + ", friction " + std::to_string(friction) + ": " + result.what);
     }
     motions += scene_motions;
     if (!scene.may_crush) roomy_motions += scene_motions;
     const Population in_scene{"random motions, " + scene.name, scene_motions};
-    report.figure("contacts", in_scene, "", static_cast<double>(contacts));
-    if (pushed > 0) report.figure("contacts with a moving body", in_scene, "", static_cast<double>(pushed));
-    if (crushed > 0) report.figure("motions without room for the proxy", in_scene, "", static_cast<double>(crushed));
+    report.add_value("contacts", in_scene, "", static_cast<double>(contacts));
+    if (pushed > 0) report.add_value("contacts with a moving body", in_scene, "", static_cast<double>(pushed));
+    if (crushed > 0) report.add_value("motions without room for the proxy", in_scene, "", static_cast<double>(crushed));
   }
-  report.figure("random motions", {"scenes", scenes.size()}, "", static_cast<double>(motions));
-  report.figure("overlap of proxy and body, max", {"random motions, scenes that leave room", roomy_motions}, "um",
-                deepest * 1e6);
-  report.at_most("proxies that passed into a body", {"random motions", motions}, "", static_cast<double>(passed), 0);
+  report.add_value("random motions", {"scenes", scenes.size()}, "", static_cast<double>(motions));
+  report.add_value("overlap of proxy and body, max", {"random motions, scenes that leave room", roomy_motions}, "um",
+                   deepest * 1e6);
+  report.add_at_most("proxies that passed into a body", {"random motions", motions}, "", static_cast<double>(passed),
+                     0);
 }
 
 void run_friction_rows(const Settings& settings, Report& report) {
@@ -177,15 +179,15 @@ void run_friction_rows(const Settings& settings, Report& report) {
         max_stick_ratio = std::max(max_stick_ratio, result.max_stuck);
         max_return_ratio = std::max(max_return_ratio, result.max_return);
       }
-  report.figure("force error, dynamic cone, inside a sphere of radius 10 mm", {"slip cycles", small_hollow_cycles}, "%",
-                100 * small_hollow_error);
-  report.figure("max tangential force divided by the static friction limit", {"stick cycles", stick_cycles}, "%",
-                100 * max_stick_ratio);
-  report.figure("max tangential force divided by the static friction limit", {"transitions to stick", returns}, "%",
-                100 * max_return_ratio);
-  report.at_most("force outside the static cone, max", {"stick cycles", stick_cycles}, "%", 100 * stick_error, 1);
-  report.at_most("force error, dynamic cone, max of the other surfaces", {"slip cycles", slip_cycles}, "%",
-                 100 * slip_error, 1);
+  report.add_value("force error, dynamic cone, inside a sphere of radius 10 mm", {"slip cycles", small_hollow_cycles},
+                   "%", 100 * small_hollow_error);
+  report.add_value("max tangential force divided by the static friction limit", {"stick cycles", stick_cycles}, "%",
+                   100 * max_stick_ratio);
+  report.add_value("max tangential force divided by the static friction limit", {"transitions to stick", returns}, "%",
+                   100 * max_return_ratio);
+  report.add_at_most("force outside the static cone, max", {"stick cycles", stick_cycles}, "%", 100 * stick_error, 1);
+  report.add_at_most("force error, dynamic cone, max of the other surfaces", {"slip cycles", slip_cycles}, "%",
+                     100 * slip_error, 1);
 }
 
 Report run(const Settings& settings) {

@@ -85,8 +85,8 @@ Verdict Row::verdict() const noexcept {
   return holds && population.n > 0 && std::isfinite(value) ? Verdict::kHolds : Verdict::kFallsShort;
 }
 
-void Report::row(const std::string& figure, const std::string& population, const std::string& unit,
-                 const Samples& samples, std::initializer_list<PercentileBound> bounds) {
+void Report::add_percentiles(const std::string& figure, const std::string& population, const std::string& unit,
+                             const Samples& samples, std::initializer_list<PercentileBound> bounds) {
   std::map<double, const PercentileBound*> shares{{0.5, nullptr}, {1, nullptr}};
   for (const double share : {0.99, 0.999})
     if (static_cast<double>(samples.size()) * (1 - share) > 0.999) shares.emplace(share, nullptr);
@@ -101,17 +101,17 @@ void Report::row(const std::string& figure, const std::string& population, const
   }
 }
 
-void Report::figure(const std::string& figure, const Population& population, const std::string& unit, double value) {
+void Report::add_value(const std::string& figure, const Population& population, const std::string& unit, double value) {
   rows_.push_back({figure, population, value, unit, Limit::kNone, 0, virtual_time_});
 }
 
-void Report::at_most(const std::string& figure, const Population& population, const std::string& unit, double value,
-                     double bound) {
+void Report::add_at_most(const std::string& figure, const Population& population, const std::string& unit, double value,
+                         double bound) {
   rows_.push_back({figure, population, value, unit, Limit::kAtMost, bound, virtual_time_});
 }
 
-void Report::at_least(const std::string& figure, const Population& population, const std::string& unit, double value,
-                      double bound) {
+void Report::add_at_least(const std::string& figure, const Population& population, const std::string& unit,
+                          double value, double bound) {
   rows_.push_back({figure, population, value, unit, Limit::kAtLeast, bound, virtual_time_});
 }
 

@@ -65,24 +65,24 @@ class Report {
   explicit Report(Subject subject) : subject_{std::move(subject)} {}
 
   /// Sets Row::virtual_time of the rows that are added after this call.
-  void virtual_time(bool on) noexcept { virtual_time_ = on; }
+  void set_virtual_time(bool on) noexcept { virtual_time_ = on; }
 
   /// Adds rows with p50, p99, p99.9 and the maximum of `samples`, and with every percentile in `bounds`. If there are
   /// too few samples to distinguish p99 or p99.9 from the maximum, its row is omitted. `population` is the name of what
   /// was sampled.
-  void row(const std::string& figure, const std::string& population, const std::string& unit, const Samples& samples,
-           std::initializer_list<PercentileBound> bounds = {});
+  void add_percentiles(const std::string& figure, const std::string& population, const std::string& unit,
+                       const Samples& samples, std::initializer_list<PercentileBound> bounds = {});
   /// Without this overload, {"cycles", 3} would become a string of three characters.
-  void row(const std::string&, const Population&, const std::string&, const Samples&,
-           std::initializer_list<PercentileBound> = {}) = delete;
+  void add_percentiles(const std::string&, const Population&, const std::string&, const Samples&,
+                       std::initializer_list<PercentileBound> = {}) = delete;
   /// Adds a row without a bound.
-  void figure(const std::string& figure, const Population& population, const std::string& unit, double value);
-  void at_most(const std::string& figure, const Population& population, const std::string& unit, double value,
-               double bound);
-  void at_least(const std::string& figure, const Population& population, const std::string& unit, double value,
-                double bound);
+  void add_value(const std::string& figure, const Population& population, const std::string& unit, double value);
+  void add_at_most(const std::string& figure, const Population& population, const std::string& unit, double value,
+                   double bound);
+  void add_at_least(const std::string& figure, const Population& population, const std::string& unit, double value,
+                    double bound);
   /// Adds a line of plain text below the rows.
-  void note(std::string text) { notes_.push_back(std::move(text)); }
+  void add_note(std::string text) { notes_.push_back(std::move(text)); }
 
   [[nodiscard]] const std::vector<Row>& rows() const noexcept { return rows_; }
 

@@ -144,7 +144,7 @@ double download(const netem::LinkedPair& pair, std::size_t bytes) {
   std::exception_ptr failure;
   std::thread sender{[&] {
     try {
-      pair.enter(Side::kA);
+      pair.enter_namespace(Side::kA);
       const Socket server;
       const sockaddr_in server_address = address_of(Side::kA);
       const int yes = 1;
@@ -172,7 +172,7 @@ double download(const netem::LinkedPair& pair, std::size_t bytes) {
   double ms = 0;
   const auto receive = [&] {
     listening.get_future().get();
-    pair.enter(Side::kB);
+    pair.enter_namespace(Side::kB);
     const Socket socket;
     const sockaddr_in server_address = address_of(Side::kA);
     const std::int64_t start_ns = wire::monotonic_ns();
@@ -209,12 +209,13 @@ FirstContacts measure_contacts(LiveSession& session, const KnockSubject& subject
   const auto host = session.start(Side::kA, "host", {"--name", "host", "--config", subject.path("host.yaml")});
   const auto wait_for = [&](const e2e::Process& program, const char* what, const auto& condition) {
     try {
-      session.until(what, condition);
+      session.wait_until(what, condition);
     } catch (const std::runtime_error& error) {
       throw std::runtime_error(error.what() + std::string{"\n"} + program.output());
     }
   };
-  wait_for(*host, "the host", [](const SeenSession& seen) { return seen.roster.count(session::id_of("host")) != 0; });
+  wait_for(*host, "the host",
+           [](const ObservedSession& observed) { return observed.roster.count(session::id_of("host")) != 0; });
   FirstContacts contacts;
   for (std::size_t i = 0; i < subject.points.size(); ++i) {
     std::fprintf(stderr, "\rtouch %zu of %zu ", i + 1, subject.points.size());
@@ -222,11 +223,11 @@ FirstContacts measure_contacts(LiveSession& session, const KnockSubject& subject
     const auto hrtc = session.start(
         Side::kB, "hrtc", {"--name", name, "--users", "1", "--replay", name + "=" + subject.write_recording(i)});
     wait_for(*hrtc, "an exact contact",
-             [&](const SeenSession& seen) { return seen.figure(name, names::kFirstExact) >= 0; });
-    const SeenSession seen = session.seen();
-    contacts.base_ms.add(seen.figure(name, names::kFirstBase) * 1e-3);
-    contacts.exact_ms.add(seen.figure(name, names::kFirstExact) * 1e-3);
-    contacts.bytes.add(seen.figure(name, names::kFirstExactBytes));
+             [&](const ObservedSession& observed) { return observed.figure(name, names::kFirstExact) >= 0; });
+    const ObservedSession observed = session.observed();
+    contacts.base_ms.add(observed.figure(name, names::kFirstBase) * 1e-3);
+    contacts.exact_ms.add(observed.figure(name, names::kFirstExact) * 1e-3);
+    contacts.bytes.add(observed.figure(name, names::kFirstExactBytes));
     hrtc->signal(SIGTERM);
     (void)hrtc->wait();
   }
@@ -242,7 +243,7 @@ Report run(const Settings& settings) {
   char text[120];
   std::snprintf(text, sizeof text, "a 3 mm tip that knocks at the surface, %d HRTCs on each link", settings.tries);
   Report report{{subject.name, subject.summary.digest, subject.summary.faces, text}};
-  report.figure("indexed mesh, 12 bytes for each vertex and face", {"model", 1}, "kB", subject.mesh_bytes * 1e-3);
+  report.add_value("indexed mesh, 12 bytes for each vertex and face", {"model", 1}, "kB", subject.mesh_bytes * 1e-3);
   for (const LinkCase& link : kLinks) {
     double whole_ms = 0;
     FirstContacts contacts;
@@ -252,13 +253,13 @@ Report run(const Settings& settings) {
       contacts = measure_contacts(session, subject);
     });
     const std::string name = std::string{link.name} + ": ";
-    report.row(name + "catalogue to base mesh", "HRTCs", "ms", contacts.base_ms);
-    report.row(name + "catalogue to exact contact", "HRTCs", "ms", contacts.exact_ms);
-    report.figure(name + "TCP download of the indexed mesh", {"download", 1}, "ms", whole_ms);
-    report.at_most(name + "catalogue to exact contact, p95", {"HRTCs", contacts.exact_ms.size()}, "ms",
-                   contacts.exact_ms.percentile(0.95), link.bound_ms);
-    report.at_most(name + "bytes until exact contact, p95", {"HRTCs", contacts.bytes.size()}, "% of the indexed mesh",
-                   100 * contacts.bytes.percentile(0.95) / subject.mesh_bytes, 1);
+    report.add_percentiles(name + "catalogue to base mesh", "HRTCs", "ms", contacts.base_ms);
+    report.add_percentiles(name + "catalogue to exact contact", "HRTCs", "ms", contacts.exact_ms);
+    report.add_value(name + "TCP download of the indexed mesh", {"download", 1}, "ms", whole_ms);
+    report.add_at_most(name + "catalogue to exact contact, p95", {"HRTCs", contacts.exact_ms.size()}, "ms",
+                       contacts.exact_ms.percentile(0.95), link.bound_ms);
+    report.add_at_most(name + "bytes until exact contact, p95", {"HRTCs", contacts.bytes.size()},
+                       "% of the indexed mesh", 100 * contacts.bytes.percentile(0.95) / subject.mesh_bytes, 1);
   }
   return report;
 }

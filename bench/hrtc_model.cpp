@@ -52,8 +52,8 @@ spm::RegionData HrtcModel::message(spm::RegionId region, bool all_records) const
       else
         sent.push_back({record, 1});
     }
-  auto decoded = spm::codec::decode_region(spm::codec::encode_region(encoded_.coded(), region, sent), model_.summary,
-                                           encoded_.coded().tables());
+  auto decoded = spm::codec::decode_region(spm::codec::encode_region(encoded_.compressed(), region, sent),
+                                           model_.summary, encoded_.compressed().tables());
   if (!decoded) throw std::runtime_error("region " + std::to_string(index(region)) + ": " + decoded.error().text);
   return std::move(*decoded);
 }

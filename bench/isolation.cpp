@@ -52,33 +52,34 @@ Report run(const RoundSettings& settings) {
   Report report{{"probe states at 1 kHz, with mesh records on the same link", 0, 0, text}};
   for (const Configuration& configuration : configurations) {
     add_rows(report, configuration.name + ", age", configuration.age);
-    report.row(configuration.name + ", mesh payload rate", "runs", "MB/s", configuration.mesh_mbyte_per_s);
-    report.figure(configuration.name + ", delivered",
-                  {"probe states", static_cast<std::size_t>(configuration.expected)}, "%",
-                  configuration.delivered_percent());
+    report.add_percentiles(configuration.name + ", mesh payload rate", "runs", "MB/s", configuration.mesh_mbyte_per_s);
+    report.add_value(configuration.name + ", delivered",
+                     {"probe states", static_cast<std::size_t>(configuration.expected)}, "%",
+                     configuration.delivered_percent());
   }
-  report.note(
+  report.add_note(
       "Each bound on age or mesh payload is on the median over the runs. Tactus does not know the rate of the link.");
   const auto median = [](const Samples& runs) { return runs.percentile(0.5); };
   const Configuration& ours = configurations[loaded];
-  report.at_least("Tactus, delivered", {"probe states", static_cast<std::size_t>(ours.expected)}, "%",
-                  ours.delivered_percent(), 100);
-  report.at_most("Tactus, age p99.9", {"runs", ours.mesh_mbyte_per_s.size()}, "us", median(ours.age.p999), kCycle);
-  report.at_most("age p99, Tactus loaded minus idle", {"runs", ours.mesh_mbyte_per_s.size()}, "us",
-                 median(ours.age.p99) - median(configurations[idle].age.p99), kTenthOfCycle);
+  report.add_at_least("Tactus, delivered", {"probe states", static_cast<std::size_t>(ours.expected)}, "%",
+                      ours.delivered_percent(), 100);
+  report.add_at_most("Tactus, age p99.9", {"runs", ours.mesh_mbyte_per_s.size()}, "us", median(ours.age.p999), kCycle);
+  report.add_at_most("age p99, Tactus loaded minus idle", {"runs", ours.mesh_mbyte_per_s.size()}, "us",
+                     median(ours.age.p99) - median(configurations[idle].age.p99), kTenthOfCycle);
   for (const std::size_t peer : peers) {
     const Configuration& theirs = configurations[peer];
-    report.at_most("age p99, Tactus minus " + theirs.name, {"runs", ours.mesh_mbyte_per_s.size()}, "us",
-                   median(ours.age.p99) - median(theirs.age.p99), kTenthOfCycle);
-    report.at_least("mesh payload rate, Tactus divided by " + theirs.name, {"runs", ours.mesh_mbyte_per_s.size()},
-                    "times", median(ours.mesh_mbyte_per_s) / median(theirs.mesh_mbyte_per_s), kMinMeshShare);
+    report.add_at_most("age p99, Tactus minus " + theirs.name, {"runs", ours.mesh_mbyte_per_s.size()}, "us",
+                       median(ours.age.p99) - median(theirs.age.p99), kTenthOfCycle);
+    report.add_at_least("mesh payload rate, Tactus divided by " + theirs.name, {"runs", ours.mesh_mbyte_per_s.size()},
+                        "times", median(ours.mesh_mbyte_per_s) / median(theirs.mesh_mbyte_per_s), kMinMeshShare);
   }
-  report.at_most("Tactus, one queue, age p99", {"runs", configurations[one_queue].mesh_mbyte_per_s.size()}, "us",
-                 median(configurations[one_queue].age.p99), 3 * kCycle);
-  report.at_least("Tactus, one queue, mesh payload rate", {"runs", configurations[one_queue].mesh_mbyte_per_s.size()},
-                  "MB/s", median(configurations[one_queue].mesh_mbyte_per_s), 0.7 * 100 * kMbytePerMbit);
-  report.at_most("Tactus, 10 Mbit/s, age p99", {"runs", configurations[slow].mesh_mbyte_per_s.size()}, "us",
-                 median(configurations[slow].age.p99), 5 * kCycle);
+  report.add_at_most("Tactus, one queue, age p99", {"runs", configurations[one_queue].mesh_mbyte_per_s.size()}, "us",
+                     median(configurations[one_queue].age.p99), 3 * kCycle);
+  report.add_at_least("Tactus, one queue, mesh payload rate",
+                      {"runs", configurations[one_queue].mesh_mbyte_per_s.size()}, "MB/s",
+                      median(configurations[one_queue].mesh_mbyte_per_s), 0.7 * 100 * kMbytePerMbit);
+  report.add_at_most("Tactus, 10 Mbit/s, age p99", {"runs", configurations[slow].mesh_mbyte_per_s.size()}, "us",
+                     median(configurations[slow].age.p99), 5 * kCycle);
   add_coded_isolation(report, 2, 4 * settings.seconds, 20);
   return report;
 }

@@ -28,13 +28,14 @@ Report run(const RoundSettings& settings) {
     add_rows(report, configuration.name + ", half round trip from send", configuration.half_round_trip_sent);
     add_rows(report, configuration.name + ", age (one way)", configuration.age);
   }
-  report.note("Each bound is on the median over the runs, or on a ratio of two such medians.");
-  report.note("A half round trip begins when a ping is due. `from send` begins when it is sent, so it excludes the");
-  report.note("delay with which the system wakes the pinger. That delay does not depend on the transport.");
+  report.add_note("Each bound is on the median over the runs, or on a ratio of two such medians.");
+  report.add_note(
+      "A half round trip begins when a ping is due. `from send` begins when it is sent, so it excludes the");
+  report.add_note("delay with which the system wakes the pinger. That delay does not depend on the transport.");
   const auto compare = [&](const Configuration& peer, double p50_limit, double p99_limit) {
     const auto ratio = [&](const std::string& name, const Samples& own, const Samples& other, double limit) {
-      report.at_most("half round trip " + name + ", Tactus divided by " + peer.name, {"runs", own.size()}, "times",
-                     own.percentile(0.5) / other.percentile(0.5), limit);
+      report.add_at_most("half round trip " + name + ", Tactus divided by " + peer.name, {"runs", own.size()}, "times",
+                         own.percentile(0.5) / other.percentile(0.5), limit);
     };
     ratio("p50", ours.half_round_trip.p50, peer.half_round_trip.p50, p50_limit);
     ratio("p99", ours.half_round_trip.p99, peer.half_round_trip.p99, p99_limit);
@@ -45,12 +46,12 @@ Report run(const RoundSettings& settings) {
   if (latency::has_cyclone())
     compare(configurations[2], 1, 1);
   else
-    report.note("Built without Cyclone DDS.");
+    report.add_note("Built without Cyclone DDS.");
   constexpr double kCycle = 1000;  // us; a state with a higher latency misses its cycle
-  report.at_most("half round trip p99.9, Tactus", {"runs", ours.half_round_trip.p999.size()}, "us",
-                 ours.half_round_trip.p999.percentile(0.5), kCycle);
-  report.at_most("pings and echoes lost, Tactus", {"pings", static_cast<std::size_t>(ours.expected)}, "",
-                 ours.lost + ours.echoes_lost, 0);
+  report.add_at_most("half round trip p99.9, Tactus", {"runs", ours.half_round_trip.p999.size()}, "us",
+                     ours.half_round_trip.p999.percentile(0.5), kCycle);
+  report.add_at_most("pings and echoes lost, Tactus", {"pings", static_cast<std::size_t>(ours.expected)}, "",
+                     ours.lost + ours.echoes_lost, 0);
   return report;
 }
 

@@ -88,7 +88,7 @@ inline void add_rows(Report& report, const std::string& quantity, const Configur
                                             {": p99 of each run", &percentiles.p99},
                                             {": p99.9 of each run", &percentiles.p999},
                                             {": max of each run", &percentiles.max}})
-    report.row(quantity + percentile, "runs", "us", *samples);
+    report.add_percentiles(quantity + percentile, "runs", "us", *samples);
 }
 
 /// Calls bench_main for a benchmark that wire::stop_signal interrupts.

@@ -34,21 +34,21 @@ struct LiveSession::Impl {
       new_sample.notify_all();
     };
   }
-  void store(const session::RosterEntry& entry) { seen.roster[entry.origin.participant] = entry; }
-  void store(const session::Metrics& sample) { seen.metrics[sample.origin.participant] = sample; }
+  void store(const session::RosterEntry& entry) { observed.roster[entry.origin.participant] = entry; }
+  void store(const session::Metrics& sample) { observed.metrics[sample.origin.participant] = sample; }
   void store(const session::Demand& demand) {
-    if (demand.serving_host == seen.serving_host) return;
-    seen.serving_host = demand.serving_host;
-    seen.serving_since_ns = wire::monotonic_ns();
+    if (demand.serving_host == observed.serving_host) return;
+    observed.serving_host = demand.serving_host;
+    observed.serving_since_ns = wire::monotonic_ns();
   }
   void store(const session::ProbeState& state) {
-    seen.states.push_back({state.user_id, state.sequence, state.status, state.session_time_ns, state.force});
+    observed.states.push_back({state.user_id, state.sequence, state.status, state.session_time_ns, state.force});
   }
 
   wire::Participants participants;
   std::mutex mutex;
   std::condition_variable new_sample;
-  SeenSession seen;
+  ObservedSession observed;
   // The readers are declared last, so that they are destroyed before the members that their callbacks use.
   wire::Reader<session::RosterEntry> roster;
   wire::Reader<session::Metrics> metrics;
@@ -56,7 +56,7 @@ struct LiveSession::Impl {
   wire::Reader<session::ProbeState> states;
 };
 
-double SeenSession::figure(const std::string& participant, const std::string& name) const {
+double ObservedSession::figure(const std::string& participant, const std::string& name) const {
   const auto entry = metrics.find(session::id_of(participant));
   if (entry == metrics.end()) return -1;
   for (const session::Figure& figure : entry->second.figures)
@@ -66,7 +66,7 @@ double SeenSession::figure(const std::string& participant, const std::string& na
 
 LiveSession::LiveSession(const std::string& link)
     : pair_{netem::parse_link(link)}, session_{"bench." + std::to_string(getpid())} {
-  pair_.enter(netem::Side::kB);
+  pair_.enter_namespace(netem::Side::kB);
   impl_ = std::make_unique<Impl>(address("observer"));
 }
 
@@ -87,21 +87,21 @@ std::unique_ptr<LiveSession::Process> LiveSession::start(netem::Side side, const
   return std::make_unique<Process>(std::move(command));
 }
 
-SeenSession LiveSession::seen() const {
+ObservedSession LiveSession::observed() const {
   const std::lock_guard lock{impl_->mutex};
-  return impl_->seen;
+  return impl_->observed;
 }
 
 void LiveSession::forget_states() {
   const std::lock_guard lock{impl_->mutex};
-  impl_->seen.states.clear();
+  impl_->observed.states.clear();
 }
 
-void LiveSession::until(const char* what, const std::function<bool(const SeenSession&)>& condition,
-                        milliseconds limit) {
+void LiveSession::wait_until(const char* what, const std::function<bool(const ObservedSession&)>& condition,
+                             milliseconds limit) {
   const auto end = std::chrono::steady_clock::now() + limit;
   std::unique_lock lock{impl_->mutex};
-  while (!condition(impl_->seen)) {
+  while (!condition(impl_->observed)) {
     throw_if_stopped();
     if (std::chrono::steady_clock::now() >= end)
       throw std::runtime_error{std::string{"timed out while waiting for "} + what};

@@ -22,7 +22,7 @@
 namespace tactus::bench {
 
 /// Samples that the observer has received since it was constructed.
-struct SeenSession {
+struct ObservedSession {
   std::map<std::uint64_t, session::RosterEntry> roster;
   std::map<std::uint64_t, session::Metrics> metrics;  ///< newest of each participant
   std::uint64_t serving_host = 0;                     ///< in the newest demand for any object
@@ -53,12 +53,12 @@ class LiveSession {
   [[nodiscard]] wire::SessionAddress address(const std::string& participant) const;
   [[nodiscard]] netem::LinkedPair& pair() noexcept { return pair_; }
 
-  [[nodiscard]] SeenSession seen() const;
+  [[nodiscard]] ObservedSession observed() const;
   void forget_states();
   /// Waits until `condition` holds. Throws std::runtime_error after `limit`, with `what` in its text, and at
   /// wire::stop_signal.
-  void until(const char* what, const std::function<bool(const SeenSession&)>& condition,
-             std::chrono::milliseconds limit = std::chrono::seconds{20});
+  void wait_until(const char* what, const std::function<bool(const ObservedSession&)>& condition,
+                  std::chrono::milliseconds limit = std::chrono::seconds{20});
 
  private:
   struct Impl;

@@ -29,22 +29,23 @@ void add_records(Report& report, const Settings& settings, const std::atomic<boo
         run_records("P0:loss=" + std::to_string(loss.loss_percent), settings.seconds, 50'000, settings.seed, stop);
     char name[48];
     std::snprintf(name, sizeof name, "loss %g %%: ", loss.loss_percent);
-    report.row(std::string{name} + "delivery of 50 kB of records", "bursts", "ms", run.burst_ms);
-    report.figure(std::string{name} + "records in a burst, mean", {"bursts", run.burst_ms.size()}, "kB", run.burst_kb);
-    report.at_most(std::string{name} + "delivery of 50 kB of records, p99", {"bursts", run.burst_ms.size()}, "ms",
-                   run.burst_ms.percentile(0.99), loss.records_bound_ms);
+    report.add_percentiles(std::string{name} + "delivery of 50 kB of records", "bursts", "ms", run.burst_ms);
+    report.add_value(std::string{name} + "records in a burst, mean", {"bursts", run.burst_ms.size()}, "kB",
+                     run.burst_kb);
+    report.add_at_most(std::string{name} + "delivery of 50 kB of records, p99", {"bursts", run.burst_ms.size()}, "ms",
+                       run.burst_ms.percentile(0.99), loss.records_bound_ms);
     const std::string share = std::string{name} + "bytes sent for each byte delivered";
     if (loss.loss_percent <= 5)
-      report.at_most(share, {"run", 1}, "", run.sent_per_received, 1.3);
+      report.add_at_most(share, {"run", 1}, "", run.sent_per_received, 1.3);
     else
-      report.figure(share, {"run", 1}, "", run.sent_per_received);
+      report.add_value(share, {"run", 1}, "", run.sent_per_received);
   }
   for (const char* percent : {"0", "1"}) {
     std::fprintf(stderr, "records, 10 ms, loss %s %%\n", percent);
     const RecordsRun run =
         run_records(std::string{"P0:delay=10:rate=100:loss="} + percent, settings.seconds, 0, settings.seed, stop);
-    report.at_least(std::string{"rate of records, 10 ms, 100 Mbit/s, loss "} + percent + " %", {"run", 1}, "MB/s",
-                    run.mbyte_per_s, 8);
+    report.add_at_least(std::string{"rate of records, 10 ms, 100 Mbit/s, loss "} + percent + " %", {"run", 1}, "MB/s",
+                        run.mbyte_per_s, 8);
   }
 }
 
@@ -68,16 +69,18 @@ Report run(const Settings& settings) {
     const double lost = 100 * static_cast<double>(result.lost) / static_cast<double>(result.expected);
     const Population sent{"probe states", result.expected};
     const Population instants{"instants, every 97 us", result.age_of_information.count};
-    report.figure(std::string{name} + "lost", sent, "%", lost);
-    report.figure(std::string{name} + "age at arrival p99", {"probe states received", result.age.count}, "ms",
-                  result.age.p99 * 1e-3);
-    report.figure(std::string{name} + "age of information p50", instants, "ms", result.age_of_information.p50 * 1e-3);
-    report.figure(std::string{name} + "age of information p99.9", instants, "ms",
-                  result.age_of_information.p999 * 1e-3);
-    report.figure(std::string{name} + "age of information max", instants, "ms", result.age_of_information.max * 1e-3);
-    report.at_most(std::string{name} + "age of information p99", instants, "ms", result.age_of_information.p99 * 1e-3,
-                   loss.bound_ms);
-    report.at_least(std::string{name} + "lost (check of the link)", sent, "%", lost, 0.7 * loss.loss_percent);
+    report.add_value(std::string{name} + "lost", sent, "%", lost);
+    report.add_value(std::string{name} + "age at arrival p99", {"probe states received", result.age.count}, "ms",
+                     result.age.p99 * 1e-3);
+    report.add_value(std::string{name} + "age of information p50", instants, "ms",
+                     result.age_of_information.p50 * 1e-3);
+    report.add_value(std::string{name} + "age of information p99.9", instants, "ms",
+                     result.age_of_information.p999 * 1e-3);
+    report.add_value(std::string{name} + "age of information max", instants, "ms",
+                     result.age_of_information.max * 1e-3);
+    report.add_at_most(std::string{name} + "age of information p99", instants, "ms",
+                       result.age_of_information.p99 * 1e-3, loss.bound_ms);
+    report.add_at_least(std::string{name} + "lost (check of the link)", sent, "%", lost, 0.7 * loss.loss_percent);
   }
   for (const LossCase& loss : kCases) add_coded_loss(report, loss.loss_percent, settings.seconds, settings.seed);
   add_records(report, settings, stop);

@@ -28,7 +28,7 @@
 #include "spm/fcl/fixed_mesh.hpp"
 #include "spm/offline/certificate.hpp"
 #include "spm/offline/model_file.hpp"
-#include "tests/support/no_alloc.hpp"
+#include "tests/support/allocation_counter.hpp"
 #include "tests/support/process.hpp"
 #include "tests/support/temporary_folder.hpp"
 #include "trace/contact_log.hpp"
@@ -189,13 +189,13 @@ class Programs {
 /// Returns the distance from the tip's centre to the active mesh, file units. In an exact query, only finest faces
 /// count.
 double active_mesh_distance(const spm::Forest& forest, const Vec3d& centre, double radius) {
-  if (!forest.exact(centre, radius)) {
+  if (!forest.is_exact(centre, radius)) {
     spm::NearestFace found;
     return forest.tree().nearest(centre, 1e12, found) ? std::sqrt(found.squared_distance) : 1e300;
   }
   std::array<spm::Contact, 2048> contacts;
   const std::uint32_t count =
-      std::min<std::uint32_t>(forest.tree().touching(centre, radius, contacts.data(), 2048), 2048);
+      std::min<std::uint32_t>(forest.tree().find_contacts(centre, radius, contacts.data(), 2048), 2048);
   double depth = -1e300;
   for (std::uint32_t i = 0; i < count; ++i)
     if (contacts[i].is_finest()) depth = std::max(depth, contacts[i].depth(centre, radius));
@@ -222,7 +222,7 @@ InProcess run_in_process(const spm::Model& model, const Settings& settings, cons
     std::uint32_t status = 0;
     double error_bound = 0;
     {
-      const test_support::NoAlloc guard;
+      const test_support::AllocationCounter guard;
       const hrtc_service::CycleResult& result = run.cycle(spm::Budget{4000});
       outcome.allocations += guard.count();
       status = result.probes[0].status;
@@ -309,40 +309,40 @@ Report run(const Settings& settings) {
   const Population with_memory{"HRTC with --memory", 1}, with_small{"HRTC with a small pool", 1};
   const Population certificate_of_any_probe{"certificate for any probe", 1};
   Report report{{subject.name, summary.digest, summary.faces, text}};
-  report.note("The small pool has the base mesh and a tenth of the slots that the certificate states.");
-  report.figure("certificate: memory, min", certificate_of_any_probe, "MiB",
-                static_cast<double>(spm::offline::memory_needed(summary, certificate)) / kMiB);
-  report.figure("certificate: slots without the base mesh", certificate_of_any_probe, "", certificate.parts);
-  report.figure("slots of the pool", with_memory, "", shares.pool.slots);
-  report.figure("slots of the pool", with_small, "", small_slots);
-  report.figure("flight recorder, max", with_memory, "MiB", static_cast<double>(recorder) / kMiB);
-  report.figure("directory of the model", with_memory, "MiB",
-                static_cast<double>(spm::directory_bytes(summary, shares.pool)) / kMiB);
-  report.figure("resident memory without pool, max", {"idle HRTC", 1}, "MiB", idle / kMiB);
-  report.figure("resident memory, max", with_memory, "MiB", whole.peak_resident / kMiB);
-  report.figure("resident memory, max", with_small, "MiB", small.peak_resident / kMiB);
-  report.at_most("resident memory minus idle HRTC and --memory", with_memory, "MiB",
-                 (whole.peak_resident - idle - static_cast<double>(settings.memory)) / kMiB, 8);
+  report.add_note("The small pool has the base mesh and a tenth of the slots that the certificate states.");
+  report.add_value("certificate: memory, min", certificate_of_any_probe, "MiB",
+                   static_cast<double>(spm::offline::memory_needed(summary, certificate)) / kMiB);
+  report.add_value("certificate: slots without the base mesh", certificate_of_any_probe, "", certificate.parts);
+  report.add_value("slots of the pool", with_memory, "", shares.pool.slots);
+  report.add_value("slots of the pool", with_small, "", small_slots);
+  report.add_value("flight recorder, max", with_memory, "MiB", static_cast<double>(recorder) / kMiB);
+  report.add_value("directory of the model", with_memory, "MiB",
+                   static_cast<double>(spm::directory_bytes(summary, shares.pool)) / kMiB);
+  report.add_value("resident memory without pool, max", {"idle HRTC", 1}, "MiB", idle / kMiB);
+  report.add_value("resident memory, max", with_memory, "MiB", whole.peak_resident / kMiB);
+  report.add_value("resident memory, max", with_small, "MiB", small.peak_resident / kMiB);
+  report.add_at_most("resident memory minus idle HRTC and --memory", with_memory, "MiB",
+                     (whole.peak_resident - idle - static_cast<double>(settings.memory)) / kMiB, 8);
   const Population queries{"queries, --memory", whole.queries}, small_queries{"queries, small pool", small.queries};
-  report.at_least("number in labelled cells", queries, "", static_cast<double>(whole.queries),
-                  settings.seconds / kPeriod / 2);
-  report.at_least("exact", queries, "%", whole.percent_exact(), 90);
-  report.at_least("number in labelled cells", small_queries, "", static_cast<double>(small.queries),
-                  settings.seconds / kPeriod / 2);
-  report.at_most("marked as exact", small_queries, "%", small.percent_exact(), 90);
+  report.add_at_least("number in labelled cells", queries, "", static_cast<double>(whole.queries),
+                      settings.seconds / kPeriod / 2);
+  report.add_at_least("exact", queries, "%", whole.percent_exact(), 90);
+  report.add_at_least("number in labelled cells", small_queries, "", static_cast<double>(small.queries),
+                      settings.seconds / kPeriod / 2);
+  report.add_at_most("marked as exact", small_queries, "%", small.percent_exact(), 90);
   for (const auto& [run, hrtc] : {std::pair{&whole, with_memory}, std::pair{&small, with_small}}) {
-    report.at_most("exit status of the HRTC", hrtc, "", run->exit_status, 0);
-    report.at_most("exit status of the audit", hrtc, "", run->audit_status, 0);
+    report.add_at_most("exit status of the HRTC", hrtc, "", run->exit_status, 0);
+    report.add_at_most("exit status of the audit", hrtc, "", run->audit_status, 0);
   }
   for (const auto& [run, name] : {std::pair{&whole_here, "--memory"}, std::pair{&small_here, "small pool"}}) {
     const Population population{std::string{"contact cycles, "} + name, run->contact_cycles};
-    report.figure("exact, in this process", population, "%",
-                  100.0 * static_cast<double>(run->exact_cycles) / static_cast<double>(run->contact_cycles));
-    report.at_least("number, in this process", population, "", static_cast<double>(run->contact_cycles),
-                    settings.seconds / kPeriod / 2);
-    report.at_most("distance error above the error bound", population, "cycles", static_cast<double>(run->wrong_cycles),
-                   0);
-    report.at_most("allocations in all cycles", population, "", static_cast<double>(run->allocations), 0);
+    report.add_value("exact, in this process", population, "%",
+                     100.0 * static_cast<double>(run->exact_cycles) / static_cast<double>(run->contact_cycles));
+    report.add_at_least("number, in this process", population, "", static_cast<double>(run->contact_cycles),
+                        settings.seconds / kPeriod / 2);
+    report.add_at_most("distance error above the error bound", population, "cycles",
+                       static_cast<double>(run->wrong_cycles), 0);
+    report.add_at_most("allocations in all cycles", population, "", static_cast<double>(run->allocations), 0);
   }
   return report;
 }

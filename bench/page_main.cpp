@@ -31,8 +31,8 @@ int main(int argc, char** argv) {
     }
     if (*failed) {
       Report report{{.model = "none: no rows were written", .settings = {}}};
-      report.at_least("runs that ended with rows", {"runs", 1}, "", 0, 1);
-      report.figure("exit status", {"runs", 1}, "", status);
+      report.add_at_least("runs that ended with rows", {"runs", 1}, "", 0, 1);
+      report.add_value("exit status", {"runs", 1}, "", status);
       (void)report.finish(bench, command, file);
     }
     return 0;

@@ -81,15 +81,15 @@ Report run(const Settings& settings) {
   double min_wall = 0, min_shared = 0, min_tank = 0;
   std::size_t wall_runs = 0, shared_runs = 0;
   const int seconds = settings.quick ? 5 : settings.seconds;
-  report.note("                                          min energy, J          cycles in which");
-  report.note("                                     without        with      force was withheld");
+  report.add_note("                                          min energy, J          cycles in which");
+  report.add_note("                                     without        with      force was withheld");
   for (const double speed : {0.02, 0.1, 0.3, 0.6}) {
     const PortResult without = tap_wall(settings.stiffness, speed, seconds, false, 1);
     const PortResult with = tap_wall(settings.stiffness, speed, seconds, true, 1);
     min_wall = std::min(min_wall, with.min_energy);
     ++wall_runs;
-    report.note(format_line("  wall, hand at %.2f m/s       %12.2e %12.2e %14.2f %%", speed, without.min_energy,
-                            with.min_energy, with.withholding * 100));
+    report.add_note(format_line("  wall, hand at %.2f m/s       %12.2e %12.2e %14.2f %%", speed, without.min_energy,
+                                with.min_energy, with.withholding * 100));
   }
   for (const double round_trip : {0.0, 20.0, 50.0, 100.0, 200.0, 500.0}) {
     for (const std::size_t users : {std::size_t{2}, std::size_t{4}}) {
@@ -109,14 +109,14 @@ Report run(const Settings& settings) {
       min_shared = std::min(min_shared, with.port_lowest);
       min_tank = std::min(min_tank, with.tank_lowest);
       ++shared_runs;
-      report.note(format_line("  object, %zu users, %3.0f ms      %12.2e %12.2e %14.2f %%", users, round_trip,
-                              without.port_lowest, with.port_lowest, with.withholding * 100));
+      report.add_note(format_line("  object, %zu users, %3.0f ms      %12.2e %12.2e %14.2f %%", users, round_trip,
+                                  without.port_lowest, with.port_lowest, with.withholding * 100));
     }
   }
-  report.at_least("min energy of the port of a hand at a wall", {"runs", wall_runs}, "J", min_wall, kMinPortEnergy);
-  report.at_least("min energy of the port of a hand on a shared object, 0 to 500 ms", {"runs", shared_runs}, "J",
-                  min_shared, kMinPortEnergy);
-  report.at_least("min energy of the tank of a copy, 0 to 500 ms", {"runs", shared_runs}, "J", min_tank, -1e-12);
+  report.add_at_least("min energy of the port of a hand at a wall", {"runs", wall_runs}, "J", min_wall, kMinPortEnergy);
+  report.add_at_least("min energy of the port of a hand on a shared object, 0 to 500 ms", {"runs", shared_runs}, "J",
+                      min_shared, kMinPortEnergy);
+  report.add_at_least("min energy of the tank of a copy, 0 to 500 ms", {"runs", shared_runs}, "J", min_tank, -1e-12);
   return report;
 }
 

@@ -39,7 +39,7 @@ Outcome run_one(const StrokedModel& model, const std::vector<spm::Vec3d>& path, 
     session.step(path[i]);
     if (!touching[i]) continue;
     ++outcome.contact_cycles;
-    outcome.hits += session.forest().exact(session.to_model(path[i]), settings.radius / session.scale()) ? 1 : 0;
+    outcome.hits += session.forest().is_exact(session.to_model(path[i]), settings.radius / session.scale()) ? 1 : 0;
   }
   outcome.traffic = session.traffic();
   return outcome;
@@ -56,7 +56,7 @@ Report run(const Settings& settings) {
       "Mbit/s, seed %llu",
       kBand, settings.seconds, settings.pool_mib, settings.rate_mbit, static_cast<unsigned long long>(settings.seed));
   Report report{{model.subject.name, summary.digest, summary.faces, text}};
-  report.virtual_time(true);
+  report.set_virtual_time(true);
 
   RemoteSettings remote;
   remote.pool = spm::PoolSettings::for_bytes(static_cast<std::uint64_t>(settings.pool_mib * (1 << 20)));
@@ -81,20 +81,20 @@ Report run(const Settings& settings) {
         std::fprintf(stderr, "%-32s hits %8.4f %%, received %7.2f MB, never touched %7.2f MB\n", name,
                      outcome.hit_percent(), static_cast<double>(outcome.traffic.bytes) / 1e6,
                      static_cast<double>(outcome.traffic.unused_bytes) / 1e6);
-        report.figure(name + std::string{", exact contact cycles divided by contact cycles"},
-                      {"contact cycles", outcome.contact_cycles}, "%", outcome.hit_percent());
-        report.figure(name + std::string{", regions received"}, {"arrivals of regions", outcome.traffic.regions}, "MB",
-                      static_cast<double>(outcome.traffic.bytes) / 1e6);
-        report.figure(name + std::string{", regions received and never touched"},
-                      {"arrivals of regions", outcome.traffic.regions}, "MB",
-                      static_cast<double>(outcome.traffic.unused_bytes) / 1e6);
+        report.add_value(name + std::string{", exact contact cycles divided by contact cycles"},
+                         {"contact cycles", outcome.contact_cycles}, "%", outcome.hit_percent());
+        report.add_value(name + std::string{", regions received"}, {"arrivals of regions", outcome.traffic.regions},
+                         "MB", static_cast<double>(outcome.traffic.bytes) / 1e6);
+        report.add_value(name + std::string{", regions received and never touched"},
+                         {"arrivals of regions", outcome.traffic.regions}, "MB",
+                         static_cast<double>(outcome.traffic.unused_bytes) / 1e6);
         (strategy == "mixture" ? shipped : best) = std::max(strategy == "mixture" ? 0 : best, outcome.hit_percent());
       }
       if (!settings.strategy.empty()) continue;
       char name[112];
       std::snprintf(name, sizeof name, "%g m/s, %g ms: share of exact contact cycles, mixture minus best other", speed,
                     round_trip_ms);
-      report.at_least(name, {"contact cycles", contact_cycles}, "%", shipped - best, -2);
+      report.add_at_least(name, {"contact cycles", contact_cycles}, "%", shipped - best, -2);
     }
   }
   return report;

@@ -14,14 +14,14 @@ constexpr double kHalfCycle = 500;  // us; the other half of a cycle is for forc
 void add_rows(Report& report, const std::string& probe, const QueryRun& run) {
   const RefinedFigures& r = run.refined;
   const std::string all = "cycles", cold = "cold cycles";
-  report.row(probe + ", T_Q, refined mesh", all, "us", r.query);
-  report.row(probe + ", T_R + T_B + T_Q", all, "us", r.frame, {{0.999, kHalfCycle}});
+  report.add_percentiles(probe + ", T_Q, refined mesh", all, "us", r.query);
+  report.add_percentiles(probe + ", T_R + T_B + T_Q", all, "us", r.frame, {{0.999, kHalfCycle}});
   for (const Contender& contender : run.fixed)
-    report.row(probe + ", T_Q, " + contender.name, all, "us", contender.times_us);
-  report.row(probe + ", T_Q, refined mesh", cold, "us", r.cold_query);
-  report.row(probe + ", T_R + T_B + T_Q", cold, "us", r.cold_frame, {{0.99, kHalfCycle}});
+    report.add_percentiles(probe + ", T_Q, " + contender.name, all, "us", contender.times_us);
+  report.add_percentiles(probe + ", T_Q, refined mesh", cold, "us", r.cold_query);
+  report.add_percentiles(probe + ", T_R + T_B + T_Q", cold, "us", r.cold_frame, {{0.99, kHalfCycle}});
   for (const Contender& contender : run.fixed)
-    report.row(probe + ", T_Q, " + contender.name, cold, "us", contender.cold_us);
+    report.add_percentiles(probe + ", T_Q, " + contender.name, cold, "us", contender.cold_us);
 }
 
 /// Adds the bounds. A query of the refined mesh must take no longer than one of the fastest tree of a fixed mesh.
@@ -29,13 +29,14 @@ void add_bounds(Report& report, const std::string& probe, const QueryRun& run) {
   const RefinedFigures& r = run.refined;
   const Samples &embree = run.fixed[0].times_us, &tree = run.fixed[1].times_us;
   const auto add_ratio = [&](const std::string& what, const Samples& a, const Samples& b) {
-    report.at_most(probe + ": median " + what, {"cycles", a.size()}, "times", a.percentile(0.5) / b.percentile(0.5), 1);
+    report.add_at_most(probe + ": median " + what, {"cycles", a.size()}, "times", a.percentile(0.5) / b.percentile(0.5),
+                       1);
   };
   add_comparisons(report, probe, run);
-  report.figure(probe + ": median T_R + T_B + T_Q divided by median T_Q of Embree", {"cycles", r.frame.size()}, "times",
-                r.frame.percentile(0.5) / embree.percentile(0.5));
-  report.figure(probe + ": median T_R + T_B + T_Q divided by median T_Q of the AB-tree", {"cycles", r.frame.size()},
-                "times", r.frame.percentile(0.5) / tree.percentile(0.5));
+  report.add_value(probe + ": median T_R + T_B + T_Q divided by median T_Q of Embree", {"cycles", r.frame.size()},
+                   "times", r.frame.percentile(0.5) / embree.percentile(0.5));
+  report.add_value(probe + ": median T_R + T_B + T_Q divided by median T_Q of the AB-tree", {"cycles", r.frame.size()},
+                   "times", r.frame.percentile(0.5) / tree.percentile(0.5));
   add_ratio("T_Q of the refined mesh divided by that of Embree on the finest mesh", r.query, embree);
   add_ratio("T_Q of the refined mesh divided by that of the AB-tree on the finest mesh", r.query, tree);
   add_ratio("T_Q of the AB-tree divided by that of Embree, both on the finest mesh", tree, embree);
@@ -56,9 +57,10 @@ Report run(const QuerySettings& settings, double edge) {
   Report report{{scene.subject.name, summary.digest, summary.faces, scene.text()}};
   add_rows(report, "sphere", sphere);
   add_rows(report, "stylus", stylus);
-  report.note("Cold: the benchmark writes 64 MiB of other memory before the query, or before the frame.");
-  report.note("A frame must take at most half of a 1 ms cycle. A query of the refined mesh must take no longer than");
-  report.note(
+  report.add_note("Cold: the benchmark writes 64 MiB of other memory before the query, or before the frame.");
+  report.add_note(
+      "A frame must take at most half of a 1 ms cycle. A query of the refined mesh must take no longer than");
+  report.add_note(
       "one of the fastest tree of a fixed mesh. If the frame takes longer than that query, refinement saves memory and "
       "start-up time, but no time in a cycle.");
   add_bounds(report, "sphere", sphere);

@@ -72,10 +72,10 @@ class TreeQuery {
   void query(const spm::AbTree& tree, std::size_t pose) {
     bool complete = true;
     if (kind_ == ProbeKind::kSphere) {
-      count_ = tree.touching(scene_.path[pose].centre, scene_.radius, spheres_.data(), kMaxContacts);
+      count_ = tree.find_contacts(scene_.path[pose].centre, scene_.radius, spheres_.data(), kMaxContacts);
     } else {
-      placed_.place(scene_.poses[pose]);
-      const spm::MeshTouch touch = placed_.touching(tree, pairs_.data(), kMaxContacts);
+      placed_.set_pose(scene_.poses[pose]);
+      const spm::MeshTouch touch = placed_.find_contacts(tree, pairs_.data(), kMaxContacts);
       count_ = touch.contacts;
       complete = touch.complete;
     }
@@ -190,7 +190,7 @@ class RefinedQuery {
     query_.query(tree(), pose);
     return watch.lap();
   }
-  [[nodiscard]] bool exact() const noexcept { return run_.refinement().exact(); }
+  [[nodiscard]] bool is_exact() const noexcept { return run_.refinement().is_exact(); }
   [[nodiscard]] const spm::AbTree& tree() const noexcept { return run_.forest().tree(); }
   [[nodiscard]] const TreeQuery& found() const noexcept { return query_; }
 
@@ -287,12 +287,12 @@ std::vector<Contender> FixedMesh::contenders(ProbeKind probe, const std::string&
     const auto found = std::make_shared<std::vector<spm::Contact>>();
     all.push_back(
         {"Embree, " + mesh_name,
-         [this, found](std::size_t pose) { embree_.touching(scene_.path[pose].centre, scene_.radius, *found); },
+         [this, found](std::size_t pose) { embree_.find_contacts(scene_.path[pose].centre, scene_.radius, *found); },
          [found] { return keys_of(*found, found->size(), false); }});
   } else {
     const auto found = std::make_shared<std::vector<spm::MeshContact>>();
     all.push_back({"Embree, " + mesh_name,
-                   [this, found](std::size_t pose) { embree_tool_.touching(scene_.poses[pose], *found); },
+                   [this, found](std::size_t pose) { embree_tool_.find_contacts(scene_.poses[pose], *found); },
                    [found] { return keys_of(*found, found->size(), false); }});
   }
   const auto query = std::make_shared<TreeQuery>(scene_, probe);
@@ -304,9 +304,10 @@ std::vector<Contender> FixedMesh::contenders(ProbeKind probe, const std::string&
 Contender FixedMesh::fcl_contender(ProbeKind probe, const std::string& mesh_name) {
   if (probe == ProbeKind::kSphere) {
     const auto faces = std::make_shared<std::vector<std::uint32_t>>();
-    return {"FCL, " + mesh_name,
-            [this, faces](std::size_t pose) { fcl_.touching(scene_.path[pose].centre, scene_.radius, *faces); },
-            {}};
+    return {
+        "FCL, " + mesh_name,
+        [this, faces](std::size_t pose) { fcl_.find_touched_faces(scene_.path[pose].centre, scene_.radius, *faces); },
+        {}};
   }
   struct Tool {
     spm::fcl::FixedMesh mesh;
@@ -355,7 +356,7 @@ QueryRun run_queries(const QueryScene& scene, ProbeKind kind, std::vector<Conten
     r.frame.add(step.refine + step.refit + query);
     if (pose % sample == 0) compare_with_all(r.with_brute_force, scene, kind, pose, refined.tree(), refined.found());
     ++r.cycles;
-    exact[in_block] = refined.exact();
+    exact[in_block] = refined.is_exact();
     r.exact_cycles += exact[in_block] ? 1 : 0;
     found_refined[in_block] = refined.found().keys(true);
   };
@@ -395,10 +396,10 @@ spm::offline::TriangleMesh finest_mesh(const LoadedModel& subject) {
 
 void add_comparisons(Report& report, const std::string& probe, const QueryRun& run) {
   const auto add = [&](const std::string& what, const Comparison& c) {
-    report.at_most(probe + ": " + what, c.population(), "", static_cast<double>(c.different_cycles), 0);
+    report.add_at_most(probe + ": " + what, c.population(), "", static_cast<double>(c.different_cycles), 0);
     if (c.tangent_faces > 0)
-      report.figure(probe + ": nearly tangent faces, not compared", c.population(), "",
-                    static_cast<double>(c.tangent_faces));
+      report.add_value(probe + ": nearly tangent faces, not compared", c.population(), "",
+                       static_cast<double>(c.tangent_faces));
   };
   const RefinedFigures& r = run.refined;
   add("exact cycles with contacts that differ from " + run.fixed.front().name, r.with_finest);
@@ -408,7 +409,7 @@ void add_comparisons(Report& report, const std::string& probe, const QueryRun& r
       add("cycles of " + contender.name + " with contacts that differ from " +
               run.fixed[static_cast<std::size_t>(contender.reference)].name,
           contender.with_reference);
-  report.at_least(probe + ": exact cycles divided by all cycles", {"cycles", r.cycles}, "%", r.exact_percent(), 99);
+  report.add_at_least(probe + ": exact cycles divided by all cycles", {"cycles", r.cycles}, "%", r.exact_percent(), 99);
 }
 
 }  // namespace tactus::bench

@@ -227,15 +227,16 @@ void add_rows(const Kind& kind, const TriangleMesh& mesh, const Partition& cells
   const double records = needs.size();
   const Population all{std::string{"records, "} + kind.name, needs.size()};
   const std::string regions = std::string{"regions, "} + kind.name;
-  report.figure("records", all, "", records);
-  report.figure("bytes of a record minus bytes of a record of this project", all, "B", kind.extra_bytes);
-  report.figure("born faces of a record", all, "", borne / records);
-  report.figure("deformed faces of a record", all, "", kind.deformed_faces / records);
-  report.figure("records on which a record depends directly", all, "",
-                static_cast<double>(needs.needs.size()) / records);
-  report.figure("levels", all, "", needs.max_level);
-  report.row("length of the closed list of a region", regions, "records", lengths);
-  report.row("length of the closed list of a region divided by split vertices of its faces", regions, "times", ratios);
+  report.add_value("records", all, "", records);
+  report.add_value("bytes of a record minus bytes of a record of this project", all, "B", kind.extra_bytes);
+  report.add_value("born faces of a record", all, "", borne / records);
+  report.add_value("deformed faces of a record", all, "", kind.deformed_faces / records);
+  report.add_value("records on which a record depends directly", all, "",
+                   static_cast<double>(needs.needs.size()) / records);
+  report.add_value("levels", all, "", needs.max_level);
+  report.add_percentiles("length of the closed list of a region", regions, "records", lengths);
+  report.add_percentiles("length of the closed list of a region divided by split vertices of its faces", regions,
+                         "times", ratios);
 }
 
 double deformed_faces_of(const Collapses& collapses) {
@@ -288,12 +289,12 @@ Report run(const Settings& settings) {
   const Dependencies by_error_needs = dependencies(by_error, grid.mesh.positions.size());
   add_rows({"half-edge collapse of that grid", 0, deformed_faces_of(by_error)}, grid.mesh, grid_cells, by_error,
            by_error_needs, report);
-  report.figure("faces of the grid", {"grid", 1}, "", static_cast<double>(finest.size()));
-  report.at_most("faces that differ after all collapses were undone", {"faces of the grid", finest.size()}, "",
-                 static_cast<double>(different_faces), 0);
-  report.at_most("records that deform more than two faces", {"records of the grid", segment.size()}, "",
-                 static_cast<double>(larger_records), 0);
-  report.at_most("base faces of the grid", {"grid", 1}, "", static_cast<double>(grid.collapses.base.size()), 2);
+  report.add_value("faces of the grid", {"grid", 1}, "", static_cast<double>(finest.size()));
+  report.add_at_most("faces that differ after all collapses were undone", {"faces of the grid", finest.size()}, "",
+                     static_cast<double>(different_faces), 0);
+  report.add_at_most("records that deform more than two faces", {"records of the grid", segment.size()}, "",
+                     static_cast<double>(larger_records), 0);
+  report.add_at_most("base faces of the grid", {"grid", 1}, "", static_cast<double>(grid.collapses.base.size()), 2);
   return report;
 }
 

@@ -20,7 +20,7 @@ std::unique_ptr<T> make_in_namespace(const netem::LinkedPair& pair, netem::Side 
   std::exception_ptr error;
   std::thread{[&] {
     try {
-      pair.enter(side);
+      pair.enter_namespace(side);
       made = std::make_unique<T>(std::forward<Arguments>(arguments)...);
     } catch (...) {
       error = std::current_exception();

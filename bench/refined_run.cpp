@@ -30,7 +30,7 @@ spm::LocalRefinementSettings settings_of(const spm::ModelSummary& summary, const
 
 RefinedRun::RefinedRun(const spm::Model& model, const spm::ProbeShape& probe, const RefinedRunSettings& settings)
     : encoded_{model},
-      source_{encoded_.coded()},
+      source_{encoded_.compressed()},
       settings_{settings},
       refinement_{source_, probe, settings_of(model.summary, settings)} {}
 

@@ -82,10 +82,10 @@ class Rejoin {
     host_ = session_.start(Side::kA, "host", {"--name", "museum", "--cache", path("cache"), path("organ.spm")});
     left_ = start_hrtc(Side::kA, "left", "ann");
     right_ = start_hrtc(Side::kB, "right", "bob");
-    session_.until(
+    session_.wait_until(
         "exact contact of both users and agreement of all participants",
-        [](const SeenSession& seen) {
-          return has_exact_contact(seen, "ann") && has_exact_contact(seen, "bob") && all_agree(seen, 0, 0);
+        [](const ObservedSession& observed) {
+          return has_exact_contact(observed, "ann") && has_exact_contact(observed, "bob") && all_agree(observed, 0, 0);
         },
         60s);
   }
@@ -120,8 +120,9 @@ class Rejoin {
     const std::int64_t end_ns = wire::monotonic_ns();
     const std::uint64_t right = right_incarnation_;
     try {
-      session_.until(
-          "agreement", [&](const SeenSession& seen) { return all_agree(seen, end_ns, right); }, kMaxAgreementTime);
+      session_.wait_until(
+          "agreement", [&](const ObservedSession& observed) { return all_agree(observed, end_ns, right); },
+          kMaxAgreementTime);
     } catch (const std::runtime_error&) {
       if (wire::stop_signal()) throw;
       return kUnfinished;
@@ -136,7 +137,7 @@ class Rejoin {
   /// Kills the right HRTC during a partition and starts it again.
   double partition_with_restart() {
     return partition(Cut::kBoth, 2s, [this] {
-      right_incarnation_ = session_.seen().roster.at(session::id_of("right")).origin.incarnation;
+      right_incarnation_ = session_.observed().roster.at(session::id_of("right")).origin.incarnation;
       right_->signal(SIGKILL);
       (void)right_->wait(5s);
       right_ = start_hrtc(Side::kB, "right", "bob");
@@ -144,25 +145,25 @@ class Rejoin {
   }
 
  private:
-  static bool has_exact_contact(const SeenSession& seen, const char* user) {
+  static bool has_exact_contact(const ObservedSession& observed, const char* user) {
     constexpr std::uint32_t kBits = session::kInContact | session::kExact;
-    return std::any_of(seen.states.begin(), seen.states.end(), [&](const auto& state) {
+    return std::any_of(observed.states.begin(), observed.states.end(), [&](const auto& state) {
       return state.user == session::id_of(user) && (state.status & kBits) == kBits;
     });
   }
   /// Returns true if host and HRTCs have equal scenes and mesh hashes. Uses metrics after `since_ns` only. The right
   /// HRTC must have an incarnation after `right_since`.
-  static bool all_agree(const SeenSession& seen, std::int64_t since_ns, std::uint64_t right_since) {
+  static bool all_agree(const ObservedSession& observed, std::int64_t since_ns, std::uint64_t right_since) {
     std::set<std::uint64_t> scenes, meshes;
     for (const char* name : {"museum", "left", "right"}) {
-      const auto at = seen.metrics.find(session::id_of(name));
-      if (at == seen.metrics.end() || at->second.origin.time_ns <= since_ns) return false;
+      const auto at = observed.metrics.find(session::id_of(name));
+      if (at == observed.metrics.end() || at->second.origin.time_ns <= since_ns) return false;
       scenes.insert(at->second.scene);
       for (const session::MeshHash& mesh : at->second.meshes) meshes.insert(mesh.hash);
       if (std::string{name} != "museum" && at->second.meshes.empty()) return false;
     }
     return scenes.size() == 1 && meshes.size() == 1 && *meshes.begin() != 0 &&
-           seen.metrics.at(session::id_of("right")).origin.incarnation > right_since;
+           observed.metrics.at(session::id_of("right")).origin.incarnation > right_since;
   }
   [[nodiscard]] std::unique_ptr<e2e::Process> start_hrtc(Side side, const std::string& name, const std::string& user) {
     return session_.start(side, "hrtc",
@@ -216,13 +217,13 @@ Report run(const Settings& settings) {
     }
     for (double percent = 1; percent <= 100; ++percent)
       within_bound += received_ms.percentile(percent / 100) <= 50 ? 1 : 0;
-    report.row("time from start until the DDS participants exist", "late joiners", "ms", created_ms);
-    report.row("time from the DDS participants to the first sample", "late joiners", "ms", difference_ms);
-    report.row("time from start to the first sample", "late joiners", "ms", received_ms);
-    report.at_least("late joiners with the first sample within 50 ms", {"late joiners", received_ms.size()}, "%",
-                    within_bound, 95);
-    report.at_most("max time from start to the first sample", {"late joiners", received_ms.size()}, "ms",
-                   received_ms.max(), 400);
+    report.add_percentiles("time from start until the DDS participants exist", "late joiners", "ms", created_ms);
+    report.add_percentiles("time from the DDS participants to the first sample", "late joiners", "ms", difference_ms);
+    report.add_percentiles("time from start to the first sample", "late joiners", "ms", received_ms);
+    report.add_at_least("late joiners with the first sample within 50 ms", {"late joiners", received_ms.size()}, "%",
+                        within_bound, 95);
+    report.add_at_most("max time from start to the first sample", {"late joiners", received_ms.size()}, "ms",
+                       received_ms.max(), 400);
     using Cut = Rejoin::Cut;
     const auto measure_rounds = [&](const char* name, const auto& run_once) {
       Samples agreed_ms;
@@ -230,9 +231,9 @@ Report run(const Settings& settings) {
         std::fprintf(stderr, "\r%s, %d of %d   ", name, i + 1, settings.rounds);
         agreed_ms.add(run_once());
       }
-      report.row(std::string{name} + ": time from its end until all agree", "partitions", "ms", agreed_ms);
-      report.at_most(std::string{name} + ": max time from its end until all agree", {"partitions", agreed_ms.size()},
-                     "ms", agreed_ms.max(), 2000);
+      report.add_percentiles(std::string{name} + ": time from its end until all agree", "partitions", "ms", agreed_ms);
+      report.add_at_most(std::string{name} + ": max time from its end until all agree",
+                         {"partitions", agreed_ms.size()}, "ms", agreed_ms.max(), 2000);
     };
     measure_rounds("partition of 1 s", [&] { return rejoin.partition(Cut::kBoth, 1s); });
     measure_rounds("partition of 5 s", [&] { return rejoin.partition(Cut::kBoth, 5s); });

@@ -27,7 +27,7 @@ RemoteSession::RemoteSession(const spm::Model& model, const RemoteSettings& sett
     : settings_{settings},
       scale_{model.summary.metres_per_unit},
       encoded_{model},
-      host_{session::Origin{kSession, kHost, 1, 0}, host_service::host_of("object", encoded_.coded()), now_ns_},
+      host_{session::Origin{kSession, kHost, 1, 0}, host_service::host_of("object", encoded_.compressed()), now_ns_},
       core_{session::Origin{kSession, kHrtc, 1, 0}, core_settings(settings)},
       membership_{session::Origin{kSession, kHrtc, 1, 0}, {"hrtc", "session"}, core_.gateway(), now_ns_},
       untouched_bytes_(model.regions.size(), 0) {

@@ -71,10 +71,10 @@ class RecordedSession {
         Side::kB, "hrtc",
         {"--name", "shelf", "--pool", "4096", "--flight-file", path("end.mcap"), "--flight-folder", path("flights")});
     users_ = session_.start(Side::kB, "sim", {"--scenario", path("users.yaml")});
-    session_.until(
+    session_.wait_until(
         "a contact",
-        [](const SeenSession& seen) {
-          return std::any_of(seen.states.begin(), seen.states.end(),
+        [](const ObservedSession& observed) {
+          return std::any_of(observed.states.begin(), observed.states.end(),
                              [](const auto& state) { return (state.status & session::kInContact) != 0; });
         },
         60s);
@@ -139,9 +139,9 @@ void replay(Report& report, const std::string& name, const std::string& file, co
   const double replay_s = static_cast<double>(hrtc_service::monotonic_ns() - start_ns) * 1e-9;
   const Population recording{"recording, " + name, 1}, cycles{"cycles, " + name, flight.cycles};
   const auto count = [&](const char* what, std::uint64_t value) {
-    report.figure(what, cycles, "", static_cast<double>(value));
+    report.add_value(what, cycles, "", static_cast<double>(value));
   };
-  report.figure("length of the recording", recording, "s", flight.seconds);
+  report.add_value("length of the recording", recording, "s", flight.seconds);
   count("cycles", flight.cycles);
   count("cycles lost", flight.lost);
   count("forces compared", flight.probe_cycles);
@@ -149,27 +149,29 @@ void replay(Report& report, const std::string& name, const std::string& file, co
   count("forces compared in exact contact", flight.exact);
   count("forces compared of stale poses", flight.stale);
   count("forces compared that a fault set to zero", flight.faulted);
-  count("arrivals of regions", flight.regions_came);
-  count("departures of regions", flight.regions_left);
+  count("arrivals of regions", flight.regions_arrived);
+  count("departures of regions", flight.regions_departed);
   count("cycles whose refinement ended at the deadline", flight.budget_spent);
   count("stops", flight.stops);
   count("resets", flight.resets);
-  report.figure("size of the file", recording, "MiB",
-                static_cast<double>(std::filesystem::file_size(file)) / (1 << 20));
-  report.figure("length of the recording divided by time of the replay", recording, "times", flight.seconds / replay_s);
-  if (flight.differ > 0) report.note(name + ": first " + flight.first_difference);
-  report.at_most("cycles whose forces differ in any bit", cycles, "", static_cast<double>(flight.differ), 0);
-  report.at_least("forces compared in contact", cycles, "", static_cast<double>(flight.in_contact),
-                  1000 * flight.seconds / 2);
-  report.at_least("departures of regions", cycles, "", static_cast<double>(flight.regions_left), 50);
+  report.add_value("size of the file", recording, "MiB",
+                   static_cast<double>(std::filesystem::file_size(file)) / (1 << 20));
+  report.add_value("length of the recording divided by time of the replay", recording, "times",
+                   flight.seconds / replay_s);
+  if (flight.different_cycles > 0) report.add_note(name + ": first " + flight.first_difference);
+  report.add_at_most("cycles whose forces differ in any bit", cycles, "", static_cast<double>(flight.different_cycles),
+                     0);
+  report.add_at_least("forces compared in contact", cycles, "", static_cast<double>(flight.in_contact),
+                      1000 * flight.seconds / 2);
+  report.add_at_least("departures of regions", cycles, "", static_cast<double>(flight.regions_departed), 50);
   if (whole) {
-    report.at_least("forces compared of stale poses", cycles, "", static_cast<double>(flight.stale), 10);
-    report.at_least("min of stops and resets", cycles, "", static_cast<double>(std::min(flight.stops, flight.resets)),
-                    1);
-    report.at_least("cycles whose refinement ended at the deadline", cycles, "",
-                    static_cast<double>(flight.budget_spent), 10);
+    report.add_at_least("forces compared of stale poses", cycles, "", static_cast<double>(flight.stale), 10);
+    report.add_at_least("min of stops and resets", cycles, "",
+                        static_cast<double>(std::min(flight.stops, flight.resets)), 1);
+    report.add_at_least("cycles whose refinement ended at the deadline", cycles, "",
+                        static_cast<double>(flight.budget_spent), 10);
   } else {
-    report.at_least("number of the first cycle", recording, "", static_cast<double>(flight.start.first_cycle), 1);
+    report.add_at_least("number of the first cycle", recording, "", static_cast<double>(flight.start.first_cycle), 1);
   }
 }
 
@@ -206,13 +208,15 @@ void measure_cost(Report& report) {
     const std::string with_probes = std::to_string(probes) + (probes == 1 ? " probe" : " probes");
     const std::string cycles = "cycles, " + with_probes;
     const Population recorder_of_probes{"recorder, " + with_probes, 1};
-    report.row("time of the recorder in a cycle", cycles, "ns", costs_ns);
-    report.row("time of the recorder in a cycle with state, once a second", cycles, "ns", costs_with_state_ns);
-    report.figure("memory in use for 30 s", recorder_of_probes, "MiB", static_cast<double>(store.bytes()) / (1 << 20));
-    report.figure("max memory for 30 s", recorder_of_probes, "MiB",
-                  static_cast<double>(hrtc_service::FlightStore::bytes_for(30, 0.001, probes)) / (1 << 20));
-    report.at_most("time of the recorder in a cycle, p99", {cycles, costs_ns.size()}, "ns", costs_ns.percentile(0.99),
-                   5000);
+    report.add_percentiles("time of the recorder in a cycle", cycles, "ns", costs_ns);
+    report.add_percentiles("time of the recorder in a cycle with state, once a second", cycles, "ns",
+                           costs_with_state_ns);
+    report.add_value("memory in use for 30 s", recorder_of_probes, "MiB",
+                     static_cast<double>(store.bytes()) / (1 << 20));
+    report.add_value("max memory for 30 s", recorder_of_probes, "MiB",
+                     static_cast<double>(hrtc_service::FlightStore::bytes_for(30, 0.001, probes)) / (1 << 20));
+    report.add_at_most("time of the recorder in a cycle, p99", {cycles, costs_ns.size()}, "ns",
+                       costs_ns.percentile(0.99), 5000);
   }
 }
 
@@ -228,9 +232,9 @@ void replay_session(Report& report, const Settings& settings) {
     stop_file = session.stop_file();
   });
   const spm::offline::MappedModel model{files / "organ.spm"};
-  replay(report, "whole session", files / "whole.mcap", model.coded(), true);
-  replay(report, "30 s before a stop", stop_file, model.coded(), false);
-  replay(report, "30 s before the end", files / "end.mcap", model.coded(), false);
+  replay(report, "whole session", files / "whole.mcap", model.compressed(), true);
+  replay(report, "30 s before a stop", stop_file, model.compressed(), false);
+  replay(report, "30 s before the end", files / "end.mcap", model.compressed(), false);
 }
 
 Report run(const Settings& settings) {

@@ -20,13 +20,13 @@ Report run(const SafetySettings& settings) {
                 static_cast<unsigned long long>(settings.seed), settings.force.max_force, settings.force.max_slew,
                 settings.force.max_speed);
   Report report{{"none: a box", 0, 0, text}};
-  report.virtual_time(true);
+  report.set_virtual_time(true);
   const Population cycles{"cycles", result.cycles};
   const Population samples{"samples sent", result.sent};
   const Population arrived{"samples that arrived", result.arrived};
   const Population of_both{"cycles of sphere and tool", 2 * result.cycles};
   const auto count = [&](const std::string& name, const Population& of, auto value) {
-    report.figure(name, of, "", static_cast<double>(value));
+    report.add_value(name, of, "", static_cast<double>(value));
   };
   count("corrupted samples", samples, result.corrupted);
   count("samples delayed by up to 0.5 s", samples, result.late);
@@ -53,20 +53,20 @@ Report run(const SafetySettings& settings) {
     count(session::fault_reason(status), latched, result.faults[fault]);
   }
 
-  report.at_least("samples that arrived", arrived, "", static_cast<double>(result.arrived),
-                  static_cast<double>(settings.samples));
-  report.at_least("cycles with a force divided by cycles, mean of sphere and tool", cycles, "%",
-                  50 * static_cast<double>(result.force_cycles) / static_cast<double>(result.cycles), 5);
-  report.at_most("max force", cycles, "N", result.max_force, settings.force.max_force * (1 + 1e-9));
-  report.at_most("max change of the force in a cycle without a fault", cycles, "N", result.max_force_step,
-                 settings.force.max_slew * 1e-3 * (1 + 1e-9));
-  report.at_most("max torque", cycles, "N m", result.max_torque, settings.force.max_torque * (1 + 1e-9));
-  report.at_most("max change of the torque in a cycle without a fault", cycles, "N m", result.max_torque_step,
-                 settings.force.max_torque_slew * 1e-3 * (1 + 1e-9));
-  report.at_most("max time without a sample at which a force acts", cycles, "ms", result.max_silence * 1e3,
-                 settings.force.zero_by * 1e3);
+  report.add_at_least("samples that arrived", arrived, "", static_cast<double>(result.arrived),
+                      static_cast<double>(settings.samples));
+  report.add_at_least("cycles with a force divided by cycles, mean of sphere and tool", cycles, "%",
+                      50 * static_cast<double>(result.force_cycles) / static_cast<double>(result.cycles), 5);
+  report.add_at_most("max force", cycles, "N", result.max_force, settings.force.max_force * (1 + 1e-9));
+  report.add_at_most("max change of the force in a cycle without a fault", cycles, "N", result.max_force_step,
+                     settings.force.max_slew * 1e-3 * (1 + 1e-9));
+  report.add_at_most("max torque", cycles, "N m", result.max_torque, settings.force.max_torque * (1 + 1e-9));
+  report.add_at_most("max change of the torque in a cycle without a fault", cycles, "N m", result.max_torque_step,
+                     settings.force.max_torque_slew * 1e-3 * (1 + 1e-9));
+  report.add_at_most("max time without a sample at which a force acts", cycles, "ms", result.max_silence * 1e3,
+                     settings.force.zero_force_age * 1e3);
   const auto add_none = [&](const char* violation, std::uint64_t value) {
-    report.at_most(violation, cycles, "", static_cast<double>(value), 0);
+    report.add_at_most(violation, cycles, "", static_cast<double>(value), 0);
   };
   add_none("forces and torques over their limit", result.over_limit);
   add_none("forces and torques over their slew limit", result.over_slew);

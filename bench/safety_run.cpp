@@ -172,14 +172,15 @@ class LimitChecker {
     const double step = (force - previous_).norm();
     if (!force.allFinite()) note(result_.not_finite, cycle, "is not finite");
     if (size > limits_.max + kTolerance) note(result_.over_limit, cycle, "is over its limit");
-    const bool ends_in_time = silence >= settings_.force.zero_by && size == 0;
+    const bool ends_in_time = silence >= settings_.force.zero_force_age && size == 0;
     if (!fault && !ends_in_time) {
       max_step_ = std::max(max_step_, step);
       if (step > limits_.slew * kCycle + kTolerance)
         note(result_.over_slew, cycle, "changes faster than its slew limit");
     }
     if (size > 0) result_.max_silence = std::max(result_.max_silence, silence);
-    if (size > 0 && silence >= settings_.force.zero_by) note(result_.too_old, cycle, "acts on a pose that is too old");
+    if (size > 0 && silence >= settings_.force.zero_force_age)
+      note(result_.too_old, cycle, "acts on a pose that is too old");
     const double since_reset = static_cast<double>(cycle - reset_cycle_ + 1) * kCycle;
     if (size > limits_.max * since_reset / settings_.force.soft_start + kTolerance)
       note(result_.too_soon, cycle, "is stronger than the soft start allows");
@@ -296,7 +297,7 @@ SafetyResult run_safety(const SafetySettings& settings) {
   spec.max_torque = 2 * settings.force.max_torque;
   auto device = std::make_unique<haptics::RemoteDevice>(spec);
   haptics::Proxy proxy;
-  const haptics::Feel feel{1000, 1};
+  const haptics::ContactImpedance impedance{1000, 1};
   // The same hand moves a sphere and a tool.
   CheckedRenderer sphere{settings, device->spec(), result}, tool{settings, device->spec(), result};
   std::int64_t received_ns = -1;
@@ -348,11 +349,11 @@ SafetyResult run_safety(const SafetySettings& settings) {
     ++result.cycles;
     result.contact_cycles += touch.in_contact ? 1 : 0;
     const double silence = static_cast<double>(now_ns - received_ns) * 1e-9, silent = age - state.transit;
-    const haptics::ForceResult& sphere_force = sphere.renderer.step(touch, state, feel, silent, kCycle);
+    const haptics::ForceResult& sphere_force = sphere.renderer.step(touch, state, impedance, silent, kCycle);
     if (sphere.check(cycle, sphere_force, silence, random)) proxy.reset();
-    const haptics::ToolGrip grip = tool.renderer.grip(feel, kCycle, state.loop_delay);
+    const haptics::ToolGrip grip = tool.renderer.tool_grip(impedance, kCycle, state.loop_delay);
     const haptics::ForceResult& tool_force =
-        tool.renderer.step(supported_tool(state), grip, state, feel, silent, kCycle);
+        tool.renderer.step(supported_tool(state), grip, state, impedance, silent, kCycle);
     static_cast<void>(tool.check(cycle, tool_force, silence, random));
     felt = device->on_command(now_ns);
   }

@@ -313,7 +313,7 @@ DeliveryState run_state(const ScaleSettings& settings) {
   const spm::codec::EncodedModel encoded{subject.model};
   const session::Origin host{kSession, kHost, 1, 0};
   session::DeliveryServer server{host};
-  server.add(kObject, encoded.coded());
+  server.add(kObject, encoded.compressed());
   const std::uint32_t regions = subject.model.summary.regions;
   const auto before = static_cast<double>(mallinfo2().uordblks);
   for (std::uint64_t hrtc = 100; hrtc < 100 + kDemandingHrtcs; ++hrtc) {
@@ -346,15 +346,17 @@ void report_trouble(const Testbed& testbed, const ScaleSettings& settings, Repor
     const std::string priority =
         others == OthersPriority::kOrdinary ? ", ordinary priority" : ", real-time priority of the others";
     for (std::size_t i = 0; i < 3; ++i) {
-      report.row("delivery time of a region, p99", names[i] + priority + ", windows", "ms", trouble[i].records_p99_ms);
-      report.row("age of probe states, p99", names[i] + priority + ", windows", "us", trouble[i].age_p99_us);
+      report.add_percentiles("delivery time of a region, p99", names[i] + priority + ", windows", "ms",
+                             trouble[i].records_p99_ms);
+      report.add_percentiles("age of probe states, p99", names[i] + priority + ", windows", "us",
+                             trouble[i].age_p99_us);
       if (i == 0) continue;
-      report.at_most("median p99 of the delivery time of a region, divided by that when all HRTCs run",
-                     {names[i] + priority + ", windows", trouble[i].age_p99_us.size()}, "times",
-                     trouble[i].records_p99_ms.percentile(0.5) / trouble[0].records_p99_ms.percentile(0.5), 1.1);
-      report.at_most("median p99 of the age of probe states, divided by that when all HRTCs run",
-                     {names[i] + priority + ", windows", trouble[i].age_p99_us.size()}, "times",
-                     trouble[i].age_p99_us.percentile(0.5) / trouble[0].age_p99_us.percentile(0.5), 1.1);
+      report.add_at_most("median p99 of the delivery time of a region, divided by that when all HRTCs run",
+                         {names[i] + priority + ", windows", trouble[i].age_p99_us.size()}, "times",
+                         trouble[i].records_p99_ms.percentile(0.5) / trouble[0].records_p99_ms.percentile(0.5), 1.1);
+      report.add_at_most("median p99 of the age of probe states, divided by that when all HRTCs run",
+                         {names[i] + priority + ", windows", trouble[i].age_p99_us.size()}, "times",
+                         trouble[i].age_p99_us.percentile(0.5) / trouble[0].age_p99_us.percentile(0.5), 1.1);
     }
   }
 }
@@ -368,15 +370,16 @@ void report_joining(const Testbed& testbed, const ScaleSettings& settings, Repor
       const JoiningRun joining = run_joining(testbed, count, tips);
       const Population population{std::string{"HRTCs, tips "} + (tips == Tips::kResting ? "at rest" : "at 5 cm/s"),
                                   static_cast<std::size_t>(count)};
-      report.figure("time until all HRTCs are started", population, "s", joining.started_s);
-      report.figure("CPU time of host and HRTCs until the last exact contact", population, "s", joining.cpu_s);
-      report.figure("CPU time of host and HRTCs per second afterwards", population, "s", joining.cores);
+      report.add_value("time until all HRTCs are started", population, "s", joining.started_s);
+      report.add_value("CPU time of host and HRTCs until the last exact contact", population, "s", joining.cpu_s);
+      report.add_value("CPU time of host and HRTCs per second afterwards", population, "s", joining.cores);
       if (tips == Tips::kResting && count == settings.joining_hrtcs) {
-        report.at_least("users with an exact contact", population, "", static_cast<double>(joining.exact_users), count);
-        report.at_most("time until the last exact contact", population, "s", joining.ready_s, 5);
+        report.add_at_least("users with an exact contact", population, "", static_cast<double>(joining.exact_users),
+                            count);
+        report.add_at_most("time until the last exact contact", population, "s", joining.ready_s, 5);
       } else {
-        report.figure("users with an exact contact", population, "", static_cast<double>(joining.exact_users));
-        report.figure("time until the last exact contact", population, "s", joining.ready_s);
+        report.add_value("users with an exact contact", population, "", static_cast<double>(joining.exact_users));
+        report.add_value("time until the last exact contact", population, "s", joining.ready_s);
       }
     }
   }
@@ -389,36 +392,37 @@ void report_coded(const Testbed& testbed, const ScaleSettings& settings, Report&
     const Population population{"probes at 5 cm/s", static_cast<std::size_t>(probes)};
     const Population cycles{"cycles, " + name, static_cast<std::size_t>(coded.cycles)};
     const Population sent{"states sent, " + name, static_cast<std::size_t>(coded.delivery.sent)};
-    report.row("age of deadband-coded states", "states, " + name, "us", coded.delivery.ages_us);
-    report.figure("deadband-coded states received, for each probe", population, "1/s",
-                  static_cast<double>(coded.delivery.ages_us.size()) / coded.seconds / probes);
-    report.figure("deadband-coded states sent, by the metrics of the HRTCs", population, "", coded.delivery.sent);
-    report.figure("deadband-coded states received in the same time", population, "", coded.delivery.arrived);
-    report.figure("CPU time of host and HRTCs per second", population, "s", coded.cores);
-    report.figure("overruns divided by cycles", cycles, "%", 100 * coded.overruns / coded.cycles);
-    report.figure("preempted late cycles divided by cycles", cycles, "%", 100 * coded.preempted / coded.cycles);
-    report.figure("late cycles of unknown cause divided by cycles", cycles, "%", 100 * coded.unknown / coded.cycles);
-    report.figure("skipped cycles divided by cycles", cycles, "%", 100 * coded.skipped / coded.cycles);
-    report.figure("users with an exact contact", population, "", coded.exact_users);
+    report.add_percentiles("age of deadband-coded states", "states, " + name, "us", coded.delivery.ages_us);
+    report.add_value("deadband-coded states received, for each probe", population, "1/s",
+                     static_cast<double>(coded.delivery.ages_us.size()) / coded.seconds / probes);
+    report.add_value("deadband-coded states sent, by the metrics of the HRTCs", population, "", coded.delivery.sent);
+    report.add_value("deadband-coded states received in the same time", population, "", coded.delivery.arrived);
+    report.add_value("CPU time of host and HRTCs per second", population, "s", coded.cores);
+    report.add_value("overruns divided by cycles", cycles, "%", 100 * coded.overruns / coded.cycles);
+    report.add_value("preempted late cycles divided by cycles", cycles, "%", 100 * coded.preempted / coded.cycles);
+    report.add_value("late cycles of unknown cause divided by cycles", cycles, "%", 100 * coded.unknown / coded.cycles);
+    report.add_value("skipped cycles divided by cycles", cycles, "%", 100 * coded.skipped / coded.cycles);
+    report.add_value("users with an exact contact", population, "", coded.exact_users);
     const double share = 100 * coded.delivery.arrived / coded.delivery.sent;
     if (probes == settings.probes) {
-      report.at_least("deadband-coded states received divided by those sent", sent, "%", share, 99.9);
-      report.at_least("users with an exact contact", population, "", coded.exact_users, probes);
+      report.add_at_least("deadband-coded states received divided by those sent", sent, "%", share, 99.9);
+      report.add_at_least("users with an exact contact", population, "", coded.exact_users, probes);
     } else {
-      report.figure("deadband-coded states received divided by those sent", sent, "%", share);
+      report.add_value("deadband-coded states received divided by those sent", sent, "%", share);
     }
   }
 }
 
 void report_crowding(const Testbed& testbed, const ScaleSettings&, Report& report) {
   const double one = run_crowding(testbed, 1), eight = run_crowding(testbed, 8);
-  report.figure("bytes sent to 8 HRTCs on one path, divided by bytes sent to one", {"runs", 2}, "times", eight / one);
+  report.add_value("bytes sent to 8 HRTCs on one path, divided by bytes sent to one", {"runs", 2}, "times",
+                   eight / one);
 }
 
 void report_state(const ScaleSettings& settings, Report& report) {
   const DeliveryState state = run_state(settings);
-  report.figure("regions of the model", {"model", 1}, "", state.regions);
-  report.at_most("heap of the delivery server", {"HRTCs", kDemandingHrtcs}, "MiB", state.heap_bytes / (1 << 20), 1);
+  report.add_value("regions of the model", {"model", 1}, "", state.regions);
+  report.add_at_most("heap of the delivery server", {"HRTCs", kDemandingHrtcs}, "MiB", state.heap_bytes / (1 << 20), 1);
 }
 
 Report run(const ScaleSettings& settings) {

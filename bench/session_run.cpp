@@ -11,7 +11,7 @@ constexpr std::uint64_t kHost = 10, kHrtc = 20, kSession = 30;
 
 host_service::HostCoreSettings host_settings(const spm::codec::EncodedModel& model, double scale,
                                              const session::Material& material) {
-  host_service::HostCoreSettings settings = host_service::host_of("object", model.coded());
+  host_service::HostCoreSettings settings = host_service::host_of("object", model.compressed());
   settings.objects.front().config.scale = scale;
   settings.objects.front().config.material = material;
   return settings;

@@ -53,7 +53,7 @@ struct WorstResult {
   double settled = 0;            // settling time, s
   double apart = 0, moving = 0;  // distance between copies at rest, and in motion, mm
   double injected = 0;           // mJ a minute
-  double held = 0;               // share of cycles in which a tank limited a set position
+  double limited_share = 0;      // share of cycles in which a tank limited a set position
   double force = 0;              // peak, N
   double tank = 0;               // min energy of a tank, J
   bool finite = true;
@@ -70,11 +70,11 @@ WorstResult worst_of(WorldSettings settings, std::uint64_t first_seed, int seeds
   for (int i = 0; i < seeds && worst.finite; ++i) {
     settings.seed = first_seed + static_cast<std::uint64_t>(i);
     const CarryResult result = carry(settings, kSeconds);
-    worst.settled = std::max(worst.settled, result.settled);
-    worst.apart = std::max(worst.apart, result.apart * 1e3);
-    worst.moving = std::max(worst.moving, result.apart_moving * 1e3);
+    worst.settled = std::max(worst.settled, result.settling_time);
+    worst.apart = std::max(worst.apart, result.end_copy_distance * 1e3);
+    worst.moving = std::max(worst.moving, result.max_copy_distance * 1e3);
     worst.injected = std::max(worst.injected, result.injected * 1e3 * 60 / kSeconds);
-    worst.held = std::max(worst.held, result.held);
+    worst.limited_share = std::max(worst.limited_share, result.limited_share);
     worst.force = std::max(worst.force, result.peak_force);
     worst.tank = std::min(worst.tank, result.tank_lowest);
     worst.finite = result.finite;
@@ -139,10 +139,10 @@ Report run(const Settings& settings) {
                              "50 ms jitter (two standard deviations in each direction), 20 %% lost in bursts of 4",
                              seeds, static_cast<unsigned long long>(kTuningSeeds + 1), seeds)}};
 
-  report.virtual_time(true);
+  report.set_virtual_time(true);
   WorstResult channel_worst;
-  report.note("                      tuned          settling       distance, mm        added     tank    force");
-  report.note("  method       users    N/m           time, s    at rest   moving   mJ a minute  limits  peak, N");
+  report.add_note("                      tuned          settling       distance, mm        added     tank    force");
+  report.add_note("  method       users    N/m           time, s    at rest   moving   mJ a minute  limits  peak, N");
   for (const Method method : kMethods)
     for (const std::size_t count : users) {
       std::fprintf(stderr, "carry: %s, %zu users\n", kMethodNames[static_cast<int>(method)], count);
@@ -153,10 +153,11 @@ Report run(const Settings& settings) {
       world.link = bursty_link(1e3 * kDelay, 25, kLoss);
       world = tune(world, kDelay, seeds);
       const WorstResult worst = worst_of(world, 1, seeds);
-      report.note(row_head(world) +
-                  (worst.finite ? format_line("  %6.2f %12.2f %8.1f %12.3g %6.1f %% %7.2f", worst.settled, worst.apart,
-                                              worst.moving, worst.injected, worst.held * 100, worst.force)
-                                : std::string("     diverges")));
+      report.add_note(row_head(world) +
+                      (worst.finite
+                           ? format_line("  %6.2f %12.2f %8.1f %12.3g %6.1f %% %7.2f", worst.settled, worst.apart,
+                                         worst.moving, worst.injected, worst.limited_share * 100, worst.force)
+                           : std::string("     diverges")));
       if (method != Method::kChannel) continue;
       channel_worst.settled = std::max(channel_worst.settled, worst.settled);
       channel_worst.apart = std::max(channel_worst.apart, worst.apart);
@@ -167,10 +168,10 @@ Report run(const Settings& settings) {
 
   double mass_error = 0;
   std::size_t mass_runs = 0;  // with wave-variable channels
-  report.note("");
-  report.note(
+  report.add_note("");
+  report.add_note(
       "  apparent mass divided by mass, at a round trip of 50 ms; in brackets damping, N s/m; tuned for this link");
-  report.note("  method       users    N/m            0.25 Hz          0.5 Hz         0.75 Hz            1 Hz");
+  report.add_note("  method       users    N/m            0.25 Hz          0.5 Hz         0.75 Hz            1 Hz");
   for (const Method method : kMethods)
     for (const std::size_t count : users) {
       if (method == Method::kServer && count != users.front())
@@ -192,19 +193,20 @@ Report run(const Settings& settings) {
         mass_error = std::max(mass_error, is_finite ? std::abs(ratio - 1) : HUGE_VAL);
         ++mass_runs;
       }
-      report.note(text);
+      report.add_note(text);
     }
 
   const Population population{"runs with wave-variable channels", users.size() * static_cast<std::size_t>(seeds)};
-  report.at_most("max time from the end of the hands' motion until the object rests", population, "s",
-                 channel_worst.settled, kMaxSettlingTime);
-  report.at_most("max distance between copies 1 s after the end of the hands' motion", population, "mm",
-                 channel_worst.apart, kMaxDistance);
-  report.at_most("max energy added by the network", population, "mJ a minute", channel_worst.injected, kMaxInjected);
-  report.at_least("min energy of the tank of a copy", population, "J", channel_worst.tank, -1e-12);
-  report.at_least("runs with finite results (1: all, 0: not all)", population, "", channel_worst.finite ? 1 : 0, 1);
-  report.at_most("max relative error of the apparent mass up to 1 Hz, round trip 50 ms",
-                 {"runs with wave-variable channels", mass_runs}, "", mass_error, 0.1);
+  report.add_at_most("max time from the end of the hands' motion until the object rests", population, "s",
+                     channel_worst.settled, kMaxSettlingTime);
+  report.add_at_most("max distance between copies 1 s after the end of the hands' motion", population, "mm",
+                     channel_worst.apart, kMaxDistance);
+  report.add_at_most("max energy added by the network", population, "mJ a minute", channel_worst.injected,
+                     kMaxInjected);
+  report.add_at_least("min energy of the tank of a copy", population, "J", channel_worst.tank, -1e-12);
+  report.add_at_least("runs with finite results (1: all, 0: not all)", population, "", channel_worst.finite ? 1 : 0, 1);
+  report.add_at_most("max relative error of the apparent mass up to 1 Hz, round trip 50 ms",
+                     {"runs with wave-variable channels", mass_runs}, "", mass_error, 0.1);
   return report;
 }
 

@@ -40,8 +40,8 @@ Report replay(std::uint64_t seed) {
   for (const std::string& condition : result.broken) std::printf("BROKEN %s\n", condition.c_str());
   std::printf("\n");
   Report report{{"2 hosts, 3 HRTCs, 2 clients", 0, 0, schedule.text()}};
-  report.virtual_time(true);
-  report.at_most("broken conditions", {"schedule", 1}, "", static_cast<double>(result.broken.size()), 0);
+  report.set_virtual_time(true);
+  report.add_at_most("broken conditions", {"schedule", 1}, "", static_cast<double>(result.broken.size()), 0);
   return report;
 }
 
@@ -102,30 +102,31 @@ Report run(const Settings& settings) {
   std::snprintf(text, sizeof text, "seeds %llu to %llu, %u threads; --seed N replays one",
                 static_cast<unsigned long long>(settings.first), static_cast<unsigned long long>(end - 1), threads);
   Report report{{"2 hosts, 3 HRTCs, 2 clients in virtual time", 0, 0, text}};
-  report.virtual_time(true);
+  report.set_virtual_time(true);
   const auto count = [](auto value) { return static_cast<double>(value); };
   const Population schedules{"schedules", settings.schedules};
-  report.row("time from the last fault until the session has recovered", "schedules", "ms", totals.healed_ms);
-  report.figure("schedules", schedules, "", count(settings.schedules));
-  report.figure("virtual time of all schedules", schedules, "s", totals.virtual_s);
-  report.figure("messages of all schedules", schedules, "", count(totals.messages));
+  report.add_percentiles("time from the last fault until the session has recovered", "schedules", "ms",
+                         totals.healed_ms);
+  report.add_value("schedules", schedules, "", count(settings.schedules));
+  report.add_value("virtual time of all schedules", schedules, "s", totals.virtual_s);
+  report.add_value("messages of all schedules", schedules, "", count(totals.messages));
   for (std::size_t kind = 0; kind < kFaultKinds; ++kind)
-    report.figure(std::string{"faults: "} + kFaultNames[kind], schedules, "", count(totals.faults[kind]));
-  report.figure("regions held", schedules, "", count(totals.held));
-  report.figure("regions released", schedules, "", count(totals.released));
-  report.figure("regions refused, which the host sends again", schedules, "", count(totals.refused));
-  report.figure("changes of the host that serves an object to an HRTC", schedules, "", count(totals.host_changes));
-  report.figure("dead hosts suspected", schedules, "", count(totals.deaths_noticed));
-  report.figure("live hosts suspected", schedules, "", count(totals.false_suspicions));
-  report.at_most("schedules with a broken condition", {"schedules", settings.schedules}, "",
-                 count(totals.failed.size()), 0);
-  report.at_least("min number of messages in a schedule", {"schedules", settings.schedules}, "",
-                  count(totals.min_messages), 300);
-  report.at_least("min number of kinds of fault in a schedule", {"schedules", settings.schedules}, "",
-                  count(totals.min_kinds), 3);
-  report.virtual_time(false);
-  report.at_most("wall time for 10^5 schedules, extrapolated", {"schedules", settings.schedules}, "s",
-                 seconds * 1e5 / count(settings.schedules), kMaxSeconds);
+    report.add_value(std::string{"faults: "} + kFaultNames[kind], schedules, "", count(totals.faults[kind]));
+  report.add_value("regions held", schedules, "", count(totals.held));
+  report.add_value("regions released", schedules, "", count(totals.released));
+  report.add_value("regions refused, which the host sends again", schedules, "", count(totals.refused));
+  report.add_value("changes of the host that serves an object to an HRTC", schedules, "", count(totals.host_changes));
+  report.add_value("dead hosts suspected", schedules, "", count(totals.deaths_noticed));
+  report.add_value("live hosts suspected", schedules, "", count(totals.false_suspicions));
+  report.add_at_most("schedules with a broken condition", {"schedules", settings.schedules}, "",
+                     count(totals.failed.size()), 0);
+  report.add_at_least("min number of messages in a schedule", {"schedules", settings.schedules}, "",
+                      count(totals.min_messages), 300);
+  report.add_at_least("min number of kinds of fault in a schedule", {"schedules", settings.schedules}, "",
+                      count(totals.min_kinds), 3);
+  report.set_virtual_time(false);
+  report.add_at_most("wall time for 10^5 schedules, extrapolated", {"schedules", settings.schedules}, "s",
+                     seconds * 1e5 / count(settings.schedules), kMaxSeconds);
   return report;
 }
 

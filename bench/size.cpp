@@ -58,18 +58,18 @@ void measure(Report& report, const std::string& name, const spm::Model& model, c
   const double encode =
       min_seconds(std::min(settings.repeats, 2u), [&] { const spm::codec::EncodedModel made{model}; });
   const spm::codec::EncodedModel encoded{model};
-  const spm::codec::CompressedModel& coded = encoded.coded();
+  const spm::codec::CompressedModel& compressed = encoded.compressed();
 
-  const auto field_bits = bits_by_field(model, coded.tables());
+  const auto field_bits = bits_by_field(model, compressed.tables());
   const auto bytes_of = [&](std::initializer_list<Field> fields) {
     double bits = 0;
     for (const Field field : fields) bits += static_cast<double>(field_bits[static_cast<std::size_t>(field)]);
     return bits / 8;
   };
   const auto add_part = [&](const char* part, double bytes) {
-    report.figure(part, all_vertices, "B/vertex", bytes / vertices);
+    report.add_value(part, all_vertices, "B/vertex", bytes / vertices);
   };
-  const spm::codec::ModelSpans& bytes = coded.spans();
+  const spm::codec::ModelSpans& bytes = compressed.spans();
   add_part("positions", bytes_of({Field::kAlong, Field::kAlongOfInner, Field::kAcross, Field::kAcrossOfInner}));
   add_part("topology", bytes_of({Field::kShape, Field::kShapeOfInner, Field::kCorner}) +
                            static_cast<double>(field_bits.back()) / 8);
@@ -83,26 +83,28 @@ void measure(Report& report, const std::string& name, const spm::Model& model, c
   std::vector<Bytes> messages;
   std::uint64_t records = 0;
   for (std::uint32_t r = 0; r < model.summary.regions; ++r) {
-    messages.push_back(encode_region(coded, spm::RegionId{r}, model.intervals_of(spm::RegionId{r})));
+    messages.push_back(encode_region(compressed, spm::RegionId{r}, model.intervals_of(spm::RegionId{r})));
     records += model.regions[r].record_count;
   }
   const double decode = min_seconds(settings.repeats, [&] {
     for (const Bytes& message : messages) {
-      const auto data = decode_region(message, model.summary, coded.tables());
+      const auto data = decode_region(message, model.summary, compressed.tables());
       if (!data) throw std::runtime_error(data.error().text);
     }
   });
   const Population decoded{"decoded records, " + name, records},
       records_of_model{"records, " + name, model.summary.records};
-  report.figure("decoded records per CPU time", decoded, "records/s", static_cast<double>(records) / decode);
-  report.figure("encoded records per CPU time", records_of_model, "records/s", model.summary.records / encode);
+  report.add_value("decoded records per CPU time", decoded, "records/s", static_cast<double>(records) / decode);
+  report.add_value("encoded records per CPU time", records_of_model, "records/s", model.summary.records / encode);
 
   const double whole_model =
       static_cast<double>(bytes.base.size() + bytes.codes.size() + bytes.lists.size() + bytes.sizes.size()) / vertices;
-  report.at_most("whole model", all_vertices, "B/vertex", whole_model, compact ? 8 : 16);
+  report.add_at_most("whole model", all_vertices, "B/vertex", whole_model, compact ? 8 : 16);
   if (settings.quick) return;
-  report.at_least("decoded records per CPU time", decoded, "records/s", static_cast<double>(records) / decode, 10e6);
-  report.at_least("encoded records per CPU time", records_of_model, "records/s", model.summary.records / encode, 2e6);
+  report.add_at_least("decoded records per CPU time", decoded, "records/s", static_cast<double>(records) / decode,
+                      10e6);
+  report.add_at_least("encoded records per CPU time", records_of_model, "records/s", model.summary.records / encode,
+                      2e6);
 }
 
 Report run(const Settings& settings) {

@@ -38,10 +38,10 @@ Report run(const Settings& settings) {
       "device and hand %.1f kg, %.0f N s/m; two copies of a box of 0.5 kg, 3 N s/m each; searched to %.0f N/m",
       kDeviceMass, kDeviceDamping, kMaxStiffness);
   Report report{{"none: a wall, and two copies of a box", 0, 0, text}};
-  report.virtual_time(true);
-  report.note("  round   wall over the network, N/m          spring between two copies, N/m");
-  report.note("  trip,     (b + B) /  hold      passivity     0.8 x 2 B /  hold      set        wave");
-  report.note("  ms      (T/2 + td)   last      control     (RTT + T)   last   position  variables");
+  report.set_virtual_time(true);
+  report.add_note("  round   wall over the network, N/m          spring between two copies, N/m");
+  report.add_note("  trip,     (b + B) /  hold      passivity     0.8 x 2 B /  hold      set        wave");
+  report.add_note("  ms      (T/2 + td)   last      control     (RTT + T)   last   position  variables");
   const std::vector<double> round_trips_ms =
       settings.quick ? std::vector<double>{0, 50, 200} : std::vector<double>{0, 5, 10, 20, 50, 100, 200, 300};
   const int steps = settings.quick ? 6 : 9;
@@ -50,18 +50,18 @@ Report run(const Settings& settings) {
     const Stiffness stiffness = largest_stable_stiffness(round_trip_ms * 1e-3, steps);
     char row[32];
     std::snprintf(row, sizeof row, "  %5.0f ", round_trip_ms);
-    report.note(row + table_cell(stiffness.wall_bound) + table_cell(stiffness.wall) +
-                table_cell(stiffness.wall_passivity) + "   " + table_cell(stiffness.copies_bound) +
-                table_cell(stiffness.copies_naive) + table_cell(stiffness.copies_set) +
-                table_cell(stiffness.copies_channel));
+    report.add_note(row + table_cell(stiffness.wall_bound) + table_cell(stiffness.wall) +
+                    table_cell(stiffness.wall_passivity) + "   " + table_cell(stiffness.copies_bound) +
+                    table_cell(stiffness.copies_naive) + table_cell(stiffness.copies_set) +
+                    table_cell(stiffness.copies_channel));
     min_ratio = std::min(min_ratio, stiffness.wall / stiffness.wall_bound);
     min_channel = std::min(min_channel, stiffness.copies_channel);
   }
   const Population round_trips{"round trips", round_trips_ms.size()};
-  report.at_least("min of stable stiffness of a wall with hold-last divided by its analytic bound", round_trips,
-                  "times", min_ratio, 1);
-  report.at_least("min of stable stiffness of two copies with a wave-variable channel", round_trips, "N/m", min_channel,
-                  2000);
+  report.add_at_least("min of stable stiffness of a wall with hold-last divided by its analytic bound", round_trips,
+                      "times", min_ratio, 1);
+  report.add_at_least("min of stable stiffness of two copies with a wave-variable channel", round_trips, "N/m",
+                      min_channel, 2000);
   return report;
 }
 

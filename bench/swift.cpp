@@ -53,7 +53,7 @@ double shown_distance(const RemoteSession& session, const Vec3d& tip, bool exact
   std::array<spm::Contact, 2048> contacts;
   const double radius = kTipRadius / session.scale();
   const std::uint32_t count =
-      std::min<std::uint32_t>(session.forest().tree().touching(centre, radius, contacts.data(), 2048), 2048);
+      std::min<std::uint32_t>(session.forest().tree().find_contacts(centre, radius, contacts.data(), 2048), 2048);
   double depth = -1e300;
   for (std::uint32_t i = 0; i < count; ++i)
     if (contacts[i].is_finest()) depth = std::max(depth, contacts[i].depth(centre, radius));
@@ -72,7 +72,7 @@ Outcome run_one(const StrokedModel& model, const std::vector<Vec3d>& path, const
     const Vec3d centre = session.to_model(path[i]);
     const double radius = kTipRadius / session.scale();
     const bool inexact = (output.status & session::kExact) == 0;
-    const bool tip_exact = session.forest().exact(centre, radius);
+    const bool tip_exact = session.forest().is_exact(centre, radius);
     outcome.exact_cycles += inexact ? 0 : 1;
     const double bound = inexact ? static_cast<double>(output.error_bound) : 0;
     const double error = std::abs(shown_distance(session, path[i], tip_exact) - truth[i]);
@@ -152,9 +152,9 @@ Report run(const Settings& settings) {
                 settings.speed, kBand, settings.pool_mib, settings.rate_mbit, settings.strategy.c_str(),
                 static_cast<unsigned long long>(settings.seed));
   Report report{{model.subject.name, summary.digest, summary.faces, text}};
-  report.virtual_time(true);
+  report.set_virtual_time(true);
   const Population cycles{"cycles", path.size()};
-  report.figure("mean speed of the tip", cycles, "m/s", length / (static_cast<double>(path.size()) * 1e-3));
+  report.add_value("mean speed of the tip", cycles, "m/s", length / (static_cast<double>(path.size()) * 1e-3));
 
   RemoteSettings remote;
   remote.pool = spm::PoolSettings::for_bytes(static_cast<std::uint64_t>(settings.pool_mib * (1 << 20)));
@@ -172,15 +172,15 @@ Report run(const Settings& settings) {
     char at[48];
     std::snprintf(at, sizeof at, "%g ms: ", round_trip_ms);
     const auto figure = [&](const char* what, const Population& of, const char* unit, double value) {
-      report.figure(std::string{at} + what, of, unit, value);
+      report.add_value(std::string{at} + what, of, unit, value);
     };
     const Population contacts{"contact cycles", outcome.contact_cycles};
     const Population arrivals{"arrivals of regions", outcome.traffic.regions};
     const double contact_cycles = static_cast<double>(outcome.contact_cycles);
     const auto share = [&](std::uint64_t part) { return 100 * static_cast<double>(part) / contact_cycles; };
     const std::string inexact = "inexact contact cycles";
-    report.row(std::string{at} + "published error bound", inexact, "mm", outcome.bounds_mm);
-    report.row(std::string{at} + "error", inexact, "mm", outcome.errors_mm);
+    report.add_percentiles(std::string{at} + "published error bound", inexact, "mm", outcome.bounds_mm);
+    report.add_percentiles(std::string{at} + "error", inexact, "mm", outcome.errors_mm);
     figure("inexact contact cycles with a region not predicted, divided by contact cycles", contacts, "%",
            share(outcome.not_predicted));
     figure("inexact contact cycles with a predicted region not loaded, divided by contact cycles", contacts, "%",
@@ -197,19 +197,19 @@ Report run(const Settings& settings) {
     figure("regions refused for another reason", arrivals, "", static_cast<double>(outcome.loader.refused_other));
     figure("regions evicted", arrivals, "", static_cast<double>(outcome.loader.regions_evicted));
     figure("load latency at the end of the run", arrivals, "ms", outcome.loader.load_latency * 1e3);
-    report.at_least(std::string{at} + "exact contact cycles divided by contact cycles", contacts, "%",
-                    share(outcome.exact_cycles), round_trip_ms < 5 ? 99.9 : 95);
-    report.at_most(std::string{at} + "contact cycles with an error over the published bound", contacts, "",
-                   static_cast<double>(outcome.over_bound), 0);
+    report.add_at_least(std::string{at} + "exact contact cycles divided by contact cycles", contacts, "%",
+                        share(outcome.exact_cycles), round_trip_ms < 5 ? 99.9 : 95);
+    report.add_at_most(std::string{at} + "contact cycles with an error over the published bound", contacts, "",
+                       static_cast<double>(outcome.over_bound), 0);
   }
   std::fprintf(stderr, "brute force\n");
   const Population checked{"cycles checked", std::min<std::size_t>(path.size(), settings.brute_force_cycles)};
-  report.figure("cycles checked by brute force", checked, "", settings.brute_force_cycles);
-  report.at_most("max difference of distances by fixed tree and by brute force", checked, "mm",
-                 brute_force(model, path, truth, settings.brute_force_cycles) * 1e3, kRoundingTolerance * 1e3);
-  report.at_least("contact cycles compared with the finest mesh",
-                  {"cycles at all round trips", path.size() * settings.round_trips_ms.size()}, "",
-                  static_cast<double>(audited), 0.9 * settings.cycles);
+  report.add_value("cycles checked by brute force", checked, "", settings.brute_force_cycles);
+  report.add_at_most("max difference of distances by fixed tree and by brute force", checked, "mm",
+                     brute_force(model, path, truth, settings.brute_force_cycles) * 1e3, kRoundingTolerance * 1e3);
+  report.add_at_least("contact cycles compared with the finest mesh",
+                      {"cycles at all round trips", path.size() * settings.round_trips_ms.size()}, "",
+                      static_cast<double>(audited), 0.9 * settings.cycles);
   return report;
 }
 

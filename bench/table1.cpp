@@ -108,19 +108,19 @@ void add_rows(Report& report, const ModelRow& row) {
       built{std::string{row.paper.name} + ", built here", 1};
   const spm::ModelSummary& s = row.summary;
   const auto add_both = [&](const char* name, std::uint32_t paper_value, std::uint32_t built_value) {
-    report.figure(name, paper, "", paper_value);
-    report.figure(name, built, "", built_value);
+    report.add_value(name, paper, "", paper_value);
+    report.add_value(name, built, "", built_value);
   };
   add_both("vertices in the file", row.paper.vertices, row.file_vertices);
-  report.figure("vertices used by a face", built, "", s.vertices);
+  report.add_value("vertices used by a face", built, "", s.vertices);
   add_both("faces", row.paper.faces, s.faces);
   add_both("base vertices", row.paper.base_vertices, s.base_vertices);
   add_both("base faces", row.paper.base_faces, s.base_faces);
   add_both("vertex splits", row.paper.vertices - row.paper.base_vertices, s.records);
-  report.figure("height of a tree with 8 children a node", built, "", spm::offline::tree_size(s.faces, 8).levels);
-  report.figure("height of a binary tree", built, "", binary_tree_height(s.faces));
-  report.at_most(std::string{row.paper.name} + ": vertices - base vertices - vertex splits", built, "",
-                 std::abs(double(s.vertices) - s.base_vertices - s.records), 0);
+  report.add_value("height of a tree with 8 children a node", built, "", spm::offline::tree_size(s.faces, 8).levels);
+  report.add_value("height of a binary tree", built, "", binary_tree_height(s.faces));
+  report.add_at_most(std::string{row.paper.name} + ": vertices - base vertices - vertex splits", built, "",
+                     std::abs(double(s.vertices) - s.base_vertices - s.records), 0);
 }
 
 /// Explains why the base mesh of the paper's bunny has 1,406 vertices for 500 faces. V = F / 2 + B / 2 + X, with B
@@ -140,9 +140,10 @@ void explain_bunny(Report& report, const ModelRow& row) {
       "The paper therefore counted the unused vertices. This project drops them on import.",
       unused, used, border_edges_of(used, kBunny.faces), row.finest.border_edges, base_used,
       border_edges_of(base_used, kBunny.base_faces), row.base.border_edges);
-  report.note(text);
-  report.figure("base vertices plus unused vertices", {"bunny, built here", 1}, "", row.summary.base_vertices + unused);
-  report.at_most(
+  report.add_note(text);
+  report.add_value("base vertices plus unused vertices", {"bunny, built here", 1}, "",
+                   row.summary.base_vertices + unused);
+  report.add_at_most(
       "bunny: base vertices plus unused vertices, difference from the paper's 1,406", {"bunny, built here", 1}, "%",
       100 * std::abs(double(row.summary.base_vertices) + unused - kBunny.base_vertices) / kBunny.base_vertices, 5);
 }
@@ -157,9 +158,9 @@ void explain_cow(Report& report, const ModelRow& row) {
       "node, one face a leaf, height %u.",
       kCowHeight, row.summary.faces, binary_tree_height(row.summary.faces), pairs, binary_tree_height(pairs),
       spm::offline::tree_size(row.summary.faces, 8).levels);
-  report.note(text);
-  report.at_most("cow: height of a binary tree with two faces a leaf, difference from the paper's 12",
-                 {"cow, built here", 1}, "", std::abs(double(binary_tree_height(pairs)) - kCowHeight), 0);
+  report.add_note(text);
+  report.add_at_most("cow: height of a binary tree with two faces a leaf, difference from the paper's 12",
+                     {"cow, built here", 1}, "", std::abs(double(binary_tree_height(pairs)) - kCowHeight), 0);
 }
 
 Report run(const Settings& settings) {
@@ -173,8 +174,8 @@ Report run(const Settings& settings) {
   Report report{{"sphere: " + sphere.source + "; cow: " + cow.source + "; bunny: " + bunny.source, bunny.summary.digest,
                  bunny.summary.faces, "base meshes of the paper's size"}};
   for (const ModelRow* row : {&sphere, &cow, &bunny}) add_rows(report, *row);
-  report.at_most("sphere: base vertices", {"sphere, built here", 1}, "", sphere.summary.base_vertices,
-                 kSphere.base_vertices);
+  report.add_at_most("sphere: base vertices", {"sphere, built here", 1}, "", sphere.summary.base_vertices,
+                     kSphere.base_vertices);
   explain_cow(report, cow);
   if (!settings.bunny.empty()) explain_bunny(report, bunny);
   return report;

@@ -71,14 +71,14 @@ QueryRun run_kind(const QueryScene& scene, ProbeKind kind, FixedMesh& original, 
 void add_rows(Report& report, const std::string& probe, const QueryRun& run) {
   const RefinedFigures& r = run.refined;
   const std::string all = "cycles", changed = "cycles that split or collapsed a record";
-  report.row(probe + ", T_R", all, "us", r.refine);
-  report.row(probe + ", T_R", changed, "us", r.changed_refine);
-  report.row(probe + ", T_B", all, "us", r.refit);
-  report.row(probe + ", T_B", changed, "us", r.changed_refit);
-  report.row(probe + ", T_Q, refined", all, "us", r.query);
-  report.row(probe + ", T_R + T_B + T_Q", all, "us", r.frame);
+  report.add_percentiles(probe + ", T_R", all, "us", r.refine);
+  report.add_percentiles(probe + ", T_R", changed, "us", r.changed_refine);
+  report.add_percentiles(probe + ", T_B", all, "us", r.refit);
+  report.add_percentiles(probe + ", T_B", changed, "us", r.changed_refit);
+  report.add_percentiles(probe + ", T_Q, refined", all, "us", r.query);
+  report.add_percentiles(probe + ", T_R + T_B + T_Q", all, "us", r.frame);
   for (const Contender& contender : run.fixed)
-    report.row(probe + ", T_Q, " + contender.name, all, "us", contender.times_us);
+    report.add_percentiles(probe + ", T_Q, " + contender.name, all, "us", contender.times_us);
 }
 
 Report run(const QuerySettings& settings) {
@@ -93,11 +93,11 @@ Report run(const QuerySettings& settings) {
   add_rows(report, "stylus", stylus);
   char text[160];
   std::snprintf(text, sizeof text, "%-36s %10s %12s %12s", "medians", "paper, ms", "sphere, us", "stylus, us");
-  report.note(text);
+  report.add_note(text);
   const auto add_line = [&](const char* name, double theirs, const Samples& of_sphere, const Samples& of_stylus) {
     std::snprintf(text, sizeof text, "%-36s %10.2f %12.2f %12.2f", name, theirs, of_sphere.percentile(0.5),
                   of_stylus.percentile(0.5));
-    report.note(text);
+    report.add_note(text);
   };
   const PaperTimes paper;
   const RefinedFigures &s = sphere.refined, &t = stylus.refined;
@@ -109,24 +109,25 @@ Report run(const QuerySettings& settings) {
                                             {"T_Q, original, FCL", paper.original, kOriginalFcl},
                                             {"T_Q, base, FCL", paper.base, kBaseFcl}})
     add_line(name, theirs, sphere.fixed[index].times_us, stylus.fixed[index].times_us);
-  report.figure("paper: T_Q on the refined mesh divided by T_Q on the base mesh", {"table in the paper", 1}, "times",
-                paper.query / paper.base);
+  report.add_value("paper: T_Q on the refined mesh divided by T_Q on the base mesh", {"table in the paper", 1}, "times",
+                   paper.query / paper.base);
   for (const auto& [probe, of] : {std::pair{"sphere", &sphere}, {"stylus", &stylus}})
-    report.figure(std::string{probe} + ": median T_Q on the refined mesh divided by that on the base mesh",
-                  {"cycles", of->refined.query.size()}, "times",
-                  of->refined.query.percentile(0.5) / of->fixed[kBaseTree].times_us.percentile(0.5));
+    report.add_value(std::string{probe} + ": median T_Q on the refined mesh divided by that on the base mesh",
+                     {"cycles", of->refined.query.size()}, "times",
+                     of->refined.query.percentile(0.5) / of->fixed[kBaseTree].times_us.percentile(0.5));
 
   add_comparisons(report, "sphere", sphere);
   add_comparisons(report, "stylus", stylus);
   for (const auto& [probe, of] : {std::pair{"sphere", &sphere}, {"stylus", &stylus}})
-    report.at_most(std::string{probe} +
-                       ": median T_Q on the refined mesh divided by that on the original mesh (paper: 2.87 / 5.7 ms)",
-                   {"cycles", of->refined.query.size()}, "times",
-                   of->refined.query.percentile(0.5) / of->fixed[kOriginalTree].times_us.percentile(0.5),
-                   paper.query / paper.original);
+    report.add_at_most(
+        std::string{probe} +
+            ": median T_Q on the refined mesh divided by that on the original mesh (paper: 2.87 / 5.7 ms)",
+        {"cycles", of->refined.query.size()}, "times",
+        of->refined.query.percentile(0.5) / of->fixed[kOriginalTree].times_us.percentile(0.5),
+        paper.query / paper.original);
   const double paper_sum = paper.refine + paper.refit + paper.query;  // ms
-  report.at_most("stylus: p99 of T_R + T_B + T_Q divided by the paper's sum", {"cycles", t.frame.size()}, "times",
-                 t.frame.percentile(0.99) / (1e3 * paper_sum), 0.05);
+  report.add_at_most("stylus: p99 of T_R + T_B + T_Q divided by the paper's sum", {"cycles", t.frame.size()}, "times",
+                     t.frame.percentile(0.99) / (1e3 * paper_sum), 0.05);
   return report;
 }
 

@@ -111,17 +111,17 @@ class Takeover {
     desk_ = session_.start(Side::kB, "hrtc", {"--name", "desk", "--pool", "4096", "--no-coding", "--timer-beside"});
     users_ = session_.start(Side::kB, "sim", {"--scenario", path("exploring.yaml")});
     start_host(1);
-    session_.until(
-        "a contact", [](const SeenSession& seen) { return touching(seen); }, 60s);
+    session_.wait_until(
+        "a contact", [](const ObservedSession& observed) { return touching(observed); }, 60s);
     pause(3s);
   }
   /// Starts the HRTC that holds the whole object, and its user. Returns when it has received regions.
   void begin_restarts() {
     shelf_ = session_.start(Side::kB, "hrtc", {"--name", "shelf", "--pool", "524288"});
     collector_ = session_.start(Side::kB, "sim", {"--name", "collector", "--scenario", path("collecting.yaml")});
-    session_.until(
+    session_.wait_until(
         "a second HRTC's records",
-        [](const SeenSession& seen) { return seen.figure("shelf", names::kRegionsReceived) > 20; }, 60s);
+        [](const ObservedSession& observed) { return observed.figure("shelf", names::kRegionsReceived) > 20; }, 60s);
   }
 
   /// Kills the serving host, measures a window, and starts the host again. `with_control`: also measures a window
@@ -129,14 +129,14 @@ class Takeover {
   void kill_one(bool with_control) {
     if (with_control) control_windows_.push_back(measure_window([] {}));
     pause(std::chrono::milliseconds{random_() % 200});
-    const SeenSession before = session_.seen();
+    const ObservedSession before = session_.observed();
     const std::size_t serving = before.serving_host == session::id_of(kHosts[0]) ? 0 : 1;
     std::int64_t killed_ns = 0;
     kill_windows_.push_back(measure_window([&] {
       killed_ns = wire::monotonic_ns();
       hosts_[serving]->signal(SIGKILL);
     }));
-    const SeenSession after = session_.seen();
+    const ObservedSession after = session_.observed();
     const bool moved = after.serving_host == session::id_of(kHosts[1 - serving]);
     detected_ms.add(moved ? static_cast<double>(after.serving_since_ns - killed_ns) * 1e-6 : kUnfinished);
     flowing_ms.add(records_ns_ != 0 ? static_cast<double>(records_ns_ - killed_ns) * 1e-6 : kUnfinished);
@@ -146,21 +146,22 @@ class Takeover {
 
   /// Kills the only host and starts it again. Records that arrive afterwards must be new.
   void restart_one() {
-    const SeenSession seen = session_.seen();
-    const std::size_t serving = seen.serving_host == session::id_of(kHosts[0]) ? 0 : 1;
+    const ObservedSession observed = session_.observed();
+    const std::size_t serving = observed.serving_host == session::id_of(kHosts[0]) ? 0 : 1;
     if (hosts_[1 - serving]) {
       hosts_[1 - serving]->signal(SIGINT);
       (void)hosts_[1 - serving]->wait(5s);
       hosts_[1 - serving].reset();
       pause(1s);
     }
-    const auto received = [](const SeenSession& now) { return now.figure("shelf", names::kRegionsReceived); };
-    const double before = received(session_.seen());
+    const auto received = [](const ObservedSession& now) { return now.figure("shelf", names::kRegionsReceived); };
+    const double before = received(session_.observed());
     hosts_[serving]->signal(SIGKILL);
     (void)hosts_[serving]->wait(5s);
     pause(300ms);
     restart(serving);
-    session_.until("records after a restart", [&](const SeenSession& now) { return received(now) > before + 1; });
+    session_.wait_until("records after a restart",
+                        [&](const ObservedSession& now) { return received(now) > before + 1; });
   }
 
   /// Counts false alarms without kills while all cores are busy.
@@ -188,7 +189,7 @@ class Takeover {
   }
 
   [[nodiscard]] double figure(const char* name, const char* hrtc = "desk") const {
-    return session_.seen().figure(hrtc, name);
+    return session_.observed().figure(hrtc, name);
   }
   [[nodiscard]] ReceivedRecords records() const {
     return {figure(names::kRecordsReceived), figure(names::kRecordsRepeated), figure(names::kRecordsPublished)};
@@ -211,8 +212,8 @@ class Takeover {
   Samples flowing_ms;   // time from a kill until records arrive again
 
  private:
-  static bool touching(const SeenSession& seen) {
-    return seen.states.size() > 100 && (seen.states.back().status & session::kInContact) != 0;
+  static bool touching(const ObservedSession& observed) {
+    return observed.states.size() > 100 && (observed.states.back().status & session::kInContact) != 0;
   }
   [[nodiscard]] std::string path(const std::string& name) const { return folder_.path() / name; }
   static void run(const std::string& name, std::vector<std::string> arguments) {
@@ -223,17 +224,17 @@ class Takeover {
   void start_host(std::size_t which) {
     hosts_[which] =
         session_.start(Side::kA, "host", {"--name", kHosts[which], "--cache", path("cache"), path("organ.spm")});
-    session_.until("a host", [&](const SeenSession& seen) {
-      const auto at = seen.roster.find(session::id_of(kHosts[which]));
-      return at != seen.roster.end() && !at->second.leaving;
+    session_.wait_until("a host", [&](const ObservedSession& observed) {
+      const auto at = observed.roster.find(session::id_of(kHosts[which]));
+      return at != observed.roster.end() && !at->second.leaving;
     });
   }
   /// Starts a host again. Waits also until its endpoints have been discovered, which no figure reports.
   void restart(std::size_t which) {
-    const std::uint64_t before = session_.seen().roster.at(session::id_of(kHosts[which])).origin.incarnation;
+    const std::uint64_t before = session_.observed().roster.at(session::id_of(kHosts[which])).origin.incarnation;
     start_host(which);
-    session_.until("the new host", [&](const SeenSession& seen) {
-      return seen.roster.at(session::id_of(kHosts[which])).origin.incarnation > before;
+    session_.wait_until("the new host", [&](const ObservedSession& observed) {
+      return observed.roster.at(session::id_of(kHosts[which])).origin.incarnation > before;
     });
     pause(800ms);
   }
@@ -250,9 +251,9 @@ class Takeover {
     records_ns_ = wait_for_text(*desk_, printed, "come again", kWindow);
     while (wire::monotonic_ns() < end_ns) pause(10ms);
     WindowResult window;
-    const std::vector<SeenSession::State> states = session_.seen().states;
-    std::map<std::uint64_t, SeenSession::State> last;  // by user
-    for (const SeenSession::State& state : states) {
+    const std::vector<ObservedSession::State> states = session_.observed().states;
+    std::map<std::uint64_t, ObservedSession::State> last;  // by user
+    for (const ObservedSession::State& state : states) {
       const auto [before, first] = last.try_emplace(state.user, state);
       if (!first && state.sequence == before->second.sequence + 1) {
         const std::array<double, 3>&a = before->second.force, &b = state.force;
@@ -267,12 +268,12 @@ class Takeover {
   }
   /// Returns a figure of the next metrics sample.
   double next_figure(const char* name) {
-    const auto time = [](const SeenSession& seen) {
-      const auto at = seen.metrics.find(session::id_of("desk"));
-      return at == seen.metrics.end() ? 0 : at->second.origin.time_ns;
+    const auto time = [](const ObservedSession& observed) {
+      const auto at = observed.metrics.find(session::id_of("desk"));
+      return at == observed.metrics.end() ? 0 : at->second.origin.time_ns;
     };
-    const std::int64_t before = time(session_.seen());
-    session_.until("metrics", [&](const SeenSession& seen) { return time(seen) > before; });
+    const std::int64_t before = time(session_.observed());
+    session_.wait_until("metrics", [&](const ObservedSession& observed) { return time(observed) > before; });
     return figure(name);
   }
 
@@ -332,52 +333,57 @@ Report run(const Settings& settings) {
 
     const Population kill_windows{"windows with a kill", takeover.kill_windows().size()};
     const Population cycles{"cycles", static_cast<std::size_t>(cycles_while_killing)};
-    report.row("time from SIGKILL to the first demand to the other host", "kills", "ms", takeover.detected_ms);
-    report.row("time from SIGKILL until records arrive again", "kills", "ms", takeover.flowing_ms);
-    report.row("max force step in a window", "windows with a kill", "N/ms", max_force_steps(takeover.kill_windows()));
-    report.row("max force step in a window", "windows without a kill", "N/ms",
-               max_force_steps(takeover.control_windows()));
-    report.figure("overruns in windows with a kill", kill_windows, "", sum_overruns(takeover.kill_windows()));
-    report.figure("overruns in windows without a kill", {"windows without a kill", takeover.control_windows().size()},
-                  "", sum_overruns(takeover.control_windows()));
-    report.figure("overruns in and between all windows", cycles, "", overruns_while_killing);
-    report.figure("overruns of a timer with 30 us of work, whole run", {"timer", 1}, "",
-                  takeover.figure(names::kTimerOverruns));
+    report.add_percentiles("time from SIGKILL to the first demand to the other host", "kills", "ms",
+                           takeover.detected_ms);
+    report.add_percentiles("time from SIGKILL until records arrive again", "kills", "ms", takeover.flowing_ms);
+    report.add_percentiles("max force step in a window", "windows with a kill", "N/ms",
+                           max_force_steps(takeover.kill_windows()));
+    report.add_percentiles("max force step in a window", "windows without a kill", "N/ms",
+                           max_force_steps(takeover.control_windows()));
+    report.add_value("overruns in windows with a kill", kill_windows, "", sum_overruns(takeover.kill_windows()));
+    report.add_value("overruns in windows without a kill",
+                     {"windows without a kill", takeover.control_windows().size()}, "",
+                     sum_overruns(takeover.control_windows()));
+    report.add_value("overruns in and between all windows", cycles, "", overruns_while_killing);
+    report.add_value("overruns of a timer with 30 us of work, whole run", {"timer", 1}, "",
+                     takeover.figure(names::kTimerOverruns));
     for (const auto& [when, records] :
          {std::pair{" in windows with a kill", in_windows}, {" between windows", between}}) {
       const Population received{"records received", static_cast<std::size_t>(records.received)};
-      report.figure(std::string{"records received"} + when, received, "", records.received);
-      report.figure(std::string{"repeated records divided by records received"} + when, received, "%",
-                    records.percent(records.repeated));
-      report.figure(std::string{"repeated records listed by the last demand, divided by records received"} + when,
-                    received, "%", records.percent(records.published));
+      report.add_value(std::string{"records received"} + when, received, "", records.received);
+      report.add_value(std::string{"repeated records divided by records received"} + when, received, "%",
+                       records.percent(records.repeated));
+      report.add_value(std::string{"repeated records listed by the last demand, divided by records received"} + when,
+                       received, "%", records.percent(records.published));
     }
-    report.figure("false alarms while hosts are killed", {"kills", takeover.kill_windows().size()}, "",
-                  alarms_while_killing);
+    report.add_value("false alarms while hosts are killed", {"kills", takeover.kill_windows().size()}, "",
+                     alarms_while_killing);
     char without_kills[64];
     std::snprintf(without_kills, sizeof without_kills, "false alarms in %g s without kills", settings.calm_s);
-    report.figure(without_kills, {"run without kills", 1}, "", takeover.calm_alarms());
-    report.figure(without_kills + std::string{", all cores busy"}, {"run without kills", 1}, "",
-                  takeover.busy_alarms());
-    for (const std::string& line : takeover.logged_overruns()) report.note(line);
-    report.at_most("time from SIGKILL to the first demand to the other host, p99",
-                   {"kills", takeover.detected_ms.size()}, "ms", takeover.detected_ms.percentile(0.99), 50);
-    report.at_most("time from SIGKILL until records arrive again, p99", {"kills", takeover.flowing_ms.size()}, "ms",
-                   takeover.flowing_ms.percentile(0.99), 100);
+    report.add_value(without_kills, {"run without kills", 1}, "", takeover.calm_alarms());
+    report.add_value(without_kills + std::string{", all cores busy"}, {"run without kills", 1}, "",
+                     takeover.busy_alarms());
+    for (const std::string& line : takeover.logged_overruns()) report.add_note(line);
+    report.add_at_most("time from SIGKILL to the first demand to the other host, p99",
+                       {"kills", takeover.detected_ms.size()}, "ms", takeover.detected_ms.percentile(0.99), 50);
+    report.add_at_most("time from SIGKILL until records arrive again, p99", {"kills", takeover.flowing_ms.size()}, "ms",
+                       takeover.flowing_ms.percentile(0.99), 100);
     const double windows = static_cast<double>(std::max<std::size_t>(1, takeover.control_windows().size()));
-    report.at_most("mean overruns in a window with a kill minus those in a window without", kill_windows, "",
-                   sum_overruns(takeover.kill_windows()) / static_cast<double>(takeover.kill_windows().size()) -
-                       sum_overruns(takeover.control_windows()) / windows,
-                   0);
-    report.at_most("share of repeated records in windows with a kill minus their share between windows", kill_windows,
-                   "%", in_windows.percent(in_windows.repeated) - between.percent(between.repeated), 1);
-    report.at_most("share of repeated records listed by the last demand", kill_windows, "%",
-                   in_windows.percent(in_windows.published), 1);
-    report.at_most("max force step", kill_windows, "N/ms", max_force_steps(takeover.kill_windows()).max(),
-                   0.05 * kMaxForce);
-    report.at_most("records received again by an HRTC that holds all, from the restarted only host",
-                   {"records received", static_cast<std::size_t>(takeover.figure(names::kRecordsReceived, "shelf"))},
-                   "", takeover.figure(names::kRecordsReturned, "shelf"), 0);
+    report.add_at_most("mean overruns in a window with a kill minus those in a window without", kill_windows, "",
+                       sum_overruns(takeover.kill_windows()) / static_cast<double>(takeover.kill_windows().size()) -
+                           sum_overruns(takeover.control_windows()) / windows,
+                       0);
+    report.add_at_most("share of repeated records in windows with a kill minus their share between windows",
+                       kill_windows, "%", in_windows.percent(in_windows.repeated) - between.percent(between.repeated),
+                       1);
+    report.add_at_most("share of repeated records listed by the last demand", kill_windows, "%",
+                       in_windows.percent(in_windows.published), 1);
+    report.add_at_most("max force step", kill_windows, "N/ms", max_force_steps(takeover.kill_windows()).max(),
+                       0.05 * kMaxForce);
+    report.add_at_most(
+        "records received again by an HRTC that holds all, from the restarted only host",
+        {"records received", static_cast<std::size_t>(takeover.figure(names::kRecordsReceived, "shelf"))}, "",
+        takeover.figure(names::kRecordsReturned, "shelf"), 0);
   };
   in_own_thread(measure);
   return report;

@@ -75,8 +75,8 @@ class DepthChecker {
 
   /// Returns the max depth of the tool below the mesh, m. Returns 0 if no triangles intersect.
   double depth(const haptics::ToolPose& pose) {
-    placed_.place(in_model(pose), 1 / unit_);
-    const spm::MeshTouch touch = placed_.touching(finest_.tree(), contacts_.data(), 1u << 16);
+    placed_.set_pose(in_model(pose), 1 / unit_);
+    const spm::MeshTouch touch = placed_.find_contacts(finest_.tree(), contacts_.data(), 1u << 16);
     if (touch.contacts == 0) return 0;
     double max_depth = 0;
     for (std::uint32_t i = 0; i < std::min(touch.contacts, 1u << 16); ++i)
@@ -84,7 +84,7 @@ class DepthChecker {
     for (const Vec3d& sample : samples_) {
       haptics::SurfaceHit hit;
       const Vec3d at = pose.position + pose.orientation * sample;
-      if (full_.closest(at, 0.003, hit) && hit.sided) max_depth = std::max(max_depth, -hit.distance);
+      if (full_.closest(at, 0.003, hit) && hit.is_side_known) max_depth = std::max(max_depth, -hit.distance);
     }
     return max_depth;
   }
@@ -264,44 +264,45 @@ Outcome move_tool(const Settings& settings, const LoadedModel& subject, const st
 }
 
 void add_rows(Outcome& outcome, const std::string& mesh, Report& report) {
-  report.row("CPU time of a cycle", mesh, "us", outcome.cpu_us);
-  report.row("wall time of a cycle", mesh, "us", outcome.wall_us);
+  report.add_percentiles("CPU time of a cycle", mesh, "us", outcome.cpu_us);
+  report.add_percentiles("wall time of a cycle", mesh, "us", outcome.wall_us);
   if (outcome.refinement_us.size() > 0) {
-    report.row("time of refinement and refit in a cycle", mesh, "us", outcome.refinement_us);
-    report.row("records split and collapsed in a cycle", mesh, "", outcome.changes);
-    report.row("CPU time of the loader's tick", mesh, "us", outcome.loader_us);
+    report.add_percentiles("time of refinement and refit in a cycle", mesh, "us", outcome.refinement_us);
+    report.add_percentiles("records split and collapsed in a cycle", mesh, "", outcome.changes);
+    report.add_percentiles("CPU time of the loader's tick", mesh, "us", outcome.loader_us);
   }
-  report.row("work of the tool", mesh, "", outcome.work);
-  report.row("contacts with a force", mesh, "", outcome.contacts);
-  report.row("change of the force in a cycle while the device rests", mesh, "N", outcome.force_step_n);
-  report.row("change of the torque in a cycle while the device rests", mesh, "mN m", outcome.torque_step_mnm);
+  report.add_percentiles("work of the tool", mesh, "", outcome.work);
+  report.add_percentiles("contacts with a force", mesh, "", outcome.contacts);
+  report.add_percentiles("change of the force in a cycle while the device rests", mesh, "N", outcome.force_step_n);
+  report.add_percentiles("change of the torque in a cycle while the device rests", mesh, "mN m",
+                         outcome.torque_step_mnm);
   const Population cycles{mesh, outcome.cycles};
   const auto share = [&](std::uint64_t part) {
     return 100.0 * static_cast<double>(part) / static_cast<double>(outcome.cycles);
   };
-  report.figure("contact cycles divided by cycles", cycles, "%", share(outcome.contact_cycles));
+  report.add_value("contact cycles divided by cycles", cycles, "%", share(outcome.contact_cycles));
   if (outcome.refinement_us.size() > 0) {
-    report.figure("cycles whose refinement ended at the deadline, divided by cycles", cycles, "%",
-                  share(outcome.budget_cycles));
-    report.at_least("exact contact cycles divided by contact cycles", {mesh, outcome.contact_cycles}, "%",
-                    100.0 * static_cast<double>(outcome.exact_cycles) / static_cast<double>(outcome.contact_cycles),
-                    99);
+    report.add_value("cycles whose refinement ended at the deadline, divided by cycles", cycles, "%",
+                     share(outcome.budget_cycles));
+    report.add_at_least("exact contact cycles divided by contact cycles", {mesh, outcome.contact_cycles}, "%",
+                        100.0 * static_cast<double>(outcome.exact_cycles) / static_cast<double>(outcome.contact_cycles),
+                        99);
   }
-  report.figure("cycles in which the tool lags behind its target, divided by cycles", cycles, "%",
-                share(outcome.lagging_cycles));
-  report.figure("contacts dropped over the capacity", cycles, "", static_cast<double>(outcome.dropped_contacts));
-  report.figure("energy that the port of the hand received", cycles, "J", outcome.energy);
-  report.figure("cycles checked by FCL", cycles, "", static_cast<double>(outcome.fcl_cycles));
-  report.at_most("max depth of the tool in the mesh", {mesh, outcome.cpu_us.size()}, "mm", outcome.max_depth * 1e3,
-                 0.05);
-  report.at_most("cycles in which FCL finds intersecting triangles", {mesh, outcome.fcl_cycles}, "",
-                 static_cast<double>(outcome.fcl_intersecting_cycles), 0);
-  report.at_most("CPU time of a cycle, p99.9", {mesh, outcome.cpu_us.size()}, "us", outcome.cpu_us.percentile(0.999),
-                 500);
-  report.at_most("max change of the force in a cycle while the device rests", {mesh, outcome.force_step_n.size()}, "N",
-                 outcome.force_step_n.max(), 0.05);
-  report.at_least("min energy that the port of the hand has received", {mesh, outcome.cpu_us.size()}, "J",
-                  outcome.min_energy, -1e-6);
+  report.add_value("cycles in which the tool lags behind its target, divided by cycles", cycles, "%",
+                   share(outcome.lagging_cycles));
+  report.add_value("contacts dropped over the capacity", cycles, "", static_cast<double>(outcome.dropped_contacts));
+  report.add_value("energy that the port of the hand received", cycles, "J", outcome.energy);
+  report.add_value("cycles checked by FCL", cycles, "", static_cast<double>(outcome.fcl_cycles));
+  report.add_at_most("max depth of the tool in the mesh", {mesh, outcome.cpu_us.size()}, "mm", outcome.max_depth * 1e3,
+                     0.05);
+  report.add_at_most("cycles in which FCL finds intersecting triangles", {mesh, outcome.fcl_cycles}, "",
+                     static_cast<double>(outcome.fcl_intersecting_cycles), 0);
+  report.add_at_most("CPU time of a cycle, p99.9", {mesh, outcome.cpu_us.size()}, "us",
+                     outcome.cpu_us.percentile(0.999), 500);
+  report.add_at_most("max change of the force in a cycle while the device rests", {mesh, outcome.force_step_n.size()},
+                     "N", outcome.force_step_n.max(), 0.05);
+  report.add_at_least("min energy that the port of the hand has received", {mesh, outcome.cpu_us.size()}, "J",
+                      outcome.min_energy, -1e-6);
 }
 
 Report run(const Settings& settings) {

@@ -32,7 +32,7 @@ Report run(const Settings& settings) {
   const Population operations{"operations", result.operations()}, steps{"steps", result.steps};
   const Population regions{"regions of the model", subject.model.summary.regions};
   const auto add_count = [&](const char* name, const Population& of, auto value) {
-    report.figure(name, of, "", static_cast<double>(value));
+    report.add_value(name, of, "", static_cast<double>(value));
   };
   add_count("operations", operations, result.operations());
   add_count("records split", operations, result.splits);
@@ -47,22 +47,23 @@ Report run(const Settings& settings) {
   add_count("steps", steps, result.steps);
   add_count("steps that ended at their budget", steps, result.cut_by_budget);
   add_count("regions refined at the end", regions, result.regions_at_end);
-  report.figure("wall time of an operation, without checks", operations, "us",
-                result.seconds * 1e6 / static_cast<double>(result.operations()));
+  report.add_value("wall time of an operation, without checks", operations, "us",
+                   result.seconds * 1e6 / static_cast<double>(result.operations()));
 
-  report.at_least("operations", operations, "", static_cast<double>(result.operations()),
-                  static_cast<double>(settings.torture.operations));
-  report.at_least("regions refined at the end", regions, "", result.regions_at_end, 1);
-  report.at_least("checks of all invariants", {"checks", result.checks}, "", result.checks, settings.torture.checks);
-  report.at_most("violations", {"checks", result.checks}, "", static_cast<double>(result.problems.size()), 0);
-  report.at_most("mesh hashes that differ from that of the refined regions", {"run", 1}, "",
-                 result.hash == result.expected_hash ? 0 : 1, 0);
-  report.at_most("mesh hashes that differ from that of a new forest", {"run", 1}, "",
-                 result.hash == result.fresh_hash ? 0 : 1, 0);
-  report.at_least("faces compared with those of a new forest", {"faces", result.faces_compared}, "",
-                  static_cast<double>(result.faces_compared), 1);
-  report.at_most("faces that differ from those of a new forest", {"faces", result.faces_compared}, "",
-                 static_cast<double>(result.faces_different), 0);
+  report.add_at_least("operations", operations, "", static_cast<double>(result.operations()),
+                      static_cast<double>(settings.torture.operations));
+  report.add_at_least("regions refined at the end", regions, "", result.regions_at_end, 1);
+  report.add_at_least("checks of all invariants", {"checks", result.checks}, "", result.checks,
+                      settings.torture.checks);
+  report.add_at_most("violations", {"checks", result.checks}, "", static_cast<double>(result.problems.size()), 0);
+  report.add_at_most("mesh hashes that differ from that of the refined regions", {"run", 1}, "",
+                     result.hash == result.expected_hash ? 0 : 1, 0);
+  report.add_at_most("mesh hashes that differ from that of a new forest", {"run", 1}, "",
+                     result.hash == result.fresh_hash ? 0 : 1, 0);
+  report.add_at_least("faces compared with those of a new forest", {"faces", result.faces_compared}, "",
+                      static_cast<double>(result.faces_compared), 1);
+  report.add_at_most("faces that differ from those of a new forest", {"faces", result.faces_compared}, "",
+                     static_cast<double>(result.faces_different), 0);
   return report;
 }
 

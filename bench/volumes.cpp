@@ -231,17 +231,17 @@ void measure(Subjects& subjects, Report& report) {
       node_ns.add(min_refit_us * 1000 / refitted);
     }
   }
-  report.figure("floats of a volume", {name, 1}, "", sizeof(Volume) / sizeof(float));
-  report.row("sphere: volumes tested in a query", name, "", volumes);
-  report.row("sphere: triangles tested in a query", name, "", triangles);
-  report.row("sphere: time of a query with tests of triangles", name, "us", sphere_us);
-  report.row("stylus: pairs of volumes tested in a query", name, "", pair_volumes);
-  report.row("stylus: overlapping pairs of leaves in a query", name, "", pair_leaves);
-  report.row("stylus: time of a query without tests of triangles", name, "us", stylus_us);
-  report.row("refit above the touched faces: nodes", name, "", nodes);
-  report.row("refit above the touched faces: time of a node", name, "ns", node_ns);
-  report.at_most("poses with contacts that differ from those of AB-tree or box",
-                 {"poses, " + name, subjects.path.size()}, "", static_cast<double>(different), 0);
+  report.add_value("floats of a volume", {name, 1}, "", sizeof(Volume) / sizeof(float));
+  report.add_percentiles("sphere: volumes tested in a query", name, "", volumes);
+  report.add_percentiles("sphere: triangles tested in a query", name, "", triangles);
+  report.add_percentiles("sphere: time of a query with tests of triangles", name, "us", sphere_us);
+  report.add_percentiles("stylus: pairs of volumes tested in a query", name, "", pair_volumes);
+  report.add_percentiles("stylus: overlapping pairs of leaves in a query", name, "", pair_leaves);
+  report.add_percentiles("stylus: time of a query without tests of triangles", name, "us", stylus_us);
+  report.add_percentiles("refit above the touched faces: nodes", name, "", nodes);
+  report.add_percentiles("refit above the touched faces: time of a node", name, "ns", node_ns);
+  report.add_at_most("poses with contacts that differ from those of AB-tree or box",
+                     {"poses, " + name, subjects.path.size()}, "", static_cast<double>(different), 0);
 }
 
 Report run(const Settings& settings) {
@@ -272,8 +272,8 @@ Report run(const Settings& settings) {
     std::uint32_t count = 0;
     for (int round = 0; round < 3; ++round) {
       Stopwatch watch;
-      count = finest.tree().touching(pose.centre, subjects.radius, contacts.data(),
-                                     static_cast<std::uint32_t>(contacts.size()));
+      count = finest.tree().find_contacts(pose.centre, subjects.radius, contacts.data(),
+                                          static_cast<std::uint32_t>(contacts.size()));
       min = std::min(min, watch.lap());
     }
     ab_tree_us.add(min);
@@ -288,8 +288,8 @@ Report run(const Settings& settings) {
                 "sphere of 3 mm and stylus of 720 triangles, %zu poses at distances of %g mm, seed 1",
                 subjects.path.size(), settings.step * 1e3);
   Report report{{subject.name, subject.model.summary.digest, subject.model.summary.faces, text}};
-  report.row("sphere: time of a query with tests of triangles", "queries, AB-tree with vector instructions", "us",
-             ab_tree_us);
+  report.add_percentiles("sphere: time of a query with tests of triangles", "queries, AB-tree with vector instructions",
+                         "us", ab_tree_us);
   measure<SlabVolume<3>>(subjects, report);
   measure<SphereVolume>(subjects, report);
   measure<SlabVolume<9>>(subjects, report);

@@ -138,17 +138,17 @@ void report_demo(const Settings& settings, Report& report) {
     const DemoRun run = demo.run(link);
     const Population cycles{"cycles of both HRTCs", static_cast<std::size_t>(run.cycles)};
     for (const DemoUser& user : run.users) {
-      report.figure("demo, " + link + ": contact time of " + user.name, {"user", 1}, "s", user.contact_s);
-      report.figure("demo, " + link + ": exact contact time divided by contact time, " + user.name, {"user", 1}, "%",
-                    100 * user.exact_share);
+      report.add_value("demo, " + link + ": contact time of " + user.name, {"user", 1}, "s", user.contact_s);
+      report.add_value("demo, " + link + ": exact contact time divided by contact time, " + user.name, {"user", 1}, "%",
+                       100 * user.exact_share);
     }
-    report.figure("demo, " + link + ": overruns of timers with 30 us of work", {"timers", run.hrtcs}, "",
-                  run.timer_overruns);
-    report.at_most("demo, " + link + ": overruns of both HRTCs minus overruns of timers", cycles, "",
-                   std::max(0.0, run.overruns - run.timer_overruns), 0);
-    report.at_least("demo, " + link + ": exact contact cycles divided by contact cycles",
-                    {"contact cycles", static_cast<std::size_t>(run.contact_cycles)}, "%",
-                    100 * run.exact_cycles / run.contact_cycles, 95);
+    report.add_value("demo, " + link + ": overruns of timers with 30 us of work", {"timers", run.hrtcs}, "",
+                     run.timer_overruns);
+    report.add_at_most("demo, " + link + ": overruns of both HRTCs minus overruns of timers", cycles, "",
+                       std::max(0.0, run.overruns - run.timer_overruns), 0);
+    report.add_at_least("demo, " + link + ": exact contact cycles divided by contact cycles",
+                        {"contact cycles", static_cast<std::size_t>(run.contact_cycles)}, "%",
+                        100 * run.exact_cycles / run.contact_cycles, 95);
   }
 }
 
@@ -255,7 +255,7 @@ std::array<States, 2> receive_states(const Subject& subject, const std::string& 
     for (const std::string& user : kUsers)
       arguments.insert(arguments.end(), {"--replay", user + "=" + subject.path(user + ".csv")});
     const auto hrtc = session.start(Side::kB, "hrtc", arguments);
-    session.until("a probe", [](const SeenSession& seen) { return !seen.states.empty(); });
+    session.wait_until("a probe", [](const ObservedSession& observed) { return !observed.states.empty(); });
     pause(std::chrono::milliseconds{static_cast<int>(1e3 * subject.duration_s)});
     hrtc->signal(SIGTERM);
     (void)hrtc->wait();
@@ -321,16 +321,17 @@ void report_forces(const Settings& settings, Report& report) {
       const Population compared{"cycles with a contact in session or ground truth", fidelity.error_n.size()};
       const Population contacts{"contact cycles", fidelity.contact_cycles};
       const std::string name = link + ", " + kUsers[i] + ": ";
-      report.figure(name + "contact time", contacts, "s", fidelity.contact_s);
-      report.figure(name + "exact contact cycles divided by contact cycles", contacts, "%", 100 * fidelity.exact_share);
-      report.figure(name + "rms error of the force", compared, "N", fidelity.rms);
-      report.figure(name + "p99 error of the force", compared, "JND", fidelity.error_jnd.percentile(0.99));
-      report.figure(name + "cycles with a force error above 1 JND divided by cycles", compared, "%",
-                    100 * fidelity.noticeable_share);
-      report.figure(name + "max error of the force", compared, "N", fidelity.error_n.max());
+      report.add_value(name + "contact time", contacts, "s", fidelity.contact_s);
+      report.add_value(name + "exact contact cycles divided by contact cycles", contacts, "%",
+                       100 * fidelity.exact_share);
+      report.add_value(name + "rms error of the force", compared, "N", fidelity.rms);
+      report.add_value(name + "p99 error of the force", compared, "JND", fidelity.error_jnd.percentile(0.99));
+      report.add_value(name + "cycles with a force error above 1 JND divided by cycles", compared, "%",
+                       100 * fidelity.noticeable_share);
+      report.add_value(name + "max error of the force", compared, "N", fidelity.error_n.max());
       if (kUsers[i] == "follow" && (link == "P4" || link == "P6"))
-        report.at_least(name + "exact contact cycles divided by contact cycles, at 5 cm/s", contacts, "%",
-                        100 * fidelity.exact_share, 95);
+        report.add_at_least(name + "exact contact cycles divided by contact cycles, at 5 cm/s", contacts, "%",
+                            100 * fidelity.exact_share, 95);
     }
   }
 }

@@ -123,7 +123,7 @@ int main(int argc, char** argv) {
         sim.run(stop, [](const std::string& text) { std::cerr << "tactus-sim: " << text << '\n'; });
     std::cout << client_sim::text(report);
     if (!json.empty()) write_json(json, client_sim::json(report));
-    return report.trouble.empty() ? 0 : 1;
+    return report.stop_reason.empty() ? 0 : 1;
   } catch (const std::exception& error) {
     std::cerr << "tactus-sim: " << error.what() << '\n';
     return 2;

@@ -37,9 +37,9 @@ Operator::Operator(const User& user, const OperatorSettings& settings)
       settings_{settings},
       user_id_{session::id_of(user.name)},
       tilts_hand_{
-          std::any_of(user.script.begin(), user.script.end(), [](const Action& action) { return action.lean > 0; })} {}
+          std::any_of(user.script.begin(), user.script.end(), [](const Action& action) { return action.tilt > 0; })} {}
 
-bool Operator::touching() const noexcept { return in_contact_ && force_norm_ > kMinContactForce; }
+bool Operator::is_touching() const noexcept { return in_contact_ && force_norm_ > kMinContactForce; }
 
 void Operator::on_probe_state(const session::ProbeState& state) {
   if (state.user_id != user_id_ || (has_state_ && state.session_time_ns <= state_ns_)) return;
@@ -78,7 +78,7 @@ void Operator::on_probe_state(const session::ProbeState& state) {
   if (has_fault_ && !had_fault) hand_ = device_;
 }
 
-void Operator::on_other(const session::ProbeState& state) {
+void Operator::on_other_probe_state(const session::ProbeState& state) {
   if (state.user_id == user_id_) return;
   others_[state.user_id] = {state.object_id, vector_of(state.force).norm(), state_ns_};
 }
@@ -115,7 +115,7 @@ void Operator::orient_hand(double dt) {
       (hand_axis_ + std::min(1.0, dt / kWristTime) * ((is_following ? normal_ : outwards_) - hand_axis_)).normalized();
   // The smallest rotation from `before` to the new axis: it does not turn the hand about its axis.
   untilted_ = (spm::rotation_between(before, hand_axis_) * untilted_).normalized();
-  const double lean = is_following ? user_.script[action_].lean : 0;
+  const double lean = is_following ? user_.script[action_].tilt : 0;
   const double lookahead = static_cast<double>(settings_.lookahead_ns) * 1e-9;
   const Eigen::Quaterniond from = orientation_, goal = untilted_ * tilt_after(lean, followed_time_);
   // Interpolates, so that the orientation does not jump when a tilt ends.
@@ -131,7 +131,7 @@ void Operator::next_action() {
   attempts_ = taps_ = 0;
   if (++action_ < user_.script.size()) return;
   action_ = 0;
-  is_done_ = !user_.repeat;
+  is_done_ = !user_.repeats_script;
 }
 
 void Operator::run_stage(double dt, const Objects& objects) {
@@ -184,7 +184,7 @@ void Operator::run_stage(double dt, const Objects& objects) {
       lift(action, dt);
       return;
     case Stage::kGrab:
-      grab(dt);
+      grab();
       return;
     case Stage::kMove:
       move_object(action, dt);
@@ -209,10 +209,12 @@ bool Operator::begin_action(const Action& action, const Objects& objects) {
       next_action();
       return true;
     }
-    const bool is_move = action.kind == ActionKind::kMove;
-    stage_ = is_move ? Stage::kMove : Stage::kRelease;
-    if (!is_move) buttons_ = 0;
-    start_moving();
+    if (action.kind == ActionKind::kMove) {
+      start_moving();
+    } else {
+      stage_ = Stage::kRelease;
+      buttons_ = 0;
+    }
     return true;
   }
   if (!action.object.empty()) object_ = action.object;
@@ -221,7 +223,7 @@ bool Operator::begin_action(const Action& action, const Objects& objects) {
   const bool same_object = view->id == view_.id;
   view_ = *view;
   is_leaving_ = false;
-  if (action.kind == ActionKind::kHold || (action.kind == ActionKind::kFollow && same_object && touching())) {
+  if (action.kind == ActionKind::kHold || (action.kind == ActionKind::kFollow && same_object && is_touching())) {
     start_following(action);
     return true;
   }

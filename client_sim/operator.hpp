@@ -46,7 +46,7 @@ class Operator {
   /// Takes a state of this user's probe. Ignores states of others and states older than the newest one.
   void on_probe_state(const session::ProbeState& state);
   /// Takes a state of another user's probe.
-  void on_other(const session::ProbeState& state);
+  void on_other_probe_state(const session::ProbeState& state);
 
   /// Continues the script; returns an intent whenever one is due. Before the first probe state, the intent is a point
   /// outside the first object, at which the HRTC may place the hand. The caller sets `origin`.
@@ -57,7 +57,7 @@ class Operator {
   [[nodiscard]] const OperatorTally& tally() const noexcept { return tally_; }
   [[nodiscard]] const User& user() const noexcept { return user_; }
   /// True while the operator follows a surface, or holds with a force.
-  [[nodiscard]] bool following() const noexcept { return stage_ == Stage::kFollow; }
+  [[nodiscard]] bool is_following() const noexcept { return stage_ == Stage::kFollow; }
 
  private:
   /// The stages of actions. An action begins with kPlan and passes through some of the others:
@@ -94,7 +94,7 @@ class Operator {
   [[nodiscard]] bool begin_action(const Action& action, const Objects& objects);
   void next_action();
   [[nodiscard]] bool move_hand_towards(const Vec3d& target, double speed, double dt);
-  [[nodiscard]] bool touching() const noexcept;
+  [[nodiscard]] bool is_touching() const noexcept;
 
   // operator_approach.cpp
   [[nodiscard]] Vec3d aim_point(const Action& action, const ObjectView& view) const;
@@ -112,7 +112,7 @@ class Operator {
   void start_lift();
   void press_together(const Action& action, double dt);
   void lift(const Action& action, double dt);
-  void grab(double dt);
+  void grab();
   void start_moving();
   void move_object(const Action& action, double dt);
   void release();

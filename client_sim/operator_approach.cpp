@@ -70,7 +70,7 @@ void Operator::plan_route(const Vec3d& to) {
 }
 
 void Operator::approach(const Action& action, double dt) {
-  if (touching() && !has_first_contact_) {
+  if (is_touching() && !has_first_contact_) {
     has_first_contact_ = true;
     first_contact_ = proxy_;
   }
@@ -79,7 +79,7 @@ void Operator::approach(const Action& action, double dt) {
   const double target_force = action.kind == ActionKind::kFollow ? 0.3 * action.force
                               : action.kind == ActionKind::kLift ? kWaitingForce
                                                                  : action.force;
-  if (touching() && (is_deep || (action.depth == 0 && force_norm_ >= target_force))) {
+  if (is_touching() && (is_deep || (action.depth == 0 && force_norm_ >= target_force))) {
     stage_time_ = 0;
     if (action.kind == ActionKind::kTap) {
       stage_ = Stage::kPullBack;
@@ -114,7 +114,7 @@ void Operator::approach(const Action& action, double dt) {
 
 void Operator::pull_back(const Action& action, double dt) {
   constexpr double kDistance = 0.015;  // m
-  if (!move_hand_towards(first_contact_ + outwards_ * kDistance, action.speed, dt) || touching()) return;
+  if (!move_hand_towards(first_contact_ + outwards_ * kDistance, action.speed, dt) || is_touching()) return;
   ++tally_.taps;
   stage_time_ = 0;
   has_first_contact_ = false;

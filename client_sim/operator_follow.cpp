@@ -65,7 +65,7 @@ void Operator::follow(const Action& action, double dt) {
   tally_.following += dt;
   followed_time_ += dt;
   Vec3d cursor_velocity = Vec3d::Zero();
-  if (touching()) {
+  if (is_touching()) {
     loss_time_ = 0;
     const Vec3d ahead = cursor_ - proxy_;
     const Vec3d flat = ahead - normal_ * normal_.dot(ahead);

@@ -18,14 +18,14 @@ double smooth_step(double share) {
 
 }  // namespace
 
-/// True if at least `action.others` other users press on the object with `force`.
+/// True if at least `action.min_other_users` other users press on the object with `force`.
 bool Operator::others_press(const Action& action, double force) const {
   constexpr std::int64_t kMaxAgeNs = 200'000'000;
   const auto count = std::count_if(others_.begin(), others_.end(), [&](const auto& entry) {
     const Other& other = entry.second;
     return other.object == view_.id && other.force >= force && state_ns_ - other.received_ns < kMaxAgeNs;
   });
-  return count >= static_cast<std::ptrdiff_t>(action.others);
+  return count >= static_cast<std::ptrdiff_t>(action.min_other_users);
 }
 
 void Operator::start_lift() {
@@ -55,7 +55,7 @@ void Operator::press_together(const Action& action, double dt) {
   constexpr double kMinShare = 0.85;        // share of the force that each user has to reach
   constexpr double kMinTogetherTime = 0.2;  // s
   constexpr double kPressTime = 0.25;       // s
-  loss_time_ = touching() ? 0 : loss_time_ + dt;
+  loss_time_ = is_touching() ? 0 : loss_time_ + dt;
   if (loss_time_ > kMaxContactLoss) {
     ++tally_.lifts_lost;
     stage_ = Stage::kPlan;
@@ -78,7 +78,7 @@ void Operator::lift(const Action& action, double dt) {
   constexpr double kLoadTime = 1;      // s; a faster arm would make an object swing that is held at points
   constexpr double kPressTime = 0.5;   // s
   constexpr double kGroundTime = 0.3;  // s for which the object stands on the ground before the hand leaves
-  loss_time_ = touching() ? 0 : loss_time_ + dt;
+  loss_time_ = is_touching() ? 0 : loss_time_ + dt;
   if (loss_time_ > kMaxContactLoss) {
     ++tally_.lifts_lost;
     stage_ = Stage::kPlan;
@@ -98,11 +98,11 @@ void Operator::lift(const Action& action, double dt) {
   leave_object();
 }
 
-void Operator::grab(double dt) {
+void Operator::grab() {
   constexpr double kPatience = 0.5;  // s
-  loss_time_ = touching() ? 0 : loss_time_ + dt;
   if (is_holding_) {
     ++tally_.grabs;
+    loss_time_ = 0;
     next_action();
   } else if (is_refused_ || stage_time_ > kPatience) {
     ++tally_.grabs_refused;
@@ -110,7 +110,10 @@ void Operator::grab(double dt) {
   }
 }
 
-void Operator::start_moving() { anchor_ = hand_ + load_offset(); }
+void Operator::start_moving() {
+  stage_ = Stage::kMove;
+  anchor_ = hand_ + load_offset();
+}
 
 void Operator::move_object(const Action& action, double dt) {
   constexpr double kLoadTime = 0.12;  // s
@@ -119,10 +122,11 @@ void Operator::move_object(const Action& action, double dt) {
     ++tally_.grabs_lost;
     return end_hold();
   }
-  const double travel_time = action.by.norm() / action.speed * kPeakSpeed;  // s
+  const double travel_time = action.displacement.norm() / action.speed * kPeakSpeed;  // s
   const Vec3d before = hand_;
   track_load(smoothed_force_, kLoadTime, dt);
-  hand_ = anchor_ + action.by * (travel_time > 0 ? smooth_step(stage_time_ / travel_time) : 1.0) - load_offset();
+  hand_ =
+      anchor_ + action.displacement * (travel_time > 0 ? smooth_step(stage_time_ / travel_time) : 1.0) - load_offset();
   hand_velocity_ = (hand_ - before) / dt;
   if (stage_time_ >= travel_time + action.seconds) next_action();
 }

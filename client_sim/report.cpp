@@ -80,7 +80,7 @@ void write_objects(const Report& report, std::string& out) {
   if (report.objects.empty()) return;
   out += "\nObjects that move      raised mm  held s  left at mm    poses  taken on\n";
   for (const ObjectReport& object : report.objects) {
-    const MoveTally& moved = object.moved;
+    const MoveTally& moved = object.movement;
     out +=
         line("  %-18s  %10.1f  %6.2f  %10.1f  %7llu  %8u\n", object.name.substr(0, 18).c_str(), 1e3 * moved.max_raised,
              moved.held_time(), 1e3 * moved.last_raised, static_cast<unsigned long long>(moved.poses), moved.takeovers);
@@ -136,7 +136,7 @@ void write_hrtc(const ParticipantReport& hrtc, std::uint64_t records_total, std:
       "  compressed cache %.0f of %.0f blocks (peak %.0f)\n"
       "    regions evicted %.0f, reloaded %.0f, refused for lack of memory %.0f\n",
       value(figures::kCompressedUsed), value(figures::kCompressedLimit), value(figures::kCompressedPeak),
-      value(figures::kEvictions), value(figures::kReloads), value(figures::kRefusedFull));
+      value(figures::kEvictions), value(figures::kReloads), value(figures::kRegionsRefused));
   if (value(figures::kRemoteDevices) > 0)
     out += line("  remote devices %.0f, max round trip %.1f ms\n", value(figures::kRemoteDevices),
                 value(figures::kDeviceRoundTrip) * 1e-3);
@@ -273,7 +273,7 @@ double injected_energy(const Report& report) {
 std::string text(const Report& report) {
   std::string out =
       line("Session %s, scenario %s: %.1f s\n", report.session.c_str(), report.scenario.c_str(), report.duration);
-  if (!report.trouble.empty()) out += "Stopped early: " + report.trouble + "\n";
+  if (!report.stop_reason.empty()) out += "Stopped early: " + report.stop_reason + "\n";
   write_users(report, out);
   write_objects(report, out);
   for (const ParticipantReport& participant : report.participants) {
@@ -331,17 +331,17 @@ std::string json(const Report& report) {
   json objects = json::array();
   for (const ObjectReport& object : report.objects) {
     objects.push_back({{"name", object.name},
-                       {"raised_m", object.moved.max_raised},
-                       {"held_s", object.moved.held_time()},
-                       {"left_m", object.moved.last_raised},
-                       {"poses", object.moved.poses},
-                       {"taken_on", object.moved.takeovers}});
+                       {"max_raised_m", object.movement.max_raised},
+                       {"held_s", object.movement.held_time()},
+                       {"last_raised_m", object.movement.last_raised},
+                       {"poses", object.movement.poses},
+                       {"takeovers", object.movement.takeovers}});
   }
   json participants = json::array();
   for (const ParticipantReport& participant : report.participants) {
     participants.push_back({{"name", participant.name},
                             {"role", role_name(participant.role)},
-                            {"here_at_end", participant.present_at_end},
+                            {"present_at_end", participant.present_at_end},
                             {"figures", participant.figures}});
   }
   json events = json::array();
@@ -349,7 +349,7 @@ std::string json(const Report& report) {
   const json all{{"session", report.session},
                  {"scenario", report.scenario},
                  {"duration_s", report.duration},
-                 {"trouble", report.trouble},
+                 {"stop_reason", report.stop_reason},
                  {"records_total", report.records_total},
                  {"users", users},
                  {"objects", objects},

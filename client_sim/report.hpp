@@ -70,7 +70,7 @@ class MoveTally {
 
 struct ObjectReport {
   std::string name;
-  MoveTally moved;
+  MoveTally movement;
 };
 
 struct UserReport {
@@ -101,7 +101,7 @@ struct Report {
   std::string session;
   std::string scenario;
   double duration = 0;              ///< s for which the scenario ran
-  std::string trouble;              ///< reason why the scenario stopped early; empty if it did not
+  std::string stop_reason;          ///< reason why the scenario stopped early; empty if it did not
   std::uint64_t records_total = 0;  ///< number of records of all models in the catalogue
   std::uint64_t implausible = 0;    ///< samples that the client dropped: a number or a time was not plausible
   std::vector<UserReport> users;

@@ -90,10 +90,10 @@ Action parse_action(const Value& value) {
   map.integer("count", 1, 10000, action.count);
   map.number("height", 0.001, 1, action.height);
   if (syntax.kind == ActionKind::kMove) (void)map.required("by");
-  read_vector(map, "by", -2, 2, action.by);
-  map.integer("others", 0, 7, action.others);
+  read_vector(map, "by", -2, 2, action.displacement);
+  map.integer("others", 0, 7, action.min_other_users);
   map.number("extent", 1e-4, 100, action.extent);
-  map.number("lean", 0, 2, action.lean);
+  map.number("lean", 0, 2, action.tilt);
   map.choice("pattern", {"circle", "zigzag", "around"}, action.pattern);
   return action;
 }
@@ -106,8 +106,8 @@ User parse_user(const Value& value) {
   user.hrtc = "#1";
   map.text("hrtc", user.hrtc, session::kMaxName);
   map.number("radius", 1e-5, 0.05, user.radius);
-  map.flag("repeat", user.repeat);
-  map.flag("remote", user.remote);
+  map.flag("repeat", user.repeats_script);
+  map.flag("remote", user.has_remote_device);
   bool has_object = false;
   bool takes_time = false;
   bool is_holding = false;
@@ -123,7 +123,7 @@ User parse_user(const Value& value) {
     is_holding = action.kind == ActionKind::kGrab || (is_holding && action.kind != ActionKind::kRelease);
     user.script.push_back(action);
   }
-  if (user.repeat && !takes_time) map.child("script").fail("takes no time, so it cannot repeat");
+  if (user.repeats_script && !takes_time) map.child("script").fail("takes no time, so it cannot repeat");
   return user;
 }
 
@@ -159,8 +159,8 @@ Scenario parse_scenario(const std::string& text, const std::string& source) {
     map.child("truth").fail_expecting("a truth with which the scenario's 'measures' can be compared");
   }
   map.choice("tool", {"sphere", "stylus"}, scenario.tool);
-  map.number("within", 0.01, 10, scenario.within);
-  map.number("spread", 0, 0.5, scenario.spread);
+  map.number("within", 0.01, 10, scenario.force_tolerance);
+  map.number("spread", 0, 0.5, scenario.target_spread);
   map.number("duration", 0.1, kMaxDuration, scenario.duration);
   map.integer("seed", 0, 1e15, scenario.seed);
   std::set<std::string> names;
@@ -174,7 +174,7 @@ Scenario parse_scenario(const std::string& text, const std::string& source) {
 
 Scenario varied(Scenario scenario, std::uint64_t seed) {
   std::mt19937_64 random{seed};
-  std::uniform_real_distribution<double> share{-scenario.spread, scenario.spread};
+  std::uniform_real_distribution<double> share{-scenario.target_spread, scenario.target_spread};
   scenario.seed = seed;
   for (User& user : scenario.users)
     for (Action& action : user.script)

@@ -63,21 +63,21 @@ struct Action {
   double depth = 0;                    ///< tap: m beyond the first contact at which the hand turns back; 0: at `force`
   double seconds = 1;                  ///< s
   std::uint32_t count = 1;
-  double height = 0.1;       ///< lift: m
-  Vec3d by = Vec3d::Zero();  ///< move: m, world
-  std::uint32_t others = 1;  ///< lift: number of other users who have to press before the user lifts
+  double height = 0.1;                 ///< lift: m
+  Vec3d displacement = Vec3d::Zero();  ///< move: m, world
+  std::uint32_t min_other_users = 1;   ///< lift: number of other users who have to press before the user lifts
   Pattern pattern = Pattern::kCircle;
   double extent = 0;  ///< follow: m, size of the pattern; 0: a third of the smaller half extent of the bounds
-  double lean =
+  double tilt =
       0;  ///< follow: rad, amplitude of the tilt from the surface's normal; the turn about it has twice as much
 };
 
 struct User {
   std::string name;
-  std::string hrtc;       ///< name or "#n"
-  double radius = 0.003;  ///< m, of the probe
-  bool repeat = false;    ///< true: the script repeats until the session ends
-  bool remote = false;    ///< true: the device is at the client, not in the HRTC
+  std::string hrtc;                ///< name or "#n"
+  double radius = 0.003;           ///< m, of the probe
+  bool repeats_script = false;     ///< true: the script repeats until the session ends
+  bool has_remote_device = false;  ///< true: the device is at the client, not in the HRTC
   std::vector<Action> script;
 };
 
@@ -110,9 +110,9 @@ struct Scenario {
   Measure measures = Measure::kNone;
   Truth truth = Truth::kNone;  ///< kNone only when nothing is measured
   Tool tool = Tool::kSphere;
-  double within = 0.2;   ///< N; max error of a force that counts as on target
-  double spread = 0;     ///< max displacement of each target point by `varied`, as a share of the bounds
-  double duration = 10;  ///< s from the time at which all users have slots
+  double force_tolerance = 0.2;  ///< N; max error of a force that counts as on target
+  double target_spread = 0;      ///< max displacement of each target point by `varied`, as a share of the bounds
+  double duration = 10;          ///< s from the time at which all users have slots
   std::uint64_t seed = 1;
   std::vector<User> users;
 };

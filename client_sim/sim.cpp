@@ -161,7 +161,7 @@ struct Sim::Impl {
   /// Returns the user with this name if its device is at the client, otherwise null.
   [[nodiscard]] const User* find_remote(const std::string& user) const {
     for (const User& candidate : options.scenario.users)
-      if (candidate.name == user && candidate.remote) return &candidate;
+      if (candidate.name == user && candidate.has_remote_device) return &candidate;
     return nullptr;
   }
 
@@ -174,8 +174,8 @@ struct Sim::Impl {
     remote.hand->set_intent(intent, clock.map());
   }
 
-  void keep_time(std::int64_t now_ns) {
-    session::keep_time(roster, main.participants.origin(), session::Role::kClient, false, now_ns, clock);
+  void update_session_clock(std::int64_t now_ns) {
+    session::update_session_clock(roster, main.participants.origin(), session::Role::kClient, false, now_ns, clock);
     core.set_own_presence(clock.map().session_time(now_ns), clock.joined_ns());
     if (clock.reference() == 0) return;
     const std::int64_t period = clock.synchronised() ? kClockRequestNs : kClockRequestNs / 5;
@@ -220,19 +220,19 @@ Report Sim::run(const std::atomic<bool>& stop, const std::function<void(const st
       std::visit([&](const auto& sample) { sim.on_sample(sample, arrived.at_ns); }, arrived.sample);
     const std::int64_t now_ns = monotonic_ns();
     (void)sim.roster.tick(now_ns);
-    sim.keep_time(now_ns);
+    sim.update_session_clock(now_ns);
     if (stop && !stopped) {
       sim.core.stop("interrupted");
       stopped = true;
     }
     sim.send(sim.core.tick(now_ns, sim.clock.map().session_time(now_ns)));
-    if (sim.core.trouble() != last_logged && !sim.core.name_taken()) {
-      last_logged = sim.core.trouble();
+    if (sim.core.stop_reason() != last_logged && !sim.core.name_taken()) {
+      last_logged = sim.core.stop_reason();
       if (!last_logged.empty()) log(stopped || sim.core.finished() ? last_logged : "waiting: " + last_logged);
     }
   }
   sim.leave();
-  if (sim.core.name_taken()) throw NameTaken(sim.core.trouble());
+  if (sim.core.name_taken()) throw NameTaken(sim.core.stop_reason());
   Report report = sim.core.report();
   report.implausible += sim.clock.implausible();
   for (const auto& [user, remote] : sim.remotes)

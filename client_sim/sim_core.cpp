@@ -87,7 +87,7 @@ bool SimCore::is_own(std::uint64_t participant) const {
 void SimCore::on_name_conflict(const session::RosterEvent& event) {
   log_event(session::text(event));
   const bool is_second = event.other == self_.incarnation;
-  if (event.entry_yields != is_second) taken_name_ = event.entry.name;
+  if (event.entry_must_leave != is_second) taken_name_ = event.entry.name;
 }
 
 void SimCore::process_events(const std::vector<session::RosterEvent>& events) {
@@ -112,9 +112,9 @@ void SimCore::process_events(const std::vector<session::RosterEvent>& events) {
 
 void SimCore::on_probe_state(const session::ProbeState& state, std::int64_t session_now_ns) {
   if (state.origin.session != self_.session) return;
-  for (SimUser& sim_user : users_) sim_user.op.on_other(state);
+  for (SimUser& sim_user : users_) sim_user.script_operator.on_other_probe_state(state);
   for (SimUser& sim_user : users_) {
-    if (state.user_id != session::id_of(sim_user.op.user().name)) continue;
+    if (state.user_id != session::id_of(sim_user.script_operator.user().name)) continue;
     if (state.origin.participant != session::id_of(sim_user.hrtc)) return;
     const session::Admission admission =
         sim_user.probe.on_state(state, session::StateStream::kDeadbandCoded, session_now_ns);
@@ -123,14 +123,15 @@ void SimCore::on_probe_state(const session::ProbeState& state, std::int64_t sess
     const std::uint32_t faults = sim_user.touch.faults;
     sim_user.touch.add(state, session_start_ns_, session_now_ns);
     if (sim_user.touch.faults > faults)
-      log_event("the force of " + sim_user.op.user().name + " is off: " + sim_user.touch.fault_reason);
+      log_event("the force of " + sim_user.script_operator.user().name + " is off: " + sim_user.touch.fault_reason);
     return;
   }
 }
 
 void SimCore::on_object_pose(const session::ObjectPose& pose) {
   const auto at = movables_.find(pose.object_id);
-  if (pose.origin.session != self_.session || at == movables_.end() || !at->second.gate.accept(pose, now_ns_)) return;
+  if (pose.origin.session != self_.session || at == movables_.end() || !at->second.pose_admission.accept(pose, now_ns_))
+    return;
   at->second.entry.pose = pose.pose;
   const ObjectView view = view_of(at->second.entry);
   objects_[at->second.entry.object] = view;
@@ -159,7 +160,7 @@ void SimCore::on_end(const session::SessionEnd& end) {
 }
 
 void SimCore::stop(const std::string& reason) {
-  if (stop_reason_.empty()) stop_reason_ = reason;
+  if (requested_stop_.empty()) requested_stop_ = reason;
 }
 
 void SimCore::assign_users(const std::vector<std::string>& hrtcs) {
@@ -200,10 +201,10 @@ void SimCore::gather(std::int64_t now_ns) {
   const bool settled = found_ns_ >= 0 && seconds(now_ns - found_ns_) >= settings_.settle;
   const std::string no_hrtc = missing_references(hrtc_references(scenario_), hrtcs, hrtcs.size(), settled);
   const std::string no_object = missing_references(object_references(scenario_), objects, fixed, settled);
-  trouble_.clear();
-  if (!no_hrtc.empty()) trouble_ = "no HRTC " + no_hrtc + " in session '" + settings_.session + "'";
-  if (!no_object.empty()) trouble_ += (trouble_.empty() ? "" : "; ") + ("no host serves object " + no_object);
-  if (!trouble_.empty() || seconds(now_ns - first_peer_ns_) < settings_.name_check) return;
+  stop_reason_.clear();
+  if (!no_hrtc.empty()) stop_reason_ = "no HRTC " + no_hrtc + " in session '" + settings_.session + "'";
+  if (!no_object.empty()) stop_reason_ += (stop_reason_.empty() ? "" : "; ") + ("no host serves object " + no_object);
+  if (!stop_reason_.empty() || seconds(now_ns - first_peer_ns_) < settings_.name_check) return;
   assign_users(hrtcs);
   state_ = SimState::kJoining;
 }
@@ -212,7 +213,7 @@ std::string SimCore::missing_slots() const {
   std::string missing;
   for (const SimUser& sim_user : users_) {
     const session::RosterEntry* const hrtc = roster_.find(session::id_of(sim_user.hrtc));
-    const std::string& user = sim_user.op.user().name;
+    const std::string& user = sim_user.script_operator.user().name;
     const bool served =
         hrtc != nullptr && std::any_of(hrtc->slots.begin(), hrtc->slots.end(),
                                        [&](const session::UserSlot& slot) { return slot.user == user; });
@@ -251,7 +252,7 @@ void SimCore::send_heartbeats(std::int64_t now_ns, bool leaving, SimMessages& ou
 void SimCore::begin_ending(std::int64_t now_ns, SimMessages& out) {
   state_ = SimState::kEnding;
   end_ns_ = now_ns;
-  const std::string reason = stop_reason_.empty() ? "scenario done" : stop_reason_;
+  const std::string reason = requested_stop_.empty() ? "scenario done" : requested_stop_;
   out.ends.push_back({origin_of(0, now_ns), reason.substr(0, session::kMaxText)});
 }
 
@@ -269,15 +270,15 @@ SimMessages SimCore::tick(std::int64_t now_ns, std::int64_t session_now_ns) {
 
   if (state_ == SimState::kGathering && taken_name_.empty()) gather(now_ns);
   if (!taken_name_.empty()) {
-    trouble_ = "a program named '" + taken_name_ + "' was in session '" + settings_.session +
-               "' before: this one ends; start it with another --name";
+    stop_reason_ = "a program named '" + taken_name_ + "' was in session '" + settings_.session +
+                   "' before: this one ends; start it with another --name";
     state_ = SimState::kFailed;
     send_heartbeats(now_ns, true, out);
     return out;
   }
   if (state_ == SimState::kJoining) {
-    trouble_ = missing_slots();
-    if (trouble_.empty()) {
+    stop_reason_ = missing_slots();
+    if (stop_reason_.empty()) {
       state_ = SimState::kRunning;
       start_ns_ = now_ns;
       session_start_ns_ = session_now_ns;
@@ -286,9 +287,10 @@ SimMessages SimCore::tick(std::int64_t now_ns, std::int64_t session_now_ns) {
     }
   }
   if (state_ == SimState::kGathering || state_ == SimState::kJoining) {
-    if (!stop_reason_.empty()) trouble_ = stop_reason_;
-    if (!stop_reason_.empty() || seconds(now_ns - first_tick_ns_) > settings_.patience) {
-      if (stop_reason_.empty()) trouble_ += ", waited " + std::to_string(static_cast<int>(settings_.patience)) + " s";
+    if (!requested_stop_.empty()) stop_reason_ = requested_stop_;
+    if (!requested_stop_.empty() || seconds(now_ns - first_tick_ns_) > settings_.patience) {
+      if (requested_stop_.empty())
+        stop_reason_ += ", waited " + std::to_string(static_cast<int>(settings_.patience)) + " s";
       state_ = SimState::kFailed;
       send_heartbeats(now_ns, true, out);
       return out;
@@ -296,23 +298,23 @@ SimMessages SimCore::tick(std::int64_t now_ns, std::int64_t session_now_ns) {
   }
   if (state_ == SimState::kRunning) {
     for (SimUser& sim_user : users_) {
-      if (const session::Shown shown = sim_user.probe.at(session_now_ns); shown.state.sequence != 0) {
+      if (const session::ShownProbe shown = sim_user.probe.view_at(session_now_ns); shown.state.sequence != 0) {
         session::ProbeState felt = shown.state;
         felt.session_time_ns = shown.at_ns;
         felt.device.position = shown.view.device;
         felt.proxy = shown.view.proxy;
         felt.force = shown.view.force;
-        sim_user.op.on_probe_state(felt);
+        sim_user.script_operator.on_probe_state(felt);
       }
-      if (auto intent = sim_user.op.tick(session_now_ns, objects_)) {
+      if (auto intent = sim_user.script_operator.tick(session_now_ns, objects_)) {
         intent->origin = origin_of(sim_user.presence, now_ns);
         out.intents.push_back(std::move(*intent));
       }
     }
-    const bool all_done =
-        std::all_of(users_.begin(), users_.end(), [](const SimUser& sim_user) { return sim_user.op.done(); });
-    if (!stop_reason_.empty()) trouble_ = stop_reason_;
-    if (all_done || !stop_reason_.empty() || seconds(now_ns - start_ns_) >= scenario_.duration)
+    const bool all_done = std::all_of(users_.begin(), users_.end(),
+                                      [](const SimUser& sim_user) { return sim_user.script_operator.done(); });
+    if (!requested_stop_.empty()) stop_reason_ = requested_stop_;
+    if (all_done || !requested_stop_.empty() || seconds(now_ns - start_ns_) >= scenario_.duration)
       begin_ending(now_ns, out);
   } else if (state_ == SimState::kEnding && (last_figures_are_in() || seconds(now_ns - end_ns_) >= settings_.linger)) {
     state_ = SimState::kEnded;
@@ -327,17 +329,17 @@ Report SimCore::report() const {
   Report report;
   report.session = settings_.session;
   report.scenario = scenario_.name;
-  report.trouble = trouble_;
+  report.stop_reason = stop_reason_;
   if (start_ns_ >= 0) report.duration = seconds((end_ns_ >= 0 ? end_ns_ : now_ns_) - start_ns_);
   for (const auto& [object, records] : record_counts_) report.records_total += records;
   for (const SimUser& sim_user : users_) {
-    const OperatorTally& tally = sim_user.op.tally();
-    report.users.push_back({sim_user.op.user().name, sim_user.hrtc, sim_user.touch, tally.taps, tally.approaches_missed,
-                            tally.contacts_lost, tally.following, tally.lifts, tally.lifts_lost, tally.grabs,
-                            tally.grabs_refused, tally.grabs_lost});
+    const OperatorTally& tally = sim_user.script_operator.tally();
+    report.users.push_back({sim_user.script_operator.user().name, sim_user.hrtc, sim_user.touch, tally.taps,
+                            tally.approaches_missed, tally.contacts_lost, tally.following, tally.lifts,
+                            tally.lifts_lost, tally.grabs, tally.grabs_refused, tally.grabs_lost});
   }
   report.implausible = implausible_ + roster_.implausible();
-  for (const auto& [id, movable] : movables_) report.implausible += movable.gate.implausible();
+  for (const auto& [id, movable] : movables_) report.implausible += movable.pose_admission.implausible();
   for (const auto& [id, movable] : movables_)
     if (movable.tally.poses > 0) report.objects.push_back({movable.entry.object, movable.tally});
   for (const auto& [id, peer] : peers_)

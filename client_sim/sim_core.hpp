@@ -6,7 +6,7 @@
 ///     kRunning    runs the scripts
 ///     kEnding     waits for the last figures of hosts and HRTCs
 ///     kEnded
-///     kFailed     reached from any state; trouble() returns the reason
+///     kFailed     reached from any state; stop_reason() returns the reason
 ///
 /// If two programs have one name, the later one leaves, as with hosts and HRTCs. The session continues without it.
 ///
@@ -88,7 +88,7 @@ class SimCore {
   /// True if the core failed because an older program has one of its names.
   [[nodiscard]] bool name_taken() const noexcept { return !taken_name_.empty(); }
   /// The condition that the core waits for, or the reason why it failed; otherwise empty.
-  [[nodiscard]] const std::string& trouble() const noexcept { return trouble_; }
+  [[nodiscard]] const std::string& stop_reason() const noexcept { return stop_reason_; }
   [[nodiscard]] Report report() const;
 
  private:
@@ -98,7 +98,7 @@ class SimCore {
     std::int64_t sent_ns = 0;
   };
   struct SimUser {
-    Operator op;
+    Operator script_operator;
     TouchTally touch;
     session::RemoteProbe probe;  // without playout delay: the hand needs the newest state
     std::string hrtc;
@@ -132,13 +132,13 @@ class SimCore {
   session::Roster roster_;
   session::StopLatch stops_;
   SimState state_ = SimState::kGathering;
-  std::string trouble_, stop_reason_;
+  std::string stop_reason_, requested_stop_;
   std::string taken_name_;  // name of this program that an older program has
   std::vector<Presence> presences_;
   std::vector<SimUser> users_;
   struct Movable {
     session::CatalogueEntry entry;  // with its newest pose
-    session::PoseGate gate;
+    session::PoseAdmission pose_admission;
     MoveTally tally;
   };
 

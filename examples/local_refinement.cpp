@@ -33,7 +33,7 @@ struct Source {
     else
       built.emplace(offline::build_model_file(path).model());
   }
-  [[nodiscard]] const codec::CompressedModel& model() const { return file ? file->coded() : built->coded(); }
+  [[nodiscard]] const codec::CompressedModel& model() const { return file ? file->compressed() : built->compressed(); }
 };
 
 int run(const char* path) {
@@ -62,12 +62,12 @@ int run(const char* path) {
 
     refinement.approach(pose, 1e-3 * cycle, touching > 0);
     (void)refinement.refine(Budget{4000});
-    const std::uint32_t found =
-        refinement.touching(pose.translation(), radius, contacts.data(), static_cast<std::uint32_t>(contacts.size()));
+    const std::uint32_t found = refinement.find_contacts(pose.translation(), radius, contacts.data(),
+                                                         static_cast<std::uint32_t>(contacts.size()));
     distance += (found > 0 ? 1e-4 : -1e-3) * size;
     if (found == 0) continue;
     ++touching;
-    exact += refinement.exact() ? 1 : 0;
+    exact += refinement.is_exact() ? 1 : 0;
   }
   std::printf("%u faces, %d cycles, %d contact cycles, %d exact contact cycles\n", summary.faces, kCycles, touching,
               exact);

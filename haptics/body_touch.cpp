@@ -25,7 +25,7 @@ BoxSurface::BoxSurface(const Vec3d& half_extents) noexcept {
 bool BoxSurface::sweep(const Vec3d& from, const Vec3d& to, double radius, SurfaceHit& hit) noexcept {
   FirstTouch first{from, to, radius};
   for (std::uint32_t i = 0; i < triangles_.size(); ++i) {
-    first.offer(triangles_[i][0], triangles_[i][1], triangles_[i][2], 0, i);
+    first.add_triangle(triangles_[i][0], triangles_[i][1], triangles_[i][2], 0, i);
   }
   return first.result(hit);
 }
@@ -33,17 +33,17 @@ bool BoxSurface::sweep(const Vec3d& from, const Vec3d& to, double radius, Surfac
 bool BoxSurface::closest(const Vec3d& point, double max_distance, SurfaceHit& hit) const noexcept {
   ClosestSide side{point, max_distance};
   for (std::uint32_t i = 0; i < triangles_.size(); ++i) {
-    side.offer(triangles_[i][0], triangles_[i][1], triangles_[i][2], 0, i);
+    side.add_triangle(triangles_[i][0], triangles_[i][1], triangles_[i][2], 0, i);
   }
   return side.result(hit);
 }
 
-void BodyTouch::step(const DeviceState& device, bool grab, const BodyState& body, Surface& shape_body, const Feel& feel,
-                     double dt) noexcept {
+void BodyTouch::step(const DeviceState& device, bool grab, const BodyState& body, Surface& shape_body,
+                     const ContactImpedance& impedance, double dt) noexcept {
   constexpr double kRamp = 25;  // N/s
   const Vec3d device_body = body.to_body(device.position);
   const ProxyResult& local = proxy_.step(device_body, dt, shape_body, false);
-  ramp_body_.advance(kRamp * dt / feel.stiffness);
+  ramp_body_.advance(kRamp * dt / impedance.stiffness);
   if (local.surface_moved) ramp_body_.set(local.proxy - device_body);
   if (!local.in_contact) ramp_body_ = {};
   const Vec3d anchor_body = local.proxy - ramp_body_.remaining();
@@ -62,8 +62,8 @@ void BodyTouch::step(const DeviceState& device, bool grab, const BodyState& body
   relative_.velocity -= body.velocity_at(touch_.anchor);
   spring_ = {touch_.anchor, device.position, device.velocity, 0, 0};
   if (touch_.in_contact) {
-    spring_.stiffness = feel.stiffness;
-    spring_.damping = feel.damping;
+    spring_.stiffness = impedance.stiffness;
+    spring_.damping = impedance.damping;
   }
 }
 

@@ -39,12 +39,12 @@ class BodyTouch {
   void reset() noexcept { proxy_.reset(), grabbed_ = false, ramp_body_ = {}; }
 
   /// Computes one cycle with `device` in the world frame. `grab`: the grab button is down. Realtime.
-  void step(const DeviceState& device, bool grab, const BodyState& body, Surface& shape_body, const Feel& feel,
-            double dt) noexcept;
+  void step(const DeviceState& device, bool grab, const BodyState& body, Surface& shape_body,
+            const ContactImpedance& impedance, double dt) noexcept;
 
   /// True when the probe touches or holds the body; otherwise the spring exerts no force.
-  [[nodiscard]] bool touching() const noexcept { return touch_.in_contact; }
-  [[nodiscard]] bool holding() const noexcept { return grabbed_; }
+  [[nodiscard]] bool is_touching() const noexcept { return touch_.in_contact; }
+  [[nodiscard]] bool is_holding() const noexcept { return grabbed_; }
   /// The spring that acts on the body.
   [[nodiscard]] const PointSpring& spring() const noexcept { return spring_; }
   /// Contact in the world frame, for ForceRenderer.

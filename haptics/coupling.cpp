@@ -51,7 +51,7 @@ CopyCoupling::CopyCoupling(const CouplingSettings& settings, std::size_t index, 
   impedance_ = (per_mass * (phi * whole.mass * scale / (pairs * channel_delay_)))
                    .cwiseMax(per_spring.cwiseProduct(min) * (channel_delay_ / pairs));
   drag_ = per_mass * (settings_.drag / copies);
-  ledger_.tank = ledger_.received = settings_.initial / copies;
+  ledger_.tank = ledger_.received = settings_.initial_energy / copies;
   own_.time_ns = -1;
   pressed_.fill(Vec3d::Zero());
 }
@@ -170,7 +170,7 @@ void CopyCoupling::receive_waves(std::int64_t now_ns, double dt) noexcept {
       if (!channel.received && now_ns - start_ns_ <= kAssumedMotionNs) channel.raw += dt * start_speed_;
     }
   }
-  if (all_received) ledger_.apart = furthest;
+  if (all_received) ledger_.copy_distance = furthest;
   if (all_received && may_home_) homing_ += apart * (settings_.homing * dt / channel_delay_);
   for (std::size_t i = 0; i < settings_.copies; ++i) {
     if (i == index_) continue;
@@ -183,12 +183,12 @@ void CopyCoupling::choose_step(double dt) noexcept {
   const double arm = std::sqrt(share_.inertia.maxCoeff() / share_.mass);
   double cost = 0;  // J
   Mat6d impedances = Mat6d::Zero();
-  ledger_.behind = 0;
+  ledger_.lag = 0;
   for (std::size_t i = 0; i < settings_.copies; ++i) {
     if (i == index_) continue;
     Channel& channel = channels_[i];
     channel.step = channel.filtered - channel.arrived;
-    ledger_.behind = std::max(ledger_.behind, channel.step.head<3>().norm());
+    ledger_.lag = std::max(ledger_.lag, channel.step.head<3>().norm());
     const double speed = std::max(channel.step.head<3>().norm(), arm * channel.step.tail<3>().norm()) / dt;
     if (speed > settings_.max_speed) channel.step *= settings_.max_speed / speed;
     channel.impedance = impedance_to(i);
@@ -199,7 +199,7 @@ void CopyCoupling::choose_step(double dt) noexcept {
   may_home_ = kHomingCosts * cost <= ledger_.tank;
   if (cost > ledger_.tank) {
     share = std::sqrt(std::max(0.0, ledger_.tank) / cost);
-    ++ledger_.held;
+    ++ledger_.limited_cycles;
   }
   ledger_.tank -= share * share * cost;
   step_.setZero();

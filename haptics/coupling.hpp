@@ -21,8 +21,8 @@
 /// fill the tank: the energy that the peers report as a counter in each sample, half of the drag losses, and the
 /// numerical losses of the implicit spring. Loss, order and repetition of samples do not matter; one sample adds at
 /// most a full tank. If the tank is too low, the set position moves less and catches up later. So whatever the network
-/// does, all copies together return no more energy than they received: sum of `given` <= initial + allowance * time.
-/// Wrong delays or clocks reduce accuracy, not passivity.
+/// does, all copies together return no more energy than they received: sum of `given` <= initial_energy + allowance *
+/// time. Wrong delays or clocks reduce accuracy, not passivity.
 ///
 /// Translation in the world frame, rotation about the body's axes. Session time is an argument. One thread at a time.
 /// Realtime. Source: Niemeyer, Slotine 1991 (wave variables, integrals of waves against drift); Lee, Huang 2010
@@ -71,7 +71,7 @@ struct CouplingSettings {
   double credited = 0.5;           ///< share of the drag losses that is credited to the tank
   double tank = 0.1;               ///< J, capacity of the tank; energy above it is lost
   double reserve = 0.04;           ///< J; of the energy above it, a twentieth goes to the peers per cycle
-  double initial = 1e-4;           ///< J in all tanks together at the start
+  double initial_energy = 1e-4;    ///< J in all tanks together at the start
   double allowance = 0.5e-3 / 60;  ///< W into all tanks together, so that copies converge while nobody moves them
   double homing = 0.1;             ///< share of the distance between copies that is removed per D
   double max_speed = 2;            ///< m/s, maximum speed of the set position
@@ -90,7 +90,7 @@ class CopyCoupling {
   [[nodiscard]] std::size_t copies() const noexcept { return settings_.copies; }
   [[nodiscard]] std::size_t index() const noexcept { return index_; }
   /// Settings of the body that simulates this copy.
-  [[nodiscard]] const BodySettings& share() const noexcept { return share_; }
+  [[nodiscard]] const BodySettings& body_settings() const noexcept { return share_; }
 
   /// Takes a sample of a peer; samples may arrive in any order and repeatedly. Realtime.
   void on_sample(std::size_t peer, const CopySample& sample) noexcept;
@@ -104,13 +104,13 @@ class CopyCoupling {
   [[nodiscard]] const CopySample& sample() const noexcept { return own_; }
 
   struct Ledger {
-    double given = 0;        ///< J given to this copy minus J taken from it
-    double tank = 0;         ///< J in the tank, never below 0
-    double stored = 0;       ///< J in the spring
-    double received = 0;     ///< J from peers and from the allowance
-    std::uint64_t held = 0;  ///< cycles in which the tank was too low for the whole step
-    double behind = 0;       ///< m, largest lag of the set position behind a channel's wave
-    double apart = 0;        ///< m, maximum distance between this copy and another, one channel delay ago
+    double given = 0;                  ///< J given to this copy minus J taken from it
+    double tank = 0;                   ///< J in the tank, never below 0
+    double stored = 0;                 ///< J in the spring
+    double received = 0;               ///< J from peers and from the allowance
+    std::uint64_t limited_cycles = 0;  ///< cycles in which the tank was too low for the whole step
+    double lag = 0;                    ///< m, largest lag of the set position behind a channel's wave
+    double copy_distance = 0;          ///< m, maximum distance between this copy and another, one channel delay ago
   };
   [[nodiscard]] const Ledger& ledger() const noexcept { return ledger_; }
 

@@ -52,28 +52,30 @@ Wrench wrench_of(const Hold& hold, const ToolGrip& grip, double damping, const D
               grip.angular_damping * (hold.angular_velocity - angular_velocity)};
 }
 
-double ForceRenderer::stiffness(const Feel& feel, double dt, double loop_delay) const noexcept {
-  return std::min({feel.stiffness, spec_.max_stiffness, stable_stiffness(spec_.damping, feel.damping, dt, loop_delay)});
+double ForceRenderer::stiffness(const ContactImpedance& impedance, double dt, double loop_delay) const noexcept {
+  return std::min(
+      {impedance.stiffness, spec_.max_stiffness, stable_stiffness(spec_.damping, impedance.damping, dt, loop_delay)});
 }
 
-ToolGrip ForceRenderer::grip_with(double arm, const Feel& feel, double dt, double loop_delay) const noexcept {
+ToolGrip ForceRenderer::grip_with(double arm, const ContactImpedance& impedance, double dt,
+                                  double loop_delay) const noexcept {
   constexpr double kAngularDamping = 0.01;  // s, ratio of damping to rotational stiffness
-  const double stiffness = this->stiffness(feel, dt, loop_delay);
+  const double stiffness = this->stiffness(impedance, dt, loop_delay);
   const double rotational_stiffness = stiffness * arm * arm;
   // A device without torque cannot become unstable by torque.
   const double limited_stiffness =
-      bears_torque() ? std::min(rotational_stiffness, spec_.max_rotational_stiffness) : rotational_stiffness;
+      has_torque() ? std::min(rotational_stiffness, spec_.max_rotational_stiffness) : rotational_stiffness;
   return {stiffness, limited_stiffness, kAngularDamping * limited_stiffness};
 }
 
-ToolGrip ForceRenderer::grip(const Feel& feel, double dt, double loop_delay) const noexcept {
+ToolGrip ForceRenderer::tool_grip(const ContactImpedance& impedance, double dt, double loop_delay) const noexcept {
   constexpr double kArm = 0.01;  // m
-  return grip_with(kArm, feel, dt, loop_delay);
+  return grip_with(kArm, impedance, dt, loop_delay);
 }
 
-ToolGrip ForceRenderer::hold(const Feel& feel, double dt, double loop_delay) const noexcept {
+ToolGrip ForceRenderer::hold_grip(const ContactImpedance& impedance, double dt, double loop_delay) const noexcept {
   constexpr double kArm = 0.05;  // m
-  return grip_with(kArm, feel, dt, loop_delay);
+  return grip_with(kArm, impedance, dt, loop_delay);
 }
 
 void ForceRenderer::latch(Fault fault) noexcept {
@@ -86,7 +88,8 @@ void ForceRenderer::latch(Fault fault) noexcept {
 void ForceRenderer::reset() noexcept { *this = ForceRenderer{settings_, spec_}; }
 
 void ForceRenderer::advance_gain(double pose_age, double dt) noexcept {
-  const double fresh = std::clamp((settings_.zero_by - pose_age) / (settings_.zero_by - settings_.hold), 0.0, 1.0);
+  const double fresh = std::clamp(
+      (settings_.zero_force_age - pose_age) / (settings_.zero_force_age - settings_.max_fresh_age), 0.0, 1.0);
   if (fresh < 1) {
     result_.bits |= kForceStale;
     // A pose that goes stale during the soft start does not shorten the soft start.
@@ -127,21 +130,22 @@ const ForceResult& ForceRenderer::reported() noexcept {
   return result_;
 }
 
-const ForceResult& ForceRenderer::step(const ProxyResult& proxy, const DeviceState& device, const Feel& feel,
-                                       double pose_age, double dt, const ProxyResult* unchanged) noexcept {
-  if (result_.fault == Fault::kNone) render(proxy, device, feel, pose_age, dt, unchanged);
+const ForceResult& ForceRenderer::step(const ProxyResult& proxy, const DeviceState& device,
+                                       const ContactImpedance& impedance, double pose_age, double dt,
+                                       const ProxyResult* unchanged) noexcept {
+  if (result_.fault == Fault::kNone) render(proxy, device, impedance, pose_age, dt, unchanged);
   return reported();
 }
 
 const ForceResult& ForceRenderer::step(const ToolResult& tool, const ToolGrip& grip, const DeviceState& device,
-                                       const Feel& feel, double pose_age, double dt) noexcept {
-  if (result_.fault == Fault::kNone) render(tool, grip, device, feel, pose_age, dt);
+                                       const ContactImpedance& impedance, double pose_age, double dt) noexcept {
+  if (result_.fault == Fault::kNone) render(tool, grip, device, impedance, pose_age, dt);
   return reported();
 }
 
 const ForceResult& ForceRenderer::step(const Hold& hold, const ToolGrip& grip, const DeviceState& device,
-                                       const Feel& feel, double pose_age, double dt) noexcept {
-  if (result_.fault == Fault::kNone) render(hold, grip, device, feel, pose_age, dt);
+                                       const ContactImpedance& impedance, double pose_age, double dt) noexcept {
+  if (result_.fault == Fault::kNone) render(hold, grip, device, impedance, pose_age, dt);
   return reported();
 }
 
@@ -154,9 +158,10 @@ Vec3d ForceRenderer::ramped(const Vec3d& pressed, const Vec3d& normal) noexcept 
   return pressed - ramp_.remaining();
 }
 
-bool ForceRenderer::admit(const DeviceState& device, const Feel& feel, double pose_age, double dt) noexcept {
+bool ForceRenderer::admit(const DeviceState& device, const ContactImpedance& impedance, double pose_age,
+                          double dt) noexcept {
   const bool finite = device.position.allFinite() && device.velocity.allFinite() && std::isfinite(pose_age) &&
-                      std::isfinite(feel.stiffness) && std::isfinite(feel.damping) && std::isfinite(dt) &&
+                      std::isfinite(impedance.stiffness) && std::isfinite(impedance.damping) && std::isfinite(dt) &&
                       std::isfinite(device.loop_delay);
   if (!finite) {
     latch(Fault::kInputNotFinite);
@@ -170,17 +175,17 @@ bool ForceRenderer::admit(const DeviceState& device, const Feel& feel, double po
   return true;
 }
 
-void ForceRenderer::render(const ProxyResult& proxy, const DeviceState& device, const Feel& feel, double pose_age,
-                           double dt, const ProxyResult* unchanged) noexcept {
+void ForceRenderer::render(const ProxyResult& proxy, const DeviceState& device, const ContactImpedance& impedance,
+                           double pose_age, double dt, const ProxyResult* unchanged) noexcept {
   const auto is_finite = [](const ProxyResult& at) { return at.anchor.allFinite() && at.normal.allFinite(); };
   if (!is_finite(proxy) || (unchanged != nullptr && !is_finite(*unchanged))) return latch(Fault::kInputNotFinite);
-  if (!admit(device, feel, pose_age, dt)) return;
+  if (!admit(device, impedance, pose_age, dt)) return;
 
-  const double stiffness = this->stiffness(feel, dt, device.loop_delay);
+  const double stiffness = this->stiffness(impedance, dt, device.loop_delay);
   // The force is limited before the ramp as well: the excess would not be felt, but it would lengthen the ramp.
   bool saturated = false;
   const auto pressed = [&](const ProxyResult& at) noexcept {
-    const Vec3d whole = contact_force(at, device, stiffness, feel.damping);
+    const Vec3d whole = contact_force(at, device, stiffness, impedance.damping);
     const Vec3d bounded = limited(whole, max_force());
     saturated = saturated || bounded != whole;
     return bounded;
@@ -197,21 +202,21 @@ void ForceRenderer::render(const ProxyResult& proxy, const DeviceState& device, 
   }
   last_ = force;
   if (saturated) result_.bits |= kForceSaturated;
-  if (!force.isZero(0) && stiffness < feel.stiffness) result_.bits |= kForceStiffnessCut;
+  if (!force.isZero(0) && stiffness < impedance.stiffness) result_.bits |= kForceStiffnessCut;
   if (!ramp_.done()) result_.bits |= kForceSurfaceRamp;
   limit(force, Vec3d::Zero(), pose_age, dt);
 }
 
-void ForceRenderer::render(const ToolResult& tool, const ToolGrip& grip, const DeviceState& device, const Feel& feel,
-                           double pose_age, double dt) noexcept {
+void ForceRenderer::render(const ToolResult& tool, const ToolGrip& grip, const DeviceState& device,
+                           const ContactImpedance& impedance, double pose_age, double dt) noexcept {
   const bool finite = tool.displacement.allFinite() && tool.rotation.allFinite() && tool.normal.allFinite() &&
                       std::isfinite(grip.stiffness) && std::isfinite(grip.rotational_stiffness) &&
                       is_unit(device.orientation);
   if (!finite) return latch(Fault::kInputNotFinite);
-  if (!admit(device, feel, pose_age, dt)) return;
+  if (!admit(device, impedance, pose_age, dt)) return;
   Vec3d force = grip.stiffness * tool.displacement;
-  if (tool.in_contact) force += damping_along(force, tool.normal, device.velocity, feel.damping) * tool.normal;
-  if (!force.isZero(0) && grip.stiffness < feel.stiffness) result_.bits |= kForceStiffnessCut;
+  if (tool.in_contact) force += damping_along(force, tool.normal, device.velocity, impedance.damping) * tool.normal;
+  if (!force.isZero(0) && grip.stiffness < impedance.stiffness) result_.bits |= kForceStiffnessCut;
   Vec3d torque = grip.rotational_stiffness * tool.rotation;
   if (const double size = torque.norm(); tool.in_contact && size > 0) {
     const Vec3d axis = torque / size;
@@ -220,16 +225,16 @@ void ForceRenderer::render(const ToolResult& tool, const ToolGrip& grip, const D
   limit(force, torque, pose_age, dt);
 }
 
-void ForceRenderer::render(const Hold& hold, const ToolGrip& grip, const DeviceState& device, const Feel& feel,
-                           double pose_age, double dt) noexcept {
+void ForceRenderer::render(const Hold& hold, const ToolGrip& grip, const DeviceState& device,
+                           const ContactImpedance& impedance, double pose_age, double dt) noexcept {
   const bool finite = hold.pose.position.allFinite() && is_unit(hold.pose.orientation) && hold.velocity.allFinite() &&
                       hold.angular_velocity.allFinite() && std::isfinite(grip.stiffness) &&
                       std::isfinite(grip.rotational_stiffness) && std::isfinite(grip.angular_damping) &&
                       is_unit(device.orientation);
   if (!finite) return latch(Fault::kInputNotFinite);
-  if (!admit(device, feel, pose_age, dt)) return;
-  const Wrench pull = wrench_of(hold, grip, feel.damping, device, angular_velocity_);
-  if (!pull.force.isZero(0) && grip.stiffness < feel.stiffness) result_.bits |= kForceStiffnessCut;
+  if (!admit(device, impedance, pose_age, dt)) return;
+  const Wrench pull = wrench_of(hold, grip, impedance.damping, device, angular_velocity_);
+  if (!pull.force.isZero(0) && grip.stiffness < impedance.stiffness) result_.bits |= kForceStiffnessCut;
   limit(pull.force, pull.torque, pose_age, dt);
 }
 
@@ -266,7 +271,7 @@ void ForceRenderer::limit(const Vec3d& force, const Vec3d& torque, double pose_a
   if (gain_ < 1 && felt) result_.bits |= kForceSoftStart;
   Vec3d out = slewed(limited_force * gain_, result_.force, settings_.max_slew * dt);
   Vec3d out_torque = slewed(limited_torque * gain_, result_.torque, settings_.max_torque_slew * dt);
-  if (pose_age >= settings_.zero_by - kAgeTolerance) {
+  if (pose_age >= settings_.zero_force_age - kAgeTolerance) {
     out.setZero();
     out_torque.setZero();
   }

@@ -63,12 +63,12 @@ inline constexpr double kSurfaceRamp = 45;
 inline constexpr double kTorqueRamp = 1.5;
 
 struct ForceSettings {
-  double max_force = 8;     ///< N; the device's own limit also applies
-  double max_slew = 5000;   ///< N/s
-  double soft_start = 0.5;  ///< s from zero to full strength
-  double recovery = 0.1;    ///< s from zero to full strength once poses are fresh again
-  double hold = 0.010;      ///< s, age up to which a pose counts as fresh
-  double zero_by = 0.060;   ///< s, age at which the force is zero
+  double max_force = 8;           ///< N; the device's own limit also applies
+  double max_slew = 5000;         ///< N/s
+  double soft_start = 0.5;        ///< s from zero to full strength
+  double recovery = 0.1;          ///< s from zero to full strength once poses are fresh again
+  double max_fresh_age = 0.010;   ///< s, age up to which a pose counts as fresh
+  double zero_force_age = 0.060;  ///< s, age at which the force is zero
   /// m/s, limit of the device's velocity, and of the velocity computed from its positions. No hand moves so fast
   /// against a force, but a device out of control does. Without a force there is no fault.
   double max_speed = 1.5;
@@ -78,7 +78,7 @@ struct ForceSettings {
 };
 
 /// Stiffness and damping of the touched object along the contact normal.
-struct Feel {
+struct ContactImpedance {
   double stiffness = 1000;  ///< N/m
   double damping = 1;       ///< N s/m
 };
@@ -112,31 +112,32 @@ class ForceRenderer {
 
   /// The stiffness of a material after the limit for this device, N/m, at cycles of `dt` seconds and with
   /// DeviceState::loop_delay. The proxy's grip needs the same value.
-  [[nodiscard]] double stiffness(const Feel& feel, double dt, double loop_delay = 0) const noexcept;
+  [[nodiscard]] double stiffness(const ContactImpedance& impedance, double dt, double loop_delay = 0) const noexcept;
 
   /// The coupling of a tool, limited in the same way; 0.1 N m/rad at 1,000 N/m.
-  [[nodiscard]] ToolGrip grip(const Feel& feel, double dt, double loop_delay = 0) const noexcept;
+  [[nodiscard]] ToolGrip tool_grip(const ContactImpedance& impedance, double dt, double loop_delay = 0) const noexcept;
   /// The coupling of a held object, limited in the same way. Its rotational stiffness is that of two fingers 10 cm
   /// apart: 2.5 N m/rad at 1,000 N/m.
-  [[nodiscard]] ToolGrip hold(const Feel& feel, double dt, double loop_delay = 0) const noexcept;
+  [[nodiscard]] ToolGrip hold_grip(const ContactImpedance& impedance, double dt, double loop_delay = 0) const noexcept;
 
   /// Computes one cycle of `dt` seconds. `pose_age`: age of the device pose without its transit, s. `unchanged`: the
   /// result of Proxy::unchanged in a cycle in which the surface changed, otherwise null. For every input the force is
   /// finite and within its limits. After a fault it is zero.
-  [[nodiscard]] const ForceResult& step(const ProxyResult& proxy, const DeviceState& device, const Feel& feel,
-                                        double pose_age, double dt, const ProxyResult* unchanged = nullptr) noexcept;
+  [[nodiscard]] const ForceResult& step(const ProxyResult& proxy, const DeviceState& device,
+                                        const ContactImpedance& impedance, double pose_age, double dt,
+                                        const ProxyResult* unchanged = nullptr) noexcept;
   /// Computes one cycle for a tool that is coupled by `grip`.
   [[nodiscard]] const ForceResult& step(const ToolResult& tool, const ToolGrip& grip, const DeviceState& device,
-                                        const Feel& feel, double pose_age, double dt) noexcept;
+                                        const ContactImpedance& impedance, double pose_age, double dt) noexcept;
 
   /// Computes one cycle for a hand that holds an object, coupled by `grip`.
   [[nodiscard]] const ForceResult& step(const Hold& hold, const ToolGrip& grip, const DeviceState& device,
-                                        const Feel& feel, double pose_age, double dt) noexcept;
+                                        const ContactImpedance& impedance, double pose_age, double dt) noexcept;
   /// Smoothed angular velocity of the device, computed from its orientations, rad/s.
   [[nodiscard]] const Vec3d& angular_velocity() const noexcept { return angular_velocity_; }
   /// Share of the full force: below 1 during a soft start and with old poses.
   [[nodiscard]] double strength() const noexcept { return gain_; }
-  [[nodiscard]] bool bears_torque() const noexcept { return max_torque() > 0; }
+  [[nodiscard]] bool has_torque() const noexcept { return max_torque() > 0; }
 
   /// Sets the force to zero until a reset. ForceResult states the first fault since the last reset.
   void latch(Fault fault) noexcept;
@@ -175,16 +176,18 @@ class ForceRenderer {
   }
 
  private:
-  void render(const ProxyResult& proxy, const DeviceState& device, const Feel& feel, double pose_age, double dt,
-              const ProxyResult* unchanged) noexcept;
-  void render(const ToolResult& tool, const ToolGrip& grip, const DeviceState& device, const Feel& feel,
+  void render(const ProxyResult& proxy, const DeviceState& device, const ContactImpedance& impedance, double pose_age,
+              double dt, const ProxyResult* unchanged) noexcept;
+  void render(const ToolResult& tool, const ToolGrip& grip, const DeviceState& device,
+              const ContactImpedance& impedance, double pose_age, double dt) noexcept;
+  void render(const Hold& hold, const ToolGrip& grip, const DeviceState& device, const ContactImpedance& impedance,
               double pose_age, double dt) noexcept;
-  void render(const Hold& hold, const ToolGrip& grip, const DeviceState& device, const Feel& feel, double pose_age,
-              double dt) noexcept;
-  [[nodiscard]] ToolGrip grip_with(double arm, const Feel& feel, double dt, double loop_delay) const noexcept;
+  [[nodiscard]] ToolGrip grip_with(double arm, const ContactImpedance& impedance, double dt,
+                                   double loop_delay) const noexcept;
   [[nodiscard]] const ForceResult& reported() noexcept;
   /// Latches a fault and returns false when an input is not finite or the device is too fast.
-  [[nodiscard]] bool admit(const DeviceState& device, const Feel& feel, double pose_age, double dt) noexcept;
+  [[nodiscard]] bool admit(const DeviceState& device, const ContactImpedance& impedance, double pose_age,
+                           double dt) noexcept;
   /// Applies all limits to a force and a torque.
   void limit(const Vec3d& force, const Vec3d& torque, double pose_age, double dt) noexcept;
   [[nodiscard]] Vec3d slewed(const Vec3d& wanted, const Vec3d& before, double largest) noexcept;

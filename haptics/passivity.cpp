@@ -8,7 +8,7 @@ namespace tactus::haptics {
 Vec3d PassivityController::step(const Vec3d& force, const Vec3d& position, double passed_on, double dt, bool control,
                                 double stored) noexcept {
   if (!force.allFinite() || !position.allFinite() || !std::isfinite(passed_on + stored) || !(dt > 0)) {
-    ++ledger_.refused;
+    ++ledger_.invalid_inputs;
     force_.setZero();
     return force_;
   }
@@ -18,7 +18,7 @@ Vec3d PassivityController::step(const Vec3d& force, const Vec3d& position, doubl
   ledger_.energy -= force_.dot(displacement) + passed_on;
   ledger_.lowest = std::min(ledger_.lowest, ledger_.energy);
   if (const double above = ledger_.energy - settings_.credit - stored; above > 0) {
-    ledger_.forgotten += above;
+    ledger_.discarded += above;
     ledger_.energy -= above;
   }
   force_ = force;

@@ -51,13 +51,13 @@ class PassivityController {
   void limited(const Vec3d& force) noexcept { force_ = force; }
 
   struct Ledger {
-    double energy = 0;              ///< J, E
-    double lowest = 0;              ///< J, minimum of E
-    double withheld = 0;            ///< J that the withheld force would have given
-    double forgotten = 0;           ///< J discarded above the bound
-    std::uint64_t withholding = 0;  ///< cycles with a reduced force
-    std::uint64_t damping = 0;      ///< cycles with damping
-    std::uint64_t refused = 0;      ///< cycles whose input was not finite
+    double energy = 0;                 ///< J, E
+    double lowest = 0;                 ///< J, minimum of E
+    double withheld = 0;               ///< J that the withheld force would have given
+    double discarded = 0;              ///< J discarded above the bound
+    std::uint64_t withholding = 0;     ///< cycles with a reduced force
+    std::uint64_t damping = 0;         ///< cycles with damping
+    std::uint64_t invalid_inputs = 0;  ///< cycles whose input was not finite
   };
   [[nodiscard]] const Ledger& ledger() const noexcept { return ledger_; }
 

@@ -69,8 +69,8 @@ PluginDevice::PluginDevice(const std::string& library, const std::string& config
                               spec_.max_rotational_stiffness};
   driver_->spec(device_, &reported);
   has_velocity_ = (reported.flags & TACTUS_DEVICE_HAS_VELOCITY) != 0;
-  bears_torque_ = driver_->abi >= 2 && driver_->write_wrench != nullptr;
-  if (!bears_torque_) reported.max_torque = 0;
+  writes_torque_ = driver_->abi >= 2 && driver_->write_wrench != nullptr;
+  if (!writes_torque_) reported.max_torque = 0;
   try {
     spec_ = checked(reported, library);
   } catch (const DeviceError&) {
@@ -112,7 +112,7 @@ DeviceState PluginDevice::read(std::int64_t now_ns) noexcept {
 void PluginDevice::write_wrench(const Vec3d& force, const Vec3d& torque) noexcept {
   if (failed_ && !(force.isZero(0) && torque.isZero(0))) return;  // only a zero force still goes to a failed driver
   const double value[3] = {force.x(), force.y(), force.z()}, turning[3] = {torque.x(), torque.y(), torque.z()};
-  const int result = bears_torque_ ? driver_->write_wrench(device_, value, turning) : driver_->write(device_, value);
+  const int result = writes_torque_ ? driver_->write_wrench(device_, value, turning) : driver_->write(device_, value);
   failed_ = result != 0 || failed_;
 }
 

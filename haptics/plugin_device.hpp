@@ -39,7 +39,7 @@ class PluginDevice final : public Device {
   std::string name_;
   DeviceSpec spec_;
   bool has_velocity_ = false;
-  bool bears_torque_ = false;
+  bool writes_torque_ = false;
   DeviceState state_;
   bool has_pose_ = false;
   bool failed_ = false;

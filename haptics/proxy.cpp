@@ -223,7 +223,7 @@ Proxy::Motion Proxy::move_with_friction(const Vec3d& device, Surface& surface) n
 
 bool Proxy::inside(const Surface& surface) const noexcept {
   SurfaceHit hit;
-  return surface.closest(result_.proxy, settings_.start_reach, hit) && hit.sided &&
+  return surface.closest(result_.proxy, settings_.start_reach, hit) && hit.is_side_known &&
          hit.distance < (result_.outside_only ? settings_.radius : 0);
 }
 
@@ -237,7 +237,7 @@ void Proxy::find_side(const Surface& surface) noexcept {
   SurfaceHit hit;
   side_ = Side::kUnknown;
   result_.near_surface = closest(result_.proxy, surface, hit);
-  if (result_.near_surface && hit.sided) {
+  if (result_.near_surface && hit.is_side_known) {
     side_ = hit.distance < 0 ? Side::kInner : Side::kOuter;
   }
 }
@@ -255,7 +255,7 @@ void Proxy::keep_side(const Surface& surface) noexcept {
         result_.proxy = x;
         return;
       }
-      const double distance = hit.sided ? sign * hit.distance : std::abs(hit.distance);
+      const double distance = hit.is_side_known ? sign * hit.distance : std::abs(hit.distance);
       if (distance >= radius - kSkin) {
         result_.proxy = x;
         return;
@@ -306,7 +306,7 @@ bool Proxy::push(const Vec3d& wanted, double radius, Surface& surface, Vec3d& to
     if (!planes.add(plane_at(hit, radius)) || !planes.nearest(wanted, to)) break;
   }
   // Moves as far as the last obstacle allows, if that is the only one.
-  const Vec3d at = surface.carried(hit.object, result_.proxy);
+  const Vec3d at = surface.moved_point(hit.object, result_.proxy);
   const Vec3d motion = to - at;
   const double closing = -motion.dot(hit.normal);
   to = at;
@@ -316,7 +316,7 @@ bool Proxy::push(const Vec3d& wanted, double radius, Surface& surface, Vec3d& to
 
 void Proxy::move_with_objects(double dt, Surface& surface) noexcept {
   const bool held = result_.in_contact;
-  const Vec3d wanted = held ? surface.carried(result_.object, result_.proxy) : result_.proxy;
+  const Vec3d wanted = held ? surface.moved_point(result_.object, result_.proxy) : result_.proxy;
   if (dt > 0) result_.surface_velocity = (wanted - result_.proxy) / dt;
   // If objects close around the proxy, its centre still stays outside of them.
   for (double share = 1; share >= kMinShare; share /= 4) {
@@ -325,9 +325,9 @@ void Proxy::move_with_objects(double dt, Surface& surface) noexcept {
     result_.proxy = to;
     if (held) {
       for (Vec3d* point : {&last_motion_.start, &last_motion_.goal, &last_motion_.probe, &last_motion_.under.point})
-        *point = surface.carried(result_.object, *point);
+        *point = surface.moved_point(result_.object, *point);
       for (Vec3d* direction : {&result_.normal, &last_motion_.under.normal})
-        *direction = surface.turned(result_.object, *direction);
+        *direction = surface.rotated_direction(result_.object, *direction);
     }
     return;
   }

@@ -96,8 +96,9 @@ class Proxy {
     visit.number("static friction", grip_.static_friction), visit.number("dynamic friction", grip_.dynamic_friction);
     visit.number("proxy", result_.proxy), visit.number("anchor", result_.anchor);
     visit.number("normal", result_.normal), visit.number("surface velocity", result_.surface_velocity);
-    for (bool* flag : {&result_.in_contact, &result_.sticking, &result_.surface_moved, &result_.near_surface,
-                       &result_.outside_only, &last_motion_.probed, &last_motion_.under.sided, &started_, &slipping_})
+    for (bool* flag :
+         {&result_.in_contact, &result_.sticking, &result_.surface_moved, &result_.near_surface, &result_.outside_only,
+          &last_motion_.probed, &last_motion_.under.is_side_known, &started_, &slipping_})
       visit.flag("flag of a proxy", *flag);
     visit.any("object", result_.object), visit.any("face", result_.face);
     visit.number("start of the last motion", last_motion_.start),

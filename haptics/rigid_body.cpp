@@ -83,7 +83,7 @@ void RigidBody::add_implicit(const Mat6d& mass, const Vec6d& impulse) noexcept {
   momentum_ += impulse;
 }
 
-SolverBody RigidBody::free() const noexcept {
+SolverBody RigidBody::free_motion() const noexcept {
   SolverBody body;
   body.inverse_mass = mass_.llt().solve(Mat6d::Identity());
   body.velocity = body.inverse_mass * momentum_;
@@ -162,7 +162,7 @@ class BoxContacts {
 
  private:
   [[nodiscard]] bool closest(const Vec3d& point_body, double max_distance, SurfaceHit& hit) const noexcept {
-    return surface_.closest(body_.state().to_world(point_body), max_distance, hit) && hit.sided;
+    return surface_.closest(body_.state().to_world(point_body), max_distance, hit) && hit.is_side_known;
   }
 
   /// Adds the contact of a point of the box, if there is one. `at`: the point as a multiple of the half edges.

@@ -1,6 +1,6 @@
 /// Simulates a rigid body, one step per cycle, with implicit springs and dampers. The contact solver handles contacts.
 ///
-///     begin --> add forces, springs --> free() --> [ContactSolver] --> finish(velocity)
+///     begin --> add forces, springs --> free_motion() --> [ContactSolver] --> finish(velocity)
 ///
 /// Forces are those at the end of the step: F = K (target - point - dt v') + B (w - v'), with the resulting velocity v'
 /// of the point and the velocity w of the target. The spring energy V is convex, so force times displacement is at most
@@ -94,7 +94,7 @@ class RigidBody {
   /// Replaces the settings from the next step on; velocities do not change.
   void change(const BodySettings& settings) noexcept { settings_ = settings; }
   [[nodiscard]] const BodyState& state() const noexcept { return state_; }
-  void place(const BodyState& state) noexcept { state_ = state; }
+  void set_state(const BodyState& state) noexcept { state_ = state; }
 
   /// Begins a step of `dt` seconds, with gravity and drag.
   void begin(double dt) noexcept;
@@ -105,7 +105,7 @@ class RigidBody {
   /// step.
   void add_implicit(const Mat6d& mass, const Vec6d& impulse) noexcept;
   /// The body for the contact solver: velocity without contacts, and inverse of the effective mass.
-  [[nodiscard]] SolverBody free() const noexcept;
+  [[nodiscard]] SolverBody free_motion() const noexcept;
   /// Ends the step with the velocity that the solver returned.
   void finish(const Vec6d& velocity) noexcept;
   /// Sets both velocities to zero.

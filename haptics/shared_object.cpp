@@ -8,7 +8,7 @@ void SharedObject::follow() noexcept {
   following_ = true;
 }
 
-void SharedObject::own() noexcept {
+void SharedObject::simulate_alone() noexcept {
   coupling_ = nullptr;
   body_.change(whole_);
   following_ = false;
@@ -17,7 +17,7 @@ void SharedObject::own() noexcept {
 
 void SharedObject::couple(CopyCoupling& coupling) noexcept {
   coupling_ = &coupling;
-  body_.change(coupling_->share());
+  body_.change(coupling_->body_settings());
   following_ = false;
   rest_time_ = 0;
 }
@@ -27,7 +27,7 @@ void SharedObject::step(std::int64_t now_ns, std::span<const PointSpring> spring
                         std::span<const RotationalSpring> rotational_springs) noexcept {
   if (following_) return;
   if (!springs.empty() || more != nullptr) rest_time_ = 0;
-  if (asleep()) return;
+  if (is_asleep()) return;
 
   const Vec3d centre = body_.state().position;
   body_.begin(dt);
@@ -35,7 +35,7 @@ void SharedObject::step(std::int64_t now_ns, std::span<const PointSpring> spring
   for (const RotationalSpring& spring : rotational_springs) body_.add_spring(spring);
   if (more != nullptr) body_.add_implicit(more->mass, more->impulse);
   if (coupling_ != nullptr) coupling_->begin(now_ns, dt, body_);
-  SolverBody moving = body_.free();
+  SolverBody moving = body_.free_motion();
   solver_.begin();
   if (surroundings.ground) add_ground_contacts(body_, 0, surroundings.ground_height, solver_);
   if (surroundings.scene != nullptr) add_surface_contacts(body_, 0, *surroundings.scene, solver_);
@@ -52,7 +52,7 @@ void SharedObject::step(std::int64_t now_ns, std::span<const PointSpring> spring
 
   const bool may_sleep = supported && springs.empty() && more == nullptr && coupling_ == nullptr;
   rest_time_ = may_sleep && body_.top_speed() < kRestSpeed ? rest_time_ + dt : 0;
-  if (asleep()) body_.stop();
+  if (is_asleep()) body_.stop();
 }
 
 }  // namespace tactus::haptics

@@ -34,12 +34,12 @@ class SharedObject {
       : whole_{whole}, body_{whole, state} {}
 
   void follow() noexcept;
-  void own() noexcept;
-  /// `coupling` must be for the same body, and must live until the next call of `follow`, `own` or `couple`.
+  void simulate_alone() noexcept;
+  /// `coupling` must be for the same body, and must live until the next call of `follow`, `simulate_alone` or `couple`.
   void couple(CopyCoupling& coupling) noexcept;
 
   /// Sets the state of an object that another program simulates.
-  void place(const BodyState& state) noexcept { body_.place(state); }
+  void set_state(const BodyState& state) noexcept { body_.set_state(state); }
   /// Simulates one cycle. `springs`: of the probes that touch the object. `rotational_springs`: of the probes that hold
   /// it. Does nothing after `follow`.
   void step(std::int64_t now_ns, std::span<const PointSpring> springs, const Surroundings& surroundings, double dt,
@@ -53,8 +53,9 @@ class SharedObject {
   [[nodiscard]] const SolverResult& contacts() const noexcept { return solver_.last(); }
   /// Contacts with static geometry in the last step.
   [[nodiscard]] std::span<const Contact> static_contacts() const noexcept { return solver_.contacts(); }
-  /// Whether the object rests on a surface and is untouched, so that the simulation pauses. Only after `own`.
-  [[nodiscard]] bool asleep() const noexcept { return rest_time_ >= kSleepAfter; }
+  /// Whether the object rests on a surface and is untouched, so that the simulation pauses. Only after
+  /// `simulate_alone`.
+  [[nodiscard]] bool is_asleep() const noexcept { return rest_time_ >= kSleepAfter; }
 
  private:
   static constexpr double kRestSpeed = 5e-4;  // m/s, below which an object counts as at rest

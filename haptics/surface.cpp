@@ -7,8 +7,8 @@ namespace tactus::haptics {
 
 using spm::Feature;
 
-void FirstTouch::offer(const Vec3d& a, const Vec3d& b, const Vec3d& c, std::uint32_t object,
-                       std::uint32_t face) noexcept {
+void FirstTouch::add_triangle(const Vec3d& a, const Vec3d& b, const Vec3d& c, std::uint32_t object,
+                              std::uint32_t face) noexcept {
   spm::SweepHit hit;
   if (!spm::swept_sphere(from_, to_, radius_, a, b, c, hit)) return;
   if (found_ && (hit.time > best_.time || (hit.time == best_.time && !comes_before(object, face)))) return;
@@ -54,8 +54,8 @@ bool is_edge(Feature feature) noexcept {
 
 }  // namespace
 
-void ClosestSide::offer(const Vec3d& a, const Vec3d& b, const Vec3d& c, std::uint32_t object,
-                        std::uint32_t face) noexcept {
+void ClosestSide::add_triangle(const Vec3d& a, const Vec3d& b, const Vec3d& c, std::uint32_t object,
+                               std::uint32_t face) noexcept {
   const spm::ClosestPoint closest = spm::closest_point(query_, a, b, c);
   const double distance = std::sqrt(closest.squared_distance);
   // Distance below which two points count as the same. The closest point of a common edge is computed for each face,
@@ -83,11 +83,11 @@ bool ClosestSide::result(SurfaceHit& hit) const noexcept {
   const double distance = offset.norm();
   const double length = normal_.norm();
   constexpr double kCancelled = 1e-9;
-  hit.sided = length > kCancelled && !(on_edge_ && faces_ == 1);
+  hit.is_side_known = length > kCancelled && !(on_edge_ && faces_ == 1);
   hit.point = point_;
   hit.normal =
       length > kCancelled ? Vec3d(normal_ / length) : (distance > 0 ? Vec3d(offset / distance) : Vec3d::UnitZ());
-  hit.distance = hit.sided && offset.dot(hit.normal) < 0 ? -distance : distance;
+  hit.distance = hit.is_side_known && offset.dot(hit.normal) < 0 ? -distance : distance;
   hit.time = 1;
   hit.object = object_;
   hit.face = face_;

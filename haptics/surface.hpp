@@ -18,7 +18,8 @@ struct SurfaceHit {
   /// After a sweep: from `point` to the sphere's centre. For a closest point: the outer normal.
   Vec3d normal = Vec3d::UnitZ();
   double distance = 0;  ///< closest point only: distance from the query, negative on the inner side
-  bool sided = true;    ///< closest point only; false: the side is unknown, at a border or where normals cancel out
+  bool is_side_known =
+      true;  ///< closest point only; false: the side is unknown, at a border or where normals cancel out
   std::uint32_t object = spm::kNone;
   std::uint32_t face = spm::kNone;  ///< FaceId
 };
@@ -50,12 +51,12 @@ class Surface : public SurfaceDistance {
     return sweep(from, to, radius, hit);
   }
   /// The present position of that point of `object` which was at `point` in the last step. Realtime.
-  [[nodiscard]] virtual Vec3d carried(std::uint32_t object, const Vec3d& point) const noexcept {
+  [[nodiscard]] virtual Vec3d moved_point(std::uint32_t object, const Vec3d& point) const noexcept {
     static_cast<void>(object);
     return point;
   }
   /// The present direction of that vector of `object` which was `direction` in the last step. Realtime.
-  [[nodiscard]] virtual Vec3d turned(std::uint32_t object, const Vec3d& direction) const noexcept {
+  [[nodiscard]] virtual Vec3d rotated_direction(std::uint32_t object, const Vec3d& direction) const noexcept {
     static_cast<void>(object);
     return direction;
   }
@@ -68,7 +69,7 @@ class FirstTouch {
   FirstTouch(const Vec3d& from, const Vec3d& to, double radius) noexcept : from_{from}, to_{to}, radius_{radius} {}
 
   /// Offers the triangle a, b, c, whose corners are counter-clockwise seen from outside.
-  void offer(const Vec3d& a, const Vec3d& b, const Vec3d& c, std::uint32_t object, std::uint32_t face) noexcept;
+  void add_triangle(const Vec3d& a, const Vec3d& b, const Vec3d& c, std::uint32_t object, std::uint32_t face) noexcept;
 
   /// Time of the earliest contact so far, as a share of the motion. Later contacts need not be offered.
   [[nodiscard]] double time() const noexcept { return best_.time; }
@@ -95,7 +96,7 @@ class ClosestSide {
  public:
   ClosestSide(const Vec3d& query, double max_distance) noexcept : query_{query}, reach_{max_distance} {}
 
-  void offer(const Vec3d& a, const Vec3d& b, const Vec3d& c, std::uint32_t object, std::uint32_t face) noexcept;
+  void add_triangle(const Vec3d& a, const Vec3d& b, const Vec3d& c, std::uint32_t object, std::uint32_t face) noexcept;
 
   /// Distance above which a triangle no longer changes the result.
   [[nodiscard]] double reach() const noexcept { return reach_; }

@@ -71,7 +71,7 @@ void Tool::reset() noexcept {
   result_ = ToolResult{};
 }
 
-double Tool::blocked() const noexcept { return (1 - kMaxOverlap) * settings_.collision_margin; }
+double Tool::min_allowed_gap() const noexcept { return (1 - kMaxOverlap) * settings_.collision_margin; }
 
 ToolPose Tool::moved(const ToolPose& pose, const Displacement& displacement) noexcept {
   return {pose.position + displacement.linear, (exp_map(displacement.angular) * pose.orientation).normalized()};
@@ -124,10 +124,10 @@ bool Tool::gather(const ToolPose& pose, double margin, std::uint32_t max_pairs, 
     Eigen::Isometry3d in_model = Eigen::Isometry3d::Identity();
     in_model.linear() = object.rotation.transpose() * turned;
     in_model.translation() = object.rotation.transpose() * (pose.position - object.translation) / object.scale;
-    placed_.place(in_model, 1 / object.scale);
+    placed_.set_pose(in_model, 1 / object.scale);
     const std::uint32_t free_slots = (capacity - block) * kWidth;
-    const spm::MeshTouch touch = placed_.near(*object.tree, margin / object.scale, set.blocks.data() + block,
-                                              free_slots, kNodePairsPerRow * (work_end - result_.work));
+    const spm::MeshTouch touch = placed_.find_near_pairs(*object.tree, margin / object.scale, set.blocks.data() + block,
+                                                         free_slots, kNodePairsPerRow * (work_end - result_.work));
     result_.work += touch.contacts + (touch.work - std::min(touch.work, touch.contacts)) / kNodePairsPerRow;
     if (!touch.complete || touch.contacts > free_slots) return false;
     if (touch.contacts == 0) continue;
@@ -275,7 +275,7 @@ void Tool::add_row(std::uint64_t id, const Gap& gap, double friction) noexcept {
   row.point = pose_.position + gap.arm;
   row.normal = gap.normal;
   row.gap = gap.distance - settings_.collision_margin;
-  if (!push_) row.gap = std::max(row.gap, -kAllowedOverlap * settings_.collision_margin);
+  if (!pushes_out_) row.gap = std::max(row.gap, -kAllowedOverlap * settings_.collision_margin);
   row.friction = friction;
 }
 
@@ -334,7 +334,7 @@ bool Tool::add_violated(const Displacement& displacement, double dt) noexcept {
                           near.normal[1][pair] * (ly + tz * ax - tx * az) +
                           near.normal[2][pair] * (lz + tx * ay - ty * ax);
     // As in the solver, a gap may close, an overlap must not grow, and a large overlap must shrink.
-    const float min = gap >= 0 ? -gap : push_ ? std::min(max, share * std::max(0.0f, -gap - touching)) : 0;
+    const float min = gap >= 0 ? -gap : pushes_out_ ? std::min(max, share * std::max(0.0f, -gap - touching)) : 0;
     excess_[pair] = closing - min;
     if (closing < min - kOff && has_row_[pair] == 0 && near.distance[pair] < kAbsent &&
         !(overlapping_ && near.inner[pair] != 0))
@@ -430,7 +430,7 @@ Tool::Check Tool::check(const Displacement& displacement, int again, std::span<c
   return Check::kTooNear;
 }
 
-/// Lists the pairs that are closer than `blocked()` after the surface changed. They must not come closer.
+/// Lists the pairs that are closer than `min_allowed_gap()` after the surface changed. They must not come closer.
 void Tool::find_overlaps() noexcept {
   overlaps_.clear();
   overlapping_ = current_->nearest <= 0;
@@ -452,7 +452,7 @@ void Tool::find_overlaps() noexcept {
 /// the outermost. The tool also moves with the device in directions that approach no surface, outwards no faster than
 /// the device. It does not rotate. It uses neither solver nor check: the solver would use up the budget, and every
 /// check would report a blocked motion.
-Tool::Step Tool::escape(const ToolPose& device, double dt, double limit) noexcept {
+Tool::Step Tool::push_out(const ToolPose& device, double dt, double limit) noexcept {
   constexpr int kPasses = 2;
   Vec3d out = Vec3d::Zero(), along = to_device(device).linear;
   double nearest = std::numeric_limits<double>::infinity();
@@ -463,7 +463,7 @@ Tool::Step Tool::escape(const ToolPose& device, double dt, double limit) noexcep
         if (distance == kAbsent || (overlapping_ && distance > 0 && current_->inner[pair] != 0)) continue;
         const Gap gap = current_->gap(pair);
         along -= std::min(0.0, along.dot(gap.normal)) * gap.normal;
-        if (pass > 0 || distance >= blocked()) continue;
+        if (pass > 0 || distance >= min_allowed_gap()) continue;
         out += (settings_.collision_margin - distance) * gap.normal;
         if (distance >= nearest) continue;
         nearest = distance;
@@ -504,8 +504,8 @@ Tool::Step Tool::step_towards(const ToolPose& device, double dt, double limit,
   find_overlaps();
   const bool too_near = current_->nearest < (1 - 2 * kSolveAgain) * collision_margin;
   result_.too_near = result_.too_near || too_near;
-  trapped_ = current_->nearest < blocked() && (trapped_ || stuck_);
-  if (trapped_) return escape(device, dt, limit);
+  trapped_ = current_->nearest < min_allowed_gap() && (trapped_ || stuck_);
+  if (trapped_) return push_out(device, dt, limit);
 
   Displacement wanted = to_device(device);
   const double need = longest(wanted);
@@ -513,7 +513,7 @@ Tool::Step Tool::step_towards(const ToolPose& device, double dt, double limit,
                                            : std::max(kMaxStep * collision_margin, current_->nearest);
   const double max = std::min({need, limit, longest_step});
   // A push-out may be longer than the displacement to the device.
-  const double allowed = std::max(max, too_near && push_ ? settings_.push_out * dt : 0);
+  const double allowed = std::max(max, too_near && pushes_out_ ? settings_.push_out * dt : 0);
   // If the device is far inside a surface, the surface prevents nearly all of the wanted displacement, as it did in the
   // previous step. So most of the prevented part is left out. The result is the same, and the solver converges sooner.
   const double held = longest(prevented_), bound = std::max(kMinPress, 2 * device_moved_);
@@ -522,14 +522,14 @@ Tool::Step Tool::step_towards(const ToolPose& device, double dt, double limit,
   choose_first_rows();
   Displacement displacement;
   Check seen = Check::kTooNear;
-  bool cut = false;
+  bool is_shortened = false;
   for (int checks = kChecks; seen == Check::kTooNear && checks > 0; --checks) {
     for (int round = 0; round < kRounds && (round == 0 || result_.work < settings_.work); ++round) {
       displacement = solve(wanted, dt);
       if (const double length = longest(displacement); length > allowed) {
         // Only the unconstrained part is shortened, to the length of the step. So the whole force against nearby
         // surfaces, including friction, still determines the result.
-        cut = cut || length > max;
+        is_shortened = is_shortened || length > max;
         const Displacement excess = displacement * (1 - allowed / length);
         wanted = wanted - excess;
         displacement = displacement - excess;
@@ -540,14 +540,14 @@ Tool::Step Tool::step_towards(const ToolPose& device, double dt, double limit,
   }
   prevented_ = wanted - displacement - prevented_ * -left_out;
   for (int halving = 0; seen == Check::kBlocked && halving < kHalvings; ++halving) {
-    cut = true;
+    is_shortened = true;
     displacement = displacement * 0.5;
     seen = check(displacement, 0, objects);
   }
   if (seen == Check::kBlocked) return {};
   pose_ = candidate_->pose;
   std::swap(current_, candidate_);
-  return {longest(displacement), cut};
+  return {longest(displacement), is_shortened};
 }
 
 /// Moves by `wanted` if no surface is near. Returns false if one is near, or if the search would cost too much.
@@ -595,14 +595,14 @@ const ToolResult& Tool::step(const ToolPose& at, double dt, std::span<const Tool
                       move_freely(wanted, settings_.collision_margin + need + kFloatError, objects);
     double travelled = free ? need : 0;
     for (std::uint32_t i = 0; !free && i < settings_.steps; ++i) {
-      push_ = i == 0;
+      pushes_out_ = i == 0;
       const Step step = step_towards(device, dt, limit - travelled, objects);
       travelled += step.length;
-      result_.lagging = step.cut;
+      result_.lagging = step.is_shortened;
       if (trapped_) break;
-      if (!step.cut || step.length <= 0 || travelled >= 0.99 * limit) break;
+      if (!step.is_shortened || step.length <= 0 || travelled >= 0.99 * limit) break;
     }
-    stuck_ = gathered_ && travelled <= 0 && current_->nearest < blocked();
+    stuck_ = gathered_ && travelled <= 0 && current_->nearest < min_allowed_gap();
     backlog_ = result_.lagging ? std::max(0.0, backlog_ - travelled) : 0;
   }
   device_before_ = device;

@@ -207,13 +207,13 @@ class Tool {
     double distance;
   };
   struct Step {
-    double length = 0;  // m, longest displacement of a point
-    bool cut = true;    // the step is shorter than wanted
+    double length = 0;         // m, longest displacement of a point
+    bool is_shortened = true;  // the step is shorter than wanted
   };
   enum class Check : std::uint8_t { kFree, kTooNear, kBlocked };
 
   /// Smallest gap that a motion may lead to, m.
-  [[nodiscard]] double blocked() const noexcept;
+  [[nodiscard]] double min_allowed_gap() const noexcept;
   /// Upper bound of the displacement of any point of the tool, m.
   [[nodiscard]] double longest(const Displacement& displacement) const noexcept {
     return displacement.linear.norm() + displacement.angular.norm() * probe_.radius();
@@ -238,7 +238,7 @@ class Tool {
   [[nodiscard]] Check check(const Displacement& displacement, int again, std::span<const ToolObject> objects) noexcept;
   [[nodiscard]] Step step_towards(const ToolPose& device, double dt, double limit,
                                   std::span<const ToolObject> objects) noexcept;
-  [[nodiscard]] Step escape(const ToolPose& device, double dt, double limit) noexcept;
+  [[nodiscard]] Step push_out(const ToolPose& device, double dt, double limit) noexcept;
   [[nodiscard]] bool move_freely(const Displacement& wanted, double margin,
                                  std::span<const ToolObject> objects) noexcept;
   void write_result(const ToolPose& device) noexcept;
@@ -267,7 +267,7 @@ class Tool {
   bool gathered_ = false;
   std::vector<Overlap> overlaps_;      // pairs of current_ that are too close, by id
   bool overlapping_ = false;           // some pairs overlap; then pairs on the inner side of a face may separate
-  bool push_ = false;                  // this step pushes the tool out
+  bool pushes_out_ = false;            // this step pushes the tool out
   std::vector<float> excess_;          // m by which the displacement closes a pair more than its gap allows
   std::vector<std::uint8_t> has_row_;  // by pair: the solver has a row for the pair
   std::vector<std::uint32_t> violated_;

@@ -103,7 +103,7 @@ HostCoreSettings core_settings(const HostOptions& options, const std::vector<Ser
   HostCoreSettings settings;
   settings.name = options.address.participant;
   settings.session = options.address.session;
-  for (const ServedObject& object : served) settings.objects.push_back({object.config, &object.model.coded()});
+  for (const ServedObject& object : served) settings.objects.push_back({object.config, &object.model.compressed()});
   settings.at = options.at;
   return settings;
 }

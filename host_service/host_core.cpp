@@ -129,12 +129,12 @@ void HostCore::react(const session::RosterEvent& event, std::int64_t now_ns) {
   if (event.change != RosterChange::kChanged) {
     report(is_problem ? Severity::kWarning : Severity::kInfo, session::text(event));
   }
-  if (event.change == RosterChange::kNameConflict && id == self_.participant && event.entry_yields) {
+  if (event.change == RosterChange::kNameConflict && id == self_.participant && event.entry_must_leave) {
     report(Severity::kError, "a host '" + name_ + "' was in session '" + session_ +
                                  "' before: this one ends; start it with another --name");
     end_ = HostEnd::kNameTaken;
   }
-  metrics_due_.hasten(now_ns, kMetricsSoonNs);  // so that programs which compare scenes get the new one soon
+  metrics_due_.make_due_within(now_ns, kMetricsSoonNs);  // so that programs which compare scenes get the new one soon
   const bool gone = event.change == RosterChange::kLeft || event.change == RosterChange::kGone;
   if (entry.role == session::Role::kHost && gone) authority_.on_host_gone(id, now_ns);
   if (entry.role != session::Role::kHrtc) return;
@@ -167,7 +167,7 @@ std::optional<session::ClockSample> HostCore::on_clock(const session::ClockSampl
     clock_.on_answer(sample, arrived_ns);
     return std::nullopt;
   }
-  if (!clock_.answers()) return std::nullopt;
+  if (!clock_.answers_requests()) return std::nullopt;
   return clock_.answer(sample, arrived_ns, now_ns);
 }
 
@@ -176,7 +176,7 @@ std::optional<session::ClockSample> HostCore::on_failure_detector(const session:
   if (hrtcs_.count(request.origin.participant) == 0 || request.answer || request.peer != self_.participant)
     return std::nullopt;
   session::ClockSample answer = clock_.answer(request, arrived_ns, now_ns);
-  if (!clock_.answers()) answer.t1_ns = answer.t2_ns = session::kClockUnknown;
+  if (!clock_.answers_requests()) answer.t1_ns = answer.t2_ns = session::kClockUnknown;
   return answer;
 }
 
@@ -191,9 +191,9 @@ const HostMessages& HostCore::tick(std::int64_t now_ns) {
   messages_.catalogue = !ticked_ns_ || now_ns - *ticked_ns_ > kHungNs;
   ticked_ns_ = now_ns;
   for (const session::RosterEvent& event : roster_.tick(now_ns)) react(event, now_ns);
-  session::keep_time(roster_, self_, session::Role::kHost, false, now_ns, clock_);
+  session::update_session_clock(roster_, self_, session::Role::kHost, false, now_ns, clock_);
   authority_.on_host(self_.participant, clock_.joined_ns(), now_ns);
-  if (std::exchange(stops_announced_, stops_.changes()) != stops_.changes()) heartbeat_.at_once();
+  if (std::exchange(stops_announced_, stops_.changes()) != stops_.changes()) heartbeat_.make_due();
   if (heartbeat_.due(now_ns)) messages_.roster = roster_entry(now_ns);
   const bool follows = clock_.reference() != 0 && clock_.reference() != self_.participant;
   if (follows && request_due_.due(now_ns)) messages_.clock_request = clock_.request(now_ns);
@@ -211,7 +211,7 @@ void HostCore::move_objects(std::int64_t now_ns) {
   if (clock_.synchronised()) messages_.poses = moved.poses;
   if (authority_.busy())
     objects_due_ns_ = now_ns + kStepNs;
-  else if (authority_.held())
+  else if (authority_.is_any_simulated_elsewhere())
     objects_due_ns_ = now_ns + kHeldNs;
 }
 

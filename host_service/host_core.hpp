@@ -146,7 +146,7 @@ class HostCore {
   std::optional<std::int64_t> ticked_ns_;
   std::int64_t objects_due_ns_ = 0;
   session::Heartbeat heartbeat_;
-  session::Every request_due_, metrics_due_;
+  session::PeriodicTimer request_due_, metrics_due_;
   std::uint64_t beats_ = 0;
   std::uint64_t stops_announced_ = 0;  // StopLatch::changes
   std::uint64_t demands_refused_ = 0, demands_implausible_ = 0;

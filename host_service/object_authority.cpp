@@ -18,7 +18,7 @@ void ObjectAuthority::add(const session::CatalogueEntry& entry, std::int64_t now
   if (!sharing::can_move(entry)) return;
   const sharing::SharedBody body = sharing::body_of(entry);
   const auto [at, is_new] = objects_.try_emplace(entry.object_id, body);
-  at->second.simulated.follow();
+  at->second.shared_object.follow();
   if (is_new) choose_authority(entry.object_id, at->second, now_ns);
 }
 
@@ -32,11 +32,11 @@ void ObjectAuthority::choose_authority(std::uint64_t id, Object& object, std::in
       [&](const auto& other) { return hosts_.count(other.first) != 0 && rank(other.first) < rank(self_.participant); });
   if (other_is_authority) {
     object.arbiter.reset();
-    if (object.is_simulated_here) object.simulated.follow();
+    if (object.is_simulated_here) object.shared_object.follow();
     object.is_simulated_here = false;
   } else if (object.arbiter == nullptr) {
-    object.arbiter =
-        std::make_unique<session::Arbiter>(self_, id, settings_.ownership, now_ns, object.gate.confirmed_fencing());
+    object.arbiter = std::make_unique<session::OwnershipArbiter>(self_, id, settings_.ownership, now_ns,
+                                                                 object.pose_admission.confirmed_fencing());
   }
 }
 
@@ -90,7 +90,7 @@ void ObjectAuthority::on_pose(const session::ObjectPose& pose, std::int64_t now_
   if (at == objects_.end() || pose.origin.participant == self_.participant) return;
   Object& object = at->second;
   if (object.arbiter != nullptr && pose.fencing < object.arbiter->fencing()) return;
-  if (!object.gate.accept(pose, now_ns)) return;
+  if (!object.pose_admission.accept(pose, now_ns)) return;
   if (object.arbiter != nullptr) object.arbiter->on_pose(pose.fencing, now_ns);
   object.pose_interpolator.on_pose(
       {sharing::state_of(pose, object.body.centre), pose.session_time_ns, ++object.received}, session_now_ns);
@@ -99,15 +99,15 @@ void ObjectAuthority::on_pose(const session::ObjectPose& pose, std::int64_t now_
 std::uint64_t ObjectAuthority::implausible() const noexcept {
   std::uint64_t all = 0;
   for (const auto& [id, object] : objects_)
-    all += object.gate.implausible() + (object.arbiter == nullptr ? 0 : object.arbiter->implausible());
+    all += object.pose_admission.implausible() + (object.arbiter == nullptr ? 0 : object.arbiter->implausible());
   return all;
 }
 
 void ObjectAuthority::simulate(Object& object, std::int64_t now_ns, std::int64_t session_now_ns) {
   if (!object.is_simulated_here) {
     object.is_simulated_here = true;
-    object.simulated.place(object.pose_interpolator.at(session_now_ns));
-    object.simulated.own();
+    object.shared_object.set_state(object.pose_interpolator.state_at(session_now_ns));
+    object.shared_object.simulate_alone();
     object.stepped_ns = now_ns;
     object.published_ns = now_ns - settings_.rest_ns;
   }
@@ -115,32 +115,33 @@ void ObjectAuthority::simulate(Object& object, std::int64_t now_ns, std::int64_t
   const haptics::Surroundings around{true, object.body.ground, scenery_ == nullptr ? nullptr : &scenery_->surface()};
   while (object.stepped_ns + kStepNs <= now_ns) {
     object.stepped_ns += kStepNs;
-    if (object.simulated.asleep()) continue;
-    object.simulated.step(session_now_ns, {}, around, 1e-9 * static_cast<double>(kStepNs));
+    if (object.shared_object.is_asleep()) continue;
+    object.shared_object.step(session_now_ns, {}, around, 1e-9 * static_cast<double>(kStepNs));
     ++steps_;
   }
-  for (const haptics::Contact& contact : object.simulated.static_contacts()) contact_points_.push_back(contact.point);
-  object.pose_interpolator.show(object.simulated.state(), session_now_ns);
+  for (const haptics::Contact& contact : object.shared_object.static_contacts())
+    contact_points_.push_back(contact.point);
+  object.pose_interpolator.set_state(object.shared_object.state(), session_now_ns);
 }
 
 const ObjectAuthority::Messages& ObjectAuthority::tick(std::int64_t now_ns, std::int64_t session_now_ns) {
   messages_.grants.clear();
   messages_.poses.clear();
-  busy_ = held_ = false;
+  busy_ = is_any_simulated_elsewhere_ = false;
   contact_points_.clear();
   for (auto& [id, object] : objects_) {
     drop_absent(object, now_ns);
     if (object.arbiter == nullptr) continue;
     if (auto grant = object.arbiter->tick(now_ns)) messages_.grants.push_back(std::move(*grant));
     if (!object.arbiter->host_simulates(now_ns)) {
-      if (object.is_simulated_here) object.simulated.follow();
+      if (object.is_simulated_here) object.shared_object.follow();
       object.is_simulated_here = false;
-      held_ = true;
+      is_any_simulated_elsewhere_ = true;
       continue;
     }
-    const bool was_asleep = object.is_simulated_here && object.simulated.asleep();
+    const bool was_asleep = object.is_simulated_here && object.shared_object.is_asleep();
     simulate(object, now_ns, session_now_ns);
-    const bool asleep = object.simulated.asleep();
+    const bool asleep = object.shared_object.is_asleep();
     busy_ = busy_ || !asleep;
     const std::int64_t period_ns = asleep && was_asleep ? settings_.rest_ns : settings_.pose_ns;
     if (now_ns - object.published_ns < period_ns) continue;
@@ -152,7 +153,7 @@ const ObjectAuthority::Messages& ObjectAuthority::tick(std::int64_t now_ns, std:
     pose.sequence = ++object.sequence;
     pose.fencing = object.arbiter->fencing();
     pose.session_time_ns = session_now_ns - (now_ns - object.stepped_ns);
-    sharing::put_state(object.simulated.state(), object.body.centre, pose);
+    sharing::put_state(object.shared_object.state(), object.body.centre, pose);
     messages_.poses.push_back(pose);
   }
   if (scenery_ != nullptr && busy_) scenery_->refine_around(contact_points_);

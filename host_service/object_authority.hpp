@@ -1,6 +1,6 @@
 /// Decides which programs simulate each movable object of a host, and simulates the objects that no HRTC simulates.
 ///
-///     claims, poses of others -->  Arbiter  --> grants
+///     claims, poses of others -->  OwnershipArbiter --> grants
 ///                                  SharedObject, 1 kHz while it moves --> poses
 ///
 /// An object at rest costs a pose and a grant every `rest_ns`, so that HRTCs which join later receive its pose. If
@@ -60,7 +60,7 @@ class ObjectAuthority {
   /// True while this host simulates a moving object; the next tick is then due after 1 ms.
   [[nodiscard]] bool busy() const noexcept { return busy_; }
   /// True while an HRTC simulates an object of this host; the next tick is then due after a few milliseconds.
-  [[nodiscard]] bool held() const noexcept { return held_; }
+  [[nodiscard]] bool is_any_simulated_elsewhere() const noexcept { return is_any_simulated_elsewhere_; }
   [[nodiscard]] bool empty() const noexcept { return objects_.empty(); }
   /// Number of simulation steps, summed over all objects.
   [[nodiscard]] std::uint64_t steps() const noexcept { return steps_; }
@@ -70,10 +70,10 @@ class ObjectAuthority {
  private:
   struct Object {
     sharing::SharedBody body;
-    std::unique_ptr<session::Arbiter> arbiter;  // null: another host is the authority
-    haptics::SharedObject simulated;
+    std::unique_ptr<session::OwnershipArbiter> arbiter;  // null: another host is the authority
+    haptics::SharedObject shared_object;
     sharing::PoseInterpolator pose_interpolator;
-    session::PoseGate gate;
+    session::PoseAdmission pose_admission;
     std::map<std::uint64_t, std::int64_t> other_hosts;  // that serve the object: absent since; 0: present
     bool is_simulated_here = false;
     std::int64_t stepped_ns = 0, published_ns = 0;
@@ -81,7 +81,7 @@ class ObjectAuthority {
     std::uint64_t received = 0;
 
     explicit Object(const sharing::SharedBody& with)
-        : body{with}, simulated{with.settings, with.start}, pose_interpolator{with.start} {}
+        : body{with}, shared_object{with.settings, with.start}, pose_interpolator{with.start} {}
   };
 
   void choose_authority(std::uint64_t id, Object& object, std::int64_t now_ns);
@@ -96,7 +96,7 @@ class ObjectAuthority {
   std::map<std::uint64_t, Object> objects_;      // by id
   std::map<std::uint64_t, std::int64_t> hosts_;  // present hosts, including this one: session time of joining
   Messages messages_;
-  bool busy_ = false, held_ = false;
+  bool busy_ = false, is_any_simulated_elsewhere_ = false;
   std::uint64_t steps_ = 0;
 };
 

@@ -125,10 +125,10 @@ void Scenery::refine_around(const std::vector<Vec3d>& points) {
   }
 }
 
-bool Scenery::exact(const Vec3d& centre, double radius) const {
+bool Scenery::is_exact(const Vec3d& centre, double radius) const {
   return std::all_of(objects_.begin(), objects_.end(), [&](const auto& object) {
     const sharing::Placement& placement = object->placement;
-    return object->forest->exact(placement.to_model(centre), radius / placement.scale());
+    return object->forest->is_exact(placement.to_model(centre), radius / placement.scale());
   });
 }
 

@@ -37,7 +37,7 @@ class Scenery {
   [[nodiscard]] const haptics::SurfaceDistance& surface() const noexcept { return scene_; }
 
   /// True if the mesh within the sphere is the finest one.
-  [[nodiscard]] bool exact(const haptics::Vec3d& centre, double radius) const;
+  [[nodiscard]] bool is_exact(const haptics::Vec3d& centre, double radius) const;
   /// Number of regions decoded since the construction.
   [[nodiscard]] std::uint64_t regions_loaded() const noexcept { return regions_loaded_; }
 

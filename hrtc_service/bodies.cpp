@@ -67,7 +67,7 @@ void Bodies::add_new_bodies(const Cycle& cycle) noexcept {
     body = Body{};
     body.object = object;
     body.state_in_cycle = object->body->start;
-    body.pose_interpolator.show(body.state_in_cycle, 0);
+    body.pose_interpolator.set_state(body.state_in_cycle, 0);
     simulated_[count_] = haptics::SharedObject{object->body->settings, body.state_in_cycle};
     simulated_[count_].follow();
     ++count_;
@@ -109,13 +109,13 @@ void Bodies::forget_withdrawn(const Cycle& cycle) noexcept {
 
 void Bodies::apply_coupling_order(std::uint32_t i) noexcept {
   Body& body = bodies_[i];
-  haptics::CopyCoupling* const coupling = body.mode == Mode::kHeld ? body.order.coupling : nullptr;
+  haptics::CopyCoupling* const coupling = body.mode == Mode::kTouched ? body.order.coupling : nullptr;
   if (coupling == body.coupling) return;
   body.coupling = coupling;
   if (coupling != nullptr)
     simulated_[i].couple(*coupling);
   else
-    simulated_[i].own();
+    simulated_[i].simulate_alone();
 }
 
 void Bodies::process_orders() noexcept {
@@ -149,7 +149,7 @@ void Bodies::follow_if_superseded(Body& body, haptics::SharedObject& simulated, 
   const bool superseded = body.order.received.number > body.pose_number_at_release;
   if (!superseded && now_ns - body.released_ns < kMaxUnownedNs) return;
   body.mode = Mode::kFollows;
-  body.pose_interpolator.show(simulated.state(), session_ns);
+  body.pose_interpolator.set_state(simulated.state(), session_ns);
   body.interpolated_number = body.pose_number_at_release;
   simulated.follow();
 }
@@ -166,11 +166,11 @@ void Bodies::apply_received_poses(Cycle& cycle, std::int64_t now_ns) noexcept {
     if (body.order.received.number > body.interpolated_number) {
       // Before its time, the first pose is used unchanged.
       if (body.interpolated_number == 0)
-        body.pose_interpolator.show(body.order.received.state, body.order.received.session_ns);
+        body.pose_interpolator.set_state(body.order.received.state, body.order.received.session_ns);
       body.interpolated_number = body.order.received.number;
       body.pose_interpolator.on_pose(body.order.received, session_ns);
     }
-    set_pose(cycle, body, body.pose_interpolator.at(session_ns));
+    set_pose(cycle, body, body.pose_interpolator.state_at(session_ns));
   }
 }
 
@@ -239,10 +239,10 @@ void Bodies::limit_tool(const Cycle& cycle, std::uint32_t p, const haptics::Devi
   output.force = plain(limit_force(p, force, device, energy_to_body, stored, output));
   hand.spring = {tool.point, tool.point - tool.displacement, device.velocity, share * stiffness, share * damping};
 
-  const haptics::Feel feel{body.object->material.stiffness, damping};
+  const haptics::ContactImpedance impedance{body.object->material.stiffness, damping};
   const Vec3d coupling_torque =
-      renderer.grip(feel, settings_.period, device.loop_delay).rotational_stiffness * tool.rotation;
-  const Vec3d torque = renderer.bears_torque()
+      renderer.tool_grip(impedance, settings_.period, device.loop_delay).rotational_stiffness * tool.rotation;
+  const Vec3d torque = renderer.has_torque()
                            ? vec(output.torque)
                            : Vec3d(renderer.strength() *
                                    clamp_factor(coupling_torque.norm(), settings_.force.max_torque) * coupling_torque);
@@ -254,20 +254,20 @@ void Bodies::limit_tool(const Cycle& cycle, std::uint32_t p, const haptics::Devi
 void Bodies::limit_held(const Cycle& cycle, std::uint32_t p, const haptics::DeviceState& device, double energy_to_body,
                         ProbeOutput& output) noexcept {
   HandSpring& hand = springs_[p];
-  const Cycle::HoldState& held = cycle.held(p);
+  const Cycle::HoldState& held = cycle.hold_state(p);
   const haptics::ForceRenderer& renderer = cycle.renderer(p);
-  const double damping = held.feel.damping;
+  const double damping = held.impedance.damping;
   const Vec3d force = vec(output.force), torque = vec(output.torque);
   const Vec3d turn = haptics::rotation_to(held.hold, device);
   const double max_torque = settings_.force.max_torque, wanted = held.pull.torque.norm();
   const double share = force_share(force.norm(), held.pull.force.norm());
-  const double torque_share = renderer.bears_torque() ? force_share(torque.norm(), wanted)
-                                                      : renderer.strength() * clamp_factor(wanted, max_torque);
+  const double torque_share = renderer.has_torque() ? force_share(torque.norm(), wanted)
+                                                    : renderer.strength() * clamp_factor(wanted, max_torque);
   const haptics::ToolGrip& grip = held.grip;
   const double stretch = (held.hold.pose.position - device.position).norm();
   const double stored = spring_energy(grip.stiffness, stretch, settings_.force.max_force);
   output.force = plain(limit_force(p, force, device, energy_to_body, stored, output));
-  if (renderer.bears_torque())
+  if (renderer.has_torque())
     output.torque =
         plain(limit_torque(p, torque, true, spring_energy(grip.rotational_stiffness, turn.norm(), max_torque), output));
   hand.spring = {held.hold.pose.position, device.position, device.velocity, share * grip.stiffness, share * damping};
@@ -379,13 +379,13 @@ void Bodies::simulate(Cycle& cycle, std::int64_t now_ns) noexcept {
     if (count > 0) {
       body.last_touch_ns = now_ns;
       if (body.mode == Mode::kFollows) {
-        simulated.place(body.state_in_cycle);
-        simulated.own();
+        simulated.set_state(body.state_in_cycle);
+        simulated.simulate_alone();
         body.coupling = nullptr;
       }
-      body.mode = Mode::kHeld;
+      body.mode = Mode::kTouched;
       apply_coupling_order(i);
-    } else if (body.mode == Mode::kHeld && now_ns - body.last_touch_ns > kReleaseDelayNs) {
+    } else if (body.mode == Mode::kTouched && now_ns - body.last_touch_ns > kReleaseDelayNs) {
       body.mode = Mode::kReleased;
       body.released_ns = now_ns;
       body.pose_number_at_release = body.order.received.number;
@@ -429,9 +429,9 @@ void Bodies::report(std::int64_t now_ns, std::int64_t session_ns) noexcept {
     const Body& body = bodies_[i];
     BodyReport& report = reports_.bodies[i];
     report.object = body.object->index;
-    report.held = body.mode == Mode::kHeld;
-    report.simulated = body.mode != Mode::kFollows;
-    report.publish_fencing = report.held ? body.order.publish_fencing : 0;
+    report.is_touched = body.mode == Mode::kTouched;
+    report.is_simulated = body.mode != Mode::kFollows;
+    report.publish_fencing = report.is_touched ? body.order.publish_fencing : 0;
     report.coupling_fencing = body.order.coupling_fencing;
     report.state = body.state_in_cycle;
     report.ledger = body.ledger;

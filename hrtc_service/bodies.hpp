@@ -58,8 +58,8 @@ using CopyRing = boost::lockfree::spsc_queue<CopyArrival>;
 
 struct BodyReport {
   std::uint32_t object = 0;
-  bool held = false;       ///< a probe has touched it within the last 0.1 s
-  bool simulated = false;  ///< by this HRTC
+  bool is_touched = false;    ///< a probe has touched it within the last 0.1 s
+  bool is_simulated = false;  ///< by this HRTC
   std::uint64_t publish_fencing = 0, coupling_fencing = 0;
   std::uint32_t copies = 0,
                 copy_index = 0;  ///< number of coupled copies, and index of this copy; 0 copies: no coupling
@@ -106,7 +106,7 @@ class Bodies {
   [[nodiscard]] bool empty() const noexcept { return count_ == 0; }
 
  private:
-  enum class Mode : std::uint8_t { kFollows, kHeld, kReleased };
+  enum class Mode : std::uint8_t { kFollows, kTouched, kReleased };
   struct Body {
     const TouchObject* object = nullptr;
     Mode mode = Mode::kFollows;

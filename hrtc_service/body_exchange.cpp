@@ -33,12 +33,12 @@ void BodyExchange::remove(std::uint32_t object_index, std::uint64_t object_id) {
   slots_[object_index] = {};
   const std::uint64_t posted = slots_out_.post(slots_);
   if (const auto at = endpoints_.find(object_id); at != endpoints_.end()) {
-    dropped_.add(posted, std::move(at->second.out));
+    dropped_.add(posted, std::move(at->second.writer));
     endpoints_.erase(at);
   }
   const std::lock_guard lock{ring_mutex_};
-  past_implausible_ += gates_[object_index].implausible();
-  gates_[object_index] = {};
+  past_implausible_ += copy_admissions_[object_index].implausible();
+  copy_admissions_[object_index] = {};
   copy_received_ns_[object_index] = 0;
 }
 
@@ -47,7 +47,7 @@ void BodyExchange::on_copy(std::uint32_t object, const session::ObjectCopy& copy
   const std::int64_t now_ns = monotonic_ns();
   const std::int64_t session_now_ns = now_ns + session_offset_ns_.load(std::memory_order_relaxed);
   const std::lock_guard lock{ring_mutex_};
-  if (!gates_[object].accept(copy, now_ns, session_now_ns)) return;
+  if (!copy_admissions_[object].accept(copy, now_ns, session_now_ns)) return;
   copy_received_ns_[object].store(now_ns, std::memory_order_relaxed);
   const std::int64_t transit_ns = session_now_ns - copy.session_time_ns;
   if (transit_ns > copy_transit_ns_.load(std::memory_order_relaxed))
@@ -57,18 +57,18 @@ void BodyExchange::on_copy(std::uint32_t object, const session::ObjectCopy& copy
 
 void BodyExchange::sync_endpoints(std::int64_t now_ns) {
   for (const OwnershipClient::BodyStatus& body : gateway_.ownership().bodies()) {
-    if (!body.is_held) continue;
+    if (!body.is_touched) continue;
     Endpoints& endpoints = endpoints_[body.id];
     endpoints.held_ns = now_ns;
-    if (endpoints.out != nullptr) continue;
+    if (endpoints.writer != nullptr) continue;
     endpoints.object = body.object_index;
     const wire::EndpointOptions where{wire::group_partition(body.id)};
-    endpoints.out =
+    endpoints.writer =
         std::make_unique<wire::Writer<session::ObjectCopy>>(participants_, wire::topics::kObjectCopy, where);
-    endpoints.in = std::make_unique<wire::Reader<session::ObjectCopy>>(
+    endpoints.reader = std::make_unique<wire::Reader<session::ObjectCopy>>(
         participants_, wire::topics::kObjectCopy,
         [this, object = body.object_index](session::ObjectCopy&& copy) { on_copy(object, copy); }, where);
-    slots_[body.object_index].copies = endpoints.out.get();
+    slots_[body.object_index].copies = endpoints.writer.get();
     slots_out_.post(slots_);
   }
   for (auto at = endpoints_.begin(); at != endpoints_.end();) {
@@ -77,13 +77,13 @@ void BodyExchange::sync_endpoints(std::int64_t now_ns) {
       continue;
     }
     slots_[at->second.object].copies = nullptr;
-    dropped_.add(slots_out_.post(slots_), std::move(at->second.out));
+    dropped_.add(slots_out_.post(slots_), std::move(at->second.writer));
     at = endpoints_.erase(at);
   }
 }
 
 void BodyExchange::tick(std::int64_t now_ns, const session::ClockMap& clock) {
-  dropped_.collect([this](std::uint64_t number) { return slots_out_.passed(number); });
+  dropped_.collect([this](std::uint64_t number) { return slots_out_.is_adopted(number); });
   if (gateway_.ownership().bodies().empty()) return;
   session_offset_ns_ = clock.session_time(now_ns) - now_ns;
   sync_endpoints(now_ns);
@@ -100,7 +100,7 @@ void BodyExchange::send_claims() {
 std::uint64_t BodyExchange::implausible() const {
   const std::lock_guard lock{ring_mutex_};
   std::uint64_t all = past_implausible_;
-  for (const session::CopyGate& gate : gates_) all += gate.implausible();
+  for (const session::CopyAdmission& admission : copy_admissions_) all += admission.implausible();
   return all;
 }
 

@@ -48,8 +48,8 @@ class BodyExchange {
  private:
   struct Endpoints {
     std::uint32_t object = 0;  // index
-    std::unique_ptr<wire::Writer<session::ObjectCopy>> out;
-    std::unique_ptr<wire::Reader<session::ObjectCopy>> in;
+    std::unique_ptr<wire::Writer<session::ObjectCopy>> writer;
+    std::unique_ptr<wire::Reader<session::ObjectCopy>> reader;
     std::int64_t held_ns = 0;  // time when a user last touched the object
   };
   /// Data of one object for the sender.
@@ -74,7 +74,7 @@ class BodyExchange {
   wire::Writer<session::ObjectClaim> claims_out_;
   wire::Writer<session::ObjectPose> poses_out_;  // sender thread only
   mutable std::mutex ring_mutex_;                // guards the producer's end of the haptic thread's ring, and the gates
-  std::array<session::CopyGate, kMaxObjects> gates_;
+  std::array<session::CopyAdmission, kMaxObjects> copy_admissions_;
   std::uint64_t past_implausible_ = 0;  // copies dropped by the gates of removed objects
   std::array<std::atomic<std::int64_t>, kMaxObjects> copy_received_ns_{};
   std::atomic<std::int64_t> session_offset_ns_{0};

@@ -14,8 +14,9 @@ void ContactQuery::run(std::uint32_t probe, const Vec3d& tip, std::int64_t now_n
     const TouchObject& object = surface[i];
     const Placement& placement = surface.placement(i);
     const spm::PlacedSphere sphere = placed({tip, Vec3d::Zero(), radius_}, placement);
-    const bool object_exact = spm::exact(*object.forest, {&sphere, 1});
-    std::uint32_t found = object.forest->tree().touching(sphere.centre, sphere.radius, contacts_.data(), kMaxContacts);
+    const bool object_exact = spm::is_exact(*object.forest, {&sphere, 1});
+    std::uint32_t found =
+        object.forest->tree().find_contacts(sphere.centre, sphere.radius, contacts_.data(), kMaxContacts);
     const bool truncated = found > kMaxContacts;
     if (truncated) output.status |= session::kContactsTruncated;
     found = std::min(found, kMaxContacts);

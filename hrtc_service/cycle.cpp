@@ -49,7 +49,7 @@ void Cycle::move(const TouchObject& object, const Placement& placement) noexcept
   if (!placement.valid() || std::find(objects_.begin(), objects_.end(), &object) == objects_.end()) return;
   if (observer_ != nullptr) observer_->moved(object, placement);
   ObjectState& state = states_[object.index];
-  if (!state.moved) state.before = state.placement;
+  if (!state.moved) state.previous_placement = state.placement;
   state.moved = true;
   state.placement = placement;
   moved_objects_ |= std::uint64_t{1} << object.index;
@@ -174,7 +174,8 @@ bool Cycle::gather_surface(std::uint32_t number) noexcept {
     if (!is_near(number, *object)) continue;
     const ObjectState& state = states_[object->index];
     if (object->forest->is_base_shown())
-      surfaces_[number].add(*object, state.placement, state.moved ? &state.before : nullptr, state.unchanged[number]);
+      surfaces_[number].add(*object, state.placement, state.moved ? &state.previous_placement : nullptr,
+                            state.unchanged[number]);
     else
       all_have_meshes = false;
   }
@@ -195,9 +196,9 @@ void Cycle::render(std::uint32_t number, const ProbeInput& input, ProbeOutput& o
   with_probe(number, [&](auto& probe) {
     if (const std::uint32_t held = hand.release_if_open(input.device); held != spm::kNone) {
       const ObjectState& state = states_[held];
-      hand.follow_object(step, object(held), state.moved ? state.before : state.placement, state.placement);
-      probe.move_to(step, hand.held().hold.pose);
-      add_force(hand.render(step, settings_.force.zero_by), output);
+      hand.follow_object(step, object(held), state.moved ? state.previous_placement : state.placement, state.placement);
+      probe.move_to(step, hand.state().hold.pose);
+      add_force(hand.render(step, settings_.force.zero_force_age), output);
       return;
     }
     add_force(probe.render(step), output);
@@ -295,7 +296,7 @@ void Cycle::return_removed_objects() noexcept {
 
 void Cycle::select_targets(TouchObject& object) noexcept {
   const double scale = placement(object).scale();
-  targets_.begin(*object.forest, {settings_.refine_margin / scale, settings_.keep_margin / scale});
+  targets_.begin(*object.forest, {settings_.refine_margin / scale, settings_.retain_margin / scale});
   for (std::uint32_t i = 0; i < kMaxProbes; ++i)
     if (is_near(i, object)) add_probe_targets(i, object);
   add_targets_under_bodies(object);
@@ -349,7 +350,7 @@ spm::Advance Cycle::advance(TouchObject& object, spm::Budget& budget, spm::Budge
       began = now;
     else if (!limit.allows(began, now, spent))
       break;
-    costs.predicted_total = static_cast<std::uint32_t>(limit.end(now, spent));
+    costs.predicted_total = static_cast<std::uint32_t>(limit.predicted_end(now, spent));
     const std::uint32_t portion = std::min(kPortion, budget.units);
     budget.units -= portion;
     granted.units += portion;
@@ -385,7 +386,7 @@ std::uint32_t Cycle::refit(TouchObject& object) noexcept {
   // A proxy is close to the faces that stop it. Changes further away do not move it.
   constexpr double kProxyMargin = 1.01;  // tip radii
   ObjectState& state = states_[object.index];
-  const Placement& placement = state.moved ? state.before : state.placement;  // of the last touch
+  const Placement& placement = state.moved ? state.previous_placement : state.placement;  // of the last touch
   const double scale = placement.scale();
   std::array<spm::ChangeDetector, kMaxProbes> change_detectors;
   std::array<std::uint32_t, kMaxProbes> probes;

@@ -50,7 +50,7 @@ struct CycleSettings {
   double refine_margin = 0.0005;
   /// Refined regions are coarsened beyond this distance of a tip, m. It is larger than refine_margin, so that a
   /// trembling tip does not refine and coarsen them in turn.
-  double keep_margin = 0.002;
+  double retain_margin = 0.002;
   /// Time for which refinement covers the predicted motion of a tip, s.
   double refine_ahead = 0.01;
   /// Max number of refined regions of an object, 1 to kMaxTargets. If more are needed, the least urgent remain coarse,
@@ -123,7 +123,7 @@ class Cycle {
             "radius of an unchanged sphere", unchanged.squared_radius, [](double x) { return x >= 0; }, "at least 0");
         visit.flag("flag of an unchanged sphere", unchanged.appeared);
       }
-      for (Placement* placement : {&state.placement, &state.before}) {
+      for (Placement* placement : {&state.placement, &state.previous_placement}) {
         Placement::Numbers numbers = placement->numbers();
         visit.checked(
             "placement", numbers, [](const Placement::Numbers& all) { return Placement{all}.valid(); },
@@ -197,7 +197,7 @@ class Cycle {
   // The surface is valid until the next `touch`.
   [[nodiscard]] const haptics::Proxy& proxy(std::uint32_t probe) const noexcept { return spheres_[probe].proxy(); }
   using HoldState = hrtc_service::HoldState;
-  [[nodiscard]] const HoldState& held(std::uint32_t probe) const noexcept { return held_[probe].held(); }
+  [[nodiscard]] const HoldState& hold_state(std::uint32_t probe) const noexcept { return held_[probe].state(); }
   /// Returns the tool of a probe, null if probes are spheres.
   [[nodiscard]] const ToolTouch* tool(std::uint32_t probe) const noexcept {
     return tools_.empty() ? nullptr : &tools_[probe];
@@ -218,7 +218,7 @@ class Cycle {
   struct ObjectState {
     std::uint32_t changed = 0;                      // probes near whose proxies the mesh changed, by bit
     std::array<Unchanged, kMaxProbes> unchanged{};  // around the proxies, by probe
-    Placement placement, before;
+    Placement placement, previous_placement;
     bool moved = false;  // since the last touch
   };
   [[nodiscard]] bool is_near(std::uint32_t probe, const TouchObject& object) const noexcept {

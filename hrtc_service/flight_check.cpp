@@ -57,7 +57,7 @@ class Check {
     expect_above_zero("period", start.period);
     expect_above_zero("tip radius", start.tip_radius);
     expect_not_negative("refine margin", start.refine_margin);
-    expect_not_negative("keep margin", start.keep_margin);
+    expect_not_negative("retain margin", start.retain_margin);
     expect_not_negative("refine ahead", start.refine_ahead);
     for (const double setting :
          {start.max_force, start.max_slew, start.soft_start, start.recovery, start.hold, start.zero_by, start.max_speed,

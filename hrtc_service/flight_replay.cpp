@@ -57,7 +57,7 @@ CycleSettings settings_of(const trace::FlightStart& start, const spm::MeshProbe*
   settings.radius = start.tip_radius;
   settings.tool = tool;
   settings.refine_margin = start.refine_margin;
-  settings.keep_margin = start.keep_margin;
+  settings.retain_margin = start.retain_margin;
   settings.refine_ahead = start.refine_ahead;
   if (start.targets == 0 || start.targets > CycleSettings::kMaxTargets)
     throw FlightError("found " + std::to_string(start.targets) + " targets, expected 1 to " +
@@ -278,14 +278,14 @@ class Replay {
         std::visit([this](const auto& value) { process(value); }, message);
       }
     } catch (const ImpossibleCall& error) {
-      if (report_.differ == 0)
+      if (report_.different_cycles == 0)
         throw FlightError(name_ + ", after cycle " + std::to_string(cycle_) + ": " + error.what());
-      report_.given_up = "cycle " + std::to_string(cycle_) + ", " + error.what();
+      report_.abort_reason = "cycle " + std::to_string(cycle_) + ", " + error.what();
     } catch (const FlightError& error) {
       throw FlightError(name_ + ", after cycle " + std::to_string(cycle_) + ": " + error.what());
     }
     if (!started_) throw FlightError(name_ + ": found no flight recording in it");
-    report_.cut = reader_.is_truncated();
+    report_.is_truncated = reader_.is_truncated();
     report_.seconds = static_cast<double>(last_ns_ - first_ns_) * 1e-9;
     return std::move(report_);
   }
@@ -296,7 +296,7 @@ class Replay {
     started_ = true;
     report_.start = start;
     report_.from_the_beginning = true;  // until a state follows
-    if (start.build != build_id() && !options_.any_build)
+    if (start.build != build_id() && !options_.accepts_any_build)
       throw FlightError("recorded by build " + start.build + ", this is build " + build_id() +
                         ": only the same one makes the same forces to the bit");
     world_ = std::make_unique<World>(start);
@@ -336,7 +336,7 @@ class Replay {
         arrivals_.push_back(object_arrival(event.object));
         return;
       case Kind::kRegionCame:
-        ++report_.regions_came;
+        ++report_.regions_arrived;
         arrivals_.push_back(world_->region(event.object, region));
         return;
       case Kind::kRegionRetired:
@@ -392,11 +392,11 @@ class Replay {
     if (result.costs.granted != refine.granted || result.budget_spent != (refine.budget_spent != 0) ||
         result.nodes_full != (refine.nodes_full != 0))
       add_difference("refinement went otherwise");
-    report_.regions_left += departures;
+    report_.regions_departed += departures;
     report_.budget_spent += result.budget_spent ? 1 : 0;
     recorded_departures_ = 0;
     ++report_.cycles;
-    if (cycle_differs_) ++report_.differ;
+    if (cycle_differs_) ++report_.different_cycles;
     cycle_differs_ = false;
   }
 

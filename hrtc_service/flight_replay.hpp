@@ -20,17 +20,17 @@ namespace tactus::hrtc_service {
 struct FlightReport {
   trace::FlightStart start;
   bool from_the_beginning = false;  ///< the recording begins at the start of the HRTC
-  bool cut = false;                 ///< the file is truncated
+  bool is_truncated = false;
   std::uint64_t cycles = 0, lost = 0, gaps = 0;
   double seconds = 0;  ///< from the first to the last cycle
   // Counts of the recorded events, which show that the recording is not empty.
   std::uint64_t probe_cycles = 0, in_contact = 0, exact = 0, stale = 0, faulted = 0;
-  std::uint64_t objects = 0, objects_withdrawn = 0, regions_came = 0, regions_left = 0, moves = 0, stops = 0,
+  std::uint64_t objects = 0, objects_withdrawn = 0, regions_arrived = 0, regions_departed = 0, moves = 0, stops = 0,
                 resets = 0;
-  std::uint64_t budget_spent = 0;  ///< cycles in which refinement spent its budget
-  std::uint64_t differ = 0;        ///< cycles with any difference
-  std::string first_difference;    ///< cycle, recorded value, replayed value
-  std::string given_up;            ///< reason why the replay ended early, at an impossible call; else empty
+  std::uint64_t budget_spent = 0;      ///< cycles in which refinement spent its budget
+  std::uint64_t different_cycles = 0;  ///< cycles with any difference
+  std::string first_difference;        ///< cycle, recorded value, replayed value
+  std::string abort_reason;            ///< reason why the replay ended early, at an impossible call; else empty
 };
 
 struct FlightReplayOptions {
@@ -39,7 +39,7 @@ struct FlightReplayOptions {
   /// Receives each probe in each cycle, when set.
   std::function<void(const trace::FlightTouch&, const trace::FlightProbe&, const ProbeOutput&)> on_probe;
   /// Also replays a recording of another build, if it begins at the start of the HRTC. Forces may then differ.
-  bool any_build = false;
+  bool accepts_any_build = false;
   /// Max memory of the pool. A recording that needs more is refused.
   std::uint64_t max_pool_bytes = std::uint64_t{16} << 30;
 };

@@ -67,7 +67,7 @@ trace::FlightStart flight_start(const std::string& participant, const CycleSetti
   start.period = settings.period;
   start.tip_radius = settings.radius;
   start.refine_margin = settings.refine_margin;
-  start.keep_margin = settings.keep_margin;
+  start.retain_margin = settings.retain_margin;
   start.refine_ahead = settings.refine_ahead;
   start.targets = settings.targets;
   const haptics::ForceSettings& force = settings.force;
@@ -75,8 +75,8 @@ trace::FlightStart flight_start(const std::string& participant, const CycleSetti
   start.max_slew = force.max_slew;
   start.soft_start = force.soft_start;
   start.recovery = force.recovery;
-  start.hold = force.hold;
-  start.zero_by = force.zero_by;
+  start.hold = force.max_fresh_age;
+  start.zero_by = force.zero_force_age;
   start.max_speed = force.max_speed;
   start.max_torque = force.max_torque;
   start.max_torque_slew = force.max_torque_slew;

@@ -32,7 +32,7 @@ Gateway::Gateway(spm::Pool& pool, spm::NodePool& nodes, const session::Origin& s
     movable_.erase(object.id);
   };
   loader_.on_object_gone = [this](const Loader::ObjectInfo& object) {
-    ownership_.free(object.index);
+    ownership_.free_withdrawn(object.index);
     if (on_object_gone) on_object_gone(object);
   };
 }
@@ -47,8 +47,8 @@ void Gateway::on_transit(std::int64_t transit_ns, std::int64_t session_now_ns) n
 }
 
 void Gateway::take_reports() {
-  fresh_ = link_.reports_for_gateway.take(probe_reports_);
-  if (!fresh_) return;
+  has_new_reports_ = link_.reports_for_gateway.take(probe_reports_);
+  if (!has_new_reports_) return;
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
     const ProbeOutput& probe = probe_reports_.probes[i];
     reported_probes_[i] = {probe.active,           (probe.status & session::kInContact) != 0,
@@ -71,7 +71,7 @@ void Gateway::move_objects() {
 }
 
 void Gateway::tick(std::int64_t now_ns, const session::ClockMap& clock) {
-  clock_is_set_ = clock.bound(now_ns) < session::kClockUnknown;
+  clock_is_set_ = clock.error_bound(now_ns) < session::kClockUnknown;
   take_reports();
   claims_.clear();
   if (!ownership_.bodies().empty()) {
@@ -80,8 +80,8 @@ void Gateway::tick(std::int64_t now_ns, const session::ClockMap& clock) {
     claims_ = ownership_.tick(now_ns, clock);
     move_objects();
   }
-  loader_.tick(now_ns, reported_probes_, near_);
-  link_.near.post(near_);
+  loader_.tick(now_ns, reported_probes_, near_objects_);
+  link_.near_objects.post(near_objects_);
 }
 
 std::vector<session::CatalogueEntry> Gateway::collect_moved() {

@@ -46,8 +46,8 @@ class Gateway {
   std::function<void(const Loader::ObjectInfo&)> on_object_gone;
 
   void on_catalogue(const session::CatalogueEntry& entry) { loader_.on_catalogue(entry); }
-  void on_host_seen(std::uint64_t host, std::uint64_t incarnation, std::int64_t now_ns) {
-    loader_.on_host_seen(host, incarnation, now_ns);
+  void on_host_heartbeat(std::uint64_t host, std::uint64_t incarnation, std::int64_t now_ns) {
+    loader_.on_host_heartbeat(host, incarnation, now_ns);
   }
   void on_host_gone(std::uint64_t host) { loader_.on_host_gone(host); }
   void on_host_left(std::uint64_t host, std::uint64_t incarnation) { loader_.on_host_left(host, incarnation); }
@@ -72,12 +72,12 @@ class Gateway {
   /// Returns the newest reports.
   [[nodiscard]] const ProbeReports& reports() const noexcept { return probe_reports_; }
   /// Returns whether the last tick received new reports.
-  [[nodiscard]] bool fresh() const noexcept { return fresh_; }
+  [[nodiscard]] bool has_new_reports() const noexcept { return has_new_reports_; }
   [[nodiscard]] const std::array<ReportedProbe, kMaxProbes>& reported_probes() const noexcept {
     return reported_probes_;
   }
   /// Returns the objects near each probe at the last tick.
-  [[nodiscard]] const std::array<NearObjects, kMaxProbes>& near() const noexcept { return near_; }
+  [[nodiscard]] const std::array<NearObjects, kMaxProbes>& near_objects() const noexcept { return near_objects_; }
   [[nodiscard]] const Loader& loader() const noexcept { return loader_; }
   [[nodiscard]] const OwnershipClient& ownership() const noexcept { return ownership_; }
   /// Returns the movable objects whose pose changed since the last call, with their current poses.
@@ -100,9 +100,9 @@ class Gateway {
   std::map<std::uint64_t, Movable> movable_;  // by object id
   ProbeReports probe_reports_;
   BodyReports body_reports_;
-  bool fresh_ = false;
+  bool has_new_reports_ = false;
   std::array<ReportedProbe, kMaxProbes> reported_probes_;
-  std::array<NearObjects, kMaxProbes> near_;
+  std::array<NearObjects, kMaxProbes> near_objects_;
   std::vector<session::ObjectClaim> claims_;
 };
 

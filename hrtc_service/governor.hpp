@@ -25,16 +25,18 @@ namespace tactus::hrtc_service {
 
 /// The time limit of refinement in one cycle, in addition to its Budget.
 struct RefineLimit {
-  double until = std::numeric_limits<double>::infinity();  ///< max predicted end, ns since the start of the cycle
-  double min_duration = 0;                                 ///< time that refinement may always take, ns
-  double refit_ns_per_unit = 0;                            ///< cost of refitting for each refined unit of Budget, ns
+  double max_end = std::numeric_limits<double>::infinity();  ///< max predicted end, ns since the start of the cycle
+  double min_duration = 0;                                   ///< time that refinement may always take, ns
+  double refit_ns_per_unit = 0;                              ///< cost of refitting for each refined unit of Budget, ns
 
   /// Returns the predicted end of the cycle if no further portion begins, ns.
-  [[nodiscard]] double end(double now, std::uint32_t units) const noexcept { return now + units * refit_ns_per_unit; }
+  [[nodiscard]] double predicted_end(double now, std::uint32_t units) const noexcept {
+    return now + units * refit_ns_per_unit;
+  }
   /// Returns whether another portion may begin at `now`. `began`: start of the first portion, which is always
   /// permitted.
   [[nodiscard]] bool allows(double began, double now, std::uint32_t units) const noexcept {
-    return end(now, units) < std::max(until, began + min_duration);
+    return predicted_end(now, units) < std::max(max_end, began + min_duration);
   }
 };
 

@@ -15,20 +15,20 @@ void GroupEndpoints::sync(RemoteUsers& users, const std::array<std::uint64_t, kM
   const std::vector<std::uint64_t> groups = users.groups();
   for (const std::uint64_t group : groups) {
     Endpoints& endpoints = endpoints_[group];
-    if (endpoints.out == nullptr) {
+    if (endpoints.writer == nullptr) {
       const wire::EndpointOptions where{wire::group_partition(group)};
-      endpoints.out =
+      endpoints.writer =
           std::make_unique<wire::Writer<session::ProbeState>>(participants_, wire::topics::kProbeStateFullRate, where);
-      endpoints.in = std::make_unique<wire::Reader<session::ProbeState>>(
+      endpoints.reader = std::make_unique<wire::Reader<session::ProbeState>>(
           participants_, wire::topics::kProbeStateFullRate, on_state_, where);
       spdlog::info("users near one object: group {:016x} opens", group);
     }
-    users.on_peers(group, endpoints.out->matched() > 0 && endpoints.in->matched() > 0);
+    users.on_peers(group, endpoints.writer->matched() > 0 && endpoints.reader->matched() > 0);
   }
   full_rate_ = {};
   for (std::uint32_t i = 0; i < kMaxProbes; ++i)
     if (const std::uint64_t group = ids[i] == 0 ? 0 : users.group_of(ids[i]); group != 0)
-      full_rate_[i] = endpoints_.at(group).out.get();
+      full_rate_[i] = endpoints_.at(group).writer.get();
   const std::uint64_t number = full_rate_out_.post(full_rate_);
   for (auto at = endpoints_.begin(); at != endpoints_.end();) {
     if (std::binary_search(groups.begin(), groups.end(), at->first)) {
@@ -36,11 +36,11 @@ void GroupEndpoints::sync(RemoteUsers& users, const std::array<std::uint64_t, kM
       continue;
     }
     spdlog::info("users apart: group {:016x} closes", at->first);
-    at->second.in.reset();
+    at->second.reader.reset();
     dropped_.add(number, std::move(at->second));
     at = endpoints_.erase(at);
   }
-  dropped_.collect([this](std::uint64_t dropped) { return full_rate_out_.passed(dropped); });
+  dropped_.collect([this](std::uint64_t dropped) { return full_rate_out_.is_adopted(dropped); });
 }
 
 std::size_t GroupEndpoints::collaborating() const noexcept {

@@ -38,8 +38,8 @@ class GroupEndpoints {
 
  private:
   struct Endpoints {
-    std::unique_ptr<wire::Writer<session::ProbeState>> out;
-    std::unique_ptr<wire::Reader<session::ProbeState>> in;
+    std::unique_ptr<wire::Writer<session::ProbeState>> writer;
+    std::unique_ptr<wire::Reader<session::ProbeState>> reader;
   };
   using Writers = std::array<wire::Writer<session::ProbeState>*, kMaxProbes>;  // by probe
 

@@ -1,11 +1,11 @@
 /// Passes lists of borrowed objects from an owner thread to a user thread, and reports when the user no longer uses the
 /// earlier lists.
 ///
-///     owner   post(list 7) ... post(list 8, without w)     passed(8)? not yet     passed(8)? yes: destroys w
+///     owner   post(list 7) ... post(list 8, without w)     is_adopted(8)? not yet     is_adopted(8)? yes: destroys w
 ///     user                 latest -> list 7, uses w                    latest -> list 8
 ///
-/// The user takes no lock. The owner destroys objects, which is slow, after the user has passed their lists. One owner
-/// thread, one user thread. Realtime for the user.
+/// The user takes no lock. The owner destroys objects, which is slow, after the user has adopted a later list. One
+/// owner thread, one user thread. Realtime for the user.
 #pragma once
 
 #include <atomic>
@@ -27,7 +27,7 @@ class Handover {
     return posted_;
   }
   /// Returns whether the user has adopted this list or a later one, and so no longer uses earlier lists. Owner thread.
-  [[nodiscard]] bool passed(std::uint64_t number) const noexcept {
+  [[nodiscard]] bool is_adopted(std::uint64_t number) const noexcept {
     return adopted_.load(std::memory_order_acquire) >= number;
   }
 
@@ -48,15 +48,15 @@ class Handover {
   std::atomic<std::uint64_t> adopted_{0};
 };
 
-/// Holds objects of an earlier list until the user has passed that list.
+/// Holds objects of an earlier list until the user has adopted a later list.
 template <class Thing>
 class Retired {
  public:
   void add(std::uint64_t number, Thing&& thing) { waiting_.emplace_back(number, std::move(thing)); }
-  /// Destroys the objects for which `passed(number)` is true. Numbers ascend.
-  template <class Passed>
-  void collect(Passed&& passed) {
-    while (!waiting_.empty() && passed(waiting_.front().first)) waiting_.pop_front();
+  /// Destroys the objects for which `is_adopted(number)` is true. Numbers ascend.
+  template <class IsAdopted>
+  void collect(IsAdopted&& is_adopted) {
+    while (!waiting_.empty() && is_adopted(waiting_.front().first)) waiting_.pop_front();
   }
   [[nodiscard]] std::size_t size() const noexcept { return waiting_.size(); }
 

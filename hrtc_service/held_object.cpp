@@ -16,15 +16,16 @@ void HeldObject::follow_object(const ProbeStep& step, const TouchObject& object,
   held_.hold.pose = {now.to_world(point), (turn * quaternion(grasp_.orientation)).normalized()};
   held_.hold.velocity = (held_.hold.pose.position - before.to_world(point)) / step.period;
   held_.hold.angular_velocity = haptics::log_map(turn * turn_before.conjugate()) / step.period;
-  held_.feel = {object.material.stiffness, object.material.damping};
-  held_.grip = step.renderer.hold(held_.feel, step.period, step.input.device.loop_delay);
+  held_.impedance = {object.material.stiffness, object.material.damping};
+  held_.grip = step.renderer.hold_grip(held_.impedance, step.period, step.input.device.loop_delay);
 }
 
-const haptics::ForceResult& HeldObject::render(const ProbeStep& step, double zero_by) noexcept {
+const haptics::ForceResult& HeldObject::render(const ProbeStep& step, double zero_force_age) noexcept {
   const haptics::DeviceState& device = step.input.device;
   const haptics::ForceResult& force =
-      step.renderer.step(held_.hold, held_.grip, device, held_.feel, step.age(), step.period);
-  held_.pull = haptics::wrench_of(held_.hold, held_.grip, held_.feel.damping, device, step.renderer.angular_velocity());
+      step.renderer.step(held_.hold, held_.grip, device, held_.impedance, step.age(), step.period);
+  held_.pull =
+      haptics::wrench_of(held_.hold, held_.grip, held_.impedance.damping, device, step.renderer.angular_velocity());
   ProbeOutput& output = step.output;
   output.proxy = plain(held_.hold.pose.position);
   output.force = plain(force.force);
@@ -32,7 +33,7 @@ const haptics::ForceResult& HeldObject::render(const ProbeStep& step, double zer
   output.object = held_.object;
   output.stiffness = static_cast<float>(held_.grip.stiffness);
   output.status |= session::kInContact | session::kHolding;
-  if (force.fault != haptics::Fault::kNone || step.age() >= zero_by) {
+  if (force.fault != haptics::Fault::kNone || step.age() >= zero_force_age) {
     grasp_ = {};
     grasp_.must_open = true;
   }

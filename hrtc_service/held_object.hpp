@@ -11,7 +11,7 @@ namespace tactus::hrtc_service {
 struct HoldState {
   std::uint32_t object = spm::kNone;  ///< index of the held object; kNone: none
   haptics::Hold hold;
-  haptics::Feel feel;  ///< of the object
+  haptics::ContactImpedance impedance;  ///< of the object
   haptics::ToolGrip grip;
   haptics::Wrench pull;  ///< wrench on the hand, before limits
 };
@@ -29,8 +29,8 @@ class HeldObject {
   void follow_object(const ProbeStep& step, const TouchObject& object, const Placement& before,
                      const Placement& now) noexcept;
   /// Computes the force of the hold, after `follow_object`. Releases the object after a fault, or if the pose is
-  /// `zero_by` seconds old. The force is zero by then, and the object could be far away when the force returned.
-  const haptics::ForceResult& render(const ProbeStep& step, double zero_by) noexcept;
+  /// `zero_force_age` seconds old. The force is zero by then, and the object could be far away when the force returned.
+  const haptics::ForceResult& render(const ProbeStep& step, double zero_force_age) noexcept;
   /// If the grab button is down, holds the touched object from the next touch on. `point`: where it is held, world;
   /// `placement`: of the object in this touch; `can_move`: whether the object is movable.
   void hold_if_closed(const ProbeStep& step, const Vec3d& point, const Placement& placement, bool can_move) noexcept;
@@ -44,7 +44,7 @@ class HeldObject {
     return true;
   }
 
-  [[nodiscard]] const HoldState& held() const noexcept { return held_; }
+  [[nodiscard]] const HoldState& state() const noexcept { return held_; }
 
   /// As Cycle::for_each_carried. `can_move(object)`: whether the object of that index is movable.
   template <class Visit, class CanMove>

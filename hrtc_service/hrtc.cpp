@@ -45,7 +45,7 @@ constexpr std::int64_t kTargetsLogNs = 10'000 * kMs;
 constexpr std::int64_t kGroupsNs = 20 * kMs;
 constexpr std::int64_t kNoHostLogNs = 5000 * kMs;
 
-using session::Every;
+using session::PeriodicTimer;
 struct HostAnswer {
   session::ClockSample sample;
 };
@@ -162,7 +162,7 @@ struct Hrtc::Impl {
   std::unique_ptr<TimerBeside> timer;
   std::unique_ptr<ContactJournal> log;
 
-  Every metrics{kMetricsNs}, all_metrics{kAllMetricsNs}, no_host{kNoHostLogNs}, sync_groups{kGroupsNs};
+  PeriodicTimer metrics{kMetricsNs}, all_metrics{kAllMetricsNs}, no_host{kNoHostLogNs}, sync_groups{kGroupsNs};
   std::int64_t started_ns = 0;
   bool ended = false;
   int exit_code = 0;
@@ -170,7 +170,7 @@ struct Hrtc::Impl {
   std::array<std::uint32_t, kMaxProbes> holds_logged{};   // status bits
   LateCycleClassifier late_cycles;
   std::deque<CycleTrace> late_traces;  // late cycles without a class
-  Every overrun_logged{kOverrunLogNs}, targets_logged{kTargetsLogNs};
+  PeriodicTimer overrun_logged{kOverrunLogNs}, targets_logged{kTargetsLogNs};
   std::uint32_t overruns_unlogged = 0;
   std::uint64_t first_cycle = 0;  // number of the first reported cycle; 0: none
   std::int64_t first_cycle_ns = 0;
@@ -399,7 +399,7 @@ void Hrtc::Impl::process_output() {
   }
   if (output.roster) send(std::move(*output.roster));
   // Programs compare scenes by these metrics.
-  if (output.scene_changed) metrics.hasten(monotonic_ns(), kSceneMetricsNs);
+  if (output.scene_changed) metrics.make_due_within(monotonic_ns(), kSceneMetricsNs);
   if (output.name_conflict) {
     exit_code = 2;
     ended = true;
@@ -448,7 +448,7 @@ void Hrtc::Impl::send_metrics(bool all) {
       {names::kRegionsReceived, static_cast<double>(figures.regions_received)},
       {names::kEvictions, static_cast<double>(figures.regions_evicted)},
       {names::kReloads, static_cast<double>(figures.regions_reloaded)},
-      {names::kRefusedFull, static_cast<double>(figures.refused_full)},
+      {names::kRegionsRefused, static_cast<double>(figures.refused_full)},
       {names::kObjectsRefused, static_cast<double>(figures.objects_refused)},
       {names::kRecordsReceived, static_cast<double>(figures.records_received)},
       {names::kRecordsReturned, static_cast<double>(figures.records_returned)},
@@ -474,7 +474,7 @@ void Hrtc::Impl::send_metrics(bool all) {
   since_catalogue(names::kFirstExact, first.exact_ns);
   if (first.exact_ns != 0) sample.figures.push_back({names::kFirstExactBytes, static_cast<double>(first.bytes)});
   membership.remote_users().add_figures(sample.figures);
-  sample.figures.push_back({names::kTogether, static_cast<double>(groups.collaborating())});
+  sample.figures.push_back({names::kCollaborating, static_cast<double>(groups.collaborating())});
   gateway.ownership().add_figures(sample.figures);
   static_assert(kMaxObjects <= session::kMaxMeshes);
   const MeshHashes& hashes = core.link().mesh_hashes.latest();
@@ -490,7 +490,7 @@ void Hrtc::Impl::tick_gateway(std::int64_t now_ns) {
   exchange.tick(now_ns, membership.clock());
   gateway.tick(now_ns, membership.clock());
   exchange.send_claims();
-  if (gateway.fresh()) process_reports();
+  if (gateway.has_new_reports()) process_reports();
 }
 
 void Hrtc::Impl::process_reports() {
@@ -642,7 +642,7 @@ void Hrtc::Impl::serve(std::int64_t now_ns) {
     if (flight) flight->save("requested by a signal", true);
   }
   take_snapshots(now_ns);
-  if (!membership.host_seen()) check_for_hosts(now_ns);
+  if (!membership.has_found_host()) check_for_hosts(now_ns);
 }
 
 void Hrtc::Impl::send_requests() {
@@ -724,16 +724,17 @@ int Hrtc::Impl::run(const std::atomic<bool>& stop) {
   // A pass begins at its time, not when a sample arrives, because the number of samples grows with the square of the
   // session's size. Passes should take only a tenth of a core: on an overloaded machine answers arrive later, so
   // prediction looks further ahead and takes more time. The failure detector also runs between passes.
-  Every pass{kMinServiceNs}, watch{kMinServiceNs};
+  PeriodicTimer pass{kMinServiceNs}, watch{kMinServiceNs};
   while (!stop && !ended) {
     const std::int64_t before_ns = monotonic_ns();
     const std::int64_t watch_ns = membership.watch_period_ns();
     if (watch_ns > 0) watch.set_period(watch_ns);
-    const auto patience = watch_ns > 0 ? std::min(pass.left(before_ns), watch.left(before_ns)) : pass.left(before_ns);
+    const auto patience =
+        watch_ns > 0 ? std::min(pass.remaining(before_ns), watch.remaining(before_ns)) : pass.remaining(before_ns);
     for (const Inbox::Arrived& arrived : inbox.take(patience))
       std::visit([&](const auto& sample) { process(sample, arrived.at_ns); }, arrived.sample);
     const std::int64_t now_ns = monotonic_ns();
-    if (watch_ns > 0 && watch.due(now_ns) && membership.watch_hosts(now_ns)) pass.at_once();
+    if (watch_ns > 0 && watch.due(now_ns) && membership.watch_hosts(now_ns)) pass.make_due();
     process_output();
     if (!pass.due(now_ns)) continue;
     serve(now_ns);

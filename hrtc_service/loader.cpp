@@ -42,7 +42,7 @@ Loader::Loader(spm::Pool& pool, spm::NodePool& nodes, const session::Origin& sel
 Loader::~Loader() = default;
 
 void Loader::on_catalogue(const session::CatalogueEntry& entry) {
-  change_offers([&] { delivery_.offer(entry); });
+  change_offers([&] { delivery_.on_catalogue(entry); });
   if (!entry.withdrawn) open(entry);
 }
 
@@ -112,18 +112,18 @@ template <class Change>
 void Loader::change_offers(Change&& change) {
   std::vector<Object*> offered;
   for (Object* object : active_)
-    if (delivery_.offered(object->info.id, object->info.digest)) offered.push_back(object);
+    if (delivery_.is_offered(object->info.id, object->info.digest)) offered.push_back(object);
   change();
   for (Object* object : offered)
-    if (!delivery_.offered(object->info.id, object->info.digest)) withdraw(*object);
+    if (!delivery_.is_offered(object->info.id, object->info.digest)) withdraw(*object);
 }
 
-void Loader::drop_parked(const Object& object) {
-  for (const Parked& parked : parked_)
-    if (parked.object == &object) parked_bytes_ -= parked.message.bytes.size();
-  parked_.erase(
-      std::remove_if(parked_.begin(), parked_.end(), [&](const Parked& parked) { return parked.object == &object; }),
-      parked_.end());
+void Loader::drop_waiting(const Object& object) {
+  for (const WaitingMessage& waiting : waiting_messages_)
+    if (waiting.object == &object) waiting_bytes_ -= waiting.message.bytes.size();
+  waiting_messages_.erase(std::remove_if(waiting_messages_.begin(), waiting_messages_.end(),
+                                         [&](const WaitingMessage& waiting) { return waiting.object == &object; }),
+                          waiting_messages_.end());
 }
 
 /// Removes the objects without a base mesh that no host offers any more.
@@ -133,12 +133,12 @@ void Loader::forget_unoffered(std::int64_t now_ns) {
   offers_checked_ns_ = now_ns;
   std::vector<std::uint64_t> unoffered;
   for (const auto& [id, object] : objects_)
-    if (!object->ready && !delivery_.offered(id, object->info.digest)) unoffered.push_back(id);
+    if (!object->ready && !delivery_.is_offered(id, object->info.digest)) unoffered.push_back(id);
   for (const std::uint64_t id : unoffered) {
     Object& object = *objects_.at(id);
     report_event("object " + object.info.name + ": no host offers it any more");
     delivery_.close(id);
-    drop_parked(object);
+    drop_waiting(object);
     drop_pending_base(object);
     if (!object.refused) directory_bytes_ -= spm::directory_bytes(object.summary, pool_.settings);
     forget(object);
@@ -146,14 +146,14 @@ void Loader::forget_unoffered(std::int64_t now_ns) {
   if (!unoffered.empty()) open_postponed();
 }
 
-void Loader::on_host_seen(std::uint64_t host, std::uint64_t incarnation, std::int64_t now_ns) {
-  delivery_.host_seen(host, incarnation, now_ns);
+void Loader::on_host_heartbeat(std::uint64_t host, std::uint64_t incarnation, std::int64_t now_ns) {
+  delivery_.on_host_heartbeat(host, incarnation, now_ns);
 }
 
-void Loader::on_host_gone(std::uint64_t host) { delivery_.host_gone(host); }
+void Loader::on_host_gone(std::uint64_t host) { delivery_.on_host_gone(host); }
 
 void Loader::on_host_left(std::uint64_t host, std::uint64_t incarnation) {
-  change_offers([&] { delivery_.host_left(host, incarnation); });
+  change_offers([&] { delivery_.on_host_left(host, incarnation); });
 }
 
 void Loader::on_host_silent(std::uint64_t host) { delivery_.suspect_host(host); }
@@ -326,7 +326,7 @@ void Loader::find_near(const std::array<ReportedProbe, kMaxProbes>& probes, std:
     spheres.push_back({probes[i].device, reach + settings_.near_distance});
     numbers.push_back(i);
   }
-  for (const spm::fcl::NearPair& pair : broad_phase_.near(std::span<const spm::fcl::ProbeSphere>{spheres}))
+  for (const spm::fcl::NearPair& pair : broad_phase_.find_near_pairs(std::span<const spm::fcl::ProbeSphere>{spheres}))
     near[numbers[pair.probe]].found |= std::uint64_t{1} << pair.object;
 }
 
@@ -335,7 +335,7 @@ void Loader::tick(std::int64_t now_ns, const std::array<ReportedProbe, kMaxProbe
   process_departures();
   admit_pending_bases();
   collect_released();
-  store_parked(now_ns);
+  store_waiting(now_ns);
   forget_unoffered(now_ns);
   for (Object* object : active_) observe(*object, probes);
   constexpr std::int64_t kAtRestNs = 100'000'000;

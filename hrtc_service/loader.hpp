@@ -135,7 +135,7 @@ class Loader {
   [[nodiscard]] bool has_object(std::uint64_t object_id) const { return objects_.count(object_id) != 0; }
   /// Bytes of the directories of all objects, at most LoaderSettings::directory_bytes.
   [[nodiscard]] std::uint64_t directory_bytes_used() const noexcept { return directory_bytes_; }
-  void on_host_seen(std::uint64_t host, std::uint64_t incarnation, std::int64_t now_ns);
+  void on_host_heartbeat(std::uint64_t host, std::uint64_t incarnation, std::int64_t now_ns);
   void on_host_gone(std::uint64_t host);
   /// Processes the leave message of this incarnation.
   void on_host_left(std::uint64_t host, std::uint64_t incarnation);
@@ -259,7 +259,7 @@ class Loader {
 
   [[nodiscard]] bool reserve_directory(Object& object);
   void forget_unoffered(std::int64_t now_ns);
-  void drop_parked(const Object& object);
+  void drop_waiting(const Object& object);
   void open(const session::CatalogueEntry& entry);
   void postpone(const session::CatalogueEntry& entry);
   template <class Change>
@@ -298,7 +298,7 @@ class Loader {
   /// Estimates the memory of a region in the store, in blocks.
   [[nodiscard]] double block_estimate(const Object& object, std::uint32_t region) const noexcept;
   void on_region(Object& object, session::DeliveryClient::Message message, std::int64_t now_ns);
-  void store_parked(std::int64_t now_ns);
+  void store_waiting(std::int64_t now_ns);
   /// Stores or refuses the region of a message. Returns false if the message has to wait for an eviction.
   [[nodiscard]] bool store_or_refuse(Object& object, const session::DeliveryClient::Message& message,
                                      std::int64_t now_ns);
@@ -318,10 +318,10 @@ class Loader {
   /// Estimates the slots of all records of a region.
   [[nodiscard]] double slot_estimate(const Object& object, std::uint32_t region) const noexcept;
   /// Estimates the memory that loading a region would take, without its records that are already loaded.
-  [[nodiscard]] spm::Cache::Room room_to_load(const Object& object, std::uint32_t region) const noexcept;
+  [[nodiscard]] spm::Cache::Space space_to_load(const Object& object, std::uint32_t region) const noexcept;
   void load_soonest();
   /// Decodes a stored region into the pool. Returns the memory that is missing for that, zero if the pool was not full.
-  [[nodiscard]] spm::Cache::Room load(Object& object, std::uint32_t region);
+  [[nodiscard]] spm::Cache::Space load(Object& object, std::uint32_t region);
   void coarsen();
   void process_departures();
   void push_arrivals();
@@ -345,7 +345,7 @@ class Loader {
   std::array<Object*, kMaxObjects> by_index_{};                 // ready; null: none
   std::map<std::uint64_t, session::CatalogueEntry> postponed_;  // by id; entries to open when another object is gone
   struct PredictedContact {
-    double doubt;            // as in spm::PredictedRegion, larger if the region cannot arrive before the contact ends
+    double uncertainty;      // sigmas_from_path, increased if the region cannot arrive before the contact ends
     double request_order;    // s; time to contact, larger if the region cannot arrive before the contact ends
     double time_to_contact;  // s
     Object* object;
@@ -367,12 +367,13 @@ class Loader {
   std::deque<PendingBase> pending_bases_;  // base meshes that wait until regions are coarsened
   std::uint32_t pending_base_slots_ = 0;   // slots that they need
   std::deque<Arrival> pending_arrivals_;   // arrivals for which the ring was full
-  struct Parked {
+  struct WaitingMessage {
     Object* object;
     session::DeliveryClient::Message message;
   };
-  std::deque<Parked> parked_;  // messages that wait for memory, in order: one may need the records of an earlier one
-  std::size_t parked_bytes_ = 0;
+  std::deque<WaitingMessage>
+      waiting_messages_;  // messages that wait for memory, in order: one may need the records of an earlier one
+  std::size_t waiting_bytes_ = 0;
   std::deque<RegionRef> eviction_candidates_;  // regions in kRetired or kEvictable, in the order of eviction
   std::uint32_t blocks_needed_ = 0;            // estimated blocks of the wanted regions that arrive next
   std::uint32_t blocks_reserve_ = 0;           // blocks to free before wanted regions need them
@@ -380,10 +381,10 @@ class Loader {
   struct Departing {
     Object* object;
     std::uint32_t region;
-    spm::Cache::Room room;  // memory that its release frees, at least
+    spm::Cache::Space space;  // memory that its release frees, at least
   };
   std::vector<Departing> departing_;
-  spm::Cache::Room missing_room_;        // estimated memory that the pool lacks for stored regions of `pool_targets_`
+  spm::Cache::Space missing_space_;      // estimated memory that the pool lacks for stored regions of `pool_targets_`
   std::vector<RegionRef> pool_targets_;  // regions with `belongs_in_pool`
   std::int64_t last_tick_ns_ = 0;        // equal to the time of `mark_wanted` of every wanted region
   std::uint32_t base_slots_ = 0;         // slots of all base meshes, loaded or pending

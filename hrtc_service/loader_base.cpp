@@ -23,10 +23,10 @@ void Loader::on_base_mesh(Object& object, const std::vector<std::uint8_t>& bytes
     ++figures_.decode_errors;
     report_event("object " + object.info.name +
                  ": base mesh refused: " + (decoded ? "another model's" : decoded.error().text));
-    delivery_.base_refused(object.info.id);
+    delivery_.answer_base_refused(object.info.id);
     return;
   }
-  delivery_.base_held(object.info.id);  // also if it does not fit: another request would change nothing
+  delivery_.answer_base_stored(object.info.id);  // also if it does not fit: another request would change nothing
   if (object.ready || object.base_slots > 0 || !reserve_base(object, decoded->mesh)) return;
   if (!pending_bases_.empty() || object.base_slots > cache_.slots_free()) {
     report_event("object " + object.info.name + ": waits until regions are coarsened, its base mesh takes " +

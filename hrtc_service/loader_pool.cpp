@@ -6,8 +6,10 @@
 namespace tactus::hrtc_service {
 namespace {
 
-/// Returns the room that early loads leave free, for contacts that the prediction misses.
-spm::Cache::Room reserve_of(const spm::PoolSettings& pool) noexcept { return {pool.slots / 16, pool.list_blocks / 16}; }
+/// Returns the space that early loads leave free, for contacts that the prediction misses.
+spm::Cache::Space reserve_of(const spm::PoolSettings& pool) noexcept {
+  return {pool.slots / 16, pool.list_blocks / 16};
+}
 
 }  // namespace
 
@@ -16,14 +18,14 @@ double Loader::slot_estimate(const Object& object, std::uint32_t region) const n
          (static_cast<double>(object.summary.parts) / std::max(object.summary.records, 1u));
 }
 
-spm::Cache::Room Loader::room_to_load(const Object& object, std::uint32_t region) const noexcept {
+spm::Cache::Space Loader::space_to_load(const Object& object, std::uint32_t region) const noexcept {
   const std::uint32_t records = cache_.records_of(spm::ObjectIndex{object.info.index}, spm::RegionId{region});
   return {static_cast<std::uint32_t>(undecoded_share_ * slot_estimate(object, region)),
           spm::ListBlock::blocks_for(records)};
 }
 
-/// Decodes the regions that probes will touch soonest. If a region with contact within kSoon does not fit, its room is
-/// added to `missing_room_`, and `coarsen` frees it. Regions with a later contact use free memory only.
+/// Decodes the regions that probes will touch soonest. If a region with contact within kSoon does not fit, its space is
+/// added to `missing_space_`, and `coarsen` frees it. Regions with a later contact use free memory only.
 void Loader::load_soonest() {
   constexpr double kSoon = 0.03;        // s
   constexpr int kMaxEarlyLoads = 16;    // max regions with contact later than kSoon, decoded in one tick
@@ -34,16 +36,16 @@ void Loader::load_soonest() {
       predicted_contacts_.begin(), predicted_contacts_.end(),
       [](const PredictedContact& a, const PredictedContact& b) { return a.time_to_contact < b.time_to_contact; });
   const double usable_slots = kUsableShare * (pool_.settings.slots - base_slots_);
-  spm::Cache::Room reserve = reserve_of(pool_.settings);
+  spm::Cache::Space reserve = reserve_of(pool_.settings);
   reserve.slots += pending_base_slots_;
-  missing_room_ = {};
+  missing_space_ = {};
   bool is_full = false;
   int early_loads = 0;
   double slots = 0;
   for (const PredictedContact& contact : predicted_contacts_) {
     Object& object = *contact.object;
     RegionNote& note = object.notes[contact.region];
-    const spm::Cache::Room cost = room_to_load(object, contact.region);
+    const spm::Cache::Space cost = space_to_load(object, contact.region);
     slots += cost.slots;
     if (slots > usable_slots && contact.time_to_contact > 0) break;
     note.belongs_in_pool = 1;
@@ -56,14 +58,14 @@ void Loader::load_soonest() {
       if (fits && !is_full && early_loads++ < kMaxEarlyLoads) static_cast<void>(load(object, contact.region));
       continue;
     }
-    const spm::Cache::Room missing = is_full ? cost : load(object, contact.region);
+    const spm::Cache::Space missing = is_full ? cost : load(object, contact.region);
     is_full = missing.slots > 0;
-    missing_room_.slots += missing.slots;
-    missing_room_.blocks += missing.blocks;
+    missing_space_.slots += missing.slots;
+    missing_space_.blocks += missing.blocks;
   }
 }
 
-spm::Cache::Room Loader::load(Object& object, std::uint32_t region) {
+spm::Cache::Space Loader::load(Object& object, std::uint32_t region) {
   const spm::ObjectIndex number{object.info.index};
   RegionNote& note = object.notes[region];
   const spm::RegionData& data = store_.get(number, spm::RegionId{region}, cache_);
@@ -94,13 +96,13 @@ spm::Cache::Room Loader::load(Object& object, std::uint32_t region) {
 /// `retain_unwanted`, all unwanted regions go.
 void Loader::coarsen() {
   constexpr std::size_t kMaxDeparting = 16;
-  const spm::Cache::Room reserve = reserve_of(pool_.settings);
-  const spm::Cache::Room target{std::max(missing_room_.slots, reserve.slots) + pending_base_slots_,
-                                std::max(missing_room_.blocks, reserve.blocks)};
-  spm::Cache::Room expected{cache_.slots_free(), cache_.blocks_free()};
+  const spm::Cache::Space reserve = reserve_of(pool_.settings);
+  const spm::Cache::Space target{std::max(missing_space_.slots, reserve.slots) + pending_base_slots_,
+                                std::max(missing_space_.blocks, reserve.blocks)};
+  spm::Cache::Space expected{cache_.slots_free(), cache_.blocks_free()};
   for (const Departing& departing : departing_) {
-    expected.slots += departing.room.slots;
-    expected.blocks += departing.room.blocks;
+    expected.slots += departing.space.slots;
+    expected.blocks += departing.space.blocks;
   }
   const auto has_enough = [&] {
     return settings_.retain_unwanted && expected.slots >= target.slots && expected.blocks >= target.blocks;
@@ -127,10 +129,10 @@ void Loader::coarsen() {
     const spm::RegionId region{candidate.region};
     object.notes[candidate.region].set(PoolState::kDeparting);
     object.loaded.erase(std::find(object.loaded.begin(), object.loaded.end(), candidate.region));
-    const spm::Cache::Room room = cache_.room_of(spm::ObjectIndex{object.info.index}, region);
-    departing_.push_back({&object, candidate.region, room});
-    expected.slots += room.slots;
-    expected.blocks += room.blocks;
+    const spm::Cache::Space space = cache_.space_of(spm::ObjectIndex{object.info.index}, region);
+    departing_.push_back({&object, candidate.region, space});
+    expected.slots += space.slots;
+    expected.blocks += space.blocks;
     pending_arrivals_.push_back({Arrival::Kind::kRetire, &object.touch, region, {}});
   }
 }

@@ -13,29 +13,30 @@ constexpr double kUsableShare = 0.9;
 
 }  // namespace
 
-/// Stores, refuses or parks the region of a message, in the order of arrival.
+/// Stores or refuses the region of a message, in the order of arrival. Without memory for it, lets the message wait.
 void Loader::on_region(Object& object, session::DeliveryClient::Message message, std::int64_t now_ns) {
-  if (parked_.empty() && store_or_refuse(object, message, now_ns)) return;
-  if (parked_bytes_ + message.bytes.size() > settings_.delivery.max_credit) {  // hosts sent more than their credit
+  if (waiting_messages_.empty() && store_or_refuse(object, message, now_ns)) return;
+  if (waiting_bytes_ + message.bytes.size() > settings_.delivery.max_credit) {  // hosts sent more than their credit
     ++figures_.refused_full;
-    return delivery_.refused(object.info.id, message.region);
+    return delivery_.answer_refused(object.info.id, message.region);
   }
-  delivery_.park(object.info.id, message.region);
-  parked_bytes_ += message.bytes.size();
-  parked_.push_back({&object, std::move(message)});
+  delivery_.postpone_answer(object.info.id, message.region);
+  waiting_bytes_ += message.bytes.size();
+  waiting_messages_.push_back({&object, std::move(message)});
 }
 
-void Loader::store_parked(std::int64_t now_ns) {
-  while (!parked_.empty() && store_or_refuse(*parked_.front().object, parked_.front().message, now_ns)) {
-    parked_bytes_ -= parked_.front().message.bytes.size();
-    parked_.pop_front();
+void Loader::store_waiting(std::int64_t now_ns) {
+  while (!waiting_messages_.empty() &&
+         store_or_refuse(*waiting_messages_.front().object, waiting_messages_.front().message, now_ns)) {
+    waiting_bytes_ -= waiting_messages_.front().message.bytes.size();
+    waiting_messages_.pop_front();
   }
 }
 
 bool Loader::store_or_refuse(Object& object, const session::DeliveryClient::Message& message, std::int64_t now_ns) {
   using Status = spm::codec::CompressedCache::PutResult::Status;
   const auto refuse = [&] {
-    delivery_.refused(object.info.id, message.region);
+    delivery_.answer_refused(object.info.id, message.region);
     return true;
   };
   if (!object.ready || message.region >= object.notes.size()) return refuse();
@@ -53,7 +54,7 @@ bool Loader::store_or_refuse(Object& object, const session::DeliveryClient::Mess
       break;
     case Status::kAlreadyHeld:
       if (note.store_state() != StoreState::kHeld) return refuse();  // retired; requested again after its eviction
-      delivery_.held(object.info.id, message.region);
+      delivery_.answer_stored(object.info.id, message.region);
       return true;
     case Status::kFull:
       if (!eviction_candidates_.empty()) return false;
@@ -89,10 +90,10 @@ bool Loader::store_or_refuse(Object& object, const session::DeliveryClient::Mess
   note.set(StoreState::kHeld);
   note.was_stored = 1;
   object.held.push_back(message.region);
-  delivery_.held(object.info.id, message.region);
-  const spm::Cache::Room room = room_to_load(object, message.region);
-  if (note.pool_state() == PoolState::kNotLoaded && cache_.slots_free() >= room.slots &&
-      cache_.blocks_free() >= room.blocks)
+  delivery_.answer_stored(object.info.id, message.region);
+  const spm::Cache::Space space = space_to_load(object, message.region);
+  if (note.pool_state() == PoolState::kNotLoaded && cache_.slots_free() >= space.slots &&
+      cache_.blocks_free() >= space.blocks)
     static_cast<void>(load(object, message.region));
   return true;
 }
@@ -106,7 +107,7 @@ double Loader::block_estimate(const Object& object, std::uint32_t region) const 
 void Loader::request_wanted(std::int64_t now_ns) {
   const double usable_blocks = kUsableShare * store_.blocks();
   std::stable_sort(predicted_contacts_.begin(), predicted_contacts_.end(),
-                   [](const PredictedContact& a, const PredictedContact& b) { return a.doubt < b.doubt; });
+                   [](const PredictedContact& a, const PredictedContact& b) { return a.uncertainty < b.uncertainty; });
   // An absent region counts more, because the blocks of a retired region are free only one round trip later.
   constexpr double kInFlightFactor = 1.5;
   double blocks = 0;
@@ -156,8 +157,8 @@ void Loader::request_wanted(std::int64_t now_ns) {
   // The limit is not set while a base mesh is expected, because the store has no part in its admission.
   if (std::all_of(objects_.begin(), objects_.end(),
                   [](const auto& entry) { return entry.second->ready || entry.second->refused; }))
-    delivery_.set_room(static_cast<std::uint64_t>(kUsableShare * blocks_after_eviction() * bytes_per_block_));
-  for (Object* object : active_) delivery_.want(object->info.id, std::move(wanted[object->info.index]));
+    delivery_.limit_credit(static_cast<std::uint64_t>(kUsableShare * blocks_after_eviction() * bytes_per_block_));
+  for (Object* object : active_) delivery_.set_wanted(object->info.id, std::move(wanted[object->info.index]));
 }
 
 /// Retires all faulty regions, and further regions until their eviction frees `blocks_needed_` and `blocks_reserve_`:
@@ -212,7 +213,7 @@ void Loader::cancel_eviction(Object& object, std::uint32_t region) {
   store_.reinstate(spm::ObjectIndex{object.info.index}, spm::RegionId{region});
   object.notes[region].set(StoreState::kHeld);
   object.held.push_back(region);
-  delivery_.held(object.info.id, region);
+  delivery_.answer_stored(object.info.id, region);
 }
 
 void Loader::collect_released() {

@@ -13,7 +13,7 @@ void Loader::withdraw(Object& object) {
   object.withdrawn = true;
   active_.erase(std::find(active_.begin(), active_.end(), &object));
   delivery_.close(object.info.id);
-  drop_parked(object);
+  drop_waiting(object);
   broad_phase_.remove(object.info.index);
   // These lists may refer to regions of the object.
   predicted_contacts_.clear();
@@ -73,7 +73,7 @@ void Loader::forget(Object& object) {
 /// entries that no host offers any more.
 void Loader::postpone(const session::CatalogueEntry& entry) {
   for (auto at = postponed_.begin(); at != postponed_.end();)
-    at = delivery_.offered(at->first, at->second.summary.digest) ? std::next(at) : postponed_.erase(at);
+    at = delivery_.is_offered(at->first, at->second.summary.digest) ? std::next(at) : postponed_.erase(at);
   if (postponed_.size() < kMaxObjects) postponed_[entry.object_id] = entry;
 }
 
@@ -88,7 +88,7 @@ void Loader::open_postponed() {
     forget(*object);
   }
   for (const auto& [id, entry] : std::exchange(postponed_, {}))
-    if (delivery_.offered(id, entry.summary.digest)) open(entry);
+    if (delivery_.is_offered(id, entry.summary.digest)) open(entry);
 }
 
 }  // namespace tactus::hrtc_service

@@ -66,8 +66,8 @@ void Membership::on_roster(const session::RosterEntry& entry, std::int64_t now_n
   const bool is_valid =
       recorded != nullptr && recorded->origin.incarnation == entry.origin.incarnation && !entry.leaving;
   if (entry.role != session::Role::kHost || !is_valid) return;
-  host_seen_ = true;
-  gateway_.on_host_seen(entry.origin.participant, entry.origin.incarnation, now_ns);
+  has_found_host_ = true;
+  gateway_.on_host_heartbeat(entry.origin.participant, entry.origin.incarnation, now_ns);
 }
 
 void Membership::on_event(const session::RosterEvent& event, std::int64_t) {
@@ -82,7 +82,7 @@ void Membership::on_event(const session::RosterEvent& event, std::int64_t) {
   if (event.change == RosterChange::kNameConflict && participant == self_.participant) {
     report(Severity::kError, "another program named " + settings_.name + " is in session " + settings_.session +
                                  "; every name may be there once");
-    output.name_conflict = output.name_conflict || event.entry_yields;
+    output.name_conflict = output.name_conflict || event.entry_must_leave;
     return;
   }
   const bool is_gone = event.change == RosterChange::kGone || event.change == RosterChange::kLeft;
@@ -111,7 +111,7 @@ void Membership::on_client(const session::RosterEvent& event, bool is_gone) {
   }
   if (!has_chosen_us) return;
   add_users(entry);
-  heartbeat_.at_once();
+  heartbeat_.make_due();
 }
 
 void Membership::add_users(const session::RosterEntry& client) {
@@ -153,7 +153,7 @@ void Membership::remove_user(std::uint64_t client, const std::string& name) {
             other.origin.participant != client)
           add_users(other);
       });
-  heartbeat_.at_once();
+  heartbeat_.make_due();
 }
 
 std::optional<std::uint32_t> Membership::add_local(const std::string& name) {
@@ -174,7 +174,7 @@ void Membership::on_clock(const session::ClockSample& sample, std::int64_t arriv
     clock_.on_answer(sample, arrived_ns);
     return;
   }
-  if (clock_.answers()) output.clock.push_back(clock_.answer(sample, arrived_ns, now_ns));
+  if (clock_.answers_requests()) output.clock.push_back(clock_.answer(sample, arrived_ns, now_ns));
 }
 
 void Membership::on_host_answer(const session::ClockSample& answer, std::int64_t now_ns) {
@@ -199,7 +199,7 @@ void Membership::on_mode(const std::string& text) {
 
 void Membership::on_stops(const std::vector<session::StopRecord>& stops) {
   stops_ = stops;
-  heartbeat_.at_once();
+  heartbeat_.make_due();
 }
 
 void Membership::tick(std::int64_t now_ns) {
@@ -207,7 +207,7 @@ void Membership::tick(std::int64_t now_ns) {
   track_forces(now_ns);
   choose_hosts_to_watch();
   report_host_changes(now_ns);
-  session::keep_time(roster_, self_, session::Role::kHrtc, is_force_on(now_ns), now_ns, clock_);
+  session::update_session_clock(roster_, self_, session::Role::kHrtc, is_force_on(now_ns), now_ns, clock_);
   if (objects_moved_.due(now_ns))
     for (const session::CatalogueEntry& entry : gateway_.collect_moved()) remote_users_.on_catalogue(entry);
   if (modes_.due(now_ns)) {
@@ -221,14 +221,14 @@ void Membership::tick(std::int64_t now_ns) {
 
 /// Sends a roster entry at once when a force begins, because the time reference must not step while a force is on.
 void Membership::track_forces(std::int64_t now_ns) {
-  if (!gateway_.fresh() || !has_force(gateway_.reports())) return;
-  if (!is_force_on(now_ns)) heartbeat_.at_once();
+  if (!gateway_.has_new_reports() || !has_force(gateway_.reports())) return;
+  if (!is_force_on(now_ns)) heartbeat_.make_due();
   last_force_ns_ = now_ns;
 }
 
 void Membership::choose_hosts_to_watch() {
   std::uint64_t objects_near = 0;
-  for (const NearObjects& of_probe : gateway_.near()) objects_near |= of_probe.found;
+  for (const NearObjects& of_probe : gateway_.near_objects()) objects_near |= of_probe.found;
   std::vector<std::uint64_t> hosts;
   for (const Loader::ObjectInfo& object : gateway_.loader().objects()) {
     const std::uint64_t host = gateway_.loader().serving_host(object.id);

@@ -105,7 +105,7 @@ class Membership {
   /// Returns the name of the probe's user, or "nobody".
   [[nodiscard]] const std::string& name_at(std::uint32_t probe) const;
   [[nodiscard]] bool has_user(std::uint32_t probe) const { return users_.count(probe) != 0; }
-  [[nodiscard]] bool host_seen() const noexcept { return host_seen_; }
+  [[nodiscard]] bool has_found_host() const noexcept { return has_found_host_; }
   [[nodiscard]] std::uint64_t false_suspicions() const noexcept { return failure_detector_.false_suspicions(); }
   [[nodiscard]] std::uint64_t implausible() const noexcept {
     return roster_.implausible() + clock_.implausible() + remote_users_.implausible();
@@ -150,11 +150,11 @@ class Membership {
   std::map<std::uint64_t, Serving> serving_;  // by object
   std::vector<session::StopRecord> stops_;
   session::Heartbeat heartbeat_;
-  session::Every clock_request_, modes_, objects_moved_;
+  session::PeriodicTimer clock_request_, modes_, objects_moved_;
   std::uint32_t clock_requests_ = 0;
   std::uint64_t heartbeats_ = 0;
   std::int64_t last_force_ns_;  // last time when a force was on
-  bool host_seen_ = false;
+  bool has_found_host_ = false;
 };
 
 }  // namespace tactus::hrtc_service

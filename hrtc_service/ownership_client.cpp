@@ -20,8 +20,8 @@ OwnershipClient::OwnershipClient(const session::Origin& self, haptics::Mailbox<B
 
 bool OwnershipClient::add(std::uint32_t object_index, std::uint64_t object_id, const sharing::SharedBody& body) {
   if (objects_.size() == kMaxBodies) return false;
-  objects_.push_back(std::make_unique<Object>(
-      Object{object_index, object_id, body, session::Holder{self_, object_id, settings_}, {}, {}, {}, 0, 0, {}, 0, 0}));
+  objects_.push_back(std::make_unique<Object>(Object{
+      object_index, object_id, body, session::Claimant{self_, object_id, settings_}, {}, {}, {}, 0, 0, {}, 0, 0}));
   bodies_.push_back({object_index, object_id, false, sharing::pose_of(body.start, body.centre)});
   return true;
 }
@@ -49,13 +49,14 @@ OwnershipClient::Object* OwnershipClient::find(std::uint64_t id) {
 }
 
 void OwnershipClient::on_grant(const session::ObjectGrant& grant, std::int64_t now_ns) {
-  if (Object* const object = find(grant.object_id)) object->holder.on_grant(grant, now_ns);
+  if (Object* const object = find(grant.object_id)) object->claimant.on_grant(grant, now_ns);
 }
 
 void OwnershipClient::on_pose(const session::ObjectPose& pose, std::int64_t now_ns) {
   Object* const object = find(pose.object_id);
-  if (object == nullptr || pose.origin.participant == self_.participant || !object->gate.accept(pose, now_ns)) return;
-  object->holder.on_pose(pose.fencing, now_ns);
+  if (object == nullptr || pose.origin.participant == self_.participant || !object->pose_admission.accept(pose, now_ns))
+    return;
+  object->claimant.on_pose(pose.fencing, now_ns);
   object->received = {sharing::state_of(pose, object->body.centre), pose.session_time_ns, object->received.number + 1};
   post_orders();
 }
@@ -79,12 +80,12 @@ void OwnershipClient::on_reports(const BodyReports& reports) {
                                  [&](const auto& object) { return object->index == report.object; });
     if (at == objects_.end()) continue;
     Object& object = **at;
-    object.holder.set_touching(report.held);
+    object.claimant.set_touching(report.is_touched);
     while (!object.couplings.empty() && object.couplings.front().first_orders_without != 0 &&
            object.couplings.front().first_orders_without <= reports.orders_seen)
       object.couplings.pop_front();
     BodyStatus& status = bodies_[static_cast<std::size_t>(at - objects_.begin())];
-    status.is_held = report.held;
+    status.is_touched = report.is_touched;
     status.pose = sharing::pose_of(report.state, object.body.centre);
     if (report.copies == 0) continue;
     if (report.coupling_fencing != object.last_fencing) {
@@ -93,22 +94,22 @@ void OwnershipClient::on_reports(const BodyReports& reports) {
       object.past_received += object.ledger.received;
     }
     object.ledger = report.ledger;
-    max_separation_ = std::max(max_separation_, object.ledger.apart);
+    max_separation_ = std::max(max_separation_, object.ledger.copy_distance);
   }
 }
 
 void OwnershipClient::update_coupling(Object& object, std::int64_t now_ns) {
-  using Role = session::Holder::Role;
-  const Role role = object.holder.role(now_ns);
+  using Role = session::Claimant::Role;
+  const Role role = object.claimant.role(now_ns);
   GrantedCoupling* const current = coupling_in_use(object);
   const bool granted = role == Role::kLeader || role == Role::kCopy;
-  if (granted && current != nullptr && current->fencing == object.holder.fencing()) return;
+  if (granted && current != nullptr && current->fencing == object.claimant.fencing()) return;
   const bool has_live_peers =
       role == Role::kRequesting && current != nullptr && now_ns - object.peer_received_ns < kMaxPeerSilenceNs;
   if (has_live_peers) return;
   if (current != nullptr) current->first_orders_without = orders_.number + 1;
   if (!granted) return;
-  const session::ObjectGrant& grant = object.holder.grant();
+  const session::ObjectGrant& grant = object.claimant.grant();
   haptics::CouplingSettings settings;
   settings.copies = grant.touchers.size();
   settings.stiffness = kCouplingStiffness;
@@ -116,7 +117,7 @@ void OwnershipClient::update_coupling(Object& object, std::int64_t now_ns) {
       1e-9 * static_cast<double>(std::clamp(grant.channel_delay_ns, kMinChannelDelayNs, kMaxChannelDelayNs));
   object.couplings.push_back(
       {grant.fencing,
-       std::make_unique<haptics::CopyCoupling>(settings, object.holder.copy_index(), object.body.settings), 0});
+       std::make_unique<haptics::CopyCoupling>(settings, object.claimant.copy_index(), object.body.settings), 0});
   object.peer_received_ns = now_ns;
   ++couplings_made_;
 }
@@ -137,41 +138,41 @@ void OwnershipClient::post_orders() {
 }
 
 std::vector<session::ObjectClaim> OwnershipClient::tick(std::int64_t now_ns, const session::ClockMap& clock) {
-  using Role = session::Holder::Role;
+  using Role = session::Claimant::Role;
   std::vector<session::ObjectClaim> claims;
   if (objects_.empty()) return claims;
   orders_.clock = clock;
   for (std::size_t i = 0; i < objects_.size(); ++i) {
     Object& object = *objects_[i];
-    object.holder.set_one_way(transit_with_margin_ns_);
-    if (auto claim = object.holder.tick(now_ns)) claims.push_back(std::move(*claim));
+    object.claimant.set_one_way(transit_with_margin_ns_);
+    if (auto claim = object.claimant.tick(now_ns)) claims.push_back(std::move(*claim));
     update_coupling(object, now_ns);
-    const Role role = object.holder.role(now_ns);
-    orders_.bodies[i].publish_fencing = role == Role::kOwner || role == Role::kLeader ? object.holder.fencing() : 0;
+    const Role role = object.claimant.role(now_ns);
+    orders_.bodies[i].publish_fencing = role == Role::kOwner || role == Role::kLeader ? object.claimant.fencing() : 0;
   }
   post_orders();
   return claims;
 }
 
-session::Holder::Role OwnershipClient::role(std::uint32_t object_index, std::int64_t now_ns) const {
+session::Claimant::Role OwnershipClient::role(std::uint32_t object_index, std::int64_t now_ns) const {
   for (const auto& object : objects_)
-    if (object->index == object_index) return object->holder.role(now_ns);
-  return session::Holder::Role::kWatching;
+    if (object->index == object_index) return object->claimant.role(now_ns);
+  return session::Claimant::Role::kWatching;
 }
 
 std::uint64_t OwnershipClient::implausible() const noexcept {
   std::uint64_t all = 0;
-  for (const auto& object : objects_) all += object->holder.implausible() + object->gate.implausible();
+  for (const auto& object : objects_) all += object->claimant.implausible() + object->pose_admission.implausible();
   return all;
 }
 
 void OwnershipClient::add_figures(std::vector<session::Figure>& figures) const {
   namespace names = session::figures;
   if (objects_.empty()) return;
-  std::uint32_t held = 0, coupled = 0;
+  std::uint32_t touched = 0, coupled = 0;
   double tank = 0, received = 0, given = 0, port_energy = 0, port_lowest = 0, withheld = 0;
   for (std::uint32_t i = 0; i < reports_.count; ++i) {
-    held += reports_.bodies[i].held ? 1 : 0;
+    touched += reports_.bodies[i].is_touched ? 1 : 0;
     coupled += reports_.bodies[i].copies > 0 ? 1 : 0;
   }
   for (const auto& object : objects_) {
@@ -185,7 +186,7 @@ void OwnershipClient::add_figures(std::vector<session::Figure>& figures) const {
       port_lowest = std::min(port_lowest, port.lowest);
       withheld += port.withheld;
     }
-  const std::pair<const char*, double> all[] = {{names::kBodiesHeld, held},
+  const std::pair<const char*, double> all[] = {{names::kBodiesTouched, touched},
                                                 {names::kBodiesCoupled, coupled},
                                                 {names::kCopyGroups, static_cast<double>(couplings_made_)},
                                                 {names::kCopiesApart, 1e6 * max_separation_},

@@ -1,8 +1,8 @@
 /// Claims the movable objects that users of this HRTC touch, and derives from the grants of hosts which objects the
 /// haptic thread simulates, publishes or couples to the copies of peers.
 ///
-///     reports of the haptic thread --+--> Holder, one for each object --+--> claims
-///     grants, poses of others -------+                                  +--> orders for the haptic thread (Bodies)
+///     reports of the haptic thread --+--> Claimant, one for each object --+--> claims
+///     grants, poses of others -------+                                    +--> orders for the haptic thread (Bodies)
 ///
 /// This class makes the couplings, because that allocates. A coupling exists until the haptic thread has received
 /// orders that do not name it. If the host is gone and the grant expires, the copies remain coupled as long as they
@@ -37,10 +37,10 @@ class OwnershipClient {
   /// kMaxBodies already; the object then never moves.
   bool add(std::uint32_t object_index, std::uint64_t object_id, const sharing::SharedBody& body);
 
-  /// Stops claims and orders for a withdrawn object. Its couplings exist until `free`.
+  /// Stops claims and orders for a withdrawn object. Its couplings exist until `free_withdrawn`.
   void withdraw(std::uint32_t object_index);
   /// Frees a withdrawn object, after the haptic thread has returned it.
-  void free(std::uint32_t object_index) { withdrawn_.erase(object_index); }
+  void free_withdrawn(std::uint32_t object_index) { withdrawn_.erase(object_index); }
 
   void on_grant(const session::ObjectGrant& grant, std::int64_t now_ns);
   void on_pose(const session::ObjectPose& pose, std::int64_t now_ns);
@@ -56,12 +56,12 @@ class OwnershipClient {
   struct BodyStatus {
     std::uint32_t object_index = 0;
     std::uint64_t id = 0;
-    bool is_held = false;  ///< a user of this HRTC touches it
-    session::Pose pose;    ///< in the haptic thread
+    bool is_touched = false;  ///< a user of this HRTC touches it
+    session::Pose pose;       ///< in the haptic thread
   };
   /// Returns the status of all movable objects in the last reports.
   [[nodiscard]] const std::vector<BodyStatus>& bodies() const noexcept { return bodies_; }
-  [[nodiscard]] session::Holder::Role role(std::uint32_t object_index, std::int64_t now_ns) const;
+  [[nodiscard]] session::Claimant::Role role(std::uint32_t object_index, std::int64_t now_ns) const;
 
   void add_figures(std::vector<session::Figure>& figures) const;
   /// Returns the number of grants and poses that were dropped outside their plausible windows.
@@ -77,8 +77,8 @@ class OwnershipClient {
     std::uint32_t index;
     std::uint64_t id;
     sharing::SharedBody body;
-    session::Holder holder;
-    session::PoseGate gate;
+    session::Claimant claimant;
+    session::PoseAdmission pose_admission;
     sharing::ReceivedPose received;
     std::deque<GrantedCoupling> couplings;  // only the last one may be in use
     std::int64_t peer_received_ns = 0;

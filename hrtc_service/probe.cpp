@@ -16,7 +16,7 @@ void ProbeStep::mark_coarse(std::span<const TouchSphere> spheres) const noexcept
     const Placement& placement = surface.placement(i);
     const bool exact = std::all_of(spheres.begin(), spheres.end(), [&](const TouchSphere& sphere) {
       const spm::PlacedSphere sphere_in_model = placed(sphere, placement);
-      return spm::exact(*object.forest, {&sphere_in_model, 1});
+      return spm::is_exact(*object.forest, {&sphere_in_model, 1});
     });
     if (exact) continue;
     output.status &= ~static_cast<std::uint32_t>(session::kExact);

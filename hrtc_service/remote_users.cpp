@@ -27,7 +27,7 @@ void RemoteUsers::on_state(const session::ProbeState& state, session::StateStrea
   if (admission == session::Admission::kImplausible) ++implausible_;
   if (!session::accepted(admission)) return;
   remote.participant = state.origin.participant;
-  remote.seen_ns = now_ns;
+  remote.received_ns = now_ns;
   modes_.on_probe(state.user_id, state.origin.participant, state.device.position, now_ns);
 }
 
@@ -40,14 +40,14 @@ void RemoteUsers::on_metrics(const session::Metrics& metrics, std::int64_t now_n
 void RemoteUsers::on_hrtc_gone(std::uint64_t participant) {
   losses_.erase(participant);
   for (auto at = remotes_.begin(); at != remotes_.end();) {
-    if (at->second.participant == participant) modes_.forget(at->first.first);
+    if (at->second.participant == participant) modes_.forget_user(at->first.first);
     at = at->second.participant == participant ? remotes_.erase(at) : std::next(at);
   }
 }
 
 void RemoteUsers::tick(std::int64_t now_ns) {
   for (auto at = remotes_.begin(); at != remotes_.end();)
-    at = now_ns - at->second.seen_ns > kSilentNs ? remotes_.erase(at) : std::next(at);
+    at = now_ns - at->second.received_ns > kSilentNs ? remotes_.erase(at) : std::next(at);
   double loss = 0;
   for (auto at = losses_.begin(); at != losses_.end();) {
     loss = std::max(loss, at->second.share);
@@ -68,7 +68,7 @@ void RemoteUsers::add_figures(std::vector<session::Figure>& figures) const {
 std::vector<session::Figure> RemoteUsers::losses() const {
   std::map<std::uint64_t, double> lost;
   for (const auto& [key, remote] : remotes_) {
-    const double share = remote.probe.lost();
+    const double share = remote.probe.lost_share();
     if (share > kMinLoss) lost[remote.participant] = std::max(lost[remote.participant], share);
   }
   std::vector<session::Figure> figures;

@@ -29,7 +29,7 @@ class RemoteUsers {
   void on_catalogue(const session::CatalogueEntry& entry) { modes_.on_catalogue(entry); }
   void on_object_gone(std::uint64_t object) { modes_.forget_object(object); }
   /// Throws std::invalid_argument as session::parse_mode.
-  void on_mode(const std::string& text) { modes_.command(session::parse_mode(text)); }
+  void on_mode(const std::string& text) { modes_.set_command(session::parse_mode(text)); }
   void on_own_probe(std::uint64_t user, const std::array<double, 3>& position, std::int64_t now_ns) {
     modes_.on_probe(user, self_, position, now_ns);
   }
@@ -38,7 +38,7 @@ class RemoteUsers {
   /// Reads from the metrics of another HRTC the share of our states that it lost.
   void on_metrics(const session::Metrics& metrics, std::int64_t now_ns);
   void on_hrtc_gone(std::uint64_t participant);
-  void on_user_left(std::uint64_t user) { modes_.forget(user); }
+  void on_user_left(std::uint64_t user) { modes_.forget_user(user); }
   /// Removes silent probes and old losses.
   void tick(std::int64_t now_ns);
 
@@ -60,7 +60,7 @@ class RemoteUsers {
  private:
   struct Remote {
     std::uint64_t participant = 0;
-    std::int64_t seen_ns = 0;
+    std::int64_t received_ns = 0;
     session::RemoteProbe probe;
   };
   struct Loss {

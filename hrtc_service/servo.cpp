@@ -23,7 +23,7 @@ void Servo::obey(StopWord word) noexcept {
 const Servo::Outputs& Servo::touch(Inputs& inputs, std::int64_t now_ns) noexcept {
   obey(link_.stop());
   const auto arrived = static_cast<std::uint32_t>(link_.arrivals.pop(arrived_.data(), arrived_.size()));
-  const std::array<NearObjects, kMaxProbes>& near = link_.near.latest();
+  const std::array<NearObjects, kMaxProbes>& near = link_.near_objects.latest();
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) inputs[i].near = near[i];
   bodies_.apply_received_poses(cycle_, now_ns);
   outputs_ = cycle_.touch(inputs, now_ns, arrived_.data(), arrived).probes;

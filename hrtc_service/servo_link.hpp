@@ -31,7 +31,7 @@ struct StopWord {
   std::uint32_t resets = 0;  ///< number of resets, below 2^31; an increase ends faults
 
   [[nodiscard]] std::uint32_t bits() const noexcept { return resets << 1 | (stopped ? 1u : 0u); }
-  [[nodiscard]] static StopWord of(std::uint32_t bits) noexcept { return {(bits & 1u) != 0, bits >> 1}; }
+  [[nodiscard]] static StopWord from_bits(std::uint32_t bits) noexcept { return {(bits & 1u) != 0, bits >> 1}; }
 };
 
 /// The results of one cycle for the probes.
@@ -71,10 +71,12 @@ struct ServoLink {
 
   // Gateway to servo.
   ArrivalRing arrivals;
-  haptics::Mailbox<std::array<NearObjects, kMaxProbes>> near;
+  haptics::Mailbox<std::array<NearObjects, kMaxProbes>> near_objects;
   /// Sets the stop word for the next cycle. Wait-free. One thread at a time calls this and `obeys_stop`.
   void set_stop(StopWord word) noexcept { stop_word_.store(word.bits(), std::memory_order_release); }
-  [[nodiscard]] StopWord stop() const noexcept { return StopWord::of(stop_word_.load(std::memory_order_acquire)); }
+  [[nodiscard]] StopWord stop() const noexcept {
+    return StopWord::from_bits(stop_word_.load(std::memory_order_acquire));
+  }
 
   // Servo to gateway.
   DepartureRing departures;

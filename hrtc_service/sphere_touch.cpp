@@ -8,8 +8,8 @@ SphereTouch::SphereTouch(double radius) noexcept : radius_{radius} {
   proxy_ = haptics::Proxy{settings};
 }
 
-/// Sets the friction of the touched object for the next step, and returns its feel.
-haptics::Feel SphereTouch::apply_material(const ProbeStep& step) noexcept {
+/// Sets the friction of the touched object for the next step, and returns its impedance.
+haptics::ContactImpedance SphereTouch::apply_material(const ProbeStep& step) noexcept {
   const session::Material* const material = step.material(proxy_.last().object);
   if (material == nullptr) return {};
   proxy_.set_grip({material->static_friction, material->dynamic_friction});
@@ -23,7 +23,7 @@ void SphereTouch::move_to(const ProbeStep& step, const haptics::ToolPose&) noexc
 
 const haptics::ForceResult& SphereTouch::render(const ProbeStep& step) noexcept {
   const haptics::DeviceState& device = step.input.device;
-  const haptics::Feel feel = apply_material(step);
+  const haptics::ContactImpedance impedance = apply_material(step);
   const haptics::Proxy before = proxy_;
   (void)proxy_.step(device.position, step.period, step.surface, step.mesh_changed_here);
   const haptics::ProxyResult& result = proxy_.last();
@@ -35,7 +35,7 @@ const haptics::ForceResult& SphereTouch::render(const ProbeStep& step) noexcept 
     unchanged = before.unchanged(device.position, step.period, previous_surface);
   }
   const haptics::ForceResult& force =
-      step.renderer.step(result, device, feel, step.age(), step.period, may_be_felt ? &unchanged : nullptr);
+      step.renderer.step(result, device, impedance, step.age(), step.period, may_be_felt ? &unchanged : nullptr);
 
   ProbeOutput& output = step.output;
   output.proxy = plain(result.proxy);
@@ -46,7 +46,7 @@ const haptics::ForceResult& SphereTouch::render(const ProbeStep& step) noexcept 
   if (!result.in_contact) return force;
   output.status |= session::kInContact;
   output.normal = plain(result.normal);
-  output.stiffness = static_cast<float>(step.renderer.stiffness(feel, step.period, device.loop_delay));
+  output.stiffness = static_cast<float>(step.renderer.stiffness(impedance, step.period, device.loop_delay));
   // The force is exact only if the mesh at the proxy is the finest, too.
   const TouchSphere proxy_sphere{result.proxy, Vec3d::Zero(), radius_};
   if ((output.status & session::kExact) != 0) step.mark_coarse({&proxy_sphere, 1});

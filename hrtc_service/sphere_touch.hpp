@@ -34,7 +34,7 @@ class SphereTouch {
   }
 
  private:
-  [[nodiscard]] haptics::Feel apply_material(const ProbeStep& step) noexcept;
+  [[nodiscard]] haptics::ContactImpedance apply_material(const ProbeStep& step) noexcept;
 
   double radius_;
   haptics::Proxy proxy_;

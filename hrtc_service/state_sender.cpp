@@ -51,7 +51,7 @@ session::ProbeState StateSender::state_of(const ProbeReports& latest, std::uint3
   state.probe = i;
   state.session_time_ns = clock.session_time(latest.time_ns);
   state.time_bound_us =
-      static_cast<std::uint32_t>(std::min<std::int64_t>(clock.bound(latest.time_ns) / 1000, 0xffffffff));
+      static_cast<std::uint32_t>(std::min<std::int64_t>(clock.error_bound(latest.time_ns) / 1000, 0xffffffff));
   state.device.position = probe.device;
   state.proxy = probe.proxy;
   state.velocity = probe.velocity;

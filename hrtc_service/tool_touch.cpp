@@ -37,7 +37,7 @@ void ToolTouch::move_to(const ProbeStep& step, const haptics::ToolPose& goal) no
     near |= std::uint64_t{1} << object.index;
   }
   const haptics::ToolPose before = tool_.last().pose;
-  tool_.set_grip(step.renderer.grip(feel_of(step), step.period, step.input.device.loop_delay));
+  tool_.set_grip(step.renderer.tool_grip(impedance_of(step), step.period, step.input.device.loop_delay));
   const bool changed = step.mesh_changed || surface.moving() || near != objects_before_;
   const haptics::ToolPose& now = tool_.step(goal, step.period, {objects_.data(), surface.count()}, changed).pose;
   objects_before_ = near;
@@ -49,22 +49,23 @@ void ToolTouch::move_to(const ProbeStep& step, const haptics::ToolPose& goal) no
   step.output.orientation = plain(now.orientation);
 }
 
-/// Returns the feel of the touched object.
-haptics::Feel ToolTouch::feel_of(const ProbeStep& step) const noexcept {
+/// Returns the impedance of the touched object.
+haptics::ContactImpedance ToolTouch::impedance_of(const ProbeStep& step) const noexcept {
   const session::Material* const material = step.material(tool_.last().object);
-  return material != nullptr ? haptics::Feel{material->stiffness, material->damping} : haptics::Feel{};
+  return material != nullptr ? haptics::ContactImpedance{material->stiffness, material->damping}
+                             : haptics::ContactImpedance{};
 }
 
 const haptics::ForceResult& ToolTouch::render(const ProbeStep& step) noexcept {
   haptics::DeviceState device = step.input.device;
-  const haptics::Feel feel = feel_of(step);
-  const haptics::ToolGrip grip = step.renderer.grip(feel, step.period, device.loop_delay);
+  const haptics::ContactImpedance impedance = impedance_of(step);
+  const haptics::ToolGrip grip = step.renderer.tool_grip(impedance, step.period, device.loop_delay);
   move_to(step, {device.position, device.orientation});
   const haptics::ToolResult& result = tool_.last();
   // The damper acts against the velocity of the touched object.
   if (result.in_contact)
-    device.velocity -= (result.point - step.surface.carried_from(result.object, result.point)) / step.period;
-  const haptics::ForceResult& force = step.renderer.step(result, grip, device, feel, step.age(), step.period);
+    device.velocity -= (result.point - step.surface.previous_point(result.object, result.point)) / step.period;
+  const haptics::ForceResult& force = step.renderer.step(result, grip, device, impedance, step.age(), step.period);
 
   ProbeOutput& output = step.output;
   output.status |= session::kExact;

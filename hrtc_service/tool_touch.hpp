@@ -48,7 +48,7 @@ class ToolTouch {
   }
 
  private:
-  [[nodiscard]] haptics::Feel feel_of(const ProbeStep& step) const noexcept;
+  [[nodiscard]] haptics::ContactImpedance impedance_of(const ProbeStep& step) const noexcept;
 
   haptics::Tool tool_;
   spm::ProbeShape shape_;

@@ -8,7 +8,7 @@ ObjectsSurface ObjectsSurface::on_meshes_before() const noexcept {
   ObjectsSurface before;
   for (std::uint32_t i = 0; i < count_; ++i) {
     const Entry& entry = entries_[i];
-    if (!entry.unchanged.appeared) before.add(*entry.object, *entry.now, entry.before, {});
+    if (!entry.unchanged.appeared) before.add(*entry.object, *entry.now, entry.previous, {});
   }
   before.version_ = spm::Version::kPrevious;
   before.caches_ = caches_;
@@ -55,7 +55,7 @@ bool ObjectsSurface::sweep_moving(const Vec3d& from, const Vec3d& to, double rad
   bool found = false;
   for (std::uint32_t i = 0; i < count_; ++i) {
     const Entry& entry = entries_[i];
-    const Placement& before = entry.before != nullptr ? *entry.before : *entry.now;
+    const Placement& before = entry.previous != nullptr ? *entry.previous : *entry.now;
     add_sweep_hit(entry, before.to_model(from), entry.now->to_model(to), radius, found, hit);
   }
   return found;
@@ -64,23 +64,23 @@ bool ObjectsSurface::sweep_moving(const Vec3d& from, const Vec3d& to, double rad
 const ObjectsSurface::Entry* ObjectsSurface::moved(std::uint32_t object) const noexcept {
   if (moving_ > 0)
     for (std::uint32_t i = 0; i < count_; ++i)
-      if (entries_[i].object->index == object) return entries_[i].before != nullptr ? &entries_[i] : nullptr;
+      if (entries_[i].object->index == object) return entries_[i].previous != nullptr ? &entries_[i] : nullptr;
   return nullptr;
 }
 
-Vec3d ObjectsSurface::carried(std::uint32_t object, const Vec3d& point) const noexcept {
+Vec3d ObjectsSurface::moved_point(std::uint32_t object, const Vec3d& point) const noexcept {
   const Entry* entry = moved(object);
-  return entry != nullptr ? entry->now->to_world(entry->before->to_model(point)) : point;
+  return entry != nullptr ? entry->now->to_world(entry->previous->to_model(point)) : point;
 }
 
-Vec3d ObjectsSurface::carried_from(std::uint32_t object, const Vec3d& point) const noexcept {
+Vec3d ObjectsSurface::previous_point(std::uint32_t object, const Vec3d& point) const noexcept {
   const Entry* entry = moved(object);
-  return entry != nullptr ? entry->before->to_world(entry->now->to_model(point)) : point;
+  return entry != nullptr ? entry->previous->to_world(entry->now->to_model(point)) : point;
 }
 
-Vec3d ObjectsSurface::turned(std::uint32_t object, const Vec3d& direction) const noexcept {
+Vec3d ObjectsSurface::rotated_direction(std::uint32_t object, const Vec3d& direction) const noexcept {
   const Entry* entry = moved(object);
-  return entry != nullptr ? entry->now->direction_to_world(entry->before->direction_to_model(direction)) : direction;
+  return entry != nullptr ? entry->now->direction_to_world(entry->previous->direction_to_model(direction)) : direction;
 }
 
 bool ObjectsSurface::closest(const Vec3d& point, double within, haptics::SurfaceHit& hit) const noexcept {

@@ -142,16 +142,16 @@ class ObjectsSurface final : public haptics::Surface {
   [[nodiscard]] bool moving() const noexcept override { return moving_ > 0; }
   [[nodiscard]] bool sweep_moving(const Vec3d& from, const Vec3d& to, double radius,
                                   haptics::SurfaceHit& hit) noexcept override;
-  [[nodiscard]] Vec3d carried(std::uint32_t object, const Vec3d& point) const noexcept override;
+  [[nodiscard]] Vec3d moved_point(std::uint32_t object, const Vec3d& point) const noexcept override;
   /// Returns the position that the surface point at `point` had in the last cycle.
-  [[nodiscard]] Vec3d carried_from(std::uint32_t object, const Vec3d& point) const noexcept;
-  [[nodiscard]] Vec3d turned(std::uint32_t object, const Vec3d& direction) const noexcept override;
+  [[nodiscard]] Vec3d previous_point(std::uint32_t object, const Vec3d& point) const noexcept;
+  [[nodiscard]] Vec3d rotated_direction(std::uint32_t object, const Vec3d& direction) const noexcept override;
 
  private:
   struct Entry {
     const TouchObject* object = nullptr;
     const Placement* now = nullptr;
-    const Placement* before = nullptr;
+    const Placement* previous = nullptr;
     Unchanged unchanged;
   };
   void add_sweep_hit(const Entry& entry, const Vec3d& from_model, const Vec3d& to_model, double radius, bool& found,

@@ -85,7 +85,7 @@ void UserDevices::free_departed() {
                                        [this](const DepartedUser& departed) {
                                          const bool has_commands = departed.user.commands != nullptr;
                                          return orders_.obeyed(departed.orders) &&
-                                                (!has_commands || remote_endpoints_out_.passed(departed.remotes));
+                                                (!has_commands || remote_endpoints_out_.is_adopted(departed.remotes));
                                        }),
                         departed_users_.end());
 }

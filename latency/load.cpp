@@ -35,7 +35,7 @@ const spm::codec::CompressedModel& model() {
   static const spm::offline::BuiltModel built =
       spm::offline::build_model(spm::offline::generate(spm::offline::Shape::kOrgan, kFaces));
   static const spm::codec::EncodedModel encoded{built.model()};
-  return encoded.coded();
+  return encoded.compressed();
 }
 
 }  // namespace
@@ -148,7 +148,7 @@ void MeshSink::run() {
       std::visit([&](const auto& sample) { on_sample(sample, arrived.at_ns); }, arrived.sample);
     if (host_ == 0) continue;
     const std::int64_t now_ns = wire::monotonic_ns();
-    client_.host_seen(host_, host_incarnation_, now_ns);
+    client_.on_host_heartbeat(host_, host_incarnation_, now_ns);
     request_next_regions(now_ns);
     while (auto demand = client_.demand(now_ns)) {
       demand->origin = participants_.origin();
@@ -162,8 +162,8 @@ void MeshSink::on_sample(const session::CatalogueEntry& entry, std::int64_t at_n
   host_ = entry.origin.participant;
   host_incarnation_ = entry.origin.incarnation;
   regions_ = entry.summary.regions;
-  client_.host_seen(host_, host_incarnation_, at_ns);
-  client_.offer(entry);
+  client_.on_host_heartbeat(host_, host_incarnation_, at_ns);
+  client_.on_catalogue(entry);
   client_.open(entry.object_id, entry.summary.digest);
 }
 
@@ -174,12 +174,12 @@ void MeshSink::on_sample(const session::BulkChunk& chunk, std::int64_t at_ns) {
 
 void MeshSink::on_sample(const session::DeliveryClient::Message& message, std::int64_t at_ns) {
   if (message.kind == session::BulkKind::kBase) {
-    client_.base_held(message.object_id);
+    client_.answer_base_stored(message.object_id);
     for (std::uint32_t region = 0; region < regions_; ++region) absent_.push_back(region);
     return;
   }
   count_message(message.bytes.size(), at_ns);
-  client_.held(message.object_id, message.region);
+  client_.answer_stored(message.object_id, message.region);
   held_.push_back(message.region);
   wanted_.erase(std::remove(wanted_.begin(), wanted_.end(), message.region), wanted_.end());
   burst_bytes_ += message.bytes.size();
@@ -188,7 +188,7 @@ void MeshSink::on_sample(const session::DeliveryClient::Message& message, std::i
     const std::lock_guard lock{mutex_};
     bursts_.push_back({static_cast<double>(at_ns - burst_ns_) * 1e-6, burst_bytes_});
   }
-  client_.want(message.object_id, {});  // otherwise the host would send regions again that are evicted
+  client_.set_wanted(message.object_id, {});  // otherwise the host would send regions again that are evicted
   if (burst_bytes_ < min_burst_) ++burst_regions_;
   pause_until_ns_ = at_ns + kPauseNs;
 }
@@ -217,7 +217,7 @@ void MeshSink::request_next_regions(std::int64_t now_ns) {
   burst_bytes_ = 0;
   std::vector<session::Wanted> all;
   for (const std::uint32_t region : wanted_) all.push_back({region, static_cast<std::uint32_t>(all.size())});
-  client_.want(object, std::move(all));
+  client_.set_wanted(object, std::move(all));
 }
 
 double MeshSink::bytes_per_s() {

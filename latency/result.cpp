@@ -45,7 +45,7 @@ class EchoerClock {
     auto next = std::upper_bound(maps_.begin(), maps_.end(), local_ns,
                                  [](std::int64_t time, const session::ClockMap& map) { return time < map.local_ns; });
     const session::ClockMap& map = next == maps_.begin() ? *next : *std::prev(next);
-    bound_ns_ = std::max(bound_ns_, map.bound(std::max(local_ns, map.local_ns)));
+    bound_ns_ = std::max(bound_ns_, map.error_bound(std::max(local_ns, map.local_ns)));
     return map.session_time(local_ns);
   }
   [[nodiscard]] double bound_us() const noexcept { return static_cast<double>(bound_ns_) * 1e-3; }

@@ -61,7 +61,7 @@ Timestamps measure_locally(const TestCase& test, const RunSettings& settings, co
   Timestamps timestamps;
   in_own_thread([&] {
     if (pair) {
-      pair->enter(netem::Side::kA);
+      pair->enter_namespace(netem::Side::kA);
       side.echo_address = netem::LinkedPair::address(netem::Side::kB);
     }
     timestamps = measure(test, echoer.control(), side, cancelled, selection);

@@ -52,7 +52,7 @@ void add_options(CLI::App& app, Options& options) {
 
 void print_list() {
   for (const NamedLink& link : kNamedLinks)
-    std::printf("%-5s %-52s %s\n", link.name, link.description, describe(link.each_way).c_str());
+    std::printf("%-5s %-52s %s\n", link.name, link.description, describe(link.each_direction).c_str());
   std::printf(
       "\nP0a to P8a: as P0 to P8, with 70 %% of the round trip's delay and jitter from a to b.\n"
       "Settings after colons change a link in both directions, for example\n"
@@ -63,8 +63,8 @@ void print_list() {
 }
 
 void print_start(const LinkedPair& pair, const LinkSettings& link) {
-  std::fprintf(stderr, "link %s: a to b %s; b to a %s; seed %llu\n", link.name.c_str(), describe(link.forth).c_str(),
-               describe(link.back).c_str(), static_cast<unsigned long long>(link.seed));
+  std::fprintf(stderr, "link %s: a to b %s; b to a %s; seed %llu\n", link.name.c_str(), describe(link.a_to_b).c_str(),
+               describe(link.b_to_a).c_str(), static_cast<unsigned long long>(link.seed));
   if (!pair.realtime())
     std::fprintf(
         stderr,
@@ -74,7 +74,7 @@ void print_start(const LinkedPair& pair, const LinkSettings& link) {
 void print_end(const LinkedPair& pair, const LinkSettings& link) {
   if (link.medium == Medium::kVeth) return;
   const RelayFigures figures = pair.figures();
-  for (const auto& [name, direction] : {std::pair{"a to b", figures.forth}, {"b to a", figures.back}}) {
+  for (const auto& [name, direction] : {std::pair{"a to b", figures.a_to_b}, {"b to a", figures.b_to_a}}) {
     std::fprintf(stderr, "%s: %llu frames, %llu lost, %llu dropped by a full queue\n", name,
                  static_cast<unsigned long long>(direction.arrived), static_cast<unsigned long long>(direction.lost),
                  static_cast<unsigned long long>(direction.dropped));

@@ -303,8 +303,8 @@ struct LinkedPair::Impl {
       relay = std::make_unique<Relay>(taps[0].get(), taps[1].get(), settings);
       carry();
     } else {
-      if (settings.forth.rate_mbit > 0) batch({"tc", "-n", names[0]}, rate_script(settings.forth));
-      if (settings.back.rate_mbit > 0) batch({"tc", "-n", names[1]}, rate_script(settings.back));
+      if (settings.a_to_b.rate_mbit > 0) batch({"tc", "-n", names[0]}, rate_script(settings.a_to_b));
+      if (settings.b_to_a.rate_mbit > 0) batch({"tc", "-n", names[1]}, rate_script(settings.b_to_a));
     }
     for (const Descriptor& where : namespaces) {
       set_namespace(where);
@@ -341,7 +341,7 @@ LinkedPair::~LinkedPair() = default;
 
 const std::string& LinkedPair::name(Side side) const { return impl_->names[static_cast<std::size_t>(side)]; }
 
-void LinkedPair::enter(Side side) const { set_namespace(impl_->namespaces[static_cast<std::size_t>(side)]); }
+void LinkedPair::enter_namespace(Side side) const { set_namespace(impl_->namespaces[static_cast<std::size_t>(side)]); }
 
 pid_t LinkedPair::start(Side side, std::vector<std::string> command) const {
   return start_in(impl_->namespaces[static_cast<std::size_t>(side)].get(), std::move(command));

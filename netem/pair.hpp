@@ -49,7 +49,7 @@ class LinkedPair {
 
   /// Moves the calling thread into a namespace. Processes and threads that it creates later are in it too. Throws
   /// LinkError.
-  void enter(Side side) const;
+  void enter_namespace(Side side) const;
 
   /// Starts a program in a namespace, otherwise as start_program.
   [[nodiscard]] pid_t start(Side side, std::vector<std::string> command) const;

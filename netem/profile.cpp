@@ -9,7 +9,7 @@
 namespace tactus::netem {
 namespace {
 
-constexpr double kForthShare = 0.7;  // share of the round trip from a to b in the asymmetric variant
+constexpr double kAToBShare = 0.7;  // share of the round trip from a to b in the asymmetric variant
 
 void check_range(const std::string& link, const char* what, double value, double low, double high) {
   if (value >= low && value <= high) return;
@@ -38,9 +38,9 @@ LinkSettings named_link(const std::string& name) {
     expected += std::string{expected.empty() ? "" : ", "} + link.name;
     const bool asymmetric = link.medium == Medium::kRelay && name == std::string{link.name} + "a";
     if (name != link.name && !asymmetric) continue;
-    LinkSettings settings{name, link.medium, link.each_way, link.each_way};
+    LinkSettings settings{name, link.medium, link.each_direction, link.each_direction};
     if (asymmetric) {
-      for (auto [direction, share] : {std::pair{&settings.forth, kForthShare}, {&settings.back, 1 - kForthShare}}) {
+      for (auto [direction, share] : {std::pair{&settings.a_to_b, kAToBShare}, {&settings.b_to_a, 1 - kAToBShare}}) {
         direction->delay_ms *= 2 * share;
         direction->jitter_ms *= 2 * share;
       }
@@ -98,15 +98,15 @@ LinkSettings parse_link(const std::string& text) {
   LinkSettings settings = named_link(part);
   settings.name = text;
   while (std::getline(parts, part, ':'))
-    for (LinkProfile* direction : {&settings.forth, &settings.back}) apply_setting(*direction, text, part);
+    for (LinkProfile* direction : {&settings.a_to_b, &settings.b_to_a}) apply_setting(*direction, text, part);
   check(settings);
   return settings;
 }
 
 void check(const LinkSettings& settings) {
-  check_direction(settings.name, settings.forth);
-  check_direction(settings.name, settings.back);
-  if (settings.medium == Medium::kVeth && !(only_rate(settings.forth) && only_rate(settings.back)))
+  check_direction(settings.name, settings.a_to_b);
+  check_direction(settings.name, settings.b_to_a);
+  if (settings.medium == Medium::kVeth && !(only_rate(settings.a_to_b) && only_rate(settings.b_to_a)))
     throw LinkError("link veth supports rate and queue only; for delay, jitter or loss use P0 with these settings");
 }
 

@@ -50,7 +50,7 @@ struct NamedLink {
   const char* name;
   const char* description;
   Medium medium;
-  LinkProfile each_way;
+  LinkProfile each_direction;
 };
 
 /// Named links. Delay, jitter and loss are from published studies. We chose rates and queues where the studies state
@@ -72,8 +72,8 @@ inline constexpr std::array kNamedLinks{
 struct LinkSettings {
   std::string name;
   Medium medium = Medium::kRelay;
-  LinkProfile forth;  ///< a to b
-  LinkProfile back;   ///< b to a
+  LinkProfile a_to_b;
+  LinkProfile b_to_a;
   std::uint64_t seed = 1;
 };
 

@@ -41,7 +41,7 @@ double percentile(const std::vector<std::uint64_t>& buckets, double share) {
 Relay::Relay(int a, int b, const LinkSettings& settings)
     : taps_{a, b},
       wake_{::eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK)},
-      links_{Link{settings.forth, 2 * settings.seed}, Link{settings.back, 2 * settings.seed + 1}},
+      links_{Link{settings.a_to_b, 2 * settings.seed}, Link{settings.b_to_a, 2 * settings.seed + 1}},
       late_(kLateBuckets, 0) {
   if (wake_ < 0) throw LinkError(std::string{"relay: no eventfd: "} + std::strerror(errno));
 }

@@ -14,7 +14,7 @@
 namespace tactus::netem {
 
 struct RelayFigures {
-  LinkCounts forth, back;
+  LinkCounts a_to_b, b_to_a;
   std::uint64_t overflowed = 0;  ///< frames dropped because kMaxFrames were in transit
   std::uint64_t sent = 0;        ///< frames
   /// Lateness of the frames sent: time after the departure that Link computed, us.

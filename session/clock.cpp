@@ -12,7 +12,7 @@ std::int64_t ClockMap::session_time(std::int64_t at_local_ns) const noexcept {
   return session_ns + (at_local_ns - local_ns) + gained;
 }
 
-std::int64_t ClockMap::bound(std::int64_t at_local_ns) const noexcept {
+std::int64_t ClockMap::error_bound(std::int64_t at_local_ns) const noexcept {
   if (bound_ns >= kClockUnknown) return kClockUnknown;
   const auto residual =
       std::llround(static_cast<double>(std::max<std::int64_t>(0, slew_until_ns - at_local_ns)) * std::abs(slew));
@@ -34,7 +34,7 @@ void SessionClock::set_reference(std::uint64_t participant, std::uint64_t incarn
   window_.clear();
   const std::int64_t widest_ns = settings_.step_ns + settings_.max_rtt_ns;
   times_ = TimeWindow{{widest_ns, widest_ns}};
-  waits_ = false;
+  waits_for_force_off_ = false;
   if (participant != self_.participant) return;
   // Session time continues.
   map_ = {local_now_ns, map_.session_time(local_now_ns), 0, local_now_ns, 0, 0};
@@ -105,8 +105,8 @@ void SessionClock::steer(std::int64_t local_now_ns) {
   const std::int64_t continued = map_.session_time(local_now_ns);
   const bool is_far = std::abs(target - continued) > settings_.step_ns + bound_now(best);
   const bool must_step = !synchronised_ || is_far;
-  waits_ = must_step && force_on_;
-  if (waits_) {
+  waits_for_force_off_ = must_step && force_on_;
+  if (waits_for_force_off_) {
     const std::int64_t wrong_ns = synchronised_ ? std::abs(target - continued) + bound_now(best) : kClockUnknown;
     map_ = {local_now_ns, continued, 0, local_now_ns, std::min(wrong_ns, kClockUnknown), settings_.drift};
     return;

@@ -47,7 +47,7 @@ struct ClockMap {
   [[nodiscard]] std::int64_t session_time(std::int64_t at_local_ns) const noexcept;
   /// Max error of session time. After a change of reference it is the error against the previous reference, until the
   /// new one answers.
-  [[nodiscard]] std::int64_t bound(std::int64_t at_local_ns) const noexcept;
+  [[nodiscard]] std::int64_t error_bound(std::int64_t at_local_ns) const noexcept;
 };
 
 /// Error bound of a clock that has received no answer yet.
@@ -68,7 +68,7 @@ class SessionClock {
   /// Returns a request to publish now. Call it periodically while another participant is the reference.
   [[nodiscard]] ClockSample request(std::int64_t local_now_ns);
   /// Whether this program answers requests. Only the reference does, because other clocks still slew.
-  [[nodiscard]] bool answers() const noexcept { return reference_ != 0 && reference_ == self_.participant; }
+  [[nodiscard]] bool answers_requests() const noexcept { return reference_ != 0 && reference_ == self_.participant; }
   /// Returns the answer to publish at once. `local_received_ns`: arrival of the request.
   [[nodiscard]] ClockSample answer(const ClockSample& request, std::int64_t local_received_ns,
                                    std::int64_t local_now_ns) const;
@@ -79,7 +79,7 @@ class SessionClock {
   /// Whether session time is valid: this program is the reference, or has received an answer of the reference.
   [[nodiscard]] bool synchronised() const noexcept { return synchronised_; }
   /// Whether the clock has to be set or to step, but waits because a force is on.
-  [[nodiscard]] bool waits() const noexcept { return waits_; }
+  [[nodiscard]] bool waits_for_force_off() const noexcept { return waits_for_force_off_; }
   [[nodiscard]] const ClockMap& map() const noexcept { return map_; }
   /// Number of answers dropped because their time was outside its window.
   [[nodiscard]] std::uint64_t implausible() const noexcept { return implausible_; }
@@ -105,7 +105,7 @@ class SessionClock {
   std::uint64_t reference_ = 0;
   std::uint64_t reference_incarnation_ = 0;
   bool synchronised_ = false;
-  bool force_on_ = false, waits_ = false;
+  bool force_on_ = false, waits_for_force_off_ = false;
   std::int64_t joined_ns_ = kNotJoined;
   std::uint32_t sequence_ = 0;
   std::array<std::int64_t, 16> requested_ns_{};  // local times of the newest requests, by sequence

@@ -23,7 +23,7 @@ bool well_formed(const BulkChunk& chunk) {
 DeliveryClient::DeliveryClient(const Origin& self, const DeliverySettings& settings)
     : self_{self}, settings_{settings} {}
 
-void DeliveryClient::offer(const CatalogueEntry& entry) {
+void DeliveryClient::on_catalogue(const CatalogueEntry& entry) {
   Host& host = hosts_[entry.origin.participant];
   const auto key = std::make_pair(entry.object_id, entry.origin.incarnation);
   if (entry.withdrawn) {
@@ -39,7 +39,7 @@ bool DeliveryClient::Host::offers_object(std::uint64_t object, std::uint64_t dig
   return false;
 }
 
-void DeliveryClient::host_seen(std::uint64_t host, std::uint64_t incarnation, std::int64_t now_ns) {
+void DeliveryClient::on_host_heartbeat(std::uint64_t host, std::uint64_t incarnation, std::int64_t now_ns) {
   Host& state = hosts_[host];
   if (incarnation < state.incarnation && state.present) return;  // name conflict: the newer program still lives
   if (incarnation != state.incarnation) {
@@ -51,12 +51,12 @@ void DeliveryClient::host_seen(std::uint64_t host, std::uint64_t incarnation, st
   state.absent_ns = 0;
 }
 
-void DeliveryClient::host_gone(std::uint64_t host) {
+void DeliveryClient::on_host_gone(std::uint64_t host) {
   const auto at = hosts_.find(host);
   if (at != hosts_.end()) at->second.present = false;
 }
 
-void DeliveryClient::host_left(std::uint64_t host, std::uint64_t incarnation) {
+void DeliveryClient::on_host_left(std::uint64_t host, std::uint64_t incarnation) {
   const auto at = hosts_.find(host);
   if (at == hosts_.end()) return;
   auto& offers = at->second.offers;
@@ -137,7 +137,7 @@ void DeliveryClient::close(std::uint64_t object_id) {
   objects_.erase(at);
 }
 
-bool DeliveryClient::offered(std::uint64_t object_id, std::uint64_t digest) const {
+bool DeliveryClient::is_offered(std::uint64_t object_id, std::uint64_t digest) const {
   return std::any_of(hosts_.begin(), hosts_.end(),
                      [&](const auto& host) { return host.second.offers_object(object_id, digest); });
 }
@@ -149,7 +149,7 @@ void DeliveryClient::begin_epoch(Object& object) {
   ++object.epoch;
 }
 
-void DeliveryClient::want(std::uint64_t object_id, std::vector<Wanted> wanted) {
+void DeliveryClient::set_wanted(std::uint64_t object_id, std::vector<Wanted> wanted) {
   Object& object = objects_.at(object_id);
   std::stable_sort(wanted.begin(), wanted.end(),
                    [](const Wanted& a, const Wanted& b) { return a.contact_in_us < b.contact_in_us; });
@@ -257,11 +257,11 @@ void DeliveryClient::report_gaps(Object& object, Stream& stream, Demand& demand,
 }
 
 /// The last sequence up to which no chunk of the stream is missing and the caller has answered all messages. With
-/// `or_parked`, parked messages count as answered.
-std::uint32_t DeliveryClient::processed_up_to(const Object& object, std::uint32_t stream, bool or_parked) const {
+/// `or_postponed`, messages with a postponed answer count as answered.
+std::uint32_t DeliveryClient::processed_up_to(const Object& object, std::uint32_t stream, bool or_postponed) const {
   std::uint32_t received = streams_.at(stream).received();
   for (const auto& [region, pending] : object.pending) {
-    if (or_parked && pending.parked) continue;
+    if (or_postponed && pending.postponed) continue;
     if (pending.stream == stream) received = std::min(received, pending.last_sequence - 1);
   }
   return received;
@@ -383,11 +383,11 @@ void DeliveryClient::limit_partials(std::int64_t now_ns) {
   }
 }
 
-void DeliveryClient::set_room(std::uint64_t bytes) {
-  room_ = bytes;
+void DeliveryClient::limit_credit(std::uint64_t bytes) {
+  credit_limit_ = bytes;
   // A host may be waiting for credit, so a demand is due when the credit can grow by several chunks.
-  constexpr std::uint64_t kMinNewRoom = 8 * kMaxPayload;
-  if (published_room_ >= settings_.credit || room_ < published_room_ + kMinNewRoom) return;
+  constexpr std::uint64_t kMinIncrease = 8 * kMaxPayload;
+  if (published_credit_limit_ >= settings_.credit || credit_limit_ < published_credit_limit_ + kMinIncrease) return;
   for (auto& [object_id, object] : objects_) object.received_changed = object.received_changed || is_answer_due(object);
 }
 
@@ -418,19 +418,19 @@ std::uint32_t DeliveryClient::credit() const {
   const double turnaround_s = static_cast<double>(round_trip_ns_ + settings_.demand_interval_ns) / kNsPerS;
   const double credit = std::clamp(kMargin * rate_ * turnaround_s, static_cast<double>(settings_.credit),
                                    static_cast<double>(std::max(settings_.credit, settings_.max_credit)));
-  return static_cast<std::uint32_t>(std::min(credit, static_cast<double>(room_)));
+  return static_cast<std::uint32_t>(std::min(credit, static_cast<double>(credit_limit_)));
 }
 
-void DeliveryClient::base_held(std::uint64_t object_id) {
+void DeliveryClient::answer_base_stored(std::uint64_t object_id) {
   Object& object = objects_.at(object_id);
   object.pending.erase(spm::kNone);
   object.has_base = true;
   begin_epoch(object);
 }
 
-void DeliveryClient::base_refused(std::uint64_t object_id) { refused(object_id, spm::kNone); }
+void DeliveryClient::answer_base_refused(std::uint64_t object_id) { answer_refused(object_id, spm::kNone); }
 
-void DeliveryClient::held(std::uint64_t object_id, std::uint32_t region) {
+void DeliveryClient::answer_stored(std::uint64_t object_id, std::uint32_t region) {
   Object& object = objects_.at(object_id);
   object.pending.erase(region);
   object.retiring.erase(region);
@@ -439,15 +439,15 @@ void DeliveryClient::held(std::uint64_t object_id, std::uint32_t region) {
   begin_epoch(object);
 }
 
-void DeliveryClient::refused(std::uint64_t object_id, std::uint32_t region) {
+void DeliveryClient::answer_refused(std::uint64_t object_id, std::uint32_t region) {
   Object& object = objects_.at(object_id);
   if (object.pending.erase(region) == 0) return;
   ++counters_.refused;
   object.received_changed = true;
 }
 
-void DeliveryClient::park(std::uint64_t object_id, std::uint32_t region) {
-  objects_.at(object_id).pending.at(region).parked = true;
+void DeliveryClient::postpone_answer(std::uint64_t object_id, std::uint32_t region) {
+  objects_.at(object_id).pending.at(region).postponed = true;
 }
 
 bool DeliveryClient::retire(std::uint64_t object_id, std::uint32_t region) {
@@ -469,7 +469,7 @@ std::vector<std::uint32_t> DeliveryClient::take_released(std::uint64_t object_id
     const Retiring& retiring = at->second;
     const bool echo_processed = retiring.echo_sequence != 0 && retiring.echo_sequence <= received;
     const bool relied_on = std::any_of(object.pending.begin(), object.pending.end(), [&](const auto& entry) {
-      return !entry.second.parked && entry.second.epoch < retiring.epoch;
+      return !entry.second.postponed && entry.second.epoch < retiring.epoch;
     });
     if ((served && !echo_processed) || relied_on) {
       ++at;
@@ -545,7 +545,7 @@ std::optional<Demand> DeliveryClient::demand(std::int64_t now_ns) {
 }
 
 Demand DeliveryClient::make_demand(std::uint64_t object_id, Object& object, std::int64_t now_ns) {
-  published_room_ = room_;
+  published_credit_limit_ = credit_limit_;
   if (object.changed && object.measured_from_ns == 0) {
     object.measured_epoch = object.epoch;
     object.measured_from_ns = now_ns;

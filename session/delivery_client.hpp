@@ -1,16 +1,17 @@
 /// An HRTC's side of delivery: publishes the regions that the HRTC has and wants of each object, and joins the pieces
 /// in received chunks to messages.
 ///
-///     offer, host_seen, host_gone     hosts and the objects that they serve   (catalogue, roster)
-///     want, held, refused, retire     decisions of the HRTC                   (prediction, cache)
+///     on_catalogue, on_host_...       hosts and the objects that they serve   (catalogue, roster)
+///     set_wanted, answer_..., retire  decisions of the HRTC                   (prediction, cache)
 ///     on_chunk -> Messages            complete messages                       (base, records)
 ///     demand -> Demand                the demand to publish                   (demand)
 ///     take_released                   regions that the HRTC may free
 ///
-/// The caller must answer every message: a base mesh with base_held or base_refused, a region with held or refused. It
-/// answers at once or, after `park`, later. Until the answer, Demand::received stays below the chunks of the message.
-/// So the host does not repeat a region while it waits for decoding. A refused region is sent again while it is wanted,
-/// so a caller without memory for a region must also remove it from the wanted regions.
+/// The caller must answer every message: a base mesh with answer_base_stored or answer_base_refused, a region with
+/// answer_stored or answer_refused. It answers at once or, after postpone_answer, later. Until the answer,
+/// Demand::received stays below the chunks of the message. So the host does not repeat a region while it waits for
+/// decoding. A refused region is sent again while it is wanted, so a caller without memory for a region must also
+/// remove it from the wanted regions.
 ///
 /// A retired region leaves Demand::have at once. Chunks that hosts sent before they received that demand may still rely
 /// on the records of the region. So the region is released only when the serving host has echoed the epoch of that
@@ -69,13 +70,13 @@ class DeliveryClient {
   DeliveryClient(const Origin& self, const DeliverySettings& settings);
 
   /// Applies a catalogue entry: a host offers an object or withdraws it.
-  void offer(const CatalogueEntry& entry);
-  /// Reports a heartbeat of a host. A new incarnation begins new streams.
-  void host_seen(std::uint64_t host, std::uint64_t incarnation, std::int64_t now_ns);
-  /// Reports that a host is silent; it stays known, with its offers, for `forget_host_ns`.
-  void host_gone(std::uint64_t host);
+  void on_catalogue(const CatalogueEntry& entry);
+  /// A new incarnation begins new streams.
+  void on_host_heartbeat(std::uint64_t host, std::uint64_t incarnation, std::int64_t now_ns);
+  /// Reports that a host is silent. Its offers remain for `forget_host_ns`.
+  void on_host_gone(std::uint64_t host);
   /// Reports the leave message of this incarnation: withdraws the objects that it offers.
-  void host_left(std::uint64_t host, std::uint64_t incarnation);
+  void on_host_left(std::uint64_t host, std::uint64_t incarnation);
   /// Reports that the host may have failed: until its next heartbeat another host is preferred. A false suspicion loses
   /// no data.
   void suspect_host(std::uint64_t host);
@@ -87,9 +88,9 @@ class DeliveryClient {
   /// Whether a host offers the object with this digest. The offers of an absent host, and those of an incarnation that
   /// a newer one replaced, remain valid for `forget_host_ns`. In a name conflict, the program that leaves withdraws
   /// only its own offers.
-  [[nodiscard]] bool offered(std::uint64_t object_id, std::uint64_t digest) const;
+  [[nodiscard]] bool is_offered(std::uint64_t object_id, std::uint64_t digest) const;
   /// Sets the wanted regions, in any order. The kMaxWanted regions with the soonest contact are requested.
-  void want(std::uint64_t object_id, std::vector<Wanted> wanted);
+  void set_wanted(std::uint64_t object_id, std::vector<Wanted> wanted);
 
   /// A complete message. `region` is spm::kNone for a base mesh.
   struct Message {
@@ -104,20 +105,20 @@ class DeliveryClient {
   [[nodiscard]] std::vector<Message> on_chunk(const BulkChunk& chunk, std::int64_t now_ns);
 
   /// Limits the credit to the payload bytes of regions that the caller can store now. Without a call: no limit.
-  void set_room(std::uint64_t bytes);
+  void limit_credit(std::uint64_t bytes);
   /// Payload bytes that hosts may have in flight under the published credits. The caller must reserve memory for them.
   [[nodiscard]] std::uint64_t granted_credit(std::int64_t now_ns);
   /// Answers that the caller has stored the base mesh.
-  void base_held(std::uint64_t object_id);
+  void answer_base_stored(std::uint64_t object_id);
   /// Answers that the caller did not store the base mesh.
-  void base_refused(std::uint64_t object_id);
+  void answer_base_refused(std::uint64_t object_id);
   /// Answers that the region is in the cache. Cancels `retire` if the region is not released yet.
-  void held(std::uint64_t object_id, std::uint32_t region);
+  void answer_stored(std::uint64_t object_id, std::uint32_t region);
   /// Answers that the caller did not store the region.
-  void refused(std::uint64_t object_id, std::uint32_t region);
+  void answer_refused(std::uint64_t object_id, std::uint32_t region);
   /// Postpones the answer until the caller has memory for the region. Meanwhile the message counts as in flight for the
   /// credit. Retired regions are released as if the caller had answered, so this message may rely on released records.
-  void park(std::uint64_t object_id, std::uint32_t region);
+  void postpone_answer(std::uint64_t object_id, std::uint32_t region);
   /// Marks a region that the caller wants to free. Until take_released returns the region, a message may rely on its
   /// records; a caller that frees them earlier must refuse such a message. Returns false and changes nothing if no
   /// demand has listed the region yet: the host would treat the region, and all messages that rely on it, as refused.
@@ -200,7 +201,7 @@ class DeliveryClient {
     std::uint32_t stream = 0;
     std::uint32_t epoch = 0;
     std::uint32_t last_sequence = 0;
-    bool parked = false;
+    bool postponed = false;
   };
   struct Retiring {
     std::uint32_t epoch = 0;          // of the first demand without the region
@@ -236,7 +237,7 @@ class DeliveryClient {
   void track_gaps(Stream& stream, const BulkChunk& chunk, std::int64_t now_ns) const;
   [[nodiscard]] bool has_gap_to_report(const Stream& stream, std::int64_t now_ns) const;
   void report_gaps(Object& object, Stream& stream, Demand& demand, std::int64_t now_ns);
-  [[nodiscard]] std::uint32_t processed_up_to(const Object& object, std::uint32_t stream, bool or_parked) const;
+  [[nodiscard]] std::uint32_t processed_up_to(const Object& object, std::uint32_t stream, bool or_postponed) const;
   void on_echo(Object& object, const Stream& stream, const BulkChunk& chunk, std::int64_t now_ns);
   [[nodiscard]] std::optional<Message> assemble(Object& object, std::uint64_t object_id, const BulkChunk& chunk,
                                                 const BulkPiece& piece, std::int64_t now_ns);
@@ -262,7 +263,7 @@ class DeliveryClient {
   std::uint32_t last_epoch_ = 0;  // largest epoch of closed objects; an object that is opened again continues there
   std::size_t partial_bytes_ = 0;
   std::int64_t round_trip_ns_ = 0;
-  std::uint64_t room_ = ~std::uint64_t{0}, published_room_ = 0;
+  std::uint64_t credit_limit_ = ~std::uint64_t{0}, published_credit_limit_ = 0;
   struct Published {
     std::int64_t at_ns;
     std::uint32_t credit;

@@ -13,7 +13,7 @@ namespace {
 /// Time to contact assigned to base meshes. Regions that are touched sooner come first; prefetched regions come later.
 constexpr std::uint32_t kBaseContactUs = 100'000;
 /// Free bytes of a chunk below which no piece is added.
-constexpr std::size_t kMinRoom = 64;
+constexpr std::size_t kMinFreeBytes = 64;
 /// Delay of the first tail loss probe after the last chunk. Each further probe doubles the delay, up to the max.
 constexpr std::int64_t kMinTailProbeNs = 4'000'000, kMaxTailProbeNs = 128'000'000;
 /// Time without a demand after which an HRTC is dropped. It repeats demands every half second
@@ -121,7 +121,7 @@ DeliveryServer::DemandResult DeliveryServer::on_demand(const Demand& demand, std
   }
   if (demand.serving_host != self_.participant) {
     if (service.partly_sent() != nullptr) count(state, [](DeliveryCounters& c) { ++c.messages_dropped; });
-    for (const SentPiece& sent : service.under_way) state.pacer.forget(sent.bytes);
+    for (const SentPiece& sent : service.in_flight) state.pacer.remove_in_flight(sent.bytes);
     Service stopped;
     stopped.stream = service.stream;
     stopped.sequence = service.sequence;
@@ -149,12 +149,12 @@ void DeliveryServer::apply_receipt(HrtcState& state, Service& service, std::int6
   const auto passed = [&](const SentPiece& sent) { return sent.sequence <= std::max(demand.newest, demand.received); };
   Pacer::Feedback feedback;
   std::uint32_t waited_us = 0;
-  for (; !service.under_way.empty() && passed(service.under_way.front()); service.under_way.pop_front()) {
-    const SentPiece& sent = service.under_way.front();
+  for (; !service.in_flight.empty() && passed(service.in_flight.front()); service.in_flight.pop_front()) {
+    const SentPiece& sent = service.in_flight.front();
     const auto message = std::lower_bound(service.messages.begin(), service.messages.end(), sent.message,
                                           [](const Message& m, std::uint32_t number) { return m.number < number; });
     const bool is_stored = message != service.messages.end() && message->number == sent.message;
-    if (is_stored) --message->under_way;
+    if (is_stored) --message->in_flight;
     if (sent.sequence > demand.received && contains(demand.gaps, sent.sequence)) {
       feedback.lost_bytes += sent.bytes;
       if (is_stored) message->lost.push_back(sent.index);
@@ -171,7 +171,7 @@ void DeliveryServer::apply_receipt(HrtcState& state, Service& service, std::int6
 
 /// Adds the records of a region to the covered records. The interval limit of a service shrinks with the number of
 /// services, which bounds the memory of all. With few services the set is exact, and no record is sent twice.
-void DeliveryServer::cover(Service& service, const Object& object, std::uint32_t region) const {
+void DeliveryServer::add_covered_records(Service& service, const Object& object, std::uint32_t region) const {
   constexpr std::size_t kMaxTotal = 40'960, kMin = 1'280, kMax = 5'120;  // intervals: 320, 10 and 40 KiB
   std::size_t services = 0;
   for (const auto& [hrtc, state] : hrtcs_) services += state.services.size();
@@ -193,12 +193,12 @@ void DeliveryServer::compare(HrtcState& state, Service& service, const Object& o
   const auto has_ended = [&](const Message& message) {
     const bool base = message.region == spm::kNone;
     if (base ? !demand.need_base : contains(demand.have, message.region)) return true;  // accepted
-    if (message.arrived() && message.last_sequence <= demand.received) return refused = true;
-    const bool has_pieces_to_send = !message.sent() || !message.lost.empty();
+    if (message.has_arrived() && message.last_sequence <= demand.received) return refused = true;
+    const bool has_pieces_to_send = !message.is_sent() || !message.lost.empty();
     const bool cancelled = has_pieces_to_send && (base != demand.need_base || (!base && !wanted(message)));
     if (!cancelled) return false;
     count(state, [](DeliveryCounters& c) { ++c.messages_dropped; });
-    refused = refused || message.sent();  // the HRTC does not have its records
+    refused = refused || message.is_sent();  // the HRTC does not have its records
     return true;
   };
   const auto erase_if = [&](const auto& condition) {
@@ -212,7 +212,7 @@ void DeliveryServer::compare(HrtcState& state, Service& service, const Object& o
   if (!only_added) service.covered.clear();
   for (const spm::Interval& interval : demand.have) {
     for (std::uint32_t region = interval.first; region != end_of(interval); ++region) {
-      if (!only_added || !contains(*previous, region)) cover(service, object, region);
+      if (!only_added || !contains(*previous, region)) add_covered_records(service, object, region);
     }
   }
   // The HRTC frees a retired region only after it has processed all chunks that were sent before the echo. So a message
@@ -220,17 +220,17 @@ void DeliveryServer::compare(HrtcState& state, Service& service, const Object& o
   // not rely on regions that have left `have`.
   erase_if([&](Message& message) {
     if (only_added || message.region == spm::kNone) return false;
-    const bool has_pieces_to_send = !message.sent() || !message.lost.empty();
+    const bool has_pieces_to_send = !message.is_sent() || !message.lost.empty();
     if (has_pieces_to_send || refused) {
       message.is_doubtful =
           !contains_all(message.records, service.covered.missing(list_of(object.model, message.region)));
       if (message.is_doubtful && has_pieces_to_send) {
-        refused = refused || message.sent();
+        refused = refused || message.is_sent();
         count(state, [](DeliveryCounters& c) { ++c.messages_dropped; });
         return true;
       }
     }
-    if (message.sent() && !message.is_doubtful) cover(service, object, message.region);
+    if (message.is_sent() && !message.is_doubtful) add_covered_records(service, object, message.region);
     return false;
   });
 
@@ -248,14 +248,14 @@ void DeliveryServer::compare(HrtcState& state, Service& service, const Object& o
                    [](const Wanted& a, const Wanted& b) { return a.contact_in_us > b.contact_in_us; });
 }
 
-bool DeliveryServer::Message::fits(std::uint32_t piece, std::size_t room) const noexcept {
+bool DeliveryServer::Message::fits(std::uint32_t piece, std::size_t free_bytes) const noexcept {
   const auto [from, to] = pieces.range(piece);
-  return header_bytes(region, pieces.count) + to - from <= room;
+  return header_bytes(region, pieces.count) + to - from <= free_bytes;
 }
 
-DeliveryServer::Message* DeliveryServer::first_lost(Service& service, std::size_t room) {
+DeliveryServer::Message* DeliveryServer::first_lost(Service& service, std::size_t free_bytes) {
   const auto at = std::find_if(service.messages.begin(), service.messages.end(), [&](const Message& message) {
-    return !message.lost.empty() && message.fits(message.lost.back(), room);
+    return !message.lost.empty() && message.fits(message.lost.back(), free_bytes);
   });
   return at == service.messages.end() ? nullptr : &*at;
 }
@@ -272,13 +272,14 @@ std::optional<std::uint32_t> DeliveryServer::urgency(Service& service) {
   return service.to_send.back().contact_in_us;
 }
 
-/// Plans the next message, whose first piece fits into `room` bytes.
-void DeliveryServer::plan(Service& service, const Object& object, std::size_t room) const {
+/// Plans the next message, whose first piece fits into `free_bytes` bytes.
+void DeliveryServer::plan(Service& service, const Object& object, std::size_t free_bytes) const {
   Message message;
   message.number = ++service.planned;
   if (service.demand.need_base) {
     message.contact_in_us = kBaseContactUs;
-    message.pieces = MessagePieces::cut(static_cast<std::uint32_t>(object.model.spans().base.size()), spm::kNone, room);
+    message.pieces =
+        MessagePieces::cut(static_cast<std::uint32_t>(object.model.spans().base.size()), spm::kNone, free_bytes);
     message.checksum = object.base_checksum;
   } else {
     const Wanted wanted = service.to_send.back();
@@ -287,7 +288,7 @@ void DeliveryServer::plan(Service& service, const Object& object, std::size_t ro
     message.contact_in_us = wanted.contact_in_us;
     message.records = service.covered.missing(list_of(object.model, wanted.region));
     service.encoded = spm::codec::encode_region(object.model, spm::RegionId{wanted.region}, message.records);
-    message.pieces = MessagePieces::cut(static_cast<std::uint32_t>(service.encoded.size()), wanted.region, room);
+    message.pieces = MessagePieces::cut(static_cast<std::uint32_t>(service.encoded.size()), wanted.region, free_bytes);
     message.checksum = checksum_of(service.encoded);
   }
   service.messages.push_back(std::move(message));
@@ -295,9 +296,9 @@ void DeliveryServer::plan(Service& service, const Object& object, std::size_t ro
 
 /// Bytes of the chunks in flight and of the messages that arrived completely but are not in `have` yet.
 std::uint64_t DeliveryServer::unanswered(const HrtcState& state) {
-  std::uint64_t bytes = state.pacer.under_way();
+  std::uint64_t bytes = state.pacer.in_flight();
   for (const auto& [object_id, service] : state.services) {
-    for (const Message& message : service.messages) bytes += message.arrived() ? message.pieces.bytes : 0;
+    for (const Message& message : service.messages) bytes += message.has_arrived() ? message.pieces.bytes : 0;
   }
   return bytes;
 }
@@ -339,9 +340,9 @@ std::optional<Outgoing> DeliveryServer::next(std::uint64_t hrtc, HrtcState& stat
   // for it to free memory.
   for (auto& [object_id, service] : state.services) {
     const bool soon = object_id == next_object && (soonest || state.pacer.next_ns() > now_ns);
-    const bool probes_tail = service.serving && !service.under_way.empty() && now_ns >= service.tail_probe_ns;
+    const bool probes_tail = service.serving && !service.in_flight.empty() && now_ns >= service.tail_probe_ns;
     if ((service.echo_owed || probes_tail) && !soon) return send_echo(hrtc, state, service, now_ns);
-    if (!service.under_way.empty()) due_ns_ = std::min(due_ns_, service.tail_probe_ns);
+    if (!service.in_flight.empty()) due_ns_ = std::min(due_ns_, service.tail_probe_ns);
   }
   if (!soonest) return std::nullopt;
   return send_pieces(hrtc, state, *soonest, now_ns);
@@ -371,32 +372,32 @@ Outgoing DeliveryServer::send_pieces(std::uint64_t hrtc, HrtcState& state, std::
   Service& service = state.services.at(object_id);
   const Object& object = objects_.at(object_id);
   BulkChunk chunk = make_chunk(state, service, now_ns);
-  std::size_t room = kMaxPayload;
-  while (auto piece = next_piece(state, service, object, chunk, room)) {
-    room -= header_bytes(piece->region, piece->count) + piece->payload.size();
+  std::size_t free_bytes = kMaxPayload;
+  while (auto piece = next_piece(state, service, object, chunk, free_bytes)) {
+    free_bytes -= header_bytes(piece->region, piece->count) + piece->payload.size();
     chunk.pieces.push_back(std::move(*piece));
     if (chunk.kind() == BulkKind::kBase) break;  // a chunk carries a base mesh or regions, not both
   }
-  state.pacer.sent(static_cast<std::uint32_t>(chunk.payload_bytes()), now_ns);
+  state.pacer.on_sent(static_cast<std::uint32_t>(chunk.payload_bytes()), now_ns);
   service.tail_probe_interval_ns = kMinTailProbeNs;
   service.tail_probe_ns = now_ns + kMinTailProbeNs;
   count(state, [&](DeliveryCounters& c) { c.payload_bytes += chunk.payload_bytes(); });
   return {hrtc, std::move(chunk)};
 }
 
-/// Returns the next piece that fits into `room` bytes of the chunk, or none, and registers it as in flight.
+/// Returns the next piece that fits into `free_bytes` bytes of the chunk, or none, and registers it as in flight.
 std::optional<BulkPiece> DeliveryServer::next_piece(HrtcState& state, Service& service, const Object& object,
-                                                    const BulkChunk& chunk, std::size_t room) {
-  if (room < kMinRoom) return std::nullopt;
-  Message* message = first_lost(service, room);
+                                                    const BulkChunk& chunk, std::size_t free_bytes) {
+  if (free_bytes < kMinFreeBytes) return std::nullopt;
+  Message* message = first_lost(service, free_bytes);
   const bool is_repeated = message != nullptr;
   if (!is_repeated && service.partly_sent() == nullptr) {
     if (!chunk.pieces.empty() && (service.demand.need_base || service.to_send.empty())) return std::nullopt;
-    plan(service, object, room);
+    plan(service, object, free_bytes);
   }
   if (!is_repeated) message = service.partly_sent();
   if (!chunk.pieces.empty() && message->region == spm::kNone) return std::nullopt;
-  if (!is_repeated && !message->fits(message->sent_pieces, room)) return std::nullopt;
+  if (!is_repeated && !message->fits(message->sent_pieces, free_bytes)) return std::nullopt;
 
   BulkPiece piece;
   piece.region = message->region;
@@ -420,16 +421,16 @@ std::optional<BulkPiece> DeliveryServer::next_piece(HrtcState& state, Service& s
   const auto [from, to] = message->pieces.range(piece.index);
   piece.payload.assign(bytes.begin() + from, bytes.begin() + to);
   message->last_sequence = chunk.sequence;
-  ++message->under_way;
+  ++message->in_flight;
   const auto size = static_cast<std::uint16_t>(piece.payload.size());
-  service.under_way.push_back({chunk.sequence, message->number, chunk.sent_us, piece.index, size});
+  service.in_flight.push_back({chunk.sequence, message->number, chunk.sent_us, piece.index, size});
 
-  if (!is_repeated && message->sent()) {
+  if (!is_repeated && message->is_sent()) {
     service.encoded.clear();
     if (message->region == spm::kNone) {
       count(state, [](DeliveryCounters& c) { ++c.bases; });
     } else {
-      cover(service, object, message->region);
+      add_covered_records(service, object, message->region);
       const std::uint64_t records = count_records(message->records);
       count(state, [&](DeliveryCounters& c) {
         ++c.regions;
@@ -456,7 +457,7 @@ std::map<std::uint64_t, DeliveryServer::HrtcState>::iterator DeliveryServer::dro
   return hrtcs_.erase(state);
 }
 
-std::uint64_t DeliveryServer::bytes_under_way(std::uint64_t hrtc) const {
+std::uint64_t DeliveryServer::bytes_in_flight(std::uint64_t hrtc) const {
   const auto state = hrtcs_.find(hrtc);
   return state == hrtcs_.end() ? 0 : unanswered(state->second);
 }

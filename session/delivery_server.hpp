@@ -6,7 +6,7 @@
 ///
 ///     have       the regions that the newest demand lists
 ///     messages   the regions that were planned and are not yet in `have`: their records, and the pieces still to send
-///     under way  the pieces in flight: sequence of the chunk, message, index
+///     in_flight  the pieces in flight: sequence of the chunk, message, index
 ///
 /// A wanted region is sent as its list of records, with those records that no region of `have` and no sent message
 /// lists. The demand alone repairs losses. If a demand reports a chunk as a gap, its pieces are encoded anew from the
@@ -99,7 +99,7 @@ class DeliveryServer {
   [[nodiscard]] std::int64_t due_ns() const noexcept { return due_ns_; }
 
   /// Bytes sent to this HRTC that it has not answered; never above its credit.
-  [[nodiscard]] std::uint64_t bytes_under_way(std::uint64_t hrtc) const;
+  [[nodiscard]] std::uint64_t bytes_in_flight(std::uint64_t hrtc) const;
   /// The pacer of an HRTC that has sent a demand; null for others.
   [[nodiscard]] const Pacer* pacer(std::uint64_t hrtc) const;
   /// Counters of each HRTC since its first demand; HRTCs that were dropped are not listed.
@@ -120,13 +120,13 @@ class DeliveryServer {
     MessagePieces pieces;
     std::uint32_t sent_pieces = 0;  // sent at least once
     bool is_doubtful = false;       // relies on records that the HRTC may no longer have
-    std::uint32_t under_way = 0;    // pieces in flight
+    std::uint32_t in_flight = 0;    // pieces in flight
     std::uint32_t last_sequence = 0;
     std::vector<std::uint32_t> lost;  // indices of the pieces to send again
     std::vector<spm::Interval> records;
-    [[nodiscard]] bool sent() const noexcept { return sent_pieces == pieces.count; }
-    [[nodiscard]] bool arrived() const noexcept { return sent() && under_way == 0 && lost.empty(); }
-    [[nodiscard]] bool fits(std::uint32_t piece, std::size_t room) const noexcept;
+    [[nodiscard]] bool is_sent() const noexcept { return sent_pieces == pieces.count; }
+    [[nodiscard]] bool has_arrived() const noexcept { return is_sent() && in_flight == 0 && lost.empty(); }
+    [[nodiscard]] bool fits(std::uint32_t piece, std::size_t free_bytes) const noexcept;
   };
   struct SentPiece {
     std::uint32_t sequence, message, at_us, index;
@@ -142,15 +142,15 @@ class DeliveryServer {
     std::uint32_t sequence = 0;      // of the last chunk
     std::int64_t tail_probe_ns = 0;  // time of the next tail loss probe
     std::int64_t tail_probe_interval_ns = 0;
-    std::deque<SentPiece> under_way;    // by sequence
+    std::deque<SentPiece> in_flight;    // by sequence
     std::uint32_t planned = 0;          // number of messages so far
-    std::vector<Message> messages;      // by number; all but the last are sent()
-    std::vector<std::uint8_t> encoded;  // payload of the last message until it is sent()
-    spm::IntervalSet covered;           // records listed by a region of `have` or by a sent() message
+    std::vector<Message> messages;      // by number; all but the last are sent
+    std::vector<std::uint8_t> encoded;  // payload of the last message until it is sent
+    spm::IntervalSet covered;           // records listed by a region of `have` or by a sent message
     std::vector<Wanted> to_send;        // soonest last
     /// Null when no message is partly sent.
     [[nodiscard]] Message* partly_sent() noexcept {
-      return messages.empty() || messages.back().sent() ? nullptr : &messages.back();
+      return messages.empty() || messages.back().is_sent() ? nullptr : &messages.back();
     }
   };
   struct HrtcState {
@@ -169,17 +169,17 @@ class DeliveryServer {
   void keep_max_sequence(const HrtcState& state);
   void apply_receipt(HrtcState& state, Service& service, std::int64_t now_ns);
   void compare(HrtcState& state, Service& service, const Object& object, const std::vector<spm::Interval>* previous);
-  void cover(Service& service, const Object& object, std::uint32_t region) const;
-  [[nodiscard]] static Message* first_lost(Service& service, std::size_t room = kMaxPayload);
+  void add_covered_records(Service& service, const Object& object, std::uint32_t region) const;
+  [[nodiscard]] static Message* first_lost(Service& service, std::size_t free_bytes = kMaxPayload);
   [[nodiscard]] static std::optional<std::uint32_t> urgency(Service& service);
-  void plan(Service& service, const Object& object, std::size_t room) const;
+  void plan(Service& service, const Object& object, std::size_t free_bytes) const;
   [[nodiscard]] static std::uint64_t unanswered(const HrtcState& state);
   [[nodiscard]] std::optional<Outgoing> next(std::uint64_t hrtc, HrtcState& state, std::int64_t now_ns);
   [[nodiscard]] Outgoing send_echo(std::uint64_t hrtc, HrtcState& state, Service& service, std::int64_t now_ns);
   [[nodiscard]] Outgoing send_pieces(std::uint64_t hrtc, HrtcState& state, std::uint64_t object_id,
                                      std::int64_t now_ns);
   [[nodiscard]] std::optional<BulkPiece> next_piece(HrtcState& state, Service& service, const Object& object,
-                                                    const BulkChunk& chunk, std::size_t room);
+                                                    const BulkChunk& chunk, std::size_t free_bytes);
   std::map<std::uint64_t, HrtcState>::iterator drop(std::map<std::uint64_t, HrtcState>::iterator state);
   [[nodiscard]] BulkChunk make_chunk(HrtcState& state, Service& service, std::int64_t now_ns);
   template <class Count>

@@ -50,21 +50,21 @@ inline constexpr char kExactCycles[] = "hrtc.exact_cycles";
 inline constexpr char kPoolUsed[] = "hrtc.pool_used";
 inline constexpr char kPoolPeak[] = "hrtc.pool_peak";
 inline constexpr char kPoolLimit[] = "hrtc.pool_limit";
-inline constexpr char kCompressedUsed[] = "hrtc.coded_used";
-inline constexpr char kCompressedPeak[] = "hrtc.coded_peak";
-inline constexpr char kCompressedLimit[] = "hrtc.coded_limit";
+inline constexpr char kCompressedUsed[] = "hrtc.compressed_used";
+inline constexpr char kCompressedPeak[] = "hrtc.compressed_peak";
+inline constexpr char kCompressedLimit[] = "hrtc.compressed_limit";
 inline constexpr char kRegionsHeld[] = "hrtc.regions_held";
 inline constexpr char kRegionsCoarsened[] = "hrtc.regions_coarsened";
 inline constexpr char kRegionsReceived[] = "hrtc.regions_received";
 inline constexpr char kEvictions[] = "hrtc.evictions";
 inline constexpr char kReloads[] = "hrtc.reloads";
-inline constexpr char kRefusedFull[] = "hrtc.refused_full";
+inline constexpr char kRegionsRefused[] = "hrtc.regions_refused";
 inline constexpr char kObjectsRefused[] = "hrtc.objects_refused";
 inline constexpr char kRecordsReceived[] = "hrtc.records_received";
 inline constexpr char kRecordsReturned[] = "hrtc.records_returned";
 inline constexpr char kRecordsRepeated[] = "hrtc.records_repeated";  ///< records received although they were held
 inline constexpr char kRecordsPublished[] =
-    "hrtc.records_told";  ///< of these, records in regions that a demand had listed
+    "hrtc.records_published";  ///< of these, records in regions that a demand had listed
 inline constexpr char kBytesReceived[] = "hrtc.bytes_received";
 inline constexpr char kLoadLatency[] = "hrtc.load_latency_us";
 inline constexpr char kFalseAlarms[] = "hrtc.false_alarms";  ///< suspected hosts that answered later
@@ -76,9 +76,9 @@ inline constexpr char kFirstExact[] = "hrtc.first_exact_us";
 inline constexpr char kFirstExactBytes[] = "hrtc.first_exact_bytes";
 
 // An HRTC: probe states, its own and those of others.
-inline constexpr char kStatesDeadbandCoded[] = "hrtc.states_coded";  ///< sent to the session
-inline constexpr char kStatesFullRate[] = "hrtc.states_whole";       ///< sent to a group
-inline constexpr char kTogether[] = "hrtc.together";                 ///< number of its users that collaborate now
+inline constexpr char kStatesDeadbandCoded[] = "hrtc.states_deadband_coded";  ///< sent to the session
+inline constexpr char kStatesFullRate[] = "hrtc.states_full_rate";            ///< sent to a group
+inline constexpr char kCollaborating[] = "hrtc.collaborating";  ///< number of its users that collaborate now
 inline constexpr char kRemoteProbes[] = "hrtc.remote_probes";
 /// Samples of any topic that were dropped because a number or a time was outside its window.
 inline constexpr char kImplausible[] = "hrtc.implausible";
@@ -89,15 +89,16 @@ inline constexpr char kLostOf[] = "lost.";
 // An HRTC: remote devices of its users.
 inline constexpr char kRemoteDevices[] = "hrtc.remote_devices";
 inline constexpr char kDeviceRoundTrip[] =
-    "hrtc.loop_us";  ///< max round trip to a remote device now, as used for the stiffness cut
+    "hrtc.device_round_trip_us";  ///< max round trip to a remote device now, as used for the stiffness cut
 /// Cycles in which an object had more regions to refine than option --targets of an HRTC allows.
 inline constexpr char kTargetsDropped[] = "hrtc.targets_dropped";
 inline constexpr char kStaleCycles[] = "hrtc.stale_cycles";  ///< cycles with a stale pose, summed over all probes
 
 // An HRTC with movable objects; energies in uJ, distances in um (docs/explanation/shared-objects.md).
-inline constexpr char kBodiesHeld[] = "hrtc.bodies_held";
-inline constexpr char kBodiesCoupled[] = "hrtc.bodies_coupled";  ///< of these, bodies that other HRTCs hold too
-inline constexpr char kCopyGroups[] = "hrtc.copy_groups";        ///< groups in which the HRTC has had a copy
+inline constexpr char kBodiesTouched[] = "hrtc.bodies_touched";
+inline constexpr char kBodiesCoupled[] =
+    "hrtc.bodies_coupled";                                 ///< of these, bodies that users of other HRTCs touch too
+inline constexpr char kCopyGroups[] = "hrtc.copy_groups";  ///< groups in which the HRTC has had a copy
 inline constexpr char kCopiesApart[] =
     "hrtc.copies_apart_um";  ///< max distance of the centre of a copy from that of a peer's copy
 inline constexpr char kCopyGiven[] = "hrtc.copy_given_uj";        ///< net energy from couplings to its copies

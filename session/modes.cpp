@@ -60,17 +60,17 @@ void Modes::on_probe(std::uint64_t user, std::uint64_t participant, const std::a
   Probe& probe = probes_[user];
   probe.participant = participant;
   probe.position = position;
-  probe.seen_ns = now_ns;
+  probe.received_ns = now_ns;
 }
 
 void Modes::assign_object(Probe& probe, std::int64_t now_ns) const {
   const auto near = objects_.find(probe.object);
   if (near != objects_.end()) {
-    if (distance_from(near->second, probe.position) <= settings_.apart) probe.near_ns = now_ns;
+    if (distance_from(near->second, probe.position) <= settings_.apart_distance) probe.near_ns = now_ns;
     if (now_ns - probe.near_ns < settings_.dwell_ns) return;
   }
   probe.object = 0;
-  double nearest = settings_.near;
+  double nearest = settings_.near_distance;
   for (const auto& [id, object] : objects_) {
     const double distance = distance_from(object, probe.position);
     if (distance > nearest) continue;
@@ -94,7 +94,7 @@ std::uint64_t Modes::group_for(std::uint64_t user, const Probe& probe) const {
 
 void Modes::tick(std::int64_t now_ns) {
   for (auto at = probes_.begin(); at != probes_.end();)
-    at = now_ns - at->second.seen_ns > settings_.forget_ns ? probes_.erase(at) : std::next(at);
+    at = now_ns - at->second.received_ns > settings_.forget_ns ? probes_.erase(at) : std::next(at);
   std::map<std::uint64_t, std::set<std::uint64_t>> own_by_group;
   std::set<std::uint64_t> others;                 // groups with users of other HRTCs
   std::map<std::uint64_t, std::size_t> together;  // users by object
@@ -104,7 +104,7 @@ void Modes::tick(std::int64_t now_ns) {
   }
   for (const auto& [user, probe] : probes_) {
     const std::uint64_t group = group_for(user, probe);
-    if (group == 0 || (!is_commanded(user) && together[group] > settings_.max_together)) continue;
+    if (group == 0 || (!is_commanded(user) && together[group] > settings_.max_collaborating)) continue;
     if (probe.participant == self_)
       own_by_group[group].insert(user);
     else

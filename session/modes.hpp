@@ -33,9 +33,10 @@
 namespace tactus::session {
 
 struct ModeSettings {
-  double near = 0.05;            ///< m, distance from an object's bounds below which a probe becomes near
-  double apart = 0.10;           ///< m, distance above which the probe is apart, after `dwell_ns`
-  std::size_t max_together = 8;  ///< max users near one object that collaborate; if there are more, none of them does
+  double near_distance = 0.05;   ///< m, distance from an object's bounds below which a probe becomes near
+  double apart_distance = 0.10;  ///< m, distance above which the probe is apart, after `dwell_ns`
+  std::size_t max_collaborating =
+      8;  ///< max users near one object that collaborate; if there are more, none of them does
   std::int64_t dwell_ns = 500'000'000;   ///< time that a probe must be apart
   std::int64_t linger_ns = 200'000'000;  ///< time that the endpoints of a finished group remain
   std::int64_t forget_ns = 300'000'000;  ///< time without a state after which a probe is dropped
@@ -64,9 +65,9 @@ class Modes {
   void on_probe(std::uint64_t user, std::uint64_t participant, const std::array<double, 3>& position,
                 std::int64_t now_ns);
   /// Replaces the previous command.
-  void command(const ModeCommand& command) { command_ = command; }
+  void set_command(const ModeCommand& command) { command_ = command; }
   /// Forgets a user who has left.
-  void forget(std::uint64_t user) { probes_.erase(user); }
+  void forget_user(std::uint64_t user) { probes_.erase(user); }
 
   /// Decides the groups anew.
   void tick(std::int64_t now_ns);
@@ -82,7 +83,7 @@ class Modes {
   struct Probe {
     std::uint64_t participant = 0;
     std::array<double, 3> position{};
-    std::int64_t seen_ns = 0, near_ns = 0;
+    std::int64_t received_ns = 0, near_ns = 0;
     std::uint64_t object = 0;  // object to which the probe is near; 0: none
   };
   struct Group {

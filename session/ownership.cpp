@@ -20,8 +20,8 @@ auto find_participant(List& list, std::uint64_t participant, ParticipantOf parti
 
 }  // namespace
 
-Arbiter::Arbiter(const Origin& self, std::uint64_t object_id, const OwnershipSettings& settings, std::int64_t now_ns,
-                 std::uint64_t fencing)
+OwnershipArbiter::OwnershipArbiter(const Origin& self, std::uint64_t object_id, const OwnershipSettings& settings,
+                                   std::int64_t now_ns, std::uint64_t fencing)
     : self_{self},
       object_id_{object_id},
       settings_{settings},
@@ -32,7 +32,7 @@ Arbiter::Arbiter(const Origin& self, std::uint64_t object_id, const OwnershipSet
 }
 
 /// Gives the present touchers a new fencing number and channel delay, which the next grant publishes.
-void Arbiter::raise_fencing(std::int64_t now_ns) {
+void OwnershipArbiter::raise_fencing(std::int64_t now_ns) {
   // Larger than any number that this host may have granted in an earlier incarnation.
   fencing_ = std::max(fencing_, self_.incarnation) + 1;
   (void)fencing_window_.admit(fencing_, now_ns);
@@ -41,7 +41,7 @@ void Arbiter::raise_fencing(std::int64_t now_ns) {
   for (const Lease& lease : leases_) channel_delay_ns_ = std::max(channel_delay_ns_, lease.transit_ns);
 }
 
-void Arbiter::on_pose(std::uint64_t fencing, std::int64_t now_ns) {
+void OwnershipArbiter::on_pose(std::uint64_t fencing, std::int64_t now_ns) {
   if (fencing <= fencing_) return;
   const Admission admission = fencing_window_.admit(fencing, now_ns);
   implausible_ += admission == Admission::kImplausible ? 1 : 0;
@@ -51,7 +51,7 @@ void Arbiter::on_pose(std::uint64_t fencing, std::int64_t now_ns) {
 }
 
 /// When all entries are in use, replaces the one that was accepted least recently, a toucher only if there is no other.
-Arbiter::ClaimSender& Arbiter::find_or_add_sender(std::uint64_t participant, std::int64_t now_ns) {
+OwnershipArbiter::ClaimSender& OwnershipArbiter::find_or_add_sender(std::uint64_t participant, std::int64_t now_ns) {
   const auto found = find_participant(claim_senders_, participant, [](const ClaimSender& s) { return s.participant; });
   if (found != claim_senders_.end()) return *found;
   if (claim_senders_.size() == kMaxClaimSenders) {
@@ -68,7 +68,7 @@ Arbiter::ClaimSender& Arbiter::find_or_add_sender(std::uint64_t participant, std
 }
 
 /// Returns whether the claim is newer than the others of its sender, and plausible.
-bool Arbiter::accept_number(const ObjectClaim& claim, std::int64_t now_ns) {
+bool OwnershipArbiter::accept_number(const ObjectClaim& claim, std::int64_t now_ns) {
   ClaimSender& sender = find_or_add_sender(claim.origin.participant, now_ns);
   const Admission admission = sender.numbers.admit(claim.origin, claim.sequence, now_ns);
   implausible_ += admission == Admission::kImplausible ? 1 : 0;
@@ -76,12 +76,12 @@ bool Arbiter::accept_number(const ObjectClaim& claim, std::int64_t now_ns) {
   return accepted(admission);
 }
 
-void Arbiter::forget(std::uint64_t participant) {
+void OwnershipArbiter::forget(std::uint64_t participant) {
   const auto sender = find_participant(claim_senders_, participant, [](const ClaimSender& s) { return s.participant; });
   if (sender != claim_senders_.end()) claim_senders_.erase(sender);
 }
 
-void Arbiter::on_claim(const ObjectClaim& claim, std::int64_t now_ns) {
+void OwnershipArbiter::on_claim(const ObjectClaim& claim, std::int64_t now_ns) {
   if (claim.object_id != object_id_ || claim.origin.session != self_.session) return;
   on_pose(claim.fencing, now_ns);
   if (!accept_number(claim, now_ns)) return;
@@ -102,7 +102,7 @@ void Arbiter::on_claim(const ObjectClaim& claim, std::int64_t now_ns) {
   raise_fencing(now_ns);
 }
 
-std::optional<ObjectGrant> Arbiter::tick(std::int64_t now_ns) {
+std::optional<ObjectGrant> OwnershipArbiter::tick(std::int64_t now_ns) {
   const auto expired =
       std::remove_if(leases_.begin(), leases_.end(), [&](const Lease& lease) { return lease.until_ns <= now_ns; });
   if (expired != leases_.end()) {
@@ -125,14 +125,14 @@ std::optional<ObjectGrant> Arbiter::tick(std::int64_t now_ns) {
   return grant;
 }
 
-bool Arbiter::host_simulates(std::int64_t now_ns) const noexcept {
+bool OwnershipArbiter::host_simulates(std::int64_t now_ns) const noexcept {
   return now_ns >= first_grant_ns_ && leases_.empty() && fencing_ != 0;
 }
 
-Holder::Holder(const Origin& self, std::uint64_t object_id, const OwnershipSettings& settings)
+Claimant::Claimant(const Origin& self, std::uint64_t object_id, const OwnershipSettings& settings)
     : self_{self}, object_id_{object_id}, settings_{settings} {}
 
-void Holder::set_touching(bool touching) noexcept {
+void Claimant::set_touching(bool touching) noexcept {
   if (touching == touching_) return;
   touching_ = touching;
   touching_changed_ = true;
@@ -143,13 +143,13 @@ void Holder::set_touching(bool touching) noexcept {
       touching ? 0 : static_cast<int>(lease_time_ns(settings_, one_way_ns_) / settings_.period_ns) + 1;
 }
 
-bool Holder::admit_fencing(std::uint64_t fencing, std::int64_t now_ns) noexcept {
+bool Claimant::admit_fencing(std::uint64_t fencing, std::int64_t now_ns) noexcept {
   const Admission admission = fencing_window_.admit(fencing, now_ns);
   implausible_ += admission == Admission::kImplausible ? 1 : 0;
   return accepted(admission);
 }
 
-void Holder::on_grant(const ObjectGrant& grant, std::int64_t now_ns) {
+void Claimant::on_grant(const ObjectGrant& grant, std::int64_t now_ns) {
   if (grant.object_id != object_id_ || grant.origin.session != self_.session || !admit_fencing(grant.fencing, now_ns))
     return;
   const bool same_fencing = grant.fencing == granted_.fencing;
@@ -175,7 +175,7 @@ void Holder::on_grant(const ObjectGrant& grant, std::int64_t now_ns) {
   }
 }
 
-std::optional<ObjectClaim> Holder::tick(std::int64_t now_ns) {
+std::optional<ObjectClaim> Claimant::tick(std::int64_t now_ns) {
   if (!touching_ && release_claims_left_ == 0) return std::nullopt;
   if (!touching_changed_ && now_ns - last_claim_ns_ < settings_.period_ns) return std::nullopt;
   touching_changed_ = false;
@@ -193,7 +193,7 @@ std::optional<ObjectClaim> Holder::tick(std::int64_t now_ns) {
   return claim;
 }
 
-Holder::Role Holder::role(std::int64_t now_ns) const noexcept {
+Claimant::Role Claimant::role(std::int64_t now_ns) const noexcept {
   if (!touching_) return Role::kWatching;
   if (copy_index_ == kMaxTouchers || now_ns >= until_ns_ || granted_.fencing < fencing_window_.newest())
     return Role::kRequesting;
@@ -201,7 +201,7 @@ Holder::Role Holder::role(std::int64_t now_ns) const noexcept {
   return copy_index_ == 0 ? Role::kLeader : Role::kCopy;
 }
 
-bool CopyGate::accept(const ObjectCopy& copy, std::int64_t now_ns, std::int64_t session_now_ns) noexcept {
+bool CopyAdmission::accept(const ObjectCopy& copy, std::int64_t now_ns, std::int64_t session_now_ns) noexcept {
   auto at = find_participant(peers_, copy.origin.participant, [](const Peer& peer) { return peer.participant; });
   if (at == peers_.end()) {
     at = std::min_element(peers_.begin(), peers_.end(),
@@ -216,7 +216,7 @@ bool CopyGate::accept(const ObjectCopy& copy, std::int64_t now_ns, std::int64_t 
   return admission != Admission::kImplausible;
 }
 
-bool PoseGate::accept(const ObjectPose& pose, std::int64_t now_ns) noexcept {
+bool PoseAdmission::accept(const ObjectPose& pose, std::int64_t now_ns) noexcept {
   const std::uint64_t previous_fencing = fencing_window_.newest();
   const Admission fencing_admission = fencing_window_.admit(pose.fencing, now_ns);
   implausible_ += fencing_admission == Admission::kImplausible ? 1 : 0;

@@ -20,7 +20,7 @@
 /// It learns the current fencing number from claims and poses.
 ///
 /// A toucher feels the object before the first grant arrives. Until then it simulates the object for itself
-/// (Holder::Role::kRequesting). With the grant, its state becomes the state of the object.
+/// (Claimant::Role::kRequesting). With the grant, its state becomes the state of the object.
 /// Source: Gray, Cheriton 1989 (leases).
 ///
 /// No clock, socket or thread; one thread at a time.
@@ -44,11 +44,11 @@ struct OwnershipSettings {
 };
 
 /// The host's part: grants one object to its touchers.
-class Arbiter {
+class OwnershipArbiter {
  public:
-  /// `fencing`: PoseGate::confirmed_fencing after the poses that this host has received; 0: none.
-  Arbiter(const Origin& self, std::uint64_t object_id, const OwnershipSettings& settings, std::int64_t now_ns,
-          std::uint64_t fencing = 0);
+  /// `fencing`: PoseAdmission::confirmed_fencing after the poses that this host has received; 0: none.
+  OwnershipArbiter(const Origin& self, std::uint64_t object_id, const OwnershipSettings& settings, std::int64_t now_ns,
+                   std::uint64_t fencing = 0);
 
   /// Starts, renews or ends the lease of the claim's sender.
   void on_claim(const ObjectClaim& claim, std::int64_t now_ns);
@@ -98,7 +98,7 @@ class Arbiter {
 };
 
 /// An HRTC's part: claims one object while a user touches it, and follows the grants of the host.
-class Holder {
+class Claimant {
  public:
   enum class Role : std::uint8_t {
     kWatching,    ///< does not touch: shows the poses of the owner
@@ -108,7 +108,7 @@ class Holder {
     kCopy         ///< simulates one of several copies and publishes no poses
   };
 
-  Holder(const Origin& self, std::uint64_t object_id, const OwnershipSettings& settings);
+  Claimant(const Origin& self, std::uint64_t object_id, const OwnershipSettings& settings);
 
   /// Sets whether a user of this HRTC touches the object.
   void set_touching(bool touching) noexcept;
@@ -157,7 +157,7 @@ class Holder {
 };
 
 /// Decides which samples from the other copies of an object are accepted, for an HRTC that simulates one copy.
-class CopyGate {
+class CopyAdmission {
  public:
   /// Returns false for an implausible sample (session/sequence_window.hpp). Accepts an overtaken sample, because it can
   /// fill a gap in the received channels. Realtime.
@@ -176,7 +176,7 @@ class CopyGate {
 };
 
 /// Decides which poses of an object are accepted, for a program that shows the object.
-class PoseGate {
+class PoseAdmission {
  public:
   /// Returns false for a pose of a former owner, an overtaken or repeated pose, and an implausible pose
   /// (session/sequence_window.hpp).

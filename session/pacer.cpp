@@ -58,7 +58,7 @@ bool Pacer::may_send(std::uint32_t bytes, std::int64_t now_ns) {
   // Only time lost to pacing is made up for, not time without data or with a full window.
   if (!paced_) next_ns_ = std::max(next_ns_, now_ns);
   const double window = now_ns < drain_until_ns_ ? drain_share_ * window_ : window_;
-  if (under_way_ != 0 && under_way_ + bytes > window) {
+  if (in_flight_ != 0 && in_flight_ + bytes > window) {
     was_blocked_ = true;
     paced_ = false;
     return false;
@@ -68,12 +68,12 @@ bool Pacer::may_send(std::uint32_t bytes, std::int64_t now_ns) {
   return false;
 }
 
-void Pacer::sent(std::uint32_t bytes, std::int64_t now_ns) {
-  under_way_ += bytes;
+void Pacer::on_sent(std::uint32_t bytes, std::int64_t now_ns) {
+  in_flight_ += bytes;
   next_ns_ = std::max(next_ns_, now_ns - kCatchUp) + static_cast<std::int64_t>(bytes / pace());
 }
 
-void Pacer::note_one_way(std::uint32_t one_way_us, std::int64_t now_ns) {
+void Pacer::record_one_way(std::uint32_t one_way_us, std::int64_t now_ns) {
   if (!first_us_) {
     first_us_ = one_way_us;
     span_ns_ = empty_ns_ = now_ns;
@@ -101,7 +101,7 @@ void Pacer::note_one_way(std::uint32_t one_way_us, std::int64_t now_ns) {
 }
 
 /// Measures the arrival rate over a round trip, and halves the window if most chunks were lost.
-void Pacer::note_round(const Feedback& feedback, std::int64_t now_ns) {
+void Pacer::record_round(const Feedback& feedback, std::int64_t now_ns) {
   round_arrived_ += feedback.arrived_bytes;
   round_lost_ += feedback.lost_bytes;
   const std::int64_t duration_ns = now_ns - round_ns_;
@@ -116,17 +116,17 @@ void Pacer::note_round(const Feedback& feedback, std::int64_t now_ns) {
 void Pacer::on_feedback(const Feedback& feedback, std::int64_t now_ns) {
   // If the bytes in flight are far below the window, the sender had no more data, so this stream did not cause a queue.
   // They may be slightly below it because of the pacing.
-  const bool may_cause_queue = under_way_ > window_ / 3;
+  const bool may_cause_queue = in_flight_ > window_ / 3;
   const bool was_limited = std::exchange(was_blocked_, false) && may_cause_queue;
-  if (under_way_ > best_ * static_cast<double>(round_trip_ns_) / 2) loaded_until_ns_ = now_ns + 2 * round_trip_ns_;
-  under_way_ -= feedback.arrived_bytes + feedback.lost_bytes;
+  if (in_flight_ > best_ * static_cast<double>(round_trip_ns_) / 2) loaded_until_ns_ = now_ns + 2 * round_trip_ns_;
+  in_flight_ -= feedback.arrived_bytes + feedback.lost_bytes;
   if (feedback.arrived_bytes == 0) return;
   constexpr std::int64_t kSmoothing = 8;
   round_trip_ns_ +=
       round_trip_ns_ == 0 ? feedback.round_trip_ns : (feedback.round_trip_ns - round_trip_ns_) / kSmoothing;
-  note_round(feedback, now_ns);
+  record_round(feedback, now_ns);
   if (!feedback.one_way_us) return;
-  note_one_way(*feedback.one_way_us, now_ns);
+  record_one_way(*feedback.one_way_us, now_ns);
 
   if (now_ns < drain_until_ns_) return;
   const std::int64_t drain_every_ns =

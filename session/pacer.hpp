@@ -27,7 +27,7 @@ class Pacer {
   /// Time from which the pace allows the next chunk.
   [[nodiscard]] std::int64_t next_ns() const noexcept { return next_ns_; }
   /// Reports a chunk that was sent.
-  void sent(std::uint32_t bytes, std::int64_t now_ns);
+  void on_sent(std::uint32_t bytes, std::int64_t now_ns);
   /// Reports that there is nothing to send.
   void set_idle() noexcept { paced_ = false; }
 
@@ -39,9 +39,9 @@ class Pacer {
   };
   void on_feedback(const Feedback& feedback, std::int64_t now_ns);
   /// Removes bytes in flight for which no feedback will come.
-  void forget(std::uint32_t bytes) noexcept { under_way_ -= bytes; }
+  void remove_in_flight(std::uint32_t bytes) noexcept { in_flight_ -= bytes; }
 
-  [[nodiscard]] std::uint32_t under_way() const noexcept { return under_way_; }
+  [[nodiscard]] std::uint32_t in_flight() const noexcept { return in_flight_; }
   [[nodiscard]] double window() const noexcept { return window_; }
   /// Queueing delay of the newest chunks.
   [[nodiscard]] std::int64_t queueing_ns() const noexcept { return queueing_ns_; }
@@ -49,11 +49,11 @@ class Pacer {
  private:
   [[nodiscard]] double pace() const noexcept;  // bytes/ns
   [[nodiscard]] std::int64_t target_ns() const noexcept;
-  void note_round(const Feedback& feedback, std::int64_t now_ns);
-  void note_one_way(std::uint32_t one_way_us, std::int64_t now_ns);
+  void record_round(const Feedback& feedback, std::int64_t now_ns);
+  void record_one_way(std::uint32_t one_way_us, std::int64_t now_ns);
 
   double window_;  // bytes
-  std::uint32_t under_way_ = 0;
+  std::uint32_t in_flight_ = 0;
   std::int64_t next_ns_ = 0;
   std::int64_t round_trip_ns_ = 0;  // from sending a chunk to its feedback, smoothed; 0 before the first
   bool starting_ = true;            // slow start: the window doubles each round trip

@@ -8,22 +8,24 @@
 namespace tactus::session {
 
 /// A periodic timer. The first call of `due` in each period returns true.
-class Every {
+class PeriodicTimer {
  public:
-  explicit Every(std::int64_t period_ns) : period_ns_{period_ns} {}
+  explicit PeriodicTimer(std::int64_t period_ns) : period_ns_{period_ns} {}
   [[nodiscard]] bool due(std::int64_t now_ns) {
     if (now_ns < next_ns_) return false;
     next_ns_ = now_ns + period_ns_;
     return true;
   }
   /// Time until the timer is due; 0: it is due.
-  [[nodiscard]] std::chrono::microseconds left(std::int64_t now_ns) const {
+  [[nodiscard]] std::chrono::microseconds remaining(std::int64_t now_ns) const {
     return std::chrono::microseconds{now_ns < next_ns_ ? (next_ns_ - now_ns + 999) / 1000 : 0};
   }
   /// Makes the timer due now.
-  void at_once() { next_ns_ = 0; }
+  void make_due() { next_ns_ = 0; }
   /// Makes the timer due within `within_ns`. With repeated calls it is due at most once in each `within_ns`.
-  void hasten(std::int64_t now_ns, std::int64_t within_ns) { next_ns_ = std::min(next_ns_, now_ns + within_ns); }
+  void make_due_within(std::int64_t now_ns, std::int64_t within_ns) {
+    next_ns_ = std::min(next_ns_, now_ns + within_ns);
+  }
   void set_period(std::int64_t period_ns) { period_ns_ = period_ns; }
 
  private:
@@ -32,19 +34,19 @@ class Every {
 };
 
 /// The timer for the roster entries of this program.
-class Heartbeat : public Every {
+class Heartbeat : public PeriodicTimer {
  public:
-  using Every::Every;
+  using PeriodicTimer::PeriodicTimer;
   [[nodiscard]] bool due(std::int64_t now_ns) {
-    if (!Every::due(now_ns)) return false;
-    if (repeats_left_ > 0 && --repeats_left_ > 0) hasten(now_ns, kRepeatNs);
+    if (!PeriodicTimer::due(now_ns)) return false;
+    if (repeats_left_ > 0 && --repeats_left_ > 0) make_due_within(now_ns, kRepeatNs);
     return true;
   }
   /// Makes the next four entries due at once and every 20 ms, because a participant that was just discovered may not
   /// have matched our writer yet.
   void repeat_soon() {
     repeats_left_ = kRepeats;
-    at_once();
+    make_due();
   }
 
  private:

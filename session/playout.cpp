@@ -46,8 +46,8 @@ void ProbePlayout::update_delay(std::int64_t transit_ns, std::int64_t now_ns) no
   started_ = true;
 }
 
-Shown ProbePlayout::at(std::int64_t session_now_ns) noexcept {
-  Shown shown;
+ShownProbe ProbePlayout::view_at(std::int64_t session_now_ns) noexcept {
+  ShownProbe shown;
   shown_ns_ = std::max(shown_ns_, session_now_ns - delay_ns_);
   shown.at_ns = shown_ns_;
   if (count_ == 0) return shown;
@@ -56,7 +56,7 @@ Shown ProbePlayout::at(std::int64_t session_now_ns) noexcept {
   const ProbeState& state = next == begin ? *begin : *(next - 1);
   shown.state = state;
   shown.stale = session_now_ns - states_[count_ - 1].session_time_ns > 3 * kKeepAliveNs + delay_ns_;
-  shown.view = reckon(state, shown_ns_);
+  shown.view = extrapolate(state, shown_ns_);
   if (next != begin && next != end && next->sequence != state.sequence + 1) {  // states between them were lost
     const double share = static_cast<double>(shown_ns_ - state.session_time_ns) /
                          static_cast<double>(next->session_time_ns - state.session_time_ns);

@@ -5,8 +5,8 @@
 ///
 /// The playout delay P is the longest recent transit without outliers (session/transit.hpp), plus a reserve. P rises at
 /// once, and falls by at most 1 % of the elapsed time. So the receiver shows the past at a nearly constant rate, with a
-/// known age. Between two states with consecutive numbers, the receiver extrapolates the first (`reckon`): the sender
-/// makes sure that this extrapolation stays within the deadband. If states between two were lost, the receiver
+/// known age. Between two states with consecutive numbers, the receiver extrapolates the first (`extrapolate`): the
+/// sender makes sure that this extrapolation stays within the deadband. If states between two were lost, the receiver
 /// interpolates.
 ///
 /// Times are session time; a constant clock error has no effect. One thread at a time. Does not allocate.
@@ -28,7 +28,7 @@ struct PlayoutSettings {
 };
 
 /// The view of a probe to show at a time.
-struct Shown {
+struct ShownProbe {
   ProbeView view;
   ProbeState state;        ///< the state from which the view is computed
   std::int64_t at_ns = 0;  ///< session time of the view
@@ -44,7 +44,7 @@ class ProbePlayout {
   /// incarnation, or a step back of session time, starts the playout anew.
   void on_state(const ProbeState& state, std::int64_t session_now_ns) noexcept;
   /// Returns the view to show now. Before the first state it is stale and has sequence 0.
-  [[nodiscard]] Shown at(std::int64_t session_now_ns) noexcept;
+  [[nodiscard]] ShownProbe view_at(std::int64_t session_now_ns) noexcept;
   /// Changes the settings. P rises at once or falls gradually.
   void set(const PlayoutSettings& settings) noexcept { settings_ = settings; }
   /// The playout delay P now.

@@ -28,11 +28,11 @@ double motion(std::int64_t from_ns, std::int64_t to_ns) noexcept {
 
 }  // namespace
 
-double Jnd::of_force(const Vec& felt, const Vec& shown) const noexcept {
+double Jnd::force_difference(const Vec& felt, const Vec& shown) const noexcept {
   return distance(felt, shown) / std::max(force_share * std::sqrt(dot(felt, felt)), force_floor);
 }
 
-ProbeView reckon(const ProbeState& state, std::int64_t at_ns) noexcept {
+ProbeView extrapolate(const ProbeState& state, std::int64_t at_ns) noexcept {
   const double seconds = motion(state.session_time_ns, at_ns);
   ProbeView view{along(state.device.position, state.velocity, seconds), state.proxy, state.force};
   const double depth = distance(state.proxy, state.device.position);
@@ -50,8 +50,8 @@ ProbeView reckon(const ProbeState& state, std::int64_t at_ns) noexcept {
 
 bool ProbeEncoder::misleads(const ProbeState& sent, const ProbeState& state) const noexcept {
   if (((sent.status ^ state.status) & kSentAtOnce) != 0 || sent.object_id != state.object_id) return true;
-  const ProbeView view = reckon(sent, state.session_time_ns);
-  return settings_.jnd.of_force(state.force, view.force) > 1 ||
+  const ProbeView view = extrapolate(sent, state.session_time_ns);
+  return settings_.jnd.force_difference(state.force, view.force) > 1 ||
          distance(state.device.position, view.device) > settings_.jnd.position ||
          distance(state.proxy, view.proxy) > settings_.jnd.position;
 }

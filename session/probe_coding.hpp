@@ -35,7 +35,7 @@ struct ProbeView {
 /// Extrapolates `state` forwards or backwards to `at_ns` (dead reckoning). The device moves by its velocity. In contact
 /// the proxy moves by the tangential part of the velocity, and the force changes by the normal part times the
 /// stiffness. After a keep-alive period the motion decays.
-[[nodiscard]] ProbeView reckon(const ProbeState& state, std::int64_t at_ns) noexcept;
+[[nodiscard]] ProbeView extrapolate(const ProbeState& state, std::int64_t at_ns) noexcept;
 
 /// Just noticeable differences.
 struct Jnd {
@@ -44,7 +44,8 @@ struct Jnd {
   double position = 0.001;    ///< m, of device and proxy
 
   /// |felt - shown| as a multiple of the just noticeable difference at the true force `felt`.
-  [[nodiscard]] double of_force(const std::array<double, 3>& felt, const std::array<double, 3>& shown) const noexcept;
+  [[nodiscard]] double force_difference(const std::array<double, 3>& felt,
+                                        const std::array<double, 3>& shown) const noexcept;
 };
 
 struct CodingSettings {

@@ -9,19 +9,19 @@ void RemoteProbe::count(const ProbeState& state) noexcept {
   constexpr std::uint32_t kMax = 100;  // a longer gap is an interruption, not a loss of single states
   if (newest_coded_ != 0 && state.sequence > newest_coded_) {
     const std::uint32_t missing = state.sequence - newest_coded_ - 1;
-    for (std::uint32_t i = 0; i < missing && missing <= kMax; ++i) lost_ += (1 - lost_) / kMemory;
-    lost_ -= lost_ / kMemory;
+    for (std::uint32_t i = 0; i < missing && missing <= kMax; ++i) lost_share_ += (1 - lost_share_) / kMemory;
+    lost_share_ -= lost_share_ / kMemory;
   }
   newest_coded_ = std::max(newest_coded_, state.sequence);
 }
 
 /// Resets playout and losses, but not the plausible windows.
-void RemoteProbe::begin_anew() noexcept {
+void RemoteProbe::restart() noexcept {
   playout_ = ProbePlayout{deadband_settings_};
   stream_ = StateStream::kDeadbandCoded;
   full_rate_ns_ = INT64_MIN / 2;
   newest_coded_ = offset_ = newest_ = 0;
-  lost_ = 0;
+  lost_share_ = 0;
 }
 
 Admission RemoteProbe::on_state(const ProbeState& state, StateStream stream, std::int64_t session_now_ns) noexcept {
@@ -40,7 +40,7 @@ Admission RemoteProbe::on_state(const ProbeState& state, StateStream stream, std
   // The first state of the second stream is not a new start, because the first stream goes on.
   const bool jumped = number == Admission::kNewStart && !first;
   const bool is_new_start = source == Admission::kNewStart || jumped || (time == Admission::kNewStart && newest_ != 0);
-  if (is_new_start) begin_anew();
+  if (is_new_start) restart();
   const Admission admission = is_new_start                ? Admission::kNewStart
                               : number == Admission::kOld ? number
                                                           : Admission::kAccepted;

@@ -28,18 +28,18 @@ class RemoteProbe {
 
   /// Takes a state. Returns kNewStart when earlier states no longer count, and kOld for a state that fills a gap.
   [[nodiscard]] Admission on_state(const ProbeState& state, StateStream stream, std::int64_t session_now_ns) noexcept;
-  [[nodiscard]] Shown at(std::int64_t session_now_ns) noexcept { return playout_.at(session_now_ns); }
+  [[nodiscard]] ShownProbe view_at(std::int64_t session_now_ns) noexcept { return playout_.view_at(session_now_ns); }
 
   [[nodiscard]] StateStream stream() const noexcept { return stream_; }
   [[nodiscard]] std::int64_t delay_ns() const noexcept { return playout_.delay_ns(); }
   /// Share of the last 100 deadband-coded states that were lost.
-  [[nodiscard]] double lost() const noexcept { return lost_; }
+  [[nodiscard]] double lost_share() const noexcept { return lost_share_; }
 
  private:
   static constexpr std::int64_t kFullRateNs =
       20'000'000;  // time without full-rate states until deadband-coded ones are shown
 
-  void begin_anew() noexcept;
+  void restart() noexcept;
   void count(const ProbeState& state) noexcept;
 
   PlayoutSettings deadband_settings_;
@@ -51,7 +51,7 @@ class RemoteProbe {
   std::int64_t full_rate_ns_ = INT64_MIN / 2;  // arrival of the last full-rate state
   std::uint32_t newest_coded_ = 0;             // largest number of a deadband-coded state
   std::uint32_t offset_ = 0, newest_ = 0;      // a number in the playout is the number in the stream plus offset_
-  double lost_ = 0;
+  double lost_share_ = 0;
 };
 
 }  // namespace tactus::session

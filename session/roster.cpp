@@ -63,7 +63,7 @@ std::string text(const RosterEvent& event) {
       return who + " changed its users";
     case RosterChange::kLate:
       return who + " is late";
-    case RosterChange::kBack:
+    case RosterChange::kRecovered:
       return who + " is in time again";
     case RosterChange::kLeft:
       return who + " left";
@@ -127,7 +127,7 @@ void Roster::on_new_name(const RosterEntry& entry, std::int64_t now_ns, std::vec
   member.entry = entry;
   (void)member.heartbeats.admit(entry.heartbeat, now_ns);
   member.present = true;
-  member.seen_ns = now_ns;
+  member.received_ns = now_ns;
   events.push_back({RosterChange::kJoined, entry, 0});
 }
 
@@ -142,7 +142,7 @@ void Roster::on_older_incarnation(Member& member, const RosterEntry& entry, std:
   member.entry = entry;
   member.heartbeats = heartbeats;
   member.present = true;
-  member.seen_ns = now_ns;
+  member.received_ns = now_ns;
   events.push_back({RosterChange::kJoined, entry, 0});
 }
 
@@ -166,7 +166,7 @@ void Roster::on_newest_incarnation(Member& member, const RosterEntry& entry, std
     member.entry = entry;
     member.heartbeats = heartbeats;
     member.left = true;
-    member.seen_ns = now_ns;
+    member.received_ns = now_ns;
     return;
   }
   if (!member.present) {
@@ -175,14 +175,14 @@ void Roster::on_newest_incarnation(Member& member, const RosterEntry& entry, std
     add_event(RosterChange::kRestarted);
     if (member.rivals.size() < kMaxRivals) member.rivals[before] = {member.heartbeats, 0, false, now_ns};
   } else {
-    if (member.late) add_event(RosterChange::kBack);
+    if (member.late) add_event(RosterChange::kRecovered);
     if (!same_users(entry, member.entry)) add_event(RosterChange::kChanged);
   }
   member.present = true;
   member.left = member.late = false;
   member.entry = entry;
   member.heartbeats = heartbeats;
-  member.seen_ns = now_ns;
+  member.received_ns = now_ns;
 }
 
 /// Counts the heartbeats of a rival, and adds an event for a new name conflict. Returns true when enough heartbeats
@@ -194,13 +194,13 @@ bool Roster::track_rival(Member& member, const RosterEntry& entry, std::int64_t 
     if (member.rivals.size() < kMaxRivals) {
       Rival& added = member.rivals[incarnation];
       (void)added.heartbeats.admit(entry.heartbeat, now_ns);
-      added.seen_ns = now_ns;
+      added.received_ns = now_ns;
     }
     return false;
   }
   Rival& rival = member.rivals[incarnation];
   if (entry.leaving || !accepted(rival.heartbeats.admit(entry.heartbeat, now_ns))) return false;
-  rival.seen_ns = now_ns;
+  rival.received_ns = now_ns;
   if (++rival.accepted < kMinRivalHeartbeats) return false;
   if (member.present && !rival.reported) {
     rival.reported = true;
@@ -214,7 +214,7 @@ std::vector<RosterEvent> Roster::tick(std::int64_t now_ns) {
   forget_rivals(own_, now_ns);
   for (auto at = members_.begin(); at != members_.end();) {
     Member& member = at->second;
-    const std::int64_t silent = now_ns - member.seen_ns;
+    const std::int64_t silent = now_ns - member.received_ns;
     forget_rivals(member, now_ns);
     if (!member.present && silent >= settings_.forget_ns && member.rivals.empty()) {
       at = members_.erase(at);
@@ -237,7 +237,7 @@ std::vector<RosterEvent> Roster::tick(std::int64_t now_ns) {
 /// Deletes silent rivals, so that new ones can be stored.
 void Roster::forget_rivals(Member& member, std::int64_t now_ns) const {
   for (auto rival = member.rivals.begin(); rival != member.rivals.end();)
-    rival = now_ns - rival->second.seen_ns >= settings_.gone_ns ? member.rivals.erase(rival) : std::next(rival);
+    rival = now_ns - rival->second.received_ns >= settings_.gone_ns ? member.rivals.erase(rival) : std::next(rival);
 }
 
 void Roster::forget_absent() {
@@ -255,9 +255,9 @@ std::vector<RosterEntry> Roster::entries() const {
   return all;
 }
 
-std::int64_t Roster::seen_ns(std::uint64_t participant) const {
+std::int64_t Roster::received_ns(std::uint64_t participant) const {
   const auto at = members_.find(participant);
-  return at == members_.end() || !at->second.present ? 0 : at->second.seen_ns;
+  return at == members_.end() || !at->second.present ? 0 : at->second.received_ns;
 }
 
 bool Roster::is_late(std::uint64_t participant) const {

@@ -35,7 +35,7 @@ enum class RosterChange : std::uint8_t {
   kRestarted,  ///< a newer incarnation replaced an older one
   kChanged,    ///< users, slots or requested HRTC differ
   kLate,
-  kBack,          ///< a late participant has sent a heartbeat
+  kRecovered,     ///< a late participant has sent a heartbeat
   kLeft,          ///< sent a leave message
   kGone,          ///< sent no heartbeat for RosterSettings::gone_ns
   kWrongVersion,  ///< refused; `other` is its protocol version
@@ -47,7 +47,7 @@ struct RosterEvent {
   RosterChange change;
   RosterEntry entry;
   std::uint64_t other = 0;
-  bool entry_yields = false;  ///< kNameConflict: the program of `entry` has to leave, otherwise that of `other`
+  bool entry_must_leave = false;  ///< kNameConflict: the program of `entry` has to leave, otherwise that of `other`
 };
 
 /// Text of an event, one line for a log.
@@ -79,14 +79,14 @@ class Roster {
   /// Number of entries dropped because their heartbeat was outside its window (session/sequence_window.hpp).
   [[nodiscard]] std::uint64_t implausible() const noexcept { return implausible_; }
   /// Arrival of the last entry of a present participant; 0 for others.
-  [[nodiscard]] std::int64_t seen_ns(std::uint64_t participant) const;
+  [[nodiscard]] std::int64_t received_ns(std::uint64_t participant) const;
   /// Sets how long this program has been in the session, as its own entries state it.
   void set_own_presence(std::int64_t session_time_ns, std::int64_t joined_ns) noexcept {
     own_.entry.session_time_ns = session_time_ns;
     own_.entry.joined_ns = joined_ns;
   }
   /// Number of stored participants: those present, and those that left or were gone recently.
-  [[nodiscard]] std::size_t remembered() const noexcept { return members_.size(); }
+  [[nodiscard]] std::size_t stored_participants() const noexcept { return members_.size(); }
 
  private:
   /// A program that sends heartbeats under the name of a participant with another incarnation.
@@ -94,12 +94,12 @@ class Roster {
     SequenceWindow heartbeats{kHeartbeatNumbers};
     std::uint32_t accepted = 0;  // heartbeats after the first
     bool reported = false;
-    std::int64_t seen_ns = 0;
+    std::int64_t received_ns = 0;
   };
   struct Member {
     RosterEntry entry;
     SequenceWindow heartbeats{kHeartbeatNumbers};
-    std::int64_t seen_ns = 0;
+    std::int64_t received_ns = 0;
     bool present = false;  // false: left or gone, stored to recognise its delayed entries
     bool left = false;
     bool late = false;

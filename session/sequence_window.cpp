@@ -16,7 +16,7 @@ constexpr std::int64_t kMaxPauseNs = 2'000'000'000;  // between consecutive samp
 bool SequenceWindow::is_successor(std::uint64_t number, std::uint64_t before, std::int64_t passed_ns) const noexcept {
   if (number <= before) return limits_.repeats && number == before;
   const double passed_s = static_cast<double>(std::max<std::int64_t>(passed_ns, 0)) / kNsPerS;
-  return static_cast<double>(number - before) <= static_cast<double>(limits_.ahead) + limits_.rate * passed_s;
+  return static_cast<double>(number - before) <= static_cast<double>(limits_.max_ahead) + limits_.rate * passed_s;
 }
 
 Admission SequenceWindow::start(std::uint64_t number, std::int64_t now_ns, bool confirmed) noexcept {
@@ -31,7 +31,7 @@ Admission SequenceWindow::admit(std::uint64_t number, std::int64_t now_ns) noexc
   if (!started_) return start(number, now_ns, false);
   const bool next = is_successor(number, newest_, now_ns - newest_ns_);
   const bool overtaken =
-      !next && number <= newest_ && (newest_ - number <= limits_.ahead || (confirmed_ && !limits_.falls));
+      !next && number <= newest_ && (newest_ - number <= limits_.max_ahead || (confirmed_ && !limits_.falls));
   if ((next || overtaken) && limits_.falls) outside_count_ = 0;
   if (overtaken) return Admission::kOld;
   if (next) {
@@ -80,7 +80,7 @@ Admission SenderWindow::admit(const Origin& origin, std::uint64_t number, std::i
 }
 
 bool TimeWindow::is_plausible(std::int64_t offset_ns, std::int64_t expected_ns) const noexcept {
-  return offset_ns - expected_ns <= limits_.ahead_ns && expected_ns - offset_ns <= limits_.behind_ns;
+  return offset_ns - expected_ns <= limits_.max_ahead_ns && expected_ns - offset_ns <= limits_.max_behind_ns;
 }
 
 Admission TimeWindow::admit(std::int64_t time_ns, std::int64_t now_ns) noexcept {

@@ -5,9 +5,10 @@
 ///          -------------+---------------+--------+------------------+-----------
 ///          kImplausible |     kOld      |        |    kAccepted     |  kImplausible
 ///
-/// A number may be ahead of the newest by `ahead`, plus `rate` times the time since the newest was accepted. A time,
-/// corrected by the offset of the sender's clock, may differ from our clock by a fixed amount. The caller drops and
-/// counts a sample outside the window. So after one wrong sample, the next samples of its sender are still accepted.
+/// A number may be ahead of the newest by `max_ahead`, plus `rate` times the time since the newest was accepted. A
+/// time, corrected by the offset of the sender's clock, may differ from our clock by a fixed amount. The caller drops
+/// and counts a sample outside the window. So after one wrong sample, the next samples of its sender are still
+/// accepted.
 ///
 /// A sender whose numbers or times jump is accepted again
 ///   - at once, when the same participant has a larger incarnation;
@@ -43,13 +44,14 @@ enum class Admission : std::uint8_t {
 
 /// The plausible growth of a number.
 struct SequenceLimits {
-  std::uint64_t ahead = 64;  ///< max growth between two samples that arrive at the same time, after losses and jitter
-  double rate = 1000;        ///< 1/s, max further growth
-  bool repeats = false;      ///< an equal number is accepted, because several samples carry one number (an epoch)
-  bool falls = true;         ///< false: after a confirmed number, a smaller one is never accepted (fencing)
+  std::uint64_t max_ahead =
+      64;                ///< max growth between two samples that arrive at the same time, after losses and jitter
+  double rate = 1000;    ///< 1/s, max further growth
+  bool repeats = false;  ///< an equal number is accepted, because several samples carry one number (an epoch)
+  bool falls = true;     ///< false: after a confirmed number, a smaller one is never accepted (fencing)
 };
 
-// `ahead` is the growth in a quarter of a second at the topic's highest rate. A wrong number inside the window
+// `max_ahead` is the growth in a quarter of a second at the topic's highest rate. A wrong number inside the window
 // therefore makes a receiver refuse correct samples for at most that time.
 inline constexpr SequenceLimits kCycleNumbers{256, 4000};         ///< probe states, device poses, commands and copies
 inline constexpr SequenceLimits kObjectPoseNumbers{64, 1000};     ///< poses of an object
@@ -113,8 +115,8 @@ class SenderWindow {
 };
 
 struct TimeLimits {
-  std::int64_t ahead_ns = 1'000'000'000;    ///< for a transit that gets shorter, and for clocks that are steered
-  std::int64_t behind_ns = 10'000'000'000;  ///< for a transit that gets longer
+  std::int64_t max_ahead_ns = 1'000'000'000;    ///< for a transit that gets shorter, and for clocks that are steered
+  std::int64_t max_behind_ns = 10'000'000'000;  ///< for a transit that gets longer
 };
 
 /// Admits the sending times of one sender. The sender's clock may differ from ours: the window learns the offset and

@@ -89,7 +89,7 @@ bool StopLatch::on_roster(const RosterEntry& entry) {
 
 bool StopLatch::stopped() const noexcept { return std::any_of(records_.begin(), records_.end(), stands); }
 
-std::vector<StopName> standing(const std::vector<StopRecord>& records) {
+std::vector<StopName> standing_stops(const std::vector<StopRecord>& records) {
   std::vector<StopName> names;
   for (const StopRecord& record : records)
     if (stands(record)) names.push_back({record.participant, record.incarnation, record.stop});

@@ -34,7 +34,8 @@ namespace tactus::session {
 /// its own instead. A reset has to name that stop like any other.
 class StopLatch {
  public:
-  /// `self`: issuer of the stop that replaces stops without a record. Only the constructor and `standing` allocate.
+  /// `self`: issuer of the stop that replaces stops without a record. Only the constructor and `standing_stops`
+  /// allocate.
   explicit StopLatch(const Origin& self);
 
   /// Applies a stop. Returns true when the stop is new and stands.
@@ -67,7 +68,7 @@ class StopLatch {
 };
 
 /// Names of the stops that stand in these records.
-[[nodiscard]] std::vector<StopName> standing(const std::vector<StopRecord>& records);
+[[nodiscard]] std::vector<StopName> standing_stops(const std::vector<StopRecord>& records);
 
 /// Whether the program of this entry, a host or an HRTC, has acknowledged the sample.
 [[nodiscard]] bool acknowledges(const RosterEntry& entry, const EmergencyStop& stop);

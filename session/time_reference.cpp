@@ -28,7 +28,7 @@ bool outranks(const Reference& a, const Reference& b) noexcept {
 
 std::optional<Reference> reference_of(const Roster& roster, const RosterEntry& entry, std::int64_t local_now_ns) {
   if (!can_be_reference(entry.role) || entry.reference != entry.origin.participant) return std::nullopt;
-  const std::int64_t age_ns = local_now_ns - roster.seen_ns(entry.origin.participant);
+  const std::int64_t age_ns = local_now_ns - roster.received_ns(entry.origin.participant);
   return Reference{
       {entry.origin.participant, entry.origin.incarnation}, entry.session_time_ns + age_ns, entry.joined_ns};
 }
@@ -64,7 +64,7 @@ TimeReference successor(const Roster& roster, const Origin& self, Role role, con
     if (is_better) first = Candidate{follows, {origin.participant, origin.incarnation}};
   };
   if (can_be_reference(role) && (clock.synchronised() || local_now_ns - clock.began_ns() >= kReferenceSettleNs))
-    consider(clock.synchronised() && !clock.waits(), self);
+    consider(clock.synchronised() && !clock.waits_for_force_off(), self);
   roster.for_each([&](const RosterEntry& entry) {
     if (can_be_reference(entry.role)) consider(entry.reference != 0, entry.origin);
   });
@@ -76,7 +76,7 @@ TimeReference successor(const Roster& roster, const Origin& self, Role role, con
 TimeReference time_reference(const Roster& roster, const Origin& self, Role role, const SessionClock& clock,
                              bool force_on, std::int64_t local_now_ns) {
   const std::optional<Reference> best = best_reference(roster, local_now_ns);
-  if (clock.answers()) {
+  if (clock.answers_requests()) {
     const TimeReference own{self.participant, self.incarnation};
     if (!best) return own;
     const std::int64_t session_ns = clock.map().session_time(local_now_ns);
@@ -92,8 +92,8 @@ TimeReference time_reference(const Roster& roster, const Origin& self, Role role
   return best ? best->id : successor(roster, self, role, clock, local_now_ns);
 }
 
-void keep_time(Roster& roster, const Origin& self, Role role, bool force_on, std::int64_t local_now_ns,
-               SessionClock& clock) {
+void update_session_clock(Roster& roster, const Origin& self, Role role, bool force_on, std::int64_t local_now_ns,
+                          SessionClock& clock) {
   clock.set_force_on(force_on);
   const TimeReference reference = time_reference(roster, self, role, clock, force_on, local_now_ns);
   clock.set_reference(reference.participant, reference.incarnation, local_now_ns);
@@ -101,7 +101,8 @@ void keep_time(Roster& roster, const Origin& self, Role role, bool force_on, std
 }
 
 void put_time(const SessionClock& clock, bool force_on, std::int64_t local_now_ns, RosterEntry& entry) {
-  const bool follows = clock.synchronised() && !clock.waits();  // otherwise this program must not become the reference
+  const bool follows =
+      clock.synchronised() && !clock.waits_for_force_off();  // otherwise this program must not become the reference
   entry.reference = follows ? clock.reference() : 0;
   entry.session_time_ns = follows ? std::max<std::int64_t>(0, clock.map().session_time(local_now_ns)) : 0;
   entry.joined_ns = std::max<std::int64_t>(0, clock.joined_ns());

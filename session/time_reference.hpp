@@ -39,8 +39,8 @@ struct TimeReference {
 
 /// Elects the reference and makes this program's clock follow it. Also calls Roster::set_own_presence. Call it every
 /// few milliseconds.
-void keep_time(Roster& roster, const Origin& self, Role role, bool force_on, std::int64_t local_now_ns,
-               SessionClock& clock);
+void update_session_clock(Roster& roster, const Origin& self, Role role, bool force_on, std::int64_t local_now_ns,
+                          SessionClock& clock);
 
 /// Fills those fields of a roster entry that state time and force.
 void put_time(const SessionClock& clock, bool force_on, std::int64_t local_now_ns, RosterEntry& entry);

@@ -19,13 +19,13 @@ class TransitEstimator {
   [[nodiscard]] std::int64_t max_ns() const noexcept { return max_ns_; }
 
  private:
-  static constexpr std::size_t kTenths = 20;
-  static constexpr std::int64_t kTenthNs = 100'000'000;
-  struct Tenth {
+  static constexpr std::size_t kBins = 20;
+  static constexpr std::int64_t kBinNs = 100'000'000;
+  struct Bin {
     std::int64_t number = -1;
     std::int64_t transit_ns = 0;
   };
-  std::array<Tenth, kTenths> tenths_;  // the max transit in each
+  std::array<Bin, kBins> bins_;  // the max transit in each tenth of a second
   std::int64_t max_ns_ = 0;
 };
 

@@ -5,7 +5,7 @@
 
 namespace tactus::sharing {
 
-void PoseInterpolator::show(const BodyState& state, std::int64_t session_now_ns) noexcept {
+void PoseInterpolator::set_state(const BodyState& state, std::int64_t session_now_ns) noexcept {
   received_.state = state;
   received_.session_ns = session_now_ns;
   position_jump_.setZero();
@@ -23,7 +23,7 @@ BodyState PoseInterpolator::extrapolate_received(std::int64_t session_now_ns) co
 }
 
 void PoseInterpolator::on_pose(const ReceivedPose& pose, std::int64_t session_now_ns) noexcept {
-  const BodyState before = at(session_now_ns);
+  const BodyState before = state_at(session_now_ns);
   received_ = pose;
   const BodyState after = extrapolate_received(session_now_ns);
   position_jump_ = before.position - after.position;
@@ -31,7 +31,7 @@ void PoseInterpolator::on_pose(const ReceivedPose& pose, std::int64_t session_no
   jump_ns_ = session_now_ns;
 }
 
-BodyState PoseInterpolator::at(std::int64_t session_now_ns) const noexcept {
+BodyState PoseInterpolator::state_at(std::int64_t session_now_ns) const noexcept {
   BodyState state = extrapolate_received(session_now_ns);
   const double passed = 1e-9 * static_cast<double>(std::max<std::int64_t>(0, session_now_ns - jump_ns_));
   const double share = passed > 20 * kFade ? 0 : std::exp(-passed / kFade);

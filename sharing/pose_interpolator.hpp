@@ -13,7 +13,7 @@
 
 namespace tactus::sharing {
 
-/// A pose that session::PoseGate has accepted, for a mailbox between threads.
+/// A pose that session::PoseAdmission has accepted, for a mailbox between threads.
 struct ReceivedPose {
   BodyState state;
   std::int64_t session_ns = 0;
@@ -23,14 +23,14 @@ struct ReceivedPose {
 class PoseInterpolator {
  public:
   PoseInterpolator() noexcept : PoseInterpolator{BodyState{}} {}
-  explicit PoseInterpolator(const BodyState& state) noexcept { show(state, 0); }
+  explicit PoseInterpolator(const BodyState& state) noexcept { set_state(state, 0); }
 
   /// Sets the pose and forgets those received. The jump to the next received pose is faded out.
-  void show(const BodyState& state, std::int64_t session_now_ns) noexcept;
+  void set_state(const BodyState& state, std::int64_t session_now_ns) noexcept;
   /// Takes a received pose.
   void on_pose(const ReceivedPose& pose, std::int64_t session_now_ns) noexcept;
   /// The extrapolated state, with the faded jump.
-  [[nodiscard]] BodyState at(std::int64_t session_now_ns) const noexcept;
+  [[nodiscard]] BodyState state_at(std::int64_t session_now_ns) const noexcept;
 
  private:
   static constexpr std::int64_t kMaxExtrapolationNs = 60'000'000;

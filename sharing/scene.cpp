@@ -36,8 +36,8 @@ bool closest_of(std::span<const ScenePart> parts, const Vec3d& point, double max
     const auto corner = [&](int c) {
       return closest_part->placement->to_world({corners[3 * c], corners[3 * c + 1], corners[3 * c + 2]});
     };
-    side.offer(corner(0), corner(1), corner(2), closest_part->object,
-               index(closest_part->tree->row(closest_rows[i]).face));
+    side.add_triangle(corner(0), corner(1), corner(2), closest_part->object,
+                      index(closest_part->tree->row(closest_rows[i]).face));
   }
   return side.result(hit);
 }

@@ -124,7 +124,7 @@ NodeIndex AbTree::make_leaf(std::uint32_t id) noexcept {
   while (level > 1) {
     const NodeIndex above = at;
     --level;
-    TACTUS_ASSERT(nodes_.free() > 0);
+    TACTUS_ASSERT(nodes_.free_nodes() > 0);
     at = near = NodeIndex{nodes_.free_.allocate(near != kNone ? index(near) : 0)};
     TreeNode& node = nodes_.nodes_[at];
     node.lanes = kNoLanes;

@@ -69,8 +69,8 @@ static_assert(sizeof(TreeNode) == kTreeNodeBytes);
 class NodePool {
  public:
   explicit NodePool(std::uint32_t nodes);
-  [[nodiscard]] std::uint32_t free() const noexcept { return free_.count(); }
-  [[nodiscard]] std::uint32_t used() const noexcept { return free_.size() - free_.count(); }
+  [[nodiscard]] std::uint32_t free_nodes() const noexcept { return free_.count(); }
+  [[nodiscard]] std::uint32_t used_nodes() const noexcept { return free_.size() - free_.count(); }
   [[nodiscard]] const TreeNode& operator[](NodeIndex node) const noexcept { return nodes_[node]; }
 
  private:
@@ -144,7 +144,7 @@ class AbTree {
   [[nodiscard]] std::uint32_t height() const noexcept { return height_; }
   static constexpr int kMaxHeight = 10;
 
-  /// Shows the face in `row`. NodePool::free() must be at least height(). `refit` updates the boxes.
+  /// Shows the face in `row`. NodePool::free_nodes() must be at least height(). `refit` updates the boxes.
   void insert(RowIndex row) noexcept;
   /// Hides the face in `row`.
   void remove(RowIndex row) noexcept;
@@ -184,8 +184,8 @@ class AbTree {
 
   /// Writes a contact for each shown triangle within `radius` of `centre`, in tree order, at most `capacity`. Returns
   /// the number of these triangles; if it exceeds `capacity`, the contacts are truncated.
-  [[nodiscard]] std::uint32_t touching(const Vec3d& centre, double radius, Contact* out,
-                                       std::uint32_t capacity) const noexcept;
+  [[nodiscard]] std::uint32_t find_contacts(const Vec3d& centre, double radius, Contact* out,
+                                            std::uint32_t capacity) const noexcept;
 
   /// Finds the earliest contact of a sphere that moves from `from` to `to`; false if there is none. A triangle that the
   /// sphere already touches counts only if the sphere moves into it. If an earlier sweep on the same mesh started

@@ -35,19 +35,19 @@ inline unsigned highest_bit(unsigned bits) noexcept { return static_cast<unsigne
 }  // namespace
 
 /// Cache misses dominate the time of a query that runs once a millisecond. Therefore the traversal processes up to
-/// kTogether nodes of one level and prefetches all their children. A leaf takes longer, so only kLeavesAhead leaves are
+/// kBatch nodes of one level and prefetches all their children. A leaf takes longer, so only kLeavesAhead leaves are
 /// prefetched.
 template <class Visit>
 void AbTree::for_each_near_leaf(const Vec3d& point, double radius, Visit&& visit) const noexcept {
   if (root_ == kNone) return;
   const FloatPoint p{point};
   const float squared_radius = p.squared(radius);
-  constexpr std::uint32_t kTogether = 32, kLeavesAhead = 8;
+  constexpr std::uint32_t kBatch = 32, kLeavesAhead = 8;
   struct Range {
     std::uint32_t begin = 0, end = 0;  // in `queue`
   };
   std::array<Range, kMaxHeight + 1> waiting{};  // nodes to process, by level; each range follows those of higher levels
-  std::array<NodeIndex, 1 + TreeNode::kWidth * kTogether*(kMaxHeight - 1)> queue;
+  std::array<NodeIndex, 1 + TreeNode::kWidth * kBatch*(kMaxHeight - 1)> queue;
   queue[0] = root_;
   waiting[height_].end = 1;
   for (std::uint32_t level = height_; level <= height_;) {
@@ -68,7 +68,7 @@ void AbTree::for_each_near_leaf(const Vec3d& point, double radius, Visit&& visit
     std::uint32_t queue_end = here.end;
     Range& below = waiting[--level];
     below.begin = queue_end;
-    for (const std::uint32_t end = std::min(here.end, here.begin + kTogether); here.begin < end; ++here.begin) {
+    for (const std::uint32_t end = std::min(here.end, here.begin + kBatch); here.begin < end; ++here.begin) {
       const TreeNode& node = nodes_[queue[here.begin]];
       for (unsigned hit = lanes::kBestKernels.boxes_within(node.lanes.data(), p.at, squared_radius); hit != 0;
            hit &= hit - 1) {
@@ -85,8 +85,8 @@ void AbTree::for_each_near_leaf(const Vec3d& point, double radius, Visit&& visit
   }
 }
 
-std::uint32_t AbTree::touching(const Vec3d& centre, double radius, Contact* out,
-                               std::uint32_t capacity) const noexcept {
+std::uint32_t AbTree::find_contacts(const Vec3d& centre, double radius, Contact* out,
+                                    std::uint32_t capacity) const noexcept {
   const std::array<double, 3> p{centre[0], centre[1], centre[2]};
   std::array<Contact, TreeNode::kWidth> buffer;
   std::uint32_t count = 0;
@@ -136,7 +136,7 @@ void AbTree::fill(CandidateCache& cache, double radius, bool previous) const noe
 const CandidateCache* AbTree::find_or_fill(const Vec3d& centre, double radius, bool previous, double slack,
                                            CandidateCaches& caches) const noexcept {
   constexpr double kWorthwhile = CandidateCache::kLayer / 4;
-  const CandidateCache* found = caches.use(mesh(previous), centre, radius * (1 + kWorthwhile) + slack);
+  const CandidateCache* found = caches.find_and_mark_used(mesh(previous), centre, radius * (1 + kWorthwhile) + slack);
   if (found == nullptr) {
     CandidateCache& oldest = caches.replace();
     oldest.centre = centre;

@@ -143,7 +143,7 @@ struct Cache::DecoderStore {
     return index(id) < base ? owner.base_slots[id] : cache.find(object, RecordId{index(id) - base});
   }
   [[nodiscard]] RowIndex face(FaceId id) const noexcept { return RowIndex{cache.faces_.find(key(object, id))}; }
-  [[nodiscard]] RowIndex bear(FaceId id, Slot slot, std::uint32_t i) const noexcept {
+  [[nodiscard]] RowIndex add_born_face(FaceId id, Slot slot, std::uint32_t i) const noexcept {
     const RowIndex row = row_of(slot, i);
     cache.faces_.insert(key(object, id), index(row));
     cache.pool_.faces[row].face = id;
@@ -185,7 +185,7 @@ AcceptResult Cache::decode(ObjectIndex object, RecordId record, const RegionData
     }
     pool_.radius[slot] = radius_of(source.radius);
     if (before == kNone) {
-      if (!decoder.place(residuals, position)) return AcceptResult::kMalformed;
+      if (!decoder.restore_position(residuals, position)) return AcceptResult::kMalformed;
       pool_.vertices[slot].position = position;
     }
     more = source.next != kNone;
@@ -325,19 +325,19 @@ void Cache::release(ObjectIndex number, RegionId region) noexcept {
   ++counters_.regions_released;
 }
 
-Cache::Room Cache::room_of(ObjectIndex number, RegionId region) const noexcept {
+Cache::Space Cache::space_of(ObjectIndex number, RegionId region) const noexcept {
   const RegionList list = objects_[number].list(region);
-  Room room;
+  Space space;
   std::uint32_t left = list.length;
   for (BlockIndex block = list.first_block; block != kNone; block = pool_.blocks[block].after) {
-    ++room.blocks;
+    ++space.blocks;
     for (std::uint32_t i = 0; i < ListBlock::kEntries && left > 0; ++i, --left) {
       const Slot first_slot = pool_.blocks[block].slots[i];
       if (list_counts_[first_slot] > 1) continue;
-      for (Slot slot = first_slot; slot != kNone; slot = pool_.parts[slot].next) ++room.slots;
+      for (Slot slot = first_slot; slot != kNone; slot = pool_.parts[slot].next) ++space.slots;
     }
   }
-  return room;
+  return space;
 }
 
 bool Cache::is_loaded(ObjectIndex object, RegionId region) const noexcept {

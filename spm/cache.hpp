@@ -78,11 +78,11 @@ class Cache {
   /// returned the region. O(list).
   void release(ObjectIndex object, RegionId region) noexcept;
 
-  struct Room {
+  struct Space {
     std::uint32_t slots = 0, blocks = 0;
   };
   /// Returns the slots and list blocks that `release` would free now, without the slots of shared records. O(list).
-  [[nodiscard]] Room room_of(ObjectIndex object, RegionId region) const noexcept;
+  [[nodiscard]] Space space_of(ObjectIndex object, RegionId region) const noexcept;
 
   [[nodiscard]] bool is_loaded(ObjectIndex object, RegionId region) const noexcept;
 

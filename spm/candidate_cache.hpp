@@ -39,7 +39,7 @@ struct CandidateCache {
     }
   };
   Mesh mesh;
-  std::uint64_t used = 0;  ///< number of the last use; the least recently used cache is replaced
+  std::uint64_t last_use = 0;  ///< number of the last use; the least recently used cache is replaced
 
   Vec3d centre = Vec3d::Zero();
   double reach = -1;          ///< every triangle within this distance of the centre is in a cached leaf
@@ -66,18 +66,18 @@ class CandidateCaches {
     return nullptr;
   }
   /// As `find`, and marks the cache as the most recently used.
-  [[nodiscard]] const CandidateCache* use(const CandidateCache::Mesh& mesh, const Vec3d& point,
-                                          double radius) noexcept {
+  [[nodiscard]] const CandidateCache* find_and_mark_used(const CandidateCache::Mesh& mesh, const Vec3d& point,
+                                                         double radius) noexcept {
     const CandidateCache* const found = find(mesh, point, radius);
-    if (found != nullptr) caches_[static_cast<std::size_t>(found - caches_.data())].used = ++used_;
+    if (found != nullptr) caches_[static_cast<std::size_t>(found - caches_.data())].last_use = ++used_;
     return found;
   }
   /// Returns the least recently used cache, for the caller to fill, and marks it as the most recently used.
   [[nodiscard]] CandidateCache& replace() noexcept {
-    CandidateCache& oldest =
-        *std::min_element(caches_.begin(), caches_.end(),
-                          [](const CandidateCache& a, const CandidateCache& b) noexcept { return a.used < b.used; });
-    oldest.used = ++used_;
+    CandidateCache& oldest = *std::min_element(
+        caches_.begin(), caches_.end(),
+        [](const CandidateCache& a, const CandidateCache& b) noexcept { return a.last_use < b.last_use; });
+    oldest.last_use = ++used_;
     return oldest;
   }
 

@@ -27,7 +27,7 @@ class FlatIndex {
 
   /// The number stored under `key`, or kNone.
   [[nodiscard]] std::uint32_t find(std::uint64_t key) const noexcept {
-    for (std::size_t at = first_bucket(key);; at = after(at)) {
+    for (std::size_t at = first_bucket(key);; at = next_bucket(at)) {
       const std::uint64_t bucket = buckets_[at];
       if (bucket >> kValueBits == key) return static_cast<std::uint32_t>(bucket & kValueMask);
       if (bucket == kEmpty) return kNone;
@@ -42,7 +42,7 @@ class FlatIndex {
     TACTUS_ASSERT(key < kEmpty >> kValueBits && value <= kValueMask);
     TACTUS_ASSERT(find(key) == kNone && size_ + 1 < buckets_.size());
     std::size_t at = first_bucket(key);
-    while (buckets_[at] != kEmpty) at = after(at);
+    while (buckets_[at] != kEmpty) at = next_bucket(at);
     buckets_[at] = key << kValueBits | value;
     ++size_;
   }
@@ -52,9 +52,9 @@ class FlatIndex {
     std::size_t hole = first_bucket(key);
     while (buckets_[hole] >> kValueBits != key) {
       TACTUS_ASSERT(buckets_[hole] != kEmpty);
-      hole = after(hole);
+      hole = next_bucket(hole);
     }
-    for (std::size_t at = after(hole); buckets_[at] != kEmpty; at = after(at)) {
+    for (std::size_t at = next_bucket(hole); buckets_[at] != kEmpty; at = next_bucket(at)) {
       if (distance(first_bucket(buckets_[at] >> kValueBits), at) < distance(hole, at)) continue;
       buckets_[hole] = buckets_[at];
       hole = at;
@@ -75,7 +75,9 @@ class FlatIndex {
   [[nodiscard]] std::size_t first_bucket(std::uint64_t key) const noexcept {
     return (key * 0x9e3779b97f4a7c15ull >> 32) * buckets_.size() >> 32;
   }
-  [[nodiscard]] std::size_t after(std::size_t at) const noexcept { return at + 1 == buckets_.size() ? 0 : at + 1; }
+  [[nodiscard]] std::size_t next_bucket(std::size_t at) const noexcept {
+    return at + 1 == buckets_.size() ? 0 : at + 1;
+  }
   /// Number of buckets from `from` to `to`, wrapping around at the end.
   [[nodiscard]] std::size_t distance(std::size_t from, std::size_t to) const noexcept {
     return to >= from ? to - from : to + buckets_.size() - from;

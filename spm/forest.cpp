@@ -75,7 +75,7 @@ void Forest::end_retention(RegionId region) noexcept {
 std::uint32_t Forest::entries_to_coarsen() const noexcept {
   if (unrequested_ == Unrequested::kCoarsen) return ~0u;
   const std::uint32_t max = retained_node_limit(pool_.settings);
-  return nodes_.used() > max ? nodes_.used() - max : 0;
+  return nodes_.used_nodes() > max ? nodes_.used_nodes() - max : 0;
 }
 
 void Forest::add(RegionId region, RegionList list) noexcept {
@@ -175,7 +175,7 @@ void Forest::prefetch_records(const Slot* slots, std::uint32_t count, bool split
 bool Forest::has_tree_nodes_for(Slot slot) const noexcept {
   std::uint32_t faces = 0;
   for (; slot != kNone; slot = pool_.parts[slot].next) faces += pool_.parts[slot].born_count;
-  return nodes_.free() >= faces * tree_.height();
+  return nodes_.free_nodes() >= faces * tree_.height();
 }
 
 bool Forest::has_previous_nodes_for(Slot slot) const noexcept {
@@ -308,7 +308,7 @@ Advance Forest::advance(Budget& budget) noexcept {
   if (withdrawn_) return hide_all(budget);
   for (; !is_base_shown(); ++base_cursor_) {
     if (budget.units < Budget::kChange) return Advance::kBudget;
-    if (nodes_.free() < tree_.height()) return Advance::kNodesFull;
+    if (nodes_.free_nodes() < tree_.height()) return Advance::kNodesFull;
     if (tree_.free_previous_nodes() == 0) return Advance::kPreviousFull;
     tree_.insert(base_.faces[base_cursor_]);
     budget.units -= Budget::kChange;
@@ -361,7 +361,7 @@ std::uint32_t Forest::copy_in_use(InUse* out, std::uint32_t capacity) const noex
 bool Forest::restore(std::uint32_t base_faces, const InUse* regions, std::uint32_t count) noexcept {
   if (base_faces > base_.faces.size() || base_cursor_ > 0) return false;
   for (; base_cursor_ < base_faces; ++base_cursor_) {
-    if (nodes_.free() < tree_.height() || tree_.free_previous_nodes() == 0) return false;
+    if (nodes_.free_nodes() < tree_.height() || tree_.free_previous_nodes() == 0) return false;
     tree_.insert(base_.faces[base_cursor_]);
   }
   for (std::uint32_t i = 0; i < count; ++i) {
@@ -388,7 +388,7 @@ bool Forest::restore(std::uint32_t base_faces, const InUse* regions, std::uint32
   return true;
 }
 
-bool Forest::exact(const Vec3d& centre, double radius) const noexcept {
+bool Forest::is_exact(const Vec3d& centre, double radius) const noexcept {
   bool all = is_base_shown();
   const bool seen =
       grid_.for_each_intersecting(centre, radius, [&](RegionId region, double) { all = all && is_refined(region); });

@@ -136,7 +136,7 @@ class Forest {
 
   /// True if the base mesh is shown and every labelled cell that the sphere intersects is refined. A query within the
   /// sphere then returns the contacts of the finest mesh. False if a coordinate is not finite.
-  [[nodiscard]] bool exact(const Vec3d& centre, double radius) const noexcept;
+  [[nodiscard]] bool is_exact(const Vec3d& centre, double radius) const noexcept;
 
   [[nodiscard]] const AbTree& tree() const noexcept { return tree_; }
   [[nodiscard]] const RegionGrid& grid() const noexcept { return grid_; }

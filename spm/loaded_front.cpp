@@ -15,7 +15,8 @@ void LoadedFront<Face, Vertex>::link(std::span<const Face> faces) {
   edges.reserve(3 * faces.size());
   for (const Face face : faces) {
     for (std::uint32_t corner = 0; corner < 3; ++corner) {
-      const std::uint32_t from = index(corners(face)[after(corner)]), to = index(corners(face)[before(corner)]);
+      const std::uint32_t from = index(corners(face)[next_corner(corner)]),
+                          to = index(corners(face)[previous_corner(corner)]);
       edges.push_back(
           {std::uint64_t{std::min(from, to)} << 32 | std::max(from, to), number({face, corner}), from < to});
     }
@@ -39,8 +40,8 @@ void LoadedFront<Face, Vertex>::link_split(const Split& split) noexcept {
     int found = 0;
     for (std::uint32_t k = 0; k < split.deformed_count_; ++k) {
       const CornerRef d = split.deformed_[k];
-      if (corners(d.face)[born.even ? after(d.corner) : before(d.corner)] != x) continue;
-      side = {d.face, born.even ? before(d.corner) : after(d.corner)};
+      if (corners(d.face)[born.even ? next_corner(d.corner) : previous_corner(d.corner)] != x) continue;
+      side = {d.face, born.even ? previous_corner(d.corner) : next_corner(d.corner)};
       ++found;
     }
     if (found != 1) continue;

@@ -50,9 +50,9 @@ class LoadedFront {
 
   /// Moves `at` to the next face around its vertex, counter-clockwise seen from outside. False if there is none.
   [[nodiscard]] bool swing(CornerRef& at) const noexcept {
-    const std::uint32_t opposite = faces_[at.face].opposite[after(at.corner)];
+    const std::uint32_t opposite = faces_[at.face].opposite[next_corner(at.corner)];
     if (opposite == kNone) return false;
-    at = {Face{opposite >> 2}, after(opposite & 3u)};
+    at = {Face{opposite >> 2}, next_corner(opposite & 3u)};
     return true;
   }
 
@@ -65,7 +65,7 @@ class LoadedFront {
       if (deformed_count_++ < kMaxDeformed) deformed_[deformed_count_ - 1] = at;
     }
     /// Adds a born face.
-    void bear(Face face, std::uint32_t order) noexcept {
+    void add_born_face(Face face, std::uint32_t order) noexcept {
       if (born_count_++ < kMaxBorn) born_[born_count_ - 1] = {face, born_corners(order), order % 2 == 0};
     }
 
@@ -99,8 +99,10 @@ class LoadedFront {
   [[nodiscard]] std::uint32_t& opposite(std::uint32_t number) noexcept {
     return faces_[Face{number >> 2}].opposite[number & 3u];
   }
-  [[nodiscard]] static std::uint32_t after(std::uint32_t corner) noexcept { return corner == 2 ? 0 : corner + 1; }
-  [[nodiscard]] static std::uint32_t before(std::uint32_t corner) noexcept { return corner == 0 ? 2 : corner - 1; }
+  [[nodiscard]] static std::uint32_t next_corner(std::uint32_t corner) noexcept { return corner == 2 ? 0 : corner + 1; }
+  [[nodiscard]] static std::uint32_t previous_corner(std::uint32_t corner) noexcept {
+    return corner == 0 ? 2 : corner - 1;
+  }
   /// Links two corners; each of them may be kNone.
   void link(std::uint32_t a, std::uint32_t b) noexcept {
     if (a != kNone) opposite(a) = b;

@@ -119,17 +119,17 @@ void LocalRefinement::select_targets() noexcept {
   forest_.set_targets(targets.data(), static_cast<std::uint32_t>(targets.size()), Unrequested::kRetain);
 }
 
-std::uint32_t LocalRefinement::touching(const Vec3d& centre, double radius, Contact* out,
-                                        std::uint32_t capacity) const noexcept {
-  const std::uint32_t found = forest_.tree().touching(centre, radius, out, capacity);
-  if (found > capacity || !forest_.exact(centre, radius)) return found;
+std::uint32_t LocalRefinement::find_contacts(const Vec3d& centre, double radius, Contact* out,
+                                             std::uint32_t capacity) const noexcept {
+  const std::uint32_t found = forest_.tree().find_contacts(centre, radius, out, capacity);
+  if (found > capacity || !forest_.is_exact(centre, radius)) return found;
   return static_cast<std::uint32_t>(std::remove_if(out, out + found, [](const Contact& c) { return !c.is_finest(); }) -
                                     out);
 }
 
-MeshTouch LocalRefinement::touching(PlacedProbe& probe, MeshContact* out, std::uint32_t capacity) const noexcept {
-  MeshTouch touch = probe.touching(forest_.tree(), out, capacity);
-  if (touch.contacts > capacity || !touch.complete || !exact()) return touch;
+MeshTouch LocalRefinement::find_contacts(PlacedProbe& probe, MeshContact* out, std::uint32_t capacity) const noexcept {
+  MeshTouch touch = probe.find_contacts(forest_.tree(), out, capacity);
+  if (touch.contacts > capacity || !touch.complete || !is_exact()) return touch;
   MeshContact* const end = std::remove_if(out, out + touch.contacts, [](const MeshContact& c) { return !c.is_finest; });
   touch.contacts = static_cast<std::uint32_t>(end - out);
   return touch;

@@ -3,8 +3,8 @@
 ///   RegionSource -> [approach: load the regions that the probe will touch] -> [refine within a budget] -> queries
 ///
 /// In each frame, call `approach` with the pose of the probe, then `refine`, then a query. `refine` refines the mesh
-/// near the probe as far as the budget allows. `exact` reports whether the contacts are those of the finest mesh. The
-/// cycle of an HRTC uses the same code (spm/target_selection.hpp), but loads regions in another thread.
+/// near the probe as far as the budget allows. `is_exact` reports whether the contacts are those of the finest mesh.
+/// The cycle of an HRTC uses the same code (spm/target_selection.hpp), but loads regions in another thread.
 ///
 /// Model frame, file units. Source: Liu, Georganas, Roth, 3DIM 2005, sections 3 and 4.
 #pragma once
@@ -69,13 +69,13 @@ class LocalRefinement {
   RefitCount refit() noexcept { return forest_.refit(); }
 
   /// True if queries at the last pose return the contacts of the finest mesh. Realtime.
-  [[nodiscard]] bool exact() const noexcept { return spm::exact(forest_, placed_); }
+  [[nodiscard]] bool is_exact() const noexcept { return spm::is_exact(forest_, placed_); }
 
-  /// Writes the contacts of a sphere, at most `capacity`, and returns the number of all contacts. If Forest::exact is
-  /// true for the sphere, omits contacts with coarse faces, which then belong to other cells. Realtime.
-  std::uint32_t touching(const Vec3d& centre, double radius, Contact* out, std::uint32_t capacity) const noexcept;
+  /// Writes the contacts of a sphere, at most `capacity`, and returns the number of all contacts. If Forest::is_exact
+  /// is true for the sphere, omits contacts with coarse faces, which then belong to other cells. Realtime.
+  std::uint32_t find_contacts(const Vec3d& centre, double radius, Contact* out, std::uint32_t capacity) const noexcept;
   /// Writes the contacts of a mesh probe in the same way. `probe` must have been placed at the pose of `approach`.
-  MeshTouch touching(PlacedProbe& probe, MeshContact* out, std::uint32_t capacity) const noexcept;
+  MeshTouch find_contacts(PlacedProbe& probe, MeshContact* out, std::uint32_t capacity) const noexcept;
 
   [[nodiscard]] const Forest& forest() const noexcept { return forest_; }
   [[nodiscard]] const ProbeShape& probe() const noexcept { return probe_; }

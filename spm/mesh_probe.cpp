@@ -141,8 +141,8 @@ struct ProbeWalk {
 
   const AbTree& tree;
   PlacedProbe& probe;
-  MeshContact* out;  // output of `touching`; null for `near`
-  NearPairs* near;   // output of `near`; null for `touching`
+  MeshContact* out;  // output of `find_contacts`; null for `find_near_pairs`
+  NearPairs* near;   // output of `find_near_pairs`; null for `find_contacts`
   std::uint32_t capacity;
   std::uint32_t max_work;
   float margin;
@@ -305,7 +305,7 @@ PlacedProbe::PlacedProbe(const MeshProbe& probe, Simd simd)
       stack_(kStack) {
   for (std::vector<float>& rounded : rounded_) rounded.resize(vertices_[0].size());
   for (std::uint32_t t = 0; t < probe.triangles(); ++t) tree_number_[probe.number_[t]] = t;
-  place(Eigen::Isometry3d::Identity());
+  set_pose(Eigen::Isometry3d::Identity());
 }
 
 void PlacedProbe::begin_pose() noexcept {
@@ -314,7 +314,7 @@ void PlacedProbe::begin_pose() noexcept {
   ++pose_;
 }
 
-void PlacedProbe::place(const Eigen::Isometry3d& pose, double scale) noexcept {
+void PlacedProbe::set_pose(const Eigen::Isometry3d& pose, double scale) noexcept {
   begin_pose();
   scale_ = scale;
   rotation_ = pose.linear();
@@ -342,13 +342,13 @@ Triangle3d PlacedProbe::triangle(std::uint32_t number) const noexcept {
   return placed;
 }
 
-MeshTouch PlacedProbe::touching(const AbTree& tree, MeshContact* out, std::uint32_t capacity,
-                                std::uint32_t max_work) noexcept {
+MeshTouch PlacedProbe::find_contacts(const AbTree& tree, MeshContact* out, std::uint32_t capacity,
+                                     std::uint32_t max_work) noexcept {
   return walk(tree, out, nullptr, capacity, max_work, 0);
 }
 
-MeshTouch PlacedProbe::near(const AbTree& tree, double margin, NearPairs* out, std::uint32_t capacity,
-                            std::uint32_t max_work) noexcept {
+MeshTouch PlacedProbe::find_near_pairs(const AbTree& tree, double margin, NearPairs* out, std::uint32_t capacity,
+                                       std::uint32_t max_work) noexcept {
   return walk(tree, nullptr, out, capacity, max_work, static_cast<float>(margin * (1 + 1e-6)));
 }
 

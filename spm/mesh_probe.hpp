@@ -114,21 +114,21 @@ class PlacedProbe {
   /// Places the probe in the object's frame: scales by `scale` (object units per probe unit), then applies `pose`,
   /// whose linear part must be a rotation up to 1e-7. Each coordinate is (r0 x + r1 y) + r2 z + t, left to right, in
   /// double. Realtime.
-  void place(const Eigen::Isometry3d& pose, double scale = 1) noexcept;
+  void set_pose(const Eigen::Isometry3d& pose, double scale = 1) noexcept;
 
   /// A triangle in the object's frame, by its number at construction.
   [[nodiscard]] Triangle3d triangle(std::uint32_t number) const noexcept;
 
   /// Writes a contact for each intersecting pair, in a fixed order, at most `capacity`. Stops when the work reaches
   /// `max_work`; the result is then not complete. Realtime.
-  MeshTouch touching(const AbTree& tree, MeshContact* out, std::uint32_t capacity,
-                     std::uint32_t max_work = 1u << 31) noexcept;
+  MeshTouch find_contacts(const AbTree& tree, MeshContact* out, std::uint32_t capacity,
+                          std::uint32_t max_work = 1u << 31) noexcept;
 
   /// Writes all pairs at most `margin` apart (object units, above 0), in blocks of eight. Also writes the pairs further
   /// apart that boxes and planes do not rule out. Stops when the work reaches `max_work` or there are more than
   /// `capacity` pairs; the result is then not complete. Realtime.
-  MeshTouch near(const AbTree& tree, double margin, NearPairs* out, std::uint32_t capacity,
-                 std::uint32_t max_work = 1u << 31) noexcept;
+  MeshTouch find_near_pairs(const AbTree& tree, double margin, NearPairs* out, std::uint32_t capacity,
+                            std::uint32_t max_work = 1u << 31) noexcept;
 
  private:
   friend struct ProbeWalk;

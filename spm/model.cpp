@@ -105,7 +105,7 @@ void check_positions(const ModelSummary& s, std::span<const std::array<float, 3>
     for (std::size_t axis = 0; axis < 3; ++axis) {
       if (positions[v][axis] < s.bounds_min[axis] || positions[v][axis] > s.bounds_max[axis]) {
         findings.add("vertex ", v, ": outside of the bounds on axis ", axis);
-      } else if (code.at(axis, code.of(axis, double{positions[v][axis]})) != positions[v][axis]) {
+      } else if (code.decode(axis, code.encode(axis, double{positions[v][axis]})) != positions[v][axis]) {
         findings.add("vertex ", v, ": off the grid of ", s.position_step, " on axis ", axis);
       }
     }

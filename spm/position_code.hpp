@@ -18,7 +18,7 @@ class PositionCode {
       : origin_{summary.bounds_min}, step_{summary.position_step} {}
 
   /// Returns the code of the value nearest to `coordinate`, which must not be below the bounds.
-  [[nodiscard]] std::uint32_t of(std::size_t axis, double coordinate) const noexcept {
+  [[nodiscard]] std::uint32_t encode(std::size_t axis, double coordinate) const noexcept {
     if (step_ > 0) return static_cast<std::uint32_t>((coordinate - double{origin_[axis]}) / step_ + 0.5);
     const auto value = static_cast<float>(coordinate);
     std::uint32_t bits;
@@ -26,7 +26,7 @@ class PositionCode {
     return (bits & kSign) != 0 ? ~bits : bits | kSign;
   }
   /// Returns the coordinate of a code. For a code that `of` did not return, the float may not be finite.
-  [[nodiscard]] float at(std::size_t axis, std::uint32_t code) const noexcept {
+  [[nodiscard]] float decode(std::size_t axis, std::uint32_t code) const noexcept {
     if (step_ > 0) return static_cast<float>(double{origin_[axis]} + code * step_);
     const std::uint32_t bits = (code & kSign) != 0 ? code & ~kSign : ~code;
     float value;

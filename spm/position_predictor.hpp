@@ -56,19 +56,19 @@ class PositionPredictor {
   /// Returns the residuals of `position`.
   [[nodiscard]] Residuals residuals_to(const std::array<float, 3>& position) const noexcept {
     Residuals residuals{};
-    const std::size_t a = after(third_), b = after(a);
-    residuals[0] = code_.of(a, double{position[a]}) - code_of(a, expected_[a]);
-    residuals[1] = code_.of(b, double{position[b]}) - code_of(b, expected_[b]);
-    residuals[2] = code_.of(third_, double{position[third_]}) - code_of(third_, third_expected(position));
+    const std::size_t a = next_axis(third_), b = next_axis(a);
+    residuals[0] = code_.encode(a, double{position[a]}) - code_of(a, expected_[a]);
+    residuals[1] = code_.encode(b, double{position[b]}) - code_of(b, expected_[b]);
+    residuals[2] = code_.encode(third_, double{position[third_]}) - code_of(third_, third_expected(position));
     return residuals;
   }
   /// Sets `position` from its residuals. False if the position is out of the bounds.
-  [[nodiscard]] bool place(const Residuals& residuals, std::array<float, 3>& position) const noexcept {
-    const std::size_t a = after(third_), b = after(a);
-    position[a] = code_.at(a, code_of(a, expected_[a]) + residuals[0]);
-    position[b] = code_.at(b, code_of(b, expected_[b]) + residuals[1]);
+  [[nodiscard]] bool restore_position(const Residuals& residuals, std::array<float, 3>& position) const noexcept {
+    const std::size_t a = next_axis(third_), b = next_axis(a);
+    position[a] = code_.decode(a, code_of(a, expected_[a]) + residuals[0]);
+    position[b] = code_.decode(b, code_of(b, expected_[b]) + residuals[1]);
     if (!within(a, position[a]) || !within(b, position[b])) return false;
-    position[third_] = code_.at(third_, code_of(third_, third_expected(position)) + residuals[2]);
+    position[third_] = code_.decode(third_, code_of(third_, third_expected(position)) + residuals[2]);
     return within(third_, position[third_]);
   }
 
@@ -77,15 +77,16 @@ class PositionPredictor {
   // Fitted by least squares to bunny, organ and dragon together. The optimum of one model saves at most 0.1 bit more.
   static constexpr double kTowardsParent = 0.25, kAwayFromEnds = 0.14;
 
-  static std::size_t after(std::size_t axis) noexcept { return axis == 2 ? 0 : axis + 1; }
+  static std::size_t next_axis(std::size_t axis) noexcept { return axis == 2 ? 0 : axis + 1; }
   static Point point(const std::array<float, 3>& p) noexcept { return {double{p[0]}, double{p[1]}, double{p[2]}}; }
   [[nodiscard]] double third_expected(const std::array<float, 3>& position) const noexcept {
-    const std::size_t a = after(third_), b = after(a);
+    const std::size_t a = next_axis(third_), b = next_axis(a);
     return expected_[third_] + slope_[a] * (double{position[a]} - expected_[a]) +
            slope_[b] * (double{position[b]} - expected_[b]);
   }
   [[nodiscard]] std::uint32_t code_of(std::size_t axis, double coordinate) const noexcept {
-    return code_.of(axis, std::clamp(coordinate, double{summary_.bounds_min[axis]}, double{summary_.bounds_max[axis]}));
+    return code_.encode(axis,
+                        std::clamp(coordinate, double{summary_.bounds_min[axis]}, double{summary_.bounds_max[axis]}));
   }
   /// False if the coordinate is out of the bounds or NaN.
   [[nodiscard]] bool within(std::size_t axis, float coordinate) const noexcept {

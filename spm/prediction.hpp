@@ -39,7 +39,7 @@ struct PredictedRegion {
   double contact_end = 0;       ///< latest predicted time of contact, s
   double sigmas_from_path = 0;  ///< distance from the predicted path, in standard deviations of the prediction
 
-  [[nodiscard]] bool before(const PredictedRegion& other) const noexcept {
+  [[nodiscard]] bool precedes(const PredictedRegion& other) const noexcept {
     return time_to_contact != other.time_to_contact ? time_to_contact < other.time_to_contact
                                                     : index(region) < index(other.region);
   }

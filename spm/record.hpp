@@ -119,16 +119,16 @@ using DeformedRef = RecordPart::DeformedRef;
 static_assert(sizeof(RecordPart) == 64 && sizeof(LoadedPart) == 64);
 
 /// Visits the changes of the split of `u`, whose record starts with part `first` of `parts`. Calls `deform(ref)` for
-/// each deformed corner, which moves from t to u, and `bear(ref, corners, part, i)` for born face `i` of `part`. Every
-/// code that splits uses this function, whatever stores the mesh. The changes concern different faces, so they can be
-/// applied in any order.
-template <class Parts, class Part, class Vertex, class Deform, class Bear>
-void for_each_change(const Parts& parts, Part first, Vertex u, Deform&& deform, Bear&& bear) {
+/// each deformed corner, which moves from t to u, and `add_born_face(ref, corners, part, i)` for born face `i` of
+/// `part`. Every code that splits uses this function, whatever stores the mesh. The changes concern different faces, so
+/// they can be applied in any order.
+template <class Parts, class Part, class Vertex, class Deform, class AddBornFace>
+void for_each_change(const Parts& parts, Part first, Vertex u, Deform&& deform, AddBornFace&& add_born_face) {
   for (Part at = first; at != kNone; at = parts[at].next) {
     const auto& part = parts[at];
     for (std::uint32_t i = 0; i < part.deformed_count; ++i) deform(part.deformed[i]);
     for (std::uint32_t i = 0; i < part.born_count; ++i)
-      bear(part.born[i], born_face(part.born[i].order(), u, part.parent, part.born_x[i]), at, i);
+      add_born_face(part.born[i], born_face(part.born[i].order(), u, part.parent, part.born_x[i]), at, i);
   }
 }
 

@@ -6,12 +6,12 @@
 ///
 /// `Store` is the storage of the caller for decoded records:
 ///
-///     Vertex, Face, Part        index types of the decoded record
-///     front()                   returns the LoadedFront<Face, Vertex>
-///     vertex(VertexId)          returns the vertex, or kNone if it is not loaded
-///     face(FaceId)              returns the face, or kNone if it is not loaded
-///     bear(FaceId, Part, i)     adds a face that is not loaded, as face `i` of `Part`; returns its index
-///     position(Vertex)          returns three floats
+///     Vertex, Face, Part               index types of the decoded record
+///     front()                          returns the LoadedFront<Face, Vertex>
+///     vertex(VertexId)                 returns the vertex, or kNone if it is not loaded
+///     face(FaceId)                     returns the face, or kNone if it is not loaded
+///     add_born_face(FaceId, Part, i)   adds a face that is not loaded, as face `i` of `Part`; returns its index
+///     position(Vertex)                 returns three floats
 ///
 /// Realtime if the functions of `Store` are. Source: Rossignac 1999 (Edgebreaker).
 #pragma once
@@ -68,7 +68,7 @@ class RecordDecoder {
     if (target.parent == kNone) return RecordResult::kMalformed;
     parent_ = target.parent;
     for (std::uint32_t i = 0; i < source.born_count; ++i)
-      if (const RecordResult result = bear(source.born[i], source.born_x[i], at, target);
+      if (const RecordResult result = add_born_face(source.born[i], source.born_x[i], at, target);
           result != RecordResult::kDecoded)
         return result;
     return RecordResult::kDecoded;
@@ -76,10 +76,10 @@ class RecordDecoder {
 
   /// Computes the position of u from its residuals. Call after the first part was added. False if the position is out
   /// of the bounds.
-  [[nodiscard]] bool place(const PositionPredictor::Residuals& residuals,
-                           std::array<float, 3>& position) const noexcept {
+  [[nodiscard]] bool restore_position(const PositionPredictor::Residuals& residuals,
+                                      std::array<float, 3>& position) const noexcept {
     const auto position_of = [this](Vertex v) -> const std::array<float, 3>& { return store_.position(v); };
-    return PositionPredictor{summary_, ring_, position_of}.place(residuals, position);
+    return PositionPredictor{summary_, ring_, position_of}.restore_position(residuals, position);
   }
 
   /// Links the born faces to their neighbours. Call after the last part was added.
@@ -119,7 +119,7 @@ class RecordDecoder {
     return RecordResult::kDecoded;
   }
 
-  [[nodiscard]] RecordResult bear(BornRef ref, VertexId named_x, Part at, Decoded& target) noexcept {
+  [[nodiscard]] RecordResult add_born_face(BornRef ref, VertexId named_x, Part at, Decoded& target) noexcept {
     if (index(ref.face()) >= summary_.faces || ref.order() > 5) return RecordResult::kMalformed;
     Vertex x = kNone;
     if (in_ring(named_x)) {
@@ -133,9 +133,9 @@ class RecordDecoder {
       ring_.add(x);
     }
     if (x == u_ || x == target.parent || store_.face(ref.face()) != kNone) return RecordResult::kMalformed;
-    const Face face = store_.bear(ref.face(), at, target.born_count);
+    const Face face = store_.add_born_face(ref.face(), at, target.born_count);
     store_.front().set(face, born_face(ref.order(), u_, target.parent, x));
-    split_.bear(face, ref.order());
+    split_.add_born_face(face, ref.order());
     target.born[target.born_count] = ref;
     target.born_x[target.born_count++] = x;
     return RecordResult::kDecoded;

@@ -1,9 +1,9 @@
 /// A table of regions that stores each region once. If there are more regions than fit, the least urgent are dropped.
 ///
-/// An Entry has three members. `region` is the RegionId. `before(other)` is a strict order of the entries of different
-/// regions; it is true if this entry is more urgent. `merge(other)` combines two entries of one region and never makes
-/// it less urgent. The result does not depend on the order of the calls of `add`. Memory is fixed. Realtime after
-/// construction: `add` is O(1) on average, `sort` O(n log n).
+/// An Entry has three members. `region` is the RegionId. `precedes(other)` is a strict order of the entries of
+/// different regions; it is true if this entry is more urgent. `merge(other)` combines two entries of one region and
+/// never makes it less urgent. The result does not depend on the order of the calls of `add`. Memory is fixed. Realtime
+/// after construction: `add` is O(1) on average, `sort` O(n log n).
 #pragma once
 
 #include <algorithm>
@@ -36,7 +36,7 @@ class RegionTable {
   void add(const Entry& entry) noexcept {
     const std::uint32_t bucket = find(entry.region);
     if (buckets_[bucket] != kNone) return entries_[buckets_[bucket]].merge(entry);
-    if (has_limit_ && !entry.before(limit_)) {
+    if (has_limit_ && !entry.precedes(limit_)) {
       complete_ = false;
       return;
     }
@@ -50,7 +50,8 @@ class RegionTable {
   /// Sorts the entries, the most urgent first, and drops the least urgent ones beyond the capacity.
   void sort() noexcept {
     if (count_ > capacity_) reduce();
-    std::sort(entries_.begin(), entries_.begin() + count_, [](const Entry& a, const Entry& b) { return a.before(b); });
+    std::sort(entries_.begin(), entries_.begin() + count_,
+              [](const Entry& a, const Entry& b) { return a.precedes(b); });
   }
 
   /// The entries, at most `capacity`. Call after `sort`.
@@ -78,7 +79,7 @@ class RegionTable {
     const auto least_urgent = entries_.begin() + (capacity_ - 1);
     free_buckets();
     std::nth_element(entries_.begin(), least_urgent, entries_.begin() + count_,
-                     [](const Entry& a, const Entry& b) { return a.before(b); });
+                     [](const Entry& a, const Entry& b) { return a.precedes(b); });
     limit_ = *least_urgent;
     has_limit_ = true;
     complete_ = false;

@@ -61,9 +61,9 @@ std::span<const RegionId> TargetSelection::finish() noexcept {
   return {order_.data(), targets.size()};
 }
 
-bool exact(const Forest& forest, std::span<const PlacedSphere> spheres) noexcept {
+bool is_exact(const Forest& forest, std::span<const PlacedSphere> spheres) noexcept {
   return std::all_of(spheres.begin(), spheres.end(),
-                     [&](const PlacedSphere& sphere) { return forest.exact(sphere.centre, sphere.radius); });
+                     [&](const PlacedSphere& sphere) { return forest.is_exact(sphere.centre, sphere.radius); });
 }
 
 }  // namespace tactus::spm

@@ -1,4 +1,4 @@
-/// Selects the regions of an object to refine for the probes near it, in the order of their urgency. `exact` reports
+/// Selects the regions of an object to refine for the probes near it, in the order of their urgency. `is_exact` reports
 /// whether a probe's contacts are those of the finest mesh.
 ///
 /// Spheres cover the surface of each probe (spm/probe_spheres.hpp). If a sphere intersects a labelled cell, the mesh
@@ -53,7 +53,7 @@ class TargetSelection {
   struct Target {
     RegionId region{};
     double key = 0;  ///< smaller is more urgent
-    [[nodiscard]] bool before(const Target& other) const noexcept {
+    [[nodiscard]] bool precedes(const Target& other) const noexcept {
       return key != other.key ? key < other.key : index(region) < index(other.region);
     }
     void merge(const Target& other) noexcept { key = other.key < key ? other.key : key; }
@@ -70,6 +70,6 @@ class TargetSelection {
 /// True if every labelled cell that the spheres intersect is refined. Queries within the spheres then return the
 /// contacts of the finest mesh. The caller must ignore contacts with faces that are not finest, which belong to other
 /// cells.
-[[nodiscard]] bool exact(const Forest& forest, std::span<const PlacedSphere> spheres) noexcept;
+[[nodiscard]] bool is_exact(const Forest& forest, std::span<const PlacedSphere> spheres) noexcept;
 
 }  // namespace tactus::spm

@@ -21,7 +21,7 @@ WorldSettings world_for(const netem::LinkSettings& link, std::size_t users, std:
   constexpr double kDeviations = 2.3;  // as in a session, 99 % of the samples arrive within the playout delay
   WorldSettings world;
   world.users = users;
-  world.link = link.forth.delay_ms >= link.back.delay_ms ? link.forth : link.back;
+  world.link = link.a_to_b.delay_ms >= link.b_to_a.delay_ms ? link.a_to_b : link.b_to_a;
   world.playout = (world.link.delay_ms + kDeviations * world.link.jitter_ms + 1) * 1e-3;  // + 1 ms: a cycle
   world.seed = seed;
   return world;
@@ -46,9 +46,9 @@ ScenarioRun carry_together(Method method, const netem::LinkSettings& link, std::
   const double ratio = mass.mass / world.mass;
   const bool has_mass = std::isfinite(ratio) && std::abs(ratio) > 1e-3 && std::abs(ratio) < 100;
   return {{{"diverged runs", "%", carried.finite ? 0.0 : 100.0},
-           {"time to settle", "s", if_finite(carried.settled)},
-           {"distance of copies 1 s later", "mm", if_finite(carried.apart * 1e3)},
-           {"largest distance of copies", "mm", if_finite(carried.apart_moving * 1e3)},
+           {"time to settle", "s", if_finite(carried.settling_time)},
+           {"distance of copies 1 s later", "mm", if_finite(carried.end_copy_distance * 1e3)},
+           {"largest distance of copies", "mm", if_finite(carried.max_copy_distance * 1e3)},
            {"injected energy", "mJ a minute", if_finite(carried.injected * 1e3 * 60 / kSeconds)},
            {"peak force", "N", if_finite(carried.peak_force)},
            {"apparent mass / mass", "", has_mass ? ratio : none},
@@ -57,8 +57,8 @@ ScenarioRun carry_together(Method method, const netem::LinkSettings& link, std::
 }
 
 ScenarioRun find_stiffness(const netem::LinkSettings& link) {
-  const Stiffness found = largest_stable_stiffness((link.forth.delay_ms + link.back.delay_ms) * 1e-3, 9);
-  return {{{kRoundTrip, "ms", link.forth.delay_ms + link.back.delay_ms},
+  const Stiffness found = largest_stable_stiffness((link.a_to_b.delay_ms + link.b_to_a.delay_ms) * 1e-3, 9);
+  return {{{kRoundTrip, "ms", link.a_to_b.delay_ms + link.b_to_a.delay_ms},
            {"wall, bound: (b + B) / (T/2 + td)", "N/m", found.wall_bound},
            {"wall, delayed force", "N/m", found.wall},
            {"wall, passivity controller", "N/m", found.wall_passivity},

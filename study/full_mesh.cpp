@@ -84,7 +84,7 @@ bool FullMesh::sweep(const Vec3d& from, const Vec3d& to, double radius, haptics:
     const double max = reach + slack + first.time() * (end - start).norm();
     if (entry.box.squared_distance(start) > max * max) return;
     const auto [a, b, c] = corners(entry.face);
-    first.offer(a, b, c, 0, entry.face);
+    first.add_triangle(a, b, c, 0, entry.face);
   });
   if (!first.result(hit)) return false;
   hit.point = placement_.to_world(hit.point);
@@ -112,7 +112,7 @@ bool FullMesh::closest(const Vec3d& point, double within, haptics::SurfaceHit& h
   std::sort(found.begin(), found.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
   haptics::ClosestSide side{point, within};
   for (const auto& [face, at] : found)
-    side.offer(placement_.to_world(at.a), placement_.to_world(at.b), placement_.to_world(at.c), 0, face);
+    side.add_triangle(placement_.to_world(at.a), placement_.to_world(at.b), placement_.to_world(at.c), 0, face);
   return side.result(hit);
 }
 

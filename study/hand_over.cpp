@@ -13,7 +13,7 @@
 namespace tactus::study {
 namespace {
 
-using session::Holder;
+using session::Claimant;
 
 constexpr std::uint64_t kSession = 30, kObject = 100;
 constexpr std::int64_t kCycleNs = 1'000'000;
@@ -24,14 +24,14 @@ using OwnershipSample = std::variant<session::ObjectClaim, session::ObjectGrant,
 /// A host or an HRTC.
 struct Program {
   session::Origin self;
-  session::PoseGate gate;
+  session::PoseAdmission pose_admission;
   std::uint32_t poses = 0;
 };
 
 /// An HRTC with its one user.
 struct Hrtc : Program {
-  explicit Hrtc(const session::Origin& origin) : Program{origin, {}, 0}, holder{origin, kObject, {}} {}
-  Holder holder;
+  explicit Hrtc(const session::Origin& origin) : Program{origin, {}, 0}, claimant{origin, kObject, {}} {}
+  Claimant claimant;
   HandOverUser user;
   bool touching = false;
   std::int64_t next_change_ns = 0;  // begin or end of the user's next touch
@@ -48,19 +48,19 @@ Figures hand_over(const std::vector<HandOverUser>& users, double seconds, const 
   };
   std::int64_t now_ns = kCycleNs;
   Program host{{kSession, 1, 1, 0}, {}, 0};
-  session::Arbiter arbiter{host.self, kObject, {}, now_ns};
+  session::OwnershipArbiter arbiter{host.self, kObject, {}, now_ns};
   std::vector<std::unique_ptr<Hrtc>> hrtcs;
   for (const HandOverUser& user : users) {
     hrtcs.push_back(std::make_unique<Hrtc>(session::Origin{kSession, hrtcs.size() + 2, 1, 0}));
     hrtcs.back()->user = user;
     hrtcs.back()->next_change_ns = now_ns + between(user.pause);
-    hrtcs.back()->holder.set_one_way(static_cast<std::int64_t>(link.forth.delay_ms * 1e6));
+    hrtcs.back()->claimant.set_one_way(static_cast<std::int64_t>(link.a_to_b.delay_ms * 1e6));
   }
   const std::size_t nodes = users.size() + 1;  // the first is the host
   std::vector<std::vector<VirtualLink<OwnershipSample>>> links(nodes);
   for (std::size_t from = 0; from < nodes; ++from)
     for (std::size_t to = 0; to < nodes; ++to)
-      links[from].emplace_back(from < to ? link.forth : link.back, seed * 1024 + from * 32 + to);
+      links[from].emplace_back(from < to ? link.a_to_b : link.b_to_a, seed * 1024 + from * 32 + to);
   const auto broadcast = [&](std::size_t from, const OwnershipSample& sample) {
     for (std::size_t to = 0; to < nodes; ++to)
       if (to != from) links[from][to].send(now_ns, sample, kSampleBytes);
@@ -76,7 +76,7 @@ Figures hand_over(const std::vector<HandOverUser>& users, double seconds, const 
     pose.object_id = kObject;
     pose.fencing = fencing;
     pose.sequence = ++program.poses;
-    (void)program.gate.accept(pose, now_ns);
+    (void)program.pose_admission.accept(pose, now_ns);
     broadcast(node, pose);
   };
   for (const std::int64_t end_ns = now_ns + static_cast<std::int64_t>(seconds * 1e9); now_ns < end_ns;
@@ -85,7 +85,7 @@ Figures hand_over(const std::vector<HandOverUser>& users, double seconds, const 
       while (const auto sample = links[from][0].take(now_ns)) {
         if (const auto* const claim = std::get_if<session::ObjectClaim>(&*sample)) arbiter.on_claim(*claim, now_ns);
         const auto* const pose = std::get_if<session::ObjectPose>(&*sample);
-        if (pose != nullptr && host.gate.accept(*pose, now_ns)) arbiter.on_pose(pose->fencing, now_ns);
+        if (pose != nullptr && host.pose_admission.accept(*pose, now_ns)) arbiter.on_pose(pose->fencing, now_ns);
       }
     }
     std::size_t publishing = 0;
@@ -100,27 +100,28 @@ Figures hand_over(const std::vector<HandOverUser>& users, double seconds, const 
         if (from == node) continue;
         while (const auto sample = links[from][node].take(now_ns)) {
           if (const auto* const grant = std::get_if<session::ObjectGrant>(&*sample))
-            hrtc.holder.on_grant(*grant, now_ns);
+            hrtc.claimant.on_grant(*grant, now_ns);
           const auto* const pose = std::get_if<session::ObjectPose>(&*sample);
-          if (pose != nullptr && hrtc.gate.accept(*pose, now_ns)) hrtc.holder.on_pose(pose->fencing, now_ns);
+          if (pose != nullptr && hrtc.pose_admission.accept(*pose, now_ns))
+            hrtc.claimant.on_pose(pose->fencing, now_ns);
         }
       }
       if (now_ns >= hrtc.next_change_ns) {
         hrtc.touching = !hrtc.touching;
-        hrtc.holder.set_touching(hrtc.touching);
+        hrtc.claimant.set_touching(hrtc.touching);
         hrtc.next_change_ns = now_ns + between(hrtc.touching ? hrtc.user.hold : hrtc.user.pause);
         touches += hrtc.touching ? 1 : 0;
         hrtc.requested_ns = hrtc.touching ? now_ns : -1;
       }
-      if (const auto claim = hrtc.holder.tick(now_ns)) links[node][0].send(now_ns, *claim, kSampleBytes);
-      const Holder::Role role = hrtc.holder.role(now_ns);
-      if (hrtc.requested_ns >= 0 && role != Holder::Role::kRequesting) {
+      if (const auto claim = hrtc.claimant.tick(now_ns)) links[node][0].send(now_ns, *claim, kSampleBytes);
+      const Claimant::Role role = hrtc.claimant.role(now_ns);
+      if (hrtc.requested_ns >= 0 && role != Claimant::Role::kRequesting) {
         waits.push_back(static_cast<double>(now_ns - hrtc.requested_ns) * 1e-6);
         hrtc.requested_ns = -1;
       }
-      if (role != Holder::Role::kOwner && role != Holder::Role::kLeader) continue;
+      if (role != Claimant::Role::kOwner && role != Claimant::Role::kLeader) continue;
       ++publishing;
-      publish(node, hrtc, hrtc.holder.fencing());
+      publish(node, hrtc, hrtc.claimant.fencing());
     }
     nobody += publishing == 0 ? 1 : 0;
     several += publishing > 1 ? 1 : 0;

@@ -45,7 +45,7 @@ double separation(const SharedSession& session) {
   for (std::size_t a = 0; a < session.hrtcs(); ++a)
     for (std::size_t b = 0; b < a; ++b) {
       const auto *one = session.body(a), *other = session.body(b);
-      if (one == nullptr || other == nullptr || !one->simulated || !other->simulated) continue;
+      if (one == nullptr || other == nullptr || !one->is_simulated || !other->is_simulated) continue;
       for (std::uint32_t i = 0; i < shape.point_count; ++i)
         max = std::max(max, (one->state.to_world(shape.points[i]) - other->state.to_world(shape.points[i])).norm());
     }
@@ -87,7 +87,7 @@ ScenarioRun press_to_target(const Scenario& scenario, const Subject& subject, co
   while (begin < end && !all(begin, [](double force) { return force >= kMinForce; })) ++begin;
   std::size_t reached = begin;
   for (std::size_t ms = 0; reached < end && ms < kMinOnTargetMs; ++reached)
-    ms = all(reached, [&](double force) { return std::abs(force - target) <= scenario.within; }) ? ms + 1 : 0;
+    ms = all(reached, [&](double force) { return std::abs(force - target) <= scenario.force_tolerance; }) ? ms + 1 : 0;
   double squares = 0, max = 0;
   std::size_t on_target = 0, lost = 0, evaluated = 0;
   const std::size_t last = std::min(end, begin + static_cast<std::size_t>(seconds / kDt));
@@ -96,7 +96,7 @@ ScenarioRun press_to_target(const Scenario& scenario, const Subject& subject, co
       const double off = std::abs(user[ms] - target);
       squares += off * off;
       max = std::max(max, off);
-      on_target += off <= scenario.within ? 1 : 0;
+      on_target += off <= scenario.force_tolerance ? 1 : 0;
       lost += user[ms] < kMinForce ? 1 : 0;
       ++evaluated;
     }
@@ -127,8 +127,8 @@ ScenarioRun lift_together(const Scenario& scenario, const Subject& subject, cons
     session.step();
     furthest = std::max(furthest, separation(session));
     for (std::size_t user = 0; user < scenario.users.size(); ++user) peak = std::max(peak, force_on(session, user));
-    if (session.seen().fencing == 0) continue;
-    const haptics::BodyState seen = sharing::state_of(session.seen(), session.shared().centre);
+    if (session.viewer_pose().fencing == 0) continue;
+    const haptics::BodyState seen = sharing::state_of(session.viewer_pose(), session.shared().centre);
     const double height = seen.position.z() - ground;
     highest = std::max(highest, height);
     held += height >= kHeldShare * height_of_lift ? kDt : 0;
@@ -136,12 +136,12 @@ ScenarioRun lift_together(const Scenario& scenario, const Subject& subject, cons
   }
   std::uint32_t lifts = 0, lost = 0;
   for (std::size_t user = 0; user < scenario.users.size(); ++user) {
-    lifts += session.op(user).tally().lifts;
-    lost += session.op(user).tally().lifts_lost;
+    lifts += session.operator_of(user).tally().lifts;
+    lost += session.operator_of(user).tally().lifts_lost;
   }
   double given = 0;
   for (std::size_t i = 0; i < session.hrtcs(); ++i) given += session.figure(i, session::figures::kCopyGiven);
-  const haptics::BodyState left = sharing::state_of(session.seen(), session.shared().centre);
+  const haptics::BodyState left = sharing::state_of(session.viewer_pose(), session.shared().centre);
   return {{{"completed lifts", "", static_cast<double>(lifts)},
            {"lost lifts", "", static_cast<double>(lost)},
            {"largest height", "mm", 1e3 * highest},

@@ -27,7 +27,7 @@ session::Origin origin_of(std::uint64_t participant, std::uint64_t incarnation) 
 
 host_service::HostCoreSettings host_settings(const Subject& subject, double mass) {
   const spm::ModelSummary& summary = subject.model.summary;
-  host_service::HostCoreSettings settings = host_service::host_of(subject.name, subject.encoded->coded());
+  host_service::HostCoreSettings settings = host_service::host_of(subject.name, subject.encoded->compressed());
   host_service::ObjectConfig& object = settings.objects.front().config;
   object.pose->position[2] = -summary.metres_per_unit * double{summary.bounds_min[2]};
   object.material = {1000, 3, 0.9, 0.8};
@@ -66,7 +66,7 @@ SharedSession::SharedSession(const Subject& subject, const SharedSessionSettings
     : subject_{subject}, settings_{settings} {
   for (const std::size_t node : {kHostNode, kViewerNode}) add_links(node);
   start_host();
-  while (!settings_.host_begins_late && !host_->clock().answers()) (void)host_->tick(now_ns_ += 2 * kMs);
+  while (!settings_.host_begins_late && !host_->clock().answers_requests()) (void)host_->tick(now_ns_ += 2 * kMs);
   shared_ = sharing::body_of(entry_);
   view_[entry_.object] = client_sim::view_of(entry_);
 }
@@ -76,7 +76,7 @@ SharedSession::~SharedSession() = default;
 void SharedSession::add_links(std::size_t node) {
   const auto make_link = [&](std::size_t from, std::size_t to) {
     constexpr std::uint64_t kMaxNodes = 64;
-    const auto& profile = from < to ? settings_.link.forth : settings_.link.back;
+    const auto& profile = from < to ? settings_.link.a_to_b : settings_.link.b_to_a;
     return VirtualLink<Arrive>{profile, (settings_.seed * kMaxNodes + from) * kMaxNodes + to};
   };
   for (std::size_t from = 0; from < node; ++from) links_[from].push_back(make_link(from, node));
@@ -127,7 +127,7 @@ std::size_t SharedSession::append_user(std::size_t hrtc, User user) {
 std::size_t SharedSession::add_user(std::size_t hrtc, const client_sim::User& person) {
   User user;
   user.id = session::id_of(person.name);
-  user.op = std::make_unique<client_sim::Operator>(person, client_sim::OperatorSettings{});
+  user.script_operator = std::make_unique<client_sim::Operator>(person, client_sim::OperatorSettings{});
   return append_user(hrtc, std::move(user));
 }
 
@@ -151,7 +151,7 @@ const hrtc_service::BodyReport* SharedSession::body(std::size_t hrtc) const {
   return reports.count == 0 ? nullptr : &reports.bodies[0];
 }
 
-session::Holder::Role SharedSession::role(std::size_t hrtc) const {
+session::Claimant::Role SharedSession::role(std::size_t hrtc) const {
   return hrtcs_[hrtc]->core.gateway().ownership().role(hrtcs_[hrtc]->index, now_ns_);
 }
 
@@ -173,7 +173,7 @@ const hrtc_service::ProbeOutput& SharedSession::probe(std::size_t user) const {
 
 bool SharedSession::done() const {
   return std::all_of(users_.begin(), users_.end(),
-                     [](const User& user) { return user.op == nullptr || user.op->done(); });
+                     [](const User& user) { return user.script_operator == nullptr || user.script_operator->done(); });
 }
 
 void SharedSession::send(std::size_t from, std::size_t to, std::size_t bytes, Arrive arrive) {
@@ -204,8 +204,8 @@ void SharedSession::publish(std::size_t from, const session::ObjectPose& pose) {
 }
 
 void SharedSession::on_viewer_pose(const session::ObjectPose& pose) {
-  if (!gate_.accept(pose, now_ns_)) return;
-  seen_ = pose;
+  if (!pose_admission_.accept(pose, now_ns_)) return;
+  viewer_pose_ = pose;
   session::CatalogueEntry moved = entry_;
   moved.pose = pose.pose;
   view_[entry_.object] = client_sim::view_of(moved);
@@ -320,19 +320,19 @@ void SharedSession::step_user(User& user) {
     state.probe = user.probe;
     state.sequence = ++user.sequence;
     state.session_time_ns = own.session_ns(now_ns_);
-    const std::int64_t bound_us = own.membership.clock().bound(now_ns_) / 1000;
+    const std::int64_t bound_us = own.membership.clock().error_bound(now_ns_) / 1000;
     state.time_bound_us = static_cast<std::uint32_t>(std::min<std::int64_t>(bound_us, 0xffffffff));
     state.device.position = output.device;
     state.proxy = output.proxy;
     state.force = output.force;
     state.status = output.status;
     state.object_id = output.object != spm::kNone ? entry_.object_id : 0;
-    if (user.op != nullptr) user.op->on_probe_state(state);
+    if (user.script_operator != nullptr) user.script_operator->on_probe_state(state);
     for (std::size_t i = 0; i < hrtcs_.size(); ++i) {
       const auto receive = [this, state, i, local = i == user.hrtc](Hrtc& hrtc) {
         if (!local) hrtc.membership.on_state(state, session::StateStream::kDeadbandCoded, now_ns_);
         for (User& other : users_)
-          if (other.hrtc == i && other.op != nullptr) other.op->on_other(state);
+          if (other.hrtc == i && other.script_operator != nullptr) other.script_operator->on_other_probe_state(state);
       };
       if (i == user.hrtc)
         receive(*hrtcs_[i]);
@@ -340,8 +340,8 @@ void SharedSession::step_user(User& user) {
         to_hrtc(kFirstHrtcNode + user.hrtc, i, kStateBytes, receive);
     }
   }
-  if (user.op == nullptr) return;
-  const std::optional<session::Intent> intent = user.op->tick(now_ns_, view_);
+  if (user.script_operator == nullptr) return;
+  const std::optional<session::Intent> intent = user.script_operator->tick(now_ns_, view_);
   if (!intent) return;
   if (user.device == nullptr) {
     sharing::set_start(*intent, user.hand);

@@ -32,7 +32,7 @@ class CycleObserver {
 
 struct SharedSessionSettings {
   CycleObserver* observer = nullptr;  ///< must outlive the session; may be null
-  netem::LinkSettings link;           ///< `forth` is from the host to HRTCs and viewer
+  netem::LinkSettings link;           ///< `a_to_b` is from the host to HRTCs and viewer
   std::uint64_t seed = 1;             ///< of losses, delays and hands
   double mass = 0.5;                  ///< kg, of the object
   double tremor = 0;                  ///< m rms, of the hands
@@ -69,18 +69,20 @@ class SharedSession {
   [[nodiscard]] const sharing::SharedBody& shared() const noexcept { return shared_; }
   /// State of the body after the last haptic cycle of an HRTC; null before the HRTC has the object.
   [[nodiscard]] const hrtc_service::BodyReport* body(std::size_t hrtc) const;
-  [[nodiscard]] session::Holder::Role role(std::size_t hrtc) const;
+  [[nodiscard]] session::Claimant::Role role(std::size_t hrtc) const;
   [[nodiscard]] double figure(std::size_t hrtc, const std::string& name) const;
   [[nodiscard]] const haptics::PassivityController::Ledger& port(std::size_t user) const;
   [[nodiscard]] const hrtc_service::ProbeOutput& probe(std::size_t user) const;
   /// The operator of a user, who must have a script.
-  [[nodiscard]] const client_sim::Operator& op(std::size_t user) const { return *users_[user].op; }
+  [[nodiscard]] const client_sim::Operator& operator_of(std::size_t user) const {
+    return *users_[user].script_operator;
+  }
   /// Returns whether all scripts have ended.
   [[nodiscard]] bool done() const;
   /// Call only while the host runs.
   [[nodiscard]] const host_service::ObjectAuthority& object_authority() const { return host_->authority(); }
   /// The newest pose that a viewer has accepted.
-  [[nodiscard]] const session::ObjectPose& seen() const noexcept { return seen_; }
+  [[nodiscard]] const session::ObjectPose& viewer_pose() const noexcept { return viewer_pose_; }
 
  private:
   struct Hrtc;
@@ -88,9 +90,9 @@ class SharedSession {
     std::size_t hrtc = 0;
     std::uint32_t probe = 0;
     std::uint64_t id = 0;
-    std::uint32_t sequence = 0;                        // number of the last probe state
-    std::unique_ptr<haptics::SimulatedDevice> device;  // null until the hand's start position is known
-    std::unique_ptr<client_sim::Operator> op;          // null: a user without a script
+    std::uint32_t sequence = 0;                             // number of the last probe state
+    std::unique_ptr<haptics::SimulatedDevice> device;       // null until the hand's start position is known
+    std::unique_ptr<client_sim::Operator> script_operator;  // null: a user without a script
     haptics::HandSettings hand;
   };
   using Arrive = std::function<void()>;
@@ -123,8 +125,8 @@ class SharedSession {
   std::vector<User> users_;
   std::vector<std::vector<VirtualLink<Arrive>>> links_;  // [from][to]: host, viewer, then the HRTCs
   client_sim::Objects view_;                             // of the viewer
-  session::PoseGate gate_;                               // of the viewer
-  session::ObjectPose seen_;
+  session::PoseAdmission pose_admission_;                // of the viewer
+  session::ObjectPose viewer_pose_;
   std::int64_t now_ns_ = 10'000 * kMs;
 };
 

@@ -58,7 +58,7 @@ class SpringCoupling {
     if (modulated_ && costs > tank_) {
       // Bisects for the largest share of the step from the old to the desired set position that the tank's energy
       // allows.
-      ++held_;
+      ++limited_cycles_;
       double low = 0, high = 1;
       for (int i = 0; i < 40; ++i) {
         const double share = (low + high) / 2;
@@ -87,7 +87,7 @@ class SpringCoupling {
     tank_ += 0.5 * dragged;
   }
   [[nodiscard]] double given() const { return given_; }
-  [[nodiscard]] std::uint64_t held() const { return held_; }
+  [[nodiscard]] std::uint64_t limited_cycles() const { return limited_cycles_; }
 
  private:
   bool modulated_;
@@ -100,7 +100,7 @@ class SpringCoupling {
   BodyState state_;
   Vec6d stretch_ = Vec6d::Zero();  // set position minus position of the copy
   double tank_ = 1e-4, given_ = 0;
-  std::uint64_t held_ = 0;
+  std::uint64_t limited_cycles_ = 0;
 };
 
 BodySettings whole_of(const WorldSettings& settings) {
@@ -167,14 +167,14 @@ class World {
       links_[user][settings_.users].send(now_ns_, outgoing_, kPacketBytes);
     }
     Vec3d force = Vec3d::Zero();
-    if (touch.touching())
+    if (touch.is_touching())
       force =
           settings_.grip * (touch.touch().anchor - device.position) - settings_.grip_damping * touch.device().velocity;
     const double stored =
-        touch.touching() ? 0.5 * settings_.grip * (touch.touch().anchor - device.position).squaredNorm() : 0.0;
+        touch.is_touching() ? 0.5 * settings_.grip * (touch.touch().anchor - device.position).squaredNorm() : 0.0;
     force = ports_[user].step(force, device.position, passed_on_[user], kDt, settings_.port_control, stored);
     passed_on_[user] = 0;
-    if (!server() && touch.touching()) springs_[user].push_back(touch.spring());
+    if (!server() && touch.is_touching()) springs_[user].push_back(touch.spring());
     return force;
   }
   void push(std::size_t node, const Vec3d& force) { pushes_[node] = force; }
@@ -189,7 +189,7 @@ class World {
         BodyTouch& touch = remote_touches_[user];
         touch.step(remote_[user].device, remote_[user].grab, objects_.back()->state(), shape_, {settings_.grip, 0},
                    kDt);
-        if (touch.touching()) springs.push_back(touch.spring());
+        if (touch.is_touching()) springs.push_back(touch.spring());
       }
     }
     for (std::size_t i = 0; i < objects_.size(); ++i) simulate(i, surroundings);
@@ -204,10 +204,11 @@ class World {
     for (const SpringCoupling& pull : springs_to_copies_) sum += pull.given();
     return sum;
   }
-  [[nodiscard]] std::uint64_t held() const {
+  [[nodiscard]] std::uint64_t limited_cycles() const {
     std::uint64_t sum = 0;
-    for (const auto& object : objects_) sum += object->coupling() != nullptr ? object->coupling()->ledger().held : 0;
-    for (const SpringCoupling& pull : springs_to_copies_) sum += pull.held();
+    for (const auto& object : objects_)
+      sum += object->coupling() != nullptr ? object->coupling()->ledger().limited_cycles : 0;
+    for (const SpringCoupling& pull : springs_to_copies_) sum += pull.limited_cycles();
     return sum;
   }
   [[nodiscard]] double tank_lowest() const {
@@ -233,7 +234,7 @@ class World {
           if (i == settings_.users) {
             remote_[from] = *packet;
           } else if (from == settings_.users) {
-            objects_[i]->place(packet->copy.body);
+            objects_[i]->set_state(packet->copy.body);
           }
         } else if (settings_.method == Method::kChannel) {
           objects_[i]->coupling()->on_sample(from, packet->copy);
@@ -384,11 +385,12 @@ CarryResult carry(const WorldSettings& settings, double seconds) {
         apart = std::max(apart, max_corner_distance(state, world.object(j).state(), whole));
     }
     if (!result.finite) break;
-    result.apart_moving = std::max(result.apart_moving, apart);
-    if (time <= rest + 1) result.apart = apart;
-    if (time > rest && fastest > 1e-3) result.settled = time - rest;
+    result.max_copy_distance = std::max(result.max_copy_distance, apart);
+    if (time <= rest + 1) result.end_copy_distance = apart;
+    if (time > rest && fastest > 1e-3) result.settling_time = time - rest;
   }
-  result.held = static_cast<double>(world.held()) / static_cast<double>(cycles) / static_cast<double>(settings.users);
+  result.limited_share =
+      static_cast<double>(world.limited_cycles()) / static_cast<double>(cycles) / static_cast<double>(settings.users);
   for (std::size_t i = 0; i < settings.users; ++i) {
     const auto& port = world.port(i);
     result.port_lowest = std::min(result.port_lowest, port.lowest);

@@ -16,7 +16,7 @@ haptics::ProxySettings proxy_settings(double radius) {
 TrueSphere::TrueSphere(haptics::Surface& surface, double radius, const session::Material& material,
                        const haptics::ForceSettings& settings)
     : surface_{surface},
-      feel_{material.stiffness, material.damping},
+      impedance_{material.stiffness, material.damping},
       proxy_{proxy_settings(radius)},
       renderer_{settings, haptics::DeviceSpec{}} {
   proxy_.set_grip({material.static_friction, material.dynamic_friction});
@@ -24,23 +24,23 @@ TrueSphere::TrueSphere(haptics::Surface& surface, double radius, const session::
 
 haptics::Wrench TrueSphere::at(const haptics::DeviceState& device, bool) {
   const haptics::ProxyResult& proxy = proxy_.step(device.position, kDt, surface_, false);
-  return {renderer_.step(proxy, device, feel_, 0, kDt).force, spm::Vec3d::Zero()};
+  return {renderer_.step(proxy, device, impedance_, 0, kDt).force, spm::Vec3d::Zero()};
 }
 
 TrueTool::TrueTool(const spm::FinestTree& mesh, double scale, const spm::MeshProbe& probe,
                    const session::Material& material, const haptics::ForceSettings& settings,
                    const haptics::DeviceSpec& spec)
-    : feel_{material.stiffness, material.damping}, tool_{probe}, renderer_{settings, spec} {
+    : impedance_{material.stiffness, material.damping}, tool_{probe}, renderer_{settings, spec} {
   object_.tree = &mesh.tree();
   object_.scale = scale;
   object_.friction = material.dynamic_friction;
 }
 
 haptics::Wrench TrueTool::at(const haptics::DeviceState& device, bool mesh_changed) {
-  const haptics::ToolGrip grip = renderer_.grip(feel_, kDt, device.loop_delay);
+  const haptics::ToolGrip grip = renderer_.tool_grip(impedance_, kDt, device.loop_delay);
   tool_.set_grip(grip);
   const haptics::ToolResult& tool = tool_.step({device.position, device.orientation}, kDt, {&object_, 1}, mesh_changed);
-  const haptics::ForceResult& result = renderer_.step(tool, grip, device, feel_, 0, kDt);
+  const haptics::ForceResult& result = renderer_.step(tool, grip, device, impedance_, 0, kDt);
   return {result.force, result.torque};
 }
 

@@ -29,7 +29,7 @@ class TrueSphere final : public TrueHand {
 
  private:
   haptics::Surface& surface_;
-  haptics::Feel feel_;
+  haptics::ContactImpedance impedance_;
   haptics::Proxy proxy_;
   haptics::ForceRenderer renderer_;
 };
@@ -45,7 +45,7 @@ class TrueTool final : public TrueHand {
 
  private:
   haptics::ToolObject object_;
-  haptics::Feel feel_;
+  haptics::ContactImpedance impedance_;
   haptics::Tool tool_;
   haptics::ForceRenderer renderer_;
 };

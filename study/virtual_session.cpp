@@ -21,7 +21,7 @@ constexpr std::size_t kPoseBytes = 330;    // a pose or a command with its force
 constexpr std::size_t kRosterBytes = kHeaderBytes + 150, kClockBytes = kHeaderBytes + 80;
 
 host_service::HostCoreSettings host_settings(const Subject& subject, const session::Material& material) {
-  host_service::HostCoreSettings settings = host_service::host_of(subject.name, subject.encoded->coded());
+  host_service::HostCoreSettings settings = host_service::host_of(subject.name, subject.encoded->compressed());
   settings.objects.front().config.material = material;
   return settings;
 }
@@ -42,10 +42,10 @@ std::size_t bytes_of(const session::Demand& demand) {
 }  // namespace
 
 VirtualSession::Hand::Hand(const client_sim::User& user, const SessionSettings& session, std::uint64_t seed)
-    : op{user, {}}, poses{session.link.forth, 4 * seed}, commands{session.link.back, 4 * seed + 1} {
+    : script_operator{user, {}}, poses{session.link.a_to_b, 4 * seed}, commands{session.link.b_to_a, 4 * seed + 1} {
   settings.tremor = kTremor;
   settings.seed = static_cast<std::uint32_t>(seed);
-  if (user.remote) remote = std::make_unique<haptics::RemoteDevice>(session.device_spec());
+  if (user.has_remote_device) remote = std::make_unique<haptics::RemoteDevice>(session.device_spec());
 }
 
 VirtualSession::VirtualSession(const Subject& subject, const client_sim::Scenario& scenario,
@@ -54,11 +54,11 @@ VirtualSession::VirtualSession(const Subject& subject, const client_sim::Scenari
       host_{session::Origin{kSession, kHost, 1, 0}, host_settings(subject, settings.material), now_ns_},
       core_{session::Origin{kSession, kHrtc, 1, 0}, core_settings(settings, scenario.users.front().radius)},
       membership_{session::Origin{kSession, kHrtc, 1, 0}, {"hrtc", "session"}, core_.gateway(), now_ns_},
-      records_{settings.link.forth, 4 * settings.seed + 2},
-      demands_{settings.link.back, 4 * settings.seed + 3},
-      to_hrtc_{settings.link.forth, 4 * (settings.seed * kSeedsPerRun) + 2},
-      to_host_{settings.link.back, 4 * (settings.seed * kSeedsPerRun) + 3},
-      catalogue_ns_{now_ns_ + static_cast<std::int64_t>(settings.link.forth.delay_ms * 1e6)} {
+      records_{settings.link.a_to_b, 4 * settings.seed + 2},
+      demands_{settings.link.b_to_a, 4 * settings.seed + 3},
+      to_hrtc_{settings.link.a_to_b, 4 * (settings.seed * kSeedsPerRun) + 2},
+      to_host_{settings.link.b_to_a, 4 * (settings.seed * kSeedsPerRun) + 3},
+      catalogue_ns_{now_ns_ + static_cast<std::int64_t>(settings.link.a_to_b.delay_ms * 1e6)} {
   if (scenario.users.size() > hrtc_service::kMaxProbes) throw std::invalid_argument("more users than probes");
   for (const client_sim::User& user : scenario.users)
     hands_.push_back(std::make_unique<Hand>(user, settings, settings.seed * kSeedsPerRun + hands_.size()));
@@ -67,7 +67,7 @@ VirtualSession::VirtualSession(const Subject& subject, const client_sim::Scenari
 VirtualSession::~VirtualSession() = default;
 
 bool VirtualSession::done() const {
-  return std::all_of(hands_.begin(), hands_.end(), [](const auto& hand) { return hand->op.done(); });
+  return std::all_of(hands_.begin(), hands_.end(), [](const auto& hand) { return hand->script_operator.done(); });
 }
 
 bool VirtualSession::base_shown() const {
@@ -141,7 +141,7 @@ void VirtualSession::send_clock_to_hrtc(const session::ClockSample& sample) {
 
 /// Sends the user's next intent to its hand. The user computes it from the state of its probe.
 void VirtualSession::send_intent(Hand& hand) {
-  const std::optional<session::Intent> intent = hand.op.tick(now_ns_, objects_);
+  const std::optional<session::Intent> intent = hand.script_operator.tick(now_ns_, objects_);
   if (!intent) return;
   if (!hand.device) {
     sharing::set_start(*intent, hand.settings);
@@ -157,7 +157,7 @@ void VirtualSession::move_remote(Hand& hand) {
     if (command->number <= hand.newest.number) continue;
     hand.newest = *command;
     hand.newest_ns = now_ns_;
-    hand.op.on_probe_state(command->state);
+    hand.script_operator.on_probe_state(command->state);
   }
   const double silent = static_cast<double>(now_ns_ - hand.newest_ns) * 1e-9;
   const double share = std::clamp((kZeroBy - silent) / (kZeroBy - kHold), 0.0, 1.0);
@@ -201,7 +201,7 @@ void VirtualSession::deliver_output(std::size_t user, const hrtc_service::ProbeO
   Hand& hand = *hands_[user];
   if (!output.active) return;
   session::ProbeState state;
-  state.user_id = session::id_of(hand.op.user().name);
+  state.user_id = session::id_of(hand.script_operator.user().name);
   state.session_time_ns = now_ns_;
   state.device.position = output.device;
   state.proxy = output.proxy;
@@ -216,7 +216,7 @@ void VirtualSession::deliver_output(std::size_t user, const hrtc_service::ProbeO
   hand.felt.wrench = wrench;
   hand.felt.exact = (output.status & session::kExact) != 0;
   hand.device->write_wrench(wrench.force, wrench.torque);
-  hand.op.on_probe_state(state);
+  hand.script_operator.on_probe_state(state);
 }
 
 void VirtualSession::step() {

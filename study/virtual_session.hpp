@@ -30,7 +30,7 @@
 namespace tactus::study {
 
 struct SessionSettings {
-  netem::LinkSettings link;        ///< `forth` is from host and remote users to the HRTC
+  netem::LinkSettings link;        ///< `a_to_b` is from host and remote users to the HRTC
   std::uint64_t seed = 1;          ///< of losses, delays and the tremor of the hands
   std::uint32_t slots = 1 << 16;   ///< pool slots of the HRTC; the default of tactus-hrtc
   std::uint32_t budget = 1 << 14;  ///< refinement of a cycle, in units of spm::Budget
@@ -91,7 +91,7 @@ class VirtualSession {
   /// A user with its hand and operator.
   struct Hand {
     Hand(const client_sim::User& user, const SessionSettings& settings, std::uint64_t seed);
-    client_sim::Operator op;
+    client_sim::Operator script_operator;
     haptics::HandSettings settings;
     std::optional<haptics::SimulatedDevice> device;  // empty until the hand's start position is known
     Felt felt;

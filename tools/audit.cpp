@@ -148,7 +148,7 @@ class ObjectAuditor {
     first.time_ns = entry.time_ns;
     first.probe = entry.probe;
     const auto key_of = [&](std::uint32_t triangle) { return trace::triangle_key(original_.triangles[triangle]); };
-    std::transform(answer.only_ours.begin(), answer.only_ours.end(), std::back_inserter(first.only_audit), key_of);
+    std::transform(answer.only_audit.begin(), answer.only_audit.end(), std::back_inserter(first.only_audit), key_of);
     std::transform(answer.only_fcl.begin(), answer.only_fcl.end(), std::back_inserter(first.only_fcl), key_of);
     if (!answer.distance) return;
     Disagreement::Distance& distance = first.distance.emplace();
@@ -206,7 +206,7 @@ ContactLog read_log(const std::filesystem::path& path) {
   for (;;) {
     switch (reader.next()) {
       case trace::ContactLogReader::Entry::kEnd:
-        log.torn = reader.is_truncated();
+        log.is_truncated = reader.is_truncated();
         return log;
       case trace::ContactLogReader::Entry::kObject:
         if (!(std::isfinite(reader.object.scale) && reader.object.scale > 0))
@@ -252,13 +252,13 @@ AuditReport audit(const ContactLog& log, const Original& original, SecondOpinion
   AuditReport report;
   report.original = original.name;
   report.original_triangles = original.triangles.size();
-  report.torn = log.torn;
+  report.is_truncated = log.is_truncated;
   const auto has = [](const auto& all, std::uint32_t index, auto member) {
     return std::any_of(all.begin(), all.end(), [&](const auto& one) { return one.*member == index; });
   };
   for (const trace::LoggedObject& object : log.objects) {
     report.logged_objects.push_back(object.name);
-    report.unfinished = report.unfinished || !has(log.totals, object.index, &trace::LoggedTotals::object);
+    report.is_unfinished = report.is_unfinished || !has(log.totals, object.index, &trace::LoggedTotals::object);
   }
   double reach = 0;
   for (const Entry& entry : log.entries) {

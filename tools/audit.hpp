@@ -115,8 +115,8 @@ struct AuditReport {
   std::string original;  ///< Original::name
   std::uint64_t original_triangles = 0;
   std::vector<std::string> logged_objects;  ///< names of all objects in the log
-  bool torn = false;                        ///< the log ends within an entry
-  bool unfinished = false;                  ///< an object has no totals, because its HRTC was killed
+  bool is_truncated = false;                ///< the log ends within an entry
+  bool is_unfinished = false;               ///< an object has no totals, because its HRTC was killed
   std::uint64_t undeclared = 0;             ///< entries of objects that the log does not name
   std::vector<ObjectAudit> objects;         ///< objects that match the original
 
@@ -139,7 +139,7 @@ struct ContactLog {
   std::vector<Entry> entries;
   std::vector<trace::LoggedContact> contacts;
   std::vector<trace::LoggedTotals> totals;
-  bool torn = false;
+  bool is_truncated = false;
 };
 /// Throws LogError for a file that is missing, is no log or has another version, and AuditError for an entry with an
 /// impossible sphere or scale.

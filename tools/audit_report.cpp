@@ -56,7 +56,7 @@ ordered_json second_json(const SecondOpinions& second) {
     }
     first.push_back(std::move(json));
   }
-  return {{"asked", second.requested},
+  return {{"requested", second.requested},
           {"tolerance_m", kTangent},
           {"tangent", second.tangent},
           {"disagreed", second.disagreed},
@@ -193,8 +193,8 @@ ordered_json audit_json(const AuditReport& report) {
           {"original_triangles", report.original_triangles},
           {"clean", report.clean()},
           {"logged_objects", report.logged_objects},
-          {"log_torn", report.torn},
-          {"log_unfinished", report.unfinished},
+          {"log_is_truncated", report.is_truncated},
+          {"log_is_unfinished", report.is_unfinished},
           {"undeclared", report.undeclared},
           {"objects", objects}};
 }
@@ -202,9 +202,9 @@ ordered_json audit_json(const AuditReport& report) {
 std::string audit_text(const AuditReport& report) {
   std::string text = "audit of " + report.log + " against " + report.original + ", " +
                      std::to_string(report.original_triangles) + " triangles\n";
-  if (report.torn) {
+  if (report.is_truncated) {
     text += "the log ends within an entry, perhaps because its HRTC was killed; the entries before are audited\n";
-  } else if (report.unfinished) {
+  } else if (report.is_unfinished) {
     text += "the log ends without totals, perhaps because its HRTC was killed\n";
   }
   if (report.undeclared > 0)

@@ -38,11 +38,11 @@ struct Lists {
 };
 
 /// Returns the bytes of the messages with the new records of the certificate's worst step.
-std::uint64_t bytes_of_worst_step(const spm::codec::CompressedModel& coded,
+std::uint64_t bytes_of_worst_step(const spm::codec::CompressedModel& compressed,
                                   const spm::offline::Certificate& certificate) {
   std::uint64_t bytes = 0;
   for (const auto& [region, missing] : certificate.messages)
-    bytes += spm::codec::encode_region(coded, region, std::span<const spm::Interval>{missing}).size();
+    bytes += spm::codec::encode_region(compressed, region, std::span<const spm::Interval>{missing}).size();
   return bytes;
 }
 
@@ -59,7 +59,7 @@ Lists lists_of(const spm::Model& model) {
 }  // namespace
 
 ordered_json info_json(const spm::Model& model, const spm::offline::Provenance& provenance,
-                       const spm::offline::Certificate& certificate, const spm::codec::CompressedModel* coded) {
+                       const spm::offline::Certificate& certificate, const spm::codec::CompressedModel* compressed) {
   const spm::ModelSummary& s = model.summary;
   const Lists lists = lists_of(model);
   const auto tree = [&s](std::uint32_t width) {
@@ -112,8 +112,8 @@ ordered_json info_json(const spm::Model& model, const spm::offline::Provenance& 
                          {"cycle_marked", spm::offline::max_marked(faces_changing, s.faces)},
                          {"tree_nodes", certificate.nodes},
                          {"records_per_second", certificate.entering_records * certificate.steps_per_second()}}}};
-  if (coded != nullptr) {
-    const auto bytes = static_cast<double>(bytes_of_worst_step(*coded, certificate));
+  if (compressed != nullptr) {
+    const auto bytes = static_cast<double>(bytes_of_worst_step(*compressed, certificate));
     json["certificate"]["step_bytes"] = bytes;
     json["certificate"]["bytes_per_second"] = bytes * certificate.steps_per_second();
   }
@@ -121,9 +121,9 @@ ordered_json info_json(const spm::Model& model, const spm::offline::Provenance& 
 }
 
 std::string info_text(const spm::Model& model, const spm::offline::Provenance& provenance,
-                      const spm::offline::Certificate& certificate, const spm::codec::CompressedModel* coded) {
+                      const spm::offline::Certificate& certificate, const spm::codec::CompressedModel* compressed) {
   const spm::ModelSummary& s = model.summary;
-  const ordered_json json = info_json(model, provenance, certificate, coded);
+  const ordered_json json = info_json(model, provenance, certificate, compressed);
   std::string text;
   const auto row = [&text](const std::string& name, const std::string& value) {
     text += name;
@@ -167,7 +167,7 @@ std::string info_text(const spm::Model& model, const spm::offline::Provenance& p
   row("probe speed", number(needs["speed_m_s"]) + " m/s");
   std::string step = "at most " + std::to_string(certificate.entering_records);
   std::string second = "at most " + number(needs["records_per_second"]);
-  if (coded != nullptr) {
+  if (compressed != nullptr) {
     step += ", " + number(needs["step_bytes"].get<double>() / 1000) + " kB";
     second += ", " + number(needs["bytes_per_second"].get<double>() * 8e-6) + " Mbit";
   }

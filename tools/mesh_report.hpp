@@ -12,14 +12,14 @@
 
 namespace tactus::tools {
 
-/// Returns the rows of the paper's Table 1, the regions, and the certificate of a probe. If `coded` is given, adds the
-/// sizes of messages in bytes.
+/// Returns the rows of the paper's Table 1, the regions, and the certificate of a probe. If `compressed` is given, adds
+/// the sizes of messages in bytes.
 [[nodiscard]] nlohmann::ordered_json info_json(const spm::Model& model, const spm::offline::Provenance& provenance,
                                                const spm::offline::Certificate& certificate,
-                                               const spm::codec::CompressedModel* coded = nullptr);
+                                               const spm::codec::CompressedModel* compressed = nullptr);
 [[nodiscard]] std::string info_text(const spm::Model& model, const spm::offline::Provenance& provenance,
                                     const spm::offline::Certificate& certificate,
-                                    const spm::codec::CompressedModel* coded = nullptr);
+                                    const spm::codec::CompressedModel* compressed = nullptr);
 
 [[nodiscard]] nlohmann::ordered_json verification_json(const spm::offline::Verification& verification);
 [[nodiscard]] std::string verification_text(const spm::offline::Verification& verification);

@@ -142,9 +142,9 @@ int info(const Settings& settings, const ToolStreams& streams) {
   const MappedModel mapped{settings.file, &decoded};
   const Certificate certificate = certificate_of(settings, decoded.model());
   if (settings.json) {
-    streams.out << info_json(decoded.model(), mapped.provenance(), certificate, &mapped.coded()).dump(2) << "\n";
+    streams.out << info_json(decoded.model(), mapped.provenance(), certificate, &mapped.compressed()).dump(2) << "\n";
   } else {
-    streams.out << info_text(decoded.model(), mapped.provenance(), certificate, &mapped.coded());
+    streams.out << info_text(decoded.model(), mapped.provenance(), certificate, &mapped.compressed());
   }
   return kDone;
 }

@@ -23,7 +23,7 @@ SecondOpinion::Answer SecondOpinion::compare(const Point& centre, double radius,
                                              const std::vector<SurfaceGrid::Near>& near) {
   if (!mesh_) build();
   const spm::Vec3d at{centre[0], centre[1], centre[2]};
-  mesh_->touching(at, radius, touching_);
+  mesh_->find_touched_faces(at, radius, touching_);
   std::sort(touching_.begin(), touching_.end());
   std::vector<std::uint32_t> ours;
   for (const SurfaceGrid::Near& triangle : near)
@@ -42,7 +42,7 @@ SecondOpinion::Answer SecondOpinion::compare(const Point& centre, double radius,
       }
     }
   };
-  differences(ours, touching_, answer.only_ours);
+  differences(ours, touching_, answer.only_audit);
   differences(touching_, ours, answer.only_fcl);
 
   const double fcl = mesh_->distance(at);

@@ -16,7 +16,7 @@ namespace tactus::tools {
 class SecondOpinion {
  public:
   struct Answer {
-    std::vector<std::uint32_t> only_ours, only_fcl;  ///< triangles that only the audit, or only FCL, touches
+    std::vector<std::uint32_t> only_audit, only_fcl;  ///< triangles that only the audit, or only FCL, touches
     std::uint32_t tangent =
         0;  ///< such triangles that are omitted, as their distance is the radius within the tolerance
     /// Distances of the nearest triangle. `ours` is empty if no triangle is within the radius.
@@ -26,7 +26,7 @@ class SecondOpinion {
     };
     std::optional<Distance> distance;  ///< empty if the two distances agree
 
-    [[nodiscard]] bool agrees() const noexcept { return only_ours.empty() && only_fcl.empty() && !distance; }
+    [[nodiscard]] bool agrees() const noexcept { return only_audit.empty() && only_fcl.empty() && !distance; }
   };
 
   /// `triangles` must not be empty and must outlive this. The first query builds FCL's tree in O(n log n), with about

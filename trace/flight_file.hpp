@@ -35,7 +35,7 @@ struct FlightLimits {
 struct FlightStart {
   std::string build, participant, reason;
   std::uint64_t first_cycle = 0;
-  double period = 0, tip_radius = 0, refine_margin = 0, keep_margin = 0, refine_ahead = 0;
+  double period = 0, tip_radius = 0, refine_margin = 0, retain_margin = 0, refine_ahead = 0;
   double max_force = 0, max_slew = 0, soft_start = 0, recovery = 0, hold = 0, zero_by = 0, max_speed = 0;
   double max_torque = 0, max_torque_slew = 0, max_angular_velocity = 0;
   std::vector<FlightLimits> devices;  ///< limits of the devices, by probe
@@ -45,7 +45,7 @@ struct FlightStart {
   template <class Self, class Visit>
   static void fields(Self& self, Visit&& visit) {
     visit(self.build), visit(self.participant), visit(self.reason), visit(self.first_cycle);
-    visit(self.period), visit(self.tip_radius), visit(self.refine_margin), visit(self.keep_margin);
+    visit(self.period), visit(self.tip_radius), visit(self.refine_margin), visit(self.retain_margin);
     visit(self.refine_ahead), visit(self.max_force), visit(self.max_slew), visit(self.soft_start);
     visit(self.recovery), visit(self.hold), visit(self.zero_by), visit(self.max_speed), visit(self.max_torque);
     visit(self.max_torque_slew), visit(self.max_angular_velocity), visit(self.devices), visit(self.tool_vertices),

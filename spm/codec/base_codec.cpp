@@ -48,7 +48,7 @@ void put_positions(ByteWriter& out, const ModelSummary& s, std::span<const std::
   for (std::uint32_t v = 0; v < s.base_vertices; ++v) {
     if (!(s.position_step > 0)) out.raw(positions[v]);
     for (std::size_t axis = 0; s.position_step > 0 && axis < 3; ++axis) {
-      const std::uint32_t at = code.of(axis, double{positions[v][axis]});
+      const std::uint32_t at = code.encode(axis, double{positions[v][axis]});
       out.varint(zigzag(static_cast<std::int32_t>(at - before[axis])));
       before[axis] = at;
     }
@@ -63,7 +63,7 @@ void get_positions(ByteReader& in, const ModelSummary& s, std::vector<std::array
     if (!(s.position_step > 0)) position = in.raw<std::array<float, 3>>();
     for (std::size_t axis = 0; s.position_step > 0 && axis < 3; ++axis) {
       at[axis] += static_cast<std::uint32_t>(unzigzag(in.varint()));
-      position[axis] = code.at(axis, at[axis]);
+      position[axis] = code.decode(axis, at[axis]);
     }
   }
 }
@@ -123,13 +123,13 @@ Result<DecodedBase> decode_base(std::span<const std::uint8_t> bytes) {
   const ModelSummary& s = base.summary;
   if (!in.ok()) return truncated("summary");
 
-  if (in.left() / kMinVertexBytes < s.base_vertices) return too_many("vertices", s.base_vertices, in.left());
+  if (in.remaining() / kMinVertexBytes < s.base_vertices) return too_many("vertices", s.base_vertices, in.remaining());
   base.positions.resize(s.base_vertices);
   get_positions(in, s, base.positions);
   base.radii.resize(s.base_vertices);
   for (std::uint16_t& radius : base.radii) radius = in.raw<std::uint16_t>();
 
-  if (in.left() / kMinFaceBytes < s.base_faces) return too_many("faces", s.base_faces, in.left());
+  if (in.remaining() / kMinFaceBytes < s.base_faces) return too_many("faces", s.base_faces, in.remaining());
   base.faces.resize(s.base_faces);
   // Sums of hostile differences may wrap; violations() checks the result.
   std::uint64_t face_before = 0;
@@ -146,7 +146,7 @@ Result<DecodedBase> decode_base(std::span<const std::uint8_t> bytes) {
   }
   if (!in.ok()) return truncated("faces");
 
-  if (in.left() / kMinRegionBytes < s.regions) return too_many("regions", s.regions, in.left());
+  if (in.remaining() / kMinRegionBytes < s.regions) return too_many("regions", s.regions, in.remaining());
   base.regions.resize(s.regions);
   for (Region& region : base.regions) {
     std::array<std::uint32_t, 4> small{};
@@ -167,12 +167,12 @@ Result<DecodedBase> decode_base(std::span<const std::uint8_t> bytes) {
   }
   if (!in.ok()) return truncated("regions");
   const std::uint64_t table_bytes = in.varint();
-  if (in.left() < table_bytes) return truncated("tables");
-  BitReader bits{in.rest().subspan(0, table_bytes)};
+  if (in.remaining() < table_bytes) return truncated("tables");
+  BitReader bits{in.remaining_bytes().subspan(0, table_bytes)};
   if (!decoded.tables.read(bits)) return DecodeError{"base mesh: its tables are not prefix codes"};
   in.skip(table_bytes);
   if (!in.ok()) return truncated("tables");
-  if (in.left() != 0) return DecodeError{"base mesh: " + std::to_string(in.left()) + " bytes too many"};
+  if (in.remaining() != 0) return DecodeError{"base mesh: " + std::to_string(in.remaining()) + " bytes too many"};
 
   if (const std::vector<std::string> broken = violations(base); !broken.empty()) {
     return DecodeError{"base mesh: " + broken.front()};

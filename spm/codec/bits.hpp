@@ -61,10 +61,10 @@ class BitReader {
     return value;
   }
   /// Number of bits read or skipped.
-  [[nodiscard]] std::uint64_t at() const noexcept { return at_; }
+  [[nodiscard]] std::uint64_t position() const noexcept { return at_; }
   [[nodiscard]] bool ok() const noexcept { return at_ <= 8 * std::uint64_t{size_}; }
   /// Number of bits not yet read; 0 past the end.
-  [[nodiscard]] std::uint64_t left() const noexcept { return ok() ? 8 * std::uint64_t{size_} - at_ : 0; }
+  [[nodiscard]] std::uint64_t remaining() const noexcept { return ok() ? 8 * std::uint64_t{size_} - at_ : 0; }
 
  private:
   const std::uint8_t* data_;

@@ -50,7 +50,7 @@ class ByteReader {
   [[nodiscard]] T raw() noexcept {
     static_assert(std::is_trivially_copyable_v<T>);
     T value{};
-    if (left() < sizeof(T)) {
+    if (remaining() < sizeof(T)) {
       fail();
     } else {
       std::memcpy(&value, at_, sizeof(T));
@@ -76,11 +76,11 @@ class ByteReader {
     return 0;
   }
 
-  [[nodiscard]] std::span<const std::uint8_t> rest() const noexcept { return {at_, left()}; }
-  /// Skips `count` bytes, at most left().
+  [[nodiscard]] std::span<const std::uint8_t> remaining_bytes() const noexcept { return {at_, remaining()}; }
+  /// Skips `count` bytes, at most remaining().
   void skip(std::size_t count) noexcept { at_ += count; }
   /// Number of bytes not yet read.
-  [[nodiscard]] std::size_t left() const noexcept { return static_cast<std::size_t>(end_ - at_); }
+  [[nodiscard]] std::size_t remaining() const noexcept { return static_cast<std::size_t>(end_ - at_); }
   [[nodiscard]] bool ok() const noexcept { return ok_; }
 
  private:

@@ -33,7 +33,7 @@ Result<CompressedModel> CompressedModel::open(const ModelSpans& spans) {
   ByteReader sizes{spans.sizes};
   model.block_starts_ = read_starts(sizes, blocks);
   model.list_starts_ = read_starts(sizes, s.regions);
-  if (!sizes.ok() || sizes.left() != 0) {
+  if (!sizes.ok() || sizes.remaining() != 0) {
     return DecodeError{"model: found " + std::to_string(spans.sizes.size()) + " bytes of sizes, expected exactly " +
                        std::to_string(blocks + s.regions) + " varints"};
   }
@@ -64,7 +64,7 @@ void CompressedModel::put_records(BitWriter& out, std::span<const Interval> reco
       const bool begins_block = r % kRecordsPerBlock == 0;
       if (begins_block) in = BitReader{spans_.codes, block_starts_[r / kRecordsPerBlock]};
       anchor = begins_block ? reader.get_first_anchor(in, FaceId{}) : reader.get_anchor(in, anchor);
-      const std::uint64_t first = in.at();
+      const std::uint64_t first = in.position();
       parts.clear();
       if (!reader.get(in, RecordId{r}, anchor, parts, residuals)) return;
       if (r < interval.first) continue;
@@ -79,7 +79,7 @@ void CompressedModel::put_records(BitWriter& out, std::span<const Interval> reco
       }
       recent.add(anchor, parts.front());
       last_anchor = anchor;
-      out.copy(spans_.codes, first, in.at() - first);
+      out.copy(spans_.codes, first, in.position() - first);
     }
   }
 }

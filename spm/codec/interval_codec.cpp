@@ -22,8 +22,8 @@ void put_intervals(BitWriter& out, const RecordTables& tables, std::span<const I
 std::string get_intervals(BitReader& in, const RecordTables& tables, std::uint32_t limit,
                           std::vector<Interval>& intervals, std::uint32_t& total) {
   const std::uint64_t count = get_rare(in);
-  if (!in.ok() || in.left() / kMinIntervalBits < count) {
-    return text(count) + " intervals do not fit into the remaining " + text(in.left()) + " bits";
+  if (!in.ok() || in.remaining() / kMinIntervalBits < count) {
+    return text(count) + " intervals do not fit into the remaining " + text(in.remaining()) + " bits";
   }
   intervals.resize(count);
   total = 0;

@@ -32,7 +32,7 @@ class ModelDecoder {
     for (std::size_t i = 0; i < parts.size(); ++i) {
       RecordPart part{};
       if (decoder.add(parts[i], PartIndex{record}, part) != RecordResult::kDecoded) return false;
-      if (i == 0 && !decoder.place(residuals, model_.positions[index(u_)])) return false;
+      if (i == 0 && !decoder.restore_position(residuals, model_.positions[index(u_)])) return false;
       if (i + 1 < parts.size())
         part.next = PartIndex{static_cast<std::uint32_t>(model_.summary.records + continuations_.size() + (i > 0))};
       if (i == 0)
@@ -51,7 +51,7 @@ class ModelDecoder {
   [[nodiscard]] FaceId face(FaceId id) const noexcept {
     return index(id) < model_.summary.faces && front_.corners(id)[0] != kNone ? id : FaceId{kNone};
   }
-  [[nodiscard]] FaceId bear(FaceId id, PartIndex, std::uint32_t) const noexcept { return id; }
+  [[nodiscard]] FaceId add_born_face(FaceId id, PartIndex, std::uint32_t) const noexcept { return id; }
   [[nodiscard]] const std::array<float, 3>& position(VertexId id) const noexcept { return model_.positions[index(id)]; }
 
  private:
@@ -79,38 +79,38 @@ EncodedModel::EncodedModel(const Model& model) {
   lists_ = lists.take();
   sizes_ = sizes.take();
   base_ = encode_base(model, records.tables);
-  Result<CompressedModel> coded = CompressedModel::open({base_, codes_, lists_, sizes_});
-  TACTUS_CHECK(coded);
-  coded_ = std::move(*coded);
+  Result<CompressedModel> compressed = CompressedModel::open({base_, codes_, lists_, sizes_});
+  TACTUS_CHECK(compressed);
+  compressed_ = std::move(*compressed);
 }
 
-Result<OwnedModel> decode_model(const CompressedModel& coded) {
-  const ModelSpans& bytes = coded.spans();
+Result<OwnedModel> decode_model(const CompressedModel& compressed) {
+  const ModelSpans& bytes = compressed.spans();
   OwnedModel model;
-  const ModelSummary& s = model.summary = coded.summary();
+  const ModelSummary& s = model.summary = compressed.summary();
   const std::uint64_t bits = 8 * std::uint64_t{bytes.codes.size()};
   if (bits / RecordReader::kMinBits < s.parts) {
     return wrong(std::to_string(s.parts) + " parts do not fit into " + std::to_string(bits) + " bits of codes");
   }
-  model.base_radii = coded.base().radii;
-  model.base_faces = coded.base().faces;
-  model.regions = coded.base().regions;
-  model.positions = coded.base().positions;
+  model.base_radii = compressed.base().radii;
+  model.base_faces = compressed.base().faces;
+  model.regions = compressed.base().regions;
+  model.positions = compressed.base().positions;
   model.positions.resize(s.vertices);
   model.parts.resize(s.records);
 
   BitReader codes{bytes.codes}, lists{bytes.lists};
-  RecordReader reader{s, coded.tables()};
+  RecordReader reader{s, compressed.tables()};
   ModelDecoder decoder{model};
   std::vector<RecordPart> parts;
   PositionPredictor::Residuals residuals{};
   FaceId anchor{};
   for (std::uint32_t r = 0; r < s.records; ++r) {
     const bool begins_block = r % kRecordsPerBlock == 0;
-    if (begins_block && coded.block_starts()[r / kRecordsPerBlock] != codes.at()) {
+    if (begins_block && compressed.block_starts()[r / kRecordsPerBlock] != codes.position()) {
       return wrong("record " + std::to_string(r) + ": found a block that begins at bit " +
-                   std::to_string(coded.block_starts()[r / kRecordsPerBlock]) + ", expected bit " +
-                   std::to_string(codes.at()));
+                   std::to_string(compressed.block_starts()[r / kRecordsPerBlock]) + ", expected bit " +
+                   std::to_string(codes.position()));
     }
     anchor = begins_block ? reader.get_first_anchor(codes, FaceId{}) : reader.get_anchor(codes, anchor);
     parts.clear();
@@ -125,23 +125,23 @@ Result<OwnedModel> decode_model(const CompressedModel& coded) {
     return wrong("found " + std::to_string(model.parts.size()) + " parts, expected " + std::to_string(s.parts));
   }
   for (std::uint32_t r = 0; r < s.regions; ++r) {
-    if (coded.list_starts()[r] != lists.at()) {
+    if (compressed.list_starts()[r] != lists.position()) {
       return wrong("region " + std::to_string(r) + ": found a list that begins at bit " +
-                   std::to_string(coded.list_starts()[r]) + ", expected bit " + std::to_string(lists.at()));
+                   std::to_string(compressed.list_starts()[r]) + ", expected bit " + std::to_string(lists.position()));
     }
     std::vector<Interval> intervals;
     std::uint32_t records = 0;
-    if (std::string error = get_intervals(lists, coded.tables(), s.records, intervals, records); !error.empty()) {
+    if (std::string error = get_intervals(lists, compressed.tables(), s.records, intervals, records); !error.empty()) {
       return wrong("lists: " + error);
     }
     model.regions[r].first_interval = static_cast<std::uint32_t>(model.intervals.size());
     model.regions[r].interval_count = static_cast<std::uint32_t>(intervals.size());
     model.intervals.insert(model.intervals.end(), intervals.begin(), intervals.end());
   }
-  if (coded.block_starts().back() != codes.at() || coded.list_starts().back() != lists.at()) {
+  if (compressed.block_starts().back() != codes.position() || compressed.list_starts().back() != lists.position()) {
     return wrong("the size of the last block or list does not match its bits");
   }
-  if (codes.left() >= 8 || lists.left() >= 8) return wrong("found bytes after the last record or list");
+  if (codes.remaining() >= 8 || lists.remaining() >= 8) return wrong("found bytes after the last record or list");
   return model;
 }
 

@@ -15,16 +15,16 @@ class EncodedModel {
   EncodedModel& operator=(EncodedModel&&) noexcept = default;
 
   /// The compressed model. It refers to the bytes of this object and remains valid if this object is moved.
-  [[nodiscard]] const CompressedModel& coded() const noexcept { return coded_; }
+  [[nodiscard]] const CompressedModel& compressed() const noexcept { return compressed_; }
 
  private:
   Bytes base_, codes_, lists_, sizes_;
-  CompressedModel coded_;
+  CompressedModel compressed_;
 };
 
 /// Decodes bytes that are not trusted. The summary and the number of bytes bound the memory. Checks each record against
 /// the mesh of the previous records (RecordDecoder). Does not check whether records and lists are a sound model;
 /// violations() does. About 0.3 us a record.
-Result<OwnedModel> decode_model(const CompressedModel& coded);
+Result<OwnedModel> decode_model(const CompressedModel& compressed);
 
 }  // namespace tactus::spm::codec

@@ -241,7 +241,7 @@ class RecordEncoder {
         },
         [&](BornRef ref, const std::array<VertexId, 3>& corners, PartIndex, std::uint32_t) {
           front_.set(ref.face(), corners);
-          faces.bear(ref.face(), ref.order());
+          faces.add_born_face(ref.face(), ref.order());
         });
     front_.link_split(faces);
   }
@@ -292,7 +292,7 @@ std::uint32_t Shape::symbol() const noexcept {
   return (born_at == kFirstEnd ? 2 : 3) * kOneBorn + first_shape(deformed) + finest;
 }
 
-Shape Shape::of(std::uint32_t symbol) noexcept {
+Shape Shape::from_symbol(std::uint32_t symbol) noexcept {
   const BornAt born_at = symbol < 2 * kOneBorn ? kBothEnds : symbol < 3 * kOneBorn ? kFirstEnd : kLastEnd;
   const std::uint32_t scale = born_at == kBothEnds ? 2 : 1;
   const std::uint32_t rest = symbol - (born_at == kBothEnds ? 0 : born_at == kFirstEnd ? 2 : 3) * kOneBorn;

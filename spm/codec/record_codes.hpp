@@ -101,7 +101,7 @@ struct Shape {
   [[nodiscard]] std::uint32_t born() const noexcept { return born_at == kBothEnds ? 2 : 1; }
   [[nodiscard]] std::uint32_t symbol() const noexcept;
   /// The shape of a symbol below kUnusual.
-  [[nodiscard]] static Shape of(std::uint32_t symbol) noexcept;
+  [[nodiscard]] static Shape from_symbol(std::uint32_t symbol) noexcept;
 };
 
 /// The newest kSize faces of the previous records in the same interval or block. An anchor is often one of them, and

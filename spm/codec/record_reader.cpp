@@ -32,8 +32,9 @@ bool RecordReader::get(BitReader& in, RecordId record, FaceId anchor, std::vecto
 
   const std::uint32_t shape = tables_[field_for(Field::kShape, first.radius)].get(in, code_ok_);
   if (!code_ok_ || !in.ok()) return fail(record, "bits left", 0, "at least", kMinBits);
-  const bool good = shape == Shape::kUnusual ? get_explicit_faces(in, record, first, anchor, parts)
-                                             : get_usual_faces(in, record, first, anchor, Shape::of(shape), parts);
+  const bool good = shape == Shape::kUnusual
+                        ? get_explicit_faces(in, record, first, anchor, parts)
+                        : get_usual_faces(in, record, first, anchor, Shape::from_symbol(shape), parts);
   if (!good) return false;
   recent_.add(anchor, parts[at]);
   const Field along = field_for(Field::kAlong, first.radius), across = field_for(Field::kAcross, first.radius);

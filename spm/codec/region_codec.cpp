@@ -66,8 +66,8 @@ class RegionDecoder {
     if (!get_intervals_below(summary_.records, data_.list, listed) || !get_intervals_below(listed, positions, sent))
       return DecodeError{error_};
     data_.sent = records_at(data_.list, positions);
-    if (in_.left() / RecordReader::kMinBits < sent)
-      return refuse("number of sent records", sent, "at most", in_.left() / RecordReader::kMinBits);
+    if (in_.remaining() / RecordReader::kMinBits < sent)
+      return refuse("number of sent records", sent, "at most", in_.remaining() / RecordReader::kMinBits);
     data_.residuals.resize(sent);
     data_.parts.reserve(sent);
     if (codes_ != nullptr) codes_->reserve(sent);
@@ -78,7 +78,7 @@ class RegionDecoder {
       }
     }
     if (!in_.ok()) return DecodeError{where() + "the message is truncated"};
-    if (in_.left() >= 8) return refuse("number of bytes after the last record", in_.left() / 8, "exactly", 0);
+    if (in_.remaining() >= 8) return refuse("number of bytes after the last record", in_.remaining() / 8, "exactly", 0);
     return std::move(data_);
   }
 
@@ -96,9 +96,9 @@ class RegionDecoder {
 
   bool get_record(RecordId record, bool begins_interval, PositionPredictor::Residuals& residuals) {
     anchor_ = begins_interval ? records_.get_first_anchor(in_, anchor_) : records_.get_anchor(in_, anchor_);
-    const std::uint64_t first = in_.at();
+    const std::uint64_t first = in_.position();
     const bool good = records_.get(in_, record, anchor_, data_.parts, residuals);
-    if (good && codes_ != nullptr) codes_->push_back({anchor_, first, in_.at() - first});
+    if (good && codes_ != nullptr) codes_->push_back({anchor_, first, in_.position() - first});
     if (good) return true;
     error_ = where() + records_.error();
     return false;

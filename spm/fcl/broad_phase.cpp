@@ -88,7 +88,7 @@ void BroadPhase::remove(std::uint32_t object) {
   manager_->objects.erase(found);
 }
 
-std::vector<NearPair> BroadPhase::near(std::span<const ProbeSphere> probes) const {
+std::vector<NearPair> BroadPhase::find_near_pairs(std::span<const ProbeSphere> probes) const {
   std::vector<NearPair> pairs;
   for (std::uint32_t i = 0; i < probes.size(); ++i) {
     const ProbeSphere& sphere = probes[i];

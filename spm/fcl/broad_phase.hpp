@@ -43,7 +43,7 @@ class BroadPhase {
 
   /// Returns all pairs in which the sphere intersects or touches the box, ordered by probe and object. Throws
   /// std::invalid_argument if a probe is not finite or its radius is negative.
-  [[nodiscard]] std::vector<NearPair> near(std::span<const ProbeSphere> probes) const;
+  [[nodiscard]] std::vector<NearPair> find_near_pairs(std::span<const ProbeSphere> probes) const;
 
  private:
   struct Manager;

@@ -76,7 +76,7 @@ FixedMesh::~FixedMesh() = default;
 FixedMesh::FixedMesh(FixedMesh&&) noexcept = default;
 FixedMesh& FixedMesh::operator=(FixedMesh&&) noexcept = default;
 
-void FixedMesh::touching(const Vec3d& centre, double radius, std::vector<std::uint32_t>& faces) const {
+void FixedMesh::find_touched_faces(const Vec3d& centre, double radius, std::vector<std::uint32_t>& faces) const {
   faces.clear();
   const Sphere sphere{radius};
   ::fcl::Transform3d mesh_pose = ::fcl::Transform3d::Identity();

@@ -28,7 +28,7 @@ class FixedMesh {
 
   /// Sets `faces` to the indices of all triangles within `radius` of `centre`, in FCL's order. Calls FCL's traversal
   /// directly: for a tree of axis-aligned boxes, FCL's collide() copies the whole mesh.
-  void touching(const Vec3d& centre, double radius, std::vector<std::uint32_t>& faces) const;
+  void find_touched_faces(const Vec3d& centre, double radius, std::vector<std::uint32_t>& faces) const;
 
   /// Sets `pairs` to the intersecting pairs (triangle of this mesh, triangle of `other`), in FCL's order. FCL also
   /// computes point, normal and depth of each pair, which costs time.

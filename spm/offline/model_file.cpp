@@ -157,7 +157,7 @@ std::uint64_t digest_of(const Model& model) {
 void write_model(const std::filesystem::path& path, const Model& model, const Provenance& provenance) {
   const std::string statistics = to_json(provenance);
   const codec::EncodedModel encoded{model};
-  const codec::ModelSpans& bytes = encoded.coded().spans();
+  const codec::ModelSpans& bytes = encoded.compressed().spans();
   const std::array<std::pair<const void*, std::size_t>, kSections> contents{{{bytes.base.data(), bytes.base.size()},
                                                                              {bytes.codes.data(), bytes.codes.size()},
                                                                              {bytes.lists.data(), bytes.lists.size()},
@@ -233,11 +233,11 @@ MappedModel::MappedModel(const std::filesystem::path& path, OwnedModel* arrays) 
     const SectionEntry& entry = table[static_cast<std::uint32_t>(kind) - 1];
     return std::span<const std::uint8_t>{bytes + entry.offset, static_cast<std::size_t>(entry.size)};
   };
-  auto coded = codec::CompressedModel::open({section(SectionKind::kBase), section(SectionKind::kCodes),
-                                             section(SectionKind::kLists), section(SectionKind::kSizes)});
-  if (!coded) fail(path, coded.error().text);
-  coded_ = std::move(*coded);
-  auto decoded = codec::decode_model(coded_);
+  auto compressed = codec::CompressedModel::open({section(SectionKind::kBase), section(SectionKind::kCodes),
+                                                  section(SectionKind::kLists), section(SectionKind::kSizes)});
+  if (!compressed) fail(path, compressed.error().text);
+  compressed_ = std::move(*compressed);
+  auto decoded = codec::decode_model(compressed_);
   if (!decoded) fail(path, decoded.error().text);
   const std::vector<std::string> broken = violations(decoded->model());
   if (!broken.empty()) fail(path, broken.front());

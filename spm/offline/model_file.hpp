@@ -48,14 +48,14 @@ class MappedModel {
   ~MappedModel();
 
   /// The compressed model, which refers to the mapped memory of this object.
-  [[nodiscard]] const codec::CompressedModel& coded() const noexcept { return coded_; }
-  [[nodiscard]] const ModelSummary& summary() const noexcept { return coded_.summary(); }
+  [[nodiscard]] const codec::CompressedModel& compressed() const noexcept { return compressed_; }
+  [[nodiscard]] const ModelSummary& summary() const noexcept { return compressed_.summary(); }
   [[nodiscard]] const Provenance& provenance() const noexcept { return provenance_; }
 
  private:
   struct Mapping;
   std::unique_ptr<const Mapping> mapping_;
-  codec::CompressedModel coded_;
+  codec::CompressedModel compressed_;
   Provenance provenance_;
 };
 

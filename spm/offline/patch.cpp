@@ -217,7 +217,7 @@ void Patch::gather_candidates(std::uint32_t u) {
     const std::uint32_t t = ring_.vertex[i];
     if (!vertices_[t].is_inner) continue;
     const bool by_star = star == Star::kDisc || star == Star::kPinched || (star == Star::kFan && ring_.degree[i] == 1);
-    if (by_star || is_pair(u, t)) candidates_.push_back({cost(u, t), t});
+    if (by_star || is_within_pair_distance(u, t)) candidates_.push_back({cost(u, t), t});
   }
   if (pair_distance2_ > 0 && ring_.size > 0) gather_pairs(u);
 }
@@ -279,7 +279,7 @@ std::uint64_t Patch::grid_key(std::uint32_t x, std::uint32_t y, std::uint32_t z)
 }
 
 /// True if u and t may collapse with or without an edge between them.
-bool Patch::is_pair(std::uint32_t u, std::uint32_t t) const {
+bool Patch::is_within_pair_distance(std::uint32_t u, std::uint32_t t) const {
   const Offset e = between(vertices_[u].at, vertices_[t].at);
   return e[0] * e[0] + e[1] * e[1] + e[2] * e[2] < pair_distance2_;
 }
@@ -300,7 +300,7 @@ void Patch::try_vertex(std::uint32_t u) {
       queue_.push(u, cost_class);
       break;
     }
-    if (!is_legal(u, first->t)) continue;
+    if (!is_legal_collapse(u, first->t)) continue;
     collapse(u, first->t);
     break;
   }
@@ -359,13 +359,13 @@ bool Patch::is_connected() const {
   return visited == ring_.size;
 }
 
-bool Patch::is_legal(std::uint32_t u, std::uint32_t t) const {
+bool Patch::is_legal_collapse(std::uint32_t u, std::uint32_t t) const {
   const std::uint32_t size = vertices_[t].size, at = in_ring(t);
   const std::uint32_t dying = at < ring_.size ? ring_.degree[at] : 0;
   if (size > kMaxTargetStar) return false;
   if (vertices_[u].size + size - 2 * dying > std::max(options_.max_star, size)) return false;
   if (!preserves_shapes(u, t)) return false;
-  if (is_pair(u, t)) return preserves_faces(u, t);
+  if (is_within_pair_distance(u, t)) return preserves_faces(u, t);
   return ring_.star == Star::kPinched ? preserves_sheets(u, t) : preserves_surface(u, at);
 }
 

@@ -114,9 +114,9 @@ class Patch {
   void fill_grid();
   std::uint32_t grid_coordinate(double x) const;
   static std::uint64_t grid_key(std::uint32_t x, std::uint32_t y, std::uint32_t z);
-  bool is_pair(std::uint32_t u, std::uint32_t t) const;
+  bool is_within_pair_distance(std::uint32_t u, std::uint32_t t) const;
   float cost(std::uint32_t u, std::uint32_t t) const;
-  bool is_legal(std::uint32_t u, std::uint32_t t) const;
+  bool is_legal_collapse(std::uint32_t u, std::uint32_t t) const;
   bool preserves_surface(std::uint32_t u, std::uint32_t at) const;
   bool preserves_sheets(std::uint32_t u, std::uint32_t t) const;
   bool preserves_faces(std::uint32_t u, std::uint32_t t) const;

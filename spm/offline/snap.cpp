@@ -58,7 +58,7 @@ CleanReport snap(TriangleMesh& mesh, double step, unsigned threads) {
     moved = false;
     for (std::array<float, 3>& p : mesh.positions) {
       for (std::size_t axis = 0; axis < 3; ++axis) {
-        const float before = std::exchange(p[axis], grid.at(axis, grid.of(axis, double{p[axis]})));
+        const float before = std::exchange(p[axis], grid.decode(axis, grid.encode(axis, double{p[axis]})));
         moved = moved || p[axis] != before;
       }
     }

@@ -12,8 +12,8 @@
 #include "spm/offline/build.hpp"
 #include "spm/offline/generate.hpp"
 #include "study/shared_session.hpp"
+#include "tests/support/allocation_counter.hpp"
 #include "tests/support/local_session.hpp"
-#include "tests/support/no_alloc.hpp"
 
 namespace tactus {
 namespace {
@@ -29,18 +29,18 @@ double allocated() {
 TEST(Allocation, TheGuardTripsOnNewAndMallocAndEigen) {
   std::uint64_t by_new, by_malloc, by_eigen;
   {
-    const test_support::NoAlloc guard;
+    const test_support::AllocationCounter guard;
     ::operator delete(::operator new(64));
     by_new = guard.count();
   }
   {
-    const test_support::NoAlloc guard;
+    const test_support::AllocationCounter guard;
     void* volatile block = std::malloc(16);
     std::free(block);
     by_malloc = guard.count();
   }
   {
-    const test_support::NoAlloc guard;
+    const test_support::AllocationCounter guard;
     volatile double sink = Eigen::VectorXd::Random(100).eval().sum();
     static_cast<void>(sink);
     by_eigen = guard.count();
@@ -107,7 +107,7 @@ TEST(Allocation, SixtySecondsOfCyclesAllocateNothing) {
     const Vec3d at = position(cycle);
     session.prepare(at, (position(cycle + 1) - at) * 1000);
     const hrtc_service::CycleResult& result = [&]() -> const hrtc_service::CycleResult& {
-      const test_support::NoAlloc guard;
+      const test_support::AllocationCounter guard;
       const hrtc_service::CycleResult& made = session.run_cycle(4000);
       allocations += guard.count();
       return made;
@@ -143,7 +143,7 @@ TEST(Allocation, ObjectsThatAreWithdrawnAndComeAgainAllocateNothing) {
     session.prepare({2 + out, 0, 0}, Vec3d::Zero());
     session.inputs()[1] = session.inputs()[0];
     session.inputs()[1].device.position = {0, out, 0};
-    const test_support::NoAlloc guard;
+    const test_support::AllocationCounter guard;
     (void)session.touch_with_bodies();
     session.core().servo().refine(spm::Budget{4000});
     allocations += guard.count();
@@ -165,7 +165,7 @@ class Allocations final : public study::CycleObserver {
   std::uint64_t count = 0, cycles = 0;
 
  private:
-  std::optional<test_support::NoAlloc> guard_;
+  std::optional<test_support::AllocationCounter> guard_;
 };
 
 /// Ann grabs a crate, bob takes it over in the air from another HRTC and puts it down, and a third one pushes it.
@@ -189,14 +189,14 @@ TEST(Allocation, HoldsAndBodiesAllocateNothingWhileACrateIsGrabbedHandedOverRele
     session.step();
     const hrtc_service::BodyReport *a = session.body(0), *b = session.body(1);
     if (a == nullptr || b == nullptr) continue;
-    held_by_both = held_by_both || (a->held && b->held);
+    held_by_both = held_by_both || (a->is_touched && b->is_touched);
     coupled = coupled || a->copies > 0;
     pushed = pushed || (session.probe(pusher).status & session::kInContact) != 0;
   }
   EXPECT_EQ(allocations.count, 0u);
   EXPECT_GE(allocations.cycles, 36'000u);
-  EXPECT_EQ(session.op(ann).tally().grabs, 1u);
-  EXPECT_EQ(session.op(bob).tally().grabs, 1u);
+  EXPECT_EQ(session.operator_of(ann).tally().grabs, 1u);
+  EXPECT_EQ(session.operator_of(bob).tally().grabs, 1u);
   EXPECT_TRUE(held_by_both && coupled && pushed) << held_by_both << coupled << pushed;
 }
 

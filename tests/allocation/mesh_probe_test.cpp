@@ -1,8 +1,9 @@
+#include "spm/mesh_probe.hpp"
+
 #include <gtest/gtest.h>
 
-#include "spm/mesh_probe.hpp"
 #include "spm/offline/generate.hpp"
-#include "tests/support/no_alloc.hpp"
+#include "tests/support/allocation_counter.hpp"
 #include "tests/support/shown_mesh.hpp"
 
 namespace tactus::spm {
@@ -18,9 +19,9 @@ TEST(MeshProbeAllocation, NothingIsAllocatedWhileAProbeIsPlacedAndQueried) {
   for (std::size_t v = 0; v < organ.positions.size(); v += 100) {
     Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
     for (int axis = 0; axis < 3; ++axis) pose.translation()[axis] = organ.positions[v][axis];
-    const test_support::NoAlloc guard;
-    placed.place(pose);
-    found += placed.touching(shown.tree(), contacts.data(), 10000).contacts;
+    const test_support::AllocationCounter guard;
+    placed.set_pose(pose);
+    found += placed.find_contacts(shown.tree(), contacts.data(), 10000).contacts;
     allocations += guard.count();
   }
   EXPECT_EQ(allocations, 0u);

@@ -6,7 +6,7 @@
 
 #include "haptics/rigid_body.hpp"
 #include "tests/haptics/tool_shapes.hpp"
-#include "tests/support/no_alloc.hpp"
+#include "tests/support/allocation_counter.hpp"
 
 namespace tactus::haptics {
 namespace {
@@ -21,7 +21,7 @@ TEST(Tool, DoesNotAllocate) {
   int contacts = 0;
   std::uint64_t allocations = 0;
   {
-    const test_support::NoAlloc guard;
+    const test_support::AllocationCounter guard;
     for (int ms = 0; ms < 2000; ++ms) {
       const double t = ms * 1e-3;
       const ToolPose device{{0.02 * std::sin(9 * t), 0.01 * std::cos(5 * t), 0.08 - 0.06 * std::sin(t)},

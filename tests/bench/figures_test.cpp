@@ -18,23 +18,23 @@ int end_of(const Report& report) { return report.finish("test", "scripts/bench t
 
 TEST(Report, EndsWithOneExactlyWhenABoundFallsShort) {
   Report holds{kSubject};
-  holds.at_most("a", {"all", 3}, "us", 5, 5);
-  holds.at_least("b", {"all", 3}, "times", 300, 300);
+  holds.add_at_most("a", {"all", 3}, "us", 5, 5);
+  holds.add_at_least("b", {"all", 3}, "times", 300, 300);
   EXPECT_EQ(end_of(holds), 0);
   Report above{kSubject};
-  above.at_most("a", {"all", 3}, "us", 5.001, 5);
+  above.add_at_most("a", {"all", 3}, "us", 5.001, 5);
   EXPECT_EQ(end_of(above), 1);
   Report below{kSubject};
-  below.at_least("b", {"all", 3}, "times", 299, 300);
+  below.add_at_least("b", {"all", 3}, "times", 299, 300);
   EXPECT_EQ(end_of(below), 1);
 }
 
 TEST(Report, FallsShortWithoutSamples) {
   Report percentile{kSubject};
-  percentile.row("a", "all", "us", Samples{}, {{0.99, 1e9}});
+  percentile.add_percentiles("a", "all", "us", Samples{}, {{0.99, 1e9}});
   EXPECT_EQ(end_of(percentile), 1);
   Report count{kSubject};
-  count.at_most("differences", {"compared", 0}, "", 0, 0);
+  count.add_at_most("differences", {"compared", 0}, "", 0, 0);
   EXPECT_EQ(end_of(count), 1);
 }
 
@@ -44,13 +44,13 @@ TEST(Report, CountsUnfinishedWorkAsLate) {
   samples.add(kUnfinished);
   samples.add(kUnfinished);
   Report median{kSubject};
-  median.row("a", "all", "ms", samples, {{0.5, 2}});
+  median.add_percentiles("a", "all", "ms", samples, {{0.5, 2}});
   EXPECT_EQ(end_of(median), 0);
   Report tail{kSubject};
-  tail.row("a", "all", "ms", samples, {{0.99, 1e300}});
+  tail.add_percentiles("a", "all", "ms", samples, {{0.99, 1e300}});
   EXPECT_EQ(end_of(tail), 1);
   Report ratio{kSubject};
-  ratio.at_least("theirs / ours", {"all", 3}, "times", kUnfinished, 2);
+  ratio.add_at_least("theirs / ours", {"all", 3}, "times", kUnfinished, 2);
   EXPECT_EQ(end_of(ratio), 1);
 }
 
@@ -61,10 +61,10 @@ TEST(Report, RefusesAFileThatCannotBeWritten) {
 
 TEST(Report, WritesTheRowsOfItsTable) {
   Report report{kSubject};
-  report.virtual_time(true);
-  report.at_most("a", {"all", 3}, "us", 6, 5);
-  report.virtual_time(false);
-  report.figure("b", {"none", 0}, "us", std::nan(""));
+  report.set_virtual_time(true);
+  report.add_at_most("a", {"all", 3}, "us", 6, 5);
+  report.set_virtual_time(false);
+  report.add_value("b", {"none", 0}, "us", std::nan(""));
   const test_support::TemporaryFolder folder;
   const std::string file = (folder.path() / "rows.json").string();
   EXPECT_EQ(report.finish("test", "scripts/bench test --quick", file), 1);
@@ -90,7 +90,7 @@ TEST(BenchMain, EndsAsTheRunDid) {
   const auto with = [](double value) {
     return [value] {
       Report report{kSubject};
-      report.at_most("a", {"all", 1}, "us", value, 2);
+      report.add_at_most("a", {"all", 1}, "us", value, 2);
       return report;
     };
   };

@@ -21,10 +21,10 @@ std::size_t count_of(const std::string& text, const std::string& part) {
 TEST(Page, StatesShortfallsFirstAndEveryRow) {
   const test_support::TemporaryFolder folder;
   Report first{{"a|b", 0, 0, "settings"}}, second{{"c", 0, 0, ""}};
-  first.at_most("slow", {"all cycles", 7}, "us", 6, 5);
-  first.at_least("fast", {"all cycles", 7}, "us", 6, 5);
-  second.virtual_time(true);
-  second.figure("free", {"runs", 2}, "", 1);
+  first.add_at_most("slow", {"all cycles", 7}, "us", 6, 5);
+  first.add_at_least("fast", {"all cycles", 7}, "us", 6, 5);
+  second.set_virtual_time(true);
+  second.add_value("free", {"runs", 2}, "", 1);
   EXPECT_EQ(first.finish("one", "scripts/bench one", (folder.path() / "one.json").string()), 1);
   EXPECT_EQ(second.finish("two", "scripts/bench two", (folder.path() / "two.json").string()), 0);
   const auto runs = read_runs(folder.path().string());

@@ -103,15 +103,15 @@ class ClosedLoop {
       intents_.pop_front();
     }
     const haptics::DeviceState device = device_->read(now_ns_);
-    const haptics::Feel feel{1000, 1};
+    const haptics::ContactImpedance impedance{1000, 1};
     proxy_.set_grip({friction_, 0.8 * friction_});
     const haptics::ProxyResult& touch = proxy_.step(device.position, 1e-3, surface_, false);
-    const haptics::ForceResult& made = force_->step(touch, device, feel, 0, 1e-3);
+    const haptics::ForceResult& made = force_->step(touch, device, impedance, 0, 1e-3);
     state_.force = made.force;
     fault_ = made.fault;
     state_.contact = touch.in_contact;
     device_->write(state_.force);
-    if (operator_.following()) path.push_back(touch.proxy);
+    if (operator_.is_following()) path.push_back(touch.proxy);
 
     session::ProbeState sample;
     sample.user_id = session::id_of(operator_.user().name);
@@ -402,7 +402,7 @@ TEST(Operator, StaysInContactWhileItFollowsAtTheScriptedSpeedAndForce) {
         int in_band = 0;
         double sum = 0;
         loop.run(20, [&](double force, bool contact) {
-          if (!loop.user().following()) return;
+          if (!loop.user().is_following()) return;
           ++cycles;
           if (contact) ++contact_cycles;
           if (force > 0.75 && force < 2.25) ++in_band;
@@ -429,7 +429,7 @@ TEST(Operator, FollowsOverTensOfMillisecondsOfNetwork) {
   int cycles = 0;
   int contact_cycles = 0;
   loop.run(20, [&](double, bool contact) {
-    if (!loop.user().following()) return;
+    if (!loop.user().is_following()) return;
     ++cycles;
     if (contact) ++contact_cycles;
   });
@@ -448,7 +448,7 @@ TEST(Operator, ReturnsToALostSurface) {
   int cycles = 0;
   int contact_cycles = 0;
   loop.run(60, [&](double, bool contact) {
-    if (!loop.user().following()) return;
+    if (!loop.user().is_following()) return;
     ++cycles;
     if (contact) ++contact_cycles;
   });

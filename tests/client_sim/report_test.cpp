@@ -153,7 +153,7 @@ TEST(Report, TextShowsUsersHrtcsHostsAndEvents) {
 
 TEST(Report, TextFitsAHundredColumnsForAnyNamesAndEvents) {
   Report report = example_report();
-  report.trouble = "ended by another participant: " + std::string(255, 't');
+  report.stop_reason = "ended by another participant: " + std::string(255, 't');
   report.users[0].name = report.users[0].hrtc = std::string(63, 'n');
   for (ParticipantReport& participant : report.participants) {
     participant.name = std::string(63, 'n');
@@ -178,7 +178,7 @@ TEST(Report, JsonHoldsTheSameFigures) {
   EXPECT_NEAR(all["users"][0]["exact_share"].get<double>(), 0.124 / 0.149, 1e-9);
   EXPECT_EQ(all["users"][0]["taps"], 4);
   EXPECT_EQ(all["participants"][0]["figures"]["hrtc.cycles"], 20000);
-  EXPECT_EQ(all["participants"][1]["here_at_end"], false);
+  EXPECT_EQ(all["participants"][1]["present_at_end"], false);
   EXPECT_EQ(all["events"][0]["text"], "host vault gone");
 }
 

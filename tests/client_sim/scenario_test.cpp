@@ -59,8 +59,8 @@ users:
   const User& ann = scenario.users[0];
   EXPECT_EQ(ann.hrtc, "left");
   EXPECT_EQ(ann.radius, 0.004);
-  EXPECT_TRUE(ann.repeat);
-  EXPECT_TRUE(ann.remote);
+  EXPECT_TRUE(ann.repeats_script);
+  EXPECT_TRUE(ann.has_remote_device);
   ASSERT_EQ(ann.script.size(), 6u);
   EXPECT_EQ(ann.script[0].kind, ActionKind::kApproach);
   EXPECT_EQ(ann.script[0].object, "organ");
@@ -76,8 +76,8 @@ users:
   EXPECT_EQ(ann.script[4].seconds, 0.5);
   EXPECT_EQ(ann.script[5].kind, ActionKind::kRetreat);
   EXPECT_EQ(scenario.users[1].hrtc, "#1");
-  EXPECT_FALSE(scenario.users[1].repeat);
-  EXPECT_FALSE(scenario.users[1].remote);
+  EXPECT_FALSE(scenario.users[1].repeats_script);
+  EXPECT_FALSE(scenario.users[1].has_remote_device);
 }
 
 TEST(Scenario, BuiltInScenariosAreValid) {
@@ -92,9 +92,9 @@ TEST(Scenario, BuiltInScenariosAreValid) {
 TEST(Scenario, ReadsToolsAndTilts) {
   const Scenario scenario = load_scenario("tool-scan");
   EXPECT_EQ(scenario.tool, Tool::kStylus);
-  EXPECT_EQ(scenario.users[0].script[1].lean, 1.6);
+  EXPECT_EQ(scenario.users[0].script[1].tilt, 1.6);
   EXPECT_EQ(load_scenario("follow-scan").tool, Tool::kSphere);
-  EXPECT_EQ(load_scenario("follow-scan").users[0].script[1].lean, 0);
+  EXPECT_EQ(load_scenario("follow-scan").users[0].script[1].tilt, 0);
 }
 
 TEST(Scenario, ReadsALift) {
@@ -107,7 +107,7 @@ TEST(Scenario, ReadsALift) {
   EXPECT_EQ(lift.force, 6);
   EXPECT_EQ(lift.height, 0.1);
   EXPECT_EQ(lift.seconds, 2);
-  EXPECT_EQ(lift.others, 1u);
+  EXPECT_EQ(lift.min_other_users, 1u);
 }
 
 TEST(Scenario, ReadsAGrabAndTheActionsAfterIt) {
@@ -120,7 +120,7 @@ TEST(Scenario, ReadsAGrabAndTheActionsAfterIt) {
   EXPECT_EQ(read[0].kind, ActionKind::kGrab);
   EXPECT_EQ(read[0].force, 0.4);
   EXPECT_EQ(read[1].kind, ActionKind::kMove);
-  EXPECT_EQ(read[1].by, Vec3d(0, 0, 0.1));
+  EXPECT_EQ(read[1].displacement, Vec3d(0, 0, 0.1));
   EXPECT_EQ(read[1].speed, 0.2);
   EXPECT_EQ(read[3].kind, ActionKind::kRelease);
   EXPECT_THROW(script("      - approach: {object: crate}\n      - release: {}\n"), yaml::YamlError);
@@ -146,7 +146,7 @@ TEST(Scenario, VariesWithTheSeedAndWithinItsSpread) {
     const Vec3d& point = first.users[0].script[i].point;
     EXPECT_EQ(point, again.users[0].script[i].point);
     EXPECT_NE(point, second.users[0].script[i].point);
-    EXPECT_LE((point - scenario.users[0].script[i].point).cwiseAbs().maxCoeff(), scenario.spread);
+    EXPECT_LE((point - scenario.users[0].script[i].point).cwiseAbs().maxCoeff(), scenario.target_spread);
   }
 }
 

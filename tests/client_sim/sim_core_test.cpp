@@ -144,10 +144,10 @@ TEST(SimCore, ReportsMissingPartsAndFailsAfterItsPatience) {
   World world{kTwoUsers};
   world.run(1);
   EXPECT_EQ(world.core.state(), SimState::kGathering);
-  EXPECT_THAT(world.core.trouble(), HasSubstr("no HRTC #1, #2 in session 's'; no host serves object #1, #2"));
+  EXPECT_THAT(world.core.stop_reason(), HasSubstr("no HRTC #1, #2 in session 's'; no host serves object #1, #2"));
   world.run(5);
   EXPECT_EQ(world.core.state(), SimState::kFailed);
-  EXPECT_THAT(world.core.report().trouble, HasSubstr("waited 5 s"));
+  EXPECT_THAT(world.core.report().stop_reason, HasSubstr("waited 5 s"));
   EXPECT_TRUE(world.roster.back().leaving);
   EXPECT_THAT(world.controls, IsEmpty());
 }
@@ -160,7 +160,7 @@ TEST(SimCore, JoinsWithOneParticipantPerHrtc) {
   world.object("b");
   world.run(0.2);
   EXPECT_EQ(world.core.state(), SimState::kJoining);
-  EXPECT_THAT(world.core.trouble(), HasSubstr("not served: ann by left, bob by right"));
+  EXPECT_THAT(world.core.stop_reason(), HasSubstr("not served: ann by left, bob by right"));
   const session::RosterEntry& second = world.roster.back();
   const session::RosterEntry& first = world.roster[world.roster.size() - 2];
   EXPECT_EQ(first.name, "sim");
@@ -216,7 +216,7 @@ TEST(SimCore, StartsWhenAllAreServedActsAndEndsOnTime) {
   world.run(0.01);
   EXPECT_EQ(world.core.state(), SimState::kEnded);
   EXPECT_TRUE(world.roster.back().leaving);
-  EXPECT_EQ(world.core.report().trouble, "");
+  EXPECT_EQ(world.core.report().stop_reason, "");
   EXPECT_NEAR(world.core.report().duration, 1, 0.02);
   EXPECT_EQ(world.core.report().records_total, 2000u);
 }
@@ -264,7 +264,7 @@ TEST(SimCore, StopsInOrderOnRequest) {
   world.run(0.01);
   ASSERT_EQ(world.ends.size(), 1u);
   EXPECT_EQ(world.ends[0].text, "interrupted");
-  EXPECT_EQ(world.core.report().trouble, "interrupted");
+  EXPECT_EQ(world.core.report().stop_reason, "interrupted");
 }
 
 TEST(SimCore, EndsWithTheSessionAndReportsARepeatedStopOnce) {
@@ -280,7 +280,7 @@ TEST(SimCore, EndsWithTheSessionAndReportsARepeatedStopOnce) {
   for (const ReportEvent& event : world.core.report().events) stops += event.text == "emergency stop: needle bent";
   EXPECT_EQ(stops, 1);
   EXPECT_EQ(world.core.state(), SimState::kEnding);
-  EXPECT_EQ(world.core.report().trouble, "ended by another participant: enough");
+  EXPECT_EQ(world.core.report().stop_reason, "ended by another participant: enough");
 }
 
 TEST(SimCore, LeavesForAnOlderProgramOfItsNameBeforeUsersJoin) {
@@ -291,8 +291,8 @@ TEST(SimCore, LeavesForAnOlderProgramOfItsNameBeforeUsersJoin) {
   world.run(1);
   EXPECT_EQ(world.core.state(), SimState::kFailed);
   EXPECT_TRUE(world.core.name_taken());
-  EXPECT_THAT(world.core.trouble(), HasSubstr("'sim' was in session 's' before"));
-  EXPECT_THAT(world.core.trouble(), HasSubstr("another --name"));
+  EXPECT_THAT(world.core.stop_reason(), HasSubstr("'sim' was in session 's' before"));
+  EXPECT_THAT(world.core.stop_reason(), HasSubstr("another --name"));
   EXPECT_TRUE(world.roster.back().leaving);
   for (const session::RosterEntry& entry : world.roster) EXPECT_THAT(entry.users, IsEmpty());
   EXPECT_THAT(world.ends, IsEmpty()) << "the session goes on";
@@ -320,7 +320,7 @@ TEST(SimCore, LeavesForAProgramWithTheNameOfItsSecondParticipant) {
   world.rival("sim.2", 5);
   world.run(0.1);
   EXPECT_EQ(world.core.state(), SimState::kFailed);
-  EXPECT_THAT(world.core.trouble(), HasSubstr("'sim.2' was in session 's' before"));
+  EXPECT_THAT(world.core.stop_reason(), HasSubstr("'sim.2' was in session 's' before"));
 
   World later{kTwoUsers};
   later.hrtc("left", {"ann"});
@@ -335,7 +335,7 @@ TEST(SimCore, LeavesForAProgramWithTheNameOfItsSecondParticipant) {
     later.run(0.1);
   }
   EXPECT_EQ(later.core.state(), SimState::kFailed);
-  EXPECT_THAT(later.core.trouble(), HasSubstr("'sim.2' was in session 's' before"));
+  EXPECT_THAT(later.core.stop_reason(), HasSubstr("'sim.2' was in session 's' before"));
 }
 
 TEST(SimCore, IgnoresItsOwnSamples) {
@@ -360,7 +360,7 @@ TEST(SimCore, JoinsUsersOnlyAfterTheNameCheck) {
   world.object("b");
   world.run(0.9);
   EXPECT_EQ(world.core.state(), SimState::kGathering);
-  EXPECT_EQ(world.core.trouble(), "");
+  EXPECT_EQ(world.core.stop_reason(), "");
   world.run(0.2);
   EXPECT_GE(world.core.state(), SimState::kJoining);
 }
@@ -375,8 +375,8 @@ TEST(SimCore, IgnoresOtherSessions) {
   entry.object = "a";
   world.core.on_catalogue(entry);
   world.run(2);
-  EXPECT_THAT(world.core.trouble(), HasSubstr("no HRTC #1"));
-  EXPECT_THAT(world.core.trouble(), HasSubstr("no host serves object #1"));
+  EXPECT_THAT(world.core.stop_reason(), HasSubstr("no HRTC #1"));
+  EXPECT_THAT(world.core.stop_reason(), HasSubstr("no host serves object #1"));
 }
 
 TEST(SimCore, AcceptsProbeStatesOnlyFromItsHrtc) {

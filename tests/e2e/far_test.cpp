@@ -34,7 +34,7 @@ TEST_F(FarTest, TheBaseMeshIsThereTwoRoundTripsAfterTheCatalogue) {
   constexpr double kRoundTripUs = 100e3, kOwnUs = 100e3;
   const netem::LinkedPair pair{netem::parse_link("P0:delay=50")};
   const auto first_base = [&] {
-    pair.enter(Side::kB);
+    pair.enter_namespace(Side::kB);
     Observer observer{address("observer")};
     Process museum{in(pair, Side::kA, host("museum", models().organ))};
     EXPECT_TRUE(observer.until([](const Seen& seen) { return seen.is_here("museum"); })) << museum.output();

@@ -62,9 +62,9 @@ TEST_F(LiftTest, TwoAtTwoHrtcsRaiseACrateHoldItAndPutItDown) {
   ASSERT_EQ(all["objects"].size(), 1u);
   const auto& crate = all["objects"][0];
   // An arm takes a second to bear what it lifts, and the two need not be in step: they hold it for four.
-  EXPECT_NEAR(crate["raised_m"].get<double>(), 0.05, 0.015);
-  EXPECT_NEAR(crate["left_m"].get<double>(), 0, 0.003);
-  EXPECT_GE(crate["taken_on"].get<int>(), 1);
+  EXPECT_NEAR(crate["max_raised_m"].get<double>(), 0.05, 0.015);
+  EXPECT_NEAR(crate["last_raised_m"].get<double>(), 0, 0.003);
+  EXPECT_GE(crate["takeovers"].get<int>(), 1);
   EXPECT_LT(all["injected_j"].get<double>(), 1e-3);
   for (const auto& participant : all["participants"]) {
     if (participant["role"] != "hrtc") continue;
@@ -116,8 +116,8 @@ TEST_F(LiftTest, OneGrabsACrateAndPutsItOnATableThatItCannotHave) {
   EXPECT_EQ(dan["grabs_lost"], 0);
   EXPECT_LT(dan["force_max_n"].get<double>(), 8.001);
   const auto& crate = all["objects"][0];
-  EXPECT_NEAR(crate["raised_m"].get<double>(), 0.15, 0.02);
-  EXPECT_NEAR(crate["left_m"].get<double>(), 0.12, 0.003) << "on the table, into which it was pressed";
+  EXPECT_NEAR(crate["max_raised_m"].get<double>(), 0.15, 0.02);
+  EXPECT_NEAR(crate["last_raised_m"].get<double>(), 0.12, 0.003) << "on the table, into which it was pressed";
   for (const auto& participant : all["participants"]) {
     if (participant["role"] != "hrtc") continue;
     EXPECT_EQ(participant["figures"][figures::kGrabs], 1);
@@ -149,9 +149,9 @@ TEST_F(LiftTest, WhatAKilledHrtcHeldIsPutDownByItsHost) {
   const nlohmann::json all = nlohmann::json::parse(file);
   ASSERT_EQ(all["objects"].size(), 1u) << all.dump(1);
   const auto& crate = all["objects"][0];
-  EXPECT_GT(crate["raised_m"].get<double>(), 0.005);
-  EXPECT_NEAR(crate["left_m"].get<double>(), 0, 0.003);
-  EXPECT_GE(crate["taken_on"].get<int>(), 2) << "by the desk, and by the host again";
+  EXPECT_GT(crate["max_raised_m"].get<double>(), 0.005);
+  EXPECT_NEAR(crate["last_raised_m"].get<double>(), 0, 0.003);
+  EXPECT_GE(crate["takeovers"].get<int>(), 2) << "by the desk, and by the host again";
 }
 
 }  // namespace

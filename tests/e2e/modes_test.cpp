@@ -27,7 +27,8 @@ users:
 )";
 
 bool together(const Seen& seen, double users) {
-  return seen.figure("desk1", figures::kTogether) == users && seen.figure("desk2", figures::kTogether) == users;
+  return seen.figure("desk1", figures::kCollaborating) == users &&
+         seen.figure("desk2", figures::kCollaborating) == users;
 }
 
 TEST_F(ModesTest, UsersAtOneObjectCollaborateUntilAModeIsCommandedAndTheSessionReceivesThemCoded) {

@@ -64,7 +64,7 @@ TEST_P(EverySignal, EndsProgramsInTheMiddleOfASession) {
   EXPECT_TRUE(ends_with(1, users));
   EXPECT_TRUE(has_left(observer, "sim"));
   EXPECT_THAT(users.output(), HasSubstr("Stopped early: interrupted"));
-  EXPECT_THAT(test_support::read_bytes(path("report.json")), HasSubstr("\"trouble\": \"interrupted\""));
+  EXPECT_THAT(test_support::read_bytes(path("report.json")), HasSubstr("\"stop_reason\": \"interrupted\""));
 }
 
 TEST_P(EverySignal, ToTheUsersEndsTheWholeSession) {

@@ -48,13 +48,13 @@ class Copies {
 
   /// `hands`: one per copy, or empty.
   void step(const std::vector<Vec3d>& forces, double lever = 0, const std::vector<PointSpring>& hands = {}) {
-    for (std::size_t i = 0; i < under_way_.size();) {
-      if (under_way_[i].at > now_ns_) {
+    for (std::size_t i = 0; i < in_flight_.size();) {
+      if (in_flight_[i].at > now_ns_) {
         ++i;
         continue;
       }
-      objects_[under_way_[i].to]->coupling()->on_sample(under_way_[i].from, under_way_[i].sample);
-      under_way_.erase(under_way_.begin() + static_cast<long>(i));
+      objects_[in_flight_[i].to]->coupling()->on_sample(in_flight_[i].from, in_flight_[i].sample);
+      in_flight_.erase(in_flight_.begin() + static_cast<long>(i));
     }
     Surroundings nothing;
     nothing.ground = false;
@@ -68,7 +68,7 @@ class Copies {
         if (to == i || uniform() < network_.loss) continue;
         for (int times = uniform() < network_.repeated ? 2 : 1; times > 0; --times) {
           const double delay_ms = network_.delay_ms + network_.spread_ms * uniform();
-          under_way_.push_back(
+          in_flight_.push_back(
               {now_ns_ + static_cast<std::int64_t>(delay_ms * 1e6), i, to, objects_[i]->coupling()->sample()});
         }
       }
@@ -94,7 +94,7 @@ class Copies {
   std::mt19937 random_;
   std::vector<std::unique_ptr<CopyCoupling>> couplings_;
   std::vector<std::unique_ptr<SharedObject>> objects_;
-  std::deque<Packet> under_way_;
+  std::deque<Packet> in_flight_;
   std::int64_t now_ns_ = kCycleNs;
 };
 
@@ -138,7 +138,7 @@ TEST(Coupling, ReturnsAtMostTheEnergyPutInForAnyNetwork) {
         for (Vec3d& force : forces) force = 4 * Vec3d{unit(random) - 0.5, unit(random) - 0.5, unit(random) - 0.5};
       }
       copies.step(forces, 0.002);
-      max = std::max(max, copies.given() - settings.initial - settings.allowance * i * kDt);
+      max = std::max(max, copies.given() - settings.initial_energy - settings.allowance * i * kDt);
       for (std::size_t k = 0; k < count; ++k) {
         ASSERT_GE(copies[k].coupling()->ledger().tank, 0) << "seed " << seed;
         ASSERT_TRUE(copies[k].state().position.allFinite()) << "seed " << seed;
@@ -151,7 +151,7 @@ TEST(Coupling, ReturnsAtMostTheEnergyPutInForAnyNetwork) {
 TEST(Coupling, WavesWithoutEnergyMoveNothing) {
   // A peer that claims to have put no energy into the channel but moves it.
   CouplingSettings settings;
-  settings.allowance = settings.initial = 0;
+  settings.allowance = settings.initial_energy = 0;
   settings.delay = 0.01;
   SharedObject object{floating_box(0.5)};
   CopyCoupling coupling{settings, 0, object.body().settings()};
@@ -167,7 +167,7 @@ TEST(Coupling, WavesWithoutEnergyMoveNothing) {
     object.step(i * kCycleNs, {}, nothing, kDt);
   }
   EXPECT_EQ(object.state().velocity.norm(), 0);
-  EXPECT_GT(object.coupling()->ledger().held, 1500u);
+  EXPECT_GT(object.coupling()->ledger().limited_cycles, 1500u);
 }
 
 /// Two users press a box from both sides with 6 N in total over 60 ms one-way delay; a force pushes it sideways.
@@ -214,7 +214,7 @@ TEST(Coupling, CopiesPressedFromBothSidesStayTogether) {
   settings.delay = 0.075;
   const Squeeze pressed = squeeze(settings, 6);
   EXPECT_LT(pressed.apart_late, pressed.apart_early + 0.0015);  // and do not creep apart
-  EXPECT_LE(pressed.given, settings.initial);
+  EXPECT_LE(pressed.given, settings.initial_energy);
   settings.stretch = 1;  // as without opposing forces
   EXPECT_LT(pressed.apart, 0.8 * squeeze(settings, 6).apart);
 }
@@ -236,7 +236,7 @@ TEST(Coupling, CopiesThatStartApartConverge) {
   BodyState moved;
   moved.position = {0.004, 0, 0.002};
   moved.orientation = exp_map({0, 0.05, 0});
-  copies[1].place(moved);
+  copies[1].set_state(moved);
   for (int i = 0; i < 5000; ++i) copies.step(std::vector<Vec3d>(2, Vec3d::Zero()));
   EXPECT_LT((copies[0].state().position - copies[1].state().position).norm(), 5e-4);
   EXPECT_LT(log_map(copies[0].state().orientation.conjugate() * copies[1].state().orientation).norm(), 5e-3);
@@ -251,7 +251,7 @@ std::array<double, 2> slowed_when_cut(std::size_t count, const Vec3d& angular_ve
   BodyState moving;
   moving.velocity = {0.2, 0, -0.1};
   moving.angular_velocity = angular_velocity;
-  for (std::size_t i = 0; i < count; ++i) copies[i].place(moving);
+  for (std::size_t i = 0; i < count; ++i) copies[i].set_state(moving);
   std::array<double, 2> slowed{};
   for (int i = 0; i < 1000; ++i) {
     copies.step(std::vector<Vec3d>(count, Vec3d::Zero()));
@@ -279,9 +279,9 @@ TEST(SharedObject, AnOwnedObjectFallsAsleepOnTheGroundAndWakesWhenTouched) {
   BodyState state;
   state.position.z() = 0.06;
   SharedObject object{box_body(0.3, {0.05, 0.05, 0.05}), state};
-  object.own();
+  object.simulate_alone();
   for (int i = 0; i < 1000; ++i) object.step(i * kCycleNs, {}, {}, kDt);
-  EXPECT_TRUE(object.asleep());
+  EXPECT_TRUE(object.is_asleep());
   const BodyState still = object.state();
   for (int i = 1000; i < 1100; ++i) object.step(i * kCycleNs, {}, {}, kDt);
   EXPECT_EQ(object.state().position, still.position);
@@ -290,7 +290,7 @@ TEST(SharedObject, AnOwnedObjectFallsAsleepOnTheGroundAndWakesWhenTouched) {
   spring.target = spring.point + Vec3d{0.02, 0, 0};
   spring.stiffness = 500;
   object.step(1100 * kCycleNs, {&spring, 1}, {}, kDt);
-  EXPECT_FALSE(object.asleep());
+  EXPECT_FALSE(object.is_asleep());
   EXPECT_GT(object.state().velocity.x(), 0);
 }
 
@@ -299,7 +299,7 @@ TEST(SharedObject, AFollowingObjectStaysAtItsLastPose) {
   object.follow();
   BodyState state;
   state.position = {1, 2, 3};
-  object.place(state);
+  object.set_state(state);
   for (int i = 0; i < 100; ++i) object.step(i * kCycleNs, {}, {}, kDt);
   EXPECT_EQ(object.state().position, state.position);
 }

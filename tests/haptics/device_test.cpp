@@ -198,7 +198,7 @@ TEST(SimulatedDevice, RestsOnAFloorWithoutLimitCycle) {
   ForceSettings limits;
   limits.soft_start = 0;
   ForceRenderer renderer{limits, device.spec()};
-  const Feel feel{1e6, 0};
+  const ContactImpedance impedance{1e6, 0};
   Proxy proxy;
   proxy.set_grip({0, 0});
   HandPath path;
@@ -211,13 +211,13 @@ TEST(SimulatedDevice, RestsOnAFloorWithoutLimitCycle) {
   for (int ms = 0; ms < 3000; ++ms) {
     const DeviceState state = device.read(ms * kMs);
     const ProxyResult& touch = proxy.step(state.position, kCycle, surface, false);
-    force = renderer.step(touch, state, feel, 0, kCycle).force.z();
+    force = renderer.step(touch, state, impedance, 0, kCycle).force.z();
     device.write({0, 0, force});
     if (ms > 2500) late_swing = std::max(late_swing, state.velocity.norm());
   }
   EXPECT_LT(late_swing, 1e-4);
   // Hand and wall are two springs in series.
-  const double wall = renderer.stiffness(feel, kCycle);
+  const double wall = renderer.stiffness(impedance, kCycle);
   const double both = 1 / (1 / settings.hand_stiffness + 1 / wall);
   EXPECT_NEAR(force, both * (0.01 + ProxySettings{}.radius), 0.01);
 }

@@ -108,15 +108,15 @@ TEST(Force, LatchesZeroWhenAnyInputIsNotFinite) {
     ForceRenderer renderer{at_full_strength(), DeviceSpec{}};
     ProxyResult proxy = floor_contact(0.002);
     DeviceState device;
-    Feel feel{1000, 1};
+    ContactImpedance impedance{1000, 1};
     double age = kFresh;
     if (which == 0) proxy.anchor.x() = nan;
     if (which == 1) proxy.normal.y() = infinity;
     if (which == 2) device.position.z() = nan;
     if (which == 3) device.velocity.x() = infinity;
-    if (which == 4) feel.stiffness = nan;
+    if (which == 4) impedance.stiffness = nan;
     if (which == 5) age = nan;
-    (void)renderer.step(proxy, device, feel, age, kCycle);
+    (void)renderer.step(proxy, device, impedance, age, kCycle);
     for (int i = 0; i < 5; ++i) {
       const ForceResult& result = renderer.step(floor_contact(0.002), DeviceState{}, {1000, 1}, kFresh, kCycle);
       ASSERT_EQ(result.force, Vec3d(Vec3d::Zero())) << which;
@@ -223,7 +223,7 @@ TEST(Force, KeepsItsLimitsForAnyInput) {
                                               i % 5 == 0 ? &unchanged : nullptr);
     ASSERT_TRUE(result.force.allFinite()) << "seed " << kSeed << " step " << i;
     ASSERT_LE(result.force.norm(), settings.max_force + 1e-9) << "seed " << kSeed << " step " << i;
-    if (age >= settings.zero_by) {
+    if (age >= settings.zero_force_age) {
       ASSERT_EQ(result.force, Vec3d(Vec3d::Zero()));
     }
     if (!result.force.isZero(0)) {
@@ -254,11 +254,11 @@ TEST(Force, OfAToolIsAWrenchOfItsCoupling) {
   ForceSettings settings = at_full_strength();
   settings.max_torque_slew = 1e9;
   ForceRenderer renderer{settings, bearing(1)};
-  const Feel feel{1000, 0};
-  const ToolGrip grip = renderer.grip(feel, kCycle);
+  const ContactImpedance impedance{1000, 0};
+  const ToolGrip grip = renderer.tool_grip(impedance, kCycle);
   EXPECT_EQ(grip.stiffness, 1000);
   EXPECT_NEAR(grip.rotational_stiffness, 0.1, 1e-15);
-  const ForceResult& result = renderer.step(pressed_tool(0.002, 0.5), grip, DeviceState{}, feel, kFresh, kCycle);
+  const ForceResult& result = renderer.step(pressed_tool(0.002, 0.5), grip, DeviceState{}, impedance, kFresh, kCycle);
   EXPECT_LT((result.force - Vec3d(0, 0, 2)).norm(), 1e-12);
   EXPECT_LT((result.torque - Vec3d(0.05, 0, 0)).norm(), 1e-12);
   EXPECT_EQ(result.bits, 0u);
@@ -268,15 +268,15 @@ TEST(Force, OfAToolIsAWrenchOfItsCoupling) {
 double swings(double angular_damping) {
   ForceSettings settings = at_full_strength();
   ForceRenderer renderer{settings, bearing(1)};
-  const Feel feel{1000, 0};
-  ToolGrip grip = renderer.grip(feel, kCycle);
+  const ContactImpedance impedance{1000, 0};
+  ToolGrip grip = renderer.tool_grip(impedance, kCycle);
   grip.angular_damping *= angular_damping;
   double angle = 0.2, angular_velocity = 0, widest = 0;
   for (int i = 0; i < 1200; ++i) {
     DeviceState device;
     device.orientation = exp_map({angle, 0, 0});
     device.time_ns = 1'000'000 * i;
-    const Vec3d torque = renderer.step(pressed_tool(0.001, -angle), grip, device, feel, kFresh, kCycle).torque;
+    const Vec3d torque = renderer.step(pressed_tool(0.001, -angle), grip, device, impedance, kFresh, kCycle).torque;
     angular_velocity += kCycle * torque.x() / 1e-4;
     angle += kCycle * angular_velocity;
     if (i >= 1000) widest = std::max(widest, std::abs(angle));
@@ -293,10 +293,11 @@ TEST(Force, OfAHoldActsInSixDegreesOfFreedomAndDampsRelativeMotion) {
   ForceSettings settings = at_full_strength();
   settings.max_torque_slew = 1e9;
   ForceRenderer renderer{settings, bearing(1)}, weak{settings, bearing(0)};
-  const Feel feel{1000, 3};
-  const ToolGrip grip = renderer.hold(feel, kCycle);
+  const ContactImpedance impedance{1000, 3};
+  const ToolGrip grip = renderer.hold_grip(impedance, kCycle);
   EXPECT_EQ(grip.rotational_stiffness, 1) << "the limit of the device";
-  EXPECT_NEAR(weak.hold(feel, kCycle).rotational_stiffness, 2.5, 1e-12) << "no limit for a device without torque";
+  EXPECT_NEAR(weak.hold_grip(impedance, kCycle).rotational_stiffness, 2.5, 1e-12)
+      << "no limit for a device without torque";
   Hold hold;
   hold.pose.position = {0.001, 0, -0.002};
   hold.pose.orientation = exp_map({0, 0.1, 0});
@@ -304,44 +305,45 @@ TEST(Force, OfAHoldActsInSixDegreesOfFreedomAndDampsRelativeMotion) {
   hold.angular_velocity = {0, 0, 2};
   DeviceState device;
   device.velocity = {0, 0, 0.2};
-  const ForceResult& result = renderer.step(hold, grip, device, feel, kFresh, kCycle);
+  const ForceResult& result = renderer.step(hold, grip, device, impedance, kFresh, kCycle);
   EXPECT_LT((result.force - Vec3d(1, 0.3, -2.6)).norm(), 1e-12);
   EXPECT_LT((result.torque - Vec3d(0, 0.1, 0.02)).norm(), 1e-12);
   EXPECT_EQ(result.bits, 0u);
-  EXPECT_TRUE(weak.step(hold, grip, device, feel, kFresh, kCycle).torque.isZero(0));
+  EXPECT_TRUE(weak.step(hold, grip, device, impedance, kFresh, kCycle).torque.isZero(0));
   hold.pose.position.x() = 1;
-  EXPECT_NEAR(renderer.step(hold, grip, device, feel, kFresh, kCycle).force.norm(), settings.max_force, 1e-9);
+  EXPECT_NEAR(renderer.step(hold, grip, device, impedance, kFresh, kCycle).force.norm(), settings.max_force, 1e-9);
   hold.angular_velocity.x() = std::nan("");
-  EXPECT_EQ(renderer.step(hold, grip, device, feel, kFresh, kCycle).fault, Fault::kInputNotFinite);
-  EXPECT_TRUE(renderer.step(Hold{}, grip, device, feel, kFresh, kCycle).force.isZero(0));
+  EXPECT_EQ(renderer.step(hold, grip, device, impedance, kFresh, kCycle).fault, Fault::kInputNotFinite);
+  EXPECT_TRUE(renderer.step(Hold{}, grip, device, impedance, kFresh, kCycle).force.isZero(0));
 }
 
 TEST(Force, LimitsTorqueAndItsRateAndOmitsItForAForceOnlyDevice) {
   ForceSettings settings = at_full_strength();
   settings.max_torque = 0.08;
   settings.max_torque_slew = 20;
-  const Feel feel{1000, 0};
+  const ContactImpedance impedance{1000, 0};
   ForceRenderer renderer{settings, bearing(1)}, weak{settings, bearing(0.05)}, none{settings, bearing(0)};
-  const ToolGrip grip = renderer.grip(feel, kCycle);
+  const ToolGrip grip = renderer.tool_grip(impedance, kCycle);
   const ToolResult tool = pressed_tool(0, 2);
-  EXPECT_NEAR(renderer.step(tool, grip, {}, feel, kFresh, kCycle).torque.norm(), 0.02, 1e-12);
-  EXPECT_NE(renderer.step(tool, grip, {}, feel, kFresh, kCycle).bits & kForceSlewLimited, 0u);
+  EXPECT_NEAR(renderer.step(tool, grip, {}, impedance, kFresh, kCycle).torque.norm(), 0.02, 1e-12);
+  EXPECT_NE(renderer.step(tool, grip, {}, impedance, kFresh, kCycle).bits & kForceSlewLimited, 0u);
   for (int i = 0; i < 10; ++i) {
-    static_cast<void>(renderer.step(tool, grip, {}, feel, kFresh, kCycle));
-    static_cast<void>(weak.step(tool, grip, {}, feel, kFresh, kCycle));
+    static_cast<void>(renderer.step(tool, grip, {}, impedance, kFresh, kCycle));
+    static_cast<void>(weak.step(tool, grip, {}, impedance, kFresh, kCycle));
   }
-  const ForceResult& result = renderer.step(tool, grip, {}, feel, kFresh, kCycle);
+  const ForceResult& result = renderer.step(tool, grip, {}, impedance, kFresh, kCycle);
   EXPECT_NEAR(result.torque.norm(), 0.08, 1e-12);
   EXPECT_EQ(result.bits, std::uint32_t{kForceSaturated});
-  EXPECT_NEAR(weak.step(tool, grip, {}, feel, kFresh, kCycle).torque.norm(), 0.05, 1e-12);
-  EXPECT_TRUE(none.step(tool, grip, {}, feel, kFresh, kCycle).torque.isZero(0));
-  EXPECT_EQ(none.step(tool, grip, {}, feel, kFresh, kCycle).bits, 0u);
+  EXPECT_NEAR(weak.step(tool, grip, {}, impedance, kFresh, kCycle).torque.norm(), 0.05, 1e-12);
+  EXPECT_TRUE(none.step(tool, grip, {}, impedance, kFresh, kCycle).torque.isZero(0));
+  EXPECT_EQ(none.step(tool, grip, {}, impedance, kFresh, kCycle).bits, 0u);
 }
 
 TEST(Force, AFaultEndsATorqueAndFastRotationAgainstATorqueIsAFault) {
-  const Feel feel{1000, 0};
+  const ContactImpedance impedance{1000, 0};
   const auto felt = [&](ForceRenderer& renderer, const DeviceState& device, double pose_age) -> const ForceResult& {
-    return renderer.step(pressed_tool(0, 0.5), renderer.grip(feel, kCycle), device, feel, pose_age, kCycle);
+    return renderer.step(pressed_tool(0, 0.5), renderer.tool_grip(impedance, kCycle), device, impedance, pose_age,
+                         kCycle);
   };
   DeviceState turned;
   turned.orientation = exp_map({0, 0, 0.1});  // in a millisecond

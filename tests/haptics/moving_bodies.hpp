@@ -48,10 +48,10 @@ class MovingBodies final : public Surface {
                                   SurfaceHit& hit) noexcept override {
     return earliest(from, to, radius, &Body::before, hit);
   }
-  [[nodiscard]] Vec3d carried(std::uint32_t object, const Vec3d& point) const noexcept override {
+  [[nodiscard]] Vec3d moved_point(std::uint32_t object, const Vec3d& point) const noexcept override {
     return bodies_[object].now.to_world(bodies_[object].before.to_body(point));
   }
-  [[nodiscard]] Vec3d turned(std::uint32_t object, const Vec3d& direction) const noexcept override {
+  [[nodiscard]] Vec3d rotated_direction(std::uint32_t object, const Vec3d& direction) const noexcept override {
     return bodies_[object].now.rotation * (bodies_[object].before.rotation.transpose() * direction);
   }
   [[nodiscard]] bool closest(const Vec3d& point, double within, SurfaceHit& hit) const noexcept override {

@@ -130,11 +130,11 @@ TEST(Passivity, BoundsTheCreditAndRefusesInputThatIsNotFinite) {
     (void)port.step({-5, 0, 0}, position, 0, kDt);
   }
   EXPECT_EQ(port.ledger().energy, PassivitySettings{}.credit);
-  EXPECT_NEAR(port.ledger().forgotten, 0.5 - PassivitySettings{}.credit, 1e-3);
+  EXPECT_NEAR(port.ledger().discarded, 0.5 - PassivitySettings{}.credit, 1e-3);
   const double nan = std::numeric_limits<double>::quiet_NaN();
   EXPECT_EQ(port.step({nan, 0, 0}, position, 0, kDt).norm(), 0);
   EXPECT_EQ(port.step({1, 0, 0}, {nan, 0, 0}, 0, kDt).norm(), 0);
-  EXPECT_EQ(port.ledger().refused, 2u);
+  EXPECT_EQ(port.ledger().invalid_inputs, 2u);
   EXPECT_TRUE(std::isfinite(port.ledger().energy));
 }
 

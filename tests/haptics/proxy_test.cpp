@@ -59,7 +59,7 @@ ProxyResult press(Proxy& proxy, Surface& surface, const Vec3d& start, const Vec3
 
 /// A proxy and its force on a hand.
 struct Felt {
-  explicit Felt(const Feel& how) : feel{how} {}
+  explicit Felt(const ContactImpedance& how) : impedance{how} {}
   /// `before`: the surface until now, if it has changed.
   Vec3d step(const Vec3d& at, Surface& surface, Surface* before = nullptr) {
     DeviceState device;
@@ -70,12 +70,13 @@ struct Felt {
     ProxyResult unchanged;
     if (before != nullptr || starts) unchanged = proxy.unchanged(at, kCycle, before != nullptr ? *before : surface);
     const ProxyResult& result = proxy.step(at, kCycle, surface, before != nullptr);
-    force_ = renderer.step(result, device, feel, 0, kCycle, before != nullptr || starts ? &unchanged : nullptr).force;
+    force_ =
+        renderer.step(result, device, impedance, 0, kCycle, before != nullptr || starts ? &unchanged : nullptr).force;
     return force_;
   }
   [[nodiscard]] const Vec3d& force() const { return force_; }
 
-  Feel feel;
+  ContactImpedance impedance;
   Proxy proxy;
   ForceRenderer renderer{[] {
                            ForceSettings settings;

@@ -86,8 +86,8 @@ TEST(Realtime, ATouchedSharedObjectDoesNotAllocate) {
     sample.time_ns = ms * 1'000'000LL;
     sample.body = start;
     object->coupling()->on_sample(1, sample);
-    object->step(ms * 1'000'000LL, {&touch.spring(), touch.touching() ? 1u : 0u}, {}, 1e-3);
-    if (touch.touching()) ++touched;
+    object->step(ms * 1'000'000LL, {&touch.spring(), touch.is_touching() ? 1u : 0u}, {}, 1e-3);
+    if (touch.is_touching()) ++touched;
   }
   EXPECT_EQ(g_allocations, before);
   EXPECT_GT(touched, 300);

@@ -148,7 +148,7 @@ class PressedHand {
       proxy.in_contact = state.position.x() < 0;
       proxy.anchor = proxy.in_contact ? Vec3d::Zero() : state.position;
       const double age = static_cast<double>(now - state.time_ns) * 1e-9 - state.transit;
-      const ForceResult& force = renderer_.step(proxy, state, Feel{1000, 1}, age, kCycle);
+      const ForceResult& force = renderer_.step(proxy, state, ContactImpedance{1000, 1}, age, kCycle);
       const std::uint32_t number = device_.on_command(now);
       if (arrives()) forces_.emplace_back(now + one_way_delay(), std::pair{number, force.force.x()});
       if (ms > std::lround(seconds * 1000) - 1000) fastest = std::max(fastest, at_hand.velocity.norm());
@@ -194,7 +194,7 @@ TEST(RemoteDevice, AShortRoundTripKeepsTheStiffnessOfTheMaterial) {
   PressedHand hand{0.0003, 0, 0};
   (void)hand.run(12, true);
   ForceRenderer renderer{{}, {}};
-  EXPECT_EQ(renderer.stiffness(Feel{1000, 1}, kCycle, hand.loop_delay()), 1000) << hand.loop_delay();
+  EXPECT_EQ(renderer.stiffness(ContactImpedance{1000, 1}, kCycle, hand.loop_delay()), 1000) << hand.loop_delay();
 }
 
 }  // namespace

@@ -17,7 +17,7 @@ const Vec3d kHalf{0.04, 0.03, 0.05};
 /// One step of a body on the ground z = 0.
 void step(RigidBody& body, ContactSolver& solver) {
   body.begin(kDt);
-  SolverBody moving = body.free();
+  SolverBody moving = body.free_motion();
   solver.begin();
   add_ground_contacts(body, 0, 0, solver);
   (void)solver.solve({&moving, 1}, kDt);
@@ -28,7 +28,7 @@ TEST(RigidBody, FallsWithGravity) {
   RigidBody body{box_body(0.3, kHalf)};
   for (int i = 0; i < 500; ++i) {
     body.begin(kDt);
-    body.finish(body.free().velocity);
+    body.finish(body.free_motion().velocity);
   }
   EXPECT_NEAR(body.state().velocity.z(), -9.81 * 0.5, 1e-12);
   EXPECT_NEAR(body.state().position.z(), -0.5 * 9.81 * 0.5 * (0.5 + kDt), 1e-12);
@@ -45,7 +45,7 @@ TEST(RigidBody, AFreeRotationKeepsMomentumAndEnergy) {
   double furthest = 0;
   for (int i = 0; i < 20'000; ++i) {
     body.begin(kDt);
-    body.finish(body.free().velocity);
+    body.finish(body.free_motion().velocity);
     furthest = std::max(furthest, std::abs(body.kinetic_energy() / energy - 1));
   }
   EXPECT_LT((body.inertia_world() * body.state().angular_velocity - momentum).norm(), 1e-9 * momentum.norm());
@@ -74,7 +74,7 @@ TEST(RigidBody, ASpringAddsNoEnergyAtAnyStiffness) {
       spring.target = target;
       spring.stiffness = stiffness;
       body.add_spring(spring);
-      body.finish(body.free().velocity);
+      body.finish(body.free_motion().velocity);
       ASSERT_LE(energy(), before * (1 + 1e-12) + 1e-20) << stiffness << " N/m, step " << i;
       before = energy();
     }
@@ -124,7 +124,7 @@ TEST(RigidBody, SticksOrSlidesOnASlopeByItsFriction) {
 
 void step_on(RigidBody& body, ContactSolver& solver, const SurfaceDistance& surface) {
   body.begin(kDt);
-  SolverBody moving = body.free();
+  SolverBody moving = body.free_motion();
   solver.begin();
   add_surface_contacts(body, 0, surface, solver);
   (void)solver.solve({&moving, 1}, kDt);
@@ -228,7 +228,7 @@ TEST(RigidBody, ARotationalSpringReachesItsTargetAndAddsNoEnergy) {
     for (int i = 0; i < 5000; ++i) {
       body.begin(kDt);
       body.add_spring(RotationalSpring{-log_map(body.state().orientation), Vec3d::Zero(), stiffness, 0.01 * stiffness});
-      body.finish(body.free().velocity);
+      body.finish(body.free_motion().velocity);
       EXPECT_LE(energy(), before + 1e-3 * max) << i;
       before = energy();
     }
@@ -251,9 +251,9 @@ class Handling {
       DeviceState device;
       device.position = wanted[i];
       touches_[i].step(device, grab, body_.state(), shape_, kFeel, kDt);
-      if (touches_[i].touching()) body_.add_spring(touches_[i].spring());
+      if (touches_[i].is_touching()) body_.add_spring(touches_[i].spring());
     }
-    SolverBody moving = body_.free();
+    SolverBody moving = body_.free_motion();
     solver_.begin();
     add_ground_contacts(body_, 0, 0, solver_);
     (void)solver_.solve({&moving, 1}, kDt);
@@ -267,7 +267,7 @@ class Handling {
     state.position.z() = kHalf.z();
     return state;
   }
-  static constexpr Feel kFeel{1000, 2};
+  static constexpr ContactImpedance kFeel{1000, 2};
 
  private:
   RigidBody body_;
@@ -303,7 +303,7 @@ TEST(BodyTouch, OneProbePushesTheBoxAndDoesNotPullIt) {
   EXPECT_GT(pushed, 0.04);
   for (int i = 0; i < 1000; ++i) handling.step({x -= 5e-5, 0, kHalf.z()}, away);
   EXPECT_NEAR(handling.state().position.x(), pushed, 0.005);
-  EXPECT_FALSE(handling.touch(0).touching());
+  EXPECT_FALSE(handling.touch(0).is_touching());
 }
 
 TEST(BodyTouch, AGrabPullsUntilItsRelease) {
@@ -312,10 +312,10 @@ TEST(BodyTouch, AGrabPullsUntilItsRelease) {
   double x = -(kHalf.x() + 0.0025);  // pressed in by half a millimetre
   handling.step({x - 0.001, 0, kHalf.z()}, away);
   for (int i = 0; i < 1000; ++i) handling.step({x -= 5e-5, 0, kHalf.z()}, away, true);
-  EXPECT_TRUE(handling.touch(0).holding());
+  EXPECT_TRUE(handling.touch(0).is_holding());
   EXPECT_NEAR(handling.state().position.x(), -0.05, 0.005);
   handling.step({x, 0, kHalf.z()}, away);
-  EXPECT_FALSE(handling.touch(0).holding());
+  EXPECT_FALSE(handling.touch(0).is_holding());
 }
 
 }  // namespace

@@ -27,7 +27,7 @@ TEST(ClosestSide, AgreesWithTheWindingNumberOnClosedSurfaces) {
       const Vec3d p = random_point(random, 1.3);
       SurfaceHit hit;
       ASSERT_TRUE(surface.closest(p, 10, hit));
-      ASSERT_TRUE(hit.sided);
+      ASSERT_TRUE(hit.is_side_known);
       const double winding = winding_number(p, triangles);
       ASSERT_EQ(hit.distance<0, winding> 0.5) << "seed " << kSeed << " round " << round;
       if (winding > 0.5) ++inside;
@@ -40,12 +40,12 @@ TEST(ClosestSide, AgreesWithTheWindingNumberOnClosedSurfaces) {
 TEST(ClosestSide, HasNoSideBeyondABorderOrWhereFacesCancelOut) {
   SurfaceHit hit;
   ASSERT_TRUE(TriangleSurface{square(1, 0)}.closest({0.8, 0.1, -0.1}, 1, hit));
-  EXPECT_FALSE(hit.sided);
+  EXPECT_FALSE(hit.is_side_known);
   EXPECT_GT(hit.distance, 0);
   const Triangle up{Vec3d{0, 0, 0}, Vec3d{1, 0, 0}, Vec3d{0, 1, 0}};
   const Triangle down{up[0], up[2], up[1]};
   ASSERT_TRUE((TriangleSurface{{up, down}}.closest({0.2, 0.2, -0.1}, 1, hit)));
-  EXPECT_FALSE(hit.sided);
+  EXPECT_FALSE(hit.is_side_known);
   EXPECT_DOUBLE_EQ(hit.distance, 0.1);
 }
 

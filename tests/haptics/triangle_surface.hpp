@@ -37,7 +37,7 @@ class TriangleSurface : public Surface {
       const auto& [a, b, c] = triangles_[i];
       if ((a.cwiseMin(b).cwiseMin(c).array() > high.array()).any()) continue;
       if ((a.cwiseMax(b).cwiseMax(c).array() < low.array()).any()) continue;
-      first.offer(a, b, c, 0, static_cast<std::uint32_t>(i));
+      first.add_triangle(a, b, c, 0, static_cast<std::uint32_t>(i));
     }
     return first.result(hit);
   }
@@ -52,7 +52,7 @@ class TriangleSurface : public Surface {
       const auto& [a, b, c] = triangles_[i];
       const Vec3d nearest = point.cwiseMax(a.cwiseMin(b).cwiseMin(c)).cwiseMin(a.cwiseMax(b).cwiseMax(c));
       if ((nearest - point).norm() > side.reach() * (1 + 1e-9)) continue;
-      side.offer(a, b, c, 0, static_cast<std::uint32_t>(i));
+      side.add_triangle(a, b, c, 0, static_cast<std::uint32_t>(i));
     }
     return side.result(hit);
   }

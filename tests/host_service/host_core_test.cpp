@@ -23,7 +23,7 @@ constexpr session::Origin kSelf{kSession, kHost, 1, 0};
 class HostCoreTest : public testing::Test {
  protected:
   [[nodiscard]] HostCoreSettings with_body() const {
-    HostCoreSettings settings = host_of("sphere", encoded_.coded());
+    HostCoreSettings settings = host_of("sphere", encoded_.compressed());
     settings.objects.front().config.body.emplace();
     return settings;
   }
@@ -56,7 +56,7 @@ class HostCoreTest : public testing::Test {
 };
 
 TEST_F(HostCoreTest, AnHrtcThatJoinsFindsItsObjectDemandsItAndTouchesItExactly) {
-  HostCore host{kSelf, host_of("sphere", encoded_.coded()), now_};
+  HostCore host{kSelf, host_of("sphere", encoded_.compressed()), now_};
   std::string served;
   host.on_hrtc = [&](std::uint64_t, const std::string& name) { served = name; };
   hrtc_service::HrtcCoreSettings settings;
@@ -96,7 +96,7 @@ TEST_F(HostCoreTest, AnHrtcThatJoinsFindsItsObjectDemandsItAndTouchesItExactly) 
 }
 
 TEST_F(HostCoreTest, ObjectsWithoutAPoseStandSideBySide) {
-  HostCoreSettings settings = host_of("a", encoded_.coded());
+  HostCoreSettings settings = host_of("a", encoded_.compressed());
   for (const char* name : {"b", "c"}) {
     settings.objects.push_back(settings.objects.front());
     settings.objects.back().config.name = name;
@@ -117,7 +117,7 @@ TEST_F(HostCoreTest, ObjectsWithoutAPoseStandSideBySide) {
 }
 
 TEST_F(HostCoreTest, AnnouncesItsObjectsAtFirstAndAfterItHung) {
-  HostCore host{kSelf, host_of("sphere", encoded_.coded()), now_};
+  HostCore host{kSelf, host_of("sphere", encoded_.compressed()), now_};
 
   EXPECT_TRUE(host.tick(now_).catalogue);
   EXPECT_FALSE(host.tick(now_ += 50 * kMs).catalogue);
@@ -125,7 +125,7 @@ TEST_F(HostCoreTest, AnnouncesItsObjectsAtFirstAndAfterItHung) {
 }
 
 TEST_F(HostCoreTest, AnswersForTheTimeAsTheReferenceAloneAndTheFailureDetectorOfAnHrtcAlways) {
-  HostCore host{kSelf, host_of("sphere", encoded_.coded()), now_};
+  HostCore host{kSelf, host_of("sphere", encoded_.compressed()), now_};
   (void)host.tick(now_);
 
   EXPECT_FALSE(host.on_clock(request(now_), now_, now_));
@@ -170,7 +170,7 @@ TEST_F(HostCoreTest, PublishesPosesOnceItsTimeIsThatOfTheSession) {
 }
 
 TEST_F(HostCoreTest, AcknowledgesAStopAtOnce) {
-  HostCore host{kSelf, host_of("sphere", encoded_.coded()), now_};
+  HostCore host{kSelf, host_of("sphere", encoded_.compressed()), now_};
   ASSERT_TRUE(host.tick(now_).roster);
   ASSERT_FALSE(host.tick(now_ += kMs).roster);
   session::EmergencyStop stop;

@@ -130,10 +130,10 @@ class TestHrtc {
   void take(const session::RosterEntry& entry) {
     if (entry.role != session::Role::kHost) return;
     host_left_ = host_left_ || entry.leaving;
-    client_.host_seen(entry.origin.participant, entry.origin.incarnation, now_ns());
+    client_.on_host_heartbeat(entry.origin.participant, entry.origin.incarnation, now_ns());
   }
   void take(const session::CatalogueEntry& entry) {
-    client_.offer(entry);
+    client_.on_catalogue(entry);
     withdrawn_ = withdrawn_ || entry.withdrawn;
     if (entry.withdrawn || catalogue_) return;
     catalogue_ = entry;
@@ -153,17 +153,17 @@ class TestHrtc {
       auto base = spm::codec::decode_base(message.bytes);
       ASSERT_TRUE(base) << base.error().text;
       base_ = std::move(*base);
-      client_.base_held(message.object_id);
+      client_.answer_base_stored(message.object_id);
       std::vector<session::Wanted> wanted;
       for (std::uint32_t r = 0; r < base_->mesh.summary.regions; ++r) wanted.push_back({r, r});
-      client_.want(message.object_id, wanted);
+      client_.set_wanted(message.object_id, wanted);
       return;
     }
     auto region = spm::codec::decode_region(message.bytes, base_->mesh.summary, base_->tables);
     ASSERT_TRUE(region) << region.error().text;
     records_ += region->residuals.size();
     held_[message.region] = std::move(*region);
-    client_.held(message.object_id, message.region);
+    client_.answer_stored(message.object_id, message.region);
   }
 
   wire::Participants participants_;
@@ -243,7 +243,7 @@ TEST_F(HostTest, AnHrtcReceivesEveryRecordOfTheModelOnceAndToTheBit) {
     if (file.path().extension() == ".spm") built = file.path();
   }
   const offline::MappedModel original{built};
-  const spm::codec::CompressedModel& model = original.coded();
+  const spm::codec::CompressedModel& model = original.compressed();
   for (const auto& [region, data] : hrtc.held_) {
     EXPECT_EQ(data.list.size(), model.intervals_of(spm::RegionId{region}).size());
     const auto expected = spm::codec::decode_region(spm::codec::encode_region(model, spm::RegionId{region}, data.sent),

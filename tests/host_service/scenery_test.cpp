@@ -27,14 +27,14 @@ struct Organ {
   std::vector<Vec3d> vertices;  // m
 
   Organ() {
-    const spm::ModelSummary& summary = encoded.coded().summary();
+    const spm::ModelSummary& summary = encoded.compressed().summary();
     double longest = 0;
     for (int axis = 0; axis < 3; ++axis)
       longest = std::max(longest, double{summary.bounds_max[axis]} - double{summary.bounds_min[axis]});
     scale = 0.2 / longest;
     for (const auto& p : mesh.positions) vertices.push_back(scale * Vec3d{p[0], p[1], p[2]});
   }
-  [[nodiscard]] StaticObject standing() const { return {{}, scale, &encoded.coded()}; }
+  [[nodiscard]] StaticObject standing() const { return {{}, scale, &encoded.compressed()}; }
   [[nodiscard]] Vec3d top() const {
     return *std::max_element(vertices.begin(), vertices.end(),
                              [](const Vec3d& a, const Vec3d& b) { return a.z() < b.z(); });
@@ -90,7 +90,7 @@ TEST(Scenery, ABoxDroppedOnTheOrganComesToRestOnItsFinestMesh) {
   EXPECT_GT(deepest, -3e-4) << "no vertex of the finest mesh is inside the box";
   EXPECT_LT(deepest, 3e-4) << "the box touches some vertex";
   EXPECT_GT(scenery.regions_loaded(), 0u);
-  EXPECT_TRUE(scenery.exact(state.position - Vec3d{0, 0, half.z()}, 0.003));
+  EXPECT_TRUE(scenery.is_exact(state.position - Vec3d{0, 0, half.z()}, 0.003));
 }
 
 TEST(Scenery, WithTooFewSlotsTheMeshStaysCoarserAndABoxStillComesToRest) {
@@ -106,10 +106,10 @@ TEST(Scenery, RegionsWithoutContactsFreeTheirSlotsForOthers) {
   for (std::size_t i = 0; i < organ().vertices.size(); i += 211) {
     for (int look = 0; look < 12; ++look) scenery.refine_around({organ().vertices[i]});
     ++requested;
-    exact += scenery.exact(organ().vertices[i], 0.002) ? 1 : 0;
+    exact += scenery.is_exact(organ().vertices[i], 0.002) ? 1 : 0;
   }
   EXPECT_EQ(exact, requested);
-  EXPECT_GT(scenery.regions_loaded(), organ().encoded.coded().summary().regions / 3);
+  EXPECT_GT(scenery.regions_loaded(), organ().encoded.compressed().summary().regions / 3);
 }
 
 }  // namespace

@@ -187,12 +187,12 @@ class FlightDamage : public ::testing::TestWithParam<bool> {
   std::string replay_file() {
     hrtc_service::FlightReplayOptions options;
     options.model = [](std::uint64_t digest) {
-      return digest == encoded_->coded().summary().digest ? &encoded_->coded() : nullptr;
+      return digest == encoded_->compressed().summary().digest ? &encoded_->compressed() : nullptr;
     };
     options.max_pool_bytes = kMaxPoolBytes;
     try {
       const hrtc_service::FlightReport report = hrtc_service::replay_flight(file_, options);
-      return report.differ > 0 ? "differs" : "same";
+      return report.different_cycles > 0 ? "differs" : "same";
     } catch (const trace::FlightError& error) {
       return error.what();
     } catch (const trace::McapError& error) {
@@ -293,7 +293,7 @@ TEST_P(FlightDamage, EventsThatCannotHaveBeen) {
     return std::holds_alternative<trace::FlightRefine>(message);
   });
   const auto at = static_cast<std::size_t>(after_state - messages.begin()) + 1;
-  const std::uint32_t regions = encoded_->coded().summary().regions;
+  const std::uint32_t regions = encoded_->compressed().summary().regions;
   for (const Kind first : {Kind::kObjectCame, Kind::kRegionCame, Kind::kRegionRetired, Kind::kRegionLeft,
                            Kind::kObjectWithdrawn, Kind::kObjectLeft})
     for (const Kind second :

@@ -28,7 +28,7 @@ class Machine {
       double now = began + (preempted ? preempt_ns : 0), foreseen = 0;
       std::uint32_t refined = 0;
       while (refined == 0 || limit.allows(began, now, refined)) {
-        foreseen = limit.end(now, refined);
+        foreseen = limit.predicted_end(now, refined);
         refined += kPortion;
         now += portion_ns * tail(random_);
       }

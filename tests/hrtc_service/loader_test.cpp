@@ -34,7 +34,7 @@ class LoaderTest : public testing::Test {
   }
   void run(std::int64_t ms) {
     for (const std::int64_t end = now_ + ms * kMs; now_ < end; now_ += 100 * kMs) {
-      loader_->on_host_seen(kHost, 1, now_);
+      loader_->on_host_heartbeat(kHost, 1, now_);
       std::array<NearObjects, kMaxProbes> near;
       loader_->tick(now_, {}, near);
       while (loader_->demand(now_)) {

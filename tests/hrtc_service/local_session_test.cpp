@@ -247,7 +247,7 @@ TEST_F(OrganSession, WhatAClockStoppedIsTheSameToTheBitWithWhatWasGrantedAsItsBu
       const Vec3d at = position(4 * cycle);  // at 20 cm/s
       session.prepare(at, (position(4 * (cycle + 1)) - at) * 1000);
       hrtc_service::RefineLimit limit;  // anything from one portion to all there is to do
-      if (random() % 3 != 0) limit.until = 1000.0 * static_cast<double>(random() % 8);
+      if (random() % 3 != 0) limit.max_end = 1000.0 * static_cast<double>(random() % 8);
       const hrtc_service::ProbeOutput probe = session.touch().probes[0];
       if (by_clock) {
         const auto& result = session.cycle().refine(spm::Budget{1u << 20}, limit);
@@ -294,9 +294,9 @@ TEST_F(OrganSession, AStylusLiesOnTheFinestMeshAlongAllOfItAndIsTurnedByIt) {
     Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
     pose.linear() = hrtc_service::quaternion(probed.orientation).toRotationMatrix();
     pose.translation() = hrtc_service::vec(probed.proxy);
-    placed.place(pose);
+    placed.set_pose(pose);
     const spm::AbTree& shown = session.cycle().objects().front()->forest->tree();
-    ASSERT_EQ(placed.touching(shown, meeting.data(), 8).contacts, 0u) << cycle;
+    ASSERT_EQ(placed.find_contacts(shown, meeting.data(), 8).contacts, 0u) << cycle;
   }
   EXPECT_GT(contact, 800);
   EXPECT_GE(exact, contact * 99 / 100);

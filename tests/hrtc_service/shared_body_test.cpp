@@ -13,7 +13,7 @@ namespace tactus {
 namespace {
 
 using hrtc_service::BodyReport;
-using session::Holder;
+using session::Claimant;
 using spm::Vec3d;
 using study::SharedSession;
 
@@ -62,7 +62,7 @@ client_sim::User lifter(const char* name, const Vec3d& side, double seconds = 2)
   return user;
 }
 
-double height(const Session& session) { return session.seen().pose.position[2] - kHalf; }
+double height(const Session& session) { return session.viewer_pose().pose.position[2] - kHalf; }
 
 TEST(SharedBody, APushIsFeltAtOnceAndMovesTheObjectForAll) {
   Session session{20};
@@ -70,27 +70,27 @@ TEST(SharedBody, APushIsFeltAtOnceAndMovesTheObjectForAll) {
   session.add_hrtc();
   const std::size_t ann = session.add_hand(0, {kHalf + 0.03, 0, kHalf});
   session.run(1);
-  ASSERT_EQ(session.role(0), Holder::Role::kWatching);
+  ASSERT_EQ(session.role(0), Claimant::Role::kWatching);
   double before_grant = 0;
   Vec3d hand{kHalf + 0.03, 0, kHalf};
   session.run(1.5, [&] {
     hand.x() -= 6e-5;
     session.move_hand(ann, hand);
-    if (session.role(0) == Holder::Role::kRequesting)
+    if (session.role(0) == Claimant::Role::kRequesting)
       before_grant = std::max(before_grant, hrtc_service::vec(session.probe(ann).force).norm());
   });
   EXPECT_GT(before_grant, 0.1) << "nobody waits for a grant to feel";
-  EXPECT_EQ(session.role(0), Holder::Role::kOwner);
-  EXPECT_TRUE(session.body(0)->held);
+  EXPECT_EQ(session.role(0), Claimant::Role::kOwner);
+  EXPECT_TRUE(session.body(0)->is_touched);
   const double pushed = session.body(0)->state.position.x();
   EXPECT_LT(pushed, -0.01);
   EXPECT_NEAR(session.body(1)->state.position.x(), pushed, 0.002) << "the other HRTC shows it there";
-  EXPECT_FALSE(session.body(1)->simulated);
+  EXPECT_FALSE(session.body(1)->is_simulated);
 
   session.move_hand(ann, {kHalf + 0.1, 0, kHalf});
   session.run(1.5);
-  EXPECT_EQ(session.role(0), Holder::Role::kWatching);
-  EXPECT_FALSE(session.body(0)->simulated);
+  EXPECT_EQ(session.role(0), Claimant::Role::kWatching);
+  EXPECT_FALSE(session.body(0)->is_simulated);
   EXPECT_NEAR(session.body(0)->state.position.x(), session.body(1)->state.position.x(), 1e-6);
   EXPECT_FALSE(session.object_authority().busy());
   EXPECT_NEAR(height(session), 0, 1e-3);
@@ -119,7 +119,7 @@ Lift lift(bool two_hrtcs, std::int64_t delay_ms) {
   });
   for (const std::size_t user : {ann, bob}) {
     result.lowest = std::min(result.lowest, session.port(user).lowest);
-    result.lifts += session.op(user).tally().lifts;
+    result.lifts += session.operator_of(user).tally().lifts;
   }
   for (std::size_t i = 0; i < (two_hrtcs ? 2u : 1u); ++i) {
     result.apart_mm = std::max(result.apart_mm, 1e-3 * session.figure(i, session::figures::kCopiesApart));
@@ -206,16 +206,16 @@ TEST(SharedBody, WhatAHandHoldsGoesWhereItGoesUntilItLetsGo) {
     if (height(session) > 0.09) raised_at = session.body(1)->state.position.x();
     if (session.body(0) != nullptr) tilted = std::max(tilted, tilt_of(*session.body(0)));
   });
-  EXPECT_EQ(session.op(ann).tally().grabs, 1u);
-  EXPECT_EQ(session.op(ann).tally().grabs_lost, 0u);
+  EXPECT_EQ(session.operator_of(ann).tally().grabs, 1u);
+  EXPECT_EQ(session.operator_of(ann).tally().grabs_lost, 0u);
   EXPECT_NEAR(highest, 0.1, 0.01);
   EXPECT_NEAR(raised_at, 0.05, 0.005) << "as the other HRTC shows it";
   EXPECT_GT(peak_force, 0.8 * 9.81 - 0.5) << "its weight is felt";
   EXPECT_LT(peak_force, 8.001);
   EXPECT_LT(tilted, 0.15) << "0.16 N m of its weight, borne with 2.5 N m/rad";
   EXPECT_NEAR(height(session), 0, 1e-3);
-  EXPECT_EQ(session.role(0), Holder::Role::kWatching);
-  EXPECT_FALSE(session.body(0)->held);
+  EXPECT_EQ(session.role(0), Claimant::Role::kWatching);
+  EXPECT_FALSE(session.body(0)->is_touched);
   EXPECT_GE(session.port(ann).lowest, -1e-6);
   EXPECT_EQ(session.figure(0, session::figures::kGrabs), 1);
   EXPECT_EQ(session.figure(0, session::figures::kGrabsRefused), 0);
@@ -236,17 +236,17 @@ TEST(SharedBody, ASecondHandHoldsACopyAndKeepsTheCrateWhenTheFirstLetsGo) {
   session.run(1);
   session.run(7, [&] {
     both = both || (session.body(0)->copies == 2 && session.body(1)->copies == 2);
-    if (session.op(ann).done()) lowest_after = std::min(lowest_after, height(session));
+    if (session.operator_of(ann).done()) lowest_after = std::min(lowest_after, height(session));
   });
   EXPECT_TRUE(both);
   EXPECT_LT(session.figure(0, session::figures::kCopiesApart), 10'000);
-  EXPECT_EQ(session.role(0), Holder::Role::kWatching);
-  EXPECT_EQ(session.role(1), Holder::Role::kOwner);
+  EXPECT_EQ(session.role(0), Claimant::Role::kWatching);
+  EXPECT_EQ(session.role(1), Claimant::Role::kOwner);
   EXPECT_GT(lowest_after, 0.06) << "bob holds it alone";
   session.run(3);
-  EXPECT_EQ(session.op(bob).tally().grabs, 1u);
-  EXPECT_EQ(session.op(bob).tally().grabs_lost, 0u);
-  EXPECT_EQ(session.role(1), Holder::Role::kWatching);
+  EXPECT_EQ(session.operator_of(bob).tally().grabs, 1u);
+  EXPECT_EQ(session.operator_of(bob).tally().grabs_lost, 0u);
+  EXPECT_EQ(session.role(1), Claimant::Role::kWatching);
   EXPECT_NEAR(height(session), 0, 2e-3);
   for (const std::size_t user : {ann, bob}) EXPECT_GE(session.port(user).lowest, -1e-6);
 }
@@ -257,14 +257,14 @@ TEST(SharedBody, WhatAControllerHeldWhenItDiedFallsWhenItsLeaseEnds) {
   session.add_hrtc();
   (void)session.add_user(0, grabber("ann", 0.5, "      - move: {by: [0, 0, 0.1], speed: 0.1, seconds: 20}\n"));
   session.run(4);
-  ASSERT_EQ(session.role(0), Holder::Role::kOwner);
+  ASSERT_EQ(session.role(0), Claimant::Role::kOwner);
   ASSERT_NEAR(height(session), 0.1, 0.02);
-  const std::uint64_t fencing = session.seen().fencing;
+  const std::uint64_t fencing = session.viewer_pose().fencing;
   session.kill_hrtc(0);
   session.run(0.2);
-  EXPECT_EQ(session.seen().fencing, fencing) << "the lease is 250 ms at least";
+  EXPECT_EQ(session.viewer_pose().fencing, fencing) << "the lease is 250 ms at least";
   session.run(0.8);
-  EXPECT_GT(session.seen().fencing, fencing);
+  EXPECT_GT(session.viewer_pose().fencing, fencing);
   EXPECT_NEAR(height(session), 0, 1e-3);
   EXPECT_NEAR(session.body(1)->state.position.z(), kHalf, 1e-3);
 }
@@ -279,7 +279,7 @@ class HeldByTwo : public ::testing::Test {
     session_.add_user(1, lifter("bob", {-1, 0, 0}, 100));
     session_.run(6);
   }
-  [[nodiscard]] bool both_hold() const { return session_.body(0)->held && session_.body(1)->held; }
+  [[nodiscard]] bool both_hold() const { return session_.body(0)->is_touched && session_.body(1)->is_touched; }
   /// Between the two copies, m.
   [[nodiscard]] double apart() const {
     return (session_.body(0)->state.position - session_.body(1)->state.position).norm();
@@ -291,15 +291,15 @@ class HeldByTwo : public ::testing::Test {
 TEST_F(HeldByTwo, CopiesGoOnWithoutTheirHostAndItTakesTheClaimsUpWhenItStartsAgain) {
   ASSERT_TRUE(both_hold());
   ASSERT_GT(height(session_), 0.08);
-  const std::uint64_t before = session_.seen().fencing;
-  const std::int64_t began_ns = session_.now_ns() - session_.seen().session_time_ns;  // of session time
+  const std::uint64_t before = session_.viewer_pose().fencing;
+  const std::int64_t began_ns = session_.now_ns() - session_.viewer_pose().session_time_ns;  // of session time
   session_.stop_host();
   double lowest = 1, furthest = 0;
   session_.run(1, [&] {
     lowest = std::min(lowest, session_.body(0)->state.position.z());
     furthest = std::max(furthest, apart());
   });
-  EXPECT_EQ(session_.role(0), Holder::Role::kRequesting);
+  EXPECT_EQ(session_.role(0), Claimant::Role::kRequesting);
   EXPECT_EQ(session_.body(0)->copies, 2u);
   session_.start_host();
   session_.run(1, [&] {
@@ -309,9 +309,9 @@ TEST_F(HeldByTwo, CopiesGoOnWithoutTheirHostAndItTakesTheClaimsUpWhenItStartsAga
   EXPECT_TRUE(both_hold());
   EXPECT_GT(lowest, kHalf + 0.08) << "nobody let it fall";
   EXPECT_LT(furthest, 0.005);
-  EXPECT_GT(session_.seen().fencing, before);
-  EXPECT_EQ((std::set{session_.role(0), session_.role(1)}), (std::set{Holder::Role::kLeader, Holder::Role::kCopy}));
-  EXPECT_NEAR(1e-6 * static_cast<double>(session_.now_ns() - session_.seen().session_time_ns - began_ns), 0, 20)
+  EXPECT_GT(session_.viewer_pose().fencing, before);
+  EXPECT_EQ((std::set{session_.role(0), session_.role(1)}), (std::set{Claimant::Role::kLeader, Claimant::Role::kCopy}));
+  EXPECT_NEAR(1e-6 * static_cast<double>(session_.now_ns() - session_.viewer_pose().session_time_ns - began_ns), 0, 20)
       << "ms";
 }
 
@@ -319,7 +319,7 @@ TEST_F(HeldByTwo, TheOneWhoIsLeftKeepsTheObject) {
   ASSERT_TRUE(both_hold());
   session_.kill_hrtc(0);
   session_.run(0.3);
-  EXPECT_EQ(session_.role(1), Holder::Role::kOwner);
+  EXPECT_EQ(session_.role(1), Claimant::Role::kOwner);
   EXPECT_EQ(session_.body(1)->copies, 0u);
   session_.run(3);  // with one hand it cannot be held up
   EXPECT_NEAR(height(session_), 0, 0.005);

@@ -87,7 +87,7 @@ TEST_F(OnTheOrgan, ABoxStaysWhereItsHostLeftItWhenAHandTouchesItAndFallsBackTher
     cycle(hand, false);
     off = std::max(off, (reports_.bodies[0].state.position - rest.position).norm());
   }
-  EXPECT_TRUE(reports_.bodies[0].held);
+  EXPECT_TRUE(reports_.bodies[0].is_touched);
   EXPECT_GT(outputs_[0].force[2], 0.1);
   EXPECT_LT(off, 5e-4) << "neither sunk nor pushed out";
 
@@ -136,7 +136,7 @@ TEST(ToolAndBody, AStylusPushesABoxAlongTheGroundAndFeelsItsFriction) {
     pushed = reports.bodies[0].state.position.x();
   }
   ASSERT_EQ(reports.count, 1u);
-  EXPECT_TRUE(reports.bodies[0].held);
+  EXPECT_TRUE(reports.bodies[0].is_touched);
   EXPECT_NEAR(along / pushes, 0.5 * 0.2 * 9.81, 0.15) << "what the ground's friction takes";
   EXPECT_NEAR(pushed, hand.x() - 0.003 - kEdge + 0.001, 0.001) << "before the tip, which lags by a newton";
   EXPECT_NEAR(reports.bodies[0].state.position.z(), -1 + kEdge, 5e-4);

@@ -108,7 +108,7 @@ class PressedSphere : public ::testing::Test {
   hrtc_service::HapticOrders orders_{haptic_};
   const spm::codec::EncodedModel encoded_{model_};
   host_service::HostCore host_{session::Origin{kSession, kHost, 1, 0},
-                               host_service::host_of("sphere", encoded_.coded()), hrtc_service::monotonic_ns()};
+                               host_service::host_of("sphere", encoded_.compressed()), hrtc_service::monotonic_ns()};
 };
 
 TEST_F(PressedSphere, IsNotFeltAfterAResetAndAStopWithinOneCycle) {

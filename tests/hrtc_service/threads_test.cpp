@@ -90,8 +90,8 @@ TEST(Threads, AHandFeelsWhatALoaderBringsAndEvictsMeanwhile) {
   haptic_settings.priority = 0;
   hrtc_service::HapticThread haptic{haptic_settings, core.servo()};
   const spm::codec::EncodedModel encoded{model};
-  host_service::HostCore host{session::Origin{kSession, kHost, 1, 0}, host_service::host_of("sphere", encoded.coded()),
-                              hrtc_service::monotonic_ns()};
+  host_service::HostCore host{session::Origin{kSession, kHost, 1, 0},
+                              host_service::host_of("sphere", encoded.compressed()), hrtc_service::monotonic_ns()};
   hrtc_service::Membership membership{
       session::Origin{kSession, kHrtc, 1, 0}, {"hrtc", "session"}, gateway, hrtc_service::monotonic_ns()};
 
@@ -126,7 +126,7 @@ TEST(Threads, AHandFeelsWhatALoaderBringsAndEvictsMeanwhile) {
     gateway.tick(now, membership.clock());
     membership.tick(now);
     study::exchange_membership(host, membership, now);
-    if (gateway.fresh()) {
+    if (gateway.has_new_reports()) {
       const std::uint32_t status = gateway.reports().probes[0].status;
       const bool touching = (status & session::kInContact) != 0;
       contact += touching ? 1 : 0;
@@ -146,10 +146,10 @@ TEST(Threads, AHandFeelsWhatALoaderBringsAndEvictsMeanwhile) {
   haptic.stop();
   EXPECT_THAT(test_support::SystemCalls::tried(), testing::IsEmpty());
   EXPECT_TRUE(flight.stop());
-  const hrtc_service::FlightReport replayed =
-      hrtc_service::replay_flight(flight_options.file, {[&](std::uint64_t) { return &encoded.coded(); }, {}, false});
+  const hrtc_service::FlightReport replayed = hrtc_service::replay_flight(
+      flight_options.file, {[&](std::uint64_t) { return &encoded.compressed(); }, {}, false});
 
-  EXPECT_EQ(replayed.differ, 0u) << replayed.first_difference;
+  EXPECT_EQ(replayed.different_cycles, 0u) << replayed.first_difference;
   EXPECT_GT(replayed.in_contact, 100u);
   EXPECT_GT(logged, exact);
   EXPECT_GT(hashes.size(), 2u);

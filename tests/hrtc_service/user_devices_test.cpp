@@ -109,7 +109,7 @@ TEST(Handover, ThingsLiveUntilTheUserHasLetGoOfThem) {
   handover.post({thing.get(), nullptr});
   const std::array<int*, 2>& in_use = handover.latest();
   retired.add(handover.post({}), std::move(thing));
-  const auto collect = [&] { retired.collect([&](std::uint64_t number) { return handover.passed(number); }); };
+  const auto collect = [&] { retired.collect([&](std::uint64_t number) { return handover.is_adopted(number); }); };
   collect();
 
   EXPECT_EQ(retired.size(), 1u);

@@ -31,7 +31,7 @@ class Sphere {
   explicit Sphere(std::uint32_t faces)
       : built_{spm::offline::build_model(spm::offline::generate(spm::offline::Shape::kSphere, faces))},
         encoded_{built_.model()} {}
-  [[nodiscard]] const spm::codec::CompressedModel& model() const { return encoded_.coded(); }
+  [[nodiscard]] const spm::codec::CompressedModel& model() const { return encoded_.compressed(); }
   [[nodiscard]] double scale() const {
     const spm::ModelSummary& summary = model().summary();
     return 2 * kRadius / (summary.bounds_max[0] - summary.bounds_min[0]);
@@ -180,7 +180,7 @@ class WithdrawalTest : public testing::Test {
     return {figures.slots_used,
             loader.list_blocks_used(),
             figures.compressed_used,
-            core_->nodes().used(),
+            core_->nodes().used_nodes(),
             loader.directory_bytes_used(),
             loader.objects().size() + loader.withdrawn_objects().size() + core_->servo().cycle().objects().size() +
                 core_->servo().cycle().withdrawn_objects().size(),

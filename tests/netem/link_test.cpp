@@ -145,7 +145,7 @@ TEST(ALink, LosesInBurstsWhoseLengthsAreGeometric) {
 }
 
 TEST(ALink, LosesTheSameFramesForAnyDelayAndTiming) {
-  LinkProfile profile = parse_link("P7").forth;
+  LinkProfile profile = parse_link("P7").a_to_b;
   profile.rate_mbit = 0;
   Link one{profile, kSeed};
   profile.delay_ms = 1;
@@ -157,7 +157,7 @@ TEST(ALink, LosesTheSameFramesForAnyDelayAndTiming) {
 }
 
 TEST(ALink, IsAFunctionOfSeedAndArrivals) {
-  const LinkProfile profile = parse_link("P3").forth;
+  const LinkProfile profile = parse_link("P3").a_to_b;
   Link one{profile, 1}, same{profile, 1}, other{profile, 2};
   int different = 0;
   for (int i = 0; i < 1000; ++i) {
@@ -252,19 +252,19 @@ TEST(EveryNamedLink, IsValidAndUnique) {
 TEST(EveryNamedLink, LosesTheShareOfItsStudy) {
   const std::vector<double> expected{0, 0, 0, 1e-4, 1e-3, 5e-3, 1e-2, 1e-2, 5e-2, 2e-2};
   for (std::size_t i = 0; i < expected.size(); ++i)
-    EXPECT_NEAR(kNamedLinks[i].each_way.mean_loss(), expected[i], 0.005 * expected[i]) << kNamedLinks[i].name;
+    EXPECT_NEAR(kNamedLinks[i].each_direction.mean_loss(), expected[i], 0.005 * expected[i]) << kNamedLinks[i].name;
 }
 
 TEST(AnAsymmetricLink, HasTheSameRoundTripAndSevenTenthsOfItForth) {
   const LinkSettings link = parse_link("P5a");
-  EXPECT_DOUBLE_EQ(link.forth.delay_ms + link.back.delay_ms, 80);
-  EXPECT_DOUBLE_EQ(link.forth.delay_ms, 56);
-  EXPECT_DOUBLE_EQ(link.forth.jitter_ms, 7);
+  EXPECT_DOUBLE_EQ(link.a_to_b.delay_ms + link.b_to_a.delay_ms, 80);
+  EXPECT_DOUBLE_EQ(link.a_to_b.delay_ms, 56);
+  EXPECT_DOUBLE_EQ(link.a_to_b.jitter_ms, 7);
 }
 
 TEST(LinkText, ChangesTheNamedLinkInBothDirections) {
   const LinkSettings link = parse_link("P4a:loss=2.5:burst=0.02/0.5:rate=20:queue=9000:jitter=1:reorder");
-  for (const LinkProfile* direction : {&link.forth, &link.back}) {
+  for (const LinkProfile* direction : {&link.a_to_b, &link.b_to_a}) {
     EXPECT_DOUBLE_EQ(direction->loss, 0.025);
     EXPECT_DOUBLE_EQ(direction->burst_start, 0.02);
     EXPECT_DOUBLE_EQ(direction->burst_end, 0.5);
@@ -273,8 +273,8 @@ TEST(LinkText, ChangesTheNamedLinkInBothDirections) {
     EXPECT_DOUBLE_EQ(direction->jitter_ms, 1);
     EXPECT_TRUE(direction->reorder);
   }
-  EXPECT_DOUBLE_EQ(link.forth.delay_ms, 21);
-  EXPECT_DOUBLE_EQ(link.back.delay_ms, 9);
+  EXPECT_DOUBLE_EQ(link.a_to_b.delay_ms, 21);
+  EXPECT_DOUBLE_EQ(link.b_to_a.delay_ms, 9);
 }
 
 std::string refusal_of(const std::string& text) {
@@ -299,7 +299,7 @@ TEST(LinkText, ListsTheSettingsWhenRefused) {
 template <class Change>
 std::string refusal(const char* name, Change change) {
   LinkSettings link = parse_link(name);
-  change(link.forth);
+  change(link.a_to_b);
   try {
     check(link);
   } catch (const LinkError& error) {

@@ -39,7 +39,7 @@ class Socket {
  public:
   Socket(const LinkedPair& pair, Side side) {
     std::thread{[&] {
-      pair.enter(side);
+      pair.enter_namespace(side);
       fd_ = ::socket(AF_INET, SOCK_DGRAM, 0);
       const sockaddr_in any = address("0.0.0.0");
       EXPECT_EQ(::bind(fd_, reinterpret_cast<const sockaddr*>(&any), sizeof any), 0);
@@ -98,7 +98,7 @@ TEST_P(BothMedia, LetProgramsOfASessionFindEachOtherAndTalk) {
   const LinkedPair pair{parse_link(GetParam())};
   const auto join = [&](Side side, const char* name) {
     return std::async(std::launch::async, [&pair, side, name] {
-      pair.enter(side);
+      pair.enter_namespace(side);
       wire::SessionAddress address;
       address.session = "netem";
       address.participant = name;
@@ -127,8 +127,8 @@ TEST_P(BothMedia, LetProgramsOfASessionFindEachOtherAndTalk) {
 
 TEST_F(PairTest, EachDirectionHasItsOwnProfile) {
   LinkSettings link = parse_link("P0");
-  link.forth.loss = 1;
-  link.back.delay_ms = 40;
+  link.a_to_b.loss = 1;
+  link.b_to_a.delay_ms = 40;
   const LinkedPair pair{link};
   const Socket a{pair, Side::kA}, b{pair, Side::kB};
   for (int i = 0; i < 20; ++i) a.send("10.77.0.2", i);
@@ -137,8 +137,8 @@ TEST_F(PairTest, EachDirectionHasItsOwnProfile) {
   EXPECT_EQ(a.next(), 5);
   EXPECT_GE(std::chrono::steady_clock::now() - before, 40ms);
   EXPECT_EQ(b.next(0), std::nullopt);
-  EXPECT_GE(pair.figures().forth.lost, 20u);
-  EXPECT_EQ(pair.figures().back.lost, 0u);
+  EXPECT_GE(pair.figures().a_to_b.lost, 20u);
+  EXPECT_EQ(pair.figures().b_to_a.lost, 0u);
 }
 
 TEST_F(PairTest, RemovesItsNamespaces) {

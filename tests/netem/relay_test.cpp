@@ -98,7 +98,7 @@ TEST_F(RelayTest, LosesTheFramesThatItsLinkLoses) {
     }
   }
   stop();
-  EXPECT_EQ(relay_->figures().forth.lost, oracle.counts().lost);
+  EXPECT_EQ(relay_->figures().a_to_b.lost, oracle.counts().lost);
   EXPECT_GT(oracle.counts().lost, 0u);
 }
 

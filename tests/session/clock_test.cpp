@@ -34,7 +34,7 @@ class Pair {
   [[nodiscard]] std::int64_t error(std::int64_t t) const {
     return requester_.map().session_time(local(t)) - reference_.map().session_time(t);
   }
-  [[nodiscard]] std::int64_t bound(std::int64_t t) const { return requester_.map().bound(local(t)); }
+  [[nodiscard]] std::int64_t error_bound(std::int64_t t) const { return requester_.map().error_bound(local(t)); }
 
  private:
   std::int64_t offset_;
@@ -48,7 +48,7 @@ class Pair {
 TEST(SessionClock, IsNotSynchronisedBeforeTheFirstAnswer) {
   const SessionClock clock{kRequester, {}, 0};
   EXPECT_FALSE(clock.synchronised());
-  EXPECT_EQ(clock.map().bound(5), kClockUnknown);
+  EXPECT_EQ(clock.map().error_bound(5), kClockUnknown);
 }
 
 TEST(SessionClock, ErrorStaysWithinItsBoundUnderJitterAndDrift) {
@@ -61,10 +61,10 @@ TEST(SessionClock, ErrorStaysWithinItsBoundUnderJitterAndDrift) {
       };
       ASSERT_TRUE(pair.exchange(t, delay(), delay()));
       for (std::int64_t later = t + 20 * kMs; later < t + 100 * kMs; later += 20 * kMs) {
-        ASSERT_LE(std::abs(pair.error(later)), pair.bound(later)) << "seed " << seed << ", time " << later;
+        ASSERT_LE(std::abs(pair.error(later)), pair.error_bound(later)) << "seed " << seed << ", time " << later;
       }
     }
-    EXPECT_LT(pair.bound(20'000 * kMs), 1 * kMs) << "seed " << seed;
+    EXPECT_LT(pair.error_bound(20'000 * kMs), 1 * kMs) << "seed " << seed;
   }
 }
 
@@ -91,7 +91,7 @@ TEST(SessionClock, ContinuesItsTimeWhenItBecomesTheReference) {
 
   EXPECT_EQ(pair.requester_.map().session_time(at), before);
   EXPECT_EQ(pair.requester_.map().session_time(at + 100), before + 100);
-  EXPECT_EQ(pair.requester_.map().bound(at), 0);
+  EXPECT_EQ(pair.requester_.map().error_bound(at), 0);
 }
 
 TEST(SessionClock, ANewReferenceCausesNoStep) {
@@ -108,7 +108,7 @@ TEST(SessionClock, ANewReferenceCausesNoStep) {
 
   EXPECT_EQ(pair.requester_.map().session_time(20 * kMs), before);
   EXPECT_EQ(pair.requester_.map().session_time(2'000 * kMs), 2'030 * kMs) << "agrees after slewing";
-  EXPECT_GE(pair.requester_.map().bound(20 * kMs), 30 * kMs - 1) << "the bound covers the error until then";
+  EXPECT_GE(pair.requester_.map().error_bound(20 * kMs), 30 * kMs - 1) << "the bound covers the error until then";
 }
 
 TEST(SessionClock, StepsWhenItsSessionMergesWithAnOlderOne) {
@@ -118,11 +118,11 @@ TEST(SessionClock, StepsWhenItsSessionMergesWithAnOlderOne) {
   ASSERT_EQ(pair.error(700 * kMs), -600 * kMs);
 
   pair.requester_.set_reference(10, 1, pair.local(1000 * kMs));
-  EXPECT_EQ(pair.bound(1000 * kMs), kClockUnknown);
+  EXPECT_EQ(pair.error_bound(1000 * kMs), kClockUnknown);
   ASSERT_TRUE(pair.exchange(1000 * kMs, kMs, kMs));
 
-  EXPECT_LE(std::abs(pair.error(1010 * kMs)), pair.bound(1010 * kMs));
-  EXPECT_LT(pair.bound(1010 * kMs), 2 * kMs);
+  EXPECT_LE(std::abs(pair.error(1010 * kMs)), pair.error_bound(1010 * kMs));
+  EXPECT_LT(pair.error_bound(1010 * kMs), 2 * kMs);
 }
 
 TEST(SessionClock, DoesNotStepWhileAForceIsOn) {
@@ -136,14 +136,14 @@ TEST(SessionClock, DoesNotStepWhileAForceIsOn) {
     ASSERT_TRUE(pair.exchange(t, kMs, kMs));
     const std::int64_t now = pair.requester_.map().session_time(pair.local(t + 3 * kMs));
     ASSERT_LT(now - last, 110 * kMs) << "at " << t;
-    ASSERT_GE(pair.bound(t + 3 * kMs), std::abs(pair.error(t + 3 * kMs))) << "the bound covers the error";
+    ASSERT_GE(pair.error_bound(t + 3 * kMs), std::abs(pair.error(t + 3 * kMs))) << "the bound covers the error";
     last = now;
   }
-  EXPECT_TRUE(pair.requester_.waits());
+  EXPECT_TRUE(pair.requester_.waits_for_force_off());
   pair.requester_.set_force_on(false);
   ASSERT_TRUE(pair.exchange(5000 * kMs, kMs, kMs));
 
-  EXPECT_FALSE(pair.requester_.waits());
+  EXPECT_FALSE(pair.requester_.waits_for_force_off());
   EXPECT_LT(std::abs(pair.error(5010 * kMs)), 2 * kMs);
 }
 
@@ -164,11 +164,11 @@ TEST(SessionClock, IsNotSetForTheFirstTimeWhileAForceIsOn) {
 
 TEST(SessionClock, AnswersRequestsOnlyAsTheReference) {
   SessionClock alone{kReference, {}, 0};
-  EXPECT_FALSE(alone.answers());
+  EXPECT_FALSE(alone.answers_requests());
   alone.set_reference(20, 1, 0);
-  EXPECT_FALSE(alone.answers());
+  EXPECT_FALSE(alone.answers_requests());
   alone.set_reference(10, 1, 0);
-  EXPECT_TRUE(alone.answers());
+  EXPECT_TRUE(alone.answers_requests());
 }
 
 TEST(SessionClock, SlewsToASlightlyBetterMeasurement) {
@@ -215,7 +215,7 @@ TEST(SessionClock, GoesOnAfterOneAnswerFromTheFarFuture) {
     } else {
       ASSERT_TRUE(pair.exchange(t, kMs, kMs));
     }
-    ASSERT_LE(std::abs(pair.error(t)), pair.bound(t)) << "at " << t / kMs << " ms";
+    ASSERT_LE(std::abs(pair.error(t)), pair.error_bound(t)) << "at " << t / kMs << " ms";
   }
 }
 

@@ -18,8 +18,8 @@ constexpr std::int64_t kMs = 1'000'000;
 class DeliveryClientTest : public testing::Test {
  protected:
   DeliveryClientTest() : client_{kSelf, DeliverySettings{}} {
-    for (const std::uint64_t host : {kHost, kOtherHost}) client_.offer(entry(host));
-    client_.host_seen(kHost, 5, now_);
+    for (const std::uint64_t host : {kHost, kOtherHost}) client_.on_catalogue(entry(host));
+    client_.on_host_heartbeat(kHost, 5, now_);
     client_.open(kObject, kDigest);
     give_base();
   }
@@ -35,7 +35,7 @@ class DeliveryClientTest : public testing::Test {
   void give_base() {
     ASSERT_TRUE(client_.demand(now_)->need_base);
     ASSERT_TRUE(take(chunks(spm::kNone, "base", 1)));
-    client_.base_held(kObject);
+    client_.answer_base_stored(kObject);
   }
 
   /// Chunks of one message that holds `text`.
@@ -72,7 +72,7 @@ class DeliveryClientTest : public testing::Test {
   }
 
   Demand publish_after_change() {
-    client_.want(kObject, {{next_region_++, 0}});
+    client_.set_wanted(kObject, {{next_region_++, 0}});
     return publish();
   }
 
@@ -86,7 +86,7 @@ class DeliveryClientTest : public testing::Test {
 
   void hold(std::uint32_t region) {
     ASSERT_TRUE(take(chunks(region, "region " + std::to_string(region), 2)));
-    client_.held(kObject, region);
+    client_.answer_stored(kObject, region);
   }
 
   std::int64_t now_ = 1'000 * kMs;
@@ -97,13 +97,13 @@ class DeliveryClientTest : public testing::Test {
 };
 
 TEST_F(DeliveryClientTest, MeasuresTheRoundTripFromADemandToTheFirstChunkOfItsEpoch) {
-  client_.want(kObject, {{4, 0}});
+  client_.set_wanted(kObject, {{4, 0}});
   publish();
   now_ += 40 * kMs;
   take({echo()});
   const std::int64_t first = client_.round_trip_ns();
   for (std::uint32_t i = 0; i < 100; ++i) {
-    client_.want(kObject, {{5 + i, 0}});
+    client_.set_wanted(kObject, {{5 + i, 0}});
     publish();
     now_ += 8 * kMs;
     take({echo()});
@@ -124,44 +124,44 @@ TEST_F(DeliveryClientTest, CreditGrowsWithRateTimesRoundTripUpToTheRoom) {
     // 20 MB/s: the whole credit, up to the rate of the link.
     for (std::uint32_t sent = 0; sent < std::min(credit, 2'000'000u); sent += 1100) take(chunks(1000, text, 2000));
   }
-  client_.set_room(70'000);
-  const std::uint32_t without_room = publish_after_change().credit;
+  client_.limit_credit(70'000);
+  const std::uint32_t with_limit = publish_after_change().credit;
 
   EXPECT_EQ(at_first, DeliverySettings{}.credit);
   EXPECT_GT(credit, 4 * at_first);
   EXPECT_LE(credit, DeliverySettings{}.max_credit);
-  EXPECT_EQ(without_room, 70'000u);
+  EXPECT_EQ(with_limit, 70'000u);
 }
 
 TEST_F(DeliveryClientTest, NewRoomIsPublishedAtOnceWhileAnAnswerIsDue) {
-  client_.set_room(0);
-  client_.want(kObject, {{4, 0}});
+  client_.limit_credit(0);
+  client_.set_wanted(kObject, {{4, 0}});
   publish();
   take({echo()});
   ASSERT_FALSE(client_.demand(now_ += 4 * kMs)) << "nothing has changed";
 
-  client_.set_room(100'000);
+  client_.limit_credit(100'000);
 
   EXPECT_EQ(publish().credit, 100'000u);
 }
 
 TEST_F(DeliveryClientTest, AnUrgentRegionIsRequestedAfterAShorterInterval) {
   const DeliverySettings settings;
-  client_.want(kObject, {{4, 2 * settings.urgent_us}});
+  client_.set_wanted(kObject, {{4, 2 * settings.urgent_us}});
   publish();
   const std::int64_t published = now_;
-  client_.want(kObject, {{4, 2 * settings.urgent_us}, {5, 2 * settings.urgent_us}});
+  client_.set_wanted(kObject, {{4, 2 * settings.urgent_us}, {5, 2 * settings.urgent_us}});
   EXPECT_FALSE(client_.demand(published + settings.urgent_interval_ns)) << "no contact is near";
 
-  client_.want(kObject, {{4, 2 * settings.urgent_us}, {6, settings.urgent_us / 2}});
+  client_.set_wanted(kObject, {{4, 2 * settings.urgent_us}, {6, settings.urgent_us / 2}});
   ASSERT_TRUE(client_.demand(published + settings.urgent_interval_ns));
 
-  client_.want(kObject, {{6, settings.urgent_us / 4}});
+  client_.set_wanted(kObject, {{6, settings.urgent_us / 4}});
   EXPECT_FALSE(client_.demand(published + 2 * settings.urgent_interval_ns)) << "it has been requested";
 }
 
 TEST_F(DeliveryClientTest, JoinsChunksInAnyOrderAndOnce) {
-  client_.want(kObject, {{4, 0}});
+  client_.set_wanted(kObject, {{4, 0}});
   publish();
   std::vector<BulkChunk> all = chunks(4, "what the region holds", 5);
   std::swap(all[0], all[3]);
@@ -178,7 +178,7 @@ TEST_F(DeliveryClientTest, JoinsChunksInAnyOrderAndOnce) {
 }
 
 TEST_F(DeliveryClientTest, AChunkCompletesSeveralMessagesAndBeginsAnother) {
-  client_.want(kObject, {{4, 0}, {5, 0}, {6, 0}});
+  client_.set_wanted(kObject, {{4, 0}, {5, 0}, {6, 0}});
   publish();
   std::vector<BulkChunk> first = chunks(4, "begun before", 2);
   const std::vector<BulkChunk> whole = chunks(5, "whole", 1), last = chunks(6, "ends later", 2);
@@ -191,15 +191,15 @@ TEST_F(DeliveryClientTest, AChunkCompletesSeveralMessagesAndBeginsAnother) {
   ASSERT_EQ(messages.size(), 2u);
   EXPECT_EQ(messages[0].region, 4u);
   EXPECT_EQ(messages[1].region, 5u);
-  client_.held(kObject, 4);
+  client_.answer_stored(kObject, 4);
   EXPECT_EQ(publish().received, first[1].sequence - 1) << "region 5 waits for its answer";
-  client_.held(kObject, 5);
+  client_.answer_stored(kObject, 5);
   EXPECT_EQ(publish().received, first[1].sequence);
   EXPECT_TRUE(take({last[1]}));
 }
 
 TEST_F(DeliveryClientTest, ACancelledMessageMayComeAgainWithOtherParts) {
-  client_.want(kObject, {{4, 0}});
+  client_.set_wanted(kObject, {{4, 0}});
   publish();
   const std::string text = "what region four has to say";
   // The same number of parts and bytes, but a shorter first part.
@@ -253,13 +253,13 @@ TEST_F(DeliveryClientTest, IgnoresForeignChunks) {
 }
 
 TEST_F(DeliveryClientTest, AMessageIsNotReceivedUntilTheCallerAnswersIt) {
-  client_.want(kObject, {{4, 0}});
+  client_.set_wanted(kObject, {{4, 0}});
   publish();
   const std::vector<BulkChunk> all = chunks(4, "abc", 3);
   ASSERT_TRUE(take(all));
   EXPECT_EQ(publish().received, all.back().sequence - 1);
 
-  client_.held(kObject, 4);
+  client_.answer_stored(kObject, 4);
 
   const Demand d = publish();
   EXPECT_EQ(d.received, all.back().sequence);
@@ -268,7 +268,7 @@ TEST_F(DeliveryClientTest, AMessageIsNotReceivedUntilTheCallerAnswersIt) {
 }
 
 TEST_F(DeliveryClientTest, AnOldHoleIsReportedAndClosedByTheHostsAnswer) {
-  client_.want(kObject, {{4, 0}});
+  client_.set_wanted(kObject, {{4, 0}});
   publish();
   std::vector<BulkChunk> all = chunks(4, "abcd", 4);
   const std::uint32_t first = all[0].sequence;
@@ -293,14 +293,14 @@ TEST_F(DeliveryClientTest, AnOldHoleIsReportedAndClosedByTheHostsAnswer) {
 }
 
 TEST_F(DeliveryClientTest, AFilledHoleIsNotReported) {
-  client_.want(kObject, {{4, 0}});
+  client_.set_wanted(kObject, {{4, 0}});
   publish();
   std::vector<BulkChunk> all = chunks(4, "abcde", 5);
   const std::uint32_t last = all.back().sequence;
   EXPECT_FALSE(take({all[4], all[0]}));
   EXPECT_FALSE(take({all[2]}));
   EXPECT_TRUE(take({all[3], all[1]}));
-  client_.held(kObject, 4);
+  client_.answer_stored(kObject, 4);
 
   const Demand d = publish();
   EXPECT_EQ(d.received, last);
@@ -337,7 +337,7 @@ TEST_F(DeliveryClientTest, ARetiredRegionIsReleasedAfterTheEchoAndAllEarlierChun
 
   EXPECT_TRUE(take(before));
   EXPECT_THAT(client_.take_released(kObject), IsEmpty()) << "the message waits for the caller's answer";
-  client_.held(kObject, 5);
+  client_.answer_stored(kObject, 5);
   EXPECT_THAT(client_.take_released(kObject), ElementsAre(4u));
   EXPECT_THAT(client_.take_released(kObject), IsEmpty());
 }
@@ -345,7 +345,7 @@ TEST_F(DeliveryClientTest, ARetiredRegionIsReleasedAfterTheEchoAndAllEarlierChun
 TEST_F(DeliveryClientTest, AParkedMessageCountsAsInFlightButDelaysNoRelease) {
   hold(4);
   publish();
-  client_.want(kObject, {{5, 0}});
+  client_.set_wanted(kObject, {{5, 0}});
   ASSERT_TRUE(client_.retire(kObject, 4));
   publish();
   epoch_ -= 1;
@@ -355,23 +355,23 @@ TEST_F(DeliveryClientTest, AParkedMessageCountsAsInFlightButDelaysNoRelease) {
   EXPECT_FALSE(take({echo()}));
   EXPECT_THAT(client_.take_released(kObject), IsEmpty());
 
-  client_.park(kObject, 5);
+  client_.postpone_answer(kObject, 5);
 
   EXPECT_THAT(client_.take_released(kObject), ElementsAre(4u));
   EXPECT_EQ(publish_after_change().received, waits.back().sequence - 1);
-  client_.refused(kObject, 5);
+  client_.answer_refused(kObject, 5);
   EXPECT_GT(publish().received, waits.back().sequence);
 }
 
 TEST_F(DeliveryClientTest, APublishedCreditHoldsForARoundTripWhateverIsPublishedLater) {
-  client_.set_room(200'000);
+  client_.limit_credit(200'000);
   publish_after_change();
-  client_.set_room(50'000);
+  client_.limit_credit(50'000);
   publish_after_change();
   EXPECT_EQ(client_.granted_credit(now_), 200'000u);
   EXPECT_EQ(client_.granted_credit(now_ + 1000 * kMs), 50'000u) << "the last one holds until the next is published";
 
-  client_.set_room(80'000);
+  client_.limit_credit(80'000);
   publish_after_change();
   EXPECT_EQ(client_.granted_credit(now_), 80'000u);
 }
@@ -421,7 +421,7 @@ TEST_F(DeliveryClientTest, ARetiredRegionCanBeHeldAgain) {
   hold(4);
   publish();
   ASSERT_TRUE(client_.retire(kObject, 4));
-  client_.held(kObject, 4);
+  client_.answer_stored(kObject, 4);
 
   EXPECT_EQ(publish().have.size(), 1u);
   (void)client_.on_chunk(echo(), now_);
@@ -432,12 +432,12 @@ TEST_F(DeliveryClientTest, ARetiredRegionIsNotRequestedBeforeItsRelease) {
   hold(4);
   publish();
   ASSERT_TRUE(client_.retire(kObject, 4));
-  client_.want(kObject, {{4, 0}});
+  client_.set_wanted(kObject, {{4, 0}});
   EXPECT_THAT(publish().wanted, IsEmpty());
   (void)client_.on_chunk(echo(), now_);
   ASSERT_THAT(client_.take_released(kObject), ElementsAre(4u));
 
-  client_.want(kObject, {{4, 0}, {5, 0}});
+  client_.set_wanted(kObject, {{4, 0}, {5, 0}});
 
   EXPECT_EQ(publish().wanted.size(), 2u);
 }
@@ -448,7 +448,7 @@ TEST_F(DeliveryClientTest, ALateHostIsReplacedByAnotherHostOfTheObject) {
   (void)client_.demand(now_);
   EXPECT_EQ(client_.serving_host(kObject), kHost) << "no other host is live";
 
-  client_.host_seen(kOtherHost, 3, now_);
+  client_.on_host_heartbeat(kOtherHost, 3, now_);
 
   const std::uint32_t epoch_before = epoch_;
   const Demand d = publish();
@@ -461,7 +461,7 @@ TEST_F(DeliveryClientTest, WithoutAnyHostRetiredRegionsAreReleasedAndNothingIsPu
   hold(4);
   publish();
   ASSERT_TRUE(client_.retire(kObject, 4));
-  client_.host_gone(kHost);
+  client_.on_host_gone(kHost);
 
   EXPECT_FALSE(client_.demand(now_ += 1000 * kMs));
   EXPECT_EQ(client_.serving_host(kObject), 0u);
@@ -471,7 +471,7 @@ TEST_F(DeliveryClientTest, WithoutAnyHostRetiredRegionsAreReleasedAndNothingIsPu
 TEST_F(DeliveryClientTest, ARestartedHostBeginsANewStream) {
   hold(4);
   const Demand before = publish();
-  client_.host_seen(kHost, 6, now_);
+  client_.on_host_heartbeat(kHost, 6, now_);
 
   const Demand d = publish();
 
@@ -482,7 +482,7 @@ TEST_F(DeliveryClientTest, ARestartedHostBeginsANewStream) {
 }
 
 TEST_F(DeliveryClientTest, RepeatsADemandWithGrowingIntervalsWhileAnAnswerIsDue) {
-  client_.want(kObject, {{4, 0}});
+  client_.set_wanted(kObject, {{4, 0}});
   std::uint32_t epoch = publish().epoch;
   std::int64_t before = 0;
   for (int i = 0; i < 8; ++i) {
@@ -500,7 +500,7 @@ TEST_F(DeliveryClientTest, RepeatsADemandWithGrowingIntervalsWhileAnAnswerIsDue)
 TEST_F(DeliveryClientTest, AnUnchangedDemandRepeatsAtTheKeepAliveWhenNoAnswerIsDue) {
   const Demand d = publish();
   EXPECT_FALSE(client_.demand(now_ + 499 * kMs));
-  client_.host_seen(kHost, 5, now_ + 499 * kMs);
+  client_.on_host_heartbeat(kHost, 5, now_ + 499 * kMs);
 
   const std::optional<Demand> again = client_.demand(now_ + 500 * kMs);
 
@@ -516,9 +516,9 @@ TEST_F(DeliveryClientTest, AnEchoAloneCausesNoDemand) {
 }
 
 TEST_F(DeliveryClientTest, ChangesWaitForTheInterval) {
-  client_.want(kObject, {{4, 0}});
+  client_.set_wanted(kObject, {{4, 0}});
   publish();
-  client_.want(kObject, {{5, DeliverySettings{}.urgent_us}});
+  client_.set_wanted(kObject, {{5, DeliverySettings{}.urgent_us}});
 
   EXPECT_FALSE(client_.demand(now_ + 4 * kMs));
   EXPECT_TRUE(client_.demand(now_ + 5 * kMs));
@@ -528,8 +528,8 @@ TEST_F(DeliveryClientTest, IncompleteMessagesStayWithinTheirBound) {
   DeliverySettings settings;
   settings.max_partial_bytes = 10'000;
   DeliveryClient client{kSelf, settings};
-  client.offer(entry(kHost));
-  client.host_seen(kHost, 5, now_);
+  client.on_catalogue(entry(kHost));
+  client.on_host_heartbeat(kHost, 5, now_);
   client.open(kObject, kDigest);
   for (std::uint32_t region = 0; region < 1000; ++region) {
     (void)client.on_chunk(chunks(region, std::string(2000, 'x'), 2).at(0), now_ + region);
@@ -546,7 +546,7 @@ TEST_F(DeliveryClientTest, GoesOnAfterOneChunkFromTheFarFuture) {
   wrong.sequence = 0xfffffff0;
   take({wrong});
   --sequence_;
-  client_.want(kObject, {{20, 0}});
+  client_.set_wanted(kObject, {{20, 0}});
   const Demand demand = publish();
   EXPECT_TRUE(demand.gaps.empty());
   EXPECT_LE(demand.newest, sequence_);
@@ -568,14 +568,14 @@ TEST_F(DeliveryClientTest, OneSendingTimeFromTheFarFutureIsNotTakenForAShortDela
 TEST_F(DeliveryClientTest, AHostThatIsGoneForLongIsDroppedWithItsStreams) {
   const DeliveryClient::Sizes before = client_.sizes();
   for (std::uint64_t host = 1000; host < 1100; ++host) {
-    client_.offer(entry(host));
-    client_.host_seen(host, 5, now_);
+    client_.on_catalogue(entry(host));
+    client_.on_host_heartbeat(host, 5, now_);
   }
   EXPECT_EQ(client_.sizes().hosts, before.hosts + 100);
-  for (std::uint64_t host = 1000; host < 1100; ++host) client_.host_gone(host);
+  for (std::uint64_t host = 1000; host < 1100; ++host) client_.on_host_gone(host);
   (void)client_.demand(now_);
   const DeliveryClient::Sizes soon = client_.sizes();
-  client_.host_seen(kHost, 5, now_ += DeliverySettings{}.forget_host_ns);
+  client_.on_host_heartbeat(kHost, 5, now_ += DeliverySettings{}.forget_host_ns);
   (void)client_.demand(now_);
 
   EXPECT_EQ(soon.offers, before.offers + 100) << "a host that comes back within the DDS lease sends no catalogue again";

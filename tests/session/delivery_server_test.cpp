@@ -23,7 +23,7 @@ constexpr Origin kSelf{kSession, kHost, 5, 0};
 class DeliveryServerTest : public testing::Test {
  protected:
   DeliveryServerTest() : owned_{random_model(1, 2000, 3)}, model_{owned_.model()}, server_{kSelf} {
-    server_.add(kObject, encoded_.coded());
+    server_.add(kObject, encoded_.compressed());
   }
 
   Demand demand(std::uint32_t epoch, std::vector<std::uint32_t> wanted, std::uint64_t hrtc = kHrtc) {
@@ -92,7 +92,7 @@ class DeliveryServerTest : public testing::Test {
       if (piece.index == 0) bytes.clear();
       bytes.insert(bytes.end(), piece.payload.begin(), piece.payload.end());
       if (piece.index + 1 != piece.count) continue;
-      const auto data = spm::codec::decode_region(bytes, model_.summary, encoded_.coded().tables());
+      const auto data = spm::codec::decode_region(bytes, model_.summary, encoded_.compressed().tables());
       if (!data) {
         ADD_FAILURE() << data.error().text;
         continue;
@@ -345,12 +345,12 @@ TEST_F(DeliveryServerTest, StaysWithinTheCredit) {
   const std::vector<BulkChunk> first = drain_window();
 
   EXPECT_GE(first.size(), 3u);
-  EXPECT_LE(server_.bytes_under_way(kHrtc), d.credit);
+  EXPECT_LE(server_.bytes_in_flight(kHrtc), d.credit);
   d.origin.time_ns = ++time_;
   d.received = d.newest = first[0].sequence;
   submit(d);
   EXPECT_GE(drain_window().size(), 1u);
-  EXPECT_LE(server_.bytes_under_way(kHrtc), d.credit);
+  EXPECT_LE(server_.bytes_in_flight(kHrtc), d.credit);
 }
 
 TEST_F(DeliveryServerTest, AnUnansweredMessageCountsAsInFlight) {
@@ -358,7 +358,7 @@ TEST_F(DeliveryServerTest, AnUnansweredMessageCountsAsInFlight) {
   std::size_t bytes = 0;
   for (const BulkChunk& chunk : drain()) bytes += chunk.payload_bytes();  // all arrived; `received` is below them
 
-  EXPECT_EQ(server_.bytes_under_way(kHrtc), bytes);
+  EXPECT_EQ(server_.bytes_in_flight(kHrtc), bytes);
 }
 
 TEST_F(DeliveryServerTest, EchoesAnEpochWithoutDataOnce) {
@@ -511,7 +511,7 @@ TEST_F(DeliveryServerTest, GoesOnAfterOneDemandFromTheFarFuture) {
        {Vary{[](Demand& d) { d.epoch = 0xffffffff; }}, Vary{[](Demand& d) { d.origin.time_ns = INT64_MAX; }},
         Vary{[](Demand& d) { d.origin.incarnation = UINT64_MAX; }}}) {
     DeliveryServer server{kSelf};
-    server.add(kObject, encoded_.coded());
+    server.add(kObject, encoded_.compressed());
     const auto submit_later = [&](const Demand& d) { return server.on_demand(d, now_ += 5 * kMs); };
     const auto at_now = [&](Demand d) {
       d.origin.time_ns = now_ + 5 * kMs;

@@ -73,7 +73,7 @@ TEST_F(TwoHrtcs, StayApartAtDifferentObjects) {
 }
 
 TEST_F(TwoHrtcs, StayApartInACrowdAtOneObjectUntilCommanded) {
-  const std::size_t max = ModeSettings{}.max_together;
+  const std::size_t max = ModeSettings{}.max_collaborating;
   const auto crowd = [&](std::size_t others) {
     for (int i = 0; i < 50; ++i, now_ += 20 * kMs) {
       here_.on_probe(kAnn, kHere, {0.1, 0, 0}, now_);
@@ -85,7 +85,7 @@ TEST_F(TwoHrtcs, StayApartInACrowdAtOneObjectUntilCommanded) {
   EXPECT_THAT(here_.groups(), ElementsAre(100));
   crowd(max);
   EXPECT_THAT(here_.groups(), IsEmpty());
-  here_.command(parse_mode("collaborate"));
+  here_.set_command(parse_mode("collaborate"));
   crowd(max);
   EXPECT_THAT(here_.groups(), ::testing::SizeIs(1));
 }
@@ -140,22 +140,22 @@ TEST_F(TwoHrtcs, FollowACommandForSomeUsersAndForAll) {
       here_.tick(now_);
     }
   };
-  here_.command(parse_mode("collaborate ann,bob"));
+  here_.set_command(parse_mode("collaborate ann,bob"));
   far_apart();
   ASSERT_EQ(here_.groups().size(), 1u);
-  here_.command(parse_mode("collaborate ann,eve"));
+  here_.set_command(parse_mode("collaborate ann,eve"));
   far_apart();
   EXPECT_THAT(here_.groups(), IsEmpty()) << "bob is not in the list";
-  here_.command(parse_mode("collaborate"));
+  here_.set_command(parse_mode("collaborate"));
   far_apart();
   EXPECT_EQ(here_.groups().size(), 1u);
-  here_.command(parse_mode("auto"));
+  here_.set_command(parse_mode("auto"));
   far_apart();
   EXPECT_THAT(here_.groups(), IsEmpty());
 }
 
 TEST_F(TwoHrtcs, StayApartOnCommand) {
-  here_.command(parse_mode("large-scale"));
+  here_.set_command(parse_mode("large-scale"));
   stay(200, 0.14, 0.14);
   EXPECT_THAT(here_.groups(), IsEmpty());
   EXPECT_THAT(there_.groups(), ElementsAre(100)) << "got no command";

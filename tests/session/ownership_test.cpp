@@ -37,30 +37,31 @@ class Contest {
   explicit Contest(unsigned seed, const ContestFaults& faults = {}) : faults_{faults}, random_{seed} {
     start_host();
     for (std::size_t i = 0; i < kHrtcs; ++i) start_hrtc(i);
-    gates_.resize(kHrtcs + 2);  // HRTCs, host, viewer
+    pose_admissions_.resize(kHrtcs + 2);  // HRTCs, host, viewer
   }
 
   void start_host() {
-    host_ = std::make_unique<Arbiter>(origin_of(kHost, ++host_incarnation_ * kHostLife), kObject, settings_, now_);
+    host_ =
+        std::make_unique<OwnershipArbiter>(origin_of(kHost, ++host_incarnation_ * kHostLife), kObject, settings_, now_);
     host_ran_ = true;
   }
   void start_hrtc(std::size_t i) {
     hrtcs_[i].incarnation = ++incarnations_;
-    hrtcs_[i].holder = std::make_unique<Holder>(origin_of(i + 1, incarnations_), kObject, settings_);
+    hrtcs_[i].claimant = std::make_unique<Claimant>(origin_of(i + 1, incarnations_), kObject, settings_);
     hrtcs_[i].sequence = 0;
-    hrtcs_[i].role_before = Holder::Role::kWatching;
+    hrtcs_[i].role_before = Claimant::Role::kWatching;
   }
 
-  Holder& holder(std::size_t i) { return *hrtcs_[i].holder; }
-  Holder::Role role(std::size_t i) { return hrtcs_[i].holder->role(now_); }
-  Arbiter& host() { return *host_; }
+  Claimant& claimant(std::size_t i) { return *hrtcs_[i].claimant; }
+  Claimant::Role role(std::size_t i) { return hrtcs_[i].claimant->role(now_); }
+  OwnershipArbiter& host() { return *host_; }
   /// Disconnects a program until this time.
   void disconnect(std::size_t program, std::int64_t until) { cut_[program] = until; }
   /// Suspends an HRTC until this time. Then it publishes once more before it reads the samples that arrived.
   void suspend(std::size_t i, std::int64_t until) {
     hrtcs_[i].suspended_until = until;
     hrtcs_[i].role_before = role(i);
-    hrtcs_[i].fencing_before = holder(i).fencing();
+    hrtcs_[i].fencing_before = claimant(i).fencing();
   }
   void set_faults(const ContestFaults& faults) { faults_ = faults; }
 
@@ -75,8 +76,8 @@ class Contest {
     if (host_incarnation_ > 1) return;  // a restarted host may overlap with a lease, under another number
     int owners = host_->host_simulates(now_) ? 1 : 0;
     for (const Hrtc& hrtc : hrtcs_) {
-      const Holder::Role role = hrtc.holder->role(now_);
-      if (role == Holder::Role::kOwner && hrtc.suspended_until <= now_) ++owners;
+      const Claimant::Role role = hrtc.claimant->role(now_);
+      if (role == Claimant::Role::kOwner && hrtc.suspended_until <= now_) ++owners;
     }
     ASSERT_LE(owners, 1) << "at " << now_ / kMs << " ms";
   }
@@ -97,11 +98,11 @@ class Contest {
     bool operator>(const Packet& o) const { return at != o.at ? at > o.at : order > o.order; }
   };
   struct Hrtc {
-    std::unique_ptr<Holder> holder;
+    std::unique_ptr<Claimant> claimant;
     std::uint64_t incarnation = 0;
     std::uint32_t sequence = 0;
     std::int64_t suspended_until = 0;
-    Holder::Role role_before = Holder::Role::kWatching;
+    Claimant::Role role_before = Claimant::Role::kWatching;
     std::uint64_t fencing_before = 0;
   };
   static constexpr std::size_t kHostIndex = kHrtcs, kViewer = kHrtcs + 1;
@@ -116,7 +117,7 @@ class Contest {
     if (cut(from) || cut(to) || uniform() < faults_.loss) return;
     for (int times = uniform() < faults_.repeated ? 2 : 1; times > 0; --times) {
       const auto spread = static_cast<std::int64_t>(uniform() * static_cast<double>(faults_.spread_ms * kMs));
-      under_way_.push({now_ + faults_.delay_ms * kMs + spread, ++order_, to, message});
+      in_flight_.push({now_ + faults_.delay_ms * kMs + spread, ++order_, to, message});
     }
   }
   void publish(std::size_t from, std::uint64_t participant, std::uint64_t incarnation, std::uint64_t fencing,
@@ -135,15 +136,15 @@ class Contest {
     if (const auto* claim = std::get_if<ObjectClaim>(&packet.message)) {
       if (host_ran_) host_->on_claim(*claim, now_);
     } else if (const auto* grant = std::get_if<ObjectGrant>(&packet.message)) {
-      hrtcs_[packet.to].holder->on_grant(*grant, now_);
+      hrtcs_[packet.to].claimant->on_grant(*grant, now_);
     } else if (const auto* pose = std::get_if<ObjectPose>(&packet.message)) {
-      if (!gates_[packet.to].accept(*pose, now_)) {
-        if (pose->fencing < gates_[packet.to].fencing()) ++refused_;
+      if (!pose_admissions_[packet.to].accept(*pose, now_)) {
+        if (pose->fencing < pose_admissions_[packet.to].fencing()) ++refused_;
         return;
       }
       authors_[pose->fencing].insert({pose->origin.participant, pose->origin.incarnation});
       if (packet.to == kHostIndex) host_->on_pose(pose->fencing, now_);
-      if (packet.to < kHrtcs) hrtcs_[packet.to].holder->on_pose(pose->fencing, now_);
+      if (packet.to < kHrtcs) hrtcs_[packet.to].claimant->on_pose(pose->fencing, now_);
       if (packet.to == kViewer) {
         seen_ns_ = now_;
         seen_author_ = pose->origin.participant;
@@ -154,9 +155,9 @@ class Contest {
   void step() {
     now_ += kMs;
     std::vector<Packet> later;
-    while (!under_way_.empty() && under_way_.top().at <= now_) {
-      const Packet packet = under_way_.top();
-      under_way_.pop();
+    while (!in_flight_.empty() && in_flight_.top().at <= now_) {
+      const Packet packet = in_flight_.top();
+      in_flight_.pop();
       if (packet.to < kHrtcs && hrtcs_[packet.to].suspended_until > now_) {
         later.push_back(packet);  // waits in the queue of the suspended program
         later.back().at = hrtcs_[packet.to].suspended_until + kMs;
@@ -164,18 +165,18 @@ class Contest {
       }
       receive(packet);
     }
-    for (const Packet& packet : later) under_way_.push(packet);
+    for (const Packet& packet : later) in_flight_.push(packet);
 
     for (std::size_t i = 0; i < kHrtcs; ++i) {
       Hrtc& hrtc = hrtcs_[i];
       if (hrtc.suspended_until > now_) continue;
-      if (hrtc.suspended_until == now_ && hrtc.role_before == Holder::Role::kOwner) {
+      if (hrtc.suspended_until == now_ && hrtc.role_before == Claimant::Role::kOwner) {
         publish(i, i + 1, hrtc.incarnation, hrtc.fencing_before, hrtc.sequence);
       }
-      if (const auto claim = hrtc.holder->tick(now_)) send(i, kHostIndex, *claim);
-      const Holder::Role role = hrtc.holder->role(now_);
-      if (role == Holder::Role::kOwner || role == Holder::Role::kLeader)
-        publish(i, i + 1, hrtc.incarnation, hrtc.holder->fencing(), hrtc.sequence);
+      if (const auto claim = hrtc.claimant->tick(now_)) send(i, kHostIndex, *claim);
+      const Claimant::Role role = hrtc.claimant->role(now_);
+      if (role == Claimant::Role::kOwner || role == Claimant::Role::kLeader)
+        publish(i, i + 1, hrtc.incarnation, hrtc.claimant->fencing(), hrtc.sequence);
     }
     if (const auto grant = host_->tick(now_)) {
       for (std::size_t i = 0; i < kHrtcs; ++i) send(kHostIndex, i, *grant);
@@ -188,13 +189,13 @@ class Contest {
   ContestFaults faults_;
   std::mt19937 random_;
   std::int64_t now_ = 0;
-  std::unique_ptr<Arbiter> host_;
+  std::unique_ptr<OwnershipArbiter> host_;
   bool host_ran_ = false;
   std::uint64_t host_incarnation_ = 0, incarnations_ = 0, order_ = 0, refused_ = 0;
   std::uint32_t host_sequence_ = 0;
   std::array<Hrtc, kHrtcs> hrtcs_;
-  std::vector<PoseGate> gates_;
-  std::priority_queue<Packet, std::vector<Packet>, std::greater<>> under_way_;
+  std::vector<PoseAdmission> pose_admissions_;
+  std::priority_queue<Packet, std::vector<Packet>, std::greater<>> in_flight_;
   std::map<std::size_t, std::int64_t> cut_;
   std::map<std::uint64_t, std::set<std::pair<std::uint64_t, std::uint64_t>>> authors_;
   std::int64_t seen_ns_ = 0;
@@ -205,14 +206,14 @@ TEST(Ownership, TheHostOwnsBeforeAndAfterATouch) {
   Contest contest{1};
   contest.run(300);
   EXPECT_EQ(contest.seen_author(), kHost);
-  contest.holder(0).set_touching(true);
-  EXPECT_EQ(contest.role(0), Holder::Role::kRequesting);
+  contest.claimant(0).set_touching(true);
+  EXPECT_EQ(contest.role(0), Claimant::Role::kRequesting);
   contest.run(30);
-  EXPECT_EQ(contest.role(0), Holder::Role::kOwner);
+  EXPECT_EQ(contest.role(0), Claimant::Role::kOwner);
   EXPECT_EQ(contest.seen_author(), 1u);
   EXPECT_FALSE(contest.host().host_simulates(contest.now()));
-  contest.holder(0).set_touching(false);
-  EXPECT_EQ(contest.role(0), Holder::Role::kWatching);
+  contest.claimant(0).set_touching(false);
+  EXPECT_EQ(contest.role(0), Claimant::Role::kWatching);
   contest.run(30);
   EXPECT_EQ(contest.seen_author(), kHost);
 }
@@ -220,30 +221,30 @@ TEST(Ownership, TheHostOwnsBeforeAndAfterATouch) {
 TEST(Ownership, TwoTouchersSimulateCopiesAndTheLongestHolderLeads) {
   Contest contest{1};
   contest.run(300);
-  contest.holder(2).set_one_way(40 * kMs);
-  contest.holder(2).set_touching(true);
+  contest.claimant(2).set_one_way(40 * kMs);
+  contest.claimant(2).set_touching(true);
   contest.run(30);
-  const std::uint64_t alone = contest.holder(2).fencing();
-  contest.holder(1).set_touching(true);
+  const std::uint64_t alone = contest.claimant(2).fencing();
+  contest.claimant(1).set_touching(true);
   contest.run(30);
-  EXPECT_EQ(contest.role(2), Holder::Role::kLeader);
-  EXPECT_EQ(contest.role(1), Holder::Role::kCopy);
-  EXPECT_GT(contest.holder(1).fencing(), alone);
-  EXPECT_EQ(contest.holder(1).grant().channel_delay_ns, 40 * kMs);
-  EXPECT_NE(contest.holder(1).copy_index(), contest.holder(2).copy_index());
+  EXPECT_EQ(contest.role(2), Claimant::Role::kLeader);
+  EXPECT_EQ(contest.role(1), Claimant::Role::kCopy);
+  EXPECT_GT(contest.claimant(1).fencing(), alone);
+  EXPECT_EQ(contest.claimant(1).grant().channel_delay_ns, 40 * kMs);
+  EXPECT_NE(contest.claimant(1).copy_index(), contest.claimant(2).copy_index());
   EXPECT_EQ(contest.seen_author(), 3u);
-  contest.holder(2).set_touching(false);
+  contest.claimant(2).set_touching(false);
   contest.run(30);
-  EXPECT_EQ(contest.role(1), Holder::Role::kOwner);
+  EXPECT_EQ(contest.role(1), Claimant::Role::kOwner);
   EXPECT_EQ(contest.seen_author(), 2u);
 }
 
 TEST(Ownership, ASuspendedOwnerLosesTheObjectAfterItsLeaseAndItsPosesAreRefused) {
   Contest contest{1};
   contest.run(300);
-  contest.holder(0).set_touching(true);
+  contest.claimant(0).set_touching(true);
   contest.run(30);
-  ASSERT_EQ(contest.role(0), Holder::Role::kOwner);
+  ASSERT_EQ(contest.role(0), Claimant::Role::kOwner);
   contest.suspend(0, contest.now() + 600 * kMs);
   contest.run(300);
   EXPECT_TRUE(contest.host().host_simulates(contest.now()));
@@ -252,22 +253,22 @@ TEST(Ownership, ASuspendedOwnerLosesTheObjectAfterItsLeaseAndItsPosesAreRefused)
   contest.run(310);  // it resumes and sends one more pose
   EXPECT_GT(contest.refused(), before);
   contest.run(50);
-  EXPECT_EQ(contest.role(0), Holder::Role::kOwner);  // it still touches, so it gets a new grant
+  EXPECT_EQ(contest.role(0), Claimant::Role::kOwner);  // it still touches, so it gets a new grant
   contest.check();
 }
 
 TEST(Ownership, TheLeaseGrowsWithTheRoundTrip) {
   Contest contest{1, {0, 0, 300, 0}};
   contest.run(700);
-  for (const std::size_t i : {0u, 1u}) contest.holder(i).set_one_way(300 * kMs);
-  contest.holder(0).set_touching(true);
+  for (const std::size_t i : {0u, 1u}) contest.claimant(i).set_one_way(300 * kMs);
+  contest.claimant(0).set_touching(true);
   contest.run(610);
-  EXPECT_EQ(contest.role(0), Holder::Role::kOwner);
+  EXPECT_EQ(contest.role(0), Claimant::Role::kOwner);
   contest.run(1000);
-  EXPECT_EQ(contest.role(0), Holder::Role::kOwner) << "as long as it touches";
+  EXPECT_EQ(contest.role(0), Claimant::Role::kOwner) << "as long as it touches";
   contest.disconnect(0, contest.now() + 3000 * kMs);
   contest.run(850);
-  EXPECT_EQ(contest.role(0), Holder::Role::kRequesting);
+  EXPECT_EQ(contest.role(0), Claimant::Role::kRequesting);
   contest.run(400);
   EXPECT_TRUE(contest.host().host_simulates(contest.now()));
   contest.check();
@@ -276,13 +277,13 @@ TEST(Ownership, TheLeaseGrowsWithTheRoundTrip) {
 TEST(Ownership, ADisconnectedOwnerStopsBeforeTheHostTakesTheObjectBack) {
   Contest contest{1};
   contest.run(300);
-  contest.holder(0).set_touching(true);
+  contest.claimant(0).set_touching(true);
   contest.run(30);
   contest.disconnect(0, contest.now() + 1000 * kMs);
   std::int64_t stopped = 0, taken = 0;
   for (int ms = 0; ms < 500; ++ms) {
     contest.run(1);
-    if (stopped == 0 && contest.role(0) != Holder::Role::kOwner) stopped = contest.now();
+    if (stopped == 0 && contest.role(0) != Claimant::Role::kOwner) stopped = contest.now();
     if (taken == 0 && contest.host().host_simulates(contest.now())) taken = contest.now();
   }
   ASSERT_GT(stopped, 0);
@@ -293,16 +294,16 @@ TEST(Ownership, ADisconnectedOwnerStopsBeforeTheHostTakesTheObjectBack) {
 TEST(Ownership, ARestartedHostGrantsALargerNumber) {
   Contest contest{1};
   contest.run(300);
-  contest.holder(0).set_touching(true);
+  contest.claimant(0).set_touching(true);
   contest.run(30);
-  contest.holder(1).set_touching(true);
+  contest.claimant(1).set_touching(true);
   contest.run(30);
-  const std::uint64_t before = contest.holder(0).fencing();
+  const std::uint64_t before = contest.claimant(0).fencing();
   contest.start_host();
   contest.run(400);
-  EXPECT_GT(contest.holder(0).fencing(), before);
-  const std::set<Holder::Role> roles{contest.role(0), contest.role(1)};
-  EXPECT_EQ(roles, (std::set<Holder::Role>{Holder::Role::kLeader, Holder::Role::kCopy}));
+  EXPECT_GT(contest.claimant(0).fencing(), before);
+  const std::set<Claimant::Role> roles{contest.role(0), contest.role(1)};
+  EXPECT_EQ(roles, (std::set<Claimant::Role>{Claimant::Role::kLeader, Claimant::Role::kCopy}));
   contest.check();
 }
 
@@ -330,13 +331,13 @@ TEST(Ownership, EachNumberHasOneOwnerUnderFaultsAndOneOwnerRemainsAfterThem) {
         case 2:
           contest.start_hrtc(who);
           touches[who] = false;
-          contest.holder(who).set_one_way(below(400) * kMs);  // a wrong transit must not cause two owners
+          contest.claimant(who).set_one_way(below(400) * kMs);  // a wrong transit must not cause two owners
           break;
         case 3:
           if (seed % 3 == 0) contest.start_host();
           break;
         default:
-          contest.holder(who).set_touching(touches[who] = !touches[who]);
+          contest.claimant(who).set_touching(touches[who] = !touches[who]);
       }
       for (int ms = below(150); ms > 0; --ms) {
         contest.run(1);
@@ -354,9 +355,10 @@ TEST(Ownership, EachNumberHasOneOwnerUnderFaultsAndOneOwnerRemainsAfterThem) {
     int touching = 0, simulating = 0, leading = 0;
     for (std::size_t i = 0; i < kHrtcs; ++i) {
       touching += touches[i] ? 1 : 0;
-      const Holder::Role role = contest.role(i);
-      if (role == Holder::Role::kCopy || role == Holder::Role::kLeader || role == Holder::Role::kOwner) ++simulating;
-      if (role == Holder::Role::kLeader || role == Holder::Role::kOwner) ++leading;
+      const Claimant::Role role = contest.role(i);
+      if (role == Claimant::Role::kCopy || role == Claimant::Role::kLeader || role == Claimant::Role::kOwner)
+        ++simulating;
+      if (role == Claimant::Role::kLeader || role == Claimant::Role::kOwner) ++leading;
     }
     EXPECT_EQ(simulating, touching) << "seed " << seed;
     EXPECT_EQ(leading, touching > 0 ? 1 : 0) << "seed " << seed;
@@ -367,27 +369,27 @@ TEST(Ownership, EachNumberHasOneOwnerUnderFaultsAndOneOwnerRemainsAfterThem) {
   EXPECT_GT(refused, 100u);
 }
 
-TEST(PoseGate, RefusesAnOlderNumberAnOlderPoseAndASecondAuthor) {
-  PoseGate gate;
+TEST(PoseAdmission, RefusesAnOlderNumberAnOlderPoseAndASecondAuthor) {
+  PoseAdmission admission;
   ObjectPose pose;
   pose.origin = origin_of(1, 1);
   pose.fencing = 3;
   pose.sequence = 7;
-  EXPECT_TRUE(gate.accept(pose, 0));
-  EXPECT_FALSE(gate.accept(pose, 0));
+  EXPECT_TRUE(admission.accept(pose, 0));
+  EXPECT_FALSE(admission.accept(pose, 0));
   pose.sequence = 6;
-  EXPECT_FALSE(gate.accept(pose, 0));
+  EXPECT_FALSE(admission.accept(pose, 0));
   ObjectPose other = pose;
   other.origin = origin_of(2, 1);
   other.sequence = 9;
-  EXPECT_FALSE(gate.accept(other, 0));
+  EXPECT_FALSE(admission.accept(other, 0));
   other.fencing = 2;
-  EXPECT_FALSE(gate.accept(other, 0));
+  EXPECT_FALSE(admission.accept(other, 0));
   other.fencing = 4;
   other.sequence = 1;
-  EXPECT_TRUE(gate.accept(other, 0));
+  EXPECT_TRUE(admission.accept(other, 0));
   pose.sequence = 20;
-  EXPECT_FALSE(gate.accept(pose, 0));
+  EXPECT_FALSE(admission.accept(pose, 0));
 }
 
 ObjectClaim claim_of(std::uint64_t participant, std::uint64_t incarnation, std::uint32_t sequence, bool touching) {
@@ -408,9 +410,9 @@ ObjectGrant grant_of(std::uint32_t sequence, std::uint64_t fencing) {
   return grant;
 }
 
-TEST(Arbiter, GrantsAgainAfterOneClaimFromTheFarFuture) {
+TEST(OwnershipArbiter, GrantsAgainAfterOneClaimFromTheFarFuture) {
   for (const bool is_number : {true, false}) {
-    Arbiter arbiter{origin_of(kHost, kHostLife), kObject, {}, 0};
+    OwnershipArbiter arbiter{origin_of(kHost, kHostLife), kObject, {}, 0};
     std::int64_t now = 300 * kMs;
     std::uint32_t sequence = 0;
     for (int i = 0; i < 10; ++i) arbiter.on_claim(claim_of(1, 3, ++sequence, true), now += 20 * kMs);
@@ -428,8 +430,8 @@ TEST(Arbiter, GrantsAgainAfterOneClaimFromTheFarFuture) {
   }
 }
 
-TEST(Arbiter, OneFencingNumberFromTheFarFutureIsNotTaken) {
-  Arbiter arbiter{origin_of(kHost, kHostLife), kObject, {}, 0};
+TEST(OwnershipArbiter, OneFencingNumberFromTheFarFutureIsNotTaken) {
+  OwnershipArbiter arbiter{origin_of(kHost, kHostLife), kObject, {}, 0};
   std::int64_t now = 300 * kMs;
   (void)arbiter.tick(now);
   const std::uint64_t before = arbiter.fencing();
@@ -439,28 +441,28 @@ TEST(Arbiter, OneFencingNumberFromTheFarFutureIsNotTaken) {
   EXPECT_EQ(arbiter.fencing(), before);
 }
 
-TEST(Holder, AcceptsGrantsAfterOneFromTheFarFuture) {
+TEST(Claimant, AcceptsGrantsAfterOneFromTheFarFuture) {
   for (const bool is_number : {true, false}) {
-    Holder holder{origin_of(1, 1), kObject, {}};
-    holder.set_touching(true);
+    Claimant claimant{origin_of(1, 1), kObject, {}};
+    claimant.set_touching(true);
     std::int64_t now = 0;
     std::uint32_t sequence = 0;
     for (int i = 0; i < 100; ++i) {
       now += 20 * kMs;
-      const std::optional<ObjectClaim> claim = holder.tick(now);
+      const std::optional<ObjectClaim> claim = claimant.tick(now);
       ASSERT_TRUE(claim);
       ObjectGrant grant = grant_of(++sequence, 7);
       if (i == 50) (is_number ? grant.sequence = 0xffffffff : grant.fencing = UINT64_MAX);
       grant.touchers = {{1, 1, claim->sequence}};
-      holder.on_grant(grant, now);
+      claimant.on_grant(grant, now);
     }
-    EXPECT_EQ(holder.role(now), Holder::Role::kOwner);
+    EXPECT_EQ(claimant.role(now), Claimant::Role::kOwner);
   }
 }
 
-TEST(PoseGate, GoesOnAfterOnePoseFromTheFarFuture) {
+TEST(PoseAdmission, GoesOnAfterOnePoseFromTheFarFuture) {
   for (const bool is_number : {true, false}) {
-    PoseGate gate;
+    PoseAdmission admission;
     ObjectPose pose;
     pose.origin = origin_of(1, 1);
     pose.fencing = 3;
@@ -469,15 +471,15 @@ TEST(PoseGate, GoesOnAfterOnePoseFromTheFarFuture) {
       ObjectPose sent = pose;
       sent.sequence = i;
       if (i == 50) (is_number ? sent.sequence = 0xffffffff : sent.fencing = UINT64_MAX);
-      accepted += gate.accept(sent, i * 4 * kMs) ? 1 : 0;
+      accepted += admission.accept(sent, i * 4 * kMs) ? 1 : 0;
     }
     EXPECT_EQ(accepted, 99);
   }
 }
 
-TEST(CopyGate, GoesOnAfterOneCopyFromTheFarFuture) {
+TEST(CopyAdmission, GoesOnAfterOneCopyFromTheFarFuture) {
   for (const bool is_number : {true, false}) {
-    CopyGate gate;
+    CopyAdmission admission;
     ObjectCopy copy;
     copy.origin = origin_of(2, 1);
     int taken = 0;
@@ -485,13 +487,13 @@ TEST(CopyGate, GoesOnAfterOneCopyFromTheFarFuture) {
       copy.sequence = i;
       copy.session_time_ns = i * kMs;
       if (i == 50) (is_number ? copy.sequence = 0xffffffff : copy.session_time_ns = INT64_MAX);
-      taken += gate.accept(copy, i * kMs, i * kMs) ? 1 : 0;
+      taken += admission.accept(copy, i * kMs, i * kMs) ? 1 : 0;
     }
     EXPECT_EQ(taken, 99);
-    EXPECT_EQ(gate.implausible(), 1u);
+    EXPECT_EQ(admission.implausible(), 1u);
     copy.sequence = 98;
     copy.session_time_ns = 98 * kMs;
-    EXPECT_TRUE(gate.accept(copy, 101 * kMs, 101 * kMs)) << "an overtaken copy fills a gap";
+    EXPECT_TRUE(admission.accept(copy, 101 * kMs, 101 * kMs)) << "an overtaken copy fills a gap";
   }
 }
 

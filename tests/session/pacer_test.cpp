@@ -42,7 +42,7 @@ Outcome fill(const Path& path, double seconds) {
   std::mt19937_64 random{1};
   std::uniform_real_distribution<double> share{0, 1};
   Pacer pacer;
-  std::deque<Chunk> under_way;
+  std::deque<Chunk> in_flight;
   std::deque<std::pair<std::int64_t, std::vector<Chunk>>> demands;
   std::int64_t free = 0, next_demand = 0;
   std::vector<double> queues;
@@ -52,8 +52,8 @@ Outcome fill(const Path& path, double seconds) {
   for (std::int64_t now = 0; now < end; now += 20'000) {
     if (now >= next_demand) {
       std::vector<Chunk> published;
-      for (; !under_way.empty() && under_way.front().arrives <= now; under_way.pop_front())
-        published.push_back(under_way.front());
+      for (; !in_flight.empty() && in_flight.front().arrives <= now; in_flight.pop_front())
+        published.push_back(in_flight.front());
       if (!published.empty()) demands.emplace_back(now + path.one_way_ns, std::move(published));
       next_demand = now + path.demand_ns;
     }
@@ -71,13 +71,13 @@ Outcome fill(const Path& path, double seconds) {
       pacer.on_feedback(feedback, now);
     }
     while (pacer.may_send(kChunk, now)) {
-      pacer.sent(kChunk, now);
+      pacer.on_sent(kChunk, now);
       if (now > end / 4) {
         queues.push_back(static_cast<double>(std::max<std::int64_t>(0, free - now)) / kMs);
         carried += static_cast<double>(takes);
       }
       free = std::max(free, now) + takes;
-      under_way.push_back({now, free + path.one_way_ns, share(random) < path.loss});
+      in_flight.push_back({now, free + path.one_way_ns, share(random) < path.loss});
     }
   }
   std::sort(queues.begin(), queues.end());
@@ -116,9 +116,9 @@ NamedOutcome send_named(const netem::NamedLink& named, double seconds, std::uint
     std::uint32_t bytes;
     std::optional<std::int64_t> arrives;
   };
-  netem::Link forth{named.each_way, 2 * seed + 1}, back{named.each_way, 2 * seed + 2};
+  netem::Link forth{named.each_direction, 2 * seed + 1}, back{named.each_direction, 2 * seed + 2};
   Pacer pacer;
-  std::deque<Chunk> under_way;
+  std::deque<Chunk> in_flight;
   struct Published {
     std::int64_t at;
     Pacer::Feedback feedback;
@@ -131,7 +131,7 @@ NamedOutcome send_named(const netem::NamedLink& named, double seconds, std::uint
   std::int64_t next_demand = 0, next_echo = 0;
   std::uint32_t to_send = 0;
   const auto send = [&](std::uint32_t bytes, std::int64_t now) {
-    under_way.push_back({now, bytes, forth.departure(now, bytes + static_cast<std::size_t>(kHeaders))});
+    in_flight.push_back({now, bytes, forth.departure(now, bytes + static_cast<std::size_t>(kHeaders))});
     next_echo = now + kEcho;
   };
   for (std::int64_t now = 0; now < end; now += 50'000) {
@@ -139,10 +139,10 @@ NamedOutcome send_named(const netem::NamedLink& named, double seconds, std::uint
     if (now >= next_demand) {
       next_demand = now + 5 * kMs;
       // Chunks stay in order, so a loss is detected when the next one arrives.
-      const auto newest = std::find_if(under_way.rbegin(), under_way.rend(),
+      const auto newest = std::find_if(in_flight.rbegin(), in_flight.rend(),
                                        [&](const Chunk& chunk) { return chunk.arrives && *chunk.arrives <= now; });
-      for (auto left = under_way.rend() - newest; left > 0; --left, under_way.pop_front()) {
-        const Chunk& chunk = under_way.front();
+      for (auto left = in_flight.rend() - newest; left > 0; --left, in_flight.pop_front()) {
+        const Chunk& chunk = in_flight.front();
         Pacer::Feedback& feedback = unpublished.feedback;
         (chunk.arrives ? feedback.arrived_bytes : feedback.lost_bytes) += chunk.bytes;
         if (!chunk.arrives || chunk.bytes == 0) continue;
@@ -164,14 +164,14 @@ NamedOutcome send_named(const netem::NamedLink& named, double seconds, std::uint
       pacer.on_feedback(published.front().feedback, now);
     }
     while (to_send >= kChunk && pacer.may_send(kChunk, now)) {
-      pacer.sent(kChunk, now);
+      pacer.on_sent(kChunk, now);
       if (burst != 0) to_send -= kChunk;
       send(kChunk, now);
     }
-    if (!under_way.empty() && now >= next_echo) send(0, now);
+    if (!in_flight.empty() && now >= next_echo) send(0, now);
     if (to_send < kChunk) pacer.set_idle();
   }
-  const double rate = named.each_way.rate_mbit * 1e6 / 8 * (1 - named.each_way.mean_loss());
+  const double rate = named.each_direction.rate_mbit * 1e6 / 8 * (1 - named.each_direction.mean_loss());
   return {arrived / (rate * seconds * 2 / 3), pacer.window()};
 }
 
@@ -186,7 +186,7 @@ std::vector<double> of_seeds(const Value& value) {
 
 TEST(Pacer, FillsLinksWithVaryingDelay) {
   for (const netem::NamedLink& link : netem::kNamedLinks) {
-    if (link.each_way.rate_mbit == 0) continue;
+    if (link.each_direction.rate_mbit == 0) continue;
     const std::vector<double> shares = of_seeds([&](std::uint64_t seed) { return send_named(link, 60, seed).share; });
     const bool loses_in_bursts = std::string{link.name} == "P7";
     EXPECT_GT(shares[2], loses_in_bursts ? 0.8 : 0.9) << link.name << ", " << link.description;
@@ -197,7 +197,7 @@ TEST(Pacer, FillsLinksWithVaryingDelay) {
 TEST(Pacer, KeepsAWindowForABurstOnLinksWithVaryingDelay) {
   constexpr std::uint32_t kBurst = 4 * kChunk;
   for (const netem::NamedLink& link : netem::kNamedLinks) {
-    if (link.each_way.rate_mbit == 0) continue;
+    if (link.each_direction.rate_mbit == 0) continue;
     const std::vector<double> windows =
         of_seeds([&](std::uint64_t seed) { return send_named(link, 60, seed, kBurst).window; });
     EXPECT_GE(windows[2], 2 * kBurst) << link.name << ", " << link.description;
@@ -210,19 +210,19 @@ TEST(Pacer, SendsNoMoreThanItsWindowWithoutFeedback) {
   std::uint32_t sent = 0;
   for (std::int64_t now = 0; now < 1000 * kMs; now += kMs) {
     while (pacer.may_send(kChunk, now)) {
-      pacer.sent(kChunk, now);
+      pacer.on_sent(kChunk, now);
       sent += kChunk;
     }
   }
   EXPECT_LE(sent, pacer.window());
   EXPECT_GT(sent + kChunk, pacer.window());
-  EXPECT_EQ(pacer.under_way(), sent);
+  EXPECT_EQ(pacer.in_flight(), sent);
 }
 
 TEST(Pacer, SpreadsAWindowInsteadOfSendingItAtOnce) {
   Pacer pacer;
   int at_once = 0;
-  for (; pacer.may_send(kChunk, kMs * 1000); ++at_once) pacer.sent(kChunk, kMs * 1000);
+  for (; pacer.may_send(kChunk, kMs * 1000); ++at_once) pacer.on_sent(kChunk, kMs * 1000);
   EXPECT_LT(at_once, 10);
   EXPECT_GT(pacer.next_ns(), kMs * 1000);
 }

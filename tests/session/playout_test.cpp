@@ -34,7 +34,7 @@ void feed(ProbePlayout& playout, std::int64_t from_ms, std::int64_t to_ms, std::
 
 TEST(ProbePlayout, IsStaleBeforeTheFirstState) {
   ProbePlayout playout;
-  const Shown shown = playout.at(5 * kMs);
+  const ShownProbe shown = playout.view_at(5 * kMs);
   EXPECT_TRUE(shown.stale);
   EXPECT_EQ(shown.state.sequence, 0u);
 }
@@ -42,7 +42,7 @@ TEST(ProbePlayout, IsStaleBeforeTheFirstState) {
 TEST(ProbePlayout, ShowsAProbeWhereItWasOneTransitAgo) {
   ProbePlayout playout{without_reserve()};
   feed(playout, 0, 3000, 30);
-  const Shown shown = playout.at(3025 * kMs);
+  const ShownProbe shown = playout.view_at(3025 * kMs);
   EXPECT_EQ(playout.delay_ns(), 30 * kMs);
   EXPECT_EQ(shown.at_ns, 2995 * kMs);
   EXPECT_NEAR(shown.view.device[0], 2.995, 1e-12);
@@ -78,10 +78,10 @@ TEST(TransitEstimator, DropsLaterMeasurementsWhenTimeStepsBack) {
 TEST(ProbePlayout, ContinuesWhenSessionTimeStepsBack) {
   ProbePlayout playout{without_reserve()};
   feed(playout, 60'000, 61'000, 40);
-  (void)playout.at(61'000 * kMs);
+  (void)playout.view_at(61'000 * kMs);
   for (std::int64_t ms = 1000; ms < 1100; ms += 10)
     playout.on_state(moving(static_cast<std::uint32_t>(6100 + ms / 10), ms), (ms + 5) * kMs);
-  const Shown shown = playout.at(1095 * kMs);
+  const ShownProbe shown = playout.view_at(1095 * kMs);
   EXPECT_EQ(playout.delay_ns(), 5 * kMs) << "earlier transits are dropped";
   EXPECT_NEAR(shown.view.device[0], 1.09, 1e-9);
   EXPECT_FALSE(shown.stale);
@@ -90,10 +90,10 @@ TEST(ProbePlayout, ContinuesWhenSessionTimeStepsBack) {
 TEST(ProbePlayout, ShownTimeNeverGoesBack) {
   ProbePlayout playout{without_reserve()};
   feed(playout, 0, 500, 5);
-  const std::int64_t before = playout.at(505 * kMs).at_ns;
+  const std::int64_t before = playout.view_at(505 * kMs).at_ns;
   feed(playout, 500, 1500, 60);
   EXPECT_EQ(playout.delay_ns(), 60 * kMs);
-  EXPECT_GE(playout.at(506 * kMs).at_ns, before);
+  EXPECT_GE(playout.view_at(506 * kMs).at_ns, before);
 }
 
 TEST(ProbePlayout, WaitsNoLongerThanItsBound) {
@@ -127,7 +127,7 @@ TEST(ProbePlayout, InsertsAnOvertakenStateByNumberAndIgnoresARepetition) {
   playout.on_state(overtaken, 21 * kMs);
   overtaken.device.position = {8, 0, 0};
   playout.on_state(overtaken, 22 * kMs);
-  const Shown shown = playout.at(60 * kMs + playout.delay_ns() - 50 * kMs);
+  const ShownProbe shown = playout.view_at(60 * kMs + playout.delay_ns() - 50 * kMs);
   EXPECT_EQ(shown.at_ns, 10 * kMs);
   EXPECT_EQ(shown.view.device[0], 7);
 }
@@ -135,8 +135,8 @@ TEST(ProbePlayout, InsertsAnOvertakenStateByNumberAndIgnoresARepetition) {
 TEST(ProbePlayout, IsStaleAfterThreeKeepAlivePeriodsOfSilence) {
   ProbePlayout playout;
   feed(playout, 0, 1000, 5);
-  EXPECT_FALSE(playout.at(1100 * kMs).stale);
-  EXPECT_TRUE(playout.at(1130 * kMs).stale);
+  EXPECT_FALSE(playout.view_at(1100 * kMs).stale);
+  EXPECT_TRUE(playout.view_at(1130 * kMs).stale);
 }
 
 TEST(ProbePlayout, StartsAnewWithAnotherIncarnation) {
@@ -146,7 +146,7 @@ TEST(ProbePlayout, StartsAnewWithAnotherIncarnation) {
   reborn.origin.incarnation = 2;
   playout.on_state(reborn, 1105 * kMs);
   EXPECT_EQ(playout.delay_ns(), 5 * kMs);
-  EXPECT_EQ(playout.at(1105 * kMs).state.sequence, 1u);
+  EXPECT_EQ(playout.view_at(1105 * kMs).state.sequence, 1u);
 }
 
 }  // namespace

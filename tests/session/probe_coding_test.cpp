@@ -61,7 +61,7 @@ TEST(Reckon, ExtrapolatesAFreeProbeForwardsAndBackwards) {
   state.velocity = {0.1, 0, -0.2};
   for (const std::int64_t ms : {-10, 0, 25}) {
     const double seconds = static_cast<double>(ms) * 1e-3;
-    const ProbeView view = reckon(state, (100 + ms) * kMs);
+    const ProbeView view = extrapolate(state, (100 + ms) * kMs);
     EXPECT_NEAR(distance(view.device, {1 + 0.1 * seconds, 2, 3 - 0.2 * seconds}), 0, 1e-15);
     EXPECT_NEAR(distance(view.proxy, view.device), 0, 1e-15);
     EXPECT_EQ(distance(view.force, {0, 0, 0}), 0);
@@ -70,20 +70,21 @@ TEST(Reckon, ExtrapolatesAFreeProbeForwardsAndBackwards) {
 
 TEST(Reckon, MatchesSpringAndPlaneForConstantVelocity) {
   const ProbeState state = pressed(0.002, {0.05, -0.02, -0.03}, 0);
-  const ProbeView view = reckon(state, 20 * kMs);
+  const ProbeView view = extrapolate(state, 20 * kMs);
   EXPECT_NEAR(distance(view.device, {0.101, 0.1996, -0.0026}), 0, 1e-12);
   EXPECT_NEAR(distance(view.proxy, {0.101, 0.1996, 0}), 0, 1e-12) << "stays on the surface";
   EXPECT_NEAR(distance(view.force, {0, 0, 2.6}), 0, 1e-9);
 }
 
 TEST(Reckon, TheForceIsZeroAfterLeavingTheSurface) {
-  const ProbeView view = reckon(pressed(0.001, {0, 0, 0.2}, 0), 30 * kMs);
+  const ProbeView view = extrapolate(pressed(0.001, {0, 0, 0.2}, 0), 30 * kMs);
   EXPECT_NEAR(distance(view.force, {0, 0, 0}), 0, 1e-9);
 }
 
 TEST(Reckon, MotionDiesOutAfterAKeepAlivePeriod) {
   const ProbeState state = pressed(0.002, {0.1, 0, 0}, 0);
-  const double at_end = reckon(state, kKeepAliveNs).device[0], later = reckon(state, 60 * kKeepAliveNs).device[0];
+  const double at_end = extrapolate(state, kKeepAliveNs).device[0],
+               later = extrapolate(state, 60 * kKeepAliveNs).device[0];
   EXPECT_NEAR(at_end, 0.1 + 0.1 * 0.04, 1e-12);
   EXPECT_NEAR(later, at_end + 0.1 * 0.02, 1e-9);
 }
@@ -107,7 +108,7 @@ TEST(ProbeEncoder, WithoutLossesTheErrorStaysBelowTheNoticeableDifference) {
         last = state;
         ++sent;
       }
-      const ProbeView view = reckon(last, state.session_time_ns);
+      const ProbeView view = extrapolate(last, state.session_time_ns);
       const double size = std::hypot(state.force[0], state.force[1], state.force[2]);
       ASSERT_LE(distance(view.force, state.force), std::max(0.1 * size, 0.05) * (1 + 1e-12)) << "seed " << seed;
       ASSERT_LE(distance(view.device, state.device.position), 0.001 + 1e-12);
@@ -144,7 +145,7 @@ double misled(const std::vector<ProbeState>& states, double loss, double expecte
       ++sent;
       if (std::uniform_real_distribution<>{}(random) >= loss) last = state;
     }
-    wrong += settings.jnd.of_force(state.force, reckon(last, state.session_time_ns).force) > 1 ? 1 : 0;
+    wrong += settings.jnd.force_difference(state.force, extrapolate(last, state.session_time_ns).force) > 1 ? 1 : 0;
   }
   return static_cast<double>(wrong) / static_cast<double>(states.size());
 }

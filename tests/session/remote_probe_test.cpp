@@ -36,7 +36,7 @@ class Switching : public ::testing::Test {
     ProbeState state;
     StateStream stream;
   };
-  void run(const std::function<void(std::int64_t ms, const Shown&)>& check) {
+  void run(const std::function<void(std::int64_t ms, const ShownProbe&)>& check) {
     std::mt19937 random{3};
     std::uniform_real_distribution<> jitter{-2, 2};
     ProbeEncoder encoder;
@@ -56,7 +56,7 @@ class Switching : public ::testing::Test {
       for (auto& link : links)
         for (; !link.empty() && link.front().arrives_ns <= ms * kMs; link.pop_front())
           (void)probe_.on_state(link.front().state, link.front().stream, ms * kMs);
-      check(ms, probe_.at(ms * kMs));
+      check(ms, probe_.view_at(ms * kMs));
     }
   }
   RemoteProbe probe_;
@@ -65,7 +65,7 @@ class Switching : public ::testing::Test {
 TEST_F(Switching, ShowsNoForceStepAtEitherChangeOfStream) {
   const Jnd jnd;
   double before = 0, max = 0;
-  run([&](std::int64_t ms, const Shown& shown) {
+  run([&](std::int64_t ms, const ShownProbe& shown) {
     const double force = shown.view.force[2];
     if (ms > 1000) max = std::max(max, std::abs(force - before));
     before = force;
@@ -79,7 +79,7 @@ TEST_F(Switching, ShowsNoForceStepAtEitherChangeOfStream) {
 
 TEST_F(Switching, ShowsFullRateStatesWithLessDelayWhileTheyCome) {
   std::int64_t coded_delay = 0, full_rate_delay = 0;
-  run([&](std::int64_t ms, const Shown&) {
+  run([&](std::int64_t ms, const ShownProbe&) {
     if (ms == 1400) {
       EXPECT_EQ(probe_.stream(), StateStream::kDeadbandCoded);
       coded_delay = probe_.delay_ns();
@@ -99,7 +99,7 @@ TEST_F(Switching, ShowsFullRateStatesWithLessDelayWhileTheyCome) {
 TEST(RemoteProbe, MeasuresTheShareOfLostDeadbandCodedStates) {
   RemoteProbe probe;
   std::mt19937 random{5};
-  EXPECT_EQ(probe.lost(), 0);
+  EXPECT_EQ(probe.lost_share(), 0);
   ProbeState state;
   state.origin.incarnation = 1;
   for (std::uint32_t i = 1; i <= 20000; ++i) {
@@ -108,7 +108,7 @@ TEST(RemoteProbe, MeasuresTheShareOfLostDeadbandCodedStates) {
     if (std::uniform_real_distribution<>{}(random) >= 0.2)
       (void)probe.on_state(state, StateStream::kDeadbandCoded, state.session_time_ns);
   }
-  EXPECT_NEAR(probe.lost(), 0.2, 0.1);
+  EXPECT_NEAR(probe.lost_share(), 0.2, 0.1);
 }
 
 TEST(RemoteProbe, IgnoresStatesOfAnEarlierIncarnation) {
@@ -122,7 +122,7 @@ TEST(RemoteProbe, IgnoresStatesOfAnEarlierIncarnation) {
   state.sequence = 2;
   state.radius = 2;
   EXPECT_EQ(probe.on_state(state, StateStream::kDeadbandCoded, kMs), Admission::kImplausible);
-  EXPECT_EQ(probe.at(2 * kMs).state.radius, 1);
+  EXPECT_EQ(probe.view_at(2 * kMs).state.radius, 1);
 }
 
 ProbeState state_of(std::uint64_t participant, std::uint64_t incarnation, std::uint32_t sequence, std::int64_t ms) {
@@ -143,9 +143,9 @@ TEST(RemoteProbe, GoesOnAfterOneNumberFromTheFarFuture) {
     for (; ms < 100; ++ms) (void)probe.on_state(state_of(1, 1, ++sequence, ms), stream, ms * kMs);
     EXPECT_EQ(probe.on_state(state_of(1, 1, 4'000'000'000, ms), stream, ms * kMs), Admission::kImplausible);
     for (; ms < 1000; ++ms) (void)probe.on_state(state_of(1, 1, ++sequence, ms), stream, ms * kMs);
-    EXPECT_NEAR(probe.at(ms * kMs).state.radius, static_cast<double>(ms), 10);
-    EXPECT_FALSE(probe.at(ms * kMs).stale);
-    EXPECT_LT(probe.lost(), 0.05);
+    EXPECT_NEAR(probe.view_at(ms * kMs).state.radius, static_cast<double>(ms), 10);
+    EXPECT_FALSE(probe.view_at(ms * kMs).stale);
+    EXPECT_LT(probe.lost_share(), 0.05);
   }
 }
 
@@ -157,9 +157,9 @@ TEST(RemoteProbe, GoesOnAfterOneTimeFromTheFarFuture) {
     if (ms == 100) state.session_time_ns = INT64_MAX;
     (void)probe.on_state(state, StateStream::kDeadbandCoded, ms * kMs);
     if (ms < 110) continue;
-    ASSERT_NEAR(probe.at(ms * kMs).state.radius, static_cast<double>(ms), 10) << "at " << ms << " ms";
+    ASSERT_NEAR(probe.view_at(ms * kMs).state.radius, static_cast<double>(ms), 10) << "at " << ms << " ms";
   }
-  EXPECT_TRUE(probe.at(5000 * kMs).stale) << "no state for three seconds";
+  EXPECT_TRUE(probe.view_at(5000 * kMs).stale) << "no state for three seconds";
 }
 
 TEST(RemoteProbe, FollowsAUserToAnHrtcThatStartedEarlier) {
@@ -169,8 +169,8 @@ TEST(RemoteProbe, FollowsAUserToAnHrtcThatStartedEarlier) {
     (void)probe.on_state(state_of(8, 50, i, ms), StateStream::kDeadbandCoded, ms * kMs);
   for (std::uint32_t i = 1; i <= 100; ++i, ++ms)
     (void)probe.on_state(state_of(9, 20, i, ms), StateStream::kDeadbandCoded, ms * kMs);
-  EXPECT_EQ(probe.at(ms * kMs).state.origin.participant, 9u);
-  EXPECT_NEAR(probe.at(ms * kMs).state.radius, static_cast<double>(ms), 10);
+  EXPECT_EQ(probe.view_at(ms * kMs).state.origin.participant, 9u);
+  EXPECT_NEAR(probe.view_at(ms * kMs).state.radius, static_cast<double>(ms), 10);
 }
 
 TEST(RemoteProbe, GoesOnAfterOneIncarnationFromTheFarFuture) {
@@ -178,8 +178,8 @@ TEST(RemoteProbe, GoesOnAfterOneIncarnationFromTheFarFuture) {
   std::int64_t ms = 0;
   for (std::uint32_t i = 1; i <= 200; ++i, ++ms)
     (void)probe.on_state(state_of(8, i == 100 ? UINT64_MAX : 50, i, ms), StateStream::kDeadbandCoded, ms * kMs);
-  EXPECT_EQ(probe.at(ms * kMs).state.origin.incarnation, 50u);
-  EXPECT_NEAR(probe.at(ms * kMs).state.radius, static_cast<double>(ms), 10);
+  EXPECT_EQ(probe.view_at(ms * kMs).state.origin.incarnation, 50u);
+  EXPECT_NEAR(probe.view_at(ms * kMs).state.radius, static_cast<double>(ms), 10);
 }
 
 }  // namespace

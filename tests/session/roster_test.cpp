@@ -41,7 +41,7 @@ TEST_F(RosterTest, ReportsLateThenGoneAndTheReturn) {
   EXPECT_THAT(changes(roster_.tick(250 * kMs)), ElementsAre(RosterChange::kLate));
   EXPECT_TRUE(roster_.is_late(id_of("a")));
   EXPECT_THAT(changes(roster_.tick(260 * kMs)), IsEmpty()) << "reported once";
-  EXPECT_THAT(see(entry("a", 1, 2), 300 * kMs), ElementsAre(RosterChange::kBack));
+  EXPECT_THAT(see(entry("a", 1, 2), 300 * kMs), ElementsAre(RosterChange::kRecovered));
   EXPECT_THAT(changes(roster_.tick(800 * kMs)), ElementsAre(RosterChange::kGone));
   EXPECT_EQ(roster_.find(id_of("a")), nullptr);
   EXPECT_THAT(see(entry("a", 1, 3), 900 * kMs), ElementsAre(RosterChange::kJoined)) << "the partition has ended";
@@ -143,7 +143,7 @@ TEST_F(RosterTest, ParticipantsThatLeftLongAgoAreDropped) {
     client.leaving = i % 2 == 0;  // the others are silent
     (void)see(client, now_ns + kMs);
     (void)roster_.tick(now_ns + 600 * kMs);
-    ASSERT_LE(roster_.remembered(), 12u);
+    ASSERT_LE(roster_.stored_participants(), 12u);
   }
 }
 
@@ -168,7 +168,7 @@ TEST_F(RosterTest, TheProgramThatJoinedLaterYieldsWhateverItsWallClock) {
     for (int beat = 0; beat < 3; ++beat, ++other.heartbeat)
       for (RosterEvent& event : roster.on_entry(other, 0)) events.push_back(std::move(event));
     EXPECT_EQ(events.size(), 1u);
-    return !events.empty() && events[0].change == RosterChange::kNameConflict && events[0].entry_yields;
+    return !events.empty() && events[0].change == RosterChange::kNameConflict && events[0].entry_must_leave;
   };
   EXPECT_FALSE(conflict(3599'000 * kMs, 1000 * kMs)) << "it joined an hour after us";
   EXPECT_FALSE(conflict(kNotJoined, 1000 * kMs)) << "it has not joined yet";

@@ -62,7 +62,7 @@ const spm::codec::CompressedModel& coded_of(std::uint64_t object) {
   static const std::array<spm::codec::EncodedModel, kObjects> all{
       spm::codec::EncodedModel{model_of(kFirstObject).model()},
       spm::codec::EncodedModel{model_of(kFirstObject + 1).model()}};
-  return all[object - kFirstObject].coded();
+  return all[object - kFirstObject].compressed();
 }
 
 SimulatedHrtc::SimulatedHrtc(World& world, std::uint64_t id, const HrtcFaults& faults)
@@ -96,7 +96,7 @@ void SimulatedHrtc::on_sample(const Sample& sample) {
   if (const auto* entry = std::get_if<RosterEntry>(&sample); entry != nullptr && entry->role == Role::kHost &&
                                                              !entry->leaving &&
                                                              roster().find(entry->origin.participant) != nullptr)
-    client_->host_seen(entry->origin.participant, entry->origin.incarnation, local_ns());
+    client_->on_host_heartbeat(entry->origin.participant, entry->origin.incarnation, local_ns());
   if (const auto* liveness = std::get_if<LivenessSample>(&sample)) {
     const std::uint64_t host = liveness->sample.origin.participant, before = failure_detector_->false_suspicions();
     failure_detector_->on_answer(liveness->sample, local_ns());
@@ -104,14 +104,14 @@ void SimulatedHrtc::on_sample(const Sample& sample) {
     if (failure_detector_->watches(host)) answered_ns_[host] = world_.now_ns;
     suspects_.erase(host);
   }
-  if (const auto* offer = std::get_if<CatalogueEntry>(&sample)) client_->offer(*offer);
+  if (const auto* offer = std::get_if<CatalogueEntry>(&sample)) client_->on_catalogue(*offer);
   if (const auto* chunk = std::get_if<BulkChunk>(&sample)) take_chunk(*chunk);
 }
 
 void SimulatedHrtc::react(const RosterEvent& event) {
   const RosterEntry& entry = event.entry;
   const bool gone = event.change == RosterChange::kGone || event.change == RosterChange::kLeft;
-  if (entry.role == Role::kHost && gone) client_->host_gone(entry.origin.participant);
+  if (entry.role == Role::kHost && gone) client_->on_host_gone(entry.origin.participant);
   const bool news = event.change == RosterChange::kJoined || event.change == RosterChange::kRestarted ||
                     event.change == RosterChange::kChanged;
   if (entry.role != Role::kClient || (!gone && !news)) return;
@@ -133,9 +133,9 @@ void SimulatedHrtc::react(const RosterEvent& event) {
 
 void SimulatedHrtc::describe(RosterEntry& entry) const { entry.slots = slots_->list(); }
 
-/// A parked message may rely on regions that are released meanwhile; then it comes again with the messages after it.
+/// A postponed message may rely on regions that are released meanwhile; then it comes again with the messages after it.
 void SimulatedHrtc::unless_excused(const std::string& what) {
-  if (faults_.parking == 0 && !world_.excused(id()))
+  if (faults_.postponing == 0 && !world_.excused(id()))
     world_.broken(std::to_string(id()) + ": " + what + ", although nothing had been lost");
 }
 
@@ -171,8 +171,8 @@ void SimulatedHrtc::take_chunk(const BulkChunk& chunk) {
                     " and may rely on a region released before epoch " +
                     std::to_string(caches_.at(message.object_id).released_epoch));
     const std::int64_t due_ns = world_.now_ns + world_.below(faults_.decode_ns);
-    if (message.kind == BulkKind::kRegion && world_.chance(faults_.parking))
-      client_->park(message.object_id, message.region);
+    if (message.kind == BulkKind::kRegion && world_.chance(faults_.postponing))
+      client_->postpone_answer(message.object_id, message.region);
     answers_.push_back({answers_.empty() ? due_ns : std::max(due_ns, answers_.back().due_ns), std::move(message)});
     answer();
   }
@@ -190,7 +190,7 @@ void SimulatedHrtc::answer() {
     const std::span<const std::uint8_t> base = coded_of(message.object_id).spans().base;
     if (!std::equal(base.begin(), base.end(), message.bytes.begin(), message.bytes.end()))
       world_.broken("a base mesh differs from the model's");
-    client_->base_held(message.object_id);
+    client_->answer_base_stored(message.object_id);
   }
 }
 
@@ -208,7 +208,7 @@ void SimulatedHrtc::accept(const DeliveryClient::Message& message) {
     if (with_it || cache.count[list[i]] != 0) continue;
     ++figures_.regions_refused;
     unless_excused(name() + " came without record " + std::to_string(list[i]));
-    return client_->refused(message.object_id, message.region);
+    return client_->answer_refused(message.object_id, message.region);
   }
   const auto repeated = std::count_if(sent.begin(), sent.end(), [&](std::uint32_t r) { return cache.firm[r] != 0; });
   figures_.records_received += sent.size();
@@ -221,7 +221,7 @@ void SimulatedHrtc::accept(const DeliveryClient::Message& message) {
   }
   cache.lists[message.region] = list;
   cache.firm_regions.insert(message.region);
-  client_->held(message.object_id, message.region);
+  client_->answer_stored(message.object_id, message.region);
   ++figures_.regions_held;
 }
 
@@ -235,7 +235,7 @@ void SimulatedHrtc::wander(std::uint64_t object) {
     wanted.push_back({(at + away) % regions, away * 20'000});
     if (away != 0) wanted.push_back({(at + regions - away) % regions, away * 20'000 + 5'000});
   }
-  client_->want(object, wanted);
+  client_->set_wanted(object, wanted);
 }
 
 void SimulatedHrtc::retire_and_take_back(std::uint64_t object) {
@@ -254,7 +254,7 @@ void SimulatedHrtc::retire_and_take_back(std::uint64_t object) {
       if (world_.sabotage == Sabotage::kFreeEarly) freed.push_back(region);
     } else if (away <= kReach && retired && world_.below(2) == 0) {
       cache.retired.erase(region);
-      client_->held(object, region);
+      client_->answer_stored(object, region);
     }
   }
   for (const std::uint32_t region : freed) free(cache, region);

@@ -34,7 +34,7 @@ inline constexpr std::size_t kMaxPartialBytes = 200'000;
 /// Delays in the decoder and in the memory.
 struct HrtcFaults {
   std::int64_t decode_ns = 0;  ///< max delay of the answer to a message
-  double parking = 0;          ///< share of messages that are parked
+  double postponing = 0;       ///< share of messages that are postponed
 };
 
 struct HrtcFigures {
@@ -101,7 +101,7 @@ class SimulatedHrtc : public Program {
   std::map<std::string, std::uint64_t> client_of_;  // by user
   std::map<std::uint64_t, Cache> caches_;           // by object
   std::deque<Answer> answers_;
-  session::Every wander_{15 * kMs};
+  session::PeriodicTimer wander_{15 * kMs};
   HrtcFigures figures_;
 };
 

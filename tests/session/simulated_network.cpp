@@ -89,7 +89,7 @@ std::int64_t SimulatedNetwork::last_harm_ns(std::uint64_t a, std::uint64_t b) co
 
 void SimulatedNetwork::arrive(std::int64_t at_ns, const Direction& direction, std::shared_ptr<const Sample> sample,
                               std::uint64_t state) {
-  under_way_.push({at_ns, ++order_, direction.first, direction.second, std::move(sample), state});
+  in_flight_.push({at_ns, ++order_, direction.first, direction.second, std::move(sample), state});
 }
 
 void SimulatedNetwork::send(std::int64_t now_ns, std::uint64_t from, std::uint64_t to,
@@ -151,12 +151,12 @@ void SimulatedNetwork::send(std::int64_t now_ns, std::uint64_t from, std::uint64
 }
 
 std::int64_t SimulatedNetwork::next_ns() const noexcept {
-  return under_way_.empty() ? std::numeric_limits<std::int64_t>::max() : under_way_.top().at_ns;
+  return in_flight_.empty() ? std::numeric_limits<std::int64_t>::max() : in_flight_.top().at_ns;
 }
 
 std::optional<SimulatedNetwork::Packet> SimulatedNetwork::take() {
-  Packet packet = under_way_.top();
-  under_way_.pop();
+  Packet packet = in_flight_.top();
+  in_flight_.pop();
   if (packet.state != 0 && newest_.at({{packet.from, packet.to}, packet.state}) != packet.order) return std::nullopt;
   return packet;
 }

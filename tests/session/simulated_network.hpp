@@ -92,7 +92,7 @@ class SimulatedNetwork {
   std::mt19937_64 random_;
   std::int64_t delay_ns_;
   NetworkFaults faults_;
-  std::priority_queue<Packet, std::vector<Packet>, std::greater<>> under_way_;
+  std::priority_queue<Packet, std::vector<Packet>, std::greater<>> in_flight_;
   std::map<Direction, std::int64_t> cuts_;                               // end of the cut
   std::map<std::pair<Direction, std::uint64_t>, std::uint64_t> newest_;  // order of the newest state with a key
   std::map<Direction, std::int64_t> last_arrival_;                       // over the reliable carrier

@@ -51,8 +51,8 @@ void Program::start() {
   up_ = true;
   roster_ = std::make_unique<Roster>(self_, RosterSettings{});
   clock_ = std::make_unique<SessionClock>(self_, ClockSettings{}, local_ns());
-  beat_ = session::Every{100 * kMs};
-  request_ = session::Every{20 * kMs};
+  beat_ = session::PeriodicTimer{100 * kMs};
+  request_ = session::PeriodicTimer{20 * kMs};
   requests_ = 0;
   heartbeat_ = 0;
   answered_by_ = {};
@@ -108,13 +108,13 @@ void Program::on_clock_sample(const ClockSample& sample) {
     if (!clock_->on_answer(sample, local_ns())) return;
     answered_by_ = {sample.origin.participant, sample.origin.incarnation};
     answered_ns_ = world_.now_ns;
-  } else if (clock_->answers()) {
+  } else if (clock_->answers_requests()) {
     send(sample.origin.participant, clock_->answer(sample, local_ns(), local_ns()));
   }
 }
 
-void Program::keep_time() {
-  session::keep_time(*roster_, self_, role_, force_on(), local_ns(), *clock_);
+void Program::update_session_clock() {
+  session::update_session_clock(*roster_, self_, role_, force_on(), local_ns(), *clock_);
   const std::uint64_t reference = clock_->reference();
   if (reference != answered_by_.first) answered_by_ = {};
   if (reference == 0 || reference == id_ || !request_.due(local_ns())) return;
@@ -148,7 +148,7 @@ void Program::check_clock() {
 
 void Program::tick() {
   for (const RosterEvent& event : roster_->tick(local_ns())) react(event);
-  keep_time();
+  update_session_clock();
   check_clock();
   if (beat_.due(local_ns())) send_all(world_.programs, entry(false));
   next_tick_ns_ = std::numeric_limits<std::int64_t>::max();

@@ -92,7 +92,7 @@ class Program {
   /// Time of its own clock.
   [[nodiscard]] std::int64_t local_ns() const noexcept;
   /// Its clock's stated error bound now.
-  [[nodiscard]] std::int64_t clock_bound_ns() const noexcept { return clock_->map().bound(local_ns()); }
+  [[nodiscard]] std::int64_t clock_bound_ns() const noexcept { return clock_->map().error_bound(local_ns()); }
   /// Its roster entry.
   [[nodiscard]] session::RosterEntry entry(bool leaving);
 
@@ -108,13 +108,13 @@ class Program {
 
   void send(std::uint64_t to, Sample sample);
   void send_all(const std::vector<Program*>& to, Sample sample);
-  void publish_entry_at_once() { beat_.at_once(); }
+  void publish_entry_at_once() { beat_.make_due(); }
   void call_at(std::int64_t at_ns) { next_tick_ns_ = std::min(next_tick_ns_, at_ns); }
   [[nodiscard]] const session::Origin& self() const noexcept { return self_; }
   World& world_;
 
  private:
-  void keep_time();
+  void update_session_clock();
   void check_clock();
   void on_clock_sample(const session::ClockSample& sample);
 
@@ -128,7 +128,7 @@ class Program {
   std::int64_t next_tick_ns_ = 0;
   std::unique_ptr<session::Roster> roster_;
   std::unique_ptr<session::SessionClock> clock_;
-  session::Every beat_{100 * kMs}, request_{20 * kMs};
+  session::PeriodicTimer beat_{100 * kMs}, request_{20 * kMs};
   int requests_ = 0;
   std::uint64_t heartbeat_ = 0;
   std::pair<std::uint64_t, std::uint64_t> answered_by_;  // participant, incarnation

@@ -57,7 +57,7 @@ class SimulatedHost : public Program {
       if (!out) return 10 * kMs;
       ++chunks_;
       if (!out->chunk.pieces.empty() && world_.find(out->hrtc)->up()) world_.last_payload_ns = world_.now_ns;
-      if (server_->bytes_under_way(out->hrtc) > kMaxCredit) world_.broken("more bytes in flight than the credit");
+      if (server_->bytes_in_flight(out->hrtc) > kMaxCredit) world_.broken("more bytes in flight than the credit");
       if (world_.sabotage == Sabotage::kSendTwice && world_.chance(0.02)) server_->on_hrtc_gone(out->hrtc);
       send(out->hrtc, std::move(out->chunk));
     }
@@ -66,7 +66,7 @@ class SimulatedHost : public Program {
   }
 
  private:
-  void offer() {
+  void on_catalogue() {
     for (std::uint64_t object = kFirstObject; object < kFirstObject + kObjects; ++object) {
       if (!serves(object)) continue;
       CatalogueEntry offer;
@@ -78,7 +78,7 @@ class SimulatedHost : public Program {
   }
 
   std::unique_ptr<DeliveryServer> server_;
-  session::Every offers_{100 * kMs};
+  session::PeriodicTimer offers_{100 * kMs};
   std::int64_t last_sent_ns_ = 0;
   std::uint64_t chunks_ = 0;
 };
@@ -295,11 +295,11 @@ std::string Schedule::text() const {
   std::snprintf(
       line, sizeof line,
       "%lld ms of wandering; %s carrier, %g ms one way; loss %g %%, duplication %g %%, reordering %g %% by up to "
-      "%g ms, corruption %g %%; decoding up to %g ms, parking %g %%; %zu crashes, restarts and partitions",
+      "%g ms, corruption %g %%; decoding up to %g ms, postponing %g %%; %zu crashes, restarts and partitions",
       static_cast<long long>(wander_ns / kMs), carrier == SimulatedNetwork::Carrier::kLossy ? "lossy" : "reliable",
       static_cast<double>(delay_ns) * 1e-6, 100 * network.loss, 100 * network.duplication, 100 * network.reordering,
       static_cast<double>(network.reorder_ns) * 1e-6, 100 * network.corruption,
-      static_cast<double>(hrtcs.decode_ns) * 1e-6, 100 * hrtcs.parking, planned.size());
+      static_cast<double>(hrtcs.decode_ns) * 1e-6, 100 * hrtcs.postponing, planned.size());
   return line;
 }
 
@@ -316,7 +316,7 @@ Schedule random_schedule(std::uint64_t seed) {
   schedule.delay_ns = static_cast<std::int64_t>(one_of({0.2, 1, 5, 20}) * 1e6);
   if (below(3) == 0) schedule.carrier = SimulatedNetwork::Carrier::kReliable;
   schedule.hrtcs.decode_ns = static_cast<std::int64_t>(one_of({0, 10, 60}) * 1e6);
-  schedule.hrtcs.parking = one_of({0, 0, 0.1});
+  schedule.hrtcs.postponing = one_of({0, 0, 0.1});
 
   std::vector<FaultKind> kinds{FaultKind::kCrash, FaultKind::kRestart, FaultKind::kPartition};
   if (schedule.carrier == SimulatedNetwork::Carrier::kLossy)

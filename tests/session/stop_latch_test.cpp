@@ -51,7 +51,7 @@ TEST(StopLatch, HoldsUntilEveryStopIsNamed) {
   (void)latch.on_stop(stop(2, 1, 2));  // the issuer has restarted
   (void)latch.on_reset(reset(4, 1, {stop(2), stop(3)}));
   EXPECT_TRUE(latch.stopped());
-  EXPECT_THAT(standing(latch.records()), SizeIs(1));
+  EXPECT_THAT(standing_stops(latch.records()), SizeIs(1));
   (void)latch.on_reset(reset(4, 2, {stop(2, 1, 2)}));
   EXPECT_FALSE(latch.stopped());
 }
@@ -145,14 +145,14 @@ TEST(StopLatch, RaisesItsOwnStopWhenNoRecordIsFree) {
   EXPECT_TRUE(acknowledges(entry(1, latch), lost)) << "its sender need not repeat it";
   (void)latch.on_reset(reset(3, 1, known));
   EXPECT_TRUE(latch.stopped()) << "a stop has no record";
-  ASSERT_THAT(standing(latch.records()), SizeIs(1));
-  EXPECT_EQ(standing(latch.records())[0].participant, 1u);
-  (void)latch.on_reset(reset(3, 2, standing(latch.records())));
+  ASSERT_THAT(standing_stops(latch.records()), SizeIs(1));
+  EXPECT_EQ(standing_stops(latch.records())[0].participant, 1u);
+  (void)latch.on_reset(reset(3, 2, standing_stops(latch.records())));
   EXPECT_FALSE(latch.stopped());
 
   for (const StopName& name : known) (void)latch.on_stop({name.participant, 1, 2});
   EXPECT_TRUE(latch.on_stop(stop(501))) << "once more";
-  EXPECT_THAT(standing(latch.records()), SizeIs(kMaxStops));
+  EXPECT_THAT(standing_stops(latch.records()), SizeIs(kMaxStops));
 }
 
 TEST(StopLatch, OnlyThisProgramIssuesItsStops) {
@@ -161,7 +161,7 @@ TEST(StopLatch, OnlyThisProgramIssuesItsStops) {
   EXPECT_FALSE(latch.on_stop(stop(1, 0xffffffff)));
   EXPECT_FALSE(latch.stopped());
   for (std::uint64_t i = 0; i < kMaxStops; ++i) (void)latch.on_stop(stop(100 + i));
-  EXPECT_THAT(standing(latch.records()), SizeIs(kMaxStops));
+  EXPECT_THAT(standing_stops(latch.records()), SizeIs(kMaxStops));
 }
 
 TEST(StopLatch, ListsAcknowledgedAndMissingPrograms) {
@@ -258,7 +258,7 @@ class StopSimulation {
   }
   [[nodiscard]] bool stands_elsewhere(const StopName& stop, std::uint64_t than) const {
     return std::any_of(hrtcs_.begin(), hrtcs_.end(), [&](const auto& hrtc) {
-      const std::vector<StopName> there = standing(hrtc.second.records());
+      const std::vector<StopName> there = standing_stops(hrtc.second.records());
       return hrtc.first != than && std::any_of(there.begin(), there.end(), [&](const StopName& other) {
                return other.participant == stop.participant && other.number >= stop.number;
              });
@@ -267,7 +267,7 @@ class StopSimulation {
   /// Spares an HRTC with the only record of a stop: after its restart nobody could enforce that stop.
   void restart_an_hrtc() {
     const std::uint64_t id = 1 + static_cast<std::uint64_t>(below(kHrtcs));
-    const std::vector<StopName> known = standing(hrtcs_.at(id).records());
+    const std::vector<StopName> known = standing_stops(hrtcs_.at(id).records());
     if (std::all_of(known.begin(), known.end(), [&](const StopName& stop) { return stands_elsewhere(stop, id); }))
       start_hrtc(id);
   }
@@ -288,7 +288,7 @@ class StopSimulation {
     if (share < 1 && senders_ >= kMaxStops - 3) return;
     ForceReset made = reset(100 + senders_++, 1, {});
     for (const auto& [id, hrtc] : hrtcs_)
-      for (const StopName& stop : standing(hrtc.records()))
+      for (const StopName& stop : standing_stops(hrtc.records()))
         if (chance(share)) made.stops.push_back(stop);
     for (const EmergencyStop& stop : stops_)
       if (chance(0.2)) made.stops.push_back(stop.name());

@@ -85,7 +85,7 @@ class TimeReferenceTest : public testing::Test {
       if (machines_[at].program == nullptr) continue;
       Program& one = program(at);
       (void)one.roster.tick(local(at));
-      keep_time(one.roster, one.self, one.role, one.force_on, local(at), one.clock);
+      update_session_clock(one.roster, one.self, one.role, one.force_on, local(at), one.clock);
       if (ticks_ % 20 == at % 20) {
         const RosterEntry entry = one.entry(local(at));
         for (std::size_t to = 0; to < machines_.size(); ++to)
@@ -99,7 +99,7 @@ class TimeReferenceTest : public testing::Test {
     for (std::size_t to = 0; to < machines_.size(); ++to) {
       if (!reaches(at, to) || program(to).self.participant != reference(at)) continue;
       const ClockSample request = program(at).clock.request(local(at));
-      if (program(to).clock.answers())
+      if (program(to).clock.answers_requests())
         (void)program(at).clock.on_answer(program(to).clock.answer(request, local(to), local(to)), local(at));
     }
   }

@@ -28,7 +28,7 @@ TEST(PoseInterpolator, FollowsAMovingObjectCloselyAndWithoutJumps) {
   for (std::int64_t ms = 0; ms < 2000; ++ms) {
     if (ms % 10 == 0 && ms >= 20)
       pose_interpolator.on_pose({on_circle((ms - 20) * kMs), (ms - 20) * kMs, ++number}, ms * kMs);
-    const BodyState shown = pose_interpolator.at(ms * kMs);
+    const BodyState shown = pose_interpolator.state_at(ms * kMs);
     if (ms > 100) {
       furthest = std::max(furthest, (shown.position - on_circle(ms * kMs).position).norm());
       jump = std::max(jump, (shown.position - before.position).norm());
@@ -42,23 +42,23 @@ TEST(PoseInterpolator, FollowsAMovingObjectCloselyAndWithoutJumps) {
 TEST(PoseInterpolator, StopsWhenPosesStop) {
   PoseInterpolator pose_interpolator;
   pose_interpolator.on_pose({on_circle(0), 0, 1}, 0);
-  const BodyState stopped = pose_interpolator.at(500 * kMs);
+  const BodyState stopped = pose_interpolator.state_at(500 * kMs);
   EXPECT_TRUE(stopped.velocity.isZero());
   EXPECT_LT((stopped.position - on_circle(0).position).norm(), 0.02);
-  EXPECT_EQ(stopped.position, pose_interpolator.at(900 * kMs).position);
+  EXPECT_EQ(stopped.position, pose_interpolator.state_at(900 * kMs).position);
 }
 
 TEST(PoseInterpolator, FadesFromTheShownPose) {
   PoseInterpolator pose_interpolator;
   BodyState here;
   here.position = {1, 2, 3};
-  pose_interpolator.show(here, 100 * kMs);
-  EXPECT_EQ(pose_interpolator.at(200 * kMs).position, here.position);
+  pose_interpolator.set_state(here, 100 * kMs);
+  EXPECT_EQ(pose_interpolator.state_at(200 * kMs).position, here.position);
   BodyState there = here;
   there.position.x() += 0.01;
   pose_interpolator.on_pose({there, 200 * kMs, 1}, 200 * kMs);
-  EXPECT_NEAR(pose_interpolator.at(200 * kMs).position.x(), 1, 1e-9) << "the difference is faded out";
-  EXPECT_NEAR(pose_interpolator.at(700 * kMs).position.x(), 1.01, 1e-9);
+  EXPECT_NEAR(pose_interpolator.state_at(200 * kMs).position.x(), 1, 1e-9) << "the difference is faded out";
+  EXPECT_NEAR(pose_interpolator.state_at(700 * kMs).position.x(), 1.01, 1e-9);
 }
 
 }  // namespace

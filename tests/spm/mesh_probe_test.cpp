@@ -54,7 +54,8 @@ Found all_pairs(const Shown& shown, const PlacedProbe& probe, std::uint32_t tria
 
 Found by_query(const Shown& shown, PlacedProbe& probe) {
   std::vector<MeshContact> contacts(1u << 16);
-  const MeshTouch touch = probe.touching(shown.tree(), contacts.data(), static_cast<std::uint32_t>(contacts.size()));
+  const MeshTouch touch =
+      probe.find_contacts(shown.tree(), contacts.data(), static_cast<std::uint32_t>(contacts.size()));
   EXPECT_TRUE(touch.complete);
   EXPECT_LE(touch.contacts, contacts.size());
   contacts.resize(touch.contacts);
@@ -132,7 +133,7 @@ TEST(MeshProbe, FindsWhatAllPairsFindOnTheZooInRandomPosesAndInPlace) {
       for (int round = 0; round < 8; ++round) {
         SCOPED_TRACE(zoo.name + ", round " + std::to_string(round));
         // As it stands, a mesh lies on itself: every kind of touching at once.
-        if (round > 0) placed.place(random_pose(random, mesh, 0.1 * size));
+        if (round > 0) placed.set_pose(random_pose(random, mesh, 0.1 * size));
         const Found expected = all_pairs(shown, placed, probe.triangles());
         ASSERT_EQ(by_query(shown, placed), expected);
         contacts += expected.size();
@@ -154,7 +155,7 @@ class MeshProbeOnOrgan : public ::testing::Test {
 TEST_F(MeshProbeOnOrgan, FindsWhatAllPairsFindInRandomPoses) {
   std::size_t contacts = 0;
   for (int round = 0; round < 12; ++round) {
-    placed_.place(random_pose(random_, organ_, 0.002));
+    placed_.set_pose(random_pose(random_, organ_, 0.002));
     const Found expected = all_pairs(shown_, placed_, stylus_.triangles());
     ASSERT_EQ(by_query(shown_, placed_), expected) << "round " << round;
     contacts += expected.size();
@@ -166,7 +167,7 @@ TEST_F(MeshProbeOnOrgan, FindsWhatAllPairsFindWhilePartsAreShownOnly) {
   for (int round = 0; round < 6; ++round) {
     const std::uint64_t salt = random_();
     shown_.show([salt](std::uint32_t f) { return (f * 0x9e3779b97f4a7c15ull ^ salt) >> 13 & 1u; });
-    placed_.place(random_pose(random_, organ_, 0.002));
+    placed_.set_pose(random_pose(random_, organ_, 0.002));
     ASSERT_EQ(by_query(shown_, placed_), all_pairs(shown_, placed_, stylus_.triangles())) << "round " << round;
   }
 }
@@ -176,12 +177,12 @@ TEST_F(MeshProbeOnOrgan, GivesTheSameContactsInTheSameOrderForEveryInstructionSe
   std::vector<MeshContact> a(10000), b(10000), c(10000);
   for (int round = 0; round < 200; ++round) {
     const Eigen::Isometry3d pose = random_pose(random_, organ_, 0.002);
-    placed_.place(pose);
-    base.place(pose);
-    avx2.place(pose);
-    const MeshTouch found = placed_.touching(shown_.tree(), a.data(), 10000);
-    ASSERT_EQ(base.touching(shown_.tree(), b.data(), 10000).contacts, found.contacts);
-    ASSERT_EQ(avx2.touching(shown_.tree(), c.data(), 10000).contacts, found.contacts);
+    placed_.set_pose(pose);
+    base.set_pose(pose);
+    avx2.set_pose(pose);
+    const MeshTouch found = placed_.find_contacts(shown_.tree(), a.data(), 10000);
+    ASSERT_EQ(base.find_contacts(shown_.tree(), b.data(), 10000).contacts, found.contacts);
+    ASSERT_EQ(avx2.find_contacts(shown_.tree(), c.data(), 10000).contacts, found.contacts);
     for (std::uint32_t i = 0; i < found.contacts; ++i)
       for (const MeshContact* other : {&b[i], &c[i]}) {
         ASSERT_EQ(a[i].face, other->face);
@@ -197,17 +198,17 @@ TEST_F(MeshProbeOnOrgan, KeepsToItsCapacityAndItsWorkAndSaysSo) {
   std::vector<MeshContact> all(10000), some(10000);
   MeshTouch whole;
   while (whole.contacts < 20) {
-    placed_.place(random_pose(random_, organ_, 0.001));
-    whole = placed_.touching(shown_.tree(), all.data(), 10000);
+    placed_.set_pose(random_pose(random_, organ_, 0.001));
+    whole = placed_.find_contacts(shown_.tree(), all.data(), 10000);
   }
   some[5].triangle = 12345;
-  const MeshTouch truncated = placed_.touching(shown_.tree(), some.data(), 5);
+  const MeshTouch truncated = placed_.find_contacts(shown_.tree(), some.data(), 5);
   EXPECT_EQ(truncated.contacts, whole.contacts);
   EXPECT_TRUE(truncated.complete);
   for (int i = 0; i < 5; ++i) EXPECT_EQ(some[i].triangle, all[i].triangle);
   EXPECT_EQ(some[5].triangle, 12345u);
 
-  const MeshTouch cut = placed_.touching(shown_.tree(), some.data(), 10000, whole.work / 2);
+  const MeshTouch cut = placed_.find_contacts(shown_.tree(), some.data(), 10000, whole.work / 2);
   EXPECT_FALSE(cut.complete);
   EXPECT_LE(cut.work, whole.work / 2 + 64);
   ASSERT_LE(cut.contacts, whole.contacts);

@@ -123,7 +123,7 @@ TEST_P(Resting, BeyondTheNodesThatMayRestTheLongestUnaskedGivesWayFirst) {
     SCOPED_TRACE("seed " + std::to_string(GetParam()) + " step " + std::to_string(step));
     const std::vector<RegionId> requested = any_regions(3);
     for (const RegionId region : requested) requested_at[spm::index(region)] = step;
-    const bool over = hrtc->nodes().used() > max;
+    const bool over = hrtc->nodes().used_nodes() > max;
     const std::uint64_t collapses = hrtc->forest().counters().collapses;
     (void)ask(*hrtc, requested);
     ASSERT_TRUE(over || hrtc->forest().counters().collapses == collapses) << "there was room";
@@ -144,9 +144,9 @@ TEST_P(Resting, BeyondTheNodesThatMayRestTheLongestUnaskedGivesWayFirst) {
   }
   EXPECT_GT(gave_way, 20u);
   EXPECT_GT(max_resting, 2u);
-  for (int i = 0; i < 1000 && !Published{hrtc->forest()}.resting().empty() && hrtc->nodes().used() > max; ++i)
+  for (int i = 0; i < 1000 && !Published{hrtc->forest()}.resting().empty() && hrtc->nodes().used_nodes() > max; ++i)
     ASSERT_EQ(ask(*hrtc, {}), Advance::kDone);
-  EXPECT_LE(hrtc->nodes().used(), max) << "what rests does not keep more for itself";
+  EXPECT_LE(hrtc->nodes().used_nodes(), max) << "what rests does not keep more for itself";
 }
 
 TEST_P(Resting, ARetiredRegionIsCoarsenedWhateverRoomThereIs) {
@@ -185,7 +185,7 @@ TEST_P(Resting, WhatRestsIsMadeAgainToTheBitAndGoesOnAlike) {
     for (int more = 0; more < 20; ++more) {
       ASSERT_EQ(Published{again->forest()}.plain(), Published{hrtc->forest()}.plain()) << "after " << more;
       ASSERT_EQ(again->forest().mesh_hash(), hrtc->forest().mesh_hash());
-      ASSERT_EQ(again->nodes().used(), hrtc->nodes().used());
+      ASSERT_EQ(again->nodes().used_nodes(), hrtc->nodes().used_nodes());
       const std::vector<RegionId> next = any_regions(4);
       const auto units = static_cast<std::uint32_t>(random_() % 2000);
       ASSERT_EQ(ask(*again, next, units), ask(*hrtc, next, units));

@@ -76,14 +76,14 @@ TEST_P(RunTime, ASphereThatIsNoNumberIsNeverExact) {
   const spm::Forest& forest = hrtc.forest();
   const spm::Vec3d middle = (bounds().first + bounds().second) / 2;
   const double radius = (bounds().second - bounds().first).norm() / 50;
-  ASSERT_TRUE(forest.exact(middle, radius));
+  ASSERT_TRUE(forest.is_exact(middle, radius));
   constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
   for (int axis = 0; axis < 3; ++axis) {
     spm::Vec3d centre = middle;
     centre[axis] = kNaN;
-    EXPECT_FALSE(forest.exact(centre, radius)) << axis;
+    EXPECT_FALSE(forest.is_exact(centre, radius)) << axis;
   }
-  EXPECT_FALSE(forest.exact(middle, kNaN));
+  EXPECT_FALSE(forest.is_exact(middle, kNaN));
 }
 
 TEST_P(RunTime, EveryShownVertexHasTheRadiusOfItsRecord) {
@@ -377,7 +377,7 @@ TEST_P(RunTime, QueriesFindWhatAllPairsFind) {
         first = std::min(first, hit.time);
     }
 
-    const std::uint32_t found = tree.touching(centre, radius, contacts.data(), 4096);
+    const std::uint32_t found = tree.find_contacts(centre, radius, contacts.data(), 4096);
     std::vector<std::uint32_t> faces;
     for (std::uint32_t i = 0; i < found; ++i) faces.push_back(spm::index(contacts[i].face));
     ASSERT_EQ(faces, expected) << "in tree order, which is by id";

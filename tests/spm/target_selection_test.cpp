@@ -93,8 +93,8 @@ class Lying : public testing::Test {
   static Found touched(const AbTree& tree, const Eigen::Isometry3d& pose) {
     PlacedProbe placed{*world_->stylus};
     std::vector<MeshContact> contacts(kContacts);
-    placed.place(pose);
-    return found(contacts.data(), placed.touching(tree, contacts.data(), kContacts).contacts);
+    placed.set_pose(pose);
+    return found(contacts.data(), placed.find_contacts(tree, contacts.data(), kContacts).contacts);
   }
 
   struct Outcome {
@@ -103,7 +103,7 @@ class Lying : public testing::Test {
   /// Lets the stylus touch where it lies, once the mesh is as fine as `shape` asks for.
   static Outcome touch_as(const ProbeShape& shape, std::uint32_t targets = 1024) {
     Outcome outcome;
-    codec::CompressedSource source{world_->encoded->coded()};
+    codec::CompressedSource source{world_->encoded->compressed()};
     LocalRefinementSettings settings;
     settings.memory = 24u << 20;
     settings.targets = targets;
@@ -113,9 +113,9 @@ class Lying : public testing::Test {
       LocalRefinement refinement{source, shape, settings};  // from the base mesh on
       refinement.approach(pose, 0);
       EXPECT_EQ(refinement.refine(Budget{1u << 30}), Advance::kDone);
-      placed.place(pose);
-      const MeshTouch touch = refinement.touching(placed, contacts.data(), kContacts);
-      if (!refinement.exact()) continue;
+      placed.set_pose(pose);
+      const MeshTouch touch = refinement.find_contacts(placed, contacts.data(), kContacts);
+      if (!refinement.is_exact()) continue;
       ++outcome.exact;
       outcome.wrong += found(contacts.data(), touch.contacts) != touched(world_->finest->tree(), pose) ? 1 : 0;
     }
@@ -142,7 +142,7 @@ class Lying : public testing::Test {
       Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
       pose.linear() = spm::rotation_between(Vec3d::UnitZ(), along).toRotationMatrix();
       pose.translation() = at + (kTip - kDeep) * out - kUp * along;
-      if (world_->finest->tree().touching(pose.translation(), 1.5 * kTip, at_tip.data(), 16) > 0) continue;
+      if (world_->finest->tree().find_contacts(pose.translation(), 1.5 * kTip, at_tip.data(), 16) > 0) continue;
       if (!touched(world_->finest->tree(), pose).empty()) world_->poses.push_back(pose);
     }
     ASSERT_GE(world_->poses.size(), 20u);
@@ -167,7 +167,7 @@ TEST_F(Lying, TooFewTargetsAreNeverSaidToBeExact) {
 }
 
 TEST_F(Lying, FewerTargetsAreTheFirstOfMore) {
-  codec::CompressedSource source{world_->encoded->coded()};
+  codec::CompressedSource source{world_->encoded->compressed()};
   const ProbeShape shape{*world_->stylus};
   LocalRefinementSettings settings;
   settings.margins.refine = 0.02;  // loads more than the shaft meets

@@ -133,9 +133,9 @@ TEST(NearPairs, AreAllWithinTheMarginInAnyPoseAndScale) {
                         .toRotationMatrix();
     const auto& p = organ.positions[random() % organ.positions.size()];
     pose.translation() = Vec3d{p[0], p[1], p[2]} + 0.003 * Vec3d{normal(random), normal(random), normal(random)};
-    placed.place(pose, scale);
+    placed.set_pose(pose, scale);
     for (const double margin : {0.0001, 0.001}) {
-      const MeshTouch touch = placed.near(shown.tree(), margin, pairs.data(), 8 * 4096);
+      const MeshTouch touch = placed.find_near_pairs(shown.tree(), margin, pairs.data(), 8 * 4096);
       ASSERT_TRUE(touch.complete);
       std::set<std::pair<std::uint32_t, std::uint32_t>> found;
       for (std::uint32_t i = 0; i < touch.contacts; ++i)

@@ -53,7 +53,7 @@ TEST_F(OnAScan, ARemoteTiltedHandReceivesTheForceOfItsToolLate) {
   client_sim::Scenario scenario = short_one(
       "      - approach: {object: scan}\n      - follow: {seconds: 2, pattern: circle, extent: 0.01, lean: 1.6}\n",
       "measures: forces\ntruth: full-mesh\ntool: stylus\n");
-  scenario.users[0].remote = true;
+  scenario.users[0].has_remote_device = true;
   const ScenarioRun there = run(scenario, "P0:delay=20");
   EXPECT_GT(value_of(there, "contact"), 1);
   EXPECT_GT(value_of(there, "torque error max"), 0.1);
@@ -89,7 +89,7 @@ TEST(OnAWall, ARemoteHandFeelsTheWallLateAndALocalOneAtOnce) {
   client_sim::Scenario scenario = short_one(tap, head);
   const netem::LinkSettings link = netem::parse_link("P0:delay=20");
   const ScenarioRun here = run_scenario(scenario, wall, link, 1, kNoStop);
-  scenario.users[0].remote = true;
+  scenario.users[0].has_remote_device = true;
   const ScenarioRun there = run_scenario(scenario, wall, link, 1, kNoStop);
   EXPECT_EQ(value_of(here, "touches"), 2);
   EXPECT_EQ(value_of(here, "onset error"), 0);

@@ -44,12 +44,12 @@ class HrtcModel {
         else
           missing.push_back({record, 1});
       }
-    return decoded(spm::codec::encode_region(encoded_.coded(), region, missing));
+    return decoded(spm::codec::encode_region(encoded_.compressed(), region, missing));
   }
 
   /// Returns the message of a faulty host, which contains `list` instead of the region's closed list.
   [[nodiscard]] spm::RegionData false_message(spm::RegionId region, const std::vector<spm::Interval>& list) const {
-    const spm::codec::CompressedModel& coded = encoded_.coded();
+    const spm::codec::CompressedModel& coded = encoded_.compressed();
     std::uint32_t count = 0;
     for (const spm::Interval& interval : list) count += interval.count;
     const spm::Interval all{0, count};
@@ -94,7 +94,7 @@ class HrtcModel {
     for (spm::Vertex& vertex : pool_.vertices)
       if (index(vertex.id) >= model_.summary.base_vertices) vertex.id = {};
   }
-  [[nodiscard]] const spm::codec::CompressedModel& coded() const { return encoded_.coded(); }
+  [[nodiscard]] const spm::codec::CompressedModel& compressed() const { return encoded_.compressed(); }
   [[nodiscard]] spm::Forest& forest() { return *forest_; }
   [[nodiscard]] spm::Cache& cache() { return cache_; }
   [[nodiscard]] spm::NodePool& nodes() { return nodes_; }
@@ -103,7 +103,7 @@ class HrtcModel {
 
  private:
   [[nodiscard]] spm::RegionData decoded(const spm::codec::Bytes& bytes) const {
-    auto data = spm::codec::decode_region(bytes, model_.summary, encoded_.coded().tables());
+    auto data = spm::codec::decode_region(bytes, model_.summary, encoded_.compressed().tables());
     if (data) return std::move(*data);
     ADD_FAILURE() << data.error().text;
     return {};

@@ -71,7 +71,7 @@ class LocalSession {
     hrtc_service::ServoLink& link = core_.link();
     std::array<hrtc_service::Arrival, 64> arrived;
     const auto count = static_cast<std::uint32_t>(link.arrivals.pop(arrived.data(), arrived.size()));
-    for (std::size_t i = 0; i < inputs_.size(); ++i) inputs_[i].near = link.near.latest()[i];
+    for (std::size_t i = 0; i < inputs_.size(); ++i) inputs_[i].near = link.near_objects.latest()[i];
     const hrtc_service::CycleResult& result = cycle().touch(inputs_, now_, arrived.data(), count);
     link.reports_for_gateway.post({now_, now_ + kPeriodNs, cycles_, result.probes, result.interventions});
     return result;
@@ -131,7 +131,7 @@ class LocalSession {
       object.scale = scale;
       object.material = material;
       if (mass > 0 && i + 1 == models.size()) object.body = {mass, {}, 0.5, -1};
-      settings.objects.push_back({object, &models[i].coded()});
+      settings.objects.push_back({object, &models[i].compressed()});
     }
     return settings;
   }

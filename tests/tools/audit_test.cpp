@@ -341,14 +341,14 @@ TEST_F(Audit, ReadsATruncatedLogAndReportsIt) {
   const std::string bytes = read_bytes(path("whole.hlog"));
   write_bytes(path("torn.hlog"), bytes.substr(0, bytes.size() - 20));
   const AuditReport torn = audit_files(path("torn.hlog"), path("organ.ply"), {}, {});
-  EXPECT_TRUE(torn.torn);
+  EXPECT_TRUE(torn.is_truncated);
   EXPECT_EQ(torn.objects.at(0).entries, static_cast<std::uint64_t>(kPath - 1));
   EXPECT_EQ(torn.objects.at(0).mismatched, 0u);
   EXPECT_THAT(run({path("torn.hlog"), path("organ.ply")}).out, HasSubstr("ends within an entry"));
 
   const AuditReport whole = audit_files(path("whole.hlog"), path("organ.ply"), {}, {});
-  EXPECT_FALSE(whole.torn);
-  EXPECT_TRUE(whole.unfinished);
+  EXPECT_FALSE(whole.is_truncated);
+  EXPECT_TRUE(whole.is_unfinished);
   EXPECT_THAT(run({path("whole.hlog"), path("organ.ply")}).out, HasSubstr("without totals"));
 }
 
@@ -433,7 +433,7 @@ TEST_F(Audit, FclAgreesOnEveryAuditedCycle) {
   EXPECT_EQ(outcome.code, kDone);
   const auto object = nlohmann::json::parse(outcome.out)["objects"][0];
   EXPECT_GT(object["audited"], 100);
-  EXPECT_EQ(object["fcl"]["asked"], object["audited"]);
+  EXPECT_EQ(object["fcl"]["requested"], object["audited"]);
   EXPECT_EQ(object["fcl"]["disagreed"], 0);
   EXPECT_EQ(object["fcl"]["tolerance_m"], kTangent);
   EXPECT_THAT(run({path("a.hlog"), path("organ.ply")}).out,
@@ -478,7 +478,7 @@ TEST(SecondOpinion, DisagreesOnMissingAndExtraTrianglesAndOnTheDistanceBeyondThe
   EXPECT_TRUE(second.compare(centre, 0.2, 1e-6, {{0, 0.1}}).agrees());
   EXPECT_TRUE(second.compare(centre, 0.5, 1e-6, {{0, 0.1}, {1, far}}).agrees());
   EXPECT_EQ(second.compare(centre, 0.5, 1e-6, {{0, 0.1}}).only_fcl, Triangles{1});
-  EXPECT_EQ(second.compare(centre, 0.2, 1e-6, {{0, 0.1}, {1, 0.15}}).only_ours, Triangles{1});
+  EXPECT_EQ(second.compare(centre, 0.2, 1e-6, {{0, 0.1}, {1, 0.15}}).only_audit, Triangles{1});
   EXPECT_TRUE(second.compare(centre, 0.2, 1e-6, {{0, 0.1 + 0.9e-6}}).agrees());
   const auto off = second.compare(centre, 0.2, 1e-6, {{0, 0.1 + 1.1e-6}}).distance;
   ASSERT_TRUE(off.has_value());

@@ -18,7 +18,7 @@ using ::testing::IsEmpty;
 json user(const char* name) { return {{"name", name}, {"touches", 3}, {"first_exact_contact_s", 1.5}, {"faults", 0}}; }
 
 json participant(const char* name, const char* role) {
-  return {{"name", name}, {"role", role}, {"here_at_end", true}, {"figures", json::object()}};
+  return {{"name", name}, {"role", role}, {"present_at_end", true}, {"figures", json::object()}};
 }
 
 json hrtc(const char* name) {
@@ -44,11 +44,11 @@ json audit(const char* log, const char* original) {
 
 /// A session of 20 s within all bounds of the demo.
 struct Session {
-  json report{{"trouble", ""},
+  json report{{"stop_reason", ""},
               {"duration_s", 20.0},
               {"injected_j", 1e-5},
               {"users", {user("ann"), user("bob")}},
-              {"objects", {{{"raised_m", 0.1}, {"held_s", 2.1}, {"left_m", 0.0005}}}},
+              {"objects", {{{"max_raised_m", 0.1}, {"held_s", 2.1}, {"last_raised_m", 0.0005}}}},
               {"participants", {participant("host-a", "host"), hrtc("hrtc-1"), hrtc("hrtc-2")}}};
   std::vector<json> audits{audit("hrtc-1", "organ"), audit("hrtc-2", "organ"), audit("hrtc-2", "terrain")};
   Expectations expectations{true, true, 0.15};
@@ -59,13 +59,13 @@ struct Session {
 std::vector<std::string> fallen(const std::vector<Row>& rows) {
   std::vector<std::string> names;
   for (const Row& row : rows)
-    if (row.verdict == Verdict::kFallsShort) names.push_back(row.what);
+    if (row.verdict == Verdict::kFallsShort) names.push_back(row.quantity);
   return names;
 }
 
 const Row& row_of(const std::vector<Row>& rows, const std::string& what) {
   for (const Row& row : rows)
-    if (row.what.find(what) != std::string::npos) return row;
+    if (row.quantity.find(what) != std::string::npos) return row;
   throw std::logic_error("no row " + what);
 }
 
@@ -73,7 +73,7 @@ TEST(Judge, AcceptsASessionWithinItsBounds) {
   const std::vector<Row> rows = Session{}.rows();
   EXPECT_THAT(fallen(rows), IsEmpty());
   EXPECT_TRUE(all_hold(rows));
-  for (const Row& row : rows) EXPECT_EQ(row.verdict, Verdict::kHolds) << row.what;
+  for (const Row& row : rows) EXPECT_EQ(row.verdict, Verdict::kHolds) << row.quantity;
   EXPECT_EQ(row_of(rows, "share of exact contact, hrtc-2").value, "99.90 %");
   EXPECT_EQ(row_of(rows, "received first / needed, hrtc-2").value, "1.100");
   EXPECT_EQ(row_of(rows, "received / all, hrtc-2").value, "6.50 %");
@@ -87,8 +87,8 @@ TEST(Judge, EachRowFallsShortAlone) {
   };
   const auto object = [](Session& s) -> json& { return s.audits[2]["objects"][0]; };
   const std::vector<Case> cases{
-      {"session ran to its end", [](Session& s) { s.report["trouble"] = "ended by another participant"; }},
-      {"hosts and HRTCs present", [](Session& s) { s.report["participants"][0]["here_at_end"] = false; }},
+      {"session ran to its end", [](Session& s) { s.report["stop_reason"] = "ended by another participant"; }},
+      {"hosts and HRTCs present", [](Session& s) { s.report["participants"][0]["present_at_end"] = false; }},
       {"hosts and HRTCs present", [](Session& s) { s.report["participants"].erase(0); }},
       {"users who touched", [](Session& s) { s.report["users"][1]["touches"] = 0; }},
       {"first exact contact", [](Session& s) { s.report["users"][1]["first_exact_contact_s"] = nullptr; }},
@@ -115,10 +115,10 @@ TEST(Judge, EachRowFallsShortAlone) {
        [](Session& s) {
          for (json& one : s.report["participants"]) one["figures"].erase("hrtc.reloads");
        }},
-      {"lift: raised", [](Session& s) { s.report["objects"][0]["raised_m"] = 0.07; }},
+      {"lift: raised", [](Session& s) { s.report["objects"][0]["max_raised_m"] = 0.07; }},
       {"lift: raised", [](Session& s) { s.report["objects"] = json::array(); }},
       {"lift: held", [](Session& s) { s.report["objects"][0]["held_s"] = 1.4; }},
-      {"lift: put down", [](Session& s) { s.report["objects"][0]["left_m"] = -0.0031; }},
+      {"lift: put down", [](Session& s) { s.report["objects"][0]["last_raised_m"] = -0.0031; }},
       {"coupled copy", [](Session& s) { s.report["participants"][1]["figures"].erase("hrtc.copies_apart_um"); }},
       {"lift: distance of the copies",
        [](Session& s) { s.report["participants"][1]["figures"]["hrtc.copies_apart_um"] = 15001; }},
@@ -173,7 +173,7 @@ TEST(Judge, AShortSessionIsJudgedWithoutItsTouchRows) {
 
 TEST(Judge, TheTableFitsAHundredColumns) {
   Session session;
-  session.report["trouble"] = std::string(300, 'x');
+  session.report["stop_reason"] = std::string(300, 'x');
   session.report["participants"][1]["name"] = std::string(63, 'h');
   std::istringstream lines{text(session.rows())};
   for (std::string line; std::getline(lines, line);) EXPECT_LE(line.size(), 100u) << line;

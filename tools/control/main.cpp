@@ -138,7 +138,7 @@ int stop_forces(const wire::SessionAddress& address, const Request& request, con
 std::vector<session::StopName> stops_in_force(const session::Roster& roster) {
   std::vector<session::StopName> all;
   roster.for_each([&](const session::RosterEntry& entry) {
-    for (const session::StopName& stop : session::standing(entry.stops)) {
+    for (const session::StopName& stop : session::standing_stops(entry.stops)) {
       const auto known = std::find_if(all.begin(), all.end(), [&](const session::StopName& other) {
         return other.participant == stop.participant && other.incarnation == stop.incarnation;
       });
@@ -175,7 +175,7 @@ int reset_forces(const wire::SessionAddress& address, const Request& request, co
   const int status = report(answer);
   std::size_t still = 0;
   session.roster().for_each([&](const session::RosterEntry& entry) {
-    const std::size_t left = session::standing(entry.stops).size();
+    const std::size_t left = session::standing_stops(entry.stops).size();
     if (left > 0) std::cout << entry.name << ": " << left << " stops that this reset did not name are still in force\n";
     still += left;
   });

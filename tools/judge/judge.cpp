@@ -105,19 +105,19 @@ class Judge {
   }
 
  private:
-  void add(std::string what, std::string value, std::string bound, bool holds, std::string reason = {}) {
-    rows_.push_back({std::move(what), std::move(value), std::move(bound),
+  void add(std::string quantity, std::string value, std::string bound, bool holds, std::string reason = {}) {
+    rows_.push_back({std::move(quantity), std::move(value), std::move(bound),
                      holds ? Verdict::kHolds : Verdict::kFallsShort, std::move(reason)});
   }
-  void add_not_applicable(std::string what, std::string value, std::string reason) {
-    rows_.push_back({std::move(what), std::move(value), {}, Verdict::kDoesNotApply, std::move(reason)});
+  void add_not_applicable(std::string quantity, std::string value, std::string reason) {
+    rows_.push_back({std::move(quantity), std::move(value), {}, Verdict::kDoesNotApply, std::move(reason)});
   }
   /// Adds a row that does not apply to a short session.
-  void add_touch(std::string what, std::string value, std::string bound, bool holds, std::string reason = {}) {
+  void add_touch(std::string quantity, std::string value, std::string bound, bool holds, std::string reason = {}) {
     if (too_short_.empty())
-      add(std::move(what), std::move(value), std::move(bound), holds, std::move(reason));
+      add(std::move(quantity), std::move(value), std::move(bound), holds, std::move(reason));
     else
-      add_not_applicable(std::move(what), std::move(value), too_short_);
+      add_not_applicable(std::move(quantity), std::move(value), too_short_);
   }
 
   void participants() {
@@ -126,13 +126,13 @@ class Judge {
     for (const Json& participant : report_.at("participants")) {
       if (participant.at("role") == "host") ++hosts;
       if (participant.at("role") == "hrtc") ++hrtcs;
-      if (participant.at("here_at_end").get<bool>())
+      if (participant.at("present_at_end").get<bool>())
         ++stayed;
       else
         gone.push_back(participant.at("name").get<std::string>());
     }
-    const auto trouble = report_.at("trouble").get<std::string>();
-    add("session ran to its end", trouble.empty() ? "yes" : "no", "yes", trouble.empty(), trouble);
+    const auto stop_reason = report_.at("stop_reason").get<std::string>();
+    add("session ran to its end", stop_reason.empty() ? "yes" : "no", "yes", stop_reason.empty(), stop_reason);
     add("hosts and HRTCs present at the end", std::to_string(stayed) + " of " + std::to_string(hosts + hrtcs), "all",
         hosts > 0 && hrtcs > 0 && gone.empty(), listed(gone));
   }
@@ -221,11 +221,11 @@ class Judge {
     }
     const std::pair<const char*, double> rows[] = {{"regions evicted from the compressed caches", evicted},
                                                    {"regions loaded again after eviction", reloaded}};
-    for (const auto& [what, count] : rows) {
+    for (const auto& [quantity, count] : rows) {
       if (expectations_.has_eviction)
-        add_touch(what, rounded(count), ">= 1", count >= 1);
+        add_touch(quantity, rounded(count), ">= 1", count >= 1);
       else
-        add_not_applicable(what, rounded(count), "the caches may be large enough for all touched regions");
+        add_not_applicable(quantity, rounded(count), "the caches may be large enough for all touched regions");
     }
   }
 
@@ -234,18 +234,19 @@ class Judge {
       add_not_applicable("lift of an object by two users", "-", "no lift in this session");
       return;
     }
-    const auto between = [this](const char* what, double value, const char* unit, double low, double high, int digits,
-                                bool known) {
+    const auto between = [this](const char* quantity, double value, const char* unit, double low, double high,
+                                int digits, bool known) {
       const auto number = [&](double x) { return formatted("%.*f", digits, x); };
-      add(std::string{"lift: "} + what, known ? number(value) + " " + unit : "unknown",
+      add(std::string{"lift: "} + quantity, known ? number(value) + " " + unit : "unknown",
           number(low) + " to " + number(high) + " " + unit, known && value >= low && value <= high);
     };
     const Json& objects = report_.at("objects");
     const bool moved = objects.size() == 1;
     const auto of_object = [&](const char* key) { return moved ? objects[0].at(key).get<double>() : 0.0; };
-    between("raised", 1e3 * of_object("raised_m"), "mm", 1e3 * bounds_.min_raised, 1e3 * bounds_.max_raised, 1, moved);
+    between("raised", 1e3 * of_object("max_raised_m"), "mm", 1e3 * bounds_.min_raised, 1e3 * bounds_.max_raised, 1,
+            moved);
     between("held", of_object("held_s"), "s", bounds_.min_held, bounds_.max_held, 2, moved);
-    between("put down above the start", 1e3 * of_object("left_m"), "mm", -1e3 * bounds_.max_offset,
+    between("put down above the start", 1e3 * of_object("last_raised_m"), "mm", -1e3 * bounds_.max_offset,
             1e3 * bounds_.max_offset, 1, moved);
     double apart = 0, lowest = 0;
     std::size_t coupled = 0;
@@ -297,12 +298,13 @@ bool all_hold(const std::vector<Row>& rows) {
 }
 
 std::string text(const std::vector<Row>& rows) {
-  constexpr int kWhat = 50, kValue = 12, kBound = 16;
+  constexpr int kQuantity = 50, kValue = 12, kBound = 16;
   constexpr std::size_t kReason = 94;
-  std::string out = formatted("%-*s %*s  %-*s  %s\n", kWhat, "Judgement", kValue, "value", kBound, "bound", "verdict");
+  std::string out =
+      formatted("%-*s %*s  %-*s  %s\n", kQuantity, "Judgement", kValue, "value", kBound, "bound", "verdict");
   for (const Row& row : rows) {
-    out += formatted("%-*.*s %*s  %-*s  %s\n", kWhat, kWhat, row.what.c_str(), kValue, row.value.c_str(), kBound,
-                     row.bound.c_str(), name_of(row.verdict));
+    out += formatted("%-*.*s %*s  %-*s  %s\n", kQuantity, kQuantity, row.quantity.c_str(), kValue, row.value.c_str(),
+                     kBound, row.bound.c_str(), name_of(row.verdict));
     if (!row.reason.empty()) out += "    " + row.reason.substr(0, kReason) + "\n";
   }
   const auto short_of =
@@ -317,7 +319,7 @@ std::string text(const std::vector<Row>& rows) {
 Json json(const std::vector<Row>& rows) {
   Json list = Json::array();
   for (const Row& row : rows)
-    list.push_back({{"what", row.what},
+    list.push_back({{"quantity", row.quantity},
                     {"value", row.value},
                     {"bound", row.bound},
                     {"verdict", name_of(row.verdict)},

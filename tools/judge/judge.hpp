@@ -44,7 +44,7 @@ struct Expectations {
 enum class Verdict : std::uint8_t { kHolds, kFallsShort, kDoesNotApply };
 
 struct Row {
-  std::string what;  ///< the quantity
+  std::string quantity;
   std::string value, bound;
   Verdict verdict;
   std::string reason;  ///< reason of a shortfall, or reason why the row does not apply

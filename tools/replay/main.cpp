@@ -53,17 +53,17 @@ void print(const hrtc_service::FlightReport& report) {
             << "; written for: " << report.start.reason << "\nbuild " << report.start.build << '\n'
             << report.probe_cycles << " forces, of these " << report.in_contact << " in contact (" << report.exact
             << " exact), " << report.stale << " of stale poses, " << report.faulted << " switched off by a fault\n"
-            << report.objects << " objects; " << report.regions_came << " regions arrived, " << report.regions_left
-            << " left; the deadline ended refinement in " << report.budget_spent << " cycles; " << report.moves
-            << " moves, " << report.stops << " stops, " << report.resets << " resets\n";
+            << report.objects << " objects; " << report.regions_arrived << " regions arrived, "
+            << report.regions_departed << " left; the deadline ended refinement in " << report.budget_spent
+            << " cycles; " << report.moves << " moves, " << report.stops << " stops, " << report.resets << " resets\n";
   if (report.gaps > 0)
     std::cout << report.gaps << " gaps of " << report.lost << " cycles: the replay continues after each gap\n";
-  if (report.cut) std::cout << "the file is truncated; everything before is replayed\n";
-  if (report.differ == 0)
+  if (report.is_truncated) std::cout << "the file is truncated; everything before is replayed\n";
+  if (report.different_cycles == 0)
     std::cout << "every force is the same to the bit\n";
   else
-    std::cout << report.differ << " cycles differ, first " << report.first_difference << '\n';
-  if (!report.given_up.empty()) std::cout << "stopped after " << report.given_up << '\n';
+    std::cout << report.different_cycles << " cycles differ, first " << report.first_difference << '\n';
+  if (!report.abort_reason.empty()) std::cout << "stopped after " << report.abort_reason << '\n';
 }
 
 }  // namespace
@@ -77,7 +77,7 @@ int main(int argc, char** argv) {
   app.add_option("FILE", file, "A flight recording of tactus-hrtc")->required();
   app.add_option("--model", model_files, "The .spm file of a touched object; repeatable")->allow_extra_args(false);
   app.add_option("--to-csv", csv, "Write each pose with its force, recorded and replayed, into this file");
-  app.add_flag("--any-build", options.any_build,
+  app.add_flag("--any-build", options.accepts_any_build,
                "Also replay a recording of another build, if it begins at cycle 0, to find the first difference");
   app.add_option("--max-pool", options.max_pool_bytes, "Refuse a recording with a larger pool; default: 16GiB")
       ->transform(CLI::AsSizeValue(false));
@@ -95,7 +95,7 @@ int main(int argc, char** argv) {
     }
     options.model = [&](std::uint64_t digest) -> const spm::codec::CompressedModel* {
       const auto found = models.find(digest);
-      return found == models.end() ? nullptr : &found->second.coded();
+      return found == models.end() ? nullptr : &found->second.compressed();
     };
     std::unique_ptr<Table> table;
     if (!csv.empty()) {
@@ -105,7 +105,7 @@ int main(int argc, char** argv) {
     const hrtc_service::FlightReport report = hrtc_service::replay_flight(file, options);
     if (table) table->close();
     print(report);
-    return report.differ == 0 ? 0 : 1;
+    return report.different_cycles == 0 ? 0 : 1;
   } catch (const std::exception& error) {
     std::cerr << "tactus-replay: " << error.what() << '\n';
     return 2;

@@ -128,7 +128,7 @@ TEST(BaseCodec, GivesBackTheBaseMeshToTheBit) {
   const OwnedModel owned = random_model(kSeed, 500, 3);
   const EncodedModel encoded{owned.model()};
 
-  const Result<DecodedBase> decoded = decode_base(encoded.coded().spans().base);
+  const Result<DecodedBase> decoded = decode_base(encoded.compressed().spans().base);
 
   ASSERT_TRUE(decoded) << decoded.error().text;
   const BaseMesh expected = base_mesh_of(owned.model());
@@ -150,7 +150,7 @@ TEST(BaseCodec, GivesBackTheBaseMeshToTheBit) {
 Bytes base_bytes(std::uint32_t records) {
   const OwnedModel owned = random_model(kSeed, records, 2);
   const EncodedModel encoded{owned.model()};
-  const std::span<const std::uint8_t> base = encoded.coded().spans().base;
+  const std::span<const std::uint8_t> base = encoded.compressed().spans().base;
   return {base.begin(), base.end()};
 }
 
@@ -187,10 +187,10 @@ class RegionCodec : public ::testing::Test {
   explicit RegionCodec(std::uint32_t records = 600) : owned_{random_model(kSeed, records, 3)} {}
 
   [[nodiscard]] Bytes encode(std::uint32_t region, const std::vector<spm::Interval>& sent) const {
-    return encode_region(encoded_.coded(), RegionId{region}, sent);
+    return encode_region(encoded_.compressed(), RegionId{region}, sent);
   }
   [[nodiscard]] Result<RegionData> decode(std::span<const std::uint8_t> bytes) const {
-    return decode_region(bytes, model_.summary, encoded_.coded().tables());
+    return decode_region(bytes, model_.summary, encoded_.compressed().tables());
   }
 
   OwnedModel owned_;
@@ -273,11 +273,11 @@ TEST_F(RegionCodec, DoesNotAllocateForRecordsThatCannotBeThere) {
   out.put(0, 32);
   for (int i = 0; i < 2; ++i) {
     put_rare(out, 1);
-    put_number(out, encoded_.coded().tables()[Field::kGap], 0);
-    put_number(out, encoded_.coded().tables()[Field::kCount], vast.records - 1);
+    put_number(out, encoded_.compressed().tables()[Field::kGap], 0);
+    put_number(out, encoded_.compressed().tables()[Field::kCount], vast.records - 1);
   }
 
-  const Result<RegionData> decoded = decode_region(out.take(), vast, encoded_.coded().tables());
+  const Result<RegionData> decoded = decode_region(out.take(), vast, encoded_.compressed().tables());
 
   ASSERT_FALSE(decoded);
   EXPECT_THAT(decoded.error().text, HasSubstr("number of sent records"));
@@ -287,7 +287,7 @@ TEST(ModelCodec, GivesBackAWholeModelToTheBit) {
   const OwnedModel owned = random_model(kSeed, 2000, 3);
   const EncodedModel encoded{owned.model()};
 
-  const Result<OwnedModel> decoded = decode_model(encoded.coded());
+  const Result<OwnedModel> decoded = decode_model(encoded.compressed());
 
   ASSERT_TRUE(decoded) << decoded.error().text;
   const auto same = [](const auto& a, const auto& b) {
@@ -306,15 +306,15 @@ TEST(ModelCodec, ListsAreFoundWithoutThoseBefore) {
   const OwnedModel owned = random_model(kSeed, 2000, 3);
   const EncodedModel encoded{owned.model()};
   for (std::uint32_t region = owned.summary.regions; region-- > 0;) {
-    EXPECT_TRUE(
-        same_intervals(encoded.coded().intervals_of(RegionId{region}), owned.model().intervals_of(RegionId{region})));
+    EXPECT_TRUE(same_intervals(encoded.compressed().intervals_of(RegionId{region}),
+                               owned.model().intervals_of(RegionId{region})));
   }
 }
 
 TEST(ModelCodec, MutatedBytesGiveNoModelOrOneThatViolationsCanJudge) {
   const OwnedModel owned = random_model(kSeed, 200, 2);
   const EncodedModel encoded{owned.model()};
-  const ModelSpans& whole = encoded.coded().spans();
+  const ModelSpans& whole = encoded.compressed().spans();
   std::mt19937_64 random{kSeed};
   int sound = 0, unsound = 0;
   for (int round = 0; round < kMutations * 2 / 5; ++round) {
@@ -323,13 +323,13 @@ TEST(ModelCodec, MutatedBytesGiveNoModelOrOneThatViolationsCanJudge) {
     const std::uint64_t kind = random() % 16;
     Bytes& damaged = kind < 2 ? sizes : kind < 4 ? base : kind < 6 ? lists : codes;
     damaged = mutated(damaged, random);
-    const Result<CompressedModel> coded = CompressedModel::open({base, codes, lists, sizes});
-    if (!coded) continue;
+    const Result<CompressedModel> compressed = CompressedModel::open({base, codes, lists, sizes});
+    if (!compressed) continue;
     // Nobody has to ask this of what decode_model() refuses, but it must end.
-    for (std::uint32_t region = 0; round % 16 == 0 && region < coded->summary().regions; ++region) {
-      static_cast<void>(encode_region(*coded, RegionId{region}, coded->intervals_of(RegionId{region})));
+    for (std::uint32_t region = 0; round % 16 == 0 && region < compressed->summary().regions; ++region) {
+      static_cast<void>(encode_region(*compressed, RegionId{region}, compressed->intervals_of(RegionId{region})));
     }
-    const Result<OwnedModel> decoded = decode_model(*coded);
+    const Result<OwnedModel> decoded = decode_model(*compressed);
     if (decoded) ++(violations(decoded->model()).empty() ? sound : unsound);
   }
   EXPECT_GT(sound + unsound, kMutations / 1000) << "the mutations never reach past the checks";
@@ -337,7 +337,7 @@ TEST(ModelCodec, MutatedBytesGiveNoModelOrOneThatViolationsCanJudge) {
 
 TEST(Shapes, EverySymbolIsOneShape) {
   for (std::uint32_t symbol = 0; symbol < Shape::kUnusual; ++symbol) {
-    const Shape shape = Shape::of(symbol);
+    const Shape shape = Shape::from_symbol(symbol);
     ASSERT_EQ(shape.symbol(), symbol);
     ASSERT_LE(shape.deformed, Shape::kMaxFan);
     ASSERT_LT(shape.finest, 1u << (shape.deformed + shape.born()));

@@ -35,13 +35,13 @@ class CompressedCacheTest : public ::testing::Test {
     delete encoded_;
     delete built_;
   }
-  CompressedCacheTest() { store_.admit(ObjectIndex{0}, summary(), encoded_->coded().tables()); }
+  CompressedCacheTest() { store_.admit(ObjectIndex{0}, summary(), encoded_->compressed().tables()); }
 
-  static const ModelSummary& summary() { return encoded_->coded().summary(); }
+  static const ModelSummary& summary() { return encoded_->compressed().summary(); }
   static std::uint32_t regions() { return summary().regions; }
   [[nodiscard]] static std::set<std::uint32_t> records_of(std::uint32_t region) {
     std::set<std::uint32_t> records;
-    for (const spm::Interval& run : encoded_->coded().intervals_of(RegionId{region}))
+    for (const spm::Interval& run : encoded_->compressed().intervals_of(RegionId{region}))
       for (std::uint32_t r = run.first; r != run.first + run.count; ++r) records.insert(r);
     return records;
   }
@@ -55,7 +55,7 @@ class CompressedCacheTest : public ::testing::Test {
       else
         missing.push_back({r, 1});
     }
-    return encode_region(encoded_->coded(), RegionId{region}, missing);
+    return encode_region(encoded_->compressed(), RegionId{region}, missing);
   }
   CompressedCache::PutResult put(std::uint32_t region, const std::set<std::uint32_t>& have = {}) {
     return store_.put(kObject, RegionId{region}, message(region, have));
@@ -105,7 +105,7 @@ TEST_F(CompressedCacheTest, CountsWhatIsFreeAndWhatLeavesAsSetsOfRecordsDo) {
   };
   for (std::uint32_t region = 0; region < regions(); ++region) {
     std::vector<RecordCode> codes;
-    ASSERT_TRUE(decode_region(message(region, {}), summary(), encoded_->coded().tables(), &codes));
+    ASSERT_TRUE(decode_region(message(region, {}), summary(), encoded_->compressed().tables(), &codes));
     const std::set<std::uint32_t> records = records_of(region);
     ASSERT_EQ(codes.size(), records.size());
     auto record = records.begin();
@@ -184,7 +184,7 @@ TEST_F(CompressedCacheTest, AMessageThatCountsOnWhatIsNotHereIsIncompleteAndChan
 TEST_F(CompressedCacheTest, WhatDoesNotFitIsRefusedWithWhatItNeedsAndChangesNothing) {
   std::uint32_t region = 0;
   CompressedCache small{1000};
-  small.admit(kObject, summary(), encoded_->coded().tables());
+  small.admit(kObject, summary(), encoded_->compressed().tables());
   CompressedCache::PutResult put;
   do put = small.put(kObject, RegionId{region}, message(region, {}));
   while (put.status == Status::kStored && ++region < regions());

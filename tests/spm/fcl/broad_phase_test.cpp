@@ -64,7 +64,7 @@ TEST(BroadPhase, FindsThePairsThatAllPairsFindWhileObjectsComeMoveAndGo) {
     std::vector<ProbeSphere> probes(5);
     for (ProbeSphere& probe : probes) probe = {random_point(), size(rng)};
     const Pairs expected = brute_force(probes, boxes);
-    ASSERT_EQ(pairs_of(broad_phase.near(probes)), expected) << "round " << round;
+    ASSERT_EQ(pairs_of(broad_phase.find_near_pairs(probes)), expected) << "round " << round;
     found += expected.size();
   }
   EXPECT_GT(found, 300u);
@@ -74,21 +74,21 @@ TEST(BroadPhase, CountsAsNearWhatOnlyTouches) {
   BroadPhase broad_phase;
   broad_phase.put(7, {{1, 1, 1}, {2, 2, 2}});
   const std::vector<ProbeSphere> probes{{{0.5, 1.5, 1.5}, 0.5}, {{0.5, 1.5, 1.5}, 0.499999}, {{1.5, 1.5, 1.5}, 0}};
-  EXPECT_EQ(pairs_of(broad_phase.near(probes)), (Pairs{{0, 7}, {2, 7}}));
+  EXPECT_EQ(pairs_of(broad_phase.find_near_pairs(probes)), (Pairs{{0, 7}, {2, 7}}));
 }
 
 TEST(BroadPhase, IsEmptyWithoutObjects) {
   BroadPhase broad_phase;
   broad_phase.remove(3);
   const std::vector<ProbeSphere> probes{{{0, 0, 0}, 1}};
-  EXPECT_TRUE(broad_phase.near(probes).empty());
+  EXPECT_TRUE(broad_phase.find_near_pairs(probes).empty());
 }
 
 TEST(BroadPhase, RefusesAnInvertedBoxAndAProbeThatIsNotFinite) {
   BroadPhase broad_phase;
   EXPECT_THROW(broad_phase.put(1, {{1, 0, 0}, {0, 1, 1}}), std::invalid_argument);
   const std::vector<ProbeSphere> probes{{{std::numeric_limits<double>::quiet_NaN(), 0, 0}, 1}};
-  EXPECT_THROW(static_cast<void>(broad_phase.near(probes)), std::invalid_argument);
+  EXPECT_THROW(static_cast<void>(broad_phase.find_near_pairs(probes)), std::invalid_argument);
 }
 
 }  // namespace

@@ -68,7 +68,7 @@ void expect_touching_equals_brute_force(const FixedMesh& fixed, const Mesh& mesh
   for (int i = 0; i < queries; ++i) {
     const Vec3d centre{place(rng), place(rng), height(rng)};
     const double r = radius(rng);
-    fixed.touching(centre, r, touching);
+    fixed.find_touched_faces(centre, r, touching);
     std::sort(touching.begin(), touching.end());
     std::vector<std::uint32_t> expected;
     for (std::uint32_t f = 0; f < mesh.faces.size(); ++f) {

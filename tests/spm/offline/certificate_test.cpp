@@ -107,13 +107,13 @@ TEST(Certificate, TheWorstStepTakesTheWorkThatItSays) {
       Budget budget{kPlenty};
       EXPECT_EQ(forest.advance(budget), Advance::kDone);
       const RefitCount refit = forest.refit();
-      EXPECT_LE(hrtc.nodes().used(), certificate.nodes);
+      EXPECT_LE(hrtc.nodes().used_nodes(), certificate.nodes);
       EXPECT_LE(refit.marked, max_marked(refit.changed, model.summary.faces));
       return kPlenty - budget.units;
     };
     step(certificate.regions_before);
     EXPECT_EQ(step(certificate.regions_after), certificate.work_units) << radius;
-    EXPECT_LE(hrtc.nodes().used(), certificate.nodes) << radius;
+    EXPECT_LE(hrtc.nodes().used_nodes(), certificate.nodes) << radius;
   }
 }
 
@@ -136,7 +136,7 @@ TEST(Certificate, NoSphereAnywhereShowsMoreNodesThanItSaysAndTheBoundIsNear) {
     ASSERT_TRUE(
         grid.for_each_intersecting(centre, kRadius, [&](RegionId region, double) { regions.push_back(region); }));
     ASSERT_EQ(hrtc.refine(regions), Advance::kDone);
-    max = std::max(max, hrtc.nodes().used());
+    max = std::max(max, hrtc.nodes().used_nodes());
   }
   EXPECT_LE(max, certificate.nodes);
   EXPECT_LE(certificate.nodes, 2 * max);
@@ -180,7 +180,7 @@ TEST(Certificate, APoolOfTheSlotsNeededHoldsWhatABallNeedsAndTheMemoryNeededHasT
     ASSERT_TRUE(grid.for_each_intersecting(centre, 0.003, [&](RegionId region, double) { regions.push_back(region); }));
     for (const RegionId region : regions) ASSERT_EQ(hrtc.load(region), AcceptResult::kAccepted) << "ball " << i;
     EXPECT_EQ(hrtc.refine(regions), Advance::kDone) << "ball " << i;
-    EXPECT_TRUE(hrtc.forest().exact(centre, 0.003));
+    EXPECT_TRUE(hrtc.forest().is_exact(centre, 0.003));
   }
 }
 

@@ -143,7 +143,7 @@ TEST_F(ModelFile, WritingOverAModelLeavesTheMappedOneIntact) {
   const MappedModel mapped{path_};
   const BuiltModel other = build_model(generate(Shape::kSphere, 1000));
   write_model(path_, other.model(), {});
-  const auto decoded = codec::decode_model(mapped.coded());
+  const auto decoded = codec::decode_model(mapped.compressed());
   ASSERT_TRUE(decoded) << decoded.error().text;
   EXPECT_EQ(digest_of(decoded->model()), built_.summary.digest);
   EXPECT_EQ(MappedModel{path_}.summary().digest, other.summary.digest);

@@ -1,4 +1,4 @@
-#include "tests/support/no_alloc.hpp"
+#include "tests/support/allocation_counter.hpp"
 
 #include <cerrno>
 #include <cstddef>
@@ -58,11 +58,11 @@ void free(void* old) {
 
 namespace tactus::test_support {
 
-NoAlloc::NoAlloc() noexcept {
+AllocationCounter::AllocationCounter() noexcept {
   call_count = 0;
   counting = true;
 }
-NoAlloc::~NoAlloc() { counting = false; }
-std::uint64_t NoAlloc::count() const noexcept { return call_count; }
+AllocationCounter::~AllocationCounter() { counting = false; }
+std::uint64_t AllocationCounter::count() const noexcept { return call_count; }
 
 }  // namespace tactus::test_support

@@ -1,6 +1,6 @@
 /// Counts the allocations and releases of memory by the calling thread: malloc, free and all functions that call them.
 ///
-/// Link no_alloc.cpp into the test. Do not use it in sanitizer builds, which have an allocator of their own.
+/// Link allocation_counter.cpp into the test. Do not use it in sanitizer builds, which have an allocator of their own.
 #pragma once
 
 #include <cstdint>
@@ -8,12 +8,12 @@
 namespace tactus::test_support {
 
 /// Counts from its construction to its destruction. One at a time in each thread.
-class NoAlloc {
+class AllocationCounter {
  public:
-  NoAlloc() noexcept;
-  ~NoAlloc();
-  NoAlloc(const NoAlloc&) = delete;
-  NoAlloc& operator=(const NoAlloc&) = delete;
+  AllocationCounter() noexcept;
+  ~AllocationCounter();
+  AllocationCounter(const AllocationCounter&) = delete;
+  AllocationCounter& operator=(const AllocationCounter&) = delete;
   /// Number of allocations and releases since the construction.
   [[nodiscard]] std::uint64_t count() const noexcept;
 };
