@@ -1,4 +1,4 @@
-// The haptic thread's promise: a minute of cycles, refining and coarsening all the while, without one allocation.
+// Tests that cycles of the haptic thread do not allocate, and that objects and pools use the documented memory.
 
 #include <gtest/gtest.h>
 #include <malloc.h>
@@ -12,21 +12,20 @@
 #include "spm/offline/build.hpp"
 #include "spm/offline/generate.hpp"
 #include "study/shared_session.hpp"
-#include "tests/support/allocation_counter.hpp"
 #include "tests/support/local_session.hpp"
+#include "tests/support/allocation_counter.hpp"
 
 namespace tactus {
 namespace {
 
 using spm::Vec3d;
 
-/// Bytes on the heap now.
-double allocated() {
+double heap_bytes() {
   const struct mallinfo2 info = mallinfo2();
   return static_cast<double>(info.uordblks + info.hblkhd);
 }
 
-TEST(Allocation, TheGuardTripsOnNewAndMallocAndEigen) {
+TEST(Allocation, TheGuardCountsAllocationsByNewMallocAndEigen) {
   std::uint64_t by_new, by_malloc, by_eigen;
   {
     const test_support::AllocationCounter guard;
@@ -50,21 +49,21 @@ TEST(Allocation, TheGuardTripsOnNewAndMallocAndEigen) {
   EXPECT_GE(by_eigen, 2u);
 }
 
-TEST(Allocation, APoolTakesTheBytesItSays) {
+TEST(Allocation, APoolUsesTheBytesOfItsSettings) {
   for (const std::uint32_t slots : {3000u, 65536u, 70000u}) {
     const auto settings = spm::PoolSettings::for_slots(slots);
-    const double before = allocated();
+    const double before = heap_bytes();
     spm::Pool pool{settings};
     const spm::NodePool nodes{settings.tree_nodes};
     const spm::CandidateCaches caches;
     const spm::Cache cache{pool};
-    const spm::codec::CompressedCache store{settings.compressed_blocks};
-    const auto said = static_cast<double>(settings.bytes());
-    EXPECT_NEAR(allocated() - before, said, 0.002 * said) << slots;
+    const spm::codec::CompressedCache compressed_cache{settings.compressed_blocks};
+    const auto expected = static_cast<double>(settings.bytes());
+    EXPECT_NEAR(heap_bytes() - before, expected, 0.002 * expected) << slots;
   }
 }
 
-TEST(Allocation, AnObjectTakesNoMoreThanItsDirectorySays) {
+TEST(Allocation, AnObjectUsesAtMostTheBytesOfItsDirectory) {
   const spm::offline::BuiltModel built =
       spm::offline::build_model(spm::offline::generate(spm::offline::Shape::kOrgan, 300000));
   const spm::Model model = built.model();
@@ -72,23 +71,23 @@ TEST(Allocation, AnObjectTakesNoMoreThanItsDirectorySays) {
   spm::Pool pool{spm::PoolSettings::for_slots(4096)};
   spm::NodePool nodes{pool.settings.tree_nodes};
   spm::Cache cache{pool};
-  const double before = allocated();
+  const double before = heap_bytes();
   spm::Cache::Admitted admitted = cache.admit(base);
-  const double of_base = static_cast<double>(4 * (model.summary.base_vertices + model.summary.base_faces));
+  const double base_bytes = static_cast<double>(4 * (model.summary.base_vertices + model.summary.base_faces));
   const spm::Forest forest{pool,
                            nodes,
                            admitted.object,
                            model.summary,
                            spm::RegionGrid{model.summary.grid, model.regions},
                            std::move(admitted.base)};
-  const double taken = allocated() - before - of_base;
-  const auto said = static_cast<double>(spm::Cache::directory_bytes(model.summary) +
-                                        spm::Forest::directory_bytes(model.summary, pool.settings));
-  EXPECT_LT(taken, said + 4096);
-  EXPECT_GT(taken, 0.8 * said);
+  const double used = heap_bytes() - before - base_bytes;
+  const auto expected = static_cast<double>(spm::Cache::directory_bytes(model.summary) +
+                                            spm::Forest::directory_bytes(model.summary, pool.settings));
+  EXPECT_LT(used, expected + 4096);
+  EXPECT_GT(used, 0.8 * expected);
 }
 
-TEST(Allocation, SixtySecondsOfCyclesAllocateNothing) {
+TEST(Allocation, SixtySecondsOfRefinementAndCoarseningAllocateNothing) {
   const spm::offline::BuiltModel built =
       spm::offline::build_model(spm::offline::generate(spm::offline::Shape::kSphere, 20000));
   const spm::Model model = built.model();
@@ -97,32 +96,32 @@ TEST(Allocation, SixtySecondsOfCyclesAllocateNothing) {
   hrtc_service::FlightRecorder recorder{1000};
   session.cycle().set_observer(&recorder);
   hrtc_service::FlightRecord record;
-  std::uint64_t contact = 0, changes = 0, allocations = 0, recorded = 0;
+  std::uint64_t contact_cycles = 0, changes = 0, allocations = 0, recorded = 0;
   const auto position = [&](int cycle) -> Vec3d {
     const double angle = cycle * 0.05e-3 / radius;
     return (radius + 0.0025) *
            Vec3d{std::cos(angle), std::sin(angle) * std::cos(angle / 7), std::sin(angle) * std::sin(angle / 7)};
   };
   for (int cycle = 0; cycle < 60000; ++cycle) {
-    const Vec3d at = position(cycle);
-    session.prepare(at, (position(cycle + 1) - at) * 1000);
+    const Vec3d tip = position(cycle);
+    session.prepare(tip, (position(cycle + 1) - tip) * 1000);
     const hrtc_service::CycleResult& result = [&]() -> const hrtc_service::CycleResult& {
       const test_support::AllocationCounter guard;
-      const hrtc_service::CycleResult& made = session.run_cycle(4000);
+      const hrtc_service::CycleResult& cycle_result = session.run_cycle(4000);
       allocations += guard.count();
-      return made;
+      return cycle_result;
     }();
     recorded += recorder.next(record) ? 1 : 0;
-    contact += (result.probes[0].status & session::kInContact) != 0 ? 1 : 0;
+    contact_cycles += (result.probes[0].status & session::kInContact) != 0 ? 1 : 0;
     changes += result.costs.changes;
   }
   EXPECT_EQ(allocations, 0u);
-  EXPECT_GT(contact, 50000u);
+  EXPECT_GT(contact_cycles, 50000u);
   EXPECT_GT(changes, 10000u);
   EXPECT_EQ(recorded, 60000u);
 }
 
-TEST(Allocation, ObjectsThatAreWithdrawnAndComeAgainAllocateNothing) {
+TEST(Allocation, WithdrawingAndOfferingObjectsAgainAllocatesNothing) {
   const spm::offline::BuiltModel built =
       spm::offline::build_model(spm::offline::generate(spm::offline::Shape::kSphere, 6000));
   const spm::Model model = built.model();
@@ -132,17 +131,17 @@ TEST(Allocation, ObjectsThatAreWithdrawnAndComeAgainAllocateNothing) {
   hrtc_service::FlightRecorder recorder{1000};
   session.cycle().set_observer(&recorder);
   hrtc_service::FlightRecord record;
-  std::uint64_t allocations = 0, gone = 0;
-  session.membership().on_object_gone = [&](const hrtc_service::Loader::ObjectInfo&) { ++gone; };
+  std::uint64_t allocations = 0, removed = 0;
+  session.membership().on_object_gone = [&](const hrtc_service::Loader::ObjectInfo&) { ++removed; };
   for (int cycle = 0; cycle < 20000; ++cycle) {
     if (cycle % 2000 == 1000)
       for (const std::size_t object : {0u, 2u}) session.set_withdrawn(object, true);
     if (cycle % 2000 == 1500)
       for (const std::size_t object : {0u, 2u}) session.set_withdrawn(object, false);
-    const double out = 0.05 + 0.0015;
-    session.prepare({2 + out, 0, 0}, Vec3d::Zero());
+    const double height = 0.05 + 0.0015;
+    session.prepare({2 + height, 0, 0}, Vec3d::Zero());
     session.inputs()[1] = session.inputs()[0];
-    session.inputs()[1].device.position = {0, out, 0};
+    session.inputs()[1].device.position = {0, height, 0};
     const test_support::AllocationCounter guard;
     (void)session.touch_with_bodies();
     session.core().servo().refine(spm::Budget{4000});
@@ -150,10 +149,10 @@ TEST(Allocation, ObjectsThatAreWithdrawnAndComeAgainAllocateNothing) {
     (void)recorder.next(record);
   }
   EXPECT_EQ(allocations, 0u);
-  EXPECT_EQ(gone, 20u);
+  EXPECT_EQ(removed, 20u);
 }
 
-/// Allocations in what haptic threads do.
+/// Counts the allocations in the cycles of all haptic threads.
 class Allocations final : public study::CycleObserver {
  public:
   void on_begin() override { guard_.emplace(); }
@@ -168,7 +167,7 @@ class Allocations final : public study::CycleObserver {
   std::optional<test_support::AllocationCounter> guard_;
 };
 
-/// Ann grabs a crate, bob takes it over in the air from another HRTC and puts it down, and a third one pushes it.
+// Ann grabs a crate. Bob, at another HRTC, takes it over in the air and puts it down. A third user pushes it.
 TEST(Allocation, HoldsAndBodiesAllocateNothingWhileACrateIsGrabbedHandedOverReleasedAndPushed) {
   const study::Subject crate = study::make_subject("crate", "box", 1200, 0.1);
   Allocations allocations;

@@ -1,5 +1,3 @@
-// A tool's cycle does not allocate, whatever it meets.
-
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -11,7 +9,7 @@
 namespace tactus::haptics {
 namespace {
 
-TEST(Tool, DoesNotAllocate) {
+TEST(ToolAllocation, NothingIsAllocatedInAToolsStepsInAndOutOfContact) {
   const testing::TriangleMesh organ = spm::offline::generate(spm::offline::Shape::kOrgan, 20000);
   const testing::TriangleMesh stylus = spm::offline::stylus();
   const spm::MeshProbe probe{stylus.positions, stylus.faces};

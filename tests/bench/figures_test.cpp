@@ -14,28 +14,28 @@ namespace {
 
 const Subject kSubject{"none", 0, 0, ""};
 
-int end_of(const Report& report) { return report.finish("test", "scripts/bench test", ""); }
+int exit_status(const Report& report) { return report.finish("test", "scripts/bench test", ""); }
 
-TEST(Report, EndsWithOneExactlyWhenABoundFallsShort) {
+TEST(Report, HasExitStatus1ExactlyWhenABoundFallsShort) {
   Report holds{kSubject};
   holds.add_at_most("a", {"all", 3}, "us", 5, 5);
   holds.add_at_least("b", {"all", 3}, "times", 300, 300);
-  EXPECT_EQ(end_of(holds), 0);
+  EXPECT_EQ(exit_status(holds), 0);
   Report above{kSubject};
   above.add_at_most("a", {"all", 3}, "us", 5.001, 5);
-  EXPECT_EQ(end_of(above), 1);
+  EXPECT_EQ(exit_status(above), 1);
   Report below{kSubject};
   below.add_at_least("b", {"all", 3}, "times", 299, 300);
-  EXPECT_EQ(end_of(below), 1);
+  EXPECT_EQ(exit_status(below), 1);
 }
 
 TEST(Report, FallsShortWithoutSamples) {
   Report percentile{kSubject};
   percentile.add_percentiles("a", "all", "us", Samples{}, {{0.99, 1e9}});
-  EXPECT_EQ(end_of(percentile), 1);
+  EXPECT_EQ(exit_status(percentile), 1);
   Report count{kSubject};
   count.add_at_most("differences", {"compared", 0}, "", 0, 0);
-  EXPECT_EQ(end_of(count), 1);
+  EXPECT_EQ(exit_status(count), 1);
 }
 
 TEST(Report, CountsUnfinishedWorkAsLate) {
@@ -45,13 +45,13 @@ TEST(Report, CountsUnfinishedWorkAsLate) {
   samples.add(kUnfinished);
   Report median{kSubject};
   median.add_percentiles("a", "all", "ms", samples, {{0.5, 2}});
-  EXPECT_EQ(end_of(median), 0);
+  EXPECT_EQ(exit_status(median), 0);
   Report tail{kSubject};
   tail.add_percentiles("a", "all", "ms", samples, {{0.99, 1e300}});
-  EXPECT_EQ(end_of(tail), 1);
+  EXPECT_EQ(exit_status(tail), 1);
   Report ratio{kSubject};
   ratio.add_at_least("theirs / ours", {"all", 3}, "times", kUnfinished, 2);
-  EXPECT_EQ(end_of(ratio), 1);
+  EXPECT_EQ(exit_status(ratio), 1);
 }
 
 TEST(Report, RefusesAFileThatCannotBeWritten) {
@@ -81,23 +81,23 @@ TEST(Report, WritesTheRowsOfItsTable) {
 }
 
 int main_of(std::vector<const char*> arguments, const std::function<Report()>& run) {
-  App app{"test", "Nothing", "less of it"};
+  App app{"test", "Nothing", "does less"};
   arguments.insert(arguments.begin(), "tactus-bench-test");
   return bench_main(app, static_cast<int>(arguments.size()), const_cast<char**>(arguments.data()), run);
 }
 
-TEST(BenchMain, EndsAsTheRunDid) {
-  const auto with = [](double value) {
+TEST(BenchMain, HasTheExitStatusOfTheRun) {
+  const auto run_with = [](double value) {
     return [value] {
       Report report{kSubject};
       report.add_at_most("a", {"all", 1}, "us", value, 2);
       return report;
     };
   };
-  EXPECT_EQ(main_of({}, with(1)), 0);
-  EXPECT_EQ(main_of({"--quick"}, with(3)), 1);
-  EXPECT_EQ(main_of({"--help"}, with(3)), 0);
-  EXPECT_EQ(main_of({"--unknown"}, with(1)), 2);
+  EXPECT_EQ(main_of({}, run_with(1)), 0);
+  EXPECT_EQ(main_of({"--quick"}, run_with(3)), 1);
+  EXPECT_EQ(main_of({"--help"}, run_with(3)), 0);
+  EXPECT_EQ(main_of({"--unknown"}, run_with(1)), 2);
   EXPECT_EQ(main_of({}, []() -> Report { throw std::runtime_error{"no model"}; }), 2);
   EXPECT_EQ(main_of({}, []() -> Report { throw Interrupted{}; }), 130);
 }

@@ -1,4 +1,4 @@
-// The page of benchmarks: every row once in its table, and once more on top when it falls short.
+// Tests the page of benchmarks. It has every row in the table of its benchmark, and lists rows that fall short first.
 #include "bench/page.hpp"
 
 #include <gmock/gmock.h>
@@ -14,11 +14,11 @@ using testing::HasSubstr;
 
 std::size_t count_of(const std::string& text, const std::string& part) {
   std::size_t count = 0;
-  for (std::size_t at = 0; (at = text.find(part, at)) != std::string::npos; ++at) ++count;
+  for (std::size_t found = 0; (found = text.find(part, found)) != std::string::npos; ++found) ++count;
   return count;
 }
 
-TEST(Page, StatesShortfallsFirstAndEveryRow) {
+TEST(Page, ListsShortfallsFirstAndEveryRowInItsTable) {
   const test_support::TemporaryFolder folder;
   Report first{{"a|b", 0, 0, "settings"}}, second{{"c", 0, 0, ""}};
   first.add_at_most("slow", {"all cycles", 7}, "us", 6, 5);

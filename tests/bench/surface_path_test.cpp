@@ -19,7 +19,7 @@ constexpr double kStep = 0.00005;
 
 class SurfacePath : public testing::TestWithParam<Shape> {};
 
-TEST_P(SurfacePath, KeepsItsSpeedAndItsDepthOnEveryPose) {
+TEST_P(SurfacePath, HasConstantSpeedAndTouchesTheSurfaceInEveryPose) {
   const spm::offline::TriangleMesh mesh = spm::offline::generate(GetParam(), 4000, 3);
   const spm::fcl::FixedMesh fixed{mesh.positions, mesh.faces};
   const auto distance = [&](const Vec3d& p) { return fixed.distance(p); };
@@ -27,12 +27,12 @@ TEST_P(SurfacePath, KeepsItsSpeedAndItsDepthOnEveryPose) {
   ASSERT_EQ(path.size(), 4000u);
   std::size_t shallow = 0;
   for (std::size_t i = 1; i < path.size(); ++i) {
-    // Straight where the centres' line is, shorter across its corners.
+    // The distance of two poses is the step, or shorter where the path has a corner between them.
     const double step = (path[i] - path[i - 1]).norm();
     ASSERT_LE(step, kStep * (1 + 1e-9)) << "pose " << i;
-    const double away = distance(path[i]);
-    ASSERT_LT(away, kRadius) << "pose " << i << " does not touch";
-    shallow += away > kRadius - 2 * kDepth ? 1 : 0;
+    const double height = distance(path[i]);
+    ASSERT_LT(height, kRadius) << "pose " << i << " does not touch";
+    shallow += height > kRadius - 2 * kDepth ? 1 : 0;
   }
   EXPECT_GT(shallow, path.size() * 95 / 100);
 }

@@ -1,5 +1,5 @@
-// After 10^6 records are split, collapsed, loaded, evicted and reloaded in random order, the refined regions determine
-// the mesh.
+// Tests that after 10^6 records are split, collapsed, loaded, evicted and reloaded in random order, the set of refined
+// regions alone determines the mesh.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -25,7 +25,7 @@ void expect_determined(const TortureResult& result, const TortureSettings& setti
   EXPECT_EQ(result.faces_different, 0u);
 }
 
-TEST(Torture, AMillionOperationsOnASimplifiedModelEndWhereItsRegionsSay) {
+TEST(Torture, AfterAMillionOperationsTheRefinedRegionsDetermineTheMesh) {
   const spm::offline::BuiltModel built =
       spm::offline::build_model(spm::offline::generate(spm::offline::Shape::kOrgan, 20000, 3));
   TortureSettings settings;
@@ -34,7 +34,7 @@ TEST(Torture, AMillionOperationsOnASimplifiedModelEndWhereItsRegionsSay) {
   expect_determined(torture(built.model(), settings), settings);
 }
 
-TEST(Torture, SoDoTheyOnARandomModelWithRecordsOfManyParts) {
+TEST(Torture, TheRefinedRegionsDetermineTheMeshOfARandomModelWithRecordsOfSeveralParts) {
   const spm::OwnedModel model = test_support::random_model(9, 4000, 6);
   TortureSettings settings;
   settings.operations = 300'000;

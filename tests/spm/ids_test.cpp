@@ -13,18 +13,18 @@
 namespace tactus::spm {
 namespace {
 
-// The compiler tests that no index passes for another, and that the stores and functions take their own index alone.
+// Compile-time tests: no index type converts to another, and each store or function takes only its own index type.
 
 template <class... Ids>
-constexpr bool each_is_an_index_of_its_own() {
-  const auto alone = []<class Id>(std::type_identity<Id>) {
+constexpr bool are_distinct_index_types() {
+  const auto is_distinct = []<class Id>(std::type_identity<Id>) {
     return Index<Id> && !std::is_convertible_v<Id, std::uint32_t> && !std::is_convertible_v<std::uint32_t, Id> &&
            ((std::is_same_v<Id, Ids> || !(std::is_convertible_v<Ids, Id> || std::is_constructible_v<Id, Ids>)) && ...);
   };
-  return (alone(std::type_identity<Ids>{}) && ...);
+  return (is_distinct(std::type_identity<Ids>{}) && ...);
 }
-static_assert(each_is_an_index_of_its_own<VertexId, FaceId, RecordId, PartIndex, RegionId, ObjectIndex, Slot, RowIndex,
-                                          BlockIndex, NodeIndex>());
+static_assert(are_distinct_index_types<VertexId, FaceId, RecordId, PartIndex, RegionId, ObjectIndex, Slot, RowIndex,
+                                       BlockIndex, NodeIndex>());
 
 template <class Store, class Id>
 concept SubscriptedBy = requires(Store store, Id id) {
@@ -51,13 +51,13 @@ static_assert(!std::is_invocable_v<decltype(&Cache::has_record), const Cache&, R
 static_assert(!std::is_invocable_v<decltype(&BornRef::make), VertexId, std::uint32_t, bool>);
 static_assert(!std::is_invocable_v<decltype(&LoadedPart::DeformedRef::make), FaceId, std::uint32_t, bool>);
 
-TEST(Ids, NoneEqualsNoIndexOfAnything) {
+TEST(Ids, NoneDiffersFromEveryIndexOfEveryType) {
   EXPECT_EQ(Slot{kNone}, kNone);
   EXPECT_NE(Slot{0}, kNone);
   EXPECT_EQ(std::uint32_t{kNone}, index(FaceId{kNone}));
 }
 
-TEST(Ids, ARangeHasEveryIndexOnceInOrder) {
+TEST(Ids, ARangeOfIdsHasEveryIndexOnceInOrder) {
   IdVector<RegionId, int> counts{3};
   std::uint32_t expected = 0;
   for (const RegionId region : counts.ids()) {

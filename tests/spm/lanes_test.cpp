@@ -1,4 +1,4 @@
-// Eight at once against one at a time.
+// Compares the kernels, which compute for eight triangles or boxes at once, with computations for one at a time.
 
 #include "spm/lanes.hpp"
 
@@ -16,7 +16,7 @@
 namespace tactus::spm {
 namespace {
 
-constexpr float kNothing = std::numeric_limits<float>::quiet_NaN();
+constexpr float kEmptyLane = std::numeric_limits<float>::quiet_NaN();
 using Triangles = std::array<lanes::Floats, lanes::kTriangleRows>;
 using Boxes = std::array<lanes::Floats, lanes::kBoxRows>;
 
@@ -24,7 +24,7 @@ Vec3d corner(const Triangles& triangles, std::size_t lane, std::size_t number) {
   return {triangles[3 * number][lane], triangles[3 * number + 1][lane], triangles[3 * number + 2][lane]};
 }
 
-/// Random ones, and in some lanes a point, a segment, a needle, or nothing.
+/// Random triangles. Some lanes contain a point, a segment, a needle or no triangle.
 Triangles random_triangles(std::mt19937_64& random) {
   std::uniform_real_distribution<float> coordinate{-1, 1};
   Triangles triangles;
@@ -37,7 +37,7 @@ Triangles random_triangles(std::mt19937_64& random) {
       if (kind == 1) triangles[3 + axis][lane] = a;                                         // point
       if (kind == 2) triangles[6 + axis][lane] = a + 0.3f * (b - a) + 1e-6f * float(axis);  // needle
       if (kind == 3)
-        for (std::size_t c = 0; c < 3; ++c) triangles[3 * c + axis][lane] = kNothing;
+        for (std::size_t c = 0; c < 3; ++c) triangles[3 * c + axis][lane] = kEmptyLane;
     }
   }
   return triangles;
@@ -49,8 +49,8 @@ Boxes boxes_of(const Triangles& triangles) {
     for (std::size_t axis = 0; axis < 3; ++axis) {
       const float a = triangles[axis][lane], b = triangles[3 + axis][lane], c = triangles[6 + axis][lane];
       const bool none = std::isnan(a);
-      boxes[axis][lane] = none ? kNothing : std::min({a, b, c});
-      boxes[3 + axis][lane] = none ? kNothing : std::max({a, b, c});
+      boxes[axis][lane] = none ? kEmptyLane : std::min({a, b, c});
+      boxes[3 + axis][lane] = none ? kEmptyLane : std::max({a, b, c});
     }
   return boxes;
 }
@@ -67,7 +67,7 @@ class Lanes : public ::testing::TestWithParam<Simd> {
   const lanes::Kernels& kernels_ = lanes::kernels(GetParam());
 };
 
-TEST_P(Lanes, ClosestPointsAreThoseOfOneTriangleAtATime) {
+TEST_P(Lanes, ClosestPointsAgreeWithThoseOfSingleTriangles) {
   std::mt19937_64 random{1};
   std::uniform_real_distribution<double> coordinate{-2, 2};
   int empty = 0;
@@ -89,7 +89,7 @@ TEST_P(Lanes, ClosestPointsAreThoseOfOneTriangleAtATime) {
       }
       const ClosestPoint expected =
           closest_point(p, corner(triangles, lane, 0), corner(triangles, lane, 1), corner(triangles, lane, 2));
-      // Both are right to rounding; they may differ in whether an edge or the face is a rounding nearer.
+      // The two points may differ: by rounding, one computation can find an edge nearest and the other the face.
       ASSERT_NEAR(found.squared_distance[lane], expected.squared_distance, 1e-13) << "round " << round;
       const Vec3d point{found.point[0][lane], found.point[1][lane], found.point[2][lane]};
       ASSERT_NEAR((p - point).squaredNorm(), found.squared_distance[lane], 1e-13) << "round " << round;
@@ -98,7 +98,7 @@ TEST_P(Lanes, ClosestPointsAreThoseOfOneTriangleAtATime) {
   EXPECT_GT(empty, 1000);
 }
 
-TEST_P(Lanes, ABallTouchesWhatIsAsNearAsItsRadius) {
+TEST_P(Lanes, ASphereTouchesTheTrianglesWithinItsRadius) {
   std::mt19937_64 random{6};
   std::uniform_real_distribution<double> coordinate{-2, 2}, size{0, 3};
   int touched = 0;
@@ -115,28 +115,29 @@ TEST_P(Lanes, ABallTouchesWhatIsAsNearAsItsRadius) {
     const std::uint32_t count = kernels_.touches(faces, p, wanted, radius, found.data());
     ASSERT_EQ(lanes::kernels(Simd::kBase).touches(faces, p, wanted, radius, base.data()), count);
 
-    std::uint32_t at = 0;
+    std::uint32_t number = 0;
     for (unsigned lane = 0; lane < lanes::kLanes; ++lane) {
       const bool expected = (wanted >> lane & 1u) != 0 && closest.squared_distance[lane] <= radius * radius;
       if (!expected) continue;
-      ASSERT_LT(at, count) << "round " << round << " lane " << lane;
+      ASSERT_LT(number, count) << "round " << round << " lane " << lane;
       ++touched;
-      const Contact& contact = found[at];
-      ASSERT_EQ(std::memcmp(&contact, &base[at], sizeof contact), 0) << "round " << round << " lane " << lane;
-      ++at;
+      const Contact& contact = found[number];
+      ASSERT_EQ(std::memcmp(&contact, &base[number], sizeof contact), 0) << "round " << round << " lane " << lane;
+      ++number;
       ASSERT_EQ(index(contact.face), index(faces.first) + lane);
       ASSERT_EQ(contact.node(), faces.node);
       ASSERT_EQ(contact.is_finest(), (0xa5u >> lane & 1u) != 0);
       for (int axis = 0; axis < 3; ++axis)
         ASSERT_EQ(contact.point[axis], closest.point[axis][lane]) << "round " << round << " lane " << lane;
     }
-    ASSERT_EQ(at, count) << "round " << round;
+    ASSERT_EQ(number, count) << "round " << round;
   }
   EXPECT_GT(touched, 1000);
 }
 
-/// Small triangles far from the point: the regions that a point lies over are differences of large products.
-TEST_P(Lanes, ClosestPointsStayRightFarFromSmallTriangles) {
+// Far from a small triangle, the barycentric coordinates of the closest point are small differences of large products,
+// so rounding can spoil them.
+TEST_P(Lanes, ClosestPointsAreAccurateFarFromSmallTriangles) {
   std::mt19937_64 random{9};
   std::uniform_real_distribution<double> coordinate{-2, 2};
   for (int round = 0; round < 5000; ++round) {
@@ -156,13 +157,13 @@ TEST_P(Lanes, ClosestPointsStayRightFarFromSmallTriangles) {
       ASSERT_NEAR(found.squared_distance[lane], expected.squared_distance, 1e-14 * p.squaredNorm()) << round;
       const Vec3d point{found.point[0][lane], found.point[1][lane], found.point[2][lane]};
       const double longest = std::max({(b - a).norm(), (c - b).norm(), (a - c).norm()});
-      // On the triangle: a barycentric combination of its corners with what the kernel's bound on its rounding allows.
+      // The point is a weighted sum of the corners. The tolerance is the bound that the kernel states for its rounding.
       ASSERT_LE(closest_point(point, a, b, c).squared_distance, 1e-18 * longest * longest + 1e-32) << round;
     }
   }
 }
 
-TEST_P(Lanes, OnlyWantedTrianglesNeedBeRight) {
+TEST_P(Lanes, ATriangleOutsideTheMaskNeverGetsASmallerDistance) {
   std::mt19937_64 random{4};
   const Triangles triangles = random_triangles(random);
   lanes::Closest all;
@@ -181,7 +182,7 @@ TEST_P(Lanes, OnlyWantedTrianglesNeedBeRight) {
   }
 }
 
-TEST_P(Lanes, TrianglesWithinAreThoseWhoseBoxesAre) {
+TEST_P(Lanes, ATriangleIsSelectedByDistanceExactlyWhenItsBoxIs) {
   std::mt19937_64 random{5};
   std::uniform_real_distribution<float> coordinate{-2, 2};
   int within = 0;
@@ -197,7 +198,7 @@ TEST_P(Lanes, TrianglesWithinAreThoseWhoseBoxesAre) {
   EXPECT_GT(within, 1000);
 }
 
-TEST_P(Lanes, BoundsHoldAllCornersAndNoMore) {
+TEST_P(Lanes, TheBoundsOfTrianglesFitTheirCornersExactly) {
   std::mt19937_64 random{2};
   for (int round = 0; round < 5000; ++round) {
     const Triangles triangles = random_triangles(random);
@@ -230,8 +231,8 @@ class LaneBoxes : public Lanes {
       const bool none = random_() % 4 == 0;
       for (std::size_t axis = 0; axis < 3; ++axis) {
         const float a = coordinate(random_), b = coordinate(random_);
-        boxes[axis][lane] = none ? kNothing : std::min(a, b);
-        boxes[3 + axis][lane] = none ? kNothing : std::max(a, b);
+        boxes[axis][lane] = none ? kEmptyLane : std::min(a, b);
+        boxes[3 + axis][lane] = none ? kEmptyLane : std::max(a, b);
       }
     }
     return boxes;
@@ -242,34 +243,34 @@ class LaneBoxes : public Lanes {
   }
 };
 
-TEST_P(Lanes, TrianglesOnAWayAreThoseWhoseBoxesAre) {
+TEST_P(Lanes, ATriangleIsSelectedByPathExactlyWhenItsBoxIs) {
   std::mt19937_64 random{6};
   std::uniform_real_distribution<float> coordinate{-1, 1};
   const auto point = [&] { return std::array<float, 3>{coordinate(random), coordinate(random), coordinate(random)}; };
-  int on_way = 0;
+  int on_path = 0;
   for (int round = 0; round < 5000; ++round) {
     const Triangles triangles = random_triangles(random);
-    const lanes::SweepBounds way{point(), 1.f, {-0.8f, -0.8f, -0.8f}, {0.5f, 0.5f, 0.5f}, point(), coordinate(random)};
+    const lanes::SweepBounds path{point(), 1.f, {-0.8f, -0.8f, -0.8f}, {0.5f, 0.5f, 0.5f}, point(), coordinate(random)};
 
-    const unsigned found = kernels_.triangles_on_path(triangles.data(), way);
+    const unsigned found = kernels_.triangles_on_path(triangles.data(), path);
 
-    ASSERT_EQ(found, kernels_.boxes_on_path(boxes_of(triangles).data(), way)) << "round " << round;
-    on_way += found != 0 ? 1 : 0;
+    ASSERT_EQ(found, kernels_.boxes_on_path(boxes_of(triangles).data(), path)) << "round " << round;
+    on_path += found != 0 ? 1 : 0;
   }
-  EXPECT_GT(on_way, 1000);
+  EXPECT_GT(on_path, 1000);
 }
 
-TEST_P(Lanes, NoTriangleThatASweptSphereTouchesInTimeIsLeftOut) {
+TEST_P(Lanes, SweepCandidatesIncludeEveryTriangleThatTheSphereTouchesBeforeTheTimeLimit) {
   std::mt19937_64 random{7};
   std::uniform_real_distribution<double> coordinate{-1.5, 1.5}, share{0, 1};
-  int touched = 0, offered = 0;
+  int touched = 0, candidates = 0;
   for (int round = 0; round < 20000; ++round) {
     const Triangles triangles = random_triangles(random);
     const Vec3d from{coordinate(random), coordinate(random), coordinate(random)};
-    const double far = round % 2 == 0 ? 1 : 0.01;
-    const Vec3d motion = far * Vec3d{coordinate(random), coordinate(random), coordinate(random)};
+    const double scale = round % 2 == 0 ? 1 : 0.01;
+    const Vec3d motion = scale * Vec3d{coordinate(random), coordinate(random), coordinate(random)};
     double radius = 0.5 * share(random);
-    // Every third rests on a triangle, as a proxy does.
+    // In every third round the sphere already touches a triangle at the start, as a proxy does that rests on a surface.
     if (const std::size_t lane = random() % lanes::kLanes; round % 3 == 0 && !std::isnan(triangles[0][lane]))
       radius = (1 - 1e-6) * std::sqrt(closest_point(from, corner(triangles, lane, 0), corner(triangles, lane, 1),
                                                     corner(triangles, lane, 2))
@@ -281,25 +282,25 @@ TEST_P(Lanes, NoTriangleThatASweptSphereTouchesInTimeIsLeftOut) {
     const unsigned found = kernels_.sweep_candidates(triangles.data(), sweep, lanes::kAllLanes, limit, earliest);
 
     for (std::size_t lane = 0; lane < lanes::kLanes; ++lane) {
-      const bool here = (found >> lane & 1u) != 0;
-      offered += here ? 1 : 0;
+      const bool is_candidate = (found >> lane & 1u) != 0;
+      candidates += is_candidate ? 1 : 0;
       SweepHit hit;
       if (std::isnan(triangles[0][lane])) {
-        ASSERT_FALSE(here) << "round " << round;
+        ASSERT_FALSE(is_candidate) << "round " << round;
       } else if (swept_sphere(from, from + motion, radius, corner(triangles, lane, 0), corner(triangles, lane, 1),
                               corner(triangles, lane, 2), hit) &&
                  hit.time <= limit) {
         ++touched;
-        ASSERT_TRUE(here) << "round " << round << " lane " << lane << " at " << hit.time;
+        ASSERT_TRUE(is_candidate) << "round " << round << " lane " << lane << " hit time " << hit.time;
         ASSERT_LE(earliest[lane], hit.time) << "round " << round << " lane " << lane;
       }
     }
   }
   EXPECT_GT(touched, 5000);
-  EXPECT_LT(offered, touched * 3 / 2) << "what is never touched is left out as a rule";
+  EXPECT_LT(candidates, touched * 3 / 2) << "at least a third of the candidates are not touched";
 }
 
-TEST_P(LaneBoxes, DistancesMeetingsAndBoundsAreThoseOfOneBoxAtATime) {
+TEST_P(LaneBoxes, DistancesPathTestsAndBoundsAgreeWithComputationsPerBox) {
   for (int round = 0; round < 5000; ++round) {
     const Boxes boxes = random_boxes();
     const std::array<float, 3> p = random_point(), q = random_point();
@@ -308,31 +309,32 @@ TEST_P(LaneBoxes, DistancesMeetingsAndBoundsAreThoseOfOneBoxAtATime) {
       low[axis] = std::min(p[axis], q[axis]);
       high[axis] = std::max(p[axis], q[axis]);
     }
-    const float radius2 = 0.3f;
+    const float squared_radius = 0.3f;
     const std::array<float, 3> direction = random_point();
     const float behind = 0.5f * random_point()[0];
-    unsigned within = 0, on_way = 0;
+    unsigned within = 0, on_path = 0;
     lanes::Floats expected{};
     lanes::Bounds all;
     all.low.fill(std::numeric_limits<float>::infinity());
     all.high.fill(-std::numeric_limits<float>::infinity());
     for (std::size_t lane = 0; lane < lanes::kLanes; ++lane) {
       if (std::isnan(boxes[0][lane])) {
-        expected[lane] = kNothing;
+        expected[lane] = kEmptyLane;
         continue;
       }
-      bool meets = true;
+      bool overlaps = true;
       float ahead = 0;
       for (std::size_t axis = 0; axis < 3; ++axis) {
         const float d = std::max({boxes[axis][lane] - p[axis], p[axis] - boxes[3 + axis][lane], 0.f});
         expected[lane] += d * d;
-        meets = meets && boxes[axis][lane] <= high[axis] && boxes[3 + axis][lane] >= low[axis];
+        overlaps = overlaps && boxes[axis][lane] <= high[axis] && boxes[3 + axis][lane] >= low[axis];
         ahead += std::max(boxes[axis][lane] * direction[axis], boxes[3 + axis][lane] * direction[axis]);
         all.low[axis] = std::min(all.low[axis], boxes[axis][lane]);
         all.high[axis] = std::max(all.high[axis], boxes[3 + axis][lane]);
       }
-      within |= static_cast<unsigned>(expected[lane] <= radius2) << lane;
-      on_way |= static_cast<unsigned>(meets && expected[lane] <= radius2 && ahead >= behind) << lane;
+      const bool is_within = expected[lane] <= squared_radius;
+      within |= static_cast<unsigned>(is_within) << lane;
+      on_path |= static_cast<unsigned>(overlaps && is_within && ahead >= behind) << lane;
     }
 
     lanes::Floats squared;
@@ -347,9 +349,9 @@ TEST_P(LaneBoxes, DistancesMeetingsAndBoundsAreThoseOfOneBoxAtATime) {
         ASSERT_EQ(squared[lane], expected[lane]) << "round " << round;
       }
     }
-    ASSERT_EQ(kernels_.boxes_within(boxes.data(), p, radius2), within) << "round " << round;
-    const lanes::SweepBounds way{p, radius2, low, high, direction, behind};
-    ASSERT_EQ(kernels_.boxes_on_path(boxes.data(), way), on_way) << "round " << round;
+    ASSERT_EQ(kernels_.boxes_within(boxes.data(), p, squared_radius), within) << "round " << round;
+    const lanes::SweepBounds path{p, squared_radius, low, high, direction, behind};
+    ASSERT_EQ(kernels_.boxes_on_path(boxes.data(), path), on_path) << "round " << round;
     ASSERT_EQ(bounds.low, all.low) << "round " << round;
     ASSERT_EQ(bounds.high, all.high) << "round " << round;
   }

@@ -1,4 +1,4 @@
-// A mesh probe against the shown faces, all pairs one by one.
+// Compares the contacts of a mesh probe and the shown faces with a search of all pairs.
 
 #include "spm/mesh_probe.hpp"
 
@@ -26,7 +26,7 @@ std::array<double, 6> flat(const Vec3d& point, const Vec3d& normal) {
   return {point[0], point[1], point[2], normal[0], normal[1], normal[2]};
 }
 
-/// Coordinates alone tell them apart, without any rounding.
+/// Compares coordinates only, and therefore without rounding.
 bool boxes_apart(const Triangle3d& a, const Triangle3d& b) {
   for (int axis = 0; axis < 3; ++axis) {
     const auto [a_low, a_high] = std::minmax({a[0][axis], a[1][axis], a[2][axis]});
@@ -54,8 +54,7 @@ Found all_pairs(const Shown& shown, const PlacedProbe& probe, std::uint32_t tria
 
 Found by_query(const Shown& shown, PlacedProbe& probe) {
   std::vector<MeshContact> contacts(1u << 16);
-  const MeshTouch touch =
-      probe.find_contacts(shown.tree(), contacts.data(), static_cast<std::uint32_t>(contacts.size()));
+  const MeshTouch touch = probe.find_contacts(shown.tree(), contacts.data(), static_cast<std::uint32_t>(contacts.size()));
   EXPECT_TRUE(touch.complete);
   EXPECT_LE(touch.contacts, contacts.size());
   contacts.resize(touch.contacts);
@@ -85,13 +84,13 @@ Extent extent(const TriangleMesh& mesh) {
   return e;
 }
 
-TriangleMesh scaled(TriangleMesh mesh, double by) {
+TriangleMesh scaled(TriangleMesh mesh, double factor) {
   for (auto& p : mesh.positions)
-    for (float& x : p) x = static_cast<float>(x * by);
+    for (float& x : p) x = static_cast<float>(x * factor);
   return mesh;
 }
 
-/// Anywhere near a random vertex, at any slant.
+/// Returns a random orientation at a position near a random vertex.
 Eigen::Isometry3d random_pose(std::mt19937_64& random, const TriangleMesh& mesh, double spread) {
   std::normal_distribution<double> normal;
   const auto& p = mesh.positions[random() % mesh.positions.size()];
@@ -103,25 +102,26 @@ Eigen::Isometry3d random_pose(std::mt19937_64& random, const TriangleMesh& mesh,
   return pose;
 }
 
-TriangleMesh finite_and_real(TriangleMesh mesh) {
-  const auto bad = [&](const offline::Triangle& f) {
+/// Removes the faces with a vertex that does not exist or is not finite.
+TriangleMesh with_finite_faces(TriangleMesh mesh) {
+  const auto is_invalid = [&](const offline::Triangle& f) {
     return std::any_of(f.begin(), f.end(), [&](std::uint32_t v) {
       return v >= mesh.positions.size() ||
              !std::all_of(mesh.positions[v].begin(), mesh.positions[v].end(), [](float x) { return std::isfinite(x); });
     });
   };
-  mesh.faces.erase(std::remove_if(mesh.faces.begin(), mesh.faces.end(), bad), mesh.faces.end());
+  mesh.faces.erase(std::remove_if(mesh.faces.begin(), mesh.faces.end(), is_invalid), mesh.faces.end());
   for (auto& p : mesh.positions)
     for (float& x : p)
       if (!std::isfinite(x)) x = 0;
   return mesh;
 }
 
-TEST(MeshProbe, FindsWhatAllPairsFindOnTheZooInRandomPosesAndInPlace) {
+TEST(MeshProbe, AgreesWithAllPairsOnTheZooInRandomPosesAndInTheIdentityPose) {
   std::mt19937_64 random{1};
   std::size_t contacts = 0;
   for (const test_support::ZooMesh& zoo : test_support::mesh_zoo()) {
-    const TriangleMesh mesh = finite_and_real(zoo.mesh);
+    const TriangleMesh mesh = with_finite_faces(zoo.mesh);
     if (mesh.faces.empty()) continue;
     const Shown shown{mesh};
     const double size = extent(mesh).size();
@@ -132,7 +132,7 @@ TEST(MeshProbe, FindsWhatAllPairsFindOnTheZooInRandomPosesAndInPlace) {
       PlacedProbe placed{probe};
       for (int round = 0; round < 8; ++round) {
         SCOPED_TRACE(zoo.name + ", round " + std::to_string(round));
-        // As it stands, a mesh lies on itself: every kind of touching at once.
+        // In the identity pose, a mesh lies exactly on itself, so that all degenerate contacts occur.
         if (round > 0) placed.set_pose(random_pose(random, mesh, 0.1 * size));
         const Found expected = all_pairs(shown, placed, probe.triangles());
         ASSERT_EQ(by_query(shown, placed), expected);
@@ -152,7 +152,7 @@ class MeshProbeOnOrgan : public ::testing::Test {
   std::mt19937_64 random_{2};
 };
 
-TEST_F(MeshProbeOnOrgan, FindsWhatAllPairsFindInRandomPoses) {
+TEST_F(MeshProbeOnOrgan, AgreesWithAllPairsInRandomPoses) {
   std::size_t contacts = 0;
   for (int round = 0; round < 12; ++round) {
     placed_.set_pose(random_pose(random_, organ_, 0.002));
@@ -163,7 +163,7 @@ TEST_F(MeshProbeOnOrgan, FindsWhatAllPairsFindInRandomPoses) {
   EXPECT_GT(contacts, 200u);
 }
 
-TEST_F(MeshProbeOnOrgan, FindsWhatAllPairsFindWhilePartsAreShownOnly) {
+TEST_F(MeshProbeOnOrgan, AgreesWithAllPairsWhileHalfOfTheFacesAreShown) {
   for (int round = 0; round < 6; ++round) {
     const std::uint64_t salt = random_();
     shown_.show([salt](std::uint32_t f) { return (f * 0x9e3779b97f4a7c15ull ^ salt) >> 13 & 1u; });
@@ -174,59 +174,59 @@ TEST_F(MeshProbeOnOrgan, FindsWhatAllPairsFindWhilePartsAreShownOnly) {
 
 TEST_F(MeshProbeOnOrgan, GivesTheSameContactsInTheSameOrderForEveryInstructionSet) {
   PlacedProbe base{stylus_, Simd::kBase}, avx2{stylus_, std::min(Simd::kAvx2, best_simd())};
-  std::vector<MeshContact> a(10000), b(10000), c(10000);
+  std::vector<MeshContact> best_contacts(10000), base_contacts(10000), avx2_contacts(10000);
   for (int round = 0; round < 200; ++round) {
     const Eigen::Isometry3d pose = random_pose(random_, organ_, 0.002);
     placed_.set_pose(pose);
     base.set_pose(pose);
     avx2.set_pose(pose);
-    const MeshTouch found = placed_.find_contacts(shown_.tree(), a.data(), 10000);
-    ASSERT_EQ(base.find_contacts(shown_.tree(), b.data(), 10000).contacts, found.contacts);
-    ASSERT_EQ(avx2.find_contacts(shown_.tree(), c.data(), 10000).contacts, found.contacts);
+    const MeshTouch found = placed_.find_contacts(shown_.tree(), best_contacts.data(), 10000);
+    ASSERT_EQ(base.find_contacts(shown_.tree(), base_contacts.data(), 10000).contacts, found.contacts);
+    ASSERT_EQ(avx2.find_contacts(shown_.tree(), avx2_contacts.data(), 10000).contacts, found.contacts);
     for (std::uint32_t i = 0; i < found.contacts; ++i)
-      for (const MeshContact* other : {&b[i], &c[i]}) {
-        ASSERT_EQ(a[i].face, other->face);
-        ASSERT_EQ(a[i].triangle, other->triangle);
-        ASSERT_EQ(a[i].point, other->point);
-        ASSERT_EQ(a[i].normal, other->normal);
-        ASSERT_EQ(a[i].depth, other->depth);
+      for (const MeshContact* contact : {&base_contacts[i], &avx2_contacts[i]}) {
+        ASSERT_EQ(best_contacts[i].face, contact->face);
+        ASSERT_EQ(best_contacts[i].triangle, contact->triangle);
+        ASSERT_EQ(best_contacts[i].point, contact->point);
+        ASSERT_EQ(best_contacts[i].normal, contact->normal);
+        ASSERT_EQ(best_contacts[i].depth, contact->depth);
       }
   }
 }
 
-TEST_F(MeshProbeOnOrgan, KeepsToItsCapacityAndItsWorkAndSaysSo) {
-  std::vector<MeshContact> all(10000), some(10000);
+TEST_F(MeshProbeOnOrgan, StopsAtItsCapacityOrItsLimitOfWorkAndReportsIt) {
+  std::vector<MeshContact> all(10000), limited(10000);
   MeshTouch whole;
   while (whole.contacts < 20) {
     placed_.set_pose(random_pose(random_, organ_, 0.001));
     whole = placed_.find_contacts(shown_.tree(), all.data(), 10000);
   }
-  some[5].triangle = 12345;
-  const MeshTouch truncated = placed_.find_contacts(shown_.tree(), some.data(), 5);
+  limited[5].triangle = 12345;
+  const MeshTouch truncated = placed_.find_contacts(shown_.tree(), limited.data(), 5);
   EXPECT_EQ(truncated.contacts, whole.contacts);
   EXPECT_TRUE(truncated.complete);
-  for (int i = 0; i < 5; ++i) EXPECT_EQ(some[i].triangle, all[i].triangle);
-  EXPECT_EQ(some[5].triangle, 12345u);
+  for (int i = 0; i < 5; ++i) EXPECT_EQ(limited[i].triangle, all[i].triangle);
+  EXPECT_EQ(limited[5].triangle, 12345u);
 
-  const MeshTouch cut = placed_.find_contacts(shown_.tree(), some.data(), 10000, whole.work / 2);
+  const MeshTouch cut = placed_.find_contacts(shown_.tree(), limited.data(), 10000, whole.work / 2);
   EXPECT_FALSE(cut.complete);
   EXPECT_LE(cut.work, whole.work / 2 + 64);
   ASSERT_LE(cut.contacts, whole.contacts);
-  for (std::uint32_t i = 0; i < cut.contacts; ++i) EXPECT_EQ(some[i].triangle, all[i].triangle);
+  for (std::uint32_t i = 0; i < cut.contacts; ++i) EXPECT_EQ(limited[i].triangle, all[i].triangle);
 }
 
-TEST(MeshProbe, RefusesWhatIsNoMesh) {
+TEST(MeshProbe, RefusesAMeshWithoutFacesWithAMissingVertexOrWithAnInfinitePosition) {
   const std::vector<std::array<float, 3>> corners{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}};
-  const std::vector<std::array<std::uint32_t, 3>> none, beyond{{0, 1, 3}}, sound{{0, 1, 2}};
-  EXPECT_THROW((MeshProbe{corners, none}), std::invalid_argument);
-  EXPECT_THROW((MeshProbe{corners, beyond}), std::invalid_argument);
-  std::vector<std::array<float, 3>> infinite = corners;
-  infinite[1][0] = INFINITY;
-  EXPECT_THROW((MeshProbe{infinite, sound}), std::invalid_argument);
-  EXPECT_EQ((MeshProbe{corners, sound}).triangles(), 1u);
+  const std::vector<std::array<std::uint32_t, 3>> no_faces, missing_vertex{{0, 1, 3}}, valid{{0, 1, 2}};
+  EXPECT_THROW((MeshProbe{corners, no_faces}), std::invalid_argument);
+  EXPECT_THROW((MeshProbe{corners, missing_vertex}), std::invalid_argument);
+  std::vector<std::array<float, 3>> infinite_corners = corners;
+  infinite_corners[1][0] = INFINITY;
+  EXPECT_THROW((MeshProbe{infinite_corners, valid}), std::invalid_argument);
+  EXPECT_EQ((MeshProbe{corners, valid}).triangles(), 1u);
 }
 
-TEST(ProbeSpheres, HoldEveryTriangleAndStartAtTheTip) {
+TEST(ProbeSpheres, CoverEveryTriangleAndBeginAtTheTip) {
   const offline::TriangleMesh stylus = offline::stylus();
   const MeshProbe probe{stylus.positions, stylus.faces};
   const std::vector<ProbeSphere> spheres = spheres_of(probe, 8);
@@ -234,7 +234,7 @@ TEST(ProbeSpheres, HoldEveryTriangleAndStartAtTheTip) {
   EXPECT_LT(spheres.front().centre.norm(), 0.002);
   double largest = 0;
   for (const ProbeSphere& sphere : spheres) largest = std::max(largest, sphere.radius);
-  EXPECT_LT(largest, 0.0042) << "hardly thicker than the stylus";
+  EXPECT_LT(largest, 0.0042) << "the stylus itself has a radius of 0.003";
   std::mt19937_64 random{3};
   std::uniform_real_distribution<double> share{0, 1};
   for (const auto& face : stylus.faces)

@@ -1,4 +1,4 @@
-// What a stroke's past says of its future: turns go on as they did, and the path follows the surface.
+// Tests that a predicted path continues the earlier turns of the hand and follows the surface.
 
 #include "spm/motion_segment.hpp"
 
@@ -12,10 +12,10 @@
 namespace tactus::spm {
 namespace {
 
-constexpr double kReach = 4;    // of the plane around the tip; cells have edge 1
-constexpr double kSpeed = 100;  // a cell in 10 ms
+constexpr double kReach = 4;    // cell edges
+constexpr double kSpeed = 100;  // cell edges/s
 
-/// Cells of edge 1 that hold one of `points`.
+/// The cells of edge 1 that contain at least one of `points`.
 class Cells {
  public:
   explicit Cells(const std::vector<Vec3d>& points) {
@@ -52,8 +52,8 @@ void follow(MotionSegment& motion_segment, const RegionGrid& grid, const std::fu
     motion_segment.observe(grid, kReach, path(from + i * MotionSegment::kSpacing));
 }
 
-/// Loops at constant speed, with a heading that swings as a hand's does.
-Vec3d winding(double time) {
+/// A path of loops at constant speed, whose heading oscillates as that of a hand does.
+Vec3d looping_path(double time) {
   static const std::vector<Vec3d> path = [] {
     std::vector<Vec3d> points{{0, -25, 0.5}};
     for (double t = 0; t < 20; t += MotionSegment::kSpacing) {
@@ -66,20 +66,20 @@ Vec3d winding(double time) {
   return path[static_cast<std::size_t>(std::lround(time / MotionSegment::kSpacing))];
 }
 
-TEST(MotionSegment, LearnsHowAHandTurns) {
+TEST(MotionSegment, LearnsTheTurnsOfAHand) {
   const RegionGrid grid = Cells{floor()}.grid();
   MotionSegment motion_segment;
-  follow(motion_segment, grid, winding, 0, 12);
+  follow(motion_segment, grid, looping_path, 0, 12);
 
   double learned = 0, straight = 0;
   for (double time = 12; time < 14; time += 0.1) {
-    follow(motion_segment, grid, winding, time + MotionSegment::kSpacing, time + 0.1);
+    follow(motion_segment, grid, looping_path, time + MotionSegment::kSpacing, time + 0.1);
     const double now = time + 0.1;
     const MotionSegment::Path path = motion_segment.predict(grid, kReach, 0.11);
     ASSERT_EQ(path.count, 12u);
-    const Vec3d before = winding(now - 0.01), here = winding(now), then = winding(now + 0.11);
-    learned += (path.points[11] - then).norm();
-    straight += (here + 11 * (here - before) - then).norm();
+    const Vec3d previous = looping_path(now - 0.01), present = looping_path(now), future = looping_path(now + 0.11);
+    learned += (path.points[11] - future).norm();
+    straight += (present + 11 * (present - previous) - future).norm();
   }
 
   EXPECT_LT(learned, straight / 4);
@@ -91,64 +91,61 @@ TEST(MotionSegment, FollowsTheSurface) {
   for (double angle = 0; angle < 6.29; angle += 0.01)
     for (int y = -60; y < 60; ++y) cylinder.emplace_back(kRadius * std::cos(angle), y + 0.5, kRadius * std::sin(angle));
   const RegionGrid grid = Cells{cylinder}.grid();
-  const auto round = [](double time) {
+  const auto circle = [](double time) {
     const double angle = kSpeed * time / kRadius;
     return Vec3d{kRadius * std::cos(angle), 0, kRadius * std::sin(angle)};
   };
   MotionSegment motion_segment;
-  follow(motion_segment, grid, round, 0, 1);
+  follow(motion_segment, grid, circle, 0, 1);
 
   const MotionSegment::Path path = motion_segment.predict(grid, kReach, 0.15);
 
   ASSERT_EQ(path.count, 16u);
   for (std::uint32_t i = 0; i < path.count; ++i) {
     EXPECT_NEAR(std::hypot(path.points[i][0], path.points[i][2]), kRadius, 1) << i;
-    EXPECT_LT((path.points[i] - round(1 + i * MotionSegment::kStep)).norm(), 0.2 * i + 0.1) << i;
+    EXPECT_LT((path.points[i] - circle(1 + i * MotionSegment::kStep)).norm(), 0.2 * i + 0.1) << i;
   }
 }
 
-TEST(MotionSegment, DoubtsAsMuchAsItWasWrong) {
+TEST(MotionSegment, EstimatesALargerErrorAfterWrongPredictions) {
   const RegionGrid grid = Cells{floor()}.grid();
   MotionSegment motion_segment;
-  EXPECT_EQ(motion_segment.rms_error(0.11), 0) << "nothing has been expected";
+  EXPECT_EQ(motion_segment.rms_error(0.11), 0) << "there was no prediction yet";
   const auto straight = [](double time) { return Vec3d{-50 + 10 * time, 0.5, 0.5}; };
   follow(motion_segment, grid, straight, 0, 8);
-  const double sure = motion_segment.rms_error(0.11);
+  const double error_on_line = motion_segment.rms_error(0.11);
   const auto zigzag = [&](double time) {
     const double share = std::fmod(time, 0.3) / 0.15;
     return Vec3d{straight(time)[0], 10 * (share < 1 ? share : 2 - share), 0.5};
   };
   follow(motion_segment, grid, zigzag, 8.002, 9);
 
-  EXPECT_LT(sure, 0.1);
+  EXPECT_LT(error_on_line, 0.1);
   EXPECT_GT(motion_segment.rms_error(0.11), 1);
   EXPECT_LT(motion_segment.rms_error(0.02), motion_segment.rms_error(0.11) / 4);
 }
 
-TEST(MotionSegment, KnowsNothingRightAfterAnInterruption) {
+TEST(MotionSegment, PredictsNoPathRightAfterARestart) {
   const RegionGrid grid = Cells{floor()}.grid();
   MotionSegment motion_segment;
-  follow(motion_segment, grid, winding, 0, 1);
+  follow(motion_segment, grid, looping_path, 0, 1);
   motion_segment.restart();
-  follow(motion_segment, grid, winding, 2, 2.05);
+  follow(motion_segment, grid, looping_path, 2, 2.05);
 
   EXPECT_EQ(motion_segment.predict(grid, kReach, 0.1).count, 0u);
 }
 
-TEST(MotionSegment, StaysWhereATipIsAtRest) {
+TEST(MotionSegment, PredictsThatATipAtRestDoesNotMove) {
   const RegionGrid grid = Cells{floor()}.grid();
   MotionSegment motion_segment;
-  follow(
-      motion_segment, grid,
-      [](double) {
-        return Vec3d{3, 4, 0.5};
-      },
-      0, 1);
+  const Vec3d position{3, 4, 0.5};
+  const auto at_rest = [&](double) { return position; };
+  follow(motion_segment, grid, at_rest, 0, 1);
 
   const MotionSegment::Path path = motion_segment.predict(grid, kReach, 0.1);
 
   ASSERT_EQ(path.count, 11u);
-  for (std::uint32_t i = 0; i < path.count; ++i) EXPECT_LT((path.points[i] - Vec3d{3, 4, 0.5}).norm(), 1e-9);
+  for (std::uint32_t i = 0; i < path.count; ++i) EXPECT_LT((path.points[i] - position).norm(), 1e-9);
 }
 
 }  // namespace

@@ -1,4 +1,4 @@
-// What each strategy of prediction wants of a floor of cells under a tip that moves at constant speed.
+// Tests which cells of a plane each prediction strategy wants for a tip that moves at constant speed.
 
 #include "spm/prediction.hpp"
 
@@ -15,7 +15,7 @@ namespace {
 
 constexpr double kSpeed = 10, kRadius = 0.5, kMargin = 0.25, kLead = 0.4;
 
-/// 41 x 41 cells of edge 1 about the origin, full of surface, with the tip in the middle of it and moving along x.
+/// A plane of 41 x 41 fully occupied cells of edge 1 around the origin. The tip is at the origin and moves along x.
 class Prediction : public testing::Test {
  protected:
   Prediction() {
@@ -32,23 +32,23 @@ class Prediction : public testing::Test {
   Predictor::Regions predict(Strategy strategy, bool in_contact) const {
     Predictor predictor{*grid_, {kRadius, kMargin, 0, strategy}};
     for (int i = -60; i <= 0; ++i) predictor.observe(i * 0.002, {kSpeed * i * 0.002, 0, 0}, in_contact);
-    Predictor::Regions answer;
-    predictor.predict(kLead, answer);
-    answer.sort();
-    return answer;
+    Predictor::Regions predicted;
+    predictor.predict(kLead, predicted);
+    predicted.sort();
+    return predicted;
   }
-  static std::set<std::uint32_t> regions_of(const Predictor::Regions& answer) {
+  static std::set<std::uint32_t> regions_of(const Predictor::Regions& predicted) {
     std::set<std::uint32_t> regions;
-    for (const PredictedRegion& met : answer.entries()) regions.insert(index(met.region));
+    for (const PredictedRegion& entry : predicted.entries()) regions.insert(index(entry.region));
     return regions;
   }
-  /// Cells with a point within `reach` of the path from the origin to `length` along x.
-  [[nodiscard]] std::set<std::uint32_t> along_x(double length, double reach) const {
+  /// Returns the cells with a point within `distance` of the path from the origin to `length` on the x axis.
+  [[nodiscard]] std::set<std::uint32_t> cells_near_path(double length, double distance) const {
     std::set<std::uint32_t> regions;
     for (std::uint32_t r = 0; r < regions_.size(); ++r) {
       const double x = regions_[r].cell[0] - 20.0, y = regions_[r].cell[1] - 20.0;
       const double dx = std::max({0.0, x - 0.5 - length, -(x + 0.5)}), dy = std::max(0.0, std::abs(y) - 0.5);
-      if (dx * dx + dy * dy <= reach * reach) regions.insert(r);
+      if (dx * dx + dy * dy <= distance * distance) regions.insert(r);
     }
     return regions;
   }
@@ -57,18 +57,19 @@ class Prediction : public testing::Test {
   std::unique_ptr<RegionGrid> grid_;
 };
 
-TEST_F(Prediction, OfALineWantsThePathAndNothingBeside) {
+TEST_F(Prediction, LinearAndPolynomialStrategiesWantOnlyThePath) {
   for (const Strategy strategy : {Strategy::kLinear, Strategy::kPolynomial})
-    EXPECT_EQ(regions_of(predict(strategy, true)), along_x(kSpeed * kLead, kRadius + kMargin));
+    EXPECT_EQ(regions_of(predict(strategy, true)), cells_near_path(kSpeed * kLead, kRadius + kMargin));
 }
 
-TEST_F(Prediction, OfNeighboursAndByDistanceWantsAsMuchBehindAsAhead) {
-  EXPECT_EQ(regions_of(predict(Strategy::kNeighbours, true)), along_x(0, kRadius + kMargin + kSpeed * kLead));
-  EXPECT_EQ(regions_of(predict(Strategy::kDistance, false)), along_x(0, kRadius + kMargin + kSpeed * kLead / 2));
+TEST_F(Prediction, NeighbourAndDistanceStrategiesWantAllDirectionsEqually) {
+  EXPECT_EQ(regions_of(predict(Strategy::kNeighbours, true)), cells_near_path(0, kRadius + kMargin + kSpeed * kLead));
+  EXPECT_EQ(regions_of(predict(Strategy::kDistance, false)),
+            cells_near_path(0, kRadius + kMargin + kSpeed * kLead / 2));
 }
 
-TEST_F(Prediction, OfTheMixtureWantsThePathAndSomeOfWhatIsBeside) {
-  const std::set<std::uint32_t> path = along_x(kSpeed * kLead, kRadius + kMargin);
+TEST_F(Prediction, TheMixtureWantsThePathAndSomeCellsAroundIt) {
+  const std::set<std::uint32_t> path = cells_near_path(kSpeed * kLead, kRadius + kMargin);
   for (const bool in_contact : {true, false}) {
     const std::set<std::uint32_t> wanted = regions_of(predict(Strategy::kMixture, in_contact));
     EXPECT_TRUE(std::includes(wanted.begin(), wanted.end(), path.begin(), path.end()));
@@ -76,16 +77,16 @@ TEST_F(Prediction, OfTheMixtureWantsThePathAndSomeOfWhatIsBeside) {
   }
 }
 
-TEST_F(Prediction, PutsTheSoonestFirstAndTheTipsOwnCellAtOnce) {
+TEST_F(Prediction, ListsTheCellOfTheTipFirstAndTheOthersByTimeToContact) {
   for (std::size_t s = 0; s < kStrategyNames.size(); ++s) {
-    const Predictor::Regions answer = predict(static_cast<Strategy>(s), true);
-    const std::span<const PredictedRegion> met = answer.entries();
-    ASSERT_GT(met.size(), 1u) << kStrategyNames[s];
-    EXPECT_TRUE(answer.complete()) << kStrategyNames[s];
-    EXPECT_EQ(met[0].time_to_contact, 0) << kStrategyNames[s];
-    EXPECT_EQ(regions_of(answer).count(20 * 41 + 20), 1u) << kStrategyNames[s];
-    for (std::size_t i = 1; i < met.size(); ++i)
-      EXPECT_LE(met[i - 1].time_to_contact, met[i].time_to_contact) << kStrategyNames[s];
+    const Predictor::Regions predicted = predict(static_cast<Strategy>(s), true);
+    const std::span<const PredictedRegion> entries = predicted.entries();
+    ASSERT_GT(entries.size(), 1u) << kStrategyNames[s];
+    EXPECT_TRUE(predicted.complete()) << kStrategyNames[s];
+    EXPECT_EQ(entries[0].time_to_contact, 0) << kStrategyNames[s];
+    EXPECT_EQ(regions_of(predicted).count(20 * 41 + 20), 1u) << kStrategyNames[s];
+    for (std::size_t i = 1; i < entries.size(); ++i)
+      EXPECT_LE(entries[i - 1].time_to_contact, entries[i].time_to_contact) << kStrategyNames[s];
   }
 }
 

@@ -1,4 +1,4 @@
-// Which cells a ball meets, against every sixty-fourth of every cell.
+// Compares the cells that intersect a sphere with a search of all 64 subcells of every cell.
 
 #include "spm/region_grid.hpp"
 
@@ -17,7 +17,7 @@ struct Grid {
   std::vector<Region> regions;
 };
 
-/// Cells of depth 0, and one of them in eight.
+/// Random cells of depth 0. One cell is divided into eight cells of depth 1.
 Grid random_grid(std::mt19937_64& random) {
   Grid grid;
   const auto add = [&](std::uint16_t depth, std::uint32_t x, std::uint32_t y, std::uint32_t z) {
@@ -46,37 +46,37 @@ double brute_squared_distance(const Grid& grid, const Region& region, const Vec3
   double nearest = 1e300;
   for (std::uint32_t bit = 0; bit < 64; ++bit) {
     if ((region.occupied[bit / 32] >> bit % 32 & 1u) == 0) continue;
-    const std::uint32_t part[3] = {bit & 3, bit >> 2 & 3, bit >> 4};
+    const std::uint32_t subcell[3] = {bit & 3, bit >> 2 & 3, bit >> 4};
     double squared = 0;
     for (int axis = 0; axis < 3; ++axis) {
-      const double low = grid.frame.origin[axis] + region.cell[axis] * edge + part[axis] * edge / 4;
-      const double d = std::max({low - p[axis], p[axis] - low - edge / 4, 0.0});
-      squared += d * d;
+      const double low = grid.frame.origin[axis] + region.cell[axis] * edge + subcell[axis] * edge / 4;
+      const double distance = std::max({low - p[axis], p[axis] - low - edge / 4, 0.0});
+      squared += distance * distance;
     }
     nearest = std::min(nearest, squared);
   }
   return nearest;
 }
 
-TEST(RegionGrid, ABallMeetsTheCellsOfWhichAnOccupiedPartIsInReach) {
+TEST(RegionGrid, ASphereIntersectsTheCellsWithAnOccupiedSubcellWithinItsRadius) {
   std::mt19937_64 random{5};
   std::uniform_real_distribution<double> unit{0, 1};
-  std::uint64_t met = 0, passed_over = 0;
+  std::uint64_t intersecting = 0, box_only = 0;
   for (int round = 0; round < 200; ++round) {
     const Grid grid = random_grid(random);
-    const RegionGrid look_up{grid.frame, grid.regions};
+    const RegionGrid region_grid{grid.frame, grid.regions};
     const Vec3d centre = Vec3d{-1.2, 1.8, 0.3} + 1.4 * Vec3d{unit(random), unit(random), unit(random)};
     const double radius = 0.4 * unit(random);
     std::vector<std::uint32_t> expected, found;
     for (std::uint32_t i = 0; i < grid.regions.size(); ++i) {
       const double squared = brute_squared_distance(grid, grid.regions[i], centre);
-      ASSERT_NEAR(look_up.squared_distance(RegionId{i}, centre), squared, 1e-12) << "round " << round;
+      ASSERT_NEAR(region_grid.squared_distance(RegionId{i}, centre), squared, 1e-12) << "round " << round;
       if (squared <= radius * radius) expected.push_back(i);
-      if (squared > radius * radius && look_up.box(RegionId{i}).squared_distance(centre) <= radius * radius)
-        ++passed_over;
+      if (squared > radius * radius && region_grid.box(RegionId{i}).squared_distance(centre) <= radius * radius)
+        ++box_only;
     }
 
-    const bool complete = look_up.for_each_intersecting(centre, radius, [&](RegionId region, double squared) {
+    const bool complete = region_grid.for_each_intersecting(centre, radius, [&](RegionId region, double squared) {
       EXPECT_LE(squared, radius * radius);
       found.push_back(index(region));
     });
@@ -84,14 +84,13 @@ TEST(RegionGrid, ABallMeetsTheCellsOfWhichAnOccupiedPartIsInReach) {
     ASSERT_TRUE(complete);
     std::sort(found.begin(), found.end());
     ASSERT_EQ(found, expected) << "round " << round;
-    met += found.size();
+    intersecting += found.size();
   }
-  EXPECT_GT(met, 500u);
-  EXPECT_GT(passed_over, 200u) << "whole cells would do as well";
+  EXPECT_GT(intersecting, 500u);
+  EXPECT_GT(box_only, 200u) << "whole cells would give the same result";
 }
 
-/// One cell of each depth from 1 to 8, each in the corner of the one before it, so that a query of all of them goes
-/// through every depth.
+/// Divides the corner cell of each depth up to 8, so that a query of all cells visits every depth.
 Grid nested_grid() {
   Grid grid;
   for (std::uint16_t depth = 1; depth <= 8; ++depth)
@@ -108,7 +107,7 @@ Grid nested_grid() {
 
 TEST(RegionGrid, AQueryUsesTheSameStackAtEveryDepth) {
   const Grid grid = nested_grid();
-  const RegionGrid look_up{grid.frame, grid.regions};
+  const RegionGrid region_grid{grid.frame, grid.regions};
   const Vec3d corner{grid.frame.origin[0], grid.frame.origin[1], grid.frame.origin[2]};
   std::vector<const void*> frames;
   std::vector<std::uint32_t> found;
@@ -116,8 +115,8 @@ TEST(RegionGrid, AQueryUsesTheSameStackAtEveryDepth) {
     frames.push_back(__builtin_frame_address(0));
     found.push_back(index(region));
   };
-  ASSERT_TRUE(look_up.for_each_intersecting(corner, 1.0, visit));
-  // Children in order, each with all that is in it before the next.
+  ASSERT_TRUE(region_grid.for_each_intersecting(corner, 1.0, visit));
+  // Children are visited in order. The first child of each depth is divided, so its children come before its siblings.
   std::vector<std::uint32_t> expected;
   for (std::uint32_t depth = 8; depth > 0; --depth)
     for (std::uint32_t i = 0; i < grid.regions.size(); ++i)
@@ -126,24 +125,24 @@ TEST(RegionGrid, AQueryUsesTheSameStackAtEveryDepth) {
   for (const void* frame : frames) EXPECT_EQ(frame, frames.front());
 }
 
-TEST(RegionGrid, ASphereThatIsNoSphereIsNotAnswered) {
+TEST(RegionGrid, RefusesASphereWithANaNOrANegativeRadius) {
   std::mt19937_64 random{6};
   const Grid grid = random_grid(random);
-  const RegionGrid look_up{grid.frame, grid.regions};
+  const RegionGrid region_grid{grid.frame, grid.regions};
   constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
   int visited = 0;
   const auto visit = [&](RegionId, double) { ++visited; };
   const Vec3d inside{-0.5, 2.5, 1.0}, outside{100, 0, 0};
-  for (const Vec3d& place : {inside, outside})
+  for (const Vec3d& position : {inside, outside})
     for (int axis = 0; axis < 3; ++axis) {
-      Vec3d centre = place;
+      Vec3d centre = position;
       centre[axis] = kNaN;
-      EXPECT_FALSE(look_up.for_each_intersecting(centre, 0.1, visit)) << axis;
+      EXPECT_FALSE(region_grid.for_each_intersecting(centre, 0.1, visit)) << axis;
     }
-  EXPECT_FALSE(look_up.for_each_intersecting(inside, kNaN, visit));
-  EXPECT_FALSE(look_up.for_each_intersecting(inside, -0.1, visit));
+  EXPECT_FALSE(region_grid.for_each_intersecting(inside, kNaN, visit));
+  EXPECT_FALSE(region_grid.for_each_intersecting(inside, -0.1, visit));
   EXPECT_EQ(visited, 0);
-  EXPECT_TRUE(look_up.for_each_intersecting(outside, 0.1, visit)) << "it meets nothing, and that is known";
+  EXPECT_TRUE(region_grid.for_each_intersecting(outside, 0.1, visit)) << "a valid sphere that intersects no cell";
 }
 
 }  // namespace

@@ -1,5 +1,5 @@
-// Which regions are refined for a probe: the most urgent ones, in any order of asking; and for a stylus those along all
-// of it, without which what its shaft touches would be wrong.
+// Tests which regions are refined for a probe: the most urgent ones in any order of additions, and for a stylus the
+// regions along its whole length, without which the contacts of its shaft would be wrong.
 
 #include "spm/target_selection.hpp"
 
@@ -24,12 +24,10 @@
 namespace tactus::spm {
 namespace {
 
-// ---- the table ----
-
 struct Entry {
   RegionId region{};
   double key = 0;
-  [[nodiscard]] bool before(const Entry& other) const noexcept {
+  [[nodiscard]] bool precedes(const Entry& other) const noexcept {
     return key != other.key ? key < other.key : region < other.region;
   }
   void merge(const Entry& other) noexcept { key = std::min(key, other.key); }
@@ -37,23 +35,23 @@ struct Entry {
 
 class RandomRegions : public testing::TestWithParam<std::uint32_t> {};
 
-TEST_P(RandomRegions, TheMostUrgentStayWhateverTheOrderAndTheTableCanBeUsedAgain) {
+TEST_P(RandomRegions, ATableHasTheMostUrgentRegionsOfAnyOrderOfAdditionsAlsoAfterAClear) {
   const std::uint32_t capacity = GetParam();
   std::mt19937_64 random{7};
   RegionTable<Entry> table{capacity};
   for (const std::size_t added : {0u, 5u, 300u, 20000u}) {
-    std::map<std::uint32_t, double> least;
+    std::map<std::uint32_t, double> min_keys;
     table.clear();
     for (std::size_t i = 0; i < added; ++i) {
       const auto region = static_cast<std::uint32_t>(random() % 1500);
       const auto key = static_cast<double>(random() % 10000);
       table.add({RegionId{region}, key});
-      const auto [at, fresh] = least.try_emplace(region, key);
-      if (!fresh) at->second = std::min(at->second, key);
+      double& min_key = min_keys.try_emplace(region, key).first->second;
+      min_key = std::min(min_key, key);
     }
     table.sort();
     std::vector<std::pair<double, std::uint32_t>> expected, found;
-    for (const auto& [region, key] : least) expected.emplace_back(key, region);
+    for (const auto& [region, key] : min_keys) expected.emplace_back(key, region);
     std::sort(expected.begin(), expected.end());
     EXPECT_EQ(table.complete(), expected.size() <= capacity) << added;
     expected.resize(std::min<std::size_t>(expected.size(), capacity));
@@ -64,13 +62,11 @@ TEST_P(RandomRegions, TheMostUrgentStayWhateverTheOrderAndTheTableCanBeUsedAgain
 
 INSTANTIATE_TEST_SUITE_P(Capacities, RandomRegions, testing::Values(1u, 2u, 64u, 1024u));
 
-// ---- a stylus on a model ----
-
-constexpr double kTip = 0.003;  // m, and the shaft
+constexpr double kRadius = 0.003;  // m, of the stylus's tip and shaft
 constexpr std::uint32_t kContacts = 1u << 14;
 
-/// An organ 10 cm across, and poses in which the stylus lies on it with its shaft, its tip in the air.
-class Lying : public testing::Test {
+/// An organ of 10 cm, and poses in which the shaft of the stylus touches it and the tip does not.
+class StylusShaft : public testing::Test {
  protected:
   static void SetUpTestSuite() {
     world_ = new World;
@@ -83,25 +79,26 @@ class Lying : public testing::Test {
   }
   static void TearDownTestSuite() { delete world_; }
 
-  using Found = std::set<std::array<double, 3>>;  // face, triangle, depth
-  static Found found(const MeshContact* contacts, std::uint32_t count) {
-    Found found;
+  using Contacts = std::set<std::array<double, 3>>;  // face, triangle, depth
+  static Contacts to_set(const MeshContact* contacts, std::uint32_t count) {
+    Contacts set;
     for (std::uint32_t i = 0; i < count; ++i)
-      found.insert({double(index(contacts[i].face)), double(contacts[i].triangle), contacts[i].depth});
-    return found;
+      set.insert({double(index(contacts[i].face)), double(contacts[i].triangle), contacts[i].depth});
+    return set;
   }
-  static Found touched(const AbTree& tree, const Eigen::Isometry3d& pose) {
+  static Contacts contacts_on(const AbTree& tree, const Eigen::Isometry3d& pose) {
     PlacedProbe placed{*world_->stylus};
     std::vector<MeshContact> contacts(kContacts);
     placed.set_pose(pose);
-    return found(contacts.data(), placed.find_contacts(tree, contacts.data(), kContacts).contacts);
+    return to_set(contacts.data(), placed.find_contacts(tree, contacts.data(), kContacts).contacts);
   }
 
   struct Outcome {
-    int exact = 0, wrong = 0;  // of the exact ones
+    int exact = 0;  ///< number of poses whose contacts are reported as exact
+    int wrong = 0;  ///< number of these poses whose contacts differ from those of the finest mesh
   };
-  /// Lets the stylus touch where it lies, once the mesh is as fine as `shape` asks for.
-  static Outcome touch_as(const ProbeShape& shape, std::uint32_t targets = 1024) {
+  /// Counts the outcomes of all poses, with the mesh refined for `shape`.
+  static Outcome touch_all_poses(const ProbeShape& shape, std::uint32_t targets = 1024) {
     Outcome outcome;
     codec::CompressedSource source{world_->encoded->compressed()};
     LocalRefinementSettings settings;
@@ -110,14 +107,14 @@ class Lying : public testing::Test {
     PlacedProbe placed{*world_->stylus};
     std::vector<MeshContact> contacts(kContacts);
     for (const Eigen::Isometry3d& pose : world_->poses) {
-      LocalRefinement refinement{source, shape, settings};  // from the base mesh on
+      LocalRefinement refinement{source, shape, settings};  // begins with the base mesh
       refinement.approach(pose, 0);
       EXPECT_EQ(refinement.refine(Budget{1u << 30}), Advance::kDone);
       placed.set_pose(pose);
       const MeshTouch touch = refinement.find_contacts(placed, contacts.data(), kContacts);
       if (!refinement.is_exact()) continue;
       ++outcome.exact;
-      outcome.wrong += found(contacts.data(), touch.contacts) != touched(world_->finest->tree(), pose) ? 1 : 0;
+      outcome.wrong += to_set(contacts.data(), touch.contacts) != contacts_on(world_->finest->tree(), pose) ? 1 : 0;
     }
     return outcome;
   }
@@ -133,53 +130,53 @@ class Lying : public testing::Test {
 
  private:
   static void find_poses() {
-    constexpr double kUp = 0.02, kDeep = 0.0003;  // m: from the tip to where the shaft touches, and how deep
+    constexpr double kFromTip = 0.02, kDepth = 0.0003;  // m, of the contact
     std::array<Contact, 16> at_tip;
     for (std::size_t v = 0; v < world_->model.positions.size() && world_->poses.size() < 40; v += 97) {
       const std::array<float, 3>& p = world_->model.positions[v];
-      const Vec3d at{p[0], p[1], p[2]};
-      const Vec3d out = at.normalized(), along = out.unitOrthogonal();
+      const Vec3d vertex{p[0], p[1], p[2]};
+      const Vec3d outward = vertex.normalized(), axis = outward.unitOrthogonal();
       Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
-      pose.linear() = spm::rotation_between(Vec3d::UnitZ(), along).toRotationMatrix();
-      pose.translation() = at + (kTip - kDeep) * out - kUp * along;
-      if (world_->finest->tree().find_contacts(pose.translation(), 1.5 * kTip, at_tip.data(), 16) > 0) continue;
-      if (!touched(world_->finest->tree(), pose).empty()) world_->poses.push_back(pose);
+      pose.linear() = spm::rotation_between(Vec3d::UnitZ(), axis).toRotationMatrix();
+      pose.translation() = vertex + (kRadius - kDepth) * outward - kFromTip * axis;
+      if (world_->finest->tree().find_contacts(pose.translation(), 1.5 * kRadius, at_tip.data(), 16) > 0) continue;
+      if (!contacts_on(world_->finest->tree(), pose).empty()) world_->poses.push_back(pose);
     }
     ASSERT_GE(world_->poses.size(), 20u);
   }
 };
 
-TEST_F(Lying, TheShaftsContactsAreThoseOfTheFinestMesh) {
-  const Outcome outcome = touch_as(ProbeShape{*world_->stylus});
+TEST_F(StylusShaft, HasTheContactsOfTheFinestMesh) {
+  const Outcome outcome = touch_all_poses(ProbeShape{*world_->stylus});
   EXPECT_EQ(outcome.exact, int(world_->poses.size()));
   EXPECT_EQ(outcome.wrong, 0);
 }
 
-TEST_F(Lying, WithTheMeshFineAroundTheTipAloneTheyAreNot) {
-  const Outcome outcome = touch_as(ProbeShape{kTip});
-  EXPECT_GT(outcome.wrong, outcome.exact / 2) << "or the shaft touches nothing that has to be refined";
+TEST_F(StylusShaft, HasWrongContactsWhenOnlyTheTipIsRefined) {
+  const Outcome outcome = touch_all_poses(ProbeShape{kRadius});
+  EXPECT_GT(outcome.wrong, outcome.exact / 2) << "the shaft hardly touches faces that need refinement";
 }
 
-TEST_F(Lying, TooFewTargetsAreNeverSaidToBeExact) {
-  const Outcome outcome = touch_as(ProbeShape{*world_->stylus}, 2);
+TEST_F(StylusShaft, WithTooFewTargetsIsNotReportedAsExact) {
+  const Outcome outcome = touch_all_poses(ProbeShape{*world_->stylus}, 2);
   EXPECT_LT(outcome.exact, int(world_->poses.size()) / 2);
   EXPECT_EQ(outcome.wrong, 0);
 }
 
-TEST_F(Lying, FewerTargetsAreTheFirstOfMore) {
+TEST_F(StylusShaft, ASmallSelectionHasTheFirstTargetsOfALargeOne) {
   codec::CompressedSource source{world_->encoded->compressed()};
   const ProbeShape shape{*world_->stylus};
   LocalRefinementSettings settings;
-  settings.margins.refine = 0.02;  // loads more than the shaft meets
+  settings.margins.refine = 0.02;  // selects more regions than the shaft intersects
   LocalRefinement refinement{source, shape, settings};
   const Eigen::Isometry3d& pose = world_->poses.front();
   refinement.approach(pose, 0);
   std::vector<PlacedSphere> spheres;
   for (const ProbeSphere& sphere : shape.spheres()) spheres.push_back({pose * sphere.centre, sphere.radius, {0, 0, 0}});
-  const auto select = [&](std::uint32_t capacity, bool backwards) {
+  const auto select = [&](std::uint32_t capacity, bool reversed) {
     TargetSelection selection{capacity};
     selection.begin(refinement.forest(), settings.margins);
-    if (backwards) std::reverse(spheres.begin(), spheres.end());
+    if (reversed) std::reverse(spheres.begin(), spheres.end());
     selection.add_spheres(spheres);
     const std::span<const RegionId> targets = selection.finish();
     EXPECT_EQ(selection.complete(), targets.size() < capacity) << capacity;
@@ -187,8 +184,8 @@ TEST_F(Lying, FewerTargetsAreTheFirstOfMore) {
   };
   const std::vector<RegionId> all = select(4096, false);
   ASSERT_GT(all.size(), 4u);
-  for (const bool backwards : {false, true})
-    EXPECT_THAT(select(4, backwards), ::testing::ElementsAreArray(all.data(), 4)) << backwards;
+  for (const bool reversed : {false, true})
+    EXPECT_THAT(select(4, reversed), ::testing::ElementsAreArray(all.data(), 4)) << reversed;
 }
 
 }  // namespace

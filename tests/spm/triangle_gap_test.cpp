@@ -1,4 +1,5 @@
-// Distances of triangles in float lanes beside double ones, and a probe's near pairs beside all pairs.
+// Compares the gaps between triangles in lanes of floats with double precision, and a probe's near pairs with all
+// pairs.
 
 #include "spm/triangle_gap.hpp"
 
@@ -18,13 +19,13 @@
 namespace tactus::spm {
 namespace {
 
-/// Of two segments, by the corners of the parameters' square and the stationary points on its sides and inside.
-double segments_apart(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d) {
+/// Returns the distance of two segments, which is at an end of one segment or at the stationary point inside both.
+double segment_distance(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d) {
   const auto to_segment = [](const Vec3d& p, const Vec3d& from, const Vec3d& to) {
-    const Vec3d way = to - from;
-    const double length2 = way.squaredNorm();
-    const double t = length2 > 0 ? std::clamp(way.dot(p - from) / length2, 0.0, 1.0) : 0;
-    return (from + t * way - p).norm();
+    const Vec3d segment = to - from;
+    const double squared_length = segment.squaredNorm();
+    const double t = squared_length > 0 ? std::clamp(segment.dot(p - from) / squared_length, 0.0, 1.0) : 0;
+    return (from + t * segment - p).norm();
   };
   double min = std::min({to_segment(a, c, d), to_segment(b, c, d), to_segment(c, a, b), to_segment(d, a, b)});
   const Vec3d u = b - a, v = d - c, w = a - c;
@@ -35,12 +36,12 @@ double segments_apart(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3
   return min;
 }
 
-double apart(const Triangle3d& f, const Triangle3d& g) {
+double triangle_distance(const Triangle3d& f, const Triangle3d& g) {
   double min = 1e300;
   for (int i = 0; i < 3; ++i) {
     min = std::min(min, std::sqrt(closest_point(g[i], f[0], f[1], f[2]).squared_distance));
     min = std::min(min, std::sqrt(closest_point(f[i], g[0], g[1], g[2]).squared_distance));
-    for (int j = 0; j < 3; ++j) min = std::min(min, segments_apart(f[i], f[(i + 1) % 3], g[j], g[(j + 1) % 3]));
+    for (int j = 0; j < 3; ++j) min = std::min(min, segment_distance(f[i], f[(i + 1) % 3], g[j], g[(j + 1) % 3]));
   }
   return min;
 }
@@ -52,39 +53,40 @@ Triangle3d lane_of(const TriangleLanes& lanes, unsigned lane) {
   return t;
 }
 
-/// Of all kinds: any, needles, without area, parallel to each other, on a coarse grid where much coincides.
-TriangleLanes random_triangles(std::mt19937_64& random, int kind, double away) {
-  std::uniform_real_distribution<double> along{-1, 1};
+/// `kind`: 0 any triangles, 1 needles, 2 segments, 3 corners on a coarse grid, so that many coincide,
+/// 4 triangles in the plane z = `offset`.
+TriangleLanes random_triangles(std::mt19937_64& random, int kind, double offset) {
+  std::uniform_real_distribution<double> coordinate{-1, 1};
   TriangleLanes lanes;
   for (unsigned lane = 0; lane < 8; ++lane)
     for (int i = 0; i < 3; ++i)
       for (int axis = 0; axis < 3; ++axis) {
-        double x = along(random) + (axis == 2 ? away : 0);
-        if (kind == 1 && i == 2) x = lanes.corner[0][axis][lane] + 1e-4 * along(random);
+        double x = coordinate(random) + (axis == 2 ? offset : 0);
+        if (kind == 1 && i == 2) x = lanes.corner[0][axis][lane] + 1e-4 * coordinate(random);
         if (kind == 2 && i > 0) x = lanes.corner[0][axis][lane] + (axis == 0 ? static_cast<float>(i) : 0);
         if (kind == 3) x = std::round(2 * x) / 2;
-        if (kind == 4 && axis == 2) x = away;
+        if (kind == 4 && axis == 2) x = offset;
         lanes.corner[i][axis][lane] = static_cast<float>(x);
       }
   return lanes;
 }
 
-TEST(TriangleGap, IsTheDistanceOfTheNearestPointsUnlessTheyMayMeet) {
+TEST(TriangleGap, IsTheDistanceOfTheNearestPointsUnlessTheTrianglesMayIntersect) {
   std::mt19937_64 random{7};
-  std::size_t compared = 0, met = 0;
+  std::size_t compared = 0, intersecting = 0;
   for (int round = 0; round < 4000; ++round) {
-    const double away = round % 3 == 0 ? 0 : round % 3 == 1 ? 0.5 : 2.5;
-    const TriangleLanes f = random_triangles(random, round % 5, 0), g = random_triangles(random, round / 5 % 5, away);
+    const double offset = round % 3 == 0 ? 0 : round % 3 == 1 ? 0.5 : 2.5;
+    const TriangleLanes f = random_triangles(random, round % 5, 0), g = random_triangles(random, round / 5 % 5, offset);
     TriangleGaps gap;
     gaps(f, g, gap, best_simd());
     for (unsigned lane = 0; lane < 8; ++lane) {
       const Triangle3d ft = lane_of(f, lane), gt = lane_of(g, lane);
-      const double expected = apart(ft, gt);
+      const double expected = triangle_distance(ft, gt);
       PairContact contact;
       if (intersect(ft, gt, contact)) {
-        // Or the gap is as good as none.
+        // Rounding can leave a tiny gap between intersecting triangles.
         ASSERT_TRUE((gap.may_intersect >> lane & 1u) != 0 || gap.distance[lane] < 1e-5) << round << ' ' << lane;
-        ++met;
+        ++intersecting;
         continue;
       }
       ++compared;
@@ -97,7 +99,7 @@ TEST(TriangleGap, IsTheDistanceOfTheNearestPointsUnlessTheyMayMeet) {
     }
   }
   EXPECT_GT(compared, 10000u);
-  EXPECT_GT(met, 1000u);
+  EXPECT_GT(intersecting, 1000u);
 }
 
 TEST(TriangleGap, IsTheSameForEveryInstructionSet) {
@@ -112,14 +114,14 @@ TEST(TriangleGap, IsTheSameForEveryInstructionSet) {
   }
 }
 
-TEST(NearPairs, AreAllWithinTheMarginInAnyPoseAndScale) {
+TEST(NearPairs, IncludeAllPairsWithinTheMarginInAnyPoseAndScale) {
   const offline::TriangleMesh organ = offline::generate(offline::Shape::kOrgan, 4000);
   const test_support::ShownMesh shown{organ};
   const offline::TriangleMesh stylus = offline::stylus();
   std::mt19937_64 random{9};
   std::normal_distribution<double> normal;
   std::vector<NearPairs> pairs(4096);
-  std::size_t near = 0, published = 0;
+  std::size_t near = 0, returned = 0;
   for (int round = 0; round < 10; ++round) {
     const double scale = round % 2 == 0 ? 1 : 3.5;  // object units in a probe unit
     offline::TriangleMesh tool = stylus;
@@ -140,16 +142,16 @@ TEST(NearPairs, AreAllWithinTheMarginInAnyPoseAndScale) {
       std::set<std::pair<std::uint32_t, std::uint32_t>> found;
       for (std::uint32_t i = 0; i < touch.contacts; ++i)
         found.emplace(index(pairs[i / 8].face[i % 8]), probe.number(pairs[i / 8].triangle[i % 8]));
-      published += found.size();
+      returned += found.size();
       for (const RowIndex row : shown.tree().shown()) {
         const Triangle3d face = shown.triangle(row);
         if ((face[0] - pose.translation()).norm() > 0.04) continue;
         for (std::uint32_t t = 0; t < probe.triangles(); ++t) {
           const Triangle3d triangle = placed.triangle(t);
-          const double between = std::max({(triangle[0] - triangle[1]).norm(), (triangle[0] - triangle[2]).norm()});
-          if ((face[0] - triangle[0]).norm() > between + 0.01) continue;
+          const double size = std::max({(triangle[0] - triangle[1]).norm(), (triangle[0] - triangle[2]).norm()});
+          if ((face[0] - triangle[0]).norm() > size + 0.01) continue;
           PairContact contact;
-          if (apart(face, triangle) > margin * (1 - 1e-6) && !intersect(face, triangle, contact)) continue;
+          if (triangle_distance(face, triangle) > margin * (1 - 1e-6) && !intersect(face, triangle, contact)) continue;
           ++near;
           ASSERT_EQ(found.count({index(shown.tree().row(row).face), t}), 1u)
               << "round " << round << ", margin " << margin;
@@ -158,7 +160,7 @@ TEST(NearPairs, AreAllWithinTheMarginInAnyPoseAndScale) {
     }
   }
   EXPECT_GT(near, 1000u);
-  EXPECT_LT(published, 8 * near);
+  EXPECT_LT(returned, 8 * near) << "too many pairs are not near";
 }
 
 }  // namespace

@@ -1,4 +1,4 @@
-// Two triangles against a separating-axis test in integers, and depth against moving the one triangle.
+// Compares the intersection of two triangles with a separating-axis test in integers, and the depth with displacements.
 
 #include "spm/triangle_pair.hpp"
 
@@ -24,8 +24,8 @@ Triangle3d as_double(const IntegerTriangle& t, double unit = 1) {
 
 Integers opposite(const IntegerTriangle& t) { return Integers{t[1] - t[0]}.cross(Integers{t[2] - t[0]}); }
 
-/// Closed convex sets are apart when some axis separates them strictly; for two triangles these axes are enough.
-bool meet_by_axes(const IntegerTriangle& a, const IntegerTriangle& b) {
+/// The separating-axis test: two triangles are apart if and only if one of these axes separates them strictly.
+bool no_axis_separates(const IntegerTriangle& a, const IntegerTriangle& b) {
   const Integers na = opposite(a), nb = opposite(b);
   if (na.isZero() || nb.isZero()) return false;
   std::vector<Integers> axes{na, nb};
@@ -57,60 +57,70 @@ IntegerTriangle random_triangle(std::mt19937_64& random, int extent) {
 
 class TrianglePairOnAGrid : public ::testing::TestWithParam<int> {};
 
-TEST_P(TrianglePairOnAGrid, MeetsWhereNoAxisSeparates) {
+TEST_P(TrianglePairOnAGrid, IntersectsExactlyWhenNoAxisSeparates) {
   std::mt19937_64 random{7};
-  int met = 0, apart = 0;
+  int intersecting = 0, apart = 0;
   for (int round = 0; round < 200000; ++round) {
     const IntegerTriangle f = random_triangle(random, GetParam()), g = random_triangle(random, GetParam());
     PairContact contact;
-    const bool expected = meet_by_axes(f, g);
-    // Tenths are not exact in binary, but 1/1024ths are.
+    const bool expected = no_axis_separates(f, g);
+    // A scale by a power of two is exact.
     ASSERT_EQ(intersect(as_double(f), as_double(g), contact), expected) << "round " << round;
     ASSERT_EQ(intersect(as_double(f, 0x1p-10), as_double(g, 0x1p-10), contact), expected) << "round " << round;
-    ++(expected ? met : apart);
+    ++(expected ? intersecting : apart);
   }
-  EXPECT_GT(met, 1000);
+  EXPECT_GT(intersecting, 1000);
   EXPECT_GT(apart, 1000);
 }
 
 INSTANTIATE_TEST_SUITE_P(Extent, TrianglePairOnAGrid, ::testing::Values(1, 2, 3, 6, 20, 300));
 
-double distance_to(const Vec3d& p, const Triangle3d& t);
+double distance_to(const Vec3d& p, const Triangle3d& t) {
+  const Vec3d n = (t[1] - t[0]).cross(t[2] - t[0]).normalized();
+  double distance = std::abs(n.dot(p - t[0]));
+  for (int i = 0; i < 3; ++i) {
+    const Vec3d inward = n.cross(t[(i + 1) % 3] - t[i]).normalized();
+    distance = std::max(distance, -inward.dot(p - t[i]));
+  }
+  return distance;
+}
 
 TEST(TrianglePair, TheContactPointLiesInBothTriangles) {
   std::mt19937_64 random{8};
-  int met = 0;
+  int intersecting = 0;
   for (int round = 0; round < 100000; ++round) {
     const int extent = round % 2 == 0 ? 3 : 100;
     const Triangle3d f = as_double(random_triangle(random, extent)), g = as_double(random_triangle(random, extent));
     PairContact contact;
     if (!intersect(f, g, contact)) continue;
-    ++met;
+    ++intersecting;
     const double tolerance = 1e-12 * extent * extent;
     ASSERT_LT(distance_to(contact.point, f), tolerance) << "round " << round;
     ASSERT_LT(distance_to(contact.point, g), tolerance) << "round " << round;
   }
-  EXPECT_GT(met, 1000);
+  EXPECT_GT(intersecting, 1000);
 }
 
-Triangle3d moved(const Triangle3d& t, const Vec3d& by) { return {t[0] + by, t[1] + by, t[2] + by}; }
+Triangle3d moved(const Triangle3d& t, const Vec3d& displacement) {
+  return {t[0] + displacement, t[1] + displacement, t[2] + displacement};
+}
 
-TEST(TrianglePair, MovingTheProbeByTheDepthClearsThePair) {
+TEST(TrianglePair, MovingTheProbeByTheDepthSeparatesThePair) {
   std::mt19937_64 random{9};
   for (int round = 0; round < 50000; ++round) {
     const Triangle3d f = as_double(random_triangle(random, 4)), g = as_double(random_triangle(random, 4));
-    PairContact contact, other;
+    PairContact contact, ignored;
     if (!intersect(f, g, contact)) continue;
     ASSERT_NEAR(contact.normal.norm(), 1, 1e-12);
     ASSERT_GE(contact.depth, 0);
-    ASSERT_FALSE(intersect(f, moved(g, (contact.depth + 1e-7) * contact.normal), other)) << "round " << round;
+    ASSERT_FALSE(intersect(f, moved(g, (contact.depth + 1e-7) * contact.normal), ignored)) << "round " << round;
   }
 }
 
-TEST(TrianglePair, MovingTheProbeByLessThanTheDepthDoesNotClearThePair) {
+TEST(TrianglePair, MovingTheProbeByLessThanTheDepthDoesNotSeparateThePair) {
   std::mt19937_64 random{11};
-  std::normal_distribution<double>
-      normal;  // in general position: a contact in a corner alone would be lost to rounding
+  // Coordinates in general position, because rounding can miss the contact of a single corner.
+  std::normal_distribution<double> normal;
   int deep = 0;
   for (int round = 0; round < 50000; ++round) {
     Triangle3d f, g;
@@ -119,11 +129,11 @@ TEST(TrianglePair, MovingTheProbeByLessThanTheDepthDoesNotClearThePair) {
         f[corner][axis] = normal(random);
         g[corner][axis] = normal(random);
       }
-    PairContact contact, other;
+    PairContact contact, ignored;
     if (!intersect(f, g, contact) || contact.depth < 1e-6) continue;
     ++deep;
-    ASSERT_TRUE(intersect(f, moved(g, (contact.depth - 1e-7) * contact.normal), other)) << "round " << round;
-    ASSERT_FALSE(intersect(f, moved(g, (contact.depth + 1e-7) * contact.normal), other)) << "round " << round;
+    ASSERT_TRUE(intersect(f, moved(g, (contact.depth - 1e-7) * contact.normal), ignored)) << "round " << round;
+    ASSERT_FALSE(intersect(f, moved(g, (contact.depth + 1e-7) * contact.normal), ignored)) << "round " << round;
   }
   EXPECT_GT(deep, 1000);
 }
@@ -142,7 +152,7 @@ TEST(TrianglePair, EveryInstructionSetGivesTheSameBits) {
         }
     const unsigned count = 1 + static_cast<unsigned>(random() % TrianglePairs::kWidth);
     PairContacts expected;
-    const unsigned met = intersect(pairs, count, expected, Simd::kBase);
+    const unsigned intersecting = intersect(pairs, count, expected, Simd::kBase);
     for (unsigned lane = 0; lane < count; ++lane) {
       Triangle3d f, g;
       for (int corner = 0; corner < 3; ++corner)
@@ -151,8 +161,8 @@ TEST(TrianglePair, EveryInstructionSetGivesTheSameBits) {
           g[corner][axis] = pairs.probe[corner][axis][lane];
         }
       PairContact single;
-      ASSERT_EQ(intersect(f, g, single), (met >> lane & 1u) != 0);
-      if ((met >> lane & 1u) == 0) continue;
+      ASSERT_EQ(intersect(f, g, single), (intersecting >> lane & 1u) != 0);
+      if ((intersecting >> lane & 1u) == 0) continue;
       for (int axis = 0; axis < 3; ++axis) {
         ASSERT_EQ(single.point[axis], expected.point[axis][lane]);
         ASSERT_EQ(single.normal[axis], expected.normal[axis][lane]);
@@ -162,9 +172,9 @@ TEST(TrianglePair, EveryInstructionSetGivesTheSameBits) {
     for (const Simd simd : {Simd::kAvx2, Simd::kAvx512}) {
       if (simd > best_simd()) continue;
       PairContacts found;
-      ASSERT_EQ(intersect(pairs, count, found, simd), met);
+      ASSERT_EQ(intersect(pairs, count, found, simd), intersecting);
       for (unsigned lane = 0; lane < count; ++lane) {
-        if ((met >> lane & 1u) == 0) continue;
+        if ((intersecting >> lane & 1u) == 0) continue;
         for (int axis = 0; axis < 3; ++axis) {
           ASSERT_EQ(found.point[axis][lane], expected.point[axis][lane]);
           ASSERT_EQ(found.normal[axis][lane], expected.normal[axis][lane]);
@@ -175,26 +185,14 @@ TEST(TrianglePair, EveryInstructionSetGivesTheSameBits) {
   }
 }
 
-TEST(Orientation, IsExactWhereADoubleIsNot) {
-  // The point sits off the plane x + y + z = 1 by one unit in the last place of one coordinate.
+TEST(Orientation, IsExactToOneUnitInTheLastPlace) {
+  // A point on the plane x + y + z = 1, and two points whose z differs from it by one unit in the last place.
   const Vec3d a{1, 0, 0}, b{0, 1, 0}, c{0, 0, 1};
-  const double third = 0.25;
-  const Vec3d on{third, third, 0.5};
-  EXPECT_EQ(orientation(a, b, c, on), 0);
-  EXPECT_EQ(orientation(a, b, c, {third, third, std::nextafter(0.5, 1.0)}), 1);
-  EXPECT_EQ(orientation(a, b, c, {third, third, std::nextafter(0.5, 0.0)}), -1);
+  EXPECT_EQ(orientation(a, b, c, {0.25, 0.25, 0.5}), 0);
+  EXPECT_EQ(orientation(a, b, c, {0.25, 0.25, std::nextafter(0.5, 1.0)}), 1);
+  EXPECT_EQ(orientation(a, b, c, {0.25, 0.25, std::nextafter(0.5, 0.0)}), -1);
   EXPECT_EQ(orientation(Vec3d{0, 0, 0}, {1, 1, 0}, {0.5, std::nextafter(0.5, 1.0), 0}, 0, 1), 1);
   EXPECT_EQ(orientation(Vec3d{0, 0, 0}, {1, 1, 0}, {0.5, 0.5, 0}, 0, 1), 0);
-}
-
-double distance_to(const Vec3d& p, const Triangle3d& t) {
-  const Vec3d n = (t[1] - t[0]).cross(t[2] - t[0]).normalized();
-  double outside = std::abs(n.dot(p - t[0]));
-  for (int i = 0; i < 3; ++i) {
-    const Vec3d inward = n.cross(t[(i + 1) % 3] - t[i]).normalized();
-    outside = std::max(outside, -inward.dot(p - t[i]));
-  }
-  return outside;
 }
 
 }  // namespace

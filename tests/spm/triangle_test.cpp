@@ -20,7 +20,7 @@ class Random {
   explicit Random(unsigned seed) : engine_{seed} {}
   double uniform(double low, double high) { return std::uniform_real_distribution<double>{low, high}(engine_); }
   Vec3d point(double size) { return {uniform(-size, size), uniform(-size, size), uniform(-size, size)}; }
-  /// Any triangle, and one in four a needle, a segment or a point.
+  /// One triangle in four is a needle, a segment or a point.
   Triangle triangle() {
     Triangle t{point(1), point(1), point(1)};
     switch (static_cast<int>(uniform(0, 12))) {
@@ -44,7 +44,7 @@ class Random {
   std::mt19937 engine_;
 };
 
-/// Least value of a convex function on [0, 1].
+/// Returns the minimum of a convex function on [0, 1].
 template <class Function>
 double min(Function f) {
   double low = 0;
@@ -57,7 +57,8 @@ double min(Function f) {
   return f(0.5 * (low + high));
 }
 
-/// Distance by nested search over the points a + s (b - a + r (c - b)): knows nothing of faces, edges and vertices.
+/// Returns the distance by a nested search over the points a + s (b - a + r (c - b)), without distinction of face,
+/// edges and vertices.
 double searched_distance(const Vec3d& p, const Triangle& t) {
   return min(
       [&](double s) { return min([&](double r) { return (p - (t.a + s * (t.b - t.a + r * (t.c - t.b)))).norm(); }); });
@@ -67,7 +68,7 @@ double distance(const Vec3d& p, const Triangle& t) {
   return std::sqrt(closest_point(p, t.a, t.b, t.c).squared_distance);
 }
 
-/// The first of `count` + 1 even times at which a sphere touches; 2 when none.
+/// Returns the first of `count` + 1 evenly spaced times from 0 to 1 at which the sphere touches, or 2 if there is none.
 double sampled_touch(const Vec3d& from, const Vec3d& to, double radius, const Triangle& t, int count) {
   for (int i = 0; i <= count; ++i) {
     const double time = static_cast<double>(i) / count;
@@ -78,7 +79,7 @@ double sampled_touch(const Vec3d& from, const Vec3d& to, double radius, const Tr
 
 constexpr unsigned kSeed = 20051;
 
-TEST(ClosestPoint, HasTheDistanceThatASearchOverTheTriangleFinds) {
+TEST(ClosestPoint, HasTheDistanceThatASearchOfTheTriangleFinds) {
   Random random{kSeed};
   for (int round = 0; round < 1500; ++round) {
     const Triangle t = random.triangle();
@@ -90,7 +91,7 @@ TEST(ClosestPoint, HasTheDistanceThatASearchOverTheTriangleFinds) {
   }
 }
 
-TEST(ClosestPoint, NamesTheFeatureItLiesOn) {
+TEST(ClosestPoint, NamesTheFeatureOnWhichItLies) {
   const Triangle t{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}};
   const auto feature = [&](double x, double y, double z) { return closest_point({x, y, z}, t.a, t.b, t.c).feature; };
   EXPECT_EQ(feature(0.2, 0.2, 0.5), Feature::kFace);
@@ -103,7 +104,7 @@ TEST(ClosestPoint, NamesTheFeatureItLiesOn) {
   EXPECT_EQ(feature(-0.2, 1.2, 0.1), Feature::kVertexC);
 }
 
-TEST(SweptSphere, TouchesWhenSamplingSaysSo) {
+TEST(SweptSphere, HitsNoLaterThanASampledSphereTouches) {
   Random random{kSeed + 1};
   constexpr int kSamples = 2000;
   int touched = 0;
@@ -123,7 +124,7 @@ TEST(SweptSphere, TouchesWhenSamplingSaysSo) {
     }
     if (found) {
       const Vec3d centre = from + (to - from) * hit.time;
-      // Sampling may step over a graze that the sweep sees, so the touch itself is checked too.
+      // The samples can miss a short contact that the sweep finds. Therefore check the contact itself, too.
       ASSERT_NEAR(distance(centre, t), radius, 1e-9) << "round " << round;
       ASSERT_NEAR(hit.normal.norm(), 1, 1e-12) << "round " << round;
       ASSERT_LT((hit.point + hit.normal * radius - centre).norm(), 1e-9) << "round " << round;
@@ -135,7 +136,7 @@ TEST(SweptSphere, TouchesWhenSamplingSaysSo) {
   EXPECT_GT(touched, 200);
 }
 
-TEST(SweptSphere, IsNeverPastTheTimeOfImpact) {
+TEST(SweptSphere, NeverPenetratesAtTheTimeOfImpact) {
   Random random{kSeed + 2};
   for (int round = 0; round < 5000; ++round) {
     const Triangle t = random.triangle();
@@ -149,7 +150,7 @@ TEST(SweptSphere, IsNeverPastTheTimeOfImpact) {
   }
 }
 
-TEST(SweptSphere, APointStopsAtAFaceFromEitherSide) {
+TEST(SweptSphere, APointHitsAFaceFromEitherSide) {
   Random random{kSeed + 3};
   for (int round = 0; round < 2000; ++round) {
     const Triangle t{random.point(1), random.point(1), random.point(1)};
@@ -168,7 +169,7 @@ TEST(SweptSphere, APointStopsAtAFaceFromEitherSide) {
   }
 }
 
-TEST(SweptSphere, ThatAlreadyTouchesHitsAtOnceOnlyWhenItMovesCloser) {
+TEST(SweptSphere, HitsAtTimeZeroWhenItOverlapsAndMovesCloser) {
   Random random{kSeed + 4};
   int closer = 0;
   for (int round = 0; round < 5000; ++round) {
@@ -177,11 +178,11 @@ TEST(SweptSphere, ThatAlreadyTouchesHitsAtOnceOnlyWhenItMovesCloser) {
     const double start = distance(from, t);
     const double radius = start * random.uniform(1.001, 2);
     const Vec3d to = from + random.point(0.5);
-    const double soon = distance(from + (to - from) * 1e-6, t);
-    if (std::abs(soon - start) < 1e-10) continue;
+    const double shortly_after = distance(from + (to - from) * 1e-6, t);
+    if (std::abs(shortly_after - start) < 1e-10) continue;
     SweepHit hit{};
     const bool found = swept_sphere(from, to, radius, t.a, t.b, t.c, hit);
-    ASSERT_EQ(found, soon < start) << "round " << round;
+    ASSERT_EQ(found, shortly_after < start) << "round " << round;
     if (found) {
       ++closer;
       ASSERT_EQ(hit.time, 0) << "round " << round;
@@ -190,26 +191,26 @@ TEST(SweptSphere, ThatAlreadyTouchesHitsAtOnceOnlyWhenItMovesCloser) {
   EXPECT_GT(closer, 1000);
 }
 
-TEST(SweptSphere, RestingOnAFaceSlidesAndLeaves) {
+TEST(SweptSphere, InContactWithAFaceCanSlideAlongItAndLeaveIt) {
   const Triangle t{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}};
-  const Vec3d resting{0.2, 0.2, 0.1};
+  const Vec3d in_contact{0.2, 0.2, 0.1};
   SweepHit hit{};
-  EXPECT_FALSE(swept_sphere(resting, {0.6, 0.1, 0.1}, 0.1, t.a, t.b, t.c, hit));
-  EXPECT_FALSE(swept_sphere(resting, {0.2, 0.2, 0.3}, 0.1, t.a, t.b, t.c, hit));
-  EXPECT_TRUE(swept_sphere(resting, {0.6, 0.1, 0.09}, 0.1, t.a, t.b, t.c, hit));
+  EXPECT_FALSE(swept_sphere(in_contact, {0.6, 0.1, 0.1}, 0.1, t.a, t.b, t.c, hit));
+  EXPECT_FALSE(swept_sphere(in_contact, {0.2, 0.2, 0.3}, 0.1, t.a, t.b, t.c, hit));
+  EXPECT_TRUE(swept_sphere(in_contact, {0.6, 0.1, 0.09}, 0.1, t.a, t.b, t.c, hit));
 }
 
-TEST(SweptSphere, CentreOnTheTriangleTakesTheSideOfItsNormal) {
+TEST(SweptSphere, WithItsCentreOnTheTriangleCountsAsInFrontOfIt) {
   const Triangle t{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}};
-  const Vec3d on{0.25, 0.25, 0};
+  const Vec3d centre{0.25, 0.25, 0};
   SweepHit hit{};
-  EXPECT_TRUE(swept_sphere(on, {0.25, 0.25, -1}, 0, t.a, t.b, t.c, hit));
+  EXPECT_TRUE(swept_sphere(centre, {0.25, 0.25, -1}, 0, t.a, t.b, t.c, hit));
   EXPECT_EQ(hit.time, 0);
   EXPECT_EQ(hit.normal, Vec3d(0, 0, 1));
-  EXPECT_FALSE(swept_sphere(on, {0.25, 0.25, 1}, 0, t.a, t.b, t.c, hit));
+  EXPECT_FALSE(swept_sphere(centre, {0.25, 0.25, 1}, 0, t.a, t.b, t.c, hit));
 }
 
-TEST(SweptSphere, LeavesTheHitAloneWhenItMisses) {
+TEST(SweptSphere, DoesNotChangeTheHitWhenItMisses) {
   SweepHit hit{0.25, {1, 2, 3}, {0, 0, 1}, Feature::kEdgeBc};
   EXPECT_FALSE(swept_sphere({0, 0, 1}, {1, 0, 1}, 0.1, {0, 0, 0}, {1, 0, 0}, {0, 1, 0}, hit));
   EXPECT_EQ(hit.time, 0.25);

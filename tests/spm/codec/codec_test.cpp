@@ -22,7 +22,7 @@ using testing::IsEmpty;
 
 constexpr std::uint64_t kSeed = 20260101;
 #ifdef __SANITIZE_THREAD__
-constexpr int kMutations = 2'000;  // of one thread's work nothing is to be found, and it takes a hundred times longer
+constexpr int kMutations = 2'000;  // these tests have one thread, and are 100 times slower under ThreadSanitizer
 #else
 constexpr int kMutations = 100'000;
 #endif
@@ -32,11 +32,11 @@ std::vector<spm::Interval> whole_list(const Model& model, RegionId region) {
   return {intervals.begin(), intervals.end()};
 }
 
-/// A random subset of a list, as intervals that do not touch.
+/// Returns a random subset of a list, as separate intervals.
 std::vector<spm::Interval> random_subset(std::span<const spm::Interval> list, std::mt19937_64& random) {
   std::vector<spm::Interval> subset;
-  for (const spm::Interval& run : list) {
-    for (std::uint32_t r = run.first; r != run.first + run.count; ++r) {
+  for (const spm::Interval& interval : list) {
+    for (std::uint32_t r = interval.first; r != interval.first + interval.count; ++r) {
       if (random() % 3 == 0) continue;
       if (!subset.empty() && subset.back().first + subset.back().count == r) {
         ++subset.back().count;
@@ -54,54 +54,61 @@ bool same_intervals(std::span<const spm::Interval> a, std::span<const spm::Inter
   });
 }
 
-/// What decode_region promises of all it returns.
-void expect_sane(const RegionData& data, const ModelSummary& s) {
-  ASSERT_LT(index(data.region), s.regions);
-  for (const std::vector<spm::Interval>* intervals : {&data.list, &data.sent}) {
-    for (std::size_t i = 0; i < intervals->size(); ++i) {
-      const spm::Interval run = (*intervals)[i];
-      ASSERT_GT(run.count, 0u);
-      ASSERT_LE(std::uint64_t{run.first} + run.count, s.records);
-      if (i > 0) {
-        ASSERT_GT(run.first, (*intervals)[i - 1].first + (*intervals)[i - 1].count);
+// The expect_valid() functions check the guarantees of decode_region() for its result.
+void expect_valid(const std::vector<spm::Interval>& intervals, const ModelSummary& summary) {
+  for (std::size_t i = 0; i < intervals.size(); ++i) {
+    const spm::Interval interval = intervals[i];
+    ASSERT_GT(interval.count, 0u);
+    ASSERT_LE(std::uint64_t{interval.first} + interval.count, summary.records);
+    if (i > 0) {
+      ASSERT_GT(interval.first, intervals[i - 1].first + intervals[i - 1].count);
+    }
+  }
+}
+
+/// `vertex`: the vertex that the record of this part adds.
+void expect_valid(const RecordPart& part, std::uint32_t vertex, const ModelSummary& summary) {
+  if (part.parent != kNone) {
+    ASSERT_LT(index(part.parent), vertex);
+  }
+  ASSERT_LT(part.radius, kRadiusCodes);
+  ASSERT_LE(radius_of(part.radius), summary.deviation);
+  ASSERT_LE(part.born_count, kBornPerPart);
+  ASSERT_LE(part.deformed_count, kDeformedPerPart);
+  for (int i = 0; i < part.born_count; ++i) {
+    ASSERT_LT(index(part.born[i].face()), summary.faces);
+    ASSERT_LT(part.born[i].order(), 6u);
+    if (!in_ring(part.born_x[i])) {
+      ASSERT_LT(index(part.born_x[i]), vertex);
+    }
+  }
+  for (int i = 0; i < part.deformed_count; ++i) {
+    if (part.deformed[i].face() != kSwing) {
+      ASSERT_LT(index(part.deformed[i].face()), summary.faces);
+    }
+  }
+}
+
+void expect_valid(const RegionData& data, const ModelSummary& summary) {
+  ASSERT_LT(index(data.region), summary.regions);
+  ASSERT_NO_FATAL_FAILURE(expect_valid(data.list, summary));
+  ASSERT_NO_FATAL_FAILURE(expect_valid(data.sent, summary));
+  std::size_t parts = 0;
+  std::size_t records = 0;
+  for (const spm::Interval& interval : data.sent) {
+    for (std::uint32_t r = interval.first; r != interval.first + interval.count; ++r, ++records) {
+      for (bool has_next = true; has_next; ++parts) {
+        const RecordPart& part = data.parts.at(parts);
+        has_next = part.next != kNone;
+        if (has_next) {
+          ASSERT_EQ(index(part.next), parts + 1);
+        }
+        ASSERT_NO_FATAL_FAILURE(expect_valid(part, summary.base_vertices + r, summary));
       }
     }
   }
-  std::size_t part_at = 0;
-  std::size_t record_at = 0;
-  for (const spm::Interval& run : data.sent) {
-    for (std::uint32_t r = run.first; r != run.first + run.count; ++r, ++record_at) {
-      const std::uint32_t u = s.base_vertices + r;
-      for (bool more = true; more; ++part_at) {
-        const RecordPart& part = data.parts.at(part_at);
-        more = part.next != kNone;
-        if (more) {
-          ASSERT_EQ(index(part.next), part_at + 1);
-        }
-        if (part.parent != kNone) {
-          ASSERT_LT(index(part.parent), u);
-        }
-        ASSERT_LT(part.radius, kRadiusCodes);
-        ASSERT_LE(radius_of(part.radius), s.deviation);
-        ASSERT_LE(part.born_count, kBornPerPart);
-        ASSERT_LE(part.deformed_count, kDeformedPerPart);
-        for (int i = 0; i < part.born_count; ++i) {
-          ASSERT_LT(index(part.born[i].face()), s.faces);
-          ASSERT_LT(part.born[i].order(), 6u);
-          if (!in_ring(part.born_x[i])) {
-            ASSERT_LT(index(part.born_x[i]), u);
-          }
-        }
-        for (int i = 0; i < part.deformed_count; ++i) {
-          if (part.deformed[i].face() != kSwing) {
-            ASSERT_LT(index(part.deformed[i].face()), s.faces);
-          }
-        }
-      }
-    }
-  }
-  ASSERT_EQ(part_at, data.parts.size());
-  ASSERT_EQ(record_at, data.residuals.size());
+  ASSERT_EQ(parts, data.parts.size());
+  ASSERT_EQ(records, data.residuals.size());
 }
 
 Bytes mutated(Bytes bytes, std::mt19937_64& random) {
@@ -120,11 +127,11 @@ Bytes mutated(Bytes bytes, std::mt19937_64& random) {
 TEST(RandomModel, HasNoViolations) {
   const OwnedModel owned = random_model(kSeed, 2000, 3);
   EXPECT_THAT(violations(owned.model()), IsEmpty());
-  EXPECT_GT(owned.summary.parts, owned.summary.records) << "no chain among them";
+  EXPECT_GT(owned.summary.parts, owned.summary.records) << "no record has several parts";
   EXPECT_GT(owned.summary.regions, 5u);
 }
 
-TEST(BaseCodec, GivesBackTheBaseMeshToTheBit) {
+TEST(BaseCodec, RestoresTheBaseMeshToTheBit) {
   const OwnedModel owned = random_model(kSeed, 500, 3);
   const EncodedModel encoded{owned.model()};
 
@@ -154,7 +161,7 @@ Bytes base_bytes(std::uint32_t records) {
   return {base.begin(), base.end()};
 }
 
-TEST(BaseCodec, RefusesAnotherVersionNamingBoth) {
+TEST(BaseCodec, RefusesAnotherVersionAndNamesBothVersions) {
   Bytes bytes = base_bytes(10);
   bytes[0] = 9;
 
@@ -171,7 +178,7 @@ TEST(BaseCodec, RefusesEveryTruncation) {
   }
 }
 
-TEST(BaseCodec, ReturnsNothingBrokenFromMutatedBytes) {
+TEST(BaseCodec, ReturnsNoInvalidMeshForMutatedBytes) {
   const Bytes bytes = base_bytes(50);
   std::mt19937_64 random{kSeed};
   for (int round = 0; round < kMutations; ++round) {
@@ -198,7 +205,7 @@ class RegionCodec : public ::testing::Test {
   EncodedModel encoded_{model_};
 };
 
-TEST_F(RegionCodec, GivesBackTheListAndWhatWasSent) {
+TEST_F(RegionCodec, RestoresTheListAndTheSentRecords) {
   std::mt19937_64 random{kSeed};
   for (std::uint32_t region = 0; region < model_.summary.regions; ++region) {
     const std::vector<spm::Interval> list = whole_list(model_, RegionId{region});
@@ -208,26 +215,28 @@ TEST_F(RegionCodec, GivesBackTheListAndWhatWasSent) {
       EXPECT_EQ(index(decoded->region), region);
       EXPECT_TRUE(same_intervals(decoded->list, list));
       EXPECT_TRUE(same_intervals(decoded->sent, sent));
-      ASSERT_NO_FATAL_FAILURE(expect_sane(*decoded, model_.summary));
+      ASSERT_NO_FATAL_FAILURE(expect_valid(*decoded, model_.summary));
     }
   }
 }
 
-TEST_F(RegionCodec, ARecordComesOutTheSameInEveryCompany) {
+TEST_F(RegionCodec, ARecordHasTheSameResidualsWhicheverOtherRecordsAreSent) {
   std::mt19937_64 random{kSeed};
   const std::vector<spm::Interval> list = whole_list(model_, RegionId{1});
   const Result<RegionData> whole = decode(encode(1, list));
   ASSERT_TRUE(whole);
-  std::map<std::uint32_t, std::array<std::uint32_t, 3>> offset;
-  std::size_t at = 0;
-  for (const spm::Interval& run : list)
-    for (std::uint32_t r = run.first; r != run.first + run.count; ++r) offset[r] = whole->residuals[at++];
+  std::map<std::uint32_t, std::array<std::uint32_t, 3>> expected;
+  std::size_t position = 0;
+  for (const spm::Interval& interval : list)
+    for (std::uint32_t r = interval.first; r != interval.first + interval.count; ++r)
+      expected[r] = whole->residuals[position++];
   for (int round = 0; round < 20; ++round) {
-    const Result<RegionData> some = decode(encode(1, random_subset(list, random)));
-    ASSERT_TRUE(some);
-    at = 0;
-    for (const spm::Interval& run : some->sent)
-      for (std::uint32_t r = run.first; r != run.first + run.count; ++r) EXPECT_EQ(some->residuals[at++], offset[r]);
+    const Result<RegionData> subset = decode(encode(1, random_subset(list, random)));
+    ASSERT_TRUE(subset);
+    position = 0;
+    for (const spm::Interval& interval : subset->sent)
+      for (std::uint32_t r = interval.first; r != interval.first + interval.count; ++r)
+        EXPECT_EQ(subset->residuals[position++], expected[r]);
   }
 }
 
@@ -238,27 +247,27 @@ TEST_F(RegionCodec, RefusesEveryTruncation) {
   }
 }
 
-TEST_F(RegionCodec, NothingInsaneComesOfMutatedBytesAndTheCacheStaysSound) {
+TEST_F(RegionCodec, MutatedBytesDecodeToValidDataAndLeaveTheCacheWithoutViolations) {
   test_support::HrtcModel hrtc{model_, PoolSettings::for_slots(2048)};
   const Bytes bytes = encode(0, whole_list(model_, RegionId{0}));
   std::mt19937_64 random{kSeed};
-  int decoded_well = 0, taken = 0;
+  int decoded_count = 0, accepted = 0;
   for (int round = 0; round < kMutations; ++round) {
     const Result<RegionData> decoded = decode(mutated(bytes, random));
     if (!decoded) continue;
-    ++decoded_well;
-    ASSERT_NO_FATAL_FAILURE(expect_sane(*decoded, model_.summary)) << "round " << round << ", seed " << kSeed;
+    ++decoded_count;
+    ASSERT_NO_FATAL_FAILURE(expect_valid(*decoded, model_.summary)) << "round " << round << ", seed " << kSeed;
     RegionList list;
     if (hrtc.cache().accept(hrtc.object(), *decoded, list) == AcceptResult::kAccepted) {
-      ++taken;
+      ++accepted;
       hrtc.cache().release(hrtc.object(), decoded->region);
     }
     if (round % 64 == 0) {
       ASSERT_THAT(hrtc.cache().violations(), IsEmpty()) << "round " << round << ", seed " << kSeed;
     }
   }
-  EXPECT_GT(decoded_well, kMutations / 200) << "the mutations never reach past the checks";
-  EXPECT_GT(taken, 5);
+  EXPECT_GT(decoded_count, kMutations / 200) << "the decoder refuses nearly all mutations";
+  EXPECT_GT(accepted, 5);
   EXPECT_THAT(hrtc.cache().violations(), IsEmpty());
   hrtc.wipe_records();
   for (std::uint32_t region = 0; region < model_.summary.regions; ++region)
@@ -266,7 +275,7 @@ TEST_F(RegionCodec, NothingInsaneComesOfMutatedBytesAndTheCacheStaysSound) {
   EXPECT_EQ(test_support::loaded_difference(model_, hrtc.pool()), "");
 }
 
-TEST_F(RegionCodec, DoesNotAllocateForRecordsThatCannotBeThere) {
+TEST_F(RegionCodec, RefusesMoreSentRecordsThanTheMessageHasBytesFor) {
   ModelSummary vast = owned_.summary;
   vast.records = 0x7ffffff0u - vast.base_vertices;
   BitWriter out;
@@ -283,7 +292,7 @@ TEST_F(RegionCodec, DoesNotAllocateForRecordsThatCannotBeThere) {
   EXPECT_THAT(decoded.error().text, HasSubstr("number of sent records"));
 }
 
-TEST(ModelCodec, GivesBackAWholeModelToTheBit) {
+TEST(ModelCodec, RestoresAWholeModelToTheBit) {
   const OwnedModel owned = random_model(kSeed, 2000, 3);
   const EncodedModel encoded{owned.model()};
 
@@ -302,21 +311,21 @@ TEST(ModelCodec, GivesBackAWholeModelToTheBit) {
   EXPECT_TRUE(same(decoded->intervals, owned.intervals));
 }
 
-TEST(ModelCodec, ListsAreFoundWithoutThoseBefore) {
+TEST(ModelCodec, AListIsFoundWithoutTheListsBeforeIt) {
   const OwnedModel owned = random_model(kSeed, 2000, 3);
   const EncodedModel encoded{owned.model()};
   for (std::uint32_t region = owned.summary.regions; region-- > 0;) {
-    EXPECT_TRUE(same_intervals(encoded.compressed().intervals_of(RegionId{region}),
-                               owned.model().intervals_of(RegionId{region})));
+    EXPECT_TRUE(
+        same_intervals(encoded.compressed().intervals_of(RegionId{region}), owned.model().intervals_of(RegionId{region})));
   }
 }
 
-TEST(ModelCodec, MutatedBytesGiveNoModelOrOneThatViolationsCanJudge) {
+TEST(ModelCodec, MutatedBytesAreRefusedOrDecodeToAModelThatViolationsCanCheck) {
   const OwnedModel owned = random_model(kSeed, 200, 2);
   const EncodedModel encoded{owned.model()};
   const ModelSpans& whole = encoded.compressed().spans();
   std::mt19937_64 random{kSeed};
-  int sound = 0, unsound = 0;
+  int valid = 0, invalid = 0;
   for (int round = 0; round < kMutations * 2 / 5; ++round) {
     Bytes base{whole.base.begin(), whole.base.end()}, codes{whole.codes.begin(), whole.codes.end()},
         lists{whole.lists.begin(), whole.lists.end()}, sizes{whole.sizes.begin(), whole.sizes.end()};
@@ -325,17 +334,17 @@ TEST(ModelCodec, MutatedBytesGiveNoModelOrOneThatViolationsCanJudge) {
     damaged = mutated(damaged, random);
     const Result<CompressedModel> compressed = CompressedModel::open({base, codes, lists, sizes});
     if (!compressed) continue;
-    // Nobody has to ask this of what decode_model() refuses, but it must end.
+    // encode_region() must return also for a model that decode_model() refuses.
     for (std::uint32_t region = 0; round % 16 == 0 && region < compressed->summary().regions; ++region) {
       static_cast<void>(encode_region(*compressed, RegionId{region}, compressed->intervals_of(RegionId{region})));
     }
     const Result<OwnedModel> decoded = decode_model(*compressed);
-    if (decoded) ++(violations(decoded->model()).empty() ? sound : unsound);
+    if (decoded) ++(violations(decoded->model()).empty() ? valid : invalid);
   }
-  EXPECT_GT(sound + unsound, kMutations / 1000) << "the mutations never reach past the checks";
+  EXPECT_GT(valid + invalid, kMutations / 1000) << "the decoder refuses nearly all mutations";
 }
 
-TEST(Shapes, EverySymbolIsOneShape) {
+TEST(Shapes, EverySymbolStandsForOneShape) {
   for (std::uint32_t symbol = 0; symbol < Shape::kUnusual; ++symbol) {
     const Shape shape = Shape::from_symbol(symbol);
     ASSERT_EQ(shape.symbol(), symbol);
@@ -344,7 +353,7 @@ TEST(Shapes, EverySymbolIsOneShape) {
   }
 }
 
-TEST(PrefixCodes, ReadBackWhatWasWrittenWithin3PercentOfTheEntropyAndAFewBits) {
+TEST(PrefixCodes, RestoreAMessageThatTakesAtMost3PercentMoreThanItsEntropy) {
   std::mt19937_64 random{kSeed};
   for (const std::uint32_t symbols : {1u, 2u, 3u, 66u, 256u, 1009u}) {
     std::vector<std::uint64_t> counts(symbols, 0);
@@ -362,6 +371,7 @@ TEST(PrefixCodes, ReadBackWhatWasWrittenWithin3PercentOfTheEntropyAndAFewBits) {
     double entropy = 0;
     for (const std::uint64_t count : counts)
       if (count > 0) entropy -= double(count) * std::log2(double(count) / double(message.size()));
+    // A prefix code needs at least one bit for each symbol, so that it may take up to one bit more for few symbols.
     EXPECT_LE(double(out.size() - start), std::max(1.03 * entropy, entropy + 20'000 * (symbols <= 3 ? 1 : 0)));
 
     const Bytes bytes = out.take();
@@ -374,10 +384,10 @@ TEST(PrefixCodes, ReadBackWhatWasWrittenWithin3PercentOfTheEntropyAndAFewBits) {
   }
 }
 
-TEST(PrefixCodes, LengthsThatAreNoCodeAreRefused) {
+TEST(PrefixCodes, RefuseLengthsThatFormNoPrefixCode) {
   for (const unsigned length : {1u, 12u, 15u}) {
     BitWriter out;
-    for (int i = 0; i < 3; ++i) out.put(length, 4);  // three codes of one bit, or too long
+    for (int i = 0; i < 3; ++i) out.put(length, 4);  // at most two words have 1 bit, and 12 and 15 bits are too many
     const Bytes bytes = out.take();
     BitReader in{bytes};
     PrefixCode code;

@@ -1,5 +1,4 @@
-// A store of regions as they came, against sets of records: what it says is here, is free or leaves, and whether a
-// cache that gets its regions from it shows the model's own records.
+// Compares the counters of a compressed cache with sets of records, and the records that it returns with the model.
 #include "spm/codec/compressed_cache.hpp"
 
 #include <gmock/gmock.h>
@@ -35,177 +34,204 @@ class CompressedCacheTest : public ::testing::Test {
     delete encoded_;
     delete built_;
   }
-  CompressedCacheTest() { store_.admit(ObjectIndex{0}, summary(), encoded_->compressed().tables()); }
+  CompressedCacheTest() { compressed_cache_.admit(ObjectIndex{0}, summary(), encoded_->compressed().tables()); }
 
   static const ModelSummary& summary() { return encoded_->compressed().summary(); }
   static std::uint32_t regions() { return summary().regions; }
   [[nodiscard]] static std::set<std::uint32_t> records_of(std::uint32_t region) {
     std::set<std::uint32_t> records;
-    for (const spm::Interval& run : encoded_->compressed().intervals_of(RegionId{region}))
-      for (std::uint32_t r = run.first; r != run.first + run.count; ++r) records.insert(r);
+    for (const spm::Interval& interval : encoded_->compressed().intervals_of(RegionId{region}))
+      for (std::uint32_t r = interval.first; r != interval.first + interval.count; ++r) records.insert(r);
     return records;
   }
-  /// With the records of its list that are not in `have`.
-  [[nodiscard]] static Bytes message(std::uint32_t region, const std::set<std::uint32_t>& have) {
+  /// Returns the message of a host for `region`, with the listed records that are not in `present`.
+  [[nodiscard]] static Bytes message(std::uint32_t region, const std::set<std::uint32_t>& present = {}) {
     std::vector<spm::Interval> missing;
-    for (const std::uint32_t r : records_of(region)) {
-      if (have.count(r) != 0) continue;
-      if (!missing.empty() && missing.back().first + missing.back().count == r)
+    for (const std::uint32_t record : records_of(region)) {
+      if (present.count(record) != 0) continue;
+      if (!missing.empty() && missing.back().first + missing.back().count == record)
         ++missing.back().count;
       else
-        missing.push_back({r, 1});
+        missing.push_back({record, 1});
     }
     return encode_region(encoded_->compressed(), RegionId{region}, missing);
   }
-  CompressedCache::PutResult put(std::uint32_t region, const std::set<std::uint32_t>& have = {}) {
-    return store_.put(kObject, RegionId{region}, message(region, have));
+  CompressedCache::PutResult put(std::uint32_t region, const std::set<std::uint32_t>& present = {}) {
+    return compressed_cache_.put(kObject, RegionId{region}, message(region, present));
   }
 
   static constexpr ObjectIndex kObject{0};
   static offline::BuiltModel* built_;
   static EncodedModel* encoded_;
-  CompressedCache store_{kBlocks};
+  CompressedCache compressed_cache_{kBlocks};
 };
 offline::BuiltModel* CompressedCacheTest::built_ = nullptr;
 EncodedModel* CompressedCacheTest::encoded_ = nullptr;
 
-TEST_F(CompressedCacheTest, ACacheFilledFromItHoldsTheModelsRecords) {
+TEST_F(CompressedCacheTest, RestoresAllRecordsOfTheModel) {
   test_support::HrtcModel hrtc{built_->model(), PoolSettings::for_slots(2 * summary().parts)};
   for (std::uint32_t region = 0; region < regions(); ++region) ASSERT_EQ(put(region).status, Status::kStored) << region;
   for (std::uint32_t region = 0; region < regions(); ++region) {
     RegionList list;
-    const RegionData& data = store_.get(kObject, RegionId{region}, hrtc.cache());
+    const RegionData& data = compressed_cache_.get(kObject, RegionId{region}, hrtc.cache());
     ASSERT_EQ(hrtc.cache().accept(hrtc.object(), data, list), AcceptResult::kAccepted) << region;
-    ASSERT_THAT(store_.get(kObject, RegionId{region}, hrtc.cache()).parts, IsEmpty()) << "all are in the cache";
+    ASSERT_THAT(compressed_cache_.get(kObject, RegionId{region}, hrtc.cache()).parts, IsEmpty())
+        << "all records are loaded";
   }
   EXPECT_EQ(test_support::loaded_difference(built_->model(), hrtc.pool()), "");
-  EXPECT_THAT(store_.violations(), IsEmpty());
+  EXPECT_THAT(compressed_cache_.violations(), IsEmpty());
 }
 
-TEST_F(CompressedCacheTest, CountsWhatIsFreeAndWhatLeavesAsSetsOfRecordsDo) {
-  struct Kept {
+/// The contents of a compressed cache as plain sets of records, from which its counters can be computed.
+class ReferenceStore {
+ public:
+  struct StoredRegion {
     std::set<std::uint32_t> records;
     std::uint32_t list_blocks;
-    bool leaves;
+    bool retired;
   };
-  std::map<std::uint32_t, Kept> kept;
-  std::map<std::uint32_t, std::uint32_t> record_blocks;
-  const auto all = [&](bool staying_only) {
-    std::set<std::uint32_t> records;
-    for (const auto& [region, is] : kept)
-      if (!staying_only || !is.leaves) records.insert(is.records.begin(), is.records.end());
-    return records;
-  };
-  const auto blocks = [&](const std::set<std::uint32_t>& records, bool staying_only) {
+
+  /// Returns the records of all regions, or only of those that are not retired.
+  [[nodiscard]] std::set<std::uint32_t> records(bool include_retired) const {
+    std::set<std::uint32_t> all;
+    for (const auto& [region, stored] : regions)
+      if (include_retired || !stored.retired) all.insert(stored.records.begin(), stored.records.end());
+    return all;
+  }
+  [[nodiscard]] std::uint32_t blocks(bool include_retired) const {
     std::uint32_t sum = 0;
-    for (const std::uint32_t r : records) sum += record_blocks.at(r);
-    for (const auto& [region, is] : kept)
-      if (!staying_only || !is.leaves) sum += is.list_blocks;
+    for (const std::uint32_t record : records(include_retired)) sum += record_blocks.at(record);
+    for (const auto& [region, stored] : regions)
+      if (include_retired || !stored.retired) sum += stored.list_blocks;
     return sum;
-  };
-  for (std::uint32_t region = 0; region < regions(); ++region) {
-    std::vector<RecordCode> codes;
-    ASSERT_TRUE(decode_region(message(region, {}), summary(), encoded_->compressed().tables(), &codes));
-    const std::set<std::uint32_t> records = records_of(region);
-    ASSERT_EQ(codes.size(), records.size());
-    auto record = records.begin();
-    constexpr std::uint64_t kAnchor = 28, kBlock = 128;  // bits
-    for (const RecordCode& code : codes)
-      record_blocks[*record++] = static_cast<std::uint32_t>((kAnchor + code.bits + kBlock - 1) / kBlock);
   }
 
-  std::mt19937_64 random{kSeed};
-  int left = 0, taken_back = 0, returned = 0, left_out = 0;
-  std::set<std::uint32_t> seen;
-  for (int step = 0; step < 800; ++step) {
-    const auto region = static_cast<std::uint32_t>(random() % regions());
-    const auto at = kept.find(region);
-    if (at == kept.end()) {
-      const std::set<std::uint32_t> staying = all(true);
-      const std::set<std::uint32_t> have =
-          random() % 8 == 0 ? std::set<std::uint32_t>{} : all(random() % 2 == 0);  // as the host knows it
-      const std::uint32_t free = store_.blocks_free();
-      const CompressedCache::PutResult put = this->put(region, have);
-      ASSERT_EQ(put.status, Status::kStored) << "step " << step << ", seed " << kSeed;
-      EXPECT_EQ(free - store_.blocks_free(), put.blocks);
-      std::uint32_t again = 0, fresh = 0, repeated = 0, published = 0;
-      const std::set<std::uint32_t> here = all(false);
-      for (const std::uint32_t r : records_of(region)) {
-        if (have.count(r) == 0) again += static_cast<std::uint32_t>(seen.count(r));
-        if (have.count(r) == 0) repeated += static_cast<std::uint32_t>(here.count(r));
-        if (have.count(r) == 0) published += static_cast<std::uint32_t>(staying.count(r));
-        if (here.count(r) == 0) fresh += record_blocks.at(r);
-        seen.insert(r);
+  std::map<std::uint32_t, StoredRegion> regions;
+  std::map<std::uint32_t, std::uint32_t> record_blocks;
+};
+
+class CompressedCacheCounters : public CompressedCacheTest {
+ protected:
+  void SetUp() override {
+    constexpr std::uint64_t kAnchorBits = 28, kBlockBits = 128;
+    for (std::uint32_t region = 0; region < regions(); ++region) {
+      std::vector<RecordCode> codes;
+      ASSERT_TRUE(decode_region(message(region), summary(), encoded_->compressed().tables(), &codes));
+      const std::set<std::uint32_t> records = records_of(region);
+      ASSERT_EQ(codes.size(), records.size());
+      auto record = records.begin();
+      for (const RecordCode& code : codes)
+        reference_.record_blocks[*record++] =
+            static_cast<std::uint32_t>((kAnchorBits + code.bits + kBlockBits - 1) / kBlockBits);
+    }
+  }
+
+  /// Stores a region that is not present, and compares the counters of the result.
+  void put_and_compare(std::uint32_t region) {
+    const std::set<std::uint32_t> not_retired = reference_.records(false), stored = reference_.records(true);
+    // The records that the host counts as present: none, all that are not retired, or all.
+    std::set<std::uint32_t> present;
+    if (random_() % 8 != 0) present = random_() % 2 == 0 ? not_retired : stored;
+    const std::uint32_t free_before = compressed_cache_.blocks_free();
+    const CompressedCache::PutResult result = put(region, present);
+    ASSERT_EQ(result.status, Status::kStored);
+    EXPECT_EQ(free_before - compressed_cache_.blocks_free(), result.blocks);
+    std::uint32_t returned = 0, repeated = 0, published = 0, new_blocks = 0;
+    for (const std::uint32_t record : records_of(region)) {
+      if (present.count(record) == 0) {
+        returned += static_cast<std::uint32_t>(received_.count(record));
+        repeated += static_cast<std::uint32_t>(stored.count(record));
+        published += static_cast<std::uint32_t>(not_retired.count(record));
       }
-      EXPECT_EQ(put.returned, again);
-      EXPECT_EQ(put.repeated, repeated);
-      EXPECT_EQ(put.published, published);
-      left_out += put.repeated > put.published ? 1 : 0;
-      returned += put.returned > 0 ? 1 : 0;
-      kept[region] = {records_of(region), put.blocks - fresh, false};
-    } else if (at->second.leaves && random() % 2 == 0) {
-      store_.reinstate(kObject, RegionId{region});
-      at->second.leaves = false;
-      ++taken_back;
-    } else if (at->second.leaves) {
-      store_.evict(kObject, RegionId{region});
-      kept.erase(at);
-      ++left;
-    } else {
-      store_.retire(kObject, RegionId{region});
-      at->second.leaves = true;
+      if (stored.count(record) == 0) new_blocks += reference_.record_blocks.at(record);
+      received_.insert(record);
     }
-    const std::uint32_t used = blocks(all(false), false), staying = blocks(all(true), true);
-    ASSERT_EQ(store_.blocks_free(), kBlocks - used) << "step " << step << ", seed " << kSeed;
-    ASSERT_EQ(store_.blocks_retired(), used - staying) << "step " << step << ", seed " << kSeed;
+    EXPECT_EQ(result.returned, returned);
+    EXPECT_EQ(result.repeated, repeated);
+    EXPECT_EQ(result.published, published);
+    with_retired_records_ += result.repeated > result.published ? 1 : 0;
+    with_returned_records_ += result.returned > 0 ? 1 : 0;
+    reference_.regions[region] = {records_of(region), result.blocks - new_blocks, false};
+  }
+
+  ReferenceStore reference_;
+  std::set<std::uint32_t> received_;
+  std::mt19937_64 random_{kSeed};
+  int with_retired_records_ = 0, with_returned_records_ = 0;
+};
+
+TEST_F(CompressedCacheCounters, AgreeWithSetsOfRecords) {
+  int evicted = 0, reinstated = 0;
+  for (int step = 0; step < 800; ++step) {
+    SCOPED_TRACE("step " + std::to_string(step) + ", seed " + std::to_string(kSeed));
+    const auto number = static_cast<std::uint32_t>(random_() % regions());
+    const RegionId region{number};
+    const auto stored = reference_.regions.find(number);
+    if (stored == reference_.regions.end()) {
+      ASSERT_NO_FATAL_FAILURE(put_and_compare(number));
+    } else if (stored->second.retired && random_() % 2 == 0) {
+      compressed_cache_.reinstate(kObject, region);
+      stored->second.retired = false;
+      ++reinstated;
+    } else if (stored->second.retired) {
+      compressed_cache_.evict(kObject, region);
+      reference_.regions.erase(stored);
+      ++evicted;
+    } else {
+      compressed_cache_.retire(kObject, region);
+      stored->second.retired = true;
+    }
+    const std::uint32_t used = reference_.blocks(true);
+    ASSERT_EQ(compressed_cache_.blocks_free(), kBlocks - used);
+    ASSERT_EQ(compressed_cache_.blocks_retired(), used - reference_.blocks(false));
     if (step % 100 == 0) {
-      ASSERT_THAT(store_.violations(), IsEmpty()) << "step " << step << ", seed " << kSeed;
+      ASSERT_THAT(compressed_cache_.violations(), IsEmpty());
     }
   }
-  EXPECT_GT(left, 100);
-  EXPECT_GT(taken_back, 100);
-  EXPECT_GT(returned, 100);
-  EXPECT_GT(left_out, 50);
+  EXPECT_GT(evicted, 100);
+  EXPECT_GT(reinstated, 100);
+  EXPECT_GT(with_returned_records_, 100);
+  EXPECT_GT(with_retired_records_, 50);
 }
 
-TEST_F(CompressedCacheTest, AMessageThatCountsOnWhatIsNotHereIsIncompleteAndChangesNothing) {
+TEST_F(CompressedCacheTest, AMessageThatLacksARecordIsIncompleteAndChangesNothing) {
   ASSERT_EQ(put(0).status, Status::kStored);
-  std::set<std::uint32_t> have = records_of(0);
+  std::set<std::uint32_t> present = records_of(0);
   std::uint32_t other = 1;
-  while (records_of(other) == have) ++other;
-  have.insert(*records_of(other).rbegin());
+  while (records_of(other) == present) ++other;
+  present.insert(*records_of(other).rbegin());  // this record is not in the cache
 
-  EXPECT_EQ(put(other, have).status, Status::kIncomplete);
+  EXPECT_EQ(put(other, present).status, Status::kIncomplete);
 
-  EXPECT_FALSE(store_.holds(kObject, RegionId{other}));
-  EXPECT_THAT(store_.violations(), IsEmpty());
+  EXPECT_FALSE(compressed_cache_.holds(kObject, RegionId{other}));
+  EXPECT_THAT(compressed_cache_.violations(), IsEmpty());
 }
 
-TEST_F(CompressedCacheTest, WhatDoesNotFitIsRefusedWithWhatItNeedsAndChangesNothing) {
+TEST_F(CompressedCacheTest, ARegionThatDoesNotFitIsRefusedWithTheBlocksThatItNeedsAndChangesNothing) {
   std::uint32_t region = 0;
   CompressedCache small{1000};
   small.admit(kObject, summary(), encoded_->compressed().tables());
   CompressedCache::PutResult put;
-  do put = small.put(kObject, RegionId{region}, message(region, {}));
+  do put = small.put(kObject, RegionId{region}, message(region));
   while (put.status == Status::kStored && ++region < regions());
 
   EXPECT_EQ(put.status, Status::kFull);
   EXPECT_GT(put.blocks, small.blocks_free());
   EXPECT_FALSE(small.holds(kObject, RegionId{region}));
   EXPECT_THAT(small.violations(), IsEmpty());
-  for (std::uint32_t kept = 0; kept < region; ++kept) {
-    small.retire(kObject, RegionId{kept});
-    small.evict(kObject, RegionId{kept});
+  for (std::uint32_t stored = 0; stored < region; ++stored) {
+    small.retire(kObject, RegionId{stored});
+    small.evict(kObject, RegionId{stored});
   }
   EXPECT_EQ(small.blocks_free(), 1000u);
   EXPECT_EQ(small.blocks_retired(), 0u);
 }
 
-TEST_F(CompressedCacheTest, WhatIsNoMessageOfThatRegionIsRefusedInWords) {
-  EXPECT_THAT(store_.put(kObject, RegionId{1}, message(2, {})).error, HasSubstr("contains region 2"));
-  Bytes cut = message(1, {});
+TEST_F(CompressedCacheTest, RefusesTheMessageOfAnotherRegionATruncatedMessageAndARepeatedMessage) {
+  EXPECT_THAT(compressed_cache_.put(kObject, RegionId{1}, message(2)).error, HasSubstr("contains region 2"));
+  Bytes cut = message(1);
   cut.resize(cut.size() / 2);
-  EXPECT_EQ(store_.put(kObject, RegionId{1}, cut).status, Status::kMalformed);
+  EXPECT_EQ(compressed_cache_.put(kObject, RegionId{1}, cut).status, Status::kMalformed);
   ASSERT_EQ(put(1).status, Status::kStored);
   EXPECT_EQ(put(1).status, Status::kAlreadyHeld);
 }

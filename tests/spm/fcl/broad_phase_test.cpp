@@ -22,7 +22,7 @@ Pairs pairs_of(const std::vector<NearPair>& near) {
   return pairs;
 }
 
-// Distance from ball to box summed axis by axis, over all pairs.
+/// Compares the distance of each pair of sphere and box with the radius.
 Pairs brute_force(const std::vector<ProbeSphere>& probes, const std::map<std::uint32_t, WorldBox>& boxes) {
   Pairs pairs;
   for (std::uint32_t p = 0; p < probes.size(); ++p) {
@@ -40,18 +40,18 @@ Pairs brute_force(const std::vector<ProbeSphere>& probes, const std::map<std::ui
   return pairs;
 }
 
-TEST(BroadPhase, FindsThePairsThatAllPairsFindWhileObjectsComeMoveAndGo) {
+TEST(BroadPhase, AgreesWithBruteForceWhileObjectsAreAddedMovedAndRemoved) {
   SCOPED_TRACE("seed " + std::to_string(kSeed));
   std::mt19937 rng{kSeed};
-  std::uniform_real_distribution<double> place{-1, 1};
+  std::uniform_real_distribution<double> coordinate{-1, 1};
   std::uniform_real_distribution<double> size{0, 0.3};
-  std::uniform_int_distribution<std::uint32_t> number{0, 40};
-  const auto random_point = [&] { return Vec3d{place(rng), place(rng), place(rng)}; };
+  std::uniform_int_distribution<std::uint32_t> object_number{0, 40};
+  const auto random_point = [&] { return Vec3d{coordinate(rng), coordinate(rng), coordinate(rng)}; };
   BroadPhase broad_phase;
   std::map<std::uint32_t, WorldBox> boxes;
   std::size_t found = 0;
   for (int round = 0; round < 300; ++round) {
-    const std::uint32_t object = number(rng);
+    const std::uint32_t object = object_number(rng);
     if (round % 4 == 3) {
       broad_phase.remove(object);
       boxes.erase(object);
@@ -70,14 +70,14 @@ TEST(BroadPhase, FindsThePairsThatAllPairsFindWhileObjectsComeMoveAndGo) {
   EXPECT_GT(found, 300u);
 }
 
-TEST(BroadPhase, CountsAsNearWhatOnlyTouches) {
+TEST(BroadPhase, CountsABoxThatASphereOnlyTouchesAsNear) {
   BroadPhase broad_phase;
   broad_phase.put(7, {{1, 1, 1}, {2, 2, 2}});
   const std::vector<ProbeSphere> probes{{{0.5, 1.5, 1.5}, 0.5}, {{0.5, 1.5, 1.5}, 0.499999}, {{1.5, 1.5, 1.5}, 0}};
   EXPECT_EQ(pairs_of(broad_phase.find_near_pairs(probes)), (Pairs{{0, 7}, {2, 7}}));
 }
 
-TEST(BroadPhase, IsEmptyWithoutObjects) {
+TEST(BroadPhase, FindsNothingWithoutObjects) {
   BroadPhase broad_phase;
   broad_phase.remove(3);
   const std::vector<ProbeSphere> probes{{{0, 0, 0}, 1}};

@@ -37,7 +37,7 @@ struct Mesh {
   }
 };
 
-// A bumpy height field over the unit square: n x n cells, two faces each, with a border.
+/// Returns a random height field on the unit square: n x n cells of two faces each, with a border.
 Mesh bumpy_square(std::uint32_t n, std::mt19937& rng) {
   std::uniform_real_distribution<float> height{0.0f, 0.05f};
   Mesh mesh;
@@ -57,24 +57,25 @@ Mesh bumpy_square(std::uint32_t n, std::mt19937& rng) {
   return mesh;
 }
 
-// Faces whose distance is within rounding of the radius may be reported or not.
+/// Accepts either result for a face whose distance from the centre differs from the radius only by rounding.
 void expect_touching_equals_brute_force(const FixedMesh& fixed, const Mesh& mesh, std::mt19937& rng, int queries) {
   constexpr double kTangent = 1e-9;
-  std::uniform_real_distribution<double> place{-0.05, 1.05};
+  std::uniform_real_distribution<double> coordinate{-0.05, 1.05};
   std::uniform_real_distribution<double> height{-0.05, 0.12};
   std::uniform_real_distribution<double> radius{0.005, 0.1};
   std::vector<std::uint32_t> touching;
   std::size_t total = 0;
   for (int i = 0; i < queries; ++i) {
-    const Vec3d centre{place(rng), place(rng), height(rng)};
-    const double r = radius(rng);
-    fixed.find_touched_faces(centre, r, touching);
+    const Vec3d centre{coordinate(rng), coordinate(rng), height(rng)};
+    const double query_radius = radius(rng);
+    fixed.find_touched_faces(centre, query_radius, touching);
     std::sort(touching.begin(), touching.end());
     std::vector<std::uint32_t> expected;
     for (std::uint32_t f = 0; f < mesh.faces.size(); ++f) {
-      const double d = mesh.distance(f, centre);
-      const bool reported = std::binary_search(touching.begin(), touching.end(), f);
-      if (std::abs(d - r) < kTangent ? reported : d <= r) expected.push_back(f);
+      const double distance = mesh.distance(f, centre);
+      const bool is_reported = std::binary_search(touching.begin(), touching.end(), f);
+      const bool is_tangent = std::abs(distance - query_radius) < kTangent;
+      if (is_tangent ? is_reported : distance <= query_radius) expected.push_back(f);
     }
     ASSERT_THAT(touching, ElementsAreArray(expected)) << "query " << i;
     total += expected.size();
@@ -82,7 +83,7 @@ void expect_touching_equals_brute_force(const FixedMesh& fixed, const Mesh& mesh
   EXPECT_GT(total, static_cast<std::size_t>(queries));
 }
 
-TEST(FixedMesh, FindsTheTouchingTrianglesThatAllTrianglesGive) {
+TEST(FixedMesh, FindsTheSameTouchingTrianglesAsBruteForce) {
   SCOPED_TRACE("seed " + std::to_string(kSeed));
   std::mt19937 rng{kSeed};
   const Mesh mesh = bumpy_square(24, rng);
@@ -90,39 +91,39 @@ TEST(FixedMesh, FindsTheTouchingTrianglesThatAllTrianglesGive) {
   expect_touching_equals_brute_force(fixed, mesh, rng, 300);
 }
 
-TEST(FixedMesh, GivesTheDistanceOfTheNearestTriangle) {
+TEST(FixedMesh, ReturnsTheDistanceOfTheNearestTriangle) {
   SCOPED_TRACE("seed " + std::to_string(kSeed));
   std::mt19937 rng{kSeed};
   const Mesh mesh = bumpy_square(24, rng);
   const FixedMesh fixed{mesh.vertices, mesh.faces};
-  std::uniform_real_distribution<double> place{-1, 2};
+  std::uniform_real_distribution<double> coordinate{-1, 2};
   for (int i = 0; i < 300; ++i) {
-    const Vec3d point{place(rng), place(rng), place(rng)};
+    const Vec3d point{coordinate(rng), coordinate(rng), coordinate(rng)};
     ASSERT_NEAR(fixed.distance(point), mesh.distance(point), 1e-7) << "query " << i;
   }
 }
 
-TEST(FixedMesh, AnswersForTheMovedMeshAfterRefitAndAfterRebuild) {
+TEST(FixedMesh, SearchesTheMovedMeshAfterARefitAndAfterARebuild) {
   SCOPED_TRACE("seed " + std::to_string(kSeed));
   std::mt19937 rng{kSeed};
   Mesh mesh = bumpy_square(16, rng);
   FixedMesh fixed{mesh.vertices, mesh.faces};
-  const auto shake = [&] {
-    std::uniform_real_distribution<float> by{-0.03f, 0.03f};
+  const auto move_vertices = [&] {
+    std::uniform_real_distribution<float> displacement{-0.03f, 0.03f};
     for (auto& p : mesh.vertices) {
-      for (float& x : p) x += by(rng);
+      for (float& x : p) x += displacement(rng);
     }
     fixed.move(mesh.vertices);
   };
-  shake();
+  move_vertices();
   fixed.refit();
   expect_touching_equals_brute_force(fixed, mesh, rng, 100);
-  shake();
+  move_vertices();
   fixed.rebuild();
   expect_touching_equals_brute_force(fixed, mesh, rng, 100);
 }
 
-TEST(FixedMesh, RefusesNoFaceACornerThatIsNoVertexAndAnotherCount) {
+TEST(FixedMesh, RefusesAMeshWithoutFacesAMissingVertexAndAnotherNumberOfVertices) {
   const std::vector<FixedMesh::Position> vertices{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}};
   EXPECT_THROW((FixedMesh{vertices, {}}), std::invalid_argument);
   const std::vector<FixedMesh::Face> outside{{0, 1, 3}};
@@ -133,7 +134,7 @@ TEST(FixedMesh, RefusesNoFaceACornerThatIsNoVertexAndAnotherCount) {
   EXPECT_THROW(fixed.move(fewer), std::invalid_argument);
 }
 
-TEST(FixedMesh, FindsThePairsOfTrianglesThatMeet) {
+TEST(FixedMesh, FindsAllPairsOfIntersectingTriangles) {
   std::mt19937 rng{kSeed};
   const Mesh low = bumpy_square(12, rng);
   Mesh high = bumpy_square(9, rng);

@@ -1,5 +1,5 @@
-// Usage: build_files FOLDER. Writes .spm files of a few generated models: programs from two compilers have to write the
-// same bytes.
+// Usage: build_files FOLDER. Writes four generated models as .spm files. compilers_test.sh compares the files of two
+// compilers.
 
 #include <cstdio>
 #include <exception>

@@ -25,59 +25,66 @@ using test_support::sorted_faces;
 using test_support::ZooMesh;
 using ::testing::IsEmpty;
 
-/// How a mesh is simplified: at once, in many blocks and rounds, or with whatever is near contracted, too.
-enum class Cut { kFullRate, kBlocks, kPairs };
+/// The simplification treats a mesh as a whole, in blocks, or as a whole with contractions of near vertex pairs.
+enum class Simplification { kWhole, kBlocks, kPairs };
 
-BuildOptions small_options(Cut cut, unsigned threads = 2) {
+BuildOptions small_options(Simplification simplification, unsigned threads = 2) {
   BuildOptions options;
   options.threads = threads;
-  if (cut == Cut::kBlocks) options.simplify.block_faces = 64;
-  if (cut == Cut::kPairs) options.simplify.pair_distance = 0.5;
+  if (simplification == Simplification::kBlocks) options.simplify.block_faces = 64;
+  if (simplification == Simplification::kPairs) options.simplify.pair_distance = 0.5;
   options.simplify.base_faces = 12;
   options.partition.cell_faces = 40;
   options.partition.max_cell_faces = 80;
   return options;
 }
 
-class EveryMesh : public ::testing::TestWithParam<std::tuple<ZooMesh, Cut>> {
+class EveryMesh : public ::testing::TestWithParam<std::tuple<ZooMesh, Simplification>> {
  protected:
   EveryMesh()
       : zoo_{std::get<0>(GetParam())},
-        cut_{std::get<1>(GetParam())},
-        built_{build_model(zoo_.mesh, small_options(cut_))},
+        simplification_{std::get<1>(GetParam())},
+        built_{build_model(zoo_.mesh, small_options(simplification_))},
         finest_{finest_faces(built_.model())} {}
 
-  /// Pairs may make any edge one of several sheets.
-  bool manifold() const { return zoo_.manifold && cut_ != Cut::kPairs; }
+  /// Contracted pairs can join several sheets at any edge.
+  bool manifold() const { return zoo_.manifold && simplification_ != Simplification::kPairs; }
+
+  /// Returns the radius of a vertex in the record that splits it.
+  static float radius(const Model& model, std::uint32_t vertex) {
+    const std::uint32_t base = model.summary.base_vertices;
+    return radius_of(vertex < base ? model.base_radii[vertex] : model.first_part(RecordId{vertex - base}).radius);
+  }
 
   ZooMesh zoo_;
-  Cut cut_;
+  Simplification simplification_;
   BuiltModel built_;
   std::vector<Triangle> finest_;
 };
 
-std::string name_of(const ::testing::TestParamInfo<std::tuple<ZooMesh, Cut>>& test) {
-  constexpr std::array<const char*, 3> kCuts{"Whole", "InBlocks", "WithPairs"};
-  return std::get<0>(test.param).name + kCuts[static_cast<std::size_t>(std::get<1>(test.param))];
+std::string name_of(const ::testing::TestParamInfo<std::tuple<ZooMesh, Simplification>>& test) {
+  constexpr std::array<const char*, 3> kSuffixes{"Whole", "InBlocks", "WithPairs"};
+  return std::get<0>(test.param).name + kSuffixes[static_cast<std::size_t>(std::get<1>(test.param))];
 }
 
 INSTANTIATE_TEST_SUITE_P(Zoo, EveryMesh,
                          ::testing::Combine(::testing::ValuesIn(mesh_zoo()),
-                                            ::testing::Values(Cut::kFullRate, Cut::kBlocks, Cut::kPairs)),
+                                            ::testing::Values(Simplification::kWhole, Simplification::kBlocks,
+                                                              Simplification::kPairs)),
                          name_of);
 
-TEST_P(EveryMesh, IsASoundModel) { EXPECT_THAT(violations(built_.model()), IsEmpty()); }
+TEST_P(EveryMesh, GivesAModelWithoutViolations) { EXPECT_THAT(violations(built_.model()), IsEmpty()); }
 
-TEST_P(EveryMesh, HasASoundBaseMesh) { EXPECT_THAT(violations(base_mesh_of(built_.model())), IsEmpty()); }
+TEST_P(EveryMesh, GivesABaseMeshWithoutViolations) { EXPECT_THAT(violations(base_mesh_of(built_.model())), IsEmpty()); }
 
-TEST_P(EveryMesh, SurfacePointsLieOnTheFinestSurfaceAndLeaveNoPartUncovered) {
+TEST_P(EveryMesh, SurfacePointsLieOnTheFinestSurfaceWithinTheirSpacingOfEveryFace) {
   const Model model = built_.model();
   const SurfacePoints found = surface_points(base_mesh_of(model), 6);
   ASSERT_FALSE(found.points.empty());
   EXPECT_LE(found.points.size(), 6u);
   const auto vector = [](const std::array<float, 3>& p) { return Vec3d{double{p[0]}, double{p[1]}, double{p[2]}}; };
   const double rounding = 1e-6 * (vector(model.summary.bounds_max) - vector(model.summary.bounds_min)).norm();
-  std::vector<double> distances(found.points.size(), 1e300);  // of each from the finest surface
+  std::vector<double> distances(found.points.size(), 1e300);  // of each point from the finest surface
   std::mt19937_64 random{7};
   std::uniform_real_distribution<double> share{0, 1};
   for (const Triangle& face : finest_) {
@@ -88,16 +95,16 @@ TEST_P(EveryMesh, SurfacePointsLieOnTheFinestSurfaceAndLeaveNoPartUncovered) {
           std::min(distances[i], std::sqrt(closest_point(vector(found.points[i].position), a, b, c).squared_distance));
     double u = share(random), v = share(random);
     if (u + v > 1) u = 1 - u, v = 1 - v;
-    const Vec3d somewhere = a + u * (b - a) + v * (c - a);
+    const Vec3d point_on_face = a + u * (b - a) + v * (c - a);
     double nearest = 1e300;
     for (const SurfacePoint& point : found.points)
-      nearest = std::min(nearest, (vector(point.position) - somewhere).norm());
+      nearest = std::min(nearest, (vector(point.position) - point_on_face).norm());
     ASSERT_LE(nearest, found.spacing + rounding);
   }
   for (const double distance : distances) EXPECT_LE(distance, rounding);
 }
 
-TEST_P(EveryMesh, ReplayOfAllRecordsIsTheCleanedInputToTheBit) {
+TEST_P(EveryMesh, ApplyingAllRecordsRestoresTheCleanedInputToTheBit) {
   TriangleMesh cleaned = zoo_.mesh;
   clean(cleaned);
   const Model model = built_.model();
@@ -112,7 +119,7 @@ TEST_P(EveryMesh, ReplayOfAllRecordsIsTheCleanedInputToTheBit) {
   EXPECT_EQ(faces, finest_);
 }
 
-TEST_P(EveryMesh, NoCornerEverShownIsFurtherFromItsFinestPlaceThanItsRadius) {
+TEST_P(EveryMesh, EveryShownCornerIsWithinItsRadiusOfItsPositionInTheFinestMesh) {
   const Model model = built_.model();
   ReferenceMesh mesh{model};
   std::uint32_t moved = 0;
@@ -121,13 +128,10 @@ TEST_P(EveryMesh, NoCornerEverShownIsFurtherFromItsFinestPlaceThanItsRadius) {
       if (!mesh.shown(f)) continue;
       for (std::size_t k = 0; k < 3; ++k) {
         const std::uint32_t v = mesh.corners(f)[k];
-        const std::uint16_t code = v < model.summary.base_vertices
-                                       ? model.base_radii[v]
-                                       : model.first_part(RecordId{v - model.summary.base_vertices}).radius;
         const auto &from = model.positions[v], &to = model.positions[finest_[f][k]];
         const double distance = std::hypot(double{from[0]} - to[0], double{from[1]} - to[1], double{from[2]} - to[2]);
-        ASSERT_LE(distance, radius_of(code)) << "face " << f << ", vertex " << v;
-        ASSERT_LE(radius_of(code), model.summary.deviation);
+        ASSERT_LE(distance, radius(model, v)) << "face " << f << ", vertex " << v;
+        ASSERT_LE(radius(model, v), model.summary.deviation);
         moved += distance > 0;
       }
     }
@@ -138,12 +142,12 @@ TEST_P(EveryMesh, NoCornerEverShownIsFurtherFromItsFinestPlaceThanItsRadius) {
   EXPECT_TRUE(moved > 0 || model.summary.records == 0);
 }
 
-TEST_P(EveryMesh, AnyTopologicalOrderGivesOneMesh) {
+TEST_P(EveryMesh, AnyTopologicalOrderOfTheRecordsGivesTheSameMesh) {
   const Model model = built_.model();
   ReferenceMesh ascending{model};
   for (std::uint32_t r = 0; r < model.summary.records; ++r) ASSERT_TRUE(ascending.apply(r));
   for (std::uint32_t seed = 1; seed <= 5; ++seed) {
-    // Records in random order, each tried again once others came: whatever is applied had all that it needs.
+    // Tries the records in random order. Records that cannot be applied yet are tried again in the next pass.
     std::mt19937 random{seed};
     std::vector<std::uint32_t> waiting(model.summary.records);
     for (std::uint32_t r = 0; r < waiting.size(); ++r) waiting[r] = r;
@@ -185,8 +189,8 @@ TEST_P(EveryMesh, AnyUnionOfRegionsIsAValidMesh) {
   }
 }
 
-TEST_P(EveryMesh, AnyClosureOfRandomRecordsIsAValidMesh) {
-  // Down-sets found by trying: ascending ids, a record at random left out, and with it all that turn out to need it.
+TEST_P(EveryMesh, ARandomClosedSetOfRecordsIsAValidMesh) {
+  // Applies records in ascending order and leaves some out at random. Records that need them cannot be applied.
   const Model model = built_.model();
   for (std::uint32_t seed = 1; seed <= 20; ++seed) {
     std::mt19937 random{seed};
@@ -213,33 +217,33 @@ void expect_same_bytes(const BuiltModel& a, const BuiltModel& b) {
   EXPECT_TRUE(same_bytes(a.intervals, b.intervals));
 }
 
-TEST_P(EveryMesh, TheSameInputGivesTheSameBytesWhateverTheNumberOfThreads) {
+TEST_P(EveryMesh, GivesTheSameBytesWithAnyNumberOfThreads) {
   for (const unsigned threads : {1u, 2u, 3u}) {
-    expect_same_bytes(build_model(zoo_.mesh, small_options(cut_, threads)), built_);
+    expect_same_bytes(build_model(zoo_.mesh, small_options(simplification_, threads)), built_);
   }
 }
 
-TEST(Build, ALargeMeshGivesTheSameBytesWhateverTheNumberOfThreads) {
+TEST(Build, ALargeMeshGivesTheSameBytesWithAnyNumberOfThreads) {
   const TriangleMesh mesh = generate(Shape::kOrgan, 150000, 5);
   BuildOptions options;
   options.threads = 1;
-  const BuiltModel alone = build_model(mesh, options);
+  const BuiltModel with_one_thread = build_model(mesh, options);
   for (const unsigned threads : {2u, 5u}) {
     options.threads = threads;
-    expect_same_bytes(build_model(mesh, options), alone);
+    expect_same_bytes(build_model(mesh, options), with_one_thread);
   }
 }
 
-TEST(Build, BlocksLengthenTheListsOfRegionsByLittle) {
+TEST(Build, BlocksLengthenTheClosedListsByAtMost10Percent) {
   const TriangleMesh mesh = generate(Shape::kOrgan, 60000, 3);
-  const auto records = [&](std::uint32_t block_faces) {
+  const auto listed_records = [&](std::uint32_t block_faces) {
     BuildOptions options;
     options.simplify.block_faces = block_faces;
     std::uint64_t sum = 0;
     for (const Region& region : build_model(mesh, options).regions) sum += region.record_count;
     return sum;
   };
-  const std::uint64_t whole = records(1u << 20), blocks = records(1u << 12);
+  const std::uint64_t whole = listed_records(1u << 20), blocks = listed_records(1u << 12);
   EXPECT_LE(blocks * 100, whole * 110) << "whole " << whole << ", in blocks " << blocks;
 }
 
@@ -251,8 +255,8 @@ TEST(Build, ReachesTheNumberOfBaseFacesRequestedOnASmoothSurface) {
   EXPECT_GE(built.summary.base_faces, 198u);
 }
 
-/// Two patches side by side, a narrow crack between them.
-TriangleMesh cracked_patch() {
+/// Two neighbouring patches with a gap of 0.05 between them.
+TriangleMesh patches_with_gap() {
   TriangleMesh mesh = test_support::grid_patch(8, 8), right = mesh;
   for (std::array<float, 3>& p : right.positions) p[0] += 8.05f;
   const auto first = static_cast<std::uint32_t>(mesh.positions.size());
@@ -261,49 +265,49 @@ TriangleMesh cracked_patch() {
   return mesh;
 }
 
-std::size_t parts_of(const Model& model) {
-  std::vector<std::uint32_t> part(model.summary.base_vertices);
-  std::iota(part.begin(), part.end(), 0u);
-  for (std::size_t pass = 0; pass < part.size(); ++pass) {
+std::size_t components_of_base_mesh(const Model& model) {
+  std::vector<std::uint32_t> component(model.summary.base_vertices);
+  std::iota(component.begin(), component.end(), 0u);
+  for (std::size_t pass = 0; pass < component.size(); ++pass) {
     for (const BaseFace& face : model.base_faces) {
-      std::uint32_t min = part[index(face.corners[0])];
-      for (const VertexId v : face.corners) min = std::min(min, part[index(v)]);
-      for (const VertexId v : face.corners) part[index(v)] = min;
+      std::uint32_t min = component[index(face.corners[0])];
+      for (const VertexId v : face.corners) min = std::min(min, component[index(v)]);
+      for (const VertexId v : face.corners) component[index(v)] = min;
     }
   }
-  return std::set<std::uint32_t>(part.begin(), part.end()).size();
+  return std::set<std::uint32_t>(component.begin(), component.end()).size();
 }
 
-TEST(Build, PairsAcrossACrackMakeTwoPatchesOne) {
+TEST(Build, PairsAcrossAGapJoinTwoPatches) {
   BuildOptions options;
   options.simplify.base_faces = 2;
-  const BuiltModel apart = build_model(cracked_patch(), options);
+  const BuiltModel separate = build_model(patches_with_gap(), options);
   options.simplify.pair_distance = 0.1;
-  const BuiltModel together = build_model(cracked_patch(), options);
-  EXPECT_EQ(parts_of(apart.model()), 2u);
-  EXPECT_EQ(parts_of(together.model()), 1u);
-  EXPECT_LT(together.summary.base_vertices, apart.summary.base_vertices);
+  const BuiltModel joined = build_model(patches_with_gap(), options);
+  EXPECT_EQ(components_of_base_mesh(separate.model()), 2u);
+  EXPECT_EQ(components_of_base_mesh(joined.model()), 1u);
+  EXPECT_LT(joined.summary.base_vertices, separate.summary.base_vertices);
 }
 
-TEST(Build, PairsAcrossNothingChangeNothing) {
+TEST(Build, APairDistanceBelowTheGapChangesNothing) {
   BuildOptions options;
   options.simplify.base_faces = 2;
-  const BuiltModel without = build_model(cracked_patch(), options);
+  const BuiltModel without = build_model(patches_with_gap(), options);
   options.simplify.pair_distance = 0.04;
-  expect_same_bytes(build_model(cracked_patch(), options), without);
+  expect_same_bytes(build_model(patches_with_gap(), options), without);
 }
 
-TEST(Build, PairsUndoThePassagesOfABaseMesh) {
+TEST(Build, PairsCloseTheHoleOfATorus) {
   TriangleMesh torus = generate(Shape::kTorus, 3000);  // its tube is 4 cm thick, its hole 6 cm wide
   BuildOptions options;
   options.simplify.base_faces = 4;
   const BuiltModel whole = build_model(torus, options);
   options.simplify.pair_distance = 0.05;
-  const BuiltModel pinched = build_model(torus, options);
-  EXPECT_LT(pinched.summary.base_faces, whole.summary.base_faces);
+  const BuiltModel closed = build_model(torus, options);
+  EXPECT_LT(closed.summary.base_faces, whole.summary.base_faces);
 }
 
-TEST(Build, KeepsTheCornersOfAFlatPatch) {
+TEST(Build, RetainsTheCornersOfAFlatPatch) {
   BuildOptions options;
   options.simplify.base_faces = 2;
   const BuiltModel built = build_model(test_support::grid_patch(8, 8), options);
@@ -314,7 +318,7 @@ TEST(Build, KeepsTheCornersOfAFlatPatch) {
   }
 }
 
-TEST(Build, LeavesATetrahedronAsItIs) {
+TEST(Build, DoesNotSimplifyATetrahedron) {
   BuildOptions options;
   options.simplify.base_faces = 1;
   const BuiltModel built = build_model(test_support::mesh_zoo().front().mesh, options);
@@ -322,7 +326,7 @@ TEST(Build, LeavesATetrahedronAsItIs) {
   EXPECT_EQ(built.summary.records, 0u);
 }
 
-TEST(Build, SizeIsThatOfTheLongestSide) {
+TEST(Build, TheSizeIsTheLengthOfTheLongestSide) {
   BuildOptions options;
   options.size = 0.5;
   const BuiltModel built = build_model(test_support::grid_patch(8, 4), options);
@@ -335,9 +339,9 @@ TEST(Build, RefusesAMeshWithoutASurface) {
   EXPECT_THROW(static_cast<void>(build_model(TriangleMesh{})), ModelError);
 }
 
-TEST(Build, RefusesAFaceOnAVertexThatIsNotThere) {
-  const TriangleMesh broken{{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}}, {{0, 1, 3}}};
-  EXPECT_THROW(static_cast<void>(build_model(broken)), ModelError);
+TEST(Build, RefusesAFaceWithAVertexThatDoesNotExist) {
+  const TriangleMesh damaged{{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}}, {{0, 1, 3}}};
+  EXPECT_THROW(static_cast<void>(build_model(damaged)), ModelError);
 }
 
 }  // namespace

@@ -26,7 +26,32 @@ BuiltModel organ() {
   return build_model(generate(Shape::kOrgan, 8000), options);
 }
 
-TEST(Certificate, NoSphereAnywhereNeedsMoreAndTheBoundIsNear) {
+Vec3d position_of(const Model& model, std::uint32_t vertex) {
+  const std::array<float, 3>& p = model.positions[vertex];
+  return {p[0], p[1], p[2]};
+}
+
+void add_records(const Model& model, RegionId region, std::set<std::uint32_t>& records) {
+  for (const spm::Interval& interval : model.intervals_of(region))
+    for (std::uint32_t r = interval.first; r < interval.first + interval.count; ++r) records.insert(r);
+}
+
+std::vector<RegionId> regions_around(const RegionGrid& grid, const Vec3d& centre, double radius) {
+  std::vector<RegionId> regions;
+  EXPECT_TRUE(grid.for_each_intersecting(centre, radius, [&](RegionId region, double) { regions.push_back(region); }));
+  return regions;
+}
+
+Vec3d worst_position(const Certificate& certificate) {
+  return {certificate.worst_position[0], certificate.worst_position[1], certificate.worst_position[2]};
+}
+
+void load_all(test_support::HrtcModel& hrtc) {
+  for (std::uint32_t r = 0; r < hrtc.model().summary.regions; ++r)
+    ASSERT_EQ(hrtc.load(RegionId{r}), AcceptResult::kAccepted);
+}
+
+TEST(Certificate, NoSphereNeedsMoreThanTheCertificateAndTheWorstSphereNeedsAtLeastHalfOfIt) {
   const BuiltModel built = organ();
   const Model model = built.model();
   const RegionGrid grid{model.summary.grid, model.regions};
@@ -36,20 +61,16 @@ TEST(Certificate, NoSphereAnywhereNeedsMoreAndTheBoundIsNear) {
     std::uniform_real_distribution<double> jitter{-radius, radius};
     std::size_t max_regions = 0, max_records = 0, max_parts = 0;
     for (int i = 0; i < 2000; ++i) {
-      const std::array<float, 3>& near = model.positions[random() % model.summary.vertices];
-      const Vec3d centre{near[0] + jitter(random), near[1] + jitter(random), near[2] + jitter(random)};
-      std::size_t regions = 0, parts = 0;
+      const Vec3d vertex = position_of(model, static_cast<std::uint32_t>(random() % model.summary.vertices));
+      const Vec3d centre = vertex + Vec3d{jitter(random), jitter(random), jitter(random)};
+      const std::vector<RegionId> regions = regions_around(grid, centre, radius);
+      std::size_t parts = 0;
       std::set<std::uint32_t> records;
-      ASSERT_TRUE(grid.for_each_intersecting(centre, radius, [&](RegionId region, double) {
-        ++regions;
-        for (const spm::Interval& run : model.intervals_of(region)) {
-          for (std::uint32_t r = run.first; r < run.first + run.count; ++r) records.insert(r);
-        }
-      }));
-      for (const std::uint32_t r : records) {
-        for (PartIndex p{r}; p != kNone; p = model.parts[p].next) ++parts;
+      for (const RegionId region : regions) add_records(model, region, records);
+      for (const std::uint32_t record : records) {
+        for (PartIndex part{record}; part != kNone; part = model.parts[part].next) ++parts;
       }
-      max_regions = std::max(max_regions, regions);
+      max_regions = std::max(max_regions, regions.size());
       max_records = std::max(max_records, records.size());
       max_parts = std::max(max_parts, parts);
     }
@@ -60,7 +81,7 @@ TEST(Certificate, NoSphereAnywhereNeedsMoreAndTheBoundIsNear) {
   }
 }
 
-TEST(Certificate, AMovingSphereNeedsNoMoreThanWhatItBeganWithAndWhatEveryStepBrings) {
+TEST(Certificate, AMovingSphereNeedsNoMoreThanItsFirstRecordsAndTheEnteringRecordsOfEachStep) {
   const BuiltModel built = organ();
   const Model model = built.model();
   const RegionGrid grid{model.summary.grid, model.regions};
@@ -69,98 +90,87 @@ TEST(Certificate, AMovingSphereNeedsNoMoreThanWhatItBeganWithAndWhatEveryStepBri
   EXPECT_LE(certificate.entering_records, certificate.records);
   std::mt19937 random{7};
   std::uniform_real_distribution<double> unit{-1, 1};
-  std::size_t max_beyond_start = 0;
+  std::size_t max_records = 0;
   for (int path = 0; path < 100; ++path) {
-    // Straight on from a vertex, in pieces so small that no cube in between is passed over.
-    constexpr int kPieces = 200;
-    const std::array<float, 3>& start = model.positions[random() % model.summary.vertices];
-    Vec3d centre{start[0], start[1], start[2]};
-    const Vec3d piece = Vec3d{unit(random), unit(random), unit(random)}.normalized() * certificate.step / 10;
+    // A straight path from a vertex, in displacements so small that the sphere skips no region.
+    constexpr int kDisplacements = 200;
+    Vec3d centre = position_of(model, static_cast<std::uint32_t>(random() % model.summary.vertices));
+    const Vec3d displacement = Vec3d{unit(random), unit(random), unit(random)}.normalized() * certificate.step / 10;
     std::set<std::uint32_t> records;
     double crossings = 3;
-    for (int k = 0; k < kPieces; ++k, centre += piece) {
-      crossings += piece.lpNorm<1>() / certificate.step;
-      ASSERT_TRUE(grid.for_each_intersecting(centre, kRadius, [&](RegionId region, double) {
-        for (const spm::Interval& run : model.intervals_of(region))
-          for (std::uint32_t r = run.first; r < run.first + run.count; ++r) records.insert(r);
-      }));
+    for (int i = 0; i < kDisplacements; ++i, centre += displacement) {
+      crossings += displacement.lpNorm<1>() / certificate.step;
+      for (const RegionId region : regions_around(grid, centre, kRadius)) add_records(model, region, records);
       ASSERT_LE(static_cast<double>(records.size()), certificate.records + crossings * certificate.entering_records);
     }
-    max_beyond_start = std::max(max_beyond_start, records.size());
+    max_records = std::max(max_records, records.size());
   }
-  EXPECT_GT(max_beyond_start, certificate.records) << "the paths were too short to need anything new";
+  EXPECT_GT(max_records, certificate.records) << "the paths were too short to need further records";
   EXPECT_DOUBLE_EQ(certificate.steps_per_second(), std::sqrt(3.0) * 0.05 / certificate.step);
 }
 
-TEST(Certificate, TheWorstStepTakesTheWorkThatItSays) {
+TEST(Certificate, TheWorstStepTakesTheCertifiedWork) {
   const BuiltModel built = organ();
   const Model model = built.model();
   for (const double radius : {0.0005, 0.003, 0.01}) {
     const Certificate certificate = certify(model, radius, 0.05);
     test_support::HrtcModel hrtc{model, PoolSettings::for_slots(8 * model.summary.vertices)};
-    for (std::uint32_t r = 0; r < model.summary.regions; ++r)
-      ASSERT_EQ(hrtc.load(RegionId{r}), AcceptResult::kAccepted);
+    load_all(hrtc);
     Forest& forest = hrtc.forest();
-    constexpr std::uint32_t kPlenty = 1u << 30;
-    const auto step = [&](const std::vector<RegionId>& to) {
-      forest.set_targets(to.data(), static_cast<std::uint32_t>(to.size()));
-      Budget budget{kPlenty};
+    constexpr std::uint32_t kUnits = 1u << 30;
+    const auto work_of_step = [&](const std::vector<RegionId>& targets) {
+      forest.set_targets(targets.data(), static_cast<std::uint32_t>(targets.size()));
+      Budget budget{kUnits};
       EXPECT_EQ(forest.advance(budget), Advance::kDone);
       const RefitCount refit = forest.refit();
       EXPECT_LE(hrtc.nodes().used_nodes(), certificate.nodes);
       EXPECT_LE(refit.marked, max_marked(refit.changed, model.summary.faces));
-      return kPlenty - budget.units;
+      return kUnits - budget.units;
     };
-    step(certificate.regions_before);
-    EXPECT_EQ(step(certificate.regions_after), certificate.work_units) << radius;
+    work_of_step(certificate.regions_before);
+    EXPECT_EQ(work_of_step(certificate.regions_after), certificate.work_units) << radius;
     EXPECT_LE(hrtc.nodes().used_nodes(), certificate.nodes) << radius;
   }
 }
 
-TEST(Certificate, NoSphereAnywhereShowsMoreNodesThanItSaysAndTheBoundIsNear) {
+TEST(Certificate, NoSphereUsesMoreNodesThanCertifiedAndTheWorstSphereUsesAtLeastHalfOfThem) {
   const BuiltModel built = organ();
   const Model model = built.model();
   const RegionGrid grid{model.summary.grid, model.regions};
   constexpr double kRadius = 0.003;
   const Certificate certificate = certify(model, kRadius, 0.05);
   test_support::HrtcModel hrtc{model, PoolSettings::for_slots(8 * model.summary.vertices)};
-  for (std::uint32_t r = 0; r < model.summary.regions; ++r) ASSERT_EQ(hrtc.load(RegionId{r}), AcceptResult::kAccepted);
+  load_all(hrtc);
   std::mt19937 random{13};
-  std::uint32_t max = 0;
+  std::uint32_t max_nodes = 0;
   for (int i = 0; i < 300; ++i) {
-    const std::array<float, 3>& near = model.positions[random() % model.summary.vertices];
-    const Vec3d centre =
-        i == 0 ? Vec3d{certificate.worst_position[0], certificate.worst_position[1], certificate.worst_position[2]}
-               : Vec3d{near[0], near[1], near[2]};
-    std::vector<RegionId> regions;
-    ASSERT_TRUE(
-        grid.for_each_intersecting(centre, kRadius, [&](RegionId region, double) { regions.push_back(region); }));
-    ASSERT_EQ(hrtc.refine(regions), Advance::kDone);
-    max = std::max(max, hrtc.nodes().used_nodes());
+    const auto vertex = static_cast<std::uint32_t>(random() % model.summary.vertices);
+    const Vec3d centre = i == 0 ? worst_position(certificate) : position_of(model, vertex);
+    ASSERT_EQ(hrtc.refine(regions_around(grid, centre, kRadius)), Advance::kDone);
+    max_nodes = std::max(max_nodes, hrtc.nodes().used_nodes());
   }
-  EXPECT_LE(max, certificate.nodes);
-  EXPECT_LE(certificate.nodes, 2 * max);
+  EXPECT_LE(max_nodes, certificate.nodes);
+  EXPECT_LE(certificate.nodes, 2 * max_nodes);
 }
 
-TEST(Certificate, WhatTheWorstStepBringsIsNewAndComplete) {
+TEST(Certificate, TheMessagesOfTheWorstStepContainEachEnteringRecordOnce) {
   const BuiltModel built = organ();
   const Model model = built.model();
   const Certificate certificate = certify(model, 0.003, 0.05);
-  std::set<std::uint32_t> brought;
+  std::set<std::uint32_t> sent;
   for (const Certificate::RegionMessage& message : certificate.messages) {
     std::set<std::uint32_t> listed;
-    for (const spm::Interval& run : model.intervals_of(message.region))
-      for (std::uint32_t r = run.first; r < run.first + run.count; ++r) listed.insert(r);
-    for (const spm::Interval& run : message.missing)
-      for (std::uint32_t r = run.first; r < run.first + run.count; ++r) {
+    add_records(model, message.region, listed);
+    for (const spm::Interval& interval : message.missing)
+      for (std::uint32_t r = interval.first; r < interval.first + interval.count; ++r) {
         EXPECT_EQ(listed.count(r), 1u);
-        EXPECT_TRUE(brought.insert(r).second) << "record " << r << " comes twice";
+        EXPECT_TRUE(sent.insert(r).second) << "record " << r << " is sent twice";
       }
   }
-  EXPECT_EQ(brought.size(), certificate.entering_records);
+  EXPECT_EQ(sent.size(), certificate.entering_records);
 }
 
-TEST(Certificate, APoolOfTheSlotsNeededHoldsWhatABallNeedsAndTheMemoryNeededHasThatPool) {
+TEST(Certificate, ThePoolInTheCertifiedMemoryIsEnoughForAnySphere) {
   const BuiltModel built = organ();
   const Model model = built.model();
   const RegionGrid grid{model.summary.grid, model.regions};
@@ -171,20 +181,17 @@ TEST(Certificate, APoolOfTheSlotsNeededHoldsWhatABallNeedsAndTheMemoryNeededHasT
   EXPECT_GE(shares.directories, directory_bytes(model.summary, shares.pool));
   std::mt19937 random{11};
   for (int i = 0; i < 30; ++i) {
-    const std::array<float, 3>& near = model.positions[random() % model.summary.vertices];
-    const Vec3d centre =
-        i == 0 ? Vec3d{certificate.worst_position[0], certificate.worst_position[1], certificate.worst_position[2]}
-               : Vec3d{near[0], near[1], near[2]};
+    const auto vertex = static_cast<std::uint32_t>(random() % model.summary.vertices);
+    const Vec3d centre = i == 0 ? worst_position(certificate) : position_of(model, vertex);
     test_support::HrtcModel hrtc{model, settings};
-    std::vector<RegionId> regions;
-    ASSERT_TRUE(grid.for_each_intersecting(centre, 0.003, [&](RegionId region, double) { regions.push_back(region); }));
-    for (const RegionId region : regions) ASSERT_EQ(hrtc.load(region), AcceptResult::kAccepted) << "ball " << i;
-    EXPECT_EQ(hrtc.refine(regions), Advance::kDone) << "ball " << i;
+    const std::vector<RegionId> regions = regions_around(grid, centre, 0.003);
+    for (const RegionId region : regions) ASSERT_EQ(hrtc.load(region), AcceptResult::kAccepted) << "sphere " << i;
+    EXPECT_EQ(hrtc.refine(regions), Advance::kDone) << "sphere " << i;
     EXPECT_TRUE(hrtc.forest().is_exact(centre, 0.003));
   }
 }
 
-TEST(TreeSizes, AreThoseOfTheImplicitTree) {
+TEST(TreeSizes, AreTheSizesOfTheImplicitTree) {
   EXPECT_EQ(tree_size(1, 8).levels, 0u);
   EXPECT_EQ(tree_size(8, 8).nodes, 1u);
   EXPECT_EQ(tree_size(9, 8).levels, 2u);
@@ -204,79 +211,77 @@ class Verify : public ::testing::Test {
   BuiltModel built_ = build_model(mesh_, options());
 };
 
-TEST_F(Verify, FindsAModelOfItsMeshExact) {
+TEST_F(Verify, AcceptsTheModelOfItsMesh) {
   const Verification result = verify(built_.model(), mesh_);
   EXPECT_TRUE(result.mismatches.empty());
   EXPECT_EQ(result.regions, built_.summary.regions);
   EXPECT_GE(result.faces_in_regions, mesh_.faces.size());
 }
 
-TEST_F(Verify, FindsOneBitOfOnePosition) {
-  TriangleMesh other = mesh_;
-  other.positions[100][2] = std::nextafter(other.positions[100][2], 1.0f);
-  EXPECT_FALSE(verify(built_.model(), other).mismatches.empty());
+TEST_F(Verify, FindsADifferenceOfOneBitInOnePosition) {
+  TriangleMesh changed = mesh_;
+  changed.positions[100][2] = std::nextafter(changed.positions[100][2], 1.0f);
+  EXPECT_FALSE(verify(built_.model(), changed).mismatches.empty());
 }
 
-TEST_F(Verify, FindsAFaceTurnedOver) {
-  TriangleMesh other = mesh_;
-  std::swap(other.faces[7][0], other.faces[7][1]);
-  EXPECT_FALSE(verify(built_.model(), other).mismatches.empty());
+TEST_F(Verify, FindsAFaceWithReversedOrientation) {
+  TriangleMesh changed = mesh_;
+  std::swap(changed.faces[7][0], changed.faces[7][1]);
+  EXPECT_FALSE(verify(built_.model(), changed).mismatches.empty());
 }
 
 TEST_F(Verify, FindsARegionWhoseListIsTooShort) {
-  // Closed and sound all the same: the region loses its last record, which nothing in its list needs.
-  BuiltModel broken = built_;
-  Region& region = broken.regions.back();
-  --broken.intervals.back().count;
+  // The region loses its last record. No record of its list needs that one, so the list is still closed.
+  BuiltModel damaged = built_;
+  Region& region = damaged.regions.back();
+  --damaged.intervals.back().count;
   --region.record_count;
   --region.part_count;
-  if (broken.intervals.back().count == 0) {
-    broken.intervals.pop_back();
+  if (damaged.intervals.back().count == 0) {
+    damaged.intervals.pop_back();
     --region.interval_count;
   }
-  region.checksum = region_checksums(broken.model()).back();
-  ASSERT_TRUE(violations(broken.model()).empty());
-  EXPECT_FALSE(verify(broken.model(), mesh_).mismatches.empty());
+  region.checksum = region_checksums(damaged.model()).back();
+  ASSERT_TRUE(violations(damaged.model()).empty());
+  EXPECT_FALSE(verify(damaged.model(), mesh_).mismatches.empty());
 }
 
 TEST_F(Verify, FindsAMissingRegion) {
-  BuiltModel broken = built_;
-  broken.intervals.resize(broken.regions.back().first_interval);
-  broken.regions.pop_back();
-  --broken.summary.regions;
-  ASSERT_TRUE(violations(broken.model()).empty());
-  EXPECT_FALSE(verify(broken.model(), mesh_).mismatches.empty());
+  BuiltModel damaged = built_;
+  damaged.intervals.resize(damaged.regions.back().first_interval);
+  damaged.regions.pop_back();
+  --damaged.summary.regions;
+  ASSERT_TRUE(violations(damaged.model()).empty());
+  EXPECT_FALSE(verify(damaged.model(), mesh_).mismatches.empty());
 }
 
-TEST(Certificate, TheNodesThatItSaysAreEnoughWhateverRests) {
+TEST(Certificate, TheCertifiedNodesAreEnoughWhicheverRegionsAreRetained) {
   const BuiltModel built = organ();
   const Model model = built.model();
   const RegionGrid grid{model.summary.grid, model.regions};
   constexpr double kRadius = 0.003;
   PoolSettings settings = PoolSettings::for_slots(8 * model.summary.vertices);
-  // A record may only be split when each face that it bears could have a branch of its own.
+  // The forest splits a record only if the free nodes suffice for a branch of 7 nodes for each of 6 born faces.
   constexpr std::uint32_t kBranches = 6 * 7;
   settings.tree_nodes = certify(model, kRadius, 0.05).nodes + kBranches;
   test_support::HrtcModel hrtc{model, settings};
-  for (std::uint32_t r = 0; r < model.summary.regions; ++r) ASSERT_EQ(hrtc.load(RegionId{r}), AcceptResult::kAccepted);
+  load_all(hrtc);
   std::mt19937 random{17};
   std::uint32_t full = 0;
   for (int i = 0; i < 300; ++i) {
-    const std::array<float, 3>& near = model.positions[random() % model.summary.vertices];
-    std::vector<RegionId> regions;
-    ASSERT_TRUE(grid.for_each_intersecting(Vec3d{near[0], near[1], near[2]}, kRadius,
-                                           [&](RegionId region, double) { regions.push_back(region); }));
-    const auto ask = [&] { return hrtc.refine(regions, 1u << 30, nullptr, 0, Unrequested::kRetain); };
-    Advance advance = ask();
-    if (advance == Advance::kNodesFull) {  // those of what rested are free after the refit
+    const Vec3d centre = position_of(model, static_cast<std::uint32_t>(random() % model.summary.vertices));
+    const std::vector<RegionId> regions = regions_around(grid, centre, kRadius);
+    const auto refine = [&] { return hrtc.refine(regions, 1u << 30, nullptr, 0, Unrequested::kRetain); };
+    Advance advance = refine();
+    if (advance == Advance::kNodesFull) {  // the nodes of retained regions are free only after the refit
       ++full;
-      advance = ask();
+      advance = refine();
     }
     ASSERT_EQ(advance, Advance::kDone) << i;
     for (const RegionId region : regions) ASSERT_TRUE(hrtc.forest().is_refined(region));
   }
-  EXPECT_GT(full, 10u) << "nodes were never short";
-  EXPECT_LT(full, 290u) << "nothing ever rested";
+  EXPECT_GT(full, 10u) << "the nodes were hardly ever used up";
+  EXPECT_LT(full, 290u) << "the nodes were nearly always used up";
   EXPECT_THAT(hrtc.forest().violations(), ::testing::IsEmpty());
 }
 

@@ -14,7 +14,7 @@
 namespace tactus::spm::offline {
 namespace {
 
-/// How often each directed edge is used.
+/// Counts the uses of each directed edge.
 std::map<std::pair<std::uint32_t, std::uint32_t>, int> edges(const TriangleMesh& mesh) {
   std::map<std::pair<std::uint32_t, std::uint32_t>, int> uses;
   for (const Triangle& f : mesh.faces) {
@@ -48,7 +48,7 @@ TEST(Generate, SphereAndOrganHaveExactlyTheEvenNumberOfFacesRequested) {
   }
 }
 
-TEST(Generate, TorusAndTerrainComeWithinAPercent) {
+TEST(Generate, TorusAndTerrainHaveTheRequestedNumberOfFacesWithin1Percent) {
   for (const std::uint32_t faces : {1000u, 4096u, 50001u}) {
     EXPECT_NEAR(static_cast<double>(generate(Shape::kTorus, faces).faces.size()), faces, 0.01 * faces);
     EXPECT_NEAR(static_cast<double>(generate(Shape::kTerrain, faces).faces.size()), faces, 0.01 * faces);
@@ -87,7 +87,7 @@ TEST(Generate, TheTerrainHasOneBorder) {
   EXPECT_EQ(border, 80);
 }
 
-TEST(Generate, NothingOfItNeedsCleaning) {
+TEST(Generate, CleaningRemovesNothing) {
   for (const Shape shape : {Shape::kSphere, Shape::kTorus, Shape::kOrgan, Shape::kTerrain, Shape::kWall, Shape::kBox}) {
     TriangleMesh mesh = generate(shape, 30000);
     const std::size_t vertices = mesh.positions.size(), faces = mesh.faces.size();
@@ -97,12 +97,12 @@ TEST(Generate, NothingOfItNeedsCleaning) {
   }
 }
 
-TEST(Generate, AnotherSeedIsAnotherOrgan) {
+TEST(Generate, AnotherSeedGivesAnotherOrgan) {
   EXPECT_NE(generate(Shape::kOrgan, 1000, 1).positions, generate(Shape::kOrgan, 1000, 2).positions);
   EXPECT_EQ(generate(Shape::kOrgan, 1000, 2).positions, generate(Shape::kOrgan, 1000, 2).positions);
 }
 
-TEST(Generate, RefusesWhatCannotBe) {
+TEST(Generate, RefusesTooFewFacesAndUnknownShapes) {
   EXPECT_THROW(static_cast<void>(generate(Shape::kSphere, 7)), ModelError);
   EXPECT_THROW(static_cast<void>(shape_from_name("cube")), ModelError);
 }
@@ -111,18 +111,18 @@ TEST(Generate, EveryShapeIsFoundByItsName) {
   for (const std::string_view name : shape_names()) EXPECT_NO_THROW(static_cast<void>(shape_from_name(name)));
 }
 
-TEST(Generate, TheStylusIsClosedAndConvexWithItsTipAboutTheOrigin) {
+TEST(Generate, TheStylusIsClosedAndConvexWithItsTipAroundTheOrigin) {
   const TriangleMesh mesh = stylus();
   EXPECT_EQ(mesh.faces.size(), 720u);
   EXPECT_EQ(mesh.positions.size(), 362u);
   EXPECT_TRUE(closed_and_oriented(mesh));
   const double rounding = 1e-9;
   for (const Triangle& f : mesh.faces) {
-    const auto at = [&](std::uint32_t v) {
+    const auto position = [&](std::uint32_t v) {
       return Vec3d{mesh.positions[v][0], mesh.positions[v][1], mesh.positions[v][2]};
     };
-    const Vec3d normal = (at(f[1]) - at(f[0])).cross(at(f[2]) - at(f[0])).normalized();
-    for (std::uint32_t v = 0; v < mesh.positions.size(); ++v) ASSERT_LT(normal.dot(at(v) - at(f[0])), rounding);
+    const Vec3d a = position(f[0]), normal = (position(f[1]) - a).cross(position(f[2]) - a).normalized();
+    for (std::uint32_t v = 0; v < mesh.positions.size(); ++v) ASSERT_LT(normal.dot(position(v) - a), rounding);
   }
   for (const auto& p : mesh.positions) {
     const double from_axis = std::hypot(p[0], p[1]), from_tip = std::hypot(from_axis, std::min(p[2], 0.0f));

@@ -20,7 +20,8 @@ using test_support::TemporaryFolder;
 using test_support::write_bytes;
 using ::testing::HasSubstr;
 
-std::string refusal(const std::filesystem::path& path) {
+/// Returns the error message of opening the file, or an empty string if it succeeds.
+std::string open_error(const std::filesystem::path& path) {
   try {
     const MappedModel model{path};
   } catch (const ModelError& e) {
@@ -44,7 +45,7 @@ class ModelFile : public ::testing::Test {
   std::string bytes_;
 };
 
-TEST_F(ModelFile, GivesBackWhatWasWritten) {
+TEST_F(ModelFile, RestoresTheWrittenModel) {
   OwnedModel model;
   const MappedModel mapped{path_, &model};
   const auto same = [](const auto& a, const auto& b) {
@@ -61,31 +62,30 @@ TEST_F(ModelFile, GivesBackWhatWasWritten) {
   EXPECT_EQ(mapped.provenance().cleaned.duplicate_faces, 7u);
 }
 
-TEST_F(ModelFile, IsKnownByItsFirstBytes) {
+TEST_F(ModelFile, IsRecognizedByItsFirstBytes) {
   EXPECT_TRUE(is_model_file(path_));
   write_bytes(folder_.path() / "other", "solid nothing");
   EXPECT_FALSE(is_model_file(folder_.path() / "other"));
   EXPECT_FALSE(is_model_file(folder_.path() / "missing"));
 }
 
-TEST_F(ModelFile, AnyFlippedBitIsRefused) {
-  // Every byte of header and table, and bytes all over the sections.
-  for (std::size_t at = 0; at < bytes_.size(); at += at < 512 ? 1 : 997) {
+TEST_F(ModelFile, RefusesAnyFlippedBitExceptInThePadding) {
+  // Every byte of the header and of the section table, and samples of the sections.
+  for (std::size_t i = 0; i < bytes_.size(); i += i < 512 ? 1 : 997) {
     std::string damaged = bytes_;
-    damaged[at] = static_cast<char>(damaged[at] ^ 1 << at % 8);
+    damaged[i] = static_cast<char>(damaged[i] ^ 1 << i % 8);
     write_bytes(path_, damaged);
-    const std::string message = refusal(path_);
-    // The few bytes of padding between sections carry nothing.
+    const std::string message = open_error(path_);
     if (message.empty()) {
-      ASSERT_EQ(bytes_[at], 0) << "byte " << at;
-      ASSERT_EQ(MappedModel{path_}.summary().digest, built_.summary.digest) << "byte " << at;
+      ASSERT_EQ(bytes_[i], 0) << "byte " << i << " is no padding";
+      ASSERT_EQ(MappedModel{path_}.summary().digest, built_.summary.digest) << "byte " << i;
     } else {
       ASSERT_THAT(message, HasSubstr("organ.spm"));
     }
   }
 }
 
-TEST_F(ModelFile, AFlippedBitInEachSectionNamesTheSection) {
+TEST_F(ModelFile, TheErrorOfAFlippedBitNamesTheSection) {
   const char* names[] = {"base mesh", "codes", "lists", "sizes", "statistics"};
   for (std::size_t i = 0; i < 5; ++i) {
     std::uint64_t offset = 0;
@@ -93,40 +93,40 @@ TEST_F(ModelFile, AFlippedBitInEachSectionNamesTheSection) {
     std::string damaged = bytes_;
     damaged[offset + 5] = static_cast<char>(damaged[offset + 5] ^ 16);
     write_bytes(path_, damaged);
-    EXPECT_THAT(refusal(path_), HasSubstr(std::string{"section "} + names[i] + ": checksum")) << names[i];
+    EXPECT_THAT(open_error(path_), HasSubstr(std::string{"section "} + names[i] + ": checksum")) << names[i];
   }
 }
 
-TEST_F(ModelFile, EveryTruncationIsRefused) {
+TEST_F(ModelFile, RefusesEveryTruncation) {
   for (std::size_t size = 0; size < bytes_.size(); size += size < 512 ? 7 : 4999) {
     write_bytes(path_, bytes_.substr(0, size));
-    ASSERT_THAT(refusal(path_), HasSubstr("bytes")) << size;
+    ASSERT_THAT(open_error(path_), HasSubstr("bytes")) << size;
   }
 }
 
-TEST_F(ModelFile, ALaterVersionIsRefusedWithBothNamed) {
+TEST_F(ModelFile, RefusesALaterVersionAndNamesBothVersions) {
   std::string later = bytes_;
   later[8] = 9;
   write_bytes(path_, later);
-  EXPECT_THAT(refusal(path_), HasSubstr("version 9"));
-  EXPECT_THAT(refusal(path_), HasSubstr("version 6"));
+  EXPECT_THAT(open_error(path_), HasSubstr("version 9"));
+  EXPECT_THAT(open_error(path_), HasSubstr("version 6"));
 }
 
-TEST_F(ModelFile, RefusesWhatIsMissingEmptyOrNoFile) {
-  EXPECT_THAT(refusal(folder_.path() / "missing.spm"), HasSubstr("No such file"));
+TEST_F(ModelFile, RefusesAMissingFileAnEmptyFileAndAFolder) {
+  EXPECT_THAT(open_error(folder_.path() / "missing.spm"), HasSubstr("No such file"));
   write_bytes(path_, "");
-  EXPECT_THAT(refusal(path_), HasSubstr("found 0 bytes"));
-  EXPECT_THAT(refusal(folder_.path()), HasSubstr("no regular file"));
+  EXPECT_THAT(open_error(path_), HasSubstr("found 0 bytes"));
+  EXPECT_THAT(open_error(folder_.path()), HasSubstr("no regular file"));
 }
 
-TEST_F(ModelFile, ASoundChecksumOverABrokenModelIsRefused) {
-  BuiltModel broken = built_;
-  ++broken.parts[3].radius;
-  write_model(path_, broken.model(), {});
-  EXPECT_THAT(refusal(path_), HasSubstr("record 3: radius code"));
+TEST_F(ModelFile, RefusesAnInvalidModelWithCorrectChecksums) {
+  BuiltModel damaged = built_;
+  ++damaged.parts[3].radius;
+  write_model(path_, damaged.model(), {});
+  EXPECT_THAT(open_error(path_), HasSubstr("record 3: radius code"));
 }
 
-TEST_F(ModelFile, AnUnwritablePathIsRefusedAndLeavesNothing) {
+TEST_F(ModelFile, RefusesAPathThatCannotBeWrittenAndLeavesNoFile) {
   EXPECT_THROW(write_model(folder_.path() / "no" / "such" / "folder.spm", built_.model(), {}), ModelError);
   std::filesystem::create_directory(folder_.path() / "taken.spm");
   std::filesystem::create_directory(folder_.path() / "taken.spm" / "inside");
@@ -139,7 +139,7 @@ TEST_F(ModelFile, AnUnwritablePathIsRefusedAndLeavesNothing) {
   EXPECT_EQ(entries, 2u);  // organ.spm and taken.spm
 }
 
-TEST_F(ModelFile, WritingOverAModelLeavesTheMappedOneIntact) {
+TEST_F(ModelFile, OverwritingAFileDoesNotChangeTheModelMappedFromIt) {
   const MappedModel mapped{path_};
   const BuiltModel other = build_model(generate(Shape::kSphere, 1000));
   write_model(path_, other.model(), {});
@@ -149,7 +149,7 @@ TEST_F(ModelFile, WritingOverAModelLeavesTheMappedOneIntact) {
   EXPECT_EQ(MappedModel{path_}.summary().digest, other.summary.digest);
 }
 
-TEST_F(ModelFile, TheDigestFollowsThePositionsButNotTheSource) {
+TEST_F(ModelFile, TheDigestDependsOnThePositions) {
   EXPECT_EQ(digest_of(built_.model()), built_.summary.digest);
   BuiltModel other = built_;
   other.positions[0][0] += 1;

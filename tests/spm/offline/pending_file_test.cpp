@@ -20,7 +20,7 @@ using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 
-/// No file of this process grows beyond `bytes` as long as this lives: a disk that fills up.
+/// Simulates a full disk: during its lifetime, no file of this process can become larger than `bytes`.
 class FileSizeLimit {
  public:
   explicit FileSizeLimit(rlim_t bytes) : handler_{::signal(SIGXFSZ, SIG_IGN)} {
@@ -46,9 +46,9 @@ class PendingFileTest : public ::testing::Test {
       all.push_back(entry.path().filename().string());
     return all;
   }
-  /// What writing says of its failure; empty when it does not fail.
+  /// Returns the error message of `write`, or an empty string if it succeeds.
   template <class Write>
-  static std::string failure(Write write) {
+  static std::string error_of(Write write) {
     const FileSizeLimit limit{1000};
     try {
       write();
@@ -61,7 +61,7 @@ class PendingFileTest : public ::testing::Test {
   test_support::TemporaryFolder folder_;
 };
 
-TEST_F(PendingFileTest, IsThereOnlyOnceItIsCommitted) {
+TEST_F(PendingFileTest, ReplacesTheOldFileOnlyAtCommit) {
   const std::filesystem::path path = folder_.path() / "file";
   write_bytes(path, "old");
   {
@@ -74,7 +74,7 @@ TEST_F(PendingFileTest, IsThereOnlyOnceItIsCommitted) {
   EXPECT_THAT(names(), ElementsAre("file"));
 }
 
-TEST_F(PendingFileTest, LeavesNothingWhenItIsNotCommitted) {
+TEST_F(PendingFileTest, LeavesNoFileWithoutACommit) {
   {
     PendingFile file{folder_.path() / "file"};
     file.write("new", 3);
@@ -84,23 +84,23 @@ TEST_F(PendingFileTest, LeavesNothingWhenItIsNotCommitted) {
   EXPECT_THAT(names(), IsEmpty());
 }
 
-TEST_F(PendingFileTest, AMeshOfAnyFormatThatDoesNotFitOnTheDiskLeavesTheOldFileAsItWas) {
+TEST_F(PendingFileTest, AMeshThatDoesNotFitOnTheDiskDoesNotChangeTheOldFile) {
   const TriangleMesh mesh = generate(Shape::kSphere, 1000);
   for (const std::string name : {"mesh.ply", "mesh.obj", "mesh.stl"}) {
     const std::filesystem::path path = folder_.path() / name;
     write_bytes(path, "old");
-    EXPECT_THAT(failure([&] { write_mesh(path, mesh); }), HasSubstr(name + ": cannot be written: File too large"));
+    EXPECT_THAT(error_of([&] { write_mesh(path, mesh); }), HasSubstr(name + ": cannot be written: File too large"));
     EXPECT_EQ(read_bytes(path), "old");
     EXPECT_THAT(names(), ElementsAre(name));
     std::filesystem::remove(path);
   }
 }
 
-TEST_F(PendingFileTest, AModelThatDoesNotFitOnTheDiskLeavesTheOldFileAsItWas) {
+TEST_F(PendingFileTest, AModelThatDoesNotFitOnTheDiskDoesNotChangeTheOldFile) {
   const BuiltModel built = build_model(generate(Shape::kSphere, 1000));
   const std::filesystem::path path = folder_.path() / "model.spm";
   write_bytes(path, "old");
-  EXPECT_THAT(failure([&] { write_model(path, built.model(), {}); }), HasSubstr("model.spm: cannot be written: File"));
+  EXPECT_THAT(error_of([&] { write_model(path, built.model(), {}); }), HasSubstr("model.spm: cannot be written: File"));
   EXPECT_EQ(read_bytes(path), "old");
   EXPECT_THAT(names(), ElementsAre("model.spm"));
 }

@@ -32,8 +32,8 @@ Box box_of(const Model& model, const Region& region) {
   return box;
 }
 
-/// Whether anything of the triangle is left once it is clipped against the six sides of the box.
-bool clipped_is_left(std::vector<Vec3d> polygon, const Box& box) {
+/// Returns whether the polygon and the box intersect, by clipping the polygon against the six sides of the box.
+bool intersects(std::vector<Vec3d> polygon, const Box& box) {
   for (int axis = 0; axis < 3; ++axis) {
     for (const double side : {1.0, -1.0}) {
       const double limit = side > 0 ? box.high[axis] : -box.low[axis];
@@ -77,34 +77,35 @@ class EveryMeshInRegions : public ::testing::TestWithParam<ZooMesh> {
 INSTANTIATE_TEST_SUITE_P(Zoo, EveryMeshInRegions, ::testing::ValuesIn(mesh_zoo()),
                          [](const auto& test) { return test.param.name; });
 
-TEST_P(EveryMeshInRegions, ARegionAloneShowsEveryFaceThatMeetsItAsInTheFinestMesh) {
+TEST_P(EveryMeshInRegions, ARegionAloneShowsEveryFaceInItsCellAsInTheFinestMesh) {
   const Model model = built_.model();
   for (std::uint32_t i = 0; i < model.summary.regions; ++i) {
     ReferenceMesh mesh{model};
     ASSERT_TRUE(mesh.apply_region(i)) << "region " << i;
     const Box box = box_of(model, model.regions[i]);
-    std::uint32_t meeting = 0;
+    std::uint32_t intersecting = 0;
     for (std::uint32_t f = 0; f < model.summary.faces; ++f) {
-      if (!clipped_is_left(triangle(f), box)) continue;
-      ++meeting;
+      if (!intersects(triangle(f), box)) continue;
+      ++intersecting;
       ASSERT_TRUE(mesh.finest(f)) << "region " << i << ", face " << f;
       ASSERT_EQ(mesh.corners(f), finest_[f]) << "region " << i << ", face " << f;
     }
-    EXPECT_LE(meeting, model.regions[i].face_count) << "region " << i;
+    EXPECT_LE(intersecting, model.regions[i].face_count) << "region " << i;
   }
 }
 
-TEST_P(EveryMeshInRegions, EveryPointOfEveryFaceLiesInALabelledCell) {
+TEST_P(EveryMeshInRegions, RandomPointsOfEveryFaceLieInLabelledCells) {
   const Model model = built_.model();
   std::mt19937 random{11};
   std::uniform_real_distribution<double> share{0, 1};
   std::vector<Box> boxes;
   for (const Region& region : model.regions) boxes.push_back(box_of(model, region));
   for (std::uint32_t f = 0; f < model.summary.faces; ++f) {
-    const std::vector<Vec3d> corner = triangle(f);
+    const std::vector<Vec3d> corners = triangle(f);
     double a = share(random), b = share(random);
     if (a + b > 1) a = 1 - a, b = 1 - b;
-    for (const Vec3d& p : {corner[0], Vec3d{corner[0] + a * (corner[1] - corner[0]) + b * (corner[2] - corner[0])}}) {
+    const Vec3d inner = corners[0] + a * (corners[1] - corners[0]) + b * (corners[2] - corners[0]);
+    for (const Vec3d& p : {corners[0], inner}) {
       const bool covered = std::any_of(boxes.begin(), boxes.end(), [&](const Box& box) {
         return (p.array() >= box.low.array()).all() && (p.array() <= box.high.array()).all();
       });
@@ -113,7 +114,7 @@ TEST_P(EveryMeshInRegions, EveryPointOfEveryFaceLiesInALabelledCell) {
   }
 }
 
-TEST(Partition, DividesADenseCornerMoreThanTheRest) {
+TEST(Partition, DividesTheCellsWithTooManyFaces) {
   TriangleMesh mesh = test_support::grid_patch(40, 40);
   TriangleMesh dense = test_support::grid_patch(40, 40);
   for (std::array<float, 3>& p : dense.positions) p = {p[0] / 40, p[1] / 40, 1};
@@ -130,7 +131,7 @@ TEST(Partition, DividesADenseCornerMoreThanTheRest) {
   EXPECT_GT(deep, 8u);
 }
 
-TEST(Partition, DoesNotDivideAStackOfSheetsForNothing) {
+TEST(Partition, DoesNotDivideCellsWhenDivisionRepeatsMostFaces) {
   TriangleMesh stack;
   for (std::uint32_t i = 0; i < 400; ++i) {
     const float z = static_cast<float>(i) * 1e-4f;

@@ -21,7 +21,7 @@ using ::testing::Contains;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 
-BuiltModel sound_model() {
+BuiltModel valid_model() {
   BuildOptions options;
   options.simplify.base_faces = 40;
   options.partition.cell_faces = 60;
@@ -31,13 +31,13 @@ BuiltModel sound_model() {
 struct Damage {
   const char* name;
   std::function<void(BuiltModel&)> apply;
-  const char* message;  ///< part of what violations() says
+  const char* message;  ///< a part of the violation that violations() returns
 };
 
 class EveryDamage : public ::testing::TestWithParam<Damage> {};
 
-TEST_P(EveryDamage, IsFound) {
-  BuiltModel model = sound_model();
+TEST_P(EveryDamage, IsReported) {
+  BuiltModel model = valid_model();
   ASSERT_THAT(violations(model.model()), IsEmpty());
   GetParam().apply(model);
   EXPECT_THAT(violations(model.model()), Contains(HasSubstr(GetParam().message)));
@@ -57,9 +57,9 @@ std::uint32_t record_with_radius(const BuiltModel& m) {
 
 const std::vector<Damage> kDamages{
     {"NoFaces", [](BuiltModel& m) { m.summary.faces = 0; }, "faces: found 0"},
-    {"AFaceThatNothingBears", [](BuiltModel& m) { m.parts[m.summary.records - 1].born_count = 1; },
+    {"FaceThatNoRecordBears", [](BuiltModel& m) { m.parts[m.summary.records - 1].born_count = 1; },
      "neither in the base mesh nor born"},
-    {"FarTooManyFaces", [](BuiltModel& m) { m.summary.faces = kMaxFaces - 1; }, "parts have room"},
+    {"TooManyFaces", [](BuiltModel& m) { m.summary.faces = kMaxFaces - 1; }, "parts have room"},
     {"VerticesMissing", [](BuiltModel& m) { m.positions.pop_back(); }, "positions: found"},
     {"PartsMissing", [](BuiltModel& m) { m.parts.pop_back(); }, "parts: found"},
     {"PositionNotFinite", [](BuiltModel& m) { m.positions[5][1] = std::nanf(""); }, "vertex 5: position not finite"},
@@ -69,7 +69,7 @@ const std::vector<Damage> kDamages{
      "cell size"},
     {"OriginNotFinite", [](BuiltModel& m) { m.summary.grid.origin[2] = std::nan(""); }, "grid origin"},
     {"ScaleNegative", [](BuiltModel& m) { m.summary.metres_per_unit = -1; }, "metres per unit"},
-    {"BaseCornerNotBase", [](BuiltModel& m) { m.base_faces[0].corners[1] = VertexId{m.summary.base_vertices}; },
+    {"BaseCornerNotABaseVertex", [](BuiltModel& m) { m.base_faces[0].corners[1] = VertexId{m.summary.base_vertices}; },
      "base face 0: corner"},
     {"BaseFaceTwice", [](BuiltModel& m) { m.base_faces[1].face = m.base_faces[0].face; }, "is used twice"},
     {"BaseFaceIdTooHigh", [](BuiltModel& m) { m.base_faces[0].face = FaceId{m.summary.faces}; },
@@ -79,12 +79,12 @@ const std::vector<Damage> kDamages{
      "record 7: parent"},
     {"TooManyBorn", [](BuiltModel& m) { m.parts[7].born_count = 3; }, "record 7: 3 born"},
     {"TooManyDeformed", [](BuiltModel& m) { m.parts[7].deformed_count = 255; }, "255 deformed"},
-    {"BornOrderSix", [](BuiltModel& m) { m.parts[7].born[0].bits = (m.parts[7].born[0].bits & ~14u) | 12u; },
+    {"BornFaceInOrderSix", [](BuiltModel& m) { m.parts[7].born[0].bits = (m.parts[7].born[0].bits & ~14u) | 12u; },
      "in order 6"},
     {"BornFaceTooHigh", [](BuiltModel& m) { m.parts[7].born[0] = BornRef::make(FaceId{m.summary.faces}, 0, true); },
      "record 7: bears face"},
     {"BornTwice", [](BuiltModel& m) { m.parts[7].born[1] = m.parts[7].born[0]; }, "which exists already"},
-    {"ThirdCornerFromTheFuture", [](BuiltModel& m) { m.parts[7].born_x[0] = VertexId{m.summary.vertices - 1}; },
+    {"ThirdCornerOfALaterRecord", [](BuiltModel& m) { m.parts[7].born_x[0] = VertexId{m.summary.vertices - 1}; },
      "record 7: third corner"},
     {"DeformedFaceTooHigh",
      [](BuiltModel& m) {
@@ -93,24 +93,24 @@ const std::vector<Damage> kDamages{
      "deforms corner"},
     {"DeformedCornerThree", [](BuiltModel& m) { m.parts[record_with_deformed(m)].deformed[0].bits |= 6u; },
      "deforms corner 3"},
-    {"DeformedCornerOfAnother",
+    {"DeformedCornerWithAnotherVertex",
      [](BuiltModel& m) {
        DeformedRef& d = m.parts[record_with_deformed(m)].deformed[0];
        d = DeformedRef::make(d.face(), (d.corner() + 1) % 3, d.is_finest());
      },
      "expected its parent"},
-    {"FinestForgotten",
+    {"FinestFaceNotMarked",
      [](BuiltModel& m) {
        for (BornRef& born : m.parts[m.summary.records - 1].born) born.bits &= ~1u;
      },
      "not marked as finest"},
     {"RadiusTooSmall", [](BuiltModel& m) { --m.parts[record_with_radius(m)].radius; }, ": radius code"},
     {"RadiusTooLarge", [](BuiltModel& m) { ++m.parts[record_with_radius(m)].radius; }, ": radius code"},
-    {"RadiusOfALeaf", [](BuiltModel& m) { m.parts[m.summary.records - 1].radius = 1; }, ": radius code 1"},
+    {"RadiusOfAnUnsplitVertex", [](BuiltModel& m) { m.parts[m.summary.records - 1].radius = 1; }, ": radius code 1"},
     {"RadiusNotFinite", [](BuiltModel& m) { m.parts[9].radius = kRadiusCodes; }, "record 9: radius code 4080"},
     {"BaseRadiusTooSmall", [](BuiltModel& m) { m.base_radii[0] = 0; }, "vertex 0: radius code 0"},
     {"BaseRadiiMissing", [](BuiltModel& m) { m.base_radii.pop_back(); }, "base radii: found"},
-    {"DeviationBelowTheGreatestRadius", [](BuiltModel& m) { m.summary.deviation *= 0.9; }, "deviation: found"},
+    {"DeviationBelowTheLargestRadius", [](BuiltModel& m) { m.summary.deviation *= 0.9; }, "deviation: found"},
     {"MaxLevelWrong", [](BuiltModel& m) { ++m.summary.max_level; }, "max level"},
     {"ChainIntoARecord", [](BuiltModel& m) { m.parts[9].next = PartIndex{10}; }, "record 9: continues in part 10"},
     {"ChainBeyondTheEnd", [](BuiltModel& m) { m.parts[9].next = PartIndex{m.summary.parts}; }, "record 9: continues"},
@@ -124,16 +124,16 @@ const std::vector<Damage> kDamages{
      },
      "lies within the cell"},
     {"CellTooDeep", [](BuiltModel& m) { m.regions[1].depth = 60; }, "depth 60"},
-    {"RunsBeyondTheEnd", [](BuiltModel& m) { m.regions[1].interval_count += 10000000; }, "region 1: intervals"},
-    {"RunBackwards",
+    {"IntervalsBeyondTheEnd", [](BuiltModel& m) { m.regions[1].interval_count += 10000000; }, "region 1: intervals"},
+    {"IntervalsNotAscending",
      [](BuiltModel& m) {
        const auto region =
            std::find_if(m.regions.begin(), m.regions.end(), [](const Region& r) { return r.interval_count > 1; });
        m.intervals[region->first_interval + 1].first = m.intervals[region->first_interval].first;
      },
      "expected ascending intervals"},
-    {"RunBeyondTheRecords", [](BuiltModel& m) { m.intervals[1].count = kNone; }, "expected ascending intervals"},
-    {"RunEmpty", [](BuiltModel& m) { m.intervals[0].count = 0; }, "expected ascending intervals"},
+    {"IntervalBeyondTheRecords", [](BuiltModel& m) { m.intervals[1].count = kNone; }, "expected ascending intervals"},
+    {"IntervalEmpty", [](BuiltModel& m) { m.intervals[0].count = 0; }, "expected ascending intervals"},
     {"RecordCountWrong", [](BuiltModel& m) { --m.regions[0].record_count; }, "region 0:"},
     {"PartCountWrong", [](BuiltModel& m) { ++m.regions[0].part_count; }, "region 0:"},
     {"ListNotClosed",
@@ -149,53 +149,59 @@ const std::vector<Damage> kDamages{
 INSTANTIATE_TEST_SUITE_P(Damages, EveryDamage, ::testing::ValuesIn(kDamages),
                          [](const auto& test) { return test.param.name; });
 
-TEST(Violations, LeavesNoRecordThatAClosedListCouldMiss) {
-  // Take one record out of a list: either something in the list needed it, or the list was longer than its closure.
-  const BuiltModel sound = sound_model();
-  for (std::uint32_t i = 0; i < sound.summary.regions; ++i) {
-    const Region& region = sound.regions[i];
+/// Returns the model without `record` in the list of `region`. Requires that the list contains the record and that the
+/// record has one part.
+BuiltModel without_record(const BuiltModel& valid, std::uint32_t region, std::uint32_t record) {
+  BuiltModel damaged = valid;
+  Region& damaged_region = damaged.regions[region];
+  const std::uint32_t first = valid.regions[region].first_interval, end = first + valid.regions[region].interval_count;
+  damaged.intervals.clear();
+  for (std::uint32_t i = 0; i < valid.intervals.size(); ++i) {
+    const spm::Interval interval = valid.intervals[i];
+    const std::uint32_t interval_end = interval.first + interval.count;
+    if (i < first || i >= end || record < interval.first || record >= interval_end) {
+      damaged.intervals.push_back(interval);
+      continue;
+    }
+    --damaged_region.interval_count;
+    for (const spm::Interval part : {spm::Interval{interval.first, record - interval.first},
+                                     spm::Interval{record + 1, interval_end - record - 1}}) {
+      if (part.count == 0) continue;
+      damaged.intervals.push_back(part);
+      ++damaged_region.interval_count;
+    }
+  }
+  --damaged_region.record_count;
+  --damaged_region.part_count;
+  for (std::uint32_t i = 1; i < damaged.regions.size(); ++i)
+    damaged.regions[i].first_interval = damaged.regions[i - 1].first_interval + damaged.regions[i - 1].interval_count;
+  return damaged;
+}
+
+TEST(Violations, ReportsAListWithoutARecordExactlyWhenAnotherRecordOfTheListNeedsIt) {
+  const BuiltModel valid = valid_model();
+  for (std::uint32_t i = 0; i < valid.summary.regions; ++i) {
+    const Region& region = valid.regions[i];
     std::mt19937 random{i};
-    const spm::Interval& run = sound.intervals[region.first_interval + random() % region.interval_count];
-    const std::uint32_t left_out = run.first + static_cast<std::uint32_t>(random() % run.count);
-    ReferenceMesh mesh{sound.model()};
-    bool complete = true;
-    for (const spm::Interval& r : sound.model().intervals_of(RegionId{i})) {
-      for (std::uint32_t k = r.first; k < r.first + r.count; ++k) complete &= k == left_out || mesh.apply(k);
+    const spm::Interval& chosen = valid.intervals[region.first_interval + random() % region.interval_count];
+    const std::uint32_t left_out = chosen.first + static_cast<std::uint32_t>(random() % chosen.count);
+    ReferenceMesh mesh{valid.model()};
+    bool closed = true;
+    for (const spm::Interval& interval : valid.model().intervals_of(RegionId{i})) {
+      for (std::uint32_t r = interval.first; r < interval.first + interval.count; ++r)
+        closed &= r == left_out || mesh.apply(r);
     }
-    BuiltModel broken = sound;
-    std::vector<spm::Interval> intervals;
-    for (std::uint32_t k = 0; k < sound.intervals.size(); ++k) {
-      const spm::Interval r = sound.intervals[k];
-      const bool here = k >= region.first_interval && k < region.first_interval + region.interval_count &&
-                        left_out >= r.first && left_out < r.first + r.count;
-      if (!here) {
-        intervals.push_back(r);
-        continue;
-      }
-      broken.regions[i].interval_count -= 1;
-      for (const spm::Interval part : {spm::Interval{r.first, left_out - r.first},
-                                       spm::Interval{left_out + 1, r.first + r.count - left_out - 1}}) {
-        if (part.count == 0) continue;
-        intervals.push_back(part);
-        ++broken.regions[i].interval_count;
-      }
-    }
-    broken.intervals = intervals;
-    --broken.regions[i].record_count;
-    --broken.regions[i].part_count;
-    for (std::uint32_t k = 1; k < broken.regions.size(); ++k) {
-      broken.regions[k].first_interval = broken.regions[k - 1].first_interval + broken.regions[k - 1].interval_count;
-    }
-    EXPECT_EQ(violations(broken.model()).empty(), complete) << "region " << i << " without record " << left_out;
+    EXPECT_EQ(violations(without_record(valid, i, left_out).model()).empty(), closed)
+        << "region " << i << " without record " << left_out;
   }
 }
 
-TEST(Violations, WhateverPassesAfterRandomDamageCanBeReplayed) {
-  const BuiltModel sound = sound_model();
+TEST(Violations, AModelWithRandomDamageIsReportedOrEachOfItsRegionsCanBeApplied) {
+  const BuiltModel valid = valid_model();
   std::mt19937 random{3};
   std::uint32_t passed = 0;
   for (int round = 0; round < 3000; ++round) {
-    BuiltModel model = sound;
+    BuiltModel model = valid;
     const auto damage = [&random](auto& array) {
       auto* bytes = reinterpret_cast<unsigned char*>(array.data());
       bytes[random() % (array.size() * sizeof(array[0]))] ^= static_cast<unsigned char>(1u << random() % 8);
@@ -223,24 +229,24 @@ TEST(Violations, WhateverPassesAfterRandomDamageCanBeReplayed) {
   EXPECT_LT(passed, 3000u);
 }
 
-TEST(Violations, ASealThatIsNotOfTheListIsFound) {
-  BuiltModel broken = sound_model();
-  ++broken.regions[1].checksum;
-  EXPECT_THAT(violations(broken.model()), Contains(HasSubstr("region 1: checksum")));
+TEST(Violations, ReportsAWrongChecksum) {
+  BuiltModel damaged = valid_model();
+  ++damaged.regions[1].checksum;
+  EXPECT_THAT(violations(damaged.model()), Contains(HasSubstr("region 1: checksum")));
 }
 
-TEST(Violations, ABaseMeshIsHeldToTheSameRules) {
-  const BaseMesh sound = base_mesh_of(sound_model().model());
-  ASSERT_THAT(violations(sound), IsEmpty());
-  BaseMesh broken = sound;
-  broken.faces[3].corners[0] = VertexId{broken.summary.base_vertices};
-  EXPECT_THAT(violations(broken), Contains(HasSubstr("base face 3: corner")));
-  broken = sound;
-  broken.positions.pop_back();
-  EXPECT_THAT(violations(broken), Contains(HasSubstr("base positions")));
-  broken = sound;
-  broken.regions[0].record_count = broken.summary.records + 1;
-  EXPECT_THAT(violations(broken), Contains(HasSubstr("region 0")));
+TEST(Violations, ReportsTheViolationsOfABaseMesh) {
+  const BaseMesh valid = base_mesh_of(valid_model().model());
+  ASSERT_THAT(violations(valid), IsEmpty());
+  BaseMesh damaged = valid;
+  damaged.faces[3].corners[0] = VertexId{damaged.summary.base_vertices};
+  EXPECT_THAT(violations(damaged), Contains(HasSubstr("base face 3: corner")));
+  damaged = valid;
+  damaged.positions.pop_back();
+  EXPECT_THAT(violations(damaged), Contains(HasSubstr("base positions")));
+  damaged = valid;
+  damaged.regions[0].record_count = damaged.summary.records + 1;
+  EXPECT_THAT(violations(damaged), Contains(HasSubstr("region 0")));
 }
 
 }  // namespace
