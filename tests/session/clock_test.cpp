@@ -12,24 +12,24 @@ constexpr std::int64_t kMs = 1'000'000;
 constexpr Origin kReference{1, 10, 1, 0};
 constexpr Origin kRequester{1, 20, 1, 0};
 
-/// A reference and a requester whose clocks drift apart, joined by a link of given delays.
-class Pair {
+/// A reference and a requester. The clock of the requester has an offset and a drift relative to that of the reference.
+class ClockPair {
  public:
-  Pair(std::int64_t offset, double drift) : offset_{offset}, drift_{drift} {
+  ClockPair(std::int64_t offset, double drift) : offset_{offset}, drift_{drift} {
     reference_.set_reference(10, 1, 0);
     requester_.set_reference(10, 1, local(0));
   }
-  /// Starts the requester's program at this reference time.
-  void begin_requester_at(std::int64_t t) { requester_ = SessionClock{kRequester, {}, local(t)}; }
+  /// Restarts the requester at reference time `t`.
+  void restart_requester(std::int64_t t) { requester_ = SessionClock{kRequester, {}, local(t)}; }
   /// The requester's local clock at a reference time.
   [[nodiscard]] std::int64_t local(std::int64_t t) const {
     return t + offset_ + static_cast<std::int64_t>(static_cast<double>(t) * drift_);
   }
-  /// One exchange that begins at reference time `t`.
-  bool exchange(std::int64_t t, std::int64_t there, std::int64_t back) {
+  /// Exchanges a request and an answer from reference time `t` on. Returns whether the requester accepts the answer.
+  bool exchange(std::int64_t t, std::int64_t request_delay, std::int64_t answer_delay) {
     const ClockSample request = requester_.request(local(t));
-    const ClockSample answer = reference_.answer(request, t + there, t + there + 10'000);
-    return requester_.on_answer(answer, local(t + there + 10'000 + back));
+    const ClockSample answer = reference_.answer(request, t + request_delay, t + request_delay + 10'000);
+    return requester_.on_answer(answer, local(t + request_delay + 10'000 + answer_delay));
   }
   [[nodiscard]] std::int64_t error(std::int64_t t) const {
     return requester_.map().session_time(local(t)) - reference_.map().session_time(t);
@@ -51,10 +51,10 @@ TEST(SessionClock, IsNotSynchronisedBeforeTheFirstAnswer) {
   EXPECT_EQ(clock.map().error_bound(5), kClockUnknown);
 }
 
-TEST(SessionClock, ErrorStaysWithinItsBoundUnderJitterAndDrift) {
+TEST(SessionClock, TheErrorStaysWithinItsBoundUnderJitterAndDrift) {
   for (const std::uint64_t seed : {1u, 2u, 3u, 4u, 5u}) {
     std::mt19937_64 random{seed};
-    Pair pair{static_cast<std::int64_t>(random() % 4'000'000'000'000) - 2'000'000'000'000, 100e-6};
+    ClockPair pair{static_cast<std::int64_t>(random() % 4'000'000'000'000) - 2'000'000'000'000, 100e-6};
     for (std::int64_t t = 0; t < 20'000 * kMs; t += 100 * kMs) {
       const auto delay = [&] {
         return static_cast<std::int64_t>(50'000 + random() % (random() % 4 == 0 ? 8'000'000 : 300'000));
@@ -70,35 +70,35 @@ TEST(SessionClock, ErrorStaysWithinItsBoundUnderJitterAndDrift) {
 
 TEST(SessionClock, NeverStepsBack) {
   std::mt19937_64 random{1};
-  Pair pair{0, -150e-6};
-  std::int64_t before = INT64_MIN;
+  ClockPair pair{0, -150e-6};
+  std::int64_t last = INT64_MIN;
   for (std::int64_t t = 0; t < 5'000 * kMs; t += 1 * kMs) {
     if (t % (50 * kMs) == 0) pair.exchange(t - 20 * kMs, static_cast<std::int64_t>(random() % 9'000'000), 100'000);
     if (!pair.requester_.synchronised()) continue;
     const std::int64_t now = pair.requester_.map().session_time(pair.local(t));
-    ASSERT_GE(now, before) << "at " << t;
-    before = now;
+    ASSERT_GE(now, last) << "at " << t;
+    last = now;
   }
 }
 
 TEST(SessionClock, ContinuesItsTimeWhenItBecomesTheReference) {
-  Pair pair{3'000 * kMs, 0};
+  ClockPair pair{3'000 * kMs, 0};
   ASSERT_TRUE(pair.exchange(0, 100'000, 100'000));
-  const std::int64_t at = pair.local(2'000 * kMs);
-  const std::int64_t before = pair.requester_.map().session_time(at);
+  const std::int64_t now = pair.local(2'000 * kMs);
+  const std::int64_t before = pair.requester_.map().session_time(now);
 
-  pair.requester_.set_reference(20, 1, at);
+  pair.requester_.set_reference(20, 1, now);
 
-  EXPECT_EQ(pair.requester_.map().session_time(at), before);
-  EXPECT_EQ(pair.requester_.map().session_time(at + 100), before + 100);
-  EXPECT_EQ(pair.requester_.map().error_bound(at), 0);
+  EXPECT_EQ(pair.requester_.map().session_time(now), before);
+  EXPECT_EQ(pair.requester_.map().session_time(now + 100), before + 100);
+  EXPECT_EQ(pair.requester_.map().error_bound(now), 0);
 }
 
 TEST(SessionClock, ANewReferenceCausesNoStep) {
-  Pair pair{0, 0};
+  ClockPair pair{0, 0};
   ASSERT_TRUE(pair.exchange(0, 100'000, 100'000));
   SessionClock other{{1, 5, 1, 0}, {}, 0};
-  other.set_reference(5, 1, 0);  // its session time is 30 ms ahead
+  other.set_reference(5, 1, 0);  // its session time will be 30 ms ahead
   pair.requester_.set_reference(5, 1, 10 * kMs);
   const ClockSample request = pair.requester_.request(20 * kMs);
   const ClockSample answer = other.answer(request, 50 * kMs, 50 * kMs);
@@ -107,14 +107,14 @@ TEST(SessionClock, ANewReferenceCausesNoStep) {
   ASSERT_TRUE(pair.requester_.on_answer(answer, 20 * kMs));
 
   EXPECT_EQ(pair.requester_.map().session_time(20 * kMs), before);
-  EXPECT_EQ(pair.requester_.map().session_time(2'000 * kMs), 2'030 * kMs) << "agrees after slewing";
-  EXPECT_GE(pair.requester_.map().error_bound(20 * kMs), 30 * kMs - 1) << "the bound covers the error until then";
+  EXPECT_EQ(pair.requester_.map().session_time(2'000 * kMs), 2'030 * kMs) << "the times agree after slewing";
+  EXPECT_GE(pair.requester_.map().error_bound(20 * kMs), 30 * kMs - 1) << "the bound includes the error that is left";
 }
 
-TEST(SessionClock, StepsWhenItsSessionMergesWithAnOlderOne) {
-  Pair pair{3'600'000 * kMs, 0};
-  pair.begin_requester_at(600 * kMs);
-  pair.requester_.set_reference(20, 1, pair.local(600 * kMs));  // alone
+TEST(SessionClock, StepsWhenItsSessionMergesWithAnOlderSession) {
+  ClockPair pair{3'600'000 * kMs, 0};
+  pair.restart_requester(600 * kMs);
+  pair.requester_.set_reference(20, 1, pair.local(600 * kMs));  // it is alone in its session
   ASSERT_EQ(pair.error(700 * kMs), -600 * kMs);
 
   pair.requester_.set_reference(10, 1, pair.local(1000 * kMs));
@@ -126,9 +126,9 @@ TEST(SessionClock, StepsWhenItsSessionMergesWithAnOlderOne) {
 }
 
 TEST(SessionClock, DoesNotStepWhileAForceIsOn) {
-  Pair pair{0, 0};
-  pair.begin_requester_at(600 * kMs);
-  pair.requester_.set_reference(20, 1, pair.local(600 * kMs));  // alone
+  ClockPair pair{0, 0};
+  pair.restart_requester(600 * kMs);
+  pair.requester_.set_reference(20, 1, pair.local(600 * kMs));  // it is alone in its session
   pair.requester_.set_reference(10, 1, pair.local(700 * kMs));
   pair.requester_.set_force_on(true);
   std::int64_t last = pair.requester_.map().session_time(pair.local(700 * kMs));
@@ -136,7 +136,7 @@ TEST(SessionClock, DoesNotStepWhileAForceIsOn) {
     ASSERT_TRUE(pair.exchange(t, kMs, kMs));
     const std::int64_t now = pair.requester_.map().session_time(pair.local(t + 3 * kMs));
     ASSERT_LT(now - last, 110 * kMs) << "at " << t;
-    ASSERT_GE(pair.error_bound(t + 3 * kMs), std::abs(pair.error(t + 3 * kMs))) << "the bound covers the error";
+    ASSERT_GE(pair.error_bound(t + 3 * kMs), std::abs(pair.error(t + 3 * kMs))) << "the bound includes the error";
     last = now;
   }
   EXPECT_TRUE(pair.requester_.waits_for_force_off());
@@ -147,9 +147,9 @@ TEST(SessionClock, DoesNotStepWhileAForceIsOn) {
   EXPECT_LT(std::abs(pair.error(5010 * kMs)), 2 * kMs);
 }
 
-TEST(SessionClock, IsNotSetForTheFirstTimeWhileAForceIsOn) {
-  Pair pair{0, 0};
-  pair.begin_requester_at(600 * kMs);
+TEST(SessionClock, DoesNotSynchroniseForTheFirstTimeWhileAForceIsOn) {
+  ClockPair pair{0, 0};
+  pair.restart_requester(600 * kMs);
   pair.requester_.set_reference(10, 1, pair.local(600 * kMs));
   pair.requester_.set_force_on(true);
   ASSERT_TRUE(pair.exchange(700 * kMs, kMs, kMs));
@@ -171,9 +171,9 @@ TEST(SessionClock, AnswersRequestsOnlyAsTheReference) {
   EXPECT_TRUE(alone.answers_requests());
 }
 
-TEST(SessionClock, SlewsToASlightlyBetterMeasurement) {
-  Pair pair{0, 0};
-  ASSERT_TRUE(pair.exchange(0, 80 * kMs, 0));  // an error of 40 ms, within the bound
+TEST(SessionClock, SlewsToABetterMeasurementWithinTheBound) {
+  ClockPair pair{0, 0};
+  ASSERT_TRUE(pair.exchange(0, 80 * kMs, 0));  // causes an error of 40 ms, within the bound
   const std::int64_t before = pair.requester_.map().session_time(pair.local(999 * kMs));
 
   ASSERT_TRUE(pair.exchange(998 * kMs, kMs, kMs));
@@ -183,28 +183,30 @@ TEST(SessionClock, SlewsToASlightlyBetterMeasurement) {
 }
 
 TEST(SessionClock, RefusesForeignAndImpossibleAnswers) {
-  Pair pair{0, 0};
+  ClockPair pair{0, 0};
   const ClockSample request = pair.requester_.request(0);
-  const ClockSample good = pair.reference_.answer(request, 100, 200);
+  const ClockSample correct = pair.reference_.answer(request, 100, 200);
   const auto refused = [&](auto vary) {
-    ClockSample bad = good;
-    vary(bad);
-    return !pair.requester_.on_answer(bad, 1000);
+    ClockSample answer = correct;
+    vary(answer);
+    return !pair.requester_.on_answer(answer, 1000);
   };
-  EXPECT_TRUE(refused([](ClockSample& s) { s.answer = false; }));
-  EXPECT_TRUE(refused([](ClockSample& s) { s.peer = 21; }));
-  EXPECT_TRUE(refused([](ClockSample& s) { s.origin.participant = 11; }));
-  EXPECT_TRUE(refused([](ClockSample& s) { s.origin.incarnation = 0; }));
-  EXPECT_TRUE(refused([](ClockSample& s) { s.sequence = 7; }));
-  EXPECT_TRUE(refused([](ClockSample& s) { s.t2_ns = s.t1_ns - 1; })) << "answered before the request";
-  EXPECT_TRUE(refused([](ClockSample& s) { s.t2_ns = s.t1_ns + 5000; })) << "took longer there than the round trip";
-  EXPECT_TRUE(refused([](ClockSample& s) { s.t0_ns = INT64_MIN; }));
-  EXPECT_TRUE(pair.requester_.on_answer(good, 1000));
-  EXPECT_FALSE(pair.requester_.on_answer(good, 1000)) << "a repetition";
+  EXPECT_TRUE(refused([](ClockSample& answer) { answer.answer = false; }));
+  EXPECT_TRUE(refused([](ClockSample& answer) { answer.peer = 21; }));
+  EXPECT_TRUE(refused([](ClockSample& answer) { answer.origin.participant = 11; }));
+  EXPECT_TRUE(refused([](ClockSample& answer) { answer.origin.incarnation = 0; }));
+  EXPECT_TRUE(refused([](ClockSample& answer) { answer.sequence = 7; }));
+  EXPECT_TRUE(refused([](ClockSample& answer) { answer.t2_ns = answer.t1_ns - 1; }))
+      << "sent before the request was received";
+  EXPECT_TRUE(refused([](ClockSample& answer) { answer.t2_ns = answer.t1_ns + 5000; }))
+      << "the answer took longer than the round trip";
+  EXPECT_TRUE(refused([](ClockSample& answer) { answer.t0_ns = INT64_MIN; }));
+  EXPECT_TRUE(pair.requester_.on_answer(correct, 1000));
+  EXPECT_FALSE(pair.requester_.on_answer(correct, 1000)) << "a repeated answer";
 }
 
-TEST(SessionClock, GoesOnAfterOneAnswerFromTheFarFuture) {
-  Pair pair{3'000 * kMs, 0};
+TEST(SessionClock, TheErrorStaysWithinItsBoundAfterOneImplausibleAnswer) {
+  ClockPair pair{3'000 * kMs, 0};
   for (std::int64_t t = 0; t < 3'000 * kMs; t += 100 * kMs) {
     if (t == 1'000 * kMs) {
       const ClockSample request = pair.requester_.request(pair.local(t));

@@ -18,57 +18,57 @@ constexpr std::int64_t kMs = 1'000'000;
 class DeliveryClientTest : public testing::Test {
  protected:
   DeliveryClientTest() : client_{kSelf, DeliverySettings{}} {
-    for (const std::uint64_t host : {kHost, kOtherHost}) client_.on_catalogue(entry(host));
+    for (const std::uint64_t host : {kHost, kOtherHost}) client_.on_catalogue(catalogue_entry(host));
     client_.on_host_heartbeat(kHost, 5, now_);
     client_.open(kObject, kDigest);
-    give_base();
+    deliver_base_mesh();
   }
 
-  static CatalogueEntry entry(std::uint64_t host) {
-    CatalogueEntry e;
-    e.origin = {kSession, host, 5, 0};
-    e.object_id = kObject;
-    e.summary.digest = kDigest;
-    return e;
+  static CatalogueEntry catalogue_entry(std::uint64_t host) {
+    CatalogueEntry entry;
+    entry.origin = {kSession, host, 5, 0};
+    entry.object_id = kObject;
+    entry.summary.digest = kDigest;
+    return entry;
   }
 
-  void give_base() {
+  void deliver_base_mesh() {
     ASSERT_TRUE(client_.demand(now_)->need_base);
-    ASSERT_TRUE(take(chunks(spm::kNone, "base", 1)));
+    ASSERT_TRUE(receive(chunks(spm::kNone, "base", 1)));
     client_.answer_base_stored(kObject);
   }
 
-  /// Chunks of one message that holds `text`.
-  std::vector<BulkChunk> chunks(std::uint32_t region, const std::string& text, std::uint32_t parts) {
-    std::vector<BulkChunk> all(parts);
+  /// Chunks with one piece each of a message with this text.
+  std::vector<BulkChunk> chunks(std::uint32_t region, const std::string& text, std::uint32_t count) {
+    std::vector<BulkChunk> result(count);
     const std::vector<std::uint8_t> bytes(text.begin(), text.end());
-    const std::size_t size = (text.size() + parts - 1) / parts;
-    for (std::uint32_t i = 0; i < parts; ++i) {
-      BulkChunk& c = all[i];
-      c.stream = stream_id({kSession, kHost, 5, 0}, kSelf, kObject);
-      c.sent_us = static_cast<std::uint32_t>(now_ / 1000);
-      c.sequence = ++sequence_;
-      c.epoch = epoch_;
-      const std::string part = text.substr(std::min(text.size(), i * size), size);
-      c.pieces.push_back({region, i, parts, checksum_of(bytes), {part.begin(), part.end()}});
+    const std::size_t size = (text.size() + count - 1) / count;
+    for (std::uint32_t i = 0; i < count; ++i) {
+      BulkChunk& chunk = result[i];
+      chunk.stream = stream_id({kSession, kHost, 5, 0}, kSelf, kObject);
+      chunk.sent_us = static_cast<std::uint32_t>(now_ / 1000);
+      chunk.sequence = ++sequence_;
+      chunk.epoch = epoch_;
+      const std::string piece = text.substr(std::min(text.size(), i * size), size);
+      chunk.pieces.push_back({region, i, count, checksum_of(bytes), {piece.begin(), piece.end()}});
     }
-    return all;
+    return result;
   }
   BulkChunk echo() {
-    BulkChunk c = chunks(spm::kNone, "", 1).at(0);
-    c.pieces.clear();
-    return c;
+    BulkChunk chunk = chunks(spm::kNone, "", 1).at(0);
+    chunk.pieces.clear();
+    return chunk;
   }
 
-  /// The demand due now; its epoch becomes that of later chunks.
+  /// Returns the demand that is due after 10 ms. Later chunks have its epoch.
   Demand publish() {
-    const std::optional<Demand> d = client_.demand(now_ += 10 * kMs);
-    if (!d) {
-      ADD_FAILURE() << "no demand due";
+    const std::optional<Demand> demand = client_.demand(now_ += 10 * kMs);
+    if (!demand) {
+      ADD_FAILURE() << "no demand is due";
       return {};
     }
-    epoch_ = d->epoch;
-    return *d;
+    epoch_ = demand->epoch;
+    return *demand;
   }
 
   Demand publish_after_change() {
@@ -76,16 +76,17 @@ class DeliveryClientTest : public testing::Test {
     return publish();
   }
 
-  std::optional<DeliveryClient::Message> take(const std::vector<BulkChunk>& all) {
+  /// Returns the last message that the chunks complete.
+  std::optional<DeliveryClient::Message> receive(const std::vector<BulkChunk>& sent) {
     std::optional<DeliveryClient::Message> message;
-    for (const BulkChunk& c : all) {
-      for (DeliveryClient::Message& complete : client_.on_chunk(c, now_)) message = std::move(complete);
+    for (const BulkChunk& chunk : sent) {
+      for (DeliveryClient::Message& complete : client_.on_chunk(chunk, now_)) message = std::move(complete);
     }
     return message;
   }
 
-  void hold(std::uint32_t region) {
-    ASSERT_TRUE(take(chunks(region, "region " + std::to_string(region), 2)));
+  void deliver_and_hold(std::uint32_t region) {
+    ASSERT_TRUE(receive(chunks(region, "region " + std::to_string(region), 2)));
     client_.answer_stored(kObject, region);
   }
 
@@ -100,44 +101,44 @@ TEST_F(DeliveryClientTest, MeasuresTheRoundTripFromADemandToTheFirstChunkOfItsEp
   client_.set_wanted(kObject, {{4, 0}});
   publish();
   now_ += 40 * kMs;
-  take({echo()});
+  receive({echo()});
   const std::int64_t first = client_.round_trip_ns();
   for (std::uint32_t i = 0; i < 100; ++i) {
     client_.set_wanted(kObject, {{5 + i, 0}});
     publish();
     now_ += 8 * kMs;
-    take({echo()});
+    receive({echo()});
   }
 
   EXPECT_NEAR(static_cast<double>(first), 40 * kMs, 10 * kMs) << "smoothed with the round trip of the base mesh";
   EXPECT_NEAR(static_cast<double>(client_.round_trip_ns()), 8 * kMs, kMs);
 }
 
-TEST_F(DeliveryClientTest, CreditGrowsWithRateTimesRoundTripUpToTheRoom) {
-  const std::uint32_t at_first = publish_after_change().credit;
+TEST_F(DeliveryClientTest, CreditGrowsWithRateTimesRoundTripUpToTheFreeMemory) {
+  const std::uint32_t initial_credit = publish_after_change().credit;
   const std::string text(1100, 'x');
   std::uint32_t credit = 0;
-  for (int trip = 0; trip < 20; ++trip) {
+  for (int round = 0; round < 20; ++round) {
     const Demand demand = publish_after_change();
     credit = demand.credit;
     now_ += 90 * kMs;
-    // 20 MB/s: the whole credit, up to the rate of the link.
-    for (std::uint32_t sent = 0; sent < std::min(credit, 2'000'000u); sent += 1100) take(chunks(1000, text, 2000));
+    // In 100 ms the whole credit arrives, at most 2 MB.
+    for (std::uint32_t sent = 0; sent < std::min(credit, 2'000'000u); sent += 1100) receive(chunks(1000, text, 2000));
   }
   client_.limit_credit(70'000);
-  const std::uint32_t with_limit = publish_after_change().credit;
+  const std::uint32_t limited_credit = publish_after_change().credit;
 
-  EXPECT_EQ(at_first, DeliverySettings{}.credit);
-  EXPECT_GT(credit, 4 * at_first);
+  EXPECT_EQ(initial_credit, DeliverySettings{}.credit);
+  EXPECT_GT(credit, 4 * initial_credit);
   EXPECT_LE(credit, DeliverySettings{}.max_credit);
-  EXPECT_EQ(with_limit, 70'000u);
+  EXPECT_EQ(limited_credit, 70'000u);
 }
 
-TEST_F(DeliveryClientTest, NewRoomIsPublishedAtOnceWhileAnAnswerIsDue) {
+TEST_F(DeliveryClientTest, ANewMemoryLimitIsPublishedAtOnceWhileAnAnswerIsDue) {
   client_.limit_credit(0);
   client_.set_wanted(kObject, {{4, 0}});
   publish();
-  take({echo()});
+  receive({echo()});
   ASSERT_FALSE(client_.demand(now_ += 4 * kMs)) << "nothing has changed";
 
   client_.limit_credit(100'000);
@@ -151,39 +152,39 @@ TEST_F(DeliveryClientTest, AnUrgentRegionIsRequestedAfterAShorterInterval) {
   publish();
   const std::int64_t published = now_;
   client_.set_wanted(kObject, {{4, 2 * settings.urgent_us}, {5, 2 * settings.urgent_us}});
-  EXPECT_FALSE(client_.demand(published + settings.urgent_interval_ns)) << "no contact is near";
+  EXPECT_FALSE(client_.demand(published + settings.urgent_interval_ns)) << "no contact is expected soon";
 
   client_.set_wanted(kObject, {{4, 2 * settings.urgent_us}, {6, settings.urgent_us / 2}});
   ASSERT_TRUE(client_.demand(published + settings.urgent_interval_ns));
 
   client_.set_wanted(kObject, {{6, settings.urgent_us / 4}});
-  EXPECT_FALSE(client_.demand(published + 2 * settings.urgent_interval_ns)) << "it has been requested";
+  EXPECT_FALSE(client_.demand(published + 2 * settings.urgent_interval_ns)) << "region 6 has been requested before";
 }
 
-TEST_F(DeliveryClientTest, JoinsChunksInAnyOrderAndOnce) {
+TEST_F(DeliveryClientTest, JoinsPiecesInAnyOrderAndReturnsTheMessageOnce) {
   client_.set_wanted(kObject, {{4, 0}});
   publish();
-  std::vector<BulkChunk> all = chunks(4, "what the region holds", 5);
-  std::swap(all[0], all[3]);
-  std::swap(all[2], all[4]);
-  all.insert(all.begin() + 2, all[1]);
+  std::vector<BulkChunk> sent = chunks(4, "the bytes of the region", 5);
+  std::swap(sent[0], sent[3]);
+  std::swap(sent[2], sent[4]);
+  sent.insert(sent.begin() + 2, sent[1]);
 
-  const auto message = take(all);
+  const auto message = receive(sent);
 
   ASSERT_TRUE(message);
-  EXPECT_EQ(std::string(message->bytes.begin(), message->bytes.end()), "what the region holds");
+  EXPECT_EQ(std::string(message->bytes.begin(), message->bytes.end()), "the bytes of the region");
   EXPECT_EQ(message->region, 4u);
-  EXPECT_FALSE(take(all)) << "delivered and not answered yet";
+  EXPECT_FALSE(receive(sent)) << "the message was returned before and is not answered yet";
   EXPECT_EQ(client_.partial_bytes(), 0u);
 }
 
 TEST_F(DeliveryClientTest, AChunkCompletesSeveralMessagesAndBeginsAnother) {
   client_.set_wanted(kObject, {{4, 0}, {5, 0}, {6, 0}});
   publish();
-  std::vector<BulkChunk> first = chunks(4, "begun before", 2);
-  const std::vector<BulkChunk> whole = chunks(5, "whole", 1), last = chunks(6, "ends later", 2);
-  ASSERT_FALSE(take({first[0]}));
-  first[1].pieces.push_back(whole[0].pieces[0]);
+  std::vector<BulkChunk> first = chunks(4, "begins in an earlier chunk", 2);
+  const std::vector<BulkChunk> single = chunks(5, "one piece", 1), last = chunks(6, "ends in a later chunk", 2);
+  ASSERT_FALSE(receive({first[0]}));
+  first[1].pieces.push_back(single[0].pieces[0]);
   first[1].pieces.push_back(last[0].pieces[0]);
 
   const std::vector<DeliveryClient::Message> messages = client_.on_chunk(first[1], now_);
@@ -195,14 +196,14 @@ TEST_F(DeliveryClientTest, AChunkCompletesSeveralMessagesAndBeginsAnother) {
   EXPECT_EQ(publish().received, first[1].sequence - 1) << "region 5 waits for its answer";
   client_.answer_stored(kObject, 5);
   EXPECT_EQ(publish().received, first[1].sequence);
-  EXPECT_TRUE(take({last[1]}));
+  EXPECT_TRUE(receive({last[1]}));
 }
 
-TEST_F(DeliveryClientTest, ACancelledMessageMayComeAgainWithOtherParts) {
+TEST_F(DeliveryClientTest, AcceptsACancelledMessageThatIsSentAgainInOtherPieces) {
   client_.set_wanted(kObject, {{4, 0}});
   publish();
-  const std::string text = "what region four has to say";
-  // The same number of parts and bytes, but a shorter first part.
+  const std::string text = "the bytes of region four";
+  // The same number of pieces and bytes, but a shorter first piece.
   std::vector<BulkChunk> again = chunks(4, text, 2);
   const std::vector<BulkChunk> cancelled = chunks(4, text, 2);
   std::vector<std::uint8_t>& first = again[0].pieces[0].payload;
@@ -211,8 +212,8 @@ TEST_F(DeliveryClientTest, ACancelledMessageMayComeAgainWithOtherParts) {
   first.resize(first.size() - 5);
   for (BulkChunk& chunk : again) chunk.sequence = ++sequence_;
 
-  ASSERT_FALSE(take({cancelled[0]}));
-  const auto message = take(again);
+  ASSERT_FALSE(receive({cancelled[0]}));
+  const auto message = receive(again);
 
   ASSERT_TRUE(message);
   EXPECT_EQ(std::string(message->bytes.begin(), message->bytes.end()), text);
@@ -220,122 +221,122 @@ TEST_F(DeliveryClientTest, ACancelledMessageMayComeAgainWithOtherParts) {
 }
 
 TEST_F(DeliveryClientTest, DropsAMessageWhoseChecksumIsWrong) {
-  std::vector<BulkChunk> all = chunks(4, "what the region holds", 3);
-  all[1].pieces[0].payload[0] ^= 1;
+  std::vector<BulkChunk> sent = chunks(4, "the bytes of the region", 3);
+  sent[1].pieces[0].payload[0] ^= 1;
 
-  EXPECT_FALSE(take(all));
+  EXPECT_FALSE(receive(sent));
   EXPECT_EQ(client_.counters().corrupt, 1u);
 }
 
-TEST_F(DeliveryClientTest, IgnoresForeignChunks) {
-  const auto other = [](std::uint64_t session, std::uint64_t host, std::uint64_t incarnation, std::uint64_t hrtc,
-                        std::uint64_t object) {
+TEST_F(DeliveryClientTest, IgnoresForeignAndMalformedChunks) {
+  const auto other_stream = [](std::uint64_t session, std::uint64_t host, std::uint64_t incarnation, std::uint64_t hrtc,
+                               std::uint64_t object) {
     return stream_id({session, host, incarnation, 0}, {session, hrtc, 7, 0}, object);
   };
   const auto variations = std::vector<std::function<void(BulkChunk&)>>{
-      [&](BulkChunk& c) { c.stream = other(2, kHost, 5, kHrtc, kObject); },
-      [&](BulkChunk& c) { c.stream = other(kSession, kHost, 5, 21, kObject); },
-      [&](BulkChunk& c) { c.stream = other(kSession, kHost, 5, kHrtc, 31); },
-      [&](BulkChunk& c) { c.stream = other(kSession, kHost, 4, kHrtc, kObject); },
-      [&](BulkChunk& c) { c.stream = other(kSession, 12, 5, kHrtc, kObject); },
-      [](BulkChunk& c) { c.pieces[0].index = 1; },
-      [](BulkChunk& c) {
-        c.pieces.push_back({spm::kNone, 0, 1, 0, {1}});
+      [&](BulkChunk& chunk) { chunk.stream = other_stream(2, kHost, 5, kHrtc, kObject); },
+      [&](BulkChunk& chunk) { chunk.stream = other_stream(kSession, kHost, 5, 21, kObject); },
+      [&](BulkChunk& chunk) { chunk.stream = other_stream(kSession, kHost, 5, kHrtc, 31); },
+      [&](BulkChunk& chunk) { chunk.stream = other_stream(kSession, kHost, 4, kHrtc, kObject); },
+      [&](BulkChunk& chunk) { chunk.stream = other_stream(kSession, 12, 5, kHrtc, kObject); },
+      [](BulkChunk& chunk) { chunk.pieces[0].index = 1; },
+      [](BulkChunk& chunk) {
+        chunk.pieces.push_back({spm::kNone, 0, 1, 0, {1}});
       },
-      [](BulkChunk& c) { c.epoch += 100; },
-      [](BulkChunk& c) { c.pieces[0].payload.resize(kMaxPayload + 1); }};
+      [](BulkChunk& chunk) { chunk.epoch += 100; },
+      [](BulkChunk& chunk) { chunk.pieces[0].payload.resize(kMaxPayload + 1); }};
   for (const auto& vary : variations) {
-    std::vector<BulkChunk> all = chunks(4, "x", 1);
-    vary(all[0]);
-    EXPECT_FALSE(take(all));
+    std::vector<BulkChunk> sent = chunks(4, "x", 1);
+    vary(sent[0]);
+    EXPECT_FALSE(receive(sent));
   }
   EXPECT_EQ(client_.counters().foreign, variations.size());
 }
 
-TEST_F(DeliveryClientTest, AMessageIsNotReceivedUntilTheCallerAnswersIt) {
+TEST_F(DeliveryClientTest, AMessageCountsAsReceivedOnlyAfterTheAnswerOfTheCaller) {
   client_.set_wanted(kObject, {{4, 0}});
   publish();
-  const std::vector<BulkChunk> all = chunks(4, "abc", 3);
-  ASSERT_TRUE(take(all));
-  EXPECT_EQ(publish().received, all.back().sequence - 1);
+  const std::vector<BulkChunk> sent = chunks(4, "abc", 3);
+  ASSERT_TRUE(receive(sent));
+  EXPECT_EQ(publish().received, sent.back().sequence - 1);
 
   client_.answer_stored(kObject, 4);
 
-  const Demand d = publish();
-  EXPECT_EQ(d.received, all.back().sequence);
-  ASSERT_EQ(d.have.size(), 1u);
-  EXPECT_THAT(d.wanted, IsEmpty());
+  const Demand demand = publish();
+  EXPECT_EQ(demand.received, sent.back().sequence);
+  ASSERT_EQ(demand.have.size(), 1u);
+  EXPECT_THAT(demand.wanted, IsEmpty());
 }
 
-TEST_F(DeliveryClientTest, AnOldHoleIsReportedAndClosedByTheHostsAnswer) {
+TEST_F(DeliveryClientTest, AnOldGapIsReportedUntilTheHostAnswers) {
   client_.set_wanted(kObject, {{4, 0}});
   publish();
-  std::vector<BulkChunk> all = chunks(4, "abcd", 4);
-  const std::uint32_t first = all[0].sequence;
-  all.erase(all.begin() + 1);
-  EXPECT_FALSE(take(all));
-  const std::optional<Demand> young = client_.demand(now_ + DeliverySettings{}.urgent_interval_ns);
-  EXPECT_FALSE(young) << "chunks may overtake each other";
+  std::vector<BulkChunk> sent = chunks(4, "abcd", 4);
+  const std::uint32_t first = sent[0].sequence;
+  sent.erase(sent.begin() + 1);
+  EXPECT_FALSE(receive(sent));
+  const std::optional<Demand> early = client_.demand(now_ + DeliverySettings{}.urgent_interval_ns);
+  EXPECT_FALSE(early) << "the chunk may have been overtaken";
 
-  const Demand d = publish();
+  const Demand demand = publish();
 
-  EXPECT_EQ(d.received, first);
-  EXPECT_EQ(d.newest, first + 3);
-  ASSERT_EQ(d.gaps.size(), 1u);
-  EXPECT_EQ(d.gaps[0].first, first + 1);
-  EXPECT_EQ(d.gaps[0].count, 1u);
+  EXPECT_EQ(demand.received, first);
+  EXPECT_EQ(demand.newest, first + 3);
+  ASSERT_EQ(demand.gaps.size(), 1u);
+  EXPECT_EQ(demand.gaps[0].first, first + 1);
+  EXPECT_EQ(demand.gaps[0].count, 1u);
   EXPECT_EQ(client_.counters().lost, 1u);
-  EXPECT_EQ(publish_after_change().gaps.size(), 1u) << "until the host answers";
+  EXPECT_EQ(publish_after_change().gaps.size(), 1u) << "the host has not answered";
   (void)client_.on_chunk(echo(), now_);
   const Demand after = publish_after_change();
   EXPECT_EQ(after.received, first + 4);
   EXPECT_TRUE(after.gaps.empty());
 }
 
-TEST_F(DeliveryClientTest, AFilledHoleIsNotReported) {
+TEST_F(DeliveryClientTest, AFilledGapIsNotReported) {
   client_.set_wanted(kObject, {{4, 0}});
   publish();
-  std::vector<BulkChunk> all = chunks(4, "abcde", 5);
-  const std::uint32_t last = all.back().sequence;
-  EXPECT_FALSE(take({all[4], all[0]}));
-  EXPECT_FALSE(take({all[2]}));
-  EXPECT_TRUE(take({all[3], all[1]}));
+  std::vector<BulkChunk> sent = chunks(4, "abcde", 5);
+  const std::uint32_t last = sent.back().sequence;
+  EXPECT_FALSE(receive({sent[4], sent[0]}));
+  EXPECT_FALSE(receive({sent[2]}));
+  EXPECT_TRUE(receive({sent[3], sent[1]}));
   client_.answer_stored(kObject, 4);
 
-  const Demand d = publish();
-  EXPECT_EQ(d.received, last);
-  EXPECT_TRUE(d.gaps.empty());
+  const Demand demand = publish();
+  EXPECT_EQ(demand.received, last);
+  EXPECT_TRUE(demand.gaps.empty());
 }
 
 TEST_F(DeliveryClientTest, ReportsTheMinOneWayDelaySinceTheLastDemand) {
   publish_after_change();
-  std::vector<BulkChunk> all = chunks(4, "abc", 3);
+  std::vector<BulkChunk> sent = chunks(4, "abc", 3);
   const auto sent_us = static_cast<std::uint32_t>(now_ / 1000);
-  all[0].sent_us = sent_us - 700;
-  all[1].sent_us = sent_us + 5;  // the clocks are independent
-  all[2].sent_us = sent_us - 20;
-  take(all);
+  sent[0].sent_us = sent_us - 700;
+  sent[1].sent_us = sent_us + 5;  // the clocks of host and HRTC are independent
+  sent[2].sent_us = sent_us - 20;
+  receive(sent);
 
-  const Demand d = publish();
-  EXPECT_EQ(d.arrivals, 3u);
-  EXPECT_EQ(static_cast<std::int32_t>(d.one_way_us), -5);
+  const Demand demand = publish();
+  EXPECT_EQ(demand.arrivals, 3u);
+  EXPECT_EQ(static_cast<std::int32_t>(demand.one_way_us), -5);
   EXPECT_EQ(publish_after_change().arrivals, 0u);
 }
 
 TEST_F(DeliveryClientTest, ARetiredRegionIsReleasedAfterTheEchoAndAllEarlierChunks) {
-  hold(4);
+  deliver_and_hold(4);
   publish();
   ASSERT_TRUE(client_.retire(kObject, 4));
   EXPECT_THAT(publish().have, IsEmpty());
   EXPECT_THAT(client_.take_released(kObject), IsEmpty());
 
   epoch_ -= 1;
-  const std::vector<BulkChunk> before = chunks(5, "relies on region 4", 1);
+  const std::vector<BulkChunk> of_earlier_epoch = chunks(5, "relies on region 4", 1);
   epoch_ += 1;
-  EXPECT_FALSE(take({echo()}));
+  EXPECT_FALSE(receive({echo()}));
   EXPECT_THAT(client_.take_released(kObject), IsEmpty()) << "a message before the echo is still in flight";
 
-  EXPECT_TRUE(take(before));
+  EXPECT_TRUE(receive(of_earlier_epoch));
   EXPECT_THAT(client_.take_released(kObject), IsEmpty()) << "the message waits for the caller's answer";
   client_.answer_stored(kObject, 5);
   EXPECT_THAT(client_.take_released(kObject), ElementsAre(4u));
@@ -343,41 +344,41 @@ TEST_F(DeliveryClientTest, ARetiredRegionIsReleasedAfterTheEchoAndAllEarlierChun
 }
 
 TEST_F(DeliveryClientTest, AParkedMessageCountsAsInFlightButDelaysNoRelease) {
-  hold(4);
+  deliver_and_hold(4);
   publish();
   client_.set_wanted(kObject, {{5, 0}});
   ASSERT_TRUE(client_.retire(kObject, 4));
   publish();
   epoch_ -= 1;
-  const std::vector<BulkChunk> waits = chunks(5, "relies on region 4", 1);
+  const std::vector<BulkChunk> postponed = chunks(5, "relies on region 4", 1);
   epoch_ += 1;
-  ASSERT_TRUE(take(waits));
-  EXPECT_FALSE(take({echo()}));
+  ASSERT_TRUE(receive(postponed));
+  EXPECT_FALSE(receive({echo()}));
   EXPECT_THAT(client_.take_released(kObject), IsEmpty());
 
   client_.postpone_answer(kObject, 5);
 
   EXPECT_THAT(client_.take_released(kObject), ElementsAre(4u));
-  EXPECT_EQ(publish_after_change().received, waits.back().sequence - 1);
+  EXPECT_EQ(publish_after_change().received, postponed.back().sequence - 1);
   client_.answer_refused(kObject, 5);
-  EXPECT_GT(publish().received, waits.back().sequence);
+  EXPECT_GT(publish().received, postponed.back().sequence);
 }
 
-TEST_F(DeliveryClientTest, APublishedCreditHoldsForARoundTripWhateverIsPublishedLater) {
+TEST_F(DeliveryClientTest, APublishedCreditRemainsGrantedForARoundTrip) {
   client_.limit_credit(200'000);
   publish_after_change();
   client_.limit_credit(50'000);
   publish_after_change();
   EXPECT_EQ(client_.granted_credit(now_), 200'000u);
-  EXPECT_EQ(client_.granted_credit(now_ + 1000 * kMs), 50'000u) << "the last one holds until the next is published";
+  EXPECT_EQ(client_.granted_credit(now_ + 1000 * kMs), 50'000u) << "the last credit holds until the next is published";
 
   client_.limit_credit(80'000);
   publish_after_change();
   EXPECT_EQ(client_.granted_credit(now_), 80'000u);
 }
 
-TEST_F(DeliveryClientTest, AMessageFromBeforeARetirementIsDroppedAfterTheRelease) {
-  hold(4);
+TEST_F(DeliveryClientTest, AMessageOfAnEpochBeforeTheRetirementIsDroppedAfterTheRelease) {
+  deliver_and_hold(4);
   publish();
   ASSERT_TRUE(client_.retire(kObject, 4));
   const std::uint32_t old_epoch = epoch_;
@@ -387,14 +388,14 @@ TEST_F(DeliveryClientTest, AMessageFromBeforeARetirementIsDroppedAfterTheRelease
 
   epoch_ = old_epoch;
 
-  EXPECT_FALSE(take(chunks(5, "relies on region 4", 1)));
+  EXPECT_FALSE(receive(chunks(5, "relies on region 4", 1)));
   EXPECT_EQ(client_.counters().stale, 1u);
 }
 
-TEST_F(DeliveryClientTest, AMessageBegunBeforeARetirementIsValidIfItsHostContinuesIt) {
-  hold(4);
+TEST_F(DeliveryClientTest, AMessageBegunBeforeARetirementIsAcceptedIfTheHostContinuesIt) {
+  deliver_and_hold(4);
   publish();
-  const std::vector<BulkChunk> begun = chunks(5, "relies on nothing of region 4", 2);
+  const std::vector<BulkChunk> begun = chunks(5, "does not rely on region 4", 2);
   (void)client_.on_chunk(begun[0], now_);
   ASSERT_TRUE(client_.retire(kObject, 4));
   publish();
@@ -402,15 +403,15 @@ TEST_F(DeliveryClientTest, AMessageBegunBeforeARetirementIsValidIfItsHostContinu
   (void)client_.on_chunk(echo(), now_);
   ASSERT_THAT(client_.take_released(kObject), ElementsAre(4u));
 
-  BulkChunk rest = begun[1];
-  rest.epoch = epoch_;
-  rest.sequence = ++sequence_;
+  BulkChunk second = begun[1];
+  second.epoch = epoch_;
+  second.sequence = ++sequence_;
 
-  EXPECT_TRUE(take({rest}));
+  EXPECT_TRUE(receive({second}));
 }
 
 TEST_F(DeliveryClientTest, ARegionThatNoDemandHasReportedCannotBeRetired) {
-  hold(4);
+  deliver_and_hold(4);
 
   EXPECT_FALSE(client_.retire(kObject, 4));
   publish();
@@ -418,7 +419,7 @@ TEST_F(DeliveryClientTest, ARegionThatNoDemandHasReportedCannotBeRetired) {
 }
 
 TEST_F(DeliveryClientTest, ARetiredRegionCanBeHeldAgain) {
-  hold(4);
+  deliver_and_hold(4);
   publish();
   ASSERT_TRUE(client_.retire(kObject, 4));
   client_.answer_stored(kObject, 4);
@@ -429,7 +430,7 @@ TEST_F(DeliveryClientTest, ARetiredRegionCanBeHeldAgain) {
 }
 
 TEST_F(DeliveryClientTest, ARetiredRegionIsNotRequestedBeforeItsRelease) {
-  hold(4);
+  deliver_and_hold(4);
   publish();
   ASSERT_TRUE(client_.retire(kObject, 4));
   client_.set_wanted(kObject, {{4, 0}});
@@ -451,14 +452,14 @@ TEST_F(DeliveryClientTest, ALateHostIsReplacedByAnotherHostOfTheObject) {
   client_.on_host_heartbeat(kOtherHost, 3, now_);
 
   const std::uint32_t epoch_before = epoch_;
-  const Demand d = publish();
-  EXPECT_EQ(d.serving_host, kOtherHost);
-  EXPECT_EQ(d.stream, stream_id({kSession, kOtherHost, 3, 0}, kSelf, kObject));
-  EXPECT_GT(d.epoch, epoch_before);
+  const Demand demand = publish();
+  EXPECT_EQ(demand.serving_host, kOtherHost);
+  EXPECT_EQ(demand.stream, stream_id({kSession, kOtherHost, 3, 0}, kSelf, kObject));
+  EXPECT_GT(demand.epoch, epoch_before);
 }
 
-TEST_F(DeliveryClientTest, WithoutAnyHostRetiredRegionsAreReleasedAndNothingIsPublished) {
-  hold(4);
+TEST_F(DeliveryClientTest, WithoutAHostRetiredRegionsAreReleasedAndNoDemandIsPublished) {
+  deliver_and_hold(4);
   publish();
   ASSERT_TRUE(client_.retire(kObject, 4));
   client_.on_host_gone(kHost);
@@ -469,53 +470,53 @@ TEST_F(DeliveryClientTest, WithoutAnyHostRetiredRegionsAreReleasedAndNothingIsPu
 }
 
 TEST_F(DeliveryClientTest, ARestartedHostBeginsANewStream) {
-  hold(4);
+  deliver_and_hold(4);
   const Demand before = publish();
   client_.on_host_heartbeat(kHost, 6, now_);
 
-  const Demand d = publish();
+  const Demand demand = publish();
 
   EXPECT_GT(before.received, 0u);
-  EXPECT_EQ(d.stream, stream_id({kSession, kHost, 6, 0}, kSelf, kObject));
-  EXPECT_EQ(d.received, 0u);
-  EXPECT_EQ(d.have.size(), 1u);
+  EXPECT_EQ(demand.stream, stream_id({kSession, kHost, 6, 0}, kSelf, kObject));
+  EXPECT_EQ(demand.received, 0u);
+  EXPECT_EQ(demand.have.size(), 1u);
 }
 
 TEST_F(DeliveryClientTest, RepeatsADemandWithGrowingIntervalsWhileAnAnswerIsDue) {
   client_.set_wanted(kObject, {{4, 0}});
   std::uint32_t epoch = publish().epoch;
-  std::int64_t before = 0;
+  std::int64_t last_interval = 0;
   for (int i = 0; i < 8; ++i) {
-    const std::int64_t requested = now_;
+    const std::int64_t published = now_;
     std::optional<Demand> again;
     while (!(again = client_.demand(now_))) now_ += kMs / 10;
     EXPECT_EQ(again->epoch, ++epoch) << "the host answers each epoch once";
-    EXPECT_LE(now_ - requested, i == 0 ? 5 * kMs : DeliverySettings{}.repeat_ns);
-    EXPECT_GE(now_ - requested, before);
-    before = now_ - requested;
+    EXPECT_LE(now_ - published, i == 0 ? 5 * kMs : DeliverySettings{}.repeat_ns);
+    EXPECT_GE(now_ - published, last_interval);
+    last_interval = now_ - published;
   }
-  EXPECT_EQ(before, DeliverySettings{}.repeat_ns);
+  EXPECT_EQ(last_interval, DeliverySettings{}.repeat_ns);
 }
 
-TEST_F(DeliveryClientTest, AnUnchangedDemandRepeatsAtTheKeepAliveWhenNoAnswerIsDue) {
-  const Demand d = publish();
+TEST_F(DeliveryClientTest, RepeatsAnUnchangedDemandAfterTheKeepAlivePeriodWhenNoAnswerIsDue) {
+  const Demand demand = publish();
   EXPECT_FALSE(client_.demand(now_ + 499 * kMs));
   client_.on_host_heartbeat(kHost, 5, now_ + 499 * kMs);
 
   const std::optional<Demand> again = client_.demand(now_ + 500 * kMs);
 
   ASSERT_TRUE(again);
-  EXPECT_EQ(again->epoch, d.epoch);
+  EXPECT_EQ(again->epoch, demand.epoch);
 }
 
 TEST_F(DeliveryClientTest, AnEchoAloneCausesNoDemand) {
   publish();
   (void)client_.on_chunk(echo(), now_);
 
-  EXPECT_FALSE(client_.demand(now_ += 10 * kMs)) << "echo and demand would cause each other for ever";
+  EXPECT_FALSE(client_.demand(now_ += 10 * kMs)) << "echo and demand would cause each other endlessly";
 }
 
-TEST_F(DeliveryClientTest, ChangesWaitForTheInterval) {
+TEST_F(DeliveryClientTest, AChangeIsPublishedAfterTheDemandInterval) {
   client_.set_wanted(kObject, {{4, 0}});
   publish();
   client_.set_wanted(kObject, {{5, DeliverySettings{}.urgent_us}});
@@ -528,7 +529,7 @@ TEST_F(DeliveryClientTest, IncompleteMessagesStayWithinTheirBound) {
   DeliverySettings settings;
   settings.max_partial_bytes = 10'000;
   DeliveryClient client{kSelf, settings};
-  client.on_catalogue(entry(kHost));
+  client.on_catalogue(catalogue_entry(kHost));
   client.on_host_heartbeat(kHost, 5, now_);
   client.open(kObject, kDigest);
   for (std::uint32_t region = 0; region < 1000; ++region) {
@@ -537,55 +538,56 @@ TEST_F(DeliveryClientTest, IncompleteMessagesStayWithinTheirBound) {
   }
   EXPECT_GT(client.partial_bytes(), 5'000u);
   (void)client.demand(now_ + 3000 * kMs);
-  EXPECT_EQ(client.partial_bytes(), 0u) << "no new chunk within the timeout";
+  EXPECT_EQ(client.partial_bytes(), 0u) << "no new chunk arrived within the timeout";
 }
 
-TEST_F(DeliveryClientTest, GoesOnAfterOneChunkFromTheFarFuture) {
-  for (std::uint32_t region = 0; region < 20; ++region) hold(region);
+TEST_F(DeliveryClientTest, ContinuesAfterOneChunkWithAnImplausibleSequence) {
+  for (std::uint32_t region = 0; region < 20; ++region) deliver_and_hold(region);
   BulkChunk wrong = echo();
   wrong.sequence = 0xfffffff0;
-  take({wrong});
+  receive({wrong});
   --sequence_;
   client_.set_wanted(kObject, {{20, 0}});
   const Demand demand = publish();
   EXPECT_TRUE(demand.gaps.empty());
   EXPECT_LE(demand.newest, sequence_);
-  hold(20);
+  deliver_and_hold(20);
   EXPECT_EQ(publish().received, sequence_);
 }
 
-TEST_F(DeliveryClientTest, OneSendingTimeFromTheFarFutureIsNotTakenForAShortDelay) {
-  for (std::uint32_t region = 0; region < 20; ++region) hold(region);
+TEST_F(DeliveryClientTest, AnImplausibleSendingTimeDoesNotChangeTheReportedDelay) {
+  for (std::uint32_t region = 0; region < 20; ++region) deliver_and_hold(region);
   publish_after_change();
   now_ += kMs;
-  BulkChunk late = echo(), wrong = echo();
-  late.sent_us -= 1000;
+  BulkChunk delayed = echo(), wrong = echo();
+  delayed.sent_us -= 1000;
   wrong.sent_us += 1u << 30;
-  take({late, wrong});
+  receive({delayed, wrong});
   EXPECT_EQ(publish_after_change().one_way_us, 1000u);
 }
 
-TEST_F(DeliveryClientTest, AHostThatIsGoneForLongIsDroppedWithItsStreams) {
+TEST_F(DeliveryClientTest, AHostThatIsAbsentForLongIsDroppedWithItsStreams) {
   const DeliveryClient::Sizes before = client_.sizes();
   for (std::uint64_t host = 1000; host < 1100; ++host) {
-    client_.on_catalogue(entry(host));
+    client_.on_catalogue(catalogue_entry(host));
     client_.on_host_heartbeat(host, 5, now_);
   }
   EXPECT_EQ(client_.sizes().hosts, before.hosts + 100);
   for (std::uint64_t host = 1000; host < 1100; ++host) client_.on_host_gone(host);
   (void)client_.demand(now_);
-  const DeliveryClient::Sizes soon = client_.sizes();
+  const DeliveryClient::Sizes after_silence = client_.sizes();
   client_.on_host_heartbeat(kHost, 5, now_ += DeliverySettings{}.forget_host_ns);
   (void)client_.demand(now_);
 
-  EXPECT_EQ(soon.offers, before.offers + 100) << "a host that comes back within the DDS lease sends no catalogue again";
+  EXPECT_EQ(after_silence.offers, before.offers + 100)
+      << "a host that returns within the DDS lease does not send its catalogue again";
   EXPECT_EQ(client_.sizes().hosts, 1u) << "the other host was never live";
   EXPECT_EQ(client_.sizes().streams, 1u);
   EXPECT_EQ(client_.sizes().offers, 1u);
   EXPECT_EQ(client_.serving_host(kObject), kHost);
 }
 
-TEST_F(DeliveryClientTest, AClosedObjectIsFreed) {
+TEST_F(DeliveryClientTest, TheStateOfAClosedObjectIsFreed) {
   const DeliveryClient::Sizes before = client_.sizes();
   for (std::uint64_t object = 1000; object < 1100; ++object) {
     client_.open(object, kDigest);

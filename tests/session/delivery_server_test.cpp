@@ -26,31 +26,32 @@ class DeliveryServerTest : public testing::Test {
     server_.add(kObject, encoded_.compressed());
   }
 
-  Demand demand(std::uint32_t epoch, std::vector<std::uint32_t> wanted, std::uint64_t hrtc = kHrtc) {
-    Demand d;
-    d.origin = {kSession, hrtc, 7, ++time_};
-    d.object_id = kObject;
-    d.digest = model_.summary.digest;
-    d.serving_host = kHost;
-    d.epoch = epoch;
-    for (const std::uint32_t region : wanted) d.wanted.push_back({region, static_cast<std::uint32_t>(d.wanted.size())});
-    d.stream = stream_id(kSelf, d.origin, kObject);
-    d.credit = 1u << 20;
-    return d;
+  Demand make_demand(std::uint32_t epoch, std::vector<std::uint32_t> wanted, std::uint64_t hrtc = kHrtc) {
+    Demand result;
+    result.origin = {kSession, hrtc, 7, ++time_};
+    result.object_id = kObject;
+    result.digest = model_.summary.digest;
+    result.serving_host = kHost;
+    result.epoch = epoch;
+    for (const std::uint32_t region : wanted)
+      result.wanted.push_back({region, static_cast<std::uint32_t>(result.wanted.size())});
+    result.stream = stream_id(kSelf, result.origin, kObject);
+    result.credit = 1u << 20;
+    return result;
   }
 
-  DeliveryServer::DemandResult submit(const Demand& d) {
-    newest_demand_[d.origin.participant] = d;
-    return server_.on_demand(d, now_);
+  DeliveryServer::DemandResult submit(const Demand& submitted) {
+    newest_demand_[submitted.origin.participant] = submitted;
+    return server_.on_demand(submitted, now_);
   }
-  /// The next chunk; waits for the pacer.
+  /// Returns the next chunk, at most 1 ms later if the pacer delays it.
   std::optional<Outgoing> next() {
     std::optional<Outgoing> out = server_.next(now_);
     if (!out && server_.due_ns() - now_ < kMs) out = server_.next(now_ = server_.due_ns());
     if (out) newest_sequence_[out->hrtc] = out->chunk.sequence;
     return out;
   }
-  /// The chunks that are sent without an answer.
+  /// Returns the chunks that the server sends without an acknowledgement.
   std::vector<BulkChunk> drain_window(std::size_t limit = 100'000) {
     std::vector<BulkChunk> chunks;
     while (chunks.size() < limit) {
@@ -60,7 +61,7 @@ class DeliveryServerTest : public testing::Test {
     }
     return chunks;
   }
-  /// The chunks that are sent when each is acknowledged.
+  /// Returns the chunks that the server sends while HRTCs acknowledge each of them.
   std::vector<BulkChunk> drain(std::size_t limit = 100'000) {
     std::vector<BulkChunk> chunks;
     for (std::size_t before = 1; chunks.size() != before && chunks.size() < limit;) {
@@ -68,10 +69,10 @@ class DeliveryServerTest : public testing::Test {
       for (BulkChunk& chunk : drain_window(limit - before)) chunks.push_back(std::move(chunk));
       now_ += kMs;
       for (const auto& [hrtc, sequence] : newest_sequence_) {
-        Demand d = newest_demand_.at(hrtc);
-        d.origin.time_ns = ++time_;
-        d.newest = sequence;
-        server_.on_demand(d, now_);
+        Demand acknowledgement = newest_demand_.at(hrtc);
+        acknowledgement.origin.time_ns = ++time_;
+        acknowledgement.newest = sequence;
+        server_.on_demand(acknowledgement, now_);
       }
     }
     return chunks;
@@ -83,7 +84,16 @@ class DeliveryServerTest : public testing::Test {
     return pieces;
   }
 
-  /// The regions in the order in which their last chunks were sent, each with its records.
+  template <class Intervals>
+  static std::set<std::uint32_t> records_of(const Intervals& intervals) {
+    std::set<std::uint32_t> records;
+    for (const spm::Interval& interval : intervals)
+      for (std::uint32_t record = interval.first; record != interval.first + interval.count; ++record)
+        records.insert(record);
+    return records;
+  }
+
+  /// Returns the regions in the order in which their last chunks were sent, each with the records sent.
   std::vector<std::pair<std::uint32_t, std::set<std::uint32_t>>> regions_in(const std::vector<BulkChunk>& chunks) {
     std::vector<std::pair<std::uint32_t, std::set<std::uint32_t>>> regions;
     std::vector<std::uint8_t> bytes;
@@ -97,21 +107,13 @@ class DeliveryServerTest : public testing::Test {
         ADD_FAILURE() << data.error().text;
         continue;
       }
-      std::set<std::uint32_t> records;
-      for (const spm::Interval& interval : data->sent) {
-        for (std::uint32_t r = interval.first; r != interval.first + interval.count; ++r) records.insert(r);
-      }
-      regions.emplace_back(piece.region, records);
+      regions.emplace_back(piece.region, records_of(data->sent));
     }
     return regions;
   }
 
-  std::set<std::uint32_t> list_of(std::uint32_t region) const {
-    std::set<std::uint32_t> records;
-    for (const spm::Interval& interval : model_.intervals_of(spm::RegionId{region})) {
-      for (std::uint32_t r = interval.first; r != interval.first + interval.count; ++r) records.insert(r);
-    }
-    return records;
+  std::set<std::uint32_t> closed_list_of(std::uint32_t region) const {
+    return records_of(model_.intervals_of(spm::RegionId{region}));
   }
 
   OwnedModel owned_;
@@ -120,34 +122,34 @@ class DeliveryServerTest : public testing::Test {
   DeliveryServer server_;
   std::int64_t time_ = 0, now_ = 1'000 * kMs;
   std::map<std::uint64_t, Demand> newest_demand_;           // by HRTC
-  std::map<std::uint64_t, std::uint32_t> newest_sequence_;  // sequence, by HRTC
+  std::map<std::uint64_t, std::uint32_t> newest_sequence_;  // by HRTC
 };
 
 TEST_F(DeliveryServerTest, SendsTheSoonestRegionFirstAndEveryRecordOnce) {
-  submit(demand(1, {4, 2, 7}));
+  submit(make_demand(1, {4, 2, 7}));
 
   const auto regions = regions_in(drain());
 
   ASSERT_EQ(regions.size(), 3u);
-  std::set<std::uint32_t> here;
+  std::set<std::uint32_t> sent_records;
   for (std::size_t i = 0; i < 3; ++i) {
     const std::uint32_t expected = std::vector<std::uint32_t>{4, 2, 7}[i];
     EXPECT_EQ(regions[i].first, expected);
     std::set<std::uint32_t> missing;
-    for (const std::uint32_t r : list_of(expected)) {
-      if (here.insert(r).second) missing.insert(r);
+    for (const std::uint32_t record : closed_list_of(expected)) {
+      if (sent_records.insert(record).second) missing.insert(record);
     }
     EXPECT_EQ(regions[i].second, missing);
   }
 }
 
 TEST_F(DeliveryServerTest, FillsEveryChunkButTheLast) {
-  submit(demand(1, {4, 2, 7, 1, 5}));
+  submit(make_demand(1, {4, 2, 7, 1, 5}));
 
   const std::vector<BulkChunk> chunks = drain();
 
   ASSERT_GT(chunks.size(), 5u);
-  std::set<std::uint32_t> shared;
+  std::set<std::uint32_t> shared_chunks;
   for (const BulkChunk& chunk : chunks) {
     std::size_t bytes = 0;
     for (const BulkPiece& piece : chunk.pieces) bytes += header_bytes(piece.region, piece.count) + piece.payload.size();
@@ -155,67 +157,68 @@ TEST_F(DeliveryServerTest, FillsEveryChunkButTheLast) {
     if (&chunk != &chunks.back()) {
       EXPECT_GT(bytes, kMaxPayload - 64) << "chunk " << chunk.sequence;
     }
-    if (chunk.pieces.size() > 1) shared.insert(chunk.sequence);
+    if (chunk.pieces.size() > 1) shared_chunks.insert(chunk.sequence);
   }
-  EXPECT_GE(shared.size(), 3u) << "chunks with the end of one message and the beginning of the next";
+  EXPECT_GE(shared_chunks.size(), 3u) << "chunks with the end of one message and the beginning of the next";
 }
 
 TEST_F(DeliveryServerTest, OmitsTheRecordsOfRegionsInTheDemand) {
-  Demand d = demand(1, {3});
-  d.have = {{0, 2}};
-  submit(d);
+  Demand demand = make_demand(1, {3});
+  demand.have = {{0, 2}};
+  submit(demand);
 
   const auto regions = regions_in(drain());
 
   ASSERT_EQ(regions.size(), 1u);
-  const std::set<std::uint32_t> first = list_of(0), second = list_of(1);
-  for (const std::uint32_t r : list_of(3)) {
-    EXPECT_EQ(regions[0].second.count(r), first.count(r) + second.count(r) == 0 ? 1u : 0u) << "record " << r;
+  const std::set<std::uint32_t> first = closed_list_of(0), second = closed_list_of(1);
+  for (const std::uint32_t record : closed_list_of(3)) {
+    const bool is_present = first.count(record) + second.count(record) != 0;
+    EXPECT_EQ(regions[0].second.count(record), is_present ? 0u : 1u) << "record " << record;
   }
 }
 
 TEST_F(DeliveryServerTest, SendsARefusedRegionAgain) {
-  submit(demand(1, {3}));
+  submit(make_demand(1, {3}));
   const std::vector<BulkChunk> sent = drain();
-  Demand d = demand(1, {3});
-  d.received = sent.back().sequence - 1;
-  d.newest = sent.back().sequence;
-  submit(d);
-  EXPECT_THAT(drain(), testing::IsEmpty()) << "`received` has not passed its last chunk";
+  Demand demand = make_demand(1, {3});
+  demand.received = sent.back().sequence - 1;
+  demand.newest = sent.back().sequence;
+  submit(demand);
+  EXPECT_THAT(drain(), testing::IsEmpty()) << "`received` is still below the last chunk of the region";
 
-  d = demand(1, {3});
-  d.received = sent.back().sequence;
-  submit(d);
+  demand = make_demand(1, {3});
+  demand.received = sent.back().sequence;
+  submit(demand);
 
   EXPECT_EQ(regions_in(drain()).size(), 1u);
 }
 
-TEST_F(DeliveryServerTest, OmitsNoRecordsInFlightAfterARefusal) {
-  submit(demand(1, {0, 1, 2}));
-  Demand lost = demand(2, {0, 1, 2, 3});
+TEST_F(DeliveryServerTest, SendsRecordsOfUnansweredRegionsAgainAfterARefusal) {
+  submit(make_demand(1, {0, 1, 2}));
+  Demand refusal = make_demand(2, {0, 1, 2, 3});
   for (const BulkChunk& chunk : drain()) {
-    lost.newest = chunk.sequence;
+    refusal.newest = chunk.sequence;
+    // Region 0 is refused. Regions 1 and 2, which may rely on it, are not answered yet.
     for (const BulkPiece& piece : chunk.pieces)
-      if (piece.region == 0)
-        lost.received = chunk.sequence;  // refused; 1 and 2, which may rely on it, wait for their answers
+      if (piece.region == 0) refusal.received = chunk.sequence;
   }
 
-  submit(lost);
+  submit(refusal);
   const auto regions = regions_in(drain());
 
   ASSERT_EQ(regions.size(), 2u);
   EXPECT_EQ(regions[0].first, 0u);
-  EXPECT_EQ(regions[0].second, list_of(0)) << "all its records, although 1 and 2 share some";
+  EXPECT_EQ(regions[0].second, closed_list_of(0)) << "all records of region 0, although regions 1 and 2 share some";
   EXPECT_EQ(regions[1].first, 3u);
   std::set<std::uint32_t> missing;
-  for (const std::uint32_t r : list_of(3))
-    if (list_of(0).count(r) == 0) missing.insert(r);
+  for (const std::uint32_t record : closed_list_of(3))
+    if (closed_list_of(0).count(record) == 0) missing.insert(record);
   EXPECT_EQ(regions[1].second, missing);
 }
 
-TEST_F(DeliveryServerTest, SendsNoLostPartsOfACancelledRegion) {
-  submit(demand(1, {0, 3}));
-  Demand lost = demand(2, {});
+TEST_F(DeliveryServerTest, SendsNoLostPiecesOfACancelledRegion) {
+  submit(make_demand(1, {0, 3}));
+  Demand lost = make_demand(2, {});
   for (const BulkChunk& chunk : drain_window()) {
     lost.newest = chunk.sequence;
     for (const BulkPiece& piece : chunk.pieces)
@@ -225,38 +228,38 @@ TEST_F(DeliveryServerTest, SendsNoLostPartsOfACancelledRegion) {
 
   submit(lost);
   EXPECT_THAT(regions_in(drain()), testing::IsEmpty());
-  Demand again = demand(3, {0});
+  Demand again = make_demand(3, {0});
   again.newest = lost.newest;
   submit(again);
 
   const auto regions = regions_in(drain());
   ASSERT_EQ(regions.size(), 1u);
-  EXPECT_EQ(regions[0].second, list_of(0)) << "all its records, because none arrived";
+  EXPECT_EQ(regions[0].second, closed_list_of(0)) << "all records of region 0, because none arrived";
 }
 
 TEST_F(DeliveryServerTest, IgnoresAcknowledgementsOfAnotherStream) {
-  submit(demand(1, {3}));
+  submit(make_demand(1, {3}));
   const std::vector<BulkChunk> sent = drain_window();
 
-  Demand d = demand(2, {3});
-  d.received = d.newest = sent.back().sequence;
-  d.stream = stream_id({kSession, kHost, 4, 0}, d.origin, kObject);
-  submit(d);
+  Demand demand = make_demand(2, {3});
+  demand.received = demand.newest = sent.back().sequence;
+  demand.stream = stream_id({kSession, kHost, 4, 0}, demand.origin, kObject);
+  submit(demand);
 
   EXPECT_THAT(regions_in(drain_window()), testing::IsEmpty());
 }
 
-TEST_F(DeliveryServerTest, SendsALostPartAgainUnchangedUnderANewSequence) {
-  submit(demand(1, {3}));
+TEST_F(DeliveryServerTest, SendsALostPieceAgainUnchangedUnderANewSequence) {
+  submit(make_demand(1, {3}));
   const std::vector<BulkChunk> sent = drain_window(3);
   ASSERT_EQ(pieces_in(sent).size(), sent.size());
   ASSERT_GT(sent.back().pieces[0].count, sent.size());
 
-  Demand d = demand(2, {3});
-  d.received = sent[0].sequence;
-  d.newest = sent.back().sequence;
-  d.gaps = {{sent[1].sequence, 1}};
-  submit(d);
+  Demand demand = make_demand(2, {3});
+  demand.received = sent[0].sequence;
+  demand.newest = sent.back().sequence;
+  demand.gaps = {{sent[1].sequence, 1}};
+  submit(demand);
   const std::vector<BulkChunk> again = drain_window(1);
 
   ASSERT_EQ(again.size(), 1u);
@@ -268,31 +271,31 @@ TEST_F(DeliveryServerTest, SendsALostPartAgainUnchangedUnderANewSequence) {
   EXPECT_GT(again[0].sequence, sent.back().sequence);
   EXPECT_EQ(again[0].epoch, 2u);
   EXPECT_EQ(server_.counters().repeated, 1u);
-  d.origin.time_ns = ++time_;
-  submit(d);
+  demand.origin.time_ns = ++time_;
+  submit(demand);
   EXPECT_EQ(drain_window(1).at(0).pieces.at(0).index, sent.back().pieces[0].index + 1)
-      << "the missing part was sent again once";
+      << "the lost piece was sent again only once";
 }
 
-TEST_F(DeliveryServerTest, ALostPartThatReliesOnARetiredRegionIsNotSentAgain) {
-  Demand d = demand(1, {3});
-  d.have = {{0, 2}};
-  submit(d);
+TEST_F(DeliveryServerTest, ALostPieceThatReliesOnARetiredRegionIsNotSentAgain) {
+  Demand demand = make_demand(1, {3});
+  demand.have = {{0, 2}};
+  submit(demand);
   const std::vector<BulkChunk> sent = drain_window();
   ASSERT_GT(sent.size(), 1u);
 
-  d = demand(2, {3});
-  d.newest = sent.back().sequence;
-  d.gaps = {{sent[0].sequence, 1}};
-  submit(d);
+  demand = make_demand(2, {3});
+  demand.newest = sent.back().sequence;
+  demand.gaps = {{sent[0].sequence, 1}};
+  submit(demand);
 
   const auto regions = regions_in(drain());
   ASSERT_EQ(regions.size(), 1u);
-  EXPECT_EQ(regions[0].second, list_of(3));
+  EXPECT_EQ(regions[0].second, closed_list_of(3));
 }
 
-TEST_F(DeliveryServerTest, AnEchoFollowsTheLastChunksToShowTheirLoss) {
-  submit(demand(1, {3}));
+TEST_F(DeliveryServerTest, SendsAnEchoAfterTheLastChunkSoThatItsLossIsDetected) {
+  submit(make_demand(1, {3}));
   const std::vector<BulkChunk> sent = drain_window();
   ASSERT_FALSE(server_.next(now_));
 
@@ -302,85 +305,86 @@ TEST_F(DeliveryServerTest, AnEchoFollowsTheLastChunksToShowTheirLoss) {
   ASSERT_TRUE(echo);
   EXPECT_EQ(echo->chunk.kind(), BulkKind::kEcho);
   EXPECT_EQ(echo->chunk.sequence, sent.back().sequence + 1);
-  EXPECT_FALSE(server_.next(now_)) << "one echo is enough for now";
+  EXPECT_FALSE(server_.next(now_)) << "a second echo is not due yet";
   EXPECT_GT(server_.due_ns(), now_);
 }
 
 TEST_F(DeliveryServerTest, ACancelledRegionIsNotCompleted) {
-  submit(demand(1, {3, 5}));
+  submit(make_demand(1, {3, 5}));
   const std::vector<BulkChunk> begun = drain(1);
   ASSERT_GT(begun[0].pieces.at(0).count, 1u);
 
-  submit(demand(2, {5}));
+  submit(make_demand(2, {5}));
 
   const std::vector<BulkChunk> chunks = drain();
   const auto regions = regions_in(chunks);
   ASSERT_EQ(regions.size(), 1u);
   EXPECT_EQ(regions[0].first, 5u);
-  EXPECT_EQ(regions[0].second, list_of(5)) << "relied on a region that was never completed";
+  EXPECT_EQ(regions[0].second, closed_list_of(5)) << "region 5 must not rely on region 3, which was not completed";
   EXPECT_EQ(server_.counters().messages_dropped, 1u);
 }
 
-TEST_F(DeliveryServerTest, AMessageThatReliesOnARetiredRegionIsPlannedAnew) {
-  Demand d = demand(1, {3});
-  d.have = {{0, 2}};
-  submit(d);
+TEST_F(DeliveryServerTest, AMessageThatReliesOnARetiredRegionIsSentAgainWithoutIt) {
+  Demand demand = make_demand(1, {3});
+  demand.have = {{0, 2}};
+  submit(demand);
   const std::vector<BulkChunk> begun = drain(1);
   ASSERT_GT(begun[0].pieces.at(0).count, 1u);
 
-  submit(demand(2, {3}));
+  submit(make_demand(2, {3}));
 
   const std::vector<BulkChunk> chunks = drain();
   const auto regions = regions_in(chunks);
   ASSERT_EQ(regions.size(), 1u);
-  EXPECT_EQ(regions[0].second, list_of(3));
+  EXPECT_EQ(regions[0].second, closed_list_of(3));
   for (const BulkChunk& chunk : chunks) EXPECT_EQ(chunk.epoch, 2u);
 }
 
 TEST_F(DeliveryServerTest, StaysWithinTheCredit) {
-  Demand d = demand(1, {0, 1, 2, 3, 4, 5});
-  d.credit = 3 * kMaxPayload;
-  submit(d);
+  Demand demand = make_demand(1, {0, 1, 2, 3, 4, 5});
+  demand.credit = 3 * kMaxPayload;
+  submit(demand);
 
   const std::vector<BulkChunk> first = drain_window();
 
   EXPECT_GE(first.size(), 3u);
-  EXPECT_LE(server_.bytes_in_flight(kHrtc), d.credit);
-  d.origin.time_ns = ++time_;
-  d.received = d.newest = first[0].sequence;
-  submit(d);
+  EXPECT_LE(server_.bytes_in_flight(kHrtc), demand.credit);
+  demand.origin.time_ns = ++time_;
+  demand.received = demand.newest = first[0].sequence;
+  submit(demand);
   EXPECT_GE(drain_window().size(), 1u);
-  EXPECT_LE(server_.bytes_in_flight(kHrtc), d.credit);
+  EXPECT_LE(server_.bytes_in_flight(kHrtc), demand.credit);
 }
 
 TEST_F(DeliveryServerTest, AnUnansweredMessageCountsAsInFlight) {
-  submit(demand(1, {3}));
+  submit(make_demand(1, {3}));
   std::size_t bytes = 0;
-  for (const BulkChunk& chunk : drain()) bytes += chunk.payload_bytes();  // all arrived; `received` is below them
+  // All chunks arrive, but `received` stays 0.
+  for (const BulkChunk& chunk : drain()) bytes += chunk.payload_bytes();
 
   EXPECT_EQ(server_.bytes_in_flight(kHrtc), bytes);
 }
 
-TEST_F(DeliveryServerTest, EchoesAnEpochWithoutDataOnce) {
-  submit(demand(4, {}));
+TEST_F(DeliveryServerTest, EchoesAnEpochWithoutWantedRegionsOnce) {
+  submit(make_demand(4, {}));
 
   const std::vector<BulkChunk> chunks = drain();
 
   ASSERT_EQ(chunks.size(), 1u);
   EXPECT_EQ(chunks[0].kind(), BulkKind::kEcho);
   EXPECT_EQ(chunks[0].epoch, 4u);
-  submit(demand(4, {}));
+  submit(make_demand(4, {}));
   EXPECT_THAT(drain(), testing::IsEmpty()) << "a keep-alive needs no echo";
 }
 
 TEST_F(DeliveryServerTest, EchoesANewEpochWithoutCredit) {
-  Demand d = demand(1, {0, 1, 2});
-  d.credit = kMaxPayload;
-  submit(d);
+  Demand demand = make_demand(1, {0, 1, 2});
+  demand.credit = kMaxPayload;
+  submit(demand);
   drain();
-  d = demand(2, {0, 1, 2});
-  d.credit = kMaxPayload;
-  submit(d);
+  demand = make_demand(2, {0, 1, 2});
+  demand.credit = kMaxPayload;
+  submit(demand);
 
   const std::vector<BulkChunk> chunks = drain();
 
@@ -390,9 +394,9 @@ TEST_F(DeliveryServerTest, EchoesANewEpochWithoutCredit) {
 }
 
 TEST_F(DeliveryServerTest, SendsTheBaseMeshFirstAndAgainWhenItWasRefused) {
-  Demand d = demand(1, {3});
-  d.need_base = true;
-  submit(d);
+  Demand demand = make_demand(1, {3});
+  demand.need_base = true;
+  submit(demand);
   const std::vector<BulkChunk> base = drain();
   ASSERT_FALSE(base.empty());
   std::size_t bytes = 0;
@@ -402,38 +406,38 @@ TEST_F(DeliveryServerTest, SendsTheBaseMeshFirstAndAgainWhenItWasRefused) {
   }
   EXPECT_EQ(bytes, server_.base_bytes(kObject));
 
-  d = demand(1, {3});
-  d.need_base = true;
-  d.received = d.newest = base.back().sequence;
-  submit(d);
+  demand = make_demand(1, {3});
+  demand.need_base = true;
+  demand.received = demand.newest = base.back().sequence;
+  submit(demand);
   EXPECT_EQ(drain().size(), base.size());
 
-  submit(demand(2, {3}));
+  submit(make_demand(2, {3}));
   EXPECT_EQ(regions_in(drain()).size(), 1u);
 }
 
-TEST_F(DeliveryServerTest, IsSilentWhenAnotherHostServes) {
-  submit(demand(1, {3}));
+TEST_F(DeliveryServerTest, SendsNothingWhileAnotherHostServes) {
+  submit(make_demand(1, {3}));
   drain(1);
-  Demand d = demand(2, {3});
-  d.serving_host = 11;
-  submit(d);
+  Demand demand = make_demand(2, {3});
+  demand.serving_host = 11;
+  submit(demand);
   EXPECT_THAT(drain(), testing::IsEmpty());
 
-  submit(demand(1, {3}));
-  EXPECT_THAT(drain(), testing::IsEmpty()) << "an older demand must not restart the service";
+  submit(make_demand(1, {3}));
+  EXPECT_THAT(drain(), testing::IsEmpty()) << "a demand of an earlier epoch has no effect";
 
-  submit(demand(3, {3}));
-  EXPECT_EQ(regions_in(drain()).at(0).second, list_of(3));
+  submit(make_demand(3, {3}));
+  EXPECT_EQ(regions_in(drain()).at(0).second, closed_list_of(3));
 }
 
 TEST_F(DeliveryServerTest, AlternatesBetweenHrtcsChunkByChunk) {
-  submit(demand(1, {0, 1, 2, 3}));
-  submit(demand(1, {3, 2, 1, 0}, kOtherHrtc));
+  submit(make_demand(1, {0, 1, 2, 3}));
+  submit(make_demand(1, {3, 2, 1, 0}, kOtherHrtc));
 
   std::uint64_t before = 0;
   for (int i = 0; i < 10; ++i) {
-    now_ += kMs;  // both may send
+    now_ += kMs;  // the pacer of both streams allows a chunk
     const std::optional<Outgoing> out = server_.next(now_);
     ASSERT_TRUE(out);
     EXPECT_NE(out->hrtc, before) << "chunk " << i;
@@ -442,12 +446,12 @@ TEST_F(DeliveryServerTest, AlternatesBetweenHrtcsChunkByChunk) {
 }
 
 TEST_F(DeliveryServerTest, ABlockedHrtcDoesNotDelayOthers) {
-  submit(demand(1, {0}));
-  submit(demand(1, {0}, kOtherHrtc));
+  submit(make_demand(1, {0}));
+  submit(make_demand(1, {0}, kOtherHrtc));
 
-  const auto not_to_first = [](std::uint64_t hrtc) { return hrtc != kHrtc; };
-  const std::optional<Outgoing> first = server_.next(now_, not_to_first);
-  const std::optional<Outgoing> second = server_.next(now_ + kMs, not_to_first);
+  const auto except_first = [](std::uint64_t hrtc) { return hrtc != kHrtc; };
+  const std::optional<Outgoing> first = server_.next(now_, except_first);
+  const std::optional<Outgoing> second = server_.next(now_ + kMs, except_first);
 
   ASSERT_TRUE(first && second);
   EXPECT_EQ(first->hrtc, kOtherHrtc);
@@ -455,29 +459,29 @@ TEST_F(DeliveryServerTest, ABlockedHrtcDoesNotDelayOthers) {
   EXPECT_FALSE(server_.next(now_, [](std::uint64_t) { return false; }));
 }
 
-TEST_F(DeliveryServerTest, ANewIncarnationOfAnHrtcStartsAnew) {
-  submit(demand(9, {3}));
+TEST_F(DeliveryServerTest, ANewIncarnationOfAnHrtcReceivesANewStream) {
+  submit(make_demand(9, {3}));
   const std::vector<BulkChunk> before = drain();
-  Demand d = demand(1, {3});
-  d.origin.incarnation = 8;
-  d.stream = stream_id(kSelf, d.origin, kObject);
+  Demand demand = make_demand(1, {3});
+  demand.origin.incarnation = 8;
+  demand.stream = stream_id(kSelf, demand.origin, kObject);
   newest_sequence_.clear();
-  submit(d);
+  submit(demand);
 
   const std::vector<BulkChunk> after = drain();
 
-  EXPECT_EQ(regions_in(after).at(0).second, list_of(3));
+  EXPECT_EQ(regions_in(after).at(0).second, closed_list_of(3));
   EXPECT_NE(after.front().stream, before.back().stream);
-  EXPECT_EQ(submit(demand(10, {3})), DeliveryServer::DemandResult::kImplausible) << "from the old incarnation";
+  EXPECT_EQ(submit(make_demand(10, {3})), DeliveryServer::DemandResult::kImplausible) << "from the old incarnation";
 }
 
-TEST_F(DeliveryServerTest, AnHrtcThatComesBackReceivesLargerSequences) {
-  submit(demand(1, {3}));
+TEST_F(DeliveryServerTest, AnHrtcThatReturnsReceivesLargerSequences) {
+  submit(make_demand(1, {3}));
   const std::vector<BulkChunk> before = drain();
   server_.on_hrtc_gone(kHrtc);
   EXPECT_FALSE(server_.next(now_));
 
-  submit(demand(1, {3}));
+  submit(make_demand(1, {3}));
 
   const std::vector<BulkChunk> after = drain();
   ASSERT_FALSE(after.empty());
@@ -487,46 +491,46 @@ TEST_F(DeliveryServerTest, AnHrtcThatComesBackReceivesLargerSequences) {
 TEST_F(DeliveryServerTest, RefusesMalformedAndForeignDemands) {
   using Result = DeliveryServer::DemandResult;
   const std::uint32_t regions = model_.summary.regions;
-  Demand d = demand(1, {regions});
-  EXPECT_EQ(submit(d), Result::kMalformed);
-  d = demand(1, {});
-  d.have = {{5, 0xffffffffu}};
-  EXPECT_EQ(submit(d), Result::kMalformed);
-  d.have = {{5, 1}, {4, 1}};
-  EXPECT_EQ(submit(d), Result::kMalformed);
-  d.have = {{4, 1}, {5, 1}};
-  EXPECT_EQ(submit(d), Result::kMalformed) << "intervals that touch";
-  d = demand(1, {});
-  d.digest ^= 1;
-  EXPECT_EQ(submit(d), Result::kNotServed);
-  d = demand(1, {});
-  d.origin.session = 2;
-  EXPECT_EQ(submit(d), Result::kNotServed);
+  Demand demand = make_demand(1, {regions});
+  EXPECT_EQ(submit(demand), Result::kMalformed);
+  demand = make_demand(1, {});
+  demand.have = {{5, 0xffffffffu}};
+  EXPECT_EQ(submit(demand), Result::kMalformed);
+  demand.have = {{5, 1}, {4, 1}};
+  EXPECT_EQ(submit(demand), Result::kMalformed);
+  demand.have = {{4, 1}, {5, 1}};
+  EXPECT_EQ(submit(demand), Result::kMalformed) << "adjacent intervals must be one interval";
+  demand = make_demand(1, {});
+  demand.digest ^= 1;
+  EXPECT_EQ(submit(demand), Result::kNotServed);
+  demand = make_demand(1, {});
+  demand.origin.session = 2;
+  EXPECT_EQ(submit(demand), Result::kNotServed);
   EXPECT_FALSE(server_.next(now_));
 }
 
-TEST_F(DeliveryServerTest, GoesOnAfterOneDemandFromTheFarFuture) {
+TEST_F(DeliveryServerTest, AppliesDemandsAfterOneImplausibleDemand) {
   using Vary = void (*)(Demand&);
-  for (const Vary vary :
-       {Vary{[](Demand& d) { d.epoch = 0xffffffff; }}, Vary{[](Demand& d) { d.origin.time_ns = INT64_MAX; }},
-        Vary{[](Demand& d) { d.origin.incarnation = UINT64_MAX; }}}) {
+  for (const Vary vary : {Vary{[](Demand& demand) { demand.epoch = 0xffffffff; }},
+                          Vary{[](Demand& demand) { demand.origin.time_ns = INT64_MAX; }},
+                          Vary{[](Demand& demand) { demand.origin.incarnation = UINT64_MAX; }}}) {
     DeliveryServer server{kSelf};
     server.add(kObject, encoded_.compressed());
-    const auto submit_later = [&](const Demand& d) { return server.on_demand(d, now_ += 5 * kMs); };
-    const auto at_now = [&](Demand d) {
-      d.origin.time_ns = now_ + 5 * kMs;
-      return d;
+    const auto submit_later = [&](const Demand& submitted) { return server.on_demand(submitted, now_ += 5 * kMs); };
+    const auto with_time = [&](Demand submitted) {
+      submitted.origin.time_ns = now_ + 5 * kMs;
+      return submitted;
     };
     std::uint32_t epoch = 0;
     for (int i = 0; i < 20; ++i)
-      ASSERT_EQ(submit_later(at_now(demand(++epoch, {1}))), DeliveryServer::DemandResult::kApplied);
-    Demand wrong = at_now(demand(++epoch, {1}));
+      ASSERT_EQ(submit_later(with_time(make_demand(++epoch, {1}))), DeliveryServer::DemandResult::kApplied);
+    Demand wrong = with_time(make_demand(++epoch, {1}));
     vary(wrong);
     (void)submit_later(wrong);
-    for (int i = 0; i < 4; ++i) (void)submit_later(at_now(demand(++epoch, {1})));
-    Demand poor = at_now(demand(++epoch, {2}));
-    poor.credit = 0;
-    EXPECT_EQ(submit_later(poor), DeliveryServer::DemandResult::kApplied);
+    for (int i = 0; i < 4; ++i) (void)submit_later(with_time(make_demand(++epoch, {1})));
+    Demand without_credit = with_time(make_demand(++epoch, {2}));
+    without_credit.credit = 0;
+    EXPECT_EQ(submit_later(without_credit), DeliveryServer::DemandResult::kApplied);
     for (int i = 0; i < 10; ++i) {
       const std::optional<Outgoing> out = server.next(now_ + 100 * kMs);
       EXPECT_TRUE(!out || out->chunk.kind() == BulkKind::kEcho) << "the credit of the last demand applies";
@@ -534,19 +538,19 @@ TEST_F(DeliveryServerTest, GoesOnAfterOneDemandFromTheFarFuture) {
   }
 }
 
-TEST_F(DeliveryServerTest, AnHrtcWithoutDemandsIsDropped) {
-  submit(demand(1, {}));
-  for (std::uint64_t hrtc = 1000; hrtc < 1100; ++hrtc) submit(demand(1, {}, hrtc));
+TEST_F(DeliveryServerTest, AnHrtcThatSendsNoDemandsIsDropped) {
+  submit(make_demand(1, {}));
+  for (std::uint64_t hrtc = 1000; hrtc < 1100; ++hrtc) submit(make_demand(1, {}, hrtc));
   server_.on_hrtc_gone(1000);
-  submit(demand(2, {}, 1000));  // was in flight when it left
+  submit(make_demand(2, {}, 1000));  // was in flight when the HRTC left
   EXPECT_EQ(server_.counters_by_hrtc().size(), 101u);
   for (std::uint32_t epoch = 2; epoch < 40; ++epoch, now_ += DeliverySettings{}.keep_alive_ns) {
-    submit(demand(epoch, {}));
+    submit(make_demand(epoch, {}));
     (void)drain_window();
   }
 
   EXPECT_EQ(server_.counters_by_hrtc().size(), 1u);
-  EXPECT_EQ(server_.counters_by_hrtc().count(kHrtc), 1u) << "it repeats its demands";
+  EXPECT_EQ(server_.counters_by_hrtc().count(kHrtc), 1u) << "this HRTC repeats its demands";
 }
 
 TEST(MessagePieces, EveryByteOfALargeMessageIsInOnePiece) {

@@ -7,6 +7,7 @@
 #include <queue>
 #include <random>
 #include <set>
+#include <string>
 #include <variant>
 
 namespace tactus::session {
@@ -14,8 +15,9 @@ namespace {
 
 constexpr std::int64_t kMs = 1'000'000;
 constexpr std::uint64_t kSession = 1, kObject = 5, kHost = 100;
-/// Between the incarnations of a host, which are nanoseconds: more than the numbers that one incarnation grants.
-constexpr std::uint64_t kHostLife = 1'000'000;
+/// Difference between incarnations of the host. The fencing numbers of a host begin after its incarnation, so the
+/// difference exceeds the number of fencing numbers of one incarnation.
+constexpr std::uint64_t kHostIncarnation = 1'000'000;
 constexpr std::size_t kHrtcs = 4;
 
 Origin origin_of(std::uint64_t participant, std::uint64_t incarnation) {
@@ -26,54 +28,55 @@ Origin origin_of(std::uint64_t participant, std::uint64_t incarnation) {
   return origin;
 }
 
-struct ContestFaults {
-  double loss = 0, repeated = 0;
-  std::int64_t delay_ms = 5, spread_ms = 0;
+struct LinkSettings {
+  double loss = 0, duplication = 0;  // probabilities
+  std::int64_t delay_ms = 5, jitter_ms = 0;
 };
 
-/// A host, HRTCs and a viewer over a network that loses, repeats and reorders; owners and leaders publish poses.
-class Contest {
+/// Simulates a host, HRTCs and a viewer over a network that loses, duplicates and reorders samples. Owners and leaders
+/// publish poses.
+class OwnershipSimulation {
  public:
-  explicit Contest(unsigned seed, const ContestFaults& faults = {}) : faults_{faults}, random_{seed} {
+  explicit OwnershipSimulation(unsigned seed, const LinkSettings& link = {}) : link_{link}, random_{seed} {
     start_host();
     for (std::size_t i = 0; i < kHrtcs; ++i) start_hrtc(i);
-    pose_admissions_.resize(kHrtcs + 2);  // HRTCs, host, viewer
+    pose_gates_.resize(kHrtcs + 2);  // HRTCs, host, viewer
   }
 
   void start_host() {
     host_ =
-        std::make_unique<OwnershipArbiter>(origin_of(kHost, ++host_incarnation_ * kHostLife), kObject, settings_, now_);
-    host_ran_ = true;
+        std::make_unique<OwnershipArbiter>(origin_of(kHost, ++host_incarnation_ * kHostIncarnation), kObject, settings_, now_);
   }
   void start_hrtc(std::size_t i) {
     hrtcs_[i].incarnation = ++incarnations_;
     hrtcs_[i].claimant = std::make_unique<Claimant>(origin_of(i + 1, incarnations_), kObject, settings_);
     hrtcs_[i].sequence = 0;
-    hrtcs_[i].role_before = Claimant::Role::kWatching;
+    hrtcs_[i].role_at_suspension = Claimant::Role::kWatching;
   }
 
   Claimant& claimant(std::size_t i) { return *hrtcs_[i].claimant; }
   Claimant::Role role(std::size_t i) { return hrtcs_[i].claimant->role(now_); }
   OwnershipArbiter& host() { return *host_; }
-  /// Disconnects a program until this time.
-  void disconnect(std::size_t program, std::int64_t until) { cut_[program] = until; }
-  /// Suspends an HRTC until this time. Then it publishes once more before it reads the samples that arrived.
+  /// Disconnects an HRTC or the host until the given time.
+  void disconnect(std::size_t program, std::int64_t until) { disconnected_until_[program] = until; }
+  /// Suspends an HRTC until the given time. When it resumes, an owner publishes one pose before it reads new samples.
   void suspend(std::size_t i, std::int64_t until) {
     hrtcs_[i].suspended_until = until;
-    hrtcs_[i].role_before = role(i);
-    hrtcs_[i].fencing_before = claimant(i).fencing();
+    hrtcs_[i].role_at_suspension = role(i);
+    hrtcs_[i].fencing_at_suspension = claimant(i).fencing();
   }
-  void set_faults(const ContestFaults& faults) { faults_ = faults; }
+  void set_link(const LinkSettings& link) { link_ = link; }
 
   void run(std::int64_t ms) {
     for (const std::int64_t end = now_ + ms * kMs; now_ < end;) step();
   }
 
-  /// Checks the invariants.
-  void check() const {
-    for (const auto& [fencing, authors] : authors_)
-      ASSERT_LE(authors.size(), 1u) << "poses of two owners were accepted under fencing number " << fencing;
-    if (host_incarnation_ > 1) return;  // a restarted host may overlap with a lease, under another number
+  /// Checks that no fencing number has poses of two owners, and that no two programs are owners at the same time.
+  void check_invariants() const {
+    for (const auto& [fencing, publishers] : publishers_)
+      ASSERT_LE(publishers.size(), 1u) << "poses of two owners were accepted under fencing number " << fencing;
+    // A restarted host may simulate the object during the lease of an owner, under another fencing number.
+    if (host_incarnation_ > 1) return;
     int owners = host_->host_simulates(now_) ? 1 : 0;
     for (const Hrtc& hrtc : hrtcs_) {
       const Claimant::Role role = hrtc.claimant->role(now_);
@@ -82,46 +85,50 @@ class Contest {
     ASSERT_LE(owners, 1) << "at " << now_ / kMs << " ms";
   }
 
+  /// Number of poses refused because their fencing number was too small.
   [[nodiscard]] std::uint64_t refused() const { return refused_; }
   [[nodiscard]] std::int64_t now() const { return now_; }
   /// When the viewer last accepted a pose.
-  [[nodiscard]] std::int64_t seen_ns() const { return seen_ns_; }
-  [[nodiscard]] std::uint64_t seen_author() const { return seen_author_; }
+  [[nodiscard]] std::int64_t shown_ns() const { return shown_ns_; }
+  /// Participant that published this pose.
+  [[nodiscard]] std::uint64_t shown_publisher() const { return shown_publisher_; }
 
  private:
   using Message = std::variant<ObjectClaim, ObjectGrant, ObjectPose>;
   struct Packet {
-    std::int64_t at;
+    std::int64_t arrival_ns;
     std::uint64_t order;
     std::size_t to;
     Message message;
-    bool operator>(const Packet& o) const { return at != o.at ? at > o.at : order > o.order; }
+    bool operator>(const Packet& other) const {
+      return arrival_ns != other.arrival_ns ? arrival_ns > other.arrival_ns : order > other.order;
+    }
   };
   struct Hrtc {
     std::unique_ptr<Claimant> claimant;
     std::uint64_t incarnation = 0;
     std::uint32_t sequence = 0;
     std::int64_t suspended_until = 0;
-    Claimant::Role role_before = Claimant::Role::kWatching;
-    std::uint64_t fencing_before = 0;
+    Claimant::Role role_at_suspension = Claimant::Role::kWatching;
+    std::uint64_t fencing_at_suspension = 0;
   };
   static constexpr std::size_t kHostIndex = kHrtcs, kViewer = kHrtcs + 1;
 
   double uniform() { return std::uniform_real_distribution<double>{0, 1}(random_); }
-  [[nodiscard]] bool cut(std::size_t program) const {
-    const auto at = cut_.find(program);
-    return at != cut_.end() && at->second > now_;
+  [[nodiscard]] bool is_disconnected(std::size_t program) const {
+    const auto until = disconnected_until_.find(program);
+    return until != disconnected_until_.end() && until->second > now_;
   }
 
   void send(std::size_t from, std::size_t to, const Message& message) {
-    if (cut(from) || cut(to) || uniform() < faults_.loss) return;
-    for (int times = uniform() < faults_.repeated ? 2 : 1; times > 0; --times) {
-      const auto spread = static_cast<std::int64_t>(uniform() * static_cast<double>(faults_.spread_ms * kMs));
-      in_flight_.push({now_ + faults_.delay_ms * kMs + spread, ++order_, to, message});
+    if (is_disconnected(from) || is_disconnected(to) || uniform() < link_.loss) return;
+    for (int copies = uniform() < link_.duplication ? 2 : 1; copies > 0; --copies) {
+      const auto jitter_ns = static_cast<std::int64_t>(uniform() * static_cast<double>(link_.jitter_ms * kMs));
+      in_flight_.push({now_ + link_.delay_ms * kMs + jitter_ns, ++order_, to, message});
     }
   }
-  void publish(std::size_t from, std::uint64_t participant, std::uint64_t incarnation, std::uint64_t fencing,
-               std::uint32_t& sequence) {
+  void publish_pose(std::size_t from, std::uint64_t participant, std::uint64_t incarnation, std::uint64_t fencing,
+                    std::uint32_t& sequence) {
     ObjectPose pose;
     pose.origin = origin_of(participant, incarnation);
     pose.object_id = kObject;
@@ -134,242 +141,254 @@ class Contest {
 
   void receive(const Packet& packet) {
     if (const auto* claim = std::get_if<ObjectClaim>(&packet.message)) {
-      if (host_ran_) host_->on_claim(*claim, now_);
+      host_->on_claim(*claim, now_);
     } else if (const auto* grant = std::get_if<ObjectGrant>(&packet.message)) {
       hrtcs_[packet.to].claimant->on_grant(*grant, now_);
     } else if (const auto* pose = std::get_if<ObjectPose>(&packet.message)) {
-      if (!pose_admissions_[packet.to].accept(*pose, now_)) {
-        if (pose->fencing < pose_admissions_[packet.to].fencing()) ++refused_;
+      if (!pose_gates_[packet.to].accept(*pose, now_)) {
+        if (pose->fencing < pose_gates_[packet.to].fencing()) ++refused_;
         return;
       }
-      authors_[pose->fencing].insert({pose->origin.participant, pose->origin.incarnation});
+      publishers_[pose->fencing].insert({pose->origin.participant, pose->origin.incarnation});
       if (packet.to == kHostIndex) host_->on_pose(pose->fencing, now_);
       if (packet.to < kHrtcs) hrtcs_[packet.to].claimant->on_pose(pose->fencing, now_);
       if (packet.to == kViewer) {
-        seen_ns_ = now_;
-        seen_author_ = pose->origin.participant;
+        shown_ns_ = now_;
+        shown_publisher_ = pose->origin.participant;
       }
     }
   }
 
   void step() {
     now_ += kMs;
-    std::vector<Packet> later;
-    while (!in_flight_.empty() && in_flight_.top().at <= now_) {
+    std::vector<Packet> postponed;
+    while (!in_flight_.empty() && in_flight_.top().arrival_ns <= now_) {
       const Packet packet = in_flight_.top();
       in_flight_.pop();
       if (packet.to < kHrtcs && hrtcs_[packet.to].suspended_until > now_) {
-        later.push_back(packet);  // waits in the queue of the suspended program
-        later.back().at = hrtcs_[packet.to].suspended_until + kMs;
+        postponed.push_back(packet);
+        postponed.back().arrival_ns = hrtcs_[packet.to].suspended_until + kMs;
         continue;
       }
       receive(packet);
     }
-    for (const Packet& packet : later) in_flight_.push(packet);
+    for (const Packet& packet : postponed) in_flight_.push(packet);
 
     for (std::size_t i = 0; i < kHrtcs; ++i) {
       Hrtc& hrtc = hrtcs_[i];
       if (hrtc.suspended_until > now_) continue;
-      if (hrtc.suspended_until == now_ && hrtc.role_before == Claimant::Role::kOwner) {
-        publish(i, i + 1, hrtc.incarnation, hrtc.fencing_before, hrtc.sequence);
+      if (hrtc.suspended_until == now_ && hrtc.role_at_suspension == Claimant::Role::kOwner) {
+        publish_pose(i, i + 1, hrtc.incarnation, hrtc.fencing_at_suspension, hrtc.sequence);
       }
       if (const auto claim = hrtc.claimant->tick(now_)) send(i, kHostIndex, *claim);
       const Claimant::Role role = hrtc.claimant->role(now_);
       if (role == Claimant::Role::kOwner || role == Claimant::Role::kLeader)
-        publish(i, i + 1, hrtc.incarnation, hrtc.claimant->fencing(), hrtc.sequence);
+        publish_pose(i, i + 1, hrtc.incarnation, hrtc.claimant->fencing(), hrtc.sequence);
     }
     if (const auto grant = host_->tick(now_)) {
       for (std::size_t i = 0; i < kHrtcs; ++i) send(kHostIndex, i, *grant);
     }
     if (host_->host_simulates(now_))
-      publish(kHostIndex, kHost, host_incarnation_ * kHostLife, host_->fencing(), host_sequence_);
+      publish_pose(kHostIndex, kHost, host_incarnation_ * kHostIncarnation, host_->fencing(), host_sequence_);
   }
 
   OwnershipSettings settings_;
-  ContestFaults faults_;
+  LinkSettings link_;
   std::mt19937 random_;
   std::int64_t now_ = 0;
   std::unique_ptr<OwnershipArbiter> host_;
-  bool host_ran_ = false;
   std::uint64_t host_incarnation_ = 0, incarnations_ = 0, order_ = 0, refused_ = 0;
   std::uint32_t host_sequence_ = 0;
   std::array<Hrtc, kHrtcs> hrtcs_;
-  std::vector<PoseAdmission> pose_admissions_;
+  std::vector<PoseAdmission> pose_gates_;
   std::priority_queue<Packet, std::vector<Packet>, std::greater<>> in_flight_;
-  std::map<std::size_t, std::int64_t> cut_;
-  std::map<std::uint64_t, std::set<std::pair<std::uint64_t, std::uint64_t>>> authors_;
-  std::int64_t seen_ns_ = 0;
-  std::uint64_t seen_author_ = 0;
+  std::map<std::size_t, std::int64_t> disconnected_until_;
+  std::map<std::uint64_t, std::set<std::pair<std::uint64_t, std::uint64_t>>>
+      publishers_;  // by fencing number: participant, incarnation
+  std::int64_t shown_ns_ = 0;
+  std::uint64_t shown_publisher_ = 0;
 };
 
-TEST(Ownership, TheHostOwnsBeforeAndAfterATouch) {
-  Contest contest{1};
-  contest.run(300);
-  EXPECT_EQ(contest.seen_author(), kHost);
-  contest.claimant(0).set_touching(true);
-  EXPECT_EQ(contest.role(0), Claimant::Role::kRequesting);
-  contest.run(30);
-  EXPECT_EQ(contest.role(0), Claimant::Role::kOwner);
-  EXPECT_EQ(contest.seen_author(), 1u);
-  EXPECT_FALSE(contest.host().host_simulates(contest.now()));
-  contest.claimant(0).set_touching(false);
-  EXPECT_EQ(contest.role(0), Claimant::Role::kWatching);
-  contest.run(30);
-  EXPECT_EQ(contest.seen_author(), kHost);
+TEST(Ownership, TheHostSimulatesAnObjectBeforeAndAfterATouch) {
+  OwnershipSimulation session{1};
+  session.run(300);
+  EXPECT_EQ(session.shown_publisher(), kHost);
+  session.claimant(0).set_touching(true);
+  EXPECT_EQ(session.role(0), Claimant::Role::kRequesting);
+  session.run(30);
+  EXPECT_EQ(session.role(0), Claimant::Role::kOwner);
+  EXPECT_EQ(session.shown_publisher(), 1u);
+  EXPECT_FALSE(session.host().host_simulates(session.now()));
+  session.claimant(0).set_touching(false);
+  EXPECT_EQ(session.role(0), Claimant::Role::kWatching);
+  session.run(30);
+  EXPECT_EQ(session.shown_publisher(), kHost);
 }
 
-TEST(Ownership, TwoTouchersSimulateCopiesAndTheLongestHolderLeads) {
-  Contest contest{1};
-  contest.run(300);
-  contest.claimant(2).set_one_way(40 * kMs);
-  contest.claimant(2).set_touching(true);
-  contest.run(30);
-  const std::uint64_t alone = contest.claimant(2).fencing();
-  contest.claimant(1).set_touching(true);
-  contest.run(30);
-  EXPECT_EQ(contest.role(2), Claimant::Role::kLeader);
-  EXPECT_EQ(contest.role(1), Claimant::Role::kCopy);
-  EXPECT_GT(contest.claimant(1).fencing(), alone);
-  EXPECT_EQ(contest.claimant(1).grant().channel_delay_ns, 40 * kMs);
-  EXPECT_NE(contest.claimant(1).copy_index(), contest.claimant(2).copy_index());
-  EXPECT_EQ(contest.seen_author(), 3u);
-  contest.claimant(2).set_touching(false);
-  contest.run(30);
-  EXPECT_EQ(contest.role(1), Claimant::Role::kOwner);
-  EXPECT_EQ(contest.seen_author(), 2u);
+TEST(Ownership, OfTwoTouchersEachSimulatesACopyAndTheFirstLeads) {
+  OwnershipSimulation session{1};
+  session.run(300);
+  session.claimant(2).set_one_way(40 * kMs);
+  session.claimant(2).set_touching(true);
+  session.run(30);
+  const std::uint64_t fencing_alone = session.claimant(2).fencing();
+  session.claimant(1).set_touching(true);
+  session.run(30);
+  EXPECT_EQ(session.role(2), Claimant::Role::kLeader);
+  EXPECT_EQ(session.role(1), Claimant::Role::kCopy);
+  EXPECT_GT(session.claimant(1).fencing(), fencing_alone);
+  EXPECT_EQ(session.claimant(1).grant().channel_delay_ns, 40 * kMs);
+  EXPECT_NE(session.claimant(1).copy_index(), session.claimant(2).copy_index());
+  EXPECT_EQ(session.shown_publisher(), 3u);
+  session.claimant(2).set_touching(false);
+  session.run(30);
+  EXPECT_EQ(session.role(1), Claimant::Role::kOwner);
+  EXPECT_EQ(session.shown_publisher(), 2u);
 }
 
-TEST(Ownership, ASuspendedOwnerLosesTheObjectAfterItsLeaseAndItsPosesAreRefused) {
-  Contest contest{1};
-  contest.run(300);
-  contest.claimant(0).set_touching(true);
-  contest.run(30);
-  ASSERT_EQ(contest.role(0), Claimant::Role::kOwner);
-  contest.suspend(0, contest.now() + 600 * kMs);
-  contest.run(300);
-  EXPECT_TRUE(contest.host().host_simulates(contest.now()));
-  EXPECT_EQ(contest.seen_author(), kHost);
-  const std::uint64_t before = contest.refused();
-  contest.run(310);  // it resumes and sends one more pose
-  EXPECT_GT(contest.refused(), before);
-  contest.run(50);
-  EXPECT_EQ(contest.role(0), Claimant::Role::kOwner);  // it still touches, so it gets a new grant
-  contest.check();
+TEST(Ownership, ASuspendedOwnerLosesTheObjectAfterItsLeaseAndItsLatePoseIsRefused) {
+  OwnershipSimulation session{1};
+  session.run(300);
+  session.claimant(0).set_touching(true);
+  session.run(30);
+  ASSERT_EQ(session.role(0), Claimant::Role::kOwner);
+  session.suspend(0, session.now() + 600 * kMs);
+  session.run(300);
+  EXPECT_TRUE(session.host().host_simulates(session.now()));
+  EXPECT_EQ(session.shown_publisher(), kHost);
+  const std::uint64_t refused_before = session.refused();
+  session.run(310);  // the owner resumes and sends one more pose
+  EXPECT_GT(session.refused(), refused_before);
+  session.run(50);
+  EXPECT_EQ(session.role(0), Claimant::Role::kOwner) << "a new grant, because its user still touches the object";
+  session.check_invariants();
 }
 
 TEST(Ownership, TheLeaseGrowsWithTheRoundTrip) {
-  Contest contest{1, {0, 0, 300, 0}};
-  contest.run(700);
-  for (const std::size_t i : {0u, 1u}) contest.claimant(i).set_one_way(300 * kMs);
-  contest.claimant(0).set_touching(true);
-  contest.run(610);
-  EXPECT_EQ(contest.role(0), Claimant::Role::kOwner);
-  contest.run(1000);
-  EXPECT_EQ(contest.role(0), Claimant::Role::kOwner) << "as long as it touches";
-  contest.disconnect(0, contest.now() + 3000 * kMs);
-  contest.run(850);
-  EXPECT_EQ(contest.role(0), Claimant::Role::kRequesting);
-  contest.run(400);
-  EXPECT_TRUE(contest.host().host_simulates(contest.now()));
-  contest.check();
+  OwnershipSimulation session{1, {0, 0, 300, 0}};
+  session.run(700);
+  for (const std::size_t i : {0u, 1u}) session.claimant(i).set_one_way(300 * kMs);
+  session.claimant(0).set_touching(true);
+  session.run(610);
+  EXPECT_EQ(session.role(0), Claimant::Role::kOwner);
+  session.run(1000);
+  EXPECT_EQ(session.role(0), Claimant::Role::kOwner) << "the user still touches the object";
+  session.disconnect(0, session.now() + 3000 * kMs);
+  session.run(850);
+  EXPECT_EQ(session.role(0), Claimant::Role::kRequesting);
+  session.run(400);
+  EXPECT_TRUE(session.host().host_simulates(session.now()));
+  session.check_invariants();
 }
 
-TEST(Ownership, ADisconnectedOwnerStopsBeforeTheHostTakesTheObjectBack) {
-  Contest contest{1};
-  contest.run(300);
-  contest.claimant(0).set_touching(true);
-  contest.run(30);
-  contest.disconnect(0, contest.now() + 1000 * kMs);
-  std::int64_t stopped = 0, taken = 0;
+TEST(Ownership, ADisconnectedOwnerStopsBeforeTheHostSimulatesTheObject) {
+  OwnershipSimulation session{1};
+  session.run(300);
+  session.claimant(0).set_touching(true);
+  session.run(30);
+  session.disconnect(0, session.now() + 1000 * kMs);
+  std::int64_t owner_stopped = 0, host_started = 0;
   for (int ms = 0; ms < 500; ++ms) {
-    contest.run(1);
-    if (stopped == 0 && contest.role(0) != Claimant::Role::kOwner) stopped = contest.now();
-    if (taken == 0 && contest.host().host_simulates(contest.now())) taken = contest.now();
+    session.run(1);
+    if (owner_stopped == 0 && session.role(0) != Claimant::Role::kOwner) owner_stopped = session.now();
+    if (host_started == 0 && session.host().host_simulates(session.now())) host_started = session.now();
   }
-  ASSERT_GT(stopped, 0);
-  ASSERT_GT(taken, 0);
-  EXPECT_LE(stopped, taken);
+  ASSERT_GT(owner_stopped, 0);
+  ASSERT_GT(host_started, 0);
+  EXPECT_LE(owner_stopped, host_started);
 }
 
-TEST(Ownership, ARestartedHostGrantsALargerNumber) {
-  Contest contest{1};
-  contest.run(300);
-  contest.claimant(0).set_touching(true);
-  contest.run(30);
-  contest.claimant(1).set_touching(true);
-  contest.run(30);
-  const std::uint64_t before = contest.claimant(0).fencing();
-  contest.start_host();
-  contest.run(400);
-  EXPECT_GT(contest.claimant(0).fencing(), before);
-  const std::set<Claimant::Role> roles{contest.role(0), contest.role(1)};
+TEST(Ownership, ARestartedHostGrantsALargerFencingNumber) {
+  OwnershipSimulation session{1};
+  session.run(300);
+  session.claimant(0).set_touching(true);
+  session.run(30);
+  session.claimant(1).set_touching(true);
+  session.run(30);
+  const std::uint64_t fencing_before = session.claimant(0).fencing();
+  session.start_host();
+  session.run(400);
+  EXPECT_GT(session.claimant(0).fencing(), fencing_before);
+  const std::set<Claimant::Role> roles{session.role(0), session.role(1)};
   EXPECT_EQ(roles, (std::set<Claimant::Role>{Claimant::Role::kLeader, Claimant::Role::kCopy}));
-  contest.check();
+  session.check_invariants();
 }
 
-TEST(Ownership, EachNumberHasOneOwnerUnderFaultsAndOneOwnerRemainsAfterThem) {
+using Touches = std::array<bool, kHrtcs>;
+
+/// Disconnects, suspends or restarts a random program, or begins or ends a touch.
+void apply_random_event(std::mt19937& random, bool host_restarts, OwnershipSimulation& session, Touches& touches) {
+  const auto below = [&](int bound) { return static_cast<int>(random() % static_cast<unsigned>(bound)); };
+  const auto hrtc = static_cast<std::size_t>(below(kHrtcs));
+  switch (below(10)) {
+    case 0:
+      session.disconnect(static_cast<std::size_t>(below(kHrtcs + 1)), session.now() + below(600) * kMs);
+      break;
+    case 1:
+      session.suspend(hrtc, session.now() + below(500) * kMs);
+      break;
+    case 2:
+      session.start_hrtc(hrtc);
+      touches[hrtc] = false;
+      session.claimant(hrtc).set_one_way(below(400) * kMs);  // even a wrong transit must not cause two owners
+      break;
+    case 3:
+      if (host_restarts) session.start_host();
+      break;
+    default:
+      session.claimant(hrtc).set_touching(touches[hrtc] = !touches[hrtc]);
+  }
+}
+
+void expect_one_owner(OwnershipSimulation& session, const Touches& touches) {
+  int touching = 0, simulating = 0, leading = 0;
+  for (std::size_t i = 0; i < kHrtcs; ++i) {
+    touching += touches[i] ? 1 : 0;
+    const Claimant::Role role = session.role(i);
+    if (role == Claimant::Role::kCopy || role == Claimant::Role::kLeader || role == Claimant::Role::kOwner) ++simulating;
+    if (role == Claimant::Role::kLeader || role == Claimant::Role::kOwner) ++leading;
+  }
+  EXPECT_EQ(simulating, touching);
+  EXPECT_EQ(leading, touching > 0 ? 1 : 0);
+  EXPECT_EQ(session.host().host_simulates(session.now()), touching == 0);
+  EXPECT_GT(session.shown_ns(), session.now() - 50 * kMs) << "no program simulates the object";
+}
+
+TEST(Ownership, NoFencingNumberHasTwoOwnersUnderFaultsAndOneOwnerRemainsAfterThem) {
   std::uint64_t refused = 0;
   for (unsigned seed = 1; seed <= 150; ++seed) {
+    SCOPED_TRACE("seed " + std::to_string(seed));
     std::mt19937 random{seed};
-    const auto below = [&](int n) { return static_cast<int>(random() % static_cast<unsigned>(n)); };
-    ContestFaults faults;
-    faults.loss = 0.01 * below(40);
-    faults.repeated = 0.01 * below(30);
-    faults.delay_ms = below(100);
-    faults.spread_ms = below(80);
-    Contest contest{seed, faults};
-    std::array<bool, kHrtcs> touches{};
+    const auto below = [&](int bound) { return static_cast<int>(random() % static_cast<unsigned>(bound)); };
+    LinkSettings link;
+    link.loss = 0.01 * below(40);
+    link.duplication = 0.01 * below(30);
+    link.delay_ms = below(100);
+    link.jitter_ms = below(80);
+    OwnershipSimulation session{seed, link};
+    Touches touches{};
     for (int event = 0; event < 60; ++event) {
-      const auto who = static_cast<std::size_t>(below(kHrtcs));
-      switch (below(10)) {
-        case 0:
-          contest.disconnect(static_cast<std::size_t>(below(kHrtcs + 1)), contest.now() + below(600) * kMs);
-          break;
-        case 1:
-          contest.suspend(who, contest.now() + below(500) * kMs);
-          break;
-        case 2:
-          contest.start_hrtc(who);
-          touches[who] = false;
-          contest.claimant(who).set_one_way(below(400) * kMs);  // a wrong transit must not cause two owners
-          break;
-        case 3:
-          if (seed % 3 == 0) contest.start_host();
-          break;
-        default:
-          contest.claimant(who).set_touching(touches[who] = !touches[who]);
-      }
+      apply_random_event(random, seed % 3 == 0, session, touches);
       for (int ms = below(150); ms > 0; --ms) {
-        contest.run(1);
-        contest.check();
-        if (HasFatalFailure()) FAIL() << "seed " << seed;
+        session.run(1);
+        session.check_invariants();
+        if (HasFatalFailure()) return;
       }
     }
-    refused += contest.refused();
+    refused += session.refused();
 
     // All faults end; the touches remain.
-    contest.set_faults({});
-    for (std::size_t program = 0; program <= kHrtcs; ++program) contest.disconnect(program, 0);
-    contest.run(2500);
-    contest.check();
-    int touching = 0, simulating = 0, leading = 0;
-    for (std::size_t i = 0; i < kHrtcs; ++i) {
-      touching += touches[i] ? 1 : 0;
-      const Claimant::Role role = contest.role(i);
-      if (role == Claimant::Role::kCopy || role == Claimant::Role::kLeader || role == Claimant::Role::kOwner)
-        ++simulating;
-      if (role == Claimant::Role::kLeader || role == Claimant::Role::kOwner) ++leading;
-    }
-    EXPECT_EQ(simulating, touching) << "seed " << seed;
-    EXPECT_EQ(leading, touching > 0 ? 1 : 0) << "seed " << seed;
-    EXPECT_EQ(contest.host().host_simulates(contest.now()), touching == 0) << "seed " << seed;
-    EXPECT_GT(contest.seen_ns(), contest.now() - 50 * kMs) << "seed " << seed << ": nobody simulates the object";
+    session.set_link({});
+    for (std::size_t program = 0; program <= kHrtcs; ++program) session.disconnect(program, 0);
+    session.run(2500);
+    session.check_invariants();
+    expect_one_owner(session, touches);
     if (HasFailure()) return;
   }
   EXPECT_GT(refused, 100u);
 }
 
-TEST(PoseAdmission, RefusesAnOlderNumberAnOlderPoseAndASecondAuthor) {
+TEST(PoseAdmission, RefusesASmallerFencingNumberAnOvertakenPoseAndASecondPublisher) {
   PoseAdmission admission;
   ObjectPose pose;
   pose.origin = origin_of(1, 1);
@@ -410,39 +429,40 @@ ObjectGrant grant_of(std::uint32_t sequence, std::uint64_t fencing) {
   return grant;
 }
 
-TEST(OwnershipArbiter, GrantsAgainAfterOneClaimFromTheFarFuture) {
-  for (const bool is_number : {true, false}) {
-    OwnershipArbiter arbiter{origin_of(kHost, kHostLife), kObject, {}, 0};
+TEST(OwnershipArbiter, GrantsToTouchersDespiteOneImplausibleClaim) {
+  for (const bool sequence_is_wrong : {true, false}) {
+    OwnershipArbiter arbiter{origin_of(kHost, kHostIncarnation), kObject, {}, 0};
     std::int64_t now = 300 * kMs;
     std::uint32_t sequence = 0;
     for (int i = 0; i < 10; ++i) arbiter.on_claim(claim_of(1, 3, ++sequence, true), now += 20 * kMs);
-    const ObjectClaim wrong = is_number ? claim_of(1, 3, 0xffffffff, true) : claim_of(1, UINT64_MAX, ++sequence, true);
+    const ObjectClaim wrong =
+        sequence_is_wrong ? claim_of(1, 3, 0xffffffff, true) : claim_of(1, UINT64_MAX, ++sequence, true);
     arbiter.on_claim(wrong, now);
     for (int i = 0; i < 100; ++i) {
       arbiter.on_claim(claim_of(1, 3, ++sequence, true), now += 20 * kMs);
       (void)arbiter.tick(now);
     }
-    ASSERT_FALSE(arbiter.host_simulates(now)) << "an HRTC touches";
+    ASSERT_FALSE(arbiter.host_simulates(now)) << "an HRTC touches the object";
     arbiter.on_claim(claim_of(1, 3, ++sequence, false), now += 20 * kMs);
     const std::optional<ObjectGrant> grant = arbiter.tick(now);
     ASSERT_TRUE(grant);
-    EXPECT_TRUE(grant->touchers.empty()) << "it has let go";
+    EXPECT_TRUE(grant->touchers.empty()) << "the HRTC has released the object";
   }
 }
 
-TEST(OwnershipArbiter, OneFencingNumberFromTheFarFutureIsNotTaken) {
-  OwnershipArbiter arbiter{origin_of(kHost, kHostLife), kObject, {}, 0};
+TEST(OwnershipArbiter, IgnoresAnImplausibleFencingNumber) {
+  OwnershipArbiter arbiter{origin_of(kHost, kHostIncarnation), kObject, {}, 0};
   std::int64_t now = 300 * kMs;
   (void)arbiter.tick(now);
-  const std::uint64_t before = arbiter.fencing();
+  const std::uint64_t fencing_before = arbiter.fencing();
   ObjectClaim wrong = claim_of(1, 3, 1, false);
   wrong.fencing = UINT64_MAX;
   arbiter.on_claim(wrong, now);
-  EXPECT_EQ(arbiter.fencing(), before);
+  EXPECT_EQ(arbiter.fencing(), fencing_before);
 }
 
-TEST(Claimant, AcceptsGrantsAfterOneFromTheFarFuture) {
-  for (const bool is_number : {true, false}) {
+TEST(Claimant, AcceptsGrantsAfterOneImplausibleGrant) {
+  for (const bool sequence_is_wrong : {true, false}) {
     Claimant claimant{origin_of(1, 1), kObject, {}};
     claimant.set_touching(true);
     std::int64_t now = 0;
@@ -452,7 +472,7 @@ TEST(Claimant, AcceptsGrantsAfterOneFromTheFarFuture) {
       const std::optional<ObjectClaim> claim = claimant.tick(now);
       ASSERT_TRUE(claim);
       ObjectGrant grant = grant_of(++sequence, 7);
-      if (i == 50) (is_number ? grant.sequence = 0xffffffff : grant.fencing = UINT64_MAX);
+      if (i == 50) (sequence_is_wrong ? grant.sequence = 0xffffffff : grant.fencing = UINT64_MAX);
       grant.touchers = {{1, 1, claim->sequence}};
       claimant.on_grant(grant, now);
     }
@@ -460,8 +480,8 @@ TEST(Claimant, AcceptsGrantsAfterOneFromTheFarFuture) {
   }
 }
 
-TEST(PoseAdmission, GoesOnAfterOnePoseFromTheFarFuture) {
-  for (const bool is_number : {true, false}) {
+TEST(PoseAdmission, AcceptsPosesAfterOneImplausiblePose) {
+  for (const bool sequence_is_wrong : {true, false}) {
     PoseAdmission admission;
     ObjectPose pose;
     pose.origin = origin_of(1, 1);
@@ -470,30 +490,30 @@ TEST(PoseAdmission, GoesOnAfterOnePoseFromTheFarFuture) {
     for (std::uint32_t i = 1; i <= 100; ++i) {
       ObjectPose sent = pose;
       sent.sequence = i;
-      if (i == 50) (is_number ? sent.sequence = 0xffffffff : sent.fencing = UINT64_MAX);
+      if (i == 50) (sequence_is_wrong ? sent.sequence = 0xffffffff : sent.fencing = UINT64_MAX);
       accepted += admission.accept(sent, i * 4 * kMs) ? 1 : 0;
     }
     EXPECT_EQ(accepted, 99);
   }
 }
 
-TEST(CopyAdmission, GoesOnAfterOneCopyFromTheFarFuture) {
-  for (const bool is_number : {true, false}) {
+TEST(CopyAdmission, AcceptsSamplesAfterOneImplausibleSample) {
+  for (const bool sequence_is_wrong : {true, false}) {
     CopyAdmission admission;
     ObjectCopy copy;
     copy.origin = origin_of(2, 1);
-    int taken = 0;
+    int accepted = 0;
     for (std::uint32_t i = 1; i <= 100; ++i) {
       copy.sequence = i;
       copy.session_time_ns = i * kMs;
-      if (i == 50) (is_number ? copy.sequence = 0xffffffff : copy.session_time_ns = INT64_MAX);
-      taken += admission.accept(copy, i * kMs, i * kMs) ? 1 : 0;
+      if (i == 50) (sequence_is_wrong ? copy.sequence = 0xffffffff : copy.session_time_ns = INT64_MAX);
+      accepted += admission.accept(copy, i * kMs, i * kMs) ? 1 : 0;
     }
-    EXPECT_EQ(taken, 99);
+    EXPECT_EQ(accepted, 99);
     EXPECT_EQ(admission.implausible(), 1u);
     copy.sequence = 98;
     copy.session_time_ns = 98 * kMs;
-    EXPECT_TRUE(admission.accept(copy, 101 * kMs, 101 * kMs)) << "an overtaken copy fills a gap";
+    EXPECT_TRUE(admission.accept(copy, 101 * kMs, 101 * kMs)) << "an overtaken sample fills a gap";
   }
 }
 

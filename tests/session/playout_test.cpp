@@ -15,7 +15,7 @@ PlayoutSettings without_reserve() {
   return settings;
 }
 
-/// A state whose x is its time in seconds, with the matching velocity.
+/// A state of a probe that moves along x with 1 m/s and is at 0 at time 0.
 ProbeState moving(std::uint32_t sequence, std::int64_t at_ms) {
   ProbeState state;
   state.origin.incarnation = 1;
@@ -26,8 +26,8 @@ ProbeState moving(std::uint32_t sequence, std::int64_t at_ms) {
   return state;
 }
 
-/// A state every 10 ms from `from_ms` on, each with a transit of `transit_ms`.
-void feed(ProbePlayout& playout, std::int64_t from_ms, std::int64_t to_ms, std::int64_t transit_ms) {
+/// Delivers a state every 10 ms from `from_ms` to `to_ms`, each after `transit_ms`.
+void deliver(ProbePlayout& playout, std::int64_t from_ms, std::int64_t to_ms, std::int64_t transit_ms) {
   for (std::int64_t ms = from_ms; ms < to_ms; ms += 10)
     playout.on_state(moving(static_cast<std::uint32_t>(ms / 10 + 1), ms), (ms + transit_ms) * kMs);
 }
@@ -39,9 +39,9 @@ TEST(ProbePlayout, IsStaleBeforeTheFirstState) {
   EXPECT_EQ(shown.state.sequence, 0u);
 }
 
-TEST(ProbePlayout, ShowsAProbeWhereItWasOneTransitAgo) {
+TEST(ProbePlayout, ShowsTheProbeWithADelayOfOneTransit) {
   ProbePlayout playout{without_reserve()};
-  feed(playout, 0, 3000, 30);
+  deliver(playout, 0, 3000, 30);
   const ShownProbe shown = playout.view_at(3025 * kMs);
   EXPECT_EQ(playout.delay_ns(), 30 * kMs);
   EXPECT_EQ(shown.at_ns, 2995 * kMs);
@@ -49,35 +49,35 @@ TEST(ProbePlayout, ShowsAProbeWhereItWasOneTransitAgo) {
   EXPECT_FALSE(shown.stale);
 }
 
-TEST(ProbePlayout, IgnoresASingleStallButNotRepeatedOnes) {
+TEST(ProbePlayout, TheDelayIgnoresOneLongTransitButNotTwo) {
   ProbePlayout playout{without_reserve()};
-  feed(playout, 0, 1000, 5);
+  deliver(playout, 0, 1000, 5);
   playout.on_state(moving(101, 1000), 1050 * kMs);
   EXPECT_EQ(playout.delay_ns(), 5 * kMs);
-  feed(playout, 1060, 1500, 5);
+  deliver(playout, 1060, 1500, 5);
   playout.on_state(moving(151, 1500), 1540 * kMs);
   EXPECT_EQ(playout.delay_ns(), 40 * kMs);
 }
 
 TEST(ProbePlayout, TheDelayFallsSlowlyAfterLongTransits) {
   ProbePlayout playout{without_reserve()};
-  feed(playout, 0, 2500, 40);
-  feed(playout, 2500, 4500, 5);  // the window contains the long transits until now
+  deliver(playout, 0, 2500, 40);
+  deliver(playout, 2500, 4500, 5);  // at 4500 ms the window of the estimator still contains the long transits
   EXPECT_NEAR(static_cast<double>(playout.delay_ns()), 40e6, 1e6);
-  feed(playout, 4500, 5500, 5);
-  EXPECT_NEAR(static_cast<double>(playout.delay_ns()), 30e6, 2e6) << "1 % of a second";
+  deliver(playout, 4500, 5500, 5);
+  EXPECT_NEAR(static_cast<double>(playout.delay_ns()), 30e6, 2e6) << "the delay falls by 1 % of a second";
 }
 
-TEST(TransitEstimator, DropsLaterMeasurementsWhenTimeStepsBack) {
-  TransitEstimator watch;
-  for (std::int64_t ms = 60'000; ms < 61'000; ms += 10) watch.on_transit(40 * kMs, ms * kMs);
-  for (std::int64_t ms = 1000; ms < 1300; ms += 10) watch.on_transit(5 * kMs, ms * kMs);
-  EXPECT_EQ(watch.max_ns(), 5 * kMs);
+TEST(TransitEstimator, DropsMeasurementsOfLaterTimesWhenTimeStepsBack) {
+  TransitEstimator estimator;
+  for (std::int64_t ms = 60'000; ms < 61'000; ms += 10) estimator.on_transit(40 * kMs, ms * kMs);
+  for (std::int64_t ms = 1000; ms < 1300; ms += 10) estimator.on_transit(5 * kMs, ms * kMs);
+  EXPECT_EQ(estimator.max_ns(), 5 * kMs);
 }
 
 TEST(ProbePlayout, ContinuesWhenSessionTimeStepsBack) {
   ProbePlayout playout{without_reserve()};
-  feed(playout, 60'000, 61'000, 40);
+  deliver(playout, 60'000, 61'000, 40);
   (void)playout.view_at(61'000 * kMs);
   for (std::int64_t ms = 1000; ms < 1100; ms += 10)
     playout.on_state(moving(static_cast<std::uint32_t>(6100 + ms / 10), ms), (ms + 5) * kMs);
@@ -87,36 +87,36 @@ TEST(ProbePlayout, ContinuesWhenSessionTimeStepsBack) {
   EXPECT_FALSE(shown.stale);
 }
 
-TEST(ProbePlayout, ShownTimeNeverGoesBack) {
+TEST(ProbePlayout, TheShownTimeNeverStepsBack) {
   ProbePlayout playout{without_reserve()};
-  feed(playout, 0, 500, 5);
+  deliver(playout, 0, 500, 5);
   const std::int64_t before = playout.view_at(505 * kMs).at_ns;
-  feed(playout, 500, 1500, 60);
+  deliver(playout, 500, 1500, 60);
   EXPECT_EQ(playout.delay_ns(), 60 * kMs);
   EXPECT_GE(playout.view_at(506 * kMs).at_ns, before);
 }
 
-TEST(ProbePlayout, WaitsNoLongerThanItsBound) {
+TEST(ProbePlayout, TheDelayStaysWithinItsMaximum) {
   ProbePlayout playout;
-  feed(playout, 0, 1000, 500);
+  deliver(playout, 0, 1000, 500);
   EXPECT_EQ(playout.delay_ns(), PlayoutSettings{}.max_delay_ns);
 }
 
 TEST(ProbePlayout, ExtrapolatesBetweenConsecutiveStatesAndInterpolatesOverAGap) {
   PlayoutSettings settings;
   settings.reserve_ns = 30 * kMs;
-  ProbePlayout whole{settings}, gap{settings};
+  ProbePlayout without_gap{settings}, with_gap{settings};
   ProbeState first = moving(1, 0), second = moving(2, 10);
   first.velocity = {0, 0, 0};
-  for (ProbePlayout* const playout : {&whole, &gap}) playout->on_state(first, 0);
-  whole.on_state(second, 10 * kMs);
+  for (ProbePlayout* const playout : {&without_gap, &with_gap}) playout->on_state(first, 0);
+  without_gap.on_state(second, 10 * kMs);
   second.sequence = 3;
-  gap.on_state(second, 10 * kMs);
-  EXPECT_EQ(whole.at(35 * kMs).view.device[0], 0);
-  EXPECT_NEAR(gap.at(35 * kMs).view.device[0], 0.005, 1e-12);
+  with_gap.on_state(second, 10 * kMs);
+  EXPECT_EQ(without_gap.view_at(35 * kMs).view.device[0], 0);
+  EXPECT_NEAR(with_gap.view_at(35 * kMs).view.device[0], 0.005, 1e-12);
 }
 
-TEST(ProbePlayout, InsertsAnOvertakenStateByNumberAndIgnoresARepetition) {
+TEST(ProbePlayout, InsertsAnOvertakenStateBySequenceAndIgnoresARepetition) {
   PlayoutSettings settings;
   settings.reserve_ns = 50 * kMs;
   ProbePlayout playout{settings};
@@ -134,17 +134,17 @@ TEST(ProbePlayout, InsertsAnOvertakenStateByNumberAndIgnoresARepetition) {
 
 TEST(ProbePlayout, IsStaleAfterThreeKeepAlivePeriodsOfSilence) {
   ProbePlayout playout;
-  feed(playout, 0, 1000, 5);
+  deliver(playout, 0, 1000, 5);
   EXPECT_FALSE(playout.view_at(1100 * kMs).stale);
   EXPECT_TRUE(playout.view_at(1130 * kMs).stale);
 }
 
-TEST(ProbePlayout, StartsAnewWithAnotherIncarnation) {
+TEST(ProbePlayout, DropsTheStatesOfThePreviousIncarnation) {
   ProbePlayout playout{without_reserve()};
-  feed(playout, 0, 1000, 60);
-  ProbeState reborn = moving(1, 1100);
-  reborn.origin.incarnation = 2;
-  playout.on_state(reborn, 1105 * kMs);
+  deliver(playout, 0, 1000, 60);
+  ProbeState restarted = moving(1, 1100);
+  restarted.origin.incarnation = 2;
+  playout.on_state(restarted, 1105 * kMs);
   EXPECT_EQ(playout.delay_ns(), 5 * kMs);
   EXPECT_EQ(playout.view_at(1105 * kMs).state.sequence, 1u);
 }

@@ -13,7 +13,7 @@ namespace {
 
 constexpr std::int64_t kMs = 1'000'000;
 
-/// Presses and releases with 0.5 to 1.5 N at 1 Hz.
+/// The state of a probe that presses on a surface with 0.5 to 1.5 N at 1 Hz.
 ProbeState pressing(std::int64_t at_ms) {
   const double phase = 2 * M_PI * static_cast<double>(at_ms) * 1e-3;
   ProbeState state;
@@ -28,8 +28,9 @@ ProbeState pressing(std::int64_t at_ms) {
   return state;
 }
 
-/// Shows these states each millisecond, over a link of 15 ms +- 2. Full-rate states come from 1.5 s to 3 s.
-class Switching : public ::testing::Test {
+/// Delivers these states over a link of 15 ms +- 2 ms and shows the probe each millisecond. From 1.5 s to 3 s the link
+/// also carries full-rate states.
+class StreamChange : public ::testing::Test {
  protected:
   struct Sent {
     std::int64_t arrives_ns;
@@ -40,18 +41,18 @@ class Switching : public ::testing::Test {
     std::mt19937 random{3};
     std::uniform_real_distribution<> jitter{-2, 2};
     ProbeEncoder encoder;
-    std::uint32_t coded_number = 0, full_rate_number = 0;
+    std::uint32_t coded_sequence = 0, full_rate_sequence = 0;
     std::deque<Sent> links[2];
     for (std::int64_t ms = 0; ms < 5000; ++ms) {
       ProbeState state = pressing(ms);
-      const auto arrives = ms * kMs + static_cast<std::int64_t>((15 + jitter(random)) * 1e6);
+      const auto arrives_ns = ms * kMs + static_cast<std::int64_t>((15 + jitter(random)) * 1e6);
       if (encoder.step(state)) {
-        state.sequence = ++coded_number;
-        links[0].push_back({arrives, state, StateStream::kDeadbandCoded});
+        state.sequence = ++coded_sequence;
+        links[0].push_back({arrives_ns, state, StateStream::kDeadbandCoded});
       }
       if (ms >= 1500 && ms < 3000) {
-        state.sequence = ++full_rate_number;
-        links[1].push_back({arrives, state, StateStream::kFullRate});
+        state.sequence = ++full_rate_sequence;
+        links[1].push_back({arrives_ns, state, StateStream::kFullRate});
       }
       for (auto& link : links)
         for (; !link.empty() && link.front().arrives_ns <= ms * kMs; link.pop_front())
@@ -62,22 +63,22 @@ class Switching : public ::testing::Test {
   RemoteProbe probe_;
 };
 
-TEST_F(Switching, ShowsNoForceStepAtEitherChangeOfStream) {
+TEST_F(StreamChange, TheShownForceDoesNotStepWhenTheStreamChanges) {
   const Jnd jnd;
-  double before = 0, max = 0;
+  double last_force = 0, max_step = 0;
   run([&](std::int64_t ms, const ShownProbe& shown) {
     const double force = shown.view.force[2];
-    if (ms > 1000) max = std::max(max, std::abs(force - before));
-    before = force;
+    if (ms > 1000) max_step = std::max(max_step, std::abs(force - last_force));
+    last_force = force;
     if (ms < 1000) return;
-    const double felt = pressing(0).force[2] + 0.5 * std::sin(2 * M_PI * static_cast<double>(shown.at_ns) * 1e-9);
-    ASSERT_LE(std::abs(force - felt), 1.3 * std::max(0.1 * felt, jnd.force_floor)) << "at " << ms << " ms";
+    const double expected = pressing(0).force[2] + 0.5 * std::sin(2 * M_PI * static_cast<double>(shown.at_ns) * 1e-9);
+    ASSERT_LE(std::abs(force - expected), 1.3 * std::max(0.1 * expected, jnd.force_floor)) << "at " << ms << " ms";
   });
-  // The force itself changes by 3 mN in a millisecond; a new coded state adds at most the deadband, 0.15 N.
-  EXPECT_LE(max, 0.155);
+  // The force itself changes by 3 mN in a millisecond. A new deadband-coded state adds at most the deadband, 0.15 N.
+  EXPECT_LE(max_step, 0.155);
 }
 
-TEST_F(Switching, ShowsFullRateStatesWithLessDelayWhileTheyCome) {
+TEST_F(StreamChange, ShowsFullRateStatesWithLessDelayWhileTheyArrive) {
   std::int64_t coded_delay = 0, full_rate_delay = 0;
   run([&](std::int64_t ms, const ShownProbe&) {
     if (ms == 1400) {
@@ -135,7 +136,7 @@ ProbeState state_of(std::uint64_t participant, std::uint64_t incarnation, std::u
   return state;
 }
 
-TEST(RemoteProbe, GoesOnAfterOneNumberFromTheFarFuture) {
+TEST(RemoteProbe, AcceptsStatesAfterOneImplausibleSequence) {
   for (const StateStream stream : {StateStream::kDeadbandCoded, StateStream::kFullRate}) {
     RemoteProbe probe;
     std::uint32_t sequence = 0;
@@ -149,7 +150,7 @@ TEST(RemoteProbe, GoesOnAfterOneNumberFromTheFarFuture) {
   }
 }
 
-TEST(RemoteProbe, GoesOnAfterOneTimeFromTheFarFuture) {
+TEST(RemoteProbe, AcceptsStatesAfterOneImplausibleTime) {
   RemoteProbe probe;
   std::uint32_t sequence = 0;
   for (std::int64_t ms = 0; ms < 2000; ++ms) {
@@ -162,7 +163,7 @@ TEST(RemoteProbe, GoesOnAfterOneTimeFromTheFarFuture) {
   EXPECT_TRUE(probe.view_at(5000 * kMs).stale) << "no state for three seconds";
 }
 
-TEST(RemoteProbe, FollowsAUserToAnHrtcThatStartedEarlier) {
+TEST(RemoteProbe, FollowsAUserToAnHrtcWithASmallerIncarnation) {
   RemoteProbe probe;
   std::int64_t ms = 0;
   for (std::uint32_t i = 1; i <= 100; ++i, ++ms)
@@ -173,7 +174,7 @@ TEST(RemoteProbe, FollowsAUserToAnHrtcThatStartedEarlier) {
   EXPECT_NEAR(probe.view_at(ms * kMs).state.radius, static_cast<double>(ms), 10);
 }
 
-TEST(RemoteProbe, GoesOnAfterOneIncarnationFromTheFarFuture) {
+TEST(RemoteProbe, AcceptsStatesAfterOneImplausibleIncarnation) {
   RemoteProbe probe;
   std::int64_t ms = 0;
   for (std::uint32_t i = 1; i <= 200; ++i, ++ms)

@@ -10,7 +10,7 @@ namespace {
 constexpr std::int64_t kMs = 1'000'000;
 constexpr SequenceLimits kLimits{10, 1000};
 
-/// A window that has accepted 1 to 100, one each millisecond, the last at 100 ms.
+/// A window that has accepted the numbers 1 to 100, one each millisecond, and 100 at 100 ms.
 SequenceWindow after_hundred(const SequenceLimits& limits = kLimits) {
   SequenceWindow window{limits};
   for (std::uint64_t i = 1; i <= 100; ++i) EXPECT_TRUE(accepted(window.admit(i, static_cast<std::int64_t>(i) * kMs)));
@@ -19,7 +19,7 @@ SequenceWindow after_hundred(const SequenceLimits& limits = kLimits) {
 
 Origin origin(std::uint64_t participant, std::uint64_t incarnation) { return {1, participant, incarnation, 0}; }
 
-TEST(SequenceWindow, ANumberMayBeAheadByAheadPlusRateTimesTime) {
+TEST(SequenceWindow, ANumberMayBeLargerByTheFixedLimitPlusRateTimesTime) {
   for (const std::int64_t passed_ms : {0, 1, 50, 3'600'000}) {
     const auto max = 100 + 10 + static_cast<std::uint64_t>(passed_ms);
     EXPECT_EQ(after_hundred().admit(max, (100 + passed_ms) * kMs), Admission::kAccepted);
@@ -28,7 +28,7 @@ TEST(SequenceWindow, ANumberMayBeAheadByAheadPlusRateTimesTime) {
   EXPECT_EQ(after_hundred().admit(UINT64_MAX, 101 * kMs), Admission::kImplausible);
 }
 
-TEST(SequenceWindow, OneNumberFromTheFarFutureIsDropped) {
+TEST(SequenceWindow, DropsOneImplausibleNumber) {
   SequenceWindow window = after_hundred();
   EXPECT_EQ(window.admit(4'000'000'000, 101 * kMs), Admission::kImplausible);
   EXPECT_EQ(window.newest(), 100u);
@@ -42,7 +42,7 @@ TEST(SequenceWindow, AnOvertakenOrRepeatedNumberIsOld) {
   EXPECT_EQ(window.admit(89, 101 * kMs), Admission::kImplausible);
 }
 
-TEST(SequenceWindow, AJumpIsAcceptedAfterThreeConsecutiveSamplesThatAgree) {
+TEST(SequenceWindow, AcceptsAJumpAfterThreeConsecutiveNumbers) {
   for (const std::uint64_t to : {std::uint64_t{1} << 40, std::uint64_t{1}}) {
     SequenceWindow window = after_hundred();
     EXPECT_EQ(window.admit(to, 150 * kMs), Admission::kImplausible);
@@ -53,10 +53,10 @@ TEST(SequenceWindow, AJumpIsAcceptedAfterThreeConsecutiveSamplesThatAgree) {
   }
 }
 
-TEST(SequenceWindow, SamplesThatDisagreeOrAreInterruptedAreNoJump) {
+TEST(SequenceWindow, AcceptsNoJumpIfTheNumbersAreNotConsecutiveOrAreInterrupted) {
   SequenceWindow window = after_hundred();
   for (std::uint64_t i = 1; i < 100; ++i)
-    EXPECT_EQ(window.admit(i << 40, 101 * kMs), Admission::kImplausible) << "each is far from the one before";
+    EXPECT_EQ(window.admit(i << 40, 101 * kMs), Admission::kImplausible) << "no number follows its predecessor";
   for (std::uint64_t i = 1; i < 100; ++i) {
     const std::int64_t now = static_cast<std::int64_t>(101 + i) * kMs;
     ASSERT_EQ(window.admit((std::uint64_t{1} << 40) + i, now), Admission::kImplausible);
@@ -64,7 +64,7 @@ TEST(SequenceWindow, SamplesThatDisagreeOrAreInterruptedAreNoJump) {
   }
 }
 
-TEST(SequenceWindow, TheFirstNumberIsUnconfirmedUntilASecondAgrees) {
+TEST(SequenceWindow, TheFirstNumberIsUnconfirmedUntilTheNextNumberFollowsIt) {
   SequenceWindow window{kLimits};
   EXPECT_EQ(window.admit(UINT64_MAX, 0), Admission::kNewStart);
   EXPECT_EQ(window.admit(7, kMs), Admission::kNewStart);
@@ -74,7 +74,7 @@ TEST(SequenceWindow, TheFirstNumberIsUnconfirmedUntilASecondAgrees) {
   EXPECT_EQ(window.admit(UINT64_MAX, 3 * kMs), Admission::kImplausible);
 }
 
-TEST(SequenceWindow, ANumberThatRepeatsIsAcceptedEachTime) {
+TEST(SequenceWindow, AcceptsRepetitionsOfTheNewestNumberIfTheyAreAllowed) {
   SequenceWindow window = after_hundred({10, 1000, true});
   EXPECT_EQ(window.admit(100, 101 * kMs), Admission::kAccepted);
   EXPECT_EQ(window.admit(99, 102 * kMs), Admission::kOld);
@@ -82,7 +82,7 @@ TEST(SequenceWindow, ANumberThatRepeatsIsAcceptedEachTime) {
   EXPECT_EQ(window.admit(5000, 104 * kMs), Admission::kNewStart) << "equal numbers agree";
 }
 
-TEST(SequenceWindow, AFencingNumberNeverFallsOnceConfirmed) {
+TEST(SequenceWindow, AConfirmedFencingNumberNeverDecreases) {
   SequenceWindow window{{10, 1000, true, false}, std::uint64_t{1} << 40, 0};
   for (std::int64_t i = 0; i < 100; ++i) EXPECT_EQ(window.admit(5, i * kMs), Admission::kOld);
   EXPECT_EQ(window.newest(), std::uint64_t{1} << 40);
@@ -91,8 +91,8 @@ TEST(SequenceWindow, AFencingNumberNeverFallsOnceConfirmed) {
   EXPECT_EQ(fresh.admit(5, 0), Admission::kNewStart) << "a single sample is not confirmed";
 }
 
-/// Samples may be lost or forged. A forged number from far away must not cause the refusal of an honest sample.
-TEST(SequenceWindow, HonestSamplesPassBetweenForgedOnes) {
+/// A third of the correct numbers is lost, and implausible numbers arrive in between.
+TEST(SequenceWindow, RefusesNoCorrectNumberBecauseOfImplausibleNumbers) {
   for (unsigned seed = 1; seed <= 50; ++seed) {
     std::mt19937_64 random{seed};
     SequenceWindow window{kLimits};
@@ -107,7 +107,7 @@ TEST(SequenceWindow, HonestSamplesPassBetweenForgedOnes) {
   }
 }
 
-TEST(SourceWindow, ALargerIncarnationTakesOverAtOnceAndASmallerOneAfterThreeConsecutiveSamples) {
+TEST(SourceWindow, AcceptsALargerIncarnationAtOnceAndASmallerIncarnationAfterThreeSamples) {
   SourceWindow window;
   EXPECT_EQ(window.admit(origin(1, 50)), Admission::kNewStart);
   EXPECT_EQ(window.admit(origin(1, 50)), Admission::kAccepted);
@@ -127,7 +127,7 @@ TEST(SourceWindow, IncarnationsOfDifferentParticipantsAreNotCompared) {
   }
 }
 
-TEST(SourceWindow, OfTwoAlternatingWritersTheFirstStays) {
+TEST(SourceWindow, OfTwoAlternatingWritersTheFirstRemainsAccepted) {
   SourceWindow window;
   for (int i = 0; i < 100; ++i) {
     EXPECT_TRUE(accepted(window.admit(origin(1, 50))));
@@ -135,7 +135,7 @@ TEST(SourceWindow, OfTwoAlternatingWritersTheFirstStays) {
   }
 }
 
-TEST(SenderWindow, ARestartedSenderCountsFromItsFirstNumber) {
+TEST(SenderWindow, AcceptsTheFirstNumbersOfARestartedSender) {
   SenderWindow window{kLimits};
   for (std::uint64_t i = 1000; i < 1100; ++i)
     EXPECT_TRUE(accepted(window.admit(origin(1, 5), i, static_cast<std::int64_t>(i) * kMs)));
@@ -143,7 +143,7 @@ TEST(SenderWindow, ARestartedSenderCountsFromItsFirstNumber) {
   EXPECT_EQ(window.admit(origin(1, 6), 2, 1101 * kMs), Admission::kAccepted);
 }
 
-TEST(TimeWindow, OneTimeFromTheFarFutureOrPastIsDropped) {
+TEST(TimeWindow, DropsOneImplausibleTime) {
   for (const std::int64_t wrong : {INT64_MAX, INT64_MIN, INT64_C(3'000'000'000)}) {
     TimeWindow window;
     for (std::int64_t ms = 0; ms < 1000; ++ms) {
@@ -161,7 +161,7 @@ TEST(TimeWindow, AcceptsAClockWithAnyOffsetAndDrift) {
     ASSERT_TRUE(accepted(window.admit(INT64_C(77'000'000) * kMs + ms * kMs - ms * 200, ms * kMs))) << ms;
 }
 
-TEST(TimeWindow, AStepOfTheClockIsAcceptedAfterThreeSamplesThatAgree) {
+TEST(TimeWindow, AcceptsAStepOfTheClockAfterThreeConsistentTimes) {
   TimeWindow window;
   for (std::int64_t ms = 0; ms < 10; ++ms) (void)window.admit(ms * kMs, ms * kMs);
   EXPECT_EQ(window.admit(60'010 * kMs, 10 * kMs), Admission::kImplausible);

@@ -19,36 +19,37 @@ constexpr std::size_t kSlots = 8;  // more than there are users
 std::vector<std::uint32_t> records_of(const std::vector<spm::Interval>& intervals) {
   std::vector<std::uint32_t> records;
   for (const spm::Interval& interval : intervals)
-    for (std::uint32_t r = interval.first; r != interval.first + interval.count; ++r) records.push_back(r);
+    for (std::uint32_t record = interval.first; record != interval.first + interval.count; ++record)
+      records.push_back(record);
   return records;
 }
 
 std::uint32_t regions_of(std::uint64_t object) { return model_of(object).summary.regions; }
 
-/// The detector polls up to a tick late, and counts from the poll before the answer.
+/// The failure detector is called up to one tick late, and measures silence from its call before the last answer.
 constexpr std::int64_t kMaxSilenceNs = FailureDetectorSettings{}.max_timeout_ns + 4 * kTickNs;
 
-std::string name_of(std::uint64_t object, std::uint32_t region) {
+std::string region_text(std::uint64_t object, std::uint32_t region) {
   return "region " + std::to_string(region) + " of object " + std::to_string(object);
 }
 
 struct RegionRecords {
-  bool whole = false;  // the bytes equal a host's encoding of the region
-  std::vector<std::uint32_t> list, sent;
+  bool correct = false;  // the bytes equal a host's encoding of the region
+  std::vector<std::uint32_t> closed_list, sent;
 };
 
-/// Depends on its arguments alone, so results are shared by the schedules of one thread.
+/// The result depends only on the arguments, so all schedules of a thread share the results.
 const RegionRecords& decoded(std::uint64_t object, std::uint32_t region, const std::vector<std::uint8_t>& bytes) {
-  thread_local std::map<std::pair<std::uint64_t, std::vector<std::uint8_t>>, RegionRecords> known;
-  constexpr std::size_t kMaxKnown = 20'000;
-  if (known.size() == kMaxKnown) known.clear();
-  const auto [at, is_new] = known.try_emplace({object << 32 | region, bytes});
-  if (!is_new) return at->second;
+  thread_local std::map<std::pair<std::uint64_t, std::vector<std::uint8_t>>, RegionRecords> results;
+  constexpr std::size_t kMaxResults = 20'000;
+  if (results.size() == kMaxResults) results.clear();
+  const auto [result, is_new] = results.try_emplace({object << 32 | region, bytes});
+  if (!is_new) return result->second;
   const spm::codec::CompressedModel& model = coded_of(object);
   const auto data = spm::codec::decode_region(bytes, model_of(object).summary, model.tables());
   if (data && spm::index(data->region) == region && bytes == spm::codec::encode_region(model, data->region, data->sent))
-    at->second = {true, records_of(data->list), records_of(data->sent)};
-  return at->second;
+    result->second = {true, records_of(data->list), records_of(data->sent)};
+  return result->second;
 }
 
 }  // namespace
@@ -68,27 +69,27 @@ const spm::codec::CompressedModel& coded_of(std::uint64_t object) {
 SimulatedHrtc::SimulatedHrtc(World& world, std::uint64_t id, const HrtcFaults& faults)
     : Program{world, id, Role::kHrtc}, faults_{faults} {}
 
-void SimulatedHrtc::begin() {
+void SimulatedHrtc::on_start() {
   DeliverySettings settings;
   settings.credit = kMaxCredit / 2;
   settings.max_credit = kMaxCredit;
   settings.max_partial_bytes = kMaxPartialBytes;
   client_ = std::make_unique<DeliveryClient>(self(), settings);
   failure_detector_ = std::make_unique<FailureDetector>(self(), FailureDetectorSettings{});
-  answered_ns_.clear();
+  last_answer_ns_.clear();
   suspects_.clear();
   slots_ = std::make_unique<UserSlots>(kSlots);
   client_of_.clear();
   caches_.clear();
-  answers_.clear();
+  decodings_.clear();
   for (std::uint64_t object = kFirstObject; object < kFirstObject + kObjects; ++object) {
     const spm::ModelSummary& summary = model_of(object).summary;
     Cache& cache = caches_[object];
-    cache.count.assign(summary.records, 0);
-    cache.firm.assign(summary.records, 0);
-    cache.touched = static_cast<std::uint32_t>(world_.below(summary.regions));
+    cache.regions_with.assign(summary.records, 0);
+    cache.never_retired_with.assign(summary.records, 0);
+    cache.touched = static_cast<std::uint32_t>(world_.random_below(summary.regions));
     client_->open(object, summary.digest);
-    wander(object);
+    move_user(object);
   }
 }
 
@@ -101,42 +102,44 @@ void SimulatedHrtc::on_sample(const Sample& sample) {
     const std::uint64_t host = liveness->sample.origin.participant, before = failure_detector_->false_suspicions();
     failure_detector_->on_answer(liveness->sample, local_ns());
     figures_.false_suspicions += failure_detector_->false_suspicions() - before;
-    if (failure_detector_->watches(host)) answered_ns_[host] = world_.now_ns;
+    if (failure_detector_->watches(host)) last_answer_ns_[host] = world_.now_ns;
     suspects_.erase(host);
   }
   if (const auto* offer = std::get_if<CatalogueEntry>(&sample)) client_->on_catalogue(*offer);
   if (const auto* chunk = std::get_if<BulkChunk>(&sample)) take_chunk(*chunk);
 }
 
-void SimulatedHrtc::react(const RosterEvent& event) {
+void SimulatedHrtc::on_roster_event(const RosterEvent& event) {
   const RosterEntry& entry = event.entry;
   const bool gone = event.change == RosterChange::kGone || event.change == RosterChange::kLeft;
   if (entry.role == Role::kHost && gone) client_->on_host_gone(entry.origin.participant);
-  const bool news = event.change == RosterChange::kJoined || event.change == RosterChange::kRestarted ||
-                    event.change == RosterChange::kChanged;
-  if (entry.role != Role::kClient || (!gone && !news)) return;
-  const bool chosen = !gone && entry.requested_hrtc == std::to_string(id());
-  for (auto at = client_of_.begin(); at != client_of_.end();) {
-    const bool stays = chosen && std::find(entry.users.begin(), entry.users.end(), at->first) != entry.users.end();
-    if (at->second == entry.origin.participant && !stays) {
-      slots_->release(at->first);
-      at = client_of_.erase(at);
+  const bool updated = event.change == RosterChange::kJoined || event.change == RosterChange::kRestarted ||
+                       event.change == RosterChange::kChanged;
+  if (entry.role != Role::kClient || (!gone && !updated)) return;
+  const bool requests_this_hrtc = !gone && entry.requested_hrtc == std::to_string(id());
+  for (auto user = client_of_.begin(); user != client_of_.end();) {
+    const bool remains =
+        requests_this_hrtc && std::find(entry.users.begin(), entry.users.end(), user->first) != entry.users.end();
+    if (user->second == entry.origin.participant && !remains) {
+      slots_->release(user->first);
+      user = client_of_.erase(user);
     } else {
-      ++at;
+      ++user;
     }
   }
-  if (chosen)
-    for (const std::string& user : entry.users)
-      if (slots_->grant(user)) client_of_[user] = entry.origin.participant;
+  if (requests_this_hrtc)
+    for (const std::string& name : entry.users)
+      if (slots_->grant(name)) client_of_[name] = entry.origin.participant;
   publish_entry_at_once();
 }
 
-void SimulatedHrtc::describe(RosterEntry& entry) const { entry.slots = slots_->list(); }
+void SimulatedHrtc::complete_entry(RosterEntry& entry) const { entry.slots = slots_->list(); }
 
-/// A postponed message may rely on regions that are released meanwhile; then it comes again with the messages after it.
-void SimulatedHrtc::unless_excused(const std::string& what) {
-  if (faults_.postponing == 0 && !world_.excused(id()))
-    world_.broken(std::to_string(id()) + ": " + what + ", although nothing had been lost");
+/// Parking explains repetitions too: regions on which a postponed message relies may be released before its answer, and
+/// then the host sends this message and later ones again.
+void SimulatedHrtc::report_unless_explained(const std::string& description) {
+  if (faults_.postponing == 0 && !world_.has_recent_fault(id()))
+    world_.report_violation(std::to_string(id()) + ": " + description + ", although nothing was lost");
 }
 
 void SimulatedHrtc::run_failure_detector() {
@@ -144,165 +147,178 @@ void SimulatedHrtc::run_failure_detector() {
   for (std::uint64_t object = kFirstObject; object < kFirstObject + kObjects; ++object)
     if (const std::uint64_t host = client_->serving_host(object); host != 0) hosts.push_back(host);
   failure_detector_->watch(hosts);
-  for (auto at = answered_ns_.begin(); at != answered_ns_.end();)
-    at = failure_detector_->watches(at->first) ? std::next(at) : answered_ns_.erase(at);
+  for (auto answer = last_answer_ns_.begin(); answer != last_answer_ns_.end();)
+    answer = failure_detector_->watches(answer->first) ? std::next(answer) : last_answer_ns_.erase(answer);
   while (const std::optional<ClockSample> request = failure_detector_->next_request(local_ns()))
     send(request->peer, LivenessSample{*request});
-  if (world_.sabotage != Sabotage::kTrusting) {
+  if (world_.bug != InjectedBug::kIgnoresFailureDetector) {
     for (const FailureDetector::Suspect& silent : failure_detector_->take_suspects(local_ns())) {
       suspects_.insert(silent.host);
       client_->suspect_host(silent.host);
       const Program* host = world_.find(silent.host);
-      if (host->up()) continue;
+      if (host->is_running()) continue;
       ++figures_.deaths_noticed;
-      figures_.noticed_ns = std::max(figures_.noticed_ns, world_.now_ns - host->stopped_ns());
+      figures_.max_detection_ns = std::max(figures_.max_detection_ns, world_.now_ns - host->stopped_ns());
     }
   }
-  for (const auto& [host, answered_ns] : answered_ns_)
-    if (world_.now_ns - answered_ns > kMaxSilenceNs && suspects_.count(host) == 0)
-      world_.broken(std::to_string(id()) + " relies on host " + std::to_string(host) + ", which has not answered for " +
-                    std::to_string((world_.now_ns - answered_ns) / kMs) + " ms");
+  for (const auto& [host, answer_ns] : last_answer_ns_)
+    if (world_.now_ns - answer_ns > kMaxSilenceNs && suspects_.count(host) == 0)
+      world_.report_violation(std::to_string(id()) + " relies on host " + std::to_string(host) +
+                              ", which has not answered for " + std::to_string((world_.now_ns - answer_ns) / kMs) +
+                              " ms");
 }
 
 void SimulatedHrtc::take_chunk(const BulkChunk& chunk) {
   for (DeliveryClient::Message& message : client_->on_chunk(chunk, local_ns())) {
-    if (message.epoch < caches_.at(message.object_id).released_epoch)
-      world_.broken(name_of(message.object_id, message.region) + " came under epoch " + std::to_string(message.epoch) +
-                    " and may rely on a region released before epoch " +
-                    std::to_string(caches_.at(message.object_id).released_epoch));
-    const std::int64_t due_ns = world_.now_ns + world_.below(faults_.decode_ns);
+    const std::uint32_t released_epoch = caches_.at(message.object_id).released_epoch;
+    if (message.epoch < released_epoch)
+      world_.report_violation(region_text(message.object_id, message.region) + " was received under epoch " +
+                              std::to_string(message.epoch) + " and may rely on a region released before epoch " +
+                              std::to_string(released_epoch));
+    const std::int64_t decoded_ns = world_.now_ns + world_.random_below(faults_.decode_ns);
     if (message.kind == BulkKind::kRegion && world_.chance(faults_.postponing))
       client_->postpone_answer(message.object_id, message.region);
-    answers_.push_back({answers_.empty() ? due_ns : std::max(due_ns, answers_.back().due_ns), std::move(message)});
-    answer();
+    const std::int64_t end_ns = decodings_.empty() ? decoded_ns : std::max(decoded_ns, decodings_.back().end_ns);
+    decodings_.push_back({end_ns, std::move(message)});
+    answer_decoded();
   }
-  if (client_->partial_bytes() > kMaxPartialBytes) world_.broken("incomplete messages over their bound");
+  if (client_->partial_bytes() > kMaxPartialBytes)
+    world_.report_violation("incomplete messages exceed their max bytes");
 }
 
-void SimulatedHrtc::answer() {
-  while (!answers_.empty() && answers_.front().due_ns <= world_.now_ns) {
-    const DeliveryClient::Message message = std::move(answers_.front().message);
-    answers_.pop_front();
+void SimulatedHrtc::answer_decoded() {
+  while (!decodings_.empty() && decodings_.front().end_ns <= world_.now_ns) {
+    const DeliveryClient::Message message = std::move(decodings_.front().message);
+    decodings_.pop_front();
     if (message.kind == BulkKind::kRegion) {
-      accept(message);
+      answer_region(message);
       continue;
     }
     const std::span<const std::uint8_t> base = coded_of(message.object_id).spans().base;
     if (!std::equal(base.begin(), base.end(), message.bytes.begin(), message.bytes.end()))
-      world_.broken("a base mesh differs from the model's");
+      world_.report_violation("a base mesh differs from the base mesh of the model");
     client_->answer_base_stored(message.object_id);
   }
 }
 
-/// Accepts a region when each record of its list is held or in the message, as a cache does.
-void SimulatedHrtc::accept(const DeliveryClient::Message& message) {
-  const auto name = [&] { return name_of(message.object_id, message.region); };
+/// Holds the region if each record of its closed list is held or in the message, and refuses it otherwise.
+void SimulatedHrtc::answer_region(const DeliveryClient::Message& message) {
+  const auto region = [&] { return region_text(message.object_id, message.region); };
   const RegionRecords& records = decoded(message.object_id, message.region, message.bytes);
-  if (!records.whole) return world_.broken(name() + " came and differs from the model's");
+  if (!records.correct) return world_.report_violation(region() + " was received and differs from the model");
   Cache& cache = caches_[message.object_id];
-  if (cache.lists.count(message.region) != 0) world_.broken(name() + " came and is held");
-  const std::vector<std::uint32_t>&sent = records.sent, &list = records.list;
-  for (std::size_t i = 0, s = 0; i < list.size(); ++i) {
-    const bool with_it = s < sent.size() && sent[s] == list[i];
-    if (with_it) ++s;
-    if (with_it || cache.count[list[i]] != 0) continue;
+  if (cache.closed_lists.count(message.region) != 0)
+    world_.report_violation(region() + " was received although it is held");
+  const std::vector<std::uint32_t>&sent = records.sent, &closed_list = records.closed_list;
+  auto next_sent = sent.begin();
+  for (const std::uint32_t record : closed_list) {
+    const bool is_sent = next_sent != sent.end() && *next_sent == record;
+    if (is_sent) ++next_sent;
+    if (is_sent || cache.regions_with[record] != 0) continue;
     ++figures_.regions_refused;
-    unless_excused(name() + " came without record " + std::to_string(list[i]));
+    report_unless_explained(region() + " was received without record " + std::to_string(record));
     return client_->answer_refused(message.object_id, message.region);
   }
-  const auto repeated = std::count_if(sent.begin(), sent.end(), [&](std::uint32_t r) { return cache.firm[r] != 0; });
+  const auto repeated = std::count_if(sent.begin(), sent.end(),
+                                      [&](std::uint32_t record) { return cache.never_retired_with[record] != 0; });
   figures_.records_received += sent.size();
   figures_.records_repeated += static_cast<std::uint64_t>(repeated);
   if (repeated != 0)
-    unless_excused(name() + " came with " + std::to_string(repeated) + " records that were held all along");
-  for (const std::uint32_t r : list) {
-    ++cache.count[r];
-    ++cache.firm[r];
+    report_unless_explained(region() + " was received with " + std::to_string(repeated) +
+                            " records of regions that were never retired");
+  for (const std::uint32_t record : closed_list) {
+    ++cache.regions_with[record];
+    ++cache.never_retired_with[record];
   }
-  cache.lists[message.region] = list;
-  cache.firm_regions.insert(message.region);
+  cache.closed_lists[message.region] = closed_list;
+  cache.never_retired.insert(message.region);
   client_->answer_stored(message.object_id, message.region);
   ++figures_.regions_held;
 }
 
-void SimulatedHrtc::wander(std::uint64_t object) {
+void SimulatedHrtc::move_user(std::uint64_t object) {
   const std::uint32_t regions = regions_of(object);
-  std::uint32_t& at = caches_[object].touched;
-  const auto move = static_cast<std::uint32_t>(world_.below(40));
-  at = move == 0 ? static_cast<std::uint32_t>(world_.below(regions)) : (at + regions + (move % 3) - 1) % regions;
+  std::uint32_t& touched = caches_[object].touched;
+  const auto choice = static_cast<std::uint32_t>(world_.random_below(40));
+  touched = choice == 0 ? static_cast<std::uint32_t>(world_.random_below(regions))
+                        : (touched + regions + (choice % 3) - 1) % regions;
   std::vector<Wanted> wanted;
-  for (std::uint32_t away = 0; away <= kReach; ++away) {
-    wanted.push_back({(at + away) % regions, away * 20'000});
-    if (away != 0) wanted.push_back({(at + regions - away) % regions, away * 20'000 + 5'000});
+  for (std::uint32_t distance = 0; distance <= kWantedDistance; ++distance) {
+    wanted.push_back({(touched + distance) % regions, distance * 20'000});
+    if (distance != 0) wanted.push_back({(touched + regions - distance) % regions, distance * 20'000 + 5'000});
   }
   client_->set_wanted(object, wanted);
 }
 
-void SimulatedHrtc::retire_and_take_back(std::uint64_t object) {
+void SimulatedHrtc::retire_and_hold_again(std::uint64_t object) {
   Cache& cache = caches_[object];
   const std::uint32_t regions = regions_of(object);
   std::vector<std::uint32_t> freed;
-  for (const auto& [region, list] : cache.lists) {
+  for (const auto& [region, closed_list] : cache.closed_lists) {
     const std::uint32_t ahead = (region + regions - cache.touched) % regions;
-    const std::uint32_t away = std::min(ahead, regions - ahead);
-    const bool retired = cache.retired.count(region) != 0;
-    if (away > kKeep && !retired) {
+    const std::uint32_t distance = std::min(ahead, regions - ahead);
+    const bool retired = cache.retired_epoch.count(region) != 0;
+    if (distance > kRetireDistance && !retired) {
       if (!client_->retire(object, region)) continue;
-      cache.retired[region] = 0;
-      if (cache.firm_regions.erase(region) != 0)
-        for (const std::uint32_t r : list) --cache.firm[r];
-      if (world_.sabotage == Sabotage::kFreeEarly) freed.push_back(region);
-    } else if (away <= kReach && retired && world_.below(2) == 0) {
-      cache.retired.erase(region);
+      cache.retired_epoch[region] = 0;
+      if (cache.never_retired.erase(region) != 0)
+        for (const std::uint32_t record : closed_list) --cache.never_retired_with[record];
+      if (world_.bug == InjectedBug::kFreesRegionsEarly) freed.push_back(region);
+    } else if (distance <= kWantedDistance && retired && world_.random_below(2) == 0) {
+      cache.retired_epoch.erase(region);
       client_->answer_stored(object, region);
     }
   }
   for (const std::uint32_t region : freed) free(cache, region);
-  if (world_.sabotage == Sabotage::kForget && !cache.lists.empty() && world_.chance(0.1))
-    for (const std::uint32_t r : cache.lists.begin()->second) cache.count[r] = 0;
+  if (world_.bug == InjectedBug::kLosesRecords && !cache.closed_lists.empty() && world_.chance(0.1))
+    for (const std::uint32_t record : cache.closed_lists.begin()->second) cache.regions_with[record] = 0;
 }
 
 void SimulatedHrtc::free(Cache& cache, std::uint32_t region) {
-  for (const std::uint32_t r : cache.lists.at(region))
-    if (cache.count[r] > 0) --cache.count[r];
-  cache.lists.erase(region);
+  for (const std::uint32_t record : cache.closed_lists.at(region))
+    if (cache.regions_with[record] > 0) --cache.regions_with[record];
+  cache.closed_lists.erase(region);
 }
 
 void SimulatedHrtc::release(std::uint64_t object) {
   Cache& cache = caches_[object];
   for (const std::uint32_t region : client_->take_released(object)) {
-    const auto retired = cache.retired.find(region);
-    if (retired == cache.retired.end()) {
-      world_.broken(name_of(object, region) + " was released but not retired");
+    const auto retired = cache.retired_epoch.find(region);
+    if (retired == cache.retired_epoch.end()) {
+      world_.report_violation(region_text(object, region) + " was released but not retired");
       continue;
     }
     const std::uint32_t epoch = retired->second == 0 ? cache.epoch + 1 : retired->second;
     cache.released_epoch = std::max(cache.released_epoch, epoch);
-    cache.retired.erase(retired);
-    if (cache.lists.count(region) != 0) free(cache, region);
+    cache.retired_epoch.erase(retired);
+    if (cache.closed_lists.count(region) != 0) free(cache, region);
     ++figures_.regions_released;
   }
 }
 
-void SimulatedHrtc::publish() {
+void SimulatedHrtc::check_demand(const Cache& cache, const Demand& demand) {
+  for (const std::uint32_t region : records_of(demand.have)) {
+    const auto closed_list = cache.closed_lists.find(region);
+    const auto claim = [&] { return "a demand lists " + region_text(demand.object_id, region) + " as present"; };
+    if (closed_list == cache.closed_lists.end() || cache.retired_epoch.count(region) != 0) {
+      world_.report_violation(claim());
+      continue;
+    }
+    for (const std::uint32_t record : closed_list->second)
+      if (cache.regions_with[record] == 0)
+        world_.report_violation(claim() + ", whose record " + std::to_string(record) + " is not held");
+  }
+  if (demand.wanted.size() > 2 * kWantedDistance + 1) world_.report_violation("a demand wants too many regions");
+  if (demand.credit > kMaxCredit) world_.report_violation("a demand gives more than the max credit");
+  if (demand.epoch < cache.epoch) world_.report_violation("an epoch is smaller than the previous epoch");
+}
+
+void SimulatedHrtc::publish_demands() {
   while (std::optional<Demand> demand = client_->demand(local_ns())) {
     Cache& cache = caches_[demand->object_id];
-    for (const std::uint32_t region : records_of(demand->have)) {
-      const auto list = cache.lists.find(region);
-      const auto name = [&] { return name_of(demand->object_id, region); };
-      if (list == cache.lists.end() || cache.retired.count(region) != 0) {
-        world_.broken("a demand claims " + name());
-        continue;
-      }
-      for (const std::uint32_t r : list->second)
-        if (cache.count[r] == 0)
-          world_.broken("a demand claims " + name() + ", whose record " + std::to_string(r) + " is not held");
-    }
-    if (demand->wanted.size() > 2 * kReach + 1) world_.broken("a demand wants too many regions");
-    if (demand->credit > kMaxCredit) world_.broken("a demand gives more than the max credit");
-    if (demand->epoch < cache.epoch) world_.broken("an epoch steps back");
+    check_demand(cache, *demand);
     cache.epoch = demand->epoch;
-    for (auto& [region, epoch] : cache.retired)
+    for (auto& [region, epoch] : cache.retired_epoch)
       if (epoch == 0) epoch = demand->epoch;
     std::vector<Program*> hosts;
     for (Program* program : world_.programs)
@@ -311,26 +327,26 @@ void SimulatedHrtc::publish() {
   }
 }
 
-bool SimulatedHrtc::content_with(std::uint64_t object) const {
+bool SimulatedHrtc::holds_wanted_regions(std::uint64_t object) const {
   const Cache& cache = caches_.at(object);
   const std::uint32_t regions = regions_of(object);
-  if (!cache.retired.empty()) return false;
-  for (std::uint32_t i = 0; i <= 2 * kReach; ++i)
-    if (cache.lists.count((cache.touched + regions + i - kReach) % regions) == 0) return false;
+  if (!cache.retired_epoch.empty()) return false;
+  for (std::uint32_t offset = 0; offset <= 2 * kWantedDistance; ++offset)
+    if (cache.closed_lists.count((cache.touched + regions + offset - kWantedDistance) % regions) == 0) return false;
   return true;
 }
 
 std::int64_t SimulatedHrtc::work() {
-  answer();
+  answer_decoded();
   run_failure_detector();
-  const bool moves = world_.wandering && wander_.due(world_.now_ns);
+  const bool moves = world_.users_move && move_timer_.due(world_.now_ns);
   for (std::uint64_t object = kFirstObject; object < kFirstObject + kObjects; ++object) {
     release(object);
     if (!moves) continue;
-    wander(object);
-    retire_and_take_back(object);
+    move_user(object);
+    retire_and_hold_again(object);
   }
-  publish();
+  publish_demands();
   return kTickNs;
 }
 

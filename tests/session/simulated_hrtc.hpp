@@ -1,8 +1,8 @@
-/// An HRTC of a simulated session: the real DeliveryClient, FailureDetector and UserSlots, with models of its cache and
-/// of its users' hands.
+/// An HRTC of a simulated session: the production classes DeliveryClient, FailureDetector and UserSlots, with models of
+/// the cache and of the users' hands.
 ///
-/// The cache is a brute-force one: for each record it counts the held regions that list it. It checks every message
-/// that it receives and every demand that it publishes, and reports violations.
+/// The model of the cache counts, for each record, the held regions whose closed lists contain the record. The HRTC
+/// checks every message that it receives and every demand that it publishes, and reports violations.
 #pragma once
 
 #include <cstdint>
@@ -21,20 +21,21 @@
 
 namespace tactus::test_support {
 
-// The objects of every session: regions form a ring; the touched one and its neighbours are wanted.
+// The objects of every session. The regions of an object form a ring. An HRTC wants the touched region and its
+// neighbours in the ring.
 inline constexpr std::uint64_t kFirstObject = 300;
 inline constexpr std::uint64_t kObjects = 2;
-inline constexpr std::uint32_t kReach = 2;  ///< regions wanted on each side of the touched one
-inline constexpr std::uint32_t kKeep = 4;   ///< regions farther away are retired
+inline constexpr std::uint32_t kWantedDistance = 2;  ///< regions up to this distance from the touched one are wanted
+inline constexpr std::uint32_t kRetireDistance = 4;  ///< regions beyond this distance are retired
 inline constexpr std::uint32_t kMaxCredit = 48 * 1024;
 inline constexpr std::size_t kMaxPartialBytes = 200'000;
 [[nodiscard]] const spm::OwnedModel& model_of(std::uint64_t object);
 [[nodiscard]] const spm::codec::CompressedModel& coded_of(std::uint64_t object);
 
-/// Delays in the decoder and in the memory.
+/// Delays of the answers to messages, by decoding and by lack of memory.
 struct HrtcFaults {
-  std::int64_t decode_ns = 0;  ///< max delay of the answer to a message
-  double postponing = 0;       ///< share of messages that are postponed
+  std::int64_t decode_ns = 0;  ///< max time until a message is decoded
+  double postponing = 0;          ///< probability that a region is postponed
 };
 
 struct HrtcFigures {
@@ -42,66 +43,67 @@ struct HrtcFigures {
   std::uint64_t regions_refused = 0;
   std::uint64_t regions_released = 0;
   std::uint64_t records_received = 0;
-  std::uint64_t records_repeated = 0;  ///< received although a region that was never retired lists them
-  std::uint64_t deaths_noticed = 0;    ///< suspected hosts that were dead
-  std::int64_t noticed_ns = 0;         ///< max delay of these suspicions
-  std::uint64_t false_suspicions = 0;  ///< suspected hosts that were alive
+  std::uint64_t records_repeated = 0;  ///< received although a region that was never retired contains them
+  std::uint64_t deaths_noticed = 0;    ///< suspicions of hosts that had stopped
+  std::int64_t max_detection_ns = 0;   ///< max time from the stop of a host to its suspicion
+  std::uint64_t false_suspicions = 0;  ///< suspicions of hosts that ran
 };
 
 class SimulatedHrtc : public Program {
  public:
   SimulatedHrtc(World& world, std::uint64_t id, const HrtcFaults& faults);
 
-  /// Whether all wanted regions of this object are held and none is retired.
-  [[nodiscard]] bool content_with(std::uint64_t object) const;
+  /// Whether all wanted regions of the object are held and no region is retired.
+  [[nodiscard]] bool holds_wanted_regions(std::uint64_t object) const;
   [[nodiscard]] std::vector<session::UserSlot> slots() const { return slots_->list(); }
   [[nodiscard]] const session::DeliveryClient& delivery() const noexcept { return *client_; }
   [[nodiscard]] const HrtcFigures& figures() const noexcept { return figures_; }
 
  protected:
-  void begin() override;
+  void on_start() override;
   void on_sample(const Sample& sample) override;
-  void react(const session::RosterEvent& event) override;
+  void on_roster_event(const session::RosterEvent& event) override;
   std::int64_t work() override;
-  void describe(session::RosterEntry& entry) const override;
+  void complete_entry(session::RosterEntry& entry) const override;
 
  private:
   struct Cache {
-    std::vector<std::uint32_t> count;                           // by record, over all held regions
-    std::vector<std::uint32_t> firm;                            // by record, over regions never retired
-    std::map<std::uint32_t, std::vector<std::uint32_t>> lists;  // held or retired regions
-    std::map<std::uint32_t, std::uint32_t> retired;             // -> epoch of the demand that omits it; 0: none yet
-    std::set<std::uint32_t> firm_regions;                       // held and never retired: hosts may always rely on them
-    std::uint32_t touched = 0;
-    std::uint32_t epoch = 0;           // of the last demand
-    std::uint32_t released_epoch = 0;  // messages of earlier epochs may rely on released regions
+    std::map<std::uint32_t, std::vector<std::uint32_t>> closed_lists;  // of held and retired regions, by region
+    std::vector<std::uint32_t> regions_with;                           // number of `closed_lists`, by record
+    std::set<std::uint32_t> never_retired;                             // held regions, on which hosts may always rely
+    std::vector<std::uint32_t> never_retired_with;         // number of closed lists of `never_retired`, by record
+    std::map<std::uint32_t, std::uint32_t> retired_epoch;  // first demand without the region; 0: not published yet
+    std::uint32_t touched = 0;                             // region
+    std::uint32_t epoch = 0;                               // of the last demand
+    std::uint32_t released_epoch = 0;                      // messages of earlier epochs may rely on released regions
   };
-  struct Answer {  // of the decoder, due later
-    std::int64_t due_ns;
+  struct Decoding {
+    std::int64_t end_ns;
     session::DeliveryClient::Message message;
   };
 
   void run_failure_detector();
   void take_chunk(const session::BulkChunk& chunk);
-  void answer();
-  void accept(const session::DeliveryClient::Message& message);
-  void wander(std::uint64_t object);
-  void retire_and_take_back(std::uint64_t object);
+  void answer_decoded();
+  void answer_region(const session::DeliveryClient::Message& message);
+  void move_user(std::uint64_t object);
+  void retire_and_hold_again(std::uint64_t object);
   void release(std::uint64_t object);
   void free(Cache& cache, std::uint32_t region);
-  void publish();
-  void unless_excused(const std::string& what);
+  void publish_demands();
+  void check_demand(const Cache& cache, const session::Demand& demand);
+  void report_unless_explained(const std::string& description);
 
   HrtcFaults faults_;
   std::unique_ptr<session::DeliveryClient> client_;
   std::unique_ptr<session::FailureDetector> failure_detector_;
-  std::map<std::uint64_t, std::int64_t> answered_ns_;  // by watched host that has answered
-  std::set<std::uint64_t> suspects_;                   // suspected hosts
+  std::map<std::uint64_t, std::int64_t> last_answer_ns_;  // by watched host that has answered
+  std::set<std::uint64_t> suspects_;                      // hosts
   std::unique_ptr<session::UserSlots> slots_;
   std::map<std::string, std::uint64_t> client_of_;  // by user
   std::map<std::uint64_t, Cache> caches_;           // by object
-  std::deque<Answer> answers_;
-  session::PeriodicTimer wander_{15 * kMs};
+  std::deque<Decoding> decodings_;                  // in the order of their ends
+  session::PeriodicTimer move_timer_{15 * kMs};
   HrtcFigures figures_;
 };
 

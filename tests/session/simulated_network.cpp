@@ -8,8 +8,8 @@ namespace {
 
 using namespace session;
 
-/// A reliable carrier detects and repeats a loss within this to twice this time.
-constexpr std::int64_t kRepairNs = 25'000'000;
+/// A reliable writer retransmits a lost sample after one to two times this time.
+constexpr std::int64_t kRetransmitNs = 25'000'000;
 
 struct Text {
   std::string operator()(const RosterEntry& entry) const {
@@ -21,7 +21,7 @@ struct Text {
   }
   std::string operator()(const Demand& demand) const {
     std::string line = "demand " + std::to_string(demand.epoch) + " of object " + std::to_string(demand.object_id) +
-                       " to host " + std::to_string(demand.serving_host) + ": has";
+                       " to host " + std::to_string(demand.serving_host) + ": holds";
     for (const spm::Interval& interval : demand.have) {
       line += ' ' + std::to_string(interval.first);
       if (interval.count > 1) line += '-' + std::to_string(interval.first + interval.count - 1);
@@ -52,8 +52,8 @@ struct Text {
   }
 };
 
-/// Key of the state that a newer sample replaces in its writer's history; 0: no state.
-std::uint64_t state_of(const Sample& sample) {
+/// Key of the state that a newer sample replaces in its writer's history; 0: the sample is not a state.
+std::uint64_t state_key_of(const Sample& sample) {
   if (std::holds_alternative<RosterEntry>(sample)) return 1;
   if (const auto* offer = std::get_if<CatalogueEntry>(&sample)) return offer->object_id << 2 | 2;
   if (const auto* demand = std::get_if<Demand>(&sample)) return demand->object_id << 2 | 3;
@@ -67,97 +67,112 @@ std::string text(const Sample& sample) { return std::visit(Text{}, sample); }
 SimulatedNetwork::SimulatedNetwork(std::uint64_t seed, std::int64_t delay_ns, const NetworkFaults& faults)
     : random_{seed}, delay_ns_{delay_ns}, faults_{faults} {}
 
-bool SimulatedNetwork::chance(double p) { return p > 0 && static_cast<double>(random_() >> 11) * 0x1p-53 < p; }
-
-std::int64_t SimulatedNetwork::below(std::int64_t n) {
-  return n <= 0 ? 0 : static_cast<std::int64_t>(random_() % static_cast<std::uint64_t>(n));
+bool SimulatedNetwork::chance(double probability) {
+  return probability > 0 && static_cast<double>(random_() >> 11) * 0x1p-53 < probability;
 }
 
-bool SimulatedNetwork::cut_off(const Direction& direction, std::int64_t at_ns) const {
+std::int64_t SimulatedNetwork::random_below(std::int64_t bound) {
+  return bound <= 0 ? 0 : static_cast<std::int64_t>(random_() % static_cast<std::uint64_t>(bound));
+}
+
+bool SimulatedNetwork::is_cut(const Direction& direction, std::int64_t at_ns) const {
   const auto cut = cuts_.find(direction);
   return cut != cuts_.end() && at_ns < cut->second;
 }
 
-void SimulatedNetwork::harm(const Direction& direction, std::int64_t now_ns) {
-  harmed_[std::minmax(direction.first, direction.second)] = now_ns;
+void SimulatedNetwork::record_fault(FaultKind kind, const Direction& direction, std::int64_t at_ns) {
+  ++fault_counts_[static_cast<std::size_t>(kind)];
+  last_fault_ns_[std::minmax(direction.first, direction.second)] = at_ns;
 }
 
-std::int64_t SimulatedNetwork::last_harm_ns(std::uint64_t a, std::uint64_t b) const {
-  const auto at = harmed_.find(std::minmax(a, b));
-  return at == harmed_.end() ? std::numeric_limits<std::int64_t>::min() : at->second;
+std::int64_t SimulatedNetwork::last_fault_ns(std::uint64_t a, std::uint64_t b) const {
+  const auto fault = last_fault_ns_.find(std::minmax(a, b));
+  return fault == last_fault_ns_.end() ? std::numeric_limits<std::int64_t>::min() : fault->second;
 }
 
-void SimulatedNetwork::arrive(std::int64_t at_ns, const Direction& direction, std::shared_ptr<const Sample> sample,
-                              std::uint64_t state) {
-  in_flight_.push({at_ns, ++order_, direction.first, direction.second, std::move(sample), state});
+void SimulatedNetwork::enqueue(std::int64_t arrival_ns, const Direction& direction,
+                               std::shared_ptr<const Sample> sample, std::uint64_t state_key) {
+  in_flight_.push({arrival_ns, ++order_, direction.first, direction.second, std::move(sample), state_key});
 }
 
 void SimulatedNetwork::send(std::int64_t now_ns, std::uint64_t from, std::uint64_t to,
-                            std::shared_ptr<const Sample> sample, Carrier carrier) {
+                            std::shared_ptr<const Sample> sample, Reliability reliability) {
   ++sent_;
-  const Direction direction{from, to};
-  std::int64_t at_ns = now_ns + delay_ns_;
-  const char* fate = "";
-  if (carrier == Carrier::kReliable) {
-    while (cut_off(direction, at_ns) || chance(faults_.loss)) {
-      count(cut_off(direction, at_ns) ? FaultKind::kPartition : FaultKind::kLoss);
-      harm(direction, now_ns);
-      fate = " [repeated]";
-      at_ns = std::max(at_ns, cut_off(direction, at_ns) ? cuts_.at(direction) : 0) + kRepairNs + below(kRepairNs);
-      fate = " [repeated]";
-    }
-    const std::uint64_t state = state_of(*sample);
-    if (state != 0) {
-      newest_[{direction, state}] = order_ + 1;
-    } else {
-      std::int64_t& last = last_arrival_[direction];
-      at_ns = last = std::max(at_ns, last + 1);
-    }
-    if (trace) trace(now_ns, std::to_string(from) + " -> " + std::to_string(to) + ' ' + text(*sample) + fate);
-    return arrive(at_ns, direction, std::move(sample), *fate == 0 ? 0 : state);
-  }
-  if (cut_off(direction, now_ns)) {
-    count(FaultKind::kPartition);
-    harm(direction, now_ns);
-    fate = " [cut off]";
-  } else if (chance(faults_.loss)) {
-    count(FaultKind::kLoss);
-    harm(direction, now_ns);
-    fate = " [lost]";
-  } else {
-    const auto* chunk = std::get_if<BulkChunk>(sample.get());
-    if (chunk != nullptr && !chunk->pieces.empty() && chance(faults_.corruption)) {
-      BulkChunk damaged = *chunk;
-      std::vector<std::uint8_t>& payload = damaged.pieces[random_() % damaged.pieces.size()].payload;
-      payload[random_() % payload.size()] ^= static_cast<std::uint8_t>(1 + below(255));
-      sample = std::make_shared<Sample>(std::move(damaged));
-      count(FaultKind::kCorruption);
-      harm(direction, now_ns);
-      fate = " [corrupted]";
-    }
-    for (int copies = chance(faults_.duplication) ? 2 : 1; copies > 0; --copies) {
-      std::int64_t late_ns = 0;
-      if (chance(faults_.reordering)) {
-        late_ns = below(faults_.reorder_ns);
-        count(FaultKind::kReordering);
-        harm(direction, now_ns + late_ns);  // a message that relies on it may overtake it, and is refused
-        fate = " [late]";
-      }
-      if (copies == 2) count(FaultKind::kDuplication);
-      arrive(at_ns + late_ns, direction, sample, 0);
-    }
-  }
+  const char* const fate = reliability == Reliability::kReliable ? send_reliably(now_ns, {from, to}, sample)
+                                                                 : send_best_effort(now_ns, {from, to}, sample);
   if (trace) trace(now_ns, std::to_string(from) + " -> " + std::to_string(to) + ' ' + text(*sample) + fate);
 }
 
+const char* SimulatedNetwork::send_reliably(std::int64_t now_ns, const Direction& direction,
+                                            std::shared_ptr<const Sample> sample) {
+  std::int64_t arrival_ns = now_ns + delay_ns_;
+  bool retransmitted = false;
+  while (is_cut(direction, arrival_ns) || chance(faults_.loss)) {
+    const bool cut = is_cut(direction, arrival_ns);
+    record_fault(cut ? FaultKind::kPartition : FaultKind::kLoss, direction, now_ns);
+    arrival_ns = std::max(arrival_ns, cut ? cuts_.at(direction) : 0) + kRetransmitNs + random_below(kRetransmitNs);
+    retransmitted = true;
+  }
+  const std::uint64_t state_key = state_key_of(*sample);
+  if (state_key != 0) {
+    newest_order_[{direction, state_key}] = order_ + 1;
+  } else {
+    std::int64_t& last_ns = last_reliable_ns_[direction];
+    arrival_ns = last_ns = std::max(arrival_ns, last_ns + 1);
+  }
+  enqueue(arrival_ns, direction, std::move(sample), retransmitted ? state_key : 0);
+  return retransmitted ? " [retransmitted]" : "";
+}
+
+const char* SimulatedNetwork::send_best_effort(std::int64_t now_ns, const Direction& direction,
+                                               std::shared_ptr<const Sample> sample) {
+  if (is_cut(direction, now_ns)) {
+    record_fault(FaultKind::kPartition, direction, now_ns);
+    return " [cut off]";
+  }
+  if (chance(faults_.loss)) {
+    record_fault(FaultKind::kLoss, direction, now_ns);
+    return " [lost]";
+  }
+  const char* fate = "";
+  const auto* chunk = std::get_if<BulkChunk>(sample.get());
+  if (chunk != nullptr && !chunk->pieces.empty() && chance(faults_.corruption)) {
+    sample = corrupted(*chunk);
+    record_fault(FaultKind::kCorruption, direction, now_ns);
+    fate = " [corrupted]";
+  }
+  const bool duplicated = chance(faults_.duplication);
+  if (duplicated) ++fault_counts_[static_cast<std::size_t>(FaultKind::kDuplication)];
+  for (int copies = duplicated ? 2 : 1; copies > 0; --copies) {
+    std::int64_t arrival_ns = now_ns + delay_ns_;
+    if (chance(faults_.reordering)) {
+      const std::int64_t extra_ns = random_below(faults_.reorder_ns);
+      arrival_ns += extra_ns;
+      // Until then, messages that rely on this sample may overtake it and be refused.
+      record_fault(FaultKind::kReordering, direction, now_ns + extra_ns);
+      fate = " [delayed]";
+    }
+    enqueue(arrival_ns, direction, sample, 0);
+  }
+  return fate;
+}
+
+std::shared_ptr<const Sample> SimulatedNetwork::corrupted(const BulkChunk& chunk) {
+  BulkChunk copy = chunk;
+  std::vector<std::uint8_t>& payload = copy.pieces[random_() % copy.pieces.size()].payload;
+  payload[random_() % payload.size()] ^= static_cast<std::uint8_t>(1 + random_below(255));
+  return std::make_shared<Sample>(std::move(copy));
+}
+
 std::int64_t SimulatedNetwork::next_ns() const noexcept {
-  return in_flight_.empty() ? std::numeric_limits<std::int64_t>::max() : in_flight_.top().at_ns;
+  return in_flight_.empty() ? std::numeric_limits<std::int64_t>::max() : in_flight_.top().arrival_ns;
 }
 
 std::optional<SimulatedNetwork::Packet> SimulatedNetwork::take() {
   Packet packet = in_flight_.top();
   in_flight_.pop();
-  if (packet.state != 0 && newest_.at({{packet.from, packet.to}, packet.state}) != packet.order) return std::nullopt;
+  if (packet.state_key != 0 && newest_order_.at({{packet.from, packet.to}, packet.state_key}) != packet.order)
+    return std::nullopt;
   return packet;
 }
 

@@ -1,8 +1,9 @@
-/// The network between the programs of a simulated session: delays, loses, repeats, reorders and corrupts by a seed.
+/// The network between the programs of a simulated session. A seed decides which samples it delays, loses, duplicates,
+/// reorders or corrupts. The same seed gives the same run.
 ///
-/// Virtual time in nanoseconds. Each direction between two programs can be cut for a while. The reliable carrier
-/// delivers once and in order, later for each loss; a state that a newer one replaces before its repetition is not
-/// delivered. The lossy carrier delivers what arrives. The same seed gives the same run.
+/// Virtual time in nanoseconds. Each direction between two programs can be cut until a given time. Reliable delivery
+/// retransmits lost samples and delivers each sample once, states excepted: a state that its writer replaces while a
+/// retransmission is in flight is not delivered. Best-effort delivery loses samples.
 #pragma once
 
 #include <array>
@@ -26,12 +27,12 @@ inline constexpr std::size_t kFaultKinds = 7;
 inline constexpr std::array<const char*, kFaultKinds> kFaultNames{"loss",  "reordering", "duplication", "corruption",
                                                                   "crash", "restart",    "partition"};
 
-/// Chances are per sample.
+/// Probabilities of a fault of each sample.
 struct NetworkFaults {
   double loss = 0;
   double duplication = 0;
   double corruption = 0;  ///< of a chunk's payload
-  double reordering = 0;  ///< a further delay of up to `reorder_ns`
+  double reordering = 0;  ///< by an additional delay of at most `reorder_ns`
   std::int64_t reorder_ns = 0;
 };
 
@@ -41,65 +42,68 @@ struct LivenessSample {
 };
 using Sample = std::variant<session::RosterEntry, session::CatalogueEntry, session::Demand, session::BulkChunk,
                             session::ClockSample, LivenessSample>;
-/// One line for a log.
+/// Describes the sample in one line for a log.
 [[nodiscard]] std::string text(const Sample& sample);
 
 class SimulatedNetwork {
  public:
-  enum class Carrier : std::uint8_t { kLossy, kReliable };
+  enum class Reliability : std::uint8_t { kBestEffort, kReliable };
   struct Packet {
-    std::int64_t at_ns;
+    std::int64_t arrival_ns;
     std::uint64_t order;
     std::uint64_t from, to;
     std::shared_ptr<const Sample> sample;
-    std::uint64_t state;  // key of a repeated state, which a newer state replaces; 0: none
+    std::uint64_t state_key;  // of a retransmitted state, which a newer state replaces; 0: none
     bool operator>(const Packet& other) const noexcept {
-      return at_ns != other.at_ns ? at_ns > other.at_ns : order > other.order;
+      return arrival_ns != other.arrival_ns ? arrival_ns > other.arrival_ns : order > other.order;
     }
   };
 
   SimulatedNetwork(std::uint64_t seed, std::int64_t delay_ns, const NetworkFaults& faults);
 
   void send(std::int64_t now_ns, std::uint64_t from, std::uint64_t to, std::shared_ptr<const Sample> sample,
-            Carrier carrier);
-  /// Arrival of the next packet; the max time if none is in flight.
+            Reliability reliability);
+  /// Arrival of the next packet; the largest time if none is in flight.
   [[nodiscard]] std::int64_t next_ns() const noexcept;
-  /// That packet; none when a newer state has replaced it.
+  /// Removes the next packet and returns it, or nothing if a newer state has replaced it.
   [[nodiscard]] std::optional<Packet> take();
-  /// Cuts the direction from `from` to `to` until then.
+  /// Cuts the direction from `from` to `to` until `until_ns`.
   void cut(std::uint64_t from, std::uint64_t to, std::int64_t until_ns);
-  /// No faults and no cuts from now on.
+  /// Ends all faults and cuts.
   void heal();
 
-  /// When a sample between these two was last lost, damaged, cut off or overtaken.
-  [[nodiscard]] std::int64_t last_harm_ns(std::uint64_t a, std::uint64_t b) const;
+  /// When a sample between the two programs was last lost, corrupted, cut off or overtaken.
+  [[nodiscard]] std::int64_t last_fault_ns(std::uint64_t a, std::uint64_t b) const;
   [[nodiscard]] std::uint64_t sent() const noexcept { return sent_; }
-  [[nodiscard]] const std::array<std::uint64_t, kFaultKinds>& faults_done() const noexcept { return done_; }
+  [[nodiscard]] const std::array<std::uint64_t, kFaultKinds>& fault_counts() const noexcept { return fault_counts_; }
 
   /// Receives a line for each sample; may be null.
   std::function<void(std::int64_t now_ns, const std::string&)> trace;
 
  private:
   using Direction = std::pair<std::uint64_t, std::uint64_t>;
-  [[nodiscard]] bool chance(double p);
-  [[nodiscard]] std::int64_t below(std::int64_t n);
-  [[nodiscard]] bool cut_off(const Direction& direction, std::int64_t at_ns) const;
-  void arrive(std::int64_t at_ns, const Direction& direction, std::shared_ptr<const Sample> sample,
-              std::uint64_t state);
-  void count(FaultKind kind) { ++done_[static_cast<std::size_t>(kind)]; }
-  void harm(const Direction& direction, std::int64_t now_ns);
+  [[nodiscard]] bool chance(double probability);
+  [[nodiscard]] std::int64_t random_below(std::int64_t bound);
+  [[nodiscard]] bool is_cut(const Direction& direction, std::int64_t at_ns) const;
+  // Each returns the fate of the sample for the trace.
+  const char* send_reliably(std::int64_t now_ns, const Direction& direction, std::shared_ptr<const Sample> sample);
+  const char* send_best_effort(std::int64_t now_ns, const Direction& direction, std::shared_ptr<const Sample> sample);
+  [[nodiscard]] std::shared_ptr<const Sample> corrupted(const session::BulkChunk& chunk);
+  void enqueue(std::int64_t arrival_ns, const Direction& direction, std::shared_ptr<const Sample> sample,
+               std::uint64_t state_key);
+  void record_fault(FaultKind kind, const Direction& direction, std::int64_t at_ns);
 
   std::mt19937_64 random_;
   std::int64_t delay_ns_;
   NetworkFaults faults_;
   std::priority_queue<Packet, std::vector<Packet>, std::greater<>> in_flight_;
-  std::map<Direction, std::int64_t> cuts_;                               // end of the cut
-  std::map<std::pair<Direction, std::uint64_t>, std::uint64_t> newest_;  // order of the newest state with a key
-  std::map<Direction, std::int64_t> last_arrival_;                       // over the reliable carrier
-  std::map<Direction, std::int64_t> harmed_;                             // time of the last harm
+  std::map<Direction, std::int64_t> cuts_;                                     // end of the cut
+  std::map<std::pair<Direction, std::uint64_t>, std::uint64_t> newest_order_;  // of the packets with a state key
+  std::map<Direction, std::int64_t> last_reliable_ns_;                         // arrival of the last ordered packet
+  std::map<Direction, std::int64_t> last_fault_ns_;
   std::uint64_t order_ = 0;
   std::uint64_t sent_ = 0;
-  std::array<std::uint64_t, kFaultKinds> done_{};
+  std::array<std::uint64_t, kFaultKinds> fault_counts_{};
 };
 
 }  // namespace tactus::test_support

@@ -1,17 +1,22 @@
 /// A session of two hosts, three HRTCs and two clients in one thread and in virtual time, by a seed.
 ///
-/// DeliveryServer, DeliveryClient, Roster, FailureDetector, SessionClock and UserSlots are the real ones; the network,
-/// the cache of an HRTC and the hands of users are models. Users move over two objects (both hosts serve the first, one
-/// of them the second) while the schedule causes faults. Then all faults end and the session has to recover:
+/// DeliveryServer, DeliveryClient, Roster, FailureDetector, SessionClock and UserSlots are the production classes. The
+/// network, the cache of an HRTC and the hands of users are models. Users move over two objects while the schedule
+/// causes faults. Both hosts serve the first object, one of them also the second. Then all faults end, and the session
+/// has to recover. Invariants:
 ///
-///     a region in `have` decodes, equals the model's and is closed                  at all times
-///     no message relies on a region that was released before                        at all times
-///     no record comes again, and no region incomplete, unless something was lost    at all times
-///     a clock's error is within its stated bound, and it never steps back           at all times
-///     credit, incomplete messages and demands stay within their bounds              at all times
-///     an HRTC detects the silence of a host that it needs within 250 ms             at all times
-///     each HRTC holds what it wants; rosters, slots and time references agree;      within kHealNs of the last fault
-///     clock bounds are below kClockNs; then no record is sent any more
+///     at all times
+///       - Each region that a demand lists as present is decoded, equals the region of the model, and all its records
+///         are held.
+///       - No message relies on a region that was released before.
+///       - If nothing was lost, no record is received twice, and no region is received without a record that it needs.
+///       - The error of a clock is within its stated bound, and a clock never steps back.
+///       - Credit, incomplete messages and demands stay within their bounds.
+///       - An HRTC suspects a host that it needs after at most 250 ms of silence.
+///     kHealNs after the last fault
+///       - Each HRTC holds the regions that it wants. Rosters, slots and time references agree.
+///       - The error bounds of the clocks are below kMaxClockBoundNs.
+///       - Soon after, hosts send no more records.
 ///
 /// The same seed gives the same run.
 #pragma once
@@ -28,49 +33,50 @@
 namespace tactus::test_support {
 
 inline constexpr std::int64_t kHealNs = 2'000'000'000;
-inline constexpr std::int64_t kClockNs = 100'000'000;
+inline constexpr std::int64_t kMaxClockBoundNs = 100'000'000;
 
-/// A fault of some programs at one time.
+/// A fault of one or several programs that begins at a given time.
 struct PlannedFault {
   FaultKind kind = FaultKind::kRestart;  ///< kCrash, kRestart or kPartition
   std::int64_t at_ns = 0;
-  std::int64_t lasts_ns = 0;         ///< ends with the faulty phase at the latest, unless `for_good`
-  std::uint32_t programs = 0;        ///< bits by index: programs that end, or that are cut off from the others
-  bool one_way = false;              ///< of a partition: they receive from the others, but cannot send to them
-  bool sends_leave_message = false;  ///< of a restart: sends a leave message
-  bool for_good = false;             ///< of a crash: no restart
+  std::int64_t duration_ns = 0;      ///< at most until the faulty phase ends, unless `permanent`
+  std::uint32_t programs = 0;        ///< bits by index: programs that stop, or that are cut off from the others
+  bool one_way = false;              ///< of a partition: the programs still receive from the others
+  bool sends_leave_message = false;  ///< of a restart
+  bool permanent = false;            ///< of a crash: no restart
 };
 
 struct Schedule {
-  std::int64_t wander_ns = 800'000'000;
-  std::int64_t delay_ns = 1'000'000;  ///< of the network, one way
-  SimulatedNetwork::Carrier carrier = SimulatedNetwork::Carrier::kLossy;
-  NetworkFaults network;
-  HrtcFaults hrtcs;
-  std::vector<PlannedFault> planned;
-  Sabotage sabotage = Sabotage::kNone;
+  std::int64_t faulty_phase_ns = 800'000'000;  ///< time in which users move and faults happen
+  std::int64_t delay_ns = 1'000'000;           ///< of the network, one way
+  SimulatedNetwork::Reliability reliability = SimulatedNetwork::Reliability::kBestEffort;
+  NetworkFaults network_faults;
+  HrtcFaults hrtc_faults;
+  std::vector<PlannedFault> planned_faults;
+  InjectedBug bug = InjectedBug::kNone;
 
-  /// One line.
+  /// Describes the schedule in one line.
   [[nodiscard]] std::string text() const;
 };
 
-/// With at least three kinds of fault.
+/// Returns a schedule with at least three kinds of fault.
 [[nodiscard]] Schedule random_schedule(std::uint64_t seed);
 
 struct SimulationResult {
   std::vector<std::string> broken;  ///< violated invariants, as text
-  std::uint64_t messages = 0;       ///< samples sent
+  std::uint64_t messages = 0;       ///< number of samples sent
   std::array<std::uint64_t, kFaultKinds> faults{};
-  std::int64_t healed_ns = 0;  ///< since the last fault
+  std::int64_t healed_ns = 0;  ///< time from the last fault until the session has recovered
   std::int64_t virtual_ns = 0;
   std::uint64_t chunks = 0;
   std::uint64_t host_changes = 0;
   HrtcFigures hrtcs;  ///< summed over all HRTCs and their incarnations
 
+  /// Number of kinds of fault that happened.
   [[nodiscard]] std::size_t kinds() const;
 };
 
-/// `trace` receives a line for each sample and event; may be null.
+/// Runs one session. `trace` receives a line for each sample and event; may be null.
 [[nodiscard]] SimulationResult simulate(std::uint64_t seed, const Schedule& schedule,
                                         const std::function<void(const std::string&)>& trace = {});
 

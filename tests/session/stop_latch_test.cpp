@@ -26,19 +26,19 @@ ForceReset reset(std::uint64_t participant, std::uint32_t number, std::vector<St
   return {origin(participant), number, std::move(stops), ""};
 }
 RosterEntry entry(std::uint64_t participant, const StopLatch& latch) {
-  RosterEntry made;
-  made.origin = origin(participant);
-  made.role = Role::kHrtc;
-  made.name = std::to_string(participant);
-  made.stops = latch.records();
-  return made;
+  RosterEntry result;
+  result.origin = origin(participant);
+  result.role = Role::kHrtc;
+  result.name = std::to_string(participant);
+  result.stops = latch.records();
+  return result;
 }
 
 TEST(StopLatch, StandsUntilAResetNamesIt) {
   StopLatch latch{origin(1)};
   EXPECT_FALSE(latch.stopped());
   EXPECT_TRUE(latch.on_stop(stop(2)));
-  EXPECT_TRUE(latch.on_reset(reset(3, 1, {stop(4)}))) << "names another stop";
+  EXPECT_TRUE(latch.on_reset(reset(3, 1, {stop(4)}))) << "the reset names another stop";
   EXPECT_TRUE(latch.stopped());
   EXPECT_TRUE(latch.on_reset(reset(3, 2, {stop(2)})));
   EXPECT_FALSE(latch.stopped());
@@ -48,7 +48,7 @@ TEST(StopLatch, HoldsUntilEveryStopIsNamed) {
   StopLatch latch{origin(1)};
   (void)latch.on_stop(stop(2));
   (void)latch.on_stop(stop(3));
-  (void)latch.on_stop(stop(2, 1, 2));  // the issuer has restarted
+  (void)latch.on_stop(stop(2, 1, 2));  // from a new incarnation of the issuer
   (void)latch.on_reset(reset(4, 1, {stop(2), stop(3)}));
   EXPECT_TRUE(latch.stopped());
   EXPECT_THAT(standing_stops(latch.records()), SizeIs(1));
@@ -56,7 +56,7 @@ TEST(StopLatch, HoldsUntilEveryStopIsNamed) {
   EXPECT_FALSE(latch.stopped());
 }
 
-TEST(StopLatch, AResetThatArrivesBeforeItsStopEndsIt) {
+TEST(StopLatch, AResetThatArrivesBeforeItsStopEndsTheStop) {
   StopLatch latch{origin(1)};
   (void)latch.on_reset(reset(3, 1, {stop(2)}));
   EXPECT_FALSE(latch.on_stop(stop(2)));
@@ -72,7 +72,7 @@ TEST(StopLatch, ARepeatedSampleChangesNothing) {
   (void)latch.on_reset(reset(3, 1, {stop(2)}));
   EXPECT_EQ(latch.resets(), 1u);
   const std::uint64_t changes = latch.changes();
-  EXPECT_FALSE(latch.on_reset(reset(3, 1, {stop(2)}))) << "it would reset a later device fault";
+  EXPECT_FALSE(latch.on_reset(reset(3, 1, {stop(2)}))) << "a repeated reset would end a later device fault";
   EXPECT_FALSE(latch.on_stop(stop(2)));
   EXPECT_FALSE(latch.stopped());
   EXPECT_EQ(latch.resets(), 1u);
@@ -88,7 +88,7 @@ TEST(StopLatch, TwoReorderedResetsEndBothStops) {
   EXPECT_FALSE(latch.stopped());
 }
 
-TEST(StopLatch, TakesStopsOverFromTheRosterButNoResets) {
+TEST(StopLatch, AppliesStopsFromTheRosterButNoResets) {
   StopLatch peer{origin(1)}, latch{origin(5)};
   (void)peer.on_stop(stop(2));
   EXPECT_TRUE(latch.on_roster(entry(1, peer)));
@@ -101,7 +101,7 @@ TEST(StopLatch, TakesStopsOverFromTheRosterButNoResets) {
   EXPECT_FALSE(latch.stopped());
 }
 
-TEST(StopLatch, TakesNothingFromAnotherSessionOrProtocol) {
+TEST(StopLatch, IgnoresRosterEntriesOfAnotherSessionOrProtocolVersion) {
   StopLatch peer{origin(1)}, latch{origin(5)};
   (void)peer.on_stop(stop(2));
   RosterEntry other = entry(1, peer);
@@ -113,49 +113,49 @@ TEST(StopLatch, TakesNothingFromAnotherSessionOrProtocol) {
   EXPECT_FALSE(latch.stopped());
 }
 
-TEST(StopLatch, WhenFullDropsTheLeastRecentIssuerWithoutAStandingStop) {
+TEST(StopLatch, DropsTheLeastRecentIssuerWithoutAStandingStopWhenFull) {
   StopLatch latch{origin(1)};
   (void)latch.on_stop(stop(100));
   (void)latch.on_reset(reset(50, 1, {stop(100)}));
   for (std::uint64_t i = 0; i < kMaxStops - 3; ++i) (void)latch.on_stop(stop(200 + i));
   EXPECT_THAT(latch.records(), SizeIs(kMaxStops - 1));
   EXPECT_TRUE(latch.on_stop(stop(300)));
-  const auto knows = [&](std::uint64_t participant) {
+  const auto has_record_of = [&](std::uint64_t participant) {
     return std::any_of(latch.records().begin(), latch.records().end(),
                        [&](const StopRecord& record) { return record.participant == participant; });
   };
-  EXPECT_FALSE(knows(100));
-  EXPECT_TRUE(knows(50));
-  EXPECT_TRUE(knows(200));
-  EXPECT_TRUE(knows(300));
+  EXPECT_FALSE(has_record_of(100));
+  EXPECT_TRUE(has_record_of(50));
+  EXPECT_TRUE(has_record_of(200));
+  EXPECT_TRUE(has_record_of(300));
 }
 
-TEST(StopLatch, RaisesItsOwnStopWhenNoRecordIsFree) {
+TEST(StopLatch, IssuesItsOwnStopWhenNoRecordIsFree) {
   StopLatch latch{origin(1)};
-  std::vector<StopName> known;
-  for (std::uint64_t i = 0; i < kMaxStops - 1; ++i) known.push_back(stop(100 + i));
-  for (const StopName& name : known) (void)latch.on_stop(name);
+  std::vector<StopName> recorded;
+  for (std::uint64_t i = 0; i < kMaxStops - 1; ++i) recorded.push_back(stop(100 + i));
+  for (const StopName& name : recorded) (void)latch.on_stop(name);
   EXPECT_TRUE(latch.on_stop(stop(500)));
-  EXPECT_FALSE(latch.on_stop(stop(500))) << "already stopped";
+  EXPECT_FALSE(latch.on_stop(stop(500))) << "its own stop already stands";
   EXPECT_THAT(latch.records(), SizeIs(kMaxStops));
 
-  EmergencyStop lost;
-  lost.origin = origin(500);
-  lost.number = 1;
-  EXPECT_TRUE(acknowledges(entry(1, latch), lost)) << "its sender need not repeat it";
-  (void)latch.on_reset(reset(3, 1, known));
-  EXPECT_TRUE(latch.stopped()) << "a stop has no record";
+  EmergencyStop unrecorded;
+  unrecorded.origin = origin(500);
+  unrecorded.number = 1;
+  EXPECT_TRUE(acknowledges(entry(1, latch), unrecorded)) << "the sender need not repeat the stop";
+  (void)latch.on_reset(reset(3, 1, recorded));
+  EXPECT_TRUE(latch.stopped()) << "the reset does not name the stop without a record";
   ASSERT_THAT(standing_stops(latch.records()), SizeIs(1));
   EXPECT_EQ(standing_stops(latch.records())[0].participant, 1u);
   (void)latch.on_reset(reset(3, 2, standing_stops(latch.records())));
   EXPECT_FALSE(latch.stopped());
 
-  for (const StopName& name : known) (void)latch.on_stop({name.participant, 1, 2});
-  EXPECT_TRUE(latch.on_stop(stop(501))) << "once more";
+  for (const StopName& name : recorded) (void)latch.on_stop({name.participant, 1, 2});
+  EXPECT_TRUE(latch.on_stop(stop(501))) << "the latch issues its own stop a second time";
   EXPECT_THAT(standing_stops(latch.records()), SizeIs(kMaxStops));
 }
 
-TEST(StopLatch, OnlyThisProgramIssuesItsStops) {
+TEST(StopLatch, IgnoresStopsAndResetsUnderItsOwnName) {
   StopLatch latch{origin(1)};
   (void)latch.on_reset(reset(3, 1, {stop(1, 0xffffffff)}));
   EXPECT_FALSE(latch.on_stop(stop(1, 0xffffffff)));
@@ -164,46 +164,47 @@ TEST(StopLatch, OnlyThisProgramIssuesItsStops) {
   EXPECT_THAT(standing_stops(latch.records()), SizeIs(kMaxStops));
 }
 
-TEST(StopLatch, ListsAcknowledgedAndMissingPrograms) {
+TEST(StopLatch, ListsTheProgramsThatHaveAndHaveNotAcknowledged) {
   Roster roster{origin(99), {}};
   std::map<std::uint64_t, StopLatch> latches;
   std::uint64_t heartbeat = 0;
-  const auto beat = [&] {
+  const auto publish_roster = [&] {
     ++heartbeat;
     for (const auto& [id, latch] : latches) {
-      RosterEntry made = entry(id, latch);
-      made.role = id == 1 ? Role::kHost : id == 4 ? Role::kClient : Role::kHrtc;
-      made.heartbeat = heartbeat;
-      (void)roster.on_entry(made, 0);
+      RosterEntry published = entry(id, latch);
+      published.role = id == 1 ? Role::kHost : id == 4 ? Role::kClient : Role::kHrtc;
+      published.heartbeat = heartbeat;
+      (void)roster.on_entry(published, 0);
     }
   };
   for (const std::uint64_t id : {1, 2, 3, 4}) latches.try_emplace(id, origin(id));
-  EmergencyStop sent;
-  sent.origin = origin(99);
-  sent.number = 1;
-  (void)latches.at(1).on_stop(sent.name());
-  (void)latches.at(2).on_stop(sent.name());
-  beat();
-  Acknowledgement answer = acknowledgement(roster, sent);
-  EXPECT_THAT(answer.hosts, ElementsAre("1"));
-  EXPECT_THAT(answer.hrtcs, ElementsAre("2"));
-  EXPECT_THAT(answer.missing, ElementsAre("3")) << "a client has no forces";
+  EmergencyStop sent_stop;
+  sent_stop.origin = origin(99);
+  sent_stop.number = 1;
+  (void)latches.at(1).on_stop(sent_stop.name());
+  (void)latches.at(2).on_stop(sent_stop.name());
+  publish_roster();
+  Acknowledgement result = acknowledgement(roster, sent_stop);
+  EXPECT_THAT(result.hosts, ElementsAre("1"));
+  EXPECT_THAT(result.hrtcs, ElementsAre("2"));
+  EXPECT_THAT(result.missing, ElementsAre("3")) << "a client has no forces";
 
-  const ForceReset end = reset(98, 1, {sent.name()});
-  (void)latches.at(2).on_reset(end);
-  (void)latches.at(3).on_reset(end);
-  beat();
-  answer = acknowledgement(roster, end);
-  EXPECT_THAT(answer.hrtcs, ElementsAre("2", "3")) << "3 will not stop when the stop arrives";
-  EXPECT_THAT(answer.missing, ElementsAre("1"));
-  EXPECT_THAT(acknowledgement(roster, sent).missing, ElementsAre("3"));
-  (void)latches.at(3).on_stop(sent.name());
-  beat();
-  EXPECT_THAT(acknowledgement(roster, sent).missing, IsEmpty()) << "a stop that was reset also counts as received";
+  const ForceReset sent_reset = reset(98, 1, {sent_stop.name()});
+  (void)latches.at(2).on_reset(sent_reset);
+  (void)latches.at(3).on_reset(sent_reset);
+  publish_roster();
+  result = acknowledgement(roster, sent_reset);
+  EXPECT_THAT(result.hrtcs, ElementsAre("2", "3")) << "the late stop will not stop HRTC 3";
+  EXPECT_THAT(result.missing, ElementsAre("1"));
+  EXPECT_THAT(acknowledgement(roster, sent_stop).missing, ElementsAre("3"));
+  (void)latches.at(3).on_stop(sent_stop.name());
+  publish_roster();
+  EXPECT_THAT(acknowledgement(roster, sent_stop).missing, IsEmpty()) << "a stop that was reset also counts as received";
 }
 
-/// HRTCs, issuers of stops, and operators who reset, over a network that loses, repeats and reorders. Senders repeat
-/// a sample until all have acknowledged it. Issuers may end before that; operators do not.
+/// Simulates HRTCs, issuers of stops and operators who send resets, over a network that loses, duplicates and reorders
+/// samples. A sender repeats its sample until all HRTCs have acknowledged it. An issuer may stop running before that,
+/// an operator may not.
 class StopSimulation {
  public:
   explicit StopSimulation(std::uint32_t seed) : random_{seed} {
@@ -219,17 +220,17 @@ class StopSimulation {
       publish();
       deliver(12);
     }
-    quiet_down();
+    deliver_all();
   }
-  void reset_everything() {
+  void reset_all_stops() {
     issue_reset(1);
-    quiet_down();
+    deliver_all();
   }
 
   [[nodiscard]] bool every_stop_was_named() const {
-    return std::all_of(reached_.begin(), reached_.end(), [this](const auto& stop) {
-      const auto named = named_.find(stop.first);
-      return named != named_.end() && named->second >= stop.second;
+    return std::all_of(newest_received_.begin(), newest_received_.end(), [this](const auto& stop) {
+      const auto named = newest_named_.find(stop.first);
+      return named != newest_named_.end() && named->second >= stop.second;
     });
   }
   [[nodiscard]] std::size_t hrtcs_with_forces() const {
@@ -247,56 +248,56 @@ class StopSimulation {
     std::variant<EmergencyStop, ForceReset, RosterEntry> sample;
   };
 
-  bool chance(double p) { return std::uniform_real_distribution<>{}(random_) < p; }
-  std::ptrdiff_t below(std::size_t n) {
-    return std::uniform_int_distribution<std::ptrdiff_t>{0, static_cast<std::ptrdiff_t>(n) - 1}(random_);
+  bool chance(double probability) { return std::uniform_real_distribution<>{}(random_) < probability; }
+  std::ptrdiff_t random_below(std::size_t bound) {
+    return std::uniform_int_distribution<std::ptrdiff_t>{0, static_cast<std::ptrdiff_t>(bound) - 1}(random_);
   }
 
   void start_hrtc(std::uint64_t id) {
     ++incarnation_;
     hrtcs_.insert_or_assign(id, StopLatch{origin(id, incarnation_)});
   }
-  [[nodiscard]] bool stands_elsewhere(const StopName& stop, std::uint64_t than) const {
+  [[nodiscard]] bool stands_at_another_hrtc(const StopName& stop, std::uint64_t id) const {
     return std::any_of(hrtcs_.begin(), hrtcs_.end(), [&](const auto& hrtc) {
-      const std::vector<StopName> there = standing_stops(hrtc.second.records());
-      return hrtc.first != than && std::any_of(there.begin(), there.end(), [&](const StopName& other) {
+      const std::vector<StopName> stops = standing_stops(hrtc.second.records());
+      return hrtc.first != id && std::any_of(stops.begin(), stops.end(), [&](const StopName& other) {
                return other.participant == stop.participant && other.number >= stop.number;
              });
     });
   }
-  /// Spares an HRTC with the only record of a stop: after its restart nobody could enforce that stop.
+  /// Restarts a random HRTC. Spares an HRTC with the only record of a stop, which would be lost.
   void restart_an_hrtc() {
-    const std::uint64_t id = 1 + static_cast<std::uint64_t>(below(kHrtcs));
-    const std::vector<StopName> known = standing_stops(hrtcs_.at(id).records());
-    if (std::all_of(known.begin(), known.end(), [&](const StopName& stop) { return stands_elsewhere(stop, id); }))
+    const std::uint64_t id = 1 + static_cast<std::uint64_t>(random_below(kHrtcs));
+    const std::vector<StopName> stops = standing_stops(hrtcs_.at(id).records());
+    if (std::all_of(stops.begin(), stops.end(), [&](const StopName& stop) { return stands_at_another_hrtc(stop, id); }))
       start_hrtc(id);
   }
 
-  /// A stop of a new issuer, or a further one of an issuer. No more issuers than a StopLatch records.
+  /// Issues a further stop of an issuer, or the first stop of a new issuer. A StopLatch has records for all senders.
   void issue_stop() {
     if (!stops_.empty() && chance(0.3)) {
-      ++stops_[static_cast<std::size_t>(below(stops_.size()))].number;
+      ++stops_[static_cast<std::size_t>(random_below(stops_.size()))].number;
     } else if (senders_ < kMaxStops - 3) {
       stops_.push_back({origin(100 + senders_++), 1, ""});
     }
   }
   void kill_an_issuer() {
-    if (!stops_.empty()) stops_.erase(stops_.begin() + below(stops_.size()));
+    if (!stops_.empty()) stops_.erase(stops_.begin() + random_below(stops_.size()));
   }
-  /// Names a share of the standing stops, and sometimes a stop that has reached nobody yet.
+  /// Sends a reset that names a share of the standing stops, and sometimes stops that no HRTC has received yet.
   void issue_reset(double share) {
     if (share < 1 && senders_ >= kMaxStops - 3) return;
-    ForceReset made = reset(100 + senders_++, 1, {});
+    ForceReset sent = reset(100 + senders_++, 1, {});
     for (const auto& [id, hrtc] : hrtcs_)
       for (const StopName& stop : standing_stops(hrtc.records()))
-        if (chance(share)) made.stops.push_back(stop);
+        if (chance(share)) sent.stops.push_back(stop);
     for (const EmergencyStop& stop : stops_)
-      if (chance(0.2)) made.stops.push_back(stop.name());
-    for (const StopName& stop : made.stops) {
-      std::uint32_t& named = named_[{stop.participant, stop.incarnation}];
-      named = std::max(named, stop.number);
+      if (chance(0.2)) sent.stops.push_back(stop.name());
+    for (const StopName& stop : sent.stops) {
+      std::uint32_t& newest = newest_named_[{stop.participant, stop.incarnation}];
+      newest = std::max(newest, stop.number);
     }
-    resets_.push_back(made);
+    resets_.push_back(sent);
   }
 
   template <class Sample>
@@ -304,6 +305,7 @@ class StopSimulation {
     const int copies = chance(loss_) ? 0 : chance(0.2) ? 2 : 1;
     for (int i = 0; i < copies; ++i) network_.push_back({to, sample});
   }
+  /// Drops the samples that all HRTCs have acknowledged and sends the others again.
   template <class Sample>
   void repeat(std::vector<Sample>& samples) {
     samples.erase(std::remove_if(samples.begin(), samples.end(),
@@ -324,23 +326,23 @@ class StopSimulation {
     repeat(resets_);
   }
 
-  void take(StopLatch& at, const EmergencyStop& stop) {
-    (void)at.on_stop(stop.name());
-    std::uint32_t& reached = reached_[{stop.origin.participant, stop.origin.incarnation}];
-    reached = std::max(reached, stop.number);
+  void receive(StopLatch& latch, const EmergencyStop& stop) {
+    (void)latch.on_stop(stop.name());
+    std::uint32_t& newest = newest_received_[{stop.origin.participant, stop.origin.incarnation}];
+    newest = std::max(newest, stop.number);
   }
-  void take(StopLatch& at, const ForceReset& reset) { (void)at.on_reset(reset); }
-  void take(StopLatch& at, const RosterEntry& entry) { (void)at.on_roster(entry); }
+  void receive(StopLatch& latch, const ForceReset& reset) { (void)latch.on_reset(reset); }
+  void receive(StopLatch& latch, const RosterEntry& entry) { (void)latch.on_roster(entry); }
   void deliver(std::size_t count) {
     for (; count > 0 && !network_.empty(); --count) {
-      std::swap(network_[static_cast<std::size_t>(below(network_.size()))], network_.back());
+      std::swap(network_[static_cast<std::size_t>(random_below(network_.size()))], network_.back());
       const Packet packet = network_.back();
       network_.pop_back();
-      std::visit([&](const auto& sample) { take(hrtcs_.at(packet.to), sample); }, packet.sample);
+      std::visit([&](const auto& sample) { receive(hrtcs_.at(packet.to), sample); }, packet.sample);
     }
   }
-  /// Delivers all packets without further loss.
-  void quiet_down() {
+  /// Ends all losses and delivers all packets.
+  void deliver_all() {
     loss_ = 0;
     for (int round = 0; round < 10; ++round) {
       publish();
@@ -351,44 +353,44 @@ class StopSimulation {
   std::mt19937 random_;
   double loss_ = 0.3;
   std::map<std::uint64_t, StopLatch> hrtcs_;
-  std::vector<EmergencyStop> stops_;  // of senders that live
+  std::vector<EmergencyStop> stops_;  // of issuers that run
   std::vector<ForceReset> resets_;
   std::vector<Packet> network_;
-  std::map<Issuer, std::uint32_t> reached_;  // newest stop that has reached an HRTC
-  std::map<Issuer, std::uint32_t> named_;    // newest stop that a reset has named
-  std::uint64_t senders_ = 0;
+  std::map<Issuer, std::uint32_t> newest_received_;  // number of the newest stop that an HRTC has received
+  std::map<Issuer, std::uint32_t> newest_named_;     // number of the newest stop that a reset has named
+  std::uint64_t senders_ = 0;                        // of stops and resets
   std::uint64_t incarnation_ = 0;
 };
 
 TEST(StopSimulation, ForcesAreOnIfAndOnlyIfEveryStopWasNamedByAReset) {
-  int on = 0, off = 0;
+  int seeds_with_forces = 0, seeds_without_forces = 0;
   for (std::uint32_t seed = 1; seed <= 300; ++seed) {
-    StopSimulation session{seed};
-    session.run(false);
-    ASSERT_TRUE(session.all_senders_are_done()) << "seed " << seed;
-    const bool named = session.every_stop_was_named();
-    ASSERT_EQ(session.hrtcs_with_forces(), named ? StopSimulation::kHrtcs : 0) << "seed " << seed;
-    ++(named ? on : off);
-    session.reset_everything();
-    ASSERT_EQ(session.hrtcs_with_forces(), StopSimulation::kHrtcs) << "seed " << seed;
+    StopSimulation simulation{seed};
+    simulation.run(false);
+    ASSERT_TRUE(simulation.all_senders_are_done()) << "seed " << seed;
+    const bool named = simulation.every_stop_was_named();
+    ASSERT_EQ(simulation.hrtcs_with_forces(), named ? StopSimulation::kHrtcs : 0) << "seed " << seed;
+    ++(named ? seeds_with_forces : seeds_without_forces);
+    simulation.reset_all_stops();
+    ASSERT_EQ(simulation.hrtcs_with_forces(), StopSimulation::kHrtcs) << "seed " << seed;
   }
-  EXPECT_GT(on, 10);
-  EXPECT_GT(off, 10);
+  EXPECT_GT(seeds_with_forces, 10);
+  EXPECT_GT(seeds_without_forces, 10);
 }
 
 TEST(StopSimulation, NoForceIsOnWithoutAResetWhileHrtcsRestart) {
-  int off = 0;
+  int seeds_without_forces = 0;
   for (std::uint32_t seed = 1; seed <= 300; ++seed) {
-    StopSimulation session{seed};
-    session.run(true);
-    if (!session.every_stop_was_named()) {
-      ASSERT_EQ(session.hrtcs_with_forces(), 0u) << "seed " << seed;
-      ++off;
+    StopSimulation simulation{seed};
+    simulation.run(true);
+    if (!simulation.every_stop_was_named()) {
+      ASSERT_EQ(simulation.hrtcs_with_forces(), 0u) << "seed " << seed;
+      ++seeds_without_forces;
     }
-    session.reset_everything();
-    ASSERT_EQ(session.hrtcs_with_forces(), StopSimulation::kHrtcs) << "seed " << seed;
+    simulation.reset_all_stops();
+    ASSERT_EQ(simulation.hrtcs_with_forces(), StopSimulation::kHrtcs) << "seed " << seed;
   }
-  EXPECT_GT(off, 10);
+  EXPECT_GT(seeds_without_forces, 10);
 }
 
 }  // namespace

@@ -18,7 +18,7 @@ constexpr std::int64_t kMs = 1'000'000;
 constexpr std::uint64_t kSession = 1;
 constexpr std::int64_t kTickNs = 5 * kMs;
 
-/// The time functions of one program. Its incarnation is the time of its wall clock, right or wrong.
+/// The parts of a program that concern session time. Its incarnation is the time of its wall clock, right or wrong.
 class Program {
  public:
   Program(std::uint64_t id, Role in_role, std::uint64_t incarnation, std::int64_t local_ns)
@@ -42,14 +42,15 @@ class Program {
   std::uint64_t beats = 0;
 };
 
-/// Programs on machines whose monotonic clocks have random starts. Samples arrive at once, or not at all.
+/// Programs on machines whose monotonic clocks start at random times. Samples arrive without delay, unless the two
+/// machines are cut off from each other.
 class TimeReferenceTest : public testing::Test {
  protected:
   struct Machine {
     std::int64_t offset_ns = 0;
     std::unique_ptr<Program> program;
     std::int64_t session_ns = -1, local_ns = 0;  // at the last tick
-    std::int64_t worst_step_ns = 0;              // while a force was on
+    std::int64_t max_step_ns = 0;                // of session time, while a force was on
   };
 
   std::size_t start(std::uint64_t id, Role role, std::uint64_t incarnation) {
@@ -63,13 +64,13 @@ class TimeReferenceTest : public testing::Test {
     machines_[at].program = std::make_unique<Program>(id, role, incarnation, local(at));
     machines_[at].session_ns = -1;
   }
-  void end(std::size_t at) { machines_[at].program.reset(); }
+  void stop(std::size_t at) { machines_[at].program.reset(); }
   [[nodiscard]] std::int64_t local(std::size_t at) const { return now_ns_ + machines_[at].offset_ns; }
   [[nodiscard]] Program& program(std::size_t at) { return *machines_[at].program; }
   [[nodiscard]] std::int64_t session(std::size_t at) { return program(at).clock.map().session_time(local(at)); }
   [[nodiscard]] std::uint64_t reference(std::size_t at) { return program(at).clock.reference(); }
-  void cut(std::size_t a, std::size_t b, bool apart = true) {
-    if (apart)
+  void cut(std::size_t a, std::size_t b, bool disconnect = true) {
+    if (disconnect)
       cuts_.insert(std::minmax(a, b));
     else
       cuts_.erase(std::minmax(a, b));
@@ -83,11 +84,11 @@ class TimeReferenceTest : public testing::Test {
     ++ticks_;
     for (std::size_t at = 0; at < machines_.size(); ++at) {
       if (machines_[at].program == nullptr) continue;
-      Program& one = program(at);
-      (void)one.roster.tick(local(at));
-      update_session_clock(one.roster, one.self, one.role, one.force_on, local(at), one.clock);
+      Program& ticked = program(at);
+      (void)ticked.roster.tick(local(at));
+      update_session_clock(ticked.roster, ticked.self, ticked.role, ticked.force_on, local(at), ticked.clock);
       if (ticks_ % 20 == at % 20) {
-        const RosterEntry entry = one.entry(local(at));
+        const RosterEntry entry = ticked.entry(local(at));
         for (std::size_t to = 0; to < machines_.size(); ++to)
           if (reaches(at, to)) (void)program(to).roster.on_entry(entry, local(to));
       }
@@ -108,7 +109,7 @@ class TimeReferenceTest : public testing::Test {
     const std::int64_t session_ns = session(at), local_ns = local(at);
     if (machine.session_ns >= 0 && program(at).force_on) {
       const std::int64_t gained_ns = session_ns - machine.session_ns - (local_ns - machine.local_ns);
-      machine.worst_step_ns = std::max(machine.worst_step_ns, std::abs(gained_ns));
+      machine.max_step_ns = std::max(machine.max_step_ns, std::abs(gained_ns));
     }
     machine.session_ns = session_ns;
     machine.local_ns = local_ns;
@@ -116,9 +117,35 @@ class TimeReferenceTest : public testing::Test {
   void run(std::int64_t ms) {
     for (std::int64_t i = 0; i < ms * kMs / kTickNs; ++i) tick();
   }
-  [[nodiscard]] std::int64_t apart(std::size_t a, std::size_t b) { return std::abs(session(a) - session(b)); }
+  [[nodiscard]] std::int64_t difference(std::size_t a, std::size_t b) { return std::abs(session(a) - session(b)); }
 
-  /// Max gain of session time in a tick by slewing.
+  static Role role_of(std::size_t at) { return at % 3 == 2 ? Role::kHost : Role::kHrtc; }
+  /// Stops or starts a program, begins or ends a partition, or switches a force on or off.
+  void apply_random_event() {
+    const std::size_t at = random_() % machines_.size(), other = random_() % machines_.size();
+    switch (random_() % 6) {
+      case 0:
+        stop(at);
+        break;
+      case 1:
+        if (machines_[at].program == nullptr) restart(at, at + 1, role_of(at), random_());
+        break;
+      case 2:
+        for (std::size_t i = 0; i < machines_.size(); ++i)
+          for (std::size_t j = 0; j < i; ++j) cut(i, j, i % 2 != j % 2);
+        break;
+      case 3:
+        cuts_.clear();
+        break;
+      case 4:
+        if (at != other) cut(at, other);
+        break;
+      default:
+        if (machines_[at].program != nullptr) program(at).force_on = !program(at).force_on;
+    }
+  }
+
+  /// Max change of the clock in a tick by slewing.
   static constexpr std::int64_t kSlewedNs = kTickNs / 20 + 2;
 
   std::mt19937_64 random_{1};
@@ -129,16 +156,16 @@ class TimeReferenceTest : public testing::Test {
 };
 
 TEST_F(TimeReferenceTest, AMachineWithAWallClockIn1970DoesNotBecomeTheReference) {
-  const std::size_t old = start(20, Role::kHost, 1'700'000'000'000'000'000);
+  const std::size_t first = start(20, Role::kHost, 1'700'000'000'000'000'000);
   run(60'000);
-  const std::int64_t before_ns = session(old);
+  const std::int64_t before_ns = session(first);
   const std::size_t wrong = start(10, Role::kHrtc, 30'000'000'000);
   run(5'000);
 
-  EXPECT_EQ(reference(old), 20u);
+  EXPECT_EQ(reference(first), 20u);
   EXPECT_EQ(reference(wrong), 20u);
-  EXPECT_EQ(session(old) - before_ns, 5'000 * kMs);
-  EXPECT_LT(apart(old, wrong), kMs);
+  EXPECT_EQ(session(first) - before_ns, 5'000 * kMs);
+  EXPECT_LT(difference(first, wrong), kMs);
 }
 
 TEST_F(TimeReferenceTest, ASingleHostBeginsASessionAfterTheSettleTime) {
@@ -148,57 +175,58 @@ TEST_F(TimeReferenceTest, ASingleHostBeginsASessionAfterTheSettleTime) {
   EXPECT_EQ(reference(host), 0u);
   run(600);
   EXPECT_EQ(reference(host), 20u);
-  EXPECT_EQ(reference(client), 20u) << "clients follow";
-  EXPECT_LT(apart(host, client), kMs);
+  EXPECT_EQ(reference(client), 20u) << "a client follows the host";
+  EXPECT_LT(difference(host, client), kMs);
 }
 
-TEST_F(TimeReferenceTest, TheOthersContinueTheTimeWhenTheReferenceLeaves) {
+TEST_F(TimeReferenceTest, TheRemainingProgramsContinueTheTimeWhenTheReferenceStops) {
   const std::size_t host = start(20, Role::kHost, 5), hrtc = start(40, Role::kHrtc, 6),
                     third = start(30, Role::kHrtc, 7);
   run(5'000);
   program(hrtc).force_on = program(third).force_on = true;
-  end(host);
+  stop(host);
   run(5'000);
 
   EXPECT_EQ(reference(hrtc), 30u);
   EXPECT_EQ(reference(third), 30u);
-  EXPECT_LT(apart(hrtc, third), kMs);
-  EXPECT_LE(machines_[hrtc].worst_step_ns, kSlewedNs);
-  EXPECT_LE(machines_[third].worst_step_ns, kSlewedNs);
+  EXPECT_LT(difference(hrtc, third), kMs);
+  EXPECT_LE(machines_[hrtc].max_step_ns, kSlewedNs);
+  EXPECT_LE(machines_[third].max_step_ns, kSlewedNs);
   restart(host, 20, Role::kHost, 8);
   run(5'000);
-  EXPECT_EQ(reference(host), 30u) << "it joined last";
-  EXPECT_LT(apart(hrtc, host), kMs);
+  EXPECT_EQ(reference(host), 30u) << "the restarted host joined last";
+  EXPECT_LT(difference(hrtc, host), kMs);
 }
 
-TEST_F(TimeReferenceTest, AYoungerSessionMergesOnceNoForceIsOn) {
+TEST_F(TimeReferenceTest, AYoungerSessionMergesWithAnOlderSessionOnceNoForceIsOn) {
   const std::size_t older = start(20, Role::kHost, 5), with_older = start(21, Role::kHrtc, 5);
   run(30'000);
   const std::size_t younger = start(10, Role::kHost, 1), with_younger = start(11, Role::kHrtc, 1);
   for (const std::size_t a : {older, with_older})
     for (const std::size_t b : {younger, with_younger}) cut(a, b);
   run(10'000);
-  ASSERT_GT(apart(older, younger), 20'000 * kMs);
+  ASSERT_GT(difference(older, younger), 20'000 * kMs);
   const std::int64_t before_ns = session(older);
   program(with_younger).force_on = true;
-  program(with_older).force_on = true;  // has no effect: the older session's time does not change
+  program(with_older).force_on = true;  // has no effect, because the time of the older session does not change
   run(200);
   cuts_.clear();
   run(10'000);
 
   EXPECT_EQ(reference(younger), 10u);
   EXPECT_EQ(reference(with_younger), 10u);
-  EXPECT_LT(apart(younger, with_younger), kMs) << "they agree until then";
-  EXPECT_LE(machines_[with_younger].worst_step_ns, kSlewedNs);
+  EXPECT_LT(difference(younger, with_younger), kMs) << "the younger session has one time before the merge";
+  EXPECT_LE(machines_[with_younger].max_step_ns, kSlewedNs);
   program(with_younger).force_on = false;
   run(2'000);
   for (const std::size_t at : {older, with_older, younger, with_younger}) {
     EXPECT_EQ(reference(at), 20u);
-    EXPECT_LT(apart(at, older), kMs);
+    EXPECT_LT(difference(at, older), kMs);
   }
   EXPECT_EQ(session(older) - before_ns, 12'200 * kMs);
-  EXPECT_LE(machines_[with_older].worst_step_ns, kSlewedNs);
-  EXPECT_GT(program(younger).clock.joined_ns(), program(with_older).clock.joined_ns()) << "it joined later";
+  EXPECT_LE(machines_[with_older].max_step_ns, kSlewedNs);
+  EXPECT_GT(program(younger).clock.joined_ns(), program(with_older).clock.joined_ns())
+      << "the younger session joined later";
 }
 
 TEST_F(TimeReferenceTest, APartitionedParticipantRejoinsUnderAForceWithoutAStep) {
@@ -211,12 +239,12 @@ TEST_F(TimeReferenceTest, APartitionedParticipantRejoinsUnderAForceWithoutAStep)
   cut(host, hrtc, false);
   run(2'000);
 
-  EXPECT_EQ(reference(hrtc), 20u) << "it joined first";
+  EXPECT_EQ(reference(hrtc), 20u) << "the host joined first";
   EXPECT_EQ(reference(host), 20u);
-  EXPECT_LE(machines_[hrtc].worst_step_ns, kSlewedNs);
+  EXPECT_LE(machines_[hrtc].max_step_ns, kSlewedNs);
 }
 
-TEST_F(TimeReferenceTest, ANewParticipantIsSetWhileOthersHaveForcesOn) {
+TEST_F(TimeReferenceTest, ANewParticipantSynchronisesWhileOtherParticipantsExertForces) {
   start(20, Role::kHost, 5);
   const std::size_t hrtc = start(40, Role::kHrtc, 6);
   run(5'000);
@@ -225,11 +253,11 @@ TEST_F(TimeReferenceTest, ANewParticipantIsSetWhileOthersHaveForcesOn) {
   run(1'000);
 
   EXPECT_TRUE(program(newcomer).clock.synchronised());
-  EXPECT_LT(apart(hrtc, newcomer), kMs);
+  EXPECT_LT(difference(hrtc, newcomer), kMs);
 }
 
-/// Starts, ends, partitions and forces at random; wall clocks are random too.
-TEST_F(TimeReferenceTest, NoTimeStepsUnderAForceAndAllAgreeInTheEnd) {
+/// Programs start and stop, partitions begin and end, and forces go on and off at random. Wall clocks are random too.
+TEST_F(TimeReferenceTest, NoTimeStepsUnderAForceAndAllTimesAgreeAfterThePartitions) {
   for (std::uint64_t seed = 1; seed <= 60; ++seed) {
     random_.seed(seed);
     machines_.clear();
@@ -238,38 +266,18 @@ TEST_F(TimeReferenceTest, NoTimeStepsUnderAForceAndAllAgreeInTheEnd) {
     for (std::size_t at = 0; at < 6; ++at) {
       for (std::size_t other = 0; other < at; ++other)
         if (at % 2 != other % 2) cut(at, other);
-      start(at + 1, at % 3 == 2 ? Role::kHost : Role::kHrtc, random_());
+      start(at + 1, role_of(at), random_());
       run(static_cast<std::int64_t>(random_() % 3000));
     }
     for (std::size_t at = 0; at < 6; ++at) program(at).force_on = random_() % 2 == 0;
     for (int round = 0; round < 40; ++round) {
-      const std::size_t at = random_() % machines_.size(), other = random_() % machines_.size();
-      switch (random_() % 6) {
-        case 0:
-          end(at);
-          break;
-        case 1:
-          if (machines_[at].program == nullptr) restart(at, at + 1, at % 3 == 2 ? Role::kHost : Role::kHrtc, random_());
-          break;
-        case 2:
-          for (std::size_t i = 0; i < machines_.size(); ++i)
-            for (std::size_t j = 0; j < i; ++j) cut(i, j, i % 2 != j % 2);
-          break;
-        case 3:
-          cuts_.clear();
-          break;
-        case 4:
-          if (at != other) cut(at, other);
-          break;
-        default:
-          if (machines_[at].program != nullptr) program(at).force_on = !program(at).force_on;
-      }
+      apply_random_event();
       run(static_cast<std::int64_t>(random_() % 2000));
     }
     cuts_.clear();
     run(5'000);
     for (Machine& machine : machines_) {
-      ASSERT_LE(machine.worst_step_ns, kSlewedNs) << "seed " << seed;
+      ASSERT_LE(machine.max_step_ns, kSlewedNs) << "seed " << seed;
       if (machine.program != nullptr) machine.program->force_on = false;
     }
     run(10'000);

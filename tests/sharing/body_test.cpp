@@ -39,7 +39,7 @@ TEST(SharedBody, HasTheInertiaOfItsBoxAboutTheCentreOfItsBounds) {
   EXPECT_FALSE(can_move(fixed));
 }
 
-TEST(SharedBody, ConvertsAPoseBackUnchanged) {
+TEST(SharedBody, AStateConvertedToAPoseAndBackIsUnchanged) {
   const SharedBody body = body_of(crate());
   session::ObjectPose pose;
   put_state(moving(), body.centre, pose);
@@ -48,11 +48,11 @@ TEST(SharedBody, ConvertsAPoseBackUnchanged) {
   EXPECT_TRUE(back.orientation.isApprox(moving().orientation, 1e-12));
   EXPECT_TRUE(back.velocity.isApprox(moving().velocity, 1e-12));
   EXPECT_TRUE(back.angular_velocity.isApprox(moving().angular_velocity, 1e-12));
-  const session::Pose placed = pose_of(state_at(crate().pose, body.centre), body.centre);
-  for (std::size_t i = 0; i < 3; ++i) EXPECT_NEAR(placed.position[i], crate().pose.position[i], 1e-12);
+  const session::Pose pose_back = pose_of(state_at(crate().pose, body.centre), body.centre);
+  for (std::size_t i = 0; i < 3; ++i) EXPECT_NEAR(pose_back.position[i], crate().pose.position[i], 1e-12);
 }
 
-TEST(SharedBody, ConvertsToTheVelocityOfTheModelsOrigin) {
+TEST(SharedBody, ThePublishedVelocityIsThatOfTheOriginOfTheModel) {
   constexpr double kDt = 1e-6;
   const Vec3d centre{0.3, -0.1, 0.2};
   session::ObjectPose now, later;
@@ -62,7 +62,7 @@ TEST(SharedBody, ConvertsToTheVelocityOfTheModelsOrigin) {
     EXPECT_NEAR((later.pose.position[i] - now.pose.position[i]) / kDt, now.velocity[i], 1e-5);
 }
 
-TEST(SharedBody, ConvertsACopySampleBackUnchanged) {
+TEST(SharedBody, ACopySampleConvertedToATopicSampleAndBackIsUnchanged) {
   haptics::CopySample sample;
   sample.time_ns = 1234567;
   sample.body = moving();
