@@ -1,4 +1,4 @@
-/// The driver of mice and gamepads, fed through a named pipe: test machines have neither device.
+/// Tests the driver of mice and gamepads through a named pipe, because test machines have neither device.
 #include <fcntl.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -18,12 +18,13 @@ class Evdev : public testing::Test {
  protected:
   Evdev() {
     EXPECT_EQ(mkfifo(pipe_.c_str(), 0600), 0);
-    end_ = open(pipe_.c_str(), O_RDWR | O_NONBLOCK | O_CLOEXEC);
+    pipe_fd_ = open(pipe_.c_str(), O_RDWR | O_NONBLOCK | O_CLOEXEC);
   }
-  ~Evdev() override { close(end_); }
+  ~Evdev() override { close(pipe_fd_); }
 
-  /// Its state after some cycles starting at `from_ms`: the tip follows at 0.5 m/s.
-  static DeviceState after(PluginDevice& device, int cycles, int from_ms = 1) {
+  /// Reads the device in `cycles` cycles, the first at `from_ms`, and returns the last state. The tip follows the mouse
+  /// at 0.5 m/s.
+  static DeviceState read_cycles(PluginDevice& device, int cycles, int from_ms = 1) {
     DeviceState state;
     for (int ms = from_ms; ms < from_ms + cycles; ++ms) state = device.read(ms * kMs);
     return state;
@@ -34,15 +35,15 @@ class Evdev : public testing::Test {
     event.type = static_cast<std::uint16_t>(type);
     event.code = static_cast<std::uint16_t>(code);
     event.value = value;
-    ASSERT_EQ(write(end_, &event, sizeof event), static_cast<ssize_t>(sizeof event));
+    ASSERT_EQ(write(pipe_fd_, &event, sizeof event), static_cast<ssize_t>(sizeof event));
   }
 
   test_support::TemporaryFolder folder_;
   std::string pipe_ = (folder_.path() / "events").string();
-  int end_ = -1;
+  int pipe_fd_ = -1;
 };
 
-std::string refusal(const std::string& config) {
+std::string open_error(const std::string& config) {
   try {
     const PluginDevice device{TACTUS_EVDEV, config};
   } catch (const DeviceError& error) {
@@ -59,8 +60,8 @@ TEST_F(Evdev, AMouseMovesTheTipByItsCounts) {
   send(EV_REL, REL_WHEEL, -2);
   send(EV_KEY, BTN_LEFT, 1);
   send(EV_SYN, SYN_REPORT, 0);
-  EXPECT_NEAR(mouse.read(2 * kMs).position.x(), 0.5e-3, 1e-12) << "not at once";
-  const DeviceState state = after(mouse, 8, 3);
+  EXPECT_NEAR(mouse.read(2 * kMs).position.x(), 0.5e-3, 1e-12) << "the tip does not jump";
+  const DeviceState state = read_cycles(mouse, 8, 3);
   EXPECT_LT((state.position - Vec3d(0.003, -0.002, -0.004)).norm(), 1e-12);
   EXPECT_EQ(state.buttons, kClutchButton);
   EXPECT_EQ(state.time_ns, 10 * kMs);
@@ -70,15 +71,15 @@ TEST_F(Evdev, AMouseMovesTheTipByItsCounts) {
   EXPECT_EQ(mouse.read(12 * kMs).buttons, kGrabButton);
 }
 
-TEST_F(Evdev, TheTipStaysInItsCube) {
+TEST_F(Evdev, TheTipStaysInsideItsWorkspace) {
   PluginDevice mouse{TACTUS_EVDEV, "mouse:" + pipe_};
   send(EV_REL, REL_X, 1'000'000);
-  EXPECT_EQ(after(mouse, 450).position.x(), 0.2);
+  EXPECT_EQ(read_cycles(mouse, 450).position.x(), 0.2);
   send(EV_REL, REL_X, -1);
-  EXPECT_NEAR(after(mouse, 2, 451).position.x(), 0.2 - 1e-4, 1e-12);
+  EXPECT_NEAR(read_cycles(mouse, 2, 451).position.x(), 0.2 - 1e-4, 1e-12);
 }
 
-TEST_F(Evdev, AStickMovesTheTipWhileItIsHeld) {
+TEST_F(Evdev, ADeflectedStickMovesTheTip) {
   PluginDevice gamepad{TACTUS_EVDEV, "gamepad:" + pipe_};
   (void)gamepad.read(kMs);
   send(EV_ABS, ABS_X, 32767);
@@ -92,10 +93,10 @@ TEST_F(Evdev, AStickMovesTheTipWhileItIsHeld) {
   EXPECT_NEAR(state.position.x(), 0.015, 1e-9);
 }
 
-TEST_F(Evdev, ManyEventsOfOneCycleAreReadWithinAFewCycles) {
+TEST_F(Evdev, ManyEventsOfOneCycleAreReadWithinTheNextCycles) {
   PluginDevice mouse{TACTUS_EVDEV, "mouse:" + pipe_};
   for (int i = 0; i < 500; ++i) send(EV_REL, REL_X, 1);
-  EXPECT_NEAR(after(mouse, 120).position.x(), 0.05, 1e-12);
+  EXPECT_NEAR(read_cycles(mouse, 120).position.x(), 0.05, 1e-12);
 }
 
 TEST_F(Evdev, AForceWithoutRumbleSupportIsNotAFailure) {
@@ -105,10 +106,10 @@ TEST_F(Evdev, AForceWithoutRumbleSupportIsNotAFailure) {
   EXPECT_EQ(gamepad.health(), DeviceHealth::kReady);
 }
 
-TEST_F(Evdev, AnErrorNamesAFileThatIsNotADevice) {
-  EXPECT_THAT(refusal("joystick:/dev/input/js0"), testing::HasSubstr("expected mouse:FILE or gamepad:FILE"));
-  EXPECT_THAT(refusal(""), testing::HasSubstr("expected mouse:FILE or gamepad:FILE"));
-  EXPECT_THAT(refusal("mouse:/nowhere/event0"), testing::HasSubstr("cannot open /nowhere/event0: No such file"));
+TEST_F(Evdev, AnOpenErrorStatesTheFoundAndTheExpectedConfiguration) {
+  EXPECT_THAT(open_error("joystick:/dev/input/js0"), testing::HasSubstr("expected mouse:FILE or gamepad:FILE"));
+  EXPECT_THAT(open_error(""), testing::HasSubstr("expected mouse:FILE or gamepad:FILE"));
+  EXPECT_THAT(open_error("mouse:/nowhere/event0"), testing::HasSubstr("cannot open /nowhere/event0: No such file"));
 }
 
 }  // namespace

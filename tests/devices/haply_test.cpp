@@ -1,4 +1,4 @@
-/// The driver of Haply devices against a simulated service with version 3.5 of the public protocol.
+/// Tests the driver of Haply devices against a simulated service, with version 3.5 of the public protocol.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -30,37 +30,40 @@ std::int64_t now_ns() {
       .count();
 }
 
-/// A service for one connection: an inventory, then an answer to each message until there is none.
-class Peer {
+/// A simulated service for one connection. It sends an inventory, and then an answer to each message.
+class HaplyService {
  public:
   static constexpr const char* kInventory =
       R"({"session_id": 7, "inverse3": [{"device_id": "04A1", "config": {"type": "inverse3"}, "state": {}, "status": {}},
                                         {"device_id": "049D", "config": {"type": "inverse3"}, "state": {}, "status": {}}]})";
 
-  /// The answer to the message of this number; an empty optional closes the connection.
+  static constexpr const char* kSilence = "silence";
+
+  /// The answer to message `number`. An empty answer closes the connection, and kSilence sends nothing more.
   using Answer = std::function<std::string(std::size_t number)>;
-  explicit Peer(Answer answer, std::string inventory = kInventory)
+  explicit HaplyService(Answer answer, std::string inventory = kInventory)
       : answer_{std::move(answer)}, inventory_{std::move(inventory)}, thread_{[this] { serve(); }} {}
-  ~Peer() {
+  ~HaplyService() {
     beast::error_code ignored;
     acceptor_.close(ignored);
-    if (!accepted_) asio::ip::tcp::socket{context_}.connect(acceptor_at_, ignored);  // wakes the accepting thread
+    if (!accepted_) asio::ip::tcp::socket{context_}.connect(endpoint_, ignored);  // wakes the accepting thread
     thread_.join();
   }
 
-  [[nodiscard]] std::string place() const { return "127.0.0.1:" + std::to_string(acceptor_at_.port()); }
+  [[nodiscard]] std::string address() const { return "127.0.0.1:" + std::to_string(endpoint_.port()); }
   [[nodiscard]] std::vector<Json> received() const {
     const std::lock_guard lock{mutex_};
     return received_;
   }
+  /// Waits until `condition` holds for the received messages. Returns false after 10 s.
   [[nodiscard]] bool receives(const std::function<bool(const std::vector<Json>&)>& condition) const {
     for (const auto end = std::chrono::steady_clock::now() + 10s; std::chrono::steady_clock::now() < end;
-         std::this_thread::sleep_for(1ms))  // the peer's thread receives, without notification
+         std::this_thread::sleep_for(1ms))  // poll, because the thread of the service signals no arrival
       if (condition(received())) return true;
     return false;
   }
 
-  /// A state of both devices; x of the second increases with the number.
+  /// A state of both devices. The position x of the second device grows with `number`.
   static std::string state(std::size_t number) {
     Json message = Json::parse(kInventory);
     for (Json& device : message["inverse3"]) {
@@ -68,9 +71,9 @@ class Peer {
       device["state"]["cursor_position"] = {{"x", 9}, {"y", 9}, {"z", 9}};
       device["state"]["cursor_velocity"] = {{"x", 0}, {"y", 0}, {"z", 0}};
     }
-    Json& own = message["inverse3"][1]["state"];
-    own["cursor_position"] = {{"x", 1e-6 * static_cast<double>(number)}, {"y", -0.12}, {"z", 0.15}};
-    own["cursor_velocity"] = {{"x", 0.25}, {"y", 0}, {"z", 0}};
+    Json& second = message["inverse3"][1]["state"];
+    second["cursor_position"] = {{"x", 1e-6 * static_cast<double>(number)}, {"y", -0.12}, {"z", 0.15}};
+    second["cursor_velocity"] = {{"x", 0.25}, {"y", 0}, {"z", 0}};
     return message.dump();
   }
 
@@ -96,7 +99,7 @@ class Peer {
       }
       const std::string answer = answer_(number);
       if (answer.empty()) return;
-      if (answer == "silence") {
+      if (answer == kSilence) {
         stream.read(buffer, error);  // until the other side closes
         return;
       }
@@ -108,14 +111,14 @@ class Peer {
   std::string inventory_;
   asio::io_context context_;
   asio::ip::tcp::acceptor acceptor_{context_, {asio::ip::address_v4::loopback(), 0}};
-  asio::ip::tcp::endpoint acceptor_at_ = acceptor_.local_endpoint();
+  asio::ip::tcp::endpoint endpoint_ = acceptor_.local_endpoint();
   std::atomic<bool> accepted_{false};
   mutable std::mutex mutex_;
   std::vector<Json> received_;
   std::thread thread_;
 };
 
-std::string refusal(const std::string& config) {
+std::string open_error(const std::string& config) {
   try {
     const PluginDevice device{TACTUS_HAPLY, config};
   } catch (const DeviceError& error) {
@@ -124,7 +127,7 @@ std::string refusal(const std::string& config) {
   return "";
 }
 
-/// As a haptic thread, until a condition holds.
+/// Reads and writes as a haptic thread until `condition` holds. Returns false after 10 s.
 bool runs_until(PluginDevice& device, const Vec3d& force, const std::function<bool(const DeviceState&)>& condition) {
   for (const auto end = std::chrono::steady_clock::now() + 10s; std::chrono::steady_clock::now() < end;
        std::this_thread::sleep_for(1ms)) {  // period of a haptic thread
@@ -143,53 +146,54 @@ bool is_zero(const Json& message) {
 }
 
 TEST(Haply, ExchangesPositionsAndForcesWithTheNamedDevice) {
-  Peer peer{Peer::state};
+  HaplyService service{HaplyService::state};
   {
-    PluginDevice device{TACTUS_HAPLY, peer.place() + "/049D"};
+    PluginDevice device{TACTUS_HAPLY, service.address() + "/049D"};
     EXPECT_LT(device.spec().max_force, 10);
-    ASSERT_TRUE(peer.receives([](const auto& all) { return !all.empty(); }));
-    const std::int64_t begun = now_ns();
+    ASSERT_TRUE(service.receives([](const auto& all) { return !all.empty(); }));
+    const std::int64_t start_ns = now_ns();
     ASSERT_TRUE(
         runs_until(device, {0.5, -1, 1.0 / 3}, [](const DeviceState& state) { return state.position.x() > 20e-6; }));
     const DeviceState state = device.read(now_ns());
     EXPECT_EQ(state.position.y(), -0.12);
     EXPECT_EQ(state.position.z(), 0.15);
     EXPECT_EQ(state.velocity.x(), 0.25);
-    EXPECT_GE(state.time_ns, begun);
+    EXPECT_GE(state.time_ns, start_ns);
     EXPECT_LE(state.time_ns, now_ns());
     EXPECT_EQ(device.health(), DeviceHealth::kReady);
-    EXPECT_TRUE(peer.receives([](const auto& all) { return !all.empty() && force_of(all.back(), "x") == 0.5; }));
+    EXPECT_TRUE(service.receives([](const auto& all) { return !all.empty() && force_of(all.back(), "x") == 0.5; }));
   }
-  const std::vector<Json> received = peer.received();
+  const std::vector<Json> received = service.received();
   EXPECT_EQ(received[0]["session"]["configure"]["profile"]["name"], "tactus:hrtc");
-  EXPECT_TRUE(is_zero(received[0])) << "before the first write";
-  EXPECT_TRUE(is_zero(received.back())) << "and at the end";
-  const Json& later = received[received.size() - 3];
-  EXPECT_EQ(later, Json::parse(R"({"inverse3": [{"device_id": "049D", "commands": {"set_cursor_force": {"vector":
+  EXPECT_TRUE(is_zero(received[0])) << "a force was sent before the first write";
+  EXPECT_TRUE(is_zero(received.back())) << "the last message before the end has a force";
+  const Json& forced = received[received.size() - 3];  // before the messages of the end
+  EXPECT_EQ(forced, Json::parse(R"({"inverse3": [{"device_id": "049D", "commands": {"set_cursor_force": {"vector":
                                     {"x": 0.5, "y": -1.0, "z": 0.3333333333333333}}}}]})"));
 }
 
-TEST(Haply, UsesTheFirstDeviceWithoutAName) {
-  Peer peer{Peer::state};
-  PluginDevice device{TACTUS_HAPLY, peer.place()};
+TEST(Haply, UsesTheFirstDeviceIfNoneIsNamed) {
+  HaplyService service{HaplyService::state};
+  PluginDevice device{TACTUS_HAPLY, service.address()};
   EXPECT_TRUE(runs_until(device, Vec3d::Zero(), [](const DeviceState& state) { return state.position.x() == 9; }));
 }
 
-TEST(Haply, AnOpenErrorStatesFoundAndExpected) {
-  std::string nowhere;
+TEST(Haply, AnOpenErrorStatesTheFoundAndTheExpectedValue) {
+  std::string unused_address;
   {
-    Peer other{Peer::state};
-    EXPECT_THAT(refusal(other.place() + "/0000"), testing::HasSubstr("found Inverse3 04A1, 049D, expected 0000"));
-    nowhere = other.place();
+    HaplyService closed_service{HaplyService::state};
+    EXPECT_THAT(open_error(closed_service.address() + "/0000"),
+                testing::HasSubstr("found Inverse3 04A1, 049D, expected 0000"));
+    unused_address = closed_service.address();
   }
-  EXPECT_THAT(refusal(nowhere), testing::HasSubstr("refused; is the service running?"));
-  EXPECT_THAT(refusal("nonsense"), testing::HasSubstr("found 'nonsense', expected HOST:PORT"));
-  Peer empty{Peer::state, R"({"session_id": 1, "inverse3": []})"};
-  EXPECT_THAT(refusal(empty.place()), testing::HasSubstr("found no Inverse3, expected one"));
+  EXPECT_THAT(open_error(unused_address), testing::HasSubstr("refused; is the service running?"));
+  EXPECT_THAT(open_error("nonsense"), testing::HasSubstr("found 'nonsense', expected HOST:PORT"));
+  HaplyService empty{HaplyService::state, R"({"session_id": 1, "inverse3": []})"};
+  EXPECT_THAT(open_error(empty.address()), testing::HasSubstr("found no Inverse3, expected one"));
 }
 
-TEST(Haply, InvalidMessagesAreIgnoredAndTheLastPoseStays) {
-  const std::vector<std::string> nonsense{
+TEST(Haply, InvalidMessagesAreIgnored) {
+  const std::vector<std::string> invalid_messages{
       "not JSON",
       "[]",
       "3",
@@ -204,56 +208,61 @@ TEST(Haply, InvalidMessagesAreIgnoredAndTheLastPoseStays) {
       R"({"inverse3": [{"device_id": "049D", "state": {"cursor_position": {"x": null, "y": 1, "z": 1}, "cursor_velocity": {"x": 0, "y": 0, "z": 0}}}]})",
       std::string(5000, '['),
       std::string("{\"inverse3\":\0", 13)};
+  // From answer 20 on, each 20 answers begin with all invalid messages, and valid states follow.
   const auto answer = [&](std::size_t number) {
-    return number % 20 < nonsense.size() && number >= 20 ? nonsense[number % 20] : Peer::state(number);
+    return number % 20 < invalid_messages.size() && number >= 20 ? invalid_messages[number % 20]
+                                                                 : HaplyService::state(number);
   };
-  Peer peer{answer};
-  PluginDevice device{TACTUS_HAPLY, peer.place() + "/049D"};
-  double farthest = 0;
+  HaplyService service{answer};
+  PluginDevice device{TACTUS_HAPLY, service.address() + "/049D"};
+  double max_coordinate = 0;
   EXPECT_TRUE(runs_until(device, {0, 0, 1}, [&](const DeviceState& state) {
-    farthest = std::max(farthest, state.position.cwiseAbs().maxCoeff());
+    max_coordinate = std::max(max_coordinate, state.position.cwiseAbs().maxCoeff());
     return state.position.x() > 100e-6;
   }));
-  EXPECT_LE(farthest, 0.15) << "no invalid position was used";
+  EXPECT_LE(max_coordinate, 0.15) << "a position of an invalid message was used";
   EXPECT_EQ(device.health(), DeviceHealth::kReady);
 }
 
-TEST(Haply, ManyInvalidMessagesAreAFailure) {
-  Peer peer{[](std::size_t number) { return number < 5 ? Peer::state(number) : std::string{"nonsense"}; }};
-  PluginDevice device{TACTUS_HAPLY, peer.place() + "/049D"};
+TEST(Haply, ManyConsecutiveInvalidMessagesAreAFailure) {
+  HaplyService service{
+      [](std::size_t number) { return number < 5 ? HaplyService::state(number) : std::string{"nonsense"}; }};
+  PluginDevice device{TACTUS_HAPLY, service.address() + "/049D"};
   EXPECT_TRUE(runs_until(device, Vec3d::Zero(), [&](const auto&) { return device.health() == DeviceHealth::kFailed; }));
 }
 
 TEST(Haply, AClosedConnectionIsAFailure) {
-  Peer peer{[](std::size_t number) { return number < 30 ? Peer::state(number) : std::string{}; }};
-  PluginDevice device{TACTUS_HAPLY, peer.place() + "/049D"};
+  HaplyService service{[](std::size_t number) { return number < 30 ? HaplyService::state(number) : std::string{}; }};
+  PluginDevice device{TACTUS_HAPLY, service.address() + "/049D"};
   EXPECT_TRUE(runs_until(device, {1, 0, 0}, [&](const auto&) { return device.health() == DeviceHealth::kFailed; }));
   const std::int64_t last_ns = device.read(now_ns()).time_ns;
-  EXPECT_EQ(device.read(now_ns() + 1'000'000).time_ns, last_ns) << "and the pose grows old";
+  EXPECT_EQ(device.read(now_ns() + 1'000'000).time_ns, last_ns) << "a failed device returned a new pose time";
 }
 
-TEST(Haply, ASilentServiceIsAFailureWithinASecond) {
-  Peer peer{[](std::size_t number) { return number < 30 ? Peer::state(number) : std::string{"silence"}; }};
-  PluginDevice device{TACTUS_HAPLY, peer.place() + "/049D"};
-  const std::int64_t begun = now_ns();
+TEST(Haply, ASilentServiceIsAFailureAfterASecond) {
+  HaplyService service{[](std::size_t number) {
+    return number < 30 ? HaplyService::state(number) : std::string{HaplyService::kSilence};
+  }};
+  PluginDevice device{TACTUS_HAPLY, service.address() + "/049D"};
+  const std::int64_t start_ns = now_ns();
   EXPECT_TRUE(runs_until(device, {1, 0, 0}, [&](const auto&) { return device.health() == DeviceHealth::kFailed; }));
-  EXPECT_GT(now_ns() - begun, 900'000'000) << "a short silence is no failure";
+  EXPECT_GT(now_ns() - start_ns, 900'000'000) << "the device failed after less than 0.9 s of silence";
 }
 
 TEST(Haply, AnUnpluggedDeviceIsAFailure) {
-  Peer peer{[](std::size_t number) {
-    return number < 30 ? Peer::state(number) : R"({"inverse3": [{"device_id": "04A1", "state": {}}]})";
+  HaplyService service{[](std::size_t number) {
+    return number < 30 ? HaplyService::state(number) : R"({"inverse3": [{"device_id": "04A1", "state": {}}]})";
   }};
-  PluginDevice device{TACTUS_HAPLY, peer.place() + "/049D"};
+  PluginDevice device{TACTUS_HAPLY, service.address() + "/049D"};
   EXPECT_TRUE(runs_until(device, {1, 0, 0}, [&](const auto&) { return device.health() == DeviceHealth::kFailed; }));
 }
 
-TEST(Haply, AForceWithoutRenewalEnds) {
-  Peer peer{Peer::state};
-  PluginDevice device{TACTUS_HAPLY, peer.place() + "/049D"};
+TEST(Haply, AForceThatIsNotWrittenAgainIsReplacedByZero) {
+  HaplyService service{HaplyService::state};
+  PluginDevice device{TACTUS_HAPLY, service.address() + "/049D"};
   device.write({2, 0, 0});
-  ASSERT_TRUE(peer.receives([](const auto& all) { return !all.empty() && force_of(all.back(), "x") == 2; }));
-  EXPECT_TRUE(peer.receives([](const auto& all) { return is_zero(all.back()); }));
+  ASSERT_TRUE(service.receives([](const auto& all) { return !all.empty() && force_of(all.back(), "x") == 2; }));
+  EXPECT_TRUE(service.receives([](const auto& all) { return is_zero(all.back()); }));
 }
 
 }  // namespace

@@ -12,7 +12,7 @@ namespace {
 
 constexpr double kDt = 1e-3;
 
-/// Random bodies and contacts: masses of 0.05 to 2 kg, full 6 x 6 matrices as with springs.
+/// Random bodies of 0.05 to 2 kg, and random contacts. The 6 x 6 mass matrices are dense, as springs make them.
 class Problem {
  public:
   Problem(unsigned seed, std::size_t body_count, std::size_t contact_count, double friction) : random_{seed} {
@@ -20,11 +20,11 @@ class Problem {
       Mat6d mass = Mat6d::Zero();
       mass.diagonal() << Vec3d::Constant(uniform(0.05, 2)), 1e-3 * uniform(0.1, 2), 1e-3 * uniform(0.1, 2),
           1e-3 * uniform(0.1, 2);
-      const Eigen::Matrix<double, 3, 6> jacobian = jacobian_of(vector(0.05));
+      const Eigen::Matrix<double, 3, 6> jacobian = jacobian_of(random_vector(0.05));
       mass += jacobian.transpose() * jacobian * uniform(0, 0.1);
       SolverBody body;
       body.inverse_mass = mass.inverse();
-      body.velocity << vector(0.3), vector(5);
+      body.velocity << random_vector(0.3), random_vector(5);
       bodies.push_back(body);
     }
     for (std::size_t i = 0; i < contact_count; ++i) {
@@ -33,9 +33,9 @@ class Problem {
       contact.a = static_cast<std::uint32_t>(i % body_count);
       if (body_count > 1 && i % 2 == 1) contact.b = static_cast<std::uint32_t>((i + 1) % body_count);
       if (contact.b == contact.a) contact.b = spm::kNone;
-      contact.arm_a = vector(0.05);
-      contact.arm_b = vector(0.05);
-      contact.normal = vector(1).normalized();
+      contact.arm_a = random_vector(0.05);
+      contact.arm_b = random_vector(0.05);
+      contact.normal = random_vector(1).normalized();
       contact.gap = uniform(0, 1e-4);
       contact.friction = friction;
       contacts.push_back(contact);
@@ -43,7 +43,7 @@ class Problem {
   }
 
   double uniform(double low, double high) { return std::uniform_real_distribution<double>{low, high}(random_); }
-  Vec3d vector(double size) { return {uniform(-size, size), uniform(-size, size), uniform(-size, size)}; }
+  Vec3d random_vector(double size) { return {uniform(-size, size), uniform(-size, size), uniform(-size, size)}; }
 
   static Eigen::Matrix<double, 3, 6> jacobian_of(const Vec3d& arm) {
     Eigen::Matrix<double, 3, 6> jacobian;
@@ -56,8 +56,8 @@ class Problem {
     return m;
   }
 
-  /// Normal rows of all contacts over the velocities of all bodies.
-  [[nodiscard]] Eigen::MatrixXd normals() const {
+  /// The matrix that maps the velocities of all bodies to the normal velocities of all contacts.
+  [[nodiscard]] Eigen::MatrixXd normal_jacobian() const {
     Eigen::MatrixXd rows = Eigen::MatrixXd::Zero(contacts.size(), 6 * bodies.size());
     for (std::size_t i = 0; i < contacts.size(); ++i) {
       const Contact& c = contacts[i];
@@ -97,41 +97,42 @@ SolverSettings exact() {
   return settings;
 }
 
-/// The velocity that satisfies the constraints, by trying every set of active ones; empty: none exists.
+/// Returns the velocity that satisfies all contacts, found by an enumeration of all sets of active contacts. Returns an
+/// empty vector if there is no such velocity.
 Eigen::VectorXd by_enumeration(const Problem& problem) {
-  const Eigen::MatrixXd rows = problem.normals();
-  const Eigen::MatrixXd w = problem.inverse_mass();
-  const Eigen::VectorXd u = problem.velocity();
-  Eigen::VectorXd target(rows.rows());
-  for (int i = 0; i < target.size(); ++i) target[i] = problem.contacts[i].gap / kDt;
-  for (unsigned set = 0; set < 1u << rows.rows(); ++set) {
+  const Eigen::MatrixXd jacobian = problem.normal_jacobian();
+  const Eigen::MatrixXd inverse_mass_matrix = problem.inverse_mass();
+  const Eigen::VectorXd velocity_before = problem.velocity();
+  Eigen::VectorXd gap_speed(jacobian.rows());
+  for (int i = 0; i < gap_speed.size(); ++i) gap_speed[i] = problem.contacts[i].gap / kDt;
+  for (unsigned active_set = 0; active_set < 1u << jacobian.rows(); ++active_set) {
     std::vector<int> active;
-    for (int i = 0; i < rows.rows(); ++i) {
-      if (set >> i & 1) active.push_back(i);
+    for (int i = 0; i < jacobian.rows(); ++i) {
+      if (active_set >> i & 1) active.push_back(i);
     }
     if (active.empty()) {
-      if (((rows * u + target).array() >= -1e-10).all()) return u;
+      if (((jacobian * velocity_before + gap_speed).array() >= -1e-10).all()) return velocity_before;
       continue;
     }
-    Eigen::MatrixXd j(active.size(), rows.cols());
-    Eigen::VectorXd need(active.size());
+    Eigen::MatrixXd active_jacobian(active.size(), jacobian.cols());
+    Eigen::VectorXd required_change(active.size());
     for (std::size_t k = 0; k < active.size(); ++k) {
-      j.row(k) = rows.row(active[k]);
-      need[k] = -(rows.row(active[k]).dot(u) + target[active[k]]);
+      active_jacobian.row(k) = jacobian.row(active[k]);
+      required_change[k] = -(jacobian.row(active[k]).dot(velocity_before) + gap_speed[active[k]]);
     }
-    const Eigen::MatrixXd a = j * w * j.transpose();
-    const Eigen::FullPivLU<Eigen::MatrixXd> lu{a};
+    const Eigen::MatrixXd delassus = active_jacobian * inverse_mass_matrix * active_jacobian.transpose();
+    const Eigen::FullPivLU<Eigen::MatrixXd> lu{delassus};
     if (!lu.isInvertible()) continue;
-    const Eigen::VectorXd lambda = lu.solve(need);
-    if (lambda.minCoeff() < 0) continue;
-    const Eigen::VectorXd v = u + w * j.transpose() * lambda;
-    if (((rows * v + target).array() >= -1e-10).all()) return v;
+    const Eigen::VectorXd impulses = lu.solve(required_change);
+    if (impulses.minCoeff() < 0) continue;
+    const Eigen::VectorXd velocity = velocity_before + inverse_mass_matrix * active_jacobian.transpose() * impulses;
+    if (((jacobian * velocity + gap_speed).array() >= -1e-10).all()) return velocity;
   }
   return {};
 }
 
-TEST(ContactSolver, AgreesWithTryingEverySetOfActiveContacts) {
-  int moved = 0;
+TEST(ContactSolver, AgreesWithTheEnumerationOfAllSetsOfActiveContacts) {
+  int changed = 0;
   for (unsigned seed = 1; seed <= 300; ++seed) {
     Problem problem{seed, 1 + seed % 3, 1 + seed % 7, 0};
     const Eigen::VectorXd expected = by_enumeration(problem);
@@ -141,30 +142,32 @@ TEST(ContactSolver, AgreesWithTryingEverySetOfActiveContacts) {
     const SolverResult result = problem.solve(solver);
     ASSERT_TRUE(result.converged) << "seed " << seed;
     ASSERT_LT((problem.velocity() - expected).norm(), 1e-6 * (1 + expected.norm())) << "seed " << seed;
-    if ((expected - before).norm() > 1e-3) ++moved;
+    if ((expected - before).norm() > 1e-3) ++changed;
   }
-  EXPECT_GT(moved, 150);
+  EXPECT_GT(changed, 150);
 }
 
-TEST(ContactSolver, FrictionOpposesSlidingAtTheConeAndHoldsWithinIt) {
+TEST(ContactSolver, FrictionOpposesSlidingOnTheConeAndPreventsItInsideTheCone) {
   int slid = 0, stuck = 0;
   for (unsigned seed = 1; seed <= 400; ++seed) {
     Problem problem{seed, 1 + seed % 2, 1 + seed % 3, 0.1 + 0.1 * (seed % 8)};
     ContactSolver solver{exact()};
     if (!problem.solve(solver).converged) continue;
     for (std::size_t i = 0; i < problem.contacts.size(); ++i) {
-      const Contact& c = problem.contacts[i];
-      Vec3d v = Problem::jacobian_of(c.arm_a) * problem.bodies[c.a].velocity;
-      if (c.b != spm::kNone) v -= Problem::jacobian_of(c.arm_b) * problem.bodies[c.b].velocity;
-      const double pressing = solver.impulse(i).dot(c.normal);
-      const Vec3d rubbing = solver.impulse(i) - pressing * c.normal;
-      const Vec3d sliding = v - v.dot(c.normal) * c.normal;
-      ASSERT_GE(pressing, 0) << "seed " << seed;
-      ASSERT_GE(v.dot(c.normal) + c.gap / kDt, -1e-9) << "seed " << seed;
-      ASSERT_LE(rubbing.norm(), c.friction * pressing * (1 + 1e-9)) << "seed " << seed;
-      if (pressing < 1e-9) continue;
-      if (sliding.norm() > 1e-6) {
-        ASSERT_LT((rubbing + c.friction * pressing * sliding.normalized()).norm(), 1e-5 * pressing) << "seed " << seed;
+      const Contact& contact = problem.contacts[i];
+      Vec3d velocity = Problem::jacobian_of(contact.arm_a) * problem.bodies[contact.a].velocity;
+      if (contact.b != spm::kNone) velocity -= Problem::jacobian_of(contact.arm_b) * problem.bodies[contact.b].velocity;
+      const double normal_impulse = solver.impulse(i).dot(contact.normal);
+      const Vec3d tangential_impulse = solver.impulse(i) - normal_impulse * contact.normal;
+      const Vec3d tangential_velocity = velocity - velocity.dot(contact.normal) * contact.normal;
+      ASSERT_GE(normal_impulse, 0) << "seed " << seed;
+      ASSERT_GE(velocity.dot(contact.normal) + contact.gap / kDt, -1e-9) << "seed " << seed;
+      ASSERT_LE(tangential_impulse.norm(), contact.friction * normal_impulse * (1 + 1e-9)) << "seed " << seed;
+      if (normal_impulse < 1e-9) continue;
+      if (tangential_velocity.norm() > 1e-6) {
+        ASSERT_LT((tangential_impulse + contact.friction * normal_impulse * tangential_velocity.normalized()).norm(),
+                  1e-5 * normal_impulse)
+            << "seed " << seed;
         ++slid;
       } else {
         ++stuck;
@@ -175,7 +178,7 @@ TEST(ContactSolver, FrictionOpposesSlidingAtTheConeAndHoldsWithinIt) {
   EXPECT_GT(stuck, 20);
 }
 
-TEST(ContactSolver, NeverAddsEnergyAfterFewIterationsOrAWrongWarmStart) {
+TEST(ContactSolver, NeverAddsEnergyEvenAfterFewIterationsAndAWrongWarmStart) {
   for (unsigned seed = 1; seed <= 300; ++seed) {
     SolverSettings settings;
     settings.iterations = static_cast<int>(seed % 4);
@@ -197,7 +200,7 @@ TEST(ContactSolver, NeverAddsEnergyAfterFewIterationsOrAWrongWarmStart) {
 }
 
 TEST(ContactSolver, StartsFromTheImpulsesOfTheLastStep) {
-  int fewer = 0;
+  int much_faster = 0;
   for (unsigned seed = 1; seed <= 50; ++seed) {
     Problem problem{seed, 1, 8, 0.3};
     const std::vector<SolverBody> bodies = problem.bodies;
@@ -208,9 +211,9 @@ TEST(ContactSolver, StartsFromTheImpulsesOfTheLastStep) {
     problem.bodies = bodies;
     const int warm = problem.solve(solver).iterations;
     ASSERT_LE(warm, cold) << "seed " << seed;
-    if (warm <= 3 && cold > 5) ++fewer;
+    if (warm <= 3 && cold > 5) ++much_faster;
   }
-  EXPECT_GT(fewer, 30);
+  EXPECT_GT(much_faster, 30);
 }
 
 TEST(ContactSolver, SelectsTheDeepestAndOutermostContactsAndCountsTheOthers) {
@@ -220,7 +223,7 @@ TEST(ContactSolver, SelectsTheDeepestAndOutermostContactsAndCountsTheOthers) {
   body.velocity << 0, 0, -1, 0, 0, 0;
   ContactSolver solver;
   solver.begin();
-  // A plate of 10 x 10 points, the deepest in its middle.
+  // A plate of 10 x 10 points. The deepest point is in the middle.
   for (int x = 0; x < 10; ++x) {
     for (int y = 0; y < 10; ++y) {
       Contact contact;
@@ -260,7 +263,7 @@ TEST(ContactSolver, CountsCandidatesBeyondItsCapacity) {
   EXPECT_EQ(solver.solve({&body, 1}, kDt).dropped, kMaxCandidateContacts + 10 - kMaxContacts);
 }
 
-TEST(ContactSolver, RemovesAnOverlapSlowly) {
+TEST(ContactSolver, RemovesAnOverlapAtThePushOutSpeed) {
   SolverBody body;
   body.inverse_mass.setIdentity();
   ContactSolver solver;

@@ -35,21 +35,21 @@ TEST(DeviceFrame, ConservesWorkBetweenHandAndTip) {
   DeviceState b;
   a.position = {0.01, 0.02, 0.03};
   b.position = {0.02, -0.01, 0.05};
-  const Vec3d moved = frame.to_world(b, false).position - frame.to_world(a, false).position;
-  EXPECT_NEAR(moved.norm(), 2.5 * (b.position - a.position).norm(), 1e-12);
+  const Vec3d displacement = frame.to_world(b, false).position - frame.to_world(a, false).position;
+  EXPECT_NEAR(displacement.norm(), 2.5 * (b.position - a.position).norm(), 1e-12);
   const Vec3d force{3, -2, 1};
-  EXPECT_NEAR(force.dot(moved), frame.force_to_device(force).dot(b.position - a.position), 1e-12);
+  EXPECT_NEAR(force.dot(displacement), frame.force_to_device(force).dot(b.position - a.position), 1e-12);
 }
 
 TEST(DeviceFrame, ScalesTheLimitsOfTheDevice) {
   const DeviceFrame frame{Eigen::Quaterniond::Identity(), Vec3d::Zero(), 4};
   const DeviceSpec world = frame.to_world(DeviceSpec{10, 4000, 3, 0.1});
   EXPECT_NEAR(frame.force_to_device({world.max_force, 0, 0}).norm(), 10, 1e-12);
-  // A device displacement x makes a world force of stiffness * 4 x, felt as 4 times that.
+  // A device displacement x makes a world force of 4 x * stiffness, and the device exerts 4 times this force.
   EXPECT_NEAR(frame.force_to_device({world.max_stiffness * 4, 0, 0}).norm(), 4000, 1e-9);
 }
 
-TEST(DeviceFrame, KeepsTheTipWhileClutched) {
+TEST(DeviceFrame, KeepsTheTipInPlaceWhileTheClutchIsDown) {
   DeviceFrame frame{Eigen::Quaterniond::Identity(), {0, 0, 1}, 2};
   DeviceState device;
   device.velocity = {1, 0, 0};
@@ -68,7 +68,7 @@ TEST(DeviceFrame, KeepsTheTipWhileClutched) {
   EXPECT_NE(frame.force_to_device({1, 1, 1}), Vec3d(Vec3d::Zero()));
 }
 
-TEST(HandPath, IsLinearBetweenWaypointsAndHoldsBeforeAndAfter) {
+TEST(HandPath, IsLinearBetweenWaypointsAndConstantBeforeAndAfterThem) {
   HandPath path;
   path.count = 3;
   path.waypoints[0] = {10 * kMs, {0, 0, 0}};
@@ -115,23 +115,23 @@ TEST(SimulatedDevice, RotatesWithTheWristAndYieldsToATorque) {
   HandPath path = path_to(Vec3d::Zero());
   path.waypoints[0].orientation = {std::sin(0.3), 0, 0, std::cos(0.3)};
   device.paths().post(path);
-  const Eigen::Quaterniond wanted{Eigen::AngleAxisd{0.6, Vec3d::UnitX()}};
+  const Eigen::Quaterniond target{Eigen::AngleAxisd{0.6, Vec3d::UnitX()}};
   DeviceState state;
-  double max = 0;
+  double max_angle = 0;
   for (int ms = 0; ms <= 500; ++ms) {
     state = device.read(ms * kMs);
-    max = std::max(max, state.orientation.angularDistance(Eigen::Quaterniond::Identity()));
+    max_angle = std::max(max_angle, state.orientation.angularDistance(Eigen::Quaterniond::Identity()));
   }
-  EXPECT_LT(state.orientation.angularDistance(wanted), 1e-6);
-  EXPECT_LT(max, 0.6 * 1.1);
+  EXPECT_LT(state.orientation.angularDistance(target), 1e-6);
+  EXPECT_LT(max_angle, 0.6 * 1.1);
   const Vec3d torque{0, 0.02, 0};
   device.write_wrench(Vec3d::Zero(), torque);
   for (int ms = 501; ms <= 1500; ++ms) state = device.read(ms * kMs);
-  const Eigen::Quaterniond pushed{Eigen::AngleAxisd{0.02 / settings.wrist_stiffness, Vec3d::UnitY()}};
-  EXPECT_LT(state.orientation.angularDistance(pushed * wanted), 1e-6);
+  const Eigen::Quaterniond deflection{Eigen::AngleAxisd{0.02 / settings.wrist_stiffness, Vec3d::UnitY()}};
+  EXPECT_LT(state.orientation.angularDistance(deflection * target), 1e-6);
 }
 
-TEST(SimulatedDevice, YieldsToAForceByTheStiffnessOfTheHand) {
+TEST(SimulatedDevice, YieldsToAForceAccordingToTheStiffnessOfTheHand) {
   HandSettings settings;
   SimulatedDevice device{settings};
   device.write({0, 0, 2});
@@ -140,8 +140,8 @@ TEST(SimulatedDevice, YieldsToAForceByTheStiffnessOfTheHand) {
   EXPECT_NEAR(state.position.z(), 2 / settings.hand_stiffness, 1e-6);
 }
 
-TEST(SimulatedDevice, SwingsAtTheFrequencyOfItsMassAndSpring) {
-  // Compared with the closed form of a damped oscillator released 10 mm from rest.
+TEST(SimulatedDevice, OscillatesAtTheFrequencyOfItsMassAndSpring) {
+  // The oracle is the closed form of a damped oscillator that is released 10 mm from its equilibrium.
   HandSettings settings;
   settings.start = {0.01, 0, 0};
   const DeviceSpec spec;
@@ -157,7 +157,7 @@ TEST(SimulatedDevice, SwingsAtTheFrequencyOfItsMassAndSpring) {
   }
 }
 
-TEST(SimulatedDevice, IsTheSameForTheSameSeed) {
+TEST(SimulatedDevice, GivesEqualPositionsForEqualSeeds) {
   HandSettings settings;
   settings.tremor = 5e-4;
   settings.noise = 1e-5;
@@ -166,16 +166,16 @@ TEST(SimulatedDevice, IsTheSameForTheSameSeed) {
   settings.seed = 2;
   SimulatedDevice c{settings};
   bool differs = false;
-  double square = 0;
+  double sum_of_squares = 0;
   for (int ms = 0; ms < 2000; ++ms) {
-    const Vec3d x = a.read(ms * kMs).position;
-    ASSERT_EQ(x, b.read(ms * kMs).position);
-    differs = differs || x != c.read(ms * kMs).position;
-    square += x.squaredNorm();
+    const Vec3d position = a.read(ms * kMs).position;
+    ASSERT_EQ(position, b.read(ms * kMs).position);
+    differs = differs || position != c.read(ms * kMs).position;
+    sum_of_squares += position.squaredNorm();
   }
   EXPECT_TRUE(differs);
-  EXPECT_GT(std::sqrt(square / 2000), 5e-5);
-  EXPECT_LT(std::sqrt(square / 2000), 1e-3);
+  EXPECT_GT(std::sqrt(sum_of_squares / 2000), 5e-5);
+  EXPECT_LT(std::sqrt(sum_of_squares / 2000), 1e-3);
 }
 
 TEST(SimulatedDevice, ReadsInWholeEncoderSteps) {
@@ -190,7 +190,7 @@ TEST(SimulatedDevice, ReadsInWholeEncoderSteps) {
 }
 
 TEST(SimulatedDevice, RestsOnAFloorWithoutLimitCycle) {
-  // Device, proxy and force in a closed loop at the greatest allowed stiffness: a tap at 0.3 m/s, then rest.
+  // Closes the loop of device, proxy and force at the maximum allowed stiffness: a tap at 0.3 m/s, then rest.
   testing::TriangleSurface surface{testing::square(1, 0)};
   HandSettings settings;
   settings.start = {0, 0, 0.05};
@@ -206,20 +206,20 @@ TEST(SimulatedDevice, RestsOnAFloorWithoutLimitCycle) {
   path.waypoints[0] = {0, {0, 0, 0.05}};
   path.waypoints[1] = {200 * kMs, {0, 0, -0.01}};
   device.paths().post(path);
-  double late_swing = 0;
+  double late_speed = 0;
   double force = 0;
   for (int ms = 0; ms < 3000; ++ms) {
     const DeviceState state = device.read(ms * kMs);
     const ProxyResult& touch = proxy.step(state.position, kCycle, surface, false);
     force = renderer.step(touch, state, impedance, 0, kCycle).force.z();
     device.write({0, 0, force});
-    if (ms > 2500) late_swing = std::max(late_swing, state.velocity.norm());
+    if (ms > 2500) late_speed = std::max(late_speed, state.velocity.norm());
   }
-  EXPECT_LT(late_swing, 1e-4);
+  EXPECT_LT(late_speed, 1e-4);
   // Hand and wall are two springs in series.
-  const double wall = renderer.stiffness(impedance, kCycle);
-  const double both = 1 / (1 / settings.hand_stiffness + 1 / wall);
-  EXPECT_NEAR(force, both * (0.01 + ProxySettings{}.radius), 0.01);
+  const double wall_stiffness = renderer.stiffness(impedance, kCycle);
+  const double combined_stiffness = 1 / (1 / settings.hand_stiffness + 1 / wall_stiffness);
+  EXPECT_NEAR(force, combined_stiffness * (0.01 + ProxySettings{}.radius), 0.01);
 }
 
 class ReplayFile : public ::testing::Test {
@@ -229,7 +229,7 @@ class ReplayFile : public ::testing::Test {
     std::ofstream{path_} << text;
     return path_;
   }
-  std::string error_of(const std::string& text) {
+  std::string open_error(const std::string& text) {
     try {
       ReplayDevice device{write(text)};
     } catch (const DeviceError& error) {
@@ -240,7 +240,7 @@ class ReplayFile : public ::testing::Test {
   std::string path_ = ::testing::TempDir() + "tactus_replay_test.csv";
 };
 
-TEST_F(ReplayFile, PlaysFromTheFirstReadLinearlyAndThenEnds) {
+TEST_F(ReplayFile, InterpolatesItsPosesFromTheFirstReadOnAndThenEnds) {
   ReplayDevice device{write("time_s,x,y,z\n# a comment\n5,0,0,0\n5.1,0.01,0,0\n\n5.2,0.01,0.02,0\r\n")};
   EXPECT_EQ(device.size(), 3u);
   EXPECT_EQ(device.read(1000 * kMs).position, Vec3d(0, 0, 0));
@@ -252,13 +252,13 @@ TEST_F(ReplayFile, PlaysFromTheFirstReadLinearlyAndThenEnds) {
   EXPECT_EQ(device.health(), DeviceHealth::kEnded);
 }
 
-TEST_F(ReplayFile, IsRefusedWithFileLineAndFinding) {
-  EXPECT_THAT(error_of("0,0,0,0\n1,2,x,3\n"), HasSubstr(".csv:2: found '1,2,x,3', expected 'time_s,x,y,z'"));
-  EXPECT_THAT(error_of("0,0,0\n"), HasSubstr(":1: found '0,0,0'"));
-  EXPECT_THAT(error_of("0,0,0,0,0\n"), HasSubstr(":1: found"));
-  EXPECT_THAT(error_of("0,0,0,nan\n"), HasSubstr(":1: found"));
-  EXPECT_THAT(error_of("0,0,0,0\n0,1,0,0\n"), HasSubstr(":2: time 0.000000 s is not after"));
-  EXPECT_THAT(error_of("time_s,x,y,z\n"), HasSubstr("found no pose"));
+TEST_F(ReplayFile, AnErrorNamesTheFileTheLineAndTheFoundText) {
+  EXPECT_THAT(open_error("0,0,0,0\n1,2,x,3\n"), HasSubstr(".csv:2: found '1,2,x,3', expected 'time_s,x,y,z'"));
+  EXPECT_THAT(open_error("0,0,0\n"), HasSubstr(":1: found '0,0,0'"));
+  EXPECT_THAT(open_error("0,0,0,0,0\n"), HasSubstr(":1: found"));
+  EXPECT_THAT(open_error("0,0,0,nan\n"), HasSubstr(":1: found"));
+  EXPECT_THAT(open_error("0,0,0,0\n0,1,0,0\n"), HasSubstr(":2: time 0.000000 s is not after"));
+  EXPECT_THAT(open_error("time_s,x,y,z\n"), HasSubstr("found no pose"));
   EXPECT_THROW(ReplayDevice{"/nowhere/at/all.csv"}, DeviceError);
 }
 

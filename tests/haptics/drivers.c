@@ -8,16 +8,16 @@ struct tactus_device {
   int reads;
   double force;
 };
-static struct tactus_device the_device;
+static struct tactus_device only_device;
 
 static struct tactus_device* open_device(const char* config, char* error, size_t error_size) {
   if (*config == '!') {
-    snprintf(error, error_size, "found '%s', expected nothing to shout about", config);
+    snprintf(error, error_size, "found '%s', expected no exclamation mark", config);
     return NULL;
   }
-  the_device.reads = 0;
-  the_device.force = 0;
-  return &the_device;
+  only_device.reads = 0;
+  only_device.force = 0;
+  return &only_device;
 }
 static void close_device(struct tactus_device* device) { (void)device; }
 static void spec_of(struct tactus_device* device, struct tactus_device_spec* spec) {
@@ -32,7 +32,7 @@ static int read_device(struct tactus_device* device, int64_t now_ns, struct tact
   (void)now_ns;
   ++device->reads;
   pose->position[0] = 0.001 * device->reads; /* 1 m/s at 1 kHz */
-  pose->position[1] = device->force;         /* what was written, to be seen */
+  pose->position[1] = device->force;         /* shows the written force to the test */
 #ifdef DRIVER_NOT_A_NUMBER
   if (device->reads > 3) pose->position[2] = NAN;
 #endif
@@ -80,6 +80,6 @@ const struct tactus_device_driver* tactus_device_entry(void) {
 }
 #endif
 
-/* Keeps the parts in use in every variant. */
-void* tactus_test_driver_parts[] = {(void*)open_device, (void*)close_device, (void*)spec_of,
-                                    (void*)read_device, (void*)write_device, (void*)write_wrench};
+/* Uses every function in every variant, so that the compiler reports no unused function. */
+void* tactus_test_driver_functions[] = {(void*)open_device, (void*)close_device, (void*)spec_of,
+                                        (void*)read_device, (void*)write_device, (void*)write_wrench};

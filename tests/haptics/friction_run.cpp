@@ -10,31 +10,32 @@
 namespace tactus::haptics::testing {
 
 bool AnalyticSphere::sweep(const Vec3d& from, const Vec3d& to, double radius, SurfaceHit& hit) noexcept {
-  const double reach = hollow_ ? radius_ - radius : radius_ + radius;
+  const double contact_radius = hollow_ ? radius_ - radius : radius_ + radius;
   const Vec3d motion = to - from;
-  const double sign = hollow_ ? -1 : 1;
+  const double outwards = hollow_ ? -1 : 1;
   double time = 0;
-  if (sign * (from.norm() - reach) > 0) {
-    // |from + t motion| = reach
-    const double a = motion.squaredNorm(), b = from.dot(motion), c = from.squaredNorm() - reach * reach;
-    const double root = b * b - a * c;
-    if (!(root >= 0) || a == 0) return false;
-    time = hollow_ ? (-b + std::sqrt(root)) / a : c / (-b + std::sqrt(root));
+  if (outwards * (from.norm() - contact_radius) > 0) {
+    // |from + t motion| = contact_radius
+    const double a = motion.squaredNorm(), b = from.dot(motion),
+                 c = from.squaredNorm() - contact_radius * contact_radius;
+    const double discriminant = b * b - a * c;
+    if (!(discriminant >= 0) || a == 0) return false;
+    time = hollow_ ? (-b + std::sqrt(discriminant)) / a : c / (-b + std::sqrt(discriminant));
     if (!(time >= 0 && time <= 1)) return false;
   }
-  const Vec3d at = from + time * motion;
-  if (!(normal(at).dot(motion) < 0)) return false;
+  const Vec3d centre = from + time * motion;
+  if (!(normal(centre).dot(motion) < 0)) return false;
   hit = {};
   hit.time = time;
-  hit.normal = normal(at);
-  hit.point = at - hit.normal * radius;
+  hit.normal = normal(centre);
+  hit.point = centre - hit.normal * radius;
   hit.object = hit.face = 0;
   return true;
 }
 
-bool AnalyticSphere::closest(const Vec3d& point, double within, SurfaceHit& hit) const noexcept {
+bool AnalyticSphere::closest(const Vec3d& point, double max_distance, SurfaceHit& hit) const noexcept {
   const double distance = (hollow_ ? -1 : 1) * (point.norm() - radius_);
-  if (std::abs(distance) > within) return false;
+  if (std::abs(distance) > max_distance) return false;
   hit = {};
   hit.distance = distance;
   hit.normal = normal(point);
@@ -45,39 +46,39 @@ bool AnalyticSphere::closest(const Vec3d& point, double within, SurfaceHit& hit)
 
 FrictionResult run_friction(AnalyticSphere sphere, double static_friction, double dynamic_friction, double max_speed,
                             std::uint64_t cycles, std::uint64_t seed) {
-  constexpr double kCycle = 1e-3, kTip = 0.003;
-  constexpr double kMin = 0.0002, kMax = 0.002;         // m, of depth
-  constexpr std::uint64_t kSegment = 400, kRest = 100;  // cycles
+  constexpr double kCycle = 1e-3, kTipRadius = 0.003;
+  constexpr double kMinDepth = 0.0002, kMaxDepth = 0.002;  // m
+  constexpr std::uint64_t kSegment = 400, kPause = 100;    // cycles
   std::mt19937_64 random{seed};
-  std::normal_distribution<double> normal;
+  std::normal_distribution<double> gaussian;
   std::uniform_real_distribution<double> uniform;
   Proxy proxy;
   proxy.set_grip({static_friction, dynamic_friction});
   FrictionResult result;
 
-  // The point on the surface moves along great circles that rotate slowly; the hand is below it.
-  Vec3d up = Vec3d::UnitZ(), ahead = Vec3d::UnitX();
-  const double side = sphere.hollow() ? -1 : 1;
-  const double resting = sphere.radius() + side * kTip;  // of the centre of a tip that only touches
-  double speed = 0, depth = kMin;
-  (void)proxy.step(up * (resting + side * kTip), kCycle, sphere, false);
+  // A surface point moves along a great circle whose direction changes slowly. The hand is below this point.
+  Vec3d radial = Vec3d::UnitZ(), direction = Vec3d::UnitX();
+  const double outwards = sphere.hollow() ? -1 : 1;
+  const double contact_radius = sphere.radius() + outwards * kTipRadius;  // of the centre of a touching tip
+  double speed = 0, depth = kMinDepth;
+  (void)proxy.step(radial * (contact_radius + outwards * kTipRadius), kCycle, sphere, false);
   bool slipped = false;
   for (std::uint64_t i = 0; i < cycles; ++i) {
     if (i % kSegment == 0) speed = max_speed * uniform(random);
-    const double along = i % kSegment < kSegment - kRest ? speed * kCycle : 0;
-    ahead = (ahead + 0.02 * normal(random) * up.cross(ahead)).normalized();
-    up = Eigen::AngleAxisd{along / sphere.radius(), up.cross(ahead).normalized()} * up;
-    ahead = (ahead - up * up.dot(ahead)).normalized();
-    depth = std::clamp(depth + 2e-5 * normal(random), kMin, kMax);
-    const Vec3d device = up * (resting - side * depth);
+    const double step_length = i % kSegment < kSegment - kPause ? speed * kCycle : 0;
+    direction = (direction + 0.02 * gaussian(random) * radial.cross(direction)).normalized();
+    radial = Eigen::AngleAxisd{step_length / sphere.radius(), radial.cross(direction).normalized()} * radial;
+    direction = (direction - radial * radial.dot(direction)).normalized();
+    depth = std::clamp(depth + 2e-5 * gaussian(random), kMinDepth, kMaxDepth);
+    const Vec3d device = radial * (contact_radius - outwards * depth);
 
-    const Vec3d before = proxy.last().proxy;
-    const ProxyResult& now = proxy.step(device, kCycle, sphere, false);
-    if (!now.in_contact) continue;
-    const Vec3d force = now.proxy - device, upright = sphere.normal(now.proxy);
-    const double pressing = force.dot(upright);
-    const double ratio = (force - pressing * upright).norm() / pressing;
-    if (now.sticking) {
+    const Vec3d proxy_before = proxy.last().proxy;
+    const ProxyResult& touch = proxy.step(device, kCycle, sphere, false);
+    if (!touch.in_contact) continue;
+    const Vec3d force = touch.proxy - device, normal = sphere.normal(touch.proxy);
+    const double normal_force = force.dot(normal);
+    const double ratio = (force - normal_force * normal).norm() / normal_force;
+    if (touch.sticking) {
       ++result.sticking;
       result.max_stuck = std::max(result.max_stuck, ratio / static_friction);
       result.stick_error = std::max(result.stick_error, ratio / static_friction - 1);
@@ -87,13 +88,13 @@ FrictionResult run_friction(AnalyticSphere sphere, double static_friction, doubl
       }
     } else {
       ++result.slipping;
-      // Within the dynamic cone it rests, although it would slip with the next motion.
-      const Vec3d moved = now.proxy - before;
-      constexpr double kMoves = 1e-6;  // m
-      if ((moved - upright * upright.dot(moved)).norm() > std::max(kMoves, along / 2))
+      // Inside the dynamic cone the proxy rests, although the next motion would make it slip.
+      const Vec3d displacement = touch.proxy - proxy_before;
+      constexpr double kMinDisplacement = 1e-6;  // m
+      if ((displacement - normal * normal.dot(displacement)).norm() > std::max(kMinDisplacement, step_length / 2))
         result.slip_error = std::max(result.slip_error, std::abs(ratio / dynamic_friction - 1));
     }
-    slipped = !now.sticking;
+    slipped = !touch.sticking;
   }
   return result;
 }

@@ -27,8 +27,8 @@ TEST(Mailbox, GivesTheNewestPostOnce) {
   EXPECT_EQ(box.latest(), 6);
 }
 
-TEST(Mailbox, NeverShowsATornValueNorAnOlderOneAfterANewerOne) {
-  // A value is consistent when all its words are equal; ThreadSanitizer checks the accesses.
+TEST(Mailbox, NeverGivesATornValueOrAnOlderValueAfterANewerOne) {
+  // A value is consistent if all its words are equal. ThreadSanitizer checks the memory accesses.
   struct Wide {
     std::uint64_t words[40];
   };
@@ -41,21 +41,21 @@ TEST(Mailbox, NeverShowsATornValueNorAnOlderOneAfterANewerOne) {
       box.post(value);
     }
   }};
-  std::uint64_t seen = 0;
-  bool whole = true;
+  std::uint64_t last_value = 0;
+  bool consistent = true;
   bool ascending = true;
-  while (seen < kLast && whole && ascending) {
+  while (last_value < kLast && consistent && ascending) {
     Wide value{};
     if (!box.take(value)) {
       std::this_thread::yield();
       continue;
     }
-    for (const std::uint64_t word : value.words) whole = whole && word == value.words[0];
-    ascending = value.words[0] > seen;
-    seen = value.words[0];
+    for (const std::uint64_t word : value.words) consistent = consistent && word == value.words[0];
+    ascending = value.words[0] > last_value;
+    last_value = value.words[0];
   }
   producer.join();
-  EXPECT_TRUE(whole);
+  EXPECT_TRUE(consistent);
   EXPECT_TRUE(ascending);
 }
 

@@ -39,14 +39,14 @@ INSTANTIATE_TEST_SUITE_P(Scenes, RandomMotions, ::testing::ValuesIn(motion_scene
   return name;
 });
 
-TEST(RandomMotions, EnterMovingBodiesWhoseMotionIsHiddenFromTheProxy) {
+TEST(RandomMotions, CarryTheProxyIntoBodiesWhoseMotionIsHiddenFromIt) {
   for (const MotionScene& scene : motion_scenes())
     if (scene.bodies[0].speed * kCycle > kRadius) {
       EXPECT_GT(run_motions(scene, 4000, 0, kSeed, false).passed, 0u) << scene.name;
     }
 }
 
-TEST(Friction, TheForceOfACurvedSurfaceIsInTheStaticConeOrOnTheDynamicCone) {
+TEST(Friction, TheForceOfACurvedSurfaceIsInsideTheStaticConeOrOnTheDynamicCone) {
   for (const double radius : {0.02, 0.05, 100.0})
     for (const bool hollow : {false, true})
       for (const auto& [static_friction, dynamic_friction] : {std::pair{0.5, 0.3}, {0.8, 0.75}, {0.2, 0.2}}) {
@@ -58,42 +58,42 @@ TEST(Friction, TheForceOfACurvedSurfaceIsInTheStaticConeOrOnTheDynamicCone) {
         EXPECT_LT(result.slip_error, 0.01);
         EXPECT_GT(result.sticking, 500u);
         EXPECT_GT(result.slipping, 5000u);
-        // Hysteresis: after a slip, the proxy sticks again only if the force is well inside the static cone.
+        // After a slip the proxy sticks again only if the force is well inside the static cone (hysteresis).
         EXPECT_GT(result.max_stuck, 0.99);
         EXPECT_GT(result.stuck_again, 10u);
         EXPECT_LT(result.max_return, 0.71);
       }
 }
 
-BodyPose shifted(double x, double z) { return {Eigen::Matrix3d::Identity(), {x, 0, z}}; }
+BodyPose translated_by(double x, double z) { return {Eigen::Matrix3d::Identity(), {x, 0, z}}; }
 
 TEST(MovingBodies, CarryAStickingProxy) {
   MovingBodies bodies;
   bodies.add(box(0.05));
   Proxy proxy;
   proxy.set_grip({0.8, 0.6});
-  const double resting = 0.05 + kRadius;
+  const double contact_height = 0.05 + kRadius;
   (void)proxy.step({0, 0, 0.06}, kCycle, bodies, false);
   const double depth = 0.002;
   for (int i = 0; i <= 10; ++i) {
-    bodies.rest();
-    bodies.move(0, shifted(1e-4 * i, 1e-4 * i));
-    (void)proxy.step({0, 0, resting - depth + 1e-4 * i}, kCycle, bodies, false);
+    bodies.start_step();
+    bodies.move(0, translated_by(1e-4 * i, 1e-4 * i));
+    (void)proxy.step({0, 0, contact_height - depth + 1e-4 * i}, kCycle, bodies, false);
   }
   EXPECT_TRUE(proxy.last().sticking);
   EXPECT_NEAR(proxy.last().proxy.x(), 1e-3, 1e-6);
-  EXPECT_NEAR(proxy.last().proxy.z(), resting + 1e-3, 2e-6);
+  EXPECT_NEAR(proxy.last().proxy.z(), contact_height + 1e-3, 2e-6);
   EXPECT_LT((proxy.last().surface_velocity - Vec3d(0.1, 0, 0.1)).norm(), 1e-6);
 }
 
-TEST(MovingBodies, SlideUnderASlippingProxy) {
+TEST(MovingBodies, SlideUnderAProxyWithoutFriction) {
   MovingBodies bodies;
   bodies.add(box(0.05));
   Proxy proxy;
   (void)proxy.step({0, 0, 0.06}, kCycle, bodies, false);
   for (int i = 0; i <= 10; ++i) {
-    bodies.rest();
-    bodies.move(0, shifted(1e-4 * i, -1e-4 * i));
+    bodies.start_step();
+    bodies.move(0, translated_by(1e-4 * i, -1e-4 * i));
     (void)proxy.step({0, 0, 0.04}, kCycle, bodies, false);
   }
   EXPECT_NEAR(proxy.last().proxy.x(), 0, 1e-9);
@@ -103,44 +103,44 @@ TEST(MovingBodies, SlideUnderASlippingProxy) {
 TEST(MovingBodies, PushATipAtRestAtAnySpeed) {
   for (const double step : {1e-5, 1e-3, 0.02, 0.09}) {
     MovingBodies bodies;
-    bodies.add(box(0.005), shifted(0, -0.1));
+    bodies.add(box(0.005), translated_by(0, -0.1));
     Proxy proxy;
     const Vec3d device{0.001, 0.002, 0};
     (void)proxy.step(device, kCycle, bodies, false);
     for (double z = -0.1; z < 0.05;) {
       z += step;
-      bodies.rest();
-      bodies.move(0, shifted(0, z));
-      const ProxyResult& now = proxy.step(device, kCycle, bodies, false);
-      ASSERT_GE(now.proxy.z(), std::min(z + 0.005 + kRadius, 0.0)) << step << " m a cycle, at " << z;
-      ASSERT_EQ(now.in_contact, z + 0.005 + kRadius > 0);
+      bodies.start_step();
+      bodies.move(0, translated_by(0, z));
+      const ProxyResult& touch = proxy.step(device, kCycle, bodies, false);
+      ASSERT_GE(touch.proxy.z(), std::min(z + 0.005 + kRadius, 0.0)) << step << " m per cycle, at " << z;
+      ASSERT_EQ(touch.in_contact, z + 0.005 + kRadius > 0);
     }
   }
 }
 
-TEST(MovingBodies, KeepTheCentreOfASqueezedTipOutsideUntilNoRoomIsLeft) {
-  // A press: the gap between floor and stamp goes from 20 mm to 0.1 mm and back.
+TEST(MovingBodies, KeepTheCentreOfASqueezedTipOutsideUntilTheGapIsTooNarrow) {
+  // The gap between two blocks closes from 20 mm to 0.1 mm and opens again.
   MovingBodies bodies;
-  bodies.add(box(0.05), shifted(0, -0.05));
-  bodies.add(box(0.05), shifted(0, 0.07));
+  bodies.add(box(0.05), translated_by(0, -0.05));
+  bodies.add(box(0.05), translated_by(0, 0.07));
   Proxy proxy;
   const Vec3d device{0, 0, 0.005};
   (void)proxy.step(device, kCycle, bodies, false);
-  int let_go = 0;
+  int without_contact = 0;
   for (int i = 1; i <= 400; ++i) {
     const double gap = 1e-4 * std::max(1, std::abs(200 - i));
-    bodies.rest();
-    bodies.move(1, shifted(0, gap + 0.05));
-    const ProxyResult& now = proxy.step(device, kCycle, bodies, false);
-    if (now.outside_only) {
-      ++let_go;
+    bodies.start_step();
+    bodies.move(1, translated_by(0, gap + 0.05));
+    const ProxyResult& touch = proxy.step(device, kCycle, bodies, false);
+    if (touch.outside_only) {
+      ++without_contact;
       continue;
     }
-    ASSERT_GT(now.proxy.z(), 0) << "gap " << gap;
-    ASSERT_LT(now.proxy.z(), gap) << "gap " << gap;
+    ASSERT_GT(touch.proxy.z(), 0) << "gap " << gap;
+    ASSERT_LT(touch.proxy.z(), gap) << "gap " << gap;
   }
-  EXPECT_GT(let_go, 0);
-  EXPECT_FALSE(proxy.last().outside_only) << "there is room again";
+  EXPECT_GT(without_contact, 0);
+  EXPECT_FALSE(proxy.last().outside_only) << "the gap is wide again";
   EXPECT_EQ(proxy.last().proxy, device);
 }
 

@@ -1,4 +1,4 @@
-/// Bodies of plain triangle lists at poses that a test sets.
+/// Bodies whose surfaces are lists of triangles and whose poses a test sets.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -11,7 +11,7 @@
 
 namespace tactus::haptics::testing {
 
-/// From a body's frame to the world; metres in both.
+/// Transform from the frame of a body to the world frame; metres in both.
 struct BodyPose {
   Eigen::Matrix3d rotation = Eigen::Matrix3d::Identity();
   Vec3d position = Vec3d::Zero();
@@ -24,45 +24,41 @@ class MovingBodies final : public Surface {
   void add(std::vector<Triangle> triangles, const BodyPose& pose = {}) {
     bodies_.push_back({TriangleSurface{std::move(triangles)}, pose, pose});
   }
-  /// Starts a step in which only the bodies moved after this call are in motion.
-  void rest() {
+  /// Starts a step. A body rests in this step unless `move` is called for it.
+  void start_step() {
     moving_ = false;
-    for (Body& body : bodies_) body.before = body.now;
+    for (Body& body : bodies_) body.previous_pose = body.pose;
   }
   void move(std::size_t body, const BodyPose& pose) {
     moving_ = true;
-    bodies_[body].now = pose;
+    bodies_[body].pose = pose;
   }
 
-  [[nodiscard]] std::size_t count() const { return bodies_.size(); }
-  [[nodiscard]] const BodyPose& pose(std::size_t body) const { return bodies_[body].now; }
-  [[nodiscard]] const std::vector<Triangle>& triangles(std::size_t body) const {
-    return bodies_[body].surface.triangles();
-  }
+  [[nodiscard]] const BodyPose& pose(std::size_t body) const { return bodies_[body].pose; }
 
   [[nodiscard]] bool sweep(const Vec3d& from, const Vec3d& to, double radius, SurfaceHit& hit) noexcept override {
-    return earliest(from, to, radius, &Body::now, hit);
+    return first_hit(from, to, radius, &Body::pose, hit);
   }
   [[nodiscard]] bool moving() const noexcept override { return moving_; }
   [[nodiscard]] bool sweep_moving(const Vec3d& from, const Vec3d& to, double radius,
                                   SurfaceHit& hit) noexcept override {
-    return earliest(from, to, radius, &Body::before, hit);
+    return first_hit(from, to, radius, &Body::previous_pose, hit);
   }
   [[nodiscard]] Vec3d moved_point(std::uint32_t object, const Vec3d& point) const noexcept override {
-    return bodies_[object].now.to_world(bodies_[object].before.to_body(point));
+    return bodies_[object].pose.to_world(bodies_[object].previous_pose.to_body(point));
   }
   [[nodiscard]] Vec3d rotated_direction(std::uint32_t object, const Vec3d& direction) const noexcept override {
-    return bodies_[object].now.rotation * (bodies_[object].before.rotation.transpose() * direction);
+    return bodies_[object].pose.rotation * (bodies_[object].previous_pose.rotation.transpose() * direction);
   }
-  [[nodiscard]] bool closest(const Vec3d& point, double within, SurfaceHit& hit) const noexcept override {
+  [[nodiscard]] bool closest(const Vec3d& point, double max_distance, SurfaceHit& hit) const noexcept override {
     bool found = false;
     for (std::size_t i = 0; i < bodies_.size(); ++i) {
-      SurfaceHit touch;
+      SurfaceHit candidate;
       const Body& body = bodies_[i];
-      if (!body.surface.closest(body.now.to_body(point), within, touch)) continue;
-      if (found && std::abs(touch.distance) >= std::abs(hit.distance)) continue;
+      if (!body.surface.closest(body.pose.to_body(point), max_distance, candidate)) continue;
+      if (found && std::abs(candidate.distance) >= std::abs(hit.distance)) continue;
       found = true;
-      hit = to_world(touch, i);
+      hit = to_world(candidate, i);
     }
     return found;
   }
@@ -70,24 +66,25 @@ class MovingBodies final : public Surface {
  private:
   struct Body {
     TriangleSurface surface;
-    BodyPose now, before;
+    BodyPose pose, previous_pose;  // now, and at the start of the step
   };
   [[nodiscard]] SurfaceHit to_world(SurfaceHit hit, std::size_t body) const {
-    hit.point = bodies_[body].now.to_world(hit.point);
-    hit.normal = bodies_[body].now.rotation * hit.normal;
+    hit.point = bodies_[body].pose.to_world(hit.point);
+    hit.normal = bodies_[body].pose.rotation * hit.normal;
     hit.object = static_cast<std::uint32_t>(body);
     return hit;
   }
-  [[nodiscard]] bool earliest(const Vec3d& from, const Vec3d& to, double radius, BodyPose Body::*begin,
-                              SurfaceHit& hit) {
+  /// Finds the first contact of a sweep during which each body moves from `start_pose` to its present pose.
+  [[nodiscard]] bool first_hit(const Vec3d& from, const Vec3d& to, double radius, BodyPose Body::*start_pose,
+                               SurfaceHit& hit) {
     bool found = false;
     for (std::size_t i = 0; i < bodies_.size(); ++i) {
-      SurfaceHit touch;
+      SurfaceHit candidate;
       Body& body = bodies_[i];
-      if (!body.surface.sweep((body.*begin).to_body(from), body.now.to_body(to), radius, touch)) continue;
-      if (found && touch.time >= hit.time) continue;
+      if (!body.surface.sweep((body.*start_pose).to_body(from), body.pose.to_body(to), radius, candidate)) continue;
+      if (found && candidate.time >= hit.time) continue;
       found = true;
-      hit = to_world(touch, i);
+      hit = to_world(candidate, i);
     }
     return found;
   }

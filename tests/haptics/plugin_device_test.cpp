@@ -12,7 +12,7 @@ using testing::HasSubstr;
 
 constexpr std::int64_t kMs = 1'000'000;
 
-std::string refusal(const std::string& library, const std::string& config) {
+std::string open_error(const std::string& library, const std::string& config) {
   try {
     const PluginDevice device{library, config};
   } catch (const DeviceError& error) {
@@ -21,7 +21,7 @@ std::string refusal(const std::string& library, const std::string& config) {
   return "";
 }
 
-TEST(PluginDevice, TheExampleSinksUntilTheForceCarriesIt) {
+TEST(PluginDevice, TheExampleDeviceSinksUntilTheForceCarriesItsWeight) {
   PluginDevice device{WEIGHT, "0.25"};
   EXPECT_EQ(device.name(), "weight in oil");
   EXPECT_EQ(device.spec().max_force, 5);
@@ -40,36 +40,37 @@ TEST(PluginDevice, TheExampleSinksUntilTheForceCarriesIt) {
   EXPECT_EQ(device.health(), DeviceHealth::kReady);
 }
 
-TEST(PluginDevice, AnOpenErrorStatesFoundAndExpected) {
-  EXPECT_THAT(refusal("/nowhere/driver.so", ""), HasSubstr("/nowhere/driver.so: cannot open shared object file"));
-  EXPECT_THAT(refusal(NO_ENTRY, ""), HasSubstr("found no function tactus_device_entry"));
-  EXPECT_THAT(refusal(NEW_ABI, ""), HasSubstr("found ABI 3, expected 1 to 2"));
-  EXPECT_THAT(refusal(NO_READ, ""), HasSubstr("expected open, close, spec, read and write"));
-  EXPECT_THAT(refusal(BAD_SPEC, ""), HasSubstr("max_force: found -1.000000, expected a number above 0"));
-  EXPECT_EQ(refusal(FAILS, "!x"), "device test, config '!x': found '!x', expected nothing to shout about");
-  EXPECT_EQ(refusal(WEIGHT, "high"), "device weight in oil, config 'high': found 'high', expected a height in metres");
+TEST(PluginDevice, AnOpenErrorStatesTheFoundAndTheExpectedValue) {
+  EXPECT_THAT(open_error("/nowhere/driver.so", ""), HasSubstr("/nowhere/driver.so: cannot open shared object file"));
+  EXPECT_THAT(open_error(NO_ENTRY, ""), HasSubstr("found no function tactus_device_entry"));
+  EXPECT_THAT(open_error(NEW_ABI, ""), HasSubstr("found ABI 3, expected 1 to 2"));
+  EXPECT_THAT(open_error(NO_READ, ""), HasSubstr("expected open, close, spec, read and write"));
+  EXPECT_THAT(open_error(BAD_SPEC, ""), HasSubstr("max_force: found -1.000000, expected a number above 0"));
+  EXPECT_EQ(open_error(FAILS, "!x"), "device test, config '!x': found '!x', expected no exclamation mark");
+  EXPECT_EQ(open_error(WEIGHT, "high"),
+            "device weight in oil, config 'high': found 'high', expected a height in metres");
 }
 
-TEST(PluginDevice, SendsTorquesToAbiTwoAndOnlyForcesToAbiOne) {
+TEST(PluginDevice, SendsTorquesToDriversOfAbiTwoAndOnlyForcesToDriversOfAbiOne) {
   PluginDevice device{FAILS, ""};
   EXPECT_EQ(device.spec().max_torque, 0.25);
   device.write_wrench({2, 0, 0}, {0, 0, 0.125});
-  EXPECT_EQ(device.read(kMs).position.y(), 2.125) << "both writes arrived";
-  PluginDevice old{OLD_ABI, ""};
-  EXPECT_EQ(old.spec().max_torque, 0);
-  old.write_wrench({2, 0, 0}, {0, 0, 0.125});
-  EXPECT_EQ(old.read(kMs).position.y(), 2);
+  EXPECT_EQ(device.read(kMs).position.y(), 2.125) << "the sum of force and torque";
+  PluginDevice abi_one_device{OLD_ABI, ""};
+  EXPECT_EQ(abi_one_device.spec().max_torque, 0);
+  abi_one_device.write_wrench({2, 0, 0}, {0, 0, 0.125});
+  EXPECT_EQ(abi_one_device.read(kMs).position.y(), 2);
 }
 
 TEST(PluginDevice, DerivesMissingVelocitiesFromPositions) {
   PluginDevice device{STALE, ""};
   DeviceState state;
   for (int ms = 1; ms <= 3; ++ms) state = device.read(ms * kMs);
-  // Two steps of a first-order lag of 5 ms towards 1 m/s.
+  // Two steps of a low-pass filter with a time constant of 5 ms, towards 1 m/s.
   EXPECT_NEAR(state.velocity.x(), 1 - std::exp(-2 / 5.0), 1e-9);
 }
 
-TEST(PluginDevice, AgesWithoutNewPosesAndDoesNotFail) {
+TEST(PluginDevice, APoseAgesWithoutNewPosesAndTheDeviceStaysReady) {
   PluginDevice device{STALE, ""};
   for (int ms = 1; ms <= 10; ++ms) (void)device.read(ms * kMs);
   const DeviceState state = device.read(11 * kMs);
@@ -81,7 +82,7 @@ TEST(PluginDevice, AgesWithoutNewPosesAndDoesNotFail) {
 TEST(PluginDevice, AfterAFailureWritesOnlyAZeroForce) {
   PluginDevice device{FAILS, ""};
   device.write({2, 0, 0});
-  for (int ms = 1; ms <= 3; ++ms) EXPECT_EQ(device.read(ms * kMs).position.y(), 2) << "the write arrived";
+  for (int ms = 1; ms <= 3; ++ms) EXPECT_EQ(device.read(ms * kMs).position.y(), 2) << "the driver received the force";
   EXPECT_EQ(device.health(), DeviceHealth::kReady);
   (void)device.read(4 * kMs);
   EXPECT_EQ(device.health(), DeviceHealth::kFailed);
@@ -90,7 +91,7 @@ TEST(PluginDevice, AfterAFailureWritesOnlyAZeroForce) {
   EXPECT_EQ(device.health(), DeviceHealth::kFailed);
 }
 
-TEST(PluginDevice, PassesNotANumberOnSoThatTheForceLatches) {
+TEST(PluginDevice, ForwardsAPositionThatIsNotANumber) {  // for which the force renderer latches a fault
   PluginDevice device{NOT_A_NUMBER, ""};
   for (int ms = 1; ms <= 3; ++ms) EXPECT_TRUE(device.read(ms * kMs).position.allFinite());
   EXPECT_FALSE(device.read(4 * kMs).position.allFinite());

@@ -17,9 +17,9 @@ using namespace testing;
 constexpr unsigned kSeed = 20053;
 constexpr double kCycle = 1e-3;
 constexpr double kRadius = 0.003;
-constexpr double kSlack = 1.1e-6;  // distance between proxy and surface
+constexpr double kSlack = 1.1e-6;  // m, distance that the proxy leaves to a surface
 
-double gap(const TriangleSurface& surface, const Vec3d& x) {
+double surface_distance(const TriangleSurface& surface, const Vec3d& x) {
   double nearest = std::numeric_limits<double>::infinity();
   for (const auto& [a, b, c] : surface.triangles()) {
     nearest = std::min(nearest, spm::closest_point(x, a, b, c).squared_distance);
@@ -27,10 +27,10 @@ double gap(const TriangleSurface& surface, const Vec3d& x) {
   return std::sqrt(nearest);
 }
 
-/// A random hand: its velocity changes at random and points back when it leaves its range.
-class Wanderer {
+/// A hand on a random walk. Outside its range it turns back towards the origin.
+class RandomHand {
  public:
-  Wanderer(unsigned seed, const Vec3d& start, double speed, double range)
+  RandomHand(unsigned seed, const Vec3d& start, double speed, double range)
       : random_{seed}, position_{start}, speed_{speed}, range_{range} {}
   Vec3d next() {
     std::normal_distribution<double> normal;
@@ -48,7 +48,7 @@ class Wanderer {
   double speed_, range_;
 };
 
-/// Presses from `start` to `goal` within `cycles` and holds there for as many.
+/// Moves the device from `start` to `goal` in `cycles` cycles, and then holds the device there for `cycles` cycles.
 ProxyResult press(Proxy& proxy, Surface& surface, const Vec3d& start, const Vec3d& goal, int cycles) {
   for (int i = 0; i <= cycles; ++i) {
     (void)proxy.step(start + (goal - start) * (static_cast<double>(i) / cycles), kCycle, surface, false);
@@ -58,20 +58,20 @@ ProxyResult press(Proxy& proxy, Surface& surface, const Vec3d& start, const Vec3
 }
 
 /// A proxy and its force on a hand.
-struct Felt {
-  explicit Felt(const ContactImpedance& how) : impedance{how} {}
-  /// `before`: the surface until now, if it has changed.
-  Vec3d step(const Vec3d& at, Surface& surface, Surface* before = nullptr) {
+struct ProxyForce {
+  explicit ProxyForce(const ContactImpedance& material_feel) : impedance{material_feel} {}
+  /// `previous`: the surface of the last cycle, if the surface has changed.
+  Vec3d step(const Vec3d& position, Surface& surface, Surface* previous = nullptr) {
     DeviceState device;
-    device.position = at;
-    if (proxy.started()) device.velocity = (at - last) / kCycle;
-    last = at;
+    device.position = position;
+    if (proxy.started()) device.velocity = (position - last_position) / kCycle;
+    last_position = position;
     const bool starts = !proxy.started();
     ProxyResult unchanged;
-    if (before != nullptr || starts) unchanged = proxy.unchanged(at, kCycle, before != nullptr ? *before : surface);
-    const ProxyResult& result = proxy.step(at, kCycle, surface, before != nullptr);
-    force_ =
-        renderer.step(result, device, impedance, 0, kCycle, before != nullptr || starts ? &unchanged : nullptr).force;
+    if (previous != nullptr || starts)
+      unchanged = proxy.unchanged(position, kCycle, previous != nullptr ? *previous : surface);
+    const ProxyResult& result = proxy.step(position, kCycle, surface, previous != nullptr);
+    force_ = renderer.step(result, device, impedance, 0, kCycle, previous != nullptr || starts ? &unchanged : nullptr).force;
     return force_;
   }
   [[nodiscard]] const Vec3d& force() const { return force_; }
@@ -85,10 +85,10 @@ struct Felt {
                            return settings;
                          }(),
                          DeviceSpec{}};
-  Vec3d last = Vec3d::Zero(), force_ = Vec3d::Zero();
+  Vec3d last_position = Vec3d::Zero(), force_ = Vec3d::Zero();
 };
 
-TEST(Proxy, IsTheDeviceInTheAir) {
+TEST(Proxy, EqualsTheDevicePositionInTheAir) {
   TriangleSurface surface{square(1, 0)};
   Proxy proxy;
   const ProxyResult result = press(proxy, surface, {0, 0, 0.1}, {0.1, 0.2, 0.05}, 10);
@@ -97,7 +97,7 @@ TEST(Proxy, IsTheDeviceInTheAir) {
   EXPECT_FALSE(result.in_contact);
 }
 
-TEST(Proxy, RestsOnAPlaneAboveTheDeviceAndFollowsItAlong) {
+TEST(Proxy, RestsOnAPlaneAboveTheDeviceAndFollowsItAlongThePlane) {
   TriangleSurface surface{square(1, 0)};
   Proxy proxy;
   const ProxyResult result = press(proxy, surface, {0, 0, 0.02}, {0.1, 0.2, -0.01}, 50);
@@ -116,15 +116,15 @@ TEST(Proxy, LeavesASurfaceWithoutSticking) {
   EXPECT_FALSE(result.in_contact);
 }
 
-TEST(Proxy, SettlesInAGrooveOnBothSides) {
-  // Two slopes of 45 degrees that intersect along y at the origin.
+TEST(Proxy, RestsOnBothSidesOfAGroove) {
+  // Two slopes of 45 degrees that intersect along the y axis.
   TriangleSurface surface{sheet({0, -1, 0}, {1, 0, 1}, {0, 2, 0}) + sheet({0, -1, 0}, {0, 2, 0}, {-1, 0, 1})};
   Proxy proxy;
   const ProxyResult result = press(proxy, surface, {0.02, 0, 0.1}, {0.001, 0.03, -0.05}, 100);
   EXPECT_LT((result.proxy - Vec3d(0, 0.03, kRadius * std::sqrt(2.0))).norm(), 5e-6);
 }
 
-TEST(Proxy, SettlesInACornerOnThreeSides) {
+TEST(Proxy, RestsOnThreeSidesOfACorner) {
   TriangleSurface surface{sheet({0, 0, 0}, {1, 0, 0}, {0, 1, 0}) + sheet({0, 0, 0}, {0, 1, 0}, {0, 0, 1}) +
                           sheet({0, 0, 0}, {0, 0, 1}, {1, 0, 0})};
   Proxy proxy;
@@ -132,8 +132,8 @@ TEST(Proxy, SettlesInACornerOnThreeSides) {
   EXPECT_LT((result.proxy - Vec3d(kRadius, kRadius, kRadius)).norm(), 5e-6);
 }
 
-TEST(Proxy, RollsOverAConvexEdge) {
-  // A step down: from the top face over the edge to a device below the top.
+TEST(Proxy, SlidesOverAConvexEdge) {
+  // The device moves over the edge of a step to a point beside the step, below the top face.
   TriangleSurface surface{sheet({-1, -1, 0}, {1, 0, 0}, {0, 2, 0}) + sheet({0, -1, 0}, {0, 0, -1}, {0, 2, 0})};
   Proxy proxy;
   (void)press(proxy, surface, {-0.05, 0, 0.02}, {-0.05, 0, -0.002}, 20);
@@ -142,7 +142,7 @@ TEST(Proxy, RollsOverAConvexEdge) {
   EXPECT_FALSE(result.in_contact);
 }
 
-TEST(Proxy, DoesNotPassASheetThinnerThanOneCycleOfMotion) {
+TEST(Proxy, DoesNotPassASheetThinnerThanTheMotionOfACycle) {
   TriangleSurface surface{square(1, 0) + square(1, -1e-5)};
   for (const double speed : {0.05, 0.5, 5.0, 500.0}) {
     Proxy proxy;
@@ -155,28 +155,28 @@ TEST(Proxy, DoesNotPassASheetThinnerThanOneCycleOfMotion) {
   }
 }
 
-TEST(Proxy, IsHeldByDuplicatedAndDegenerateFacesAndNonManifoldEdges) {
+TEST(Proxy, DoesNotPassDuplicatedOrDegenerateFacesOrNonManifoldEdges) {
   std::vector<Triangle> faces = square(1, 0) + square(1, 0);
   faces.push_back({Vec3d{0, 0, 0}, Vec3d{0.5, 0.5, 0}, Vec3d{0.25, 0.25, 0}});
   faces.push_back({Vec3d{0.1, 0.1, 0}, Vec3d{0.1, 0.1, 0}, Vec3d{0.1, 0.1, 0}});
   faces.push_back({faces[0][2], faces[0][1], faces[0][0]});
-  // A fin on the square's diagonal gives that edge three or more faces.
+  // A perpendicular sheet on the diagonal of the square gives this edge three or more faces.
   faces = faces + sheet({-0.5, -0.5, 0}, {1, 1, 0}, {0, 0, 0.01});
   TriangleSurface surface{faces};
   for (unsigned seed = 0; seed < 4; ++seed) {
     Proxy proxy;
     const Vec3d start{0.1, -0.1, 0.05};
-    Wanderer hand{kSeed + seed, start, 0.3, 0.15};
+    RandomHand hand{kSeed + seed, start, 0.3, 0.15};
     (void)proxy.step(start, kCycle, surface, false);
     for (int i = 0; i < 3000; ++i) {
       const Vec3d x = proxy.step(hand.next(), kCycle, surface, false).proxy;
-      ASSERT_GE(gap(surface, x), kRadius - 1e-12) << "seed " << seed << " cycle " << i;
+      ASSERT_GE(surface_distance(surface, x), kRadius - 1e-12) << "seed " << seed << " cycle " << i;
       ASSERT_GT(x.z(), 0);
     }
   }
 }
 
-TEST(Proxy, GoesAroundAnOpenBorderAndIsThenHeldFromBehind) {
+TEST(Proxy, PassesAroundAnOpenBorderAndThenTouchesTheBackOfTheSheet) {
   TriangleSurface surface{square(0.1, 0)};
   Proxy proxy;
   (void)press(proxy, surface, {0, 0, 0.02}, {0.08, 0, 0.02}, 100);
@@ -202,7 +202,7 @@ TEST(Proxy, StartedInsideTouchesNothingUntilItIsOutside) {
   EXPECT_GT(result.proxy.z(), 0.1);
 }
 
-TEST(Proxy, InsideASurfaceThatAppearsTouchesNothingUntilItIsOutside) {
+TEST(Proxy, TouchesNothingInsideASurfaceThatAppearsUntilItIsOutside) {
   TriangleSurface nothing;
   TriangleSurface surface{sphere(0.1, 2)};
   Proxy proxy;
@@ -212,46 +212,46 @@ TEST(Proxy, InsideASurfaceThatAppearsTouchesNothingUntilItIsOutside) {
   EXPECT_EQ(result.anchor, Vec3d(0, 0, 0.03));
 }
 
-TEST(Proxy, IsPushedOutGraduallyOfASurfaceThatAppears) {
+TEST(Proxy, IsPushedGraduallyOutOfASurfaceThatAppears) {
   TriangleSurface nothing;
   TriangleSurface surface{sphere(0.1, 2)};
-  const Vec3d device{0, 0, 0.1 + kRadius - 0.0005};  // half a millimetre deep
-  for (const bool from_start : {false, true}) {
-    Felt felt{{2000, 0}};
-    if (!from_start) (void)felt.step(device, nothing);
+  const Vec3d device{0, 0, 0.1 + kRadius - 0.0005};  // 0.5 mm deep
+  for (const bool starts_at_surface : {false, true}) {
+    ProxyForce probe{{2000, 0}};
+    if (!starts_at_surface) (void)probe.step(device, nothing);
     double force = 0;
     for (int i = 0; i < 40; ++i) {
-      const double next = felt.step(device, surface, i == 0 ? &nothing : nullptr).z();
-      ASSERT_TRUE(felt.proxy.last().in_contact) << "cycle " << i;
-      ASSERT_LE(next - force, 0.0451) << "cycle " << i;
-      force = next;
+      const double next_force = probe.step(device, surface, i == 0 ? &nothing : nullptr).z();
+      ASSERT_TRUE(probe.proxy.last().in_contact) << "cycle " << i;
+      ASSERT_LE(next_force - force, 0.0451) << "cycle " << i;
+      force = next_force;
     }
     EXPECT_NEAR(force, 1, 0.01);
   }
 }
 
-TEST(Proxy, StaysEqualToTheBitWhenAReportedChangeChangesNothing) {
+TEST(Proxy, StaysEqualBitForBitWhenAReportedChangeChangesNothing) {
   TriangleSurface surface{bumpy(0.05, 2, 0.2)};
   for (const double friction : {0.0, 0.5}) {
-    Proxy reported, not_published;
+    Proxy reported, unreported;
     const Vec3d start{0.02, -0.01, 0.12};
-    Wanderer hand{kSeed, start, 0.2, 0.07};
+    RandomHand hand{kSeed, start, 0.2, 0.07};
     int contacts = 0;
     for (int i = 0; i < 5000; ++i) {
       const Vec3d device = hand.next();
-      for (Proxy* proxy : {&reported, &not_published}) proxy->set_grip({friction, 0.8 * friction});
-      const ProxyResult& one = reported.step(device, kCycle, surface, i % 3 == 0);
-      const ProxyResult& other = not_published.step(device, kCycle, surface, false);
-      ASSERT_EQ(one.proxy, other.proxy) << "seed " << kSeed << " cycle " << i;
-      ASSERT_EQ(one.anchor, other.anchor) << "seed " << kSeed << " cycle " << i;
-      contacts += one.in_contact ? 1 : 0;
+      for (Proxy* proxy : {&reported, &unreported}) proxy->set_grip({friction, 0.8 * friction});
+      const ProxyResult& with_report = reported.step(device, kCycle, surface, i % 3 == 0);
+      const ProxyResult& without_report = unreported.step(device, kCycle, surface, false);
+      ASSERT_EQ(with_report.proxy, without_report.proxy) << "seed " << kSeed << " cycle " << i;
+      ASSERT_EQ(with_report.anchor, without_report.anchor) << "seed " << kSeed << " cycle " << i;
+      contacts += with_report.in_contact ? 1 : 0;
     }
     EXPECT_GT(contacts, 500);
   }
 }
 
 TEST(Proxy, NeverEntersAClosedSurface) {
-  // 10^5 cycles of random hands in bodies at up to 0.5 m/s.
+  // Random hands at up to 0.5 m/s; 10^5 cycles in total.
   for (const auto& triangles : {tetrahedron(0.05), sphere(0.05, 2), bumpy(0.05, 2, 0.25)}) {
     TriangleSurface surface{triangles};
     for (const double friction : {0.0, 0.6}) {
@@ -259,14 +259,15 @@ TEST(Proxy, NeverEntersAClosedSurface) {
         Proxy proxy;
         proxy.set_grip({friction, 0.7 * friction});
         const Vec3d start{0.02, -0.01, 0.12};
-        Wanderer hand{kSeed + seed, start, 0.05 + 0.15 * seed, 0.08};
+        RandomHand hand{kSeed + seed, start, 0.05 + 0.15 * seed, 0.08};
         (void)proxy.step(start, kCycle, surface, false);
         int contacts = 0;
         for (int i = 0; i < 4200; ++i) {
           const ProxyResult& result = proxy.step(hand.next(), kCycle, surface, false);
           if (!result.in_contact) continue;
           ++contacts;
-          ASSERT_GE(gap(surface, result.proxy), kRadius - 1e-12) << "seed " << kSeed + seed << " cycle " << i;
+          ASSERT_GE(surface_distance(surface, result.proxy), kRadius - 1e-12)
+              << "seed " << kSeed + seed << " cycle " << i;
           ASSERT_LT(std::abs(winding_number(result.proxy, triangles)), 0.5)
               << "seed " << kSeed + seed << " cycle " << i;
         }
@@ -277,7 +278,7 @@ TEST(Proxy, NeverEntersAClosedSurface) {
 }
 
 TEST(Proxy, ConvergesToALocalMinimumOfTheDistance) {
-  // The proxy is a local minimum of the distance to the device: no allowed point around it is closer.
+  // No allowed point around the proxy is closer to the device.
   TriangleSurface surface{bumpy(0.05, 2, 0.2)};
   std::mt19937 random{kSeed};
   std::normal_distribution<double> normal;
@@ -287,9 +288,9 @@ TEST(Proxy, ConvergesToALocalMinimumOfTheDistance) {
     const Vec3d device = direction * 0.03;
     const ProxyResult result = press(proxy, surface, direction * 0.1, device, 100);
     ASSERT_TRUE(result.in_contact);
-    for (int probe = 0; probe < 200; ++probe) {
+    for (int sample = 0; sample < 200; ++sample) {
       const Vec3d nearby = result.proxy + 2e-4 * Vec3d{normal(random), normal(random), normal(random)};
-      if (gap(surface, nearby) < kRadius + 2 * kSlack) continue;
+      if (surface_distance(surface, nearby) < kRadius + 2 * kSlack) continue;
       ASSERT_GT((nearby - device).norm(), (result.proxy - device).norm() - 1e-5)
           << "seed " << kSeed << " round " << round;
     }
@@ -306,7 +307,7 @@ TEST(Proxy, KeepsItsSideWhenRefinementMovesTheSurfacePastIt) {
   for (unsigned seed = 0; seed < 6; ++seed) {
     Proxy proxy{settings};
     const Vec3d start{0.02, -0.01, 0.12};
-    Wanderer hand{kSeed + seed, start, 0.2, 0.07};
+    RandomHand hand{kSeed + seed, start, 0.2, 0.07};
     int shown = 0;
     (void)proxy.step(start, kCycle, surfaces[shown], false);
     for (int i = 0; i < 3000; ++i) {
@@ -322,7 +323,7 @@ TEST(Proxy, KeepsItsSideWhenRefinementMovesTheSurfacePastIt) {
   EXPECT_GT(moved, 50);
 }
 
-TEST(Proxy, BehindAnOpenSheetStaysBehindItWhenItMovesPast) {
+TEST(Proxy, StaysBehindAnOpenSheetThatMovesPastIt) {
   TriangleSurface sheet_before{square(0.1, 0)};
   TriangleSurface sheet_after{square(0.1, -0.006)};
   Proxy proxy;
@@ -334,8 +335,8 @@ TEST(Proxy, BehindAnOpenSheetStaysBehindItWhenItMovesPast) {
   EXPECT_NEAR(result.proxy.z(), -0.006 - kRadius, 3e-6);
 }
 
-TEST(Proxy, KeepsItsCentreOutsideWhereRefinementLeavesLessRoomThanItsSize) {
-  // Two blocks close on the tip: the gap between them is narrower than the tip.
+TEST(Proxy, KeepsItsCentreOutsideWhenRefinementNarrowsAGapBelowItsSize) {
+  // Two blocks approach the tip until the gap between them is narrower than the tip.
   const auto block = [](double x) { return sheet({x, -0.1, -0.1}, {0, 0.2, 0}, {0, 0, 0.2}); };
   const auto facing = [](double x) { return sheet({x, -0.1, -0.1}, {0, 0, 0.2}, {0, 0.2, 0}); };
   TriangleSurface wide{block(-0.005) + facing(0.005)};
@@ -352,70 +353,70 @@ TEST(Proxy, KeepsItsCentreOutsideWhereRefinementLeavesLessRoomThanItsSize) {
 TEST(Proxy, RampsTheForceWhenTheSurfaceRisesOrFallsUnderAHeldDevice) {
   TriangleSurface low{square(1, 0)};
   TriangleSurface high{square(1, 0.004)};
-  Felt felt{{2000, 0}};
+  ProxyForce probe{{2000, 0}};
   const Vec3d device{0, 0, 0.001};
-  for (int i = 0; i < 100; ++i) (void)felt.step(device + Vec3d{0, 0, 0.05 * (1 - i / 99.0)}, low);
-  double force = felt.force().z();
+  for (int i = 0; i < 100; ++i) (void)probe.step(device + Vec3d{0, 0, 0.05 * (1 - i / 99.0)}, low);
+  double force = probe.force().z();
   EXPECT_NEAR(force, 2000 * (kRadius - 0.001), 0.01);
   TriangleSurface* shown = &low;
   const auto change_to = [&](TriangleSurface& surface) {
-    double largest = 0;
+    double max_change = 0;
     for (int i = 0; i < 400; ++i) {
-      const double next = felt.step(device, surface, i == 0 ? shown : nullptr).z();
-      EXPECT_EQ(felt.proxy.last().surface_moved, i == 0);
-      largest = std::max(largest, std::abs(next - force));
-      force = next;
+      const double next_force = probe.step(device, surface, i == 0 ? shown : nullptr).z();
+      EXPECT_EQ(probe.proxy.last().surface_moved, i == 0);
+      max_change = std::max(max_change, std::abs(next_force - force));
+      force = next_force;
     }
     shown = &surface;
-    return largest;
+    return max_change;
   };
   EXPECT_LE(change_to(high), 0.0451);
-  EXPECT_NEAR(force, 8, 0.01);  // the maximum force, for 12 N
+  EXPECT_NEAR(force, 8, 0.01);  // the maximum force; stiffness times depth is 12 N
   EXPECT_LE(change_to(low), 0.0451);
   EXPECT_NEAR(force, 2000 * (kRadius - 0.001), 0.01);
 }
 
-TEST(Proxy, NeverPullsWhileItRampsAndTheDeviceLeaves) {
+TEST(Proxy, NeverPullsDuringARampWhileTheDeviceLeaves) {
   TriangleSurface low{square(1, 0)};
   TriangleSurface high{square(1, 0.004)};
-  Felt felt{{2000, 0}};
-  for (int i = 0; i < 100; ++i) (void)felt.step({0, 0, 0.001 + 0.05 * (1 - i / 99.0)}, low);
+  ProxyForce probe{{2000, 0}};
+  for (int i = 0; i < 100; ++i) (void)probe.step({0, 0, 0.001 + 0.05 * (1 - i / 99.0)}, low);
   for (int i = 0; i < 100; ++i)
-    ASSERT_GE(felt.step({0, 0, 0.001 + i * 2e-4}, high, i == 0 ? &low : nullptr).z(), -1e-9) << "cycle " << i;
+    ASSERT_GE(probe.step({0, 0, 0.001 + i * 2e-4}, high, i == 0 ? &low : nullptr).z(), -1e-9) << "cycle " << i;
 }
 
-TEST(Proxy, TheForceContinuesAsOnThePreviousSurfaceAfterAnyChange) {
-  // A random hand in a body that changes its resolution. In the cycle of a change the force equals that of a copy on
-  // the old surface; afterwards it changes with the hand and by the ramp.
+TEST(Proxy, TheForceIsAsOnThePreviousSurfaceInTheCycleOfAChange) {
+  // A random hand touches a body whose resolution changes. In the cycle of a change the force equals the force of a
+  // copy on the previous surface. Afterwards the force changes with the hand and by the ramp.
   const auto coarse = bumpy(0.05, 1, 0.1);
   const auto fine = bumpy(0.05, 3, 0.1);
   TriangleSurface surfaces[2]{TriangleSurface{coarse}, TriangleSurface{fine}};
   int changes = 0, jumps = 0;
   for (unsigned seed = 0; seed < 4; ++seed) {
-    Felt felt{{2000, 1}};
-    felt.proxy.set_grip({0.5, 0.4});
+    ProxyForce probe{{2000, 1}};
+    probe.proxy.set_grip({0.5, 0.4});
     const Vec3d start{0.02, -0.01, 0.12};
-    Wanderer hand{kSeed + seed, start, 0.2, 0.07};
+    RandomHand hand{kSeed + seed, start, 0.2, 0.07};
     int shown = 0;
-    (void)felt.step(start, surfaces[shown]);
+    (void)probe.step(start, surfaces[shown]);
     for (int i = 0; i < 3000; ++i) {
       const Vec3d device = hand.next();
       if (i % 50 != 49) {
-        (void)felt.step(device, surfaces[shown]);
+        (void)probe.step(device, surfaces[shown]);
         continue;
       }
-      Felt without = felt, at_once = felt;
-      (void)without.step(device, surfaces[shown]);
-      (void)at_once.proxy.step(device, kCycle, surfaces[1 - shown], true);
-      (void)felt.step(device, surfaces[1 - shown], &surfaces[shown]);
+      ProxyForce unchanged = probe, without_ramp = probe;
+      (void)unchanged.step(device, surfaces[shown]);
+      (void)without_ramp.proxy.step(device, kCycle, surfaces[1 - shown], true);
+      (void)probe.step(device, surfaces[1 - shown], &surfaces[shown]);
       shown = 1 - shown;
-      ASSERT_LT((felt.force() - without.force()).norm(), 1e-12) << "seed " << kSeed + seed << " cycle " << i;
+      ASSERT_LT((probe.force() - unchanged.force()).norm(), 1e-12) << "seed " << kSeed + seed << " cycle " << i;
       ++changes;
-      jumps += (at_once.proxy.last().proxy - without.proxy.last().proxy).norm() > 1e-4 ? 1 : 0;
+      jumps += (without_ramp.proxy.last().proxy - unchanged.proxy.last().proxy).norm() > 1e-4 ? 1 : 0;
     }
   }
   EXPECT_GT(changes, 200);
-  EXPECT_GT(jumps, 20) << "otherwise nothing was ramped";
+  EXPECT_GT(jumps, 20) << "otherwise no ramp was tested";
 }
 
 TEST(Proxy, SticksInsideTheFrictionConeAndSlipsOutsideIt) {
@@ -431,23 +432,23 @@ TEST(Proxy, SticksInsideTheFrictionConeAndSlipsOutsideIt) {
     result = proxy.step({x, 0, kRadius - depth}, kCycle, surface, false);
     if (x < 0.0055) continue;
     ASSERT_FALSE(result.sticking);
-    // It trails on the dynamic cone: tan = 0.3 against the normal.
+    // The proxy follows on the dynamic cone: its tangential distance is 0.3 times the depth.
     ASSERT_NEAR(x - result.proxy.x(), 0.3 * depth, 1e-5);
   }
 }
 
-TEST(Proxy, StaysInsideTheDynamicConeUntilItIsWellInsideTheStaticOne) {
+TEST(Proxy, KeepsSlippingUntilItIsWellInsideTheStaticCone) {
   TriangleSurface surface{square(1, 0)};
   Proxy proxy;
   proxy.set_grip({0.5, 0.45});
   const double z = kRadius - 0.01;
   (void)press(proxy, surface, {0, 0, 0.02}, {0, 0, z}, 30);
   (void)press(proxy, surface, {0, 0, z}, {0.05, 0, z}, 100);
-  const double resting = proxy.last().proxy.x();
-  // A lag of 0.45 times the depth is inside the static cone, but it still slips with the next motion.
+  const double x_before = proxy.last().proxy.x();
+  // A distance of 0.45 times the depth is inside the static cone, but the proxy still slips at the next motion.
   const ProxyResult& result = proxy.step({0.051, 0, z}, kCycle, surface, false);
   EXPECT_FALSE(result.sticking);
-  EXPECT_GT(result.proxy.x(), resting + 5e-4);
+  EXPECT_GT(result.proxy.x(), x_before + 5e-4);
 }
 
 TEST(Proxy, StaysWhereItWasWhenTheDeviceIsNotFinite) {

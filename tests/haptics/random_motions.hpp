@@ -1,7 +1,7 @@
-/// Random hands in bodies at rest or in random motion; checks that their proxies never enter a body.
+/// Simulates random hands that touch bodies at rest or in random motion, and checks that no proxy enters a body.
 ///
-/// The oracle is the winding number around the proxy, summed over all triangles. It uses no sweeps, planes or closest
-/// points.
+/// The oracle is the winding number of the body around the proxy, summed over all triangles. The oracle uses no sweeps,
+/// planes or closest points.
 #pragma once
 
 #include <cstdint>
@@ -14,38 +14,39 @@ namespace tactus::haptics::testing {
 
 struct MotionBody {
   std::vector<Triangle> triangles = {};
-  std::vector<Triangle> walls = {};  ///< triangles of the winding number; empty: `triangles`
-  int winding = 0;                   ///< expected winding number: 1 for a cavity that contains the proxy
+  std::vector<Triangle> walls = {};  ///< triangles for the winding number; if empty, `triangles`
+  int winding = 0;                   ///< expected winding number; 1 if the proxy is inside the walls
   double speed = 0;                  ///< m/s; the body alternates between motion and rest; 0: always at rest
-  double turning = 0;                ///< rad/s
+  double angular_speed = 0;          ///< rad/s
 };
 
 struct MotionScene {
   std::string name;
   std::vector<MotionBody> bodies = {};
   Vec3d start = {0.02, -0.01, 0.12};  ///< of the hand
-  double range = 0.08;                ///< m from the origin at which the hand reverses
+  double range = 0.08;                ///< m; distance from the origin at which the hand turns back
   double hand_speed = 1;              ///< m/s, maximum
-  bool may_crush = false;             ///< bodies may leave no room
+  bool may_crush = false;             ///< bodies may leave no space for the tip
 };
 
 struct MotionResult {
   std::uint64_t motions = 0;
   std::uint64_t contacts = 0;
   std::uint64_t pushed = 0;   ///< contacts while the touched body moved
-  std::uint64_t crushed = 0;  ///< times without room
-  std::uint64_t passed = 0;   ///< proxies on the wrong side of a body; the first one ends the run
-  double deepest = 0;         ///< m, greatest overlap of a proxy's sphere with a body
+  std::uint64_t crushed = 0;  ///< times at which bodies left no space for the tip
+  std::uint64_t passed = 0;   ///< proxies on the wrong side of a body; the run ends at the first one
+  double deepest = 0;         ///< m, maximum overlap of a proxy's sphere with a body
   std::string what;           ///< description of the first failure
 };
 
-/// Solids, thin shells, grooves, corners; at rest, moving, and faster than the tip's radius in a cycle.
+/// Solids, thin shells, grooves and corners: at rest, in motion, and in motion by more than the tip's radius per cycle.
 [[nodiscard]] std::vector<MotionScene> motion_scenes();
 
-/// `reported`: false hides the motion of bodies from the proxy; the oracle must detect it.
+/// Runs `motions` cycles. `reported`: false hides the motion of bodies from the proxy, which the oracle must detect.
 [[nodiscard]] MotionResult run_motions(const MotionScene& scene, std::uint64_t motions, double friction,
                                        std::uint64_t seed, bool reported = true);
-/// A closed box of edge 2 `half` around the origin; with inward faces it bounds a cavity.
+
+/// A closed box with edges of 2 `half` around the origin. `inwards`: the faces bound a cavity.
 [[nodiscard]] std::vector<Triangle> box(double half, bool inwards = false);
 
 }  // namespace tactus::haptics::testing

@@ -16,7 +16,7 @@ namespace {
 std::atomic<long> g_allocations{0};
 }  // namespace
 
-// Not inlined: the compiler would report the malloc and free in them as a mismatch.
+// Not inlined, because the compiler would report malloc and free in these operators as a mismatch.
 [[gnu::noinline]] void* operator new(std::size_t size) {
   ++g_allocations;
   if (void* memory = std::malloc(size)) return memory;
@@ -30,7 +30,7 @@ namespace {
 
 TEST(Realtime, CountsAllocations) {
   const long before = g_allocations;
-  int* volatile memory = new int;  // volatile: not optimised away
+  int* volatile memory = new int;  // volatile, so that the compiler does not remove the allocation
   delete memory;
   EXPECT_GT(g_allocations, before);
 }
@@ -51,30 +51,30 @@ TEST(Realtime, DeviceProxyAndForceDoNotAllocate) {
   path.waypoints[0] = {0, {0, 0, 0.08}};
   path.waypoints[1] = {500'000'000, {0.01, 0.02, 0.03}};
   device.paths().post(path);
-  int contacts = 0;
+  int contact_cycles = 0;
 
   const long before = g_allocations;
   for (int ms = 0; ms < 2000; ++ms) {
     const DeviceState state = device.read(ms * 1'000'000LL);
     const ProxyResult& touch = proxy.step(state.position, 1e-3, surfaces[ms / 100 % 2], ms % 100 == 0);
     device.write(renderer.step(touch, state, {1000, 1}, 0, 1e-3).force);
-    if (touch.in_contact) ++contacts;
+    if (touch.in_contact) ++contact_cycles;
   }
   EXPECT_EQ(g_allocations, before);
-  EXPECT_GT(contacts, 500);
+  EXPECT_GT(contact_cycles, 500);
 }
 
-TEST(Realtime, ATouchedSharedObjectDoesNotAllocate) {
-  const Vec3d half{0.05, 0.05, 0.05};
+TEST(Realtime, TouchingASharedObjectDoesNotAllocate) {
+  const Vec3d half_size{0.05, 0.05, 0.05};
   BodyState start;
   start.position.z() = 0.05;
-  const auto object = std::make_unique<SharedObject>(box_body(0.5, half), start);
+  const auto object = std::make_unique<SharedObject>(box_body(0.5, half_size), start);
   const auto coupling = std::make_unique<CopyCoupling>(CouplingSettings{}, 0, object->body().settings());
   object->couple(*coupling);
-  BoxSurface shape{half};
+  BoxSurface shape{half_size};
   BodyTouch touch;
   PassivityController port;
-  int touched = 0;
+  int touched_cycles = 0;
 
   const long before = g_allocations;
   for (int ms = 1; ms <= 1000; ++ms) {
@@ -87,10 +87,10 @@ TEST(Realtime, ATouchedSharedObjectDoesNotAllocate) {
     sample.body = start;
     object->coupling()->on_sample(1, sample);
     object->step(ms * 1'000'000LL, {&touch.spring(), touch.is_touching() ? 1u : 0u}, {}, 1e-3);
-    if (touch.is_touching()) ++touched;
+    if (touch.is_touching()) ++touched_cycles;
   }
   EXPECT_EQ(g_allocations, before);
-  EXPECT_GT(touched, 300);
+  EXPECT_GT(touched_cycles, 300);
 }
 
 }  // namespace

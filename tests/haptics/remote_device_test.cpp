@@ -19,13 +19,13 @@ namespace {
 constexpr std::int64_t kMs = 1'000'000;
 constexpr double kCycle = 1e-3;
 
-RemotePose pose(std::uint32_t sequence, double x, std::int64_t arrived_ns, std::uint32_t felt = 0) {
-  RemotePose made;
-  made.sequence = sequence;
-  made.position = {x, 0, 0};
-  made.taken_ns = made.arrived_ns = arrived_ns;
-  made.command_felt = felt;
-  return made;
+RemotePose pose(std::uint32_t sequence, double x, std::int64_t arrived_ns, std::uint32_t applied_command = 0) {
+  RemotePose result;
+  result.sequence = sequence;
+  result.position = {x, 0, 0};
+  result.taken_ns = result.arrived_ns = arrived_ns;
+  result.command_felt = applied_command;
+  return result;
 }
 
 TEST(RemoteDevice, ShowsTheNewestPose) {
@@ -38,7 +38,7 @@ TEST(RemoteDevice, ShowsTheNewestPose) {
   EXPECT_EQ(state.time_ns, kMs);
 }
 
-TEST(RemoteDevice, BoundsTheTransitOfAWrongClock) {
+TEST(RemoteDevice, BoundsTheTransitWhenAClockIsWrong) {
   RemoteDevice device;
   RemotePose sent = pose(1, 0, 50 * kMs);
   for (const std::int64_t taken :
@@ -93,7 +93,7 @@ TEST(RemoteDevice, IgnoresACommandNumberThatWasNeverSent) {
   EXPECT_EQ(device.loop_delay(), LoopDelay::kUnknown);
 }
 
-TEST(LoopDelay, FollowsARiseIn50MsAndAFallIn1S) {
+TEST(LoopDelay, FollowsARiseWithin50MsAndAFallWithin1S) {
   LoopDelay delay;
   for (int i = 0; i < 5000; ++i) delay.add(0.002, kCycle);
   EXPECT_NEAR(delay.value(), 0.002, 1e-4);
@@ -119,30 +119,30 @@ class PressedHand {
     hand_->paths().post(path);
   }
 
-  /// Greatest speed of the hand in the last second of `seconds`, m/s.
-  double run(double seconds, bool cut) {
-    double fastest = 0;
+  /// Simulates `seconds` and returns the maximum speed of the hand in the last second, m/s.
+  double run(double seconds, bool with_stiffness_cut) {
+    double max_speed = 0;
     for (std::int64_t ms = 1; ms <= std::lround(seconds * 1000); ++ms) {
       const std::int64_t now = ms * kMs;
-      while (!forces_.empty() && forces_.front().first <= now) {
-        if (forces_.front().second.first > felt_) {
-          felt_ = forces_.front().second.first;
-          hand_->write({forces_.front().second.second, 0, 0});
+      while (!commands_.empty() && commands_.front().arrival_ns <= now) {
+        if (commands_.front().number > applied_command_) {
+          applied_command_ = commands_.front().number;
+          hand_->write({commands_.front().force, 0, 0});
         }
-        forces_.pop_front();
+        commands_.pop_front();
       }
-      const DeviceState at_hand = hand_->read(now);
-      RemotePose sent = pose(static_cast<std::uint32_t>(ms), at_hand.position.x(), 0, felt_);
-      sent.velocity = {at_hand.velocity.x(), 0, 0};
-      sent.taken_ns = now;
-      if (arrives()) poses_.emplace_back(now + one_way_delay(), sent);
-      while (!poses_.empty() && poses_.front().first <= now) {
-        poses_.front().second.arrived_ns = now;
-        device_.on_pose(poses_.front().second);
+      const DeviceState hand_state = hand_->read(now);
+      RemotePose hand_pose = pose(static_cast<std::uint32_t>(ms), hand_state.position.x(), 0, applied_command_);
+      hand_pose.velocity = {hand_state.velocity.x(), 0, 0};
+      hand_pose.taken_ns = now;
+      if (arrives()) poses_.push_back({now + one_way_delay(), hand_pose});
+      while (!poses_.empty() && poses_.front().arrival_ns <= now) {
+        poses_.front().pose.arrived_ns = now;
+        device_.on_pose(poses_.front().pose);
         poses_.pop_front();
       }
       DeviceState state = device_.read(now);
-      if (!cut) state.loop_delay = 0;
+      if (!with_stiffness_cut) state.loop_delay = 0;
       ProxyResult proxy;
       proxy.normal = Vec3d::UnitX();
       proxy.in_contact = state.position.x() < 0;
@@ -150,16 +150,26 @@ class PressedHand {
       const double age = static_cast<double>(now - state.time_ns) * 1e-9 - state.transit;
       const ForceResult& force = renderer_.step(proxy, state, ContactImpedance{1000, 1}, age, kCycle);
       const std::uint32_t number = device_.on_command(now);
-      if (arrives()) forces_.emplace_back(now + one_way_delay(), std::pair{number, force.force.x()});
-      if (ms > std::lround(seconds * 1000) - 1000) fastest = std::max(fastest, at_hand.velocity.norm());
+      if (arrives()) commands_.push_back({now + one_way_delay(), number, force.force.x()});
+      if (ms > std::lround(seconds * 1000) - 1000) max_speed = std::max(max_speed, hand_state.velocity.norm());
     }
-    return fastest;
+    return max_speed;
   }
   [[nodiscard]] double loop_delay() const { return device_.loop_delay(); }
 
  private:
+  struct DelayedPose {
+    std::int64_t arrival_ns;
+    RemotePose pose;
+  };
+  struct DelayedCommand {
+    std::int64_t arrival_ns;
+    std::uint32_t number;
+    double force;  // N, along x
+  };
+
   [[nodiscard]] bool arrives() { return std::uniform_real_distribution<>{}(random_) >= loss_; }
-  /// In order: a sample waits for earlier ones.
+  /// The queues preserve the order, so a sample with a shorter delay waits for the samples before it.
   [[nodiscard]] std::int64_t one_way_delay() {
     const double seconds = one_way_ + std::abs(std::normal_distribution<>{0, 1}(random_)) * jitter_;
     return std::llround(seconds * 1e9);
@@ -170,16 +180,16 @@ class PressedHand {
   std::unique_ptr<SimulatedDevice> hand_;
   RemoteDevice device_;
   ForceRenderer renderer_{{}, {}};
-  std::deque<std::pair<std::int64_t, RemotePose>> poses_;
-  std::deque<std::pair<std::int64_t, std::pair<std::uint32_t, double>>> forces_;
-  std::uint32_t felt_ = 0;
+  std::deque<DelayedPose> poses_;
+  std::deque<DelayedCommand> commands_;
+  std::uint32_t applied_command_ = 0;
 };
 
 TEST(RemoteDevice, AHandPressedToAWallRestsForAnyDelayJitterAndLoss) {
   for (const double one_way : {0.0005, 0.005, 0.02, 0.06, 0.1})
     for (const auto& [jitter, loss] : {std::pair{0.0, 0.0}, std::pair{0.2, 0.0}, std::pair{0.1, 0.2}}) {
       PressedHand hand{one_way, jitter * one_way, loss};
-      // Jitter varies the force with the hand's speed; an unstable hand reaches 50 mm/s.
+      // Jitter varies the force with the speed of the hand. An unstable hand reaches 50 mm/s.
       EXPECT_LT(hand.run(12, true), 3e-3) << one_way << " s, jitter " << jitter << ", loss " << loss
                                           << ", round trip estimated at " << hand.loop_delay() << " s";
     }

@@ -38,35 +38,38 @@ TEST(RigidBody, AFreeRotationKeepsMomentumAndEnergy) {
   BodySettings settings = box_body(0.3, kHalf);
   settings.gravity.setZero();
   BodyState state;
-  state.angular_velocity = {0.3, 12, 0.2};  // near the middle axis, so that it tumbles
+  // Close to the axis of intermediate inertia, about which a rotation is unstable.
+  state.angular_velocity = {0.3, 12, 0.2};
   RigidBody body{settings, state};
   const Vec3d momentum = body.inertia_world() * state.angular_velocity;
   const double energy = body.kinetic_energy();
-  double furthest = 0;
+  double max_energy_error = 0;
   for (int i = 0; i < 20'000; ++i) {
     body.begin(kDt);
     body.finish(body.free_motion().velocity);
-    furthest = std::max(furthest, std::abs(body.kinetic_energy() / energy - 1));
+    max_energy_error = std::max(max_energy_error, std::abs(body.kinetic_energy() / energy - 1));
   }
   EXPECT_LT((body.inertia_world() * body.state().angular_velocity - momentum).norm(), 1e-9 * momentum.norm());
-  EXPECT_LT(furthest, 0.01);
+  EXPECT_LT(max_energy_error, 0.01);
 }
 
 TEST(RigidBody, ASpringAddsNoEnergyAtAnyStiffness) {
   std::mt19937 random{7};
-  std::uniform_real_distribution<double> unit{-1, 1};
-  const auto vector = [&](double size) { return Vec3d{size * unit(random), size * unit(random), size * unit(random)}; };
+  std::uniform_real_distribution<double> uniform{-1, 1};
+  const auto random_vector = [&](double size) {
+    return Vec3d{size * uniform(random), size * uniform(random), size * uniform(random)};
+  };
   for (const double stiffness : {1e2, 1e4, 1e6, 1e8}) {
     BodySettings settings = box_body(0.1, kHalf);
     settings.gravity.setZero();
     BodyState state;
-    state.velocity = vector(0.5);
+    state.velocity = random_vector(0.5);
     RigidBody body{settings, state};
-    const Vec3d target = vector(0.01);
+    const Vec3d target = random_vector(0.01);
     const auto energy = [&] {
       return body.kinetic_energy() + 0.5 * stiffness * (target - body.state().position).squaredNorm();
     };
-    double before = energy();
+    double last_energy = energy();
     for (int i = 0; i < 3000; ++i) {
       body.begin(kDt);
       PointSpring spring;
@@ -75,38 +78,38 @@ TEST(RigidBody, ASpringAddsNoEnergyAtAnyStiffness) {
       spring.stiffness = stiffness;
       body.add_spring(spring);
       body.finish(body.free_motion().velocity);
-      ASSERT_LE(energy(), before * (1 + 1e-12) + 1e-20) << stiffness << " N/m, step " << i;
-      before = energy();
+      ASSERT_LE(energy(), last_energy * (1 + 1e-12) + 1e-20) << stiffness << " N/m, step " << i;
+      last_energy = energy();
     }
   }
 }
 
-TEST(RigidBody, ThrownOnTheGroundLosesEnergyAndComesToRest) {
+TEST(RigidBody, LosesEnergyAndComesToRestWhenThrownOnTheGround) {
   for (unsigned seed = 1; seed <= 20; ++seed) {
     std::mt19937 random{seed};
-    std::uniform_real_distribution<double> unit{-1, 1};
+    std::uniform_real_distribution<double> uniform{-1, 1};
     BodyState state;
     state.position = {0, 0, 0.2};
-    state.velocity = {unit(random), unit(random), unit(random)};
-    state.angular_velocity = 10 * Vec3d{unit(random), unit(random), unit(random)};
-    state.orientation = exp_map(3 * Vec3d{unit(random), unit(random), unit(random)});
+    state.velocity = {uniform(random), uniform(random), uniform(random)};
+    state.angular_velocity = 10 * Vec3d{uniform(random), uniform(random), uniform(random)};
+    state.orientation = exp_map(3 * Vec3d{uniform(random), uniform(random), uniform(random)});
     RigidBody body{box_body(0.3, kHalf), state};
     ContactSolver solver;
-    double lowest = 1, max = body.kinetic_energy() + body.potential_energy();
+    double lowest_corner = 1, min_energy = body.kinetic_energy() + body.potential_energy();
     for (int i = 0; i < 3000; ++i) {
       step(body, solver);
       const double energy = body.kinetic_energy() + body.potential_energy();
-      ASSERT_LE(energy, max + 2e-4) << "seed " << seed << ", step " << i;
-      max = std::min(max, energy);
+      ASSERT_LE(energy, min_energy + 2e-4) << "seed " << seed << ", step " << i;
+      min_energy = std::min(min_energy, energy);
       for (std::uint32_t k = 0; k < 8; ++k)
-        lowest = std::min(lowest, body.state().to_world(body.settings().points[k]).z());
+        lowest_corner = std::min(lowest_corner, body.state().to_world(body.settings().points[k]).z());
     }
     EXPECT_LT(body.top_speed(), 1e-4) << "seed " << seed;
-    EXPECT_GT(lowest, -5e-4) << "seed " << seed;
+    EXPECT_GT(lowest_corner, -5e-4) << "seed " << seed;
   }
 }
 
-TEST(RigidBody, SticksOrSlidesOnASlopeByItsFriction) {
+TEST(RigidBody, SticksOrSlidesOnASlopeDependingOnItsFriction) {
   for (const double friction : {0.3, 0.6}) {
     BodySettings settings = box_body(0.3, {0.05, 0.05, 0.02});
     settings.friction = friction;
@@ -142,24 +145,24 @@ TEST(RigidBody, RestsOnStaticGeometry) {
   EXPECT_LT(body.top_speed(), 1e-5);
 }
 
-/// A plane through the origin that falls towards +x by `slope`, of squares split in two, millimetres to centimetres
-/// wide.
+/// A plane through the origin that falls towards +x at the angle `slope`, rad. The edges of its triangles are
+/// millimetres to centimetres long.
 testing::TriangleSurface tessellated_slope(double slope) {
   constexpr int kCells = 9;
-  const auto at = [&](int i, int j) -> Vec3d {
-    const double along = 0.4 * (std::pow(static_cast<double>(i) / kCells, 1.5) - 0.3);
-    return {along * std::cos(slope), 0.3 * (static_cast<double>(j) / kCells - 0.5), -along * std::sin(slope)};
+  const auto grid_point = [&](int i, int j) -> Vec3d {
+    const double distance = 0.4 * (std::pow(static_cast<double>(i) / kCells, 1.5) - 0.3);
+    return {distance * std::cos(slope), 0.3 * (static_cast<double>(j) / kCells - 0.5), -distance * std::sin(slope)};
   };
   std::vector<testing::Triangle> triangles;
   for (int i = 0; i < kCells; ++i)
     for (int j = 0; j < kCells; ++j) {
-      triangles.push_back({at(i, j), at(i + 1, j), at(i + 1, j + 1)});
-      triangles.push_back({at(i, j), at(i + 1, j + 1), at(i, j + 1)});
+      triangles.push_back({grid_point(i, j), grid_point(i + 1, j), grid_point(i + 1, j + 1)});
+      triangles.push_back({grid_point(i, j), grid_point(i + 1, j + 1), grid_point(i, j + 1)});
     }
   return testing::TriangleSurface{std::move(triangles)};
 }
 
-TEST(RigidBody, SticksOrSlidesOnATessellatedSlopeByItsFriction) {
+TEST(RigidBody, SticksOrSlidesOnATessellatedSlopeDependingOnItsFriction) {
   for (const double friction : {0.3, 0.44, 0.46, 0.6}) {
     SCOPED_TRACE(friction);
     const double slope = std::atan(0.45);
@@ -181,14 +184,14 @@ TEST(RigidBody, SticksOrSlidesOnATessellatedSlopeByItsFriction) {
   }
 }
 
-TEST(RigidBody, ABumpInTheMiddleOfAFaceCarriesIt) {
-  // A pyramid of 23 degrees whose tip is below no corner, edge or start point of the searches of the box.
+TEST(RigidBody, IsSupportedByATipUnderTheMiddleOfAFace) {
+  // The pyramid rises at 23 degrees. Its tip is not below a corner, an edge or a search start point of the box.
   const Vec3d tip{0.004, -0.007, 0.05};
-  constexpr double kFoot = 0.12;
-  std::array<Vec3d, 4> foot;
-  for (int i = 0; i < 4; ++i) foot[i] = {i == 1 || i == 2 ? kFoot : -kFoot, i >= 2 ? kFoot : -kFoot, 0};
+  constexpr double kHalfBase = 0.12;
+  std::array<Vec3d, 4> base;
+  for (int i = 0; i < 4; ++i) base[i] = {i == 1 || i == 2 ? kHalfBase : -kHalfBase, i >= 2 ? kHalfBase : -kHalfBase, 0};
   std::vector<testing::Triangle> triangles;
-  for (int i = 0; i < 4; ++i) triangles.push_back({foot[i], foot[(i + 1) % 4], tip});
+  for (int i = 0; i < 4; ++i) triangles.push_back({base[i], base[(i + 1) % 4], tip});
   const testing::TriangleSurface pyramid{std::move(triangles)};
   BodySettings settings = box_body(0.3, {0.04, 0.03, 0.01});
   BodyState state;
@@ -196,7 +199,7 @@ TEST(RigidBody, ABumpInTheMiddleOfAFaceCarriesIt) {
   RigidBody body{settings, state};
   ContactSolver solver;
   for (int i = 0; i < 60; ++i)
-    step_on(body, solver, pyramid);  // then it tips over, because its centre is beside the tip
+    step_on(body, solver, pyramid);  // later the box falls over, because its centre is not above the tip
   EXPECT_GT(body.state().to_body(tip).z(), -0.0101);
   EXPECT_LT(body.state().to_body(tip).z(), -0.0099);
   EXPECT_GT(solver.last().contacts, 0u);
@@ -204,9 +207,9 @@ TEST(RigidBody, ABumpInTheMiddleOfAFaceCarriesIt) {
 
 TEST(RigidBody, LogIsTheInverseOfExp) {
   std::mt19937 random{3};
-  std::uniform_real_distribution<double> unit{-1, 1};
+  std::uniform_real_distribution<double> uniform{-1, 1};
   for (int i = 0; i < 200; ++i) {
-    const Vec3d rotation = (i % 2 == 0 ? 1.7 : 1e-10) * Vec3d{unit(random), unit(random), unit(random)};
+    const Vec3d rotation = (i % 2 == 0 ? 1.7 : 1e-10) * Vec3d{uniform(random), uniform(random), uniform(random)};
     EXPECT_LT((log_map(exp_map(rotation)) - rotation).norm(), 1e-12);
   }
 }
@@ -214,7 +217,7 @@ TEST(RigidBody, LogIsTheInverseOfExp) {
 TEST(RigidBody, ARotationalSpringReachesItsTargetAndAddsNoEnergy) {
   BodySettings settings = box_body(0.3, kHalf);
   settings.gravity.setZero();
-  for (const double stiffness : {2.5, 250.0, 25000.0}) {  // the last is far above the limit of an explicit step
+  for (const double stiffness : {2.5, 250.0, 25000.0}) {  // explicit integration is unstable at 25000 N m/rad
     SCOPED_TRACE(stiffness);
     BodyState start;
     start.orientation = exp_map({0.7, -0.4, 0.9});
@@ -223,33 +226,33 @@ TEST(RigidBody, ARotationalSpringReachesItsTargetAndAddsNoEnergy) {
     const auto energy = [&] {
       return body.kinetic_energy() + 0.5 * stiffness * log_map(body.state().orientation).squaredNorm();
     };
-    double before = energy();
-    const double max = before;
+    double last_energy = energy();
+    const double start_energy = last_energy;
     for (int i = 0; i < 5000; ++i) {
       body.begin(kDt);
       body.add_spring(RotationalSpring{-log_map(body.state().orientation), Vec3d::Zero(), stiffness, 0.01 * stiffness});
       body.finish(body.free_motion().velocity);
-      EXPECT_LE(energy(), before + 1e-3 * max) << i;
-      before = energy();
+      EXPECT_LE(energy(), last_energy + 1e-3 * start_energy) << i;
+      last_energy = energy();
     }
     EXPECT_LT(log_map(body.state().orientation).norm(), 1e-6);
     EXPECT_LT(body.state().angular_velocity.norm(), 1e-5);
   }
 }
 
-/// A box on the ground, and scripted probes that press it.
-class Handling {
+/// A box on the ground, and two probes that press the box at given positions.
+class PressedBox {
  public:
-  explicit Handling(double mass, double friction) : body_{box_body(mass, kHalf), resting()} {
+  explicit PressedBox(double mass, double friction) : body_{box_body(mass, kHalf), resting_state()} {
     for (BodyTouch& touch : touches_) touch.set_grip({friction, friction});
   }
 
   void step(const Vec3d& left, const Vec3d& right, bool grab = false) {
-    const std::array<Vec3d, 2> wanted{left, right};
+    const std::array<Vec3d, 2> positions{left, right};
     body_.begin(kDt);
     for (std::size_t i = 0; i < 2; ++i) {
       DeviceState device;
-      device.position = wanted[i];
+      device.position = positions[i];
       touches_[i].step(device, grab, body_.state(), shape_, kFeel, kDt);
       if (touches_[i].is_touching()) body_.add_spring(touches_[i].spring());
     }
@@ -262,7 +265,7 @@ class Handling {
   [[nodiscard]] const BodyState& state() const { return body_.state(); }
   [[nodiscard]] const BodyTouch& touch(std::size_t i) const { return touches_[i]; }
 
-  static BodyState resting() {
+  static BodyState resting_state() {
     BodyState state;
     state.position.z() = kHalf.z();
     return state;
@@ -276,46 +279,47 @@ class Handling {
   std::array<BodyTouch, 2> touches_;
 };
 
-/// Presses from both sides in x by `depth`, then lifts by 0.1 m; returns the box's final height above the ground.
-double lifted(Handling& handling, double depth) {
-  const double outside = kHalf.x() + 0.003;
+/// Presses the box from both sides in x by `depth`, then moves the probes up by 0.1 m. Returns the final height of the
+/// box above the ground.
+double lifted_height(PressedBox& box, double depth) {
+  const double contact_x = kHalf.x() + 0.003;
   for (int i = 0; i < 3000; ++i) {
-    const double squeeze = (outside + 0.005) - std::min(1.0, i / 500.0) * (0.005 + depth);
+    const double x = (contact_x + 0.005) - std::min(1.0, i / 500.0) * (0.005 + depth);
     const double height = kHalf.z() + 0.1 * std::clamp((i - 700) / 1000.0, 0.0, 1.0);
-    handling.step({-squeeze, 0, height}, {squeeze, 0, height});
+    box.step({-x, 0, height}, {x, 0, height});
   }
-  return handling.state().position.z() - kHalf.z();
+  return box.state().position.z() - kHalf.z();
 }
 
-TEST(BodyTouch, TwoProbesLiftABoxWhenTheirFrictionCarriesIt) {
-  // 3 N from each side: with friction 0.8 they carry 4.8 N, with 0.3 only 1.8 N of the box's 2.9 N.
-  Handling firm{0.3, 0.8}, slippery{0.3, 0.3};
-  EXPECT_NEAR(lifted(firm, 0.003), 0.1, 0.004);
-  EXPECT_LT(lifted(slippery, 0.003), 0.01);
+TEST(BodyTouch, TwoProbesLiftABoxOnlyIfTheirFrictionCarriesItsWeight) {
+  // Each probe presses with 3 N. The weight is 2.9 N; friction carries 4.8 N with a coefficient of 0.8, 1.8 N with 0.3.
+  PressedBox rough{0.3, 0.8}, slippery{0.3, 0.3};
+  EXPECT_NEAR(lifted_height(rough, 0.003), 0.1, 0.004);
+  EXPECT_LT(lifted_height(slippery, 0.003), 0.01);
 }
 
-TEST(BodyTouch, OneProbePushesTheBoxAndDoesNotPullIt) {
-  Handling handling{0.1, 0.1};
-  const Vec3d away{1, 0, kHalf.z()};
+TEST(BodyTouch, OneProbePushesABoxButDoesNotPullIt) {
+  PressedBox box{0.1, 0.1};
+  const Vec3d no_contact{1, 0, kHalf.z()};
   double x = -(kHalf.x() + 0.004);
-  for (int i = 0; i < 1000; ++i) handling.step({x += 5e-5, 0, kHalf.z()}, away);
-  const double pushed = handling.state().position.x();
-  EXPECT_GT(pushed, 0.04);
-  for (int i = 0; i < 1000; ++i) handling.step({x -= 5e-5, 0, kHalf.z()}, away);
-  EXPECT_NEAR(handling.state().position.x(), pushed, 0.005);
-  EXPECT_FALSE(handling.touch(0).is_touching());
+  for (int i = 0; i < 1000; ++i) box.step({x += 5e-5, 0, kHalf.z()}, no_contact);
+  const double x_after_push = box.state().position.x();
+  EXPECT_GT(x_after_push, 0.04);
+  for (int i = 0; i < 1000; ++i) box.step({x -= 5e-5, 0, kHalf.z()}, no_contact);
+  EXPECT_NEAR(box.state().position.x(), x_after_push, 0.005);
+  EXPECT_FALSE(box.touch(0).is_touching());
 }
 
-TEST(BodyTouch, AGrabPullsUntilItsRelease) {
-  Handling handling{0.1, 0.1};
-  const Vec3d away{1, 0, kHalf.z()};
-  double x = -(kHalf.x() + 0.0025);  // pressed in by half a millimetre
-  handling.step({x - 0.001, 0, kHalf.z()}, away);
-  for (int i = 0; i < 1000; ++i) handling.step({x -= 5e-5, 0, kHalf.z()}, away, true);
-  EXPECT_TRUE(handling.touch(0).is_holding());
-  EXPECT_NEAR(handling.state().position.x(), -0.05, 0.005);
-  handling.step({x, 0, kHalf.z()}, away);
-  EXPECT_FALSE(handling.touch(0).is_holding());
+TEST(BodyTouch, AGrabPullsABoxUntilTheRelease) {
+  PressedBox box{0.1, 0.1};
+  const Vec3d no_contact{1, 0, kHalf.z()};
+  double x = -(kHalf.x() + 0.0025);  // a depth of 0.5 mm
+  box.step({x - 0.001, 0, kHalf.z()}, no_contact);
+  for (int i = 0; i < 1000; ++i) box.step({x -= 5e-5, 0, kHalf.z()}, no_contact, true);
+  EXPECT_TRUE(box.touch(0).is_holding());
+  EXPECT_NEAR(box.state().position.x(), -0.05, 0.005);
+  box.step({x, 0, kHalf.z()}, no_contact);
+  EXPECT_FALSE(box.touch(0).is_holding());
 }
 
 }  // namespace

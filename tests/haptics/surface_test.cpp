@@ -37,7 +37,7 @@ TEST(ClosestSide, AgreesWithTheWindingNumberOnClosedSurfaces) {
   }
 }
 
-TEST(ClosestSide, HasNoSideBeyondABorderOrWhereFacesCancelOut) {
+TEST(ClosestSide, HasNoSideBeyondABorderOrWhereNormalsCancelOut) {
   SurfaceHit hit;
   ASSERT_TRUE(TriangleSurface{square(1, 0)}.closest({0.8, 0.1, -0.1}, 1, hit));
   EXPECT_FALSE(hit.is_side_known);

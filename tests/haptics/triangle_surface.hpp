@@ -1,4 +1,4 @@
-/// A surface of a plain list of triangles, and shapes for the tests of proxy and operators.
+/// A surface that is a list of triangles, and shapes for the tests of the proxy and of simulated operators.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -42,8 +42,8 @@ class TriangleSurface : public Surface {
     return first.result(hit);
   }
 
-  [[nodiscard]] bool closest(const Vec3d& point, double within, SurfaceHit& hit) const noexcept override {
-    ClosestSide side{point, within};
+  [[nodiscard]] bool closest(const Vec3d& point, double max_distance, SurfaceHit& hit) const noexcept override {
+    ClosestSide side{point, max_distance};
     for (std::size_t i = 0; i < triangles_.size(); ++i) {
       if (i % kBlock == 0 && blocks_[i / kBlock].exteriorDistance(point) > side.reach() * (1 + 1e-9)) {
         i += kBlock - 1;
@@ -62,13 +62,13 @@ class TriangleSurface : public Surface {
  private:
   static constexpr std::size_t kBlock = 16;
   std::vector<Triangle> triangles_;
-  /// A box around each 16 consecutive triangles, which are close together in the shapes below: most are skipped at
-  /// once.
+  /// Bounding boxes of blocks of kBlock consecutive triangles. In the shapes below such triangles are close together,
+  /// so a query can skip most blocks.
   std::vector<Eigen::AlignedBox3d> blocks_;
 };
 
 /// Winding number of a closed surface around a point: the sum of the solid angles of its triangles over 4 pi, 1 inside
-/// and 0 outside. Uses no normals or closest points. Source: Van Oosterom, Strackee 1983.
+/// and 0 outside. The computation uses no normals and no closest points. Source: Van Oosterom, Strackee 1983.
 inline double winding_number(const Vec3d& p, const std::vector<Triangle>& triangles) {
   double sum = 0;
   for (const Triangle& t : triangles) {
@@ -92,7 +92,8 @@ inline std::vector<Triangle> tetrahedron(double size) {
   return {{a, b, c}, {a, c, d}, {a, d, b}, {b, d, c}};
 }
 
-/// An octahedron subdivided `levels` times and projected to a sphere: 8 * 4^levels triangles, facing outwards.
+/// An octahedron that is subdivided `levels` times and projected onto a sphere: 8 * 4^levels triangles, facing
+/// outwards.
 inline std::vector<Triangle> sphere(double radius, int levels) {
   const Vec3d x = Vec3d::UnitX();
   const Vec3d y = Vec3d::UnitY();
@@ -102,7 +103,7 @@ inline std::vector<Triangle> sphere(double radius, int levels) {
   for (int level = 0; level < levels; ++level) {
     std::vector<Triangle> finer;
     for (const auto& [a, b, c] : triangles) {
-      // The sum is equal in either order, so neighbours get the same corner to the bit.
+      // a + b and b + a are equal bit for bit, so adjacent triangles get the same corner.
       const Vec3d ab = (a + b).normalized();
       const Vec3d bc = (b + c).normalized();
       const Vec3d ca = (c + a).normalized();
@@ -134,7 +135,7 @@ inline std::vector<Triangle> square(double size, double z) {
   return {{Vec3d{-h, -h, z}, Vec3d{h, -h, z}, Vec3d{h, h, z}}, {Vec3d{-h, -h, z}, Vec3d{h, h, z}, Vec3d{-h, h, z}}};
 }
 
-/// A rectangle given by one corner and two edges; its normal is u x v.
+/// A rectangle with the given corner and the edges u and v from this corner. The normal is u x v.
 inline std::vector<Triangle> sheet(const Vec3d& corner, const Vec3d& u, const Vec3d& v) {
   return {{corner, corner + u, corner + u + v}, {corner, corner + u + v, corner + v}};
 }

@@ -17,39 +17,41 @@ constexpr std::uint64_t kSeed = 20260703;
 constexpr std::int64_t kMs = 1'000'000;
 constexpr std::size_t kFrame = 1000;
 
-/// Delays in ms of `count` frames that arrive every `period_ns`; NaN for lost frames.
+/// Returns the delays in ms of `count` frames, of which one arrives every `period_ns`. The delay of a lost frame is
+/// NaN.
 std::vector<double> delays(Link& link, int count, std::int64_t period_ns, std::size_t bytes = kFrame) {
-  std::vector<double> all;
+  std::vector<double> delays_ms;
   for (int i = 0; i < count; ++i) {
-    const auto at = link.departure(i * period_ns, bytes);
-    all.push_back(at ? static_cast<double>(*at - i * period_ns) * 1e-6 : NAN);
+    const auto departure = link.departure(i * period_ns, bytes);
+    delays_ms.push_back(departure ? static_cast<double>(*departure - i * period_ns) * 1e-6 : NAN);
   }
-  return all;
+  return delays_ms;
 }
 
 double mean(const std::vector<double>& values) {
   return std::accumulate(values.begin(), values.end(), 0.0) / static_cast<double>(values.size());
 }
 
-double deviation(const std::vector<double>& values) {
-  const double middle = mean(values);
+double standard_deviation(const std::vector<double>& values) {
+  const double average = mean(values);
   double sum = 0;
-  for (const double v : values) sum += (v - middle) * (v - middle);
+  for (const double v : values) sum += (v - average) * (v - average);
   return std::sqrt(sum / static_cast<double>(values.size()));
 }
 
 /// Kolmogorov distance of `values` from a normal distribution.
-double distance_from_normal(std::vector<double> values, double middle, double sd) {
+double distance_from_normal(std::vector<double> values, double average, double sd) {
   std::sort(values.begin(), values.end());
-  double worst = 0;
+  double max_distance = 0;
   for (std::size_t i = 0; i < values.size(); ++i) {
-    const double below = 0.5 * std::erfc(-(values[i] - middle) / (sd * std::sqrt(2.0)));
-    worst = std::max(worst, std::abs(below - (static_cast<double>(i) + 0.5) / static_cast<double>(values.size())));
+    const double expected_share = 0.5 * std::erfc(-(values[i] - average) / (sd * std::sqrt(2.0)));
+    max_distance = std::max(
+        max_distance, std::abs(expected_share - (static_cast<double>(i) + 0.5) / static_cast<double>(values.size())));
   }
-  return worst;
+  return max_distance;
 }
 
-TEST(ALink, PassesFramesAtOnceByDefault) {
+TEST(ALink, PassesFramesWithoutDelayByDefault) {
   Link link{{}, kSeed};
   for (std::int64_t at : {0, 5, 5, 1000}) EXPECT_EQ(link.departure(at, kFrame), at);
 }
@@ -61,44 +63,44 @@ TEST(ALink, AddsItsDelay) {
   EXPECT_EQ(link.departure(7, kFrame), 7 + 12'500'000);
 }
 
-TEST(ALink, SendsAndDropsAsAQueueOfBytesDrainedBitByBit) {
+TEST(ALink, SendsAndDropsLikeAByteQueueThatIsSentAtAConstantRate) {
   LinkProfile profile;
   profile.rate_mbit = 10;
   profile.queue_bytes = 20'000;
   Link link{profile, kSeed};
   std::mt19937 random{kSeed};
-  // The oracle stores the frames themselves: each one leaves when the frames before it have been sent.
-  struct Waiting {
-    double done_ns;
+  // The oracle stores the frames, and sends each frame after the frames before it.
+  struct QueuedFrame {
+    double sent_ns;
     std::size_t bytes;
   };
-  std::deque<Waiting> queue;
+  std::deque<QueuedFrame> queue;
   std::int64_t now = 0;
   int dropped = 0, sent = 0;
   for (int i = 0; i < 20'000; ++i) {
     now += std::uniform_int_distribution<int>{0, 1'100'000}(random);
     const std::size_t bytes = std::uniform_int_distribution<std::size_t>{60, 1514}(random);
-    while (!queue.empty() && queue.front().done_ns <= static_cast<double>(now)) queue.pop_front();
-    double waiting = 0;
-    for (const Waiting& frame : queue) waiting += static_cast<double>(frame.bytes);
-    if (!queue.empty()) {  // remainder of the frame in transmission
-      const double left =
-          std::min(static_cast<double>(queue.front().bytes), (queue.front().done_ns - static_cast<double>(now)) / 800);
-      waiting += left - static_cast<double>(queue.front().bytes);
+    while (!queue.empty() && queue.front().sent_ns <= static_cast<double>(now)) queue.pop_front();
+    double queued_bytes = 0;
+    for (const QueuedFrame& frame : queue) queued_bytes += static_cast<double>(frame.bytes);
+    if (!queue.empty()) {  // the rest of the frame in transmission
+      const double unsent =
+          std::min(static_cast<double>(queue.front().bytes), (queue.front().sent_ns - static_cast<double>(now)) / 800);
+      queued_bytes += unsent - static_cast<double>(queue.front().bytes);
     }
-    const double room = profile.queue_bytes - waiting - static_cast<double>(bytes);
+    const double free_bytes = profile.queue_bytes - queued_bytes - static_cast<double>(bytes);
     const auto departure = link.departure(now, bytes);
-    if (std::abs(room) > 1) {  // one byte of rounding
-      ASSERT_EQ(departure.has_value(), room > 0) << "frame " << i << ", seed " << kSeed;
+    if (std::abs(free_bytes) > 1) {  // 1 byte of rounding
+      ASSERT_EQ(departure.has_value(), free_bytes > 0) << "frame " << i << ", seed " << kSeed;
     }
     if (!departure) {
       ++dropped;
       continue;
     }
-    const double start = queue.empty() ? static_cast<double>(now) : queue.back().done_ns;
+    const double start = queue.empty() ? static_cast<double>(now) : queue.back().sent_ns;
     queue.push_back({start + static_cast<double>(bytes) * 800, bytes});
-    ASSERT_NEAR(static_cast<double>(*departure), queue.back().done_ns, 10 + i)
-        << "frame " << i;  // half a ns of rounding each
+    ASSERT_NEAR(static_cast<double>(*departure), queue.back().sent_ns, 10 + i)
+        << "frame " << i;  // 0.5 ns of rounding for each frame
     ++sent;
   }
   EXPECT_GT(dropped, 100);
@@ -116,7 +118,7 @@ TEST(ALink, LosesTheShareOfItsProfile) {
   EXPECT_NEAR(static_cast<double>(link.counts().lost), kCount * 0.02, 5 * sd);
 }
 
-TEST(ALink, LosesInBurstsWhoseLengthsAreGeometric) {
+TEST(ALink, LosesBurstsOfGeometricallyDistributedLengths) {
   LinkProfile profile;
   profile.burst_start = 0.01;
   profile.burst_end = 0.25;
@@ -147,84 +149,87 @@ TEST(ALink, LosesInBurstsWhoseLengthsAreGeometric) {
 TEST(ALink, LosesTheSameFramesForAnyDelayAndTiming) {
   LinkProfile profile = parse_link("P7").a_to_b;
   profile.rate_mbit = 0;
-  Link one{profile, kSeed};
+  Link slow{profile, kSeed};
   profile.delay_ms = 1;
   profile.jitter_ms = 0.5;
   profile.reorder = true;
-  Link two{profile, kSeed};
+  Link fast{profile, kSeed};
   for (int i = 0; i < 10'000; ++i)
-    ASSERT_EQ(one.departure(i * kMs, kFrame).has_value(), two.departure(i * i, kFrame).has_value()) << i;
+    ASSERT_EQ(slow.departure(i * kMs, kFrame).has_value(), fast.departure(i * i, kFrame).has_value()) << i;
 }
 
-TEST(ALink, IsAFunctionOfSeedAndArrivals) {
+TEST(ALink, DependsOnlyOnSeedAndArrivals) {
   const LinkProfile profile = parse_link("P3").a_to_b;
-  Link one{profile, 1}, same{profile, 1}, other{profile, 2};
+  Link link{profile, 1}, same{profile, 1}, other{profile, 2};
   int different = 0;
   for (int i = 0; i < 1000; ++i) {
-    const auto at = one.departure(i * kMs, kFrame);
-    ASSERT_EQ(at, same.departure(i * kMs, kFrame));
-    if (at != other.departure(i * kMs, kFrame)) ++different;
+    const auto departure = link.departure(i * kMs, kFrame);
+    ASSERT_EQ(departure, same.departure(i * kMs, kFrame));
+    if (departure != other.departure(i * kMs, kFrame)) ++different;
   }
   EXPECT_GT(different, 900);
 }
 
-TEST(ReorderingJitter, IsNormalIndependentAndOvertakes) {
+TEST(ReorderingJitter, IsNormalAndIndependentAndLetsFramesOvertake) {
   LinkProfile profile;
   profile.delay_ms = 20;
   profile.jitter_ms = 3;
   profile.reorder = true;
   Link link{profile, kSeed};
   constexpr int kCount = 20'000;
-  const std::vector<double> all = delays(link, kCount, kMs);
-  EXPECT_LT(distance_from_normal(all, 20, 3), 1.95 / std::sqrt(kCount));  // Kolmogorov, one in a thousand
+  const std::vector<double> delays_ms = delays(link, kCount, kMs);
+  EXPECT_LT(distance_from_normal(delays_ms, 20, 3),
+            1.95 / std::sqrt(kCount));  // Kolmogorov test with significance 0.001
   double products = 0;
   int overtaken = 0;
   for (int i = 1; i < kCount; ++i) {
-    products += (all[i] - 20) * (all[i - 1] - 20);
-    if (all[i] + 1 < all[i - 1]) ++overtaken;
+    products += (delays_ms[i] - 20) * (delays_ms[i - 1] - 20);
+    if (delays_ms[i] + 1 < delays_ms[i - 1]) ++overtaken;
   }
   EXPECT_NEAR(products / kCount / 9, 0, 5 / std::sqrt(kCount));
-  // A frame 1 ms behind overtakes if its delay is 1 ms smaller: the difference of two delays has sd 3 sqrt(2).
+  // A frame overtakes the frame that is 1 ms ahead if its delay is more than 1 ms smaller. The difference of two delays
+  // has a standard deviation of 3 sqrt(2) ms.
   const double expected = 0.5 * std::erfc(1 / (3 * std::sqrt(2.0)) / std::sqrt(2.0));
   EXPECT_NEAR(overtaken / static_cast<double>(kCount), expected, 0.02);
 }
 
-TEST(SmoothJitter, KeepsOrderAndHasTheDeviationOfItsProfile) {
+TEST(SmoothJitter, KeepsOrderAndHasTheStandardDeviationOfItsProfile) {
   LinkProfile profile;
   profile.delay_ms = 100;
   profile.jitter_ms = 25;
   Link link{profile, kSeed};
-  std::int64_t last = 0;
-  std::vector<double> apart;  // one sample per 500 ms: independent at a correlation time of 100 ms
+  std::int64_t last_departure = 0;
+  std::vector<double> independent_delays;  // one delay per 500 ms; the correlation time is 100 ms
   for (int i = 0; i < 2'000'000; ++i) {
     const std::int64_t arrival = i * kMs;
-    const auto at = link.departure(arrival, kFrame);
-    ASSERT_GE(*at, last);
-    last = *at;
-    if (i % 500 == 0) apart.push_back(static_cast<double>(*at - arrival) * 1e-6);
+    const auto departure = link.departure(arrival, kFrame);
+    ASSERT_GE(*departure, last_departure);
+    last_departure = *departure;
+    if (i % 500 == 0) independent_delays.push_back(static_cast<double>(*departure - arrival) * 1e-6);
   }
-  EXPECT_LT(distance_from_normal(apart, 100, 25), 1.95 / std::sqrt(static_cast<double>(apart.size())));
+  EXPECT_LT(distance_from_normal(independent_delays, 100, 25),
+            1.95 / std::sqrt(static_cast<double>(independent_delays.size())));
 }
 
-TEST(SmoothJitter, DecorrelatesWithinItsMemory) {
+TEST(SmoothJitter, HasTheCorrelationOfItsTimeConstant) {
   LinkProfile profile;
   profile.delay_ms = 100;
   profile.jitter_ms = 10;
   Link link{profile, kSeed};
-  const std::vector<double> all = delays(link, 400'000, 10 * kMs);
-  const double middle = mean(all), sd = deviation(all);
+  const std::vector<double> delays_ms = delays(link, 400'000, 10 * kMs);
+  const double average = mean(delays_ms), sd = standard_deviation(delays_ms);
   EXPECT_NEAR(sd, 10, 0.5);
   for (const int lag : {1, 5, 10, 30}) {  // of 10 ms
     double sum = 0;
-    for (std::size_t i = static_cast<std::size_t>(lag); i < all.size(); ++i)
-      sum += (all[i] - middle) * (all[i - static_cast<std::size_t>(lag)] - middle);
-    const double correlation = sum / static_cast<double>(all.size()) / (sd * sd);
-    const double a = lag * 10 / kJitterMemoryMs;
-    EXPECT_NEAR(correlation, (1 + a) * std::exp(-a), 0.03) << lag * 10 << " ms";  // Matern, nu = 3/2
+    for (std::size_t i = static_cast<std::size_t>(lag); i < delays_ms.size(); ++i)
+      sum += (delays_ms[i] - average) * (delays_ms[i - static_cast<std::size_t>(lag)] - average);
+    const double correlation = sum / static_cast<double>(delays_ms.size()) / (sd * sd);
+    const double scaled_lag = lag * 10 / kJitterMemoryMs;
+    EXPECT_NEAR(correlation, (1 + scaled_lag) * std::exp(-scaled_lag), 0.03) << lag * 10 << " ms";  // Matern, nu = 3/2
   }
 }
 
-TEST(SmoothJitter, HasTheSameDeviationAtAnySamplingRate) {
+TEST(SmoothJitter, HasTheSameStandardDeviationAtAnySamplingRate) {
   LinkProfile profile;
   profile.delay_ms = 100;
   profile.jitter_ms = 10;
@@ -233,8 +238,8 @@ TEST(SmoothJitter, HasTheSameDeviationAtAnySamplingRate) {
     constexpr int kIntervals = 300;
     for (int run = 0; run < kIntervals; ++run) {
       Link link{profile, kSeed + static_cast<std::uint64_t>(run)};
-      const double at = delays(link, static_cast<int>(100 * kMs / period) + 1, period).back() - 100;
-      sum += at * at;
+      const double jitter_ms = delays(link, static_cast<int>(100 * kMs / period) + 1, period).back() - 100;
+      sum += jitter_ms * jitter_ms;
     }
     EXPECT_NEAR(std::sqrt(sum / kIntervals), 10, 5 * 10 / std::sqrt(2.0 * kIntervals)) << period << " ns";
   }
@@ -255,7 +260,7 @@ TEST(EveryNamedLink, LosesTheShareOfItsStudy) {
     EXPECT_NEAR(kNamedLinks[i].each_direction.mean_loss(), expected[i], 0.005 * expected[i]) << kNamedLinks[i].name;
 }
 
-TEST(AnAsymmetricLink, HasTheSameRoundTripAndSevenTenthsOfItForth) {
+TEST(AnAsymmetricLink, HasSevenTenthsOfTheRoundTripInTheForwardDirection) {
   const LinkSettings link = parse_link("P5a");
   EXPECT_DOUBLE_EQ(link.a_to_b.delay_ms + link.b_to_a.delay_ms, 80);
   EXPECT_DOUBLE_EQ(link.a_to_b.delay_ms, 56);
@@ -277,7 +282,7 @@ TEST(LinkText, ChangesTheNamedLinkInBothDirections) {
   EXPECT_DOUBLE_EQ(link.b_to_a.delay_ms, 9);
 }
 
-std::string refusal_of(const std::string& text) {
+std::string parse_error(const std::string& text) {
   try {
     (void)parse_link(text);
   } catch (const LinkError& error) {
@@ -286,18 +291,18 @@ std::string refusal_of(const std::string& text) {
   return "";
 }
 
-TEST(LinkText, ListsTheSettingsWhenRefused) {
-  EXPECT_THAT(refusal_of("P0:dealy=3"), HasSubstr("no setting 'dealy=3'; expected delay=MS, jitter=MS"));
-  EXPECT_THAT(refusal_of("P0:delay=ten"), HasSubstr("delay is 'ten'; expected a number"));
-  EXPECT_THAT(refusal_of("P0:delay"), HasSubstr("delay is ''; expected a number"));
-  EXPECT_THAT(refusal_of("P0:burst=0.1"), HasSubstr("no setting 'burst=0.1'"));
-  EXPECT_THAT(refusal_of("P0:loss=101"), HasSubstr("loss is 1.01; expected 0 to 1"));
-  EXPECT_THAT(refusal_of("P0:rate=5Mbit"), HasSubstr("rate is '5Mbit'"));
-  EXPECT_THAT(refusal_of("P0:"), testing::IsEmpty());
+TEST(LinkText, IsRefusedWithTheFoundAndTheExpectedSetting) {
+  EXPECT_THAT(parse_error("P0:dealy=3"), HasSubstr("no setting 'dealy=3'; expected delay=MS, jitter=MS"));
+  EXPECT_THAT(parse_error("P0:delay=ten"), HasSubstr("delay is 'ten'; expected a number"));
+  EXPECT_THAT(parse_error("P0:delay"), HasSubstr("delay is ''; expected a number"));
+  EXPECT_THAT(parse_error("P0:burst=0.1"), HasSubstr("no setting 'burst=0.1'"));
+  EXPECT_THAT(parse_error("P0:loss=101"), HasSubstr("loss is 1.01; expected 0 to 1"));
+  EXPECT_THAT(parse_error("P0:rate=5Mbit"), HasSubstr("rate is '5Mbit'"));
+  EXPECT_THAT(parse_error("P0:"), testing::IsEmpty());
 }
 
 template <class Change>
-std::string refusal(const char* name, Change change) {
+std::string check_error(const char* name, Change change) {
   LinkSettings link = parse_link(name);
   change(link.a_to_b);
   try {
@@ -308,16 +313,17 @@ std::string refusal(const char* name, Change change) {
   return "";
 }
 
-TEST(AWrongLink, IsRefusedWithWhatWasFoundAndExpected) {
-  EXPECT_THAT(refusal("P2", [](LinkProfile& direction) { direction.loss = 1.5; }),
+TEST(AnInvalidLink, IsRefusedWithTheFoundAndTheExpectedValue) {
+  EXPECT_THAT(check_error("P2", [](LinkProfile& direction) { direction.loss = 1.5; }),
               HasSubstr("link P2: loss is 1.5; expected 0 to 1"));
-  EXPECT_THAT(refusal("P2", [](LinkProfile& direction) { direction.jitter_ms = 6; }),
+  EXPECT_THAT(check_error("P2", [](LinkProfile& direction) { direction.jitter_ms = 6; }),
               HasSubstr("jitter, ms, is 6; expected 0 to 5"));
-  EXPECT_THAT(refusal("P2", [](LinkProfile& direction) { direction.burst_end = 0; }), HasSubstr("end of bursts is 0"));
-  EXPECT_THAT(refusal("P2", [](LinkProfile& direction) { direction.queue_bytes = 100; }),
+  EXPECT_THAT(check_error("P2", [](LinkProfile& direction) { direction.burst_end = 0; }),
+              HasSubstr("end of bursts is 0"));
+  EXPECT_THAT(check_error("P2", [](LinkProfile& direction) { direction.queue_bytes = 100; }),
               HasSubstr("queue, bytes, is 100"));
-  EXPECT_THAT(refusal("P2", [](LinkProfile& direction) { direction.delay_ms = NAN; }), HasSubstr("delay"));
-  EXPECT_THAT(refusal("veth", [](LinkProfile& direction) { direction.delay_ms = 1; }), HasSubstr("use P0"));
+  EXPECT_THAT(check_error("P2", [](LinkProfile& direction) { direction.delay_ms = NAN; }), HasSubstr("delay"));
+  EXPECT_THAT(check_error("veth", [](LinkProfile& direction) { direction.delay_ms = 1; }), HasSubstr("use P0"));
   EXPECT_THROW((void)parse_link("P9"), LinkError);
   EXPECT_THROW((void)parse_link("vetha"), LinkError);
 }

@@ -1,4 +1,5 @@
-/// Two namespaces and the traffic between them. Skipped with the reason where the system does not allow namespaces.
+/// Tests two namespaces and the traffic between them. The tests are skipped, with the reason, where the system does not
+/// allow namespaces.
 #include "netem/pair.hpp"
 
 #include <arpa/inet.h>
@@ -27,11 +28,11 @@ constexpr char kGroup[] = "239.255.0.77";
 constexpr int kWatchdogMs = 20'000;
 
 sockaddr_in address(const char* text) {
-  sockaddr_in to{};
-  to.sin_family = AF_INET;
-  to.sin_port = htons(kPort);
-  ::inet_pton(AF_INET, text, &to.sin_addr);
-  return to;
+  sockaddr_in result{};
+  result.sin_family = AF_INET;
+  result.sin_port = htons(kPort);
+  ::inet_pton(AF_INET, text, &result.sin_addr);
+  return result;
 }
 
 /// A datagram socket that was created in a namespace and stays there.
@@ -46,8 +47,8 @@ class Socket {
       ip_mreqn group{};
       group.imr_multiaddr = address(kGroup).sin_addr;
       EXPECT_EQ(::setsockopt(fd_, IPPROTO_IP, IP_ADD_MEMBERSHIP, &group, sizeof group), 0);
-      const int no = 0;
-      ::setsockopt(fd_, IPPROTO_IP, IP_MULTICAST_LOOP, &no, sizeof no);
+      const int disabled = 0;
+      ::setsockopt(fd_, IPPROTO_IP, IP_MULTICAST_LOOP, &disabled, sizeof disabled);
     }}.join();
   }
   ~Socket() { ::close(fd_); }
@@ -55,14 +56,16 @@ class Socket {
   Socket& operator=(const Socket&) = delete;
 
   void send(const char* to, int number) const {
-    const sockaddr_in there = address(to);
-    EXPECT_EQ(::sendto(fd_, &number, sizeof number, 0, reinterpret_cast<const sockaddr*>(&there), sizeof there),
-              static_cast<ssize_t>(sizeof number));
+    const sockaddr_in destination = address(to);
+    EXPECT_EQ(
+        ::sendto(fd_, &number, sizeof number, 0, reinterpret_cast<const sockaddr*>(&destination), sizeof destination),
+        static_cast<ssize_t>(sizeof number));
   }
   [[nodiscard]] std::optional<int> next(int limit_ms = kWatchdogMs) const {
-    pollfd on{fd_, POLLIN, 0};
+    pollfd poll_entry{fd_, POLLIN, 0};
     int number = 0;
-    if (::poll(&on, 1, limit_ms) != 1 || ::recv(fd_, &number, sizeof number, 0) != sizeof number) return std::nullopt;
+    if (::poll(&poll_entry, 1, limit_ms) != 1 || ::recv(fd_, &number, sizeof number, 0) != sizeof number)
+      return std::nullopt;
     return number;
   }
 
@@ -94,7 +97,7 @@ TEST_P(BothMedia, CarryUnicastAndMulticastBothWays) {
   EXPECT_EQ(a.next(), 4);
 }
 
-TEST_P(BothMedia, LetProgramsOfASessionFindEachOtherAndTalk) {
+TEST_P(BothMedia, LetProgramsOfASessionFindEachOtherAndExchangeSamples) {
   const LinkedPair pair{parse_link(GetParam())};
   const auto join = [&](Side side, const char* name) {
     return std::async(std::launch::async, [&pair, side, name] {
@@ -106,19 +109,20 @@ TEST_P(BothMedia, LetProgramsOfASessionFindEachOtherAndTalk) {
     });
   };
   auto joining_a = join(Side::kA, "a"), joining_b = join(Side::kB, "b");
-  const auto links_a = joining_a.get(), links_b = joining_b.get();
+  const auto participants_a = joining_a.get(), participants_b = joining_b.get();
   std::promise<std::uint32_t> received;
   std::atomic<bool> done{false};
-  wire::Reader<session::ProbeState> reader{*links_b, wire::topics::kProbeState, [&](session::ProbeState&& state) {
+  wire::Reader<session::ProbeState> reader{*participants_b, wire::topics::kProbeState,
+                                           [&](session::ProbeState&& state) {
                                              if (!done.exchange(true)) received.set_value(state.sequence);
                                            }};
-  wire::Writer<session::ProbeState> writer{*links_a, wire::topics::kProbeState};
+  wire::Writer<session::ProbeState> writer{*participants_a, wire::topics::kProbeState};
   auto result = received.get_future();
   session::ProbeState state;
   state.sequence = 77;
-  const auto give_up = std::chrono::steady_clock::now() + 20s;
-  while (result.wait_for(10ms) != std::future_status::ready && std::chrono::steady_clock::now() < give_up) {
-    state.origin = links_a->origin();
+  const auto deadline = std::chrono::steady_clock::now() + 20s;
+  while (result.wait_for(10ms) != std::future_status::ready && std::chrono::steady_clock::now() < deadline) {
+    state.origin = participants_a->origin();
     ASSERT_EQ(writer.send(state), wire::SendStatus::kSent);
   }
   ASSERT_TRUE(done);
@@ -132,10 +136,10 @@ TEST_F(PairTest, EachDirectionHasItsOwnProfile) {
   const LinkedPair pair{link};
   const Socket a{pair, Side::kA}, b{pair, Side::kB};
   for (int i = 0; i < 20; ++i) a.send("10.77.0.2", i);
-  const auto before = std::chrono::steady_clock::now();
+  const auto start = std::chrono::steady_clock::now();
   b.send("10.77.0.1", 5);
   EXPECT_EQ(a.next(), 5);
-  EXPECT_GE(std::chrono::steady_clock::now() - before, 40ms);
+  EXPECT_GE(std::chrono::steady_clock::now() - start, 40ms);
   EXPECT_EQ(b.next(0), std::nullopt);
   EXPECT_GE(pair.figures().a_to_b.lost, 20u);
   EXPECT_EQ(pair.figures().b_to_a.lost, 0u);
@@ -177,7 +181,7 @@ TEST_F(PairTest, RemovesTheNamespacesOfAKilledPair) {
   ::close(pipe[0]);
   ASSERT_GT(bytes, 0);
   const std::string name(text.data(), static_cast<std::size_t>(bytes));
-  // Other programs also remove stale namespaces, so it may be gone already.
+  // Another program may already have removed the stale namespace.
   const LinkedPair next{parse_link("P0")};
   while (exists(name)) std::this_thread::yield();  // ctest's timeout fails the test otherwise
 }

@@ -1,4 +1,4 @@
-/// tactus-link as a user starts it.
+/// Runs tactus-link as a user would.
 #include <gmock/gmock.h>
 #include <unistd.h>
 
@@ -14,14 +14,14 @@ namespace {
 using e2e::Process;
 using namespace std::chrono_literals;
 using testing::HasSubstr;
-using Words = std::vector<std::string>;
+using Arguments = std::vector<std::string>;
 
-Words link(Words arguments) {
+Arguments link(Arguments arguments) {
   arguments.insert(arguments.begin(), TACTUS_LINK);
   return arguments;
 }
 
-/// Number of namespaces that this process has made.
+/// Number of namespaces that process `pid` has made.
 int namespaces_of(pid_t pid) {
   int count = 0;
   std::error_code error;
@@ -49,7 +49,7 @@ TEST_F(LinkProgram, EndsWithTheStatusOfTheFirstCommandWhenThatFails) {
   EXPECT_EQ(run.wait(), 3);
 }
 
-TEST_F(LinkProgram, WaitsForTheSecondCommandWhenTheFirstIsDone) {
+TEST_F(LinkProgram, WaitsForTheSecondCommandWhenTheFirstHasEnded) {
   Process run{link({"run", "--", "true", "--", "sh", "-c", "sleep 0.3; echo over; exit 0"})};
   EXPECT_EQ(run.wait(), 0);
   EXPECT_THAT(run.output(), HasSubstr("over"));
@@ -66,7 +66,7 @@ TEST_F(LinkProgram, NamesACommandThatCannotBeRun) {
   EXPECT_THAT(run.output(), HasSubstr("no-such-command: cannot be run here"));
 }
 
-TEST_F(LinkProgram, InterruptedStopsBothCommandsAndCleansUp) {
+TEST_F(LinkProgram, StopsBothCommandsAndRemovesItsNamespacesOnASignal) {
   for (const int signal : {SIGINT, SIGTERM}) {
     Process run{link({"run", "--", "sh", "-c", "echo started; exec sleep 1000", "--", "sleep", "1000"})};
     ASSERT_TRUE(run.wait_for_line("started"));
@@ -77,11 +77,11 @@ TEST_F(LinkProgram, InterruptedStopsBothCommandsAndCleansUp) {
   }
 }
 
-TEST_F(LinkProgram, EndsItsCommandsWhenKilledAndTheNextRunCleansUp) {
+TEST_F(LinkProgram, EndsItsCommandsWhenKilledAndTheNextRunRemovesItsNamespaces) {
   Process run{link({"run", "--", "sh", "-c", "echo pid $$; exec sleep 1000", "--", "sleep", "1000"})};
   ASSERT_TRUE(run.wait_for_line("pid [0-9]"));
-  const std::string said = run.output();
-  const pid_t command = std::stoi(said.substr(said.find("pid ") + 4));
+  const std::string output = run.output();
+  const pid_t command = std::stoi(output.substr(output.find("pid ") + 4));
   run.signal(SIGKILL);
   ASSERT_EQ(run.wait(), 128 + SIGKILL);
   while (::kill(command, 0) == 0 && std::filesystem::exists("/proc/" + std::to_string(command) + "/exe")) {
@@ -91,7 +91,7 @@ TEST_F(LinkProgram, EndsItsCommandsWhenKilledAndTheNextRunCleansUp) {
   while (namespaces_of(run.pid()) != 0) std::this_thread::yield();  // ctest's timeout fails the test otherwise
 }
 
-TEST_F(LinkProgram, UpPrintsHowToEnterAndEndsOnInterrupt) {
+TEST_F(LinkProgram, UpPrintsTheCommandToEnterANamespaceAndEndsOnInterrupt) {
   Process up{link({"up", "--profile", "P6a"})};
   ASSERT_TRUE(up.wait_for_line("nsenter --net=/run/netns/tactus-link-[0-9]+-b"));
   up.signal(SIGINT);
@@ -99,8 +99,8 @@ TEST_F(LinkProgram, UpPrintsHowToEnterAndEndsOnInterrupt) {
   EXPECT_EQ(namespaces_of(up.pid()), 0);
 }
 
-TEST(LinkProgramAnywhere, RefusesWrongInputNamingIt) {
-  const auto refused = [](Words arguments, const char* part) {
+TEST(LinkProgramAnywhere, NamesTheWrongInput) {
+  const auto refused = [](Arguments arguments, const char* part) {
     Process run{link(std::move(arguments))};
     EXPECT_EQ(run.wait(), 2);
     EXPECT_THAT(run.output(), HasSubstr(part));
@@ -112,8 +112,8 @@ TEST(LinkProgramAnywhere, RefusesWrongInputNamingIt) {
   refused({}, "subcommand");
 }
 
-TEST(LinkProgramAnywhere, WithoutPrivilegesNamesThemAndTheRemedy) {
-  Words command = link({"run", "--", "true", "--", "true"});
+TEST(LinkProgramAnywhere, NamesMissingPrivilegesAndTheRemedy) {
+  Arguments command = link({"run", "--", "true", "--", "true"});
   if (::geteuid() == 0) {
     for (const char* word : {"--clear-groups", "65534", "--reuid", "/usr/bin/setpriv"})
       command.insert(command.begin(), word);

@@ -10,21 +10,21 @@
 namespace tactus::netem {
 namespace {
 
-/// A relay between two pairs of sockets that preserve frame boundaries, like taps: no privileges needed.
+/// A relay between two pairs of sockets. The sockets preserve frame boundaries as taps do, but need no privileges.
 class RelayTest : public testing::Test {
  protected:
   RelayTest() {
-    for (auto& ends : sockets_) {
-      if (::socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_NONBLOCK, 0, ends.data()) != 0)
+    for (auto& pair : sockets_) {
+      if (::socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_NONBLOCK, 0, pair.data()) != 0)
         throw std::runtime_error{"sockets"};
-      const int room = 4 << 20;
-      for (const int end : ends) ::setsockopt(end, SOL_SOCKET, SO_SNDBUF, &room, sizeof room);
+      const int buffer_bytes = 4 << 20;
+      for (const int socket : pair) ::setsockopt(socket, SOL_SOCKET, SO_SNDBUF, &buffer_bytes, sizeof buffer_bytes);
     }
   }
   ~RelayTest() override {
     stop();
-    for (auto& ends : sockets_)
-      for (const int end : ends) ::close(end);
+    for (auto& pair : sockets_)
+      for (const int socket : pair) ::close(socket);
   }
 
   void start(const LinkProfile& profile, std::uint64_t seed = 7) {
@@ -43,10 +43,10 @@ class RelayTest : public testing::Test {
     frame[63] = ~number;
     ASSERT_EQ(::write(sockets_[side][0], frame.data(), sizeof frame), static_cast<ssize_t>(sizeof frame));
   }
-  /// The number of the next frame that arrives, which must be complete; none within `limit_ms`.
+  /// Returns the number of the next frame, which must be complete, or nothing if no frame arrives within `limit_ms`.
   std::optional<std::uint32_t> next(int side, int limit_ms = 20'000) {
-    pollfd on{sockets_[side][0], POLLIN, 0};
-    if (::poll(&on, 1, limit_ms) != 1) return std::nullopt;
+    pollfd poll_entry{sockets_[side][0], POLLIN, 0};
+    if (::poll(&poll_entry, 1, limit_ms) != 1) return std::nullopt;
     std::array<std::uint32_t, 64> frame{};
     EXPECT_EQ(::read(sockets_[side][0], frame.data(), sizeof frame), static_cast<ssize_t>(sizeof frame));
     EXPECT_EQ(frame[63], ~frame[0]);
@@ -69,7 +69,7 @@ TEST_F(RelayTest, CarriesEveryFrameUnchangedAndInOrderBothWays) {
   EXPECT_EQ(relay_->figures().sent, 4000u);
 }
 
-TEST_F(RelayTest, LetsNoFrameOutBeforeItsDelay) {
+TEST_F(RelayTest, SendsNoFrameBeforeItsDelayHasPassed) {
   LinkProfile profile;
   profile.delay_ms = 30;
   start(profile);
@@ -89,11 +89,11 @@ TEST_F(RelayTest, LosesTheFramesThatItsLinkLoses) {
   constexpr std::uint32_t kCount = 3000;
   Link oracle{profile, 2 * 7};
   start(profile, 7);
-  bool through = false;  // the last frame, so that the relay has handled all of them
-  for (std::uint32_t i = 0; i < kCount || !through; ++i) {
+  bool arrived = false;  // the last frame must arrive, so that the relay has handled all frames
+  for (std::uint32_t i = 0; i < kCount || !arrived; ++i) {
     send(0, i);
-    through = oracle.departure(0, 256).has_value();
-    if (through) {
+    arrived = oracle.departure(0, 256).has_value();
+    if (arrived) {
       ASSERT_EQ(next(1), i);
     }
   }

@@ -3,8 +3,8 @@
 #include <cerrno>
 #include <cstddef>
 
-// The allocation functions of glibc under its internal names. The functions below replace the public ones, so that they
-// also count the call_count of libraries.
+// The allocation functions of glibc under their internal names. The functions below replace the public functions, so
+// that calls from libraries are counted too.
 extern "C" {
 void* __libc_malloc(std::size_t size);
 void* __libc_calloc(std::size_t count, std::size_t size);

@@ -52,11 +52,11 @@ class HrtcModel {
     const spm::codec::CompressedModel& coded = encoded_.compressed();
     std::uint32_t count = 0;
     for (const spm::Interval& interval : list) count += interval.count;
-    const spm::Interval all{0, count};
+    const spm::Interval all_entries{0, count};
     spm::codec::BitWriter out;
     out.put(index(region), 32);
     put_intervals(out, coded.tables(), list);
-    put_intervals(out, coded.tables(), {&all, 1});
+    put_intervals(out, coded.tables(), {&all_entries, 1});
     coded.put_records(out, list);
     return decoded(out.take());
   }
@@ -68,7 +68,8 @@ class HrtcModel {
     return result;
   }
 
-  /// Refines `regions` with a budget of `units`, treats all other regions as `unrequested` states, and refits.
+  /// Refines `regions` with a budget of `units` and refits the tree. `unrequested` selects the treatment of all other
+  /// regions.
   spm::Advance refine(const std::vector<spm::RegionId>& regions, std::uint32_t units = 1u << 30,
                       spm::ChangeDetector* detectors = nullptr, std::uint32_t detector_count = 0,
                       spm::Unrequested unrequested = spm::Unrequested::kCoarsen) {
@@ -88,12 +89,14 @@ class HrtcModel {
   [[nodiscard]] spm::VertexId vertex_id(spm::Slot slot) const { return pool_.vertices[slot].id; }
   [[nodiscard]] float radius(spm::Slot slot) const { return pool_.radius[slot]; }
   [[nodiscard]] const spm::Pool& pool() const { return pool_; }
+
   /// Overwrites the vertex ids in the slots of released records, so that they match no record. Requires that no region
   /// is loaded.
   void wipe_records() {
     for (spm::Vertex& vertex : pool_.vertices)
       if (index(vertex.id) >= model_.summary.base_vertices) vertex.id = {};
   }
+
   [[nodiscard]] const spm::codec::CompressedModel& compressed() const { return encoded_.compressed(); }
   [[nodiscard]] spm::Forest& forest() { return *forest_; }
   [[nodiscard]] spm::Cache& cache() { return cache_; }

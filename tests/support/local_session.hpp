@@ -22,8 +22,8 @@ class LocalSession {
   static constexpr std::int64_t kPeriodNs = 1'000'000;
 
   /// The arrays of `models` must outlive the session. `scale`: metres per file unit. `delay_cycles`: transit of chunks
-  /// and demands, in cycles. `loader.tool` is also the tool of the cycle. `mass`: mass of the last object, kg; 0: that
-  /// object is static as the others are. `targets`: CycleSettings::targets.
+  /// and demands, in cycles. `loader.tool` is also the tool of the cycle. `mass`: mass of the last object in kg, or 0
+  /// if the last object is static; all other objects are static. `targets`: CycleSettings::targets.
   LocalSession(const std::vector<spm::Model>& models, double scale, spm::PoolSettings settings,
                std::uint32_t delay_cycles = 2, const hrtc_service::LoaderSettings& loader = {},
                const session::Material& material = {}, double mass = 0,
@@ -38,21 +38,21 @@ class LocalSession {
     study::exchange_membership(host_, membership_, now_);
   }
 
-  /// Passes the HRTC a catalogue entry by which the host withdraws the object or offers it again.
+  /// Gives the HRTC a catalogue entry in which the object is withdrawn or offered again.
   void set_withdrawn(std::size_t object, bool withdrawn) {
     session::CatalogueEntry entry = host_.catalogue()[object];
     entry.withdrawn = withdrawn;
     membership_.on_catalogue(entry);
   }
 
-  /// Runs one cycle with one tip at `device` (world frame, m; velocity in m/s). Host and loader run in every second
-  /// cycle. `units`: refinement budget.
+  /// Runs one cycle with one tip at `device` (world frame; m and m/s). Host and loader run in every second cycle.
+  /// `units`: refinement budget.
   const hrtc_service::CycleResult& step(const spm::Vec3d& device, const spm::Vec3d& velocity,
                                         std::uint32_t units = 1u << 20) {
     prepare(device, velocity);
     return run_cycle(units);
   }
-  /// First half of `step`: the work of all threads but the haptic thread.
+  /// First half of `step`: the work of all threads except the haptic thread.
   void prepare(const spm::Vec3d& device, const spm::Vec3d& velocity) {
     now_ += kPeriodNs;
     ++cycles_;
@@ -66,7 +66,7 @@ class LocalSession {
     core_.servo().refine(spm::Budget{units});
     return touch();
   }
-  /// Computes the forces of the cycle alone, without bodies: movable objects do not move.
+  /// Computes the forces of the cycle only. Bodies are not simulated, so movable objects do not move.
   const hrtc_service::CycleResult& touch() noexcept {
     hrtc_service::ServoLink& link = core_.link();
     std::array<hrtc_service::Arrival, 64> arrived;
@@ -76,7 +76,7 @@ class LocalSession {
     link.reports_for_gateway.post({now_, now_ + kPeriodNs, cycles_, result.probes, result.interventions});
     return result;
   }
-  /// Computes the forces of the whole servo, including those of bodies.
+  /// Computes all forces of the servo, including those of bodies.
   const hrtc_service::Servo::Outputs& touch_with_bodies() noexcept {
     core_.servo().touch(inputs_, now_);
     core_.servo().publish(now_, now_ + kPeriodNs);

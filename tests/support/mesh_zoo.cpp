@@ -21,7 +21,7 @@ TriangleMesh tetrahedron() {
   return {{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}}, {{0, 2, 1}, {0, 1, 3}, {1, 2, 3}, {2, 0, 3}}};
 }
 
-TriangleMesh moved(TriangleMesh mesh, float dx, float dy, float dz) {
+TriangleMesh translated(TriangleMesh mesh, float dx, float dy, float dz) {
   for (Point& p : mesh.positions) p = {p[0] + dx, p[1] + dy, p[2] + dz};
   return mesh;
 }
@@ -47,7 +47,8 @@ TriangleMesh with_hole(TriangleMesh mesh) {
   return out;
 }
 
-/// A flat patch with a fin upright on its middle column, so that each edge of that column has three faces.
+/// A flat patch with a perpendicular patch (fin) on its middle column, so that each edge of that column has three
+/// faces.
 TriangleMesh fin() {
   TriangleMesh patch = grid_patch(6, 8);
   TriangleMesh upright = grid_patch(3, 8);
@@ -55,7 +56,7 @@ TriangleMesh fin() {
   return joined(std::move(patch), upright);
 }
 
-/// Two spheres that touch in one vertex.
+/// Two spheres that touch at one vertex.
 TriangleMesh bow_tie() {
   const TriangleMesh sphere = icosphere(2);
   Point top = sphere.positions[0];
@@ -70,10 +71,10 @@ TriangleMesh bow_tie() {
 /// Two spheres that share one edge, which therefore has four faces.
 TriangleMesh pinched_edge() {
   const TriangleMesh sphere = icosphere(2);
-  const Triangle at = sphere.faces[0];
-  const Point a = sphere.positions[at[0]], b = sphere.positions[at[1]];
+  const Triangle face = sphere.faces[0];
+  const Point a = sphere.positions[face[0]], b = sphere.positions[face[1]];
   TriangleMesh other = sphere;
-  for (Point& p : other.positions) {  // rotated by 180 degrees about the line through a and b, which stay in place
+  for (Point& p : other.positions) {  // rotates by 180 degrees about the line through a and b
     if (p == a || p == b) continue;
     float along = 0, length2 = 0;
     for (std::size_t k = 0; k < 3; ++k) {
@@ -85,11 +86,12 @@ TriangleMesh pinched_edge() {
   return joined(sphere, other);
 }
 
-/// A sphere with pillows of two faces on some of its edges, as in meshes from range scans.
+/// A sphere with pillows on some of its edges, as in meshes from range scans. A pillow is a pair of opposite faces with
+/// the same three vertices.
 TriangleMesh pillows() {
   TriangleMesh mesh = icosphere(2);
-  const std::size_t count = mesh.faces.size();
-  for (std::size_t i = 0; i < count; i += 9) {
+  const std::size_t sphere_faces = mesh.faces.size();
+  for (std::size_t i = 0; i < sphere_faces; i += 9) {
     const Triangle f = mesh.faces[i];
     const Point a = mesh.positions[f[0]], b = mesh.positions[f[1]];
     mesh.positions.push_back({0.55f * (a[0] + b[0]), 0.55f * (a[1] + b[1]), 0.55f * (a[2] + b[2])});
@@ -123,16 +125,16 @@ TriangleMesh soup_of(const TriangleMesh& mesh) {
 }
 
 TriangleMesh with_duplicate_faces(TriangleMesh mesh) {
-  const std::size_t count = mesh.faces.size();
-  for (std::size_t i = 0; i < count; i += 3) {
+  const std::size_t original_faces = mesh.faces.size();
+  for (std::size_t i = 0; i < original_faces; i += 3) {
     const Triangle f = mesh.faces[i];
     mesh.faces.push_back({f[1], f[2], f[0]});
   }
   return mesh;
 }
 
-/// Adds faces without area: one with three vertices on a line, one with two corners at one vertex, and one with all
-/// three; also a face with a coordinate that is not a number.
+/// Adds three faces without area: one with collinear vertices, one with two corners at one vertex, and one with three
+/// corners at one vertex. Also adds a face with a coordinate that is not a number.
 TriangleMesh with_degenerate_faces(TriangleMesh mesh) {
   const auto first = static_cast<std::uint32_t>(mesh.positions.size());
   const float nan = std::numeric_limits<float>::quiet_NaN();
@@ -145,7 +147,7 @@ TriangleMesh with_degenerate_faces(TriangleMesh mesh) {
   return mesh;
 }
 
-/// A sheet with each face a second time in the opposite orientation. Each inner edge has four faces.
+/// A sheet that contains each face twice, in opposite orientations. Each inner edge has four faces.
 TriangleMesh two_sided() {
   TriangleMesh sheet = hilly(grid_patch(6, 6));
   const std::vector<Triangle> faces = sheet.faces;
@@ -160,8 +162,8 @@ TriangleMesh fan() {
   for (int i = 0; i < 100; ++i) {
     const float angle = 0.0628318531f * static_cast<float>(i);
     mesh.positions.push_back({std::cos(angle), std::sin(angle), 0});
-    const auto here = static_cast<std::uint32_t>(i + 1);
-    mesh.faces.push_back({0, here, here % 100 + 1});
+    const auto border_vertex = static_cast<std::uint32_t>(i + 1);
+    mesh.faces.push_back({0, border_vertex, border_vertex % 100 + 1});
   }
   return mesh;
 }
@@ -169,28 +171,28 @@ TriangleMesh fan() {
 /// A Moebius strip. It has only one side, so its faces cannot all have consistent orientations.
 TriangleMesh moebius() {
   TriangleMesh mesh;
-  constexpr int kSteps = 40, kAcross = 4;
-  for (int i = 0; i < kSteps; ++i) {
-    for (int k = 0; k <= kAcross; ++k) {
-      const float along = 6.2831853f * static_cast<float>(i) / kSteps;
-      const float across = 0.4f * (static_cast<float>(k) / kAcross - 0.5f);
-      const float out = 1 + across * std::cos(along / 2);
-      mesh.positions.push_back({out * std::cos(along), out * std::sin(along), across * std::sin(along / 2)});
+  constexpr int kRows = 40, kColumns = 4;
+  for (int i = 0; i < kRows; ++i) {
+    for (int k = 0; k <= kColumns; ++k) {
+      const float angle = 6.2831853f * static_cast<float>(i) / kRows;
+      const float offset = 0.4f * (static_cast<float>(k) / kColumns - 0.5f);
+      const float radius = 1 + offset * std::cos(angle / 2);
+      mesh.positions.push_back({radius * std::cos(angle), radius * std::sin(angle), offset * std::sin(angle / 2)});
     }
   }
-  const auto at = [](int i, int k) {
-    return static_cast<std::uint32_t>(i < kSteps ? i * (kAcross + 1) + k : kAcross - k);
+  const auto vertex_at = [](int i, int k) {
+    return static_cast<std::uint32_t>(i < kRows ? i * (kColumns + 1) + k : kColumns - k);
   };
-  for (int i = 0; i < kSteps; ++i) {
-    for (int k = 0; k < kAcross; ++k) {
-      mesh.faces.push_back({at(i, k), at(i + 1, k), at(i + 1, k + 1)});
-      mesh.faces.push_back({at(i, k), at(i + 1, k + 1), at(i, k + 1)});
+  for (int i = 0; i < kRows; ++i) {
+    for (int k = 0; k < kColumns; ++k) {
+      mesh.faces.push_back({vertex_at(i, k), vertex_at(i + 1, k), vertex_at(i + 1, k + 1)});
+      mesh.faces.push_back({vertex_at(i, k), vertex_at(i + 1, k + 1), vertex_at(i, k + 1)});
     }
   }
   return mesh;
 }
 
-/// A sphere with noise finer than its faces, so that many collapses would turn a face over.
+/// A sphere with independent noise at each vertex, so that many collapses would turn a face over.
 TriangleMesh noisy_sphere() {
   TriangleMesh mesh = icosphere(4);
   std::mt19937 random{7};
@@ -203,10 +205,10 @@ TriangleMesh noisy_sphere() {
 
 TriangleMesh many_components() {
   TriangleMesh mesh = icosphere(2);
-  mesh = joined(mesh, moved(tetrahedron(), 3, 0, 0));
-  mesh = joined(mesh, moved(hilly(grid_patch(5, 5)), 0, 3, 0));
+  mesh = joined(mesh, translated(tetrahedron(), 3, 0, 0));
+  mesh = joined(mesh, translated(hilly(grid_patch(5, 5)), 0, 3, 0));
   mesh = joined(mesh, TriangleMesh{{{9, 0, 0}, {10, 0, 0}, {9, 1, 0}}, {{0, 1, 2}}});
-  return joined(mesh, moved(icosphere(1), -3, 0, 0));
+  return joined(mesh, translated(icosphere(1), -3, 0, 0));
 }
 
 }  // namespace
@@ -291,8 +293,8 @@ std::vector<ZooMesh> mesh_zoo() {
       {"Slivers", slivers(), true},
       {"DuplicatedVertices", soup_of(icosphere(2)), true},
       {"DuplicatedFaces", with_duplicate_faces(icosphere(2)), true},
-      {"DegenerateFaces", with_degenerate_faces(moved(icosphere(2), 2, 0, 0)), true},
-      {"FarFromOrigin", moved(icosphere(2), 1000, -2000, 500), true},
+      {"DegenerateFaces", with_degenerate_faces(translated(icosphere(2), 2, 0, 0)), true},
+      {"FarFromOrigin", translated(icosphere(2), 1000, -2000, 500), true},
       {"NoisySphere", noisy_sphere(), true},
       {"Organ", spm::offline::generate(spm::offline::Shape::kOrgan, 6000, 3), true},
       {"Terrain", spm::offline::generate(spm::offline::Shape::kTerrain, 4000, 5), true},

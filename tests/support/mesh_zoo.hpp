@@ -11,8 +11,8 @@ namespace tactus::test_support {
 
 struct ZooMesh {
   std::string name;
-  spm::offline::TriangleMesh mesh;  ///< not cleaned, as in a model file
-  bool manifold;                    ///< once the mesh is cleaned, no edge has more than two faces
+  spm::offline::TriangleMesh mesh;  ///< before cleaning, like the content of a model file
+  bool manifold;                    ///< after cleaning, no edge has more than two faces
 };
 
 [[nodiscard]] std::vector<ZooMesh> mesh_zoo();

@@ -16,31 +16,31 @@ namespace tactus::e2e {
 
 Process::Process(std::vector<std::string> command) {
   std::vector<char*> argv;
-  for (std::string& word : command) argv.push_back(word.data());
+  for (std::string& argument : command) argv.push_back(argument.data());
   argv.push_back(nullptr);
   std::array<int, 2> pipe{};
   if (::pipe2(pipe.data(), O_CLOEXEC) != 0) throw std::system_error{errno, std::generic_category(), "pipe"};
   const pid_t parent = ::getpid();
   pid_ = ::fork();
   if (pid_ < 0) throw std::system_error{errno, std::generic_category(), "fork"};
-  if (pid_ == 0) {  // other threads may have held locks at the fork: only async-signal-safe calls until exec
+  if (pid_ == 0) {  // other threads may hold locks: only async-signal-safe calls until exec
     ::setpgid(0, 0);
     ::prctl(PR_SET_PDEATHSIG, SIGKILL);
     if (::getppid() != parent) ::_exit(127);
     ::dup2(::open("/dev/null", O_RDONLY), STDIN_FILENO);
     ::dup2(pipe[1], STDOUT_FILENO);
     ::dup2(pipe[1], STDERR_FILENO);
-    ::close_range(3, ~0u, 0);  // the test's own sockets would keep their ports
+    ::close_range(3, ~0u, 0);  // an inherited socket of the test would keep its port open
     ::execv(argv[0], argv.data());
     ::_exit(127);
   }
-  ::setpgid(pid_, pid_);  // parent and child both set the group, so it exists for whichever runs first
+  ::setpgid(pid_, pid_);  // parent and child both set the group, so the group exists no matter which of them runs first
   ::close(pipe[1]);
-  reader_ = std::thread{[this, from = pipe[0]] { read_until_end(from); }};
+  reader_ = std::thread{[this, read_end = pipe[0]] { read_until_end(read_end); }};
 }
 
 Process::~Process() {
-  ::kill(-pid_, SIGKILL);  // the whole group: any process of it would hold the pipe open
+  ::kill(-pid_, SIGKILL);  // any process of the group would hold the pipe open
   reader_.join();
 }
 
@@ -57,7 +57,8 @@ void Process::read_until_end(int pipe) {
   siginfo_t info{};
   while (::waitid(P_PID, static_cast<id_t>(pid_), &info, WEXITED | WNOWAIT) != 0 && errno == EINTR) {
   }
-  const std::lock_guard lock{mutex_};  // after waitpid the id may belong to another process; do not signal it
+  const std::lock_guard lock{
+      mutex_};  // after waitpid the id may belong to another process, which `signal` must not reach
   int status = 0;
   ::waitpid(pid_, &status, 0);
   status_ = WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);

@@ -1,4 +1,4 @@
-/// Starts a program as a user would start it, and returns its output, its exit status and whether it left processes.
+/// Starts a program as a user would start it, and returns its output, its exit status, and whether processes remain.
 #pragma once
 
 #include <sys/types.h>
@@ -15,7 +15,7 @@ namespace tactus::e2e {
 
 using namespace std::chrono_literals;
 
-/// Time after which a test that waits for an event fails. It is long because the machine may be busy.
+/// Time after which a test that waits for an event fails. The time is long because the machine may be busy.
 inline constexpr std::chrono::milliseconds kWatchdog = 20s;
 
 /// A running program in a process group of its own, with both output streams in one pipe. The kernel kills the program

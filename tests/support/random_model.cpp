@@ -16,41 +16,43 @@ using spm::DeformedRef;
 using spm::kNone;
 using spm::RecordPart;
 
+constexpr std::uint32_t kBaseVertices = 6, kBaseFaces = 8;  // of an octahedron
+
 struct Face {
   std::array<std::uint32_t, 3> corners;
-  std::uint32_t writer = kNone;  // last record that added or changed the face; kNone: the base mesh
+  std::uint32_t last_record = kNone;  // that added or changed the face; kNone: the face is as in the base mesh
 };
 
-class Maker {
+class RandomModelBuilder {
  public:
-  Maker(std::uint64_t seed, std::uint32_t records) : random_{seed}, records_{records} {
+  RandomModelBuilder(std::uint64_t seed, std::uint32_t records) : random_{seed}, records_{records} {
     parts_.resize(records);
-    needs_.resize(records);
+    dependencies_.resize(records);
     model_.positions = {{1, 0, 0}, {-1, 0, 0}, {0, 1, 0}, {0, -1, 0}, {0, 0, 1}, {0, 0, -1}};
-    faces_of_vertex_.resize(6);
-    for (std::uint32_t i = 0; i < 8; ++i) add_face({i & 1u, 2 + (i >> 1 & 1u), 4 + (i >> 2)}, kNone);
+    faces_of_vertex_.resize(kBaseVertices);
+    for (std::uint32_t i = 0; i < kBaseFaces; ++i) add_face({i & 1u, 2 + (i >> 1 & 1u), 4 + (i >> 2)}, kNone);
     for (std::uint32_t r = 0; r < records; ++r) split(r);
   }
 
   spm::OwnedModel finish(std::uint64_t seed, std::uint32_t cells) {
     mark_finest();
-    spm::ModelSummary& s = model_.summary;
-    s.digest = seed * 0x9e3779b97f4a7c15ull + records_;
-    s.base_vertices = 6;
-    s.base_faces = 8;
-    s.records = records_;
-    s.vertices = 6 + records_;
-    s.faces = static_cast<std::uint32_t>(faces_.size());
-    s.metres_per_unit = 0.1;
+    spm::ModelSummary& summary = model_.summary;
+    summary.digest = seed * 0x9e3779b97f4a7c15ull + records_;
+    summary.base_vertices = kBaseVertices;
+    summary.base_faces = kBaseFaces;
+    summary.records = records_;
+    summary.vertices = kBaseVertices + records_;
+    summary.faces = static_cast<std::uint32_t>(faces_.size());
+    summary.metres_per_unit = 0.1;
     measure_radii();
-    for (std::uint32_t f = 0; f < 8; ++f) {
+    for (std::uint32_t f = 0; f < kBaseFaces; ++f) {
       const auto& [a, b, c] = base_corners_[f];
       model_.base_faces.push_back(
           {spm::FaceId{f}, base_finest_[f], {spm::VertexId{a}, spm::VertexId{b}, spm::VertexId{c}}});
     }
-    for (const std::uint32_t level : levels_) s.max_level = std::max(s.max_level, level);
+    for (const std::uint32_t level : levels_) summary.max_level = std::max(summary.max_level, level);
     model_.parts = parts_;
-    s.parts = static_cast<std::uint32_t>(parts_.size());
+    summary.parts = static_cast<std::uint32_t>(parts_.size());
     set_bounds();
     make_regions(cells);
     return std::move(model_);
@@ -60,27 +62,27 @@ class Maker {
   /// A random number in [0, n).
   std::uint32_t random_below(std::size_t n) { return static_cast<std::uint32_t>(random_() % n); }
 
-  std::uint32_t add_face(std::array<std::uint32_t, 3> corners, std::uint32_t writer) {
+  std::uint32_t add_face(std::array<std::uint32_t, 3> corners, std::uint32_t last_record) {
     const auto f = static_cast<std::uint32_t>(faces_.size());
-    faces_.push_back({corners, writer});
-    if (writer == kNone) base_corners_.push_back(corners);
+    faces_.push_back({corners, last_record});
+    if (last_record == kNone) base_corners_.push_back(corners);
     for (const std::uint32_t v : corners) faces_of_vertex_[v].push_back(f);
     return f;
   }
 
-  void need_vertex(std::uint32_t record, std::uint32_t v) {
-    if (v >= 6) needs_[record].insert(v - 6);
+  void add_vertex_dependency(std::uint32_t record, std::uint32_t v) {
+    if (v >= kBaseVertices) dependencies_[record].insert(v - kBaseVertices);
   }
 
   /// Splits a random vertex t into t and u, deforms some faces of t, and adds faces with u, t and a random vertex x.
   void split(std::uint32_t record) {
-    const std::uint32_t u = 6 + record;
+    const std::uint32_t u = kBaseVertices + record;
     const std::uint32_t t = random_below(u);
     std::array<float, 3> position = model_.positions[t];
     for (float& c : position) c += std::uniform_real_distribution<float>{-0.2f, 0.2f}(random_);
     model_.positions.push_back(position);
     faces_of_vertex_.emplace_back();
-    need_vertex(record, t);
+    add_vertex_dependency(record, t);
 
     std::vector<DeformedRef> deformed;
     std::vector<std::uint32_t> unchanged;
@@ -92,11 +94,11 @@ class Maker {
       Face& face = faces_[f];
       const auto corner =
           static_cast<std::uint32_t>(std::find(face.corners.begin(), face.corners.end(), t) - face.corners.begin());
-      if (face.writer != kNone) needs_[record].insert(face.writer);
-      for (const std::uint32_t v : face.corners) need_vertex(record, v);
+      if (face.last_record != kNone) dependencies_[record].insert(face.last_record);
+      for (const std::uint32_t v : face.corners) add_vertex_dependency(record, v);
       deformed.push_back(DeformedRef::make(spm::FaceId{f}, corner, false));
       face.corners[corner] = u;
-      face.writer = record;
+      face.last_record = record;
       faces_of_vertex_[u].push_back(f);
     }
     faces_of_vertex_[t] = unchanged;
@@ -107,7 +109,7 @@ class Maker {
       std::uint32_t x = random_below(u);
       if (x == t) x = (t + 1) % u;
       const std::uint32_t order = random_below(6);
-      need_vertex(record, x);
+      add_vertex_dependency(record, x);
       const std::uint32_t face = add_face(spm::born_face(order, u, t, x), record);
       born.emplace_back(BornRef::make(spm::FaceId{face}, order, false), x);
     }
@@ -118,10 +120,10 @@ class Maker {
   void store(std::uint32_t record, std::uint32_t t, const std::vector<std::pair<BornRef, std::uint32_t>>& born,
              const std::vector<DeformedRef>& deformed) {
     levels_.push_back(1);
-    for (const std::uint32_t need : needs_[record]) levels_[record] = std::max(levels_[record], levels_[need] + 1);
-    std::uint32_t at = record;
-    std::size_t b = 0;
-    std::size_t d = 0;
+    for (const std::uint32_t dependency : dependencies_[record])
+      levels_[record] = std::max(levels_[record], levels_[dependency] + 1);
+    std::uint32_t part_index = record;
+    std::size_t b = 0, d = 0;  // stored born and deformed faces
     for (;;) {
       RecordPart part{};
       part.parent = spm::VertexId{t};
@@ -135,23 +137,23 @@ class Maker {
       }
       const bool needs_part = b < born.size() || d < deformed.size();
       if (needs_part) part.next = spm::PartIndex{static_cast<std::uint32_t>(parts_.size())};
-      parts_[at] = part;
+      parts_[part_index] = part;
       if (!needs_part) return;
-      at = index(part.next);
+      part_index = index(part.next);
       parts_.emplace_back();
     }
   }
 
   /// Marks the finest version of each face: the one that its last record writes.
   void mark_finest() {
-    for (std::uint32_t f = 0; f < 8; ++f) base_finest_.push_back(faces_[f].writer == kNone ? 1 : 0);
+    for (std::uint32_t f = 0; f < kBaseFaces; ++f) base_finest_.push_back(faces_[f].last_record == kNone ? 1 : 0);
     for (std::uint32_t r = 0; r < records_; ++r) {
-      for (std::uint32_t at = r; at != kNone; at = index(parts_[at].next)) {
-        RecordPart& part = parts_[at];
+      for (std::uint32_t p = r; p != kNone; p = index(parts_[p].next)) {
+        RecordPart& part = parts_[p];
         for (int i = 0; i < part.born_count; ++i)
-          part.born[i].bits |= faces_[index(part.born[i].face())].writer == r ? 1u : 0u;
+          part.born[i].bits |= faces_[index(part.born[i].face())].last_record == r ? 1u : 0u;
         for (int i = 0; i < part.deformed_count; ++i) {
-          part.deformed[i].bits |= faces_[index(part.deformed[i].face())].writer == r ? 1u : 0u;
+          part.deformed[i].bits |= faces_[index(part.deformed[i].face())].last_record == r ? 1u : 0u;
         }
       }
     }
@@ -171,61 +173,61 @@ class Maker {
       }
       const std::uint16_t code = spm::safe_radius_code(distance);
       max = std::max(max, code);
-      if (v < 6) {
+      if (v < kBaseVertices) {
         model_.base_radii.insert(model_.base_radii.begin(), code);
         continue;
       }
-      for (std::uint32_t at = static_cast<std::uint32_t>(v) - 6; at != kNone; at = index(parts_[at].next))
-        parts_[at].radius = code;
-      std::vector<std::uint32_t>& of_parent = descendants[index(parts_[v - 6].parent)];
-      of_parent.push_back(static_cast<std::uint32_t>(v));
-      of_parent.insert(of_parent.end(), descendants[v].begin(), descendants[v].end());
+      for (std::uint32_t p = static_cast<std::uint32_t>(v) - kBaseVertices; p != kNone; p = index(parts_[p].next))
+        parts_[p].radius = code;
+      std::vector<std::uint32_t>& parent_descendants = descendants[index(parts_[v - kBaseVertices].parent)];
+      parent_descendants.push_back(static_cast<std::uint32_t>(v));
+      parent_descendants.insert(parent_descendants.end(), descendants[v].begin(), descendants[v].end());
     }
     model_.summary.deviation = spm::radius_of(max);
   }
 
   void set_bounds() {
-    spm::ModelSummary& s = model_.summary;
-    s.bounds_min = s.bounds_max = model_.positions[0];
+    spm::ModelSummary& summary = model_.summary;
+    summary.bounds_min = summary.bounds_max = model_.positions[0];
     for (const auto& p : model_.positions) {
       for (std::size_t axis = 0; axis < 3; ++axis) {
-        s.bounds_min[axis] = std::min(s.bounds_min[axis], p[axis]);
-        s.bounds_max[axis] = std::max(s.bounds_max[axis], p[axis]);
+        summary.bounds_min[axis] = std::min(summary.bounds_min[axis], p[axis]);
+        summary.bounds_max[axis] = std::max(summary.bounds_max[axis], p[axis]);
       }
     }
   }
 
   /// Adds a record, and all records that it depends on, to a closed list.
-  void add_dependencies(std::uint32_t record, std::set<std::uint32_t>& list) const {
+  void add_with_dependencies(std::uint32_t record, std::set<std::uint32_t>& list) const {
     if (!list.insert(record).second) return;
-    for (const std::uint32_t need : needs_[record]) add_dependencies(need, list);
+    for (const std::uint32_t dependency : dependencies_[record]) add_with_dependencies(dependency, list);
   }
 
   void make_regions(std::uint32_t cells) {
-    spm::ModelSummary& s = model_.summary;
+    spm::ModelSummary& summary = model_.summary;
     double extent = 0;
     for (std::size_t axis = 0; axis < 3; ++axis) {
-      s.grid.origin[axis] = s.bounds_min[axis];
-      extent = std::max(extent, double{s.bounds_max[axis]} - s.bounds_min[axis]);
+      summary.grid.origin[axis] = summary.bounds_min[axis];
+      extent = std::max(extent, double{summary.bounds_max[axis]} - summary.bounds_min[axis]);
     }
-    s.grid.cell_size = extent * 1.001 / cells;
+    summary.grid.cell_size = extent * 1.001 / cells;
     std::map<std::array<std::uint16_t, 3>, std::vector<std::uint32_t>> faces_of_cell;
     for (std::uint32_t f = 0; f < faces_.size(); ++f) {
       std::array<std::uint16_t, 3> cell{};
       for (std::size_t axis = 0; axis < 3; ++axis) {
-        const double from_origin = model_.positions[faces_[f].corners[0]][axis] - s.grid.origin[axis];
-        cell[axis] = static_cast<std::uint16_t>(from_origin / s.grid.cell_size);
+        const double from_origin = model_.positions[faces_[f].corners[0]][axis] - summary.grid.origin[axis];
+        cell[axis] = static_cast<std::uint16_t>(from_origin / summary.grid.cell_size);
       }
       faces_of_cell[cell].push_back(f);
     }
     for (const auto& [cell, faces] : faces_of_cell) {
       std::set<std::uint32_t> list;
       for (const std::uint32_t f : faces) {
-        if (faces_[f].writer != kNone) add_dependencies(faces_[f].writer, list);
+        if (faces_[f].last_record != kNone) add_with_dependencies(faces_[f].last_record, list);
       }
       add_region(cell, list, static_cast<std::uint32_t>(faces.size()));
     }
-    s.regions = static_cast<std::uint32_t>(model_.regions.size());
+    summary.regions = static_cast<std::uint32_t>(model_.regions.size());
     const std::vector<std::uint32_t> checksums = spm::region_checksums(model_.model());
     for (std::size_t i = 0; i < checksums.size(); ++i) model_.regions[i].checksum = checksums[i];
   }
@@ -238,7 +240,7 @@ class Maker {
     region.first_interval = static_cast<std::uint32_t>(model_.intervals.size());
     region.record_count = static_cast<std::uint32_t>(list.size());
     for (const std::uint32_t r : list) {
-      for (std::uint32_t at = r; at != kNone; at = index(parts_[at].next)) ++region.part_count;
+      for (std::uint32_t p = r; p != kNone; p = index(parts_[p].next)) ++region.part_count;
       if (model_.intervals.size() > region.first_interval &&
           model_.intervals.back().first + model_.intervals.back().count == r) {
         ++model_.intervals.back().count;
@@ -254,10 +256,10 @@ class Maker {
   std::uint32_t records_;
   spm::OwnedModel model_;
   std::vector<RecordPart> parts_;
-  std::vector<std::set<std::uint32_t>> needs_;  // by record
-  std::vector<std::uint32_t> levels_;           // by record
+  std::vector<std::set<std::uint32_t>> dependencies_;  // by record
+  std::vector<std::uint32_t> levels_;                  // by record
   std::vector<Face> faces_;
-  std::vector<std::vector<std::uint32_t>> faces_of_vertex_;  // faces by vertex
+  std::vector<std::vector<std::uint32_t>> faces_of_vertex_;
   std::vector<std::array<std::uint32_t, 3>> base_corners_;
   std::vector<std::uint32_t> base_finest_;
 };
@@ -265,7 +267,7 @@ class Maker {
 }  // namespace
 
 spm::OwnedModel random_model(std::uint64_t seed, std::uint32_t records, std::uint32_t cells) {
-  return Maker{seed, records}.finish(seed, cells);
+  return RandomModelBuilder{seed, records}.finish(seed, cells);
 }
 
 }  // namespace tactus::test_support

@@ -13,11 +13,11 @@ namespace {
 constexpr std::array<std::uint32_t, 3> kNoCorners{spm::kNone, spm::kNone, spm::kNone};
 
 Eigen::Vector3d normal(std::span<const std::array<float, 3>> positions, const std::array<std::uint32_t, 3>& face) {
-  const auto at = [&](std::size_t k) {
+  const auto corner = [&](std::size_t k) {
     const std::array<float, 3>& p = positions[face[k]];
     return Eigen::Vector3d{p[0], p[1], p[2]};
   };
-  return (at(1) - at(0)).cross(at(2) - at(0));
+  return (corner(1) - corner(0)).cross(corner(2) - corner(0));
 }
 
 }  // namespace
@@ -42,7 +42,7 @@ ReferenceMesh::ReferenceMesh(const spm::Model& model)
       const spm::RecordPart& part = model.parts[p];
       for (std::size_t i = 0; i < part.born_count; ++i) {
         // The new vertex u is at corner order / 2. The parent is at the corner after u if the order is even, and at the
-        // corner before u if it is odd. Vertex x is at the remaining corner.
+        // corner before u if the order is odd. Vertex x is at the third corner.
         const spm::BornRef born = part.born[i];
         const std::uint32_t x = index(part.born_x[i]), face = index(born.face());
         std::array<std::uint32_t, 3> after{x, x, x};
@@ -103,12 +103,14 @@ std::vector<std::string> ReferenceMesh::defects(const std::vector<std::array<std
       if (c[k] == c[(k + 1) % 3]) found.push_back(name + ": has a corner twice");
       ++faces_of_edge[std::minmax(c[k], c[(k + 1) % 3])];
     }
-    // Two faces may have the same three vertices if they have the same ones in the finest mesh too (a two-sided sheet).
-    std::array<std::uint32_t, 3> set = c, finest_set = finest[f];
-    std::sort(set.begin(), set.end());
-    std::sort(finest_set.begin(), finest_set.end());
-    const bool repeats_in_finest = !seen_finest.insert(finest_set).second;
-    if (!seen.insert(set).second && !repeats_in_finest) found.push_back(name + ": has the vertices of another face");
+    // Two faces may have the same three vertices if they also share their vertices in the finest mesh, as in a
+    // two-sided sheet.
+    std::array<std::uint32_t, 3> vertices = c, finest_vertices = finest[f];
+    std::sort(vertices.begin(), vertices.end());
+    std::sort(finest_vertices.begin(), finest_vertices.end());
+    const bool repeats_in_finest = !seen_finest.insert(finest_vertices).second;
+    if (!seen.insert(vertices).second && !repeats_in_finest)
+      found.push_back(name + ": has the vertices of another face");
     if (normal(model_.positions, c).dot(normal(model_.positions, finest[f])) <= 0) {
       found.push_back(name + ": is turned over");
     }
@@ -124,15 +126,15 @@ std::vector<std::string> ReferenceMesh::defects(const std::vector<std::array<std
 
 std::vector<FaceBits> sorted_faces(std::span<const std::array<float, 3>> positions,
                                    const std::vector<std::array<std::uint32_t, 3>>& faces) {
-  std::vector<FaceBits> all;
+  std::vector<FaceBits> sorted;
   for (const std::array<std::uint32_t, 3>& face : faces) {
     FaceBits bits;
     for (std::size_t k = 0; k < 3; ++k) std::memcpy(&bits[k], &positions[face[k]], sizeof bits[k]);
     std::rotate(bits.begin(), std::min_element(bits.begin(), bits.end()), bits.end());
-    all.push_back(bits);
+    sorted.push_back(bits);
   }
-  std::sort(all.begin(), all.end());
-  return all;
+  std::sort(sorted.begin(), sorted.end());
+  return sorted;
 }
 
 }  // namespace tactus::test_support

@@ -1,7 +1,7 @@
-/// Applies records to a mesh that is stored by vertex and face id, and checks every precondition.
+/// Applies records to a mesh that is stored by vertex id and face id, and checks every precondition.
 ///
-/// Tests compare the model builder and the forest with this mesh. So that an error in their shared code does not occur
-/// in both, it does not use spm::for_each_change.
+/// Tests compare the model builder and the forest with this mesh. The mesh does not use spm::for_each_change, so an
+/// error in that function cannot occur on both sides of the comparison.
 #pragma once
 
 #include <array>
@@ -19,12 +19,12 @@ class ReferenceMesh {
   /// Starts as the base mesh. The arrays of `model` must outlive the mesh.
   explicit ReferenceMesh(const spm::Model& model);
 
-  /// Applies the vertex split of `record`. False, without a change, if the record is already applied, or if a vertex or
-  /// a version of a face that it needs is missing. A record needs the versions of its faces that exist just before it
-  /// when all records are applied in ascending order.
+  /// Applies the vertex split of `record`. Returns false and changes nothing if the record is already applied, or if a
+  /// required vertex or face version is missing. The required version of a face is the version that exists just before
+  /// `record` when all records are applied in ascending order.
   [[nodiscard]] bool apply(std::uint32_t record);
   [[nodiscard]] bool applied(std::uint32_t record) const { return active_[model_.summary.base_vertices + record]; }
-  /// Applies all records of a region that are not applied yet, in ascending order. False if one of them fails.
+  /// Applies all records of a region that are not applied yet, in ascending order. Returns false if one of them fails.
   [[nodiscard]] bool apply_region(std::uint32_t region);
 
   [[nodiscard]] bool shown(std::uint32_t face) const { return shown_[face]; }
@@ -57,7 +57,8 @@ class ReferenceMesh {
 
 /// The bits of the positions of an oriented triangle's corners, beginning with the smallest corner.
 using FaceBits = std::array<std::array<std::uint32_t, 3>, 3>;
-/// Returns all faces in ascending order. Two meshes with the same faces give equal results, whatever the numbering.
+/// Returns all faces in ascending order. Two meshes with the same faces give equal results for any numbering of
+/// vertices and faces.
 [[nodiscard]] std::vector<FaceBits> sorted_faces(std::span<const std::array<float, 3>> positions,
                                                  const std::vector<std::array<std::uint32_t, 3>>& faces);
 

@@ -1,4 +1,4 @@
-/// Puts the triangles of a mesh under an AB-tree, without model, records or regions, for tests of queries.
+/// Builds an AB-tree over the triangles of a mesh, without model, records or regions, for tests of queries.
 #pragma once
 
 #include <algorithm>
@@ -12,8 +12,8 @@
 
 namespace tactus::test_support {
 
-/// The faces of one mesh with an AB-tree. At first all faces are shown. Those with odd numbers count as finest faces,
-/// the others as coarse versions.
+/// The faces of one mesh with an AB-tree. At first all faces are shown. Faces with odd numbers count as finest faces,
+/// faces with even numbers as coarse versions.
 class ShownMesh {
  public:
   explicit ShownMesh(const spm::offline::TriangleMesh& mesh)

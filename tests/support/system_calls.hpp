@@ -1,7 +1,7 @@
-/// Restricts a thread to one system call by a seccomp filter, and counts the other system calls that it tries.
+/// Restricts a thread to one system call by a seccomp filter, and counts its attempts of other system calls.
 ///
-/// A call that is not allowed fails with ENOSYS. The filter stays until the thread ends, so the calls by which a thread
-/// ends are always allowed (rt_sigprocmask, madvise, munmap, exit). x86-64 Linux. Source: seccomp(2), SECCOMP_RET_TRAP.
+/// A call that is not allowed fails with ENOSYS. The filter stays until the thread ends, so the calls that end a thread
+/// are always allowed (rt_sigprocmask, madvise, munmap, exit). x86-64 Linux. Source: seccomp(2), SECCOMP_RET_TRAP.
 #pragma once
 
 #include <linux/audit.h>
@@ -35,7 +35,7 @@ class SystemCalls {
   /// Throws std::system_error if the kernel refuses the filter.
   static void allow_only(std::uint32_t allowed) {
     struct sigaction action {};
-    action.sa_sigaction = on_call;
+    action.sa_sigaction = count_blocked_call;
     action.sa_flags = SA_SIGINFO;
     if (sigaction(SIGSYS, &action, nullptr) != 0) fail("sigaction");
     constexpr std::uint32_t kLoad = BPF_LD | BPF_W | BPF_ABS, kEqual = BPF_JMP | BPF_JEQ | BPF_K;
@@ -55,8 +55,8 @@ class SystemCalls {
     if (prctl(PR_SET_SECCOMP, SECCOMP_MODE_FILTER, &program) != 0) fail("prctl seccomp");
   }
 
-  /// Number of attempts of each call that is not allowed, by call number, in all filtered threads since `clear`.
-  [[nodiscard]] static std::map<long, std::uint64_t> tried() {
+  /// Number of attempts of each blocked call, by call number, in all filtered threads since `clear`.
+  [[nodiscard]] static std::map<long, std::uint64_t> attempts() {
     std::map<long, std::uint64_t> calls;
     for (std::size_t number = 0; number < counts_.size(); ++number)
       if (counts_[number] > 0) calls[static_cast<long>(number)] = counts_[number];
@@ -67,8 +67,10 @@ class SystemCalls {
   }
 
  private:
-  [[noreturn]] static void fail(const char* what) { throw std::system_error{errno, std::generic_category(), what}; }
-  static void on_call(int, siginfo_t* info, void* context) {
+  [[noreturn]] static void fail(const char* function) {
+    throw std::system_error{errno, std::generic_category(), function};
+  }
+  static void count_blocked_call(int, siginfo_t* info, void* context) {
     ++counts_[static_cast<std::size_t>(info->si_syscall) % counts_.size()];
     static_cast<ucontext_t*>(context)->uc_mcontext.gregs[REG_RAX] = -ENOSYS;
   }

@@ -12,8 +12,9 @@
 namespace tactus::trace {
 namespace {
 
-/// One message of each type; no field has its default value.
-std::vector<FlightMessage> one_of_each() {
+/// Returns one message of each type. The values differ from the defaults, so that the tests detect a field that is not
+/// written.
+std::vector<FlightMessage> messages_of_all_types() {
   FlightStart start;
   start.build = "abc";
   start.participant = "desk";
@@ -57,7 +58,7 @@ class FlightFile : public ::testing::Test {
  protected:
   void write() const {
     FlightFileWriter writer{file_};
-    for (const FlightMessage& message : one_of_each()) writer.write(message);
+    for (const FlightMessage& message : messages_of_all_types()) writer.write(message);
     writer.close();
   }
   test_support::TemporaryFolder folder_;
@@ -68,7 +69,7 @@ TEST_F(FlightFile, ReadsTheWrittenMessages) {
   write();
   FlightFileReader reader{file_};
   FlightMessage found;
-  for (const FlightMessage& message : one_of_each()) {
+  for (const FlightMessage& message : messages_of_all_types()) {
     ASSERT_TRUE(reader.next(found));
     EXPECT_EQ(found.index(), message.index());
     EXPECT_EQ(encoded(found), encoded(message)) << "type " << message.index();
@@ -105,12 +106,12 @@ TEST_F(FlightFile, MatchesItsIdl) {
 }
 
 TEST_F(FlightFile, RefusesAMessageTruncatedAnywhere) {
-  for (const FlightMessage& message : one_of_each()) {
-    const std::vector<std::uint8_t> whole = encoded(message);
-    for (std::size_t size = 0; size < whole.size(); ++size) {
+  for (const FlightMessage& message : messages_of_all_types()) {
+    const std::vector<std::uint8_t> complete = encoded(message);
+    for (std::size_t size = 0; size < complete.size(); ++size) {
       std::visit(
           [&](auto value) {
-            EXPECT_THROW((CdrReader{{whole.data(), size}}(value)), CdrError) << message.index() << ", " << size;
+            EXPECT_THROW((CdrReader{{complete.data(), size}}(value)), CdrError) << message.index() << ", " << size;
           },
           message);
     }

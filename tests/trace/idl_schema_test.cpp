@@ -14,9 +14,9 @@ using testing::HasSubstr;
 constexpr char kText[] = R"(// A comment with struct { in it.
 module a {
 module b {
-const unsigned long kMost = 3;
+const unsigned long kMaxCount = 3;
 typedef double Pair[2];
-typedef string<kMost> Short;
+typedef string<kMaxCount> Short;
 enum Colour { kRed, kGreen };
 @final
 struct Inner {
@@ -28,7 +28,7 @@ struct Outer {
   boolean on;
   Inner inner;
   Short name;
-  sequence<Inner, kMost> more;
+  sequence<Inner, kMaxCount> more;
   float grid[2][2];
   short last;
 };
@@ -36,38 +36,38 @@ struct Outer {
 };
 )";
 
-/// Plain CDR by hand, little-endian.
-class Encoded {
+/// Builds plain CDR, little-endian, independently of CdrWriter.
+class CdrBytes {
  public:
   template <class Value>
-  Encoded& add(Value value) {
+  CdrBytes& add(Value value) {
     while ((bytes_.size() - 4) % sizeof(Value) != 0) bytes_.push_back(0xee);  // padding may contain any byte
     const auto* const raw = reinterpret_cast<const std::uint8_t*>(&value);
     bytes_.insert(bytes_.end(), raw, raw + sizeof value);
     return *this;
   }
-  Encoded& text(const std::string& value) {
+  CdrBytes& text(const std::string& value) {
     add(static_cast<std::uint32_t>(value.size() + 1));
     bytes_.insert(bytes_.end(), value.c_str(), value.c_str() + value.size() + 1);
     return *this;
   }
-  [[nodiscard]] std::span<const std::uint8_t> bytes(std::size_t cut = 0) const {
-    return {bytes_.data(), bytes_.size() - cut};
+  [[nodiscard]] std::span<const std::uint8_t> bytes(std::size_t removed = 0) const {
+    return {bytes_.data(), bytes_.size() - removed};
   }
 
  private:
   std::vector<std::uint8_t> bytes_{0, 1, 0, 0};
 };
 
-Encoded sample() {
-  Encoded e;
-  e.add(std::uint64_t{1} << 63).add(std::uint8_t{1});
-  e.add(0.1).add(-2.5e-300).add(std::uint32_t{1});
-  e.text("n\"1");
-  e.add(std::uint32_t{1}).add(3.0).add(4.0).add(std::uint32_t{7});
-  for (const float value : {1.5f, 0.1f, -0.0f, 4.0f}) e.add(value);
-  e.add(std::int16_t{-2});
-  return e;
+CdrBytes sample() {
+  CdrBytes cdr;
+  cdr.add(std::uint64_t{1} << 63).add(std::uint8_t{1});
+  cdr.add(0.1).add(-2.5e-300).add(std::uint32_t{1});
+  cdr.text("n\"1");
+  cdr.add(std::uint32_t{1}).add(3.0).add(4.0).add(std::uint32_t{7});
+  for (const float value : {1.5f, 0.1f, -0.0f, 4.0f}) cdr.add(value);
+  cdr.add(std::int16_t{-2});
+  return cdr;
 }
 
 TEST(IdlSchema, NamesAColumnForEachNumber) {
@@ -82,20 +82,20 @@ TEST(IdlSchema, ReadsASampleIntoItsColumns) {
                           R"([{"where":[3,4],"colour":"7"}])", "1.5", "0.1", "-0", "4", "-2"));
 }
 
-TEST(IdlSchema, ASampleThatIsCutAnywhereIsRefused) {
+TEST(IdlSchema, RefusesASampleThatIsTruncatedAnywhere) {
   const IdlSchema schema{kText};
-  const Encoded whole = sample();
-  for (std::size_t cut = 1; cut <= whole.bytes().size(); ++cut)
-    EXPECT_THROW((void)schema.values("a::b::Outer", whole.bytes(cut)), SchemaError) << cut;
+  const CdrBytes complete = sample();
+  for (std::size_t removed = 1; removed <= complete.bytes().size(); ++removed)
+    EXPECT_THROW((void)schema.values("a::b::Outer", complete.bytes(removed)), SchemaError) << removed;
 }
 
 TEST(IdlSchema, RefusesImpossibleCountsBeforeAllocating) {
-  Encoded e;
-  e.add(std::uint64_t{1}).add(std::uint8_t{1}).add(0.1).add(0.1).add(std::uint32_t{1}).text("x").add(0xffffffffu);
-  EXPECT_THROW((void)IdlSchema{kText}.values("a::b::Outer", e.bytes()), SchemaError);
+  CdrBytes cdr;
+  cdr.add(std::uint64_t{1}).add(std::uint8_t{1}).add(0.1).add(0.1).add(std::uint32_t{1}).text("x").add(0xffffffffu);
+  EXPECT_THROW((void)IdlSchema{kText}.values("a::b::Outer", cdr.bytes()), SchemaError);
 }
 
-TEST(IdlSchema, BrokenTextIsRefusedWithItsLine) {
+TEST(IdlSchema, RefusesInvalidTextWithTheNumberOfTheLine) {
   const auto refusal = [](const std::string& text) -> std::string {
     try {
       const IdlSchema schema{text};

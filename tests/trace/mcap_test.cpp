@@ -15,8 +15,8 @@ constexpr unsigned kSeed = 3;
 
 class Mcap : public ::testing::Test {
  protected:
-  /// Writes messages of random sizes on two topics, with times that mostly increase, in more than two chunks. Returns
-  /// the expected output of the reader.
+  /// Writes messages of random sizes on two topics, in more than two chunks. Returns what read_mcap("lines ...") must
+  /// print: a line for each message.
   std::string fill(McapWriter& writer) {
     const McapWriter::Schema schema = writer.add_schema("demo::Blob", "omgidl", "struct Blob { octet x; };");
     const McapWriter::Channel channels[] = {writer.add_channel(schema, "a", "cdr", {{"key", "value"}}),
@@ -28,48 +28,49 @@ class Mcap : public ::testing::Test {
     for (std::uint32_t i = 0; i < 900; ++i) {
       std::vector<std::uint8_t> message(random() % 6000);
       for (std::uint8_t& byte : message) byte = static_cast<std::uint8_t>(random());
-      const std::size_t which = random() % 2;
+      const std::size_t topic = random() % 2;
       time += 1000;
-      writer.write(channels[which], time, time - 7, i, {message.data(), message.size()});
-      char head[96];
-      std::snprintf(head, sizeof head, "%s %u %llu %llu ", names[which], i, static_cast<unsigned long long>(time),
+      writer.write(channels[topic], time, time - 7, i, {message.data(), message.size()});
+      char text[96];
+      std::snprintf(text, sizeof text, "%s %u %llu %llu ", names[topic], i, static_cast<unsigned long long>(time),
                     static_cast<unsigned long long>(time - 7));
-      expected += head;
+      expected += text;
       for (const std::uint8_t byte : message) {
-        std::snprintf(head, sizeof head, "%02x", byte);
-        expected += head;
+        std::snprintf(text, sizeof text, "%02x", byte);
+        expected += text;
       }
       expected += '\n';
     }
     return expected;
   }
 
-  /// The output in the same format from our reader.
-  std::string lines(bool* cut = nullptr) const {
+  /// Reads the file with our reader and returns the messages in the format of `fill`. Sets `truncated` to whether the
+  /// reader found the file truncated.
+  std::string lines(bool* truncated = nullptr) const {
     McapReader reader{file_};
-    std::string all;
+    std::string output;
     McapMessage message;
     while (reader.next(message)) {
       EXPECT_EQ(message.schema, "demo::Blob");
       EXPECT_EQ(*message.schema_text, "struct Blob { octet x; };");
-      all += message.topic + ' ' + std::to_string(message.sequence) + ' ' + std::to_string(message.log_time) + ' ' +
-             std::to_string(message.publish_time) + ' ';
+      output += message.topic + ' ' + std::to_string(message.sequence) + ' ' + std::to_string(message.log_time) + ' ' +
+                std::to_string(message.publish_time) + ' ';
       for (const std::uint8_t byte : message.bytes) {
         constexpr char kDigits[] = "0123456789abcdef";
-        all += kDigits[byte >> 4];
-        all += kDigits[byte & 15];
+        output += kDigits[byte >> 4];
+        output += kDigits[byte & 15];
       }
-      all += '\n';
+      output += '\n';
     }
-    if (cut != nullptr) *cut = reader.is_truncated();
-    return all;
+    if (truncated != nullptr) *truncated = reader.is_truncated();
+    return output;
   }
 
   test_support::TemporaryFolder folder_;
   std::string file_ = (folder_.path() / "made.mcap").string();
 };
 
-TEST_F(Mcap, TheReferenceReaderFindsEveryMessageByTheIndex) {
+TEST_F(Mcap, TheReferenceReaderFindsEveryMessageThroughTheIndex) {
   if (const std::string reason = missing_mcap_reader(); !reason.empty()) GTEST_SKIP() << reason;
   std::string expected;
   {
@@ -78,26 +79,26 @@ TEST_F(Mcap, TheReferenceReaderFindsEveryMessageByTheIndex) {
     EXPECT_EQ(writer.messages(), 900u);
   }
   EXPECT_EQ(read_mcap("lines '" + file_ + "'"), expected) << "seed " << kSeed;
-  EXPECT_EQ(lines(), expected) << "and so does ours, seed " << kSeed;
+  EXPECT_EQ(lines(), expected) << "our reader, seed " << kSeed;
 }
 
-TEST_F(Mcap, ReadsAFileTruncatedAnywhere) {
+TEST_F(Mcap, ReadsTheMessagesBeforeATruncationAndReportsIt) {
   std::string expected;
   {
     McapWriter writer{file_, "test"};
     expected = fill(writer);
   }
   const auto size = std::filesystem::file_size(file_);
-  for (std::size_t left = size - 1; left > 8; left = left * 3 / 4) {
-    std::filesystem::resize_file(file_, left);
-    bool cut = false;
-    const std::string found = lines(&cut);
-    EXPECT_EQ(found, expected.substr(0, found.size())) << left;
-    EXPECT_TRUE(cut || found == expected) << left;
+  for (std::size_t kept_bytes = size - 1; kept_bytes > 8; kept_bytes = kept_bytes * 3 / 4) {
+    std::filesystem::resize_file(file_, kept_bytes);
+    bool truncated = false;
+    const std::string found = lines(&truncated);
+    EXPECT_EQ(found, expected.substr(0, found.size())) << kept_bytes;
+    EXPECT_TRUE(truncated || found == expected) << kept_bytes;
   }
 }
 
-TEST_F(Mcap, AFlippedByteIsFoundByTheChecksum) {
+TEST_F(Mcap, TheChecksumDetectsAFlippedBit) {
   {
     McapWriter writer{file_, "test"};
     (void)fill(writer);
@@ -111,7 +112,7 @@ TEST_F(Mcap, AFlippedByteIsFoundByTheChecksum) {
   EXPECT_THROW((void)lines(), McapError);
 }
 
-TEST_F(Mcap, ATruncatedFileKeepsFlushedChunks) {
+TEST_F(Mcap, AFileThatIsNotClosedContainsTheFlushedMessages) {
   if (const std::string reason = missing_mcap_reader(); !reason.empty()) GTEST_SKIP() << reason;
   McapWriter writer{file_, "test"};
   const std::string expected = fill(writer);
@@ -119,19 +120,19 @@ TEST_F(Mcap, ATruncatedFileKeepsFlushedChunks) {
   EXPECT_EQ(read_mcap("lines stream '" + file_ + "'"), expected) << "seed " << kSeed;
 }
 
-TEST_F(Mcap, AnEmptyFileIsValid) {
+TEST_F(Mcap, AFileWithoutMessagesIsValid) {
   if (const std::string reason = missing_mcap_reader(); !reason.empty()) GTEST_SKIP() << reason;
   { McapWriter writer{file_, "test"}; }
   EXPECT_EQ(read_mcap("lines '" + file_ + "'"), "");
 }
 
-TEST_F(Mcap, AFileThatCannotBeWrittenIsNamed) {
-  const std::string nowhere = (folder_.path() / "none" / "x.mcap").string();
+TEST_F(Mcap, AnErrorNamesAFileThatCannotBeWritten) {
+  const std::string unwritable_path = (folder_.path() / "none" / "x.mcap").string();
   try {
-    const McapWriter writer{nowhere, "test"};
+    const McapWriter writer{unwritable_path, "test"};
     FAIL() << "expected an error";
   } catch (const McapError& error) {
-    EXPECT_THAT(error.what(), testing::HasSubstr(nowhere));
+    EXPECT_THAT(error.what(), testing::HasSubstr(unwritable_path));
   }
 }
 

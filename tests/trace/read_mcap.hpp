@@ -1,4 +1,4 @@
-/// Output of the MCAP reference reader for a file.
+/// Returns the output of the MCAP reference reader for a file.
 #pragma once
 
 #include <array>
@@ -12,21 +12,21 @@
 
 namespace tactus::trace {
 
-/// Why read_mcap() is not available; empty when it is.
+/// Returns the reason why read_mcap() is not available, or an empty string if it is available.
 inline std::string missing_mcap_reader() {
   return *TACTUS_READ_MCAP != '\0'
              ? ""
              : "no reader of MCAP files: Node.js and the packages of package-lock.json are needed";
 }
 
-/// The output of tests/trace/read_mcap.js with these arguments, error messages included.
+/// Runs tests/trace/read_mcap.js with `arguments` and returns its output, error messages included.
 inline std::string read_mcap(const std::string& arguments) {
   const std::string command = TACTUS_READ_MCAP " " + arguments + " 2>&1";
   const std::unique_ptr<std::FILE, int (*)(std::FILE*)> pipe{popen(command.c_str(), "r"), &pclose};
   std::string output;
   std::array<char, 4096> part{};
-  for (std::size_t got; (got = std::fread(part.data(), 1, part.size(), pipe.get())) > 0;)
-    output.append(part.data(), got);
+  for (std::size_t bytes; (bytes = std::fread(part.data(), 1, part.size(), pipe.get())) > 0;)
+    output.append(part.data(), bytes);
   return output;
 }
 

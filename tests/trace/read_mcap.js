@@ -1,6 +1,6 @@
-// read_mcap.js lines|decoded [stream] FILE: prints the messages that the reference reader finds. `lines`: each message
-// as topic, sequence, times and hex. `decoded`: as JSON, the count and the last message of each topic, decoded by its
-// schema. `stream` reads from the front, as required for a truncated file.
+// read_mcap.js lines|decoded [stream] FILE: prints the messages that the reference reader finds. `lines` prints each
+// message as topic, sequence number, times and hex. `decoded` prints JSON: for each topic the number of messages, and
+// the last message, decoded by its schema. `stream` reads the file without its index, as required for a truncated file.
 "use strict";
 const { readFileSync } = require("fs");
 const { McapIndexedReader, McapStreamReader } = require("@mcap/core");
@@ -34,12 +34,12 @@ function* streamed(file) {
   }
 }
 
-async function main([form, ...rest]) {
-  const messages = rest[0] === "stream" ? streamed(rest[1]) : indexed(rest[0]);
+async function main([format, ...source]) {
+  const messages = source[0] === "stream" ? streamed(source[1]) : indexed(source[0]);
   const readers = new Map();
   const topics = {};
   for await (const { message, channel, schema } of messages) {
-    if (form === "lines") {
+    if (format === "lines") {
       const hex = Buffer.from(message.data).toString("hex");
       console.log(`${channel.topic} ${message.sequence} ${message.logTime} ${message.publishTime} ${hex}`);
       continue;
@@ -52,7 +52,7 @@ async function main([form, ...rest]) {
   }
   const plain = (key, value) =>
     typeof value === "bigint" ? value.toString() : ArrayBuffer.isView(value) ? Array.from(value) : value;
-  if (form === "decoded") console.log(JSON.stringify(topics, plain));
+  if (format === "decoded") console.log(JSON.stringify(topics, plain));
 }
 
 main(process.argv.slice(2)).catch((error) => {
