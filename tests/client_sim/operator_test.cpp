@@ -21,7 +21,7 @@ namespace {
 using haptics::testing::Triangle;
 using haptics::testing::TriangleSurface;
 
-/// One user, one HRTC, one object, and a network with delay in both directions: 1 kHz in simulated time.
+/// One user, one HRTC, one object, and a network with a delay in each direction, at 1 kHz in simulated time.
 class ClosedLoop {
  public:
   ClosedLoop(std::vector<Triangle> triangles, User user, std::int64_t delay_ns = 5'000'000)
@@ -31,11 +31,9 @@ class ClosedLoop {
     device_.emplace(hand);
     limits_.soft_start = 0;
     force_.emplace(limits_, device_->spec());
-    proxy_ = haptics::Proxy{[&] {
-      haptics::ProxySettings settings;
-      settings.radius = user.radius;
-      return settings;
-    }()};
+    haptics::ProxySettings proxy_settings;
+    proxy_settings.radius = user.radius;
+    proxy_ = haptics::Proxy{proxy_settings};
     Vec3d low = Vec3d::Constant(1e9);
     Vec3d high = -low;
     for (const Triangle& triangle : surface_.triangles()) {
@@ -51,7 +49,7 @@ class ClosedLoop {
     objects_["body"] = view;
   }
 
-  /// As published by a host: points of the surface; without this call there are bounds only.
+  /// Publishes points of the surface as a host does. Without this call the user knows only the bounds.
   void publish_surface() {
     spm::BaseMesh mesh;
     for (const Triangle& triangle : surface_.triangles()) {
@@ -72,24 +70,23 @@ class ClosedLoop {
 
   void set_friction(double coefficient) { friction_ = coefficient; }
 
-  /// Runs until the script ends or `seconds` have passed; calls `each` after every cycle.
-  void run(double seconds, const std::function<void(double force, bool contact)>& each = {}) {
+  /// Runs until the script ends, at most `seconds`. Calls `after_cycle` after every cycle.
+  void run(double seconds, const std::function<void(double force, bool contact)>& after_cycle = {}) {
     const std::int64_t end = now_ns_ + static_cast<std::int64_t>(seconds * 1e9);
     for (; now_ns_ < end && !operator_.done(); now_ns_ += 1'000'000) {
       cycle();
-      if (each) each(state_.force.norm(), state_.contact);
+      if (after_cycle) after_cycle(state_.force.norm(), state_.contact);
     }
   }
 
   void stop() { force_->latch(haptics::Fault::kEmergencyStop); }
   void reset() { force_->reset(); }
-  [[nodiscard]] bool is_off() const { return fault_ != haptics::Fault::kNone; }
+  [[nodiscard]] bool has_fault() const { return fault_ != haptics::Fault::kNone; }
 
   [[nodiscard]] const Operator& user() const { return operator_; }
   [[nodiscard]] const Vec3d& proxy() const { return proxy_.last().proxy; }
   [[nodiscard]] double seconds() const { return static_cast<double>(now_ns_) * 1e-9; }
-  /// Position of the tip in each cycle of following.
-  std::vector<Vec3d> path;
+  std::vector<Vec3d> followed_path;  ///< proxy positions while the user follows the surface
 
  private:
   struct State {
@@ -106,12 +103,12 @@ class ClosedLoop {
     const haptics::ContactImpedance impedance{1000, 1};
     proxy_.set_grip({friction_, 0.8 * friction_});
     const haptics::ProxyResult& touch = proxy_.step(device.position, 1e-3, surface_, false);
-    const haptics::ForceResult& made = force_->step(touch, device, impedance, 0, 1e-3);
-    state_.force = made.force;
-    fault_ = made.fault;
+    const haptics::ForceResult& rendered = force_->step(touch, device, impedance, 0, 1e-3);
+    state_.force = rendered.force;
+    fault_ = rendered.fault;
     state_.contact = touch.in_contact;
     device_->write(state_.force);
-    if (operator_.is_following()) path.push_back(touch.proxy);
+    if (operator_.is_following()) followed_path.push_back(touch.proxy);
 
     session::ProbeState sample;
     sample.user_id = session::id_of(operator_.user().name);
@@ -122,7 +119,7 @@ class ClosedLoop {
       sample.force[axis] = state_.force[axis];
     }
     if (state_.contact) sample.status |= session::kInContact;
-    if (is_off()) sample.status |= session::kFault;
+    if (has_fault()) sample.status |= session::kFault;
     states_.emplace_back(now_ns_ + delay_ns_, sample);
     while (states_.front().first <= now_ns_) {
       operator_.on_probe_state(states_.front().second);
@@ -165,43 +162,44 @@ TEST(Operator, SendsNothingBeforeItsFirstProbeState) {
   EXPECT_FALSE(ann.tick(1'000'000'000, {}).has_value());
 }
 
-TEST(Operator, TiltsWhileItFollowsAndComesUprightWithoutAStep) {
+TEST(Operator, TiltsWhileItFollowsAndReturnsUprightWithoutAStep) {
   Operator ann{user_with("      - follow: {object: body, seconds: 6, lean: 0.8}\n      - retreat: {}\n"), {}};
   ObjectView view;
   view.half_size = {0.1, 0.1, 0.1};
   session::ProbeState state;
   state.user_id = session::id_of("ann");
-  const auto turned = [](const session::Waypoint& waypoint) {
+  const auto orientation_of = [](const session::Waypoint& waypoint) {
     const auto& q = waypoint.pose.orientation;
     return Eigen::Quaterniond{q[3], q[0], q[1], q[2]};
   };
-  Eigen::Quaterniond before = Eigen::Quaterniond::Identity();
-  double max = 0, step = 0, off = 0, last = 0;
+  Eigen::Quaterniond previous = Eigen::Quaterniond::Identity();
+  double max_tilt = 0, max_step = 0, max_ahead = 0, final_tilt = 0;  // rad
   for (std::int64_t now = 1'000'000'000; now < 14'000'000'000; now += 10'000'000) {
     const auto intent = ann.tick(now, {{"body", view}});
     if (!intent) continue;
-    const Eigen::Quaterniond at = turned(intent->path[0]);
-    step = std::max(step, at.angularDistance(before));
-    last = at.angularDistance(Eigen::Quaterniond::Identity());
-    max = std::max(max, last);
-    before = at;
-    if (intent->path.size() > 1) off = std::max(off, turned(intent->path[1]).angularDistance(at));
-    // A table at 0.1 m.
-    const auto& wish = intent->path[0].pose.position;
+    const Eigen::Quaterniond orientation = orientation_of(intent->path[0]);
+    max_step = std::max(max_step, orientation.angularDistance(previous));
+    final_tilt = orientation.angularDistance(Eigen::Quaterniond::Identity());
+    max_tilt = std::max(max_tilt, final_tilt);
+    previous = orientation;
+    if (intent->path.size() > 1)
+      max_ahead = std::max(max_ahead, orientation_of(intent->path[1]).angularDistance(orientation));
+    // The surface is a table at a height of 0.1 m.
+    const auto& target = intent->path[0].pose.position;
     state.session_time_ns = now;
-    state.device.position = wish;
-    const double depth = 0.1 - wish[2];
-    state.proxy = {wish[0], wish[1], std::max(wish[2], 0.1)};
+    state.device.position = target;
+    const double depth = 0.1 - target[2];
+    state.proxy = {target[0], target[1], std::max(target[2], 0.1)};
     state.force = {0, 0, std::max(0.0, 250 * depth)};
     state.status = depth > 0 ? session::kInContact : 0u;
     ann.on_probe_state(state);
   }
   EXPECT_TRUE(ann.done());
-  EXPECT_GT(max, 0.8);
-  EXPECT_LT(max, 0.8 * std::sqrt(6.0));  // about three axes, twice as far about the last
-  EXPECT_LT(step, 0.1);
-  EXPECT_LT(off, 0.4);
-  EXPECT_LT(last, 0.05);
+  EXPECT_GT(max_tilt, 0.8);
+  EXPECT_LT(max_tilt, 0.8 * std::sqrt(6.0));  // rotations about three axes, about the last one by twice the angle
+  EXPECT_LT(max_step, 0.1);
+  EXPECT_LT(max_ahead, 0.4);
+  EXPECT_LT(final_tilt, 0.05);
 }
 
 TEST(Operator, SendsIntentsAt100HzWithLookahead) {
@@ -243,18 +241,18 @@ TEST(Operator, ApproachesUntilTheScriptedForce) {
     ClosedLoop loop{
         body.triangles,
         user_with("      - approach: {object: body, direction: [1, 1, 0.2], speed: 0.1, until_force: 0.5}\n")};
-    double last = 0;
-    loop.run(10, [&](double force, bool) { last = force; });
+    double final_force = 0;
+    loop.run(10, [&](double force, bool) { final_force = force; });
     EXPECT_TRUE(loop.user().done()) << body.name;
-    EXPECT_GE(last, 0.4) << body.name;
-    EXPECT_LT(last, 2) << body.name;
+    EXPECT_GE(final_force, 0.4) << body.name;
+    EXPECT_LT(final_force, 2) << body.name;
     EXPECT_GT(loop.proxy().dot(Vec3d(1, 1, 0.2).normalized()), 0.08) << body.name;
   }
 }
 
-TEST(Operator, StandsStillWhileItsForceIsOffAndGoesOnAfterTheReset) {
+TEST(Operator, DoesNotMoveDuringAStopAndContinuesAfterTheReset) {
   for (const Body& body : bodies())
-    for (const double stopped_after : {0.5, 1.0, 1.6, 3.0}) {  // s: on the way, pressing in, holding
+    for (const double stopped_after : {0.5, 1.0, 1.6, 3.0}) {  // s: in the approach, at first contact, in the hold
       SCOPED_TRACE(std::string{body.name} + " " + std::to_string(stopped_after));
       ClosedLoop loop{body.triangles, user_with("      - approach: {object: body, direction: [0, 0, 1], speed: 0.2}\n"
                                                 "      - hold: {seconds: 30, force: 1}\n")};
@@ -262,93 +260,95 @@ TEST(Operator, StandsStillWhileItsForceIsOffAndGoesOnAfterTheReset) {
       loop.stop();
       loop.run(4);
       loop.reset();
-      double last = 0;
-      bool off = false;
+      double final_force = 0;
+      bool faulted = false;
       loop.run(6, [&](double force, bool) {
-        off = off || loop.is_off();
-        last = force;
+        faulted = faulted || loop.has_fault();
+        final_force = force;
       });
-      EXPECT_FALSE(off) << "its hand was thrown out of the object";
-      EXPECT_GT(last, 0.5);
+      EXPECT_FALSE(faulted) << "the force accelerated the hand until a fault";
+      EXPECT_GT(final_force, 0.5);
     }
 }
 
-/// A tube of `radius` along a closed or open line of points.
+/// A tube around a polyline. `closed`: the last point is connected to the first one.
 std::vector<Triangle> tube(const std::vector<Vec3d>& line, double radius, bool closed) {
   constexpr int kSides = 8;
-  constexpr double kTurn = 6.283185307179586;
   const int count = static_cast<int>(line.size());
-  const auto at = [&](int i) { return line[static_cast<std::size_t>((i + count) % count)]; };
+  const auto point = [&](int i) { return line[static_cast<std::size_t>((i + count) % count)]; };
   const auto corner = [&](int i, int side) {
-    const Vec3d along = ((closed || i + 1 < count ? at(i + 1) : at(i)) - (closed || i > 0 ? at(i - 1) : at(i)));
-    const Vec3d across = along.unitOrthogonal();
-    const Vec3d other = along.normalized().cross(across);
-    const double angle = kTurn * side / kSides;
-    return Vec3d{at(i) + radius * (std::cos(angle) * across + std::sin(angle) * other)};
+    const Vec3d tangent =
+        (closed || i + 1 < count ? point(i + 1) : point(i)) - (closed || i > 0 ? point(i - 1) : point(i));
+    const Vec3d normal = tangent.unitOrthogonal();
+    const Vec3d binormal = tangent.normalized().cross(normal);
+    const double angle = 2 * M_PI * side / kSides;
+    return Vec3d{point(i) + radius * (std::cos(angle) * normal + std::sin(angle) * binormal)};
   };
   std::vector<Triangle> triangles;
   for (int i = 0; i < (closed ? count : count - 1); ++i) {
     for (int side = 0; side < kSides; ++side) {
-      const Vec3d a = corner(i % count, side), b = corner(i % count, side + 1);
-      const Vec3d c = corner((i + 1) % count, side), d = corner((i + 1) % count, side + 1);
-      triangles.push_back({a, b, c});
-      triangles.push_back({b, d, c});
+      const Vec3d first = corner(i, side), second = corner(i, side + 1);
+      const Vec3d next_first = corner((i + 1) % count, side), next_second = corner((i + 1) % count, side + 1);
+      triangles.push_back({first, second, next_first});
+      triangles.push_back({second, next_second, next_first});
     }
   }
   return triangles;
 }
 
-std::vector<Body> airy_bodies() {
-  std::vector<Vec3d> ring, el, rod;
+/// Thin bodies, whose bounds are mostly empty.
+std::vector<Body> thin_bodies() {
+  std::vector<Vec3d> ring, corner, rod;
   for (int i = 0; i < 60; ++i) ring.push_back(0.1 * Vec3d{std::cos(0.1047197551 * i), std::sin(0.1047197551 * i), 0});
-  for (int i = 10; i > 0; --i) el.push_back({0.02 * i, 0, 0});
-  for (int i = 0; i <= 10; ++i) el.push_back({0, 0.02 * i, 0});
+  for (int i = 10; i > 0; --i) corner.push_back({0.02 * i, 0, 0});
+  for (int i = 0; i <= 10; ++i) corner.push_back({0, 0.02 * i, 0});
   for (int i = 0; i <= 30; ++i) rod.push_back(0.007 * i * Vec3d{1, 0.8, 0.3});
-  return {{"ring", tube(ring, 0.004, true)}, {"L", tube(el, 0.005, false)}, {"rod", tube(rod, 0.003, false)}};
+  return {{"ring", tube(ring, 0.004, true)}, {"L", tube(corner, 0.005, false)}, {"rod", tube(rod, 0.003, false)}};
 }
 
-TEST(Operator, TouchesAFigureWhoseBoundsAreMostlyEmpty) {
-  for (const Body& body : airy_bodies()) {
-    for (const char* aimed :
+TEST(Operator, TouchesABodyWhoseBoundsAreMostlyEmpty) {
+  for (const Body& body : thin_bodies()) {
+    for (const char* aim :
          {"direction: [0, 0, 1]", "direction: [0.5, -0.3, 1]", "direction: [0, 0.2, 1], point: [0.7, 0.4, 0.5]"}) {
-      ClosedLoop loop{body.triangles, user_with("      - approach: {object: body, " + std::string{aimed} +
+      ClosedLoop loop{body.triangles, user_with("      - approach: {object: body, " + std::string{aim} +
                                                 ", speed: 0.1, until_force: 0.5}\n")};
       loop.publish_surface();
-      double max = 0;
-      loop.run(20, [&](double force, bool) { max = std::max(max, force); });
-      EXPECT_TRUE(loop.user().done()) << body.name << ", " << aimed;
-      EXPECT_EQ(loop.user().tally().approaches_missed, 0u) << body.name << ", " << aimed;
-      EXPECT_GE(max, 0.5) << body.name << ", " << aimed;
+      double max_force = 0;
+      loop.run(20, [&](double force, bool) { max_force = std::max(max_force, force); });
+      EXPECT_TRUE(loop.user().done()) << body.name << ", " << aim;
+      EXPECT_EQ(loop.user().tally().approaches_missed, 0u) << body.name << ", " << aim;
+      EXPECT_GE(max_force, 0.5) << body.name << ", " << aim;
     }
   }
 }
 
-TEST(Operator, AimsElsewhereAfterAMissedApproach) {
-  // Two long triangles side by side: so coarse that their points cannot exclude the gap between them.
-  const double w = 0.02;
+TEST(Operator, AimsAtAnotherPointAfterAMissedApproach) {
+  // Two bars with a gap between them. The triangles are so coarse that the surface points do not show the gap.
+  constexpr double kHalfWidth = 0.02;  // m
   std::vector<Triangle> bars;
   for (const double x : {-0.1, 0.1})
-    bars.insert(bars.end(), {{Vec3d{x - w, -0.1, 0}, Vec3d{x + w, -0.1, 0}, Vec3d{x + w, 0.1, 0}},
-                             {Vec3d{x - w, -0.1, 0}, Vec3d{x + w, 0.1, 0}, Vec3d{x - w, 0.1, 0}}});
+    bars.insert(bars.end(),
+                {{Vec3d{x - kHalfWidth, -0.1, 0}, Vec3d{x + kHalfWidth, -0.1, 0}, Vec3d{x + kHalfWidth, 0.1, 0}},
+                 {Vec3d{x - kHalfWidth, -0.1, 0}, Vec3d{x + kHalfWidth, 0.1, 0}, Vec3d{x - kHalfWidth, 0.1, 0}}});
   ClosedLoop loop{bars, user_with("      - approach: {object: body, direction: [0, 0, 1], until_force: 0.5}\n")};
   loop.publish_surface();
-  double max = 0;
-  loop.run(20, [&](double force, bool) { max = std::max(max, force); });
+  double max_force = 0;
+  loop.run(20, [&](double force, bool) { max_force = std::max(max_force, force); });
   EXPECT_TRUE(loop.user().done());
   EXPECT_EQ(loop.user().tally().approaches_missed, 1u);
-  EXPECT_GE(max, 0.5);
+  EXPECT_GE(max_force, 0.5);
 }
 
-TEST(Operator, AimsAtTheScriptedPointWhenTheSurfaceMayBeThere) {
+TEST(Operator, AimsAtTheScriptedPointIfTheSurfaceMayBeThere) {
   for (const Body& body : bodies()) {
-    const auto touched = [&](bool published) {
+    const auto touched_point = [&](bool published) {
       ClosedLoop loop{body.triangles, user_with("      - approach: {object: body, direction: [1, 1, 0.2], point: [0.5, "
                                                 "0.6, 0.5], until_force: 0.5}\n")};
       if (published) loop.publish_surface();
       loop.run(10);
       return loop.proxy();
     };
-    EXPECT_EQ(touched(true), touched(false)) << body.name;
+    EXPECT_EQ(touched_point(true), touched_point(false)) << body.name;
   }
 }
 
@@ -356,7 +356,7 @@ TEST(Operator, TransformsSurfacePointsByThePoseOfTheObject) {
   session::CatalogueEntry entry;
   entry.scale = 0.5;
   entry.pose.position = {1, 2, 3};
-  entry.pose.orientation = {0, 0, std::sqrt(0.5), std::sqrt(0.5)};  // a quarter about z
+  entry.pose.orientation = {0, 0, std::sqrt(0.5), std::sqrt(0.5)};  // 90 degrees about z
   entry.surface = {{{{2, 0, 4}, {1, 0, 0}}}, 0.25};
   const ObjectView view = view_of(entry);
   ASSERT_EQ(view.surface.size(), 1u);
@@ -371,16 +371,16 @@ TEST(Operator, TapsTheScriptedNumberOfTimesWithTheScriptedForce) {
                     user_with("      - tap: {object: body, direction: [0, 1, 1], count: 5, speed: " +
                               std::to_string(speed) + ", force: 1}\n")};
     int onsets = 0;
-    int cycles_in_the_air = 1000;
-    double peak = 1;
+    int cycles_without_contact = 1000;
+    double peak_force = 1;
     loop.run(30, [&](double force, bool contact) {
-      if (contact && cycles_in_the_air > 20) {  // a bounce of the device's mass is not a new tap
-        EXPECT_GE(peak, 1) << speed << " m/s";
+      if (contact && cycles_without_contact > 20) {  // after a shorter time the device has bounced
+        EXPECT_GE(peak_force, 1) << speed << " m/s";
         ++onsets;
-        peak = 0;
+        peak_force = 0;
       }
-      cycles_in_the_air = contact ? 0 : cycles_in_the_air + 1;
-      peak = std::max(peak, force);
+      cycles_without_contact = contact ? 0 : cycles_without_contact + 1;
+      peak_force = std::max(peak_force, force);
     });
     EXPECT_TRUE(loop.user().done()) << speed << " m/s";
     EXPECT_EQ(loop.user().tally().taps, 5u) << speed << " m/s";
@@ -399,23 +399,24 @@ TEST(Operator, StaysInContactWhileItFollowsAtTheScriptedSpeedAndForce) {
         loop.set_friction(friction);
         int cycles = 0;
         int contact_cycles = 0;
-        int in_band = 0;
-        double sum = 0;
+        int cycles_near_force = 0;
+        double force_sum = 0;
         loop.run(20, [&](double force, bool contact) {
           if (!loop.user().is_following()) return;
           ++cycles;
           if (contact) ++contact_cycles;
-          if (force > 0.75 && force < 2.25) ++in_band;
-          sum += force;
+          if (force > 0.75 && force < 2.25) ++cycles_near_force;
+          force_sum += force;
         });
         double length = 0;
-        for (std::size_t i = 1; i < loop.path.size(); ++i) length += (loop.path[i] - loop.path[i - 1]).norm();
+        for (std::size_t i = 1; i < loop.followed_path.size(); ++i)
+          length += (loop.followed_path[i] - loop.followed_path[i - 1]).norm();
         SCOPED_TRACE(std::string{body.name} + " " + pattern + " friction " + std::to_string(friction));
         EXPECT_TRUE(loop.user().done());
         EXPECT_GT(cycles, 9000);
         EXPECT_GT(contact_cycles, 0.95 * cycles);
-        EXPECT_GT(in_band, 0.9 * cycles);
-        EXPECT_NEAR(sum / cycles, 1.5, 0.2);
+        EXPECT_GT(cycles_near_force, 0.9 * cycles);
+        EXPECT_NEAR(force_sum / cycles, 1.5, 0.2);
         EXPECT_NEAR(length / (1e-3 * cycles), 0.05, 0.01);
         EXPECT_EQ(loop.user().tally().contacts_lost, 0u);
       }
@@ -423,7 +424,7 @@ TEST(Operator, StaysInContactWhileItFollowsAtTheScriptedSpeedAndForce) {
   }
 }
 
-TEST(Operator, FollowsOverTensOfMillisecondsOfNetwork) {
+TEST(Operator, StaysInContactWithADelayOf25Milliseconds) {
   ClosedLoop loop{bodies()[1].triangles,
                   user_with("      - follow: {object: body, speed: 0.05, force: 1.5, seconds: 8}\n"), 25'000'000};
   int cycles = 0;
@@ -438,7 +439,7 @@ TEST(Operator, FollowsOverTensOfMillisecondsOfNetwork) {
 }
 
 TEST(Operator, ReturnsToALostSurface) {
-  // A sphere with its cap removed: a path along the rim falls off repeatedly.
+  // A sphere without its cap: a path along the rim leaves the surface repeatedly.
   std::vector<Triangle> open;
   for (const Triangle& triangle : haptics::testing::sphere(0.1, 4)) {
     if ((triangle[0] + triangle[1] + triangle[2]).z() / 3 < 0.06) open.push_back(triangle);
@@ -457,24 +458,25 @@ TEST(Operator, ReturnsToALostSurface) {
   EXPECT_GT(loop.user().tally().contacts_lost, 0u);
 }
 
-TEST(Operator, RetreatsOutOfTheBounds) {
+TEST(Operator, RetreatsOutOfTheBoundsOfTheObject) {
   ClosedLoop loop{bodies()[1].triangles,
                   user_with("      - approach: {object: body, direction: [0, 1, 0.4]}\n      - hold: {seconds: 0.5, "
                             "force: 2}\n      - retreat: {speed: 0.2}\n")};
-  bool contact_now = true;
-  loop.run(20, [&](double, bool contact) { contact_now = contact; });
+  bool in_contact = true;
+  loop.run(20, [&](double, bool contact) { in_contact = contact; });
   EXPECT_TRUE(loop.user().done());
-  EXPECT_FALSE(contact_now);
+  EXPECT_FALSE(in_contact);
   EXPECT_GT(loop.proxy().cwiseAbs().maxCoeff(), 0.1);
 }
 
-TEST(Operator, GivesUpOnAnObjectThatIsNotInItsBounds) {
+TEST(Operator, EndsItsApproachAfterFiveMisses) {
   using haptics::testing::operator+;
-  std::vector<Triangle> name_conflict = haptics::testing::sphere(0.02, 2);
-  for (Triangle& triangle : name_conflict) {
+  // Two small spheres: the centre of their bounds, at which the user aims, is empty.
+  std::vector<Triangle> displaced = haptics::testing::sphere(0.02, 2);
+  for (Triangle& triangle : displaced) {
     for (Vec3d& corner : triangle) corner.x() += 0.2;
   }
-  ClosedLoop loop{name_conflict + haptics::testing::sphere(0.02, 2),
+  ClosedLoop loop{displaced + haptics::testing::sphere(0.02, 2),
                   user_with("      - approach: {object: body, speed: 0.3}\n")};
   loop.run(120);
   EXPECT_TRUE(loop.user().done());

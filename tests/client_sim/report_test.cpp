@@ -28,8 +28,9 @@ session::ProbeState state_at(std::int64_t ms, std::uint32_t status, double force
   return state;
 }
 
-/// 100 ms free, 100 ms of contact with 2 N of which the last 75 ms exact, 100 ms free, 50 ms of 4 N.
-TouchTally example() {
+/// 100 ms without contact, 100 ms of contact with 2 N, the last 75 ms of it exact, 100 ms without contact, 50 ms of
+/// exact contact with 4 N.
+TouchTally example_tally() {
   TouchTally tally;
   for (int ms = 0; ms < 350; ++ms) {
     const bool first = ms >= 100 && ms < 200;
@@ -42,8 +43,8 @@ TouchTally example() {
   return tally;
 }
 
-TEST(TouchTally, AddsUpContactExactnessAndForce) {
-  const TouchTally tally = example();
+TEST(TouchTally, SumsContactTimeExactTimeAndForce) {
+  const TouchTally tally = example_tally();
   EXPECT_EQ(tally.touches, 2u);
   EXPECT_NEAR(tally.contact, 0.149, 1e-9);  // the last sample has no next one
   EXPECT_NEAR(tally.exact, 0.124, 1e-9);
@@ -55,14 +56,14 @@ TEST(TouchTally, AddsUpContactExactnessAndForce) {
   EXPECT_EQ(tally.states_lost, 0u);
 }
 
-TEST(TouchTally, CountsLostSamplesAndIgnoresRepeatedOnes) {
+TEST(TouchTally, CountsLostSamplesAndIgnoresRepeatedSamples) {
   TouchTally tally;
   for (const int ms : {0, 1, 1, 4, 3, 5}) tally.add(state_at(ms, 0, 0), kStart, kStart + ms * kMs);
   EXPECT_EQ(tally.states, 4u);
   EXPECT_EQ(tally.states_lost, 2u);
 }
 
-TEST(TouchTally, CountsNeitherABounceAsATouchNorSilenceAsContact) {
+TEST(TouchTally, CountsNoTouchForABounceAndNoContactWithoutSamples) {
   TouchTally tally;
   const auto add = [&](int ms, std::uint32_t status, double force) {
     tally.add(state_at(ms, status, force), kStart, kStart + ms * kMs);
@@ -75,7 +76,7 @@ TEST(TouchTally, CountsNeitherABounceAsATouchNorSilenceAsContact) {
   EXPECT_NEAR(tally.contact, 0.005 + 0.05, 1e-9);
 }
 
-TEST(TouchTally, ContinuesAfterAStateFromTheFarFuture) {
+TEST(TouchTally, IgnoresAStateWithAnImplausibleNumber) {
   TouchTally tally;
   for (int ms = 0; ms < 100; ++ms) {
     session::ProbeState state = state_at(ms, 0, 0);
@@ -105,7 +106,7 @@ Report example_report() {
   UserReport ann;
   ann.name = "ann";
   ann.hrtc = "left";
-  ann.touch = example();
+  ann.touch = example_tally();
   ann.taps = 4;
   report.users.push_back(ann);
   ParticipantReport hrtc;
@@ -136,22 +137,22 @@ Report example_report() {
 }
 
 TEST(Report, TextShowsUsersHrtcsHostsAndEvents) {
-  const std::string shown = text(example_report());
-  EXPECT_THAT(shown, HasSubstr("Session s, scenario demo: 20.0 s"));
-  EXPECT_THAT(shown, HasSubstr("ann"));
-  EXPECT_THAT(shown, HasSubstr("cycles 20000 at 999.8 Hz, 0 skipped\n"
-                               "  late cycles: 0 overruns (a timer with 30 us of work: 2), 3 preempted, 1 unknown\n"));
-  EXPECT_THAT(shown, HasSubstr("p50 52, p99 61, max 0; a bare timer beside it: p50 41, p99 0, max 1234"));
-  EXPECT_THAT(shown, HasSubstr("pool 90 of 100 slots"));
-  EXPECT_THAT(shown, HasSubstr("records received 50000 (5.00 % of 1000000)"));
-  EXPECT_THAT(shown, HasSubstr("77.5"));
-  EXPECT_THAT(shown, HasSubstr("Host vault (gone before the end)\n  sent 123456 bytes"));
-  EXPECT_THAT(shown, HasSubstr("3.25 s  host vault gone"));
-  std::istringstream lines{shown};
+  const std::string report = text(example_report());
+  EXPECT_THAT(report, HasSubstr("Session s, scenario demo: 20.0 s"));
+  EXPECT_THAT(report, HasSubstr("ann"));
+  EXPECT_THAT(report, HasSubstr("cycles 20000 at 999.8 Hz, 0 skipped\n"
+                                "  late cycles: 0 overruns (a timer with 30 us of work: 2), 3 preempted, 1 unknown\n"));
+  EXPECT_THAT(report, HasSubstr("p50 52, p99 61, max 0; a bare timer beside it: p50 41, p99 0, max 1234"));
+  EXPECT_THAT(report, HasSubstr("pool 90 of 100 slots"));
+  EXPECT_THAT(report, HasSubstr("records received 50000 (5.00 % of 1000000)"));
+  EXPECT_THAT(report, HasSubstr("77.5"));
+  EXPECT_THAT(report, HasSubstr("Host vault (gone before the end)\n  sent 123456 bytes"));
+  EXPECT_THAT(report, HasSubstr("3.25 s  host vault gone"));
+  std::istringstream lines{report};
   for (std::string line; std::getline(lines, line);) EXPECT_LE(line.size(), 100u) << line;
 }
 
-TEST(Report, TextFitsAHundredColumnsForAnyNamesAndEvents) {
+TEST(Report, TextFitsAHundredColumnsForTheLongestNamesAndEvents) {
   Report report = example_report();
   report.stop_reason = "ended by another participant: " + std::string(255, 't');
   report.users[0].name = report.users[0].hrtc = std::string(63, 'n');
@@ -163,16 +164,18 @@ TEST(Report, TextFitsAHundredColumnsForAnyNamesAndEvents) {
   for (const char* name : session::figures::kInterventions) report.participants[0].figures[name] = 1e6;
   report.events.push_back({1, "emergency stop: the hand of the user in the second room was caught " +
                                   std::string(130, 'e') + " and let go"});
-  std::string letters;
+  std::string without_spaces;
   std::istringstream lines{text(report)};
   for (std::string line; std::getline(lines, line);) {
     EXPECT_LE(line.size(), 100u) << line;
-    std::copy_if(line.begin(), line.end(), std::back_inserter(letters), [](char c) { return c != ' '; });
+    std::copy_if(line.begin(), line.end(), std::back_inserter(without_spaces),
+                 [](char character) { return character != ' '; });
   }
-  EXPECT_THAT(letters, HasSubstr("roomwascaught" + std::string(130, 'e') + "andletgo")) << "nothing is lost";
+  EXPECT_THAT(without_spaces, HasSubstr("roomwascaught" + std::string(130, 'e') + "andletgo"))
+      << "the whole text is shown";
 }
 
-TEST(Report, JsonHoldsTheSameFigures) {
+TEST(Report, JsonHasTheSameFigures) {
   const auto all = nlohmann::json::parse(json(example_report()));
   EXPECT_EQ(all["scenario"], "demo");
   EXPECT_NEAR(all["users"][0]["exact_share"].get<double>(), 0.124 / 0.149, 1e-9);
@@ -182,7 +185,7 @@ TEST(Report, JsonHoldsTheSameFigures) {
   EXPECT_EQ(all["events"][0]["text"], "host vault gone");
 }
 
-TEST(Report, HasNoTouchTimesForAUserWithoutContact) {
+TEST(Report, HasNoTouchTimeForAUserWithoutContact) {
   Report report;
   report.users.push_back({});
   report.users[0].name = "idle\xff";  // not UTF-8

@@ -24,12 +24,12 @@ std::string error_of(const std::string& text) {
   return "";
 }
 
-/// A scenario whose only action is `action`, which begins at line 5, column 9.
+/// Returns a scenario with one action, which begins at line 5, column 9.
 std::string with_action(const std::string& action) {
   return "name: t\nusers:\n  - name: ann\n    script:\n      - " + action + "\n";
 }
 
-TEST(Scenario, HoldsTheParsedValues) {
+TEST(Scenario, HasTheValuesOfItsText) {
   const Scenario scenario = parse_scenario(R"(
 name: two
 duration: 12.5
@@ -128,7 +128,7 @@ TEST(Scenario, ReadsAGrabAndTheActionsAfterIt) {
   EXPECT_THROW(script("      - grab: {object: crate}\n      - move: {speed: 1}\n"), yaml::YamlError);
 }
 
-TEST(Scenario, ReadsMeasureAndTruth) {
+TEST(Scenario, ReadsMeasureAndGroundTruth) {
   const std::string users = "users: [{name: ann, script: [wait: {}]}]\n";
   const Scenario scenario = parse_scenario("name: t\nmeasures: forces\ntruth: analytic\n" + users, "s.yaml");
   EXPECT_EQ(scenario.measures, Measure::kForces);
@@ -139,18 +139,18 @@ TEST(Scenario, ReadsMeasureAndTruth) {
               HasSubstr("measures: found 'joy', expected one of nothing, forces, first-touch, target"));
 }
 
-TEST(Scenario, VariesWithTheSeedAndWithinItsSpread) {
+TEST(Scenario, VariesItsPointsWithTheSeedWithinTheSpread) {
   const Scenario scenario = load_scenario("tap-scan");
-  const Scenario first = varied(scenario, 1), again = varied(scenario, 1), second = varied(scenario, 2);
+  const Scenario first = varied(scenario, 1), repeated = varied(scenario, 1), second = varied(scenario, 2);
   for (std::size_t i = 0; i < scenario.users[0].script.size(); ++i) {
     const Vec3d& point = first.users[0].script[i].point;
-    EXPECT_EQ(point, again.users[0].script[i].point);
+    EXPECT_EQ(point, repeated.users[0].script[i].point);
     EXPECT_NE(point, second.users[0].script[i].point);
     EXPECT_LE((point - scenario.users[0].script[i].point).cwiseAbs().maxCoeff(), scenario.target_spread);
   }
 }
 
-TEST(Scenario, ErrorsNamePositionKeyFoundAndExpected) {
+TEST(Scenario, ErrorsNameThePositionTheKeyTheValueFoundAndTheValueExpected) {
   EXPECT_EQ(error_of(with_action("tap: {object: a, speed: 9}")),
             "s.yaml:5:33: users[0].script[0].tap.speed: found '9', expected a number from 0.0001 to 0.5");
   EXPECT_EQ(error_of(with_action("tap: {object: a, sped: 9}")),
@@ -194,7 +194,7 @@ TEST(Scenario, RefusesMissingAndRepeatedKeys) {
               HasSubstr("name 'a' occurs twice"));
 }
 
-TEST(Scenario, LocatesErrorsInBrokenYaml) {
+TEST(Scenario, NamesThePositionOfASyntaxError) {
   EXPECT_THAT(error_of("name: t\nusers: [\n"), StartsWith("s.yaml:3:1: not YAML:"));
 }
 

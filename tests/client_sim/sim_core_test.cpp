@@ -16,7 +16,7 @@ using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 
 constexpr std::int64_t kMs = 1'000'000;
-constexpr std::int64_t kSessionAhead = 5'000'000'000;  // session time minus this program's
+constexpr std::int64_t kSessionAhead = 5'000'000'000;  // session time minus the time of this program, ns
 
 const char* const kTwoUsers = R"(
 name: two
@@ -30,10 +30,10 @@ users:
     script: [approach: {object: "#2"}, wait: {seconds: 100}]
 )";
 
-/// The other participants of a session, as messages.
-class World {
+/// A SimCore and the samples of the other participants of its session.
+class SimulatedSession {
  public:
-  explicit World(const std::string& scenario, double name_check = 0)
+  explicit SimulatedSession(const std::string& scenario, double name_check = 0)
       : core{parse_scenario(scenario, "test"), settings(name_check)} {}
 
   static SimSettings settings(double name_check) {
@@ -50,21 +50,22 @@ class World {
 
   session::Origin origin(const std::string& name) const { return {session::id_of("s"), session::id_of(name), 1, now}; }
 
-  void hrtc(const std::string& name, const std::vector<std::string>& users = {}) {
+  void add_hrtc(const std::string& name, const std::vector<std::string>& users = {}) {
     session::RosterEntry& entry = participant(name, session::Role::kHrtc);
     entry.slots.clear();
     for (const std::string& user : users) entry.slots.push_back({user, static_cast<std::uint32_t>(entry.slots.size())});
   }
-  void host(const std::string& name) { (void)participant(name, session::Role::kHost); }
-  /// Another program of users, with heartbeats under `name`.
-  void rival(const std::string& name, std::uint64_t incarnation) {
+  void add_host(const std::string& name) { (void)participant(name, session::Role::kHost); }
+  /// Adds another client that has the name `name`.
+  void add_client(const std::string& name, std::uint64_t incarnation) {
     participant(name, session::Role::kClient).origin.incarnation = incarnation;
   }
-  void silence(const std::string& name) {
+  /// Ends the heartbeats of a participant.
+  void remove(const std::string& name) {
     entries.erase(std::find_if(entries.begin(), entries.end(), [&](const auto& entry) { return entry.name == name; }));
   }
 
-  void object(const std::string& name) {
+  void add_object(const std::string& name) {
     session::CatalogueEntry entry;
     entry.origin = origin("host");
     entry.object = name;
@@ -74,6 +75,19 @@ class World {
     entry.summary.records = 1000;
     entry.scale = 0.01;
     core.on_catalogue(entry);
+  }
+
+  /// Adds one HRTC that serves both users of kTwoUsers, and an object.
+  void add_hrtc_for_all() {
+    add_hrtc("left", {"ann", "bob"});
+    add_object("a");
+  }
+  /// Adds an HRTC and an object for each user of kTwoUsers.
+  void add_hrtc_for_each_user() {
+    add_hrtc("left", {"ann"});
+    add_hrtc("right", {"bob"});
+    add_object("a");
+    add_object("b");
   }
 
   session::ProbeState state_of(const std::string& user, const std::string& hrtc) const {
@@ -98,21 +112,21 @@ class World {
           core.on_roster(entry, now);
         }
       }
-      SimMessages out = core.tick(now, now + kSessionAhead);
-      for (auto& entry : out.roster) roster.push_back(entry);
-      for (auto& control : out.control) controls.push_back(control);
-      for (auto& one : out.ends) ends.push_back(one);
-      for (auto& intent : out.intents) intents.push_back(intent);
+      const SimMessages messages = core.tick(now, now + kSessionAhead);
+      roster.insert(roster.end(), messages.roster.begin(), messages.roster.end());
+      controls.insert(controls.end(), messages.control.begin(), messages.control.end());
+      ends.insert(ends.end(), messages.ends.begin(), messages.ends.end());
+      intents.insert(intents.end(), messages.intents.begin(), messages.intents.end());
     }
   }
 
-  /// Returns the messages that this program has sent since the last call to it, as the network does.
+  /// Passes to the core its own roster entries since the last call, as multicast does.
   void echo() {
     for (; echoed < roster.size(); ++echoed) core.on_roster(roster[echoed], now);
   }
 
-  /// A user without a probe state only sends a start position: one point.
-  [[nodiscard]] bool only_places_to_start() const {
+  /// Returns whether all intents are start positions, which have one point. A user without a probe state sends these.
+  [[nodiscard]] bool only_start_positions() const {
     return std::all_of(intents.begin(), intents.end(),
                        [](const session::Intent& intent) { return intent.path.size() == 1; });
   }
@@ -140,29 +154,29 @@ class World {
   }
 };
 
-TEST(SimCore, ReportsMissingPartsAndFailsAfterItsPatience) {
-  World world{kTwoUsers};
-  world.run(1);
-  EXPECT_EQ(world.core.state(), SimState::kGathering);
-  EXPECT_THAT(world.core.stop_reason(), HasSubstr("no HRTC #1, #2 in session 's'; no host serves object #1, #2"));
-  world.run(5);
-  EXPECT_EQ(world.core.state(), SimState::kFailed);
-  EXPECT_THAT(world.core.report().stop_reason, HasSubstr("waited 5 s"));
-  EXPECT_TRUE(world.roster.back().leaving);
-  EXPECT_THAT(world.controls, IsEmpty());
+TEST(SimCore, ReportsMissingParticipantsAndFailsAfterItsTimeout) {
+  SimulatedSession session{kTwoUsers};
+  session.run(1);
+  EXPECT_EQ(session.core.state(), SimState::kGathering);
+  EXPECT_THAT(session.core.stop_reason(), HasSubstr("no HRTC #1, #2 in session 's'; no host serves object #1, #2"));
+  session.run(5);
+  EXPECT_EQ(session.core.state(), SimState::kFailed);
+  EXPECT_THAT(session.core.report().stop_reason, HasSubstr("waited 5 s"));
+  EXPECT_TRUE(session.roster.back().leaving);
+  EXPECT_THAT(session.controls, IsEmpty());
 }
 
 TEST(SimCore, JoinsWithOneParticipantPerHrtc) {
-  World world{kTwoUsers};
-  world.hrtc("left");
-  world.hrtc("right");
-  world.object("a");
-  world.object("b");
-  world.run(0.2);
-  EXPECT_EQ(world.core.state(), SimState::kJoining);
-  EXPECT_THAT(world.core.stop_reason(), HasSubstr("not served: ann by left, bob by right"));
-  const session::RosterEntry& second = world.roster.back();
-  const session::RosterEntry& first = world.roster[world.roster.size() - 2];
+  SimulatedSession session{kTwoUsers};
+  session.add_hrtc("left");
+  session.add_hrtc("right");
+  session.add_object("a");
+  session.add_object("b");
+  session.run(0.2);
+  EXPECT_EQ(session.core.state(), SimState::kJoining);
+  EXPECT_THAT(session.core.stop_reason(), HasSubstr("not served: ann by left, bob by right"));
+  const session::RosterEntry& second = session.roster.back();
+  const session::RosterEntry& first = session.roster[session.roster.size() - 2];
   EXPECT_EQ(first.name, "sim");
   EXPECT_EQ(first.requested_hrtc, "left");
   EXPECT_THAT(first.users, ElementsAre("ann"));
@@ -172,68 +186,65 @@ TEST(SimCore, JoinsWithOneParticipantPerHrtc) {
   EXPECT_THAT(second.users, ElementsAre("bob"));
 }
 
-TEST(SimCore, ResolvesNumbersModuloThePresentOnes) {
-  World world{kTwoUsers};
-  world.hrtc("only");
-  world.object("a");
-  world.run(0.5);
-  EXPECT_EQ(world.core.state(), SimState::kGathering);
-  world.run(1);
-  EXPECT_EQ(world.core.state(), SimState::kJoining);
-  EXPECT_THAT(world.roster.back().users, ElementsAre("ann", "bob"));
+TEST(SimCore, ResolvesNumbersModuloTheNumberOfParticipants) {
+  SimulatedSession session{kTwoUsers};
+  session.add_hrtc("only");
+  session.add_object("a");
+  session.run(0.5);
+  EXPECT_EQ(session.core.state(), SimState::kGathering);
+  session.run(1);
+  EXPECT_EQ(session.core.state(), SimState::kJoining);
+  EXPECT_THAT(session.roster.back().users, ElementsAre("ann", "bob"));
 }
 
-TEST(SimCore, StartsWhenAllAreServedActsAndEndsOnTime) {
-  World world{kTwoUsers};
-  world.host("host");
-  world.hrtc("left", {"ann"});
-  world.hrtc("right", {"bob"});
-  world.object("a");
-  world.object("b");
-  world.run(0.1);
-  ASSERT_EQ(world.core.state(), SimState::kRunning);
-  ASSERT_EQ(world.controls.size(), 1u);
-  EXPECT_EQ(world.controls[0].kind, ControlKind::kStart);
-  ASSERT_GT(world.intents.size(), 2u);
-  EXPECT_TRUE(world.only_places_to_start());
-  world.intents.clear();
-  world.core.on_probe_state(world.state_of("ann", "left"), world.now + kSessionAhead);
-  world.core.on_probe_state(world.state_of("bob", "right"), world.now + kSessionAhead);
-  world.run(0.5);
-  ASSERT_GT(world.intents.size(), 80u);
-  for (const session::Intent& intent : world.intents) {
+TEST(SimCore, StartsWhenAllUsersAreServedAndEndsAfterTheDuration) {
+  SimulatedSession session{kTwoUsers};
+  session.add_host("host");
+  session.add_hrtc_for_each_user();
+  session.run(0.1);
+  ASSERT_EQ(session.core.state(), SimState::kRunning);
+  ASSERT_EQ(session.controls.size(), 1u);
+  EXPECT_EQ(session.controls[0].kind, ControlKind::kStart);
+  ASSERT_GT(session.intents.size(), 2u);
+  EXPECT_TRUE(session.only_start_positions());
+  session.intents.clear();
+  session.core.on_probe_state(session.state_of("ann", "left"), session.now + kSessionAhead);
+  session.core.on_probe_state(session.state_of("bob", "right"), session.now + kSessionAhead);
+  session.run(0.5);
+  ASSERT_GT(session.intents.size(), 80u);
+  for (const session::Intent& intent : session.intents) {
     const bool ann = intent.user_id == session::id_of("ann");
     EXPECT_EQ(intent.origin.participant, session::id_of(ann ? "sim" : "sim.2"));
     EXPECT_GT(intent.path[0].session_time_ns, kSessionAhead);
   }
-  world.run(0.5);
-  EXPECT_EQ(world.core.state(), SimState::kEnding);
-  EXPECT_EQ(world.ends.size(), 1u);
+  session.run(0.5);
+  EXPECT_EQ(session.core.state(), SimState::kEnding);
+  EXPECT_EQ(session.ends.size(), 1u);
   for (const char* name : {"host", "left", "right"}) {
-    EXPECT_EQ(world.core.state(), SimState::kEnding);
-    world.core.on_metrics({world.origin(name), {{"x", 1}}}, world.now);
+    EXPECT_EQ(session.core.state(), SimState::kEnding);
+    session.core.on_metrics({session.origin(name), {{"x", 1}}}, session.now);
   }
-  world.run(0.01);
-  EXPECT_EQ(world.core.state(), SimState::kEnded);
-  EXPECT_TRUE(world.roster.back().leaving);
-  EXPECT_EQ(world.core.report().stop_reason, "");
-  EXPECT_NEAR(world.core.report().duration, 1, 0.02);
-  EXPECT_EQ(world.core.report().records_total, 2000u);
+  session.run(0.01);
+  EXPECT_EQ(session.core.state(), SimState::kEnded);
+  EXPECT_TRUE(session.roster.back().leaving);
+  EXPECT_EQ(session.core.report().stop_reason, "");
+  EXPECT_NEAR(session.core.report().duration, 1, 0.02);
+  EXPECT_EQ(session.core.report().records_total, 2000u);
 }
 
-TEST(SimCore, DatesEventsFromTheStartOfTheSession) {
-  World world{kTwoUsers};
-  world.host("host");
-  world.object("a");
-  world.run(0.5);
-  world.hrtc("left", {"ann", "bob"});
-  world.run(1.2);  // resolves numbers modulo after the settle time
-  ASSERT_EQ(world.core.state(), SimState::kRunning);
-  world.run(0.2);
-  world.host("late host");
-  world.run(0.1);
+TEST(SimCore, ReportsTimesOfEventsRelativeToTheStart) {
+  SimulatedSession session{kTwoUsers};
+  session.add_host("host");
+  session.add_object("a");
+  session.run(0.5);
+  session.add_hrtc("left", {"ann", "bob"});
+  session.run(1.2);  // resolves numbers modulo after the settle time
+  ASSERT_EQ(session.core.state(), SimState::kRunning);
+  session.run(0.2);
+  session.add_host("later host");
+  session.run(0.1);
   const auto time_of = [&](const std::string& text) {
-    for (const ReportEvent& event : world.core.report().events)
+    for (const ReportEvent& event : session.core.report().events)
       if (event.text.find(text) != std::string::npos) return event.time;
     return 1e9;
   };
@@ -241,183 +252,168 @@ TEST(SimCore, DatesEventsFromTheStartOfTheSession) {
   EXPECT_LT(host, -0.5);
   EXPECT_NEAR(hrtc - host, 0.5, 0.06);
   EXPECT_LT(hrtc, 0);
-  EXPECT_GT(time_of("'late host' joined"), 0);
+  EXPECT_GT(time_of("'later host' joined"), 0);
 }
 
-TEST(SimCore, EndsWithoutTheLastFiguresAfterAWhile) {
-  World world{kTwoUsers};
-  world.hrtc("left", {"ann", "bob"});
-  world.object("a");
-  world.run(2.2);
-  ASSERT_EQ(world.core.state(), SimState::kEnding);
-  world.run(1.1);
-  EXPECT_EQ(world.core.state(), SimState::kEnded);
+TEST(SimCore, EndsAfterATimeoutWithoutTheLastFigures) {
+  SimulatedSession session{kTwoUsers};
+  session.add_hrtc_for_all();
+  session.run(2.2);
+  ASSERT_EQ(session.core.state(), SimState::kEnding);
+  session.run(1.1);
+  EXPECT_EQ(session.core.state(), SimState::kEnded);
 }
 
-TEST(SimCore, StopsInOrderOnRequest) {
-  World world{kTwoUsers};
-  world.hrtc("left", {"ann", "bob"});
-  world.object("a");
-  world.run(1.2);
-  ASSERT_EQ(world.core.state(), SimState::kRunning);
-  world.core.stop("interrupted");
-  world.run(0.01);
-  ASSERT_EQ(world.ends.size(), 1u);
-  EXPECT_EQ(world.ends[0].text, "interrupted");
-  EXPECT_EQ(world.core.report().stop_reason, "interrupted");
+TEST(SimCore, EndsTheSessionWhenItIsStopped) {
+  SimulatedSession session{kTwoUsers};
+  session.add_hrtc_for_all();
+  session.run(1.2);
+  ASSERT_EQ(session.core.state(), SimState::kRunning);
+  session.core.stop("interrupted");
+  session.run(0.01);
+  ASSERT_EQ(session.ends.size(), 1u);
+  EXPECT_EQ(session.ends[0].text, "interrupted");
+  EXPECT_EQ(session.core.report().stop_reason, "interrupted");
 }
 
-TEST(SimCore, EndsWithTheSessionAndReportsARepeatedStopOnce) {
-  World world{kTwoUsers};
-  world.hrtc("left", {"ann", "bob"});
-  world.object("a");
-  world.run(1.2);
-  ASSERT_EQ(world.core.state(), SimState::kRunning);
-  for (int i = 0; i < 3; ++i) world.core.on_stop({world.origin("operator"), 1, "needle bent"});
-  world.core.on_end({world.origin("operator"), "enough"});
-  world.run(0.01);
+TEST(SimCore, EndsWithTheSessionAndReportsARepeatedEmergencyStopOnce) {
+  SimulatedSession session{kTwoUsers};
+  session.add_hrtc_for_all();
+  session.run(1.2);
+  ASSERT_EQ(session.core.state(), SimState::kRunning);
+  for (int i = 0; i < 3; ++i) session.core.on_stop({session.origin("operator"), 1, "needle bent"});
+  session.core.on_end({session.origin("operator"), "enough"});
+  session.run(0.01);
   int stops = 0;
-  for (const ReportEvent& event : world.core.report().events) stops += event.text == "emergency stop: needle bent";
+  for (const ReportEvent& event : session.core.report().events) stops += event.text == "emergency stop: needle bent";
   EXPECT_EQ(stops, 1);
-  EXPECT_EQ(world.core.state(), SimState::kEnding);
-  EXPECT_EQ(world.core.report().stop_reason, "ended by another participant: enough");
+  EXPECT_EQ(session.core.state(), SimState::kEnding);
+  EXPECT_EQ(session.core.report().stop_reason, "ended by another participant: enough");
 }
 
-TEST(SimCore, LeavesForAnOlderProgramOfItsNameBeforeUsersJoin) {
-  World world{kTwoUsers, 1};
-  world.hrtc("left", {"ann", "bob"});
-  world.object("a");
-  world.rival("sim", 5);
-  world.run(1);
-  EXPECT_EQ(world.core.state(), SimState::kFailed);
-  EXPECT_TRUE(world.core.name_taken());
-  EXPECT_THAT(world.core.stop_reason(), HasSubstr("'sim' was in session 's' before"));
-  EXPECT_THAT(world.core.stop_reason(), HasSubstr("another --name"));
-  EXPECT_TRUE(world.roster.back().leaving);
-  for (const session::RosterEntry& entry : world.roster) EXPECT_THAT(entry.users, IsEmpty());
-  EXPECT_THAT(world.ends, IsEmpty()) << "the session goes on";
+TEST(SimCore, LeavesBeforeItsUsersJoinIfAnEarlierProgramHasItsName) {
+  SimulatedSession session{kTwoUsers, 1};
+  session.add_hrtc_for_all();
+  session.add_client("sim", 5);
+  session.run(1);
+  EXPECT_EQ(session.core.state(), SimState::kFailed);
+  EXPECT_TRUE(session.core.name_taken());
+  EXPECT_THAT(session.core.stop_reason(), HasSubstr("'sim' was in session 's' before"));
+  EXPECT_THAT(session.core.stop_reason(), HasSubstr("another --name"));
+  EXPECT_TRUE(session.roster.back().leaving);
+  for (const session::RosterEntry& entry : session.roster) EXPECT_THAT(entry.users, IsEmpty());
+  EXPECT_THAT(session.ends, IsEmpty()) << "the session continues";
 }
 
-TEST(SimCore, ContinuesAndReportsWhenALaterProgramHasItsName) {
-  World world{kTwoUsers, 1};
-  world.hrtc("left", {"ann", "bob"});
-  world.object("a");
-  world.rival("sim", 12);
-  world.run(1.5);
-  EXPECT_EQ(world.core.state(), SimState::kRunning);
-  EXPECT_FALSE(world.core.name_taken());
-  const std::vector<ReportEvent> events = world.core.report().events;
+TEST(SimCore, ContinuesAndReportsItIfALaterProgramHasItsName) {
+  SimulatedSession session{kTwoUsers, 1};
+  session.add_hrtc_for_all();
+  session.add_client("sim", 12);
+  session.run(1.5);
+  EXPECT_EQ(session.core.state(), SimState::kRunning);
+  EXPECT_FALSE(session.core.name_taken());
+  const std::vector<ReportEvent> events = session.core.report().events;
   EXPECT_TRUE(std::any_of(events.begin(), events.end(),
                           [](const ReportEvent& event) { return event.text.find("'sim' is there twice") == 7; }));
 }
 
-TEST(SimCore, LeavesForAProgramWithTheNameOfItsSecondParticipant) {
-  World world{kTwoUsers};
-  world.hrtc("left", {"ann"});
-  world.hrtc("right", {"bob"});
-  world.object("a");
-  world.object("b");
-  world.rival("sim.2", 5);
-  world.run(0.1);
-  EXPECT_EQ(world.core.state(), SimState::kFailed);
-  EXPECT_THAT(world.core.stop_reason(), HasSubstr("'sim.2' was in session 's' before"));
+TEST(SimCore, LeavesIfAProgramHasTheNameOfItsSecondParticipant) {
+  SimulatedSession session{kTwoUsers};
+  session.add_hrtc_for_each_user();
+  session.add_client("sim.2", 5);
+  session.run(0.1);
+  EXPECT_EQ(session.core.state(), SimState::kFailed);
+  EXPECT_THAT(session.core.stop_reason(), HasSubstr("'sim.2' was in session 's' before"));
 
-  World later{kTwoUsers};
-  later.hrtc("left", {"ann"});
-  later.hrtc("right", {"bob"});
-  later.object("a");
-  later.object("b");
-  later.run(0.1);
-  ASSERT_EQ(later.core.state(), SimState::kRunning);
-  later.rival("sim.2", 5);
-  for (int beat = 0; beat < 5; ++beat) {
-    later.echo();
-    later.run(0.1);
+  SimulatedSession later_conflict{kTwoUsers};
+  later_conflict.add_hrtc_for_each_user();
+  later_conflict.run(0.1);
+  ASSERT_EQ(later_conflict.core.state(), SimState::kRunning);
+  later_conflict.add_client("sim.2", 5);
+  for (int heartbeat = 0; heartbeat < 5; ++heartbeat) {
+    later_conflict.echo();
+    later_conflict.run(0.1);
   }
-  EXPECT_EQ(later.core.state(), SimState::kFailed);
-  EXPECT_THAT(later.core.stop_reason(), HasSubstr("'sim.2' was in session 's' before"));
+  EXPECT_EQ(later_conflict.core.state(), SimState::kFailed);
+  EXPECT_THAT(later_conflict.core.stop_reason(), HasSubstr("'sim.2' was in session 's' before"));
 }
 
 TEST(SimCore, IgnoresItsOwnSamples) {
-  World world{kTwoUsers};
-  world.hrtc("left", {"ann"});
-  world.hrtc("right", {"bob"});
-  world.object("a");
-  world.object("b");
-  for (int beat = 0; beat < 8; ++beat) {
-    world.run(0.1);
-    world.echo();
+  SimulatedSession session{kTwoUsers};
+  session.add_hrtc_for_each_user();
+  for (int heartbeat = 0; heartbeat < 8; ++heartbeat) {
+    session.run(0.1);
+    session.echo();
   }
-  EXPECT_EQ(world.core.state(), SimState::kRunning);
-  for (const ReportEvent& event : world.core.report().events) EXPECT_EQ(event.text.find("'sim"), std::string::npos);
+  EXPECT_EQ(session.core.state(), SimState::kRunning);
+  for (const ReportEvent& event : session.core.report().events) EXPECT_EQ(event.text.find("'sim"), std::string::npos);
 }
 
 TEST(SimCore, JoinsUsersOnlyAfterTheNameCheck) {
-  World world{kTwoUsers, 1};
-  world.hrtc("left", {"ann", "bob"});
-  world.hrtc("right");
-  world.object("a");
-  world.object("b");
-  world.run(0.9);
-  EXPECT_EQ(world.core.state(), SimState::kGathering);
-  EXPECT_EQ(world.core.stop_reason(), "");
-  world.run(0.2);
-  EXPECT_GE(world.core.state(), SimState::kJoining);
+  SimulatedSession session{kTwoUsers, 1};
+  session.add_hrtc("left", {"ann", "bob"});
+  session.add_hrtc("right");
+  session.add_object("a");
+  session.add_object("b");
+  session.run(0.9);
+  EXPECT_EQ(session.core.state(), SimState::kGathering);
+  EXPECT_EQ(session.core.stop_reason(), "");
+  session.run(0.2);
+  EXPECT_GE(session.core.state(), SimState::kJoining);
 }
 
 TEST(SimCore, IgnoresOtherSessions) {
-  World world{kTwoUsers};
-  world.hrtc("left");
-  world.entries.back().origin.session = session::id_of("other");
+  SimulatedSession session{kTwoUsers};
+  session.add_hrtc("left");
+  session.entries.back().origin.session = session::id_of("other");
   session::CatalogueEntry entry;
-  entry.origin = world.origin("host");
+  entry.origin = session.origin("host");
   entry.origin.session = session::id_of("other");
   entry.object = "a";
-  world.core.on_catalogue(entry);
-  world.run(2);
-  EXPECT_THAT(world.core.stop_reason(), HasSubstr("no HRTC #1"));
-  EXPECT_THAT(world.core.stop_reason(), HasSubstr("no host serves object #1"));
+  session.core.on_catalogue(entry);
+  session.run(2);
+  EXPECT_THAT(session.core.stop_reason(), HasSubstr("no HRTC #1"));
+  EXPECT_THAT(session.core.stop_reason(), HasSubstr("no host serves object #1"));
 }
 
-TEST(SimCore, AcceptsProbeStatesOnlyFromItsHrtc) {
-  World world{kTwoUsers};
-  world.hrtc("left", {"ann", "bob"});
-  world.hrtc("right");
-  world.object("a");
-  world.object("b");
-  world.entries[1].slots = {{"bob", 0}};
-  world.run(0.1);
-  ASSERT_EQ(world.core.state(), SimState::kRunning);
-  world.core.on_probe_state(world.state_of("ann", "right"), world.now + kSessionAhead);
-  world.run(0.1);
-  EXPECT_TRUE(world.only_places_to_start());
-  EXPECT_EQ(world.core.report().users[0].touch.states, 0u);
+TEST(SimCore, AcceptsProbeStatesOnlyFromTheHrtcOfTheUser) {
+  SimulatedSession session{kTwoUsers};
+  session.add_hrtc("left", {"ann", "bob"});
+  session.add_hrtc("right");
+  session.add_object("a");
+  session.add_object("b");
+  session.entries[1].slots = {{"bob", 0}};
+  session.run(0.1);
+  ASSERT_EQ(session.core.state(), SimState::kRunning);
+  session.core.on_probe_state(session.state_of("ann", "right"), session.now + kSessionAhead);
+  session.run(0.1);
+  EXPECT_TRUE(session.only_start_positions());
+  EXPECT_EQ(session.core.report().users[0].touch.states, 0u);
 }
 
 TEST(SimCore, ReportsAHostThatLeavesAndReturns) {
-  World world{kTwoUsers};
-  world.host("host");
-  world.hrtc("left", {"ann", "bob"});
-  world.object("a");
-  world.run(1.2);
-  world.silence("host");
-  world.run(0.6);
-  ASSERT_EQ(world.core.state(), SimState::kRunning);
-  const auto participant = [&] {
-    const Report report = world.core.report();
+  SimulatedSession session{kTwoUsers};
+  session.add_host("host");
+  session.add_hrtc_for_all();
+  session.run(1.2);
+  session.remove("host");
+  session.run(0.6);
+  ASSERT_EQ(session.core.state(), SimState::kRunning);
+  const auto host_report = [&] {
+    const Report report = session.core.report();
     return *std::find_if(report.participants.begin(), report.participants.end(),
-                         [](const ParticipantReport& p) { return p.name == "host"; });
+                         [](const ParticipantReport& participant) { return participant.name == "host"; });
   };
-  EXPECT_FALSE(participant().present_at_end);
-  world.host("host");
-  world.entries.back().origin.incarnation = 2;
-  world.run(0.1);
-  EXPECT_TRUE(participant().present_at_end);
-  int published = 0;
-  for (const ReportEvent& event : world.core.report().events) {
-    if (event.time > 0 && event.text.find("host") != std::string::npos) ++published;
+  EXPECT_FALSE(host_report().present_at_end);
+  session.add_host("host");
+  session.entries.back().origin.incarnation = 2;
+  session.run(0.1);
+  EXPECT_TRUE(host_report().present_at_end);
+  int host_events = 0;
+  for (const ReportEvent& event : session.core.report().events) {
+    if (event.time > 0 && event.text.find("host") != std::string::npos) ++host_events;
   }
-  EXPECT_GE(published, 2);
+  EXPECT_GE(host_events, 2);
 }
 
 }  // namespace

@@ -20,14 +20,14 @@ class HostConfigTest : public testing::Test {
     test_support::write_bytes(file_, text);
     return read_config(file_);
   }
-  /// The error message for `text`, without the file's name.
-  std::string complaint(const std::string& text) {
+  /// Returns the error message for `text`, without the name of the file.
+  std::string error_of(const std::string& text) {
     try {
       read(text);
     } catch (const yaml::YamlError& error) {
-      const std::string what = error.what();
-      EXPECT_THAT(what, StartsWith(file_.string() + ":"));
-      return what.substr(file_.string().size() + 1);
+      const std::string message = error.what();
+      EXPECT_THAT(message, StartsWith(file_.string() + ":"));
+      return message.substr(file_.string().size() + 1);
     }
     return "none";
   }
@@ -83,62 +83,66 @@ objects:
 }
 
 TEST_F(HostConfigTest, RefusesAnImpossibleBody) {
-  const auto with = [&](const std::string& body) {
-    return complaint("objects:\n  - model: a.spm\n    body: " + body + "\n");
+  const auto error_with = [&](const std::string& body) {
+    return error_of("objects:\n  - model: a.spm\n    body: " + body + "\n");
   };
-  EXPECT_THAT(with("{friction: 1}"), AllOf(StartsWith("3:11: objects[0].body: "), HasSubstr("key 'mass' is missing")));
-  EXPECT_THAT(with("{mass: 0}"), HasSubstr("body.mass: found '0', expected a number of at least 0.001"));
-  EXPECT_THAT(with("{mass: 1, friction: -1}"), HasSubstr("friction: found '-1'"));
-  EXPECT_THAT(with("{mass: 1, inertia: [1, 1]}"), HasSubstr("list of 3 numbers"));
-  EXPECT_THAT(with("{mass: 1, inertia: [1, 1, 0]}"), HasSubstr("inertia[2]: found '0'"));
-  EXPECT_THAT(with("{mass: 1, inertia: [1, 1, 3]}"), HasSubstr("larger than the other two"));
-  EXPECT_THAT(with("{weight: 1}"), HasSubstr("unknown key 'weight'"));
-  EXPECT_THAT(complaint("ground: deep\nobjects:\n  - model: a.spm\n"),
+  EXPECT_THAT(error_with("{friction: 1}"),
+              AllOf(StartsWith("3:11: objects[0].body: "), HasSubstr("key 'mass' is missing")));
+  EXPECT_THAT(error_with("{mass: 0}"), HasSubstr("body.mass: found '0', expected a number of at least 0.001"));
+  EXPECT_THAT(error_with("{mass: 1, friction: -1}"), HasSubstr("friction: found '-1'"));
+  EXPECT_THAT(error_with("{mass: 1, inertia: [1, 1]}"), HasSubstr("list of 3 numbers"));
+  EXPECT_THAT(error_with("{mass: 1, inertia: [1, 1, 0]}"), HasSubstr("inertia[2]: found '0'"));
+  EXPECT_THAT(error_with("{mass: 1, inertia: [1, 1, 3]}"), HasSubstr("larger than the other two"));
+  EXPECT_THAT(error_with("{weight: 1}"), HasSubstr("unknown key 'weight'"));
+  EXPECT_THAT(error_of("ground: deep\nobjects:\n  - model: a.spm\n"),
               HasSubstr("ground: found 'deep', expected a number"));
 }
 
 TEST_F(HostConfigTest, RotatesByRollThenPitchThenYawAboutFixedAxes) {
   const auto object = read("objects: [{model: a.spm, rpy_degrees: [90, 0, 90]}]").at(0);
-  // The yaw turns x to y. The roll turns y to z, which the yaw leaves unchanged.
+  // The roll leaves x unchanged, then the yaw rotates x to y. The roll rotates y to z, then the yaw leaves z unchanged.
   const std::array<double, 4> q = object.pose->orientation;
-  const auto turned = [&](double x, double y, double z) {
+  const auto rotated = [&](double x, double y, double z) {
+    // Quaternion x, y, z, w. With v = (x, y, z) and t = 2 q x v, the result is v + w t + q x t.
     const double tx = 2 * (q[1] * z - q[2] * y), ty = 2 * (q[2] * x - q[0] * z), tz = 2 * (q[0] * y - q[1] * x);
     return std::array<double, 3>{x + q[3] * tx + q[1] * tz - q[2] * ty, y + q[3] * ty + q[2] * tx - q[0] * tz,
                                  z + q[3] * tz + q[0] * ty - q[1] * tx};
   };
-  EXPECT_NEAR(turned(1, 0, 0)[1], 1, 1e-12);
-  EXPECT_NEAR(turned(0, 1, 0)[2], 1, 1e-12);
+  EXPECT_NEAR(rotated(1, 0, 0)[1], 1, 1e-12);
+  EXPECT_NEAR(rotated(0, 1, 0)[2], 1, 1e-12);
 }
 
-TEST_F(HostConfigTest, NamesTheLineAndTheUnknownKey) {
-  EXPECT_THAT(complaint("objects:\n  - model: a.spm\n    sise: 3\n"),
+TEST_F(HostConfigTest, NamesTheLineOfAnUnknownKey) {
+  EXPECT_THAT(error_of("objects:\n  - model: a.spm\n    sise: 3\n"),
               AllOf(StartsWith("3:"), HasSubstr("unknown key 'sise'"), HasSubstr("size")));
-  EXPECT_THAT(complaint("objects:\n  - model: a.spm\n    material:\n      stiffnes: 3\n"),
+  EXPECT_THAT(error_of("objects:\n  - model: a.spm\n    material:\n      stiffnes: 3\n"),
               AllOf(StartsWith("4:"), HasSubstr("'stiffnes'")));
-  EXPECT_THAT(complaint("object: []\n"), AllOf(StartsWith("1:"), HasSubstr("'object'")));
+  EXPECT_THAT(error_of("object: []\n"), AllOf(StartsWith("1:"), HasSubstr("'object'")));
 }
 
 TEST_F(HostConfigTest, RefusesValuesOutOfRange) {
-  const auto with = [&](const std::string& line) {
-    return complaint("objects:\n  - model: a.spm\n    " + line + "\n");
+  const auto error_with = [&](const std::string& line) {
+    return error_of("objects:\n  - model: a.spm\n    " + line + "\n");
   };
-  EXPECT_THAT(with("size: 0"), StartsWith("3:11: objects[0].size: found '0', expected a number of at least 1e-06"));
-  EXPECT_THAT(with("size: big"), HasSubstr("size: found 'big'"));
-  EXPECT_THAT(with("scale: -1"), HasSubstr("scale: found '-1'"));
-  EXPECT_THAT(with("scale: .nan"), HasSubstr("scale: found '.nan'"));
-  EXPECT_THAT(with("position: [1, 2]"), HasSubstr("list of 3 numbers"));
-  EXPECT_THAT(with("rotation: [0, 0, 0, 2]"), HasSubstr("unit quaternion"));
-  EXPECT_THAT(with("material: {stiffness: -5}"), HasSubstr("stiffness: found '-5'"));
-  EXPECT_THAT(with("material: {static_friction: 0.1, dynamic_friction: 0.2}"), HasSubstr("above 'static_friction'"));
-  EXPECT_THAT(with("name: ''"), HasSubstr("1 to 63 bytes"));
-  EXPECT_THAT(with("scale: 1\n    size: 1"), HasSubstr("expected one of them"));
-  EXPECT_THAT(complaint("objects:\n  - name: a\n"), HasSubstr("key 'model' is missing"));
-  EXPECT_THAT(complaint("objects: []\n"), HasSubstr("objects: found a list, expected a list of objects"));
-  EXPECT_THAT(complaint("objects:\n  - model: a.spm\n  - model: b/a.spm\n"), HasSubstr("a second object 'a'"));
+  EXPECT_THAT(error_with("size: 0"),
+              StartsWith("3:11: objects[0].size: found '0', expected a number of at least 1e-06"));
+  EXPECT_THAT(error_with("size: big"), HasSubstr("size: found 'big'"));
+  EXPECT_THAT(error_with("scale: -1"), HasSubstr("scale: found '-1'"));
+  EXPECT_THAT(error_with("scale: .nan"), HasSubstr("scale: found '.nan'"));
+  EXPECT_THAT(error_with("position: [1, 2]"), HasSubstr("list of 3 numbers"));
+  EXPECT_THAT(error_with("rotation: [0, 0, 0, 2]"), HasSubstr("unit quaternion"));
+  EXPECT_THAT(error_with("material: {stiffness: -5}"), HasSubstr("stiffness: found '-5'"));
+  EXPECT_THAT(error_with("material: {static_friction: 0.1, dynamic_friction: 0.2}"),
+              HasSubstr("above 'static_friction'"));
+  EXPECT_THAT(error_with("name: ''"), HasSubstr("1 to 63 bytes"));
+  EXPECT_THAT(error_with("scale: 1\n    size: 1"), HasSubstr("expected one of them"));
+  EXPECT_THAT(error_of("objects:\n  - name: a\n"), HasSubstr("key 'model' is missing"));
+  EXPECT_THAT(error_of("objects: []\n"), HasSubstr("objects: found a list, expected a list of objects"));
+  EXPECT_THAT(error_of("objects:\n  - model: a.spm\n  - model: b/a.spm\n"), HasSubstr("a second object 'a'"));
 }
 
 TEST_F(HostConfigTest, NamesTheLineOfBrokenYamlAndRefusesAMissingFile) {
-  EXPECT_THAT(complaint("objects:\n  - {model: a.spm\n"), testing::MatchesRegex("[23]:.*not YAML.*"));
+  EXPECT_THAT(error_of("objects:\n  - {model: a.spm\n"), testing::MatchesRegex("[23]:.*not YAML.*"));
   EXPECT_THROW((void)read_config(folder_.path() / "none.yaml"), yaml::YamlError);
 }
 

@@ -1,4 +1,4 @@
-/// A HostCore in virtual time: alone, and with an HrtcCore that has received no sample yet.
+/// A HostCore in virtual time: alone, and with an HrtcCore that joins it.
 #include "host_service/host_core.hpp"
 
 #include <gmock/gmock.h>
@@ -22,13 +22,13 @@ constexpr session::Origin kSelf{kSession, kHost, 1, 0};
 
 class HostCoreTest : public testing::Test {
  protected:
-  [[nodiscard]] HostCoreSettings with_body() const {
+  [[nodiscard]] HostCoreSettings settings_with_body() const {
     HostCoreSettings settings = host_of("sphere", encoded_.compressed());
     settings.objects.front().config.body.emplace();
     return settings;
   }
-  /// The next heartbeat of an HRTC.
-  session::RosterEntry hrtc(std::uint64_t reference = 0, std::int64_t session_time_ns = 0) {
+  /// Returns a roster entry of an HRTC with the next heartbeat.
+  session::RosterEntry hrtc_entry(std::uint64_t reference = 0, std::int64_t session_time_ns = 0) {
     session::RosterEntry entry;
     entry.origin = {kSession, kHrtc, 1, 0};
     entry.role = session::Role::kHrtc;
@@ -38,7 +38,7 @@ class HostCoreTest : public testing::Test {
     entry.session_time_ns = session_time_ns;
     return entry;
   }
-  [[nodiscard]] static session::ClockSample request(std::int64_t now_ns) {
+  [[nodiscard]] static session::ClockSample clock_request(std::int64_t now_ns) {
     session::ClockSample sample;
     sample.origin = {kSession, kHrtc, 1, 0};
     sample.peer = kHost;
@@ -55,10 +55,10 @@ class HostCoreTest : public testing::Test {
   std::uint64_t beats_ = 0;
 };
 
-TEST_F(HostCoreTest, AnHrtcThatJoinsFindsItsObjectDemandsItAndTouchesItExactly) {
+TEST_F(HostCoreTest, AnHrtcThatJoinsLoadsTheObjectAndReachesExactContact) {
   HostCore host{kSelf, host_of("sphere", encoded_.compressed()), now_};
-  std::string served;
-  host.on_hrtc = [&](std::uint64_t, const std::string& name) { served = name; };
+  std::string served_hrtc;
+  host.on_hrtc = [&](std::uint64_t, const std::string& name) { served_hrtc = name; };
   hrtc_service::HrtcCoreSettings settings;
   settings.pool = spm::PoolSettings::for_slots(model_.summary.parts / 2);
   hrtc_service::HrtcCore core{session::Origin{kSession, kHrtc, 1, 0}, settings};
@@ -67,7 +67,7 @@ TEST_F(HostCoreTest, AnHrtcThatJoinsFindsItsObjectDemandsItAndTouchesItExactly) 
   const double radius = model_.summary.bounds_max[0];
   hrtc_service::Servo::Inputs inputs;
   inputs[0].active = true;
-  int exact = 0;
+  int exact_cycles = 0;
 
   for (int cycle = 0; cycle < 3000; ++cycle, now_ += kMs) {
     if (cycle % 2 == 0) {
@@ -76,26 +76,26 @@ TEST_F(HostCoreTest, AnHrtcThatJoinsFindsItsObjectDemandsItAndTouchesItExactly) 
     }
     study::exchange_membership(host, membership, now_);
     while (const auto demand = core.gateway().demand(now_)) host.on_demand(*demand, now_);
-    while (const auto out = host.next_chunk(now_)) core.gateway().on_chunk(out->chunk, now_);
-    const double depth = std::min(1.0, cycle / 2000.0);  // from 20 mm outside to 2 mm inside
-    inputs[0].device.position = {radius + 0.02 - 0.022 * depth, 0, 0};
+    while (const auto outgoing = host.next_chunk(now_)) core.gateway().on_chunk(outgoing->chunk, now_);
+    const double progress = std::min(1.0, cycle / 2000.0);  // from 20 mm outside to 2 mm inside
+    inputs[0].device.position = {radius + 0.02 - 0.022 * progress, 0, 0};
     const hrtc_service::ProbeOutput& probe = core.servo().touch(inputs, now_)[0];
     core.servo().publish(now_, now_ + kMs);
     (void)core.servo().refine(spm::Budget{1u << 16});
-    constexpr std::uint32_t kTouching = session::kInContact | session::kExact;
-    if (probe.force[0] > 0.1 && (probe.status & kTouching) == kTouching) ++exact;
+    constexpr std::uint32_t kExactContact = session::kInContact | session::kExact;
+    if (probe.force[0] > 0.1 && (probe.status & kExactContact) == kExactContact) ++exact_cycles;
   }
 
-  EXPECT_EQ(served, "hrtc");
+  EXPECT_EQ(served_hrtc, "hrtc");
   ASSERT_EQ(core.servo().cycle().objects().size(), 1u);
-  EXPECT_GT(exact, 900) << "of the last 1000 cycles";
+  EXPECT_GT(exact_cycles, 900) << "of the last 1000 cycles";
   const session::DeliveryCounters& sent = host.delivery().counters();
   EXPECT_EQ(sent.bases, 1u);
   EXPECT_GT(sent.records, 0u);
-  EXPECT_LT(sent.records, model_.summary.records / 2) << "only what is near the tip";
+  EXPECT_LT(sent.records, model_.summary.records / 2) << "only records near the tip are sent";
 }
 
-TEST_F(HostCoreTest, ObjectsWithoutAPoseStandSideBySide) {
+TEST_F(HostCoreTest, ObjectsWithoutAPoseStandSideBySideAlongX) {
   HostCoreSettings settings = host_of("a", encoded_.compressed());
   for (const char* name : {"b", "c"}) {
     settings.objects.push_back(settings.objects.front());
@@ -106,17 +106,17 @@ TEST_F(HostCoreTest, ObjectsWithoutAPoseStandSideBySide) {
 
   const HostCore host{kSelf, settings, now_};
 
-  const std::vector<session::CatalogueEntry>& all = host.catalogue();
-  ASSERT_EQ(all.size(), 3u);
-  EXPECT_EQ(all[0].pose.position, (std::array<double, 3>{1, 2, 3}));
+  const std::vector<session::CatalogueEntry>& entries = host.catalogue();
+  ASSERT_EQ(entries.size(), 3u);
+  EXPECT_EQ(entries[0].pose.position, (std::array<double, 3>{1, 2, 3}));
   for (std::size_t i = 1; i < 3; ++i) {
-    const double end = all[i - 1].pose.position[0] + all[i - 1].summary.bounds_max[0] * all[i - 1].scale;
-    const double begin = all[i].pose.position[0] + all[i].summary.bounds_min[0] * all[i].scale;
+    const double end = entries[i - 1].pose.position[0] + entries[i - 1].summary.bounds_max[0] * entries[i - 1].scale;
+    const double begin = entries[i].pose.position[0] + entries[i].summary.bounds_min[0] * entries[i].scale;
     EXPECT_NEAR(begin - end, 0.05, 1e-9);
   }
 }
 
-TEST_F(HostCoreTest, AnnouncesItsObjectsAtFirstAndAfterItHung) {
+TEST_F(HostCoreTest, PublishesTheCatalogueAtFirstAndAfterALongPause) {
   HostCore host{kSelf, host_of("sphere", encoded_.compressed()), now_};
 
   EXPECT_TRUE(host.tick(now_).catalogue);
@@ -124,35 +124,35 @@ TEST_F(HostCoreTest, AnnouncesItsObjectsAtFirstAndAfterItHung) {
   EXPECT_TRUE(host.tick(now_ += 6000 * kMs).catalogue);
 }
 
-TEST_F(HostCoreTest, AnswersForTheTimeAsTheReferenceAloneAndTheFailureDetectorOfAnHrtcAlways) {
+TEST_F(HostCoreTest, AnswersClockRequestsOnlyAsTheTimeReferenceAndFailureDetectorsAlways) {
   HostCore host{kSelf, host_of("sphere", encoded_.compressed()), now_};
   (void)host.tick(now_);
 
-  EXPECT_FALSE(host.on_clock(request(now_), now_, now_));
-  EXPECT_FALSE(host.on_failure_detector(request(now_), now_, now_)) << "its sender is not in the roster";
-  host.on_roster(hrtc(), now_);
-  const auto alive = host.on_failure_detector(request(now_), now_, now_);
+  EXPECT_FALSE(host.on_clock(clock_request(now_), now_, now_));
+  EXPECT_FALSE(host.on_failure_detector(clock_request(now_), now_, now_)) << "the sender is not in the roster";
+  host.on_roster(hrtc_entry(), now_);
+  const auto alive = host.on_failure_detector(clock_request(now_), now_, now_);
   ASSERT_TRUE(alive);
   EXPECT_EQ(alive->t2_ns, session::kClockUnknown);
 
-  for (int i = 0; i < 120; ++i) (void)host.tick(now_ += 10 * kMs);  // the HRTC is gone by then
-  const auto answer = host.on_clock(request(now_), now_ - kMs, now_);
+  for (int i = 0; i < 120; ++i) (void)host.tick(now_ += 10 * kMs);  // the HRTC leaves the roster
+  const auto answer = host.on_clock(clock_request(now_), now_ - kMs, now_);
   ASSERT_TRUE(answer);
   EXPECT_EQ(answer->peer, kHrtc);
   EXPECT_EQ(answer->t2_ns - answer->t1_ns, kMs);
 }
 
-TEST_F(HostCoreTest, PublishesPosesOnceItsTimeIsThatOfTheSession) {
-  constexpr std::int64_t kAhead = 5000 * kMs;  // session time, ahead of the host's clock
-  HostCore host{kSelf, with_body(), now_};
-  std::size_t grants = 0, poses_before = 0, poses = 0;
+TEST_F(HostCoreTest, PublishesPosesOnlyAfterItsClockFollowsTheSession) {
+  constexpr std::int64_t kAhead = 5000 * kMs;  // session time minus the host's clock, ns
+  HostCore host{kSelf, settings_with_body(), now_};
+  std::size_t grants = 0, early_poses = 0, later_poses = 0;
   session::ObjectPose pose;
 
   for (int ms = 0; ms < 2000; ++ms, now_ += kMs) {
-    if (ms % 100 == 0) host.on_roster(hrtc(kHrtc, now_ + kAhead), now_);
+    if (ms % 100 == 0) host.on_roster(hrtc_entry(kHrtc, now_ + kAhead), now_);
     const HostMessages& messages = host.tick(now_);
     grants += messages.grants.size();
-    (ms < 1000 ? poses_before : poses) += messages.poses.size();
+    (ms < 1000 ? early_poses : later_poses) += messages.poses.size();
     if (!messages.poses.empty()) pose = messages.poses.back();
     if (ms < 1000 || !messages.clock_request) continue;
     session::ClockSample answer = *messages.clock_request;
@@ -164,12 +164,12 @@ TEST_F(HostCoreTest, PublishesPosesOnceItsTimeIsThatOfTheSession) {
   }
 
   EXPECT_GT(grants, 0u);
-  EXPECT_EQ(poses_before, 0u);
-  EXPECT_GT(poses, 0u);
+  EXPECT_EQ(early_poses, 0u);
+  EXPECT_GT(later_poses, 0u);
   EXPECT_NEAR(static_cast<double>(pose.session_time_ns - pose.origin.time_ns), kAhead, 2 * kMs);
 }
 
-TEST_F(HostCoreTest, AcknowledgesAStopAtOnce) {
+TEST_F(HostCoreTest, AcknowledgesAStopInTheNextTick) {
   HostCore host{kSelf, host_of("sphere", encoded_.compressed()), now_};
   ASSERT_TRUE(host.tick(now_).roster);
   ASSERT_FALSE(host.tick(now_ += kMs).roster);

@@ -32,6 +32,7 @@ class HostProgramTest : public testing::Test {
     waitpid(pid_, nullptr, 0);
   }
 
+  /// Starts the program in its own session. Its output goes to a file.
   void start(std::vector<std::string> arguments) {
     std::filesystem::remove(output_);
     std::vector<std::string> all{TACTUS_HOST, "--cache", (folder_.path() / "cache").string(), "--session",
@@ -51,6 +52,7 @@ class HostProgramTest : public testing::Test {
     execv(argv[0], argv.data());
     _exit(127);
   }
+  /// Waits for the end of the program. Returns its exit code, or 128 plus the signal.
   int wait() {
     int status = 0;
     waitpid(pid_, &status, 0);
@@ -62,6 +64,7 @@ class HostProgramTest : public testing::Test {
     return wait();
   }
   std::string output() const { return test_support::read_bytes(output_); }
+  /// Waits until the output contains `text`. Returns false after 20 s.
   bool prints(const std::string& text) const {
     for (const auto end = Clock::now() + 20s; Clock::now() < end; std::this_thread::yield()) {
       if (output().find(text) != std::string::npos) return true;
@@ -75,7 +78,7 @@ class HostProgramTest : public testing::Test {
   pid_t pid_ = 0;
 };
 
-TEST_F(HostProgramTest, SignalsEndTheHostWithExitCodeZero) {
+TEST_F(HostProgramTest, ASignalEndsTheHostWithExitCodeZero) {
   for (const int signal : {SIGINT, SIGTERM}) {
     start({"--name", "h", model_});
     ASSERT_TRUE(prints("is in session")) << output();
@@ -87,7 +90,7 @@ TEST_F(HostProgramTest, SignalsEndTheHostWithExitCodeZero) {
   }
 }
 
-TEST_F(HostProgramTest, OptionsWithSeveralValuesDoNotTakeTheModelAfterThem) {
+TEST_F(HostProgramTest, OptionsWithSeveralValuesDoNotConsumeTheModelAfterThem) {
   for (const std::vector<std::string>& option :
        {std::vector<std::string>{"--at", "0.5", "0", "0"}, std::vector<std::string>{"--peer", "127.0.0.1"},
         std::vector<std::string>{"--discovery-server", "127.0.0.1"}}) {

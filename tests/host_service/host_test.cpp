@@ -1,4 +1,4 @@
-/// A Host in this process, and an HRTC made of a DeliveryClient and endpoints that uses only the topics.
+/// A Host in this process, and a test HRTC that exchanges samples with it over DDS.
 #include "host_service/host.hpp"
 
 #include <gmock/gmock.h>
@@ -38,11 +38,11 @@ constexpr auto kWatchdog = 20s;
 std::int64_t now_ns() { return std::chrono::nanoseconds(Clock::now().time_since_epoch()).count(); }
 
 wire::SessionAddress address(const std::string& participant) {
-  wire::SessionAddress a;
-  a.session = "test.host." + std::to_string(getpid());
-  a.participant = participant;
-  a.domain = 50 + 3 * (static_cast<int>(getpid()) % 13);
-  return a;
+  wire::SessionAddress address;
+  address.session = "test.host." + std::to_string(getpid());
+  address.participant = participant;
+  address.domain = 50 + 3 * (static_cast<int>(getpid()) % 13);
+  return address;
 }
 
 /// An HRTC that requests all regions of one object.
@@ -55,30 +55,31 @@ class TestHrtc {
         demands_{participants_, wire::topics::kDemand},
         clock_{participants_, wire::topics::kClock},
         end_{participants_, wire::topics::kEnd} {
-    const wire::EndpointOptions own{wire::hrtc_partition(name)};
+    const wire::EndpointOptions own_partition{wire::hrtc_partition(name)};
     listen(wire::topics::kRoster);
     listen(wire::topics::kCatalogue);
     listen(wire::topics::kClock);
     listen(wire::topics::kMetrics);
-    listen(wire::topics::kBase, own);
-    listen(wire::topics::kRecords, own);
+    listen(wire::topics::kBase, own_partition);
+    listen(wire::topics::kRecords, own_partition);
   }
 
-  /// Runs until `done`; false when the watchdog expires.
-  template <class Done>
-  [[nodiscard]] bool run_until(Done&& done) {
+  /// Runs until `condition` holds. Returns false when the watchdog expires.
+  template <class Condition>
+  [[nodiscard]] bool run_until(Condition&& condition) {
     const auto end = Clock::now() + kWatchdog;
-    for (auto next_beat = Clock::now(); !done();) {
+    for (auto next_heartbeat = Clock::now(); !condition();) {
       if (Clock::now() > end) return false;
-      if (Clock::now() >= next_beat) {
-        beat();
-        next_beat += 50ms;
+      if (Clock::now() >= next_heartbeat) {
+        send_heartbeat();
+        next_heartbeat += 50ms;
       }
       std::unique_lock<std::mutex> lock{mutex_};
       arrived_.wait_for(lock, 2ms, [this] { return !samples_.empty(); });
-      std::deque<Sample> taken = std::exchange(samples_, {});
+      std::deque<Sample> arrived = std::exchange(samples_, {});
       lock.unlock();
-      for (const Sample& sample : taken) std::visit([this](const auto& s) { take(s); }, sample);
+      for (const Sample& sample : arrived)
+        std::visit([this](const auto& alternative) { receive(alternative); }, sample);
       while (const auto demand = client_.demand(now_ns())) EXPECT_EQ(demands_.send(*demand), wire::SendStatus::kSent);
     }
     return true;
@@ -100,7 +101,7 @@ class TestHrtc {
                               session::BulkChunk>;
 
   template <class T>
-  void listen(const wire::TopicSpec<T>& topic, const wire::EndpointOptions& where = {}) {
+  void listen(const wire::TopicSpec<T>& topic, const wire::EndpointOptions& options = {}) {
     readers_.push_back(std::make_shared<wire::Reader<T>>(
         participants_, topic,
         [this](T&& sample) {
@@ -108,10 +109,10 @@ class TestHrtc {
           samples_.emplace_back(std::move(sample));
           arrived_.notify_all();
         },
-        where));
+        options));
   }
 
-  void beat() {
+  void send_heartbeat() {
     session::RosterEntry entry;
     entry.origin = participants_.origin();
     entry.role = session::Role::kHrtc;
@@ -127,35 +128,35 @@ class TestHrtc {
     (void)clock_.send(request);
   }
 
-  void take(const session::RosterEntry& entry) {
+  void receive(const session::RosterEntry& entry) {
     if (entry.role != session::Role::kHost) return;
     host_left_ = host_left_ || entry.leaving;
     client_.on_host_heartbeat(entry.origin.participant, entry.origin.incarnation, now_ns());
   }
-  void take(const session::CatalogueEntry& entry) {
+  void receive(const session::CatalogueEntry& entry) {
     client_.on_catalogue(entry);
     withdrawn_ = withdrawn_ || entry.withdrawn;
     if (entry.withdrawn || catalogue_) return;
     catalogue_ = entry;
     client_.open(entry.object_id, entry.summary.digest);
   }
-  void take(const session::ClockSample& sample) {
+  void receive(const session::ClockSample& sample) {
     clock_answered_ = clock_answered_ || (sample.answer && sample.t2_ns >= sample.t1_ns);
   }
-  void take(const session::Metrics& metrics) {
+  void receive(const session::Metrics& metrics) {
     for (const session::Figure& figure : metrics.figures) figures_[figure.name] = figure.value;
   }
-  void take(const session::BulkChunk& chunk) {
-    for (const auto& message : client_.on_chunk(chunk, now_ns())) take(message);
+  void receive(const session::BulkChunk& chunk) {
+    for (const auto& message : client_.on_chunk(chunk, now_ns())) receive(message);
   }
-  void take(const session::DeliveryClient::Message& message) {
+  void receive(const session::DeliveryClient::Message& message) {
     if (message.kind == BulkKind::kBase) {
       auto base = spm::codec::decode_base(message.bytes);
       ASSERT_TRUE(base) << base.error().text;
       base_ = std::move(*base);
       client_.answer_base_stored(message.object_id);
       std::vector<session::Wanted> wanted;
-      for (std::uint32_t r = 0; r < base_->mesh.summary.regions; ++r) wanted.push_back({r, r});
+      for (std::uint32_t region = 0; region < base_->mesh.summary.regions; ++region) wanted.push_back({region, region});
       client_.set_wanted(message.object_id, wanted);
       return;
     }
@@ -217,7 +218,7 @@ class HostTest : public testing::Test {
   HostOptions options_;
 };
 
-TEST_F(HostTest, AnHrtcReceivesEveryRecordOfTheModelOnceAndToTheBit) {
+TEST_F(HostTest, AnHrtcReceivesEachRecordOnceAndToTheBit) {
   RunningHost host{options_};
   TestHrtc hrtc{"hrtc"};
 
@@ -261,13 +262,13 @@ TEST_F(HostTest, CountsSentRecordsAndAnswersClockRequests) {
   ASSERT_TRUE(hrtc.run_until([&] { return hrtc.holds_all(); }));
   namespace names = session::figures;
 
-  const double all = hrtc.catalogue_->summary.records;
+  const double records = hrtc.catalogue_->summary.records;
 
-  // Earlier figures were published while some records were in flight.
-  ASSERT_TRUE(hrtc.run_until([&] { return hrtc.figures_[names::kHostRecords] >= all; }));
+  // The host may have published earlier figures before it had sent all records.
+  ASSERT_TRUE(hrtc.run_until([&] { return hrtc.figures_[names::kHostRecords] >= records; }));
 
-  EXPECT_EQ(hrtc.figures_[names::kHostRecords], all);
-  EXPECT_EQ(hrtc.figures_[std::string{names::kHostRecords} + ".hrtc"], all);
+  EXPECT_EQ(hrtc.figures_[names::kHostRecords], records);
+  EXPECT_EQ(hrtc.figures_[std::string{names::kHostRecords} + ".hrtc"], records);
   EXPECT_EQ(hrtc.figures_[names::kHostHrtcs], 1);
   EXPECT_TRUE(hrtc.run_until([&] { return hrtc.clock_answered_; }));
 }
@@ -294,7 +295,7 @@ TEST_F(HostTest, ARestartedHostServesAWaitingHrtc) {
   EXPECT_TRUE(hrtc.run_until([&] { return hrtc.holds_all(); }));
 }
 
-TEST_F(HostTest, TheLaterOfTwoHostsWithOneNameYields) {
+TEST_F(HostTest, TheLaterOfTwoHostsWithOneNameEnds) {
   RunningHost first{options_};
   RunningHost second{options_};
 

@@ -17,7 +17,7 @@ class ModelStoreTest : public testing::Test {
  protected:
   ModelStoreTest() { offline::write_mesh(mesh_, offline::generate(offline::Shape::kSphere, 400)); }
 
-  /// Opens and returns the digest; the log is in `log_text_`.
+  /// Opens a model and returns its digest. Writes the log to `log_text_`.
   std::uint64_t open(const std::filesystem::path& path) {
     log_text_.clear();
     const ModelStore store{cache_,
@@ -52,7 +52,7 @@ TEST_F(ModelStoreTest, BuildsAModelOnceForTheSameBytes) {
   EXPECT_EQ(log_text_, "");
 }
 
-TEST_F(ModelStoreTest, BuildsOtherBytesAnew) {
+TEST_F(ModelStoreTest, BuildsAModelForOtherBytes) {
   const std::uint64_t digest = open(mesh_);
   offline::write_mesh(mesh_, offline::generate(offline::Shape::kSphere, 402));
   EXPECT_NE(open(mesh_), digest);
@@ -73,7 +73,8 @@ TEST_F(ModelStoreTest, TheHashCoversTheBuffersOfAGltfFile) {
   // One triangle: three positions of three floats.
   test_support::write_bytes(gltf, R"({"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}],
     "nodes": [{"mesh": 0}], "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
-    "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3", "min": [0, 0, 0], "max": [1, 1, 0]}],
+    "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3",
+                   "min": [0, 0, 0], "max": [1, 1, 0]}],
     "bufferViews": [{"buffer": 0, "byteLength": 36}], "buffers": [{"uri": "triangle.bin", "byteLength": 36}]})");
   const auto write = [&](float corner) {
     const float positions[9] = {0, 0, 0, corner, 0, 0, 0, 1, 0};
@@ -87,7 +88,7 @@ TEST_F(ModelStoreTest, TheHashCoversTheBuffersOfAGltfFile) {
   EXPECT_NE(open(gltf), digest);
 }
 
-TEST_F(ModelStoreTest, StopsAtEveryStageWithoutLeavingAFile) {
+TEST_F(ModelStoreTest, StopsAtEveryStageWithoutAnIncompleteFile) {
   stop_ = true;
   EXPECT_THROW(open(mesh_), Stopped);
   EXPECT_FALSE(std::filesystem::exists(cache_));
@@ -106,8 +107,8 @@ TEST_F(ModelStoreTest, StopsAtEveryStageWithoutLeavingAFile) {
   EXPECT_THAT(log_text_, HasSubstr("from the cache")) << "the written file is complete";
 }
 
-TEST_F(ModelStoreTest, RefusesAFileThatIsNoModelAndNamesIt) {
-  const auto complaint = [&](const std::filesystem::path& path) -> std::string {
+TEST_F(ModelStoreTest, RefusesAFileThatIsNotAModelAndNamesIt) {
+  const auto error_of = [&](const std::filesystem::path& path) -> std::string {
     try {
       open(path);
     } catch (const offline::ModelError& error) {
@@ -115,16 +116,16 @@ TEST_F(ModelStoreTest, RefusesAFileThatIsNoModelAndNamesIt) {
     }
     return "none";
   };
-  EXPECT_THAT(complaint(folder_.path() / "none.ply"), HasSubstr("none.ply"));
-  EXPECT_THAT(complaint(folder_.path()), HasSubstr("no such model file"));
+  EXPECT_THAT(error_of(folder_.path() / "none.ply"), HasSubstr("none.ply"));
+  EXPECT_THAT(error_of(folder_.path()), HasSubstr("no such model file"));
   test_support::write_bytes(folder_.path() / "empty.obj", "");
-  EXPECT_THAT(complaint(folder_.path() / "empty.obj"), HasSubstr("empty.obj"));
+  EXPECT_THAT(error_of(folder_.path() / "empty.obj"), HasSubstr("empty.obj"));
   test_support::write_bytes(folder_.path() / "odd.spm", "no model");
-  EXPECT_THAT(complaint(folder_.path() / "odd.spm"), HasSubstr("odd.spm"));
+  EXPECT_THAT(error_of(folder_.path() / "odd.spm"), HasSubstr("odd.spm"));
 }
 
 TEST_F(ModelStoreTest, NamesACacheFolderThatCannotBeCreated) {
-  test_support::write_bytes(folder_.path() / "cache", "in the way");
+  test_support::write_bytes(folder_.path() / "cache", "a file, not a folder");
   try {
     open(mesh_);
     FAIL() << "no error";

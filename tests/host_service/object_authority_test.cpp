@@ -63,7 +63,7 @@ class ObjectAuthorityTest : public ::testing::Test {
   std::optional<session::ObjectGrant> grant_;
 };
 
-TEST_F(ObjectAuthorityTest, ADroppedObjectComesToRestAndIsNoLongerSimulated) {
+TEST_F(ObjectAuthorityTest, ADroppedObjectComesToRestAndThenIsNotSimulated) {
   object_authority_.add(cube(0.1), now_);
   run(260);
   EXPECT_TRUE(object_authority_.busy());
@@ -81,7 +81,7 @@ TEST_F(ObjectAuthorityTest, ADroppedObjectComesToRestAndIsNoLongerSimulated) {
   EXPECT_EQ(grants_, 4u);
 }
 
-TEST_F(ObjectAuthorityTest, PosesComeAt250HertzWhileItMoves) {
+TEST_F(ObjectAuthorityTest, PublishesPosesAt250HertzWhileTheObjectMoves) {
   object_authority_.add(cube(10), now_);
   run(300);
   poses_ = 0;
@@ -90,7 +90,7 @@ TEST_F(ObjectAuthorityTest, PosesComeAt250HertzWhileItMoves) {
   EXPECT_LT(pose_->velocity[2], -3);
 }
 
-TEST_F(ObjectAuthorityTest, GrantsTheObjectToAToucherAndContinuesFromItsLastPose) {
+TEST_F(ObjectAuthorityTest, GrantsTheObjectToATouchingHrtcAndThenContinuesFromItsLastPose) {
   object_authority_.add(cube(0), now_);
   run(300);
   claim(7, true);
@@ -125,7 +125,7 @@ TEST_F(ObjectAuthorityTest, GrantsTheObjectToAToucherAndContinuesFromItsLastPose
   EXPECT_NEAR(pose_->pose.position[2], 0, 1e-3);
 }
 
-TEST_F(ObjectAuthorityTest, AToucherWithoutClaimsLosesTheObjectAfterTheLease) {
+TEST_F(ObjectAuthorityTest, ATouchingHrtcWithoutClaimsLosesTheObjectAfterTheLease) {
   object_authority_.add(cube(0), now_);
   run(300);
   claim(7, true);
@@ -159,17 +159,17 @@ TEST_F(ObjectAuthorityTest, TheHostThatJoinedFirstIsTheAuthorityAndTheOtherConti
   EXPECT_GT(pose_->fencing, 2000u);
   EXPECT_NEAR(pose_->pose.position[0], 4, 1e-3);
   object_authority_.on_catalogue(cube(0, origin_of(90, 1)), now_);
-  object_authority_.on_host(older.participant, 60'000 * kMs, now_);  // it is back, and joined last
+  object_authority_.on_host(older.participant, 60'000 * kMs, now_);  // the older host is back, but now it joined later
   poses_ = 0;
   run(1000);
   EXPECT_GT(poses_, 0u);
 }
 
-TEST_F(ObjectAuthorityTest, AHostWithAWrongWallClockDoesNotBecomeTheAuthority) {
+TEST_F(ObjectAuthorityTest, AHostWithAWrongClockDoesNotBecomeTheAuthority) {
   object_authority_.on_host(100, 2'000 * kMs, now_);
   object_authority_.add(cube(0), now_);
   run(300);
-  object_authority_.on_catalogue(cube(0, origin_of(90, 1)), now_);  // 1970
+  object_authority_.on_catalogue(cube(0, origin_of(90, 1)), now_);  // an incarnation of 1970
   object_authority_.on_host(90, session::kNotJoined, now_);
   run(1000);
   object_authority_.on_host(90, 60'000 * kMs, now_);
@@ -187,7 +187,7 @@ TEST_F(ObjectAuthorityTest, AHostThatReturnsAfterAShortSilenceIsTheAuthorityAgai
   object_authority_.on_host_gone(90, now_);
   run(1000);
   EXPECT_GT(grants_, 0u);
-  object_authority_.on_host(90, 1'000 * kMs, now_);  // within the DDS lease, so no catalogue comes again
+  object_authority_.on_host(90, 1'000 * kMs, now_);  // within the DDS lease, so no catalogue arrives again
   grants_ = 0;
   run(1000);
   EXPECT_EQ(grants_, 0u);
@@ -196,12 +196,12 @@ TEST_F(ObjectAuthorityTest, AHostThatReturnsAfterAShortSilenceIsTheAuthorityAgai
 TEST_F(ObjectAuthorityTest, ARestartedHostGrantsLargerFencingNumbers) {
   object_authority_.add(cube(0), now_);
   run(1000);
-  ObjectAuthority again{origin_of(100, 2000)};
-  again.add(cube(0), now_);
+  ObjectAuthority restarted{origin_of(100, 2000)};
+  restarted.add(cube(0), now_);
   std::uint64_t fencing = 0;
   for (int ms = 0; ms < 1000; ++ms) {
     now_ += kMs;
-    for (const session::ObjectPose& pose : again.tick(now_, now_).poses) fencing = pose.fencing;
+    for (const session::ObjectPose& pose : restarted.tick(now_, now_).poses) fencing = pose.fencing;
   }
   EXPECT_GT(fencing, pose_->fencing);
 }

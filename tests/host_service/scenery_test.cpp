@@ -18,7 +18,7 @@ using haptics::Vec3d;
 constexpr std::int64_t kMs = 1'000'000;
 constexpr std::uint32_t kFaces = 40'000;
 
-/// The generated organ, 20 cm long, at the origin.
+/// The generated organ at the origin, 20 cm long.
 struct Organ {
   spm::offline::TriangleMesh mesh = spm::offline::generate(spm::offline::Shape::kOrgan, kFaces);
   spm::offline::BuiltModel built{spm::offline::build_model(mesh)};
@@ -32,9 +32,10 @@ struct Organ {
     for (int axis = 0; axis < 3; ++axis)
       longest = std::max(longest, double{summary.bounds_max[axis]} - double{summary.bounds_min[axis]});
     scale = 0.2 / longest;
-    for (const auto& p : mesh.positions) vertices.push_back(scale * Vec3d{p[0], p[1], p[2]});
+    for (const auto& position : mesh.positions)
+      vertices.push_back(scale * Vec3d{position[0], position[1], position[2]});
   }
-  [[nodiscard]] StaticObject standing() const { return {{}, scale, &encoded.compressed()}; }
+  [[nodiscard]] StaticObject object() const { return {{}, scale, &encoded.compressed()}; }
   [[nodiscard]] Vec3d top() const {
     return *std::max_element(vertices.begin(), vertices.end(),
                              [](const Vec3d& a, const Vec3d& b) { return a.z() < b.z(); });
@@ -45,8 +46,8 @@ const Organ& organ() {
   return kOrgan;
 }
 
-/// A box of 0.2 kg with these half edges in mm and its centre at `place`; the ground is far below.
-session::CatalogueEntry box(const Vec3d& half_mm, const Vec3d& place, double friction) {
+/// A box of 0.2 kg. `half_mm`: half edges, mm. `centre`: m. The ground is 1 m below the origin.
+session::CatalogueEntry box(const Vec3d& half_mm, const Vec3d& centre, double friction) {
   session::CatalogueEntry entry;
   entry.origin.session = 1;
   entry.origin.participant = 100;
@@ -57,54 +58,54 @@ session::CatalogueEntry box(const Vec3d& half_mm, const Vec3d& place, double fri
     entry.summary.bounds_min[axis] = -entry.summary.bounds_max[axis];
   }
   entry.scale = 0.001;
-  entry.pose.position = {place.x(), place.y(), place.z()};
+  entry.pose.position = {centre.x(), centre.y(), centre.z()};
   entry.body = {0.2, sharing::inertia_of_bounds(entry.summary, entry.scale, 0.2), friction, -1};
   return entry;
 }
 
-/// The pose after 4 s, when the box must be at rest.
-session::Pose dropped(const session::CatalogueEntry& entry, Scenery& scenery) {
+/// Simulates the fall of the box. Returns its pose after 4 s, when it must be at rest.
+session::Pose pose_after_drop(const session::CatalogueEntry& entry, Scenery& scenery) {
   ObjectAuthority object_authority{entry.origin};
   object_authority.set_scenery(&scenery);
   object_authority.add(entry, 0);
   session::Pose pose = entry.pose;
   for (std::int64_t now = kMs; now < 4000 * kMs; now += kMs)
     for (const session::ObjectPose& published : object_authority.tick(now, now).poses) pose = published.pose;
-  EXPECT_FALSE(object_authority.busy()) << "at rest";
+  EXPECT_FALSE(object_authority.busy());
   return pose;
 }
 
 TEST(Scenery, ABoxDroppedOnTheOrganComesToRestOnItsFinestMesh) {
   const Vec3d half{0.02, 0.015, 0.01};
-  Scenery scenery{{organ().standing()}};
+  Scenery scenery{{organ().object()}};
   const session::CatalogueEntry entry = box(1e3 * half, organ().top() + Vec3d{0, 0, 0.04}, 0.9);
-  const session::Pose pose = dropped(entry, scenery);
+  const session::Pose pose = pose_after_drop(entry, scenery);
   const haptics::BodyState state = sharing::state_at(pose, Vec3d::Zero());
   EXPECT_GT(state.position.z(), organ().top().z() - 0.005);
 
-  double deepest = 1;
+  double min_distance = 1;  // of a vertex from the box, m; negative inside
   for (const Vec3d& vertex : organ().vertices) {
-    const Vec3d beyond = state.to_body(vertex).cwiseAbs() - half;
-    deepest = std::min(deepest, beyond.maxCoeff());
+    const Vec3d distance = state.to_body(vertex).cwiseAbs() - half;
+    min_distance = std::min(min_distance, distance.maxCoeff());
   }
-  EXPECT_GT(deepest, -3e-4) << "no vertex of the finest mesh is inside the box";
-  EXPECT_LT(deepest, 3e-4) << "the box touches some vertex";
+  EXPECT_GT(min_distance, -3e-4) << "no vertex of the finest mesh is inside the box";
+  EXPECT_LT(min_distance, 3e-4) << "the box touches some vertex";
   EXPECT_GT(scenery.regions_loaded(), 0u);
   EXPECT_TRUE(scenery.is_exact(state.position - Vec3d{0, 0, half.z()}, 0.003));
 }
 
-TEST(Scenery, WithTooFewSlotsTheMeshStaysCoarserAndABoxStillComesToRest) {
-  Scenery scenery{{organ().standing()}, 200};
+TEST(Scenery, ABoxComesToRestOnACoarserMeshWhenSlotsAreTooFew) {
+  Scenery scenery{{organ().object()}, 200};
   const session::CatalogueEntry entry = box({20, 15, 10}, organ().top() + Vec3d{0, 0, 0.03}, 0.9);
-  const session::Pose pose = dropped(entry, scenery);
+  const session::Pose pose = pose_after_drop(entry, scenery);
   EXPECT_NEAR(pose.position[2], organ().top().z() + 0.01, 0.004);
 }
 
 TEST(Scenery, RegionsWithoutContactsFreeTheirSlotsForOthers) {
-  Scenery scenery{{organ().standing()}, 6000};
+  Scenery scenery{{organ().object()}, 6000};
   std::uint64_t exact = 0, requested = 0;
   for (std::size_t i = 0; i < organ().vertices.size(); i += 211) {
-    for (int look = 0; look < 12; ++look) scenery.refine_around({organ().vertices[i]});
+    for (int round = 0; round < 12; ++round) scenery.refine_around({organ().vertices[i]});
     ++requested;
     exact += scenery.is_exact(organ().vertices[i], 0.002) ? 1 : 0;
   }

@@ -1,4 +1,4 @@
-// A flight recording is untrusted input: whatever its bytes are, a replay ends with an error or with a report.
+// A flight recording is untrusted input: a replay of any bytes must end with an error or a report.
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -11,10 +11,10 @@
 #include <random>
 #include <set>
 
-#include "hrtc_service/flight_replay.hpp"
 #include "hrtc_service/flight_store.hpp"
 #include "spm/offline/build.hpp"
 #include "spm/offline/generate.hpp"
+#include "tests/hrtc_service/flight_files.hpp"
 #include "tests/support/local_session.hpp"
 #include "tests/support/temporary_folder.hpp"
 #include "trace/cdr.hpp"
@@ -22,21 +22,23 @@
 namespace tactus {
 namespace {
 
+using hrtc_service::testing::kSphereRadius;
+using hrtc_service::testing::position_on_sphere;
 using spm::Vec3d;
 using test_support::LocalSession;
 using Messages = std::vector<trace::FlightMessage>;
 
 constexpr std::uint64_t kSeed = 18;
-constexpr std::uint32_t kStateEvery = 100;  // cycles
-constexpr std::uint64_t kCycles = 40;       // that are replayed; all that happens does so within them
+constexpr std::uint32_t kStatePeriod = 100;  // cycles
+constexpr std::uint64_t kCycles = 40;        // length of the replayed part, which contains every kind of event
 constexpr std::uint64_t kMaxPoolBytes = 1u << 26;
 
 /// Overwrites one number, or the size of one sequence, of a message.
 class Overwrite {
  public:
-  static constexpr int kWays = 8;
-  /// The number `target`, in the order of the fields, the way `way`.
-  Overwrite(std::size_t target, int way) : target_{target}, way_{way} {}
+  static constexpr int kVariants = 8;
+  /// `target`: index of the number or sequence, in the order of the fields. `variant`: index of the new value or size.
+  Overwrite(std::size_t target, int variant) : target_{target}, variant_{variant} {}
 
   template <class T>
   void operator()(T& value) {
@@ -51,59 +53,60 @@ class Overwrite {
     } else if constexpr (std::is_floating_point_v<T>) {
       if (is_target()) value = static_cast<T>(number(static_cast<double>(value)));
     } else if constexpr (std::is_same_v<T, std::string>) {
-      if (is_target()) value.assign(static_cast<std::size_t>(way_) * 100, 'x');
+      if (is_target()) value.assign(static_cast<std::size_t>(variant_) * 100, 'x');
     } else if constexpr (trace::cdr::IsArray<T>::value) {
       for (auto& element : value) (*this)(element);
     } else if constexpr (trace::cdr::IsVector<T>::value) {
       if (is_target()) resize(value);
-      if (std::is_same_v<T, std::vector<std::uint8_t>>) return;  // the carried state has a test of its own
+      if (std::is_same_v<T, std::vector<std::uint8_t>>) return;  // another test damages the carried state
       if (!value.empty()) (*this)(value.front());
       if (value.size() > 1) (*this)(value.back());
     } else {
       T::fields(value, *this);
     }
   }
-  /// There was such a number.
-  [[nodiscard]] bool done() const { return at_ > target_; }
+  /// Returns whether the message has a number or sequence with the index `target`.
+  [[nodiscard]] bool found() const { return next_index_ > target_; }
 
  private:
-  [[nodiscard]] bool is_target() { return at_++ == target_; }
+  [[nodiscard]] bool is_target() { return next_index_++ == target_; }
   template <class T>
   [[nodiscard]] T integer(T value) const {
     constexpr T kMax = std::numeric_limits<T>::max();
-    const T values[kWays] = {0, 1, 7, static_cast<T>(value + 1), static_cast<T>(value - 1), kMax, kMax / 2, kMax - 1};
-    return values[way_];
+    const T values[kVariants] = {0,    1,        7,       static_cast<T>(value + 1), static_cast<T>(value - 1),
+                                 kMax, kMax / 2, kMax - 1};
+    return values[variant_];
   }
   [[nodiscard]] double number(double value) const {
     constexpr double kInfinity = std::numeric_limits<double>::infinity();
-    const double values[kWays] = {
+    const double values[kVariants] = {
         0, std::numeric_limits<double>::quiet_NaN(), kInfinity, -value, 1e300, -1e300, 1e-300, 1e9};
-    return values[way_];
+    return values[variant_];
   }
   template <class T>
   void resize(std::vector<T>& value) const {
     const std::vector<T> before = value;
     const bool empty = value.empty();
-    if (way_ == 0) {
+    if (variant_ == 0) {
       value.clear();
-    } else if (way_ == 1 && !empty) {
+    } else if (variant_ == 1 && !empty) {
       value.pop_back();
-    } else if (way_ == 2 && !empty) {
+    } else if (variant_ == 2 && !empty) {
       value.push_back(before.back());
-    } else if (way_ == 3) {
+    } else if (variant_ == 3) {
       value.insert(value.end(), before.begin(), before.end());
     } else {
-      value.resize(value.size() + (way_ == 4 ? 3 : 1000));
+      value.resize(value.size() + (variant_ == 4 ? 3 : 1000));
     }
   }
 
-  std::size_t target_, at_ = 0;
-  int way_;
+  std::size_t target_, next_index_ = 0;
+  int variant_;
 };
 
-/// Two tips, or two tools, each on a sphere. One sphere is held now and then and is moved. The other one is withdrawn
-/// and comes again. The pool holds a third of the records, so that regions come and go. The recording begins in the
-/// middle of a run.
+/// Two tips, or two tools, each on a sphere. At intervals, one sphere is held and moved, and the other one is withdrawn
+/// and offered again. The pool holds a third of the records, so that regions are loaded and retired. The recording
+/// begins in the middle of a run. Parameter: whether the users have tools.
 class FlightDamage : public ::testing::TestWithParam<bool> {
  protected:
   static void SetUpTestSuite() {
@@ -123,8 +126,7 @@ class FlightDamage : public ::testing::TestWithParam<bool> {
 
   void SetUp() override {
     record();
-    trace::FlightFileReader reader{file_};
-    for (trace::FlightMessage message; reader.next(message);) recorded_.push_back(message);
+    recorded_ = hrtc_service::testing::read_messages(file_);
     recorded_ = beginning(kCycles);
   }
 
@@ -139,56 +141,46 @@ class FlightDamage : public ::testing::TestWithParam<bool> {
     material.dynamic_friction = 0.4;
     hrtc_service::LoaderSettings loader;
     loader.tool = tool;
-    LocalSession session{{model, model}, 0.05 / radius, pool, 2, loader, material, 0.5};
-    hrtc_service::FlightRecorder recorder{kStateEvery};
+    const double scale = kSphereRadius / radius;
+    LocalSession session{{model, model}, scale, pool, 2, loader, material, 0.5};
+    hrtc_service::FlightRecorder recorder{kStatePeriod};
     session.cycle().set_observer(&recorder);
     hrtc_service::FlightStore store{
         recorder, hrtc_service::flight_start("desk", LocalSession::cycle_settings(tool), pool, LocalSession::specs()),
         0.1, hrtc_service::FlightStore::bytes_for(0.1, 0.001, 2)};
-    const auto at = [](double cycle, double turn) -> Vec3d {
-      const double angle = cycle * 1.2e-2 + turn;
-      return 0.0525 *
-             Vec3d{std::cos(angle), std::sin(angle) * std::cos(angle / 7), std::sin(angle) * std::sin(angle / 7)};
-    };
+    const auto position = [](double cycle, double phase) { return position_on_sphere(cycle * 1.2e-2 + phase); };
     for (int cycle = 0; cycle < 1250; ++cycle) {
-      const Vec3d held = Vec3d::UnitX();  // where the object stands that can move
-      session.prepare(held + at(cycle, 0), (at(cycle + 1, 0) - at(cycle, 0)) * 1000);
+      const Vec3d movable_centre = Vec3d::UnitX();  // LocalSession places the movable object there
+      session.prepare(movable_centre + position(cycle, 0), (position(cycle + 1, 0) - position(cycle, 0)) * 1000);
       if (cycle % 100 == 3) session.set_withdrawn(0, true);
       if (cycle % 100 == 60) session.set_withdrawn(0, false);
       session.inputs()[0].device.buttons =
           cycle % 100 > 8 && cycle % 100 < 18 ? std::uint32_t{haptics::kGrabButton} : 0;
       hrtc_service::ProbeInput& other = session.inputs()[1];
       other.active = true;
-      other.device.position = at(cycle, 2);
+      other.device.position = position(cycle, 2);
       if (cycle % 100 == 20) session.cycle().stop(haptics::Fault::kEmergencyStop);
       if (cycle % 100 == 25) session.cycle().reset_faults();
       if (cycle > 100 && cycle % 100 > 4 && cycle % 100 < 15)
         for (const hrtc_service::TouchObject* object : session.cycle().objects())
           if (object->body)
-            session.cycle().move(
-                *object, hrtc_service::Placement{{{1 + 1e-5 * (cycle % 100), 0, 0}, {0, 0, 0, 1}}, 0.05 / radius});
+            session.cycle().move(*object,
+                                 hrtc_service::Placement{{{1 + 1e-5 * (cycle % 100), 0, 0}, {0, 0, 0, 1}}, scale});
       (void)session.run_cycle(1u << 20);
       store.drain();
     }
     (void)store.write(file_, "a test");
   }
 
-  /// A replay with tools takes ten times as long.
+  /// The step of a loop over messages or rounds. A replay with tools takes ten times as long as with tips.
   [[nodiscard]] static std::size_t stride() { return GetParam() ? 10 : 1; }
-  /// Replays these; what came of it.
+  /// Replays these messages. Returns "same", "differs" or the error.
   std::string replay(const Messages& messages) {
-    {
-      trace::FlightFileWriter writer{file_};
-      for (const trace::FlightMessage& message : messages) writer.write(message);
-      writer.close();
-    }
+    hrtc_service::testing::write_messages(file_, messages);
     return replay_file();
   }
   std::string replay_file() {
-    hrtc_service::FlightReplayOptions options;
-    options.model = [](std::uint64_t digest) {
-      return digest == encoded_->compressed().summary().digest ? &encoded_->compressed() : nullptr;
-    };
+    hrtc_service::FlightReplayOptions options = hrtc_service::testing::replay_options(*encoded_);
     options.max_pool_bytes = kMaxPoolBytes;
     try {
       const hrtc_service::FlightReport report = hrtc_service::replay_flight(file_, options);
@@ -199,7 +191,7 @@ class FlightDamage : public ::testing::TestWithParam<bool> {
       return error.what();
     }
   }
-  /// What comes before the first cycle, and `cycles` of these.
+  /// Returns the messages before the first cycle and those of the first `cycles` cycles.
   [[nodiscard]] Messages beginning(std::uint64_t cycles) const {
     Messages messages;
     for (const trace::FlightMessage& message : recorded_) {
@@ -231,7 +223,7 @@ TEST_P(FlightDamage, AnUndamagedRecordingIsReplayedToTheBit) {
   EXPECT_EQ(replay(beginning(5)), "same");
   std::array<int, std::variant_size_v<trace::FlightMessage>> found{};
   for (const trace::FlightMessage& message : recorded_) ++found[message.index()];
-  EXPECT_THAT(found, testing::Each(testing::Gt(0))) << "each kind of message is there to be damaged";
+  EXPECT_THAT(found, testing::Each(testing::Gt(0))) << "the tests need each kind of message";
   using Kind = trace::FlightEvent::Kind;
   for (const Kind kind : {Kind::kObjectWithdrawn, Kind::kObjectLeft})
     EXPECT_TRUE(std::any_of(recorded_.begin(), recorded_.end(), [&](const trace::FlightMessage& message) {
@@ -240,7 +232,7 @@ TEST_P(FlightDamage, AnUndamagedRecordingIsReplayedToTheBit) {
     })) << static_cast<int>(kind);
 }
 
-TEST_P(FlightDamage, BytesOfTheFile) {
+TEST_P(FlightDamage, AReplayOfDamagedBytesEnds) {
   std::ifstream in{file_, std::ios::binary};
   const std::vector<char> whole{std::istreambuf_iterator<char>{in}, {}};
   std::mt19937_64 random{kSeed};
@@ -248,51 +240,52 @@ TEST_P(FlightDamage, BytesOfTheFile) {
     std::vector<char> bytes = whole;
     if (round % 3 == 0) bytes.resize(random() % bytes.size());
     for (int i = 0; i < 1 + round % 4 && !bytes.empty(); ++i) {
-      // The first records more often than those that a checksum covers.
-      const std::size_t at = random() % (round % 2 == 0 ? bytes.size() : std::min<std::size_t>(bytes.size(), 200));
-      bytes[at] = static_cast<char>(random());
+      // Damages the first bytes more often, because a checksum covers the later ones.
+      const std::size_t position =
+          random() % (round % 2 == 0 ? bytes.size() : std::min<std::size_t>(bytes.size(), 200));
+      bytes[position] = static_cast<char>(random());
     }
     std::ofstream{file_, std::ios::binary}.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
     (void)replay_file();
   }
 }
 
-TEST_P(FlightDamage, EachFieldOfEachKindOfMessage) {
-  // Of each kind the first behind the state, of events the first of each kind.
+TEST_P(FlightDamage, AReplayOfAMessageWithADamagedFieldEnds) {
+  // Damages the first message of each type, and the first event of each kind.
   std::set<std::pair<std::size_t, std::uint32_t>> seen;
   int damaged = 0, refused = 0;
   for (std::size_t i = 0; i < recorded_.size(); ++i) {
-    // Of a recording with a tool what tools are made of; a replay takes ten times as long.
+    // With tools only the start message, which contains the tool: such a replay takes ten times as long.
     if (GetParam() && !std::holds_alternative<trace::FlightStart>(recorded_[i])) continue;
     const auto* const event = std::get_if<trace::FlightEvent>(&recorded_[i]);
     const auto kind = event != nullptr ? static_cast<std::uint32_t>(event->kind) : 0;
     if (!seen.insert({recorded_[i].index(), kind}).second) continue;
-    bool more = true;
-    for (std::size_t target = 0; more; target += GetParam() ? 3 : 1) {
-      for (int way = 0; way < Overwrite::kWays && more; ++way) {
+    bool found = true;
+    for (std::size_t target = 0; found; target += GetParam() ? 3 : 1) {
+      for (int variant = 0; variant < Overwrite::kVariants && found; ++variant) {
         Messages messages = recorded_;
-        Overwrite overwrite{target, way};
+        Overwrite overwrite{target, variant};
         std::visit([&](auto& message) { overwrite(message); }, messages[i]);
-        more = overwrite.done();
-        if (!more) continue;
+        found = overwrite.found();
+        if (!found) continue;
         const std::string outcome = replay(messages);
         ++damaged;
         refused += outcome != "same" && outcome != "differs" ? 1 : 0;
       }
     }
   }
-  EXPECT_GE(seen.size(), GetParam() ? 1u : 9u) << "all messages and two kinds of events";
+  EXPECT_GE(seen.size(), GetParam() ? 1u : 9u) << "all message types, and two kinds of events";
   EXPECT_GT(damaged, GetParam() ? 100 : 1000);
   EXPECT_GT(refused, damaged / 4);
 }
 
-TEST_P(FlightDamage, EventsThatCannotHaveBeen) {
+TEST_P(FlightDamage, AReplayDetectsImpossibleEvents) {
   using Kind = trace::FlightEvent::Kind;
   Messages messages = recorded_;
   const auto after_state = std::find_if(messages.begin(), messages.end(), [](const trace::FlightMessage& message) {
     return std::holds_alternative<trace::FlightRefine>(message);
   });
-  const auto at = static_cast<std::size_t>(after_state - messages.begin()) + 1;
+  const auto first_refine = static_cast<std::size_t>(after_state - messages.begin());
   const std::uint32_t regions = encoded_->compressed().summary().regions;
   for (const Kind first : {Kind::kObjectCame, Kind::kRegionCame, Kind::kRegionRetired, Kind::kRegionLeft,
                            Kind::kObjectWithdrawn, Kind::kObjectLeft})
@@ -302,15 +295,15 @@ TEST_P(FlightDamage, EventsThatCannotHaveBeen) {
         if (GetParam() && object != 0) continue;
         for (const std::uint32_t region : {0u, 1u, regions / 2, regions - 1, regions, ~0u}) {
           messages = recorded_;
-          for (const Kind kind : {second, second, first})  // the last one inserted comes first
-            messages.insert(messages.begin() + static_cast<std::ptrdiff_t>(at),
+          for (const Kind kind : {second, second, first})  // each event is inserted before the previous one
+            messages.insert(messages.begin() + static_cast<std::ptrdiff_t>(first_refine) + 1,
                             trace::FlightEvent{0, kind, object, region, 0});
           EXPECT_NE(replay(messages), "same");
         }
       }
 }
 
-TEST_P(FlightDamage, EachMessageIsMissingOrComesTwice) {
+TEST_P(FlightDamage, AReplayWithAMissingOrRepeatedMessageEnds) {
   for (std::size_t i = 0; i < recorded_.size(); i += stride()) {
     Messages messages = recorded_;
     messages.insert(messages.begin() + static_cast<std::ptrdiff_t>(i), recorded_[i]);
@@ -321,7 +314,7 @@ TEST_P(FlightDamage, EachMessageIsMissingOrComesTwice) {
   }
 }
 
-TEST_P(FlightDamage, MessagesInAnotherOrder) {
+TEST_P(FlightDamage, AReplayOfMessagesInAnotherOrderEnds) {
   std::mt19937_64 random{kSeed};
   for (std::size_t round = 0; round < 100; round += stride()) {
     Messages messages = recorded_;
@@ -331,31 +324,30 @@ TEST_P(FlightDamage, MessagesInAnotherOrder) {
   }
 }
 
-TEST_P(FlightDamage, EachWordOfTheCarriedState) {
-  const Messages whole = beginning(4);
-  Messages messages = whole;
+TEST_P(FlightDamage, AReplayOfADamagedStateEndsAndAWrongSizeIsRefused) {
+  Messages messages = beginning(4);
   trace::FlightState& state = state_of(messages);
   const std::vector<std::uint8_t> carried = state.carried;
   int refused = 0, damaged = 0;
-  const auto damage = [&](std::size_t at, std::uint64_t value, std::size_t size) {
+  const auto damage = [&](std::size_t offset, std::uint64_t value, std::size_t size) {
     state.carried = carried;
-    std::memcpy(state.carried.data() + at, &value, std::min(size, carried.size() - at));
+    std::memcpy(state.carried.data() + offset, &value, std::min(size, carried.size() - offset));
     const std::string outcome = replay(messages);
     ++damaged;
     refused += outcome != "same" && outcome != "differs" ? 1 : 0;
   };
-  // A replay of a tool takes ten times as long: of its state every sixteenth word, of a tip's every second.
+  // Damages every second word with tips, and every sixteenth with tools, because such a replay takes ten times as long.
   std::mt19937_64 random{kSeed};
-  const std::size_t words = GetParam() ? 16 : 2;
-  for (std::size_t at = 8 * (random() % words); at < carried.size(); at += 8 * words) {
-    damage(at, ~std::uint64_t{0}, 8);
+  const std::size_t step = GetParam() ? 16 : 2;  // words
+  for (std::size_t offset = 8 * (random() % step); offset < carried.size(); offset += 8 * step) {
+    damage(offset, ~std::uint64_t{0}, 8);
     if (GetParam()) continue;
-    damage(at, 0x0000000200000003u, 8);
-    damage(at, 0x7f7f7f7f7f7f7f7fu, 8);
+    damage(offset, 0x0000000200000003u, 8);
+    damage(offset, 0x7f7f7f7f7f7f7f7fu, 8);
   }
   for (int round = 0; round < (GetParam() ? 60 : 500); ++round)
     damage(random() % carried.size(), random(), 1 + random() % 8);
-  EXPECT_GT(refused, damaged / 10) << "most are numbers that may be anything";
+  EXPECT_GT(refused, damaged / 10) << "for most words, each value is valid";
   for (const std::size_t size : {std::size_t{0}, carried.size() - 1, carried.size() / 2}) {
     state.carried.assign(carried.begin(), carried.begin() + static_cast<std::ptrdiff_t>(size));
     EXPECT_THAT(replay(messages), testing::HasSubstr("found a state of " + std::to_string(size) + " bytes, expected "));

@@ -1,5 +1,4 @@
-// Flight recordings: what a cycle did is done again, to the bit, from its beginning and from the midst, and what is not
-// the same is found.
+// A replay of a flight recording must compute every force again, to the bit, and must report any difference.
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -10,12 +9,12 @@
 #include <functional>
 #include <random>
 
-#include "hrtc_service/flight_replay.hpp"
 #include "hrtc_service/flight_saver.hpp"
 #include "hrtc_service/flight_store.hpp"
 #include "spm/offline/build.hpp"
 #include "spm/offline/generate.hpp"
 #include "spm/rotation.hpp"
+#include "tests/hrtc_service/flight_files.hpp"
 #include "tests/support/local_session.hpp"
 #include "tests/support/temporary_folder.hpp"
 
@@ -25,16 +24,20 @@ namespace {
 using hrtc_service::FlightOptions;
 using hrtc_service::FlightReport;
 using hrtc_service::FlightStore;
+using hrtc_service::testing::kSphereRadius;
+using hrtc_service::testing::position_on_sphere;
 using spm::Vec3d;
 using test_support::LocalSession;
 
 constexpr std::uint32_t kSecond = 1000;  // cycles
 constexpr std::uint64_t kSeed = 5;
-constexpr double kScarce = 0.17, kRestful = 1.5;  // of the model's records in slots: half of what these show may rest
+// Slots of a pool / record parts of the model. The large pool retains many regions.
+constexpr double kSmallPool = 0.17, kLargePool = 1.5;
 
-/// Two tips on a sphere with friction, in a pool of a fifth: regions come and go all the while, refinement is cut short
-/// by chance, poses grow old, an emergency stop and a device that fails end in resets, the object moves.
-class Flight : public ::testing::Test {
+/// Two tips on a sphere with friction. The pool holds a fifth of the model, so that regions are loaded and retired
+/// during the whole run. Refinement ends early at random, poses become stale, the object moves, and emergency stops and
+/// a device fault are reset.
+class FlightReplayTest : public ::testing::Test {
  protected:
   static void SetUpTestSuite() {
     built_ = new spm::offline::BuiltModel{
@@ -46,46 +49,46 @@ class Flight : public ::testing::Test {
     delete built_;
   }
 
-  /// `drains`: whether the store looks for records after this cycle.
+  /// `seconds`: length of the recording, which ends with the last cycle. `drains`: returns whether the store reads the
+  /// recorder after this cycle. `pool_share`: slots of the pool / record parts of the model.
   void record(
       int cycles, double seconds, const std::function<bool(int)>& drains = [](int) { return true; },
-      double share = kScarce) {
+      double pool_share = kSmallPool) {
     const spm::Model model = built_->model();
     const double radius = (model.summary.bounds_max[0] - model.summary.bounds_min[0]) / 2;
     const spm::PoolSettings pool =
-        spm::PoolSettings::for_slots(static_cast<std::uint32_t>(share * model.summary.parts) + 600);
+        spm::PoolSettings::for_slots(static_cast<std::uint32_t>(pool_share * model.summary.parts) + 600);
     session::Material material;
     material.static_friction = 0.5;
     material.dynamic_friction = 0.4;
     hrtc_service::LoaderSettings loader;
     loader.tool = tool_;
     const std::vector<spm::Model> models(withdraws_ ? 2 : 1, model);
-    LocalSession session{models, 0.05 / radius, pool, 2, loader, material, movable_ ? 0.5 : 0};
+    const double scale = kSphereRadius / radius;
+    LocalSession session{models, scale, pool, 2, loader, material, movable_ ? 0.5 : 0};
     hrtc_service::FlightRecorder recorder{kSecond};
     session.cycle().set_observer(&recorder);
-    hrtc_service::FlightStore store{
+    FlightStore store{
         recorder, hrtc_service::flight_start("desk", LocalSession::cycle_settings(tool_), pool, LocalSession::specs()),
-        seconds, hrtc_service::FlightStore::bytes_for(seconds, 0.001, 2)};
+        seconds, FlightStore::bytes_for(seconds, 0.001, 2)};
     std::mt19937_64 random{kSeed};
-    const auto at = [](double cycle, double turn) -> Vec3d {
-      const double angle = cycle * 3e-3 + turn;
-      return 0.0525 *
-             Vec3d{std::cos(angle), std::sin(angle) * std::cos(angle / 7), std::sin(angle) * std::sin(angle / 7)};
-    };
-    std::uint64_t contact = 0;
+    const auto position = [](double cycle, double phase) { return position_on_sphere(cycle * 3e-3 + phase); };
+    std::uint64_t contact_cycles = 0;
     for (int cycle = 0; cycle < cycles; ++cycle) {
-      if (cycle % 700 == 650)  // the haptic thread does not come to run: what comes and goes meanwhile arrives at once
-        for (int i = 0; i < 200; ++i) session.prepare(at(cycle + 2 * i, 0), Vec3d::Zero());
-      const auto velocity = [&](double turn) -> Vec3d { return (at(cycle + 1, turn) - at(cycle, turn)) * 1000; };
-      session.prepare(at(cycle, 0), velocity(0));
-      const auto leaning = [&](double turn) {
-        return spm::rotation_between(Vec3d::UnitZ(), at(cycle, turn) + Vec3d{0.03, 0, 0});
+      if (cycle % 700 == 650)  // the haptic thread is delayed for 200 cycles, and then receives all arrivals at once
+        for (int i = 0; i < 200; ++i) session.prepare(position(cycle + 2 * i, 0), Vec3d::Zero());
+      const auto velocity = [&](double phase) -> Vec3d {
+        return (position(cycle + 1, phase) - position(cycle, phase)) * 1000;
       };
-      session.inputs()[0].device.orientation = leaning(0);
+      session.prepare(position(cycle, 0), velocity(0));
+      const auto tilted = [&](double phase) {
+        return spm::rotation_between(Vec3d::UnitZ(), position(cycle, phase) + Vec3d{0.03, 0, 0});
+      };
+      session.inputs()[0].device.orientation = tilted(0);
       hrtc_service::ProbeInput& other = session.inputs()[1];
-      other.device.orientation = leaning(2);
+      other.device.orientation = tilted(2);
       other.active = cycle % 3000 > 400;
-      other.device.position = at(cycle, 2) + (withdraws_ ? Vec3d::UnitX() : Vec3d{Vec3d::Zero()});
+      other.device.position = position(cycle, 2) + (withdraws_ ? Vec3d::UnitX() : Vec3d{Vec3d::Zero()});
       other.device.velocity = velocity(2);
       if (withdraws_ && cycle % 1000 == 400) session.set_withdrawn(1, true);
       if (withdraws_ && cycle % 1000 == 700) session.set_withdrawn(1, false);
@@ -98,27 +101,25 @@ class Flight : public ::testing::Test {
       if (cycle > 2000 && cycle % 1000 < 300 && !session.cycle().objects().empty()) {
         session::Pose pose;
         pose.position = {1e-5 * (cycle % 1000), 0, 0};
-        session.cycle().move(*session.cycle().objects().front(), hrtc_service::Placement{pose, 0.05 / radius});
+        session.cycle().move(*session.cycle().objects().front(), hrtc_service::Placement{pose, scale});
       }
       const std::uint32_t budget = random() % 4 == 0 ? static_cast<std::uint32_t>(random() % 500) : 1u << 20;
       const std::uint32_t status = session.run_cycle(budget).probes[0].status;
-      contact += (status & session::kInContact) != 0 ? 1 : 0;
-      held_ += (status & session::kHolding) != 0 ? 1 : 0;
+      contact_cycles += (status & session::kInContact) != 0 ? 1 : 0;
+      held_cycles_ += (status & session::kHolding) != 0 ? 1 : 0;
       if (drains(cycle)) store.drain();
     }
-    EXPECT_GT(contact, static_cast<std::uint64_t>(cycles) / 2);
-    EXPECT_LE(store.bytes(), hrtc_service::FlightStore::bytes_for(seconds, 0.001, 2));
+    EXPECT_GT(contact_cycles, static_cast<std::uint64_t>(cycles) / 2);
+    EXPECT_LE(store.bytes(), FlightStore::bytes_for(seconds, 0.001, 2));
     (void)store.write(file_, "a test");
   }
 
-  [[nodiscard]] static hrtc_service::FlightReplayOptions options() {
-    hrtc_service::FlightReplayOptions options;
-    options.model = [](std::uint64_t digest) {
-      return digest == encoded_->compressed().summary().digest ? &encoded_->compressed() : nullptr;
-    };
-    return options;
+  [[nodiscard]] FlightReport replay(bool accepts_any_build = false) const {
+    hrtc_service::FlightReplayOptions options = hrtc_service::testing::replay_options(*encoded_);
+    options.accepts_any_build = accepts_any_build;
+    return hrtc_service::replay_flight(file_, options);
   }
-  [[nodiscard]] FlightReport replay() const { return hrtc_service::replay_flight(file_, options()); }
+  /// The error message of the replay.
   [[nodiscard]] std::string refusal() const {
     try {
       (void)replay();
@@ -127,34 +128,26 @@ class Flight : public ::testing::Test {
     }
     return "replayed";
   }
-  /// Writes the recording once more, with each message as `change` leaves it.
+  /// Applies `change` to each message of the recording.
   void rewrite(const std::function<void(trace::FlightMessage&)>& change) const {
-    std::vector<trace::FlightMessage> all;
-    {
-      trace::FlightFileReader reader{file_};
-      for (trace::FlightMessage message; reader.next(message);) all.push_back(message);
-    }
-    trace::FlightFileWriter writer{file_};
-    for (trace::FlightMessage& message : all) {
-      change(message);
-      writer.write(message);
-    }
-    writer.close();
+    std::vector<trace::FlightMessage> messages = hrtc_service::testing::read_messages(file_);
+    for (trace::FlightMessage& message : messages) change(message);
+    hrtc_service::testing::write_messages(file_, messages);
   }
 
   const spm::MeshProbe* tool_ = nullptr;
-  bool movable_ = false;    // and held now and then
-  bool withdraws_ = false;  // a second object, which the other tip touches, again and again
-  int held_ = 0;            // cycles
+  bool movable_ = false;    // the object is movable, and the first hand holds it at intervals
+  bool withdraws_ = false;  // the second tip touches a second object, which is withdrawn at intervals
+  int held_cycles_ = 0;
   test_support::TemporaryFolder folder_;
   std::filesystem::path file_ = folder_.path() / "flight.mcap";
   static spm::offline::BuiltModel* built_;
   static spm::codec::EncodedModel* encoded_;
 };
-spm::offline::BuiltModel* Flight::built_ = nullptr;
-spm::codec::EncodedModel* Flight::encoded_ = nullptr;
+spm::offline::BuiltModel* FlightReplayTest::built_ = nullptr;
+spm::codec::EncodedModel* FlightReplayTest::encoded_ = nullptr;
 
-TEST_F(Flight, AWholeSessionIsReplayedToTheBit) {
+TEST_F(FlightReplayTest, AWholeSessionIsReplayedToTheBit) {
   record(5000, 30);
   const FlightReport report = replay();
   EXPECT_EQ(report.different_cycles, 0u) << report.first_difference;
@@ -171,8 +164,8 @@ TEST_F(Flight, AWholeSessionIsReplayedToTheBit) {
   EXPECT_EQ(report.lost, 0u);
 }
 
-TEST_F(Flight, TheLastSecondsAreReplayedToTheBitFromTheMiddle) {
-  // Begins where a stop is in force, where the object is on its way, where refinement was cut short.
+TEST_F(FlightReplayTest, ARecordingOfTheLastSecondsIsReplayedToTheBit) {
+  // These recordings begin while a stop is in force, while the object moves, and after refinement that ended early.
   for (const int cycles : {3850, 4250, 5999}) {
     SCOPED_TRACE(cycles);
     record(cycles, 2);
@@ -185,12 +178,12 @@ TEST_F(Flight, TheLastSecondsAreReplayedToTheBitFromTheMiddle) {
   }
 }
 
-TEST_F(Flight, AnObjectThatIsWithdrawnAndComesAgainIsReplayedToTheBit) {
+TEST_F(FlightReplayTest, AnObjectThatIsWithdrawnAndOfferedAgainIsReplayedToTheBit) {
   withdraws_ = true;
   for (const double seconds : {30., 2.}) {
     SCOPED_TRACE(seconds);
     record(
-        5000, seconds, [](int) { return true; }, 2 * kScarce);
+        5000, seconds, [](int) { return true; }, 2 * kSmallPool);
     const FlightReport report = replay();
     EXPECT_EQ(report.different_cycles, 0u) << report.first_difference;
     EXPECT_EQ(report.from_the_beginning, seconds > 5);
@@ -199,37 +192,37 @@ TEST_F(Flight, AnObjectThatIsWithdrawnAndComesAgainIsReplayedToTheBit) {
   }
 }
 
-TEST_F(Flight, AnObjectThatIsGoneByTheTimeThatTheRecordingIsReadIsReplayedToTheBit) {
+TEST_F(FlightReplayTest, AnObjectThatIsRemovedBeforeItsRecordsAreReadIsReplayedToTheBit) {
   withdraws_ = true;
   record(
-      600, 30, [](int) { return false; }, 2 * kScarce);
+      600, 30, [](int) { return false; }, 2 * kSmallPool);
   const FlightReport report = replay();
   EXPECT_EQ(report.different_cycles, 0u) << report.first_difference;
   EXPECT_EQ(report.objects_withdrawn, 1u);
 }
 
-TEST_F(Flight, AnotherOrderOfWhatRestsIsFound) {
+TEST_F(FlightReplayTest, AnotherOrderOfTheRetainedRegionsIsReported) {
   record(
-      4250, 2, [](int) { return true; }, kRestful);
+      4250, 2, [](int) { return true; }, kLargePool);
   EXPECT_EQ(replay().different_cycles, 0u);
-  std::uint32_t resting = 0;
+  std::uint32_t retained = 0;
   rewrite([&](trace::FlightMessage& message) {
     auto* const state = std::get_if<trace::FlightState>(&message);
     if (state == nullptr) return;
     for (trace::FlightObjectState& object : state->objects) {
       const auto first = std::find_if(object.in_use.begin(), object.in_use.end(),
                                       [](const trace::FlightRegion& region) { return region.resting; });
-      resting += static_cast<std::uint32_t>(object.in_use.end() - first);
+      retained += static_cast<std::uint32_t>(object.in_use.end() - first);
       std::reverse(first, object.in_use.end());
     }
   });
-  EXPECT_GT(resting, 3u);
+  EXPECT_GT(retained, 3u);
   const FlightReport report = replay();
   EXPECT_GT(report.different_cycles, 0u);
   EXPECT_THAT(report.first_difference, testing::HasSubstr(", the mesh differs"));
 }
 
-TEST_F(Flight, ToolsAreReplayedToTheBitFromTheBeginningAndFromTheMiddle) {
+TEST_F(FlightReplayTest, ToolsAreReplayedToTheBitFromTheBeginningAndFromTheMiddle) {
   const spm::offline::TriangleMesh stylus = spm::offline::stylus();
   const spm::MeshProbe probe{stylus.positions, stylus.faces};
   tool_ = &probe;
@@ -244,27 +237,28 @@ TEST_F(Flight, ToolsAreReplayedToTheBitFromTheBeginningAndFromTheMiddle) {
   }
 }
 
-TEST_F(Flight, HoldsAreReplayedToTheBitFromTheMiddle) {
+TEST_F(FlightReplayTest, HoldsAreReplayedToTheBitFromTheMiddle) {
   movable_ = true;
   record(5300, 2);
-  EXPECT_GT(held_, 1000);
+  EXPECT_GT(held_cycles_, 1000);
   const FlightReport report = replay();
   EXPECT_FALSE(report.from_the_beginning);
   EXPECT_GT(report.cycles, 1000u);
   EXPECT_EQ(report.different_cycles, 0u);
 }
 
-TEST_F(Flight, WhatTheProcessorDoesWithDenormalsIsDoneAgain) {
+TEST_F(FlightReplayTest, AReplayUsesTheDenormalModeOfTheRecordingAndRestoresItsOwn) {
+  constexpr unsigned kDenormalsAreZero = 0x8040;  // DAZ and FTZ
   const unsigned before = _mm_getcsr();
-  _mm_setcsr(before | 0x8040);
+  _mm_setcsr(before | kDenormalsAreZero);
   record(1500, 30);
   _mm_setcsr(before);
   const FlightReport report = replay();
   EXPECT_EQ(report.different_cycles, 0u) << report.first_difference;
-  EXPECT_EQ(_mm_getcsr(), before) << "and left as it was";
+  EXPECT_EQ(_mm_getcsr(), before);
 }
 
-TEST_F(Flight, ItGoesOnAfterCyclesThatWereLost) {
+TEST_F(FlightReplayTest, AReplayContinuesAfterLostCycles) {
   record(11000, 30, [](int cycle) { return cycle < 2000 || cycle > 8000; });
   const FlightReport report = replay();
   EXPECT_EQ(report.different_cycles, 0u) << report.first_difference;
@@ -273,7 +267,7 @@ TEST_F(Flight, ItGoesOnAfterCyclesThatWereLost) {
   EXPECT_EQ(report.cycles + report.lost, 11000u);
 }
 
-TEST_F(Flight, OneBitOfOneInputIsFound) {
+TEST_F(FlightReplayTest, AChangeOfOneBitOfOneInputIsReported) {
   record(2500, 30);
   rewrite([](trace::FlightMessage& message) {
     auto* const probe = std::get_if<trace::FlightProbe>(&message);
@@ -285,22 +279,22 @@ TEST_F(Flight, OneBitOfOneInputIsFound) {
   EXPECT_THAT(report.first_difference, testing::StartsWith("cycle 1234, probe 0: force was ("));
 }
 
-TEST_F(Flight, OnePortionOfWorkLessIsFound) {
+TEST_F(FlightReplayTest, ASmallerBudgetOfOneCycleIsReported) {
   record(2500, 30);
-  bool less = false;
+  bool changed = false;
   rewrite([&](trace::FlightMessage& message) {
     auto* const refine = std::get_if<trace::FlightRefine>(&message);
-    if (refine == nullptr || less || refine->cycle < 1000 || refine->granted < 2000) return;
+    if (refine == nullptr || changed || refine->cycle < 1000 || refine->granted < 2000) return;
     refine->granted /= 2;
-    less = true;
+    changed = true;
   });
-  ASSERT_TRUE(less);
+  ASSERT_TRUE(changed);
   const FlightReport report = replay();
   EXPECT_GT(report.different_cycles, 0u);
   EXPECT_THAT(report.first_difference, testing::HasSubstr(", the mesh differs"));
 }
 
-TEST_F(Flight, ACutFileIsReplayedToWhereItIsCut) {
+TEST_F(FlightReplayTest, ATruncatedFileIsReplayedToItsEnd) {
   record(2500, 30);
   std::filesystem::resize_file(file_, std::filesystem::file_size(file_) * 2 / 3);
   const FlightReport report = replay();
@@ -309,17 +303,17 @@ TEST_F(Flight, ACutFileIsReplayedToWhereItIsCut) {
   EXPECT_GT(report.cycles, 500u);
 }
 
-TEST_F(Flight, WhatCannotBeReplayedIsRefusedWithTheReason) {
+TEST_F(FlightReplayTest, AnInvalidRecordingIsRefusedWithTheReason) {
   record(1200, 30);
-  const auto changed = [&](const std::function<void(trace::FlightMessage&)>& change) {
+  const auto refusal_after = [&](const std::function<void(trace::FlightMessage&)>& change) {
     rewrite(change);
     return refusal();
   };
-  EXPECT_THAT(changed([](trace::FlightMessage& message) {
+  EXPECT_THAT(refusal_after([](trace::FlightMessage& message) {
                 if (auto* object = std::get_if<trace::FlightObject>(&message)) object->digest ^= 1;
               }),
               testing::HasSubstr("object 'object0' is of the model with digest "));
-  EXPECT_THAT(changed([](trace::FlightMessage& message) {
+  EXPECT_THAT(refusal_after([](trace::FlightMessage& message) {
                 if (auto* start = std::get_if<trace::FlightStart>(&message)) start->build = "another";
               }),
               testing::HasSubstr("recorded by build another, this is build "));
@@ -334,14 +328,12 @@ TEST_F(Flight, WhatCannotBeReplayedIsRefusedWithTheReason) {
   EXPECT_THAT(refusal(), testing::HasSubstr(file_.string()));
 }
 
-TEST_F(Flight, AnotherBuildsRecordingIsReplayedFromItsBeginningWhenThatIsRequested) {
+TEST_F(FlightReplayTest, ARecordingOfAnotherBuildIsReplayedOnRequest) {
   record(1200, 30);
   rewrite([](trace::FlightMessage& message) {
     if (auto* start = std::get_if<trace::FlightStart>(&message)) start->build = "another";
   });
-  hrtc_service::FlightReplayOptions any = options();
-  any.accepts_any_build = true;
-  EXPECT_EQ(hrtc_service::replay_flight(file_, any).different_cycles, 0u);
+  EXPECT_EQ(replay(true).different_cycles, 0u);
 }
 
 TEST(FlightLimit, StaysWithinAnEighthOfTheMemoryOrRecordsNothing) {

@@ -7,43 +7,45 @@
 namespace tactus::hrtc_service {
 namespace {
 
-/// A machine whose cycles cost what it says, with tails as measured ones have, and that always has more to refine.
+/// Simulates the times of cycles, which always have more to refine. Each time has a log-normal tail, as measured times.
 class Machine {
  public:
   explicit Machine(std::uint64_t seed) : random_{seed} {}
-  double unit_ns = 8, refit_unit_ns = 4, touch_ns = 15'000, slowness = 1;
-  double interrupt_ns = 0;  // in one cycle of 200
-  double preempt_ns = 0;    // in every twentieth cycle, before its last portion
+  double unit_ns = 8, refit_unit_ns = 4;  // for each unit of Budget
+  double touch_ns = 15'000;
+  double slowness = 1;      // factor of all times
+  double interrupt_ns = 0;  // in one cycle of 200 at random
+  double preempt_ns = 0;    // in one cycle of 20 at random, before its last portion
 
-  /// Returns the share of cycles that missed, interrupted ones left out.
+  /// Returns the share of cycles that missed the deadline although nothing interrupted or preempted them.
   double run(Governor& governor, double deadline_ns, int cycles) {
     constexpr std::uint32_t kPortion = 136;
     std::lognormal_distribution<double> tail{0, 0.25};
     int missed = 0;
     double units = 0;
-    for (int i = 0; i < cycles; ++i) {
+    for (int cycle = 0; cycle < cycles; ++cycle) {
       const RefineLimit limit = governor.limit();
-      const double began = touch_ns * tail(random_) * slowness, portion_ns = unit_ns * kPortion * slowness;
+      const double refine_start = touch_ns * tail(random_) * slowness, portion_ns = unit_ns * kPortion * slowness;
       const bool preempted = preempt_ns > 0 && random_() % 20 == 0;
-      double now = began + (preempted ? preempt_ns : 0), foreseen = 0;
+      double now = refine_start + (preempted ? preempt_ns : 0), predicted_end = 0;
       std::uint32_t refined = 0;
-      while (refined == 0 || limit.allows(began, now, refined)) {
-        foreseen = limit.predicted_end(now, refined);
+      while (refined == 0 || limit.allows(refine_start, now, refined)) {
+        predicted_end = limit.predicted_end(now, refined);
         refined += kPortion;
         now += portion_ns * tail(random_);
       }
       const double refit = refit_unit_ns * refined * tail(random_) * slowness;
       const bool interrupted = random_() % 200 == 0 && interrupt_ns > 0;
-      const double own = now + refit + (interrupted ? interrupt_ns : 0);
-      governor.observe(refined, refit, own, foreseen);
-      missed += own > deadline_ns && !interrupted && !preempted ? 1 : 0;
+      const double end = now + refit + (interrupted ? interrupt_ns : 0);
+      governor.observe(refined, refit, end, predicted_end);
+      missed += end > deadline_ns && !interrupted && !preempted ? 1 : 0;
       units += refined;
     }
     mean_units = units / cycles;
     return static_cast<double>(missed) / cycles;
   }
-  /// Of what deadline and touching leave, the share that was refined and refitted on average.
-  [[nodiscard]] double used(double deadline_ns) const {
+  /// Returns the mean share of the time between touch and deadline in which the cycle refines and refits.
+  [[nodiscard]] double used_share(double deadline_ns) const {
     return mean_units * (unit_ns + refit_unit_ns) / (deadline_ns / slowness - touch_ns);
   }
   double mean_units = 0;
@@ -52,13 +54,14 @@ class Machine {
   std::mt19937_64 random_;
 };
 
-TEST(Governor, KeepsEveryDeadlineInAllButAThousandthOfTheCycles) {
+TEST(Governor, MissesTheDeadlineInLessThanAThousandthOfTheCycles) {
   for (const double deadline : {50e3, 100e3, 200e3}) {
     Machine machine{3};
     Governor governor{static_cast<std::int64_t>(deadline)};
     (void)machine.run(governor, deadline, 5000);
     EXPECT_LT(machine.run(governor, deadline, 200'000), 0.001) << deadline << " ns";
-    EXPECT_GT(machine.used(deadline), 0.6) << "of the rest of " << deadline << " ns";
+    EXPECT_GT(machine.used_share(deadline), 0.6)
+        << "of the time between touch and deadline, deadline " << deadline << " ns";
   }
 }
 
@@ -78,27 +81,27 @@ TEST(Governor, FollowsAMachineThatSlowsDownAndRecovers) {
   }
 }
 
-TEST(Governor, DoesNotGiveWayToInterruptsLongerThanTheDeadline) {
+TEST(Governor, DoesNotReduceRefinementBecauseOfInterruptsLongerThanTheDeadline) {
   constexpr double kDeadline = 100e3;
   Machine machine{11};
   machine.interrupt_ns = 150e3;
   Governor governor{static_cast<std::int64_t>(kDeadline)};
   (void)machine.run(governor, kDeadline, 5000);
   EXPECT_LT(machine.run(governor, kDeadline, 100'000), 0.001);
-  EXPECT_GT(machine.used(kDeadline), 0.5);
+  EXPECT_GT(machine.used_share(kDeadline), 0.5);
 }
 
-TEST(Governor, DoesNotGiveWayToPreemptionBeforeTheLastPortion) {
+TEST(Governor, DoesNotReduceRefinementBecauseOfPreemptionBeforeTheLastPortion) {
   constexpr double kDeadline = 100e3;
   Machine machine{13};
   machine.preempt_ns = 2e6;
   Governor governor{static_cast<std::int64_t>(kDeadline)};
   (void)machine.run(governor, kDeadline, 5000);
   EXPECT_LT(machine.run(governor, kDeadline, 100'000), 0.002);
-  EXPECT_GT(machine.used(kDeadline), 0.5);
+  EXPECT_GT(machine.used_share(kDeadline), 0.5);
 }
 
-TEST(Governor, LetsAPortionThroughEvenWhenForcesTakeTheWholeDeadline) {
+TEST(Governor, AllowsOnePortionWhenForcesTakeMoreThanTheDeadline) {
   constexpr double kDeadline = 50e3;
   Machine machine{7};
   machine.touch_ns = 80'000;

@@ -1,5 +1,5 @@
-// Why a cycle was late: the classifier against histories whose causes are known, and against causes that are planted in
-// the real haptic thread.
+// Checks the classes of late cycles against simulated histories, whose causes are known, and against delays that the
+// test causes in the real haptic thread.
 
 #include "hrtc_service/late_cycles.hpp"
 
@@ -11,6 +11,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <array>
 #include <atomic>
 #include <ctime>
 #include <functional>
@@ -32,37 +33,44 @@ namespace {
 constexpr std::int64_t kUs = 1000, kMs = 1'000'000;
 constexpr std::int64_t kPeriod = kMs;
 
-// ---- histories whose causes are known
+// ---- simulated histories
 
-/// What a thread does, and what the system counts of it, piece by piece.
+/// Simulates the activities of a periodic thread and the system's counters for it.
 class History {
  public:
-  enum Kind : std::uint8_t { kSleeps, kIntervals, kWaits, kBlocks, kUnaccounted };
-  struct Piece {
+  enum Kind : std::uint8_t {
+    kSleeps,      ///< until the next cycle is due
+    kComputes,    ///< has a processor
+    kWaits,       ///< is runnable while another thread has the processor
+    kBlocks,      ///< on a lock or in a system call
+    kUnaccounted  ///< no counter of the system grows
+  };
+  struct Activity {
     Kind kind;
     std::int64_t ns;
   };
 
-  /// A cycle: what happens from when it is due until it begins, and then until it ends. Returns its times.
-  CycleTimes cycle(const std::vector<Piece>& wake, const std::vector<Piece>& work) {
+  /// Adds a cycle. `wake`: activities from the due time to the start, left out if the previous cycle ends later.
+  /// `work`: activities from the start to the end.
+  CycleTimes cycle(const std::vector<Activity>& wake, const std::vector<Activity>& work) {
     const std::int64_t due_ns = next_due_ns_ + std::max<std::int64_t>(0, now_ns_ - next_due_ns_) / kPeriod * kPeriod;
     next_due_ns_ = due_ns + kPeriod;
     if (now_ns_ < due_ns) {
       add({kSleeps, due_ns - now_ns_});
-      for (const Piece& piece : wake) add(piece);
+      for (const Activity& activity : wake) add(activity);
     }
     const std::int64_t began_ns = now_ns_;
-    for (const Piece& piece : work) add(piece);
+    for (const Activity& activity : work) add(activity);
     return {due_ns, began_ns, now_ns_, next_due_ns_};
   }
-  /// What would be read at `time_ns`.
+  /// Returns the counters at `time_ns`.
   [[nodiscard]] ThreadUsage usage(std::int64_t time_ns) const {
     ThreadUsage usage;
     usage.counted_ns = usage.time_ns = time_ns;
     usage.asleep = true;
-    for (const auto& [kind, from_ns, to_ns] : pieces_) {
+    for (const auto& [kind, from_ns, to_ns] : history_) {
       const std::int64_t ns = std::clamp<std::int64_t>(time_ns - from_ns, 0, to_ns - from_ns);
-      if (kind == kIntervals) usage.cpu_ns += ns;
+      if (kind == kComputes) usage.cpu_ns += ns;
       if (kind == kWaits) usage.wait_ns += ns;
       if (kind != kSleeps && from_ns < time_ns && time_ns < to_ns) usage.asleep = false;
       if ((kind == kSleeps || kind == kBlocks) && time_ns > from_ns) ++usage.voluntary;
@@ -72,40 +80,44 @@ class History {
   [[nodiscard]] std::int64_t now_ns() const { return now_ns_; }
 
  private:
-  struct Placed {
+  struct TimedActivity {
     Kind kind;
     std::int64_t from_ns, to_ns;
   };
-  void add(const Piece& piece) {
-    pieces_.push_back({piece.kind, now_ns_, now_ns_ + piece.ns});
-    now_ns_ += piece.ns;
+  void add(const Activity& activity) {
+    history_.push_back({activity.kind, now_ns_, now_ns_ + activity.ns});
+    now_ns_ += activity.ns;
   }
 
   std::int64_t now_ns_ = 0, next_due_ns_ = kPeriod;
-  std::vector<Placed> pieces_;
+  std::vector<TimedActivity> history_;
 };
 
-/// Quiet cycles, the given one, and more quiet ones; readings where the thread is asleep, every `readings` cycles.
-/// Returns the classes of all late cycles.
-std::vector<LateClass> classes_of(const std::vector<History::Piece>& wake, const std::vector<History::Piece>& work,
-                                  std::int64_t readings = 1) {
-  History history;
-  std::vector<CycleTimes> cycles;
-  const auto quiet = [&] {
-    for (int i = 0; i < 8; ++i)
-      cycles.push_back(history.cycle({{History::kWaits, 20 * kUs}}, {{History::kIntervals, 60 * kUs}}));
-  };
-  quiet();
-  cycles.push_back(history.cycle(wake, work));
-  quiet();
-  LateCycleClassifier classifier;
-  for (std::int64_t ms = 0; ms * kMs < history.now_ns(); ms += readings)
-    classifier.add(history.usage(ms * kMs + 700 * kUs));
-  for (const CycleTimes& cycle : cycles) classifier.add(cycle);
+std::vector<LateClass> classes_of(LateCycleClassifier& classifier) {
   classifier.finish();
   std::vector<LateClass> classes;
   while (const auto verdict = classifier.next()) classes.push_back(verdict->late_class);
   return classes;
+}
+
+/// Returns the classes of all late cycles in a history of short cycles with the given cycle in the middle. The counters
+/// are read while the thread sleeps, every `read_period` cycles.
+std::vector<LateClass> classes_of(const std::vector<History::Activity>& wake,
+                                  const std::vector<History::Activity>& work, std::int64_t read_period = 1) {
+  History history;
+  std::vector<CycleTimes> cycles;
+  const auto add_short_cycles = [&] {
+    for (int i = 0; i < 8; ++i)
+      cycles.push_back(history.cycle({{History::kWaits, 20 * kUs}}, {{History::kComputes, 60 * kUs}}));
+  };
+  add_short_cycles();
+  cycles.push_back(history.cycle(wake, work));
+  add_short_cycles();
+  LateCycleClassifier classifier;
+  for (std::int64_t ms = 0; ms * kMs < history.now_ns(); ms += read_period)
+    classifier.add(history.usage(ms * kMs + 700 * kUs));
+  for (const CycleTimes& cycle : cycles) classifier.add(cycle);
+  return classes_of(classifier);
 }
 
 using testing::Each;
@@ -113,83 +125,80 @@ using testing::ElementsAre;
 using testing::IsEmpty;
 
 TEST(LateCycles, ACycleInTimeHasNoVerdict) {
-  EXPECT_THAT(classes_of({{History::kWaits, 500 * kUs}}, {{History::kIntervals, 400 * kUs}}), IsEmpty());
+  EXPECT_THAT(classes_of({{History::kWaits, 500 * kUs}}, {{History::kComputes, 400 * kUs}}), IsEmpty());
 }
 
 TEST(LateCycles, LongComputationIsAnOverrun) {
-  EXPECT_THAT(classes_of({}, {{History::kIntervals, 1100 * kUs}}), ElementsAre(LateClass::kOverrun));
-  EXPECT_THAT(classes_of({}, {{History::kIntervals, 1100 * kUs}}, 4), ElementsAre(LateClass::kOverrun));
+  EXPECT_THAT(classes_of({}, {{History::kComputes, 1100 * kUs}}), ElementsAre(LateClass::kOverrun));
+  EXPECT_THAT(classes_of({}, {{History::kComputes, 1100 * kUs}}, 4), ElementsAre(LateClass::kOverrun));
 }
 
-TEST(LateCycles, ABlockedCycleIsAnOverrunThoughItTakesNoCpuTime) {
-  const std::vector<History::Piece> blocked{
-      {History::kIntervals, 30 * kUs}, {History::kBlocks, 1500 * kUs}, {History::kWaits, 10 * kUs}};
+TEST(LateCycles, ABlockedCycleIsAnOverrunAlthoughItUsesNoCpuTime) {
+  const std::vector<History::Activity> blocked{
+      {History::kComputes, 30 * kUs}, {History::kBlocks, 1500 * kUs}, {History::kWaits, 10 * kUs}};
   EXPECT_THAT(classes_of({{History::kWaits, 20 * kUs}}, blocked), ElementsAre(LateClass::kOverrun));
   EXPECT_THAT(classes_of({{History::kWaits, 20 * kUs}}, blocked, 4), ElementsAre(LateClass::kOverrun));
 }
 
 TEST(LateCycles, ACycleThatWaitedForOtherThreadsIsPreempted) {
-  const std::vector<History::Piece> interrupted{
-      {History::kIntervals, 30 * kUs}, {History::kWaits, 1500 * kUs}, {History::kIntervals, 30 * kUs}};
+  const std::vector<History::Activity> interrupted{
+      {History::kComputes, 30 * kUs}, {History::kWaits, 1500 * kUs}, {History::kComputes, 30 * kUs}};
   for (const std::int64_t readings : {1, 4}) {
     EXPECT_THAT(classes_of({}, interrupted, readings), ElementsAre(LateClass::kPreempted));
-    EXPECT_THAT(classes_of({{History::kWaits, 970 * kUs}}, {{History::kIntervals, 60 * kUs}}, readings),
+    EXPECT_THAT(classes_of({{History::kWaits, 970 * kUs}}, {{History::kComputes, 60 * kUs}}, readings),
                 ElementsAre(LateClass::kPreempted));
   }
 }
 
-TEST(LateCycles, TimeForWhichNothingAccountsIsUnknown) {
-  const std::vector<History::Piece> unaccounted{{History::kIntervals, 30 * kUs}, {History::kUnaccounted, 1500 * kUs}};
+TEST(LateCycles, ACycleWithADelayThatNoCounterShowsIsUnknown) {
+  const std::vector<History::Activity> unaccounted{{History::kComputes, 30 * kUs}, {History::kUnaccounted, 1500 * kUs}};
   for (const std::int64_t readings : {1, 4}) {
-    EXPECT_THAT(classes_of({{History::kUnaccounted, 970 * kUs}}, {{History::kIntervals, 60 * kUs}}, readings),
+    EXPECT_THAT(classes_of({{History::kUnaccounted, 970 * kUs}}, {{History::kComputes, 60 * kUs}}, readings),
                 ElementsAre(LateClass::kUnknown));
     EXPECT_THAT(classes_of({}, unaccounted, readings), ElementsAre(LateClass::kUnknown));
   }
 }
 
-TEST(LateCycles, CpuTimeThatIsChargedBeforeACycleBeginsIsUnknown) {
-  EXPECT_THAT(classes_of({{History::kIntervals, 970 * kUs}}, {{History::kIntervals, 60 * kUs}}),
+TEST(LateCycles, ACycleWithCpuTimeBeforeItsStartIsUnknown) {
+  EXPECT_THAT(classes_of({{History::kComputes, 970 * kUs}}, {{History::kComputes, 60 * kUs}}),
               ElementsAre(LateClass::kUnknown));
 }
 
-TEST(LateCycles, OwnWorkOfMoreThanHalfThePeriodIsAnOverrunWhateverElseDelayedTheCycle) {
-  EXPECT_THAT(classes_of({{History::kWaits, 600 * kUs}}, {{History::kIntervals, 550 * kUs}}),
+TEST(LateCycles, ACycleWithOwnWorkOfMoreThanHalfThePeriodIsAnOverrunAlsoAfterOtherDelays) {
+  EXPECT_THAT(classes_of({{History::kWaits, 600 * kUs}}, {{History::kComputes, 550 * kUs}}),
               ElementsAre(LateClass::kOverrun));
-  EXPECT_THAT(classes_of({{History::kWaits, 600 * kUs}}, {{History::kIntervals, 450 * kUs}}),
+  EXPECT_THAT(classes_of({{History::kWaits, 600 * kUs}}, {{History::kComputes, 450 * kUs}}),
               ElementsAre(LateClass::kPreempted));
 }
 
-TEST(LateCycles, ACycleThatOnlyTheOneBeforeDelayedHasItsClass) {
-  EXPECT_THAT(classes_of({}, {{History::kIntervals, 1960 * kUs}}),
+TEST(LateCycles, ACycleThatOnlyThePreviousCycleDelayedHasTheClassOfThatCycle) {
+  EXPECT_THAT(classes_of({}, {{History::kComputes, 1960 * kUs}}),
               ElementsAre(LateClass::kOverrun, LateClass::kOverrun));
-  EXPECT_THAT(classes_of({}, {{History::kWaits, 1900 * kUs}, {History::kIntervals, 60 * kUs}}),
+  EXPECT_THAT(classes_of({}, {{History::kWaits, 1900 * kUs}, {History::kComputes, 60 * kUs}}),
               ElementsAre(LateClass::kPreempted, LateClass::kPreempted));
 }
 
-TEST(LateCycles, WithoutReadingsOnBothSidesTheClassIsUnknown) {
+TEST(LateCycles, ALateCycleWithoutReadingsBeforeAndAfterItIsUnknown) {
   History history;
   LateCycleClassifier classifier;
-  classifier.add(history.cycle({}, {{History::kIntervals, 1500 * kUs}}));
+  classifier.add(history.cycle({}, {{History::kComputes, 1500 * kUs}}));
   classifier.add(history.usage(history.now_ns() + 1));
-  classifier.add(history.cycle({}, {{History::kIntervals, 10 * kUs}}));
-  classifier.add(history.cycle({}, {{History::kIntervals, 1500 * kUs}}));
-  classifier.finish();
-  std::vector<LateClass> classes;
-  while (const auto verdict = classifier.next()) classes.push_back(verdict->late_class);
-  EXPECT_THAT(classes, ElementsAre(LateClass::kUnknown, LateClass::kUnknown));
+  classifier.add(history.cycle({}, {{History::kComputes, 10 * kUs}}));
+  classifier.add(history.cycle({}, {{History::kComputes, 1500 * kUs}}));
+  EXPECT_THAT(classes_of(classifier), ElementsAre(LateClass::kUnknown, LateClass::kUnknown));
 }
 
-TEST(LateCycles, AVerdictComesAsSoonAsReadingsAllowIt) {
+TEST(LateCycles, AVerdictIsReturnedOnceTheCyclesUpToTheReadingAreAdded) {
   History history;
   LateCycleClassifier classifier;
   classifier.add(history.usage(1));
-  classifier.add(history.cycle({}, {{History::kIntervals, 1500 * kUs}}));
+  classifier.add(history.cycle({}, {{History::kComputes, 1500 * kUs}}));
   EXPECT_FALSE(classifier.next().has_value());
   const std::int64_t read_ns = history.now_ns() + 100 * kUs;
-  const CycleTimes later = history.cycle({}, {{History::kIntervals, 10 * kUs}});
-  const CycleTimes latest = history.cycle({}, {{History::kIntervals, 10 * kUs}});
+  const CycleTimes later = history.cycle({}, {{History::kComputes, 10 * kUs}});
+  const CycleTimes latest = history.cycle({}, {{History::kComputes, 10 * kUs}});
   classifier.add(history.usage(read_ns));
-  EXPECT_FALSE(classifier.next().has_value());  // the thread may have blocked meanwhile
+  EXPECT_FALSE(classifier.next().has_value());  // the thread may have blocked before the reading
   classifier.add(later);
   classifier.add(latest);
   const auto verdict = classifier.next();
@@ -197,82 +206,90 @@ TEST(LateCycles, AVerdictComesAsSoonAsReadingsAllowIt) {
   EXPECT_EQ(verdict->late_class, LateClass::kOverrun);
 }
 
-TEST(LateCycles, OfABlockedAndAStolenCycleBetweenTwoReadingsTheClassIsUnknown) {
+TEST(LateCycles, ABlockedAndADelayedCycleBetweenTwoReadingsAreUnknown) {
   History history;
   LateCycleClassifier classifier;
   classifier.add(history.usage(0));
-  std::vector<LateClass> classes;
   classifier.add(history.cycle({}, {{History::kBlocks, 1500 * kUs}}));
-  for (int i = 0; i < 3; ++i) classifier.add(history.cycle({}, {{History::kIntervals, 10 * kUs}}));
+  for (int i = 0; i < 3; ++i) classifier.add(history.cycle({}, {{History::kComputes, 10 * kUs}}));
   classifier.add(history.cycle({}, {{History::kUnaccounted, 1500 * kUs}}));
-  for (int i = 0; i < 3; ++i) classifier.add(history.cycle({}, {{History::kIntervals, 10 * kUs}}));
+  for (int i = 0; i < 3; ++i) classifier.add(history.cycle({}, {{History::kComputes, 10 * kUs}}));
   classifier.add(history.usage(history.now_ns()));
-  classifier.finish();
-  while (const auto verdict = classifier.next()) classes.push_back(verdict->late_class);
-  EXPECT_THAT(classes, ElementsAre(LateClass::kUnknown, LateClass::kUnknown));
+  EXPECT_THAT(classes_of(classifier), ElementsAre(LateClass::kUnknown, LateClass::kUnknown));
 }
 
-/// Cycles with random causes of random length, read at random times.
-TEST(LateCycles, AClassIsNeverWrongAndSeldomUnknown) {
+/// A random cycle of a history, with the times that the classifier should find.
+struct RandomCycle {
+  CycleTimes times;
+  std::int64_t own_ns = 0, wait_ns = 0;
+  std::int64_t lateness_ns = 0;              ///< without the delay by the previous cycle
+  bool only_previous_cycle_delayed = false;  ///< the cycle would not be late without the delay by the previous cycle
+  bool is_clear = false;                     ///< it has one cause, which the counters show
+};
+
+/// Adds a cycle with random times to `history`. `delayed`: adds a delay of random length and kind. `below`: returns a
+/// random number up to its argument.
+template <class Below>
+RandomCycle add_random_cycle(History& history, Below&& below, bool delayed) {
+  constexpr std::array kDelays{History::kComputes, History::kWaits, History::kBlocks, History::kUnaccounted};
+  const std::int64_t usual_wait_ns = below(30 * kUs), work_ns = 20 * kUs + below(150 * kUs);
+  const std::int64_t extra_ns = delayed ? below(4 * kMs) : 0;
+  const auto kind = static_cast<std::size_t>(below(5));
+  const bool delays_work = kind < kDelays.size();
+  const std::int64_t wake_wait_ns = usual_wait_ns + (delays_work ? 0 : extra_ns);
+  std::vector<History::Activity> work{{History::kComputes, work_ns / 2}};
+  if (delays_work && extra_ns > 0) work.push_back({kDelays[kind], extra_ns});
+  work.push_back({History::kComputes, work_ns / 2});
+  const auto extra_of = [&](History::Kind delay) { return delays_work && kDelays[kind] == delay ? extra_ns : 0; };
+
+  const std::int64_t previous_end_ns = history.now_ns();
+  RandomCycle cycle;
+  cycle.times = history.cycle({{History::kWaits, wake_wait_ns}}, work);
+  const bool has_slept = previous_end_ns < cycle.times.due_ns;
+  const std::int64_t delay_ns = std::max<std::int64_t>(0, previous_end_ns - cycle.times.due_ns);
+  cycle.own_ns = work_ns + extra_of(History::kComputes) + extra_of(History::kBlocks);
+  cycle.wait_ns = extra_of(History::kWaits) + (has_slept ? wake_wait_ns : 0);
+  cycle.lateness_ns = cycle.times.end_ns - cycle.times.deadline_ns - delay_ns;
+  cycle.only_previous_cycle_delayed = cycle.lateness_ns <= 0;
+  cycle.is_clear = has_slept && !(delays_work && kDelays[kind] == History::kUnaccounted);
+  return cycle;
+}
+
+TEST(LateCycles, AClassIsNeverWrongAndSeldomUnknownForRandomCyclesAndReadings) {
   std::mt19937_64 random{7};
   const auto below = [&](std::int64_t max) { return std::uniform_int_distribution<std::int64_t>{0, max}(random); };
   std::map<LateClass, int> classes;
-  int known_causes = 0, known = 0;
+  int clear = 0, clear_and_known = 0;
   for (int round = 0; round < 300; ++round) {
     History history;
     LateCycleClassifier classifier;
-    struct Truth {
-      std::int64_t own_ns, wait_ns, lateness_ns;
-      bool delayed, single;  // by the cycle before; by one cause only
-    };
-    std::vector<Truth> truths;
-    std::vector<CycleTimes> cycles;
-    for (int i = 0; i < 200; ++i) {
-      const std::int64_t wait_before = below(30 * kUs), work = 20 * kUs + below(150 * kUs);
-      std::int64_t runs = 0, waits = 0, blocks = 0, lost = 0, wakes = 0;
-      const bool planted = i % 14 == 5;
-      const std::int64_t length = planted ? below(4 * kMs) : 0, kind = below(5);
-      if (planted) (kind == 0 ? runs : kind == 1 ? waits : kind == 2 ? blocks : kind == 3 ? lost : wakes) = length;
-      const std::int64_t before_ns = history.now_ns();
-      std::vector<History::Piece> wake{{History::kWaits, wait_before + wakes}}, pieces{{History::kIntervals, work / 2}};
-      if (runs > 0) pieces.push_back({History::kIntervals, runs});
-      if (waits > 0) pieces.push_back({History::kWaits, waits});
-      if (blocks > 0) pieces.push_back({History::kBlocks, blocks});
-      if (lost > 0) pieces.push_back({History::kUnaccounted, lost});
-      pieces.push_back({History::kIntervals, work / 2});
-      const CycleTimes times = history.cycle(wake, pieces);
-      cycles.push_back(times);
-      if (!times.late()) continue;
-      const bool delayed = before_ns >= times.due_ns;
-      const std::int64_t delay_ns = std::max<std::int64_t>(0, before_ns - times.due_ns);
-      truths.push_back({work + runs + blocks, waits + (delayed ? 0 : wait_before + wakes),
-                        times.end_ns - times.deadline_ns - delay_ns, delay_ns >= times.end_ns - times.deadline_ns,
-                        !delayed && kind != 3});
-    }
+    std::vector<RandomCycle> cycles;
+    for (int i = 0; i < 200; ++i) cycles.push_back(add_random_cycle(history, below, i % 14 == 5));
     for (std::int64_t time_ns = below(kMs); time_ns < history.now_ns() + 8 * kMs; time_ns += 3 * kMs + below(2 * kMs))
       classifier.add(history.usage(time_ns));
-    for (const CycleTimes& cycle : cycles) classifier.add(cycle);
+    for (const RandomCycle& cycle : cycles) classifier.add(cycle.times);
     classifier.finish();
-    for (const Truth& truth : truths) {
+    for (const RandomCycle& cycle : cycles) {
+      if (!cycle.times.late()) continue;
       const auto verdict = classifier.next();
       ASSERT_TRUE(verdict.has_value());
-      if (truth.delayed) continue;
+      if (cycle.only_previous_cycle_delayed) continue;
       ++classes[verdict->late_class];
-      const bool own = truth.own_ns > kPeriod / 2;
-      ASSERT_TRUE(own || verdict->late_class != LateClass::kOverrun) << truth.own_ns;
-      ASSERT_TRUE((!own && truth.wait_ns >= truth.lateness_ns) || verdict->late_class != LateClass::kPreempted);
-      known_causes += truth.single ? 1 : 0;
-      known += truth.single && verdict->late_class != LateClass::kUnknown ? 1 : 0;
+      const bool overran = cycle.own_ns > kPeriod / 2;
+      ASSERT_TRUE(overran || verdict->late_class != LateClass::kOverrun) << cycle.own_ns;
+      ASSERT_TRUE((!overran && cycle.wait_ns >= cycle.lateness_ns) || verdict->late_class != LateClass::kPreempted);
+      clear += cycle.is_clear ? 1 : 0;
+      clear_and_known += cycle.is_clear && verdict->late_class != LateClass::kUnknown ? 1 : 0;
     }
     EXPECT_FALSE(classifier.next().has_value());
   }
   EXPECT_GT(classes[LateClass::kOverrun], 500);
   EXPECT_GT(classes[LateClass::kPreempted], 500);
   EXPECT_GT(classes[LateClass::kUnknown], 100);
-  EXPECT_GT(known, 0.85 * known_causes) << known << " of " << known_causes;
+  EXPECT_GT(clear_and_known, 0.85 * clear) << clear_and_known << " of " << clear;
 }
 
-// ---- causes that are planted in the real haptic thread
+// ---- delays that the test causes in the real haptic thread
 
 std::int64_t thread_cpu_ns() {
   timespec now{};
@@ -280,20 +297,20 @@ std::int64_t thread_cpu_ns() {
   return now.tv_sec * 1'000'000'000 + now.tv_nsec;
 }
 
-/// What delays a cycle: one part in the haptic thread, and one in the test's thread meanwhile.
+/// The cause of a delay: a part in the haptic thread, and parts in the test's thread.
 struct Cause {
-  std::function<void()> prepare = [] {};    ///< test's thread, before
-  std::function<void()> in_cycle;           ///< haptic thread
-  std::function<void()> meanwhile = [] {};  ///< test's thread, once `in_cycle` has begun
-  std::function<void()> at_start = [] {};   ///< haptic thread, in its first cycle
+  std::function<void()> prepare = [] {};       ///< test's thread, before the cycle
+  std::function<void()> in_cycle;              ///< haptic thread
+  std::function<void()> during_cycle = [] {};  ///< test's thread, once `in_cycle` has begun
+  std::function<void()> at_start = [] {};      ///< haptic thread, in its first cycle
 };
 
-/// A device in whose `read` the cause is planted.
-class PlantedDevice final : public haptics::Device {
+/// A device whose `read` delays a cycle on request.
+class DelayingDevice final : public haptics::Device {
  public:
-  explicit PlantedDevice(const Cause& cause) : cause_{cause} {}
-  /// The next cycle is delayed. Returns once it has begun.
-  std::int64_t plant() {
+  explicit DelayingDevice(const Cause& cause) : cause_{cause} {}
+  /// Delays the next cycle. Waits for its start, and returns the time of its start.
+  std::int64_t delay_next_cycle() {
     began_ns_ = 0;
     armed_ = true;
     while (began_ns_ == 0) std::this_thread::yield();
@@ -318,15 +335,14 @@ class PlantedDevice final : public haptics::Device {
  private:
   const Cause& cause_;
   haptics::DeviceSpec spec_;
-  bool started_ = false;  // the haptic thread's
+  bool started_ = false;  // only the haptic thread uses this
   std::atomic<bool> armed_{false};
   std::atomic<std::int64_t> began_ns_{0};
 };
 
-constexpr std::size_t kWanted = 8, kMaxPlants = 1000;
+constexpr std::size_t kMinVerdicts = 8, kMaxAttempts = 1000;
 constexpr std::int64_t kDelay = 3 * kMs;
 
-/// The verdicts of a class.
 std::vector<LateVerdict> of_class(LateClass late_class, const std::vector<LateVerdict>& verdicts) {
   std::vector<LateVerdict> found;
   std::copy_if(verdicts.begin(), verdicts.end(), std::back_inserter(found),
@@ -334,9 +350,8 @@ std::vector<LateVerdict> of_class(LateClass late_class, const std::vector<LateVe
   return found;
 }
 
-/// Plants the cause until kWanted of its cycles are of the class that is expected: on a machine that has more to do
-/// than this test, other threads delay planted cycles further, so that some are unknown. Returns the verdicts on the
-/// first late cycle that each plant brought.
+/// Delays cycles by `cause` until kMinVerdicts of them have the class `expected`. On a busy machine, other threads also
+/// delay these cycles, so that some are unknown. Returns the verdict on the first late cycle after each attempt.
 std::vector<LateVerdict> verdicts_on(const Cause& cause, LateClass expected) {
   HapticSettings settings;
   settings.priority = 0;
@@ -344,56 +359,57 @@ std::vector<LateVerdict> verdicts_on(const Cause& cause, LateClass expected) {
   core_settings.pool = spm::PoolSettings::for_slots(64);
   HrtcCore core{session::Origin{1, 2, 3, 0}, core_settings};
   HapticThread haptic{settings, core.servo()};
-  PlantedDevice device{cause};
+  DelayingDevice device{cause};
   HapticCommands commands;
   commands.devices[0] = &device;
   haptic.commands().post(commands);
   (void)haptic.start();
   LateCycleClassifier classifier;
-  std::vector<LateVerdict> all;
-  // As the services do it, for `ns`.
-  const auto watch = [&](std::int64_t ns) {
+  std::vector<LateVerdict> all_verdicts;
+  // Reads the counters and classifies cycles for `ns`, as the sender of an HRTC does.
+  const auto classify_for = [&](std::int64_t ns) {
     for (const std::int64_t until_ns = monotonic_ns() + ns; monotonic_ns() < until_ns;) {
       wire::sleep_until(monotonic_ns() + kPeriod);
       haptic.usage().sample(monotonic_ns());
       for (CycleTrace trace; haptic.traces().pop(trace);) classifier.add(trace.times);
       haptic.usage().drain([&](const ThreadUsage& usage) { classifier.add(usage); });
-      while (const auto verdict = classifier.next()) all.push_back(*verdict);
+      while (const auto verdict = classifier.next()) all_verdicts.push_back(*verdict);
     }
   };
   std::vector<LateVerdict> verdicts;
-  for (std::size_t plants = 0; plants < kMaxPlants && of_class(expected, verdicts).size() < kWanted; ++plants) {
-    watch(15 * kMs);
+  for (std::size_t attempts = 0; attempts < kMaxAttempts && of_class(expected, verdicts).size() < kMinVerdicts;
+       ++attempts) {
+    classify_for(15 * kMs);
     cause.prepare();
-    const std::int64_t began_ns = device.plant();
-    cause.meanwhile();
-    watch(15 * kMs);
-    const auto late = std::find_if(all.begin(), all.end(),
+    const std::int64_t began_ns = device.delay_next_cycle();
+    cause.during_cycle();
+    classify_for(15 * kMs);
+    const auto late = std::find_if(all_verdicts.begin(), all_verdicts.end(),
                                    [&](const LateVerdict& verdict) { return verdict.times.began_ns >= began_ns; });
-    if (late != all.end()) verdicts.push_back(*late);
+    if (late != all_verdicts.end()) verdicts.push_back(*late);
   }
   haptic.stop();
   return verdicts;
 }
 
-/// Returns the overruns.
+/// Expects overruns and no preempted cycle. Returns the overruns.
 std::vector<LateVerdict> expect_overruns(const Cause& cause) {
   const std::vector<LateVerdict> verdicts = verdicts_on(cause, LateClass::kOverrun);
   EXPECT_THAT(of_class(LateClass::kPreempted, verdicts), IsEmpty());
   std::vector<LateVerdict> overruns = of_class(LateClass::kOverrun, verdicts);
-  EXPECT_GE(overruns.size(), kWanted) << "of " << verdicts.size();
+  EXPECT_GE(overruns.size(), kMinVerdicts) << "of " << verdicts.size();
   return overruns;
 }
 
 void expect_preempted(const Cause& cause) {
   const std::vector<LateVerdict> verdicts = verdicts_on(cause, LateClass::kPreempted);
   EXPECT_THAT(of_class(LateClass::kOverrun, verdicts), IsEmpty());
-  EXPECT_GE(of_class(LateClass::kPreempted, verdicts).size(), kWanted) << "of " << verdicts.size();
+  EXPECT_GE(of_class(LateClass::kPreempted, verdicts).size(), kMinVerdicts) << "of " << verdicts.size();
 }
 
-/// The median over the verdicts.
+/// Returns the median of a member of the verdicts.
 template <class Figure>
-std::uint64_t typical(const std::vector<LateVerdict>& verdicts, Figure figure) {
+std::uint64_t median(const std::vector<LateVerdict>& verdicts, Figure figure) {
   std::vector<std::uint64_t> values;
   for (const LateVerdict& verdict : verdicts) values.push_back(verdict.*figure);
   if (values.empty()) return 0;
@@ -401,35 +417,35 @@ std::uint64_t typical(const std::vector<LateVerdict>& verdicts, Figure figure) {
   return values[values.size() / 2];
 }
 
-class PlantedCauses : public testing::Test {
+class CausedDelays : public testing::Test {
  protected:
   void SetUp() override {
-    const UsageSampler own{pthread_self(), gettid()};
-    if (!own.available()) GTEST_SKIP() << "the kernel does not report run-queue waits (CONFIG_SCHED_INFO)";
+    const UsageSampler sampler{pthread_self(), gettid()};
+    if (!sampler.available()) GTEST_SKIP() << "the kernel does not report run-queue waits (CONFIG_SCHED_INFO)";
   }
 };
 
-TEST_F(PlantedCauses, ALockThatAnotherThreadHoldsIsAnOverrun) {
+TEST_F(CausedDelays, AWaitForALockIsAnOverrun) {
   std::mutex mutex;
   Cause cause;
   cause.prepare = [&] { mutex.lock(); };
   cause.in_cycle = [&] { const std::lock_guard lock{mutex}; };
-  cause.meanwhile = [&] {
+  cause.during_cycle = [&] {
     wire::sleep_until(monotonic_ns() + kDelay);
     mutex.unlock();
   };
   const std::vector<LateVerdict> verdicts = expect_overruns(cause);
-  EXPECT_GE(typical(verdicts, &LateVerdict::blocked), 1u);
+  EXPECT_GE(median(verdicts, &LateVerdict::blocked), 1u);
 }
 
-TEST_F(PlantedCauses, ASystemCallThatSleepsIsAnOverrun) {
+TEST_F(CausedDelays, ASystemCallThatSleepsIsAnOverrun) {
   Cause cause;
   cause.in_cycle = [] { wire::sleep_until(monotonic_ns() + kDelay); };
   const std::vector<LateVerdict> verdicts = expect_overruns(cause);
-  EXPECT_GE(typical(verdicts, &LateVerdict::blocked), 1u);
+  EXPECT_GE(median(verdicts, &LateVerdict::blocked), 1u);
 }
 
-TEST_F(PlantedCauses, PageFaultsAreAnOverrun) {
+TEST_F(CausedDelays, PageFaultsAreAnOverrun) {
   constexpr std::size_t kBytes = 1u << 22, kPage = 4096;
   void* const memory = mmap(nullptr, kBytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
   ASSERT_NE(memory, MAP_FAILED);
@@ -439,26 +455,26 @@ TEST_F(PlantedCauses, PageFaultsAreAnOverrun) {
   cause.in_cycle = [&] {
     for (const std::int64_t until_ns = thread_cpu_ns() + kDelay; thread_cpu_ns() < until_ns;) {
       (void)madvise(memory, kBytes, MADV_DONTNEED);
-      for (std::size_t at = 0; at < kBytes; at += kPage) bytes[at] = 1;
+      for (std::size_t offset = 0; offset < kBytes; offset += kPage) bytes[offset] = 1;
     }
   };
   const std::vector<LateVerdict> verdicts = expect_overruns(cause);
-  EXPECT_GE(typical(verdicts, &LateVerdict::minor_faults), kBytes / kPage);
+  EXPECT_GE(median(verdicts, &LateVerdict::minor_faults), kBytes / kPage);
   munmap(memory, kBytes);
 }
 
-TEST_F(PlantedCauses, LongComputationIsAnOverrun) {
+TEST_F(CausedDelays, LongComputationIsAnOverrun) {
   Cause cause;
   cause.in_cycle = [] {
     for (const std::int64_t until_ns = thread_cpu_ns() + kDelay; thread_cpu_ns() < until_ns;) {
     }
   };
   const std::vector<LateVerdict> verdicts = expect_overruns(cause);
-  EXPECT_EQ(typical(verdicts, &LateVerdict::blocked), 0u);
+  EXPECT_EQ(median(verdicts, &LateVerdict::blocked), 0u);
 }
 
-/// A thread that takes the processor which the haptic thread runs on, for kDelay each time. The haptic thread has the
-/// policy SCHED_IDLE, for which no right is needed.
+/// A thread that takes the processor of the haptic thread for kDelay on request. The haptic thread uses SCHED_IDLE,
+/// which needs no privilege.
 class Competitor {
  public:
   Competitor() : thread_{[this] { run(); }} {}
@@ -467,17 +483,18 @@ class Competitor {
     thread_.join();
   }
   static void share_processor() {
-    cpu_set_t one;
-    CPU_ZERO(&one);
-    CPU_SET(first_processor(), &one);
-    (void)pthread_setaffinity_np(pthread_self(), sizeof one, &one);
+    cpu_set_t shared;
+    CPU_ZERO(&shared);
+    CPU_SET(first_processor(), &shared);
+    (void)pthread_setaffinity_np(pthread_self(), sizeof shared, &shared);
   }
-  static void give_way() {
+  /// Lets the calling thread share the processor with a lower priority than the competitor.
+  static void yield_processor() {
     share_processor();
-    const sched_param none{};
-    (void)sched_setscheduler(0, SCHED_IDLE, &none);
+    const sched_param no_priority{};
+    (void)sched_setscheduler(0, SCHED_IDLE, &no_priority);
   }
-  /// `wait_ns` from now it begins.
+  /// Takes the processor after `wait_ns`.
   void begin(std::int64_t wait_ns) { begin_ns_ = monotonic_ns() + wait_ns; }
   [[nodiscard]] bool done() const { return begin_ns_ == kNever; }
 
@@ -507,23 +524,23 @@ class Competitor {
   std::thread thread_;
 };
 
-TEST_F(PlantedCauses, AThreadThatTakesTheProcessorInACycleIsPreemption) {
+TEST_F(CausedDelays, ACycleDuringWhichAnotherThreadTakesTheProcessorIsPreempted) {
   Competitor competitor;
   Cause cause;
-  cause.at_start = Competitor::give_way;
+  cause.at_start = Competitor::yield_processor;
   cause.in_cycle = [&] {
     competitor.begin(0);
-    // On a busy machine the competitor may come late; the cycle's own work stays short all the same.
+    // On a busy machine the competitor may begin late. This limit keeps the cycle's own work short.
     for (const std::int64_t until_ns = thread_cpu_ns() + 200 * kUs; !competitor.done() && thread_cpu_ns() < until_ns;) {
     }
   };
   expect_preempted(cause);
 }
 
-TEST_F(PlantedCauses, AThreadThatHasTheProcessorWhenACycleIsDueIsPreemption) {
+TEST_F(CausedDelays, ACycleThatIsDueWhileAnotherThreadHasTheProcessorIsPreempted) {
   Competitor competitor;
   Cause cause;
-  cause.at_start = Competitor::give_way;
+  cause.at_start = Competitor::yield_processor;
   cause.in_cycle = [&] { competitor.begin(kPeriod / 2); };
   expect_preempted(cause);
 }

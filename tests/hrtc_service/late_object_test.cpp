@@ -49,12 +49,13 @@ std::uint32_t base_slots(const spm::offline::BuiltModel& built) {
 /// A tip circles on a large sphere, whose regions fill the pool. A host offers a second sphere only later.
 class LateObjectTest : public testing::Test {
  protected:
-  /// `slots`: slots of the pool besides both base meshes.
-  void start(int slots) {
+  /// `spare_slots`: slots of the pool in addition to those of both base meshes; -1: the pool has one too few for them.
+  void start(int spare_slots) {
     const spm::Model large = large_sphere().model();
-    const auto all = static_cast<std::uint32_t>(static_cast<int>(base_slots(large_sphere()) + needed_) + slots);
+    const auto pool_slots =
+        static_cast<std::uint32_t>(static_cast<int>(base_slots(large_sphere()) + late_base_slots_) + spare_slots);
     session_.emplace(std::vector<spm::Model>{large, late_sphere().model()}, scale_of(large),
-                     spm::PoolSettings::for_slots(all));
+                     spm::PoolSettings::for_slots(pool_slots));
     session_->set_withdrawn(1, true);
   }
   void run(int cycles) {
@@ -71,7 +72,7 @@ class LateObjectTest : public testing::Test {
     return figures.slots_limit - figures.slots_used;
   }
 
-  const std::uint32_t needed_ = base_slots(late_sphere());
+  const std::uint32_t late_base_slots_ = base_slots(late_sphere());
   std::optional<LocalSession> session_;
   int cycle_ = 0;
 };
@@ -80,7 +81,7 @@ TEST_F(LateObjectTest, RetainedRegionsAreCoarsenedForTheBaseMeshOfANewObject) {
   start(1500);
   run(3000);
   ASSERT_THAT(session_->loader().objects(), SizeIs(1));
-  ASSERT_LT(slots_free(), needed_) << "the pool is not full";
+  ASSERT_LT(slots_free(), late_base_slots_) << "the pool is not full";
   session_->set_withdrawn(1, false);
   run(500);
   EXPECT_THAT(session_->loader().objects(), SizeIs(2));
@@ -88,7 +89,7 @@ TEST_F(LateObjectTest, RetainedRegionsAreCoarsenedForTheBaseMeshOfANewObject) {
   EXPECT_THAT(session_->events, Not(Contains(HasSubstr("refused"))));
 }
 
-TEST_F(LateObjectTest, ABaseMeshThatWouldNotFitIntoAnEmptyPoolIsRefusedAtOnce) {
+TEST_F(LateObjectTest, ABaseMeshThatWouldNotFitEvenWithoutRegionsIsRefusedAtOnce) {
   start(-1);
   run(1000);
   session_->set_withdrawn(1, false);
@@ -97,17 +98,17 @@ TEST_F(LateObjectTest, ABaseMeshThatWouldNotFitIntoAnEmptyPoolIsRefusedAtOnce) {
   EXPECT_THAT(session_->events, Contains(HasSubstr("object1: refused, its base mesh takes")));
 }
 
-TEST_F(LateObjectTest, AnObjectThatIsWithdrawnWhileItsBaseMeshWaitsFreesItsReservation) {
+TEST_F(LateObjectTest, WithdrawingAnObjectWhoseBaseMeshWaitsForSlotsFreesItsReservedMemory) {
   start(1500);
   run(3000);
-  const std::uint64_t directories = session_->loader().directory_bytes_used();
+  const std::uint64_t directory_bytes = session_->loader().directory_bytes_used();
   for (int round = 0; round < 20; ++round) {
     session_->set_withdrawn(1, false);
-    run(10);  // the base mesh has arrived, and the regions are still being coarsened
+    run(10);  // long enough for the base mesh to arrive, too short to coarsen the regions that fill the pool
     ASSERT_THAT(session_->loader().objects(), SizeIs(1)) << round;
     session_->set_withdrawn(1, true);
     run(1500);
-    ASSERT_EQ(session_->loader().directory_bytes_used(), directories) << round;
+    ASSERT_EQ(session_->loader().directory_bytes_used(), directory_bytes) << round;
   }
   session_->set_withdrawn(1, false);
   run(500);

@@ -1,4 +1,4 @@
-// A loader alone: what it keeps of objects that come and go.
+// A loader without other parts: it frees the memory of objects that are withdrawn or refused.
 
 #include "hrtc_service/loader.hpp"
 
@@ -20,7 +20,7 @@ class LoaderTest : public testing::Test {
   LoaderTest() {
     settings_.directory_bytes = 4u << 20;
     loader_.emplace(pool_, nodes_, session::Origin{kSession, kHrtc, 1, 0}, settings_, arrivals_, departures_);
-    loader_->on_object_gone = [this](const Loader::ObjectInfo&) { ++gone_; };
+    loader_->on_object_gone = [this](const Loader::ObjectInfo&) { ++removals_; };
   }
   void offer(int number, bool withdrawn, std::uint32_t base_bytes = 1000) {
     session::CatalogueEntry entry;
@@ -51,12 +51,12 @@ class LoaderTest : public testing::Test {
   DepartureRing departures_{64};
   LoaderSettings settings_;
   std::optional<Loader> loader_;
-  int gone_ = 0;
+  int removals_ = 0;
   std::int64_t now_ = 10'000 * kMs;
 };
 
-TEST_F(LoaderTest, AnObjectThatIsWithdrawnBeforeItHasComeIsFreed) {
-  for (int number = 0; number < 500; ++number) {  // more than there is room for at a time
+TEST_F(LoaderTest, AnObjectThatIsWithdrawnBeforeItsBaseMeshArrivesIsFreed) {
+  for (int number = 0; number < 500; ++number) {  // together they exceed the memory for directories
     offer(number, false);
     run(200);
     ASSERT_TRUE(loader_->has_object(session::id_of("object " + std::to_string(number)))) << number;
@@ -64,10 +64,10 @@ TEST_F(LoaderTest, AnObjectThatIsWithdrawnBeforeItHasComeIsFreed) {
     run(1100);
   }
   EXPECT_EQ(loader_->directory_bytes_used(), 0u);
-  EXPECT_EQ(gone_, 500);
+  EXPECT_EQ(removals_, 500);
 }
 
-TEST_F(LoaderTest, AnObjectThatIsRefusedIsForgottenWithItsOffer) {
+TEST_F(LoaderTest, ARefusedObjectIsRemovedWhenItsOfferIsWithdrawn) {
   constexpr std::uint32_t kTooLarge = 100u << 20;
   for (int number = 0; number < 200; ++number) {
     offer(number, false, kTooLarge);
@@ -77,7 +77,7 @@ TEST_F(LoaderTest, AnObjectThatIsRefusedIsForgottenWithItsOffer) {
     run(1100);
   }
   EXPECT_EQ(loader_->figures().objects_refused, 200u);
-  EXPECT_EQ(gone_, 200);
+  EXPECT_EQ(removals_, 200);
 }
 
 }  // namespace

@@ -1,4 +1,4 @@
-// An object that several HRTCs hold, with all that host and HRTCs do except DDS, in virtual time.
+// Users at several HRTCs push, lift and hold one object. A host and HRTCs run without DDS in virtual time.
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -17,25 +17,25 @@ using session::Claimant;
 using spm::Vec3d;
 using study::SharedSession;
 
-constexpr double kHalf = 0.05;  // m, of the crate's edges
+constexpr double kHalfEdge = 0.05;  // m, of the crate
 
-/// A crate of 0.8 kg and users around it, `delay_ms` from each other and from the host.
+/// A session with a crate. `delay_ms`: delay of each link between two programs. `mass`: of the crate, kg.
 class Session : public SharedSession {
  public:
   explicit Session(std::int64_t delay_ms, double mass = 0.8, bool host_begins_late = false)
       : SharedSession{crate(), settings(delay_ms, mass, host_begins_late)} {}
 
   void run(
-      double seconds, const std::function<void()>& each_ms = [] {}) {
+      double seconds, const std::function<void()>& after_each_ms = [] {}) {
     for (int ms = 0; ms < static_cast<int>(seconds * 1000); ++ms) {
       step();
-      each_ms();
+      after_each_ms();
     }
   }
 
  private:
   static const study::Subject& crate() {
-    static const study::Subject kCrate = study::make_subject("crate", "box", 1200, 2 * kHalf);
+    static const study::Subject kCrate = study::make_subject("crate", "box", 1200, 2 * kHalfEdge);
     return kCrate;
   }
   static study::SharedSessionSettings settings(std::int64_t delay_ms, double mass, bool host_begins_late) {
@@ -62,32 +62,33 @@ client_sim::User lifter(const char* name, const Vec3d& side, double seconds = 2)
   return user;
 }
 
-double height(const Session& session) { return session.viewer_pose().pose.position[2] - kHalf; }
+/// Height of the crate's underside above the ground, m.
+double height(const Session& session) { return session.viewer_pose().pose.position[2] - kHalfEdge; }
 
-TEST(SharedBody, APushIsFeltAtOnceAndMovesTheObjectForAll) {
+TEST(SharedBody, APushIsFeltBeforeTheGrantAndMovesTheObjectAtAllHrtcs) {
   Session session{20};
   session.add_hrtc();
   session.add_hrtc();
-  const std::size_t ann = session.add_hand(0, {kHalf + 0.03, 0, kHalf});
+  const std::size_t ann = session.add_hand(0, {kHalfEdge + 0.03, 0, kHalfEdge});
   session.run(1);
   ASSERT_EQ(session.role(0), Claimant::Role::kWatching);
-  double before_grant = 0;
-  Vec3d hand{kHalf + 0.03, 0, kHalf};
+  double force_before_grant = 0;
+  Vec3d hand{kHalfEdge + 0.03, 0, kHalfEdge};
   session.run(1.5, [&] {
     hand.x() -= 6e-5;
     session.move_hand(ann, hand);
     if (session.role(0) == Claimant::Role::kRequesting)
-      before_grant = std::max(before_grant, hrtc_service::vec(session.probe(ann).force).norm());
+      force_before_grant = std::max(force_before_grant, hrtc_service::vec(session.probe(ann).force).norm());
   });
-  EXPECT_GT(before_grant, 0.1) << "nobody waits for a grant to feel";
+  EXPECT_GT(force_before_grant, 0.1);
   EXPECT_EQ(session.role(0), Claimant::Role::kOwner);
   EXPECT_TRUE(session.body(0)->is_touched);
-  const double pushed = session.body(0)->state.position.x();
-  EXPECT_LT(pushed, -0.01);
-  EXPECT_NEAR(session.body(1)->state.position.x(), pushed, 0.002) << "the other HRTC shows it there";
+  const double pushed_x = session.body(0)->state.position.x();
+  EXPECT_LT(pushed_x, -0.01);
+  EXPECT_NEAR(session.body(1)->state.position.x(), pushed_x, 0.002) << "at the other HRTC";
   EXPECT_FALSE(session.body(1)->is_simulated);
 
-  session.move_hand(ann, {kHalf + 0.1, 0, kHalf});
+  session.move_hand(ann, {kHalfEdge + 0.1, 0, kHalfEdge});
   session.run(1.5);
   EXPECT_EQ(session.role(0), Claimant::Role::kWatching);
   EXPECT_FALSE(session.body(0)->is_simulated);
@@ -97,9 +98,12 @@ TEST(SharedBody, APushIsFeltAtOnceAndMovesTheObjectForAll) {
   EXPECT_GE(session.port(ann).lowest, -1e-6);
 }
 
-/// What came of a lift by two.
+/// The result of a lift by two users. Lengths in m, unless the name has a unit.
 struct Lift {
-  double highest = 0, held = 0, peak_force = 0, apart_mm = 0, given_mj = 0, lowest = 0, left = 0;
+  double max_height = 0, seconds_lifted = 0, final_height = 0;
+  double peak_force = 0;  ///< N
+  double copy_distance_mm = 0, injected_energy_mj = 0;
+  double min_port_energy = 0;  ///< J
   std::uint32_t lifts = 0;
 };
 
@@ -112,42 +116,43 @@ Lift lift(bool two_hrtcs, std::int64_t delay_ms) {
   Lift result;
   session.run(1);
   session.run(11, [&] {
-    result.highest = std::max(result.highest, height(session));
-    result.held += height(session) > 0.09 ? 1e-3 : 0;
+    result.max_height = std::max(result.max_height, height(session));
+    result.seconds_lifted += height(session) > 0.09 ? 1e-3 : 0;
     for (const std::size_t user : {ann, bob})
       result.peak_force = std::max(result.peak_force, hrtc_service::vec(session.probe(user).force).norm());
   });
   for (const std::size_t user : {ann, bob}) {
-    result.lowest = std::min(result.lowest, session.port(user).lowest);
+    result.min_port_energy = std::min(result.min_port_energy, session.port(user).lowest);
     result.lifts += session.operator_of(user).tally().lifts;
   }
-  for (std::size_t i = 0; i < (two_hrtcs ? 2u : 1u); ++i) {
-    result.apart_mm = std::max(result.apart_mm, 1e-3 * session.figure(i, session::figures::kCopiesApart));
-    result.given_mj += 1e-3 * session.figure(i, session::figures::kCopyGiven);
+  for (std::size_t hrtc = 0; hrtc < (two_hrtcs ? 2u : 1u); ++hrtc) {
+    result.copy_distance_mm =
+        std::max(result.copy_distance_mm, 1e-3 * session.figure(hrtc, session::figures::kCopiesApart));
+    result.injected_energy_mj += 1e-3 * session.figure(hrtc, session::figures::kCopyGiven);
   }
-  result.left = height(session);
+  result.final_height = height(session);
   return result;
 }
 
-/// The channels between copies are as long as samples are under way. The samples that HRTCs exchange before their
-/// clocks agree seem half a second old, and channels as long as that would let the copies drift centimetres apart.
-TEST(SharedBody, CopiesStayTogetherAtHrtcsThatMeetBeforeTheirClocksAgree) {
+/// The delay of a wave-variable channel is the age of its samples. Before the clocks of two HRTCs are synchronised,
+/// their samples seem half a second old. Channels with such a delay would let the copies drift apart by centimetres.
+TEST(SharedBody, CopiesStayTogetherWhenHrtcsJoinBeforeTheirClocksAreSynchronised) {
   Session session{2, 0.8, true};
-  const auto side = [](double sign, double gap) -> Vec3d { return {sign * (kHalf + 0.003 + gap), 0, kHalf}; };
+  const auto side = [](double sign, double gap) -> Vec3d { return {sign * (kHalfEdge + 0.003 + gap), 0, kHalfEdge}; };
   session.add_hrtc();
   const std::size_t ann = session.add_hand(0, side(1, 0.03));
   session.run(0.5);
   session.add_hrtc();
   const std::size_t bob = session.add_hand(1, side(-1, 0.03));
   session.run(0.8);
-  double gap = 0.03, moved = 0;
+  double gap = 0.03, carried_x = 0;
   std::uint32_t copies = 0;
-  session.run(3, [&] {  // they press from both sides, and carry it along
+  session.run(3, [&] {  // the hands press from both sides, and carry the crate along x
     copies = std::max(copies, std::min(session.body(0)->copies, session.body(1)->copies));
     gap = std::max(gap - 2e-4, -0.004);
-    moved += gap <= -0.004 ? 2e-5 : 0;
-    session.move_hand(ann, side(1, gap) + moved * Vec3d::UnitX());
-    session.move_hand(bob, side(-1, gap) + moved * Vec3d::UnitX());
+    carried_x += gap <= -0.004 ? 2e-5 : 0;
+    session.move_hand(ann, side(1, gap) + carried_x * Vec3d::UnitX());
+    session.move_hand(bob, side(-1, gap) + carried_x * Vec3d::UnitX());
   });
   EXPECT_GT(copies, 0u);
   for (std::size_t hrtc = 0; hrtc < 2; ++hrtc) {
@@ -158,32 +163,34 @@ TEST(SharedBody, CopiesStayTogetherAtHrtcsThatMeetBeforeTheirClocksAgree) {
   }
 }
 
-TEST(SharedBody, TwoLiftACrateTogetherAsTheyWouldAtOneHrtc) {
-  const Lift truth = lift(false, 2);
-  EXPECT_EQ(truth.lifts, 2u);
-  EXPECT_NEAR(truth.highest, 0.1, 0.015);
-  EXPECT_GT(truth.held, 1.9);
-  EXPECT_EQ(truth.apart_mm, 0) << "there is one only";
+TEST(SharedBody, TwoUsersLiftACrateAtTwoHrtcsAsTheyDoAtOneHrtc) {
+  const Lift single = lift(false, 2);
+  EXPECT_EQ(single.lifts, 2u);
+  EXPECT_NEAR(single.max_height, 0.1, 0.015);
+  EXPECT_GT(single.seconds_lifted, 1.9);
+  EXPECT_EQ(single.copy_distance_mm, 0) << "one HRTC has no copies";
   for (const std::int64_t delay_ms : {2, 25}) {
     SCOPED_TRACE(delay_ms);
     const Lift shared = lift(true, delay_ms);
     EXPECT_EQ(shared.lifts, 2u);
-    EXPECT_NEAR(shared.highest, truth.highest, 0.01);
-    EXPECT_NEAR(shared.held, truth.held, 0.5);
-    EXPECT_NEAR(shared.left, 0, 0.002);
-    EXPECT_GT(shared.apart_mm, 0);
-    EXPECT_LT(shared.apart_mm, 1.5 + 0.6 * static_cast<double>(delay_ms)) << "pressed together by 6 N";
-    EXPECT_LT(shared.given_mj, 1);
-    EXPECT_GE(shared.lowest, -1e-6);
+    EXPECT_NEAR(shared.max_height, single.max_height, 0.01);
+    EXPECT_NEAR(shared.seconds_lifted, single.seconds_lifted, 0.5);
+    EXPECT_NEAR(shared.final_height, 0, 0.002);
+    EXPECT_GT(shared.copy_distance_mm, 0);
+    EXPECT_LT(shared.copy_distance_mm, 1.5 + 0.6 * static_cast<double>(delay_ms))
+        << "forces of 6 N displace the copies";
+    EXPECT_LT(shared.injected_energy_mj, 1);
+    EXPECT_GE(shared.min_port_energy, -1e-6);
     EXPECT_LT(shared.peak_force, 8.001);
   }
 }
 
-/// A user who takes the crate from above, at a third or two of its way along x.
-client_sim::User grabber(const std::string& name, double along, const std::string& then) {
+/// A user who grabs the crate from above and then performs the actions `following`. `x_share`: grabbed position along
+/// x, as a share of the crate's length.
+client_sim::User grabber(const std::string& name, double x_share, const std::string& following) {
   const std::string text = "name: grab\nusers:\n  - name: " + name +
                            "\n    script:\n      - grab: {object: crate, direction: [0, 0, 1], point: [" +
-                           std::to_string(along) + ", 0.5, 0.5]}\n" + then;
+                           std::to_string(x_share) + ", 0.5, 0.5]}\n" + following;
   return client_sim::parse_scenario(text, "test").users.front();
 }
 
@@ -191,7 +198,7 @@ double tilt_of(const BodyReport& body) {
   return std::acos(std::clamp((body.state.orientation * Vec3d::UnitZ()).z(), -1.0, 1.0));
 }
 
-TEST(SharedBody, WhatAHandHoldsGoesWhereItGoesUntilItLetsGo) {
+TEST(SharedBody, AHeldObjectFollowsTheHandUntilItIsReleased) {
   Session session{5};
   session.add_hrtc();
   session.add_hrtc();
@@ -199,20 +206,20 @@ TEST(SharedBody, WhatAHandHoldsGoesWhereItGoesUntilItLetsGo) {
                                                       "      - move: {by: [0.05, 0, 0.1], speed: 0.1, seconds: 1}\n"
                                                       "      - move: {by: [0, 0, -0.1], speed: 0.1, seconds: 0.3}\n"
                                                       "      - release: {}\n"));
-  double highest = 0, tilted = 0, peak_force = 0, raised_at = 0;
+  double max_height = 0, max_tilt = 0, peak_force = 0, lifted_x = 0;
   session.run(8, [&] {
-    highest = std::max(highest, height(session));
+    max_height = std::max(max_height, height(session));
     peak_force = std::max(peak_force, hrtc_service::vec(session.probe(ann).force).norm());
-    if (height(session) > 0.09) raised_at = session.body(1)->state.position.x();
-    if (session.body(0) != nullptr) tilted = std::max(tilted, tilt_of(*session.body(0)));
+    if (height(session) > 0.09) lifted_x = session.body(1)->state.position.x();
+    if (session.body(0) != nullptr) max_tilt = std::max(max_tilt, tilt_of(*session.body(0)));
   });
   EXPECT_EQ(session.operator_of(ann).tally().grabs, 1u);
   EXPECT_EQ(session.operator_of(ann).tally().grabs_lost, 0u);
-  EXPECT_NEAR(highest, 0.1, 0.01);
-  EXPECT_NEAR(raised_at, 0.05, 0.005) << "as the other HRTC shows it";
-  EXPECT_GT(peak_force, 0.8 * 9.81 - 0.5) << "its weight is felt";
+  EXPECT_NEAR(max_height, 0.1, 0.01);
+  EXPECT_NEAR(lifted_x, 0.05, 0.005) << "at the other HRTC";
+  EXPECT_GT(peak_force, 0.8 * 9.81 - 0.5) << "the hand feels the weight";
   EXPECT_LT(peak_force, 8.001);
-  EXPECT_LT(tilted, 0.15) << "0.16 N m of its weight, borne with 2.5 N m/rad";
+  EXPECT_LT(max_tilt, 0.15) << "the weight exerts 0.16 N m, and the rotational stiffness is 2.5 N m/rad";
   EXPECT_NEAR(height(session), 0, 1e-3);
   EXPECT_EQ(session.role(0), Claimant::Role::kWatching);
   EXPECT_FALSE(session.body(0)->is_touched);
@@ -221,7 +228,7 @@ TEST(SharedBody, WhatAHandHoldsGoesWhereItGoesUntilItLetsGo) {
   EXPECT_EQ(session.figure(0, session::figures::kGrabsRefused), 0);
 }
 
-TEST(SharedBody, ASecondHandHoldsACopyAndKeepsTheCrateWhenTheFirstLetsGo) {
+TEST(SharedBody, ASecondHandStillHoldsTheCrateWhenTheFirstReleasesIt) {
   Session session{5, 0.4};
   session.add_hrtc();
   session.add_hrtc();
@@ -231,18 +238,18 @@ TEST(SharedBody, ASecondHandHoldsACopyAndKeepsTheCrateWhenTheFirstLetsGo) {
   const std::size_t bob = session.add_user(1, grabber("bob", 0.7,
                                                       "      - move: {by: [0, 0, 0.1], speed: 0.1, seconds: 6}\n"
                                                       "      - release: {}\n"));
-  double lowest_after = 1;
-  bool both = false;
+  double min_height_after_release = 1;
+  bool two_copies = false;
   session.run(1);
   session.run(7, [&] {
-    both = both || (session.body(0)->copies == 2 && session.body(1)->copies == 2);
-    if (session.operator_of(ann).done()) lowest_after = std::min(lowest_after, height(session));
+    two_copies = two_copies || (session.body(0)->copies == 2 && session.body(1)->copies == 2);
+    if (session.operator_of(ann).done()) min_height_after_release = std::min(min_height_after_release, height(session));
   });
-  EXPECT_TRUE(both);
+  EXPECT_TRUE(two_copies);
   EXPECT_LT(session.figure(0, session::figures::kCopiesApart), 10'000);
   EXPECT_EQ(session.role(0), Claimant::Role::kWatching);
   EXPECT_EQ(session.role(1), Claimant::Role::kOwner);
-  EXPECT_GT(lowest_after, 0.06) << "bob holds it alone";
+  EXPECT_GT(min_height_after_release, 0.06) << "bob holds the crate alone";
   session.run(3);
   EXPECT_EQ(session.operator_of(bob).tally().grabs, 1u);
   EXPECT_EQ(session.operator_of(bob).tally().grabs_lost, 0u);
@@ -251,7 +258,7 @@ TEST(SharedBody, ASecondHandHoldsACopyAndKeepsTheCrateWhenTheFirstLetsGo) {
   for (const std::size_t user : {ann, bob}) EXPECT_GE(session.port(user).lowest, -1e-6);
 }
 
-TEST(SharedBody, WhatAControllerHeldWhenItDiedFallsWhenItsLeaseEnds) {
+TEST(SharedBody, AnObjectThatADeadHrtcHeldFallsWhenTheLeaseEnds) {
   Session session{5};
   session.add_hrtc();
   session.add_hrtc();
@@ -262,17 +269,17 @@ TEST(SharedBody, WhatAControllerHeldWhenItDiedFallsWhenItsLeaseEnds) {
   const std::uint64_t fencing = session.viewer_pose().fencing;
   session.kill_hrtc(0);
   session.run(0.2);
-  EXPECT_EQ(session.viewer_pose().fencing, fencing) << "the lease is 250 ms at least";
+  EXPECT_EQ(session.viewer_pose().fencing, fencing) << "the lease is at least 250 ms";
   session.run(0.8);
   EXPECT_GT(session.viewer_pose().fencing, fencing);
   EXPECT_NEAR(height(session), 0, 1e-3);
-  EXPECT_NEAR(session.body(1)->state.position.z(), kHalf, 1e-3);
+  EXPECT_NEAR(session.body(1)->state.position.z(), kHalfEdge, 1e-3);
 }
 
-/// Two who hold the crate in the air.
-class HeldByTwo : public ::testing::Test {
+/// Two users at two HRTCs who hold the crate above the ground.
+class CrateHeldByTwo : public ::testing::Test {
  protected:
-  HeldByTwo() {
+  CrateHeldByTwo() {
     session_.add_hrtc();
     session_.add_hrtc();
     session_.add_user(0, lifter("ann", {1, 0, 0}, 100));
@@ -280,50 +287,48 @@ class HeldByTwo : public ::testing::Test {
     session_.run(6);
   }
   [[nodiscard]] bool both_hold() const { return session_.body(0)->is_touched && session_.body(1)->is_touched; }
-  /// Between the two copies, m.
-  [[nodiscard]] double apart() const {
+  /// Distance of the two copies, m.
+  [[nodiscard]] double copy_distance() const {
     return (session_.body(0)->state.position - session_.body(1)->state.position).norm();
   }
 
   Session session_{5};
 };
 
-TEST_F(HeldByTwo, CopiesGoOnWithoutTheirHostAndItTakesTheClaimsUpWhenItStartsAgain) {
+TEST_F(CrateHeldByTwo, CopiesContinueWithoutTheHostAndGetAGrantAfterItsRestart) {
   ASSERT_TRUE(both_hold());
   ASSERT_GT(height(session_), 0.08);
-  const std::uint64_t before = session_.viewer_pose().fencing;
-  const std::int64_t began_ns = session_.now_ns() - session_.viewer_pose().session_time_ns;  // of session time
+  const std::uint64_t fencing_before = session_.viewer_pose().fencing;
+  const std::int64_t session_begin_ns = session_.now_ns() - session_.viewer_pose().session_time_ns;
   session_.stop_host();
-  double lowest = 1, furthest = 0;
-  session_.run(1, [&] {
-    lowest = std::min(lowest, session_.body(0)->state.position.z());
-    furthest = std::max(furthest, apart());
-  });
+  double min_z = 1, max_distance = 0;
+  const auto measure = [&] {
+    min_z = std::min(min_z, session_.body(0)->state.position.z());
+    max_distance = std::max(max_distance, copy_distance());
+  };
+  session_.run(1, measure);
   EXPECT_EQ(session_.role(0), Claimant::Role::kRequesting);
   EXPECT_EQ(session_.body(0)->copies, 2u);
   session_.start_host();
-  session_.run(1, [&] {
-    lowest = std::min(lowest, session_.body(0)->state.position.z());
-    furthest = std::max(furthest, apart());
-  });
+  session_.run(1, measure);
   EXPECT_TRUE(both_hold());
-  EXPECT_GT(lowest, kHalf + 0.08) << "nobody let it fall";
-  EXPECT_LT(furthest, 0.005);
-  EXPECT_GT(session_.viewer_pose().fencing, before);
+  EXPECT_GT(min_z, kHalfEdge + 0.08) << "the crate did not fall";
+  EXPECT_LT(max_distance, 0.005);
+  EXPECT_GT(session_.viewer_pose().fencing, fencing_before);
   EXPECT_EQ((std::set{session_.role(0), session_.role(1)}), (std::set{Claimant::Role::kLeader, Claimant::Role::kCopy}));
-  EXPECT_NEAR(1e-6 * static_cast<double>(session_.now_ns() - session_.viewer_pose().session_time_ns - began_ns), 0, 20)
+  EXPECT_NEAR(1e-6 * static_cast<double>(session_.now_ns() - session_.viewer_pose().session_time_ns - session_begin_ns), 0, 20)
       << "ms";
 }
 
-TEST_F(HeldByTwo, TheOneWhoIsLeftKeepsTheObject) {
+TEST_F(CrateHeldByTwo, TheRemainingHrtcOwnsTheObjectWhenTheOtherDies) {
   ASSERT_TRUE(both_hold());
   session_.kill_hrtc(0);
   session_.run(0.3);
   EXPECT_EQ(session_.role(1), Claimant::Role::kOwner);
   EXPECT_EQ(session_.body(1)->copies, 0u);
-  session_.run(3);  // with one hand it cannot be held up
+  session_.run(3);  // one hand that presses from the side cannot hold the crate up
   EXPECT_NEAR(height(session_), 0, 0.005);
-  EXPECT_NEAR(session_.body(1)->state.position.z(), kHalf, 0.005);
+  EXPECT_NEAR(session_.body(1)->state.position.z(), kHalfEdge, 0.005);
 }
 
 }  // namespace

@@ -1,4 +1,5 @@
-// A box that lies on the organ, from the host that has let it come to rest there to an HRTC whose user touches it.
+// Movable boxes at an HRTC: a hand touches a box that came to rest on the organ at the host, and a tool pushes a box
+// along the ground.
 
 #include <gtest/gtest.h>
 
@@ -19,24 +20,25 @@ using spm::Vec3d;
 using test_support::LocalSession;
 
 constexpr std::int64_t kMs = 1'000'000;
-constexpr double kHalf = 0.01;  // m, of the box's edges
-constexpr double kMass = 0.2;   // kg, of the box
+constexpr double kHalfEdge = 0.01;  // m, of the box on the organ
+constexpr double kMass = 0.2;       // kg, of each box
 constexpr session::Material kRough{1000, 3, 0.9, 0.8};
 
-class OnTheOrgan : public ::testing::Test {
+spm::offline::TriangleMesh box_mesh(double half_edge) {
+  constexpr double kGenerated = 0.05;  // m, half edge of the generated box
+  spm::offline::TriangleMesh mesh = spm::offline::generate(spm::offline::Shape::kBox, 1200);
+  for (auto& position : mesh.positions)
+    for (float& coordinate : position) coordinate *= static_cast<float>(half_edge / kGenerated);
+  return mesh;
+}
+
+class BoxOnOrgan : public ::testing::Test {
  protected:
-  OnTheOrgan()
+  BoxOnOrgan()
       : session_{{organ_.model(), box_.model()}, 1, spm::PoolSettings::for_slots(1 << 15), 2, {}, kRough, kMass} {}
 
-  [[nodiscard]] static spm::offline::TriangleMesh box_mesh() {
-    spm::offline::TriangleMesh mesh = spm::offline::generate(spm::offline::Shape::kBox, 1200);
-    for (auto& p : mesh.positions)
-      for (float& x : p) x *= static_cast<float>(kHalf / 0.05);
-    return mesh;
-  }
-
-  /// Where a host's box that is dropped on the organ's top comes to rest.
-  [[nodiscard]] haptics::BodyState at_rest() const {
+  /// Simulates at a host how the box falls on the top of the organ. Returns its state at rest.
+  [[nodiscard]] haptics::BodyState state_after_drop() const {
     const std::vector<spm::Model> models{organ_.model(), box_.model()};
     const std::vector<spm::codec::EncodedModel> encoded{models.begin(), models.end()};
     host_service::HostCoreSettings settings = LocalSession::host_settings(encoded, 1, kRough, kMass);
@@ -51,7 +53,7 @@ class OnTheOrgan : public ::testing::Test {
     return sharing::state_at(pose, Vec3d::Zero());
   }
 
-  void cycle(const Vec3d& device, bool grab) {
+  void run_cycle(const Vec3d& device, bool grab) {
     session_.prepare(device, Vec3d::Zero());
     session_.inputs()[0].device.buttons = grab ? std::uint32_t{haptics::kGrabButton} : 0u;
     session_.core().link().bodies.orders.post(orders_);
@@ -62,85 +64,84 @@ class OnTheOrgan : public ::testing::Test {
 
   spm::offline::TriangleMesh organ_mesh_ = spm::offline::generate(spm::offline::Shape::kOrgan, 40'000);
   spm::offline::BuiltModel organ_{spm::offline::build_model(organ_mesh_)};
-  spm::offline::BuiltModel box_{spm::offline::build_model(box_mesh())};
+  spm::offline::BuiltModel box_{spm::offline::build_model(box_mesh(kHalfEdge))};
   LocalSession session_;
   hrtc_service::BodyOrders orders_;
   hrtc_service::BodyReports reports_;
   std::array<hrtc_service::ProbeOutput, hrtc_service::kMaxProbes> outputs_;
 };
 
-TEST_F(OnTheOrgan, ABoxStaysWhereItsHostLeftItWhenAHandTouchesItAndFallsBackThere) {
-  const haptics::BodyState rest = at_rest();
+TEST_F(BoxOnOrgan, StaysAtRestWhenAHandTouchesItAndFallsBackAfterALift) {
+  const haptics::BodyState resting = state_after_drop();
   orders_.number = orders_.count = 1;
   orders_.bodies[0].object = 1;
-  orders_.bodies[0].received = {rest, 0, 1};
-  const Vec3d above = rest.position + Vec3d{0, 0, kHalf + 0.01};
-  for (int i = 0; i < 300; ++i) cycle(above, false);
+  orders_.bodies[0].received = {resting, 0, 1};
+  const Vec3d above = resting.position + Vec3d{0, 0, kHalfEdge + 0.01};
+  for (int cycle = 0; cycle < 300; ++cycle) run_cycle(above, false);
   ASSERT_EQ(reports_.count, 1u);
-  EXPECT_LT((reports_.bodies[0].state.position - rest.position).norm(), 1e-9) << "shown at the received pose";
+  EXPECT_LT((reports_.bodies[0].state.position - resting.position).norm(), 1e-9) << "shown at the received pose";
 
-  // Down to it, pressed by some tenths of a newton.
-  double off = 0;
+  // The hand presses on the box with some tenths of a newton.
+  double max_shift = 0;
   Vec3d hand = above;
-  for (int i = 0; i < 600; ++i) {
-    hand.z() = std::max(hand.z() - 3e-5, rest.position.z() + kHalf + 0.0027);
-    cycle(hand, false);
-    off = std::max(off, (reports_.bodies[0].state.position - rest.position).norm());
+  for (int cycle = 0; cycle < 600; ++cycle) {
+    hand.z() = std::max(hand.z() - 3e-5, resting.position.z() + kHalfEdge + 0.0027);
+    run_cycle(hand, false);
+    max_shift = std::max(max_shift, (reports_.bodies[0].state.position - resting.position).norm());
   }
   EXPECT_TRUE(reports_.bodies[0].is_touched);
   EXPECT_GT(outputs_[0].force[2], 0.1);
-  EXPECT_LT(off, 5e-4) << "neither sunk nor pushed out";
+  EXPECT_LT(max_shift, 5e-4) << "the box neither sinks into the organ nor leaves it";
 
-  // Up by a centimetre and let go.
-  for (int i = 0; i < 1000; ++i) {
-    hand.z() += i < 500 ? 2.5e-5 : 0;
-    cycle(hand, true);
+  // The hand lifts the box by a centimetre and releases it.
+  for (int cycle = 0; cycle < 1000; ++cycle) {
+    hand.z() += cycle < 500 ? 2.5e-5 : 0;
+    run_cycle(hand, true);
   }
-  EXPECT_GT(reports_.bodies[0].state.position.z(), rest.position.z() + 0.005);
-  for (int i = 0; i < 250; ++i) cycle(hand + Vec3d{0, 0, 5e-5 * i}, false);
-  EXPECT_NEAR(reports_.bodies[0].state.position.z(), rest.position.z(), 0.002);
+  EXPECT_GT(reports_.bodies[0].state.position.z(), resting.position.z() + 0.005);
+  for (int cycle = 0; cycle < 250; ++cycle) run_cycle(hand + Vec3d{0, 0, 5e-5 * cycle}, false);
+  EXPECT_NEAR(reports_.bodies[0].state.position.z(), resting.position.z(), 0.002);
 }
 
 TEST(ToolAndBody, AStylusPushesABoxAlongTheGroundAndFeelsItsFriction) {
-  constexpr double kEdge = 0.03, kSpeed = 0.05;  // m, half an edge; m/s
-  spm::offline::TriangleMesh mesh = spm::offline::generate(spm::offline::Shape::kBox, 1200);
-  for (auto& p : mesh.positions)
-    for (float& x : p) x *= static_cast<float>(kEdge / 0.05);
-  const spm::offline::BuiltModel box{spm::offline::build_model(mesh)};
+  constexpr double kPushedHalfEdge = 0.03, kSpeed = 0.05;  // m, m/s
+  constexpr double kGround = -1;                           // m, as in LocalSession
+  const spm::offline::BuiltModel box{spm::offline::build_model(box_mesh(kPushedHalfEdge))};
   const spm::offline::TriangleMesh stylus = spm::offline::stylus();
   const spm::MeshProbe probe{stylus.positions, stylus.faces};
   hrtc_service::LoaderSettings loader;
   loader.tool = &probe;
   const session::Material material{1000, 3, 0.5, 0.4};
-  LocalSession session{{box.model()}, 1, spm::PoolSettings::for_slots(1 << 14), 2, loader, material, 0.2};
+  LocalSession session{{box.model()}, 1, spm::PoolSettings::for_slots(1 << 14), 2, loader, material, kMass};
   hrtc_service::BodyReports reports;
   hrtc_service::BodyOrders orders;
   orders.number = orders.count = 1;
   orders.bodies[0].object = 0;
   orders.bodies[0].received.number = 1;
-  orders.bodies[0].received.state.position = {0, 0, -1 + kEdge};  // the ground is at -1
-  Vec3d hand{0.05, 0.002, -1 + 0.02};
-  double pushed = 0, along = 0;
-  int pushes = 0;
-  for (int i = 0; i < 1300; ++i) {
-    const Vec3d velocity = i < 300 ? Vec3d::Zero() : Vec3d{-kSpeed, 0, 0};
+  orders.bodies[0].received.state.position = {0, 0, kGround + kPushedHalfEdge};
+  Vec3d hand{0.05, 0.002, kGround + 0.02};
+  double box_x = 0, force_sum = 0;
+  int pushed_cycles = 0;
+  for (int cycle = 0; cycle < 1300; ++cycle) {
+    const Vec3d velocity = cycle < 300 ? Vec3d::Zero() : Vec3d{-kSpeed, 0, 0};
     hand += 1e-3 * velocity;
     session.prepare(hand, velocity);
     session.core().link().bodies.orders.post(orders);
     const hrtc_service::Servo::Outputs& outputs = session.touch_with_bodies();
     (void)session.core().servo().refine(spm::Budget{1u << 20});
     (void)session.core().link().bodies.reports_for_sender.take(reports);
-    if (i < 1000) continue;
-    ++pushes;
-    along += outputs[0].force[0];
-    pushed = reports.bodies[0].state.position.x();
+    if (cycle < 1000) continue;
+    ++pushed_cycles;
+    force_sum += outputs[0].force[0];
+    box_x = reports.bodies[0].state.position.x();
   }
   ASSERT_EQ(reports.count, 1u);
   EXPECT_TRUE(reports.bodies[0].is_touched);
-  EXPECT_NEAR(along / pushes, 0.5 * 0.2 * 9.81, 0.15) << "what the ground's friction takes";
-  EXPECT_NEAR(pushed, hand.x() - 0.003 - kEdge + 0.001, 0.001) << "before the tip, which lags by a newton";
-  EXPECT_NEAR(reports.bodies[0].state.position.z(), -1 + kEdge, 5e-4);
-  EXPECT_LT(haptics::log_map(reports.bodies[0].state.orientation).norm(), 0.15) << "pushed 2 mm beside its middle";
+  EXPECT_NEAR(force_sum / pushed_cycles, 0.5 * kMass * 9.81, 0.15) << "the friction of the ground";
+  EXPECT_NEAR(box_x, hand.x() - 0.003 - kPushedHalfEdge + 0.001, 0.001)
+      << "in front of the tip, which 1 N displaces by 1 mm from the device";
+  EXPECT_NEAR(reports.bodies[0].state.position.z(), kGround + kPushedHalfEdge, 5e-4);
+  EXPECT_LT(haptics::log_map(reports.bodies[0].state.orientation).norm(), 0.15) << "the push is 2 mm off the centre";
   EXPECT_GE(reports.ports[0].lowest, -1e-6);
 }
 

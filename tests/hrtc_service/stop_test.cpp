@@ -1,9 +1,8 @@
-// The emergency stop on its way to the hand: a haptic thread with a tip that presses on a sphere.
+// Emergency stops at an HRTC: the haptic thread runs while a tip presses on a sphere.
 
 #include <gtest/gtest.h>
 
 #include <atomic>
-#include <chrono>
 #include <thread>
 
 #include "haptics/simulated_device.hpp"
@@ -20,12 +19,11 @@
 namespace tactus {
 namespace {
 
-using hrtc_service::kMaxProbes;
 using spm::Vec3d;
 
 constexpr std::uint64_t kHost = 10, kHrtc = 20, kSession = 30;
 
-/// A simulated hand of which the test reads the force that the haptic thread commands.
+/// A simulated hand. The test reads the force that the haptic thread commands.
 class WatchedHand final : public haptics::Device {
  public:
   explicit WatchedHand(const haptics::HandSettings& settings) : hand_{settings} {}
@@ -40,8 +38,8 @@ class WatchedHand final : public haptics::Device {
 
   [[nodiscard]] double force() const noexcept { return force_; }
   [[nodiscard]] haptics::Mailbox<haptics::HandPath>& paths() noexcept { return hand_.paths(); }
-  /// Until the thread has commanded `count` further forces.
-  void wait_writes(std::uint64_t count) const {
+  /// Waits until the haptic thread has commanded `count` further forces.
+  void wait_for_writes(std::uint64_t count) const {
     const std::uint64_t end = writes_ + count;
     while (writes_ < end) std::this_thread::yield();
   }
@@ -58,8 +56,8 @@ haptics::HandSettings hand_at(double x) {
   return hand;
 }
 
-/// The base mesh of a sphere, and a tip that presses on it.
-class PressedSphere : public ::testing::Test {
+/// An HRTC with the base mesh of a sphere, on which a tip presses.
+class EmergencyStop : public ::testing::Test {
  protected:
   void SetUp() override {
     orders_.post([this](hrtc_service::HapticCommands& commands) { commands.devices[0] = &hand_; });
@@ -71,7 +69,7 @@ class PressedSphere : public ::testing::Test {
   }
   void TearDown() override { haptic_.stop(); }
 
-  /// The watchdog is ctest's.
+  /// Lets host and HRTC exchange samples until the hand feels a force. The timeout of ctest limits the wait.
   void wait_for_force() {
     while (hand_.force() < 0.1) {
       const std::int64_t now = hrtc_service::monotonic_ns();
@@ -90,7 +88,7 @@ class PressedSphere : public ::testing::Test {
     settings.pool = spm::PoolSettings::for_slots(model.summary.parts + 600);
     return settings;
   }
-  [[nodiscard]] static hrtc_service::HapticSettings settings() {
+  [[nodiscard]] static hrtc_service::HapticSettings haptic_settings() {
     hrtc_service::HapticSettings settings;
     settings.priority = 0;
     return settings;
@@ -104,49 +102,49 @@ class PressedSphere : public ::testing::Test {
   hrtc_service::HrtcCore core_{session::Origin{kSession, kHrtc, 1, 0}, core_settings(model_)};
   hrtc_service::Membership membership_{
       session::Origin{kSession, kHrtc, 1, 0}, {"hrtc", "session"}, core_.gateway(), hrtc_service::monotonic_ns()};
-  hrtc_service::HapticThread haptic_{settings(), core_.servo()};
+  hrtc_service::HapticThread haptic_{haptic_settings(), core_.servo()};
   hrtc_service::HapticOrders orders_{haptic_};
   const spm::codec::EncodedModel encoded_{model_};
   host_service::HostCore host_{session::Origin{kSession, kHost, 1, 0},
                                host_service::host_of("sphere", encoded_.compressed()), hrtc_service::monotonic_ns()};
 };
 
-TEST_F(PressedSphere, IsNotFeltAfterAResetAndAStopWithinOneCycle) {
+TEST_F(EmergencyStop, AStopAfterAResetInOneCycleZeroesTheForce) {
   core_.link().set_stop({false, 1});
   core_.link().set_stop({true, 1});
 
-  hand_.wait_writes(2);  // one may be under way
-  for (int i = 0; i < 1000; ++i) {
-    ASSERT_EQ(hand_.force(), 0) << "in cycle " << i;
-    hand_.wait_writes(1);
+  hand_.wait_for_writes(2);  // the first write may belong to a cycle that began before the stop
+  for (int cycle = 0; cycle < 1000; ++cycle) {
+    ASSERT_EQ(hand_.force(), 0) << "in cycle " << cycle;
+    hand_.wait_for_writes(1);
   }
 }
 
-TEST_F(PressedSphere, IsNotFeltOneCycleAfterTheCallbackOfAStopUntilAResetNamesIt) {
+TEST_F(EmergencyStop, TheCallbackOfAStopZeroesTheForceWithinACycleUntilAResetNamesTheStop) {
   hrtc_service::StopSwitch stops{session::Origin{kSession, kHrtc, 1, 0}, core_.link()};
 
-  EXPECT_TRUE(stops.on_stop({50, 1, 1}));  // nothing but this: no queue, no other thread
-  hand_.wait_writes(2);
+  EXPECT_TRUE(stops.on_stop({50, 1, 1}));  // no queue and no other thread is between callback and haptic thread
+  hand_.wait_for_writes(2);
   EXPECT_EQ(hand_.force(), 0);
   EXPECT_TRUE(stops.on_reset({{kSession, 51, 1, 0}, 1, {{60, 1, 1}}, ""}));
-  hand_.wait_writes(100);
-  EXPECT_EQ(hand_.force(), 0) << "it named another stop";
+  hand_.wait_for_writes(100);
+  EXPECT_EQ(hand_.force(), 0) << "the reset names another stop";
   EXPECT_TRUE(stops.on_reset({{kSession, 51, 1, 0}, 2, {{50, 1, 1}}, ""}));
   wait_for_force();
 }
 
-TEST_F(PressedSphere, IsNotFeltAfterAStopThatStandsAtAPeer) {
+TEST_F(EmergencyStop, AStopInTheRosterEntryOfAPeerZeroesTheForce) {
   hrtc_service::StopSwitch stops{session::Origin{kSession, kHrtc, 1, 0}, core_.link()};
   session::RosterEntry peer;
   peer.origin = {kSession, kHost, 1, 0};
   peer.stops = {{50, 1, 1, 0, 0}};
 
   EXPECT_TRUE(stops.on_roster(peer));
-  hand_.wait_writes(2);
+  hand_.wait_for_writes(2);
   EXPECT_EQ(hand_.force(), 0);
 }
 
-TEST_F(PressedSphere, IsNotAcknowledgedAsStoppedWhileItIsFelt) {
+TEST_F(EmergencyStop, AStopIsAcknowledgedOnlyAfterTheForceIsZero) {
   hrtc_service::StopSwitch stops{session::Origin{kSession, kHrtc, 1, 0}, core_.link()};
   std::vector<session::StopRecord> records;
   (void)stops.on_stop({50, 1, 1});
@@ -157,10 +155,10 @@ TEST_F(PressedSphere, IsNotAcknowledgedAsStoppedWhileItIsFelt) {
   EXPECT_EQ(hand_.force(), 0);
   ASSERT_EQ(records.size(), 1u);
   EXPECT_EQ(records[0].stop, 1u);
-  EXPECT_FALSE(stops.acknowledge(records)) << "nothing new";
+  EXPECT_FALSE(stops.acknowledge(records)) << "no further stop was obeyed";
   haptic_.stop();
   (void)stops.on_reset({{kSession, 51, 1, 0}, 1, {{50, 1, 1}}, ""});
-  EXPECT_FALSE(stops.acknowledge(records)) << "no cycle has obeyed it";
+  EXPECT_FALSE(stops.acknowledge(records)) << "no cycle has obeyed the reset";
 }
 
 }  // namespace

@@ -1,11 +1,10 @@
-// The haptic thread beside the loader's, as in a real HRTC but without DDS: what passes between them, for TSan to
-// watch, and which system calls the haptic thread makes meanwhile.
+// The haptic thread of an HRTC runs while another thread does the work of the gateway, without DDS. TSan checks the
+// data that the threads exchange. A seccomp filter records the system calls of the haptic thread.
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <sys/syscall.h>
 
-#include <chrono>
 #include <cmath>
 #include <set>
 #include <thread>
@@ -27,12 +26,11 @@
 namespace tactus {
 namespace {
 
-using hrtc_service::kMaxProbes;
 using spm::Vec3d;
 
 constexpr std::uint64_t kHost = 10, kHrtc = 20, kSession = 30;
 
-/// A simulated hand that lets its thread make no system call but sleeping, from its first cycle on.
+/// A simulated hand. From the first cycle, a filter records all system calls of the haptic thread except the sleep.
 class FilteredHand final : public haptics::Device {
  public:
   explicit FilteredHand(const haptics::HandSettings& hand) : hand_{hand} {}
@@ -49,111 +47,143 @@ class FilteredHand final : public haptics::Device {
 
  private:
   haptics::SimulatedDevice hand_;
-  bool filtered_ = false;  // the haptic thread's
+  bool filtered_ = false;  // only the haptic thread uses this
 };
 
 #if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
-TEST(Threads, TheFilterRecordsWhatItDoesNotAllow) {
+TEST(SystemCallFilter, RecordsTheCallsThatItDoesNotAllow) {
   test_support::SystemCalls::clear();
   std::thread{[] {
     test_support::SystemCalls::allow_only(SYS_clock_nanosleep);
     wire::sleep_until(hrtc_service::monotonic_ns() + 1000);
     (void)syscall(SYS_gettid);
   }}.join();
-  const std::map<long, std::uint64_t> tried = test_support::SystemCalls::tried();  // a thread's end adds to them
+  const std::map<long, std::uint64_t> tried = test_support::SystemCalls::attempts();  // also those of the thread's end
   EXPECT_THAT(tried, testing::Contains(testing::Pair(SYS_gettid, 1)));
   EXPECT_THAT(tried, testing::Not(testing::Contains(testing::Key(SYS_clock_nanosleep))));
 }
 #endif
 
-TEST(Threads, AHandFeelsWhatALoaderBringsAndEvictsMeanwhile) {
-  const spm::offline::BuiltModel built =
-      spm::offline::build_model(spm::offline::generate(spm::offline::Shape::kSphere, 8000));
-  const spm::Model model = built.model();
-  const double radius = (model.summary.bounds_max[0] - model.summary.bounds_min[0]) / 2;
-  const spm::PoolSettings settings = spm::PoolSettings::for_slots(model.summary.parts / 4 + 600);
-  hrtc_service::HrtcCoreSettings core_settings;
-  core_settings.pool = settings;
-  core_settings.logs_queries = true;
-  core_settings.servo.snapshot_nodes = settings.tree_nodes;
-  const test_support::TemporaryFolder folder;
-  hrtc_service::FlightOptions flight_options;
-  flight_options.folder = folder.path();
-  flight_options.file = folder.path() / "end.mcap";
-  hrtc_service::FlightSaver flight{flight_options,
-                                   hrtc_service::flight_start("desk", core_settings.servo.cycle, settings, {}), 1};
-  core_settings.servo.recorder = &flight.recorder();
-  hrtc_service::HrtcCore core{session::Origin{kSession, kHrtc, 1, 0}, core_settings};
-  hrtc_service::Gateway& gateway = core.gateway();
-  const hrtc_service::Loader& loader = gateway.loader();
-  hrtc_service::HapticSettings haptic_settings;
-  haptic_settings.priority = 0;
-  hrtc_service::HapticThread haptic{haptic_settings, core.servo()};
-  const spm::codec::EncodedModel encoded{model};
-  host_service::HostCore host{session::Origin{kSession, kHost, 1, 0},
-                              host_service::host_of("sphere", encoded.compressed()), hrtc_service::monotonic_ns()};
-  hrtc_service::Membership membership{
-      session::Origin{kSession, kHrtc, 1, 0}, {"hrtc", "session"}, gateway, hrtc_service::monotonic_ns()};
+/// A session with a sphere, and a hand that strokes it.
+class Threads : public ::testing::Test {
+ protected:
+  static constexpr session::Origin kHrtcOrigin{kSession, kHrtc, 1, 0};
 
-  haptics::HandSettings hand;
-  hand.start = {radius + 0.02, 0, 0};
-  FilteredHand device{hand};
-  hrtc_service::HapticCommands commands;
-  commands.devices[0] = &device;
-  haptic.commands().post(commands);
-  flight.start();
-  test_support::SystemCalls::clear();
-  (void)haptic.start();
-
-  const std::int64_t start = hrtc_service::monotonic_ns();
-  std::uint64_t contact = 0, exact = 0, logged = 0;
-  std::set<std::uint64_t> hashes;
-  trace::LoggedQuery query;
-  // Until the hand has felt the finest surface long enough and regions have come and gone; the watchdog is ctest's.
-  while (exact < 200 || loader.figures().regions_coarsened < 3 || core.servo().snapshots_done() == 0) {
-    const std::int64_t now = hrtc_service::monotonic_ns();
-    // Round and round the equator, pressed 2 mm in, at some 10 cm/s.
-    const double angle = static_cast<double>(now - start) * 1e-9 * 0.1 / radius;
+  /// Moves the hand along the equator and beyond it, 2 mm deep at some 10 cm/s.
+  void move_hand(std::int64_t now_ns) {
+    const double angle = static_cast<double>(now_ns - start_ns_) * 1e-9 * 0.1 / radius_;
+    const double tip_distance = radius_ + 0.001;
     haptics::HandPath path;
     path.waypoints[path.count++] = {
-        now,
-        {(radius + 0.001) * std::cos(angle), (radius + 0.001) * std::sin(angle), 0.2 * radius * std::sin(3 * angle)}};
-    device.hand().paths().post(path);
-    if (contact == 100) {
-      commands.snapshots = 1;
-      haptic.commands().post(commands);
+        now_ns, {tip_distance * std::cos(angle), tip_distance * std::sin(angle), 0.2 * radius_ * std::sin(3 * angle)}};
+    device_.hand().paths().post(path);
+  }
+  /// Does the work of the gateway's thread and of the host.
+  void exchange(std::int64_t now_ns) {
+    hrtc_service::Gateway& gateway = core_.gateway();
+    gateway.tick(now_ns, membership_.clock());
+    membership_.tick(now_ns);
+    study::exchange_membership(host_, membership_, now_ns);
+    while (auto demand = gateway.demand(now_ns)) host_.on_demand(*demand, now_ns);
+    while (auto chunk = host_.next_chunk(now_ns)) gateway.on_chunk(chunk->chunk, now_ns);
+  }
+  void count_contacts() {
+    if (!core_.gateway().has_new_reports()) return;
+    const std::uint32_t status = core_.gateway().reports().probes[0].status;
+    if ((status & session::kInContact) == 0) return;
+    ++contact_reports_;
+    exact_reports_ += (status & session::kExact) != 0 ? 1 : 0;
+  }
+  /// Empties the rings that the haptic thread fills.
+  void drain_rings() {
+    for (hrtc_service::CycleTrace trace; haptic_.traces().pop(trace);) {
     }
-    gateway.tick(now, membership.clock());
-    membership.tick(now);
-    study::exchange_membership(host, membership, now);
-    if (gateway.has_new_reports()) {
-      const std::uint32_t status = gateway.reports().probes[0].status;
-      const bool touching = (status & session::kInContact) != 0;
-      contact += touching ? 1 : 0;
-      exact += touching && (status & session::kExact) != 0 ? 1 : 0;
+    for (trace::LoggedQuery query; core_.link().log.pop(query);) {
+      ++logged_queries_;
+      mesh_hashes_.insert(query.mesh_hash);
     }
-    while (auto demand = gateway.demand(now)) host.on_demand(*demand, now);
-    while (auto chunk = host.next_chunk(now)) gateway.on_chunk(chunk->chunk, now);
-    hrtc_service::CycleTrace trace;
-    while (haptic.traces().pop(trace)) {
-    }
-    while (core.link().log.pop(query)) {
-      ++logged;
-      hashes.insert(query.mesh_hash);
-    }
+  }
+  void request_snapshot() {
+    commands_.snapshots = 1;
+    haptic_.commands().post(commands_);
+  }
+
+  [[nodiscard]] hrtc_service::FlightOptions flight_options() const {
+    hrtc_service::FlightOptions options;
+    options.folder = folder_.path();
+    options.file = folder_.path() / "end.mcap";
+    return options;
+  }
+  [[nodiscard]] hrtc_service::HrtcCoreSettings core_settings() {
+    hrtc_service::HrtcCoreSettings settings;
+    settings.pool = pool_;
+    settings.logs_queries = true;
+    settings.servo.snapshot_nodes = pool_.tree_nodes;
+    settings.servo.recorder = &flight_.recorder();
+    return settings;
+  }
+  [[nodiscard]] static hrtc_service::HapticSettings haptic_settings() {
+    hrtc_service::HapticSettings settings;
+    settings.priority = 0;
+    return settings;
+  }
+  [[nodiscard]] haptics::HandSettings hand_settings() const {
+    haptics::HandSettings settings;
+    settings.start = {radius_ + 0.02, 0, 0};
+    return settings;
+  }
+
+  const spm::offline::BuiltModel built_ =
+      spm::offline::build_model(spm::offline::generate(spm::offline::Shape::kSphere, 8000));
+  const spm::Model model_ = built_.model();
+  const spm::codec::EncodedModel encoded_{model_};
+  const double radius_ = (model_.summary.bounds_max[0] - model_.summary.bounds_min[0]) / 2;
+  // The pool holds a quarter of the model, so that regions are loaded and evicted.
+  const spm::PoolSettings pool_ = spm::PoolSettings::for_slots(model_.summary.parts / 4 + 600);
+  const test_support::TemporaryFolder folder_;
+  hrtc_service::FlightSaver flight_{flight_options(),
+                                    hrtc_service::flight_start("desk", hrtc_service::CycleSettings{}, pool_, {}), 1};
+  hrtc_service::HrtcCore core_{kHrtcOrigin, core_settings()};
+  hrtc_service::HapticThread haptic_{haptic_settings(), core_.servo()};
+  const std::int64_t start_ns_ = hrtc_service::monotonic_ns();
+  host_service::HostCore host_{session::Origin{kSession, kHost, 1, 0},
+                               host_service::host_of("sphere", encoded_.compressed()), start_ns_};
+  hrtc_service::Membership membership_{kHrtcOrigin, {"hrtc", "session"}, core_.gateway(), start_ns_};
+  FilteredHand device_{hand_settings()};
+  hrtc_service::HapticCommands commands_;
+  std::uint64_t contact_reports_ = 0, exact_reports_ = 0, logged_queries_ = 0;
+  std::set<std::uint64_t> mesh_hashes_;
+};
+
+TEST_F(Threads, TheHapticThreadMakesNoSystemCallWhileTheLoaderLoadsAndEvictsRegions) {
+  commands_.devices[0] = &device_;
+  haptic_.commands().post(commands_);
+  flight_.start();
+  test_support::SystemCalls::clear();
+  (void)haptic_.start();
+
+  // Until enough contacts were exact, and regions were loaded and coarsened. The timeout of ctest limits the wait.
+  while (exact_reports_ < 200 || core_.gateway().loader().figures().regions_coarsened < 3 ||
+         core_.servo().snapshots_done() == 0) {
+    const std::int64_t now_ns = hrtc_service::monotonic_ns();
+    move_hand(now_ns);
+    if (contact_reports_ == 100) request_snapshot();
+    exchange(now_ns);
+    count_contacts();
+    drain_rings();
     std::this_thread::yield();
   }
-  haptic.stop();
-  EXPECT_THAT(test_support::SystemCalls::tried(), testing::IsEmpty());
-  EXPECT_TRUE(flight.stop());
-  const hrtc_service::FlightReport replayed = hrtc_service::replay_flight(
-      flight_options.file, {[&](std::uint64_t) { return &encoded.compressed(); }, {}, false});
+  haptic_.stop();
+  EXPECT_THAT(test_support::SystemCalls::attempts(), testing::IsEmpty());
+  EXPECT_TRUE(flight_.stop());
+  const hrtc_service::FlightReport replayed =
+      hrtc_service::replay_flight(flight_options().file, {[&](std::uint64_t) { return &encoded_.compressed(); }, {}, false});
 
   EXPECT_EQ(replayed.different_cycles, 0u) << replayed.first_difference;
   EXPECT_GT(replayed.in_contact, 100u);
-  EXPECT_GT(logged, exact);
-  EXPECT_GT(hashes.size(), 2u);
-  EXPECT_FALSE(core.servo().snapshot(0).empty());
+  EXPECT_GT(logged_queries_, exact_reports_);
+  EXPECT_GT(mesh_hashes_.size(), 2u);
+  EXPECT_FALSE(core_.servo().snapshot(0).empty());
 }
 
 }  // namespace

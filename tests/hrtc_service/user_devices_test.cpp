@@ -1,4 +1,4 @@
-// Users who come and go at an HRTC, over DDS as in a session.
+// Users join and leave an HRTC over DDS: their devices and writers are freed, but not while a thread may use them.
 
 #include "hrtc_service/user_devices.hpp"
 
@@ -15,14 +15,15 @@ namespace tactus::hrtc_service {
 namespace {
 
 wire::SessionAddress address(const std::string& participant) {
-  wire::SessionAddress made;
-  made.session = "test.seats." + std::to_string(getpid());
-  made.participant = participant;
-  made.domain = 50 + 3 * (static_cast<int>(getpid()) % 13);
-  return made;
+  wire::SessionAddress address;
+  address.session = "test.user_devices." + std::to_string(getpid());
+  address.participant = participant;
+  address.domain = 50 + 3 * (static_cast<int>(getpid()) % 13);
+  return address;
 }
 
-/// A sender that uses what it was last given until it looks again, and a haptic thread of its own.
+/// The haptic thread runs. The test's thread is the sender: until it sends again, it may use the writers of its last
+/// send.
 class UserDevicesTest : public testing::Test {
  protected:
   UserDevicesTest() {
@@ -38,13 +39,13 @@ class UserDevicesTest : public testing::Test {
   }
   ~UserDevicesTest() override { haptic_->stop(); }
 
-  /// Until the user's first pose has arrived and its device is in use.
+  /// Publishes poses of the user until the haptic thread has its device. The timeout of ctest limits the wait.
   void open_device(const std::string& user) {
     wire::Writer<session::DevicePose> poses{client_, wire::topics::kDevicePose,
                                             wire::EndpointOptions{wire::user_partition(user)}};
     session::DevicePose pose;
     pose.user_id = session::id_of(user);
-    while (orders_->now().devices[0] == nullptr) {  // the watchdog is ctest's
+    while (orders_->now().devices[0] == nullptr) {
       pose.origin = client_.origin();
       ++pose.sequence;
       (void)poses.send(pose);
@@ -61,7 +62,7 @@ class UserDevicesTest : public testing::Test {
   std::optional<UserDevices> devices_;
 };
 
-TEST_F(UserDevicesTest, WhatUsersBringIsFreedAfterTheyHaveLeft) {
+TEST_F(UserDevicesTest, DevicesAndWritersAreFreedAfterTheirUsersHaveLeft) {
   ProbeReports report;
   for (int round = 0; round < 10; ++round) {
     const std::string user = "user " + std::to_string(round);
@@ -76,7 +77,7 @@ TEST_F(UserDevicesTest, WhatUsersBringIsFreedAfterTheyHaveLeft) {
       std::this_thread::yield();
     }
   }
-  for (int round = 0; round < 20; ++round) {  // users without a device, of which no sender knows
+  for (int round = 0; round < 20; ++round) {  // users without a device, for whom nothing is sent
     const std::string user = "hand " + std::to_string(round);
     devices_->add(0, user, client_.origin().participant);
     devices_->remove(0);
@@ -85,15 +86,15 @@ TEST_F(UserDevicesTest, WhatUsersBringIsFreedAfterTheyHaveLeft) {
   EXPECT_EQ(devices_->user_at(0), 0u);
 }
 
-TEST_F(UserDevicesTest, AWriterIsNotDestroyedWhereTheSenderCouldMeetIt) {
+TEST_F(UserDevicesTest, AWriterIsNotDestroyedWhileTheSenderMayUseIt) {
   devices_->add(0, "ann", client_.origin().participant);
   open_device("ann");
   ProbeReports report;
   report.probes[0].active = true;
   devices_->send_commands(report);
-  const std::uint64_t without = orders_->now().number + 1;
+  const std::uint64_t removal = orders_->now().number + 1;  // number of the order without the device
   devices_->remove(0);
-  while (!orders_->obeyed(without)) std::this_thread::yield();
+  while (!orders_->obeyed(removal)) std::this_thread::yield();
   devices_->free_departed();
 
   EXPECT_EQ(devices_->departed_count(), 1u) << "the sender may be about to send its last command";
@@ -102,13 +103,13 @@ TEST_F(UserDevicesTest, AWriterIsNotDestroyedWhereTheSenderCouldMeetIt) {
   EXPECT_EQ(devices_->departed_count(), 0u);
 }
 
-TEST(Handover, ThingsLiveUntilTheUserHasLetGoOfThem) {
+TEST(Handover, ARetiredValueLivesUntilTheOtherThreadHasTakenALaterList) {
   Handover<std::array<int*, 2>> handover;
   Retired<std::unique_ptr<int>> retired;
-  auto thing = std::make_unique<int>(7);
-  handover.post({thing.get(), nullptr});
+  auto value = std::make_unique<int>(7);
+  handover.post({value.get(), nullptr});
   const std::array<int*, 2>& in_use = handover.latest();
-  retired.add(handover.post({}), std::move(thing));
+  retired.add(handover.post({}), std::move(value));
   const auto collect = [&] { retired.collect([&](std::uint64_t number) { return handover.is_adopted(number); }); };
   collect();
 

@@ -1,4 +1,4 @@
-// Objects that their hosts withdraw: nothing of them stays, and hands feel no step.
+// Hosts withdraw objects while users touch them: all memory must be freed, and no force may step.
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -22,10 +22,10 @@ namespace tactus::hrtc_service {
 namespace {
 
 constexpr std::int64_t kMs = 1'000'000;
-constexpr double kTip = 0.003, kRadius = 0.05;  // m, of the tip and of all balls
-constexpr double kDeep = 0.0015;                // m, the tip in a sphere
+constexpr double kTipRadius = 0.003, kSphereRadius = 0.05;  // m
+constexpr double kPenetration = 0.0015;                     // m, of the tip into a sphere
 
-/// A sphere of the given number of faces.
+/// The model of a sphere.
 class Sphere {
  public:
   explicit Sphere(std::uint32_t faces)
@@ -34,7 +34,7 @@ class Sphere {
   [[nodiscard]] const spm::codec::CompressedModel& model() const { return encoded_.compressed(); }
   [[nodiscard]] double scale() const {
     const spm::ModelSummary& summary = model().summary();
-    return 2 * kRadius / (summary.bounds_max[0] - summary.bounds_min[0]);
+    return 2 * kSphereRadius / (summary.bounds_max[0] - summary.bounds_min[0]);
   }
 
  private:
@@ -51,7 +51,7 @@ const Sphere& large_sphere() {
   return kSphere;
 }
 
-/// An HRTC with one tip, and hosts of one sphere each, without delay between them.
+/// An HRTC with one tip, and hosts that offer one sphere each. Samples arrive without delay.
 class WithdrawalTest : public testing::Test {
  protected:
   struct Host {
@@ -72,30 +72,34 @@ class WithdrawalTest : public testing::Test {
     membership_.reset();
     core_ = std::make_unique<HrtcCore>(self, settings);
     membership_ = std::make_unique<Membership>(self, MembershipSettings{"hrtc", "session"}, core_->gateway(), now_);
-    membership_->on_object_gone = [this](const Loader::ObjectInfo& object) { gone_.push_back(object); };
+    membership_->on_object_gone = [this](const Loader::ObjectInfo& object) { removed_.push_back(object); };
     inputs_[0].active = true;
-    tip({1, 1, 1});
+    move_tip({1, 1, 1});
   }
 
-  Host& host(const std::string& name, const std::string& object, const Sphere& sphere, const spm::Vec3d& at,
-             double mass = 0) {
+  /// `position`: centre of the sphere, m. `mass`: kg; 0: the object is static.
+  Host& add_host(const std::string& name, const std::string& object, const Sphere& sphere, const spm::Vec3d& position,
+                 double mass = 0) {
     host_service::HostCoreSettings settings = host_service::host_of(object, sphere.model());
     settings.name = name;
     host_service::ObjectConfig& config = settings.objects.front().config;
-    config.pose.emplace().position = {at.x(), at.y(), at.z()};
+    config.pose.emplace().position = {position.x(), position.y(), position.z()};
     config.scale = sphere.scale();
-    if (mass > 0) config.body = {mass, {}, 0.5, -kRadius};  // it stands
+    if (mass > 0) config.body = {mass, {}, 0.5, -kSphereRadius};  // the sphere stands on the ground
     const session::Origin origin{session::id_of("session"), session::id_of(name), ++incarnations_, 0};
     hosts_.push_back(
         std::make_unique<Host>(Host{std::make_unique<host_service::HostCore>(origin, settings, now_), origin}));
     return *hosts_.back();
   }
-  /// As a host does that ends.
+  /// Ends the host: it withdraws its objects and publishes its leave message.
   void leave(Host& host) {
     withdraw(host);
-    session::RosterEntry last = host.core->roster_entry(now_);
-    last.leaving = true;
-    membership_->on_roster(last, now_);
+    publish_leave_message(host);
+  }
+  void publish_leave_message(Host& host) {
+    session::RosterEntry leave_message = host.core->roster_entry(now_);
+    leave_message.leaving = true;
+    membership_->on_roster(leave_message, now_);
     host.connected = false;
   }
   void withdraw(Host& host) {
@@ -105,18 +109,18 @@ class WithdrawalTest : public testing::Test {
     }
   }
 
-  void tip(const spm::Vec3d& at) { inputs_[0].device.position = at; }
-  /// One cycle; the network and the service work in every second one.
+  void move_tip(const spm::Vec3d& position) { inputs_[0].device.position = position; }
+  /// Runs one cycle. Samples are exchanged in every second cycle. `units`: refinement budget.
   const ProbeOutput& step(std::uint32_t units = 1u << 20) {
     now_ += kMs;
-    if (++cycles_ % 2 == 0) serve();
+    if (++cycles_ % 2 == 0) exchange();
     inputs_[0].device.time_ns = now_;
     (void)core_->servo().touch(inputs_, now_);
     core_->servo().publish(now_, now_ + kMs);
     (void)core_->servo().refine(spm::Budget{units});
     return core_->servo().outputs()[0];
   }
-  void serve() {
+  void exchange() {
     Gateway& gateway = core_->gateway();
     for (const std::unique_ptr<Host>& host : hosts_) {
       if (!host->connected) continue;
@@ -137,43 +141,44 @@ class WithdrawalTest : public testing::Test {
       if (entry) host->core->on_roster(*entry, now_);
       for (const session::Demand& demand : demands) host->core->on_demand(demand, now_);
       for (const session::ObjectClaim& claim : gateway.claims()) host->core->on_claim(claim, now_);
-      while (auto out = host->core->next_chunk(now_)) gateway.on_chunk(out->chunk, now_);
+      while (auto outgoing = host->core->next_chunk(now_)) gateway.on_chunk(outgoing->chunk, now_);
     }
   }
-  /// Until it holds, at most so many cycles.
-  template <class Holds>
-  [[nodiscard]] bool run_until(Holds&& holds, int cycles = 3000, std::uint32_t units = 1u << 20) {
+  /// Runs until `condition` holds, at most `cycles`. Returns whether it holds.
+  template <class Condition>
+  [[nodiscard]] bool run_until(Condition&& condition, int cycles = 3000, std::uint32_t units = 1u << 20) {
     for (int cycle = 0; cycle < cycles; ++cycle) {
       step(units);
-      if (holds()) return true;
+      if (condition()) return true;
     }
     return false;
   }
   void run(int cycles) {
     for (int cycle = 0; cycle < cycles; ++cycle) step();
   }
-  /// Exact contact with full force.
+  /// Returns whether the tip is in exact contact and the force is no longer ramped.
   [[nodiscard]] bool touches() const {
-    constexpr std::uint32_t kWanted = session::kInContact | session::kExact;
+    constexpr std::uint32_t kExactContact = session::kInContact | session::kExact;
     const ProbeOutput& probe = core_->servo().outputs()[0];
-    return (probe.status & (kWanted | session::kForceRamped)) == kWanted && force() > 0.2;
+    return (probe.status & (kExactContact | session::kForceRamped)) == kExactContact && force() > 0.2;
   }
   [[nodiscard]] double force() const { return vec(core_->servo().outputs()[0].force).norm(); }
-  [[nodiscard]] static spm::Vec3d deep_in(const spm::Vec3d& sphere) {
-    return sphere + spm::Vec3d{kRadius + kTip - kDeep, 0, 0};
+  /// Returns a tip position on the sphere of this centre, at an angle about the z axis.
+  [[nodiscard]] static spm::Vec3d pressed_on(const spm::Vec3d& centre, double angle = 0) {
+    return centre + (kSphereRadius + kTipRadius - kPenetration) * spm::Vec3d{std::cos(angle), std::sin(angle), 0};
   }
-  /// What is in use of the memory that objects share.
-  struct Level {
+  /// The use of the memory that all objects share.
+  struct MemoryUse {
     std::uint32_t slots, blocks, compressed, nodes;
     std::uint64_t directories;
     std::size_t objects, streams, delivered;
-    bool operator==(const Level& other) const {
+    bool operator==(const MemoryUse& other) const {
       return slots == other.slots && blocks == other.blocks && compressed == other.compressed && nodes == other.nodes &&
              directories == other.directories && objects == other.objects && streams == other.streams &&
              delivered == other.delivered;
     }
   };
-  [[nodiscard]] Level level() const {
+  [[nodiscard]] MemoryUse memory_use() const {
     const Loader& loader = core_->gateway().loader();
     const LoaderFigures figures = loader.figures();
     const session::DeliveryClient::Sizes sizes = loader.delivery_sizes();
@@ -194,252 +199,249 @@ class WithdrawalTest : public testing::Test {
   std::unique_ptr<Membership> membership_;
   std::vector<std::unique_ptr<Host>> hosts_;
   Servo::Inputs inputs_{};
-  std::vector<Loader::ObjectInfo> gone_;
+  std::vector<Loader::ObjectInfo> removed_;
 };
 
-TEST_F(WithdrawalTest, AnObjectThatIsWithdrawnUnderATipFadesAndFreesAllThatItTook) {
-  const Level before = level();
-  Host& only = host("host", "sphere", large_sphere(), {0, 0, 0});
-  tip(deep_in({0, 0, 0}));
+TEST_F(WithdrawalTest, TheForceFadesAndAllMemoryIsFreedWhenATouchedObjectIsWithdrawn) {
+  const MemoryUse before = memory_use();
+  Host& host = add_host("host", "sphere", large_sphere(), {0, 0, 0});
+  move_tip(pressed_on({0, 0, 0}));
   ASSERT_TRUE(run_until([&] { return touches(); }));
   run(300);
-  ASSERT_FALSE(level() == before);
-  double last = force();
-  const double at_first = last;
-  leave(only);
+  ASSERT_FALSE(memory_use() == before);
+  double previous_force = force();
+  const double initial_force = previous_force;
+  leave(host);
   int cycles = 0;
   bool faded = false;
-  for (; cycles < 1000 && !(level() == before); ++cycles) {
+  for (; cycles < 1000 && !(memory_use() == before); ++cycles) {
     const ProbeOutput& probe = step();
-    EXPECT_NEAR(force(), last, 1.01e-3 * haptics::kSurfaceRamp) << cycles;
+    EXPECT_NEAR(force(), previous_force, 1.01e-3 * haptics::kSurfaceRamp) << cycles;
     EXPECT_EQ(probe.status & (session::kFault | session::kHoldRefused), 0u);
     faded = faded || (probe.status & session::kForceRamped) != 0;
-    last = force();
+    previous_force = force();
     if (cycles > 2) {
       EXPECT_EQ(probe.status & session::kInContact, 0u);
       EXPECT_EQ(probe.object, spm::kNone);
     }
     const CycleCosts& costs = core_->servo().cycle().result().costs;
-    EXPECT_LE(costs.changes, 32u) << "of a cycle's time a share only";
+    EXPECT_LE(costs.changes, 32u) << "a withdrawal takes only a share of the time of each cycle";
   }
-  EXPECT_TRUE(level() == before) << "after " << cycles << " cycles " << level().slots << " slots, " << level().nodes
-                                 << " nodes, " << level().compressed << " blocks";
+  const MemoryUse after = memory_use();
+  EXPECT_TRUE(after == before) << "in use after " << cycles << " cycles: " << after.slots << " slots, " << after.nodes
+                               << " nodes, " << after.compressed << " blocks";
   EXPECT_TRUE(faded);
-  EXPECT_GT(at_first, 0.5);
-  run(static_cast<int>(1000 * at_first / haptics::kSurfaceRamp) + 5);
+  EXPECT_GT(initial_force, 0.5);
+  run(static_cast<int>(1000 * initial_force / haptics::kSurfaceRamp) + 5);
   EXPECT_EQ(force(), 0);
-  ASSERT_EQ(gone_.size(), 1u);
-  EXPECT_GT(gone_.front().regions_received, 0u);
-  EXPECT_EQ(gone_.front().regions_received, gone_.front().regions_released);
+  ASSERT_EQ(removed_.size(), 1u);
+  EXPECT_GT(removed_.front().regions_received, 0u);
+  EXPECT_EQ(removed_.front().regions_received, removed_.front().regions_released);
 }
 
-TEST_F(WithdrawalTest, AThousandObjectsThatComeAndGoLeaveNothing) {
-  const Level before = level();
+TEST_F(WithdrawalTest, AThousandOfferedAndWithdrawnObjectsLeaveNoMemoryInUse) {
+  const MemoryUse before = memory_use();
   std::vector<std::uint32_t> indices(kMaxObjects, 0);
-  std::uint64_t heap = 0, gone = 0;
-  membership_->on_object_gone = [&](const Loader::ObjectInfo&) { ++gone; };
+  std::uint64_t heap_bytes = 0, removals = 0;
+  membership_->on_object_gone = [&](const Loader::ObjectInfo&) { ++removals; };
   for (int number = 0; number < 1000; ++number) {
-    Host& one = host("host", "sphere " + std::to_string(number), small_sphere(), {0, 0, 0});
-    tip(deep_in({0, 0, 0}));
+    Host& host = add_host("host", "sphere " + std::to_string(number), small_sphere(), {0, 0, 0});
+    move_tip(pressed_on({0, 0, 0}));
     ASSERT_TRUE(run_until([&] { return touches(); })) << number;
     ++indices[core_->servo().outputs()[0].object];
-    leave(one);
-    ASSERT_TRUE(run_until([&] { return level() == before && force() == 0; })) << number;
+    leave(host);
+    ASSERT_TRUE(run_until([&] { return memory_use() == before && force() == 0; })) << number;
     hosts_.clear();
     const struct mallinfo2 info = mallinfo2();
-    if (number == 200) heap = info.uordblks;
+    if (number == 200) heap_bytes = info.uordblks;
     if (number == 999) {
-      EXPECT_LT(info.uordblks, heap + (1u << 17));
+      EXPECT_LT(info.uordblks, heap_bytes + (1u << 17));
     }
   }
-  EXPECT_EQ(gone, 1000u);
-  EXPECT_THAT(indices, testing::Each(testing::Ge(15u))) << "an index comes again as late as it can";
+  EXPECT_EQ(removals, 1000u);
+  EXPECT_THAT(indices, testing::Each(testing::Ge(15u))) << "all indices are used in turn";
 }
 
-TEST_F(WithdrawalTest, AWithdrawalDuringARefinementFreesAllThatItTook) {
-  const Level before = level();
+TEST_F(WithdrawalTest, AWithdrawalDuringRefinementFreesTheMemoryOfTheObject) {
+  const MemoryUse before = memory_use();
   std::mt19937 random{7};
-  int partly = 0;
+  int interrupted = 0;
   for (int round = 0; round < 60; ++round) {
     SCOPED_TRACE(round);
-    Host& one = host("host", "sphere", large_sphere(), {0, 0, 0});
-    tip(deep_in({0, 0, 0}));
+    Host& host = add_host("host", "sphere", large_sphere(), {0, 0, 0});
+    move_tip(pressed_on({0, 0, 0}));
     const auto units = static_cast<std::uint32_t>(17 + random() % 600);
     const auto cycles = static_cast<int>(random() % 400);
     for (int cycle = 0; cycle < cycles; ++cycle) {
-      const double angle = 0.02 * cycle;
-      tip((kRadius + kTip - kDeep) * spm::Vec3d{std::cos(angle), std::sin(angle), 0});
+      move_tip(pressed_on({0, 0, 0}, 0.02 * cycle));
       step(units);
     }
-    partly += core_->servo().cycle().result().budget_spent ? 1 : 0;
-    leave(one);
-    ASSERT_TRUE(run_until([&] { return level() == before; }, 20'000, units));
+    interrupted += core_->servo().cycle().result().budget_spent ? 1 : 0;
+    leave(host);
+    ASSERT_TRUE(run_until([&] { return memory_use() == before; }, 20'000, units));
     hosts_.clear();
   }
-  EXPECT_GT(partly, 20);
+  EXPECT_GT(interrupted, 20);
 }
 
-TEST_F(WithdrawalTest, TheSameNameWithAnotherModelIsShownOnceTheFirstIsGone) {
-  Host& first = host("first", "sphere", large_sphere(), {0, 0, 0});
-  tip(deep_in({0, 0, 0}));
+TEST_F(WithdrawalTest, AnotherModelOfTheSameNameIsShownAfterTheFirstIsRemoved) {
+  Host& first = add_host("first", "sphere", large_sphere(), {0, 0, 0});
+  move_tip(pressed_on({0, 0, 0}));
   ASSERT_TRUE(run_until([&] { return touches(); }));
   const std::uint32_t index = core_->servo().outputs()[0].object;
-  host("second", "sphere", small_sphere(), {0, 0, 0});
+  add_host("second", "sphere", small_sphere(), {0, 0, 0});
   run(1000);
   EXPECT_EQ(core_->servo().cycle().objects().front()->digest, large_sphere().model().summary().digest);
   leave(first);
-  ASSERT_TRUE(run_until([&] { return !gone_.empty() && touches(); }));
+  ASSERT_TRUE(run_until([&] { return !removed_.empty() && touches(); }));
   ASSERT_EQ(core_->servo().cycle().objects().size(), 1u);
   EXPECT_EQ(core_->servo().cycle().objects().front()->digest, small_sphere().model().summary().digest);
   EXPECT_NE(core_->servo().outputs()[0].object, index);
 }
 
-TEST_F(WithdrawalTest, AnObjectThatItsHostOffersAgainBeforeItIsGoneComesBack) {
-  Host& only = host("host", "sphere", large_sphere(), {0, 0, 0});
-  tip(deep_in({0, 0, 0}));
+TEST_F(WithdrawalTest, AnObjectThatIsOfferedAgainDuringItsRemovalIsLoadedAgain) {
+  Host& host = add_host("host", "sphere", large_sphere(), {0, 0, 0});
+  move_tip(pressed_on({0, 0, 0}));
   ASSERT_TRUE(run_until([&] { return touches(); }));
-  withdraw(only);
-  for (const session::CatalogueEntry& entry : only.core->catalogue()) membership_->on_catalogue(entry);
-  EXPECT_TRUE(run_until([&] { return !gone_.empty() && touches(); }));
+  withdraw(host);
+  for (const session::CatalogueEntry& entry : host.core->catalogue()) membership_->on_catalogue(entry);
+  EXPECT_TRUE(run_until([&] { return !removed_.empty() && touches(); }));
 }
 
-TEST_F(WithdrawalTest, AnObjectOfADeadHostStaysUntilTheHostIsBackAndWithdrawsIt) {
-  Host& dead = host("host", "sphere", large_sphere(), {0, 0, 0});
-  tip(deep_in({0, 0, 0}));
+TEST_F(WithdrawalTest, AnObjectOfADeadHostStaysUntilTheRestartedHostWithdrawsIt) {
+  Host& dead = add_host("host", "sphere", large_sphere(), {0, 0, 0});
+  move_tip(pressed_on({0, 0, 0}));
   ASSERT_TRUE(run_until([&] { return touches(); }));
   dead.connected = false;
   for (int cycle = 0; cycle < 15'000; ++cycle) {
     step();
     ASSERT_TRUE(touches()) << cycle;
   }
-  EXPECT_EQ(core_->gateway().loader().delivery_sizes().offers, 0u) << "its offers are forgotten, the object is not";
-  Host& back = host("host", "sphere", large_sphere(), {0, 0, 0});
+  EXPECT_EQ(core_->gateway().loader().delivery_sizes().offers, 0u)
+      << "the offers of the dead host are removed, its object is not";
+  Host& restarted = add_host("host", "sphere", large_sphere(), {0, 0, 0});
   run(500);
   EXPECT_TRUE(touches());
-  EXPECT_TRUE(gone_.empty());
-  leave(back);
-  EXPECT_TRUE(run_until([&] { return !gone_.empty(); }));
+  EXPECT_TRUE(removed_.empty());
+  leave(restarted);
+  EXPECT_TRUE(run_until([&] { return !removed_.empty(); }));
 }
 
-TEST_F(WithdrawalTest, AnObjectStaysAsLongAsAnotherHostOffersIt) {
-  Host& one = host("one", "sphere", large_sphere(), {0, 0, 0});
-  Host& two = host("two", "sphere", large_sphere(), {0, 0, 0});
-  tip(deep_in({0, 0, 0}));
+TEST_F(WithdrawalTest, AnObjectStaysWhileAnotherHostOffersIt) {
+  Host& first = add_host("first", "sphere", large_sphere(), {0, 0, 0});
+  Host& second = add_host("second", "sphere", large_sphere(), {0, 0, 0});
+  move_tip(pressed_on({0, 0, 0}));
   ASSERT_TRUE(run_until([&] { return touches(); }));
   run(300);
-  leave(one);
+  leave(first);
   for (int cycle = 0; cycle < 500; ++cycle) {
     step();
     ASSERT_TRUE(touches()) << cycle;
   }
-  leave(two);
-  EXPECT_TRUE(run_until([&] { return !gone_.empty(); }));
+  leave(second);
+  EXPECT_TRUE(run_until([&] { return !removed_.empty(); }));
 }
 
-TEST_F(WithdrawalTest, ASecondProgramOfTheHostsNameWithdrawsOnlyWhatItOffered) {
-  host("host", "sphere", large_sphere(), {0, 0, 0});
-  tip(deep_in({0, 0, 0}));
+TEST_F(WithdrawalTest, ASecondHostOfTheSameNameWithdrawsOnlyItsOwnOffer) {
+  add_host("host", "sphere", large_sphere(), {0, 0, 0});
+  move_tip(pressed_on({0, 0, 0}));
   ASSERT_TRUE(run_until([&] { return touches(); }));
-  Host& second = host("host", "sphere", large_sphere(), {0, 0, 0});
+  Host& second = add_host("host", "sphere", large_sphere(), {0, 0, 0});
   run(300);
   leave(second);
   for (int cycle = 0; cycle < 1500; ++cycle) {
     step();
     ASSERT_TRUE(touches()) << cycle;
   }
-  EXPECT_TRUE(gone_.empty());
+  EXPECT_TRUE(removed_.empty());
 }
 
-TEST_F(WithdrawalTest, AHostThatLeavesWithdrawsWhatItsCatalogueOnlyOffered) {
-  Host& only = host("host", "sphere", large_sphere(), {0, 0, 0});
-  tip(deep_in({0, 0, 0}));
+TEST_F(WithdrawalTest, ALeaveMessageAloneWithdrawsTheObjectsOfItsHost) {
+  Host& host = add_host("host", "sphere", large_sphere(), {0, 0, 0});
+  move_tip(pressed_on({0, 0, 0}));
   ASSERT_TRUE(run_until([&] { return touches(); }));
-  session::RosterEntry last = only.core->roster_entry(now_);
-  last.leaving = true;
-  membership_->on_roster(last, now_);
-  only.connected = false;
-  EXPECT_TRUE(run_until([&] { return !gone_.empty(); }));
+  publish_leave_message(host);
+  EXPECT_TRUE(run_until([&] { return !removed_.empty(); }));
 }
 
-TEST_F(WithdrawalTest, AnotherObjectIsTouchedAndRefinedMeanwhile) {
-  Host& going = host("going", "going", large_sphere(), {0, 0, 0});
-  host("staying", "staying", large_sphere(), {0.2, 0, 0});
-  const spm::Vec3d other{0.2, 0, 0};
-  tip(deep_in({0, 0, 0}));
+TEST_F(WithdrawalTest, AnotherObjectStaysInExactContactDuringAWithdrawal) {
+  Host& leaving = add_host("leaving", "leaving", large_sphere(), {0, 0, 0});
+  add_host("staying", "staying", large_sphere(), {0.2, 0, 0});
+  const spm::Vec3d staying{0.2, 0, 0};
+  move_tip(pressed_on({0, 0, 0}));
   ASSERT_TRUE(run_until([&] { return touches(); }));
   inputs_[1] = inputs_[0];
-  inputs_[1].device.position = deep_in(other);
+  inputs_[1].device.position = pressed_on(staying);
   run(500);
-  leave(going);
-  tip({1, 1, 1});
-  bool left = false;
+  leave(leaving);
+  move_tip({1, 1, 1});
+  bool removed = false;
   for (int cycle = 0; cycle < 1000; ++cycle) {
-    const double angle = 1e-3 * cycle;
-    inputs_[1].device.position = other + (kRadius + kTip - kDeep) * spm::Vec3d{std::cos(angle), std::sin(angle), 0};
+    inputs_[1].device.position = pressed_on(staying, 1e-3 * cycle);
     inputs_[1].device.time_ns = now_;
     step();
     const ProbeOutput& probe = core_->servo().outputs()[1];
     ASSERT_NE(probe.status & session::kInContact, 0u) << cycle;
     ASSERT_NE(probe.status & session::kExact, 0u) << cycle;
-    left = left || !gone_.empty();
+    removed = removed || !removed_.empty();
   }
-  EXPECT_TRUE(left);
+  EXPECT_TRUE(removed);
 }
 
-TEST_F(WithdrawalTest, AHandLetsGoOfWhatIsWithdrawnAndItsForceFades) {
-  Host& only = host("host", "crate", large_sphere(), {0, 0, 0}, 0.5);
-  tip(deep_in({0, 0, 0}));
+TEST_F(WithdrawalTest, AHandReleasesAWithdrawnObjectAndItsWrenchFades) {
+  Host& host = add_host("host", "crate", large_sphere(), {0, 0, 0}, 0.5);
+  move_tip(pressed_on({0, 0, 0}));
   ASSERT_TRUE(run_until([&] { return (core_->servo().outputs()[0].status & session::kInContact) != 0; }));
   inputs_[0].device.buttons = haptics::kGrabButton;
   ASSERT_TRUE(run_until([&] { return (core_->servo().outputs()[0].status & session::kHolding) != 0; }));
   double angle = 0;
-  const auto pull = [&] {  // away, and turned
+  const auto pull_and_rotate = [&] {
     angle = std::min(angle + 0.001, 0.15);
-    tip(inputs_[0].device.position + spm::Vec3d{0, 0, angle < 0.15 ? 2e-5 : 0});
+    move_tip(inputs_[0].device.position + spm::Vec3d{0, 0, angle < 0.15 ? 2e-5 : 0});
     inputs_[0].device.orientation = Eigen::Quaterniond{Eigen::AngleAxisd{angle, spm::Vec3d::UnitX()}};
   };
   for (int cycle = 0; cycle < 200; ++cycle) {
-    pull();
+    pull_and_rotate();
     step();
   }
   ASSERT_EQ(core_->gateway().ownership().bodies().size(), 1u);
-  spm::Vec3d last = vec(core_->servo().outputs()[0].force), last_torque = vec(core_->servo().outputs()[0].torque);
-  EXPECT_GT(last.norm() + last_torque.norm(), 0.05);
-  leave(only);
+  spm::Vec3d previous_force = vec(core_->servo().outputs()[0].force);
+  spm::Vec3d previous_torque = vec(core_->servo().outputs()[0].torque);
+  EXPECT_GT(previous_force.norm() + previous_torque.norm(), 0.05);
+  leave(host);
   for (int cycle = 0; cycle < 600; ++cycle) {
     const ProbeOutput& probe = step();
-    EXPECT_LE((vec(probe.force) - last).norm(), 1.01e-3 * haptics::kSurfaceRamp) << cycle;
-    EXPECT_LE((vec(probe.torque) - last_torque).norm(), 1.01e-3 * haptics::kTorqueRamp) << cycle;
-    last = vec(probe.force);
-    last_torque = vec(probe.torque);
+    EXPECT_LE((vec(probe.force) - previous_force).norm(), 1.01e-3 * haptics::kSurfaceRamp) << cycle;
+    EXPECT_LE((vec(probe.torque) - previous_torque).norm(), 1.01e-3 * haptics::kTorqueRamp) << cycle;
+    previous_force = vec(probe.force);
+    previous_torque = vec(probe.torque);
     if (cycle > 2) {
       EXPECT_EQ(probe.status & (session::kHolding | session::kFault), 0u) << cycle;
     }
   }
-  EXPECT_EQ(last.norm() + last_torque.norm(), 0);
-  ASSERT_EQ(gone_.size(), 1u);
+  EXPECT_EQ(previous_force.norm() + previous_torque.norm(), 0);
+  ASSERT_EQ(removed_.size(), 1u);
   EXPECT_TRUE(core_->gateway().ownership().bodies().empty());
 
-  // It can be held again when it is there again, once the hand has opened.
-  host("host", "crate", large_sphere(), {0, 0, 0}, 0.5);
-  tip(deep_in({0, 0, 0}));
+  // After the object is offered again, the hand can hold it, but only after the hand has opened.
+  add_host("host", "crate", large_sphere(), {0, 0, 0}, 0.5);
+  move_tip(pressed_on({0, 0, 0}));
   inputs_[0].device.orientation.setIdentity();
   ASSERT_TRUE(run_until([&] { return (core_->servo().outputs()[0].status & session::kInContact) != 0; }));
   run(50);
-  EXPECT_NE(core_->servo().outputs()[0].status & session::kHoldRefused, 0u) << "the hand is still closed";
+  EXPECT_NE(core_->servo().outputs()[0].status & session::kHoldRefused, 0u)
+      << "the hand has not opened since the withdrawal";
   inputs_[0].device.buttons = 0;
   run(50);
   inputs_[0].device.buttons = haptics::kGrabButton;
   EXPECT_TRUE(run_until([&] { return (core_->servo().outputs()[0].status & session::kHolding) != 0; }));
 }
 
-TEST_F(WithdrawalTest, AnObjectThatFoundNoRoomComesWhenAnotherIsGone) {
-  spm::PoolSettings pool =
-      spm::PoolSettings::for_slots(spm::Cache::slots_for_base(large_sphere().model().base()) + 200);
-  start(pool);
-  Host& first = host("first", "first", large_sphere(), {0, 0, 0});
+TEST_F(WithdrawalTest, AnObjectThatDidNotFitIsLoadedAfterAnotherIsRemoved) {
+  start(spm::PoolSettings::for_slots(spm::Cache::slots_for_base(large_sphere().model().base()) + 200));
+  Host& first = add_host("first", "first", large_sphere(), {0, 0, 0});
   ASSERT_TRUE(run_until([&] { return core_->servo().cycle().objects().size() == 1; }));
-  host("second", "second", large_sphere(), {0.2, 0, 0});
+  add_host("second", "second", large_sphere(), {0.2, 0, 0});
   ASSERT_TRUE(run_until([&] { return core_->gateway().loader().figures().objects_refused == 1; }));
   leave(first);
   EXPECT_TRUE(run_until([&] {
@@ -448,7 +450,7 @@ TEST_F(WithdrawalTest, AnObjectThatFoundNoRoomComesWhenAnotherIsGone) {
   }));
 }
 
-TEST_F(WithdrawalTest, TheContactLogNamesTheRightObjectWhenAnIndexComesAgain) {
+TEST_F(WithdrawalTest, TheContactLogNamesTheRightObjectWhenAnIndexIsReused) {
   const test_support::TemporaryFolder folder;
   const std::filesystem::path file = folder.path() / "contacts";
   constexpr int kObjects = static_cast<int>(kMaxObjects) + 3;
@@ -456,17 +458,16 @@ TEST_F(WithdrawalTest, TheContactLogNamesTheRightObjectWhenAnIndexComesAgain) {
     ContactJournal journal{file, core_->link().log};
     core_->gateway().on_object = [&](const TouchObject& object) { journal.add(object); };
     membership_->on_object_gone = [&](const Loader::ObjectInfo& object) {
-      gone_.push_back(object);
+      removed_.push_back(object);
       journal.close(object);
     };
     for (int number = 0; number < kObjects; ++number) {
-      // A tip at a different place touches each object, so that an entry identifies its object.
-      Host& one = host("host", "sphere " + std::to_string(number), number % 2 == 0 ? small_sphere() : large_sphere(),
-                       {0, 0, 0});
-      tip(deep_in({0, 0, 0}));
+      Host& host = add_host("host", "sphere " + std::to_string(number),
+                            number % 2 == 0 ? small_sphere() : large_sphere(), {0, 0, 0});
+      move_tip(pressed_on({0, 0, 0}));
       ASSERT_TRUE(run_until([&] { return touches(); }));
-      leave(one);
-      ASSERT_TRUE(run_until([&] { return gone_.size() == static_cast<std::size_t>(number) + 1; }));
+      leave(host);
+      ASSERT_TRUE(run_until([&] { return removed_.size() == static_cast<std::size_t>(number) + 1; }));
       hosts_.clear();
     }
   }
@@ -478,7 +479,7 @@ TEST_F(WithdrawalTest, TheContactLogNamesTheRightObjectWhenAnIndexComesAgain) {
       ASSERT_EQ(reader.object.index, objects.size());
       objects.push_back(reader.object);
     } else if (entry == trace::ContactLogReader::Entry::kQuery) {
-      ASSERT_EQ(reader.query.object, objects.size() - 1) << "of the only one that is there";
+      ASSERT_EQ(reader.query.object, objects.size() - 1) << "only one object is present at a time";
       ++queries;
     } else {
       ASSERT_EQ(reader.totals.object, objects.size() - 1);

@@ -1,4 +1,5 @@
-/// tactus-latency as a user starts it: both sides here, over an emulated link, and with another machine.
+/// Starts tactus-latency as a user does: with both sides on this machine, with an emulated link between them, and with
+/// a second process, `tactus-latency serve`, as the other side.
 #include <gmock/gmock.h>
 
 #include <cmath>
@@ -19,25 +20,25 @@ using Words = std::vector<std::string>;
 
 class LatencyRun : public testing::Test {
  protected:
-  static Words latency(const std::string& command, Words more) {
+  static Words command_line(const std::string& command, Words options) {
     Words words{TACTUS_LATENCY, command};
-    words.insert(words.end(), more.begin(), more.end());
+    words.insert(words.end(), options.begin(), options.end());
     return words;
   }
-  /// Runs short tests at 200 Hz and returns their figures.
-  nlohmann::json run(Words more) {
+  /// Runs short tests at 200 Hz and returns the content of their JSON file: a cell for each test.
+  nlohmann::json run(Words options) {
     const std::string json = path("figures.json"), html = path("page.html");
-    Words words = latency("run", {"--seconds", "1.5", "--rate", "200", "--json", json, "--html", html});
-    words.insert(words.end(), more.begin(), more.end());
+    Words words = command_line("run", {"--seconds", "1.5", "--rate", "200", "--json", json, "--html", html});
+    words.insert(words.end(), options.begin(), options.end());
     Process process{words};
     EXPECT_EQ(process.wait(60s), 0) << process.output();
     EXPECT_THAT(test_support::read_bytes(html), HasSubstr("<svg"));
     const std::string text = test_support::read_bytes(json);
     return text.empty() ? nlohmann::json{} : nlohmann::json::parse(text);
   }
-  static void expect_sound(const nlohmann::json& cell) {
+  static void expect_plausible(const nlohmann::json& cell) {
     const auto expected = cell.at("expected").get<std::uint64_t>();
-    EXPECT_EQ(expected, 240u * cell.at("readers").get<std::uint64_t>()) << "300 pings without 60 of warm-up";
+    EXPECT_EQ(expected, 240u * cell.at("readers").get<std::uint64_t>()) << "300 pings, of which 60 are warm-up";
     EXPECT_EQ(cell.at("age").at("n").get<std::uint64_t>() + cell.at("lost").get<std::uint64_t>(), expected);
     EXPECT_GT(cell.at("age").at("n").get<std::uint64_t>(), expected / 2);
     EXPECT_GT(cell.at("half_round_trip").at("p50").get<double>(), 1);
@@ -46,12 +47,12 @@ class LatencyRun : public testing::Test {
     EXPECT_EQ(cell.at("clock_bound").get<double>(), 0) << "one machine, one clock";
     EXPECT_EQ(cell.at("duplicates").get<std::uint64_t>(), 0u);
   }
-  /// The free port that a server reports.
+  /// Returns the port on which a `serve` process listens.
   static std::string port_of(const Process& server) {
     if (!server.wait_for_line("listening on port [0-9]")) return "none: " + server.output();
-    const std::string said = server.output(), before = "listening on port ";
-    const std::size_t at = said.find(before) + before.size();
-    return said.substr(at, said.find(';', at) - at);
+    const std::string output = server.output(), prefix = "listening on port ";
+    const std::size_t begin = output.find(prefix) + prefix.size();
+    return output.substr(begin, output.find(';', begin) - begin);
   }
   [[nodiscard]] std::string path(const char* name) const { return (folder_.path() / name).string(); }
 
@@ -61,41 +62,41 @@ class LatencyRun : public testing::Test {
 TEST_F(LatencyRun, MeasuresEveryTransportAndProfile) {
   const auto figures = run({"--transport", "raw-udp,udp,shm,builtin", "--profile", "tactus,plain"});
   ASSERT_EQ(figures.at("cells").size(), 7u);
-  for (const auto& cell : figures.at("cells")) expect_sound(cell);
+  for (const auto& cell : figures.at("cells")) expect_plausible(cell);
 }
 
-TEST_F(LatencyRun, MeasuresFewerPingsWithCoding) {
+TEST_F(LatencyRun, SendsFewerPingsWithDeadbandCoding) {
   const auto figures = run({"--coding", "coded"});
   ASSERT_EQ(figures.at("cells").size(), 1u);
   const auto& coded = figures.at("cells")[0];
   const auto expected = coded.at("expected").get<std::uint64_t>();
   EXPECT_EQ(coded.at("coding").get<std::string>(), "coded");
   EXPECT_LT(expected, 240u * 3 / 4);
-  EXPECT_GT(expected, 240u / 8) << "one in 40 ms at least";
+  EXPECT_GT(expected, 240u / 8) << "the keep-alive sends at least one ping every 40 ms";
   EXPECT_EQ(coded.at("age").at("n").get<std::uint64_t>() + coded.at("lost").get<std::uint64_t>(), expected);
 }
 
-TEST_F(LatencyRun, MeasuresSeveralReadersBesideMeshRecords) {
+TEST_F(LatencyRun, MeasuresSeveralReadersWhileMeshRecordsAreSent) {
   const auto figures = run({"--readers", "3", "--load", "20"});
   ASSERT_EQ(figures.at("cells").size(), 1u);
-  expect_sound(figures.at("cells")[0]);
+  expect_plausible(figures.at("cells")[0]);
   EXPECT_GT(figures.at("cells")[0].at("mesh_mbyte_per_s").get<double>(), 0);
 }
 
-TEST_F(LatencyRun, MeasuresTunedFastDdsWithinTheRateOfItsPacing) {
+TEST_F(LatencyRun, TunedFastDdsSendsRecordsNoFasterThanItsLimit) {
   const auto figures = run({"--profile", "tuned", "--load", "max"});
   ASSERT_EQ(figures.at("cells").size(), 1u);
-  expect_sound(figures.at("cells")[0]);
+  expect_plausible(figures.at("cells")[0]);
   const double mesh = figures.at("cells")[0].at("mesh_mbyte_per_s").get<double>();
   EXPECT_GT(mesh, 0);
-  EXPECT_LT(mesh, 12.5) << "12 kB/ms";
+  EXPECT_LT(mesh, 12.5) << "MB/s; the flow controller of profile tuned allows 12 kB each ms";
 }
 
-TEST_F(LatencyRun, MeasuresCycloneDdsBesideALoadOfItsOwn) {
+TEST_F(LatencyRun, MeasuresCycloneDdsWithAndWithoutMeshRecords) {
   if (!has_cyclone()) GTEST_SKIP() << "built without Cyclone DDS";
   const auto figures = run({"--transport", "cyclone", "--load", "0,max"});
   ASSERT_EQ(figures.at("cells").size(), 2u);
-  for (const auto& cell : figures.at("cells")) expect_sound(cell);
+  for (const auto& cell : figures.at("cells")) expect_plausible(cell);
   EXPECT_EQ(figures.at("cells")[0].at("mesh_mbyte_per_s").get<double>(), 0);
   EXPECT_GT(figures.at("cells")[1].at("mesh_mbyte_per_s").get<double>(), 0);
 }
@@ -104,12 +105,12 @@ TEST_F(LatencyRun, MeasuresRecordsOfTheRequestedSize) {
   const auto figures = run({"--topic", "records", "--payload", "64,1200"});
   ASSERT_EQ(figures.at("cells").size(), 2u);
   for (const auto& cell : figures.at("cells")) {
-    expect_sound(cell);
+    expect_plausible(cell);
     EXPECT_EQ(cell.at("lost").get<std::uint64_t>(), 0u) << "records are reliable";
   }
 }
 
-TEST_F(LatencyRun, FindsTheDelayAndTheLossOfALink) {
+TEST_F(LatencyRun, MeasuresTheDelayAndTheLossOfALink) {
   if (const std::string reason = netem::missing_privilege(); !reason.empty()) GTEST_SKIP() << reason;
   const auto figures = run({"--transport", "raw-udp,udp", "--link", "P0:delay=30:loss=20"});
   ASSERT_EQ(figures.at("cells").size(), 2u);
@@ -122,62 +123,62 @@ TEST_F(LatencyRun, FindsTheDelayAndTheLossOfALink) {
 }
 
 TEST_F(LatencyRun, RefusesSharedMemoryAcrossALink) {
-  Process process{latency("run", {"--transport", "shm", "--link", "P4"})};
+  Process process{command_line("run", {"--transport", "shm", "--link", "P4"})};
   EXPECT_EQ(process.wait(), 2);
   EXPECT_THAT(process.output(), HasSubstr("bypasses link P4"));
 }
 
 TEST_F(LatencyRun, ServesSeveralRunsAndEndsOnInterrupt) {
-  Process server{latency("serve", {"--port", "0"})};
+  Process server{command_line("serve", {"--port", "0"})};
   const std::string port = port_of(server);
   for (int round = 0; round < 2; ++round) {
     const auto figures = run({"--to", "127.0.0.1", "--port", port, "--transport", "raw-udp,udp"});
     ASSERT_EQ(figures.at("cells").size(), 2u);
-    for (const auto& cell : figures.at("cells")) expect_sound(cell);
+    for (const auto& cell : figures.at("cells")) expect_plausible(cell);
   }
   server.signal(SIGINT);
   EXPECT_EQ(server.wait(), 0);
 }
 
-TEST_F(LatencyRun, FindsTheAgeOfTwoClocksWithinItsBound) {
-  // Another clock on the same machine: 5000 s ahead.
-  Words elsewhere{"/usr/bin/unshare", "--time", "--monotonic", "5000", "--fork", "--kill-child"};
-  Words probe = elsewhere;
-  probe.emplace_back("true");
-  Process allowed{probe};
-  if (allowed.wait() != 0) GTEST_SKIP() << "no time namespace for this user or kernel: " << allowed.output();
-  for (const std::string& word : latency("serve", {"--port", "0"})) elsewhere.push_back(word);
-  Process server{elsewhere};
+TEST_F(LatencyRun, TheAgeBetweenTwoClocksIsRightWithinTheClockBound) {
+  // In its own time namespace, the clock of the server is 5000 s ahead.
+  Words namespaced{"/usr/bin/unshare", "--time", "--monotonic", "5000", "--fork", "--kill-child"};
+  Words trial_words = namespaced;
+  trial_words.emplace_back("true");
+  Process trial{trial_words};
+  if (trial.wait() != 0) GTEST_SKIP() << "no time namespace for this user or kernel: " << trial.output();
+  for (const std::string& word : command_line("serve", {"--port", "0"})) namespaced.push_back(word);
+  Process server{namespaced};
   const std::string port = port_of(server);
   const auto figures = run({"--to", "127.0.0.1", "--port", port, "--transport", "raw-udp,udp"});
   ASSERT_EQ(figures.at("cells").size(), 2u);
   for (const auto& cell : figures.at("cells")) {
     const double bound = cell.at("clock_bound").get<double>();
     EXPECT_GT(bound, 0);
-    EXPECT_LT(bound, 1e5) << "of a loopback, even on a busy machine";
+    EXPECT_LT(bound, 1e5) << "us; a loopback is far below it, even on a busy machine";
     EXPECT_GT(cell.at("age").at("p50").get<double>(), -bound);
     EXPECT_LT(cell.at("age").at("p50").get<double>(), 2 * cell.at("half_round_trip").at("p50").get<double>() + bound);
   }
 }
 
-TEST_F(LatencyRun, StatesTheRemedyWithoutAServer) {
-  Process process{latency("run", {"--to", "127.0.0.1", "--port", "1"})};
+TEST_F(LatencyRun, NamesTheMissingCommandIfThereIsNoServer) {
+  Process process{command_line("run", {"--to", "127.0.0.1", "--port", "1"})};
   EXPECT_EQ(process.wait(), 2);
   EXPECT_THAT(process.output(),
               HasSubstr("127.0.0.1 port 1: Connection refused; expected `tactus-latency serve` there"));
 }
 
 TEST_F(LatencyRun, ReportsFinishedTestsWhenInterrupted) {
-  Process process{latency("run", {"--seconds", "0.5", "--rate", "100,200", "--repeat", "500"})};
+  Process process{command_line("run", {"--seconds", "0.5", "--rate", "100,200", "--repeat", "500"})};
   if (!process.wait_for_line("\\[2/1000\\]")) FAIL() << process.output();
   process.signal(SIGINT);
   EXPECT_EQ(process.wait(), 130);
   EXPECT_THAT(process.output(), HasSubstr("half round trip"));
 }
 
-TEST_F(LatencyRun, RefusesWrongInputNamingIt) {
+TEST_F(LatencyRun, ARefusalNamesTheWrongInput) {
   const auto refused = [](Words words, const char* part) {
-    Process process{latency("run", std::move(words))};
+    Process process{command_line("run", std::move(words))};
     EXPECT_EQ(process.wait(), 2);
     EXPECT_THAT(process.output(), HasSubstr(part));
   };

@@ -12,7 +12,7 @@ namespace {
 
 constexpr std::uint32_t kSeed = 20261121;
 
-TEST(ASummary, AgreesWithBruteForceAndIsNotANumberWithoutValues) {
+TEST(ASummary, HasTheKnownPercentilesAndIsNotANumberWithoutValues) {
   std::vector<double> values{5, 1, 4, 2, 3, 9, 7, 8, 6, 10};
   const Summary summary = summarise(values);
   EXPECT_EQ(summary.count, 10u);
@@ -26,7 +26,7 @@ TEST(ASummary, AgreesWithBruteForceAndIsNotANumberWithoutValues) {
   EXPECT_TRUE(std::isnan(summarise(none).p99));
 }
 
-TEST(ATally, CountsAsASetWould) {
+TEST(ATally, AgreesWithASetOfSequenceNumbers) {
   std::mt19937 random{kSeed};
   for (int round = 0; round < 50; ++round) {
     constexpr std::uint32_t kExpected = 200;
@@ -48,26 +48,26 @@ TEST(ATally, CountsAsASetWould) {
   }
 }
 
-TEST(InterarrivalJitterOfRfc3550, IsItsFormula) {
+TEST(InterarrivalJitterOfRfc3550, FollowsTheFormulaOfTheRfc) {
   std::mt19937 random{kSeed};
   InterarrivalJitter jitter;
   double expected = 0;
-  std::int64_t last_sent = 0, last_received = 0;
+  std::int64_t previous_sent = 0, previous_received = 0;
   for (int i = 0; i < 1000; ++i) {
     const std::int64_t sent = i * 1'000'000;
     const std::int64_t received = sent + std::uniform_int_distribution<int>{50'000, 900'000}(random);
     jitter.add(sent, received);
     if (i > 0) {
-      const double d = static_cast<double>((received - last_received) - (sent - last_sent));
-      expected += (std::abs(d) - expected) / 16;
+      const double difference = static_cast<double>((received - previous_received) - (sent - previous_sent));
+      expected += (std::abs(difference) - expected) / 16;
     }
-    last_sent = sent;
-    last_received = received;
+    previous_sent = sent;
+    previous_received = received;
   }
   EXPECT_NEAR(jitter.us(), expected * 1e-3, 1e-6);
 }
 
-TEST(InterarrivalJitterOfRfc3550, IsZeroWhenEverySampleTakesTheSame) {
+TEST(InterarrivalJitterOfRfc3550, IsZeroIfEverySampleHasTheSameTransit) {
   InterarrivalJitter jitter;
   for (int i = 0; i < 100; ++i) jitter.add(i * 777, i * 777 + 123'456'789);
   EXPECT_EQ(jitter.us(), 0);

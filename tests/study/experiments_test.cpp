@@ -18,7 +18,7 @@ double value_of(const ScenarioRun& run, const std::string& name) {
 
 class StudyExperiments : public ::testing::Test {
  protected:
-  static Experiments made() {
+  static Experiments make_experiments() {
     Study study;
     study.scenarios = {"target-force", "lift", "hand-over"};
     return experiments_of(study, check(study));
@@ -28,41 +28,41 @@ class StudyExperiments : public ::testing::Test {
       if (experiment.name == name) return experiment.run(netem::parse_link(link), seed, kNoStop);
     throw std::invalid_argument(name);
   }
-  const Experiments experiments_ = made();
+  const Experiments experiments_ = make_experiments();
 };
 
-TEST_F(StudyExperiments, ShareTheBaseline) {
+TEST_F(StudyExperiments, BeginWithTheBaselineLink) {
   for (const Experiment& experiment : experiments_.all) EXPECT_EQ(experiment.profiles.front(), kBaseline);
 }
 
-TEST_F(StudyExperiments, TwoUsersReachTheirTargetForce) {
-  const ScenarioRun near = run("target-force", "P0");
-  EXPECT_GT(value_of(near, "time on target"), 99);
-  EXPECT_LT(value_of(near, "deviation from target, rms"), 0.05);
-  EXPECT_EQ(value_of(near, "time without contact"), 0);
+TEST_F(StudyExperiments, TwoUsersReachTheirTargetForceWithoutDelay) {
+  const ScenarioRun result = run("target-force", "P0");
+  EXPECT_GT(value_of(result, "time on target"), 99);
+  EXPECT_LT(value_of(result, "deviation from target, rms"), 0.05);
+  EXPECT_EQ(value_of(result, "time without contact"), 0);
 }
 
-TEST_F(StudyExperiments, CopiesOfALiftedCrateStayTogetherAcrossAnOcean) {
+TEST_F(StudyExperiments, CopiesOfALiftedCrateStayTogetherOverLongLinks) {
   for (const auto& [link, max_apart] : {std::pair{"P4", 15.0}, std::pair{"P6", 25.0}}) {
     SCOPED_TRACE(link);
-    const ScenarioRun far = run("lift", link);
-    EXPECT_EQ(value_of(far, "completed lifts"), 2);
-    EXPECT_EQ(value_of(far, "lost lifts"), 0);
-    EXPECT_LT(value_of(far, "largest distance of copies"), max_apart);
-    EXPECT_LT(value_of(far, "largest tilt"), 20);
-    EXPECT_LT(value_of(far, "injected energy"), 1);
-    EXPECT_GE(value_of(far, "lowest port energy"), -1e-3);
+    const ScenarioRun result = run("lift", link);
+    EXPECT_EQ(value_of(result, "completed lifts"), 2);
+    EXPECT_EQ(value_of(result, "lost lifts"), 0);
+    EXPECT_LT(value_of(result, "largest distance of copies"), max_apart);
+    EXPECT_LT(value_of(result, "largest tilt"), 20);
+    EXPECT_LT(value_of(result, "injected energy"), 1);
+    EXPECT_GE(value_of(result, "lowest port energy"), -1e-3);
   }
 }
 
-TEST_F(StudyExperiments, FourUsersNeverPublishUnderOneNumberAndWaitARoundTrip) {
-  const ScenarioRun far = run("hand-over", "P4");
-  EXPECT_GT(value_of(far, "touches"), 40);
-  EXPECT_EQ(value_of(far, "shared fencing numbers"), 0);
-  EXPECT_NEAR(value_of(far, "time to grant, mean"), 32, 6);
+TEST_F(StudyExperiments, FourUsersNeverShareAFencingNumberAndWaitARoundTripForAGrant) {
+  const ScenarioRun result = run("hand-over", "P4");
+  EXPECT_GT(value_of(result, "touches"), 40);
+  EXPECT_EQ(value_of(result, "shared fencing numbers"), 0);
+  EXPECT_NEAR(value_of(result, "time to grant, mean"), 32, 6);
 }
 
-TEST_F(StudyExperiments, UnstableRunsAreCountedWithoutFigures) {
+TEST_F(StudyExperiments, DivergedRunsAreCountedAndHaveNoFigures) {
   const ScenarioRun naive = run("carry, naive", "P6");
   EXPECT_EQ(value_of(naive, "diverged runs"), 100);
   EXPECT_TRUE(std::isnan(value_of(naive, "largest distance of copies")));

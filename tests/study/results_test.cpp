@@ -18,15 +18,15 @@ Run run_of(const std::string& profile, std::uint64_t seed, double error) {
   return {"tap", profile, seed, {{"force error rms", "N", error}, {"above 1 JND", "%", 10 * error}}};
 }
 
-Experiment tap_over(std::vector<std::string> profiles) {
+Experiment tap_experiment(std::vector<std::string> profiles) {
   return {"tap", Section::kForces, 0, std::move(profiles), 3, {}};
 }
 
-TEST(Cells, ArePairedByTheirSeeds) {
-  // Seeds differ more than links: only pairing shows that P4 is worse by 0.5 each time.
+TEST(LinkResults, CompareRunsOfTheSameSeed) {
+  // Seeds differ more than links. Only a comparison of equal seeds shows that P4 always adds an error of 0.5.
   const std::vector<study::Run> runs{run_of("P0", 1, 1), run_of("P0", 2, 5), run_of("P4", 2, 5.5), run_of("P4", 1, 1.5),
                                      run_of("P4", 3, 9)};
-  const std::vector<LinkResult> results = results_by_link(runs, {tap_over({"P0", "P4", "P6"})});
+  const std::vector<LinkResult> results = results_by_link(runs, {tap_experiment({"P0", "P4", "P6"})});
   ASSERT_EQ(results.size(), 2u);
   EXPECT_EQ(results[0].profile, "P0");
   EXPECT_EQ(results[0].figures[0].value.mean, 3);
@@ -38,9 +38,9 @@ TEST(Cells, ArePairedByTheirSeeds) {
   EXPECT_EQ(results[1].figures[0].difference.high, 0.5);
 }
 
-TEST(Cells, OmitRunsWithoutTheFigure) {
+TEST(LinkResults, OmitRunsWithoutTheFigure) {
   const std::vector<LinkResult> results = results_by_link(
-      {run_of("P0", 1, 1), run_of("P4", 1, std::nan("")), run_of("P4", 2, 3)}, {tap_over({"P0", "P4"})});
+      {run_of("P0", 1, 1), run_of("P4", 1, std::nan("")), run_of("P4", 2, 3)}, {tap_experiment({"P0", "P4"})});
   EXPECT_EQ(results[1].figures[0].value.count, 1u);
   EXPECT_EQ(results[1].figures[0].value.mean, 3);
   EXPECT_EQ(results[1].figures[0].difference.count, 0u);
@@ -48,7 +48,7 @@ TEST(Cells, OmitRunsWithoutTheFigure) {
 
 TEST(Tables, HaveProfilesAsRowsAndScenariosAsColumns) {
   const std::vector<LinkResult> results =
-      results_by_link({run_of("P0", 1, 0), run_of("P4", 1, 0.123456)}, {tap_over({"P0", "P4"})});
+      results_by_link({run_of("P0", 1, 0), run_of("P4", 1, 0.123456)}, {tap_experiment({"P0", "P4"})});
   const std::string text = markdown({"s", "tactus sim study", "machine", "abc", {"a note"}}, results);
   EXPECT_THAT(text, HasSubstr("| force error rms, N | tap |\n|---|--:|\n| P0 | 0 |\n| P4 | 0.123 |\n"));
   EXPECT_THAT(text, HasSubstr("a note"));
@@ -57,7 +57,7 @@ TEST(Tables, HaveProfilesAsRowsAndScenariosAsColumns) {
 
 TEST(Page, HasAPlotPerFigureAndIsSelfContained) {
   const std::vector<LinkResult> results = results_by_link(
-      {run_of("P0", 1, 0), run_of("P4", 1, 0.2), run_of("P4", 2, std::nan(""))}, {tap_over({"P0", "P4"})});
+      {run_of("P0", 1, 0), run_of("P4", 1, 0.2), run_of("P4", 2, std::nan(""))}, {tap_experiment({"P0", "P4"})});
   const std::string page = html({"<s>", "tactus sim study", "machine", "abc", {}}, results);
   EXPECT_THAT(page, HasSubstr("<h1>Study &lt;s&gt;</h1>"));
   EXPECT_THAT(page, HasSubstr("<h2>Force fidelity</h2>"));
@@ -66,27 +66,27 @@ TEST(Page, HasAPlotPerFigureAndIsSelfContained) {
   EXPECT_THAT(page, Not(HasSubstr("<script")));
   EXPECT_THAT(page, Not(HasSubstr("http")));
   std::size_t drawings = 0;
-  for (std::size_t at = 0; (at = page.find("<svg", at)) != std::string::npos; ++at, ++drawings) {
-    const std::string drawing = page.substr(at, page.find("</svg>", at) - at);
+  for (std::size_t begin = 0; (begin = page.find("<svg", begin)) != std::string::npos; ++begin, ++drawings) {
+    const std::string drawing = page.substr(begin, page.find("</svg>", begin) - begin);
     EXPECT_THAT(drawing, Not(HasSubstr("nan")));
     EXPECT_THAT(drawing, Not(HasSubstr("inf")));
     EXPECT_THAT(drawing, HasSubstr("<polyline"));
   }
-  EXPECT_EQ(drawings, 2u) << "rms and share above a JND; these figures have no onsets";
+  EXPECT_EQ(drawings, 2u) << "error rms and share above a JND; these runs have no onsets";
 }
 
-class Log : public ::testing::Test {
+class RunLogTest : public ::testing::Test {
  protected:
   test_support::TemporaryFolder folder_;
 };
 
-TEST_F(Log, ContinuesAfterTheFinishedRuns) {
+TEST_F(RunLogTest, ContinuesAfterTheCompleteRunsOfAnInterruptedStudy) {
   {
     RunLog log{folder_.path(), "study A"};
     log.add(run_of("P0", 1, 0.25));
     log.add(run_of("P4", 1, 0.1));
   }
-  std::ofstream{folder_.path() / "runs.jsonl", std::ios::app} << "{\"scenario\":\"tap\",\"pro";  // killed while writing
+  std::ofstream{folder_.path() / "runs.jsonl", std::ios::app} << "{\"scenario\":\"tap\",\"pro";  // an incomplete line
   RunLog log{folder_.path(), "study A"};
   EXPECT_EQ(log.runs().size(), 2u);
   EXPECT_TRUE(log.has("tap", "P4", 1));
@@ -94,12 +94,12 @@ TEST_F(Log, ContinuesAfterTheFinishedRuns) {
   EXPECT_EQ(log.runs()[1].figures[0].value, 0.1);
   log.add(run_of("P4", 2, 3));
   log.add(run_of("P4", 3, std::nan("")));
-  const RunLog again{folder_.path(), "study A"};
-  ASSERT_EQ(again.runs().size(), 4u);
-  EXPECT_TRUE(std::isnan(again.runs()[3].figures[0].value));
+  const RunLog reopened{folder_.path(), "study A"};
+  ASSERT_EQ(reopened.runs().size(), 4u);
+  EXPECT_TRUE(std::isnan(reopened.runs()[3].figures[0].value));
 }
 
-TEST_F(Log, RefusesTheRunsOfAnotherStudy) {
+TEST_F(RunLogTest, RefusesTheRunsOfAnotherStudy) {
   RunLog{folder_.path(), "study A"}.add(run_of("P0", 1, 0));
   EXPECT_THROW((RunLog{folder_.path(), "study B"}), std::runtime_error);
   EXPECT_THROW((RunLog{"/proc/nowhere", "study A"}), std::runtime_error);

@@ -24,7 +24,7 @@ std::string error_of(const std::string& text) {
   return "";
 }
 
-TEST(Study, HoldsTheParsedValues) {
+TEST(Study, HasTheValuesOfItsText) {
   const Study study = parse_study(R"(
 name: mine
 profiles: [P4, "P0:delay=25:loss=1"]
@@ -43,7 +43,7 @@ scan: {model: dragon.ply, size: 0.3}
   EXPECT_EQ(study.scan.size, 0.3);
 }
 
-TEST(Study, ErrorsNamePositionKeyFoundAndExpected) {
+TEST(Study, ErrorsNameThePositionTheKeyTheValueFoundAndTheValueExpected) {
   EXPECT_EQ(error_of("name: s\nseeds: 0\n"), "s.yaml:2:8: seeds: found '0', expected a number from 1 to 10000");
   EXPECT_EQ(error_of("name: s\nscan: {model: x, sise: 1}\n"),
             "s.yaml:2:18: scan: unknown key 'sise', expected one of model, faces, size");
@@ -52,7 +52,7 @@ TEST(Study, ErrorsNamePositionKeyFoundAndExpected) {
   EXPECT_THAT(error_of("3"), HasSubstr("found '3', expected a map of name, profiles, scenarios"));
 }
 
-TEST(Study, HasTheBaselineFirstAndOnce) {
+TEST(Study, BeginsWithTheBaselineAndHasItOnce) {
   Study study;
   study.profiles = {"P4", "P0", "P6"};
   EXPECT_FALSE(check(study).empty());
@@ -66,7 +66,7 @@ TEST(Study, RefusesScenariosThatItCannotRun) {
   EXPECT_THROW((void)check(study), netem::LinkError);
   study = {};
   study.scenarios = {"demo"};
-  EXPECT_THROW((void)check(study), client_sim::ScenarioError);  // measures nothing
+  EXPECT_THROW((void)check(study), client_sim::ScenarioError);  // the scenario measures nothing
   std::ofstream{folder.path() / "t.yaml"} << "name: t\nmeasures: forces\ntruth: analytic\ntool: stylus\n"
                                              "users:\n  - {name: ann, script: [{tap: {object: wall}}]}\n";
   study.scenarios = {(folder.path() / "t.yaml").string()};
