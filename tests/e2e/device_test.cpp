@@ -1,4 +1,4 @@
-/// A device whose driver an HRTC loads: the example of docs/how-to/own-device.md lies on a sphere with its weight.
+/// An HRTC loads a device driver: the example of docs/how-to/own-device.md, a weight that lies on a surface.
 #include "tests/e2e/session_test.hpp"
 
 namespace tactus::e2e {
@@ -8,28 +8,28 @@ using Seen = Observer::Seen;
 
 class DeviceTest : public SessionTest {};
 
-TEST_F(DeviceTest, AWeightLiesOnTheSurfaceWithItsWeight) {
+TEST_F(DeviceTest, TheForceOnAWeightAtRestEqualsItsWeight) {
   Observer observer{address("observer")};
   Process museum{host("museum", models().sphere)};
   Process desk{hrtc("desk", {"--device", "ann=" TACTUS_EXAMPLE_WEIGHT ",0.3"})};
   EXPECT_TRUE(desk.wait_for_line("device weight in oil"));
   EXPECT_TRUE(observer.until([](const Seen& seen) {
-    const SeenStates ann = seen.user("ann");
+    const StateCounts ann = seen.user("ann");
     return ann.exact > 100 && std::abs(ann.last.force[2] - 0.981) < 1e-3 && std::abs(ann.last.velocity[2]) < 1e-3;
   })) << desk.output();
   desk.signal(SIGINT);
-  EXPECT_TRUE(ends_with(0, desk));
+  EXPECT_TRUE(exits_with(0, desk));
 }
 
-TEST_F(DeviceTest, ThatCannotBeOpenedIsWrongInput) {
+TEST_F(DeviceTest, ADeviceThatCannotBeOpenedIsWrongInput) {
   Process no_file{hrtc("desk", {"--device", "ann=/nowhere/driver.so"})};
-  EXPECT_TRUE(ends_with(2, no_file));
+  EXPECT_TRUE(exits_with(2, no_file));
   EXPECT_THAT(no_file.output(), testing::HasSubstr("/nowhere/driver.so: cannot open shared object file"));
   Process no_height{hrtc("desk", {"--device", "ann=" TACTUS_EXAMPLE_WEIGHT ",high"})};
-  EXPECT_TRUE(ends_with(2, no_height));
+  EXPECT_TRUE(exits_with(2, no_height));
   EXPECT_THAT(no_height.output(), testing::HasSubstr("found 'high', expected a height in metres"));
   Process no_driver{hrtc("desk", {"--device", "ann"})};
-  EXPECT_TRUE(ends_with(2, no_driver));
+  EXPECT_TRUE(exits_with(2, no_driver));
   EXPECT_THAT(no_driver.output(), testing::HasSubstr("found ann, expected USER=DRIVER[,CONFIG]"));
 }
 

@@ -1,4 +1,4 @@
-/// What becomes of a session when one of its programs dies.
+/// Sessions in which a host or an HRTC ends or is killed.
 #include "session/figures.hpp"
 #include "tests/e2e/session_test.hpp"
 
@@ -10,127 +10,115 @@ using Seen = Observer::Seen;
 using Clock = std::chrono::steady_clock;
 using testing::HasSubstr;
 
-class FaultsTest : public SessionTest {
+/// User ann holds an exact contact with the organ of a host.
+class HostFaultsTest : public SessionTest {
  protected:
-  /// Half a second of contact, all of it exact.
-  static bool firmly_touches(const Seen& seen, const std::string& user) {
-    const SeenStates states = seen.user(user);
+  void SetUp() override { ASSERT_TRUE(wait_for_lasting_contact("ann")) << holding_.output() << desk_.output(); }
+
+  /// True after half a second of contact, if all of it was exact.
+  static bool has_lasting_contact(const Seen& seen, const std::string& user) {
+    const StateCounts states = seen.user(user);
     return states.in_contact >= 500 && states.exact == states.in_contact;
   }
-  /// Forgets until contact is exact and stays so.
-  testing::AssertionResult wait_for_firm_contact(Observer& observer, const std::string& user) {
+  /// Starts to count again after each inexact contact.
+  testing::AssertionResult wait_for_lasting_contact(const std::string& user) {
     for (const auto end = Clock::now() + kWatchdog; Clock::now() < end;) {
-      observer.forget_states();
-      const auto decided = [&](const Seen& seen) {
-        const SeenStates states = seen.user(user);
-        return states.exact < states.in_contact || firmly_touches(seen, user);
+      observer_.forget_states();
+      const auto is_decided = [&](const Seen& seen) {
+        const StateCounts states = seen.user(user);
+        return states.exact < states.in_contact || has_lasting_contact(seen, user);
       };
-      if (observer.until(decided) && firmly_touches(observer.seen(), user)) return testing::AssertionSuccess();
+      if (observer_.until(is_decided) && has_lasting_contact(observer_.seen(), user))
+        return testing::AssertionSuccess();
     }
-    return testing::AssertionFailure() << user << " never touched for long";
+    return testing::AssertionFailure() << "no lasting exact contact of " << user;
   }
+
+  /// A second simulation, in which user bob touches the organ on another side and then performs `action`.
+  [[nodiscard]] std::vector<std::string> second_sim(const std::string& action) const {
+    return sim(R"(name: explore
+duration: 120
+users:
+  - name: bob
+    hrtc: desk
+    script:
+      - approach: {object: organ, direction: [1, 0, 0], speed: 0.15, until_force: 0.5}
+      - )" + action +
+                   "\n",
+               {"--name", "sim2"});
+  }
+
+  Observer observer_{address("observer")};
+  Process museum_{host("museum", models().organ)};
+  Process desk_{hrtc("desk")};
+  Process holding_{sim(R"(name: hold
+duration: 120
+users:
+  - name: ann
+    hrtc: desk
+    script:
+      - approach: {object: organ, direction: [0, 0, 1], speed: 0.15, until_force: 0.5}
+      - hold: {seconds: 110, force: 1}
+)")};
 };
 
-TEST_F(FaultsTest, KillingAHostLeavesLoadedRegionsExactAndItsReturnGoesOnLoadingWhatIsMissing) {
-  Observer observer{address("observer")};
-  Process first_host{host("museum", models().organ)};
-  Process desk{hrtc("desk")};
-  Process holding{sim(R"(name: hold
-duration: 120
-users:
-  - name: ann
-    hrtc: desk
-    script:
-      - approach: {object: organ, direction: [0, 0, 1], speed: 0.15, until_force: 0.5}
-      - hold: {seconds: 110, force: 1}
-)")};
-  ASSERT_TRUE(wait_for_firm_contact(observer, "ann")) << holding.output() << desk.output();
-  ASSERT_TRUE(observer.until([](const Seen& seen) { return seen.figure("desk", figures::kRegionsReceived) > 0; }));
+TEST_F(HostFaultsTest, LoadedRegionsStayExactAfterAHostIsKilledAndItsSuccessorServesTheMissingRegions) {
+  ASSERT_TRUE(observer_.until([](const Seen& seen) { return seen.figure("desk", figures::kRegionsReceived) > 0; }));
 
-  first_host.signal(SIGKILL);
-  ASSERT_EQ(first_host.wait(), 128 + SIGKILL);
-  observer.forget_states();
+  museum_.signal(SIGKILL);
+  ASSERT_EQ(museum_.wait(), 128 + SIGKILL);
+  observer_.forget_states();
 
-  EXPECT_TRUE(desk.wait_for_line("host 'museum' is gone"));
-  ASSERT_TRUE(observer.until([](const Seen& seen) { return seen.user("ann").in_contact >= 1500; }));
-  const SeenStates orphaned = observer.seen().user("ann");
-  EXPECT_EQ(orphaned.exact, orphaned.in_contact) << "while nothing new was needed";
-  const std::uint64_t metrics = observer.seen().metrics_of("desk");
-  ASSERT_TRUE(observer.until([&](const Seen& seen) { return seen.metrics_of("desk") > metrics + 1; }));
-  const Seen without_host = observer.seen();
+  EXPECT_TRUE(desk_.wait_for_line("host 'museum' is gone"));
+  ASSERT_TRUE(observer_.until([](const Seen& seen) { return seen.user("ann").in_contact >= 1500; }));
+  const StateCounts without_host = observer_.seen().user("ann");
+  EXPECT_EQ(without_host.exact, without_host.in_contact) << "although ann needs no other region";
+  const std::uint64_t metrics = observer_.seen().metrics_count("desk");
+  ASSERT_TRUE(observer_.until([&](const Seen& seen) { return seen.metrics_count("desk") > metrics + 1; }));
+  const double regions = observer_.seen().figure("desk", figures::kRegionsReceived);
 
-  Process second_host{host("museum", models().organ)};
-  Process exploring{sim(R"(name: explore
-duration: 120
-users:
-  - name: bob
-    hrtc: desk
-    script:
-      - approach: {object: organ, direction: [1, 0, 0], speed: 0.15, until_force: 0.5}
-      - follow: {speed: 0.05, force: 1.5, seconds: 110, pattern: circle}
-)",
-                        {"--name", "sim2"})};
+  Process second_museum{host("museum", models().organ)};
+  Process exploring{second_sim("follow: {speed: 0.05, force: 1.5, seconds: 110, pattern: circle}")};
 
-  const double received = without_host.figure("desk", figures::kRegionsReceived);
-  EXPECT_TRUE(observer.until([&](const Seen& seen) {
-    return seen.figure("desk", figures::kRegionsReceived) > received + 1;
-  })) << desk.output()
-      << second_host.output();
-  EXPECT_TRUE(observer.until([](const Seen& seen) { return seen.user("bob").exact > 500; })) << exploring.output();
-  holding.signal(SIGINT);
-  EXPECT_TRUE(ends_with(1, holding));
-  EXPECT_TRUE(ends_with(1, exploring));
-  EXPECT_TRUE(ends_with(0, desk));
-  EXPECT_TRUE(ends_with(0, second_host));
-  const Seen after = observer.seen();
+  EXPECT_TRUE(observer_.until([&](const Seen& seen) {
+    return seen.figure("desk", figures::kRegionsReceived) > regions + 1;
+  })) << desk_.output()
+      << second_museum.output();
+  EXPECT_TRUE(observer_.until([](const Seen& seen) { return seen.user("bob").exact > 500; })) << exploring.output();
+  holding_.signal(SIGINT);
+  EXPECT_TRUE(exits_with(1, holding_));
+  EXPECT_TRUE(exits_with(1, exploring));
+  EXPECT_TRUE(exits_with(0, desk_));
+  EXPECT_TRUE(exits_with(0, second_museum));
+  const Seen after = observer_.seen();
   EXPECT_EQ(after.user("ann").faults, 0u);
   EXPECT_EQ(after.user("bob").faults, 0u);
-  EXPECT_EQ(after.figure("desk", figures::kEvictions), 0) << "or records would have to come again";
+  EXPECT_EQ(after.figure("desk", figures::kEvictions), 0) << "an eviction would be a reason to receive a record again";
   EXPECT_EQ(after.figure("desk", figures::kRecordsReturned), 0);
-  EXPECT_THAT(holding.output(), HasSubstr("host 'museum' is gone without a leave message"));
-  EXPECT_THAT(holding.output(), HasSubstr("host 'museum' joined"));
+  EXPECT_THAT(holding_.output(), HasSubstr("host 'museum' is gone without a leave message"));
+  EXPECT_THAT(holding_.output(), HasSubstr("host 'museum' joined"));
 }
 
-TEST_F(FaultsTest, AHostThatEndsTakesItsObjectAlongAndMayBringItBack) {
-  Observer observer{address("observer")};
-  Process museum{host("museum", models().organ)};
-  Process desk{hrtc("desk")};
-  Process holding{sim(R"(name: hold
-duration: 120
-users:
-  - name: ann
-    hrtc: desk
-    script:
-      - approach: {object: organ, direction: [0, 0, 1], speed: 0.15, until_force: 0.5}
-      - hold: {seconds: 110, force: 1}
-)")};
-  ASSERT_TRUE(wait_for_firm_contact(observer, "ann")) << holding.output() << desk.output();
-  museum.signal(SIGINT);
-  ASSERT_EQ(museum.wait(), 0) << museum.output();
-  EXPECT_TRUE(desk.wait_for_line("object organ: withdrawn"));
-  EXPECT_TRUE(desk.wait_for_line("object organ: freed"));
-  EXPECT_TRUE(observer.until([](const Seen& seen) {
+TEST_F(HostFaultsTest, AHostThatLeavesWithdrawsItsObjectAndItsSuccessorOffersTheObjectAgain) {
+  museum_.signal(SIGINT);
+  ASSERT_EQ(museum_.wait(), 0) << museum_.output();
+  EXPECT_TRUE(desk_.wait_for_line("object organ: withdrawn"));
+  EXPECT_TRUE(desk_.wait_for_line("object organ: freed"));
+  EXPECT_TRUE(observer_.until([](const Seen& seen) {
     const session::ProbeState last = seen.user("ann").last;
     return (last.status & session::kInContact) == 0 && std::hypot(last.force[0], last.force[1], last.force[2]) < 0.1;
-  })) << desk.output();
-  EXPECT_TRUE(observer.until([](const Seen& seen) { return seen.figure("desk", figures::kPoolUsed) == 0; }));
+  })) << desk_.output();
+  EXPECT_TRUE(observer_.until([](const Seen& seen) { return seen.figure("desk", figures::kPoolUsed) == 0; }));
 
-  Process back{host("museum", models().organ)};
-  Process exploring{sim(R"(name: explore
-duration: 120
-users:
-  - name: bob
-    hrtc: desk
-    script:
-      - approach: {object: organ, direction: [1, 0, 0], speed: 0.15, until_force: 0.5}
-      - hold: {seconds: 110, force: 1}
-)",
-                        {"--name", "sim2"})};
-  EXPECT_TRUE(observer.until([](const Seen& seen) { return seen.user("bob").exact > 500; }))
-      << exploring.output() << desk.output();
+  Process second_museum{host("museum", models().organ)};
+  Process exploring{second_sim("hold: {seconds: 110, force: 1}")};
+  EXPECT_TRUE(observer_.until([](const Seen& seen) { return seen.user("bob").exact > 500; }))
+      << exploring.output() << desk_.output();
 }
 
-TEST_F(FaultsTest, ProbesOfAKilledHrtcVanishFromTheOther) {
+class HrtcFaultsTest : public SessionTest {};
+
+TEST_F(HrtcFaultsTest, AnHrtcRemovesTheRemoteProbesOfAKilledHrtc) {
   Observer observer{address("observer")};
   Process museum{host("museum", models().sphere)};
   Process left{hrtc("left")};
@@ -159,10 +147,10 @@ users:
   EXPECT_EQ(observer.seen().user("ann").count, 0u);
   EXPECT_EQ(observer.seen().user("bob").faults, 0u);
   users.signal(SIGINT);
-  EXPECT_TRUE(ends_with(1, users));
+  EXPECT_TRUE(exits_with(1, users));
   EXPECT_THAT(users.output(), HasSubstr("HRTC 'left' is gone without a leave message"));
-  EXPECT_TRUE(ends_with(0, right));
-  EXPECT_TRUE(ends_with(0, museum));
+  EXPECT_TRUE(exits_with(0, right));
+  EXPECT_TRUE(exits_with(0, museum));
 }
 
 }  // namespace

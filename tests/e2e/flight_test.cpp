@@ -1,4 +1,4 @@
-/// What an HRTC keeps of its last cycles, written when something happens, and replayed.
+/// Flight recordings, which an HRTC writes after a stop, after a signal and at its end, and their replay.
 #include <filesystem>
 
 #include "tests/e2e/session_test.hpp"
@@ -17,59 +17,64 @@ class FlightTest : public SessionTest {
     std::sort(files.begin(), files.end());
     return files;
   }
-  /// What the replay says.
-  [[nodiscard]] static std::string replayed(const std::string& file, int status, const std::string& model) {
+  /// The output of the replay of `file`, which must exit with `status`.
+  [[nodiscard]] static std::string replay_output(const std::string& file, int status, const std::string& model) {
     Process replay{program("replay", {file, "--model", model})};
-    EXPECT_TRUE(ends_with(status, replay));
+    EXPECT_TRUE(exits_with(status, replay));
     return replay.output();
   }
 };
 
-constexpr char kTwo[] = R"(name: two follow
+constexpr char kTwoUsersFollow[] = R"(name: two follow
 duration: 120
 users:
   - name: ann
-    script: [{approach: {object: "#1", direction: [0, 0, 1], speed: 0.2}}, {follow: {speed: 0.1, force: 1, seconds: 110, pattern: circle}}]
+    script:
+      - approach: {object: "#1", direction: [0, 0, 1], speed: 0.2}
+      - follow: {speed: 0.1, force: 1, seconds: 110, pattern: circle}
   - name: bob
     remote: true
-    script: [{approach: {object: "#1", direction: [0, 1, 0], speed: 0.2}}, {follow: {speed: 0.1, force: 1, seconds: 110, pattern: circle}}]
+    script:
+      - approach: {object: "#1", direction: [0, 1, 0], speed: 0.2}
+      - follow: {speed: 0.1, force: 1, seconds: 110, pattern: circle}
 )";
 
-TEST_F(FlightTest, WhatWasBeforeAStopIsKeptAndReplayedToTheBit) {
+TEST_F(FlightTest, TheReplayOfARecordingGivesTheSameForcesToTheBit) {
   Observer observer{address("observer")};
   Process museum{host("museum", models().organ)};
   Process desk{hrtc("desk", {"--flight-recorder", "1", "--flight-file", path("end.mcap"), "--pool", "4000"})};
   EXPECT_TRUE(desk.wait_for_line("flight recorder: the last 1 s, .* MiB at most"));
-  Process users{sim(kTwo)};
+  Process users{sim(kTwoUsersFollow)};
   ASSERT_TRUE(observer.until([](const Seen& seen) {
     return seen.user("ann").exact > 2200 && seen.user("bob").exact > 1000;
   })) << users.output()
       << desk.output();
   Process stop{in_session("control", {"stop"})};
   EXPECT_TRUE(desk.wait_for_line("flight recording .*-1.mcap: [0-9]+ cycles"));
-  EXPECT_TRUE(ends_with(0, stop));
+  EXPECT_TRUE(exits_with(0, stop));
   desk.signal(SIGUSR1);
   EXPECT_TRUE(desk.wait_for_line("flight recording .*-2.mcap: [0-9]+ cycles"));
   users.signal(SIGINT);
-  EXPECT_TRUE(ends_with(1, users));
-  EXPECT_TRUE(ends_with(0, desk));
+  EXPECT_TRUE(exits_with(1, users));
+  EXPECT_TRUE(exits_with(0, desk));
   EXPECT_THAT(desk.output(), HasSubstr("flight recording " + path("end.mcap")));
 
   const std::vector<std::string> files = recordings();
   ASSERT_EQ(files.size(), 2u);
-  const std::string of_stop = replayed(files[0], 0, models().organ);
+  const std::string of_stop = replay_output(files[0], 0, models().organ);
   EXPECT_THAT(of_stop, HasSubstr("written for: emergency stop"));
   EXPECT_THAT(of_stop, HasSubstr(" 1 stops, 0 resets"));
   EXPECT_THAT(of_stop, HasSubstr("from cycle "));
   EXPECT_THAT(of_stop, HasSubstr("every force is the same to the bit"));
-  EXPECT_THAT(replayed(files[1], 0, models().organ), HasSubstr("written for: requested by a signal"));
-  EXPECT_THAT(replayed(path("end.mcap"), 0, models().organ), HasSubstr("written for: the end"));
-  EXPECT_THAT(replayed(path("end.mcap"), 2, models().sphere), HasSubstr("object 'organ' is of the model with digest "));
+  EXPECT_THAT(replay_output(files[1], 0, models().organ), HasSubstr("written for: requested by a signal"));
+  EXPECT_THAT(replay_output(path("end.mcap"), 0, models().organ), HasSubstr("written for: the end"));
+  EXPECT_THAT(replay_output(path("end.mcap"), 2, models().sphere),
+              HasSubstr("object 'organ' is of the model with digest "));
 }
 
-TEST_F(FlightTest, AFileThatCannotBeWrittenIsReportedAtTheStart) {
+TEST_F(FlightTest, AFileThatCannotBeWrittenIsReportedAtStartup) {
   Process desk{hrtc("desk", {"--flight-file", path("none/x.mcap")})};
-  EXPECT_TRUE(ends_with(2, desk));
+  EXPECT_TRUE(exits_with(2, desk));
   EXPECT_THAT(desk.output(), HasSubstr("cannot write the flight recording " + path("none/x.mcap")));
 }
 

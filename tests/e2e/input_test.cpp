@@ -1,4 +1,4 @@
-/// Wrong input to every program: exit status 2, a message that names what was wrong, nothing left behind.
+/// Every program refuses wrong input: exit status 2, a message that names the error, and no change of any file.
 #include <filesystem>
 #include <map>
 
@@ -7,37 +7,37 @@
 namespace tactus::e2e {
 namespace {
 
-using Words = std::vector<std::string>;
+using Strings = std::vector<std::string>;
 using testing::HasSubstr;
 
 struct WrongInput {
-  Words arguments;
-  Words message;  // all of these are said
+  Strings arguments;
+  Strings messages;  // the output contains each of them
 };
 
-class InputTest : public SessionTest {
+class WrongInputTest : public SessionTest {
  protected:
-  InputTest() {
-    run_well({"generate", "sphere", path("good.ply"), "--faces", "2000"});
-    run_well({"generate", "sphere", path("good.spm"), "--faces", "2000"});
+  WrongInputTest() {
+    run_mesh_tool({"generate", "sphere", path("good.ply"), "--faces", "2000"});
+    run_mesh_tool({"generate", "sphere", path("good.spm"), "--faces", "2000"});
     const std::string ply = test_support::read_bytes(path("good.ply"));
     const std::string spm = test_support::read_bytes(path("good.spm"));
-    std::string flipped = spm, later = spm;
-    flipped[spm.size() / 2] = static_cast<char>(flipped[spm.size() / 2] ^ 1);
-    later[8] = static_cast<char>(later[8] + 1);
-    write("flipped.spm", flipped);
-    write("later.spm", later);
+    std::string flipped_bit = spm, newer_version = spm;
+    flipped_bit[spm.size() / 2] = static_cast<char>(flipped_bit[spm.size() / 2] ^ 1);
+    newer_version[8] = static_cast<char>(newer_version[8] + 1);
+    write("flipped.spm", flipped_bit);
+    write("newer.spm", newer_version);
     write("cut.spm", spm.substr(0, spm.size() - 100));
     write("empty.spm", "");
     write("empty.ply", "");
     write("cut.ply", ply.substr(0, ply.size() - 100));
-    write("greedy.ply",
+    write("too_large.ply",
           "ply\nformat ascii 1.0\nelement vertex 4000000000\nproperty float x\nproperty float y\nproperty float z\n"
           "element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n3 0 1 2\n");
-    write("astray.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 999999999\n");
+    write("bad_index.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 999999999\n");
     write("points.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\n");
-    write("nonsense.ply", std::string(4096, '\xa5'));
-    write("nonsense.spm", std::string(4096, '\xa5'));
+    write("garbage.ply", std::string(4096, '\xa5'));
+    write("garbage.spm", std::string(4096, '\xa5'));
     write("poses.csv", "0,0,0,0\n1,0,0,0.1\n");
     write("key.yaml", "name: x\nusers:\n  - name: ann\n    script:\n      - approach: {object: organ, spede: 1}\n");
     write("list.yaml", "- 1\n- 2\n");
@@ -47,23 +47,23 @@ class InputTest : public SessionTest {
     write("broken_qos/probe.xml", "<dds><profiles></profiles></dds>\n");
   }
 
-  static void run_well(const Words& arguments) {
+  static void run_mesh_tool(const Strings& arguments) {
     Process mesh{program("mesh", arguments)};
     ASSERT_EQ(mesh.wait(60s), 0) << mesh.output();
   }
 
-  /// Every file below the folder with its content.
+  /// The content of every file in the test's folder, by path.
   using Contents = std::map<std::string, std::string>;
   [[nodiscard]] Contents contents() const {
-    Contents all;
+    Contents found;
     for (const auto& entry : std::filesystem::recursive_directory_iterator{folder_.path()})
-      all[entry.path().string()] = entry.is_regular_file() ? test_support::read_bytes(entry.path()) : "a folder";
-    return all;
+      found[entry.path().string()] = entry.is_regular_file() ? test_support::read_bytes(entry.path()) : "a folder";
+    return found;
   }
-  /// What is new, gone or different now.
-  [[nodiscard]] Words changes_since(const Contents& before) const {
+  /// The paths of files that are new, missing or different now.
+  [[nodiscard]] Strings changes_since(const Contents& before) const {
     const Contents now = contents();
-    Words changed;
+    Strings changed;
     for (const auto& [file, content] : now)
       if (before.count(file) == 0 || before.at(file) != content) changed.push_back(file);
     for (const auto& [file, content] : before)
@@ -71,27 +71,27 @@ class InputTest : public SessionTest {
     return changed;
   }
 
-  void expect_refused(const std::string& name, const std::vector<WrongInput>& table) const {
+  void expect_refused(const std::string& name, const std::vector<WrongInput>& inputs) const {
     const auto before = contents();
-    for (const WrongInput& wrong : table) {
-      const Words command = program(name, wrong.arguments);
-      std::string line = name;
-      for (const std::string& word : wrong.arguments) line += " " + word;
-      SCOPED_TRACE(line);
-      Process refused{command};
+    for (const WrongInput& input : inputs) {
+      std::string command_line = name;
+      for (const std::string& argument : input.arguments) command_line += " " + argument;
+      SCOPED_TRACE(command_line);
+      Process refused{program(name, input.arguments)};
       EXPECT_EQ(refused.wait(), 2) << refused.output();
       EXPECT_TRUE(refused.left_nothing_running());
-      for (const std::string& text : wrong.message) EXPECT_THAT(refused.output(), HasSubstr(text));
-      const Words changed = changes_since(before);
-      EXPECT_THAT(changed, testing::IsEmpty()) << "left behind";
+      for (const std::string& message : input.messages) EXPECT_THAT(refused.output(), HasSubstr(message));
+      const Strings changed = changes_since(before);
+      EXPECT_THAT(changed, testing::IsEmpty()) << "changed files";
       for (const std::string& file : changed)
         if (before.count(file) == 0) std::filesystem::remove_all(file);
     }
   }
 
-  /// What is wrong alike with every program that joins a session; `rest` makes it right otherwise.
-  [[nodiscard]] std::vector<WrongInput> wrong_addresses(const Words& rest) const {
-    std::vector<WrongInput> table{
+  /// Wrong values of the options that every program of a session has. `valid_arguments` are added to each, so that
+  /// nothing else is wrong.
+  [[nodiscard]] std::vector<WrongInput> wrong_session_options(const Strings& valid_arguments) const {
+    std::vector<WrongInput> inputs{
         {{"--colour", "red"}, {"--colour"}},
         {{"--domain", "0"}, {"domain 0", "expected 1 to 97"}},
         {{"--domain", "98"}, {"domain 98", "expected 1 to 97"}},
@@ -104,14 +104,15 @@ class InputTest : public SessionTest {
         {{"--qos", path("empty_qos")}, {path("empty_qos"), "no such file", "expected"}},
         {{"--qos", path("broken_qos")}, {path("broken_qos"), "probe", "expected"}},
     };
-    for (WrongInput& wrong : table) wrong.arguments.insert(wrong.arguments.end(), rest.begin(), rest.end());
-    return table;
+    for (WrongInput& input : inputs)
+      input.arguments.insert(input.arguments.end(), valid_arguments.begin(), valid_arguments.end());
+    return inputs;
   }
 };
 
-TEST_F(InputTest, OfTheHostIsRefused) {
+TEST_F(WrongInputTest, IsRefusedByTheHost) {
   const std::string cache = path("cache");
-  expect_refused("host", wrong_addresses({path("good.spm")}));
+  expect_refused("host", wrong_session_options({path("good.spm")}));
   expect_refused("host", {
                              {{}, {"no model", "expected"}},
                              {{path("missing.spm")}, {"missing.spm", "no such"}},
@@ -119,9 +120,9 @@ TEST_F(InputTest, OfTheHostIsRefused) {
                              {{path("empty.spm")}, {"empty.spm", "0 bytes"}},
                              {{path("cut.spm")}, {"cut.spm", "found", "truncated"}},
                              {{path("flipped.spm")}, {"flipped.spm", "checksum"}},
-                             {{path("later.spm")},
-                              {"later.spm", "format version ", "this program reads version ", "later release"}},
-                             {{path("nonsense.spm")}, {"nonsense.spm", "not an .spm file"}},
+                             {{path("newer.spm")},
+                              {"newer.spm", "format version ", "this program reads version ", "later release"}},
+                             {{path("garbage.spm")}, {"garbage.spm", "not an .spm file"}},
                              {{path("good.spm"), path("good.spm")}, {"two objects", "'good'"}},
                              {{"--config", path("host.yaml")}, {"host.yaml:2", "unknown key 'modell'"}},
                              {{"--config", path("missing.yaml")}, {"missing.yaml"}},
@@ -130,8 +131,9 @@ TEST_F(InputTest, OfTheHostIsRefused) {
                          });
 }
 
-TEST_F(InputTest, OfTheHostToBuildIsRefused) {
-  for (const std::string name : {"empty.ply", "cut.ply", "greedy.ply", "astray.obj", "points.obj", "nonsense.ply"}) {
+TEST_F(WrongInputTest, IsRefusedByAHostThatBuildsAModel) {
+  for (const std::string name :
+       {"empty.ply", "cut.ply", "too_large.ply", "bad_index.obj", "points.obj", "garbage.ply"}) {
     Process refused{program("host", {"--cache", path("cache"), path(name)})};
     EXPECT_EQ(refused.wait(), 2) << name << ": " << refused.output();
     EXPECT_THAT(refused.output(), HasSubstr(name + ": "));
@@ -139,8 +141,8 @@ TEST_F(InputTest, OfTheHostToBuildIsRefused) {
   EXPECT_TRUE(!std::filesystem::exists(path("cache")) || std::filesystem::is_empty(path("cache")));
 }
 
-TEST_F(InputTest, OfTheHrtcIsRefused) {
-  expect_refused("hrtc", wrong_addresses({"--log", path("new.log")}));
+TEST_F(WrongInputTest, IsRefusedByTheHrtc) {
+  expect_refused("hrtc", wrong_session_options({"--log", path("new.log")}));
   expect_refused(
       "hrtc",
       {
@@ -176,8 +178,8 @@ TEST_F(InputTest, OfTheHrtcIsRefused) {
       });
 }
 
-TEST_F(InputTest, OfTheUsersIsRefused) {
-  expect_refused("sim", wrong_addresses({"--json", path("new.json")}));
+TEST_F(WrongInputTest, IsRefusedByTheSimulation) {
+  expect_refused("sim", wrong_session_options({"--json", path("new.json")}));
   expect_refused("sim",
                  {
                      {{"surplus"}, {"surplus"}},
@@ -186,14 +188,14 @@ TEST_F(InputTest, OfTheUsersIsRefused) {
                      {{"--scenario", "dmeo"}, {"'dmeo'", "touch, follow, lift, grab, demo", "nor a readable file"}},
                      {{"--scenario", path("key.yaml")}, {"key.yaml:5:", "unknown key 'spede'", "expected"}},
                      {{"--scenario", path("list.yaml")}, {"list.yaml:1:", "expected a map"}},
-                     {{"--scenario", path("nonsense.spm")}, {"nonsense.spm:1:"}},
+                     {{"--scenario", path("garbage.spm")}, {"garbage.spm:1:"}},
                      {{"--scenario", path("empty_qos")}, {"empty_qos"}},
                      {{"--json", path("no/such.json")}, {"no/such.json", "cannot write"}},
                      {{"--json", path("empty_qos")}, {"empty_qos", "cannot write"}},
                  });
 }
 
-TEST_F(InputTest, OfTheMeshToolIsRefused) {
+TEST_F(WrongInputTest, IsRefusedByTheMeshTool) {
   const std::string out = path("new.spm");
   expect_refused("mesh",
                  {
@@ -203,23 +205,23 @@ TEST_F(InputTest, OfTheMeshToolIsRefused) {
                      {{"build", path("missing.ply"), out}, {"missing.ply", "no such file"}},
                      {{"build", path("empty.ply"), out}, {"empty.ply", "0 bytes"}},
                      {{"build", path("cut.ply"), out}, {"cut.ply"}},
-                     {{"build", path("greedy.ply"), out}, {"greedy.ply", "found 14 bytes", "expected"}},
-                     {{"build", path("astray.obj"), out}, {"astray.obj"}},
+                     {{"build", path("too_large.ply"), out}, {"too_large.ply", "found 14 bytes", "expected"}},
+                     {{"build", path("bad_index.obj"), out}, {"bad_index.obj"}},
                      {{"build", path("points.obj"), out}, {"points.obj", "found 3 points", "expected a surface"}},
-                     {{"build", path("nonsense.ply"), out}, {"nonsense.ply"}},
+                     {{"build", path("garbage.ply"), out}, {"garbage.ply"}},
                      {{"build", path("good.ply"), path("no/such.spm")}, {"no/such.spm", "cannot be written"}},
                      {{"build", path("good.ply"), path("empty_qos")}, {"empty_qos", "cannot be written"}},
                      {{"info", path("missing.spm")}, {"missing.spm"}},
                      {{"info", path("flipped.spm")}, {"flipped.spm", "checksum"}},
-                     {{"info", path("later.spm")},
-                      {"later.spm", "format version ", "this program reads version ", "later release"}},
+                     {{"info", path("newer.spm")},
+                      {"newer.spm", "format version ", "this program reads version ", "later release"}},
                      {{"info", path("cut.spm")}, {"cut.spm", "found", "truncated"}},
                      {{"verify", path("good.spm"), path("missing.ply")}, {"missing.ply"}},
                      {{"generate", "cube", out}, {"cube"}},
                      {{"generate", "sphere", path("new.xyz")}, {"new.xyz"}},
                      {{"generate", "sphere", path("no/such.ply")}, {"no/such.ply"}},
                      {{"audit", path("missing.log"), path("good.spm")}, {"missing.log"}},
-                     {{"audit", path("nonsense.spm"), path("good.ply")}, {"nonsense.spm"}},
+                     {{"audit", path("garbage.spm"), path("good.ply")}, {"garbage.spm"}},
                  });
 }
 

@@ -1,4 +1,4 @@
-/// Users who come near one object receive full-rate states of each other; the session receives deadband-coded states.
+/// Users near one object receive full-rate states of each other; the session receives deadband-coded states.
 #include "session/figures.hpp"
 #include "tests/e2e/session_test.hpp"
 
@@ -8,12 +8,7 @@ namespace {
 namespace figures = session::figures;
 using Seen = Observer::Seen;
 
-class ModesTest : public SessionTest {
- protected:
-  [[nodiscard]] std::vector<std::string> coding(const std::string& name) const {
-    return in_session("hrtc", {"--name", name});
-  }
-};
+class ModesTest : public SessionTest {};
 
 constexpr char kTwoAtOne[] = R"(name: two at one object
 duration: 120
@@ -26,24 +21,24 @@ users:
     script: [{approach: {object: "#1", direction: [0, 0.5, 1], speed: 0.2}}, {hold: {seconds: 110, force: 1}}]
 )";
 
-bool together(const Seen& seen, double users) {
-  return seen.figure("desk1", figures::kCollaborating) == users &&
-         seen.figure("desk2", figures::kCollaborating) == users;
+/// True if `count` users of each HRTC collaborate now.
+bool collaborate(const Seen& seen, double count) {
+  return seen.figure("desk1", figures::kCollaborating) == count && seen.figure("desk2", figures::kCollaborating) == count;
 }
 
-TEST_F(ModesTest, UsersAtOneObjectCollaborateUntilAModeIsCommandedAndTheSessionReceivesThemCoded) {
+TEST_F(ModesTest, UsersAtOneObjectCollaborateUntilAModeIsCommandedAndTheSessionReceivesCodedStates) {
   Observer observer{address("observer")};
   wire::Writer<session::Control> control{observer.participants(), wire::topics::kControl};
   Process museum{host("museum", models().sphere)};
-  Process desk1{coding("desk1")};
-  Process desk2{coding("desk2")};
+  Process desk1{coding_hrtc("desk1")};
+  Process desk2{coding_hrtc("desk2")};
   Process users{sim(kTwoAtOne)};
-  ASSERT_TRUE(observer.until([](const Seen& seen) { return together(seen, 1); }))
+  ASSERT_TRUE(observer.until([](const Seen& seen) { return collaborate(seen, 1); }))
       << users.output() << desk1.output() << desk2.output();
-  const Seen met = observer.seen();
+  const Seen collaborating = observer.seen();
   ASSERT_TRUE(observer.until([&](const Seen& seen) {
-    return seen.figure("desk1", figures::kStatesFullRate) > met.figure("desk1", figures::kStatesFullRate) &&
-           seen.figure("desk2", figures::kStatesFullRate) > met.figure("desk2", figures::kStatesFullRate) &&
+    return seen.figure("desk1", figures::kStatesFullRate) > collaborating.figure("desk1", figures::kStatesFullRate) &&
+           seen.figure("desk2", figures::kStatesFullRate) > collaborating.figure("desk2", figures::kStatesFullRate) &&
            seen.user("ann").exact > 0 && seen.user("bob").exact > 0;
   }));
   const Seen touching = observer.seen();
@@ -56,15 +51,15 @@ TEST_F(ModesTest, UsersAtOneObjectCollaborateUntilAModeIsCommandedAndTheSessionR
   command.text = "large-scale";
   ASSERT_EQ(control.send(command), wire::SendStatus::kSent);
   EXPECT_TRUE(desk1.wait_for_line("mode: large-scale"));
-  EXPECT_TRUE(observer.until([](const Seen& seen) { return together(seen, 0); }));
+  EXPECT_TRUE(observer.until([](const Seen& seen) { return collaborate(seen, 0); }));
   observer.forget_states();
   EXPECT_TRUE(observer.until([](const Seen& seen) { return seen.user("ann").exact > 0 && seen.user("bob").exact > 0; }))
-      << "both are still seen, and in touch";
+      << "both still send states of exact contact";
   users.signal(SIGINT);
-  EXPECT_TRUE(ends_with(1, users));
-  EXPECT_TRUE(ends_with(0, desk1));
-  EXPECT_TRUE(ends_with(0, desk2));
-  EXPECT_TRUE(ends_with(0, museum));
+  EXPECT_TRUE(exits_with(1, users));
+  EXPECT_TRUE(exits_with(0, desk1));
+  EXPECT_TRUE(exits_with(0, desk2));
+  EXPECT_TRUE(exits_with(0, museum));
 }
 
 }  // namespace

@@ -1,4 +1,4 @@
-/// A session recorded as a user records it, read by the reference reader of the format.
+/// Records sessions with tactus-record, and reads the files with the reference reader of MCAP.
 #include <array>
 #include <charconv>
 #include <fstream>
@@ -18,14 +18,14 @@ class RecordTest : public SessionTest {
   [[nodiscard]] std::vector<std::string> record(const std::string& file) const {
     return in_session("record", {path(file)});
   }
-  [[nodiscard]] json decoded(const std::string& how, const std::string& file) const {
-    const std::string text = trace::read_mcap("decoded " + how + " '" + path(file) + "'");
+  [[nodiscard]] json decoded(const std::string& mode, const std::string& file) const {
+    const std::string text = trace::read_mcap("decoded " + mode + " '" + path(file) + "'");
     EXPECT_TRUE(json::accept(text)) << text.substr(0, 2000);
     return json::accept(text) ? json::parse(text) : json::object();
   }
 };
 
-constexpr char kTwo[] = R"(name: recorded
+constexpr char kTwoUsersHold[] = R"(name: recorded
 duration: 120
 users:
   - name: ann
@@ -35,34 +35,34 @@ users:
     script: [{approach: {object: "#1", direction: [0, 1, 0], speed: 0.2}}, {hold: {seconds: 110, force: 1}}]
 )";
 
-TEST_F(RecordTest, HasEveryTopicOfASessionThatGoesOnAsWithoutIt) {
+TEST_F(RecordTest, ARecordingAndItsTablesContainEveryTopicOfTheSession) {
   if (const std::string reason = trace::missing_mcap_reader(); !reason.empty()) GTEST_SKIP() << reason;
   Observer observer{address("observer")};
   Process recorder{record("all.mcap")};
   ASSERT_TRUE(recorder.wait_for_line("recording session"));
-  Process cut{record("cut.mcap")};
-  ASSERT_TRUE(cut.wait_for_line("recording session"));
+  Process killed_recorder{record("killed.mcap")};
+  ASSERT_TRUE(killed_recorder.wait_for_line("recording session"));
   Process museum{host("museum", models().sphere)};
   Process desk{hrtc("desk")};
-  Process users{sim(kTwo)};
+  Process users{sim(kTwoUsersHold)};
   ASSERT_TRUE(observer.until([](const Seen& seen) {
-    return seen.user("ann").exact > 100 && seen.user("bob").exact > 100 && seen.metrics_of("desk") > 1;
+    return seen.user("ann").exact > 100 && seen.user("bob").exact > 100 && seen.metrics_count("desk") > 1;
   })) << users.output()
       << desk.output();
-  // It writes to the file once a second at least.
-  const std::uint64_t metrics = observer.seen().metrics_of("desk");
-  ASSERT_TRUE(observer.until([&](const Seen& seen) { return seen.metrics_of("desk") > metrics + 4; }));
-  cut.signal(SIGKILL);
+  // A recorder writes to its file at least once a second. After that, the recorder with the second file is killed.
+  const std::uint64_t metrics = observer.seen().metrics_count("desk");
+  ASSERT_TRUE(observer.until([&](const Seen& seen) { return seen.metrics_count("desk") > metrics + 4; }));
+  killed_recorder.signal(SIGKILL);
   users.signal(SIGINT);
-  EXPECT_TRUE(ends_with(1, users));
-  EXPECT_TRUE(ends_with(0, desk));
-  EXPECT_TRUE(ends_with(0, museum));
+  EXPECT_TRUE(exits_with(1, users));
+  EXPECT_TRUE(exits_with(0, desk));
+  EXPECT_TRUE(exits_with(0, museum));
   recorder.signal(SIGINT);
-  EXPECT_TRUE(ends_with(0, recorder));
+  EXPECT_TRUE(exits_with(0, recorder));
 
   const json all = decoded("", "all.mcap");
   std::uint64_t messages = 0;
-  for (const auto& [topic, of] : all.items()) messages += of["count"].get<std::uint64_t>();
+  for (const auto& [topic, content] : all.items()) messages += content["count"].get<std::uint64_t>();
   EXPECT_THAT(recorder.output(), testing::HasSubstr(std::to_string(messages) + " messages, "));
   for (const char* const topic : {"tactus_roster", "tactus_catalogue", "tactus_demand", "tactus_metrics",
                                   "tactus_control", "tactus_end", "tactus_records", "tactus_probe_state",
@@ -75,32 +75,32 @@ TEST_F(RecordTest, HasEveryTopicOfASessionThatGoesOnAsWithoutIt) {
   EXPECT_NEAR(pose["last"]["device"]["orientation"][3].get<double>(), 1, 1);
   EXPECT_EQ(all["tactus_catalogue"]["last"]["object_name"], "sphere");
 
-  // As tables: every message, and the numbers that the reference reader has.
+  // Each topic has a table, with the numbers that the reference reader prints.
   Process export_all{in_session("record", {path("all.mcap"), "--to-csv", path("tables")})};
-  EXPECT_TRUE(ends_with(0, export_all));
-  for (const auto& [topic, of] : all.items())
+  EXPECT_TRUE(exits_with(0, export_all));
+  for (const auto& [topic, content] : all.items())
     EXPECT_THAT(export_all.output(), testing::HasSubstr(topic + ".csv: ")) << export_all.output();
   std::ifstream table{path("tables/tactus_device_pose.csv")};
-  std::string header, row, last;
+  std::string header, row, last_row;
   std::getline(table, header);
-  while (std::getline(table, row)) last = row;
+  while (std::getline(table, row)) last_row = row;
   EXPECT_THAT(header, testing::StartsWith("log_time_ns,sequence,user_id,probe,participant,"));
   std::string position;
   for (const json& number : pose["last"]["device"]["position"]) {
     std::array<char, 32> digits{};
     position.append(",").append(digits.data(), std::to_chars(digits.begin(), digits.end(), number.get<double>()).ptr);
   }
-  EXPECT_THAT(last, testing::HasSubstr(position + ","));
-  EXPECT_THAT(last, testing::HasSubstr("," + pose["last"]["stamp"]["time_ns"].get<std::string>() + ","));
+  EXPECT_THAT(last_row, testing::HasSubstr(position + ","));
+  EXPECT_THAT(last_row, testing::HasSubstr("," + pose["last"]["stamp"]["time_ns"].get<std::string>() + ","));
 
-  const json until_killed = decoded("stream", "cut.mcap");
+  const json until_killed = decoded("stream", "killed.mcap");
   EXPECT_GT(until_killed["tactus_probe_state"]["count"], 0);
   EXPECT_EQ(until_killed["tactus_catalogue"]["last"]["object_name"], "sphere");
 }
 
 TEST_F(RecordTest, AFileThatCannotBeWrittenIsWrongInput) {
   Process recorder{record("none/x.mcap")};
-  EXPECT_TRUE(ends_with(2, recorder));
+  EXPECT_TRUE(exits_with(2, recorder));
   EXPECT_THAT(recorder.output(), testing::HasSubstr("none/x.mcap: No such file or directory"));
 }
 

@@ -1,4 +1,4 @@
-/// Users whose devices stand at their own end of the network.
+/// Users with a remote device: the device is at the client, so its force loop runs over the network.
 #include <condition_variable>
 #include <mutex>
 
@@ -13,7 +13,7 @@ using Seen = Observer::Seen;
 
 class RemoteDeviceTest : public SessionTest {};
 
-constexpr char kTouch[] = R"(name: a device elsewhere
+constexpr char kLongTouch[] = R"(name: remote device
 duration: 120
 users:
   - name: ann
@@ -21,83 +21,84 @@ users:
     script: [{approach: {object: "#1", speed: 0.2}}, {hold: {seconds: 100, force: 1}}]
 )";
 
-bool is_at_rest(const session::ProbeState& state) {
+bool has_no_force(const session::ProbeState& state) {
   return state.force[0] == 0 && state.force[1] == 0 && state.force[2] == 0;
 }
 
-TEST_F(RemoteDeviceTest, FeelsTheExactSurfaceAndNoForceOnceItIsSilent) {
+TEST_F(RemoteDeviceTest, ARemoteDeviceReceivesForcesOfTheExactSurfaceAndNoForceWhileItSendsNoPoses) {
   Observer observer{address("observer")};
   Process museum{host("museum", models().sphere)};
   Process desk{hrtc("desk")};
-  Process users{sim(kTouch)};
+  Process users{sim(kLongTouch)};
   ASSERT_TRUE(observer.until([](const Seen& seen) {
-    const SeenStates ann = seen.user("ann");
-    return ann.exact > 100 && !is_at_rest(ann.last) && ann.last.origin.participant == session::id_of("desk");
+    const StateCounts ann = seen.user("ann");
+    return ann.exact > 100 && !has_no_force(ann.last) && ann.last.origin.participant == session::id_of("desk");
   })) << users.output()
       << desk.output();
   EXPECT_TRUE(desk.wait_for_line("user ann brings a device of its own"));
   ASSERT_TRUE(observer.until([](const Seen& seen) {
     return seen.figure("desk", figures::kRemoteDevices) == 1 && seen.figure("desk", figures::kDeviceRoundTrip) < 0.25e6;
-  })) << "its loop is measured";
+  })) << "the metrics contain the round trip";
   EXPECT_GT(observer.seen().figure("desk", figures::kDeviceRoundTrip), 0);
 
   users.signal(SIGSTOP);
   EXPECT_TRUE(observer.until([](const Seen& seen) {
     const session::ProbeState state = seen.user("ann").last;
-    return (state.status & session::kStalePose) != 0 && is_at_rest(state) && state.data_age_us >= 60'000;
-  })) << "before the roster gives it up";
+    return (state.status & session::kStalePose) != 0 && has_no_force(state) && state.data_age_us >= 60'000;
+  })) << "before the HRTC removes the silent client";
   users.signal(SIGCONT);
   EXPECT_TRUE(observer.until([](const Seen& seen) {
     const session::ProbeState state = seen.user("ann").last;
-    return (state.status & session::kStalePose) == 0 && !is_at_rest(state);
-  })) << "the force comes back";
+    return (state.status & session::kStalePose) == 0 && !has_no_force(state);
+  })) << "the force returns with new poses";
   EXPECT_TRUE(observer.until([](const Seen& seen) { return seen.figure("desk", figures::kStaleCycles) > 0; }));
   users.signal(SIGINT);
-  EXPECT_TRUE(ends_with(1, users));
-  EXPECT_TRUE(ends_with(0, desk));
-  EXPECT_TRUE(ends_with(0, museum));
+  EXPECT_TRUE(exits_with(1, users));
+  EXPECT_TRUE(exits_with(0, desk));
+  EXPECT_TRUE(exits_with(0, museum));
 }
 
-TEST_F(RemoteDeviceTest, GoesOnFeelingAfterOneCommandFromTheFarFuture) {
+TEST_F(RemoteDeviceTest, ARemoteDeviceIgnoresACommandWhoseSequenceNumberIsTooLarge) {
   Observer observer{address("observer")};
   Process museum{host("museum", models().sphere)};
   Process desk{hrtc("desk")};
-  Process users{sim(kTouch)};
+  Process users{sim(kLongTouch)};
   ASSERT_TRUE(observer.until([](const Seen& seen) { return seen.user("ann").exact > 100; })) << users.output();
-  const wire::EndpointOptions where{wire::user_partition("ann")};
+  const wire::EndpointOptions partition{wire::user_partition("ann")};
   std::mutex mutex;
-  std::condition_variable news;
-  std::uint32_t felt = 0;
+  std::condition_variable changed;
+  std::uint32_t newest_felt = 0;  // the newest command whose force the device has exerted
   const wire::Reader<session::DevicePose> poses{observer.participants(), wire::topics::kDevicePose,
                                                 [&](session::DevicePose&& pose) {
                                                   const std::lock_guard lock{mutex};
-                                                  felt = pose.command_felt;
-                                                  news.notify_all();
+                                                  newest_felt = pose.command_felt;
+                                                  changed.notify_all();
                                                 },
-                                                where};
+                                                partition};
   wire::SessionAddress as_desk = address("desk");
   as_desk.incarnation = observer.seen().roster.at("desk").origin.incarnation;
   wire::Participants participants{as_desk};
-  wire::Writer<session::DeviceCommand> commands{participants, wire::topics::kDeviceCommand, where};
-  const auto feels = [&](const auto& condition) {
+  wire::Writer<session::DeviceCommand> commands{participants, wire::topics::kDeviceCommand, partition};
+  const auto wait_for_felt = [&](const auto& condition) {
     std::unique_lock lock{mutex};
-    return news.wait_for(lock, kWatchdog, [&] { return condition(felt); });
+    return changed.wait_for(lock, kWatchdog, [&] { return condition(newest_felt); });
   };
-  ASSERT_TRUE(feels([&](std::uint32_t command) { return command > 100 && commands.matched() > 0; }));
-  session::DeviceCommand wrong;
-  wrong.origin = participants.origin();
-  wrong.user_id = session::id_of("ann");
-  wrong.sequence = 0xffffffff;
-  const std::uint32_t before = [&] {
+  ASSERT_TRUE(wait_for_felt([&](std::uint32_t command) { return command > 100 && commands.matched() > 0; }));
+  session::DeviceCommand future_command;
+  future_command.origin = participants.origin();
+  future_command.user_id = session::id_of("ann");
+  future_command.sequence = 0xffffffff;
+  const std::uint32_t felt_before = [&] {
     const std::lock_guard lock{mutex};
-    return felt;
+    return newest_felt;
   }();
-  ASSERT_EQ(commands.send(wrong), wire::SendStatus::kSent);
-  EXPECT_TRUE(feels([&](std::uint32_t command) { return command > before + 1000 && command < 0x80000000; }));
+  ASSERT_EQ(commands.send(future_command), wire::SendStatus::kSent);
+  EXPECT_TRUE(
+      wait_for_felt([&](std::uint32_t command) { return command > felt_before + 1000 && command < 0x80000000; }));
   users.signal(SIGINT);
-  EXPECT_TRUE(ends_with(1, users));
-  EXPECT_TRUE(ends_with(0, desk));
-  EXPECT_TRUE(ends_with(0, museum));
+  EXPECT_TRUE(exits_with(1, users));
+  EXPECT_TRUE(exits_with(0, desk));
+  EXPECT_TRUE(exits_with(0, museum));
 }
 
 }  // namespace

@@ -1,4 +1,4 @@
-/// The emergency stop as an operator gives it, and what every participant reports of it.
+/// Emergency stops and resets of an operator, and what the participants publish and log about them.
 #include <fcntl.h>
 #include <sys/ioctl.h>
 #include <sys/stat.h>
@@ -23,7 +23,7 @@ class SafetyTest : public SessionTest {
   }
 };
 
-constexpr char kTwoHold[] = R"(name: two hold
+constexpr char kTwoUsersHold[] = R"(name: two hold
 duration: 120
 users:
   - name: ann
@@ -34,146 +34,147 @@ users:
     script: [{approach: {object: "#1", direction: [0, 1, 0], speed: 0.2}}, {hold: {seconds: 110, force: 1}}]
 )";
 
-bool feels(const Seen& seen, const std::string& user) {
+bool has_force(const Seen& seen, const std::string& user) {
   const session::ProbeState state = seen.user(user).last;
   return std::hypot(state.force[0], state.force[1], state.force[2]) > 0.1;
 }
 
-bool is_off(const Seen& seen, const std::string& user) {
+bool is_stopped(const Seen& seen, const std::string& user) {
   const session::ProbeState state = seen.user(user).last;
-  return std::string{session::fault_reason(state.status)} == "emergency stop" && !feels(seen, user);
+  return std::string{session::fault_reason(state.status)} == "emergency stop" && !has_force(seen, user);
 }
 
-TEST_F(SafetyTest, AStopTakesEveryForceAndSaysWhyUntilAReset) {
+TEST_F(SafetyTest, AStopSwitchesAllForcesOffUntilAResetAndReportsItsReason) {
   Observer observer{address("observer")};
   Process museum{host("museum", models().sphere)};
   Process desk{hrtc("desk")};
-  Process users{sim(kTwoHold)};
-  ASSERT_TRUE(observer.until([](const Seen& seen) { return feels(seen, "ann") && feels(seen, "bob"); }))
+  Process users{sim(kTwoUsersHold)};
+  ASSERT_TRUE(observer.until([](const Seen& seen) { return has_force(seen, "ann") && has_force(seen, "bob"); }))
       << users.output() << desk.output();
 
   Process stop{control({"stop", "--reason", "needle bent"})};
-  EXPECT_TRUE(observer.until([](const Seen& seen) { return is_off(seen, "ann") && is_off(seen, "bob"); }));
+  EXPECT_TRUE(observer.until([](const Seen& seen) { return is_stopped(seen, "ann") && is_stopped(seen, "bob"); }));
   EXPECT_TRUE(desk.wait_for_line("emergency stop: needle bent"));
   EXPECT_TRUE(desk.wait_for_line("the force of user ann is off until it is reset: emergency stop"));
-  EXPECT_TRUE(ends_with(0, stop)) << stop.output();
+  EXPECT_TRUE(exits_with(0, stop)) << stop.output();
   EXPECT_THAT(stop.output(), testing::HasSubstr("acknowledged by HRTCs: desk; by hosts: museum"));
   EXPECT_TRUE(observer.until([](const Seen& seen) { return seen.figure("desk", figures::kInterventions[6]) == 2; }));
 
   Process reset{control({"reset", "--reason", "straight again"})};
-  EXPECT_TRUE(observer.until([](const Seen& seen) { return feels(seen, "ann") && feels(seen, "bob"); }));
-  EXPECT_TRUE(ends_with(0, reset)) << reset.output();
+  EXPECT_TRUE(observer.until([](const Seen& seen) { return has_force(seen, "ann") && has_force(seen, "bob"); }));
+  EXPECT_TRUE(exits_with(0, reset)) << reset.output();
   EXPECT_THAT(reset.output(), testing::HasSubstr("resets 1 stop\nacknowledged by HRTCs: desk; by hosts: museum"));
 
   Process end{control({"end", "--reason", "enough"})};
-  EXPECT_TRUE(ends_with(1, users));
-  EXPECT_TRUE(ends_with(0, end)) << end.output();
+  EXPECT_TRUE(exits_with(1, users));
+  EXPECT_TRUE(exits_with(0, end)) << end.output();
   EXPECT_THAT(users.output(), testing::HasSubstr("the force of ann is off: emergency stop"));
   EXPECT_THAT(users.output(), testing::HasSubstr("FAULT 2"));
 }
 
-TEST_F(SafetyTest, AStopHoldsForAnHrtcThatStartsAfterItUntilAReset) {
+TEST_F(SafetyTest, AStopAppliesToProgramsThatJoinAfterItUntilAReset) {
   Observer observer{address("observer")};
   Process museum{host("museum", models().sphere)};
   Process stop{control({"stop", "--reason", "needle bent"})};
-  ASSERT_TRUE(ends_with(1, stop)) << "no HRTC was there, and it says so: " << stop.output();
+  ASSERT_TRUE(exits_with(1, stop)) << "expected to fail, because no HRTC can acknowledge the stop: " << stop.output();
 
-  Process desk{hrtc("desk")};  // only the host can tell it
+  Process desk{hrtc("desk")};  // only the host can forward the stop to this HRTC
   ASSERT_TRUE(desk.wait_for_line("emergency stop: host 'museum' forwards it"));
-  Process users{sim(kTwoHold)};
-  EXPECT_TRUE(observer.until([](const Seen& seen) { return is_off(seen, "ann") && is_off(seen, "bob"); }))
+  Process users{sim(kTwoUsersHold)};
+  EXPECT_TRUE(observer.until([](const Seen& seen) { return is_stopped(seen, "ann") && is_stopped(seen, "bob"); }))
       << users.output() << desk.output();
   museum.signal(SIGKILL);
-  Process gallery{host("gallery", models().sphere)};  // only the HRTC can tell it
+  Process gallery{host("gallery", models().sphere)};  // only the HRTC can forward the stop to this host
   ASSERT_TRUE(gallery.wait_for_line("emergency stop: HRTC 'desk' forwards it"));
 
   Process reset{control({"reset"})};
-  EXPECT_TRUE(observer.until([](const Seen& seen) { return feels(seen, "ann") && feels(seen, "bob"); }))
+  EXPECT_TRUE(observer.until([](const Seen& seen) { return has_force(seen, "ann") && has_force(seen, "bob"); }))
       << users.output() << desk.output();
   Process table{hrtc("table")};
   EXPECT_TRUE(table.wait_for_line("HRTC 'desk' joined"));
   EXPECT_THAT(table.output(), testing::Not(testing::HasSubstr("emergency stop")));
 }
 
-TEST_F(SafetyTest, AResetEndsNoStopThatItDoesNotName) {
+TEST_F(SafetyTest, AResetEndsOnlyTheStopsThatItNames) {
   Observer observer{address("observer")};
   wire::Writer<session::EmergencyStop> stop_out{observer.participants(), wire::topics::kStop};
   wire::Writer<session::ForceReset> reset_out{observer.participants(), wire::topics::kReset};
   Process museum{host("museum", models().sphere)};
   Process desk{hrtc("desk")};
   const session::Origin self = observer.participants().origin();
-  const auto record = [&](const Seen& seen) {
-    if (seen.is_here("desk"))
-      for (const session::StopRecord& known : seen.roster.at("desk").stops)
-        if (known.participant == self.participant) return known;
+  const auto stop_record = [&](const Seen& seen) {
+    if (seen.is_present("desk"))
+      for (const session::StopRecord& record : seen.roster.at("desk").stops)
+        if (record.participant == self.participant) return record;
     return session::StopRecord{};
   };
   ASSERT_TRUE(observer.until([&](const Seen& seen) {
     (void)stop_out.send({self, 2, "needle bent"});
-    return record(seen).stop == 2;
+    return stop_record(seen).stop == 2;
   })) << desk.output();
   ASSERT_TRUE(observer.until([&](const Seen& seen) {
-    (void)reset_out.send({self, 1, {{self.participant, self.incarnation, 1}}, "an old one"});
-    return record(seen).reset == 1;
+    (void)reset_out.send({self, 1, {{self.participant, self.incarnation, 1}}, "stop 1 is over"});
+    return stop_record(seen).reset == 1;
   })) << desk.output();
-  EXPECT_TRUE(desk.wait_for_line("forces are reset: an old one; another stop holds them off"));
-  EXPECT_EQ(record(observer.seen()).ended, 1u);
+  EXPECT_TRUE(desk.wait_for_line("forces are reset: stop 1 is over; another stop holds them off"));
+  EXPECT_EQ(stop_record(observer.seen()).ended, 1u);
 
   Process reset{control({"reset"})};
-  EXPECT_TRUE(ends_with(0, reset)) << reset.output();
-  EXPECT_TRUE(observer.until([&](const Seen& seen) { return record(seen).ended == 2; })) << desk.output();
+  EXPECT_TRUE(exits_with(0, reset)) << reset.output();
+  EXPECT_TRUE(observer.until([&](const Seen& seen) { return stop_record(seen).ended == 2; })) << desk.output();
 }
 
-/// The contact log of an HRTC: a pipe of one page that nobody empties, so that the HRTC's service thread blocks in it.
+/// A pipe of one page that nobody reads. An HRTC that logs its contacts into this pipe blocks its service thread.
 class FullPipe {
  public:
   explicit FullPipe(const std::string& path) {
     if (mkfifo(path.c_str(), 0600) != 0) throw std::system_error{errno, std::generic_category(), path};
-    end_ = open(path.c_str(), O_RDONLY | O_NONBLOCK);
-    if (end_ < 0) throw std::system_error{errno, std::generic_category(), path};
-    capacity_ = fcntl(end_, F_SETPIPE_SZ, 4096);
+    read_end_ = open(path.c_str(), O_RDONLY | O_NONBLOCK);
+    if (read_end_ < 0) throw std::system_error{errno, std::generic_category(), path};
+    capacity_ = fcntl(read_end_, F_SETPIPE_SZ, 4096);
   }
-  ~FullPipe() { close(end_); }
+  ~FullPipe() { close(read_end_); }
   FullPipe(const FullPipe&) = delete;
   FullPipe& operator=(const FullPipe&) = delete;
 
   [[nodiscard]] bool is_full() const {
     int bytes = 0;
-    return ioctl(end_, FIONREAD, &bytes) == 0 && bytes >= capacity_;
+    return ioctl(read_end_, FIONREAD, &bytes) == 0 && bytes >= capacity_;
   }
 
  private:
-  int end_ = -1;
+  int read_end_ = -1;
   int capacity_ = 0;
 };
 
-TEST_F(SafetyTest, AStopTakesTheForceWhileTheServiceThreadIsBlocked) {
+TEST_F(SafetyTest, AStopSwitchesTheForceOffWhileTheServiceThreadIsBlocked) {
   Observer observer{address("observer")};
   wire::Writer<session::EmergencyStop> stop_out{observer.participants(), wire::topics::kStop};
   const FullPipe log{path("log")};
   Process museum{host("museum", models().sphere)};
   Process desk{hrtc("desk", {"--log", path("log")})};
-  Process users{sim(kTwoHold)};
-  // A blocked service thread sends no heartbeat for the time of five; the sender thread goes on with probe states.
-  std::uint64_t heartbeat = 0, states_then = 0;
+  Process users{sim(kTwoUsersHold)};
+  // If 500 probe states (0.5 s, five heartbeats) arrive after the newest heartbeat, the service thread is blocked; the
+  // sender thread still works.
+  std::uint64_t heartbeat = 0, states_at_heartbeat = 0;
   ASSERT_TRUE(observer.until([&](const Seen& seen) {
-    if (!seen.is_here("desk") || !log.is_full()) return false;
+    if (!seen.is_present("desk") || !log.is_full()) return false;
     const std::uint64_t states = seen.user("ann").count;
     const std::uint64_t newest = seen.roster.at("desk").heartbeat;
-    if (newest != std::exchange(heartbeat, newest)) states_then = states;
-    return states > states_then + 500 && feels(seen, "ann");
+    if (newest != std::exchange(heartbeat, newest)) states_at_heartbeat = states;
+    return states > states_at_heartbeat + 500 && has_force(seen, "ann");
   })) << users.output()
       << desk.output();
 
   EXPECT_TRUE(observer.until([&](const Seen& seen) {
-    (void)stop_out.send({observer.participants().origin(), 1, "needle bent"});  // best effort, so again and again
-    return is_off(seen, "ann");
+    (void)stop_out.send({observer.participants().origin(), 1, "needle bent"});  // repeated: best effort
+    return is_stopped(seen, "ann");
   }));
 }
 
-TEST_F(SafetyTest, AStopThatNobodyAcknowledgesFails) {
+TEST_F(SafetyTest, AStopWithoutAnyHostOrHrtcFails) {
   Process stop{control({"stop", "--patience", "0.2"})};
-  EXPECT_TRUE(ends_with(1, stop));
+  EXPECT_TRUE(exits_with(1, stop));
   EXPECT_THAT(stop.output(), testing::HasSubstr("no host or HRTC found in session"));
 }
 

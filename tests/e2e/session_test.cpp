@@ -7,38 +7,38 @@
 
 namespace tactus::e2e {
 
-bool Observer::Seen::is_here(const std::string& name) const {
-  const auto at = roster.find(name);
-  return at != roster.end() && !at->second.leaving;
+bool Observer::Seen::is_present(const std::string& name) const {
+  const auto entry = roster.find(name);
+  return entry != roster.end() && !entry->second.leaving;
 }
 
 bool Observer::Seen::has_left(const std::string& name) const {
-  const auto at = roster.find(name);
-  return at != roster.end() && at->second.leaving;
+  const auto entry = roster.find(name);
+  return entry != roster.end() && entry->second.leaving;
 }
 
-std::uint64_t Observer::Seen::metrics_of(const std::string& name) const {
-  const auto at = metrics.find(name);
-  return at == metrics.end() ? 0 : at->second;
+std::uint64_t Observer::Seen::metrics_count(const std::string& name) const {
+  const auto count = metrics.find(name);
+  return count == metrics.end() ? 0 : count->second;
 }
 
 double Observer::Seen::figure(const std::string& participant, const std::string& name) const {
-  const auto of = figures.find(participant);
-  if (of == figures.end()) return -1;
-  const auto at = of->second.find(name);
-  return at == of->second.end() ? -1 : at->second;
+  const auto published = figures.find(participant);
+  if (published == figures.end()) return -1;
+  const auto value = published->second.find(name);
+  return value == published->second.end() ? -1 : value->second;
 }
 
-SeenStates Observer::Seen::user(const std::string& name) const {
-  const auto at = states.find(session::id_of(name));
-  return at == states.end() ? SeenStates{} : at->second;
+StateCounts Observer::Seen::user(const std::string& name) const {
+  const auto counts = states.find(session::id_of(name));
+  return counts == states.end() ? StateCounts{} : counts->second;
 }
 
 Observer::Observer(const wire::SessionAddress& address)
     : participants_{address},
-      roster_{participants_, wire::topics::kRoster, keep(&Observer::on_roster)},
-      metrics_{participants_, wire::topics::kMetrics, keep(&Observer::on_metrics)},
-      states_{participants_, wire::topics::kProbeState, keep(&Observer::on_state)} {}
+      roster_{participants_, wire::topics::kRoster, callback(&Observer::on_roster)},
+      metrics_{participants_, wire::topics::kMetrics, callback(&Observer::on_metrics)},
+      states_{participants_, wire::topics::kProbeState, callback(&Observer::on_state)} {}
 
 void Observer::on_roster(const session::RosterEntry& entry) {
   seen_.roster[entry.name] = entry;
@@ -55,18 +55,18 @@ void Observer::on_metrics(const session::Metrics& metrics) {
 }
 
 void Observer::on_state(const session::ProbeState& state) {
-  SeenStates& seen = seen_.states[state.user_id];
-  ++seen.count;
+  StateCounts& counts = seen_.states[state.user_id];
+  ++counts.count;
   const bool contact = (state.status & session::kInContact) != 0;
-  seen.in_contact += contact ? 1 : 0;
-  seen.exact += contact && (state.status & session::kExact) != 0 ? 1 : 0;
-  seen.faults += (state.status & session::kFault) != 0 ? 1 : 0;
-  seen.last = state;
+  counts.in_contact += contact ? 1 : 0;
+  counts.exact += contact && (state.status & session::kExact) != 0 ? 1 : 0;
+  counts.faults += (state.status & session::kFault) != 0 ? 1 : 0;
+  counts.last = state;
 }
 
 bool Observer::until(const std::function<bool(const Seen&)>& condition, std::chrono::milliseconds limit) {
   std::unique_lock lock{mutex_};
-  return news_.wait_for(lock, limit, [&] { return condition(seen_); });
+  return changed_.wait_for(lock, limit, [&] { return condition(seen_); });
 }
 
 Observer::Seen Observer::seen() const {
@@ -81,7 +81,7 @@ void Observer::forget_states() {
 
 namespace {
 
-void make(const std::vector<std::string>& arguments) {
+void run_mesh_tool(const std::vector<std::string>& arguments) {
   std::vector<std::string> command{TACTUS_MESH};
   command.insert(command.end(), arguments.begin(), arguments.end());
   Process mesh{command};
@@ -93,8 +93,8 @@ void make(const std::vector<std::string>& arguments) {
 Models::Models() {
   for (const auto& [shape, model] : {std::pair{"organ", organ}, std::pair{"sphere", sphere}}) {
     const std::string mesh = model + ".ply";
-    make({"generate", shape, mesh, "--faces", "20000", "--seed", "7"});
-    make({"build", mesh, model, "--cell-faces", "100"});
+    run_mesh_tool({"generate", shape, mesh, "--faces", "20000", "--seed", "7"});
+    run_mesh_tool({"build", mesh, model, "--cell-faces", "100"});
   }
 }
 
@@ -104,11 +104,11 @@ const Models& models() {
 }
 
 SessionTest::SessionTest() {
-  // Every third base domain from 1 to 94, so that neither two tests nor two test programs are likely to share one.
-  static std::atomic<int> tests{0};
-  const int test = ++tests;
-  domain_ = 1 + 3 * ((getpid() + test) % 32);
-  session_ = "e2e." + std::to_string(getpid()) + "." + std::to_string(test);
+  // A session uses three domains. Two tests or two test programs are unlikely to share a base domain from 1 to 94.
+  static std::atomic<int> test_count{0};
+  const int test_number = ++test_count;
+  domain_ = 1 + 3 * ((getpid() + test_number) % 32);
+  session_ = "e2e." + std::to_string(getpid()) + "." + std::to_string(test_number);
 }
 
 std::string SessionTest::write(const std::string& name, const std::string& text) const {
@@ -133,15 +133,19 @@ std::vector<std::string> SessionTest::host(const std::string& name, const std::s
   return in_session("host", {"--name", name, "--cache", path("cache"), model});
 }
 
-std::vector<std::string> SessionTest::hrtc(const std::string& name, const std::vector<std::string>& further) const {
+std::vector<std::string> SessionTest::hrtc(const std::string& name, const std::vector<std::string>& options) const {
   std::vector<std::string> arguments{"--name", name, "--no-coding", "--flight-folder", path("flight")};
-  arguments.insert(arguments.end(), further.begin(), further.end());
+  arguments.insert(arguments.end(), options.begin(), options.end());
   return in_session("hrtc", std::move(arguments));
 }
 
-std::vector<std::string> SessionTest::sim(const std::string& text, const std::vector<std::string>& further) const {
-  std::vector<std::string> arguments{"--scenario", write("scenario.yaml", text)};
-  arguments.insert(arguments.end(), further.begin(), further.end());
+std::vector<std::string> SessionTest::coding_hrtc(const std::string& name) const {
+  return in_session("hrtc", {"--name", name});
+}
+
+std::vector<std::string> SessionTest::sim(const std::string& scenario, const std::vector<std::string>& options) const {
+  std::vector<std::string> arguments{"--scenario", write("scenario.yaml", scenario)};
+  arguments.insert(arguments.end(), options.begin(), options.end());
   return in_session("sim", std::move(arguments));
 }
 
@@ -153,13 +157,13 @@ wire::SessionAddress SessionTest::address(const std::string& participant) const 
   return address;
 }
 
-testing::AssertionResult ends_with(int status, Process& process) {
-  const std::optional<int> found = process.wait();
-  if (!found) return testing::AssertionFailure() << "still runs, having said:\n" << process.output();
-  if (*found != status)
-    return testing::AssertionFailure() << "ended with " << *found << ", expected " << status << ", having said:\n"
+testing::AssertionResult exits_with(int status, Process& process) {
+  const std::optional<int> exit_status = process.wait();
+  if (!exit_status) return testing::AssertionFailure() << "still runs; its output:\n" << process.output();
+  if (*exit_status != status)
+    return testing::AssertionFailure() << "exit status " << *exit_status << ", expected " << status << "; its output:\n"
                                        << process.output();
-  if (!process.left_nothing_running()) return testing::AssertionFailure() << "left a process behind";
+  if (!process.left_nothing_running()) return testing::AssertionFailure() << "left a process of its own running";
   return testing::AssertionSuccess();
 }
 

@@ -1,5 +1,5 @@
-/// What the tests of whole sessions share: models, programs that meet in a session of the test's own, and an observer
-/// that sees what they publish.
+/// Helpers of the tests of whole sessions: models, the commands of programs in a session of the test, and an observer
+/// that records the samples that they publish. Most sessions have a host "museum", an HRTC "desk" and a user "ann".
 #pragma once
 
 #include <gmock/gmock.h>
@@ -21,8 +21,8 @@
 
 namespace tactus::e2e {
 
-/// The probe states of one user since `Observer::forget_states`.
-struct SeenStates {
+/// Counts the probe states of one user that arrived after the last call of `Observer::forget_states`.
+struct StateCounts {
   std::uint64_t count = 0;
   std::uint64_t in_contact = 0;
   std::uint64_t exact = 0;  ///< in contact and exact
@@ -30,27 +30,28 @@ struct SeenStates {
   session::ProbeState last;
 };
 
-/// A participant of the session that only looks; samples of its own it sends when a test needs crafted ones.
+/// A participant of the session that records received samples. A test may use `participants` to send other samples.
 class Observer {
  public:
   explicit Observer(const wire::SessionAddress& address);
 
-  /// Everything seen, as `until` shows it.
+  /// The content of all received samples.
   struct Seen {
-    std::map<std::string, session::RosterEntry> roster;            ///< newest by name
-    std::map<std::string, std::map<std::string, double>> figures;  ///< by participant, then figure
-    std::map<std::string, std::uint64_t> metrics;                  ///< samples by participant
-    std::map<std::string, std::vector<session::MeshHash>> meshes;  ///< all that a participant published, in order
-    std::map<std::uint64_t, SeenStates> states;                    ///< by user id
+    std::map<std::string, session::RosterEntry> roster;            ///< newest entry, by participant
+    std::map<std::string, std::map<std::string, double>> figures;  ///< newest value, by participant and figure
+    std::map<std::string, std::uint64_t> metrics;                  ///< number of metrics samples, by participant
+    std::map<std::string, std::vector<session::MeshHash>> meshes;  ///< all mesh hashes in order, by participant
+    std::map<std::uint64_t, StateCounts> states;                   ///< by user id
 
-    [[nodiscard]] bool is_here(const std::string& name) const;
+    [[nodiscard]] bool is_present(const std::string& name) const;
     [[nodiscard]] bool has_left(const std::string& name) const;
-    [[nodiscard]] std::uint64_t metrics_of(const std::string& name) const;
+    [[nodiscard]] std::uint64_t metrics_count(const std::string& name) const;
+    /// The newest value of a figure; -1 if the participant has not published the figure.
     [[nodiscard]] double figure(const std::string& participant, const std::string& name) const;
-    [[nodiscard]] SeenStates user(const std::string& name) const;
+    [[nodiscard]] StateCounts user(const std::string& name) const;
   };
 
-  /// Waits until `condition` holds; false when the watchdog bites first.
+  /// Waits until `condition` holds. Returns false if `limit` passes first.
   [[nodiscard]] bool until(const std::function<bool(const Seen&)>& condition,
                            std::chrono::milliseconds limit = kWatchdog);
   [[nodiscard]] Seen seen() const;
@@ -60,11 +61,11 @@ class Observer {
 
  private:
   template <class Sample>
-  auto keep(void (Observer::*take)(const Sample&)) {
-    return [this, take](Sample&& sample) {
+  auto callback(void (Observer::*record)(const Sample&)) {
+    return [this, record](Sample&& sample) {
       const std::lock_guard lock{mutex_};
-      (this->*take)(sample);
-      news_.notify_all();
+      (this->*record)(sample);
+      changed_.notify_all();
     };
   }
   void on_roster(const session::RosterEntry& entry);
@@ -73,15 +74,17 @@ class Observer {
 
   wire::Participants participants_;
   mutable std::mutex mutex_;
-  std::condition_variable news_;
+  std::condition_variable changed_;
   Seen seen_;
-  std::map<std::uint64_t, std::string> names_;
-  wire::Reader<session::RosterEntry> roster_;  // last, so that no callback outlives what it fills
+  std::map<std::uint64_t, std::string> names_;  // by participant id
+  // The readers are the last members, so that they are destroyed first: their callbacks use the other members.
+  wire::Reader<session::RosterEntry> roster_;
   wire::Reader<session::Metrics> metrics_;
   wire::Reader<session::ProbeState> states_;
 };
 
-/// `organ.spm` and `sphere.spm` of some 20,000 faces in small regions, made once by tactus-mesh.
+/// The models `organ.spm` and `sphere.spm` of about 20,000 faces with small regions. tactus-mesh builds them once for
+/// all tests of a test program.
 struct Models {
   Models();
   test_support::TemporaryFolder folder;
@@ -90,7 +93,7 @@ struct Models {
 };
 const Models& models();
 
-/// Each test has a session and domains of its own.
+/// Each test has its own session, domains and temporary folder.
 class SessionTest : public ::testing::Test {
  protected:
   SessionTest();
@@ -98,17 +101,19 @@ class SessionTest : public ::testing::Test {
   [[nodiscard]] std::string path(const std::string& name) const { return (folder_.path() / name).string(); }
   std::string write(const std::string& name, const std::string& text) const;
 
-  /// A program of ours with these arguments and no others.
+  /// The command of the program `tactus-NAME` with these arguments and no others.
   [[nodiscard]] static std::vector<std::string> program(const std::string& name, std::vector<std::string> arguments);
-  /// The same with the session and the domain of this test.
+  /// The same command with the session and the domain of this test.
   [[nodiscard]] std::vector<std::string> in_session(const std::string& name, std::vector<std::string> arguments) const;
   [[nodiscard]] std::vector<std::string> host(const std::string& name, const std::string& model) const;
-  /// One that sends every probe state: tests count them.
+  /// An HRTC without deadband coding: it sends every probe state, so that tests can count them.
   [[nodiscard]] std::vector<std::string> hrtc(const std::string& name,
-                                              const std::vector<std::string>& further = {}) const;
-  /// One that follows the scenario `text`.
-  [[nodiscard]] std::vector<std::string> sim(const std::string& text,
-                                             const std::vector<std::string>& further = {}) const;
+                                              const std::vector<std::string>& options = {}) const;
+  /// An HRTC with deadband coding.
+  [[nodiscard]] std::vector<std::string> coding_hrtc(const std::string& name) const;
+  /// Simulated users that follow `scenario`, a text in YAML.
+  [[nodiscard]] std::vector<std::string> sim(const std::string& scenario,
+                                             const std::vector<std::string>& options = {}) const;
   [[nodiscard]] wire::SessionAddress address(const std::string& participant) const;
 
   test_support::TemporaryFolder folder_;
@@ -116,7 +121,15 @@ class SessionTest : public ::testing::Test {
   std::string session_;
 };
 
-/// Ends so within the watchdog's time, and leaves nothing running.
-testing::AssertionResult ends_with(int status, Process& process);
+/// A scenario in which user ann touches the first object for 2 s.
+inline constexpr char kOneTouch[] = R"(name: one touch
+duration: 30
+users:
+  - name: ann
+    script: [{approach: {object: "#1", speed: 0.2}}, {hold: {seconds: 2, force: 1}}]
+)";
+
+/// Succeeds if the process exits with `status` before the watchdog expires, and leaves no process of its own.
+testing::AssertionResult exits_with(int status, Process& process);
 
 }  // namespace tactus::e2e

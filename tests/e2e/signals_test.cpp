@@ -1,4 +1,4 @@
-/// Ctrl-C and SIGTERM, whatever a program is doing.
+/// SIGINT (Ctrl-C) and SIGTERM end a program in every phase of a session.
 #include <filesystem>
 #include <set>
 
@@ -13,7 +13,7 @@ using testing::Not;
 
 class EverySignal : public SessionTest, public testing::WithParamInterface<int> {
  protected:
-  static bool has_left(Observer& observer, const std::string& name) {
+  static bool wait_for_leave(Observer& observer, const std::string& name) {
     return observer.until([&](const Seen& seen) { return seen.has_left(name); });
   }
 };
@@ -24,23 +24,23 @@ INSTANTIATE_TEST_SUITE_P(Signals, EverySignal, testing::Values(SIGINT, SIGTERM),
 TEST_P(EverySignal, EndsProgramsThatWaitForOthers) {
   Observer observer{address("observer")};
   Process museum{host("museum", models().sphere)};
-  ASSERT_TRUE(observer.until([](const Seen& seen) { return seen.is_here("museum"); }));
+  ASSERT_TRUE(observer.until([](const Seen& seen) { return seen.is_present("museum"); }));
   museum.signal(GetParam());
-  EXPECT_TRUE(ends_with(0, museum));
-  EXPECT_TRUE(has_left(observer, "museum"));
+  EXPECT_TRUE(exits_with(0, museum));
+  EXPECT_TRUE(wait_for_leave(observer, "museum"));
 
   Process desk{hrtc("desk")};
-  ASSERT_TRUE(observer.until([](const Seen& seen) { return seen.is_here("desk"); }));
+  ASSERT_TRUE(observer.until([](const Seen& seen) { return seen.is_present("desk"); }));
   desk.signal(GetParam());
-  EXPECT_TRUE(ends_with(0, desk));
-  EXPECT_TRUE(has_left(observer, "desk"));
+  EXPECT_TRUE(exits_with(0, desk));
+  EXPECT_TRUE(wait_for_leave(observer, "desk"));
 
   Process users{in_session("sim", {"--scenario", "touch"})};
   ASSERT_TRUE(users.wait_for_line("no HRTC #1"));
-  ASSERT_TRUE(observer.until([](const Seen& seen) { return seen.is_here("sim"); }));
+  ASSERT_TRUE(observer.until([](const Seen& seen) { return seen.is_present("sim"); }));
   users.signal(GetParam());
-  EXPECT_TRUE(ends_with(1, users));
-  EXPECT_TRUE(has_left(observer, "sim"));
+  EXPECT_TRUE(exits_with(1, users));
+  EXPECT_TRUE(wait_for_leave(observer, "sim"));
   EXPECT_THAT(users.output(), HasSubstr("Stopped early: interrupted"));
 }
 
@@ -52,22 +52,22 @@ TEST_P(EverySignal, EndsProgramsInTheMiddleOfASession) {
   ASSERT_TRUE(observer.until([](const Seen& seen) { return seen.user("ann").exact > 100; })) << users.output();
 
   museum.signal(GetParam());
-  EXPECT_TRUE(ends_with(0, museum));
-  EXPECT_TRUE(has_left(observer, "museum"));
+  EXPECT_TRUE(exits_with(0, museum));
+  EXPECT_TRUE(wait_for_leave(observer, "museum"));
   observer.forget_states();
-  ASSERT_TRUE(observer.until([](const Seen& seen) { return seen.user("ann").count > 100; })) << "without its host";
+  ASSERT_TRUE(observer.until([](const Seen& seen) { return seen.user("ann").count > 100; })) << "states without a host";
   desk.signal(GetParam());
-  EXPECT_TRUE(ends_with(0, desk));
-  EXPECT_TRUE(has_left(observer, "desk"));
+  EXPECT_TRUE(exits_with(0, desk));
+  EXPECT_TRUE(wait_for_leave(observer, "desk"));
   ASSERT_TRUE(users.running());
   users.signal(GetParam());
-  EXPECT_TRUE(ends_with(1, users));
-  EXPECT_TRUE(has_left(observer, "sim"));
+  EXPECT_TRUE(exits_with(1, users));
+  EXPECT_TRUE(wait_for_leave(observer, "sim"));
   EXPECT_THAT(users.output(), HasSubstr("Stopped early: interrupted"));
   EXPECT_THAT(test_support::read_bytes(path("report.json")), HasSubstr("\"stop_reason\": \"interrupted\""));
 }
 
-TEST_P(EverySignal, ToTheUsersEndsTheWholeSession) {
+TEST_P(EverySignal, ToTheSimulationEndsTheWholeSession) {
   Observer observer{address("observer")};
   Process museum{host("museum", models().sphere)};
   Process desk{hrtc("desk")};
@@ -76,21 +76,21 @@ TEST_P(EverySignal, ToTheUsersEndsTheWholeSession) {
 
   users.signal(GetParam());
 
-  EXPECT_TRUE(ends_with(1, users));
-  EXPECT_TRUE(ends_with(0, desk));
-  EXPECT_TRUE(ends_with(0, museum));
+  EXPECT_TRUE(exits_with(1, users));
+  EXPECT_TRUE(exits_with(0, desk));
+  EXPECT_TRUE(exits_with(0, museum));
   EXPECT_THAT(users.output(), HasSubstr("Stopped early: interrupted"));
   EXPECT_THAT(users.output(), HasSubstr("HRTC desk"));
 }
 
-TEST_P(EverySignal, EndsAHostThatStillBuildsItsModelAndNothingIsHalfWritten) {
-  Process make{program("mesh", {"generate", "organ", path("large.ply"), "--faces", "400000"})};
-  ASSERT_EQ(make.wait(60s), 0) << make.output();
+TEST_P(EverySignal, EndsAHostThatBuildsItsModelAndLeavesNoPartialFile) {
+  Process mesh{program("mesh", {"generate", "organ", path("large.ply"), "--faces", "400000"})};
+  ASSERT_EQ(mesh.wait(60s), 0) << mesh.output();
   for (const std::string stage : {"building", "simplify", "divide"}) {
     Process museum{host("museum", path("large.ply"))};
     ASSERT_TRUE(museum.wait_for_line("large.ply: " + stage, 60s)) << museum.output();
     museum.signal(GetParam());
-    EXPECT_TRUE(ends_with(0, museum)) << stage;
+    EXPECT_TRUE(exits_with(0, museum)) << stage;
     EXPECT_THAT(museum.output(), HasSubstr("stopped by a signal before all models were open")) << stage;
     EXPECT_THAT(museum.output(), Not(HasSubstr("stored in"))) << stage;
   }

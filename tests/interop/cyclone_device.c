@@ -1,11 +1,12 @@
-/* A user of another DDS: built from idl/tactus.idl with Cyclone DDS alone, no source of Tactus.
+/* A client with a device, on another implementation of DDS. It is built from idl/tactus.idl with Cyclone DDS and uses
+ * no source of Tactus; docs/how-to/own-client.md and docs/reference/topics.md state the rules that it follows.
  *
  *     cyclone-device SESSION DOMAIN HRTC OBJECT
  *
- * Joins as client "cyclone" with user "carl", whose device it is: a tip that waits above OBJECT until its HRTC answers
- * its poses and shows the object, comes down on its top at 5 cm/s, stops where a force of 0.5 N pushes it up, and stays
- * until the session ends. Prints what it receives, one line each. Exit status 0 when the session ended after the force was
- * felt, 1 otherwise. docs/reference/topics.md is all that it had to know.
+ * Joins as client "cyclone" and simulates the device of user "carl". The tip waits above OBJECT until the HRTC answers
+ * its poses and shows the object. Then the tip moves down at 5 cm/s, stops when a force of more than 0.5 N pushes it
+ * up, and stays until the session ends. Prints a line at the first receipt of each kind of sample. The exit status is 0
+ * if the session ended after the device received the force and the probe state showed it, otherwise 1.
  */
 #include <signal.h>
 #include <stdio.h>
@@ -39,30 +40,28 @@ static dds_entity_t checked(const char* what, dds_entity_t made) {
   exit(2);
 }
 
-/* An end of a topic in a partition. State topics are reliable and kept for who joins later, the others best effort; so
-   is a reader of the roster, which would otherwise hold back ten beats behind one that was lost. */
-enum End { kReader, kWriter };
-static dds_entity_t end_of(enum End kind, dds_entity_t participant, const dds_topic_descriptor_t* type,
-                           const char* topic, const char* partition, bool state) {
+/* A reader or writer of a topic in a partition. A state topic is reliable and transient local, another topic best
+   effort and volatile. A reader of the roster is best effort too: a reliable one would delay all heartbeats after a
+   lost one. */
+enum EndpointKind { kReader, kWriter };
+static dds_entity_t endpoint(enum EndpointKind kind, dds_entity_t participant, const dds_topic_descriptor_t* type,
+                             const char* name, const char* partition, bool is_state) {
   dds_qos_t* qos = dds_create_qos();
   dds_qset_partition1(qos, partition);
   dds_qset_history(qos, DDS_HISTORY_KEEP_LAST, 1);
-  dds_qset_reliability(qos, state ? DDS_RELIABILITY_RELIABLE : DDS_RELIABILITY_BEST_EFFORT, DDS_MSECS(10));
-  dds_qset_durability(qos, state ? DDS_DURABILITY_TRANSIENT_LOCAL : DDS_DURABILITY_VOLATILE);
-  const dds_entity_t on = checked(topic, dds_create_topic(participant, type, topic, NULL, NULL));
-  dds_entity_t group, end;
-  if (kind == kReader) {
-    group = checked(topic, dds_create_subscriber(participant, qos, NULL));
-    end = dds_create_reader(group, on, qos, NULL);
-  } else {
-    group = checked(topic, dds_create_publisher(participant, qos, NULL));
-    end = dds_create_writer(group, on, qos, NULL);
-  }
+  dds_qset_reliability(qos, is_state ? DDS_RELIABILITY_RELIABLE : DDS_RELIABILITY_BEST_EFFORT, DDS_MSECS(10));
+  dds_qset_durability(qos, is_state ? DDS_DURABILITY_TRANSIENT_LOCAL : DDS_DURABILITY_VOLATILE);
+  const dds_entity_t topic = checked(name, dds_create_topic(participant, type, name, NULL, NULL));
+  dds_entity_t made;
+  if (kind == kReader)
+    made = dds_create_reader(checked(name, dds_create_subscriber(participant, qos, NULL)), topic, qos, NULL);
+  else
+    made = dds_create_writer(checked(name, dds_create_publisher(participant, qos, NULL)), topic, qos, NULL);
   dds_delete_qos(qos);
-  return checked(topic, end);
+  return checked(name, made);
 }
 
-/* The next sample with data, or false. */
+/* Takes the next sample with data. False if there is none. */
 static bool take(dds_entity_t reader, void* sample) {
   dds_sample_info_t info;
   while (dds_take(reader, &sample, &info, 1, 1) == 1)
@@ -70,7 +69,7 @@ static bool take(dds_entity_t reader, void* sample) {
   return false;
 }
 
-/* Whether an id is met for the first time, of the first few. */
+/* True at the first call with this id, for at most 16 ids. */
 static bool is_new(uint64_t id) {
   static uint64_t known[16];
   for (int i = 0; i < 16; ++i) {
@@ -80,9 +79,167 @@ static bool is_new(uint64_t id) {
   return false;
 }
 
-static tactus_idl_OriginStamp stamp(uint64_t session, int64_t incarnation) {
-  const tactus_idl_OriginStamp made = {session, (uint64_t)incarnation, now_ns(CLOCK_MONOTONIC)};
+struct Client {
+  const char *session, *hrtc, *object;
+  uint64_t session_id, self, user, hrtc_id;
+  int64_t incarnation;
+  dds_entity_t roster_in, roster_out, catalogue_in, end_in, metrics_in; /* domain of the session topics */
+  dds_entity_t clock_in, clock_out, states_in, poses_out, commands_in;  /* domain of the probe topics */
+  tactus_idl_UserName users[1];
+  tactus_idl_RosterEntry presence;
+  tactus_idl_ClockSample request; /* its peer is the time reference of the session */
+  tactus_idl_DevicePose pose;
+  int64_t offset_ns, best_round_trip_ns; /* offset: session time minus the monotonic clock */
+  bool has_slot, has_object, has_time, shown, answered, felt, seen;
+};
+
+static void create_endpoints(struct Client* client, dds_domainid_t domain) {
+  const char* session = client->session;
+  char own_partition[160];
+  snprintf(own_partition, sizeof own_partition, "%s/u/%s", session, kUser);
+  const dds_entity_t on_session = checked("session domain", dds_create_participant(domain, NULL, NULL));
+  const dds_entity_t on_probe = checked("probe domain", dds_create_participant(domain + 1, NULL, NULL));
+  client->roster_in = endpoint(kReader, on_session, &tactus_idl_RosterEntry_desc, "tactus_roster", session, false);
+  client->roster_out = endpoint(kWriter, on_session, &tactus_idl_RosterEntry_desc, "tactus_roster", session, true);
+  client->catalogue_in =
+      endpoint(kReader, on_session, &tactus_idl_CatalogueEntry_desc, "tactus_catalogue", session, true);
+  client->end_in = endpoint(kReader, on_session, &tactus_idl_SessionEnd_desc, "tactus_end", session, true);
+  client->metrics_in = endpoint(kReader, on_session, &tactus_idl_Metrics_desc, "tactus_metrics", session, false);
+  client->clock_in = endpoint(kReader, on_probe, &tactus_idl_ClockSample_desc, "tactus_clock", session, false);
+  client->clock_out = endpoint(kWriter, on_probe, &tactus_idl_ClockSample_desc, "tactus_clock", session, false);
+  client->states_in = endpoint(kReader, on_probe, &tactus_idl_ProbeState_desc, "tactus_probe_state", session, false);
+  client->poses_out =
+      endpoint(kWriter, on_probe, &tactus_idl_DevicePose_desc, "tactus_device_pose", own_partition, false);
+  client->commands_in =
+      endpoint(kReader, on_probe, &tactus_idl_DeviceCommand_desc, "tactus_device_command", own_partition, false);
+}
+
+static void fill_samples(struct Client* client) {
+  client->presence = (tactus_idl_RosterEntry){.participant = client->self,
+                                              .protocol = tactus_idl_kProtocolVersion,
+                                              .participant_role = tactus_idl_kRoleClient,
+                                              .joined_ns = INT64_MAX};
+  strcpy(client->users[0].user, kUser);
+  strcpy(client->presence.name, kName);
+  strncpy(client->presence.session, client->session, tactus_idl_kMaxName);
+  strncpy(client->presence.requested_hrtc, client->hrtc, tactus_idl_kMaxName);
+  client->presence.users._length = client->presence.users._maximum = 1;
+  client->presence.users._buffer = client->users;
+  client->request = (tactus_idl_ClockSample){.participant = client->self};
+  client->pose = (tactus_idl_DevicePose){
+      .user_id = client->user, .participant = client->self, .radius = 0.003, .device = {.orientation = {0, 0, 0, 1}}};
+}
+
+static tactus_idl_OriginStamp stamp(const struct Client* client) {
+  const tactus_idl_OriginStamp made = {client->session_id, (uint64_t)client->incarnation, now_ns(CLOCK_MONOTONIC)};
   return made;
+}
+
+static void send_presence(struct Client* client) {
+  client->presence.stamp = stamp(client);
+  ++client->presence.heartbeat;
+  dds_write(client->roster_out, &client->presence);
+}
+
+static void take_roster(struct Client* client) {
+  static tactus_idl_RosterEntry entry; /* static, thus zero: Cyclone DDS allocates the memory of its sequences */
+  while (take(client->roster_in, &entry)) {
+    if (entry.participant == client->self || entry.protocol != tactus_idl_kProtocolVersion) continue;
+    if (is_new(entry.participant)) printf("participant: %s\n", entry.name);
+    /* The time reference is the host or HRTC that names itself as its reference. */
+    if (entry.reference == entry.participant && client->request.peer != entry.participant) {
+      client->request.peer = entry.participant;
+      client->best_round_trip_ns = INT64_MAX;
+    }
+    for (uint32_t i = 0; i < entry.slots._length; ++i) {
+      if (entry.participant != client->hrtc_id || client->has_slot || strcmp(entry.slots._buffer[i].user, kUser) != 0)
+        continue;
+      client->pose.probe = entry.slots._buffer[i].slot_number;
+      client->has_slot = true;
+      printf("slot: %u of %s\n", client->pose.probe, entry.name);
+    }
+  }
+}
+
+/* Puts the tip above the middle of the object. The objects of this test are not rotated. */
+static void take_catalogue(struct Client* client) {
+  static tactus_idl_CatalogueEntry entry;
+  while (take(client->catalogue_in, &entry)) {
+    if (client->has_object || strcmp(entry.object_name, client->object) != 0) continue;
+    const tactus_idl_ModelSummaryValue* model = &entry.summary;
+    double* position = client->pose.device.position;
+    for (int axis = 0; axis < 3; ++axis) {
+      const double min = model->bounds_min[axis], max = model->bounds_max[axis];
+      position[axis] = entry.placement.position[axis] + entry.scale * (axis == 2 ? max : (min + max) / 2);
+    }
+    position[2] += 0.02;
+    client->has_object = true;
+    printf("object: %s of %s, %u faces\n", entry.object_name, entry.host, model->faces);
+  }
+}
+
+static void send_clock_request(struct Client* client, int64_t now) {
+  client->request.stamp = stamp(client);
+  ++client->request.sequence_number;
+  client->request.t0_ns = now;
+  dds_write(client->clock_out, &client->request);
+}
+
+/* Uses the answer with the shortest round trip, because its offset has the smallest error. */
+static void take_clock_answers(struct Client* client) {
+  tactus_idl_ClockSample answer;
+  while (take(client->clock_in, &answer)) {
+    if (!answer.answer || answer.peer != client->self || answer.participant != client->request.peer) continue;
+    const int64_t arrived = now_ns(CLOCK_MONOTONIC);
+    const int64_t round_trip_ns = arrived - answer.t0_ns - (answer.t2_ns - answer.t1_ns);
+    if (round_trip_ns > client->best_round_trip_ns) continue;
+    client->best_round_trip_ns = round_trip_ns;
+    client->offset_ns = (answer.t1_ns - answer.t0_ns + answer.t2_ns - arrived) / 2;
+    if (!client->has_time) printf("time: known, half round trip %lld us\n", (long long)round_trip_ns / 2000);
+    client->has_time = true;
+  }
+}
+
+static void take_metrics(struct Client* client) {
+  static tactus_idl_Metrics metrics;
+  while (!client->shown && take(client->metrics_in, &metrics)) {
+    if (metrics.participant != client->hrtc_id) continue;
+    for (uint32_t i = 0; i < metrics.meshes._length; ++i)
+      client->shown |= metrics.meshes._buffer[i].object_id == id_of(client->object);
+    if (client->shown) printf("shown: %s by %s\n", client->object, client->hrtc);
+  }
+}
+
+static void take_commands(struct Client* client) {
+  tactus_idl_DeviceCommand command;
+  while (take(client->commands_in, &command)) {
+    if (command.participant != client->hrtc_id) continue;
+    client->pose.command_felt = command.sequence_number;
+    client->answered = true;
+    const double force_up = command.force[2];
+    if (!client->felt && force_up > 0.5)
+      printf("felt: %.2f N upwards, answering pose %u\n", force_up, command.pose_answered);
+    client->felt |= force_up > 0.5;
+  }
+}
+
+static void take_states(struct Client* client) {
+  tactus_idl_ProbeState state;
+  while (take(client->states_in, &state)) {
+    if (client->seen || state.user_id != client->user || state.force[2] <= 0.5) continue;
+    client->seen = true;
+    printf("seen: probe %u at z = %.4f with %.2f N\n", state.probe, state.proxy[2], state.force[2]);
+  }
+}
+
+/* Moves the tip by one step of 1 ms and sends its pose. */
+static void send_pose(struct Client* client, int64_t now) {
+  client->pose.stamp = stamp(client);
+  ++client->pose.sequence_number;
+  client->pose.session_time_ns = now + client->offset_ns;
+  client->pose.velocity[2] = client->felt || !client->answered || !client->shown ? 0 : -0.05;
+  client->pose.device.position[2] += client->pose.velocity[2] * 0.001;
+  dds_write(client->poses_out, &client->pose);
 }
 
 int main(int argc, char** argv) {
@@ -90,144 +247,41 @@ int main(int argc, char** argv) {
     fprintf(stderr, "Usage: cyclone-device SESSION DOMAIN HRTC OBJECT\n");
     return 2;
   }
-  const char *session = argv[1], *hrtc = argv[3], *object = argv[4];
-  const dds_domainid_t domain = (dds_domainid_t)atoi(argv[2]);
-  const uint64_t session_id = id_of(session), self = id_of(kName), user = id_of(kUser), hrtc_id = id_of(hrtc);
-  const int64_t incarnation = now_ns(CLOCK_REALTIME);
+  struct Client made = {.session = argv[1],
+                        .hrtc = argv[3],
+                        .object = argv[4],
+                        .session_id = id_of(argv[1]),
+                        .hrtc_id = id_of(argv[3]),
+                        .self = id_of(kName),
+                        .user = id_of(kUser),
+                        .incarnation = now_ns(CLOCK_REALTIME),
+                        .best_round_trip_ns = INT64_MAX};
+  struct Client* client = &made;
   signal(SIGINT, stop);
   signal(SIGTERM, stop);
   setvbuf(stdout, NULL, _IOLBF, 0);
+  create_endpoints(client, (dds_domainid_t)atoi(argv[2]));
+  fill_samples(client);
 
-  char own_part[160];
-  snprintf(own_part, sizeof own_part, "%s/u/%s", session, kUser);
-  const dds_entity_t slow = checked("session domain", dds_create_participant(domain, NULL, NULL));
-  const dds_entity_t fast = checked("probe domain", dds_create_participant(domain + 1, NULL, NULL));
-  const dds_entity_t roster_in = end_of(kReader, slow, &tactus_idl_RosterEntry_desc, "tactus_roster", session, false);
-  const dds_entity_t roster_out = end_of(kWriter, slow, &tactus_idl_RosterEntry_desc, "tactus_roster", session, true);
-  const dds_entity_t catalogue_in =
-      end_of(kReader, slow, &tactus_idl_CatalogueEntry_desc, "tactus_catalogue", session, true);
-  const dds_entity_t end_in = end_of(kReader, slow, &tactus_idl_SessionEnd_desc, "tactus_end", session, true);
-  const dds_entity_t metrics_in = end_of(kReader, slow, &tactus_idl_Metrics_desc, "tactus_metrics", session, false);
-  const dds_entity_t clock_in = end_of(kReader, fast, &tactus_idl_ClockSample_desc, "tactus_clock", session, false);
-  const dds_entity_t clock_out = end_of(kWriter, fast, &tactus_idl_ClockSample_desc, "tactus_clock", session, false);
-  const dds_entity_t states_in =
-      end_of(kReader, fast, &tactus_idl_ProbeState_desc, "tactus_probe_state", session, false);
-  const dds_entity_t poses_out =
-      end_of(kWriter, fast, &tactus_idl_DevicePose_desc, "tactus_device_pose", own_part, false);
-  const dds_entity_t commands_in =
-      end_of(kReader, fast, &tactus_idl_DeviceCommand_desc, "tactus_device_command", own_part, false);
-
-  static tactus_idl_RosterEntry other;
-  tactus_idl_UserName users[1];
-  tactus_idl_RosterEntry presence = {.participant = self,
-                                     .protocol = tactus_idl_kProtocolVersion,
-                                     .participant_role = tactus_idl_kRoleClient,
-                                     .joined_ns = INT64_MAX};
-  strcpy(users[0].user, kUser);
-  strcpy(presence.name, kName);
-  strncpy(presence.session, session, tactus_idl_kMaxName);
-  strncpy(presence.requested_hrtc, hrtc, tactus_idl_kMaxName);
-  presence.users._length = presence.users._maximum = 1;
-  presence.users._buffer = users;
-
-  tactus_idl_ClockSample question = {.participant = self};
-  tactus_idl_DevicePose pose = {
-      .user_id = user, .participant = self, .radius = 0.003, .device = {.orientation = {0, 0, 0, 1}}};
-  bool has_slot = false, has_object = false, has_time = false, shown = false, answered = false;
-  bool felt = false, seen = false, ended = false;
-  int64_t offset_ns = 0, best_round_ns = INT64_MAX; /* session time less ours */
-
-  for (long tick = 0; !stopped && !ended; ++tick) {
+  bool ended = false;
+  for (long tick = 0; !stopped && !ended; ++tick) { /* one tick is 1 ms */
     const int64_t now = now_ns(CLOCK_MONOTONIC);
-    if (tick % 50 == 0) { /* presence, every 50 ms */
-      presence.stamp = stamp(session_id, incarnation);
-      ++presence.heartbeat;
-      dds_write(roster_out, &presence);
-    }
-    while (take(roster_in, &other)) {
-      if (other.participant == self || other.protocol != tactus_idl_kProtocolVersion) continue;
-      if (is_new(other.participant)) printf("here: %s\n", other.name);
-      /* The session's time is that of the host or HRTC which says that it follows itself. */
-      if (other.reference == other.participant && question.peer != other.participant) {
-        question.peer = other.participant;
-        best_round_ns = INT64_MAX;
-      }
-      for (uint32_t i = 0; i < other.slots._length; ++i) {
-        if (other.participant != hrtc_id || has_slot || strcmp(other.slots._buffer[i].user, kUser) != 0) continue;
-        pose.probe = other.slots._buffer[i].slot_number;
-        has_slot = true;
-        printf("slot: %u of %s\n", pose.probe, other.name);
-      }
-    }
-    static tactus_idl_CatalogueEntry entry; /* zero at first: a sequence without memory of its own */
-    while (take(catalogue_in, &entry)) {
-      if (has_object || strcmp(entry.object_name, object) != 0) continue;
-      const tactus_idl_ModelSummaryValue* model = &entry.summary;
-      for (int axis = 0; axis < 3; ++axis) {
-        const double from = model->bounds_min[axis], to = model->bounds_max[axis];
-        pose.device.position[axis] = entry.placement.position[axis] + entry.scale * (axis == 2 ? to : (from + to) / 2);
-      }
-      pose.device.position[2] += 0.02; /* above the top; objects of this test are not turned */
-      has_object = true;
-      printf("object: %s of %s, %u faces\n", entry.object_name, entry.host, model->faces);
-    }
-    if (question.peer != 0 && tick % 20 == 0) { /* the session's time, from the exchange with the shortest way */
-      question.stamp = stamp(session_id, incarnation);
-      ++question.sequence_number;
-      question.t0_ns = now;
-      dds_write(clock_out, &question);
-    }
-    tactus_idl_ClockSample answer;
-    while (take(clock_in, &answer)) {
-      if (!answer.answer || answer.peer != self || answer.participant != question.peer) continue;
-      const int64_t arrived = now_ns(CLOCK_MONOTONIC),
-                    round_ns = arrived - answer.t0_ns - (answer.t2_ns - answer.t1_ns);
-      if (round_ns > best_round_ns) continue;
-      best_round_ns = round_ns;
-      offset_ns = (answer.t1_ns - answer.t0_ns + answer.t2_ns - arrived) / 2;
-      if (!has_time) printf("time: known, on a way of %lld us\n", (long long)round_ns / 2000);
-      has_time = true;
-    }
-    static tactus_idl_Metrics metrics;
-    while (!shown && take(metrics_in, &metrics)) {
-      if (metrics.participant != hrtc_id) continue;
-      for (uint32_t i = 0; i < metrics.meshes._length; ++i)
-        shown |= metrics.meshes._buffer[i].object_id == id_of(object);
-      if (shown) printf("shown: %s by %s\n", object, hrtc);
-    }
-    tactus_idl_DeviceCommand command;
-    double up = 0;
-    while (take(commands_in, &command)) {
-      if (command.participant != hrtc_id) continue;
-      pose.command_felt = command.sequence_number;
-      answered = true;
-      up = command.force[2];
-      if (!felt && up > 0.5) printf("felt: %.2f N upwards, answering pose %u\n", up, command.pose_answered);
-      felt |= up > 0.5;
-    }
-    tactus_idl_ProbeState state;
-    while (take(states_in, &state)) {
-      if (seen || state.user_id != user || state.force[2] <= 0.5) continue;
-      seen = true;
-      printf("seen: probe %u at z = %.4f with %.2f N\n", state.probe, state.proxy[2], state.force[2]);
-    }
-    if (has_slot && has_object && has_time) {
-      pose.stamp = stamp(session_id, incarnation);
-      ++pose.sequence_number;
-      pose.session_time_ns = now + offset_ns;
-      pose.velocity[2] = felt || !answered || !shown ? 0 : -0.05;
-      pose.device.position[2] += pose.velocity[2] * 0.001;
-      dds_write(poses_out, &pose);
-    }
+    if (tick % 50 == 0) send_presence(client);
+    take_roster(client);
+    take_catalogue(client);
+    if (client->request.peer != 0 && tick % 20 == 0) send_clock_request(client, now);
+    take_clock_answers(client);
+    take_metrics(client);
+    take_commands(client);
+    take_states(client);
+    if (client->has_slot && client->has_object && client->has_time) send_pose(client, now);
     tactus_idl_SessionEnd end;
-    while (take(end_in, &end)) ended = true;
-    const struct timespec until = {(now + 1000000) / 1000000000, (now + 1000000) % 1000000000};
-    clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &until, NULL);
+    while (take(client->end_in, &end)) ended = true;
+    const struct timespec next = {(now + 1000000) / 1000000000, (now + 1000000) % 1000000000};
+    clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &next, NULL);
   }
-  presence.stamp = stamp(session_id, incarnation);
-  ++presence.heartbeat;
-  presence.leaving = true;
-  dds_write(roster_out, &presence);
+  client->presence.leaving = true;
+  send_presence(client);
   dds_delete(DDS_CYCLONEDDS_HANDLE);
-  return ended && felt && seen ? 0 : 1;
+  return ended && client->felt && client->seen ? 0 : 1;
 }

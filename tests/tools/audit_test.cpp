@@ -48,7 +48,7 @@ double distance(const Point& p, const Corners& t) {
   return std::sqrt(spm::closest_point({p[0], p[1], p[2]}, corner(0), corner(1), corner(2)).squared_distance);
 }
 
-/// A correct HRTC's log entry, by all pairs.
+/// The log entry of a correct HRTC, from a test of all triangles.
 LoggedQuery true_query(const TriangleMesh& mesh, const Point& centre, double radius = kRadius) {
   LoggedQuery query;
   query.centre = centre;
@@ -57,9 +57,9 @@ LoggedQuery true_query(const TriangleMesh& mesh, const Point& centre, double rad
   query.since_change = 1000;
   for (std::size_t face = 0; face < mesh.faces.size(); ++face) {
     const Corners corners = corners_of(mesh, face);
-    const double found = distance(centre, corners);
-    if (found <= radius)
-      query.contacts.at(query.contact_count++) = {trace::triangle_key(corners), static_cast<float>(radius - found)};
+    const double to_face = distance(centre, corners);
+    if (to_face <= radius)
+      query.contacts.at(query.contact_count++) = {trace::triangle_key(corners), static_cast<float>(radius - to_face)};
   }
   return query;
 }
@@ -73,19 +73,20 @@ class Audit : public ::testing::Test {
  protected:
   static void SetUpTestSuite() {
     mesh_ = new TriangleMesh{spm::offline::generate(spm::offline::Shape::kOrgan, 2000, 7)};
-    path_ = new std::vector<LoggedQuery>;
-    for (int i = 0; i < kPath; ++i) {  // from vertex to vertex, in and out of contact
-      const auto at = [](int stop) { return mesh_->positions[stop * 97 % mesh_->positions.size()]; };
-      const double along = i % 20 / 20.0;
+    correct_log_ = new std::vector<LoggedQuery>;
+    for (int i = 0; i < kEntries; ++i) {  // straight lines between vertices, with and without contact
+      const auto vertex = [](int line) { return mesh_->positions[line * 97 % mesh_->positions.size()]; };
+      const auto start = vertex(i / 20), end = vertex(i / 20 + 1);
+      const double fraction = i % 20 / 20.0;
       Point centre;
-      for (int axis = 0; axis < 3; ++axis) centre[axis] = (1 - along) * at(i / 20)[axis] + along * at(i / 20 + 1)[axis];
-      path_->push_back(true_query(*mesh_, centre));
-      path_->back().time_ns = i * kMs;
-      path_->back().since_change = static_cast<std::uint32_t>(i % 50);
+      for (int axis = 0; axis < 3; ++axis) centre[axis] = (1 - fraction) * start[axis] + fraction * end[axis];
+      correct_log_->push_back(true_query(*mesh_, centre));
+      correct_log_->back().time_ns = i * kMs;
+      correct_log_->back().since_change = static_cast<std::uint32_t>(i % 50);
     }
   }
   static void TearDownTestSuite() {
-    delete path_;
+    delete correct_log_;
     delete mesh_;
   }
   void SetUp() override { write_mesh(path("organ.ply"), *mesh_); }
@@ -107,43 +108,43 @@ class Audit : public ::testing::Test {
     return report.objects.at(0);
   }
 
-  Outcome run(std::vector<std::string> words) const {
-    words.insert(words.begin(), {"tactus-mesh", "audit"});
+  Outcome run(std::vector<std::string> arguments) const {
+    arguments.insert(arguments.begin(), {"tactus-mesh", "audit"});
     std::vector<const char*> argv;
-    for (const std::string& word : words) argv.push_back(word.c_str());
+    for (const std::string& argument : arguments) argv.push_back(argument.c_str());
     std::ostringstream out, errors;
     const int code = run_mesh_tool(static_cast<int>(argv.size()), argv.data(), {out, errors, false});
     return {code, out.str(), errors.str()};
   }
 
-  /// The first entry with a contact deeper than 1e-4, and the index of that contact.
+  /// The index of the first entry with a contact deeper than 1e-4 units, and the index of that contact.
   static std::pair<std::size_t, std::uint32_t> deep_contact() {
-    for (std::size_t i = 0; i < path_->size(); ++i)
-      for (std::uint32_t c = 0; c < (*path_)[i].contact_count; ++c)
-        if ((*path_)[i].contacts[c].depth > 1e-4f) return {i, c};
-    throw std::logic_error{"the path touches nothing"};
+    for (std::size_t i = 0; i < correct_log_->size(); ++i)
+      for (std::uint32_t c = 0; c < (*correct_log_)[i].contact_count; ++c)
+        if ((*correct_log_)[i].contacts[c].depth > 1e-4f) return {i, c};
+    throw std::logic_error{"no entry has a deep contact"};
   }
 
-  static constexpr int kPath = 600;
+  static constexpr int kEntries = 600;
   static TriangleMesh* mesh_;
-  static std::vector<LoggedQuery>* path_;
+  static std::vector<LoggedQuery>* correct_log_;
   test_support::TemporaryFolder folder_;
 };
 TriangleMesh* Audit::mesh_ = nullptr;
-std::vector<LoggedQuery>* Audit::path_ = nullptr;
+std::vector<LoggedQuery>* Audit::correct_log_ = nullptr;
 
-TEST_F(Audit, PassesATrueLog) {
+TEST_F(Audit, AcceptsACorrectLog) {
   std::uint64_t contact = 0, triangles = 0;
-  for (const LoggedQuery& query : *path_) {
+  for (const LoggedQuery& query : *correct_log_) {
     contact += query.contact_count > 0 ? 1 : 0;
     triangles += query.contact_count;
   }
   ASSERT_GT(contact, 100u);
-  ASSERT_LT(contact, static_cast<std::uint64_t>(kPath));
+  ASSERT_LT(contact, static_cast<std::uint64_t>(kEntries));
 
-  const ObjectAudit object = audited(*path_);
+  const ObjectAudit object = audited(*correct_log_);
   EXPECT_EQ(object.mismatched, 0u);
-  EXPECT_EQ(object.entries, static_cast<std::uint64_t>(kPath));
+  EXPECT_EQ(object.entries, static_cast<std::uint64_t>(kEntries));
   EXPECT_EQ(object.contact, contact);
   EXPECT_EQ(object.exact_contact, contact);
   EXPECT_EQ(object.audited, contact);
@@ -155,7 +156,7 @@ TEST_F(Audit, PassesATrueLog) {
 
 TEST_F(Audit, CatchesOneMissingContact) {
   const auto [entry, contact] = deep_contact();
-  std::vector<LoggedQuery> queries = *path_;
+  std::vector<LoggedQuery> queries = *correct_log_;
   LoggedQuery& wrong = queries[entry];
   const std::uint64_t key = wrong.contacts[contact].triangle;
   wrong.contacts[contact] = wrong.contacts[--wrong.contact_count];
@@ -171,14 +172,11 @@ TEST_F(Audit, CatchesOneMissingContact) {
 }
 
 TEST_F(Audit, CatchesOneExtraContact) {
-  std::vector<LoggedQuery> queries = *path_;
+  std::vector<LoggedQuery> queries = *correct_log_;
   LoggedQuery& wrong = queries[deep_contact().first];
-  const auto not_touched = [&](std::size_t face) {
-    return distance(wrong.centre, corners_of(*mesh_, face)) > 2 * kRadius;
-  };
-  std::size_t face = 0;
-  while (!not_touched(face)) ++face;
-  const std::uint64_t key = trace::triangle_key(corners_of(*mesh_, face));
+  std::size_t distant_face = 0;
+  while (distance(wrong.centre, corners_of(*mesh_, distant_face)) <= 2 * kRadius) ++distant_face;
+  const std::uint64_t key = trace::triangle_key(corners_of(*mesh_, distant_face));
   wrong.contacts[wrong.contact_count++] = {key, 0.001f};
 
   const ObjectAudit object = audited(queries);
@@ -189,13 +187,13 @@ TEST_F(Audit, CatchesOneExtraContact) {
 }
 
 TEST_F(Audit, CatchesADuplicatedFlippedOrInventedTriangle) {
-  std::vector<LoggedQuery> queries = *path_;
+  std::vector<LoggedQuery> queries = *correct_log_;
   const auto [entry, contact] = deep_contact();
-  LoggedQuery& twice = queries[entry];
-  twice.contacts[twice.contact_count++] = twice.contacts[contact];
+  LoggedQuery& duplicated = queries[entry];
+  duplicated.contacts[duplicated.contact_count++] = duplicated.contacts[contact];
   EXPECT_EQ(audited(queries).mismatched, 1u);
 
-  queries = *path_;
+  queries = *correct_log_;
   for (std::size_t face = 0; face < mesh_->faces.size(); ++face) {
     Corners corners = corners_of(*mesh_, face);
     if (trace::triangle_key(corners) != queries[entry].contacts[contact].triangle) continue;
@@ -205,17 +203,18 @@ TEST_F(Audit, CatchesADuplicatedFlippedOrInventedTriangle) {
   }
   EXPECT_EQ(audited(queries).mismatched, 1u);
 
-  queries = *path_;
-  std::size_t free = 0;
-  while (queries[free].contact_count > 0) ++free;
-  queries[free].contacts[queries[free].contact_count++] = queries[entry].contacts[contact];
+  queries = *correct_log_;
+  std::size_t without_contact = 0;
+  while (queries[without_contact].contact_count > 0) ++without_contact;
+  LoggedQuery& invented = queries[without_contact];
+  invented.contacts[invented.contact_count++] = queries[entry].contacts[contact];
   EXPECT_EQ(audited(queries).mismatched, 1u);
 }
 
-TEST_F(Audit, CatchesADepthThatIsOffByMoreThanTheTolerance) {
+TEST_F(Audit, CatchesADepthWhoseErrorExceedsTheTolerance) {
   const auto [entry, contact] = deep_contact();
   const auto mismatched_by = [&, e = entry, c = contact](double metres) {
-    std::vector<LoggedQuery> queries = *path_;
+    std::vector<LoggedQuery> queries = *correct_log_;
     queries[e].contacts[c].depth = static_cast<float>(queries[e].contacts[c].depth + metres / kScale);
     return audited(queries).mismatched;
   };
@@ -231,7 +230,7 @@ TEST_F(Audit, CatchesADepthThatIsOffByMoreThanTheTolerance) {
 
 TEST_F(Audit, SkipsInexactAndTruncatedEntries) {
   const auto [entry, contact] = deep_contact();
-  std::vector<LoggedQuery> queries = *path_;
+  std::vector<LoggedQuery> queries = *correct_log_;
   queries[entry].contact_count = 0;
   queries[entry].exact = false;
   const ObjectAudit coarse = audited(queries);
@@ -250,7 +249,7 @@ TEST_F(Audit, IgnoresAndCountsTangentTriangles) {
   const TriangleMesh one{{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}}, {{0, 1, 2}}};
   write_mesh(path("one.ply"), one);
   const std::uint64_t key = trace::triangle_key(corners_of(one, 0));
-  // Distance from tangency in tolerances, and whether the log has the triangle: the audit's result.
+  // The audit of an entry whose distance from tangency is a multiple of the tolerance.
   const auto result = [&](double tolerances, bool logged) {
     LoggedQuery query = true_query(one, {0.25, 0.25, 0.5}, 0.5 - tolerances * kTolerance);
     query.contact_count = logged ? 1 : 0;
@@ -269,7 +268,7 @@ TEST_F(Audit, IgnoresAndCountsTangentTriangles) {
   EXPECT_EQ(result(-1.5, true).tangent, 0u);
 }
 
-TEST_F(Audit, ChoosesEvenlyWithTwoFifthsNearAChange) {
+TEST_F(Audit, ChoosesEntriesEvenlyAndTwoFifthsOfThemNearAChange) {
   std::vector<bool> near_change(1000);
   for (std::size_t i = 0; i < 1000; ++i) near_change[i] = i >= 500;
   const std::vector<std::size_t> chosen = choose_entries(near_change, 100);
@@ -284,7 +283,7 @@ TEST_F(Audit, ChoosesEvenlyWithTwoFifthsNearAChange) {
   EXPECT_TRUE(std::adjacent_find(chosen.begin(), chosen.end(), std::greater_equal<>{}) == chosen.end());
 }
 
-TEST_F(Audit, FillsUpFromTheOtherKind) {
+TEST_F(Audit, ChoosesMoreOfOneKindIfTheOtherHasTooFewEntries) {
   const auto chosen = [](std::size_t close, std::size_t others, std::size_t max) {
     std::vector<bool> near_change(close, true);
     near_change.resize(close + others, false);
@@ -300,26 +299,26 @@ TEST_F(Audit, FillsUpFromTheOtherKind) {
 }
 
 TEST_F(Audit, AuditsAtMostTheRequestedCycles) {
-  const ObjectAudit object = audited(*path_, 50);
+  const ObjectAudit object = audited(*correct_log_, 50);
   EXPECT_EQ(object.audited, 50u);
   EXPECT_EQ(object.audited_near_change, 20u);
 }
 
-TEST_F(Audit, TimesEachProbeFromTrueTouchToExactContact) {
-  const LoggedQuery touching = (*path_)[deep_contact().first];
+TEST_F(Audit, MeasuresTheTimeOfEachProbeFromTheTouchOfTheOriginalToExactContact) {
+  const LoggedQuery touching = (*correct_log_)[deep_contact().first];
   LoggedQuery away = touching;
   away.centre = {1, 1, 1};
   away.contact_count = 0;
   std::vector<LoggedQuery> queries;
-  const auto add = [&](const LoggedQuery& like, std::int64_t ms, std::uint32_t probe, bool exact) {
-    queries.push_back(like);
+  const auto add = [&](const LoggedQuery& query, std::int64_t ms, std::uint32_t probe, bool exact) {
+    queries.push_back(query);
     queries.back().time_ns = ms * kMs;
     queries.back().probe = probe;
     queries.back().exact = exact;
   };
   add(away, 1, 0, true);
   add(touching, 5, 0, false);
-  queries.back().contact_count = 0;  // nothing loaded there yet: still a contact with the original
+  queries.back().contact_count = 0;  // no region is loaded, but the probe touches the original
   add(touching, 6, 2, false);
   add(away, 10, 0, true);
   add(touching, 17, 0, true);
@@ -337,12 +336,12 @@ TEST_F(Audit, TimesEachProbeFromTrueTouchToExactContact) {
 }
 
 TEST_F(Audit, ReadsATruncatedLogAndReportsIt) {
-  write_log(*path_, "whole.hlog", {{0, 77, kScale, "organ"}}, {});
+  write_log(*correct_log_, "whole.hlog", {{0, 77, kScale, "organ"}}, {});
   const std::string bytes = read_bytes(path("whole.hlog"));
   write_bytes(path("torn.hlog"), bytes.substr(0, bytes.size() - 20));
   const AuditReport torn = audit_files(path("torn.hlog"), path("organ.ply"), {}, {});
   EXPECT_TRUE(torn.is_truncated);
-  EXPECT_EQ(torn.objects.at(0).entries, static_cast<std::uint64_t>(kPath - 1));
+  EXPECT_EQ(torn.objects.at(0).entries, static_cast<std::uint64_t>(kEntries - 1));
   EXPECT_EQ(torn.objects.at(0).mismatched, 0u);
   EXPECT_THAT(run({path("torn.hlog"), path("organ.ply")}).out, HasSubstr("ends within an entry"));
 
@@ -352,11 +351,11 @@ TEST_F(Audit, ReadsATruncatedLogAndReportsIt) {
   EXPECT_THAT(run({path("whole.hlog"), path("organ.ply")}).out, HasSubstr("without totals"));
 }
 
-TEST_F(Audit, CountsTheRecordsThatThePathsNeeded) {
+TEST_F(Audit, CountsTheRecordsThatTheContactsNeeded) {
   const BuiltModel built = spm::offline::build_model(*mesh_);
   spm::offline::write_model(path("organ.spm"), built.model(), {"organ.ply", built.cleaned});
-  std::vector<LoggedQuery> queries(path_->begin(), path_->begin() + 60);
-  queries[0].exact = false;  // inexact contacts belong to the path too
+  std::vector<LoggedQuery> queries(correct_log_->begin(), correct_log_->begin() + 60);
+  queries[0].exact = false;  // inexact contacts need records too
   write_log(queries, "a.hlog", {{0, built.summary.digest, kScale, "organ"}});
 
   std::set<std::uint32_t> needed;
@@ -370,8 +369,10 @@ TEST_F(Audit, CountsTheRecordsThatThePathsNeeded) {
         squared += std::pow(std::max({low - query.centre[axis], query.centre[axis] - low - edge, 0.0}), 2);
       }
       if (squared > query.radius * query.radius) continue;
-      for (std::uint32_t run = region.first_interval; run < region.first_interval + region.interval_count; ++run)
-        for (std::uint32_t i = 0; i < built.intervals[run].count; ++i) needed.insert(built.intervals[run].first + i);
+      for (std::uint32_t i = 0; i < region.interval_count; ++i) {
+        const auto& interval = built.intervals[region.first_interval + i];
+        for (std::uint32_t k = 0; k < interval.count; ++k) needed.insert(interval.first + k);
+      }
     }
   }
   ASSERT_GT(needed.size(), 10u);
@@ -387,10 +388,10 @@ TEST_F(Audit, CountsTheRecordsThatThePathsNeeded) {
   EXPECT_DOUBLE_EQ(json["received_of_model"], 500.0 / built.summary.records);
 }
 
-TEST_F(Audit, MatchesObjectsByDigestThenNameThenBeingTheOnlyOne) {
+TEST_F(Audit, MatchesObjectsByDigestThenByNameThenIfTheLogHasOnlyOne) {
   const BuiltModel built = spm::offline::build_model(*mesh_);
   spm::offline::write_model(path("renamed.spm"), built.model(), {"organ.ply", built.cleaned});
-  std::vector<LoggedQuery> queries = *path_;
+  std::vector<LoggedQuery> queries = *correct_log_;
   for (LoggedQuery& query : queries) query.object = 1;
   const LoggedObject other{0, 5, 1, "organ"}, touched{1, built.summary.digest, kScale, "heart"};
   write_log(queries, "both.hlog", {other, touched});
@@ -417,8 +418,8 @@ TEST_F(Audit, MatchesObjectsByDigestThenNameThenBeingTheOnlyOne) {
   EXPECT_THAT(absent.out, AllOf(HasSubstr("0 cycles audited"), HasSubstr("  'organ'\n  'heart'\n")));
 }
 
-TEST_F(Audit, WritesJsonIntoAFileBesideTheText) {
-  write_log(*path_);
+TEST_F(Audit, WritesJsonIntoAFileAndTextToTheOutput) {
+  write_log(*correct_log_);
   const Outcome outcome = run({path("a.hlog"), path("organ.ply"), "--cycles", "30", "--json", path("a.json")});
   EXPECT_EQ(outcome.code, kDone);
   EXPECT_THAT(outcome.out, HasSubstr("cycles audited"));
@@ -428,7 +429,7 @@ TEST_F(Audit, WritesJsonIntoAFileBesideTheText) {
 }
 
 TEST_F(Audit, FclAgreesOnEveryAuditedCycle) {
-  write_log(*path_);
+  write_log(*correct_log_);
   const Outcome outcome = run({path("a.hlog"), path("organ.ply"), "--json"});
   EXPECT_EQ(outcome.code, kDone);
   const auto object = nlohmann::json::parse(outcome.out)["objects"][0];
@@ -440,8 +441,8 @@ TEST_F(Audit, FclAgreesOnEveryAuditedCycle) {
               HasSubstr("disagreements with FCL           0, compared in "));
 }
 
-TEST_F(Audit, FailsWhereFclDisagreesThoughTheLogIsTrue) {
-  write_log(*path_);
+TEST_F(Audit, FailsIfFclDisagreesAlthoughTheLogIsCorrect) {
+  write_log(*correct_log_);
   const ContactLog log = read_log(path("a.hlog"));
   Original original{"organ", {}, {}};
   for (std::size_t face = 0; face < mesh_->faces.size(); ++face) original.triangles.push_back(corners_of(*mesh_, face));
@@ -454,10 +455,10 @@ TEST_F(Audit, FailsWhereFclDisagreesThoughTheLogIsTrue) {
   // FCL sees one triangle of a deep contact at another position.
   const auto [entry, contact] = deep_contact();
   std::vector<Corners> moved = original.triangles;
-  std::uint64_t key = (*path_)[entry].contacts[contact].triangle;
+  std::uint64_t key = (*correct_log_)[entry].contacts[contact].triangle;
   for (Corners& triangle : moved)
     if (trace::triangle_key(triangle) == key)
-      for (float& x : triangle) x += 5;
+      for (float& coordinate : triangle) coordinate += 5;
   const AuditReport report = report_with(moved);
   const ObjectAudit& object = report.objects.at(0);
   EXPECT_EQ(object.mismatched, 0u) << "FCL does not decide a mismatch";
@@ -468,24 +469,24 @@ TEST_F(Audit, FailsWhereFclDisagreesThoughTheLogIsTrue) {
   EXPECT_FALSE(audit_json(report)["clean"]);
 }
 
-TEST(SecondOpinion, DisagreesOnMissingAndExtraTrianglesAndOnTheDistanceBeyondTheTolerance) {
+TEST(SecondOpinion, DisagreesOnMissingAndExtraTrianglesAndOnDistancesBeyondTheTolerance) {
   const std::vector<Corners> square{{0, 0, 0, 1, 0, 0, 0, 1, 0}, {1, 0, 0, 1, 1, 0, 0, 1, 0}};
   SecondOpinion second{square};
-  const Point centre{0.25, 0.25, 0.1};  // over the first; sqrt(0.135) from the second
-  const double far = std::sqrt(0.25 * 0.25 * 2 + 0.01);
+  const Point centre{0.25, 0.25, 0.1};  // above the first triangle
+  const double to_second = std::sqrt(0.25 * 0.25 * 2 + 0.01);
   using Triangles = std::vector<std::uint32_t>;
 
   EXPECT_TRUE(second.compare(centre, 0.2, 1e-6, {{0, 0.1}}).agrees());
-  EXPECT_TRUE(second.compare(centre, 0.5, 1e-6, {{0, 0.1}, {1, far}}).agrees());
+  EXPECT_TRUE(second.compare(centre, 0.5, 1e-6, {{0, 0.1}, {1, to_second}}).agrees());
   EXPECT_EQ(second.compare(centre, 0.5, 1e-6, {{0, 0.1}}).only_fcl, Triangles{1});
   EXPECT_EQ(second.compare(centre, 0.2, 1e-6, {{0, 0.1}, {1, 0.15}}).only_audit, Triangles{1});
   EXPECT_TRUE(second.compare(centre, 0.2, 1e-6, {{0, 0.1 + 0.9e-6}}).agrees());
-  const auto off = second.compare(centre, 0.2, 1e-6, {{0, 0.1 + 1.1e-6}}).distance;
-  ASSERT_TRUE(off.has_value());
-  EXPECT_NEAR(off->fcl, 0.1, 1e-9);
-  const auto nothing = second.compare(centre, 0.2, 1e-6, {}).distance;
-  ASSERT_TRUE(nothing.has_value());
-  EXPECT_FALSE(nothing->ours.has_value());
+  const auto wrong_distance = second.compare(centre, 0.2, 1e-6, {{0, 0.1 + 1.1e-6}}).distance;
+  ASSERT_TRUE(wrong_distance.has_value());
+  EXPECT_NEAR(wrong_distance->fcl, 0.1, 1e-9);
+  const auto only_fcl = second.compare(centre, 0.2, 1e-6, {}).distance;
+  ASSERT_TRUE(only_fcl.has_value());
+  EXPECT_FALSE(only_fcl->ours.has_value());
 }
 
 TEST(SecondOpinion, IgnoresTrianglesWithinTheToleranceOfTangency) {
@@ -499,22 +500,22 @@ TEST(SecondOpinion, IgnoresTrianglesWithinTheToleranceOfTangency) {
 }
 
 TEST_F(Audit, RefusesWrongInputWithAMessageThatNamesIt) {
-  write_log(*path_);
+  write_log(*correct_log_);
   const std::string good = read_bytes(path("a.hlog"));
-  std::string later = good;
-  later[8] = 9;
-  write_bytes(path("later.hlog"), later);
+  std::string newer_version = good;
+  newer_version[8] = 9;
+  write_bytes(path("newer.hlog"), newer_version);
   write_bytes(path("empty.hlog"), "");
-  std::string tag = good;
-  tag[12] = 77;
-  write_bytes(path("tag.hlog"), tag);
+  std::string unknown_tag = good;
+  unknown_tag[12] = 77;
+  write_bytes(path("tag.hlog"), unknown_tag);
   write_bytes(path("points.obj"), "v 0 0 0\nv 1 1 1\n");
   write_bytes(path("flat.obj"), "v 0 0 0\nv 1 1 1\nv 2 2 2\nf 1 2 3\n");
   write_bytes(path("bad.spm"), "tactSPM\nnot really");
-  LoggedQuery query = path_->front();
+  LoggedQuery query = correct_log_->front();
   query.radius = std::numeric_limits<double>::quiet_NaN();
   write_log({query}, "radius.hlog");
-  query = path_->front();
+  query = correct_log_->front();
   query.centre[1] = std::numeric_limits<double>::infinity();
   write_log({query}, "centre.hlog");
   write_log({}, "scale.hlog", {{0, 0, 0, "organ"}});
@@ -525,7 +526,7 @@ TEST_F(Audit, RefusesWrongInputWithAMessageThatNamesIt) {
       {{path("missing.hlog"), organ}, "missing.hlog: No such file"},
       {{organ, organ}, "organ.ply: not a contact log"},
       {{path("empty.hlog"), organ}, "empty.hlog: not a contact log"},
-      {{path("later.hlog"), organ}, "contact log of version 9, expected 1"},
+      {{path("newer.hlog"), organ}, "contact log of version 9, expected 1"},
       {{path("tag.hlog"), organ}, "found entry tag 77"},
       {{path("radius.hlog"), organ}, "radius.hlog: entry 0 has a sphere of radius"},
       {{path("centre.hlog"), organ}, "centre that is not finite"},
@@ -539,8 +540,8 @@ TEST_F(Audit, RefusesWrongInputWithAMessageThatNamesIt) {
       {{log, organ, "--cycles", "many"}, "many"},
       {{log, organ, "--json", path("no/a.json")}, "no/a.json: cannot be written"},
   };
-  for (const auto& [words, message] : cases) {
-    const Outcome outcome = run(words);
+  for (const auto& [arguments, message] : cases) {
+    const Outcome outcome = run(arguments);
     EXPECT_EQ(outcome.code, kBadInput) << message;
     EXPECT_THAT(outcome.errors, HasSubstr(message));
     EXPECT_EQ(outcome.out, "") << message;

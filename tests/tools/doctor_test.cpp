@@ -13,7 +13,7 @@ using testing::HasSubstr;
 using testing::IsEmpty;
 
 /// A machine without defects.
-Facts sound() {
+Facts sound_machine() {
   Facts facts;
   facts.interfaces = {{"lo", "127.0.0.1", 65536, true, false, false}, {"eth0", "10.0.0.2", 1500, false, true, true}};
   facts.required = {1472, 4194304, 1048576};
@@ -32,32 +32,32 @@ Facts sound() {
   return facts;
 }
 
-/// The findings that are not good.
-std::vector<Finding> complaints(const Facts& facts) {
+/// The findings that are faults or advice.
+std::vector<Finding> problems(const Facts& facts) {
   std::vector<Finding> found;
   for (const Finding& finding : judge(facts))
     if (finding.severity != Severity::kGood) found.push_back(finding);
   return found;
 }
 
-TEST(Doctor, FindsNothingOnASoundMachine) { EXPECT_THAT(complaints(sound()), IsEmpty()); }
+TEST(Doctor, FindsNothingOnASoundMachine) { EXPECT_THAT(problems(sound_machine()), IsEmpty()); }
 
 struct Defect {
   const char* name;
-  std::function<void(Facts&)> spoil;
+  std::function<void(Facts&)> apply;
   Severity severity;
   const char* check;
   const char* found;
   const char* remedy;
 };
-void PrintTo(const Defect& illness, std::ostream* out) { *out << illness.name; }
+void PrintTo(const Defect& defect, std::ostream* out) { *out << defect.name; }
 
 class EveryDefect : public testing::TestWithParam<Defect> {};
 
 TEST_P(EveryDefect, IsTheOnlyFindingAndHasARemedy) {
-  Facts facts = sound();
-  GetParam().spoil(facts);
-  const std::vector<Finding> found = complaints(facts);
+  Facts facts = sound_machine();
+  GetParam().apply(facts);
+  const std::vector<Finding> found = problems(facts);
   ASSERT_EQ(found.size(), 1u) << text(found);
   EXPECT_EQ(found[0].severity, GetParam().severity);
   EXPECT_EQ(found[0].check, GetParam().check);
@@ -83,9 +83,9 @@ INSTANTIATE_TEST_SUITE_P(
                  f.unreachable = {"10.9.9.9 (Network is unreachable)"};
                },
                Severity::kFault, "routes", "10.9.9.9", "ip route"},
-        Defect{"Deaf", [](Facts& f) { f.interfaces[1].multicast_returns = false; }, Severity::kFault, "multicast",
-               "eth0", "--discovery-server"},
-        Defect{"Narrow", [](Facts& f) { f.interfaces[1].mtu = 1400; }, Severity::kAdvice, "mtu", "eth0 1400",
+        Defect{"NoMulticastReturns", [](Facts& f) { f.interfaces[1].multicast_returns = false; }, Severity::kFault,
+               "multicast", "eth0", "--discovery-server"},
+        Defect{"SmallMtu", [](Facts& f) { f.interfaces[1].mtu = 1400; }, Severity::kAdvice, "mtu", "eth0 1400",
                "mtu 1500"},
         Defect{"SmallReceiveBuffer", [](Facts& f) { f.receive_buffer_max = 212992; }, Severity::kAdvice,
                "socket buffers", "212992, the profiles require 4194304", "sysctl -w net.core.rmem_max=4194304"},
@@ -93,16 +93,16 @@ INSTANTIATE_TEST_SUITE_P(
                "212992", "net.core.wmem_max=1048576"},
         Defect{"NoPriority", [](Facts& f) { f.has_fifo = false; }, Severity::kAdvice, "real time", "SCHED_FIFO 60",
                "rtprio"},
-        Defect{"NoLock", [](Facts& f) { f.can_lock_memory = false; }, Severity::kAdvice, "locked memory", "refused",
-               "memlock"},
-        Defect{"NoShareLeft", [](Facts& f) { f.rt_runtime_us = -1; }, Severity::kAdvice, "real-time share", "-1",
-               "sched_rt_runtime_us=950000"},
-        Defect{"Late", [](Facts& f) { f.lateness.p99 = 900; }, Severity::kAdvice, "wake-up", "p99 900", "idle"},
+        Defect{"NoLockedMemory", [](Facts& f) { f.can_lock_memory = false; }, Severity::kAdvice, "locked memory",
+               "refused", "memlock"},
+        Defect{"UnlimitedRealTimeShare", [](Facts& f) { f.rt_runtime_us = -1; }, Severity::kAdvice, "real-time share",
+               "-1", "sched_rt_runtime_us=950000"},
+        Defect{"LateWakeUp", [](Facts& f) { f.lateness.p99 = 900; }, Severity::kAdvice, "wake-up", "p99 900", "idle"},
         Defect{"SlowClock", [](Facts& f) { f.clock_source = "hpet"; }, Severity::kAdvice, "clock", "hpet", "tsc"},
         Defect{"BlockedPort", [](Facts& f) { f.blocked_ports = {12650}; }, Severity::kFault, "ports", "12650",
                "ss -lunp"},
-        Defect{"PortsGivenAway", [](Facts& f) { f.first_ephemeral_port = 10000; }, Severity::kAdvice, "ports", "10000",
-               "ip_local_port_range"},
+        Defect{"PortsInTheEphemeralRange", [](Facts& f) { f.first_ephemeral_port = 10000; }, Severity::kAdvice, "ports",
+               "10000", "ip_local_port_range"},
         Defect{"CannotJoin", [](Facts& f) { f.join_error = "no such profile"; }, Severity::kFault, "discovery",
                "no such profile", "correct"},
         Defect{"NoMatch", [](Facts& f) { f.match_time_s.reset(); }, Severity::kFault, "discovery",
@@ -115,21 +115,21 @@ INSTANTIATE_TEST_SUITE_P(
                Severity::kFault, "discovery", "through 10.0.0.5", "fast-discovery-server"},
         Defect{"OldLibrary", [](Facts& f) { f.library = "2.9.1"; }, Severity::kAdvice, "vulnerabilities", "CVE",
                "firewall"},
-        Defect{"Leftovers", [](Facts& f) { f.stale_segments = {"fastrtps_port7412"}; }, Severity::kAdvice,
+        Defect{"StaleSharedMemory", [](Facts& f) { f.stale_segments = {"fastrtps_port7412"}; }, Severity::kAdvice,
                "shared memory", "fastrtps_port7412", "fastdds shm clean"},
-        Defect{"Environment", [](Facts& f) { f.variables = {"ROS_DISCOVERY_SERVER"}; }, Severity::kAdvice,
+        Defect{"EnvironmentVariable", [](Facts& f) { f.variables = {"ROS_DISCOVERY_SERVER"}; }, Severity::kAdvice,
                "environment", "ROS_DISCOVERY_SERVER", "--discovery-server"}),
-    [](const auto& tested) { return tested.param.name; });
+    [](const auto& defect) { return defect.param.name; });
 
 TEST(Doctor, NeedsNoMulticastWithUnicastDiscovery) {
-  Facts facts = sound();
+  Facts facts = sound_machine();
   facts.multicast_route_error = "Network is unreachable";
   facts.discovery.peers = {"10.0.0.3"};
-  EXPECT_THAT(complaints(facts), IsEmpty());
+  EXPECT_THAT(problems(facts), IsEmpty());
 }
 
 TEST(Doctor, WritesEveryFindingAsTextAndAsJson) {
-  Facts facts = sound();
+  Facts facts = sound_machine();
   facts.has_fifo = false;
   const std::vector<Finding> findings = judge(facts);
   const auto parsed = nlohmann::json::parse(json(findings)).at("findings");
@@ -142,15 +142,15 @@ TEST(Doctor, WritesEveryFindingAsTextAndAsJson) {
   EXPECT_THAT(text(findings), HasSubstr("faults: 0, advice: 1"));
 }
 
-TEST(DoctorProgram, ExitsWithOneOnlyForAFault) {
+TEST(DoctorProgram, ExitsWithStatusOneOnlyForAFault) {
   e2e::Process doctor{{TACTUS_DOCTOR, "--seconds", "0.1", "--domain", "94", "--json"}};
   const std::optional<int> status = doctor.wait();
-  bool fault = false;
+  bool has_fault = false;
   for (const auto& finding : nlohmann::json::parse(doctor.output()).at("findings")) {
-    fault = fault || finding.at("severity") == "fault";
+    has_fault = has_fault || finding.at("severity") == "fault";
     EXPECT_EQ(finding.at("remedy").get<std::string>().empty(), finding.at("severity") == "good") << finding;
   }
-  EXPECT_EQ(status, fault ? 1 : 0) << doctor.output();
+  EXPECT_EQ(status, has_fault ? 1 : 0) << doctor.output();
 }
 
 TEST(DoctorProgram, ReportsASilentDiscoveryServer) {

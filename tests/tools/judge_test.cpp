@@ -22,10 +22,10 @@ json participant(const char* name, const char* role) {
 }
 
 json hrtc(const char* name) {
-  json one = participant(name, "hrtc");
-  one["figures"] = {
+  json entry = participant(name, "hrtc");
+  entry["figures"] = {
       {"hrtc.evictions", 200}, {"hrtc.reloads", 40}, {"hrtc.copies_apart_um", 900}, {"hrtc.port_lowest_uj", 0}};
-  return one;
+  return entry;
 }
 
 json audit(const char* log, const char* original) {
@@ -56,22 +56,23 @@ struct Session {
   [[nodiscard]] std::vector<Row> rows() const { return judge(report, audits, expectations); }
 };
 
-std::vector<std::string> fallen(const std::vector<Row>& rows) {
+std::vector<std::string> rows_that_fall_short(const std::vector<Row>& rows) {
   std::vector<std::string> names;
   for (const Row& row : rows)
     if (row.verdict == Verdict::kFallsShort) names.push_back(row.quantity);
   return names;
 }
 
-const Row& row_of(const std::vector<Row>& rows, const std::string& what) {
+/// The first row whose name contains `name`.
+const Row& row_of(const std::vector<Row>& rows, const std::string& name) {
   for (const Row& row : rows)
-    if (row.quantity.find(what) != std::string::npos) return row;
-  throw std::logic_error("no row " + what);
+    if (row.quantity.find(name) != std::string::npos) return row;
+  throw std::logic_error("no row " + name);
 }
 
 TEST(Judge, AcceptsASessionWithinItsBounds) {
   const std::vector<Row> rows = Session{}.rows();
-  EXPECT_THAT(fallen(rows), IsEmpty());
+  EXPECT_THAT(rows_that_fall_short(rows), IsEmpty());
   EXPECT_TRUE(all_hold(rows));
   for (const Row& row : rows) EXPECT_EQ(row.verdict, Verdict::kHolds) << row.quantity;
   EXPECT_EQ(row_of(rows, "share of exact contact, hrtc-2").value, "99.90 %");
@@ -80,10 +81,10 @@ TEST(Judge, AcceptsASessionWithinItsBounds) {
   EXPECT_EQ(row_of(rows, "audited cycles, hrtc-2").value, "18000");
 }
 
-TEST(Judge, EachRowFallsShortAlone) {
+TEST(Judge, EachRowFallsShortWhenItsValueMissesTheBound) {
   struct Case {
-    const char* what;
-    std::function<void(Session&)> spoil;
+    const char* row;
+    std::function<void(Session&)> change;
   };
   const auto object = [](Session& s) -> json& { return s.audits[2]["objects"][0]; };
   const std::vector<Case> cases{
@@ -101,7 +102,7 @@ TEST(Judge, EachRowFallsShortAlone) {
       {"received / all, hrtc-2", [](Session& s) { s.expectations.received_share = 0.06; }},
       {"region change",
        [](Session& s) {
-         for (json& one : s.audits) one["objects"][0]["audited_near_change"] = 33;
+         for (json& log : s.audits) log["objects"][0]["audited_near_change"] = 33;
        }},
       {"differ from the original", [&](Session& s) { object(s)["mismatched"] = 1; }},
       {"FCL disagrees", [&](Session& s) { object(s)["fcl"]["disagreed"] = 1; }},
@@ -109,11 +110,11 @@ TEST(Judge, EachRowFallsShortAlone) {
       {"first touch of a surface", [&](Session& s) { object(s)["probes"][0]["exact_after_ms"] = 201.0; }},
       {"regions evicted",
        [](Session& s) {
-         for (json& one : s.report["participants"]) one["figures"].erase("hrtc.evictions");
+         for (json& entry : s.report["participants"]) entry["figures"].erase("hrtc.evictions");
        }},
       {"regions loaded again",
        [](Session& s) {
-         for (json& one : s.report["participants"]) one["figures"].erase("hrtc.reloads");
+         for (json& entry : s.report["participants"]) entry["figures"].erase("hrtc.reloads");
        }},
       {"lift: raised", [](Session& s) { s.report["objects"][0]["max_raised_m"] = 0.07; }},
       {"lift: raised", [](Session& s) { s.report["objects"] = json::array(); }},
@@ -125,12 +126,12 @@ TEST(Judge, EachRowFallsShortAlone) {
       {"lift: energy injected", [](Session& s) { s.report["injected_j"] = 0.0011; }},
       {"lift: lowest energy", [](Session& s) { s.report["participants"][2]["figures"]["hrtc.port_lowest_uj"] = -2; }},
   };
-  for (const Case& one : cases) {
+  for (const Case& tested : cases) {
     Session session;
-    one.spoil(session);
+    tested.change(session);
     const std::vector<Row> rows = session.rows();
-    EXPECT_FALSE(all_hold(rows)) << one.what;
-    EXPECT_EQ(row_of(rows, one.what).verdict, Verdict::kFallsShort) << one.what;
+    EXPECT_FALSE(all_hold(rows)) << tested.row;
+    EXPECT_EQ(row_of(rows, tested.row).verdict, Verdict::kFallsShort) << tested.row;
   }
 }
 
@@ -140,21 +141,22 @@ TEST(Judge, NamesTheUserWhoTouchedNothing) {
   EXPECT_THAT(text(session.rows()), HasSubstr("falls short\n    not bob"));
 }
 
-TEST(Judge, AnHrtcThatWasKilledHasNoTotalsAndFallsShort) {
+TEST(Judge, AnHrtcWithoutTotalsFallsShortBecauseItWasKilled) {
   Session session;
   session.audits[0]["objects"][0]["records"].erase("received");
-  EXPECT_THAT(fallen(session.rows()), ::testing::Contains("vertex splits received first / needed, hrtc-1"));
+  EXPECT_THAT(rows_that_fall_short(session.rows()),
+              ::testing::Contains("vertex splits received first / needed, hrtc-1"));
 }
 
-TEST(Judge, RowsThatDoNotApplySaySoAndDoNotFail) {
+TEST(Judge, RowsThatDoNotApplyGiveTheReasonAndDoNotFail) {
   Session session;
   session.expectations = {};
   session.report["objects"] = json::array();
   const std::vector<Row> rows = session.rows();
   EXPECT_TRUE(all_hold(rows));
   EXPECT_EQ(row_of(rows, "lift").reason, "no lift in this session");
-  for (const char* what : {"lift", "regions evicted", "regions loaded again", "received / all, hrtc-1"})
-    EXPECT_EQ(row_of(rows, what).verdict, Verdict::kDoesNotApply) << what;
+  for (const char* name : {"lift", "regions evicted", "regions loaded again", "received / all, hrtc-1"})
+    EXPECT_EQ(row_of(rows, name).verdict, Verdict::kDoesNotApply) << name;
 }
 
 TEST(Judge, AShortSessionIsJudgedWithoutItsTouchRows) {
@@ -165,13 +167,14 @@ TEST(Judge, AShortSessionIsJudgedWithoutItsTouchRows) {
   session.report["users"][0]["first_exact_contact_s"] = nullptr;
   session.audits[0]["objects"] = json::array();
   const std::vector<Row> rows = session.rows();
-  EXPECT_THAT(fallen(rows), IsEmpty());
+  EXPECT_THAT(rows_that_fall_short(rows), IsEmpty());
   EXPECT_EQ(row_of(rows, "users who touched").reason, "duration 1.0 s, this row requires 6 s");
   session.audits[1]["objects"][0]["mismatched"] = 2;
-  EXPECT_THAT(fallen(session.rows()), ::testing::ElementsAre("exact contacts that differ from the original"));
+  EXPECT_THAT(rows_that_fall_short(session.rows()),
+              ::testing::ElementsAre("exact contacts that differ from the original"));
 }
 
-TEST(Judge, TheTableFitsAHundredColumns) {
+TEST(Judge, TheTableHasAtMostAHundredColumns) {
   Session session;
   session.report["stop_reason"] = std::string(300, 'x');
   session.report["participants"][1]["name"] = std::string(63, 'h');

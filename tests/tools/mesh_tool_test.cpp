@@ -26,12 +26,12 @@ struct Outcome {
 
 class MeshTool : public ::testing::Test {
  protected:
-  Outcome run(std::vector<std::string> words, bool terminal = false) const {
-    words.insert(words.begin(), "tactus-mesh");
+  Outcome run(std::vector<std::string> arguments, bool is_terminal = false) const {
+    arguments.insert(arguments.begin(), "tactus-mesh");
     std::vector<const char*> argv;
-    for (const std::string& word : words) argv.push_back(word.c_str());
+    for (const std::string& argument : arguments) argv.push_back(argument.c_str());
     std::ostringstream out, errors;
-    const int code = run_mesh_tool(static_cast<int>(argv.size()), argv.data(), {out, errors, terminal});
+    const int code = run_mesh_tool(static_cast<int>(argv.size()), argv.data(), {out, errors, is_terminal});
     return {code, out.str(), errors.str()};
   }
   std::string path(const std::string& name) const { return (folder_.path() / name).string(); }
@@ -39,7 +39,7 @@ class MeshTool : public ::testing::Test {
   test_support::TemporaryFolder folder_;
 };
 
-TEST_F(MeshTool, BuildsWhatItGeneratesAndVerifiesIt) {
+TEST_F(MeshTool, BuildsAGeneratedMeshAndVerifiesTheModel) {
   ASSERT_EQ(run({"generate", "organ", path("a.ply"), "--faces", "3000", "--seed", "4"}).code, kDone);
   ASSERT_EQ(run({"build", path("a.ply"), path("a.spm"), "--cell-faces", "100"}).code, kDone);
   const Outcome outcome = run({"verify", path("a.spm"), path("a.ply"), "--json"});
@@ -58,7 +58,7 @@ TEST_F(MeshTool, VerifyFailsOnAnotherMesh) {
   EXPECT_THAT(outcome.out, HasSubstr("2000 of 2000 faces of the original are missing"));
 }
 
-TEST_F(MeshTool, InfoHasTheRowsOfTableOne) {
+TEST_F(MeshTool, InfoPrintsTheRowsOfTableOneOfThePaper) {
   ASSERT_EQ(run({"generate", "sphere", path("s.spm"), "--faces", "4096"}).code, kDone);
   const auto json = nlohmann::json::parse(run({"info", path("s.spm"), "--json"}).out);
   EXPECT_EQ(json["vertices"], 2050);
@@ -72,7 +72,7 @@ TEST_F(MeshTool, InfoHasTheRowsOfTableOne) {
   EXPECT_THAT(run({"info", path("s.spm")}).out, AllOf(HasSubstr("vertices"), HasSubstr("needed records")));
 }
 
-TEST_F(MeshTool, InfoBoundsTheNeedsOfAProbe) {
+TEST_F(MeshTool, InfoBoundsTheMemoryAndTheDataRateThatAProbeNeeds) {
   ASSERT_EQ(run({"generate", "sphere", path("s.spm"), "--faces", "20000"}).code, kDone);
   const auto certificate = [&](const char* radius, const char* speed) {
     return nlohmann::json::parse(
@@ -94,14 +94,14 @@ TEST_F(MeshTool, InfoBoundsTheNeedsOfAProbe) {
 
 TEST_F(MeshTool, UnitAndSizeSetTheScale) {
   ASSERT_EQ(run({"generate", "torus", path("t.obj"), "--faces", "500"}).code, kDone);
-  const auto scale = [&](const std::vector<std::string>& flags) {
-    std::vector<std::string> words{"build", path("t.obj"), path("t.spm"), "--json"};
-    words.insert(words.end(), flags.begin(), flags.end());
-    return nlohmann::json::parse(run(words).out)["metres_per_unit"].get<double>();
+  const auto scale = [&](const std::vector<std::string>& options) {
+    std::vector<std::string> arguments{"build", path("t.obj"), path("t.spm"), "--json"};
+    arguments.insert(arguments.end(), options.begin(), options.end());
+    return nlohmann::json::parse(run(arguments).out)["metres_per_unit"].get<double>();
   };
   EXPECT_DOUBLE_EQ(scale({}), 1);
   EXPECT_DOUBLE_EQ(scale({"--unit", "mm"}), 1e-3);
-  EXPECT_NEAR(scale({"--size", "0.28"}), 2, 0.01);  // the torus is about 0.14 wide
+  EXPECT_NEAR(scale({"--size", "0.28"}), 2, 0.01);  // the width of the torus is about 0.14 units
 }
 
 TEST_F(MeshTool, ReportsDroppedElements) {
@@ -110,14 +110,14 @@ TEST_F(MeshTool, ReportsDroppedElements) {
               AllOf(HasSubstr("1 duplicate faces"), HasSubstr("1 repeated corner faces")));
 }
 
-TEST_F(MeshTool, RefusesAFileOfWhichMostWouldBeDroppedUnlessAllowed) {
+TEST_F(MeshTool, RefusesAFileIfMoreThanHalfWouldBeDroppedUnlessAllowed) {
   const std::string square = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\n";
-  const std::string good = "f 1 2 3\nf 2 4 3\n", bad = "f 2 3 1\nf 1 1 2\n";
-  write_bytes(path("half.obj"), square + good + bad);
-  write_bytes(path("faces.obj"), square + good + bad + "f 3 3 4\n");
-  std::string cloud = square;
-  for (int i = 0; i < 7; ++i) cloud += "v 5 5 " + std::to_string(i) + "\n";
-  write_bytes(path("unused.obj"), cloud + good);
+  const std::string usable = "f 1 2 3\nf 2 4 3\n", unusable = "f 2 3 1\nf 1 1 2\n";
+  write_bytes(path("half.obj"), square + usable + unusable);
+  write_bytes(path("faces.obj"), square + usable + unusable + "f 3 3 4\n");
+  std::string unused_vertices = square;
+  for (int i = 0; i < 7; ++i) unused_vertices += "v 5 5 " + std::to_string(i) + "\n";
+  write_bytes(path("unused.obj"), unused_vertices + usable);
   write_bytes(path("unused.ply"),
               "ply\nformat ascii 1.0\nelement vertex 7\nproperty float x\nproperty float y\nproperty float z\n"
               "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
@@ -164,15 +164,15 @@ TEST_F(MeshTool, RefusesBadInputWithAMessageThatNamesIt) {
   ASSERT_EQ(run({"generate", "sphere", path("good.spm"), "--faces", "500"}).code, kDone);
   ASSERT_EQ(run({"generate", "sphere", path("good.ply"), "--faces", "500"}).code, kDone);
   const std::string good = read_bytes(path("good.spm"));
-  std::string flipped = good, later = good;
-  flipped[good.size() / 2] = static_cast<char>(flipped[good.size() / 2] ^ 1);
-  later[8] = 99;
-  write_bytes(path("flipped.spm"), flipped);
-  write_bytes(path("later.spm"), later);
+  std::string flipped_bit = good, newer_version = good;
+  flipped_bit[good.size() / 2] = static_cast<char>(flipped_bit[good.size() / 2] ^ 1);
+  newer_version[8] = 99;
+  write_bytes(path("flipped.spm"), flipped_bit);
+  write_bytes(path("newer.spm"), newer_version);
   write_bytes(path("cut.spm"), good.substr(0, good.size() - 100));
 
   struct Case {
-    std::vector<std::string> words;
+    std::vector<std::string> arguments;
     std::string message;
   };
   const std::vector<Case> cases{
@@ -190,7 +190,7 @@ TEST_F(MeshTool, RefusesBadInputWithAMessageThatNamesIt) {
       {{"build", path("good.ply"), path("no/x.spm")}, "x.spm: cannot be written"},
       {{"info", path("good.ply")}, "good.ply: not an .spm file"},
       {{"info", path("flipped.spm")}, "flipped.spm: section"},
-      {{"info", path("later.spm")}, "version 99"},
+      {{"info", path("newer.spm")}, "version 99"},
       {{"info", path("cut.spm")}, "truncated"},
       {{"verify", path("good.spm"), path("missing.ply")}, "missing.ply"},
       {{"generate", "cube", path("x.ply")}, "cube"},
@@ -198,11 +198,11 @@ TEST_F(MeshTool, RefusesBadInputWithAMessageThatNamesIt) {
       {{"generate", "sphere", path("x.xyz")}, "x.xyz: extension"},
       {{"generate", "sphere", path("no/x.ply")}, "x.ply: cannot be written"},
   };
-  for (const Case& bad : cases) {
-    const Outcome outcome = run(bad.words);
-    EXPECT_EQ(outcome.code, kBadInput) << bad.message;
-    EXPECT_THAT(outcome.errors, HasSubstr(bad.message));
-    EXPECT_EQ(outcome.out, "") << bad.message;
+  for (const Case& wrong : cases) {
+    const Outcome outcome = run(wrong.arguments);
+    EXPECT_EQ(outcome.code, kBadInput) << wrong.message;
+    EXPECT_THAT(outcome.errors, HasSubstr(wrong.message));
+    EXPECT_EQ(outcome.out, "") << wrong.message;
   }
   EXPECT_FALSE(std::filesystem::exists(path("x.spm")));
   EXPECT_FALSE(std::filesystem::exists(path("x.ply")));

@@ -29,17 +29,17 @@ Point random_point(std::mt19937_64& random, double size) {
   return {in_cube(random), in_cube(random), in_cube(random)};
 }
 
-/// The smallest distance to a lattice of points of the triangle.
+/// The smallest distance from `point` to the points of a lattice on the triangle.
 double sampled_distance(const Point& point, const Corners& t, int steps) {
-  double best = std::numeric_limits<double>::infinity();
+  double smallest = std::numeric_limits<double>::infinity();
   for (int i = 0; i <= steps; ++i)
     for (int j = 0; i + j <= steps; ++j) {
       const double u = static_cast<double>(i) / steps, v = static_cast<double>(j) / steps;
       Point sample;
       for (int axis = 0; axis < 3; ++axis) sample[axis] = (1 - u - v) * t[axis] + u * t[3 + axis] + v * t[6 + axis];
-      best = std::min(best, length(minus(point, sample)));
+      smallest = std::min(smallest, length(minus(point, sample)));
     }
-  return best;
+  return smallest;
 }
 
 double longest_edge(const Corners& t) {
@@ -47,7 +47,7 @@ double longest_edge(const Corners& t) {
   return std::max({length(minus(a, b)), length(minus(b, c)), length(minus(c, a))});
 }
 
-TEST(DistanceToTriangle, IsRightAtFaceEdgesAndCorners) {
+TEST(DistanceToTriangle, IsExactAboveTheFaceAtEdgesAndAtCorners) {
   const Corners t{0, 0, 0, 4, 0, 0, 0, 4, 0};
   EXPECT_DOUBLE_EQ(distance_to_triangle({1, 1, 3}, t), 3);
   EXPECT_DOUBLE_EQ(distance_to_triangle({1, 1, 0}, t), 0);
@@ -57,13 +57,13 @@ TEST(DistanceToTriangle, IsRightAtFaceEdgesAndCorners) {
   EXPECT_DOUBLE_EQ(distance_to_triangle({7, -4, 0}, t), 5);
 }
 
-TEST(DistanceToTriangle, TakesDegenerateTrianglesAsSegmentsAndPoints) {
+TEST(DistanceToTriangle, TreatsDegenerateTrianglesAsSegmentsAndPoints) {
   EXPECT_DOUBLE_EQ(distance_to_triangle({1, 2, 0}, {0, 0, 0, 1, 0, 0, 4, 0, 0}), 2);
   EXPECT_DOUBLE_EQ(distance_to_triangle({7, 4, 0}, {0, 0, 0, 1, 0, 0, 4, 0, 0}), 5);
   EXPECT_DOUBLE_EQ(distance_to_triangle({4, 5, 1}, {1, 1, 1, 1, 1, 1, 1, 1, 1}), 5);
 }
 
-TEST(DistanceToTriangle, IsBoundedByALatticeOfItsPoints) {
+TEST(DistanceToTriangle, IsWithinTheBoundsThatALatticeOfPointsGives) {
   std::mt19937_64 random{kSeed};
   constexpr int kSteps = 40;
   for (int i = 0; i < 500; ++i) {
@@ -75,11 +75,11 @@ TEST(DistanceToTriangle, IsBoundedByALatticeOfItsPoints) {
   }
 }
 
-TEST(DistanceToTriangle, AgreesWithTheRunTimeOnNeedlesAndSpecks) {
+TEST(DistanceToTriangle, AgreesWithTheFunctionOfTheRunTimeOnThinAndSmallTriangles) {
   std::mt19937_64 random{kSeed};
   for (int i = 0; i < 20000; ++i) {
     Corners t = random_triangle(random, i % 3 == 0 ? 1e-4 : 1, {1, 2, 3});
-    if (i % 2 == 0)  // c almost on ab
+    if (i % 2 == 0)  // the third corner is almost on the opposite edge
       for (int axis = 0; axis < 3; ++axis) t[6 + axis] = t[axis] + 0.3f * (t[3 + axis] - t[axis]);
     const Point p = random_point(random, 4);
     const auto corner = [&](int c) { return spm::Vec3d{t[3 * c], t[3 * c + 1], t[3 * c + 2]}; };
@@ -89,7 +89,7 @@ TEST(DistanceToTriangle, AgreesWithTheRunTimeOnNeedlesAndSpecks) {
   }
 }
 
-TEST(SurfaceGrid, AgreesWithAllPairsForTrianglesOfAllSizes) {
+TEST(SurfaceGrid, AgreesWithATestOfAllPairs) {
   std::mt19937_64 random{kSeed};
   std::vector<Corners> triangles;
   for (int i = 0; i < 4000; ++i) {
@@ -118,7 +118,7 @@ TEST(SurfaceGrid, AgreesWithAllPairsForTrianglesOfAllSizes) {
   EXPECT_GT(total, 1000u);
 }
 
-TEST(SurfaceGrid, FindsNothingFarAwayOrInAnEmptyMesh) {
+TEST(SurfaceGrid, FindsNothingFarFromTheSurfaceOrInAnEmptyMesh) {
   const std::vector<Corners> none, one{{0, 0, 0, 1, 0, 0, 0, 1, 0}};
   std::vector<SurfaceGrid::Near> found;
   SurfaceGrid{none, 1}.within({0, 0, 0}, 1, found);

@@ -14,14 +14,14 @@ using Locator = Announcements::Locator;
 
 constexpr std::int64_t kMs = 1'000'000;
 
-Locator at(const char* address, std::uint32_t port) {
+Locator locator(const char* address, std::uint32_t port) {
   Locator made;
   IPLocator::createLocator(LOCATOR_KIND_UDPv4, address, port, made);
   return made;
 }
 
-/// An RTPS message with a time and a sample, little-endian, as Fast DDS sends it. Its participant has the locator
-/// 10.0.0.1:7410 and a name of four letters, or none.
+/// An RTPS message with a time and a sample, little-endian, as Fast DDS sends them. The sample announces a participant
+/// with the locator 10.0.0.1:7410 and, if `name` is not empty, a name of four letters.
 std::vector<std::uint8_t> message(std::uint8_t writer_kind, std::uint8_t sequence, std::uint8_t sender = 1,
                                   const std::string& name = {}, bool has_inline_qos = false) {
   const auto length = static_cast<std::uint8_t>((name.empty() ? 56 : 72) + (has_inline_qos ? 12 : 0));
@@ -42,9 +42,9 @@ std::vector<std::uint8_t> message(std::uint8_t writer_kind, std::uint8_t sequenc
   return bytes;
 }
 
-const Locator kGroup = at("239.255.0.1", 7400);
-const Locator kAnn = at("10.0.0.1", 7410);
-const Locator kBob = at("10.0.0.2", 7410);
+const Locator kGroup = locator("239.255.0.1", 7400);
+const Locator kAnn = locator("10.0.0.1", 7410);
+const Locator kBob = locator("10.0.0.2", 7410);
 const int kSocket = 0, kOtherSocket = 0;
 
 TEST(AnnouncementsTest, OnlyASampleOfTheParticipantWriterIsAnAnnouncement) {
@@ -132,7 +132,7 @@ TEST(AnnouncementsTest, DropsAnnouncementsOfTheIgnoredName) {
   };
 
   EXPECT_FALSE(is_accepted(message(0xc2, 1, 1, "crew")));
-  EXPECT_FALSE(is_accepted(message(0xc2, 2, 1, "crew"))) << "later ones too";
+  EXPECT_FALSE(is_accepted(message(0xc2, 2, 1, "crew"))) << "also with a later sequence number";
   EXPECT_FALSE(is_accepted(message(0xc2, 1, 4, "crew", true))) << "with inline QoS, as Fast DDS sends it";
   EXPECT_TRUE(is_accepted(message(0xc2, 1, 2, "crow")));
   EXPECT_TRUE(is_accepted(message(0xc2, 1, 3)));

@@ -15,13 +15,15 @@ namespace ses = session;
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 constexpr double kInf = std::numeric_limits<double>::infinity();
 
+// Valid samples.
+
 ses::RosterEntry roster() {
-  ses::RosterEntry r;
-  r.name = "p";
-  r.session = "s";
-  r.origin.participant = ses::id_of("p");
-  r.origin.session = ses::id_of("s");
-  return r;
+  ses::RosterEntry entry;
+  entry.name = "p";
+  entry.session = "s";
+  entry.origin.participant = ses::id_of("p");
+  entry.origin.session = ses::id_of("s");
+  return entry;
 }
 
 ses::CatalogueEntry catalogue() {
@@ -62,11 +64,11 @@ ses::BulkChunk chunk() {
   return b;
 }
 
-/// Makes a valid sample invalid by `spoil`; the message must name `field`.
-template <class Sample, class Spoil>
-void expect_invalid(Sample sample, const char* field, Spoil&& spoil) {
+/// `invalidate` makes a valid sample invalid; the reason must name `field`.
+template <class Sample, class Invalidate>
+void expect_invalid(Sample sample, const char* field, Invalidate&& invalidate) {
   ASSERT_THAT(invalid_field(sample), IsNull());
-  spoil(sample);
+  invalidate(sample);
   const char* reason = invalid_field(sample);
   ASSERT_NE(reason, nullptr) << field;
   EXPECT_THAT(reason, HasSubstr(field));

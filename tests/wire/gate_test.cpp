@@ -32,13 +32,13 @@ TEST(GateTest, DoesNotBlockOnceOpen) {
 
   gate.pass();
 
-  other.join();  // the test ends
+  other.join();  // both threads have passed the gate
 }
 
 TEST(GateTest, StopsBlockingAfterTheTimeout) {
   Gate gate{1ms};
 
-  gate.pass();  // the test ends
+  gate.pass();  // returns although nobody opens the gate
 }
 
 }  // namespace

@@ -17,7 +17,7 @@ namespace {
 
 namespace rtps = eprosima::fastrtps::rtps;
 
-/// A type whose samples are raw bytes, under the name of another type: an attacker's writer.
+/// A type with the name of another type, whose samples are raw bytes: for a writer of an attacker.
 class RawBytes final : public dds::TopicDataType {
  public:
   RawBytes(const char* name, bool keyed) {
@@ -44,7 +44,7 @@ class RawBytes final : public dds::TopicDataType {
   }
 };
 
-/// A participant of the session that breaks the rules.
+/// A participant in the session of `victim` that can send invalid samples.
 class Intruder {
  public:
   template <class Sample>
@@ -76,6 +76,7 @@ class Intruder {
   dds::DataWriter* writer_ = nullptr;
 };
 
+/// A reader that the intruder attacks, and a participant `friendly` whose samples are valid.
 template <class Sample>
 class Victim {
  public:
@@ -108,7 +109,7 @@ TEST(Hostile, NonFiniteNumbersAreDroppedAndCounted) {
   Victim<ses::ProbeState> victim{topics::kProbeState};
   Intruder intruder{victim.participants, topics::kProbeState, generated<ses::ProbeState>()};
   idl::ProbeState sample;
-  to_idl(full<ses::ProbeState>(victim.friendly), sample);
+  to_idl(full_sample<ses::ProbeState>(victim.friendly), sample);
   sample.proxy()[2] = std::numeric_limits<double>::quiet_NaN();
 
   EXPECT_TRUE(victim.refuses(intruder, &sample));
@@ -121,7 +122,7 @@ TEST(Hostile, AnEnumeratorThatDoesNotExistIsDropped) {
   Victim<ses::Control> victim{topics::kControl};
   Intruder intruder{victim.participants, topics::kControl, generated<ses::Control>()};
   idl::Control sample;
-  to_idl(full<ses::Control>(victim.friendly), sample);
+  to_idl(full_sample<ses::Control>(victim.friendly), sample);
   for (const std::uint32_t action : {5u, 256u, 258u, 0xffffffffu}) {  // 256 and 258 would be valid in 8 bits
     sample.action(static_cast<idl::ControlAction>(action));
     EXPECT_TRUE(victim.refuses(intruder, &sample)) << action;
@@ -129,11 +130,11 @@ TEST(Hostile, AnEnumeratorThatDoesNotExistIsDropped) {
   EXPECT_EQ(victim.reader.counts().received, 0u);
 }
 
-TEST(Hostile, AnotherSessionIsCountedAsForeign) {
+TEST(Hostile, SamplesOfAnotherSessionAreCountedAsForeign) {
   Victim<ses::Control> victim{topics::kControl};
   Intruder intruder{victim.participants, topics::kControl, generated<ses::Control>()};
   idl::Control sample;
-  to_idl(full<ses::Control>(victim.friendly), sample);
+  to_idl(full_sample<ses::Control>(victim.friendly), sample);
   sample.stamp().session(ses::id_of("elsewhere"));
   intruder.send(&sample);
 
@@ -144,74 +145,76 @@ TEST(Hostile, AnotherSessionIsCountedAsForeign) {
 /// The encoding of a valid sample, for tests to damage.
 template <class Sample>
 std::string encoding(const Sample& sample) {
-  typename IdlOf<Sample>::Type from;
-  to_idl(sample, from);
+  typename IdlOf<Sample>::Type idl_sample;
+  to_idl(sample, idl_sample);
   typename IdlOf<Sample>::Support type;
-  rtps::SerializedPayload_t payload{type.getSerializedSizeProvider(&from)()};
-  type.serialize(&from, &payload);
+  rtps::SerializedPayload_t payload{type.getSerializedSizeProvider(&idl_sample)()};
+  type.serialize(&idl_sample, &payload);
   return std::string(reinterpret_cast<const char*>(payload.data), payload.length);
 }
 
-/// Sends `attacks`, of which the reader must count `undecodable`, then a valid sample of a friend, which must arrive.
+/// Sends `attacks` until the reader has counted `undecodable` invalid samples. Then a valid sample of another
+/// participant must arrive.
 template <class Sample>
 void expect_survival(const TopicSpec<Sample>& topic, const std::vector<std::string>& attacks,
                      std::uint64_t undecodable) {
   Victim<Sample> victim{topic};
-  const dds::TypeSupport real = generated<Sample>();
+  const dds::TypeSupport imitated = generated<Sample>();
   Intruder intruder{victim.participants, topic,
-                    dds::TypeSupport{new RawBytes(real.get_type_name().c_str(), real->m_isGetKeyDefined)}};
+                    dds::TypeSupport{new RawBytes(imitated.get_type_name().c_str(), imitated->m_isGetKeyDefined)}};
   ASSERT_TRUE(eventually([&] { return victim.reader.matched() == 1; }));
-  EXPECT_TRUE(eventually([&] {  // repeated: best effort, and the writer may not have matched the reader yet
+  EXPECT_TRUE(eventually([&] {  // repeated: best effort, and the endpoints match at different times
     for (std::string attack : attacks) intruder.send(&attack);
     return victim.reader.counts().invalid >= undecodable;
   }));
 
   Writer<Sample> writer{victim.friendly, topic};
-  const auto sent = full<Sample>(victim.friendly);
-  const auto got = send_until_received(writer, victim.inbox, sent);
+  const auto sent = full_sample<Sample>(victim.friendly);
+  const auto received = send_until_received(writer, victim.inbox, sent);
 
-  ASSERT_TRUE(got.has_value());
-  EXPECT_EQ(fields(*got), fields(sent)) << "an attack reached the callback";
+  ASSERT_TRUE(received.has_value());
+  EXPECT_EQ(fields(*received), fields(sent)) << "an attack reached the callback";
 }
 
-TEST(Hostile, SurvivesBytesThatAreNoSample) {
-  Participants somewhere{address(unique_session("bytes"), "x")};
-  const std::string sound = encoding(full<ses::Demand>(somewhere));
+TEST(Hostile, AReaderSurvivesBytesThatAreNoSample) {
+  Participants participants{address(unique_session("bytes"), "x")};
+  const std::string valid = encoding(full_sample<ses::Demand>(participants));
   std::vector<std::string> attacks{std::string(4, '\0'), std::string(4, '\xff'), std::string(400, '\xff'),
-                                   sound.substr(0, sound.size() / 2)};
-  std::string count = sound;  // an interval count of 2^32 - 1
-  const std::size_t at = 4 + 8 + 8 + 24 + 8 + 8 + 4 + 4;
-  for (std::size_t i = 0; i < 4; ++i) count[at + i] = '\xff';
-  attacks.push_back(count);
-  std::string boolean = sound;  // a boolean of 2, for which Fast CDR throws
-  boolean[4 + 8 + 8 + 24 + 8 + 8 + 4] = 2;
-  attacks.push_back(boolean);
-  expect_survival(topics::kDemand, attacks, 1);  // keep last 1: a later one may replace an earlier one
+                                   valid.substr(0, valid.size() / 2)};
+  constexpr std::size_t kBoolean = 4 + 8 + 8 + 24 + 8 + 8 + 4, kIntervalCount = kBoolean + 4;  // offsets
+  std::string many_intervals = valid;                                                          // 2^32 - 1
+  for (std::size_t i = 0; i < 4; ++i) many_intervals[kIntervalCount + i] = '\xff';
+  attacks.push_back(many_intervals);
+  std::string boolean_of_2 = valid;  // Fast CDR throws
+  boolean_of_2[kBoolean] = 2;
+  attacks.push_back(boolean_of_2);
+  expect_survival(topics::kDemand, attacks, 1);  // with keep last 1, a later attack may replace an earlier one
 }
 
-TEST(Hostile, SurvivesASampleLargerThanItsType) {
-  Participants somewhere{address(unique_session("large"), "x")};
-  std::string large = encoding(full<ses::BulkChunk>(somewhere));
+TEST(Hostile, AReaderSurvivesASampleLargerThanItsType) {
+  Participants participants{address(unique_session("large"), "x")};
+  std::string large = encoding(full_sample<ses::BulkChunk>(participants));
   large.resize(60000, 'x');
-  expect_survival(topics::kRecords, {large}, 0);  // refused by DDS, before decoding
+  expect_survival(topics::kRecords, {large}, 0);  // DDS refuses the sample before it is decoded
 }
 
-/// Decodes thousands of encodings with a few changed bytes or a cut. A sanitizer detects reads beyond the end.
+/// Decodes thousands of encodings that have a few changed bytes or are truncated. A sanitizer detects reads beyond the
+/// end.
 template <class Sample>
 void expect_survival_of_changes() {
   const Participants participants{address(unique_session("changed"), "x")};
-  const std::string sound = encoding(full<Sample>(participants));
+  const std::string valid = encoding(full_sample<Sample>(participants));
   Guarded<typename IdlOf<Sample>::Support> type{TrafficClass::kProbe};
   typename IdlOf<Sample>::Type decoded;
   Sample sample;
-  constexpr std::uint32_t kEncapsulation = 4, kTries = 5000;
+  constexpr std::uint32_t kEncapsulation = 4, kAttempts = 5000;
   std::uint32_t accepted = 0, refused = 0;
   std::minstd_rand random{7};
   const auto below = [&](std::size_t end) { return random() % end; };
 
-  for (std::uint32_t i = 0; i < kTries; ++i) {
-    std::string bytes = sound;
-    for (std::size_t left = below(4); left > 0; --left)
+  for (std::uint32_t i = 0; i < kAttempts; ++i) {
+    std::string bytes = valid;
+    for (std::size_t changes = below(4); changes > 0; --changes)
       bytes[kEncapsulation + below(bytes.size() - kEncapsulation)] =
           static_cast<char>(below(3) == 0 ? 0xff : below(256));
     if (below(4) == 0) bytes.resize(1 + below(bytes.size()));
@@ -219,20 +222,20 @@ void expect_survival_of_changes() {
     rtps::SerializedPayload_t payload;
     payload.data = exact.data();
     payload.length = payload.max_size = static_cast<std::uint32_t>(exact.size());
-    bool is_sound = false;
+    bool is_decoded = false;
     EXPECT_NO_THROW({
-      is_sound = type.deserialize(&payload, &decoded);
-      if (is_sound) from_idl(decoded, sample);
+      is_decoded = type.deserialize(&payload, &decoded);
+      if (is_decoded) from_idl(decoded, sample);
     });
     payload.data = nullptr;  // owned by `exact`
-    ++(is_sound && invalid_field(sample) == nullptr ? accepted : refused);
+    ++(is_decoded && invalid_field(sample) == nullptr ? accepted : refused);
   }
 
-  EXPECT_GT(accepted, kTries / 10);
-  EXPECT_GT(refused, kTries / 10);
+  EXPECT_GT(accepted, kAttempts / 10);
+  EXPECT_GT(refused, kAttempts / 10);
 }
 
-TEST(Hostile, SurvivesCorruptedEncodings) {
+TEST(Hostile, AReaderSurvivesCorruptedEncodings) {
   expect_survival_of_changes<ses::ObjectCopy>();
   expect_survival_of_changes<ses::Intent>();
   expect_survival_of_changes<ses::ProbeState>();
@@ -242,8 +245,8 @@ TEST(Hostile, SurvivesCorruptedEncodings) {
 class Stranger {
  public:
   explicit Stranger(int domain) : domain_{domain}, socket_{socket(AF_INET, SOCK_DGRAM, 0)} {
-    const in_addr here{htonl(INADDR_LOOPBACK)};
-    setsockopt(socket_, IPPROTO_IP, IP_MULTICAST_IF, &here, sizeof here);
+    const in_addr loopback{htonl(INADDR_LOOPBACK)};
+    setsockopt(socket_, IPPROTO_IP, IP_MULTICAST_IF, &loopback, sizeof loopback);
   }
   ~Stranger() { close(socket_); }
   Stranger(const Stranger&) = delete;
@@ -261,29 +264,30 @@ class Stranger {
 
  private:
   void send(const std::string& datagram, in_addr_t address, int port) const {
-    sockaddr_in to{};
-    to.sin_family = AF_INET;
-    to.sin_addr.s_addr = address;
-    to.sin_port = htons(static_cast<std::uint16_t>(port));
-    sendto(socket_, datagram.data(), datagram.size(), 0, reinterpret_cast<const sockaddr*>(&to), sizeof to);
+    sockaddr_in destination{};
+    destination.sin_family = AF_INET;
+    destination.sin_addr.s_addr = address;
+    destination.sin_port = htons(static_cast<std::uint16_t>(port));
+    sendto(socket_, datagram.data(), datagram.size(), 0, reinterpret_cast<const sockaddr*>(&destination),
+           sizeof destination);
   }
 
   int domain_, socket_;
 };
 
-TEST(Hostile, SurvivesStatisticsBeforeTheEndOfAMessage) {
+TEST(Hostile, AReaderSurvivesStatisticsBeforeTheEndOfAMessage) {
   Victim<ses::Control> victim{topics::kControl};
-  const std::string from{"RTPS\x02\x03\x01\x0f stranger...", 20};  // of the library's vendor
+  const std::string header{"RTPS\x02\x03\x01\x0f stranger...", 20};  // with the vendor id of Fast DDS
   std::string statistics{"\x80\x01\x38\x00", 4};
   statistics.resize(60);
   const std::string padding{"\x01\x01\x04\x00....", 8};
   const Stranger stranger{victim.participants.address().domain};
-  stranger.send(from + statistics + padding);
-  stranger.send(from + padding + statistics + statistics);
-  stranger.send(from + statistics.substr(0, 10));
+  stranger.send(header + statistics + padding);
+  stranger.send(header + padding + statistics + statistics);
+  stranger.send(header + statistics.substr(0, 10));
 
   Writer<ses::Control> writer{victim.friendly, topics::kControl};
-  EXPECT_TRUE(send_until_received(writer, victim.inbox, full<ses::Control>(victim.friendly)));
+  EXPECT_TRUE(send_until_received(writer, victim.inbox, full_sample<ses::Control>(victim.friendly)));
 }
 
 }  // namespace

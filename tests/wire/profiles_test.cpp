@@ -11,7 +11,7 @@ namespace {
 using eprosima::fastrtps::types::ReturnCode_t;
 using eprosima::fastrtps::xmlparser::XMLProfileManager;
 
-/// Compares with the profiles as the library reads the files by itself.
+/// Compares our profiles with those that Fast DDS reads from the same files.
 class ProfilesTest : public testing::Test {
  protected:
   ProfilesTest() {
@@ -24,7 +24,7 @@ class ProfilesTest : public testing::Test {
   Participants participants_{address(unique_session("profiles"), "x")};
 };
 
-TEST_F(ProfilesTest, OfEveryTopicEqualWhatTheLibraryReads) {
+TEST_F(ProfilesTest, ProfilesOfEveryTopicEqualThoseThatFastDdsReads) {
   topics::for_each([&](const auto& topic) {
     dds::DomainParticipant& participant = participants_.impl().participant(topic.traffic);
     const std::string name = topic.profile;
@@ -41,13 +41,14 @@ TEST_F(ProfilesTest, OfEveryTopicEqualWhatTheLibraryReads) {
   });
 }
 
-TEST_F(ProfilesTest, OfParticipantsHaveTheDiscoveryTimesThatTheLibraryReads) {
-  for (std::size_t place = 0; place < kTrafficClasses; ++place) {
-    dds::DomainParticipantQos read;
-    ASSERT_EQ(factory().get_participant_qos_from_profile(std::string{kClassNames[place]} + "_participant", read),
-              ReturnCode_t::RETCODE_OK);
-    const auto& expected = read.wire_protocol().builtin.discovery_config;
-    const auto& found = participants_.impl().participants[place]->get_qos().wire_protocol().builtin.discovery_config;
+TEST_F(ProfilesTest, ProfilesOfParticipantsHaveTheDiscoveryTimesThatFastDdsReads) {
+  for (std::size_t index = 0; index < kTrafficClasses; ++index) {
+    dds::DomainParticipantQos from_library;
+    ASSERT_EQ(
+        factory().get_participant_qos_from_profile(std::string{kClassNames[index]} + "_participant", from_library),
+        ReturnCode_t::RETCODE_OK);
+    const auto& expected = from_library.wire_protocol().builtin.discovery_config;
+    const auto& found = participants_.impl().participants[index]->get_qos().wire_protocol().builtin.discovery_config;
     EXPECT_TRUE(found.leaseDuration == expected.leaseDuration);
     EXPECT_TRUE(found.leaseDuration_announcementperiod == expected.leaseDuration_announcementperiod);
     EXPECT_TRUE(found.discoveryServer_client_syncperiod == expected.discoveryServer_client_syncperiod);

@@ -9,7 +9,7 @@
 namespace tactus::wire {
 namespace {
 
-/// A message of submessages with these headers, each with a body of `body` bytes.
+/// A submessage. `length` is the length that its header states, `body` the number of bytes after the header.
 struct Part {
   std::uint8_t id, flags;
   std::uint16_t length;
@@ -21,40 +21,43 @@ std::vector<std::uint8_t> message(const std::vector<Part>& parts) {
     const auto low = static_cast<std::uint8_t>(part.length), high = static_cast<std::uint8_t>(part.length >> 8);
     const bool little = (part.flags & 1) != 0;
     bytes.insert(bytes.end(), {part.id, part.flags, little ? low : high, little ? high : low});
-    bytes.insert(bytes.end(), part.body, kStatisticsId);  // bodies must not be taken for statistics
+    bytes.insert(bytes.end(), part.body, kStatisticsId);  // this id counts in headers only
   }
   return bytes;
 }
-std::uint32_t kept(const std::vector<Part>& parts) {
+std::uint32_t size_before_statistics(const std::vector<Part>& parts) {
   const std::vector<std::uint8_t> bytes = message(parts);
   return size_without_statistics(bytes.data(), static_cast<std::uint32_t>(bytes.size()));
 }
 
-TEST(RtpsMessageTest, AMessageEndsBeforeItsStatistics) {
-  EXPECT_EQ(kept({{kDataId, 5, 300, 300}, {kStatisticsId, 0, 56, 56}}), 20u + 304u);
-  EXPECT_EQ(kept({{kDataId, 4, 300, 300}, {kStatisticsId, 1, 56, 56}, {kPadId, 1, 4, 4}}), 20u + 304u) << "big-endian";
-  EXPECT_EQ(kept({{kInfoTimeId, 3, 0, 0}, {kStatisticsId, 1, 56, 56}}), 20u + 4u) << "a time of length 0 is not last";
-  EXPECT_EQ(kept({{kStatisticsId, 1, 0xffff, 2}}), 20u);
-  EXPECT_EQ(kept({{kDataId, 1, 5, 8}, {kStatisticsId, 1, 56, 56}}), 20u + 12u) << "submessages begin at multiples of 4";
+TEST(RtpsMessageTest, TheSizeEndsAtTheFirstStatisticsSubmessage) {
+  EXPECT_EQ(size_before_statistics({{kDataId, 5, 300, 300}, {kStatisticsId, 0, 56, 56}}), 20u + 304u);
+  EXPECT_EQ(size_before_statistics({{kDataId, 4, 300, 300}, {kStatisticsId, 1, 56, 56}, {kPadId, 1, 4, 4}}), 20u + 304u)
+      << "big-endian";
+  EXPECT_EQ(size_before_statistics({{kInfoTimeId, 3, 0, 0}, {kStatisticsId, 1, 56, 56}}), 20u + 4u)
+      << "an INFO_TS submessage of length 0 is empty and does not extend to the end";
+  EXPECT_EQ(size_before_statistics({{kStatisticsId, 1, 0xffff, 2}}), 20u);
+  EXPECT_EQ(size_before_statistics({{kDataId, 1, 5, 8}, {kStatisticsId, 1, 56, 56}}), 20u + 12u)
+      << "submessages begin at multiples of 4";
 }
 
 TEST(RtpsMessageTest, AMessageWithoutStatisticsIsUnchanged) {
-  EXPECT_EQ(kept({}), 20u);
-  EXPECT_EQ(kept({{kDataId, 1, 80, 80}}), 20u + 84u);
-  EXPECT_EQ(kept({{kDataId, 1, 0, 84}}), 20u + 88u) << "length 0: up to the end";
-  EXPECT_EQ(kept({{kDataId, 1, 200, 80}}), 20u + 84u) << "longer than the message";
+  EXPECT_EQ(size_before_statistics({}), 20u);
+  EXPECT_EQ(size_before_statistics({{kDataId, 1, 80, 80}}), 20u + 84u);
+  EXPECT_EQ(size_before_statistics({{kDataId, 1, 0, 84}}), 20u + 88u) << "length 0: extends to the end";
+  EXPECT_EQ(size_before_statistics({{kDataId, 1, 200, 80}}), 20u + 84u) << "longer than the message";
 }
 
-TEST(RtpsMessageTest, PaddingShiftsBytesThatLookLikeStatistics) {
-  std::vector<std::uint8_t> plain(200, 1), alike(200, kStatisticsId);
+TEST(RtpsMessageTest, PadsOnlyAMessageThatSeemsToEndWithStatistics) {
+  std::vector<std::uint8_t> plain(200, 1), lookalike(200, kStatisticsId);
   plain.resize(200 + kMaxPadding);
-  alike.resize(200 + kMaxPadding);
+  lookalike.resize(200 + kMaxPadding);
 
   EXPECT_EQ(pad_if_it_looks_like_statistics(plain.data(), 200), 200u);
-  const std::uint32_t size = pad_if_it_looks_like_statistics(alike.data(), 200);
+  const std::uint32_t size = pad_if_it_looks_like_statistics(lookalike.data(), 200);
 
-  EXPECT_EQ(size, 200u + 60);  // the first padding has another byte there
-  EXPECT_NE(alike[size - 60], kStatisticsId);
+  EXPECT_EQ(size, 200u + 60);  // then the byte 60 before the end is the first byte of the padding
+  EXPECT_NE(lookalike[size - 60], kStatisticsId);
 }
 
 using Bytes = std::vector<std::uint8_t>;
@@ -64,18 +67,21 @@ Bytes concat(const std::vector<Bytes>& parts) {
   return all;
 }
 Bytes bytes_of(const RtpsBytes& bytes) { return Bytes(bytes.at, bytes.at + bytes.size); }
-/// A message of one DATA submessage of writer 0 0 3 2 with the sequence number 7 * 2^32 + 9, little-endian.
-Bytes data_message(std::uint8_t flags, const Bytes& behind) {
-  const auto length = static_cast<std::uint8_t>(20 + behind.size());
+/// A little-endian message of one DATA submessage. Entity id of the writer: 0 0 3 2; sequence number: 7 * 2^32 + 9.
+Bytes data_message(std::uint8_t flags, const Bytes& content) {
+  const auto length = static_cast<std::uint8_t>(20 + content.size());
   return concat({Bytes(kRtpsHeader, 1),
                  {kDataId, flags, length, 0, 0, 0, 16, 0, 0, 0, 0, 0, 0, 0, 3, 2, 7, 0, 0, 0, 9, 0, 0, 0},
-                 behind});
+                 content});
 }
 std::optional<RtpsData> data_in(const Bytes& bytes) {
   const auto found = find_submessage(bytes.data(), static_cast<std::uint32_t>(bytes.size()), kDataId);
   return found ? data_of(*found) : std::nullopt;
 }
+// Flags of a DATA submessage: 1 little-endian, 2 with inline QoS, 4 with data, 8 with a key instead of data.
 constexpr std::uint8_t kLittleWithData = 0x05, kLittleWithInlineQos = 0x07, kLittleKeyOnly = 0x09;
+// Both contain one parameter and the sentinel. The payload starts with its encapsulation header and ends with one more
+// byte.
 const Bytes kInlineQos{0x70, 0, 4, 0, 9, 9, 9, 9, 1, 0, 0, 0};
 const Bytes kPayload{0, 3, 0, 0, 0x62, 0, 4, 0, 5, 6, 7, 8, 1, 0, 0, 0, 99};
 
@@ -92,7 +98,7 @@ TEST(RtpsMessageTest, ReadsWriterSequenceAndPayloadOfASample) {
   }
 }
 
-TEST(RtpsMessageTest, ASampleWithoutDataHasNoPayload) {
+TEST(RtpsMessageTest, ASampleWithOnlyAKeyHasNoPayload) {
   const Bytes bytes = data_message(kLittleKeyOnly, kPayload);
   const std::optional<RtpsData> data = data_in(bytes);
   ASSERT_TRUE(data);
@@ -113,19 +119,19 @@ TEST(RtpsMessageTest, ParametersEndAtTheSentinel) {
   EXPECT_EQ(bytes_of(parameters.rest()), Bytes{99});
 }
 
-TEST(RtpsMessageTest, AParameterBeyondItsListIsNotReturned) {
+TEST(RtpsMessageTest, AParameterLongerThanItsListIsNotReturned) {
   const Bytes list{0x62, 0, 5, 0, 1, 2, 3, 4};
-  ParameterList parameters{{list.data(), static_cast<std::uint32_t>(list.size()), true}};
+  ParameterList parameters{{list.data(), static_cast<std::uint32_t>(list.size()), true}};  // little-endian
   EXPECT_FALSE(parameters.next());
 }
 
 TEST(RtpsMessageTest, PartsOfACorruptedSampleLieInsideTheMessage) {
-  const Bytes whole = data_message(kLittleWithInlineQos, concat({kInlineQos, kPayload}));
+  const Bytes valid = data_message(kLittleWithInlineQos, concat({kInlineQos, kPayload}));
   std::minstd_rand random{7};
   std::uint32_t found = 0;
   for (int i = 0; i < 20000; ++i) {
-    Bytes changed(whole.begin(), whole.end() - static_cast<std::ptrdiff_t>(random() % 40));
-    for (std::size_t left = random() % 3; left > 0; --left)
+    Bytes changed(valid.begin(), valid.end() - static_cast<std::ptrdiff_t>(random() % 40));
+    for (std::size_t changes = random() % 3; changes > 0; --changes)
       changed[kRtpsHeader + random() % (changed.size() - kRtpsHeader)] = static_cast<std::uint8_t>(random() % 256);
     const std::optional<RtpsData> data = data_in(changed);
     if (!data) continue;

@@ -28,7 +28,7 @@ spm::ModelSummary summary() {
 }  // namespace
 
 template <>
-ses::RosterEntry full(const Participants& from) {
+ses::RosterEntry full_sample(const Participants& from) {
   return {from.origin(),
           ses::kProtocolVersion,
           ses::Role::kClient,
@@ -47,7 +47,7 @@ ses::RosterEntry full(const Participants& from) {
 }
 
 template <>
-ses::CatalogueEntry full(const Participants& from) {
+ses::CatalogueEntry full_sample(const Participants& from) {
   ses::CatalogueEntry c;
   c.origin = from.origin();
   c.host = from.address().participant;
@@ -64,38 +64,38 @@ ses::CatalogueEntry full(const Participants& from) {
 }
 
 template <>
-ses::Demand full(const Participants& from) {
+ses::Demand full_sample(const Participants& from) {
   return {from.origin(),      11, 12, 13, 14, true, {{0, 3}, {5, 1}, {9, 20}}, {{4, 1500}, {6, 2500}}, 15, 16, 30,
           {{17, 2}, {21, 1}}, 17, 18, 19};
 }
 
 template <>
-ses::Metrics full(const Participants& from) {
+ses::Metrics full_sample(const Participants& from) {
   return {from.origin(), {{"cycle_p99_us", 47.5}, {"late", -0.0}}, {{17, 0}, {18, 0xfedcba9876543210}}, 19};
 }
 
 template <>
-ses::Control full(const Participants& from) {
+ses::Control full_sample(const Participants& from) {
   return {from.origin(), 5, ses::ControlKind::kMode, "large-scale"};
 }
 
 template <>
-ses::EmergencyStop full(const Participants& from) {
-  return {from.origin(), 6, "operator said so"};
+ses::EmergencyStop full_sample(const Participants& from) {
+  return {from.origin(), 6, "requested by the operator"};
 }
 
 template <>
-ses::ForceReset full(const Participants& from) {
-  return {from.origin(), 7, {{11, 12, 3}, {13, 14, 0xffffffff}}, "operator said so"};
+ses::ForceReset full_sample(const Participants& from) {
+  return {from.origin(), 7, {{11, 12, 3}, {13, 14, 0xffffffff}}, "requested by the operator"};
 }
 
 template <>
-ses::SessionEnd full(const Participants& from) {
-  return {from.origin(), "operator said so"};
+ses::SessionEnd full_sample(const Participants& from) {
+  return {from.origin(), "requested by the operator"};
 }
 
 template <>
-ses::BulkChunk full(const Participants&) {
+ses::BulkChunk full_sample(const Participants&) {
   return {21,
           24,
           25,
@@ -104,12 +104,12 @@ ses::BulkChunk full(const Participants&) {
 }
 
 template <>
-ses::Intent full(const Participants& from) {
+ses::Intent full_sample(const Participants& from) {
   return {from.origin(), 31, 2, 33, 34, {{100, kPose}, {200, {{-4, 5, -6}, {0, 0.6, 0, 0.8}}}}};
 }
 
 template <>
-ses::ProbeState full(const Participants& from) {
+ses::ProbeState full_sample(const Participants& from) {
   ses::ProbeState p;
   p.origin = from.origin();
   p.user_id = 41;
@@ -131,32 +131,32 @@ ses::ProbeState full(const Participants& from) {
 }
 
 template <>
-ses::DevicePose full(const Participants& from) {
+ses::DevicePose full_sample(const Participants& from) {
   return {from.origin(), 51, 1, 53, 54, kPose, {0.1, 0.2, 0.3}, 0.004, 0x80000001u, 55};
 }
 
 template <>
-ses::DeviceCommand full(const Participants& from) {
+ses::DeviceCommand full_sample(const Participants& from) {
   return {from.origin(), 61, 1, 63, 64, {1, 2, 3}, {4, 5, 6}, {0, 0, 1}, ses::kExact, 0.125f, 65};
 }
 
 template <>
-ses::ObjectPose full(const Participants& from) {
+ses::ObjectPose full_sample(const Participants& from) {
   return {from.origin(), 71, 72, 73, 74, kPose, {1, 2, 3}, {4, 5, 6}};
 }
 
 template <>
-ses::ObjectClaim full(const Participants& from) {
+ses::ObjectClaim full_sample(const Participants& from) {
   return {from.origin(), 91, 92, true, 93, 94};
 }
 
 template <>
-ses::ObjectGrant full(const Participants& from) {
+ses::ObjectGrant full_sample(const Participants& from) {
   return {from.origin(), 101, 102, 103, 104, {{105, 106, 107}, {108, 109, 110}}};
 }
 
 template <>
-ses::ObjectCopy full(const Participants& from) {
+ses::ObjectCopy full_sample(const Participants& from) {
   return {from.origin(),
           111,
           112,
@@ -171,7 +171,7 @@ ses::ObjectCopy full(const Participants& from) {
 }
 
 template <>
-ses::ClockSample full(const Participants& from) {
+ses::ClockSample full_sample(const Participants& from) {
   return {from.origin(), 81, 82, true, 83, -84, 85};
 }
 

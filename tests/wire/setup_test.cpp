@@ -19,26 +19,26 @@ namespace {
 namespace fs = std::filesystem;
 using testing::HasSubstr;
 
-/// The error message of joining; empty when it succeeds.
-std::string refusal(const SessionAddress& a) {
+/// The error message of a participant that joins at `address`; empty if it can join.
+std::string join_error(const SessionAddress& address) {
   try {
-    const Participants participants{a};
+    const Participants participants{address};
   } catch (const WireError& e) {
     return e.what();
   }
   return {};
 }
 
-SessionAddress fresh(const std::string& tag) { return address(unique_session(tag), "p"); }
+SessionAddress unique_address(const std::string& tag) { return address(unique_session(tag), "p"); }
 
-/// A copy of the project's qos directory, for tests to damage.
-class SpoiltQos : public testing::Test {
+/// A copy of the directory qos/ that a test damages.
+class DamagedQos : public testing::Test {
  protected:
-  SpoiltQos() {
+  DamagedQos() {
     fs::copy(default_qos_directory(), directory_, fs::copy_options::recursive);
     address_.qos = directory_;
   }
-  ~SpoiltQos() override { fs::remove_all(directory_); }
+  ~DamagedQos() override { fs::remove_all(directory_); }
 
   void replace(const std::string& file, const std::string& from, const std::string& to) {
     std::ifstream in{directory_ / file};
@@ -50,47 +50,47 @@ class SpoiltQos : public testing::Test {
   }
 
   const fs::path directory_ = fs::temp_directory_path() / unique_session("qos");
-  SessionAddress address_ = fresh("spoilt");
+  SessionAddress address_ = unique_address("damaged");
 };
 
-TEST(Address, OutsideTheDomainsIsRefused) {
+TEST(Address, WithADomainOutOfRangeIsRefused) {
   for (const int domain : {-1, 0, 98, 232, 1 << 20}) {
-    auto a = fresh("domain");
-    a.domain = domain;
-    EXPECT_THAT(refusal(a), testing::AllOf(HasSubstr(std::to_string(domain)), HasSubstr("expected 1 to 97")));
+    SessionAddress tested = unique_address("domain");
+    tested.domain = domain;
+    EXPECT_THAT(join_error(tested), testing::AllOf(HasSubstr(std::to_string(domain)), HasSubstr("expected 1 to 97")));
   }
 }
 
-TEST(Address, AtTheLimitsOfTheDomainsIsAccepted) {
+TEST(Address, WithTheFirstOrLastDomainIsAccepted) {
   for (const int domain : {kMinDomain, kMaxDomain}) {
-    auto a = fresh("domain");
-    a.domain = domain;
-    EXPECT_EQ(refusal(a), "");
+    SessionAddress tested = unique_address("domain");
+    tested.domain = domain;
+    EXPECT_EQ(join_error(tested), "");
   }
 }
 
 TEST(Address, WithANameThatCouldMatchOthersIsRefused) {
   for (const std::string& name : {std::string{}, std::string{"*"}, std::string{"a?"}, std::string{"[ab]"},
                                   std::string{"a/b"}, std::string{"a\nb"}, std::string(64, 'x')}) {
-    EXPECT_THAT(refusal(address(name, "p")), HasSubstr("session name")) << name;
-    EXPECT_THAT(refusal(address("s", name)), HasSubstr("participant name")) << name;
+    EXPECT_THAT(join_error(address(name, "p")), HasSubstr("session name")) << name;
+    EXPECT_THAT(join_error(address("s", name)), HasSubstr("participant name")) << name;
   }
 }
 
-TEST(Address, StampsItsSamples) {
-  auto a = fresh("stamp");
-  a.incarnation = 42;
-  const Participants participants{a};
+TEST(Address, IsInTheOriginOfSamples) {
+  SessionAddress tested = unique_address("stamp");
+  tested.incarnation = 42;
+  const Participants participants{tested};
   const auto first = participants.origin(), second = participants.origin();
-  EXPECT_EQ(first.session, ses::id_of(a.session));
+  EXPECT_EQ(first.session, ses::id_of(tested.session));
   EXPECT_EQ(first.participant, ses::id_of("p"));
   EXPECT_EQ(first.incarnation, 42u);
   EXPECT_GE(second.time_ns, first.time_ns);
 }
 
-TEST(Address, WithoutAnIncarnationGetsALargerOneEachTime) {
-  const Participants first{fresh("incarnation")};
-  const Participants second{fresh("incarnation")};
+TEST(Address, WithoutAnIncarnationReceivesALargerOneEachTime) {
+  const Participants first{unique_address("incarnation")};
+  const Participants second{unique_address("incarnation")};
   EXPECT_GT(second.origin().incarnation, first.origin().incarnation);
 }
 
@@ -98,47 +98,47 @@ TEST(Incarnation, GrowsWhenTheClockIsSetBack) {
   const test_support::TemporaryFolder folder;
   const std::filesystem::path file = folder.path() / "state" / "incarnation";
   EXPECT_EQ(next_incarnation(file, 1'700'000'000'000'000'000), 1'700'000'000'000'000'000u);
-  EXPECT_EQ(next_incarnation(file, 30'000'000'000), 1'700'000'000'000'000'001u) << "1970";
+  EXPECT_EQ(next_incarnation(file, 30'000'000'000), 1'700'000'000'000'000'001u) << "with a clock that is back in 1970";
   EXPECT_EQ(next_incarnation(file, 1'800'000'000'000'000'000), 1'800'000'000'000'000'000u);
 }
 
 TEST(Incarnation, IsTheClockTimeWithoutAUsableFile) {
   const test_support::TemporaryFolder folder;
   EXPECT_EQ(next_incarnation({}, 7), 7u);
-  EXPECT_EQ(next_incarnation(folder.path(), 7), 7u) << "a folder is no file";
-  std::ofstream{folder.path() / "broken"} << "no number, and longer than one";
+  EXPECT_EQ(next_incarnation(folder.path(), 7), 7u) << "with a folder in place of the file";
+  std::ofstream{folder.path() / "broken"} << "not a number, and longer than a number";
   EXPECT_EQ(next_incarnation(folder.path() / "broken", 7), 7u);
   EXPECT_EQ(next_incarnation(folder.path() / "broken", 5), 8u);
 }
 
 TEST(Endpoints, RefuseAPartitionThatCouldMatchOthers) {
-  Participants participants{fresh("partition")};
+  Participants participants{unique_address("partition")};
   EXPECT_THROW(Writer<ses::Intent>(participants, topics::kIntent, {user_partition("*")}), WireError);
   EXPECT_THROW(Reader<ses::Intent>(participants, topics::kIntent, [](ses::Intent&&) {}, {user_partition("a?")}),
                WireError);
 }
 
 template <class Sample>
-bool make_both(Participants& participants, const TopicSpec<Sample>& topic) {
+bool can_create_endpoints(Participants& participants, const TopicSpec<Sample>& topic) {
   EXPECT_NO_THROW(Writer<Sample>(participants, topic)) << topic.name;
   EXPECT_NO_THROW(Reader<Sample>(participants, topic, [](Sample&&) {})) << topic.name;
   return !testing::Test::HasFailure();
 }
 
 TEST(Profiles, OfEveryTopicMakeAWriterAndAReader) {
-  Participants participants{fresh("profiles")};
+  Participants participants{unique_address("profiles")};
   int made = 0;
-  topics::for_each([&](const auto& topic) { made += make_both(participants, topic) ? 1 : 0; });
+  topics::for_each([&](const auto& topic) { made += can_create_endpoints(participants, topic) ? 1 : 0; });
   EXPECT_EQ(made, 20);
 }
 
 TEST(Footprint, CoversTheSocketsOfAProgram) {
-  const Footprint max = read_footprint(default_qos_directory());
-  EXPECT_EQ(max.message, 1472) << "one Ethernet frame";
-  EXPECT_GE(max.receive_buffer, 1 << 20);
-  EXPECT_GE(max.send_buffer, 1 << 20);
+  const Footprint footprint = read_footprint(default_qos_directory());
+  EXPECT_EQ(footprint.message, 1472) << "one Ethernet frame";
+  EXPECT_GE(footprint.receive_buffer, 1 << 20);
+  EXPECT_GE(footprint.send_buffer, 1 << 20);
 
-  const Participants participants{fresh("footprint")};
+  const Participants participants{unique_address("footprint")};
   std::ifstream file{"/proc/net/udp"};
   const std::string sockets{std::istreambuf_iterator<char>{file}, {}};
   for (int traffic = 0; traffic < kTrafficClasses; ++traffic) {
@@ -148,8 +148,8 @@ TEST(Footprint, CoversTheSocketsOfAProgram) {
   }
 }
 
-TEST_F(SpoiltQos, WithoutATransportHasNoFootprint) {
-  replace("bulk.xml", "<receiveBufferSize>", "<receiveBufferSighs>");
+TEST_F(DamagedQos, WithABrokenTransportHasNoFootprint) {
+  replace("bulk.xml", "<receiveBufferSize>", "<unknownElement>");
   EXPECT_THROW((void)read_footprint(directory_), WireError);
 }
 
@@ -162,9 +162,9 @@ TEST(Environment, DoesNotMakeAProgramAClientOfADiscoveryServer) {
   EXPECT_TRUE(eventually([&] { return writer.matched() == 1 && reader.matched() == 1; }));
 }
 
-TEST(ProbeSockets, HaveTheMarksOfFlowYaml) {
-  const auto marked = [] {
-    int n = 0;
+TEST(ProbeSockets, HaveTheTosAndPriorityOfFlowYaml) {
+  const auto count_marked = [] {
+    int marked = 0;
     for (const auto& entry : fs::directory_iterator("/proc/self/fd")) {
       const int fd = std::stoi(entry.path().filename().string());
       int tos = 0, priority = 0;
@@ -172,89 +172,89 @@ TEST(ProbeSockets, HaveTheMarksOfFlowYaml) {
       if (getsockopt(fd, IPPROTO_IP, IP_TOS, &tos, &size) != 0) continue;
       size = sizeof priority;
       getsockopt(fd, SOL_SOCKET, SO_PRIORITY, &priority, &size);
-      n += tos == 184 && priority == 6 ? 1 : 0;
+      marked += tos == 184 && priority == 6 ? 1 : 0;
     }
-    return n;
+    return marked;
   };
-  const int before = marked();
-  const Participants participants{fresh("marks")};
-  EXPECT_GT(marked(), before);
+  const int before = count_marked();
+  const Participants participants{unique_address("marks")};
+  EXPECT_GT(count_marked(), before);
 }
 
-TEST(ProbeThreads, ReportWhetherTheyGotTheirPriority) {
-  auto a = fresh("priority");
-  EXPECT_FALSE(Participants{a}.probe_is_realtime());
+TEST(ProbeThreads, ReportWhetherTheirPriorityIsGranted) {
+  SessionAddress tested = unique_address("priority");
+  EXPECT_FALSE(Participants{tested}.probe_is_realtime());
   sched_param fifo{};
   fifo.sched_priority = 1;
-  sched_param plain{};
+  sched_param normal{};
   const bool allowed = sched_setscheduler(0, SCHED_FIFO, &fifo) == 0;
   if (allowed) {
-    ASSERT_EQ(sched_setscheduler(0, SCHED_OTHER, &plain), 0);
+    ASSERT_EQ(sched_setscheduler(0, SCHED_OTHER, &normal), 0);
   }
-  a.probe_priority = 1;
-  EXPECT_EQ(Participants{a}.probe_is_realtime(), allowed);
+  tested.probe_priority = 1;
+  EXPECT_EQ(Participants{tested}.probe_is_realtime(), allowed);
   EXPECT_EQ(sched_getscheduler(0), SCHED_OTHER);
 }
 
-TEST_F(SpoiltQos, UnspoiltIsAccepted) { EXPECT_EQ(refusal(address_), ""); }
+TEST_F(DamagedQos, WithoutDamageIsAccepted) { EXPECT_EQ(join_error(address_), ""); }
 
-TEST_F(SpoiltQos, MissingDirectoryIsNamed) {
+TEST_F(DamagedQos, AMissingDirectoryIsNamed) {
   address_.qos = directory_ / "nowhere";
-  EXPECT_THAT(refusal(address_), testing::AllOf(HasSubstr("nowhere"), HasSubstr("does not exist")));
+  EXPECT_THAT(join_error(address_), testing::AllOf(HasSubstr("nowhere"), HasSubstr("does not exist")));
 }
 
-TEST_F(SpoiltQos, MissingFileIsNamed) {
+TEST_F(DamagedQos, AMissingFileIsNamed) {
   for (const char* file : {"session.xml", "probe.xml", "bulk.xml", "flow.yaml"}) {
-    fs::rename(directory_ / file, directory_ / "away");
-    EXPECT_THAT(refusal(address_), HasSubstr((directory_ / file).string()));
-    fs::rename(directory_ / "away", directory_ / file);
+    fs::rename(directory_ / file, directory_ / "moved");
+    EXPECT_THAT(join_error(address_), HasSubstr((directory_ / file).string()));
+    fs::rename(directory_ / "moved", directory_ / file);
   }
 }
 
-TEST_F(SpoiltQos, MissingProfileIsNamedWithFileAndTopic) {
-  replace("probe.xml", "\"probe_state_reader\"", "\"probe_state_rider\"");
-  EXPECT_THAT(refusal(address_),
+TEST_F(DamagedQos, AMissingProfileIsNamedWithFileAndTopic) {
+  replace("probe.xml", "\"probe_state_reader\"", "\"another_reader\"");
+  EXPECT_THAT(join_error(address_),
               testing::AllOf(HasSubstr("probe.xml"), HasSubstr("probe_state_reader"), HasSubstr("tactus_probe_state")));
 }
 
-TEST_F(SpoiltQos, MissingParticipantProfileIsNamed) {
-  replace("bulk.xml", "\"bulk_participant\"", "\"bulky\"");
-  EXPECT_THAT(refusal(address_), testing::AllOf(HasSubstr("bulk.xml"), HasSubstr("bulk_participant")));
+TEST_F(DamagedQos, AMissingParticipantProfileIsNamed) {
+  replace("bulk.xml", "\"bulk_participant\"", "\"another_participant\"");
+  EXPECT_THAT(join_error(address_), testing::AllOf(HasSubstr("bulk.xml"), HasSubstr("bulk_participant")));
 }
 
-TEST_F(SpoiltQos, BrokenFileIsNamedWithTheReason) {
+TEST_F(DamagedQos, ABrokenFileIsNamedWithTheReason) {
   replace("session.xml", "<kind>TRANSIENT_LOCAL</kind>", "<kind>FOREVER</kind>");
-  EXPECT_THAT(refusal(address_),
+  EXPECT_THAT(join_error(address_),
               testing::AllOf(HasSubstr("session.xml"), HasSubstr("'roster_writer'"), HasSubstr("kind")));
 }
 
-TEST_F(SpoiltQos, CutFileIsNamed) {
+TEST_F(DamagedQos, ATruncatedFileIsNamed) {
   fs::resize_file(directory_ / "bulk.xml", fs::file_size(directory_ / "bulk.xml") / 2);
-  EXPECT_THAT(refusal(address_), testing::AllOf(HasSubstr("bulk.xml"), HasSubstr("Line number")));
+  EXPECT_THAT(join_error(address_), testing::AllOf(HasSubstr("bulk.xml"), HasSubstr("Line number")));
 }
 
-TEST_F(SpoiltQos, UnknownElementIsRefused) {
-  replace("session.xml", "<ownership>", "<hardship/><ownership>");
-  EXPECT_THAT(refusal(address_),
-              testing::AllOf(HasSubstr("session.xml"), HasSubstr("'roster_writer'"), HasSubstr("hardship")));
+TEST_F(DamagedQos, AnUnknownElementIsRefused) {
+  replace("session.xml", "<ownership>", "<unknownElement/><ownership>");
+  EXPECT_THAT(join_error(address_),
+              testing::AllOf(HasSubstr("session.xml"), HasSubstr("'roster_writer'"), HasSubstr("unknownElement")));
 }
 
-TEST_F(SpoiltQos, FlowKeysAndValuesAreChecked) {
+TEST_F(DamagedQos, FlowKeysAndValuesAreChecked) {
   replace("flow.yaml", "tos: 184", "tos: 256");
-  EXPECT_THAT(refusal(address_), testing::AllOf(HasSubstr("sockets.probe.tos"), HasSubstr("256"), HasSubstr("255")));
-  replace("flow.yaml", "tos: 256", "tosh: 1");
-  EXPECT_THAT(refusal(address_), testing::AllOf(HasSubstr("flow.yaml"), HasSubstr("tosh")));
+  EXPECT_THAT(join_error(address_), testing::AllOf(HasSubstr("sockets.probe.tos"), HasSubstr("256"), HasSubstr("255")));
+  replace("flow.yaml", "tos: 256", "colour: 1");
+  EXPECT_THAT(join_error(address_), testing::AllOf(HasSubstr("flow.yaml"), HasSubstr("colour")));
   replace("flow.yaml", ", priority: 6", "");
-  replace("flow.yaml", "tosh: 1", "tos: 184");
-  EXPECT_THAT(refusal(address_), testing::AllOf(HasSubstr("sockets.probe"), HasSubstr("priority")));
+  replace("flow.yaml", "colour: 1", "tos: 184");
+  EXPECT_THAT(join_error(address_), testing::AllOf(HasSubstr("sockets.probe"), HasSubstr("priority")));
   replace("flow.yaml", "sockets:", "sockets: [");
-  EXPECT_THAT(refusal(address_), HasSubstr("flow.yaml"));
+  EXPECT_THAT(join_error(address_), HasSubstr("flow.yaml"));
 }
 
-TEST_F(SpoiltQos, AChangeOfAProfileTakesEffectInTheSameProcess) {
-  EXPECT_EQ(refusal(address_), "");
+TEST_F(DamagedQos, AChangedFileTakesEffectInTheSameProcess) {
+  EXPECT_EQ(join_error(address_), "");
   fs::remove(directory_ / "bulk.xml");
-  EXPECT_NE(refusal(address_), "");
+  EXPECT_NE(join_error(address_), "");
 }
 
 }  // namespace

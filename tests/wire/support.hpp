@@ -1,4 +1,5 @@
-/// Helpers of the tests of wire/: addresses that match no other program, an inbox to wait on, full samples.
+/// Helpers of the tests of wire/: addresses that match no other program, an inbox that waits for samples, and samples
+/// whose fields are all set.
 #pragma once
 
 #include <unistd.h>
@@ -21,10 +22,11 @@ namespace tactus::wire::test {
 using namespace std::chrono_literals;
 namespace ses = session;
 
-/// How long a test waits for an event before it fails.
+/// Time after which a test that waits for an event fails.
 inline constexpr auto kWatchdog = 20s;
 
-/// Base domains 50..89, chosen by process so that tests may run in parallel; sessions differ anyway.
+/// A base domain from 50 to 86 that depends on the process, so that tests may run in parallel. Two processes with the
+/// same domain have different sessions.
 inline int test_domain() { return 50 + 3 * (static_cast<int>(getpid()) % 13); }
 
 inline std::string unique_session(const std::string& tag) {
@@ -33,14 +35,14 @@ inline std::string unique_session(const std::string& tag) {
 }
 
 inline SessionAddress address(const std::string& session, const std::string& participant) {
-  SessionAddress a;
-  a.session = session;
-  a.participant = participant;
-  a.domain = test_domain();
-  return a;
+  SessionAddress made;
+  made.session = session;
+  made.participant = participant;
+  made.domain = test_domain();
+  return made;
 }
 
-/// Collects the samples of a Reader.
+/// Collects the samples that a Reader receives.
 template <class Sample>
 class Inbox {
  public:
@@ -70,7 +72,7 @@ class Inbox {
   std::deque<Sample> samples_;
 };
 
-/// Polls a condition; false when the watchdog expires.
+/// Polls `condition` until it holds. Returns false if the watchdog expires first.
 template <class Condition>
 bool eventually(Condition&& condition) {
   const auto end = std::chrono::steady_clock::now() + kWatchdog;
@@ -81,18 +83,18 @@ bool eventually(Condition&& condition) {
   return true;
 }
 
-/// Sends until one sample arrives: the two endpoints of a best-effort topic match at different times.
+/// Sends `sample` until one arrives, because the two endpoints of a best-effort topic match at different times.
 template <class Sample>
 std::optional<Sample> send_until_received(Writer<Sample>& writer, Inbox<Sample>& inbox, const Sample& sample) {
   const auto end = std::chrono::steady_clock::now() + kWatchdog;
   while (std::chrono::steady_clock::now() < end) {
     if (writer.send(sample) == SendStatus::kInvalid) return std::nullopt;
-    if (auto got = inbox.next(10ms)) return got;
+    if (auto received = inbox.next(10ms)) return received;
   }
   return std::nullopt;
 }
 
-// ---- every field of a sample, for comparison
+// All fields of a sample, for comparisons.
 
 inline auto fields(const ses::Origin& o) { return std::tuple{o.session, o.participant, o.incarnation, o.time_ns}; }
 inline auto fields(const ses::Pose& p) { return std::tuple{p.position, p.orientation}; }
@@ -179,9 +181,8 @@ inline auto fields(const ses::ClockSample& c) {
   return std::tuple{fields(c.origin), c.peer, c.sequence, c.answer, c.t0_ns, c.t1_ns, c.t2_ns};
 }
 
-// ---- valid samples whose fields all differ from their defaults and from each other
-
+/// A valid sample whose fields all differ from their defaults and from each other.
 template <class Sample>
-Sample full(const Participants& from);
+Sample full_sample(const Participants& from);
 
 }  // namespace tactus::wire::test

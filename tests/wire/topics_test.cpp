@@ -10,7 +10,7 @@
 namespace tactus::wire::test {
 namespace {
 
-/// A host and an HRTC of one session, each with sockets of its own, in one process.
+/// Two participants of one session, each with its own sockets, in one process.
 class TwoPrograms : public testing::Test {
  protected:
   const std::string session_ = unique_session("two");
@@ -23,30 +23,30 @@ class TwoPrograms : public testing::Test {
     Inbox<Sample> inbox;
     Reader<Sample> reader{beta_, topic, inbox.callback(), options};
     Writer<Sample> writer{alpha_, topic, options};
-    const Sample sent = full<Sample>(alpha_);
+    const Sample sent = full_sample<Sample>(alpha_);
 
-    const auto got = send_until_received(writer, inbox, sent);
+    const auto received = send_until_received(writer, inbox, sent);
 
-    ASSERT_TRUE(got.has_value()) << "last invalid sample: " << writer.invalid_reason() << reader.invalid_reason();
-    EXPECT_EQ(fields(*got), fields(sent));
+    ASSERT_TRUE(received.has_value()) << "last invalid sample: " << writer.invalid_reason() << reader.invalid_reason();
+    EXPECT_EQ(fields(*received), fields(sent));
     EXPECT_EQ(reader.counts().invalid, 0u) << reader.invalid_reason();
     // A sample may arrive before either endpoint is notified of the match.
     EXPECT_TRUE(eventually([&] { return writer.matched() == 1 && reader.matched() == 1; }));
   }
 
   template <class Sample>
-  void expect_late_joiner_gets(const TopicSpec<Sample>& topic) {
+  void expect_late_joiner_receives(const TopicSpec<Sample>& topic) {
     SCOPED_TRACE(topic.name);
     Writer<Sample> writer{alpha_, topic};
-    const Sample sent = full<Sample>(alpha_);
+    const Sample sent = full_sample<Sample>(alpha_);
     ASSERT_EQ(writer.send(sent), SendStatus::kSent);
 
     Inbox<Sample> inbox;
     Reader<Sample> reader{beta_, topic, inbox.callback()};
 
-    const auto got = inbox.next();
-    ASSERT_TRUE(got.has_value());
-    EXPECT_EQ(fields(*got), fields(sent));
+    const auto received = inbox.next();
+    ASSERT_TRUE(received.has_value());
+    EXPECT_EQ(fields(*received), fields(sent));
   }
 };
 
@@ -72,15 +72,15 @@ TEST_F(TwoPrograms, EveryFieldOfEveryTopicArrives) {
   expect_round_trip(topics::kClock);
 }
 
-TEST_F(TwoPrograms, ALateJoinerGetsTransientLocalTopics) {
-  expect_late_joiner_gets(topics::kCatalogue);
-  expect_late_joiner_gets(topics::kControl);
-  expect_late_joiner_gets(topics::kEnd);
+TEST_F(TwoPrograms, ALateJoinerReceivesTransientLocalTopics) {
+  expect_late_joiner_receives(topics::kCatalogue);
+  expect_late_joiner_receives(topics::kControl);
+  expect_late_joiner_receives(topics::kEnd);
 }
 
-TEST_F(TwoPrograms, ALateJoinerGetsTheNewestOfEachObject) {
+TEST_F(TwoPrograms, ALateJoinerReceivesTheNewestEntryOfEachObject) {
   Writer<ses::CatalogueEntry> writer{alpha_, topics::kCatalogue};
-  auto entry = full<ses::CatalogueEntry>(alpha_);
+  auto entry = full_sample<ses::CatalogueEntry>(alpha_);
   for (const char* object : {"a", "b", "c"}) {
     for (const std::uint32_t base_bytes : {1u, 2u}) {
       entry.object = object;
@@ -93,67 +93,67 @@ TEST_F(TwoPrograms, ALateJoinerGetsTheNewestOfEachObject) {
   Inbox<ses::CatalogueEntry> inbox;
   Reader<ses::CatalogueEntry> reader{beta_, topics::kCatalogue, inbox.callback()};
 
-  std::vector<std::pair<std::string, std::uint32_t>> got;
+  std::vector<std::pair<std::string, std::uint32_t>> received;
   for (int i = 0; i < 3; ++i) {
-    const auto d = inbox.next();
-    ASSERT_TRUE(d.has_value()) << "after " << i;
-    got.emplace_back(d->object, d->base_bytes);
+    const auto sample = inbox.next();
+    ASSERT_TRUE(sample.has_value()) << "after " << i << " samples";
+    received.emplace_back(sample->object, sample->base_bytes);
   }
-  EXPECT_THAT(got,
+  EXPECT_THAT(received,
               testing::UnorderedElementsAre(testing::Pair("a", 2u), testing::Pair("b", 2u), testing::Pair("c", 2u)));
 }
 
 TEST_F(TwoPrograms, TheLargestSamplesArrive) {
   const std::string name(ses::kMaxName, 'n');
-  auto roster = full<ses::RosterEntry>(alpha_);
+  auto roster = full_sample<ses::RosterEntry>(alpha_);
   roster.users.assign(ses::kMaxSlots, name);
   roster.slots.assign(ses::kMaxSlots, {name, 1});
   roster.stops.assign(ses::kMaxStops, {1, 2, 3, 4, 5});
-  auto demand = full<ses::Demand>(alpha_);
+  auto demand = full_sample<ses::Demand>(alpha_);
   demand.have.clear();
   for (std::uint32_t i = 0; i < ses::kMaxHaveIntervals; ++i) demand.have.push_back({3 * i, 2});
   demand.wanted.assign(ses::kMaxWanted, {7, 8});
   demand.gaps.clear();
   for (std::uint32_t i = 0; i < ses::kMaxGaps; ++i) demand.gaps.push_back({2 * i, 1});
-  auto metrics = full<ses::Metrics>(alpha_);
+  auto metrics = full_sample<ses::Metrics>(alpha_);
   metrics.figures.assign(ses::kMaxFigures, {name, 1.5});
   metrics.meshes.assign(ses::kMaxMeshes, {~std::uint64_t{0}, ~std::uint64_t{0}});
-  auto control = full<ses::Control>(alpha_);
+  auto control = full_sample<ses::Control>(alpha_);
   control.text.assign(ses::kMaxText, 't');
-  auto stop = full<ses::EmergencyStop>(alpha_);
+  auto stop = full_sample<ses::EmergencyStop>(alpha_);
   stop.text.assign(ses::kMaxText, 't');
-  auto reset = full<ses::ForceReset>(alpha_);
+  auto reset = full_sample<ses::ForceReset>(alpha_);
   reset.stops.assign(ses::kMaxStops, {1, 2, 3});
   reset.text.assign(ses::kMaxText, 't');
-  auto end = full<ses::SessionEnd>(alpha_);
+  auto end = full_sample<ses::SessionEnd>(alpha_);
   end.text.assign(ses::kMaxText, 't');
-  auto intent = full<ses::Intent>(alpha_);
+  auto intent = full_sample<ses::Intent>(alpha_);
   intent.path.clear();
   for (std::size_t i = 0; i < ses::kMaxWaypoints; ++i)
     intent.path.push_back({static_cast<std::int64_t>(i), {{1, 2, 3}}});
-  auto chunk = full<ses::BulkChunk>(alpha_);
+  auto chunk = full_sample<ses::BulkChunk>(alpha_);
   chunk.pieces = {{1, 0, 1, 2, {}}};
   chunk.pieces[0].payload.assign(ses::kMaxPayload - ses::header_bytes(1, 1), 0xa5);
 
-  const auto arrives = [this](const auto& topic, const auto& sample) {
+  const auto expect_arrival = [this](const auto& topic, const auto& sample) {
     using Sample = std::decay_t<decltype(sample)>;
     SCOPED_TRACE(topic.name);
     Inbox<Sample> inbox;
     Reader<Sample> reader{beta_, topic, inbox.callback()};
     Writer<Sample> writer{alpha_, topic};
-    const auto got = send_until_received(writer, inbox, sample);
-    ASSERT_TRUE(got.has_value()) << writer.invalid_reason();
-    EXPECT_EQ(fields(*got), fields(sample));
+    const auto received = send_until_received(writer, inbox, sample);
+    ASSERT_TRUE(received.has_value()) << writer.invalid_reason();
+    EXPECT_EQ(fields(*received), fields(sample));
   };
-  arrives(topics::kRoster, roster);
-  arrives(topics::kDemand, demand);
-  arrives(topics::kMetrics, metrics);
-  arrives(topics::kControl, control);
-  arrives(topics::kStop, stop);
-  arrives(topics::kReset, reset);
-  arrives(topics::kEnd, end);
-  arrives(topics::kIntent, intent);
-  arrives(topics::kRecords, chunk);
+  expect_arrival(topics::kRoster, roster);
+  expect_arrival(topics::kDemand, demand);
+  expect_arrival(topics::kMetrics, metrics);
+  expect_arrival(topics::kControl, control);
+  expect_arrival(topics::kStop, stop);
+  expect_arrival(topics::kReset, reset);
+  expect_arrival(topics::kEnd, end);
+  expect_arrival(topics::kIntent, intent);
+  expect_arrival(topics::kRecords, chunk);
 }
 
 TEST_F(TwoPrograms, ChunksOfALongStreamArriveAtMostOnceAndInOrder) {
@@ -163,7 +163,7 @@ TEST_F(TwoPrograms, ChunksOfALongStreamArriveAtMostOnceAndInOrder) {
   Writer<ses::BulkChunk> writer{alpha_, topics::kRecords, {hrtc_partition("beta")}};
   ASSERT_TRUE(eventually([&] { return writer.matched() == 1 && reader.matched() == 1; }));
 
-  auto chunk = full<ses::BulkChunk>(alpha_);
+  auto chunk = full_sample<ses::BulkChunk>(alpha_);
   chunk.pieces = {{1, 0, 1, 2, {}}};
   chunk.pieces[0].payload.assign(ses::kMaxPayload - ses::header_bytes(1, 1), 1);
   for (std::uint32_t i = 1; i <= kChunks; ++i) {
@@ -173,56 +173,56 @@ TEST_F(TwoPrograms, ChunksOfALongStreamArriveAtMostOnceAndInOrder) {
 
   std::uint32_t last = 0;
   while (last <= kChunks) {
-    const auto got = inbox.next(100ms);
-    if (!got) {  // the last chunks were lost
+    const auto received = inbox.next(100ms);
+    if (!received) {  // the last chunks were lost
       chunk.sequence = kChunks + 1;
       ASSERT_EQ(writer.send(chunk), SendStatus::kSent);
       continue;
     }
-    ASSERT_GT(got->sequence, last);
-    last = got->sequence;
+    ASSERT_GT(received->sequence, last);
+    last = received->sequence;
   }
 }
 
 TEST_F(TwoPrograms, AWriterWithoutAReaderNeverBlocks) {
   Writer<ses::BulkChunk> writer{alpha_, topics::kRecords};
-  auto chunk = full<ses::BulkChunk>(alpha_);
+  auto chunk = full_sample<ses::BulkChunk>(alpha_);
   for (std::uint32_t i = 1; i <= 10000; ++i) {
     chunk.sequence = i;
     ASSERT_EQ(writer.send(chunk), SendStatus::kSent) << "chunk " << i;
   }
 }
 
-TEST_F(TwoPrograms, AStuckReaderDelaysNeitherTheSenderNorAnotherStream) {
-  std::mutex stuck;
-  std::unique_lock<std::mutex> hold{stuck};
+TEST_F(TwoPrograms, ABlockedReaderDelaysNeitherTheSenderNorAnotherStream) {
+  std::mutex blocking;
+  std::unique_lock<std::mutex> block{blocking};
   Inbox<ses::BulkChunk> inbox;
-  Reader<ses::BulkChunk> frozen{beta_,
-                                topics::kRecords,
-                                [&](ses::BulkChunk&&) { std::lock_guard<std::mutex> wait{stuck}; },
-                                {hrtc_partition("beta")}};
+  Reader<ses::BulkChunk> blocked{beta_,
+                                 topics::kRecords,
+                                 [&](ses::BulkChunk&&) { std::lock_guard<std::mutex> wait{blocking}; },
+                                 {hrtc_partition("beta")}};
   Participants gamma{address(session_, "gamma")};
   Reader<ses::BulkChunk> healthy{gamma, topics::kRecords, inbox.callback(), {hrtc_partition("gamma")}};
-  Writer<ses::BulkChunk> to_frozen{alpha_, topics::kRecords, {hrtc_partition("beta")}};
+  Writer<ses::BulkChunk> to_blocked{alpha_, topics::kRecords, {hrtc_partition("beta")}};
   Writer<ses::BulkChunk> to_healthy{alpha_, topics::kRecords, {hrtc_partition("gamma")}};
-  ASSERT_TRUE(eventually([&] { return to_frozen.matched() == 1 && to_healthy.matched() == 1; }));
+  ASSERT_TRUE(eventually([&] { return to_blocked.matched() == 1 && to_healthy.matched() == 1; }));
 
-  auto chunk = full<ses::BulkChunk>(alpha_);
+  auto chunk = full_sample<ses::BulkChunk>(alpha_);
   for (std::uint32_t i = 1; i <= 20000; ++i) {
     chunk.sequence = i;
-    ASSERT_EQ(to_frozen.send(chunk), SendStatus::kSent) << "chunk " << i;
+    ASSERT_EQ(to_blocked.send(chunk), SendStatus::kSent) << "chunk " << i;
   }
   EXPECT_TRUE(send_until_received(to_healthy, inbox, chunk).has_value());
-  hold.unlock();
+  block.unlock();
 }
 
-TEST_F(TwoPrograms, AWriterMayLeaveWithChunksInFlight) {
+TEST_F(TwoPrograms, AWriterMayBeDestroyedWithChunksInFlight) {
   Inbox<ses::BulkChunk> inbox;
   Reader<ses::BulkChunk> reader{beta_, topics::kRecords, inbox.callback()};
   for (int round = 0; round < 30; ++round) {
     Writer<ses::BulkChunk> writer{alpha_, topics::kRecords};
     ASSERT_TRUE(eventually([&] { return writer.matched() == 1; }));
-    auto chunk = full<ses::BulkChunk>(alpha_);
+    auto chunk = full_sample<ses::BulkChunk>(alpha_);
     for (std::uint32_t i = 1; i <= 1000; ++i) {
       chunk.sequence = i;
       ASSERT_NE(writer.send(chunk), SendStatus::kInvalid);
@@ -230,123 +230,123 @@ TEST_F(TwoPrograms, AWriterMayLeaveWithChunksInFlight) {
   }
 }
 
-TEST_F(TwoPrograms, SamplesOfAUserStayInItsPartition) {
-  Inbox<ses::Intent> alices, bobs;
-  Reader<ses::Intent> alice{beta_, topics::kIntent, alices.callback(), {user_partition("alice")}};
-  Reader<ses::Intent> bob{beta_, topics::kIntent, bobs.callback(), {user_partition("bob")}};
+TEST_F(TwoPrograms, ReadersOfAUserReceiveNoSamplesOfAnotherUser) {
+  Inbox<ses::Intent> inbox_of_alice, inbox_of_bob;
+  Reader<ses::Intent> reader_of_alice{beta_, topics::kIntent, inbox_of_alice.callback(), {user_partition("alice")}};
+  Reader<ses::Intent> reader_of_bob{beta_, topics::kIntent, inbox_of_bob.callback(), {user_partition("bob")}};
   Writer<ses::Intent> to_alice{alpha_, topics::kIntent, {user_partition("alice")}};
   Writer<ses::Intent> to_bob{alpha_, topics::kIntent, {user_partition("bob")}};
-  auto intent = full<ses::Intent>(alpha_);
+  auto intent = full_sample<ses::Intent>(alpha_);
 
   intent.user_id = ses::id_of("alice");
-  ASSERT_TRUE(send_until_received(to_alice, alices, intent).has_value());
+  ASSERT_TRUE(send_until_received(to_alice, inbox_of_alice, intent).has_value());
   intent.user_id = ses::id_of("bob");
-  const auto got = send_until_received(to_bob, bobs, intent);
+  const auto received = send_until_received(to_bob, inbox_of_bob, intent);
 
-  ASSERT_TRUE(got.has_value());
-  EXPECT_EQ(got->user_id, ses::id_of("bob"));
+  ASSERT_TRUE(received.has_value());
+  EXPECT_EQ(received->user_id, ses::id_of("bob"));
   EXPECT_TRUE(eventually([&] { return to_alice.matched() == 1 && to_bob.matched() == 1; }));
 }
 
 TEST_F(TwoPrograms, AProgramDoesNotReceiveItsOwnSamples) {
-  Inbox<ses::ProbeState> own, others;
-  Reader<ses::ProbeState> at_alpha{alpha_, topics::kProbeState, own.callback()};
-  Reader<ses::ProbeState> at_beta{beta_, topics::kProbeState, others.callback()};
-  Writer<ses::ProbeState> writer{alpha_, topics::kProbeState};
+  Inbox<ses::ProbeState> inbox_of_alpha, inbox_of_beta;
+  Reader<ses::ProbeState> at_alpha{alpha_, topics::kProbeState, inbox_of_alpha.callback()};
+  Reader<ses::ProbeState> at_beta{beta_, topics::kProbeState, inbox_of_beta.callback()};
+  Writer<ses::ProbeState> from_alpha{alpha_, topics::kProbeState};
   Writer<ses::ProbeState> from_beta{beta_, topics::kProbeState};
 
-  ASSERT_TRUE(send_until_received(writer, others, full<ses::ProbeState>(alpha_)).has_value());
-  ASSERT_TRUE(send_until_received(from_beta, own, full<ses::ProbeState>(beta_)).has_value());
+  ASSERT_TRUE(send_until_received(from_alpha, inbox_of_beta, full_sample<ses::ProbeState>(alpha_)).has_value());
+  ASSERT_TRUE(send_until_received(from_beta, inbox_of_alpha, full_sample<ses::ProbeState>(beta_)).has_value());
 
-  EXPECT_EQ(own.size(), 0u);
-  EXPECT_TRUE(eventually([&] { return writer.matched() == 1; }));
+  EXPECT_EQ(inbox_of_alpha.size(), 0u);
+  EXPECT_TRUE(eventually([&] { return from_alpha.matched() == 1; }));
 }
 
-TEST_F(TwoPrograms, AUserArrivesAfterMoreUsersThanTheHistoryHolds) {
+TEST_F(TwoPrograms, AStateArrivesAfterStatesOfMoreUsersThanTheHistoryHolds) {
   constexpr std::uint64_t kUsers = 1100;  // more instances than a history holds
   Inbox<ses::ProbeState> inbox;
   Reader<ses::ProbeState> reader{beta_, topics::kProbeState, inbox.callback()};
   Writer<ses::ProbeState> writer{alpha_, topics::kProbeState};
-  auto state = full<ses::ProbeState>(alpha_);
+  auto state = full_sample<ses::ProbeState>(alpha_);
   ASSERT_TRUE(send_until_received(writer, inbox, state).has_value());
   for (state.user_id = 1; state.user_id <= kUsers; ++state.user_id)
     ASSERT_EQ(writer.send(state), SendStatus::kSent) << "user " << state.user_id;
 
   state.user_id = kUsers + 1;
-  std::optional<ses::ProbeState> got;
+  std::optional<ses::ProbeState> received;
   do {
-    got = send_until_received(writer, inbox, state);
-  } while (got && got->user_id != state.user_id);
+    received = send_until_received(writer, inbox, state);
+  } while (received && received->user_id != state.user_id);
 
-  EXPECT_TRUE(got.has_value());
+  EXPECT_TRUE(received.has_value());
 }
 
 TEST_F(TwoPrograms, AnInvalidSampleIsNotSent) {
   Writer<ses::ProbeState> writer{alpha_, topics::kProbeState};
-  auto state = full<ses::ProbeState>(alpha_);
+  auto state = full_sample<ses::ProbeState>(alpha_);
   state.force[1] = std::numeric_limits<double>::quiet_NaN();
   EXPECT_EQ(writer.send(state), SendStatus::kInvalid);
   EXPECT_THAT(writer.invalid_reason(), testing::HasSubstr("force"));
 
-  state = full<ses::ProbeState>(beta_);
+  state = full_sample<ses::ProbeState>(beta_);
   EXPECT_EQ(writer.send(state), SendStatus::kInvalid);
   EXPECT_THAT(writer.invalid_reason(), testing::HasSubstr("origin"));
 }
 
-TEST_F(TwoPrograms, AReaderMayLeaveWhileSamplesArrive) {
+TEST_F(TwoPrograms, AReaderMayBeDestroyedWhileSamplesArrive) {
   Writer<ses::ProbeState> writer{alpha_, topics::kProbeState};
   for (int round = 0; round < 10; ++round) {
     Inbox<ses::ProbeState> inbox;
-    std::atomic<bool> gone{false}, called_late{false};
+    std::atomic<bool> destroyed{false}, called_after_destruction{false};
     {
-      Reader<ses::ProbeState> reader{beta_, topics::kProbeState, [&](ses::ProbeState&& p) {
-                                       if (gone) called_late = true;
-                                       inbox.callback()(std::move(p));
+      Reader<ses::ProbeState> reader{beta_, topics::kProbeState, [&](ses::ProbeState&& state) {
+                                       if (destroyed) called_after_destruction = true;
+                                       inbox.callback()(std::move(state));
                                      }};
-      ASSERT_TRUE(send_until_received(writer, inbox, full<ses::ProbeState>(alpha_)).has_value());
-      for (int i = 0; i < 50; ++i) ASSERT_NE(writer.send(full<ses::ProbeState>(alpha_)), SendStatus::kInvalid);
+      ASSERT_TRUE(send_until_received(writer, inbox, full_sample<ses::ProbeState>(alpha_)).has_value());
+      for (int i = 0; i < 50; ++i) ASSERT_NE(writer.send(full_sample<ses::ProbeState>(alpha_)), SendStatus::kInvalid);
     }
-    gone = true;
-    for (int i = 0; i < 50; ++i) ASSERT_NE(writer.send(full<ses::ProbeState>(alpha_)), SendStatus::kInvalid);
-    EXPECT_FALSE(called_late);
+    destroyed = true;
+    for (int i = 0; i < 50; ++i) ASSERT_NE(writer.send(full_sample<ses::ProbeState>(alpha_)), SendStatus::kInvalid);
+    EXPECT_FALSE(called_after_destruction);
   }
 }
 
-TEST(TwoSessions, OnOneDomainDoNotMatch) {
-  const std::string one = unique_session("one"), other = unique_session("other");
-  Participants a{address(one, "a")}, b{address(one, "b")};
-  Participants x{address(other, "a")}, y{address(other, "b")};
-  Inbox<ses::RosterEntry> at_b, at_y;
-  Reader<ses::RosterEntry> reader_b{b, topics::kRoster, at_b.callback()};
-  Reader<ses::RosterEntry> reader_y{y, topics::kRoster, at_y.callback()};
-  Writer<ses::RosterEntry> writer_a{a, topics::kRoster};
-  Writer<ses::RosterEntry> writer_x{x, topics::kRoster};
+TEST(TwoSessions, OnOneDomainReceiveOnlyTheirOwnSamples) {
+  const std::string session_1 = unique_session("1"), session_2 = unique_session("2");
+  Participants alpha_1{address(session_1, "alpha")}, beta_1{address(session_1, "beta")};
+  Participants alpha_2{address(session_2, "alpha")}, beta_2{address(session_2, "beta")};
+  Inbox<ses::RosterEntry> inbox_1, inbox_2;
+  Reader<ses::RosterEntry> reader_1{beta_1, topics::kRoster, inbox_1.callback()};
+  Reader<ses::RosterEntry> reader_2{beta_2, topics::kRoster, inbox_2.callback()};
+  Writer<ses::RosterEntry> writer_1{alpha_1, topics::kRoster};
+  Writer<ses::RosterEntry> writer_2{alpha_2, topics::kRoster};
 
   // Both pairs exchange several rounds at the same time.
   for (int i = 0; i < 5; ++i) {
-    const auto got_b = send_until_received(writer_a, at_b, full<ses::RosterEntry>(a));
-    const auto got_y = send_until_received(writer_x, at_y, full<ses::RosterEntry>(x));
-    ASSERT_TRUE(got_b.has_value() && got_y.has_value());
-    ASSERT_EQ(got_b->session, one);
-    ASSERT_EQ(got_y->session, other);
+    const auto received_1 = send_until_received(writer_1, inbox_1, full_sample<ses::RosterEntry>(alpha_1));
+    const auto received_2 = send_until_received(writer_2, inbox_2, full_sample<ses::RosterEntry>(alpha_2));
+    ASSERT_TRUE(received_1.has_value() && received_2.has_value());
+    ASSERT_EQ(received_1->session, session_1);
+    ASSERT_EQ(received_2->session, session_2);
   }
   EXPECT_TRUE(eventually([&] {
-    return writer_a.matched() == 1 && writer_x.matched() == 1 && reader_b.matched() == 1 && reader_y.matched() == 1;
+    return writer_1.matched() == 1 && writer_2.matched() == 1 && reader_1.matched() == 1 && reader_2.matched() == 1;
   }));
 }
 
 TEST(SharedMemory, IsNotUsed) {
-  const auto mapped = [] {  // by this program; others may use it
+  const auto mapped_files = [] {  // of this program only, because other programs may use shared memory
     std::ifstream maps{"/proc/self/maps"};
     return std::string{std::istreambuf_iterator<char>{maps}, {}};
   };
   const std::string name = unique_session("shm");
-  Participants a{address(name, "a")}, b{address(name, "b")};
+  Participants alpha{address(name, "alpha")}, beta{address(name, "beta")};
   Inbox<ses::Metrics> inbox;
-  Reader<ses::Metrics> reader{b, topics::kMetrics, inbox.callback()};
-  Writer<ses::Metrics> writer{a, topics::kMetrics};
-  ASSERT_TRUE(send_until_received(writer, inbox, full<ses::Metrics>(a)).has_value());
-  EXPECT_THAT(mapped(), testing::Not(testing::HasSubstr("/dev/shm/")));
+  Reader<ses::Metrics> reader{beta, topics::kMetrics, inbox.callback()};
+  Writer<ses::Metrics> writer{alpha, topics::kMetrics};
+  ASSERT_TRUE(send_until_received(writer, inbox, full_sample<ses::Metrics>(alpha)).has_value());
+  EXPECT_THAT(mapped_files(), testing::Not(testing::HasSubstr("/dev/shm/")));
 }
 
 }  // namespace

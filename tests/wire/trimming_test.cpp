@@ -9,13 +9,13 @@ namespace {
 
 using Bytes = std::vector<std::uint8_t>;
 
-const Bytes kHead{'R', 'T', 'P', 'S', 2, 2, 1, 15, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1};
-const Bytes kTo{0x0e, 0x01, 12, 0, 9, 9, 9, 9, 9, 9, 9, 9, 9, 9, 9, 9};
-const Bytes kTime{0x09, 0x01, 8, 0, 0, 0, 0, 0, 0, 0, 0, 0};
+const Bytes kHeader{'R', 'T', 'P', 'S', 2, 2, 1, 15, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1};
+const Bytes kInfoDestination{0x0e, 0x01, 12, 0, 9, 9, 9, 9, 9, 9, 9, 9, 9, 9, 9, 9};
+const Bytes kInfoTime{0x09, 0x01, 8, 0, 0, 0, 0, 0, 0, 0, 0, 0};
 const Bytes kHeartbeat{0x07, 0x01, 28, 0, 0, 0, 0, 0, 0, 0, 3, 2, 0, 0, 0, 0,
                        1,    0,    0,  0, 0, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0};
 
-/// A sample of a writer of this kind, with `bytes` after its encapsulation.
+/// A sample of a writer of this kind, with `bytes` bytes after its encapsulation header.
 Bytes sample(std::uint8_t kind = 0x02, std::size_t bytes = 4) {
   const std::size_t length = 24 + bytes;
   Bytes made{0x15, 0x05, static_cast<std::uint8_t>(length), static_cast<std::uint8_t>(length >> 8)};
@@ -29,11 +29,11 @@ Bytes statistics() {
   return made;
 }
 Bytes message(const std::vector<Bytes>& parts) {
-  Bytes made = kHead;
+  Bytes made = kHeader;
   for (const Bytes& part : parts) made.insert(made.end(), part.begin(), part.end());
   return made;
 }
-/// The trimmed message; empty when it is not trimmed.
+/// The trimmed message; empty if `trim` leaves the message unchanged.
 Bytes trimmed(const Bytes& bytes) {
   TrimmedMessage out;
   if (!trim(bytes.data(), static_cast<std::uint32_t>(bytes.size()), out)) return {};
@@ -41,33 +41,33 @@ Bytes trimmed(const Bytes& bytes) {
 }
 
 TEST(TrimmingTest, RemovesDestinationTimeAndStatistics) {
-  EXPECT_EQ(trimmed(message({kTo, kTime, sample(), statistics()})), message({sample()}));
-  EXPECT_EQ(trimmed(message({kTime, sample(), statistics()})), message({sample()})) << "to several readers";
+  EXPECT_EQ(trimmed(message({kInfoDestination, kInfoTime, sample(), statistics()})), message({sample()}));
+  EXPECT_EQ(trimmed(message({kInfoTime, sample(), statistics()})), message({sample()})) << "without a destination";
 }
 
 TEST(TrimmingTest, OtherMessagesAreUnchanged) {
   constexpr std::uint8_t kBuiltIn = 0xc2;
 
   EXPECT_TRUE(trimmed(message({})).empty());
-  EXPECT_TRUE(trimmed(message({kTo, kTime})).empty());
-  EXPECT_TRUE(trimmed(message({kTo, kTime, sample()})).empty()) << "no statistics";
-  EXPECT_TRUE(trimmed(message({kTo, kTime, sample(), sample(), statistics()})).empty());
-  EXPECT_TRUE(trimmed(message({kTo, kTime, sample(), kHeartbeat, statistics()})).empty());
-  EXPECT_TRUE(trimmed(message({kTime, sample(kBuiltIn), statistics()})).empty()) << "discovery, to everyone";
+  EXPECT_TRUE(trimmed(message({kInfoDestination, kInfoTime})).empty());
+  EXPECT_TRUE(trimmed(message({kInfoDestination, kInfoTime, sample()})).empty()) << "no statistics";
+  EXPECT_TRUE(trimmed(message({kInfoDestination, kInfoTime, sample(), sample(), statistics()})).empty());
+  EXPECT_TRUE(trimmed(message({kInfoDestination, kInfoTime, sample(), kHeartbeat, statistics()})).empty());
+  EXPECT_TRUE(trimmed(message({kInfoTime, sample(kBuiltIn), statistics()})).empty()) << "a sample of discovery";
 }
 
 TEST(TrimmingTest, ATrimmedMessageThatLooksLikeStatisticsIsPadded) {
-  Bytes alike = sample(0x02, 56);
-  alike[alike.size() - 60] = kStatisticsId;
+  Bytes lookalike = sample(0x02, 56);
+  lookalike[lookalike.size() - 60] = kStatisticsId;
 
-  const Bytes left = trimmed(message({kTo, kTime, alike, statistics()}));
+  const Bytes padded = trimmed(message({kInfoDestination, kInfoTime, lookalike, statistics()}));
 
-  ASSERT_EQ(left.size(), message({alike}).size() + kSubmessageHeader);
-  EXPECT_NE(left[left.size() - kStatisticsSize], kStatisticsId);
+  ASSERT_EQ(padded.size(), message({lookalike}).size() + kSubmessageHeader);
+  EXPECT_NE(padded[padded.size() - kStatisticsSize], kStatisticsId);
 }
 
 TEST(TrimmingTest, NoPartOfAMessageIsReadBeyondItsEnd) {
-  const Bytes whole = message({kTo, kTime, sample(), statistics()});
+  const Bytes whole = message({kInfoDestination, kInfoTime, sample(), statistics()});
   for (std::size_t size = 0; size < whole.size(); ++size) {
     const Bytes cut(whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(size));
     EXPECT_TRUE(trimmed(cut).empty()) << size;  // sanitizers detect reads beyond the end
@@ -75,7 +75,7 @@ TEST(TrimmingTest, NoPartOfAMessageIsReadBeyondItsEnd) {
 }
 
 TEST(TrimmingTest, AMessageTooLongForTheBufferIsUnchanged) {
-  EXPECT_TRUE(trimmed(message({kTo, kTime, sample(0x02, 2000), statistics()})).empty());
+  EXPECT_TRUE(trimmed(message({kInfoDestination, kInfoTime, sample(0x02, 2000), statistics()})).empty());
 }
 
 }  // namespace
