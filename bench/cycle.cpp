@@ -173,7 +173,7 @@ Comparison run_fcl(const LoadedModel& subject, spm::fcl::FixedMesh& finest, cons
   std::vector<std::uint32_t> touching;
   for (std::size_t i = 0; i < path.size(); i += compare_every) {
     Stopwatch stopwatch;
-    finest.find_contacts(path[i], radius, touching);
+    finest.find_touched_faces(path[i], radius, touching);
     result.finest_query.add(stopwatch.lap());
     if (run.touched[i].is_exact) {
       std::sort(touching.begin(), touching.end());
@@ -183,7 +183,7 @@ Comparison run_fcl(const LoadedModel& subject, spm::fcl::FixedMesh& finest, cons
       result.mismatches += wrong > 0 ? 1 : 0;
     }
     stopwatch.lap();
-    base.find_contacts(path[i], radius, touching);
+    base.find_touched_faces(path[i], radius, touching);
     result.base_query.add(stopwatch.lap());
   }
   for (int i = 0; i < refits; ++i) {

@@ -29,7 +29,7 @@ class EmbreeMesh {
   EmbreeMesh(const EmbreeMesh&) = delete;
   EmbreeMesh& operator=(const EmbreeMesh&) = delete;
 
-  /// Fills `out` with all triangles within `radius` of `centre`. Faces and points are those of AbTree::touching.
+  /// Fills `out` with all triangles within `radius` of `centre`. Faces and points are those of AbTree::find_contacts.
   void find_contacts(const spm::Vec3d& centre, double radius, std::vector<spm::Contact>& out) const;
 
  private:
@@ -50,7 +50,7 @@ class EmbreeTool {
   EmbreeTool(const EmbreeTool&) = delete;
   EmbreeTool& operator=(const EmbreeTool&) = delete;
 
-  /// Moves the tool to `pose` and fills `out` with all intersecting pairs, as PlacedProbe::touching does.
+  /// Moves the tool to `pose` and fills `out` with all intersecting pairs, as PlacedProbe::find_contacts does.
   void find_contacts(const Eigen::Isometry3d& pose, std::vector<spm::MeshContact>& out);
 
  private:

@@ -1,6 +1,7 @@
-// Measures the time from the first catalogue entry to the first exact contact of a tip that knocks at a large model.
-// The programs are real, and each try uses a new HRTC, on a local network and on a slow link with a long delay. For
-// comparison, the whole mesh is downloaded over the same link.
+// Measures how long a new HRTC takes from its first catalogue entry to the first exact contact. The tip touches and
+// leaves a large model again and again. A host serves the model to one HRTC after another, each a process of its own,
+// over two links: a local network, and a slow link with a long delay. For comparison, the whole mesh is downloaded over
+// the same links by TCP.
 #include <arpa/inet.h>
 #include <signal.h>
 #include <sys/socket.h>
@@ -41,9 +42,9 @@ struct Settings {
 
 constexpr double kRadius = 0.003;      // m, of the tip
 constexpr double kDepth = 0.0003;      // m
-constexpr double kSpacing = 0.005;     // m along the surface, between the points at which tips knock
-constexpr double kKnockPeriod = 0.02;  // s
-constexpr double kKnockingTime = 30;   // s
+constexpr double kSpacing = 0.005;     // m along the surface, between the points that tips touch
+constexpr double kKnockPeriod = 0.02;  // s, from one touch of the tip to the next
+constexpr double kKnockingTime = 30;   // s, length of the recording
 
 struct LinkCase {
   const char* name;
@@ -53,7 +54,7 @@ struct LinkCase {
 /// A local network, and a link of 20 Mbit/s with a round trip of 100 ms.
 constexpr std::array<LinkCase, 2> kLinks{LinkCase{"LAN", "P1", 250}, LinkCase{"100 ms", "P0:delay=50:rate=20", 1000}};
 
-/// The model file, the configuration of its host, and the points of its surface at which tips knock.
+/// The model file, the configuration of its host, and the points of its surface that tips touch.
 class KnockSubject {
  public:
   explicit KnockSubject(const Settings& settings) {
@@ -61,7 +62,7 @@ class KnockSubject {
     name = loaded.name;
     mesh_bytes = 12.0 * (static_cast<double>(loaded.model.positions.size()) + loaded.model.summary.faces);
     spm::offline::write_model(folder_.path() / "model.spm", loaded.model, {});
-    if (settings.model.empty()) scale_to_edge(loaded, kHandEdge);  // changes the scale of the host, not the file
+    if (settings.model.empty()) scale_to_edge(loaded, kHandEdge);  // the scale is in host.yaml, not in the model
     summary = loaded.model.summary;
     const double unit = summary.metres_per_unit;
     std::ofstream config{path("host.yaml")};
@@ -72,9 +73,9 @@ class KnockSubject {
     const spm::fcl::FixedMesh finest{loaded.model.positions, loaded.finest};
     const auto tries = static_cast<std::size_t>(settings.tries);
     const auto distance = [&](const Vec3d& at) { return finest.distance(at); };
-    // A point is usable if the tip reaches it from outside and then touches it. Points in narrow folds are not.
-    constexpr std::uint32_t kCandidates = 20;  // for each try
-    constexpr double kFreeHeight = 0.01;       // m above the point, where the tip has to be free
+    // A point is usable if the tip touches the surface there, and is free above it. In a narrow fold it is not free.
+    constexpr std::uint32_t kCandidates = 20;  // candidate points for each try
+    constexpr double kFreeHeight = 0.01;       // m; at this height above the point the tip has to be free
     const PathSettings path_settings{kRadius / unit, kDepth / unit, kSpacing / unit,
                                      kCandidates * static_cast<std::uint32_t>(tries), 1};
     for (const SurfacePose& pose : surface_poses(loaded.model.positions, loaded.finest, path_settings, distance)) {
@@ -83,10 +84,12 @@ class KnockSubject {
           distance(pose.centre + pose.normal * (kFreeHeight / unit)) * unit > 0.9 * (kRadius + kFreeHeight);
       if (is_touched && is_free && points.size() < tries) points.push_back({pose.centre * unit, pose.normal});
     }
-    if (points.size() < tries) throw std::runtime_error("found too few points at which the tip touches");
+    if (points.size() < tries)
+      throw std::runtime_error("found " + std::to_string(points.size()) + " points that a tip can touch, expected " +
+                               std::to_string(tries));
   }
 
-  /// Writes the recording of a device that knocks at a point once in each kKnockPeriod. Returns its file.
+  /// Writes the poses of a device that touches a point once in each kKnockPeriod, and leaves it. Returns the file.
   [[nodiscard]] std::string write_recording(std::size_t point) const {
     const std::string file = path("knock-" + std::to_string(point) + ".csv");
     std::ofstream out{file};
@@ -137,7 +140,8 @@ sockaddr_in address_of(Side side) {
   return address;
 }
 
-/// Sends `bytes` by TCP from namespace a to namespace b. Returns the time from connecting to the last byte, ms.
+/// Sends `bytes` by TCP from namespace a to namespace b of the link. Returns the time from the start of the connection
+/// to the arrival of the last byte, ms.
 double download(const netem::LinkedPair& pair, std::size_t bytes) {
   std::promise<void> listening;
   bool is_listening = false;
@@ -199,12 +203,13 @@ double download(const netem::LinkedPair& pair, std::size_t bytes) {
 
 // ---- first contacts
 
-/// Values of the HRTCs: times since the first catalogue entry, and bytes received until the first exact contact.
+/// One sample for each HRTC: times from its first catalogue entry to its first base mesh and to its first exact
+/// contact, and the bytes that it had received by then.
 struct FirstContacts {
   Samples base_ms, exact_ms, bytes;
 };
 
-/// Starts one HRTC for each point. Its tip knocks at the surface before any part of the model has arrived.
+/// Starts one HRTC for each point. When its tip begins to touch and leave the point, no part of the model has arrived.
 FirstContacts measure_contacts(LiveSession& session, const KnockSubject& subject) {
   const auto host = session.start(Side::kA, "host", {"--name", "host", "--config", subject.path("host.yaml")});
   const auto wait_for = [&](const e2e::Process& program, const char* what, const auto& condition) {
@@ -218,7 +223,7 @@ FirstContacts measure_contacts(LiveSession& session, const KnockSubject& subject
            [](const ObservedSession& observed) { return observed.roster.count(session::id_of("host")) != 0; });
   FirstContacts contacts;
   for (std::size_t i = 0; i < subject.points.size(); ++i) {
-    std::fprintf(stderr, "\rtouch %zu of %zu ", i + 1, subject.points.size());
+    std::fprintf(stderr, "\rtry %zu of %zu ", i + 1, subject.points.size());
     const std::string name = "desk-" + std::to_string(i);
     const auto hrtc = session.start(
         Side::kB, "hrtc", {"--name", name, "--users", "1", "--replay", name + "=" + subject.write_recording(i)});

@@ -9,16 +9,17 @@ namespace tactus::bench {
 
 namespace {
 
-// Margins of an HRTC (hrtc_service/cycle.hpp), m.
+// Distances around the probe within which regions are refined and stay refined, m. As in hrtc_service/cycle.hpp.
 constexpr double kRetainMargin = 0.002;
 constexpr double kRefineMargin = 0.0005;
 
 spm::LocalRefinementSettings settings_of(const spm::ModelSummary& summary, const RefinedRunSettings& settings) {
-  // A tip as large as a small model touches most of the model at once and needs this pool, whatever the share.
+  // If a model is hardly larger than the tip, the tip touches most of the model at once. A share of such a small model
+  // would then be too few slots, so the pool has at least this number in addition to those of the base mesh.
   constexpr std::uint32_t kMinSlots = 8192;
-  const std::uint32_t base = std::max(summary.base_vertices, (summary.base_faces + 1) / 2);
-  const auto share = static_cast<std::uint32_t>(settings.pool_share * summary.parts);
-  const spm::PoolSettings pool = spm::PoolSettings::for_slots(base + std::max(share, kMinSlots));
+  const std::uint32_t base_slots = std::max(summary.base_vertices, (summary.base_faces + 1) / 2);
+  const auto share_slots = static_cast<std::uint32_t>(settings.pool_share * summary.parts);
+  const spm::PoolSettings pool = spm::PoolSettings::for_slots(base_slots + std::max(share_slots, kMinSlots));
   spm::LocalRefinementSettings refinement;
   refinement.memory = pool.bytes() + spm::directory_bytes(summary, pool);
   refinement.margins = {kRefineMargin / summary.metres_per_unit, kRetainMargin / summary.metres_per_unit};

@@ -17,20 +17,21 @@ constexpr std::size_t kMaxProblems = 10;
 constexpr std::uint32_t kMaxWanted = 12;  // regions in a target
 constexpr double kMinBudget = 1, kMaxBudget = 3e5;
 
-/// Returns settings with one tree node for two slots; an HRTC has one for three. Random regions share fewer tree nodes.
+/// Returns settings with one tree node per two slots. An HRTC has one per three, but random regions need more, because
+/// they share fewer tree nodes than regions around a probe.
 spm::PoolSettings pool_for(const spm::ModelSummary& summary, double share) {
   spm::PoolSettings settings = spm::PoolSettings::for_slots(slots_for(summary, share));
   settings.tree_nodes = settings.slots / 2 + 1024;
   return settings;
 }
 
-/// A shown face by ids, independent of the places in memory.
+/// A shown face, described by ids, so that faces of two forests can be compared although their rows differ.
 struct ShownFace {
-  std::uint32_t face, last;
+  std::uint32_t face, finest;
   std::array<std::uint32_t, 3> vertices;
   std::array<float, 9> corners;
   [[nodiscard]] bool operator==(const ShownFace& other) const noexcept {
-    return face == other.face && last == other.last && vertices == other.vertices && corners == other.corners;
+    return face == other.face && finest == other.finest && vertices == other.vertices && corners == other.corners;
   }
 };
 
@@ -72,7 +73,7 @@ class Torture {
  private:
   std::uint64_t random_below(std::uint64_t bound) { return random_() % bound; }
   RegionId random_region() { return RegionId{static_cast<std::uint32_t>(random_below(regions_))}; }
-  /// Returns a random budget. Its logarithm is uniform, so that steps end in all stages.
+  /// Returns a random budget. Its logarithm is uniform, so that some steps end after a few records, others after many.
   std::uint32_t random_budget() {
     const double unit = static_cast<double>(random_() >> 11) * 0x1p-53;
     return static_cast<std::uint32_t>(kMinBudget * std::pow(kMaxBudget / kMinBudget, unit));
@@ -84,7 +85,7 @@ class Torture {
     result_.splits = forest.splits;
     result_.collapses = forest.collapses;
     result_.loaded = std::min<std::uint64_t>(cache.records_accepted, records_);
-    result_.reloaded = cache.records_accepted - result_.loaded;  // a lower bound
+    result_.reloaded = cache.records_accepted - result_.loaded;  // exact if all records were loaded, else a lower bound
     result_.repeated = cache.records_repeated;
     result_.regions_evicted = cache.regions_released;
     return result_;
@@ -129,12 +130,12 @@ class Torture {
       retire();
       retire();
     } else {
-      add_problem("region " + std::to_string(index(region)) +
-                  " was refused: " + std::to_string(static_cast<int>(accepted)));
+      add_problem("region " + std::to_string(index(region)) + " was refused with AcceptResult " +
+                  std::to_string(static_cast<int>(accepted)));
     }
   }
 
-  /// Retires the first loaded region from a random number on.
+  /// Starts at a random region number and retires the first loaded region found.
   void retire() {
     const std::uint32_t from = index(random_region());
     for (std::uint32_t i = 0; i < regions_; ++i) {
@@ -162,9 +163,10 @@ class Torture {
     for (std::string& text : hrtc_.cache().violations()) add_problem(std::move(text));
   }
 
+  /// Refines a random part of the loaded regions, and compares the mesh with that of a new forest with these regions.
   void check_final_mesh() {
     const spm::Model& model = hrtc_.model();
-    for (std::uint32_t remaining = 0; remaining < kMaxWanted || hrtc_.records_held() == 0; ++remaining) {
+    for (std::uint32_t loads = 0; loads < kMaxWanted || hrtc_.records_held() == 0; ++loads) {
       load();
       refine(hrtc_, {});
       release();
@@ -192,7 +194,7 @@ class Torture {
     std::sort(refined_regions.begin(), refined_regions.end());
     for (const RegionId region : refined_regions)
       if (fresh.load(fresh.message(region, true)) != spm::AcceptResult::kAccepted)
-        add_problem("the fresh forest refused region " + std::to_string(index(region)));
+        add_problem("the new forest refused region " + std::to_string(index(region)));
     refine(fresh, refined_regions);
     result_.fresh_hash = fresh.forest().mesh_hash();
     compare(shown_mesh(hrtc_), shown_mesh(fresh));

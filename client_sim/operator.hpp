@@ -153,7 +153,7 @@ class Operator {
   std::map<std::uint64_t, Other> others_;  // by user
 
   // Orientation of the hand.
-  bool tilts_hand_ = false;           // an action of the script has a `lean`
+  bool tilts_hand_ = false;           // an action of the script has a `tilt`
   Vec3d hand_axis_ = Vec3d::UnitZ();  // z axis of the hand without tilt: the surface normal, smoothed by the wrist
   Eigen::Quaterniond untilted_ = Eigen::Quaterniond::Identity();
   Eigen::Quaterniond orientation_ = Eigen::Quaterniond::Identity();

@@ -41,7 +41,7 @@ enum class ActionKind : std::uint8_t {
   kWait,      ///< does not move for `seconds`
   kLift,      ///< with other users, presses with `force`, raises the object by `height`, waits `seconds`, puts it down
   kGrab,      ///< approaches, and holds the object at the contact point
-  kMove,      ///< moves a held object by `by`, and waits `seconds`
+  kMove,      ///< moves a held object by `displacement`, and waits `seconds`
   kRelease,   ///< releases the object and moves away
   kRetreat    ///< leaves the object's bounds in the direction of the approach
 };

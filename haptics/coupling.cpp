@@ -8,25 +8,27 @@ namespace tactus::haptics {
 namespace {
 
 constexpr double kPi = 3.14159265358979323846;
-constexpr int kLongestGap = 100;  // max cycles without a sample across which waves are interpolated
-constexpr std::int64_t kAssumedMotionNs = 500'000'000;  // time for which a peer without samples is assumed to move on
+constexpr int kLongestGap = 100;  // max cycles between the interpolated time and a sample used for it
+// Time after the start for which a peer whose samples have not arrived yet is assumed to keep the speed of the start.
+constexpr std::int64_t kAssumedMotionNs = 500'000'000;
 constexpr double kSurplusShare = 0.05;  // share of the energy above the reserve that goes to the peers per cycle
-constexpr double kHomingCosts = 3;      // min tank level for homing, as a multiple of the energy of this cycle's waves
-constexpr double kSmoothing = 0.02;     // s, time constant for the users' forces
+// Min tank level for homing (the copies slowly converge), as a multiple of the energy of this cycle's waves.
+constexpr double kHomingCosts = 3;
+constexpr double kSmoothing = 0.02;  // s, time constant for the users' forces
 
 }  // namespace
 
 CopyCoupling::CopyCoupling(const CouplingSettings& settings, std::size_t index, const BodySettings& whole) noexcept
     : settings_{settings}, index_{index}, share_{whole} {
   const double copies = static_cast<double>(settings_.copies);
-  // A long channel resonates within the bandwidth of a hand, so its waves are low-pass filtered. A short channel
-  // resonates above that bandwidth, where the hands damp the resonance.
+  // A channel with a long delay resonates within the bandwidth of a hand, so its waves are low-pass filtered. A channel
+  // with a short delay resonates above that bandwidth, where the hands damp the resonance, so its filter is weaker.
   filter_ = settings_.delay * std::min(0.8, settings_.delay / 0.3);
   channel_delay_ = settings_.delay + filter_ + 1e-3;
   const double phi = settings_.channel_share;
 
-  // Springs and channels are compliant, so at 1 Hz an object feels heavier than at rest, by the share `excess`. About
-  // half of this share is subtracted from the mass.
+  // Springs and channels are compliant, so an object that a hand moves at 1 Hz feels heavier than its mass, by the
+  // share `excess`. About half of this share is subtracted from the mass.
   const double others = whole.mass * (copies - 1) / copies;
   const double excess = std::pow(2 * kPi, 2) * others *
                         (1 / settings_.stiffness + copies * channel_delay_ * channel_delay_ / (2 * phi * whole.mass));
@@ -39,7 +41,8 @@ CopyCoupling::CopyCoupling(const CouplingSettings& settings, std::size_t index, 
   share_.angular_damping = whole.angular_damping / copies;
 
   whole_ << Vec3d::Constant(whole.mass), whole.inertia;
-  // Factors from a mass to an inertia, and from a stiffness at the corners of a box to a rotational stiffness.
+  // Each axis has a factor. `per_mass` converts a mass to mass and inertia. `per_spring` converts the stiffness of
+  // springs at the corners of a box with this inertia to translational and rotational stiffness.
   Vec6d per_mass;
   per_mass << Vec3d::Ones(), whole.inertia / whole.mass;
   Vec6d per_spring;
@@ -93,7 +96,8 @@ void CopyCoupling::on_sample(std::size_t peer, const CopySample& sample) noexcep
   if (sample.time_ns <= pressed_ns_[peer]) return;
   pressed_ns_[peer] = sample.time_ns;
   pressed_[peer] = sample.pressed;
-  // The counter never decreases. A lower value shows that the previous sample was wrong; it is the new base then.
+  // A peer's energy counter never decreases. If it is lower than in the previous sample, that sample was wrong, and the
+  // new value is the one to count from.
   const double arrived = std::min(sample.energy[index_] - energy_received_[peer], settings_.tank);
   energy_received_[peer] = sample.energy[index_];
   if (!(arrived > 0)) return;
@@ -115,8 +119,9 @@ void CopyCoupling::start(std::int64_t now_ns, const BodyState& body) noexcept {
   ledger_.received += lacking;
 }
 
-/// At rest a channel carries 1 / N of the difference between its two users' forces, and is stretched by D / b times
-/// that.
+/// Returns the impedance b of the channel to a peer. If the users of both copies press in opposite directions, b is
+/// higher along their forces: at rest the channel carries 1 / N of the difference of the two forces (N copies), and
+/// this force stretches the channel by D / b times the force (D: channel delay).
 Mat6d CopyCoupling::impedance_to(std::size_t peer) const noexcept {
   Mat6d impedance = impedance_.asDiagonal();
   const Vec3d between = pressed_[index_] - pressed_[peer];
@@ -144,7 +149,8 @@ void CopyCoupling::begin(std::int64_t now_ns, double dt, RigidBody& body) noexce
   add_spring(dt, body);
 }
 
-/// Interpolates the samples of all copies at the delay D, moves the homing on, and filters the waves.
+/// Interpolates the samples of all copies at the time that is `settings_.delay` ago, advances the homing by one step,
+/// and filters the waves.
 void CopyCoupling::receive_waves(std::int64_t now_ns, double dt) noexcept {
   const double copies = static_cast<double>(settings_.copies);
   const std::int64_t then_ns = now_ns - std::llround(settings_.delay * 1e9);
@@ -214,7 +220,9 @@ void CopyCoupling::choose_step(double dt) noexcept {
 }
 
 void CopyCoupling::add_spring(double dt, RigidBody& body) noexcept {
-  // Spring and channels in series, at the end of the step: F = K (e + step - F dt / b - u - dt v).
+  // Spring and channels are in series, so the spring force at the end of the step is
+  // F = K (e + step - F dt / b - u - dt v). Before the step, e is the set position and u the integral of the copy's
+  // velocity. v is the velocity after the step, b the sum of the channels' impedances.
   effective_stiffness_ = (Mat6d(stiffness_.cwiseInverse().asDiagonal()) + dt * admittance_).inverse();
   const Mat6d mass = dt * dt * effective_stiffness_ + dt * Mat6d(drag_.asDiagonal());
   const Vec6d impulse = dt * effective_stiffness_ * (set_position_ + step_ - moved_);
@@ -240,15 +248,16 @@ void CopyCoupling::finish(const Vec6d& velocity, const RigidBody& body, const Ve
     ledger_.tank += settings_.credited * dragged;
     set_position_ += end_step;
     moved_ += moved;
-    // The tank gets the energy that the channels put into the spring and that the spring neither returned nor stored.
-    // Without this credit a low tank would make the set position oscillate, which would lower the tank further.
+    // The implicit spring dissipates energy: the energy from the channels, minus the energy given to the copy, minus
+    // the increase of the stored energy. This loss is credited to the tank. Without this credit a low tank would make
+    // the set position oscillate, which would lower the tank further.
     const double stored = 0.5 * stiffness_.dot((set_position_ - moved_).cwiseAbs2());
     ledger_.tank += std::max(0.0, force.dot(end_step - moved) - (stored - ledger_.stored));
     ledger_.stored = stored;
 
     for (std::size_t i = 0; i < settings_.copies; ++i) {
       if (i == index_) continue;
-      const Vec6d departing = end_step - channels_[i].step / 2;  // dt times the velocity of the wave
+      const Vec6d departing = end_step - channels_[i].step / 2;  // dt times the velocity of the departing wave
       own_.energy[i] += departing.dot(channels_[i].impedance * departing) / dt_;
       own_.waves[i] = 2 * set_position_ - channels_[i].arrived;
     }

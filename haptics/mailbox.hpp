@@ -3,8 +3,9 @@
 ///     producer: post(a) post(b)            post(c)
 ///     consumer:                  take -> b         take -> c   take -> nothing new
 ///
-/// Three slots: the producer owns one, the consumer owns one, and both exchange theirs with the third. One producer and
-/// one consumer thread. Realtime at both ends: a copy and one atomic exchange, no wait.
+/// There are three slots. The producer owns one, the consumer owns one, and each exchanges its own for the third. Only
+/// one producer thread and one consumer thread may use a mailbox. Realtime for both: they copy the value and make one
+/// atomic exchange, and never wait.
 #pragma once
 
 #include <array>
@@ -16,10 +17,10 @@ namespace tactus::haptics {
 
 template <class T>
 class Mailbox {
-  static_assert(std::is_trivially_destructible_v<T>, "a post copies the value and must not allocate");
+  static_assert(std::is_trivially_destructible_v<T>, "T may own no memory: its copies must not allocate");
 
  public:
-  /// Until the first post, `latest` is `initial`.
+  /// Until the first post, `latest` returns `initial` and `take` returns false.
   explicit Mailbox(const T& initial = T{}) noexcept : slots_{{{initial}, {initial}, {initial}}} {}
   Mailbox(const Mailbox&) = delete;
   Mailbox& operator=(const Mailbox&) = delete;
@@ -45,9 +46,10 @@ class Mailbox {
   }
 
  private:
-  static constexpr std::uint8_t kSlot = 3;
-  static constexpr std::uint8_t kNew = 4;  // the consumer has not seen the value in the shared slot
+  static constexpr std::uint8_t kSlot = 3;  // mask of the slot's number in `between_`
+  static constexpr std::uint8_t kNew = 4;   // bit in `between_`: the consumer has not seen the value in that slot
 
+  /// Makes the newest value that of `front_`. Returns false if the consumer has seen it.
   bool refresh() noexcept {
     if ((between_.load(std::memory_order_relaxed) & kNew) == 0) return false;
     front_ = between_.exchange(front_, std::memory_order_acq_rel) & kSlot;
@@ -58,9 +60,9 @@ class Mailbox {
     T value;
   };
   std::array<Slot, 3> slots_;
-  alignas(64) std::uint8_t back_ = 0;
-  alignas(64) std::atomic<std::uint8_t> between_{1};
-  alignas(64) std::uint8_t front_ = 2;
+  alignas(64) std::uint8_t back_ = 0;                 // slot of the producer
+  alignas(64) std::atomic<std::uint8_t> between_{1};  // the third slot, and kNew
+  alignas(64) std::uint8_t front_ = 2;                // slot of the consumer
 };
 
 }  // namespace tactus::haptics

@@ -2,13 +2,13 @@
 ///
 ///   CycleObserver: stop, reset, move, touch, refine --> [one record a cycle] --ring--> FlightStore: last seconds, file
 ///
-/// A record contains the calls of one cycle in order, as the structs of trace/flight_file.hpp. At intervals it also
-/// contains the state that the cycle passes to the next one, so that a recording can begin there.
+/// A record contains the calls that one cycle makes to its observer, in order, as structs of trace/flight_file.hpp. At
+/// intervals it also contains the state that the cycle passes to the next one, so that a recording can begin there.
 ///
 /// The record is pushed to the ring after the cycle's refinement. If the ring is full, the cycle is lost, but the
 /// recorder stores its arrivals and departures. The next record that fits contains the number of lost cycles, these
-/// events, and the state after them. A cycle with a full ring of departures also counts as lost, because its departures
-/// then depend on another thread.
+/// events, and the state after them. A cycle also counts as lost if the ring of departures is full: the departures of
+/// the cycle then depend on how fast the loader empties that ring, which a replay does not know.
 ///
 /// The haptic thread calls the observer's functions, one other thread calls `next`.
 #pragma once
@@ -27,7 +27,7 @@
 
 namespace tactus::hrtc_service {
 
-/// Kind of an entry of a record, by its content.
+/// Kind of an entry of a record. The comments state its content.
 enum class FlightEntry : std::uint32_t {
   kEvent,   ///< trace::FlightEvent
   kObject,  ///< trace::FlightEvent, then FlightNewObject
@@ -57,14 +57,15 @@ using FlightRecord = std::vector<std::uint64_t>;
 class FlightRecorder final : public CycleObserver {
  public:
   static constexpr std::uint32_t kRingWords = 1u << 18;  ///< 2 MiB, for 0.8 s of eight probes at 1 kHz
-  /// Max number of regions of an object with applied records. If there are more, no state is recorded.
+  /// Max number of regions in use per object (Forest::InUse). If an object has more, no state is recorded.
   static constexpr std::uint32_t kMaxInUse = 1u << 12;
   static constexpr std::uint32_t kMaxWords = 1u << 15;  ///< max length of a record; a longer record is lost
   /// Max words of the events that are stored while cycles are lost, some 4000 events. If there are more, recording
   /// ends.
   static constexpr std::uint32_t kMaxEventWords = 1u << 14;
 
-  /// `state_period`: number of cycles from one recorded state to the next. Allocates 2.5 MiB and touches its memory.
+  /// `state_period`: number of cycles from one recorded state to the next. Allocates 2.5 MiB and writes to all of it,
+  /// so that the haptic thread has no page faults there.
   explicit FlightRecorder(std::uint32_t state_period);
 
   void stopped(haptics::Fault fault) noexcept override;
@@ -77,7 +78,8 @@ class FlightRecorder final : public CycleObserver {
 
   /// Sets `record` to the next record. Returns false if there is none. Allocates.
   [[nodiscard]] bool next(FlightRecord& record);
-  /// Returns the number of cycles that were lost when recording ended because of too many events; 0: it still records.
+  /// Returns 0 while the recorder records. When too many events have ended the recording, returns the number of cycles
+  /// that were lost until then.
   [[nodiscard]] std::uint64_t lost_at_end() const noexcept { return lost_at_end_.load(std::memory_order_relaxed); }
 
  private:
@@ -100,7 +102,8 @@ class FlightRecorder final : public CycleObserver {
   std::atomic<std::uint64_t> lost_at_end_{0};
 };
 
-/// Adds the mesh hash of one object to the combined hash of the objects before it, which is 0 for the first.
+/// Adds the mesh hash of one object to `before`, the combined hash of the objects before it. `before` is 0 for the
+/// first object.
 [[nodiscard]] constexpr std::uint64_t flight_hash(std::uint64_t before, std::uint64_t mesh_hash) noexcept {
   return before * 0x100000001b3u + mesh_hash;
 }

@@ -1,7 +1,7 @@
 /// Opens and closes the endpoints for full-rate states (session/modes.hpp): a writer and a reader for each group, in
 /// the partition of the group.
 ///
-/// Service thread, unless a comment names another one.
+/// Only the service thread may call it, except where a comment names another thread.
 #pragma once
 
 #include <array>
@@ -22,16 +22,17 @@ class GroupEndpoints {
  public:
   using OnState = std::function<void(session::ProbeState&&)>;
 
-  /// `on_state` receives the states of all groups, in a thread of DDS. `participants` must outlive the endpoints.
+  /// `on_state` receives the states of all groups, in a thread of DDS. `participants` must outlive this object.
   GroupEndpoints(wire::Participants& participants, OnState on_state);
   ~GroupEndpoints();
 
-  /// Opens and closes endpoints according to the groups of `users`. `ids`: ids of this HRTC's users by probe, 0: none.
+  /// Opens the endpoints of new groups, closes those of ended groups, and passes the writers to the sender thread.
+  /// `users`: states the groups. `ids`: for each probe, the id of its user, or 0 if it has none.
   void sync(RemoteUsers& users, const std::array<std::uint64_t, kMaxProbes>& ids);
-  /// Returns the number of probes whose states are sent at full rate.
+  /// Returns the number of probes that send full-rate states.
   [[nodiscard]] std::size_t collaborating() const noexcept;
 
-  /// Adopts the newest endpoints. Call it before the states of each cycle. Sender thread.
+  /// Switches to the newest writers. Call it before the states of each cycle are sent. Sender thread.
   void take_endpoints() noexcept { in_use_ = &full_rate_out_.latest(); }
   /// Sends the state if the probe's user collaborates, else returns false. Sender thread. Takes no lock.
   bool send_full_rate(std::uint32_t probe, const session::ProbeState& state);
@@ -46,10 +47,10 @@ class GroupEndpoints {
   wire::Participants& participants_;
   OnState on_state_;
   std::map<std::uint64_t, Endpoints> endpoints_;  // by group
-  Writers full_rate_{};
-  Handover<Writers> full_rate_out_;  // to the sender
-  const Writers* in_use_ = nullptr;  // writers of the sender since take_endpoints
-  Retired<Endpoints> dropped_;       // until the sender no longer uses them
+  Writers full_rate_{};                           // at the last sync; null: the probe's user does not collaborate
+  Handover<Writers> full_rate_out_;               // passes `full_rate_` to the sender thread
+  const Writers* in_use_ = nullptr;               // writers that the sender thread uses, set by take_endpoints
+  Retired<Endpoints> dropped_;                    // of ended groups, until the sender no longer uses them
 };
 
 }  // namespace tactus::hrtc_service

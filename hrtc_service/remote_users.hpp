@@ -28,7 +28,7 @@ class RemoteUsers {
 
   void on_catalogue(const session::CatalogueEntry& entry) { modes_.on_catalogue(entry); }
   void on_object_gone(std::uint64_t object) { modes_.forget_object(object); }
-  /// Throws std::invalid_argument as session::parse_mode.
+  /// Applies the text of a mode command. Throws std::invalid_argument like session::parse_mode.
   void on_mode(const std::string& text) { modes_.set_command(session::parse_mode(text)); }
   void on_own_probe(std::uint64_t user, const std::array<double, 3>& position, std::int64_t now_ns) {
     modes_.on_probe(user, self_, position, now_ns);
@@ -39,22 +39,23 @@ class RemoteUsers {
   void on_metrics(const session::Metrics& metrics, std::int64_t now_ns);
   void on_hrtc_gone(std::uint64_t participant);
   void on_user_left(std::uint64_t user) { modes_.forget_user(user); }
-  /// Removes silent probes and old losses.
+  /// Removes probes without recent states and loss reports that are too old, and decides the groups again.
   void tick(std::int64_t now_ns);
 
   /// Returns the groups that need endpoints, ascending.
   [[nodiscard]] std::vector<std::uint64_t> groups() const { return modes_.groups(); }
   /// Returns the group of a user of this HRTC, or 0.
   [[nodiscard]] std::uint64_t group_of(std::uint64_t user) const { return modes_.group_of(user); }
-  /// Reports whether both endpoints of a group have found a peer.
+  /// Reports whether the writer and the reader of a group have matched endpoints at peers.
   void on_peers(std::uint64_t group, bool matched) { modes_.on_peers(group, matched); }
 
-  /// Returns the largest share of our deadband-coded states that an HRTC loses. Any thread.
+  /// Returns the share of our deadband-coded states that another HRTC loses, for the HRTC that loses most. Any thread.
   [[nodiscard]] double loss() const noexcept { return loss_.load(std::memory_order_relaxed); }
   void add_figures(std::vector<session::Figure>& figures) const;
-  /// Returns the number of states that were dropped outside their plausible windows.
+  /// Returns the number of states that were dropped because a number or time was outside its plausible window.
   [[nodiscard]] std::uint64_t implausible() const noexcept { return implausible_; }
-  /// Returns a figure for each HRTC of whose states this one loses a share.
+  /// Returns the losses of this HRTC: for each other HRTC, the share of its states that this one lost. Omits HRTCs with
+  /// a share of nearly 0.
   [[nodiscard]] std::vector<session::Figure> losses() const;
 
  private:
@@ -71,7 +72,7 @@ class RemoteUsers {
   std::uint64_t self_;
   session::Modes modes_;
   std::map<std::pair<std::uint64_t, std::uint32_t>, Remote> remotes_;  // by user and probe
-  std::map<std::uint64_t, Loss> losses_;                               // of our states, by HRTC
+  std::map<std::uint64_t, Loss> losses_;                               // of our states, by the HRTC that lost them
   std::uint64_t implausible_ = 0;
   std::atomic<double> loss_{0};
 };

@@ -8,7 +8,7 @@
 
 namespace tactus::latency {
 
-/// Mean, maximum and percentiles (session/percentile.hpp); NaN without values.
+/// Mean, maximum and percentiles (session/percentile.hpp). All are NaN if there are no values. p999: 99.9 %.
 struct Summary {
   std::size_t count = 0;
   static constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
@@ -19,8 +19,8 @@ struct Summary {
 
 /// Counts lost, duplicate and reordered samples by their sequence numbers.
 ///
-/// A sample whose number arrived before is a duplicate. A sample whose number arrives first after a larger number is
-/// reordered. A number that never arrives is lost.
+/// A sample is a duplicate if its number has arrived before. It is reordered if its number has not arrived before, but
+/// a larger number has. A number that never arrives is lost.
 class SequenceTally {
  public:
   /// Counts the numbers from 0 to `expected` - 1 and ignores others. Allocates a bit for each number.
@@ -40,12 +40,13 @@ class SequenceTally {
   std::uint32_t unique_ = 0, duplicates_ = 0, reordered_ = 0;
 };
 
-/// Interarrival jitter: smoothed difference between the intervals of two samples at the receiver and at the sender.
-/// Source: RFC 3550, section 6.4.1.
+/// Interarrival jitter: the smoothed absolute change of the transit time from one sample to the next. Source: RFC 3550,
+/// section 6.4.1.
 class InterarrivalJitter {
  public:
-  /// Call in order of arrival. The sender's and the receiver's clock may differ. O(1).
+  /// Call in order of arrival. A constant offset between the sender's and the receiver's clock has no effect. O(1).
   void add(std::int64_t sent_ns, std::int64_t received_ns) noexcept;
+  /// Returns the jitter in microseconds.
   [[nodiscard]] double us() const noexcept { return jitter_ns_ * 1e-3; }
 
  private:

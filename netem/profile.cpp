@@ -9,7 +9,7 @@
 namespace tactus::netem {
 namespace {
 
-constexpr double kAToBShare = 0.7;  // share of the round trip from a to b in the asymmetric variant
+constexpr double kAToBShare = 0.7;  // asymmetric variant: share of the round trip's delay and jitter from a to b
 
 void check_range(const std::string& link, const char* what, double value, double low, double high) {
   if (value >= low && value <= high) return;
@@ -22,13 +22,13 @@ void check_direction(const std::string& link, const LinkProfile& direction) {
   check_range(link, "delay, ms,", direction.delay_ms, 0, 10'000);
   check_range(link, "jitter, ms,", direction.jitter_ms, 0, direction.delay_ms);
   check_range(link, "loss", direction.loss, 0, 1);
-  check_range(link, "start of bursts", direction.burst_start, 0, 1);
-  check_range(link, "end of bursts", direction.burst_end, 1e-6, 1);
+  check_range(link, "probability of the start of bursts", direction.burst_start, 0, 1);
+  check_range(link, "probability of the end of bursts", direction.burst_end, 1e-6, 1);
   check_range(link, "rate, Mbit/s,", direction.rate_mbit, 0, 100'000);
   if (direction.rate_mbit > 0) check_range(link, "queue, bytes,", direction.queue_bytes, 1514, 1e9);
 }
 
-bool only_rate(const LinkProfile& direction) {
+bool limits_rate_only(const LinkProfile& direction) {
   return direction.delay_ms == 0 && direction.jitter_ms == 0 && !direction.reorder && direction.mean_loss() == 0;
 }
 
@@ -47,10 +47,11 @@ LinkSettings named_link(const std::string& name) {
     }
     return settings;
   }
-  throw LinkError("no link '" + name + "'; expected " + expected + ", or P0a to P8a (70 % of the delay from a to b)");
+  throw LinkError("no link '" + name + "'; expected " + expected +
+                  ", or P0a to P8a (70 % of the round trip's delay and jitter from a to b)");
 }
 
-/// Applies "KEY=VALUE" of `link`.
+/// Applies `setting`, "KEY=VALUE" or "reorder", to a direction. `link`: the text of the whole link, for errors.
 void apply_setting(LinkProfile& direction, const std::string& link, const std::string& setting) {
   const std::size_t equals = setting.find('=');
   const std::string key = setting.substr(0, equals);
@@ -59,15 +60,15 @@ void apply_setting(LinkProfile& direction, const std::string& link, const std::s
     direction.reorder = true;
     return;
   }
-  const auto number = [&](const std::string& from) {
-    std::size_t used = 0;
+  const auto number = [&](const std::string& value_text) {
+    std::size_t parsed = 0;
     double value = NAN;
     try {
-      value = std::stod(from, &used);
+      value = std::stod(value_text, &parsed);
     } catch (const std::logic_error&) {  // reported below
     }
-    if (std::isnan(value) || used != from.size())
-      throw LinkError("link " + link + ": " + key + " is '" + from + "'; expected a number");
+    if (std::isnan(value) || parsed != value_text.size())
+      throw LinkError("link " + link + ": " + key + " is '" + value_text + "'; expected a number");
     return value;
   };
   if (key == "delay")
@@ -106,7 +107,7 @@ LinkSettings parse_link(const std::string& text) {
 void check(const LinkSettings& settings) {
   check_direction(settings.name, settings.a_to_b);
   check_direction(settings.name, settings.b_to_a);
-  if (settings.medium == Medium::kVeth && !(only_rate(settings.a_to_b) && only_rate(settings.b_to_a)))
+  if (settings.medium == Medium::kVeth && !(limits_rate_only(settings.a_to_b) && limits_rate_only(settings.b_to_a)))
     throw LinkError("link veth supports rate and queue only; for delay, jitter or loss use P0 with these settings");
 }
 

@@ -1,16 +1,21 @@
-/// Congestion control of the chunks to one HRTC: limits the bytes in flight and spreads them in time, by their delay.
+/// Congestion control of the chunks to one HRTC. The delay of earlier chunks determines how many bytes may be in flight
+/// (the window). Chunks are spread evenly over the round trip.
 ///
-/// Each demand reports the min one-way delay of the chunks since the previous demand, as a difference of the clocks of
-/// host and HRTC. The base delay is measured while few bytes are sent. The one-way delay minus the base delay is the
-/// queueing delay, in which the clock offset cancels. The window adapts so that the queueing delay stays near a target
-/// of about a millisecond, or more on long round trips. So the pacer fills a link of any rate, and delays probe states
-/// in the same queue only a little. A few losses do not shrink the window, because a lossy link need not be full.
-/// Chunks are spread evenly over the round trip.
+/// Each demand reports the min one-way delay of the chunks since the previous demand: their arrival time by the clock
+/// of the HRTC, minus their sending time by the clock of the host. The base delay is the one-way delay without a queue,
+/// measured while few bytes are in flight. The one-way delay minus the base delay is the queueing delay. Both delays
+/// contain the clock offset, so it cancels. The window adapts so that the queueing delay stays near a target of about a
+/// millisecond; on long round trips the target is higher. So the pacer fills a link of any rate, and delays probe
+/// states in the same queue only a little. A few losses do not shrink the window, because some links lose chunks
+/// without being full.
 ///
-/// Source: LEDBAT, RFC 6817. Differences: the target; the window changes in proportion to the reported bytes, and only
-/// while it limits the sender; it shrinks for some round trips every few seconds, so that the base delay can be
-/// measured on a full link (LEDBAT++). The base delay is a mean, not the min. On links with jitter most delays are far
-/// above the min of some seconds; with the min, this difference would count as queueing delay and close the window.
+/// Source: LEDBAT, RFC 6817. Differences:
+/// - The target is lower, and depends on the round trip.
+/// - The window changes in proportion to the bytes that arrived, and only while it limits the sender.
+/// - If the queue has not been empty for a few seconds, the window shrinks for one or more round trips (a drain), so
+///   that the base delay can be measured on a full link (LEDBAT++).
+/// - The base delay is a mean, not a min. On links with jitter most delays are far above their min. With a min as base
+///   delay, the difference would count as queueing delay and close the window.
 ///
 /// No clock: times are nanoseconds of the host's monotonic clock. One thread at a time.
 #pragma once
@@ -28,13 +33,13 @@ class Pacer {
   [[nodiscard]] std::int64_t next_ns() const noexcept { return next_ns_; }
   /// Reports a chunk that was sent.
   void on_sent(std::uint32_t bytes, std::int64_t now_ns);
-  /// Reports that there is nothing to send.
+  /// Reports that there is nothing to send, so that the pacer does not make up for this time later.
   void set_idle() noexcept { paced_ = false; }
 
   /// The report of a demand about chunks that were in flight.
   struct Feedback {
     std::uint32_t arrived_bytes = 0, lost_bytes = 0;
-    std::int64_t round_trip_ns = 0;           ///< time since the sending of the oldest chunk that arrived
+    std::int64_t round_trip_ns = 0;           ///< time from sending the oldest of the arrived chunks to this report
     std::optional<std::uint32_t> one_way_us;  ///< Demand::one_way_us
   };
   void on_feedback(const Feedback& feedback, std::int64_t now_ns);
@@ -42,6 +47,7 @@ class Pacer {
   void remove_in_flight(std::uint32_t bytes) noexcept { in_flight_ -= bytes; }
 
   [[nodiscard]] std::uint32_t in_flight() const noexcept { return in_flight_; }
+  /// Max bytes in flight, except during a drain.
   [[nodiscard]] double window() const noexcept { return window_; }
   /// Queueing delay of the newest chunks.
   [[nodiscard]] std::int64_t queueing_ns() const noexcept { return queueing_ns_; }
@@ -58,21 +64,22 @@ class Pacer {
   std::int64_t round_trip_ns_ = 0;  // from sending a chunk to its feedback, smoothed; 0 before the first
   bool starting_ = true;            // slow start: the window doubles each round trip
   bool was_blocked_ = false;        // window or pace has delayed a chunk since the last feedback
-  bool paced_ = false;              // only the pace delayed the last chunk
-  // One-way delays relative to the first, us: the min of this span and of the span before it.
+  bool paced_ = false;              // the pace, not the window or a lack of data, caused the last delay
+  // One-way delays relative to the first, us: min of the current span of some seconds, and of the span before it.
   std::optional<std::uint32_t> first_us_;
   std::int32_t min_us_[2];
-  std::int64_t span_ns_ = 0;
+  std::int64_t span_ns_ = 0;  // begin of the current span
   std::int64_t queueing_ns_ = 0;
-  std::int64_t empty_ns_ = 0;        // when the queue was last measured to be empty
-  std::int64_t drain_until_ns_ = 0;  // until then the window is reduced to `drain_share_`
+  std::int64_t empty_ns_ = 0;        // when the queue was last measured to be empty, or the last drain ends
+  std::int64_t drain_until_ns_ = 0;  // end of the drain; until then, the max bytes in flight are drain_share_ * window_
   double drain_share_ = 1;
-  // Base delay, us: mean over the last second in which this stream sent too little to cause a queue.
+  // Base delay relative to the first one-way delay, us: mean over about a second, in which only times count at which
+  // this stream has too few bytes in flight to cause a queue.
   std::optional<double> base_delay_us_;
-  std::int64_t measured_ns_ = 0;
+  std::int64_t measured_ns_ = 0;           // time of the newest one-way delay
   std::int64_t base_delay_excess_ns_ = 0;  // base delay above the min
-  std::int64_t loaded_until_ns_ = 0;
-  double best_ = 0;  // bytes/ns, largest arrival rate of the last round trips
+  std::int64_t loaded_until_ns_ = 0;       // until then, this stream may cause a queue
+  double best_ = 0;                        // bytes/ns, largest arrival rate of the last round trips
   // The current round trip: begin, and bytes reported since.
   std::int64_t round_ns_ = 0;
   std::uint64_t round_arrived_ = 0, round_lost_ = 0;

@@ -9,8 +9,8 @@
 namespace tactus::spm {
 namespace {
 
-/// Returns the settings of the largest pool that fits into the memory together with the directory. The size of the
-/// directory is that for a pool of the whole memory, which is an upper bound.
+/// Returns the settings of the largest pool that fits into `memory` bytes together with the directory. A larger pool
+/// needs a larger directory, so the directory of a pool of `memory` bytes is an upper bound.
 PoolSettings pool_in(std::uint64_t memory, const ModelSummary& summary) {
   const std::uint64_t directory = directory_bytes(summary, PoolSettings::for_bytes(memory));
   return PoolSettings::for_bytes(memory > directory ? memory - directory : 0);
@@ -19,8 +19,8 @@ PoolSettings pool_in(std::uint64_t memory, const ModelSummary& summary) {
 Cache::Admitted admit(Cache& cache, const BaseMesh& base, std::uint64_t memory) {
   Cache::Admitted admitted = cache.admit(base);
   if (!admitted.fits)
-    throw std::runtime_error("the base mesh takes " + std::to_string(Cache::slots_for_base(base)) + " slots, " +
-                             std::to_string(memory) + " bytes of memory have room for " +
+    throw std::runtime_error("the base mesh needs " + std::to_string(Cache::slots_for_base(base)) +
+                             " slots, but a pool in " + std::to_string(memory) + " bytes of memory has only " +
                              std::to_string(cache.slots_free()));
   return admitted;
 }
@@ -45,17 +45,17 @@ LocalRefinement::LocalRefinement(RegionSource& source, ProbeShape probe, const L
       targets_{settings.targets},
       placed_(probe_.spheres().size()),
       last_wanted_frame_(source.base().regions.size(), 0) {
-  Budget all{~0u};
-  if (forest_.advance(all) != Advance::kDone)
-    throw std::runtime_error("the base mesh takes more than the " + std::to_string(pool_.settings.tree_nodes) +
-                             " tree nodes that " + std::to_string(settings.memory) + " bytes of memory have room for");
+  Budget unlimited{~0u};
+  if (forest_.advance(unlimited) != Advance::kDone)
+    throw std::runtime_error("the base mesh needs more than " + std::to_string(pool_.settings.tree_nodes) +
+                             " tree nodes, the limit for " + std::to_string(settings.memory) + " bytes of memory");
   forest_.refit();
 }
 
 void LocalRefinement::place_spheres(const Eigen::Isometry3d& pose, double time) {
   const std::span<const ProbeSphere> spheres = probe_.spheres();
-  const double passed = time - time_;
-  const double frames_ahead = frame_ > 0 && passed > 0 ? settings_.look_ahead / passed : 0;
+  const double elapsed = time - time_;
+  const double frames_ahead = frame_ > 0 && elapsed > 0 ? settings_.look_ahead / elapsed : 0;
   for (std::size_t i = 0; i < spheres.size(); ++i) {
     const Vec3d centre = pose * spheres[i].centre;
     placed_[i] = {centre, spheres[i].radius, frames_ahead * (centre - placed_[i].centre)};
@@ -66,8 +66,8 @@ void LocalRefinement::place_spheres(const Eigen::Isometry3d& pose, double time) 
 
 void LocalRefinement::approach(const Eigen::Isometry3d& pose, double time, bool in_contact) {
   place_spheres(pose, time);
-  for (RegionId gone = forest_.take_retired(); gone != kNone; gone = forest_.take_retired())
-    cache_.release(admitted_.object, gone);
+  for (RegionId retired = forest_.take_retired(); retired != kNone; retired = forest_.take_retired())
+    cache_.release(admitted_.object, retired);
   predictor_.observe(time, placed_, in_contact);
   predicted_.clear();
   predictor_.predict(settings_.load_ahead, predicted_);
@@ -79,7 +79,7 @@ void LocalRefinement::approach(const Eigen::Isometry3d& pose, double time, bool 
   }
 }
 
-/// Loads the region. False if it does not fit.
+/// Loads the region. Returns false if the pool is full.
 bool LocalRefinement::load(RegionId region) {
   RegionList list;
   switch (cache_.accept(admitted_.object, source_.region(region), list)) {
@@ -94,10 +94,10 @@ bool LocalRefinement::load(RegionId region) {
     case AcceptResult::kMalformed:
       break;
   }
-  throw std::runtime_error("region " + std::to_string(index(region)) + " contradicts its model");
+  throw std::runtime_error("region " + std::to_string(index(region)) + " is incomplete or contradicts the model");
 }
 
-/// Retires the least recently wanted region. Its memory can be freed once the region is coarse.
+/// Retires the least recently wanted region. After `refine` has coarsened it, a later `approach` frees its memory.
 void LocalRefinement::evict() {
   RegionId oldest = kNone;
   for (const RegionId region : last_wanted_frame_.ids()) {

@@ -8,10 +8,14 @@ namespace tactus::tools {
 struct ToolStreams {
   std::ostream& out;     ///< results
   std::ostream& errors;  ///< messages, and progress
-  bool progress;         ///< whether to show a progress bar, because `errors` is a terminal
+  bool progress;         ///< show a progress bar on `errors`; true only if `errors` is a terminal
 };
 
-enum ExitCode { kDone = 0, kCheckFailed = 1, kBadInput = 2 };
+enum ExitCode {
+  kDone = 0,
+  kCheckFailed = 1,  ///< `verify` or `audit` found a difference
+  kBadInput = 2
+};
 
 /// Runs the program with the given streams and returns its exit status. Never throws.
 [[nodiscard]] int run_mesh_tool(int argc, const char* const* argv, ToolStreams streams);

@@ -1,13 +1,13 @@
-/// Encodes and decodes our own structs as plain CDR (XCDR version 1, little-endian, with its encapsulation), for
+/// Encodes and decodes our own structs as plain CDR (XCDR version 1, little-endian, with its encapsulation header), for
 /// recordings.
 ///
-/// Each struct has one function, which serves for reading and writing. It lists the fields in the order of the IDL:
+/// Each struct has one function `fields`, for both reading and writing. It visits the fields in the order of the IDL:
 ///
 ///     template <class Self, class Visit>
 ///     static void fields(Self& self, Visit&& visit) { visit(self.cycle), visit(self.name); }
 ///
-/// A field may be a number, an enum (as 32 bits), a bool, a std::string, std::array or std::vector, or such a struct.
-/// Allocates.
+/// A field may be a number, an enum (32 bits in CDR), a bool, a std::string, a std::array, a std::vector, or another
+/// struct with `fields`. Writing and reading may allocate.
 #pragma once
 
 #include <array>
@@ -36,7 +36,7 @@ template <class T>
 struct IsVector : std::false_type {};
 template <class T>
 struct IsVector<std::vector<T>> : std::true_type {};
-inline constexpr std::size_t kHeadBytes = 4;  // the encapsulation; fields are aligned relative to its end
+inline constexpr std::size_t kHeadBytes = 4;  // encapsulation header; fields are aligned relative to its end
 }  // namespace cdr
 
 class CdrWriter {
@@ -60,9 +60,9 @@ class CdrWriter {
       T::fields(value, *this);
     }
   }
-  /// The encoded message. The span is valid until the next value is written.
+  /// Returns the encoded message. The span is valid until the next value is written, or `clear`.
   [[nodiscard]] std::span<const std::uint8_t> bytes() const noexcept { return {bytes_.data(), bytes_.size()}; }
-  /// Begins a new message.
+  /// Discards the values and begins a new message.
   void clear() { bytes_.resize(cdr::kHeadBytes); }
 
  private:
@@ -71,14 +71,14 @@ class CdrWriter {
     const std::size_t to =
         cdr::kHeadBytes + (bytes_.size() - cdr::kHeadBytes + sizeof value - 1) / sizeof value * sizeof value;
     bytes_.resize(to + sizeof value);
-    std::memcpy(bytes_.data() + to, &value, sizeof value);  // little-endian, as spm/ requires
+    std::memcpy(bytes_.data() + to, &value, sizeof value);  // the machine is little-endian, which spm/ requires too
   }
   std::vector<std::uint8_t> bytes_{0, 1, 0, 0};
 };
 
 class CdrReader {
  public:
-  /// Throws CdrError if the message has another encoding. Reading a value throws CdrError if the message is too short.
+  /// Throws CdrError if the message is not little-endian CDR. Reading a value throws CdrError if the message has ended.
   explicit CdrReader(std::span<const std::uint8_t> bytes) : bytes_{bytes} {
     if (bytes.size() < cdr::kHeadBytes || bytes[0] != 0 || bytes[1] != 1)
       throw CdrError("found another encoding, expected little-endian CDR");
@@ -99,7 +99,7 @@ class CdrReader {
     } else if constexpr (cdr::IsArray<T>::value) {
       for (auto& element : value) (*this)(element);
     } else if constexpr (cdr::IsVector<T>::value) {
-      value.clear();  // one element at a time: a damaged count may be larger than the data
+      value.clear();  // elements are added one by one, because a damaged count may exceed the data
       for (std::size_t left = count(); left > 0; --left) (*this)(value.emplace_back());
     } else {
       T::fields(value, *this);
@@ -117,7 +117,8 @@ class CdrReader {
     std::memcpy(&value, bytes_.data() + from, sizeof value);
     return value;
   }
-  /// Reads a number of elements. Each element takes at least one byte, which limits the number.
+  /// Reads the number of elements of a vector or of bytes of a string. Throws if it exceeds the number of remaining
+  /// bytes.
   std::size_t count() {
     const auto elements = take<std::uint32_t>();
     if (elements > bytes_.size() - at_)
@@ -125,7 +126,7 @@ class CdrReader {
     return elements;
   }
   std::span<const std::uint8_t> bytes_;
-  std::size_t at_ = cdr::kHeadBytes;
+  std::size_t at_ = cdr::kHeadBytes;  // offset of the next byte to read, before alignment
 };
 
 }  // namespace tactus::trace

@@ -11,13 +11,14 @@
 
 namespace tactus::spm::offline {
 
-/// Sorts the faces around a vertex counter-clockwise, one fan after the other. Each entry of `fan` is a face and its
-/// corner at the vertex. `corners`: the mesh, by face. O(n^2) for n faces around the vertex.
+/// Sorts the faces around a vertex counter-clockwise. If they form several fans, sorts one fan after the other. Each
+/// entry of `fan` is a face and the number of its corner at the vertex. `corners`: the vertices of each face of the
+/// mesh. O(n^2) for n entries.
 void order_fan(std::span<DeformedRef> fan, const std::vector<Triangle>& corners);
 
-/// Rotates the corners of every born face so that its corner 0 is the new vertex u. If a record bears two faces, sorts
-/// them: the face at the first end of the fan comes first. `parts` as in Model. O(parts); allocates a byte for each
-/// face.
+/// Rotates the corners of every born face so that its corner 0 is the vertex u that its record adds. If a record bears
+/// two faces, sorts them: the face in which the parent vertex t is at corner 1 comes first. `parts` as in Model.
+/// O(parts); allocates a byte for each face.
 void arrange_faces(const ModelSummary& summary, std::span<RecordPart> parts);
 
 }  // namespace tactus::spm::offline

@@ -1,4 +1,4 @@
-/// Reads triangles from the model files of other programs.
+/// Imports the triangles of model files that other programs wrote.
 #pragma once
 
 #include <filesystem>
@@ -8,13 +8,14 @@
 
 namespace tactus::spm::offline {
 
-/// Reads OBJ, PLY, STL, glTF, GLB and the other formats of assimp. Reads all meshes of the scene, transforms them by
-/// their nodes, and cuts polygons into triangles. A position that no node transforms has the bits of the file. The
-/// result is not cleaned.
+/// Reads OBJ, PLY, STL, glTF, GLB and the other formats of assimp. Reads every mesh of the scene with the transforms of
+/// the nodes above it, and cuts polygons into triangles. If these transforms are the identity, positions are exactly
+/// those of the file, as floats. The result still has the duplicates, degenerate faces and unused vertices of the file,
+/// which clean() removes.
 ///
 /// Throws ModelError that names the file, the value found and the value expected, if the file is missing, empty or
-/// damaged, or has no surface (only points, lines or an animation). OBJ, OFF, PLY and STL files declare how many
-/// vertices or faces they have. If most of them are missing, throws unless `losses` allows it.
+/// damaged, or has no surface (only points, lines or an animation). An OBJ, OFF, PLY or STL file shows how many
+/// vertices or faces it has. If the import yields less than half of either, throws unless `losses` is kAllow.
 [[nodiscard]] TriangleMesh import_mesh(const std::filesystem::path& path, Losses losses = Losses::kRefuse);
 
 }  // namespace tactus::spm::offline
