@@ -5,8 +5,8 @@
 //   tactus-hrtc --device ann=tactus-haply.so,localhost:10001/049D   the Inverse3 with id 049D
 //
 //      service -- list of all devices --> driver      when the driver connects
-//              <------------- force -----             from a thread of the driver, at most 2 kHz; the first with a
-//              profile
+//              <------------- force -----             from a thread of the driver, at most 2 kHz; the first with
+//                                                     a profile
 //              -- state of all devices -->            one answer to each force
 //
 // The driver uses only the newest position and the newest force. The haptic thread and the network thread never wait

@@ -7,13 +7,13 @@
 ///     copy --[ K ]-- e ==( channel: impedance b, delay D )== e --[ K ]-- copy
 ///                    \\==( another )== e --[ K ]-- copy
 ///
-/// Let y_j be the integral of twice the wave that arrives from copy j. Then the spring force is F = sum_j b (y_j' -
-/// e'). The integral of the departing wave is z_j = 2 e - y_j. After D it arrives at the other end as y.
+/// Let y_j be the integral of twice the wave that arrives from copy j. Then the spring force is
+/// F = sum_j b (y_j' - e'). The integral of the departing wave is z_j = 2 e - y_j. After D it arrives at the other end
+/// as y.
 /// - Without contact the copies move as one body, whose mass is the sum of the shares plus b D per channel. b is chosen
 ///   so that this is the mass of the object. No force opposes a steady motion.
 /// - If the users of two copies press against each other with F, the copies separate by F (D / b + 2 / K). So the
-/// channel
-///   between these copies gets a higher impedance, and with it more mass, along that direction.
+///   channel between these copies gets a higher impedance, and with it more mass, along that direction.
 /// - Lost samples need no repair, because samples carry the integrals of the waves. Jitter has no effect, because the
 ///   samples are interpolated at D.
 ///

@@ -79,8 +79,7 @@ class Proxy {
   /// - A proxy whose centre starts inside a surface, or around which a surface appears, touches nothing until it is
   ///   outside. The back of an open sheet counts as inside. So the proxy cannot be trapped.
   /// - If there is no space for the proxy between moving objects, its centre stays outside while a sphere of a
-  /// sixteenth
-  ///   of its radius fits. If that does not fit either, the proxy touches nothing until it is outside.
+  ///   sixteenth of its radius fits. If that does not fit either, the proxy touches nothing until it is outside.
   [[nodiscard]] const ProxyResult& step(const Vec3d& device, double dt, Surface& surface,
                                         bool surface_changed) noexcept;
 

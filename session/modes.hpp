@@ -1,8 +1,7 @@
 /// Decides in which mode the probe states of each user are sent, and which groups need endpoints.
 ///
 ///     large-scale   the deadband-coded states of all users go to the whole session, and receivers delay them by
-///     playout.
-///                   This mode is always on, so that participants that join later receive all users too.
+///                   playout. This mode is always on, so that participants that join later receive all users too.
 ///     collaborate   the full-rate states of users near one object also go to the HRTCs of these users, without playout
 ///
 ///              near, or by command                       peers matched

@@ -101,11 +101,10 @@ inline void nearer_on_segment(const Vec3d& p, const Vec3d& a, const Vec3d& b, Fe
 /// there is none; `hit` is then unchanged. The sphere may be a point (radius 0). A miss within rounding may count as a
 /// contact. Realtime, computes at most 32 closest points.
 ///
-/// The triangle is convex, so the distance of the centre is a convex function of time. This decides the cases at time
-/// 0:
+/// The triangle is convex, so the distance of the centre is a convex function of time. This decides the cases at
+/// time 0:
 /// - If the sphere already touches the triangle (distance <= radius), it has a contact at time 0 if the distance
-/// shrinks,
-///   that is if `(to - from) . normal < 0`. Otherwise it has none, because it slides along the triangle or leaves it.
+///   shrinks, that is if `(to - from) . normal < 0`. Otherwise it has none, because it slides along the triangle or leaves it.
 /// - If the centre is on the triangle, `normal` is the normal of (a, b, c). If the triangle is degenerate, there is no
 ///   contact.
 [[nodiscard]] bool swept_sphere(const Vec3d& from, const Vec3d& to, double radius, const Vec3d& a, const Vec3d& b,
