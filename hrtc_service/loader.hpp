@@ -68,7 +68,6 @@ struct LoaderSettings {
   /// Regions that were wanted within this time are evicted after all others. Contacts separated by less time belong to
   /// one visit.
   std::int64_t recently_wanted_ns = 300'000'000;
-  bool retain_unwanted = true;  ///< false: an unwanted region is evicted at once
   /// Clock for the cost of prediction, ns. The loader limits that cost to a share of the time. Null: the cost is 0.
   std::int64_t (*clock)() = nullptr;
   /// Max bytes of the directories of all objects (spm/directory.hpp). An object whose directory does not fit is

@@ -92,21 +92,18 @@ spm::Cache::Space Loader::load(Object& object, std::uint32_t region) {
 }
 
 /// Has regions coarsened, longest unwanted first, until the missing regions fit and at least the reserve is free, both
-/// besides the pending base meshes. At most kMaxDeparting regions are being coarsened at a time. Without
-/// `retain_unwanted`, all unwanted regions go.
+/// besides the pending base meshes. At most kMaxDeparting regions are being coarsened at a time.
 void Loader::coarsen() {
   constexpr std::size_t kMaxDeparting = 16;
   const spm::Cache::Space reserve = reserve_of(pool_.settings);
   const spm::Cache::Space target{std::max(missing_space_.slots, reserve.slots) + pending_base_slots_,
-                                std::max(missing_space_.blocks, reserve.blocks)};
+                                 std::max(missing_space_.blocks, reserve.blocks)};
   spm::Cache::Space expected{cache_.slots_free(), cache_.blocks_free()};
   for (const Departing& departing : departing_) {
     expected.slots += departing.space.slots;
     expected.blocks += departing.space.blocks;
   }
-  const auto has_enough = [&] {
-    return settings_.retain_unwanted && expected.slots >= target.slots && expected.blocks >= target.blocks;
-  };
+  const auto has_enough = [&] { return expected.slots >= target.slots && expected.blocks >= target.blocks; };
   if (has_enough() || departing_.size() >= kMaxDeparting) return;
   struct Candidate {
     std::int64_t unwanted_ns;
@@ -117,9 +114,7 @@ void Loader::coarsen() {
   for (Object* object : active_)
     for (const std::uint32_t region : object->loaded) {
       const RegionNote& note = object->notes[region];
-      const bool is_needed =
-          note.belongs_in_pool != 0 || (!settings_.retain_unwanted && note.unwanted_ns(last_tick_ns_) == 0);
-      if (!is_needed) candidates.push_back({note.unwanted_ns(last_tick_ns_), object, region});
+      if (note.belongs_in_pool == 0) candidates.push_back({note.unwanted_ns(last_tick_ns_), object, region});
     }
   std::stable_sort(candidates.begin(), candidates.end(),
                    [](const Candidate& a, const Candidate& b) { return a.unwanted_ns > b.unwanted_ns; });

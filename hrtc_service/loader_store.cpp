@@ -168,9 +168,7 @@ void Loader::request_wanted(std::int64_t now_ns) {
 ///     path remain although many others are visited (O'Neil et al. 1993, LRU-2);
 ///  4. recently wanted regions, longest unwanted first.
 void Loader::find_eviction_candidates() {
-  const auto has_enough_blocks = [&] {
-    return settings_.retain_unwanted && blocks_after_eviction() >= std::max(blocks_reserve_, blocks_needed_);
-  };
+  const auto has_enough_blocks = [&] { return blocks_after_eviction() >= std::max(blocks_reserve_, blocks_needed_); };
   if (has_enough_blocks() && faulty_regions_ == 0) return;
 
   struct Candidate {
@@ -223,7 +221,7 @@ void Loader::collect_released() {
         object->notes[region].set(StoreState::kEvictable);
   const auto must_free = [&](const RegionRef& candidate) {
     const RegionNote& note = candidate.object->notes[candidate.region];
-    return note.store_state() == StoreState::kEvictable && (note.is_faulty != 0 || !settings_.retain_unwanted);
+    return note.store_state() == StoreState::kEvictable && note.is_faulty != 0;
   };
   for (auto candidate = eviction_candidates_.begin(); candidate != eviction_candidates_.end();)
     candidate = must_free(*candidate) ? evict_candidate(candidate) : std::next(candidate);
