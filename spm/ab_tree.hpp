@@ -34,13 +34,14 @@
 namespace tactus::spm {
 
 /// A node of level 1 contains the triangles of its faces; a higher node contains the boxes of its children. A query
-/// therefore reads four or five cache lines for eight neighbours. Lanes without a child are NaN (see spm/lanes.hpp).
+/// therefore reads four or five cache lines for eight triangles or boxes. Lanes without a child are NaN (see
+/// spm/lanes.hpp).
 struct alignas(64) TreeNode {
   static constexpr int kWidth = lanes::kLanes;
   std::array<lanes::Floats, lanes::kTriangleRows> lanes;
-  NodeIndex parent;  ///< kNone at the root
-  std::uint32_t id;  ///< number of the node within its level
-  NodeIndex next_marked;
+  NodeIndex parent;       ///< kNone at the root
+  std::uint32_t id;       ///< number of the node within its level
+  NodeIndex next_marked;  ///< next node in the list of deformed nodes of this level
   std::uint8_t level;
   std::uint8_t mask;              ///< bits of the children that exist
   std::uint8_t dirty;             ///< bits of the children that changed; if it is not 0, this node is deformed
@@ -91,8 +92,8 @@ class NodePool {
 /// The first contact of a moving sphere.
 struct SweepContact {
   FaceId face{};
-  double time = 1;  ///< share of the motion before the contact, in [0, 1]
-  Vec3d point, normal;
+  double time = 1;      ///< share of the motion before the contact, in [0, 1]
+  Vec3d point, normal;  ///< contact point on the face; unit vector from there to the centre of the sphere at contact
 };
 
 struct NearestFace {
@@ -102,7 +103,8 @@ struct NearestFace {
   RowIndex row{};
 };
 
-/// A sphere in which a refit looks for changes of the mesh.
+/// A sphere in which a refit looks for changes of the mesh. A refit sets `is_changed` but never clears it, and only
+/// decreases `squared_distance`: the caller resets both.
 struct ChangeDetector {
   Vec3d centre;
   double radius = 0;
@@ -113,7 +115,7 @@ struct ChangeDetector {
   double squared_distance = std::numeric_limits<double>::infinity();
 };
 
-/// The version of the mesh on which a sweep searches.
+/// The version of the mesh that a sweep searches.
 enum class Version : std::uint8_t {
   kCurrent,
   kPrevious  ///< the mesh at the last call of AbTree::store_previous
@@ -122,7 +124,7 @@ enum class Version : std::uint8_t {
 struct RefitCount {
   std::uint32_t changed = 0;  ///< number of faces marked since the last refit
   std::uint32_t marked = 0;   ///< number of recomputed nodes
-  std::uint32_t bound = 0;    ///< maximum of `marked` for this number of changed faces
+  std::uint32_t bound = 0;    ///< maximum that `marked` can reach for this number of changed faces
 };
 
 class AbTree {
@@ -130,12 +132,12 @@ class AbTree {
   /// `pool` and `nodes` must outlive the tree. `object` is part of the keys in the pool.
   AbTree(Pool& pool, NodePool& nodes, ObjectIndex object, std::uint32_t finest_faces);
 
-  /// Drops the previous version. If `enabled`, makes the current mesh the previous version: from now on, stores each
-  /// leaf node before its first change, so that a sweep can search the mesh of this moment. Realtime, O(1).
+  /// Drops the previous version. If `enabled`, the current mesh becomes the previous version: from now on, the tree
+  /// stores each leaf node before its first change, so that a sweep can still search this mesh. Realtime, O(1).
   void store_previous(bool enabled) noexcept;
-  /// Returns true if there is a previous version and it differs from the current mesh.
+  /// Returns true if there is a previous version and a leaf node has changed since.
   [[nodiscard]] bool previous_differs() const noexcept { return stores_previous_ && is_changed_; }
-  /// The number of leaf nodes that can still be stored for the previous version; kNone if none is stored at all.
+  /// The number of leaf nodes that can still be stored for the previous version; kNone if there is no previous version.
   [[nodiscard]] std::uint32_t free_previous_nodes() const noexcept {
     return stores_previous_ ? nodes_.free_previous_count_ : kNone;
   }
@@ -189,7 +191,7 @@ class AbTree {
 
   /// Finds the earliest contact of a sphere that moves from `from` to `to`; false if there is none. A triangle that the
   /// sphere already touches counts only if the sphere moves into it. If an earlier sweep on the same mesh started
-  /// nearby, this sweep finds its candidates in `caches` and takes 1 us, without `caches`: 2 to 5 us.
+  /// nearby, this sweep takes its candidates from `caches` and needs 1 us. Without `caches` it needs 2 to 5 us.
   [[nodiscard]] bool sweep(const Vec3d& from, const Vec3d& to, double radius, SweepContact& first,
                            Version version = Version::kCurrent, CandidateCaches* caches = nullptr) const noexcept;
 
@@ -235,7 +237,7 @@ class AbTree {
   template <class Visit>
   void for_each_near_leaf(const Vec3d& point, double radius, Visit&& visit) const noexcept;
   /// Returns a cache with the leaves around a sphere, on the current mesh or on the previous version. If no cache
-  /// contains them, fills one. Null if there are more leaves than fit.
+  /// contains them, fills one. Null if there are more leaves than fit. `slack`: maximum rounding error of a distance.
   [[nodiscard]] const CandidateCache* find_or_fill(const Vec3d& centre, double radius, bool previous, double slack,
                                                    CandidateCaches& caches) const noexcept;
   [[nodiscard]] CandidateCache::Mesh mesh(bool previous) const noexcept {
@@ -299,7 +301,7 @@ class AbTree {
   std::uint32_t height_ = 1;
   NodeIndex root_ = kNone;
   std::array<NodeIndex, kMaxHeight + 1> marked_{};  // heads of the lists of deformed nodes, by level
-  std::uint64_t version_;                           // number of the mesh: unique in the pool, changed by each refit
+  std::uint64_t version_;                           // number of the mesh: unique in the pool, new after a refit
   std::uint64_t previous_number_ = 1;
   std::uint32_t first_previous_ = kNone, last_previous_ = kNone, previous_count_ = 0;  // in NodePool::previous_nodes_
   bool stores_previous_ = false;

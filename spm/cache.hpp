@@ -1,11 +1,11 @@
 /// The loader's half of the pool. The cache stores which records of which objects are loaded, and in which slots.
 ///
-/// The cache decodes base meshes and regions, whose references are ids, into slots. It checks each message against the
-/// loaded records. It also stores the mesh at the loaded front. A record that is not loaded deforms only faces on this
-/// front. A message therefore usually names only the first deformed face of a record; the other deformed faces, the
-/// parent, the third corners and the predicted position follow from this face. The cache counts for each record the
-/// loaded regions that list it. When a region is released, only the records that no other loaded region lists are
-/// freed, so the loaded records stay a closed set.
+/// The cache decodes base meshes and regions into slots: it replaces each id by the slot or row to which it refers. It
+/// checks each message against the loaded records. It also stores the mesh at the loaded front, that is with all loaded
+/// records applied. A record that is not loaded deforms only faces on this front. A message therefore usually names
+/// only the first deformed face of a record; the other deformed faces, the parent, the third corners and the predicted
+/// position follow from this face. The cache counts for each record the loaded regions that list it. When a region is
+/// released, only the records that no other loaded region lists are freed, so the loaded records stay a closed set.
 ///
 /// One thread, not the haptic one. Does not allocate after `admit`.
 /// Source: Liu, Georganas, Roth, 3DIM 2005, section 3 (local cache, loaded fronting).
@@ -81,7 +81,8 @@ class Cache {
   struct Space {
     std::uint32_t slots = 0, blocks = 0;
   };
-  /// Returns the slots and list blocks that `release` would free now, without the slots of shared records. O(list).
+  /// Returns the slots and list blocks that `release` would free now. Records that another loaded region lists do not
+  /// count. O(list).
   [[nodiscard]] Space space_of(ObjectIndex object, RegionId region) const noexcept;
 
   [[nodiscard]] bool is_loaded(ObjectIndex object, RegionId region) const noexcept;

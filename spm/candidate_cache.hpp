@@ -18,8 +18,8 @@ class NodePool;
 struct TreeNode;
 
 struct CandidateCache {
-  /// Width of the layer around the sphere whose leaves are cached, in radii. With a wider layer, the first sweep is
-  /// slower; with a narrower one, fewer sweeps can use the cache.
+  /// The cache contains the leaves in the sphere and in a layer of this width around it, in radii of the sphere. With a
+  /// wider layer, the first sweep is slower; with a narrower layer, fewer sweeps can use the cache.
   static constexpr double kLayer = 0.03;
   static constexpr std::uint32_t kMaxLeaves = 512;
 
@@ -47,12 +47,13 @@ struct CandidateCache {
   std::uint32_t count = 0;
   std::array<Leaf, kMaxLeaves> leaves;
 
-  /// Distance from `point` within which the cache contains all triangles; negative if there is no such distance.
+  /// The cache contains all triangles within the returned distance of `point`. Negative if there is no such distance.
   [[nodiscard]] double complete_radius(const Vec3d& point) const noexcept { return reach - (point - centre).norm(); }
 };
 
-/// The caches of a proxy: two positions each on two meshes (versions or objects). Allocates at construction. Every
-/// NodePool with which the caches are used must outlive their last use.
+/// The caches of a proxy. There are enough for two positions on each of two meshes; the meshes are two versions of one
+/// object or the meshes of two objects. Allocates at construction. Every NodePool with which the caches are used must
+/// outlive their last use.
 class CandidateCaches {
  public:
   static constexpr std::uint32_t kCount = 4;
@@ -65,7 +66,7 @@ class CandidateCaches {
       if (cache.mesh == mesh && cache.complete_radius(point) >= radius) return &cache;
     return nullptr;
   }
-  /// As `find`, and marks the cache as the most recently used.
+  /// Like `find`, but also marks the returned cache as the most recently used.
   [[nodiscard]] const CandidateCache* find_and_mark_used(const CandidateCache::Mesh& mesh, const Vec3d& point,
                                                          double radius) noexcept {
     const CandidateCache* const found = find(mesh, point, radius);

@@ -8,8 +8,8 @@
 
 namespace tactus::spm {
 
-/// A contact of a sphere with a triangle. A fold of the surface causes thousands of contacts, so they are small: depth
-/// and normal are computed from `point` and the sphere when needed.
+/// A contact of a sphere with a triangle. A sphere in a fold of the surface has thousands of contacts, so a contact has
+/// few bytes: depth and normal are computed from `point` and the sphere when needed.
 struct alignas(32) Contact {
   Vec3d point;  ///< point of the triangle that is nearest to the centre
   FaceId face{};

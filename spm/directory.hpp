@@ -14,7 +14,8 @@ namespace tactus::spm {
 
 /// Bytes for each region in the loader (hrtc_service/loader.hpp).
 inline constexpr std::uint32_t kRegionNoteBytes = 12;
-/// Bits for each record: it was received before (spm/codec/compressed_cache.hpp).
+/// Bits for each record in the compressed cache: one bit, set if the record was received before
+/// (spm/codec/compressed_cache.hpp).
 inline constexpr std::uint32_t kRecordNoteBits = 1;
 
 /// Returns the bytes of an object's directory.
@@ -44,8 +45,8 @@ struct MemoryShares {
   PoolSettings pool;
   std::uint64_t directories;  ///< bytes
 };
-/// Divides `bytes` of memory for models. An eighth is for directories, but at least 8 MiB and at most half. The rest is
-/// for the pool.
+/// Divides the memory for models, `bytes`, between directories and pool. The directories get an eighth, but at least
+/// 8 MiB and at most half. The pool gets the rest.
 [[nodiscard]] inline MemoryShares memory_shares(std::uint64_t bytes) noexcept {
   constexpr std::uint64_t kMin = 8u << 20;
   const std::uint64_t directories = std::max(bytes / 8, std::min(bytes / 2, kMin));

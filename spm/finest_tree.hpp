@@ -19,7 +19,7 @@ namespace tactus::spm {
 
 class FinestTree {
  public:
-  /// `faces` is sorted by FaceId. The row of a face has the number of its FaceId.
+  /// `faces` is sorted by FaceId. The RowIndex of a face has the same number as its FaceId.
   FinestTree(std::span<const std::array<float, 3>> positions, std::span<const std::array<std::uint32_t, 3>> faces)
       : pool_{{static_cast<std::uint32_t>(std::max(faces.size() / 2 + 1, positions.size())), 1, 1}},
         nodes_{static_cast<std::uint32_t>(faces.size()) / 6 + 64},

@@ -1,7 +1,7 @@
-/// A hash map of fixed capacity from a 37-bit key to a 27-bit number. Uses open addressing; 12 bytes an entry.
+/// A hash map of fixed capacity from a 37-bit key to a 27-bit number. It uses open addressing and 12 bytes an entry.
 ///
-/// At most two thirds full, so `find`, `insert` and `erase` are O(1) on average. Realtime after construction. One
-/// thread at a time.
+/// The map is at most two thirds full, so `find`, `insert` and `erase` are O(1) on average. Realtime after
+/// construction. One thread at a time.
 #pragma once
 
 #include <cstdint>
@@ -47,7 +47,8 @@ class FlatIndex {
     ++size_;
   }
 
-  /// `key` must be present. Moves later keys of the same chain forward, so no tombstone is left.
+  /// `key` must be present. Moves later keys into the bucket that becomes empty, so that every search still finds its
+  /// key without a tombstone.
   void erase(std::uint64_t key) noexcept {
     std::size_t hole = first_bucket(key);
     while (buckets_[hole] >> kValueBits != key) {

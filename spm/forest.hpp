@@ -35,7 +35,7 @@ namespace tactus::spm {
 struct Budget {
   std::uint32_t units = 0;
   static constexpr std::uint32_t kVisit = 1;    ///< units of one list entry
-  static constexpr std::uint32_t kChange = 16;  ///< units of one split, collapse or base face, with its share of refit
+  static constexpr std::uint32_t kChange = 16;  ///< units of one split, collapse or base face, including its refit
 };
 
 /// Counts since construction.
@@ -49,7 +49,7 @@ enum class Advance : std::uint8_t {
   kDone,          ///< the target is reached
   kBudget,        ///< the budget is used up
   kPreviousFull,  ///< no more changed leaf nodes can be stored, see AbTree::store_previous
-  kNodesFull      ///< no tree node is free, so some target regions stay coarse
+  kNodesFull      ///< too few tree nodes are free for the next split, so some target regions stay coarse
 };
 
 /// The treatment of loaded regions that are not in the target.
@@ -71,7 +71,8 @@ class Forest {
   }
 
   /// Returns the number of used nodes above which the forest coarsens retained regions, the oldest first. It is half of
-  /// the nodes that the slots can show; the other half stays free for the next contacts.
+  /// the leaf nodes that the faces of all slots fill, and at most half of all nodes. The other half stays free for the
+  /// next contacts.
   [[nodiscard]] static std::uint32_t retained_node_limit(const PoolSettings& pool) noexcept {
     return std::min(pool.slots / 8, pool.tree_nodes / 2);
   }
@@ -89,7 +90,8 @@ class Forest {
   void set_targets(const RegionId* regions, std::uint32_t count,
                    Unrequested other_regions = Unrequested::kCoarsen) noexcept;
 
-  /// Refines and coarsens towards the target. `refit` must be called before the next query.
+  /// Refines and coarsens towards the target, as far as `budget` allows, and subtracts the work from `budget`. `refit`
+  /// must be called before the next query.
   [[nodiscard]] Advance advance(Budget& budget) noexcept;
   /// See AbTree::store_previous.
   void store_previous(bool enabled) noexcept { tree_.store_previous(enabled); }
@@ -124,9 +126,9 @@ class Forest {
     bool retiring = false;
     bool retained = false;
   };
-  /// Copies the state that one cycle passes to the next, except for the loaded regions: first the regions in use, in
-  /// the order of `in_use_`, then the retained regions, the oldest first. Copies at most `capacity` entries and returns
-  /// the number of all entries. O(regions in use and retained).
+  /// Copies the state that one cycle passes to the next, without the list of loaded regions. The regions in use come
+  /// first, in the order of `in_use_`, then the retained regions, the oldest first. Copies at most `capacity` entries
+  /// and returns the number of all entries. O(regions in use and retained).
   [[nodiscard]] std::uint32_t copy_in_use(InUse* out, std::uint32_t capacity) const noexcept;
   [[nodiscard]] std::uint32_t base_faces_shown() const noexcept { return static_cast<std::uint32_t>(base_cursor_); }
   /// Restores, to the bit, a state that `copy_in_use` of another forest with the same model and settings returned. This

@@ -45,7 +45,7 @@ concept Index = std::is_enum_v<Id> && sizeof(Id) == 4 && !std::is_convertible_v<
 /// The number behind an index.
 [[nodiscard]] constexpr std::uint32_t index(Index auto id) noexcept { return static_cast<std::uint32_t>(id); }
 
-/// "No such index", of any index type or as a raw number.
+/// The value that means "no such index". Converts to every index type and to a raw number.
 struct None {
   static constexpr std::uint32_t kValue = 0xffffffffu;
   constexpr operator std::uint32_t() const noexcept { return kValue; }

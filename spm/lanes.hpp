@@ -1,7 +1,8 @@
 /// The arithmetic of the AB-tree's queries, for eight boxes or eight triangles at a time.
 ///
 /// The kernels are compiled for several instruction sets. The program uses the best one of the processor. All give the
-/// same bits. An empty lane consists of NaNs: every comparison with it is false. Do not use before main. Realtime.
+/// same bits. An empty lane consists of NaNs: every comparison with it is false. Do not query an AbTree before main,
+/// because static initialization sets kBestKernels. Realtime.
 #pragma once
 
 #include <array>
@@ -40,13 +41,13 @@ struct Faces {
   std::uint32_t finest;  ///< bits of the faces in their finest version
 };
 
-/// Outer bounds, in float, of the volume that a sphere sweeps along a straight path.
+/// Bounds, in float, that contain the volume that a sphere sweeps along a straight path.
 struct SweepBounds {
   std::array<float, 3> middle;     ///< centre of a bounding sphere
   float squared_reach;             ///< squared radius of this bounding sphere
   std::array<float, 3> low, high;  ///< bounding box
   std::array<float, 3> direction;  ///< unit vector of the path
-  float behind;                    ///< a triangle on the path has a point with direction . point >= behind
+  float behind;                    ///< every triangle on the path has a point p with direction . p >= behind
 };
 
 /// A sphere whose centre moves from `from` by `motion`, in double.
@@ -69,8 +70,8 @@ struct Kernels {
   unsigned (*triangles_within)(const Floats* corners, const std::array<float, 3>& p, float squared_radius) noexcept;
   /// Bits of the triangles whose boxes intersect all `bounds` of a sweep.
   unsigned (*triangles_on_path)(const Floats* corners, const SweepBounds& bounds) noexcept;
-  /// Bits of the triangles in `mask` for which spm::swept_sphere may return a time up to `limit`. Sets `earliest` to
-  /// a lower bound of this time, which differs between instruction sets. About 50 ns.
+  /// Bits of the triangles in `mask` for which spm::swept_sphere may find a contact at a time up to `limit`. Sets
+  /// `earliest` to a lower bound of this time; the bound may differ between instruction sets. About 50 ns.
   unsigned (*sweep_candidates)(const Floats* corners, const Sweep& sweep, unsigned mask, double limit,
                                Doubles& earliest) noexcept;
   /// Computes spm::closest_point, up to rounding, for each lane in `mask`. The distance of other lanes may be NaN.

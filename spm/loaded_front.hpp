@@ -8,9 +8,9 @@
 ///        \  /                  \  /______\    u: the new vertex
 ///                               u
 ///
-/// Therefore the faces that a missing record deforms are neighbours of each other at every receiver, as at the encoder,
-/// whatever other records are loaded. An edge with three faces, or with two faces of opposite orientation, has no
-/// opposite corner; the encoder does not rely on one.
+/// The faces that a record deforms are therefore neighbours of each other at every receiver that lacks the record, as
+/// at the encoder, whichever other records are loaded. An edge with three faces, or with two faces of opposite
+/// orientation, has no opposite corner; the encoder does not rely on one.
 /// Source: Rossignac, Safonova, Szymczak 2001 (corner table: opposite, swing).
 #pragma once
 

@@ -35,9 +35,9 @@ class RegionSource {
 struct LocalRefinementSettings {
   std::uint64_t memory = 64u << 20;  ///< bytes of memory for the mesh and the model's directory
   TargetMargins margins;
-  double look_ahead = 0.01;      ///< time in s for whose probe motion regions are refined
-  double load_ahead = 0.2;       ///< time in s for whose probe motion regions are loaded
-  double min_speed = 0;          ///< expected speed of a probe that starts from rest, file units/s
+  double look_ahead = 0.01;      ///< s; refines the regions that the probe will meet within this time
+  double load_ahead = 0.2;       ///< s; loads the regions that the probe will meet within this time
+  double min_speed = 0;          ///< speed that the prediction assumes for a slower probe, file units/s
   std::uint32_t targets = 1024;  ///< max number of target regions; if there are more, the least urgent stay coarse
   Strategy strategy = Strategy::kMixture;
 };
@@ -51,12 +51,13 @@ class LocalRefinement {
   LocalRefinement& operator=(const LocalRefinement&) = delete;
 
   /// Sets the pose of the probe at `time` in s; times must ascend. Loads the regions that the probe will touch soon. If
-  /// one does not fit, retires the least recently wanted region. `in_contact` states whether the previous query found a
-  /// contact; the prediction depends on it. Allocates.
+  /// a region does not fit, stops loading and retires the least recently wanted region, whose memory a later call can
+  /// use. `in_contact` states whether the previous query found a contact; the prediction depends on it. Allocates.
   void approach(const Eigen::Isometry3d& pose, double time, bool in_contact = false);
 
-  /// Refines near the probe and its predicted path, coarsens elsewhere, and refits the tree. Returns kBudget if the
-  /// budget did not suffice. Realtime.
+  /// Refines near the probe and along its extrapolated motion, and refits the tree. Other regions stay refined until
+  /// they are retired or their tree nodes are needed (Unrequested::kRetain). Returns kBudget if the budget did not
+  /// suffice. Realtime.
   Advance refine(Budget budget) noexcept {
     select_targets();
     const Advance result = advance(budget);
@@ -71,8 +72,9 @@ class LocalRefinement {
   /// True if queries at the last pose return the contacts of the finest mesh. Realtime.
   [[nodiscard]] bool is_exact() const noexcept { return spm::is_exact(forest_, placed_); }
 
-  /// Writes the contacts of a sphere, at most `capacity`, and returns the number of all contacts. If Forest::is_exact
-  /// is true for the sphere, omits contacts with coarse faces, which then belong to other cells. Realtime.
+  /// Writes the contacts of a sphere, at most `capacity`, and returns the number of all contacts. If they all fit and
+  /// Forest::is_exact is true for the sphere, omits contacts with coarse faces, because these faces belong to other
+  /// cells. Realtime.
   std::uint32_t find_contacts(const Vec3d& centre, double radius, Contact* out, std::uint32_t capacity) const noexcept;
   /// Writes the contacts of a mesh probe in the same way. `probe` must have been placed at the pose of `approach`.
   MeshTouch find_contacts(PlacedProbe& probe, MeshContact* out, std::uint32_t capacity) const noexcept;

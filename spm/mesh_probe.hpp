@@ -5,7 +5,7 @@
 ///   PlacedProbe   the probe in one pose in an object's frame, with the memory of a query; each caller has its own
 ///
 /// A query walks the AbTree and the probe's tree together. First it compares boxes along the axes of both frames,
-/// because a long slanted part is much smaller than its box in one of the frames. Then it compares planes. Then it
+/// because a long slanted part may fill only little of its box in one of the frames. Then it compares planes. Then it
 /// decides each remaining pair exactly (triangle_pair.hpp). Every comparison allows for float rounding, so no
 /// intersecting pair is missed.
 ///
@@ -112,8 +112,9 @@ class PlacedProbe {
   explicit PlacedProbe(const MeshProbe& probe, Simd simd = best_simd());
 
   /// Places the probe in the object's frame: scales by `scale` (object units per probe unit), then applies `pose`,
-  /// whose linear part must be a rotation up to 1e-7. Each coordinate is (r0 x + r1 y) + r2 z + t, left to right, in
-  /// double. Realtime.
+  /// whose linear part must be a rotation up to 1e-7. Each coordinate is computed in double as ((r0 x + r1 y) + r2 z) +
+  /// t, in this order: t is the translation on this axis, and r0, r1, r2 are `scale` times a row of the rotation.
+  /// Realtime.
   void set_pose(const Eigen::Isometry3d& pose, double scale = 1) noexcept;
 
   /// A triangle in the object's frame, by its number at construction.
@@ -124,9 +125,9 @@ class PlacedProbe {
   MeshTouch find_contacts(const AbTree& tree, MeshContact* out, std::uint32_t capacity,
                           std::uint32_t max_work = 1u << 31) noexcept;
 
-  /// Writes all pairs at most `margin` apart (object units, above 0), in blocks of eight. Also writes the pairs further
-  /// apart that boxes and planes do not rule out. Stops when the work reaches `max_work` or there are more than
-  /// `capacity` pairs; the result is then not complete. Realtime.
+  /// Writes all pairs at most `margin` apart (object units, above 0), in blocks of eight. Also writes pairs that are
+  /// further apart if the tests of boxes and planes cannot exclude them. Stops when the work reaches `max_work` or
+  /// there are more than `capacity` pairs; the result is then not complete. Realtime.
   MeshTouch find_near_pairs(const AbTree& tree, double margin, NearPairs* out, std::uint32_t capacity,
                             std::uint32_t max_work = 1u << 31) noexcept;
 

@@ -57,7 +57,7 @@ struct Interval {
 
 /// Sizes and properties of a model. The base mesh message begins with them.
 struct ModelSummary {
-  std::uint64_t digest;                     ///< XXH3-64 of all sections of the file
+  std::uint64_t digest;                     ///< XXH3-64 of this summary (with digest 0) and all arrays of the model
   std::uint32_t vertices, faces;            ///< counts in the finest mesh
   std::uint32_t base_vertices, base_faces;  ///< counts in the base mesh
   std::uint32_t records;                    ///< vertices - base_vertices
@@ -82,7 +82,7 @@ struct Model {
   std::span<const std::array<float, 3>> positions;  ///< by VertexId
   std::span<const std::uint16_t> base_radii;        ///< radius codes by VertexId below `base_vertices`, see record.hpp
   std::span<const BaseFace> base_faces;
-  IdSpan<PartIndex, const RecordPart> parts;  ///< first the first part of each record by RecordId, then the other parts
+  IdSpan<PartIndex, const RecordPart> parts;  ///< the first parts of all records, by RecordId; then all other parts
   std::span<const Region> regions;
   std::span<const Interval> intervals;
 
@@ -122,8 +122,9 @@ struct BaseMesh {
 };
 [[nodiscard]] BaseMesh base_mesh_of(const Model& model);
 
-/// Returns for each vertex the maximum distance, in file units, of the vertices that collapse into it. `parent`
-/// contains the parent of each vertex, or kNone for a base vertex. O(vertices x depth of the forest), allocates.
+/// Returns for each vertex the maximum distance, in file units, to the vertices that collapse into it, over any number
+/// of steps. `parent` contains the parent of each vertex, or kNone for a base vertex. O(vertices x depth of the
+/// forest), allocates.
 [[nodiscard]] std::vector<double> collapse_distances(std::span<const std::array<float, 3>> positions,
                                                      std::span<const std::uint32_t> parent);
 /// Returns the radius code of a result of `collapse_distances`, with a margin for its rounding errors.

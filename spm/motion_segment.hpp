@@ -1,8 +1,8 @@
-/// Predicts the path of a hand along a surface from its earlier turns.
+/// Predicts the path of a hand along a surface from the earlier turns of the hand: the changes of its heading.
 ///
-/// The heading of a hand in the tangent plane changes smoothly, so a linear rule predicts the next turns of the heading
-/// from the last ones. The rule is fitted while the hand moves, by least squares with exponential forgetting. The
-/// surface determines the motion across the tangent plane, so the predicted path follows the labelled cells. The
+/// The heading of a hand in the tangent plane changes smoothly, so a linear rule predicts the next headings from the
+/// last turns. The rule is fitted while the hand moves, by least squares with exponential forgetting. The surface
+/// determines the motion along the normal of the tangent plane, so the predicted path follows the labelled cells. The
 /// uncertainty is computed from the distances between earlier predictions and the real path.
 ///
 /// Model frame, file units, seconds. Fixed memory. One thread, not the haptic one.
@@ -33,9 +33,9 @@ class MotionSegment {
   /// Drops the positions. The rule is not changed.
   void restart() noexcept;
 
-  /// Predicts the path for `lead` seconds, rounded up to steps, at most kSteps. The path is empty in the first 0.14 s.
-  /// The tangent plane is computed from the labelled cells within `reach` of the tip. Takes about 20 us and another
-  /// 20 us for each step.
+  /// Predicts the path for `lead` seconds, rounded up to steps of kStep, at most kSteps. The path is empty in the first
+  /// 0.14 s after construction or `restart`. The tangent plane is computed from the labelled cells within `reach` of
+  /// the tip. Takes about 20 us and another 20 us for each step.
   [[nodiscard]] Path predict(const RegionGrid& grid, double reach, double lead) const;
   /// Estimates the root mean square of the distance between predicted and real path after `time` seconds.
   [[nodiscard]] double rms_error(double time) const noexcept;

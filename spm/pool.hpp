@@ -21,19 +21,19 @@
 
 namespace tactus::spm {
 
-/// Limits such that slot and object fit into a key of FlatIndex, and a face row into a value.
+/// Within these limits, an object and a RecordId fit into a key of FlatIndex, and a face row fits into a value.
 inline constexpr std::uint32_t kMaxSlots = 1u << 26;
 inline constexpr std::uint32_t kMaxObjects = 64;
 
 /// Sizes of the pool, fixed at start.
 struct PoolSettings {
   std::uint32_t slots = 1u << 16;        ///< at most kMaxSlots; if none is free, a region is refused and stays coarse
-  std::uint32_t tree_nodes = 1u << 14;   ///< if none is free, refinement stops and sets the status bit PoolFull
+  std::uint32_t tree_nodes = 1u << 14;   ///< if too few are free, refinement stops and sets the status bit PoolFull
   std::uint32_t list_blocks = 1u << 13;  ///< blocks of 62 list entries; if none is free, a region is refused
   /// Blocks of the compressed cache. A record takes one, seldom two. If none is free, a region is refused.
   std::uint32_t compressed_blocks = 1u << 18;
-  /// Returns settings in proportion to `slots`: tree nodes for the shown mesh, slots for the decoded records, and
-  /// compressed blocks for the records of contacts within a round trip.
+  /// Returns settings in proportion to `slots`. The slots are for the decoded records, the tree nodes for the shown
+  /// mesh, and the compressed blocks for the regions that a probe may touch within a round trip.
   static PoolSettings for_slots(std::uint32_t slots) noexcept {
     return {slots, slots / 4 + std::min(slots / 2 + 1024, 6144u), slots / 10 + 256, std::min(6 * slots, kMaxSlots)};
   }
@@ -88,7 +88,7 @@ struct RegionList {
   std::uint32_t length = 0;
 };
 
-/// The upper bit states whether the record is shown. The lower bits count the applied list entries of the record.
+/// The highest bit states whether the record is shown. The other bits count the applied list entries of the record.
 struct SlotState {
   static constexpr std::uint16_t kShown = 0x8000;
   std::uint16_t bits = 0;

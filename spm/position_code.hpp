@@ -1,5 +1,5 @@
-/// Position codes: whole numbers for coordinates, in the order of their values. Code and residual restore a coordinate
-/// exactly.
+/// Position codes: whole numbers for coordinates, in the order of their values. The code of a predicted coordinate plus
+/// the residual is the code of the true coordinate, so a decoder restores the coordinate exactly.
 ///
 /// A lossless profile has a code for each float. A compact profile has a code for each step of the coordinates' grid.
 #pragma once
@@ -25,7 +25,7 @@ class PositionCode {
     std::memcpy(&bits, &value, sizeof bits);
     return (bits & kSign) != 0 ? ~bits : bits | kSign;
   }
-  /// Returns the coordinate of a code. For a code that `of` did not return, the float may not be finite.
+  /// Returns the coordinate of a code. If `encode` did not return this code, the float may not be finite.
   [[nodiscard]] float decode(std::size_t axis, std::uint32_t code) const noexcept {
     if (step_ > 0) return static_cast<float>(double{origin_[axis]} + code * step_);
     const std::uint32_t bits = (code & kSign) != 0 ? code & ~kSign : ~code;

@@ -2,11 +2,13 @@
 /// residuals.
 ///
 /// The third axis is the coordinate axis closest to the normal of the ring. Along the two other axes, the predictor
-/// expects the mean of the ring, moved a little towards t and away from the ends of the ring, because a collapse goes
-/// along a short edge. After the residuals of these axes are applied, the plane of the ring determines the expected
-/// coordinate along the third axis. The residual of the third axis is therefore the height above the surface.
+/// expects the mean of the ring, moved a little towards the parent vertex t, because a collapse goes along a short
+/// edge, and away from the ends of the ring (its first and last vertex besides t). After the residuals of these axes
+/// are applied, the plane of the ring determines the expected coordinate along the third axis. The residual of the
+/// third axis is therefore the height above the surface.
 ///
-/// Sender and receiver compute the same bits, because they use doubles, the same order of vertices and no contraction.
+/// Sender and receiver compute the same bits, because they use doubles, the same order of vertices and no fused
+/// multiply-add.
 /// Source: Touma, Gotsman 1998 (prediction and residual).
 #pragma once
 
@@ -23,7 +25,7 @@ namespace tactus::spm {
 
 class PositionPredictor {
  public:
-  /// Differences of position codes, two along the surface and one across it. They wrap.
+  /// Differences of position codes, modulo 2^32: two along the surface and one across it.
   using Residuals = std::array<std::uint32_t, 3>;
 
   /// The ring must not be empty. `position_of(vertex)` must return three floats within the bounds. O(ring).
@@ -31,7 +33,7 @@ class PositionPredictor {
   PositionPredictor(const ModelSummary& summary, const VertexRing<Vertex>& ring, PositionOf position_of) noexcept
       : summary_{summary}, code_{summary} {
     const std::uint32_t count = ring.size();
-    // All relative to t: the first other vertex of the ring, the previous one, and the sum of all.
+    // Positions relative to t: `first` is the first vertex of the ring after t, `before` the previous one.
     const Point t = point(position_of(ring[0]));
     Point first{}, before{}, sum{}, normal{};
     for (std::uint32_t i = 1; i < count; ++i) {
@@ -74,7 +76,8 @@ class PositionPredictor {
 
  private:
   using Point = std::array<double, 3>;
-  // Fitted by least squares to bunny, organ and dragon together. The optimum of one model saves at most 0.1 bit more.
+  // Fitted by least squares to bunny, organ and dragon together. Constants fitted to one model alone save at most 0.1
+  // bit more.
   static constexpr double kTowardsParent = 0.25, kAwayFromEnds = 0.14;
 
   static std::size_t next_axis(std::size_t axis) noexcept { return axis == 2 ? 0 : axis + 1; }

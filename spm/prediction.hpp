@@ -1,4 +1,4 @@
-/// Predicts the regions that a probe will touch, and the times, so that they can be loaded before.
+/// Predicts which regions a probe will touch and when, so that the loader can load them in time.
 ///
 /// Each strategy predicts spheres with times. The time to contact of a region is the time of the earliest sphere that
 /// intersects the region. All strategies but the mixture are from the paper. We differ: the history consists of tip
@@ -25,10 +25,10 @@ namespace tactus::spm {
 
 enum class Strategy : std::uint8_t {
   kNeighbours,  ///< regions around the tip, within the distance that the tip covers at its speed
-  kLinear,      ///< regions along the velocity of the tip
-  kPolynomial,  ///< regions along the path with the velocity and acceleration of the tip
+  kLinear,      ///< regions along the path that the tip would take at constant velocity
+  kPolynomial,  ///< regions along the path that the tip would take at constant acceleration
   kDistance,    ///< regions around the tip, within half the distance that the tip covers at its speed
-  kMixture      ///< in contact the path predicted by MotionSegment and the polynomial; otherwise linear and distance
+  kMixture      ///< on a surface: MotionSegment's path, linear and polynomial; elsewhere: linear and distance
 };
 /// Names of the strategies for users, by Strategy.
 inline constexpr std::array<const char*, 5> kStrategyNames{"neighbours", "linear", "polynomial", "distance", "mixture"};
@@ -37,7 +37,7 @@ struct PredictedRegion {
   RegionId region{};
   double time_to_contact = 0;   ///< s; 0 if the region is touched now
   double contact_end = 0;       ///< latest predicted time of contact, s
-  double sigmas_from_path = 0;  ///< distance from the predicted path, in standard deviations of the prediction
+  double sigmas_from_path = 0;  ///< distance from the tip on its predicted path, in standard deviations of the path
 
   [[nodiscard]] bool precedes(const PredictedRegion& other) const noexcept {
     return time_to_contact != other.time_to_contact ? time_to_contact < other.time_to_contact
@@ -53,7 +53,7 @@ struct PredictedRegion {
 struct PredictionSettings {
   double radius = 0;     ///< radius of the tip, file units
   double margin = 0;     ///< distance by which the predicted spheres exceed the tip, file units
-  double min_speed = 0;  ///< expected speed of a tip that starts from rest, file units/s
+  double min_speed = 0;  ///< speed that the prediction assumes for a slower tip, file units/s
   Strategy strategy = Strategy::kMixture;
 };
 
@@ -69,8 +69,8 @@ class Predictor {
   /// `grid` must outlive the predictor.
   Predictor(const RegionGrid& grid, PredictionSettings settings) : grid_{&grid}, settings_{settings} {}
 
-  /// Adds the position of the tip's centre at `time`; times must ascend. After an interval of more than 0.1 s, starts a
-  /// new history.
+  /// Adds the position of the tip's centre at `time`; times must ascend. If more than 0.1 s have passed since the
+  /// previous call, starts a new history.
   void observe(double time, const Vec3d& position, bool in_contact);
 
   /// Adds to `out` the regions that the tip will touch within `lead` seconds after the last observation.

@@ -27,14 +27,16 @@ struct PlacedSphere {
 };
 
 /// Returns 1 to `max` spheres that cover the probe's surface. The sphere nearest to the probe's origin, the tip, comes
-/// first. Divides the samples of the largest sphere at the middle of their longest side until there are `max` spheres.
-/// O(samples of the surface), allocates.
+/// first. Begins with one sphere around sample points of the whole surface. Then halves the bounding box of the largest
+/// sphere's samples along its longest side, until there are `max` spheres or the largest radius is at most twice the
+/// spacing of the samples. O(samples), allocates.
 [[nodiscard]] std::vector<ProbeSphere> spheres_of(const MeshProbe& probe, std::uint32_t max);
 
 /// The spheres in which the mesh must be at full resolution so that the contacts of a probe are exact.
 class ProbeShape {
  public:
-  static constexpr std::uint32_t kMaxSpheres = 8;  ///< with more spheres, less is refined, but queries take longer
+  /// More spheres fit the probe more closely, so fewer regions are refined, but target selection takes longer.
+  static constexpr std::uint32_t kMaxSpheres = 8;
 
   /// The shape of a sphere around the origin. Allocates.
   explicit ProbeShape(double radius) : spheres_{{Vec3d::Zero(), radius}} {}

@@ -30,8 +30,8 @@ inline constexpr std::uint32_t kMaxVertices = 1u << 31;
 /// A face reference shares its 32 bits with a corner and a flag, see BornRef.
 inline constexpr std::uint32_t kMaxFaces = 1u << 28;
 
-/// The corner numbers of u, t and x in a born face. u is at corner `order / 2`. If `order` is even, t is at the next
-/// corner, else at the previous one. x is at the remaining corner.
+/// The corner numbers of u, t and the third vertex x in a born face. u is at corner `order / 2`. If `order` is even, t
+/// is at the next corner, else at the previous one. x is at the remaining corner.
 struct BornCorners {
   int u, t, x;
 };

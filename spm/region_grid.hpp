@@ -35,7 +35,7 @@ class RegionGrid {
 
   [[nodiscard]] std::uint32_t size() const noexcept { return regions_; }
   [[nodiscard]] CellBox box(RegionId region) const noexcept { return box_of(cells_[index(region)]); }
-  /// Estimates the bytes of a grid, with one divided cell for eight regions.
+  /// Estimates the bytes of a grid. Assumes one divided cell for each eight regions.
   [[nodiscard]] static std::uint64_t bytes(std::uint32_t regions) noexcept;
 
   /// The squared distance of `p` from the nearest occupied subcell; 0 inside. About 20 ns.

@@ -44,7 +44,7 @@ class RegionTable {
     fill_bucket(bucket, count_++);
     if (count_ == entries_.size()) reduce();
   }
-  /// Records that the caller could not find all regions.
+  /// Makes complete() false, for a caller that could not find all regions.
   void mark_incomplete() noexcept { complete_ = false; }
 
   /// Sorts the entries, the most urgent first, and drops the least urgent ones beyond the capacity.
@@ -93,7 +93,7 @@ class RegionTable {
   std::vector<std::uint32_t> buckets_;    // hash table with open addressing: indices in entries_, or kNone
   unsigned bits_ = 1;                     // log2 of the size of buckets_
   std::uint32_t count_ = 0;
-  bool has_limit_ = false;  // if true, `capacity_` regions are at least as urgent as limit_
+  bool has_limit_ = false;  // `reduce` has set limit_: `capacity_` entries are at least as urgent as limit_
   Entry limit_{};
   bool complete_ = true;
 };

@@ -2,9 +2,9 @@
 ///
 /// A kernel is written once, in a file `x_kernel.inc`, which includes simd_lanes.inc. A source file includes the kernel
 /// once for each instruction set, each time in another namespace and between a TACTUS_TARGET macro and
-/// TACTUS_TARGET_END. Compilers lower vector types before they inline, so the helpers in simd_lanes.inc must be
-/// compiled for each instruction set too. Lanes do not interact and nothing is contracted (-ffp-contract=off), so every
-/// variant gives the same bits. Tests compare the variants.
+/// TACTUS_TARGET_END. Compilers translate vector types to instructions before they inline functions, so the helpers in
+/// simd_lanes.inc must be compiled for each instruction set too. Lanes do not interact, and compilers make no fused
+/// multiply-add (-ffp-contract=off), so every variant gives the same bits. Tests compare the variants.
 #pragma once
 
 #include <cstdint>

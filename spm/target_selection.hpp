@@ -39,7 +39,8 @@ class TargetSelection {
 
   /// Adds the regions near a probe of one sphere.
   void add_sphere(const PlacedSphere& sphere) noexcept;
-  /// Adds the regions near a probe of several spheres. Queries the grid once for each sphere instead of three times.
+  /// Adds the regions near a probe of several spheres. Queries the grid once for each sphere; `add_sphere` queries it
+  /// three times.
   void add_spheres(std::span<const PlacedSphere> spheres) noexcept;
   /// Adds the regions that a given sphere intersects to the second group.
   void add_soon(const Vec3d& centre, double radius) noexcept;

@@ -99,14 +99,15 @@ inline void nearer_on_segment(const Vec3d& p, const Vec3d& a, const Vec3d& b, Fe
 
 /// Finds the first contact of triangle abc with a sphere whose centre moves straight from `from` to `to`. False if
 /// there is none; `hit` is then unchanged. The sphere may be a point (radius 0). A miss within rounding may count as a
-/// contact. Realtime, computes at most 32 closest points.
+/// contact. Realtime, computes at most 33 closest points.
 ///
-/// The triangle is convex, so the distance of the centre is a convex function of time. This decides the cases at
-/// time 0:
+/// The triangle is convex, so the distance of the centre is a convex function of time: once it grows, it never shrinks
+/// again. This decides the cases at time 0:
 /// - If the sphere already touches the triangle (distance <= radius), it has a contact at time 0 if the distance
-///   shrinks, that is if `(to - from) . normal < 0`. Otherwise it has none, because it slides along the triangle or leaves it.
-/// - If the centre is on the triangle, `normal` is the normal of (a, b, c). If the triangle is degenerate, there is no
-///   contact.
+///   shrinks, that is if `(to - from) . normal < 0`. Otherwise it has none, because it slides along the triangle or
+///   leaves it.
+/// - If the centre is on the triangle, `normal` is the normal of (a, b, c). If the triangle is then degenerate, there
+///   is no contact.
 [[nodiscard]] bool swept_sphere(const Vec3d& from, const Vec3d& to, double radius, const Vec3d& a, const Vec3d& b,
                                 const Vec3d& c, SweepHit& hit) noexcept;
 

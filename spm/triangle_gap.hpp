@@ -1,8 +1,8 @@
 /// Computes distance and nearest points of two triangles, for eight pairs at a time.
 ///
-/// Uses float: for coordinates up to L, the error of the distance is some 3e-7 L, so the origin should be near. Any
-/// unit. Triangles may be degenerate: a segment or a point. If several pairs of points are nearest, returns any of
-/// them. Realtime.
+/// Uses float: if the absolute coordinates are up to L, the error of the distance is some 3e-7 L, so the origin should
+/// be near the triangles. Any unit. Triangles may be degenerate: a segment or a point. If several pairs of points are
+/// nearest, returns any of them. Realtime.
 #pragma once
 
 #include <cstdint>

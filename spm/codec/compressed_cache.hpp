@@ -1,8 +1,8 @@
 /// Holds received regions in compressed form: their lists and record codes, in memory of a fixed size.
 ///
-/// A record takes some 38 bytes in this cache, and ten times as much in the pool. So an HRTC holds more regions than
-/// the pool has slots for. The cache has the regions that a tip may touch within a round trip of the network. The
-/// loader also decodes into the pool those of them that a tip will touch in the next moments. The demand lists all
+/// A record takes some 38 bytes in this cache, and ten times as much in the pool. So an HRTC can hold more regions than
+/// the pool has slots for. The cache has the regions that a tip may touch within a round trip of the network. If a tip
+/// will touch some of them in the next moments, the loader also decodes these into the pool. The demand lists all
 /// regions in the cache as held, except the retired ones.
 ///
 ///     put      message -> blocks       counts the held regions that list each record
@@ -52,7 +52,7 @@ class CompressedCache {
     std::uint32_t returned = 0;         ///< number of these records that were received before
     std::uint32_t repeated = 0;         ///< number of these records that were already in the cache
     std::uint32_t published = 0;        ///< number of repeated records in the list of a region that is not retired
-    std::uint32_t blocks = 0;           ///< number of blocks that the region took; if kFull: needs
+    std::uint32_t blocks = 0;           ///< number of blocks that the region took, or needs if the status is kFull
     std::uint32_t blocks_if_empty = 0;  ///< number of blocks that list and message would take in an empty cache
     std::string error;
   };
@@ -79,7 +79,7 @@ class CompressedCache {
   /// Number of blocks that become free if all retired regions are evicted.
   [[nodiscard]] std::uint32_t blocks_retired() const noexcept { return retired_blocks_; }
 
-  /// Returns the broken invariants in words. O(blocks), allocates: tests.
+  /// Returns descriptions of broken invariants. O(blocks), allocates: tests.
   [[nodiscard]] std::vector<std::string> violations();
 
  private:

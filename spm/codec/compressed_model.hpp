@@ -26,9 +26,9 @@ struct ModelSpans {
 
 class CompressedModel {
  public:
-  /// Decodes and checks the base mesh, and checks the number of sizes. Does not check codes and lists, which
-  /// decode_model() does: unchecked ones may be wrong, but no function reads past their end. The spans must outlive the
-  /// result.
+  /// Decodes and checks the base mesh, and checks the number of sizes. decode_model() checks codes and lists; this
+  /// function does not. Unchecked codes and lists may be wrong, but no function reads past their end. The spans must
+  /// outlive the result.
   static Result<CompressedModel> open(const ModelSpans& spans);
   /// Makes an empty object, to which a model can be assigned.
   CompressedModel() = default;

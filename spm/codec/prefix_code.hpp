@@ -1,7 +1,7 @@
 /// A canonical prefix code over a small alphabet: the lengths of the words determine the words.
 ///
-/// The frequencies of the symbols determine the lengths. If a word would be longer than kMaxLength bits, the
-/// frequencies are made more equal until none is. Source: Huffman 1952.
+/// The frequencies of the symbols determine the lengths. While a word is longer than kMaxLength bits, the frequencies
+/// are halved and rounded up, which makes them more equal. Source: Huffman 1952.
 #pragma once
 
 #include <array>
@@ -44,7 +44,7 @@ class PrefixCode {
 
   std::vector<std::uint8_t> length_;     // bits of the word, by symbol; 0: no word
   std::vector<std::uint16_t> word_;      // by symbol, lowest bit first
-  std::vector<std::uint16_t> table_{0};  // symbol and length, by the next bits, as many as the longest word has
+  std::vector<std::uint16_t> table_{0};  // symbol and length, by the next bits: as many bits as the longest word
   std::uint32_t mask_ = 0;
 };
 

@@ -56,8 +56,9 @@ inline constexpr std::size_t kFields = 17;
   return static_cast<Field>(static_cast<unsigned>(field) + (radius != 0 ? 1 : 0));
 }
 
-/// The symbol of radius code 0 is 0. The symbol of any other radius code is the maximum code minus this code, plus 1.
-/// If the symbol would be kRareRadius or more, it is kRareRadius, and the number follows (put_rare).
+/// The symbol of radius code 0 is 0. For any other radius code r, the number is R - r + 1, where R is the radius code
+/// of ModelSummary::deviation, the largest of the model. A number below kRareRadius is itself the symbol. For a larger
+/// number, the symbol is kRareRadius, and the number follows (put_rare).
 inline constexpr std::uint32_t kRareRadius = 255;
 
 /// A number below kSmallNumbers is one symbol. A larger number is a symbol for its length in bits and its second
@@ -134,8 +135,8 @@ class RecentFaces {
   std::uint32_t end_ = kSize;
 };
 
-/// Number of records in a block of a model file. Each block is encoded like a message of its own, and the file has its
-/// size.
+/// Number of records in a block of a model file. Each block is encoded like a message of its own, and the file states
+/// the size of each block.
 inline constexpr std::uint32_t kRecordsPerBlock = 128;
 
 struct EncodedRecords {
@@ -143,10 +144,11 @@ struct EncodedRecords {
   Bytes codes;                            ///< of all records, in order of their numbers
   std::vector<std::uint64_t> block_bits;  ///< number of bits of each block
 };
-/// Encodes all records of a model. Applies each record twice: to count symbols, and to write. About 0.3 us a record.
+/// Encodes all records of a model. Applies each record twice: first to count symbols, then to write them. About 0.3 us
+/// a record.
 [[nodiscard]] EncodedRecords encode_records(const Model& model);
 
-/// Number of bits of all records by field. The last entry counts the bits without prefix code.
+/// Number of bits of all records, by field. The last entry counts the bits that have no prefix code.
 [[nodiscard]] std::array<std::uint64_t, kFields + 1> bits_by_field(const Model& model, const RecordTables& tables);
 
 /// The anchor of a record: its first deformed face, or its first born face if it deforms none.
@@ -169,7 +171,7 @@ struct NumberParts {
   while (value >> length != 0) ++length;
   return {kSmallNumbers + 2 * (length - 5) + static_cast<std::uint32_t>(value >> (length - 2) & 1u), length - 2};
 }
-/// Writes a number below 2^33. In `code`, symbol `base` is that of number 0.
+/// Writes a number below 2^33. In `code`, number 0 has the symbol `base`.
 inline void put_number(BitWriter& out, const PrefixCode& code, std::uint64_t value, std::uint32_t base = 0) {
   const NumberParts parts = number_parts(value);
   code.put(out, base + parts.symbol);

@@ -3,7 +3,7 @@
 ///     region | intervals of the list | intervals of the sent records | sent records, in order
 ///
 /// interval_codec.hpp describes the intervals. The intervals of the sent records are positions in the list, not record
-/// numbers. The code of a record is the same in every message, except its anchor, which depends on the previous record
+/// numbers. The code of a record is the same in every message, except its anchor, which depends on the previous records
 /// in the message (record_codes.hpp). So any host can send any subset of the list to any receiver.
 #pragma once
 

@@ -19,12 +19,12 @@ class [[nodiscard]] Result {
   Result(E error) : state_{std::move(error)} {}
 
   [[nodiscard]] explicit operator bool() const noexcept { return state_.index() == 0; }
-  /// The value. The result must be true.
+  /// The value. The result must have one: bool(result) is true.
   [[nodiscard]] T& operator*() { return std::get<0>(state_); }
   [[nodiscard]] const T& operator*() const { return std::get<0>(state_); }
   [[nodiscard]] T* operator->() { return &std::get<0>(state_); }
   [[nodiscard]] const T* operator->() const { return &std::get<0>(state_); }
-  /// The reason. The result must be false.
+  /// The reason. The result must have no value: bool(result) is false.
   [[nodiscard]] const E& error() const { return std::get<1>(state_); }
 
  private:

@@ -41,7 +41,7 @@ class FixedMesh {
   /// Sets new positions of the vertices. Call refit() or rebuild() before the next query. Throws std::invalid_argument
   /// if the number of vertices differs.
   void move(std::span<const Position> vertices);
-  /// Recomputes all boxes, children first; which triangles a node has is unchanged.
+  /// Recomputes all boxes, children first. Each node has the same triangles as before.
   void refit();
   /// Builds the tree anew.
   void rebuild();

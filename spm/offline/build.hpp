@@ -29,8 +29,8 @@ struct BuildOptions {
 };
 
 /// Receives the name of the current stage and its finished share, 0 to 1. It is called in the thread that called the
-/// build, at the start of each stage and now and then. Stages in order: read, clean, order, simplify, depend, divide,
-/// number, list, sum up.
+/// build, at the start of each stage and repeatedly during the long stages. Stages in order: read, clean, order,
+/// simplify, depend, divide, number, list, sum up.
 using Progress = std::function<void(std::string_view stage, double done)>;
 
 struct BuiltModel : OwnedModel {

@@ -14,7 +14,7 @@ namespace tactus::spm::offline {
 /// Upper bounds over all positions and straight motions of a sphere. Space is divided into cubes of edge `step`. The
 /// regions of a cube are those whose occupied subcells the sphere can intersect while its centre is in the cube. The
 /// bounds of work assume that exactly the regions of the current cube are refined. A step is a motion of the centre
-/// from one cube into a neighbouring cube.
+/// from one cube into a cube with which it shares a face.
 struct Certificate {
   double radius;  ///< radius of the sphere, file units
   double speed;   ///< maximum speed of the sphere, file units/s
@@ -29,7 +29,7 @@ struct Certificate {
 
   double step;  ///< edge of a cube, file units
   // Maxima over all steps.
-  std::uint32_t entering_records;        ///< number of records that the next cube needs and the last one does not
+  std::uint32_t entering_records;        ///< number of records that the new cube needs and the old one does not
   std::uint32_t work_units;              ///< work of the step, in units of Budget (spm/forest.hpp)
   std::uint32_t faces;                   ///< number of faces that the step adds, removes or deforms
   std::vector<RegionId> regions_before;  ///< refined regions before the step with the most work

@@ -2,8 +2,8 @@
 /// valid mesh.
 ///
 /// A record needs (a) for each face that it deforms, the record that made the previous version of the face, and (b) for
-/// each corner of a face that it bears or deforms, the record that adds the vertex. Rule (a) alone is not enough at
-/// borders: a record that bears one face and deforms none still needs the vertices of that face.
+/// each corner of a face that it bears or deforms, the record that adds the vertex at this corner. Rule (a) alone is
+/// not enough at borders: a record that bears one face and deforms none still needs the vertices of that face.
 /// Source: De Floriani, Magillo, Puppo 1997 (a closed set of a Multi-Triangulation is a mesh).
 #pragma once
 
@@ -21,8 +21,8 @@ struct Dependencies {
   std::vector<std::uint32_t> segment;     ///< first collapse of each segment; last: number of collapses
   std::vector<std::uint32_t> removed_by;  ///< collapse that removes the vertex, by vertex; kNone in the base mesh
   std::vector<std::uint32_t> first;       ///< first index of record i in `needs`; the index of record i + 1 is its end
-  std::vector<std::uint32_t> needs;       ///< the records that record 0 needs, ascending; those of record 1; ...
-  std::vector<std::uint16_t> level;       ///< 1 + highest level of a needed record
+  std::vector<std::uint32_t> needs;       ///< the needs of record 0, ascending; then those of record 1, and so on
+  std::vector<std::uint16_t> level;       ///< 1 + highest level of a needed record; 1 if it needs none
   std::uint32_t max_level = 0;
 
   /// Number of collapses.

@@ -1,5 +1,5 @@
-/// A queue of vertices in classes of removal costs. Each power of two has eight classes; within a class, the vertex
-/// that waits longest comes first.
+/// A queue of vertices in classes by the cost of their removal. There are eight classes from each power of two to the
+/// next; within a class, the vertex that waits longest comes first.
 #pragma once
 
 #include <algorithm>

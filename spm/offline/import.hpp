@@ -14,8 +14,9 @@ namespace tactus::spm::offline {
 /// which clean() removes.
 ///
 /// Throws ModelError that names the file, the value found and the value expected, if the file is missing, empty or
-/// damaged, or has no surface (only points, lines or an animation). An OBJ, OFF, PLY or STL file shows how many
-/// vertices or faces it has. If the import yields less than half of either, throws unless `losses` is kAllow.
+/// damaged, or has no surface (only points, lines or an animation). The number of vertices or faces in an OBJ, OFF, PLY
+/// or STL file is known before the import. If the import yields less than half of a known number, throws unless
+/// `losses` is kAllow.
 [[nodiscard]] TriangleMesh import_mesh(const std::filesystem::path& path, Losses losses = Losses::kRefuse);
 
 }  // namespace tactus::spm::offline

@@ -1,10 +1,11 @@
 /// Reads and writes `.spm` files. A file has the sections of one model, little-endian, aligned, with checksums. Records
 /// have the same codes as in messages.
 ///
-///   header   64 bytes             magic "tactSPM\n", version, number of sections, file size, XXH3-64 of header and
-///   table table    32 bytes a section   kind, 0, offset, size in bytes, XXH3-64 of the section sections each at a
-///   multiple of 64 bytes: base mesh, codes, lists and sizes
-///                                 (codec/compressed_model.hpp), statistics (JSON)
+///   header     64 bytes             magic "tactSPM\n", version, number of sections, file size, XXH3-64 of header
+///                                   (with checksum 0) and table, 32 zero bytes
+///   table      32 bytes a section   kind, 0, offset, size in bytes, XXH3-64 of the section
+///   sections   each at an offset    base mesh, codes, lists and sizes (codec/compressed_model.hpp),
+///              divisible by 64      statistics (JSON)
 #pragma once
 
 #include <cstdint>

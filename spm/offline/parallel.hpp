@@ -21,8 +21,8 @@ void parallel_for(std::size_t count, unsigned threads,
 void parallel_ranges(std::size_t count, std::size_t grain, unsigned threads,
                      const std::function<void(std::size_t first, std::size_t last)>& work);
 
-/// Like parallel_ranges, but extends a range by all items up to the next one for which `continues_group(item)` is
-/// false, so that a group of items is in one range.
+/// Like parallel_ranges, but no range begins with an item for which `continues_group(item)` is true: such an item is in
+/// the range of the item before it. So all items of a group are in one range.
 void parallel_groups(std::size_t count, std::size_t grain, unsigned threads,
                      const std::function<bool(std::size_t item)>& continues_group,
                      const std::function<void(std::size_t first, std::size_t last)>& work);
@@ -35,7 +35,8 @@ void parallel_groups(std::size_t count, std::size_t grain, unsigned threads,
 /// Runs two functions in parallel, or one after the other if there is a single thread.
 void parallel_both(unsigned threads, const std::function<void()>& one, const std::function<void()>& other);
 
-/// Returns the sum of `value(item)` over all items below `count`. Adds them in order, so that rounding is the same.
+/// Returns the sum of `value(item)` over all items below `count`. Adds the values in the order of the items, so that
+/// the rounding does not depend on the number of threads.
 [[nodiscard]] double parallel_sum(std::size_t count, unsigned threads,
                                   const std::function<double(std::size_t item)>& value);
 

@@ -12,7 +12,7 @@ namespace tactus::spm::offline {
 
 struct PartitionOptions {
   std::uint32_t cell_faces = 400;       ///< desired mean number of finest faces of a cell
-  std::uint32_t max_cell_faces = 1000;  ///< a cell with more faces is divided in eight, if that separates its faces
+  std::uint32_t max_cell_faces = 1000;  ///< a cell with more faces is divided into eight, if that separates its faces
 };
 
 struct Cell {
@@ -29,8 +29,8 @@ struct Partition {
 };
 
 /// Divides the bounds of `mesh`. A face belongs to every cell that its triangle intersects. The test is in double, with
-/// slightly enlarged cells, so that for each point of a face, the cell that contains the point has the face. Undivided
-/// cells have at least a thousandth of the longest side. `threads`: 0: one per processor.
+/// slightly enlarged cells: despite rounding, a cell that contains a point of a face always has the face. The edge of a
+/// cell of depth 0 is at least a thousandth of the longest side of the bounds. `threads`: 0: one per processor.
 [[nodiscard]] Partition partition(const TriangleMesh& mesh, const PartitionOptions& options, unsigned threads = 0);
 
 /// True if the triangle intersects or touches the cube around `centre`. Computes in double, without margin.

@@ -24,9 +24,9 @@ struct Surface {
   const TriangleMesh& finest;
   std::vector<Triangle> corners;            ///< by face
   std::vector<std::uint8_t> state;          ///< by face: bits kAlive (not removed) and kChanged (by a collapse)
-  std::vector<Quadric> quadrics;            ///< by vertex, with the vertex as origin, in lengths of 1 / scale
+  std::vector<Quadric> quadrics;            ///< by vertex, with the vertex as origin, in scaled coordinates
   std::vector<std::uint32_t> owner;         ///< by vertex: the block that has all its faces, or kShared
-  std::vector<std::uint32_t> local_number;  ///< by vertex: its number in the patch that owns it; memory for the patch
+  std::vector<std::uint32_t> local_number;  ///< by vertex: its number in the patch that owns it
   float scale;  ///< power of two by which positions are multiplied, so that edges are about 1
 
   [[nodiscard]] Offset scaled(std::uint32_t v) const {
@@ -46,7 +46,7 @@ struct PatchTask {
   std::uint32_t block;                   ///< number of the patch in `Surface::owner`
   std::uint32_t target;                  ///< number of faces at which to stop
   bool is_first_round;                   ///< the faces are finest, and their quadrics must be computed
-  bool is_last_round;  ///< collapses also pairs without an edge, and repeats while collapses make others legal
+  bool is_last_round;  ///< also collapses pairs without an edge, and repeats as long as collapses make others legal
 };
 
 class Patch {
@@ -81,13 +81,14 @@ class Patch {
     kPinched,  ///< any other graph without border: sheets that touch at u or along an edge of u
     kLocked,   ///< any other graph: u can collapse only as a pair (SimplifyOptions::pair_distance)
   };
-  /// The neighbours of a vertex u.
+  /// The neighbours of a vertex u. For the edge from u to each of them, `neighbours` has the third corners of the first
+  /// two faces at this edge, as positions in the ring.
   struct Ring {
     std::uint32_t size = 0;
     Star star = Star::kLocked;
     std::array<std::uint32_t, kRingCapacity> vertex;
     std::array<std::uint8_t, kRingCapacity> degree;  // number of faces at the edge from u to the vertex
-    std::array<std::array<std::uint8_t, 2>, kRingCapacity> neighbours;  // third corners of the first two, in the ring
+    std::array<std::array<std::uint8_t, 2>, kRingCapacity> neighbours;
   };
 
   /// A vertex to which u may collapse.

@@ -1,7 +1,7 @@
 /// Reads PLY files: polygons and triangle strips, ASCII and binary in both byte orders.
 ///
-/// We do not use the PLY reader of assimp 5.2: it never returns if a header has no end, and reads only one triangle
-/// from a file of strips. Format: G. Turk, "The PLY Polygon File Format", 1994.
+/// We do not use the PLY reader of assimp 5.2: it never returns if a header has no end, and it reads only one triangle
+/// from a file of triangle strips. Format: G. Turk, "The PLY Polygon File Format", 1994.
 #pragma once
 
 #include <cstddef>

@@ -36,9 +36,10 @@ class RegionLists {
   /// with a longer key before its own prefixes. If collapse B needs collapse A, every cell that needs B also needs A,
   /// so A comes first. Collapses with equal keys form one interval in the list of each of their cells.
   ///
-  /// Within such an interval, the order is greedy. After each collapse comes, of those whose dependencies are already
-  /// placed, the one whose anchor has the nearest face number, because a small difference takes few bits. The anchor of
-  /// a collapse is its first face; `anchors` has the anchors by collapse.
+  /// Within such an interval, the order is greedy. The next collapse is one whose dependencies are already placed.
+  /// Among these, it is the one whose anchor has the face number nearest to that of the previous anchor, because a
+  /// small difference takes few bits. The anchor of a collapse is its first face; `anchors` has the anchors by
+  /// collapse.
   [[nodiscard]] std::vector<std::uint32_t> order(const Dependencies& needs, const std::vector<std::uint32_t>& anchors,
                                                  unsigned threads) const;
 

@@ -3,8 +3,8 @@
 ///
 /// The cheapest collapse comes first. Its cost is the quadric error: a sum of squared distances from t to planes. These
 /// are the planes of the finest faces around u and around all vertices that have collapsed into u, weighted by area,
-/// and planes that hold borders in position. Costs are compared in classes, eight for each power of two. Within a
-/// class, the vertex that waits longest comes first.
+/// and planes that hold borders in position. Costs are compared in classes: eight from each power of two to the next.
+/// Within a class, the vertex that waits longest comes first.
 ///
 /// A collapse is legal under these conditions. The link condition holds. A border vertex moves only along the border.
 /// Sheets that touch may separate, but no face coincides with another. Each new version of a face has nearly the normal
@@ -28,9 +28,10 @@ namespace tactus::spm::offline {
 
 struct SimplifyOptions {
   std::uint32_t base_faces = 500;  ///< simplification stops at this number of faces, or if no collapse is legal
-  /// Maximum number of faces around u. Also that around t after a collapse, unless t had more faces before.
+  /// Maximum number of faces around u, and around t after the collapse. If t already has more faces, a collapse must
+  /// not increase their number.
   std::uint32_t max_star = 40;
-  double min_cosine = 0.1;  ///< of the angle between the normals of a new face version and of the finest version
+  double min_cosine = 0.1;  ///< minimum cosine of the angle between the normals of a new and of the finest version
   /// Minimum of 4 sqrt(3) area / (sum of squared edges), which is 1 for an equilateral triangle. A face below the
   /// minimum may change if this number does not decrease.
   double min_shape = 1e-3;
@@ -42,7 +43,8 @@ struct SimplifyOptions {
 
 struct Collapse {
   std::uint32_t u, t;
-  // Start of its faces in Segment::dying and Segment::moved. They end where those of the next collapse start.
+  // Index of its first face in Segment::dying and in Segment::moved. Its faces end where those of the next collapse
+  // begin.
   std::uint32_t first_dying, first_moved;
 };
 

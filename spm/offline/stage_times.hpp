@@ -30,7 +30,7 @@ class StageTimes {
   std::vector<Stage> stages_;
   std::size_t at_ = 0;  // index of the running stage
   bool running_ = false;
-  double since_ = 0, cpu_since_ = 0;  // wall time and CPU time at its start, s
+  double since_ = 0, cpu_since_ = 0;  // wall time and CPU time at the start of the running stage, s
 };
 
 /// Maximum resident memory of this process so far, in bytes; 0 if the system does not report it.
