@@ -28,7 +28,7 @@ struct HostOptions {
   std::filesystem::path cache;        ///< for models that have to be built
   std::array<double, 3> at{0, 0, 0};  ///< m, position of the first object without a pose; others follow along x
   /// True: once the models are open, raises the priority of the calling thread and of the DDS threads, if the system
-  /// allows it. All HRTCs wait for these few threads, and with ordinary priority they wait longer on a busy machine.
+  /// allows it. All HRTCs wait for these few threads; on a busy machine, threads of ordinary priority would be slower.
   bool raise_priority = false;
 };
 

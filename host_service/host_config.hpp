@@ -1,4 +1,4 @@
-/// Reads the objects that a host serves from a YAML file or from the names of model files.
+/// Reads, from a YAML file or from the names of model files, which objects a host serves.
 ///
 ///     objects:
 ///       - name: organ                  # unique in the session; default: the model's file name
@@ -32,7 +32,7 @@ class HostError : public std::runtime_error {
 /// The settings that make an object movable (docs/explanation/shared-objects.md).
 struct BodyConfig {
   double mass = 1;                               ///< kg
-  std::optional<std::array<double, 3>> inertia;  ///< kg m^2, about the model's axes; default: of a box with its bounds
+  std::optional<std::array<double, 3>> inertia;  ///< kg m^2, about the model's axes; default: box of the bounds
   double friction = session::Body{}.friction;    ///< coefficient, against the ground
   double ground = 0;                             ///< m, height of the ground plane
 };

@@ -143,12 +143,12 @@ class HostCore {
   ObjectAuthority authority_;
   std::vector<session::CatalogueEntry> catalogue_;
   std::map<std::uint64_t, std::string> hrtcs_;  // names of present HRTCs
-  std::optional<std::int64_t> ticked_ns_;
+  std::optional<std::int64_t> ticked_ns_;       // time of the last tick
   std::int64_t objects_due_ns_ = 0;
   session::Heartbeat heartbeat_;
   session::PeriodicTimer request_due_, metrics_due_;
-  std::uint64_t beats_ = 0;
-  std::uint64_t stops_announced_ = 0;  // StopLatch::changes
+  std::uint64_t beats_ = 0;            // RosterEntry::heartbeat of the last entry
+  std::uint64_t stops_announced_ = 0;  // StopLatch::changes at the last tick
   std::uint64_t demands_refused_ = 0, demands_implausible_ = 0;
   HostEnd end_ = HostEnd::kNone;
   HostMessages messages_;

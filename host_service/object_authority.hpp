@@ -3,10 +3,10 @@
 ///     claims, poses of others -->  OwnershipArbiter --> grants
 ///                                  SharedObject, 1 kHz while it moves --> poses
 ///
-/// An object at rest costs a pose and a grant every `rest_ns`, so that HRTCs which join later receive its pose. If
-/// several hosts serve one object, the host that joined the session first is its authority. When that host has left,
-/// the next one continues from the last pose. If the only host restarts while no HRTC simulates the object, the object
-/// starts at its catalogue pose.
+/// For an object at rest the host sends a pose every `rest_ns` and a grant every OwnershipSettings::idle_ns, so that
+/// HRTCs which join later receive them. If several hosts serve one object, the host that joined the session first is
+/// its authority. When that host has left, the next one continues from the last pose. If the only host restarts while
+/// no HRTC simulates the object, the object starts at its catalogue pose.
 ///
 /// Times are arguments. Uses no DDS and no thread. One thread at a time. Not realtime.
 #pragma once
@@ -59,7 +59,8 @@ class ObjectAuthority {
 
   /// True while this host simulates a moving object; the next tick is then due after 1 ms.
   [[nodiscard]] bool busy() const noexcept { return busy_; }
-  /// True while an HRTC simulates an object of this host; the next tick is then due after a few milliseconds.
+  /// True while an HRTC simulates an object of this host, or may do so because the host has just started. The next tick
+  /// is then due after a few milliseconds.
   [[nodiscard]] bool is_any_simulated_elsewhere() const noexcept { return is_any_simulated_elsewhere_; }
   [[nodiscard]] bool empty() const noexcept { return objects_.empty(); }
   /// Number of simulation steps, summed over all objects.
@@ -74,11 +75,12 @@ class ObjectAuthority {
     haptics::SharedObject shared_object;
     sharing::PoseInterpolator pose_interpolator;
     session::PoseAdmission pose_admission;
-    std::map<std::uint64_t, std::int64_t> other_hosts;  // that serve the object: absent since; 0: present
+    /// Other hosts that serve the object -> time since which the host is absent; 0: it is present.
+    std::map<std::uint64_t, std::int64_t> other_hosts;
     bool is_simulated_here = false;
     std::int64_t stepped_ns = 0, published_ns = 0;
     std::uint32_t sequence = 0;
-    std::uint64_t received = 0;
+    std::uint64_t received = 0;  // number of accepted poses of other programs
 
     explicit Object(const sharing::SharedBody& with)
         : body{with}, shared_object{with.settings, with.start}, pose_interpolator{with.start} {}
@@ -94,7 +96,7 @@ class ObjectAuthority {
   Scenery* scenery_ = nullptr;
   std::vector<haptics::Vec3d> contact_points_;   // of all bodies with static objects, in this tick
   std::map<std::uint64_t, Object> objects_;      // by id
-  std::map<std::uint64_t, std::int64_t> hosts_;  // present hosts, including this one: session time of joining
+  std::map<std::uint64_t, std::int64_t> hosts_;  // present hosts, this one too -> session time of joining
   Messages messages_;
   bool busy_ = false, is_any_simulated_elsewhere_ = false;
   std::uint64_t steps_ = 0;

@@ -2,10 +2,11 @@
 ///
 ///     contacts of recent steps --> regions around them, decoded from the model --> Forest --> next steps
 ///
-/// The scenery has a cache and a forest as an HRTC does, and loads them from the model instead of the network. The
-/// search for contacts begins at a distance, so the surface is at the finest resolution before a body touches it,
-/// except for bodies faster than 1 m/s. Memory is fixed at construction; when it is used up, the mesh stays coarser.
-/// World frame, metres. One thread at a time. Not realtime: decoding a new region takes some tenths of a millisecond.
+/// The scenery has a cache and forests as an HRTC does, but loads regions from the model and not from the network. The
+/// search for contacts begins some millimetres before a body touches the surface. So the surface is then at the finest
+/// resolution, unless the body is faster than 1 m/s. Memory is fixed at construction; when it is used up, the mesh
+/// stays coarser. World frame, metres. One thread at a time. Not realtime: decoding a new region takes some tenths of a
+/// millisecond.
 #pragma once
 
 #include <cstdint>
@@ -32,7 +33,8 @@ class Scenery {
   explicit Scenery(const std::vector<StaticObject>& objects, std::uint32_t slots = 1u << 16);
   ~Scenery();
 
-  /// Refines around `points`, the contact points of all bodies. Regions around earlier points may become coarse again.
+  /// Refines around `points`, the contact points of all bodies. Decodes at most eight new regions in each call. Regions
+  /// around earlier points stay refined until their memory is needed.
   void refine_around(const std::vector<haptics::Vec3d>& points);
   [[nodiscard]] const haptics::SurfaceDistance& surface() const noexcept { return scene_; }
 

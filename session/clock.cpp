@@ -27,7 +27,8 @@ SessionClock::SessionClock(const Origin& self, const ClockSettings& settings, st
 
 void SessionClock::set_reference(std::uint64_t participant, std::uint64_t incarnation, std::int64_t local_now_ns) {
   if (participant == reference_ && incarnation == reference_incarnation_) return;
-  // The error of the reference was 0 by definition. The error against another reference is unknown until it answers.
+  // While this program was the reference, its error was 0 by definition. Its error relative to another reference is
+  // unknown until that reference answers.
   if (reference_ == self_.participant && participant != 0) map_.bound_ns = kClockUnknown;
   reference_ = participant;
   reference_incarnation_ = incarnation;
@@ -92,8 +93,9 @@ bool SessionClock::on_answer(const ClockSample& answer, std::int64_t local_now_n
   return true;
 }
 
-/// Steers the map towards the best measurement. Steps only for the first measurement and for an error above `step_ns`;
-/// changes nothing while a force is on and a step is due.
+/// Steers the map towards the best measurement. Steps only for the first measurement and for an error above `step_ns`.
+/// If a step is due while a force is on, session time continues without step and slew, and only its error bound
+/// changes.
 void SessionClock::steer(std::int64_t local_now_ns) {
   const auto bound_now = [&](const Measurement& m) {
     return m.bound_ns + std::llround(static_cast<double>(local_now_ns - m.local_ns) * settings_.drift);

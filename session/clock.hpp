@@ -1,16 +1,19 @@
 /// The session clock: estimates the session time of the time reference, and follows it by slewing.
 ///
 ///     requester  t0 ----request---->  t1   reference
-///     requester  t3 <---answer------  t2             offset = ((t1 - t0) + (t2 - t3)) / 2, error at most rtt / 2
+///     requester  t3 <---answer------  t2             offset = ((t1 - t0) + (t2 - t3)) / 2
 ///
+/// The error of this offset is at most half of the round trip, (t3 - t0) - (t2 - t1).
 /// t0 and t3 are times of the requester's monotonic clock. t1 and t2 are session time of the reference, which is its
 /// monotonic clock plus a constant. Session time begins at 0 with the first program and continues when another
-/// participant becomes the reference. So it is also the age of the session (session/time_reference.hpp). Of the newest
-/// answers, the clock uses the one with the smallest error bound; the bound grows with the drift between two crystals.
-/// The first answer sets the clock. After that the clock runs slightly faster or slower until it agrees. It steps only
-/// when the error is above `step_ns` plus the error bound: then two sessions that began separately have merged. While
-/// the caller reports that a force is on, the clock is neither set nor stepped, because coupled objects and simulated
-/// hands move by session time. Meanwhile the clock continues, and its bound states the error.
+/// participant becomes the reference. So session time is also the age of the session (session/time_reference.hpp).
+///
+/// Of the newest answers, the clock uses the one with the smallest error bound. The bound of an answer grows with its
+/// age, because two clocks drift apart. The first answer sets the clock. After that the clock runs slightly faster or
+/// slower until it agrees with the reference. It steps only when the error is above `step_ns` plus the error bound:
+/// then two sessions that began separately have merged. While the caller reports that a force is on, the clock is
+/// neither set nor stepped, because coupled objects and simulated hands move by session time. Meanwhile the clock
+/// continues, and its bound states the error.
 ///
 /// Local monotonic nanoseconds are arguments; no clock inside. One thread; a ClockMap may be copied to other threads.
 /// Source: RFC 5905, section 8 (four-stamp exchange) and its clock filter (lowest delay in a window).
@@ -45,8 +48,9 @@ struct ClockMap {
 
   /// Session time at a local time not before `local_ns`.
   [[nodiscard]] std::int64_t session_time(std::int64_t at_local_ns) const noexcept;
-  /// Max error of session time. After a change of reference it is the error against the previous reference, until the
-  /// new one answers.
+  /// Max error of session time; kClockUnknown before the first answer. When the reference changes, the error against
+  /// the previous reference is returned until the new one answers. If this program was the reference, it is
+  /// kClockUnknown until then.
   [[nodiscard]] std::int64_t error_bound(std::int64_t at_local_ns) const noexcept;
 };
 
@@ -58,8 +62,8 @@ class SessionClock {
   /// Begins with session time 0 at `local_now_ns`; the first answer of a reference sets another.
   SessionClock(const Origin& self, const ClockSettings& settings, std::int64_t local_now_ns);
 
-  /// Sets the reference (time_reference). If this program is the reference, the clock runs freely. `participant` 0:
-  /// none.
+  /// Sets the reference that time_reference has elected. If it is this program, the clock runs freely. `participant` 0:
+  /// there is no reference.
   void set_reference(std::uint64_t participant, std::uint64_t incarnation, std::int64_t local_now_ns);
   [[nodiscard]] std::uint64_t reference() const noexcept { return reference_; }
   /// Sets whether a force of this program is on; meanwhile the clock does not step.
@@ -91,7 +95,7 @@ class SessionClock {
   [[nodiscard]] const ClockSettings& settings() const noexcept { return settings_; }
 
  private:
-  /// The result of one answer.
+  /// The offset that one answer gives.
   struct Measurement {
     std::int64_t local_ns;
     std::int64_t offset_ns;  // session minus local

@@ -153,7 +153,7 @@ void DeliveryClient::set_wanted(std::uint64_t object_id, std::vector<Wanted> wan
   Object& object = objects_.at(object_id);
   std::stable_sort(wanted.begin(), wanted.end(),
                    [](const Wanted& a, const Wanted& b) { return a.contact_in_us < b.contact_in_us; });
-  // If only contact times changed, no demand is due: they are published with the next one.
+  // If only contact times changed, no demand is due: the next demand publishes the new times.
   const bool same = std::equal(wanted.begin(), wanted.end(), object.wanted.begin(), object.wanted.end(),
                                [](const Wanted& a, const Wanted& b) { return a.region == b.region; });
   if (!same) {
@@ -256,8 +256,8 @@ void DeliveryClient::report_gaps(Object& object, Stream& stream, Demand& demand,
   }
 }
 
-/// The last sequence up to which no chunk of the stream is missing and the caller has answered all messages. With
-/// `or_postponed`, messages with a postponed answer count as answered.
+/// Returns the largest sequence number up to which no chunk of the stream is missing and the caller has answered all
+/// messages. With `or_postponed`, messages with a postponed answer count as answered.
 std::uint32_t DeliveryClient::processed_up_to(const Object& object, std::uint32_t stream, bool or_postponed) const {
   std::uint32_t received = streams_.at(stream).received();
   for (const auto& [region, pending] : object.pending) {
@@ -267,7 +267,7 @@ std::uint32_t DeliveryClient::processed_up_to(const Object& object, std::uint32_
   return received;
 }
 
-/// Measures the round trip, and notes which retired regions the serving host has echoed.
+/// Measures the round trip, and records for which retired regions the serving host has echoed the retirement.
 void DeliveryClient::on_echo(Object& object, const Stream& stream, const BulkChunk& chunk, std::int64_t now_ns) {
   if (stream.host != object.host) return;
   if (object.measured_from_ns != 0 && chunk.epoch >= object.measured_epoch) {
@@ -397,8 +397,8 @@ std::uint64_t DeliveryClient::granted_credit(std::int64_t now_ns) {
   return published_.empty() ? 0 : published_.front().credit;
 }
 
-/// Measures the arrival rate in windows. Keeps the largest, slowly decreasing, because a host that has little to send
-/// does not fill the link.
+/// Measures the arrival rate in windows of time. `rate_` is the largest rate, and decays slowly, because a host that
+/// has little to send does not fill the link.
 void DeliveryClient::measure_rate(std::size_t bytes, std::int64_t now_ns) {
   constexpr std::int64_t kMinWindow = 20'000'000;
   constexpr double kDecay = 0.95;
@@ -411,7 +411,8 @@ void DeliveryClient::measure_rate(std::size_t bytes, std::int64_t now_ns) {
   window_ = {now_ns, 0};
 }
 
-/// 1.25 times rate times round trip: large enough to discover a faster link, too small to build a long queue.
+/// 1.25 times the rate times the sum of round trip and demand interval, within the limits: large enough to discover a
+/// faster link, too small to build a long queue.
 std::uint32_t DeliveryClient::credit() const {
   constexpr double kMargin = 1.25;
   constexpr double kNsPerS = 1e9;
@@ -513,8 +514,8 @@ bool DeliveryClient::is_answer_due(const Object& object) const {
   });
 }
 
-/// A missing answer is more often lost than delayed, so the first repetition follows soon. Then the interval doubles up
-/// to `repeat_ns`, because the host may have nothing to send.
+/// Returns the time after which a demand is repeated. A missing answer is more often lost than delayed, so the first
+/// repetition follows soon. Then the interval doubles up to `repeat_ns`, because the host may have nothing to send.
 std::int64_t DeliveryClient::repetition_interval_ns(const Object& object) const {
   constexpr unsigned kMaxDoublings = 8;
   const std::int64_t first = 2 * round_trip_ns_ + settings_.demand_interval_ns;
@@ -568,7 +569,7 @@ Demand DeliveryClient::make_demand(std::uint64_t object_id, Object& object, std:
     } else if (demand.have.size() < kMaxHaveIntervals) {
       demand.have.push_back({region, 1});
     } else {
-      break;  // the host may then send records of the omitted regions again
+      break;  // for omitted regions, the host may then send records again
     }
   }
   for (const Wanted& wanted : object.wanted) {

@@ -9,9 +9,9 @@
 ///
 /// The caller must answer every message: a base mesh with answer_base_stored or answer_base_refused, a region with
 /// answer_stored or answer_refused. It answers at once or, after postpone_answer, later. Until the answer,
-/// Demand::received stays below the chunks of the message. So the host does not repeat a region while it waits for
-/// decoding. A refused region is sent again while it is wanted, so a caller without memory for a region must also
-/// remove it from the wanted regions.
+/// Demand::received stays below the chunks of the message. So the host does not send a region again while the region
+/// waits for decoding. A refused region is sent again while it is wanted, so a caller without memory for a region must
+/// also remove it from the wanted regions.
 ///
 /// A retired region leaves Demand::have at once. Chunks that hosts sent before they received that demand may still rely
 /// on the records of the region. So the region is released only when the serving host has echoed the epoch of that
@@ -46,7 +46,8 @@ namespace tactus::session {
 struct DeliverySettings {
   std::int64_t overtaking_ns = 3'000'000;       ///< age at which a gap in the stream is reported
   std::int64_t demand_interval_ns = 5'000'000;  ///< min time between demands of one object
-  std::int64_t urgent_interval_ns = 2'000'000;  ///< min time if a new region is wanted within `urgent_us`
+  /// Min time between demands if there is a gap to report, or a new region with contact within `urgent_us`.
+  std::int64_t urgent_interval_ns = 2'000'000;
   std::uint32_t urgent_us = 25'000;
   /// Max time between demands of one object while an answer is due. Each repetition has a new epoch. On short round
   /// trips the first repetitions follow sooner.
@@ -89,7 +90,8 @@ class DeliveryClient {
   /// a newer one replaced, remain valid for `forget_host_ns`. In a name conflict, the program that leaves withdraws
   /// only its own offers.
   [[nodiscard]] bool is_offered(std::uint64_t object_id, std::uint64_t digest) const;
-  /// Sets the wanted regions, in any order. The kMaxWanted regions with the soonest contact are requested.
+  /// Sets the wanted regions, in any order. Of those that are neither held nor retired, the kMaxWanted regions with the
+  /// soonest contact are requested.
   void set_wanted(std::uint64_t object_id, std::vector<Wanted> wanted);
 
   /// A complete message. `region` is spm::kNone for a base mesh.
@@ -120,8 +122,9 @@ class DeliveryClient {
   /// credit. Retired regions are released as if the caller had answered, so this message may rely on released records.
   void postpone_answer(std::uint64_t object_id, std::uint32_t region);
   /// Marks a region that the caller wants to free. Until take_released returns the region, a message may rely on its
-  /// records; a caller that frees them earlier must refuse such a message. Returns false and changes nothing if no
-  /// demand has listed the region yet: the host would treat the region, and all messages that rely on it, as refused.
+  /// records; a caller that frees them earlier must refuse such a message. Returns false and changes nothing if the
+  /// region is not held, or if a host serves the object but no demand has listed the region yet: that host would treat
+  /// the region, and all messages that rely on it, as refused.
   [[nodiscard]] bool retire(std::uint64_t object_id, std::uint32_t region);
   /// Returns the retired regions on which no later message can rely, each once.
   [[nodiscard]] std::vector<std::uint32_t> take_released(std::uint64_t object_id);
@@ -150,7 +153,7 @@ class DeliveryClient {
     std::uint64_t messages = 0;
     std::uint64_t foreign = 0;       ///< chunks of an unknown stream or a future epoch, and malformed chunks
     std::uint64_t implausible = 0;   ///< chunks with a sequence or sending time outside its window
-    std::uint64_t stale = 0;         ///< pieces of regions that are held, and messages that rely on released regions
+    std::uint64_t stale = 0;         ///< pieces that are no longer needed, and messages that rely on released regions
     std::uint64_t corrupt = 0;       ///< messages with a wrong checksum
     std::uint64_t lost = 0;          ///< chunks reported as gaps
     std::uint64_t refused = 0;       ///< messages refused by the caller
@@ -182,7 +185,7 @@ class DeliveryClient {
     // (object, incarnation) -> digest
     std::map<std::pair<std::uint64_t, std::uint64_t>, std::uint64_t> offers;
     [[nodiscard]] bool offers_object(std::uint64_t object, std::uint64_t digest) const;
-    std::uint32_t arrivals = 0, one_way_us = 0;  // as in Demand
+    std::uint32_t arrivals = 0, one_way_us = 0;  // for the fields of Demand with these names
     WrappedTimeWindow times;
   };
   /// An incomplete message.

@@ -16,7 +16,7 @@ constexpr std::uint32_t kBaseContactUs = 100'000;
 constexpr std::size_t kMinFreeBytes = 64;
 /// Delay of the first tail loss probe after the last chunk. Each further probe doubles the delay, up to the max.
 constexpr std::int64_t kMinTailProbeNs = 4'000'000, kMaxTailProbeNs = 128'000'000;
-/// Time without a demand after which an HRTC is dropped. It repeats demands every half second
+/// Time without a demand after which the host drops an HRTC. An HRTC repeats its demands every half second
 /// (DeliverySettings::keep_alive_ns).
 constexpr std::int64_t kDropNs = 5'000'000'000;
 
@@ -141,7 +141,7 @@ DeliveryServer::DemandResult DeliveryServer::on_demand(const Demand& demand, std
   return DemandResult::kApplied;
 }
 
-/// Removes the pieces that the demand reports as received or as lost from those in flight, and informs the pacer.
+/// Removes from the pieces in flight those that the demand reports as received or as lost, and informs the pacer.
 void DeliveryServer::apply_receipt(HrtcState& state, Service& service, std::int64_t now_ns) {
   constexpr std::int64_t kNsPerUs = 1000;
   const Demand& demand = service.demand;
@@ -179,9 +179,9 @@ void DeliveryServer::add_covered_records(Service& service, const Object& object,
                       std::clamp(kMaxTotal / std::max<std::size_t>(services, 1), kMin, kMax));
 }
 
-/// Updates the messages, the covered records and the regions to send from the newest demand. `previous`: the regions
-/// that the demand before had; null: no such demand. If the demand still has all of them, and no message was refused or
-/// has a lost piece, the covered records are extended; otherwise they are computed anew.
+/// Updates the messages, the covered records and the regions to send from the newest demand. `previous`: Demand::have
+/// of the previous demand; null: no such demand. If the new demand still has all these regions, and no message was
+/// refused or has a lost piece, the covered records are extended; otherwise they are computed anew.
 void DeliveryServer::compare(HrtcState& state, Service& service, const Object& object,
                              const std::vector<spm::Interval>* previous) {
   const Demand& demand = service.demand;
@@ -336,8 +336,8 @@ std::optional<Outgoing> DeliveryServer::next(std::uint64_t hrtc, HrtcState& stat
     soonest.reset();
     if (state.pacer.next_ns() > now_ns) due_ns_ = std::min(due_ns_, state.pacer.next_ns());
   }
-  // An echo that would wait for another object's data, or for the pacer's window, is sent alone, because the HRTC waits
-  // for it to free memory.
+  // An echo that would wait for another object's data, or for the pacer's window, is sent alone, because the HRTC frees
+  // memory only after the echo.
   for (auto& [object_id, service] : state.services) {
     const bool soon = object_id == next_object && (soonest || state.pacer.next_ns() > now_ns);
     const bool probes_tail = service.serving && !service.in_flight.empty() && now_ns >= service.tail_probe_ns;

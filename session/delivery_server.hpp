@@ -1,33 +1,35 @@
 /// A VE host's side of delivery: compares the regions that each HRTC has with those that it wants, and selects the next
 /// chunk to send.
 ///
-/// A demand states everything anew, so only the newest demand of each HRTC for each object counts. Lost demands, a
-/// restarted host and a returning HRTC need no special case. For each HRTC and object the server stores
+/// Each demand is complete, so only the newest demand of each HRTC for each object counts. Lost demands, a restarted
+/// host and a returning HRTC need no special case. For each HRTC and object the server stores
 ///
 ///     have       the regions that the newest demand lists
 ///     messages   the regions that were planned and are not yet in `have`: their records, and the pieces still to send
 ///     in_flight  the pieces in flight: sequence of the chunk, message, index
 ///
-/// A wanted region is sent as its list of records, with those records that no region of `have` and no sent message
-/// lists. The demand alone repairs losses. If a demand reports a chunk as a gap, its pieces are encoded anew from the
-/// records of the message and sent under a new sequence. If all chunks of a message were received, but its region is
-/// not in `have` of a demand whose `received` has passed them, the HRTC has refused the message. The server plans it
-/// anew while the region is wanted. While chunks are in flight and nothing else is to be sent, the server sends echoes
-/// at growing intervals; they show the HRTC whether the last chunks are missing (a tail loss probe, as in RFC 8985).
+/// A wanted region is sent as its list of records, and with those records that neither a region of `have` nor a sent
+/// message lists. The demand alone repairs losses. If a demand reports a chunk as a gap, the pieces of this chunk are
+/// encoded anew from the records of the message and sent under a new sequence. If Demand::received states that all
+/// chunks of a message were processed, but `have` lacks its region, the HRTC has refused the message. The server plans
+/// the message anew while the region is wanted. While chunks are in flight and nothing else is to be sent, the server
+/// sends echoes at growing intervals; they show the HRTC whether the last chunks are missing (a tail loss probe, as in
+/// RFC 8985).
 ///
 /// The server fills each chunk: first with lost pieces, then with the next piece of the current message, with whole
 /// messages, and with the first piece of one more message, cut to the free bytes. For each HRTC and object at most one
 /// message is partly sent. That message continues after a newer demand if its region is still wanted and it still
 /// contains all missing records. Otherwise it is cancelled and planned anew. The same rule holds for a message with
-/// lost pieces. So every chunk is valid under the epoch that it carries, which is the newest received: it does not rely
-/// on regions that left `have` at that epoch or before.
+/// lost pieces. A chunk carries the newest epoch that the server has received. It does not rely on regions that left
+/// `have` at this epoch or before.
 ///
 /// Order: HRTCs in round robin, chunk by chunk; the objects of one HRTC by soonest contact; lost pieces before new
-/// ones. A Pacer for each HRTC limits amount and rate.
+/// ones. A Pacer for each HRTC limits the bytes in flight and the rate.
 ///
 /// No clock, socket or thread; one thread at a time. Memory for each HRTC and object: the demand, the messages in
-/// flight and the covered records as intervals (spm/interval_set.hpp), about 30 KiB. If the regions of an HRTC need
-/// more intervals than fit, some of their shared records are sent again.
+/// flight, and the covered records as intervals (spm/interval_set.hpp). The intervals take at most 40 KiB; with more
+/// than eight pairs of HRTC and object this limit shrinks, down to 10 KiB. If the regions of an HRTC need more
+/// intervals, some of their shared records are sent again.
 #pragma once
 
 #include <cstdint>
@@ -82,7 +84,7 @@ class DeliveryServer {
     kMalformed,   ///< intervals out of order, or regions that the model does not have
     kImplausible  ///< incarnation, epoch or time outside its window (session/sequence_window.hpp)
   };
-  /// Applies a demand that is newer than those before.
+  /// Applies a demand if it is newer than the previous ones of this HRTC for this object.
   DemandResult on_demand(const Demand& demand, std::int64_t now_ns);
 
   /// Drops the state of this HRTC. If it returns, its streams start above all sequences used so far. The server also
@@ -98,7 +100,7 @@ class DeliveryServer {
   /// Time at which `next` is to be called again after it returned none, if no demand arrives before.
   [[nodiscard]] std::int64_t due_ns() const noexcept { return due_ns_; }
 
-  /// Bytes sent to this HRTC that it has not answered; never above its credit.
+  /// Payload bytes sent to this HRTC that it has not answered. `next` sends no pieces above its newest credit.
   [[nodiscard]] std::uint64_t bytes_in_flight(std::uint64_t hrtc) const;
   /// The pacer of an HRTC that has sent a demand; null for others.
   [[nodiscard]] const Pacer* pacer(std::uint64_t hrtc) const;
@@ -136,8 +138,8 @@ class DeliveryServer {
   struct Service {
     Demand demand;
     SequenceWindow epochs{kEpochNumbers};
-    bool serving = false;
-    bool echo_owed = false;
+    bool serving = false;    // the newest demand names this host as Demand::serving_host
+    bool echo_owed = false;  // no chunk has carried the epoch of the newest demand yet
     std::uint32_t stream = 0;
     std::uint32_t sequence = 0;      // of the last chunk
     std::int64_t tail_probe_ns = 0;  // time of the next tail loss probe
@@ -191,8 +193,8 @@ class DeliveryServer {
   Origin self_;
   std::map<std::uint64_t, Object> objects_;
   std::map<std::uint64_t, HrtcState> hrtcs_;  // by HRTC
-  std::uint64_t last_served_ = 0;
-  std::uint32_t max_dropped_sequence_ = 0;  // largest sequence used in streams to dropped HRTCs
+  std::uint64_t last_served_ = 0;             // HRTC of the last chunk
+  std::uint32_t max_dropped_sequence_ = 0;    // largest sequence used in streams to dropped HRTCs
   std::int64_t due_ns_ = 0;
   DeliveryCounters counters_;
 };

@@ -1,4 +1,5 @@
-/// Detects failures of the hosts that an HRTC needs now: pings them every few milliseconds and reports silent ones.
+/// Detects failures of the hosts that an HRTC needs now: pings these hosts every few milliseconds and reports those
+/// that do not answer.
 ///
 ///     watch          sets the hosts that serve objects near a tip
 ///     next_request   returns the requests to send
@@ -28,12 +29,12 @@
 namespace tactus::session {
 
 struct FailureDetectorSettings {
-  std::int64_t period_ns = 8'000'000;         ///< between requests to one host
+  std::int64_t period_ns = 8'000'000;         ///< time between requests to one host
   std::int64_t min_timeout_ns = 30'000'000;   ///< lower limit of the timeout
   std::int64_t max_timeout_ns = 250'000'000;  ///< upper limit; the roster detects a failure by then
-  double margin = 2;                          ///< timeout, as a multiple of the longest recent silence
+  double margin = 2;                          ///< the timeout is this multiple of the longest recent silence
   double half_life_s = 10;                    ///< half-life of the longest recent silence
-  std::int64_t max_poll_gap_ns = 6'000'000;   ///< after a longer gap between polls, only so much counts as silence
+  std::int64_t max_poll_gap_ns = 6'000'000;   ///< max silence that one call of take_suspects adds
 };
 
 class FailureDetector {
@@ -44,7 +45,8 @@ class FailureDetector {
   void watch(const std::vector<std::uint64_t>& hosts);
   /// Whether there are hosts to ping.
   [[nodiscard]] bool watches() const noexcept { return !hosts_.empty(); }
-  /// Whether every host has answered its newest request. Then it is enough to poll half as often.
+  /// Whether each host, except suspected ones, has answered within the last request period. Then it is enough to call
+  /// take_suspects half as often.
   [[nodiscard]] bool all_answered() const noexcept;
   [[nodiscard]] bool watches(std::uint64_t host) const { return hosts_.count(host) != 0; }
   /// Returns the next request that is due, for topic clock, or none.

@@ -1,4 +1,5 @@
 /// Names of the figures on topic metrics, for the programs that publish figures and those that report them.
+/// docs/reference/metrics.md describes each figure.
 ///
 /// Counters count since the start of the program. Times are in microseconds, as their names say.
 #pragma once
@@ -29,7 +30,7 @@ inline constexpr char kWakeP50[] = "hrtc.wake_us.p50";
 inline constexpr char kWakeP99[] = "hrtc.wake_us.p99";
 inline constexpr char kWakeMax[] = "hrtc.wake_us.max";
 inline constexpr char kTimerP50[] =
-    "hrtc.timer_us.p50";  ///< wake-up delay of a bare timer of the same priority, for comparison
+    "hrtc.timer_us.p50";  ///< wake-up delay of a bare timer in another thread of the same priority, for comparison
 inline constexpr char kTimerP99[] = "hrtc.timer_us.p99";
 inline constexpr char kTimerMax[] = "hrtc.timer_us.max";
 inline constexpr char kTimerOverruns[] =
@@ -61,16 +62,16 @@ inline constexpr char kReloads[] = "hrtc.reloads";
 inline constexpr char kRegionsRefused[] = "hrtc.regions_refused";
 inline constexpr char kObjectsRefused[] = "hrtc.objects_refused";
 inline constexpr char kRecordsReceived[] = "hrtc.records_received";
-inline constexpr char kRecordsReturned[] = "hrtc.records_returned";
+inline constexpr char kRecordsReturned[] = "hrtc.records_returned";  ///< records received again after an eviction
 inline constexpr char kRecordsRepeated[] = "hrtc.records_repeated";  ///< records received although they were held
 inline constexpr char kRecordsPublished[] =
-    "hrtc.records_published";  ///< of these, records in regions that a demand had listed
+    "hrtc.records_published";  ///< of the repeated records, those in regions that a demand had listed as held
 inline constexpr char kBytesReceived[] = "hrtc.bytes_received";
 inline constexpr char kLoadLatency[] = "hrtc.load_latency_us";
 inline constexpr char kFalseAlarms[] = "hrtc.false_alarms";  ///< suspected hosts that answered later
 inline constexpr char kHostChanges[] = "hrtc.host_changes";
-// Time from the first catalogue entry to the first base mesh held, and to the first exact contact; payload received by
-// then.
+// Time from the first catalogue entry to the first base mesh held, and to the first exact contact. Payload bytes
+// received until the first exact contact.
 inline constexpr char kFirstBase[] = "hrtc.first_base_us";
 inline constexpr char kFirstExact[] = "hrtc.first_exact_us";
 inline constexpr char kFirstExactBytes[] = "hrtc.first_exact_bytes";
@@ -102,13 +103,13 @@ inline constexpr char kCopyGroups[] = "hrtc.copy_groups";  ///< groups in which 
 inline constexpr char kCopiesApart[] =
     "hrtc.copies_apart_um";  ///< max distance of the centre of a copy from that of a peer's copy
 inline constexpr char kCopyGiven[] = "hrtc.copy_given_uj";        ///< net energy from couplings to its copies
-inline constexpr char kCopyReceived[] = "hrtc.copy_received_uj";  ///< energy of its couplings, from peers and allowance
-inline constexpr char kCopyTank[] = "hrtc.copy_tank_uj";
-inline constexpr char kGrabs[] = "hrtc.grabs";                 ///< times that a hand began to hold an object
-inline constexpr char kGrabsRefused[] = "hrtc.grabs_refused";  ///< times that it could not hold the touched object
+inline constexpr char kCopyReceived[] = "hrtc.copy_received_uj";  ///< energy of its couplings from peers and allowance
+inline constexpr char kCopyTank[] = "hrtc.copy_tank_uj";          ///< energy in the tanks of its couplings
+inline constexpr char kGrabs[] = "hrtc.grabs";                    ///< times that a hand began to hold an object
+inline constexpr char kGrabsRefused[] = "hrtc.grabs_refused";  ///< times that a hand could not hold the touched object
 inline constexpr char kPortEnergy[] =
     "hrtc.port_energy_uj";  ///< energy at the ports of its users' hands on bodies, summed
-inline constexpr char kPortLowest[] = "hrtc.port_lowest_uj";      ///< min over the hands, torque included
+inline constexpr char kPortLowest[] = "hrtc.port_lowest_uj";      ///< lowest energy that any of these ports has had
 inline constexpr char kPortWithheld[] = "hrtc.port_withheld_uj";  ///< energy that the passivity controller withheld
 
 // An HRTC: how often each safety limit became active, over all its probes; in the order of haptics::ForceBit.

@@ -1,8 +1,8 @@
 /// The samples that participants of a session exchange, as one plain struct for each topic of idl/tactus.idl.
 ///
-/// wire/ converts these structs to and from DDS samples. It refuses samples with values out of bounds or not finite, so
-/// a received struct is safe to use. Times are nanoseconds of the sender's monotonic clock unless the name says
-/// `session`. Lengths are in metres and forces in newton, in the world frame unless the name says otherwise.
+/// wire/ converts these structs to and from DDS samples. It refuses samples whose values are out of bounds or not
+/// finite, so a received struct is safe to use. Times are nanoseconds of the sender's monotonic clock unless the name
+/// says `session`. Lengths are in metres and forces in newton, in the world frame unless the name says otherwise.
 #pragma once
 
 #include <array>
@@ -86,9 +86,10 @@ struct RosterEntry {
   std::vector<UserSlot> slots;     ///< HRTC only: users accepted
   std::uint64_t heartbeat = 0;     ///< grows by one each sample
   bool leaving = false;
-  std::vector<StopRecord> stops{};   ///< host and HRTC only: acknowledge stops and resets, and forward standing stops
-  std::uint64_t reference = 0;       ///< time reference of this program; its own id: it is the reference; 0: none
-  std::int64_t session_time_ns = 0;  ///< session time at sending, by the program's own clock
+  std::vector<StopRecord> stops{};  ///< host and HRTC only: acknowledge stops and resets, and forward standing stops
+  /// Id of the time reference that this program follows; its own id if it is the reference itself; 0: none.
+  std::uint64_t reference = 0;
+  std::int64_t session_time_ns = 0;     ///< session time at sending, by the program's own clock
   std::int64_t joined_ns = kNotJoined;  ///< session time at which the program joined
   bool force_on = false;                ///< HRTC only: a force is on, so session time must not step
 };
@@ -274,21 +275,23 @@ struct DeviceCommand {
   std::uint64_t user_id = 0;
   std::uint32_t probe = 0;
   std::uint32_t sequence = 0;
-  std::uint32_t pose_answered = 0;  ///< sequence of the device_pose from which the force was computed
-  std::array<double, 3> force{0, 0, 0};
-  std::array<double, 3> torque{0, 0, 0};
+  std::uint32_t pose_answered = 0;        ///< sequence of the device_pose from which the force was computed
+  std::array<double, 3> force{0, 0, 0};   ///< N, on the user's hand
+  std::array<double, 3> torque{0, 0, 0};  ///< N m, on the user's hand
   std::array<double, 3> normal{0, 0, 0};
+  // As in ProbeState.
   std::uint32_t status = 0;
   float error_bound = 0;
   std::uint32_t data_age_us = 0;
 };
 
-/// Topic object_pose, key object_id: the pose of an object, written by the one program that owns the object.
+/// Topic object_pose, key object_id: the pose of a movable object, written by one program: the host, or the owner or
+/// leader that the host has granted (session/ownership.hpp).
 struct ObjectPose {
   Origin origin;
   std::uint64_t object_id = 0;
   std::uint32_t sequence = 0;
-  std::uint64_t fencing = 0;  ///< fencing number of the owner; receivers ignore later poses with a smaller one
+  std::uint64_t fencing = 0;  ///< fencing number of the writer; receivers ignore later poses with a smaller number
   std::int64_t session_time_ns = 0;
   Pose pose;                                        ///< model frame (scaled) to world
   std::array<double, 3> velocity{0, 0, 0};          ///< of the model's origin
@@ -304,7 +307,8 @@ struct ObjectClaim {
   bool touching = false;
   std::uint64_t fencing = 0;  ///< largest fencing number received; 0: none
   /// Upper bound of the transit of samples between this HRTC and other programs, measured on the poses, probe states
-  /// and copies that it receives. Claim and grant are assumed to take no longer (lease), nor copies (channel delay).
+  /// and copies that it receives. The lease time assumes that neither claim nor grant takes longer. The channel delay
+  /// assumes the same of copies.
   std::int64_t one_way_ns = 0;
 };
 
@@ -364,8 +368,8 @@ struct Figure {
   double value = 0;
 };
 
-/// Identifies the active mesh of an object in an HRTC. It is equal for equal sets of split vertices, whatever their
-/// order; 0: the base mesh.
+/// Identifies the active mesh of an object in an HRTC. `hash` depends on the set of split vertices, not on the order of
+/// the splits; 0: the base mesh.
 struct MeshHash {
   std::uint64_t object_id = 0;
   std::uint64_t hash = 0;
@@ -386,14 +390,14 @@ struct Control {
   Origin origin;
   std::uint32_t sequence = 0;
   ControlKind kind = ControlKind::kStart;
-  std::string text;  ///< mode name
+  std::string text;  ///< kStart: name of the scenario; kMode: the mode command (session/modes.hpp)
 };
 
 /// Topic stop: all forces are off until a reset names this stop. The sender repeats the sample until all hosts and
 /// HRTCs have acknowledged it.
 struct EmergencyStop {
   Origin origin;
-  std::uint32_t number = 0;  ///< names the stop, with the origin
+  std::uint32_t number = 0;  ///< names the stop, together with participant and incarnation
   std::string text;          ///< reason
 
   [[nodiscard]] StopName name() const noexcept { return {origin.participant, origin.incarnation, number}; }

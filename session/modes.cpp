@@ -52,7 +52,7 @@ double distance_from(const CatalogueEntry& object, const std::array<double, 3>& 
 }
 
 void Modes::on_catalogue(const CatalogueEntry& entry) {
-  if (!entry.withdrawn) objects_[entry.object_id] = entry;  // another host may still serve it
+  if (!entry.withdrawn) objects_[entry.object_id] = entry;  // another host may still serve a withdrawn object
 }
 
 void Modes::on_probe(std::uint64_t user, std::uint64_t participant, const std::array<double, 3>& position,

@@ -9,9 +9,10 @@
 ///       ^                                                                |  apart for `dwell_ns`, or by command
 ///       +---- endpoints deleted <---- `linger_ns` <----------------------+
 ///
-/// Positions and catalogue decide which user is near which object. Every HRTC has both, so all HRTCs decide the same
-/// without messages. A user belongs to at most one group, that of the object which the user came near first. The id of
-/// a group is that of its object. The group of a command has an id computed from the ids of its users.
+/// The positions of probes and the catalogue decide which user is near which object. Every HRTC receives both, so all
+/// HRTCs make the same decision without messages. A user belongs to at most one group: that of the object which the
+/// user came near first. The id of a group is that of its object. For a group that a command makes, the id is computed
+/// from the ids of its users.
 ///
 /// Commands are Control samples of kind kMode; the newest one applies. `auto` selects groups by nearness. `collaborate`
 /// and `large-scale` apply to all users or to listed ones, as in `collaborate ann,bob`; `auto` then applies to the
@@ -73,7 +74,7 @@ class Modes {
 
   /// Ids of the groups that need endpoints, ascending.
   [[nodiscard]] std::vector<std::uint64_t> groups() const;
-  /// Sets whether both endpoints of a group have matched endpoints of peers.
+  /// Sets whether this HRTC's writer and reader of the group have both matched endpoints of peers.
   void on_peers(std::uint64_t group, bool matched);
   /// The group to which the full-rate states of an own user are sent; 0: none.
   [[nodiscard]] std::uint64_t group_of(std::uint64_t user) const;
@@ -82,8 +83,8 @@ class Modes {
   struct Probe {
     std::uint64_t participant = 0;
     std::array<double, 3> position{};
-    std::int64_t received_ns = 0, near_ns = 0;
-    std::uint64_t object = 0;  // object to which the probe is near; 0: none
+    std::int64_t received_ns = 0, near_ns = 0;  // when a position arrived, and when it was last near `object`
+    std::uint64_t object = 0;                   // object to which the probe is near; 0: none
   };
   struct Group {
     bool ended = false;

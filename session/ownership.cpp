@@ -31,7 +31,7 @@ OwnershipArbiter::OwnershipArbiter(const Origin& self, std::uint64_t object_id, 
   if (fencing_ != 0) raise_fencing(now_ns);
 }
 
-/// Gives the present touchers a new fencing number and channel delay, which the next grant publishes.
+/// Makes a new fencing number and channel delay for the present touchers. The next grant publishes both.
 void OwnershipArbiter::raise_fencing(std::int64_t now_ns) {
   // Larger than any number that this host may have granted in an earlier incarnation.
   fencing_ = std::max(fencing_, self_.incarnation) + 1;
@@ -50,7 +50,8 @@ void OwnershipArbiter::on_pose(std::uint64_t fencing, std::int64_t now_ns) {
   raise_fencing(now_ns);
 }
 
-/// When all entries are in use, replaces the one that was accepted least recently, a toucher only if there is no other.
+/// Returns the entry of a sender of claims, a new one if necessary. If all entries are in use, the new one replaces the
+/// entry whose last accepted claim is the oldest, and that of a toucher only if all senders are touchers.
 OwnershipArbiter::ClaimSender& OwnershipArbiter::find_or_add_sender(std::uint64_t participant, std::int64_t now_ns) {
   const auto found = find_participant(claim_senders_, participant, [](const ClaimSender& s) { return s.participant; });
   if (found != claim_senders_.end()) return *found;
@@ -154,7 +155,7 @@ void Claimant::on_grant(const ObjectGrant& grant, std::int64_t now_ns) {
     return;
   const bool same_fencing = grant.fencing == granted_.fencing;
   // Two hosts granted the same fencing number. The grant of the second host is refused, and the next claim carries a
-  // larger number, so that the host then grants a larger one.
+  // larger number, so that the hosts then grant a larger one.
   if (same_fencing && grant.origin.incarnation != granted_.origin.incarnation) {
     (void)admit_fencing(grant.fencing + 1, now_ns);
     return;

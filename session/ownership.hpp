@@ -6,7 +6,7 @@
 ///                        publishes the object's poses
 ///
 /// A toucher is an HRTC whose user touches the object. Touchers repeat a claim while they touch, and the host repeats a
-/// grant. Claims and grants state everything anew, so lost, repeated or overtaken samples need no special case. Each
+/// grant. Each claim and each grant is complete, so lost, repeated or overtaken samples need no special case. Each
 /// change of the touchers gets a larger fencing number. Receivers accept a pose only under the largest fencing number
 /// that they have received. So a former owner that was suspended cannot move the object any more.
 ///
@@ -38,7 +38,7 @@
 namespace tactus::session {
 
 struct OwnershipSettings {
-  std::int64_t lease_ns = 250'000'000;  ///< constant share of the lease time
+  std::int64_t lease_ns = 250'000'000;  ///< constant part of the lease time
   std::int64_t period_ns = 20'000'000;  ///< period of claims, and of grants while there are touchers
   std::int64_t idle_ns = 500'000'000;   ///< period of grants while there is no toucher
 };
@@ -46,7 +46,8 @@ struct OwnershipSettings {
 /// The host's part: grants one object to its touchers.
 class OwnershipArbiter {
  public:
-  /// `fencing`: PoseAdmission::confirmed_fencing after the poses that this host has received; 0: none.
+  /// `fencing`: PoseAdmission::confirmed_fencing of the poses that this host has received; 0: none is
+  /// confirmed.
   OwnershipArbiter(const Origin& self, std::uint64_t object_id, const OwnershipSettings& settings, std::int64_t now_ns,
                    std::uint64_t fencing = 0);
 

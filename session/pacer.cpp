@@ -23,22 +23,22 @@ constexpr double kMaxChunkTime = 8e6;       // ns
 constexpr double kGain = 1.0 / 16, kProvenGain = 1.0 / 8;
 constexpr double kMaxDecrease = 8;  // max decrease of the window, as a multiple of kGain
 
-constexpr double kPaceStarting = 2, kPace = 1.2;  // windows per round trip
-constexpr std::int64_t kCatchUp = 4 * kMs;        // max delay of the sender that it may make up for
-constexpr std::int64_t kSpan = 10'000 * kMs;
-constexpr std::int64_t kDrainEvery = 2'000 * kMs;
-constexpr std::int64_t kDrainEveryRoundTrips = 40;
-constexpr double kDrainShare = 0.5;  // share of the window that remains for one round trip
+constexpr double kPaceStarting = 2, kPace = 1.2;    // windows per round trip
+constexpr std::int64_t kCatchUp = 4 * kMs;          // max delay of the sender for which it may send faster afterwards
+constexpr std::int64_t kSpan = 10'000 * kMs;        // the min of the one-way delays is over one to two such spans
+constexpr std::int64_t kDrainEvery = 2'000 * kMs;   // max time without a measurement of an empty queue
+constexpr std::int64_t kDrainEveryRoundTrips = 40;  // the same in round trips, used if longer
+constexpr double kDrainShare = 0.5;                 // share of the window that remains for one round trip
 // A deep drain measures the base delay: one round trip until fewer bytes are in flight, one until the delay falls, and
 // one to measure.
 constexpr std::int64_t kDeepDrainRoundTrips = 3;
 constexpr double kDeepDrainShare = 0.25;
 
-constexpr std::int64_t kBaseDelayOver = 1'000 * kMs;
-/// The base delay may contain a queue, so it exceeds the min by at most the round trip divided by this.
+constexpr std::int64_t kBaseDelayOver = 1'000 * kMs;  // time over which the base delay is averaged
+/// The measured base delay may contain a queue, so it may exceed the min by at most the round trip divided by this.
 constexpr std::int64_t kMaxBaseDelayDivisor = 2;
-constexpr double kBestDecay = 0.99;  // factor on the best rate per round trip
-constexpr std::uint32_t kMaxLossSeen = 8 * kMaxPayload;
+constexpr double kBestDecay = 0.99;                      // factor by which the best rate decays per round trip
+constexpr std::uint32_t kMaxLossSeen = 8 * kMaxPayload;  // loss in a round trip that never halves the window, bytes
 
 }  // namespace
 
@@ -115,7 +115,7 @@ void Pacer::record_round(const Feedback& feedback, std::int64_t now_ns) {
 
 void Pacer::on_feedback(const Feedback& feedback, std::int64_t now_ns) {
   // If the bytes in flight are far below the window, the sender had no more data, so this stream did not cause a queue.
-  // They may be slightly below it because of the pacing.
+  // Because of the pacing, they may be slightly below the window even if the sender had data.
   const bool may_cause_queue = in_flight_ > window_ / 3;
   const bool was_limited = std::exchange(was_blocked_, false) && may_cause_queue;
   if (in_flight_ > best_ * static_cast<double>(round_trip_ns_) / 2) loaded_until_ns_ = now_ns + 2 * round_trip_ns_;

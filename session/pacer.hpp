@@ -1,5 +1,5 @@
-/// Congestion control of the chunks to one HRTC. The delay of earlier chunks determines how many bytes may be in flight
-/// (the window). Chunks are spread evenly over the round trip.
+/// Congestion control of the chunks to one HRTC. The delay of earlier chunks determines the window: the max number of
+/// bytes in flight. Chunks are spread evenly over the round trip.
 ///
 /// Each demand reports the min one-way delay of the chunks since the previous demand: their arrival time by the clock
 /// of the HRTC, minus their sending time by the clock of the host. The base delay is the one-way delay without a queue,
@@ -15,7 +15,7 @@
 /// - If the queue has not been empty for a few seconds, the window shrinks for one or more round trips (a drain), so
 ///   that the base delay can be measured on a full link (LEDBAT++).
 /// - The base delay is a mean, not a min. On links with jitter most delays are far above their min. With a min as base
-///   delay, the difference would count as queueing delay and close the window.
+///   delay, the jitter would count as queueing delay, and the window would shrink.
 ///
 /// No clock: times are nanoseconds of the host's monotonic clock. One thread at a time.
 #pragma once
@@ -33,7 +33,7 @@ class Pacer {
   [[nodiscard]] std::int64_t next_ns() const noexcept { return next_ns_; }
   /// Reports a chunk that was sent.
   void on_sent(std::uint32_t bytes, std::int64_t now_ns);
-  /// Reports that there is nothing to send, so that the pacer does not make up for this time later.
+  /// Reports that there is nothing to send, so that the pacer does not send faster later to make up for this time.
   void set_idle() noexcept { paced_ = false; }
 
   /// The report of a demand about chunks that were in flight.

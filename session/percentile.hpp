@@ -1,8 +1,8 @@
 /// Computes percentiles of stored samples. All percentiles of the project are computed in this way.
 ///
-/// The rule is nearest rank, without interpolation: the percentile of a share is the smallest sample that at least this
-/// share of all samples do not exceed. So a percentile is always one of the samples; that of share 0 is the smallest,
-/// that of share 1 the largest. Without samples it is NaN, which compares false with every bound.
+/// The rule is nearest rank, without interpolation: the percentile of a share is the smallest sample x such that at
+/// least this share of all samples is at most x. So a percentile is always one of the samples: for share 0 the
+/// smallest, for share 1 the largest. Without samples it is NaN, so that every comparison with a bound is false.
 #pragma once
 
 #include <algorithm>
@@ -16,7 +16,7 @@ namespace tactus::session {
 
 /// Index of the percentile among `count` > 0 sorted samples; `share` in [0, 1].
 [[nodiscard]] inline std::size_t percentile_index(std::size_t count, double share) noexcept {
-  constexpr double kTolerance = 1e-9;  // rounding of share * count: 0.999 of 1000 is rank 999
+  constexpr double kTolerance = 1e-9;  // for rounding errors: share 0.999 of 1000 samples must give rank 999
   const double of = static_cast<double>(count);
   return static_cast<std::size_t>(std::clamp(std::ceil((share - kTolerance) * of), 1.0, of)) - 1;
 }

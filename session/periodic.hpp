@@ -1,4 +1,4 @@
-/// Periodic timers, one of them for roster entries. No clock: times are arguments, ns.
+/// A periodic timer, and one for roster entries. No clock: times are arguments, ns.
 #pragma once
 
 #include <algorithm>
@@ -42,8 +42,8 @@ class Heartbeat : public PeriodicTimer {
     if (repeats_left_ > 0 && --repeats_left_ > 0) make_due_within(now_ns, kRepeatNs);
     return true;
   }
-  /// Makes the next four entries due at once and every 20 ms, because a participant that was just discovered may not
-  /// have matched our writer yet.
+  /// Makes four entries due, the first at once and the others 20 ms apart, because a participant that was just
+  /// discovered may not have matched our writer yet.
   void repeat_soon() {
     repeats_left_ = kRepeats;
     make_due();

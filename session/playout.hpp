@@ -3,11 +3,11 @@
 ///     state of 10 ms   -----> arrives 15.2        shown at 10 + P
 ///     state of 20 ms   ------------> arrives 27   shown at 20 + P       P: playout delay
 ///
-/// The playout delay P is the longest recent transit without outliers (session/transit.hpp), plus a reserve. P rises at
-/// once, and falls by at most 1 % of the elapsed time. So the receiver shows the past at a nearly constant rate, with a
-/// known age. Between two states with consecutive numbers, the receiver extrapolates the first (`extrapolate`): the
-/// sender makes sure that this extrapolation stays within the deadband. If states between two were lost, the receiver
-/// interpolates.
+/// The playout delay P is the longest recent transit without outliers (session/transit.hpp), plus a reserve. When P
+/// rises, it rises at once, and the shown time stands still for the difference. P falls by at most 1 % of the elapsed
+/// time. So the receiver shows the past at a nearly constant rate, with a known age. Between two states with
+/// consecutive numbers, the receiver extrapolates the first (`extrapolate`): the sender makes sure that this
+/// extrapolation stays within the deadband. If states between two were lost, the receiver interpolates.
 ///
 /// Times are session time; a constant clock error has no effect. One thread at a time. Does not allocate.
 /// Source: Ramjee, Kurose, Towsley, Schulzrinne 1994 (adaptive playout).
@@ -24,7 +24,7 @@ namespace tactus::session {
 
 struct PlayoutSettings {
   std::int64_t max_delay_ns = 80'000'000;  ///< max P; states with a longer transit arrive too late
-  std::int64_t reserve_ns = 2'000'000;     ///< added to the transit; most successors of a lost state arrive within it
+  std::int64_t reserve_ns = 2'000'000;     ///< added to the transit: time for the successor of a lost state to arrive
 };
 
 /// The view of a probe to show at a time.

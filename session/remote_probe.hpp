@@ -3,8 +3,8 @@
 /// All programs receive the deadband-coded states of the probe. While its user collaborates with a user of this HRTC,
 /// its full-rate states arrive as well, one each cycle. While full-rate states arrive, they are shown at once.
 /// Otherwise the deadband-coded states are shown with a playout delay (session/playout.hpp). At a change of stream the
-/// view is interpolated between the last state of one stream and the first of the other, and the delay changes
-/// gradually. So the view does not jump.
+/// view is interpolated between the last state of one stream and the first of the other. The delay falls gradually;
+/// while it rises, the shown time stands still. So the view does not jump.
 ///
 /// A state is accepted when its number and time are plausible (session/sequence_window.hpp). When a user moves to
 /// another HRTC, the states of that HRTC are accepted after three consecutive ones.
@@ -32,7 +32,7 @@ class RemoteProbe {
 
   [[nodiscard]] StateStream stream() const noexcept { return stream_; }
   [[nodiscard]] std::int64_t delay_ns() const noexcept { return playout_.delay_ns(); }
-  /// Share of the last 100 deadband-coded states that were lost.
+  /// Share of the deadband-coded states that were lost, averaged over about the last 100.
   [[nodiscard]] double lost_share() const noexcept { return lost_share_; }
 
  private:

@@ -8,8 +8,8 @@
 namespace tactus::session {
 namespace {
 
-/// Accepted heartbeats after the first from which a rival counts as alive. Fewer may be delayed entries of a program
-/// that has ended.
+/// A rival is another program with the same name. It counts as alive after so many accepted heartbeats, not counting
+/// the first one. Fewer may be delayed entries of a program that has ended.
 constexpr std::uint32_t kMinRivalHeartbeats = 2;
 constexpr std::size_t kMaxRivals = 4;
 constexpr std::size_t kMaxRefused = 256;
@@ -40,7 +40,8 @@ std::int64_t presence_ns(const RosterEntry& entry) noexcept {
 }
 
 /// Whether the program of `one` has to leave because that of `other` has the same name: the one that joined later
-/// leaves. If they joined at about the same time, the larger incarnation leaves. Any rule would do on which both agree.
+/// leaves. If they joined at about the same time, the larger incarnation leaves. Any rule is right that both programs
+/// apply.
 bool has_to_leave(const RosterEntry& one, const RosterEntry& other) noexcept {
   constexpr std::int64_t kSameNs = 1'000'000'000;
   const std::int64_t difference_ns = presence_ns(one) - presence_ns(other);

@@ -6,15 +6,16 @@
 ///          kImplausible |     kOld      |        |    kAccepted     |  kImplausible
 ///
 /// A number may be ahead of the newest by `max_ahead`, plus `rate` times the time since the newest was accepted. A
-/// time, corrected by the offset of the sender's clock, may differ from our clock by a fixed amount. The caller drops
-/// and counts a sample outside the window. So after one wrong sample, the next samples of its sender are still
-/// accepted.
+/// time, corrected by the offset of the sender's clock, may differ from our clock by the amounts in TimeLimits. The
+/// caller drops and counts a sample outside the window. So after one wrong sample, the next samples of its sender are
+/// still accepted.
 ///
 /// A sender whose numbers or times jump is accepted again
 ///   - at once, when the same participant has a larger incarnation;
-///   - after kAgreeing consecutive samples outside the window, if each is a plausible successor of the one before and
-///     follows within two seconds. The same number of samples is needed from a smaller incarnation or from another
-///     participant. Fencing numbers need not be consecutive, because others still write under the previous number;
+///   - after kAgreeing consecutive samples outside the window, if each is a plausible successor of the one before. At
+///     most two seconds may pass between two such numbers. The same number of samples is needed from a smaller
+///     incarnation or from another participant. For fencing numbers, samples inside the window may arrive in between,
+///     because the former owner still writes under the previous number;
 ///   - at once, if only one sample was accepted before, because that one may have been wrong.
 /// In all three cases the result is kNewStart, and the caller has to drop state from earlier samples of the sender.
 ///
@@ -51,14 +52,14 @@ struct SequenceLimits {
   bool falls = true;     ///< false: after a confirmed number, a smaller one is never accepted (fencing)
 };
 
-// `max_ahead` is the growth in a quarter of a second at the topic's highest rate. A wrong number inside the window
-// therefore makes a receiver refuse correct samples for at most that time.
+// A wrong number inside the window makes a receiver refuse correct samples until their numbers are larger. At the
+// topic's highest rate this takes about a quarter of a second, for heartbeats 0.4 s (decision 34).
 inline constexpr SequenceLimits kCycleNumbers{256, 4000};         ///< probe states, device poses, commands and copies
 inline constexpr SequenceLimits kObjectPoseNumbers{64, 1000};     ///< poses of an object
 inline constexpr SequenceLimits kClaimNumbers{16, 200};           ///< claims and grants
 inline constexpr SequenceLimits kHeartbeatNumbers{4, 100, true};  ///< of roster entries
 inline constexpr SequenceLimits kEpochNumbers{16, 1000, true};    ///< of demands
-inline constexpr SequenceLimits kChunkNumbers{8192, 200'000};     ///< of a stream: the max credit, and 1 Gbit/s
+inline constexpr SequenceLimits kChunkNumbers{8192, 200'000};     ///< of a stream: 8 MiB of max credit, 1 Gbit/s
 inline constexpr SequenceLimits kFencingNumbers{1024, 1000, true, false};  ///< of an object
 
 /// Admits the numbers of one sender.

@@ -22,8 +22,8 @@ bool StopLatch::is_own(const StopRecord& record) const noexcept {
   return record.participant == self_.participant && record.incarnation == self_.incarnation;
 }
 
-/// Returns the record of an issuer, a new one if necessary. Null if all records have a standing stop. One record is
-/// reserved for the stops of this program.
+/// Returns the record of a program that issues stops or resets, a new one if necessary. Null if the stops of all
+/// records are in force. One record is reserved for the stops of this program.
 StopRecord* StopLatch::find_or_add(std::uint64_t participant, std::uint64_t incarnation) {
   const auto known = find_in(records_, participant, incarnation);
   if (known != records_.end()) return &*known;
@@ -67,7 +67,7 @@ bool StopLatch::on_stop(const StopName& stop) {
 bool StopLatch::on_reset(const ForceReset& reset) {
   for (const StopName& stop : reset.stops) {
     StopRecord* const record = find_or_add(stop.participant, stop.incarnation);
-    if (record == nullptr) continue;  // if the stop arrives later, it will stand
+    if (record == nullptr) continue;  // if the stop arrives later, it will be in force
     if (is_own(*record) && stop.number > record->stop)
       continue;  // the reset names a stop that this program has not issued
     set(*record, &StopRecord::ended, stop.number);

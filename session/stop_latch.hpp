@@ -1,4 +1,5 @@
-/// Records which emergency stops stand, so that forces are off, and which programs have acknowledged stops and resets.
+/// Records which emergency stops stand, and which programs have acknowledged stops and resets. While a stop stands,
+/// forces are off.
 ///
 ///     issuer           host, HRTC                         operator
 ///       | stop (1)         |                                  |
@@ -70,7 +71,8 @@ class StopLatch {
 /// Names of the stops that stand in these records.
 [[nodiscard]] std::vector<StopName> standing_stops(const std::vector<StopRecord>& records);
 
-/// Whether the program of this entry, a host or an HRTC, has acknowledged the sample.
+/// Whether the program of this entry, a host or an HRTC, has acknowledged the sample. A standing stop of its own also
+/// acknowledges any stop, because a program without a free record issues its own stop.
 [[nodiscard]] bool acknowledges(const RosterEntry& entry, const EmergencyStop& stop);
 [[nodiscard]] bool acknowledges(const RosterEntry& entry, const ForceReset& reset);
 

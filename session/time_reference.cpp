@@ -33,7 +33,7 @@ std::optional<Reference> reference_of(const Roster& roster, const RosterEntry& e
       {entry.origin.participant, entry.origin.incarnation}, entry.session_time_ns + age_ns, entry.joined_ns};
 }
 
-/// The reference, other than this program, that outranks the others; none if there is none.
+/// Returns the highest-ranking reference other than this program; none if the roster has no reference.
 std::optional<Reference> best_reference(const Roster& roster, std::int64_t local_now_ns) {
   std::optional<Reference> best;
   roster.for_each([&](const RosterEntry& entry) {
@@ -49,8 +49,8 @@ bool is_force_on_with(const Roster& roster, std::uint64_t reference) {
   return on;
 }
 
-/// The successor of a reference that has left: the smallest id among the participants that followed a reference, or
-/// among all if none did.
+/// Returns the successor of a reference that has left: of the hosts and HRTCs that followed a reference, the one with
+/// the smallest id. If none did, the smallest id of all hosts and HRTCs.
 TimeReference successor(const Roster& roster, const Origin& self, Role role, const SessionClock& clock,
                         std::int64_t local_now_ns) {
   struct Candidate {
@@ -85,7 +85,8 @@ TimeReference time_reference(const Roster& roster, const Origin& self, Role role
     const bool waits = steps && (force_on || is_force_on_with(roster, self.participant));
     return waits ? own : best->id;
   }
-  // A follower does not change its reference while that is one. If there are two, the references themselves decide.
+  // A follower does not change its reference while that participant is a reference. If a session has two references,
+  // these decide which of them remains.
   const RosterEntry* const current = roster.find(clock.reference());
   if (current != nullptr && reference_of(roster, *current, local_now_ns))
     return {current->origin.participant, current->origin.incarnation};

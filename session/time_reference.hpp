@@ -1,18 +1,20 @@
 /// Elects the participant whose clock is session time, from the roster. Neither wall clocks nor machine identities
 /// decide.
 ///
-///     no reference             a host or HRTC that finds no other within 1 s of its start becomes the reference and
-///                              begins a session
+///     no reference             of the hosts and HRTCs, the one with the smallest id becomes the reference 1 s after
+///                              its start, and begins a session
 ///     one reference            all participants follow it, also those that join later
 ///     the reference leaves     of its followers, the one with the smallest id continues the same time
-///     two references           that of the younger session follows that of the older session, and so do its followers
+///     two references           the reference of the younger session, and its followers, follow that of the older one
 ///
 /// A reference is a participant whose roster entry names itself as `reference`. Session time begins at 0, so the
-/// session with the larger time is the older one. A reference follows another only while no HRTC that follows it has a
-/// force on. Each clock delays its step while its own program has a force on (SessionClock::set_force_on). So session
-/// time never steps during a contact. If the times of two sessions differ so little that clocks need not step, for
-/// instance after a short network partition, the sessions merge at once. Compare the bully algorithm (Garcia-Molina
-/// 1982). Here the age of the session decides first, then the id.
+/// session with the larger time is the older one. A reference begins to follow another one only while neither it nor an
+/// HRTC among its followers has a force on. Each clock delays its step while its own program has a force on
+/// (SessionClock::set_force_on). So session time never steps during a contact. If the times of two sessions differ so
+/// little that clocks need not step, for instance after a short network partition, the sessions merge at once.
+///
+/// Compare the bully algorithm (Garcia-Molina 1982), in which the id decides. Here the age of the session decides. For
+/// ages within 1 s of each other, the earlier joining decides, then the smaller id.
 ///
 /// No clock, socket or thread; one thread at a time.
 #pragma once

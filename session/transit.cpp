@@ -13,7 +13,7 @@ void TransitEstimator::on_transit(std::int64_t transit_ns, std::int64_t now_ns) 
   std::int64_t largest = 0, second_largest = 0;
   int filled = 0;
   for (Bin& other : bins_) {
-    if (other.number > number) other = {};  // of before a step back of the clock
+    if (other.number > number) other = {};  // the clock has stepped back since then
     if (other.number < 0 || other.number + static_cast<std::int64_t>(kBins) <= number) continue;
     ++filled;
     second_largest = std::max(second_largest, std::min(largest, other.transit_ns));

@@ -19,7 +19,7 @@ static_assert(haptics::kMaxCopies == session::kMaxTouchers);
 
 /// A movable object as haptics simulates it.
 struct SharedBody {
-  haptics::BodySettings settings;  ///< with the box of the bounds, which collides with ground and static objects
+  haptics::BodySettings settings;  ///< the box of the bounds collides with the ground and with static objects
   Vec3d centre = Vec3d::Zero();    ///< centre of mass, model frame times scale, m
   double ground = 0;               ///< m, height of the ground plane
   BodyState start;                 ///< at rest at the catalogue pose
@@ -43,7 +43,7 @@ struct SharedBody {
 /// Fills pose, velocity and angular velocity of an object_pose.
 void put_state(const BodyState& state, const Vec3d& centre, session::ObjectPose& pose) noexcept;
 
-/// The copy sample in an object_copy that has passed wire/check.
+/// The copy sample in an object_copy that the caller has validated (wire/check.hpp).
 [[nodiscard]] haptics::CopySample sample_of(const session::ObjectCopy& copy) noexcept;
 /// Fills time, body state, pressed force and `count` channels of an object_copy. Allocates.
 void put_sample(const haptics::CopySample& sample, std::size_t count, session::ObjectCopy& copy);

@@ -8,8 +8,8 @@
 
 namespace tactus::sharing {
 
-/// The path on the hand's clock. `clock_offset_ns`: the hand's clock minus session time. The intent has passed
-/// wire/check.
+/// Returns the path with times of the hand's clock. `clock_offset_ns`: the hand's clock minus session time. The caller
+/// has validated the intent (wire/check.hpp).
 [[nodiscard]] inline haptics::HandPath hand_path(const session::Intent& intent, std::int64_t clock_offset_ns) {
   haptics::HandPath path;
   path.buttons = intent.buttons;

@@ -1,9 +1,9 @@
-/// Extrapolates the newest received pose of an object that another program simulates to the present.
+/// Computes the present pose of an object that another program simulates: extrapolates the newest received pose.
 ///
 ///     received poses  x----->        x----->          extrapolated by their velocity
 ///     result          ------------\__-------\___      the jump at a new pose is faded out
 ///
-/// So the resulting pose has no playout delay, does not jump, and stops when no poses arrive. Session time.
+/// So the resulting pose has no playout delay, does not jump, and stops when no poses arrive. Times are session time.
 /// World frame, SI. One thread at a time. Realtime.
 #pragma once
 
@@ -25,7 +25,7 @@ class PoseInterpolator {
   PoseInterpolator() noexcept : PoseInterpolator{BodyState{}} {}
   explicit PoseInterpolator(const BodyState& state) noexcept { set_state(state, 0); }
 
-  /// Sets the pose and forgets those received. The jump to the next received pose is faded out.
+  /// Sets the pose and forgets the received ones. The jump to the next received pose is faded out.
   void set_state(const BodyState& state, std::int64_t session_now_ns) noexcept;
   /// Takes a received pose.
   void on_pose(const ReceivedPose& pose, std::int64_t session_now_ns) noexcept;

@@ -1,4 +1,4 @@
-/// Contact queries between movable bodies and static objects, on the active meshes of these objects.
+/// Contact queries between movable bodies and static objects, on the active meshes of the static objects.
 ///
 /// World frame, metres, unless the name says model. Only the thread that refines the meshes may call. Realtime.
 #pragma once
@@ -41,7 +41,8 @@ class Placement {
   [[nodiscard]] double scale() const noexcept { return scale_; }
   [[nodiscard]] const Eigen::Matrix3d& rotation() const noexcept { return rotation_; }
   [[nodiscard]] const Vec3d& translation() const noexcept { return translation_; }
-  /// Scale, rotation matrix row by row, and translation. The constructor from them restores the placement to the bit.
+  /// Scale, rotation matrix row by row, and translation. The constructor with Numbers restores exactly the same
+  /// placement.
   using Numbers = std::array<double, 13>;
   [[nodiscard]] Numbers numbers() const noexcept {
     Numbers all{scale_};
@@ -99,8 +100,8 @@ class Scene final : public haptics::SurfaceDistance {
   std::size_t count_ = 0;
 };
 
-/// Distance from a body's contact search points within which the mesh must be at full resolution, m: the search
-/// distance plus the distance that the body moves until the mesh is refined.
+/// Within this distance of the points from which a body searches for contacts, the mesh must be at full resolution, m.
+/// It is the search distance plus the distance that the body moves until the mesh is refined.
 inline constexpr double kBodySearchDistance = 0.006;
 
 /// Whether a sphere overlaps an object's bounds; `bounds` is in the model frame.

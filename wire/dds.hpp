@@ -37,10 +37,10 @@ inline thread_local std::uint64_t decode_failures = 0;
 ///
 /// No exception leaves the decoder. The key is computed on the stack instead of in a buffer that all endpoints share.
 ///
-/// In class probe, each topic has one DDS instance, whatever the key in the sample. With an instance per key, an HRTC
-/// could not send the state of a 65th user, and a reader would accept no state of a 1,025th one, because Fast DDS 2.9.1
-/// frees no instance while its writer lives. The topics of this class need no instances, because their history stores
-/// nothing: a reader takes each sample in the thread that received it, before the next one arrives.
+/// In class probe, each topic has one DDS instance, whatever the key in the sample. Fast DDS 2.9.1 frees no instance
+/// while its writer lives. So with one instance for each key, writers and readers would refuse the samples of new users
+/// as soon as there had been `max_instances` users. The topics of this class need no instances, because their history
+/// stores nothing: a reader takes each sample in the thread that received it, before the next one arrives.
 template <class Support>
 class Guarded : public Support {
  public:
@@ -51,7 +51,7 @@ class Guarded : public Support {
   bool deserialize(eprosima::fastrtps::rtps::SerializedPayload_t* payload, void* data) override {
     try {
       if (Support::deserialize(payload, data)) return true;
-    } catch (...) {  // Fast CDR throws for a boolean that is neither 0 nor 1, vectors for absurd sizes
+    } catch (...) {  // Fast CDR throws for a boolean that is neither 0 nor 1, std::vector for a size that is too large
     }
     ++decode_failures;
     return false;

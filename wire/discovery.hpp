@@ -1,4 +1,4 @@
-/// Applies a Discovery to the QoS of a Fast DDS participant. Never included outside wire/.
+/// Applies a Discovery to the QoS of a Fast DDS participant. Only wire/ includes it.
 #pragma once
 
 #include <fastdds/dds/domain/qos/DomainParticipantQos.hpp>

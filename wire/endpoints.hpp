@@ -1,4 +1,4 @@
-/// Typed endpoints of topics. A Writer sends plain structs, and a Reader delivers checked ones. Neither exposes DDS.
+/// Typed endpoints of topics. A Writer sends plain structs, and a Reader delivers validated ones. Neither exposes DDS.
 #pragma once
 
 #include <chrono>
@@ -21,9 +21,10 @@ struct EndpointOptions {
 [[nodiscard]] std::string user_partition(const std::string& user);
 /// Partition of the bulk stream from any host to one HRTC.
 [[nodiscard]] std::string hrtc_partition(const std::string& hrtc);
-/// Partition of the metrics with the losses of deadband-coded probe states by HRTC, sent only while there are losses.
+/// Partition of metrics samples with one figure for each HRTC: the lost share of its deadband-coded probe states. They
+/// are sent only while there are losses.
 inline constexpr const char* kLossesPartition = "losses";
-/// Partition of the full-rate probe states of users who collaborate.
+/// Partition of the full-rate probe states of users who collaborate, and of the copies of one object.
 [[nodiscard]] std::string group_partition(std::uint64_t group);
 
 enum class SendStatus {
@@ -46,7 +47,7 @@ class Writer {
   /// it is for wire threads, never for the haptic thread.
   [[nodiscard]] SendStatus send(const Sample& sample) noexcept;
 
-  /// Number of matched readers, without those of the writer's own Participants.
+  /// Number of matched readers, except those that use the same Participants.
   [[nodiscard]] int matched() const noexcept;
   /// The invalid field of the last sample that was kInvalid; empty if there was none. Static text.
   [[nodiscard]] const char* invalid_reason() const noexcept;
@@ -80,7 +81,7 @@ class Reader {
   Reader(Reader&&) noexcept;
   Reader& operator=(Reader&&) noexcept;
 
-  /// Number of matched writers, without those of the reader's own Participants.
+  /// Number of matched writers, except those that use the same Participants.
   [[nodiscard]] int matched() const noexcept;
   [[nodiscard]] ReaderCounts counts() const noexcept;
   /// The invalid field of the last sample that was dropped; empty if there was none. Static text.

@@ -19,7 +19,7 @@ struct Flow {
   std::array<SocketMarks, kTrafficClasses> sockets;  ///< by TrafficClass
 };
 
-/// Throws WireError naming file and key for a missing file or key, an unknown key or a value out of bounds.
+/// Throws WireError, which names file and key, for a missing file or key, an unknown key or a value out of bounds.
 [[nodiscard]] Flow read_flow(const std::filesystem::path& file);
 
 }  // namespace tactus::wire

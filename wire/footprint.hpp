@@ -8,7 +8,8 @@ namespace tactus::wire {
 
 /// UDP port of multicast discovery in a DDS domain. All programs of a machine share it.
 [[nodiscard]] constexpr int discovery_port(int domain) noexcept { return 7400 + 250 * domain; }
-/// UDP port of unicast discovery of program number `program` of a machine, from 0. The next port receives its samples.
+/// UDP port of unicast discovery of the program with number `program` on a machine; numbers begin at 0. The program
+/// receives samples at the next port.
 [[nodiscard]] constexpr int own_port(int domain, int program) noexcept {
   return discovery_port(domain) + 10 + 2 * program;
 }

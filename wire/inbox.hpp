@@ -1,4 +1,4 @@
-/// The queue from reader callbacks to a program's one thread.
+/// The queue from reader callbacks to the one thread of a program that processes samples.
 #pragma once
 
 #include <algorithm>
@@ -15,7 +15,7 @@
 namespace tactus::wire {
 
 enum class Urgency : std::uint8_t {
-  kWaits,  ///< the sample waits until `take` times out
+  kWaits,  ///< the sample does not wake the consumer: it waits until another one does, or until `take` times out
   kWakes,  ///< the sample wakes the consumer
   kLast    ///< as kWakes; also uses a reserve when the inbox is full, because the sample is not repeated
 };
@@ -65,8 +65,8 @@ class Inbox {
   std::uint64_t dropped_ = 0;
 };
 
-/// Calls `send`, which sends a leave message, three times in 30 ms at the end of a program. Roster samples are not
-/// acknowledged, and one burst of loss must not drop all three messages. Blocks.
+/// Calls `send`, which sends a leave message, three times in 30 ms. Call it at the end of a program. Roster samples are
+/// not acknowledged, so the messages are spread in time: one burst of loss must not drop all three. Blocks.
 template <class Send>
 void send_leave_messages(Send&& send) {
   constexpr int kTimes = 3;

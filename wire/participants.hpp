@@ -20,7 +20,7 @@ namespace tactus::wire {
 enum class TrafficClass { kSession = 0, kProbe = 1, kBulk = 2 };  ///< also the offset from the base domain
 inline constexpr int kTrafficClasses = 3;
 
-/// Valid base domains. ROS 2 uses domain 0. Domains above the max would use ephemeral ports (from 32768).
+/// Valid base domains. ROS 2 uses domain 0. The max keeps all ports below the ephemeral ports, which begin at 32768.
 inline constexpr int kMinDomain = 1;
 inline constexpr int kMaxDomain = 97;
 inline constexpr int kDefaultDomain = 20;
@@ -31,7 +31,8 @@ inline constexpr int kDefaultDomain = 20;
 
 inline constexpr std::uint16_t kDiscoveryServerPort = 11811;
 
-/// The method by which a program discovers others. Empty: multicast, which not every network forwards.
+/// The method by which a program discovers others. Without peers and servers: multicast, which not every network
+/// forwards.
 struct Discovery {
   /// IPv4 addresses or names of machines. The program announces itself to each of them and to its own machine, instead
   /// of to the multicast group. For two programs to meet, one of them has to name the machine of the other.
@@ -49,7 +50,8 @@ struct SessionAddress {
   Discovery discovery;
   std::filesystem::path qos = default_qos_directory();
   std::uint64_t incarnation = 0;  ///< 0: a new number is issued (wire/incarnation.hpp)
-  bool one_participant = false;   ///< true: one for all classes, with the profile of class session; for measurements
+  /// True: one DDS participant for all classes, with the profile of class session; for measurements.
+  bool one_participant = false;
   /// True: the program writes no bulk topic, so its bulk participant ignores the bulk participants of other such
   /// programs, of which there may be many. Has no effect with a discovery server.
   bool only_reads_bulk = false;

@@ -13,9 +13,9 @@ namespace tactus::wire {
 /// Names of the traffic classes, by TrafficClass; also the names of their files, without `.xml`.
 inline constexpr std::array<const char*, kTrafficClasses> kClassNames{"session", "probe", "bulk"};
 
-/// The durations in profiles, which this class stores so that the library does not parse them. For each duration the
-/// library compiles three regular expressions. That takes 2.5 million instructions, more than the rest of a program's
-/// start.
+/// Stores the durations of the profiles, so that the library does not parse them. For each duration the library would
+/// compile three regular expressions, which takes 2.5 million instructions. For all durations together that is more
+/// than the rest of a program's start.
 class Durations {
  public:
   using Duration = eprosima::fastrtps::Duration_t;

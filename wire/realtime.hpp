@@ -1,5 +1,5 @@
-/// Requests priority and locked memory for threads with deadlines and for threads for which many programs wait, and
-/// sleeps until an absolute time.
+/// Requests priority for threads that have deadlines or for which many programs wait, locks memory, and sleeps until an
+/// absolute time.
 #pragma once
 
 #include <cstdint>

@@ -27,7 +27,8 @@ class Tap {
   /// DDS threads call it, one call at a time for each topic.
   using OnSample = std::function<void(std::size_t topic, std::span<const std::uint8_t> encoded)>;
 
-  /// `participants` must have no Reader or Writer, because a tap registers other types. Throws WireError.
+  /// `bulk`: whether to read the topics of class bulk too. `participants` must have no Reader or Writer, because a tap
+  /// registers other types under the same names. Throws WireError.
   Tap(Participants& participants, bool bulk, OnSample on_sample);
   /// After this returns no callback runs.
   ~Tap();

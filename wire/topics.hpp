@@ -31,7 +31,7 @@ inline constexpr TopicSpec<session::BulkChunk> kRecords{"tactus_records", Traffi
 /// An emergency stop is in the probe class, because the packets and receive threads of that class have priority.
 inline constexpr TopicSpec<session::EmergencyStop> kStop{"tactus_stop", TrafficClass::kProbe, "stop"};
 inline constexpr TopicSpec<session::ProbeState> kProbeState{"tactus_probe_state", TrafficClass::kProbe, "probe_state"};
-/// The same topic with the profiles of mode `collaborate`, in a group's partition.
+/// The topic of kProbeState with the profiles of mode `collaborate`, in a group's partition.
 inline constexpr TopicSpec<session::ProbeState> kProbeStateFullRate{"tactus_probe_state", TrafficClass::kProbe,
                                                                     "probe_state_full_rate"};
 inline constexpr TopicSpec<session::DevicePose> kDevicePose{"tactus_device_pose", TrafficClass::kProbe, "device_pose"};
@@ -44,8 +44,8 @@ inline constexpr TopicSpec<session::ObjectClaim> kObjectClaim{"tactus_object_cla
 inline constexpr TopicSpec<session::ObjectGrant> kObjectGrant{"tactus_object_grant", TrafficClass::kProbe,
                                                               "object_grant"};
 inline constexpr TopicSpec<session::ObjectCopy> kObjectCopy{"tactus_object_copy", TrafficClass::kProbe, "object_copy"};
-/// Clock samples are in the probe class, because they have to wait in the same queues as the probe states that they
-/// date.
+/// Clock samples are in the probe class, so that they wait in the same queues as the probe states, whose times depend
+/// on them.
 inline constexpr TopicSpec<session::ClockSample> kClock{"tactus_clock", TrafficClass::kProbe, "clock"};
 
 /// Calls `visit` with every TopicSpec.

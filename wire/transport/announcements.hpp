@@ -1,12 +1,12 @@
 /// Selects the participant announcements to send, and drops the others.
 ///
-/// Whenever Fast DDS 2.9.1 discovers a participant, it announces its own to the multicast group and to every known
-/// participant. If n participants join at the same time, they send n^3 datagrams, of which nearly all repeat a recent
-/// one.
+/// Whenever Fast DDS 2.9.1 discovers a participant, it announces its own participant to the multicast group and to
+/// every known participant. If n participants join at the same time, they send about n^3 datagrams. Nearly all of them
+/// repeat a recent one.
 ///
-/// Measurements for decision 11, which has no figure without a filter: when 20 HRTCs join, they send 3,300
-/// announcements to single participants; before the filter knew the group, 14,100. When 12 participants that only read
-/// bulk join and ignore each other, they receive a quarter fewer discovery datagrams.
+/// Measured for decision 11, with 20 HRTCs that join: 3,300 announcements to single participants; with an earlier
+/// filter, which did not know whether a multicast group exists, 14,100. There is no figure without a filter. With 12
+/// participants that only read bulk and join: a quarter fewer discovery datagrams if they ignore each other.
 #pragma once
 
 #include <fastdds/rtps/common/Locator.h>
@@ -45,7 +45,8 @@ class Announcements {
   explicit Announcements(std::string ignored = {}) : ignored_name_{std::move(ignored)} {}
 
   /// Reads a received message; false if its sender is an ignored participant. After the first announcement of a
-  /// participant, announcements to its locator are due again, even if an earlier participant there received them.
+  /// participant, announcements to its locator are due again, even if an earlier participant at the same locator
+  /// received them.
   [[nodiscard]] bool on_received(const std::uint8_t* message, std::uint32_t size);
 
  private:

@@ -10,7 +10,7 @@
 /// answer within a fraction of a millisecond. The library would drop these answers and discover the others only by
 /// their next periodic announcement, up to half a second later. With the gate, early messages wait in the socket
 /// buffers. Figure of decision 11 (`scripts/bench rejoin`): of 100 participants that join a session, 98 receive their
-/// first probe state within 50 ms; without the gate, 81.
+/// first probe state within 50 ms; before that decision, 81.
 #pragma once
 
 #include <fastdds/rtps/transport/ChainingTransportDescriptor.h>
@@ -25,7 +25,7 @@ namespace tactus::wire {
 struct FilterSettings {
   std::shared_ptr<Gate> gate;  ///< opened by the caller after the participant has been created
   std::string ignored;         ///< name of the participants to ignore; empty: none
-  bool trims_samples = false;
+  bool trims_samples = false;  ///< true: samples are trimmed (trimming.hpp)
 };
 
 /// Wraps a transport descriptor of the profiles, whose maxMessageSize is still the size of the largest datagram.

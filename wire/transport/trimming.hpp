@@ -1,4 +1,4 @@
-/// Removes the submessages of user topics that no reader uses.
+/// Removes from messages of user topics the submessages that no reader uses.
 ///
 /// Debian's build of Fast DDS appends 60 bytes of statistics to each message, and puts destination and time, 28 bytes,
 /// before each sample. Receivers accept a message without destination, and Tactus does not use the library's sending
