@@ -1,4 +1,4 @@
-/// The objects of a session as a simulated user without a mesh knows them: boxes with points of the surface.
+/// The objects of a session as a simulated user sees them: boxes with surface points, because the user has no mesh.
 ///
 /// World frame, SI. Not realtime.
 #pragma once
@@ -25,7 +25,7 @@ struct ObjectView {
     Vec3d position, normal;  ///< world, m; the normal is zero where it is unknown
   };
   std::vector<SurfacePoint> surface;  ///< empty: the whole box counts as solid
-  double spacing = 0;                 ///< m; max distance of a point of the surface from the nearest of `surface`
+  double spacing = 0;                 ///< m; max distance from a point of the real surface to the nearest in `surface`
 };
 [[nodiscard]] ObjectView view_of(const session::CatalogueEntry& entry);
 
@@ -36,13 +36,13 @@ using Objects = std::map<std::string, ObjectView>;
 /// names; n is taken modulo the number of static objects.
 [[nodiscard]] const ObjectView* find_object(const Objects& objects, const std::string& reference);
 
-/// The point of `view.surface` that is nearest to `from`; without such points, the centre of the box.
+/// Returns the point of `view.surface` that is nearest to `from`, or the centre of the box if there are no points.
 [[nodiscard]] Vec3d nearest_surface_point(const ObjectView& view, const Vec3d& from);
 
-/// Max distance of the box from its centre along a unit vector, m.
+/// Returns the max distance of a point of the box from the centre, measured along a unit vector, m.
 [[nodiscard]] double half_extent_along(const ObjectView& view, const Vec3d& direction);
 
-/// Distance from a point inside the box to its boundary along a unit vector, m.
+/// Returns the distance from a point inside the box to the boundary of the box along a unit vector, m.
 [[nodiscard]] double exit_distance(const ObjectView& view, const Vec3d& from, const Vec3d& direction);
 
 /// Returns a unit vector perpendicular to `axis`; equal arguments give equal results.

@@ -21,8 +21,8 @@ session::Pose pose_of(const Vec3d& position, const Eigen::Quaterniond& orientati
           {orientation.x(), orientation.y(), orientation.z(), orientation.w()}};
 }
 
-/// Tilt of a hand after `seconds` of following: angles of -max to max rad about two axes, and twice as much about the
-/// hand's own axis.
+/// Returns the tilt of a hand after `seconds` of following: angles from -max to max rad about two axes, and from -2 max
+/// to 2 max about the hand's z axis.
 Eigen::Quaterniond tilt_after(double max, double seconds) {
   constexpr double kTwoPi = 6.283185307179586;
   constexpr double kFrequencies[3]{0.31, 0.23, 0.17};  // Hz; the joint motion repeats only after 100 s
@@ -198,7 +198,7 @@ void Operator::run_stage(double dt, const Objects& objects) {
   }
 }
 
-/// Chooses the first stage of an action. False if its object is not available.
+/// Chooses the first stage of an action. Returns false if its object is not available.
 bool Operator::begin_action(const Action& action, const Objects& objects) {
   if (action.kind == ActionKind::kWait || (action.kind == ActionKind::kHold && action.force == 0)) {
     stage_ = Stage::kWait;
@@ -264,7 +264,7 @@ std::optional<session::Intent> Operator::first_intent(std::int64_t session_now_n
   return std::nullopt;
 }
 
-/// Moves the hand by one step; true once it is at `target`.
+/// Moves the hand by one step. Returns whether it has reached `target`.
 bool Operator::move_hand_towards(const Vec3d& target, double speed, double dt) {
   const Vec3d path = target - hand_;
   const double distance = path.norm();

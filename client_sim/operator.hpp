@@ -19,7 +19,7 @@
 namespace tactus::client_sim {
 
 struct OperatorSettings {
-  double hand_stiffness = 250;             ///< N/m, stiffness of the hand that the operator assumes
+  double hand_stiffness = 250;             ///< N/m, assumed stiffness of the hand
   double travel_speed = 0.25;              ///< m/s, in free space
   double clearance = 0.02;                 ///< m, distance from an object's bounds at which an approach starts
   std::int64_t period_ns = 10'000'000;     ///< time between two intents
@@ -30,7 +30,7 @@ struct OperatorSettings {
 struct OperatorTally {
   std::uint32_t taps = 0;
   std::uint32_t approaches_missed = 0;  ///< approaches that reached the far side of the bounds without contact
-  std::uint32_t contacts_lost = 0;      ///< contacts lost while following or holding
+  std::uint32_t contacts_lost = 0;      ///< contacts that ended during `follow` or `hold`
   double following = 0;                 ///< s spent following or holding
   std::uint32_t lifts = 0;              ///< objects raised, held and put down
   std::uint32_t lifts_lost = 0;         ///< lifts that ended early because contact was lost
@@ -43,13 +43,13 @@ class Operator {
  public:
   Operator(const User& user, const OperatorSettings& settings);
 
-  /// Takes a state of this user's probe. Ignores states of others and states older than the newest one.
+  /// Processes a state of this user's probe. Ignores states of other users and states that are not newer.
   void on_probe_state(const session::ProbeState& state);
-  /// Takes a state of another user's probe.
+  /// Processes a state of another user's probe.
   void on_other_probe_state(const session::ProbeState& state);
 
-  /// Continues the script; returns an intent whenever one is due. Before the first probe state, the intent is a point
-  /// outside the first object, at which the HRTC may place the hand. The caller sets `origin`.
+  /// Continues the script, and returns an intent if one is due. Before the first probe state, the intent is a point
+  /// outside the first object, at which the HRTC may place the hand. The caller sets the `origin` of the intent.
   [[nodiscard]] std::optional<session::Intent> tick(std::int64_t session_now_ns, const Objects& objects);
 
   /// True once the script has ended; never for a script that repeats.
@@ -148,13 +148,13 @@ class Operator {
   struct Other {
     std::uint64_t object = 0;
     double force = 0;              // N
-    std::int64_t received_ns = 0;  // time of arrival
+    std::int64_t received_ns = 0;  // session time of this user's newest state when this one arrived
   };
   std::map<std::uint64_t, Other> others_;  // by user
 
   // Orientation of the hand.
   bool tilts_hand_ = false;           // an action of the script has a `tilt`
-  Vec3d hand_axis_ = Vec3d::UnitZ();  // z axis of the hand without tilt: the surface normal, smoothed by the wrist
+  Vec3d hand_axis_ = Vec3d::UnitZ();  // z axis of the hand without tilt: smoothed normal or direction of approach
   Eigen::Quaterniond untilted_ = Eigen::Quaterniond::Identity();
   Eigen::Quaterniond orientation_ = Eigen::Quaterniond::Identity();
   Eigen::Quaterniond orientation_ahead_ = Eigen::Quaterniond::Identity();  // at the end of the intent
@@ -167,7 +167,7 @@ class Operator {
   double stage_time_ = 0;                  // s since the stage began
   double followed_time_ = 0;               // s of kFollow in this action
   std::uint32_t attempts_ = 0, taps_ = 0;  // in this action
-  double loss_time_ = 0;                   // s since contact, or in kMove the hold, was lost
+  double loss_time_ = 0;                   // s since the loss of contact, in kMove of the hold
   bool is_leaving_ = false;                // the route leads away from the object and ends the action
 
   // Motion of the hand. `hand_` is the target of the device, which lags behind it and stops at surfaces.
@@ -185,19 +185,19 @@ class Operator {
   // Contact.
   Vec3d first_contact_ = Vec3d::Zero();  // position of the proxy when contact began
   bool has_first_contact_ = false;
-  double push_depth_ = 0;  // m, distance of the hand below the surface, which makes the force
+  double push_depth_ = 0;  // m, depth of the hand below the surface; it causes the force
 
   // Following.
-  Vec3d cursor_ = Vec3d::Zero();   // point on the surface that leads the proxy
+  Vec3d cursor_ = Vec3d::Zero();   // point on the surface ahead of the proxy, which the hand follows
   double extent_ = 0;              // m, size of the pattern
-  double row_ = 0, row_step_ = 0;  // zigzag: m, coordinate of the row and distance to the next
+  double row_ = 0, row_step_ = 0;  // zigzag: m, coordinate of the row, and distance to the next row
   double heading_ = 1;             // zigzag: direction along the row, 1 or -1
   double plane_offset_ = 0;        // around: m, distance of the plane of motion from the object's centre
 
   // Holding.
   Vec3d anchor_ = Vec3d::Zero();  // position of the hand without push, load and displacement
   Vec3d load_ = Vec3d::Zero();    // N, smoothed force of the object's weight and inertia on the arm
-  double together_time_ = 0;      // s for which all users have pressed with enough force
+  double together_time_ = 0;      // s for which enough users have pressed with enough force
 };
 
 }  // namespace tactus::client_sim

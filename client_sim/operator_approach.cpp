@@ -14,10 +14,11 @@ constexpr std::uint32_t kMaxAttempts = 5;
 
 }  // namespace
 
-/// Returns the point at which an approach aims. This is the target point of the script, unless the approach to it has
-/// missed the surface, or will miss because its line is further from all surface points than their spacing. Then it is
-/// the surface point that is best by two criteria: close to the line, and with a normal towards the hand. Each further
-/// attempt takes the next best point.
+/// Returns the point at which an approach aims: the target point of the script in the first attempt. If the first
+/// attempt has missed the surface, the second aims at the best surface point, and each further attempt at the next
+/// best. Points are ranked by their distance from the line of the approach, and by how well their normals point to the
+/// hand. If all surface points are further from this line than their spacing plus the probe's radius, the target point
+/// would be missed, so the first attempt already aims at the best surface point.
 Vec3d Operator::aim_point(const Action& action, const ObjectView& view) const {
   const Vec3d target = view.centre + view.rotation * ((2 * action.point - Vec3d::Ones()).cwiseProduct(view.half_size));
   if (view.surface.empty()) return target;
@@ -96,10 +97,11 @@ void Operator::approach(const Action& action, double dt) {
     }
     return;
   }
-  // Without this limit the force of a hand that does not reach its target force would grow without bound.
+  // Max distance of the hand from the device. Without it, the hand's force on a blocked device would grow without
+  // bound.
   constexpr double kMaxLead = 0.08;  // m
   if ((device_ - hand_).dot(outwards_) < kMaxLead) {
-    constexpr double kFollowApproachSpeed = 0.1;  // m/s; the speed of a follow action is the one along the surface
+    constexpr double kFollowApproachSpeed = 0.1;  // m/s; `speed` of a follow action is that along the surface
     hand_velocity_ = -outwards_ * (action.kind == ActionKind::kFollow ? kFollowApproachSpeed : action.speed);
     hand_ += hand_velocity_ * dt;
   }

@@ -52,7 +52,7 @@ Vec3d Operator::tangent(const Action& action) {
     }
   }
   const Vec3d along = wanted - normal_ * normal_.dot(wanted);
-  constexpr double kMinAlong = 0.1;  // share of `wanted` that lies along the surface; below it, moves across the slope
+  constexpr double kMinAlong = 0.1;  // min share of `wanted` along the surface; below it, moves across the slope
   if (along.norm() > kMinAlong * wanted.norm()) return along.normalized();
   return normal_.cross(side).norm() > 0.1 ? Vec3d(normal_.cross(side).normalized()) : normal_.cross(other).normalized();
 }

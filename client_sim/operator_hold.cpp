@@ -7,8 +7,8 @@ namespace tactus::client_sim {
 namespace {
 
 constexpr double kMaxContactLoss = 0.1;  // s; after it, a lift or hold has failed
-constexpr double kCarriedShare = 0.9;    // of a load, by the arm; the whole load would cancel the measured force
-constexpr double kPeakSpeed = 1.5;       // max of the derivative of `smooth_step`
+constexpr double kCarriedShare = 0.9;  // of a load, carried by the arm; the whole load would cancel the measured force
+constexpr double kPeakSpeed = 1.5;     // max of the derivative of `smooth_step`
 
 /// Maps 0..1 onto 0..1 with zero slope at both ends.
 double smooth_step(double share) {
@@ -18,7 +18,7 @@ double smooth_step(double share) {
 
 }  // namespace
 
-/// True if at least `action.min_other_users` other users press on the object with `force`.
+/// Returns whether at least `action.min_other_users` other users press on the object with `force`.
 bool Operator::others_press(const Action& action, double force) const {
   constexpr std::int64_t kMaxAgeNs = 200'000'000;
   const auto count = std::count_if(others_.begin(), others_.end(), [&](const auto& entry) {
@@ -48,7 +48,7 @@ void Operator::track_load(const Vec3d& load, double time_constant, double dt) {
   load_ += (load - load_) * std::min(1.0, dt / time_constant);
 }
 
-/// The displacement, m, at which the hand's stiffness carries the arm's share of the load.
+/// Returns the displacement at which the hand's stiffness carries the arm's share of the load, m.
 Vec3d Operator::load_offset() const { return load_ * (kCarriedShare / settings_.hand_stiffness); }
 
 void Operator::press_together(const Action& action, double dt) {
@@ -75,7 +75,7 @@ void Operator::press_together(const Action& action, double dt) {
 
 /// Lifts, holds and lowers the object, and carries the load that the hand measures.
 void Operator::lift(const Action& action, double dt) {
-  constexpr double kLoadTime = 1;      // s; a faster arm would make an object swing that is held at points
+  constexpr double kLoadTime = 1;      // s; with a shorter time an object that is held at points would swing
   constexpr double kPressTime = 0.5;   // s
   constexpr double kGroundTime = 0.3;  // s for which the object stands on the ground before the hand leaves
   loss_time_ = is_touching() ? 0 : loss_time_ + dt;
@@ -137,7 +137,7 @@ void Operator::release() {
   leave_object();
 }
 
-/// Moves the hand away from the object, which ends the action.
+/// Starts to move the hand away from the object. The action ends when the hand arrives.
 void Operator::leave_object() {
   route_ = {device_ + outwards_ * (settings_.clearance + user_.radius)};
   hand_ = device_;
@@ -145,7 +145,7 @@ void Operator::leave_object() {
   is_leaving_ = true;
 }
 
-/// Ends the action without a held object; `begin_action` then skips the actions that need one.
+/// Ends the action because the hand holds no object. `begin_action` then skips the actions that need a held object.
 void Operator::end_hold() {
   buttons_ = 0;
   next_action();

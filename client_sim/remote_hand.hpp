@@ -3,8 +3,8 @@
 ///     paths --> simulated device --> device_pose (1 kHz) --> HRTC
 ///                      ^ force <------- device_command <------'
 ///
-/// A thread of its own sends the poses. If no new command arrives, the force stays constant for 10 ms after the last
-/// command and then falls to zero at 60 ms.
+/// A thread of this class sends the poses. If no new command arrives, the force is constant until 10 ms after the last
+/// command, and then falls linearly to zero at 60 ms.
 #pragma once
 
 #include <atomic>
@@ -31,13 +31,13 @@ struct RemoteHandSettings {
 
 class RemoteHand {
  public:
-  /// `participants` must outlive it. Throws wire::WireError.
+  /// `participants` must outlive this object. Throws wire::WireError.
   RemoteHand(wire::Participants& participants, const RemoteHandSettings& settings);
   ~RemoteHand();
 
-  /// Sets the path of the hand from now on, and the map from the program's clock to session time. One thread.
+  /// Sets the path of the hand from now on, and the map from the local clock to session time. One thread.
   void set_intent(const session::Intent& intent, const session::ClockMap& map);
-  /// Number of commands dropped because their sequence number is not plausible. Any thread.
+  /// Returns the number of commands that were dropped because their sequence number was not plausible. Any thread.
   [[nodiscard]] std::uint64_t implausible() const noexcept { return implausible_.load(std::memory_order_relaxed); }
 
  private:

@@ -1,6 +1,6 @@
 /// Computes the results of a session, and writes them as text and as JSON.
 ///
-/// The results of users come from the received probe states, those of HRTCs and hosts from the figures that they
+/// The results of users come from received probe states. The results of HRTCs and hosts come from the figures that they
 /// publish (session/figures.hpp). Not realtime.
 #pragma once
 
@@ -22,8 +22,8 @@ class TouchTally {
   void add(const session::ProbeState& state, std::int64_t start_ns, std::int64_t received_ns);
 
   std::uint64_t states = 0;
-  std::uint64_t states_lost = 0;         ///< sequence numbers that did not arrive
-  double served = 0;                     ///< s covered by probe states; each covers the time until the next, max 50 ms
+  std::uint64_t states_lost = 0;         ///< missing sequence numbers
+  double served = 0;                     ///< s covered by probe states; each covers at most 50 ms until the next
   double contact = 0;                    ///< s of `served` in contact
   double exact = 0;                      ///< s of `contact` in exact contact
   double first_touch = -1;               ///< s from the start to the first contact; < 0: none
@@ -53,9 +53,9 @@ class MoveTally {
 
   std::uint64_t poses = 0;
   std::uint32_t takeovers = 0;  ///< number of times that another program took over the simulation
-  double max_raised = 0;        ///< m, max height above the first one
-  double last_raised = 0;       ///< m, last height above the first one
-  /// The longest time, s, for which the object stayed above 90 % of `max_raised`. O(number of poses).
+  double max_raised = 0;        ///< m, max height minus first height
+  double last_raised = 0;       ///< m, last height minus first height
+  /// Returns the longest time for which the object was raised by at least 90 % of `max_raised`, s. O(number of poses).
   [[nodiscard]] double held_time() const;
 
  private:
@@ -110,8 +110,8 @@ struct Report {
   std::vector<ReportEvent> events;
 };
 
-/// Energy that the network added, J: the energy that couplings gave to the copies of all HRTCs minus the energy that
-/// they received from them; at least 0.
+/// Returns the energy that the network added, J, at least 0: the energy that the couplings gave to the copies of all
+/// HRTCs, minus the energy that they received from these copies.
 [[nodiscard]] double injected_energy(const Report& report);
 
 /// Writes the report as text, with lines of at most 100 columns.

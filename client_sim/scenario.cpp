@@ -19,7 +19,7 @@ using yaml::Map;
 using yaml::Value;
 
 constexpr double kMaxDuration = 86400;  // s
-constexpr double kMaxSpeed = 0.5;       // m/s; tests of the proxy end at this speed
+constexpr double kMaxSpeed = 0.5;       // m/s; the max speed in the tests of the proxy
 constexpr double kMinSpeed = 1e-4;      // m/s
 constexpr double kMaxForce = 20;        // N
 

@@ -1,13 +1,13 @@
-/// Scripts of simulated users, read from YAML.
+/// Reads scenarios from YAML: the scripts of simulated users.
 ///
 ///     name: touch
-///     measures: forces        # of a study (docs/how-to/studies.md)
-///     truth: full-mesh        # reference of the study
+///     measures: forces        # what a study measures (docs/how-to/studies.md)
+///     truth: full-mesh        # ground truth with which the study compares
 ///     tool: stylus            # probe of the users in a study; default: a sphere
 ///     duration: 10            # s
 ///     users:
 ///       - name: ann
-///         hrtc: "#1"          # a name, or the n-th one in the session, sorted by name
+///         hrtc: "#1"          # name, or "#n": the n-th HRTC of the session in the order of names
 ///         script:
 ///           - approach: {object: organ, direction: [0, 0, 1], speed: 0.1, until_force: 0.5}
 ///           - tap: {count: 5, speed: 0.2, force: 1}
@@ -27,7 +27,7 @@ namespace tactus::client_sim {
 
 using spm::Vec3d;
 
-/// Thrown if a scenario does not exist.
+/// Error of a scenario that does not exist.
 class ScenarioError : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
@@ -60,7 +60,7 @@ struct Action {
   Vec3d point = Vec3d::Constant(0.5);  ///< target point, as a share of the object's bounds along each axis
   double speed = 0.1;                  ///< m/s
   double force = 1;                    ///< N; approach and grab: key until_force
-  double depth = 0;                    ///< tap: m beyond the first contact at which the hand turns back; 0: at `force`
+  double depth = 0;                    ///< tap: m below the first contact at which the hand turns back; 0: at `force`
   double seconds = 1;                  ///< s
   std::uint32_t count = 1;
   double height = 0.1;                 ///< lift: m
@@ -69,7 +69,7 @@ struct Action {
   Pattern pattern = Pattern::kCircle;
   double extent = 0;  ///< follow: m, size of the pattern; 0: a third of the smaller half extent of the bounds
   double tilt =
-      0;  ///< follow: rad, amplitude of the tilt from the surface's normal; the turn about it has twice as much
+      0;  ///< follow: rad, amplitude of the tilt from the normal; the rotation about the normal has twice this value
 };
 
 struct User {
@@ -77,7 +77,7 @@ struct User {
   std::string hrtc;                ///< name or "#n"
   double radius = 0.003;           ///< m, of the probe
   bool repeats_script = false;     ///< true: the script repeats until the session ends
-  bool has_remote_device = false;  ///< true: the device is at the client, not in the HRTC
+  bool has_remote_device = false;  ///< true: the client simulates the device; false: the HRTC does
   std::vector<Action> script;
 };
 
@@ -88,7 +88,7 @@ enum class Measure : std::uint8_t {
   kFirstTouch,  ///< forces, and the time until an HRTC that has just started has loaded the touched regions
   kTarget,      ///< error of the force with which users press one body from several sides
   kLift,        ///< motion of a body that users lift together
-  kHandOver     ///< times at which one user takes over a body from another
+  kHandOver     ///< times at which a user takes over a body from another user
 };
 /// The ground truth with which a study compares the measurement.
 enum class Truth : std::uint8_t {
@@ -112,15 +112,17 @@ struct Scenario {
   Tool tool = Tool::kSphere;
   double force_tolerance = 0.2;  ///< N; max error of a force that counts as on target
   double target_spread = 0;      ///< max displacement of each target point by `varied`, as a share of the bounds
-  double duration = 10;          ///< s from the time at which all users have slots
+  double duration = 10;          ///< s from the time at which all users have probes
   std::uint64_t seed = 1;
   std::vector<User> users;
 };
 
-/// Parses `text`. Messages name it by `source`. Throws YamlError for unknown keys, wrong types and values out of range.
+/// Parses `text`. Throws YamlError for unknown keys, wrong types and values out of range; its message contains
+/// `source`, the name of the text.
 [[nodiscard]] Scenario parse_scenario(const std::string& text, const std::string& source);
 
-/// Returns the scenario with target points displaced at random within its spread. Equal seeds give equal scenarios.
+/// Returns the scenario with target points that are displaced at random within Scenario::target_spread. Equal seeds
+/// give equal scenarios.
 [[nodiscard]] Scenario varied(Scenario scenario, std::uint64_t seed);
 
 /// Loads the built-in scenario with this name; if there is none, the file with this path. Throws YamlError for an

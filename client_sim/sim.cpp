@@ -24,7 +24,7 @@ using Sample = std::variant<session::RosterEntry, session::CatalogueEntry, sessi
                             session::ObjectPose>;
 using Inbox = wire::Inbox<Sample>;
 
-constexpr std::int64_t kClockRequestNs = 100'000'000;  // between two clock requests, once synchronised
+constexpr std::int64_t kClockRequestNs = 100'000'000;  // between two clock requests, once the clock is synchronised
 constexpr auto kTick = std::chrono::milliseconds{2};
 
 /// One participant of this program.
@@ -205,7 +205,7 @@ struct Sim::Impl {
   session::Roster roster;
   std::int64_t clock_requested_ns = 0;
   Inbox inbox{1u << 15};
-  std::vector<std::shared_ptr<void>> readers;  // last, so that no callback outlives the members it uses
+  std::vector<std::shared_ptr<void>> readers;  // last, so that callbacks end before other members are destroyed
 };
 
 Sim::Sim(SimOptions options) : impl_{std::make_unique<Impl>(std::move(options))} {}

@@ -1,7 +1,7 @@
 /// Passes samples between a SimCore and the topics of a session.
 ///
-/// The adapter has one wire::Participants for each HRTC that serves users of this program. A queue holds arriving
-/// samples for the one thread that runs the core.
+/// The adapter has one wire::Participants for each HRTC that serves users of this program. One thread runs the core. A
+/// queue passes the arriving samples to this thread.
 #pragma once
 
 #include <atomic>
@@ -18,11 +18,11 @@ namespace tactus::client_sim {
 struct SimOptions {
   wire::SessionAddress address;
   Scenario scenario;
-  double patience = SimSettings{}.patience;  ///< s to wait for HRTCs, objects and slots
+  double patience = SimSettings{}.patience;  ///< s, max wait for HRTCs, objects and probes
   std::string mode{};                        ///< SimSettings::mode
 };
 
-/// Thrown if an older program in the session has the name of this one.
+/// Error if an older program in the session has the name of this program.
 class NameTaken : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
@@ -34,7 +34,7 @@ class Sim {
   explicit Sim(SimOptions options);
   ~Sim();
 
-  /// Runs until the scenario ends, or until `stop` is set and the core has ended the session. `log` gets a line
+  /// Runs until the scenario ends, or until `stop` is set and the core has ended the session. Calls `log` with a line
   /// whenever the reason for waiting changes. Throws NameTaken; in this case the session continues.
   [[nodiscard]] Report run(const std::atomic<bool>& stop, const std::function<void(const std::string&)>& log);
 

@@ -11,8 +11,8 @@ constexpr std::size_t kMaxEvents = 1000;
 
 double seconds(std::int64_t ns) { return static_cast<double>(ns) * 1e-9; }
 
-/// Lists the references without an entry. "#n" has an entry if n is at most `counted`; if `wraps`, n is taken modulo
-/// `counted`, so that one entry is enough.
+/// Lists the references to which nothing corresponds. A name needs an entry in `names`. "#n" needs `counted` >= n; if
+/// `wraps`, n is taken modulo `counted`, so 1 is enough.
 std::string missing_references(const std::set<std::string>& references, const std::vector<std::string>& names,
                                std::size_t counted, bool wraps) {
   std::string missing;
@@ -65,7 +65,7 @@ void SimCore::log_event(const std::string& text) {
 void SimCore::on_catalogue(const session::CatalogueEntry& entry) {
   if (entry.origin.session != self_.session) return;
   if (entry.withdrawn) return;  // another host may serve the object, and users may touch its loaded regions
-  // A known movable object may have moved since its entry was published.
+  // Does not replace a movable object, because it may have moved since this entry was published.
   if (movables_.count(entry.object_id) == 0) objects_[entry.object] = view_of(entry);
   if (entry.body.mass > 0) movables_.try_emplace(entry.object_id, Movable{entry, {}, {}});
   record_counts_[entry.object] = entry.summary.records;

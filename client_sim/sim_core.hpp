@@ -2,13 +2,14 @@
 /// reports.
 ///
 ///     kGathering  waits until the HRTCs and objects of the scenario are present
-///     kJoining    waits until HRTCs have given slots to all users
+///     kJoining    waits until HRTCs have given probes to all users
 ///     kRunning    runs the scripts
 ///     kEnding     waits for the last figures of hosts and HRTCs
 ///     kEnded
 ///     kFailed     reached from any state; stop_reason() returns the reason
 ///
-/// If two programs have one name, the later one leaves, as with hosts and HRTCs. The session continues without it.
+/// If two programs have the same name, the program that joined later leaves, as with hosts and HRTCs. The session
+/// continues.
 ///
 /// The core has no socket, thread or clock. The adapter passes arriving samples to on_...() and sends the samples that
 /// tick() returns. One thread at a time. Not realtime.
@@ -37,9 +38,9 @@ struct SimSettings {
   std::string name;  ///< of this participant; users at a second HRTC belong to participant `name.2`
   std::uint64_t incarnation = 0;
   std::string mode;       ///< published at the start, format of session::parse_mode; empty: none
-  double patience = 20;   ///< s to wait for HRTCs, objects and slots
-  double name_check = 1;  ///< s between the first sign of other participants and joining, to detect a name conflict
-  double settle = 2;      ///< s after the first HRTC and object; then n of "#n" is taken modulo the number present
+  double patience = 20;   ///< s, max wait for HRTCs, objects and probes
+  double name_check = 1;  ///< s to wait before joining, after the first sample of others, to detect a name conflict
+  double settle = 2;      ///< s, wait for others after the first HRTC and object; then n of "#n" is modulo their number
   double linger = 2;      ///< s, max wait at the end for the last figures of hosts and HRTCs
   std::int64_t heartbeat_ns = 100'000'000;
   session::RosterSettings roster;
@@ -60,8 +61,8 @@ class SimCore {
  public:
   SimCore(const Scenario& scenario, const SimSettings& settings);
 
-  // The core ignores samples of other sessions. Times are of this program's monotonic clock unless the name says
-  // session.
+  // The core ignores samples of other sessions. Times are of this program's monotonic clock, except those with
+  // `session` in the name.
   void on_catalogue(const session::CatalogueEntry& entry);
   void on_roster(const session::RosterEntry& entry, std::int64_t now_ns);
   void on_probe_state(const session::ProbeState& state, std::int64_t session_now_ns);
@@ -85,14 +86,14 @@ class SimCore {
 
   [[nodiscard]] SimState state() const noexcept { return state_; }
   [[nodiscard]] bool finished() const noexcept { return state_ == SimState::kEnded || state_ == SimState::kFailed; }
-  /// True if the core failed because an older program has one of its names.
+  /// Returns whether the core failed because an older program has one of the names of this program.
   [[nodiscard]] bool name_taken() const noexcept { return !taken_name_.empty(); }
-  /// The condition that the core waits for, or the reason why it failed; otherwise empty.
+  /// Returns the condition for which the core waits, or the reason why it failed. Empty otherwise.
   [[nodiscard]] const std::string& stop_reason() const noexcept { return stop_reason_; }
   [[nodiscard]] Report report() const;
 
  private:
-  /// A participant of this program: one per HRTC.
+  /// A participant of this program. There is one for each HRTC that serves users of this program.
   struct Presence {
     session::RosterEntry entry;
     std::int64_t sent_ns = 0;
@@ -100,7 +101,7 @@ class SimCore {
   struct SimUser {
     Operator script_operator;
     TouchTally touch;
-    session::RemoteProbe probe;  // without playout delay: the hand needs the newest state
+    session::RemoteProbe probe;  // without playout delay, because the operator needs the newest state
     std::string hrtc;
     std::size_t presence = 0;
   };
@@ -108,7 +109,7 @@ class SimCore {
     std::string name;
     session::Role role;
     bool is_present = true;
-    bool present_at_end = true;  // when the end was announced
+    bool present_at_end = true;  // was present when the end of the session was announced
     std::map<std::string, double> figures;
     std::int64_t figures_ns = INT64_MIN;
   };
@@ -146,11 +147,11 @@ class SimCore {
   std::map<std::uint64_t, Movable> movables_;                 // by object
   std::uint64_t implausible_ = 0;                             // probe states
   std::map<std::string, std::uint64_t> record_counts_;        // by object
-  std::map<std::uint64_t, Peer> peers_;                       // hosts and HRTCs ever seen, by participant
+  std::map<std::uint64_t, Peer> peers_;                       // all present and past hosts and HRTCs, by participant
   std::vector<std::pair<std::int64_t, std::string>> events_;  // by this program's clock
   std::uint32_t control_sequence_ = 0;
   std::int64_t now_ns_ = 0;
-  // Times at which things happened first; -1: not yet.
+  // Times of events; -1: the event has not happened yet.
   std::int64_t first_tick_ns_ = -1, first_peer_ns_ = -1;
   std::int64_t found_ns_ = -1;                         // an HRTC and an object were present
   std::int64_t start_ns_ = -1, session_start_ns_ = 0;  // the scenario started

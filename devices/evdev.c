@@ -1,5 +1,5 @@
-/* Device driver for a mouse or a gamepad: Linux input events move the tip, and a gamepad rumbles with the
- * force, if it can.
+/* Device driver for a mouse or a gamepad. Linux input events move the tip. A gamepad with a rumble motor rumbles with
+ * the force.
  *
  *   tactus-hrtc --device ann=tactus-evdev.so,mouse:/dev/input/event3
  *   tactus-hrtc --device bob=tactus-evdev.so,gamepad:/dev/input/event7
@@ -35,7 +35,7 @@ static const double kStickSpeed = 0.15;    /* m/s, at full deflection */
 static const double kMaxTipSpeed = 0.5;    /* m/s for each axis, so that a fast mouse does not exceed the speed limit */
 static const double kDeadZone = 0.1;       /* of a stick, share of its range */
 static const double kMaxForce = 5;         /* N, at full rumble */
-static const double kRumbleStep = 0.05;    /* share of full rumble, min change that is sent */
+static const double kRumbleStep = 0.05;    /* min change that is sent, as a share of full rumble */
 static const int64_t kRumbleNs = 20000000; /* min time between two rumble commands, because each is a system call */
 
 struct axis {
@@ -49,7 +49,7 @@ struct tactus_device {
   double target[kAxes], position[kAxes]; /* m; the tip moves to the target at kMaxTipSpeed */
   struct axis sticks[kAxes];
   uint32_t buttons;
-  double rumble, target_rumble; /* share of full rumble: the last one sent, and that of the newest force */
+  double rumble, target_rumble; /* shares of full rumble: last sent, and of the newest force */
   int64_t time_ns, rumbled_ns;
 };
 
@@ -135,7 +135,7 @@ static void take(struct tactus_device* device, const struct input_event* event) 
     const double value = (event->value - stick->middle) / stick->half_range;
     const double clipped = value > 1 ? 1 : value < -1 ? -1 : value;
     const double beyond = fabs(clipped) < kDeadZone ? 0 : (fabs(clipped) - kDeadZone) / (1 - kDeadZone);
-    stick->value = copysign(beyond, i == 0 ? clipped : -clipped); /* up is negative */
+    stick->value = copysign(beyond, i == 0 ? clipped : -clipped); /* for sticks, up is negative */
   }
 }
 
@@ -164,7 +164,7 @@ static int read_input(struct tactus_device* device, int64_t now_ns, struct tactu
   return TACTUS_DEVICE_POSE; /* a device at rest sends no events; its position is still valid */
 }
 
-/* A failure to rumble does not fail the device: it exerts no force. */
+/* If rumbling fails, the device has not failed, because rumble is no force. Then it never rumbles again. */
 static void set_rumble(struct tactus_device* device, double strength) {
   struct ff_effect effect;
   memset(&effect, 0, sizeof effect);

@@ -5,15 +5,15 @@
 //   tactus-hrtc --device ann=tactus-haply.so,localhost:10001/049D   the Inverse3 with id 049D
 //
 //      service -- list of all devices --> driver      when the driver connects
-//              <------------- force -----             from a thread of the driver, at most 2 kHz; the first with
-//                                                     a profile
+//              <------------- force -----             from a thread of the driver, at most 2 kHz; the first message
+//                                                     also sets the profile
 //              -- state of all devices -->            one answer to each force
 //
 // The driver uses only the newest position and the newest force. The haptic thread and the network thread never wait
 // for each other. If no force was written for 50 ms, the driver sends zero. The device has failed when the connection
-// ends, when the device is removed, and when the service is silent for a second or sends invalid messages. In these
-// cases the driver prints a line for the operator, and the service ends the force because it gets no commands. The
-// driver reads position and velocity of the tip, but not the orientation and buttons of a grip.
+// ends, when the device is removed, and when the service is silent for a second or sends more than 100 invalid messages
+// in a row. In these cases the driver prints a line for the operator, and the service ends the force because it gets no
+// commands. The driver reads position and velocity of the tip, but not the orientation and buttons of a grip.
 //
 // Written from docs.haply.co, version 3.5.x: "WebSocket Protocol", "Simulation Channel" and "Control Commands" (metres,
 // newton, right-handed). Tested against a simulated service, not with a real device.
@@ -48,13 +48,13 @@ using Json = nlohmann::json;
 using Vector = std::array<double, 3>;
 using namespace std::chrono_literals;
 
-constexpr auto kConnectTimeout = 3s;  // until the service has sent its list of devices
+constexpr auto kConnectTimeout = 3s;  // max time until the service has sent its list of devices
 constexpr auto kMaxSilence = 1s;      // time without a message after which the device has failed
-constexpr auto kMinPeriod = 500us;    // between two messages to the service
-constexpr auto kMaxForceAge = 50ms;   // time after a write from which zero is sent
+constexpr auto kMinPeriod = 500us;    // min time between two messages to the service
+constexpr auto kMaxForceAge = 50ms;   // time after the last write after which the driver sends zero force
 constexpr auto kCloseTimeout = 300ms;
-constexpr int kMaxInvalid = 100;             // invalid messages in a row
-constexpr std::size_t kMaxBytes = 1u << 20;  // of a message
+constexpr int kMaxInvalid = 100;             // max number of invalid messages in a row
+constexpr std::size_t kMaxBytes = 1u << 20;  // max size of a message
 
 std::int64_t now_ns() {
   return std::chrono::duration_cast<std::chrono::nanoseconds>(Clock::now().time_since_epoch()).count();
@@ -68,7 +68,7 @@ class Newest {
     slots_[back_] = value;
     back_ = between_.exchange(back_ | kNew, std::memory_order_acq_rel) & kSlot;
   }
-  /// Copies the newest value; false if none was posted since the last call.
+  /// Copies the newest value. Returns false if no value was posted since the last call.
   bool take(T& value) noexcept {
     if ((between_.load(std::memory_order_relaxed) & kNew) == 0) return false;
     front_ = between_.exchange(front_, std::memory_order_acq_rel) & kSlot;
@@ -92,7 +92,7 @@ struct Force {
   std::int64_t time_ns = 0;
 };
 
-/// Reads {"x": 1, "y": 2, "z": 3}; false for any other form.
+/// Reads member `name` of `object` in the form {"x": 1, "y": 2, "z": 3}. Returns false for any other form.
 bool vector_of(const Json& object, const char* name, Vector& value) {
   const auto found = object.find(name);
   if (found == object.end() || !found->is_object()) return false;
@@ -106,14 +106,14 @@ bool vector_of(const Json& object, const char* name, Vector& value) {
   return true;
 }
 
-/// The id of an entry of the list `inverse3`; empty if it has none.
+/// Returns the id of an entry of the list `inverse3`. Empty if the entry has none.
 std::string id_of(const Json& device) {
   if (!device.is_object()) return "";
   const auto id = device.find("device_id");
   return id != device.end() && id->is_string() ? id->get<std::string>() : "";
 }
 
-/// Connection to the service. A thread of its own runs all functions for which no other thread is stated.
+/// Connection to the service. Its own thread runs all functions for which the comment names no other thread.
 class Service {
  public:
   /// Called by another thread. Waits for the list of devices. Throws std::runtime_error, which names the value found
@@ -152,7 +152,7 @@ class Service {
     if (thread_.joinable()) thread_.join();
   }
 
-  /// Ends the connection: before the device was found as the result of the constructor, later as a failed device.
+  /// Ends the connection. Before the device is found, reports `why` to the constructor. Later, the device has failed.
   void fail(const std::string& why) {
     if (!has_device_) return report(why);
     if (!failed_.exchange(true, std::memory_order_acq_rel) && !closing_)
@@ -160,7 +160,7 @@ class Service {
                    why.c_str());
     end();
   }
-  /// Passes the result to the constructor; empty: the device was found. Only the first call counts.
+  /// Passes the result to the constructor. Empty `problem`: the device was found. Ignores all calls after the first.
   void report(const std::string& problem) {
     if (reported_) return;
     reported_ = true;
@@ -340,7 +340,7 @@ tactus_device* open_haply(const char* config, char* error, std::size_t error_siz
 
 void close_haply(tactus_device* device) { delete device; }
 
-/// Conservative limits, because the service reports none and its round trip adds a millisecond.
+/// Sets conservative limits, because the service reports none, and its round trip adds a delay of a millisecond.
 void spec_of_haply(tactus_device*, tactus_device_spec* spec) {
   spec->max_force = 5;
   spec->max_stiffness = 800;

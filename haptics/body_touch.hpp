@@ -2,10 +2,10 @@
 ///
 ///     hand <-- stiffness (anchor - device) -- device ~~~~ anchor on the body -- same spring, implicit --> body
 ///
-/// Without a grab the spring pushes while the device is inside the body, with the friction of the proxy. Two probes
-/// that press from opposite sides can lift a body. With a grab the spring also pulls: it ends at the point of the body
-/// where the grab began, until the grab button is released. The shape of the body is any Surface in the body's frame: a
-/// BoxSurface in tests and studies, the active mesh in an HRTC.
+/// The stiffness is that of ContactImpedance. Without a grab the spring pushes while the device is inside the body,
+/// with the friction of the proxy. Two probes that press from opposite sides can lift a body. With a grab the spring
+/// also pulls: it ends at the point of the body where the grab began, until the grab button is released. The shape of
+/// the body is any Surface in the body's frame. Tests and studies use this class; an HRTC uses hrtc_service/bodies.hpp.
 ///
 /// World frame unless a name says `body`, SI. One thread at a time. Realtime: the cost is one step of the proxy.
 #pragma once
@@ -42,7 +42,7 @@ class BodyTouch {
   void step(const DeviceState& device, bool grab, const BodyState& body, Surface& shape_body,
             const ContactImpedance& impedance, double dt) noexcept;
 
-  /// True when the probe touches or holds the body; otherwise the spring exerts no force.
+  /// Returns whether the probe touches or holds the body. If not, the spring exerts no force.
   [[nodiscard]] bool is_touching() const noexcept { return touch_.in_contact; }
   [[nodiscard]] bool is_holding() const noexcept { return grabbed_; }
   /// The spring that acts on the body.
@@ -59,8 +59,8 @@ class BodyTouch {
   PointSpring spring_;
   DeviceState relative_;
   Vec3d anchor_body_ = Vec3d::Zero();
-  Ramp ramp_body_;  // m, subtracted from the anchor, so that the force of a probe that starts inside the body rises
-                    // slowly
+  // m, subtracted from the anchor. If a probe starts inside the body, the ramp makes its force rise slowly.
+  Ramp ramp_body_;
   bool grabbed_ = false;
 };
 

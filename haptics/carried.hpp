@@ -1,7 +1,7 @@
 /// Writes the state that one cycle leaves for the next into bytes, and restores it from bytes that may be damaged.
 ///
-/// A class visits its values in one function, each with the values that are valid. Every member that outlives a cycle
-/// belongs there:
+/// A class has one function that visits each member that outlives a cycle. For each member, the function states which
+/// values are valid:
 ///
 ///     template <class Visit>
 ///     void for_each_carried(Visit& visit) noexcept {
@@ -33,7 +33,7 @@ namespace tactus::haptics {
 template <class Derived>
 class CarriedVisit {
  public:
-  /// Visits finite numbers.
+  /// Visits a number or numbers that must be finite.
   void number(const char* name, double& value) noexcept {
     checked(
         name, value, [](double x) { return std::isfinite(x); }, "a finite number");
@@ -48,7 +48,7 @@ class CarriedVisit {
   void number(const char* name, std::array<double, size>& value) noexcept {
     for (double& x : value) number(name, x);
   }
-  /// Visits numbers of which every value is valid.
+  /// Visits a number or numbers for which every value is valid, also NaN.
   template <class T>
   void any(const char* name, T& value) noexcept {
     static_assert(std::is_arithmetic_v<T> && !std::is_same_v<T, bool>);
@@ -125,7 +125,7 @@ class CarriedWriter : public CarriedVisit<CarriedWriter> {
 class CarriedReader : public CarriedVisit<CarriedReader> {
  public:
   explicit CarriedReader(std::span<const std::uint8_t> from) noexcept : from_{from} {}
-  /// A refused value and all later values are not changed.
+  /// After the first invalid value, it changes neither this value nor any later one.
   template <class T, class IsValid>
   void take(const char* name, T& value, const IsValid& is_valid, const char* expected) noexcept {
     if (refused_ != nullptr) return;
@@ -140,7 +140,8 @@ class CarriedReader : public CarriedVisit<CarriedReader> {
     value = read;
     at_ += sizeof read;
   }
-  /// Message that states the first refused value and the expected one. Empty if all bytes were read. Allocates.
+  /// Returns a message with the name of the first invalid value and the values expected there. Empty if all bytes were
+  /// read. Allocates.
   [[nodiscard]] std::string error() const {
     const std::string size = "found a state of " + std::to_string(from_.size()) + " bytes, expected ";
     if (refused_ == nullptr) return at_ == from_.size() ? "" : size + std::to_string(at_);
@@ -152,7 +153,7 @@ class CarriedReader : public CarriedVisit<CarriedReader> {
  private:
   std::span<const std::uint8_t> from_;
   std::size_t at_ = 0;
-  const char* refused_ = nullptr;   // name of the first refused value
+  const char* refused_ = nullptr;   // name of the first invalid value; null: none
   const char* expected_ = nullptr;  // null: the bytes end before that value
 };
 

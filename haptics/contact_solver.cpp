@@ -16,7 +16,7 @@ void tangents_of(const Vec3d& n, Vec3d& t1, Vec3d& t2) noexcept {
   t2 = n.cross(t1);
 }
 
-/// Unlike std::hypot it does not guard against overflow, and costs a tenth.
+/// Costs a tenth of std::hypot, because it does not guard against overflow.
 double length_of(double x, double y) noexcept { return std::sqrt(x * x + y * y); }
 
 /// Minimises sum a_i (x_i - c_i)^2 over the disc |x| <= radius, for a_i > 0 and c outside the disc.
@@ -54,8 +54,8 @@ void ContactSolver::add(const Contact& contact) noexcept {
 }
 
 /// Selects the deepest contact first. Then repeatedly selects the contact that differs most, in position or direction,
-/// from the selected contacts of the same bodies. So the outermost points of each supporting face, which carry a body,
-/// are selected.
+/// from the selected contacts of the same bodies. So it selects the outermost points of each supporting face: these
+/// points carry a body.
 void ContactSolver::select_contacts() noexcept {
   if (candidate_count_ <= kMaxContacts) {
     std::copy_n(candidates_.begin(), candidate_count_, selected_.begin());
@@ -214,7 +214,8 @@ void ContactSolver::iterate(std::span<SolverBody> bodies) noexcept {
   }
 }
 
-/// Scales all impulses down by one factor if their objective is above 0.
+/// If the objective of the impulses (the energy that they add, J; see the header) is above 0, scales all impulses down
+/// by one factor.
 void ContactSolver::limit_energy(std::span<SolverBody> bodies) noexcept {
   // The objective of s times the impulses is s * linear + s^2 * quadratic.
   double linear = 0, quadratic = 0;

@@ -2,19 +2,22 @@
 ///
 /// Each body has the velocity u that it would have without contacts, and the inverse W = M^-1 of its effective mass (6
 /// x 6; M includes implicit springs and dampers). The result v is the velocity closest to u, in the metric M, among
-/// those that the contacts allow (Gauss's principle of least constraint):
+/// the velocities that the contacts allow (Gauss's principle of least constraint):
 ///
 ///     v = u + W J^T l,   l = argmin over l >= 0 of  1/2 l^T (J W J^T) l + l^T (J u + gap / dt)
 ///
-/// So two bodies may close their gap within the step but not overlap. Friction satisfies |l_t| <= mu l_n and opposes
-/// the sliding velocity.
+/// J is the Jacobian of the contacts: it maps the velocities of the bodies to the relative velocities at the contacts.
+/// l is the vector of impulses, dt the time step. So two bodies may close their gap within the step but not overlap.
+/// The tangential impulse l_t of a contact opposes the sliding velocity and satisfies |l_t| <= mu l_n, with the normal
+/// impulse l_n and the coefficient of friction mu.
 ///
 ///     bodies, contacts --> select <= kMaxContacts --> rows --> warm start by id --> iterate until converged --> v
 ///
 /// The iteration is projected Gauss-Seidel over the normal and the two tangents of each contact. The tangential impulse
-/// is the exact optimum in the friction disc |l_t| <= mu l_n. Without friction each iteration lowers the objective.
-/// With friction the objective may rise. If it ends above 0, all impulses are scaled down by one factor until it is at
-/// most 0. So contacts add no energy after any number of iterations, except for the push-out of overlaps.
+/// is the exact optimum in the friction disc |l_t| <= mu l_n. Without friction each iteration lowers the objective (the
+/// minimized function above). With friction the objective may rise. If it is above 0 after the last iteration, all
+/// impulses are scaled down by one factor until it is at most 0. So contacts add no energy after any number of
+/// iterations, except for the push-out of overlaps.
 ///
 /// World frame, SI. One thread at a time. Realtime: at most `iterations` x 24 contacts x about 150 operations.
 /// Source: Ortega, Redon, Coquillart 2007 (tool: Gauss's principle, dual, warm start by contact); Stewart, Trinkle 1996
@@ -43,7 +46,8 @@ inline constexpr std::size_t kMaxCandidateContacts =
 
 struct SolverBody {
   Mat6d inverse_mass = Mat6d::Zero();
-  /// Linear velocity of the centre, then angular velocity. `solve` reads it without and writes it with contacts.
+  /// Linear velocity of the centre, then angular velocity. `solve` reads the velocity without contacts, and writes the
+  /// velocity with contacts.
   Vec6d velocity = Vec6d::Zero();
 };
 
@@ -71,17 +75,17 @@ struct SolverResult {
   int iterations = 0;
   bool converged = true;          ///< false: the maximum number of iterations was reached
   std::uint32_t contacts = 0;     ///< contacts that were solved
-  std::uint32_t dropped = 0;      ///< contacts above the two limits, not solved
-  double objective = 0;           ///< J; at most 0
+  std::uint32_t dropped = 0;      ///< contacts that exceeded kMaxCandidateContacts or kMaxContacts, not solved
+  double objective = 0;           ///< final value of the minimized function, J; at most 0
   bool scaled = false;            ///< the impulses were scaled down so that they add no energy
-  Vec3d impulse = Vec3d::Zero();  ///< N s, sum over contacts of bodies `a` with static geometry
+  Vec3d impulse = Vec3d::Zero();  ///< N s, sum of the impulses of static geometry on bodies
 };
 
 class ContactSolver {
  public:
   explicit ContactSolver(const SolverSettings& settings = {}) noexcept : settings_{settings} {}
 
-  /// Removes the contacts of the last step; the solver still has their impulses for the warm start.
+  /// Removes the contacts of the last step. Their impulses remain for the warm start.
   void begin() noexcept;
   /// Adds a candidate. If there are already kMaxCandidateContacts, the contact is dropped and counted. Realtime.
   void add(const Contact& contact) noexcept;

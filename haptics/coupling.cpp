@@ -11,7 +11,7 @@ constexpr double kPi = 3.14159265358979323846;
 constexpr int kLongestGap = 100;  // max cycles between the interpolated time and a sample used for it
 // Time after the start for which a peer whose samples have not arrived yet is assumed to keep the speed of the start.
 constexpr std::int64_t kAssumedMotionNs = 500'000'000;
-constexpr double kSurplusShare = 0.05;  // share of the energy above the reserve that goes to the peers per cycle
+constexpr double kSurplusShare = 0.05;  // share of the tank's energy above the reserve that goes to the peers per cycle
 // Min tank level for homing (the copies slowly converge), as a multiple of the energy of this cycle's waves.
 constexpr double kHomingCosts = 3;
 constexpr double kSmoothing = 0.02;  // s, time constant for the users' forces
@@ -96,8 +96,8 @@ void CopyCoupling::on_sample(std::size_t peer, const CopySample& sample) noexcep
   if (sample.time_ns <= pressed_ns_[peer]) return;
   pressed_ns_[peer] = sample.time_ns;
   pressed_[peer] = sample.pressed;
-  // A peer's energy counter never decreases. If it is lower than in the previous sample, that sample was wrong, and the
-  // new value is the one to count from.
+  // A peer's energy counter never decreases. If it is lower than in the previous sample, the previous sample was wrong,
+  // and the count continues from the new value.
   const double arrived = std::min(sample.energy[index_] - energy_received_[peer], settings_.tank);
   energy_received_[peer] = sample.energy[index_];
   if (!(arrived > 0)) return;
@@ -221,8 +221,9 @@ void CopyCoupling::choose_step(double dt) noexcept {
 
 void CopyCoupling::add_spring(double dt, RigidBody& body) noexcept {
   // Spring and channels are in series, so the spring force at the end of the step is
-  // F = K (e + step - F dt / b - u - dt v). Before the step, e is the set position and u the integral of the copy's
-  // velocity. v is the velocity after the step, b the sum of the channels' impedances.
+  // F = K (e + step - F dt / b - u - dt v). K is the stiffness, e the set position before the step, and u the integral
+  // of the copy's velocity before the step. `step` is the step of the set position that the waves demand, v the
+  // velocity after the step, and b the sum of the channels' impedances.
   effective_stiffness_ = (Mat6d(stiffness_.cwiseInverse().asDiagonal()) + dt * admittance_).inverse();
   const Mat6d mass = dt * dt * effective_stiffness_ + dt * Mat6d(drag_.asDiagonal());
   const Vec6d impulse = dt * effective_stiffness_ * (set_position_ + step_ - moved_);

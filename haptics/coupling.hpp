@@ -1,28 +1,28 @@
 /// Passive coupling between the copies of one object that several HRTCs simulate at once.
 ///
 /// Each of N copies has a share of the mass. The rest of the mass is in wave-variable channels between each pair of
-/// copies. A channel is one transmission line per axis, with the delay of the network. A spring pulls each copy to its
-/// set position e, the common end of its channels:
+/// copies. A channel is one transmission line per axis, with impedance b and a delay D that covers the delay of the
+/// network. A spring of stiffness K pulls each copy to its set position e, the common end of its channels:
 ///
 ///     copy --[ K ]-- e ==( channel: impedance b, delay D )== e --[ K ]-- copy
 ///                    \\==( another )== e --[ K ]-- copy
 ///
-/// Let y_j be the integral of twice the wave that arrives from copy j. Then the spring force is
-/// F = sum_j b (y_j' - e'). The integral of the departing wave is z_j = 2 e - y_j. After D it arrives at the other end
-/// as y.
+/// Let y_j be the integral of twice the wave that arrives from copy j, and ' the derivative by time. Then the spring
+/// force is F = sum_j b (y_j' - e'). The integral of the departing wave is z_j = 2 e - y_j. After the delay D, z
+/// arrives at the other end as y.
 /// - Without contact the copies move as one body, whose mass is the sum of the shares plus b D per channel. b is chosen
 ///   so that this is the mass of the object. No force opposes a steady motion.
-/// - If the users of two copies press against each other with F, the copies separate by F (D / b + 2 / K). So the
-///   channel between these copies gets a higher impedance, and with it more mass, along that direction.
+/// - If the users of two copies press against each other with force F, the copies separate by F (D / b + 2 / K). So the
+///   channel between these copies gets a higher impedance, and with it more mass, along the direction of F.
 /// - Lost samples need no repair, because samples carry the integrals of the waves. Jitter has no effect, because the
 ///   samples are interpolated at D.
 ///
-/// Energy: an arriving wave of velocity a needs the energy b a^2 dt, which is taken from an energy tank. Three sources
-/// fill the tank: the energy that the peers report as a counter in each sample, half of the drag losses, and the
-/// numerical losses of the implicit spring. Loss, order and repetition of samples do not matter; one sample adds at
-/// most a full tank. If the tank is too low, the set position moves less and catches up later. So whatever the network
-/// does, all copies together return no more energy than they received: sum of `given` <= initial_energy + allowance *
-/// time. Wrong delays or clocks reduce accuracy, not passivity.
+/// Energy: an arriving wave of velocity a needs the energy b a^2 dt per step dt, which is taken from an energy tank.
+/// Three sources fill the tank: the energy that the peers report as a counter in each sample, half of the drag losses,
+/// and the numerical losses of the implicit spring. Loss, order and repetition of samples do not matter; one sample
+/// adds at most a full tank. If the tank is too low, the set position moves less and catches up later. So whatever the
+/// network does, all copies together return no more energy than they received: sum of Ledger::given <= initial_energy +
+/// allowance * time. Wrong delays or clocks reduce accuracy, not passivity.
 ///
 /// Translation in the world frame, rotation about the body's axes. Session time is an argument. One thread at a time.
 /// Realtime. Source: Niemeyer, Slotine 1991 (wave variables, integrals of waves against drift); Lee, Huang 2010
@@ -43,8 +43,8 @@ struct CopySample {
   std::int64_t time_ns = 0;  ///< session time
   BodyState body;
   Vec3d pressed = Vec3d::Zero();  ///< N, world frame: smoothed force of the copy's own users on the copy
-  /// By index of the peer: z in m and rad since the group began, and the energy put into its channel in J, which never
-  /// decreases.
+  /// By index of the peer: z since the group began, m and rad; and the energy put into the channel to this peer, J,
+  /// which never decreases.
   std::array<Vec6d, kMaxCopies> waves = zero_waves();
   std::array<double, kMaxCopies> energy{};
 
@@ -57,12 +57,14 @@ struct CopySample {
 
 struct CouplingSettings {
   std::size_t copies = 2;       ///< number of copies in the group
-  double delay = 0.03;          ///< s, D without filter: the group's longest transit with jitter; equal in all copies
+  double delay = 0.03;          ///< s, D without the filter: max transit in the group with jitter; equal in all copies
   double stiffness = 1000;      ///< N/m, K
   double channel_share = 0.85;  ///< share of the object's mass that is in the channels
-  /// N/m, minimum stiffness between two copies under a sustained force. It makes long channels heavier than the object.
+  /// N/m, minimum stiffness between two copies under a sustained force. For this, channels with a long delay get more
+  /// mass than the object has.
   double min_stiffness = 60;
-  /// N/m at the corners of a box: minimum rotational stiffness. An object held at one point turns under its weight.
+  /// N/m, minimum rotational stiffness, as the stiffness of springs at the corners of a box. It is high because an
+  /// object that is held at one point turns under its weight.
   double min_rotational_stiffness = 4000;
   double stretch = 0.01;           ///< m, stretch of a channel under opposing forces, if max_mass allows it
   double max_mass = 25;            ///< kg, maximum mass of a channel along the direction of these forces
@@ -70,10 +72,10 @@ struct CouplingSettings {
   double drag = 0.6;               ///< N s/m, drag of the whole object
   double credited = 0.5;           ///< share of the drag losses that is credited to the tank
   double tank = 0.1;               ///< J, capacity of the tank; energy above it is lost
-  double reserve = 0.04;           ///< J; of the energy above it, a twentieth goes to the peers per cycle
+  double reserve = 0.04;           ///< J; of the energy in the tank above it, a twentieth goes to the peers per cycle
   double initial_energy = 1e-4;    ///< J in all tanks together at the start
   double allowance = 0.5e-3 / 60;  ///< W into all tanks together, so that copies converge while nobody moves them
-  double homing = 0.1;             ///< share of the distance between copies that is removed per D
+  double homing = 0.1;             ///< share of the distance between copies by which they converge per D
   double max_speed = 2;            ///< m/s, maximum speed of the set position
 };
 
@@ -83,8 +85,8 @@ class CopyCoupling {
   /// `index`: index of this copy in the group, below settings.copies. `whole`: the object with its whole mass.
   CopyCoupling(const CouplingSettings& settings, std::size_t index, const BodySettings& whole) noexcept;
 
-  /// Starts the group: body and channels continue with the present motion of `body`. The whole mass moved before, and
-  /// the channels replace a part of it, so the tank receives the kinetic energy of that part.
+  /// Starts the group: body and channels continue with the present motion of `body`. The channels replace a part of the
+  /// mass that moved before, so the tank receives the kinetic energy of this part.
   void start(std::int64_t now_ns, const BodyState& body) noexcept;
 
   [[nodiscard]] std::size_t copies() const noexcept { return settings_.copies; }
@@ -116,7 +118,7 @@ class CopyCoupling {
 
  private:
   static constexpr std::size_t kHistory = 512;         // cycles
-  static constexpr std::int64_t kCycleNs = 1'000'000;  // a history has one entry for each
+  static constexpr std::int64_t kCycleNs = 1'000'000;  // period of the entries of a history
   /// One sample in a history.
   struct Received {
     std::int64_t time_ns = -1;
@@ -136,7 +138,7 @@ class CopyCoupling {
   CouplingSettings settings_;
   std::size_t index_;
   BodySettings share_;
-  Vec6d whole_ = Vec6d::Zero();  // mass and inertia
+  Vec6d whole_ = Vec6d::Zero();  // mass and inertia of the whole object
   Vec6d stiffness_, drag_;
   Vec6d impedance_;           // of each channel without opposing forces
   double channel_delay_ = 0;  // s, D with the filter
@@ -151,9 +153,9 @@ class CopyCoupling {
   Vec6d start_speed_ = Vec6d::Zero();
 
   Vec6d moved_ = Vec6d::Zero();         // u: integral of the copy's velocity
-  Vec6d set_position_ = Vec6d::Zero();  // e, likewise
+  Vec6d set_position_ = Vec6d::Zero();  // e: integral of the velocity of the set position
   Vec6d homing_ = Vec6d::Zero();        // added to each y, so that the copies converge
-  bool may_home_ = true;                // in the last cycle the tank had energy to spare after the waves
+  bool may_home_ = true;                // in the last cycle the tank had more energy than the waves needed
   /// The channel to one peer.
   struct Channel {
     bool received = false;           // a sample has been available at the channel's delay

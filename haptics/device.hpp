@@ -15,7 +15,7 @@ using spm::Vec3d;
 struct DeviceSpec {
   double max_force = 10;                ///< N
   double max_stiffness = 5000;          ///< N/m, the vendor's limit
-  double damping = 3;                   ///< N s/m, minimum physical damping; determines the maximum stable stiffness
+  double damping = 3;                   ///< N s/m, min physical damping of the device; limits the stable stiffness
   double workspace_radius = 0.2;        ///< m
   double max_torque = 0;                ///< N m; 0: forces only
   double max_rotational_stiffness = 1;  ///< N m/rad, the vendor's limit
@@ -37,7 +37,7 @@ struct DeviceState {
   // Only of a device on another machine:
   std::uint32_t sequence = 0;  ///< the sender's sequence number of the pose
   double transit = 0;          ///< s, transit of the pose; not part of its age
-  double loop_delay = 0;       ///< s, delay from pose to force in addition to half a cycle
+  double loop_delay = 0;       ///< s, bound of the round trip from HRTC to device and back (stable_stiffness)
 };
 
 /// Error of a device that cannot be opened. The message names the device, or file and line, the value found and the
@@ -49,11 +49,11 @@ class DeviceError : public std::runtime_error {
 
 enum class DeviceHealth : std::uint8_t {
   kReady,
-  kEnded,  ///< a replay past its last pose
+  kEnded,  ///< a replay has played its last pose
   kFailed
 };
 
-/// The constructor opens the device and throws DeviceError. The destructor commands zero force and closes it.
+/// The constructor opens the device, or throws DeviceError. The destructor commands zero force and closes the device.
 /// Everything else runs in the haptic thread and is realtime, except for the system calls of a real device.
 class Device {
  public:
@@ -70,9 +70,10 @@ class Device {
 
 /// The pose of a device in the world: tip = rotation * (scale * position) + translation.
 ///
-/// The work is equal in both frames. So a world force is scale * rotation^-1 * force in the device's frame, and a world
-/// stiffness is scale^2 times as large there. So a scale above 1 lowers the limits in the world. While the clutch is
-/// down, the device moves and the tip does not. One thread at a time. Realtime.
+/// A force does the same work in both frames. So a force f in the world is scale * rotation^-1 * f in the device's
+/// frame, and a stiffness is scale^2 times as large in the device's frame as in the world. Therefore a scale above 1
+/// lowers the device's limits in the world. While the clutch is down, the device moves and the tip does not. One thread
+/// at a time. Realtime.
 class DeviceFrame {
  public:
   explicit DeviceFrame(const Eigen::Quaterniond& rotation = Eigen::Quaterniond::Identity(),

@@ -4,8 +4,9 @@
  *
  * The driver is loaded at run time. Tactus builds without an SDK, and a driver builds with this header alone.
  * docs/how-to/own-device.md describes a complete driver. Units: metres, newton, seconds, radians, in the device's own
- * frame, which --device-scale and --device-offset map into the world. Tactus limits forces, ramps them up and turns them
- * off when poses grow old. A driver writes the forces that it receives and leaves the protection in its device on.
+ * frame, which --device-scale and --device-offset map into the world. Tactus limits forces, ramps them up and turns
+ * them off when poses grow old. A driver writes the forces that it receives, and does not switch off the protection
+ * that the device itself has.
  *
  * read and write are called once per cycle, by default at 1 kHz, in the haptic thread, and must not block. If the SDK
  * blocks, the driver reads in a thread of its own, and read returns the newest pose with its time. */
@@ -19,25 +20,25 @@
 extern "C" {
 #endif
 
-/* Increases with this header. Drivers of ABI 1 end where "ABI 1 ends here" says so, and load unchanged. */
+/* Increases when this interface changes. In a driver of ABI 1 the structs end at "ABI 1 ends here"; it still loads. */
 #define TACTUS_DEVICE_ABI 2u
 
 /* Results of read. */
 #define TACTUS_DEVICE_POSE 0    /* a pose */
 #define TACTUS_DEVICE_NO_NEWS 1 /* no new pose; the last one grows old, and the force fades after 10 ms */
-#define TACTUS_DEVICE_FAILED -1 /* permanent; the force is off, with a status bit, until the operator resets it */
+#define TACTUS_DEVICE_FAILED -1 /* permanent; the force is off, with a status bit, until an operator sends a reset */
 
 /* tactus_device_spec.flags */
 #define TACTUS_DEVICE_HAS_VELOCITY 1u /* poses have velocities; otherwise Tactus derives them from positions */
 
-/* One open device; the driver's own. */
+/* One open device; the driver defines it. */
 struct tactus_device;
 
-/* Limits of the device. Filled with defaults before `spec` is called; write the members that you know. */
+/* Limits of the device. Before the call of `spec` Tactus sets the defaults; the driver writes the members it knows. */
 struct tactus_device_spec {
   double max_force;        /* N */
   double max_stiffness;    /* N/m, the vendor's limit */
-  double damping;          /* N s/m, physical, minimum: limits the stiffness of a surface without vibration */
+  double damping;          /* N s/m, min physical damping; limits the stiffness that a surface has without vibration */
   double workspace_radius; /* m */
   uint32_t flags;
   /* ABI 1 ends here. */
@@ -66,8 +67,8 @@ struct tactus_device_driver {
   void (*spec)(struct tactus_device* device, struct tactus_device_spec* spec);
   /* Returns TACTUS_DEVICE_POSE, _NO_NEWS or _FAILED. `now_ns`: CLOCK_MONOTONIC at the start of the cycle. */
   int (*read)(struct tactus_device* device, int64_t now_ns, struct tactus_device_pose* pose);
-  /* Sets the force on the user's hand, N, until the next write. Called once per cycle, after read. Returns 0, or another
-   * value after a permanent failure. */
+  /* Sets the force on the user's hand, N, until the next write. Called once per cycle, after read. Returns 0, or a
+   * different value after a permanent failure. */
   int (*write)(struct tactus_device* device, const double force[3]);
   /* ABI 1 ends here. */
   /* Sets force and torque about the tip, N m; called instead of write. NULL: forces only. */

@@ -10,7 +10,7 @@ namespace {
 
 constexpr double kAgeTolerance = 1e-9;  // s, for differences of large times
 
-/// Shortens a force to `limit`. A shorter force is not changed by a bit.
+/// Shortens a force to `limit`. A force that is not longer keeps its bits.
 Vec3d limited(const Vec3d& force, double limit) noexcept {
   const double size = force.norm();
   return size > limit ? Vec3d(force * (limit / size)) : force;
@@ -103,7 +103,7 @@ void ForceRenderer::advance_gain(double pose_age, double dt) noexcept {
   }
 }
 
-/// Returns whether a force acts and the device moves faster than a hand can move against it.
+/// Returns whether a force acts and the device moves faster than a hand can move it against a force.
 bool ForceRenderer::too_fast(const DeviceState& device, double dt) noexcept {
   double speed = device.velocity.norm(), angular_velocity = 0;
   if (has_pose_) {
@@ -151,7 +151,8 @@ const ForceResult& ForceRenderer::step(const Hold& hold, const ToolGrip& grip, c
 
 Vec3d ForceRenderer::ramped(const Vec3d& pressed, const Vec3d& normal) noexcept {
   if (ramp_.done()) return pressed;
-  // The force that continues from before the change may pull on the new surface. This pull must not grow.
+  // The force that continues from before the change of the surface may be a pull towards the new surface. This pull
+  // must not grow.
   const double max = std::max(0.0, -last_.dot(normal));
   const double pull = -(pressed - ramp_.remaining()).dot(normal);
   if (pull > max) ramp_.set(ramp_.remaining() - normal * (pull - max));
@@ -182,7 +183,8 @@ void ForceRenderer::render(const ProxyResult& proxy, const DeviceState& device, 
   if (!admit(device, impedance, pose_age, dt)) return;
 
   const double stiffness = this->stiffness(impedance, dt, device.loop_delay);
-  // The force is limited before the ramp as well: the excess would not be felt, but it would lengthen the ramp.
+  // The force is limited before the ramp too. Otherwise the part above the limit, which nobody can feel, would lengthen
+  // the ramp.
   bool saturated = false;
   const auto pressed = [&](const ProxyResult& at) noexcept {
     const Vec3d whole = contact_force(at, device, stiffness, impedance.damping);

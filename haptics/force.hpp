@@ -1,14 +1,16 @@
 /// Computes a safe force from proxy and device.
 ///
-/// The force is stiffness (anchor - device) minus damping times the velocity along the contact normal, relative to the
-/// touched surface. Then the force is limited. Every limit that acts sets a bit, so that an operator can see it.
+/// The force is stiffness * (anchor - device), minus damping times the device's velocity along the contact normal,
+/// relative to the touched surface. Then the force is limited. Every limit that acts sets a bit, so that an operator
+/// can see it.
 ///
 /// When the surface changes, the force first continues as if the surface had not changed. Then it moves at a constant
 /// rate to the force of the changed surface. So the force does not jump. During this surface ramp it may push more or
 /// less than the changed surface would, but it never pulls the hand in.
 ///
-/// A tool also exerts a torque: rotational stiffness times rotation (haptics/tool.hpp, which prevents jumps of
-/// displacement and rotation when a surface changes). Force and torque have separate limits; each bit stands for both.
+/// A tool also exerts a torque: rotational stiffness times rotation. The force of a tool needs no surface ramp, because
+/// haptics/tool.hpp prevents jumps of displacement and rotation. Force and torque have separate limits, but share the
+/// bits.
 ///
 /// World frame, SI. One thread at a time. Realtime. docs/explanation/safety.md lists the rules and their tests.
 #pragma once
@@ -35,13 +37,13 @@ struct Wrench {
   Vec3d torque = Vec3d::Zero();  ///< N m, about the tip
 };
 
-/// Reasons why a force was changed; kForceBits bits. A report about several cycles has the bits of all of them.
+/// Reasons why a force was changed; kForceBits bits. A report about several cycles has the bits of all these cycles.
 enum ForceBit : std::uint32_t {
   kForceSaturated = 1u << 0,     ///< |force| was above the limit
   kForceSlewLimited = 1u << 1,   ///< the force changed faster than allowed
   kForceSoftStart = 1u << 2,     ///< not yet at full strength after start, reset or stale data
   kForceStale = 1u << 3,         ///< the pose is too old; the force is fading to zero
-  kForceSurfaceRamp = 1u << 4,   ///< the force ramps because a surface moved past the proxy
+  kForceSurfaceRamp = 1u << 4,   ///< the force ramps because a surface changed or an object was withdrawn
   kForceStiffnessCut = 1u << 5,  ///< the material is stiffer than this device can render stably
   kForceFault = 1u << 6          ///< latched: zero until reset
 };
@@ -69,8 +71,9 @@ struct ForceSettings {
   double recovery = 0.1;          ///< s from zero to full strength once poses are fresh again
   double max_fresh_age = 0.010;   ///< s, age up to which a pose counts as fresh
   double zero_force_age = 0.060;  ///< s, age at which the force is zero
-  /// m/s, limit of the device's velocity, and of the velocity computed from its positions. No hand moves so fast
-  /// against a force, but a device out of control does. Without a force there is no fault.
+  /// m/s, limit of the device's velocity, and of the velocity computed from its positions. Above it, the force is
+  /// switched off (Fault::kTooFast): no hand moves so fast against a force, but a device out of control does. Without a
+  /// force there is no fault.
   double max_speed = 1.5;
   double max_torque = 0.3;           ///< N m; the device's own limit also applies
   double max_torque_slew = 150;      ///< N m/s
@@ -98,8 +101,9 @@ struct ForceResult {
 [[nodiscard]] Wrench wrench_of(const Hold& hold, const ToolGrip& grip, double damping, const DeviceState& device,
                                const Vec3d& angular_velocity) noexcept;
 
-/// The maximum stable stiffness on a device of damping b: (b + B) / (T / 2 + td), with the virtual damping B, the cycle
-/// T and the further delay td of the loop. It is 5 to 45 % too low. Source: Hulin, Preusche, Hirzinger 2006.
+/// The maximum stable stiffness on a device with damping b: (b + B) / (T / 2 + td), with the virtual damping B, the
+/// cycle T and the loop delay td, all in SI units. The formula is conservative: its result is 5 to 45 % lower than the
+/// true maximum. Source: Hulin, Preusche, Hirzinger 2006.
 [[nodiscard]] constexpr double stable_stiffness(double device_damping, double damping, double cycle,
                                                 double loop_delay) noexcept {
   return (device_damping + damping) / (cycle / 2 + loop_delay);
@@ -114,7 +118,7 @@ class ForceRenderer {
   /// DeviceState::loop_delay. The proxy's grip needs the same value.
   [[nodiscard]] double stiffness(const ContactImpedance& impedance, double dt, double loop_delay = 0) const noexcept;
 
-  /// The coupling of a tool, limited in the same way; 0.1 N m/rad at 1,000 N/m.
+  /// The coupling of a tool, limited in the same way. At 1,000 N/m its rotational stiffness is 0.1 N m/rad.
   [[nodiscard]] ToolGrip tool_grip(const ContactImpedance& impedance, double dt, double loop_delay = 0) const noexcept;
   /// The coupling of a held object, limited in the same way. Its rotational stiffness is that of two fingers 10 cm
   /// apart: 2.5 N m/rad at 1,000 N/m.
@@ -149,9 +153,9 @@ class ForceRenderer {
   /// kSurfaceRamp and kTorqueRamp.
   void release() noexcept { released_ = true; }
 
-  /// Visits the state that one step leaves for the next, without the settings (haptics/carried.hpp). Values from which
-  /// only forces are computed may be anything, because forces are checked before they reach the hand. Realtime if
-  /// `visit` is.
+  /// Visits the state that one step leaves for the next, without the settings (haptics/carried.hpp). Values that only
+  /// forces depend on may be any numbers, because forces are checked before they reach the hand. Realtime if `visit`
+  /// is.
   template <class Visit>
   void for_each_carried(Visit& visit) noexcept {
     static_assert(sizeof(ForceResult) == 64, "carry the new member");

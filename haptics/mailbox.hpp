@@ -3,7 +3,7 @@
 ///     producer: post(a) post(b)            post(c)
 ///     consumer:                  take -> b         take -> c   take -> nothing new
 ///
-/// There are three slots. The producer owns one, the consumer owns one, and each exchanges its own for the third. Only
+/// There are three slots. The producer owns one, the consumer owns one, and each exchanges its slot for the third. Only
 /// one producer thread and one consumer thread may use a mailbox. Realtime for both: they copy the value and make one
 /// atomic exchange, and never wait.
 #pragma once
@@ -49,7 +49,7 @@ class Mailbox {
   static constexpr std::uint8_t kSlot = 3;  // mask of the slot's number in `between_`
   static constexpr std::uint8_t kNew = 4;   // bit in `between_`: the consumer has not seen the value in that slot
 
-  /// Makes the newest value that of `front_`. Returns false if the consumer has seen it.
+  /// Exchanges slots, so that `front_` has the newest value. Returns false if it already had.
   bool refresh() noexcept {
     if ((between_.load(std::memory_order_relaxed) & kNew) == 0) return false;
     front_ = between_.exchange(front_, std::memory_order_acq_rel) & kSlot;

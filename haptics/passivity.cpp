@@ -41,7 +41,7 @@ Vec3d PassivityController::step(const Vec3d& force, const Vec3d& position, doubl
   }
   if (ledger_.energy < -settings_.allowance && length > settings_.min_speed * dt) {
     ++ledger_.damping;
-    // Damping b takes b v^2 dt = b length^2 / dt.
+    // In one cycle, a damper b takes the energy b v^2 dt = b length^2 / dt.
     const double enough = -ledger_.energy * dt / (length * length);
     force_ -= std::min(enough, settings_.device_mass / dt) / dt * displacement;
   }

@@ -5,14 +5,16 @@
 ///
 ///     E_n = E_(n-1) - F_(n-1) . (x_n - x_(n-1)) - W_n        energy received from the hand minus energy passed on
 ///
-/// W_n is the work on a touched body; it is zero for a fixed surface. If energy of another user returns through the
+/// F is the force on the hand and x the position of the device, at pose n. W_n is the work on a touched body since the
+/// previous pose; it is zero for a fixed surface. If energy of another user returns through the
 /// body, W_n is negative. The passivity controller predicts one cycle. It reduces a force that would give the hand more
 /// than E, either with the present motion or with a motion that the hand may begin within the cycle. So it acts at the
 /// end of a release, where a sampled spring returns more energy than it received. Damping removes any remaining
 /// deficit.
 ///
-/// Limits: no damping below a minimum speed, and no more than the device can bear (2 m / T). Energy above a bound is
-/// discarded, so that a long activity cannot hide a later one. Input that is not finite causes no force and no energy.
+/// Limits: below a minimum speed there is no damping. The damping is at most m / T, with the device's mass m and the
+/// cycle T, because a sampled damper above 2 m / T is unstable. Energy above a bound is discarded. Otherwise the energy
+/// of a long passive phase would hide a later active phase. Input that is not finite causes no force and no energy.
 ///
 /// World or device frame, SI. One thread at a time. Realtime.
 /// Source: Hannaford, Ryu 2002 (time domain passivity control); Stramigioli et al. 2005 (exact
@@ -30,9 +32,9 @@ using spm::Vec3d;
 struct PassivitySettings {
   double allowance = 5e-7;   ///< J, maximum deficit of E; without it no motion could start
   double acceleration = 50;  ///< m/s^2, maximum acceleration of a hand within a cycle
-  double credit = 0.05;      ///< J, maximum of E, in addition to the energy stored in a spring at the port
+  double credit = 0.05;      ///< J, maximum of E minus the energy that is stored in a spring at the port
   double min_speed = 1e-3;   ///< m/s, minimum speed for damping
-  double device_mass = 0.1;  ///< kg, minimum mass of a device; limits the damping to half of 2 m / T
+  double device_mass = 0.1;  ///< kg, minimum mass m of a device; limits the damping to m / T
 };
 
 class PassivityController {
@@ -42,9 +44,10 @@ class PassivityController {
   /// Clears all state; the next pose is the first.
   void reset() noexcept { *this = PassivityController{settings_}; }
 
-  /// Computes one cycle from the computed force on the hand, the device's position and the work `passed_on` to a body
-  /// since the previous cycle, J. Returns the force to exert until the next cycle. If `control` is false, it only
-  /// observes. `stored`: J that the spring returns when hand and body separate; this part of E is not discarded.
+  /// Computes one cycle. `force`: force wanted on the hand. `position`: of the device. `passed_on`: work on a body
+  /// since the previous cycle, J. Returns the force to exert until the next cycle. If `control` is false, observes the
+  /// energy and returns `force`. `stored`: J that the spring returns when hand and body separate; this part of E is not
+  /// discarded.
   [[nodiscard]] Vec3d step(const Vec3d& force, const Vec3d& position, double passed_on, double dt, bool control = true,
                            double stored = 0) noexcept;
   /// Sets the force that the hand received, if it differs from the result of `step`.

@@ -110,7 +110,7 @@ DeviceState PluginDevice::read(std::int64_t now_ns) noexcept {
 }
 
 void PluginDevice::write_wrench(const Vec3d& force, const Vec3d& torque) noexcept {
-  if (failed_ && !(force.isZero(0) && torque.isZero(0))) return;  // only a zero force still goes to a failed driver
+  if (failed_ && !(force.isZero(0) && torque.isZero(0))) return;  // a failed driver gets only zero forces
   const double value[3] = {force.x(), force.y(), force.z()}, turning[3] = {torque.x(), torque.y(), torque.z()};
   const int result = writes_torque_ ? driver_->write_wrench(device_, value, turning) : driver_->write(device_, value);
   failed_ = result != 0 || failed_;

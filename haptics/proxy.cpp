@@ -30,7 +30,8 @@ Plane plane_at(const SurfaceHit& hit, double radius) noexcept {
 /// At most three planes. Finds the point nearest to a goal that satisfies all of them.
 class Planes {
  public:
-  /// Adds a plane, if necessary in place of one that does not constrain the proxy. Returns false if three others do.
+  /// Adds a plane. Replaces a nearly parallel plane, or else, if there are three, a plane that does not constrain the
+  /// proxy. Returns false if all three constrain it.
   [[nodiscard]] bool add(const Plane& plane) noexcept {
     for (int i = 0; i < count_; ++i) {
       if (planes_[i].normal.dot(plane.normal) > kSamePlane) {
@@ -64,7 +65,7 @@ class Planes {
     return false;
   }
 
-  /// The plane farthest on whose inner side the goal lies; null: the goal satisfies all planes.
+  /// Returns the plane that the goal violates most; null: the goal satisfies all planes.
   [[nodiscard]] const Plane* holding(const Vec3d& goal) const noexcept {
     const Plane* best = nullptr;
     double depth = 0;
@@ -85,7 +86,8 @@ class Planes {
     for (int i = 0; i < count_; ++i) {
       if ((set >> i & 1u) != 0) rows[size++] = i;
     }
-    // x = goal + N' m with N x = d, so (N N') m = d - N goal. Unused rows are those of the identity matrix.
+    // The rows of N are the normals of the set, d its offsets, and m its multipliers. x = goal + N' m with N x = d, so
+    // (N N') m = d - N goal. If the set has fewer than three planes, the other rows are those of the identity matrix.
     Eigen::Matrix3d gram = Eigen::Matrix3d::Identity();
     Vec3d gap = Vec3d::Zero();
     for (int i = 0; i < size; ++i) {
@@ -123,7 +125,7 @@ struct Proxy::Motion {
   [[nodiscard]] Vec3d normal() const noexcept { return (end - goal).normalized(); }
 };
 
-/// The goal after friction.
+/// The goal that friction leaves for the motion.
 struct Proxy::FrictionGoal {
   Vec3d goal;
   bool sticking;
@@ -181,7 +183,7 @@ bool Proxy::move_in_cone(const Vec3d& device, Vec3d normal, const Vec3d& held_at
   if (!found.held) return false;
   last_motion_ = {result_.proxy, friction.goal};
   // The goal lies on the tangent plane at the old position, but at the new position the surface may have another slope
-  // or height. So the friction is corrected with the normal there.
+  // or height. So the friction is corrected with the normal at the new position.
   for (int round = 0; round < kMaxRounds && !friction.sticking; ++round) {
     SurfaceHit under;
     // If the surface below is not the only constraint, several surfaces constrain the proxy, and the normal is that of
@@ -245,7 +247,7 @@ void Proxy::find_side(const Surface& surface) noexcept {
 void Proxy::keep_side(const Surface& surface) noexcept {
   constexpr int kMaxPushes = 8;
   const double sign = side_ == Side::kInner ? -1 : 1;
-  // If the gap between surfaces is narrower than the proxy, its centre still moves to the correct side.
+  // If the gap between surfaces is narrower than the proxy, the proxy's centre still moves to the correct side.
   for (double share = 1; share >= kMinShare; share /= 2) {
     const double radius = settings_.radius * share;
     Vec3d x = result_.proxy;
@@ -318,7 +320,7 @@ void Proxy::move_with_objects(double dt, Surface& surface) noexcept {
   const bool held = result_.in_contact;
   const Vec3d wanted = held ? surface.moved_point(result_.object, result_.proxy) : result_.proxy;
   if (dt > 0) result_.surface_velocity = (wanted - result_.proxy) / dt;
-  // If objects close around the proxy, its centre still stays outside of them.
+  // If objects close around the proxy, the proxy's centre still stays outside of them.
   for (double share = 1; share >= kMinShare; share /= 4) {
     Vec3d to;
     if (!push(wanted, settings_.radius * share, surface, to)) continue;

@@ -8,14 +8,16 @@
 /// World frame, metres, seconds. The proxy moves by sweeps that stop before the time of impact, so it passes through no
 /// surface at any speed.
 ///
-/// - When objects move, the proxy first moves with the touched object as a part of it. Then any object that moves into
-///   the proxy pushes it. These sweeps are relative to each object, so no object passes through the proxy at any speed.
+/// - When objects move, the proxy first moves with the touched object, as if it were a part of that object. Then any
+///   object that moves into the proxy pushes it. These sweeps are relative to each object, so no object passes through
+///   the proxy at any speed.
 /// - Friction moves the goal of a motion back towards the previous proxy position: to the rim of the friction cone, or
 ///   fully while the proxy sticks. The axis of the cone is the normal at the end of the motion, predicted from the last
 ///   motion.
 /// - When the surface changes, the last motion is repeated. If it ends at the same position, no relevant surface
-///   changed, and the proxy is equal to the bit. Otherwise the proxy stays on its side and is pushed out. ForceRenderer
-///   ramps the effect on the force, and for that needs the proxy's position without the change (`unchanged`).
+///   changed, and the proxy is equal to the bit to a proxy without the change. Otherwise the proxy remains on its side
+///   of the surface and is pushed out. ForceRenderer ramps the effect on the force. For that it needs the proxy's
+///   position without the change (`unchanged`).
 ///
 /// One thread at a time. Realtime: at most 45 sweeps and 43 closest points per step, and 21 more sweeps when objects
 /// move; usually 2 sweeps (3 to 5 with friction and slip) and 1 closest point. Source: Zilles, Salisbury 1995
@@ -30,10 +32,10 @@ namespace tactus::haptics {
 
 struct ProxySettings {
   double radius = 0.003;  ///< m
-  /// m. A surface that changes by less than this cannot pass the proxy; it pushes the proxy out instead. The value
-  /// should exceed the maximum distance of the base mesh from the finest mesh. A larger value costs time.
+  /// m. A surface that changes by less than this distance pushes the proxy out and cannot pass it. The value should
+  /// exceed the maximum distance of the base mesh from the finest mesh. A larger value costs time.
   double reach = 0.01;
-  /// m. Radius of the surface search around a proxy that starts, and around one near which an object appears.
+  /// m. Radius of the surface search around a proxy that starts, and around a proxy near which an object appears.
   double start_reach = 1;
 };
 
@@ -74,12 +76,12 @@ class Proxy {
   /// Computes one cycle of `dt` seconds with the device's tip at `device`. `surface_changed`: the surface near the tip
   /// has changed since the last step. A position that is not finite changes nothing. Realtime.
   ///
-  /// - A proxy that a changed surface has passed or overlaps returns to its side. A proxy that starts, or near which a
-  ///   surface appears, is on the outside if its centre is outside. In both cases it is in contact at once.
+  /// - If a changed surface has passed or overlaps the proxy, the proxy returns to its side. If the proxy starts, or a
+  ///   surface appears near it, its side is the outside if its centre is outside. In both cases contact begins at once.
   /// - A proxy whose centre starts inside a surface, or around which a surface appears, touches nothing until it is
   ///   outside. The back of an open sheet counts as inside. So the proxy cannot be trapped.
-  /// - If there is no space for the proxy between moving objects, its centre stays outside while a sphere of a
-  ///   sixteenth of its radius fits. If that does not fit either, the proxy touches nothing until it is outside.
+  /// - If there is no space for the proxy between moving objects, its centre stays outside as long as a sphere with a
+  ///   sixteenth of its radius fits. If that sphere does not fit either, the proxy touches nothing until it is outside.
   [[nodiscard]] const ProxyResult& step(const Vec3d& device, double dt, Surface& surface,
                                         bool surface_changed) noexcept;
 
@@ -122,9 +124,9 @@ class Proxy {
   /// The last constrained motion, and the closest point from which its first plane was taken.
   struct LastMotion {
     Vec3d start = Vec3d::Zero(), goal = Vec3d::Zero();
-    bool probed = false;
-    Vec3d probe = Vec3d::Zero();
-    SurfaceHit under{};
+    bool probed = false;          // the first plane was taken from a closest point; `probe` and `under` are valid
+    Vec3d probe = Vec3d::Zero();  // end of the sweep that finds this point again
+    SurfaceHit under{};           // this point
   };
 
   [[nodiscard]] Motion move(const Vec3d& start, const Vec3d& goal, Surface& surface,

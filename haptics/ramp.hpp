@@ -1,5 +1,5 @@
-/// Turns a jump of a vector into a change at a constant rate. The caller subtracts `remaining`, which shrinks every
-/// step.
+/// Turns a jump of a vector into a change at a constant rate. The caller subtracts `remaining()` from the vector. Each
+/// step makes it shorter.
 ///
 ///     in   _____|~~~~~~~~~~~     out  _____/~~~~~~~~     remaining = in - out
 ///
@@ -12,9 +12,9 @@ namespace tactus::haptics {
 
 class Ramp {
  public:
-  /// Begins a ramp: the jump, or the part of it that is not yet applied.
+  /// Begins a ramp. `remaining`: the jump, or the part of it that the output has not made yet.
   void set(const spm::Vec3d& remaining) noexcept { remaining_ = remaining; }
-  /// One step: reduces the remaining part by at most `max`.
+  /// Makes one step: shortens the remaining part by at most `max`.
   void advance(double max) noexcept {
     const double length = remaining_.norm();
     if (length > max)

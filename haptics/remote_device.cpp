@@ -40,7 +40,8 @@ std::uint32_t RemoteDevice::on_command(std::int64_t cycle_ns) noexcept {
 }
 
 std::int64_t RemoteDevice::sent_ns(std::uint32_t command) const noexcept {
-  // The producer may overwrite the oldest entries meanwhile with younger ones. Half of the entries are safe.
+  // Meanwhile on_command may overwrite the oldest entries, so only the newest half is read. An older command gets the
+  // time of the oldest entry of this half.
   const std::uint32_t sent = commands_.load(std::memory_order_acquire);
   const std::uint32_t kept = sent - std::min(sent - command, kRemembered / 2);
   return sent_ns_[kept % kRemembered].load(std::memory_order_relaxed);

@@ -7,8 +7,8 @@
 ///
 /// `read` returns the newest pose. `write` does nothing, because the sender thread reads the force from the report of
 /// the cycle and numbers the command by `on_command`. The round trip limits the stiffness. It is measured when a pose
-/// arrives, as the age of the newest command that the device had applied. This age includes both directions, losses and
-/// waiting at both ends, and needs only our own clock. World frame, SI.
+/// arrives, as the age of the newest command that the device had applied when it took the pose. This age includes both
+/// directions, losses and waiting at both ends, and needs only the clock of the HRTC. World frame, SI.
 #pragma once
 
 #include <array>
@@ -21,8 +21,8 @@
 namespace tactus::haptics {
 
 /// An upper bound of a varying delay: mean plus four mean deviations, as in TCP's retransmission timer (RFC 6298). The
-/// bound rises within 50 ms, before an instability can grow, and falls within 1 s, so that the stiffness does not
-/// oscillate.
+/// bound follows a rise with a time constant of 50 ms, before an instability can grow, and a fall with one of 1 s, so
+/// that the stiffness does not oscillate.
 class LoopDelay {
  public:
   /// Adds a measured delay, s. `dt`: time since the previous measurement, s.
@@ -39,7 +39,7 @@ class LoopDelay {
   double value_ = kUnknown;
 };
 
-/// A received pose; times are of our own clock.
+/// A received pose. Times are of the HRTC's clock.
 struct RemotePose {
   std::array<double, 3> position{0, 0, 0};
   std::array<double, 3> velocity{0, 0, 0};
@@ -74,9 +74,9 @@ class RemoteDevice final : public Device {
   [[nodiscard]] DeviceHealth health() const noexcept override { return DeviceHealth::kReady; }
 
  private:
-  static constexpr std::int64_t kOldest = 10'000'000'000;  // ns, max transit; a longer one shows a wrong clock
+  static constexpr std::int64_t kOldest = 10'000'000'000;  // ns, max transit; a longer one means that a clock is wrong
   static constexpr std::uint32_t kRemembered =
-      1024;  // commands whose time is stored; an older one counts as the oldest stored
+      1024;  // commands whose time is stored; a command older than the last 512 counts as 512 commands old
   struct Mail {
     RemotePose pose;
     double loop_delay = LoopDelay::kUnknown;

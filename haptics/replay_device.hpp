@@ -10,7 +10,7 @@
 
 namespace tactus::haptics {
 
-/// Begins with the first `read`. Poses are interpolated linearly; after the last pose the device rests.
+/// The replay begins with the first `read`. Poses are interpolated linearly. After the last pose the device rests.
 class ReplayDevice final : public Device {
  public:
   /// Loads a text file of lines `time_s,x,y,z` with ascending times and positions in metres, device frame. Empty lines,

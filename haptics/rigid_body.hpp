@@ -2,10 +2,11 @@
 ///
 ///     begin --> add forces, springs --> free_motion() --> [ContactSolver] --> finish(velocity)
 ///
-/// Forces are those at the end of the step: F = K (target - point - dt v') + B (w - v'), with the resulting velocity v'
-/// of the point and the velocity w of the target. The spring energy V is convex, so force times displacement is at most
-/// V before minus V after. So springs and dampers add no energy at any stiffness. A rotation without torque conserves
-/// its momentum; its energy changes by less than 1 % (midpoint rule).
+/// The force of a spring is its force at the end of the step: F = K (target - point - dt v') + B (w - v'), with
+/// stiffness K, damping B, time step dt, velocity v' of the point at the end of the step, and velocity w of the target.
+/// The spring energy V is convex, so force times displacement is at most V before minus V after the step. So springs
+/// and dampers add no energy at any stiffness. A rotation without torque conserves angular momentum; its energy changes
+/// by less than 1 % (midpoint rule).
 ///
 /// World frame, SI. The body frame has the principal axes and its origin at the centre of mass. One thread at a time.
 /// Realtime throughout. Source: Baraff, Witkin 1998 (implicit springs in the mass matrix); Otaduy, Lin 2005 (the same
@@ -29,7 +30,7 @@ struct BodySettings {
   double damping = 0;                          ///< N s/m, drag that brings a floating body to rest
   double angular_damping = 0;                  ///< N m s
   double friction = 0.5;                       ///< coefficient, against ground and static geometry
-  std::array<Vec3d, kMaxBodyPoints> points{};  ///< m, body frame: points that can touch the ground
+  std::array<Vec3d, kMaxBodyPoints> points{};  ///< m, body frame; only these points can touch the ground
   std::uint32_t point_count = 0;
   Vec3d half = Vec3d::Zero();  ///< m, half edges of the box that collides with static geometry; zero: no box
 };
@@ -146,15 +147,16 @@ void for_each_box_point(const Vec3d& half, Visit&& visit) noexcept {
 
 /// Adds contacts between the points of `body` and the plane z = `height`. `index`: of the body in the solver. Realtime.
 void add_ground_contacts(const RigidBody& body, std::uint32_t index, double height, ContactSolver& solver) noexcept;
-/// Adds contacts between the box of `body` and static geometry. Realtime.
+/// Adds contacts between the box of `body` and static geometry, at these points of the box. Realtime.
 ///
 ///     corners      8: each with the surface point closest to the corner
-///     edges       12: each at the point closest to that surface point which is closest to the middle of the edge
+///     edges       12: finds the surface point P closest to the middle of the edge; contact at the point of the edge
+///                     closest to P
 ///     faces    6 x 5: gradient ascent from the centre of the face and of its quarters to the closest surface
 ///
-/// So it finds a bump in the middle of a face, and an edge of the scene across an edge of the body. Of several bumps in
-/// one quarter it finds one. It needs at most 213 closest points, about 60 on a flat surface, and one if no surface is
-/// near.
+/// So it finds a bump of the surface in the middle of a face, and an edge of the surface across an edge of the box. Of
+/// several bumps in one quarter of a face it finds one. It searches at most 213 closest points, about 60 on a flat
+/// surface, and 1 if no surface is near.
 void add_surface_contacts(const RigidBody& body, std::uint32_t index, const SurfaceDistance& surface,
                           ContactSolver& solver) noexcept;
 

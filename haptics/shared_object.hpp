@@ -22,7 +22,8 @@ struct Surroundings {
   const SurfaceDistance* scene = nullptr;  ///< static objects, or null
 };
 
-/// A force whose impulse is `impulse` - `mass` * velocity (RigidBody::add_implicit).
+/// A force whose impulse is `impulse` - `mass` * velocity, with the velocity at the end of the step
+/// (RigidBody::add_implicit).
 struct ImplicitForce {
   Mat6d mass = Mat6d::Zero();
   Vec6d impulse = Vec6d::Zero();
@@ -40,8 +41,8 @@ class SharedObject {
 
   /// Sets the state of an object that another program simulates.
   void set_state(const BodyState& state) noexcept { body_.set_state(state); }
-  /// Simulates one cycle. `springs`: of the probes that touch the object. `rotational_springs`: of the probes that hold
-  /// it. Does nothing after `follow`.
+  /// Simulates one cycle of `dt` seconds. `springs`: of the probes that touch the object. `rotational_springs`: of the
+  /// probes that hold it. `more`: a further force, null if there is none. Does nothing after `follow`.
   void step(std::int64_t now_ns, std::span<const PointSpring> springs, const Surroundings& surroundings, double dt,
             const ImplicitForce* more = nullptr, std::span<const RotationalSpring> rotational_springs = {}) noexcept;
 
@@ -53,8 +54,8 @@ class SharedObject {
   [[nodiscard]] const SolverResult& contacts() const noexcept { return solver_.last(); }
   /// Contacts with static geometry in the last step.
   [[nodiscard]] std::span<const Contact> static_contacts() const noexcept { return solver_.contacts(); }
-  /// Whether the object rests on a surface and is untouched, so that the simulation pauses. Only after
-  /// `simulate_alone`.
+  /// Returns whether the simulation pauses, because the object rests on a surface and no probe touches it. A coupled
+  /// object never sleeps.
   [[nodiscard]] bool is_asleep() const noexcept { return rest_time_ >= kSleepAfter; }
 
  private:

@@ -106,7 +106,7 @@ DeviceState SimulatedDevice::read(std::int64_t now_ns) noexcept {
     }
     if (settings_.tremor > 0) target += tremor_at(time_ns_);
     const Vec3d pull = settings_.hand_stiffness * (target - position_) + settings_.hand_damping * target_velocity;
-    // Implicit dampers, explicit spring, position from the new velocity.
+    // Integrates the dampers implicitly and the spring explicitly, and the position with the new velocity.
     const double dampers = spec_.damping + settings_.hand_damping;
     velocity_ = (velocity_ + step / settings_.mass * (pull + force_)) / (1 + step / settings_.mass * dampers);
     position_ += step * velocity_;

@@ -58,8 +58,8 @@ void ClosestSide::add_triangle(const Vec3d& a, const Vec3d& b, const Vec3d& c, s
                                std::uint32_t face) noexcept {
   const spm::ClosestPoint closest = spm::closest_point(query_, a, b, c);
   const double distance = std::sqrt(closest.squared_distance);
-  // Distance below which two points count as the same. The closest point of a common edge is computed for each face,
-  // and the rounding errors are far smaller.
+  // Distance below which two points count as the same. The closest point on an edge is computed for each of its faces,
+  // and the rounding errors of the results are far smaller than this distance.
   constexpr double kSamePoint = 1e-10;
   const bool shared = faces_ > 0 && (closest.point - point_).squaredNorm() <
                                         kSamePoint * kSamePoint * std::max(1.0, point_.squaredNorm());

@@ -1,7 +1,7 @@
 /// Collision queries of a proxy against all surfaces near it. World frame, metres.
 ///
-/// An HRTC searches its AB-trees for triangles, a test searches a list. Both offer the triangles that they find to
-/// FirstTouch and ClosestSide, which decide the result. Realtime throughout.
+/// An HRTC searches its AB-trees for triangles, a test searches a list. Each implementation passes the triangles that
+/// it finds to FirstTouch or ClosestSide, which decide the result. Realtime throughout.
 #pragma once
 
 #include <cstdint>
@@ -13,7 +13,7 @@ namespace tactus::haptics {
 using spm::Vec3d;
 
 struct SurfaceHit {
-  double time = 1;              ///< sweep only: share of the motion before the contact
+  double time = 1;              ///< sweep only: share of the motion before the contact, 0 to 1
   Vec3d point = Vec3d::Zero();  ///< on the surface
   /// After a sweep: from `point` to the sphere's centre. For a closest point: the outer normal.
   Vec3d normal = Vec3d::UnitZ();
@@ -45,33 +45,34 @@ class Surface : public SurfaceDistance {
   /// True when an object has moved since the last step. The next three functions then describe its motion.
   [[nodiscard]] virtual bool moving() const noexcept { return false; }
   /// Finds the first contact of a sphere whose centre was at `from` in the last step and is to be at `to` now. The path
-  /// is straight in the frame of each object, so objects move during the sweep. `hit` states present positions.
-  /// Realtime.
+  /// is straight in the frame of each object, so objects move during the sweep. `hit` has the current positions of the
+  /// objects. Realtime.
   [[nodiscard]] virtual bool sweep_moving(const Vec3d& from, const Vec3d& to, double radius, SurfaceHit& hit) noexcept {
     return sweep(from, to, radius, hit);
   }
-  /// The present position of that point of `object` which was at `point` in the last step. Realtime.
+  /// Returns the current position of the point of `object` that was at `point` in the last step. Realtime.
   [[nodiscard]] virtual Vec3d moved_point(std::uint32_t object, const Vec3d& point) const noexcept {
     static_cast<void>(object);
     return point;
   }
-  /// The present direction of that vector of `object` which was `direction` in the last step. Realtime.
+  /// Returns the current direction of the vector of `object` that was `direction` in the last step. Realtime.
   [[nodiscard]] virtual Vec3d rotated_direction(std::uint32_t object, const Vec3d& direction) const noexcept {
     static_cast<void>(object);
     return direction;
   }
 };
 
-/// Selects the earliest contact of a sweep among the triangles offered. Of simultaneous contacts it selects the lowest
-/// object number, then the lowest face. Offer at least every triangle whose box overlaps the box of the swept sphere.
+/// Selects the earliest contact of a sweep with the added triangles. Of simultaneous contacts it selects the lowest
+/// object number, then the lowest face. Add at least every triangle whose box overlaps the box of the swept sphere.
 class FirstTouch {
  public:
   FirstTouch(const Vec3d& from, const Vec3d& to, double radius) noexcept : from_{from}, to_{to}, radius_{radius} {}
 
-  /// Offers the triangle a, b, c, whose corners are counter-clockwise seen from outside.
+  /// Adds the triangle a, b, c, whose corners are counter-clockwise seen from outside.
   void add_triangle(const Vec3d& a, const Vec3d& b, const Vec3d& c, std::uint32_t object, std::uint32_t face) noexcept;
 
-  /// Time of the earliest contact so far, as a share of the motion. Later contacts need not be offered.
+  /// Returns the time of the earliest contact so far, as a share of the motion. Triangles with later contacts need not
+  /// be added.
   [[nodiscard]] double time() const noexcept { return best_.time; }
   [[nodiscard]] bool result(SurfaceHit& hit) const noexcept;
 
@@ -86,11 +87,11 @@ class FirstTouch {
   bool found_ = false;
 };
 
-/// Finds the closest point of the triangles offered, and the side of the surface on which the query point lies.
+/// Finds the closest point of the added triangles, and the side of the surface on which the query point lies.
 ///
 /// If several triangles share the closest point, on an edge or at a vertex, their normals are added with the weights of
-/// their angles. The sum gives the correct side on every closed, consistently oriented surface. So offer every triangle
-/// whose distance is at most `reach()`, also if it is equal.
+/// their angles. The sum gives the correct side on every closed, consistently oriented surface. So add every triangle
+/// whose distance is less than or equal to `reach()`.
 /// Source: Baerentzen, Aanaes 2005 (signed distance from angle-weighted pseudo-normals).
 class ClosestSide {
  public:

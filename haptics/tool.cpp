@@ -23,7 +23,7 @@ constexpr double kShort = 0.8;           // displacement up to which one gather 
 constexpr double kUsefulGap = 2.6;       // largest gap that can matter in the next step
 
 constexpr double kDeviceShare = 1.2;  // max displacement of the tool per displacement of the device, without max_yield
-constexpr double kMinPress = 1e-3;    // m of the prevented displacement that the solver gets at least
+constexpr double kMinPress = 1e-3;    // m, length of the prevented displacement that the solver always gets
 constexpr std::uint32_t kNodePairsPerRow = 2;  // visited pairs of nodes that cost as much as one iterated row
 constexpr double kSolverError = 2e-7;          // m, error of a gap after the solver's displacement
 constexpr double kTouchDistance = 1e-6;  // m, distance below which the normal of the face is the direction of a gap
@@ -252,7 +252,8 @@ Tool::Gap Tool::gap_of(const Part& part, const spm::TriangleLanes& faces, unsign
 
 // ---- solve ----
 
-/// If all rows are in use, drops those without an impulse in the last solve. Returns whether a row is free.
+/// Returns whether a row (a contact for the solver) is free. If all are in use, drops those without an impulse in the
+/// last solve.
 bool Tool::free_row() noexcept {
   if (row_count_ < kMaxContacts) return true;
   std::size_t count = 0;
@@ -368,8 +369,8 @@ bool Tool::add_violated(const Displacement& displacement, double dt) noexcept {
 
 // ---- check and move ----
 
-/// Checks the pose after `displacement`. If `again` is above 0, adds rows for pairs that are too close there; their ids
-/// contain this number.
+/// Checks the pose after `displacement`. If `again` is above 0, adds rows for pairs that are too close at this pose.
+/// The ids of these rows contain `again`.
 Tool::Check Tool::check(const Displacement& displacement, int again, std::span<const ToolObject> objects) noexcept {
   const double collision_margin = settings_.collision_margin;
   Nearby& candidate = *candidate_;
@@ -380,7 +381,8 @@ Tool::Check Tool::check(const Displacement& displacement, int again, std::span<c
             ? measure_again(after, length, candidate)
             : gather(after, (1 + kGatherBeyond) * collision_margin + kFloatError, ~0u, ~0u, objects, candidate)))
     return Check::kBlocked;
-  // The sum of the gaps at both ends must exceed the step. Pairs that overlapped before are checked by overlaps_.
+  // The sum of the smallest gaps at both ends must exceed the step, so that no triangle passes through another between
+  // them. Pairs that overlapped before are checked by overlaps_.
   if (std::max(current_->nearest, 0.0) + std::max(candidate.nearest, 0.0) <= length && !overlapping_)
     return Check::kBlocked;
   if (candidate.nearest >= (1 - kSolveAgain) * collision_margin) return Check::kFree;
@@ -416,7 +418,7 @@ Tool::Check Tool::check(const Displacement& displacement, int again, std::span<c
     }
   if (count == 0) return Check::kFree;
   if (again == 0) return Check::kTooNear;
-  // The gaps are those at the new pose, and the rows are for the present pose.
+  // The gaps were measured at the new pose. The rows are for the present pose, so the gaps are converted to it.
   const Eigen::Quaterniond rotation = exp_map(displacement.angular);
   for (std::size_t i = 0; i < count; ++i) {
     Gap gap = candidate.gap(worst[i]);
@@ -449,9 +451,9 @@ void Tool::find_overlaps() noexcept {
 }
 
 /// Moves the tool along the normals of the triangles that are too close, at `push_out`. Where several overlap, it uses
-/// the outermost. The tool also moves with the device in directions that approach no surface, outwards no faster than
-/// the device. It does not rotate. It uses neither solver nor check: the solver would use up the budget, and every
-/// check would report a blocked motion.
+/// the outermost. The tool also follows the device in directions that approach no surface. In the direction of the
+/// push-out it follows at most as far as the device. It does not rotate. It uses neither solver nor check: the solver
+/// would use up the budget, and every check would report a blocked motion.
 Tool::Step Tool::push_out(const ToolPose& device, double dt, double limit) noexcept {
   constexpr int kPasses = 2;
   Vec3d out = Vec3d::Zero(), along = to_device(device).linear;

@@ -6,19 +6,23 @@
 ///      tool's pose      o---/------
 ///     ____________________(____)________     contact where the tool, with its collision margin, touches a surface
 ///
-/// The tool moves to the reachable pose in which the coupling stores the least energy. A cycle has several steps. Each:
+/// The tool moves to the reachable pose in which the coupling stores the least energy. A cycle has several steps. Each
+/// step has four parts (n: contact normal, d: displacement of the tool):
 ///
-///     gather    finds all pairs of triangles within a margin (AbTree against the probe's tree), enough for several
-///     steps solve     computes the displacement d that is closest, in the coupling's metric, to the displacement to
-///     the
-///               device, with n . d + gap >= 0 for these pairs. ContactSolver solves it; violated pairs are added
-///     check     measures the gaps of the pairs at the new pose; pairs that are too close are added, and `solve`
-///     repeats move      moves by d if no pair is too close, otherwise by at most half of d, or not at all
+///     gather    finds all pairs of triangles within a margin (AbTree against the probe's tree). One search is enough
+///               for several steps.
+///     solve     computes with ContactSolver the d that is closest, in the coupling's metric, to the displacement to
+///               the device, so that n . d + gap >= 0 for these pairs. Adds pairs that d violates, and solves again.
+///     check     measures the gaps of the pairs at the new pose. If some are too small, adds these pairs to `solve`
+///               and repeats it.
+///     move      moves by d. If a pair would be closer than half of `collision_margin`, moves by d/2, d/4 or d/8
+///               instead, or not at all.
 ///
 /// So in contact the triangles are `collision_margin` apart. At both ends of a step no pair is closer than half of
-/// that. A step is shorter than the sum of the gaps at its two ends. Pairs that were not gathered are further away than
-/// the tool moves. Hence no motion leads through a fixed surface, for any device speed, sheet thickness or work budget.
-/// When the budget is used up, the tool stops and continues in the next cycle; `lagging` reports this.
+/// `collision_margin`. A step is shorter than the sum of the gaps at its two ends. Pairs that were not gathered are
+/// further away than the tool moves. Hence no motion leads through a fixed surface, for any device speed, sheet
+/// thickness or work budget. When the budget is used up, the tool stops and continues in the next cycle; `lagging`
+/// reports this.
 ///
 /// If a changed surface is too close to the tool or overlaps it, the tool is pushed out along the outer normals of the
 /// faces, at no more than `push_out`, so that the force does not jump. If contacts block every motion, for instance
@@ -45,14 +49,14 @@ namespace tactus::haptics {
 struct ToolSettings {
   double collision_margin = 1e-4;  ///< m, distance from the triangles at which contact begins
   double max_displacement = 2e-3;  ///< m, maximum displacement of any point of the tool per cycle
-  double push_out = 0.02;          ///< m/s
-  /// N/s: maximum rate at which the coupling force falls because the tool moves while the device rests, for instance
-  /// when the tool slips off an edge. A faster motion needs a motion of the device.
+  double push_out = 0.02;          ///< m/s, max speed of a push-out
+  /// N/s, maximum rate at which the coupling force may fall because the tool moves while the device rests, for instance
+  /// when the tool slips off an edge. The tool moves faster only if the device moves.
   double max_yield = 40;
   std::uint32_t steps = 8;     ///< max steps per cycle
   std::uint32_t pairs = 2048;  ///< max pairs of triangles within the margin; if there are more, steps become shorter
-  /// Work budget per cycle, in units of about 0.1 us. A measured pair of triangles and a row in an iteration of the
-  /// solver count one, a visited pair of tree nodes a half. The last run of the solver may exceed the budget.
+  /// Work budget per cycle, in units of about 0.1 us. A measured pair of triangles costs 1 unit, a contact in one
+  /// iteration of the solver 1, and a visited pair of tree nodes 1/2. The last run of the solver may exceed the budget.
   std::uint32_t work = 2400;
 };
 
@@ -80,19 +84,19 @@ struct ToolObject {
 
 struct ToolResult {
   ToolPose pose;
-  /// Displacement of the origin, m, and rotation vector, rad, from the device to the tool. Multiplied by the
-  /// stiffnesses they are the force and the torque on the hand.
+  /// Displacement of the origin, m, and rotation vector, rad, from the device to the tool. Multiplied by the stiffness
+  /// and the rotational stiffness of the ToolGrip they are the force and the torque on the hand, before damping.
   Vec3d displacement = Vec3d::Zero(), rotation = Vec3d::Zero();
   Vec3d normal =
       Vec3d::UnitZ();  ///< mean of the contact normals, weighted by force; without contact: of the last contact
   Vec3d point = Vec3d::Zero();  ///< mean of the contact points, weighted in the same way
   bool in_contact = false;
-  bool lagging = false;        ///< stopped by the work budget or by max_displacement
+  bool lagging = false;        ///< the last step was shorter than wanted, because of a limit or a blocked motion
   bool outside_only = false;   ///< the tool started inside a surface and touches nothing until it is outside
   bool too_near = false;       ///< a changed surface is too close; the tool is being pushed out
   std::uint32_t contacts = 0;  ///< contacts with a force
   std::uint32_t dropped = 0;   ///< contacts above the limits of the solver
-  std::uint32_t steps = 0, solves = 0, pairs = 0, work = 0;  ///< of this cycle; pairs: of its last step
+  std::uint32_t steps = 0, solves = 0, pairs = 0, work = 0;  ///< counts of this cycle; pairs: of its last step
   std::uint32_t object = spm::kNone;                         ///< object with the largest contact force
   std::uint32_t face = spm::kNone;                           ///< FaceId of that contact
 };
@@ -110,8 +114,8 @@ class Tool {
   void reset() noexcept;
 
   /// Computes one cycle of `dt` seconds with the device at `device`. `objects`: the objects near the tool, at most 255.
-  /// `surface_changed`: their list, poses or faces have changed since the last cycle. A pose that is not finite changes
-  /// nothing. Realtime.
+  /// `surface_changed`: the list, a pose or a face of these objects has changed since the last cycle. A pose that is
+  /// not finite changes nothing. Realtime.
   const ToolResult& step(const ToolPose& device, double dt, std::span<const ToolObject> objects,
                          bool surface_changed) noexcept;
 
@@ -156,7 +160,7 @@ class Tool {
 
  private:
   static constexpr std::uint32_t kWidth = spm::NearPairs::kWidth;
-  /// A contact's id: object, number of the repeated check, triangle of the tool, face.
+  /// The id of a contact consists of object, number of the check that added it, triangle of the tool, and face.
   static constexpr int kAgainShift = 52;
   static constexpr std::uint64_t kPairOfId = ~(std::uint64_t{15} << kAgainShift);
   struct Displacement {
@@ -250,8 +254,8 @@ class Tool {
   ToolPose pose_, device_before_;
   bool started_ = false;
   double device_moved_ = 0;  // m, longest displacement of a point of the device in this cycle
-  double backlog_ = 0;       // m, distance that the device moved in free space and the tool has not moved yet
-  bool stuck_ = false;       // the tool is too close to a surface, and no motion was possible in the last step
+  double backlog_ = 0;       // m, path by which the tool may still follow the device, without max_yield
+  bool stuck_ = false;       // the tool is too close to a surface, and no motion was possible in the last cycle
   bool trapped_ = false;     // the tool was stuck and is not yet outside
   Displacement prevented_;   // part of the last wanted displacement that surfaces prevented
 
@@ -268,7 +272,7 @@ class Tool {
   std::vector<Overlap> overlaps_;      // pairs of current_ that are too close, by id
   bool overlapping_ = false;           // some pairs overlap; then pairs on the inner side of a face may separate
   bool pushes_out_ = false;            // this step pushes the tool out
-  std::vector<float> excess_;          // m by which the displacement closes a pair more than its gap allows
+  std::vector<float> excess_;          // m, by pair; negative: the displacement closes the gap too far
   std::vector<std::uint8_t> has_row_;  // by pair: the solver has a row for the pair
   std::vector<std::uint32_t> violated_;
 

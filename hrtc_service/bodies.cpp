@@ -97,7 +97,7 @@ void Bodies::forget_withdrawn(const Cycle& cycle) noexcept {
     simulated_[i] = simulated_[count_];
   }
   if (!any) return;
-  for (HandSpring& spring : springs_) spring.body = kMaxBodies;  // indices from before the removal
+  for (HandSpring& spring : springs_) spring.body = kMaxBodies;  // their indices are from before the removal
   if (count_ > 0) return;
   energy_to_body_.fill(0);
   for (std::uint32_t p = 0; p < kMaxProbes; ++p) {  // `limit` does not run without bodies, so the ports are reset here
@@ -164,7 +164,7 @@ void Bodies::apply_received_poses(Cycle& cycle, std::int64_t now_ns) noexcept {
     if (body.mode == Mode::kReleased) follow_if_superseded(body, simulated_[i], now_ns, session_ns);
     if (body.mode != Mode::kFollows) continue;
     if (body.order.received.number > body.interpolated_number) {
-      // Before its time, the first pose is used unchanged.
+      // The first received pose replaces the start pose at once, without a fading jump.
       if (body.interpolated_number == 0)
         body.pose_interpolator.set_state(body.order.received.state, body.order.received.session_ns);
       body.interpolated_number = body.order.received.number;
@@ -205,7 +205,7 @@ void Bodies::limit_touch(const Cycle& cycle, std::uint32_t p, const haptics::Dev
   const double damping = object.material.damping;
   const Vec3d relative = device.velocity - touch.surface_velocity;
 
-  // The force before the limits of haptics/force.hpp, and the share of it that they have left.
+  // The force before the limits of haptics/force.hpp, and the share of this force that remains after them.
   Vec3d wanted = stiffness * (touch.anchor - device.position);
   const double push = std::max(0.0, wanted.dot(touch.normal));
   wanted += std::max(-push, -damping * relative.dot(touch.normal)) * touch.normal;
@@ -318,8 +318,8 @@ void Bodies::limit_forces(const Cycle& cycle, const std::array<ProbeInput, kMaxP
   }
 }
 
-/// Adds the fading reduction to the rendered force and torque. It is never larger than the rendered force, so a fault
-/// or a stop still makes the force zero.
+/// Adds the fading reduction to the rendered force and torque. The added vector is never longer than the rendered one,
+/// so a fault or a stop still makes the force zero.
 void Bodies::fade_reduction(std::uint32_t p, ProbeOutput& output) noexcept {
   Reduction& reduction = reductions_[p];
   const auto add = [](haptics::Ramp& ramp, Plain3& rendered, double step) {

@@ -1,18 +1,20 @@
 /// Simulates movable objects in the haptic thread, sets their poses, and limits their forces on hands.
 ///
-///     1. apply_received_poses   orders, samples and poses of others --> Cycle::move    before Cycle::touch
-///     2. limit_forces           forces of the touch, limited by the energy of ports    after Cycle::touch
-///     3. simulate               springs of the touch --> SharedObject --> Cycle::move  after the forces are published
+///     1. apply_received_poses   orders, samples of peers, received poses --> Cycle::move   before Cycle::touch
+///     2. limit_forces           forces of the touch, limited by the energy of ports        after Cycle::touch
+///     3. simulate               springs of the touch --> SharedObject --> Cycle::move      after writing forces
 ///
 /// When a probe touches a body, this class begins to simulate it: alone, or coupled to the copies of peers if the
-/// orders name a coupling. After the release it continues until a received pose shows that another program simulates
-/// the body. All other bodies follow the received poses.
+/// orders name a coupling. After the release the simulation continues until a received pose shows that another program
+/// simulates the body, but at most 0.3 s. All other bodies follow the received poses.
 ///
-/// The cycle's proxy is the spring between hand and body. The body receives the limited force on the hand with the
-/// opposite sign. So the energy is counted on both sides (haptics/passivity.hpp).
+/// A spring connects hand and body: from the device to the anchor of the cycle's proxy, to the tool's contact point, or
+/// to the held point. The body receives the limited force on the hand with the opposite sign. So the energy of the
+/// spring is counted on both sides (haptics/passivity.hpp).
 ///
 /// Simulated time advances in steps of one period of session time. After a skipped cycle the next one computes two
-/// steps. A cycle that is late by less than half a period computes one. So samples of peers are consumed evenly.
+/// steps. A cycle that is late by less than half a period computes one step. So the simulated time of a copy follows
+/// session time, and the copy uses the samples of its peers at an even rate.
 ///
 /// Allocates at construction only. Realtime. Haptic thread, except the link.
 #pragma once
@@ -35,15 +37,15 @@ namespace tactus::hrtc_service {
 /// Order of the ownership client for one body.
 struct BodyOrder {
   std::uint32_t object = spm::kNone;          ///< index
-  haptics::CopyCoupling* coupling = nullptr;  ///< coupling to the copies of peers, used while held; null: none
+  haptics::CopyCoupling* coupling = nullptr;  ///< to peers' copies, used while a probe touches the body; null: none
   std::uint64_t coupling_fencing = 0;         ///< fencing number of the grant for the coupling
-  std::uint64_t publish_fencing = 0;          ///< fencing number of its published poses; 0: they are not published
+  std::uint64_t publish_fencing = 0;          ///< fencing number for the poses to publish; 0: this HRTC publishes none
   sharing::ReceivedPose received;             ///< newest pose from another program
 };
 
 struct BodyOrders {
   std::uint64_t number = 0;  ///< increases with each change
-  session::ClockMap clock;
+  session::ClockMap clock;   ///< local clock to session time
   std::uint32_t count = 0;
   std::array<BodyOrder, kMaxBodies> bodies;
 };
@@ -69,7 +71,7 @@ struct BodyReport {
 };
 
 struct BodyReports {
-  std::uint64_t orders_seen = 0;  ///< number of the newest orders in use; couplings of older orders are no longer used
+  std::uint64_t orders_seen = 0;  ///< number of the newest orders in use; couplings that they do not name are unused
   std::int64_t time_ns = 0;
   std::int64_t session_ns = 0;
   std::uint32_t count = 0;
@@ -90,7 +92,7 @@ struct BodyLink {
 
 class Bodies {
  public:
-  /// `link` must outlive it.
+  /// `link` must outlive this object.
   Bodies(const CycleSettings& settings, BodyLink& link);
 
   /// Adopts new orders, and moves the bodies that others simulate. Call it before Cycle::touch.
@@ -118,7 +120,7 @@ class Bodies {
     // Numbers of received poses: the newest at the release, and the newest in the interpolator.
     std::uint64_t pose_number_at_release = 0, interpolated_number = 0;
     haptics::CopyCoupling::Ledger ledger;
-    haptics::BodyState state_in_cycle;  // the state with the pose that the cycle uses
+    haptics::BodyState state_in_cycle;  // newest state; Cycle::move has received its pose
   };
   /// Springs between a hand and the body that it touches.
   struct HandSpring {
@@ -130,6 +132,7 @@ class Bodies {
   };
 
   void add_new_bodies(const Cycle& cycle) noexcept;
+  // `energy_to_body`: work of the probe's spring on the body since the last cycle, J.
   void limit_touch(const Cycle& cycle, std::uint32_t probe, const haptics::DeviceState& device, double energy_to_body,
                    ProbeOutput& output) noexcept;
   void limit_tool(const Cycle& cycle, std::uint32_t probe, const haptics::DeviceState& device, double energy_to_body,
@@ -139,7 +142,8 @@ class Bodies {
   /// Returns the part of a force on the hand that its port permits. `stored`: energy in the spring, J.
   [[nodiscard]] Vec3d limit_force(std::uint32_t probe, const Vec3d& force, const haptics::DeviceState& device,
                                   double energy_to_body, double stored, const ProbeOutput& output) noexcept;
-  /// Returns the part of a torque on the hand that its rotational port permits.
+  /// Returns the part of a torque on the hand that its rotational port permits. If `control` is false, the port only
+  /// observes the energy.
   [[nodiscard]] Vec3d limit_torque(std::uint32_t probe, const Vec3d& torque, bool control, double stored,
                                    const ProbeOutput& output) noexcept;
   void fade_reduction(std::uint32_t probe, ProbeOutput& output) noexcept;

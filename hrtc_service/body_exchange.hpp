@@ -1,7 +1,7 @@
 /// Sends and receives the samples of OwnershipClient and Bodies about movable objects.
 ///
-///     object_copy of peers  --> haptic thread's ring     sender   --> object_copy, object_pose
-///                                                        service  --> object_claim
+///     object_copy of peers  --> ring BodyLink::copies     sender thread   --> object_copy, object_pose
+///                                                         service thread  --> object_claim
 ///
 /// The endpoints for copies of an object are in a partition of that object. They exist only while a user of this HRTC
 /// touches the object. So only the HRTCs that simulate the object receive its copies, one sample in each cycle.
@@ -26,7 +26,7 @@ namespace tactus::hrtc_service {
 
 class BodyExchange {
  public:
-  /// All arguments must outlive the exchange.
+  /// The arguments must outlive the exchange.
   BodyExchange(wire::Participants& participants, BodyLink& link, Gateway& gateway);
   ~BodyExchange();
 
@@ -73,9 +73,9 @@ class BodyExchange {
   Gateway& gateway_;
   wire::Writer<session::ObjectClaim> claims_out_;
   wire::Writer<session::ObjectPose> poses_out_;  // sender thread only
-  mutable std::mutex ring_mutex_;                // guards the producer's end of the haptic thread's ring, and the gates
+  mutable std::mutex ring_mutex_;                // guards the producer's end of BodyLink::copies, and copy_admissions_
   std::array<session::CopyAdmission, kMaxObjects> copy_admissions_;
-  std::uint64_t past_implausible_ = 0;  // copies dropped by the gates of removed objects
+  std::uint64_t past_implausible_ = 0;  // copies that the admissions of removed objects dropped
   std::array<std::atomic<std::int64_t>, kMaxObjects> copy_received_ns_{};
   std::atomic<std::int64_t> session_offset_ns_{0};
   std::atomic<std::int64_t> copy_transit_ns_{-1};  // max transit since the last tick; -1: no copy arrived
@@ -83,7 +83,8 @@ class BodyExchange {
   Handover<Slots> slots_out_;                                            // to the sender
   Retired<std::unique_ptr<wire::Writer<session::ObjectCopy>>> dropped_;  // until the sender no longer uses them
   std::array<Sent, kMaxObjects> sent_;                                   // by object index; sender thread only
-  std::map<std::uint64_t, Endpoints> endpoints_;  // by object id; last, so that callbacks end before their targets
+  // By object id. Declared last, so that the callbacks of readers end before the members that they use are destroyed.
+  std::map<std::uint64_t, Endpoints> endpoints_;
 };
 
 }  // namespace tactus::hrtc_service

@@ -20,7 +20,8 @@ void ContactQuery::run(std::uint32_t probe, const Vec3d& tip, std::int64_t now_n
     const bool truncated = found > kMaxContacts;
     if (truncated) output.status |= session::kContactsTruncated;
     found = std::min(found, kMaxContacts);
-    if (object_exact) {  // coarse faces here belong to other cells
+    // These cells are at full resolution, so a coarse face in the sphere stands for the surface of another cell.
+    if (object_exact) {
       const auto end = std::remove_if(contacts_.begin(), contacts_.begin() + found,
                                       [](const spm::Contact& c) { return !c.is_finest(); });
       found = static_cast<std::uint32_t>(end - contacts_.begin());

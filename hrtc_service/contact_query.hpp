@@ -1,4 +1,4 @@
-/// Finds the faces that a tip touches, decides whether the contact is exact, and logs both.
+/// Finds the faces that a tip touches, decides whether the contact is exact, and logs faces and decision.
 ///
 /// Haptic thread. Realtime after construction.
 #pragma once
@@ -19,9 +19,8 @@ class ContactQuery {
   /// `radius`: radius of the tips, m. `log` must outlive the query; null: nothing is logged.
   ContactQuery(double radius, LogRing* log) : radius_{radius}, log_{log} {}
 
-  /// Sets contacts, exactness and error bound of `output` for a probe whose tip is at `tip`, world.
-  /// `cycles_since_change`: cycles since the mesh of each object changed, by index; `now_ns` and `probe` are for the
-  /// log.
+  /// Sets contacts, session::kExact and error bound of `output` for a tip at `tip`, world. The other arguments are for
+  /// the log only. `cycles_since_change`: number of cycles since the mesh of an object changed, by object index.
   void run(std::uint32_t probe, const Vec3d& tip, std::int64_t now_ns, const ObjectsSurface& surface,
            const std::array<std::uint32_t, kMaxObjects>& cycles_since_change, ProbeOutput& output) noexcept;
 

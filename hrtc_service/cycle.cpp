@@ -155,7 +155,7 @@ void Cycle::withdraw(TouchObject& object) noexcept {
   }
 }
 
-/// Resets a probe without a user, so that the next user starts with no state of it.
+/// Resets a probe without a user, so that the next user does not start with the state of the previous one.
 void Cycle::reset_probe(std::uint32_t number) noexcept {
   held_[number].reset();
   if (result_.probes[number].active) {
@@ -319,7 +319,7 @@ void Cycle::add_probe_targets(std::uint32_t number, const TouchObject& object) n
   }
   targets_.add_sphere(place({tips_[number].position, tips_[number].velocity, settings_.radius}));
   if (result_.probes[number].object != object.index) return;
-  // The proxy of a device pressed into a surface is elsewhere.
+  // When a device is pressed into a surface, its proxy is away from it and needs targets, too.
   const double scale = placement.scale();
   targets_.add_soon(placement.to_model(vec(result_.probes[number].proxy)),
                     settings_.radius / scale + settings_.refine_margin / scale);
@@ -386,7 +386,7 @@ std::uint32_t Cycle::refit(TouchObject& object) noexcept {
   // A proxy is close to the faces that stop it. Changes further away do not move it.
   constexpr double kProxyMargin = 1.01;  // tip radii
   ObjectState& state = states_[object.index];
-  const Placement& placement = state.moved ? state.previous_placement : state.placement;  // of the last touch
+  const Placement& placement = state.moved ? state.previous_placement : state.placement;  // that of the last touch
   const double scale = placement.scale();
   std::array<spm::ChangeDetector, kMaxProbes> change_detectors;
   std::array<std::uint32_t, kMaxProbes> probes;

@@ -1,4 +1,5 @@
-/// One haptic cycle: computes forces from the newest device positions, and refines the mesh where the tips will be.
+/// One haptic cycle: computes forces from the newest device positions, and refines the mesh at the predicted positions
+/// of the tips.
 ///
 ///   arrivals -> query -> proxy -> force  |  select -> refine within the limit -> refit
 ///      T_L       T_Q          T_F        |              T_R                        T_B
@@ -46,7 +47,7 @@ struct CycleSettings {
   double radius = 0.003;  ///< radius of every tip, m
   /// Tool of every probe, m; must outlive the cycle. Null: every probe is a sphere.
   const spm::MeshProbe* tool = nullptr;
-  /// Regions within this distance of a tip are refined, m.
+  /// Regions within this distance of a tip, or of its predicted path, are refined, m.
   double refine_margin = 0.0005;
   /// Refined regions are coarsened beyond this distance of a tip, m. It is larger than refine_margin, so that a
   /// trembling tip does not refine and coarsen them in turn.
@@ -59,7 +60,7 @@ struct CycleSettings {
   haptics::ForceSettings force;
 };
 
-/// Costs of one cycle.
+/// Costs of one cycle. `visits`: visited list entries. `changes`: splits and collapses. `nodes_marked`: refitted nodes.
 struct CycleCosts {
   std::uint32_t load = 0, refine = 0, refit = 0, query = 0, force = 0;  ///< ns
   std::uint32_t arrivals = 0, visits = 0, changes = 0, nodes_marked = 0;
@@ -104,7 +105,8 @@ class Cycle {
 
   /// `observer` must outlive the cycle. Not realtime.
   void set_observer(CycleObserver* observer) noexcept { observer_ = observer; }
-  /// Makes each tool search its surroundings again, as after `for_each_carried`. Realtime.
+  /// Discards the pairs of triangles that each tool has gathered, as `for_each_carried` does. The recorder calls it
+  /// when a state is due, because a replay starts from that state without these pairs. Realtime.
   void forget_surroundings() noexcept {
     for (ToolTouch& tool : tools_) tool.tool().forget_surroundings();
   }
@@ -161,8 +163,9 @@ class Cycle {
     for (ToolTouch& tool : tools_) tool.for_each_carried(visit);
   }
 
-  /// Sets the pose of an object for the next `touch`, in which the object moves or pushes the probes that touch it.
-  /// Ignores a pose that is not finite. From then on the object counts as near every tip. Realtime.
+  /// Sets the pose of an object. In the next `touch`, the object moves the proxies that touch it, and pushes the
+  /// proxies in its path. Ignores an invalid pose. From the first call on the object counts as near every tip.
+  /// Realtime.
   void move(const TouchObject& object, const Placement& placement) noexcept;
 
   /// Processes the arrivals and computes the forces. `now_ns` is the time in the log.
@@ -172,7 +175,8 @@ class Cycle {
   /// Refines and refits the meshes around the predicted positions of the tips in the next `touch`.
   const CycleResult& refine(spm::Budget budget, const RefineLimit& limit = {}) noexcept;
 
-  /// Calls `refine`, then `touch`. So afterwards the active mesh is the mesh that was touched.
+  /// Calls `refine`, then `touch`: the order of the paper. So afterwards the active mesh is still the mesh that was
+  /// touched.
   const CycleResult& step(const std::array<ProbeInput, kMaxProbes>& probes, std::int64_t now_ns,
                           const Arrival* arrivals, std::uint32_t arrival_count, spm::Budget budget) noexcept {
     refine(budget);
@@ -182,7 +186,7 @@ class Cycle {
   /// Returns the results of the last `touch` and the last `refine`. The reference remains valid.
   [[nodiscard]] const CycleResult& result() const noexcept { return result_; }
 
-  /// Makes all forces zero until reset_faults, including the forces of later users. Realtime.
+  /// Makes all forces zero until `reset_faults`, also for users who join later. Realtime.
   void stop(haptics::Fault fault) noexcept;
   /// Ends the faults. Forces return with a soft start.
   void reset_faults() noexcept;
@@ -193,8 +197,8 @@ class Cycle {
   [[nodiscard]] const std::vector<TouchObject*>& withdrawn_objects() const noexcept { return withdrawn_; }
   /// Returns the number of changes of `objects`.
   [[nodiscard]] std::uint64_t objects_changed() const noexcept { return objects_changed_; }
-  // The state of a probe after the last `touch`. From copies of it, the force for another pose or mesh can be computed.
-  // The surface is valid until the next `touch`.
+  // The state of a probe after the last `touch`. Benchmarks copy it to compute the force for another pose or mesh. The
+  // surface is valid until the next `touch`.
   [[nodiscard]] const haptics::Proxy& proxy(std::uint32_t probe) const noexcept { return spheres_[probe].proxy(); }
   using HoldState = hrtc_service::HoldState;
   [[nodiscard]] const HoldState& hold_state(std::uint32_t probe) const noexcept { return held_[probe].state(); }
@@ -216,7 +220,7 @@ class Cycle {
     Vec3d position, velocity;  // world
   };
   struct ObjectState {
-    std::uint32_t changed = 0;                      // probes near whose proxies the mesh changed, by bit
+    std::uint32_t changed = 0;                      // by probe bit: the mesh changed near its proxy
     std::array<Unchanged, kMaxProbes> unchanged{};  // around the proxies, by probe
     Placement placement, previous_placement;
     bool moved = false;  // since the last touch
@@ -264,7 +268,7 @@ class Cycle {
   std::uint64_t moved_objects_ = 0;     // objects that have moved since their arrival, by index bit
   std::array<Tip, kMaxProbes> tips_{};  // at the last touch
   std::int64_t touch_began_ns_ = 0;
-  std::uint64_t movable_ = 0;  // objects, by index bit; set when they are added
+  std::uint64_t movable_ = 0;  // movable objects, by index bit
   std::uint32_t movable_count_ = 0;
   std::vector<SphereTouch> spheres_;                   // by probe
   std::deque<ToolTouch> tools_;                        // by probe; none without a tool

@@ -135,9 +135,10 @@ void FlightRecorder::touched(const std::array<ProbeInput, kMaxProbes>& probes, s
   put(FlightEntry::kTouch, trace::FlightTouch{cycle_, now_ns, _mm_getcsr() & 0xffc0u});
 }
 
-/// Adds the state of the cycle: size and bytes of Cycle::for_each_carried, and the number of objects. Then, for each
-/// object: index and base faces, mesh hash, number of regions in use. Then, for each region: number and applied
-/// records, with retiring and resting in the top bits. Omits a state that does not fit.
+/// Adds the state of the cycle to the record: size and bytes of Cycle::for_each_carried, and the number of objects.
+/// Then, for each object: index and base faces, mesh hash, number of regions in use. Then, for each of these regions:
+/// number and applied records, with the flags `retiring` and `retained` in the top bits. Returns false and adds nothing
+/// if the state does not fit or cannot be recorded after this cycle.
 bool FlightRecorder::put_state(Cycle& cycle) noexcept {
   // A state contains neither the previous versions of the meshes, which the next touch may query, nor withdrawn
   // objects. So it is only recorded after a cycle that changed no mesh, and when no withdrawn object remains.
@@ -203,7 +204,8 @@ void FlightRecorder::refined(Cycle& cycle, std::span<const Departure> departed, 
     const bool state_due = departures_fit && lost_ == 0 && ++cycles_since_state_ >= state_period_;
     put(FlightEntry::kRefine, trace::FlightRefine{cycle_, hash, result.costs.granted, result.budget_spent ? 1u : 0u,
                                                   result.nodes_full ? 1u : 0u, state_due ? 1u : 0u});
-    // A replay from this state starts without surroundings, so this cycle must continue without them, too.
+    // The state does not contain the faces that tools found nearby. A replay from it searches them again, so this cycle
+    // must search them again, too.
     if (state_due) cycle.forget_surroundings();
     const bool is_complete = !is_too_long_ && departures_fit && lost_ == 0;
     if (is_complete && state_due) static_cast<void>(put_state(cycle));

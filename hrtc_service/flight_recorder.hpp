@@ -6,9 +6,10 @@
 /// intervals it also contains the state that the cycle passes to the next one, so that a recording can begin there.
 ///
 /// The record is pushed to the ring after the cycle's refinement. If the ring is full, the cycle is lost, but the
-/// recorder stores its arrivals and departures. The next record that fits contains the number of lost cycles, these
-/// events, and the state after them. A cycle also counts as lost if the ring of departures is full: the departures of
-/// the cycle then depend on how fast the loader empties that ring, which a replay does not know.
+/// recorder stores its arrivals and departures. When half of the ring is free again, the next record contains the
+/// number of lost cycles, these events, and the state after them. A cycle also counts as lost if the ring of departures
+/// is full. The departures of such a cycle depend on how fast the loader empties that ring, and a replay cannot know
+/// this.
 ///
 /// The haptic thread calls the observer's functions, one other thread calls `next`.
 #pragma once
@@ -27,7 +28,7 @@
 
 namespace tactus::hrtc_service {
 
-/// Kind of an entry of a record. The comments state its content.
+/// Kind of an entry of a record. The comment of each kind states the content of the entry.
 enum class FlightEntry : std::uint32_t {
   kEvent,   ///< trace::FlightEvent
   kObject,  ///< trace::FlightEvent, then FlightNewObject

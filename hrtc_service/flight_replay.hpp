@@ -1,9 +1,10 @@
 /// Computes the forces of a flight recording again, and reports where they differ from the recorded ones.
 ///
-/// A separate cycle receives the recorded calls, with the granted units of refinement as its budget and without a
-/// clock. The regions come from model files, which the recording identifies by digest. The content of a slot depends
-/// only on the record in the model, not on the slot's index or the time of loading. So the replay needs neither host
-/// nor loader. The same build computes the same results to the bit. One thread. Allocates. Does not wait for real time.
+/// A new Cycle receives the recorded calls. Its budget in each cycle is the number of units that the recorded cycle was
+/// granted (CycleCosts::granted), so no clock limits the refinement. The regions come from model files, which the
+/// recording identifies by digest. The content of a slot depends only on the record in the model, not on the slot's
+/// index or the time of loading. So the replay needs neither host nor loader. The same build computes the same results
+/// to the bit. One thread. Allocates. Does not wait for real time.
 #pragma once
 
 #include <cstdint>

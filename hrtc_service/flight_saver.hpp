@@ -24,8 +24,8 @@ struct FlightOptions {
   std::filesystem::path file;                                           ///< for the recording at the end; empty: none
 };
 
-/// Limits the recorder to an eighth of `memory_bytes`, and returns its max memory in bytes. If that does not hold a
-/// second of cycles with all probes, sets `seconds` to 0 and returns 0.
+/// Sets the max memory of the recorder, at most an eighth of `memory_bytes`, and returns it. If a second of cycles with
+/// all probes needs more, sets `seconds` to 0 and returns 0. `period`: period of cycles, s.
 [[nodiscard]] std::uint64_t limit_flight(FlightOptions& options, std::uint64_t memory_bytes, double period,
                                          std::uint32_t probes) noexcept;
 
@@ -45,8 +45,9 @@ class FlightSaver {
 
   /// Starts the thread.
   void start();
-  /// Requests a file. It is written half a second later, so that it contains the cycles after the event. Events until
-  /// then share that file. Ignores events after kMaxFiles files, except an operator's request (`requested`).
+  /// Requests a file. It is written half a second later, so that it contains the cycles after the event. Further events
+  /// in this half second add their reasons to the same file. After kMaxFiles files, ignores all events except requests
+  /// of an operator (`requested`).
   void save(const std::string& reason, bool requested);
   /// Ends the thread and writes `file`. Call it after the haptic thread has ended. Returns false if writing failed.
   bool stop();

@@ -106,7 +106,7 @@ FlightStore::FlightStore(FlightRecorder& recorder, trace::FlightStart start, dou
 
 std::uint64_t FlightStore::bytes_for(double seconds, double period, std::uint32_t probes) noexcept {
   constexpr double kCycleBytes = 160, kProbeBytes = 8 + sizeof(trace::FlightProbe), kStateBytes = 1 << 17;
-  const double all = seconds + 2;  // with the rest of the oldest segment, and the current one
+  const double all = seconds + 2;  // s; a second more for the oldest segment, and one for the current segment
   return static_cast<std::uint64_t>(all * ((kCycleBytes + probes * kProbeBytes) / period + kStateBytes));
 }
 

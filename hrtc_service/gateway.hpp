@@ -55,7 +55,7 @@ class Gateway {
   void on_chunk(const session::BulkChunk& chunk, std::int64_t now_ns) { loader_.on_chunk(chunk, now_ns); }
   void on_grant(const session::ObjectGrant& grant, std::int64_t now_ns) { ownership_.on_grant(grant, now_ns); }
   void on_pose(const session::ObjectPose& pose, std::int64_t now_ns, std::int64_t session_now_ns);
-  /// Adds the transit of a sample of the probe class. It counts only if the session clock is set.
+  /// Adds the transit time of a sample of the traffic class `probe`. Ignores it until session time is known.
   void on_transit(std::int64_t transit_ns, std::int64_t session_now_ns) noexcept;
   /// Stores the arrival time of the newest sample of a peer's copy.
   void on_peer_received(std::uint32_t object_index, std::int64_t now_ns) {
@@ -86,7 +86,7 @@ class Gateway {
  private:
   struct Movable {
     session::CatalogueEntry entry;  // with the current pose
-    bool moved = false;             // since collect_moved
+    bool moved = false;             // since the last collect_moved
   };
 
   void take_reports();

@@ -7,10 +7,11 @@
 /// measured cost for each unit of Budget. The excess is the time by which a cycle takes longer than predicted at the
 /// start of its last portion.
 ///
-/// The governor measures the excesses that a tenth and a hundredth of the cycles exceed. On an exponential tail through
-/// both, it extrapolates the excess that only the permitted share of cycles exceeds. It does not measure that one,
-/// because some cycles in a hundred are interrupted for longer than they compute, and less refinement would not prevent
-/// that. Only the floor (kFloor) is tuned. If forces leave less time than the floor, cycles miss the deadline.
+/// The governor measures two quantiles of the excess: the values that a tenth and a hundredth of the cycles exceed.
+/// Through both it fits an exponential tail, and extrapolates the value that only the permitted share of the cycles
+/// exceeds (`missing_share`). It does not measure this rare value, because some cycles in a hundred are interrupted for
+/// longer than they compute, and less refinement would not prevent that. Only the floor (kFloor) is tuned. If forces
+/// leave less time than the floor, cycles miss the deadline.
 ///
 /// Realtime. Source: Liu, Georganas, Roth, 3DIM 2005, section 3 (frame budget); quantiles by stochastic
 /// approximation (Robbins, Monro 1951).
@@ -75,11 +76,12 @@ class Governor {
   }
 
  private:
-  // The speeds of convergence do not change the limits.
+  // kStep and kRefitWeight set how fast the estimates converge, not the values to which they converge.
   static constexpr double kStep = 0.1;          // step of a quantile's logarithm
   static constexpr double kRefitWeight = 0.01;  // weight of the newest cycle in the cost of refitting
   static constexpr double kTenth = 0.1, kHundredth = 0.01;
-  // Shares of the deadline. Forces may take all of it, and without a floor a fast tip would reach coarse regions.
+  // Shares of the deadline. The floor is needed because forces may take the whole deadline: without refinement a fast
+  // tip would reach coarse regions.
   static constexpr double kFloor = 0.18;           // min duration of refinement
   static constexpr double kMinExcessShare = 0.01;  // min value of a quantile
 

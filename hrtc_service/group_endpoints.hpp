@@ -27,7 +27,7 @@ class GroupEndpoints {
   ~GroupEndpoints();
 
   /// Opens the endpoints of new groups, closes those of ended groups, and passes the writers to the sender thread.
-  /// `users`: states the groups. `ids`: for each probe, the id of its user, or 0 if it has none.
+  /// `users` returns the groups. `ids`: id of the user of each probe; 0: no user.
   void sync(RemoteUsers& users, const std::array<std::uint64_t, kMaxProbes>& ids);
   /// Returns the number of probes that send full-rate states.
   [[nodiscard]] std::size_t collaborating() const noexcept;
@@ -50,7 +50,7 @@ class GroupEndpoints {
   Writers full_rate_{};                           // at the last sync; null: the probe's user does not collaborate
   Handover<Writers> full_rate_out_;               // passes `full_rate_` to the sender thread
   const Writers* in_use_ = nullptr;               // writers that the sender thread uses, set by take_endpoints
-  Retired<Endpoints> dropped_;                    // of ended groups, until the sender no longer uses them
+  Retired<Endpoints> dropped_;                    // of ended groups, until the sender thread no longer uses them
 };
 
 }  // namespace tactus::hrtc_service

@@ -4,8 +4,10 @@
 ///     owner   post(list 7) ... post(list 8, without w)     is_adopted(8)? not yet     is_adopted(8)? yes: destroys w
 ///     user                 latest -> list 7, uses w                    latest -> list 8
 ///
-/// The user takes no lock. The owner destroys objects, which is slow, after the user has adopted a later list. One
-/// owner thread, one user thread. Realtime for the user.
+///     w: an object, for example a writer, to which list 7 points and list 8 does not
+///
+/// The user takes no lock. The owner, not the user, destroys w, because destruction is slow. One owner thread, one user
+/// thread. Realtime for the user.
 #pragma once
 
 #include <atomic>
@@ -53,7 +55,7 @@ template <class Thing>
 class Retired {
  public:
   void add(std::uint64_t number, Thing&& thing) { waiting_.emplace_back(number, std::move(thing)); }
-  /// Destroys the objects for which `is_adopted(number)` is true. Numbers ascend.
+  /// Destroys the objects for which `is_adopted(number)` is true. Requires calls of `add` with ascending numbers.
   template <class IsAdopted>
   void collect(IsAdopted&& is_adopted) {
     while (!waiting_.empty() && is_adopted(waiting_.front().first)) waiting_.pop_front();

@@ -2,8 +2,8 @@
 ///
 ///   commands --> read devices -> Servo::touch -> write forces -> Servo::publish -> Servo::refine --> traces
 ///
-/// The loop does not allocate, lock or log, and its only system call is the sleep. docs/explanation/cycle.md describes
-/// it along the path of one pose.
+/// The loop does not allocate, lock or log, and its only system call is the sleep. docs/explanation/cycle.md follows
+/// one pose through the loop.
 #pragma once
 
 #include <algorithm>
@@ -33,7 +33,7 @@ struct HapticCommands {
   std::uint32_t snapshots = 0;                         ///< increases with each request to copy the active meshes
 };
 
-/// Returns the age of the pose of a report, us.
+/// Returns the age of the probe's pose, us.
 [[nodiscard]] inline std::uint32_t age_us(const ProbeOutput& probe) noexcept {
   return static_cast<std::uint32_t>(std::clamp(probe.pose_age * 1e6f, 0.0f, 4e9f));
 }
@@ -73,7 +73,8 @@ class HapticThread {
   void stop();
 
   [[nodiscard]] haptics::Mailbox<HapticCommands>& commands() noexcept { return commands_; }
-  /// Returns whether the thread obeys the commands of this number or later ones. It then uses only their devices.
+  /// Returns whether the thread has obeyed the commands with this number or later ones. If so, it uses no other devices
+  /// than those that these commands name.
   [[nodiscard]] bool has_obeyed(std::uint64_t number) const noexcept {
     return obeyed_.load(std::memory_order_acquire) >= number;
   }
@@ -114,7 +115,7 @@ class HapticOrders {
  public:
   explicit HapticOrders(HapticThread& to) : to_{to} {}
 
-  /// Applies `change` to the commands, and posts all of them.
+  /// Applies `change` to the current commands, and posts the result.
 
   template <class Change>
   void post(Change&& change) {
@@ -122,7 +123,7 @@ class HapticOrders {
     ++commands_.number;
     to_.commands().post(commands_);
   }
-  /// Returns whether the thread obeys the commands of this number or later ones.
+  /// Returns whether the thread has obeyed the commands with this number or later ones.
   [[nodiscard]] bool obeyed(std::uint64_t number) const noexcept { return to_.has_obeyed(number); }
   [[nodiscard]] const HapticCommands& now() const noexcept { return commands_; }
 

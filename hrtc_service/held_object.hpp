@@ -29,7 +29,7 @@ class HeldObject {
   void follow_object(const ProbeStep& step, const TouchObject& object, const Placement& before,
                      const Placement& now) noexcept;
   /// Computes the force of the hold, after `follow_object`. Releases the object after a fault, or if the pose is
-  /// `zero_force_age` seconds old. The force is zero by then, and the object could be far away when the force returned.
+  /// `zero_force_age` seconds old. The force is zero then. If it returned later, the object could be far from the hand.
   const haptics::ForceResult& render(const ProbeStep& step, double zero_force_age) noexcept;
   /// If the grab button is down, holds the touched object from the next touch on. `point`: where it is held, world;
   /// `placement`: of the object in this touch; `can_move`: whether the object is movable.

@@ -32,7 +32,7 @@ namespace tactus::hrtc_service {
 namespace {
 
 constexpr std::int64_t kMs = 1'000'000;
-// Period of the service thread's passes.
+// Limits of the period of the service thread's passes.
 constexpr std::int64_t kMinServiceNs = 2 * kMs;
 constexpr std::int64_t kMinServiceAtRestNs = 8 * kMs;  // while Loader::at_rest
 constexpr std::int64_t kServicePeriodFactor = 10;      // period / duration of the last pass
@@ -185,7 +185,7 @@ struct Hrtc::Impl {
   std::thread sender;
   std::atomic<bool> sending{false};
 
-  // Last, so that callbacks end before their targets do.
+  // The last member with callbacks: these end before the members that they use are destroyed.
   std::vector<std::shared_ptr<void>> readers;
   /// Samples that every program sends to every other do not wake the service, because a large session has many of them.
   template <class Typed>
@@ -200,7 +200,7 @@ struct Hrtc::Impl {
     readers.push_back(std::make_shared<wire::Reader<Typed>>(
         participants, topic, [this](Typed&& sample) { receive(std::move(sample)); }, where));
   }
-  // Threads of DDS.
+  // Called in threads of DDS.
   template <class Typed>
   void receive(Typed&& sample) {
     inbox.put(std::move(sample), kUrgency<Typed>);

@@ -3,7 +3,7 @@
 ///   thread   work                                              woken by
 ///   haptic   devices, cycle                                    timer, each cycle
 ///   sender   probe states, commands, copies                    timer, after each cycle
-///   service  roster, clock, loader, metrics, log               samples, or timer after 2 ms at least
+///   service  roster, clock, loader, metrics, log               urgent samples, timer every 2 to 10 ms
 ///   flight   flight recorder                                   timer, every 20 ms
 ///   (DDS)    callbacks: copy a sample into the inbox, or       network
 ///            pass a stop or reset to the haptic thread
@@ -31,7 +31,7 @@ struct LocalUser {
 };
 
 struct HrtcOptions {
-  /// Tool of every user, m; core.servo.cycle.tool must point to it. Null: every probe is a sphere.
+  /// Tool of every user, coordinates in m; core.servo.cycle.tool must point to it. Null: every probe is a sphere.
   std::unique_ptr<const spm::MeshProbe> tool;
   wire::SessionAddress address;
   HrtcCoreSettings core;
@@ -44,7 +44,7 @@ struct HrtcOptions {
   /// Number of requests of an operator to write the flight recording. Null: there are no such requests.
   const std::atomic<std::uint32_t>* save_requests = nullptr;
   double host_patience = 0;   ///< max time to wait for a first host, s; 0: no limit
-  bool timer_beside = false;  ///< also measure a thread that only sleeps, at the same priority
+  bool timer_beside = false;  ///< also run and measure a TimerBeside at the same priority
   double state_rate = 1000;   ///< max rate of probe states, Hz
   bool uses_deadband = true;  ///< false: the session receives every probe state
 };

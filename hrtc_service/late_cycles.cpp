@@ -16,7 +16,7 @@ namespace {
 
 constexpr std::int64_t kMaxReadingNs = 20'000;  // max duration of reading the times
 constexpr std::int64_t kMaxCountsNs = 500'000;  // max time from reading the counts to reading the times
-constexpr std::int64_t kMaxSwitchNs = 20'000;   // max time from the end of a cycle to the count of its sleep
+constexpr std::int64_t kMaxSwitchNs = 20'000;   // max time from the end of a cycle until the kernel counts its sleep
 constexpr int kMaxTries = 3;
 constexpr std::size_t kMaxCycles = 8192;  // max stored cycles
 
@@ -206,7 +206,7 @@ LateVerdict LateCycleClassifier::classify(const Cycle& late, const ThreadUsage& 
   const auto switches = static_cast<std::int64_t>(after.voluntary - before.voluntary);
   const bool may_have_blocked = switches > sleeps_min;
   verdict.blocked = static_cast<std::uint64_t>(std::max<std::int64_t>(0, switches - sleeps_max));
-  // The duration of a blocking is unknown. It explains the late cycle only if no other cycle was long.
+  // It is unknown how long a blocking took. A blocking explains the late cycle only if no other cycle was long.
   const bool has_blocked = verdict.blocked > 0 && longest_other_ns <= half_ns;
 
   // Foreign time is the part of awake_ns that is neither CPU time nor blocking. If the thread did not block, it is all

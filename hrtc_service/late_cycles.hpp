@@ -5,9 +5,9 @@
 ///     any other thread --- UsageSampler --- ThreadUsage ---> LateCycleClassifier ---> overrun, preempted or unknown
 ///
 /// The periodic thread itself makes no system call for this. Another thread reads its counters every few milliseconds.
-/// The classifier subtracts the readings before and after a late cycle, and from the difference the times of the other
-/// cycles between the readings. Because readings and cycles do not coincide, the result is an interval. The cycle gets
-/// a class only if the whole interval is on one side of the limit.
+/// The classifier computes the difference of the readings before and after a late cycle, and subtracts the times of the
+/// other cycles between these readings. Because a reading is not taken exactly at the begin or end of a cycle, the
+/// result is an interval. The cycle gets a class only if the whole interval is above or below the limit of the class.
 #pragma once
 
 #include <pthread.h>
@@ -57,8 +57,8 @@ class UsageSampler {
   /// Returns whether the system has these counters. They need /proc and a kernel with CONFIG_SCHED_INFO.
   [[nodiscard]] bool available() const { return read().has_value(); }
 
-  /// Reads the counters if the last reading is kPeriodNs old. The system calls take some 15 us. A reading while the
-  /// thread is awake is less certain. So while it is awake, reads only if the last reading is kMaxPeriodNs old.
+  /// Reads the counters if the last reading is at least kPeriodNs old. The system calls take some 15 us. A reading
+  /// while the thread is awake is less certain. It is stored only if the last stored one is at least kMaxPeriodNs old.
   void sample(std::int64_t now_ns);
   static constexpr std::int64_t kPeriodNs = 4'000'000, kMaxPeriodNs = 20'000'000;
 
@@ -93,16 +93,16 @@ enum class LateClass : std::uint8_t {
 struct LateVerdict {
   LateClass late_class = LateClass::kUnknown;
   CycleTimes times;
-  std::int64_t own_ns = 0;  ///< min time for which it computed or was blocked
-  // Differences of the two readings, which include other cycles between them.
+  std::int64_t own_ns = 0;  ///< min time for which the thread itself computed or was blocked in this cycle
+  // Differences between the readings before and after the cycle. They include the other cycles between these readings.
   std::int64_t cpu_ns = 0, wait_ns = 0;
   std::uint64_t blocked = 0;  ///< number of times that the thread blocked, without sleeps
   std::uint64_t minor_faults = 0, major_faults = 0;
 };
 
 /// Classifies late cycles. Cycles must be added in the order of their times, and readings as well. The order between
-/// cycles and readings does not matter. Returns one verdict for each late cycle, in order. One thread at a time.
-/// Allocates.
+/// cycles and readings does not matter. Returns one verdict for each late cycle, in order. A cycle that is late only
+/// because the previous cycle ended late gets the class of the previous verdict. One thread at a time. Allocates.
 class LateCycleClassifier {
  public:
   void add(const CycleTimes& cycle);

@@ -164,7 +164,7 @@ void Loader::on_chunk(const session::BulkChunk& chunk, std::int64_t now_ns) {
     if (found == objects_.end()) continue;
     if (message.kind == session::BulkKind::kBase) {
       on_base_mesh(*found->second, std::exchange(message.bytes, {}));
-      malloc_trim(0);  // the temporary memory of a base mesh is as large as the mesh
+      malloc_trim(0);  // returns the temporary memory to the system, because it is as large as the base mesh
     } else {
       on_region(*found->second, std::move(message), now_ns);
     }
@@ -247,7 +247,8 @@ void Loader::predict(Object& object, const std::array<ReportedProbe, kMaxProbes>
     const ReportedProbe& probe = probes[i];
     if (!probe.active) continue;
     object.predictors[i].predict(lead, predicted_regions_);
-    // The proxy of a device pressed into a surface is elsewhere. The surface around it must be the finest, too.
+    // When a device is pressed into a surface, its proxy is away from it. The surface around the proxy must be the
+    // finest, too.
     if (probe.in_contact && settings_.tool == nullptr)
       object.grid().for_each_intersecting(placement.to_model(probe.proxy),
                                           (settings_.radius + settings_.margin) / placement.scale(),
@@ -320,7 +321,8 @@ void Loader::find_near(const std::array<ReportedProbe, kMaxProbes>& probes, std:
   std::vector<std::uint32_t> numbers;
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
     if (!probes[i].active || !probes[i].device.allFinite()) continue;
-    // The other half covers the distance between device and proxy.
+    // Half of the distance is for motion of the device after this search, the other half for the distance between
+    // device and proxy.
     near[i] = {0, searched, plain(probes[i].device), settings_.near_distance / 2};
     const double reach = std::max(settings_.radius, shape_.reach());
     spheres.push_back({probes[i].device, reach + settings_.near_distance});

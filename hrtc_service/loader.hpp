@@ -4,20 +4,22 @@
 ///   catalogue, chunks -> [assemble] -> store -> [decode] -> arrivals ring -> haptic thread
 ///   reported probes -> [predict] -> demand               departures ring <-
 ///
-/// The store is the compressed cache. Demands list its regions (`have`). The pool is a cache of the store. A region
-/// that leaves the pool remains in the store, so it can be loaded again without the network.
+/// The store is the compressed cache. Demands list its regions as present (`have`), except retired ones. The pool is a
+/// cache of the store. A region that leaves the pool remains in the store, so it can be loaded again without the
+/// network.
 ///
 /// The loader evicts a region from the store in two steps:
 ///  1. It retires the region: demands no longer list it in `have`.
 ///  2. When the host has echoed such a demand, the region is evictable. The loader frees it only when it needs memory.
-/// If a probe needs the region again before that, the eviction is cancelled.
+/// If a probe needs the region again before it is freed, the loader cancels the eviction, unless a host has credit for
+/// the blocks of the region.
 ///
-/// The host gets credit only for the blocks that are free or belong to retired regions. Its echo arrives before the
-/// data that it sends on that credit. So the loader never evicts a region that the host counts as present.
+/// The host gets credit only for blocks that are free or belong to retired regions. The echo of the host arrives before
+/// the data that it sends on that credit. So the loader never evicts a region that the host counts as present.
 ///
-/// An object is withdrawn when its last host withdraws it or sends a leave message. Predictions and demands then omit
-/// it at once. Its memory is freed when the haptic thread has returned it. If its hosts are only silent, the object
-/// remains with the loaded regions, because a user may be touching it and a host may come back.
+/// An object is withdrawn when its last host withdraws it or sends a leave message. Predictions, demands and the store
+/// then omit it at once. Its memory in the pool is freed when the haptic thread has returned it. If its hosts are only
+/// silent, the object and its loaded regions remain, because a user may be touching it and a host may come back.
 ///
 /// One thread, not the haptic one. Allocates while decoding. Memory is bounded by pool, store and the number of regions
 /// of the objects.
@@ -62,7 +64,7 @@ struct LoaderSettings {
   spm::Strategy strategy = spm::Strategy::kMixture;
   double margin = 0.0005;      ///< max distance of a predicted region from a tip's path, m
   double min_speed = 0.05;     ///< speed that the prediction assumes for a tip at rest, m/s
-  double near_distance = 0.1;  ///< max distance from a probe to the objects that the haptic thread queries, m
+  double near_distance = 0.1;  ///< max distance between a probe and the objects that are near it (NearObjects), m
   double min_lead = 0.02;      ///< min prediction horizon, s; a longer round trip extends it
   double max_lead = 0.5;       ///< max prediction horizon, s
   /// Regions that were wanted within this time are evicted after all others. Contacts separated by less time belong to
@@ -87,19 +89,19 @@ struct LoaderFigures {
   std::uint64_t records_received = 0;
   std::uint64_t records_returned = 0;   ///< received records that are or once were in the store
   std::uint64_t records_repeated = 0;   ///< received records that are already in the store
-  std::uint64_t records_published = 0;  ///< received records of regions that demands listed in `have`
+  std::uint64_t records_published = 0;  ///< repeated records of regions that demands listed in `have`
   std::uint64_t refused_full = 0;       ///< messages refused because the store was full
   std::uint64_t refused_other = 0;      ///< messages and regions refused because records did not fit together
   std::uint64_t decode_errors = 0;
   std::uint64_t objects_refused = 0;  ///< objects refused because memory was full
-  double load_latency = 0;            ///< time from the start of wanting a region to its storage, smoothed, s
+  double load_latency = 0;            ///< time from when a region becomes wanted to its storage, smoothed, s
   std::uint32_t slots_used = 0, slots_peak = 0, slots_limit = 0;
   std::uint32_t compressed_used = 0, compressed_peak = 0, compressed_limit = 0;  ///< blocks of the store
 };
 
 class Loader {
  public:
-  /// `pool`, `nodes` and the rings must outlive the loader, and the loader the haptic thread.
+  /// `pool`, `nodes` and the rings must outlive the loader. The loader must outlive the haptic thread.
   Loader(spm::Pool& pool, spm::NodePool& nodes, const session::Origin& self, const LoaderSettings& settings,
          ArrivalRing& arrivals, DepartureRing& departures);
   ~Loader();
@@ -184,7 +186,8 @@ class Loader {
   [[nodiscard]] std::vector<std::uint32_t> predicted(std::uint32_t object_index) const;
 
  private:
-  /// State of a region in the store. kRetired: left out of `have`. kEvictable: hosts have echoed that.
+  /// State of a region in the store. kRetired: demands no longer list it in `have`. kEvictable: hosts have echoed such
+  /// a demand.
   enum class StoreState : std::uint8_t { kAbsent, kHeld, kRetired, kEvictable };
   /// State of a region in the pool. kDeparting: the haptic thread is coarsening it.
   enum class PoolState : std::uint8_t { kNotLoaded, kLoaded, kDeparting };
@@ -234,7 +237,7 @@ class Loader {
   static_assert(sizeof(RegionNote) == spm::kRegionNoteBytes);
   /// A region that a probe is predicted to touch.
   struct WantedRegion {
-    std::int64_t since_ns = 0;        // start of this prediction; 0: more urgent regions fill the store
+    std::int64_t since_ns = 0;        // time when it became wanted; 0: more urgent regions fill the store
     std::uint32_t blocks_needed = 0;  // blocks that it needed when the full store refused it; 0: never refused
   };
   struct Object {
@@ -344,8 +347,8 @@ class Loader {
   std::array<Object*, kMaxObjects> by_index_{};                 // ready; null: none
   std::map<std::uint64_t, session::CatalogueEntry> postponed_;  // by id; entries to open when another object is gone
   struct PredictedContact {
-    double uncertainty;      // sigmas_from_path, increased if the region cannot arrive before the contact ends
-    double request_order;    // s; time to contact, larger if the region cannot arrive before the contact ends
+    double uncertainty;      // standard deviations from the predicted path; larger if the region cannot arrive in time
+    double request_order;    // s; time to contact; larger if the region cannot arrive before the contact ends
     double time_to_contact;  // s
     Object* object;
     std::uint32_t region;
@@ -371,7 +374,7 @@ class Loader {
     session::DeliveryClient::Message message;
   };
   std::deque<WaitingMessage>
-      waiting_messages_;  // messages that wait for memory, in order: one may need the records of an earlier one
+      waiting_messages_;  // wait for memory; in the order of arrival, because one may need records of an earlier one
   std::size_t waiting_bytes_ = 0;
   std::deque<RegionRef> eviction_candidates_;  // regions in kRetired or kEvictable, in the order of eviction
   std::uint32_t blocks_needed_ = 0;            // estimated blocks of the wanted regions that arrive next
@@ -385,7 +388,7 @@ class Loader {
   std::vector<Departing> departing_;
   spm::Cache::Space missing_space_;      // estimated memory that the pool lacks for stored regions of `pool_targets_`
   std::vector<RegionRef> pool_targets_;  // regions with `belongs_in_pool`
-  std::int64_t last_tick_ns_ = 0;        // equal to the time of `mark_wanted` of every wanted region
+  std::int64_t last_tick_ns_ = 0;        // time of the last tick, which `mark_wanted` stores in every wanted region
   std::uint32_t base_slots_ = 0;         // slots of all base meshes, loaded or pending
   std::uint32_t base_nodes_ = 0;         // min tree nodes of all base meshes, loaded or pending
   std::uint64_t directory_bytes_ = 0;    // of all objects

@@ -7,14 +7,14 @@
 namespace tactus::hrtc_service {
 namespace {
 
-constexpr double kMinDamping = 3e-3;  // s, times a body's stiffness; docs/explanation/shared-objects.md
+constexpr double kMinDamping = 3e-3;  // s; min damping / stiffness of a body; docs/explanation/shared-objects.md
 
 Vec3d wide(const std::array<float, 3>& p) { return {p[0], p[1], p[2]}; }
 
 }  // namespace
 
-/// Decodes a base mesh and admits it to the pool. If regions occupy its slots, they are coarsened first (`coarsen`).
-/// So whether an object fits depends on the other base meshes only.
+/// Decodes a base mesh and admits it to the pool. If regions occupy the slots that it needs, `coarsen` frees them
+/// first. So it depends only on the other base meshes whether an object fits.
 void Loader::on_base_mesh(Object& object, const std::vector<std::uint8_t>& bytes) {
   auto decoded = spm::codec::decode_base(std::span<const std::uint8_t>{bytes});
   if (!decoded || decoded->mesh.summary.digest != object.info.digest ||

@@ -13,7 +13,8 @@ constexpr double kUsableShare = 0.9;
 
 }  // namespace
 
-/// Stores or refuses the region of a message, in the order of arrival. Without memory for it, lets the message wait.
+/// Stores or refuses the region of a message, in the order of arrival. While the store has no memory for the region,
+/// the message waits.
 void Loader::on_region(Object& object, session::DeliveryClient::Message message, std::int64_t now_ns) {
   if (waiting_messages_.empty() && store_or_refuse(object, message, now_ns)) return;
   if (waiting_bytes_ + message.bytes.size() > settings_.delivery.max_credit) {  // hosts sent more than their credit
@@ -108,7 +109,8 @@ void Loader::request_wanted(std::int64_t now_ns) {
   const double usable_blocks = kUsableShare * store_.blocks();
   std::stable_sort(predicted_contacts_.begin(), predicted_contacts_.end(),
                    [](const PredictedContact& a, const PredictedContact& b) { return a.uncertainty < b.uncertainty; });
-  // An absent region counts more, because the blocks of a retired region are free only one round trip later.
+  // An absent region counts more, because the blocks of the region that makes room for it become free only one round
+  // trip after its retirement.
   constexpr double kInFlightFactor = 1.5;
   double blocks = 0;
   const auto first_excess =
@@ -137,15 +139,15 @@ void Loader::request_wanted(std::int64_t now_ns) {
     if (contact.time_to_contact <= 0) note.mark_contact(now_ns, settings_.recently_wanted_ns);
     const bool retired = note.store_state() == StoreState::kRetired || note.store_state() == StoreState::kEvictable;
     const double region_blocks = block_estimate(*contact.object, contact.region);
-    // If hosts have credit for its blocks, the region remains retired. It is evicted last, and can be loaded until
-    // then.
+    // A retired region that is wanted again is reinstated, unless hosts have credit for its blocks. In this case it
+    // remains retired, is evicted last, and can be loaded until then.
     if (retired && !note.is_faulty && blocks_after_eviction() - region_blocks > credit_blocks)
       cancel_eviction(*contact.object, contact.region);
     if (!note.is_absent()) continue;
     absent_blocks += region_blocks;
     if (blocks_needed_ == 0 || blocks_needed_ < blocks_to_free_now)
       blocks_needed_ += std::max(static_cast<std::uint32_t>(region_blocks), wanted_region.blocks_needed);
-    // The full store refused the region, and it would do so again.
+    // The store refused the region when it was full, and would refuse it again.
     if (blocks_after_eviction() < wanted_region.blocks_needed) continue;
     wanted[contact.object->info.index].push_back(
         {contact.region, static_cast<std::uint32_t>(contact.request_order * 1e6)});
@@ -154,7 +156,7 @@ void Loader::request_wanted(std::int64_t now_ns) {
   constexpr double kReserveFactor = 2;
   blocks_reserve_ = static_cast<std::uint32_t>(
       std::clamp(kReserveFactor * absent_blocks, store_.blocks() / 16.0, store_.blocks() * 0.75));
-  // The limit is not set while a base mesh is expected, because the store has no part in its admission.
+  // While a base mesh is expected, the credit is not limited, because the store does not hold base meshes.
   if (std::all_of(objects_.begin(), objects_.end(),
                   [](const auto& entry) { return entry.second->ready || entry.second->refused; }))
     delivery_.limit_credit(static_cast<std::uint64_t>(kUsableShare * blocks_after_eviction() * bytes_per_block_));
@@ -164,8 +166,8 @@ void Loader::request_wanted(std::int64_t now_ns) {
 /// Retires all faulty regions, and further regions until their eviction frees `blocks_needed_` and `blocks_reserve_`:
 ///  1. regions that no probe touched, longest unwanted first;
 ///  2. regions with one visit, longest unwanted first;
-///  3. regions with more visits, the longest time since the visit before the last first. So the regions of a repeated
-///     path remain although many others are visited (O'Neil et al. 1993, LRU-2);
+///  3. regions with more visits, in the order of their second-last visit, the oldest first. So the regions of a
+///     repeated path remain although many others are visited (O'Neil et al. 1993, LRU-2);
 ///  4. recently wanted regions, longest unwanted first.
 void Loader::find_eviction_candidates() {
   const auto has_enough_blocks = [&] { return blocks_after_eviction() >= std::max(blocks_reserve_, blocks_needed_); };

@@ -69,7 +69,7 @@ void Loader::forget(Object& object) {
   if (on_object_gone) on_object_gone(info);
 }
 
-/// Stores the entry of an object that cannot be opened now, for want of space or because its name is in use. Removes
+/// Stores the entry of an object that cannot be opened now, for lack of space or because its name is in use. Removes
 /// entries that no host offers any more.
 void Loader::postpone(const session::CatalogueEntry& entry) {
   for (auto at = postponed_.begin(); at != postponed_.end();)

@@ -102,7 +102,8 @@ void Membership::on_client(const session::RosterEvent& event, bool is_gone) {
   const bool is_present = event.change == RosterChange::kJoined || event.change == RosterChange::kRestarted ||
                           event.change == RosterChange::kChanged;
   const bool has_chosen_us = is_present && entry.requested_hrtc == settings_.name;
-  // After a restart the other users remain, because the new program may be a name conflict and leave again.
+  // After a restart, users that the new entry does not name remain, because the new program may be in a name conflict
+  // and leave again.
   if (event.change == RosterChange::kChanged) {
     std::vector<std::string> departed;
     for (const auto& [probe, user] : users_)

@@ -52,7 +52,7 @@ struct MembershipOutput {
   std::vector<UserChange> users;
   std::vector<SessionEvent> events;
   bool scene_changed = false;  ///< a participant joined or left: publish metrics soon
-  bool name_conflict = false;  ///< another program has the name of this one, so this one must end
+  bool name_conflict = false;  ///< an older program has the name of this one, so this one must end
   void clear() { *this = {}; }
 };
 
@@ -63,7 +63,7 @@ class Membership {
 
   MembershipOutput output;
 
-  /// Called as Gateway::on_object_gone.
+  /// Called when Gateway::on_object_gone is called, with the same argument.
   std::function<void(const Loader::ObjectInfo&)> on_object_gone;
 
   void on_roster(const session::RosterEntry& entry, std::int64_t now_ns);
@@ -82,10 +82,11 @@ class Membership {
 
   /// Call it every few milliseconds, after the gateway's tick.
   void tick(std::int64_t now_ns);
-  /// Requests an answer from each host that serves a near object. Call it every `watch_period_ns`. Returns true if the
-  /// failure detector reports a new suspect.
+  /// Requests an answer from each host that serves an object near a probe. Call it every `watch_period_ns`. Returns
+  /// true if the failure detector has a new suspect.
   [[nodiscard]] bool watch_hosts(std::int64_t now_ns);
-  /// Returns the time between two calls of watch_hosts, ns. 0: no host needs them.
+  /// Returns the time between two calls of `watch_hosts`, ns. 0: no call is needed, because no host serves an object
+  /// near a probe.
   [[nodiscard]] std::int64_t watch_period_ns() const noexcept;
   struct ClockRequest {
     session::ClockSample sample;
@@ -110,7 +111,7 @@ class Membership {
   [[nodiscard]] std::uint64_t implausible() const noexcept {
     return roster_.implausible() + clock_.implausible() + remote_users_.implausible();
   }
-  /// Returns whether a force is on or was within the last 0.2 s. Session time must not step then.
+  /// Returns whether a force is on or was on within the last 0.2 s. Session time must not step during this time.
   [[nodiscard]] bool is_force_on(std::int64_t now_ns) const noexcept;
 
  private:
@@ -122,7 +123,7 @@ class Membership {
   /// The host that serves an object.
   struct Serving {
     std::uint64_t host = 0;
-    std::int64_t since_ns = 0;         // time of the change of host; 0: its records have arrived
+    std::int64_t since_ns = 0;         // time of the change of host; 0: records of the new host have arrived
     std::uint64_t regions_before = 0;  // regions of the object received before the change
   };
 

@@ -7,10 +7,10 @@ namespace {
 
 // N/m. With it, the copies of two users who press with 6 N from opposite sides are 1.2 mm apart.
 constexpr double kCouplingStiffness = 10'000;
-constexpr std::int64_t kMaxPeerSilenceNs = 100'000'000;   // then copies without a grant separate
-constexpr std::int64_t kWakeUpMarginNs = 4'000'000;       // for threads that wake up late
-constexpr std::int64_t kMinChannelDelayNs = 3'000'000;    // for a stable coupling
-constexpr std::int64_t kMaxChannelDelayNs = 400'000'000;  // for the history of a coupling
+constexpr std::int64_t kMaxPeerSilenceNs = 100'000'000;   // silence after which copies without a grant separate
+constexpr std::int64_t kWakeUpMarginNs = 4'000'000;       // added to the transit for threads that wake up late
+constexpr std::int64_t kMinChannelDelayNs = 3'000'000;    // a shorter delay makes the coupling unstable
+constexpr std::int64_t kMaxChannelDelayNs = 400'000'000;  // a coupling stores no longer history
 
 }  // namespace
 

@@ -4,9 +4,10 @@
 ///     reports of the haptic thread --+--> Claimant, one for each object --+--> claims
 ///     grants, poses of others -------+                                    +--> orders for the haptic thread (Bodies)
 ///
-/// This class makes the couplings, because that allocates. A coupling exists until the haptic thread has received
-/// orders that do not name it. If the host is gone and the grant expires, the copies remain coupled as long as they
-/// receive samples from each other. Their poses count again when a host has granted the object.
+/// This class constructs the couplings, because construction allocates. A coupling exists until the haptic thread has
+/// received orders that do not name it. If the host is gone and the grant expires, the copies remain coupled as long as
+/// they receive samples from each other. Other programs ignore the poses of the copies until a host grants the object
+/// again.
 ///
 /// Times are arguments. No DDS. Service thread. Not realtime.
 #pragma once
@@ -46,7 +47,7 @@ class OwnershipClient {
   void on_pose(const session::ObjectPose& pose, std::int64_t now_ns);
   /// Stores the arrival time of the newest sample from a peer.
   void on_peer_received(std::uint32_t object_index, std::int64_t now_ns);
-  /// Sets ObjectClaim::one_way_ns of the next claims from the measured transit of the samples that arrive here.
+  /// Sets ObjectClaim::one_way_ns of the next claims from the measured transit times of arriving samples.
   void on_transits(const session::TransitEstimator& transits) noexcept;
 
   void on_reports(const BodyReports& reports);
@@ -85,12 +86,12 @@ class OwnershipClient {
     // Figures.
     std::uint64_t last_fencing = 0;            // of the coupling in `ledger`
     haptics::CopyCoupling::Ledger ledger;      // of the last coupling
-    double past_given = 0, past_received = 0;  // J, of all couplings before it
+    double past_given = 0, past_received = 0;  // J, sums over all couplings before that one
   };
 
   [[nodiscard]] Object* find(std::uint64_t id);
   [[nodiscard]] static GrantedCoupling* coupling_in_use(Object& object) noexcept;
-  /// Makes or releases the object's coupling as its role demands.
+  /// Constructs or releases the object's coupling according to the role of this HRTC.
   void update_coupling(Object& object, std::int64_t now_ns);
   void post_orders();
 

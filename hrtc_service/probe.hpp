@@ -19,7 +19,7 @@ namespace tactus::hrtc_service {
 struct ProbeInput {
   bool active = false;
   haptics::DeviceState device;  ///< state of the tip, world
-  double pose_age = 0;          ///< s
+  double pose_age = 0;          ///< age of the pose with its transit, s
   NearObjects near;             ///< from the broad phase
   bool failed = false;          ///< the device has failed, which latches a fault
 };
@@ -36,20 +36,20 @@ struct ProbeOutput {
   std::uint32_t object = spm::kNone;  ///< index of the touched object
   std::uint32_t status = 0;           ///< session::StatusBit
   std::uint32_t contacts = 0;
-  float stiffness = 0;              ///< of the force, N/m; 0 without contact
+  float stiffness = 0;              ///< stiffness with which the force was computed, N/m; 0 without contact
   float error_bound = 0;            ///< m; the largest float if an object near the probe has no mesh yet
   float pose_age = 0;               ///< s
   std::uint32_t pose_sequence = 0;  ///< haptics::DeviceState::sequence
 };
 
-/// A sphere of those that cover a probe for refinement and queries. World frame.
+/// One of the spheres that cover a probe for refinement and queries. World frame.
 struct TouchSphere {
   Vec3d centre = Vec3d::Zero(), velocity = Vec3d::Zero();
   double radius = 0;
 };
 
-/// Returns the sphere in an object's model frame: its position in `wait` seconds, and its displacement in the
-/// `look_ahead` seconds after that.
+/// Returns the sphere in an object's model frame: its predicted position after `wait` seconds, and its displacement in
+/// the next `look_ahead` seconds.
 [[nodiscard]] inline spm::PlacedSphere placed(const TouchSphere& sphere, const Placement& placement, double wait = 0,
                                               double look_ahead = 0) noexcept {
   const double scale = placement.scale();
@@ -62,7 +62,7 @@ struct ProbeStep {
   const ProbeInput& input;
   ObjectsSurface& surface;
   bool mesh_changed;       ///< the mesh of an object near the probe changed in the last cycle
-  bool mesh_changed_here;  ///< it changed so near the proxy that the proxy may move
+  bool mesh_changed_here;  ///< a mesh changed so near the proxy that the proxy may move
   double period;           ///< s
   haptics::ForceRenderer& renderer;
   ProbeOutput& output;
@@ -72,7 +72,7 @@ struct ProbeStep {
   /// Returns the material of the object, or of any object near the probe if that object is not near. Returns null if no
   /// object is near.
   [[nodiscard]] const session::Material* material(std::uint32_t object) const noexcept;
-  /// Clears session::kExact of the output, if a mesh within these spheres is not the finest.
+  /// If a mesh within these spheres is not the finest, clears session::kExact of the output and raises its error bound.
   void mark_coarse(std::span<const TouchSphere> spheres) const noexcept;
 };
 

@@ -9,8 +9,8 @@ namespace tactus::hrtc_service {
 
 using wire::monotonic_ns;
 
-/// Wakes a thread once in each period. Wake-up times are absolute, so delays do not add up. If the thread is late by
-/// more than a period, the missed periods are skipped and counted.
+/// Wakes a thread once in each period. Due times are absolute, so delays do not add up. If the thread is late by more
+/// than a period, the clock skips and counts the missed periods.
 class PeriodicClock {
  public:
   explicit PeriodicClock(std::int64_t period_ns) noexcept;

@@ -1,7 +1,7 @@
 /// Tracks the probes of users at other HRTCs, and the groups in which users of this HRTC collaborate with them.
 ///
 ///     probe states (deadband-coded, full-rate)  --> RemoteProbe, Modes  --> groups that need full-rate states
-///     metrics of other HRTCs                    --> share of our states that they lose
+///     metrics of other HRTCs                    --> share of this HRTC's states that the others lose
 ///
 /// No DDS, thread or clock. One thread at a time, except `loss`.
 #pragma once
@@ -46,16 +46,15 @@ class RemoteUsers {
   [[nodiscard]] std::vector<std::uint64_t> groups() const { return modes_.groups(); }
   /// Returns the group of a user of this HRTC, or 0.
   [[nodiscard]] std::uint64_t group_of(std::uint64_t user) const { return modes_.group_of(user); }
-  /// Reports whether the writer and the reader of a group have matched endpoints at peers.
+  /// Sets whether the writer and the reader of a group are matched with endpoints of peers.
   void on_peers(std::uint64_t group, bool matched) { modes_.on_peers(group, matched); }
 
-  /// Returns the share of our deadband-coded states that another HRTC loses, for the HRTC that loses most. Any thread.
+  /// Returns the share of our deadband-coded states that other HRTCs lose: the max over these HRTCs. Any thread.
   [[nodiscard]] double loss() const noexcept { return loss_.load(std::memory_order_relaxed); }
   void add_figures(std::vector<session::Figure>& figures) const;
   /// Returns the number of states that were dropped because a number or time was outside its plausible window.
   [[nodiscard]] std::uint64_t implausible() const noexcept { return implausible_; }
-  /// Returns the losses of this HRTC: for each other HRTC, the share of its states that this one lost. Omits HRTCs with
-  /// a share of nearly 0.
+  /// Returns, for each other HRTC, the share of the states of that HRTC that this HRTC lost. Omits shares of nearly 0.
   [[nodiscard]] std::vector<session::Figure> losses() const;
 
  private:

@@ -12,7 +12,7 @@ Servo::Servo(const ServoSettings& settings, ServoLink& link)
   snapshot_.nodes.resize(settings.snapshot_nodes);
 }
 
-/// Applies the stop last, so that no reset before it can end it.
+/// Applies the stop after the reset, so that an earlier reset cannot end the stop.
 void Servo::obey(StopWord word) noexcept {
   if (word.bits() == stop_.bits()) return;
   if (word.resets != stop_.resets) cycle_.reset_faults();
@@ -56,7 +56,7 @@ void Servo::begin_snapshot() noexcept {
 }
 
 void Servo::continue_snapshot() noexcept {
-  if (snapshot_.objects_changed != cycle_.objects_changed()) {  // positions may have changed
+  if (snapshot_.objects_changed != cycle_.objects_changed()) {  // objects may have other positions in the list
     snapshot_.is_copying = false;
     begin_snapshot();
   }

@@ -80,7 +80,7 @@ class Servo {
     std::array<std::uint32_t, kMaxObjects> ends{};     // end in `nodes`, by position in Cycle::objects
     std::array<std::uint32_t, kMaxObjects> indices{};  // object index, by position in Cycle::objects
     std::uint32_t objects = 0;                         // objects copied completely
-    std::uint32_t next_node = 0;                       // next leaf of the object after these
+    std::uint32_t next_node = 0;                       // next leaf of the object that is being copied
     std::uint64_t objects_changed = 0;                 // Cycle::objects_changed at the begin of the copy
     bool is_copying = false;
   } snapshot_;

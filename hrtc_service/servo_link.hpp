@@ -5,7 +5,7 @@
 ///     objects near each probe           -- near ----------->   Cycle
 ///     orders for bodies, peers' copies  -- bodies --------->   Bodies
 ///     emergency stop and reset          -- stop word ------>   Cycle
-///     regions and objects not in use    <- departures ------   Cycle
+///     regions and objects to free       <- departures ------   Cycle
 ///     probes, bodies, mesh hashes       <- mailboxes -------   after each cycle
 ///     queries for the contact log       <- log -------------   Cycle
 ///
@@ -90,7 +90,7 @@ struct ServoLink {
     return stop_obeyed_.load(std::memory_order_acquire) == stop_word_.load(std::memory_order_relaxed);
   }
 
-  // Both ways.
+  // In both directions.
   BodyLink bodies;
 
  private:

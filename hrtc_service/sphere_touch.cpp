@@ -27,7 +27,7 @@ const haptics::ForceResult& SphereTouch::render(const ProbeStep& step) noexcept 
   const haptics::Proxy before = proxy_;
   (void)proxy_.step(device.position, step.period, step.surface, step.mesh_changed_here);
   const haptics::ProxyResult& result = proxy_.last();
-  // The force changes by refinement as far as this proxy differs from the proxy on the previous version of the mesh.
+  // Refinement changes the force by as much as this proxy differs from the proxy on the previous version of the mesh.
   haptics::ProxyResult unchanged;
   const bool may_be_felt = step.mesh_changed_here || !before.started() || step.surface.reached_change();
   if (may_be_felt) {
@@ -40,7 +40,7 @@ const haptics::ForceResult& SphereTouch::render(const ProbeStep& step) noexcept 
   ProbeOutput& output = step.output;
   output.proxy = plain(result.proxy);
   output.force = plain(force.force);
-  output.torque = plain(force.torque);  // fades after a hold of a withdrawn object
+  output.torque = plain(force.torque);  // fades after the held object was withdrawn
   output.object = result.in_contact ? result.object : spm::kNone;
   if (result.surface_moved) output.status |= session::kSurfaceMoved;
   if (!result.in_contact) return force;

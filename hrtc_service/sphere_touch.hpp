@@ -18,7 +18,7 @@ class SphereTouch {
   /// Sets haptics::ProxySettings::reach from the next step on.
   void set_reach(double reach) noexcept { proxy_.set_reach(reach); }
 
-  /// Moves the proxy with the device while the hand holds an object.
+  /// Moves the proxy towards the device while the hand holds an object. Ignores `goal`, which only a tool needs.
   void move_to(const ProbeStep& step, const haptics::ToolPose& goal) noexcept;
   /// Moves the proxy towards the device and computes the force.
   const haptics::ForceResult& render(const ProbeStep& step) noexcept;

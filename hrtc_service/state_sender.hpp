@@ -23,11 +23,10 @@ class StateSender {
   StateSender(wire::Participants& participants, double radius, bool uses_deadband, const UserDevices& devices,
               const RemoteUsers& remote_users, GroupEndpoints& groups);
 
-  /// Sends the states of the newest reports. `clock` maps their times to session time. Sender thread.
+  /// Sends the states in `latest`, the newest reports. `clock` maps local time to session time. Sender thread.
   void send(const ProbeReports& latest, const session::ClockMap& clock);
 
-  /// Sets the id by which states name the object of this index, 0 when the servo has removed the object. Service
-  /// thread.
+  /// Sets the id by which states name the object with this index. 0: the servo has removed the object. Service thread.
   void set_object_id(std::uint32_t index, std::uint64_t id) noexcept { object_ids_[index] = id; }
   /// Appends the numbers of sent states. Any thread.
   void add_figures(std::vector<session::Figure>& figures) const;

@@ -1,4 +1,4 @@
-/// Counts the cycles of an HRTC, and computes percentiles of their newest million samples.
+/// Counts the cycles of an HRTC, and computes percentiles of their times over the newest million cycles.
 #pragma once
 
 #include <cstdint>

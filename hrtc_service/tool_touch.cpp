@@ -62,7 +62,7 @@ const haptics::ForceResult& ToolTouch::render(const ProbeStep& step) noexcept {
   const haptics::ToolGrip grip = step.renderer.tool_grip(impedance, step.period, device.loop_delay);
   move_to(step, {device.position, device.orientation});
   const haptics::ToolResult& result = tool_.last();
-  // The damper acts against the velocity of the touched object.
+  // The damper acts on the velocity relative to the touched object.
   if (result.in_contact)
     device.velocity -= (result.point - step.surface.previous_point(result.object, result.point)) / step.period;
   const haptics::ForceResult& force = step.renderer.step(result, grip, device, impedance, step.age(), step.period);

@@ -20,7 +20,7 @@ namespace tactus::hrtc_service {
 
 class ToolTouch {
  public:
-  /// `probe` in metres; must outlive it. Allocates.
+  /// `probe`: mesh of the tool in metres; must outlive this object. Allocates.
   explicit ToolTouch(const spm::MeshProbe& probe);
 
   /// Resets the tool. The next step starts at the device.

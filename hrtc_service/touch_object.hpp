@@ -33,7 +33,7 @@ using Plain4 = std::array<double, 4>;
 inline constexpr std::uint32_t kMaxProbes = 8;
 inline constexpr std::uint32_t kMaxObjects = spm::kMaxObjects;
 inline constexpr std::uint32_t kMaxBodies = 8;  ///< objects that an HRTC can move; further ones stay fixed
-inline constexpr double kHandNear = 0.15;       ///< m; a hand so near to a body refines the surroundings of the body
+inline constexpr double kHandNear = 0.15;       ///< m; the surroundings of a body are refined if a hand is this near
 static_assert(kMaxObjects <= 64, "bits in NearObjects");
 
 using sharing::Placement;
@@ -53,9 +53,10 @@ struct TouchObject {
   std::unique_ptr<spm::Forest> forest;
 };
 
-/// Finds the parts of a fixed object that a body near a hand can touch, because their mesh must be the finest. The
-/// fixed object has `bounds` and the placement `stands`. Calls `visit(centre, radius)` with spheres in its model frame.
-/// `has_hand_near(point, distance)`: whether some tip is within that distance of a point, world frame.
+/// Finds the parts of a fixed object that a body near a hand can touch. The mesh of these parts must be the finest. The
+/// fixed object has `bounds` and the placement `stands`; the body has `placement`. Calls `visit(centre, radius)` with
+/// spheres in the model frame of the fixed object. `has_hand_near(point, distance)`: whether some tip is within that
+/// distance of a point, world frame.
 template <class HandNear, class Visit>
 void for_each_sphere_under(const sharing::SharedBody& body, const Placement& placement, const spm::CellBox& bounds,
                            const Placement& stands, HandNear&& has_hand_near, Visit&& visit) noexcept {
@@ -70,7 +71,7 @@ struct NearObjects {
   std::uint64_t found = 0;     ///< objects near the tip, by index bit
   std::uint64_t searched = 0;  ///< objects that the search covered, by index bit
   Plain3 centre{};             ///< position of the tip at the search, world
-  double moved = 0;            ///< max motion of the tip for which `found` is complete, m
+  double moved = 0;            ///< max displacement of the tip since the search for which `found` is complete, m
 
   /// Returns the objects that count as near a tip at this position, by index bit.
   [[nodiscard]] std::uint64_t at(const Vec3d& tip) const noexcept {
@@ -110,8 +111,8 @@ struct Unchanged {
   bool appeared = false;  ///< the object had no mesh in the last cycle
 };
 
-/// Combines the surfaces of several objects near one probe, at their placements now and in the last cycle. Borrows its
-/// arguments for a cycle. Realtime.
+/// Combines the surfaces of several objects near one probe, at their placements now and in the last cycle. Stores
+/// pointers to its arguments until `clear`. Realtime.
 class ObjectsSurface final : public haptics::Surface {
  public:
   /// Sets the caches for sweeps; null for none. They must outlive the surface.

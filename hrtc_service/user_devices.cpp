@@ -39,7 +39,8 @@ void UserDevices::add(std::uint32_t probe, const std::string& name, std::uint64_
   listen_to_device(user);
 }
 
-/// Opens the reader of a client's device poses. Its callback passes them to the haptic thread without the service.
+/// Opens the reader of a client's device poses. Its callback passes the poses to the haptic thread directly, without a
+/// delay by the service thread.
 void UserDevices::listen_to_device(User& user) {
   user.remote = std::make_unique<haptics::RemoteDevice>();
   const auto on_pose = [this, remote = user.remote.get(), id = user.id, client = user.client,

@@ -33,8 +33,8 @@ namespace tactus::hrtc_service {
 class UserDevices {
  public:
   using OnIntent = std::function<void(session::Intent&&)>;
-  /// `on_intent` receives the intents of this HRTC's users, in threads of DDS. `participants`, `orders` and the
-  /// references in `on_intent` must outlive the object.
+  /// `on_intent` receives the intents of this HRTC's users, in threads of DDS. `participants`, `orders` and the objects
+  /// that `on_intent` uses must outlive this object.
   UserDevices(wire::Participants& participants, HapticOrders& orders, OnIntent on_intent);
   ~UserDevices();
 
@@ -45,7 +45,7 @@ class UserDevices {
   /// Removes a user: closes the endpoints, and commands the haptic thread to stop using the device.
   void remove(std::uint32_t probe);
 
-  /// Sets the requested path of a simulated hand. `ahead_ns`: local clock minus session time.
+  /// Sets the path that a simulated hand follows. `ahead_ns`: local clock minus session time.
   void on_intent(const session::Intent& intent, std::int64_t ahead_ns);
   /// Passes to the haptic thread the devices that have sent their first pose since the last call.
   void open_remote_devices();
@@ -77,7 +77,7 @@ class UserDevices {
     std::unique_ptr<haptics::RemoteDevice> remote;                   // receives the poses of a device at the client
     std::unique_ptr<wire::Writer<session::DeviceCommand>> commands;  // after the first pose
     std::unique_ptr<wire::Reader<session::Intent>> intents;
-    std::unique_ptr<wire::Reader<session::DevicePose>> poses;  // last, so that no callback outlives what it fills
+    std::unique_ptr<wire::Reader<session::DevicePose>> poses;  // declared last: its callback uses `remote`
   };
   /// A user who has left. `orders` and `remotes`: numbers of the first lists that do not name the user's devices.
   struct DepartedUser {
@@ -104,7 +104,8 @@ class UserDevices {
   RemoteEndpoints remote_endpoints_;
   Handover<RemoteEndpoints> remote_endpoints_out_;  // to the sender
   std::vector<DepartedUser> departed_users_;
-  std::map<std::uint32_t, User> users_;  // by slot; last, so that no callback outlives what it fills
+  // By probe. Declared last, so that callbacks end before the members that they use are destroyed.
+  std::map<std::uint32_t, User> users_;
 };
 
 }  // namespace tactus::hrtc_service
