@@ -10,7 +10,7 @@
 
 namespace tactus::bench {
 
-/// Command line with --quick, --json and --help, to which a benchmark adds its own options.
+/// Command line with --quick, --json and --help. A benchmark adds its own options.
 class App : public CLI::App {
  public:
   /// `name` is the NAME of `scripts/bench NAME`. `quick_help` describes the run with --quick, which may omit bounds but

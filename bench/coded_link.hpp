@@ -1,4 +1,4 @@
-/// Sends deadband-coded probe states over a link between two namespaces, in the frames of tactus-latency.
+/// Sends deadband-coded probe states over a link between two namespaces, as pings of tactus-latency.
 #pragma once
 
 #include <cstdint>
@@ -12,7 +12,7 @@ namespace tactus::bench {
 
 struct LinkRun {
   std::vector<CodedArrival> arrivals;
-  Samples age;                  ///< ms, age of each state at its arrival
+  Samples age;                  ///< ms, age of each arrived state at its arrival
   double lost_percent = 0;      ///< of the states sent
   double mesh_mbyte_per_s = 0;  ///< mesh records that arrived at the same time
 };

@@ -1,4 +1,5 @@
-/// Rows about deadband-coded probe states, in the benchmarks of full-rate states. The hand follows a surface at 5 cm/s.
+/// Adds rows about deadband-coded probe states to the benchmarks of full-rate states. The hand follows a surface at
+/// 5 cm/s.
 #pragma once
 
 #include <cstdint>
@@ -8,7 +9,7 @@
 
 namespace tactus::bench {
 
-/// Adds rows for the link P0 with a loss of `percent` of the frames, which the encoder knows. The p99 of the force
+/// Adds rows for the link P0 with a loss of `percent` of the frames. The encoder knows this loss. The p99 of the force
 /// error has the bound 1 JND. The movement takes `seconds`.
 void add_coded_loss(Report& report, double percent, double seconds, std::uint64_t seed);
 

@@ -11,7 +11,7 @@
 
 namespace tactus::bench {
 
-/// Probe states of a movement, one for each millisecond. The index of a state in this list identifies it below.
+/// Probe states of a movement, one for each millisecond. Below, the index in this list identifies a state.
 using States = std::vector<session::ProbeState>;
 
 /// Returns the indices of the states that an encoder sends.
@@ -27,7 +27,8 @@ struct CodedArrival {
 [[nodiscard]] std::vector<CodedArrival> arrivals_without_delay(const States& states,
                                                                const std::vector<std::uint32_t>& sent);
 
-/// Differences between the views that the receiver shows each millisecond and the true states of the same session time.
+/// Differences between the view that the receiver shows in each millisecond and the true state of the same session
+/// time.
 struct Fidelity {
   Samples jnd;             ///< |force error|, in just noticeable differences
   double rms_jnd = 0;      ///< rms of `jnd`
@@ -38,7 +39,7 @@ struct Fidelity {
 };
 
 /// Returns the errors of a receiver that gets `arrivals`, sorted by time. `sent` are the indices of the states sent.
-/// The first second is not measured, because the playout delay still adapts.
+/// Does not measure the first second, because the playout delay still adapts.
 [[nodiscard]] Fidelity play(const States& states, const std::vector<std::uint32_t>& sent,
                             const std::vector<CodedArrival>& arrivals, const session::PlayoutSettings& settings,
                             const session::Jnd& jnd = {});

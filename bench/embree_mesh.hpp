@@ -1,6 +1,7 @@
 /// Queries with Embree 3 on a mesh of fixed resolution, for comparison with the queries of this project.
 ///
-/// Embree is used as its experts would use it. Coordinates have the caller's frame and unit. One thread at a time.
+/// Uses the functions and build qualities that Embree provides for such queries, so that the comparison is fair.
+/// Coordinates have the caller's frame and unit. One thread at a time.
 /// Allocates, as Embree does.
 #pragma once
 

@@ -21,8 +21,8 @@ class HrtcModel {
   HrtcModel(const HrtcModel&) = delete;
   HrtcModel& operator=(const HrtcModel&) = delete;
 
-  /// Returns the message of `region` that a host would send now: its closed list, and the records that are not loaded.
-  /// With `all_records` the message also has the loaded ones.
+  /// Returns the message of `region` that a host would send now: the region's closed list, and the listed records that
+  /// are not loaded. With `all_records`, the message also has the loaded records.
   [[nodiscard]] spm::RegionData message(spm::RegionId region, bool all_records) const;
   /// Loads the records of a message and adds its region to the forest. The region must not be loaded yet.
   [[nodiscard]] spm::AcceptResult load(const spm::RegionData& data);
@@ -52,7 +52,8 @@ class HrtcModel {
   std::uint32_t records_held_ = 0;
 };
 
-/// Returns the slots for the base mesh plus those for `share` of all record parts, at least `min` of the latter.
+/// Returns the number of slots for the base mesh plus the number for `share` of all record parts, but at least `min`
+/// for the record parts.
 [[nodiscard]] std::uint32_t slots_for(const spm::ModelSummary& summary, double share, std::uint32_t min = 0);
 
 }  // namespace tactus::bench

@@ -49,7 +49,7 @@ struct Configuration {
 
   std::string name;
   latency::TestCase cell;
-  int round_interval = 1;  ///< the configuration runs in one of so many rounds
+  int round_interval = 1;  ///< the configuration runs in every `round_interval`-th round
   Percentiles age{}, half_round_trip{}, half_round_trip_sent{};
   Samples mesh_mbyte_per_s{};
   double expected = 0, lost = 0, echoes_lost = 0;  ///< probe states of all runs
@@ -91,7 +91,7 @@ inline void add_rows(Report& report, const std::string& quantity, const Configur
     report.add_percentiles(quantity + percentile, "runs", "us", *samples);
 }
 
-/// Calls bench_main for a benchmark that wire::stop_signal interrupts.
+/// Calls bench_main. If wire::stop_signal is set when `run` throws, the exception becomes Interrupted.
 template <class Run>
 int latency_main(App& app, int argc, char** argv, Run&& run) {
   return bench_main(app, argc, argv, [&]() -> Report {

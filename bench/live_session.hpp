@@ -1,4 +1,4 @@
-/// A session of real programs in two network namespaces, with an observer that receives what they publish.
+/// A session of real programs in two network namespaces, with an observer that receives the samples of the programs.
 ///
 /// Benchmarks run hosts in namespace a and all other programs in namespace b. The observer is in namespace b, too. One
 /// thread constructs and uses a LiveSession. The constructor moves this thread into namespace b, and the started
@@ -25,8 +25,8 @@ namespace tactus::bench {
 struct ObservedSession {
   std::map<std::uint64_t, session::RosterEntry> roster;
   std::map<std::uint64_t, session::Metrics> metrics;  ///< newest of each participant
-  std::uint64_t serving_host = 0;                     ///< in the newest demand for any object
-  std::int64_t serving_since_ns = 0;                  ///< arrival of the first demand that names it, monotonic
+  std::uint64_t serving_host = 0;                     ///< Demand::serving_host of the newest demand for any object
+  std::int64_t serving_since_ns = 0;                  ///< arrival of the first demand with this host, monotonic
   struct State {
     std::uint64_t user;
     std::uint32_t sequence;
@@ -73,8 +73,8 @@ void in_own_thread(const std::function<void()>& work);
 /// Returns the path of tactus-`name` in the folder of the running program.
 [[nodiscard]] std::string program_path(const std::string& name);
 
-/// Waits until `text` appears in the output of the process after its first `from` bytes. Returns the time at which it
-/// appeared, monotonic ns, or 0 if it has not appeared within `limit`.
+/// Waits until `text` appears in the output of the process, after the first `from` bytes of this output. Returns the
+/// time at which it appeared, monotonic ns, or 0 if it has not appeared within `limit`.
 [[nodiscard]] std::int64_t wait_for_text(const e2e::Process& process, std::size_t from, const std::string& text,
                                          std::chrono::milliseconds limit);
 /// Sleeps. Throws std::runtime_error at wire::stop_signal.

@@ -23,7 +23,7 @@ struct LoadedModel {
 /// `faces` faces. The longest side of a mesh and of the organ becomes 0.1 m. Throws ModelError.
 [[nodiscard]] LoadedModel load_model(const std::string& path, std::uint32_t faces);
 
-/// Mean edge of the dragon at a length of 10 cm. A hand does not resolve finer details.
+/// Mean edge of the Stanford dragon when it is 10 cm long. A hand does not resolve finer details.
 constexpr double kHandEdge = 0.0002;  ///< m
 /// Scales the model so that the mean edge of its finest mesh is `mean_edge` metres long.
 void scale_to_edge(LoadedModel& subject, double mean_edge);

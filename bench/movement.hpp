@@ -20,7 +20,7 @@ struct Movement {
 /// Returns tapping, following a surface at 5 and at 15 cm/s, holding still on the surface, and moving in the air.
 [[nodiscard]] const std::vector<Movement>& movements();
 
-/// Returns one probe state a millisecond for `seconds` after the first contact. Session time begins at 0 and the
+/// Returns one probe state per millisecond, for `seconds` after the first contact. Session time begins at 0 and the
 /// sequence number at 1. `scale` is metres for each unit of `model`. Throws std::runtime_error if the hand touches
 /// nothing within 20 s.
 [[nodiscard]] std::vector<session::ProbeState> simulate(const spm::Model& model, double scale, const Movement& movement,

@@ -8,8 +8,8 @@
 
 namespace tactus::bench {
 
-/// Gives the calling thread the priority of a haptic thread until its destruction, if the system grants it. Threads
-/// started meanwhile inherit this priority.
+/// Gives the calling thread the priority of a haptic thread, if the system grants it. The destructor ends this. Threads
+/// that are started meanwhile inherit the priority.
 class Priority {
  public:
   Priority() noexcept {

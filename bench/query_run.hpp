@@ -1,8 +1,9 @@
 /// Times the collision queries of a sphere and of a stylus along one path, on the locally refined mesh and on fixed
 /// meshes.
 ///
-/// Each contender queries each pose once. Contenders take turns after each block of 100 cycles, in rotating order. Each
-/// time is of one query; the first cycle counts. Contacts are compared outside the timed code. File units, model frame.
+/// Each contender queries each pose once. Contenders alternate after each block of 100 cycles, in rotating order. Each
+/// time is of one query, and the first cycle counts. Contacts are compared outside the timed code. File units, model
+/// frame.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -26,11 +27,11 @@ namespace tactus::bench {
 struct QuerySettings {
   std::string model;
   std::uint32_t faces = 70000;
-  double seconds = 20;          // length of the path
+  double seconds = 20;          // duration of the path
   double radius = 0.003;        // m
   double speed = 0.05;          // m/s
-  double depth = 0.0002;        // m
-  double pool_share = 0.25;     // pool divided by the model's records
+  double depth = 0.0002;        // of the tip in the surface, m
+  double pool_share = 0.25;     // pool slots beyond the base mesh divided by the model's record parts
   std::uint32_t budget = 1000;  // of a cycle, units of spm::Budget
   std::uint64_t seed = 1;
 };
@@ -65,7 +66,8 @@ struct Comparison {
   std::uint64_t cycles = 0;            ///< number of cycles compared
   std::uint64_t contacts = 0;          ///< number of contacts of the reference
   std::uint64_t different_cycles = 0;  ///< number of cycles with different contacts
-  /// Number of faces that were not compared: the sphere is within 1e-9 m of tangency, where rounding decides.
+  /// Number of faces that were not compared, because their distance is within 1e-9 m of the sphere's radius, where
+  /// rounding decides.
   std::uint64_t tangent_faces = 0;
   [[nodiscard]] Population population() const;
 };
@@ -77,7 +79,7 @@ struct Contender {
   std::function<ContactKeys()> contacts;  ///< returns the contacts of the last query; null: contacts are not compared
   int reference = -1;                     ///< index of the contender with the expected contacts; -1: none
   Samples times_us{};
-  Samples cold_us{};  ///< times of queries before which 64 MiB of other memory were written
+  Samples cold_us{};  ///< times of cold queries: before each, 64 MiB of other memory were written
   Comparison with_reference{};
 };
 
@@ -85,8 +87,8 @@ struct Contender {
 class FixedMesh {
  public:
   FixedMesh(const QueryScene& scene, const spm::offline::TriangleMesh& mesh);
-  /// Returns Embree and the AB-tree, whose reference is Embree. `mesh_name` becomes part of their names. The caller
-  /// puts Embree at `embree_index` of its contenders.
+  /// Returns two contenders: Embree, and the AB-tree with Embree as its reference. `mesh_name` becomes part of their
+  /// names. The caller puts Embree at `embree_index` of its list of contenders.
   [[nodiscard]] std::vector<Contender> contenders(ProbeKind probe, const std::string& mesh_name, int embree_index);
   /// Returns FCL, whose contacts are not compared.
   [[nodiscard]] Contender fcl_contender(ProbeKind probe, const std::string& mesh_name);
@@ -99,15 +101,15 @@ class FixedMesh {
   spm::fcl::FixedMesh fcl_;
 };
 
-/// Times on the refined mesh, us. A frame is T_R + T_B + T_Q. Loading is not timed, since another thread of an HRTC
-/// does it.
+/// Times on the refined mesh, us. A frame is T_R + T_B + T_Q: refine, refit and query. Loading is not timed, since
+/// another thread of an HRTC does it.
 struct RefinedFigures {
   Samples refine, refit, query, frame;    ///< times of all cycles
   Samples changed_refine, changed_refit;  ///< times of the cycles that split or collapsed a record
   Samples cold_query, cold_frame;         ///< times of cold queries and of cold frames
   std::uint64_t cycles = 0, exact_cycles = 0;
-  Comparison with_finest;       ///< of exact cycles with the first contender
-  Comparison with_brute_force;  ///< of about 50 cycles with a test of all shown faces
+  Comparison with_finest;       ///< exact cycles, compared with the first contender
+  Comparison with_brute_force;  ///< about 50 cycles, compared with a test of all shown faces
   /// Returns the exact cycles divided by all cycles, %.
   [[nodiscard]] double exact_percent() const noexcept;
 };
@@ -118,8 +120,8 @@ struct QueryRun {
   std::vector<Contender> fixed;
 };
 
-/// Runs all cycles with refinement for the whole probe. The first of `fixed` must query the finest mesh. If `cold`,
-/// also times cold queries and frames.
+/// Runs all cycles on the mesh that is refined for the whole probe, and on the meshes of `fixed`. The first of `fixed`
+/// must query the finest mesh. If `cold`, also times cold queries and frames.
 [[nodiscard]] QueryRun run_queries(const QueryScene& scene, ProbeKind probe, std::vector<Contender> fixed, bool cold);
 
 /// Returns the model's mesh at full resolution.

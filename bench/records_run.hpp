@@ -18,9 +18,9 @@ struct RecordsRun {
 };
 
 /// Requests regions over `link` (netem::parse_link) for `seconds`. Requests them in bursts of about `burst_bytes`, or
-/// continuously if `burst_bytes` is 0. The measurement starts after `seconds` / 5 of requests, in which the pacer
-/// adapts to the link. `seed`: of the emulated link. Ends early if `stop` becomes true. Needs root. Throws
-/// LinkError and WireError.
+/// continuously if `burst_bytes` is 0. The measurement starts after a fifth of `seconds`, in which the pacer adapts to
+/// the link. `seed`: of the emulated link. Ends early if `stop` becomes true. Needs root. Throws LinkError and
+/// WireError.
 [[nodiscard]] RecordsRun run_records(const std::string& link, double seconds, std::size_t burst_bytes,
                                      std::uint64_t seed, const std::atomic<bool>& stop);
 

@@ -1,8 +1,8 @@
 /// Runs the loading and refinement of an HRTC along a path, without network or threads, for the benchmarks of the
 /// cycle, of queries and of the paper's tables.
 ///
-/// Regions pass through the codec as those of a host do; this is not timed. The pool holds a share of the model. File
-/// units, model frame.
+/// Regions are encoded and decoded as between host and HRTC; this is not timed. The pool holds a share of the model.
+/// File units, model frame.
 #pragma once
 
 #include <cstdint>
@@ -19,14 +19,14 @@ constexpr double kPeriod = 0.001;  ///< s, of the cycle
 
 struct RefinedRunSettings {
   double speed = 0;             ///< min speed that the prediction assumes, units/s
-  double pool_share = 0.25;     ///< pool divided by the model's records
+  double pool_share = 0.25;     ///< pool slots beyond the base mesh divided by the model's record parts
   std::uint32_t budget = 1000;  ///< of a cycle, units of spm::Budget
 };
 
 /// Times and counts of one cycle before its query.
 struct RefinedStep {
   double refine = 0, refit = 0;  ///< us; refine includes the selection of targets
-  ThreadUse before;              ///< resources used before the timed part, after loading
+  ThreadUse before;              ///< resources of the thread when the timed part starts, after loading
   std::uint64_t visits = 0;      ///< number of list entries visited
   std::uint64_t changes = 0;     ///< number of records split or collapsed
 };

@@ -1,9 +1,9 @@
 /// Runs the cores of a host and of an HRTC in virtual time, connected by a link of known rate and delay. The same
 /// settings give the same run, to the bit.
 ///
-/// The programs run the same cores, with threads, sockets and clocks. There are one object and one probe. A cycle takes
-/// 1 ms. The loader ticks in every second cycle, as in tactus-hrtc. The link advances by steps of 0.25 ms. World frame,
-/// metres.
+/// The programs tactus-host and tactus-hrtc run the same cores, but with threads, sockets and clocks. There are one
+/// object and one probe. A cycle takes 1 ms. The loader ticks in every second cycle, as in tactus-hrtc. The link
+/// advances by steps of 0.25 ms. World frame, metres.
 ///
 ///     tip -> [Cycle] <- regions <- [Loader] <- chunks <- link: rate, then delay <- [HostCore]
 ///                                      |---- demands ---> delay ------------------>|

@@ -1,4 +1,4 @@
-/// Observes a running session: ages and numbers of probe states, exact contacts, and figures of metrics.
+/// Observes a running session: measures the ages and counts of probe states, and records exact contacts and metrics.
 #pragma once
 
 #include <cstdint>
@@ -20,7 +20,7 @@ namespace tactus::bench {
 /// Deadband-coded probe states of all users.
 struct StateDelivery {
   Samples ages_us;     // time from sending to decoding of each state that arrived
-  double arrived = 0,  // number of states that arrived between the first and the last metrics of their HRTC
+  double arrived = 0,  // number of states that arrived between the first and the last metrics sample of their HRTC
       sent = 0;        // number of states that the HRTCs sent in the same time, by their metrics
 };
 
@@ -68,7 +68,7 @@ class SessionObserver {
   }
 
  private:
-  /// Number of states of one HRTC, also at its first and last metrics while states are counted.
+  /// Numbers of states of one HRTC: now, and at its first and last metrics sample since `start_counting`.
   struct Count {
     double arrived = 0, arrived_at_first = 0, arrived_at_last = 0, sent_at_first = -1, sent_at_last = 0;
   };

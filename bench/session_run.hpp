@@ -31,14 +31,14 @@ struct SessionSettings {
 /// One region that the loader received.
 struct RegionLoad {
   std::uint64_t records = 0;  ///< number of records received
-  double us = 0;              ///< CPU time for its last chunk until its records have slots
+  double us = 0;              ///< CPU time from the arrival of its last chunk until its records have slots
 };
 
 class SessionRun {
  public:
   static constexpr std::int64_t kPeriodNs = 1'000'000;
 
-  /// Begins with an empty pool, also without the base mesh. `model` must outlive this object.
+  /// Begins with an empty pool, which has not even the base mesh. `model` must outlive this object.
   SessionRun(const spm::Model& model, double scale, const SessionSettings& settings);
   SessionRun(const SessionRun&) = delete;
   SessionRun& operator=(const SessionRun&) = delete;

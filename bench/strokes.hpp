@@ -12,7 +12,7 @@
 namespace tactus::bench {
 
 constexpr double kBand = 3;             ///< bandwidth of the path's curvature, Hz
-constexpr double kBendRadius = 0.1;     ///< 1 divided by the rms of the path's curvature, m
+constexpr double kBendRadius = 0.1;     ///< m; 1 divided by the root mean square of the path's curvature
 constexpr double kTipRadius = 0.003;    ///< m
 constexpr double kPressDepth = 0.0002;  ///< depth of the tip in the surface, m
 
@@ -40,7 +40,7 @@ struct StrokedModel {
   [[nodiscard]] double distance(const spm::Vec3d& point) const { return (point - nearest(point)).norm(); }
 };
 
-/// Returns points on the polyline `path` whose distances along the polyline are `step`.
+/// Returns points on the polyline `path` at equal distances of `step` along it.
 [[nodiscard]] inline std::vector<spm::Vec3d> resample(const std::vector<spm::Vec3d>& path, double step) {
   std::vector<spm::Vec3d> poses{path.front()};
   double left = step;
@@ -56,8 +56,8 @@ struct StrokedModel {
   return poses;
 }
 
-/// Returns the path of a tip at constant `speed`, m/s, one pose a cycle of 1 ms, m. The tip moves down from 5 cm above
-/// the model's highest vertex and then strokes the surface. `height`: of lifts, m.
+/// Returns the path of a tip at constant `speed` (m/s): one position (m) for each cycle of 1 ms. The tip moves down
+/// from 5 cm above the model's highest vertex and then strokes the surface. `height`: HandPathSettings::height, m.
 [[nodiscard]] inline std::vector<spm::Vec3d> surface_motion(const StrokedModel& model, double speed, double height,
                                                             std::uint32_t poses, std::uint64_t seed) {
   constexpr double kStartHeight = 0.05;  // m

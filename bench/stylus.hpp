@@ -1,4 +1,5 @@
-/// The stylus in a model's file units, and its poses on a surface path. Its shaft points along the smoothed normal.
+/// The stylus in a model's file units, and its poses on a surface path. The shaft points along the smoothed normal of
+/// the surface.
 #pragma once
 
 #include <Eigen/Geometry>

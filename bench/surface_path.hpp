@@ -26,11 +26,11 @@ struct PathSettings {
 
 struct SurfacePose {
   spm::Vec3d centre;  ///< of the tip
-  spm::Vec3d normal;  ///< unit normal of the surface, a moving average over about a tip radius of the path before
+  spm::Vec3d normal;  ///< unit normal of the surface, averaged over about one tip radius of the preceding path
 };
 
 /// Returns `settings.poses` poses. `distance` returns the distance from a point to the mesh. Allocates. Throws
-/// std::runtime_error if the point cannot leave a face that is too thin.
+/// std::runtime_error if the path ends in a face that is too thin to leave.
 [[nodiscard]] std::vector<SurfacePose> surface_poses(std::span<const std::array<float, 3>> vertices,
                                                      std::span<const std::array<std::uint32_t, 3>> faces,
                                                      const PathSettings& settings,
@@ -45,7 +45,7 @@ struct HandPathSettings {
   double radius = 0;       ///< of the tip
   double depth = 0;        ///< depth of the tip in the surface during contact
   double speed = 0;        ///< speed along the smoothed surface, units/s
-  double bend_radius = 0;  ///< 1 divided by the rms of the path's curvature
+  double bend_radius = 0;  ///< 1 divided by the root mean square of the path's curvature
   double band = 3;         ///< bandwidth of the curvature as a function of time, Hz
   double period = 0.001;   ///< time between successive poses, s
   double height = 0;       ///< scale of the lifts, which take a third of the time; 0: no lifts

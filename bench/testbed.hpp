@@ -30,11 +30,12 @@ struct ScaleSettings {
   double seconds = 2;  // length of each window
   int joining_hrtcs = 32;
   int min_joining_hrtcs = 0;              // 0: an eighth of joining_hrtcs
-  int probes = 64;                        // 8 to an HRTC
+  int probes = 64;                        // 8 at each HRTC
   std::uint32_t state_faces = 2'950'000;  // of the model of part "state", for about 10,000 regions
 };
 
-/// Writes a model and recordings of tips on its surface, and starts programs with them, each part in its own session.
+/// Writes a model and recordings of tips on its surface, and starts programs that use them. Each part of the benchmark
+/// has its own session.
 class Testbed {
  public:
   explicit Testbed(const ScaleSettings& settings) : settings_{settings} {
@@ -128,7 +129,7 @@ class Testbed {
     for (const double time : {0.0, 60.0}) write_row(out, time, path_[at]);
     if (!out.flush()) throw std::runtime_error("cannot write " + name);
   }
-  /// Writes the recording of a tip that follows a part of `path_`. The parts of all probes begin evenly spaced.
+  /// Writes the recording of a tip that follows a part of `path_`. The starts of all probes' parts are evenly spaced.
   void write_moving(int index) const {
     const std::string name = moving_recording(index) + ".csv";
     std::ofstream out{folder_.path() / name};

@@ -1,5 +1,5 @@
-/// Splits, collapses, loads, evicts and reloads records in random order, with budgets that end anywhere, and checks the
-/// resulting mesh.
+/// Splits, collapses, loads, evicts and reloads records in random order, with random budgets, and checks the resulting
+/// mesh.
 ///
 /// An operation is one record that is split, collapsed, loaded into its slot, evicted or loaded again. At the end, some
 /// of the loaded regions are refined and the others coarsened. This set of refined regions alone must determine the
@@ -16,7 +16,7 @@ namespace tactus::bench {
 
 struct TortureSettings {
   std::uint64_t operations = 1'000'000;
-  double pool_share = 0.25;   ///< pool divided by the model's records
+  double pool_share = 0.25;   ///< pool slots beyond the base mesh divided by the model's record parts
   std::uint32_t checks = 20;  ///< number of checks of all invariants before the end
   std::uint64_t seed = 1;
 };
@@ -32,7 +32,7 @@ struct TortureResult {
   std::uint64_t hash = 0;                                 ///< mesh hash, updated by each split and collapse
   std::uint64_t expected_hash = 0;                        ///< mesh hash computed from model and refined regions
   std::uint64_t fresh_hash = 0;                           ///< mesh hash of a new forest with the same refined regions
-  std::uint64_t faces_compared = 0, faces_different = 0;  ///< with those of the new forest
+  std::uint64_t faces_compared = 0, faces_different = 0;  ///< compared with the faces of the new forest
   std::vector<std::string> problems;                      ///< first violations
   double seconds = 0;                                     ///< wall time without checks
 

@@ -18,8 +18,8 @@ struct TouchPathSettings {
 };
 
 /// Returns `settings.poses` positions. World frame, metres, the object at the origin. The tip approaches for 1 s. Then
-/// it follows the surface for 2 s and taps it for 2 s, in turn. Taps are 3 mm high; their frequency rises from 2 to 12
-/// Hz, their speed to 0.1 m/s. Throws as surface_poses does.
+/// it follows the surface for 2 s and taps it for 2 s, in turn. Taps are 3 mm high. Their frequency rises from 2 to
+/// 12 Hz, and with it their speed to 0.1 m/s. Throws as surface_poses does.
 [[nodiscard]] std::vector<spm::Vec3d> touch_path(const LoadedModel& subject, const TouchPathSettings& settings);
 
 }  // namespace tactus::bench

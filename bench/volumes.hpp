@@ -1,8 +1,8 @@
 /// Bounding volumes for the nodes of a tree like the AB-tree. Each is computed from its points or child volumes, as
 /// refit does.
 ///
-/// The code is scalar, for a comparison among these volumes; spm/lanes uses vector instructions. Volumes are stored as
-/// floats and enlarged by more than the rounding error, so that no overlap is missed. Any frame.
+/// The code is scalar, because it compares only these volumes with each other; spm/lanes uses vector instructions.
+/// Volumes are stored as floats and enlarged by more than the rounding error, so that no overlap is missed. Any frame.
 #pragma once
 
 #include <Eigen/Dense>
@@ -22,7 +22,7 @@ using Points = std::span<const Vec3d>;
 
 /// Each volume class has:
 ///   of(points)                      returns the volume around the points
-///   over(children, previous)        returns the volume around the children; `previous`: gives its axes; null: new axes
+///   over(children, previous)        returns the volume around the children with the axes of `previous`; null: new axes
 ///   moved(pose)                     returns a volume in another frame that contains this one
 ///   overlaps_sphere(centre, radius), overlaps(other)   return false only if there is no overlap
 struct SphereVolume {

@@ -1,4 +1,5 @@
-/// Carriers, the ends of the transports of pings and echoes: raw UDP, a topic of Tactus through wire/, or Cyclone DDS.
+/// Carriers send and receive pings and echoes over one transport: raw UDP, a topic of Tactus through wire/, or Cyclone
+/// DDS.
 #pragma once
 
 #include <cstdint>
@@ -40,7 +41,7 @@ struct UdpSettings {
   std::vector<std::uint16_t> echo_ports;  ///< pinger only
   int priority = 0;                       ///< SCHED_FIFO of the receiving thread; 0: none
 };
-/// Throws LatencyError naming what the system refuses.
+/// Throws LatencyError that names the call that the system refuses.
 [[nodiscard]] std::unique_ptr<Carrier> make_udp(Role role, std::uint32_t payload, const UdpSettings& settings,
                                                 OnPacket callback);
 /// Port of an echoer that make_udp made.
@@ -66,8 +67,8 @@ class LoadSink {
 };
 
 /// Makes a carrier of probe states over Cyclone DDS, with the IDL of Tactus. It is tuned by hand: best effort, and the
-/// socket marks of qos/flow.yaml. The carrier and the load have different domains, so that they share no socket and no
-/// thread. The carrier's threads get SCHED_FIFO `priority` if the system allows it. Requires has_cyclone(). Throws
+/// socket marks of qos/flow.yaml. The load must have another domain than the carrier, so that they share no socket and
+/// no thread. The carrier's threads get SCHED_FIFO `priority` if the system allows it. Requires has_cyclone(). Throws
 /// LatencyError.
 [[nodiscard]] std::unique_ptr<Carrier> make_cyclone(Role role, int domain, int priority, OnPacket callback);
 /// Makes a load over Cyclone DDS: reliable chunks of one frame, as fast as the writer accepts them. Requires
@@ -80,8 +81,8 @@ class LoadSink {
 [[nodiscard]] std::unique_ptr<Carrier> make_dds(Role role, const TestCase& test, wire::Participants& participants,
                                                 OnPacket callback);
 
-/// Joins a session with the transport and profile of `test`. With profile tactus over UDP it uses the qos directory
-/// itself, otherwise a temporary copy with changes. Throws WireError.
+/// Joins a session with the transport and profile of `test`. With profile tactus over UDP it uses the directory
+/// `address.qos`, otherwise a temporary copy that is adapted to transport and profile. Throws WireError.
 [[nodiscard]] std::unique_ptr<wire::Participants> join_session(const TestCase& test, wire::SessionAddress address);
 
 }  // namespace tactus::latency

@@ -21,7 +21,8 @@ class ControlConnection {
   ControlConnection& operator=(const ControlConnection&) = delete;
 
   void send(const nlohmann::ordered_json& message);
-  /// Returns the next line, of at most 64 KiB. Throws the text of a message with a member "error" as a LatencyError.
+  /// Returns the next line, of at most 64 KiB. If the message has a member "error", throws a LatencyError with its
+  /// text.
   [[nodiscard]] nlohmann::ordered_json receive(std::chrono::milliseconds timeout);
   /// Waits for data without a time limit. Returns false when the other side closes.
   [[nodiscard]] bool wait();
@@ -39,11 +40,11 @@ class ControlConnection {
 
 /// Returns a socket that listens on `port` of all interfaces; port 0 means a free port. Throws LatencyError.
 [[nodiscard]] int listen_at(std::uint16_t port);
-/// Port of a socket that listen_at connection.
+/// Returns the port of a socket that listen_at returned.
 [[nodiscard]] std::uint16_t port_of(int listener);
 /// Waits for the next incoming connection and returns its socket, or -1 if `cancelled` becomes true first.
 [[nodiscard]] int accept_from(int listener, const std::atomic<bool>& cancelled);
-/// Throws LatencyError naming host and port.
+/// Throws LatencyError that names host and port.
 [[nodiscard]] int connect_to(const std::string& host, std::uint16_t port);
 
 }  // namespace tactus::latency

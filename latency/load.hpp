@@ -42,7 +42,7 @@ class MeshSource final : public LoadSource {
   void flood();
 
   const double mbit_;
-  const bool is_flood_, is_tuned_;  // chunks without demands, if the profile is not tactus; profile tuned
+  const bool is_flood_, is_tuned_;  // flood: chunks without demands, with any profile but tactus; tuned: profile tuned
   const std::unique_ptr<wire::Participants> own_participants_;
   wire::Participants& participants_;
   wire::Writer<session::CatalogueEntry> catalogue_;
@@ -54,7 +54,7 @@ class MeshSource final : public LoadSource {
   std::thread thread_;
 };
 
-/// The HRTC of that host. Requests the regions of the model in turn until it is destroyed.
+/// The HRTC that receives from a MeshSource. Requests the regions of the model in turn until it is destroyed.
 class MeshSink final : public LoadSink {
  public:
   /// If `burst_bytes` is 0, requests continuously. Otherwise requests regions of about `burst_bytes` at once, and the
@@ -65,7 +65,7 @@ class MeshSink final : public LoadSink {
   MeshSink(const MeshSink&) = delete;
   MeshSink& operator=(const MeshSink&) = delete;
 
-  /// Counts complete messages only, or chunks if the profile is not tactus.
+  /// Counts the bytes of complete messages with profile tactus, and of chunks with the other profiles.
   [[nodiscard]] double bytes_per_s() override;
   [[nodiscard]] std::uint64_t bytes() const noexcept { return bytes_; }
   struct Burst {
@@ -96,7 +96,7 @@ class MeshSink final : public LoadSink {
   std::uint64_t host_ = 0, host_incarnation_ = 0;
   std::vector<std::uint32_t> absent_, wanted_;  // regions; the next to request is first
   std::vector<std::uint32_t> held_;             // regions; the oldest is first
-  bool is_retiring_ = false;                    // from kMaxHeld down to kMinHeld held regions
+  bool is_retiring_ = false;                    // begins at kMaxHeld held regions, ends at kMinHeld
   std::uint32_t regions_ = 0;
   std::int64_t burst_ns_ = 0, pause_until_ns_ = 0;
   std::size_t burst_bytes_ = 0, burst_regions_ = 8;

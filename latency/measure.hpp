@@ -6,8 +6,8 @@
 ///     arrived       <----- echo ------    echoed             half round trip = (arrived - intended) / 2
 ///
 /// A fixed schedule states the intended time of each ping. A ping is sent late if the pinger wakes up late or if the
-/// previous ping blocked it. Age and round trip count from the intended time also then, which avoids coordinated
-/// omission.
+/// previous ping blocked it. Even then, age and round trip count from the intended time. Otherwise the times would omit
+/// the delays that the pinger itself had (coordinated omission).
 #pragma once
 
 #include <atomic>
@@ -25,7 +25,7 @@ namespace tactus::latency {
 struct Ping {
   std::int64_t intended_ns = 0, sent_ns = 0;  ///< pinger's clock; sent_ns is 0 if the ping was not sent
   bool waited = false;                        ///< the pinger slept until the intended time, so nothing blocked it
-  bool refused = false;                       ///< the carrier refused it for at least one echoer
+  bool refused = false;                       ///< the carrier refused the ping for at least one echoer
 };
 /// Arrival of a ping at an echoer.
 struct Arrival {
@@ -58,11 +58,11 @@ struct SideSettings {
   int priority = 60;  ///< SCHED_FIFO of the pinger and of receiving threads; 0: none
 };
 
-/// Sequence numbers of the pings to send, ascending; empty: all of the schedule.
+/// Sequence numbers of the pings to send, ascending; empty: all pings of the schedule.
 using PingSelection = std::vector<std::uint32_t>;
 
 /// Runs the test with the echoers at the other end of `control`. The calling thread gets real-time priority and keeps
-/// it. Throws LatencyError and WireError.
+/// it after the return. Throws LatencyError and WireError.
 [[nodiscard]] Timestamps measure(const TestCase& test, ControlConnection& control, const SideSettings& side,
                                  const std::atomic<bool>& cancelled, const PingSelection& selection = {});
 

@@ -17,7 +17,7 @@ struct RunInfo {
 };
 [[nodiscard]] RunInfo run_info(int argc, const char* const* argv);
 
-/// Prints a line for each result, and each note once.
+/// Prints one line for each result. Prints a note only once if several results have it.
 void print_table(std::ostream& out, const RunInfo& info, const std::vector<Result>& results);
 
 /// Writes all results with their curves. Throws LatencyError when the file cannot be written.

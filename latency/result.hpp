@@ -12,7 +12,7 @@ namespace tactus::latency {
 
 /// An interval of a test, with the echoes of the pings that were intended in this interval.
 struct TimeBin {
-  double at_s = 0;                   ///< its begin, from the first ping after the warm-up
+  double at_s = 0;                   ///< start of the interval, after the first ping that follows the warm-up
   double median_us = 0, max_us = 0;  ///< half round trip; NaN without an echo
   std::uint32_t missing = 0;         ///< number of echoes that did not arrive
 };
@@ -20,19 +20,19 @@ struct TimeBin {
 /// Times in microseconds. All populations exclude the pings of the warm-up. Lost pings are counted, but have no time.
 struct Result {
   TestCase test;
-  Summary half_round_trip;        ///< half of the time from a ping's intended time to its echo; echoes of all readers
-  Summary half_round_trip_sent;   ///< the same from the send call, without late wake-ups and blocking of the pinger
-  Summary age;                    ///< time from a ping's intended time to its arrival; arrivals at all readers
+  Summary half_round_trip;        ///< half of the time from a ping's intended time to its echo's arrival; all readers
+  Summary half_round_trip_sent;   ///< the same, but from the send call: excludes late wake-ups and blocking
+  Summary age;                    ///< time from a ping's intended time to its arrival; all readers
   Summary age_of_information;     ///< age of the newest ping at a reader, sampled every 97 us; losses increase it
   double clock_bound_us = 0;      ///< error bound of `age`; 0: both sides read one clock
   Summary timer;                  ///< lateness of the pinger's wake-ups
-  double jitter_us = 0;           ///< of the worst reader, as in RFC 3550
+  double jitter_us = 0;           ///< maximum over the readers; RFC 3550
   std::uint64_t expected = 0;     ///< pings x readers
   std::uint64_t lost = 0;         ///< expected arrivals that are missing
   std::uint64_t echoes_lost = 0;  ///< arrivals whose echo is missing
   std::uint64_t reordered = 0, duplicates = 0;  ///< arrivals
   std::uint64_t refused = 0;                    ///< pings that the carrier refused or blocked until the end
-  double load_mbyte_per_s = 0;                  ///< mesh records that arrived
+  double load_mbyte_per_s = 0;                  ///< payload of mesh records that arrived
   std::vector<double> curve;                    ///< half round trips, one for each of curve_shares
   std::vector<TimeBin> bins;
   std::vector<std::string> notes;
@@ -46,8 +46,8 @@ struct Result {
 /// settle.
 [[nodiscard]] std::uint32_t warm_up(const TestCase& test) noexcept;
 
-/// Computes the statistics of a test. If the two sides have two clocks, estimates their offset from the echoes of
-/// reader 0 by session/clock. Pure.
+/// Computes the statistics of a test. If the two sides read different clocks, estimates the offset of the clocks from
+/// the echoes of reader 0 (session/clock.hpp). Pure.
 [[nodiscard]] Result evaluate(const Timestamps& timestamps);
 
 }  // namespace tactus::latency

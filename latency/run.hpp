@@ -12,7 +12,7 @@ namespace tactus::latency {
 
 struct RunSettings {
   SideSettings side;
-  /// Program of the echoer. Without a path, it is in the directory of the running program.
+  /// Program of the echoers. A name without a path is a file in the directory of the running program.
   std::string echoer = "tactus-latency";
   std::uint64_t link_seed = 1;
 };
@@ -26,8 +26,8 @@ struct RunSettings {
 [[nodiscard]] Timestamps measure_locally(const TestCase& test, const RunSettings& settings,
                                          const std::atomic<bool>& cancelled, const PingSelection& selection);
 
-/// Runs the test with the `tactus-latency serve` at the other end of `control`, over the real network between the two
-/// machines. Emulates no link. Throws LatencyError and WireError.
+/// Runs the test with the process `tactus-latency serve` at the other end of `control`, over the real network between
+/// the two machines. Emulates no link. Throws LatencyError and WireError.
 [[nodiscard]] Result run_with_server(const TestCase& test, ControlConnection& control, const SideSettings& side,
                                      const std::atomic<bool>& cancelled);
 

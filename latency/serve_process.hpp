@@ -17,9 +17,9 @@ class ServeProcess {
  public:
   using Start = std::function<pid_t(std::vector<std::string>)>;
 
-  /// Starts `program serve` with `options`, in the caller's namespace unless `start` uses another one. If `program` has
-  /// no path, it is in the directory of the running program. `cancelled` must outlive this. Throws LatencyError and
-  /// LinkError.
+  /// Starts `program serve` with `options`, in the caller's network namespace unless `start` chooses another one. A
+  /// `program` without a path is a file in the directory of the running program. `cancelled` must outlive this. Throws
+  /// LatencyError and LinkError.
   ServeProcess(const std::string& program, const std::vector<std::string>& options, const std::atomic<bool>& cancelled,
                const Start& start = netem::start_program);
   /// Ends the process. Sends SIGINT first, so that the process can remove its shared memory, and SIGKILL after 1.5 s.

@@ -8,7 +8,8 @@
 
 namespace tactus::latency {
 
-/// Mean, maximum and percentiles (session/percentile.hpp). All are NaN if there are no values. p999: 99.9 %.
+/// Mean, maximum and percentiles (session/percentile.hpp). All are NaN if there are no values. p999 is the percentile
+/// of 99.9 %.
 struct Summary {
   std::size_t count = 0;
   static constexpr double kNone = std::numeric_limits<double>::quiet_NaN();

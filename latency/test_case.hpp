@@ -10,7 +10,7 @@
 
 namespace tactus::latency {
 
-/// Wrong settings of a test, or another side that cannot be reached or does not answer.
+/// Wrong settings of a test, or a remote side that cannot be reached or does not answer.
 class LatencyError : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
@@ -20,12 +20,12 @@ enum class Transport {
   kUdp,      ///< Fast DDS over UDPv4 only, as in the profiles of qos/
   kShm,      ///< Fast DDS over shared memory only
   kBuiltin,  ///< Fast DDS over its default transports: shared memory and UDPv4
-  kRawUdp,   ///< the same bytes in a datagram without DDS, as the reference
+  kRawUdp,   ///< as many bytes in a UDP datagram without DDS: the reference for the other transports
   kCyclone   ///< Cyclone DDS, if it was available at build time; probe states only
 };
 enum class Profile {
   kTactus,  ///< profiles of qos/
-  kPlain,   ///< the library's defaults, without policy, DSCP mark or limit
+  kPlain,   ///< the library's defaults: no QoS policy of Tactus, no DSCP mark, no rate limit
   kShared,  ///< the library's defaults, with one participant for all traffic classes
   kTuned    ///< Fast DDS tuned by hand for a link of 100 Mbit/s, without the pacer of Tactus: a participant for each
             ///< class, socket marks, one frame for each message, and a flow controller of 12 kB/ms for the mesh
@@ -46,8 +46,8 @@ inline constexpr std::array kTopicNames{"probe_state", "records"};
 inline constexpr std::array kCodingNames{"none", "coded"};
 
 inline constexpr std::uint32_t kProbeStateBytes = 236;  ///< size of every encoded ProbeState
-inline constexpr std::uint32_t kMinPayload = 32;        ///< bytes of a raw datagram or record that hold its timestamps
-inline constexpr double kUnpaced = -1;                  ///< load_mbit of a load as fast as the writer accepts it
+inline constexpr std::uint32_t kMinPayload = 32;        ///< bytes that the timestamps need in a raw datagram or record
+inline constexpr double kUnpaced = -1;                  ///< value of load_mbit: as fast as the writer accepts chunks
 
 struct TestCase {
   Transport transport = Transport::kUdp;

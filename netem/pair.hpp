@@ -3,9 +3,9 @@
 ///     namespace tactus-link-PID-a                              namespace tactus-link-PID-b
 ///     link0 10.77.0.1/24  <--tap-->  relay (this process)  <--tap-->  link0 10.77.0.2/24
 ///
-/// With Medium::kVeth the kernel joins the namespaces without a relay. Multicast passes the link. Neighbours are
-/// preset, because the link could lose ARP. There is no IPv6 and no route to other networks. The namespaces share
-/// files, clock and shared memory.
+/// With Medium::kVeth the kernel joins the namespaces without a relay. Multicast passes the link. The ARP entries of
+/// both sides are preset, because the link could lose ARP requests. There is no IPv6 and no route to other networks.
+/// The namespaces share files, clock and shared memory.
 #pragma once
 
 #include <sys/types.h>
@@ -27,13 +27,13 @@ enum class Side { kA = 0, kB = 1 };
 /// Removes the namespaces of pairs whose process has ended, and returns their names.
 std::vector<std::string> remove_stale();
 
-/// Starts a program of PATH in the caller's namespace and in its own process group. The caller must wait for the
-/// returned process. The process ends when the starting thread ends. If the program cannot be run, the process ends
-/// with status 127. Throws LinkError.
+/// Searches PATH for a program and starts it in the caller's namespace, in a process group of its own. The caller must
+/// wait for the returned process. The process ends when the starting thread ends. If the program cannot be run, the
+/// process ends with status 127. Throws LinkError.
 [[nodiscard]] pid_t start_program(std::vector<std::string> command);
 
 /// Owns both namespaces. The destructor removes their names; the kernel removes a namespace when no process uses it.
-/// Only `enter` and `figures` may be called from other threads than the creator's.
+/// Only `enter_namespace` and `figures` may be called from other threads than the creator's.
 class LinkedPair {
  public:
   /// Calls remove_stale, then makes both namespaces. Takes about 50 ms. Throws LinkError for settings out of range, and
@@ -51,7 +51,7 @@ class LinkedPair {
   /// LinkError.
   void enter_namespace(Side side) const;
 
-  /// Starts a program in a namespace, otherwise as start_program.
+  /// Starts a program in the namespace of `side`. All else is as in start_program.
   [[nodiscard]] pid_t start(Side side, std::vector<std::string> command) const;
 
   /// Figures of the relay; all zero with Medium::kVeth.

@@ -36,8 +36,9 @@ struct LinkProfile {
   }
 };
 
-/// Correlation time of smooth jitter, ms. A delay that falls as fast as time passes would reduce the intervals between
-/// frames to zero. It almost never does, because this time exceeds four standard deviations of any profile below.
+/// Correlation time of smooth jitter, ms. If the delay fell by 1 ms in each ms, the intervals between frames would
+/// become zero. It almost never falls so fast, because this time is at least four standard deviations of the jitter of
+/// any profile below.
 inline constexpr double kJitterMemoryMs = 100;
 
 /// The connection between two namespaces.

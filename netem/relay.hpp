@@ -23,7 +23,7 @@ struct RelayFigures {
 
 class Relay {
  public:
-  /// Frames in transit at once, in both directions together; 2 KiB each, allocated on demand.
+  /// Max number of frames in transit at once, in both directions together. Each takes 2 KiB, allocated on demand.
   static constexpr std::size_t kMaxFrames = 65536;
 
   /// `a` and `b` are non-blocking descriptors of tap devices. The caller keeps them open until run() returns.
@@ -67,7 +67,7 @@ class Relay {
   std::priority_queue<Departure, std::vector<Departure>, std::greater<>> departures_;
   std::uint64_t order_ = 0;
 
-  mutable std::mutex mutex_;         // for the members below and the counts of links_
+  mutable std::mutex mutex_;         // guards the members below and the counts of links_
   std::vector<std::uint64_t> late_;  // counts by lateness in us; the last one counts all larger values
   double late_max_us_ = 0;
   std::uint64_t overflowed_ = 0, sent_ = 0;

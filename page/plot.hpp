@@ -10,7 +10,7 @@ namespace tactus::page {
 
 /// The vertical axis.
 struct Scale {
-  double low = 0, high = 1;  ///< range that the axis includes at least; both above 0 if `logarithmic`
+  double low = 0, high = 1;  ///< range that the axis must include; both above 0 if `logarithmic`
   bool logarithmic = false;
   std::string (*label)(double value) = nullptr;  ///< makes the label of a grid line; null: the label is the number
 };

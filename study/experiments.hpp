@@ -32,13 +32,13 @@ inline constexpr const char* kRoundTrip = "round trip";
 struct Experiment {
   std::string name;
   Section section = Section::kForces;
-  std::uint64_t digest = 0;           ///< of the scenario; 0 if the program's version determines all inputs
+  std::uint64_t digest = 0;           ///< of the scenario; 0: no scenario, the program's version determines all inputs
   std::vector<std::string> profiles;  ///< links; the baseline is first
   std::uint32_t seeds = 1;
   std::function<ScenarioRun(const netem::LinkSettings&, std::uint64_t seed, const std::atomic<bool>& cancelled)> run;
 };
 
-/// The experiments of a study, and the objects that they use. Several threads may run them.
+/// The experiments of a study, and the objects that they use. Several threads may call Experiment::run.
 struct Experiments {
   std::vector<Subject> subjects;
   std::vector<Experiment> all;

@@ -30,22 +30,23 @@ inline constexpr double kMinTorque = 0.025 * kMinForce;
 
 class Fidelity {
  public:
-  /// Adds one millisecond of a hand: the wrench of the session, and the true one. `exact`: the contact was exact.
+  /// Adds one millisecond of a hand. `felt`: wrench of the session. `truth`: wrench of the ground truth. `exact`: the
+  /// session reported an exact contact.
   void add(const Vec3d& position, const haptics::Wrench& felt, const haptics::Wrench& truth, bool exact);
   /// Call between the samples of two hands.
   void start_next_hand() noexcept { ms_ += kHandGapMs; }
   [[nodiscard]] Figures figures() const;
-  /// Additional figures of a tool, of the same milliseconds as the figures of forces.
+  /// Returns the figures of the torques of a tool, over the same milliseconds as `figures`.
   [[nodiscard]] Figures torque_figures() const;
 
  private:
   struct Touch {
     std::size_t begin = 0, end = 0;  // ms
-    Vec3d position = Vec3d::Zero();  // of the hand at the begin
+    Vec3d position = Vec3d::Zero();  // of the hand at `begin`
     double peak = 0;                 // N
   };
   static constexpr std::size_t kHandGapMs = 1000;  // separates the touches of two hands
-  /// The touches of one of the two forces.
+  /// The touches of the felt force, or those of the true force.
   struct Touches {
     std::vector<Touch> all;
     void add(std::size_t ms, const Vec3d& position, double force);

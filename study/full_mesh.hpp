@@ -16,8 +16,8 @@ namespace tactus::study {
 
 class FullMesh final : public haptics::Surface {
  public:
-  /// `faces` are by FaceId. `cell_size` is the edge of a grid cell, m; queries are fastest with about the radius of the
-  /// sphere. The spans must outlive this.
+  /// The index in `faces` is the FaceId. `cell_size` is the edge of a grid cell, m; queries are fastest if it is about
+  /// the radius of the probe's sphere. The arrays of the spans must outlive this.
   FullMesh(std::span<const std::array<float, 3>> vertices, std::span<const std::array<std::uint32_t, 3>> faces,
            const hrtc_service::Placement& placement, double cell_size);
 

@@ -13,20 +13,21 @@ namespace tactus::study {
 /// One millisecond of a hand.
 struct Sample {
   spm::Vec3d position;
-  haptics::Wrench felt, truth;  ///< the wrench of the session, and the true one
+  haptics::Wrench felt, truth;  ///< wrench of the session, and wrench of the ground truth
   bool exact;                   ///< the contact was exact
 };
 struct ScenarioRun {
   Figures figures;
-  std::vector<std::vector<Sample>> hands;  ///< by user; from the millisecond in which the user got a hand
+  std::vector<std::vector<Sample>> hands;  ///< by user; begins with the millisecond in which the hand appeared
 };
 
-/// Returns the name of the object that the users touch. Throws client_sim::ScenarioError unless it is exactly one.
+/// Returns the name of the object that the users touch. Throws client_sim::ScenarioError unless they touch exactly
+/// one object.
 [[nodiscard]] std::string object_of(const client_sim::Scenario& scenario);
 
-/// Runs the scenario in virtual time. `scenario` must measure something, and `subject` must be its object. The same
-/// arguments give the same figures to the bit. If `cancelled` becomes true, returns early with an empty result. Throws
-/// std::runtime_error if the base mesh does not arrive within a minute.
+/// Runs the scenario in virtual time. `scenario.measures` must not be kNone, and `subject` must be the object that its
+/// users touch. The same arguments give the same figures to the bit. If `cancelled` becomes true, returns early with an
+/// empty result. Throws std::runtime_error if the base mesh does not arrive within a minute.
 [[nodiscard]] ScenarioRun run_scenario(const client_sim::Scenario& scenario, const Subject& subject,
                                        const netem::LinkSettings& link, std::uint64_t seed,
                                        const std::atomic<bool>& cancelled);

@@ -13,12 +13,12 @@ namespace tactus::study {
                                           const netem::LinkSettings& link, std::uint64_t seed,
                                           const std::atomic<bool>& cancelled);
 
-/// Runs users who lift the object together, each by its action `lift`. Otherwise as press_to_target.
+/// Runs users who lift the object together, each by its action `lift`. All else is as in press_to_target.
 [[nodiscard]] ScenarioRun lift_together(const client_sim::Scenario& scenario, const Subject& subject,
                                         const netem::LinkSettings& link, std::uint64_t seed,
                                         const std::atomic<bool>& cancelled);
 
-/// Returns the user's first action of that kind, which must exist.
+/// Returns the user's first action of `kind`. The user must have one.
 [[nodiscard]] const client_sim::Action& action_of(const client_sim::User& user, client_sim::ActionKind kind);
 
 }  // namespace tactus::study

@@ -1,9 +1,9 @@
-/// A host, HRTCs and users of one moving object in virtual time. They run the classes of the services for shared
-/// objects, with an emulated link between each pair.
+/// A host, HRTCs and users of one moving object in virtual time. Host and HRTCs run the classes that their services use
+/// for shared objects. An emulated link connects each pair of them.
 ///
 ///     Operator --> SimulatedDevice --> HrtcCore  ~~ link ~~  HostCore
 ///
-/// It has no threads, sockets and discovery. As in a live session, the HRTCs request the session time from the host,
+/// There are no threads, sockets and discovery. As in a live session, the HRTCs request the session time from the host,
 /// and samples are in session time. World frame, SI. The same settings and calls give the same run. One thread.
 #pragma once
 
@@ -49,9 +49,9 @@ class SharedSession {
 
   /// Returns the index of the new HRTC.
   std::size_t add_hrtc();
-  /// Adds a user at an HRTC, whose hand starts where its script begins. Returns the user's index.
+  /// Adds a user at the HRTC. The user's hand starts where the script begins. Returns the user's index.
   std::size_t add_user(std::size_t hrtc, const client_sim::User& user);
-  /// Adds a user without a script, whom move_hand moves. Returns the user's index.
+  /// Adds a user without a script, whose hand moves only by move_hand. Returns the user's index.
   std::size_t add_hand(std::size_t hrtc, const spm::Vec3d& start);
   void move_hand(std::size_t user, const spm::Vec3d& to);
 
@@ -73,7 +73,7 @@ class SharedSession {
   [[nodiscard]] double figure(std::size_t hrtc, const std::string& name) const;
   [[nodiscard]] const haptics::PassivityController::Ledger& port(std::size_t user) const;
   [[nodiscard]] const hrtc_service::ProbeOutput& probe(std::size_t user) const;
-  /// The operator of a user, who must have a script.
+  /// The operator of a user. The user must have a script.
   [[nodiscard]] const client_sim::Operator& operator_of(std::size_t user) const {
     return *users_[user].script_operator;
   }
@@ -120,11 +120,11 @@ class SharedSession {
   session::CatalogueEntry entry_;
   sharing::SharedBody shared_;
   std::unique_ptr<host_service::HostCore> host_;
-  std::uint64_t host_changes_ = 0;  // number of starts and stops
+  std::uint64_t host_changes_ = 0;  // number of starts and stops of the host
   std::vector<std::unique_ptr<Hrtc>> hrtcs_;
   std::vector<User> users_;
-  std::vector<std::vector<VirtualLink<Arrive>>> links_;  // [from][to]: host, viewer, then the HRTCs
-  client_sim::Objects view_;                             // of the viewer
+  std::vector<std::vector<VirtualLink<Arrive>>> links_;  // [from][to]; order: host, viewer, HRTCs
+  client_sim::Objects view_;                             // objects as the viewer sees them
   session::PoseAdmission pose_admission_;                // of the viewer
   session::ObjectPose viewer_pose_;
   std::int64_t now_ns_ = 10'000 * kMs;

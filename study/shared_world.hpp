@@ -39,15 +39,15 @@ struct CarryResult {
   double settling_time = 0;  ///< time from the end of the hands' motion until all points of copies are below 1 mm/s, s
   double end_copy_distance = 0;  ///< largest distance of corresponding corners of copies 1 s after the hands' motion, m
   double max_copy_distance = 0;  ///< largest distance of corresponding corners of copies in the whole run, m
-  double injected = 0;       ///< maximum of the energy that all couplings gave minus the energy that they received, J
+  double injected = 0;       ///< maximum over time of the energy that all couplings gave minus what they received, J
   double limited_share = 0;  ///< share of cycles in which an energy tank limited a set position
   double peak_force = 0;     ///< on a hand, N
-  double port_lowest = 0;    ///< minimum energy of a hand's port, J
-  double tank_lowest = 0;    ///< minimum energy of a copy's tank, J
+  double port_lowest = 0;    ///< minimum energy over all hands' ports, J; below 0: the port gave more than it received
+  double tank_lowest = 0;    ///< minimum energy over all copies' energy tanks, J
   double withholding = 0;    ///< share of cycles in which a passivity controller reduced a force
   bool finite = true;        ///< false: the run diverged and ended early
 };
-/// Runs users who grab the object, carry it along a path until 6 s, and then rest until `seconds`.
+/// Runs users who grab the object and carry it along a path. Their hands stop at 6 s; the run ends at `seconds`.
 [[nodiscard]] CarryResult carry(const WorldSettings& settings, double seconds);
 
 struct MassResult {

@@ -3,14 +3,18 @@
 
 namespace tactus::study {
 
-/// N/m. kMaxStiffness means this value or more.
+/// N/m. A found value of kMaxStiffness means that the limit is at or above it.
+///
+/// Symbols of the analytic bounds: b is the damping of device and hand, B the virtual damping of the wall (0 here) or
+/// of the coupling between the copies (3 N s/m). T is the cycle of 1 ms, RTT the round trip, and td = RTT the further
+/// delay of the loop.
 struct Stiffness {
   double wall_bound = 0;      ///< of a wall, analytic: (b + B) / (T / 2 + td)
   double wall = 0;            ///< of a wall whose force is delayed and held for a cycle
   double wall_passivity = 0;  ///< of this wall with a passivity controller
   double copies_bound = 0;    ///< of two copies, analytic: 0.8 x 2 B / (RTT + T)
-  double copies_naive = 0;    ///< of two copies of a box, each pulled to the other's last received position
-  double copies_set = 0;      ///< of these copies with passive set-position modulation
+  double copies_naive = 0;    ///< of two copies of a box; a spring pulls each to the other's last received position
+  double copies_set = 0;      ///< of the same copies with an energy tank (passive set-position modulation)
   double copies_channel = 0;  ///< of two copies that a wave-variable channel couples
 };
 

@@ -1,4 +1,4 @@
-/// An object that the users of a study touch, as the host and as the ground truth need it.
+/// An object that the users of a study touch, in the forms that the host and the ground truth need.
 #pragma once
 
 #include <array>

@@ -22,7 +22,7 @@ class TrueHand {
 /// A sphere with a proxy of its own.
 class TrueSphere final : public TrueHand {
  public:
-  /// `surface` must outlive it.
+  /// `surface` must outlive this.
   TrueSphere(haptics::Surface& surface, double radius, const session::Material& material,
              const haptics::ForceSettings& settings);
   [[nodiscard]] haptics::Wrench at(const haptics::DeviceState& device, bool mesh_changed) override;

@@ -1,7 +1,7 @@
 /// One direction of an emulated link in virtual time, with the samples in transit.
 ///
-/// netem::Link decides delay and loss, as for the frames of the relay. The same seed and the same calls give the same
-/// run. One thread.
+/// netem::Link decides delay and loss of each sample, as it does for each frame of the relay. The same seed and the
+/// same calls give the same run. One thread.
 #pragma once
 
 #include <cstdint>
@@ -22,7 +22,7 @@ class VirtualLink {
   void send(std::int64_t now_ns, Sample sample, std::size_t bytes) {
     if (const auto at_ns = link_.departure(now_ns, bytes)) in_transit_.emplace(*at_ns, std::move(sample));
   }
-  /// Returns the next sample that has arrived, if any.
+  /// Removes and returns the next sample that has arrived, if any.
   [[nodiscard]] std::optional<Sample> take(std::int64_t now_ns) {
     if (in_transit_.empty() || in_transit_.begin()->first > now_ns) return std::nullopt;
     std::optional<Sample> sample{std::move(in_transit_.begin()->second)};

@@ -5,9 +5,10 @@
 ///                                                               +-- link --> [hand] <- [Operator]
 ///                                                                            remote: over a link of its own
 ///
-/// It runs the code of the programs without threads, sockets, clocks, discovery and effects of the machine. The haptic
-/// cycle runs every millisecond, the loader every 2 ms, and the host sends every 0.25 ms. The touched object is at the
-/// origin, not rotated, in metres. The same settings give the same run to the bit. One thread at a time.
+/// It runs the code of the programs without threads, sockets, clocks and discovery, so the load of the machine has no
+/// effect. The haptic cycle runs every millisecond, the loader every 2 ms, and the host sends every 0.25 ms. The object
+/// that users touch is at the origin, not rotated, in metres. The same settings give the same run to the bit. One
+/// thread at a time.
 #pragma once
 
 #include <deque>
@@ -35,7 +36,7 @@ struct SessionSettings {
   std::uint32_t slots = 1 << 16;   ///< pool slots of the HRTC; the default of tactus-hrtc
   std::uint32_t budget = 1 << 14;  ///< refinement of a cycle, in units of spm::Budget
   session::Material material;
-  hrtc_service::CycleSettings cycle;  ///< its tool, if any, is the tool of all users
+  hrtc_service::CycleSettings cycle;  ///< all users have the tool `cycle.tool`; null: tips
 
   /// Limits of each hand's device. The device exerts torques only if there is a tool.
   [[nodiscard]] haptics::DeviceSpec device_spec() const {
@@ -49,7 +50,7 @@ struct SessionSettings {
 struct Felt {
   haptics::DeviceState device;  ///< world frame
   haptics::Wrench wrench;       ///< wrench on the device
-  bool exact = false;           ///< the contact was exact; for a remote hand, in the last received command
+  bool exact = false;           ///< the contact was exact; a remote hand has the value of its last received command
 };
 
 class VirtualSession {
@@ -59,8 +60,8 @@ class VirtualSession {
   VirtualSession(const Subject& subject, const client_sim::Scenario& scenario, const SessionSettings& settings);
   ~VirtualSession();
 
-  /// Runs until the base mesh has been shown for one second, then starts the users. Throws std::runtime_error if that
-  /// takes more than a minute.
+  /// Runs until the base mesh has been shown for one second, then starts the users. Throws std::runtime_error if the
+  /// base mesh is not shown within a minute.
   void settle();
   /// Starts the users at once, before any data has arrived.
   void start_users() noexcept { users_act_ = true; }
@@ -127,7 +128,7 @@ class VirtualSession {
   std::int64_t catalogue_ns_;
   std::uint64_t cycles_ = 0;
   bool users_act_ = false;
-  bool changed_ = true, mesh_changed_ = true;
+  bool changed_ = true, mesh_changed_ = true;  // the refinement of this step, and of the step before, changed the mesh
   hrtc_service::Servo::Inputs inputs_;
 };
 

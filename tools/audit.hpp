@@ -1,10 +1,11 @@
 /// Checks a contact log against the original model: every contact that an HRTC logged as exact must be the contact with
 /// the original triangles.
 ///
-/// The audit shares no geometry code with the HRTC: it has another search and extended precision. For each audited
-/// entry it compares the keys of the touched triangles and the depths. It ignores and counts a triangle whose distance
-/// is within kTangent of the radius, because rounding decides whether the tip touches it. FCL checks the same entries
-/// as a second opinion. A disagreement with FCL is no mismatch, but it makes the audit doubtful.
+/// The audit shares no geometry code with the HRTC: it searches in another way and computes in extended precision. For
+/// each audited entry it compares the keys of the touched triangles and their depths. It ignores and counts a triangle
+/// whose distance differs from the radius by less than kTangent, because rounding decides whether the tip touches it.
+/// FCL checks the same entries as a second opinion. A disagreement with FCL is no mismatch, but it makes the audit
+/// doubtful.
 #pragma once
 
 #include <array>
@@ -29,7 +30,7 @@ class AuditError : public std::runtime_error {
 };
 
 inline constexpr double kTangent = 1e-6;          ///< tolerance of distances and depths, m
-inline constexpr std::uint32_t kNearChange = 10;  ///< cycles after a region change in which entries are near the change
+inline constexpr std::uint32_t kNearChange = 10;  ///< cycles after a region change; entries in them are "near a change"
 
 struct AuditOptions {
   std::uint32_t cycles = 10000;  ///< maximum number of audited cycles per object
@@ -39,7 +40,7 @@ struct AuditOptions {
 struct Original {
   std::string name;                 ///< name of the file, without folder and extension
   std::vector<Corners> triangles;   ///< cleaned, not empty
-  std::optional<spm::Model> model;  ///< for the records that the paths needed; its owner must outlive this
+  std::optional<spm::Model> model;  ///< to count the records that the contacts needed; its owner must outlive this
 };
 
 /// An audited entry that differs from the original.
@@ -70,9 +71,9 @@ struct Disagreement {
 /// FCL's opinions on the audited entries.
 struct SecondOpinions {
   static constexpr std::size_t kMaxListed = 5;
-  std::uint64_t requested = 0;      ///< entries
-  std::uint64_t tangent = 0;        ///< triangles with a difference, but at a distance within kTangent of the radius
-  std::uint64_t disagreed = 0;      ///< entries
+  std::uint64_t requested = 0;      ///< entries that FCL checked
+  std::uint64_t tangent = 0;        ///< triangles with a difference that is ignored: within kTangent of the radius
+  std::uint64_t disagreed = 0;      ///< entries for which FCL and the audit differ
   std::vector<Disagreement> first;  ///< the first kMaxListed disagreements
 };
 
@@ -87,7 +88,8 @@ struct FirstTouch {
 struct RecordsUse {
   std::uint64_t needed;    ///< in the closed lists of all regions that a sphere in contact intersected, without repeats
   std::uint64_t of_model;  ///< in the model
-  /// Received, and of these received again after an eviction. From the log's totals; empty if the HRTC was killed.
+  /// `received`: with repetitions. `returned`: number of these that were received again after an eviction. Both are the
+  /// log's totals; empty if the HRTC was killed.
   std::optional<std::uint64_t> received, returned;
 };
 
@@ -97,13 +99,13 @@ struct ObjectAudit {
   std::uint32_t index = 0;
   std::uint64_t entries = 0;              ///< entries logged near the object
   std::uint64_t contact = 0;              ///< entries in contact with the original surface
-  std::uint64_t exact_contact = 0;        ///< entries in contact with it that are logged as exact
+  std::uint64_t exact_contact = 0;        ///< entries in contact with the original surface that are logged as exact
   std::uint64_t truncated = 0;            ///< exact entries that are not audited, because they lack some contacts
-  std::uint64_t audited = 0;              ///< entries
-  std::uint64_t audited_near_change = 0;  ///< entries
+  std::uint64_t audited = 0;              ///< audited entries
+  std::uint64_t audited_near_change = 0;  ///< audited entries within kNearChange cycles of a region change
   std::uint64_t triangles = 0;            ///< triangles compared, over all audited entries
   std::uint64_t tangent = 0;              ///< triangles ignored as tangent, over all audited entries
-  std::uint64_t mismatched = 0;           ///< entries
+  std::uint64_t mismatched = 0;           ///< audited entries with a mismatch
   std::vector<Mismatch> mismatches;       ///< the first kMaxListed mismatches
   SecondOpinions second;
   std::vector<FirstTouch> touches;  ///< by probe
@@ -154,8 +156,9 @@ struct ContactLog {
 [[nodiscard]] AuditReport audit(const ContactLog& log, const Original& original, SecondOpinion& second,
                                 const AuditOptions& options);
 
-/// Audits `log` against the file `model`: a mesh, which is imported and cleaned, or an .spm file, whose finest faces
-/// count. `spm` is the .spm file of a mesh, or empty. Throws the errors of reading the files.
+/// Audits `log` against the file `model`. This is a mesh, which is imported and cleaned, or an .spm file, of which the
+/// finest faces are the original. `spm` is the .spm file that was built from the mesh, or empty. Throws the errors of
+/// reading the files.
 [[nodiscard]] AuditReport audit_files(const std::filesystem::path& log, const std::filesystem::path& model,
                                       const std::filesystem::path& spm, const AuditOptions& options);
 

@@ -28,8 +28,8 @@ class SurfaceGrid {
     double distance;
   };
 
-  /// `triangles` must be finite and must outlive this. Queries are fast for distances up to about `reach` > 0. O(n log
-  /// n).
+  /// `triangles` must be finite and must outlive this. Queries are fast for distances up to about `reach`, which must
+  /// be above 0. O(n log n).
   SurfaceGrid(const std::vector<Corners>& triangles, double reach);
 
   /// Fills `out` with all triangles within `distance` of `point`, in ascending order.

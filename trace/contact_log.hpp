@@ -1,9 +1,9 @@
-/// Writes and reads the contact log of an HRTC, by which an audit checks the contacts after the session.
+/// Writes and reads the contact log of an HRTC. An audit checks the logged contacts after the session.
 ///
 /// The file has tagged, little-endian entries: one for each object when the HRTC adds it, one per cycle for each probe
 /// and each object near it, and one summary per object at the end. A contact is identified by the corner positions of
-/// its triangle, so the audit needs the model, but no face numbers. Writing may block: not for the haptic thread. The
-/// last entry of the log of a killed HRTC may be truncated; reading ends before it.
+/// its triangle, so the audit needs the model, but no face numbers. Writing may block: not for the haptic thread. If
+/// the HRTC was killed, the last entry of its log may be truncated; reading ends before this entry.
 #pragma once
 
 #include <array>

@@ -1,9 +1,9 @@
 /// Writes and reads the file of a flight recorder: all calls to an HRTC's cycle, and the resulting forces.
 ///
 /// The file is an MCAP file with one channel for each struct of FlightMessage. The structs are encoded as CDR.
-/// idl/flight.idl describes them, states units and frames, and is contained in the file. Messages are in the order of
-/// the calls. The time of a message is that of its cycle, in ns since 1970. A replay of the calls computes the same
-/// forces to the bit (hrtc_service/flight_replay.hpp).
+/// idl/flight.idl describes the members and states units and frames. The file contains this text. Messages are in the
+/// order of the calls. The time of a message is that of its cycle, in ns since 1970. A replay of the calls computes the
+/// same forces to the bit (hrtc_service/flight_replay.hpp).
 #pragma once
 
 #include <array>

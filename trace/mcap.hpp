@@ -59,7 +59,7 @@ class McapWriter {
  private:
   using Bytes = std::vector<std::uint8_t>;
   struct MessageIndex {
-    std::uint64_t time, offset;  // log time; position in the chunk
+    std::uint64_t time, offset;  // `time`: log time; `offset`: position in the chunk
   };
   struct ChunkIndex {
     std::uint64_t first_time, last_time;                     // of its messages

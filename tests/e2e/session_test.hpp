@@ -1,5 +1,5 @@
-/// Helpers of the tests of whole sessions: models, the commands of programs in a session of the test, and an observer
-/// that records the samples that they publish. Most sessions have a host "museum", an HRTC "desk" and a user "ann".
+/// Helpers of the tests of whole sessions: models, the commands that start programs in the session of a test, and an
+/// observer that records the published samples. Most sessions have a host "museum", an HRTC "desk" and a user "ann".
 #pragma once
 
 #include <gmock/gmock.h>
@@ -21,11 +21,11 @@
 
 namespace tactus::e2e {
 
-/// Counts the probe states of one user that arrived after the last call of `Observer::forget_states`.
+/// Numbers of the probe states of one user that arrived after the last call of `Observer::forget_states`.
 struct StateCounts {
   std::uint64_t count = 0;
   std::uint64_t in_contact = 0;
-  std::uint64_t exact = 0;  ///< in contact and exact
+  std::uint64_t exact = 0;  ///< states in contact and exact
   std::uint64_t faults = 0;
   session::ProbeState last;
 };
@@ -129,7 +129,7 @@ users:
     script: [{approach: {object: "#1", speed: 0.2}}, {hold: {seconds: 2, force: 1}}]
 )";
 
-/// Succeeds if the process exits with `status` before the watchdog expires, and leaves no process of its own.
+/// Succeeds if the process exits with `status` before the watchdog expires, and no other process of its group remains.
 testing::AssertionResult exits_with(int status, Process& process);
 
 }  // namespace tactus::e2e

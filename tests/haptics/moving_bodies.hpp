@@ -66,7 +66,7 @@ class MovingBodies final : public Surface {
  private:
   struct Body {
     TriangleSurface surface;
-    BodyPose pose, previous_pose;  // now, and at the start of the step
+    BodyPose pose, previous_pose;  // at the end of the step, and at its start
   };
   [[nodiscard]] SurfaceHit to_world(SurfaceHit hit, std::size_t body) const {
     hit.point = bodies_[body].pose.to_world(hit.point);

@@ -1,7 +1,7 @@
 /// Simulates random hands that touch bodies at rest or in random motion, and checks that no proxy enters a body.
 ///
-/// The oracle is the winding number of the body around the proxy, summed over all triangles. The oracle uses no sweeps,
-/// planes or closest points.
+/// The test oracle is the winding number of a body's surface around the proxy, summed over all triangles. It is
+/// independent of the proxy: it uses no sweeps, planes or closest points.
 #pragma once
 
 #include <cstdint>
@@ -14,7 +14,7 @@ namespace tactus::haptics::testing {
 
 struct MotionBody {
   std::vector<Triangle> triangles = {};
-  std::vector<Triangle> walls = {};  ///< triangles for the winding number; if empty, `triangles`
+  std::vector<Triangle> walls = {};  ///< closed surface for the winding number; empty: `triangles`
   int winding = 0;                   ///< expected winding number; 1 if the proxy is inside the walls
   double speed = 0;                  ///< m/s; the body alternates between motion and rest; 0: always at rest
   double angular_speed = 0;          ///< rad/s
@@ -26,7 +26,7 @@ struct MotionScene {
   Vec3d start = {0.02, -0.01, 0.12};  ///< of the hand
   double range = 0.08;                ///< m; distance from the origin at which the hand turns back
   double hand_speed = 1;              ///< m/s, maximum
-  bool may_crush = false;             ///< bodies may leave no space for the tip
+  bool may_crush = false;             ///< bodies may close around the tip until it has no space
 };
 
 struct MotionResult {

@@ -1,4 +1,4 @@
-/// Tools and objects of few triangles, and the number of their intersecting triangle pairs by brute force.
+/// Makes tools and objects of few triangles, and counts their intersecting triangle pairs by brute force.
 #pragma once
 
 #include <vector>

@@ -117,7 +117,7 @@ inline std::vector<Triangle> sphere(double radius, int levels) {
   return triangles;
 }
 
-/// A closed body with bumps and hollows of `height` times its radius.
+/// A sphere with bumps and hollows. Its radius is `radius` * (1 + `height` * w), with w between -1.7 and 1.7.
 inline std::vector<Triangle> bumpy(double radius, int levels, double height) {
   std::vector<Triangle> triangles = sphere(1, levels);
   for (Triangle& t : triangles) {

@@ -13,8 +13,8 @@ namespace tactus::hrtc_service::testing {
 
 constexpr double kSphereRadius = 0.05;  // m
 
-/// Returns a position at which a tip of 3 mm is 0.5 mm deep in a sphere around the origin. `angle`: rad along a path
-/// that turns around the sphere.
+/// Returns a position at which a tip of 3 mm is 0.5 mm deep in the sphere of kSphereRadius around the origin. `angle`:
+/// rad along a path that winds around this sphere.
 inline spm::Vec3d position_on_sphere(double angle) {
   return 0.0525 *
          spm::Vec3d{std::cos(angle), std::sin(angle) * std::cos(angle / 7), std::sin(angle) * std::sin(angle / 7)};

@@ -32,14 +32,14 @@ inline constexpr std::size_t kMaxPartialBytes = 200'000;
 [[nodiscard]] const spm::OwnedModel& model_of(std::uint64_t object);
 [[nodiscard]] const spm::codec::CompressedModel& coded_of(std::uint64_t object);
 
-/// Delays of the answers to messages, by decoding and by lack of memory.
+/// Delays of an HRTC's answers to messages, because of decoding and of missing memory.
 struct HrtcFaults {
   std::int64_t decode_ns = 0;  ///< max time until a message is decoded
-  double postponing = 0;          ///< probability that a region is postponed
+  double postponing = 0;       ///< probability that the HRTC postpones the answer about a region
 };
 
 struct HrtcFigures {
-  std::uint64_t regions_held = 0;  ///< accepted by the cache
+  std::uint64_t regions_held = 0;  ///< number of times that the cache accepted a region
   std::uint64_t regions_refused = 0;
   std::uint64_t regions_released = 0;
   std::uint64_t records_received = 0;
@@ -70,7 +70,7 @@ class SimulatedHrtc : public Program {
   struct Cache {
     std::map<std::uint32_t, std::vector<std::uint32_t>> closed_lists;  // of held and retired regions, by region
     std::vector<std::uint32_t> regions_with;                           // number of `closed_lists`, by record
-    std::set<std::uint32_t> never_retired;                             // held regions, on which hosts may always rely
+    std::set<std::uint32_t> never_retired;                             // held regions on which hosts may always rely
     std::vector<std::uint32_t> never_retired_with;         // number of closed lists of `never_retired`, by record
     std::map<std::uint32_t, std::uint32_t> retired_epoch;  // first demand without the region; 0: not published yet
     std::uint32_t touched = 0;                             // region

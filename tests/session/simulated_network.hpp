@@ -2,8 +2,9 @@
 /// reorders or corrupts. The same seed gives the same run.
 ///
 /// Virtual time in nanoseconds. Each direction between two programs can be cut until a given time. Reliable delivery
-/// retransmits lost samples and delivers each sample once, states excepted: a state that its writer replaces while a
-/// retransmission is in flight is not delivered. Best-effort delivery loses samples.
+/// retransmits lost samples and delivers each sample once. The exception is a state, of which a reader needs only the
+/// newest: if the writer sends a newer state while a retransmission is in flight, the older one is not delivered.
+/// Best-effort delivery does not retransmit lost samples.
 #pragma once
 
 #include <array>
@@ -50,7 +51,7 @@ class SimulatedNetwork {
   enum class Reliability : std::uint8_t { kBestEffort, kReliable };
   struct Packet {
     std::int64_t arrival_ns;
-    std::uint64_t order;
+    std::uint64_t order;  // number of the packet, which orders packets with equal arrivals
     std::uint64_t from, to;
     std::shared_ptr<const Sample> sample;
     std::uint64_t state_key;  // of a retransmitted state, which a newer state replaces; 0: none

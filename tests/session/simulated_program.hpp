@@ -1,7 +1,8 @@
-/// The base class of all programs of a simulated session (presence, session time), and the clients, which have users.
+/// The base class of all programs of a simulated session, with presence and session time. Also the clients, which have
+/// users.
 ///
 /// Roster and SessionClock are the production classes. Each program has its own clock, with a random start and a slight
-/// rate error; the production classes get no other time.
+/// rate error. The production classes get only this time.
 #pragma once
 
 #include <cstdint>
@@ -50,7 +51,7 @@ struct World {
   }
   /// Records that an invariant is violated.
   void report_violation(const std::string& description);
-  /// Whether a recent fault can explain that the program receives records that it holds or cannot use.
+  /// Whether a recent fault explains that the program receives records that it already holds or cannot use.
   [[nodiscard]] bool has_recent_fault(std::uint64_t program) const;
   [[nodiscard]] Program* find(std::uint64_t id) const;
 
@@ -78,7 +79,7 @@ class Program {
   void start();
   void stop(bool sends_leave_message);
   void receive(const SimulatedNetwork::Packet& packet);
-  /// Does all work that is due and sets the time of the next call.
+  /// Does all work that is due, and sets the time at which `tick` has to be called next.
   void tick();
 
   [[nodiscard]] bool is_running() const noexcept { return running_; }

@@ -1,4 +1,4 @@
-/// A session of two hosts, three HRTCs and two clients in one thread and in virtual time, by a seed.
+/// A session of two hosts, three HRTCs and two clients in one thread and in virtual time.
 ///
 /// DeliveryServer, DeliveryClient, Roster, FailureDetector, SessionClock and UserSlots are the production classes. The
 /// network, the cache of an HRTC and the hands of users are models. Users move over two objects while the schedule
@@ -16,7 +16,7 @@
 ///     kHealNs after the last fault
 ///       - Each HRTC holds the regions that it wants. Rosters, slots and time references agree.
 ///       - The error bounds of the clocks are below kMaxClockBoundNs.
-///       - Soon after, hosts send no more records.
+///       - Soon afterwards, hosts send no more records.
 ///
 /// The same seed gives the same run.
 #pragma once
@@ -35,7 +35,7 @@ namespace tactus::test_support {
 inline constexpr std::int64_t kHealNs = 2'000'000'000;
 inline constexpr std::int64_t kMaxClockBoundNs = 100'000'000;
 
-/// A fault of one or several programs that begins at a given time.
+/// A fault of one or several programs, planned for a given time.
 struct PlannedFault {
   FaultKind kind = FaultKind::kRestart;  ///< kCrash, kRestart or kPartition
   std::int64_t at_ns = 0;

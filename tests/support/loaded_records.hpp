@@ -10,9 +10,9 @@
 
 namespace tactus::test_support {
 
-/// Describes the first difference, or states the number of loaded records if some are missing. Returns an empty string
-/// if the pool contains every record of the model, bit for bit. Requires a pool with one object, from which no record
-/// has been released.
+/// Returns an empty string if the pool contains every record of the model, bit for bit. Otherwise describes the first
+/// record that differs, or the number of loaded records if some are missing. Requires a pool with one object, from
+/// which no record has been released.
 inline std::string loaded_difference(const spm::Model& model, const spm::Pool& pool) {
   using spm::kNone;
   const std::uint32_t base = model.summary.base_vertices;

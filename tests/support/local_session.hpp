@@ -119,7 +119,7 @@ class LocalSession {
     return specs;
   }
 
-  /// Settings of a host whose objects stand 1 m apart along x. If `mass` is above 0, the last object is movable.
+  /// Settings of a host whose objects are 1 m apart along x. If `mass` is above 0, the last object is movable.
   static host_service::HostCoreSettings host_settings(const std::vector<spm::codec::EncodedModel>& models, double scale,
                                                       const session::Material& material, double mass) {
     host_service::HostCoreSettings settings;

@@ -1,5 +1,5 @@
-/// Helpers of the tests of wire/: addresses that match no other program, an inbox that waits for samples, and samples
-/// whose fields are all set.
+/// Helpers of the tests of wire/: session addresses that no other program uses, an inbox that waits for samples, and
+/// samples whose fields are all set.
 #pragma once
 
 #include <unistd.h>
@@ -25,8 +25,8 @@ namespace ses = session;
 /// Time after which a test that waits for an event fails.
 inline constexpr auto kWatchdog = 20s;
 
-/// A base domain from 50 to 86 that depends on the process, so that tests may run in parallel. Two processes with the
-/// same domain have different sessions.
+/// The first of the three domains of a test, from 50 to 86. It depends on the process, so that tests may run in
+/// parallel. Two processes with the same domain have different sessions.
 inline int test_domain() { return 50 + 3 * (static_cast<int>(getpid()) % 13); }
 
 inline std::string unique_session(const std::string& tag) {
@@ -83,7 +83,7 @@ bool eventually(Condition&& condition) {
   return true;
 }
 
-/// Sends `sample` until one arrives, because the two endpoints of a best-effort topic match at different times.
+/// Sends `sample` repeatedly until one arrives: with best effort, samples are lost until both endpoints have matched.
 template <class Sample>
 std::optional<Sample> send_until_received(Writer<Sample>& writer, Inbox<Sample>& inbox, const Sample& sample) {
   const auto end = std::chrono::steady_clock::now() + kWatchdog;

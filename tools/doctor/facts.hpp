@@ -42,9 +42,9 @@ struct Facts {
   int domain = 0;
   int local_programs = 0;                   ///< other programs on this machine in the session domain
   std::vector<int> blocked_ports;           ///< discovery ports that another program uses and does not share
-  int first_ephemeral_port = 0;             ///< setting of the system
+  int first_ephemeral_port = 0;             ///< first port of net.ipv4.ip_local_port_range
   std::string kernel, library;              ///< versions of the kernel and of Fast DDS
-  std::vector<std::string> stale_segments;  ///< Fast DDS files in /dev/shm that no inspectable program has mapped
+  std::vector<std::string> stale_segments;  ///< Fast DDS files in /dev/shm that no visible program has mapped
   std::vector<std::string> variables;       ///< environment variables that are set for the DDS library
   wire::Discovery discovery;                ///< as configured
   std::string join_error;                   ///< reason why this program could not join the domain; empty: it joined

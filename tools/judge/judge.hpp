@@ -13,7 +13,7 @@
 
 namespace tactus::judge {
 
-/// Bounds of every session. A loaded machine with two cores holds the defaults.
+/// Bounds of every session. A loaded machine with two cores meets the default bounds.
 struct Bounds {
   /// Duration in s below which rows about touch do not apply: simulated users take some seconds to reach a surface.
   double min_session = 6;
@@ -28,9 +28,9 @@ struct Bounds {
   double min_raised = 0.08, max_raised = 0.12;  ///< height of the lift, m
   double min_held = 1.5, max_held = 3;          ///< duration of the lift, s
   double max_offset = 0.003;                    ///< difference of the object's heights before and after the lift, m
-  double max_copy_distance = 0.015;             ///< m; for 6 N and a channel with a round trip of up to 40 ms
-  double max_injected = 0.001;                  ///< energy, J
-  double min_port_energy = -1e-6;               ///< J
+  double max_copy_distance = 0.015;             ///< m; allows 6 N on a channel with a round trip of up to 40 ms
+  double max_injected = 0.001;                  ///< energy that the couplings between the copies add, J
+  double min_port_energy = -1e-6;               ///< lowest energy of any hand's port, J
 };
 
 /// The expected events of one session.
