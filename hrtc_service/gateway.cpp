@@ -43,7 +43,7 @@ void Gateway::on_pose(const session::ObjectPose& pose, std::int64_t now_ns, std:
 }
 
 void Gateway::on_transit(std::int64_t transit_ns, std::int64_t session_now_ns) noexcept {
-  if (clock_is_set_ && transit_ns >= 0 && transit_ns < kMaxTransitNs) transit_.on_transit(transit_ns, session_now_ns);
+  if (transit_ns >= 0 && transit_ns < kMaxTransitNs) transit_.on_transit(transit_ns, session_now_ns);
 }
 
 void Gateway::take_reports() {
@@ -71,7 +71,6 @@ void Gateway::move_objects() {
 }
 
 void Gateway::tick(std::int64_t now_ns, const session::ClockMap& clock) {
-  clock_is_set_ = clock.error_bound(now_ns) < session::kClockUnknown;
   take_reports();
   claims_.clear();
   if (!ownership_.bodies().empty()) {

@@ -96,7 +96,6 @@ class Gateway {
   Loader loader_;
   OwnershipClient ownership_;
   session::TransitEstimator transit_;
-  bool clock_is_set_ = false;                 // session time is known, so transits can be measured
   std::map<std::uint64_t, Movable> movable_;  // by object id
   ProbeReports probe_reports_;
   BodyReports body_reports_;

@@ -45,12 +45,19 @@ hrtc_service::HrtcCoreSettings core_settings() {
 }  // namespace
 
 struct SharedSession::Hrtc {
-  Hrtc(const session::Origin& self, std::int64_t now_ns)
-      : origin{self},
+  /// `clock`: current time of the session's clock. `offset_ns`: the HRTC's machine has a clock that is ahead by this.
+  Hrtc(const session::Origin& self, const std::int64_t& clock, std::int64_t offset_ns)
+      : clock_ns{clock},
+        clock_offset_ns{offset_ns},
+        origin{self},
         core{self, core_settings()},
-        membership{self, {"hrtc " + std::to_string(self.participant), "session"}, core.gateway(), now_ns} {}
-  [[nodiscard]] std::int64_t session_ns(std::int64_t now_ns) const { return membership.clock().session_time(now_ns); }
+        membership{self, {"hrtc " + std::to_string(self.participant), "session"}, core.gateway(), now_ns()} {}
+  /// Time of the HRTC's machine.
+  [[nodiscard]] std::int64_t now_ns() const { return clock_ns + clock_offset_ns; }
+  [[nodiscard]] std::int64_t session_ns() const { return membership.clock().session_time(now_ns()); }
 
+  const std::int64_t& clock_ns;
+  std::int64_t clock_offset_ns;
   session::Origin origin;
   hrtc_service::HrtcCore core;
   hrtc_service::Membership membership;
@@ -97,9 +104,9 @@ void SharedSession::stop_host() {
   ++host_changes_;
 }
 
-std::size_t SharedSession::add_hrtc() {
+std::size_t SharedSession::add_hrtc(std::int64_t clock_offset_ns) {
   const std::size_t i = hrtcs_.size();
-  hrtcs_.push_back(std::make_unique<Hrtc>(origin_of(i + 1, 1), now_ns_));
+  hrtcs_.push_back(std::make_unique<Hrtc>(origin_of(i + 1, 1), now_ns_, clock_offset_ns));
   add_links(kFirstHrtcNode + i);
   Hrtc& hrtc = *hrtcs_.back();
   hrtc_service::Gateway& gateway = hrtc.core.gateway();
@@ -152,7 +159,7 @@ const hrtc_service::BodyReport* SharedSession::body(std::size_t hrtc) const {
 }
 
 session::Claimant::Role SharedSession::role(std::size_t hrtc) const {
-  return hrtcs_[hrtc]->core.gateway().ownership().role(hrtcs_[hrtc]->index, now_ns_);
+  return hrtcs_[hrtc]->core.gateway().ownership().role(hrtcs_[hrtc]->index, hrtcs_[hrtc]->now_ns());
 }
 
 double SharedSession::figure(std::size_t hrtc, const std::string& name) const {
@@ -198,7 +205,7 @@ void SharedSession::publish(std::size_t from, const session::ObjectPose& pose) {
   for (std::size_t i = 0; i < hrtcs_.size(); ++i) {
     if (from == kFirstHrtcNode + i) continue;
     to_hrtc(from, i, kSmallBytes,
-            [this, pose](Hrtc& hrtc) { hrtc.core.gateway().on_pose(pose, now_ns_, hrtc.session_ns(now_ns_)); });
+            [pose](Hrtc& hrtc) { hrtc.core.gateway().on_pose(pose, hrtc.now_ns(), hrtc.session_ns()); });
   }
   send(from, kViewerNode, kSmallBytes, [this, pose] { on_viewer_pose(pose); });
 }
@@ -221,10 +228,10 @@ void SharedSession::haptic_cycle(std::size_t i) {
     input.device = user.device->read(now_ns_);
   }
   if (settings_.observer != nullptr) settings_.observer->on_begin();
-  const hrtc_service::Servo::Outputs& outputs = servo.touch(hrtc.inputs, now_ns_);
+  const hrtc_service::Servo::Outputs& outputs = servo.touch(hrtc.inputs, hrtc.now_ns());
   for (User& user : users_)
     if (user.hrtc == i && user.device != nullptr) user.device->write(hrtc_service::vec(outputs[user.probe].force));
-  servo.publish(now_ns_, now_ns_ + kMs);
+  servo.publish(hrtc.now_ns(), hrtc.now_ns() + kMs);
   (void)servo.refine(spm::Budget{1u << 20});
   if (settings_.observer != nullptr) settings_.observer->on_end();
   if (hrtc_service::BodyReports reports; hrtc.core.link().bodies.reports_for_sender.take(reports))
@@ -240,11 +247,11 @@ void SharedSession::send_reports(std::size_t i) {
     session::ObjectCopy copy;
     sharing::put_sample(body.sample, body.copies, copy);
     to_hrtc(kFirstHrtcNode + i, to, kCopyBytes,
-            [this, copy_index = body.copy_index, fencing = body.coupling_fencing, copy](Hrtc& peer) {
-              const std::int64_t session_ns = peer.session_ns(now_ns_);
+            [copy_index = body.copy_index, fencing = body.coupling_fencing, copy](Hrtc& peer) {
+              const std::int64_t session_ns = peer.session_ns();
               peer.core.gateway().on_transit(session_ns - copy.session_time_ns, session_ns);
               (void)peer.core.link().bodies.copies.push({peer.index, copy_index, fencing, sharing::sample_of(copy)});
-              peer.core.gateway().on_peer_received(peer.index, now_ns_);
+              peer.core.gateway().on_peer_received(peer.index, peer.now_ns());
             });
   }
   if (body.publish_fencing == 0 || now_ns_ - hrtc.posed_ns < hrtc_service::kPosePeriodNs) return;
@@ -262,11 +269,11 @@ void SharedSession::send_reports(std::size_t i) {
 void SharedSession::step_gateway(std::size_t i) {
   Hrtc& hrtc = *hrtcs_[i];
   hrtc_service::Gateway& gateway = hrtc.core.gateway();
-  gateway.tick(now_ns_, hrtc.membership.clock());
-  hrtc.membership.tick(now_ns_);
-  if (auto request = hrtc.membership.clock_request(now_ns_)) send_clock(kFirstHrtcNode + i, request->sample);
+  gateway.tick(hrtc.now_ns(), hrtc.membership.clock());
+  hrtc.membership.tick(hrtc.now_ns());
+  if (auto request = hrtc.membership.clock_request(hrtc.now_ns())) send_clock(kFirstHrtcNode + i, request->sample);
   send_membership(i);
-  while (auto demand = gateway.demand(now_ns_)) {
+  while (auto demand = gateway.demand(hrtc.now_ns())) {
     const std::size_t bytes =
         kHeaderBytes + 100 + 8 * (demand->have.size() + demand->wanted.size() + demand->gaps.size());
     to_host(kFirstHrtcNode + i, bytes, [this, demand = *demand] { host_->on_demand(demand, now_ns_); });
@@ -283,7 +290,7 @@ void SharedSession::send_membership(std::size_t i) {
   const session::RosterEntry& entry = *output.roster;
   to_host(kFirstHrtcNode + i, kSmallBytes, [this, entry] { host_->on_roster(entry, now_ns_); });
   send_to_hrtcs(kFirstHrtcNode + i, kSmallBytes,
-                [this, entry](Hrtc& hrtc) { hrtc.membership.on_roster(entry, now_ns_); });
+                [entry](Hrtc& hrtc) { hrtc.membership.on_roster(entry, hrtc.now_ns()); });
 }
 
 /// Sends a clock request to its peer, or the answer of a request.
@@ -297,7 +304,7 @@ void SharedSession::send_clock(std::size_t from, const session::ClockSample& sam
   if (sample.peer < 1 || sample.peer > hrtcs_.size()) return;
   const auto to = static_cast<std::size_t>(sample.peer) - 1;
   to_hrtc(from, to, kClockBytes, [this, to, sample](Hrtc& hrtc) {
-    hrtc.membership.on_clock(sample, now_ns_, now_ns_);
+    hrtc.membership.on_clock(sample, hrtc.now_ns(), hrtc.now_ns());
     send_membership(to);
   });
 }
@@ -319,8 +326,8 @@ void SharedSession::step_user(User& user) {
     state.user_id = user.id;
     state.probe = user.probe;
     state.sequence = ++user.sequence;
-    state.session_time_ns = own.session_ns(now_ns_);
-    const std::int64_t bound_us = own.membership.clock().error_bound(now_ns_) / 1000;
+    state.session_time_ns = own.session_ns();
+    const std::int64_t bound_us = own.membership.clock().error_bound(own.now_ns()) / 1000;
     state.time_bound_us = static_cast<std::uint32_t>(std::min<std::int64_t>(bound_us, 0xffffffff));
     state.device.position = output.device;
     state.proxy = output.proxy;
@@ -330,7 +337,7 @@ void SharedSession::step_user(User& user) {
     if (user.script_operator != nullptr) user.script_operator->on_probe_state(state);
     for (std::size_t i = 0; i < hrtcs_.size(); ++i) {
       const auto receive = [this, state, i, local = i == user.hrtc](Hrtc& hrtc) {
-        if (!local) hrtc.membership.on_state(state, session::StateStream::kDeadbandCoded, now_ns_);
+        if (!local) hrtc.membership.on_state(state, session::StateStream::kDeadbandCoded, hrtc.now_ns());
         for (User& other : users_)
           if (other.hrtc == i && other.script_operator != nullptr) other.script_operator->on_other_probe_state(state);
       };
@@ -356,17 +363,17 @@ void SharedSession::host_tick() {
     for (std::size_t i = 0; i < hrtcs_.size(); ++i) send_catalogue(i);
   if (messages.roster)
     send_to_hrtcs(kHostNode, kSmallBytes,
-                  [this, entry = *messages.roster](Hrtc& hrtc) { hrtc.membership.on_roster(entry, now_ns_); });
+                  [entry = *messages.roster](Hrtc& hrtc) { hrtc.membership.on_roster(entry, hrtc.now_ns()); });
   if (messages.clock_request) send_clock(kHostNode, *messages.clock_request);
   for (const session::ObjectGrant& grant : messages.grants)
-    send_to_hrtcs(kHostNode, kSmallBytes, [this, grant](Hrtc& hrtc) { hrtc.core.gateway().on_grant(grant, now_ns_); });
+    send_to_hrtcs(kHostNode, kSmallBytes, [grant](Hrtc& hrtc) { hrtc.core.gateway().on_grant(grant, hrtc.now_ns()); });
   for (const session::ObjectPose& pose : messages.poses) publish(kHostNode, pose);
   while (auto out = host_->next_chunk(now_ns_)) {
     const std::uint64_t receiver = out->hrtc;
     if (receiver < 1 || receiver > hrtcs_.size()) continue;
     const std::size_t bytes = kHeaderBytes + out->chunk.payload_bytes();
     to_hrtc(kHostNode, receiver - 1, bytes,
-            [this, chunk = std::move(out->chunk)](Hrtc& hrtc) { hrtc.core.gateway().on_chunk(chunk, now_ns_); });
+            [chunk = std::move(out->chunk)](Hrtc& hrtc) { hrtc.core.gateway().on_chunk(chunk, hrtc.now_ns()); });
   }
 }
 

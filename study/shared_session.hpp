@@ -47,8 +47,8 @@ class SharedSession {
   SharedSession(const Subject& subject, const SharedSessionSettings& settings);
   ~SharedSession();
 
-  /// Returns the index of the new HRTC.
-  std::size_t add_hrtc();
+  /// Adds an HRTC whose machine has a clock that is ahead of the host's by `clock_offset_ns`. Returns its index.
+  std::size_t add_hrtc(std::int64_t clock_offset_ns = 0);
   /// Adds a user at the HRTC. The user's hand starts where the script begins. Returns the user's index.
   std::size_t add_user(std::size_t hrtc, const client_sim::User& user);
   /// Adds a user without a script, whose hand moves only by move_hand. Returns the user's index.

@@ -134,18 +134,19 @@ Lift lift(bool two_hrtcs, std::int64_t delay_ms) {
   return result;
 }
 
-/// The delay of a wave-variable channel is the age of its samples. Before the clocks of two HRTCs are synchronised,
-/// their samples seem half a second old. Channels with such a delay would let the copies drift apart by centimetres.
+/// The delay of a wave-variable channel is the age of its samples. The clock of the second HRTC is half a second ahead,
+/// so samples seem half a second old there until it is synchronised. If such ages counted afterwards, the channels
+/// would let the copies drift apart by centimetres.
 TEST(SharedBody, CopiesStayTogetherWhenHrtcsJoinBeforeTheirClocksAreSynchronised) {
   Session session{2, 0.8, true};
   const auto side = [](double sign, double gap) -> Vec3d { return {sign * (kHalfEdge + 0.003 + gap), 0, kHalfEdge}; };
   session.add_hrtc();
   const std::size_t ann = session.add_hand(0, side(1, 0.03));
   session.run(0.5);
-  session.add_hrtc();
-  const std::size_t bob = session.add_hand(1, side(-1, 0.03));
-  session.run(0.8);
-  double gap = 0.03, carried_x = 0;
+  session.add_hrtc(500'000'000);
+  const std::size_t bob = session.add_hand(1, side(-1, 0.006));
+  session.run(0.02);
+  double gap = 0.006, carried_x = 0;
   std::uint32_t copies = 0;
   session.run(3, [&] {  // the hands press from both sides, and carry the crate along x
     copies = std::max(copies, std::min(session.body(0)->copies, session.body(1)->copies));
@@ -316,7 +317,8 @@ TEST_F(CrateHeldByTwo, CopiesContinueWithoutTheHostAndGetAGrantAfterItsRestart) 
   EXPECT_LT(max_distance, 0.005);
   EXPECT_GT(session_.viewer_pose().fencing, fencing_before);
   EXPECT_EQ((std::set{session_.role(0), session_.role(1)}), (std::set{Claimant::Role::kLeader, Claimant::Role::kCopy}));
-  EXPECT_NEAR(1e-6 * static_cast<double>(session_.now_ns() - session_.viewer_pose().session_time_ns - session_begin_ns), 0, 20)
+  EXPECT_NEAR(1e-6 * static_cast<double>(session_.now_ns() - session_.viewer_pose().session_time_ns - session_begin_ns),
+              0, 20)
       << "ms";
 }
 
