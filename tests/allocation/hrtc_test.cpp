@@ -12,8 +12,8 @@
 #include "spm/offline/build.hpp"
 #include "spm/offline/generate.hpp"
 #include "study/shared_session.hpp"
-#include "tests/support/local_session.hpp"
 #include "tests/support/allocation_counter.hpp"
+#include "tests/support/local_session.hpp"
 
 namespace tactus {
 namespace {

@@ -23,7 +23,8 @@ users:
 
 /// True if `count` users of each HRTC collaborate now.
 bool collaborate(const Seen& seen, double count) {
-  return seen.figure("desk1", figures::kCollaborating) == count && seen.figure("desk2", figures::kCollaborating) == count;
+  return seen.figure("desk1", figures::kCollaborating) == count &&
+         seen.figure("desk2", figures::kCollaborating) == count;
 }
 
 TEST_F(ModesTest, UsersAtOneObjectCollaborateUntilAModeIsCommandedAndTheSessionReceivesCodedStates) {

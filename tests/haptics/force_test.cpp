@@ -258,7 +258,8 @@ TEST(Force, OfAToolIsTheWrenchOfItsCoupling) {
   const ToolGrip grip = renderer.tool_grip(impedance, kCycle);
   EXPECT_EQ(grip.stiffness, 1000);
   EXPECT_NEAR(grip.rotational_stiffness, 0.1, 1e-15);
-  const ForceResult& result = renderer.step(pressed_tool(0.002, 0.5), grip, DeviceState{}, impedance, kFreshAge, kCycle);
+  const ForceResult& result =
+      renderer.step(pressed_tool(0.002, 0.5), grip, DeviceState{}, impedance, kFreshAge, kCycle);
   EXPECT_LT((result.force - Vec3d(0, 0, 2)).norm(), 1e-12);
   EXPECT_LT((result.torque - Vec3d(0.05, 0, 0)).norm(), 1e-12);
   EXPECT_EQ(result.bits, 0u);
@@ -297,7 +298,8 @@ TEST(Force, OfAHoldActsInSixDegreesOfFreedomAndDampsRelativeMotion) {
   const ContactImpedance impedance{1000, 3};
   const ToolGrip grip = renderer.hold_grip(impedance, kCycle);
   EXPECT_EQ(grip.rotational_stiffness, 1) << "the limit of the device";
-  EXPECT_NEAR(weak.hold_grip(impedance, kCycle).rotational_stiffness, 2.5, 1e-12) << "no limit for a device without torque";
+  EXPECT_NEAR(weak.hold_grip(impedance, kCycle).rotational_stiffness, 2.5, 1e-12)
+      << "no limit for a device without torque";
   Hold hold;
   hold.pose.position = {0.001, 0, -0.002};
   hold.pose.orientation = exp_map({0, 0.1, 0});
@@ -343,7 +345,8 @@ TEST(Force, LimitsTheTorqueAndItsRateAndSendsNoneToAForceOnlyDevice) {
 TEST(Force, AFaultEndsATorqueAndAFastRotationDuringATorqueIsAFault) {
   const ContactImpedance impedance{1000, 0};
   const auto render = [&](ForceRenderer& renderer, const DeviceState& device, double pose_age) -> const ForceResult& {
-    return renderer.step(pressed_tool(0, 0.5), renderer.tool_grip(impedance, kCycle), device, impedance, pose_age, kCycle);
+    return renderer.step(pressed_tool(0, 0.5), renderer.tool_grip(impedance, kCycle), device, impedance, pose_age,
+                         kCycle);
   };
   DeviceState rotated;
   rotated.orientation = exp_map({0, 0, 0.1});  // in a millisecond

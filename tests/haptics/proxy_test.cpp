@@ -71,7 +71,8 @@ struct ProxyForce {
     if (previous != nullptr || starts)
       unchanged = proxy.unchanged(position, kCycle, previous != nullptr ? *previous : surface);
     const ProxyResult& result = proxy.step(position, kCycle, surface, previous != nullptr);
-    force_ = renderer.step(result, device, impedance, 0, kCycle, previous != nullptr || starts ? &unchanged : nullptr).force;
+    force_ =
+        renderer.step(result, device, impedance, 0, kCycle, previous != nullptr || starts ? &unchanged : nullptr).force;
     return force_;
   }
   [[nodiscard]] const Vec3d& force() const { return force_; }

@@ -176,8 +176,8 @@ TEST_F(Threads, TheHapticThreadMakesNoSystemCallWhileTheLoaderLoadsAndEvictsRegi
   haptic_.stop();
   EXPECT_THAT(test_support::SystemCalls::attempts(), testing::IsEmpty());
   EXPECT_TRUE(flight_.stop());
-  const hrtc_service::FlightReport replayed =
-      hrtc_service::replay_flight(flight_options().file, {[&](std::uint64_t) { return &encoded_.compressed(); }, {}, false});
+  const hrtc_service::FlightReport replayed = hrtc_service::replay_flight(
+      flight_options().file, {[&](std::uint64_t) { return &encoded_.compressed(); }, {}, false});
 
   EXPECT_EQ(replayed.different_cycles, 0u) << replayed.first_difference;
   EXPECT_GT(replayed.in_contact, 100u);

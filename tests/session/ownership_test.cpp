@@ -44,8 +44,8 @@ class OwnershipSimulation {
   }
 
   void start_host() {
-    host_ =
-        std::make_unique<OwnershipArbiter>(origin_of(kHost, ++host_incarnation_ * kHostIncarnation), kObject, settings_, now_);
+    host_ = std::make_unique<OwnershipArbiter>(origin_of(kHost, ++host_incarnation_ * kHostIncarnation), kObject,
+                                               settings_, now_);
   }
   void start_hrtc(std::size_t i) {
     hrtcs_[i].incarnation = ++incarnations_;
@@ -345,7 +345,8 @@ void expect_one_owner(OwnershipSimulation& session, const Touches& touches) {
   for (std::size_t i = 0; i < kHrtcs; ++i) {
     touching += touches[i] ? 1 : 0;
     const Claimant::Role role = session.role(i);
-    if (role == Claimant::Role::kCopy || role == Claimant::Role::kLeader || role == Claimant::Role::kOwner) ++simulating;
+    if (role == Claimant::Role::kCopy || role == Claimant::Role::kLeader || role == Claimant::Role::kOwner)
+      ++simulating;
     if (role == Claimant::Role::kLeader || role == Claimant::Role::kOwner) ++leading;
   }
   EXPECT_EQ(simulating, touching);

@@ -83,7 +83,8 @@ TEST(Reckon, TheForceIsZeroOnceTheDeviceLeavesTheSurface) {
 
 TEST(Reckon, MotionFadesOutAfterAKeepAlivePeriod) {
   const ProbeState state = in_contact(0.002, {0.1, 0, 0}, 0);
-  const double at_end = extrapolate(state, kKeepAliveNs).device[0], later = extrapolate(state, 60 * kKeepAliveNs).device[0];
+  const double at_end = extrapolate(state, kKeepAliveNs).device[0],
+               later = extrapolate(state, 60 * kKeepAliveNs).device[0];
   EXPECT_NEAR(at_end, 0.1 + 0.1 * 0.04, 1e-12);
   EXPECT_NEAR(later, at_end + 0.1 * 0.02, 1e-9);
 }
@@ -145,7 +146,8 @@ double noticeable_share(const std::vector<ProbeState>& states, double loss, doub
       ++sent;
       if (std::uniform_real_distribution<>{}(random) >= loss) last = state;
     }
-    noticeable += settings.jnd.force_difference(state.force, extrapolate(last, state.session_time_ns).force) > 1 ? 1 : 0;
+    noticeable +=
+        settings.jnd.force_difference(state.force, extrapolate(last, state.session_time_ns).force) > 1 ? 1 : 0;
   }
   return static_cast<double>(noticeable) / static_cast<double>(states.size());
 }

@@ -54,7 +54,8 @@ Found all_pairs(const Shown& shown, const PlacedProbe& probe, std::uint32_t tria
 
 Found by_query(const Shown& shown, PlacedProbe& probe) {
   std::vector<MeshContact> contacts(1u << 16);
-  const MeshTouch touch = probe.find_contacts(shown.tree(), contacts.data(), static_cast<std::uint32_t>(contacts.size()));
+  const MeshTouch touch =
+      probe.find_contacts(shown.tree(), contacts.data(), static_cast<std::uint32_t>(contacts.size()));
   EXPECT_TRUE(touch.complete);
   EXPECT_LE(touch.contacts, contacts.size());
   contacts.resize(touch.contacts);

@@ -147,7 +147,8 @@ TEST_P(Retained, BeyondTheLimitOfNodesTheLeastRecentlyRequestedRegionIsCoarsened
   }
   EXPECT_GT(steps_over_limit, 20u);
   EXPECT_GT(max_retained, 2u);
-  for (int i = 0; i < 1000 && !RegionsInUse{hrtc->forest()}.retained().empty() && hrtc->nodes().used_nodes() > limit; ++i)
+  for (int i = 0; i < 1000 && !RegionsInUse{hrtc->forest()}.retained().empty() && hrtc->nodes().used_nodes() > limit;
+       ++i)
     ASSERT_EQ(request(*hrtc, {}), Advance::kDone);
   EXPECT_LE(hrtc->nodes().used_nodes(), limit);
 }

@@ -315,8 +315,8 @@ TEST(ModelCodec, AListIsFoundWithoutTheListsBeforeIt) {
   const OwnedModel owned = random_model(kSeed, 2000, 3);
   const EncodedModel encoded{owned.model()};
   for (std::uint32_t region = owned.summary.regions; region-- > 0;) {
-    EXPECT_TRUE(
-        same_intervals(encoded.compressed().intervals_of(RegionId{region}), owned.model().intervals_of(RegionId{region})));
+    EXPECT_TRUE(same_intervals(encoded.compressed().intervals_of(RegionId{region}),
+                               owned.model().intervals_of(RegionId{region})));
   }
 }
 
