@@ -17,6 +17,9 @@
 /// The host gets credit only for blocks that are free or belong to retired regions. The echo of the host arrives before
 /// the data that it sends on that credit. So the loader never evicts a region that the host counts as present.
 ///
+/// The base mesh of a new object reserves its slots at once. If regions occupy these slots, the base mesh waits until
+/// the haptic thread has coarsened them. It is refused only if it does not fit besides the other base meshes.
+///
 /// An object is withdrawn when its last host withdraws it or sends a leave message. Predictions, demands and the store
 /// then omit it at once. Its memory in the pool is freed when the haptic thread has returned it. If its hosts are only
 /// silent, the object and its loaded regions remain, because a user may be touching it and a host may come back.
@@ -288,6 +291,7 @@ class Loader {
   // Base meshes (loader_base.cpp).
   void on_base_mesh(Object& object, const std::vector<std::uint8_t>& bytes);
   [[nodiscard]] bool reserve_base(Object& object, const spm::BaseMesh& base);
+  [[nodiscard]] std::uint32_t pending_base_slots() const noexcept;
   void admit_pending_bases();
   void drop_pending_base(Object& object);
   void admit_base(Object& object, spm::codec::DecodedBase decoded);
@@ -367,7 +371,6 @@ class Loader {
     spm::codec::DecodedBase base;
   };
   std::deque<PendingBase> pending_bases_;  // base meshes that wait until regions are coarsened
-  std::uint32_t pending_base_slots_ = 0;   // slots that they need
   std::deque<Arrival> pending_arrivals_;   // arrivals for which the ring was full
   struct WaitingMessage {
     Object* object;

@@ -32,7 +32,6 @@ void Loader::on_base_mesh(Object& object, const std::vector<std::uint8_t>& bytes
     report_event("object " + object.info.name + ": waits until regions are coarsened, its base mesh takes " +
                  std::to_string(object.base_slots) + " slots, the pool has " + std::to_string(cache_.slots_free()) +
                  " free");
-    pending_base_slots_ += object.base_slots;
     pending_bases_.push_back({&object, std::move(*decoded)});
     return;
   }
@@ -64,12 +63,18 @@ bool Loader::reserve_base(Object& object, const spm::BaseMesh& base) {
   return true;
 }
 
+/// Returns the slots that the waiting base meshes need.
+std::uint32_t Loader::pending_base_slots() const noexcept {
+  std::uint32_t slots = 0;
+  for (const PendingBase& pending : pending_bases_) slots += pending.object->base_slots;
+  return slots;
+}
+
 /// Admits the base meshes whose slots have become free, in the order of their arrival.
 void Loader::admit_pending_bases() {
   while (!pending_bases_.empty() && pending_bases_.front().object->base_slots <= cache_.slots_free()) {
     PendingBase pending = std::move(pending_bases_.front());
     pending_bases_.pop_front();
-    pending_base_slots_ -= pending.object->base_slots;
     admit_base(*pending.object, std::move(pending.base));
   }
 }
@@ -79,7 +84,6 @@ void Loader::drop_pending_base(Object& object) {
   const auto pending = std::find_if(pending_bases_.begin(), pending_bases_.end(),
                                     [&](const PendingBase& each) { return each.object == &object; });
   if (pending == pending_bases_.end()) return;
-  pending_base_slots_ -= object.base_slots;
   base_slots_ -= object.base_slots;
   base_nodes_ -= object.base_nodes;
   pending_bases_.erase(pending);

@@ -37,7 +37,7 @@ void Loader::load_soonest() {
       [](const PredictedContact& a, const PredictedContact& b) { return a.time_to_contact < b.time_to_contact; });
   const double usable_slots = kUsableShare * (pool_.settings.slots - base_slots_);
   spm::Cache::Space reserve = reserve_of(pool_.settings);
-  reserve.slots += pending_base_slots_;
+  reserve.slots += pending_base_slots();
   missing_space_ = {};
   bool is_full = false;
   int early_loads = 0;
@@ -97,7 +97,7 @@ spm::Cache::Space Loader::load(Object& object, std::uint32_t region) {
 void Loader::coarsen() {
   constexpr std::size_t kMaxDeparting = 16;
   const spm::Cache::Space reserve = reserve_of(pool_.settings);
-  const spm::Cache::Space target{std::max(missing_space_.slots, reserve.slots) + pending_base_slots_,
+  const spm::Cache::Space target{std::max(missing_space_.slots, reserve.slots) + pending_base_slots(),
                                  std::max(missing_space_.blocks, reserve.blocks)};
   spm::Cache::Space expected{cache_.slots_free(), cache_.blocks_free()};
   for (const Departing& departing : departing_) {
