@@ -312,10 +312,8 @@ void Cycle::add_probe_targets(std::uint32_t number, const TouchObject& object) n
   };
   if (!tools_.empty()) {
     ToolTouch::Spheres in_world;
-    std::array<spm::PlacedSphere, in_world.size()> in_model;
-    const std::span<const TouchSphere> spheres = tools_[number].spheres(in_world);
-    std::transform(spheres.begin(), spheres.end(), in_model.begin(), place);
-    return targets_.add_spheres({in_model.data(), spheres.size()});
+    for (const TouchSphere& sphere : tools_[number].spheres(in_world)) targets_.add_sphere(place(sphere));
+    return;
   }
   targets_.add_sphere(place({tips_[number].position, tips_[number].velocity, settings_.radius}));
   if (result_.probes[number].object != object.index) return;

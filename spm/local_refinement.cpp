@@ -111,10 +111,7 @@ void LocalRefinement::evict() {
 
 void LocalRefinement::select_targets() noexcept {
   targets_.begin(forest_, settings_.margins);
-  if (placed_.size() == 1)
-    targets_.add_sphere(placed_.front());
-  else
-    targets_.add_spheres(placed_);
+  for (const PlacedSphere& sphere : placed_) targets_.add_sphere(sphere);
   const std::span<const RegionId> targets = targets_.finish();
   forest_.set_targets(targets.data(), static_cast<std::uint32_t>(targets.size()), Unrequested::kRetain);
 }

@@ -34,24 +34,16 @@ void TargetSelection::add_soon(const Vec3d& centre, double radius) noexcept {
 }
 
 void TargetSelection::add_sphere(const PlacedSphere& sphere) noexcept {
-  const double half = sphere.displacement.norm() / 2;
-  add_within(sphere.centre, sphere.radius, [](RegionId, double squared) { return kNow + squared; });
-  add_soon(sphere.centre + sphere.displacement / 2, sphere.radius + half + margins_.refine);
-  add_within(sphere.centre, sphere.radius + half + margins_.retain, [this](RegionId region, double squared) {
-    return forest_->is_refined(region) ? kRefined + squared : kNotWanted;
+  // A sphere around the middle of the displacement that contains the probe's sphere before and after it.
+  const double half = sphere.displacement.norm() / 2, reach = sphere.radius + half;
+  const Vec3d middle = sphere.centre + sphere.displacement / 2;
+  const double soon = reach + margins_.refine;
+  add_within(middle, reach + std::max(margins_.refine, margins_.retain), [&](RegionId region, double squared) {
+    if (squared > soon * soon) return forest_->is_refined(region) ? kRefined + squared : kNotWanted;
+    if (squared > reach * reach) return kSoon + squared;
+    const double now = half > 0 ? forest_->grid().squared_distance(region, sphere.centre) : squared;
+    return now <= sphere.radius * sphere.radius ? kNow + now : kSoon + squared;
   });
-}
-
-void TargetSelection::add_spheres(std::span<const PlacedSphere> spheres) noexcept {
-  for (const PlacedSphere& sphere : spheres) {
-    const double reach = sphere.radius + sphere.displacement.norm() / 2, soon = reach + margins_.refine;
-    add_within(sphere.centre + sphere.displacement / 2, reach + std::max(margins_.refine, margins_.retain),
-               [&](RegionId region, double squared) {
-                 if (squared > soon * soon) return forest_->is_refined(region) ? kRefined + squared : kNotWanted;
-                 const double now = forest_->grid().squared_distance(region, sphere.centre);
-                 return now <= sphere.radius * sphere.radius ? kNow + now : kSoon + squared;
-               });
-  }
 }
 
 std::span<const RegionId> TargetSelection::finish() noexcept {

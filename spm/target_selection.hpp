@@ -37,11 +37,8 @@ class TargetSelection {
   /// Starts a selection among the loaded regions of `forest`. Do not change `forest` before `finish`.
   void begin(const Forest& forest, const TargetMargins& margins) noexcept;
 
-  /// Adds the regions near a probe of one sphere.
+  /// Adds the regions near a sphere of a probe. One query of the grid.
   void add_sphere(const PlacedSphere& sphere) noexcept;
-  /// Adds the regions near a probe of several spheres. Queries the grid once for each sphere; `add_sphere` queries it
-  /// three times.
-  void add_spheres(std::span<const PlacedSphere> spheres) noexcept;
   /// Adds the regions that a given sphere intersects to the second group.
   void add_soon(const Vec3d& centre, double radius) noexcept;
 

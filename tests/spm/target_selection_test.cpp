@@ -177,7 +177,7 @@ TEST_F(StylusShaft, ASmallSelectionHasTheFirstTargetsOfALargeOne) {
     TargetSelection selection{capacity};
     selection.begin(refinement.forest(), settings.margins);
     if (reversed) std::reverse(spheres.begin(), spheres.end());
-    selection.add_spheres(spheres);
+    for (const PlacedSphere& sphere : spheres) selection.add_sphere(sphere);
     const std::span<const RegionId> targets = selection.finish();
     EXPECT_EQ(selection.complete(), targets.size() < capacity) << capacity;
     return std::vector<RegionId>{targets.begin(), targets.end()};
