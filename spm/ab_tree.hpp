@@ -3,8 +3,8 @@
 ///
 /// FaceIds determine the topology, so it needs no storage: the node with id i at level l covers the faces
 /// [i * 8^l, (i + 1) * 8^l), and its parent has id i >> 3 at level l + 1. A node is *active* if a face below it is
-/// shown. A child that does not exist is a zero bit and costs a query nothing. When a face appears, changes or
-/// disappears, its node is marked as *deformed*. `refit` recomputes the boxes of deformed nodes, the lowest level
+/// shown. A child that does not exist is a zero bit of the mask and costs a query nothing. When a face appears, changes
+/// or disappears, its node is marked as *deformed*. `refit` recomputes the boxes of deformed nodes, the lowest level
 /// first. If the box of a node changed, `refit` also marks the parent. With k changed faces, `refit` recomputes at most
 /// the sum over all levels of min(k, nodes of that level). It asserts this bound.
 ///

@@ -36,7 +36,7 @@ void LoadedFront<Face, Vertex>::link_split(const Split& split) noexcept {
   for (std::uint32_t i = 0; i < split.born_count_; ++i) {
     const Born& born = split.born_[i];
     const Vertex x = corners(born.face)[static_cast<std::size_t>(born.at.x)];
-    CornerRef side{};  // the corner of f opposite to the edge with x
+    CornerRef side{};  // the corner of f opposite to the edge (u, x)
     int found = 0;
     for (std::uint32_t k = 0; k < split.deformed_count_; ++k) {
       const CornerRef d = split.deformed_[k];

@@ -8,9 +8,9 @@
 ///        \  /                  \  /______\    u: the new vertex
 ///                               u
 ///
-/// The faces that a record deforms are therefore neighbours of each other at every receiver that lacks the record, as
-/// at the encoder, whichever other records are loaded. An edge with three faces, or with two faces of opposite
-/// orientation, has no opposite corner; the encoder does not rely on one.
+/// Consider a receiver that lacks a record. Whichever other records are loaded there, the faces that the record deforms
+/// are neighbours of each other, as at the encoder. An edge with three faces, or with two faces of opposite
+/// orientation, has no opposite corner, and the encoder does not need one.
 /// Source: Rossignac, Safonova, Szymczak 2001 (corner table: opposite, swing).
 #pragma once
 

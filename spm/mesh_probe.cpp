@@ -13,8 +13,8 @@ namespace {
 
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
-/// Share of the max coordinate of a query. Exceeds the sum of all float rounding errors of a box or of a height above a
-/// plane.
+/// Allowance for float rounding, as a share of the max coordinate of a query. Exceeds the sum of all rounding errors of
+/// a box or of a height above a plane.
 constexpr float kSlack = 3e-6f;
 
 /// Height divided by longest edge of a triangle. Thinner triangles have no reliable normal.
@@ -252,7 +252,7 @@ struct ProbeWalk {
 
 namespace {
 
-/// Arguments of a motion of `count` points, a multiple of 8. Coordinates are by axis.
+/// Arguments of `place`, which transforms `count` points. `count` is a multiple of 8. Coordinates are by axis.
 struct Placing {
   std::size_t count;
   double rotation[3][3], translation[3];

@@ -126,8 +126,8 @@ class PlacedProbe {
                           std::uint32_t max_work = 1u << 31) noexcept;
 
   /// Writes all pairs at most `margin` apart (object units, above 0), in blocks of eight. Also writes pairs that are
-  /// further apart if the tests of boxes and planes cannot exclude them. Stops when the work reaches `max_work` or
-  /// there are more than `capacity` pairs; the result is then not complete. Realtime.
+  /// further apart if the tests of boxes and planes cannot exclude them. Stops when the work reaches `max_work`; the
+  /// result is then not complete. Also stops when there are more than `capacity` pairs. Realtime.
   MeshTouch find_near_pairs(const AbTree& tree, double margin, NearPairs* out, std::uint32_t capacity,
                             std::uint32_t max_work = 1u << 31) noexcept;
 

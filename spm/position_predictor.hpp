@@ -2,12 +2,12 @@
 /// residuals.
 ///
 /// The third axis is the coordinate axis closest to the normal of the ring. Along the two other axes, the predictor
-/// expects the mean of the ring, moved a little towards the parent vertex t, because a collapse goes along a short
-/// edge, and away from the ends of the ring (its first and last vertex besides t). After the residuals of these axes
-/// are applied, the plane of the ring determines the expected coordinate along the third axis. The residual of the
-/// third axis is therefore the height above the surface.
+/// starts at the mean of the ring. It moves this point a little towards the parent vertex t, because a collapse goes
+/// along a short edge. It also moves the point away from the ends of the ring, its first and last vertex besides t.
+/// After the residuals of these two axes are applied, the plane of the ring determines the expected coordinate along
+/// the third axis. The residual of the third axis is therefore the height above the surface.
 ///
-/// Sender and receiver compute the same bits, because they use doubles, the same order of vertices and no fused
+/// Sender and receiver compute the same bits, because both use doubles, the same order of vertices and no fused
 /// multiply-add.
 /// Source: Touma, Gotsman 1998 (prediction and residual).
 #pragma once
@@ -33,7 +33,7 @@ class PositionPredictor {
   PositionPredictor(const ModelSummary& summary, const VertexRing<Vertex>& ring, PositionOf position_of) noexcept
       : summary_{summary}, code_{summary} {
     const std::uint32_t count = ring.size();
-    // Positions relative to t: `first` is the first vertex of the ring after t, `before` the previous one.
+    // Positions relative to t: `first` is the first vertex of the ring after t, `before` the vertex before `at`.
     const Point t = point(position_of(ring[0]));
     Point first{}, before{}, sum{}, normal{};
     for (std::uint32_t i = 1; i < count; ++i) {

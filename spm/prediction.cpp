@@ -6,7 +6,7 @@
 namespace tactus::spm {
 namespace {
 
-constexpr double kPlane = 5;  // tip radii from the tip within which the surface determines the tangent plane
+constexpr double kPlane = 5;  // the tangent plane is fitted to the cells within this distance, in tip radii
 
 }  // namespace
 
@@ -64,7 +64,7 @@ Predictor::Motion Predictor::motion() const noexcept {
 
 /// Adds the regions along the predicted path, within its uncertainty. False if there is no prediction.
 bool Predictor::add_path_regions(double lead, Regions& out) const {
-  constexpr double kMaxSigmas = 2, kMaxRadii = 3;  // max distance from the path, in standard deviations and tip radii
+  constexpr double kMaxSigmas = 2, kMaxRadii = 3;  // max distance from the path, in rms errors and in tip radii
   const MotionSegment::Path path = motion_segment_.predict(*grid_, kPlane * settings_.radius, lead);
   if (path.count == 0) return false;
   const double reach = settings_.radius + settings_.margin;

@@ -37,7 +37,7 @@ struct PredictedRegion {
   RegionId region{};
   double time_to_contact = 0;   ///< s; 0 if the region is touched now
   double contact_end = 0;       ///< latest predicted time of contact, s
-  double sigmas_from_path = 0;  ///< distance from the tip on its predicted path, in standard deviations of the path
+  double sigmas_from_path = 0;  ///< distance from the tip on its predicted path, in units of MotionSegment::rms_error
 
   [[nodiscard]] bool precedes(const PredictedRegion& other) const noexcept {
     return time_to_contact != other.time_to_contact ? time_to_contact < other.time_to_contact

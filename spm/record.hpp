@@ -120,8 +120,8 @@ static_assert(sizeof(RecordPart) == 64 && sizeof(LoadedPart) == 64);
 
 /// Visits the changes of the split of `u`, whose record starts with part `first` of `parts`. Calls `deform(ref)` for
 /// each deformed corner, which moves from t to u, and `add_born_face(ref, corners, part, i)` for born face `i` of
-/// `part`. Every code that splits uses this function, whatever stores the mesh. The changes concern different faces, so
-/// they can be applied in any order.
+/// `part`. All code that applies checked records uses this function, whatever stores the mesh. The changes concern
+/// different faces, so they can be applied in any order.
 template <class Parts, class Part, class Vertex, class Deform, class AddBornFace>
 void for_each_change(const Parts& parts, Part first, Vertex u, Deform&& deform, AddBornFace&& add_born_face) {
   for (Part at = first; at != kNone; at = parts[at].next) {

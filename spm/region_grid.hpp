@@ -1,8 +1,7 @@
 /// Finds the regions that a sphere intersects.
 ///
 /// The grid stores only labelled cells and the divided cells above them. A sphere intersects a region if it intersects
-/// an occupied subcell (Region::occupied) of its cell. A test of whole cells would select a third more regions, because
-/// a tip is larger than a cell.
+/// an occupied subcell (Region::occupied) of its cell. A test of whole cells would select a third more regions.
 ///
 /// Model frame, file units. Queries are O(cells in the bounds of the sphere). Realtime after construction.
 /// Source: Liu, Georganas, Roth, 3DIM 2005, section 3.
@@ -70,7 +69,7 @@ class RegionGrid {
 
  private:
   static constexpr int kMaxDepth = 8;
-  // Share of a cell by which the bounds of a sphere grow, so that a sphere that touches a cell intersects it.
+  // The bounds of a sphere grow by this share of a cell, so that rounding hides no cell that the sphere touches.
   static constexpr double kSlack = 1e-9;
 
   /// A region or a divided cell.

@@ -2,8 +2,8 @@
 ///
 /// An Entry has three members. `region` is the RegionId. `precedes(other)` is a strict order of the entries of
 /// different regions; it is true if this entry is more urgent. `merge(other)` combines two entries of one region and
-/// never makes it less urgent. The result does not depend on the order of the calls of `add`. Memory is fixed. Realtime
-/// after construction: `add` is O(1) on average, `sort` O(n log n).
+/// never makes the entry less urgent. The remaining regions and their order do not depend on the order of the calls of
+/// `add`. Memory is fixed. Realtime after construction: `add` is O(1) on average, `sort` O(n log n).
 #pragma once
 
 #include <algorithm>

@@ -54,7 +54,7 @@ SurfacePoints surface_points(const BaseMesh& base, std::size_t max) {
 
   // A part of the surface may have collapsed to a vertex without a face, so all vertices count too.
   out.spacing = std::sqrt(*std::max_element(distances.begin(), distances.end()));
-  // The distance from a point to a face is largest at a corner of the face.
+  // The point of a face that is farthest from a surface point is a corner.
   for (const BaseFace& face : base.faces) {
     double covered = std::numeric_limits<double>::infinity();
     for (const SurfacePoint& point : out.points) {

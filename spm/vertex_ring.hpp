@@ -1,5 +1,6 @@
-/// The ring of a split: the vertices around it, each once, in an order that sender and receiver share. t comes first,
-/// then the two other corners of each deformed face, then the third corners that are named by id.
+/// The ring of a split: the vertices around the split, each once, in an order that sender and receiver share. t comes
+/// first. Each part of the record then adds the two other corners of its deformed faces, and the third corners that the
+/// record names by id.
 ///
 /// A record depends on all vertices of its ring, so every receiver that can decode the record has them. A record can
 /// therefore name the third corners of born faces by their positions in the ring, and PositionPredictor can predict the

@@ -1,9 +1,9 @@
 /// Holds received regions in compressed form: their lists and record codes, in memory of a fixed size.
 ///
 /// A record takes some 38 bytes in this cache, and ten times as much in the pool. So an HRTC can hold more regions than
-/// the pool has slots for. The cache has the regions that a tip may touch within a round trip of the network. If a tip
-/// will touch some of them in the next moments, the loader also decodes these into the pool. The demand lists all
-/// regions in the cache as held, except the retired ones.
+/// the pool has slots for. The cache has the regions that a tip may touch within a round trip of the network. The
+/// loader also decodes into the pool the regions that a tip will touch next. The demand lists all regions in the cache
+/// as held, except the retired ones.
 ///
 ///     put      message -> blocks       counts the held regions that list each record
 ///     get      blocks -> RegionData    with the records that the pool lacks

@@ -54,7 +54,7 @@ void CompressedModel::put_records(BitWriter& out, std::span<const Interval> reco
   RecordReader reader{summary(), tables()};
   std::vector<RecordPart> parts;
   PositionPredictor::Residuals residuals{};
-  RecentFaces recent;    // faces of the previous records in the message
+  RecentFaces recent;    // faces of the previous records in the interval
   FaceId last_anchor{};  // anchor of the previous record in the message
   for (const Interval& interval : records) {
     BitReader in{spans_.codes};

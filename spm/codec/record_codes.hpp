@@ -9,9 +9,9 @@
 ///                encodes it anew.
 ///     shape      one symbol for each usual combination of faces and of their flags "finest". Symbol kUnusual announces
 ///                the explicit form, which has all faces one by one (RecordReader::get_explicit_faces).
-///     corner     the corner of the anchor at which the parent vertex t is. The receiver finds the other deformed faces
-///                by walking around t (LoadedFront), and from them the third corners of the born faces. The walk finds
-///                them because no loaded record has changed the faces that this record deforms.
+///     corner     the corner of the anchor at which the parent vertex t is. The receiver walks around t (LoadedFront)
+///                to find the other deformed faces. The walk succeeds, because no loaded record has changed the faces
+///                that this record deforms. The third corners of the born faces follow from the deformed faces.
 ///     born faces each as the difference to the previous face.
 ///     residuals  the difference to the predicted position (PositionPredictor), in steps of the model's profile.
 ///
@@ -32,8 +32,8 @@ namespace tactus::spm::codec {
 enum class Field : std::uint8_t {
   kRadius,
   kCorner,
-  kAnchor,       ///< of a record whose predecessor in the message has the previous record number
-  kAnchorFirst,  ///< of any other record; the first record of a message or block has face 0 as previous anchor
+  kAnchor,       ///< anchor of a record whose predecessor in the message has the previous record number
+  kAnchorFirst,  ///< anchor of any other record; the previous anchor is face 0 at the start of a message or block
   kDeformed,     ///< deformed face, in the explicit form
   kGap,          ///< distance between two intervals of a list
   kCount,        ///< length of an interval of a list, minus 1
@@ -105,9 +105,9 @@ struct Shape {
   [[nodiscard]] static Shape from_symbol(std::uint32_t symbol) noexcept;
 };
 
-/// The newest kSize faces of the previous records in the same interval or block. An anchor is often one of them, and
-/// its position takes few bits. The first kSize symbols of Field::kAnchor are these positions; the symbols of numbers
-/// follow.
+/// The newest kSize anchors and born faces of the previous records in the same interval or block. An anchor is often
+/// one of these faces, and its position takes few bits. The first kSize symbols of Field::kAnchor are the positions;
+/// the symbols of numbers follow.
 class RecentFaces {
  public:
   static constexpr std::uint32_t kSize = 32;

@@ -20,8 +20,8 @@ struct Object {
   std::unique_ptr<::fcl::CollisionObjectd> shape;
 };
 
-// Makes a box for FCL. FCL stores a box as centre and edges. Their rounding may make the box smaller, so this box is
-// slightly larger. Pairs that FCL finds only because of that fail the exact test in add_pair().
+// Makes a box for FCL. FCL stores a box as centre and edges. Their rounding may make the box smaller, so this function
+// adds a margin. Pairs that FCL finds only because of the margin fail the exact test in add_pair().
 std::unique_ptr<::fcl::CollisionObjectd> shape_of(const WorldBox& box) {
   constexpr double kSlack = 1e-12;
   const Vec3d margin = Vec3d::Constant(kSlack * (1 + box.low.cwiseAbs().cwiseMax(box.high.cwiseAbs()).maxCoeff()));

@@ -36,7 +36,7 @@ void check(int fcl_status, const char* step) {
 }  // namespace
 
 struct FixedMesh::Tree {
-  // FCL's traversals set_vertices the model by non-const reference, but do not change it under the identity pose.
+  // FCL's traversals take the model by non-const reference, but do not change it under the identity pose.
   mutable ::fcl::BVHModel<Box> model;
   std::vector<::fcl::Vector3d> vertices;
 

@@ -2,7 +2,7 @@
 /// tests use it as an independent check.
 ///
 /// All arguments and results are in the caller's frame and unit. Every call allocates, because FCL does, so the cycle
-/// must not use it. One thread at a time.
+/// must not use this class. One thread at a time.
 #pragma once
 
 #include <array>

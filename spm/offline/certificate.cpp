@@ -121,7 +121,7 @@ class Cubes {
   std::vector<std::uint32_t> regions_;  // of all cubes
 };
 
-/// The region lists in atoms. An atom is a maximal row of consecutive records that are in the same lists.
+/// The region lists in atoms. An atom is a maximal interval of records that are in the same lists.
 struct Atoms {
   std::vector<Interval> intervals;            // intervals of the model, counted in atoms
   std::vector<std::uint32_t> records, parts;  // number of records and parts, by atom

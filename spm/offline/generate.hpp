@@ -28,8 +28,8 @@ enum class Shape {
 /// Throws ModelError that lists the names if there is no such shape.
 [[nodiscard]] Shape shape_from_name(std::string_view name);
 
-/// Generates a mesh whose number of faces is as near to `faces` as the shape allows. `seed` affects organ and terrain
-/// only. Throws ModelError if `faces` is below 8 or at least kMaxFaces.
+/// Generates a mesh with about `faces` faces. Sphere and organ have exactly this number if it is even, else one less.
+/// `seed` affects organ and terrain only. Throws ModelError if `faces` is below 8 or at least kMaxFaces.
 [[nodiscard]] TriangleMesh generate(Shape shape, std::uint32_t faces, std::uint64_t seed = 1);
 
 }  // namespace tactus::spm::offline

@@ -53,8 +53,8 @@ struct Declared {
   double vertices = 0, faces = 0;
 };
 
-/// Reads the declared counts. Throws if the file is too short for them, because the reader would reserve memory for
-/// them: a vertex takes at least the 6 bytes of "0 0 0\n".
+/// Reads the declared counts. Throws if the file is too short for these counts, because assimp would reserve memory for
+/// them. A vertex takes at least the 6 bytes of "0 0 0\n".
 Declared declared_by_off(const std::filesystem::path& path) {
   std::ifstream file{path};
   std::string magic;

@@ -81,8 +81,8 @@ class Patch {
     kPinched,  ///< any other graph without border: sheets that touch at u or along an edge of u
     kLocked,   ///< any other graph: u can collapse only as a pair (SimplifyOptions::pair_distance)
   };
-  /// The neighbours of a vertex u. For the edge from u to each of them, `neighbours` has the third corners of the first
-  /// two faces at this edge, as positions in the ring.
+  /// The neighbours of a vertex u. `neighbours` has, for the edge from u to each vertex of the ring, the third corners
+  /// of the first two faces at this edge, as positions in the ring.
   struct Ring {
     std::uint32_t size = 0;
     Star star = Star::kLocked;

@@ -29,8 +29,8 @@ void append_closure(const TriangleMesh& mesh, std::span<const std::uint32_t> fac
   }
 }
 
-/// Orders collapses that the same cells need (RegionLists::order): each comes after its dependencies, and of those that
-/// may come next, the one whose anchor is nearest to the previous anchor.
+/// Orders collapses that the same cells need (RegionLists::order). A collapse comes after its dependencies. Among the
+/// collapses that may come next, the one whose anchor is nearest to the previous anchor comes first.
 class NearestFirst {
  public:
   NearestFirst(const Dependencies& needs, const std::vector<std::uint32_t>& anchors)

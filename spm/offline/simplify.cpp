@@ -150,8 +150,8 @@ class Simplifier {
     });
   }
 
-  /// Computes the quadrics of all shared vertices in the first round. A patch cannot: it lacks faces of a shared
-  /// vertex, and in later rounds these are no longer in their finest version.
+  /// Computes the quadrics of all shared vertices in the first round. A patch cannot compute these quadrics, because it
+  /// lacks some faces of a shared vertex. In later rounds, these faces are no longer in their finest version.
   void compute_shared_quadrics() {
     using Pair = std::array<std::uint32_t, 2>;
     std::vector<std::vector<Pair>> found(mesh_.faces.size() / kGrain + 1);

@@ -1,10 +1,10 @@
 /// Simplifies the finest mesh to a base mesh by half-edge collapses u -> t. Returns the collapses with all that is
 /// needed to undo them.
 ///
-/// The cheapest collapse comes first. Its cost is the quadric error: a sum of squared distances from t to planes. These
-/// are the planes of the finest faces around u and around all vertices that have collapsed into u, weighted by area,
-/// and planes that hold borders in position. Costs are compared in classes: eight from each power of two to the next.
-/// Within a class, the vertex that waits longest comes first.
+/// The cheapest collapse comes first. Its cost is the quadric error: a sum of squared distances from t to planes. The
+/// sum has the planes of the finest faces around u and around all vertices that have collapsed into u, weighted by
+/// area. Further planes hold borders in position. Costs are compared in classes: eight from each power of two to the
+/// next. Within a class, the vertex that waits longest comes first.
 ///
 /// A collapse is legal under these conditions. The link condition holds. A border vertex moves only along the border.
 /// Sheets that touch may separate, but no face coincides with another. Each new version of a face has nearly the normal
