@@ -164,7 +164,8 @@ static int read_input(struct tactus_device* device, int64_t now_ns, struct tactu
   return TACTUS_DEVICE_POSE; /* a device at rest sends no events; its position is still valid */
 }
 
-/* If rumbling fails, the device has not failed, because rumble is no force. Then it never rumbles again. */
+/* An error of the rumble motor is no failure of the device, because rumble is no force. After an error the device never
+ * rumbles again. */
 static void set_rumble(struct tactus_device* device, double strength) {
   struct ff_effect effect;
   memset(&effect, 0, sizeof effect);

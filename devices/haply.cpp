@@ -113,7 +113,7 @@ std::string id_of(const Json& device) {
   return id != device.end() && id->is_string() ? id->get<std::string>() : "";
 }
 
-/// Connection to the service. Its own thread runs all functions for which the comment names no other thread.
+/// Connection to the service, with a thread of its own. This thread runs each function whose comment names no other.
 class Service {
  public:
   /// Called by another thread. Waits for the list of devices. Throws std::runtime_error, which names the value found

@@ -85,7 +85,7 @@ class CarriedVisit {
         "one of its enumerators");
     value = static_cast<Enum>(number);
   }
-  /// Visits a number or an array that satisfies `is_valid`. `expected` states the same in words.
+  /// Visits a number or an array that must satisfy `is_valid`. `expected`: this condition in words.
   template <class T, class IsValid>
   void checked(const char* name, T& value, IsValid&& is_valid, const char* expected) noexcept {
     static_assert(std::is_trivially_copyable_v<T> && !std::is_same_v<T, bool>);
@@ -125,7 +125,7 @@ class CarriedWriter : public CarriedVisit<CarriedWriter> {
 class CarriedReader : public CarriedVisit<CarriedReader> {
  public:
   explicit CarriedReader(std::span<const std::uint8_t> from) noexcept : from_{from} {}
-  /// After the first invalid value, it changes neither this value nor any later one.
+  /// The first invalid value and all values after it remain unchanged.
   template <class T, class IsValid>
   void take(const char* name, T& value, const IsValid& is_valid, const char* expected) noexcept {
     if (refused_ != nullptr) return;

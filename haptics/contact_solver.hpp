@@ -1,8 +1,8 @@
 /// Computes contact impulses between rigid bodies, for tools and shared objects.
 ///
-/// Each body has the velocity u that it would have without contacts, and the inverse W = M^-1 of its effective mass (6
-/// x 6; M includes implicit springs and dampers). The result v is the velocity closest to u, in the metric M, among
-/// the velocities that the contacts allow (Gauss's principle of least constraint):
+/// Each body has the velocity u that it would have without contacts, and the inverse W = M^-1 of its effective mass M.
+/// M is a 6 x 6 matrix and includes implicit springs and dampers. The result v is the velocity closest to u, in the
+/// metric M, among the velocities that the contacts allow (Gauss's principle of least constraint):
 ///
 ///     v = u + W J^T l,   l = argmin over l >= 0 of  1/2 l^T (J W J^T) l + l^T (J u + gap / dt)
 ///

@@ -22,7 +22,8 @@
 /// and the numerical losses of the implicit spring. Loss, order and repetition of samples do not matter; one sample
 /// adds at most a full tank. If the tank is too low, the set position moves less and catches up later. So whatever the
 /// network does, all copies together return no more energy than they received: sum of Ledger::given <= initial_energy +
-/// allowance * time. Wrong delays or clocks reduce accuracy, not passivity.
+/// allowance * time + the kinetic energy that `start` puts into the tanks. Wrong delays or clocks reduce accuracy, not
+/// passivity.
 ///
 /// Translation in the world frame, rotation about the body's axes. Session time is an argument. One thread at a time.
 /// Realtime. Source: Niemeyer, Slotine 1991 (wave variables, integrals of waves against drift); Lee, Huang 2010
@@ -57,7 +58,7 @@ struct CopySample {
 
 struct CouplingSettings {
   std::size_t copies = 2;       ///< number of copies in the group
-  double delay = 0.03;          ///< s, D without the filter: max transit in the group with jitter; equal in all copies
+  double delay = 0.03;          ///< s, D without the filter: max transit in the group; equal in all copies
   double stiffness = 1000;      ///< N/m, K
   double channel_share = 0.85;  ///< share of the object's mass that is in the channels
   /// N/m, minimum stiffness between two copies under a sustained force. For this, channels with a long delay get more
@@ -72,7 +73,7 @@ struct CouplingSettings {
   double drag = 0.6;               ///< N s/m, drag of the whole object
   double credited = 0.5;           ///< share of the drag losses that is credited to the tank
   double tank = 0.1;               ///< J, capacity of the tank; energy above it is lost
-  double reserve = 0.04;           ///< J; of the energy in the tank above it, a twentieth goes to the peers per cycle
+  double reserve = 0.04;           ///< J; each cycle, a twentieth of the tank's energy above this goes to the peers
   double initial_energy = 1e-4;    ///< J in all tanks together at the start
   double allowance = 0.5e-3 / 60;  ///< W into all tanks together, so that copies converge while nobody moves them
   double homing = 0.1;             ///< share of the distance between copies by which they converge per D
@@ -109,10 +110,10 @@ class CopyCoupling {
     double given = 0;                  ///< J given to this copy minus J taken from it
     double tank = 0;                   ///< J in the tank, never below 0
     double stored = 0;                 ///< J in the spring
-    double received = 0;               ///< J from peers and from the allowance
+    double received = 0;               ///< J put into the tank by peers and the allowance, and at the start
     std::uint64_t limited_cycles = 0;  ///< cycles in which the tank was too low for the whole step
     double lag = 0;                    ///< m, largest lag of the set position behind a channel's wave
-    double copy_distance = 0;          ///< m, maximum distance between this copy and another, one channel delay ago
+    double copy_distance = 0;          ///< m, max distance between this copy and another, `delay` of the settings ago
   };
   [[nodiscard]] const Ledger& ledger() const noexcept { return ledger_; }
 

@@ -72,8 +72,8 @@ class Device {
 ///
 /// A force does the same work in both frames. So a force f in the world is scale * rotation^-1 * f in the device's
 /// frame, and a stiffness is scale^2 times as large in the device's frame as in the world. Therefore a scale above 1
-/// lowers the device's limits in the world. While the clutch is down, the device moves and the tip does not. One thread
-/// at a time. Realtime.
+/// lowers the device's limits in the world. While the clutch is down, the tip does not move, but its orientation still
+/// follows the device. One thread at a time. Realtime.
 class DeviceFrame {
  public:
   explicit DeviceFrame(const Eigen::Quaterniond& rotation = Eigen::Quaterniond::Identity(),

@@ -20,7 +20,8 @@
 extern "C" {
 #endif
 
-/* Increases when this interface changes. In a driver of ABI 1 the structs end at "ABI 1 ends here"; it still loads. */
+/* Increases when this interface changes. In a driver of ABI 1 the structs end at "ABI 1 ends here"; Tactus still loads
+ * such a driver. */
 #define TACTUS_DEVICE_ABI 2u
 
 /* Results of read. */
@@ -46,7 +47,7 @@ struct tactus_device_spec {
   double max_rotational_stiffness; /* N m/rad, the vendor's limit */
 };
 
-/* State of the device. Before `read` it contains zeros, no rotation and the time of the call. */
+/* State of the device. Before the call of `read` Tactus sets zeros, no rotation, and `now_ns` as the time. */
 struct tactus_device_pose {
   double position[3];    /* of the tip, m */
   double velocity[3];    /* m/s */
@@ -62,7 +63,8 @@ struct tactus_device_driver {
   /* Opens a device. `config` is the text after the comma, or empty. Returns NULL on failure, with the reason in `error`
    * (at most `error_size` bytes with the final zero): what, where, found, expected. Not called in the haptic thread. */
   struct tactus_device* (*open)(const char* config, char* error, size_t error_size);
-  /* Called after the last write, which was zero force. Not called in the haptic thread. */
+  /* Closes the device. The last write before it was zero force; there was no write if Tactus has refused the limits
+   * of the device. Not called in the haptic thread. */
   void (*close)(struct tactus_device* device);
   void (*spec)(struct tactus_device* device, struct tactus_device_spec* spec);
   /* Returns TACTUS_DEVICE_POSE, _NO_NEWS or _FAILED. `now_ns`: CLOCK_MONOTONIC at the start of the cycle. */

@@ -10,7 +10,7 @@ namespace {
 
 constexpr double kAgeTolerance = 1e-9;  // s, for differences of large times
 
-/// Shortens a force to `limit`. A force that is not longer keeps its bits.
+/// Shortens a force to `limit`. Returns a shorter force unchanged.
 Vec3d limited(const Vec3d& force, double limit) noexcept {
   const double size = force.norm();
   return size > limit ? Vec3d(force * (limit / size)) : force;

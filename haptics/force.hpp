@@ -40,7 +40,7 @@ struct Wrench {
 /// Reasons why a force was changed; kForceBits bits. A report about several cycles has the bits of all these cycles.
 enum ForceBit : std::uint32_t {
   kForceSaturated = 1u << 0,     ///< |force| was above the limit
-  kForceSlewLimited = 1u << 1,   ///< the force changed faster than allowed
+  kForceSlewLimited = 1u << 1,   ///< the force would have changed faster than allowed
   kForceSoftStart = 1u << 2,     ///< not yet at full strength after start, reset or stale data
   kForceStale = 1u << 3,         ///< the pose is too old; the force is fading to zero
   kForceSurfaceRamp = 1u << 4,   ///< the force ramps because a surface changed or an object was withdrawn
@@ -118,9 +118,9 @@ class ForceRenderer {
   /// DeviceState::loop_delay. The proxy's grip needs the same value.
   [[nodiscard]] double stiffness(const ContactImpedance& impedance, double dt, double loop_delay = 0) const noexcept;
 
-  /// The coupling of a tool, limited in the same way. At 1,000 N/m its rotational stiffness is 0.1 N m/rad.
+  /// The coupling of a tool, limited like `stiffness`. At 1,000 N/m its rotational stiffness is 0.1 N m/rad.
   [[nodiscard]] ToolGrip tool_grip(const ContactImpedance& impedance, double dt, double loop_delay = 0) const noexcept;
-  /// The coupling of a held object, limited in the same way. Its rotational stiffness is that of two fingers 10 cm
+  /// The coupling of a held object, limited like `stiffness`. Its rotational stiffness is that of two fingers 10 cm
   /// apart: 2.5 N m/rad at 1,000 N/m.
   [[nodiscard]] ToolGrip hold_grip(const ContactImpedance& impedance, double dt, double loop_delay = 0) const noexcept;
 

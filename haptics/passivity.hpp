@@ -6,10 +6,11 @@
 ///     E_n = E_(n-1) - F_(n-1) . (x_n - x_(n-1)) - W_n        energy received from the hand minus energy passed on
 ///
 /// F is the force on the hand and x the position of the device, at pose n. W_n is the work on a touched body since the
-/// previous pose; it is zero for a fixed surface. If energy of another user returns through the
-/// body, W_n is negative. The passivity controller predicts one cycle. It reduces a force that would give the hand more
-/// than E, either with the present motion or with a motion that the hand may begin within the cycle. So it acts at the
-/// end of a release, where a sampled spring returns more energy than it received. Damping removes any remaining
+/// previous pose; it is zero for a fixed surface. If energy of another user returns through the body, W_n is negative.
+///
+/// The passivity controller predicts one cycle. It reduces a force that would give the hand more than E, either with
+/// the present motion or with a motion that the hand may begin within the cycle. So it acts when a hand has nearly left
+/// a surface: by then a sampled spring has returned more energy than it received. Damping removes any remaining
 /// deficit.
 ///
 /// Limits: below a minimum speed there is no damping. The damping is at most m / T, with the device's mass m and the
@@ -17,8 +18,8 @@
 /// of a long passive phase would hide a later active phase. Input that is not finite causes no force and no energy.
 ///
 /// World or device frame, SI. One thread at a time. Realtime.
-/// Source: Hannaford, Ryu 2002 (time domain passivity control); Stramigioli et al. 2005 (exact
-/// energy of a held force).
+/// Source: Hannaford, Ryu 2002 (time domain passivity control); Stramigioli et al. 2005 (exact energy of a force
+/// that is constant during a cycle).
 #pragma once
 
 #include <cstdint>

@@ -13,7 +13,7 @@ namespace tactus::haptics {
 
 class PluginDevice final : public Device {
  public:
-  /// Loads `library`, a path or a name in the system's library path, and has the driver open the device that `config`
+  /// Loads `library`: a path, or a name in the system's library path. The driver then opens the device that `config`
   /// describes. Throws DeviceError with the driver's reason.
   PluginDevice(const std::string& library, const std::string& config);
   /// Commands zero force, closes the device and unloads the driver.

@@ -14,12 +14,12 @@
 /// - Friction moves the goal of a motion back towards the previous proxy position: to the rim of the friction cone, or
 ///   fully while the proxy sticks. The axis of the cone is the normal at the end of the motion, predicted from the last
 ///   motion.
-/// - When the surface changes, the last motion is repeated. If it ends at the same position, no relevant surface
-///   changed, and the proxy is equal to the bit to a proxy without the change. Otherwise the proxy remains on its side
-///   of the surface and is pushed out. ForceRenderer ramps the effect on the force. For that it needs the proxy's
-///   position without the change (`unchanged`).
+/// - When the surface changes, the last motion is repeated. If it ends at the same position, the touched surfaces have
+///   not changed, and the proxy does not move. Otherwise the proxy remains on its side of the surface and is pushed
+///   out. ForceRenderer ramps the effect on the force. For the ramp it needs the proxy's position without the change
+///   (`unchanged`).
 ///
-/// One thread at a time. Realtime: at most 45 sweeps and 43 closest points per step, and 21 more sweeps when objects
+/// One thread at a time. Realtime: at most 45 sweeps and 48 closest points per step, and 21 more sweeps when objects
 /// move; usually 2 sweeps (3 to 5 with friction and slip) and 1 closest point. Source: Zilles, Salisbury 1995
 /// (god-object, constraint planes); Ruspini, Kolarov, Khatib 1997 (spherical proxy); Salisbury et al. 1995 (friction
 /// cone with stick and slip).
@@ -77,7 +77,7 @@ class Proxy {
   /// has changed since the last step. A position that is not finite changes nothing. Realtime.
   ///
   /// - If a changed surface has passed or overlaps the proxy, the proxy returns to its side. If the proxy starts, or a
-  ///   surface appears near it, its side is the outside if its centre is outside. In both cases contact begins at once.
+  ///   surface appears near it, and its centre is outside, its side is the outside. Contact begins at once.
   /// - A proxy whose centre starts inside a surface, or around which a surface appears, touches nothing until it is
   ///   outside. The back of an open sheet counts as inside. So the proxy cannot be trapped.
   /// - If there is no space for the proxy between moving objects, its centre stays outside as long as a sphere with a

@@ -1,5 +1,5 @@
 /// Turns a jump of a vector into a change at a constant rate. The caller subtracts `remaining()` from the vector. Each
-/// step makes it shorter.
+/// step shortens `remaining()`.
 ///
 ///     in   _____|~~~~~~~~~~~     out  _____/~~~~~~~~     remaining = in - out
 ///

@@ -8,9 +8,9 @@
 /// and dampers add no energy at any stiffness. A rotation without torque conserves angular momentum; its energy changes
 /// by less than 1 % (midpoint rule).
 ///
-/// World frame, SI. The body frame has the principal axes and its origin at the centre of mass. One thread at a time.
-/// Realtime throughout. Source: Baraff, Witkin 1998 (implicit springs in the mass matrix); Otaduy, Lin 2005 (the same
-/// for haptic coupling).
+/// World frame, SI. The axes of the body frame are the principal axes; its origin is the centre of mass. One thread at
+/// a time. Realtime throughout. Source: Baraff, Witkin 1998 (implicit springs in the mass matrix); Otaduy, Lin 2005
+/// (the same for haptic coupling).
 #pragma once
 
 #include <Eigen/Geometry>
@@ -72,7 +72,7 @@ struct PointSpring {
   }
 };
 
-/// A torsion spring and damper from the body to a rotating target.
+/// A rotational spring and damper from the body to a rotating target.
 struct RotationalSpring {
   Vec3d rotation = Vec3d::Zero();  ///< rotation vector from the body to the target, world frame
   Vec3d target_angular_velocity = Vec3d::Zero();

@@ -1,8 +1,8 @@
 /// A shared object in one program, which simulates the object alone, as one of several copies, or not at all.
 ///
-///     follow    another program simulates the object; the pose is the last one received
-///     own       this program simulates the object, with the probes of its own users
-///     couple    several programs simulate a copy each, with the probes of their own users (coupling.hpp)
+///     follow           another program simulates the object; the pose is the last one received
+///     simulate_alone   this program simulates the object, with the probes of its own users
+///     couple           several programs simulate a copy each, with the probes of their own users (coupling.hpp)
 ///
 /// Hosts and HRTCs use this class. The ownership of the object decides the mode (session/ownership.hpp).
 ///

@@ -3,8 +3,8 @@
 ///     hand's target --[ spring, damper ]-- device's mass --[ damper ]-- ground
 ///                                            ^ force of the surface
 ///
-/// Rotation is simulated in the same way, with spring and damper of the wrist, and an inertia that is equal about all
-/// axes.
+/// The device rotates by a spring to the hand's target orientation (the wrist), a damper to ground, and an inertia that
+/// is equal about all axes.
 /// Device frame, SI. `read` advances the simulation to the given time, with the wrench last written.
 #pragma once
 
@@ -39,7 +39,7 @@ struct HandPath {
   /// The waypoints before and after a time. Before the first and after the last waypoint both are the same.
   struct Segment {
     const Waypoint *from, *to;
-    double share, rate;  // position between the two, 0 at `from` and 1 at `to`; and its rate of change, 1/s
+    double share, rate;  // share of the segment, 0 at `from` and 1 at `to`; its rate of change, 1/s
   };
   [[nodiscard]] Segment segment_at(std::int64_t time_ns) const noexcept;
 };

@@ -1,6 +1,6 @@
 /// Collision queries of a proxy against all surfaces near it. World frame, metres.
 ///
-/// An HRTC searches its AB-trees for triangles, a test searches a list. Each implementation passes the triangles that
+/// An HRTC searches its AB-trees for triangles; a test searches a list. Each implementation passes the triangles that
 /// it finds to FirstTouch or ClosestSide, which decide the result. Realtime throughout.
 #pragma once
 

@@ -381,8 +381,8 @@ Tool::Check Tool::check(const Displacement& displacement, int again, std::span<c
             ? measure_again(after, length, candidate)
             : gather(after, (1 + kGatherBeyond) * collision_margin + kFloatError, ~0u, ~0u, objects, candidate)))
     return Check::kBlocked;
-  // The sum of the smallest gaps at both ends must exceed the step, so that no triangle passes through another between
-  // them. Pairs that overlapped before are checked by overlaps_.
+  // The smallest gap before the step plus the smallest gap after it must exceed the step, so that no triangle passes
+  // through another. If pairs overlap already, only `overlaps_` decides.
   if (std::max(current_->nearest, 0.0) + std::max(candidate.nearest, 0.0) <= length && !overlapping_)
     return Check::kBlocked;
   if (candidate.nearest >= (1 - kSolveAgain) * collision_margin) return Check::kFree;
@@ -432,7 +432,8 @@ Tool::Check Tool::check(const Displacement& displacement, int again, std::span<c
   return Check::kTooNear;
 }
 
-/// Lists the pairs that are closer than `min_allowed_gap()` after the surface changed. They must not come closer.
+/// Lists the pairs that are closer than `min_allowed_gap()`, for instance after the surface changed. They must not come
+/// closer, except for pairs that overlap already.
 void Tool::find_overlaps() noexcept {
   overlaps_.clear();
   overlapping_ = current_->nearest <= 0;
@@ -529,8 +530,8 @@ Tool::Step Tool::step_towards(const ToolPose& device, double dt, double limit,
     for (int round = 0; round < kRounds && (round == 0 || result_.work < settings_.work); ++round) {
       displacement = solve(wanted, dt);
       if (const double length = longest(displacement); length > allowed) {
-        // Only the unconstrained part is shortened, to the length of the step. So the whole force against nearby
-        // surfaces, including friction, still determines the result.
+        // Shortens `displacement` to the length of the step, and `wanted` by the same vector. Their difference, the
+        // part that surfaces prevent, remains; it determines contact forces and friction.
         is_shortened = is_shortened || length > max;
         const Displacement excess = displacement * (1 - allowed / length);
         wanted = wanted - excess;

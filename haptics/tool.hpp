@@ -1,7 +1,7 @@
 /// Moves a rigid mesh as a tool: a god-object with six degrees of freedom that follows the device and passes through no
 /// surface.
 ///
-///      device pose            o---------      spring and torsion spring ("virtual coupling"),
+///      device pose            o---------      spring and rotational spring ("virtual coupling"),
 ///                            /                 at the tool's origin, which is the device's tip
 ///      tool's pose      o---/------
 ///     ____________________(____)________     contact where the tool, with its collision margin, touches a surface
@@ -54,9 +54,10 @@ struct ToolSettings {
   /// when the tool slips off an edge. The tool moves faster only if the device moves.
   double max_yield = 40;
   std::uint32_t steps = 8;     ///< max steps per cycle
-  std::uint32_t pairs = 2048;  ///< max pairs of triangles within the margin; if there are more, steps become shorter
-  /// Work budget per cycle, in units of about 0.1 us. A measured pair of triangles costs 1 unit, a contact in one
-  /// iteration of the solver 1, and a visited pair of tree nodes 1/2. The last run of the solver may exceed the budget.
+  std::uint32_t pairs = 2048;  ///< max pairs of triangles near the tool; with more, it makes shorter steps or stops
+  /// Work budget per cycle, in units of about 0.1 us. A gathered pair of triangles costs 1 unit, eight pairs that are
+  /// measured again 1, a contact in one iteration of the solver 1, and a visited pair of tree nodes 1/2. The last run
+  /// of the solver may exceed the budget.
   std::uint32_t work = 2400;
 };
 
@@ -96,7 +97,7 @@ struct ToolResult {
   bool too_near = false;       ///< a changed surface is too close; the tool is being pushed out
   std::uint32_t contacts = 0;  ///< contacts with a force
   std::uint32_t dropped = 0;   ///< contacts above the limits of the solver
-  std::uint32_t steps = 0, solves = 0, pairs = 0, work = 0;  ///< counts of this cycle; pairs: of its last step
+  std::uint32_t steps = 0, solves = 0, pairs = 0, work = 0;  ///< counts of this cycle; pairs: of its last gather
   std::uint32_t object = spm::kNone;                         ///< object with the largest contact force
   std::uint32_t face = spm::kNone;                           ///< FaceId of that contact
 };
@@ -270,7 +271,7 @@ class Tool {
   Nearby* candidate_ = &nearby_[1];  // at the end of a displacement
   bool gathered_ = false;
   std::vector<Overlap> overlaps_;      // pairs of current_ that are too close, by id
-  bool overlapping_ = false;           // some pairs overlap; then pairs on the inner side of a face may separate
+  bool overlapping_ = false;           // some pairs overlap; then pairs on the inner side of a face do not count
   bool pushes_out_ = false;            // this step pushes the tool out
   std::vector<float> excess_;          // m, by pair; negative: the displacement closes the gap too far
   std::vector<std::uint8_t> has_row_;  // by pair: the solver has a row for the pair

@@ -72,7 +72,7 @@ class DeliveryClient {
 
   /// Applies a catalogue entry: a host offers an object or withdraws it.
   void on_catalogue(const CatalogueEntry& entry);
-  /// A new incarnation begins new streams.
+  /// Reports a heartbeat of a host. A new incarnation begins new streams.
   void on_host_heartbeat(std::uint64_t host, std::uint64_t incarnation, std::int64_t now_ns);
   /// Reports that a host is silent. Its offers remain for `forget_host_ns`.
   void on_host_gone(std::uint64_t host);

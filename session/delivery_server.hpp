@@ -94,10 +94,10 @@ class DeliveryServer {
 
   /// Returns whether the network can accept a chunk for this HRTC now.
   using CanSend = std::function<bool(std::uint64_t hrtc)>;
-  /// Returns the next chunk to send, or none; then none is due before `due_ns` or the next demand. Plans nothing for an
-  /// HRTC for which `can_send` is false.
+  /// Returns the next chunk to send, or none. After none, call it again at `due_ns`, or when a demand arrives. Plans
+  /// nothing for an HRTC for which `can_send` is false.
   [[nodiscard]] std::optional<Outgoing> next(std::int64_t now_ns, const CanSend& can_send = {});
-  /// Time at which `next` is to be called again after it returned none, if no demand arrives before.
+  /// Time at which the next chunk may be due, after `next` has returned none.
   [[nodiscard]] std::int64_t due_ns() const noexcept { return due_ns_; }
 
   /// Payload bytes sent to this HRTC that it has not answered. `next` sends no pieces above its newest credit.

@@ -45,8 +45,8 @@ class FailureDetector {
   void watch(const std::vector<std::uint64_t>& hosts);
   /// Whether there are hosts to ping.
   [[nodiscard]] bool watches() const noexcept { return !hosts_.empty(); }
-  /// Whether each host, except suspected ones, has answered within the last request period. Then it is enough to call
-  /// take_suspects half as often.
+  /// Whether every host has answered within the last request period. Suspected hosts, and hosts that have never
+  /// answered, do not count. If true, it is enough to call take_suspects half as often.
   [[nodiscard]] bool all_answered() const noexcept;
   [[nodiscard]] bool watches(std::uint64_t host) const { return hosts_.count(host) != 0; }
   /// Returns the next request that is due, for topic clock, or none.

@@ -130,7 +130,7 @@ struct CatalogueEntry {
   bool withdrawn = false;
 };
 
-/// The content of a message.
+/// The content of a chunk.
 enum class BulkKind : std::uint8_t {
   kBase = 0,    ///< an encoded base mesh
   kRegion = 1,  ///< an encoded region: its list of records, and those records that the HRTC lacks
@@ -180,7 +180,7 @@ struct Demand {
   Origin origin;
   std::uint64_t object_id = 0;
   std::uint64_t digest = 0;
-  std::uint64_t serving_host = 0;  ///< participant that has to answer; the other hosts do not
+  std::uint64_t serving_host = 0;  ///< the host that has to answer; other hosts do not answer
   std::uint32_t epoch = 0;         ///< grows with every change
   bool need_base = false;
   std::vector<spm::Interval> have;  ///< regions held, as ascending intervals of RegionIds
@@ -217,12 +217,12 @@ enum StatusBit : std::uint32_t {
   kExact = 1u << 1,  ///< every labelled cell that the query overlapped was at full resolution
   kStalePose = 1u << 2,
   kForceSaturated = 1u << 3,
-  kForceRamped = 1u << 4,  ///< reduced by a soft start, stale data or a surface that moved past the proxy
+  kForceRamped = 1u << 4,  ///< changed by a soft start, a stale pose, a surface ramp or the slew limit
   kContactsTruncated = 1u << 5,
   kPoolFull = 1u << 6,
   kBudgetSpent = 1u << 7,    ///< refinement continues in the next cycle
   kFault = 1u << 8,          ///< latched
-  kSurfaceMoved = 1u << 9,   ///< refinement moved the surface past the proxy this cycle
+  kSurfaceMoved = 1u << 9,   ///< a changed surface moved the proxy in this cycle, or pushes the tool out
   kStiffnessCut = 1u << 10,  ///< the material is stiffer than the device or the round trip to it allows
   kHolding = 1u << 11,       ///< the hand holds the object
   kHoldRefused = 1u << 12,   ///< the hand cannot hold the touched object: it is static, or the force is off
@@ -279,7 +279,7 @@ struct DeviceCommand {
   std::array<double, 3> force{0, 0, 0};   ///< N, on the user's hand
   std::array<double, 3> torque{0, 0, 0};  ///< N m, on the user's hand
   std::array<double, 3> normal{0, 0, 0};
-  // As in ProbeState.
+  // These three are as in ProbeState.
   std::uint32_t status = 0;
   float error_bound = 0;
   std::uint32_t data_age_us = 0;
@@ -325,7 +325,7 @@ struct ObjectGrant {
   std::uint32_t sequence = 0;
   std::uint64_t fencing = 0;
   std::int64_t channel_delay_ns = 0;  ///< delay of the wave-variable channels, equal for all copies
-  std::vector<Toucher> touchers;      ///< the longest toucher first; empty: the host simulates
+  std::vector<Toucher> touchers;      ///< in the order in which they began to touch; empty: the host simulates
 };
 
 /// Output of a copy into the wave-variable channel to one peer, since the group began.

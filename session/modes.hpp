@@ -10,8 +10,8 @@
 ///       +---- endpoints deleted <---- `linger_ns` <----------------------+
 ///
 /// The positions of probes and the catalogue decide which user is near which object. Every HRTC receives both, so all
-/// HRTCs make the same decision without messages. A user belongs to at most one group: that of the object which the
-/// user came near first. The id of a group is that of its object. For a group that a command makes, the id is computed
+/// HRTCs make the same decision without messages. A user belongs to at most one group: the group of the object to
+/// which the user came near first. A group has the id of its object. If a command makes the group, its id is computed
 /// from the ids of its users.
 ///
 /// Commands are Control samples of kind kMode; the newest one applies. `auto` selects groups by nearness. `collaborate`

@@ -139,7 +139,7 @@ void Claimant::set_touching(bool touching) noexcept {
   touching_changed_ = true;
   until_ns_ = 0;
   sent_claims_ = {};  // a grant for a claim of an earlier touch must not extend the lease of this touch
-  // The release is repeated for one lease time. If the host receives none of these claims, its lease has expired.
+  // The release is repeated for one lease time. If the host receives none of these claims, the lease expires.
   release_claims_left_ =
       touching ? 0 : static_cast<int>(lease_time_ns(settings_, one_way_ns_) / settings_.period_ns) + 1;
 }

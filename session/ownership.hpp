@@ -46,8 +46,7 @@ struct OwnershipSettings {
 /// The host's part: grants one object to its touchers.
 class OwnershipArbiter {
  public:
-  /// `fencing`: PoseAdmission::confirmed_fencing of the poses that this host has received; 0: none is
-  /// confirmed.
+  /// `fencing`: PoseAdmission::confirmed_fencing of the poses that this host has received; 0: none is confirmed.
   OwnershipArbiter(const Origin& self, std::uint64_t object_id, const OwnershipSettings& settings, std::int64_t now_ns,
                    std::uint64_t fencing = 0);
 
@@ -86,7 +85,7 @@ class OwnershipArbiter {
   Origin self_;
   std::uint64_t object_id_;
   OwnershipSettings settings_;
-  std::int64_t first_grant_ns_;  // one lease after the start: a lease granted before may still be valid
+  std::int64_t first_grant_ns_;  // `lease_ns` after the start: an earlier lease may still be valid
   std::uint64_t fencing_ = 0;
   SequenceWindow fencing_window_;           // fencing numbers of claims, of others' poses and of this host
   std::vector<Lease> leases_;               // oldest first

@@ -18,8 +18,8 @@ constexpr std::int64_t kMinRoundTrip = kMs;
 constexpr std::int64_t kTarget = kMs / 4;
 constexpr std::int64_t kTargetDivisor = 8;  // the share is the round trip divided by this
 constexpr double kMaxChunkTime = 8e6;       // ns
-// Max growth of the window per round trip, as a share of the window. It is small enough for a stable control loop.
-// While a demand is delayed, the queue seems empty, so growth is slow, except up to half the best measured rate.
+// Max growth of the window per round trip, as a share of the window; small enough for a stable control loop. While a
+// demand is delayed, the queue seems empty, so growth is slow. Below half of the best measured rate it is faster.
 constexpr double kGain = 1.0 / 16, kProvenGain = 1.0 / 8;
 constexpr double kMaxDecrease = 8;  // max decrease of the window, as a multiple of kGain
 

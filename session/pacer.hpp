@@ -73,8 +73,8 @@ class Pacer {
   std::int64_t empty_ns_ = 0;        // when the queue was last measured to be empty, or the last drain ends
   std::int64_t drain_until_ns_ = 0;  // end of the drain; until then, the max bytes in flight are drain_share_ * window_
   double drain_share_ = 1;
-  // Base delay relative to the first one-way delay, us: mean over about a second, in which only times count at which
-  // this stream has too few bytes in flight to cause a queue.
+  // Base delay relative to the first one-way delay, us. It is a mean over about a second of the delays measured while
+  // this stream had too few bytes in flight to cause a queue.
   std::optional<double> base_delay_us_;
   std::int64_t measured_ns_ = 0;           // time of the newest one-way delay
   std::int64_t base_delay_excess_ns_ = 0;  // base delay above the min

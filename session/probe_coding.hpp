@@ -6,9 +6,9 @@
 /// The deadband is the just noticeable difference: 10 % of a force (Weber) but at least 0.05 N, and 1 mm of a position.
 /// A sent state misleads a receiver if its extrapolation differs from the present state by more than the deadband. The
 /// sender extrapolates as receivers do, so it can compute this. With losses the sender does not know which state a
-/// receiver has, only the probability of each. It sends the present state when the states that mislead have together a
-/// probability above `risk`. Without losses this is the plain deadband. With losses the sender repeats this until older
-/// states no longer mislead, or have too small a probability.
+/// receiver has, only the probability of each. It sends the present state when the states that mislead together have a
+/// probability above `risk`. Without losses this is the plain deadband. With losses the sender continues to send states
+/// until older ones no longer mislead, or have too small a probability.
 ///
 /// No clock and no DDS: times are session time. One thread at a time. Does not allocate.
 /// Sources: Hinterseer, Steinbach 2006 (isotropic deadband); Kammerl, Vittorias et al. 2012 (losses as a probability of

@@ -26,7 +26,8 @@ class RemoteProbe {
   explicit RemoteProbe(const PlayoutSettings& settings = {}) noexcept
       : deadband_settings_{settings}, playout_{settings} {}
 
-  /// Takes a state. Returns kNewStart when earlier states no longer count, and kOld for a state that fills a gap.
+  /// Takes a state. Returns kNewStart when earlier states no longer count. Returns kOld for a repeated state, and for
+  /// an overtaken state, which can still fill a gap.
   [[nodiscard]] Admission on_state(const ProbeState& state, StateStream stream, std::int64_t session_now_ns) noexcept;
   [[nodiscard]] ShownProbe view_at(std::int64_t session_now_ns) noexcept { return playout_.view_at(session_now_ns); }
 

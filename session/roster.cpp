@@ -39,9 +39,9 @@ std::int64_t presence_ns(const RosterEntry& entry) noexcept {
   return entry.joined_ns == kNotJoined ? -1 : entry.session_time_ns - entry.joined_ns;
 }
 
-/// Whether the program of `one` has to leave because that of `other` has the same name: the one that joined later
-/// leaves. If they joined at about the same time, the larger incarnation leaves. Any rule is right that both programs
-/// apply.
+/// Whether the program of `one` has to leave because that of `other` has the same name. The program that joined later
+/// leaves. If both joined within a second, the one with the larger incarnation leaves. Both programs must apply the
+/// same rule.
 bool has_to_leave(const RosterEntry& one, const RosterEntry& other) noexcept {
   constexpr std::int64_t kSameNs = 1'000'000'000;
   const std::int64_t difference_ns = presence_ns(one) - presence_ns(other);

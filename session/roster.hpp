@@ -126,7 +126,7 @@ class Roster {
   std::map<std::pair<std::uint64_t, std::uint64_t>, std::uint32_t> refused_;  // participant, incarnation -> version
 };
 
-/// Hash of the present hosts and HRTCs with their incarnations. `self` counts as well if its `role` is one of these.
+/// Hash of the present hosts and HRTCs with their incarnations, including `self` if `role` is host or HRTC.
 /// The hash is equal in all programs whose rosters list the same hosts and HRTCs.
 [[nodiscard]] std::uint64_t scene_hash(const Roster& roster, const Origin& self, Role role);
 

@@ -1,5 +1,5 @@
-/// Decides which received numbers and times of a sender are plausible. All receivers use this rule for values that they
-/// compare as newer or older.
+/// Decides which received numbers and times of a sender are plausible. All receivers use this rule for each number or
+/// time by which they decide whether a sample is newer than another.
 ///
 ///          far behind   |   overtaken   | newest |  plausible next  |  far ahead
 ///          -------------+---------------+--------+------------------+-----------
@@ -13,9 +13,9 @@
 /// A sender whose numbers or times jump is accepted again
 ///   - at once, when the same participant has a larger incarnation;
 ///   - after kAgreeing consecutive samples outside the window, if each is a plausible successor of the one before. At
-///     most two seconds may pass between two such numbers. The same number of samples is needed from a smaller
-///     incarnation or from another participant. For fencing numbers, samples inside the window may arrive in between,
-///     because the former owner still writes under the previous number;
+///     most two seconds may pass between two such numbers. A smaller incarnation or another participant needs kAgreeing
+///     consecutive samples too. For fencing numbers, samples inside the window may arrive in between, because the
+///     former owner still writes under the previous number;
 ///   - at once, if only one sample was accepted before, because that one may have been wrong.
 /// In all three cases the result is kNewStart, and the caller has to drop state from earlier samples of the sender.
 ///

@@ -1,5 +1,5 @@
-/// Records which emergency stops stand, and which programs have acknowledged stops and resets. While a stop stands,
-/// forces are off.
+/// Records which emergency stops stand (are in force), and which programs have acknowledged stops and resets. While a
+/// stop stands, forces are off.
 ///
 ///     issuer           host, HRTC                         operator
 ///       | stop (1)         |                                  |
@@ -30,9 +30,10 @@
 
 namespace tactus::session {
 
-/// The stops and resets that one program has received, for at most kMaxStops issuers. For a new issuer it drops the
-/// record without a standing stop that changed least recently. If all records have standing stops, it issues a stop of
-/// its own instead. A reset has to name that stop like any other.
+/// The stops and resets that one program has received: one record for each of at most kMaxStops issuers. If no record
+/// is free for a new issuer, the program drops the record without a standing stop that changed least recently. If all
+/// records have standing stops, the program issues a stop of its own instead. A reset has to name that stop like any
+/// other.
 class StopLatch {
  public:
   /// `self`: issuer of the stop that replaces stops without a record. Only the constructor and `standing_stops`

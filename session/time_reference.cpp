@@ -86,7 +86,7 @@ TimeReference time_reference(const Roster& roster, const Origin& self, Role role
     return waits ? own : best->id;
   }
   // A follower does not change its reference while that participant is a reference. If a session has two references,
-  // these decide which of them remains.
+  // the two decide between themselves which of them remains.
   const RosterEntry* const current = roster.find(clock.reference());
   if (current != nullptr && reference_of(roster, *current, local_now_ns))
     return {current->origin.participant, current->origin.incarnation};

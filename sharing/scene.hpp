@@ -100,8 +100,8 @@ class Scene final : public haptics::SurfaceDistance {
   std::size_t count_ = 0;
 };
 
-/// Within this distance of the points from which a body searches for contacts, the mesh must be at full resolution, m.
-/// It is the search distance plus the distance that the body moves until the mesh is refined.
+/// Within this distance of the points from which a body searches for contacts, the mesh must be at full resolution, m:
+/// the max gap of a contact (5 mm), plus the distance that the body moves until the mesh is refined.
 inline constexpr double kBodySearchDistance = 0.006;
 
 /// Whether a sphere overlaps an object's bounds; `bounds` is in the model frame.
