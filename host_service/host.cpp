@@ -44,7 +44,7 @@ struct BulkLink {
         base{participants, wire::topics::kBase, {wire::hrtc_partition(hrtc)}},
         records{participants, wire::topics::kRecords, {wire::hrtc_partition(hrtc)}} {}
 
-  /// True if the readers are matched. A sample that is sent before is lost.
+  /// Returns whether the readers are matched. A sample that is sent before is lost.
   [[nodiscard]] bool is_ready() const { return base.matched() > 0 && records.matched() > 0; }
   [[nodiscard]] wire::Writer<session::BulkChunk>& writer_of(const session::BulkChunk& chunk) {
     return chunk.kind() == session::BulkKind::kBase ? base : records;

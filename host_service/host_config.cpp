@@ -17,7 +17,7 @@ constexpr double kRadiansPerDegree = 0.017453292519943295;
 constexpr double kUnitTolerance = 1e-3;
 constexpr double kUnbounded = std::numeric_limits<double>::infinity();
 
-/// Quaternion of a rotation by roll about x, then pitch about y, then yaw about z, all about fixed axes.
+/// Returns the quaternion of a rotation by roll about x, then pitch about y, then yaw about z, all about fixed axes.
 std::array<double, 4> from_rpy(const std::array<double, 3>& degrees) {
   std::array<double, 3> c{};
   std::array<double, 3> s{};

@@ -8,7 +8,7 @@
 ///         size: 0.2                    # m, longest side of the bounds; or scale: metres per file unit
 ///         material: {stiffness: 800, damping: 2, static_friction: 0.3, dynamic_friction: 0.2}
 ///       - model: crate.spm
-///         body: {mass: 0.8, friction: 0.6}   # the object is movable; inertia: [x, y, z], default: of its bounds
+///         body: {mass: 0.8, friction: 0.6}   # the object is movable; inertia: [x, y, z], default: box of bounds
 ///     ground: 0                        # m, height of the ground plane for movable objects
 #pragma once
 

@@ -103,17 +103,17 @@ class HostCore {
   /// Returns the samples that are due. Call it after samples have arrived and at `due_ns`, at least every 50 ms. The
   /// result is valid until the next tick.
   [[nodiscard]] const HostMessages& tick(std::int64_t now_ns);
-  /// Returns the next chunk to send; none if no chunk is due before `due_ns` or the next demand. Returns no chunk for
-  /// an HRTC for which `can_send` is false.
+  /// Returns the next chunk to send. Returns none if no chunk is due before `due_ns` or the next demand. Skips each
+  /// HRTC for which `can_send` is false.
   [[nodiscard]] std::optional<session::Outgoing> next_chunk(std::int64_t now_ns,
                                                             const session::DeliveryServer::CanSend& can_send = {}) {
     return delivery_.next(now_ns, can_send);
   }
-  /// The time at which `tick` or `next_chunk` has to be called again if no sample arrives before. Call it after `tick`,
-  /// and after `next_chunk` has returned none.
+  /// Returns the time at which `tick` or `next_chunk` has to be called again if no sample arrives before. Call it
+  /// after `tick`, and after `next_chunk` has returned none.
   [[nodiscard]] std::int64_t due_ns() const noexcept;
 
-  /// The catalogue entries of the host's objects.
+  /// Returns the catalogue entries of the host's objects.
   [[nodiscard]] const std::vector<session::CatalogueEntry>& catalogue() const noexcept { return catalogue_; }
   /// Returns a roster entry with the next heartbeat number. Only for additional entries; `tick` returns the periodic
   /// ones.

@@ -29,7 +29,7 @@ namespace {
 using spm::offline::MappedModel;
 using spm::offline::ModelError;
 
-/// Raise this number when the builder makes another model from the same input. Models in the cache are then not used.
+/// Raise this number when the builder makes another model from the same input. The host then rebuilds cached models.
 constexpr std::uint32_t kBuilderVersion = 1;
 
 class Hasher {
@@ -56,7 +56,7 @@ class Hasher {
   }();
 };
 
-/// Hash of the file and, for a glTF file, of the buffers that it names.
+/// Returns a hash of the file and, for a glTF file, of the buffers that it names.
 std::uint64_t content_hash(const std::filesystem::path& model) {
   Hasher hasher;
   hasher.add(&kBuilderVersion, sizeof kBuilderVersion);
@@ -95,7 +95,7 @@ class LogLines {
     finished_ = true;
     finishing_.notify_all();
   }
-  /// Waits at most `limit` for the end of the work; true if it has ended.
+  /// Waits at most `limit` for the end of the work. Returns whether the work has ended.
   [[nodiscard]] bool wait_finished(std::chrono::milliseconds limit) {
     std::unique_lock lock{mutex_};
     return finishing_.wait_for(lock, limit, [this] { return finished_; });
@@ -109,8 +109,8 @@ class LogLines {
   std::atomic<bool> closed_{false};
 };
 
-/// Runs `work(lines)` in a thread of its own, and returns its result or throws its exception. If `stop` is set before,
-/// throws Stopped. The thread then continues detached, so `work` must own all data that it uses.
+/// Runs `work(lines)` in a thread of its own, and returns its result or throws its exception. If `stop` is set before
+/// the end of the work, throws Stopped. The thread then continues detached, so `work` must own all data that it uses.
 template <class Work>
 auto unless_stopped(const std::atomic<bool>& stop, const ModelStore::Log& log, Work work) {
   constexpr std::chrono::milliseconds kPatience{20};

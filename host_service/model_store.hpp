@@ -11,7 +11,7 @@
 
 namespace tactus::host_service {
 
-/// `$XDG_CACHE_HOME/tactus`, else `~/.cache/tactus`, else a folder in the directory of temporary files.
+/// Returns `$XDG_CACHE_HOME/tactus`, else `~/.cache/tactus`, else a folder in the directory of temporary files.
 [[nodiscard]] std::filesystem::path default_cache_directory();
 
 /// Thrown if `stop` is set before all models are open.

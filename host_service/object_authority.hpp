@@ -57,15 +57,15 @@ class ObjectAuthority {
   /// Simulates up to `now_ns`, 50 ms at most. The caller publishes the result, which is valid until the next tick.
   [[nodiscard]] const Messages& tick(std::int64_t now_ns, std::int64_t session_now_ns);
 
-  /// True while this host simulates a moving object; the next tick is then due after 1 ms.
+  /// Returns whether this host simulates a moving object; the next tick is then due after 1 ms.
   [[nodiscard]] bool busy() const noexcept { return busy_; }
-  /// True while an HRTC simulates an object of this host, or may do so because the host has just started. The next tick
-  /// is then due after a few milliseconds.
+  /// Returns whether an HRTC simulates an object of this host, or may do so because the host has just started. The next
+  /// tick is then due after a few milliseconds.
   [[nodiscard]] bool is_any_simulated_elsewhere() const noexcept { return is_any_simulated_elsewhere_; }
   [[nodiscard]] bool empty() const noexcept { return objects_.empty(); }
-  /// Number of simulation steps, summed over all objects.
+  /// Returns the number of simulation steps, summed over all objects.
   [[nodiscard]] std::uint64_t steps() const noexcept { return steps_; }
-  /// Number of claims and poses that were dropped because a number or time was not plausible.
+  /// Returns the number of claims and poses that were dropped because a number or time was not plausible.
   [[nodiscard]] std::uint64_t implausible() const noexcept;
 
  private:
@@ -75,7 +75,7 @@ class ObjectAuthority {
     haptics::SharedObject shared_object;
     sharing::PoseInterpolator pose_interpolator;
     session::PoseAdmission pose_admission;
-    /// Other hosts that serve the object -> time since which the host is absent; 0: it is present.
+    /// For each other host that serves the object: time since which that host is absent; 0: it is present.
     std::map<std::uint64_t, std::int64_t> other_hosts;
     bool is_simulated_here = false;
     std::int64_t stepped_ns = 0, published_ns = 0;
@@ -96,7 +96,7 @@ class ObjectAuthority {
   Scenery* scenery_ = nullptr;
   std::vector<haptics::Vec3d> contact_points_;   // of all bodies with static objects, in this tick
   std::map<std::uint64_t, Object> objects_;      // by id
-  std::map<std::uint64_t, std::int64_t> hosts_;  // present hosts, this one too -> session time of joining
+  std::map<std::uint64_t, std::int64_t> hosts_;  // session time of joining, by present host
   Messages messages_;
   bool busy_ = false, is_any_simulated_elsewhere_ = false;
   std::uint64_t steps_ = 0;

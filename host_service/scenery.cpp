@@ -20,7 +20,7 @@ std::uint32_t base_slots(const std::vector<StaticObject>& objects) {
   return slots;
 }
 
-/// The node pool holds the base meshes and the refined regions.
+/// Returns the settings of a pool that holds the base meshes, and besides them `slots` slots for regions.
 spm::PoolSettings pool_for(const std::vector<StaticObject>& objects, std::uint32_t slots) {
   const std::uint32_t base = base_slots(objects);
   spm::PoolSettings settings = spm::PoolSettings::for_slots(slots + base);

@@ -1,12 +1,12 @@
-/// The surfaces of the static objects with which a host's movable bodies collide, refined around contacts.
+/// Holds the static objects with which a host's movable bodies collide, and refines them around contacts.
 ///
 ///     contacts of recent steps --> regions around them, decoded from the model --> Forest --> next steps
 ///
 /// The scenery has a cache and forests as an HRTC does, but loads regions from the model and not from the network. The
-/// search for contacts begins some millimetres before a body touches the surface. So the surface is then at the finest
-/// resolution, unless the body is faster than 1 m/s. Memory is fixed at construction; when it is used up, the mesh
-/// stays coarser. World frame, metres. One thread at a time. Not realtime: decoding a new region takes some tenths of a
-/// millisecond.
+/// search for contacts begins some millimetres before a body touches the surface. So the surface has its finest
+/// resolution at the touch, unless the body is faster than 1 m/s. Memory is fixed at construction; when it is used up,
+/// the mesh stays coarser. World frame, metres. One thread at a time. Not realtime: decoding a new region takes some
+/// tenths of a millisecond.
 #pragma once
 
 #include <cstdint>
@@ -38,9 +38,9 @@ class Scenery {
   void refine_around(const std::vector<haptics::Vec3d>& points);
   [[nodiscard]] const haptics::SurfaceDistance& surface() const noexcept { return scene_; }
 
-  /// True if the mesh within the sphere is the finest one.
+  /// Returns whether the mesh within the sphere is the finest one.
   [[nodiscard]] bool is_exact(const haptics::Vec3d& centre, double radius) const;
-  /// Number of regions decoded since the construction.
+  /// Returns the number of regions decoded since the construction.
   [[nodiscard]] std::uint64_t regions_loaded() const noexcept { return regions_loaded_; }
 
  private:

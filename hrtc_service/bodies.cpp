@@ -97,10 +97,10 @@ void Bodies::forget_withdrawn(const Cycle& cycle) noexcept {
     simulated_[i] = simulated_[count_];
   }
   if (!any) return;
-  for (HandSpring& spring : springs_) spring.body = kMaxBodies;  // their indices are from before the removal
+  for (HandSpring& spring : springs_) spring.body = kMaxBodies;  // its index is from before the removal
   if (count_ > 0) return;
   energy_to_body_.fill(0);
-  for (std::uint32_t p = 0; p < kMaxProbes; ++p) {  // `limit` does not run without bodies, so the ports are reset here
+  for (std::uint32_t p = 0; p < kMaxProbes; ++p) {  // `limit_forces` steps no port without bodies, so they reset here
     ports_[p].limited(Vec3d::Zero());
     rotational_ports_[p].port.limited(Vec3d::Zero());
     rotational_ports_[p].energy_to_body = 0;
@@ -194,8 +194,8 @@ Vec3d Bodies::limit_torque(std::uint32_t probe, const Vec3d& torque, bool contro
   return allowed;
 }
 
-/// Limits the force of a tip that pushes the body, and sets its spring. The body receives the force on the hand with
-/// the opposite sign.
+/// Limits the force of a tip that pushes the body, and sets the spring between them. The spring has the limits of
+/// haptics/force.hpp, but not those of the port.
 void Bodies::limit_touch(const Cycle& cycle, std::uint32_t p, const haptics::DeviceState& device, double energy_to_body,
                          ProbeOutput& output) noexcept {
   HandSpring& hand = springs_[p];
@@ -212,7 +212,7 @@ void Bodies::limit_touch(const Cycle& cycle, std::uint32_t p, const haptics::Dev
   Vec3d force = vec(output.force);
   const double share = force_share(force.norm(), wanted.norm());
 
-  // The spring of the body damps motion along the surface, too. So the force on the hand must do the same.
+  // The spring on the body damps motion along the surface, too. So the force on the hand must damp this motion.
   force -= share * damping * (relative - relative.dot(touch.normal) * touch.normal);
   const double stored = spring_energy(stiffness, (touch.anchor - device.position).norm(), settings_.force.max_force);
   output.force = plain(limit_force(p, force, device, energy_to_body, stored, output));

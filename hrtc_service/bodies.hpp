@@ -9,8 +9,9 @@
 /// simulates the body, but at most 0.3 s. All other bodies follow the received poses.
 ///
 /// A spring connects hand and body: from the device to the anchor of the cycle's proxy, to the tool's contact point, or
-/// to the held point. The body receives the limited force on the hand with the opposite sign. So the energy of the
-/// spring is counted on both sides (haptics/passivity.hpp).
+/// to the held point. The body receives the spring's force with the opposite sign, within the limits of
+/// haptics/force.hpp. Only the force on the hand is also limited by the port, which counts the energy of the spring on
+/// both sides (haptics/passivity.hpp).
 ///
 /// Simulated time advances in steps of one period of session time. After a skipped cycle the next one computes two
 /// steps. A cycle that is late by less than half a period computes one step. So the simulated time of a copy follows
@@ -149,7 +150,8 @@ class Bodies {
   void fade_reduction(std::uint32_t probe, ProbeOutput& output) noexcept;
   void process_orders() noexcept;
   void apply_coupling_order(std::uint32_t i) noexcept;
-  /// Returns the number of periods between the simulated time and now.
+  /// Returns the number of steps from the simulated time to now. After the first touch or a jump of session time, sets
+  /// the simulated time to one step before now.
   [[nodiscard]] std::uint32_t steps_due(Body& body, std::int64_t session_ns) const noexcept;
   void follow_if_superseded(Body& body, haptics::SharedObject& simulated, std::int64_t now_ns,
                             std::int64_t session_ns) noexcept;

@@ -1,4 +1,5 @@
-# Writes OUT, build_id.cpp, for the sources below SOURCE that make forces and the COMPILER with its OPTIONS; only when it has changed.
+# Writes build_id.cpp to OUT: a digest of the COMPILER, its OPTIONS, and the sources below SOURCE that compute forces.
+# Leaves an unchanged file untouched.
 cmake_policy(VERSION 3.25)
 file(GLOB sources RELATIVE ${SOURCE} LIST_DIRECTORIES false
      ${SOURCE}/spm/*.[chi]* ${SOURCE}/spm/codec/*.[ch]pp ${SOURCE}/haptics/*.[ch]* ${SOURCE}/session/messages.hpp

@@ -20,7 +20,8 @@ void ContactQuery::run(std::uint32_t probe, const Vec3d& tip, std::int64_t now_n
     const bool truncated = found > kMaxContacts;
     if (truncated) output.status |= session::kContactsTruncated;
     found = std::min(found, kMaxContacts);
-    // These cells are at full resolution, so a coarse face in the sphere stands for the surface of another cell.
+    // All cells in the sphere are at full resolution. A coarse face in the sphere replaces finest faces of a cell
+    // outside the sphere, so it is no contact.
     if (object_exact) {
       const auto end = std::remove_if(contacts_.begin(), contacts_.begin() + found,
                                       [](const spm::Contact& c) { return !c.is_finest(); });

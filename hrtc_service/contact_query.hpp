@@ -19,8 +19,9 @@ class ContactQuery {
   /// `radius`: radius of the tips, m. `log` must outlive the query; null: nothing is logged.
   ContactQuery(double radius, LogRing* log) : radius_{radius}, log_{log} {}
 
-  /// Sets contacts, session::kExact and error bound of `output` for a tip at `tip`, world. The other arguments are for
-  /// the log only. `cycles_since_change`: number of cycles since the mesh of an object changed, by object index.
+  /// Sets contacts, session::kExact, session::kContactsTruncated and error bound of `output` for a tip at `tip`, world.
+  /// Only the log uses `probe`, `now_ns` and `cycles_since_change`, the number of cycles since the mesh of an object
+  /// changed, by object index.
   void run(std::uint32_t probe, const Vec3d& tip, std::int64_t now_ns, const ObjectsSurface& surface,
            const std::array<std::uint32_t, kMaxObjects>& cycles_since_change, ProbeOutput& output) noexcept;
 

@@ -317,7 +317,8 @@ void Cycle::add_probe_targets(std::uint32_t number, const TouchObject& object) n
   }
   targets_.add_sphere(place({tips_[number].position, tips_[number].velocity, settings_.radius}));
   if (result_.probes[number].object != object.index) return;
-  // When a device is pressed into a surface, its proxy is away from it and needs targets, too.
+  // When a device is pressed into a surface, its proxy stays on the surface, away from the device. The proxy needs
+  // targets, too.
   const double scale = placement.scale();
   targets_.add_soon(placement.to_model(vec(result_.probes[number].proxy)),
                     settings_.radius / scale + settings_.refine_margin / scale);
@@ -358,7 +359,7 @@ spm::Advance Cycle::advance(TouchObject& object, spm::Budget& budget, spm::Budge
   return result;
 }
 
-/// Resets the changes of an object for the next touch, before `refit` finds them.
+/// Clears the marks of an object's changes. `refit` then sets them for the next touch.
 void Cycle::reset_changes(const TouchObject& object, std::uint32_t changes, bool appeared) noexcept {
   ObjectState& state = states_[object.index];
   state.changed = appeared ? kAllProbes : 0;
@@ -384,7 +385,7 @@ std::uint32_t Cycle::refit(TouchObject& object) noexcept {
   // A proxy is close to the faces that stop it. Changes further away do not move it.
   constexpr double kProxyMargin = 1.01;  // tip radii
   ObjectState& state = states_[object.index];
-  const Placement& placement = state.moved ? state.previous_placement : state.placement;  // that of the last touch
+  const Placement& placement = state.moved ? state.previous_placement : state.placement;  // placement in the last touch
   const double scale = placement.scale();
   std::array<spm::ChangeDetector, kMaxProbes> change_detectors;
   std::array<std::uint32_t, kMaxProbes> probes;

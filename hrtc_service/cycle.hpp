@@ -5,8 +5,8 @@
 ///      T_L       T_Q          T_F        |              T_R                        T_B
 ///   touch -------------------------------|- refine ----------------------------------
 ///
-/// A hand whose grab button is down holds the movable object that it touches. From the next touch until the button is
-/// up, the hand is coupled to the contact point and the orientation of the object, and not to its surface.
+/// A hand whose grab button is down holds the movable object that it touches. From the next `touch` until the button
+/// is up, the hand is coupled to the contact point and the orientation of the object, and not to its surface.
 ///
 /// Probes no longer touch a withdrawn object, and its forces on hands decrease to zero. A share of each cycle's budget
 /// removes its mesh. After that, the cycle returns the object to the loader, and its index can be used again.
@@ -16,9 +16,8 @@
 /// the same results to the bit. So cycles can be recorded and replayed (flight_recorder.hpp).
 /// Realtime. Haptic thread.
 ///
-/// The paper refines first and then queries. In this order, forces are published sooner, and the time left for
-/// refinement is known. A refined mesh is touched one cycle later, so refinement predicts the tip's position by one
-/// cycle.
+/// The paper refines first and then queries. The order here publishes forces sooner, and the time left for refinement
+/// is known. A refined mesh is touched one cycle later, so refinement predicts the tip's position in the next cycle.
 #pragma once
 
 #include <array>
@@ -105,8 +104,8 @@ class Cycle {
 
   /// `observer` must outlive the cycle. Not realtime.
   void set_observer(CycleObserver* observer) noexcept { observer_ = observer; }
-  /// Discards the pairs of triangles that each tool has gathered, as `for_each_carried` does. The recorder calls it
-  /// when a state is due, because a replay starts from that state without these pairs. Realtime.
+  /// Discards the pairs of triangles that each tool has gathered. `for_each_carried` does so, too. The recorder calls
+  /// this function when a state is due, because a replay starts from that state without the pairs. Realtime.
   void forget_surroundings() noexcept {
     for (ToolTouch& tool : tools_) tool.tool().forget_surroundings();
   }

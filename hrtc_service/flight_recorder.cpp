@@ -204,8 +204,8 @@ void FlightRecorder::refined(Cycle& cycle, std::span<const Departure> departed, 
     const bool state_due = departures_fit && lost_ == 0 && ++cycles_since_state_ >= state_period_;
     put(FlightEntry::kRefine, trace::FlightRefine{cycle_, hash, result.costs.granted, result.budget_spent ? 1u : 0u,
                                                   result.nodes_full ? 1u : 0u, state_due ? 1u : 0u});
-    // The state does not contain the faces that tools found nearby. A replay from it searches them again, so this cycle
-    // must search them again, too.
+    // The state does not contain the pairs of triangles that tools have gathered. A replay that begins with the state
+    // gathers them again, so this cycle must gather them again, too.
     if (state_due) cycle.forget_surroundings();
     const bool is_complete = !is_too_long_ && departures_fit && lost_ == 0;
     if (is_complete && state_due) static_cast<void>(put_state(cycle));

@@ -7,9 +7,9 @@
 ///
 /// The record is pushed to the ring after the cycle's refinement. If the ring is full, the cycle is lost, but the
 /// recorder stores its arrivals and departures. When half of the ring is free again, the next record contains the
-/// number of lost cycles, these events, and the state after them. A cycle also counts as lost if the ring of departures
-/// is full. The departures of such a cycle depend on how fast the loader empties that ring, and a replay cannot know
-/// this.
+/// number of lost cycles, their arrivals and departures, and the state after them. A cycle also counts as lost if the
+/// ring of departures is full. The departures of such a cycle depend on how fast the loader empties that ring, which a
+/// replay cannot know.
 ///
 /// The haptic thread calls the observer's functions, one other thread calls `next`.
 #pragma once

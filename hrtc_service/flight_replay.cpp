@@ -110,7 +110,7 @@ ProbeInput input_of(const trace::FlightProbe& probe) {
   return input;
 }
 
-/// The servo of an HRTC with models in place of a loader.
+/// A Cycle with its memory. Its regions come from models instead of a loader.
 class World {
  public:
   explicit World(const trace::FlightStart& start)
@@ -223,7 +223,8 @@ class World {
     static_cast<void>(cycle_.touch(probes, now_ns, arrivals.data(), static_cast<std::uint32_t>(arrivals.size())));
   }
 
-  /// Restores a recorded state. Only the arrivals of the objects may have been processed before.
+  /// Restores a recorded state. Before this call, the cycle must have processed the arrivals of the state's objects,
+  /// and nothing else.
   void restore(const trace::FlightState& state) {
     for (const trace::FlightObjectState& recorded : state.objects) {
       spm::Forest& forest = *object(recorded.object).forest;

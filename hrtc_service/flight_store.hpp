@@ -3,8 +3,9 @@
 ///   oldest segment                       next segment                         ...
 ///   state | records of a second    --->  state | records of a second    --->
 ///
-/// The oldest segment is dropped when the others contain enough seconds. The store also tracks the objects and regions
-/// of the haptic thread at the start of the oldest segment, so that a file can begin there.
+/// The oldest segment is dropped when the others contain enough seconds, or when the memory is used up. The store also
+/// tracks the objects and regions of the haptic thread at the start of the oldest segment, so that a file can begin
+/// there.
 ///
 /// One thread at a time, which must be neither the haptic nor the service thread, because writing has no time limit.
 /// Allocates, up to `max_bytes`.

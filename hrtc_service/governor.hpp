@@ -1,7 +1,7 @@
 /// Decides how long a cycle may refine, so that it ends before its deadline.
 ///
 ///     |--- touch ---|- refine, in portions -|- refit -|- excess -|  deadline
-///                                           ^ a portion may begin only if this end is before the deadline
+///                                           ^ another portion begins only if refit and excess fit
 ///
 /// Forces come first, so their cost is known when refinement begins. The cost of refitting is predicted from its
 /// measured cost for each unit of Budget. The excess is the time by which a cycle takes longer than predicted at the
@@ -9,9 +9,9 @@
 ///
 /// The governor measures two quantiles of the excess: the values that a tenth and a hundredth of the cycles exceed.
 /// Through both it fits an exponential tail, and extrapolates the value that only the permitted share of the cycles
-/// exceeds (`missing_share`). It does not measure this rare value, because some cycles in a hundred are interrupted for
-/// longer than they compute, and less refinement would not prevent that. Only the floor (kFloor) is tuned. If forces
-/// leave less time than the floor, cycles miss the deadline.
+/// exceeds (`missing_share`). It does not measure this rare value: some cycles in a hundred are interrupted for longer
+/// than they compute, and less refinement would not prevent the interruptions. Only the floor (kFloor) is tuned. If
+/// forces leave less time than the floor, cycles miss the deadline.
 ///
 /// Realtime. Source: Liu, Georganas, Roth, 3DIM 2005, section 3 (frame budget); quantiles by stochastic
 /// approximation (Robbins, Monro 1951).

@@ -116,7 +116,6 @@ class HapticOrders {
   explicit HapticOrders(HapticThread& to) : to_{to} {}
 
   /// Applies `change` to the current commands, and posts the result.
-
   template <class Change>
   void post(Change&& change) {
     change(commands_);

@@ -29,7 +29,7 @@ class HeldObject {
   void follow_object(const ProbeStep& step, const TouchObject& object, const Placement& before,
                      const Placement& now) noexcept;
   /// Computes the force of the hold, after `follow_object`. Releases the object after a fault, or if the pose is
-  /// `zero_force_age` seconds old. The force is zero then. If it returned later, the object could be far from the hand.
+  /// `zero_force_age` seconds old. The force is zero then. It must not return later, when the object may be far away.
   const haptics::ForceResult& render(const ProbeStep& step, double zero_force_age) noexcept;
   /// If the grab button is down, holds the touched object from the next touch on. `point`: where it is held, world;
   /// `placement`: of the object in this touch; `can_move`: whether the object is movable.
@@ -61,7 +61,7 @@ class HeldObject {
   /// The hold from one touch to the next.
   struct Grasp {
     std::uint32_t object = spm::kNone;  // index
-    bool must_open = false;             // it lost the object, and must open before it can hold again
+    bool must_open = false;             // the hand lost the object, and must open before it can hold again
     Plain3 point{};                     // of the coupling, model frame
     Plain4 orientation{};               // of the device in the object's axes
   };

@@ -32,7 +32,7 @@ namespace tactus::hrtc_service {
 namespace {
 
 constexpr std::int64_t kMs = 1'000'000;
-// Limits of the period of the service thread's passes.
+// A pass is one call of `serve` by the service thread. Limits of the period of passes:
 constexpr std::int64_t kMinServiceNs = 2 * kMs;
 constexpr std::int64_t kMinServiceAtRestNs = 8 * kMs;  // while Loader::at_rest
 constexpr std::int64_t kServicePeriodFactor = 10;      // period / duration of the last pass
@@ -185,7 +185,7 @@ struct Hrtc::Impl {
   std::thread sender;
   std::atomic<bool> sending{false};
 
-  // The last member with callbacks: these end before the members that they use are destroyed.
+  // Declared last, so that the callbacks of readers end before the members that they use are destroyed.
   std::vector<std::shared_ptr<void>> readers;
   /// Samples that every program sends to every other do not wake the service, because a large session has many of them.
   template <class Typed>
@@ -284,7 +284,7 @@ Hrtc::Impl::Impl(HrtcOptions given)
     if (log) log->add(object);
   };
   membership.on_object_gone = [this](const Loader::ObjectInfo& object) {
-    if (object.index == spm::kNone) return;  // its base mesh never arrived
+    if (object.index == spm::kNone) return;  // its base mesh was never in the pool
     exchange.remove(object.index, object.id);
     states.set_object_id(object.index, 0);
     if (log) log->close(object);
@@ -398,7 +398,7 @@ void Hrtc::Impl::process_output() {
       devices.remove(user.probe);
   }
   if (output.roster) send(std::move(*output.roster));
-  // Programs compare scenes by these metrics.
+  // Other programs compare their scene with the scene in the metrics, so the metrics are due soon.
   if (output.scene_changed) metrics.make_due_within(monotonic_ns(), kSceneMetricsNs);
   if (output.name_conflict) {
     exit_code = 2;
@@ -721,9 +721,10 @@ int Hrtc::Impl::run(const std::atomic<bool>& stop) {
                    ? std::string{}
                    : fmt::format(", and {:.1f} MiB for directories",
                                  static_cast<double>(options.core.gateway.loader.directory_bytes) / (1 << 20)));
-  // A pass begins at its time, not when a sample arrives, because the number of samples grows with the square of the
-  // session's size. Passes should take only a tenth of a core: on an overloaded machine answers arrive later, so
-  // prediction looks further ahead and takes more time. The failure detector also runs between passes.
+  // A timer starts each pass, not the arrival of a sample, because the number of samples grows with the square of the
+  // session's size. Passes should take only a tenth of a processor. Otherwise they would slow down an overloaded
+  // machine more and more: answers arrive later, so prediction looks further ahead and takes more time. The failure
+  // detector also runs between passes.
   PeriodicTimer pass{kMinServiceNs}, watch{kMinServiceNs};
   while (!stop && !ended) {
     const std::int64_t before_ns = monotonic_ns();

@@ -41,7 +41,7 @@ struct HrtcOptions {
   std::filesystem::path log;       ///< contact log; empty: none
   std::filesystem::path snapshot;  ///< directory for snapshots; empty: none
   FlightOptions flight;
-  /// Number of requests of an operator to write the flight recording. Null: there are no such requests.
+  /// Counts the requests (SIGUSR1) to write the flight recording. Null: no requests.
   const std::atomic<std::uint32_t>* save_requests = nullptr;
   double host_patience = 0;   ///< max time to wait for a first host, s; 0: no limit
   bool timer_beside = false;  ///< also run and measure a TimerBeside at the same priority

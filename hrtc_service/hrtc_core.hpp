@@ -1,4 +1,4 @@
-/// Assembles an HRTC from memory, servo and gateway, without DDS, threads, clocks, devices and files.
+/// Assembles an HRTC from memory, servo and gateway, without DDS, threads, devices and files.
 ///
 ///     samples, times --> Gateway <== ServoLink ==> Servo <-- probe inputs, limit of refinement
 ///                          |                         |

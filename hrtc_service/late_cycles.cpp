@@ -70,8 +70,8 @@ UsageSampler::~UsageSampler() {
 bool UsageSampler::read_counts(ThreadUsage& usage) const {
   std::array<char, 4096> buffer;
   // The file `stat` is "pid (name) state" and numbers. The name may contain blanks. Counted from pid, field 10 has the
-  // minor faults and field 12 the major faults. It is read before `status`, so that `status` counts the switch into the
-  // sleep that `stat` shows.
+  // minor faults and field 12 the major faults. `stat` is read before `status`, so that `status` counts the switch into
+  // the sleep that `stat` shows.
   std::string_view stat = contents(stat_, buffer);
   const std::size_t name_end = stat.rfind(") ");
   if (name_end == std::string_view::npos) return false;
@@ -174,7 +174,8 @@ std::optional<LateVerdict> LateCycleClassifier::next() {
 
 LateVerdict LateCycleClassifier::classify(const Cycle& late, const ThreadUsage& before,
                                           const ThreadUsage& after) const {
-  // wake_ns: time in which a cycle was due and the previous one had ended, but it had not begun.
+  // Sums over the cycles between the readings:
+  // wake_ns: time in which a cycle was due and the previous one had ended, but the cycle had not begun.
   // awake_ns: time from the begin to the end of a cycle.
   // Both consist of CPU time, run-queue wait, blocking, and unaccounted time (a late timer, a hypervisor).
   std::int64_t wake_ns = 0, awake_ns = 0;
@@ -206,7 +207,7 @@ LateVerdict LateCycleClassifier::classify(const Cycle& late, const ThreadUsage& 
   const auto switches = static_cast<std::int64_t>(after.voluntary - before.voluntary);
   const bool may_have_blocked = switches > sleeps_min;
   verdict.blocked = static_cast<std::uint64_t>(std::max<std::int64_t>(0, switches - sleeps_max));
-  // It is unknown how long a blocking took. A blocking explains the late cycle only if no other cycle was long.
+  // How long the thread was blocked is unknown. Blocking explains the late cycle only if no other cycle was long.
   const bool has_blocked = verdict.blocked > 0 && longest_other_ns <= half_ns;
 
   // Foreign time is the part of awake_ns that is neither CPU time nor blocking. If the thread did not block, it is all
@@ -224,9 +225,9 @@ LateVerdict LateCycleClassifier::classify(const Cycle& late, const ThreadUsage& 
     return verdict;
   }
   if (own_max_ns > half_ns) return verdict;
-  // The late cycle's own time does not explain it. Its run-queue wait is at least its wake time and foreign time minus
-  // all unaccounted time of these cycles. CPU time beyond awake_ns was counted before the thread ran: interrupts, or a
-  // hypervisor.
+  // The late cycle's own time does not explain why it is late. Its run-queue wait is at least its wake time plus its
+  // foreign time, minus all unaccounted time between the readings. CPU time beyond awake_ns was counted before the
+  // thread ran: interrupts, or a hypervisor.
   const std::int64_t unaccounted_ns =
       std::max<std::int64_t>(0, wake_ns + awake_ns - std::min(verdict.cpu_ns, awake_ns) - verdict.wait_ns);
   const std::int64_t unaccounted_max_ns = has_blocked ? std::min(unaccounted_ns, wake_ns) : unaccounted_ns;

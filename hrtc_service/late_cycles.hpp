@@ -57,8 +57,9 @@ class UsageSampler {
   /// Returns whether the system has these counters. They need /proc and a kernel with CONFIG_SCHED_INFO.
   [[nodiscard]] bool available() const { return read().has_value(); }
 
-  /// Reads the counters if the last reading is at least kPeriodNs old. The system calls take some 15 us. A reading
-  /// while the thread is awake is less certain. It is stored only if the last stored one is at least kMaxPeriodNs old.
+  /// Reads the counters if the last stored reading is at least kPeriodNs old. The system calls take some 15 us. A
+  /// reading while the thread is awake is less certain. It is stored only if the last stored one is at least
+  /// kMaxPeriodNs old.
   void sample(std::int64_t now_ns);
   static constexpr std::int64_t kPeriodNs = 4'000'000, kMaxPeriodNs = 20'000'000;
 

@@ -126,7 +126,7 @@ void Loader::drop_waiting(const Object& object) {
                           waiting_messages_.end());
 }
 
-/// Removes the objects without a base mesh that no host offers any more.
+/// Removes the objects whose base mesh is not in the pool, if no host offers them any more.
 void Loader::forget_unoffered(std::int64_t now_ns) {
   constexpr std::int64_t kOfferCheckNs = 1'000'000'000;
   if (now_ns - offers_checked_ns_ < kOfferCheckNs) return;
@@ -173,7 +173,7 @@ void Loader::on_chunk(const session::BulkChunk& chunk, std::int64_t now_ns) {
 }
 
 /// Returns whether the last prediction is still good enough: the probes have hardly moved since, or a new prediction
-/// would exceed its share of the time.
+/// would exceed its share of the processor time.
 bool Loader::prediction_is_current(std::int64_t now_ns, const std::array<ReportedProbe, kMaxProbes>& probes) const {
   constexpr double kMaxMotion = 0.1;  // tip radii
   bool moved = now_ns - last_prediction_ns_ >= kMaxPredictionAgeNs;
@@ -185,8 +185,8 @@ bool Loader::prediction_is_current(std::int64_t now_ns, const std::array<Reporte
   return !moved || now_ns < next_prediction_ns_;
 }
 
-/// Returns the centre of one sphere of a probe, world frame: relative to the reported pose of a tool, or the device's
-/// position for a tip.
+/// Returns the centre of one sphere of a probe, world frame. The sphere of a tip is at the device, a sphere of a tool
+/// moves with the reported pose of the tool.
 Vec3d Loader::sphere_centre(const ReportedProbe& probe, const spm::ProbeSphere& sphere) const noexcept {
   return settings_.tool == nullptr ? probe.device : Vec3d{probe.proxy + probe.orientation * sphere.centre};
 }
@@ -247,8 +247,8 @@ void Loader::predict(Object& object, const std::array<ReportedProbe, kMaxProbes>
     const ReportedProbe& probe = probes[i];
     if (!probe.active) continue;
     object.predictors[i].predict(lead, predicted_regions_);
-    // When a device is pressed into a surface, its proxy is away from it. The surface around the proxy must be the
-    // finest, too.
+    // When a device is pressed into a surface, its proxy stays on the surface, away from the device. The mesh around
+    // the proxy must be the finest, too.
     if (probe.in_contact && settings_.tool == nullptr)
       object.grid().for_each_intersecting(placement.to_model(probe.proxy),
                                           (settings_.radius + settings_.margin) / placement.scale(),

@@ -1,5 +1,5 @@
-/// Requests the regions that probes will touch, stores them compressed, decodes the ones touched soonest into the pool,
-/// and evicts regions that no probe needs.
+/// Requests the regions that probes will touch, and stores them compressed. Decodes the regions that will be touched
+/// soonest into the pool. Evicts regions that no probe needs.
 ///
 ///   catalogue, chunks -> [assemble] -> store -> [decode] -> arrivals ring -> haptic thread
 ///   reported probes -> [predict] -> demand               departures ring <-
@@ -118,17 +118,17 @@ class Loader {
   /// Called with each object that is passed to the haptic thread, in the order of the arrivals.
   std::function<void(const TouchObject&)> on_object;
 
-  /// Called with each object that the haptic thread has received and that is now withdrawn. The reference remains valid
+  /// Called with each object that was passed to the haptic thread and is now withdrawn. The reference remains valid
   /// until `on_object_gone`.
   std::function<void(const TouchObject&)> on_object_withdrawn;
 
-  /// Description of an object. After the base mesh has arrived, only the counters change.
+  /// Description of an object. After the base mesh is in the pool, only the counters change.
   struct ObjectInfo {
     std::string name;
     std::uint64_t id = 0;
     std::uint64_t digest = 0;
     double scale = 1;
-    std::uint32_t index = spm::kNone;  ///< kNone: the base mesh has not arrived
+    std::uint32_t index = spm::kNone;  ///< kNone: the base mesh is not in the pool
     std::uint64_t records_received = 0, records_returned = 0, regions_received = 0, regions_released = 0;
   };
   /// Called with each object that the loader has removed, after the haptic thread has returned it. A later object may
@@ -137,7 +137,7 @@ class Loader {
 
   void on_catalogue(const session::CatalogueEntry& entry);
   [[nodiscard]] bool has_object(std::uint64_t object_id) const { return objects_.count(object_id) != 0; }
-  /// Bytes of the directories of all objects, at most LoaderSettings::directory_bytes.
+  /// Returns the bytes of the directories of all objects, at most LoaderSettings::directory_bytes.
   [[nodiscard]] std::uint64_t directory_bytes_used() const noexcept { return directory_bytes_; }
   void on_host_heartbeat(std::uint64_t host, std::uint64_t incarnation, std::int64_t now_ns);
   void on_host_gone(std::uint64_t host);
@@ -157,7 +157,7 @@ class Loader {
   /// Returns the next demand to publish, or nothing when none is due.
   [[nodiscard]] std::optional<session::Demand> demand(std::int64_t now_ns) { return delivery_.demand(now_ns); }
 
-  /// True if, at the last tick, no probe had moved for 0.1 s and all wanted regions were stored.
+  /// Returns whether, at the last tick, no probe had moved for 0.1 s and all wanted regions were stored.
   [[nodiscard]] bool at_rest() const noexcept { return at_rest_; }
 
   [[nodiscard]] LoaderFigures figures() const;
@@ -200,7 +200,7 @@ class Loader {
     std::uint32_t last_contact : 28;    // time of the last contact, in ticks of 17 ms; 0: never
     std::uint32_t store_bits : 2;       // StoreState
     std::uint32_t pool_bits : 2;        // PoolState
-    std::uint32_t previous_visit : 28;  // time of the last contact of the visit before, in ticks of 17 ms; 0: none
+    std::uint32_t previous_visit : 28;  // last contact of the second-last visit, in ticks of 17 ms; 0: none
     std::uint32_t was_stored : 1;       // has been in the store
     std::uint32_t belongs_in_pool : 1;  // among the predicted regions that fit into the pool, soonest contact first
     std::uint32_t is_faulty : 1;        // the stored data contradicts the model
@@ -223,7 +223,7 @@ class Loader {
         previous_visit = last_contact & kContactTicks;
       last_contact = now & kContactTicks;
     }
-    /// Returns the time since the visit before the last one, ns. If there was none, returns the largest time.
+    /// Returns the time since the second-last visit, ns. If there was none, returns the largest time.
     [[nodiscard]] std::int64_t since_previous_visit_ns(std::int64_t now_ns) const noexcept {
       return previous_visit == 0
                  ? std::int64_t{kContactTicks} * kContactTickNs

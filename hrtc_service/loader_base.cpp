@@ -13,8 +13,8 @@ Vec3d wide(const std::array<float, 3>& p) { return {p[0], p[1], p[2]}; }
 
 }  // namespace
 
-/// Decodes a base mesh and admits it to the pool. If regions occupy the slots that it needs, `coarsen` frees them
-/// first. So it depends only on the other base meshes whether an object fits.
+/// Decodes a base mesh and admits it to the pool. If regions occupy slots that the base mesh needs, `coarsen` frees
+/// these slots first. So an object is refused only if its base mesh does not fit besides the other base meshes.
 void Loader::on_base_mesh(Object& object, const std::vector<std::uint8_t>& bytes) {
   auto decoded = spm::codec::decode_base(std::span<const std::uint8_t>{bytes});
   if (!decoded || decoded->mesh.summary.digest != object.info.digest ||

@@ -6,7 +6,8 @@
 namespace tactus::hrtc_service {
 namespace {
 
-/// Returns the space that loads for later contacts leave free, for contacts that the prediction misses.
+/// Returns the space that stays free when a region with a later contact is loaded. Contacts that the prediction misses
+/// use this space.
 spm::Cache::Space reserve_of(const spm::PoolSettings& pool) noexcept {
   return {pool.slots / 16, pool.list_blocks / 16};
 }
@@ -91,9 +92,9 @@ spm::Cache::Space Loader::load(Object& object, std::uint32_t region) {
   return {};
 }
 
-/// Orders the haptic thread to coarsen regions, the longest unwanted first, until the free space will hold the pending
-/// base meshes and, besides them, the missing regions or the reserve, whichever is larger. At most kMaxDeparting
-/// regions are being coarsened at a time.
+/// Orders the haptic thread to coarsen regions, the longest unwanted first, until enough space will be free: for the
+/// pending base meshes, and for the missing regions or the reserve, whichever is larger. At most kMaxDeparting regions
+/// are being coarsened at a time.
 void Loader::coarsen() {
   constexpr std::size_t kMaxDeparting = 16;
   const spm::Cache::Space reserve = reserve_of(pool_.settings);

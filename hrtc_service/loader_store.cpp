@@ -109,8 +109,8 @@ void Loader::request_wanted(std::int64_t now_ns) {
   const double usable_blocks = kUsableShare * store_.blocks();
   std::stable_sort(predicted_contacts_.begin(), predicted_contacts_.end(),
                    [](const PredictedContact& a, const PredictedContact& b) { return a.uncertainty < b.uncertainty; });
-  // An absent region counts more, because the blocks of the region that makes room for it become free only one round
-  // trip after its retirement.
+  // An absent region counts more, because another region must be evicted for it. The blocks of that other region become
+  // free only one round trip after it is retired.
   constexpr double kInFlightFactor = 1.5;
   double blocks = 0;
   const auto first_excess =
@@ -147,7 +147,7 @@ void Loader::request_wanted(std::int64_t now_ns) {
     absent_blocks += region_blocks;
     if (blocks_needed_ == 0 || blocks_needed_ < blocks_to_free_now)
       blocks_needed_ += std::max(static_cast<std::uint32_t>(region_blocks), wanted_region.blocks_needed);
-    // The store refused the region when it was full, and would refuse it again.
+    // The full store refused the region, and would refuse it again.
     if (blocks_after_eviction() < wanted_region.blocks_needed) continue;
     wanted[contact.object->info.index].push_back(
         {contact.region, static_cast<std::uint32_t>(contact.request_order * 1e6)});
@@ -156,7 +156,8 @@ void Loader::request_wanted(std::int64_t now_ns) {
   constexpr double kReserveFactor = 2;
   blocks_reserve_ = static_cast<std::uint32_t>(
       std::clamp(kReserveFactor * absent_blocks, store_.blocks() / 16.0, store_.blocks() * 0.75));
-  // While a base mesh is expected, the credit is not limited, because the store does not hold base meshes.
+  // While a base mesh is expected or waits for slots, the limit of the credit does not change, because the store does
+  // not hold base meshes.
   if (std::all_of(objects_.begin(), objects_.end(),
                   [](const auto& entry) { return entry.second->ready || entry.second->refused; }))
     delivery_.limit_credit(static_cast<std::uint64_t>(kUsableShare * blocks_after_eviction() * bytes_per_block_));
@@ -175,7 +176,7 @@ void Loader::find_eviction_candidates() {
 
   struct Candidate {
     bool is_sound, is_recent, was_touched;
-    std::int64_t previous_visit_ns, wanted_ns;  // minus the time since that event
+    std::int64_t previous_visit_ns, wanted_ns;  // time since the event, negated
     Object* object;
     std::uint32_t region;
     [[nodiscard]] auto order() const {

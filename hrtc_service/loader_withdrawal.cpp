@@ -1,4 +1,4 @@
-// Removal of the objects that no host offers any more.
+// Withdrawal: the loader removes the objects that no host offers any more.
 #include <algorithm>
 #include <utility>
 

@@ -66,7 +66,7 @@ int main(int argc, char** argv) {
   options.flight.folder = std::filesystem::temp_directory_path() / "tactus-flight";
   options.save_requests = &wire::save_signals();
   constexpr std::uint32_t kMinSlots = 256;
-  constexpr double kToolDeadline = 400;  // us, because a tool may take more than 200 us
+  constexpr double kToolDeadline = 400;  // us; a cycle with a tool may take more than 200 us
   std::uint32_t slots = 1u << 16;
   std::uint32_t cache_blocks = 0;
   std::uint64_t memory_bytes = 0;

@@ -4,8 +4,8 @@
 ///     2. publish   simulates bodies and posts reports, after the devices have received the forces
 ///     3. refine    refines the meshes for the next touch, in the remaining time
 ///
-/// A cycle calls these three in this order. No thread, clock, device, DDS or file: the haptic thread, studies in
-/// virtual time and benchmarks call the same class. Realtime. One thread.
+/// A cycle calls these three in this order. No thread, device, DDS or file: the haptic thread, studies in virtual time
+/// and benchmarks call the same class. A clock measures costs and may end refinement. Realtime. One thread.
 #pragma once
 
 #include <array>

@@ -15,7 +15,7 @@
 namespace tactus::hrtc_service {
 namespace {
 
-constexpr std::int64_t kMinContactNs = 2'000'000'000;  // exact contact before a snapshot; before the first, a quarter
+constexpr std::int64_t kMinContactNs = 2'000'000'000;  // exact contact before a snapshot; the first needs a quarter
 
 struct Colour {
   unsigned char red, green, blue;

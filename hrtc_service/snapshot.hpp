@@ -35,8 +35,8 @@ class SnapshotTaker {
   /// `name`: name of the HRTC. `loader` must outlive the object.
   SnapshotTaker(std::filesystem::path directory, std::string name, const Loader& loader);
 
-  /// Requests a snapshot when it is due, or writes the requested one when the servo has copied it, in milliseconds.
-  /// `touches_exactly`: a probe is in exact contact. Throws as `write_snapshot`.
+  /// Requests a snapshot when it is due, or writes the requested one when the servo has copied it. `touches_exactly`: a
+  /// probe is in exact contact. Throws as `write_snapshot`.
   void tick(std::int64_t now_ns, bool touches_exactly, const std::array<ReportedProbe, kMaxProbes>& probes,
             const Servo& servo, HapticOrders& orders);
 

@@ -27,7 +27,7 @@ const haptics::ForceResult& SphereTouch::render(const ProbeStep& step) noexcept 
   const haptics::Proxy before = proxy_;
   (void)proxy_.step(device.position, step.period, step.surface, step.mesh_changed_here);
   const haptics::ProxyResult& result = proxy_.last();
-  // Refinement changes the force by as much as this proxy differs from the proxy on the previous version of the mesh.
+  // The proxy on the previous version of the mesh shows how much refinement has changed the force.
   haptics::ProxyResult unchanged;
   const bool may_be_felt = step.mesh_changed_here || !before.started() || step.surface.reached_change();
   if (may_be_felt) {

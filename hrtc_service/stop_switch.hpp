@@ -36,7 +36,8 @@ class StopSwitch {
   /// `link` must outlive the switch, and no other object may set its stop.
   StopSwitch(const session::Origin& self, ServoLink& link) : link_{link}, latch_{self} {}
 
-  // The haptic thread obeys in its next cycle. Return whether the stop or reset is new.
+  // These three pass a stop or reset to the haptic thread, which obeys in its next cycle. They return whether the stop
+  // or reset is new.
   bool on_stop(const session::StopName& stop);
   bool on_reset(const session::ForceReset& reset);
   bool on_roster(const session::RosterEntry& entry);

@@ -24,7 +24,7 @@ class TimerBeside {
 
   /// Adds the wake-up delays since the last call to `samples`, ns, and classifies late cycles. One thread.
   void drain(Samples& samples);
-  /// Returns the number of overruns. The same thread.
+  /// Returns the number of overruns. Same thread as `drain`.
   [[nodiscard]] std::uint64_t overruns() const noexcept { return overruns_; }
   /// Returns the sampler of this thread's system counters.
   [[nodiscard]] UsageSampler& usage() noexcept { return *usage_; }

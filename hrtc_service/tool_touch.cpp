@@ -26,7 +26,7 @@ void ToolTouch::move_to(const ProbeStep& step, const haptics::ToolPose& goal) no
   for (std::uint32_t i = 0; i < surface.count(); ++i) {
     const TouchObject& object = surface[i];
     const Placement& placement = surface.placement(i);
-    // The tool slides on movable objects, because it does not follow a moving object to which it sticks.
+    // A tool that sticks to a moving object does not follow it. So the tool slides on movable objects.
     const double friction = object.body ? 0 : object.material.dynamic_friction;
     objects_[i] = {&object.forest->tree(),
                    placement.rotation(),

@@ -80,7 +80,8 @@ struct NearObjects {
   }
 };
 
-/// A message from the loader to the haptic thread.
+/// A message from the loader to the haptic thread: an object or a region has been loaded, a region is to be retired, or
+/// an object is withdrawn.
 struct Arrival {
   enum class Kind : std::uint8_t {
     kObject,
