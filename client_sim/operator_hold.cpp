@@ -7,8 +7,8 @@ namespace tactus::client_sim {
 namespace {
 
 constexpr double kMaxContactLoss = 0.1;  // s; after it, a lift or hold has failed
-constexpr double kCarriedShare = 0.9;  // of a load, carried by the arm; the whole load would cancel the measured force
-constexpr double kPeakSpeed = 1.5;     // max of the derivative of `smooth_step`
+constexpr double kCarriedShare = 0.9;    // share of a load that the arm carries; 1 would cancel the measured force
+constexpr double kPeakSpeed = 1.5;       // max of the derivative of `smooth_step`
 
 /// Maps 0..1 onto 0..1 with zero slope at both ends.
 double smooth_step(double share) {

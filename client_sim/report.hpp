@@ -110,8 +110,8 @@ struct Report {
   std::vector<ReportEvent> events;
 };
 
-/// Returns the energy that the network added, J, at least 0: the energy that the couplings gave to the copies of all
-/// HRTCs, minus the energy that they received from these copies.
+/// Returns the energy that the network added, J, at least 0: the sum of the net energy that the couplings of each HRTC
+/// gave to its copies (session::figures::kCopyGiven).
 [[nodiscard]] double injected_energy(const Report& report);
 
 /// Writes the report as text, with lines of at most 100 columns.

@@ -27,7 +27,7 @@ namespace tactus::client_sim {
 
 using spm::Vec3d;
 
-/// Error of a scenario that does not exist.
+/// Thrown for a scenario that does not exist.
 class ScenarioError : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
@@ -46,7 +46,7 @@ enum class ActionKind : std::uint8_t {
   kRetreat    ///< leaves the object's bounds in the direction of the approach
 };
 
-/// Paths along a surface. They are computed from the bounds of the object.
+/// Paths along a surface.
 enum class Pattern : std::uint8_t {
   kCircle,  ///< a circle of radius `extent` around the first contact, seen along the approach
   kZigzag,  ///< parallel rows over a square of half edge `extent`
@@ -59,7 +59,7 @@ struct Action {
   Vec3d direction = Vec3d::UnitZ();    ///< object's frame, unit, towards the hand
   Vec3d point = Vec3d::Constant(0.5);  ///< target point, as a share of the object's bounds along each axis
   double speed = 0.1;                  ///< m/s
-  double force = 1;                    ///< N; approach and grab: key until_force
+  double force = 1;                    ///< N; the key of approach and grab is until_force
   double depth = 0;                    ///< tap: m below the first contact at which the hand turns back; 0: at `force`
   double seconds = 1;                  ///< s
   std::uint32_t count = 1;

@@ -22,7 +22,7 @@ struct SimOptions {
   std::string mode{};                        ///< SimSettings::mode
 };
 
-/// Error if an older program in the session has the name of this program.
+/// Thrown if an older program in the session has the name of this program.
 class NameTaken : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;

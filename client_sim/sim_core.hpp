@@ -40,8 +40,9 @@ struct SimSettings {
   std::string mode;       ///< published at the start, format of session::parse_mode; empty: none
   double patience = 20;   ///< s, max wait for HRTCs, objects and probes
   double name_check = 1;  ///< s to wait before joining, after the first sample of others, to detect a name conflict
-  double settle = 2;      ///< s, wait for others after the first HRTC and object; then n of "#n" is modulo their number
-  double linger = 2;      ///< s, max wait at the end for the last figures of hosts and HRTCs
+  /// s to wait for further HRTCs and objects after the first; then n of "#n" is taken modulo their number.
+  double settle = 2;
+  double linger = 2;  ///< s, max wait at the end for the last figures of hosts and HRTCs
   std::int64_t heartbeat_ns = 100'000'000;
   session::RosterSettings roster;
   OperatorSettings hand;
@@ -79,7 +80,8 @@ class SimCore {
   /// Ends the session early, in the normal order of states, during the next ticks.
   void stop(const std::string& reason);
 
-  /// Sets the session time at which this program joined; of two programs with one name, the later one leaves.
+  /// Sets the present session time and the time at which this program joined. Of two programs with one name, the one
+  /// that joined later leaves.
   void set_own_presence(std::int64_t session_time_ns, std::int64_t joined_ns) noexcept {
     roster_.set_own_presence(session_time_ns, joined_ns);
   }

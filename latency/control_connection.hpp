@@ -10,8 +10,8 @@
 
 namespace tactus::latency {
 
-/// Owns the socket. One thread at a time. Every function throws LatencyError if the other side closes or sends
-/// something unexpected, or if `cancelled` becomes true while the function waits.
+/// Owns the socket. One thread at a time. The functions throw LatencyError if the other side closes (except `wait`) or
+/// sends something unexpected, or if `cancelled` becomes true while they wait to receive.
 class ControlConnection {
  public:
   /// `cancelled` must outlive this.

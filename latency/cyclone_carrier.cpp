@@ -45,8 +45,9 @@ std::set<int> datagram_sockets() {
 
 /// A domain with its own sockets and threads.
 ///
-/// The constructor takes `priority` while it creates the domain, because threads inherit the priority of their creator.
-/// If `marks_sockets`, it marks the new sockets itself, because Cyclone DDS cannot (its issue 2225).
+/// The constructor runs at `priority` while it creates the domain, because threads inherit the priority of their
+/// creator. If `marks_sockets`, the constructor sets the marks of the new sockets, because Cyclone DDS cannot (issue
+/// 2225 of Cyclone DDS).
 class Domain {
  public:
   Domain(int number, int priority, bool marks_sockets) {

@@ -152,7 +152,8 @@ class QosCopy {
     descriptor->InsertNewChildElement("type")->SetText(transport == Transport::kShm ? "SHM" : "UDPv4");
   }
 
-  /// Adds the settings of an expert of Fast DDS to stripped profiles: one frame for each message, large buffers, and
+  /// Adds to stripped profiles the settings that an expert of Fast DDS would choose: one frame for each message, large
+  /// buffers, and
   ///   probe: best effort, keep last 1, sent by the writing thread, not blocked by a full socket
   ///   bulk:  reliable, keep all, asynchronous, 12 kB each ms (96 % of a link of 100 Mbit/s)
   static void tune(Element& profiles, bool is_bulk) {

@@ -112,7 +112,7 @@ void MeshSource::flood() {
   double due = 0;  // chunks
   for (std::int64_t next = wire::monotonic_ns(); !stop_; next += kPeriodNs) {
     if (mbit_ != kUnpaced) wire::sleep_until(next);
-    // After a full history, sends no more than one period's chunks: the rate is an upper limit.
+    // After the history was full, does not send the missed chunks later: the rate is an upper limit.
     due = mbit_ == kUnpaced ? 1 : std::min(due + chunks_per_period, chunks_per_period + 1);
     for (; due >= 1 && !stop_; due -= 1) {
       ++chunk.sequence;

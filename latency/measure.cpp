@@ -51,8 +51,8 @@ std::unique_ptr<LoadSink> make_cyclone_sink(int) { throw LatencyError("built wit
 namespace {
 #endif
 
-/// One end of the load of a Cyclone DDS test, in a process of its own that runs serve_load. In the process of the
-/// pinger or echoers, the domains of pings and load would share locks, which they do not share between programs.
+/// One end of the load of a Cyclone DDS test, in a process of its own that runs serve_load. In one process, the domains
+/// of pings and load would share locks; in separate processes they do not.
 class CycloneLoad final : public LoadSource, public LoadSink {
  public:
   /// `end` is "source" or "sink".

@@ -12,7 +12,8 @@ namespace {
 constexpr std::size_t kMaxBins = 400;
 constexpr std::int64_t kSamplePeriodNs = 97'000;  // divides no usual period of pings, so that the phase varies
 
-/// Maps the pinger's clock to the echoer's clock, for each ping with the estimate that a session clock had at its time.
+/// Maps times of the pinger's clock to the echoer's clock. For each time it uses the estimate that a session clock had
+/// at that time.
 class EchoerClock {
  public:
   explicit EchoerClock(const Timestamps& timestamps) {

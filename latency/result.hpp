@@ -10,9 +10,9 @@
 
 namespace tactus::latency {
 
-/// An interval of a test, with the echoes of the pings that were intended in this interval.
+/// An interval of consecutive pings of a test, with their echoes. All intervals have about the same number of pings.
 struct TimeBin {
-  double at_s = 0;                   ///< start of the interval, after the first ping that follows the warm-up
+  double at_s = 0;                   ///< start, after the warm-up; approximate with coding, where pings are uneven
   double median_us = 0, max_us = 0;  ///< half round trip; NaN without an echo
   std::uint32_t missing = 0;         ///< number of echoes that did not arrive
 };
@@ -21,7 +21,7 @@ struct TimeBin {
 struct Result {
   TestCase test;
   Summary half_round_trip;        ///< half of the time from a ping's intended time to its echo's arrival; all readers
-  Summary half_round_trip_sent;   ///< the same, but from the send call: excludes late wake-ups and blocking
+  Summary half_round_trip_sent;   ///< half of the time from the send call: excludes late wake-ups and blocking
   Summary age;                    ///< time from a ping's intended time to its arrival; all readers
   Summary age_of_information;     ///< age of the newest ping at a reader, sampled every 97 us; losses increase it
   double clock_bound_us = 0;      ///< error bound of `age`; 0: both sides read one clock
@@ -42,8 +42,8 @@ struct Result {
 /// logarithm of the remaining share.
 [[nodiscard]] const std::vector<double>& curve_shares();
 
-/// Returns the number of pings at the start of a test that are not evaluated, while caches, discovery and queues
-/// settle.
+/// Returns the number of ticks at the start of a test whose pings are not evaluated, because caches, discovery and
+/// queues settle at that time.
 [[nodiscard]] std::uint32_t warm_up(const TestCase& test) noexcept;
 
 /// Computes the statistics of a test. If the two sides read different clocks, estimates the offset of the clocks from

@@ -20,7 +20,7 @@ enum class Transport {
   kUdp,      ///< Fast DDS over UDPv4 only, as in the profiles of qos/
   kShm,      ///< Fast DDS over shared memory only
   kBuiltin,  ///< Fast DDS over its default transports: shared memory and UDPv4
-  kRawUdp,   ///< as many bytes in a UDP datagram without DDS: the reference for the other transports
+  kRawUdp,   ///< UDP datagrams of the same payload without DDS: the reference for the other transports
   kCyclone   ///< Cyclone DDS, if it was available at build time; probe states only
 };
 enum class Profile {
@@ -53,7 +53,7 @@ struct TestCase {
   Transport transport = Transport::kUdp;
   Profile profile = Profile::kTactus;
   Topic topic = Topic::kProbeState;
-  std::uint32_t payload = kProbeStateBytes;  ///< bytes of a sample, without the headers of RTPS and UDP
+  std::uint32_t payload = kProbeStateBytes;  ///< bytes of a probe state, a raw datagram, or the piece in a chunk
   double rate_hz = 1000;
   Coding coding = Coding::kNone;
   std::uint32_t readers = 1;

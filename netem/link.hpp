@@ -2,8 +2,8 @@
 ///
 ///     arrival --> queue (bytes, drop tail) --> transmitter (rate) --> losses --> delay, jitter --> departure
 ///
-/// The result depends only on the seed and the arrivals; there is no clock, socket or thread. Losses depend only on the
-/// seed and on the sequence number of a frame, so two runs with the same seed lose the same frames at any timing.
+/// The result depends only on the profile, the seed and the arrivals; there is no clock, socket or thread. Losses do
+/// not depend on times: while the queue drops no frame, runs with the same seed lose the same frames.
 #pragma once
 
 #include <cstdint>
@@ -43,7 +43,7 @@ class Link {
   std::normal_distribution<double> normal_;
   bool in_burst_ = false;
   bool has_smooth_jitter_ = false;
-  double smooth_jitter_ = 0, smooth_jitter_rate_ = 0;  // in standard deviations; and its rate of change, normalised
+  double smooth_jitter_ = 0, smooth_jitter_rate_ = 0;  // in standard deviations, and per kJitterMemoryMs
   std::int64_t smooth_jitter_ns_ = 0;                  // time of these values
   std::int64_t free_ns_ = 0;                           // time at which the transmitter has sent all accepted frames
   std::int64_t last_departure_ns_ = 0;

@@ -164,7 +164,7 @@ void wait_running() {
     if (::ioctl(socket.get(), SIOCGIFFLAGS, &request) != 0)
       fail("cannot read the state of device " + std::string{kDevice}, errno);
     if ((request.ifr_flags & IFF_RUNNING) != 0) return;
-    std::this_thread::sleep_for(std::chrono::milliseconds{1});  // nothing notifies
+    std::this_thread::sleep_for(std::chrono::milliseconds{1});  // polls: ioctl cannot wait
   }
   throw LinkError("device " + std::string{kDevice} + " passes no frames 10 s after it was brought up");
 }
@@ -319,7 +319,7 @@ struct LinkedPair::Impl {
   }
 
   void carry() {
-    // Signals go to the threads of the program.
+    // Blocks all signals in the relay's thread, so that the program's other threads receive them.
     sigset_t all, before;
     sigfillset(&all);
     pthread_sigmask(SIG_SETMASK, &all, &before);

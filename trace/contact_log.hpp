@@ -42,10 +42,10 @@ struct LoggedContact {
 /// The contacts of one probe with one object in one cycle.
 struct LoggedQuery {
   static constexpr std::uint32_t kMaxContacts = 512;
-  std::int64_t time_ns = 0;
-  std::uint32_t object = 0;
+  std::int64_t time_ns = 0;  ///< time of the cycle, monotonic clock of the HRTC
+  std::uint32_t object = 0;  ///< LoggedObject::index
   std::uint32_t probe = 0;
-  std::array<double, 3> centre{};  ///< centre of the tip, model frame, file units
+  std::array<double, 3> centre{};  ///< of the tip, or the coupling point of a tool; model frame, file units
   double radius = 0;               ///< radius of the tip, file units
   std::uint64_t mesh_hash = 0;
   std::uint32_t since_change = 0;  ///< number of cycles since a region was refined or coarsened; 0: in this cycle
@@ -75,7 +75,8 @@ class ContactLogWriter {
   void write(const LoggedObject& object);
   void write(const LoggedQuery& query);
   void write(const LoggedTotals& totals);
-  /// False after a failed write, for example on a full disk. Earlier entries remain readable.
+  /// False after a failed write, for example on a full disk. Writes are buffered: a failure may show only in a
+  /// later write, and a failure at the close does not show. Earlier entries remain readable.
   [[nodiscard]] bool healthy() const noexcept { return healthy_; }
 
  private:
@@ -94,7 +95,7 @@ class ContactLogReader {
   ContactLogReader& operator=(const ContactLogReader&) = delete;
 
   enum class Entry { kEnd, kObject, kQuery, kTotals };
-  /// Reads the next entry into `object`, `query` or `totals` and returns which. Returns kEnd at the end of the file.
+  /// Reads the next entry into `object`, `query` or `totals`, and returns its kind; kEnd at the end of the file.
   [[nodiscard]] Entry next();
   /// True if the last entry is truncated. Call after kEnd.
   [[nodiscard]] bool is_truncated() const noexcept { return is_truncated_; }

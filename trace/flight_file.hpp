@@ -100,7 +100,7 @@ struct FlightState {
   }
 };
 
-// The structs below are written in every cycle. They are trivially copyable, so that the haptic thread can copy them.
+// The haptic thread records the structs below, so they are trivially copyable.
 
 struct FlightEvent {
   enum class Kind : std::uint32_t {

@@ -98,7 +98,7 @@ struct McapMessage {
 };
 
 /// Reads an MCAP file from front to end. The file may be the truncated file of a killed writer. Chunks must not be
-/// compressed. One thread at a time.
+/// compressed. Messages outside of chunks are ignored. One thread at a time.
 class McapReader {
  public:
   /// Throws McapError if the file cannot be read or is no MCAP file.

@@ -24,7 +24,7 @@ bool all_moderate(const Array& values) noexcept {
   return std::all_of(values.begin(), values.end(), [](double v) { return std::abs(v) <= kMax; });  // false for NaN
 }
 
-/// True for times whose differences, also from the time of any local clock, do not overflow.
+/// True for a time whose difference from another such time, or from a local clock, does not overflow.
 bool is_time(std::int64_t ns) noexcept { return ns > -(std::int64_t{1} << 61) && ns < std::int64_t{1} << 61; }
 constexpr char kNoTime[] = "session_time_ns: expected within 2^61 ns of zero";
 

@@ -13,7 +13,7 @@ inline void add_discovery_options(CLI::App& app, Discovery& discovery) {
   CLI::Option* const peers =
       app.add_option("--peer", discovery.peers, "Discover other programs at this HOST, not by multicast; repeatable")
           ->delimiter(',')
-          ->allow_extra_args(false)  // a model may follow
+          ->allow_extra_args(false)  // the next argument may be a model
           ->type_name("HOST");
   app.add_option("--discovery-server", discovery.servers,
                  "Discover other programs through this Fast DDS discovery server, default port 11811; repeatable")

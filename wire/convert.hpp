@@ -1,4 +1,5 @@
-/// Converts between the structs of session/messages.hpp and the generated types. Only wire/ and its tests include it.
+/// Converts between the structs of session/messages.hpp and the types that are generated from idl/tactus.idl.
+/// Only wire/ and its tests include this header.
 #pragma once
 
 #include <tactus.h>

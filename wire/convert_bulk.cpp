@@ -26,7 +26,7 @@ class PieceReader {
   explicit PieceReader(const std::vector<std::uint8_t>& bytes) : at_{bytes.data()}, end_{at_ + bytes.size()} {}
   [[nodiscard]] bool done() const noexcept { return at_ == end_; }
 
-  /// None if bytes are missing or a number is too large.
+  /// None if bytes are missing or a number is out of range.
   [[nodiscard]] std::optional<session::BulkPiece> next() {
     session::BulkPiece piece;
     constexpr std::uint64_t kMax32 = std::numeric_limits<std::uint32_t>::max();
@@ -134,7 +134,7 @@ void from_idl(const idl::BulkChunk& from, session::BulkChunk& to) {
   to.pieces.clear();
   for (PieceReader reader{from.payload()}; !reader.done();) {
     auto piece = reader.next();
-    to.pieces.push_back(piece ? std::move(*piece) : session::BulkPiece{});  // invalid: no bytes
+    to.pieces.push_back(piece ? std::move(*piece) : session::BulkPiece{});  // refused by invalid_field
     if (!piece) return;
   }
 }

@@ -1,4 +1,4 @@
-/// Helpers around Fast DDS for the sources of wire/. Only wire/ and its tests include it.
+/// Helpers around Fast DDS for the sources of wire/. Only wire/ and its tests include this header.
 #pragma once
 
 #include <fastcdr/Cdr.h>
@@ -94,7 +94,7 @@ struct Participants::Impl {
   }
   /// Returns the topic, and creates it with `type` for the first endpoint. Throws WireError.
   dds::Topic& topic(const char* name, TrafficClass traffic, dds::TypeSupport type);
-  /// `<session>` or `<session>/<part>`. Throws WireError for a part that could match others.
+  /// Returns `<session>/<part>`, or `<session>` if `part` is empty. Throws WireError if `part` has a wildcard.
   [[nodiscard]] std::string partition(const std::string& part) const;
 
   ~Impl();
@@ -114,7 +114,7 @@ class MatchCount {
   std::atomic<int> count_{0};
 };
 
-/// Until its destruction, captures the messages that Fast DDS logs instead of passing them to the sink. One at a time.
+/// Captures the log messages of Fast DDS while it exists; the sink then receives none. Only one may exist at a time.
 class LogCapture {
  public:
   LogCapture();

@@ -1,4 +1,4 @@
-/// Applies a Discovery to the QoS of a Fast DDS participant. Only wire/ includes it.
+/// Applies a Discovery to the QoS of a Fast DDS participant. Only wire/ includes this header.
 #pragma once
 
 #include <fastdds/dds/domain/qos/DomainParticipantQos.hpp>

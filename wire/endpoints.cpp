@@ -56,7 +56,7 @@ struct Writer<Sample>::Impl final : dds::DataWriterListener {
   }
   ~Impl() override {
     writer->set_listener(nullptr);
-    // Fast DDS 2.9.1 frees the history without its lock, and a heartbeat at that moment would loop forever.
+    // Empties the history first: Fast DDS 2.9.1 frees it without its lock, and a heartbeat would then loop forever.
     std::size_t dropped = 0;
     writer->clear_history(&dropped);
     publisher->delete_datawriter(writer);

@@ -21,8 +21,8 @@ struct EndpointOptions {
 [[nodiscard]] std::string user_partition(const std::string& user);
 /// Partition of the bulk stream from any host to one HRTC.
 [[nodiscard]] std::string hrtc_partition(const std::string& hrtc);
-/// Partition of metrics samples with one figure for each HRTC: the lost share of its deadband-coded probe states. They
-/// are sent only while there are losses.
+/// Partition of metrics samples with one figure for each HRTC: the lost share of its deadband-coded probe states. An
+/// HRTC sends these samples only while it loses states.
 inline constexpr const char* kLossesPartition = "losses";
 /// Partition of the full-rate probe states of users who collaborate, and of the copies of one object.
 [[nodiscard]] std::string group_partition(std::uint64_t group);
@@ -43,13 +43,13 @@ class Writer {
   Writer(Writer&&) noexcept;
   Writer& operator=(Writer&&) noexcept;
 
-  /// Checks, converts and sends. The origin must be this program's (`Participants::origin`). May block and allocate, so
-  /// it is for wire threads, never for the haptic thread.
+  /// Checks, converts and sends. The origin must be this program's (`Participants::origin`). May block and allocate:
+  /// not for the haptic thread.
   [[nodiscard]] SendStatus send(const Sample& sample) noexcept;
 
   /// Number of matched readers, except those that use the same Participants.
   [[nodiscard]] int matched() const noexcept;
-  /// The invalid field of the last sample that was kInvalid; empty if there was none. Static text.
+  /// The invalid field of the last sample that `send` refused as kInvalid; empty if there was none. Static text.
   [[nodiscard]] const char* invalid_reason() const noexcept;
   /// Waits until every matched reliable reader has acknowledged all samples. False if `limit` passes first.
   bool wait_acknowledged(std::chrono::milliseconds limit) noexcept;
@@ -84,7 +84,7 @@ class Reader {
   /// Number of matched writers, except those that use the same Participants.
   [[nodiscard]] int matched() const noexcept;
   [[nodiscard]] ReaderCounts counts() const noexcept;
-  /// The invalid field of the last sample that was dropped; empty if there was none. Static text.
+  /// The invalid field of the last sample that counts as `invalid`; empty if there was none. Static text.
   [[nodiscard]] const char* invalid_reason() const noexcept;
 
  private:

@@ -29,7 +29,7 @@ namespace fdds = eprosima::fastdds::rtps;
 /// DDS name of the participants that only read bulk, by which they ignore each other.
 constexpr char kReadsBulk[] = "tactus_bulk_reader";
 
-/// Held while a Participants fills and reads the profiles, because Fast DDS stores them in one global table.
+/// Held while a Participants loads and copies profiles, because Fast DDS stores them in one global table.
 std::mutex& factory_mutex() {
   static std::mutex mutex;
   return mutex;

@@ -1,5 +1,4 @@
-/// Requests priority for threads that have deadlines or for which many programs wait, locks memory, and sleeps until an
-/// absolute time.
+/// Sets thread priorities, locks memory, and sleeps until an absolute time.
 #pragma once
 
 #include <cstdint>
@@ -9,8 +8,9 @@
 
 namespace tactus::wire {
 
-/// Requests SCHED_FIFO at `priority` for the calling thread, turns denormals off and touches its stack. Returns one
-/// line that begins with `who` and states the result; if the system refused, also the right that is missing.
+/// Requests SCHED_FIFO at `priority` for the calling thread. Makes the thread treat denormals as zero, and touches its
+/// stack, so that page faults do not delay it later. Returns one line that begins with `who` and states the result; if
+/// the system refused, also the right that is missing.
 [[nodiscard]] std::string enter_realtime(const std::string& who, int priority);
 
 /// Requests nice -10 for the calling thread and the threads that it creates later. On a busy machine they then get nine

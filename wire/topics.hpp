@@ -6,8 +6,8 @@
 
 namespace tactus::wire {
 
-/// A topic and the profiles of its endpoints, which are `<profile>_writer` and `<profile>_reader` in the file of its
-/// traffic class.
+/// A topic. The QoS profiles of its endpoints are `<profile>_writer` and `<profile>_reader` in the file of its traffic
+/// class, for example qos/session.xml.
 template <class Sample>
 struct TopicSpec {
   const char* name;
@@ -31,7 +31,7 @@ inline constexpr TopicSpec<session::BulkChunk> kRecords{"tactus_records", Traffi
 /// An emergency stop is in the probe class, because the packets and receive threads of that class have priority.
 inline constexpr TopicSpec<session::EmergencyStop> kStop{"tactus_stop", TrafficClass::kProbe, "stop"};
 inline constexpr TopicSpec<session::ProbeState> kProbeState{"tactus_probe_state", TrafficClass::kProbe, "probe_state"};
-/// The topic of kProbeState with the profiles of mode `collaborate`, in a group's partition.
+/// Full-rate states use the topic of kProbeState with other profiles, in a group's partition (mode `collaborate`).
 inline constexpr TopicSpec<session::ProbeState> kProbeStateFullRate{"tactus_probe_state", TrafficClass::kProbe,
                                                                     "probe_state_full_rate"};
 inline constexpr TopicSpec<session::DevicePose> kDevicePose{"tactus_device_pose", TrafficClass::kProbe, "device_pose"};
@@ -44,8 +44,8 @@ inline constexpr TopicSpec<session::ObjectClaim> kObjectClaim{"tactus_object_cla
 inline constexpr TopicSpec<session::ObjectGrant> kObjectGrant{"tactus_object_grant", TrafficClass::kProbe,
                                                               "object_grant"};
 inline constexpr TopicSpec<session::ObjectCopy> kObjectCopy{"tactus_object_copy", TrafficClass::kProbe, "object_copy"};
-/// Clock samples are in the probe class, so that they wait in the same queues as the probe states, whose times depend
-/// on them.
+/// Clock samples are in the probe class, so that they wait in the same queues as probe states. The times of probe
+/// states depend on clock samples.
 inline constexpr TopicSpec<session::ClockSample> kClock{"tactus_clock", TrafficClass::kProbe, "clock"};
 
 /// Calls `visit` with every TopicSpec.

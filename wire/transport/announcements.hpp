@@ -4,9 +4,10 @@
 /// every known participant. If n participants join at the same time, they send about n^3 datagrams. Nearly all of them
 /// repeat a recent one.
 ///
-/// Measured for decision 11, with 20 HRTCs that join: 3,300 announcements to single participants; with an earlier
-/// filter, which did not know whether a multicast group exists, 14,100. There is no figure without a filter. With 12
-/// participants that only read bulk and join: a quarter fewer discovery datagrams if they ignore each other.
+/// Measured for decision 11 while 20 HRTCs join: they send 3,300 announcements to single participants, and sent 14,100
+/// with an earlier filter, which did not know whether a multicast group exists. There is no figure without a filter.
+/// Measured while 12 participants join that only read bulk: a quarter fewer discovery datagrams if they ignore each
+/// other.
 #pragma once
 
 #include <fastdds/rtps/common/Locator.h>
@@ -35,17 +36,17 @@ class Announcements {
   /// Returns the sequence number of the announcement in an RTPS message; none if the message contains none.
   [[nodiscard]] static std::optional<std::uint64_t> sequence_of(const std::uint8_t* message, std::uint32_t size);
 
-  /// Returns the locators in `to` to which `sender`, identified by its address, has not sent this announcement within
-  /// the interval. The library sends to single locators and to the group in different calls, so a group counts as
-  /// existing if one was in `to` recently.
+  /// Returns the locators in `to` to which `sender` has not sent this announcement within the interval. `sender` only
+  /// identifies the sending object. The library sends to single locators and to the group in different calls, so a
+  /// group counts as existing if one was in `to` within the last kUnicastIntervalNs.
   [[nodiscard]] std::vector<Locator> due(const void* sender, std::uint64_t sequence, const std::vector<Locator>& to,
                                          std::int64_t now_ns);
 
   /// `ignored`: name of the participants whose received announcements are dropped; empty: none are.
   explicit Announcements(std::string ignored = {}) : ignored_name_{std::move(ignored)} {}
 
-  /// Reads a received message; false if its sender is an ignored participant. After the first announcement of a
-  /// participant, announcements to its locator are due again, even if an earlier participant at the same locator
+  /// Reads a received message; false if it is the announcement of an ignored participant. After the first announcement
+  /// of a participant, announcements to its locator are due again, even if an earlier participant at the same locator
   /// received them.
   [[nodiscard]] bool on_received(const std::uint8_t* message, std::uint32_t size);
 

@@ -28,7 +28,8 @@ struct FilterSettings {
   bool trims_samples = false;  ///< true: samples are trimmed (trimming.hpp)
 };
 
-/// Wraps a transport descriptor of the profiles, whose maxMessageSize is still the size of the largest datagram.
+/// Wraps a UDP transport descriptor of the profiles. The maxMessageSize of the profiles is the size of the largest
+/// datagram; with trims_samples, that of the wrapper is larger by kMaxTrimmed.
 struct FilterTransportDescriptor final : eprosima::fastdds::rtps::ChainingTransportDescriptor {
   FilterTransportDescriptor(std::shared_ptr<eprosima::fastdds::rtps::TransportDescriptorInterface> udp,
                             FilterSettings settings);

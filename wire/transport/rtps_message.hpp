@@ -1,6 +1,4 @@
 /// Parses an RTPS message from the network without trusting any length (RTPS 2.2, sections 8.3 and 9.4).
-///
-/// The transports of this folder share this parser.
 #pragma once
 
 #include <array>
@@ -33,7 +31,7 @@ struct Submessage {
   std::uint32_t next;  ///< offset of the next submessage, if there is one
 };
 
-/// The submessage at offset `at`; none if the message ends before a submessage header would.
+/// The submessage at offset `at`; none if the message has too few bytes after `at` for a submessage header.
 [[nodiscard]] std::optional<Submessage> submessage_at(const std::uint8_t* message, std::uint32_t size,
                                                       std::uint32_t at) noexcept;
 
