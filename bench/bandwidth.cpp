@@ -1,8 +1,8 @@
 // Measures how many packets deadband coding of probe states saves, and the force error that it causes, by deadband and
 // movement.
 //
-// Simulated hands with tremor move over a model in virtual time. The table is computed without delay and loss. For the
-// bounds, frames carry the states over a link between two network namespaces.
+// Simulated hands with tremor move over a model in virtual time. The table is computed without delay and loss. The
+// bounds on the force error are for states that a link between two network namespaces carries.
 #include <cstdio>
 
 #include "bench/coded_link.hpp"

@@ -1,5 +1,5 @@
-// Measures the time of building a model: simplification, closure and encoding, stage by stage. Import or generation of
-// the mesh is measured separately.
+// Measures the time of building a model from a mesh in memory, stage by stage. Import or generation of the mesh is
+// measured separately. Encoding and writing of the .spm file are not measured.
 #include "spm/offline/build.hpp"
 
 #include <CLI/CLI.hpp>
@@ -43,7 +43,7 @@ struct Deviation {
   std::size_t vertices = 0;  // sampled finest vertices
 };
 
-/// Returns the distance of about 20,000 finest vertices from the base mesh.
+/// Returns the rms distance of 20,000 to 40,000 finest vertices from the base mesh, or of all if there are fewer.
 Deviation deviation_from_base(const spm::Model& model) {
   constexpr std::size_t kSamples = 20000;
   const std::size_t step = std::max<std::size_t>(1, model.positions.size() / kSamples);
@@ -111,7 +111,7 @@ Report run(const Settings& settings) {
   options.simplify.base_faces = settings.base_faces;
   options.pair_distance = 1e-3 * settings.pairs;
 
-  // A large mesh is built once. The last build takes the mesh over, so that it can free the mesh early.
+  // A large mesh is built once. The last build takes ownership of the mesh and frees it early.
   const std::uint32_t repeats = is_large ? 1 : settings.repeats;
   Built fastest;
   for (std::uint32_t i = 0; i < repeats; ++i) {

@@ -2,9 +2,9 @@
 // tree.
 //
 // A tip follows a surface. All regions are loaded, and refinement has no budget. When the set of labelled cells that
-// the tip intersects changes, the cells enter and leave the wanted set one at a time. Each is one step: new target,
-// refinement or coarsening, refit. On a second walk, the tip jumps by the size of a cell, and one step makes all
-// changes.
+// the tip intersects changes, the cells enter and leave the wanted set one at a time. Each such change is one step:
+// set the targets, refine or coarsen, refit. On a second walk, the tip jumps by the size of a cell, and one step makes
+// all changes of a jump.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
@@ -44,7 +44,7 @@ struct Steps {
   Samples cell_records, cell_marked;             // changed records and marked nodes of a step of one cell
   Samples jump_us, jump_records;                 // steps of a jump
   Samples marked_per_bound, marked_per_lemma_1;  // marked nodes divided by the bound
-  std::uint64_t over_bound = 0, unfinished = 0;  // refits, steps
+  std::uint64_t over_bound = 0, unfinished = 0;  // number of refits; number of steps
   std::uint64_t count = 0;                       // all steps, the first ones included
 };
 

@@ -42,7 +42,7 @@ struct Settings {
 };
 
 struct Outcome {
-  Samples steps;  // N/ms, by refinement, of the published force, in cycles in which refinement changes the force
+  Samples steps;           // N/ms, of the published force, caused by refinement; cycles in which refinement changes it
   Samples unramped_steps;  // N/ms, in the same cycles, without a surface ramp
   Samples unexplained;     // N/ms, change between cycles that the hand does not explain, where no force limit acts
   Samples changes;         // N/ms, between cycles
@@ -62,8 +62,8 @@ Vec3d unlimited_force(const haptics::ProxyResult& proxy, const haptics::DeviceSt
 }
 
 /// Returns the part of a force change that the hand's motion does not explain, N. Without a ramp, the motion causes
-/// `by_hand`. A ramp may pass all of `by_hand`, nothing, or its components along some directions. All these vectors are
-/// in the sphere with the diameter `by_hand`.
+/// `by_hand`. A ramp may pass all of `by_hand`, nothing, or its components along some directions. All these vectors
+/// end in the sphere whose diameter is the vector `by_hand`.
 double unexplained(const Vec3d& change, const Vec3d& by_hand) {
   return std::max(0.0, (change - by_hand / 2).norm() - by_hand.norm() / 2);
 }

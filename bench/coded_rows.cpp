@@ -35,9 +35,6 @@ double packets_per_s(const std::vector<std::uint32_t>& sent, const States& state
 
 }  // namespace
 
-// The receiver shows one view each millisecond. The force error is that of the view against the sender's state of the
-// same session time (bench/coded_run.hpp).
-
 void add_coded_loss(Report& report, double percent, double seconds, std::uint64_t seed) {
   const States states = follow(seconds);
   session::CodingSettings coding;

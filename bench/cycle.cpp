@@ -66,7 +66,7 @@ struct Run {
   std::uint32_t settled_cycles = 0;  // cycles after the first regions had time to arrive
   std::uint32_t exact_cycles = 0;    // of the settled ones
   std::uint32_t truncated_cycles = 0;
-  std::uint32_t overruns = 0;      // cycles of more than a period of which the thread computed over half a period
+  std::uint32_t overruns = 0;      // cycles longer than a period in which the thread computed for over half a period
   std::vector<std::string> notes;  // on cycles of more than a period
   const char* priority = "";
 
@@ -267,8 +267,9 @@ Outcome measure(const LoadedModel& subject, const Settings& settings, int refits
   return outcome;
 }
 
-/// Adds the rows of an HRTC. One tip has the bounds of the dragon. The bound of two tips is 200 us at p99.9, a tenth of
-/// the 1 kHz period for each tip; the rest of the period is for wake-up, devices and a slower processor (decision 37).
+/// Adds the rows of an HRTC. One tip has the bounds of T_R + T_B + T_Q on a medium model. The bound of two tips is
+/// 200 us at p99.9, a tenth of the period of 1 ms for each tip. The rest of the period is for wake-up, devices and a
+/// slower processor (decision 37).
 void report_hrtc(const LoadedModel& subject, const Settings& settings, Report& report) {
   const spm::fcl::FixedMesh finest{subject.model.positions, subject.finest};
   std::vector<std::vector<Vec3d>> paths{path_of(subject, settings, finest, settings.seed)};
@@ -356,8 +357,8 @@ struct CurvePoint {
   Outcome outcome;
 };
 
-/// Max growth of the median cycle for each decade of faces, us. The median should grow as log n does. Its bounds are 5
-/// us at 10^4 faces and 10 us at 2.8x10^7 faces, and 3.45 decades lie between these sizes.
+/// Max growth of the median cycle for each decade of faces, us. The median should grow as log n does. It may be
+/// 5 us at 10^4 faces and 10 us at 2.8x10^7 faces, and 3.45 decades lie between these sizes.
 constexpr double kMaxGrowth = (10.0 - 5.0) / 3.45;
 
 /// Measures organs of the same mean edge and of increasing size.

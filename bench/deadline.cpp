@@ -67,7 +67,7 @@ class SecondLoad {
   std::thread thread_;
 };
 
-/// Computation without memory access. Only interrupts and other users of the core make it take longer than its minimum.
+/// Computation without memory access. Only interrupts and other users of the core make a run longer than the shortest.
 class ReferenceWork {
  public:
   ReferenceWork() {

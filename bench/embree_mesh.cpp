@@ -96,7 +96,7 @@ Vec3d to_double(const Position& p) noexcept { return {p[0], p[1], p[2]}; }
 struct EmbreeMesh::Scene {
   Scene(EmbreePositions positions, EmbreeFaces triangles)
       : vertices{positions.begin(), positions.end()}, faces{triangles.begin(), triangles.end()} {
-    // Embree allocates the buffer, because it needs padding: it reads 16 bytes for each vertex of 12.
+    // Embree reads 16 bytes for each vertex of 12. Therefore Embree allocates the buffer, with padding.
     std::copy(vertices.begin(), vertices.end(),
               static_cast<Position*>(rtcSetNewGeometryBuffer(mesh.geometry, RTC_BUFFER_TYPE_VERTEX, 0,
                                                              RTC_FORMAT_FLOAT3, sizeof(Position), vertices.size())));

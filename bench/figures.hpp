@@ -68,8 +68,8 @@ class Report {
   void set_virtual_time(bool on) noexcept { virtual_time_ = on; }
 
   /// Adds rows with p50, p99, p99.9 and the maximum of `samples`, and with every percentile in `bounds`. If there are
-  /// too few samples to distinguish p99 or p99.9 from the maximum, its row is omitted. `population` is the name of what
-  /// was sampled.
+  /// too few samples to distinguish p99 or p99.9 from the maximum, its row is omitted. `population` is
+  /// Population::name of the rows.
   void add_percentiles(const std::string& figure, const std::string& population, const std::string& unit,
                        const Samples& samples, std::initializer_list<PercentileBound> bounds = {});
   /// Without this overload, {"cycles", 3} would become a string of three characters.

@@ -1,6 +1,6 @@
 /// A session of real programs in two network namespaces, with an observer that receives the samples of the programs.
 ///
-/// Benchmarks run hosts in namespace a and all other programs in namespace b. The observer is in namespace b, too. One
+/// Benchmarks run hosts in namespace a and most other programs in namespace b. The observer is in namespace b, too. One
 /// thread constructs and uses a LiveSession. The constructor moves this thread into namespace b, and the started
 /// programs end with the thread. Needs root.
 #pragma once

@@ -3,8 +3,8 @@
 //
 // 1. An idle HRTC without a model and with a minimal pool is the baseline.
 // 2. An HRTC with --memory replays a surface path. `tactus mesh audit` compares its contact log with the model.
-// 3. An HRTC with a pool of a tenth of the certificate does the same. Its contacts must be correct, and marked as not
-//    exact.
+// 3. An HRTC with a pool for the base mesh and a tenth of the certificate does the same. Its contacts must be correct,
+//    and at least a tenth of its queries marked as not exact.
 // 4. Loader and cycle run in this process, with both pools. Allocations are counted, and distances are compared with a
 //    static tree.
 #include <CLI/CLI.hpp>

@@ -8,8 +8,8 @@
 
 namespace tactus::bench {
 
-/// Gives the calling thread the priority of a haptic thread, if the system grants it. The destructor ends this. Threads
-/// that are started meanwhile inherit the priority.
+/// Gives the calling thread the priority of a haptic thread, if the system grants it. The destructor restores ordinary
+/// priority. Threads that are started meanwhile inherit the priority.
 class Priority {
  public:
   Priority() noexcept {

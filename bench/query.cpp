@@ -24,7 +24,7 @@ void add_rows(Report& report, const std::string& probe, const QueryRun& run) {
     report.add_percentiles(probe + ", T_Q, " + contender.name, cold, "us", contender.cold_us);
 }
 
-/// Adds the bounds. A query of the refined mesh must take no longer than one of the fastest tree of a fixed mesh.
+/// Adds the bounds. A query of the refined mesh must take no longer than a query of the fastest tree of a fixed mesh.
 void add_bounds(Report& report, const std::string& probe, const QueryRun& run) {
   const RefinedFigures& r = run.refined;
   const Samples &embree = run.fixed[0].times_us, &tree = run.fixed[1].times_us;

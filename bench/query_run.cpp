@@ -63,7 +63,7 @@ ContactKeys keys_of(const Contacts& contacts, std::size_t count, bool finest_onl
   return keys;
 }
 
-/// Query of an AB-tree, of the refined mesh or of a fixed mesh.
+/// Queries AB-trees of the refined mesh or of a fixed mesh, and holds the contacts of the last query.
 class TreeQuery {
  public:
   TreeQuery(const QueryScene& scene, ProbeKind kind) : scene_{scene}, kind_{kind}, placed_{scene.probe} {

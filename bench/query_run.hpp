@@ -30,7 +30,7 @@ struct QuerySettings {
   double seconds = 20;          // duration of the path
   double radius = 0.003;        // m
   double speed = 0.05;          // m/s
-  double depth = 0.0002;        // of the tip in the surface, m
+  double depth = 0.0002;        // depth of the tip in the surface, m
   double pool_share = 0.25;     // pool slots beyond the base mesh divided by the model's record parts
   std::uint32_t budget = 1000;  // of a cycle, units of spm::Budget
   std::uint64_t seed = 1;

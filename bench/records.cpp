@@ -1,8 +1,8 @@
 // Measures how large records and closed lists would be in other progressive meshes.
 //
-// Compares the half-edge collapses of this project, the same collapses with a new position of the remaining vertex
-// (edge collapse), and the longest-edge bisection of a height grid, a quadtree of triangles. Reports for each: faces
-// that a record bears and deforms, records on which it depends, levels, and lengths of closed lists.
+// Compares half-edge collapses, which this project uses, with two others. An edge collapse also moves the remaining
+// vertex. The longest-edge bisection divides the triangles of a height grid. Reports for each: faces that a record adds
+// and deforms, records on which it depends, levels, and lengths of closed lists.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cstdio>
@@ -56,7 +56,8 @@ std::vector<std::uint32_t> numbers_below(std::size_t count) {
   return numbers;
 }
 
-/// Dependencies of records that also move the parent vertex t, and thus deform every face around t.
+/// Dependencies of records that split the parent vertex t into t and u, and also move t. Such a record deforms every
+/// face around t.
 struct EdgeCollapses {
   Dependencies dependencies;
   std::uint64_t deformed_faces = 0;
@@ -118,7 +119,7 @@ EdgeCollapses with_moving_vertices(Collapses collapses, const Dependencies& fixe
 }
 
 /// A grid of 2^k + 1 heights a side, and the collapses that undo its longest-edge bisection. Each collapse moves a
-/// vertex to one end of the edge that it divides, so that a record bears two faces and deforms two.
+/// vertex to one end of the edge that the vertex divides, so that a record adds and deforms at most two faces each.
 struct Bisection {
   TriangleMesh mesh;
   Collapses collapses;
@@ -263,7 +264,7 @@ Report run(const Settings& settings) {
   std::fprintf(stderr, "computing edge collapses\n");
   const EdgeCollapses edge_collapses = with_moving_vertices(untouched_collapses, fixed, mesh.positions.size());
   add_rows({"edge collapse, new positions",
-            // The old and the new position of t, and the faces that remain at t.
+            // 24 bytes for the old and the new position of t, and 4 for each face that remains at t.
             24 + 4 * (static_cast<double>(edge_collapses.deformed_faces) - deformed_faces_of(untouched_collapses)) /
                      fixed.size(),
             static_cast<double>(edge_collapses.deformed_faces)},

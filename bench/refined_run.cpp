@@ -9,13 +9,14 @@ namespace tactus::bench {
 
 namespace {
 
-// Distances around the probe within which regions are refined and stay refined, m. As in hrtc_service/cycle.hpp.
+// Distances from the probe, m, as in hrtc_service/cycle.hpp: regions are refined within kRefineMargin, and coarsened
+// beyond kRetainMargin.
 constexpr double kRetainMargin = 0.002;
 constexpr double kRefineMargin = 0.0005;
 
 spm::LocalRefinementSettings settings_of(const spm::ModelSummary& summary, const RefinedRunSettings& settings) {
   // If a model is hardly larger than the tip, the tip touches most of the model at once. A share of such a small model
-  // would then be too few slots, so the pool has at least this number in addition to those of the base mesh.
+  // would then be too few slots, so the pool has at least this number in addition to the slots of the base mesh.
   constexpr std::uint32_t kMinSlots = 8192;
   const std::uint32_t base_slots = std::max(summary.base_vertices, (summary.base_faces + 1) / 2);
   const auto share_slots = static_cast<std::uint32_t>(settings.pool_share * summary.parts);

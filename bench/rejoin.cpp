@@ -33,8 +33,9 @@ constexpr double kTipRadius = 0.003;   // m, the default of tactus-hrtc
 constexpr double kDepth = 0.0002;      // m
 constexpr double kStartHeight = 0.01;  // m above the point of contact
 
-/// Writes the recording of a tip that comes down on the highest vertex of the model and rests there. Users of the same
-/// recording need the same mesh to the bit; simulated hands would rest where their friction and tremor leave them.
+/// Writes the recording of a tip that comes down on the highest vertex of the model and rests there. All users of
+/// this recording need the same mesh to the bit. Simulated hands would rest at different points, because of friction
+/// and tremor.
 void write_touch(const std::string& model, const std::string& file) {
   const LoadedModel loaded = load_model(model, 0);
   const double unit = loaded.model.summary.metres_per_unit;
@@ -70,8 +71,8 @@ int join(const std::string& session) {
   return 0;
 }
 
-/// A session of a host and two HRTCs with a user each, who rest on the same point. The link to the HRTC "right" and its
-/// user can be cut.
+/// A session of a host and two HRTCs with a user each, who rest on the same point. The network between the HRTC
+/// "right" and the other programs can be cut.
 class Rejoin {
  public:
   Rejoin() {

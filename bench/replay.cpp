@@ -128,7 +128,7 @@ class RecordedSession {
   std::string stop_file_;
 };
 
-/// Replays a recording and adds its rows. `whole`: whether it contains the whole session.
+/// Replays a recording and adds its rows. `whole`: whether the recording contains the whole session.
 void replay(Report& report, const std::string& name, const std::string& file, const spm::codec::CompressedModel& model,
             bool whole) {
   std::fprintf(stderr, "replaying %s\n", name.c_str());

@@ -7,7 +7,7 @@
 //             rest at 32 points, or move. Repeats this with fewer HRTCs.
 //   coded     64 probes at 1 kHz, 8 to an HRTC, follow 64 paths. Compares the deadband-coded states that the HRTCs sent
 //             with those that an observer received, and measures CPU time. Repeats this with fewer probes.
-//   crowding  8 HRTCs follow one path. Divides the bytes that the host sends by those that it sends to one HRTC.
+//   crowding  8 HRTCs follow one path. Divides the bytes that the host sends to 8 by the bytes that it sends to one.
 //   state     Measures the heap that the delivery server of a host uses for 32 HRTCs and 10,000 regions.
 #include <malloc.h>
 #include <pthread.h>
@@ -126,7 +126,7 @@ class Throttle {
 std::array<WindowPercentiles, 3> run_trouble(const Testbed& testbed, const ScaleSettings& settings,
                                              OthersPriority others) {
   const std::string session = others == OthersPriority::kOrdinary ? "trouble" : "trouble-rt";
-  // The impaired HRTC represents one on another machine, which takes no CPU time from the others. Therefore its
+  // The impaired HRTC represents an HRTC on another machine, which takes no CPU time from the others. Therefore its
   // priority is always ordinary.
   const std::vector<std::string> ordinary_priority{"--priority", "0"};
   const auto impaired = testbed.hrtc(session, "impaired", "fast", ordinary_priority);
@@ -176,7 +176,7 @@ std::array<WindowPercentiles, 3> run_trouble(const Testbed& testbed, const Scale
 struct JoiningRun {
   double started_s = 0;         // time until all HRTCs were started
   double ready_s = 0;           // time until the last exact contact, or until the wait ended
-  double cpu_s = 0;             // CPU time of host and HRTCs until then
+  double cpu_s = 0;             // CPU time of host and HRTCs until `ready_s`
   double cores = 0;             // CPU time of host and HRTCs per second afterwards
   std::size_t exact_users = 0;  // number of users that have had an exact contact
 };

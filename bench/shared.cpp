@@ -33,7 +33,7 @@ constexpr double kMaxSettlingTime = 2;  // s from the end of the hands' motion u
 constexpr double kMaxDistance = 5;      // mm between copies at rest
 constexpr double kMaxInjected = 1;      // mJ a minute that the network adds; a hand does not feel this energy
 
-/// Returns a link with a mean of `loss` lost samples, in bursts of 4 on average.
+/// Returns a link that loses a share of `loss` of the samples, in bursts of 4 on average.
 netem::LinkProfile bursty_link(double delay_ms, double jitter_ms, double loss) {
   netem::LinkProfile link{delay_ms, jitter_ms};
   link.burst_end = kBurstEnd;

@@ -1,5 +1,5 @@
-/// A model at a hand's scale, and the path of a hand that approaches and strokes it, for the benchmarks of prediction
-/// and of swift motion.
+/// A model at a hand's scale, and the path of a hand that approaches and strokes the model, for the benchmarks of
+/// prediction and of swift motion.
 #pragma once
 
 #include <cmath>

@@ -87,7 +87,7 @@ class Walker {
 
   /// Moves the point by `length` along the surface.
   void advance(double length) {
-    constexpr int kMaxCrossings = 1000;  // of edges in one step; a point that crosses more circles around a vertex
+    constexpr int kMaxCrossings = 1000;  // of edges in a row; a point with more crossings circles around a vertex
     constexpr int kMaxTurns = 100;
     for (int turns = 0; turns < kMaxTurns; ++turns) {
       for (int crossings = 0; crossings < kMaxCrossings; ++crossings) {

@@ -75,8 +75,8 @@ users:
 /// Numbers of records that the HRTC received.
 struct ReceivedRecords {
   double received = 0;
-  double repeated = 0;   // of the received: those that the HRTC held already
-  double published = 0;  // of the repeated: those that its last demand listed
+  double repeated = 0;   // received although the HRTC held them already
+  double published = 0;  // repeated although its last demand listed them
   ReceivedRecords& operator+=(const ReceivedRecords& other) {
     received += other.received, repeated += other.repeated, published += other.published;
     return *this;
@@ -124,8 +124,8 @@ class Takeover {
         [](const ObservedSession& observed) { return observed.figure("shelf", names::kRegionsReceived) > 20; }, 60s);
   }
 
-  /// Kills the serving host, measures a window, and starts the host again. `with_control`: also measures a window
-  /// without a kill before.
+  /// Kills the serving host, measures a window, and starts the host again. `with_control`: first measures a window
+  /// without a kill.
   void kill_one(bool with_control) {
     if (with_control) control_windows_.push_back(measure_window([] {}));
     pause(std::chrono::milliseconds{random_() % 200});

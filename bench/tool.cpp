@@ -1,9 +1,9 @@
 // Moves a stylus of 720 triangles with six degrees of freedom over a scan. The stylus slides, rotates, taps and
 // presses.
 //
-// Checks the poses of the tool with code that the tool does not use. In each cycle and midway between cycles, it
-// searches for intersecting triangles of stylus and full mesh. If there are any, it measures the depth of the stylus'
-// surface below the mesh. In a sample of cycles, FCL searches for intersecting triangles, too.
+// Checks the poses of the tool with queries that the tool does not use. At each pose and midway between poses, the
+// check searches for intersecting triangles of stylus and full mesh. If there are any, it measures the depth of the
+// stylus' surface below the mesh. At a sample of poses, FCL searches for intersecting triangles, too.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
@@ -47,7 +47,7 @@ struct Settings {
   bool quick = false;
 };
 
-/// Measures how deep the tool is in the finest mesh, independently of the tool's code.
+/// Measures how deep the tool is in the finest mesh, with queries that the tool does not use.
 class DepthChecker {
  public:
   DepthChecker(const LoadedModel& subject, const spm::offline::TriangleMesh& stylus, const spm::MeshProbe& probe)
@@ -59,7 +59,7 @@ class DepthChecker {
         fcl_stylus_{stylus.positions, stylus.faces},
         placed_{probe},
         contacts_(1u << 16) {
-    // Corners, and points between them at distances of at most this.
+    // The samples are the corners, and points between them at distances of at most kSpacing.
     constexpr double kSpacing = 0.00025;  // m
     for (const auto& face : stylus.faces) {
       const auto corner = [&](std::size_t i) {

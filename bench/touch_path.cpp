@@ -19,7 +19,7 @@ double height(double t) {
   const double round = kFollowing + kTapping;
   const double since_following = std::fmod(t, round) - kFollowing;
   if (since_following <= 0) return 0;
-  // Number of taps so far. Their rate grows linearly, and the number at the end is whole.
+  // Number of taps so far. The rate of taps grows linearly, and their number at the end is whole.
   const double taps =
       kMinTapRate * since_following + (kMaxTapRate - kMinTapRate) * since_following * since_following / (2 * kTapping);
   return kTapHeight * (1 - std::cos(kTwoPi * taps)) / 2;

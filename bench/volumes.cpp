@@ -63,7 +63,7 @@ class Tree {
   }
   [[nodiscard]] std::size_t height() const { return levels_.size(); }
   [[nodiscard]] const std::vector<Volume>& nodes(std::size_t level) const { return levels_[level]; }
-  /// Returns the end of the children of a node at levels_[level]: nodes, or faces if `level` is 0.
+  /// Returns the number after the last child of a node at levels_[level]. Children are nodes, or faces if `level` is 0.
   [[nodiscard]] std::uint32_t end_of_children(std::size_t level, std::uint32_t id) const {
     const std::size_t count = level == 0 ? triangles_.size() : levels_[level - 1].size();
     return static_cast<std::uint32_t>(std::min<std::size_t>(count, kWidth * (std::size_t{id} + 1)));
@@ -214,8 +214,8 @@ void measure(Subjects& subjects, Report& report) {
       refitted = tree.refit(touched);
       min_refit_us = std::min(min_refit_us, watch.lap());
     }
-    // The tests of triangles are the same for all volumes. Therefore they are not timed, and done for a sample of
-    // poses.
+    // The tests of pairs of triangles are the same for all volumes. Therefore they are not timed, and done for a sample
+    // of poses.
     if (pose % 20 == 0)
       for (const auto& [i, j] : leaves) intersections += subjects.intersections_in(i, j, subjects.poses[pose]);
     if (subjects.pairs.size() == pose) subjects.pairs.push_back(intersections);

@@ -43,7 +43,7 @@ struct Experiments {
   std::vector<Subject> subjects;
   std::vector<Experiment> all;
 };
-/// Builds the models of a study that passed `check`. Throws spm::ModelError.
+/// Builds the models of a study that `check` has accepted. Throws spm::ModelError.
 [[nodiscard]] Experiments experiments_of(const Study& study, const std::vector<client_sim::Scenario>& scenarios);
 
 }  // namespace tactus::study

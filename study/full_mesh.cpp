@@ -65,7 +65,7 @@ void FullMesh::for_each_near(const Vec3d& middle, const double& reach, Visit&& v
         for (std::uint32_t i = starts_[at]; i < starts_[at + 1]; ++i) {
           const Entry& entry = entries_[i];
           if (entry.box.squared_distance(middle) > reach * reach) continue;
-          const GridCell home = cell_of(entry.box.low);  // visits a face of several cells in the first of them
+          const GridCell home = cell_of(entry.box.low);  // visits a face of several cells only once
           if (std::max(home[0], first[0]) != x || std::max(home[1], first[1]) != y || std::max(home[2], first[2]) != z)
             continue;
           visit(entry);
@@ -80,7 +80,7 @@ bool FullMesh::sweep(const Vec3d& from, const Vec3d& to, double radius, haptics:
   const double grown = (reach + (end - start).norm() / 2) * (1 + 1e-6) + 1e-9 * start.cwiseAbs().maxCoeff();
   const double slack = grown - reach - (end - start).norm() / 2;
   for_each_near((start + end) / 2, grown, [&](const Entry& entry) {
-    // A face further from the start than this cannot be touched before the earliest contact found so far.
+    // A face farther than `max` from the start cannot be touched before the earliest contact found so far.
     const double max = reach + slack + first.time() * (end - start).norm();
     if (entry.box.squared_distance(start) > max * max) return;
     const auto [a, b, c] = corners(entry.face);
@@ -96,7 +96,8 @@ bool FullMesh::closest(const Vec3d& point, double within, haptics::SurfaceHit& h
   constexpr double kTolerance = 1e-6;  // relative
   const Vec3d centre = placement_.to_model(point);
   const double max = within / placement_.scale() * (1 + kTolerance);
-  // ClosestSide sums the faces that share the closest point, so it gets them in the order of their ids.
+  // ClosestSide sums the normals of the faces that share the closest point. The order of the faces decides the
+  // rounding, so they are sorted by id.
   std::vector<std::pair<std::uint32_t, Corners>> found;
   for (double start = cell_size_ / 4; found.empty(); start *= 2) {
     double reach = std::min(start, max);

@@ -35,7 +35,7 @@ struct Hrtc : Program {
   HandOverUser user;
   bool touching = false;
   std::int64_t next_change_ns = 0;  // begin or end of the user's next touch
-  std::int64_t requested_ns = -1;   // begin of the touch if it is not granted yet; else -1
+  std::int64_t requested_ns = -1;   // begin of a touch that waits for its grant; -1: none waits
 };
 
 }  // namespace

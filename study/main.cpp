@@ -66,7 +66,8 @@ std::string machine() {
   return std::to_string(std::thread::hardware_concurrency()) + " processors, " + names.sysname + " " + names.release;
 }
 
-/// Keeps the experiments in `names`, or all if it is empty. Throws client_sim::ScenarioError for an unknown name.
+/// Removes the experiments that are not in `names`, unless `names` is empty. Throws client_sim::ScenarioError for an
+/// unknown name.
 void keep_only(const std::vector<std::string>& names, std::vector<Experiment>& experiments) {
   if (names.empty()) return;
   std::vector<Experiment> kept;

@@ -34,7 +34,7 @@ RunLog::RunLog(const std::filesystem::path& folder, const std::string& study) : 
   std::filesystem::create_directories(folder, error);
   std::ifstream in{file_};
   std::string line;
-  std::uint64_t complete = 0;  // bytes; a truncated line is overwritten
+  std::uint64_t complete = 0;  // bytes of complete lines; the rest of the file is cut off
   if (in && std::getline(in, line)) {
     if (line != study) {
       throw std::runtime_error(file_.string() + ": has runs of another study, program or model; expected none, or '" +

@@ -39,7 +39,7 @@ class RunLog {
 struct FigureEstimates {
   std::string name, unit;
   Estimate value;
-  Estimate difference;  ///< value minus that of the baseline's run with the same seed; empty for the baseline itself
+  Estimate difference;  ///< value minus the baseline's value with the same seed; empty for the baseline itself
 };
 /// The figures of one experiment over one link.
 struct LinkResult {

@@ -19,7 +19,7 @@ using spm::Vec3d;
 
 constexpr double kDt = 1e-3;
 
-/// The surface of the ground truth, on which it makes true hands.
+/// Makes the true hands of a scenario, and owns the surface that they touch.
 class Truth {
  public:
   Truth(const client_sim::Scenario& scenario, const Subject& subject, const spm::MeshProbe* tool,

@@ -116,7 +116,7 @@ ScenarioRun press_to_target(const Scenario& scenario, const Subject& subject, co
 
 ScenarioRun lift_together(const Scenario& scenario, const Subject& subject, const netem::LinkSettings& link,
                           std::uint64_t seed, const std::atomic<bool>& cancelled) {
-  constexpr double kHeldShare = 0.9;  // of the height of the lift, from which the object counts as held up
+  constexpr double kHeldShare = 0.9;  // share of the lift's height above which the object counts as held up
   const double height_of_lift = action_of(scenario.users.front(), ActionKind::kLift).height;
   SharedSession session{subject, settings_of(link, seed)};
   add_users(session, client_sim::varied(scenario, seed));

@@ -45,7 +45,8 @@ hrtc_service::HrtcCoreSettings core_settings() {
 }  // namespace
 
 struct SharedSession::Hrtc {
-  /// `clock`: current time of the session's clock. `offset_ns`: the HRTC's machine has a clock that is ahead by this.
+  /// `clock`: current virtual time, which the host's clock shows. `offset_ns`: the clock of the HRTC's machine minus
+  /// `clock`.
   Hrtc(const session::Origin& self, const std::int64_t& clock, std::int64_t offset_ns)
       : clock_ns{clock},
         clock_offset_ns{offset_ns},
@@ -293,7 +294,7 @@ void SharedSession::send_membership(std::size_t i) {
                 [entry](Hrtc& hrtc) { hrtc.membership.on_roster(entry, hrtc.now_ns()); });
 }
 
-/// Sends a clock request to its peer, or the answer of a request.
+/// Sends a clock request or an answer to `sample.peer`.
 void SharedSession::send_clock(std::size_t from, const session::ClockSample& sample) {
   if (sample.peer == kHost) {
     to_host(from, kClockBytes, [this, sample] {

@@ -1,5 +1,5 @@
 /// A host, HRTCs and users of one moving object in virtual time. Host and HRTCs run the classes that their services use
-/// for shared objects. An emulated link connects each pair of them.
+/// for shared objects. An emulated link connects each pair of host, viewer and HRTCs.
 ///
 ///     Operator --> SimulatedDevice --> HrtcCore  ~~ link ~~  HostCore
 ///

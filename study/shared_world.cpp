@@ -333,7 +333,7 @@ CarryResult carry(const WorldSettings& settings, double seconds) {
     const double angle = 2 * kPi * static_cast<double>(i) / static_cast<double>(settings.users);
     User user;
     const Vec3d direction{std::cos(angle), std::sin(angle), 0};
-    // The tip is 1 mm inside the side face, so that it is in contact when it grabs.
+    // The tip is 1 mm inside the side face, so that it is in contact when the hand grabs.
     const double face = kHalfExtents.x() / direction.head<2>().cwiseAbs().maxCoeff();
     user.grip_point = start.position + direction * (face + 0.003 - 0.001);
     user.error = settings.disagreement * Vec3d{normal(random), normal(random), normal(random)};
@@ -355,7 +355,7 @@ CarryResult carry(const WorldSettings& settings, double seconds) {
     const double time = cycle * kDt;
     for (std::size_t i = 0; i < settings.users; ++i) {
       User& user = users[i];
-      // The path has two waypoints: the hand's targets now and in the next cycle.
+      // The path has two waypoints: the hand's targets one cycle ago, at `time`, and now.
       HandPath path;
       path.count = 2;
       for (int k = 0; k < 2; ++k) {
@@ -447,7 +447,8 @@ MassResult apparent_mass(const WorldSettings& settings, double frequency) {
     in_phase += speed * std::sin(phase) * 2 / measured;
     out_of_phase += speed * std::cos(phase) * 2 / measured;
   }
-  // Force A cos = Re, velocity = out cos + in sin; impedance Z = F / v = A (out + j in) / (out^2 + in^2).
+  // As phasors, the force is A and the velocity is out - j in. The impedance is A / (out - j in), which is
+  // A (out + j in) / (out^2 + in^2).
   const double size = in_phase * in_phase + out_of_phase * out_of_phase;
   return {amplitude * in_phase / size / angular_frequency, amplitude * out_of_phase / size};
 }

@@ -14,7 +14,7 @@ namespace tactus::study {
 
 enum class Method {
   kChannel,  ///< wave-variable channels couple the copies (haptics/coupling.hpp)
-  kSpring,   ///< a spring pulls each copy to the last received positions of the others; an energy tank limits it
+  kSpring,   ///< a spring pulls each copy to the mean of the others' last positions, limited by an energy tank
   kNaive,    ///< as kSpring without an energy tank
   kServer    ///< one server simulates the object; all users touch the last received pose
 };

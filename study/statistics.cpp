@@ -25,7 +25,7 @@ Estimate estimate(const std::vector<double>& values) {
   std::mt19937_64 random{1};
   std::vector<double> means(kDraws), drawn(values.size());
   for (double& mean : means) {
-    // Not a distribution of the standard library, because implementations differ.
+    // A distribution of the standard library would draw other values with another implementation.
     for (double& value : drawn) value = values[random() % values.size()];
     mean = mean_of(drawn);
   }

@@ -8,7 +8,7 @@ namespace tactus::study {
 
 struct Estimate {
   double mean = 0;
-  double low = 0, high = 0;  ///< bounds of the 95 % confidence interval; both equal the mean of a single value
+  double low = 0, high = 0;  ///< bounds of the 95 % confidence interval; of a single value, both are this value
   std::size_t count = 0;
 };
 

@@ -16,7 +16,7 @@ using haptics::Vec3d;
 constexpr double kDt = 1e-3;
 constexpr int kSubsteps = 10;
 
-/// Returns whether a mass comes to rest that 1 N presses against a wall. `delay` is the delay of the wall's force, s.
+/// Returns whether a mass that 1 N presses against a wall comes to rest. `delay` is the delay of the wall's force, s.
 bool rests_on_wall(double stiffness, double delay, bool has_passivity_controller) {
   const auto cycles = static_cast<std::size_t>(std::lround(delay / kDt));
   std::deque<Vec3d> in_transit(cycles, Vec3d::Zero());

@@ -3,7 +3,7 @@
 
 namespace tactus::study {
 
-/// N/m. A found value of kMaxStiffness means that the limit is at or above it.
+/// Largest stable stiffness, N/m. A value of kMaxStiffness means that the search found no limit.
 ///
 /// Symbols of the analytic bounds: b is the damping of device and hand, B the virtual damping of the wall (0 here) or
 /// of the coupling between the copies (3 N s/m). T is the cycle of 1 ms, RTT the round trip, and td = RTT the further

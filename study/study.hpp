@@ -41,7 +41,7 @@ struct Study {
 /// The link without delay. A study compares each run with the baseline's run of the same scenario and seed.
 inline constexpr const char* kBaseline = "P0";
 
-/// Parses `text`. Error messages name it `source`. Throws yaml::YamlError.
+/// Parses `text`, which error messages call `source`. Throws yaml::YamlError.
 [[nodiscard]] Study parse_study(const std::string& text, const std::string& source);
 [[nodiscard]] Study load_study(const std::string& file);
 

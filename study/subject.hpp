@@ -14,7 +14,7 @@ namespace tactus::study {
 
 struct Subject {
   std::string name;    ///< name of the object in scenarios
-  std::string source;  ///< name of the file or generated shape
+  std::string source;  ///< name of the file, or of the generated shape with its number of faces
   std::unique_ptr<const spm::offline::BuiltModel> built;
   spm::Model model;
   std::unique_ptr<const spm::codec::EncodedModel> encoded;

@@ -13,7 +13,8 @@ namespace {
 
 using nlohmann::ordered_json;
 
-/// Returns three significant digits, with at most three after the decimal point.
+/// Returns the value with all digits before the decimal point. Whole numbers have no digits after it. Others have
+/// three significant digits, but at most three after the decimal point.
 std::string number(double value) {
   char text[32];
   const double size = std::abs(value);

@@ -14,8 +14,8 @@ class TrueHand {
  public:
   virtual ~TrueHand() = default;
   /// Advances by one millisecond and returns the true wrench. `mesh_changed`: the mesh of the session has changed, so
-  /// that the session's tool gathers its pairs again. The true tool then does the same, because the rounding of its
-  /// result depends on the pose at which it gathered.
+  /// that the session's tool gathers its pairs of triangles again (haptics/tool.hpp). The true tool then gathers too,
+  /// because its rounding depends on the pose at which it gathered.
   [[nodiscard]] virtual haptics::Wrench at(const haptics::DeviceState& device, bool mesh_changed) = 0;
 };
 
@@ -37,7 +37,7 @@ class TrueSphere final : public TrueHand {
 /// A tool on the finest mesh in one static tree.
 class TrueTool final : public TrueHand {
  public:
-  /// `mesh` is at the origin with `scale` metres per unit; it and `probe` must outlive this.
+  /// `mesh` is at the origin with `scale` metres per unit. `mesh` and `probe` must outlive this.
   TrueTool(const spm::FinestTree& mesh, double scale, const spm::MeshProbe& probe, const session::Material& material,
            const haptics::ForceSettings& settings, const haptics::DeviceSpec& spec);
   [[nodiscard]] haptics::Wrench at(const haptics::DeviceState& device, bool mesh_changed) override;

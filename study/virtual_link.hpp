@@ -1,6 +1,6 @@
 /// One direction of an emulated link in virtual time, with the samples in transit.
 ///
-/// netem::Link decides delay and loss of each sample, as it does for each frame of the relay. The same seed and the
+/// netem::Link decides delay and loss of each sample, as it does for each frame in `tactus link`. The same seed and the
 /// same calls give the same run. One thread.
 #pragma once
 

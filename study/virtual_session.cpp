@@ -76,7 +76,7 @@ bool VirtualSession::base_shown() const {
 }
 
 void VirtualSession::settle() {
-  constexpr int kMaxCycles = 60'000, kSettlingCycles = 1000;  // cycles
+  constexpr int kMaxCycles = 60'000, kSettlingCycles = 1000;
   for (int i = 0, shown = 0; i < kMaxCycles; ++i) {
     step();
     if (base_shown() && ++shown == kSettlingCycles) {
@@ -139,7 +139,7 @@ void VirtualSession::send_clock_to_hrtc(const session::ClockSample& sample) {
       kClockBytes);
 }
 
-/// Sends the user's next intent to its hand. The user computes it from the state of its probe.
+/// Lets the operator compute the user's next intent, and moves the user's device along it.
 void VirtualSession::send_intent(Hand& hand) {
   const std::optional<session::Intent> intent = hand.script_operator.tick(now_ns_, objects_);
   if (!intent) return;

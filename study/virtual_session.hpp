@@ -5,7 +5,7 @@
 ///                                                               +-- link --> [hand] <- [Operator]
 ///                                                                            remote: over a link of its own
 ///
-/// It runs the code of the programs without threads, sockets, clocks and discovery, so the load of the machine has no
+/// Runs the code of the programs without threads, sockets, clocks and discovery, so the load of the machine has no
 /// effect. The haptic cycle runs every millisecond, the loader every 2 ms, and the host sends every 0.25 ms. The object
 /// that users touch is at the origin, not rotated, in metres. The same settings give the same run to the bit. One
 /// thread at a time.
@@ -56,7 +56,7 @@ struct Felt {
 class VirtualSession {
  public:
   /// `subject` must outlive this. The scenario has one to kMaxProbes users. All tips have the radius of the first
-  /// user's.
+  /// user's tip.
   VirtualSession(const Subject& subject, const client_sim::Scenario& scenario, const SessionSettings& settings);
   ~VirtualSession();
 
@@ -75,9 +75,10 @@ class VirtualSession {
   /// Returns whether all scripts have ended.
   [[nodiscard]] bool done() const;
   [[nodiscard]] bool base_shown() const;
-  /// Returns whether the last step was the first on a changed mesh. In such a step, tools gather their pairs again.
+  /// Returns whether the last step was the first on a changed mesh. In such a step, a tool gathers its pairs of
+  /// triangles again.
   [[nodiscard]] bool mesh_changed() const noexcept { return mesh_changed_; }
-  /// Payload of regions and base mesh.
+  /// Bytes of payload, of regions and base mesh.
   [[nodiscard]] std::uint64_t bytes_received() const {
     return core_.gateway().loader().delivery_counters().payload_bytes;
   }

@@ -2,8 +2,10 @@
 /// the original triangles.
 ///
 /// The audit shares no geometry code with the HRTC: it searches in another way and computes in extended precision. For
-/// each audited entry it compares the keys of the touched triangles and their depths. It ignores and counts a triangle
-/// whose distance differs from the radius by less than kTangent, because rounding decides whether the tip touches it.
+/// each audited entry it compares the keys of the touched triangles and their depths. A triangle is tangent if its
+/// distance differs from the radius by less than kTangent. A tangent triangle may be missing or have another depth,
+/// because rounding decides whether the tip touches it.
+///
 /// FCL checks the same entries as a second opinion. A disagreement with FCL is no mismatch, but it makes the audit
 /// doubtful.
 #pragma once
@@ -30,7 +32,7 @@ class AuditError : public std::runtime_error {
 };
 
 inline constexpr double kTangent = 1e-6;          ///< tolerance of distances and depths, m
-inline constexpr std::uint32_t kNearChange = 10;  ///< cycles after a region change; entries in them are "near a change"
+inline constexpr std::uint32_t kNearChange = 10;  ///< cycles after a region change in which an entry is "near a change"
 
 struct AuditOptions {
   std::uint32_t cycles = 10000;  ///< maximum number of audited cycles per object
@@ -72,7 +74,7 @@ struct Disagreement {
 struct SecondOpinions {
   static constexpr std::size_t kMaxListed = 5;
   std::uint64_t requested = 0;      ///< entries that FCL checked
-  std::uint64_t tangent = 0;        ///< triangles with a difference that is ignored: within kTangent of the radius
+  std::uint64_t tangent = 0;        ///< triangles whose difference is ignored: distance within kTangent of the radius
   std::uint64_t disagreed = 0;      ///< entries for which FCL and the audit differ
   std::vector<Disagreement> first;  ///< the first kMaxListed disagreements
 };
@@ -156,9 +158,9 @@ struct ContactLog {
 [[nodiscard]] AuditReport audit(const ContactLog& log, const Original& original, SecondOpinion& second,
                                 const AuditOptions& options);
 
-/// Audits `log` against the file `model`. This is a mesh, which is imported and cleaned, or an .spm file, of which the
-/// finest faces are the original. `spm` is the .spm file that was built from the mesh, or empty. Throws the errors of
-/// reading the files.
+/// Audits `log` against the file `model`: a mesh, which is imported and cleaned, or an .spm file, whose finest faces
+/// are the original. `spm` is the .spm file that was built from the mesh, or empty. Throws the errors of reading the
+/// files.
 [[nodiscard]] AuditReport audit_files(const std::filesystem::path& log, const std::filesystem::path& model,
                                       const std::filesystem::path& spm, const AuditOptions& options);
 

@@ -19,7 +19,7 @@ class SecondOpinion {
     std::vector<std::uint32_t> only_audit, only_fcl;  ///< triangles that only the audit, or only FCL, touches
     std::uint32_t tangent =
         0;  ///< triangles omitted from both lists, as their distance equals the radius within the tolerance
-    /// Distances of the nearest triangle. `ours` is that of the audit, empty if no triangle is within the radius.
+    /// Distances of the nearest triangle. `ours` is the audit's distance; empty if no triangle is within the radius.
     struct Distance {
       std::optional<double> ours;
       double fcl;

@@ -54,7 +54,7 @@ double distance_to_triangle(const Point& point, const Corners& triangle) noexcep
   }
   Real best = std::min({squared_from_segment(q, ab), squared_from_segment(q, ac), squared_from_segment(from_b, bc)});
   // q = s ab + t ac + r, with r perpendicular to both:  | ab.ab  ab.ac | |s|   | ab.q |
-  //                                                          | ab.ac  ac.ac | |t| = | ac.q |
+  //                                                     | ab.ac  ac.ac | |t| = | ac.q |
   const Real aa = dot(ab, ab), bb = dot(ac, ac), mixed = dot(ab, ac), right_a = dot(ab, q), right_b = dot(ac, q);
   const Real determinant = aa * bb - mixed * mixed;
   if (determinant > 0) {
@@ -128,7 +128,7 @@ void SurfaceGrid::search(const Point& point, double distance, Visit&& visit) con
     std::array<std::uint64_t, 3> from, to;
     bool outside = false;
     for (int axis = 0; axis < 3; ++axis) {
-      // A triangle extends at most one cell beyond the cell of its lowest corner.
+      // A triangle extends at most one cell beyond the cell of its box's low corner.
       const double low = std::floor((point[axis] - distance - low_[axis]) / level.cell_size - kSlack) - 1;
       const double high = std::floor((point[axis] + distance - low_[axis]) / level.cell_size + kSlack);
       if (!(low <= level.last[axis] && high >= 0)) {

@@ -1,6 +1,6 @@
 /// Finds the triangles of the original surface near a point, for an audit.
 ///
-/// It shares no geometry code with an HRTC, so that no error can affect both. Model frame, file units.
+/// Shares no geometry code with an HRTC, so that no error can affect both audit and HRTC. Model frame, file units.
 #pragma once
 
 #include <array>
@@ -16,11 +16,11 @@ using Corners = std::array<float, 9>;
 
 /// Returns the distance of a point from a triangle, which may be degenerate. It is the minimum of the distances to the
 /// three edges and, if the foot of the perpendicular is inside the triangle, to the foot. Computes in extended
-/// precision, so that it is accurate for needles too.
+/// precision, so that it is accurate for thin triangles too.
 [[nodiscard]] double distance_to_triangle(const Point& point, const Corners& triangle) noexcept;
 
 /// A hierarchy of hash grids. Each triangle is in one cell of the finest grid whose cells are at least as wide as the
-/// triangle: the cell of its lowest corner.
+/// triangle: the cell of its box's low corner.
 class SurfaceGrid {
  public:
   struct Near {

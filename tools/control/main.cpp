@@ -32,7 +32,7 @@ Exit status: 0 acknowledged by all hosts and HRTCs, at least one of them an HRTC
 1 not acknowledged by all, or another stop is still in force, 2 wrong input, 130 interrupted.)";
 
 constexpr std::int64_t kMs = 1'000'000;
-/// Period in which a stop or a reset is repeated.
+/// Period at which a stop or a reset is repeated.
 constexpr milliseconds kRepeatPeriod{20};
 /// Time from the discovery of the first host or HRTC until all are assumed discovered, because discovery reports no
 /// end.

@@ -73,7 +73,7 @@ class Socket {
   int fd_;
 };
 
-/// Returns whether a datagram comes back that is sent to the group through this interface. Needs no other machine.
+/// Sends a datagram to the group through this interface. Returns whether it comes back. Needs no other machine.
 bool multicast_returns(const std::string& interface) {
   const Socket socket;
   ip_mreq group{};

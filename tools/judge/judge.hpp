@@ -50,7 +50,8 @@ struct Row {
   std::string reason;  ///< reason of a shortfall, or reason why the row does not apply
 };
 
-/// Each audit compares one HRTC's log with one original. Throws std::runtime_error that names a missing key.
+/// Each audit compares one HRTC's log with one original. Throws nlohmann::json::exception, whose text names a
+/// missing key.
 [[nodiscard]] std::vector<Row> judge(const nlohmann::json& report, const std::vector<nlohmann::json>& audits,
                                      const Expectations& expectations, const Bounds& bounds = {});
 

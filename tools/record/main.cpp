@@ -134,7 +134,7 @@ int record(const wire::SessionAddress& address, const std::string& file, double 
 }
 
 /// Writes a table for each channel into DIRECTORY/TOPIC.csv: time of arrival in ns since 1970, sequence number, and a
-/// column for each number of the IDL type. The second channel of a topic (full-rate probe states) is TOPIC-2.csv.
+/// column for each value of the IDL type. The second channel of a topic (full-rate probe states) is TOPIC-2.csv.
 int to_csv(const std::string& file, const std::filesystem::path& directory) {
   trace::McapReader reader{file};
   std::filesystem::create_directories(directory);
