@@ -4,7 +4,7 @@ passed=0
 failed=0
 broken=()
 
-# step COMMAND...: runs it and counts success or failure. A signal ends the whole run.
+# step COMMAND...: runs COMMAND and counts success or failure. A signal ends the whole run.
 step() {
   local began=$SECONDS status=0
   printf '==== %s\n' "$*"
@@ -19,7 +19,7 @@ step() {
   printf '==== %s: status %d after %d s\n' "$*" "$status" "$((SECONDS - began))"
 }
 
-# marked_run FILE: prints the lines of its code blocks that begin with ```sh run.
+# marked_run FILE: prints the lines of the code blocks of FILE that begin with ```sh run.
 marked_run() { awk '/^```sh run$/ { inside = 1; next } /^```/ { inside = 0 } inside && NF' "$1"; }
 
 # run_page FILE: runs these lines in one shell. The shell ends at the first command that fails, and ends its background

@@ -1,5 +1,5 @@
-# tactus_idl(tactus_idl idl/tactus.idl): static library of the types that fastddsgen generates from an IDL file, at build time.
-# Generated sources go to the build tree, are found as "<name of the IDL file>.h", and are compiled without warnings.
+# tactus_idl(tactus_idl idl/tactus.idl): static library of the types that fastddsgen generates from an IDL file at build
+# time. Generated sources go to the build tree. Include "<name of the IDL file>.h". They are compiled without warnings.
 find_package(fastcdr 1.0 REQUIRED)
 find_package(fastrtps 2.9 REQUIRED)
 find_program(FASTDDSGEN fastddsgen)

@@ -1,9 +1,9 @@
-# Files that `cmake --install` installs for a program outside this tree: the package of find_package(tactus) with libraries
-# and headers, qos/ and idl/. tactus_program() installs the programs.
+# Files that `cmake --install` installs for a program outside this tree: the package of find_package(tactus) with
+# libraries and headers, qos/ and idl/. tactus_program() installs the programs.
 #
 #   component spm     models and local refinement, offline build included; needs neither DDS nor FCL:
 #                     find_package(tactus COMPONENTS spm), `cmake --install DIR --component spm`
-#   other components  libraries to join a session, and the interface of a device
+#   no component      libraries to join a session, and the interface of a device
 include(CMakePackageConfigHelpers)
 
 set(package ${CMAKE_INSTALL_LIBDIR}/cmake/tactus)

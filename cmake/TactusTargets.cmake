@@ -16,8 +16,8 @@ if(TACTUS_SANITIZE)
   target_link_options(tactus_options INTERFACE -fsanitize=${TACTUS_SANITIZE})
 endif()
 
-# Headers of other libraries that most sources include, compiled once: for our libraries here, for tests in
-# cmake/TactusTests.cmake. The project's own headers are not precompiled, so that each source has to include what it uses.
+# Precompiled headers of other libraries that most sources include: for our libraries here, for tests in
+# cmake/TactusTests.cmake. Headers of the project are not precompiled, so that each source has to include what it uses.
 find_package(Eigen3 3.4 REQUIRED NO_MODULE)
 file(CONFIGURE OUTPUT ${CMAKE_CURRENT_BINARY_DIR}/generated/precompiled.cpp CONTENT "\n")
 add_library(tactus_precompiled STATIC ${CMAKE_CURRENT_BINARY_DIR}/generated/precompiled.cpp)

@@ -10,12 +10,14 @@ target_precompile_headers(tactus_test_precompiled PRIVATE
   <gmock/gmock.h> <gtest/gtest.h> <Eigen/Core> <Eigen/Geometry> <algorithm> <array> <atomic> <chrono> <cmath> <cstdint> <cstring>
   <deque> <filesystem> <fstream> <functional> <map> <memory> <optional> <random> <set> <sstream> <string> <string_view> <thread> <vector>)
 
-# tactus_test(spm LABEL unit SOURCES forest_test.cpp LINK tactus::spm): the GoogleTest program spm_test and its ctest entry.
-#   PROGRAMS tactus-host ...      programs that it starts; the macro TACTUS_HOST ("tactus-" left out) has the path
+# tactus_test(spm LABEL unit SOURCES forest_test.cpp LINK tactus::spm): the GoogleTest program spm_test, and its entry
+# in ctest.
+#   PROGRAMS tactus-host ...      programs that the test starts; the macro TACTUS_HOST is the path of tactus-host
 #   SHARDS n                      n ctest entries, so that a long program uses several processors
-#   NIGHTLY 'Suite.*'             a filter of test cases that take long: they are an entry of their own with label nightly
+#   NIGHTLY 'Suite.*'             filter of long test cases, which get an entry of their own with label nightly
 #   TIMEOUT s                     default 120; five times as long under a sanitizer
-# Tests with label dds mostly wait for other processes, so two of them count as one processor (scripts/test).
+# scripts/test gives ctest two slots for each processor. A test takes two slots, but one with label dds takes one slot,
+# because it mostly waits for other processes.
 # The report of each entry goes to reports/ENTRY.xml in the build folder, where scripts/test counts cases.
 function(tactus_test name)
   cmake_parse_arguments(ARG "" "LABEL;TIMEOUT;SHARDS;NIGHTLY" "SOURCES;LINK;PROGRAMS" ${ARGN})
@@ -63,7 +65,7 @@ function(tactus_test name)
   endif()
 endfunction()
 
-# tactus_starts(TARGET tactus-host ...): TARGET starts these programs. They are built first, and macros contain their paths.
+# tactus_starts(TARGET tactus-host ...): TARGET starts these programs. They are built first. Macros contain their paths.
 function(tactus_starts target)
   foreach(program IN LISTS ARGN)
     string(REGEX REPLACE "^tactus-" "" macro ${program})
@@ -74,7 +76,8 @@ function(tactus_starts target)
   endforeach()
 endfunction()
 
-# tactus_test_support(spm SOURCES mesh_zoo.cpp LINK tactus::spm::offline): library tactus_spm_test_support of test helpers.
+# tactus_test_support(spm SOURCES mesh_zoo.cpp LINK tactus::spm::offline): library tactus_spm_test_support of test
+# helpers.
 function(tactus_test_support name)
   cmake_parse_arguments(ARG "" "" "SOURCES;LINK;PROGRAMS" ${ARGN})
   set(target tactus_${name}_test_support)

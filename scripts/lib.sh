@@ -1,5 +1,5 @@
-# Functions of the scripts in this folder: progress lines, packages, builds, and child processes that end with the script.
-# Source this file. It needs bash, coreutils and, to install packages, apt.
+# Functions of the scripts in this folder: progress lines, packages, builds, and child processes that end with the
+# script. Source this file. It needs bash, coreutils and, to install packages, apt.
 
 set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
@@ -17,14 +17,15 @@ need_value() { [[ $# -ge 2 ]] || fail "$1 needs a value"; }
 
 # ---- child processes ----
 
-# start COMMAND...: starts it in the background, in its own process group, so that a signal ends its children too. Sets `child` to
-# its process id.
+# start COMMAND...: starts COMMAND in the background, in its own process group, so that a signal ends its children too.
+# Sets `child` to its process id.
 start() {
   setsid -- "$@" </dev/null &
   child=$!
 }
 
-# run COMMAND...: starts it and waits. A signal to the script ends both at once; for a foreground command bash would wait.
+# run COMMAND...: starts COMMAND and waits for its end. A signal to the script ends both at once. If COMMAND ran in the
+# foreground, bash would first wait for its end.
 run() {
   start "$@"
   wait "$child"
@@ -94,8 +95,8 @@ ensure_packages() {
   say "downloading ${#missing[@]} Debian packages and their dependencies: ${missing[*]}"
   mkdir -p "$root/build"
   local -a install=("${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -q -y --no-install-recommends)
-  # In the foreground, because sudo may ask for a password, and an interrupted dpkg should finish its step. dpkg would flush every
-  # file, which takes most of the time; one sync at the end is enough.
+  # These commands run in the foreground, because sudo may ask for a password, and an interrupted dpkg should finish its
+  # step. By default dpkg flushes every file, which takes most of the time. One sync at the end is enough.
   if ! {
     "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive dpkg --configure -a &&
       "${as_root[@]}" apt-get update -q &&
@@ -110,8 +111,8 @@ ensure_packages() {
   say "packages installed"
 }
 
-# npm_registry: prints the address of the npm registry on a machine without npm: npm_config_registry, or else the default in
-# Debian's package of npm, which is fetched (0.7 MB) but not installed.
+# npm_registry: prints the address of the npm registry on a machine without npm. This is the variable
+# npm_config_registry, or else the default in Debian's package of npm, which is fetched (0.7 MB) but not installed.
 npm_registry() {
   local folder
   if [[ -n ${npm_config_registry:-} ]]; then
@@ -128,8 +129,8 @@ npm_registry() {
   rm -rf "$folder"
 }
 
-# ensure_npm: fetches the packages of package-lock.json into build/npm/node_modules. If this fails, the tests that need them are
-# skipped with a reason.
+# ensure_npm: fetches the packages of package-lock.json into build/npm/node_modules. If this fails, the tests that need
+# the packages are skipped with a reason.
 ensure_npm() {
   local folder="$root/build/npm" log="$root/build/npm.log"
   if cmp -s "$root/package-lock.json" "$folder/fetched-lock.json"; then return 0; fi
@@ -153,8 +154,8 @@ ensure_npm() {
 
 # ---- build ----
 
-# Prints the number of parallel compilers: one for each processor, but no more than fit into memory. For generated DDS code a
-# compiler takes over 1 GB.
+# Prints the number of parallel compilers: one for each processor, but no more than fit into memory. For generated DDS
+# code a compiler takes over 1 GB.
 build_jobs() {
   local processors key kilobytes
   processors=$(nproc)

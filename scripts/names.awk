@@ -1,5 +1,5 @@
-# Prints each C++ name that breaks the rules of CONTRIBUTING.md, as FILE:LINE: message; ends with 1 when there is one. Reads
-# declarations that begin and end on one line, and knows by the braces whether one belongs to a class.
+# Prints each C++ name that breaks a rule, as FILE:LINE: message. The messages below state the rules. Ends with 1 when
+# there is such a name. Reads declarations that begin and end on one line. Counts braces to find the members of classes.
 function wrong(name, text) { printf "%s:%d: %s: %s\n", FILENAME, FNR, name, text; ++faults }
 # The last word before the value, the bounds of an array or the end of a declaration.
 function declared(text) {
@@ -43,7 +43,7 @@ text ~ /^(\[\[nodiscard\]\] |static |constexpr |inline |virtual |friend )*(const
   name = text
   sub(/\(.*/, "", name)
   sub(/.*[ *&]/, "", name)
-  # All capitals: a macro's call. The others are hooks of GoogleTest.
+  # A name in capitals is the call of a macro. The other exceptions are hooks of GoogleTest.
   if (name ~ /[A-Z]/ && name !~ /^([A-Z0-9_]+|SetUp.*|TearDown.*|PrintTo)$/) wrong(name, "a function or variable has a snake_case name")
 }
 text ~ /^enum [^{]*\{.*\};$/ {

@@ -1,8 +1,8 @@
-# Prints each word or phrase of scripts/words.txt that a file uses, as FILE:LINE: message; ends with 1 when there is one.
-# The list is the first file; its head describes its columns.
+# Prints each word or phrase of scripts/words.txt that a file uses, as FILE:LINE: message. Ends with 1 if there is one.
+# The first file is the list; the comment at its top describes the columns.
 function wrong(found, instead) { printf "%s:%d: \"%s\": write %s\n", FILENAME, FNR, found, instead; ++faults }
 function trimmed(text) { gsub(/^ +| +$/, "", text); return text }
-# `text` without the parts in which entry `i` is right.
+# Returns `text` without the parts in which entry `i` of the list is allowed.
 function judged(text, i) {
   if (context[i] != "" && (only_in[i] == "" || FILENAME ~ only_in[i])) gsub(context[i], " ", text)
   return text
@@ -36,7 +36,7 @@ FILENAME ~ /\.(cpp|hpp|h|idl)$/ {
   gsub(/\\./, "", line)
   gsub(/"[^"]*"/, "\"\"", line)
   sub(/\/\/.*/, "", line)
-  # A capital begins a word, so that FreeSeat reads free_seat; the k of a constant is none.
+  # A capital begins a word, so FreeSeat becomes free_seat. The k of a constant is not a word.
   words = ""
   while (match(line, /[a-z0-9][A-Z]/)) {
     words = words substr(line, 1, RSTART) (substr(line, 1, RSTART) ~ /(^|[^A-Za-z0-9_])k$/ ? " " : "_")
