@@ -127,7 +127,7 @@ std::string open_error(const std::string& config) {
   return "";
 }
 
-/// Reads and writes as a haptic thread until `condition` holds. Returns false after 10 s.
+/// Reads and writes as a haptic thread does, until `condition` holds. Returns false after 10 s.
 bool runs_until(PluginDevice& device, const Vec3d& force, const std::function<bool(const DeviceState&)>& condition) {
   for (const auto end = std::chrono::steady_clock::now() + 10s; std::chrono::steady_clock::now() < end;
        std::this_thread::sleep_for(1ms)) {  // period of a haptic thread

@@ -12,7 +12,7 @@ namespace {
 
 constexpr double kDt = 1e-3;
 
-/// Random bodies of 0.05 to 2 kg, and random contacts. The 6 x 6 mass matrices are dense, as springs make them.
+/// Random bodies of 0.05 to 2 kg, and random contacts. The 6 x 6 mass matrices are dense, as for bodies with springs.
 class Problem {
  public:
   Problem(unsigned seed, std::size_t body_count, std::size_t contact_count, double friction) : random_{seed} {

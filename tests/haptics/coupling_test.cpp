@@ -105,7 +105,7 @@ TEST(Coupling, CopiesAccelerateAsOneBodyOfTheWholeMass) {
     settings.min_stiffness = 0;
     Copies copies{count, settings, floating_box(1), {}, 1};
     std::vector<Vec3d> forces(count, Vec3d::Zero());
-    // The waves take 0.2 s to spread. In the second after that, the velocity grows by F / m times 1 s.
+    // The waves take 0.2 s to spread. During the next second, the velocity grows by F / m times 1 s.
     forces[0] = {0.3, 0, 0};
     for (int i = 0; i < 200; ++i) copies.step(forces);
     const double start_velocity = copies[0].state().velocity.x();

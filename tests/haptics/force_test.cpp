@@ -183,7 +183,7 @@ TEST(Force, CutsAStiffnessThatTheDeviceCannotRenderStably) {
   spec.max_force = 1e9;
   ForceRenderer renderer{settings, spec};
   const ForceResult result = renderer.step(floor_contact(0.001), DeviceState{}, {10000, 0}, kFreshAge, kCycle);
-  EXPECT_NEAR(result.force.z(), 2.0, 1e-9);  // a damping of 1 N s/m over half a cycle: 2000 N/m
+  EXPECT_NEAR(result.force.z(), 2.0, 1e-9);  // limit: 1 N s/m / 0.5 ms (half a cycle) = 2000 N/m
   EXPECT_TRUE(result.bits & kForceStiffnessCut);
   EXPECT_NEAR(stable_stiffness(5, 0, 1e-3, 0.020), 244, 0.5);  // from Hulin's rule for a delay of 20 ms
 }

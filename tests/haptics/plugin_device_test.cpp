@@ -91,7 +91,7 @@ TEST(PluginDevice, AfterAFailureWritesOnlyAZeroForce) {
   EXPECT_EQ(device.health(), DeviceHealth::kFailed);
 }
 
-TEST(PluginDevice, ForwardsAPositionThatIsNotANumber) {  // for which the force renderer latches a fault
+TEST(PluginDevice, ForwardsAPositionThatIsNotANumber) {  // the force renderer latches a fault
   PluginDevice device{NOT_A_NUMBER, ""};
   for (int ms = 1; ms <= 3; ++ms) EXPECT_TRUE(device.read(ms * kMs).position.allFinite());
   EXPECT_FALSE(device.read(4 * kMs).position.allFinite());

@@ -101,7 +101,7 @@ class MotionRun {
 
  private:
   static constexpr double kBodyRange = 0.03;          // m; distance from the origin at which a body turns back
-  static constexpr std::uint64_t kPhaseCycles = 300;  // of rest, then of motion
+  static constexpr std::uint64_t kPhaseCycles = 300;  // a phase of rest and a phase of motion alternate
 
   void move_bodies() {
     bodies_.start_step();

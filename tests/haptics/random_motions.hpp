@@ -42,7 +42,8 @@ struct MotionResult {
 /// Solids, thin shells, grooves and corners: at rest, in motion, and in motion by more than the tip's radius per cycle.
 [[nodiscard]] std::vector<MotionScene> motion_scenes();
 
-/// Runs `motions` cycles. `reported`: false hides the motion of bodies from the proxy, which the oracle must detect.
+/// Runs `motions` cycles. `reported`: false hides the motion of bodies from the proxy. The oracle must then find a
+/// proxy inside a body.
 [[nodiscard]] MotionResult run_motions(const MotionScene& scene, std::uint64_t motions, double friction,
                                        std::uint64_t seed, bool reported = true);
 

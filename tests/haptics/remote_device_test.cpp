@@ -189,7 +189,7 @@ TEST(RemoteDevice, AHandPressedToAWallRestsForAnyDelayJitterAndLoss) {
   for (const double one_way : {0.0005, 0.005, 0.02, 0.06, 0.1})
     for (const auto& [jitter, loss] : {std::pair{0.0, 0.0}, std::pair{0.2, 0.0}, std::pair{0.1, 0.2}}) {
       PressedHand hand{one_way, jitter * one_way, loss};
-      // Jitter varies the force with the speed of the hand. An unstable hand reaches 50 mm/s.
+      // Jitter makes the force fluctuate, so the hand still moves slowly. An unstable hand reaches 50 mm/s.
       EXPECT_LT(hand.run(12, true), 3e-3) << one_way << " s, jitter " << jitter << ", loss " << loss
                                           << ", round trip estimated at " << hand.loop_delay() << " s";
     }

@@ -38,7 +38,7 @@ TEST(RigidBody, AFreeRotationKeepsMomentumAndEnergy) {
   BodySettings settings = box_body(0.3, kHalf);
   settings.gravity.setZero();
   BodyState state;
-  // Close to the axis of intermediate inertia, about which a rotation is unstable.
+  // The body rotates almost about its axis of intermediate inertia. This rotation is unstable.
   state.angular_velocity = {0.3, 12, 0.2};
   RigidBody body{settings, state};
   const Vec3d momentum = body.inertia_world() * state.angular_velocity;

@@ -122,7 +122,7 @@ TEST(Tool, APegEntersAHoleWithAClearanceOfAQuarterMillimetre) {
   add_box(hole, {-inner, -outer, bottom}, {inner, -inner, 0});
   add_box(hole, {-inner, inner, bottom}, {inner, outer, 0});
   Scene scene{box_mesh({-0.005, -0.005, -0.02}, {0.005, 0.005, 0.02}), hole};
-  // The device is 1 mm off the axis of the hole and tilted.
+  // The device is 1 mm off the axis of the hole in x and in y, and tilted.
   const Vec3d tilt{0.03, -0.02, 0.05};
   scene.move(pose_at(0, 0, 0.025), pose_at(0, 0, 0.015), 100);
   scene.move(pose_at(0, 0, 0.015), pose_at(0.001, -0.001, -0.002, tilt), 400);

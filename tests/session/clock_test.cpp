@@ -114,7 +114,7 @@ TEST(SessionClock, ANewReferenceCausesNoStep) {
 TEST(SessionClock, StepsWhenItsSessionMergesWithAnOlderSession) {
   ClockPair pair{3'600'000 * kMs, 0};
   pair.restart_requester(600 * kMs);
-  pair.requester_.set_reference(20, 1, pair.local(600 * kMs));  // it is alone in its session
+  pair.requester_.set_reference(20, 1, pair.local(600 * kMs));  // the requester is alone in its session
   ASSERT_EQ(pair.error(700 * kMs), -600 * kMs);
 
   pair.requester_.set_reference(10, 1, pair.local(1000 * kMs));
@@ -128,7 +128,7 @@ TEST(SessionClock, StepsWhenItsSessionMergesWithAnOlderSession) {
 TEST(SessionClock, DoesNotStepWhileAForceIsOn) {
   ClockPair pair{0, 0};
   pair.restart_requester(600 * kMs);
-  pair.requester_.set_reference(20, 1, pair.local(600 * kMs));  // it is alone in its session
+  pair.requester_.set_reference(20, 1, pair.local(600 * kMs));  // the requester is alone in its session
   pair.requester_.set_reference(10, 1, pair.local(700 * kMs));
   pair.requester_.set_force_on(true);
   std::int64_t last = pair.requester_.map().session_time(pair.local(700 * kMs));

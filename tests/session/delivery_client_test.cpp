@@ -38,7 +38,7 @@ class DeliveryClientTest : public testing::Test {
     client_.answer_base_stored(kObject);
   }
 
-  /// Chunks with one piece each of a message with this text.
+  /// Returns `count` chunks, each with one piece of a message that contains `text`.
   std::vector<BulkChunk> chunks(std::uint32_t region, const std::string& text, std::uint32_t count) {
     std::vector<BulkChunk> result(count);
     const std::vector<std::uint8_t> bytes(text.begin(), text.end());
@@ -60,7 +60,7 @@ class DeliveryClientTest : public testing::Test {
     return chunk;
   }
 
-  /// Returns the demand that is due after 10 ms. Later chunks have its epoch.
+  /// Returns the demand that is due 10 ms later. The chunks made afterwards have its epoch.
   Demand publish() {
     const std::optional<Demand> demand = client_.demand(now_ += 10 * kMs);
     if (!demand) {
@@ -203,7 +203,7 @@ TEST_F(DeliveryClientTest, AcceptsACancelledMessageThatIsSentAgainInOtherPieces)
   client_.set_wanted(kObject, {{4, 0}});
   publish();
   const std::string text = "the bytes of region four";
-  // The same number of pieces and bytes, but a shorter first piece.
+  // `again` has as many pieces and bytes as `cancelled`, but a shorter first piece.
   std::vector<BulkChunk> again = chunks(4, text, 2);
   const std::vector<BulkChunk> cancelled = chunks(4, text, 2);
   std::vector<std::uint8_t>& first = again[0].pieces[0].payload;

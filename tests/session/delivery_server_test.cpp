@@ -44,7 +44,7 @@ class DeliveryServerTest : public testing::Test {
     newest_demand_[submitted.origin.participant] = submitted;
     return server_.on_demand(submitted, now_);
   }
-  /// Returns the next chunk, at most 1 ms later if the pacer delays it.
+  /// Returns the next chunk. If the pacer delays it by less than 1 ms, advances the time to the end of the delay.
   std::optional<Outgoing> next() {
     std::optional<Outgoing> out = server_.next(now_);
     if (!out && server_.due_ns() - now_ < kMs) out = server_.next(now_ = server_.due_ns());
@@ -437,7 +437,7 @@ TEST_F(DeliveryServerTest, AlternatesBetweenHrtcsChunkByChunk) {
 
   std::uint64_t before = 0;
   for (int i = 0; i < 10; ++i) {
-    now_ += kMs;  // the pacer of both streams allows a chunk
+    now_ += kMs;  // the pacer of each HRTC allows a chunk
     const std::optional<Outgoing> out = server_.next(now_);
     ASSERT_TRUE(out);
     EXPECT_NE(out->hrtc, before) << "chunk " << i;

@@ -27,7 +27,7 @@ CatalogueEntry cube(std::uint64_t id, const std::array<double, 3>& centre) {
   return entry;
 }
 
-/// The Modes of two HRTCs in steps of 20 ms. Ann is a user of the first HRTC, Bob of the second.
+/// Runs the Modes of two HRTCs in steps of 20 ms. Ann is a user of the first HRTC, Bob of the second.
 class TwoHrtcs : public ::testing::Test {
  protected:
   TwoHrtcs() {

@@ -16,7 +16,7 @@ namespace {
 constexpr std::int64_t kMs = 1'000'000;
 constexpr std::uint64_t kSession = 1, kObject = 5, kHost = 100;
 /// Difference between incarnations of the host. The fencing numbers of a host begin after its incarnation, so the
-/// difference exceeds the number of fencing numbers of one incarnation.
+/// difference must exceed the number of fencing numbers of one incarnation.
 constexpr std::uint64_t kHostIncarnation = 1'000'000;
 constexpr std::size_t kHrtcs = 4;
 
@@ -59,7 +59,8 @@ class OwnershipSimulation {
   OwnershipArbiter& host() { return *host_; }
   /// Disconnects an HRTC or the host until the given time.
   void disconnect(std::size_t program, std::int64_t until) { disconnected_until_[program] = until; }
-  /// Suspends an HRTC until the given time. When it resumes, an owner publishes one pose before it reads new samples.
+  /// Suspends an HRTC until the given time. If it was the owner, it publishes one pose when it resumes, before it reads
+  /// the samples that were postponed.
   void suspend(std::size_t i, std::int64_t until) {
     hrtcs_[i].suspended_until = until;
     hrtcs_[i].role_at_suspension = role(i);
@@ -88,9 +89,9 @@ class OwnershipSimulation {
   /// Number of poses refused because their fencing number was too small.
   [[nodiscard]] std::uint64_t refused() const { return refused_; }
   [[nodiscard]] std::int64_t now() const { return now_; }
-  /// When the viewer last accepted a pose.
+  /// Time at which the viewer last accepted a pose.
   [[nodiscard]] std::int64_t shown_ns() const { return shown_ns_; }
-  /// Participant that published this pose.
+  /// Participant that published the pose that the viewer accepted last.
   [[nodiscard]] std::uint64_t shown_publisher() const { return shown_publisher_; }
 
  private:

@@ -29,7 +29,7 @@ ProbeState in_contact(double depth, const std::array<double, 3>& velocity, std::
   return state;
 }
 
-/// States of a hand that moves at random near that plane for `seconds`, mostly in contact.
+/// States of a hand that moves at random near the plane z = 0 for `seconds`, mostly in contact.
 std::vector<ProbeState> random_motion(double seconds, std::uint32_t seed) {
   std::mt19937 random{seed};
   std::normal_distribution<> velocity_change{0, 0.004};

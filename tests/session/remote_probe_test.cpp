@@ -28,8 +28,8 @@ ProbeState pressing(std::int64_t at_ms) {
   return state;
 }
 
-/// Delivers these states over a link of 15 ms +- 2 ms and shows the probe each millisecond. From 1.5 s to 3 s the link
-/// also carries full-rate states.
+/// Delivers the states of `pressing` over a link with a delay of 13 to 17 ms and shows the probe each millisecond. From
+/// 1.5 s to 3 s the link also carries full-rate states.
 class StreamChange : public ::testing::Test {
  protected:
   struct Sent {

@@ -161,7 +161,7 @@ TEST_F(RosterTest, EachFurtherNameConflictIsReported) {
 }
 
 TEST_F(RosterTest, TheProgramThatJoinedLaterLeavesWhateverItsIncarnation) {
-  RosterEntry other = entry("me", 1, 8);  // smaller than our incarnation, as from a wrong wall clock
+  RosterEntry other = entry("me", 1, 8);  // smaller than 50, this program's incarnation, as from a wrong wall clock
   const auto this_program_leaves = [&](std::int64_t joined_ns, std::int64_t own_joined_ns) {
     Roster roster{{kSession, id_of("me"), 50, 0}, RosterSettings{}};
     roster.set_own_presence(3600'000 * kMs, own_joined_ns);

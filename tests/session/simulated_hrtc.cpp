@@ -26,7 +26,7 @@ std::vector<std::uint32_t> records_of(const std::vector<spm::Interval>& interval
 
 std::uint32_t regions_of(std::uint64_t object) { return model_of(object).summary.regions; }
 
-/// The failure detector is called up to one tick late, and measures silence from its call before the last answer.
+/// The failure detector is called up to one tick late. It measures silence from the call before the last answer.
 constexpr std::int64_t kMaxSilenceNs = FailureDetectorSettings{}.max_timeout_ns + 4 * kTickNs;
 
 std::string region_text(std::uint64_t object, std::uint32_t region) {
@@ -38,7 +38,7 @@ struct RegionRecords {
   std::vector<std::uint32_t> closed_list, sent;
 };
 
-/// The result depends only on the arguments, so all schedules of a thread share the results.
+/// Decodes a region. The result depends only on the arguments, so all simulations in a thread share the results.
 const RegionRecords& decoded(std::uint64_t object, std::uint32_t region, const std::vector<std::uint8_t>& bytes) {
   thread_local std::map<std::pair<std::uint64_t, std::vector<std::uint8_t>>, RegionRecords> results;
   constexpr std::size_t kMaxResults = 20'000;
@@ -135,8 +135,8 @@ void SimulatedHrtc::on_roster_event(const RosterEvent& event) {
 
 void SimulatedHrtc::complete_entry(RosterEntry& entry) const { entry.slots = slots_->list(); }
 
-/// Parking explains repetitions too: regions on which a postponed message relies may be released before its answer, and
-/// then the host sends this message and later ones again.
+/// Reports a violation unless a recent fault or postponed answers explain it. The regions on which a postponed message
+/// relies may be released before its answer. Then the host sends this message and later messages again.
 void SimulatedHrtc::report_unless_explained(const std::string& description) {
   if (faults_.postponing == 0 && !world_.has_recent_fault(id()))
     world_.report_violation(std::to_string(id()) + ": " + description + ", although nothing was lost");

@@ -32,7 +32,7 @@ inline constexpr std::size_t kMaxPartialBytes = 200'000;
 [[nodiscard]] const spm::OwnedModel& model_of(std::uint64_t object);
 [[nodiscard]] const spm::codec::CompressedModel& coded_of(std::uint64_t object);
 
-/// Delays of an HRTC's answers to messages, because of decoding and of missing memory.
+/// Delays of an HRTC's answers to messages. Decoding and a lack of memory cause them.
 struct HrtcFaults {
   std::int64_t decode_ns = 0;  ///< max time until a message is decoded
   double postponing = 0;       ///< probability that the HRTC postpones the answer about a region
@@ -69,10 +69,10 @@ class SimulatedHrtc : public Program {
  private:
   struct Cache {
     std::map<std::uint32_t, std::vector<std::uint32_t>> closed_lists;  // of held and retired regions, by region
-    std::vector<std::uint32_t> regions_with;                           // number of `closed_lists`, by record
+    std::vector<std::uint32_t> regions_with;                           // number of `closed_lists` with the record
     std::set<std::uint32_t> never_retired;                             // held regions on which hosts may always rely
-    std::vector<std::uint32_t> never_retired_with;         // number of closed lists of `never_retired`, by record
-    std::map<std::uint32_t, std::uint32_t> retired_epoch;  // first demand without the region; 0: not published yet
+    std::vector<std::uint32_t> never_retired_with;                     // like `regions_with`, of `never_retired`
+    std::map<std::uint32_t, std::uint32_t> retired_epoch;  // of the first demand without a region; 0: not published yet
     std::uint32_t touched = 0;                             // region
     std::uint32_t epoch = 0;                               // of the last demand
     std::uint32_t released_epoch = 0;                      // messages of earlier epochs may rely on released regions

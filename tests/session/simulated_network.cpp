@@ -8,7 +8,7 @@ namespace {
 
 using namespace session;
 
-/// A reliable writer retransmits a lost sample after one to two times this time.
+/// A reliable writer retransmits a lost sample after kRetransmitNs to 2 * kRetransmitNs.
 constexpr std::int64_t kRetransmitNs = 25'000'000;
 
 struct Text {
@@ -148,7 +148,7 @@ const char* SimulatedNetwork::send_best_effort(std::int64_t now_ns, const Direct
     if (chance(faults_.reordering)) {
       const std::int64_t extra_ns = random_below(faults_.reorder_ns);
       arrival_ns += extra_ns;
-      // Until then, messages that rely on this sample may overtake it and be refused.
+      // Until this time, messages that rely on the sample may overtake it and be refused.
       record_fault(FaultKind::kReordering, direction, now_ns + extra_ns);
       fate = " [delayed]";
     }

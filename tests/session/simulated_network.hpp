@@ -1,10 +1,10 @@
 /// The network between the programs of a simulated session. A seed decides which samples it delays, loses, duplicates,
 /// reorders or corrupts. The same seed gives the same run.
 ///
-/// Virtual time in nanoseconds. Each direction between two programs can be cut until a given time. Reliable delivery
-/// retransmits lost samples and delivers each sample once. The exception is a state, of which a reader needs only the
-/// newest: if the writer sends a newer state while a retransmission is in flight, the older one is not delivered.
-/// Best-effort delivery does not retransmit lost samples.
+/// Times are virtual, in nanoseconds. Each direction between two programs can be cut until a given time. Reliable
+/// delivery retransmits lost samples and delivers each sample once. States are an exception, because a reader needs
+/// only the newest: a retransmitted state is not delivered if its writer has sent a newer one. Best-effort delivery
+/// does not retransmit lost samples.
 #pragma once
 
 #include <array>
@@ -28,7 +28,7 @@ inline constexpr std::size_t kFaultKinds = 7;
 inline constexpr std::array<const char*, kFaultKinds> kFaultNames{"loss",  "reordering", "duplication", "corruption",
                                                                   "crash", "restart",    "partition"};
 
-/// Probabilities of a fault of each sample.
+/// For each kind of fault, the probability that it affects a sample.
 struct NetworkFaults {
   double loss = 0;
   double duplication = 0;

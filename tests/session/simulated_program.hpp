@@ -1,8 +1,8 @@
-/// The base class of all programs of a simulated session, with presence and session time. Also the clients, which have
-/// users.
+/// The base class of all programs of a simulated session, with presence and session time. This header also defines the
+/// clients, which have users.
 ///
 /// Roster and SessionClock are the production classes. Each program has its own clock, with a random start and a slight
-/// rate error. The production classes get only this time.
+/// rate error. The production classes receive no other time.
 #pragma once
 
 #include <cstdint>
@@ -139,7 +139,7 @@ class Program {
   std::pair<std::uint64_t, std::uint64_t> last_answer_from_;    // participant, incarnation
   std::int64_t last_answer_ns_ = 0;                             // virtual time of the last clock answer
   std::int64_t last_step_ns_ = 0;                               // virtual time of the last step of the clock
-  std::int64_t checked_session_ns_ = 0, checked_local_ns_ = 0;  // both clocks at the last check
+  std::int64_t checked_session_ns_ = 0, checked_local_ns_ = 0;  // session time and own clock at the last check
 };
 
 /// A client that requests the service of an HRTC for its users. The set of its users changes at random.

@@ -339,7 +339,7 @@ Schedule random_schedule(std::uint64_t seed) {
   else
     kinds.push_back(FaultKind::kLoss);
   std::shuffle(kinds.begin(), kinds.end(), random);
-  std::array<std::uint32_t, kPrograms> program_order;  // each program fails at most once
+  std::array<std::uint32_t, kPrograms> program_order;  // each program is the first of at most one fault
   std::iota(program_order.begin(), program_order.end(), 0u);
   std::shuffle(program_order.begin(), program_order.end(), random);
   std::size_t failed_programs = 0;

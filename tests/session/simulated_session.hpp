@@ -10,7 +10,7 @@
 ///         are held.
 ///       - No message relies on a region that was released before.
 ///       - If nothing was lost, no record is received twice, and no region is received without a record that it needs.
-///       - The error of a clock is within its stated bound, and a clock never steps back.
+///       - The error of a clock is within its stated bound, and a clock steps back only when sessions merge.
 ///       - Credit, incomplete messages and demands stay within their bounds.
 ///       - An HRTC suspects a host that it needs after at most 250 ms of silence.
 ///     kHealNs after the last fault
@@ -66,7 +66,7 @@ struct SimulationResult {
   std::vector<std::string> broken;  ///< violated invariants, as text
   std::uint64_t messages = 0;       ///< number of samples sent
   std::array<std::uint64_t, kFaultKinds> faults{};
-  std::int64_t healed_ns = 0;  ///< time from the last fault until the session has recovered
+  std::int64_t healed_ns = 0;  ///< time from the last fault to the last check that the session did not pass; 0: none
   std::int64_t virtual_ns = 0;
   std::uint64_t chunks = 0;
   std::uint64_t host_changes = 0;

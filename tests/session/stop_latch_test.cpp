@@ -273,7 +273,8 @@ class StopSimulation {
       start_hrtc(id);
   }
 
-  /// Issues a further stop of an issuer, or the first stop of a new issuer. A StopLatch has records for all senders.
+  /// Issues a further stop of an issuer, or the first stop of a new issuer. Makes no more senders than a StopLatch has
+  /// records.
   void issue_stop() {
     if (!stops_.empty() && chance(0.3)) {
       ++stops_[static_cast<std::size_t>(random_below(stops_.size()))].number;

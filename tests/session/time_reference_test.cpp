@@ -18,7 +18,7 @@ constexpr std::int64_t kMs = 1'000'000;
 constexpr std::uint64_t kSession = 1;
 constexpr std::int64_t kTickNs = 5 * kMs;
 
-/// The parts of a program that concern session time. Its incarnation is the time of its wall clock, right or wrong.
+/// The parts of a program that concern session time. Its incarnation is the time of its wall clock, which may be wrong.
 class Program {
  public:
   Program(std::uint64_t id, Role in_role, std::uint64_t incarnation, std::int64_t local_ns)

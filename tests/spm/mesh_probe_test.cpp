@@ -1,4 +1,4 @@
-// Compares the contacts of a mesh probe and the shown faces with a search of all pairs.
+// Compares the contacts between a mesh probe and the shown faces with a search of all pairs.
 
 #include "spm/mesh_probe.hpp"
 
@@ -26,7 +26,7 @@ std::array<double, 6> flat(const Vec3d& point, const Vec3d& normal) {
   return {point[0], point[1], point[2], normal[0], normal[1], normal[2]};
 }
 
-/// Compares coordinates only, and therefore without rounding.
+/// Only compares coordinates, so the result has no rounding error.
 bool boxes_apart(const Triangle3d& a, const Triangle3d& b) {
   for (int axis = 0; axis < 3; ++axis) {
     const auto [a_low, a_high] = std::minmax({a[0][axis], a[1][axis], a[2][axis]});

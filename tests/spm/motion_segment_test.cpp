@@ -52,7 +52,7 @@ void follow(MotionSegment& motion_segment, const RegionGrid& grid, const std::fu
     motion_segment.observe(grid, kReach, path(from + i * MotionSegment::kSpacing));
 }
 
-/// A path of loops at constant speed, whose heading oscillates as that of a hand does.
+/// Returns a point of a path of loops at constant speed. The heading oscillates like the heading of a hand.
 Vec3d looping_path(double time) {
   static const std::vector<Vec3d> path = [] {
     std::vector<Vec3d> points{{0, -25, 0.5}};

@@ -415,7 +415,7 @@ TEST_P(RunTime, QueriesAgreeWithBruteForce) {
       with_neighbours += rows.size() > 1 ? 1 : 0;
     }
 
-    // In every second round the sphere touches the mesh at the start, as that of a proxy does.
+    // In every second round the sphere touches the mesh at the start, like the sphere of a proxy.
     const double swept_radius = round % 2 == 0 ? radius / 4 : std::sqrt(nearest_squared) * (1 - 1e-6);
     const double first = time_of_impact(centre, target, swept_radius, shown_triangles(tree));
     spm::SweepContact contact;
@@ -547,7 +547,7 @@ TEST_P(RunTime, AMovingSphereHitsTheSameFacesAsBruteForceOnBothMeshes) {
     const std::vector<Triangle3d> after = shown_triangles(tree);
     for (const spm::Version version : {spm::Version::kCurrent, spm::Version::kPrevious, spm::Version::kCurrent}) {
       const std::vector<Triangle3d>& triangles = version == spm::Version::kCurrent ? after : before;
-      if (random_() % 2 == 0) centre = random_point();  // otherwise at the end of the previous path
+      if (random_() % 2 == 0) centre = random_point();  // otherwise the sphere stays at the end of the previous path
       const double radius = std::max(distance(triangles, centre) * (1 - 1e-4), 1e-3 * size_);
       for (int step = 0; step < 8; ++step) {
         // The lengths of a proxy's motions: 0.001 radii when the surface stops it, 4 radii when it leaves the surface.
@@ -644,7 +644,7 @@ TEST_P(RunTime, TwoForestsInOnePoolHaveSeparateMeshes) {
     spm::SweepContact contact;
     return forest.tree().sweep(low_, high_, size_ / 4, contact, version);
   };
-  first->store_previous(true);  // the version without any face
+  first->store_previous(true);  // no face is shown yet
   spm::Budget budget{1u << 20};
   ASSERT_EQ(first->advance(budget), Advance::kDone);
   first->refit();

@@ -1,5 +1,5 @@
-// Tests which regions are refined for a probe: the most urgent ones in any order of additions, and for a stylus the
-// regions along its whole length, without which the contacts of its shaft would be wrong.
+// Tests which regions are refined for a probe. These are the most urgent regions, in whatever order they are added. For
+// a stylus they include the regions along its whole length. Otherwise the contacts of its shaft would be wrong.
 
 #include "spm/target_selection.hpp"
 

@@ -1,5 +1,5 @@
-// Compares the gaps between triangles in lanes of floats with double precision, and a probe's near pairs with all
-// pairs.
+// Compares gaps between triangles, computed in lanes of floats, with a computation in double precision. Compares the
+// near pairs of a probe with a search of all pairs.
 
 #include "spm/triangle_gap.hpp"
 

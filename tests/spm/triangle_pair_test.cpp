@@ -1,4 +1,5 @@
-// Compares the intersection of two triangles with a separating-axis test in integers, and the depth with displacements.
+// Compares the intersection of two triangles with a separating-axis test in integers. Tests the depth by displacements
+// of the probe.
 
 #include "spm/triangle_pair.hpp"
 
@@ -24,7 +25,7 @@ Triangle3d as_double(const IntegerTriangle& t, double unit = 1) {
 
 Integers opposite(const IntegerTriangle& t) { return Integers{t[1] - t[0]}.cross(Integers{t[2] - t[0]}); }
 
-/// The separating-axis test: two triangles are apart if and only if one of these axes separates them strictly.
+/// The separating-axis test: true if no axis separates the triangles strictly. False if a triangle has no area.
 bool no_axis_separates(const IntegerTriangle& a, const IntegerTriangle& b) {
   const Integers na = opposite(a), nb = opposite(b);
   if (na.isZero() || nb.isZero()) return false;

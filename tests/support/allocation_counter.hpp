@@ -7,14 +7,14 @@
 
 namespace tactus::test_support {
 
-/// Counts from its construction to its destruction. One at a time in each thread.
+/// Counts from its construction to its destruction. A thread may have only one counter at a time.
 class AllocationCounter {
  public:
   AllocationCounter() noexcept;
   ~AllocationCounter();
   AllocationCounter(const AllocationCounter&) = delete;
   AllocationCounter& operator=(const AllocationCounter&) = delete;
-  /// Number of allocations and releases since the construction.
+  /// Number of calls that allocated or released memory since the construction.
   [[nodiscard]] std::uint64_t count() const noexcept;
 };
 

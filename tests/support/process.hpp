@@ -19,7 +19,8 @@ using namespace std::chrono_literals;
 inline constexpr std::chrono::milliseconds kWatchdog = 20s;
 
 /// A running program in a process group of its own, with both output streams in one pipe. The kernel kills the program
-/// when the thread that started it ends. The destructor kills its whole process group. One thread at a time.
+/// when the thread that started it ends. The destructor kills the whole process group of the program. Call the members
+/// from one thread at a time.
 class Process {
  public:
   /// `command[0]` is a path. If the command cannot be run, the exit status is 127.
@@ -35,9 +36,10 @@ class Process {
   [[nodiscard]] bool wait_for_line(const std::string& pattern, std::chrono::milliseconds limit = kWatchdog) const;
   /// Sends a signal to the program, not to its group. Does nothing once the program has ended.
   void signal(int number);
-  /// Waits for the end of the program. Returns the exit status, or 128 plus the signal that killed the program, or
-  /// nothing if the program still runs after `limit`. Once a status is returned, the output is complete.
+  /// Waits until the program has ended and no process holds its output pipe. Returns the exit status, or 128 plus the
+  /// signal that killed the program. Returns nothing after `limit`. Once a status is returned, the output is complete.
   [[nodiscard]] std::optional<int> wait(std::chrono::milliseconds limit = kWatchdog);
+  /// False once the program has ended and its output is complete.
   [[nodiscard]] bool running() const;
   [[nodiscard]] pid_t pid() const noexcept { return pid_; }
   /// True if no process of the program's group exists. Call it after the program has ended.

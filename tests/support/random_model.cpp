@@ -20,7 +20,7 @@ constexpr std::uint32_t kBaseVertices = 6, kBaseFaces = 8;  // of an octahedron
 
 struct Face {
   std::array<std::uint32_t, 3> corners;
-  std::uint32_t last_record = kNone;  // that added or changed the face; kNone: the face is as in the base mesh
+  std::uint32_t last_record = kNone;  // last record that added or changed the face; kNone: none did
 };
 
 class RandomModelBuilder {

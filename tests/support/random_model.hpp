@@ -1,8 +1,8 @@
 /// Makes a random model that passes spm::violations, by random vertex splits instead of simplification.
 ///
 /// The surface has no meaningful geometry. Records, closed lists and regions have the same structure as in real models,
-/// and some records have several parts. Use random models to test code that encodes, stores or sends models, not code
-/// that refines them. Equal arguments give equal models.
+/// and some records have several parts. Use random models to test code that encodes, stores, sends or refines models.
+/// Do not use them to test the quality of coarse meshes. Equal arguments give equal models.
 #pragma once
 
 #include <cstdint>

@@ -32,8 +32,8 @@ class ReferenceMesh {
   [[nodiscard]] const std::array<std::uint32_t, 3>& corners(std::uint32_t face) const { return corners_[face]; }
 
   /// Describes each defect of the present mesh: a shown face with an inactive vertex or with one vertex at two corners,
-  /// two shown faces with the same vertices, and a face whose normal is 90 degrees or more from its normal in `finest`.
-  /// If `manifold`, also an edge with more than two faces.
+  /// two shown faces that have the same vertices but not in `finest`, and a face whose normal is 90 degrees or more
+  /// from its normal in `finest`. If `manifold`, also an edge with more than two faces.
   [[nodiscard]] std::vector<std::string> defects(const std::vector<std::array<std::uint32_t, 3>>& finest,
                                                  bool manifold) const;
 

@@ -1,7 +1,8 @@
 /// Restricts a thread to one system call by a seccomp filter, and counts the other system calls that it attempts.
 ///
 /// A call that is not allowed fails with ENOSYS. The filter stays until the thread ends, so the calls that end a thread
-/// are always allowed (rt_sigprocmask, madvise, munmap, exit). x86-64 Linux. Source: seccomp(2), SECCOMP_RET_TRAP.
+/// are always allowed (rt_sigprocmask, madvise, munmap, exit). The call that ends a signal handler is allowed too
+/// (rt_sigreturn). Only for Linux on x86-64. Source: seccomp(2), SECCOMP_RET_TRAP.
 #pragma once
 
 #include <linux/audit.h>

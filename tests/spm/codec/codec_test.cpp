@@ -371,7 +371,8 @@ TEST(PrefixCodes, RestoreAMessageThatTakesAtMost3PercentMoreThanItsEntropy) {
     double entropy = 0;
     for (const std::uint64_t count : counts)
       if (count > 0) entropy -= double(count) * std::log2(double(count) / double(message.size()));
-    // A prefix code needs at least one bit for each symbol, so that it may take up to one bit more for few symbols.
+    // A prefix code uses at least one bit for each symbol. With few symbols it may therefore exceed the entropy by one
+    // bit for each symbol.
     EXPECT_LE(double(out.size() - start), std::max(1.03 * entropy, entropy + 20'000 * (symbols <= 3 ? 1 : 0)));
 
     const Bytes bytes = out.take();

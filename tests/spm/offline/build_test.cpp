@@ -47,10 +47,10 @@ class EveryMesh : public ::testing::TestWithParam<std::tuple<ZooMesh, Simplifica
         built_{build_model(zoo_.mesh, small_options(simplification_))},
         finest_{finest_faces(built_.model())} {}
 
-  /// Contracted pairs can join several sheets at any edge.
+  /// False with pairs, because contracted pairs can join several sheets at one edge.
   bool manifold() const { return zoo_.manifold && simplification_ != Simplification::kPairs; }
 
-  /// Returns the radius of a vertex in the record that splits it.
+  /// Returns the radius of a vertex from the record that adds it, or from the base mesh.
   static float radius(const Model& model, std::uint32_t vertex) {
     const std::uint32_t base = model.summary.base_vertices;
     return radius_of(vertex < base ? model.base_radii[vertex] : model.first_part(RecordId{vertex - base}).radius);
@@ -190,7 +190,7 @@ TEST_P(EveryMesh, AnyUnionOfRegionsIsAValidMesh) {
 }
 
 TEST_P(EveryMesh, ARandomClosedSetOfRecordsIsAValidMesh) {
-  // Applies records in ascending order and leaves some out at random. Records that need them cannot be applied.
+  // Omits random records and applies the others in ascending order, unless they depend on an omitted record.
   const Model model = built_.model();
   for (std::uint32_t seed = 1; seed <= 20; ++seed) {
     std::mt19937 random{seed};

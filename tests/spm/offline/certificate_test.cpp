@@ -231,7 +231,7 @@ TEST_F(Verify, FindsAFaceWithReversedOrientation) {
 }
 
 TEST_F(Verify, FindsARegionWhoseListIsTooShort) {
-  // The region loses its last record. No record of its list needs that one, so the list is still closed.
+  // The region loses its last record. No other record of the list depends on this record, so the list is still closed.
   BuiltModel damaged = built_;
   Region& region = damaged.regions.back();
   --damaged.intervals.back().count;

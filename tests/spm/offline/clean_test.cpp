@@ -12,7 +12,7 @@ namespace {
 
 TriangleMesh one_triangle() { return {{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}}, {{0, 1, 2}}}; }
 
-/// Adds a face with three exactly collinear corners. Their products need more bits than a double has.
+/// Adds a face with exactly collinear corners. The products of their coordinates need more bits than a double has.
 void add_collinear_face(TriangleMesh& mesh) {
   const std::array<float, 3> step{1.0000001f, 0.33333334f, 16777215.0f};
   for (const float k : {1.0f, 2.0f, 4.0f}) mesh.positions.push_back({k * step[0], k * step[1], k * step[2]});

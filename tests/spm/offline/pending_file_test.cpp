@@ -46,7 +46,7 @@ class PendingFileTest : public ::testing::Test {
       all.push_back(entry.path().filename().string());
     return all;
   }
-  /// Returns the error message of `write`, or an empty string if it succeeds.
+  /// Calls `write` with a file size limit of 1000 bytes. Returns its error message, or an empty string if it succeeds.
   template <class Write>
   static std::string error_of(Write write) {
     const FileSizeLimit limit{1000};
