@@ -1,4 +1,4 @@
-// Tests the page of benchmarks. It has every row in the table of its benchmark, and lists rows that fall short first.
+// Tests that the page of benchmarks first lists the rows that fall short, and then has one table for each benchmark.
 #include "bench/page.hpp"
 
 #include <gmock/gmock.h>

@@ -1,5 +1,5 @@
-// Tests that after 10^6 records are split, collapsed, loaded, evicted and reloaded in random order, the set of refined
-// regions alone determines the mesh.
+// Splits, collapses, loads, evicts and reloads records in random order, up to a million times. Then the set of refined
+// regions alone must determine the mesh.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 

@@ -21,7 +21,7 @@ namespace {
 using haptics::testing::Triangle;
 using haptics::testing::TriangleSurface;
 
-/// One user, one HRTC, one object, and a network with a delay in each direction, at 1 kHz in simulated time.
+/// One user, one HRTC, one object, and a network with a delay in each direction, at 1 kHz in virtual time.
 class ClosedLoop {
  public:
   ClosedLoop(std::vector<Triangle> triangles, User user, std::int64_t delay_ns = 5'000'000)

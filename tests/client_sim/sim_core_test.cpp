@@ -238,7 +238,7 @@ TEST(SimCore, ReportsTimesOfEventsRelativeToTheStart) {
   session.add_object("a");
   session.run(0.5);
   session.add_hrtc("left", {"ann", "bob"});
-  session.run(1.2);  // resolves numbers modulo after the settle time
+  session.run(1.2);  // after the settle time, #2 also resolves to the only HRTC and object
   ASSERT_EQ(session.core.state(), SimState::kRunning);
   session.run(0.2);
   session.add_host("later host");

@@ -130,7 +130,7 @@ class WithoutMulticast : public DiscoveryTest {
   [[nodiscard]] Command in_namespace(netem::Side side, const Command& command) const {
     return Command{"/sbin/ip", "netns", "exec", pair_->name(side)} + command;
   }
-  /// The same, with the profiles that have TTL 0.
+  /// Like `in_namespace`, with the profiles that have TTL 0.
   [[nodiscard]] Command without_multicast(netem::Side side, const Command& command) const {
     return in_namespace(side, command) + Command{"--qos", qos_};
   }

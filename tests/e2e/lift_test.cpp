@@ -11,7 +11,7 @@ namespace figures = session::figures;
 using Seen = Observer::Seen;
 
 /// Checks the lower bound of the energy at the port of a hand: -1 uJ if no cycle was skipped. During a skipped cycle
-/// the previous force still acts, which may cost the largest force of the device times the largest travel in a cycle.
+/// the previous force still acts. Its energy is at most the device's maximum force times the maximum travel in a cycle.
 void expect_passive_ports(const nlohmann::json& published) {
   constexpr double kPerSkippedCycle = 8 * 0.4 * 1e-3 * 1e6;  // uJ; 8 N at 0.4 m/s for 1 ms
   const double skipped = published[figures::kSkipped].get<double>();

@@ -37,7 +37,7 @@ TEST_F(MetricsTest, MetricsContainTheHashOfTheActiveMeshOfEachObject) {
   for (auto entry = log.next(); entry != trace::ContactLogReader::Entry::kEnd; entry = log.next())
     if (entry == trace::ContactLogReader::Entry::kQuery) last_logged = log.query.mesh_hash;
   ASSERT_NE(last_logged, 0u);
-  // Metrics are periodic, so they may lack a mesh of short duration. The last logged mesh was active while ann held.
+  // Metrics are periodic, so they may lack a mesh of short duration. The last logged mesh was active during ann's hold.
   const std::vector<session::MeshHash> published = observer.seen().meshes.at("desk");
   EXPECT_THAT(published, testing::Each(testing::Field(&session::MeshHash::object_id, session::id_of("sphere"))));
   EXPECT_THAT(published, testing::Contains(testing::Field(&session::MeshHash::hash, last_logged)));

@@ -49,7 +49,7 @@ TEST_F(RecordTest, ARecordingAndItsTablesContainEveryTopicOfTheSession) {
     return seen.user("ann").exact > 100 && seen.user("bob").exact > 100 && seen.metrics_count("desk") > 1;
   })) << users.output()
       << desk.output();
-  // A recorder writes to its file at least once a second. After that, the recorder with the second file is killed.
+  // A recorder writes to its file at least once a second. The test waits for this, and then kills the second recorder.
   const std::uint64_t metrics = observer.seen().metrics_count("desk");
   ASSERT_TRUE(observer.until([&](const Seen& seen) { return seen.metrics_count("desk") > metrics + 4; }));
   killed_recorder.signal(SIGKILL);

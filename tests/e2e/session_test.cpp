@@ -104,7 +104,7 @@ const Models& models() {
 }
 
 SessionTest::SessionTest() {
-  // A session uses three domains. Two tests or two test programs are unlikely to share a base domain from 1 to 94.
+  // A session uses three domains, so its first domain is 1, 4, ... or 94. Two tests are unlikely to have the same one.
   static std::atomic<int> test_count{0};
   const int test_number = ++test_count;
   domain_ = 1 + 3 * ((getpid() + test_number) % 32);

@@ -93,7 +93,7 @@ struct Models {
 };
 const Models& models();
 
-/// Each test has its own session, domains and temporary folder.
+/// Each test has its own session and temporary folder. Two tests seldom have the same domains.
 class SessionTest : public ::testing::Test {
  protected:
   SessionTest();
@@ -103,7 +103,7 @@ class SessionTest : public ::testing::Test {
 
   /// The command of the program `tactus-NAME` with these arguments and no others.
   [[nodiscard]] static std::vector<std::string> program(const std::string& name, std::vector<std::string> arguments);
-  /// The same command with the session and the domain of this test.
+  /// Like `program`, with the session and the domain of this test.
   [[nodiscard]] std::vector<std::string> in_session(const std::string& name, std::vector<std::string> arguments) const;
   [[nodiscard]] std::vector<std::string> host(const std::string& name, const std::string& model) const;
   /// An HRTC without deadband coding: it sends every probe state, so that tests can count them.

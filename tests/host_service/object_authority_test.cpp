@@ -169,7 +169,7 @@ TEST_F(ObjectAuthorityTest, AHostWithAWrongClockDoesNotBecomeTheAuthority) {
   object_authority_.on_host(100, 2'000 * kMs, now_);
   object_authority_.add(cube(0), now_);
   run(300);
-  object_authority_.on_catalogue(cube(0, origin_of(90, 1)), now_);  // an incarnation of 1970
+  object_authority_.on_catalogue(cube(0, origin_of(90, 1)), now_);  // its clock shows 1970
   object_authority_.on_host(90, session::kNotJoined, now_);
   run(1000);
   object_authority_.on_host(90, 60'000 * kMs, now_);

@@ -46,7 +46,7 @@ const Organ& organ() {
   return kOrgan;
 }
 
-/// A box of 0.2 kg. `half_mm`: half edges, mm. `centre`: m. The ground is 1 m below the origin.
+/// A box of 0.2 kg. `half_mm`: half edge lengths, mm. `centre`: m. The ground is 1 m below the origin.
 session::CatalogueEntry box(const Vec3d& half_mm, const Vec3d& centre, double friction) {
   session::CatalogueEntry entry;
   entry.origin.session = 1;

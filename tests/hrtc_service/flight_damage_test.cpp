@@ -105,8 +105,8 @@ class Overwrite {
 };
 
 /// Two tips, or two tools, each on a sphere. At intervals, one sphere is held and moved, and the other one is withdrawn
-/// and offered again. The pool holds a third of the records, so that regions are loaded and retired. The recording
-/// begins in the middle of a run. Parameter: whether the users have tools.
+/// and offered again. The pool holds less than half of the records, so that regions are loaded and retired. The
+/// recording begins in the middle of a run. Parameter: whether the users have tools.
 class FlightDamage : public ::testing::TestWithParam<bool> {
  protected:
   static void SetUpTestSuite() {
@@ -172,7 +172,7 @@ class FlightDamage : public ::testing::TestWithParam<bool> {
     (void)store.write(file_, "a test");
   }
 
-  /// The step of a loop over messages or rounds. A replay with tools takes ten times as long as with tips.
+  /// The step of a loop over messages or rounds. A replay with tools takes ten times as long as one with tips.
   [[nodiscard]] static std::size_t stride() { return GetParam() ? 10 : 1; }
   /// Replays these messages. Returns "same", "differs" or the error.
   std::string replay(const Messages& messages) {
@@ -255,7 +255,7 @@ TEST_P(FlightDamage, AReplayOfAMessageWithADamagedFieldEnds) {
   std::set<std::pair<std::size_t, std::uint32_t>> seen;
   int damaged = 0, refused = 0;
   for (std::size_t i = 0; i < recorded_.size(); ++i) {
-    // With tools only the start message, which contains the tool: such a replay takes ten times as long.
+    // With tools, a replay takes ten times as long. So only the start message, which contains the tool, is damaged.
     if (GetParam() && !std::holds_alternative<trace::FlightStart>(recorded_[i])) continue;
     const auto* const event = std::get_if<trace::FlightEvent>(&recorded_[i]);
     const auto kind = event != nullptr ? static_cast<std::uint32_t>(event->kind) : 0;
@@ -336,7 +336,7 @@ TEST_P(FlightDamage, AReplayOfADamagedStateEndsAndAWrongSizeIsRefused) {
     ++damaged;
     refused += outcome != "same" && outcome != "differs" ? 1 : 0;
   };
-  // Damages every second word with tips, and every sixteenth with tools, because such a replay takes ten times as long.
+  // Damages every second word with tips. With tools, a replay takes ten times as long, so only every sixteenth word.
   std::mt19937_64 random{kSeed};
   const std::size_t step = GetParam() ? 16 : 2;  // words
   for (std::size_t offset = 8 * (random() % step); offset < carried.size(); offset += 8 * step) {

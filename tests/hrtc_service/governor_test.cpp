@@ -7,7 +7,7 @@
 namespace tactus::hrtc_service {
 namespace {
 
-/// Simulates the times of cycles, which always have more to refine. Each time has a log-normal tail, as measured times.
+/// Simulates cycles that always have more to refine. Their times have a log-normal tail, as measured times have.
 class Machine {
  public:
   explicit Machine(std::uint64_t seed) : random_{seed} {}

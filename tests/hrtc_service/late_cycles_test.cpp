@@ -1,5 +1,5 @@
-// Checks the classes of late cycles against simulated histories, whose causes are known, and against delays that the
-// test causes in the real haptic thread.
+// Checks the classes of late cycles whose causes are known: in simulated histories, and after delays that the test
+// causes in the real haptic thread.
 
 #include "hrtc_service/late_cycles.hpp"
 
@@ -50,8 +50,8 @@ class History {
     std::int64_t ns;
   };
 
-  /// Adds a cycle. `wake`: activities from the due time to the start, left out if the previous cycle ends later.
-  /// `work`: activities from the start to the end.
+  /// Adds a cycle. `wake`: activities from the due time to the start; left out if the previous cycle ends after the due
+  /// time. `work`: activities from the start to the end.
   CycleTimes cycle(const std::vector<Activity>& wake, const std::vector<Activity>& work) {
     const std::int64_t due_ns = next_due_ns_ + std::max<std::int64_t>(0, now_ns_ - next_due_ns_) / kPeriod * kPeriod;
     next_due_ns_ = due_ns + kPeriod;

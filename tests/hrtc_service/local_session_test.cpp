@@ -99,7 +99,7 @@ class OrganSession : public ::testing::Test {
     const double share = (length - lengths[next - 1]) / (lengths[next] - lengths[next - 1]);
     return path_->points()[next - 1] * (1 - share) + path_->points()[next] * share;
   }
-  /// Returns the velocity of the tip, m/s, if it moves by `cycles` cycles of the path in each cycle.
+  /// Returns the velocity, m/s, of a tip that moves along the path at `cycles` times 5 cm/s.
   static Vec3d velocity(double cycle, int cycles = 1) { return (position(cycle + cycles) - position(cycle)) * 1000; }
   static spm::offline::BuiltModel* built_;
   static Finest* finest_;
@@ -249,7 +249,7 @@ TEST_F(OrganSession, RefinementThatAClockLimitsIsReproducedToTheBitByTheGrantedB
     std::vector<CycleRecord> records;
     for (int cycle = 0; cycle < kCycles; ++cycle) {
       session.prepare(position(4 * cycle), velocity(4 * cycle, 4));  // 20 cm/s
-      hrtc_service::RefineLimit limit;                               // from one portion to no limit
+      hrtc_service::RefineLimit limit;                               // random: one portion, more, or no limit
       if (random() % 3 != 0) limit.max_end = 1000.0 * static_cast<double>(random() % 8);
       const hrtc_service::ProbeOutput probe = session.touch().probes[0];
       if (by_clock) {

@@ -134,9 +134,9 @@ Lift lift(bool two_hrtcs, std::int64_t delay_ms) {
   return result;
 }
 
-/// The delay of a wave-variable channel is the age of its samples. The clock of the second HRTC is half a second ahead,
-/// so samples seem half a second old there until it is synchronised. If such ages counted afterwards, the channels
-/// would let the copies drift apart by centimetres.
+/// The delay of a wave-variable channel is the age of its samples. The clock of the second HRTC is half a second ahead.
+/// Until this clock is synchronised, samples seem half a second old at this HRTC. If the channels used these ages
+/// later, the copies would drift apart by centimetres.
 TEST(SharedBody, CopiesStayTogetherWhenHrtcsJoinBeforeTheirClocksAreSynchronised) {
   Session session{2, 0.8, true};
   const auto side = [](double sign, double gap) -> Vec3d { return {sign * (kHalfEdge + 0.003 + gap), 0, kHalfEdge}; };

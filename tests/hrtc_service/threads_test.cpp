@@ -30,7 +30,8 @@ using spm::Vec3d;
 
 constexpr std::uint64_t kHost = 10, kHrtc = 20, kSession = 30;
 
-/// A simulated hand. From the first cycle, a filter records all system calls of the haptic thread except the sleep.
+/// A simulated hand. From the first cycle, a filter records the system calls of the haptic thread, except the sleep and
+/// the calls that end a thread.
 class FilteredHand final : public haptics::Device {
  public:
   explicit FilteredHand(const haptics::HandSettings& hand) : hand_{hand} {}
@@ -58,7 +59,7 @@ TEST(SystemCallFilter, RecordsTheCallsThatItDoesNotAllow) {
     wire::sleep_until(hrtc_service::monotonic_ns() + 1000);
     (void)syscall(SYS_gettid);
   }}.join();
-  const std::map<long, std::uint64_t> tried = test_support::SystemCalls::attempts();  // also those of the thread's end
+  const std::map<long, std::uint64_t> tried = test_support::SystemCalls::attempts();  // the thread's end may add calls
   EXPECT_THAT(tried, testing::Contains(testing::Pair(SYS_gettid, 1)));
   EXPECT_THAT(tried, testing::Not(testing::Contains(testing::Key(SYS_clock_nanosleep))));
 }
@@ -69,7 +70,7 @@ class Threads : public ::testing::Test {
  protected:
   static constexpr session::Origin kHrtcOrigin{kSession, kHrtc, 1, 0};
 
-  /// Moves the hand along the equator and beyond it, 2 mm deep at some 10 cm/s.
+  /// Moves the hand on a wave along the equator, 1 to 2 mm deep, at 10 to 12 cm/s.
   void move_hand(std::int64_t now_ns) {
     const double angle = static_cast<double>(now_ns - start_ns_) * 1e-9 * 0.1 / radius_;
     const double tip_distance = radius_ + 0.001;
@@ -138,7 +139,7 @@ class Threads : public ::testing::Test {
   const spm::Model model_ = built_.model();
   const spm::codec::EncodedModel encoded_{model_};
   const double radius_ = (model_.summary.bounds_max[0] - model_.summary.bounds_min[0]) / 2;
-  // The pool holds a quarter of the model, so that regions are loaded and evicted.
+  // The pool holds a quarter of the model, so that regions are loaded and retired.
   const spm::PoolSettings pool_ = spm::PoolSettings::for_slots(model_.summary.parts / 4 + 600);
   const test_support::TemporaryFolder folder_;
   hrtc_service::FlightSaver flight_{flight_options(),
@@ -162,7 +163,7 @@ TEST_F(Threads, TheHapticThreadMakesNoSystemCallWhileTheLoaderLoadsAndEvictsRegi
   test_support::SystemCalls::clear();
   (void)haptic_.start();
 
-  // Until enough contacts were exact, and regions were loaded and coarsened. The timeout of ctest limits the wait.
+  // Waits for enough exact contacts, coarsened regions and a snapshot. The timeout of ctest limits the wait.
   while (exact_reports_ < 200 || core_.gateway().loader().figures().regions_coarsened < 3 ||
          core_.servo().snapshots_done() == 0) {
     const std::int64_t now_ns = hrtc_service::monotonic_ns();

@@ -163,7 +163,7 @@ class WithdrawalTest : public testing::Test {
     return (probe.status & (kExactContact | session::kForceRamped)) == kExactContact && force() > 0.2;
   }
   [[nodiscard]] double force() const { return vec(core_->servo().outputs()[0].force).norm(); }
-  /// Returns a tip position on the sphere of this centre, at an angle about the z axis.
+  /// Returns a position of a tip that presses on the sphere around `centre`. `angle`: rad about the z axis.
   [[nodiscard]] static spm::Vec3d pressed_on(const spm::Vec3d& centre, double angle = 0) {
     return centre + (kSphereRadius + kTipRadius - kPenetration) * spm::Vec3d{std::cos(angle), std::sin(angle), 0};
   }

@@ -4,9 +4,10 @@
  *     cyclone-device SESSION DOMAIN HRTC OBJECT
  *
  * Joins as client "cyclone" and simulates the device of user "carl". The tip waits above OBJECT until the HRTC answers
- * its poses and shows the object. Then the tip moves down at 5 cm/s, stops when a force of more than 0.5 N pushes it
+ * the poses and shows the object. Then the tip moves down at 5 cm/s, stops when a force of more than 0.5 N pushes it
  * up, and stays until the session ends. Prints a line at the first receipt of each kind of sample. The exit status is 0
- * if the session ended after the device received the force and the probe state showed it, otherwise 1.
+ * if the session ended after a command and a probe state with this force had arrived, 2 for wrong arguments or an error
+ * of DDS, otherwise 1.
  */
 #include <signal.h>
 #include <stdio.h>

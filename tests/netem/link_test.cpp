@@ -135,7 +135,7 @@ TEST(ALink, LosesBurstsOfGeometricallyDistributedLengths) {
     }
   }
   const auto bursts = static_cast<double>(lengths.size());
-  // One burst begins on average every 1/p + 1/r frames.
+  // On average, one burst begins every 1 / burst_start + 1 / burst_end frames.
   EXPECT_NEAR(bursts, kCount / (1 / 0.01 + 1 / 0.25), 5 * std::sqrt(bursts));
   for (int min = 1; min <= 10; ++min) {
     const auto longer =
@@ -219,7 +219,7 @@ TEST(SmoothJitter, HasTheCorrelationOfItsTimeConstant) {
   const std::vector<double> delays_ms = delays(link, 400'000, 10 * kMs);
   const double average = mean(delays_ms), sd = standard_deviation(delays_ms);
   EXPECT_NEAR(sd, 10, 0.5);
-  for (const int lag : {1, 5, 10, 30}) {  // of 10 ms
+  for (const int lag : {1, 5, 10, 30}) {  // in frames; one arrives every 10 ms
     double sum = 0;
     for (std::size_t i = static_cast<std::size_t>(lag); i < delays_ms.size(); ++i)
       sum += (delays_ms[i] - average) * (delays_ms[i - static_cast<std::size_t>(lag)] - average);

@@ -10,7 +10,7 @@
 namespace tactus::netem {
 namespace {
 
-/// A relay between two pairs of sockets. The sockets preserve frame boundaries as taps do, but need no privileges.
+/// A relay between two pairs of sockets. Like TAP devices, they preserve frame boundaries, but they need no privileges.
 class RelayTest : public testing::Test {
  protected:
   RelayTest() {

@@ -44,7 +44,7 @@ TEST_F(ScenarioOnScan, AToolFeelsForceAndTorqueOfTheFullMeshToTheBitWithoutDelay
   EXPECT_EQ(value_of(without_delay, "torque error max"), 0);
   EXPECT_GT(value_of(without_delay, "contact"), 6);
   EXPECT_GT(value_of(without_delay, "true torque rms"), 2);
-  // With a delay regions are missing at times, and the same figures show it.
+  // With a delay, regions are missing at times, so the figures must differ from those above.
   EXPECT_LT(value_of(with_delay, "exact"), 98);
   EXPECT_GT(value_of(with_delay, "force error max"), 0.1);
   EXPECT_GT(value_of(with_delay, "torque error max"), 0.5);

@@ -249,7 +249,8 @@ TEST_F(Audit, IgnoresAndCountsTangentTriangles) {
   const TriangleMesh one{{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}}, {{0, 1, 2}}};
   write_mesh(path("one.ply"), one);
   const std::uint64_t key = trace::triangle_key(corners_of(one, 0));
-  // The audit of an entry whose distance from tangency is a multiple of the tolerance.
+  // The audit of one entry, whose radius is the distance of the triangle minus `tolerances` times the tolerance.
+  // `logged`: the entry contains the triangle.
   const auto result = [&](double tolerances, bool logged) {
     LoggedQuery query = true_query(one, {0.25, 0.25, 0.5}, 0.5 - tolerances * kTolerance);
     query.contact_count = logged ? 1 : 0;

@@ -30,7 +30,7 @@ std::vector<std::uint8_t> message(std::uint8_t writer_kind, std::uint8_t sequenc
   bytes.insert(bytes.end(), {0x09, 0x01, 8, 0, 0, 0, 0, 0, 0, 0, 0, 0});                      // time
   bytes.insert(bytes.end(), {0x15, flags, length, 0, 0, 0, 16, 0, 0, 1, 0, 0xc7});            // sample, reader
   bytes.insert(bytes.end(), {0, 1, 0, writer_kind, 0, 0, 0, 0, sequence, 0, 0, 0});           // writer, number
-  if (has_inline_qos) bytes.insert(bytes.end(), {0x0f, 0x80, 4, 0, 9, 9, 9, 9, 1, 0, 0, 0});  // of the sample
+  if (has_inline_qos) bytes.insert(bytes.end(), {0x0f, 0x80, 4, 0, 9, 9, 9, 9, 1, 0, 0, 0});  // a parameter, sentinel
   bytes.insert(bytes.end(), {0, 3, 0, 0, 0x32, 0, 24, 0, 1, 0, 0, 0, 0xf2, 0x1c, 0, 0});      // parameter, kind, port
   bytes.insert(bytes.end(), {0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 10, 0, 0, 1});
   if (!name.empty()) {

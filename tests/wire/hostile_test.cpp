@@ -17,7 +17,7 @@ namespace {
 
 namespace rtps = eprosima::fastrtps::rtps;
 
-/// A type with the name of another type, whose samples are raw bytes: for a writer of an attacker.
+/// A type that has the name of another type, but whose samples are raw bytes. The writer of an attacker uses it.
 class RawBytes final : public dds::TopicDataType {
  public:
   RawBytes(const char* name, bool keyed) {

@@ -21,7 +21,7 @@ std::vector<std::uint8_t> message(const std::vector<Part>& parts) {
     const auto low = static_cast<std::uint8_t>(part.length), high = static_cast<std::uint8_t>(part.length >> 8);
     const bool little = (part.flags & 1) != 0;
     bytes.insert(bytes.end(), {part.id, part.flags, little ? low : high, little ? high : low});
-    bytes.insert(bytes.end(), part.body, kStatisticsId);  // this id counts in headers only
+    bytes.insert(bytes.end(), part.body, kStatisticsId);  // in a body, this byte is no id
   }
   return bytes;
 }
@@ -80,8 +80,8 @@ std::optional<RtpsData> data_in(const Bytes& bytes) {
 }
 // Flags of a DATA submessage: 1 little-endian, 2 with inline QoS, 4 with data, 8 with a key instead of data.
 constexpr std::uint8_t kLittleWithData = 0x05, kLittleWithInlineQos = 0x07, kLittleKeyOnly = 0x09;
-// Both contain one parameter and the sentinel. The payload starts with its encapsulation header and ends with one more
-// byte.
+// kInlineQos and kPayload each contain one parameter and the sentinel. kPayload starts with its encapsulation header
+// and ends with one more byte.
 const Bytes kInlineQos{0x70, 0, 4, 0, 9, 9, 9, 9, 1, 0, 0, 0};
 const Bytes kPayload{0, 3, 0, 0, 0x62, 0, 4, 0, 5, 6, 7, 8, 1, 0, 0, 0, 99};
 

@@ -94,7 +94,7 @@ std::optional<Sample> send_until_received(Writer<Sample>& writer, Inbox<Sample>&
   return std::nullopt;
 }
 
-// All fields of a sample, for comparisons.
+// The fields of a sample, for comparisons. A catalogue entry is compared without its surface points.
 
 inline auto fields(const ses::Origin& o) { return std::tuple{o.session, o.participant, o.incarnation, o.time_ns}; }
 inline auto fields(const ses::Pose& p) { return std::tuple{p.position, p.orientation}; }
@@ -181,7 +181,7 @@ inline auto fields(const ses::ClockSample& c) {
   return std::tuple{fields(c.origin), c.peer, c.sequence, c.answer, c.t0_ns, c.t1_ns, c.t2_ns};
 }
 
-/// A valid sample whose fields all differ from their defaults and from each other.
+/// A valid sample. Most fields differ from their defaults and from each other, so that lost and swapped fields show.
 template <class Sample>
 Sample full_sample(const Participants& from);
 
