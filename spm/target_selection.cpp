@@ -3,13 +3,6 @@
 #include <algorithm>
 
 namespace tactus::spm {
-namespace {
-
-// The key of a target is its squared distance plus the constant of its group.
-constexpr double kNow = 0, kSoon = 1e12, kRefined = 2e12;
-constexpr double kNotWanted = -1;
-
-}  // namespace
 
 void TargetSelection::begin(const Forest& forest, const TargetMargins& margins) noexcept {
   forest_ = &forest;
@@ -17,20 +10,21 @@ void TargetSelection::begin(const Forest& forest, const TargetMargins& margins) 
   targets_.clear();
 }
 
-/// Adds the loaded regions within `radius` of `centre` with the key `key_of(region, squared distance)`, unless the key
-/// is kNotWanted.
-template <class KeyOf>
-void TargetSelection::add_within(const Vec3d& centre, double radius, KeyOf key_of) noexcept {
+/// Adds the loaded regions within `radius` of `centre`, unless their group is kNone. `classify(target)` receives the
+/// region and its squared distance from `centre`, and sets the group.
+template <class Classify>
+void TargetSelection::add_within(const Vec3d& centre, double radius, Classify classify) noexcept {
   const bool all = forest_->grid().for_each_intersecting(centre, radius, [&](RegionId region, double squared) {
     if (!forest_->is_loaded(region)) return;
-    const double key = key_of(region, squared);
-    if (key != kNotWanted) targets_.add({region, key});
+    Target target{region, Group::kNone, squared};
+    classify(target);
+    if (target.group != Group::kNone) targets_.add(target);
   });
   if (!all && centre.allFinite()) targets_.mark_incomplete();
 }
 
 void TargetSelection::add_soon(const Vec3d& centre, double radius) noexcept {
-  add_within(centre, radius, [](RegionId, double squared) { return kSoon + squared; });
+  add_within(centre, radius, [](Target& target) { target.group = Group::kSoon; });
 }
 
 void TargetSelection::add_sphere(const PlacedSphere& sphere) noexcept {
@@ -38,11 +32,18 @@ void TargetSelection::add_sphere(const PlacedSphere& sphere) noexcept {
   const double half = sphere.displacement.norm() / 2, reach = sphere.radius + half;
   const Vec3d middle = sphere.centre + sphere.displacement / 2;
   const double soon = reach + margins_.refine;
-  add_within(middle, reach + std::max(margins_.refine, margins_.retain), [&](RegionId region, double squared) {
-    if (squared > soon * soon) return forest_->is_refined(region) ? kRefined + squared : kNotWanted;
-    if (squared > reach * reach) return kSoon + squared;
-    const double now = half > 0 ? forest_->grid().squared_distance(region, sphere.centre) : squared;
-    return now <= sphere.radius * sphere.radius ? kNow + now : kSoon + squared;
+  add_within(middle, reach + std::max(margins_.refine, margins_.retain), [&](Target& target) {
+    if (target.squared_distance > soon * soon) {
+      if (forest_->is_refined(target.region)) target.group = Group::kRefined;
+      return;
+    }
+    target.group = Group::kSoon;
+    if (target.squared_distance > reach * reach) return;
+    const double now =
+        half > 0 ? forest_->grid().squared_distance(target.region, sphere.centre) : target.squared_distance;
+    if (now > sphere.radius * sphere.radius) return;
+    target.group = Group::kNow;
+    target.squared_distance = now;
   });
 }
 

@@ -15,6 +15,7 @@
 #include <algorithm>
 #include <cstdint>
 #include <span>
+#include <tuple>
 #include <vector>
 
 #include "spm/forest.hpp"
@@ -48,16 +49,20 @@ class TargetSelection {
   [[nodiscard]] bool complete() const noexcept { return targets_.complete(); }
 
  private:
+  enum class Group : std::uint8_t { kNow, kSoon, kRefined, kNone };
   struct Target {
     RegionId region{};
-    double key = 0;  ///< smaller is more urgent
+    Group group = Group::kNone;
+    double squared_distance = 0;  ///< from the sphere that the group compares with the region
     [[nodiscard]] bool precedes(const Target& other) const noexcept {
-      return key != other.key ? key < other.key : index(region) < index(other.region);
+      return std::tie(group, squared_distance, region) < std::tie(other.group, other.squared_distance, other.region);
     }
-    void merge(const Target& other) noexcept { key = other.key < key ? other.key : key; }
+    void merge(const Target& other) noexcept {
+      if (other.precedes(*this)) *this = other;
+    }
   };
-  template <class KeyOf>
-  void add_within(const Vec3d& centre, double radius, KeyOf key_of) noexcept;
+  template <class Classify>
+  void add_within(const Vec3d& centre, double radius, Classify classify) noexcept;
 
   const Forest* forest_ = nullptr;
   TargetMargins margins_;

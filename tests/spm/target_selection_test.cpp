@@ -188,5 +188,25 @@ TEST_F(StylusShaft, ASmallSelectionHasTheFirstTargetsOfALargeOne) {
     EXPECT_THAT(select(4, reversed), ::testing::ElementsAreArray(all.data(), 4)) << reversed;
 }
 
+TEST_F(StylusShaft, RegionsNearASphereAreOrderedByTheirDistance) {
+  codec::CompressedSource source{world_->encoded->compressed()};
+  const ProbeShape shape{*world_->stylus};
+  LocalRefinementSettings settings;
+  settings.margins = {0.02, 0};
+  LocalRefinement refinement{source, shape, settings};
+  const Eigen::Isometry3d& pose = world_->poses.front();
+  refinement.approach(pose, 0);
+  const PlacedSphere tip{pose.translation(), kRadius, Vec3d::Zero()};
+  TargetSelection selection{4096};
+  selection.begin(refinement.forest(), settings.margins);
+  selection.add_sphere(tip);
+  std::vector<double> distances;
+  for (const RegionId region : selection.finish())
+    distances.push_back(refinement.forest().grid().squared_distance(region, tip.centre));
+  ASSERT_GT(distances.size(), 10u);
+  EXPECT_GT(distances.back(), kRadius * kRadius) << "all regions are in the first group";
+  EXPECT_TRUE(std::is_sorted(distances.begin(), distances.end()));
+}
+
 }  // namespace
 }  // namespace tactus::spm
