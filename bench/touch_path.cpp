@@ -9,7 +9,7 @@ namespace tactus::bench {
 namespace {
 
 constexpr double kApproach = 1, kFollowing = 2, kTapping = 2;  // s
-constexpr double kStartHeight = 0.02;                          // of the approach, above the surface, m
+constexpr double kApproachHeight = 0.02;                          // of the approach, above the surface, m
 constexpr double kTapHeight = 0.003;                           // m
 constexpr double kMinTapRate = 2, kMaxTapRate = 12;            // Hz
 
@@ -40,7 +40,7 @@ std::vector<spm::Vec3d> touch_path(const LoadedModel& subject, const TouchPathSe
   path.reserve(settings.poses);
   for (std::uint32_t i = 0; i < approach; ++i) {
     const double remaining = 1 - static_cast<double>(i) / approach;
-    path.push_back(along[0].centre * unit + along[0].normal * (kStartHeight * remaining));
+    path.push_back(along[0].centre * unit + along[0].normal * (kApproachHeight * remaining));
   }
   for (std::size_t i = 0; path.size() < settings.poses; ++i)
     path.push_back(along[i].centre * unit + along[i].normal * height(static_cast<double>(i) * settings.period));

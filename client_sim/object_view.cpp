@@ -9,7 +9,6 @@ namespace tactus::client_sim {
 
 namespace {
 
-Vec3d vector_of(const std::array<double, 3>& a) { return {a[0], a[1], a[2]}; }
 
 }  // namespace
 

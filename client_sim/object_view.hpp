@@ -27,6 +27,7 @@ struct ObjectView {
   std::vector<SurfacePoint> surface;  ///< empty: the whole box counts as solid
   double spacing = 0;                 ///< m; max distance from a point of the real surface to the nearest in `surface`
 };
+[[nodiscard]] inline Vec3d vector_of(const std::array<double, 3>& a) { return {a[0], a[1], a[2]}; }
 [[nodiscard]] ObjectView view_of(const session::CatalogueEntry& entry);
 
 /// By object name.

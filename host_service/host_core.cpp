@@ -6,12 +6,12 @@
 
 #include "session/figures.hpp"
 #include "session/time_reference.hpp"
+#include "session/units.hpp"
 #include "sharing/body.hpp"
 
 namespace tactus::host_service {
 namespace {
 
-constexpr std::int64_t kMs = 1'000'000;
 constexpr std::int64_t kHeartbeatNs = 100 * kMs;
 constexpr std::int64_t kClockRequestNs = 500 * kMs;
 constexpr std::int64_t kMetricsNs = 1000 * kMs;

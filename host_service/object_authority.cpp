@@ -6,7 +6,7 @@ namespace tactus::host_service {
 
 namespace {
 
-constexpr std::int64_t kStepNs = 1'000'000;
+constexpr std::int64_t kSimulationStepNs = 1'000'000;
 constexpr std::int64_t kMaxTickNs = 50'000'000;  // max time that one tick simulates
 /// Time after which an absent host no longer counts as a host of an object. It is longer than the DDS lease, because a
 /// host that returns within the lease does not send its catalogue again.
@@ -113,10 +113,10 @@ void ObjectAuthority::simulate(Object& object, std::int64_t now_ns, std::int64_t
   }
   object.stepped_ns = std::max(object.stepped_ns, now_ns - kMaxTickNs);
   const haptics::Surroundings around{true, object.body.ground, scenery_ == nullptr ? nullptr : &scenery_->surface()};
-  while (object.stepped_ns + kStepNs <= now_ns) {
-    object.stepped_ns += kStepNs;
+  while (object.stepped_ns + kSimulationStepNs <= now_ns) {
+    object.stepped_ns += kSimulationStepNs;
     if (object.shared_object.is_asleep()) continue;
-    object.shared_object.step(session_now_ns, {}, around, 1e-9 * static_cast<double>(kStepNs));
+    object.shared_object.step(session_now_ns, {}, around, 1e-9 * static_cast<double>(kSimulationStepNs));
     ++steps_;
   }
   for (const haptics::Contact& contact : object.shared_object.static_contacts())

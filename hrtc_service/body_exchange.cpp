@@ -5,11 +5,11 @@
 #include <algorithm>
 
 #include "hrtc_service/realtime.hpp"
+#include "session/units.hpp"
 
 namespace tactus::hrtc_service {
 namespace {
 
-constexpr std::int64_t kMs = 1'000'000;
 constexpr std::int64_t kReleasedEndpointsNs = 2000 * kMs;  // lifetime of the endpoints after the release of an object
 
 }  // namespace

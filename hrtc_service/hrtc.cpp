@@ -25,13 +25,13 @@
 #include "hrtc_service/timer_beside.hpp"
 #include "hrtc_service/user_devices.hpp"
 #include "session/periodic.hpp"
+#include "session/units.hpp"
 #include "wire/endpoints.hpp"
 #include "wire/inbox.hpp"
 
 namespace tactus::hrtc_service {
 namespace {
 
-constexpr std::int64_t kMs = 1'000'000;
 // A pass is one call of `serve` by the service thread. Limits of the period of passes:
 constexpr std::int64_t kMinServiceNs = 2 * kMs;
 constexpr std::int64_t kMinServiceAtRestNs = 8 * kMs;  // while Loader::at_rest

@@ -6,10 +6,11 @@
 #include <cstdio>
 #include <utility>
 
+#include "session/units.hpp"
+
 namespace tactus::hrtc_service {
 namespace {
 
-constexpr double kNsPerS = 1e9;
 // A prediction of this age is repeated even if no probe has moved.
 constexpr std::int64_t kMaxPredictionAgeNs = 50'000'000;
 

@@ -3,11 +3,11 @@
 #include <tuple>
 
 #include "hrtc_service/loader.hpp"
+#include "session/units.hpp"
 
 namespace tactus::hrtc_service {
 namespace {
 
-constexpr double kNsPerS = 1e9;
 // Share of the store that estimates may fill. Some messages need more blocks for each byte than the average.
 constexpr double kUsableShare = 0.9;
 

@@ -5,13 +5,13 @@
 #include <utility>
 
 #include "session/time_reference.hpp"
+#include "session/units.hpp"
 
 namespace tactus::hrtc_service {
 namespace {
 
 using Severity = SessionEvent::Severity;
 
-constexpr std::int64_t kMs = 1'000'000;
 constexpr std::int64_t kHeartbeatNs = 100 * kMs;
 constexpr std::int64_t kClockNs = 200 * kMs, kClockFastNs = 20 * kMs;
 constexpr std::uint32_t kFastClockRequests = 10;

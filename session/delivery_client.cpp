@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <utility>
 
+#include "session/units.hpp"
+
 namespace tactus::session {
 namespace {
 
@@ -402,7 +404,6 @@ std::uint64_t DeliveryClient::granted_credit(std::int64_t now_ns) {
 void DeliveryClient::measure_rate(std::size_t bytes, std::int64_t now_ns) {
   constexpr std::int64_t kMinWindow = 20'000'000;
   constexpr double kDecay = 0.95;
-  constexpr double kNsPerS = 1e9;
   window_.bytes += bytes;
   const std::int64_t duration_ns = now_ns - window_.begun_ns;
   if (duration_ns < std::max(kMinWindow, round_trip_ns_)) return;
@@ -415,7 +416,6 @@ void DeliveryClient::measure_rate(std::size_t bytes, std::int64_t now_ns) {
 /// faster link, too small to build a long queue.
 std::uint32_t DeliveryClient::credit() const {
   constexpr double kMargin = 1.25;
-  constexpr double kNsPerS = 1e9;
   const double turnaround_s = static_cast<double>(round_trip_ns_ + settings_.demand_interval_ns) / kNsPerS;
   const double credit = std::clamp(kMargin * rate_ * turnaround_s, static_cast<double>(settings_.credit),
                                    static_cast<double>(std::max(settings_.credit, settings_.max_credit)));

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "session/units.hpp"
+
 namespace tactus::session {
 
 void FailureDetector::watch(const std::vector<std::uint64_t>& hosts) {
@@ -36,7 +38,6 @@ void FailureDetector::on_answer(const ClockSample& answer, std::int64_t now_ns) 
   Watched& host = at->second;
   const bool is_same_program = host.incarnation == answer.origin.incarnation;
   if (is_same_program) {
-    constexpr double kNsPerS = 1e9;
     const double passed_s = static_cast<double>(now_ns - host.answered_ns) / kNsPerS;
     host.longest_ns *= std::exp2(-passed_s / settings_.half_life_s);
     host.longest_ns = std::max(host.longest_ns, static_cast<double>(host.silence_ns));

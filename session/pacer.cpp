@@ -3,11 +3,11 @@
 #include <algorithm>
 
 #include "session/messages.hpp"
+#include "session/units.hpp"
 
 namespace tactus::session {
 namespace {
 
-constexpr std::int64_t kMs = 1'000'000;
 constexpr double kFirstWindow = 10 * kMaxPayload;  // RFC 6928
 constexpr double kMinWindow = 2 * kMaxPayload;
 constexpr double kMaxWindow = 16e6;

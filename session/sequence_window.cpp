@@ -2,10 +2,11 @@
 
 #include <algorithm>
 
+#include "session/units.hpp"
+
 namespace tactus::session {
 namespace {
 
-constexpr double kNsPerS = 1e9;
 constexpr std::int64_t kMaxDriftDivisor = 1000;  // two clocks drift by at most 1 / 1000
 /// Times are clamped to this, 73 years, so that their differences do not overflow.
 constexpr std::int64_t kMaxTimeNs = INT64_C(1) << 61;

@@ -3,10 +3,11 @@
 #include <algorithm>
 #include <cmath>
 
+#include "study/constants.hpp"
+
 namespace tactus::study {
 namespace {
 
-constexpr double kDt = 1e-3;           // s
 constexpr std::size_t kMinPause = 20;  // ms without force between two touches; after less, the touch continues
 
 }  // namespace
@@ -71,7 +72,7 @@ Figures Fidelity::figures() const {
                                            [&](const Touch& felt) { return truth_.overlapping(felt) == nullptr; });
   const auto each = static_cast<double>(std::max<std::size_t>(paired, 1));
   const auto number = [](std::size_t value) { return static_cast<double>(value); };
-  return {{"contact", "s", number(felt_ms_) * kDt},
+  return {{"contact", "s", number(felt_ms_) * kCycle},
           {"exact", "%", 100 * number(exact_ms_) / number(std::max<std::size_t>(felt_ms_, 1))},
           {"force error rms", "N", std::sqrt(squares_ / count)},
           {"force error max", "N", max_},

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "session/ownership.hpp"
+#include "study/constants.hpp"
 #include "study/virtual_link.hpp"
 
 namespace tactus::study {
@@ -15,8 +16,7 @@ namespace {
 
 using session::Claimant;
 
-constexpr std::uint64_t kSession = 30, kObject = 100;
-constexpr std::int64_t kCycleNs = 1'000'000;
+constexpr std::uint64_t kObject = 100;
 constexpr std::size_t kSampleBytes = 250;  // a claim, grant or pose with headers
 
 using OwnershipSample = std::variant<session::ObjectClaim, session::ObjectGrant, session::ObjectPose>;

@@ -7,6 +7,7 @@
 #include "haptics/body_touch.hpp"
 #include "spm/finest_tree.hpp"
 #include "spm/offline/generate.hpp"
+#include "study/constants.hpp"
 #include "study/full_mesh.hpp"
 #include "study/true_hand.hpp"
 #include "study/virtual_session.hpp"
@@ -17,7 +18,6 @@ namespace {
 using client_sim::Measure;
 using spm::Vec3d;
 
-constexpr double kDt = 1e-3;
 
 /// Makes the true hands of a scenario, and owns the surface that they touch.
 class Truth {
@@ -93,7 +93,7 @@ ScenarioRun run_scenario(const client_sim::Scenario& given, const Subject& subje
   for (std::size_t user = 0; user < scenario.users.size(); ++user) true_hands.push_back(truth.hand());
   double base = -1, touched = -1, exact = -1;  // s; -1: has not happened
   double kbyte = 0;                            // received until the first exact contact
-  for (double time = 0; time < scenario.duration && !session.done(); time += kDt) {
+  for (double time = 0; time < scenario.duration && !session.done(); time += kCycle) {
     if (cancelled) return {};
     session.step();
     if (base < 0 && session.base_shown()) base = time;

@@ -5,6 +5,7 @@
 #include <map>
 
 #include "session/figures.hpp"
+#include "study/constants.hpp"
 #include "study/shared_session.hpp"
 
 namespace tactus::study {
@@ -13,7 +14,6 @@ namespace {
 using client_sim::ActionKind;
 using client_sim::Scenario;
 
-constexpr double kDt = 1e-3;      // s
 constexpr double kTremor = 1e-4;  // m rms, of resting hands
 constexpr double kDegree = 3.14159265358979323846 / 180;
 
@@ -73,7 +73,7 @@ ScenarioRun press_to_target(const Scenario& scenario, const Subject& subject, co
   SharedSession session{subject, settings_of(link, seed)};
   add_users(session, client_sim::varied(scenario, seed));
   std::vector<std::vector<double>> forces(scenario.users.size());
-  for (double time = 0; time < scenario.duration; time += kDt) {
+  for (double time = 0; time < scenario.duration; time += kCycle) {
     if (cancelled) return {};
     session.step();
     for (std::size_t user = 0; user < forces.size(); ++user) forces[user].push_back(force_on(session, user));
@@ -90,7 +90,7 @@ ScenarioRun press_to_target(const Scenario& scenario, const Subject& subject, co
     ms = all(reached, [&](double force) { return std::abs(force - target) <= scenario.force_tolerance; }) ? ms + 1 : 0;
   double squares = 0, max = 0;
   std::size_t on_target = 0, lost = 0, evaluated = 0;
-  const std::size_t last = std::min(end, begin + static_cast<std::size_t>(seconds / kDt));
+  const std::size_t last = std::min(end, begin + static_cast<std::size_t>(seconds / kCycle));
   for (std::size_t ms = begin + kSettlingMs; ms < last; ++ms) {
     for (const std::vector<double>& user : forces) {
       const double off = std::abs(user[ms] - target);
@@ -122,7 +122,7 @@ ScenarioRun lift_together(const Scenario& scenario, const Subject& subject, cons
   add_users(session, client_sim::varied(scenario, seed));
   const double ground = session.shared().start.position.z();
   double highest = 0, held = 0, tilt = 0, furthest = 0, peak = 0;
-  for (double time = 0; time < scenario.duration; time += kDt) {
+  for (double time = 0; time < scenario.duration; time += kCycle) {
     if (cancelled) return {};
     session.step();
     furthest = std::max(furthest, separation(session));
@@ -131,7 +131,7 @@ ScenarioRun lift_together(const Scenario& scenario, const Subject& subject, cons
     const haptics::BodyState seen = sharing::state_of(session.viewer_pose(), session.shared().centre);
     const double height = seen.position.z() - ground;
     highest = std::max(highest, height);
-    held += height >= kHeldShare * height_of_lift ? kDt : 0;
+    held += height >= kHeldShare * height_of_lift ? kCycle : 0;
     tilt = std::max(tilt, std::acos(std::clamp((seen.orientation * Vec3d::UnitZ()).z(), -1.0, 1.0)) / kDegree);
   }
   std::uint32_t lifts = 0, lost = 0;

@@ -7,6 +7,7 @@
 #include "hrtc_service/membership.hpp"
 #include "session/figures.hpp"
 #include "sharing/hand_path.hpp"
+#include "study/constants.hpp"
 
 namespace tactus::study {
 namespace {
@@ -14,7 +15,7 @@ namespace {
 using hrtc_service::kMaxProbes;
 using spm::Vec3d;
 
-constexpr std::uint64_t kSession = 30, kHost = 100;
+constexpr std::uint64_t kHost = 100;
 constexpr std::size_t kHostNode = 0, kViewerNode = 1, kFirstHrtcNode = 2;
 constexpr std::size_t kHeaderBytes = 170;  // of Ethernet, IP, UDP, RTPS and Tactus
 constexpr std::size_t kSmallBytes = 250;   // a claim, grant, pose or roster entry with headers

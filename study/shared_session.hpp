@@ -17,6 +17,7 @@
 #include "host_service/host_core.hpp"
 #include "hrtc_service/bodies.hpp"
 #include "netem/profile.hpp"
+#include "session/units.hpp"
 #include "study/subject.hpp"
 #include "study/virtual_link.hpp"
 
@@ -41,7 +42,6 @@ struct SharedSessionSettings {
 
 class SharedSession {
  public:
-  static constexpr std::int64_t kMs = 1'000'000;
 
   /// The object is on the ground at the origin. `subject` must outlive this.
   SharedSession(const Subject& subject, const SharedSessionSettings& settings);

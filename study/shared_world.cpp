@@ -10,15 +10,14 @@
 #include "haptics/passivity.hpp"
 #include "haptics/shared_object.hpp"
 #include "haptics/simulated_device.hpp"
+#include "study/constants.hpp"
 #include "study/virtual_link.hpp"
 
 namespace tactus::study {
 namespace {
 
 using namespace haptics;
-constexpr double kDt = 1e-3;
 constexpr double kPi = 3.14159265358979323846;
-constexpr std::int64_t kCycleNs = 1'000'000;
 constexpr std::size_t kPacketBytes = 400;    // with headers
 constexpr double kMotionEnd = 6;             // s, from the begin of the run
 const Vec3d kHalfExtents{0.06, 0.06, 0.04};  // of the box, m
@@ -69,8 +68,8 @@ class SpringCoupling {
     }
     tank_ = std::min(0.05, tank_ - 0.5 * stiffness_.dot(desired.cwiseAbs2() - stretch_.cwiseAbs2()));
     stretch_ = desired;
-    const Vec6d mass = kDt * kDt * stiffness_ + kDt * damping_;
-    const Vec6d impulse = kDt * stiffness_.cwiseProduct(stretch_);
+    const Vec6d mass = kCycle * kCycle * stiffness_ + kCycle * damping_;
+    const Vec6d impulse = kCycle * stiffness_.cwiseProduct(stretch_);
     const Eigen::Matrix3d axes = state.orientation.toRotationMatrix();
     ImplicitForce force;
     force.mass.topLeftCorner<3, 3>() = mass.head<3>().asDiagonal();
@@ -82,7 +81,7 @@ class SpringCoupling {
     Vec6d moved;
     moved << state.position - state_.position, log_map(state_.orientation.conjugate() * state.orientation);
     stretch_ -= moved;
-    const double dragged = damping_.dot(moved.cwiseAbs2()) / kDt;
+    const double dragged = damping_.dot(moved.cwiseAbs2()) / kCycle;
     given_ += stiffness_.cwiseProduct(stretch_).dot(moved) - dragged;
     tank_ += 0.5 * dragged;
   }
@@ -160,7 +159,7 @@ class World {
   /// Steps the touch of a user's device in this cycle and returns the force on the hand.
   Vec3d hold(std::size_t user, const DeviceState& device, bool grab) {
     BodyTouch& touch = touches_[user];
-    touch.step(device, grab, objects_[user]->state(), shape_, {settings_.grip, settings_.grip_damping}, kDt);
+    touch.step(device, grab, objects_[user]->state(), shape_, {settings_.grip, settings_.grip_damping}, kCycle);
     outgoing_.device = device;
     outgoing_.grab = grab;
     if (server()) {
@@ -172,7 +171,7 @@ class World {
           settings_.grip * (touch.touch().anchor - device.position) - settings_.grip_damping * touch.device().velocity;
     const double stored =
         touch.is_touching() ? 0.5 * settings_.grip * (touch.touch().anchor - device.position).squaredNorm() : 0.0;
-    force = ports_[user].step(force, device.position, passed_on_[user], kDt, settings_.port_control, stored);
+    force = ports_[user].step(force, device.position, passed_on_[user], kCycle, settings_.port_control, stored);
     passed_on_[user] = 0;
     if (!server() && touch.is_touching()) springs_[user].push_back(touch.spring());
     return force;
@@ -188,7 +187,7 @@ class World {
         if (remote_[user].copy.time_ns < 0) continue;
         BodyTouch& touch = remote_touches_[user];
         touch.step(remote_[user].device, remote_[user].grab, objects_.back()->state(), shape_, {settings_.grip, 0},
-                   kDt);
+                   kCycle);
         if (touch.is_touching()) springs.push_back(touch.spring());
       }
     }
@@ -248,22 +247,22 @@ class World {
   void simulate(std::size_t i, const Surroundings& surroundings) {
     ImplicitForce external;
     if (!springs_to_copies_.empty()) external = springs_to_copies_[i].begin(objects_[i]->state());
-    external.impulse.head<3>() += kDt * pushes_[i];
+    external.impulse.head<3>() += kCycle * pushes_[i];
     const BodyState before = objects_[i]->state();
     auto& springs = springs_[i];
-    objects_[i]->step(now_ns_, springs, surroundings, kDt, &external);
+    objects_[i]->step(now_ns_, springs, surroundings, kCycle, &external);
     const BodyState& after = objects_[i]->state();
     if (!springs_to_copies_.empty()) springs_to_copies_[i].finish(after);
     if (server() && i == settings_.users) {
       for (const PointSpring& spring : springs) {
         const Vec3d velocity = after.velocity_at(after.to_world(before.to_body(spring.point)));
-        server_given_ += spring.force(velocity, kDt).dot(kDt * velocity);
+        server_given_ += spring.force(velocity, kCycle).dot(kCycle * velocity);
       }
     }
     if (!server()) {
       for (const PointSpring& spring : springs) {
         const Vec3d velocity = after.velocity + after.angular_velocity.cross(spring.point - before.position);
-        passed_on_[i] += spring.force(velocity, kDt).dot(kDt * velocity);
+        passed_on_[i] += spring.force(velocity, kCycle).dot(kCycle * velocity);
       }
     }
     springs.clear();
@@ -349,17 +348,17 @@ CarryResult carry(const WorldSettings& settings, double seconds) {
 
   CarryResult result;
   const Surroundings surroundings;
-  const int cycles = static_cast<int>(seconds / kDt);
+  const int cycles = static_cast<int>(seconds / kCycle);
   const double rest = kMotionEnd + 0.2;  // the hands lag behind by at most 0.2 s
   for (int cycle = 0; cycle < cycles; ++cycle) {
-    const double time = cycle * kDt;
+    const double time = cycle * kCycle;
     for (std::size_t i = 0; i < settings.users; ++i) {
       User& user = users[i];
       // The path has two waypoints: the hand's targets one cycle ago, at `time`, and now.
       HandPath path;
       path.count = 2;
       for (int k = 0; k < 2; ++k) {
-        const double at = time - user.lag + k * kDt;
+        const double at = time - user.lag + k * kCycle;
         const Vec3d target = user.grip_point + path_at(at) + std::clamp(at - 1, 0.0, 1.0) * user.error;
         path.waypoints[static_cast<std::size_t>(k)] = {world.now_ns() - kCycleNs + k * kCycleNs,
                                                        {target.x(), target.y(), target.z()}};
@@ -429,19 +428,19 @@ MassResult apparent_mass(const WorldSettings& settings, double frequency) {
   surroundings.ground = false;
   const double angular_frequency = 2 * kPi * frequency;
   const double amplitude = 0.03 * settings.mass * angular_frequency * angular_frequency;  // N, for about 3 cm
-  const int warm_up = static_cast<int>(std::ceil(12 * frequency) / frequency / kDt);
-  const int measured = static_cast<int>(4 / frequency / kDt);
+  const int warm_up = static_cast<int>(std::ceil(12 * frequency) / frequency / kCycle);
+  const int measured = static_cast<int>(4 / frequency / kCycle);
   double in_phase = 0, out_of_phase = 0, before = 0;
   // The force starts as a cosine, so that the mean velocity is zero.
   for (int cycle = 0; cycle < warm_up + measured; ++cycle) {
-    const double phase = angular_frequency * cycle * kDt;
+    const double phase = angular_frequency * cycle * kCycle;
     const bool server = settings.method == Method::kServer;
     // A user's force reaches the server one link delay later.
     const double there = server ? phase - angular_frequency * settings.link.delay_ms * 1e-3 : phase;
     world.push(server ? settings.users : 0, {amplitude * std::cos(there), 0, 0});
     world.step(surroundings);
     const double x = world.object(0).state().position.x();
-    const double speed = (x - before) / kDt;
+    const double speed = (x - before) / kCycle;
     before = x;
     if (cycle < warm_up) continue;
     in_phase += speed * std::sin(phase) * 2 / measured;

@@ -6,6 +6,7 @@
 
 #include "haptics/force.hpp"
 #include "haptics/passivity.hpp"
+#include "study/constants.hpp"
 #include "study/shared_world.hpp"
 
 namespace tactus::study {
@@ -13,12 +14,11 @@ namespace {
 
 using haptics::Vec3d;
 
-constexpr double kDt = 1e-3;
 constexpr int kSubsteps = 10;
 
 /// Returns whether a mass that 1 N presses against a wall comes to rest. `delay` is the delay of the wall's force, s.
 bool rests_on_wall(double stiffness, double delay, bool has_passivity_controller) {
-  const auto cycles = static_cast<std::size_t>(std::lround(delay / kDt));
+  const auto cycles = static_cast<std::size_t>(std::lround(delay / kCycle));
   std::deque<Vec3d> in_transit(cycles, Vec3d::Zero());
   haptics::PassivityController passivity_controller;
   double x = 0.001, v = 0, early = 0, late = 0;
@@ -28,9 +28,9 @@ bool rests_on_wall(double stiffness, double delay, bool has_passivity_controller
     in_transit.push_back({-stiffness * x, 0, 0});
     Vec3d force = in_transit.front();
     in_transit.pop_front();
-    if (has_passivity_controller) force = passivity_controller.step(force, {x, 0, 0}, 0, kDt);
+    if (has_passivity_controller) force = passivity_controller.step(force, {x, 0, 0}, 0, kCycle);
     for (int i = 0; i < kSubsteps; ++i) {
-      const double h = kDt / kSubsteps;
+      const double h = kCycle / kSubsteps;
       v = (v + h / kDeviceMass * (force.x() + 1)) / (1 + h / kDeviceMass * kDeviceDamping);
       x += h * v;
     }
@@ -60,10 +60,10 @@ double largest(Stable&& stable, int steps) {
 Stiffness largest_stable_stiffness(double round_trip, int steps) {
   constexpr double kCopyDamping = 3;  // N s/m
   Stiffness found;
-  found.wall_bound = haptics::stable_stiffness(kDeviceDamping, 0, kDt, round_trip);
+  found.wall_bound = haptics::stable_stiffness(kDeviceDamping, 0, kCycle, round_trip);
   found.wall = largest([&](double k) { return rests_on_wall(k, round_trip, false); }, steps);
   found.wall_passivity = largest([&](double k) { return rests_on_wall(k, round_trip, true); }, steps);
-  found.copies_bound = 0.8 * 2 * kCopyDamping / (round_trip + kDt);
+  found.copies_bound = 0.8 * 2 * kCopyDamping / (round_trip + kCycle);
   const auto copies = [&](Method method) {
     WorldSettings world;
     world.method = method;

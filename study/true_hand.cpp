@@ -1,9 +1,9 @@
+#include "study/constants.hpp"
 #include "study/true_hand.hpp"
 
 namespace tactus::study {
 namespace {
 
-constexpr double kDt = 1e-3;  // s
 
 haptics::ProxySettings proxy_settings(double radius) {
   haptics::ProxySettings settings;
@@ -23,8 +23,8 @@ TrueSphere::TrueSphere(haptics::Surface& surface, double radius, const session::
 }
 
 haptics::Wrench TrueSphere::at(const haptics::DeviceState& device, bool) {
-  const haptics::ProxyResult& proxy = proxy_.step(device.position, kDt, surface_, false);
-  return {renderer_.step(proxy, device, impedance_, 0, kDt).force, spm::Vec3d::Zero()};
+  const haptics::ProxyResult& proxy = proxy_.step(device.position, kCycle, surface_, false);
+  return {renderer_.step(proxy, device, impedance_, 0, kCycle).force, spm::Vec3d::Zero()};
 }
 
 TrueTool::TrueTool(const spm::FinestTree& mesh, double scale, const spm::MeshProbe& probe,
@@ -37,10 +37,10 @@ TrueTool::TrueTool(const spm::FinestTree& mesh, double scale, const spm::MeshPro
 }
 
 haptics::Wrench TrueTool::at(const haptics::DeviceState& device, bool mesh_changed) {
-  const haptics::ToolGrip grip = renderer_.tool_grip(impedance_, kDt, device.loop_delay);
+  const haptics::ToolGrip grip = renderer_.tool_grip(impedance_, kCycle, device.loop_delay);
   tool_.set_grip(grip);
-  const haptics::ToolResult& tool = tool_.step({device.position, device.orientation}, kDt, {&object_, 1}, mesh_changed);
-  const haptics::ForceResult& result = renderer_.step(tool, grip, device, impedance_, 0, kDt);
+  const haptics::ToolResult& tool = tool_.step({device.position, device.orientation}, kCycle, {&object_, 1}, mesh_changed);
+  const haptics::ForceResult& result = renderer_.step(tool, grip, device, impedance_, 0, kCycle);
   return {result.force, result.torque};
 }
 

@@ -5,15 +5,15 @@
 #include <utility>
 
 #include "sharing/hand_path.hpp"
+#include "study/constants.hpp"
 
 namespace tactus::study {
 namespace {
 
 using spm::Vec3d;
 
-constexpr std::uint64_t kHost = 10, kHrtc = 20, kSession = 30;
-constexpr std::int64_t kCycleNs = 1'000'000, kNetworkStepNs = 250'000;
-constexpr double kDt = 1e-3;
+constexpr std::uint64_t kHost = 10, kHrtc = 20;
+constexpr std::int64_t kNetworkStepNs = 250'000;
 constexpr std::uint64_t kSeedsPerRun = 64;
 constexpr double kTremor = 1e-4;           // m rms, of a resting hand between 8 and 12 Hz
 constexpr std::size_t kHeaderBytes = 170;  // of Ethernet, IP, UDP, RTPS and Tactus

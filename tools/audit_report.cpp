@@ -3,6 +3,8 @@
 #include <cstdio>
 #include <nlohmann/json.hpp>
 
+#include "tools/hex.hpp"
+
 namespace tactus::tools {
 namespace {
 
@@ -23,8 +25,6 @@ std::optional<double> milliseconds(const FirstTouch& touch) {
   if (!touch.exact_ns) return std::nullopt;
   return static_cast<double>(*touch.exact_ns - touch.touch_ns) * 1e-6;
 }
-
-std::string hex(std::uint64_t key) { return formatted("%016llx", static_cast<unsigned long long>(key)); }
 
 ordered_json keys_json(const std::vector<std::uint64_t>& keys) {
   ordered_json json = ordered_json::array();

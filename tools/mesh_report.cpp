@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "spm/codec/region_codec.hpp"
+#include "tools/hex.hpp"
 
 namespace tactus::tools {
 namespace {
@@ -22,12 +23,6 @@ std::vector<std::pair<const char*, std::uint32_t>> dropped(const CleanReport& c)
           {"zero_area_faces", c.zero_area_faces},
           {"duplicate_faces", c.duplicate_faces},
           {"unreferenced_vertices", c.unreferenced_vertices}};
-}
-
-std::string hex(std::uint64_t value) {
-  std::string text(16, '0');
-  std::snprintf(text.data(), text.size() + 1, "%016llx", static_cast<unsigned long long>(value));
-  return text;
 }
 
 constexpr double kPeriod = 0.001;  // s, of a cycle

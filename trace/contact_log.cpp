@@ -7,7 +7,7 @@
 namespace tactus::trace {
 namespace {
 
-constexpr char kMagic[8] = {'T', 'A', 'C', 'T', 'L', 'O', 'G', '\0'};
+constexpr char kLogMagic[8] = {'T', 'A', 'C', 'T', 'L', 'O', 'G', '\0'};
 constexpr std::uint32_t kVersion = 1;
 constexpr std::uint8_t kObjectTag = 1, kQueryTag = 2, kTotalsTag = 3;
 constexpr std::size_t kMaxNameBytes = 4096;
@@ -67,7 +67,7 @@ std::uint64_t triangle_key(const std::array<float, 9>& corners) noexcept {
 
 ContactLogWriter::ContactLogWriter(const std::filesystem::path& path) : file_{std::fopen(path.c_str(), "wb")} {
   if (file_ == nullptr) throw LogError("cannot write the contact log " + path.string() + ": " + std::strerror(errno));
-  put(kMagic, sizeof kMagic);
+  put(kLogMagic, sizeof kLogMagic);
   put(&kVersion, sizeof kVersion);
 }
 
@@ -106,10 +106,10 @@ void ContactLogWriter::write(const LoggedTotals& totals) {
 ContactLogReader::ContactLogReader(const std::filesystem::path& path)
     : file_{std::fopen(path.c_str(), "rb")}, name_{path.string()} {
   if (file_ == nullptr) throw LogError("cannot read the contact log " + name_ + ": " + std::strerror(errno));
-  char magic[sizeof kMagic];
+  char magic[sizeof kLogMagic];
   std::uint32_t version = 0;
   const bool is_log =
-      get(magic, sizeof magic) && std::memcmp(magic, kMagic, sizeof magic) == 0 && get(&version, sizeof version);
+      get(magic, sizeof magic) && std::memcmp(magic, kLogMagic, sizeof magic) == 0 && get(&version, sizeof version);
   if (!is_log || version != kVersion) {
     std::fclose(file_);
     throw LogError(is_log ? name_ + ": found a contact log of version " + std::to_string(version) + ", expected " +

@@ -21,7 +21,6 @@
 namespace tactus::spm::offline {
 namespace {
 
-constexpr std::size_t kGrain = 1 << 16;
 
 /// Throws ModelError if the cleaned mesh has no face, or too many.
 void require_surface(const TriangleMesh& mesh, const CleanReport& cleaned) {

@@ -366,9 +366,9 @@ std::uint32_t slots_needed(const ModelSummary& summary, const Certificate& certi
 }
 
 std::uint64_t memory_needed(const ModelSummary& summary, const Certificate& certificate) noexcept {
-  constexpr std::uint64_t kGrain = 1u << 16;
+  constexpr std::uint64_t kStep = 1u << 16;
   const std::uint32_t slots = slots_needed(summary, certificate);
-  for (std::uint64_t bytes = PoolSettings::for_slots(slots).bytes() / kGrain * kGrain;; bytes += kGrain) {
+  for (std::uint64_t bytes = PoolSettings::for_slots(slots).bytes() / kStep * kStep;; bytes += kStep) {
     const MemoryShares shares = memory_shares(bytes);
     if (shares.pool.slots >= slots && shares.directories >= directory_bytes(summary, shares.pool)) return bytes;
   }

@@ -14,7 +14,6 @@ namespace {
 
 using Point = std::array<float, 3>;
 
-constexpr std::size_t kGrain = 1 << 16;
 
 /// Hashes three numbers. The result is never 0.
 std::uint32_t mix(std::uint64_t a, std::uint64_t b, std::uint64_t c) {

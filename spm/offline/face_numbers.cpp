@@ -11,7 +11,6 @@ namespace tactus::spm::offline {
 namespace {
 
 constexpr std::uint32_t kBlock = 64, kLeaf = 8;  // faces
-constexpr std::size_t kGrain = 1 << 16;
 static_assert(kGrain % kBlock == 0);
 
 class FaceNumbers {

@@ -189,7 +189,6 @@ std::vector<std::size_t> divide(std::vector<PlacedFace>& faces, std::size_t max,
 
 std::vector<std::uint32_t> face_order(const TriangleMesh& mesh, unsigned threads) {
   std::vector<PlacedFace> faces(mesh.faces.size());
-  constexpr std::size_t kGrain = 1 << 16;
   parallel_ranges(faces.size(), kGrain, threads, [&](std::size_t first, std::size_t last) {
     for (std::size_t f = first; f < last; ++f) {
       faces[f].face = static_cast<std::uint32_t>(f);

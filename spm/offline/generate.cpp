@@ -165,8 +165,8 @@ TriangleMesh organ(std::uint32_t faces, std::uint64_t seed) {
   UnitSphere unit = unit_sphere(faces);
   TriangleMesh mesh;
   mesh.positions.resize(unit.points.size());
-  constexpr std::size_t kGrain = 1 << 14;
-  parallel_ranges(unit.points.size(), kGrain, 0, [&](std::size_t first, std::size_t last) {
+  constexpr std::size_t kRange = 1 << 14;  // a point takes several microseconds
+  parallel_ranges(unit.points.size(), kRange, 0, [&](std::size_t first, std::size_t last) {
     for (std::size_t i = first; i < last; ++i) {
       const Vec3d& p = unit.points[i];
       const double lobes = noise.octaves(1.3 * p + Vec3d::Constant(5), 2);

@@ -29,10 +29,6 @@ struct Found {
   std::size_t faces = 0;  // faces before polygons are cut
 };
 
-[[noreturn]] void fail(const std::filesystem::path& path, const std::string& what) {
-  throw ModelError{path.string() + ": " + what};
-}
-
 void check_readable(const std::filesystem::path& path) {
   std::error_code error;
   const std::filesystem::file_status status = std::filesystem::status(path, error);

@@ -67,10 +67,6 @@ void for_each_array(const Model& model, Use use) {
   bytes_of(model.intervals);
 }
 
-[[noreturn]] void fail(const std::filesystem::path& path, const std::string& what) {
-  throw ModelError{path.string() + ": " + what};
-}
-
 std::string to_json(const Provenance& p) {
   const CleanReport& c = p.cleaned;
   return nlohmann::ordered_json{{"source", p.source},

@@ -63,12 +63,12 @@ void parallel_both(unsigned threads, const std::function<void()>& one, const std
 }
 
 double parallel_sum(std::size_t count, unsigned threads, const std::function<double(std::size_t item)>& value) {
-  constexpr std::size_t kAtOnce = std::size_t{1} << 20, kGrain = std::size_t{1} << 14;
+  constexpr std::size_t kAtOnce = std::size_t{1} << 20, kRange = std::size_t{1} << 14;
   std::vector<double> values(std::min(count, kAtOnce));
   double sum = 0;
   for (std::size_t done = 0; done < count; done += kAtOnce) {
     const std::size_t some = std::min(count - done, kAtOnce);
-    parallel_ranges(some, kGrain, threads, [&](std::size_t first, std::size_t last) {
+    parallel_ranges(some, kRange, threads, [&](std::size_t first, std::size_t last) {
       for (std::size_t i = first; i < last; ++i) values[i] = value(done + i);
     });
     for (std::size_t i = 0; i < some; ++i) sum += values[i];

@@ -17,6 +17,8 @@ namespace tactus::spm::offline {
 void parallel_for(std::size_t count, unsigned threads,
                   const std::function<void(std::size_t item, unsigned worker)>& work);
 
+inline constexpr std::size_t kGrain = 1 << 16;  ///< items of a range if an item takes less than a microsecond
+
 /// Like parallel_for, but calls `work(first, last)` for ranges of `grain` items that together are [0, count).
 void parallel_ranges(std::size_t count, std::size_t grain, unsigned threads,
                      const std::function<void(std::size_t first, std::size_t last)>& work);

@@ -65,7 +65,7 @@ struct Element {
   }
 };
 
-struct Header {
+struct PlyHeader {
   Encoding encoding = Encoding::kAscii;
   std::vector<Element> elements;
   std::uint64_t bytes = 0;  // length of the header
@@ -80,7 +80,7 @@ class HeaderReader {
     text_.resize(static_cast<std::size_t>(file.gcount()));
   }
 
-  Header read() {
+  PlyHeader read() {
     if (next_line() != std::vector<std::string>{"ply"}) fail("ply");
     while (true) {
       const std::vector<std::string> words = next_line();
@@ -165,13 +165,13 @@ class HeaderReader {
   std::string text_, line_;
   std::size_t at_ = 0, line_end_ = 0;
   bool has_format_ = false;
-  Header header_;
+  PlyHeader header_;
 };
 
 /// Reads the numbers after the header.
 class Numbers {
  public:
-  Numbers(const std::filesystem::path& path, const Header& header)
+  Numbers(const std::filesystem::path& path, const PlyHeader& header)
       : path_{path}, file_{path, std::ios::binary}, encoding_{header.encoding} {
     file_.seekg(static_cast<std::streamoff>(header.bytes));
   }
@@ -434,7 +434,7 @@ class Reader {
   }
 
   std::filesystem::path path_;
-  Header header_;
+  PlyHeader header_;
   Numbers numbers_;
   std::vector<std::uint32_t> corners_;  // corners of all polygons
   std::vector<std::uint32_t> sizes_;    // number of corners, by polygon

@@ -13,7 +13,6 @@ namespace tactus::spm::offline {
 namespace {
 
 constexpr std::uint32_t kShrink = 4;  // faces of a block before a round, divided by those after it
-constexpr std::size_t kGrain = 1 << 16;
 
 /// Returns a power of two that scales the mean edge to about 1. Scaling by it has no rounding error.
 float scale_of(const TriangleMesh& mesh, unsigned threads) {

@@ -3,7 +3,9 @@
 
 #include <array>
 #include <cstdint>
+#include <filesystem>
 #include <stdexcept>
+#include <string>
 #include <vector>
 
 namespace tactus::spm::offline {
@@ -14,6 +16,9 @@ class ModelError : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
 };
+[[noreturn]] inline void fail(const std::filesystem::path& path, const std::string& what) {
+  throw ModelError{path.string() + ": " + what};
+}
 
 using Triangle = std::array<std::uint32_t, 3>;
 

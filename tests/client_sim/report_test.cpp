@@ -10,13 +10,13 @@
 #include <string>
 
 #include "session/figures.hpp"
+#include "tests/support/constants.hpp"
 
 namespace tactus::client_sim {
 namespace {
 
 using ::testing::HasSubstr;
 
-constexpr std::int64_t kMs = 1'000'000;
 constexpr std::int64_t kStart = 7'000'000'000;
 
 session::ProbeState state_at(std::int64_t ms, std::uint32_t status, double force) {

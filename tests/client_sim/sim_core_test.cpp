@@ -7,6 +7,8 @@
 #include <string>
 #include <vector>
 
+#include "tests/support/constants.hpp"
+
 namespace tactus::client_sim {
 namespace {
 
@@ -15,7 +17,6 @@ using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 
-constexpr std::int64_t kMs = 1'000'000;
 constexpr std::int64_t kSessionAhead = 5'000'000'000;  // session time minus the time of this program, ns
 
 const char* const kTwoUsers = R"(

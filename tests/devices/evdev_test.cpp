@@ -7,12 +7,12 @@
 #include <unistd.h>
 
 #include "haptics/plugin_device.hpp"
+#include "tests/support/constants.hpp"
 #include "tests/support/temporary_folder.hpp"
 
 namespace tactus::haptics {
 namespace {
 
-constexpr std::int64_t kMs = 1'000'000;
 
 class Evdev : public testing::Test {
  protected:
@@ -43,7 +43,7 @@ class Evdev : public testing::Test {
   int pipe_fd_ = -1;
 };
 
-std::string open_error(const std::string& config) {
+std::string evdev_open_error(const std::string& config) {
   try {
     const PluginDevice device{TACTUS_EVDEV, config};
   } catch (const DeviceError& error) {
@@ -107,9 +107,9 @@ TEST_F(Evdev, AForceWithoutRumbleSupportIsNotAFailure) {
 }
 
 TEST_F(Evdev, AnOpenErrorStatesTheFoundAndTheExpectedConfiguration) {
-  EXPECT_THAT(open_error("joystick:/dev/input/js0"), testing::HasSubstr("expected mouse:FILE or gamepad:FILE"));
-  EXPECT_THAT(open_error(""), testing::HasSubstr("expected mouse:FILE or gamepad:FILE"));
-  EXPECT_THAT(open_error("mouse:/nowhere/event0"), testing::HasSubstr("cannot open /nowhere/event0: No such file"));
+  EXPECT_THAT(evdev_open_error("joystick:/dev/input/js0"), testing::HasSubstr("expected mouse:FILE or gamepad:FILE"));
+  EXPECT_THAT(evdev_open_error(""), testing::HasSubstr("expected mouse:FILE or gamepad:FILE"));
+  EXPECT_THAT(evdev_open_error("mouse:/nowhere/event0"), testing::HasSubstr("cannot open /nowhere/event0: No such file"));
 }
 
 }  // namespace

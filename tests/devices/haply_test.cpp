@@ -118,7 +118,7 @@ class HaplyService {
   std::thread thread_;
 };
 
-std::string open_error(const std::string& config) {
+std::string haply_open_error(const std::string& config) {
   try {
     const PluginDevice device{TACTUS_HAPLY, config};
   } catch (const DeviceError& error) {
@@ -182,14 +182,14 @@ TEST(Haply, AnOpenErrorStatesTheFoundAndTheExpectedValue) {
   std::string unused_address;
   {
     HaplyService closed_service{HaplyService::state};
-    EXPECT_THAT(open_error(closed_service.address() + "/0000"),
+    EXPECT_THAT(haply_open_error(closed_service.address() + "/0000"),
                 testing::HasSubstr("found Inverse3 04A1, 049D, expected 0000"));
     unused_address = closed_service.address();
   }
-  EXPECT_THAT(open_error(unused_address), testing::HasSubstr("refused; is the service running?"));
-  EXPECT_THAT(open_error("nonsense"), testing::HasSubstr("found 'nonsense', expected HOST:PORT"));
+  EXPECT_THAT(haply_open_error(unused_address), testing::HasSubstr("refused; is the service running?"));
+  EXPECT_THAT(haply_open_error("nonsense"), testing::HasSubstr("found 'nonsense', expected HOST:PORT"));
   HaplyService empty{HaplyService::state, R"({"session_id": 1, "inverse3": []})"};
-  EXPECT_THAT(open_error(empty.address()), testing::HasSubstr("found no Inverse3, expected one"));
+  EXPECT_THAT(haply_open_error(empty.address()), testing::HasSubstr("found no Inverse3, expected one"));
 }
 
 TEST(Haply, InvalidMessagesAreIgnored) {

@@ -25,7 +25,7 @@ class RecordTest : public SessionTest {
   }
 };
 
-constexpr char kTwoUsersHold[] = R"(name: recorded
+constexpr char kRecordedScenario[] = R"(name: recorded
 duration: 120
 users:
   - name: ann
@@ -44,7 +44,7 @@ TEST_F(RecordTest, ARecordingAndItsTablesContainEveryTopicOfTheSession) {
   ASSERT_TRUE(killed_recorder.wait_for_line("recording session"));
   Process museum{host("museum", models().sphere)};
   Process desk{hrtc("desk")};
-  Process users{sim(kTwoUsersHold)};
+  Process users{sim(kRecordedScenario)};
   ASSERT_TRUE(observer.until([](const Seen& seen) {
     return seen.user("ann").exact > 100 && seen.user("bob").exact > 100 && seen.metrics_count("desk") > 1;
   })) << users.output()

@@ -7,10 +7,11 @@
 #include <random>
 #include <vector>
 
+#include "tests/support/constants.hpp"
+
 namespace tactus::haptics {
 namespace {
 
-constexpr double kDt = 1e-3;
 
 /// Random bodies of 0.05 to 2 kg, and random contacts. The 6 x 6 mass matrices are dense, as for bodies with springs.
 class Problem {
@@ -80,7 +81,7 @@ class Problem {
   SolverResult solve(ContactSolver& solver) {
     solver.begin();
     for (const Contact& contact : contacts) solver.add(contact);
-    return solver.solve(bodies, kDt);
+    return solver.solve(bodies, kCycle);
   }
 
   std::vector<SolverBody> bodies;
@@ -104,7 +105,7 @@ Eigen::VectorXd by_enumeration(const Problem& problem) {
   const Eigen::MatrixXd inverse_mass_matrix = problem.inverse_mass();
   const Eigen::VectorXd velocity_before = problem.velocity();
   Eigen::VectorXd gap_speed(jacobian.rows());
-  for (int i = 0; i < gap_speed.size(); ++i) gap_speed[i] = problem.contacts[i].gap / kDt;
+  for (int i = 0; i < gap_speed.size(); ++i) gap_speed[i] = problem.contacts[i].gap / kCycle;
   for (unsigned active_set = 0; active_set < 1u << jacobian.rows(); ++active_set) {
     std::vector<int> active;
     for (int i = 0; i < jacobian.rows(); ++i) {
@@ -161,7 +162,7 @@ TEST(ContactSolver, FrictionOpposesSlidingOnTheConeAndPreventsItInsideTheCone) {
       const Vec3d tangential_impulse = solver.impulse(i) - normal_impulse * contact.normal;
       const Vec3d tangential_velocity = velocity - velocity.dot(contact.normal) * contact.normal;
       ASSERT_GE(normal_impulse, 0) << "seed " << seed;
-      ASSERT_GE(velocity.dot(contact.normal) + contact.gap / kDt, -1e-9) << "seed " << seed;
+      ASSERT_GE(velocity.dot(contact.normal) + contact.gap / kCycle, -1e-9) << "seed " << seed;
       ASSERT_LE(tangential_impulse.norm(), contact.friction * normal_impulse * (1 + 1e-9)) << "seed " << seed;
       if (normal_impulse < 1e-9) continue;
       if (tangential_velocity.norm() > 1e-6) {
@@ -233,7 +234,7 @@ TEST(ContactSolver, SelectsTheDeepestAndOutermostContactsAndCountsTheOthers) {
       solver.add(contact);
     }
   }
-  const SolverResult& result = solver.solve({&body, 1}, kDt);
+  const SolverResult& result = solver.solve({&body, 1}, kCycle);
   EXPECT_EQ(result.contacts, kMaxContacts);
   EXPECT_EQ(result.dropped, 100 - kMaxContacts);
   int corners = 0;
@@ -260,7 +261,7 @@ TEST(ContactSolver, CountsCandidatesBeyondItsCapacity) {
     contact.point.x() = static_cast<double>(i);
     solver.add(contact);
   }
-  EXPECT_EQ(solver.solve({&body, 1}, kDt).dropped, kMaxCandidateContacts + 10 - kMaxContacts);
+  EXPECT_EQ(solver.solve({&body, 1}, kCycle).dropped, kMaxCandidateContacts + 10 - kMaxContacts);
 }
 
 TEST(ContactSolver, RemovesAnOverlapAtThePushOutSpeed) {
@@ -271,7 +272,7 @@ TEST(ContactSolver, RemovesAnOverlapAtThePushOutSpeed) {
   Contact contact;
   contact.gap = -0.01;
   solver.add(contact);
-  (void)solver.solve({&body, 1}, kDt);
+  (void)solver.solve({&body, 1}, kCycle);
   EXPECT_NEAR(body.velocity[2], SolverSettings{}.push_out, 1e-12);
 }
 

@@ -11,11 +11,11 @@
 #include <vector>
 
 #include "haptics/shared_object.hpp"
+#include "tests/support/constants.hpp"
 
 namespace tactus::haptics {
 namespace {
 
-constexpr double kDt = 1e-3;
 constexpr std::int64_t kCycleNs = 1'000'000;
 
 BodySettings floating_box(double mass) {
@@ -58,10 +58,10 @@ class Copies {
     no_surroundings.ground = false;
     for (std::size_t i = 0; i < objects_.size(); ++i) {
       ImplicitForce force;
-      force.impulse.head<3>() = kDt * forces[i];
-      force.impulse.tail<3>() = kDt * lever * forces[i].reverse();
+      force.impulse.head<3>() = kCycle * forces[i];
+      force.impulse.tail<3>() = kCycle * lever * forces[i].reverse();
       objects_[i]->step(now_ns_, {hands.data() + (hands.empty() ? 0 : i), hands.empty() ? 0u : 1u}, no_surroundings,
-                        kDt, &force);
+                        kCycle, &force);
       for (std::size_t receiver = 0; receiver < objects_.size(); ++receiver) {
         if (receiver == i || uniform() < network_.loss) continue;
         for (int packets = uniform() < network_.duplication ? 2 : 1; packets > 0; --packets) {
@@ -138,7 +138,7 @@ TEST(Coupling, ReturnsAtMostTheEnergyPutInForAnyNetwork) {
           force = 4 * Vec3d{uniform(random) - 0.5, uniform(random) - 0.5, uniform(random) - 0.5};
       }
       copies.step(forces, 0.002);
-      max_excess = std::max(max_excess, copies.given() - settings.initial_energy - settings.allowance * i * kDt);
+      max_excess = std::max(max_excess, copies.given() - settings.initial_energy - settings.allowance * i * kCycle);
       for (std::size_t k = 0; k < count; ++k) {
         ASSERT_GE(copies[k].coupling()->ledger().tank, 0) << "seed " << seed;
         ASSERT_TRUE(copies[k].state().position.allFinite()) << "seed " << seed;
@@ -164,7 +164,7 @@ TEST(Coupling, WavesWithoutEnergyMoveNothing) {
     sample.body = object.state();
     sample.waves[0].setConstant(0.1 * std::sin(0.05 * i));
     object.coupling()->on_sample(1, sample);
-    object.step(i * kCycleNs, {}, no_surroundings, kDt);
+    object.step(i * kCycleNs, {}, no_surroundings, kCycle);
   }
   EXPECT_EQ(object.state().velocity.norm(), 0);
   EXPECT_GT(object.coupling()->ledger().limited_cycles, 1500u);
@@ -284,16 +284,16 @@ TEST(SharedObject, AnOwnedObjectFallsAsleepOnTheGroundAndWakesWhenTouched) {
   state.position.z() = 0.06;
   SharedObject object{box_body(0.3, {0.05, 0.05, 0.05}), state};
   object.simulate_alone();
-  for (int i = 0; i < 1000; ++i) object.step(i * kCycleNs, {}, {}, kDt);
+  for (int i = 0; i < 1000; ++i) object.step(i * kCycleNs, {}, {}, kCycle);
   EXPECT_TRUE(object.is_asleep());
   const BodyState still = object.state();
-  for (int i = 1000; i < 1100; ++i) object.step(i * kCycleNs, {}, {}, kDt);
+  for (int i = 1000; i < 1100; ++i) object.step(i * kCycleNs, {}, {}, kCycle);
   EXPECT_EQ(object.state().position, still.position);
   PointSpring spring;
   spring.point = object.state().position;
   spring.target = spring.point + Vec3d{0.02, 0, 0};
   spring.stiffness = 500;
-  object.step(1100 * kCycleNs, {&spring, 1}, {}, kDt);
+  object.step(1100 * kCycleNs, {&spring, 1}, {}, kCycle);
   EXPECT_FALSE(object.is_asleep());
   EXPECT_GT(object.state().velocity.x(), 0);
 }
@@ -304,7 +304,7 @@ TEST(SharedObject, AFollowingObjectStaysAtItsLastPose) {
   BodyState state;
   state.position = {1, 2, 3};
   object.set_state(state);
-  for (int i = 0; i < 100; ++i) object.step(i * kCycleNs, {}, {}, kDt);
+  for (int i = 0; i < 100; ++i) object.step(i * kCycleNs, {}, {}, kCycle);
   EXPECT_EQ(object.state().position, state.position);
 }
 

@@ -12,14 +12,13 @@
 #include "haptics/replay_device.hpp"
 #include "haptics/simulated_device.hpp"
 #include "tests/haptics/triangle_surface.hpp"
+#include "tests/support/constants.hpp"
 
 namespace tactus::haptics {
 namespace {
 
 using ::testing::HasSubstr;
 
-constexpr std::int64_t kMs = 1'000'000;
-constexpr double kCycle = 1e-3;
 
 HandPath path_to(const Vec3d& position, std::int64_t time_ns = 0) {
   HandPath path;

@@ -7,12 +7,12 @@
 #include <random>
 
 #include "haptics/rigid_body.hpp"
+#include "tests/support/constants.hpp"
 
 namespace tactus::haptics {
 namespace {
 
-constexpr unsigned kSeed = 20054;
-constexpr double kCycle = 1e-3;
+constexpr unsigned kForceSeed = 20054;
 constexpr double kFreshAge = 1e-4;  // s, of a pose
 
 /// No soft start and no limit of the slew rate.
@@ -199,7 +199,7 @@ TEST(Force, MarksTheRampOfASurfaceThatMoved) {
 }
 
 TEST(Force, KeepsItsLimitsForAnyInput) {
-  std::mt19937 random{kSeed};
+  std::mt19937 random{kForceSeed};
   const auto random_number = [&] {
     const double absolute = std::pow(10, std::uniform_real_distribution<double>{-6, 6}(random));
     const double choice = std::uniform_real_distribution<double>{0, 1}(random);
@@ -222,14 +222,14 @@ TEST(Force, KeepsItsLimitsForAnyInput) {
     if (i % 5 == 0) unchanged.anchor = {random_number(), random_number(), random_number()};
     const ForceResult& result = renderer.step(proxy, device, {std::abs(random_number()), std::abs(random_number())},
                                               age, kCycle, i % 5 == 0 ? &unchanged : nullptr);
-    ASSERT_TRUE(result.force.allFinite()) << "seed " << kSeed << " step " << i;
-    ASSERT_LE(result.force.norm(), settings.max_force + 1e-9) << "seed " << kSeed << " step " << i;
+    ASSERT_TRUE(result.force.allFinite()) << "seed " << kForceSeed << " step " << i;
+    ASSERT_LE(result.force.norm(), settings.max_force + 1e-9) << "seed " << kForceSeed << " step " << i;
     if (age >= settings.zero_force_age) {
       ASSERT_EQ(result.force, Vec3d(Vec3d::Zero()));
     }
     if (!result.force.isZero(0)) {
       ASSERT_LE((result.force - last_force).norm(), settings.max_slew * kCycle + 1e-9)
-          << "seed " << kSeed << " step " << i;
+          << "seed " << kForceSeed << " step " << i;
     }
     last_force = result.force;
     if (result.fault != Fault::kNone) renderer.reset();

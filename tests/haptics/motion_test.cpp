@@ -8,14 +8,14 @@
 #include "tests/haptics/friction_run.hpp"
 #include "tests/haptics/moving_bodies.hpp"
 #include "tests/haptics/random_motions.hpp"
+#include "tests/support/constants.hpp"
 
 namespace tactus::haptics {
 namespace {
 
 using namespace testing;
 
-constexpr std::uint64_t kSeed = 20054;
-constexpr double kCycle = 1e-3;
+constexpr std::uint64_t kMotionSeed = 20054;
 constexpr double kRadius = 0.003;
 
 class RandomMotions : public ::testing::TestWithParam<MotionScene> {};
@@ -23,8 +23,8 @@ class RandomMotions : public ::testing::TestWithParam<MotionScene> {};
 TEST_P(RandomMotions, NeverCarryTheProxyIntoAClosedSurface) {
   constexpr std::uint64_t kMotions = 4000;  // for each scene and friction; scripts/bench fidelity runs 10^7 in total
   for (const double friction : {0.0, 0.6}) {
-    const MotionResult result = run_motions(GetParam(), kMotions, friction, kSeed);
-    EXPECT_EQ(result.passed, 0u) << "friction " << friction << ", seed " << kSeed << ": " << result.what;
+    const MotionResult result = run_motions(GetParam(), kMotions, friction, kMotionSeed);
+    EXPECT_EQ(result.passed, 0u) << "friction " << friction << ", seed " << kMotionSeed << ": " << result.what;
     EXPECT_GT(result.contacts, 100u);
     if (!GetParam().may_crush) {
       EXPECT_LT(result.deepest, 1e-9);
@@ -42,7 +42,7 @@ INSTANTIATE_TEST_SUITE_P(Scenes, RandomMotions, ::testing::ValuesIn(motion_scene
 TEST(RandomMotions, CarryTheProxyIntoBodiesWhoseMotionIsHiddenFromIt) {
   for (const MotionScene& scene : motion_scenes())
     if (scene.bodies[0].speed * kCycle > kRadius) {
-      EXPECT_GT(run_motions(scene, 4000, 0, kSeed, false).passed, 0u) << scene.name;
+      EXPECT_GT(run_motions(scene, 4000, 0, kMotionSeed, false).passed, 0u) << scene.name;
     }
 }
 
@@ -51,9 +51,9 @@ TEST(Friction, TheForceOfACurvedSurfaceIsInsideTheStaticConeOrOnTheDynamicCone) 
     for (const bool hollow : {false, true})
       for (const auto& [static_friction, dynamic_friction] : {std::pair{0.5, 0.3}, {0.8, 0.75}, {0.2, 0.2}}) {
         const FrictionResult result =
-            run_friction(AnalyticSphere{radius, hollow}, static_friction, dynamic_friction, 0.1, 20000, kSeed);
+            run_friction(AnalyticSphere{radius, hollow}, static_friction, dynamic_friction, 0.1, 20000, kMotionSeed);
         SCOPED_TRACE(::testing::Message() << "radius " << radius << " hollow " << hollow << " coefficients "
-                                          << static_friction << ' ' << dynamic_friction << " seed " << kSeed);
+                                          << static_friction << ' ' << dynamic_friction << " seed " << kMotionSeed);
         EXPECT_LT(result.stick_error, 0.01);
         EXPECT_LT(result.slip_error, 0.01);
         EXPECT_GT(result.sticking, 500u);

@@ -6,11 +6,11 @@
 #include <limits>
 
 #include "haptics/simulated_device.hpp"
+#include "tests/support/constants.hpp"
 
 namespace tactus::haptics {
 namespace {
 
-constexpr double kDt = 1e-3;
 
 struct PressResult {
   double min_energy;  // J, received from the hand minus returned to the hand
@@ -34,7 +34,7 @@ PressResult press(double stiffness, double speed, bool control, unsigned seed) {
   for (int i = 0; i < cycles; ++i) {
     HandPath path;
     path.count = 1;
-    const double phase = std::fmod(i * kDt * speed / 0.06, 1.0);
+    const double phase = std::fmod(i * kCycle * speed / 0.06, 1.0);
     path.waypoints[0] = {0, {0, 0, 0.02 - 0.06 * (phase < 0.5 ? phase : 1 - phase)}};
     device.paths().post(path);
     const DeviceState state = device.read(i * 1'000'000LL);
@@ -43,7 +43,7 @@ PressResult press(double stiffness, double speed, bool control, unsigned seed) {
     min_energy = std::min(min_energy, energy);
     before = state.position;
     const Vec3d wall{0, 0, stiffness * std::max(0.0, -state.position.z())};
-    force = port.step(wall, state.position, 0, kDt, control);
+    force = port.step(wall, state.position, 0, kCycle, control);
     device.write(force);
     max_force = std::max(max_force, force.norm());
   }
@@ -66,11 +66,11 @@ TEST(Passivity, EnergyFromAnotherPortMayGoToTheHand) {
   PassivityController port;
   const Vec3d force{2, 0, 0};
   Vec3d position = Vec3d::Zero();
-  Vec3d felt_force = port.step(force, position, 0, kDt);
+  Vec3d felt_force = port.step(force, position, 0, kCycle);
   // A body pushes the hand and loses the energy that the hand gains.
   for (int i = 0; i < 1000; ++i) {
     position.x() += 1e-4;
-    felt_force = port.step(force, position, -2e-4 - 1e-6, kDt);
+    felt_force = port.step(force, position, -2e-4 - 1e-6, kCycle);
   }
   EXPECT_EQ(felt_force, force);
   EXPECT_GE(port.ledger().lowest, -1e-6);
@@ -79,26 +79,26 @@ TEST(Passivity, EnergyFromAnotherPortMayGoToTheHand) {
 TEST(Passivity, WithoutEnergyOnlyForcesAlongTheMotionAreWithheld) {
   PassivityController port;
   Vec3d position = Vec3d::Zero();
-  (void)port.step(Vec3d::Zero(), position, 0, kDt);
+  (void)port.step(Vec3d::Zero(), position, 0, kCycle);
   position.x() += 1e-4;
-  EXPECT_LT(port.step({2, 0, 0}, position, 0, kDt).norm(), 0.01);
+  EXPECT_LT(port.step({2, 0, 0}, position, 0, kCycle).norm(), 0.01);
   position.x() += 1e-4;
-  EXPECT_EQ(port.step({-2, 0, 0}, position, 0, kDt), Vec3d(-2, 0, 0));
+  EXPECT_EQ(port.step({-2, 0, 0}, position, 0, kCycle), Vec3d(-2, 0, 0));
 }
 
 TEST(Passivity, RepaysADeficitByDampingWithinTheLimitOfTheDevice) {
   const PassivitySettings settings;
   PassivityController port{settings};
   Vec3d position = Vec3d::Zero();
-  (void)port.step(Vec3d::Zero(), position, 0, kDt);
+  (void)port.step(Vec3d::Zero(), position, 0, kCycle);
   position.x() += 1e-4;
-  const Vec3d braking = port.step(Vec3d::Zero(), position, 1e-3, kDt);  // 1 mJ was passed on to a body
+  const Vec3d braking = port.step(Vec3d::Zero(), position, 1e-3, kCycle);  // 1 mJ was passed on to a body
   EXPECT_LT(braking.x(), 0);
-  EXPECT_LE(braking.norm(), settings.device_mass / kDt * 0.1 * (1 + 1e-9));
+  EXPECT_LE(braking.norm(), settings.device_mass / kCycle * 0.1 * (1 + 1e-9));
   double last_energy = port.ledger().energy;
   for (int i = 0; i < 200; ++i) {
     position.x() += 1e-4;
-    (void)port.step(Vec3d::Zero(), position, 0, kDt);
+    (void)port.step(Vec3d::Zero(), position, 0, kCycle);
     ASSERT_GE(port.ledger().energy, last_energy);
     last_energy = port.ledger().energy;
   }
@@ -111,7 +111,7 @@ TEST(Passivity, AllowsTheEnergyOfASpringAsCreditAtAnyDisplacement) {
   Vec3d position = Vec3d::Zero(), felt_force = Vec3d::Zero();
   const auto move_to = [&](double x) {
     position.x() = x;
-    felt_force = port.step({-kStiffness * x, 0, 0}, position, 0, kDt, true, 0.5 * kStiffness * x * x);
+    felt_force = port.step({-kStiffness * x, 0, 0}, position, 0, kCycle, true, 0.5 * kStiffness * x * x);
   };
   constexpr double kMaxDepth = 0.02;  // m: 0.2 J, more than the credit bound
   for (int i = 0; i <= 2000; ++i) move_to(kMaxDepth * i / 2000);
@@ -126,16 +126,16 @@ TEST(Passivity, AllowsTheEnergyOfASpringAsCreditAtAnyDisplacement) {
 TEST(Passivity, BoundsTheCreditAndRefusesInputThatIsNotFinite) {
   PassivityController port;
   Vec3d position = Vec3d::Zero();
-  (void)port.step({-5, 0, 0}, position, 0, kDt);
+  (void)port.step({-5, 0, 0}, position, 0, kCycle);
   for (int i = 0; i < 1000; ++i) {
     position.x() += 1e-4;
-    (void)port.step({-5, 0, 0}, position, 0, kDt);
+    (void)port.step({-5, 0, 0}, position, 0, kCycle);
   }
   EXPECT_EQ(port.ledger().energy, PassivitySettings{}.credit);
   EXPECT_NEAR(port.ledger().discarded, 0.5 - PassivitySettings{}.credit, 1e-3);
   const double nan = std::numeric_limits<double>::quiet_NaN();
-  EXPECT_EQ(port.step({nan, 0, 0}, position, 0, kDt).norm(), 0);
-  EXPECT_EQ(port.step({1, 0, 0}, {nan, 0, 0}, 0, kDt).norm(), 0);
+  EXPECT_EQ(port.step({nan, 0, 0}, position, 0, kCycle).norm(), 0);
+  EXPECT_EQ(port.step({1, 0, 0}, {nan, 0, 0}, 0, kCycle).norm(), 0);
   EXPECT_EQ(port.ledger().invalid_inputs, 2u);
   EXPECT_TRUE(std::isfinite(port.ledger().energy));
 }

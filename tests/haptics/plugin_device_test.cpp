@@ -5,12 +5,13 @@
 
 #include <cmath>
 
+#include "tests/support/constants.hpp"
+
 namespace tactus::haptics {
 namespace {
 
 using testing::HasSubstr;
 
-constexpr std::int64_t kMs = 1'000'000;
 
 std::string open_error(const std::string& library, const std::string& config) {
   try {

@@ -8,14 +8,14 @@
 
 #include "haptics/force.hpp"
 #include "tests/haptics/triangle_surface.hpp"
+#include "tests/support/constants.hpp"
 
 namespace tactus::haptics {
 namespace {
 
 using namespace testing;
 
-constexpr unsigned kSeed = 20053;
-constexpr double kCycle = 1e-3;
+constexpr unsigned kProxySeed = 20053;
 constexpr double kRadius = 0.003;
 constexpr double kSlack = 1.1e-6;  // m, distance that the proxy leaves to a surface
 
@@ -167,7 +167,7 @@ TEST(Proxy, DoesNotPassDuplicatedOrDegenerateFacesOrNonManifoldEdges) {
   for (unsigned seed = 0; seed < 4; ++seed) {
     Proxy proxy;
     const Vec3d start{0.1, -0.1, 0.05};
-    RandomHand hand{kSeed + seed, start, 0.3, 0.15};
+    RandomHand hand{kProxySeed + seed, start, 0.3, 0.15};
     (void)proxy.step(start, kCycle, surface, false);
     for (int i = 0; i < 3000; ++i) {
       const Vec3d x = proxy.step(hand.next(), kCycle, surface, false).proxy;
@@ -236,15 +236,15 @@ TEST(Proxy, StaysEqualBitForBitWhenAReportedChangeChangesNothing) {
   for (const double friction : {0.0, 0.5}) {
     Proxy reported, unreported;
     const Vec3d start{0.02, -0.01, 0.12};
-    RandomHand hand{kSeed, start, 0.2, 0.07};
+    RandomHand hand{kProxySeed, start, 0.2, 0.07};
     int contacts = 0;
     for (int i = 0; i < 5000; ++i) {
       const Vec3d device = hand.next();
       for (Proxy* proxy : {&reported, &unreported}) proxy->set_grip({friction, 0.8 * friction});
       const ProxyResult& with_report = reported.step(device, kCycle, surface, i % 3 == 0);
       const ProxyResult& without_report = unreported.step(device, kCycle, surface, false);
-      ASSERT_EQ(with_report.proxy, without_report.proxy) << "seed " << kSeed << " cycle " << i;
-      ASSERT_EQ(with_report.anchor, without_report.anchor) << "seed " << kSeed << " cycle " << i;
+      ASSERT_EQ(with_report.proxy, without_report.proxy) << "seed " << kProxySeed << " cycle " << i;
+      ASSERT_EQ(with_report.anchor, without_report.anchor) << "seed " << kProxySeed << " cycle " << i;
       contacts += with_report.in_contact ? 1 : 0;
     }
     EXPECT_GT(contacts, 500);
@@ -260,7 +260,7 @@ TEST(Proxy, NeverEntersAClosedSurface) {
         Proxy proxy;
         proxy.set_grip({friction, 0.7 * friction});
         const Vec3d start{0.02, -0.01, 0.12};
-        RandomHand hand{kSeed + seed, start, 0.05 + 0.15 * seed, 0.08};
+        RandomHand hand{kProxySeed + seed, start, 0.05 + 0.15 * seed, 0.08};
         (void)proxy.step(start, kCycle, surface, false);
         int contacts = 0;
         for (int i = 0; i < 4200; ++i) {
@@ -268,9 +268,9 @@ TEST(Proxy, NeverEntersAClosedSurface) {
           if (!result.in_contact) continue;
           ++contacts;
           ASSERT_GE(surface_distance(surface, result.proxy), kRadius - 1e-12)
-              << "seed " << kSeed + seed << " cycle " << i;
+              << "seed " << kProxySeed + seed << " cycle " << i;
           ASSERT_LT(std::abs(winding_number(result.proxy, triangles)), 0.5)
-              << "seed " << kSeed + seed << " cycle " << i;
+              << "seed " << kProxySeed + seed << " cycle " << i;
         }
         EXPECT_GT(contacts, 100);
       }
@@ -281,7 +281,7 @@ TEST(Proxy, NeverEntersAClosedSurface) {
 TEST(Proxy, ConvergesToALocalMinimumOfTheDistance) {
   // No allowed point around the proxy is closer to the device.
   TriangleSurface surface{bumpy(0.05, 2, 0.2)};
-  std::mt19937 random{kSeed};
+  std::mt19937 random{kProxySeed};
   std::normal_distribution<double> normal;
   for (int round = 0; round < 60; ++round) {
     const Vec3d direction = Vec3d{normal(random), normal(random), normal(random)}.normalized();
@@ -293,7 +293,7 @@ TEST(Proxy, ConvergesToALocalMinimumOfTheDistance) {
       const Vec3d nearby = result.proxy + 2e-4 * Vec3d{normal(random), normal(random), normal(random)};
       if (surface_distance(surface, nearby) < kRadius + 2 * kSlack) continue;
       ASSERT_GT((nearby - device).norm(), (result.proxy - device).norm() - 1e-5)
-          << "seed " << kSeed << " round " << round;
+          << "seed " << kProxySeed << " round " << round;
     }
   }
 }
@@ -308,7 +308,7 @@ TEST(Proxy, KeepsItsSideWhenRefinementMovesTheSurfacePastIt) {
   for (unsigned seed = 0; seed < 6; ++seed) {
     Proxy proxy{settings};
     const Vec3d start{0.02, -0.01, 0.12};
-    RandomHand hand{kSeed + seed, start, 0.2, 0.07};
+    RandomHand hand{kProxySeed + seed, start, 0.2, 0.07};
     int shown = 0;
     (void)proxy.step(start, kCycle, surfaces[shown], false);
     for (int i = 0; i < 3000; ++i) {
@@ -318,7 +318,7 @@ TEST(Proxy, KeepsItsSideWhenRefinementMovesTheSurfacePastIt) {
       if (result.surface_moved) ++moved;
       if (!change && !result.in_contact) continue;
       ASSERT_LT(std::abs(winding_number(result.proxy, surfaces[shown].triangles())), 0.5)
-          << "seed " << kSeed + seed << " cycle " << i;
+          << "seed " << kProxySeed + seed << " cycle " << i;
     }
   }
   EXPECT_GT(moved, 50);
@@ -397,7 +397,7 @@ TEST(Proxy, TheForceIsAsOnThePreviousSurfaceInTheCycleOfAChange) {
     ProxyForce probe{{2000, 1}};
     probe.proxy.set_grip({0.5, 0.4});
     const Vec3d start{0.02, -0.01, 0.12};
-    RandomHand hand{kSeed + seed, start, 0.2, 0.07};
+    RandomHand hand{kProxySeed + seed, start, 0.2, 0.07};
     int shown = 0;
     (void)probe.step(start, surfaces[shown]);
     for (int i = 0; i < 3000; ++i) {
@@ -411,7 +411,7 @@ TEST(Proxy, TheForceIsAsOnThePreviousSurfaceInTheCycleOfAChange) {
       (void)without_ramp.proxy.step(device, kCycle, surfaces[1 - shown], true);
       (void)probe.step(device, surfaces[1 - shown], &surfaces[shown]);
       shown = 1 - shown;
-      ASSERT_LT((probe.force() - unchanged.force()).norm(), 1e-12) << "seed " << kSeed + seed << " cycle " << i;
+      ASSERT_LT((probe.force() - unchanged.force()).norm(), 1e-12) << "seed " << kProxySeed + seed << " cycle " << i;
       ++changes;
       jumps += (without_ramp.proxy.last().proxy - unchanged.proxy.last().proxy).norm() > 1e-4 ? 1 : 0;
     }

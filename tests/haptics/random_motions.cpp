@@ -5,11 +5,11 @@
 
 #include "haptics/proxy.hpp"
 #include "tests/haptics/moving_bodies.hpp"
+#include "tests/support/constants.hpp"
 
 namespace tactus::haptics::testing {
 namespace {
 
-constexpr double kCycle = 1e-3;
 constexpr double kRadius = 0.003;
 
 /// A block with a top of 0.05 m x 0.05 m and a groove along y. Width and depth of the groove are `width`.

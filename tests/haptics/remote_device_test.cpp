@@ -12,12 +12,11 @@
 
 #include "haptics/force.hpp"
 #include "haptics/simulated_device.hpp"
+#include "tests/support/constants.hpp"
 
 namespace tactus::haptics {
 namespace {
 
-constexpr std::int64_t kMs = 1'000'000;
-constexpr double kCycle = 1e-3;
 
 RemotePose pose(std::uint32_t sequence, double x, std::int64_t arrived_ns, std::uint32_t applied_command = 0) {
   RemotePose result;

@@ -7,31 +7,31 @@
 
 #include "haptics/body_touch.hpp"
 #include "tests/haptics/triangle_surface.hpp"
+#include "tests/support/constants.hpp"
 
 namespace tactus::haptics {
 namespace {
 
-constexpr double kDt = 1e-3;
 const Vec3d kHalf{0.04, 0.03, 0.05};
 
 /// One step of a body on the ground z = 0.
 void step(RigidBody& body, ContactSolver& solver) {
-  body.begin(kDt);
+  body.begin(kCycle);
   SolverBody moving = body.free_motion();
   solver.begin();
   add_ground_contacts(body, 0, 0, solver);
-  (void)solver.solve({&moving, 1}, kDt);
+  (void)solver.solve({&moving, 1}, kCycle);
   body.finish(moving.velocity);
 }
 
 TEST(RigidBody, FallsWithGravity) {
   RigidBody body{box_body(0.3, kHalf)};
   for (int i = 0; i < 500; ++i) {
-    body.begin(kDt);
+    body.begin(kCycle);
     body.finish(body.free_motion().velocity);
   }
   EXPECT_NEAR(body.state().velocity.z(), -9.81 * 0.5, 1e-12);
-  EXPECT_NEAR(body.state().position.z(), -0.5 * 9.81 * 0.5 * (0.5 + kDt), 1e-12);
+  EXPECT_NEAR(body.state().position.z(), -0.5 * 9.81 * 0.5 * (0.5 + kCycle), 1e-12);
 }
 
 TEST(RigidBody, AFreeRotationKeepsMomentumAndEnergy) {
@@ -45,7 +45,7 @@ TEST(RigidBody, AFreeRotationKeepsMomentumAndEnergy) {
   const double energy = body.kinetic_energy();
   double max_energy_error = 0;
   for (int i = 0; i < 20'000; ++i) {
-    body.begin(kDt);
+    body.begin(kCycle);
     body.finish(body.free_motion().velocity);
     max_energy_error = std::max(max_energy_error, std::abs(body.kinetic_energy() / energy - 1));
   }
@@ -71,7 +71,7 @@ TEST(RigidBody, ASpringAddsNoEnergyAtAnyStiffness) {
     };
     double last_energy = energy();
     for (int i = 0; i < 3000; ++i) {
-      body.begin(kDt);
+      body.begin(kCycle);
       PointSpring spring;
       spring.point = body.state().position;
       spring.target = target;
@@ -126,11 +126,11 @@ TEST(RigidBody, SticksOrSlidesOnASlopeDependingOnItsFriction) {
 }
 
 void step_on(RigidBody& body, ContactSolver& solver, const SurfaceDistance& surface) {
-  body.begin(kDt);
+  body.begin(kCycle);
   SolverBody moving = body.free_motion();
   solver.begin();
   add_surface_contacts(body, 0, surface, solver);
-  (void)solver.solve({&moving, 1}, kDt);
+  (void)solver.solve({&moving, 1}, kCycle);
   body.finish(moving.velocity);
 }
 
@@ -229,7 +229,7 @@ TEST(RigidBody, ARotationalSpringReachesItsTargetAndAddsNoEnergy) {
     double last_energy = energy();
     const double start_energy = last_energy;
     for (int i = 0; i < 5000; ++i) {
-      body.begin(kDt);
+      body.begin(kCycle);
       body.add_spring(RotationalSpring{-log_map(body.state().orientation), Vec3d::Zero(), stiffness, 0.01 * stiffness});
       body.finish(body.free_motion().velocity);
       EXPECT_LE(energy(), last_energy + 1e-3 * start_energy) << i;
@@ -249,17 +249,17 @@ class PressedBox {
 
   void step(const Vec3d& left, const Vec3d& right, bool grab = false) {
     const std::array<Vec3d, 2> positions{left, right};
-    body_.begin(kDt);
+    body_.begin(kCycle);
     for (std::size_t i = 0; i < 2; ++i) {
       DeviceState device;
       device.position = positions[i];
-      touches_[i].step(device, grab, body_.state(), shape_, kFeel, kDt);
+      touches_[i].step(device, grab, body_.state(), shape_, kFeel, kCycle);
       if (touches_[i].is_touching()) body_.add_spring(touches_[i].spring());
     }
     SolverBody moving = body_.free_motion();
     solver_.begin();
     add_ground_contacts(body_, 0, 0, solver_);
-    (void)solver_.solve({&moving, 1}, kDt);
+    (void)solver_.solve({&moving, 1}, kCycle);
     body_.finish(moving.velocity);
   }
   [[nodiscard]] const BodyState& state() const { return body_.state(); }

@@ -11,7 +11,7 @@ namespace {
 
 using namespace testing;
 
-constexpr unsigned kSeed = 20052;
+constexpr unsigned kSurfaceSeed = 20052;
 
 Vec3d random_point(std::mt19937& random, double size) {
   std::uniform_real_distribution<double> uniform{-size, size};
@@ -19,7 +19,7 @@ Vec3d random_point(std::mt19937& random, double size) {
 }
 
 TEST(ClosestSide, AgreesWithTheWindingNumberOnClosedSurfaces) {
-  std::mt19937 random{kSeed};
+  std::mt19937 random{kSurfaceSeed};
   for (const auto& triangles : {tetrahedron(1), sphere(1, 2), bumpy(1, 2, 0.25)}) {
     TriangleSurface surface{triangles};
     int inside = 0;
@@ -29,7 +29,7 @@ TEST(ClosestSide, AgreesWithTheWindingNumberOnClosedSurfaces) {
       ASSERT_TRUE(surface.closest(p, 10, hit));
       ASSERT_TRUE(hit.is_side_known);
       const double winding = winding_number(p, triangles);
-      ASSERT_EQ(hit.distance<0, winding> 0.5) << "seed " << kSeed << " round " << round;
+      ASSERT_EQ(hit.distance<0, winding> 0.5) << "seed " << kSurfaceSeed << " round " << round;
       if (winding > 0.5) ++inside;
     }
     EXPECT_GT(inside, 100);

@@ -10,6 +10,7 @@
 #include "haptics/rigid_body.hpp"
 #include "spm/offline/generate.hpp"
 #include "tests/haptics/tool_shapes.hpp"
+#include "tests/support/constants.hpp"
 
 namespace tactus::haptics {
 namespace {
@@ -17,7 +18,6 @@ namespace {
 using namespace testing;
 using test_support::ShownMesh;
 
-constexpr double kCycle = 1e-3;
 constexpr double kHalfEdge = 0.01;  // of the cube, m
 const double kCollisionMargin = ToolSettings{}.collision_margin;
 

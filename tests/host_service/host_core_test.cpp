@@ -10,14 +10,13 @@
 #include "spm/offline/build.hpp"
 #include "spm/offline/generate.hpp"
 #include "study/membership_exchange.hpp"
+#include "tests/support/constants.hpp"
 
 namespace tactus::host_service {
 namespace {
 
 using spm::Vec3d;
 
-constexpr std::int64_t kMs = 1'000'000;
-constexpr std::uint64_t kSession = 1, kHost = 10, kHrtc = 20;
 constexpr session::Origin kSelf{kSession, kHost, 1, 0};
 
 class HostCoreTest : public testing::Test {

@@ -6,11 +6,11 @@
 #include <algorithm>
 #include <optional>
 
+#include "tests/support/constants.hpp"
+
 namespace tactus::host_service {
 namespace {
 
-constexpr std::int64_t kMs = 1'000'000;
-constexpr std::uint64_t kSession = 1, kObject = 5;
 
 session::Origin origin_of(std::uint64_t participant, std::uint64_t incarnation) {
   session::Origin origin;

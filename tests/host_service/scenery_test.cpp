@@ -9,13 +9,13 @@
 #include "spm/codec/model_codec.hpp"
 #include "spm/offline/build.hpp"
 #include "spm/offline/generate.hpp"
+#include "tests/support/constants.hpp"
 
 namespace tactus::host_service {
 namespace {
 
 using haptics::Vec3d;
 
-constexpr std::int64_t kMs = 1'000'000;
 constexpr std::uint32_t kFaces = 40'000;
 
 /// The generated organ at the origin, 20 cm long.

@@ -22,13 +22,13 @@
 namespace tactus {
 namespace {
 
-using hrtc_service::testing::kSphereRadius;
-using hrtc_service::testing::position_on_sphere;
+using hrtc_service::flight_support::kSphereRadius;
+using hrtc_service::flight_support::position_on_sphere;
 using spm::Vec3d;
 using test_support::LocalSession;
 using Messages = std::vector<trace::FlightMessage>;
 
-constexpr std::uint64_t kSeed = 18;
+constexpr std::uint64_t kDamageSeed = 18;
 constexpr std::uint32_t kStatePeriod = 100;  // cycles
 constexpr std::uint64_t kCycles = 40;        // length of the replayed part, which contains every kind of event
 constexpr std::uint64_t kMaxPoolBytes = 1u << 26;
@@ -126,7 +126,7 @@ class FlightDamage : public ::testing::TestWithParam<bool> {
 
   void SetUp() override {
     record();
-    recorded_ = hrtc_service::testing::read_messages(file_);
+    recorded_ = hrtc_service::flight_support::read_messages(file_);
     recorded_ = beginning(kCycles);
   }
 
@@ -176,11 +176,11 @@ class FlightDamage : public ::testing::TestWithParam<bool> {
   [[nodiscard]] static std::size_t stride() { return GetParam() ? 10 : 1; }
   /// Replays these messages. Returns "same", "differs" or the error.
   std::string replay(const Messages& messages) {
-    hrtc_service::testing::write_messages(file_, messages);
+    hrtc_service::flight_support::write_messages(file_, messages);
     return replay_file();
   }
   std::string replay_file() {
-    hrtc_service::FlightReplayOptions options = hrtc_service::testing::replay_options(*encoded_);
+    hrtc_service::FlightReplayOptions options = hrtc_service::flight_support::replay_options(*encoded_);
     options.max_pool_bytes = kMaxPoolBytes;
     try {
       const hrtc_service::FlightReport report = hrtc_service::replay_flight(file_, options);
@@ -235,7 +235,7 @@ TEST_P(FlightDamage, AnUndamagedRecordingIsReplayedToTheBit) {
 TEST_P(FlightDamage, AReplayOfDamagedBytesEnds) {
   std::ifstream in{file_, std::ios::binary};
   const std::vector<char> whole{std::istreambuf_iterator<char>{in}, {}};
-  std::mt19937_64 random{kSeed};
+  std::mt19937_64 random{kDamageSeed};
   for (int round = 0; round < 150; ++round) {
     std::vector<char> bytes = whole;
     if (round % 3 == 0) bytes.resize(random() % bytes.size());
@@ -315,7 +315,7 @@ TEST_P(FlightDamage, AReplayWithAMissingOrRepeatedMessageEnds) {
 }
 
 TEST_P(FlightDamage, AReplayOfMessagesInAnotherOrderEnds) {
-  std::mt19937_64 random{kSeed};
+  std::mt19937_64 random{kDamageSeed};
   for (std::size_t round = 0; round < 100; round += stride()) {
     Messages messages = recorded_;
     for (std::size_t i = 0; i < 1 + round % 5; ++i)
@@ -337,7 +337,7 @@ TEST_P(FlightDamage, AReplayOfADamagedStateEndsAndAWrongSizeIsRefused) {
     refused += outcome != "same" && outcome != "differs" ? 1 : 0;
   };
   // Damages every second word with tips. With tools, a replay takes ten times as long, so only every sixteenth word.
-  std::mt19937_64 random{kSeed};
+  std::mt19937_64 random{kDamageSeed};
   const std::size_t step = GetParam() ? 16 : 2;  // words
   for (std::size_t offset = 8 * (random() % step); offset < carried.size(); offset += 8 * step) {
     damage(offset, ~std::uint64_t{0}, 8);

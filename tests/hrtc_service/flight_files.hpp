@@ -9,7 +9,7 @@
 #include "spm/codec/model_codec.hpp"
 #include "trace/flight_file.hpp"
 
-namespace tactus::hrtc_service::testing {
+namespace tactus::hrtc_service::flight_support {
 
 constexpr double kSphereRadius = 0.05;  // m
 
@@ -42,4 +42,4 @@ inline void write_messages(const std::filesystem::path& file, const std::vector<
   writer.close();
 }
 
-}  // namespace tactus::hrtc_service::testing
+}  // namespace tactus::hrtc_service::flight_support

@@ -24,13 +24,13 @@ namespace {
 using hrtc_service::FlightOptions;
 using hrtc_service::FlightReport;
 using hrtc_service::FlightStore;
-using hrtc_service::testing::kSphereRadius;
-using hrtc_service::testing::position_on_sphere;
+using hrtc_service::flight_support::kSphereRadius;
+using hrtc_service::flight_support::position_on_sphere;
 using spm::Vec3d;
 using test_support::LocalSession;
 
 constexpr std::uint32_t kSecond = 1000;  // cycles
-constexpr std::uint64_t kSeed = 5;
+constexpr std::uint64_t kFlightSeed = 5;
 // Slots of a pool / record parts of the model. The large pool retains many regions.
 constexpr double kSmallPool = 0.17, kLargePool = 1.5;
 
@@ -71,7 +71,7 @@ class FlightReplayTest : public ::testing::Test {
     FlightStore store{
         recorder, hrtc_service::flight_start("desk", LocalSession::cycle_settings(tool_), pool, LocalSession::specs()),
         seconds, FlightStore::bytes_for(seconds, 0.001, 2)};
-    std::mt19937_64 random{kSeed};
+    std::mt19937_64 random{kFlightSeed};
     const auto position = [](double cycle, double phase) { return position_on_sphere(cycle * 3e-3 + phase); };
     std::uint64_t contact_cycles = 0;
     for (int cycle = 0; cycle < cycles; ++cycle) {
@@ -115,7 +115,7 @@ class FlightReplayTest : public ::testing::Test {
   }
 
   [[nodiscard]] FlightReport replay(bool accepts_any_build = false) const {
-    hrtc_service::FlightReplayOptions options = hrtc_service::testing::replay_options(*encoded_);
+    hrtc_service::FlightReplayOptions options = hrtc_service::flight_support::replay_options(*encoded_);
     options.accepts_any_build = accepts_any_build;
     return hrtc_service::replay_flight(file_, options);
   }
@@ -130,9 +130,9 @@ class FlightReplayTest : public ::testing::Test {
   }
   /// Applies `change` to each message of the recording.
   void rewrite(const std::function<void(trace::FlightMessage&)>& change) const {
-    std::vector<trace::FlightMessage> messages = hrtc_service::testing::read_messages(file_);
+    std::vector<trace::FlightMessage> messages = hrtc_service::flight_support::read_messages(file_);
     for (trace::FlightMessage& message : messages) change(message);
-    hrtc_service::testing::write_messages(file_, messages);
+    hrtc_service::flight_support::write_messages(file_, messages);
   }
 
   const spm::MeshProbe* tool_ = nullptr;

@@ -26,11 +26,11 @@
 #include "hrtc_service/haptic_thread.hpp"
 #include "hrtc_service/hrtc_core.hpp"
 #include "hrtc_service/realtime.hpp"
+#include "tests/support/constants.hpp"
 
 namespace tactus::hrtc_service {
 namespace {
 
-constexpr std::int64_t kUs = 1000, kMs = 1'000'000;
 constexpr std::int64_t kPeriod = kMs;
 
 // ---- simulated histories

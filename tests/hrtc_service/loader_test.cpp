@@ -8,12 +8,11 @@
 
 #include "spm/offline/build.hpp"
 #include "spm/offline/generate.hpp"
+#include "tests/support/constants.hpp"
 
 namespace tactus::hrtc_service {
 namespace {
 
-constexpr std::int64_t kMs = 1'000'000;
-constexpr std::uint64_t kSession = 30, kHost = 10, kHrtc = 20;
 
 class LoaderTest : public testing::Test {
  protected:

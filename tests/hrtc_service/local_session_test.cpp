@@ -23,7 +23,7 @@ using spm::Vec3d;
 using test_support::LocalSession;
 
 constexpr double kTipRadius = 0.003;  // m
-constexpr std::uint64_t kSeed = 17;
+constexpr std::uint64_t kSessionSeed = 17;
 
 spm::offline::BuiltModel organ(std::uint32_t faces) {
   return spm::offline::build_model(spm::offline::generate(spm::offline::Shape::kOrgan, faces, 3));
@@ -245,7 +245,7 @@ TEST_F(OrganSession, RefinementThatAClockLimitsIsReproducedToTheBitByTheGrantedB
   int stopped = 0;
   const auto run = [&](bool by_clock) {
     LocalSession session{{built_->model()}, 1, spm::PoolSettings::for_slots(1 << 14)};
-    std::mt19937_64 random{kSeed};
+    std::mt19937_64 random{kSessionSeed};
     std::vector<CycleRecord> records;
     for (int cycle = 0; cycle < kCycles; ++cycle) {
       session.prepare(position(4 * cycle), velocity(4 * cycle, 4));  // 20 cm/s

@@ -17,7 +17,7 @@ using session::Claimant;
 using spm::Vec3d;
 using study::SharedSession;
 
-constexpr double kHalfEdge = 0.05;  // m, of the crate
+constexpr double kCrateHalfEdge = 0.05;  // m, of the crate
 
 /// A session with a crate. `delay_ms`: delay of each link between two programs. `mass`: of the crate, kg.
 class Session : public SharedSession {
@@ -35,7 +35,7 @@ class Session : public SharedSession {
 
  private:
   static const study::Subject& crate() {
-    static const study::Subject kCrate = study::make_subject("crate", "box", 1200, 2 * kHalfEdge);
+    static const study::Subject kCrate = study::make_subject("crate", "box", 1200, 2 * kCrateHalfEdge);
     return kCrate;
   }
   static study::SharedSessionSettings settings(std::int64_t delay_ms, double mass, bool host_begins_late) {
@@ -63,17 +63,17 @@ client_sim::User lifter(const char* name, const Vec3d& side, double seconds = 2)
 }
 
 /// Height of the crate's underside above the ground, m.
-double height(const Session& session) { return session.viewer_pose().pose.position[2] - kHalfEdge; }
+double height(const Session& session) { return session.viewer_pose().pose.position[2] - kCrateHalfEdge; }
 
 TEST(SharedBody, APushIsFeltBeforeTheGrantAndMovesTheObjectAtAllHrtcs) {
   Session session{20};
   session.add_hrtc();
   session.add_hrtc();
-  const std::size_t ann = session.add_hand(0, {kHalfEdge + 0.03, 0, kHalfEdge});
+  const std::size_t ann = session.add_hand(0, {kCrateHalfEdge + 0.03, 0, kCrateHalfEdge});
   session.run(1);
   ASSERT_EQ(session.role(0), Claimant::Role::kWatching);
   double force_before_grant = 0;
-  Vec3d hand{kHalfEdge + 0.03, 0, kHalfEdge};
+  Vec3d hand{kCrateHalfEdge + 0.03, 0, kCrateHalfEdge};
   session.run(1.5, [&] {
     hand.x() -= 6e-5;
     session.move_hand(ann, hand);
@@ -88,7 +88,7 @@ TEST(SharedBody, APushIsFeltBeforeTheGrantAndMovesTheObjectAtAllHrtcs) {
   EXPECT_NEAR(session.body(1)->state.position.x(), pushed_x, 0.002) << "at the other HRTC";
   EXPECT_FALSE(session.body(1)->is_simulated);
 
-  session.move_hand(ann, {kHalfEdge + 0.1, 0, kHalfEdge});
+  session.move_hand(ann, {kCrateHalfEdge + 0.1, 0, kCrateHalfEdge});
   session.run(1.5);
   EXPECT_EQ(session.role(0), Claimant::Role::kWatching);
   EXPECT_FALSE(session.body(0)->is_simulated);
@@ -139,7 +139,7 @@ Lift lift(bool two_hrtcs, std::int64_t delay_ms) {
 /// later, the copies would drift apart by centimetres.
 TEST(SharedBody, CopiesStayTogetherWhenHrtcsJoinBeforeTheirClocksAreSynchronised) {
   Session session{2, 0.8, true};
-  const auto side = [](double sign, double gap) -> Vec3d { return {sign * (kHalfEdge + 0.003 + gap), 0, kHalfEdge}; };
+  const auto side = [](double sign, double gap) -> Vec3d { return {sign * (kCrateHalfEdge + 0.003 + gap), 0, kCrateHalfEdge}; };
   session.add_hrtc();
   const std::size_t ann = session.add_hand(0, side(1, 0.03));
   session.run(0.5);
@@ -274,7 +274,7 @@ TEST(SharedBody, AnObjectThatADeadHrtcHeldFallsWhenTheLeaseEnds) {
   session.run(0.8);
   EXPECT_GT(session.viewer_pose().fencing, fencing);
   EXPECT_NEAR(height(session), 0, 1e-3);
-  EXPECT_NEAR(session.body(1)->state.position.z(), kHalfEdge, 1e-3);
+  EXPECT_NEAR(session.body(1)->state.position.z(), kCrateHalfEdge, 1e-3);
 }
 
 /// Two users at two HRTCs who hold the crate above the ground.
@@ -313,7 +313,7 @@ TEST_F(CrateHeldByTwo, CopiesContinueWithoutTheHostAndGetAGrantAfterItsRestart) 
   session_.start_host();
   session_.run(1, measure);
   EXPECT_TRUE(both_hold());
-  EXPECT_GT(min_z, kHalfEdge + 0.08) << "the crate did not fall";
+  EXPECT_GT(min_z, kCrateHalfEdge + 0.08) << "the crate did not fall";
   EXPECT_LT(max_distance, 0.005);
   EXPECT_GT(session_.viewer_pose().fencing, fencing_before);
   EXPECT_EQ((std::set{session_.role(0), session_.role(1)}), (std::set{Claimant::Role::kLeader, Claimant::Role::kCopy}));
@@ -330,7 +330,7 @@ TEST_F(CrateHeldByTwo, TheRemainingHrtcOwnsTheObjectWhenTheOtherDies) {
   EXPECT_EQ(session_.body(1)->copies, 0u);
   session_.run(3);  // one hand that presses from the side cannot hold the crate up
   EXPECT_NEAR(height(session_), 0, 0.005);
-  EXPECT_NEAR(session_.body(1)->state.position.z(), kHalfEdge, 0.005);
+  EXPECT_NEAR(session_.body(1)->state.position.z(), kCrateHalfEdge, 0.005);
 }
 
 }  // namespace

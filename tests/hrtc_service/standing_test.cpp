@@ -11,6 +11,7 @@
 #include "hrtc_service/bodies.hpp"
 #include "spm/offline/build.hpp"
 #include "spm/offline/generate.hpp"
+#include "tests/support/constants.hpp"
 #include "tests/support/local_session.hpp"
 
 namespace tactus {
@@ -19,8 +20,7 @@ namespace {
 using spm::Vec3d;
 using test_support::LocalSession;
 
-constexpr std::int64_t kMs = 1'000'000;
-constexpr double kHalfEdge = 0.01;  // m, of the box on the organ
+constexpr double kBoxHalfEdge = 0.01;  // m, of the box on the organ
 constexpr double kMass = 0.2;       // kg, of each box
 constexpr session::Material kRough{1000, 3, 0.9, 0.8};
 
@@ -45,7 +45,7 @@ class BoxOnOrgan : public ::testing::Test {
     const auto top = std::max_element(organ_mesh_.positions.begin(), organ_mesh_.positions.end(),
                                       [](const auto& a, const auto& b) { return a[2] < b[2]; });
     settings.objects[1].config.pose->position = {(*top)[0], (*top)[1], (*top)[2] + 0.02};
-    host_service::HostCore host{session::Origin{LocalSession::kSession, LocalSession::kHost, 1, 0}, settings, 0};
+    host_service::HostCore host{session::Origin{kSession, kHost, 1, 0}, settings, 0};
     session::Pose pose;
     for (std::int64_t now = kMs; now < 3000 * kMs; now += kMs)
       for (const session::ObjectPose& published : host.tick(now).poses) pose = published.pose;
@@ -64,7 +64,7 @@ class BoxOnOrgan : public ::testing::Test {
 
   spm::offline::TriangleMesh organ_mesh_ = spm::offline::generate(spm::offline::Shape::kOrgan, 40'000);
   spm::offline::BuiltModel organ_{spm::offline::build_model(organ_mesh_)};
-  spm::offline::BuiltModel box_{spm::offline::build_model(box_mesh(kHalfEdge))};
+  spm::offline::BuiltModel box_{spm::offline::build_model(box_mesh(kBoxHalfEdge))};
   LocalSession session_;
   hrtc_service::BodyOrders orders_;
   hrtc_service::BodyReports reports_;
@@ -76,7 +76,7 @@ TEST_F(BoxOnOrgan, StaysAtRestWhenAHandTouchesItAndFallsBackAfterALift) {
   orders_.number = orders_.count = 1;
   orders_.bodies[0].object = 1;
   orders_.bodies[0].received = {resting, 0, 1};
-  const Vec3d above = resting.position + Vec3d{0, 0, kHalfEdge + 0.01};
+  const Vec3d above = resting.position + Vec3d{0, 0, kBoxHalfEdge + 0.01};
   for (int cycle = 0; cycle < 300; ++cycle) run_cycle(above, false);
   ASSERT_EQ(reports_.count, 1u);
   EXPECT_LT((reports_.bodies[0].state.position - resting.position).norm(), 1e-9) << "shown at the received pose";
@@ -85,7 +85,7 @@ TEST_F(BoxOnOrgan, StaysAtRestWhenAHandTouchesItAndFallsBackAfterALift) {
   double max_shift = 0;
   Vec3d hand = above;
   for (int cycle = 0; cycle < 600; ++cycle) {
-    hand.z() = std::max(hand.z() - 3e-5, resting.position.z() + kHalfEdge + 0.0027);
+    hand.z() = std::max(hand.z() - 3e-5, resting.position.z() + kBoxHalfEdge + 0.0027);
     run_cycle(hand, false);
     max_shift = std::max(max_shift, (reports_.bodies[0].state.position - resting.position).norm());
   }

@@ -15,13 +15,13 @@
 #include "spm/offline/build.hpp"
 #include "spm/offline/generate.hpp"
 #include "study/membership_exchange.hpp"
+#include "tests/support/constants.hpp"
 
 namespace tactus {
 namespace {
 
 using spm::Vec3d;
 
-constexpr std::uint64_t kHost = 10, kHrtc = 20, kSession = 30;
 
 /// A simulated hand. The test reads the force that the haptic thread commands.
 class WatchedHand final : public haptics::Device {

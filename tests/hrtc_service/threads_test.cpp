@@ -20,6 +20,7 @@
 #include "spm/offline/build.hpp"
 #include "spm/offline/generate.hpp"
 #include "study/membership_exchange.hpp"
+#include "tests/support/constants.hpp"
 #include "tests/support/system_calls.hpp"
 #include "tests/support/temporary_folder.hpp"
 
@@ -28,7 +29,6 @@ namespace {
 
 using spm::Vec3d;
 
-constexpr std::uint64_t kHost = 10, kHrtc = 20, kSession = 30;
 
 /// A simulated hand. From the first cycle, a filter records the system calls of the haptic thread, except the sleep and
 /// the calls that end a thread.

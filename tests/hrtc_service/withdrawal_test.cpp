@@ -16,12 +16,12 @@
 #include "spm/codec/model_codec.hpp"
 #include "spm/offline/build.hpp"
 #include "spm/offline/generate.hpp"
+#include "tests/support/constants.hpp"
 #include "tests/support/temporary_folder.hpp"
 
 namespace tactus::hrtc_service {
 namespace {
 
-constexpr std::int64_t kMs = 1'000'000;
 constexpr double kTipRadius = 0.003, kSphereRadius = 0.05;  // m
 constexpr double kPenetration = 0.0015;                     // m, of the tip into a sphere
 

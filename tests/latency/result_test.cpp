@@ -5,11 +5,12 @@
 #include <cmath>
 #include <random>
 
+#include "tests/support/constants.hpp"
+
 namespace tactus::latency {
 namespace {
 
-constexpr std::uint32_t kSeed = 20261121;
-constexpr std::int64_t kUs = 1000, kMs = 1'000'000;
+constexpr std::uint32_t kResultSeed = 20261121;
 
 /// Pings at 1 kHz, all sent at the intended time. `ping_ns`: transit of each ping. `echo_ns`: transit of each echo.
 Timestamps constant_times(double seconds, std::int64_t ping_ns, std::int64_t echo_ns, std::uint32_t readers = 1) {
@@ -116,7 +117,7 @@ TEST(AResult, IgnoresSequenceAndReaderNumbersThatWereNeverSent) {
 }
 
 TEST(AResult, HasAnAgeBetweenTwoClocksThatIsCorrectWithinItsBound) {
-  std::mt19937 random{kSeed};
+  std::mt19937 random{kResultSeed};
   std::exponential_distribution<double> jitter{1.0 / 200};  // us, in each direction
   Timestamps timestamps;
   timestamps.test.seconds = 5;

@@ -10,7 +10,7 @@
 namespace tactus::latency {
 namespace {
 
-constexpr std::uint32_t kSeed = 20261121;
+constexpr std::uint32_t kStatisticsSeed = 20261121;
 
 TEST(ASummary, HasTheKnownPercentilesAndIsNotANumberWithoutValues) {
   std::vector<double> values{5, 1, 4, 2, 3, 9, 7, 8, 6, 10};
@@ -27,7 +27,7 @@ TEST(ASummary, HasTheKnownPercentilesAndIsNotANumberWithoutValues) {
 }
 
 TEST(ATally, AgreesWithASetOfSequenceNumbers) {
-  std::mt19937 random{kSeed};
+  std::mt19937 random{kStatisticsSeed};
   for (int round = 0; round < 50; ++round) {
     constexpr std::uint32_t kExpected = 200;
     SequenceTally tally{kExpected};
@@ -49,7 +49,7 @@ TEST(ATally, AgreesWithASetOfSequenceNumbers) {
 }
 
 TEST(InterarrivalJitterOfRfc3550, FollowsTheFormulaOfTheRfc) {
-  std::mt19937 random{kSeed};
+  std::mt19937 random{kStatisticsSeed};
   InterarrivalJitter jitter;
   double expected = 0;
   std::int64_t previous_sent = 0, previous_received = 0;

@@ -7,6 +7,8 @@
 #include <numeric>
 #include <vector>
 
+#include "tests/support/constants.hpp"
+
 namespace tactus::netem {
 namespace {
 
@@ -14,7 +16,6 @@ using testing::ElementsAre;
 using testing::HasSubstr;
 
 constexpr std::uint64_t kSeed = 20260703;
-constexpr std::int64_t kMs = 1'000'000;
 constexpr std::size_t kFrame = 1000;
 
 /// Returns the delays in ms of `count` frames, of which one arrives every `period_ns`. The delay of a lost frame is

@@ -5,10 +5,11 @@
 #include <cstdlib>
 #include <random>
 
+#include "tests/support/constants.hpp"
+
 namespace tactus::session {
 namespace {
 
-constexpr std::int64_t kMs = 1'000'000;
 constexpr Origin kReference{1, 10, 1, 0};
 constexpr Origin kRequester{1, 20, 1, 0};
 

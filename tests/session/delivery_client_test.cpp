@@ -5,19 +5,20 @@
 
 #include <functional>
 
+#include "tests/support/constants.hpp"
+
 namespace tactus::session {
 namespace {
 
 using testing::ElementsAre;
 using testing::IsEmpty;
 
-constexpr std::uint64_t kSession = 1, kHost = 10, kOtherHost = 11, kHrtc = 20, kObject = 30, kDigest = 99;
-constexpr Origin kSelf{kSession, kHrtc, 7, 0};
-constexpr std::int64_t kMs = 1'000'000;
+constexpr std::uint64_t kDigest = 99;
+constexpr Origin kReceiver{kSession, kHrtc, 7, 0};
 
 class DeliveryClientTest : public testing::Test {
  protected:
-  DeliveryClientTest() : client_{kSelf, DeliverySettings{}} {
+  DeliveryClientTest() : client_{kReceiver, DeliverySettings{}} {
     for (const std::uint64_t host : {kHost, kOtherHost}) client_.on_catalogue(catalogue_entry(host));
     client_.on_host_heartbeat(kHost, 5, now_);
     client_.open(kObject, kDigest);
@@ -45,7 +46,7 @@ class DeliveryClientTest : public testing::Test {
     const std::size_t size = (text.size() + count - 1) / count;
     for (std::uint32_t i = 0; i < count; ++i) {
       BulkChunk& chunk = result[i];
-      chunk.stream = stream_id({kSession, kHost, 5, 0}, kSelf, kObject);
+      chunk.stream = stream_id({kSession, kHost, 5, 0}, kReceiver, kObject);
       chunk.sent_us = static_cast<std::uint32_t>(now_ / 1000);
       chunk.sequence = ++sequence_;
       chunk.epoch = epoch_;
@@ -454,7 +455,7 @@ TEST_F(DeliveryClientTest, ALateHostIsReplacedByAnotherHostOfTheObject) {
   const std::uint32_t epoch_before = epoch_;
   const Demand demand = publish();
   EXPECT_EQ(demand.serving_host, kOtherHost);
-  EXPECT_EQ(demand.stream, stream_id({kSession, kOtherHost, 3, 0}, kSelf, kObject));
+  EXPECT_EQ(demand.stream, stream_id({kSession, kOtherHost, 3, 0}, kReceiver, kObject));
   EXPECT_GT(demand.epoch, epoch_before);
 }
 
@@ -477,7 +478,7 @@ TEST_F(DeliveryClientTest, ARestartedHostBeginsANewStream) {
   const Demand demand = publish();
 
   EXPECT_GT(before.received, 0u);
-  EXPECT_EQ(demand.stream, stream_id({kSession, kHost, 6, 0}, kSelf, kObject));
+  EXPECT_EQ(demand.stream, stream_id({kSession, kHost, 6, 0}, kReceiver, kObject));
   EXPECT_EQ(demand.received, 0u);
   EXPECT_EQ(demand.have.size(), 1u);
 }
@@ -528,7 +529,7 @@ TEST_F(DeliveryClientTest, AChangeIsPublishedAfterTheDemandInterval) {
 TEST_F(DeliveryClientTest, IncompleteMessagesStayWithinTheirBound) {
   DeliverySettings settings;
   settings.max_partial_bytes = 10'000;
-  DeliveryClient client{kSelf, settings};
+  DeliveryClient client{kReceiver, settings};
   client.on_catalogue(catalogue_entry(kHost));
   client.on_host_heartbeat(kHost, 5, now_);
   client.open(kObject, kDigest);
@@ -592,7 +593,7 @@ TEST_F(DeliveryClientTest, TheStateOfAClosedObjectIsFreed) {
   for (std::uint64_t object = 1000; object < 1100; ++object) {
     client_.open(object, kDigest);
     BulkChunk chunk = chunks(spm::kNone, std::string(2000, 'x'), 2).at(0);
-    chunk.stream = stream_id({kSession, kHost, 5, 0}, kSelf, object);
+    chunk.stream = stream_id({kSession, kHost, 5, 0}, kReceiver, object);
     (void)client_.on_chunk(chunk, now_);
   }
   EXPECT_GT(client_.partial_bytes(), 100'000u);

@@ -8,6 +8,7 @@
 #include "session/delivery_client.hpp"
 #include "spm/codec/model_codec.hpp"
 #include "spm/codec/region_codec.hpp"
+#include "tests/support/constants.hpp"
 #include "tests/support/random_model.hpp"
 
 namespace tactus::session {
@@ -16,13 +17,11 @@ namespace {
 using spm::OwnedModel;
 using test_support::random_model;
 
-constexpr std::int64_t kMs = 1'000'000;
-constexpr std::uint64_t kSession = 1, kHost = 10, kHrtc = 20, kOtherHrtc = 21, kObject = 30;
-constexpr Origin kSelf{kSession, kHost, 5, 0};
+constexpr Origin kSender{kSession, kHost, 5, 0};
 
 class DeliveryServerTest : public testing::Test {
  protected:
-  DeliveryServerTest() : owned_{random_model(1, 2000, 3)}, model_{owned_.model()}, server_{kSelf} {
+  DeliveryServerTest() : owned_{random_model(1, 2000, 3)}, model_{owned_.model()}, server_{kSender} {
     server_.add(kObject, encoded_.compressed());
   }
 
@@ -35,7 +34,7 @@ class DeliveryServerTest : public testing::Test {
     result.epoch = epoch;
     for (const std::uint32_t region : wanted)
       result.wanted.push_back({region, static_cast<std::uint32_t>(result.wanted.size())});
-    result.stream = stream_id(kSelf, result.origin, kObject);
+    result.stream = stream_id(kSender, result.origin, kObject);
     result.credit = 1u << 20;
     return result;
   }
@@ -464,7 +463,7 @@ TEST_F(DeliveryServerTest, ANewIncarnationOfAnHrtcReceivesANewStream) {
   const std::vector<BulkChunk> before = drain();
   Demand demand = make_demand(1, {3});
   demand.origin.incarnation = 8;
-  demand.stream = stream_id(kSelf, demand.origin, kObject);
+  demand.stream = stream_id(kSender, demand.origin, kObject);
   newest_sequence_.clear();
   submit(demand);
 
@@ -514,7 +513,7 @@ TEST_F(DeliveryServerTest, AppliesDemandsAfterOneImplausibleDemand) {
   for (const Vary vary : {Vary{[](Demand& demand) { demand.epoch = 0xffffffff; }},
                           Vary{[](Demand& demand) { demand.origin.time_ns = INT64_MAX; }},
                           Vary{[](Demand& demand) { demand.origin.incarnation = UINT64_MAX; }}}) {
-    DeliveryServer server{kSelf};
+    DeliveryServer server{kSender};
     server.add(kObject, encoded_.compressed());
     const auto submit_later = [&](const Demand& submitted) { return server.on_demand(submitted, now_ += 5 * kMs); };
     const auto with_time = [&](Demand submitted) {

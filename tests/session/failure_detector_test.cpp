@@ -5,12 +5,12 @@
 #include <functional>
 #include <random>
 
+#include "tests/support/constants.hpp"
+
 namespace tactus::session {
 namespace {
 
-constexpr std::int64_t kMs = 1'000'000;
-constexpr std::uint64_t kHost = 10, kOther = 11;
-constexpr Origin kSelf{1, 20, 1, 0};
+constexpr Origin kDetector{kSession, kHrtc, 1, 0};
 
 ClockSample answer_to(const ClockSample& request, std::uint64_t incarnation = 1) {
   ClockSample answer = request;
@@ -40,7 +40,7 @@ class FailureDetectorTest : public testing::Test {
     }
     return suspected;
   }
-  FailureDetector failure_detector_{kSelf, {}};
+  FailureDetector failure_detector_{kDetector, {}};
   std::int64_t now_ = 1000 * kMs;
 };
 
@@ -88,10 +88,10 @@ TEST_F(FailureDetectorTest, SuspectsADeadHostWithin40MsAlsoAfterAFalseSuspicion)
 }
 
 TEST_F(FailureDetectorTest, SendsRequestsOnlyToWatchedHosts) {
-  failure_detector_.watch({kOther});
+  failure_detector_.watch({kOtherHost});
   const auto request = failure_detector_.next_request(now_);
   ASSERT_TRUE(request);
-  EXPECT_EQ(request->peer, kOther);
+  EXPECT_EQ(request->peer, kOtherHost);
   EXPECT_FALSE(failure_detector_.next_request(now_));
   failure_detector_.watch({});
   EXPECT_FALSE(failure_detector_.next_request(now_ + 1000 * kMs));

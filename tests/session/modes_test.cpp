@@ -6,6 +6,8 @@
 #include <cmath>
 #include <stdexcept>
 
+#include "tests/support/constants.hpp"
+
 namespace tactus::session {
 namespace {
 
@@ -13,7 +15,6 @@ using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 
-constexpr std::int64_t kMs = 1'000'000;
 constexpr std::uint64_t kFirstHrtc = 1, kSecondHrtc = 2, kAnn = 11, kBob = 12;
 
 /// A cube of 0.2 m around `centre`.

@@ -10,11 +10,11 @@
 #include <string>
 #include <variant>
 
+#include "tests/support/constants.hpp"
+
 namespace tactus::session {
 namespace {
 
-constexpr std::int64_t kMs = 1'000'000;
-constexpr std::uint64_t kSession = 1, kObject = 5, kHost = 100;
 /// Difference between incarnations of the host. The fencing numbers of a host begin after its incarnation, so the
 /// difference must exceed the number of fencing numbers of one incarnation.
 constexpr std::uint64_t kHostIncarnation = 1'000'000;

@@ -13,15 +13,15 @@
 
 #include "netem/link.hpp"
 #include "session/messages.hpp"
+#include "tests/support/constants.hpp"
 
 namespace tactus::session {
 namespace {
 
-constexpr std::int64_t kMs = 1'000'000;
 constexpr std::uint32_t kChunkBytes = kMaxPayload;
 constexpr double kHeaderBytes = 150;
 
-struct LinkSettings {
+struct PacedLink {
   double mbit = 100;
   std::int64_t one_way_ns = 100'000;
   double loss = 0;
@@ -29,13 +29,13 @@ struct LinkSettings {
   std::int64_t clock_offset_ns = -123'456'789'000;  // of the receiver
 };
 
-struct Outcome {
+struct LinkUse {
   double share;         // of the link's rate that is used in the last three quarters of the time
   double p99_queue_ms;  // max wait in the queue of 99 % of the chunks sent in that time
 };
 
 /// Sends for `seconds`, as fast as the pacer allows.
-Outcome fill(const LinkSettings& link, double seconds) {
+LinkUse fill(const PacedLink& link, double seconds) {
   struct Chunk {
     std::int64_t sent, arrives;
     bool lost;
@@ -87,16 +87,16 @@ Outcome fill(const LinkSettings& link, double seconds) {
 
 TEST(Pacer, FillsALinkOfAnyRateWithAShortQueue) {
   for (const double mbit : {10.0, 100.0, 1000.0}) {
-    LinkSettings link;
+    PacedLink link;
     link.mbit = mbit;
-    const Outcome outcome = fill(link, 12);
+    const LinkUse outcome = fill(link, 12);
     EXPECT_GT(outcome.share, 0.9) << mbit << " Mbit/s";
     EXPECT_LT(outcome.p99_queue_ms, mbit < 50 ? 5 : 3) << mbit << " Mbit/s";
   }
 }
 
 TEST(Pacer, FillsALinkWithLongDelayAndLosses) {
-  LinkSettings link;
+  PacedLink link;
   link.one_way_ns = 10 * kMs;
   link.loss = 0.01;
   EXPECT_GT(fill(link, 12).share, 0.9);

@@ -4,10 +4,11 @@
 
 #include <cmath>
 
+#include "tests/support/constants.hpp"
+
 namespace tactus::session {
 namespace {
 
-constexpr std::int64_t kMs = 1'000'000;
 
 PlayoutSettings without_reserve() {
   PlayoutSettings settings;

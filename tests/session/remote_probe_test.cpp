@@ -8,10 +8,11 @@
 #include <functional>
 #include <random>
 
+#include "tests/support/constants.hpp"
+
 namespace tactus::session {
 namespace {
 
-constexpr std::int64_t kMs = 1'000'000;
 
 /// The state of a probe that presses on a surface with 0.5 to 1.5 N at 1 Hz.
 ProbeState pressing(std::int64_t at_ms) {

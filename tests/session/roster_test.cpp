@@ -3,6 +3,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "tests/support/constants.hpp"
+
 namespace tactus::session {
 namespace {
 
@@ -10,8 +12,6 @@ using testing::ElementsAre;
 using testing::HasSubstr;
 using testing::IsEmpty;
 
-constexpr std::int64_t kMs = 1'000'000;
-constexpr std::uint64_t kSession = 1;
 
 RosterEntry entry(const std::string& name, std::uint64_t incarnation, std::uint64_t heartbeat) {
   RosterEntry result;

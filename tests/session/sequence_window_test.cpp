@@ -4,10 +4,11 @@
 
 #include <random>
 
+#include "tests/support/constants.hpp"
+
 namespace tactus::session {
 namespace {
 
-constexpr std::int64_t kMs = 1'000'000;
 constexpr SequenceLimits kLimits{10, 1000};
 
 /// A window that has accepted the numbers 1 to 100, one each millisecond, and 100 at 100 ms.
@@ -17,7 +18,7 @@ SequenceWindow after_hundred(const SequenceLimits& limits = kLimits) {
   return window;
 }
 
-Origin origin(std::uint64_t participant, std::uint64_t incarnation) { return {1, participant, incarnation, 0}; }
+Origin sender(std::uint64_t participant, std::uint64_t incarnation) { return {1, participant, incarnation, 0}; }
 
 TEST(SequenceWindow, ANumberMayBeLargerByTheFixedLimitPlusRateTimesTime) {
   for (const std::int64_t passed_ms : {0, 1, 50, 3'600'000}) {
@@ -109,38 +110,38 @@ TEST(SequenceWindow, RefusesNoCorrectNumberBecauseOfImplausibleNumbers) {
 
 TEST(SourceWindow, AcceptsALargerIncarnationAtOnceAndASmallerIncarnationAfterThreeSamples) {
   SourceWindow window;
-  EXPECT_EQ(window.admit(origin(1, 50)), Admission::kNewStart);
-  EXPECT_EQ(window.admit(origin(1, 50)), Admission::kAccepted);
-  EXPECT_EQ(window.admit(origin(1, UINT64_MAX)), Admission::kNewStart);
-  EXPECT_EQ(window.admit(origin(1, 50)), Admission::kImplausible);
-  EXPECT_EQ(window.admit(origin(1, 50)), Admission::kImplausible);
-  EXPECT_EQ(window.admit(origin(1, 50)), Admission::kNewStart);
+  EXPECT_EQ(window.admit(sender(1, 50)), Admission::kNewStart);
+  EXPECT_EQ(window.admit(sender(1, 50)), Admission::kAccepted);
+  EXPECT_EQ(window.admit(sender(1, UINT64_MAX)), Admission::kNewStart);
+  EXPECT_EQ(window.admit(sender(1, 50)), Admission::kImplausible);
+  EXPECT_EQ(window.admit(sender(1, 50)), Admission::kImplausible);
+  EXPECT_EQ(window.admit(sender(1, 50)), Admission::kNewStart);
 }
 
 TEST(SourceWindow, IncarnationsOfDifferentParticipantsAreNotCompared) {
   for (const std::uint64_t incarnation : {20u, 80u}) {
     SourceWindow window;
-    (void)window.admit(origin(1, 50));
-    for (unsigned i = 1; i < kAgreeing; ++i) EXPECT_EQ(window.admit(origin(2, incarnation)), Admission::kImplausible);
-    EXPECT_EQ(window.admit(origin(2, incarnation)), Admission::kNewStart);
-    EXPECT_EQ(window.admit(origin(1, 50)), Admission::kImplausible);
+    (void)window.admit(sender(1, 50));
+    for (unsigned i = 1; i < kAgreeing; ++i) EXPECT_EQ(window.admit(sender(2, incarnation)), Admission::kImplausible);
+    EXPECT_EQ(window.admit(sender(2, incarnation)), Admission::kNewStart);
+    EXPECT_EQ(window.admit(sender(1, 50)), Admission::kImplausible);
   }
 }
 
 TEST(SourceWindow, OfTwoAlternatingWritersTheFirstRemainsAccepted) {
   SourceWindow window;
   for (int i = 0; i < 100; ++i) {
-    EXPECT_TRUE(accepted(window.admit(origin(1, 50))));
-    EXPECT_EQ(window.admit(origin(2, 60)), Admission::kImplausible);
+    EXPECT_TRUE(accepted(window.admit(sender(1, 50))));
+    EXPECT_EQ(window.admit(sender(2, 60)), Admission::kImplausible);
   }
 }
 
 TEST(SenderWindow, AcceptsTheFirstNumbersOfARestartedSender) {
   SenderWindow window{kLimits};
   for (std::uint64_t i = 1000; i < 1100; ++i)
-    EXPECT_TRUE(accepted(window.admit(origin(1, 5), i, static_cast<std::int64_t>(i) * kMs)));
-  EXPECT_EQ(window.admit(origin(1, 6), 1, 1100 * kMs), Admission::kNewStart);
-  EXPECT_EQ(window.admit(origin(1, 6), 2, 1101 * kMs), Admission::kAccepted);
+    EXPECT_TRUE(accepted(window.admit(sender(1, 5), i, static_cast<std::int64_t>(i) * kMs)));
+  EXPECT_EQ(window.admit(sender(1, 6), 1, 1100 * kMs), Admission::kNewStart);
+  EXPECT_EQ(window.admit(sender(1, 6), 2, 1101 * kMs), Admission::kAccepted);
 }
 
 TEST(TimeWindow, DropsOneImplausibleTime) {

@@ -18,11 +18,10 @@
 #include "session/roster.hpp"
 #include "session/time_reference.hpp"
 #include "tests/session/simulated_network.hpp"
+#include "tests/support/constants.hpp"
 
 namespace tactus::test_support {
 
-inline constexpr std::uint64_t kSession = 77;
-inline constexpr std::int64_t kMs = 1'000'000;
 
 class Program;
 

@@ -7,6 +7,8 @@
 #include <random>
 #include <variant>
 
+#include "tests/support/constants.hpp"
+
 namespace tactus::session {
 namespace {
 
@@ -14,7 +16,6 @@ using testing::ElementsAre;
 using testing::IsEmpty;
 using testing::SizeIs;
 
-constexpr std::uint64_t kSession = 7;
 
 Origin origin(std::uint64_t participant, std::uint64_t incarnation = 1) {
   return {kSession, participant, incarnation, 0};

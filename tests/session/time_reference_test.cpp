@@ -11,11 +11,11 @@
 #include <utility>
 #include <vector>
 
+#include "tests/support/constants.hpp"
+
 namespace tactus::session {
 namespace {
 
-constexpr std::int64_t kMs = 1'000'000;
-constexpr std::uint64_t kSession = 1;
 constexpr std::int64_t kTickNs = 5 * kMs;
 
 /// The parts of a program that concern session time. Its incarnation is the time of its wall clock, which may be wrong.

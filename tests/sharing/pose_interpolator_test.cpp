@@ -4,10 +4,11 @@
 
 #include <cmath>
 
+#include "tests/support/constants.hpp"
+
 namespace tactus::sharing {
 namespace {
 
-constexpr std::int64_t kMs = 1'000'000;
 
 /// The state at time `ns` of a body that moves on a circle with a radius of 10 cm, once around in two seconds.
 BodyState on_circle(std::int64_t ns) {

@@ -13,7 +13,7 @@ namespace tactus::spm {
 namespace {
 
 constexpr double kReach = 4;    // cell edges
-constexpr double kSpeed = 100;  // cell edges/s
+constexpr double kCellsPerSecond = 100;  // cell edges/s
 
 /// The cells of edge 1 that contain at least one of `points`.
 class Cells {
@@ -59,7 +59,7 @@ Vec3d looping_path(double time) {
     for (double t = 0; t < 20; t += MotionSegment::kSpacing) {
       const double heading = 4 * t + std::sin(8 * t);
       points.push_back(points.back() +
-                       kSpeed * MotionSegment::kSpacing * Vec3d{std::cos(heading), std::sin(heading), 0});
+                       kCellsPerSecond * MotionSegment::kSpacing * Vec3d{std::cos(heading), std::sin(heading), 0});
     }
     return points;
   }();
@@ -92,7 +92,7 @@ TEST(MotionSegment, FollowsTheSurface) {
     for (int y = -60; y < 60; ++y) cylinder.emplace_back(kRadius * std::cos(angle), y + 0.5, kRadius * std::sin(angle));
   const RegionGrid grid = Cells{cylinder}.grid();
   const auto circle = [](double time) {
-    const double angle = kSpeed * time / kRadius;
+    const double angle = kCellsPerSecond * time / kRadius;
     return Vec3d{kRadius * std::cos(angle), 0, kRadius * std::sin(angle)};
   };
   MotionSegment motion_segment;

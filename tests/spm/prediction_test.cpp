@@ -13,7 +13,7 @@
 namespace tactus::spm {
 namespace {
 
-constexpr double kSpeed = 10, kRadius = 0.5, kMargin = 0.25, kLead = 0.4;
+constexpr double kTipSpeed = 10, kRadius = 0.5, kMargin = 0.25, kLead = 0.4;
 
 /// A plane of 41 x 41 fully occupied cells of edge 1 around the origin. The tip is at the origin and moves along x.
 class Prediction : public testing::Test {
@@ -31,7 +31,7 @@ class Prediction : public testing::Test {
 
   Predictor::Regions predict(Strategy strategy, bool in_contact) const {
     Predictor predictor{*grid_, {kRadius, kMargin, 0, strategy}};
-    for (int i = -60; i <= 0; ++i) predictor.observe(i * 0.002, {kSpeed * i * 0.002, 0, 0}, in_contact);
+    for (int i = -60; i <= 0; ++i) predictor.observe(i * 0.002, {kTipSpeed * i * 0.002, 0, 0}, in_contact);
     Predictor::Regions predicted;
     predictor.predict(kLead, predicted);
     predicted.sort();
@@ -59,17 +59,17 @@ class Prediction : public testing::Test {
 
 TEST_F(Prediction, LinearAndPolynomialStrategiesWantOnlyThePath) {
   for (const Strategy strategy : {Strategy::kLinear, Strategy::kPolynomial})
-    EXPECT_EQ(regions_of(predict(strategy, true)), cells_near_path(kSpeed * kLead, kRadius + kMargin));
+    EXPECT_EQ(regions_of(predict(strategy, true)), cells_near_path(kTipSpeed * kLead, kRadius + kMargin));
 }
 
 TEST_F(Prediction, NeighbourAndDistanceStrategiesWantAllDirectionsEqually) {
-  EXPECT_EQ(regions_of(predict(Strategy::kNeighbours, true)), cells_near_path(0, kRadius + kMargin + kSpeed * kLead));
+  EXPECT_EQ(regions_of(predict(Strategy::kNeighbours, true)), cells_near_path(0, kRadius + kMargin + kTipSpeed * kLead));
   EXPECT_EQ(regions_of(predict(Strategy::kDistance, false)),
-            cells_near_path(0, kRadius + kMargin + kSpeed * kLead / 2));
+            cells_near_path(0, kRadius + kMargin + kTipSpeed * kLead / 2));
 }
 
 TEST_F(Prediction, TheMixtureWantsThePathAndSomeCellsAroundIt) {
-  const std::set<std::uint32_t> path = cells_near_path(kSpeed * kLead, kRadius + kMargin);
+  const std::set<std::uint32_t> path = cells_near_path(kTipSpeed * kLead, kRadius + kMargin);
   for (const bool in_contact : {true, false}) {
     const std::set<std::uint32_t> wanted = regions_of(predict(Strategy::kMixture, in_contact));
     EXPECT_TRUE(std::includes(wanted.begin(), wanted.end(), path.begin(), path.end()));

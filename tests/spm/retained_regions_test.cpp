@@ -20,8 +20,8 @@ using spm::Unrequested;
 using test_support::HrtcModel;
 using ::testing::IsEmpty;
 
-constexpr std::uint32_t kRecords = 600;
-constexpr std::uint32_t kCells = 3;
+constexpr std::uint32_t kModelRecords = 600;
+constexpr std::uint32_t kModelCells = 3;
 
 class Retained : public ::testing::TestWithParam<std::uint64_t> {
  protected:
@@ -54,7 +54,7 @@ class Retained : public ::testing::TestWithParam<std::uint64_t> {
     return regions;
   }
 
-  spm::OwnedModel owned_ = test_support::random_model(GetParam(), kRecords, kCells);
+  spm::OwnedModel owned_ = test_support::random_model(GetParam(), kModelRecords, kModelCells);
   spm::Model model_ = owned_.model();
   std::mt19937_64 random_{GetParam()};
   static constexpr std::uint32_t kManySlots = 1u << 14;

@@ -77,10 +77,10 @@ double sampled_touch(const Vec3d& from, const Vec3d& to, double radius, const Tr
   return 2;
 }
 
-constexpr unsigned kSeed = 20051;
+constexpr unsigned kTriangleSeed = 20051;
 
 TEST(ClosestPoint, HasTheDistanceThatASearchOfTheTriangleFinds) {
-  Random random{kSeed};
+  Random random{kTriangleSeed};
   for (int round = 0; round < 1500; ++round) {
     const Triangle t = random.triangle();
     const Vec3d p = random.point(2);
@@ -105,7 +105,7 @@ TEST(ClosestPoint, NamesTheFeatureOnWhichItLies) {
 }
 
 TEST(SweptSphere, HitsNoLaterThanASampledSphereTouches) {
-  Random random{kSeed + 1};
+  Random random{kTriangleSeed + 1};
   constexpr int kSamples = 2000;
   int touched = 0;
   for (int round = 0; round < 4000; ++round) {
@@ -137,7 +137,7 @@ TEST(SweptSphere, HitsNoLaterThanASampledSphereTouches) {
 }
 
 TEST(SweptSphere, NeverPenetratesAtTheTimeOfImpact) {
-  Random random{kSeed + 2};
+  Random random{kTriangleSeed + 2};
   for (int round = 0; round < 5000; ++round) {
     const Triangle t = random.triangle();
     const Vec3d from = random.point(2);
@@ -151,7 +151,7 @@ TEST(SweptSphere, NeverPenetratesAtTheTimeOfImpact) {
 }
 
 TEST(SweptSphere, APointHitsAFaceFromEitherSide) {
-  Random random{kSeed + 3};
+  Random random{kTriangleSeed + 3};
   for (int round = 0; round < 2000; ++round) {
     const Triangle t{random.point(1), random.point(1), random.point(1)};
     const Vec3d normal = (t.b - t.a).cross(t.c - t.a).normalized();
@@ -170,7 +170,7 @@ TEST(SweptSphere, APointHitsAFaceFromEitherSide) {
 }
 
 TEST(SweptSphere, HitsAtTimeZeroWhenItOverlapsAndMovesCloser) {
-  Random random{kSeed + 4};
+  Random random{kTriangleSeed + 4};
   int closer = 0;
   for (int round = 0; round < 5000; ++round) {
     const Triangle t = random.triangle();

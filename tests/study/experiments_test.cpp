@@ -4,17 +4,10 @@
 
 #include <cmath>
 
+#include "tests/study/figures.hpp"
+
 namespace tactus::study {
 namespace {
-
-const std::atomic<bool> kNoStop{false};
-
-double value_of(const ScenarioRun& run, const std::string& name) {
-  for (const Figure& figure : run.figures)
-    if (figure.name == name) return figure.value;
-  ADD_FAILURE() << name;
-  return -1;
-}
 
 class StudyExperiments : public ::testing::Test {
  protected:
@@ -37,39 +30,39 @@ TEST_F(StudyExperiments, BeginWithTheBaselineLink) {
 
 TEST_F(StudyExperiments, TwoUsersReachTheirTargetForceWithoutDelay) {
   const ScenarioRun result = run("target-force", "P0");
-  EXPECT_GT(value_of(result, "time on target"), 99);
-  EXPECT_LT(value_of(result, "deviation from target, rms"), 0.05);
-  EXPECT_EQ(value_of(result, "time without contact"), 0);
+  EXPECT_GT(value_of(result.figures, "time on target"), 99);
+  EXPECT_LT(value_of(result.figures, "deviation from target, rms"), 0.05);
+  EXPECT_EQ(value_of(result.figures, "time without contact"), 0);
 }
 
 TEST_F(StudyExperiments, CopiesOfALiftedCrateStayTogetherOverLongLinks) {
   for (const auto& [link, max_apart] : {std::pair{"P4", 15.0}, std::pair{"P6", 25.0}}) {
     SCOPED_TRACE(link);
     const ScenarioRun result = run("lift", link);
-    EXPECT_EQ(value_of(result, "completed lifts"), 2);
-    EXPECT_EQ(value_of(result, "lost lifts"), 0);
-    EXPECT_LT(value_of(result, "largest distance of copies"), max_apart);
-    EXPECT_LT(value_of(result, "largest tilt"), 20);
-    EXPECT_LT(value_of(result, "injected energy"), 1);
-    EXPECT_GE(value_of(result, "lowest port energy"), -1e-3);
+    EXPECT_EQ(value_of(result.figures, "completed lifts"), 2);
+    EXPECT_EQ(value_of(result.figures, "lost lifts"), 0);
+    EXPECT_LT(value_of(result.figures, "largest distance of copies"), max_apart);
+    EXPECT_LT(value_of(result.figures, "largest tilt"), 20);
+    EXPECT_LT(value_of(result.figures, "injected energy"), 1);
+    EXPECT_GE(value_of(result.figures, "lowest port energy"), -1e-3);
   }
 }
 
 TEST_F(StudyExperiments, FourUsersNeverShareAFencingNumberAndWaitARoundTripForAGrant) {
   const ScenarioRun result = run("hand-over", "P4");
-  EXPECT_GT(value_of(result, "touches"), 40);
-  EXPECT_EQ(value_of(result, "shared fencing numbers"), 0);
-  EXPECT_NEAR(value_of(result, "time to grant, mean"), 32, 6);
+  EXPECT_GT(value_of(result.figures, "touches"), 40);
+  EXPECT_EQ(value_of(result.figures, "shared fencing numbers"), 0);
+  EXPECT_NEAR(value_of(result.figures, "time to grant, mean"), 32, 6);
 }
 
 TEST_F(StudyExperiments, DivergedRunsAreCountedAndHaveNoFigures) {
   const ScenarioRun naive = run("carry, naive", "P6");
-  EXPECT_EQ(value_of(naive, "diverged runs"), 100);
-  EXPECT_TRUE(std::isnan(value_of(naive, "largest distance of copies")));
+  EXPECT_EQ(value_of(naive.figures, "diverged runs"), 100);
+  EXPECT_TRUE(std::isnan(value_of(naive.figures, "largest distance of copies")));
   const ScenarioRun channel = run("carry, channel", "P6");
-  EXPECT_EQ(value_of(channel, "diverged runs"), 0);
-  EXPECT_LT(value_of(channel, "time to settle"), 2);
-  EXPECT_LT(value_of(channel, "distance of copies 1 s later"), 5);
+  EXPECT_EQ(value_of(channel.figures, "diverged runs"), 0);
+  EXPECT_LT(value_of(channel.figures, "time to settle"), 2);
+  EXPECT_LT(value_of(channel.figures, "distance of copies 1 s later"), 5);
 }
 
 }  // namespace

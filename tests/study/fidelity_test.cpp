@@ -3,16 +3,10 @@
 #include <gtest/gtest.h>
 
 #include "study/true_hand.hpp"
+#include "tests/study/figures.hpp"
 
 namespace tactus::study {
 namespace {
-
-double value_of(const Figures& figures, const std::string& name, const std::string& unit = "") {
-  for (const Figure& figure : figures)
-    if (figure.name == name && (unit.empty() || figure.unit == unit)) return figure.value;
-  ADD_FAILURE() << name;
-  return -1;
-}
 
 /// The fidelity of hands that move along x at 1 mm/ms and feel forces along z.
 class HandMotion {

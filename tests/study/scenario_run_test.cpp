@@ -2,17 +2,10 @@
 
 #include <gtest/gtest.h>
 
+#include "tests/study/figures.hpp"
+
 namespace tactus::study {
 namespace {
-
-const std::atomic<bool> kNoStop{false};
-
-double value_of(const ScenarioRun& run, const std::string& name) {
-  for (const Figure& figure : run.figures)
-    if (figure.name == name) return figure.value;
-  ADD_FAILURE() << name;
-  return -1;
-}
 
 /// A scenario of 8 s with one user. `head`: further keys of the scenario.
 client_sim::Scenario short_scenario(const std::string& script, const std::string& head) {
@@ -30,24 +23,24 @@ class ScenarioOnScan : public ::testing::Test {
 
 TEST_F(ScenarioOnScan, ATipFeelsTheForceOfTheFullMeshToTheBitWithoutDelay) {
   const ScenarioRun result = run(client_sim::load_scenario("tap-scan"), "P0");
-  EXPECT_EQ(value_of(result, "touches"), 6);
-  EXPECT_EQ(value_of(result, "exact"), 100);
-  EXPECT_EQ(value_of(result, "force error max"), 0);
-  EXPECT_GT(value_of(result, "contact"), 0.2);
+  EXPECT_EQ(value_of(result.figures, "touches"), 6);
+  EXPECT_EQ(value_of(result.figures, "exact"), 100);
+  EXPECT_EQ(value_of(result.figures, "force error max"), 0);
+  EXPECT_GT(value_of(result.figures, "contact"), 0.2);
 }
 
 TEST_F(ScenarioOnScan, AToolFeelsForceAndTorqueOfTheFullMeshToTheBitWithoutDelay) {
   const client_sim::Scenario scenario = client_sim::load_scenario("tool-scan");
   const ScenarioRun without_delay = run(scenario, "P0"), with_delay = run(scenario, "P0:delay=300");
-  EXPECT_EQ(value_of(without_delay, "exact"), 100);
-  EXPECT_EQ(value_of(without_delay, "force error max"), 0);
-  EXPECT_EQ(value_of(without_delay, "torque error max"), 0);
-  EXPECT_GT(value_of(without_delay, "contact"), 6);
-  EXPECT_GT(value_of(without_delay, "true torque rms"), 2);
+  EXPECT_EQ(value_of(without_delay.figures, "exact"), 100);
+  EXPECT_EQ(value_of(without_delay.figures, "force error max"), 0);
+  EXPECT_EQ(value_of(without_delay.figures, "torque error max"), 0);
+  EXPECT_GT(value_of(without_delay.figures, "contact"), 6);
+  EXPECT_GT(value_of(without_delay.figures, "true torque rms"), 2);
   // With a delay, regions are missing at times, so the figures must differ from those above.
-  EXPECT_LT(value_of(with_delay, "exact"), 98);
-  EXPECT_GT(value_of(with_delay, "force error max"), 0.1);
-  EXPECT_GT(value_of(with_delay, "torque error max"), 0.5);
+  EXPECT_LT(value_of(with_delay.figures, "exact"), 98);
+  EXPECT_GT(value_of(with_delay.figures, "force error max"), 0.1);
+  EXPECT_GT(value_of(with_delay.figures, "torque error max"), 0.5);
 }
 
 TEST_F(ScenarioOnScan, ARemoteTiltedHandFeelsTheTorqueOfItsToolLate) {
@@ -56,8 +49,8 @@ TEST_F(ScenarioOnScan, ARemoteTiltedHandFeelsTheTorqueOfItsToolLate) {
       "measures: forces\ntruth: full-mesh\ntool: stylus\n");
   scenario.users[0].has_remote_device = true;
   const ScenarioRun result = run(scenario, "P0:delay=20");
-  EXPECT_GT(value_of(result, "contact"), 1);
-  EXPECT_GT(value_of(result, "torque error max"), 0.1);
+  EXPECT_GT(value_of(result.figures, "contact"), 1);
+  EXPECT_GT(value_of(result.figures, "torque error max"), 0.1);
   double max_torque = 0;
   for (const Sample& sample : result.hands[0]) max_torque = std::max(max_torque, sample.felt.torque.norm());
   EXPECT_GT(max_torque, 1e-5);
@@ -77,10 +70,10 @@ TEST_F(ScenarioOnScan, AColdStartTakesTheRoundTripsOfTheLink) {
   const client_sim::Scenario scenario = client_sim::load_scenario("cold-start");
   const ScenarioRun without_delay = run(scenario, "P0"), with_delay = run(scenario, "P0:delay=40");
   // The catalogue takes half a round trip, and two demands with their answers take two round trips.
-  EXPECT_LT(value_of(without_delay, "time to base mesh"), 20);
-  EXPECT_GT(value_of(with_delay, "time to base mesh"), 3 * 40);
-  EXPECT_LT(value_of(with_delay, "time to base mesh"), 400);
-  EXPECT_GT(value_of(without_delay, "received until exact"), 1);
+  EXPECT_LT(value_of(without_delay.figures, "time to base mesh"), 20);
+  EXPECT_GT(value_of(with_delay.figures, "time to base mesh"), 3 * 40);
+  EXPECT_LT(value_of(with_delay.figures, "time to base mesh"), 400);
+  EXPECT_GT(value_of(without_delay.figures, "received until exact"), 1);
 }
 
 TEST(ScenarioOnWall, ARemoteHandFeelsTheWallARoundTripLateAndALocalHandAtOnce) {
@@ -92,11 +85,11 @@ TEST(ScenarioOnWall, ARemoteHandFeelsTheWallARoundTripLateAndALocalHandAtOnce) {
   const ScenarioRun local = run_scenario(scenario, wall, link, 1, kNoStop);
   scenario.users[0].has_remote_device = true;
   const ScenarioRun remote = run_scenario(scenario, wall, link, 1, kNoStop);
-  EXPECT_EQ(value_of(local, "touches"), 2);
-  EXPECT_EQ(value_of(local, "onset error"), 0);
-  EXPECT_LT(value_of(local, "force error max"), 1e-6);
-  EXPECT_NEAR(value_of(remote, "onset error"), 40, 5);  // a round trip
-  EXPECT_GT(value_of(remote, "above 1 JND"), 90);
+  EXPECT_EQ(value_of(local.figures, "touches"), 2);
+  EXPECT_EQ(value_of(local.figures, "onset error"), 0);
+  EXPECT_LT(value_of(local.figures, "force error max"), 1e-6);
+  EXPECT_NEAR(value_of(remote.figures, "onset error"), 40, 5);  // a round trip
+  EXPECT_GT(value_of(remote.figures, "above 1 JND"), 90);
 }
 
 TEST(ObjectOf, IsTheObjectThatAllUsersTouch) {

@@ -13,12 +13,12 @@
 #include "hrtc_service/membership.hpp"
 #include "spm/codec/model_codec.hpp"
 #include "study/membership_exchange.hpp"
+#include "tests/support/constants.hpp"
 
 namespace tactus::test_support {
 
 class LocalSession {
  public:
-  static constexpr std::uint64_t kHost = 10, kHrtc = 20, kSession = 30;
   static constexpr std::int64_t kPeriodNs = 1'000'000;
 
   /// The arrays of `models` must outlive the session. `scale`: metres per file unit. `delay_cycles`: transit of chunks

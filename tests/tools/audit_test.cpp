@@ -14,6 +14,7 @@
 #include "spm/offline/model_file.hpp"
 #include "spm/offline/write_mesh.hpp"
 #include "spm/triangle.hpp"
+#include "tests/support/constants.hpp"
 #include "tests/support/temporary_folder.hpp"
 #include "tools/audit_report.hpp"
 #include "tools/mesh_tool.hpp"
@@ -35,7 +36,6 @@ using trace::LoggedTotals;
 constexpr double kScale = 2;                      // metres per unit
 constexpr double kTolerance = kTangent / kScale;  // in units
 constexpr double kRadius = 0.004;                 // units
-constexpr std::int64_t kMs = 1'000'000;
 
 Corners corners_of(const TriangleMesh& mesh, std::size_t face) {
   Corners corners;
@@ -64,7 +64,7 @@ LoggedQuery true_query(const TriangleMesh& mesh, const Point& centre, double rad
   return query;
 }
 
-struct Outcome {
+struct AuditOutcome {
   int code;
   std::string out, errors;
 };
@@ -108,7 +108,7 @@ class Audit : public ::testing::Test {
     return report.objects.at(0);
   }
 
-  Outcome run(std::vector<std::string> arguments) const {
+  AuditOutcome run(std::vector<std::string> arguments) const {
     arguments.insert(arguments.begin(), {"tactus-mesh", "audit"});
     std::vector<const char*> argv;
     for (const std::string& argument : arguments) argv.push_back(argument.c_str());
@@ -149,7 +149,7 @@ TEST_F(Audit, AcceptsACorrectLog) {
   EXPECT_EQ(object.exact_contact, contact);
   EXPECT_EQ(object.audited, contact);
   EXPECT_GE(object.triangles, triangles);
-  const Outcome outcome = run({path("a.hlog"), path("organ.ply")});
+  const AuditOutcome outcome = run({path("a.hlog"), path("organ.ply")});
   EXPECT_EQ(outcome.code, kDone);
   EXPECT_THAT(outcome.out, AllOf(HasSubstr("mismatches                       0"), Not(HasSubstr("killed"))));
 }
@@ -166,7 +166,7 @@ TEST_F(Audit, CatchesOneMissingContact) {
   EXPECT_EQ(object.mismatches[0].time_ns, wrong.time_ns);
   EXPECT_EQ(object.mismatches[0].missing, std::vector<std::uint64_t>{key});
   EXPECT_TRUE(object.mismatches[0].extra.empty());
-  const Outcome outcome = run({path("a.hlog"), path("organ.ply")});
+  const AuditOutcome outcome = run({path("a.hlog"), path("organ.ply")});
   EXPECT_EQ(outcome.code, kCheckFailed);
   EXPECT_THAT(outcome.out, HasSubstr("      missing "));
 }
@@ -223,7 +223,7 @@ TEST_F(Audit, CatchesADepthWhoseErrorExceedsTheTolerance) {
   EXPECT_EQ(mismatched_by(1.1e-6), 1u);
   EXPECT_EQ(mismatched_by(-1.1e-6), 1u);
   EXPECT_EQ(mismatched_by(std::numeric_limits<double>::quiet_NaN()), 1u);
-  const Outcome outcome = run({path("a.hlog"), path("organ.ply")});
+  const AuditOutcome outcome = run({path("a.hlog"), path("organ.ply")});
   EXPECT_EQ(outcome.code, kCheckFailed);
   EXPECT_THAT(outcome.out, HasSubstr("1 wrong depths"));
 }
@@ -407,21 +407,21 @@ TEST_F(Audit, MatchesObjectsByDigestThenByNameThenIfTheLogHasOnlyOne) {
   EXPECT_EQ(objects("both.hlog", "organ.ply", "renamed.spm").at(0).name, "heart");
   EXPECT_EQ(objects("both.hlog", "organ.ply", "").at(0).name, "organ");
 
-  const Outcome untouched = run({path("both.hlog"), path("organ.ply")});
+  const AuditOutcome untouched = run({path("both.hlog"), path("organ.ply")});
   EXPECT_EQ(untouched.code, kDone);
   EXPECT_THAT(untouched.out, AllOf(HasSubstr("object 'organ'"), HasSubstr("not touched")));
 
   write_mesh(path("spleen.ply"), *mesh_);
   write_log(queries, "one.hlog", {touched});
   EXPECT_EQ(objects("one.hlog", "spleen.ply", "").at(0).name, "heart");
-  const Outcome absent = run({path("both.hlog"), path("spleen.ply")});
+  const AuditOutcome absent = run({path("both.hlog"), path("spleen.ply")});
   EXPECT_EQ(absent.code, kDone);
   EXPECT_THAT(absent.out, AllOf(HasSubstr("0 cycles audited"), HasSubstr("  'organ'\n  'heart'\n")));
 }
 
 TEST_F(Audit, WritesJsonIntoAFileAndTextToTheOutput) {
   write_log(*correct_log_);
-  const Outcome outcome = run({path("a.hlog"), path("organ.ply"), "--cycles", "30", "--json", path("a.json")});
+  const AuditOutcome outcome = run({path("a.hlog"), path("organ.ply"), "--cycles", "30", "--json", path("a.json")});
   EXPECT_EQ(outcome.code, kDone);
   EXPECT_THAT(outcome.out, HasSubstr("cycles audited"));
   const auto json = nlohmann::json::parse(read_bytes(path("a.json")));
@@ -431,7 +431,7 @@ TEST_F(Audit, WritesJsonIntoAFileAndTextToTheOutput) {
 
 TEST_F(Audit, FclAgreesOnEveryAuditedCycle) {
   write_log(*correct_log_);
-  const Outcome outcome = run({path("a.hlog"), path("organ.ply"), "--json"});
+  const AuditOutcome outcome = run({path("a.hlog"), path("organ.ply"), "--json"});
   EXPECT_EQ(outcome.code, kDone);
   const auto object = nlohmann::json::parse(outcome.out)["objects"][0];
   EXPECT_GT(object["audited"], 100);
@@ -542,7 +542,7 @@ TEST_F(Audit, RefusesWrongInputWithAMessageThatNamesIt) {
       {{log, organ, "--json", path("no/a.json")}, "no/a.json: cannot be written"},
   };
   for (const auto& [arguments, message] : cases) {
-    const Outcome outcome = run(arguments);
+    const AuditOutcome outcome = run(arguments);
     EXPECT_EQ(outcome.code, kBadInput) << message;
     EXPECT_THAT(outcome.errors, HasSubstr(message));
     EXPECT_EQ(outcome.out, "") << message;

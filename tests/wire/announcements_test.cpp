@@ -6,13 +6,14 @@
 #include <string>
 #include <vector>
 
+#include "tests/support/constants.hpp"
+
 namespace tactus::wire {
 namespace {
 
 using eprosima::fastrtps::rtps::IPLocator;
 using Locator = Announcements::Locator;
 
-constexpr std::int64_t kMs = 1'000'000;
 
 Locator locator(const char* address, std::uint32_t port) {
   Locator made;

@@ -184,5 +184,41 @@ inline auto fields(const ses::ClockSample& c) {
 /// A valid sample. Most fields differ from their defaults and from each other, so that lost and swapped fields show.
 template <class Sample>
 Sample full_sample(const Participants& from);
+template <>
+ses::RosterEntry full_sample(const Participants& from);
+template <>
+ses::CatalogueEntry full_sample(const Participants& from);
+template <>
+ses::Demand full_sample(const Participants& from);
+template <>
+ses::Metrics full_sample(const Participants& from);
+template <>
+ses::Control full_sample(const Participants& from);
+template <>
+ses::EmergencyStop full_sample(const Participants& from);
+template <>
+ses::ForceReset full_sample(const Participants& from);
+template <>
+ses::SessionEnd full_sample(const Participants& from);
+template <>
+ses::BulkChunk full_sample(const Participants& from);
+template <>
+ses::Intent full_sample(const Participants& from);
+template <>
+ses::ProbeState full_sample(const Participants& from);
+template <>
+ses::DevicePose full_sample(const Participants& from);
+template <>
+ses::DeviceCommand full_sample(const Participants& from);
+template <>
+ses::ObjectPose full_sample(const Participants& from);
+template <>
+ses::ObjectClaim full_sample(const Participants& from);
+template <>
+ses::ObjectGrant full_sample(const Participants& from);
+template <>
+ses::ObjectCopy full_sample(const Participants& from);
+template <>
+ses::ClockSample full_sample(const Participants& from);
 
 }  // namespace tactus::wire::test

@@ -28,7 +28,7 @@ Bytes statistics() {
   made.resize(60);
   return made;
 }
-Bytes message(const std::vector<Bytes>& parts) {
+Bytes message_of(const std::vector<Bytes>& parts) {
   Bytes made = kHeader;
   for (const Bytes& part : parts) made.insert(made.end(), part.begin(), part.end());
   return made;
@@ -41,33 +41,33 @@ Bytes trimmed(const Bytes& bytes) {
 }
 
 TEST(TrimmingTest, RemovesDestinationTimeAndStatistics) {
-  EXPECT_EQ(trimmed(message({kInfoDestination, kInfoTime, sample(), statistics()})), message({sample()}));
-  EXPECT_EQ(trimmed(message({kInfoTime, sample(), statistics()})), message({sample()})) << "without a destination";
+  EXPECT_EQ(trimmed(message_of({kInfoDestination, kInfoTime, sample(), statistics()})), message_of({sample()}));
+  EXPECT_EQ(trimmed(message_of({kInfoTime, sample(), statistics()})), message_of({sample()})) << "without a destination";
 }
 
 TEST(TrimmingTest, OtherMessagesAreUnchanged) {
   constexpr std::uint8_t kBuiltIn = 0xc2;
 
-  EXPECT_TRUE(trimmed(message({})).empty());
-  EXPECT_TRUE(trimmed(message({kInfoDestination, kInfoTime})).empty());
-  EXPECT_TRUE(trimmed(message({kInfoDestination, kInfoTime, sample()})).empty()) << "no statistics";
-  EXPECT_TRUE(trimmed(message({kInfoDestination, kInfoTime, sample(), sample(), statistics()})).empty());
-  EXPECT_TRUE(trimmed(message({kInfoDestination, kInfoTime, sample(), kHeartbeat, statistics()})).empty());
-  EXPECT_TRUE(trimmed(message({kInfoTime, sample(kBuiltIn), statistics()})).empty()) << "a sample of discovery";
+  EXPECT_TRUE(trimmed(message_of({})).empty());
+  EXPECT_TRUE(trimmed(message_of({kInfoDestination, kInfoTime})).empty());
+  EXPECT_TRUE(trimmed(message_of({kInfoDestination, kInfoTime, sample()})).empty()) << "no statistics";
+  EXPECT_TRUE(trimmed(message_of({kInfoDestination, kInfoTime, sample(), sample(), statistics()})).empty());
+  EXPECT_TRUE(trimmed(message_of({kInfoDestination, kInfoTime, sample(), kHeartbeat, statistics()})).empty());
+  EXPECT_TRUE(trimmed(message_of({kInfoTime, sample(kBuiltIn), statistics()})).empty()) << "a sample of discovery";
 }
 
 TEST(TrimmingTest, ATrimmedMessageThatLooksLikeStatisticsIsPadded) {
   Bytes lookalike = sample(0x02, 56);
   lookalike[lookalike.size() - 60] = kStatisticsId;
 
-  const Bytes padded = trimmed(message({kInfoDestination, kInfoTime, lookalike, statistics()}));
+  const Bytes padded = trimmed(message_of({kInfoDestination, kInfoTime, lookalike, statistics()}));
 
-  ASSERT_EQ(padded.size(), message({lookalike}).size() + kSubmessageHeader);
+  ASSERT_EQ(padded.size(), message_of({lookalike}).size() + kSubmessageHeader);
   EXPECT_NE(padded[padded.size() - kStatisticsSize], kStatisticsId);
 }
 
 TEST(TrimmingTest, NoPartOfAMessageIsReadBeyondItsEnd) {
-  const Bytes whole = message({kInfoDestination, kInfoTime, sample(), statistics()});
+  const Bytes whole = message_of({kInfoDestination, kInfoTime, sample(), statistics()});
   for (std::size_t size = 0; size < whole.size(); ++size) {
     const Bytes cut(whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(size));
     EXPECT_TRUE(trimmed(cut).empty()) << size;  // sanitizers detect reads beyond the end
@@ -75,7 +75,7 @@ TEST(TrimmingTest, NoPartOfAMessageIsReadBeyondItsEnd) {
 }
 
 TEST(TrimmingTest, AMessageTooLongForTheBufferIsUnchanged) {
-  EXPECT_TRUE(trimmed(message({kInfoDestination, kInfoTime, sample(0x02, 2000), statistics()})).empty());
+  EXPECT_TRUE(trimmed(message_of({kInfoDestination, kInfoTime, sample(0x02, 2000), statistics()})).empty());
 }
 
 }  // namespace

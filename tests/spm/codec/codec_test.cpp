@@ -20,7 +20,7 @@ using test_support::random_model;
 using testing::HasSubstr;
 using testing::IsEmpty;
 
-constexpr std::uint64_t kSeed = 20260101;
+constexpr std::uint64_t kCodecSeed = 20260101;
 #ifdef __SANITIZE_THREAD__
 constexpr int kMutations = 2'000;  // these tests have one thread, and are 100 times slower under ThreadSanitizer
 #else
@@ -125,14 +125,14 @@ Bytes mutated(Bytes bytes, std::mt19937_64& random) {
 }
 
 TEST(RandomModel, HasNoViolations) {
-  const OwnedModel owned = random_model(kSeed, 2000, 3);
+  const OwnedModel owned = random_model(kCodecSeed, 2000, 3);
   EXPECT_THAT(violations(owned.model()), IsEmpty());
   EXPECT_GT(owned.summary.parts, owned.summary.records) << "no record has several parts";
   EXPECT_GT(owned.summary.regions, 5u);
 }
 
 TEST(BaseCodec, RestoresTheBaseMeshToTheBit) {
-  const OwnedModel owned = random_model(kSeed, 500, 3);
+  const OwnedModel owned = random_model(kCodecSeed, 500, 3);
   const EncodedModel encoded{owned.model()};
 
   const Result<DecodedBase> decoded = decode_base(encoded.compressed().spans().base);
@@ -155,7 +155,7 @@ TEST(BaseCodec, RestoresTheBaseMeshToTheBit) {
 }
 
 Bytes base_bytes(std::uint32_t records) {
-  const OwnedModel owned = random_model(kSeed, records, 2);
+  const OwnedModel owned = random_model(kCodecSeed, records, 2);
   const EncodedModel encoded{owned.model()};
   const std::span<const std::uint8_t> base = encoded.compressed().spans().base;
   return {base.begin(), base.end()};
@@ -180,18 +180,18 @@ TEST(BaseCodec, RefusesEveryTruncation) {
 
 TEST(BaseCodec, ReturnsNoInvalidMeshForMutatedBytes) {
   const Bytes bytes = base_bytes(50);
-  std::mt19937_64 random{kSeed};
+  std::mt19937_64 random{kCodecSeed};
   for (int round = 0; round < kMutations; ++round) {
     const Result<DecodedBase> decoded = decode_base(mutated(bytes, random));
     if (decoded) {
-      ASSERT_THAT(violations(decoded->mesh), IsEmpty()) << "round " << round << ", seed " << kSeed;
+      ASSERT_THAT(violations(decoded->mesh), IsEmpty()) << "round " << round << ", seed " << kCodecSeed;
     }
   }
 }
 
 class RegionCodec : public ::testing::Test {
  protected:
-  explicit RegionCodec(std::uint32_t records = 600) : owned_{random_model(kSeed, records, 3)} {}
+  explicit RegionCodec(std::uint32_t records = 600) : owned_{random_model(kCodecSeed, records, 3)} {}
 
   [[nodiscard]] Bytes encode(std::uint32_t region, const std::vector<spm::Interval>& sent) const {
     return encode_region(encoded_.compressed(), RegionId{region}, sent);
@@ -206,7 +206,7 @@ class RegionCodec : public ::testing::Test {
 };
 
 TEST_F(RegionCodec, RestoresTheListAndTheSentRecords) {
-  std::mt19937_64 random{kSeed};
+  std::mt19937_64 random{kCodecSeed};
   for (std::uint32_t region = 0; region < model_.summary.regions; ++region) {
     const std::vector<spm::Interval> list = whole_list(model_, RegionId{region});
     for (const std::vector<spm::Interval>& sent : {list, std::vector<spm::Interval>{}, random_subset(list, random)}) {
@@ -221,7 +221,7 @@ TEST_F(RegionCodec, RestoresTheListAndTheSentRecords) {
 }
 
 TEST_F(RegionCodec, ARecordHasTheSameResidualsWhicheverOtherRecordsAreSent) {
-  std::mt19937_64 random{kSeed};
+  std::mt19937_64 random{kCodecSeed};
   const std::vector<spm::Interval> list = whole_list(model_, RegionId{1});
   const Result<RegionData> whole = decode(encode(1, list));
   ASSERT_TRUE(whole);
@@ -250,20 +250,20 @@ TEST_F(RegionCodec, RefusesEveryTruncation) {
 TEST_F(RegionCodec, MutatedBytesDecodeToValidDataAndLeaveTheCacheWithoutViolations) {
   test_support::HrtcModel hrtc{model_, PoolSettings::for_slots(2048)};
   const Bytes bytes = encode(0, whole_list(model_, RegionId{0}));
-  std::mt19937_64 random{kSeed};
+  std::mt19937_64 random{kCodecSeed};
   int decoded_count = 0, accepted = 0;
   for (int round = 0; round < kMutations; ++round) {
     const Result<RegionData> decoded = decode(mutated(bytes, random));
     if (!decoded) continue;
     ++decoded_count;
-    ASSERT_NO_FATAL_FAILURE(expect_valid(*decoded, model_.summary)) << "round " << round << ", seed " << kSeed;
+    ASSERT_NO_FATAL_FAILURE(expect_valid(*decoded, model_.summary)) << "round " << round << ", seed " << kCodecSeed;
     RegionList list;
     if (hrtc.cache().accept(hrtc.object(), *decoded, list) == AcceptResult::kAccepted) {
       ++accepted;
       hrtc.cache().release(hrtc.object(), decoded->region);
     }
     if (round % 64 == 0) {
-      ASSERT_THAT(hrtc.cache().violations(), IsEmpty()) << "round " << round << ", seed " << kSeed;
+      ASSERT_THAT(hrtc.cache().violations(), IsEmpty()) << "round " << round << ", seed " << kCodecSeed;
     }
   }
   EXPECT_GT(decoded_count, kMutations / 200) << "the decoder refuses nearly all mutations";
@@ -293,7 +293,7 @@ TEST_F(RegionCodec, RefusesMoreSentRecordsThanTheMessageHasBytesFor) {
 }
 
 TEST(ModelCodec, RestoresAWholeModelToTheBit) {
-  const OwnedModel owned = random_model(kSeed, 2000, 3);
+  const OwnedModel owned = random_model(kCodecSeed, 2000, 3);
   const EncodedModel encoded{owned.model()};
 
   const Result<OwnedModel> decoded = decode_model(encoded.compressed());
@@ -312,7 +312,7 @@ TEST(ModelCodec, RestoresAWholeModelToTheBit) {
 }
 
 TEST(ModelCodec, AListIsFoundWithoutTheListsBeforeIt) {
-  const OwnedModel owned = random_model(kSeed, 2000, 3);
+  const OwnedModel owned = random_model(kCodecSeed, 2000, 3);
   const EncodedModel encoded{owned.model()};
   for (std::uint32_t region = owned.summary.regions; region-- > 0;) {
     EXPECT_TRUE(same_intervals(encoded.compressed().intervals_of(RegionId{region}),
@@ -321,10 +321,10 @@ TEST(ModelCodec, AListIsFoundWithoutTheListsBeforeIt) {
 }
 
 TEST(ModelCodec, MutatedBytesAreRefusedOrDecodeToAModelThatViolationsCanCheck) {
-  const OwnedModel owned = random_model(kSeed, 200, 2);
+  const OwnedModel owned = random_model(kCodecSeed, 200, 2);
   const EncodedModel encoded{owned.model()};
   const ModelSpans& whole = encoded.compressed().spans();
-  std::mt19937_64 random{kSeed};
+  std::mt19937_64 random{kCodecSeed};
   int valid = 0, invalid = 0;
   for (int round = 0; round < kMutations * 2 / 5; ++round) {
     Bytes base{whole.base.begin(), whole.base.end()}, codes{whole.codes.begin(), whole.codes.end()},
@@ -354,7 +354,7 @@ TEST(Shapes, EverySymbolStandsForOneShape) {
 }
 
 TEST(PrefixCodes, RestoreAMessageThatTakesAtMost3PercentMoreThanItsEntropy) {
-  std::mt19937_64 random{kSeed};
+  std::mt19937_64 random{kCodecSeed};
   for (const std::uint32_t symbols : {1u, 2u, 3u, 66u, 256u, 1009u}) {
     std::vector<std::uint64_t> counts(symbols, 0);
     std::vector<std::uint32_t> message;

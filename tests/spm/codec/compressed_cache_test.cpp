@@ -21,7 +21,7 @@ using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 using Status = CompressedCache::PutResult::Status;
 
-constexpr std::uint64_t kSeed = 20261121;
+constexpr std::uint64_t kCacheSeed = 20261121;
 constexpr std::uint32_t kBlocks = 1 << 14;
 
 class CompressedCacheTest : public ::testing::Test {
@@ -156,14 +156,14 @@ class CompressedCacheCounters : public CompressedCacheTest {
 
   ReferenceStore reference_;
   std::set<std::uint32_t> received_;
-  std::mt19937_64 random_{kSeed};
+  std::mt19937_64 random_{kCacheSeed};
   int with_retired_records_ = 0, with_returned_records_ = 0;
 };
 
 TEST_F(CompressedCacheCounters, AgreeWithSetsOfRecords) {
   int evicted = 0, reinstated = 0;
   for (int step = 0; step < 800; ++step) {
-    SCOPED_TRACE("step " + std::to_string(step) + ", seed " + std::to_string(kSeed));
+    SCOPED_TRACE("step " + std::to_string(step) + ", seed " + std::to_string(kCacheSeed));
     const auto number = static_cast<std::uint32_t>(random_() % regions());
     const RegionId region{number};
     const auto stored = reference_.regions.find(number);

@@ -12,7 +12,7 @@
 namespace tactus::spm::fcl {
 namespace {
 
-constexpr unsigned kSeed = 20051;
+constexpr unsigned kBroadPhaseSeed = 20051;
 
 using Pairs = std::vector<std::pair<std::uint32_t, std::uint32_t>>;
 
@@ -41,8 +41,8 @@ Pairs brute_force(const std::vector<ProbeSphere>& probes, const std::map<std::ui
 }
 
 TEST(BroadPhase, AgreesWithBruteForceWhileObjectsAreAddedMovedAndRemoved) {
-  SCOPED_TRACE("seed " + std::to_string(kSeed));
-  std::mt19937 rng{kSeed};
+  SCOPED_TRACE("seed " + std::to_string(kBroadPhaseSeed));
+  std::mt19937 rng{kBroadPhaseSeed};
   std::uniform_real_distribution<double> coordinate{-1, 1};
   std::uniform_real_distribution<double> size{0, 0.3};
   std::uniform_int_distribution<std::uint32_t> object_number{0, 40};

@@ -16,7 +16,7 @@ namespace {
 
 using testing::ElementsAreArray;
 
-constexpr unsigned kSeed = 48246;
+constexpr unsigned kMeshSeed = 48246;
 
 struct Mesh {
   std::vector<FixedMesh::Position> vertices;
@@ -84,16 +84,16 @@ void expect_touching_equals_brute_force(const FixedMesh& fixed, const Mesh& mesh
 }
 
 TEST(FixedMesh, FindsTheSameTouchingTrianglesAsBruteForce) {
-  SCOPED_TRACE("seed " + std::to_string(kSeed));
-  std::mt19937 rng{kSeed};
+  SCOPED_TRACE("seed " + std::to_string(kMeshSeed));
+  std::mt19937 rng{kMeshSeed};
   const Mesh mesh = bumpy_square(24, rng);
   const FixedMesh fixed{mesh.vertices, mesh.faces};
   expect_touching_equals_brute_force(fixed, mesh, rng, 300);
 }
 
 TEST(FixedMesh, ReturnsTheDistanceOfTheNearestTriangle) {
-  SCOPED_TRACE("seed " + std::to_string(kSeed));
-  std::mt19937 rng{kSeed};
+  SCOPED_TRACE("seed " + std::to_string(kMeshSeed));
+  std::mt19937 rng{kMeshSeed};
   const Mesh mesh = bumpy_square(24, rng);
   const FixedMesh fixed{mesh.vertices, mesh.faces};
   std::uniform_real_distribution<double> coordinate{-1, 2};
@@ -104,8 +104,8 @@ TEST(FixedMesh, ReturnsTheDistanceOfTheNearestTriangle) {
 }
 
 TEST(FixedMesh, SearchesTheMovedMeshAfterARefitAndAfterARebuild) {
-  SCOPED_TRACE("seed " + std::to_string(kSeed));
-  std::mt19937 rng{kSeed};
+  SCOPED_TRACE("seed " + std::to_string(kMeshSeed));
+  std::mt19937 rng{kMeshSeed};
   Mesh mesh = bumpy_square(16, rng);
   FixedMesh fixed{mesh.vertices, mesh.faces};
   const auto move_vertices = [&] {
@@ -135,7 +135,7 @@ TEST(FixedMesh, RefusesAMeshWithoutFacesAMissingVertexAndAnotherNumberOfVertices
 }
 
 TEST(FixedMesh, FindsAllPairsOfIntersectingTriangles) {
-  std::mt19937 rng{kSeed};
+  std::mt19937 rng{kMeshSeed};
   const Mesh low = bumpy_square(12, rng);
   Mesh high = bumpy_square(9, rng);
   std::vector<std::array<std::uint32_t, 2>> expected, found;
