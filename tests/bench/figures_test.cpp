@@ -38,6 +38,13 @@ TEST(Report, FallsShortWithoutSamples) {
   EXPECT_EQ(exit_status(count), 1);
 }
 
+TEST(Report, FallsShortWithoutRows) {
+  EXPECT_EQ(exit_status(Report{kSubject}), 1);
+  Report row{kSubject};
+  row.add_value("a", {"all", 1}, "us", 5);
+  EXPECT_EQ(exit_status(row), 0);
+}
+
 TEST(Report, CountsUnfinishedWorkAsLate) {
   Samples samples;
   for (int i = 0; i < 98; ++i) samples.add(1);
