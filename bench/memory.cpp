@@ -334,6 +334,7 @@ Report run(const Settings& settings) {
     report.add_at_most("exit status of the HRTC", hrtc, "", run->exit_status, 0);
     report.add_at_most("exit status of the audit", hrtc, "", run->audit_status, 0);
   }
+  report.set_virtual_time(true);
   for (const auto& [run, name] : {std::pair{&whole_here, "--memory"}, std::pair{&small_here, "small pool"}}) {
     const Population population{std::string{"contact cycles, "} + name, run->contact_cycles};
     report.add_value("exact, in this process", population, "%",
