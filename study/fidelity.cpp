@@ -77,8 +77,8 @@ Figures Fidelity::figures() const {
           {"force error max", "N", max_},
           {"above 1 JND", "%", 100 * number(above_jnd_ms_) / count},
           {"touches", "", number(truth_.all.size())},
-          {"onset error", "ms", onset_ms / each},
-          {"onset error", "mm", onset_mm / each},
+          {"onset time error", "ms", onset_ms / each},
+          {"onset position error", "mm", onset_mm / each},
           {"peak force ratio", "", paired > 0 ? ratio / each : 0},
           {"missed", "", number(missed)},
           {"false", "", static_cast<double>(without_truth)}};

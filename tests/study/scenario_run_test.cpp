@@ -93,9 +93,9 @@ TEST(ScenarioOnWall, ARemoteHandFeelsTheWallARoundTripLateAndALocalHandAtOnce) {
   scenario.users[0].has_remote_device = true;
   const ScenarioRun remote = run_scenario(scenario, wall, link, 1, kNoStop);
   EXPECT_EQ(value_of(local, "touches"), 2);
-  EXPECT_EQ(value_of(local, "onset error"), 0);
+  EXPECT_EQ(value_of(local, "onset time error"), 0);
   EXPECT_LT(value_of(local, "force error max"), 1e-6);
-  EXPECT_NEAR(value_of(remote, "onset error"), 40, 5);  // a round trip
+  EXPECT_NEAR(value_of(remote, "onset time error"), 40, 5);  // a round trip
   EXPECT_GT(value_of(remote, "above 1 JND"), 90);
 }
 
