@@ -94,7 +94,7 @@ sigset_t watched_signals() {
   return set;
 }
 
-/// Returns the exit code of an ended child, or nothing while it runs. Its id stays in use until the child is waited for.
+/// Returns the exit code of an ended child, or nothing while it runs. The child keeps its id until it is waited for.
 std::optional<int> exit_code(pid_t pid) {
   siginfo_t info{};
   if (::waitid(P_PID, static_cast<id_t>(pid), &info, WEXITED | WNOHANG | WNOWAIT) != 0 || info.si_pid != pid)
