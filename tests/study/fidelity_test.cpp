@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <set>
 
 #include "study/true_hand.hpp"
@@ -90,6 +91,26 @@ TEST(Fidelity, CountsMissedAndFalseTouches) {
   EXPECT_EQ(value_of(figures, "missed"), 1);
   EXPECT_EQ(value_of(figures, "false"), 1);
   EXPECT_EQ(value_of(figures, "onset time error"), 0);
+}
+
+TEST(Fidelity, WithoutAFeltTouchHasNoOnsetsAndNoPeakForces) {
+  HandMotion hand;
+  hand.add(20, 0, 1);
+  const Figures figures = hand.figures();
+  EXPECT_EQ(value_of(figures, "missed"), 1);
+  for (const char* name : {"exact", "onset time error", "onset position error", "peak force ratio"})
+    EXPECT_TRUE(std::isnan(value_of(figures, name))) << name;
+}
+
+TEST(Fidelity, WithoutContactHasNoErrors) {
+  HandMotion hand;
+  hand.add(20, 0.04, 0.04);
+  const Figures figures = hand.figures(), torques = hand.fidelity.torque_figures();
+  EXPECT_EQ(value_of(figures, "contact"), 0);
+  EXPECT_EQ(value_of(figures, "touches"), 0);
+  for (const char* name : {"force error rms", "force error max", "above 1 JND"})
+    EXPECT_TRUE(std::isnan(value_of(figures, name))) << name;
+  for (const Figure& figure : torques) EXPECT_TRUE(std::isnan(figure.value)) << figure.name;
 }
 
 TEST(Fidelity, FiguresHaveDifferentNames) {

@@ -83,6 +83,14 @@ TEST_F(ScenarioOnScan, AColdStartTakesTheRoundTripsOfTheLink) {
   EXPECT_GT(value_of(without_delay, "received until exact"), 1);
 }
 
+TEST_F(ScenarioOnScan, AColdStartWithoutExactContactCountsAllBytesReceived) {
+  client_sim::Scenario scenario = client_sim::load_scenario("cold-start");
+  scenario.duration = 0.1;  // ends before the hand reaches the surface
+  const ScenarioRun result = run(scenario, "P0");
+  ASSERT_EQ(value_of(result, "time to exact contact"), 100);
+  EXPECT_GT(value_of(result, "received until exact"), 1);
+}
+
 TEST(ScenarioOnWall, ARemoteHandFeelsTheWallARoundTripLateAndALocalHandAtOnce) {
   const Subject wall = make_subject("wall", "wall", 2000, 0.2);
   const std::string tap = "      - tap: {object: wall, count: 2, speed: 0.2}\n";
