@@ -32,7 +32,7 @@ struct Interrupted : std::runtime_error {
 };
 
 /// Parses the command line, calls `run`, and prints and writes its report. Returns the exit status: 0 if all bounds
-/// hold, 1 if a row falls short, 2 after wrong input or an exception, 130 after Interrupted.
+/// hold, 1 if a row falls short or there is none, 2 after wrong input or an exception, 130 after Interrupted.
 [[nodiscard]] int bench_main(App& app, int argc, char** argv, const std::function<Report()>& run);
 
 }  // namespace tactus::bench

@@ -162,8 +162,10 @@ Report run(const Settings& settings) {
     const Outcome& outcome = outcomes[i];
     const std::string pool = kPools[i].name, cycles = "cycles, " + pool;
     const Population all{cycles, outcome.load_us.size()}, loads{"regions, " + pool, outcome.loads.size()};
+    report.set_virtual_time(false);
     report.add_percentiles("T_L", cycles, "us", outcome.load_us);
     report.add_percentiles("loader time", cycles, "us", outcome.loader_us);
+    report.set_virtual_time(true);
     report.add_percentiles("records received", cycles, "", outcome.records);
     report.add_percentiles("slots in use / records shown", cycles, "", outcome.slots_per_record);
     report.add_value("records received, sum", all, "", static_cast<double>(outcome.records_received));
@@ -176,6 +178,7 @@ Report run(const Settings& settings) {
     report.add_value("slots in use, max", all, "", outcome.figures.slots_peak);
     report.add_value("exact", {"contact " + cycles, outcome.contact_cycles}, "%",
                      100.0 * static_cast<double>(outcome.exact_cycles) / static_cast<double>(outcome.contact_cycles));
+    report.set_virtual_time(false);
     const Fit line = fit(outcome.loads);
     report.add_value("loader time, intercept of the line", loads, "us for each region", line.intercept);
     report.add_value("loader time, slope of the line", loads, "us for each record", line.slope);
@@ -183,6 +186,7 @@ Report run(const Settings& settings) {
     const bool is_extreme = i == 0 || i + 1 == std::size(kPools);
     if (!settings.quick)
       report.add_at_least("loader time linear in records, r^2", loads, "", line.r2, is_extreme ? 0.95 : 0.9);
+    report.set_virtual_time(true);
     report.add_at_least("regions loaded", all, "", static_cast<double>(outcome.loads.size()), 100);
   }
   const Outcome &smallest = outcomes.front(), &whole = outcomes.back();

@@ -139,6 +139,7 @@ Report run(const Settings& settings) {
                 settings.material.dynamic_friction, settings.material.stiffness, settings.pool_share, settings.delay,
                 settings.budget, static_cast<unsigned long long>(settings.seed));
   Report report{{subject.name, summary.digest, summary.faces, text}};
+  report.set_virtual_time(true);
   const std::string with_step = "cycles with such a step", unlimited = "cycles without a force limit";
   const Population all{"all cycles", path.size() - 1};  // touch() needs the pose after each cycle
   report.add_percentiles("force step by refinement", with_step, "N/ms", outcome.steps);

@@ -204,6 +204,7 @@ Report run(const Settings& settings) {
                 settings.material.dynamic_friction, settings.material.stiffness, settings.pool_share,
                 static_cast<unsigned long long>(settings.seed));
   Report report{{subject.name, summary.digest, summary.faces, text}};
+  report.set_virtual_time(true);
   compare(settings, subject, report);
   move_at_random(settings, report);
   add_friction_rows(settings, report);

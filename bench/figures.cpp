@@ -119,7 +119,7 @@ int Report::finish(const std::string& bench, const std::string& command, const s
   print(bench, command);
   if (!json.empty()) write(bench, command, json);
   const auto falls_short = [](const Row& row) { return row.verdict() == Verdict::kFallsShort; };
-  return std::none_of(rows_.begin(), rows_.end(), falls_short) ? 0 : 1;
+  return !rows_.empty() && std::none_of(rows_.begin(), rows_.end(), falls_short) ? 0 : 1;
 }
 
 void Report::print(const std::string& bench, const std::string& command) const {

@@ -87,8 +87,8 @@ class Report {
   [[nodiscard]] const std::vector<Row>& rows() const noexcept { return rows_; }
 
   /// Prints the report to standard output. Also writes it to the file `json`, unless that name is empty. `command` is
-  /// the command line that repeats the run. Returns 0 if no row falls short, else 1. Throws std::runtime_error if the
-  /// file cannot be written.
+  /// the command line that repeats the run. Returns 0 if there is a row and none falls short, else 1. Throws
+  /// std::runtime_error if the file cannot be written.
   [[nodiscard]] int finish(const std::string& bench, const std::string& command, const std::string& json) const;
 
  private:

@@ -91,12 +91,15 @@ inline void add_rows(Report& report, const std::string& quantity, const Configur
     report.add_percentiles(quantity + percentile, "runs", "us", *samples);
 }
 
-/// Calls bench_main. If wire::stop_signal is set when `run` throws, the exception becomes Interrupted.
+/// Calls bench_main. If wire::stop_signal is set when `run` throws or returns, it counts as interrupted, because rows
+/// may be missing.
 template <class Run>
 int latency_main(App& app, int argc, char** argv, Run&& run) {
   return bench_main(app, argc, argv, [&]() -> Report {
     try {
-      return run();
+      Report report = run();
+      if (wire::stop_signal()) throw Interrupted{};
+      return report;
     } catch (const std::exception&) {
       if (wire::stop_signal()) throw Interrupted{};
       throw;

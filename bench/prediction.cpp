@@ -117,7 +117,9 @@ int main(int argc, char** argv) {
   app.add_option("--round-trips", settings.round_trips_ms, "round trips, ms")->check(CLI::Range(0.0, 1000.0));
   app.add_option("--rate", settings.rate_mbit, "rate of the link, Mbit/s")->check(CLI::Range(0.1, 1e5));
   app.add_option("--pool", settings.pool_mib, "size of the pool, MiB")->check(CLI::Range(1.0, 1e4));
-  app.add_option("--strategy", settings.strategy, "measures only this strategy");
+  app.add_option("--strategy", settings.strategy, "measures only this strategy")
+      ->check(CLI::IsMember(
+          std::vector<std::string>(tactus::spm::kStrategyNames.begin(), tactus::spm::kStrategyNames.end())));
   app.add_option("--seed", settings.seed, "seed of the paths");
   return tactus::bench::bench_main(app, argc, argv, [&] {
     if (app.quick) {

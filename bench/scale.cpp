@@ -22,6 +22,7 @@
 #include <thread>
 #include <vector>
 
+#include "bench/counts.hpp"
 #include "bench/fetcher.hpp"
 #include "bench/latency_bench.hpp"
 #include "bench/models.hpp"
@@ -364,9 +365,9 @@ void report_trouble(const Testbed& testbed, const ScaleSettings& settings, Repor
 void report_joining(const Testbed& testbed, const ScaleSettings& settings, Report& report) {
   for (const Tips tips : {Tips::kResting, Tips::kMoving}) {
     const int max = tips == Tips::kResting ? settings.joining_hrtcs : settings.joining_hrtcs / 2;
-    const int min_count =
-        settings.min_joining_hrtcs > 0 ? settings.min_joining_hrtcs : std::max(settings.joining_hrtcs / 8, 1);
-    for (int count = min_count; count <= max && !wire::stop_signal(); count *= 2) {
+    const int min = settings.min_joining_hrtcs > 0 ? settings.min_joining_hrtcs : settings.joining_hrtcs / 8;
+    for (const int count : doubled_counts(min, std::max(max, 1))) {
+      if (wire::stop_signal()) return;
       const JoiningRun joining = run_joining(testbed, count, tips);
       const Population population{std::string{"HRTCs, tips "} + (tips == Tips::kResting ? "at rest" : "at 5 cm/s"),
                                   static_cast<std::size_t>(count)};
@@ -386,7 +387,8 @@ void report_joining(const Testbed& testbed, const ScaleSettings& settings, Repor
 }
 
 void report_coded(const Testbed& testbed, const ScaleSettings& settings, Report& report) {
-  for (int probes = std::max(settings.probes / 8, 1); probes <= settings.probes && !wire::stop_signal(); probes *= 2) {
+  for (const int probes : doubled_counts(settings.probes / 8, settings.probes)) {
+    if (wire::stop_signal()) return;
     const CodedRun coded = run_coded(testbed, settings, probes);
     const std::string name = std::to_string(probes) + " probes at 5 cm/s";
     const Population population{"probes at 5 cm/s", static_cast<std::size_t>(probes)};
@@ -455,7 +457,8 @@ int main(int argc, char** argv) {
   app.add_option("--seconds", settings.seconds, "length of each window, s")->check(CLI::Range(0.5, 60.0));
   app.add_option("--joining", settings.joining_hrtcs, "max number of HRTCs that join")->check(CLI::Range(1, 64));
   app.add_option("--fewest", settings.min_joining_hrtcs,
-                 "min number of HRTCs that join, doubled up to --joining; by default an eighth of --joining");
+                 "min number of HRTCs that join, doubled up to --joining; by default an eighth of --joining")
+      ->check(CLI::Range(1, 64));
   app.add_option("--probes", settings.probes, "max number of probes in part coded, 8 to an HRTC")
       ->check(CLI::Range(1, 64));
   app.add_option("--domain", settings.domain, "first of the three DDS domains used")->check(CLI::Range(1, 95));
@@ -468,6 +471,10 @@ int main(int argc, char** argv) {
       settings.joining_hrtcs = 4;
       settings.probes = 8;
     }
+    if (settings.min_joining_hrtcs > settings.joining_hrtcs)
+      throw CLI::ValidationError{"--fewest", "found " + std::to_string(settings.min_joining_hrtcs) +
+                                                 ", expected at most --joining, " +
+                                                 std::to_string(settings.joining_hrtcs)};
     return tactus::bench::run(settings);
   });
 }

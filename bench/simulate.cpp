@@ -34,9 +34,12 @@ Report replay(std::uint64_t seed) {
   std::printf("seed %llu: %s\n\n", static_cast<unsigned long long>(seed), schedule.text().c_str());
   const SimulationResult result =
       simulate(seed, schedule, [](const std::string& line) { std::printf("%s\n", line.c_str()); });
-  std::printf("\n%llu messages in %.0f ms, healed %.0f ms after the last fault\n",
-              static_cast<unsigned long long>(result.messages), static_cast<double>(result.virtual_ns) * 1e-6,
-              static_cast<double>(result.healed_ns) * 1e-6);
+  std::printf("\n%llu messages in %.0f ms, ", static_cast<unsigned long long>(result.messages),
+              static_cast<double>(result.virtual_ns) * 1e-6);
+  if (result.healed_ns)
+    std::printf("recovered %.0f ms after the last fault\n", static_cast<double>(*result.healed_ns) * 1e-6);
+  else
+    std::printf("did not recover\n");
   for (const std::string& condition : result.broken) std::printf("BROKEN %s\n", condition.c_str());
   std::printf("\n");
   Report report{{"2 hosts, 3 HRTCs, 2 clients", 0, 0, schedule.text()}};
@@ -72,7 +75,7 @@ struct Totals {
     deaths_noticed += result.hrtcs.deaths_noticed;
     false_suspicions += result.hrtcs.false_suspicions;
     virtual_s += static_cast<double>(result.virtual_ns) * 1e-9;
-    healed_ms.add(static_cast<double>(result.healed_ns) * 1e-6);
+    healed_ms.add(result.healed_ns ? static_cast<double>(*result.healed_ns) * 1e-6 : kUnfinished);
   }
 };
 

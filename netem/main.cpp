@@ -94,7 +94,13 @@ sigset_t watched_signals() {
   return set;
 }
 
-int exit_code(int status) { return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status); }
+/// Returns the exit code of an ended child, or nothing while it runs. The child keeps its id until it is waited for.
+std::optional<int> exit_code(pid_t pid) {
+  siginfo_t info{};
+  if (::waitid(P_PID, static_cast<id_t>(pid), &info, WEXITED | WNOHANG | WNOWAIT) != 0 || info.si_pid != pid)
+    return std::nullopt;
+  return info.si_code == CLD_EXITED ? info.si_status : 128 + info.si_status;
+}
 
 int run(const Options& options, const Command& first, const Command& second) {
   const LinkSettings link = options.settings();
@@ -112,10 +118,8 @@ int run(const Options& options, const Command& first, const Command& second) {
   while (!ended[0] || !ended[1]) {
     const timespec half_second{0, 500'000'000};
     const int signal = ::sigtimedwait(&signals, nullptr, &half_second);
-    for (std::size_t i = 0; i < 2; ++i) {
-      int status = 0;
-      if (!ended[i] && ::waitpid(pids[i], &status, WNOHANG) == pids[i]) ended[i] = exit_code(status);
-    }
+    for (std::size_t i = 0; i < 2; ++i)
+      if (!ended[i]) ended[i] = exit_code(pids[i]);
     if (!result) {
       if (signal == SIGINT || signal == SIGTERM || signal == SIGHUP)
         result = kInterrupted;
@@ -129,7 +133,10 @@ int run(const Options& options, const Command& first, const Command& second) {
       if (half_seconds == 8) send_signal(SIGKILL);
     }
   }
-  for (const pid_t pid : pids) ::kill(-pid, SIGKILL);  // ends processes that the commands started and did not end
+  for (const pid_t pid : pids) {
+    ::kill(-pid, SIGKILL);  // ends processes that the commands started and did not end
+    ::waitpid(pid, nullptr, 0);
+  }
   print_end(pair, link);
   return *result;
 }

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "study/constants.hpp"
 
@@ -9,6 +10,14 @@ namespace tactus::study {
 namespace {
 
 constexpr std::size_t kMinPause = 20;  // ms without force between two touches; after less, the touch continues
+
+/// Returns the mean of `count` values with the given sum; NaN if there are none.
+double mean(double sum, std::size_t count) {
+  return count > 0 ? sum / static_cast<double>(count) : std::numeric_limits<double>::quiet_NaN();
+}
+
+/// Returns a maximum of `count` values; NaN if there are none.
+double max_of(double max, std::size_t count) { return count > 0 ? max : std::numeric_limits<double>::quiet_NaN(); }
 
 }  // namespace
 
@@ -53,7 +62,6 @@ void Fidelity::add(const Vec3d& position, const haptics::Wrench& felt, const hap
 }
 
 Figures Fidelity::figures() const {
-  const auto count = static_cast<double>(std::max<std::size_t>(contact_ms_, 1));
   double onset_ms = 0, onset_mm = 0, ratio = 0;  // sums of differences and of ratios
   std::size_t paired = 0, missed = 0;
   const Touch* last = nullptr;
@@ -70,27 +78,25 @@ Figures Fidelity::figures() const {
   }
   const auto without_truth = std::count_if(felt_.all.begin(), felt_.all.end(),
                                            [&](const Touch& felt) { return truth_.overlapping(felt) == nullptr; });
-  const auto each = static_cast<double>(std::max<std::size_t>(paired, 1));
   const auto number = [](std::size_t value) { return static_cast<double>(value); };
   return {{"contact", "s", number(felt_ms_) * kCycle},
-          {"exact", "%", 100 * number(exact_ms_) / number(std::max<std::size_t>(felt_ms_, 1))},
-          {"force error rms", "N", std::sqrt(squares_ / count)},
-          {"force error max", "N", max_},
-          {"above 1 JND", "%", 100 * number(above_jnd_ms_) / count},
+          {"exact", "%", 100 * mean(number(exact_ms_), felt_ms_)},
+          {"force error rms", "N", std::sqrt(mean(squares_, contact_ms_))},
+          {"force error max", "N", max_of(max_, contact_ms_)},
+          {"above 1 JND", "%", 100 * mean(number(above_jnd_ms_), contact_ms_)},
           {"touches", "", number(truth_.all.size())},
-          {"onset error", "ms", onset_ms / each},
-          {"onset error", "mm", onset_mm / each},
-          {"peak force ratio", "", paired > 0 ? ratio / each : 0},
+          {"onset time error", "ms", mean(onset_ms, paired)},
+          {"onset position error", "mm", mean(onset_mm, paired)},
+          {"peak force ratio", "", mean(ratio, paired)},
           {"missed", "", number(missed)},
           {"false", "", static_cast<double>(without_truth)}};
 }
 
 Figures Fidelity::torque_figures() const {
-  const auto count = static_cast<double>(std::max<std::size_t>(contact_ms_, 1));
-  return {{"torque error rms", "mN m", 1e3 * std::sqrt(torque_squares_ / count)},
-          {"torque error max", "mN m", 1e3 * torque_max_},
-          {"torque above 1 JND", "%", 100 * static_cast<double>(torque_above_jnd_ms_) / count},
-          {"true torque rms", "mN m", 1e3 * std::sqrt(true_torque_squares_ / count)}};
+  return {{"torque error rms", "mN m", 1e3 * std::sqrt(mean(torque_squares_, contact_ms_))},
+          {"torque error max", "mN m", 1e3 * max_of(torque_max_, contact_ms_)},
+          {"torque above 1 JND", "%", 100 * mean(static_cast<double>(torque_above_jnd_ms_), contact_ms_)},
+          {"true torque rms", "mN m", 1e3 * std::sqrt(mean(true_torque_squares_, contact_ms_))}};
 }
 
 }  // namespace tactus::study

@@ -1,6 +1,7 @@
 #include "study/hand_over.hpp"
 
 #include <algorithm>
+#include <limits>
 #include <map>
 #include <memory>
 #include <random>
@@ -128,12 +129,13 @@ Figures hand_over(const std::vector<HandOverUser>& users, double seconds, const 
   }
   std::sort(waits.begin(), waits.end());
   const auto percent = [&](std::size_t count) { return 100 * static_cast<double>(count) / static_cast<double>(ms); };
+  constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
   double sum = 0;
   for (const double wait : waits) sum += wait;
   return {{"touches", "", static_cast<double>(touches)},
           {"granted touches", "", static_cast<double>(waits.size())},
-          {"time to grant, mean", "ms", waits.empty() ? 0 : sum / static_cast<double>(waits.size())},
-          {"time to grant, max", "ms", waits.empty() ? 0 : waits.back()},
+          {"time to grant, mean", "ms", waits.empty() ? kNone : sum / static_cast<double>(waits.size())},
+          {"time to grant, max", "ms", waits.empty() ? kNone : waits.back()},
           {"no publisher", "%", percent(nobody)},
           {"several publishers", "%", percent(several)},
           {"shared fencing numbers", "", static_cast<double>(doubled)},

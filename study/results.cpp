@@ -36,11 +36,12 @@ RunLog::RunLog(const std::filesystem::path& folder, const std::string& study) : 
   std::string line;
   std::uint64_t complete = 0;  // bytes of complete lines; the rest of the file is cut off
   if (in && std::getline(in, line)) {
-    if (line != study) {
+    const bool is_incomplete = in.eof() && study.starts_with(line);
+    if (line != study && !is_incomplete) {
       throw std::runtime_error(file_.string() + ": has runs of another study, program or model; expected none, or '" +
                                study + "'");
     }
-    complete = line.size() + 1;
+    if (!is_incomplete) complete = line.size() + 1;
     while (std::getline(in, line) && !in.eof()) {
       const ordered_json parsed = ordered_json::parse(line, nullptr, false);
       if (parsed.is_discarded()) break;
@@ -49,6 +50,7 @@ RunLog::RunLog(const std::filesystem::path& folder, const std::string& study) : 
     }
     in.close();
     std::filesystem::resize_file(file_, complete, error);
+    if (error) throw std::runtime_error(file_.string() + ": cannot cut off an incomplete line: " + error.message());
   }
   out_.open(file_, std::ios::app);
   if (complete == 0) out_ << study << std::endl;

@@ -115,7 +115,8 @@ ScenarioRun run_scenario(const client_sim::Scenario& given, const Subject& subje
     fidelity.start_next_hand();
   }
   if (is_cold_start) {
-    // An event that did not happen counts with the whole duration.
+    // An event that did not happen counts with the whole duration and all bytes.
+    if (exact < 0) kbyte = static_cast<double>(session.bytes_received()) * 1e-3;
     const auto ms = [&](double at) { return 1e3 * (at < 0 ? scenario.duration : at); };
     run.figures = {{"time to base mesh", "ms", ms(base)},
                    {"time to touch", "ms", ms(touched)},

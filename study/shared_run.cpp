@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <map>
 
 #include "session/figures.hpp"
@@ -16,6 +17,8 @@ using client_sim::Scenario;
 
 constexpr double kTremor = 1e-4;  // m rms, of resting hands
 constexpr double kDegree = 3.14159265358979323846 / 180;
+/// The value of a figure without samples; std::fmax ignores it.
+constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
 
 SharedSessionSettings settings_of(const netem::LinkSettings& link, std::uint64_t seed) {
   SharedSessionSettings settings;
@@ -38,16 +41,16 @@ double force_on(const SharedSession& session, std::size_t user) {
   return hrtc_service::vec(session.probe(user).force).norm();
 }
 
-/// Returns the largest distance between corresponding corners of two copies, m.
+/// Returns the largest distance between corresponding corners of two copies, m; NaN without two copies.
 double separation(const SharedSession& session) {
-  double max = 0;
+  double max = kNone;
   const haptics::BodySettings& shape = session.shared().settings;
   for (std::size_t a = 0; a < session.hrtcs(); ++a)
     for (std::size_t b = 0; b < a; ++b) {
       const auto *one = session.body(a), *other = session.body(b);
       if (one == nullptr || other == nullptr || !one->is_simulated || !other->is_simulated) continue;
       for (std::uint32_t i = 0; i < shape.point_count; ++i)
-        max = std::max(max, (one->state.to_world(shape.points[i]) - other->state.to_world(shape.points[i])).norm());
+        max = std::fmax(max, (one->state.to_world(shape.points[i]) - other->state.to_world(shape.points[i])).norm());
     }
   return max;
 }
@@ -85,27 +88,30 @@ ScenarioRun press_to_target(const Scenario& scenario, const Subject& subject, co
   };
   std::size_t begin = 0;
   while (begin < end && !all(begin, [](double force) { return force >= kMinForce; })) ++begin;
-  std::size_t reached = begin;
-  for (std::size_t ms = 0; reached < end && ms < kMinOnTargetMs; ++reached)
-    ms = all(reached, [&](double force) { return std::abs(force - target) <= scenario.force_tolerance; }) ? ms + 1 : 0;
-  double squares = 0, max = 0;
+  std::size_t reached = begin, ms_on_target = 0;
+  for (; reached < end && ms_on_target < kMinOnTargetMs; ++reached)
+    ms_on_target = all(reached, [&](double force) { return std::abs(force - target) <= scenario.force_tolerance; })
+                       ? ms_on_target + 1
+                       : 0;
+  double squares = 0, max = kNone;
   std::size_t on_target = 0, lost = 0, evaluated = 0;
   const std::size_t last = std::min(end, begin + static_cast<std::size_t>(seconds / kCycle));
   for (std::size_t ms = begin + kSettlingMs; ms < last; ++ms) {
     for (const std::vector<double>& user : forces) {
       const double off = std::abs(user[ms] - target);
       squares += off * off;
-      max = std::max(max, off);
+      max = std::fmax(max, off);
       on_target += off <= scenario.force_tolerance ? 1 : 0;
       lost += user[ms] < kMinForce ? 1 : 0;
       ++evaluated;
     }
   }
-  const auto count = static_cast<double>(std::max<std::size_t>(evaluated, 1));
+  const double count = evaluated > 0 ? static_cast<double>(evaluated) : kNone;
   const auto percent = [&](std::size_t of) { return 100 * static_cast<double>(of) / count; };
-  const auto ms_from = [&](std::size_t from, std::size_t to) { return static_cast<double>(to - from); };
-  return {{{"time until all touch", "ms", ms_from(0, begin)},
-           {"time to target", "ms", ms_from(begin, reached)},
+  // An event that did not happen counts with the whole duration.
+  const std::size_t to_target = ms_on_target < kMinOnTargetMs ? end : reached - begin;
+  return {{{"time until all touch", "ms", static_cast<double>(begin)},
+           {"time to target", "ms", static_cast<double>(to_target)},
            {"time on target", "%", percent(on_target)},
            {"deviation from target, rms", "N", std::sqrt(squares / count)},
            {"deviation from target, max", "N", max},
@@ -121,18 +127,18 @@ ScenarioRun lift_together(const Scenario& scenario, const Subject& subject, cons
   SharedSession session{subject, settings_of(link, seed)};
   add_users(session, client_sim::varied(scenario, seed));
   const double ground = session.shared().start.position.z();
-  double highest = 0, held = 0, tilt = 0, furthest = 0, peak = 0;
+  double highest = kNone, held = 0, tilt = kNone, furthest = kNone, peak = 0;
   for (double time = 0; time < scenario.duration; time += kCycle) {
     if (cancelled) return {};
     session.step();
-    furthest = std::max(furthest, separation(session));
+    furthest = std::fmax(furthest, separation(session));
     for (std::size_t user = 0; user < scenario.users.size(); ++user) peak = std::max(peak, force_on(session, user));
     if (session.viewer_pose().fencing == 0) continue;
     const haptics::BodyState seen = sharing::state_of(session.viewer_pose(), session.shared().centre);
     const double height = seen.position.z() - ground;
-    highest = std::max(highest, height);
+    highest = std::fmax(highest, height);
     held += height >= kHeldShare * height_of_lift ? kCycle : 0;
-    tilt = std::max(tilt, std::acos(std::clamp((seen.orientation * Vec3d::UnitZ()).z(), -1.0, 1.0)) / kDegree);
+    tilt = std::fmax(tilt, std::acos(std::clamp((seen.orientation * Vec3d::UnitZ()).z(), -1.0, 1.0)) / kDegree);
   }
   std::uint32_t lifts = 0, lost = 0;
   for (std::size_t user = 0; user < scenario.users.size(); ++user) {
@@ -141,7 +147,9 @@ ScenarioRun lift_together(const Scenario& scenario, const Subject& subject, cons
   }
   double given = 0;
   for (std::size_t i = 0; i < session.hrtcs(); ++i) given += session.figure(i, session::figures::kCopyGiven);
-  const haptics::BodyState left = sharing::state_of(session.viewer_pose(), session.shared().centre);
+  const double left = session.viewer_pose().fencing == 0
+                          ? kNone
+                          : sharing::state_of(session.viewer_pose(), session.shared().centre).position.z();
   return {{{"completed lifts", "", static_cast<double>(lifts)},
            {"lost lifts", "", static_cast<double>(lost)},
            {"largest height", "mm", 1e3 * highest},
@@ -151,7 +159,7 @@ ScenarioRun lift_together(const Scenario& scenario, const Subject& subject, cons
            {"injected energy", "mJ", 1e-3 * given},
            {"peak force", "N", peak},
            {"lowest port energy", "mJ", 1e3 * lowest_port(session, scenario.users.size())},
-           {"height at the end", "mm", 1e3 * (left.position.z() - ground)}},
+           {"height at the end", "mm", 1e3 * (left - ground)}},
           {}};
 }
 

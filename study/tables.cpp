@@ -130,7 +130,7 @@ struct Drawing {
 };
 constexpr Drawing kDrawings[]{{Section::kForces, "above 1 JND", false},
                               {Section::kForces, "force error rms", false},
-                              {Section::kForces, "onset error", true},
+                              {Section::kForces, "onset time error", true},
                               {Section::kTool, "above 1 JND", false},
                               {Section::kTool, "torque above 1 JND", false},
                               {Section::kTool, "force error rms", false},

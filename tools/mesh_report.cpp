@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "spm/codec/region_codec.hpp"
+#include "spm/pool.hpp"
 #include "tools/hex.hpp"
 
 namespace tactus::tools {
@@ -63,6 +64,7 @@ ordered_json info_json(const spm::Model& model, const spm::offline::Provenance& 
   };
   const double steps = certificate.steps_per_second() * kPeriod;  // of the certificate, per cycle
   const auto faces_changing = static_cast<std::uint64_t>(std::ceil(certificate.faces * steps));
+  const auto json_of = [](const auto& needed) { return needed ? ordered_json(*needed) : ordered_json(nullptr); };
   ordered_json drops;
   for (const auto& [name, count] : dropped(provenance.cleaned)) drops[name] = count;
   ordered_json json = {{"digest", hex(s.digest)},
@@ -95,8 +97,8 @@ ordered_json info_json(const spm::Model& model, const spm::offline::Provenance& 
                          {"records", certificate.records},
                          {"slots", certificate.parts},
                          {"worst_at", certificate.worst_position},
-                         {"pool_slots", spm::offline::slots_needed(s, certificate)},
-                         {"memory_bytes", spm::offline::memory_needed(s, certificate)},
+                         {"pool_slots", json_of(spm::offline::slots_needed(s, certificate))},
+                         {"memory_bytes", json_of(spm::offline::memory_needed(s, certificate))},
                          {"speed_m_s", certificate.speed * s.metres_per_unit},
                          {"step_m", certificate.step * s.metres_per_unit},
                          {"step_records", certificate.entering_records},
@@ -156,9 +158,12 @@ std::string info_text(const spm::Model& model, const spm::offline::Provenance& p
   row("  needed records", "at most " + std::to_string(certificate.records) + ", in " +
                               std::to_string(certificate.parts) + " pool slots, and the base mesh");
   const auto& needs = json["certificate"];
-  row("  sufficient pool", std::to_string(needs["pool_slots"].get<std::uint32_t>()) + " slots");
+  const bool is_possible = !needs["pool_slots"].is_null();
+  row("  sufficient pool", is_possible ? std::to_string(needs["pool_slots"].get<std::uint32_t>()) + " slots"
+                                       : "none, a pool has at most " + std::to_string(spm::kMaxSlots) + " slots");
   row("  sufficient memory",
-      number(needs["memory_bytes"].get<double>() / (1 << 20)) + " MiB, all directories included");
+      is_possible ? number(needs["memory_bytes"].get<double>() / (1 << 20)) + " MiB, all directories included"
+                  : "none");
   row("probe speed", number(needs["speed_m_s"]) + " m/s");
   std::string step = "at most " + std::to_string(certificate.entering_records);
   std::string second = "at most " + number(needs["records_per_second"]);

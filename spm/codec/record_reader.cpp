@@ -10,16 +10,29 @@ namespace tactus::spm::codec {
 RecordReader::RecordReader(const ModelSummary& summary, const RecordTables& tables)
     : summary_{summary}, tables_{tables}, max_radius_{radius_code(summary.deviation)} {}
 
-bool RecordReader::fail(RecordId record, const char* what, std::uint64_t found, const char* relation,
-                        std::uint64_t expected) {
-  error_ = "record " + std::to_string(index(record)) + ": " + what + " " + std::to_string(found) + ", expected " +
-           relation + " " + std::to_string(expected);
+bool RecordReader::fail(const BitReader& in, RecordId record, const std::string& what) {
+  // Past the end and after bits that are no word, every value read is a consequence of that.
+  if (check_bits(in, record)) error_ = "record " + std::to_string(index(record)) + ": " + what;
+  return false;
+}
+
+bool RecordReader::fail(const BitReader& in, RecordId record, const char* what, std::uint64_t found,
+                        const char* relation, std::uint64_t expected) {
+  return fail(
+      in, record,
+      std::string{what} + " " + std::to_string(found) + ", expected " + relation + " " + std::to_string(expected));
+}
+
+bool RecordReader::check_bits(const BitReader& in, RecordId record) {
+  if (in.ok() && code_ok_) return true;
+  error_ = "record " + std::to_string(index(record)) +
+           (in.ok() ? ": found bits that are no word of a prefix code" : ": its bits are truncated");
   return false;
 }
 
 bool RecordReader::get(BitReader& in, RecordId record, FaceId anchor, std::vector<RecordPart>& parts,
                        PositionPredictor::Residuals& residuals) {
-  if (index(anchor) >= summary_.faces) return fail(record, "first face", index(anchor), "below", summary_.faces);
+  if (index(anchor) >= summary_.faces) return fail(in, record, "first face", index(anchor), "below", summary_.faces);
   const std::size_t at = parts.size();
   RecordPart first{};
   first.parent = kNone;
@@ -27,11 +40,13 @@ bool RecordReader::get(BitReader& in, RecordId record, FaceId anchor, std::vecto
   std::uint64_t below = tables_[Field::kRadius].get(in, code_ok_);
   if (below == kRareRadius) below = get_rare(in);
   if (below > max_radius_)
-    return fail(record, "radius code: distance below the maximum", below - 1, "below", max_radius_);
+    return fail(in, record,
+                "radius code is " + std::to_string(below - 1) + " below the model's maximum, expected below " +
+                    std::to_string(max_radius_));
   first.radius = static_cast<std::uint16_t>(below == 0 ? 0 : max_radius_ + 1 - below);
 
   const std::uint32_t shape = tables_[field_for(Field::kShape, first.radius)].get(in, code_ok_);
-  if (!code_ok_ || !in.ok()) return fail(record, "bits left", 0, "at least", kMinBits);
+  if (!check_bits(in, record)) return false;
   const bool good = shape == Shape::kUnusual
                         ? get_explicit_faces(in, record, first, anchor, parts)
                         : get_usual_faces(in, record, first, anchor, Shape::from_symbol(shape), parts);
@@ -41,7 +56,7 @@ bool RecordReader::get(BitReader& in, RecordId record, FaceId anchor, std::vecto
   for (std::size_t i = 0; i < 3; ++i) {
     residuals[i] = static_cast<std::uint32_t>(unzigzag(number(in, i < 2 ? along : across)));
   }
-  return (code_ok_ && in.ok()) || fail(record, "bits left", 0, "at least", 1);
+  return check_bits(in, record);
 }
 
 bool RecordReader::get_usual_faces(BitReader& in, RecordId record, RecordPart& part, FaceId anchor, const Shape& shape,
@@ -66,7 +81,7 @@ bool RecordReader::get_usual_faces(BitReader& in, RecordId record, RecordPart& p
     max = std::max(max, face);
   }
   parts.push_back(part);
-  return index(max) < summary_.faces || fail(record, "face", index(max), "below", summary_.faces);
+  return index(max) < summary_.faces || fail(in, record, "face", index(max), "below", summary_.faces);
 }
 
 bool RecordReader::get_explicit_faces(BitReader& in, RecordId record, RecordPart first, FaceId anchor,
@@ -77,7 +92,7 @@ bool RecordReader::get_explicit_faces(BitReader& in, RecordId record, RecordPart
   const auto next_face = [&](Field field) {
     if (!first_face) face = face_after(in, field, face);
     first_face = false;
-    return index(face) < summary_.faces || fail(record, "face", index(face), "below", summary_.faces);
+    return index(face) < summary_.faces || fail(in, record, "face", index(face), "below", summary_.faces);
   };
   for (bool more = true, is_first_part = true; more; is_first_part = false) {
     const auto head = static_cast<std::uint32_t>(in.get(7));
@@ -85,18 +100,18 @@ bool RecordReader::get_explicit_faces(BitReader& in, RecordId record, RecordPart
     RecordPart part = first;
     part.born_count = head & 3u;
     part.deformed_count = head >> 2 & 15u;
-    if (part.born_count > kBornPerPart) return fail(record, "born faces", part.born_count, "at most", kBornPerPart);
+    if (part.born_count > kBornPerPart) return fail(in, record, "born faces", part.born_count, "at most", kBornPerPart);
     if (part.deformed_count > kDeformedPerPart) {
-      return fail(record, "deformed corners", part.deformed_count, "at most", kDeformedPerPart);
+      return fail(in, record, "deformed corners", part.deformed_count, "at most", kDeformedPerPart);
     }
-    if (part.born_count + part.deformed_count == 0) return fail(record, "faces in a part", 0, "at least", 1);
+    if (part.born_count + part.deformed_count == 0) return fail(in, record, "faces in a part", 0, "at least", 1);
     std::uint32_t corner = kCornerOfParent;
     if (is_first_part && part.deformed_count > 0) corner = static_cast<std::uint32_t>(in.get(2));
-    if (is_first_part && part.deformed_count > 0 && corner > 2) return fail(record, "corner", corner, "at most", 2);
+    if (is_first_part && part.deformed_count > 0 && corner > 2) return fail(in, record, "corner", corner, "at most", 2);
     if (is_first_part && part.deformed_count == 0) {
       const std::uint64_t to_parent = get_rare(in);
       if (to_parent == 0 || to_parent > index(u))
-        return fail(record, "distance to the parent vertex", to_parent, "1 to", index(u));
+        return fail(in, record, "distance to the parent vertex", to_parent, "1 to", index(u));
       part.parent = first.parent = VertexId{index(u) - static_cast<std::uint32_t>(to_parent)};
     }
     for (int i = 0; i < part.deformed_count; ++i) {
@@ -110,9 +125,9 @@ bool RecordReader::get_explicit_faces(BitReader& in, RecordId record, RecordPart
       if (!next_face(field_for(Field::kBornNext, first.radius)) || !get_born(in, record, u, face, part, i))
         return false;
     }
-    if (!in.ok()) return fail(record, "bits left for its faces", 0, "at least", 1);
+    if (!check_bits(in, record)) return false;
     if (parts.size() >= summary_.parts) {
-      return fail(record, "parts so far", parts.size() + 1, "at most", summary_.parts);
+      return fail(in, record, "parts so far", parts.size() + 1, "at most", summary_.parts);
     }
     if (more) part.next = PartIndex{static_cast<std::uint32_t>(parts.size() + 1)};
     parts.push_back(part);
@@ -122,13 +137,13 @@ bool RecordReader::get_explicit_faces(BitReader& in, RecordId record, RecordPart
 
 bool RecordReader::get_born(BitReader& in, RecordId record, VertexId u, FaceId face, RecordPart& part, int i) {
   const auto bits = static_cast<std::uint32_t>(in.get(4));
-  if (bits >> 1 > 5) return fail(record, "corner order", bits >> 1, "at most", 5);
+  if (bits >> 1 > 5) return fail(in, record, "corner order", bits >> 1, "at most", 5);
   part.born[i] = BornRef::make(face, bits >> 1, (bits & 1u) != 0);
   const bool in_ring = in.get(1) != 0;
   const std::uint64_t x = get_rare(in);
   if (in_ring && x >= kLastInRing)
-    return fail(record, "position of a third corner in the ring", x, "below", kLastInRing);
-  if (!in_ring && (x == 0 || x > index(u))) return fail(record, "distance to a third corner", x, "1 to", index(u));
+    return fail(in, record, "position of a third corner in the ring", x, "below", kLastInRing);
+  if (!in_ring && (x == 0 || x > index(u))) return fail(in, record, "distance to a third corner", x, "1 to", index(u));
   const auto value = static_cast<std::uint32_t>(x);
   part.born_x[i] = in_ring ? ring_position(value) : VertexId{index(u) - value};
   return true;

@@ -45,7 +45,11 @@ class RecordReader {
   bool get_explicit_faces(BitReader& in, RecordId record, RecordPart first, FaceId anchor,
                           std::vector<RecordPart>& parts);
   bool get_born(BitReader& in, RecordId record, VertexId u, FaceId face, RecordPart& part, int i);
-  bool fail(RecordId record, const char* what, std::uint64_t found, const char* relation, std::uint64_t expected);
+  bool fail(const BitReader& in, RecordId record, const std::string& what);
+  bool fail(const BitReader& in, RecordId record, const char* what, std::uint64_t found, const char* relation,
+            std::uint64_t expected);
+  /// Returns whether all bits so far existed and were words of the codes. Sets the error if not.
+  bool check_bits(const BitReader& in, RecordId record);
   std::uint64_t number(BitReader& in, Field field) noexcept { return get_number(in, tables_[field], code_ok_); }
   /// Adds a difference to a face id; the sum may wrap. The caller checks the result against the number of faces.
   static FaceId moved(FaceId face, std::uint64_t difference) noexcept {

@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <map>
+#include <sstream>
 #include <stdexcept>
 #include <string>
 #include <tuple>
@@ -93,8 +94,10 @@ std::vector<NearPair> BroadPhase::find_near_pairs(std::span<const ProbeSphere> p
   for (std::uint32_t i = 0; i < probes.size(); ++i) {
     const ProbeSphere& sphere = probes[i];
     if (!sphere.centre.allFinite() || !(sphere.radius >= 0)) {
-      throw std::invalid_argument("BroadPhase::near: probe " + std::to_string(i) + " is not finite or has radius " +
-                                  std::to_string(sphere.radius) + ", expected at least 0");
+      std::ostringstream text;
+      text << "BroadPhase::find_near_pairs: probe " << i << ": found radius " << sphere.radius << " and centre "
+           << sphere.centre.transpose() << ", expected finite numbers and a radius of at least 0";
+      throw std::invalid_argument(text.str());
     }
     const Vec3d reach = Vec3d::Constant(sphere.radius);
     const auto shape = shape_of({sphere.centre - reach, sphere.centre + reach});

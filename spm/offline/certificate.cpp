@@ -353,24 +353,26 @@ Certificate certify(const Model& model, double radius, double speed) {
   return certificate;
 }
 
-std::uint32_t slots_needed(const ModelSummary& summary, const Certificate& certificate) noexcept {
+std::optional<std::uint32_t> slots_needed(const ModelSummary& summary, const Certificate& certificate) noexcept {
   const std::uint32_t min = std::max(summary.base_vertices, (summary.base_faces + 1) / 2) + certificate.parts;
-  std::uint32_t low = 0, high = 1u << 27;
+  std::uint32_t low = 0, high = kMaxSlots + 1;
   while (high - low > 1) {  // bisection, because for_slots() computes list blocks and tree nodes from the slots
     const std::uint32_t slots = low + (high - low) / 2;
     const PoolSettings pool = PoolSettings::for_slots(slots);
     const bool fits = slots >= min && pool.list_blocks >= certificate.blocks && pool.tree_nodes >= certificate.nodes;
     (fits ? high : low) = slots;
   }
+  if (high > kMaxSlots) return std::nullopt;
   return high;
 }
 
-std::uint64_t memory_needed(const ModelSummary& summary, const Certificate& certificate) noexcept {
+std::optional<std::uint64_t> memory_needed(const ModelSummary& summary, const Certificate& certificate) noexcept {
   constexpr std::uint64_t kStep = 1u << 16;
-  const std::uint32_t slots = slots_needed(summary, certificate);
-  for (std::uint64_t bytes = PoolSettings::for_slots(slots).bytes() / kStep * kStep;; bytes += kStep) {
+  const std::optional<std::uint32_t> slots = slots_needed(summary, certificate);
+  if (!slots) return std::nullopt;
+  for (std::uint64_t bytes = PoolSettings::for_slots(*slots).bytes() / kStep * kStep;; bytes += kStep) {
     const MemoryShares shares = memory_shares(bytes);
-    if (shares.pool.slots >= slots && shares.directories >= directory_bytes(summary, shares.pool)) return bytes;
+    if (shares.pool.slots >= *slots && shares.directories >= directory_bytes(summary, shares.pool)) return bytes;
   }
 }
 

@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "spm/model.hpp"
@@ -47,10 +48,14 @@ struct Certificate {
 /// Computes the certificate of a sound model. Takes some seconds for 10^5 regions; allocates.
 [[nodiscard]] Certificate certify(const Model& model, double radius, double speed);
 
-/// The number of slots that a pool needs for the base mesh and for the regions of any cube.
-[[nodiscard]] std::uint32_t slots_needed(const ModelSummary& summary, const Certificate& certificate) noexcept;
-/// The minimum memory for models (memory_shares in spm/directory.hpp) of an HRTC that has only this object, in bytes.
-[[nodiscard]] std::uint64_t memory_needed(const ModelSummary& summary, const Certificate& certificate) noexcept;
+/// The number of slots that a pool needs for the base mesh and for the regions of any cube; none if it is above
+/// kMaxSlots.
+[[nodiscard]] std::optional<std::uint32_t> slots_needed(const ModelSummary& summary,
+                                                        const Certificate& certificate) noexcept;
+/// The minimum memory for models (memory_shares in spm/directory.hpp) of an HRTC that has only this object, in bytes;
+/// none if no pool has enough slots.
+[[nodiscard]] std::optional<std::uint64_t> memory_needed(const ModelSummary& summary,
+                                                         const Certificate& certificate) noexcept;
 
 /// The maximum number of nodes that AbTree::refit recomputes for `faces` changed faces.
 [[nodiscard]] std::uint64_t max_marked(std::uint64_t faces, std::uint64_t finest_faces);

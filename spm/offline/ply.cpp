@@ -263,13 +263,15 @@ class Numbers {
   }
 
   double next_word(Type type) {
-    constexpr std::size_t kLongest = 1024;
+    constexpr std::size_t kMaxLength = 1024;
     const auto is_space = [](char c) { return c == ' ' || (c >= '\t' && c <= '\r'); };
     while (fill(1) && is_space(buffer_[begin_])) ++begin_;
     if (!fill(1)) fail("the end of the file", "more (truncated)");
-    static_cast<void>(fill(kLongest));
+    static_cast<void>(fill(kMaxLength + 1));
     const char* const first = buffer_.data() + begin_;
-    const char* const last = std::find_if(first, static_cast<const char*>(buffer_.data()) + end_, is_space);
+    const char* const last = std::find_if(first, first + std::min(end_ - begin_, kMaxLength + 1), is_space);
+    if (static_cast<std::size_t>(last - first) > kMaxLength)  // its end may be beyond the buffer
+      fail("a longer word", "a number of at most " + std::to_string(kMaxLength) + " characters");
     begin_ += static_cast<std::size_t>(last - first);
     const char* const digits = first + (*first == '+' && last - first > 1 ? 1 : 0);
     std::from_chars_result result{};

@@ -4,7 +4,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
-#include <string>
+#include <sstream>
 #include <utility>
 
 #include "spm/position_code.hpp"
@@ -40,9 +40,10 @@ double step_of_grid(const TriangleMesh& mesh, unsigned bits) {
   const double step = side / ((1u << bits) - 1);
   const double float_step = furthest * std::numeric_limits<float>::epsilon();
   if (!(step > float_step)) {
-    throw ModelError{"grid of " + std::to_string(bits) + " bits: its step would be " + std::to_string(step) +
-                     ", expected above " + std::to_string(float_step) +
-                     ", the distance of neighbouring floats this far from 0"};
+    std::ostringstream text;
+    text << "grid of " << bits << " bits: its step would be " << step << ", expected above " << float_step
+         << ", the distance of neighbouring floats this far from 0";
+    throw ModelError{text.str()};
   }
   return step;
 }

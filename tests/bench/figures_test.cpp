@@ -1,5 +1,6 @@
 #include "bench/figures.hpp"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -7,6 +8,7 @@
 #include <nlohmann/json.hpp>
 
 #include "bench/bench_main.hpp"
+#include "bench/counts.hpp"
 #include "tests/support/temporary_folder.hpp"
 
 namespace tactus::bench {
@@ -36,6 +38,21 @@ TEST(Report, FallsShortWithoutSamples) {
   Report count{kSubject};
   count.add_at_most("differences", {"compared", 0}, "", 0, 0);
   EXPECT_EQ(exit_status(count), 1);
+}
+
+TEST(Report, FallsShortWithoutRows) {
+  EXPECT_EQ(exit_status(Report{kSubject}), 1);
+  Report row{kSubject};
+  row.add_value("a", {"all", 1}, "us", 5);
+  EXPECT_EQ(exit_status(row), 0);
+}
+
+TEST(DoubledCounts, AlwaysEndWithTheLast) {
+  using testing::ElementsAre;
+  EXPECT_THAT(doubled_counts(4, 32), ElementsAre(4, 8, 16, 32));
+  EXPECT_THAT(doubled_counts(3, 20), ElementsAre(3, 6, 12, 20));
+  EXPECT_THAT(doubled_counts(40, 32), ElementsAre(32));
+  EXPECT_THAT(doubled_counts(0, 1), ElementsAre(1));
 }
 
 TEST(Report, CountsUnfinishedWorkAsLate) {

@@ -78,17 +78,19 @@ TEST_F(LinkProgram, StopsBothCommandsAndRemovesItsNamespacesOnASignal) {
 }
 
 TEST_F(LinkProgram, EndsItsCommandsWhenKilledAndTheNextRunRemovesItsNamespaces) {
-  Process run{link({"run", "--", "sh", "-c", "echo pid $$; exec sleep 1000", "--", "sleep", "1000"})};
-  ASSERT_TRUE(run.wait_for_line("pid [0-9]"));
-  const std::string output = run.output();
-  const pid_t command = std::stoi(output.substr(output.find("pid ") + 4));
-  run.signal(SIGKILL);
-  ASSERT_EQ(run.wait(), 128 + SIGKILL);
+  std::optional<Process> run;
+  run.emplace(link({"run", "--", "sh", "-c", "echo pid $$; exec sleep 1000", "--", "sleep", "1000"}));
+  ASSERT_TRUE(run->wait_for_line("pid [0-9]"));
+  const std::string output = run->output();
+  const pid_t command = std::stoi(output.substr(output.find("pid ") + 4)), killed = run->pid();
+  run->signal(SIGKILL);
+  ASSERT_EQ(run->wait(), 128 + SIGKILL);
+  run.reset();  // a zombie would count as a program that uses its namespaces
   while (::kill(command, 0) == 0 && std::filesystem::exists("/proc/" + std::to_string(command) + "/exe")) {
   }
   Process next{link({"run", "--", "true", "--", "true"})};
   EXPECT_EQ(next.wait(), 0);
-  while (namespaces_of(run.pid()) != 0) std::this_thread::yield();  // ctest's timeout fails the test otherwise
+  while (namespaces_of(killed) != 0) std::this_thread::yield();  // ctest's timeout fails the test otherwise
 }
 
 TEST_F(LinkProgram, UpPrintsTheCommandToEnterANamespaceAndEndsOnInterrupt) {

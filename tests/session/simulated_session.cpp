@@ -112,10 +112,13 @@ class Simulation {
     const std::int64_t last_fault_ns = world_.now_ns;
     while (world_.violations.empty()) {
       step(world_.now_ns + kCheckPeriodNs);
+      const std::int64_t elapsed_ns = world_.now_ns - last_fault_ns;
       const std::string obstacle = recovery_obstacle();
-      if (obstacle.empty()) break;
-      result_.healed_ns = world_.now_ns - last_fault_ns;
-      if (result_.healed_ns > kHealNs) world_.report_violation("not recovered: " + obstacle);
+      if (obstacle.empty()) {
+        result_.healed_ns = elapsed_ns;
+        break;
+      }
+      if (elapsed_ns > kHealNs) world_.report_violation("not recovered: " + obstacle);
     }
     const std::int64_t silence_start_ns = world_.now_ns + kLastDemandNs, end_ns = silence_start_ns + kSilenceNs;
     while (world_.now_ns < end_ns && world_.violations.empty()) {

@@ -24,6 +24,7 @@
 #include <array>
 #include <cstdint>
 #include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -66,7 +67,8 @@ struct SimulationResult {
   std::vector<std::string> broken;  ///< violated invariants, as text
   std::uint64_t messages = 0;       ///< number of samples sent
   std::array<std::uint64_t, kFaultKinds> faults{};
-  std::int64_t healed_ns = 0;  ///< time from the last fault to the last check that the session did not pass; 0: none
+  /// Time from the last fault to the first check that the session passes; none if it passes no check.
+  std::optional<std::int64_t> healed_ns;
   std::int64_t virtual_ns = 0;
   std::uint64_t chunks = 0;
   std::uint64_t host_changes = 0;

@@ -3,8 +3,10 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <optional>
 #include <string>
 
+#include "session/delivery_client.hpp"
 #include "tests/session/simulated_session.hpp"
 
 namespace tactus::test_support {
@@ -85,6 +87,25 @@ TEST(SessionSimulation, InvariantsHoldUnderThreeKindsOfFaultAndTheSessionRecover
   EXPECT_GT(total.hrtcs.regions_refused, 0u) << "the faults had no effect";
   EXPECT_GT(total.host_changes, 0u);
   for (std::size_t kind = 0; kind < kFaultKinds; ++kind) EXPECT_GT(total.faults[kind], 0u) << kFaultNames[kind];
+}
+
+TEST(SessionSimulation, TheTimeToRecoveryEndsWhereTheSilenceBegins) {
+  // A run ends this long after the recovery.
+  constexpr std::int64_t kSilenceNs = session::DeliverySettings{}.keep_alive_ns + 200 * kMs;
+  for (std::uint64_t seed = 1; seed <= 20; ++seed) {
+    const Schedule schedule = random_schedule(seed);
+    const SimulationResult result = simulate(seed, schedule);
+    ASSERT_THAT(result.broken, IsEmpty()) << "seed " << seed;
+    EXPECT_EQ(result.healed_ns, result.virtual_ns - kSilenceNs - schedule.faulty_phase_ns) << "seed " << seed;
+  }
+}
+
+TEST(SessionSimulation, ASessionThatDoesNotRecoverHasNoTimeToRecovery) {
+  Schedule schedule;
+  schedule.bug = InjectedBug::kReceivesNothing;
+  const SimulationResult result = simulate(1, schedule);
+  ASSERT_FALSE(result.broken.empty());
+  EXPECT_EQ(result.healed_ns, std::nullopt);
 }
 
 TEST(SessionSimulation, TheSameSeedGivesTheSameLog) {

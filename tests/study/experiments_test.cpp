@@ -4,6 +4,8 @@
 
 #include <cmath>
 
+#include "study/hand_over.hpp"
+#include "study/shared_run.hpp"
 #include "tests/study/figures.hpp"
 
 namespace tactus::study {
@@ -33,6 +35,56 @@ TEST_F(StudyExperiments, TwoUsersReachTheirTargetForceWithoutDelay) {
   EXPECT_GT(value_of(result.figures, "time on target"), 99);
   EXPECT_LT(value_of(result.figures, "deviation from target, rms"), 0.05);
   EXPECT_EQ(value_of(result.figures, "time without contact"), 0);
+}
+
+class TargetForce : public ::testing::Test {
+ protected:
+  /// Runs the first `seconds` of the scenario target-force.
+  static ScenarioRun run(double seconds) {
+    client_sim::Scenario scenario = client_sim::load_scenario("target-force");
+    scenario.duration = seconds;
+    static const Subject kSubject = make_subject(object_of(scenario), "box", 1200, 0.1);
+    return press_to_target(scenario, kSubject, netem::parse_link("P0"), 1, kNoStop);
+  }
+  static void expect_no_values_of_the_period_of_contact(const ScenarioRun& run) {
+    for (const char* name :
+         {"time on target", "deviation from target, rms", "deviation from target, max", "time without contact"})
+      EXPECT_TRUE(std::isnan(value_of(run.figures, name))) << name;
+  }
+};
+
+TEST_F(TargetForce, UsersWhoNeverTouchHaveTheLengthOfTheRunAsTimeToTarget) {
+  const ScenarioRun result = run(0.05);
+  EXPECT_EQ(value_of(result.figures, "time until all touch"), 50);
+  EXPECT_EQ(value_of(result.figures, "time to target"), 50);
+  expect_no_values_of_the_period_of_contact(result);
+}
+
+TEST_F(TargetForce, UsersWhoTouchJustBeforeTheEndHaveTheLengthOfTheRunAsTimeToTarget) {
+  const double touched_ms = value_of(run(5).figures, "time until all touch");
+  ASSERT_LT(touched_ms, 4000);
+  const ScenarioRun result = run((touched_ms + 50) * 1e-3);
+  EXPECT_EQ(value_of(result.figures, "time until all touch"), touched_ms);
+  EXPECT_NEAR(value_of(result.figures, "time to target"), touched_ms + 50, 1);
+  expect_no_values_of_the_period_of_contact(result);
+}
+
+TEST(LiftTogether, WithoutAViewOfTheObjectNothingIsKnownOfItsPose) {
+  client_sim::Scenario scenario = client_sim::load_scenario("lift");
+  scenario.duration = 0.003;
+  const Subject subject = make_subject(object_of(scenario), "box", 1200, 0.1);
+  const ScenarioRun result = lift_together(scenario, subject, netem::parse_link("P0:delay=100"), 1, kNoStop);
+  for (const char* name : {"largest height", "largest tilt", "largest distance of copies", "height at the end"})
+    EXPECT_TRUE(std::isnan(value_of(result.figures, name))) << name;
+}
+
+TEST(HandOver, WithoutAGrantThereIsNoTimeToGrant) {
+  const Figures figures = hand_over({{0.01, 0.01}}, 0.5, netem::parse_link("P0:delay=1000"), 1);
+  const ScenarioRun result{figures, {}};
+  EXPECT_GT(value_of(result.figures, "touches"), 0);
+  EXPECT_EQ(value_of(result.figures, "granted touches"), 0);
+  EXPECT_TRUE(std::isnan(value_of(result.figures, "time to grant, mean")));
+  EXPECT_TRUE(std::isnan(value_of(result.figures, "time to grant, max")));
 }
 
 TEST_F(StudyExperiments, CopiesOfALiftedCrateStayTogetherOverLongLinks) {

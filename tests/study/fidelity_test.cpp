@@ -2,6 +2,9 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
+#include <set>
+
 #include "study/true_hand.hpp"
 #include "tests/study/figures.hpp"
 
@@ -33,7 +36,7 @@ TEST(Fidelity, HasNoErrorForEqualForces) {
   EXPECT_EQ(value_of(figures, "force error rms"), 0);
   EXPECT_EQ(value_of(figures, "above 1 JND"), 0);
   EXPECT_EQ(value_of(figures, "touches"), 1);
-  EXPECT_EQ(value_of(figures, "onset error", "ms"), 0);
+  EXPECT_EQ(value_of(figures, "onset time error"), 0);
   EXPECT_EQ(value_of(figures, "peak force ratio"), 1);
   EXPECT_EQ(value_of(figures, "missed") + value_of(figures, "false"), 0);
 }
@@ -60,8 +63,8 @@ TEST(Fidelity, MeasuresDelayAndDistanceOfTouchOnsets) {
   hand.add(20, 1, 2);
   const Figures figures = hand.figures();
   EXPECT_EQ(value_of(figures, "touches"), 2);
-  EXPECT_EQ(value_of(figures, "onset error", "ms"), 5);
-  EXPECT_NEAR(value_of(figures, "onset error", "mm"), 5, 1e-9);
+  EXPECT_EQ(value_of(figures, "onset time error"), 5);
+  EXPECT_NEAR(value_of(figures, "onset position error"), 5, 1e-9);
   EXPECT_EQ(value_of(figures, "peak force ratio"), 1);  // the mean of 1.5 and 0.5
   EXPECT_EQ(value_of(figures, "missed") + value_of(figures, "false"), 0);
 }
@@ -81,7 +84,32 @@ TEST(Fidelity, CountsMissedAndFalseTouches) {
   EXPECT_EQ(value_of(figures, "touches"), 3);
   EXPECT_EQ(value_of(figures, "missed"), 1);
   EXPECT_EQ(value_of(figures, "false"), 1);
-  EXPECT_EQ(value_of(figures, "onset error", "ms"), 0);
+  EXPECT_EQ(value_of(figures, "onset time error"), 0);
+}
+
+TEST(Fidelity, WithoutAFeltTouchHasNoOnsetsAndNoPeakForces) {
+  HandMotion hand;
+  hand.add(20, 0, 1);
+  const Figures figures = hand.figures();
+  EXPECT_EQ(value_of(figures, "missed"), 1);
+  for (const char* name : {"exact", "onset time error", "onset position error", "peak force ratio"})
+    EXPECT_TRUE(std::isnan(value_of(figures, name))) << name;
+}
+
+TEST(Fidelity, WithoutContactHasNoErrors) {
+  HandMotion hand;
+  hand.add(20, 0.04, 0.04);
+  const Figures figures = hand.figures(), torques = hand.fidelity.torque_figures();
+  EXPECT_EQ(value_of(figures, "contact"), 0);
+  EXPECT_EQ(value_of(figures, "touches"), 0);
+  for (const char* name : {"force error rms", "force error max", "above 1 JND"})
+    EXPECT_TRUE(std::isnan(value_of(figures, name))) << name;
+  for (const Figure& figure : torques) EXPECT_TRUE(std::isnan(figure.value)) << figure.name;
+}
+
+TEST(Fidelity, FiguresHaveDifferentNames) {
+  std::set<std::string> names;
+  for (const Figure& figure : HandMotion{}.figures()) EXPECT_TRUE(names.insert(figure.name).second) << figure.name;
 }
 
 TEST(Fidelity, MeasuresTorqueErrorsOnlyInContact) {

@@ -12,10 +12,10 @@ namespace tactus::study {
 
 inline const std::atomic<bool> kNoStop{false};
 
-/// The figure with this name and, unless `unit` is empty, with this unit. Without such a figure, fails and returns -1.
-inline double value_of(const Figures& figures, const std::string& name, const std::string& unit = "") {
+/// The figure with this name. Without such a figure, fails and returns -1.
+inline double value_of(const Figures& figures, const std::string& name) {
   for (const Figure& figure : figures)
-    if (figure.name == name && (unit.empty() || figure.unit == unit)) return figure.value;
+    if (figure.name == name) return figure.value;
   ADD_FAILURE() << name;
   return -1;
 }

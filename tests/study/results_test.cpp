@@ -1,5 +1,8 @@
+#include <fcntl.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/mman.h>
+#include <unistd.h>
 
 #include <cmath>
 #include <fstream>
@@ -97,6 +100,33 @@ TEST_F(RunLogTest, ContinuesAfterTheCompleteRunsOfAnInterruptedStudy) {
   const RunLog reopened{folder_.path(), "study A"};
   ASSERT_EQ(reopened.runs().size(), 4u);
   EXPECT_TRUE(std::isnan(reopened.runs()[3].figures[0].value));
+}
+
+TEST_F(RunLogTest, RefusesAFileWhoseIncompleteLineItCannotCutOff) {
+  // The file is in memory and sealed, so that it can grow but not shrink.
+  const int sealed = ::memfd_create("runs", MFD_ALLOW_SEALING);
+  ASSERT_GE(sealed, 0);
+  const std::string lines = "study A\n{\"scenario\":\"tap\",\"pro";
+  ASSERT_EQ(::write(sealed, lines.data(), lines.size()), static_cast<ssize_t>(lines.size()));
+  ASSERT_EQ(::fcntl(sealed, F_ADD_SEALS, F_SEAL_SHRINK), 0);
+  std::filesystem::create_symlink("/proc/self/fd/" + std::to_string(sealed), folder_.path() / "runs.jsonl");
+  std::string error;
+  try {
+    RunLog{folder_.path(), "study A"};
+  } catch (const std::runtime_error& refusal) {
+    error = refusal.what();
+  }
+  ::close(sealed);
+  EXPECT_THAT(error, HasSubstr("cannot cut off an incomplete line"));
+}
+
+TEST_F(RunLogTest, WritesAnIncompleteFirstLineAgain) {
+  for (const char* written : {"stu", "study A"}) {
+    SCOPED_TRACE(written);
+    std::ofstream{folder_.path() / "runs.jsonl"} << written;
+    RunLog{folder_.path(), "study A"}.add(run_of("P0", 1, 0.25));
+    EXPECT_EQ((RunLog{folder_.path(), "study A"}.runs().size()), 1u);
+  }
 }
 
 TEST_F(RunLogTest, RefusesTheRunsOfAnotherStudy) {

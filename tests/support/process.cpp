@@ -8,6 +8,8 @@
 
 #include <array>
 #include <cerrno>
+#include <filesystem>
+#include <fstream>
 #include <regex>
 #include <sstream>
 #include <system_error>
@@ -22,7 +24,11 @@ Process::Process(std::vector<std::string> command) {
   if (::pipe2(pipe.data(), O_CLOEXEC) != 0) throw std::system_error{errno, std::generic_category(), "pipe"};
   const pid_t parent = ::getpid();
   pid_ = ::fork();
-  if (pid_ < 0) throw std::system_error{errno, std::generic_category(), "fork"};
+  if (pid_ < 0) {
+    const int error = errno;
+    for (const int end : pipe) ::close(end);
+    throw std::system_error{error, std::generic_category(), "fork"};
+  }
   if (pid_ == 0) {  // other threads may hold locks: only async-signal-safe calls until exec
     ::setpgid(0, 0);
     ::prctl(PR_SET_PDEATHSIG, SIGKILL);
@@ -42,6 +48,7 @@ Process::Process(std::vector<std::string> command) {
 Process::~Process() {
   ::kill(-pid_, SIGKILL);  // any process of the group would hold the pipe open
   reader_.join();
+  ::waitpid(pid_, nullptr, 0);
 }
 
 void Process::read_until_end(int pipe) {
@@ -55,13 +62,11 @@ void Process::read_until_end(int pipe) {
   }
   ::close(pipe);
   siginfo_t info{};
+  // WNOWAIT: the id stays that of this program until the destructor, so that no signal reaches another process.
   while (::waitid(P_PID, static_cast<id_t>(pid_), &info, WEXITED | WNOWAIT) != 0 && errno == EINTR) {
   }
-  const std::lock_guard lock{
-      mutex_};  // after waitpid the id may belong to another process, which `signal` must not reach
-  int status = 0;
-  ::waitpid(pid_, &status, 0);
-  status_ = WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
+  const std::lock_guard lock{mutex_};
+  status_ = info.si_code == CLD_EXITED ? info.si_status : 128 + info.si_status;
   changed_.notify_all();
 }
 
@@ -101,6 +106,18 @@ bool Process::running() const {
   return !status_;
 }
 
-bool Process::left_nothing_running() const { return ::kill(-pid_, 0) != 0 && errno == ESRCH; }
+bool Process::left_nothing_running() const {
+  for (const auto& entry : std::filesystem::directory_iterator{"/proc"}) {
+    std::ifstream file{entry.path() / "stat"};
+    std::string stat;
+    if (!std::getline(file, stat)) continue;                      // no process, or it has ended
+    std::istringstream fields{stat.substr(stat.rfind(')') + 1)};  // the name before them may contain anything
+    char state = 0;
+    pid_t parent = 0, group = 0;
+    fields >> state >> parent >> group;
+    if (group == pid_ && state != 'Z' && state != 'X') return false;
+  }
+  return true;
+}
 
 }  // namespace tactus::e2e

@@ -19,8 +19,9 @@ using namespace std::chrono_literals;
 inline constexpr std::chrono::milliseconds kWatchdog = 20s;
 
 /// A running program in a process group of its own, with both output streams in one pipe. The kernel kills the program
-/// when the thread that started it ends. The destructor kills the whole process group of the program. Call the members
-/// from one thread at a time.
+/// when the thread that started it ends. The destructor kills the whole process group of the program. Until then, no
+/// other process gets the id of the program, and the program remains a zombie after its end. Call the members from one
+/// thread at a time.
 class Process {
  public:
   /// `command[0]` is a path. If the command cannot be run, the exit status is 127.
@@ -42,7 +43,7 @@ class Process {
   /// False once the program has ended and its output is complete.
   [[nodiscard]] bool running() const;
   [[nodiscard]] pid_t pid() const noexcept { return pid_; }
-  /// True if no process of the program's group exists. Call it after the program has ended.
+  /// True if no process of the program's group runs. Call it after the program has ended.
   [[nodiscard]] bool left_nothing_running() const;
 
  private:

@@ -1,14 +1,20 @@
+#include <fcntl.h>
 #include <gmock/gmock.h>
+#include <sys/mman.h>
+#include <unistd.h>
 
 #include <functional>
 #include <nlohmann/json.hpp>
 
 #include "tests/support/process.hpp"
+#include "tests/support/temporary_folder.hpp"
+#include "tools/doctor/facts.hpp"
 #include "tools/doctor/findings.hpp"
 
 namespace tactus::doctor {
 namespace {
 
+using testing::ElementsAre;
 using testing::HasSubstr;
 using testing::IsEmpty;
 
@@ -140,6 +146,37 @@ TEST(Doctor, WritesEveryFindingAsTextAndAsJson) {
     EXPECT_THAT(text(findings), HasSubstr(findings[i].found));
   }
   EXPECT_THAT(text(findings), HasSubstr("faults: 0, advice: 1"));
+}
+
+class StaleSegments : public testing::Test {
+ protected:
+  /// Creates a file in the folder. Returns its descriptor.
+  int create(const std::string& name) const {
+    const int file = ::open((folder_.path() / name).c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0600);
+    EXPECT_GE(file, 0);
+    EXPECT_EQ(::ftruncate(file, 1), 0);
+    return file;
+  }
+  test_support::TemporaryFolder folder_;
+};
+
+TEST_F(StaleSegments, AreTheFilesThatNoProgramHasMapped) {
+  for (const char* name : {"fastrtps_port7400", "fast_datasharing_1", "sem.other"}) ::close(create(name));
+  const int file = create("fastrtps_port74001");  // a longer name that begins with that of a stale segment
+  void* const memory = ::mmap(nullptr, 1, PROT_READ, MAP_SHARED, file, 0);
+  ASSERT_NE(memory, MAP_FAILED);
+  ::close(file);
+  EXPECT_THAT(stale_segments(folder_.path()), ElementsAre("fast_datasharing_1", "fastrtps_port7400"));
+  ::munmap(memory, 1);
+  EXPECT_THAT(stale_segments(folder_.path()),
+              ElementsAre("fast_datasharing_1", "fastrtps_port7400", "fastrtps_port74001"));
+}
+
+TEST_F(StaleSegments, AreNotTheLockFilesThatAProgramHasOpen) {
+  const int lock = create("fastrtps_0123_el");
+  EXPECT_THAT(stale_segments(folder_.path()), IsEmpty());
+  ::close(lock);
+  EXPECT_THAT(stale_segments(folder_.path()), ElementsAre("fastrtps_0123_el"));
 }
 
 TEST(DoctorProgram, ExitsWithStatusOneOnlyForAFault) {

@@ -212,28 +212,6 @@ void inspect_ports(int domain, Facts& facts) {
   facts.first_ephemeral_port = read("/proc/sys/net/ipv4/ip_local_port_range", 32768);
 }
 
-/// Returns the Fast DDS segments that no program has mapped. Only root can inspect programs of other users.
-std::vector<std::string> stale_segments() {
-  std::vector<std::string> found;
-  std::error_code ignored;
-  for (const auto& entry : fs::directory_iterator{"/dev/shm", ignored}) {
-    const std::string name = entry.path().filename().string();
-    if (name.rfind("fastrtps_", 0) == 0 || name.rfind("fast_datasharing_", 0) == 0) found.push_back(name);
-  }
-  if (found.empty()) return found;
-  std::string mapped;
-  for (const auto& process : fs::directory_iterator{"/proc", ignored}) {
-    std::ifstream maps{process.path() / "maps"};
-    for (std::string line; std::getline(maps, line);)
-      if (line.find("/dev/shm/fast") != std::string::npos) mapped += line + '\n';
-  }
-  found.erase(std::remove_if(found.begin(), found.end(),
-                             [&](const std::string& name) { return mapped.find(name) != std::string::npos; }),
-              found.end());
-  std::sort(found.begin(), found.end());
-  return found;
-}
-
 /// Waits until one topic of each traffic class has matched between two participants.
 void try_to_match(const Settings& settings, const std::atomic<bool>& cancelled, Facts& facts) {
   try {
@@ -263,6 +241,29 @@ void try_to_match(const Settings& settings, const std::atomic<bool>& cancelled, 
 }
 
 }  // namespace
+
+std::vector<std::string> stale_segments(const fs::path& folder) {
+  std::vector<std::string> found;
+  std::error_code ignored;
+  for (const auto& entry : fs::directory_iterator{folder, ignored}) {
+    const std::string name = entry.path().filename().string();
+    if (name.rfind("fastrtps_", 0) == 0 || name.rfind("fast_datasharing_", 0) == 0) found.push_back(name);
+  }
+  if (found.empty()) return found;
+  std::set<std::string> used;  // paths; lock files are open, but not mapped
+  for (const auto& process : fs::directory_iterator{"/proc", ignored}) {
+    std::ifstream maps{process.path() / "maps"};
+    for (std::string line; std::getline(maps, line);)
+      if (const std::size_t path = line.find('/'); path != std::string::npos) used.insert(line.substr(path));
+    for (const auto& file : fs::directory_iterator{process.path() / "fd", ignored})
+      used.insert(fs::read_symlink(file.path(), ignored).string());
+  }
+  found.erase(std::remove_if(found.begin(), found.end(),
+                             [&](const std::string& name) { return used.count((folder / name).string()) > 0; }),
+              found.end());
+  std::sort(found.begin(), found.end());
+  return found;
+}
 
 Facts collect_facts(const Settings& settings, const std::atomic<bool>& cancelled) {
   Facts facts;

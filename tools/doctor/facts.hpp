@@ -3,6 +3,7 @@
 
 #include <atomic>
 #include <cstdint>
+#include <filesystem>
 #include <optional>
 #include <string>
 #include <vector>
@@ -44,12 +45,16 @@ struct Facts {
   std::vector<int> blocked_ports;           ///< discovery ports that another program uses and does not share
   int first_ephemeral_port = 0;             ///< first port of net.ipv4.ip_local_port_range
   std::string kernel, library;              ///< versions of the kernel and of Fast DDS
-  std::vector<std::string> stale_segments;  ///< Fast DDS files in /dev/shm that no visible program has mapped
+  std::vector<std::string> stale_segments;  ///< Fast DDS files in /dev/shm that no visible program uses
   std::vector<std::string> variables;       ///< environment variables that are set for the DDS library
   wire::Discovery discovery;                ///< as configured
   std::string join_error;                   ///< reason why this program could not join the domain; empty: it joined
   std::optional<double> match_time_s;       ///< time until two local participants matched in all classes; empty: never
 };
+
+/// Returns the names of the Fast DDS files in `folder` that no visible program uses, in lexicographic order. Only root
+/// can inspect the programs of other users.
+[[nodiscard]] std::vector<std::string> stale_segments(const std::filesystem::path& folder = "/dev/shm");
 
 struct Settings {
   wire::SessionAddress address;  ///< domain, discovery, qos; collect_facts generates session and participant

@@ -8,6 +8,7 @@
 
 #include "spm/codec/base_codec.hpp"
 #include "spm/codec/model_codec.hpp"
+#include "spm/codec/record_reader.hpp"
 #include "spm/codec/region_codec.hpp"
 #include "tests/support/hrtc_model.hpp"
 #include "tests/support/loaded_records.hpp"
@@ -290,6 +291,41 @@ TEST_F(RegionCodec, RefusesMoreSentRecordsThanTheMessageHasBytesFor) {
 
   ASSERT_FALSE(decoded);
   EXPECT_THAT(decoded.error().text, HasSubstr("number of sent records"));
+}
+
+class RecordErrors : public RegionCodec {
+ protected:
+  /// Returns the error of reading record 0 from `codes`, which begin with its anchor.
+  [[nodiscard]] static std::string error_of(std::span<const std::uint8_t> codes, const ModelSummary& summary,
+                                            const RecordTables& tables) {
+    BitReader in{codes};
+    RecordReader reader{summary, tables};
+    std::vector<RecordPart> parts;
+    PositionPredictor::Residuals residuals{};
+    const FaceId anchor = reader.get_first_anchor(in, FaceId{});
+    return reader.get(in, RecordId{0}, anchor, parts, residuals) ? "" : reader.error();
+  }
+  [[nodiscard]] std::string error_of(std::span<const std::uint8_t> codes, const ModelSummary& summary) const {
+    return error_of(codes, summary, encoded_.compressed().tables());
+  }
+  [[nodiscard]] std::span<const std::uint8_t> codes() const { return encoded_.compressed().spans().codes; }
+};
+
+TEST_F(RecordErrors, NameTruncationAsTheCause) {
+  ASSERT_EQ(error_of(codes(), model_.summary), "");
+  EXPECT_EQ(error_of(codes().first(2), model_.summary), "record 0: its bits are truncated");
+}
+
+TEST_F(RecordErrors, NameBitsThatAreNoCodeAsTheCause) {
+  const RecordTables without_codes;
+  EXPECT_EQ(error_of(codes(), model_.summary, without_codes), "record 0: found bits that are no word of a prefix code");
+}
+
+TEST_F(RecordErrors, StateHowFarARadiusIsBelowTheMaximum) {
+  ModelSummary smooth = model_.summary;
+  smooth.deviation = radius_of(1);
+  EXPECT_THAT(error_of(codes(), smooth), testing::MatchesRegex("record 0: radius code is [0-9]+ below the model's "
+                                                               "maximum, expected below 1"));
 }
 
 TEST(ModelCodec, RestoresAWholeModelToTheBit) {

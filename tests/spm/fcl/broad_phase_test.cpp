@@ -91,5 +91,19 @@ TEST(BroadPhase, RefusesAnInvertedBoxAndAProbeThatIsNotFinite) {
   EXPECT_THROW(static_cast<void>(broad_phase.find_near_pairs(probes)), std::invalid_argument);
 }
 
+TEST(BroadPhase, RefusesANegativeRadiusHoweverSmallAndReportsIt) {
+  BroadPhase broad_phase;
+  const std::vector<ProbeSphere> probes{{{0, 0, 0}, 1}, {{0, 0, 0}, -1e-9}};
+  std::string error;
+  try {
+    static_cast<void>(broad_phase.find_near_pairs(probes));
+  } catch (const std::invalid_argument& refusal) {
+    error = refusal.what();
+  }
+  EXPECT_EQ(error,
+            "BroadPhase::find_near_pairs: probe 1: found radius -1e-09 and centre 0 0 0, expected finite numbers and a "
+            "radius of at least 0");
+}
+
 }  // namespace
 }  // namespace tactus::spm::fcl

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <optional>
 #include <random>
 #include <set>
 
@@ -175,8 +176,8 @@ TEST(Certificate, ThePoolInTheCertifiedMemoryIsEnoughForAnySphere) {
   const Model model = built.model();
   const RegionGrid grid{model.summary.grid, model.regions};
   const Certificate certificate = certify(model, 0.003, 0.05);
-  const PoolSettings settings = PoolSettings::for_slots(slots_needed(model.summary, certificate));
-  const MemoryShares shares = memory_shares(memory_needed(model.summary, certificate));
+  const PoolSettings settings = PoolSettings::for_slots(*slots_needed(model.summary, certificate));
+  const MemoryShares shares = memory_shares(*memory_needed(model.summary, certificate));
   EXPECT_GE(shares.pool.slots, settings.slots);
   EXPECT_GE(shares.directories, directory_bytes(model.summary, shares.pool));
   std::mt19937 random{11};
@@ -189,6 +190,21 @@ TEST(Certificate, ThePoolInTheCertifiedMemoryIsEnoughForAnySphere) {
     EXPECT_EQ(hrtc.refine(regions), Advance::kDone) << "sphere " << i;
     EXPECT_TRUE(hrtc.forest().is_exact(centre, 0.003));
   }
+}
+
+TEST(Certificate, NoPoolIsEnoughForMoreSlotsThanAPoolCanHave) {
+  ModelSummary summary{};
+  summary.base_vertices = 1000;
+  summary.base_faces = 1996;
+  Certificate certificate{};
+  certificate.parts = kMaxSlots - summary.base_vertices;
+  EXPECT_EQ(slots_needed(summary, certificate), kMaxSlots);
+  const std::optional<std::uint64_t> memory = memory_needed(summary, certificate);
+  ASSERT_TRUE(memory);
+  EXPECT_EQ(memory_shares(*memory).pool.slots, kMaxSlots);
+  ++certificate.parts;
+  EXPECT_EQ(slots_needed(summary, certificate), std::nullopt);
+  EXPECT_EQ(memory_needed(summary, certificate), std::nullopt);
 }
 
 TEST(TreeSizes, AreTheSizesOfTheImplicitTree) {

@@ -308,6 +308,21 @@ TEST_F(Import, RefusesPointsAndLinesAndReportsThatItExpectedASurface) {
               HasSubstr("expected a surface"));
 }
 
+TEST_F(Import, RefusesAWordOfOver1024CharactersWhereverItIsInAPlyFile) {
+  const auto import_with_x = [&](std::size_t blanks, std::size_t length) {
+    return import_error(write_file("long.ply",
+                                   "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
+                                   "property float z\nelement face 1\nproperty list uchar int vertex_indices\n"
+                                   "end_header\n" +
+                                       std::string(blanks, ' ') + "1." + std::string(length - 2, '0') +
+                                       " 0 0\n0 0 0\n0 1 0\n3 0 1 2\n"));
+  };
+  for (const std::size_t blanks : {0u, 64'000u, 64'500u, 65'500u}) {  // the reader has a buffer of 65,536 bytes
+    EXPECT_EQ(import_with_x(blanks, 1024), "") << blanks << " blanks";
+    EXPECT_THAT(import_with_x(blanks, 1100), HasSubstr("at most 1024 characters")) << blanks << " blanks";
+  }
+}
+
 TEST_F(Import, RefusesEveryTruncationOfABinaryFile) {
   const TriangleMesh mesh = generate(Shape::kSphere, 200);
   for (const char* name : {"cut.ply", "cut.stl"}) {

@@ -121,6 +121,20 @@ TEST(Snap, MovesCoordinatesByAtMostHalfAStepAndASecondTimeByNothing) {
   EXPECT_EQ(mesh.positions, snapped.positions);
 }
 
+TEST(Snap, RefusesAGridThatIsTooFineAndReportsItsStep) {
+  TriangleMesh mesh;
+  mesh.positions = {{1e-3f, 0, 0}, {1.0001e-3f, 0, 0}, {1e-3f, 1e-7f, 0}};
+  mesh.faces = {{0, 1, 2}};
+  std::string error;
+  try {
+    (void)step_of_grid(mesh, 20);
+  } catch (const ModelError& refusal) {
+    error = refusal.what();
+  }
+  EXPECT_THAT(error, HasSubstr("step would be 9.5"));
+  EXPECT_THAT(error, HasSubstr("expected above 1.19"));
+}
+
 TEST(Snap, MergesVerticesOnOneGridPointWithoutViolations) {
   const TriangleMesh mesh = generate(Shape::kOrgan, 3000);
   const BuiltModel built = build_model(mesh, options_with(4));
