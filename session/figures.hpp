@@ -117,8 +117,4 @@ inline constexpr const char* kInterventions[] = {"safety.saturated",   "safety.s
                                                  "safety.stale_poses", "safety.surface_ramps", "safety.stiffness_cuts",
                                                  "safety.faults"};
 
-/// Followed by the name of a topic and .rate, .lost_share, .age_us.p50, .age_us.p99 or .age_us.max, as measured by the
-/// receiver.
-inline constexpr char kTopicPrefix[] = "topic.";
-
 }  // namespace tactus::session::figures
