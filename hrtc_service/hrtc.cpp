@@ -453,7 +453,7 @@ void Hrtc::Impl::send_metrics(bool all) {
       {names::kRecordsReceived, static_cast<double>(figures.records_received)},
       {names::kRecordsReturned, static_cast<double>(figures.records_returned)},
       {names::kRecordsRepeated, static_cast<double>(figures.records_repeated)},
-      {names::kRecordsPublished, static_cast<double>(figures.records_published)},
+      {names::kRecordsRepeatedUnretired, static_cast<double>(figures.records_repeated_unretired)},
       {names::kBytesReceived, static_cast<double>(delivery.payload_bytes)},
       {names::kLoadLatency, figures.load_latency * 1e6},
       {names::kFalseAlarms, static_cast<double>(membership.false_suspicions())},

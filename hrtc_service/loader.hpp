@@ -90,11 +90,11 @@ struct LoaderFigures {
   std::uint64_t regions_reloaded = 0;   ///< regions received again after their eviction
   std::uint64_t regions_coarsened = 0;  ///< regions removed from the pool
   std::uint64_t records_received = 0;
-  std::uint64_t records_returned = 0;   ///< received records that are or once were in the store
-  std::uint64_t records_repeated = 0;   ///< received records that are already in the store
-  std::uint64_t records_published = 0;  ///< repeated records of regions that demands listed in `have`
-  std::uint64_t refused_full = 0;       ///< messages refused because the store was full
-  std::uint64_t refused_other = 0;      ///< messages and regions refused because records did not fit together
+  std::uint64_t records_returned = 0;            ///< received records that are or once were in the store
+  std::uint64_t records_repeated = 0;            ///< received records that are already in the store
+  std::uint64_t records_repeated_unretired = 0;  ///< of these, records in the list of a region that is not retired
+  std::uint64_t refused_full = 0;                ///< messages refused because the store was full
+  std::uint64_t refused_other = 0;               ///< messages and regions refused because records did not fit together
   std::uint64_t decode_errors = 0;
   std::uint64_t objects_refused = 0;  ///< objects refused because memory was full
   double load_latency = 0;            ///< time from when a region becomes wanted to its storage, smoothed, s

@@ -76,7 +76,7 @@ bool Loader::store_or_refuse(Object& object, const session::DeliveryClient::Mess
   figures_.records_received += put.records;
   figures_.records_returned += put.returned;
   figures_.records_repeated += put.repeated;
-  figures_.records_published += put.published;
+  figures_.records_repeated_unretired += put.repeated_unretired;
   ++object.info.regions_received;
   ++figures_.regions_received;
   if (note.was_stored) ++figures_.regions_reloaded;
