@@ -112,7 +112,13 @@ void Loader::admit_base(Object& object, spm::codec::DecodedBase decoded) {
   touch.name = object.info.name;
   touch.placement = Placement{object.entry.pose, object.entry.scale};
   touch.material = object.entry.material;
-  if (sharing::can_move(object.entry)) {
+  const auto bodies =
+      std::count_if(active_.begin(), active_.end(), [](const Object* each) { return each->touch.body.has_value(); });
+  const bool can_move = sharing::can_move(object.entry);
+  if (can_move && bodies == kMaxBodies) {
+    report_event("object " + object.info.name + " stays fixed: an HRTC simulates at most " +
+                 std::to_string(kMaxBodies) + " movable objects");
+  } else if (can_move) {
     touch.body = sharing::body_of(object.entry);
     touch.material.damping = std::max(touch.material.damping, kMinDamping * touch.material.stiffness);
   }
