@@ -14,8 +14,9 @@
 /// If a probe needs the region again before it is freed, the loader cancels the eviction, unless a host has credit for
 /// the blocks of the region.
 ///
-/// The host gets credit only for blocks that are free or belong to retired regions. The echo of the host arrives before
-/// the data that it sends on that credit. So the loader never evicts a region that the host counts as present.
+/// The host gets credit only for blocks that are free or belong to retired regions, and for missing base meshes. The
+/// echo of the host arrives before the data that it sends on that credit. So the loader never evicts a region that the
+/// host counts as present.
 ///
 /// The base mesh of a new object reserves its slots at once. If regions occupy these slots, the base mesh waits until
 /// the haptic thread has coarsened them. It is refused only if it does not fit besides the other base meshes.
@@ -292,6 +293,7 @@ class Loader {
   void on_base_mesh(Object& object, const std::vector<std::uint8_t>& bytes);
   [[nodiscard]] bool reserve_base(Object& object, const spm::BaseMesh& base);
   [[nodiscard]] std::uint32_t pending_base_slots() const noexcept;
+  [[nodiscard]] std::uint64_t base_credit() const;
   void admit_pending_bases();
   void drop_pending_base(Object& object);
   void admit_base(Object& object, spm::codec::DecodedBase decoded);

@@ -70,6 +70,16 @@ std::uint32_t Loader::pending_base_slots() const noexcept {
   return slots;
 }
 
+/// Returns the bytes that hosts may have in flight for missing base meshes, which the store does not hold. Without this
+/// credit, no base mesh could arrive while the store is full. A silent host gets none, because regions would use it.
+std::uint64_t Loader::base_credit() const {
+  std::uint64_t bytes = 0;
+  for (const auto& [id, object] : objects_)
+    if (!object->ready && !object->refused && object->base_slots == 0 && delivery_.serving_host(id) != 0)
+      bytes += object->entry.base_bytes + session::kMaxPayload;
+  return std::min<std::uint64_t>(bytes, settings_.delivery.credit);
+}
+
 /// Admits the base meshes whose slots have become free, in the order of their arrival.
 void Loader::admit_pending_bases() {
   while (!pending_bases_.empty() && pending_bases_.front().object->base_slots <= cache_.slots_free()) {
