@@ -248,7 +248,7 @@ class Takeover {
     const std::size_t printed = desk_->output().size();
     begin();
     const std::int64_t end_ns = wire::monotonic_ns() + std::chrono::nanoseconds{kWindow}.count();
-    records_ns_ = wait_for_text(*desk_, printed, "come again", kWindow);
+    records_ns_ = wait_for_text(*desk_, printed, "arrive again", kWindow);
     while (wire::monotonic_ns() < end_ns) pause(10ms);
     WindowResult window;
     const std::vector<ObservedSession::State> states = session_.observed().states;

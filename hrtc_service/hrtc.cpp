@@ -326,7 +326,7 @@ Hrtc::Impl::~Impl() {
 void Hrtc::Impl::add_local_users() {
   for (LocalUser& local : options.local_users) {
     const std::optional<std::uint32_t> probe = membership.add_local(local.user);
-    if (!probe) throw haptics::DeviceError("no slot left for user " + local.user);
+    if (!probe) throw haptics::DeviceError("no probe left for user " + local.user + "; raise --users");
     devices.add_local(*probe, local.user, std::move(local.device));
   }
 }
@@ -364,11 +364,11 @@ void Hrtc::Impl::process(const session::EmergencyStop& stop, std::int64_t) {
 }
 
 void Hrtc::Impl::process(const RelayedStop& stop, std::int64_t) {
-  spdlog::warn("emergency stop: {} forwards it", stop.by);
+  spdlog::warn("emergency stop, relayed by {}", stop.by);
 }
 
 void Hrtc::Impl::process(const session::ForceReset& reset, std::int64_t) {
-  spdlog::info("forces are reset: {}{}", reset.text, stops.stopped() ? "; another stop holds them off" : "");
+  spdlog::info("forces are reset: {}{}", reset.text, stops.stopped() ? "; another stop is in force" : "");
 }
 
 void Hrtc::Impl::process(const session::SessionEnd& end, std::int64_t) {
@@ -536,9 +536,9 @@ void Hrtc::Impl::log_overrun(const CycleTrace& trace, const LateVerdict& verdict
   const CycleCosts& costs = trace.costs;
   const auto us = [](auto ns) { return ns / 1000; };
   spdlog::warn(
-      "overrun{}: {} us from begin to end, at least {} us of it own work; blocked {} times; {} minor and {} major page "
-      "faults; loading {} us, refinement {} us ({} visits, {} changes), refit {} us, query {} us, forces {} us; {} "
-      "arrivals; {} of {} probes in contact",
+      "overrun{}: {} us from begin to end, the thread itself worked for at least {} us; blocked {} times; "
+      "{} minor and {} major page faults; loading {} us, refinement {} us ({} visits, {} changes), refit {} us, "
+      "query {} us, forces {} us; {} arrivals; {} of {} probes in contact",
       overruns_unlogged == 1 ? std::string{} : fmt::format(" ({} since the last line)", overruns_unlogged),
       us(trace.times.end_ns - trace.times.began_ns), us(verdict.own_ns), verdict.blocked, verdict.minor_faults,
       verdict.major_faults, us(costs.load), us(costs.refine), costs.visits, costs.changes, us(costs.refit),
@@ -600,7 +600,7 @@ void Hrtc::Impl::log_fault(std::uint32_t slot, std::uint32_t status) {
   if (fault == std::exchange(faults_logged[slot], fault)) return;
   const std::string& name = membership.name_at(slot);
   if ((fault & session::kFault) != 0) {
-    spdlog::warn("the force of user {} is off until it is reset: {}", name, session::fault_reason(status));
+    spdlog::warn("the force of user {} is off until a reset: {}", name, session::fault_reason(status));
     if (flight) flight->save(session::fault_reason(status), false);
   } else
     spdlog::info("the force of user {} is on again", name);
@@ -618,8 +618,9 @@ void Hrtc::Impl::log_hold(std::uint32_t slot, const ProbeOutput& probe) {
   } else if ((before & session::kHolding) != 0) {
     spdlog::info("user {} has released the object", membership.name_at(slot));
   } else if ((now & session::kHoldRefused) != 0) {
-    spdlog::warn("user {} cannot hold {}: it does not move here, or forces were off since the hand has closed",
-                 membership.name_at(slot), name);
+    spdlog::warn(
+        "user {} cannot hold {}: it is not movable here, or the force was off when the grab button was pressed",
+        membership.name_at(slot), name);
   }
 }
 

@@ -22,7 +22,7 @@ void Loader::on_base_mesh(Object& object, const std::vector<std::uint8_t>& bytes
       decoded->mesh.summary.records != object.summary.records) {
     ++figures_.decode_errors;
     report_event("object " + object.info.name +
-                 ": base mesh refused: " + (decoded ? "another model's" : decoded.error().text));
+                 ": base mesh refused: " + (decoded ? "it belongs to another model" : decoded.error().text));
     delivery_.answer_base_refused(object.info.id);
     return;
   }
@@ -112,7 +112,7 @@ void Loader::admit_base(Object& object, spm::codec::DecodedBase decoded) {
   for (const spm::Region& region : base.regions) largest = std::max(largest, region.part_count);
   const std::uint32_t slots_left = pool_.settings.slots - base_slots_;
   if (largest > slots_left)
-    report_event("object " + object.info.name + ": stays coarse in places, for its largest region takes " +
+    report_event("object " + object.info.name + ": parts stay coarse: its largest region needs " +
                  std::to_string(largest) + " slots, the pool has " + std::to_string(slots_left) +
                  " besides base meshes; raise --memory or --pool");
   TouchObject& touch = object.touch;

@@ -84,7 +84,7 @@ void Membership::on_event(const session::RosterEvent& event, std::int64_t) {
     heartbeat_.repeat_soon();  // the host may not have received our entry
   if (event.change == RosterChange::kNameConflict && participant == self_.participant) {
     report(Severity::kError, "another program named " + settings_.name + " is in session " + settings_.session +
-                                 "; every name may be there once");
+                                 "; names must be unique in a session");
     output.name_conflict = output.name_conflict || event.entry_must_leave;
     return;
   }
@@ -319,7 +319,7 @@ void Membership::report_host_changes(std::int64_t now_ns) {
       serving = {host, serving.host == 0 ? 0 : now_ns, object.regions_received};
     }
     if (serving.since_ns == 0 || object.regions_received == serving.regions_before) continue;
-    report(Severity::kInfo, "records of object " + object.name + " come again, " +
+    report(Severity::kInfo, "records of object " + object.name + " arrive again, " +
                                 std::to_string((now_ns - serving.since_ns) / kMs) + " ms after the change of host");
     serving.since_ns = 0;
   }
