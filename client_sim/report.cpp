@@ -172,14 +172,6 @@ void write_topics(const Report& report, std::string& out) {
                 touch.served > 0 ? static_cast<double>(touch.states) / touch.served : 0.0, touch.age_us.percentile(0.5),
                 touch.age_us.percentile(0.99), touch.age_us.percentile(1));
   }
-  for (const ParticipantReport& participant : report.participants) {
-    const std::string prefix = figures::kTopicPrefix;
-    for (auto at = participant.figures.lower_bound(prefix);
-         at != participant.figures.end() && at->first.compare(0, prefix.size(), prefix) == 0; ++at) {
-      out += line("  %-38s  %s = %g\n", participant.name.substr(0, 38).c_str(),
-                  at->first.substr(prefix.size(), 40).c_str(), at->second);
-    }
-  }
 }
 
 const char* role_name(session::Role role) {

@@ -75,7 +75,7 @@ void SimCore::on_roster(const session::RosterEntry& entry, std::int64_t now_ns) 
   if (entry.origin.session != self_.session) return;
   now_ns_ = std::max(now_ns_, now_ns);
   if (first_peer_ns_ < 0 && !is_own(entry.origin.participant)) first_peer_ns_ = now_ns;
-  if (stops_.on_roster(entry)) log_event("emergency stop: " + session::text(entry) + " forwards it");
+  if (stops_.on_roster(entry)) log_event("emergency stop, relayed by " + session::text(entry));
   process_events(roster_.on_entry(entry, now_ns));
 }
 
@@ -270,8 +270,8 @@ SimMessages SimCore::tick(std::int64_t now_ns, std::int64_t session_now_ns) {
 
   if (state_ == SimState::kGathering && taken_name_.empty()) gather(now_ns);
   if (!taken_name_.empty()) {
-    stop_reason_ = "a program named '" + taken_name_ + "' was in session '" + settings_.session +
-                   "' before: this one ends; start it with another --name";
+    stop_reason_ = "another program named '" + taken_name_ + "' is already in session '" + settings_.session +
+                   "'; this program ends; start it with another --name";
     state_ = SimState::kFailed;
     send_heartbeats(now_ns, true, out);
     return out;

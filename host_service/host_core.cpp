@@ -113,7 +113,7 @@ void HostCore::report(Severity severity, const std::string& text) const {
 }
 
 void HostCore::on_roster(const session::RosterEntry& entry, std::int64_t now_ns) {
-  if (stops_.on_roster(entry)) report(Severity::kWarning, "emergency stop: " + session::text(entry) + " forwards it");
+  if (stops_.on_roster(entry)) report(Severity::kWarning, "emergency stop, relayed by " + session::text(entry));
   for (const session::RosterEvent& event : roster_.on_entry(entry, now_ns)) react(event, now_ns);
   const session::RosterEntry* const known = roster_.find(entry.origin.participant);
   if (known != nullptr && known->role == session::Role::kHost)
@@ -130,8 +130,8 @@ void HostCore::react(const session::RosterEvent& event, std::int64_t now_ns) {
     report(is_problem ? Severity::kWarning : Severity::kInfo, session::text(event));
   }
   if (event.change == RosterChange::kNameConflict && id == self_.participant && event.entry_must_leave) {
-    report(Severity::kError, "a host '" + name_ + "' was in session '" + session_ +
-                                 "' before: this one ends; start it with another --name");
+    report(Severity::kError, "another host named '" + name_ + "' is already in session '" + session_ +
+                                 "'; this host ends; start it with another --name");
     end_ = HostEnd::kNameTaken;
   }
   metrics_due_.make_due_within(now_ns, kMetricsSoonNs);  // so that programs which compare scenes get the new one soon

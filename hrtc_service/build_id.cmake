@@ -1,9 +1,12 @@
-# Writes build_id.cpp to OUT: a digest of the COMPILER, its OPTIONS, and the sources below SOURCE that compute forces.
-# Leaves an unchanged file untouched.
+# Writes build_id.cpp to OUT: a digest of the COMPILER, its OPTIONS, and the files below SOURCE of all modules that
+# compute forces. Takes whole modules, so that no new file is forgotten. Leaves an unchanged file untouched.
 cmake_policy(VERSION 3.25)
-file(GLOB sources RELATIVE ${SOURCE} LIST_DIRECTORIES false
-     ${SOURCE}/spm/*.[chi]* ${SOURCE}/spm/codec/*.[ch]pp ${SOURCE}/haptics/*.[ch]* ${SOURCE}/session/messages.hpp
-     ${SOURCE}/hrtc_service/cycle.* ${SOURCE}/hrtc_service/touch_object.* ${SOURCE}/trace/flight_file.hpp)
+include(${CMAKE_CURRENT_LIST_DIR}/force_modules.cmake)
+set(patterns ${SOURCE}/cmake/TactusTargets.cmake)  # has compiler options
+foreach(module IN LISTS force_modules ITEMS hrtc_service)
+  list(APPEND patterns ${SOURCE}/${module}/*)
+endforeach()
+file(GLOB sources RELATIVE ${SOURCE} LIST_DIRECTORIES false ${patterns})
 list(SORT sources)
 set(all "${COMPILER} ${OPTIONS}")
 foreach(source IN LISTS sources)

@@ -32,8 +32,8 @@ void expect_object(std::uint32_t found) {
 
 void expect_placement(const trace::PlacementNumbers& found) {
   if (!Placement{found}.valid())
-    throw FlightError("found a placement of scale " + std::to_string(found[0]) +
-                      " that is none, expected finite numbers, a scale above 0 and a rotation");
+    throw FlightError("found an invalid placement of scale " + std::to_string(found[0]) +
+                      ", expected finite numbers, a scale above 0 and a rotation");
 }
 
 void expect_pool(const trace::FlightStart& start, std::uint64_t max_bytes) {

@@ -46,6 +46,12 @@ std::string text(const std::array<double, 3>& v) {
   return out.data();
 }
 
+std::string recorded_and_replayed(const std::string& what, const std::array<double, 3>& recorded,
+                                  const std::array<double, 3>& replayed, const std::string& unit) {
+  return "recorded " + what + " " + text(recorded) + " " + unit + ", replayed " + what + " " + text(replayed) + " " +
+         unit;
+}
+
 template <class Value>
 bool is_same(const Value& a, const Value& b) noexcept {
   return std::memcmp(&a, &b, sizeof a) == 0;
@@ -124,7 +130,7 @@ class World {
 
   [[nodiscard]] TouchObject& object(std::uint32_t number) {
     if (objects_[number] == nullptr)
-      throw FlightError("found object " + std::to_string(number) + ", which has not come");
+      throw FlightError("found object " + std::to_string(number) + " before its arrival");
     return objects_[number]->touch;
   }
   /// Returns an object. Throws ImpossibleCall if it is withdrawn. `number`: below kMaxObjects.
@@ -299,7 +305,7 @@ class Replay {
     report_.from_the_beginning = true;  // until a state follows
     if (start.build != build_id() && !options_.accepts_any_build)
       throw FlightError("recorded by build " + start.build + ", this is build " + build_id() +
-                        ": only the same one makes the same forces to the bit");
+                        ": only the same build computes the same forces to the bit");
     world_ = std::make_unique<World>(start);
   }
 
@@ -388,11 +394,18 @@ class Replay {
     const std::uint64_t departures = world_->release();
     if (hash != refine.mesh_hash) add_difference("the mesh differs");
     if (departures != recorded_departures_)
-      add_difference(std::to_string(recorded_departures_) + " regions and objects left, had " +
+      add_difference("recorded " + std::to_string(recorded_departures_) + " departures, replayed " +
                      std::to_string(departures));
-    if (result.costs.granted != refine.granted || result.budget_spent != (refine.budget_spent != 0) ||
-        result.nodes_full != (refine.nodes_full != 0))
-      add_difference("refinement went otherwise");
+    std::string differences;
+    const auto compare_refinement = [&](const char* name, std::uint32_t recorded, std::uint32_t replayed) {
+      if (recorded != replayed)
+        differences += std::string{"; recorded "} + name + " " + std::to_string(recorded) + ", replayed " +
+                       std::to_string(replayed);
+    };
+    compare_refinement("units", refine.granted, result.costs.granted);
+    compare_refinement("budget_spent", refine.budget_spent != 0 ? 1 : 0, result.budget_spent ? 1 : 0);
+    compare_refinement("nodes_full", refine.nodes_full != 0 ? 1 : 0, result.nodes_full ? 1 : 0);
+    if (!differences.empty()) add_difference("refinement differs" + differences);
     report_.regions_departed += departures;
     report_.budget_spent += result.budget_spent ? 1 : 0;
     recorded_departures_ = 0;
@@ -404,11 +417,13 @@ class Replay {
   void compare(const trace::FlightTouch& touch, const trace::FlightProbe& recorded, const ProbeOutput& replayed) {
     const std::string who = "probe " + std::to_string(recorded.probe) + ": ";
     if (!is_same(recorded.force, replayed.force))
-      add_difference(who + "force was " + text(recorded.force) + " N, had " + text(replayed.force));
+      add_difference(who + recorded_and_replayed("force", recorded.force, replayed.force, "N"));
     else if (!is_same(recorded.torque, replayed.torque))
-      add_difference(who + "torque was " + text(recorded.torque) + " N m, had " + text(replayed.torque));
-    else if (!is_same(recorded.proxy, replayed.proxy) || !is_same(recorded.proxy_orientation, replayed.orientation))
-      add_difference(who + "proxy was at " + text(recorded.proxy) + " m, had " + text(replayed.proxy));
+      add_difference(who + recorded_and_replayed("torque", recorded.torque, replayed.torque, "N m"));
+    else if (!is_same(recorded.proxy, replayed.proxy))
+      add_difference(who + recorded_and_replayed("proxy", recorded.proxy, replayed.proxy, "m"));
+    else if (!is_same(recorded.proxy_orientation, replayed.orientation))
+      add_difference(who + "the orientations of the proxies differ");
     else if (recorded.status != replayed.status || recorded.touched_object != replayed.object ||
              recorded.contacts != replayed.contacts)
       add_difference(who + "status, object or contacts differ");

@@ -57,7 +57,6 @@ class FlightStore {
     std::uint64_t lost = 0;  // cycles lost before its state
     Words lost_events;       // events of these cycles
     Words state;             // state at its begin; empty: the start of the HRTC
-    std::uint64_t state_cycle = 0;
     Words records;
     std::uint64_t first_cycle = 0, cycles = 0;
     std::int64_t first_ns = 0, last_ns = 0;

@@ -21,10 +21,10 @@ Gateway::Gateway(spm::Pool& pool, spm::NodePool& nodes, const session::Origin& s
     if (on_object_found) on_object_found(entry);
   };
   loader_.on_object = [this](const TouchObject& object) {
-    if (object.body && !ownership_.add(object.index, object.id, *object.body) && on_event)
-      on_event("an object that can move will stay where it is: an HRTC moves " + std::to_string(kMaxBodies) +
-               " at most");
-    if (object.body) movable_[object.id] = Movable{loader_.entry(object.index)};
+    if (object.body) {
+      ownership_.add(object.index, object.id, *object.body);
+      movable_[object.id] = Movable{loader_.entry(object.index)};
+    }
     if (on_object) on_object(object);
   };
   loader_.on_object_withdrawn = [this](const TouchObject& object) {

@@ -4,30 +4,13 @@
 #include <sys/prctl.h>
 
 #include <algorithm>
-#include <deque>
-#include <map>
-#include <mutex>
+#include <filesystem>
 #include <thread>
-#include <type_traits>
 #include <utility>
 #include <variant>
 
-#include "hrtc_service/body_exchange.hpp"
-#include "hrtc_service/contact_journal.hpp"
-#include "hrtc_service/gateway.hpp"
-#include "hrtc_service/group_endpoints.hpp"
-#include "hrtc_service/membership.hpp"
+#include "hrtc_service/hrtc_impl.hpp"
 #include "hrtc_service/realtime.hpp"
-#include "hrtc_service/snapshot.hpp"
-#include "hrtc_service/state_sender.hpp"
-#include "hrtc_service/statistics.hpp"
-#include "hrtc_service/stop_switch.hpp"
-#include "hrtc_service/timer_beside.hpp"
-#include "hrtc_service/user_devices.hpp"
-#include "session/periodic.hpp"
-#include "session/units.hpp"
-#include "wire/endpoints.hpp"
-#include "wire/inbox.hpp"
 
 namespace tactus::hrtc_service {
 namespace {
@@ -37,190 +20,16 @@ constexpr std::int64_t kMinServiceNs = 2 * kMs;
 constexpr std::int64_t kMinServiceAtRestNs = 8 * kMs;  // while Loader::at_rest
 constexpr std::int64_t kServicePeriodFactor = 10;      // period / duration of the last pass
 constexpr std::int64_t kMaxServiceNs = 10 * kMs;
-constexpr std::int64_t kMetricsNs = 500 * kMs;
 constexpr std::int64_t kSceneMetricsNs = 100 * kMs;
-constexpr std::int64_t kAllMetricsNs = 5000 * kMs;
-constexpr std::int64_t kOverrunLogNs = 1000 * kMs;
-constexpr std::int64_t kTargetsLogNs = 10'000 * kMs;
-constexpr std::int64_t kGroupsNs = 20 * kMs;
-constexpr std::int64_t kNoHostLogNs = 5000 * kMs;
 
-using session::PeriodicTimer;
-struct HostAnswer {
-  session::ClockSample sample;
-};
-/// A probe state that arrived at the endpoints of a group.
-struct FullRateState {
-  session::ProbeState state;
-};
 wire::SessionAddress without_bulk_writers(wire::SessionAddress address) {
   address.only_reads_bulk = true;
   return address;
 }
 
-/// A stop that a roster entry of another program lists.
-struct RelayedStop {
-  std::string by;
-};
-
-using Sample = std::variant<HostAnswer, session::RosterEntry, session::CatalogueEntry, session::BulkChunk,
-                            session::Intent, session::ClockSample, session::Control, session::EmergencyStop,
-                            session::ForceReset, session::SessionEnd, RelayedStop, session::ProbeState,
-                            session::Metrics, FullRateState, session::ObjectGrant, session::ObjectPose>;
-using Inbox = wire::Inbox<Sample>;
-
 bool is_same(const session::StopName& a, const session::StopName& b) {
   return a.participant == b.participant && a.incarnation == b.incarnation && a.number == b.number;
 }
-
-bool touches_exactly(const ProbeReports& reports) {
-  constexpr std::uint32_t kTouching = session::kInContact | session::kExact;
-  return std::any_of(reports.probes.begin(), reports.probes.end(),
-                     [](const ProbeOutput& probe) { return (probe.status & kTouching) == kTouching; });
-}
-
-}  // namespace
-
-struct Hrtc::Impl {
-  explicit Impl(HrtcOptions given);
-  ~Impl();
-  int run(const std::atomic<bool>& stop);
-
-  // Each of these processes one received sample.
-  void process(const session::RosterEntry& entry, std::int64_t now_ns) { membership.on_roster(entry, now_ns); }
-  void process(const session::CatalogueEntry& entry, std::int64_t now_ns);
-  void process(const session::BulkChunk& chunk, std::int64_t now_ns) { gateway.on_chunk(chunk, now_ns); }
-  void process(const session::Intent& intent, std::int64_t now_ns);
-  void process(const session::ClockSample& sample, std::int64_t now_ns);
-  void process(const HostAnswer& answer, std::int64_t now_ns) { membership.on_host_answer(answer.sample, now_ns); }
-  void process(const session::Control& control, std::int64_t now_ns);
-  // The callbacks have already passed stops and resets to the servo.
-  void process(const session::EmergencyStop& stop, std::int64_t now_ns);
-  void process(const RelayedStop& stop, std::int64_t now_ns);
-  void process(const session::ForceReset& reset, std::int64_t now_ns);
-  void process(const session::SessionEnd& end, std::int64_t now_ns);
-  void process(const session::ProbeState& state, std::int64_t now_ns) {
-    membership.on_state(state, session::StateStream::kDeadbandCoded, now_ns);
-  }
-  void process(const FullRateState& full_rate, std::int64_t now_ns) {
-    membership.on_state(full_rate.state, session::StateStream::kFullRate, now_ns);
-  }
-  void process(const session::Metrics& received, std::int64_t now_ns) { membership.on_metrics(received, now_ns); }
-  void process(const session::ObjectGrant& grant, std::int64_t now_ns) { gateway.on_grant(grant, now_ns); }
-  void process(const session::ObjectPose& pose, std::int64_t now_ns) {
-    gateway.on_pose(pose, now_ns, membership.clock().session_time(now_ns));
-  }
-
-  void process_output();
-  void acknowledge_stops();
-  void process_reports();
-  void log_fault(std::uint32_t slot, std::uint32_t status);
-  void log_hold(std::uint32_t slot, const ProbeOutput& probe);
-  void add_local_users();
-  void measure_first_touch(std::int64_t now_ns);
-  void send(session::RosterEntry entry);
-  void send_metrics(bool all);
-  void tick_gateway(std::int64_t now_ns);
-  void send_requests();
-  void check_for_hosts(std::int64_t now_ns);
-  void send_states();
-  void serve(std::int64_t now_ns);
-  void log_overrun(const CycleTrace& trace, const LateVerdict& verdict);
-  void classify_late_cycles();
-  void drain_rings();
-  void take_snapshots(std::int64_t now_ns);
-  void finish();
-
-  HrtcOptions options;
-  wire::Participants participants;
-  Inbox inbox{1u << 14};
-  std::unique_ptr<FlightSaver> flight;  // null: no flight recorder
-  HrtcCore core;
-  Gateway& gateway{core.gateway()};
-  const Loader& loader{core.gateway().loader()};
-  HapticThread haptic;
-  Membership membership;
-  HapticOrders orders{haptic};
-  UserDevices devices;
-  StopSwitch stops{participants.origin(), core.link()};
-  bool stopped = false;  // at the last pass of the service thread
-  std::vector<session::StopRecord> stops_acknowledged;
-  session::StopName stop_received;  // newest stop; used by the callback only
-  haptics::Mailbox<session::ClockMap> sender_clock;
-
-  wire::Writer<session::RosterEntry> roster_out;
-  wire::Writer<session::Demand> demand_out;
-  wire::Writer<session::ClockSample> clock_out;
-  wire::Writer<session::ClockSample> host_clock_out;
-  wire::Writer<session::Metrics> metrics_out, losses_out;
-  GroupEndpoints groups;
-  StateSender states;
-  BodyExchange exchange;
-
-  CycleStatistics statistics;
-  Samples timer_samples{1'000'000};
-  std::unique_ptr<TimerBeside> timer;
-  std::unique_ptr<ContactJournal> log;
-
-  PeriodicTimer metrics{kMetricsNs}, all_metrics{kAllMetricsNs}, no_host{kNoHostLogNs}, sync_groups{kGroupsNs};
-  std::int64_t started_ns = 0;
-  bool ended = false;
-  int exit_code = 0;
-  std::array<std::uint32_t, kMaxProbes> faults_logged{};  // status bits
-  std::array<std::uint32_t, kMaxProbes> holds_logged{};   // status bits
-  LateCycleClassifier late_cycles;
-  std::deque<CycleTrace> late_traces;  // late cycles without a class
-  PeriodicTimer overrun_logged{kOverrunLogNs}, targets_logged{kTargetsLogNs};
-  std::uint32_t overruns_unlogged = 0;
-  std::uint64_t first_cycle = 0;  // number of the first reported cycle; 0: none
-  std::int64_t first_cycle_ns = 0;
-  std::optional<SnapshotTaker> snapshots;  // only with HrtcOptions::snapshot
-  std::uint32_t save_requests_seen = 0;
-  struct {
-    // Times of the first catalogue entry, base mesh and exact contact; 0: none.
-    std::int64_t catalogue_ns = 0, base_ns = 0, exact_ns = 0;
-    std::uint64_t bytes = 0;  // payload received until `exact_ns`
-  } first;
-
-  std::thread sender;
-  std::atomic<bool> sending{false};
-
-  // Declared last, so that the callbacks of readers end before the members that they use are destroyed.
-  std::vector<std::shared_ptr<void>> readers;
-  /// Samples that every program sends to every other do not wake the service, because a large session has many of them.
-  template <class Typed>
-  static constexpr wire::Urgency kUrgency =
-      std::is_same_v<Typed, session::SessionEnd> ? wire::Urgency::kLast
-      : std::is_same_v<Typed, session::RosterEntry> || std::is_same_v<Typed, session::ClockSample> ||
-              std::is_same_v<Typed, session::ProbeState> || std::is_same_v<Typed, session::Metrics>
-          ? wire::Urgency::kWaits
-          : wire::Urgency::kWakes;
-  template <class Typed>
-  void listen(const wire::TopicSpec<Typed>& topic, const wire::EndpointOptions& where = {}) {
-    readers.push_back(std::make_shared<wire::Reader<Typed>>(
-        participants, topic, [this](Typed&& sample) { receive(std::move(sample)); }, where));
-  }
-  // Called in threads of DDS.
-  template <class Typed>
-  void receive(Typed&& sample) {
-    inbox.put(std::move(sample), kUrgency<Typed>);
-  }
-  void receive(session::EmergencyStop&& stop) {
-    const bool is_new = stops.on_stop(stop.name());
-    // A roster entry may have reported the stop before, but without its reason.
-    if (is_new || !is_same(stop.name(), stop_received)) inbox.put(session::EmergencyStop{stop});
-    stop_received = stop.name();
-  }
-  void receive(session::ForceReset&& reset) {
-    if (stops.on_reset(reset)) inbox.put(std::move(reset));
-  }
-  void receive(session::RosterEntry&& entry) {
-    if (stops.on_roster(entry)) inbox.put(RelayedStop{session::text(entry)});
-    inbox.put(std::move(entry), kUrgency<session::RosterEntry>);
-  }
-};
-
-namespace {
 
 std::array<haptics::DeviceSpec, kMaxProbes> specs_of(const HrtcOptions& options) {
   std::array<haptics::DeviceSpec, kMaxProbes> specs;
@@ -323,10 +132,26 @@ Hrtc::Impl::~Impl() {
   if (flight) static_cast<void>(flight->stop());
 }
 
+void Hrtc::Impl::receive(session::EmergencyStop&& stop) {
+  const bool is_new = stops.on_stop(stop.name());
+  // A roster entry may have reported the stop before, but without its reason.
+  if (is_new || !is_same(stop.name(), stop_received)) inbox.put(session::EmergencyStop{stop});
+  stop_received = stop.name();
+}
+
+void Hrtc::Impl::receive(session::ForceReset&& reset) {
+  if (stops.on_reset(reset)) inbox.put(std::move(reset));
+}
+
+void Hrtc::Impl::receive(session::RosterEntry&& entry) {
+  if (stops.on_roster(entry)) inbox.put(RelayedStop{session::text(entry)});
+  inbox.put(std::move(entry), kUrgency<session::RosterEntry>);
+}
+
 void Hrtc::Impl::add_local_users() {
   for (LocalUser& local : options.local_users) {
     const std::optional<std::uint32_t> probe = membership.add_local(local.user);
-    if (!probe) throw haptics::DeviceError("no slot left for user " + local.user);
+    if (!probe) throw haptics::DeviceError("no probe left for user " + local.user + "; raise --users");
     devices.add_local(*probe, local.user, std::move(local.device));
   }
 }
@@ -364,11 +189,11 @@ void Hrtc::Impl::process(const session::EmergencyStop& stop, std::int64_t) {
 }
 
 void Hrtc::Impl::process(const RelayedStop& stop, std::int64_t) {
-  spdlog::warn("emergency stop: {} forwards it", stop.by);
+  spdlog::warn("emergency stop, relayed by {}", stop.by);
 }
 
 void Hrtc::Impl::process(const session::ForceReset& reset, std::int64_t) {
-  spdlog::info("forces are reset: {}{}", reset.text, stops.stopped() ? "; another stop holds them off" : "");
+  spdlog::info("forces are reset: {}{}", reset.text, stops.stopped() ? "; another stop is in force" : "");
 }
 
 void Hrtc::Impl::process(const session::SessionEnd& end, std::int64_t) {
@@ -419,90 +244,12 @@ void Hrtc::Impl::send(session::RosterEntry entry) {
   (void)roster_out.send(entry);
 }
 
-void Hrtc::Impl::send_metrics(bool all) {
-  namespace names = session::figures;
-  session::Metrics sample;
-  sample.origin = participants.origin();
-  sample.scene = session::scene_hash(membership.roster(), participants.origin(), session::Role::kHrtc);
-  statistics.add_figures(sample.figures, all);
-  if (all && !timer_samples.empty()) {
-    sample.figures.push_back({names::kTimerP50, timer_samples.percentile(0.5) * 1e-3});
-    sample.figures.push_back({names::kTimerP99, timer_samples.percentile(0.99) * 1e-3});
-    sample.figures.push_back({names::kTimerMax, timer_samples.percentile(1) * 1e-3});
-  }
-  if (timer != nullptr) sample.figures.push_back({names::kTimerOverruns, static_cast<double>(timer->overruns())});
-  if (gateway.reports().cycle > first_cycle)
-    sample.figures.push_back({names::kRate, static_cast<double>(gateway.reports().cycle - first_cycle) * 1e9 /
-                                                static_cast<double>(gateway.reports().time_ns - first_cycle_ns)});
-  const LoaderFigures figures = loader.figures();
-  const auto& delivery = loader.delivery_counters();
-  const std::pair<const char*, double> counts[] = {
-      {names::kPoolUsed, figures.slots_used},
-      {names::kPoolPeak, figures.slots_peak},
-      {names::kPoolLimit, figures.slots_limit},
-      {names::kCompressedUsed, figures.compressed_used},
-      {names::kCompressedPeak, figures.compressed_peak},
-      {names::kCompressedLimit, figures.compressed_limit},
-      {names::kRegionsHeld, static_cast<double>(figures.regions_held)},
-      {names::kRegionsCoarsened, static_cast<double>(figures.regions_coarsened)},
-      {names::kRegionsReceived, static_cast<double>(figures.regions_received)},
-      {names::kEvictions, static_cast<double>(figures.regions_evicted)},
-      {names::kReloads, static_cast<double>(figures.regions_reloaded)},
-      {names::kRegionsRefused, static_cast<double>(figures.refused_full)},
-      {names::kObjectsRefused, static_cast<double>(figures.objects_refused)},
-      {names::kRecordsReceived, static_cast<double>(figures.records_received)},
-      {names::kRecordsReturned, static_cast<double>(figures.records_returned)},
-      {names::kRecordsRepeated, static_cast<double>(figures.records_repeated)},
-      {names::kRecordsPublished, static_cast<double>(figures.records_published)},
-      {names::kBytesReceived, static_cast<double>(delivery.payload_bytes)},
-      {names::kLoadLatency, figures.load_latency * 1e6},
-      {names::kFalseAlarms, static_cast<double>(membership.false_suspicions())},
-      {names::kHostChanges, static_cast<double>(delivery.host_changes)},
-      {names::kImplausible,
-       static_cast<double>(membership.implausible() + delivery.implausible + devices.implausible() +
-                           gateway.ownership().implausible() + exchange.implausible())}};
-  for (const auto& [name, value] : counts) sample.figures.push_back({name, value});
-  states.add_figures(sample.figures);
-  devices.add_figures(sample.figures);
-  static_assert(std::size(names::kInterventions) == haptics::kForceBits);
-  for (std::size_t i = 0; i < haptics::kForceBits; ++i)
-    sample.figures.push_back({names::kInterventions[i], static_cast<double>(gateway.reports().interventions[i])});
-  const auto since_catalogue = [&](const char* name, std::int64_t at_ns) {
-    if (at_ns != 0) sample.figures.push_back({name, static_cast<double>(at_ns - first.catalogue_ns) * 1e-3});
-  };
-  since_catalogue(names::kFirstBase, first.base_ns);
-  since_catalogue(names::kFirstExact, first.exact_ns);
-  if (first.exact_ns != 0) sample.figures.push_back({names::kFirstExactBytes, static_cast<double>(first.bytes)});
-  membership.remote_users().add_figures(sample.figures);
-  sample.figures.push_back({names::kCollaborating, static_cast<double>(groups.collaborating())});
-  gateway.ownership().add_figures(sample.figures);
-  static_assert(kMaxObjects <= session::kMaxMeshes);
-  const MeshHashes& hashes = core.link().mesh_hashes.latest();
-  for (const Loader::ObjectInfo& object : loader.objects()) sample.meshes.push_back({object.id, hashes[object.index]});
-  (void)metrics_out.send(sample);
-  sample.meshes.clear();
-  sample.figures = membership.remote_users().losses();
-  if (!sample.figures.empty()) (void)losses_out.send(sample);
-}
-
 /// Ticks the gateway between the two halves of the body exchange.
 void Hrtc::Impl::tick_gateway(std::int64_t now_ns) {
   exchange.tick(now_ns, membership.clock());
   gateway.tick(now_ns, membership.clock());
   exchange.send_claims();
   if (gateway.has_new_reports()) process_reports();
-}
-
-void Hrtc::Impl::process_reports() {
-  const ProbeReports& reports = gateway.reports();
-  if (first_cycle == 0) {
-    first_cycle = reports.cycle;
-    first_cycle_ns = reports.time_ns;
-  }
-  for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
-    log_fault(i, reports.probes[i].status);
-    log_hold(i, reports.probes[i]);
-  }
 }
 
 /// Sends probe states, commands and copies, and samples the system counters of the haptic thread. Runs in the sender
@@ -526,100 +273,6 @@ void Hrtc::Impl::send_states() {
     }
     haptic.usage().sample(monotonic_ns());
     if (timer) timer->usage().sample(monotonic_ns());
-  }
-}
-
-/// Logs the costs of an overrun, at most one line in each second.
-void Hrtc::Impl::log_overrun(const CycleTrace& trace, const LateVerdict& verdict) {
-  ++overruns_unlogged;
-  if (!overrun_logged.due(monotonic_ns())) return;
-  const CycleCosts& costs = trace.costs;
-  const auto us = [](auto ns) { return ns / 1000; };
-  spdlog::warn(
-      "overrun{}: {} us from begin to end, at least {} us of it own work; blocked {} times; {} minor and {} major page "
-      "faults; loading {} us, refinement {} us ({} visits, {} changes), refit {} us, query {} us, forces {} us; {} "
-      "arrivals; {} of {} probes in contact",
-      overruns_unlogged == 1 ? std::string{} : fmt::format(" ({} since the last line)", overruns_unlogged),
-      us(trace.times.end_ns - trace.times.began_ns), us(verdict.own_ns), verdict.blocked, verdict.minor_faults,
-      verdict.major_faults, us(costs.load), us(costs.refine), costs.visits, costs.changes, us(costs.refit),
-      us(costs.query), us(costs.force), costs.arrivals, trace.in_contact, trace.active);
-  overruns_unlogged = 0;
-}
-
-void Hrtc::Impl::classify_late_cycles() {
-  haptic.usage().drain([this](const ThreadUsage& usage) { late_cycles.add(usage); });
-  while (const std::optional<LateVerdict> verdict = late_cycles.next()) {
-    statistics.add(verdict->late_class);
-    if (verdict->late_class == LateClass::kOverrun) log_overrun(late_traces.front(), *verdict);
-    late_traces.pop_front();
-  }
-}
-
-void Hrtc::Impl::drain_rings() {
-  CycleTrace trace;
-  while (haptic.traces().pop(trace)) {
-    statistics.add(trace);
-    if (trace.targets_dropped && targets_logged.due(monotonic_ns()))
-      spdlog::warn(
-          "the mesh near a probe remains partly coarse: more than {} regions of an object need refinement; "
-          "raise --targets",
-          options.core.servo.cycle.targets);
-    late_cycles.add(trace.times);
-    if (trace.times.late()) late_traces.push_back(trace);
-  }
-  classify_late_cycles();
-  if (timer) timer->drain(timer_samples);
-  if (log && !log->drain()) {
-    spdlog::error("the contact log {} cannot be written any more (disk full?); the session goes on without it",
-                  options.log.string());
-    log.reset();
-    exit_code = 1;
-  }
-}
-
-void Hrtc::Impl::take_snapshots(std::int64_t now_ns) {
-  if (!snapshots) return;
-  try {
-    snapshots->tick(now_ns, touches_exactly(gateway.reports()), gateway.reported_probes(), core.servo(), orders);
-  } catch (const std::runtime_error& error) {
-    spdlog::error("{}", error.what());
-    exit_code = 1;
-    snapshots.reset();
-  }
-}
-
-void Hrtc::Impl::measure_first_touch(std::int64_t now_ns) {
-  if (first.base_ns == 0 && !loader.objects().empty()) first.base_ns = now_ns;
-  if (first.exact_ns != 0 || !touches_exactly(gateway.reports())) return;
-  first.exact_ns = gateway.reports().time_ns;
-  first.bytes = loader.delivery_counters().payload_bytes;
-}
-
-void Hrtc::Impl::log_fault(std::uint32_t slot, std::uint32_t status) {
-  const std::uint32_t fault = status & (session::kFault | session::kFaultReason);
-  if (fault == std::exchange(faults_logged[slot], fault)) return;
-  const std::string& name = membership.name_at(slot);
-  if ((fault & session::kFault) != 0) {
-    spdlog::warn("the force of user {} is off until it is reset: {}", name, session::fault_reason(status));
-    if (flight) flight->save(session::fault_reason(status), false);
-  } else
-    spdlog::info("the force of user {} is on again", name);
-}
-
-void Hrtc::Impl::log_hold(std::uint32_t slot, const ProbeOutput& probe) {
-  constexpr std::uint32_t kHold = session::kHolding | session::kHoldRefused;
-  const std::uint32_t now = probe.status & kHold, before = std::exchange(holds_logged[slot], now);
-  if (now == before || !membership.has_user(slot)) return;
-  std::string name = "something";
-  for (const Loader::ObjectInfo& object : loader.objects())
-    if (object.index == probe.object) name = "'" + object.name + "'";
-  if ((now & session::kHolding) != 0) {
-    spdlog::info("user {} holds {}", membership.name_at(slot), name);
-  } else if ((before & session::kHolding) != 0) {
-    spdlog::info("user {} has released the object", membership.name_at(slot));
-  } else if ((now & session::kHoldRefused) != 0) {
-    spdlog::warn("user {} cannot hold {}: it does not move here, or forces were off since the hand has closed",
-                 membership.name_at(slot), name);
   }
 }
 

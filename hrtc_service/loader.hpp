@@ -14,8 +14,9 @@
 /// If a probe needs the region again before it is freed, the loader cancels the eviction, unless a host has credit for
 /// the blocks of the region.
 ///
-/// The host gets credit only for blocks that are free or belong to retired regions. The echo of the host arrives before
-/// the data that it sends on that credit. So the loader never evicts a region that the host counts as present.
+/// The host gets credit only for blocks that are free or belong to retired regions, and for missing base meshes. The
+/// echo of the host arrives before the data that it sends on that credit. So the loader never evicts a region that the
+/// host counts as present.
 ///
 /// The base mesh of a new object reserves its slots at once. If regions occupy these slots, the base mesh waits until
 /// the haptic thread has coarsened them. It is refused only if it does not fit besides the other base meshes.
@@ -90,11 +91,11 @@ struct LoaderFigures {
   std::uint64_t regions_reloaded = 0;   ///< regions received again after their eviction
   std::uint64_t regions_coarsened = 0;  ///< regions removed from the pool
   std::uint64_t records_received = 0;
-  std::uint64_t records_returned = 0;   ///< received records that are or once were in the store
-  std::uint64_t records_repeated = 0;   ///< received records that are already in the store
-  std::uint64_t records_published = 0;  ///< repeated records of regions that demands listed in `have`
-  std::uint64_t refused_full = 0;       ///< messages refused because the store was full
-  std::uint64_t refused_other = 0;      ///< messages and regions refused because records did not fit together
+  std::uint64_t records_returned = 0;            ///< received records that are or once were in the store
+  std::uint64_t records_repeated = 0;            ///< received records that are already in the store
+  std::uint64_t records_repeated_unretired = 0;  ///< of these, records in the list of a region that is not retired
+  std::uint64_t refused_full = 0;                ///< messages refused because the store was full
+  std::uint64_t refused_other = 0;               ///< messages and regions refused because records did not fit together
   std::uint64_t decode_errors = 0;
   std::uint64_t objects_refused = 0;  ///< objects refused because memory was full
   double load_latency = 0;            ///< time from when a region becomes wanted to its storage, smoothed, s
@@ -292,6 +293,7 @@ class Loader {
   void on_base_mesh(Object& object, const std::vector<std::uint8_t>& bytes);
   [[nodiscard]] bool reserve_base(Object& object, const spm::BaseMesh& base);
   [[nodiscard]] std::uint32_t pending_base_slots() const noexcept;
+  [[nodiscard]] std::uint64_t base_credit() const;
   void admit_pending_bases();
   void drop_pending_base(Object& object);
   void admit_base(Object& object, spm::codec::DecodedBase decoded);

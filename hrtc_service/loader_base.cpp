@@ -22,7 +22,7 @@ void Loader::on_base_mesh(Object& object, const std::vector<std::uint8_t>& bytes
       decoded->mesh.summary.records != object.summary.records) {
     ++figures_.decode_errors;
     report_event("object " + object.info.name +
-                 ": base mesh refused: " + (decoded ? "another model's" : decoded.error().text));
+                 ": base mesh refused: " + (decoded ? "it belongs to another model" : decoded.error().text));
     delivery_.answer_base_refused(object.info.id);
     return;
   }
@@ -70,6 +70,16 @@ std::uint32_t Loader::pending_base_slots() const noexcept {
   return slots;
 }
 
+/// Returns the bytes that hosts may have in flight for missing base meshes, which the store does not hold. Without this
+/// credit, no base mesh could arrive while the store is full. A silent host gets none, because regions would use it.
+std::uint64_t Loader::base_credit() const {
+  std::uint64_t bytes = 0;
+  for (const auto& [id, object] : objects_)
+    if (!object->ready && !object->refused && object->base_slots == 0 && delivery_.serving_host(id) != 0)
+      bytes += object->entry.base_bytes + session::kMaxPayload;
+  return std::min<std::uint64_t>(bytes, settings_.delivery.credit);
+}
+
 /// Admits the base meshes whose slots have become free, in the order of their arrival.
 void Loader::admit_pending_bases() {
   while (!pending_bases_.empty() && pending_bases_.front().object->base_slots <= cache_.slots_free()) {
@@ -102,7 +112,7 @@ void Loader::admit_base(Object& object, spm::codec::DecodedBase decoded) {
   for (const spm::Region& region : base.regions) largest = std::max(largest, region.part_count);
   const std::uint32_t slots_left = pool_.settings.slots - base_slots_;
   if (largest > slots_left)
-    report_event("object " + object.info.name + ": stays coarse in places, for its largest region takes " +
+    report_event("object " + object.info.name + ": parts stay coarse: its largest region needs " +
                  std::to_string(largest) + " slots, the pool has " + std::to_string(slots_left) +
                  " besides base meshes; raise --memory or --pool");
   TouchObject& touch = object.touch;
@@ -112,7 +122,13 @@ void Loader::admit_base(Object& object, spm::codec::DecodedBase decoded) {
   touch.name = object.info.name;
   touch.placement = Placement{object.entry.pose, object.entry.scale};
   touch.material = object.entry.material;
-  if (sharing::can_move(object.entry)) {
+  const auto bodies =
+      std::count_if(active_.begin(), active_.end(), [](const Object* each) { return each->touch.body.has_value(); });
+  const bool can_move = sharing::can_move(object.entry);
+  if (can_move && bodies == kMaxBodies) {
+    report_event("object " + object.info.name + " stays fixed: an HRTC simulates at most " +
+                 std::to_string(kMaxBodies) + " movable objects");
+  } else if (can_move) {
     touch.body = sharing::body_of(object.entry);
     touch.material.damping = std::max(touch.material.damping, kMinDamping * touch.material.stiffness);
   }

@@ -76,7 +76,7 @@ bool Loader::store_or_refuse(Object& object, const session::DeliveryClient::Mess
   figures_.records_received += put.records;
   figures_.records_returned += put.returned;
   figures_.records_repeated += put.repeated;
-  figures_.records_published += put.published;
+  figures_.records_repeated_unretired += put.repeated_unretired;
   ++object.info.regions_received;
   ++figures_.regions_received;
   if (note.was_stored) ++figures_.regions_reloaded;
@@ -156,11 +156,8 @@ void Loader::request_wanted(std::int64_t now_ns) {
   constexpr double kReserveFactor = 2;
   blocks_reserve_ = static_cast<std::uint32_t>(
       std::clamp(kReserveFactor * absent_blocks, store_.blocks() / 16.0, store_.blocks() * 0.75));
-  // While a base mesh is expected or waits for slots, the limit of the credit does not change, because the store does
-  // not hold base meshes.
-  if (std::all_of(objects_.begin(), objects_.end(),
-                  [](const auto& entry) { return entry.second->ready || entry.second->refused; }))
-    delivery_.limit_credit(static_cast<std::uint64_t>(kUsableShare * blocks_after_eviction() * bytes_per_block_));
+  delivery_.limit_credit(static_cast<std::uint64_t>(kUsableShare * blocks_after_eviction() * bytes_per_block_) +
+                         base_credit());
   for (Object* object : active_) delivery_.set_wanted(object->info.id, std::move(wanted[object->info.index]));
 }
 

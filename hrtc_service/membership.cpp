@@ -19,6 +19,8 @@ constexpr std::int64_t kModesNs = 20 * kMs;
 constexpr std::int64_t kWatchNs = 2 * kMs, kRelaxedWatchNs = 4 * kMs;
 // Time for which a force counts as on after its end, because a tip may bounce and a hand may close again.
 constexpr std::int64_t kForceHoldNs = 200 * kMs;
+// Time for which a user keeps its probe although no program lists it.
+constexpr std::int64_t kUnlistedNs = session::RosterSettings{}.gone_ns;
 constexpr std::uint32_t kClockIsSetUs = 1'000'000;  // larger time bounds mean that the sender's clock is not set
 
 /// Returns whether a probe has a force, a contact or a hold. The force of a contact or hold may be zero in one cycle.
@@ -65,6 +67,7 @@ void Membership::on_roster(const session::RosterEntry& entry, std::int64_t now_n
   const session::RosterEntry* const recorded = roster_.find(entry.origin.participant);
   const bool is_valid =
       recorded != nullptr && recorded->origin.incarnation == entry.origin.incarnation && !entry.leaving;
+  if (entry.role == session::Role::kClient) renew_users(entry);
   if (entry.role != session::Role::kHost || !is_valid) return;
   has_found_host_ = true;
   gateway_.on_host_heartbeat(entry.origin.participant, entry.origin.incarnation, now_ns);
@@ -81,7 +84,7 @@ void Membership::on_event(const session::RosterEvent& event, std::int64_t) {
     heartbeat_.repeat_soon();  // the host may not have received our entry
   if (event.change == RosterChange::kNameConflict && participant == self_.participant) {
     report(Severity::kError, "another program named " + settings_.name + " is in session " + settings_.session +
-                                 "; every name may be there once");
+                                 "; names must be unique in a session");
     output.name_conflict = output.name_conflict || event.entry_must_leave;
     return;
   }
@@ -93,23 +96,38 @@ void Membership::on_event(const session::RosterEvent& event, std::int64_t) {
   if (entry.role == session::Role::kClient) on_client(event, is_gone);
 }
 
+/// Removes the users of clients to which `departed` applies. Returns the clients of these users.
+template <class Departed>
+std::vector<std::uint64_t> Membership::remove_users(Departed&& departed) {
+  std::vector<std::pair<std::uint64_t, std::string>> removed;
+  for (const auto& [probe, user] : users_)
+    if (user.client != 0 && departed(user)) removed.emplace_back(user.client, user.name);
+  std::vector<std::uint64_t> clients;
+  for (const auto& [client, name] : removed) {
+    if (clients.empty() || clients.back() != client) clients.push_back(client);
+    remove_user(client, name);
+  }
+  return clients;
+}
+
 void Membership::on_client(const session::RosterEvent& event, bool is_gone) {
   using session::RosterChange;
   const session::RosterEntry& entry = event.entry;
   const std::uint64_t client = entry.origin.participant;
-  if (is_gone || event.change == RosterChange::kRestarted)
-    for (const std::string& name : entry.users) remove_user(client, name);
+  if (is_gone)  // a leave message need not list users
+    (void)remove_users(
+        [&](const User& user) { return user.client == client && user.incarnation == entry.origin.incarnation; });
+  if (event.change == RosterChange::kRestarted)
+    (void)remove_users([&](const User& user) { return user.client == client && contains(entry.users, user.name); });
   const bool is_present = event.change == RosterChange::kJoined || event.change == RosterChange::kRestarted ||
                           event.change == RosterChange::kChanged;
   const bool has_chosen_us = is_present && entry.requested_hrtc == settings_.name;
-  // After a restart, users that the new entry does not name remain, because the new program may be in a name conflict
-  // and leave again.
-  if (event.change == RosterChange::kChanged) {
-    std::vector<std::string> departed;
-    for (const auto& [probe, user] : users_)
-      if (user.client == client && !(has_chosen_us && contains(entry.users, user.name))) departed.push_back(user.name);
-    for (const std::string& name : departed) remove_user(client, name);
-  }
+  // After a restart, users that the new entry does not name remain at first, because the new program may be in a name
+  // conflict and leave again. `remove_unlisted` removes them.
+  if (event.change == RosterChange::kChanged)
+    (void)remove_users([&](const User& user) {
+      return user.client == client && !(has_chosen_us && contains(entry.users, user.name));
+    });
   if (!has_chosen_us) return;
   add_users(entry);
   heartbeat_.make_due();
@@ -119,7 +137,9 @@ void Membership::add_users(const session::RosterEntry& client) {
   for (const std::string& name : client.users) {
     const auto taken = std::find_if(users_.begin(), users_.end(), [&](const auto& u) { return u.second.name == name; });
     if (taken != users_.end()) {
-      if (taken->second.client != client.origin.participant)
+      if (taken->second.client == client.origin.participant)
+        taken->second.incarnation = client.origin.incarnation;
+      else
         report(Severity::kWarning, "user " + name + " of client " + client.name +
                                        " refused: another user of that name has probe " + std::to_string(taken->first));
       continue;
@@ -130,16 +150,44 @@ void Membership::add_users(const session::RosterEntry& client) {
                                      " probes are taken; raise --users");
       continue;
     }
-    users_[*slot] = {name, session::id_of(name), client.origin.participant};
+    users_[*slot] = {name, session::id_of(name), client.origin.participant, client.origin.incarnation, std::nullopt};
     output.users.push_back({true, *slot, session::id_of(name), client.origin.participant, name});
     report(Severity::kInfo, "user " + name + " has probe " + std::to_string(*slot));
   }
 }
 
-/// Removes a user of this client. A user of another client may have the same name and remains.
+/// Records that a program still lists its users, also if a newer program has the same name.
+void Membership::renew_users(const session::RosterEntry& client) {
+  if (client.leaving || client.origin.session != self_.session || client.protocol != session::kProtocolVersion ||
+      client.requested_hrtc != settings_.name)
+    return;
+  for (auto& [probe, user] : users_)
+    if (user.client == client.origin.participant && contains(client.users, user.name)) user.unlisted_ns.reset();
+}
+
+/// Removes users whose program has ended without an event that names them: a newer program with other users has
+/// replaced it.
+void Membership::remove_unlisted(std::int64_t now_ns) {
+  const auto entry_of = [&](std::uint64_t client) {
+    const session::RosterEntry* const entry = roster_.find(client);
+    return entry != nullptr && entry->requested_hrtc == settings_.name ? entry : nullptr;
+  };
+  for (auto& [probe, user] : users_) {
+    const session::RosterEntry* const entry = entry_of(user.client);
+    if (entry != nullptr && contains(entry->users, user.name))
+      user.unlisted_ns.reset();
+    else if (!user.unlisted_ns)
+      user.unlisted_ns = now_ns;
+  }
+  const std::vector<std::uint64_t> clients =
+      remove_users([&](const User& user) { return user.unlisted_ns && now_ns - *user.unlisted_ns >= kUnlistedNs; });
+  for (const std::uint64_t client : clients)  // other users of the same client may have been refused
+    if (const session::RosterEntry* const entry = entry_of(client)) add_users(*entry);
+}
+
 void Membership::remove_user(std::uint64_t client, const std::string& name) {
   const auto at = std::find_if(users_.begin(), users_.end(), [&](const auto& user) {
-    return user.second.name == name && user.second.client == client && client != 0;
+    return user.second.name == name && user.second.client == client;
   });
   if (at == users_.end()) return;
   const auto [probe, user] = *at;
@@ -205,6 +253,7 @@ void Membership::on_stops(const std::vector<session::StopRecord>& stops) {
 
 void Membership::tick(std::int64_t now_ns) {
   for (const session::RosterEvent& event : roster_.tick(now_ns)) on_event(event, now_ns);
+  remove_unlisted(now_ns);
   track_forces(now_ns);
   choose_hosts_to_watch();
   report_host_changes(now_ns);
@@ -270,7 +319,7 @@ void Membership::report_host_changes(std::int64_t now_ns) {
       serving = {host, serving.host == 0 ? 0 : now_ns, object.regions_received};
     }
     if (serving.since_ns == 0 || object.regions_received == serving.regions_before) continue;
-    report(Severity::kInfo, "records of object " + object.name + " come again, " +
+    report(Severity::kInfo, "records of object " + object.name + " arrive again, " +
                                 std::to_string((now_ns - serving.since_ns) / kMs) + " ms after the change of host");
     serving.since_ns = 0;
   }

@@ -118,7 +118,9 @@ class Membership {
   struct User {
     std::string name;
     std::uint64_t id = 0;
-    std::uint64_t client = 0;  // participant; 0: the user's device is at this machine
+    std::uint64_t client = 0;                                // participant; 0: the user's device is at this machine
+    std::uint64_t incarnation = 0;                           // of the program that listed the user at its last change
+    std::optional<std::int64_t> unlisted_ns = std::nullopt;  // time since which no present program lists the user
   };
   /// The host that serves an object.
   struct Serving {
@@ -133,6 +135,10 @@ class Membership {
   void on_event(const session::RosterEvent& event, std::int64_t now_ns);
   void on_client(const session::RosterEvent& event, bool is_gone);
   void add_users(const session::RosterEntry& client);
+  void renew_users(const session::RosterEntry& client);
+  void remove_unlisted(std::int64_t now_ns);
+  template <class Departed>
+  std::vector<std::uint64_t> remove_users(Departed&& departed);
   void remove_user(std::uint64_t client, const std::string& name);
   void track_forces(std::int64_t now_ns);
   void choose_hosts_to_watch();

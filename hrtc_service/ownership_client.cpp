@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "spm/assert.hpp"
+
 namespace tactus::hrtc_service {
 namespace {
 
@@ -18,12 +20,11 @@ OwnershipClient::OwnershipClient(const session::Origin& self, haptics::Mailbox<B
                                  const session::OwnershipSettings& settings)
     : self_{self}, settings_{settings}, orders_mailbox_{orders} {}
 
-bool OwnershipClient::add(std::uint32_t object_index, std::uint64_t object_id, const sharing::SharedBody& body) {
-  if (objects_.size() == kMaxBodies) return false;
+void OwnershipClient::add(std::uint32_t object_index, std::uint64_t object_id, const sharing::SharedBody& body) {
+  TACTUS_CHECK(objects_.size() < kMaxBodies);
   objects_.push_back(std::make_unique<Object>(Object{
       object_index, object_id, body, session::Claimant{self_, object_id, settings_}, {}, {}, {}, 0, 0, {}, 0, 0}));
   bodies_.push_back({object_index, object_id, false, sharing::pose_of(body.start, body.centre)});
-  return true;
 }
 
 void OwnershipClient::withdraw(std::uint32_t object_index) {

@@ -34,9 +34,8 @@ class OwnershipClient {
   OwnershipClient(const session::Origin& self, haptics::Mailbox<BodyOrders>& orders,
                   const session::OwnershipSettings& settings = {});
 
-  /// Adds a movable object. Call it in the order of the arrivals in the haptic thread. Returns false if there are
-  /// kMaxBodies already; the object then never moves.
-  bool add(std::uint32_t object_index, std::uint64_t object_id, const sharing::SharedBody& body);
+  /// Adds a movable object, at most kMaxBodies at a time. Call it in the order of the arrivals in the haptic thread.
+  void add(std::uint32_t object_index, std::uint64_t object_id, const sharing::SharedBody& body);
 
   /// Stops claims and orders for a withdrawn object. Its couplings exist until `free_withdrawn`.
   void withdraw(std::uint32_t object_index);

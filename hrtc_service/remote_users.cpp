@@ -50,8 +50,12 @@ void RemoteUsers::tick(std::int64_t now_ns) {
     at = now_ns - at->second.received_ns > kSilentNs ? remotes_.erase(at) : std::next(at);
   double loss = 0;
   for (auto at = losses_.begin(); at != losses_.end();) {
+    if (now_ns - at->second.received_ns > kLossAgeNs) {
+      at = losses_.erase(at);
+      continue;
+    }
     loss = std::max(loss, at->second.share);
-    at = now_ns - at->second.received_ns > kLossAgeNs ? losses_.erase(at) : std::next(at);
+    ++at;
   }
   loss_.store(loss, std::memory_order_relaxed);
   modes_.tick(now_ns);

@@ -94,7 +94,7 @@ void UserDevices::free_departed() {
 void UserDevices::on_intent(const session::Intent& intent, std::int64_t ahead_ns) {
   for (auto& [slot, user] : users_) {
     if (user.id != intent.user_id || user.client != intent.origin.participant || intent.path.empty()) continue;
-    if (orders_.now().devices[slot] != nullptr && user.hand == nullptr) continue;  // it has a device of its own
+    if (orders_.now().devices[slot] != nullptr && user.hand == nullptr) continue;  // it has a local or remote device
     if (user.hand == nullptr) {
       haptics::HandSettings hand;
       sharing::set_start(intent, hand);
@@ -114,7 +114,7 @@ void UserDevices::open_remote_devices() {
     remote_endpoints_[slot] = {user.remote.get(), user.id, user.commands.get()};
     remote_endpoints_out_.post(remote_endpoints_);
     set_device(slot, user.remote.get());
-    spdlog::info("user {} brings a device of its own", user.name);
+    spdlog::info("user {} has a remote device", user.name);
   }
 }
 

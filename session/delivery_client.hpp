@@ -106,7 +106,7 @@ class DeliveryClient {
   /// them in this order.
   [[nodiscard]] std::vector<Message> on_chunk(const BulkChunk& chunk, std::int64_t now_ns);
 
-  /// Limits the credit to the payload bytes of regions that the caller can store now. Without a call: no limit.
+  /// Limits the credit to the payload bytes that the caller can store now. Without a call: no limit.
   void limit_credit(std::uint64_t bytes);
   /// Payload bytes that hosts may have in flight under the published credits. The caller must reserve memory for them.
   [[nodiscard]] std::uint64_t granted_credit(std::int64_t now_ns);

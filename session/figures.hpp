@@ -64,8 +64,8 @@ inline constexpr char kObjectsRefused[] = "hrtc.objects_refused";
 inline constexpr char kRecordsReceived[] = "hrtc.records_received";
 inline constexpr char kRecordsReturned[] = "hrtc.records_returned";  ///< records received again after an eviction
 inline constexpr char kRecordsRepeated[] = "hrtc.records_repeated";  ///< records received although they were held
-inline constexpr char kRecordsPublished[] =
-    "hrtc.records_published";  ///< of the repeated records, those in regions that a demand had listed as held
+inline constexpr char kRecordsRepeatedUnretired[] =
+    "hrtc.records_repeated_unretired";  ///< of the repeated records, those in the list of a region that is not retired
 inline constexpr char kBytesReceived[] = "hrtc.bytes_received";
 inline constexpr char kLoadLatency[] = "hrtc.load_latency_us";
 inline constexpr char kFalseAlarms[] = "hrtc.false_alarms";  ///< suspected hosts that answered later
@@ -116,9 +116,5 @@ inline constexpr char kPortWithheld[] = "hrtc.port_withheld_uj";  ///< energy th
 inline constexpr const char* kInterventions[] = {"safety.saturated",   "safety.slew_limited",  "safety.soft_starts",
                                                  "safety.stale_poses", "safety.surface_ramps", "safety.stiffness_cuts",
                                                  "safety.faults"};
-
-/// Followed by the name of a topic and .rate, .lost_share, .age_us.p50, .age_us.p99 or .age_us.max, as measured by the
-/// receiver.
-inline constexpr char kTopicPrefix[] = "topic.";
 
 }  // namespace tactus::session::figures

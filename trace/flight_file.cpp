@@ -5,6 +5,7 @@
 
 #include "trace/cdr.hpp"
 #include "trace/flight_idl.hpp"
+#include "trace/idl_schema.hpp"
 
 namespace tactus::trace {
 namespace {
@@ -71,6 +72,7 @@ struct FlightFileReader::Impl {
   std::string name;
   McapReader mcap;
   McapMessage message;
+  std::string accepted_idl = kFlightIdl;  // text whose types are those of this program
 };
 
 FlightFileReader::FlightFileReader(const std::filesystem::path& file) : impl_{std::make_unique<Impl>(file)} {}
@@ -86,7 +88,10 @@ bool FlightFileReader::next(FlightMessage& message) {
   std::size_t type = 0;
   while (type < kTypes && found.topic != kChannels[type].first) ++type;
   if (type == kTypes) fail("not a topic of a flight recording; is this a recording of tactus record?");
-  if (*found.schema_text != kFlightIdl) fail("found types of another version, expected those of this program");
+  if (*found.schema_text != impl_->accepted_idl) {
+    if (!has_same_types(*found.schema_text, kFlightIdl)) fail("found IDL text that differs from that of this program");
+    impl_->accepted_idl = *found.schema_text;
+  }
   try {
     message = decode(type, {found.bytes.data(), found.bytes.size()});
   } catch (const CdrError& error) {

@@ -179,8 +179,8 @@ struct FlightRefine {
 using FlightMessage = std::variant<FlightStart, FlightObject, FlightState, FlightEvent, FlightMove, FlightProbe,
                                    FlightTouch, FlightRefine>;
 
-/// Thrown for a file that is no flight recording, is damaged, or has the types of another version. The message names
-/// file, topic and message, the value found and the value expected.
+/// Thrown for a file that is no flight recording, is damaged, or has other types than this program. Comments in the IDL
+/// text of the file may differ. The message names file, topic and message, the value found and the value expected.
 class FlightError : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;

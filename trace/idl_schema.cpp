@@ -1,5 +1,6 @@
 #include "trace/idl_schema.hpp"
 
+#include <algorithm>
 #include <array>
 #include <cctype>
 #include <charconv>
@@ -7,6 +8,44 @@
 #include <utility>
 
 namespace tactus::trace {
+namespace {
+
+struct Token {
+  std::string text;
+  int line;
+};
+
+/// Splits IDL text into tokens. Skips comments and blanks.
+std::vector<Token> tokenize(const std::string& text) {
+  std::vector<Token> tokens;
+  int line = 1;
+  for (std::size_t i = 0; i < text.size();) {
+    const char c = text[i];
+    if (c == '\n') ++line;
+    if (std::isspace(static_cast<unsigned char>(c)) != 0) {
+      ++i;
+    } else if (text.compare(i, 2, "//") == 0) {
+      while (i < text.size() && text[i] != '\n') ++i;
+    } else {
+      std::size_t end = i;
+      while (end < text.size() && (std::isalnum(static_cast<unsigned char>(text[end])) != 0 || text[end] == '_' ||
+                                   text.compare(end, 2, "::") == 0 || (end > i && text[end] == ':')))
+        ++end;
+      if (end == i) ++end;
+      tokens.push_back({text.substr(i, end - i), line});
+      i = end;
+    }
+  }
+  return tokens;
+}
+
+}  // namespace
+
+bool has_same_types(const std::string& idl, const std::string& other) {
+  const std::vector<Token> tokens = tokenize(idl), others = tokenize(other);
+  return std::equal(tokens.begin(), tokens.end(), others.begin(), others.end(),
+                    [](const Token& a, const Token& b) { return a.text == b.text; });
+}
 
 struct IdlSchema::Type {
   enum class Kind { kNumber, kText, kEnum, kArray, kSequence, kStruct };
@@ -28,40 +67,12 @@ class IdlSchema::Parser {
  public:
   using TypePtr = std::shared_ptr<const Type>;
 
-  explicit Parser(const std::string& text) {
-    tokenize(text);
+  explicit Parser(const std::string& text) : tokens_{tokenize(text)} {
     while (at_ < tokens_.size()) parse_definition("");
   }
   [[nodiscard]] std::map<std::string, TypePtr> structs() && { return std::move(structs_); }
 
  private:
-  struct Token {
-    std::string text;
-    int line;
-  };
-
-  /// Splits the text into tokens.
-  void tokenize(const std::string& text) {
-    int line = 1;
-    for (std::size_t i = 0; i < text.size();) {
-      const char c = text[i];
-      if (c == '\n') ++line;
-      if (std::isspace(static_cast<unsigned char>(c)) != 0) {
-        ++i;
-      } else if (text.compare(i, 2, "//") == 0) {
-        while (i < text.size() && text[i] != '\n') ++i;
-      } else {
-        std::size_t end = i;
-        while (end < text.size() && (std::isalnum(static_cast<unsigned char>(text[end])) != 0 || text[end] == '_' ||
-                                     text.compare(end, 2, "::") == 0 || (end > i && text[end] == ':')))
-          ++end;
-        if (end == i) ++end;
-        tokens_.push_back({text.substr(i, end - i), line});
-        i = end;
-      }
-    }
-  }
-
   [[noreturn]] void fail(const std::string& expected) const {
     const bool end = at_ >= tokens_.size();
     const int line = end ? (tokens_.empty() ? 1 : tokens_.back().line) : tokens_[at_].line;

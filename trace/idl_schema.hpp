@@ -21,6 +21,9 @@ class SchemaError : public std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
+/// Returns whether two IDL texts differ at most in comments and blanks.
+[[nodiscard]] bool has_same_types(const std::string& idl, const std::string& other);
+
 class IdlSchema {
  public:
   /// Parses IDL text. Throws SchemaError that names line, text found and text expected.

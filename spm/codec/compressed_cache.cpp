@@ -124,7 +124,7 @@ CompressedCache::PutResult CompressedCache::put(ObjectIndex number, RegionId reg
   static_cast<void>(for_each([&](RecordId record, std::uint32_t block, const RecordCode* received) {
     if (received != nullptr && object.was_received[record]) ++put.returned;
     if (received != nullptr && block != kNone) ++put.repeated;
-    if (received != nullptr && block != kNone && unretired_lists_with_[block] > 0) ++put.published;
+    if (received != nullptr && block != kNone && unretired_lists_with_[block] > 0) ++put.repeated_unretired;
     if (block == kNone) {
       BitWriter out;
       out.put(index(received->anchor), kAnchorBits);

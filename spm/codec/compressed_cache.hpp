@@ -48,12 +48,12 @@ class CompressedCache {
       kMalformed    ///< `error` says why
     };
     Status status = Status::kMalformed;
-    std::uint32_t records = 0;          ///< number of records in the message
-    std::uint32_t returned = 0;         ///< number of these records that were received before
-    std::uint32_t repeated = 0;         ///< number of these records that were already in the cache
-    std::uint32_t published = 0;        ///< number of repeated records in the list of a region that is not retired
-    std::uint32_t blocks = 0;           ///< number of blocks that the region took, or needs if the status is kFull
-    std::uint32_t blocks_if_empty = 0;  ///< number of blocks that list and message would take in an empty cache
+    std::uint32_t records = 0;             ///< number of records in the message
+    std::uint32_t returned = 0;            ///< number of these records that were received before
+    std::uint32_t repeated = 0;            ///< number of these records that were already in the cache
+    std::uint32_t repeated_unretired = 0;  ///< number of repeated records in the list of a region that is not retired
+    std::uint32_t blocks = 0;              ///< number of blocks that the region took, or needs if the status is kFull
+    std::uint32_t blocks_if_empty = 0;     ///< number of blocks that list and message would take in an empty cache
     std::string error;
   };
   /// Stores a message with this region. If the status is not kStored, the cache is unchanged. Decodes the message as a

@@ -159,7 +159,6 @@ TEST(Report, TextFitsAHundredColumnsForTheLongestNamesAndEvents) {
   for (ParticipantReport& participant : report.participants) {
     participant.name = std::string(63, 'n');
     for (auto& [name, value] : participant.figures) value = 1e12;
-    participant.figures["topic." + std::string(57, 'f')] = 1.5;
   }
   for (const char* name : session::figures::kInterventions) report.participants[0].figures[name] = 1e6;
   report.events.push_back({1, "emergency stop: the hand of the user in the second room was caught " +

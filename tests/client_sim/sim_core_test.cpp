@@ -299,7 +299,7 @@ TEST(SimCore, LeavesBeforeItsUsersJoinIfAnEarlierProgramHasItsName) {
   session.run(1);
   EXPECT_EQ(session.core.state(), SimState::kFailed);
   EXPECT_TRUE(session.core.name_taken());
-  EXPECT_THAT(session.core.stop_reason(), HasSubstr("'sim' was in session 's' before"));
+  EXPECT_THAT(session.core.stop_reason(), HasSubstr("'sim' is already in session 's'"));
   EXPECT_THAT(session.core.stop_reason(), HasSubstr("another --name"));
   EXPECT_TRUE(session.roster.back().leaving);
   for (const session::RosterEntry& entry : session.roster) EXPECT_THAT(entry.users, IsEmpty());
@@ -324,7 +324,7 @@ TEST(SimCore, LeavesIfAProgramHasTheNameOfItsSecondParticipant) {
   session.add_client("sim.2", 5);
   session.run(0.1);
   EXPECT_EQ(session.core.state(), SimState::kFailed);
-  EXPECT_THAT(session.core.stop_reason(), HasSubstr("'sim.2' was in session 's' before"));
+  EXPECT_THAT(session.core.stop_reason(), HasSubstr("'sim.2' is already in session 's'"));
 
   SimulatedSession later_conflict{kTwoUsers};
   later_conflict.add_hrtc_for_each_user();
@@ -336,7 +336,7 @@ TEST(SimCore, LeavesIfAProgramHasTheNameOfItsSecondParticipant) {
     later_conflict.run(0.1);
   }
   EXPECT_EQ(later_conflict.core.state(), SimState::kFailed);
-  EXPECT_THAT(later_conflict.core.stop_reason(), HasSubstr("'sim.2' was in session 's' before"));
+  EXPECT_THAT(later_conflict.core.stop_reason(), HasSubstr("'sim.2' is already in session 's'"));
 }
 
 TEST(SimCore, IgnoresItsOwnSamples) {

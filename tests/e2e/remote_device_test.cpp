@@ -35,7 +35,7 @@ TEST_F(RemoteDeviceTest, ARemoteDeviceReceivesForcesOfTheExactSurfaceAndNoForceW
     return ann.exact > 100 && !has_no_force(ann.last) && ann.last.origin.participant == session::id_of("desk");
   })) << users.output()
       << desk.output();
-  EXPECT_TRUE(desk.wait_for_line("user ann brings a device of its own"));
+  EXPECT_TRUE(desk.wait_for_line("user ann has a remote device"));
   ASSERT_TRUE(observer.until([](const Seen& seen) {
     return seen.figure("desk", figures::kRemoteDevices) == 1 && seen.figure("desk", figures::kDeviceRoundTrip) < 0.25e6;
   })) << "the metrics contain the round trip";

@@ -55,7 +55,7 @@ TEST_F(SafetyTest, AStopSwitchesAllForcesOffUntilAResetAndReportsItsReason) {
   Process stop{control({"stop", "--reason", "needle bent"})};
   EXPECT_TRUE(observer.until([](const Seen& seen) { return is_stopped(seen, "ann") && is_stopped(seen, "bob"); }));
   EXPECT_TRUE(desk.wait_for_line("emergency stop: needle bent"));
-  EXPECT_TRUE(desk.wait_for_line("the force of user ann is off until it is reset: emergency stop"));
+  EXPECT_TRUE(desk.wait_for_line("the force of user ann is off until a reset: emergency stop"));
   EXPECT_TRUE(exits_with(0, stop)) << stop.output();
   EXPECT_THAT(stop.output(), testing::HasSubstr("acknowledged by HRTCs: desk; by hosts: museum"));
   EXPECT_TRUE(observer.until([](const Seen& seen) { return seen.figure("desk", figures::kInterventions[6]) == 2; }));
@@ -79,13 +79,13 @@ TEST_F(SafetyTest, AStopAppliesToProgramsThatJoinAfterItUntilAReset) {
   ASSERT_TRUE(exits_with(1, stop)) << "expected to fail, because no HRTC can acknowledge the stop: " << stop.output();
 
   Process desk{hrtc("desk")};  // only the host can forward the stop to this HRTC
-  ASSERT_TRUE(desk.wait_for_line("emergency stop: host 'museum' forwards it"));
+  ASSERT_TRUE(desk.wait_for_line("emergency stop, relayed by host 'museum'"));
   Process users{sim(kTwoUsersHold)};
   EXPECT_TRUE(observer.until([](const Seen& seen) { return is_stopped(seen, "ann") && is_stopped(seen, "bob"); }))
       << users.output() << desk.output();
   museum.signal(SIGKILL);
   Process gallery{host("gallery", models().sphere)};  // only the HRTC can forward the stop to this host
-  ASSERT_TRUE(gallery.wait_for_line("emergency stop: HRTC 'desk' forwards it"));
+  ASSERT_TRUE(gallery.wait_for_line("emergency stop, relayed by HRTC 'desk'"));
 
   Process reset{control({"reset"})};
   EXPECT_TRUE(observer.until([](const Seen& seen) { return has_force(seen, "ann") && has_force(seen, "bob"); }))
@@ -116,7 +116,7 @@ TEST_F(SafetyTest, AResetEndsOnlyTheStopsThatItNames) {
     (void)reset_out.send({self, 1, {{self.participant, self.incarnation, 1}}, "stop 1 is over"});
     return stop_record(seen).reset == 1;
   })) << desk.output();
-  EXPECT_TRUE(desk.wait_for_line("forces are reset: stop 1 is over; another stop holds them off"));
+  EXPECT_TRUE(desk.wait_for_line("forces are reset: stop 1 is over; another stop is in force"));
   EXPECT_EQ(stop_record(observer.seen()).ended, 1u);
 
   Process reset{control({"reset"})};

@@ -276,7 +276,17 @@ TEST_F(FlightReplayTest, AChangeOfOneBitOfOneInputIsReported) {
   });
   const FlightReport report = replay();
   EXPECT_GT(report.different_cycles, 0u);
-  EXPECT_THAT(report.first_difference, testing::StartsWith("cycle 1234, probe 0: force was ("));
+  EXPECT_THAT(report.first_difference, testing::StartsWith("cycle 1234, probe 0: recorded force ("));
+}
+
+TEST_F(FlightReplayTest, ADifferenceOfTheRefinementIsReportedWithBothValues) {
+  record(2500, 30);
+  rewrite([](trace::FlightMessage& message) {
+    auto* const refine = std::get_if<trace::FlightRefine>(&message);
+    if (refine != nullptr && refine->cycle == 1234) refine->nodes_full = refine->budget_spent = 1;
+  });
+  EXPECT_EQ(replay().first_difference,
+            "cycle 1234, refinement differs; recorded budget_spent 1, replayed 0; recorded nodes_full 1, replayed 0");
 }
 
 TEST_F(FlightReplayTest, ASmallerBudgetOfOneCycleIsReported) {

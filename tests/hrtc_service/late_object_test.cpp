@@ -50,12 +50,14 @@ std::uint32_t base_slots(const spm::offline::BuiltModel& built) {
 class LateObjectTest : public testing::Test {
  protected:
   /// `spare_slots`: slots of the pool in addition to those of both base meshes; -1: the pool has one too few for them.
-  void start(int spare_slots) {
+  /// `store_blocks`: blocks of the store; 0: in proportion to the pool.
+  void start(int spare_slots, std::uint32_t store_blocks = 0) {
     const spm::Model large = large_sphere().model();
     const auto pool_slots =
         static_cast<std::uint32_t>(static_cast<int>(base_slots(large_sphere()) + late_base_slots_) + spare_slots);
-    session_.emplace(std::vector<spm::Model>{large, late_sphere().model()}, scale_of(large),
-                     spm::PoolSettings::for_slots(pool_slots));
+    spm::PoolSettings pool = spm::PoolSettings::for_slots(pool_slots);
+    if (store_blocks > 0) pool.compressed_blocks = store_blocks;
+    session_.emplace(std::vector<spm::Model>{large, late_sphere().model()}, scale_of(large), pool);
     session_->set_withdrawn(1, true);
   }
   void run(int cycles) {
@@ -87,6 +89,16 @@ TEST_F(LateObjectTest, RetainedRegionsAreCoarsenedForTheBaseMeshOfANewObject) {
   EXPECT_THAT(session_->loader().objects(), SizeIs(2));
   EXPECT_EQ(session_->loader().figures().objects_refused, 0u);
   EXPECT_THAT(session_->events, Not(Contains(HasSubstr("refused"))));
+}
+
+TEST_F(LateObjectTest, ABaseMeshArrivesAlthoughTheStoreIsFull) {
+  for (const std::uint32_t store_blocks : {200, 300, 400, 600, 800, 1200}) {
+    start(6000, store_blocks);
+    run(1000);
+    session_->set_withdrawn(1, false);
+    run(1000);
+    EXPECT_THAT(session_->loader().objects(), SizeIs(2)) << store_blocks << " blocks";
+  }
 }
 
 TEST_F(LateObjectTest, ABaseMeshThatWouldNotFitEvenWithoutRegionsIsRefusedAtOnce) {

@@ -36,8 +36,7 @@ class LoaderTest : public testing::Test {
       loader_->on_host_heartbeat(kHost, 1, now_);
       std::array<NearObjects, kMaxProbes> near;
       loader_->tick(now_, {}, near);
-      while (loader_->demand(now_)) {
-      }
+      while (const std::optional<session::Demand> demand = loader_->demand(now_)) credit_ = demand->credit;
     }
   }
 
@@ -51,6 +50,7 @@ class LoaderTest : public testing::Test {
   LoaderSettings settings_;
   std::optional<Loader> loader_;
   int removals_ = 0;
+  std::uint32_t credit_ = 0;  // of the newest demand
   std::int64_t now_ = 10'000 * kMs;
 };
 
@@ -64,6 +64,14 @@ TEST_F(LoaderTest, AnObjectThatIsWithdrawnBeforeItsBaseMeshArrivesIsFreed) {
   }
   EXPECT_EQ(loader_->directory_bytes_used(), 0u);
   EXPECT_EQ(removals_, 500);
+}
+
+TEST_F(LoaderTest, TheCreditDoesNotExceedStoreAndBaseMeshWhileTheBaseMeshIsMissing) {
+  constexpr std::uint32_t kBaseBytes = 2000, kMaxBytesPerBlock = 16;
+  offer(0, false, kBaseBytes);
+  run(200);
+  EXPECT_GE(credit_, kBaseBytes);
+  EXPECT_LE(credit_, kMaxBytesPerBlock * pool_settings_.compressed_blocks);
 }
 
 TEST_F(LoaderTest, ARefusedObjectIsRemovedWhenItsOfferIsWithdrawn) {

@@ -437,6 +437,29 @@ TEST_F(WithdrawalTest, AHandReleasesAWithdrawnObjectAndItsWrenchFades) {
   EXPECT_TRUE(run_until([&] { return (core_->servo().outputs()[0].status & session::kHolding) != 0; }));
 }
 
+TEST_F(WithdrawalTest, TheNinthMovableObjectStaysFixedAfterAnotherIsRemoved) {
+  std::vector<std::string> events;
+  core_->gateway().on_event = [&](const std::string& text) { events.push_back(text); };
+  const spm::Vec3d ninth{0, 1, 0};
+  for (int number = 0; number < 8; ++number)
+    add_host("host " + std::to_string(number), "crate " + std::to_string(number), small_sphere(), {0.2 * number, 0, 0},
+             0.5);
+  ASSERT_TRUE(run_until([&] { return core_->servo().cycle().objects().size() == 8; }));
+  add_host("host", "ninth", small_sphere(), ninth, 0.5);
+  ASSERT_TRUE(run_until([&] { return core_->servo().cycle().objects().size() == 9; }));
+  EXPECT_THAT(events, testing::Contains("object ninth stays fixed: an HRTC simulates at most 8 movable objects"));
+  leave(*hosts_.front());
+  ASSERT_TRUE(run_until([&] { return removed_.size() == 1; }));
+  move_tip(pressed_on(ninth));
+  ASSERT_TRUE(run_until([&] { return touches(); }));
+  run(500);
+  EXPECT_TRUE(touches()) << "a movable object would have moved away from the tip";
+  BodyReports reports;
+  ASSERT_TRUE(core_->link().bodies.reports_for_sender.take(reports));
+  EXPECT_EQ(reports.count, 7u);
+  EXPECT_EQ(core_->gateway().ownership().bodies().size(), 7u);
+}
+
 TEST_F(WithdrawalTest, AnObjectThatDidNotFitIsLoadedAfterAnotherIsRemoved) {
   start(spm::PoolSettings::for_slots(spm::Cache::slots_for_base(large_sphere().model().base()) + 200));
   Host& first = add_host("first", "first", large_sphere(), {0, 0, 0});

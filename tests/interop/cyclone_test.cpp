@@ -23,7 +23,7 @@ TEST_F(CycloneTest, AClientOnCycloneDdsReadsTheSessionAndBringsADeviceThatReceiv
         "time: known", "shown: sphere by desk", "felt: .* N upwards", "seen: probe 0 at z"}) {
     EXPECT_TRUE(carl.wait_for_line(line)) << line << "\n" << carl.output() << desk.output();
   }
-  EXPECT_TRUE(desk.wait_for_line("user carl brings a device of its own")) << desk.output();
+  EXPECT_TRUE(desk.wait_for_line("user carl has a remote device")) << desk.output();
   EXPECT_TRUE(observer.until([](const Seen& seen) {
     const StateCounts state = seen.user("carl");
     // The client's bound is 0.5 N. The force may fall later, because a longer round trip reduces the stiffness.

@@ -61,6 +61,21 @@ class FlightFile : public ::testing::Test {
     for (const FlightMessage& message : messages_of_all_types()) writer.write(message);
     writer.close();
   }
+  /// Copies the file. Replaces `from` by `to` in its IDL text.
+  [[nodiscard]] std::string copy_with_other_idl(const std::string& from, const std::string& to) const {
+    const std::string copy = (folder_.path() / "copy.mcap").string();
+    McapReader reader{file_};
+    McapWriter writer{copy, "copy"};
+    for (McapMessage message; reader.next(message);) {
+      std::string idl = *message.schema_text;
+      EXPECT_NE(idl.find(from), std::string::npos);
+      idl.replace(idl.find(from), from.size(), to);
+      writer.write(writer.add_channel(writer.add_schema(message.schema, "omgidl", idl), message.topic, "cdr"), 0, 0,
+                   message.sequence, {message.bytes.data(), message.bytes.size()});
+    }
+    writer.close();
+    return copy;
+  }
   test_support::TemporaryFolder folder_;
   std::string file_ = (folder_.path() / "flight.mcap").string();
 };
@@ -76,6 +91,21 @@ TEST_F(FlightFile, ReadsTheWrittenMessages) {
   }
   EXPECT_FALSE(reader.next(found));
   EXPECT_FALSE(reader.is_truncated());
+}
+
+TEST_F(FlightFile, ReadsAFileWithOtherCommentsInItsIdl) {
+  write();
+  FlightFileReader reader{copy_with_other_idl("string name;", "string name;  // another comment\n\n")};
+  std::size_t count = 0;
+  for (FlightMessage message; reader.next(message);) ++count;
+  EXPECT_EQ(count, messages_of_all_types().size());
+}
+
+TEST_F(FlightFile, RefusesAFileWithOtherTypes) {
+  write();
+  FlightFileReader reader{copy_with_other_idl("double max_slew;", "float max_slew;")};
+  FlightMessage message;
+  EXPECT_THROW((void)reader.next(message), FlightError);
 }
 
 TEST_F(FlightFile, MatchesItsIdl) {

@@ -136,20 +136,20 @@ class CompressedCacheCounters : public CompressedCacheTest {
     const CompressedCache::PutResult result = put(region, present);
     ASSERT_EQ(result.status, Status::kStored);
     EXPECT_EQ(free_before - compressed_cache_.blocks_free(), result.blocks);
-    std::uint32_t returned = 0, repeated = 0, published = 0, new_blocks = 0;
+    std::uint32_t returned = 0, repeated = 0, repeated_unretired = 0, new_blocks = 0;
     for (const std::uint32_t record : records_of(region)) {
       if (present.count(record) == 0) {
         returned += static_cast<std::uint32_t>(received_.count(record));
         repeated += static_cast<std::uint32_t>(stored.count(record));
-        published += static_cast<std::uint32_t>(not_retired.count(record));
+        repeated_unretired += static_cast<std::uint32_t>(not_retired.count(record));
       }
       if (stored.count(record) == 0) new_blocks += reference_.record_blocks.at(record);
       received_.insert(record);
     }
     EXPECT_EQ(result.returned, returned);
     EXPECT_EQ(result.repeated, repeated);
-    EXPECT_EQ(result.published, published);
-    with_retired_records_ += result.repeated > result.published ? 1 : 0;
+    EXPECT_EQ(result.repeated_unretired, repeated_unretired);
+    with_retired_records_ += result.repeated > result.repeated_unretired ? 1 : 0;
     with_returned_records_ += result.returned > 0 ? 1 : 0;
     reference_.regions[region] = {records_of(region), result.blocks - new_blocks, false};
   }
