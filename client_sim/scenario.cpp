@@ -1,12 +1,9 @@
 #include "client_sim/scenario.hpp"
 
 #include <algorithm>
-#include <cerrno>
-#include <cstring>
-#include <fstream>
 #include <random>
 #include <set>
-#include <sstream>
+#include <system_error>
 
 #include "session/messages.hpp"
 #include "yaml/reader.hpp"
@@ -188,13 +185,12 @@ Scenario load_scenario(const std::string& name_or_path) {
     if (name_or_path == built_in.name) return parse_scenario(built_in.text, "built-in " + name_or_path);
     names += (names.empty() ? "" : ", ") + std::string{built_in.name};
   }
-  std::ifstream file{name_or_path};
-  std::ostringstream text;
-  if (!file || !(text << file.rdbuf())) {
+  try {
+    return parse_scenario(yaml::file_text(name_or_path), name_or_path);
+  } catch (const std::system_error& error) {
     throw ScenarioError{"scenario '" + name_or_path + "': neither a built-in one (" + names +
-                        ") nor a readable file: " + std::strerror(errno)};
+                        ") nor a readable file: " + error.code().message()};
   }
-  return parse_scenario(text.str(), name_or_path);
 }
 
 std::uint32_t ordinal_of(const std::string& reference) {

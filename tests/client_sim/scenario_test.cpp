@@ -7,6 +7,7 @@
 #include <fstream>
 #include <string>
 
+#include "tests/support/temporary_folder.hpp"
 #include "yaml/reader.hpp"
 
 namespace tactus::client_sim {
@@ -212,6 +213,18 @@ TEST(Scenario, IsReadFromAFile) {
   std::ofstream{path} << with_action("wait: {seconds: 3}");
   EXPECT_EQ(load_scenario(path).users[0].script[0].seconds, 3);
   std::remove(path.c_str());
+}
+
+TEST(Scenario, AnEmptyFileLacksItsKeys) {
+  const test_support::TemporaryFolder folder;
+  const std::string path = (folder.path() / "empty.yaml").string();
+  test_support::write_bytes(path, "");
+  try {
+    (void)load_scenario(path);
+    FAIL() << "expected an error";
+  } catch (const std::exception& error) {
+    EXPECT_EQ(error.what(), path + ":1:1: key 'name' is missing");
+  }
 }
 
 TEST(OrdinalOf, ReadsTheNumberAfterAHash) {
