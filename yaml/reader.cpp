@@ -32,7 +32,8 @@ std::string description(const YAML::Node& node) {
   if (!node.IsDefined()) return "nothing";
   if (node.IsScalar()) return "'" + node.Scalar().substr(0, 60) + "'";
   if (node.IsMap()) return "a map";
-  return node.IsSequence() ? "a list" : "nothing";
+  if (node.IsSequence()) return node.size() == 0 ? "an empty list" : "a list";
+  return "nothing";
 }
 
 }  // namespace

@@ -187,7 +187,7 @@ TEST(Scenario, RefusesInvalidValues) {
 TEST(Scenario, RefusesMissingAndRepeatedKeys) {
   EXPECT_THAT(error_of(""), HasSubstr("key 'name' is missing"));
   EXPECT_THAT(error_of("name: t\n"), HasSubstr("key 'users' is missing"));
-  EXPECT_THAT(error_of("users: []\nname: t\n"), HasSubstr("users: found a list, expected a list of users"));
+  EXPECT_THAT(error_of("users: []\nname: t\n"), HasSubstr("users: found an empty list, expected a list of users"));
   EXPECT_THAT(error_of("name: t\nusers:\n  - script: []\n"), HasSubstr("users[0]: key 'name' is missing"));
   EXPECT_THAT(error_of("name: t\nname: u\nusers: []\n"), HasSubstr("key 'name' occurs twice"));
   EXPECT_THAT(error_of(with_action("tap: {}")), HasSubstr("names no object"));

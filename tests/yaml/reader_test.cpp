@@ -32,6 +32,13 @@ TEST_F(ReaderTest, AnEmptyFileIsAnEmptyMap) {
             file_.string() + ":1:1: key 'key' is missing");
 }
 
+TEST_F(ReaderTest, AnErrorTellsAnEmptyListFromAList) {
+  EXPECT_EQ(error_of([] { (void)Value::parse("[]", "s").items("objects"); }),
+            "s:1:1: found an empty list, expected a list of objects");
+  EXPECT_EQ(error_of([] { (void)Value::parse("[1]", "s").number(0, 1); }),
+            "s:1:1: found a list, expected a number from 0 to 1");
+}
+
 TEST_F(ReaderTest, ReadsAllBytesOfAFile) {
   const std::string text = "key: " + std::string(100'000, 'x') + '\n';
   test_support::write_bytes(file_, text);
