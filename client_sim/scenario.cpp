@@ -106,13 +106,12 @@ User parse_user(const Value& value) {
   map.flag("repeat", user.repeats_script);
   map.flag("remote", user.has_remote_device);
   bool has_object = false;
-  bool takes_time = false;
   bool is_holding = false;
   for (const Value& item : map.required("script").items("actions")) {
     const Action action = parse_action(item);
     has_object = has_object || !action.object.empty();
-    takes_time = takes_time || action.kind != ActionKind::kRetreat;
-    if (!has_object && action.kind != ActionKind::kWait) item.fail("names no object, and no action before it does");
+    if (!has_object && action.kind != ActionKind::kWait)
+      item.fail("key 'object' is missing, and no earlier action has one");
     const bool needs_held_object = action.kind == ActionKind::kMove || action.kind == ActionKind::kRelease;
     if (!needs_held_object && is_holding && action.kind != ActionKind::kWait)
       item.fail("the hand holds something: expected move, wait or release");
@@ -120,7 +119,8 @@ User parse_user(const Value& value) {
     is_holding = action.kind == ActionKind::kGrab || (is_holding && action.kind != ActionKind::kRelease);
     user.script.push_back(action);
   }
-  if (user.repeats_script && !takes_time) map.child("script").fail("takes no time, so it cannot repeat");
+  if (user.repeats_script && is_holding)
+    map.child("script").fail("the hand holds something at the end: expected release, because the script repeats");
   return user;
 }
 

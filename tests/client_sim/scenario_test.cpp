@@ -129,6 +129,17 @@ TEST(Scenario, ReadsAGrabAndTheActionsAfterIt) {
   EXPECT_THROW(script("      - grab: {object: crate}\n      - move: {speed: 1}\n"), yaml::YamlError);
 }
 
+TEST(Scenario, RefusesToRepeatAScriptThatEndsWithAHeldObject) {
+  const auto repeating = [](const std::string& script) {
+    return "name: t\nusers:\n  - name: ann\n    repeat: true\n    script: [" + script + "]\n";
+  };
+  const std::string grab_and_move = "{grab: {object: crate}}, {move: {by: [0, 0, 0.1]}}";
+  EXPECT_EQ(error_of(repeating(grab_and_move)),
+            "s.yaml:5:13: users[0].script: the hand holds something at the end: expected release, because the script "
+            "repeats");
+  EXPECT_EQ(error_of(repeating(grab_and_move + ", {release: {}}")), "");
+}
+
 TEST(Scenario, ReadsMeasureAndGroundTruth) {
   const std::string users = "users: [{name: ann, script: [wait: {}]}]\n";
   const Scenario scenario = parse_scenario("name: t\nmeasures: forces\ntruth: analytic\n" + users, "s.yaml");
@@ -190,7 +201,9 @@ TEST(Scenario, RefusesMissingAndRepeatedKeys) {
   EXPECT_THAT(error_of("users: []\nname: t\n"), HasSubstr("users: found an empty list, expected a list of users"));
   EXPECT_THAT(error_of("name: t\nusers:\n  - script: []\n"), HasSubstr("users[0]: key 'name' is missing"));
   EXPECT_THAT(error_of("name: t\nname: u\nusers: []\n"), HasSubstr("key 'name' occurs twice"));
-  EXPECT_THAT(error_of(with_action("tap: {}")), HasSubstr("names no object"));
+  EXPECT_THAT(error_of(with_action("retreat: {}")), HasSubstr("key 'object' is missing"));
+  EXPECT_THAT(error_of(with_action("tap: {}")),
+              HasSubstr("users[0].script[0]: key 'object' is missing, and no earlier action has one"));
   EXPECT_THAT(error_of("name: t\nusers:\n  - {name: a, script: [wait: {}]}\n  - {name: a, script: [wait: {}]}\n"),
               HasSubstr("name 'a' occurs twice"));
 }
