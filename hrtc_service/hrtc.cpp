@@ -689,6 +689,11 @@ void Hrtc::Impl::finish() {
     for (const Loader::ObjectInfo& object : loader.withdrawn_objects()) log->close(object);
     if (core.servo().cycle().log_dropped() > 0)
       spdlog::warn("{} contact log entries were dropped", core.servo().cycle().log_dropped());
+    if (!log->finish()) {
+      spdlog::error("the contact log {} is incomplete: its last entries cannot be written (disk full?)",
+                    options.log.string());
+      exit_code = 1;
+    }
     log.reset();
   }
   // The metrics topic does not repeat lost samples, so the last metrics are sent three times.
