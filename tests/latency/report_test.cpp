@@ -60,10 +60,12 @@ TEST_F(ReportTest, TheTableHasALineForEachResultAndShowsEqualNotesOnce) {
 TEST_F(ReportTest, JsonHasTheFiguresAndTheCurve) {
   write_json(path("r.json"), info_, results_);
   const auto json = nlohmann::json::parse(test_support::read_bytes(path("r.json")));
-  ASSERT_EQ(json.at("cells").size(), 2u);
-  const auto& cell = json.at("cells")[0];
+  ASSERT_EQ(json.at("tests").size(), 2u);
+  const auto& cell = json.at("tests")[0];
   EXPECT_EQ(cell.at("half_round_trip").at("p50").get<double>(), results_[0].half_round_trip.p50);
   EXPECT_EQ(cell.at("lost").get<std::uint64_t>(), 17u) << "one of a hundred of 1700 pings";
+  EXPECT_EQ(cell.at("age_of_information").at("p50").get<double>(), results_[0].age_of_information.p50);
+  EXPECT_EQ(cell.at("wake_up_lateness").at("n").get<std::uint64_t>(), results_[0].timer.count);
   EXPECT_EQ(cell.at("curve").size(), json.at("curve_shares").size());
 }
 
