@@ -357,7 +357,7 @@ TEST(AnInvalidLink, IsRefusedWithTheFoundAndTheExpectedValue) {
   EXPECT_THAT(check_error("P2", [](LinkProfile& direction) { direction.loss = 1.5; }),
               HasSubstr("link P2: loss is 1.5; expected 0 to 1"));
   EXPECT_THAT(check_error("P2", [](LinkProfile& direction) { direction.jitter_ms = 6; }),
-              HasSubstr("jitter, ms, is 6; expected 0 to 5"));
+              HasSubstr("jitter, ms, is 6; expected 0 to 5, the delay"));
   EXPECT_THAT(check_error("P2", [](LinkProfile& direction) { direction.burst_end = 0; }),
               HasSubstr("end of bursts is 0"));
   EXPECT_THAT(check_error("P2", [](LinkProfile& direction) { direction.queue_bytes = 100; }),
