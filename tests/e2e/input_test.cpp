@@ -111,7 +111,6 @@ class WrongInputTest : public SessionTest {
 };
 
 TEST_F(WrongInputTest, IsRefusedByTheHost) {
-  const std::string cache = path("cache");
   expect_refused("host", wrong_session_options({path("good.spm")}));
   expect_refused("host", {
                              {{}, {"no model", "expected"}},
