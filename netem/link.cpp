@@ -10,7 +10,7 @@ Link::Link(const LinkProfile& profile, std::uint64_t seed)
 
 std::optional<std::int64_t> Link::departure(std::int64_t arrival_ns, std::size_t bytes) {
   ++counts_.arrived;
-  // Each frame draws the same number of values, so that a dropped or lost frame does not change the draws of later ones.
+  // Each frame draws the same number of values, so that the queue and the losses do not change later draws.
   const bool lost = is_lost();
   const std::array<double, 2> noise = jitter_noise();
   std::int64_t sent = arrival_ns;

@@ -32,7 +32,7 @@ TEST_F(ReaderTest, AnEmptyFileIsAnEmptyMap) {
             file_.string() + ":1:1: key 'key' is missing");
 }
 
-TEST_F(ReaderTest, AnErrorTellsAnEmptyListFromAList) {
+TEST_F(ReaderTest, AnErrorDistinguishesAnEmptyListFromAList) {
   EXPECT_EQ(error_of([] { (void)Value::parse("[]", "s").items("objects"); }),
             "s:1:1: found an empty list, expected a list of objects");
   EXPECT_EQ(error_of([] { (void)Value::parse("[1]", "s").number(0, 1); }),
