@@ -89,7 +89,7 @@ int main(int argc, char** argv) {
   app.add_option("--scenario", scenario, "A built-in scenario or a YAML file")->capture_default_str();
   app.add_option("--seconds", seconds, "Duration in seconds, instead of the scenario's")
       ->check(CLI::Range(0.1, 86400.0));
-  app.add_option("--patience", patience, "Seconds to wait for HRTCs, objects and slots")
+  app.add_option("--patience", patience, "Seconds to wait for HRTCs, objects and probes")
       ->capture_default_str()
       ->check(CLI::Range(0.1, 86400.0));
   app.add_option("--mode", mode,

@@ -65,9 +65,10 @@ void write_users(const Report& report, std::string& out) {
                 time_or_dash(touch.first_exact).c_str(), touch.contact, 100 * touch.exact_share(), touch.force_mean(),
                 touch.force_max, touch.touches, user.taps);
     if (touch.states == 0) out += "    no probe state was received\n";
-    if (user.lifts + user.lifts_lost > 0) out += line("    lifts %u, lost meanwhile %u\n", user.lifts, user.lifts_lost);
+    if (user.lifts + user.lifts_lost > 0)
+      out += line("    lifts %u, lost during the lift %u\n", user.lifts, user.lifts_lost);
     if (user.grabs + user.grabs_refused > 0)
-      out += line("    grabs %u, refused %u, lost meanwhile %u\n", user.grabs, user.grabs_refused, user.grabs_lost);
+      out += line("    grabs %u, refused %u, lost while held %u\n", user.grabs, user.grabs_refused, user.grabs_lost);
     if (user.approaches_missed + user.contacts_lost + touch.faults > 0) {
       out += line("    approaches without contact %u, contacts lost while following %u, faults %u",
                   user.approaches_missed, user.contacts_lost, touch.faults);
@@ -78,20 +79,20 @@ void write_users(const Report& report, std::string& out) {
 
 void write_objects(const Report& report, std::string& out) {
   if (report.objects.empty()) return;
-  out += "\nObjects that move      raised mm  held s  left at mm    poses  taken on\n";
+  out += "\nObjects that move      raised mm  held s    final mm    poses  takeovers\n";
   for (const ObjectReport& object : report.objects) {
     const MoveTally& moved = object.movement;
     out +=
-        line("  %-18s  %10.1f  %6.2f  %10.1f  %7llu  %8u\n", object.name.substr(0, 18).c_str(), 1e3 * moved.max_raised,
+        line("  %-18s  %10.1f  %6.2f  %10.1f  %7llu  %9u\n", object.name.substr(0, 18).c_str(), 1e3 * moved.max_raised,
              moved.held_time(), 1e3 * moved.last_raised, static_cast<unsigned long long>(moved.poses), moved.takeovers);
   }
   out += line("  energy injected between copies: %.4f mJ\n", 1e3 * injected_energy(report));
 }
 
 constexpr std::pair<const char*, const char*> kInterventions[] = {
-    {figures::kInterventions[0], "limit"},         {figures::kInterventions[1], "slew"},
-    {figures::kInterventions[2], "soft start"},    {figures::kInterventions[3], "old pose"},
-    {figures::kInterventions[4], "moved surface"}, {figures::kInterventions[5], "stiffness cut"},
+    {figures::kInterventions[0], "limit"},        {figures::kInterventions[1], "slew"},
+    {figures::kInterventions[2], "soft start"},   {figures::kInterventions[3], "stale pose"},
+    {figures::kInterventions[4], "surface ramp"}, {figures::kInterventions[5], "stiffness cut"},
     {figures::kInterventions[6], "FAULT"}};
 
 void write_hrtc(const ParticipantReport& hrtc, std::uint64_t records_total, std::string& out) {
@@ -104,16 +105,15 @@ void write_hrtc(const ParticipantReport& hrtc, std::uint64_t records_total, std:
   out += line("  cycles %.0f", value(figures::kCycles));
   if (has(hrtc, figures::kRate)) out += line(" at %.1f Hz", value(figures::kRate));
   out += line(", %.0f skipped\n  late cycles: %.0f overruns", value(figures::kSkipped), value(figures::kOverruns));
-  if (has(hrtc, figures::kTimerOverruns))
-    out += line(" (a timer with 30 us of work: %.0f)", value(figures::kTimerOverruns));
   out += line(", %.0f preempted, %.0f unknown\n", value(figures::kPreempted), value(figures::kLateUnknown));
+  if (has(hrtc, figures::kTimerOverruns))
+    out += line("    (overruns of a reference timer with 30 us of work: %.0f)\n", value(figures::kTimerOverruns));
   if (has(hrtc, figures::kWakeP50)) {
-    out += line("  late wake-up, us: p50 %.0f, p99 %.0f, max %.0f", value(figures::kWakeP50), value(figures::kWakeP99),
-                value(figures::kWakeMax));
+    out += line("  late wake-up, us: p50 %.0f, p99 %.0f, max %.0f\n", value(figures::kWakeP50),
+                value(figures::kWakeP99), value(figures::kWakeMax));
     if (has(hrtc, figures::kTimerP50))
-      out += line("; a bare timer beside it: p50 %.0f, p99 %.0f, max %.0f", value(figures::kTimerP50),
+      out += line("    reference timer without work: p50 %.0f, p99 %.0f, max %.0f\n", value(figures::kTimerP50),
                   value(figures::kTimerP99), value(figures::kTimerMax));
-    out += "\n";
   }
   constexpr std::pair<const char*, const char*> kTimes[] = {
       {figures::kRefineTime, "T_R refine"}, {figures::kRefitTime, "T_B refit"}, {figures::kQueryTime, "T_Q query"},

@@ -1,12 +1,9 @@
 #include "client_sim/scenario.hpp"
 
 #include <algorithm>
-#include <cerrno>
-#include <cstring>
-#include <fstream>
 #include <random>
 #include <set>
-#include <sstream>
+#include <system_error>
 
 #include "session/messages.hpp"
 #include "yaml/reader.hpp"
@@ -109,13 +106,12 @@ User parse_user(const Value& value) {
   map.flag("repeat", user.repeats_script);
   map.flag("remote", user.has_remote_device);
   bool has_object = false;
-  bool takes_time = false;
   bool is_holding = false;
   for (const Value& item : map.required("script").items("actions")) {
     const Action action = parse_action(item);
     has_object = has_object || !action.object.empty();
-    takes_time = takes_time || action.kind != ActionKind::kRetreat;
-    if (!has_object && action.kind != ActionKind::kWait) item.fail("names no object, and no action before it does");
+    if (!has_object && action.kind != ActionKind::kWait)
+      item.fail("key 'object' is missing, and no earlier action has one");
     const bool needs_held_object = action.kind == ActionKind::kMove || action.kind == ActionKind::kRelease;
     if (!needs_held_object && is_holding && action.kind != ActionKind::kWait)
       item.fail("the hand holds something: expected move, wait or release");
@@ -123,7 +119,8 @@ User parse_user(const Value& value) {
     is_holding = action.kind == ActionKind::kGrab || (is_holding && action.kind != ActionKind::kRelease);
     user.script.push_back(action);
   }
-  if (user.repeats_script && !takes_time) map.child("script").fail("takes no time, so it cannot repeat");
+  if (user.repeats_script && is_holding)
+    map.child("script").fail("the hand holds something at the end: expected release, because the script repeats");
   return user;
 }
 
@@ -188,13 +185,12 @@ Scenario load_scenario(const std::string& name_or_path) {
     if (name_or_path == built_in.name) return parse_scenario(built_in.text, "built-in " + name_or_path);
     names += (names.empty() ? "" : ", ") + std::string{built_in.name};
   }
-  std::ifstream file{name_or_path};
-  std::ostringstream text;
-  if (!file || !(text << file.rdbuf())) {
+  try {
+    return parse_scenario(yaml::file_text(name_or_path), name_or_path);
+  } catch (const std::system_error& error) {
     throw ScenarioError{"scenario '" + name_or_path + "': neither a built-in one (" + names +
-                        ") nor a readable file: " + std::strerror(errno)};
+                        ") nor a readable file: " + error.code().message()};
   }
-  return parse_scenario(text.str(), name_or_path);
 }
 
 std::uint32_t ordinal_of(const std::string& reference) {

@@ -27,6 +27,8 @@ class ContactJournal {
   bool drain();
   /// Writes the totals of an object that the haptic thread has returned, or of each object at the end.
   void close(const Loader::ObjectInfo& object);
+  /// Closes the file. Returns whether it has all entries. No entry may be added afterwards.
+  [[nodiscard]] bool finish() { return log_.close(); }
 
  private:
   trace::ContactLogWriter log_;

@@ -11,6 +11,7 @@
 
 #include "hrtc_service/hrtc_impl.hpp"
 #include "hrtc_service/realtime.hpp"
+#include "session/units.hpp"
 
 namespace tactus::hrtc_service {
 namespace {
@@ -342,6 +343,11 @@ void Hrtc::Impl::finish() {
     for (const Loader::ObjectInfo& object : loader.withdrawn_objects()) log->close(object);
     if (core.servo().cycle().log_dropped() > 0)
       spdlog::warn("{} contact log entries were dropped", core.servo().cycle().log_dropped());
+    if (!log->finish()) {
+      spdlog::error("the contact log {} is incomplete: its last entries cannot be written (disk full?)",
+                    options.log.string());
+      exit_code = 1;
+    }
     log.reset();
   }
   // The metrics topic does not repeat lost samples, so the last metrics are sent three times.

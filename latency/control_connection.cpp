@@ -68,7 +68,8 @@ void ControlConnection::append_received(std::chrono::milliseconds timeout) {
 nlohmann::ordered_json ControlConnection::receive(std::chrono::milliseconds timeout) {
   std::size_t end = 0;
   while ((end = received_.find('\n')) == std::string::npos) {
-    if (received_.size() > kMaxLineBytes) throw LatencyError("the other side sent no line; is it tactus-latency?");
+    if (received_.size() > kMaxLineBytes)
+      throw LatencyError("the other side sent 64 KiB without a line end; is it tactus-latency serve?");
     append_received(timeout);
   }
   const std::string line = received_.substr(0, end);

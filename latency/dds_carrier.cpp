@@ -85,10 +85,6 @@ class DdsCarrier final : public Carrier {
 class QosCopy {
  public:
   QosCopy(const std::filesystem::path& from, Profile profile, Transport transport) {
-    std::string name = (std::filesystem::temp_directory_path() / "tactus-qos-XXXXXX").string();
-    if (::mkdtemp(name.data()) == nullptr)
-      throw LatencyError("no temporary directory: " + std::string{std::strerror(errno)});
-    path_ = name;
     for (const char* file : {"session.xml", "probe.xml", "bulk.xml"}) {
       tinyxml2::XMLDocument document;
       if (document.LoadFile((from / file).c_str()) != tinyxml2::XML_SUCCESS)
@@ -100,26 +96,44 @@ class QosCopy {
       if (profile != Profile::kTactus || transport != Transport::kUdp)
         set_transport(*profiles, transport, std::string{"latency_"} + file);
       if (profile == Profile::kTuned) tune(*profiles, std::strcmp(file, "bulk.xml") == 0);
-      document.SaveFile((path_ / file).c_str());
+      tinyxml2::XMLPrinter text;  // to memory, because SaveFile ignores failed writes
+      document.Print(&text);
+      write(file, text.CStr());
     }
     if (profile == Profile::kPlain || profile == Profile::kShared) {
-      std::ofstream{path_ / "flow.yaml"}
-          << "sockets: {session: {tos: 0, priority: 0}, probe: {tos: 0, priority: 0}, bulk: "
-             "{tos: 0, priority: 0}}\n";
+      write("flow.yaml",
+            "sockets: {session: {tos: 0, priority: 0}, probe: {tos: 0, priority: 0}, bulk: {tos: 0, priority: 0}}\n");
     } else {
-      std::filesystem::copy_file(from / "flow.yaml", path_ / "flow.yaml");
+      std::filesystem::copy_file(from / "flow.yaml", path() / "flow.yaml");
     }
   }
-  ~QosCopy() {
-    std::error_code ignored;
-    std::filesystem::remove_all(path_, ignored);
-  }
-  QosCopy(const QosCopy&) = delete;
-  QosCopy& operator=(const QosCopy&) = delete;
-  [[nodiscard]] const std::filesystem::path& path() const noexcept { return path_; }
+  [[nodiscard]] const std::filesystem::path& path() const noexcept { return folder_.path; }
 
  private:
   using Element = tinyxml2::XMLElement;
+
+  struct Folder {
+    Folder() {
+      std::string name = (std::filesystem::temp_directory_path() / "tactus-qos-XXXXXX").string();
+      if (::mkdtemp(name.data()) == nullptr)
+        throw LatencyError("no temporary directory: " + std::string{std::strerror(errno)});
+      path = name;
+    }
+    ~Folder() {
+      std::error_code ignored;
+      std::filesystem::remove_all(path, ignored);
+    }
+    Folder(const Folder&) = delete;
+    Folder& operator=(const Folder&) = delete;
+    std::filesystem::path path;
+  };
+
+  void write(const char* file, const std::string& text) const {
+    std::ofstream out{path() / file};
+    out << text;
+    out.close();
+    if (!out) throw LatencyError((path() / file).string() + ": cannot be written");
+  }
 
   /// Removes all settings from the profiles, so that the library's defaults apply.
   static void strip(Element& profiles) {
@@ -190,7 +204,7 @@ class QosCopy {
     }
   }
 
-  std::filesystem::path path_;
+  Folder folder_;
 };
 
 }  // namespace

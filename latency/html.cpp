@@ -32,7 +32,7 @@ page::Plot empty_plot(double low_us, double high_us) {
   return page::Plot{{std::max(low_us, 0.1), std::max(high_us, 1.0), true, with_unit}};
 }
 
-/// Returns the smallest and the largest half round trip of all results, us.
+/// Returns the smallest and the largest half round trip of all results, us; 0 and 0 without an echo.
 std::pair<double, double> range(const std::vector<Result>& results) {
   double low = 1e9, high = 0;
   for (const Result& r : results) {
@@ -62,7 +62,8 @@ std::string distributions(const std::vector<Result>& results) {
 }
 
 std::string plot_over_time(const Result& result, const std::string& colour) {
-  page::Plot plot = empty_plot(result.curve.empty() ? 1 : result.curve.front(), result.half_round_trip.max);
+  const auto [low, high] = range({result});
+  page::Plot plot = empty_plot(low, high);
   std::vector<std::pair<double, double>> medians, maxima;
   const auto count = static_cast<double>(result.bins.size());
   for (std::size_t i = 0; i < result.bins.size(); ++i) {
@@ -73,8 +74,8 @@ std::string plot_over_time(const Result& result, const std::string& colour) {
     medians.emplace_back(share, bin.median_us);
     maxima.emplace_back(share, bin.max_us);
   }
-  for (const double share : {0.0, 0.25, 0.5, 0.75, 1.0}) plot.tick(share, number(share * result.test.seconds) + " s");
-  plot.caption("time; thick: median, thin: maximum of each interval; red: an echo is missing");
+  for (const double share : {0.0, 0.25, 0.5, 0.75, 1.0}) plot.tick(share, number(share * result.evaluated_s) + " s");
+  plot.caption("time after the warm-up; thick: median, thin: maximum of each interval; red: an echo is missing");
   plot.curve(maxima, colour, 0.7);
   plot.curve(medians, colour, 2);
   return plot.svg();

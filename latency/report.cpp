@@ -95,15 +95,15 @@ void write_json(const std::string& file, const RunInfo& info, const std::vector<
   out["machine"] = info.machine;
   out["unit"] = "us";
   out["curve_shares"] = curve_shares();
-  out["cells"] = nlohmann::ordered_json::array();
+  out["tests"] = nlohmann::ordered_json::array();
   for (const Result& r : results) {
     nlohmann::ordered_json test = latency::to_json(r.test);
     test["half_round_trip"] = to_json(r.half_round_trip);
     test["half_round_trip_from_send"] = to_json(r.half_round_trip_sent);
     test["age"] = to_json(r.age);
-    test["known_age"] = to_json(r.age_of_information);
+    test["age_of_information"] = to_json(r.age_of_information);
     test["clock_bound"] = r.clock_bound_us;
-    test["timer_late"] = to_json(r.timer);
+    test["wake_up_lateness"] = to_json(r.timer);
     test["jitter_rfc3550"] = r.jitter_us;
     test["expected"] = r.expected;
     test["lost"] = r.lost;
@@ -114,7 +114,7 @@ void write_json(const std::string& file, const RunInfo& info, const std::vector<
     test["mesh_mbyte_per_s"] = r.load_mbyte_per_s;
     test["curve"] = r.curve;
     test["notes"] = r.notes;
-    out["cells"].push_back(std::move(test));
+    out["tests"].push_back(std::move(test));
   }
   std::ofstream to{file};
   to << out.dump(2) << '\n';

@@ -84,6 +84,7 @@ Result evaluate(const Timestamps& timestamps) {
       static_cast<std::uint32_t>(std::uint64_t{warm_up(timestamps.test)} * all / timestamps.test.ticks());
   const std::uint32_t evaluated = all - first;
   result.expected = static_cast<std::uint64_t>(evaluated) * timestamps.test.readers;
+  if (all > 0) result.evaluated_s = timestamps.test.seconds * evaluated / all;
 
   std::vector<double> timer;
   for (std::uint32_t i = first; i < all; ++i) {
@@ -148,10 +149,8 @@ Result evaluate(const Timestamps& timestamps) {
   for (std::uint32_t i = first; i < all; ++i) ++pings_of[bin_of(i)];
   for (std::size_t i = 0; i < by_bin.size(); ++i) {
     const Summary summary = summarise(by_bin[i]);
-    const double at_s =
-        static_cast<double>(i) * timestamps.test.seconds * evaluated / all / static_cast<double>(by_bin.size());
-    result.bins.push_back({at_s, summary.p50, summary.max,
-                           pings_of[i] * timestamps.test.readers - static_cast<std::uint32_t>(summary.count)});
+    result.bins.push_back(
+        {summary.p50, summary.max, pings_of[i] * timestamps.test.readers - static_cast<std::uint32_t>(summary.count)});
   }
   return result;
 }

@@ -12,7 +12,6 @@ namespace tactus::latency {
 
 /// An interval of consecutive pings of a test, with their echoes. All intervals have about the same number of pings.
 struct TimeBin {
-  double at_s = 0;                   ///< start, after the warm-up; approximate with coding, where pings are uneven
   double median_us = 0, max_us = 0;  ///< half round trip; NaN without an echo
   std::uint32_t missing = 0;         ///< number of echoes that did not arrive
 };
@@ -32,8 +31,9 @@ struct Result {
   std::uint64_t echoes_lost = 0;  ///< arrivals whose echo is missing
   std::uint64_t reordered = 0, duplicates = 0;  ///< arrivals
   std::uint64_t refused = 0;                    ///< pings that the carrier refused or blocked until the end
-  double load_mbyte_per_s = 0;                  ///< payload of mesh records that arrived
-  std::vector<double> curve;                    ///< half round trips, one for each of curve_shares
+  double evaluated_s = 0;       ///< duration after the warm-up; approximate with coding, where pings are uneven
+  double load_mbyte_per_s = 0;  ///< payload of mesh records that arrived
+  std::vector<double> curve;    ///< half round trips, one for each of curve_shares
   std::vector<TimeBin> bins;
   std::vector<std::string> notes;
 };

@@ -10,6 +10,9 @@ Link::Link(const LinkProfile& profile, std::uint64_t seed)
 
 std::optional<std::int64_t> Link::departure(std::int64_t arrival_ns, std::size_t bytes) {
   ++counts_.arrived;
+  // Each frame draws the same number of values, so that the queue and the losses do not change later draws.
+  const bool lost = is_lost();
+  const std::array<double, 2> noise = jitter_noise();
   std::int64_t sent = arrival_ns;
   if (profile_.rate_mbit > 0) {
     const double ns_per_byte = 8e3 / profile_.rate_mbit;
@@ -21,12 +24,12 @@ std::optional<std::int64_t> Link::departure(std::int64_t arrival_ns, std::size_t
     sent = std::max(free_ns_, arrival_ns) + std::llround(static_cast<double>(bytes) * ns_per_byte);
     free_ns_ = sent;
   }
-  if (is_lost()) {
+  if (lost) {
     ++counts_.lost;
     return std::nullopt;
   }
   counts_.bytes += bytes;
-  const double delay_ms = std::max(0.0, profile_.delay_ms + jitter(sent));
+  const double delay_ms = std::max(0.0, profile_.delay_ms + jitter(sent, noise));
   std::int64_t departure = sent + std::llround(delay_ms * 1e6);
   if (!profile_.reorder) departure = std::max(departure, last_departure_ns_);
   last_departure_ns_ = departure;
@@ -35,19 +38,24 @@ std::optional<std::int64_t> Link::departure(std::int64_t arrival_ns, std::size_t
 
 bool Link::is_lost() {
   if (profile_.mean_loss() == 0) return false;
-  const double burst = uniform_(loss_random_),
-               single = uniform_(loss_random_);  // always two numbers, so that losses do not change later draws
+  const double burst = uniform_(loss_random_), single = uniform_(loss_random_);
   in_burst_ = in_burst_ ? burst >= profile_.burst_end : burst < profile_.burst_start;
   return in_burst_ || single < profile_.loss;
 }
 
-double Link::jitter(std::int64_t at_ns) {
+std::array<double, 2> Link::jitter_noise() {
+  if (profile_.jitter_ms == 0) return {};
+  const double first = normal_(jitter_random_);
+  return {first, profile_.reorder ? 0 : normal_(jitter_random_)};
+}
+
+double Link::jitter(std::int64_t at_ns, const std::array<double, 2>& noise) {
   if (profile_.jitter_ms == 0) return 0;
-  if (profile_.reorder) return profile_.jitter_ms * normal_(jitter_random_);
+  const auto [first, second] = noise;
+  if (profile_.reorder) return profile_.jitter_ms * first;
   // Exact step of a critically damped oscillator that white noise drives. Its position is normally distributed at each
   // time and has a continuous rate of change (Matern process with nu = 3/2). Source: Rasmussen, Williams, Gaussian
   // Processes for Machine Learning, 2006, section 4.2.1.
-  const double first = normal_(jitter_random_), second = normal_(jitter_random_);
   if (!has_smooth_jitter_) {
     has_smooth_jitter_ = true;
     smooth_jitter_ = first;

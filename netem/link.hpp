@@ -3,9 +3,10 @@
 ///     arrival --> queue (bytes, drop tail) --> transmitter (rate) --> losses --> delay, jitter --> departure
 ///
 /// The result depends only on the profile, the seed and the arrivals; there is no clock, socket or thread. Losses do
-/// not depend on times: while the queue drops no frame, runs with the same seed lose the same frames.
+/// not depend on times: runs with the same seed lose the same frames, except those that the queue has dropped.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <optional>
 #include <random>
@@ -35,7 +36,9 @@ class Link {
 
  private:
   [[nodiscard]] bool is_lost();
-  [[nodiscard]] double jitter(std::int64_t at_ns);
+  /// Returns the standard normal values that the jitter of one frame needs.
+  [[nodiscard]] std::array<double, 2> jitter_noise();
+  [[nodiscard]] double jitter(std::int64_t at_ns, const std::array<double, 2>& noise);
 
   LinkProfile profile_;
   std::mt19937_64 loss_random_, jitter_random_;

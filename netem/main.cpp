@@ -205,8 +205,8 @@ int main(int argc, char** argv) {
       return up(options);
     }
     if (commands.size() != 2 || commands[0].empty() || commands[1].empty())
-      throw LinkError("found " + std::to_string(commands.size()) +
-                      " commands, expected two: tactus-link run [OPTION...] -- COMMAND_A... -- COMMAND_B...");
+      throw LinkError("found " + std::to_string(commands.size()) + (commands.size() == 1 ? " command" : " commands") +
+                      ", expected two: tactus-link run [OPTION...] -- COMMAND_A... -- COMMAND_B...");
     return run(options, commands[0], commands[1]);
   } catch (const std::exception& error) {
     std::cerr << "tactus-link: " << error.what() << '\n';

@@ -66,8 +66,8 @@ class Descriptor {
 /// Runs `ip` or `tc` of iproute2 with the lines of `script`. Throws LinkError with its output.
 void batch(std::vector<std::string> command, const std::string& script) {
   const Descriptor input{::memfd_create("input", MFD_CLOEXEC)}, output{::memfd_create("output", MFD_CLOEXEC)};
-  if (input.get() < 0 || output.get() < 0) fail("no memory file", errno);
-  if (::write(input.get(), script.data(), script.size()) < 0) fail("memory file", errno);
+  if (input.get() < 0 || output.get() < 0) fail("cannot create a memory file", errno);
+  if (::write(input.get(), script.data(), script.size()) < 0) fail("cannot write a memory file", errno);
   ::lseek(input.get(), 0, SEEK_SET);
   command.insert(command.end(), {"-batch", "-"});
   std::vector<char*> argv;

@@ -11,16 +11,18 @@ namespace {
 
 constexpr double kAToBShare = 0.7;  // asymmetric variant: share of the round trip's delay and jitter from a to b
 
-void check_range(const std::string& link, const char* what, double value, double low, double high) {
+/// `of_high`: what sets the upper limit, for the message.
+void check_range(const std::string& link, const char* what, double value, double low, double high,
+                 const char* of_high = "") {
   if (value >= low && value <= high) return;
   char text[160];
-  std::snprintf(text, sizeof text, "%s is %g; expected %g to %g", what, value, low, high);
+  std::snprintf(text, sizeof text, "%s is %g; expected %g to %g%s", what, value, low, high, of_high);
   throw LinkError("link " + link + ": " + text);
 }
 
 void check_direction(const std::string& link, const LinkProfile& direction) {
   check_range(link, "delay, ms,", direction.delay_ms, 0, 10'000);
-  check_range(link, "jitter, ms,", direction.jitter_ms, 0, direction.delay_ms);
+  check_range(link, "jitter, ms,", direction.jitter_ms, 0, direction.delay_ms, ", the delay");
   check_range(link, "loss", direction.loss, 0, 1);
   check_range(link, "probability of the start of bursts", direction.burst_start, 0, 1);
   check_range(link, "probability of the end of bursts", direction.burst_end, 1e-6, 1);

@@ -71,7 +71,13 @@ ContactLogWriter::ContactLogWriter(const std::filesystem::path& path) : file_{st
   put(&kVersion, sizeof kVersion);
 }
 
-ContactLogWriter::~ContactLogWriter() { std::fclose(file_); }
+ContactLogWriter::~ContactLogWriter() { static_cast<void>(close()); }
+
+bool ContactLogWriter::close() {
+  if (file_ != nullptr && std::fclose(file_) != 0) healthy_ = false;
+  file_ = nullptr;
+  return healthy_;
+}
 
 void ContactLogWriter::put(const void* data, std::size_t size) {
   healthy_ = healthy_ && std::fwrite(data, 1, size, file_) == size;

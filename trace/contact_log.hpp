@@ -68,6 +68,7 @@ class ContactLogWriter {
  public:
   /// Throws LogError that names the file if it cannot be created.
   explicit ContactLogWriter(const std::filesystem::path& path);
+  /// Closes the file and ignores errors.
   ~ContactLogWriter();
   ContactLogWriter(const ContactLogWriter&) = delete;
   ContactLogWriter& operator=(const ContactLogWriter&) = delete;
@@ -75,9 +76,11 @@ class ContactLogWriter {
   void write(const LoggedObject& object);
   void write(const LoggedQuery& query);
   void write(const LoggedTotals& totals);
-  /// False after a failed write, for example on a full disk. Writes are buffered: a failure may show only in a
-  /// later write, and a failure at the close does not show. Earlier entries remain readable.
+  /// False after a failed write, for example on a full disk. Writes are buffered: a failure may show only in a later
+  /// write or at the close. Earlier entries remain readable.
   [[nodiscard]] bool healthy() const noexcept { return healthy_; }
+  /// Writes the buffered entries. Returns whether the file has all entries. No entry may be written afterwards.
+  [[nodiscard]] bool close();
 
  private:
   void put(const void* data, std::size_t size);

@@ -322,7 +322,7 @@ class IdlSchema::Decoder {
   }
 
   [[noreturn]] static void fail(const std::string& path) {
-    throw SchemaError("sample: found its end in field " + path.substr(path.empty() ? 0 : 1) + ", expected more bytes");
+    throw SchemaError("sample ends inside field " + path.substr(path.empty() ? 0 : 1));
   }
 
   template <class Value>

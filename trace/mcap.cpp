@@ -305,7 +305,8 @@ void McapReader::fail(const std::string& what) const {
   throw McapError(name_.string() + ", at byte " + std::to_string(offset_) + ": " + what);
 }
 
-/// Reads MCAP records up to the next chunk, and the chunk. Returns false at the end of the file.
+/// Reads MCAP records up to the next chunk, and the chunk. A schema, channel or message outside of chunks counts as a
+/// chunk of one record. Returns false at the end of the file.
 bool McapReader::read_chunk() {
   while (!has_ended_) {
     std::array<std::uint8_t, kRecordHead> head{};
@@ -328,6 +329,12 @@ bool McapReader::read_chunk() {
     if (is_truncated_) return false;
     offset_ += head.size() + length;
     has_ended_ = head[0] == kDataEnd;
+    if (head[0] == kSchema || head[0] == kChannel || head[0] == kMessage) {
+      chunk_.assign(head.begin(), head.end());
+      chunk_.insert(chunk_.end(), content.begin(), content.end());
+      in_chunk_ = 0;
+      return true;
+    }
     if (head[0] != kChunk) continue;
     Fields chunk{{content.data(), content.size()}, broken};
     (void)chunk.number<std::uint64_t>();  // first time

@@ -97,8 +97,8 @@ struct McapMessage {
   std::vector<std::uint8_t> bytes;
 };
 
-/// Reads an MCAP file from front to end. The file may be the truncated file of a killed writer. Chunks must not be
-/// compressed. Messages outside of chunks are ignored. One thread at a time.
+/// Reads an MCAP file from front to end. The file may be the truncated file of a killed writer. Messages may be in
+/// chunks, which must not be compressed, or outside of them. One thread at a time.
 class McapReader {
  public:
   /// Throws McapError if the file cannot be read or is no MCAP file.

@@ -20,7 +20,7 @@ rtps::Locator_t locator(const std::string& host, std::uint32_t port) {
   hints.ai_socktype = SOCK_DGRAM;
   addrinfo* found = nullptr;
   if (const int error = getaddrinfo(host.c_str(), nullptr, &hints, &found); error != 0) {
-    throw WireError("'" + host + "' is no IPv4 address and no name of one: " + gai_strerror(error));
+    throw WireError("'" + host + "' does not resolve to an IPv4 address: " + gai_strerror(error));
   }
   const std::unique_ptr<addrinfo, void (*)(addrinfo*)> owner{found, freeaddrinfo};
   char text[INET_ADDRSTRLEN]{};

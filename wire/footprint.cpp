@@ -23,7 +23,7 @@ Footprint read_footprint(const std::filesystem::path& qos) {
       const tinyxml2::XMLElement* const element = at != nullptr ? at->FirstChildElement(name) : nullptr;
       int value = 0;
       if (element == nullptr || element->QueryIntText(&value) != tinyxml2::XML_SUCCESS) {
-        throw WireError(file.string() + ": no <" + name + "> in its transport; expected bytes");
+        throw WireError(file.string() + ": no number of bytes in <" + name + "> of its transport_descriptor");
       }
       bytes = std::max(bytes, value);
     };

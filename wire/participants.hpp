@@ -20,9 +20,10 @@ namespace tactus::wire {
 enum class TrafficClass { kSession = 0, kProbe = 1, kBulk = 2 };  ///< also the offset from the base domain
 inline constexpr int kTrafficClasses = 3;
 
-/// Valid base domains. ROS 2 uses domain 0. The max keeps all ports below the ephemeral ports, which begin at 32768.
+/// Valid base domains. ROS 2 uses domain 0. The max keeps all ports below the ephemeral ports, which begin at 32768:
+/// domain X has the ports from 7400 + 250 X to 7649 + 250 X, and the session also uses the next two domains.
 inline constexpr int kMinDomain = 1;
-inline constexpr int kMaxDomain = 97;
+inline constexpr int kMaxDomain = (32768 - 7650) / 250 - (kTrafficClasses - 1);
 inline constexpr int kDefaultDomain = 20;
 
 /// Default directory of the profiles. For a program in its build tree, this is `qos/` of the source tree. For others,

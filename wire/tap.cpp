@@ -4,6 +4,7 @@
 
 #include "wire/convert.hpp"
 #include "wire/dds.hpp"
+#include "wire/endpoints.hpp"
 #include "wire/idl_text.hpp"
 #include "wire/topics.hpp"
 
@@ -120,11 +121,13 @@ struct Tap::Impl {
       const bool is_group_topic =
           profile == topics::kProbeStateFullRate.profile || profile == topics::kObjectCopy.profile;
       const std::vector<std::string> parts =
-          is_group_topic ? std::vector<std::string>{"/g/*"} : std::vector<std::string>{"", "/u/*", "/h/*"};
+          is_group_topic ? std::vector<std::string>{"/g/*"}
+                         : std::vector<std::string>{"", "/u/*", "/h/*", std::string{"/"} + kLossesPartition};
       std::vector<std::string> partitions;
       for (const std::string& part : parts) partitions.push_back(session + part);
       const std::size_t number = tap_topics.size();
-      tap_topics.push_back({spec.name, topic.get_type_name(), is_group_topic ? "g/*" : ", u/*, h/*"});
+      tap_topics.push_back(
+          {spec.name, topic.get_type_name(), is_group_topic ? "g/*" : std::string{", u/*, h/*, "} + kLossesPartition});
       readers.push_back(std::make_unique<RawReader>(
           in.participant(spec.traffic), topic, partitions, in.reader_qos.at(spec.profile),
           [on_sample, number](std::span<const std::uint8_t> encoded) { on_sample(number, encoded); }));

@@ -19,9 +19,8 @@ struct TapTopic {
   std::string partitions;  ///< partitions that the reader reads, separated by ", "; "" is the session as a whole
 };
 
-/// Reads all topics in the partitions of the session, its users, HRTCs and groups, but not in kLossesPartition. Drops
-/// samples that cannot be decoded. Writers send each best-effort sample to a tap's readers too; for class bulk this
-/// doubles the traffic.
+/// Reads all topics in all partitions of the session. Drops samples that cannot be decoded. Writers send each
+/// best-effort sample to a tap's readers too; for class bulk this doubles the traffic.
 class Tap {
  public:
   /// `topic`: index in topics(). `encoded`: the sample with its encapsulation header, valid during the call. Several

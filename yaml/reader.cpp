@@ -2,10 +2,10 @@
 
 #include <algorithm>
 #include <cerrno>
-#include <cstring>
 #include <fstream>
 #include <set>
 #include <sstream>
+#include <system_error>
 
 namespace tactus::yaml {
 namespace {
@@ -32,10 +32,19 @@ std::string description(const YAML::Node& node) {
   if (!node.IsDefined()) return "nothing";
   if (node.IsScalar()) return "'" + node.Scalar().substr(0, 60) + "'";
   if (node.IsMap()) return "a map";
-  return node.IsSequence() ? "a list" : "nothing";
+  if (node.IsSequence()) return node.size() == 0 ? "an empty list" : "a list";
+  return "nothing";
 }
 
 }  // namespace
+
+std::string file_text(const std::filesystem::path& file) {
+  std::ifstream in{file};
+  std::ostringstream text;
+  if (in.peek() != std::ifstream::traits_type::eof()) text << in.rdbuf();  // sets failbit if it inserts nothing
+  if (!in.is_open() || in.bad() || !text) throw std::system_error{errno, std::generic_category()};
+  return text.str();
+}
 
 Value Value::parse(const std::string& text, const std::string& source) {
   try {
@@ -46,10 +55,11 @@ Value Value::parse(const std::string& text, const std::string& source) {
 }
 
 Value Value::load(const std::filesystem::path& file) {
-  std::ifstream in{file};
-  std::ostringstream text;
-  if (!in || !(text << in.rdbuf())) throw YamlError{file.string() + ": cannot be read: " + std::strerror(errno)};
-  return parse(text.str(), file.string());
+  try {
+    return parse(file_text(file), file.string());
+  } catch (const std::system_error& error) {
+    throw YamlError{file.string() + ": cannot be read: " + error.code().message()};
+  }
 }
 
 void Value::fail_at(YAML::Mark mark, const std::string& what) const {

@@ -21,6 +21,9 @@ class YamlError : public std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
+/// Returns the content of a file. Throws std::system_error if the file cannot be read.
+[[nodiscard]] std::string file_text(const std::filesystem::path& file);
+
 /// A value of a YAML document, with its position for messages.
 class Value {
  public:

@@ -121,7 +121,7 @@ class ClosedLoop {
     if (state_.contact) sample.status |= session::kInContact;
     if (has_fault()) sample.status |= session::kFault;
     states_.emplace_back(now_ns_ + delay_ns_, sample);
-    while (states_.front().first <= now_ns_) {
+    while (!states_.empty() && states_.front().first <= now_ns_) {
       operator_.on_probe_state(states_.front().second);
       states_.pop_front();
     }

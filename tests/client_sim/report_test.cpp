@@ -141,8 +141,9 @@ TEST(Report, TextShowsUsersHrtcsHostsAndEvents) {
   EXPECT_THAT(report, HasSubstr("Session s, scenario demo: 20.0 s"));
   EXPECT_THAT(report, HasSubstr("ann"));
   EXPECT_THAT(report, HasSubstr("cycles 20000 at 999.8 Hz, 0 skipped\n"
-                                "  late cycles: 0 overruns (a timer with 30 us of work: 2), 3 preempted, 1 unknown\n"));
-  EXPECT_THAT(report, HasSubstr("p50 52, p99 61, max 0; a bare timer beside it: p50 41, p99 0, max 1234"));
+                                "  late cycles: 0 overruns, 3 preempted, 1 unknown\n"
+                                "    (overruns of a reference timer with 30 us of work: 2)\n"));
+  EXPECT_THAT(report, HasSubstr("p50 52, p99 61, max 0\n    reference timer without work: p50 41, p99 0, max 1234"));
   EXPECT_THAT(report, HasSubstr("pool 90 of 100 slots"));
   EXPECT_THAT(report, HasSubstr("records received 50000 (5.00 % of 1000000)"));
   EXPECT_THAT(report, HasSubstr("77.5"));
@@ -150,6 +151,24 @@ TEST(Report, TextShowsUsersHrtcsHostsAndEvents) {
   EXPECT_THAT(report, HasSubstr("3.25 s  host vault gone"));
   std::istringstream lines{report};
   for (std::string line; std::getline(lines, line);) EXPECT_LE(line.size(), 100u) << line;
+}
+
+TEST(Report, TextShowsObjectsLiftsAndGrabs) {
+  Report report = example_report();
+  report.users[0].lifts = 1;
+  report.users[0].lifts_lost = 2;
+  report.users[0].grabs = 3;
+  report.users[0].grabs_refused = 4;
+  report.users[0].grabs_lost = 5;
+  report.participants[0].figures[session::figures::kInterventions[3]] = 6;
+  report.participants[0].figures[session::figures::kInterventions[4]] = 7;
+  report.objects.push_back({"crate", {}});
+  const std::string shown = text(report);
+  EXPECT_THAT(shown, HasSubstr("lifts 1, lost during the lift 2\n"));
+  EXPECT_THAT(shown, HasSubstr("grabs 3, refused 4, lost while held 5\n"));
+  EXPECT_THAT(shown, HasSubstr("stale pose 6, surface ramp 7\n"));
+  EXPECT_THAT(shown, HasSubstr("raised mm  held s    final mm    poses  takeovers\n"
+                               "  crate                      0.0    0.00         0.0        0          0\n"));
 }
 
 TEST(Report, TextFitsAHundredColumnsForTheLongestNamesAndEvents) {

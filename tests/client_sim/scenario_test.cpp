@@ -7,6 +7,7 @@
 #include <fstream>
 #include <string>
 
+#include "tests/support/temporary_folder.hpp"
 #include "yaml/reader.hpp"
 
 namespace tactus::client_sim {
@@ -128,6 +129,17 @@ TEST(Scenario, ReadsAGrabAndTheActionsAfterIt) {
   EXPECT_THROW(script("      - grab: {object: crate}\n      - move: {speed: 1}\n"), yaml::YamlError);
 }
 
+TEST(Scenario, RefusesToRepeatAScriptThatEndsWithAHeldObject) {
+  const auto repeating = [](const std::string& script) {
+    return "name: t\nusers:\n  - name: ann\n    repeat: true\n    script: [" + script + "]\n";
+  };
+  const std::string grab_and_move = "{grab: {object: crate}}, {move: {by: [0, 0, 0.1]}}";
+  EXPECT_EQ(error_of(repeating(grab_and_move)),
+            "s.yaml:5:13: users[0].script: the hand holds something at the end: expected release, because the script "
+            "repeats");
+  EXPECT_EQ(error_of(repeating(grab_and_move + ", {release: {}}")), "");
+}
+
 TEST(Scenario, ReadsMeasureAndGroundTruth) {
   const std::string users = "users: [{name: ann, script: [wait: {}]}]\n";
   const Scenario scenario = parse_scenario("name: t\nmeasures: forces\ntruth: analytic\n" + users, "s.yaml");
@@ -186,10 +198,12 @@ TEST(Scenario, RefusesInvalidValues) {
 TEST(Scenario, RefusesMissingAndRepeatedKeys) {
   EXPECT_THAT(error_of(""), HasSubstr("key 'name' is missing"));
   EXPECT_THAT(error_of("name: t\n"), HasSubstr("key 'users' is missing"));
-  EXPECT_THAT(error_of("users: []\nname: t\n"), HasSubstr("users: found a list, expected a list of users"));
+  EXPECT_THAT(error_of("users: []\nname: t\n"), HasSubstr("users: found an empty list, expected a list of users"));
   EXPECT_THAT(error_of("name: t\nusers:\n  - script: []\n"), HasSubstr("users[0]: key 'name' is missing"));
   EXPECT_THAT(error_of("name: t\nname: u\nusers: []\n"), HasSubstr("key 'name' occurs twice"));
-  EXPECT_THAT(error_of(with_action("tap: {}")), HasSubstr("names no object"));
+  EXPECT_THAT(error_of(with_action("retreat: {}")), HasSubstr("key 'object' is missing"));
+  EXPECT_THAT(error_of(with_action("tap: {}")),
+              HasSubstr("users[0].script[0]: key 'object' is missing, and no earlier action has one"));
   EXPECT_THAT(error_of("name: t\nusers:\n  - {name: a, script: [wait: {}]}\n  - {name: a, script: [wait: {}]}\n"),
               HasSubstr("name 'a' occurs twice"));
 }
@@ -212,6 +226,18 @@ TEST(Scenario, IsReadFromAFile) {
   std::ofstream{path} << with_action("wait: {seconds: 3}");
   EXPECT_EQ(load_scenario(path).users[0].script[0].seconds, 3);
   std::remove(path.c_str());
+}
+
+TEST(Scenario, AnEmptyFileLacksItsKeys) {
+  const test_support::TemporaryFolder folder;
+  const std::string path = (folder.path() / "empty.yaml").string();
+  test_support::write_bytes(path, "");
+  try {
+    (void)load_scenario(path);
+    FAIL() << "expected an error";
+  } catch (const std::exception& error) {
+    EXPECT_EQ(error.what(), path + ":1:1: key 'name' is missing");
+  }
 }
 
 TEST(OrdinalOf, ReadsTheNumberAfterAHash) {

@@ -101,7 +101,7 @@ TEST_F(DiscoveryTest, AnInvalidServerOrPeerIsNamed) {
   for (const auto& [option, value, message] :
        {std::array{"--discovery-server", "127.0.0.1:0", "port '0'"},
         std::array{"--discovery-server", "127.0.0.1:x", "port 'x'"},
-        std::array{"--peer", "no.such.host.invalid", "'no.such.host.invalid' is no IPv4 address"}}) {
+        std::array{"--peer", "no.such.host.invalid", "'no.such.host.invalid' does not resolve to an IPv4 address"}}) {
     Process desk{hrtc("desk", {option, value})};
     EXPECT_EQ(desk.wait(), 2);
     EXPECT_THAT(desk.output(), HasSubstr(message));

@@ -93,8 +93,8 @@ class WrongInputTest : public SessionTest {
   [[nodiscard]] std::vector<WrongInput> wrong_session_options(const Strings& valid_arguments) const {
     std::vector<WrongInput> inputs{
         {{"--colour", "red"}, {"--colour"}},
-        {{"--domain", "0"}, {"domain 0", "expected 1 to 97"}},
-        {{"--domain", "98"}, {"domain 98", "expected 1 to 97"}},
+        {{"--domain", "0"}, {"domain 0", "expected 1 to 98"}},
+        {{"--domain", "99"}, {"domain 99", "expected 1 to 98"}},
         {{"--domain", "many"}, {"--domain", "many"}},
         {{"--name", ""}, {"participant name ''", "0 bytes", "expected 1 to 63"}},
         {{"--name", std::string(64, 'x')}, {"64 bytes", "expected 1 to 63"}},
@@ -111,7 +111,6 @@ class WrongInputTest : public SessionTest {
 };
 
 TEST_F(WrongInputTest, IsRefusedByTheHost) {
-  const std::string cache = path("cache");
   expect_refused("host", wrong_session_options({path("good.spm")}));
   expect_refused("host", {
                              {{}, {"no model", "expected"}},

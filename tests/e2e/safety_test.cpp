@@ -132,6 +132,7 @@ class FullPipe {
     read_end_ = open(path.c_str(), O_RDONLY | O_NONBLOCK);
     if (read_end_ < 0) throw std::system_error{errno, std::generic_category(), path};
     capacity_ = fcntl(read_end_, F_SETPIPE_SZ, 4096);
+    if (capacity_ < 0) throw std::system_error{errno, std::generic_category(), path};
   }
   ~FullPipe() { close(read_end_); }
   FullPipe(const FullPipe&) = delete;

@@ -137,7 +137,7 @@ TEST_F(HostConfigTest, RefusesValuesOutOfRange) {
   EXPECT_THAT(error_with("name: ''"), HasSubstr("1 to 63 bytes"));
   EXPECT_THAT(error_with("scale: 1\n    size: 1"), HasSubstr("expected one of them"));
   EXPECT_THAT(error_of("objects:\n  - name: a\n"), HasSubstr("key 'model' is missing"));
-  EXPECT_THAT(error_of("objects: []\n"), HasSubstr("objects: found a list, expected a list of objects"));
+  EXPECT_THAT(error_of("objects: []\n"), HasSubstr("objects: found an empty list, expected a list of objects"));
   EXPECT_THAT(error_of("objects:\n  - model: a.spm\n  - model: b/a.spm\n"), HasSubstr("a second object 'a'"));
 }
 

@@ -3,9 +3,12 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/mman.h>
 #include <sys/syscall.h>
 
 #include <cmath>
+#include <csignal>
+#include <cstdlib>
 #include <set>
 #include <thread>
 
@@ -30,8 +33,7 @@ namespace {
 using spm::Vec3d;
 
 
-/// A simulated hand. From the first cycle, a filter records the system calls of the haptic thread, except the sleep and
-/// the calls that end a thread.
+/// A simulated hand. From the first cycle, a filter records the system calls of the haptic thread, except the sleep.
 class FilteredHand final : public haptics::Device {
  public:
   explicit FilteredHand(const haptics::HandSettings& hand) : hand_{hand} {}
@@ -62,6 +64,21 @@ TEST(SystemCallFilter, RecordsTheCallsThatItDoesNotAllow) {
   const std::map<long, std::uint64_t> tried = test_support::SystemCalls::attempts();  // the thread's end may add calls
   EXPECT_THAT(tried, testing::Contains(testing::Pair(SYS_gettid, 1)));
   EXPECT_THAT(tried, testing::Not(testing::Contains(testing::Key(SYS_clock_nanosleep))));
+}
+
+TEST(SystemCallFilter, RecordsTheCallsOfAFreeThatReturnsMemoryToTheSystem) {
+  constexpr std::size_t kBytes = 64 << 20;  // more than malloc keeps
+  void* const memory = std::malloc(kBytes);
+  test_support::SystemCalls::clear();
+  std::thread{[memory] {
+    test_support::SystemCalls::allow_only(SYS_clock_nanosleep);
+    std::free(memory);
+    (void)madvise(nullptr, 0, MADV_NORMAL);
+    (void)pthread_sigmask(SIG_BLOCK, nullptr, nullptr);
+  }}.join();
+  const std::map<long, std::uint64_t> tried = test_support::SystemCalls::attempts();
+  for (const long call : {SYS_munmap, SYS_madvise, SYS_rt_sigprocmask})
+    EXPECT_THAT(tried, testing::Contains(testing::Key(call)));
 }
 #endif
 
@@ -174,8 +191,9 @@ TEST_F(Threads, TheHapticThreadMakesNoSystemCallWhileTheLoaderLoadsAndEvictsRegi
     drain_rings();
     std::this_thread::yield();
   }
+  const std::map<long, std::uint64_t> tried = test_support::SystemCalls::attempts();  // before the end of the thread
   haptic_.stop();
-  EXPECT_THAT(test_support::SystemCalls::attempts(), testing::IsEmpty());
+  EXPECT_THAT(tried, testing::IsEmpty());
   EXPECT_TRUE(flight_.stop());
   const hrtc_service::FlightReport replayed = hrtc_service::replay_flight(
       flight_options().file, {[&](std::uint64_t) { return &encoded_.compressed(); }, {}, false});

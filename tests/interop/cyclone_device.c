@@ -196,7 +196,7 @@ static void take_clock_answers(struct Client* client) {
     if (round_trip_ns > client->best_round_trip_ns) continue;
     client->best_round_trip_ns = round_trip_ns;
     client->offset_ns = (answer.t1_ns - answer.t0_ns + answer.t2_ns - arrived) / 2;
-    if (!client->has_time) printf("time: known, half round trip %lld us\n", (long long)round_trip_ns / 2000);
+    if (!client->has_time) printf("clock: synchronised, half round trip %lld us\n", (long long)round_trip_ns / 2000);
     client->has_time = true;
   }
 }
@@ -219,7 +219,7 @@ static void take_commands(struct Client* client) {
     client->answered = true;
     const double force_up = command.force[2];
     if (!client->felt && force_up > 0.5)
-      printf("felt: %.2f N upwards, answering pose %u\n", force_up, command.pose_answered);
+      printf("received force: %.2f N upwards, answering pose %u\n", force_up, command.pose_answered);
     client->felt |= force_up > 0.5;
   }
 }
@@ -229,7 +229,7 @@ static void take_states(struct Client* client) {
   while (take(client->states_in, &state)) {
     if (client->seen || state.user_id != client->user || state.force[2] <= 0.5) continue;
     client->seen = true;
-    printf("seen: probe %u at z = %.4f with %.2f N\n", state.probe, state.proxy[2], state.force[2]);
+    printf("probe state: probe %u at z = %.4f with %.2f N\n", state.probe, state.proxy[2], state.force[2]);
   }
 }
 

@@ -31,6 +31,15 @@ Result example_result(double us) {
   return evaluate(timestamps);
 }
 
+std::vector<std::string> plots_of(const std::string& page) {
+  std::vector<std::string> plots;
+  for (std::size_t begin = 0; (begin = page.find("<svg", begin)) != std::string::npos; ++begin)
+    plots.push_back(page.substr(begin, page.find("</svg>", begin) + 6 - begin));
+  return plots;
+}
+
+auto has_finite_coordinates() { return testing::AllOf(Not(HasSubstr("nan")), Not(HasSubstr("inf"))); }
+
 class ReportTest : public testing::Test {
  protected:
   [[nodiscard]] std::string path(const char* name) const { return (folder_.path() / name).string(); }
@@ -51,10 +60,12 @@ TEST_F(ReportTest, TheTableHasALineForEachResultAndShowsEqualNotesOnce) {
 TEST_F(ReportTest, JsonHasTheFiguresAndTheCurve) {
   write_json(path("r.json"), info_, results_);
   const auto json = nlohmann::json::parse(test_support::read_bytes(path("r.json")));
-  ASSERT_EQ(json.at("cells").size(), 2u);
-  const auto& cell = json.at("cells")[0];
+  ASSERT_EQ(json.at("tests").size(), 2u);
+  const auto& cell = json.at("tests")[0];
   EXPECT_EQ(cell.at("half_round_trip").at("p50").get<double>(), results_[0].half_round_trip.p50);
   EXPECT_EQ(cell.at("lost").get<std::uint64_t>(), 17u) << "one of a hundred of 1700 pings";
+  EXPECT_EQ(cell.at("age_of_information").at("p50").get<double>(), results_[0].age_of_information.p50);
+  EXPECT_EQ(cell.at("wake_up_lateness").at("n").get<std::uint64_t>(), results_[0].timer.count);
   EXPECT_EQ(cell.at("curve").size(), json.at("curve_shares").size());
 }
 
@@ -64,15 +75,22 @@ TEST_F(ReportTest, ThePageIsWellFormedAndSelfContained) {
   EXPECT_THAT(page, Not(HasSubstr("<script")));
   EXPECT_THAT(page, Not(HasSubstr("http")));
   EXPECT_THAT(page, HasSubstr("&quot;&lt;P4&gt;&quot;"));
-  int drawings = 0;
-  for (std::size_t begin = 0; (begin = page.find("<svg", begin)) != std::string::npos; ++begin, ++drawings) {
-    const std::string drawing = page.substr(begin, page.find("</svg>", begin) + 6 - begin);
+  const std::vector<std::string> plots = plots_of(page);
+  for (const std::string& plot : plots) {
     tinyxml2::XMLDocument svg;
-    EXPECT_EQ(svg.Parse(drawing.c_str()), tinyxml2::XML_SUCCESS) << svg.ErrorStr();
-    EXPECT_THAT(drawing, Not(HasSubstr("nan")));
-    EXPECT_THAT(drawing, Not(HasSubstr("inf")));
+    EXPECT_EQ(svg.Parse(plot.c_str()), tinyxml2::XML_SUCCESS) << svg.ErrorStr();
+    EXPECT_THAT(plot, has_finite_coordinates());
   }
-  EXPECT_EQ(drawings, 3) << "the distributions, and the times of each of two runs";
+  EXPECT_EQ(plots.size(), 3u) << "the distributions, and the times of each of two runs";
+}
+
+TEST_F(ReportTest, LabelsThePlotOverTimeWithTheTimeAfterTheWarmUp) {
+  write_html(path("r.html"), info_, {example_result(40)});
+  const std::vector<std::string> plots = plots_of(test_support::read_bytes(path("r.html")));
+  ASSERT_EQ(plots.size(), 2u);
+  EXPECT_THAT(plots[1], HasSubstr(">1.7 s</text>")) << "2 s, without the warm-up of 0.3 s";
+  EXPECT_THAT(plots[1], Not(HasSubstr(">2.0 s</text>")));
+  EXPECT_THAT(plots[1], HasSubstr("time after the warm-up"));
 }
 
 TEST_F(ReportTest, WritesAPageForARunWithoutEchoes) {
@@ -80,7 +98,14 @@ TEST_F(ReportTest, WritesAPageForARunWithoutEchoes) {
   timestamps.pings.resize(timestamps.test.ticks());
   timestamps.shares_clock = true;
   write_html(path("r.html"), info_, {evaluate(timestamps)});
-  EXPECT_THAT(test_support::read_bytes(path("r.html")), HasSubstr("100.000"));
+  const std::string page = test_support::read_bytes(path("r.html"));
+  EXPECT_THAT(page, HasSubstr("100.000"));
+  const std::vector<std::string> plots = plots_of(page);
+  EXPECT_EQ(plots.size(), 2u);
+  for (const std::string& plot : plots) {
+    EXPECT_THAT(plot, has_finite_coordinates());
+    EXPECT_THAT(plot, HasSubstr("text-anchor=\"end\">1 us</text>")) << "a label of the vertical axis";
+  }
 }
 
 TEST_F(ReportTest, ThrowsForAFileThatCannotBeWritten) {

@@ -61,14 +61,14 @@ class LatencyRun : public testing::Test {
 
 TEST_F(LatencyRun, MeasuresEveryTransportAndProfile) {
   const auto figures = run({"--transport", "raw-udp,udp,shm,builtin", "--profile", "tactus,plain"});
-  ASSERT_EQ(figures.at("cells").size(), 7u);
-  for (const auto& cell : figures.at("cells")) expect_plausible(cell);
+  ASSERT_EQ(figures.at("tests").size(), 7u);
+  for (const auto& cell : figures.at("tests")) expect_plausible(cell);
 }
 
 TEST_F(LatencyRun, SendsFewerPingsWithDeadbandCoding) {
   const auto figures = run({"--coding", "coded"});
-  ASSERT_EQ(figures.at("cells").size(), 1u);
-  const auto& coded = figures.at("cells")[0];
+  ASSERT_EQ(figures.at("tests").size(), 1u);
+  const auto& coded = figures.at("tests")[0];
   const auto expected = coded.at("expected").get<std::uint64_t>();
   EXPECT_EQ(coded.at("coding").get<std::string>(), "coded");
   EXPECT_LT(expected, 240u * 3 / 4);
@@ -78,16 +78,16 @@ TEST_F(LatencyRun, SendsFewerPingsWithDeadbandCoding) {
 
 TEST_F(LatencyRun, MeasuresSeveralReadersWhileMeshRecordsAreSent) {
   const auto figures = run({"--readers", "3", "--load", "20"});
-  ASSERT_EQ(figures.at("cells").size(), 1u);
-  expect_plausible(figures.at("cells")[0]);
-  EXPECT_GT(figures.at("cells")[0].at("mesh_mbyte_per_s").get<double>(), 0);
+  ASSERT_EQ(figures.at("tests").size(), 1u);
+  expect_plausible(figures.at("tests")[0]);
+  EXPECT_GT(figures.at("tests")[0].at("mesh_mbyte_per_s").get<double>(), 0);
 }
 
 TEST_F(LatencyRun, TunedFastDdsSendsRecordsNoFasterThanItsLimit) {
   const auto figures = run({"--profile", "tuned", "--load", "max"});
-  ASSERT_EQ(figures.at("cells").size(), 1u);
-  expect_plausible(figures.at("cells")[0]);
-  const double mesh = figures.at("cells")[0].at("mesh_mbyte_per_s").get<double>();
+  ASSERT_EQ(figures.at("tests").size(), 1u);
+  expect_plausible(figures.at("tests")[0]);
+  const double mesh = figures.at("tests")[0].at("mesh_mbyte_per_s").get<double>();
   EXPECT_GT(mesh, 0);
   EXPECT_LT(mesh, 12.5) << "MB/s; the flow controller of profile tuned allows 12 kB each ms";
 }
@@ -95,16 +95,16 @@ TEST_F(LatencyRun, TunedFastDdsSendsRecordsNoFasterThanItsLimit) {
 TEST_F(LatencyRun, MeasuresCycloneDdsWithAndWithoutMeshRecords) {
   if (!has_cyclone()) GTEST_SKIP() << "built without Cyclone DDS";
   const auto figures = run({"--transport", "cyclone", "--load", "0,max"});
-  ASSERT_EQ(figures.at("cells").size(), 2u);
-  for (const auto& cell : figures.at("cells")) expect_plausible(cell);
-  EXPECT_EQ(figures.at("cells")[0].at("mesh_mbyte_per_s").get<double>(), 0);
-  EXPECT_GT(figures.at("cells")[1].at("mesh_mbyte_per_s").get<double>(), 0);
+  ASSERT_EQ(figures.at("tests").size(), 2u);
+  for (const auto& cell : figures.at("tests")) expect_plausible(cell);
+  EXPECT_EQ(figures.at("tests")[0].at("mesh_mbyte_per_s").get<double>(), 0);
+  EXPECT_GT(figures.at("tests")[1].at("mesh_mbyte_per_s").get<double>(), 0);
 }
 
 TEST_F(LatencyRun, MeasuresRecordsOfTheRequestedSize) {
   const auto figures = run({"--topic", "records", "--payload", "64,1200"});
-  ASSERT_EQ(figures.at("cells").size(), 2u);
-  for (const auto& cell : figures.at("cells")) {
+  ASSERT_EQ(figures.at("tests").size(), 2u);
+  for (const auto& cell : figures.at("tests")) {
     expect_plausible(cell);
     EXPECT_EQ(cell.at("lost").get<std::uint64_t>(), 0u) << "records are reliable";
   }
@@ -113,8 +113,8 @@ TEST_F(LatencyRun, MeasuresRecordsOfTheRequestedSize) {
 TEST_F(LatencyRun, MeasuresTheDelayAndTheLossOfALink) {
   if (const std::string reason = netem::missing_privilege(); !reason.empty()) GTEST_SKIP() << reason;
   const auto figures = run({"--transport", "raw-udp,udp", "--link", "P0:delay=30:loss=20"});
-  ASSERT_EQ(figures.at("cells").size(), 2u);
-  for (const auto& cell : figures.at("cells")) {
+  ASSERT_EQ(figures.at("tests").size(), 2u);
+  for (const auto& cell : figures.at("tests")) {
     EXPECT_GE(cell.at("half_round_trip").at("p50").get<double>(), 30'000);
     EXPECT_GE(cell.at("age").at("p50").get<double>(), 30'000);
     const auto expected = cell.at("expected").get<double>();
@@ -133,8 +133,8 @@ TEST_F(LatencyRun, ServesSeveralRunsAndEndsOnInterrupt) {
   const std::string port = port_of(server);
   for (int round = 0; round < 2; ++round) {
     const auto figures = run({"--to", "127.0.0.1", "--port", port, "--transport", "raw-udp,udp"});
-    ASSERT_EQ(figures.at("cells").size(), 2u);
-    for (const auto& cell : figures.at("cells")) expect_plausible(cell);
+    ASSERT_EQ(figures.at("tests").size(), 2u);
+    for (const auto& cell : figures.at("tests")) expect_plausible(cell);
   }
   server.signal(SIGINT);
   EXPECT_EQ(server.wait(), 0);
@@ -151,8 +151,8 @@ TEST_F(LatencyRun, TheAgeBetweenTwoClocksIsRightWithinTheClockBound) {
   Process server{namespaced};
   const std::string port = port_of(server);
   const auto figures = run({"--to", "127.0.0.1", "--port", port, "--transport", "raw-udp,udp"});
-  ASSERT_EQ(figures.at("cells").size(), 2u);
-  for (const auto& cell : figures.at("cells")) {
+  ASSERT_EQ(figures.at("tests").size(), 2u);
+  for (const auto& cell : figures.at("tests")) {
     const double bound = cell.at("clock_bound").get<double>();
     EXPECT_GT(bound, 0);
     EXPECT_LT(bound, 1e5) << "us; a loopback is far below it, even on a busy machine";

@@ -159,6 +159,46 @@ TEST(ALink, LosesTheSameFramesForAnyDelayAndTiming) {
     ASSERT_EQ(slow.departure(i * kMs, kFrame).has_value(), fast.departure(i * i, kFrame).has_value()) << i;
 }
 
+TEST(ALink, LosesTheSameFramesWhateverItsQueueDrops) {
+  LinkProfile profile = parse_link("P7").a_to_b;
+  profile.rate_mbit = 0;
+  Link unlimited{profile, kSeed};
+  profile.rate_mbit = 8;  // 1 ms for a frame
+  profile.queue_bytes = 2000;
+  Link limited{profile, kSeed};
+  std::uint64_t dropped = 0;
+  for (int i = 0; i < 10'000; ++i) {
+    const std::int64_t arrival = i * (kMs * 9 / 10);
+    const bool arrives = unlimited.departure(arrival, kFrame).has_value();
+    const bool arrives_limited = limited.departure(arrival, kFrame).has_value();
+    if (limited.counts().dropped == dropped) {
+      ASSERT_EQ(arrives_limited, arrives) << "frame " << i << ", seed " << kSeed;
+    }
+    dropped = limited.counts().dropped;
+  }
+  EXPECT_GT(dropped, 100u);
+}
+
+TEST(ReorderingJitter, OfAFrameDoesNotDependOnTheLossOfEarlierFrames) {
+  LinkProfile profile;
+  profile.delay_ms = 20;
+  profile.jitter_ms = 3;
+  profile.reorder = true;
+  Link lossless{profile, kSeed};
+  profile.loss = 0.5;
+  Link lossy{profile, kSeed};
+  int lost = 0;
+  for (int i = 0; i < 1000; ++i) {
+    const auto expected = lossless.departure(i * kMs, kFrame);
+    const auto departure = lossy.departure(i * kMs, kFrame);
+    if (!departure)
+      ++lost;
+    else
+      ASSERT_EQ(departure, expected) << "frame " << i << ", seed " << kSeed;
+  }
+  EXPECT_GT(lost, 100);
+}
+
 TEST(ALink, DependsOnlyOnSeedAndArrivals) {
   const LinkProfile profile = parse_link("P3").a_to_b;
   Link link{profile, 1}, same{profile, 1}, other{profile, 2};
@@ -318,7 +358,7 @@ TEST(AnInvalidLink, IsRefusedWithTheFoundAndTheExpectedValue) {
   EXPECT_THAT(check_error("P2", [](LinkProfile& direction) { direction.loss = 1.5; }),
               HasSubstr("link P2: loss is 1.5; expected 0 to 1"));
   EXPECT_THAT(check_error("P2", [](LinkProfile& direction) { direction.jitter_ms = 6; }),
-              HasSubstr("jitter, ms, is 6; expected 0 to 5"));
+              HasSubstr("jitter, ms, is 6; expected 0 to 5, the delay"));
   EXPECT_THAT(check_error("P2", [](LinkProfile& direction) { direction.burst_end = 0; }),
               HasSubstr("end of bursts is 0"));
   EXPECT_THAT(check_error("P2", [](LinkProfile& direction) { direction.queue_bytes = 100; }),

@@ -108,7 +108,7 @@ TEST(LinkProgramAnywhere, NamesTheWrongInput) {
     EXPECT_THAT(run.output(), HasSubstr(part));
   };
   refused({"run", "--profile", "P77", "--", "true", "--", "true"}, "no link 'P77'; expected veth, P0");
-  refused({"run", "--", "true"}, "found 1 commands, expected two");
+  refused({"run", "--", "true"}, "found 1 command, expected two");
   refused({"run", "--profile", "P0:jitter=5", "--", "true", "--", "true"}, "jitter, ms, is 5; expected 0 to 0");
   refused({"run", "--profil", "P5", "--", "true", "--", "true"}, "--profil");
   refused({}, "subcommand");

@@ -82,6 +82,29 @@ TEST_F(Mcap, TheReferenceReaderFindsEveryMessageThroughTheIndex) {
   EXPECT_EQ(lines(), expected) << "our reader, seed " << kSeed;
 }
 
+TEST_F(Mcap, ReadsMessagesOutsideOfChunks) {
+  const auto number = [](std::size_t bytes, std::uint64_t value) {
+    std::string encoded;
+    for (std::size_t i = 0; i < bytes; ++i) encoded += static_cast<char>(value >> (8 * i));
+    return encoded;
+  };
+  const auto text = [&](const std::string& value) { return number(4, value.size()) + value; };
+  const auto record = [&](char opcode, const std::string& content) {
+    return opcode + number(8, content.size()) + content;
+  };
+  const std::string magic{"\x89MCAP0\r\n", 8};
+  const std::string schema =
+      record(0x03, number(2, 1) + text("demo::Blob") + text("omgidl") + text("struct Blob { octet x; };"));
+  const std::string channel = record(0x04, number(2, 1) + number(2, 1) + text("a") + text("cdr") + number(4, 0));
+  const auto message = [&](std::uint64_t sequence) {
+    return record(0x05, number(2, 1) + number(4, sequence) + number(8, 70) + number(8, 60) + "\x05");
+  };
+  test_support::write_bytes(file_, magic + record(0x01, text("") + text("test")) + schema + channel + message(3) +
+                                       message(4) + record(0x0F, number(4, 0)) +
+                                       record(0x02, number(8, 0) + number(8, 0) + number(4, 0)) + magic);
+  EXPECT_EQ(lines(), "a 3 70 60 05\na 4 70 60 05\n");
+}
+
 TEST_F(Mcap, ReadsTheMessagesBeforeATruncationAndReportsIt) {
   std::string expected;
   {

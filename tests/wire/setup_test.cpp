@@ -54,11 +54,18 @@ class DamagedQos : public testing::Test {
 };
 
 TEST(Address, WithADomainOutOfRangeIsRefused) {
-  for (const int domain : {-1, 0, 98, 232, 1 << 20}) {
+  for (const int domain : {-1, 0, 99, 232, 1 << 20}) {
     SessionAddress tested = unique_address("domain");
     tested.domain = domain;
-    EXPECT_THAT(join_error(tested), testing::AllOf(HasSubstr(std::to_string(domain)), HasSubstr("expected 1 to 97")));
+    EXPECT_THAT(join_error(tested), testing::AllOf(HasSubstr(std::to_string(domain)), HasSubstr("expected 1 to 98")));
   }
+}
+
+TEST(Address, HasTheLargestDomainWhosePortsAreBelowTheEphemeralPorts) {
+  constexpr int kFirstEphemeralPort = 32768;
+  const auto end_of_ports = [](int domain) { return discovery_port(domain + kTrafficClasses); };
+  EXPECT_LE(end_of_ports(kMaxDomain), kFirstEphemeralPort);
+  EXPECT_GT(end_of_ports(kMaxDomain + 1), kFirstEphemeralPort);
 }
 
 TEST(Address, WithTheFirstOrLastDomainIsAccepted) {
@@ -150,7 +157,14 @@ TEST(Footprint, CoversTheSocketsOfAProgram) {
 
 TEST_F(DamagedQos, WithABrokenTransportHasNoFootprint) {
   replace("bulk.xml", "<receiveBufferSize>", "<unknownElement>");
-  EXPECT_THROW((void)read_footprint(directory_), WireError);
+  replace("bulk.xml", "</receiveBufferSize>", "</unknownElement>");
+  try {
+    (void)read_footprint(directory_);
+    FAIL() << "expected an error";
+  } catch (const WireError& error) {
+    EXPECT_THAT(error.what(),
+                HasSubstr("bulk.xml: no number of bytes in <receiveBufferSize> of its transport_descriptor"));
+  }
 }
 
 TEST(Environment, DoesNotMakeAProgramAClientOfADiscoveryServer) {

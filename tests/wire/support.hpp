@@ -94,7 +94,20 @@ std::optional<Sample> send_until_received(Writer<Sample>& writer, Inbox<Sample>&
   return std::nullopt;
 }
 
-// The fields of a sample, for comparisons. A catalogue entry is compared without its surface points.
+/// Returns the parts of the session in whose partitions samples of a topic travel.
+template <class Sample>
+std::vector<EndpointOptions> partitions_of(const TopicSpec<Sample>& topic) {
+  const std::string profile = topic.profile;
+  const auto is = [&](const auto&... topics) { return ((profile == topics.profile) || ...); };
+  if (is(topics::kBase, topics::kRecords)) return {EndpointOptions{hrtc_partition("desk")}};
+  if (is(topics::kIntent, topics::kDevicePose, topics::kDeviceCommand)) return {EndpointOptions{user_partition("ann")}};
+  if (is(topics::kProbeStateFullRate, topics::kObjectCopy)) return {EndpointOptions{group_partition(7)}};
+  if (is(topics::kMetrics)) return {EndpointOptions{}, EndpointOptions{kLossesPartition}};
+  if (is(topics::kClock)) return {EndpointOptions{}, EndpointOptions{hrtc_partition("desk")}};
+  return {EndpointOptions{}};
+}
+
+// The fields of a sample, for comparisons.
 
 inline auto fields(const ses::Origin& o) { return std::tuple{o.session, o.participant, o.incarnation, o.time_ns}; }
 inline auto fields(const ses::Pose& p) { return std::tuple{p.position, p.orientation}; }
@@ -105,6 +118,7 @@ inline auto fields(const ses::Waypoint& w) { return std::tuple{w.session_time_ns
 inline auto fields(const ses::Wanted& w) { return std::tuple{w.region, w.contact_in_us}; }
 inline auto fields(const ses::Toucher& t) { return std::tuple{t.participant, t.incarnation, t.claim}; }
 inline auto fields(const ses::CopyChannel& l) { return std::tuple{l.wave, l.energy}; }
+inline auto fields(const spm::SurfacePoint& p) { return std::tuple{p.position, p.normal}; }
 inline auto fields(const spm::Interval& r) { return std::tuple{r.first, r.count}; }
 inline auto fields(const ses::StopName& s) { return std::tuple{s.participant, s.incarnation, s.number}; }
 inline auto fields(const ses::StopRecord& s) {
@@ -133,7 +147,8 @@ inline auto fields(const ses::CatalogueEntry& c) {
       std::tuple{s.max_level, s.bounds_min, s.bounds_max, s.grid.origin, s.grid.cell_size, s.metres_per_unit,
                  s.deviation, s.position_step},
       std::tuple{c.material.stiffness, c.material.damping, c.material.static_friction, c.material.dynamic_friction},
-      std::tuple{c.body.mass, c.body.inertia, c.body.friction, c.body.ground});
+      std::tuple{c.body.mass, c.body.inertia, c.body.friction, c.body.ground},
+      std::tuple{fields(c.surface.points), c.surface.spacing});
 }
 inline auto fields(const ses::Demand& d) {
   return std::tuple{fields(d.origin), d.object_id,    d.digest,         d.serving_host, d.epoch,

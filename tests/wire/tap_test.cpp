@@ -3,6 +3,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <cstring>
+
 #include "support.hpp"
 
 namespace tactus::wire::test {
@@ -10,17 +13,26 @@ namespace {
 
 class TapTest : public ::testing::Test {
  protected:
-  /// Sends samples until the tap has received one of this topic, and returns its bytes.
+  /// Sends samples until the tap has received one of them, and returns its bytes.
   template <class Sample>
   std::vector<std::uint8_t> receive(const TopicSpec<Sample>& topic, const EndpointOptions& options = {}) {
-    SCOPED_TRACE(topic.name);
+    SCOPED_TRACE(topic.profile + (" in partition '" + options.partition + "'"));
     Writer<Sample> writer{alpha_, topic, options};
-    const Sample sample = full_sample<Sample>(alpha_);
+    Sample sample = full_sample<Sample>(alpha_);
+    std::vector<std::uint8_t> mark;  // bytes that no earlier sample of the topic has
+    if constexpr (requires { sample.origin; }) {
+      sample.origin.time_ns = 0x1122334455660000 + ++samples_;
+      mark.resize(sizeof sample.origin.time_ns);
+      std::memcpy(mark.data(), &sample.origin.time_ns, mark.size());
+    }
     const auto end = std::chrono::steady_clock::now() + kWatchdog;
     for (std::optional<Received> received; std::chrono::steady_clock::now() < end;) {
       EXPECT_EQ(writer.send(sample), SendStatus::kSent) << writer.invalid_reason();
       while ((received = inbox_.next(10ms)))
-        if (tap_.topics()[received->topic].name == topic.name) return received->bytes;
+        if (tap_.topics()[received->topic].name == topic.name &&
+            std::search(received->bytes.begin(), received->bytes.end(), mark.begin(), mark.end()) !=
+                received->bytes.end())
+          return received->bytes;
     }
     ADD_FAILURE() << "no sample of " << topic.name;
     return {};
@@ -32,6 +44,7 @@ class TapTest : public ::testing::Test {
   };
   Participants alpha_{address(unique_session("tap"), "alpha")};
   Participants beta_{address(alpha_.address().session, "beta")};
+  std::int64_t samples_ = 0;
   Inbox<Received> inbox_;
   Tap tap_{beta_, true, [this](std::size_t topic, std::span<const std::uint8_t> bytes) {
              inbox_.callback()(Received{topic, {bytes.begin(), bytes.end()}});
@@ -39,32 +52,14 @@ class TapTest : public ::testing::Test {
 };
 
 TEST_F(TapTest, ReceivesEveryTopicInEveryPartition) {
-  const std::string name = alpha_.address().participant;
-  for (const std::vector<std::uint8_t>& bytes : {receive(topics::kRoster),
-                                                 receive(topics::kCatalogue),
-                                                 receive(topics::kDemand),
-                                                 receive(topics::kMetrics),
-                                                 receive(topics::kControl),
-                                                 receive(topics::kReset),
-                                                 receive(topics::kEnd),
-                                                 receive(topics::kStop),
-                                                 receive(topics::kBase, {hrtc_partition("desk")}),
-                                                 receive(topics::kRecords, {hrtc_partition("desk")}),
-                                                 receive(topics::kProbeState),
-                                                 receive(topics::kProbeStateFullRate, {group_partition(7)}),
-                                                 receive(topics::kDevicePose, {user_partition("ann")}),
-                                                 receive(topics::kDeviceCommand, {user_partition("ann")}),
-                                                 receive(topics::kIntent, {user_partition("ann")}),
-                                                 receive(topics::kObjectPose),
-                                                 receive(topics::kObjectClaim),
-                                                 receive(topics::kObjectGrant),
-                                                 receive(topics::kObjectCopy, {group_partition(7)}),
-                                                 receive(topics::kClock),
-                                                 receive(topics::kClock, {hrtc_partition("desk")})}) {
-    ASSERT_GT(bytes.size(), 4u);
-    EXPECT_THAT(std::vector<std::uint8_t>(bytes.begin(), bytes.begin() + 4), testing::ElementsAre(0, 1, 0, 0))
-        << "CDR, little-endian";
-  }
+  topics::for_each([&](const auto& topic) {
+    for (const EndpointOptions& options : partitions_of(topic)) {
+      const std::vector<std::uint8_t> bytes = receive(topic, options);
+      ASSERT_GT(bytes.size(), 4u);
+      EXPECT_THAT(std::vector<std::uint8_t>(bytes.begin(), bytes.begin() + 4), testing::ElementsAre(0, 1, 0, 0))
+          << "CDR, little-endian";
+    }
+  });
 }
 
 TEST_F(TapTest, ReportsATypeOfTheIdlForEachTopic) {

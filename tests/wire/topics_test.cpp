@@ -19,7 +19,7 @@ class TwoPrograms : public testing::Test {
 
   template <class Sample>
   void expect_round_trip(const TopicSpec<Sample>& topic, const EndpointOptions& options = {}) {
-    SCOPED_TRACE(topic.name);
+    SCOPED_TRACE(topic.profile + (" in partition '" + options.partition + "'"));
     Inbox<Sample> inbox;
     Reader<Sample> reader{beta_, topic, inbox.callback(), options};
     Writer<Sample> writer{alpha_, topic, options};
@@ -51,25 +51,9 @@ class TwoPrograms : public testing::Test {
 };
 
 TEST_F(TwoPrograms, EveryFieldOfEveryTopicArrives) {
-  expect_round_trip(topics::kRoster);
-  expect_round_trip(topics::kCatalogue);
-  expect_round_trip(topics::kDemand);
-  expect_round_trip(topics::kMetrics);
-  expect_round_trip(topics::kControl);
-  expect_round_trip(topics::kReset);
-  expect_round_trip(topics::kEnd);
-  expect_round_trip(topics::kStop);
-  expect_round_trip(topics::kBase, {hrtc_partition("beta")});
-  expect_round_trip(topics::kRecords, {hrtc_partition("beta")});
-  expect_round_trip(topics::kProbeState);
-  expect_round_trip(topics::kDevicePose, {user_partition("alice")});
-  expect_round_trip(topics::kDeviceCommand, {user_partition("alice")});
-  expect_round_trip(topics::kIntent, {user_partition("alice")});
-  expect_round_trip(topics::kObjectPose);
-  expect_round_trip(topics::kObjectClaim);
-  expect_round_trip(topics::kObjectGrant);
-  expect_round_trip(topics::kObjectCopy);
-  expect_round_trip(topics::kClock);
+  topics::for_each([&](const auto& topic) {
+    for (const EndpointOptions& options : partitions_of(topic)) expect_round_trip(topic, options);
+  });
 }
 
 TEST_F(TwoPrograms, ALateJoinerReceivesTransientLocalTopics) {

@@ -220,7 +220,7 @@ void judge_software(const Facts& facts, Findings& findings) {
         "vulnerabilities",
         "Fast DDS 2.9.1 of Debian 12 has published vulnerabilities that a single packet can exploit (CVE-2024-28231, "
         "CVE-2025-64438 and about 30 more)",
-        "use it in trusted networks only; let the firewall pass UDP 7400 to 32000 from known machines only");
+        "use it in trusted networks only; let the firewall pass UDP 7400 to 32767 from known machines only");
   }
   if (facts.stale_segments.empty()) {
     findings.good("shared memory", "no segments of ended programs in /dev/shm");

@@ -2,13 +2,12 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <signal.h>
-#include <sys/resource.h>
 
 #include "spm/offline/build.hpp"
 #include "spm/offline/generate.hpp"
 #include "spm/offline/model_file.hpp"
 #include "spm/offline/write_mesh.hpp"
+#include "tests/support/file_size_limit.hpp"
 #include "tests/support/temporary_folder.hpp"
 
 namespace tactus::spm::offline {
@@ -19,24 +18,6 @@ using test_support::write_bytes;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
-
-/// Simulates a full disk: during its lifetime, no file of this process can become larger than `bytes`.
-class FileSizeLimit {
- public:
-  explicit FileSizeLimit(rlim_t bytes) : handler_{::signal(SIGXFSZ, SIG_IGN)} {
-    ::getrlimit(RLIMIT_FSIZE, &before_);
-    const rlimit limit{bytes, before_.rlim_max};
-    ::setrlimit(RLIMIT_FSIZE, &limit);
-  }
-  ~FileSizeLimit() {
-    ::setrlimit(RLIMIT_FSIZE, &before_);
-    ::signal(SIGXFSZ, handler_);
-  }
-
- private:
-  rlimit before_{};
-  sighandler_t handler_;
-};
 
 class PendingFileTest : public ::testing::Test {
  protected:
@@ -49,7 +30,7 @@ class PendingFileTest : public ::testing::Test {
   /// Calls `write` with a file size limit of 1000 bytes. Returns its error message, or an empty string if it succeeds.
   template <class Write>
   static std::string error_of(Write write) {
-    const FileSizeLimit limit{1000};
+    const test_support::FileSizeLimit limit{1000};
     try {
       write();
     } catch (const ModelError& error) {
