@@ -3,10 +3,11 @@
 #include <algorithm>
 #include <cmath>
 
+#include "session/units.hpp"
+
 namespace tactus::bench {
 namespace {
 
-constexpr std::int64_t kMs = 1'000'000;
 constexpr std::int64_t kAdaptationNs = 1000 * kMs;
 
 using Vec = std::array<double, 3>;

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include "hrtc_service/hrtc_core.hpp"
+#include "tests/support/constants.hpp"
 
 namespace tactus::hrtc_service {
 namespace {
@@ -11,8 +12,7 @@ namespace {
 using testing::ElementsAre;
 using testing::IsEmpty;
 
-constexpr std::uint64_t kSession = 30, kHrtc = 20, kClient = 40;
-constexpr std::int64_t kMs = 1'000'000;
+constexpr std::uint64_t kClient = 40;
 
 /// Gives an HRTC the roster entries of programs that are all named "client".
 class MembershipOfClients : public ::testing::Test {

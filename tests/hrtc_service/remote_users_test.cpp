@@ -2,10 +2,11 @@
 
 #include <gtest/gtest.h>
 
+#include "tests/support/constants.hpp"
+
 namespace tactus::hrtc_service {
 namespace {
 
-constexpr std::int64_t kMs = 1'000'000;
 
 TEST(RemoteUsers, ReturnsALossReportUntilItExpires) {
   RemoteUsers users{0x11};

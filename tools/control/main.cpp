@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "session/stop_latch.hpp"
+#include "session/units.hpp"
 #include "wire/command_line.hpp"
 #include "wire/endpoints.hpp"
 #include "wire/inbox.hpp"
@@ -31,7 +32,6 @@ reset ends the stops that are in force when it begins. It does not end later sto
 Exit status: 0 acknowledged by all hosts and HRTCs, at least one of them an HRTC (mode and end: received by all),
 1 not acknowledged by all, or another stop is still in force, 2 wrong input, 130 interrupted.)";
 
-constexpr std::int64_t kMs = 1'000'000;
 /// Period at which a stop or a reset is repeated.
 constexpr milliseconds kRepeatPeriod{20};
 /// Time from the discovery of the first host or HRTC until all are assumed discovered, because discovery reports no
