@@ -101,7 +101,8 @@ DeviceState PluginDevice::read(std::int64_t now_ns) noexcept {
     state_.velocity = {pose.velocity[0], pose.velocity[1], pose.velocity[2]};
   else if (has_pose_ && passed > 0)
     state_.velocity += ((position - state_.position) / passed - state_.velocity) * (1 - std::exp(-passed / kSmoothing));
-  has_pose_ = true;
+  has_pose_ = position.allFinite() && state_.velocity.allFinite();
+  if (!has_pose_ && !has_velocity_) state_.velocity.setZero();  // the filter starts anew with the next position
   state_.position = position;
   state_.orientation = {pose.orientation[3], pose.orientation[0], pose.orientation[1], pose.orientation[2]};
   state_.time_ns = pose.time_ns;

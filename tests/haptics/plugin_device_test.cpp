@@ -97,5 +97,13 @@ TEST(PluginDevice, ForwardsAPositionThatIsNotANumber) {  // the force renderer l
   EXPECT_FALSE(device.read(4 * kMs).position.allFinite());
 }
 
+TEST(PluginDevice, DerivesVelocitiesAgainAfterAPositionThatIsNotANumber) {  // otherwise the fault returns after a reset
+  PluginDevice device{NOT_A_NUMBER, ""};
+  for (int ms = 1; ms <= 4; ++ms) (void)device.read(ms * kMs);
+  EXPECT_EQ(device.read(5 * kMs).velocity, Vec3d(Vec3d::Zero())) << "the filter starts anew";
+  for (int ms = 6; ms <= 7; ++ms) EXPECT_TRUE(device.read(ms * kMs).velocity.allFinite());
+  EXPECT_NEAR(device.read(8 * kMs).velocity.x(), 1 - std::exp(-3 / 5.0), 1e-9);
+}
+
 }  // namespace
 }  // namespace tactus::haptics
