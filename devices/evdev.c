@@ -121,7 +121,7 @@ static struct tactus_device* open_input(const char* config, char* error, size_t 
   struct tactus_device* device = calloc(1, sizeof *device);
   if (device == NULL) {
     close(fd);
-    snprintf(error, error_size, "no memory");
+    snprintf(error, error_size, "out of memory");
     return NULL;
   }
   device->fd = fd;

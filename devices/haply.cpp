@@ -194,7 +194,7 @@ class Service {
 
   void read() {
     socket_.async_read(buffer_, [this](Error error, std::size_t) {
-      if (error) return fail(error == beast::error::timeout ? "silent for a second" : error.message());
+      if (error) return fail(error == beast::error::timeout ? "the service sent nothing for 1 s" : error.message());
       const std::int64_t time_ns = now_ns();
       const Json message =
           Json::parse(static_cast<const char*>(buffer_.data().data()),
@@ -248,7 +248,7 @@ class Service {
       poses_.post(pose);
       return true;
     }
-    fail("the device is gone");
+    fail("the service no longer lists the device");
     return true;
   }
 
@@ -313,8 +313,8 @@ struct tactus_device {
 
 namespace {
 
-/// Returns the endpoints of HOST:PORT; none if it is malformed. HOST is localhost or an IP address, because a look-up of
-/// a name can block longer than kConnectTimeout.
+/// Returns the endpoints of HOST:PORT; none if it is malformed. HOST is localhost or an IP address, because the look-up
+/// of a name can block longer than kConnectTimeout.
 std::vector<asio::ip::tcp::endpoint> endpoints_of(const std::string& address) {
   const std::size_t colon = address.rfind(':');
   if (colon == std::string::npos) return {};

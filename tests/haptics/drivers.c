@@ -76,7 +76,11 @@ const struct tactus_device_driver* tactus_device_entry(void) {
     write_device,
     write_wrench
   };
+#ifdef DRIVER_NO_DRIVER
+  return NULL;
+#else
   return &driver;
+#endif
 }
 #endif
 

@@ -43,8 +43,9 @@ TEST(PluginDevice, TheExampleDeviceSinksUntilTheForceCarriesItsWeight) {
 TEST(PluginDevice, AnOpenErrorStatesTheFoundAndTheExpectedValue) {
   EXPECT_THAT(open_error("/nowhere/driver.so", ""), HasSubstr("/nowhere/driver.so: cannot open shared object file"));
   EXPECT_THAT(open_error(NO_ENTRY, ""), HasSubstr("found no function tactus_device_entry"));
+  EXPECT_THAT(open_error(NO_DRIVER, ""), HasSubstr("tactus_device_entry returned NULL"));
   EXPECT_THAT(open_error(NEW_ABI, ""), HasSubstr("found ABI 3, expected 1 to 2"));
-  EXPECT_THAT(open_error(NO_READ, ""), HasSubstr("expected open, close, spec, read and write"));
+  EXPECT_THAT(open_error(NO_READ, ""), HasSubstr("found no function read"));
   EXPECT_THAT(open_error(BAD_SPEC, ""), HasSubstr("max_force: found -1.000000, expected a number above 0"));
   EXPECT_EQ(open_error(FAILS, "!x"), "device test, config '!x': found '!x', expected no exclamation mark");
   EXPECT_EQ(open_error(WEIGHT, "high"),
