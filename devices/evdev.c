@@ -11,7 +11,8 @@
  *   grab           right button                       east button
  *
  * The tip stays in a cube with edges of 0.4 m. Neither device exerts a force, so the driver reports a low stiffness.
- * The rumble of a gamepad is proportional to the norm of the force. The device has failed when it is unplugged. The
+ * The rumble of a gamepad is proportional to the norm of the force. The device has failed when it is unplugged. If the
+ * kernel drops events, the driver reads the state of buttons and sticks; only the motion of a mouse is lost. The
  * driver needs neither an SDK nor a desktop. The user must be a member of the group `input`, which may read /dev/input.
  */
 #include <errno.h>
@@ -49,6 +50,7 @@ struct tactus_device {
   double target[kAxes], position[kAxes]; /* m; the tip moves to the target at kMaxTipSpeed */
   struct axis sticks[kAxes];
   uint32_t buttons;
+  int has_dropped;              /* the kernel has dropped events, and the packet with the gap has not ended yet */
   double rumble, target_rumble; /* shares of full rumble: last sent, and of the newest force */
   int64_t time_ns, rumbled_ns;
 };
@@ -72,6 +74,36 @@ static void find_rumble(struct tactus_device* device) {
       ioctl(device->fd, EVIOCGBIT(EV_FF, sizeof bits), bits) >= 0 && (bits[FF_RUMBLE / 8] >> (FF_RUMBLE % 8) & 1) != 0;
 }
 
+static void set_button(struct tactus_device* device, uint32_t button, int down) {
+  device->buttons = down ? device->buttons | button : device->buttons & ~button;
+}
+
+static void set_stick(struct axis* stick, int axis, int raw) {
+  const double value = (raw - stick->middle) / stick->half_range;
+  const double clipped = value > 1 ? 1 : value < -1 ? -1 : value;
+  const double beyond = fabs(clipped) < kDeadZone ? 0 : (fabs(clipped) - kDeadZone) / (1 - kDeadZone);
+  stick->value = copysign(beyond, axis == 0 ? clipped : -clipped); /* for sticks, up is negative */
+}
+
+static unsigned clutch_code(const struct tactus_device* device) { return device->is_mouse ? BTN_LEFT : BTN_SOUTH; }
+static unsigned grab_code(const struct tactus_device* device) { return device->is_mouse ? BTN_RIGHT : BTN_EAST; }
+
+/* Reads which buttons are pressed and how far the sticks are deflected, because events report only changes. If the
+ * device does not answer, its buttons count as released and its sticks as centred. */
+static void read_state(struct tactus_device* device) {
+  unsigned char keys[KEY_MAX / 8 + 1] = {0};
+  if (ioctl(device->fd, EVIOCGKEY(sizeof keys), keys) < 0) memset(keys, 0, sizeof keys);
+  set_button(device, 1u, keys[clutch_code(device) / 8] >> (clutch_code(device) % 8) & 1);
+  set_button(device, 2u, keys[grab_code(device) / 8] >> (grab_code(device) % 8) & 1);
+  for (int i = 0; i < kAxes && !device->is_mouse; ++i) {
+    struct input_absinfo info;
+    if (ioctl(device->fd, EVIOCGABS(kStickCodes[i]), &info) < 0)
+      device->sticks[i].value = 0;
+    else
+      set_stick(&device->sticks[i], i, info.value);
+  }
+}
+
 static struct tactus_device* open_input(const char* config, char* error, size_t error_size) {
   const int is_mouse = strncmp(config, "mouse:", 6) == 0;
   const int is_gamepad = strncmp(config, "gamepad:", 8) == 0;
@@ -89,7 +121,7 @@ static struct tactus_device* open_input(const char* config, char* error, size_t 
   struct tactus_device* device = calloc(1, sizeof *device);
   if (device == NULL) {
     close(fd);
-    snprintf(error, error_size, "no memory");
+    snprintf(error, error_size, "out of memory");
     return NULL;
   }
   device->fd = fd;
@@ -97,6 +129,7 @@ static struct tactus_device* open_input(const char* config, char* error, size_t 
   device->effect = -1;
   if (is_gamepad) find_axes(device);
   if (is_gamepad) find_rumble(device);
+  read_state(device);
   return device;
 }
 
@@ -114,29 +147,24 @@ static void spec_of_input(struct tactus_device* device, struct tactus_device_spe
   spec->workspace_radius = kHalfEdge;
 }
 
-static void set_button(struct tactus_device* device, uint32_t button, int down) {
-  device->buttons = down ? device->buttons | button : device->buttons & ~button;
-}
-
 static void take(struct tactus_device* device, const struct input_event* event) {
-  if (event->type == EV_KEY && event->code == (device->is_mouse ? BTN_LEFT : BTN_SOUTH))
-    set_button(device, 1u, event->value); /* the clutch */
-  if (event->type == EV_KEY && event->code == (device->is_mouse ? BTN_RIGHT : BTN_EAST))
-    set_button(device, 2u, event->value); /* the grab */
+  if (event->type == EV_SYN && event->code == SYN_DROPPED) device->has_dropped = 1;
+  if (device->has_dropped) { /* the rest of the packet is incomplete */
+    if (event->type != EV_SYN || event->code != SYN_REPORT) return;
+    device->has_dropped = 0;
+    read_state(device);
+    return;
+  }
+  if (event->type == EV_KEY && event->code == clutch_code(device)) set_button(device, 1u, event->value);
+  if (event->type == EV_KEY && event->code == grab_code(device)) set_button(device, 2u, event->value);
   if (device->is_mouse && event->type == EV_REL) {
     if (event->code == REL_X) device->target[0] += kCountLength * event->value;
     if (event->code == REL_Y) device->target[1] -= kCountLength * event->value; /* screens count downwards */
     if (event->code == REL_WHEEL) device->target[2] += kNotchLength * event->value;
   }
   if (device->is_mouse || event->type != EV_ABS) return;
-  for (int i = 0; i < kAxes; ++i) {
-    struct axis* const stick = &device->sticks[i];
-    if (event->code != kStickCodes[i]) continue;
-    const double value = (event->value - stick->middle) / stick->half_range;
-    const double clipped = value > 1 ? 1 : value < -1 ? -1 : value;
-    const double beyond = fabs(clipped) < kDeadZone ? 0 : (fabs(clipped) - kDeadZone) / (1 - kDeadZone);
-    stick->value = copysign(beyond, i == 0 ? clipped : -clipped); /* for sticks, up is negative */
-  }
+  for (int i = 0; i < kAxes; ++i)
+    if (event->code == kStickCodes[i]) set_stick(&device->sticks[i], i, event->value);
 }
 
 static int read_input(struct tactus_device* device, int64_t now_ns, struct tactus_device_pose* pose) {

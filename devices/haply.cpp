@@ -26,6 +26,7 @@
 #include <boost/asio/steady_timer.hpp>
 #include <boost/beast/core.hpp>
 #include <boost/beast/websocket.hpp>
+#include <charconv>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
@@ -34,6 +35,7 @@
 #include <nlohmann/json.hpp>
 #include <string>
 #include <thread>
+#include <vector>
 
 #include "haptics/device_plugin.h"
 
@@ -118,8 +120,8 @@ class Service {
  public:
   /// Called by another thread. Waits for the list of devices. Throws std::runtime_error, which names the value found
   /// and the value expected.
-  Service(std::string host, std::string port, std::string wanted)
-      : host_{std::move(host)}, port_{std::move(port)}, id_{std::move(wanted)} {
+  Service(std::vector<asio::ip::tcp::endpoint> endpoints, std::string address, std::string wanted)
+      : endpoints_{std::move(endpoints)}, address_{std::move(address)}, id_{std::move(wanted)} {
     std::future<std::string> ready = ready_.get_future();
     std::future<void> ended = ended_.get_future();
     thread_ = std::thread{[this] {
@@ -133,7 +135,7 @@ class Service {
                                     : "it sent no list of devices within 3 s";
     if (problem.empty()) return;
     stop();
-    throw std::runtime_error("Haply Inverse Service at " + host_ + ":" + port_ + ": " + problem);
+    throw std::runtime_error("Haply Inverse Service at " + address_ + ": " + problem);
   }
   ~Service() { stop(); }
   Service(const Service&) = delete;
@@ -156,8 +158,7 @@ class Service {
   void fail(const std::string& why) {
     if (!has_device_) return report(why);
     if (!failed_.exchange(true, std::memory_order_acq_rel) && !closing_)
-      std::fprintf(stderr, "tactus-haply: %s:%s, device %s: %s\n", host_.c_str(), port_.c_str(), id_.c_str(),
-                   why.c_str());
+      std::fprintf(stderr, "tactus-haply: %s, device %s: %s\n", address_.c_str(), id_.c_str(), why.c_str());
     end();
   }
   /// Passes the result to the constructor. Empty `problem`: the device was found. Ignores all calls after the first.
@@ -173,12 +174,8 @@ class Service {
   }
 
   void connect() {
-    Error error;
-    asio::ip::tcp::resolver resolver{context_};
-    const auto endpoints = resolver.resolve(host_, port_, error);
-    if (error) return report(error.message() + "; is the service running?");
     beast::get_lowest_layer(socket_).expires_after(kConnectTimeout);
-    beast::get_lowest_layer(socket_).async_connect(endpoints, [this](Error failed, const auto&) {
+    beast::get_lowest_layer(socket_).async_connect(endpoints_, [this](Error failed, const auto&) {
       if (failed) return report(failed.message() + "; is the service running?");
       beast::get_lowest_layer(socket_).socket().set_option(asio::ip::tcp::no_delay{true}, failed);
       beast::get_lowest_layer(socket_).expires_never();
@@ -188,7 +185,7 @@ class Service {
       limits.keep_alive_pings = false;
       socket_.set_option(limits);
       socket_.read_message_max(kMaxBytes);
-      socket_.async_handshake(host_ + ":" + port_, "/", [this](Error refused) {
+      socket_.async_handshake(address_, "/", [this](Error refused) {
         if (refused) return report("no WebSocket: " + refused.message());
         read();
       });
@@ -197,7 +194,7 @@ class Service {
 
   void read() {
     socket_.async_read(buffer_, [this](Error error, std::size_t) {
-      if (error) return fail(error == beast::error::timeout ? "silent for a second" : error.message());
+      if (error) return fail(error == beast::error::timeout ? "the service sent nothing for 1 s" : error.message());
       const std::int64_t time_ns = now_ns();
       const Json message =
           Json::parse(static_cast<const char*>(buffer_.data().data()),
@@ -251,7 +248,7 @@ class Service {
       poses_.post(pose);
       return true;
     }
-    fail("the device is gone");
+    fail("the service no longer lists the device");
     return true;
   }
 
@@ -288,7 +285,8 @@ class Service {
     });
   }
 
-  std::string host_, port_, id_;
+  std::vector<asio::ip::tcp::endpoint> endpoints_;
+  std::string address_, id_;
   asio::io_context context_{1};
   websocket::stream<beast::tcp_stream> socket_{context_};
   asio::steady_timer timer_{context_};
@@ -315,6 +313,24 @@ struct tactus_device {
 
 namespace {
 
+/// Returns the endpoints of HOST:PORT; none if it is malformed. HOST is localhost or an IP address, because the look-up
+/// of a name can block longer than kConnectTimeout.
+std::vector<asio::ip::tcp::endpoint> endpoints_of(const std::string& address) {
+  const std::size_t colon = address.rfind(':');
+  if (colon == std::string::npos) return {};
+  const char* const end = address.data() + address.size();
+  std::uint16_t port = 0;
+  if (const auto [at, error] = std::from_chars(address.data() + colon + 1, end, port);
+      error != std::errc{} || at != end || port == 0)
+    return {};
+  const std::string host = address.substr(0, colon);
+  if (host == "localhost") return {{asio::ip::address_v4::loopback(), port}, {asio::ip::address_v6::loopback(), port}};
+  Error error;
+  const asio::ip::address ip = asio::ip::make_address(host, error);
+  if (error) return {};
+  return {{ip, port}};
+}
+
 /// `config`: HOST:PORT/DEVICE, HOST:PORT or empty.
 tactus_device* open_haply(const char* config, char* error, std::size_t error_size) {
   std::string address = config, id;
@@ -323,14 +339,15 @@ tactus_device* open_haply(const char* config, char* error, std::size_t error_siz
     address.resize(slash);
   }
   if (address.empty()) address = "localhost:10001";
-  const std::size_t colon = address.rfind(':');
-  if (colon == std::string::npos || colon == 0 || colon + 1 == address.size()) {
-    std::snprintf(error, error_size, "found '%s', expected HOST:PORT or HOST:PORT/DEVICE", config);
+  const std::vector<asio::ip::tcp::endpoint> endpoints = endpoints_of(address);
+  if (endpoints.empty()) {
+    std::snprintf(error, error_size,
+                  "found '%s', expected HOST:PORT or HOST:PORT/DEVICE, HOST localhost or an IP address", config);
     return nullptr;
   }
   try {
     auto device = std::make_unique<tactus_device>();
-    device->service = std::make_unique<Service>(address.substr(0, colon), address.substr(colon + 1), id);
+    device->service = std::make_unique<Service>(endpoints, address, id);
     return device.release();
   } catch (const std::exception& failure) {
     std::snprintf(error, error_size, "%s", failure.what());

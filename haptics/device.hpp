@@ -81,14 +81,17 @@ class DeviceFrame {
       : rotation_{rotation.normalized()}, translation_{translation}, scale_{scale} {}
 
   /// Returns the device's state in the world; call it once per cycle. After the clutch is released, the tip continues
-  /// from its last position.
+  /// from its last finite position.
   [[nodiscard]] DeviceState to_world(const DeviceState& device, bool clutched) noexcept {
     DeviceState world = device;
     const Vec3d moved = rotation_ * (scale_ * device.position);
-    if (clutched && started_) translation_ = tip_ - moved;
-    started_ = true;
     clutched_ = clutched;
-    world.position = tip_ = moved + translation_;
+    if (moved.allFinite()) {
+      if (clutched && started_) translation_ = tip_ - moved;
+      started_ = true;
+      tip_ = moved + translation_;
+    }
+    world.position = moved + translation_;
     world.velocity = clutched ? Vec3d::Zero() : Vec3d(rotation_ * (scale_ * device.velocity));
     world.orientation = rotation_ * device.orientation;
     return world;

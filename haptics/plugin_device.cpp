@@ -4,6 +4,7 @@
 
 #include <array>
 #include <cmath>
+#include <utility>
 
 #include "haptics/device_plugin.h"
 
@@ -22,13 +23,17 @@ const tactus_device_driver& driver_in(void* handle, const std::string& library) 
   const auto entry = reinterpret_cast<Entry>(dlsym(handle, "tactus_device_entry"));
   if (entry == nullptr) throw DeviceError("device driver " + library + ": found no function tactus_device_entry");
   const tactus_device_driver* const driver = entry();
-  if (driver == nullptr) throw DeviceError("device driver " + library + ": tactus_device_entry gives none");
+  if (driver == nullptr) throw DeviceError("device driver " + library + ": tactus_device_entry returned NULL");
   if (driver->abi < 1 || driver->abi > TACTUS_DEVICE_ABI)
     throw DeviceError("device driver " + library + ": found ABI " + std::to_string(driver->abi) + ", expected 1 to " +
                       std::to_string(TACTUS_DEVICE_ABI));
-  if (driver->open == nullptr || driver->close == nullptr || driver->spec == nullptr || driver->read == nullptr ||
-      driver->write == nullptr)
-    throw DeviceError("device driver " + library + ": expected open, close, spec, read and write, found one missing");
+  const std::pair<const char*, bool> functions[] = {{"open", driver->open != nullptr},
+                                                    {"close", driver->close != nullptr},
+                                                    {"spec", driver->spec != nullptr},
+                                                    {"read", driver->read != nullptr},
+                                                    {"write", driver->write != nullptr}};
+  for (const auto& [name, is_found] : functions)
+    if (!is_found) throw DeviceError("device driver " + library + ": found no function " + name);
   return *driver;
 }
 
@@ -101,7 +106,8 @@ DeviceState PluginDevice::read(std::int64_t now_ns) noexcept {
     state_.velocity = {pose.velocity[0], pose.velocity[1], pose.velocity[2]};
   else if (has_pose_ && passed > 0)
     state_.velocity += ((position - state_.position) / passed - state_.velocity) * (1 - std::exp(-passed / kSmoothing));
-  has_pose_ = true;
+  has_pose_ = position.allFinite() && state_.velocity.allFinite();
+  if (!has_pose_ && !has_velocity_) state_.velocity.setZero();  // the filter starts anew with the next position
   state_.position = position;
   state_.orientation = {pose.orientation[3], pose.orientation[0], pose.orientation[1], pose.orientation[2]};
   state_.time_ns = pose.time_ns;

@@ -298,13 +298,22 @@ void Bodies::limit_forces(const Cycle& cycle, const std::array<ProbeInput, kMaxP
     }
     const haptics::DeviceState& device = inputs[p].device;
     RotationalPort& rotational = rotational_ports_[p];
-    rotational.angle += haptics::log_map(device.orientation * rotational.orientation.conjugate());
-    rotational.orientation = device.orientation;
+    const Vec3d turned = haptics::log_map(device.orientation * rotational.orientation.conjugate());
+    if (turned.allFinite()) {  // otherwise the angle would never be finite again
+      rotational.angle += turned;
+      rotational.orientation = device.orientation;
+    }
+    // After a fault the hand exerts nothing on the body, because the state of its device may not be finite.
+    const bool has_fault = (output.status & session::kFault) != 0;
     hand.is_hold = (output.status & session::kHolding) != 0;
     if ((output.status & session::kInContact) != 0) hand.body = body_of(output.object);
     hand.torque.setZero();
     if (hand.body == kMaxBodies) {
       (void)ports_[p].step(Vec3d::Zero(), device.position, energy_to_body, settings_.period, false);
+    } else if (has_fault) {
+      hand.spring = {};
+      hand.rotational_spring = {};
+      output.force = plain(limit_force(p, Vec3d::Zero(), device, energy_to_body, 0, output));
     } else if (hand.is_hold) {
       limit_held(cycle, p, device, energy_to_body, output);
     } else if (cycle.tool(p) != nullptr) {
@@ -312,7 +321,7 @@ void Bodies::limit_forces(const Cycle& cycle, const std::array<ProbeInput, kMaxP
     } else {
       limit_touch(cycle, p, device, energy_to_body, output);
     }
-    if (!hand.is_hold || hand.body == kMaxBodies) (void)limit_torque(p, Vec3d::Zero(), false, 0, output);
+    if (!hand.is_hold || hand.body == kMaxBodies || has_fault) (void)limit_torque(p, Vec3d::Zero(), false, 0, output);
     reductions_[p].force = vec(output.force) - force;
     reductions_[p].torque = vec(output.torque) - torque;
   }

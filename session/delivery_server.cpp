@@ -90,7 +90,7 @@ DeliveryServer::DemandResult DeliveryServer::on_demand(const Demand& demand, std
   const Admission source = state.source.admit(demand.origin);
   if (source == Admission::kImplausible) return DemandResult::kImplausible;
   if (source == Admission::kNewStart) {
-    keep_max_sequence(state);  // an earlier incarnation may return and use its stream again
+    record_sequences(state);  // an earlier incarnation may return and use its stream again
     HrtcState restarted;
     restarted.source = state.source;
     restarted.counters = state.counters;
@@ -107,7 +107,8 @@ DeliveryServer::DemandResult DeliveryServer::on_demand(const Demand& demand, std
   Service& service = found->second;
   if (first) {
     service.stream = stream_id(self_, demand.origin, demand.object_id);
-    service.sequence = max_dropped_sequence_;
+    const auto dropped = dropped_sequences_.find(service.stream);
+    if (dropped != dropped_sequences_.end()) service.sequence = dropped->second;
   }
   const Admission epoch = service.epochs.admit(demand.epoch, now_ns);
   if (epoch == Admission::kImplausible) return DemandResult::kImplausible;
@@ -136,6 +137,8 @@ DeliveryServer::DemandResult DeliveryServer::on_demand(const Demand& demand, std
   service.serving = true;
   const Demand before = std::exchange(service.demand, demand);
   if (demand.stream != service.stream) service.demand.received = service.demand.newest = 0;
+  // The record of a stream that the HRTC still uses may have been deleted.
+  if (service.sequence == 0) service.sequence = service.demand.newest;
   apply_receipt(state, service, now_ns);
   compare(state, service, object->second, was_serving ? &before.have : nullptr);
   return DemandResult::kApplied;
@@ -441,9 +444,11 @@ std::optional<BulkPiece> DeliveryServer::next_piece(HrtcState& state, Service& s
   return piece;
 }
 
-void DeliveryServer::keep_max_sequence(const HrtcState& state) {
+void DeliveryServer::record_sequences(const HrtcState& state) {
+  constexpr std::size_t kMaxRecorded = 4096;
+  if (dropped_sequences_.size() >= kMaxRecorded) dropped_sequences_.clear();
   for (const auto& [object_id, service] : state.services)
-    max_dropped_sequence_ = std::max(max_dropped_sequence_, service.sequence);
+    if (service.sequence != 0) dropped_sequences_[service.stream] = service.sequence;
 }
 
 void DeliveryServer::on_hrtc_gone(std::uint64_t hrtc) {
@@ -453,7 +458,7 @@ void DeliveryServer::on_hrtc_gone(std::uint64_t hrtc) {
 
 std::map<std::uint64_t, DeliveryServer::HrtcState>::iterator DeliveryServer::drop(
     std::map<std::uint64_t, HrtcState>::iterator state) {
-  keep_max_sequence(state->second);
+  record_sequences(state->second);
   return hrtcs_.erase(state);
 }
 

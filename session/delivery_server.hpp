@@ -87,9 +87,9 @@ class DeliveryServer {
   /// Applies a demand if it is newer than the previous ones of this HRTC for this object.
   DemandResult on_demand(const Demand& demand, std::int64_t now_ns);
 
-  /// Drops the state of this HRTC. If it returns, its streams start above all sequences used so far. The server also
-  /// drops an HRTC that sends no demand for ten keep-alive periods, because a demand may arrive after its sender has
-  /// left.
+  /// Drops the state of this HRTC except the last sequence of each of its streams. If the same incarnation returns, its
+  /// streams continue there. The server also drops an HRTC that sends no demand for ten keep-alive periods, because a
+  /// demand may arrive after its sender has left.
   void on_hrtc_gone(std::uint64_t hrtc);
 
   /// Returns whether the network can accept a chunk for this HRTC now.
@@ -168,7 +168,7 @@ class DeliveryServer {
   };
 
   [[nodiscard]] bool well_formed(const Demand& demand, const spm::ModelSummary& summary) const;
-  void keep_max_sequence(const HrtcState& state);
+  void record_sequences(const HrtcState& state);
   void apply_receipt(HrtcState& state, Service& service, std::int64_t now_ns);
   void compare(HrtcState& state, Service& service, const Object& object, const std::vector<spm::Interval>* previous);
   void add_covered_records(Service& service, const Object& object, std::uint32_t region) const;
@@ -192,9 +192,9 @@ class DeliveryServer {
 
   Origin self_;
   std::map<std::uint64_t, Object> objects_;
-  std::map<std::uint64_t, HrtcState> hrtcs_;  // by HRTC
-  std::uint64_t last_served_ = 0;             // HRTC of the last chunk
-  std::uint32_t max_dropped_sequence_ = 0;    // largest sequence used in streams to dropped HRTCs
+  std::map<std::uint64_t, HrtcState> hrtcs_;                  // by HRTC
+  std::uint64_t last_served_ = 0;                             // HRTC of the last chunk
+  std::map<std::uint32_t, std::uint32_t> dropped_sequences_;  // last sequence of each stream to a dropped HRTC
   std::int64_t due_ns_ = 0;
   DeliveryCounters counters_;
 };

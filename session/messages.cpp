@@ -37,7 +37,7 @@ const char* fault_reason(std::uint32_t status) noexcept {
   if ((status & kFault) == 0) return "";
   switch ((status & kFaultReason) >> kFaultReasonShift) {
     case 1:
-      return "a pose or a surface was not a number";
+      return "a pose or a surface had a value that is not finite";
     case 2:
       return "the force would not have been a number";
     case 3:

@@ -34,14 +34,14 @@ class Samples {
  public:
   /// Stores all samples.
   Samples() = default;
-  /// Stores the newest `capacity` samples.
+  /// Stores the newest `capacity` samples; none if it is 0.
   explicit Samples(std::size_t capacity) : capacity_{capacity} {}
 
   void reserve(std::size_t count) { values_.reserve(count); }
   void add(Value value) {
     if (values_.size() < capacity_)
       values_.push_back(value);
-    else
+    else if (!values_.empty())
       values_[next_++ % capacity_] = value;
   }
   [[nodiscard]] bool empty() const noexcept { return values_.empty(); }

@@ -59,23 +59,23 @@ std::string text(const RosterEvent& event) {
     case RosterChange::kJoined:
       return who + " joined";
     case RosterChange::kRestarted:
-      return who + " is back as a new program";
+      return who + " restarted";
     case RosterChange::kChanged:
       return who + " changed its users";
     case RosterChange::kLate:
-      return who + " is late";
+      return who + " has sent no heartbeat for " + std::to_string(event.other) + " ms";
     case RosterChange::kRecovered:
-      return who + " is in time again";
+      return who + " sends heartbeats again";
     case RosterChange::kLeft:
       return who + " left";
     case RosterChange::kGone:
-      return who + " is gone without a leave message";
+      return who + " is silent, presumed failed";
     case RosterChange::kWrongVersion:
-      return who + " refused: it speaks protocol version " + std::to_string(event.other) + ", we speak version " +
+      return who + " refused: found protocol version " + std::to_string(event.other) + ", expected " +
              std::to_string(kProtocolVersion);
     case RosterChange::kNameConflict:
-      return who + " is there twice: incarnations " + std::to_string(event.entry.origin.incarnation) + " and " +
-             std::to_string(event.other) + " both beat under this name; give one of them another --name";
+      return who + " runs twice: incarnations " + std::to_string(event.entry.origin.incarnation) + " and " +
+             std::to_string(event.other) + " both send heartbeats under this name; give one of them another --name";
     case RosterChange::kFull:
       return who + " refused: the session has " + std::to_string(kMaxParticipants) + " participants already";
   }
@@ -229,7 +229,7 @@ std::vector<RosterEvent> Roster::tick(std::int64_t now_ns) {
       events.push_back({RosterChange::kGone, member.entry, 0});
     } else if (silent >= settings_.late_ns && !member.late) {
       member.late = true;
-      events.push_back({RosterChange::kLate, member.entry, 0});
+      events.push_back({RosterChange::kLate, member.entry, static_cast<std::uint64_t>(settings_.late_ns / 1'000'000)});
     }
   }
   return events;

@@ -32,9 +32,9 @@ struct RosterSettings {
 
 enum class RosterChange : std::uint8_t {
   kJoined,
-  kRestarted,  ///< a newer incarnation replaced an older one
-  kChanged,    ///< users, slots or requested HRTC differ
-  kLate,
+  kRestarted,     ///< a newer incarnation replaced an older one
+  kChanged,       ///< users, slots or requested HRTC differ
+  kLate,          ///< sent no heartbeat for RosterSettings::late_ns; `other` is this time in ms
   kRecovered,     ///< a late participant has sent a heartbeat
   kLeft,          ///< sent a leave message
   kGone,          ///< sent no heartbeat for RosterSettings::gone_ns

@@ -7,6 +7,9 @@ namespace {
 
 bool stands(const StopRecord& record) noexcept { return record.stop > record.ended; }
 
+bool has_stop(const StopRecord& record) noexcept { return record.stop != 0 || record.ended != 0; }
+bool has_reset(const StopRecord& record) noexcept { return record.reset != 0; }
+
 template <class Records>
 auto find_in(Records& records, std::uint64_t participant, std::uint64_t incarnation) {
   return std::find_if(records.begin(), records.end(), [&](const StopRecord& record) {
@@ -18,65 +21,105 @@ auto find_in(Records& records, std::uint64_t participant, std::uint64_t incarnat
 
 StopLatch::StopLatch(const Origin& self) : self_{self} { records_.reserve(kMaxStops); }
 
-bool StopLatch::is_own(const StopRecord& record) const noexcept {
-  return record.participant == self_.participant && record.incarnation == self_.incarnation;
+bool StopLatch::is_own(std::uint64_t participant, std::uint64_t incarnation) const noexcept {
+  return participant == self_.participant && incarnation == self_.incarnation;
 }
 
-/// Returns the record of a program that issues stops or resets, a new one if necessary. Null if the stops of all
-/// records are in force. One record is reserved for the stops of this program.
-StopRecord* StopLatch::find_or_add(std::uint64_t participant, std::uint64_t incarnation) {
+/// Returns the record of an issuer, or null. Moves it to the end, which invalidates references.
+StopRecord* StopLatch::find(std::uint64_t participant, std::uint64_t incarnation) noexcept {
   const auto known = find_in(records_, participant, incarnation);
-  if (known != records_.end()) return &*known;
-  const StopRecord added{participant, incarnation, 0, 0, 0};
-  const auto others = static_cast<std::size_t>(
-      std::count_if(records_.begin(), records_.end(), [this](const StopRecord& record) { return !is_own(record); }));
-  if (!is_own(added) && others >= kMaxStops - 1) {
-    const auto oldest = std::find_if(records_.begin(), records_.end(),
-                                     [this](const StopRecord& record) { return !stands(record) && !is_own(record); });
-    if (oldest == records_.end()) return nullptr;
-    records_.erase(oldest);
-  }
-  return &records_.emplace_back(added);
+  if (known == records_.end()) return nullptr;
+  std::rotate(known, known + 1, records_.end());
+  return &records_.back();
 }
 
-/// Sets a number of a record if `value` is larger. Then moves the record to the end, which invalidates references.
-void StopLatch::set(StopRecord& record, std::uint32_t StopRecord::*number, std::uint32_t value) {
-  if (value <= record.*number) return;
-  record.*number = value;
+StopRecord& StopLatch::find_or_add(std::uint64_t participant, std::uint64_t incarnation) {
+  StopRecord* const known = find(participant, incarnation);
+  return known != nullptr ? *known : records_.emplace_back(StopRecord{participant, incarnation, 0, 0, 0});
+}
+
+/// Returns the record for the stops of another issuer. If it is new and none is free, drops a stop that is not one of
+/// `named`; with null it drops none. Returns null if no record becomes free.
+StopRecord* StopLatch::find_or_add_stop(const StopName& stop, const std::vector<StopName>* named) {
+  StopRecord* const known = find(stop.participant, stop.incarnation);
+  if (known != nullptr && has_stop(*known)) return known;
+  const auto used = std::count_if(records_.begin(), records_.end(), [this](const StopRecord& record) {
+    return has_stop(record) && !is_own(record.participant, record.incarnation);
+  });
+  if (used >= static_cast<std::ptrdiff_t>(kMaxStopIssuers) && (named == nullptr || !drop_a_stop(*named)))
+    return nullptr;
+  return &find_or_add(stop.participant, stop.incarnation);
+}
+
+StopRecord& StopLatch::find_or_add_reset(const Origin& issuer) {
+  StopRecord* const known = find(issuer.participant, issuer.incarnation);
+  if (known != nullptr && has_reset(*known)) return *known;
+  if (std::count_if(records_.begin(), records_.end(), has_reset) >= static_cast<std::ptrdiff_t>(kMaxResetIssuers))
+    drop_a_reset();
+  return find_or_add(issuer.participant, issuer.incarnation);
+}
+
+bool StopLatch::drop_a_stop(const std::vector<StopName>& named) {
+  const auto oldest = std::find_if(records_.begin(), records_.end(), [&](const StopRecord& record) {
+    return has_stop(record) && !stands(record) && !is_own(record.participant, record.incarnation) &&
+           std::none_of(named.begin(), named.end(), [&](const StopName& name) {
+             return name.participant == record.participant && name.incarnation == record.incarnation;
+           });
+  });
+  if (oldest == records_.end()) return false;
+  oldest->stop = oldest->ended = 0;
+  if (!has_reset(*oldest)) records_.erase(oldest);
+  return true;
+}
+
+void StopLatch::drop_a_reset() {
+  const auto oldest = std::find_if(records_.begin(), records_.end(), has_reset);
+  oldest->reset = 0;
+  if (!has_stop(*oldest)) records_.erase(oldest);
+}
+
+/// Sets a number of a record if `value` is larger.
+void StopLatch::raise(std::uint32_t& number, std::uint32_t value) noexcept {
+  if (value <= number) return;
+  number = value;
   ++changes_;
-  const auto at = records_.begin() + (&record - records_.data());
-  std::rotate(at, at + 1, records_.end());
 }
 
 bool StopLatch::raise_own_stop() {
-  StopRecord& own = *find_or_add(self_.participant, self_.incarnation);
+  StopRecord& own = find_or_add(self_.participant, self_.incarnation);
   if (stands(own)) return false;
-  set(own, &StopRecord::stop, own.ended + 1);
+  raise(own.stop, own.ended + 1);
   return true;
 }
 
 bool StopLatch::on_stop(const StopName& stop) {
-  StopRecord* const record = find_or_add(stop.participant, stop.incarnation);
+  if (stop.number == 0 || is_own(stop.participant, stop.incarnation))
+    return false;  // only this program issues its stops
+  const std::vector<StopName> none;
+  StopRecord* const record = find_or_add_stop(stop, &none);
   if (record == nullptr) return raise_own_stop();
-  if (is_own(*record) || stop.number <= record->stop) return false;  // only this program issues its stops
-  const bool ended = stop.number <= record->ended;
-  set(*record, &StopRecord::stop, stop.number);
-  return !ended;
+  const bool is_new = stop.number > record->stop && stop.number > record->ended;
+  raise(record->stop, stop.number);
+  return is_new;
 }
 
 bool StopLatch::on_reset(const ForceReset& reset) {
+  if (reset.number == 0) return false;
+  const StopRecord* const before = find(reset.origin.participant, reset.origin.incarnation);
+  const bool is_new = before == nullptr || reset.number > before->reset;
   for (const StopName& stop : reset.stops) {
-    StopRecord* const record = find_or_add(stop.participant, stop.incarnation);
-    if (record == nullptr) continue;  // if the stop arrives later, it will be in force
-    if (is_own(*record) && stop.number > record->stop)
-      continue;  // the reset names a stop that this program has not issued
-    set(*record, &StopRecord::ended, stop.number);
+    const bool own = is_own(stop.participant, stop.incarnation);
+    // A repeated reset drops no records. Otherwise two senders with many stops would drop each other's in turn.
+    StopRecord* const record =
+        own ? find(stop.participant, stop.incarnation) : find_or_add_stop(stop, is_new ? &reset.stops : nullptr);
+    if (record == nullptr) continue;                  // if the stop arrives later, it will be in force
+    if (own && stop.number > record->stop) continue;  // the reset names a stop that this program has not issued
+    raise(record->ended, stop.number);
   }
-  StopRecord* const from = find_or_add(reset.origin.participant, reset.origin.incarnation);
-  if (from == nullptr || reset.number <= from->reset) return false;
-  set(*from, &StopRecord::reset, reset.number);
-  ++resets_;
-  return true;
+  StopRecord& from = find_or_add_reset(reset.origin);
+  raise(from.reset, reset.number);
+  if (is_new) ++resets_;
+  return is_new;
 }
 
 bool StopLatch::on_roster(const RosterEntry& entry) {
@@ -107,9 +150,10 @@ bool acknowledges(const RosterEntry& entry, const EmergencyStop& stop) {
 bool acknowledges(const RosterEntry& entry, const ForceReset& reset) {
   const auto from = find_in(entry.stops, reset.origin.participant, reset.origin.incarnation);
   if (from == entry.stops.end() || from->reset < reset.number) return false;
-  return std::all_of(reset.stops.begin(), reset.stops.end(), [&](const StopName& stop) {
+  // A program that has applied the reset may have no record of a stop that it names, because no record was free.
+  return std::none_of(reset.stops.begin(), reset.stops.end(), [&](const StopName& stop) {
     const auto record = find_in(entry.stops, stop.participant, stop.incarnation);
-    return record != entry.stops.end() && record->ended >= stop.number;
+    return record != entry.stops.end() && stands(*record) && record->ended < stop.number;
   });
 }
 

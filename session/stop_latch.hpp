@@ -30,10 +30,16 @@
 
 namespace tactus::session {
 
-/// The stops and resets that one program has received: one record for each of at most kMaxStops issuers. If no record
-/// is free for a new issuer, the program drops the record without a standing stop that changed least recently. If all
-/// records have standing stops, the program issues a stop of its own instead. A reset has to name that stop like any
-/// other.
+/// Issuers of stops that one program records besides itself, and issuers of resets. Neither takes the records of the
+/// other, so a reset can end all recorded stops and stay recorded next to them.
+inline constexpr std::size_t kMaxResetIssuers = 8;
+inline constexpr std::size_t kMaxStopIssuers = kMaxStops - kMaxResetIssuers - 1;
+
+/// The stops and resets that one program has received: at most one record for each issuer. If no record is free for the
+/// stop of a new issuer, the program drops the stop that was received least recently of those that do not stand. If all
+/// stand, the program issues a stop of its own instead. A reset has to name that stop like any other. If no record is
+/// free for a new issuer of resets, the program drops the reset that was received least recently. Only a reset that its
+/// sender repeats while more than kMaxResetIssuers others do the same can therefore count twice.
 class StopLatch {
  public:
   /// `self`: issuer of the stop that replaces stops without a record. Only the constructor and `standing_stops`
@@ -42,8 +48,8 @@ class StopLatch {
 
   /// Applies a stop. Returns true when the stop is new and stands.
   bool on_stop(const StopName& stop);
-  /// Applies a reset. Returns true when the reset is new. A repeated reset changes nothing, so a fault since the first
-  /// one stays latched.
+  /// Applies a reset. Returns true when the reset is new. A repeated reset only ends stops that it names and that were
+  /// received again after their records were dropped, so a fault since the first one stays latched.
   bool on_reset(const ForceReset& reset);
   /// Applies the stops that stand in the roster entry of another program, but no resets. Returns true if a stop is new
   /// and stands.
@@ -58,13 +64,18 @@ class StopLatch {
   [[nodiscard]] const std::vector<StopRecord>& records() const noexcept { return records_; }
 
  private:
-  [[nodiscard]] StopRecord* find_or_add(std::uint64_t participant, std::uint64_t incarnation);
-  [[nodiscard]] bool is_own(const StopRecord& record) const noexcept;
+  [[nodiscard]] bool is_own(std::uint64_t participant, std::uint64_t incarnation) const noexcept;
+  [[nodiscard]] StopRecord* find(std::uint64_t participant, std::uint64_t incarnation) noexcept;
+  [[nodiscard]] StopRecord& find_or_add(std::uint64_t participant, std::uint64_t incarnation);
+  [[nodiscard]] StopRecord* find_or_add_stop(const StopName& stop, const std::vector<StopName>* named);
+  [[nodiscard]] StopRecord& find_or_add_reset(const Origin& issuer);
+  [[nodiscard]] bool drop_a_stop(const std::vector<StopName>& named);
+  void drop_a_reset();
   bool raise_own_stop();
-  void set(StopRecord& record, std::uint32_t StopRecord::*number, std::uint32_t value);
+  void raise(std::uint32_t& number, std::uint32_t value) noexcept;
 
   Origin self_;
-  std::vector<StopRecord> records_;  // the most recently changed last
+  std::vector<StopRecord> records_;  // the most recently received last
   std::uint32_t resets_ = 0;
   std::uint64_t changes_ = 0;
 };
@@ -75,6 +86,7 @@ class StopLatch {
 /// Whether the program of this entry, a host or an HRTC, has acknowledged the sample. A standing stop of its own also
 /// acknowledges any stop, because a program without a free record issues its own stop.
 [[nodiscard]] bool acknowledges(const RosterEntry& entry, const EmergencyStop& stop);
+/// A reset is acknowledged when the program has applied it and no stop that it names stands there.
 [[nodiscard]] bool acknowledges(const RosterEntry& entry, const ForceReset& reset);
 
 /// Names of the hosts and HRTCs of a session, by whether they have acknowledged a sample.

@@ -29,7 +29,7 @@ static struct tactus_device* open_weight(const char* config, char* error, size_t
   }
   struct tactus_device* weight = calloc(1, sizeof *weight);
   if (weight == NULL) {
-    snprintf(error, error_size, "no memory");
+    snprintf(error, error_size, "out of memory");
     return NULL;
   }
   weight->height = height;

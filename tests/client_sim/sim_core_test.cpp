@@ -315,7 +315,7 @@ TEST(SimCore, ContinuesAndReportsItIfALaterProgramHasItsName) {
   EXPECT_FALSE(session.core.name_taken());
   const std::vector<ReportEvent> events = session.core.report().events;
   EXPECT_TRUE(std::any_of(events.begin(), events.end(),
-                          [](const ReportEvent& event) { return event.text.find("'sim' is there twice") == 7; }));
+                          [](const ReportEvent& event) { return event.text.find("'sim' runs twice") == 7; }));
 }
 
 TEST(SimCore, LeavesIfAProgramHasTheNameOfItsSecondParticipant) {

@@ -3,12 +3,53 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <linux/input.h>
+#include <sys/ioctl.h>
 #include <sys/stat.h>
+#include <sys/syscall.h>
 #include <unistd.h>
+
+#include <array>
+#include <cerrno>
+#include <cstdarg>
+#include <map>
+#include <optional>
+#include <vector>
 
 #include "haptics/plugin_device.hpp"
 #include "tests/support/constants.hpp"
 #include "tests/support/temporary_folder.hpp"
+
+namespace {
+
+/// State of the input device that a pipe represents: the pressed keys, and the values of the absolute axes.
+struct InputState {
+  std::vector<unsigned> keys;
+  std::map<unsigned, int> axes;
+};
+std::optional<InputState> input_state;  // none: the device does not report its state
+
+}  // namespace
+
+/// Answers the requests of the driver for the state of the device, because a pipe has none.
+extern "C" int ioctl(int fd, unsigned long request, ...) noexcept {
+  std::va_list arguments;
+  va_start(arguments, request);
+  void* const argument = va_arg(arguments, void*);
+  va_end(arguments);
+  if (_IOC_TYPE(request) != 'E') return static_cast<int>(syscall(SYS_ioctl, fd, request, argument));
+  if (input_state && _IOC_NR(request) == _IOC_NR(EVIOCGKEY(0))) {
+    for (const unsigned key : input_state->keys)
+      static_cast<unsigned char*>(argument)[key / 8] |= static_cast<unsigned char>(1u << key % 8);
+    return 0;
+  }
+  for (const auto& [code, value] : input_state ? input_state->axes : std::map<unsigned, int>{}) {
+    if (request != EVIOCGABS(code)) continue;
+    *static_cast<input_absinfo*>(argument) = {value, -32767, 32767, 0, 0, 0};
+    return 0;
+  }
+  errno = ENOTTY;
+  return -1;
+}
 
 namespace tactus::haptics {
 namespace {
@@ -20,7 +61,10 @@ class Evdev : public testing::Test {
     EXPECT_EQ(mkfifo(pipe_.c_str(), 0600), 0);
     pipe_fd_ = open(pipe_.c_str(), O_RDWR | O_NONBLOCK | O_CLOEXEC);
   }
-  ~Evdev() override { close(pipe_fd_); }
+  ~Evdev() override {
+    close(pipe_fd_);
+    input_state.reset();
+  }
 
   /// Reads the device in `cycles` cycles, the first at `from_ms`, and returns the last state. The tip follows the mouse
   /// at 0.5 m/s.
@@ -97,6 +141,58 @@ TEST_F(Evdev, ManyEventsOfOneCycleAreReadWithinTheNextCycles) {
   PluginDevice mouse{TACTUS_EVDEV, "mouse:" + pipe_};
   for (int i = 0; i < 500; ++i) send(EV_REL, REL_X, 1);
   EXPECT_NEAR(read_cycles(mouse, 120).position.x(), 0.05, 1e-12);
+}
+
+/// Sends what the kernel sends after its queue overflowed: the rest of one packet is missing.
+TEST_F(Evdev, ButtonsReleasedInAQueueOverflowAreReleased) {
+  PluginDevice mouse{TACTUS_EVDEV, "mouse:" + pipe_};
+  send(EV_KEY, BTN_LEFT, 1);
+  send(EV_SYN, SYN_REPORT, 0);
+  ASSERT_EQ(mouse.read(kMs).buttons, kClutchButton);
+  input_state = InputState{{BTN_RIGHT}, {}};
+  send(EV_SYN, SYN_DROPPED, 0);
+  send(EV_KEY, BTN_LEFT, 1);
+  send(EV_SYN, SYN_REPORT, 0);
+  EXPECT_EQ(mouse.read(2 * kMs).buttons, kGrabButton);
+  send(EV_KEY, BTN_LEFT, 1);
+  EXPECT_EQ(mouse.read(3 * kMs).buttons, kClutchButton | kGrabButton);
+}
+
+TEST_F(Evdev, AStickReleasedInAQueueOverflowStopsTheTip) {
+  PluginDevice gamepad{TACTUS_EVDEV, "gamepad:" + pipe_};
+  (void)gamepad.read(kMs);
+  send(EV_ABS, ABS_X, 32767);
+  const double before = read_cycles(gamepad, 100, 2).position.x();
+  ASSERT_GT(before, 0.01);
+  input_state = InputState{{}, {{ABS_X, 0}, {ABS_Y, -32767}, {ABS_RY, 0}}};
+  send(EV_SYN, SYN_DROPPED, 0);
+  send(EV_ABS, ABS_X, 32767);
+  send(EV_SYN, SYN_REPORT, 0);
+  const DeviceState state = read_cycles(gamepad, 100, 102);
+  EXPECT_NEAR(state.position.x(), before, 1e-3);
+  EXPECT_NEAR(state.position.y(), 0.015, 1e-3) << "the other stick was deflected during the overflow";
+}
+
+TEST_F(Evdev, AnOverflowOfADeviceThatDoesNotReportItsStateReleasesAll) {
+  PluginDevice gamepad{TACTUS_EVDEV, "gamepad:" + pipe_};
+  (void)gamepad.read(kMs);
+  send(EV_KEY, BTN_EAST, 1);
+  send(EV_ABS, ABS_X, 32767);
+  const DeviceState before = read_cycles(gamepad, 100, 2);
+  ASSERT_EQ(before.buttons, kGrabButton);
+  send(EV_SYN, SYN_DROPPED, 0);
+  send(EV_SYN, SYN_REPORT, 0);
+  const DeviceState state = read_cycles(gamepad, 100, 102);
+  EXPECT_EQ(state.buttons, 0u);
+  EXPECT_NEAR(state.position.x(), before.position.x(), 1e-3);
+}
+
+TEST_F(Evdev, AStickDeflectedAndAButtonPressedBeforeTheStartAreUsed) {
+  input_state = InputState{{BTN_SOUTH}, {{ABS_X, 32767}, {ABS_Y, 0}, {ABS_RY, 0}}};
+  PluginDevice gamepad{TACTUS_EVDEV, "gamepad:" + pipe_};
+  const DeviceState state = read_cycles(gamepad, 101);
+  EXPECT_EQ(state.buttons, kClutchButton);
+  EXPECT_NEAR(state.position.x(), 0.015, 1e-9);
 }
 
 TEST_F(Evdev, AForceWithoutRumbleSupportIsNotAFailure) {

@@ -178,6 +178,13 @@ TEST(Haply, UsesTheFirstDeviceIfNoneIsNamed) {
   EXPECT_TRUE(runs_until(device, Vec3d::Zero(), [](const DeviceState& state) { return state.position.x() == 9; }));
 }
 
+TEST(Haply, FindsAServiceAtLocalhost) {
+  HaplyService service{HaplyService::state};
+  const std::string address = service.address();
+  const PluginDevice device{TACTUS_HAPLY, "localhost" + address.substr(address.find(':'))};
+  EXPECT_EQ(device.health(), DeviceHealth::kReady);
+}
+
 TEST(Haply, AnOpenErrorStatesTheFoundAndTheExpectedValue) {
   std::string unused_address;
   {
@@ -187,7 +194,11 @@ TEST(Haply, AnOpenErrorStatesTheFoundAndTheExpectedValue) {
     unused_address = closed_service.address();
   }
   EXPECT_THAT(haply_open_error(unused_address), testing::HasSubstr("refused; is the service running?"));
-  EXPECT_THAT(haply_open_error("nonsense"), testing::HasSubstr("found 'nonsense', expected HOST:PORT"));
+  // A look-up of a name could block longer than the time limit for the connection.
+  for (const char* const config : {"nonsense", "tactus.invalid:10001", "127.0.0.1:http", "127.0.0.1:0"})
+    EXPECT_THAT(haply_open_error(config),
+                testing::HasSubstr("found '" + std::string{config} +
+                                   "', expected HOST:PORT or HOST:PORT/DEVICE, HOST localhost or an IP address"));
   HaplyService empty{HaplyService::state, R"({"session_id": 1, "inverse3": []})"};
   EXPECT_THAT(haply_open_error(empty.address()), testing::HasSubstr("found no Inverse3, expected one"));
 }

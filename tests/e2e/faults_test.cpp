@@ -69,7 +69,7 @@ TEST_F(HostFaultsTest, LoadedRegionsStayExactAfterAHostIsKilledAndItsSuccessorSe
   ASSERT_EQ(museum_.wait(), 128 + SIGKILL);
   observer_.forget_states();
 
-  EXPECT_TRUE(desk_.wait_for_line("host 'museum' is gone"));
+  EXPECT_TRUE(desk_.wait_for_line("host 'museum' is silent, presumed failed"));
   ASSERT_TRUE(observer_.until([](const Seen& seen) { return seen.user("ann").in_contact >= 1500; }));
   const StateCounts without_host = observer_.seen().user("ann");
   EXPECT_EQ(without_host.exact, without_host.in_contact) << "although ann needs no other region";
@@ -95,7 +95,7 @@ TEST_F(HostFaultsTest, LoadedRegionsStayExactAfterAHostIsKilledAndItsSuccessorSe
   EXPECT_EQ(after.user("bob").faults, 0u);
   EXPECT_EQ(after.figure("desk", figures::kEvictions), 0) << "an eviction would be a reason to receive a record again";
   EXPECT_EQ(after.figure("desk", figures::kRecordsReturned), 0);
-  EXPECT_THAT(holding_.output(), HasSubstr("host 'museum' is gone without a leave message"));
+  EXPECT_THAT(holding_.output(), HasSubstr("host 'museum' is silent, presumed failed"));
   EXPECT_THAT(holding_.output(), HasSubstr("host 'museum' joined"));
 }
 
@@ -148,7 +148,7 @@ users:
   EXPECT_EQ(observer.seen().user("bob").faults, 0u);
   users.signal(SIGINT);
   EXPECT_TRUE(exits_with(1, users));
-  EXPECT_THAT(users.output(), HasSubstr("HRTC 'left' is gone without a leave message"));
+  EXPECT_THAT(users.output(), HasSubstr("HRTC 'left' is silent, presumed failed"));
   EXPECT_TRUE(exits_with(0, right));
   EXPECT_TRUE(exits_with(0, museum));
 }

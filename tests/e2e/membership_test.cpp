@@ -141,8 +141,8 @@ TEST_F(MembershipTest, AProgramOfAnotherProtocolVersionIsRefusedWithBothVersions
     ASSERT_TRUE(observer.until([&](const Seen& seen) { return seen.roster.at("desk").heartbeat > received; }));
   }
 
-  const std::string refusal = "client 'newcomer' refused: it speaks protocol version " +
-                              std::to_string(session::kProtocolVersion + 1) + ", we speak version " +
+  const std::string refusal = "client 'newcomer' refused: found protocol version " +
+                              std::to_string(session::kProtocolVersion + 1) + ", expected " +
                               std::to_string(session::kProtocolVersion);
   EXPECT_TRUE(museum.wait_for_line(refusal)) << museum.output();
   EXPECT_TRUE(desk.wait_for_line(refusal)) << desk.output();

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstdio>
 #include <fstream>
+#include <limits>
 #include <string>
 
 #include "haptics/force.hpp"
@@ -65,6 +66,22 @@ TEST(DeviceFrame, KeepsTheTipInPlaceWhileTheClutchIsDown) {
   device.position.x() += 0.01;
   EXPECT_LT((frame.to_world(device, false).position - before - Vec3d(0.02, 0, 0)).norm(), 1e-12);
   EXPECT_NE(frame.force_to_device({1, 1, 1}), Vec3d(Vec3d::Zero()));
+}
+
+TEST(DeviceFrame, APositionThatIsNotFiniteLeavesTheTipWhereItWas) {
+  DeviceState valid, invalid;
+  valid.position = {0.1, 0, 0};
+  for (const double number : {std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::infinity()})
+    for (const bool clutched_before : {false, true}) {
+      DeviceFrame frame{Eigen::Quaterniond::Identity(), {0, 0, 1}, 2};
+      const Vec3d before = frame.to_world(valid, false).position;
+      (void)frame.to_world(valid, clutched_before);
+      invalid.position = {0, number, 0};
+      EXPECT_FALSE(frame.to_world(invalid, clutched_before).position.allFinite())
+          << "the force renderer latches a fault";
+      EXPECT_EQ(frame.to_world(valid, true).position, before);
+      EXPECT_EQ(frame.to_world(valid, false).position, before);
+    }
 }
 
 TEST(HandPath, IsLinearBetweenWaypointsAndConstantBeforeAndAfterThem) {

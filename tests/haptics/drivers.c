@@ -34,7 +34,7 @@ static int read_device(struct tactus_device* device, int64_t now_ns, struct tact
   pose->position[0] = 0.001 * device->reads; /* 1 m/s at 1 kHz */
   pose->position[1] = device->force;         /* shows the written force to the test */
 #ifdef DRIVER_NOT_A_NUMBER
-  if (device->reads > 3) pose->position[2] = NAN;
+  if (device->reads == 4) pose->position[2] = NAN;
 #endif
 #ifdef DRIVER_FAILS
   if (device->reads > 3) return TACTUS_DEVICE_FAILED;
@@ -76,7 +76,11 @@ const struct tactus_device_driver* tactus_device_entry(void) {
     write_device,
     write_wrench
   };
+#ifdef DRIVER_NO_DRIVER
+  return NULL;
+#else
   return &driver;
+#endif
 }
 #endif
 

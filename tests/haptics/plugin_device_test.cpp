@@ -44,8 +44,9 @@ TEST(PluginDevice, TheExampleDeviceSinksUntilTheForceCarriesItsWeight) {
 TEST(PluginDevice, AnOpenErrorStatesTheFoundAndTheExpectedValue) {
   EXPECT_THAT(open_error("/nowhere/driver.so", ""), HasSubstr("/nowhere/driver.so: cannot open shared object file"));
   EXPECT_THAT(open_error(NO_ENTRY, ""), HasSubstr("found no function tactus_device_entry"));
+  EXPECT_THAT(open_error(NO_DRIVER, ""), HasSubstr("tactus_device_entry returned NULL"));
   EXPECT_THAT(open_error(NEW_ABI, ""), HasSubstr("found ABI 3, expected 1 to 2"));
-  EXPECT_THAT(open_error(NO_READ, ""), HasSubstr("expected open, close, spec, read and write"));
+  EXPECT_THAT(open_error(NO_READ, ""), HasSubstr("found no function read"));
   EXPECT_THAT(open_error(BAD_SPEC, ""), HasSubstr("max_force: found -1.000000, expected a number above 0"));
   EXPECT_EQ(open_error(FAILS, "!x"), "device test, config '!x': found '!x', expected no exclamation mark");
   EXPECT_EQ(open_error(WEIGHT, "high"),
@@ -96,6 +97,14 @@ TEST(PluginDevice, ForwardsAPositionThatIsNotANumber) {  // the force renderer l
   PluginDevice device{NOT_A_NUMBER, ""};
   for (int ms = 1; ms <= 3; ++ms) EXPECT_TRUE(device.read(ms * kMs).position.allFinite());
   EXPECT_FALSE(device.read(4 * kMs).position.allFinite());
+}
+
+TEST(PluginDevice, DerivesVelocitiesAgainAfterAPositionThatIsNotANumber) {  // otherwise the fault returns after a reset
+  PluginDevice device{NOT_A_NUMBER, ""};
+  for (int ms = 1; ms <= 4; ++ms) (void)device.read(ms * kMs);
+  EXPECT_EQ(device.read(5 * kMs).velocity, Vec3d(Vec3d::Zero())) << "the filter starts anew";
+  for (int ms = 6; ms <= 7; ++ms) EXPECT_TRUE(device.read(ms * kMs).velocity.allFinite());
+  EXPECT_NEAR(device.read(8 * kMs).velocity.x(), 1 - std::exp(-3 / 5.0), 1e-9);
 }
 
 }  // namespace

@@ -5,6 +5,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
+#include <string>
 
 #include "haptics/simulated_device.hpp"
 #include "host_service/host_core.hpp"
@@ -56,6 +58,9 @@ class BoxOnOrgan : public ::testing::Test {
   void run_cycle(const Vec3d& device, bool grab) {
     session_.prepare(device, Vec3d::Zero());
     session_.inputs()[0].device.buttons = grab ? std::uint32_t{haptics::kGrabButton} : 0u;
+    run_prepared_cycle();
+  }
+  void run_prepared_cycle() {
     session_.core().link().bodies.orders.post(orders_);
     outputs_ = session_.touch_with_bodies();
     (void)session_.core().servo().refine(spm::Budget{1u << 20});
@@ -101,6 +106,54 @@ TEST_F(BoxOnOrgan, StaysAtRestWhenAHandTouchesItAndFallsBackAfterALift) {
   EXPECT_GT(reports_.bodies[0].state.position.z(), resting.position.z() + 0.005);
   for (int cycle = 0; cycle < 250; ++cycle) run_cycle(hand + Vec3d{0, 0, 5e-5 * cycle}, false);
   EXPECT_NEAR(reports_.bodies[0].state.position.z(), resting.position.z(), 0.002);
+}
+
+/// A device state with one number that is not finite.
+haptics::DeviceState invalid_state(const haptics::DeviceState& valid, int number) {
+  haptics::DeviceState state = valid;
+  const double invalid = std::numeric_limits<double>::quiet_NaN();
+  if (number == 0) state.position.x() = invalid;
+  if (number == 1) state.velocity.y() = std::numeric_limits<double>::infinity();
+  if (number == 2) state.orientation.z() = invalid;
+  return state;
+}
+
+TEST_F(BoxOnOrgan, OneInvalidStateOfAHandThatPressesOrHoldsItLeavesItsStateFinite) {
+  const haptics::BodyState resting = state_after_drop();
+  orders_.number = orders_.count = 1;
+  orders_.bodies[0].object = 1;
+  orders_.bodies[0].received = {resting, 0, 1};
+  const Vec3d above = resting.position + Vec3d{0, 0, kHalfEdge + 0.01};
+  const Vec3d pressed = resting.position + Vec3d{0, 0, kHalfEdge + 0.0025};
+  for (const bool grab : {false, true}) {
+    for (int number = 0; number < 3; ++number) {
+      const std::string where = "number " + std::to_string(number) + (grab ? ", held" : ", pressed");
+      session_.cycle().reset_faults();
+      for (int cycle = 0; cycle < 500; ++cycle) run_cycle(above, false);
+      Vec3d hand = above;
+      for (int cycle = 0; cycle < 600; ++cycle) {
+        hand.z() = std::max(hand.z() - 3e-5, pressed.z());
+        run_cycle(hand, grab && hand.z() == pressed.z());
+      }
+      ASSERT_NE(outputs_[0].status & (grab ? session::kHolding : session::kInContact), 0u) << where;
+      session_.prepare(hand, Vec3d::Zero());
+      haptics::DeviceState& device = session_.inputs()[0].device;
+      device.buttons = grab ? std::uint32_t{haptics::kGrabButton} : 0u;
+      const Eigen::Quaterniond orientation = device.orientation;
+      device = invalid_state(device, number);
+      run_prepared_cycle();
+      device.orientation = orientation;
+      run_cycle(hand, grab);
+      const haptics::BodyState& state = reports_.bodies[0].state;
+      EXPECT_TRUE(state.position.allFinite() && state.velocity.allFinite() && state.angular_velocity.allFinite() &&
+                  state.orientation.coeffs().allFinite())
+          << where;
+      EXPECT_LT((state.position - resting.position).norm(), 0.01) << where;
+      const std::uint64_t refused = reports_.rotational_ports[0].invalid_inputs;
+      run_cycle(hand, false);
+      EXPECT_EQ(reports_.rotational_ports[0].invalid_inputs, refused) << "a later input counts as invalid; " << where;
+    }
+  }
 }
 
 TEST(ToolAndBody, AStylusPushesABoxAlongTheGroundAndFeelsItsFriction) {

@@ -487,6 +487,49 @@ TEST_F(DeliveryServerTest, AnHrtcThatReturnsReceivesLargerSequences) {
   EXPECT_GT(after.front().sequence, before.back().sequence);
 }
 
+TEST_F(DeliveryServerTest, AFreshStreamBeginsAtOneAfterAnHrtcWasDropped) {
+  submit(make_demand(1, {3}));
+  const std::vector<BulkChunk> before = drain();
+  ASSERT_FALSE(before.empty());
+  server_.on_hrtc_gone(kHrtc);
+  newest_sequence_.clear();
+
+  submit(make_demand(1, {3}, kOtherHrtc));
+  const std::vector<BulkChunk> other = drain();
+  ASSERT_FALSE(other.empty());
+  EXPECT_EQ(other.front().sequence, 1u) << "the client would report all smaller numbers as lost";
+
+  newest_sequence_.clear();
+  Demand restarted = make_demand(1, {3});
+  ++restarted.origin.incarnation;
+  restarted.stream = stream_id(kSelf, restarted.origin, kObject);
+  submit(restarted);
+  const std::vector<BulkChunk> after = drain();
+  ASSERT_FALSE(after.empty());
+  EXPECT_EQ(after.front().sequence, 1u) << "a new incarnation has a new stream";
+}
+
+TEST_F(DeliveryServerTest, AStreamContinuesAfterManyOtherHrtcsWereDropped) {
+  submit(make_demand(1, {3}));
+  const std::vector<BulkChunk> before = drain();
+  ASSERT_FALSE(before.empty());
+  server_.on_hrtc_gone(kHrtc);
+  newest_sequence_.clear();
+  for (std::uint64_t hrtc = 1000; hrtc < 6000; ++hrtc) {
+    submit(make_demand(1, {}, hrtc));
+    (void)server_.next(now_);
+    server_.on_hrtc_gone(hrtc);
+  }
+
+  Demand returned = make_demand(1, {3});
+  returned.received = returned.newest = before.back().sequence;
+  submit(returned);
+
+  const std::vector<BulkChunk> after = drain();
+  ASSERT_FALSE(after.empty());
+  EXPECT_EQ(after.front().sequence, before.back().sequence + 1);
+}
+
 TEST_F(DeliveryServerTest, RefusesMalformedAndForeignDemands) {
   using Result = DeliveryServer::DemandResult;
   const std::uint32_t regions = model_.summary.regions;

@@ -70,5 +70,11 @@ TEST(Percentile, WithALimitedNumberOfSamplesDropsTheOldest) {
   EXPECT_EQ(newest.percentile(0), 1);
 }
 
+TEST(Percentile, WithALimitOfNoSamplesStoresNone) {
+  Samples<> none{0};
+  none.add(1);
+  EXPECT_TRUE(none.empty());
+}
+
 }  // namespace
 }  // namespace tactus::session

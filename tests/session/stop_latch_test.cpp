@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <map>
 #include <random>
+#include <tuple>
 #include <variant>
 
 #include "tests/support/constants.hpp"
@@ -26,9 +27,9 @@ StopName stop(std::uint64_t participant, std::uint32_t number = 1, std::uint64_t
 ForceReset reset(std::uint64_t participant, std::uint32_t number, std::vector<StopName> stops) {
   return {origin(participant), number, std::move(stops), ""};
 }
-RosterEntry entry(std::uint64_t participant, const StopLatch& latch) {
+RosterEntry entry(std::uint64_t participant, const StopLatch& latch, std::uint64_t incarnation = 1) {
   RosterEntry result;
-  result.origin = origin(participant);
+  result.origin = origin(participant, incarnation);
   result.role = Role::kHrtc;
   result.name = std::to_string(participant);
   result.stops = latch.records();
@@ -114,31 +115,61 @@ TEST(StopLatch, IgnoresRosterEntriesOfAnotherSessionOrProtocolVersion) {
   EXPECT_FALSE(latch.stopped());
 }
 
+bool has_record_of(const StopLatch& latch, std::uint64_t participant) {
+  return std::any_of(latch.records().begin(), latch.records().end(),
+                     [&](const StopRecord& record) { return record.participant == participant; });
+}
+
+/// Gives the latch a standing stop of each of `count` issuers, the first with id 100. Returns the names of the stops.
+std::vector<StopName> issue_stops(StopLatch& latch, std::size_t count) {
+  std::vector<StopName> names;
+  for (std::uint64_t i = 0; i < count; ++i) names.push_back(stop(100 + i));
+  for (const StopName& name : names) (void)latch.on_stop(name);
+  return names;
+}
+
 TEST(StopLatch, DropsTheLeastRecentIssuerWithoutAStandingStopWhenFull) {
   StopLatch latch{origin(1)};
-  (void)latch.on_stop(stop(100));
-  (void)latch.on_reset(reset(50, 1, {stop(100)}));
-  for (std::uint64_t i = 0; i < kMaxStops - 3; ++i) (void)latch.on_stop(stop(200 + i));
-  EXPECT_THAT(latch.records(), SizeIs(kMaxStops - 1));
+  (void)latch.on_stop(stop(90));
+  (void)latch.on_stop(stop(91));
+  (void)latch.on_reset(reset(50, 1, {stop(90), stop(91)}));
+  (void)latch.on_stop(stop(90));  // its issuer still repeats it
+  (void)issue_stops(latch, kMaxStopIssuers - 2);
+  EXPECT_THAT(latch.records(), SizeIs(kMaxStopIssuers + 1));
   EXPECT_TRUE(latch.on_stop(stop(300)));
-  const auto has_record_of = [&](std::uint64_t participant) {
-    return std::any_of(latch.records().begin(), latch.records().end(),
-                       [&](const StopRecord& record) { return record.participant == participant; });
-  };
-  EXPECT_FALSE(has_record_of(100));
-  EXPECT_TRUE(has_record_of(50));
-  EXPECT_TRUE(has_record_of(200));
-  EXPECT_TRUE(has_record_of(300));
+  EXPECT_FALSE(has_record_of(latch, 91));
+  EXPECT_TRUE(has_record_of(latch, 90));
+  EXPECT_TRUE(has_record_of(latch, 50)) << "a repeated reset would count as new";
+  EXPECT_TRUE(has_record_of(latch, 100));
+  EXPECT_TRUE(has_record_of(latch, 300));
+}
+
+TEST(StopLatch, DropsTheLeastRecentIssuerOfAResetWhenFull) {
+  StopLatch latch{origin(1)};
+  for (std::uint64_t i = 0; i < kMaxResetIssuers; ++i) (void)latch.on_reset(reset(50 + i, 1, {}));
+  EXPECT_FALSE(latch.on_reset(reset(50, 1, {}))) << "its sender still repeats it";
+  EXPECT_TRUE(latch.on_reset(reset(90, 1, {})));
+  EXPECT_THAT(latch.records(), SizeIs(kMaxResetIssuers));
+  EXPECT_FALSE(has_record_of(latch, 51));
+  EXPECT_TRUE(has_record_of(latch, 50));
+}
+
+TEST(StopLatch, AProgramThatIssuesStopsAndResetsLosesOnlyThePartThatIsDropped) {
+  StopLatch latch{origin(1)};
+  (void)latch.on_stop(stop(50));
+  (void)latch.on_reset(reset(50, 1, {stop(50)}));
+  (void)issue_stops(latch, kMaxStopIssuers);
+  EXPECT_FALSE(latch.on_reset(reset(50, 1, {})));
+  for (std::uint64_t i = 0; i < kMaxResetIssuers; ++i) (void)latch.on_reset(reset(100 + i, 1, {}));
+  EXPECT_THAT(standing_stops(latch.records()), SizeIs(kMaxStopIssuers));
 }
 
 TEST(StopLatch, IssuesItsOwnStopWhenNoRecordIsFree) {
   StopLatch latch{origin(1)};
-  std::vector<StopName> recorded;
-  for (std::uint64_t i = 0; i < kMaxStops - 1; ++i) recorded.push_back(stop(100 + i));
-  for (const StopName& name : recorded) (void)latch.on_stop(name);
+  const std::vector<StopName> recorded = issue_stops(latch, kMaxStopIssuers);
   EXPECT_TRUE(latch.on_stop(stop(500)));
   EXPECT_FALSE(latch.on_stop(stop(500))) << "its own stop already stands";
-  EXPECT_THAT(latch.records(), SizeIs(kMaxStops));
+  EXPECT_THAT(latch.records(), SizeIs(kMaxStopIssuers + 1));
 
   EmergencyStop unrecorded;
   unrecorded.origin = origin(500);
@@ -153,7 +184,69 @@ TEST(StopLatch, IssuesItsOwnStopWhenNoRecordIsFree) {
 
   for (const StopName& name : recorded) (void)latch.on_stop({name.participant, 1, 2});
   EXPECT_TRUE(latch.on_stop(stop(501))) << "the latch issues its own stop a second time";
-  EXPECT_THAT(standing_stops(latch.records()), SizeIs(kMaxStops));
+  EXPECT_THAT(standing_stops(latch.records()), SizeIs(kMaxStopIssuers + 1));
+}
+
+TEST(StopLatch, ARepeatedResetOfAllRecordedStopsChangesNothing) {
+  StopLatch latch{origin(1)};
+  (void)issue_stops(latch, kMaxStopIssuers + 1);  // the last one makes the latch issue its own stop
+  const ForceReset sent = reset(3, 1, standing_stops(latch.records()));
+  EXPECT_TRUE(latch.on_reset(sent));
+  EXPECT_FALSE(latch.stopped());
+  EXPECT_TRUE(acknowledges(entry(1, latch), sent));
+  const std::uint64_t changes = latch.changes();
+  for (int i = 0; i < 3; ++i) {
+    EXPECT_FALSE(latch.on_reset(sent)) << "a repeated reset would end a later device fault";
+    EXPECT_TRUE(acknowledges(entry(1, latch), sent));
+  }
+  EXPECT_EQ(latch.resets(), 1u);
+  EXPECT_EQ(latch.changes(), changes);
+}
+
+TEST(StopLatch, AResetThatNamesMoreUnknownStopsThanFitIsAppliedOnce) {
+  StopLatch latch{origin(1)};
+  (void)latch.on_stop(stop(700));
+  std::vector<StopName> names;
+  for (std::uint64_t i = 0; i < kMaxStops - 1; ++i) names.push_back(stop(100 + i));
+  names.push_back(stop(700));
+  const ForceReset sent = reset(3, 1, names);
+  EXPECT_TRUE(latch.on_reset(sent));
+  EXPECT_FALSE(latch.stopped());
+  EXPECT_TRUE(acknowledges(entry(1, latch), sent));
+  const std::uint64_t changes = latch.changes();
+  EXPECT_FALSE(latch.on_reset(sent));
+  EXPECT_EQ(latch.changes(), changes);
+  EXPECT_LE(latch.records().size(), kMaxStops);
+  // If a stop without a record arrives late, it stands, and the repeated reset ends it.
+  const auto unrecorded = std::find_if(names.begin(), names.end(),
+                                       [&](const StopName& name) { return !has_record_of(latch, name.participant); });
+  ASSERT_NE(unrecorded, names.end());
+  EXPECT_TRUE(latch.on_stop(*unrecorded));
+  EXPECT_FALSE(acknowledges(entry(1, latch), sent)) << "its sender has to repeat the reset";
+  EXPECT_FALSE(latch.on_reset(sent));
+  EXPECT_FALSE(latch.stopped());
+  EXPECT_TRUE(acknowledges(entry(1, latch), sent));
+}
+
+TEST(StopLatch, TwoSendersThatRepeatResetsOfManyStopsInTurnAreEachAppliedOnce) {
+  StopLatch latch{origin(1)};
+  std::vector<StopName> first_names, second_names;
+  for (std::uint64_t i = 0; i < kMaxStopIssuers; ++i) first_names.push_back(stop(100 + i));
+  for (std::uint64_t i = 0; i < kMaxStopIssuers; ++i) second_names.push_back(stop(200 + i));
+  for (int i = 0; i < 3; ++i) {
+    EXPECT_EQ(latch.on_reset(reset(3, 1, first_names)), i == 0);
+    EXPECT_EQ(latch.on_reset(reset(4, 1, second_names)), i == 0);
+  }
+  EXPECT_EQ(latch.resets(), 2u);
+}
+
+TEST(StopLatch, TheRosterOfAProgramWithoutTheResetDoesNotRenewTheStopsThatItEnded) {
+  StopLatch latch{origin(1)}, peer{origin(5)};
+  (void)issue_stops(peer, kMaxStopIssuers);
+  (void)latch.on_roster(entry(5, peer));
+  EXPECT_TRUE(latch.on_reset(reset(3, 1, standing_stops(peer.records()))));
+  EXPECT_FALSE(latch.on_roster(entry(5, peer)));
+  EXPECT_FALSE(latch.stopped());
 }
 
 TEST(StopLatch, IgnoresStopsAndResetsUnderItsOwnName) {
@@ -161,8 +254,8 @@ TEST(StopLatch, IgnoresStopsAndResetsUnderItsOwnName) {
   (void)latch.on_reset(reset(3, 1, {stop(1, 0xffffffff)}));
   EXPECT_FALSE(latch.on_stop(stop(1, 0xffffffff)));
   EXPECT_FALSE(latch.stopped());
-  for (std::uint64_t i = 0; i < kMaxStops; ++i) (void)latch.on_stop(stop(100 + i));
-  EXPECT_THAT(standing_stops(latch.records()), SizeIs(kMaxStops));
+  (void)issue_stops(latch, kMaxStops);
+  EXPECT_THAT(standing_stops(latch.records()), SizeIs(kMaxStopIssuers + 1));
 }
 
 TEST(StopLatch, ListsTheProgramsThatHaveAndHaveNotAcknowledged) {
@@ -208,14 +301,15 @@ TEST(StopLatch, ListsTheProgramsThatHaveAndHaveNotAcknowledged) {
 /// an operator may not.
 class StopSimulation {
  public:
-  explicit StopSimulation(std::uint32_t seed) : random_{seed} {
+  explicit StopSimulation(std::uint32_t seed, std::size_t max_stop_issuers = kMaxStopIssuers)
+      : max_stop_issuers_{max_stop_issuers}, random_{seed} {
     for (std::uint64_t id = 1; id <= kHrtcs; ++id) start_hrtc(id);
   }
 
   void run(bool restarts) {
     for (int step = 0; step < 400; ++step) {
-      if (chance(0.05)) issue_stop();
-      if (chance(0.05)) issue_reset(0.7);
+      if (step < 250 && chance(0.05)) issue_stop();
+      if (chance(0.02)) issue_reset(0.7);
       if (chance(0.05)) kill_an_issuer();
       if (restarts && chance(0.05)) restart_an_hrtc();
       publish();
@@ -225,6 +319,15 @@ class StopSimulation {
   }
   void reset_all_stops() {
     issue_reset(1);
+    deliver_all();
+  }
+  /// Issues stops until their issuers exceed the records of the HRTCs, without any reset.
+  void issue_many_stops() {
+    while (stop_issuers_ < max_stop_issuers_) {
+      issue_stop();
+      publish();
+      deliver(40);
+    }
     deliver_all();
   }
 
@@ -237,6 +340,10 @@ class StopSimulation {
   [[nodiscard]] std::size_t hrtcs_with_forces() const {
     return static_cast<std::size_t>(
         std::count_if(hrtcs_.begin(), hrtcs_.end(), [](const auto& hrtc) { return !hrtc.second.stopped(); }));
+  }
+  /// Whether no HRTC counted a reset twice.
+  [[nodiscard]] bool no_reset_counted_twice() const {
+    return std::all_of(counted_.begin(), counted_.end(), [](const auto& counted) { return counted.second == 1; });
   }
   [[nodiscard]] bool all_senders_are_done() const { return stops_.empty() && resets_.empty(); }
 
@@ -256,6 +363,7 @@ class StopSimulation {
 
   void start_hrtc(std::uint64_t id) {
     ++incarnation_;
+    incarnations_[id] = incarnation_;
     hrtcs_.insert_or_assign(id, StopLatch{origin(id, incarnation_)});
   }
   [[nodiscard]] bool stands_at_another_hrtc(const StopName& stop, std::uint64_t id) const {
@@ -274,21 +382,23 @@ class StopSimulation {
       start_hrtc(id);
   }
 
-  /// Issues a further stop of an issuer, or the first stop of a new issuer. Makes no more senders than a StopLatch has
-  /// records.
+  /// Issues a further stop of an issuer, or the first stop of a new issuer, if there are fewer than max_stop_issuers_.
   void issue_stop() {
     if (!stops_.empty() && chance(0.3)) {
       ++stops_[static_cast<std::size_t>(random_below(stops_.size()))].number;
-    } else if (senders_ < kMaxStops - 3) {
+    } else if (stop_issuers_ < max_stop_issuers_) {
+      ++stop_issuers_;
       stops_.push_back({origin(100 + senders_++), 1, ""});
     }
   }
   void kill_an_issuer() {
     if (!stops_.empty()) stops_.erase(stops_.begin() + random_below(stops_.size()));
   }
-  /// Sends a reset that names a share of the standing stops, and sometimes stops that no HRTC has received yet.
+  /// Sends a reset that names a share of the standing stops, and sometimes stops that no HRTC has received yet. Makes no
+  /// more issuers of resets than a StopLatch has records.
   void issue_reset(double share) {
-    if (share < 1 && senders_ >= kMaxStops - 3) return;
+    if (share < 1 && reset_issuers_ >= kMaxResetIssuers) return;
+    ++reset_issuers_;
     ForceReset sent = reset(100 + senders_++, 1, {});
     for (const auto& [id, hrtc] : hrtcs_)
       for (const StopName& stop : standing_stops(hrtc.records()))
@@ -313,7 +423,8 @@ class StopSimulation {
     samples.erase(std::remove_if(samples.begin(), samples.end(),
                                  [this](const Sample& sample) {
                                    return std::all_of(hrtcs_.begin(), hrtcs_.end(), [&](const auto& hrtc) {
-                                     return acknowledges(entry(hrtc.first, hrtc.second), sample);
+                                     return acknowledges(entry(hrtc.first, hrtc.second, incarnations_.at(hrtc.first)),
+                                                         sample);
                                    });
                                  }),
                   samples.end());
@@ -323,24 +434,26 @@ class StopSimulation {
   void publish() {
     for (const auto& [from, hrtc] : hrtcs_)
       for (std::uint64_t to = 1; to <= kHrtcs; ++to)
-        if (from != to) send(to, entry(from, hrtc));
+        if (from != to) send(to, entry(from, hrtc, incarnations_.at(from)));
     repeat(stops_);
     repeat(resets_);
   }
 
-  void receive(StopLatch& latch, const EmergencyStop& stop) {
-    (void)latch.on_stop(stop.name());
+  void receive(std::uint64_t to, const EmergencyStop& stop) {
+    (void)hrtcs_.at(to).on_stop(stop.name());
     std::uint32_t& newest = newest_received_[{stop.origin.participant, stop.origin.incarnation}];
     newest = std::max(newest, stop.number);
   }
-  void receive(StopLatch& latch, const ForceReset& reset) { (void)latch.on_reset(reset); }
-  void receive(StopLatch& latch, const RosterEntry& entry) { (void)latch.on_roster(entry); }
+  void receive(std::uint64_t to, const ForceReset& reset) {
+    if (hrtcs_.at(to).on_reset(reset)) ++counted_[{to, incarnations_.at(to), reset.origin.participant}];
+  }
+  void receive(std::uint64_t to, const RosterEntry& entry) { (void)hrtcs_.at(to).on_roster(entry); }
   void deliver(std::size_t count) {
     for (; count > 0 && !network_.empty(); --count) {
       std::swap(network_[static_cast<std::size_t>(random_below(network_.size()))], network_.back());
       const Packet packet = network_.back();
       network_.pop_back();
-      std::visit([&](const auto& sample) { receive(hrtcs_.at(packet.to), sample); }, packet.sample);
+      std::visit([&](const auto& sample) { receive(packet.to, sample); }, packet.sample);
     }
   }
   /// Ends all losses and delivers all packets.
@@ -352,6 +465,7 @@ class StopSimulation {
     }
   }
 
+  std::size_t max_stop_issuers_;
   std::mt19937 random_;
   double loss_ = 0.3;
   std::map<std::uint64_t, StopLatch> hrtcs_;
@@ -360,7 +474,10 @@ class StopSimulation {
   std::vector<Packet> network_;
   std::map<Issuer, std::uint32_t> newest_received_;  // number of the newest stop that an HRTC has received
   std::map<Issuer, std::uint32_t> newest_named_;     // number of the newest stop that a reset has named
-  std::uint64_t senders_ = 0;                        // of stops and resets
+  std::map<std::tuple<std::uint64_t, std::uint64_t, std::uint64_t>, int> counted_;  // by HRTC, incarnation, issuer
+  std::map<std::uint64_t, std::uint64_t> incarnations_;                             // of the HRTCs
+  std::size_t stop_issuers_ = 0, reset_issuers_ = 0;
+  std::uint64_t senders_ = 0;  // of stops and resets
   std::uint64_t incarnation_ = 0;
 };
 
@@ -375,6 +492,7 @@ TEST(StopSimulation, ForcesAreOnIfAndOnlyIfEveryStopWasNamedByAReset) {
     ++(named ? seeds_with_forces : seeds_without_forces);
     simulation.reset_all_stops();
     ASSERT_EQ(simulation.hrtcs_with_forces(), StopSimulation::kHrtcs) << "seed " << seed;
+    ASSERT_TRUE(simulation.no_reset_counted_twice()) << "seed " << seed;
   }
   EXPECT_GT(seeds_with_forces, 10);
   EXPECT_GT(seeds_without_forces, 10);
@@ -391,8 +509,23 @@ TEST(StopSimulation, NoForceIsOnWithoutAResetWhileHrtcsRestart) {
     }
     simulation.reset_all_stops();
     ASSERT_EQ(simulation.hrtcs_with_forces(), StopSimulation::kHrtcs) << "seed " << seed;
+    ASSERT_TRUE(simulation.no_reset_counted_twice()) << "seed " << seed;
   }
   EXPECT_GT(seeds_without_forces, 10);
+}
+
+// HRTCs forward stops that do not fit to HRTCs that have applied the first reset already. These issue own stops again,
+// which only the second reset names.
+TEST(StopSimulation, TwoResetsEndMoreStopsThanAnHrtcRecords) {
+  for (std::uint32_t seed = 1; seed <= 100; ++seed) {
+    StopSimulation simulation{seed, 2 * kMaxStopIssuers};
+    simulation.issue_many_stops();
+    ASSERT_EQ(simulation.hrtcs_with_forces(), 0u) << "seed " << seed;
+    for (int resets = 0; resets < 2; ++resets) simulation.reset_all_stops();
+    ASSERT_EQ(simulation.hrtcs_with_forces(), StopSimulation::kHrtcs) << "seed " << seed;
+    ASSERT_TRUE(simulation.all_senders_are_done()) << "seed " << seed;
+    ASSERT_TRUE(simulation.no_reset_counted_twice()) << "seed " << seed;
+  }
 }
 
 }  // namespace
