@@ -53,8 +53,8 @@ constexpr PoolCase kPools[] = {{"1/64 of the model", 1.0 / 64},
                                {"whole model (figure 5d)", 1}};
 
 struct Outcome {
-  Samples load_us, loader_us, records;  // of each cycle
-  Samples slots_per_record;             // slots in use for each shown record
+  Samples load_us, gateway_us, records;  // of each cycle
+  Samples slots_per_record;              // slots in use for each shown record
   std::vector<RegionLoad> loads;
   std::uint64_t records_received = 0, received_again = 0, contact_cycles = 0, exact_cycles = 0;
   hrtc_service::LoaderFigures figures;
@@ -100,7 +100,7 @@ Outcome run_pool(const spm::Model& model, const Settings& settings, const PoolCa
       outcome.loads.push_back(load);
     }
     outcome.load_us.add(result.costs.load * 1e-3);
-    outcome.loader_us.add(run.loader_us());
+    outcome.gateway_us.add(run.gateway_us());
     outcome.records.add(static_cast<double>(records));
     if ((result.probes[0].status & session::kInContact) != 0) {
       ++outcome.contact_cycles;
@@ -115,7 +115,7 @@ Outcome run_pool(const spm::Model& model, const Settings& settings, const PoolCa
   }
   outcome.figures = run.loader().figures();
   outcome.records_received = outcome.figures.records_received;
-  outcome.received_again = outcome.figures.records_returned;
+  outcome.received_again = outcome.figures.records_received_again;
   return outcome;
 }
 
@@ -164,7 +164,7 @@ Report run(const Settings& settings) {
     const Population all{cycles, outcome.load_us.size()}, loads{"regions, " + pool, outcome.loads.size()};
     report.set_virtual_time(false);
     report.add_percentiles("T_L", cycles, "us", outcome.load_us);
-    report.add_percentiles("loader time", cycles, "us", outcome.loader_us);
+    report.add_percentiles("loader time", cycles, "us", outcome.gateway_us);
     report.set_virtual_time(true);
     report.add_percentiles("records received", cycles, "", outcome.records);
     report.add_percentiles("slots in use / records shown", cycles, "", outcome.slots_per_record);

@@ -97,7 +97,7 @@ struct Outcome {
   std::uint64_t cycles = 0, contact_cycles = 0, exact_cycles = 0;
   std::uint64_t in_time = 0, reference_in_time = 0;  // cycles within the deadline
   std::uint64_t stopped = 0;                         // cycles whose refinement the governor stopped
-  double refit_unit_ns = 0, surprise_us = 0;         // final values of the governor
+  double refit_unit_ns = 0, excess_us = 0;           // final values of the governor
   // Normal equations of a least-squares fit: ns of refinement and refit, by list entries visited and records changed.
   Eigen::Matrix3d normal = Eigen::Matrix3d::Zero();
   Eigen::Vector3d right = Eigen::Vector3d::Zero();
@@ -168,7 +168,7 @@ Outcome run_deadline(const spm::Model& model, const Settings& settings, const st
   }
   load.set(false);
   outcome.refit_unit_ns = governor.refit_ns_per_unit();
-  outcome.surprise_us = governor.excess_ns() * 1e-3;
+  outcome.excess_us = governor.excess_ns() * 1e-3;
   return outcome;
 }
 
@@ -220,7 +220,7 @@ Report run(const Settings& settings) {
     report.add_value("exact", {"contact " + cycles, outcome.contact_cycles}, "%", outcome.percent_exact());
     report.add_value("refit time of a unit, governor at the end", {cycles, outcome.cycles}, "ns",
                      outcome.refit_unit_ns);
-    report.add_value("surprise, governor at the end", {cycles, outcome.cycles}, "us", outcome.surprise_us);
+    report.add_value("surprise, governor at the end", {cycles, outcome.cycles}, "us", outcome.excess_us);
     const Eigen::Vector3d fit = outcome.normal.ldlt().solve(outcome.right);
     report.add_value("T_R + T_B, fit: constant", {cycles, outcome.cycles}, "ns", fit[0]);
     report.add_value("T_R + T_B, fit: a list entry visited", {cycles, outcome.cycles}, "ns", fit[1]);

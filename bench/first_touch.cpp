@@ -40,11 +40,11 @@ struct Settings {
   int tries = 20;
 };
 
-constexpr double kRadius = 0.003;      // m, of the tip
-constexpr double kDepth = 0.0003;      // m
-constexpr double kSpacing = 0.005;     // m along the surface, between the points that tips touch
-constexpr double kKnockPeriod = 0.02;  // s, from one touch of the tip to the next
-constexpr double kKnockingTime = 30;   // s, length of the recording
+constexpr double kRadius = 0.003;     // m, of the tip
+constexpr double kDepth = 0.0003;     // m
+constexpr double kSpacing = 0.005;    // m along the surface, between the points that tips touch
+constexpr double kTapPeriod = 0.02;   // s, from one touch of the tip to the next
+constexpr double kKnockingTime = 30;  // s, length of the recording
 
 struct LinkCase {
   const char* name;
@@ -55,9 +55,9 @@ struct LinkCase {
 constexpr std::array<LinkCase, 2> kLinks{LinkCase{"LAN", "P1", 250}, LinkCase{"100 ms", "P0:delay=50:rate=20", 1000}};
 
 /// The model file, the configuration of its host, and the points of its surface that tips touch.
-class KnockSubject {
+class TapSubject {
  public:
-  explicit KnockSubject(const Settings& settings) {
+  explicit TapSubject(const Settings& settings) {
     LoadedModel loaded = load_model(settings.model, settings.faces);
     name = loaded.name;
     mesh_bytes = 12.0 * (static_cast<double>(loaded.model.positions.size()) + loaded.model.summary.faces);
@@ -89,16 +89,16 @@ class KnockSubject {
                                std::to_string(tries));
   }
 
-  /// Writes the poses of a device that touches a point once in each kKnockPeriod, and leaves it. Returns the file.
+  /// Writes the poses of a device that touches a point once in each kTapPeriod, and leaves it. Returns the file.
   [[nodiscard]] std::string write_recording(std::size_t point) const {
     const std::string file = path("knock-" + std::to_string(point) + ".csv");
     std::ofstream out{file};
     out.precision(9);
     const auto& [contact, normal] = points.at(point);
-    for (int knock = 0; knock * kKnockPeriod < kKnockingTime; ++knock)
+    for (int knock = 0; knock * kTapPeriod < kKnockingTime; ++knock)
       for (const double phase : {0.0, 0.5}) {
         const Vec3d tip = phase == 0 ? Vec3d{contact + 2 * kDepth * normal} : contact;
-        out << (knock + phase) * kKnockPeriod << ',' << tip[0] << ',' << tip[1] << ',' << tip[2] << '\n';
+        out << (knock + phase) * kTapPeriod << ',' << tip[0] << ',' << tip[1] << ',' << tip[2] << '\n';
       }
     if (!out.flush()) throw std::runtime_error("cannot write " + file);
     return file;
@@ -210,7 +210,7 @@ struct FirstContacts {
 };
 
 /// Starts one HRTC for each point. When its tip begins to touch and leave the point, no part of the model has arrived.
-FirstContacts measure_contacts(LiveSession& session, const KnockSubject& subject) {
+FirstContacts measure_contacts(LiveSession& session, const TapSubject& subject) {
   const auto host = session.start(Side::kA, "host", {"--name", "host", "--config", subject.path("host.yaml")});
   const auto wait_for = [&](const e2e::Process& program, const char* what, const auto& condition) {
     try {
@@ -244,7 +244,7 @@ FirstContacts measure_contacts(LiveSession& session, const KnockSubject& subject
 
 Report run(const Settings& settings) {
   std::fprintf(stderr, "making the model\n");
-  const KnockSubject subject{settings};
+  const TapSubject subject{settings};
   char text[120];
   std::snprintf(text, sizeof text, "a 3 mm tip that knocks at the surface, %d HRTCs on each link", settings.tries);
   Report report{{subject.name, subject.summary.digest, subject.summary.faces, text}};

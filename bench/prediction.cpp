@@ -6,8 +6,8 @@
 
 #include "bench/bench_main.hpp"
 #include "bench/figures.hpp"
+#include "bench/hand_motion.hpp"
 #include "bench/remote_session.hpp"
-#include "bench/strokes.hpp"
 
 namespace tactus::bench {
 namespace {
@@ -30,7 +30,7 @@ struct Outcome {
   }
 };
 
-Outcome run_one(const StrokedModel& model, const std::vector<spm::Vec3d>& path, const std::vector<bool>& touching,
+Outcome run_one(const HandScaleModel& model, const std::vector<spm::Vec3d>& path, const std::vector<bool>& touching,
                 const RemoteSettings& settings) {
   RemoteSession session{model.subject.model, settings};
   session.start();
@@ -47,7 +47,7 @@ Outcome run_one(const StrokedModel& model, const std::vector<spm::Vec3d>& path, 
 
 Report run(const Settings& settings) {
   std::fprintf(stderr, "building the model\n");
-  const StrokedModel model{settings.model, settings.faces};
+  const HandScaleModel model{settings.model, settings.faces};
   const spm::ModelSummary& summary = model.subject.model.summary;
   char text[256];
   std::snprintf(

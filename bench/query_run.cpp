@@ -75,7 +75,7 @@ class TreeQuery {
       count_ = tree.find_contacts(scene_.path[pose].centre, scene_.radius, spheres_.data(), kMaxContacts);
     } else {
       placed_.set_pose(scene_.poses[pose]);
-      const spm::MeshTouch touch = placed_.find_contacts(tree, pairs_.data(), kMaxContacts);
+      const spm::MeshQueryResult touch = placed_.find_contacts(tree, pairs_.data(), kMaxContacts);
       count_ = touch.contacts;
       complete = touch.complete;
     }

@@ -94,9 +94,10 @@ EdgeCollapses with_moving_vertices(Collapses collapses, const Dependencies& fixe
         stars.add(c.u, face);
       }
       for (std::uint32_t k = c.first_dying; k < end.first_dying; ++k) {
-        const std::uint32_t face = index(segment.dying[k].face());
-        Triangle& born = corners[face] = spm::born_face(segment.dying[k].order(), c.u, c.t, segment.dying_x[k]);
-        need(out.removed_by[segment.dying_x[k]]);
+        const std::uint32_t face = index(segment.removed_faces[k].face());
+        Triangle& born = corners[face] =
+            spm::born_face(segment.removed_faces[k].order(), c.u, c.t, segment.removed_third_corners[k]);
+        need(out.removed_by[segment.removed_third_corners[k]]);
         for (const std::uint32_t v : born) stars.add(v, face);
         last_record[face] = id;
       }
@@ -155,15 +156,16 @@ Bisection bisection(std::uint32_t k) {
   std::vector<bool> touched(corners.size(), false), removed(corners.size(), false);
   Segment segment;
   const auto collapse = [&](std::uint32_t u, std::uint32_t t) {
-    segment.sequence.push_back(
-        {u, t, static_cast<std::uint32_t>(segment.dying.size()), static_cast<std::uint32_t>(segment.moved.size())});
+    segment.sequence.push_back({u, t, static_cast<std::uint32_t>(segment.removed_faces.size()),
+                                static_cast<std::uint32_t>(segment.moved.size())});
     for (const std::uint32_t face : std::vector<std::uint32_t>{stars.of(u)}) {
       Triangle& triangle = corners[face];
       const auto u_at = static_cast<std::uint32_t>(std::find(triangle.begin(), triangle.end(), u) - triangle.begin());
       if (std::find(triangle.begin(), triangle.end(), t) != triangle.end()) {
         const bool t_next = triangle[(u_at + 1) % 3] == t;
-        segment.dying.push_back(spm::BornRef::make(spm::FaceId{face}, 2 * u_at + (t_next ? 0 : 1), !touched[face]));
-        segment.dying_x.push_back(triangle[(u_at + (t_next ? 2 : 1)) % 3]);
+        segment.removed_faces.push_back(
+            spm::BornRef::make(spm::FaceId{face}, 2 * u_at + (t_next ? 0 : 1), !touched[face]));
+        segment.removed_third_corners.push_back(triangle[(u_at + (t_next ? 2 : 1)) % 3]);
         for (const std::uint32_t v : Triangle{triangle}) stars.remove(v, face);
         removed[face] = true;
       } else {
@@ -187,7 +189,7 @@ Bisection bisection(std::uint32_t k) {
         collapse(at(x, y), falling ? at(x + step, y - step) : at(x - step, y - step));
       }
   }
-  segment.sequence.push_back({kNone, kNone, static_cast<std::uint32_t>(segment.dying.size()),
+  segment.sequence.push_back({kNone, kNone, static_cast<std::uint32_t>(segment.removed_faces.size()),
                               static_cast<std::uint32_t>(segment.moved.size())});
   result.collapses.segments.push_back(std::move(segment));
   result.collapses.rounds = {0, 1};
@@ -211,7 +213,7 @@ void add_rows(const Kind& kind, const TriangleMesh& mesh, const Partition& cells
               const Dependencies& needs, Report& report) {
   const RegionLists lists{mesh, cells, needs, 0, [](double) {}};
   double borne = 0, split_vertices = 0;
-  for (const Segment& segment : collapses.segments) borne += static_cast<double>(segment.dying.size());
+  for (const Segment& segment : collapses.segments) borne += static_cast<double>(segment.removed_faces.size());
   Samples lengths, ratios;
   for (std::size_t cell = 0; cell < lists.size(); ++cell) {
     lengths.add(static_cast<double>(lists.of(cell).size()));

@@ -307,7 +307,7 @@ SafetyResult run_safety(const SafetySettings& settings) {
   for (std::uint64_t cycle = 1; result.arrived < settings.samples; ++cycle) {
     const std::int64_t now_ns = static_cast<std::int64_t>(cycle) * kCycleNs;
     session::DevicePose pose = hand.next(now_ns, random);
-    pose.command_felt = felt > 3 ? felt - 3 : 0;
+    pose.command_applied = felt > 3 ? felt - 3 : 0;
     channel.send(encoding.bytes(pose), cycle);
     for (const Bytes& bytes : channel.arrivals(cycle)) {
       ++result.arrived;
@@ -327,8 +327,8 @@ SafetyResult run_safety(const SafetySettings& settings) {
       remote_pose.velocity = arrived.velocity;
       remote_pose.sequence = arrived.sequence;
       remote_pose.buttons = arrived.buttons;
-      remote_pose.command_felt = arrived.command_felt;
-      remote_pose.taken_ns = arrived.session_time_ns;
+      remote_pose.command_applied = arrived.command_applied;
+      remote_pose.measured_ns = arrived.session_time_ns;
       remote_pose.arrived_ns = now_ns;
       const bool newest = session::accepted(numbers.admit(remote_pose.sequence, now_ns));
       if (newest) device->on_pose(remote_pose);
@@ -351,7 +351,7 @@ SafetyResult run_safety(const SafetySettings& settings) {
     const double silence = static_cast<double>(now_ns - received_ns) * 1e-9, silent = age - state.transit;
     const haptics::ForceResult& sphere_force = sphere.renderer.step(touch, state, impedance, silent, kCycle);
     if (sphere.check(cycle, sphere_force, silence, random)) proxy.reset();
-    const haptics::ToolGrip grip = tool.renderer.tool_grip(impedance, kCycle, state.loop_delay);
+    const haptics::ToolGrip grip = tool.renderer.tool_grip(impedance, kCycle, state.round_trip);
     const haptics::ForceResult& tool_force =
         tool.renderer.step(supported_tool(state), grip, state, impedance, silent, kCycle);
     static_cast<void>(tool.check(cycle, tool_force, silence, random));

@@ -61,7 +61,7 @@ class SessionRun {
   [[nodiscard]] const hrtc_service::Loader& loader() const noexcept { return core_.gateway().loader(); }
   [[nodiscard]] hrtc_service::Cycle& haptic() noexcept { return core_.servo().cycle(); }
   /// Returns the CPU time of the gateway in the last `prepare`, us.
-  [[nodiscard]] double loader_us() const noexcept { return loader_us_; }
+  [[nodiscard]] double gateway_us() const noexcept { return loader_us_; }
   /// Returns the regions that the loader received in the last `prepare`.
   [[nodiscard]] const std::vector<RegionLoad>& loads() const noexcept { return loads_; }
 

@@ -36,8 +36,8 @@ Report replay(std::uint64_t seed) {
       simulate(seed, schedule, [](const std::string& line) { std::printf("%s\n", line.c_str()); });
   std::printf("\n%llu messages in %.0f ms, ", static_cast<unsigned long long>(result.messages),
               static_cast<double>(result.virtual_ns) * 1e-6);
-  if (result.healed_ns)
-    std::printf("recovered %.0f ms after the last fault\n", static_cast<double>(*result.healed_ns) * 1e-6);
+  if (result.recovery_ns)
+    std::printf("recovered %.0f ms after the last fault\n", static_cast<double>(*result.recovery_ns) * 1e-6);
   else
     std::printf("did not recover\n");
   for (const std::string& condition : result.broken) std::printf("BROKEN %s\n", condition.c_str());
@@ -54,7 +54,7 @@ struct Totals {
   std::array<std::uint64_t, kFaultKinds> faults{};
   std::uint64_t min_messages = ~std::uint64_t{0}, messages = 0;
   std::size_t min_kinds = kFaultKinds;
-  std::uint64_t held = 0, refused = 0, released = 0, host_changes = 0, deaths_noticed = 0, false_suspicions = 0;
+  std::uint64_t held = 0, refused = 0, released = 0, host_changes = 0, failures_detected = 0, false_suspicions = 0;
   double virtual_s = 0;
   Samples healed_ms;
 
@@ -72,10 +72,10 @@ struct Totals {
     refused += result.hrtcs.regions_refused;
     released += result.hrtcs.regions_released;
     host_changes += result.host_changes;
-    deaths_noticed += result.hrtcs.deaths_noticed;
+    failures_detected += result.hrtcs.failures_detected;
     false_suspicions += result.hrtcs.false_suspicions;
     virtual_s += static_cast<double>(result.virtual_ns) * 1e-9;
-    healed_ms.add(result.healed_ns ? static_cast<double>(*result.healed_ns) * 1e-6 : kUnfinished);
+    healed_ms.add(result.recovery_ns ? static_cast<double>(*result.recovery_ns) * 1e-6 : kUnfinished);
   }
 };
 
@@ -86,7 +86,7 @@ Report run(const Settings& settings) {
   std::mutex mutex;
   std::atomic<std::uint64_t> next{settings.first};
   const std::uint64_t end = settings.first + settings.schedules;
-  (void)coded_of(kFirstObject);  // builds the model once, before threads share it
+  (void)compressed_of(kFirstObject);  // builds the model once, before threads share it
   Stopwatch stopwatch;
   std::vector<std::thread> workers;
   for (unsigned i = 0; i < threads; ++i) {
@@ -119,7 +119,7 @@ Report run(const Settings& settings) {
   report.add_value("regions released", schedules, "", count(totals.released));
   report.add_value("regions refused, which the host sends again", schedules, "", count(totals.refused));
   report.add_value("changes of the host that serves an object to an HRTC", schedules, "", count(totals.host_changes));
-  report.add_value("dead hosts suspected", schedules, "", count(totals.deaths_noticed));
+  report.add_value("dead hosts suspected", schedules, "", count(totals.failures_detected));
   report.add_value("live hosts suspected", schedules, "", count(totals.false_suspicions));
   report.add_at_most("schedules with a broken condition", {"schedules", settings.schedules}, "",
                      count(totals.failed.size()), 0);

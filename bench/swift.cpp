@@ -8,8 +8,8 @@
 
 #include "bench/bench_main.hpp"
 #include "bench/figures.hpp"
+#include "bench/hand_motion.hpp"
 #include "bench/remote_session.hpp"
-#include "bench/strokes.hpp"
 #include "spm/triangle.hpp"
 
 namespace tactus::bench {
@@ -60,7 +60,7 @@ double shown_distance(const RemoteSession& session, const Vec3d& tip, bool exact
   return (radius - depth) * session.scale();
 }
 
-Outcome run_one(const StrokedModel& model, const std::vector<Vec3d>& path, const std::vector<double>& truth,
+Outcome run_one(const HandScaleModel& model, const std::vector<Vec3d>& path, const std::vector<double>& truth,
                 const RemoteSettings& settings) {
   RemoteSession session{model.subject.model, settings};
   session.start();
@@ -99,7 +99,7 @@ Outcome run_one(const StrokedModel& model, const std::vector<Vec3d>& path, const
 
 /// Returns the max difference between the distance by the fixed tree and the min distance to all triangles, at `count`
 /// poses of the path, m.
-double brute_force(const StrokedModel& model, const std::vector<Vec3d>& path, const std::vector<double>& truth,
+double brute_force(const HandScaleModel& model, const std::vector<Vec3d>& path, const std::vector<double>& truth,
                    std::uint32_t count) {
   constexpr std::size_t kBlockPoses = 64;  // the mesh is read once for each block of poses
   const std::size_t every = std::max<std::size_t>(1, path.size() / count);
@@ -135,7 +135,7 @@ double brute_force(const StrokedModel& model, const std::vector<Vec3d>& path, co
 
 Report run(const Settings& settings) {
   std::fprintf(stderr, "building the model\n");
-  const StrokedModel model{settings.model, settings.faces};
+  const HandScaleModel model{settings.model, settings.faces};
   const spm::ModelSummary& summary = model.subject.model.summary;
   std::fprintf(stderr, "computing the path\n");
   const std::vector<Vec3d> path = surface_motion(model, settings.speed, 0, settings.cycles, settings.seed);

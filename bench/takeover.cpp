@@ -108,7 +108,7 @@ class Takeover {
   /// Starts both hosts, the HRTC and its users. Returns 3 s after the first contact, when regions arrive and depart.
   void begin() {
     start_host(0);
-    desk_ = session_.start(Side::kB, "hrtc", {"--name", "desk", "--pool", "4096", "--no-coding", "--timer-beside"});
+    desk_ = session_.start(Side::kB, "hrtc", {"--name", "desk", "--pool", "4096", "--no-coding", "--reference-timer"});
     users_ = session_.start(Side::kB, "sim", {"--scenario", path("exploring.yaml")});
     start_host(1);
     session_.wait_until(

@@ -76,7 +76,7 @@ class DepthChecker {
   /// Returns the max depth of the tool below the mesh, m. Returns 0 if no triangles intersect.
   double depth(const haptics::ToolPose& pose) {
     placed_.set_pose(in_model(pose), 1 / unit_);
-    const spm::MeshTouch touch = placed_.find_contacts(finest_.tree(), contacts_.data(), 1u << 16);
+    const spm::MeshQueryResult touch = placed_.find_contacts(finest_.tree(), contacts_.data(), 1u << 16);
     if (touch.contacts == 0) return 0;
     double max_depth = 0;
     for (std::uint32_t i = 0; i < std::min(touch.contacts, 1u << 16); ++i)
@@ -130,7 +130,7 @@ haptics::ToolPose midway(const haptics::ToolPose& a, const haptics::ToolPose& b)
 
 /// Results of one path on one mesh.
 struct Outcome {
-  Samples cpu_us, wall_us, refinement_us, loader_us;
+  Samples cpu_us, wall_us, refinement_us, gateway_us;
   Samples changes, work, contacts;        // of each cycle
   Samples force_step_n, torque_step_mnm;  // change from cycle to cycle while the device rests, N and mN m
   double max_depth = 0;                   // m
@@ -172,7 +172,7 @@ class RefinedTool {
   [[nodiscard]] const haptics::ToolResult& tool() { return run_.haptic().tool(0)->last(); }
   [[nodiscard]] double cpu_us() const { return cpu_us_; }
   [[nodiscard]] double wall_us() const { return wall_us_; }
-  [[nodiscard]] double loader_us() const { return run_.loader_us(); }
+  [[nodiscard]] double gateway_us() const { return run_.gateway_us(); }
 
  private:
   static SessionSettings settings_of(const Settings& settings, const LoadedModel& subject,
@@ -216,7 +216,7 @@ Outcome move_tool(const Settings& settings, const LoadedModel& subject, const st
       const hrtc_service::CycleResult& result = refined->result();
       outcome.refinement_us.add((result.costs.refine + result.costs.refit) * 1e-3);
       outcome.changes.add(result.costs.changes);
-      outcome.loader_us.add(refined->loader_us());
+      outcome.gateway_us.add(refined->gateway_us());
       outcome.wall_us.add(refined->wall_us());
       outcome.cpu_us.add(refined->cpu_us());
       const std::uint32_t status = result.probes[0].status;
@@ -269,7 +269,7 @@ void add_rows(Outcome& outcome, const std::string& mesh, Report& report) {
   if (outcome.refinement_us.size() > 0) {
     report.add_percentiles("time of refinement and refit in a cycle", mesh, "us", outcome.refinement_us);
     report.add_percentiles("records split and collapsed in a cycle", mesh, "", outcome.changes);
-    report.add_percentiles("CPU time of the loader's tick", mesh, "us", outcome.loader_us);
+    report.add_percentiles("CPU time of the loader's tick", mesh, "us", outcome.gateway_us);
   }
   report.add_percentiles("work of the tool", mesh, "", outcome.work);
   report.add_percentiles("contacts with a force", mesh, "", outcome.contacts);

@@ -84,7 +84,7 @@ class Demo {
       std::vector<std::unique_ptr<e2e::Process>> hrtcs;
       for (const char* name : {"hrtc-1", "hrtc-2"})
         hrtcs.push_back(
-            session.start(Side::kB, "hrtc", {"--name", name, "--pool", std::to_string(kPool), "--timer-beside"}));
+            session.start(Side::kB, "hrtc", {"--name", name, "--pool", std::to_string(kPool), "--reference-timer"}));
       const std::string report = path("report.json");
       const auto sim = session.start(
           Side::kB, "sim", {"--scenario", "demo", "--seconds", std::to_string(settings_.seconds), "--json", report});

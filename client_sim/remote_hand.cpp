@@ -73,7 +73,7 @@ void RemoteHand::run() {
                              state.orientation.w()};
     pose.velocity = {state.velocity.x(), state.velocity.y(), state.velocity.z()};
     pose.buttons = state.buttons;
-    pose.command_felt = command.sequence;
+    pose.command_applied = command.sequence;
     (void)poses_.send(pose);
   }
 }

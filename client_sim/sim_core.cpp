@@ -209,14 +209,14 @@ void SimCore::gather(std::int64_t now_ns) {
   state_ = SimState::kJoining;
 }
 
-std::string SimCore::missing_slots() const {
+std::string SimCore::missing_probes() const {
   std::string missing;
   for (const SimUser& sim_user : users_) {
     const session::RosterEntry* const hrtc = roster_.find(session::id_of(sim_user.hrtc));
     const std::string& user = sim_user.script_operator.user().name;
     const bool served =
-        hrtc != nullptr && std::any_of(hrtc->slots.begin(), hrtc->slots.end(),
-                                       [&](const session::UserSlot& slot) { return slot.user == user; });
+        hrtc != nullptr && std::any_of(hrtc->served_users.begin(), hrtc->served_users.end(),
+                                       [&](const session::UserProbe& probe) { return probe.user == user; });
     if (!served) missing += (missing.empty() ? "" : ", ") + user + " by " + sim_user.hrtc;
   }
   return missing.empty() ? "" : "not served: " + missing;
@@ -277,7 +277,7 @@ SimMessages SimCore::tick(std::int64_t now_ns, std::int64_t session_now_ns) {
     return out;
   }
   if (state_ == SimState::kJoining) {
-    stop_reason_ = missing_slots();
+    stop_reason_ = missing_probes();
     if (stop_reason_.empty()) {
       state_ = SimState::kRunning;
       start_ns_ = now_ns;

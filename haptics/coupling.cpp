@@ -12,7 +12,7 @@ constexpr int kLongestGap = 100;  // max cycles between the interpolated time an
 // Time after the start for which a peer whose samples have not arrived yet is assumed to keep the speed of the start.
 constexpr std::int64_t kAssumedMotionNs = 500'000'000;
 constexpr double kSurplusShare = 0.05;  // share of the tank's energy above the reserve that goes to the peers per cycle
-// Min tank level for homing (the copies slowly converge), as a multiple of the energy of this cycle's waves.
+// Min tank level for convergence_share (the copies slowly converge), as a multiple of the energy of this cycle's waves.
 constexpr double kHomingCosts = 3;
 constexpr double kSmoothing = 0.02;  // s, time constant for the users' forces
 
@@ -56,7 +56,7 @@ CopyCoupling::CopyCoupling(const CouplingSettings& settings, std::size_t index, 
   drag_ = per_mass * (settings_.drag / copies);
   ledger_.tank = ledger_.received = settings_.initial_energy / copies;
   own_.time_ns = -1;
-  pressed_.fill(Vec3d::Zero());
+  user_force_.fill(Vec3d::Zero());
 }
 
 void CopyCoupling::store(History& history, const CopySample& sample, std::size_t to) noexcept {
@@ -93,9 +93,9 @@ bool CopyCoupling::interpolate(const History& history, std::int64_t time_ns, Rec
 void CopyCoupling::on_sample(std::size_t peer, const CopySample& sample) noexcept {
   if (peer >= settings_.copies || peer == index_ || sample.time_ns < 0) return;
   store(received_[peer], sample, index_);
-  if (sample.time_ns <= pressed_ns_[peer]) return;
-  pressed_ns_[peer] = sample.time_ns;
-  pressed_[peer] = sample.pressed;
+  if (sample.time_ns <= user_force_ns_[peer]) return;
+  user_force_ns_[peer] = sample.time_ns;
+  user_force_[peer] = sample.user_force;
   // A peer's energy counter never decreases. If it is lower than in the previous sample, the previous sample was wrong,
   // and the count continues from the new value.
   const double arrived = std::min(sample.energy[index_] - energy_received_[peer], settings_.tank);
@@ -124,11 +124,11 @@ void CopyCoupling::start(std::int64_t now_ns, const BodyState& body) noexcept {
 /// this force stretches the channel by D / b times the force (D: channel delay).
 Mat6d CopyCoupling::impedance_to(std::size_t peer) const noexcept {
   Mat6d impedance = impedance_.asDiagonal();
-  const Vec3d between = pressed_[index_] - pressed_[peer];
+  const Vec3d between = user_force_[index_] - user_force_[peer];
   const double size = between.norm();
   if (size < settings_.ignored_force) return impedance;
   const Vec3d along = between / size;
-  const double opposed = std::min(pressed_[index_].dot(along), -pressed_[peer].dot(along));
+  const double opposed = std::min(user_force_[index_].dot(along), -user_force_[peer].dot(along));
   const double carried = 2 * std::max(0.0, opposed - settings_.ignored_force) / static_cast<double>(settings_.copies);
   const double target = std::min(carried * channel_delay_ / settings_.stretch, settings_.max_mass / channel_delay_);
   if (const double more = target - impedance_[0]; more > 0)
@@ -149,7 +149,7 @@ void CopyCoupling::begin(std::int64_t now_ns, double dt, RigidBody& body) noexce
   add_spring(dt, body);
 }
 
-/// Interpolates the samples of all copies at the time that is `settings_.delay` ago, advances the homing by one step,
+/// Interpolates the samples of all copies at the time that is `settings_.delay` ago, advances the convergence_share by one step,
 /// and filters the waves.
 void CopyCoupling::receive_waves(std::int64_t now_ns, double dt) noexcept {
   const double copies = static_cast<double>(settings_.copies);
@@ -177,7 +177,7 @@ void CopyCoupling::receive_waves(std::int64_t now_ns, double dt) noexcept {
     }
   }
   if (all_received) ledger_.copy_distance = furthest;
-  if (all_received && may_home_) homing_ += apart * (settings_.homing * dt / channel_delay_);
+  if (all_received && may_home_) homing_ += apart * (settings_.convergence_share * dt / channel_delay_);
   for (std::size_t i = 0; i < settings_.copies; ++i) {
     if (i == index_) continue;
     channels_[i].filtered += (channels_[i].raw + homing_ - channels_[i].filtered) * (dt / (filter_ + dt));
@@ -236,7 +236,7 @@ void CopyCoupling::add_spring(double dt, RigidBody& body) noexcept {
   body.add_implicit(mass_world, impulse_world);
 }
 
-void CopyCoupling::finish(const Vec6d& velocity, const RigidBody& body, const Vec3d& pressed) noexcept {
+void CopyCoupling::finish(const Vec6d& velocity, const RigidBody& body, const Vec3d& user_force) noexcept {
   if (started_) {
     Vec6d own;
     own << velocity.head<3>(), axes_.conjugate() * velocity.tail<3>();
@@ -246,11 +246,11 @@ void CopyCoupling::finish(const Vec6d& velocity, const RigidBody& body, const Ve
     const Vec6d end_step = step_ - dt_ * admittance_ * force;
     const double dragged = drag_.dot(own.cwiseProduct(moved));
     ledger_.given += force.dot(moved) - dragged;
-    ledger_.tank += settings_.credited * dragged;
+    ledger_.tank += settings_.credited_drag_share * dragged;
     set_position_ += end_step;
     moved_ += moved;
     // The implicit spring dissipates energy: the energy from the channels, minus the energy given to the copy, minus
-    // the increase of the stored energy. This loss is credited to the tank. Without this credit a low tank would make
+    // the increase of the stored energy. This loss is credited_drag_share to the tank. Without this credit a low tank would make
     // the set position oscillate, which would lower the tank further.
     const double stored = 0.5 * stiffness_.dot((set_position_ - moved_).cwiseAbs2());
     ledger_.tank += std::max(0.0, force.dot(end_step - moved) - (stored - ledger_.stored));
@@ -269,8 +269,8 @@ void CopyCoupling::finish(const Vec6d& velocity, const RigidBody& body, const Ve
       }
     }
   }
-  pressed_[index_] += (pressed - pressed_[index_]) * (dt_ / (kSmoothing + dt_));
-  own_.pressed = pressed_[index_];
+  user_force_[index_] += (user_force - user_force_[index_]) * (dt_ / (kSmoothing + dt_));
+  own_.user_force = user_force_[index_];
   own_.time_ns = now_ns_;
   own_.body = body.state();
   store(received_[index_], own_, index_);

@@ -43,7 +43,7 @@ inline constexpr std::size_t kMaxCopies = 8;
 struct CopySample {
   std::int64_t time_ns = 0;  ///< session time
   BodyState body;
-  Vec3d pressed = Vec3d::Zero();  ///< N, world frame: smoothed force of the copy's own users on the copy
+  Vec3d user_force = Vec3d::Zero();  ///< N, world frame: smoothed force of the copy's own users on the copy
   /// By index of the peer: z since the group began, m and rad; and the energy put into the channel to this peer, J,
   /// which never decreases.
   std::array<Vec6d, kMaxCopies> waves = zero_waves();
@@ -67,17 +67,17 @@ struct CouplingSettings {
   /// N/m, minimum rotational stiffness, as the stiffness of springs at the corners of a box. It is high because an
   /// object that is held at one point turns under its weight.
   double min_rotational_stiffness = 4000;
-  double stretch = 0.01;           ///< m, stretch of a channel under opposing forces, if max_mass allows it
-  double max_mass = 25;            ///< kg, maximum mass of a channel along the direction of these forces
-  double ignored_force = 0.3;      ///< N; smaller opposing forces are ignored
-  double drag = 0.6;               ///< N s/m, drag of the whole object
-  double credited = 0.5;           ///< share of the drag losses that is credited to the tank
-  double tank = 0.1;               ///< J, capacity of the tank; energy above it is lost
-  double reserve = 0.04;           ///< J; each cycle, a twentieth of the tank's energy above this goes to the peers
-  double initial_energy = 1e-4;    ///< J in all tanks together at the start
-  double allowance = 0.5e-3 / 60;  ///< W into all tanks together, so that copies converge while nobody moves them
-  double homing = 0.1;             ///< share of the distance between copies by which they converge per D
-  double max_speed = 2;            ///< m/s, maximum speed of the set position
+  double stretch = 0.01;             ///< m, stretch of a channel under opposing forces, if max_mass allows it
+  double max_mass = 25;              ///< kg, maximum mass of a channel along the direction of these forces
+  double ignored_force = 0.3;        ///< N; smaller opposing forces are ignored
+  double drag = 0.6;                 ///< N s/m, drag of the whole object
+  double credited_drag_share = 0.5;  ///< share of the drag losses that is credited to the tank
+  double tank = 0.1;                 ///< J, capacity of the tank; energy above it is lost
+  double reserve = 0.04;             ///< J; each cycle, a twentieth of the tank's energy above this goes to the peers
+  double initial_energy = 1e-4;      ///< J in all tanks together at the start
+  double allowance = 0.5e-3 / 60;    ///< W into all tanks together, so that copies converge while nobody moves them
+  double convergence_share = 0.1;    ///< share of the distance between copies by which they converge per D
+  double max_speed = 2;              ///< m/s, maximum speed of the set position
 };
 
 /// Couples one copy to its peers.
@@ -100,9 +100,9 @@ class CopyCoupling {
 
   /// Chooses the step of the set position, and adds the spring to the step that `body` has begun. Realtime.
   void begin(std::int64_t now_ns, double dt, RigidBody& body) noexcept;
-  /// Ends the cycle after the body's step. `velocity`: result of the solver. `pressed`: force of the local users on the
+  /// Ends the cycle after the body's step. `velocity`: result of the solver. `user_force`: force of the local users on the
   /// body, N. Realtime.
-  void finish(const Vec6d& velocity, const RigidBody& body, const Vec3d& pressed) noexcept;
+  void finish(const Vec6d& velocity, const RigidBody& body, const Vec3d& user_force) noexcept;
   /// The sample to send, after `finish`.
   [[nodiscard]] const CopySample& sample() const noexcept { return own_; }
 
@@ -147,8 +147,8 @@ class CopyCoupling {
 
   std::array<History, kMaxCopies> received_;  // by index of the copy, also of this one
   std::array<double, kMaxCopies> energy_received_{};
-  std::array<Vec3d, kMaxCopies> pressed_;  // N, force of the users of each copy on that copy
-  std::array<std::int64_t, kMaxCopies> pressed_ns_{};
+  std::array<Vec3d, kMaxCopies> user_force_;  // N, force of the users of each copy on that copy
+  std::array<std::int64_t, kMaxCopies> user_force_ns_{};
   bool started_ = false;
   std::int64_t start_ns_ = 0;
   Vec6d start_speed_ = Vec6d::Zero();

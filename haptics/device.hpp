@@ -37,7 +37,7 @@ struct DeviceState {
   // Only of a device on another machine:
   std::uint32_t sequence = 0;  ///< the sender's sequence number of the pose
   double transit = 0;          ///< s, transit of the pose; not part of its age
-  double loop_delay = 0;       ///< s, bound of the round trip from HRTC to device and back (stable_stiffness)
+  double round_trip = 0;       ///< s, bound of the round trip from HRTC to device and back (stable_stiffness)
 };
 
 /// Error of a device that cannot be opened. The message names the device, or file and line, the value found and the

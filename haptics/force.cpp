@@ -52,15 +52,15 @@ Wrench wrench_of(const Hold& hold, const ToolGrip& grip, double damping, const D
               grip.angular_damping * (hold.angular_velocity - angular_velocity)};
 }
 
-double ForceRenderer::stiffness(const ContactImpedance& impedance, double dt, double loop_delay) const noexcept {
+double ForceRenderer::stiffness(const ContactImpedance& impedance, double dt, double round_trip) const noexcept {
   return std::min(
-      {impedance.stiffness, spec_.max_stiffness, stable_stiffness(spec_.damping, impedance.damping, dt, loop_delay)});
+      {impedance.stiffness, spec_.max_stiffness, stable_stiffness(spec_.damping, impedance.damping, dt, round_trip)});
 }
 
 ToolGrip ForceRenderer::grip_with(double arm, const ContactImpedance& impedance, double dt,
-                                  double loop_delay) const noexcept {
+                                  double round_trip) const noexcept {
   constexpr double kAngularDamping = 0.01;  // s, ratio of damping to rotational stiffness
-  const double stiffness = this->stiffness(impedance, dt, loop_delay);
+  const double stiffness = this->stiffness(impedance, dt, round_trip);
   const double rotational_stiffness = stiffness * arm * arm;
   // A device without torque cannot become unstable by torque.
   const double limited_stiffness =
@@ -68,14 +68,14 @@ ToolGrip ForceRenderer::grip_with(double arm, const ContactImpedance& impedance,
   return {stiffness, limited_stiffness, kAngularDamping * limited_stiffness};
 }
 
-ToolGrip ForceRenderer::tool_grip(const ContactImpedance& impedance, double dt, double loop_delay) const noexcept {
+ToolGrip ForceRenderer::tool_grip(const ContactImpedance& impedance, double dt, double round_trip) const noexcept {
   constexpr double kArm = 0.01;  // m
-  return grip_with(kArm, impedance, dt, loop_delay);
+  return grip_with(kArm, impedance, dt, round_trip);
 }
 
-ToolGrip ForceRenderer::hold_grip(const ContactImpedance& impedance, double dt, double loop_delay) const noexcept {
+ToolGrip ForceRenderer::hold_grip(const ContactImpedance& impedance, double dt, double round_trip) const noexcept {
   constexpr double kArm = 0.05;  // m
-  return grip_with(kArm, impedance, dt, loop_delay);
+  return grip_with(kArm, impedance, dt, round_trip);
 }
 
 void ForceRenderer::latch(Fault fault) noexcept {
@@ -163,7 +163,7 @@ bool ForceRenderer::admit(const DeviceState& device, const ContactImpedance& imp
                           double dt) noexcept {
   const bool finite = device.position.allFinite() && device.velocity.allFinite() && std::isfinite(pose_age) &&
                       std::isfinite(impedance.stiffness) && std::isfinite(impedance.damping) && std::isfinite(dt) &&
-                      std::isfinite(device.loop_delay);
+                      std::isfinite(device.round_trip);
   if (!finite) {
     latch(Fault::kInputNotFinite);
     return false;
@@ -182,7 +182,7 @@ void ForceRenderer::render(const ProxyResult& proxy, const DeviceState& device, 
   if (!is_finite(proxy) || (unchanged != nullptr && !is_finite(*unchanged))) return latch(Fault::kInputNotFinite);
   if (!admit(device, impedance, pose_age, dt)) return;
 
-  const double stiffness = this->stiffness(impedance, dt, device.loop_delay);
+  const double stiffness = this->stiffness(impedance, dt, device.round_trip);
   // The force is limited before the ramp too. Otherwise the part above the limit, which nobody can feel, would lengthen
   // the ramp.
   bool saturated = false;

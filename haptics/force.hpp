@@ -105,8 +105,8 @@ struct ForceResult {
 /// cycle T and the loop delay td, all in SI units. The formula is conservative: its result is 5 to 45 % lower than the
 /// true maximum. Source: Hulin, Preusche, Hirzinger 2006.
 [[nodiscard]] constexpr double stable_stiffness(double device_damping, double damping, double cycle,
-                                                double loop_delay) noexcept {
-  return (device_damping + damping) / (cycle / 2 + loop_delay);
+                                                double round_trip) noexcept {
+  return (device_damping + damping) / (cycle / 2 + round_trip);
 }
 
 class ForceRenderer {
@@ -115,14 +115,14 @@ class ForceRenderer {
   ForceRenderer(const ForceSettings& settings, const DeviceSpec& spec) noexcept : settings_{settings}, spec_{spec} {}
 
   /// The stiffness of a material after the limit for this device, N/m, at cycles of `dt` seconds and with
-  /// DeviceState::loop_delay. The proxy's grip needs the same value.
-  [[nodiscard]] double stiffness(const ContactImpedance& impedance, double dt, double loop_delay = 0) const noexcept;
+  /// DeviceState::round_trip. The proxy's grip needs the same value.
+  [[nodiscard]] double stiffness(const ContactImpedance& impedance, double dt, double round_trip = 0) const noexcept;
 
   /// The coupling of a tool, limited like `stiffness`. At 1,000 N/m its rotational stiffness is 0.1 N m/rad.
-  [[nodiscard]] ToolGrip tool_grip(const ContactImpedance& impedance, double dt, double loop_delay = 0) const noexcept;
+  [[nodiscard]] ToolGrip tool_grip(const ContactImpedance& impedance, double dt, double round_trip = 0) const noexcept;
   /// The coupling of a held object, limited like `stiffness`. Its rotational stiffness is that of two fingers 10 cm
   /// apart: 2.5 N m/rad at 1,000 N/m.
-  [[nodiscard]] ToolGrip hold_grip(const ContactImpedance& impedance, double dt, double loop_delay = 0) const noexcept;
+  [[nodiscard]] ToolGrip hold_grip(const ContactImpedance& impedance, double dt, double round_trip = 0) const noexcept;
 
   /// Computes one cycle of `dt` seconds. `pose_age`: age of the device pose without its transit, s. `unchanged`: the
   /// result of Proxy::unchanged in a cycle in which the surface changed, otherwise null. For every input the force is
@@ -187,7 +187,7 @@ class ForceRenderer {
   void render(const Hold& hold, const ToolGrip& grip, const DeviceState& device, const ContactImpedance& impedance,
               double pose_age, double dt) noexcept;
   [[nodiscard]] ToolGrip grip_with(double arm, const ContactImpedance& impedance, double dt,
-                                   double loop_delay) const noexcept;
+                                   double round_trip) const noexcept;
   [[nodiscard]] const ForceResult& reported() noexcept;
   /// Latches a fault and returns false when an input is not finite or the device is too fast.
   [[nodiscard]] bool admit(const DeviceState& device, const ContactImpedance& impedance, double pose_age,

@@ -126,7 +126,7 @@ struct Proxy::Motion {
 };
 
 /// The goal that friction leaves for the motion.
-struct Proxy::FrictionGoal {
+struct Proxy::ConstrainedGoal {
   Vec3d goal;
   bool sticking;
 };
@@ -158,8 +158,8 @@ Proxy::Motion Proxy::move(const Vec3d& start, const Vec3d& goal, Surface& surfac
   return motion;
 }
 
-Proxy::FrictionGoal Proxy::friction_goal(const Vec3d& device, const Vec3d& normal, const Vec3d& held_at,
-                                         double stick_within) const noexcept {
+Proxy::ConstrainedGoal Proxy::friction_goal(const Vec3d& device, const Vec3d& normal, const Vec3d& held_at,
+                                            double stick_within) const noexcept {
   const double depth = std::max(0.0, normal.dot(held_at - device));
   const Vec3d wanted = device - result_.proxy;
   const Vec3d along = wanted - normal * normal.dot(wanted);
@@ -178,7 +178,7 @@ bool Proxy::move_in_cone(const Vec3d& device, Vec3d normal, const Vec3d& held_at
   constexpr double kStickAgain = 0.7;
   const double coefficient =
       slipping_ ? std::min(kStickAgain * grip_.static_friction, grip_.dynamic_friction) : grip_.static_friction;
-  FrictionGoal friction = friction_goal(device, normal, held_at, coefficient);
+  ConstrainedGoal friction = friction_goal(device, normal, held_at, coefficient);
   found = move(result_.proxy, friction.goal, surface);
   if (!found.held) return false;
   last_motion_ = {result_.proxy, friction.goal};
@@ -194,7 +194,7 @@ bool Proxy::move_in_cone(const Vec3d& device, Vec3d normal, const Vec3d& held_at
     const double turned = normal_below.cross(normal).norm();
     if (turned < kSmallTurn) break;
     const Vec3d contact = is_single ? Vec3d(under.point + normal_below * (settings_.radius + kSkin)) : found.end;
-    const FrictionGoal corrected = friction_goal(device, normal_below, contact, 0);  // 0: the proxy slips
+    const ConstrainedGoal corrected = friction_goal(device, normal_below, contact, 0);  // 0: the proxy slips
     const Motion better = move(found.end, corrected.goal, surface, is_single ? &under : nullptr);
     if (!better.held) break;
     last_motion_ = {found.end, corrected.goal, is_single, friction.goal, under};

@@ -120,7 +120,7 @@ class Proxy {
  private:
   enum class Side : std::int8_t { kInner = -1, kUnknown = 0, kOuter = 1 };
   struct Motion;
-  struct FrictionGoal;
+  struct ConstrainedGoal;
   /// The last constrained motion, and the closest point from which its first plane was taken.
   struct LastMotion {
     Vec3d start = Vec3d::Zero(), goal = Vec3d::Zero();
@@ -131,8 +131,8 @@ class Proxy {
 
   [[nodiscard]] Motion move(const Vec3d& start, const Vec3d& goal, Surface& surface,
                             const SurfaceHit* first_hit = nullptr) const noexcept;
-  [[nodiscard]] FrictionGoal friction_goal(const Vec3d& device, const Vec3d& normal, const Vec3d& held_at,
-                                           double stick_within) const noexcept;
+  [[nodiscard]] ConstrainedGoal friction_goal(const Vec3d& device, const Vec3d& normal, const Vec3d& held_at,
+                                              double stick_within) const noexcept;
   [[nodiscard]] bool move_in_cone(const Vec3d& device, Vec3d normal, const Vec3d& held_at, Surface& surface,
                                   Motion& found) noexcept;
   [[nodiscard]] Motion move_with_friction(const Vec3d& device, Surface& surface) noexcept;

@@ -5,7 +5,7 @@
 
 namespace tactus::haptics {
 
-void LoopDelay::add(double seconds, double dt) noexcept {
+void RoundTripBound::add(double seconds, double dt) noexcept {
   if (mean_ < 0) {
     mean_ = seconds;
     deviation_ = seconds / 2;
@@ -23,18 +23,18 @@ void RemoteDevice::on_pose(RemotePose pose) noexcept {
   const double dt = started_ ? static_cast<double>(pose.arrived_ns - newest_ns_) * 1e-9 : 0;
   started_ = true;
   newest_ns_ = pose.arrived_ns;
-  pose.taken_ns = std::clamp(pose.taken_ns, pose.arrived_ns - kOldest, pose.arrived_ns);
+  pose.measured_ns = std::clamp(pose.measured_ns, pose.arrived_ns - kOldest, pose.arrived_ns);
   const std::uint32_t sent = commands_.load(std::memory_order_acquire);
-  if (pose.command_felt != 0 && static_cast<std::int32_t>(sent - pose.command_felt) >= 0)
-    loop_delay_.add(static_cast<double>(pose.arrived_ns - sent_ns(pose.command_felt)) * 1e-9, dt);
-  shown_loop_delay_.store(loop_delay_.value(), std::memory_order_relaxed);
-  poses_.post({pose, loop_delay_.value()});
+  if (pose.command_applied != 0 && static_cast<std::int32_t>(sent - pose.command_applied) >= 0)
+    round_trip_.add(static_cast<double>(pose.arrived_ns - sent_ns(pose.command_applied)) * 1e-9, dt);
+  shown_round_trip_.store(round_trip_.value(), std::memory_order_relaxed);
+  poses_.post({pose, round_trip_.value()});
   has_pose_.store(true, std::memory_order_release);
 }
 
 std::uint32_t RemoteDevice::on_command(std::int64_t cycle_ns) noexcept {
   const std::uint32_t number = commands_.load(std::memory_order_relaxed) + 1;
-  sent_ns_[number % kRemembered].store(cycle_ns, std::memory_order_relaxed);
+  sent_ns_[number % kStoredCommands].store(cycle_ns, std::memory_order_relaxed);
   commands_.store(number, std::memory_order_release);
   return number;
 }
@@ -43,8 +43,8 @@ std::int64_t RemoteDevice::sent_ns(std::uint32_t command) const noexcept {
   // Meanwhile on_command may overwrite the oldest entries, so only the newest half is read. An older command gets the
   // time of the oldest entry of this half.
   const std::uint32_t sent = commands_.load(std::memory_order_acquire);
-  const std::uint32_t kept = sent - std::min(sent - command, kRemembered / 2);
-  return sent_ns_[kept % kRemembered].load(std::memory_order_relaxed);
+  const std::uint32_t kept = sent - std::min(sent - command, kStoredCommands / 2);
+  return sent_ns_[kept % kStoredCommands].load(std::memory_order_relaxed);
 }
 
 DeviceState RemoteDevice::read(std::int64_t) noexcept {
@@ -55,10 +55,10 @@ DeviceState RemoteDevice::read(std::int64_t) noexcept {
   state.velocity = {pose.velocity[0], pose.velocity[1], pose.velocity[2]};
   state.orientation = {pose.orientation[3], pose.orientation[0], pose.orientation[1], pose.orientation[2]};
   state.buttons = pose.buttons;
-  state.time_ns = pose.taken_ns;
+  state.time_ns = pose.measured_ns;
   state.sequence = pose.sequence;
-  state.transit = static_cast<double>(pose.arrived_ns - pose.taken_ns) * 1e-9;
-  state.loop_delay = mail.loop_delay;
+  state.transit = static_cast<double>(pose.arrived_ns - pose.measured_ns) * 1e-9;
+  state.round_trip = mail.round_trip;
   return state;
 }
 

@@ -23,7 +23,7 @@ namespace tactus::haptics {
 /// An upper bound of a varying delay: mean plus four mean deviations, as in TCP's retransmission timer (RFC 6298). The
 /// bound follows a rise with a time constant of 50 ms, before an instability can grow, and a fall with one of 1 s, so
 /// that the stiffness does not oscillate.
-class LoopDelay {
+class RoundTripBound {
  public:
   /// Adds a measured delay, s. `dt`: time since the previous measurement, s.
   void add(double seconds, double dt) noexcept;
@@ -46,8 +46,8 @@ struct RemotePose {
   std::array<double, 4> orientation{0, 0, 0, 1};  ///< x, y, z, w
   std::uint32_t sequence = 0;
   std::uint32_t buttons = 0;
-  std::uint32_t command_felt = 0;  ///< number of the newest command that the device had applied; 0: none
-  std::int64_t taken_ns = 0;       ///< time of the measurement, estimated by the session clock
+  std::uint32_t command_applied = 0;  ///< number of the newest command that the device had applied; 0: none
+  std::int64_t measured_ns = 0;       ///< time of the measurement, estimated by the session clock
   std::int64_t arrived_ns = 0;
 };
 
@@ -65,7 +65,7 @@ class RemoteDevice final : public Device {
   /// True after the first pose; any thread.
   [[nodiscard]] bool has_pose() const noexcept { return has_pose_.load(std::memory_order_acquire); }
   /// Bound of the round trip, s; any thread.
-  [[nodiscard]] double loop_delay() const noexcept { return shown_loop_delay_.load(std::memory_order_relaxed); }
+  [[nodiscard]] double round_trip() const noexcept { return shown_round_trip_.load(std::memory_order_relaxed); }
 
   [[nodiscard]] const DeviceSpec& spec() const noexcept override { return spec_; }
   /// The newest pose; before the first: the origin, with time 0. Realtime.
@@ -75,23 +75,23 @@ class RemoteDevice final : public Device {
 
  private:
   static constexpr std::int64_t kOldest = 10'000'000'000;  // ns, max transit; a longer one means that a clock is wrong
-  static constexpr std::uint32_t kRemembered =
+  static constexpr std::uint32_t kStoredCommands =
       1024;  // commands whose time is stored; a command older than the last 512 counts as 512 commands old
   struct Mail {
     RemotePose pose;
-    double loop_delay = LoopDelay::kUnknown;
+    double round_trip = RoundTripBound::kUnknown;
   };
 
   [[nodiscard]] std::int64_t sent_ns(std::uint32_t command) const noexcept;
 
   DeviceSpec spec_;
   Mailbox<Mail> poses_;
-  std::array<std::atomic<std::int64_t>, kRemembered> sent_ns_{};  // by command modulo kRemembered
+  std::array<std::atomic<std::int64_t>, kStoredCommands> sent_ns_{};  // by command modulo kStoredCommands
   std::atomic<std::uint32_t> commands_{0};
   std::atomic<bool> has_pose_{false};
-  std::atomic<double> shown_loop_delay_{LoopDelay::kUnknown};
+  std::atomic<double> shown_round_trip_{RoundTripBound::kUnknown};
   // Used by the network thread only.
-  LoopDelay loop_delay_;
+  RoundTripBound round_trip_;
   std::int64_t newest_ns_ = 0;
   bool started_ = false;
 };

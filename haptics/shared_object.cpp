@@ -42,12 +42,12 @@ void SharedObject::step(std::int64_t now_ns, std::span<const PointSpring> spring
   const bool supported = solver_.solve({&moving, 1}, dt).contacts > 0;
   body_.finish(moving.velocity);
   if (coupling_ != nullptr) {
-    Vec3d pressed = Vec3d::Zero();
+    Vec3d user_force = Vec3d::Zero();
     for (const PointSpring& spring : springs) {
       const Vec3d arm = spring.point - centre;
-      pressed += spring.force(moving.velocity.head<3>() + moving.velocity.tail<3>().cross(arm), dt);
+      user_force += spring.force(moving.velocity.head<3>() + moving.velocity.tail<3>().cross(arm), dt);
     }
-    coupling_->finish(moving.velocity, body_, pressed);
+    coupling_->finish(moving.velocity, body_, user_force);
   }
 
   const bool may_sleep = supported && springs.empty() && more == nullptr && coupling_ == nullptr;

@@ -126,8 +126,9 @@ bool Tool::gather(const ToolPose& pose, double margin, std::uint32_t max_pairs, 
     in_model.translation() = object.rotation.transpose() * (pose.position - object.translation) / object.scale;
     placed_.set_pose(in_model, 1 / object.scale);
     const std::uint32_t free_slots = (capacity - block) * kWidth;
-    const spm::MeshTouch touch = placed_.find_near_pairs(*object.tree, margin / object.scale, set.blocks.data() + block,
-                                                         free_slots, kNodePairsPerRow * (work_end - result_.work));
+    const spm::MeshQueryResult touch =
+        placed_.find_near_pairs(*object.tree, margin / object.scale, set.blocks.data() + block, free_slots,
+                                kNodePairsPerRow * (work_end - result_.work));
     result_.work += touch.contacts + (touch.work - std::min(touch.work, touch.contacts)) / kNodePairsPerRow;
     if (!touch.complete || touch.contacts > free_slots) return false;
     if (touch.contacts == 0) continue;

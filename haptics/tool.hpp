@@ -123,7 +123,7 @@ class Tool {
   [[nodiscard]] const ToolResult& last() const noexcept { return result_; }
 
   /// Discards the gathered pairs, so that the next cycle gathers them anew. Realtime.
-  void forget_surroundings() noexcept { gathered_ = false; }
+  void clear_gathered_pairs() noexcept { gathered_ = false; }
   /// Visits the state that one cycle leaves for the next (haptics/carried.hpp), and discards the gathered pairs. A tool
   /// of the same shape and settings can continue from this state. Realtime if `visit` is.
   template <class Visit>

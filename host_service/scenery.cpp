@@ -11,8 +11,8 @@ namespace {
 
 using haptics::Vec3d;
 
-constexpr double kAround = sharing::kBodySearchDistance;  // m, radius around a contact that is refined
-constexpr int kMaxNew = 8;                                // max regions decoded in one call of `refine_around`
+constexpr double kRefineRadius = sharing::kBodySearchDistance;  // m, radius around a contact that is refined
+constexpr int kMaxNew = 8;                                      // max regions decoded in one call of `refine_around`
 
 std::uint32_t base_slots(const std::vector<StaticObject>& objects) {
   std::uint32_t slots = 0;
@@ -97,8 +97,9 @@ void Scenery::refine_around(const std::vector<Vec3d>& points) {
   for (std::size_t i = 0; i < objects_.size(); ++i) {
     const Object& object = *objects_[i];
     for (const Vec3d& point : points) {
-      if (!sharing::overlaps_bounds(object.placement, object.bounds, point, kAround)) continue;
-      object.forest->grid().for_each_intersecting(object.placement.to_model(point), kAround / object.placement.scale(),
+      if (!sharing::overlaps_bounds(object.placement, object.bounds, point, kRefineRadius)) continue;
+      object.forest->grid().for_each_intersecting(object.placement.to_model(point),
+                                                  kRefineRadius / object.placement.scale(),
                                                   [&](spm::RegionId region, double) { wanted[i].push_back(region); });
     }
     std::sort(wanted[i].begin(), wanted[i].end());

@@ -241,7 +241,7 @@ void Bodies::limit_tool(const Cycle& cycle, std::uint32_t p, const haptics::Devi
 
   const haptics::ContactImpedance impedance{body.object->material.stiffness, damping};
   const Vec3d coupling_torque =
-      renderer.tool_grip(impedance, settings_.period, device.loop_delay).rotational_stiffness * tool.rotation;
+      renderer.tool_grip(impedance, settings_.period, device.round_trip).rotational_stiffness * tool.rotation;
   const Vec3d torque = renderer.has_torque()
                            ? vec(output.torque)
                            : Vec3d(renderer.strength() *

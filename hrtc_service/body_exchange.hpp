@@ -80,9 +80,10 @@ class BodyExchange {
   std::atomic<std::int64_t> session_offset_ns_{0};
   std::atomic<std::int64_t> copy_transit_ns_{-1};  // max transit since the last tick; -1: no copy arrived
   Slots slots_;
-  Handover<Slots> slots_out_;                                            // to the sender
-  Retired<std::unique_ptr<wire::Writer<session::ObjectCopy>>> dropped_;  // until the sender no longer uses them
-  std::array<Sent, kMaxObjects> sent_;                                   // by object index; sender thread only
+  Handover<Slots> slots_out_;  // to the sender
+  DeferredDestruction<std::unique_ptr<wire::Writer<session::ObjectCopy>>>
+      dropped_;                         // until the sender no longer uses them
+  std::array<Sent, kMaxObjects> sent_;  // by object index; sender thread only
   // By object id. Declared last, so that the callbacks of readers end before the members that they use are destroyed.
   std::map<std::uint64_t, Endpoints> endpoints_;
 };

@@ -20,7 +20,7 @@ bool ContactJournal::drain() {
 
 void ContactJournal::close(const Loader::ObjectInfo& object) {
   static_cast<void>(drain());
-  log_.write(trace::LoggedTotals{numbers_[object.index], object.records_received, object.records_returned,
+  log_.write(trace::LoggedTotals{numbers_[object.index], object.records_received, object.records_received_again,
                                  object.regions_received, object.regions_released});
 }
 

@@ -145,7 +145,7 @@ void Cycle::withdraw(TouchObject& object) noexcept {
   moved_objects_ &= ~bit;
   states_[object.index] = {};
   cycles_since_change_[object.index] = 0;
-  forget_surroundings();
+  clear_gathered_pairs();
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
     near_[i] &= ~bit;
     const bool held = held_[i].lose_object(object.index);
@@ -363,8 +363,8 @@ spm::Advance Cycle::advance(TouchObject& object, spm::Budget& budget, spm::Budge
 void Cycle::reset_changes(const TouchObject& object, std::uint32_t changes, bool appeared) noexcept {
   ObjectState& state = states_[object.index];
   state.changed = appeared ? kAllProbes : 0;
-  for (Unchanged& unchanged : state.unchanged) {
-    unchanged = Unchanged{};
+  for (UnchangedSphere& unchanged : state.unchanged) {
+    unchanged = UnchangedSphere{};
     unchanged.appeared = appeared;
   }
   std::uint32_t& since = cycles_since_change_[object.index];
@@ -399,7 +399,7 @@ std::uint32_t Cycle::refit(TouchObject& object) noexcept {
   const spm::RefitCount refitted = object.forest->refit(change_detectors.data(), count);
   for (std::uint32_t i = 0; i < count; ++i) {
     if (change_detectors[i].is_changed) state.changed |= 1u << probes[i];
-    Unchanged& unchanged = state.unchanged[probes[i]];
+    UnchangedSphere& unchanged = state.unchanged[probes[i]];
     unchanged.centre = plain(change_detectors[i].centre);
     unchanged.squared_radius = change_detectors[i].squared_distance;
   }

@@ -106,8 +106,8 @@ class Cycle {
   void set_observer(CycleObserver* observer) noexcept { observer_ = observer; }
   /// Discards the pairs of triangles that each tool has gathered. `for_each_carried` does so, too. The recorder calls
   /// this function when a state is due, because a replay starts from that state without the pairs. Realtime.
-  void forget_surroundings() noexcept {
-    for (ToolTouch& tool : tools_) tool.tool().forget_surroundings();
+  void clear_gathered_pairs() noexcept {
+    for (ToolTouch& tool : tools_) tool.tool().clear_gathered_pairs();
   }
   /// Visits all state that one cycle passes to the next, except the meshes (haptics/carried.hpp). From this state, a
   /// cycle of the same build, settings and objects computes the same results. Realtime if `visit` is.
@@ -118,7 +118,7 @@ class Cycle {
     for (const TouchObject* object : objects_) {
       ObjectState& state = states_[object->index];
       visit.any("cycles since a change", cycles_since_change_[object->index]), visit.any("changes", state.changed);
-      for (Unchanged& unchanged : state.unchanged) {
+      for (UnchangedSphere& unchanged : state.unchanged) {
         visit.number("centre of an unchanged sphere", unchanged.centre);
         visit.checked(
             "radius of an unchanged sphere", unchanged.squared_radius, [](double x) { return x >= 0; }, "at least 0");
@@ -219,8 +219,8 @@ class Cycle {
     Vec3d position, velocity;  // world
   };
   struct ObjectState {
-    std::uint32_t changed = 0;                      // by probe bit: the mesh changed near its proxy
-    std::array<Unchanged, kMaxProbes> unchanged{};  // around the proxies, by probe
+    std::uint32_t changed = 0;                            // by probe bit: the mesh changed near its proxy
+    std::array<UnchangedSphere, kMaxProbes> unchanged{};  // around the proxies, by probe
     Placement placement, previous_placement;
     bool moved = false;  // since the last touch
   };

@@ -60,8 +60,8 @@ class Check {
     expect_not_negative("retain margin", start.retain_margin);
     expect_not_negative("refine ahead", start.refine_ahead);
     for (const double setting :
-         {start.max_force, start.max_slew, start.soft_start, start.recovery, start.hold, start.zero_by, start.max_speed,
-          start.max_torque, start.max_torque_slew, start.max_angular_velocity})
+         {start.max_force, start.max_slew, start.soft_start, start.recovery, start.max_fresh_age, start.zero_force_age,
+          start.max_speed, start.max_torque, start.max_torque_slew, start.max_angular_velocity})
       expect_not_negative("force setting", setting);
     expect(start.devices.size() == kMaxProbes, "devices", start.devices.size(), std::to_string(kMaxProbes));
     for (const trace::FlightLimits& limits : start.devices)
@@ -85,7 +85,7 @@ class Check {
   }
   void operator()(const trace::FlightEvent& event) const {
     using Kind = trace::FlightEvent::Kind;
-    const auto kind = static_cast<std::uint32_t>(event.kind), last = static_cast<std::uint32_t>(Kind::kObjectLeft);
+    const auto kind = static_cast<std::uint32_t>(event.kind), last = static_cast<std::uint32_t>(Kind::kObjectDeparted);
     expect(kind <= last, "event", kind, "at most " + std::to_string(last));
     constexpr auto kLastFault = static_cast<std::uint32_t>(haptics::Fault::kTooFast);
     if (event.kind == Kind::kStopped)

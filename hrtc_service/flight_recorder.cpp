@@ -50,7 +50,7 @@ void FlightRecorder::put(FlightEntry kind, const Value& value) noexcept {
 }
 
 /// Adds an event to the record, and to the events that are stored in case the record is lost. `new_object`: the object
-/// of a kObjectCame event, else null.
+/// of a kObjectArrived event, else null.
 void FlightRecorder::put_event(Kind kind, std::uint32_t object, spm::RegionId region,
                                const TouchObject* new_object) noexcept {
   constexpr std::uint32_t kWords = 1 + sizeof(trace::FlightEvent) / 8;
@@ -96,10 +96,11 @@ void FlightRecorder::moved(const TouchObject& object, const Placement& placement
 void FlightRecorder::touched(const std::array<ProbeInput, kMaxProbes>& probes, std::int64_t now_ns,
                              const Arrival* arrivals, std::uint32_t arrival_count, const CycleResult& result) noexcept {
   for (std::uint32_t i = 0; i < arrival_count; ++i) {
-    constexpr Kind kKinds[] = {Kind::kObjectCame, Kind::kRegionCame, Kind::kRegionRetired, Kind::kObjectWithdrawn};
+    constexpr Kind kKinds[] = {Kind::kObjectArrived, Kind::kRegionArrived, Kind::kRegionRetired,
+                               Kind::kObjectWithdrawn};
     const Kind kind = kKinds[static_cast<std::size_t>(arrivals[i].kind)];
     const TouchObject* const object = arrivals[i].object;
-    put_event(kind, object->index, arrivals[i].region, kind == Kind::kObjectCame ? object : nullptr);
+    put_event(kind, object->index, arrivals[i].region, kind == Kind::kObjectArrived ? object : nullptr);
   }
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
     const ProbeInput& input = probes[i];
@@ -113,12 +114,12 @@ void FlightRecorder::touched(const std::array<ProbeInput, kMaxProbes>& probes, s
     const Eigen::Quaterniond& turn = input.device.orientation;
     probe.orientation = {turn.x(), turn.y(), turn.z(), turn.w()};
     probe.transit = input.device.transit;
-    probe.loop_delay = input.device.loop_delay;
+    probe.round_trip = input.device.round_trip;
     probe.pose_age = input.pose_age;
     probe.near_found = input.near.found;
-    probe.near_sought = input.near.searched;
+    probe.near_searched = input.near.searched;
     probe.near_centre = input.near.centre;
-    probe.near_moved = input.near.moved;
+    probe.near_valid_radius = input.near.moved;
     probe.force = output.force;
     probe.torque = output.torque;
     probe.proxy = output.proxy;
@@ -196,7 +197,8 @@ bool FlightRecorder::push() noexcept {
 
 void FlightRecorder::refined(Cycle& cycle, std::span<const Departure> departed, bool departures_fit) noexcept {
   for (const Departure& departure : departed)
-    put_event(departure.is_object() ? Kind::kObjectLeft : Kind::kRegionLeft, departure.object, departure.region);
+    put_event(departure.is_object() ? Kind::kObjectDeparted : Kind::kRegionDeparted, departure.object,
+              departure.region);
   if (lost_at_end() == 0) {
     const CycleResult& result = cycle.result();
     std::uint64_t hash = 0;
@@ -206,7 +208,7 @@ void FlightRecorder::refined(Cycle& cycle, std::span<const Departure> departed, 
                                                   result.nodes_full ? 1u : 0u, state_due ? 1u : 0u});
     // The state does not contain the pairs of triangles that tools have gathered. A replay that begins with the state
     // gathers them again, so this cycle must gather them again, too.
-    if (state_due) cycle.forget_surroundings();
+    if (state_due) cycle.clear_gathered_pairs();
     const bool is_complete = !is_too_long_ && departures_fit && lost_ == 0;
     if (is_complete && state_due) static_cast<void>(put_state(cycle));
     if (!is_complete || !push()) {

@@ -70,8 +70,8 @@ CycleSettings settings_of(const trace::FlightStart& start, const spm::MeshProbe*
                       std::to_string(CycleSettings::kMaxTargets));
   settings.targets = start.targets;
   settings.force = {
-      start.max_force, start.max_slew,  start.soft_start, start.recovery,        start.hold,
-      start.zero_by,   start.max_speed, start.max_torque, start.max_torque_slew, start.max_angular_velocity};
+      start.max_force,      start.max_slew,  start.soft_start, start.recovery,        start.max_fresh_age,
+      start.zero_force_age, start.max_speed, start.max_torque, start.max_torque_slew, start.max_angular_velocity};
   return settings;
 }
 
@@ -109,9 +109,9 @@ ProbeInput input_of(const trace::FlightProbe& probe) {
   input.device.time_ns = probe.pose_time_ns;
   input.device.sequence = probe.pose_sequence;
   input.device.transit = probe.transit;
-  input.device.loop_delay = probe.loop_delay;
+  input.device.round_trip = probe.round_trip;
   input.pose_age = probe.pose_age;
-  input.near = {probe.near_found, probe.near_sought, probe.near_centre, probe.near_moved};
+  input.near = {probe.near_found, probe.near_searched, probe.near_centre, probe.near_valid_radius};
   input.failed = probe.failed != 0;
   return input;
 }
@@ -234,11 +234,11 @@ class World {
   void restore(const trace::FlightState& state) {
     for (const trace::FlightObjectState& recorded : state.objects) {
       spm::Forest& forest = *object(recorded.object).forest;
-      for (const std::uint32_t here : recorded.here)
-        forest.add(spm::RegionId{here}, region(recorded.object, spm::RegionId{here}).list);
+      for (const std::uint32_t loaded : recorded.loaded_regions)
+        forest.add(spm::RegionId{loaded}, region(recorded.object, spm::RegionId{loaded}).list);
       std::vector<spm::Forest::InUse> in_use;
       for (const trace::FlightRegion& one : recorded.in_use)
-        in_use.push_back({spm::RegionId{one.region}, one.applied, one.retiring, one.resting});
+        in_use.push_back({spm::RegionId{one.region}, one.applied, one.retiring, one.retained});
       if (!forest.restore(recorded.base_faces, in_use.data(), static_cast<std::uint32_t>(in_use.size())) ||
           forest.mesh_hash() != recorded.mesh_hash)
         throw FlightError("object '" + object(recorded.object).name + "' cannot be brought to the state of cycle " +
@@ -339,10 +339,10 @@ class Replay {
       case Kind::kReset:
         ++report_.resets;
         return world().reset_faults();
-      case Kind::kObjectCame:
+      case Kind::kObjectArrived:
         arrivals_.push_back(object_arrival(event.object));
         return;
-      case Kind::kRegionCame:
+      case Kind::kRegionArrived:
         ++report_.regions_arrived;
         arrivals_.push_back(world_->region(event.object, region));
         return;
@@ -353,8 +353,8 @@ class Replay {
         ++report_.objects_withdrawn;
         arrivals_.push_back(world_->withdrawal(event.object));
         return;
-      case Kind::kRegionLeft:
-      case Kind::kObjectLeft:
+      case Kind::kRegionDeparted:
+      case Kind::kObjectDeparted:
         ++recorded_departures_;
         return;
     }
@@ -390,7 +390,7 @@ class Replay {
     const CycleResult& result = world().refine(spm::Budget{refine.granted});
     std::uint64_t hash = 0;
     for (const TouchObject* object : world().objects()) hash = flight_hash(hash, object->forest->mesh_hash());
-    if (refine.forgot != 0) world().forget_surroundings();
+    if (refine.caches_emptied != 0) world().clear_gathered_pairs();
     const std::uint64_t departures = world_->release();
     if (hash != refine.mesh_hash) add_difference("the mesh differs");
     if (departures != recorded_departures_)

@@ -75,8 +75,8 @@ trace::FlightStart flight_start(const std::string& participant, const CycleSetti
   start.max_slew = force.max_slew;
   start.soft_start = force.soft_start;
   start.recovery = force.recovery;
-  start.hold = force.max_fresh_age;
-  start.zero_by = force.zero_force_age;
+  start.max_fresh_age = force.max_fresh_age;
+  start.zero_force_age = force.zero_force_age;
   start.max_speed = force.max_speed;
   start.max_torque = force.max_torque;
   start.max_torque_slew = force.max_torque_slew;
@@ -115,18 +115,18 @@ void FlightStore::Contents::apply(const std::uint64_t* entry) {
   if (kind != FlightEntry::kEvent && kind != FlightEntry::kObject) return;
   const auto event = entry_value<Event>(entry);
   switch (event.kind) {
-    case Event::Kind::kObjectCame:
+    case Event::Kind::kObjectArrived:
       objects.resize(std::max<std::size_t>(objects.size(), event.object + 1));
       regions.resize(objects.size());
       objects[event.object] = entry_object(entry);
       break;
-    case Event::Kind::kRegionCame:
+    case Event::Kind::kRegionArrived:
       regions[event.object].insert(event.region);
       break;
-    case Event::Kind::kRegionLeft:
+    case Event::Kind::kRegionDeparted:
       regions[event.object].erase(event.region);
       break;
-    case Event::Kind::kObjectLeft:
+    case Event::Kind::kObjectDeparted:
       objects[event.object].reset();
       regions[event.object].clear();
       break;
@@ -225,7 +225,7 @@ trace::FlightState FlightStore::state_of(const Segment& segment, const Contents&
     object.base_faces = static_cast<std::uint32_t>(*at++);
     object.mesh_hash = *at++;
     const std::set<std::uint32_t>& held = contents.regions[object.object];
-    object.here.assign(held.begin(), held.end());
+    object.loaded_regions.assign(held.begin(), held.end());
     for (std::uint64_t regions = *at++; regions > 0; --regions, ++at)
       object.in_use.push_back({static_cast<std::uint32_t>(*at), static_cast<std::uint32_t>(*at >> 32) & 0x3fffffffu,
                                (*at >> 63) != 0, (*at >> 62 & 1u) != 0});

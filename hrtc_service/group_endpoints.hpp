@@ -50,7 +50,7 @@ class GroupEndpoints {
   Writers full_rate_{};                           // at the last sync; null: the probe's user does not collaborate
   Handover<Writers> full_rate_out_;               // passes `full_rate_` to the sender thread
   const Writers* in_use_ = nullptr;               // writers that the sender thread uses, set by take_endpoints
-  Retired<Endpoints> dropped_;                    // of ended groups, until the sender thread no longer uses them
+  DeferredDestruction<Endpoints> dropped_;        // of ended groups, until the sender thread no longer uses them
 };
 
 }  // namespace tactus::hrtc_service

@@ -52,7 +52,7 @@ class Handover {
 
 /// Holds objects of an earlier list until the user has adopted a later list.
 template <class Thing>
-class Retired {
+class DeferredDestruction {
  public:
   void add(std::uint64_t number, Thing&& thing) { waiting_.emplace_back(number, std::move(thing)); }
   /// Destroys the objects for which `is_adopted(number)` is true. Requires calls of `add` with ascending numbers.

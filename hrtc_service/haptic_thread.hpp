@@ -111,9 +111,9 @@ class HapticThread {
 };
 
 /// Posts commands to a haptic thread. One thread.
-class HapticOrders {
+class HapticCommandPoster {
  public:
-  explicit HapticOrders(HapticThread& to) : to_{to} {}
+  explicit HapticCommandPoster(HapticThread& to) : to_{to} {}
 
   /// Applies `change` to the current commands, and posts the result.
   template <class Change>

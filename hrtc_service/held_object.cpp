@@ -17,7 +17,7 @@ void HeldObject::follow_object(const ProbeStep& step, const TouchObject& object,
   held_.hold.velocity = (held_.hold.pose.position - before.to_world(point)) / step.period;
   held_.hold.angular_velocity = haptics::log_map(turn * turn_before.conjugate()) / step.period;
   held_.impedance = {object.material.stiffness, object.material.damping};
-  held_.grip = step.renderer.hold_grip(held_.impedance, step.period, step.input.device.loop_delay);
+  held_.grip = step.renderer.hold_grip(held_.impedance, step.period, step.input.device.round_trip);
 }
 
 const haptics::ForceResult& HeldObject::render(const ProbeStep& step, double zero_force_age) noexcept {

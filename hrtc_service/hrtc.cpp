@@ -370,7 +370,8 @@ int Hrtc::Impl::run(const std::atomic<bool>& stop) {
                  static_cast<double>(flight->max_bytes()) / (1 << 20));
   }
   spdlog::info("{}", haptic.start());
-  if (options.timer_beside) timer = std::make_unique<TimerBeside>(options.haptic.period_ns(), options.haptic.priority);
+  if (options.reference_timer)
+    timer = std::make_unique<ReferenceTimer>(options.haptic.period_ns(), options.haptic.priority);
   sending = true;
   sender = std::thread{[this] { send_states(); }};
   spdlog::info("{} serves {} probes in session {} on domain {}; pool of {} slots, {:.1f} MiB{}",

@@ -43,10 +43,10 @@ struct HrtcOptions {
   FlightOptions flight;
   /// Counts the requests (SIGUSR1) to write the flight recording. Null: no requests.
   const std::atomic<std::uint32_t>* save_requests = nullptr;
-  double host_patience = 0;   ///< max time to wait for a first host, s; 0: no limit
-  bool timer_beside = false;  ///< also run and measure a TimerBeside at the same priority
-  double state_rate = 1000;   ///< max rate of probe states, Hz
-  bool uses_deadband = true;  ///< false: the session receives every probe state
+  double host_patience = 0;      ///< max time to wait for a first host, s; 0: no limit
+  bool reference_timer = false;  ///< also run and measure a ReferenceTimer at the same priority
+  double state_rate = 1000;      ///< max rate of probe states, Hz
+  bool uses_deadband = true;     ///< false: the session receives every probe state
 };
 
 class Hrtc {

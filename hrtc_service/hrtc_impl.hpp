@@ -24,11 +24,11 @@
 #include "hrtc_service/hrtc.hpp"
 #include "hrtc_service/late_cycles.hpp"
 #include "hrtc_service/membership.hpp"
+#include "hrtc_service/reference_timer.hpp"
 #include "hrtc_service/snapshot.hpp"
 #include "hrtc_service/state_sender.hpp"
 #include "hrtc_service/statistics.hpp"
 #include "hrtc_service/stop_switch.hpp"
-#include "hrtc_service/timer_beside.hpp"
 #include "hrtc_service/user_devices.hpp"
 #include "session/periodic.hpp"
 #include "wire/endpoints.hpp"
@@ -121,7 +121,7 @@ struct Hrtc::Impl {
   const Loader& loader{core.gateway().loader()};
   HapticThread haptic;
   Membership membership;
-  HapticOrders orders{haptic};
+  HapticCommandPoster orders{haptic};
   UserDevices devices;
   StopSwitch stops{participants.origin(), core.link()};
   bool stopped = false;  // at the last pass of the service thread
@@ -140,7 +140,7 @@ struct Hrtc::Impl {
 
   CycleStatistics statistics;
   Samples timer_samples{1'000'000};
-  std::unique_ptr<TimerBeside> timer;
+  std::unique_ptr<ReferenceTimer> timer;
   std::unique_ptr<ContactJournal> log;
 
   PeriodicTimer metrics{kMetricsNs}, all_metrics{kAllMetricsNs}, no_host{kNoHostLogNs}, sync_groups{kGroupsNs};
@@ -171,7 +171,7 @@ struct Hrtc::Impl {
   /// Samples that every program sends to every other do not wake the service, because a large session has many of them.
   template <class Typed>
   static constexpr wire::Urgency kUrgency =
-      std::is_same_v<Typed, session::SessionEnd> ? wire::Urgency::kLast
+      std::is_same_v<Typed, session::SessionEnd> ? wire::Urgency::kMustArrive
       : std::is_same_v<Typed, session::RosterEntry> || std::is_same_v<Typed, session::ClockSample> ||
               std::is_same_v<Typed, session::ProbeState> || std::is_same_v<Typed, session::Metrics>
           ? wire::Urgency::kWaits

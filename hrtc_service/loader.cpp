@@ -318,7 +318,7 @@ void Loader::find_near(const std::array<ReportedProbe, kMaxProbes>& probes, std:
   near.fill({});
   std::uint64_t searched = 0;
   for (const Object* object : active_) searched |= std::uint64_t{1} << object->info.index;
-  std::vector<spm::fcl::ProbeSphere> spheres;
+  std::vector<spm::fcl::BoundingSphere> spheres;
   std::vector<std::uint32_t> numbers;
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
     if (!probes[i].active || !probes[i].device.allFinite()) continue;
@@ -329,7 +329,8 @@ void Loader::find_near(const std::array<ReportedProbe, kMaxProbes>& probes, std:
     spheres.push_back({probes[i].device, reach + settings_.near_distance});
     numbers.push_back(i);
   }
-  for (const spm::fcl::NearPair& pair : broad_phase_.find_near_pairs(std::span<const spm::fcl::ProbeSphere>{spheres}))
+  for (const spm::fcl::NearPair& pair :
+       broad_phase_.find_near_pairs(std::span<const spm::fcl::BoundingSphere>{spheres}))
     near[numbers[pair.probe]].found |= std::uint64_t{1} << pair.object;
 }
 

@@ -91,7 +91,7 @@ struct LoaderFigures {
   std::uint64_t regions_reloaded = 0;   ///< regions received again after their eviction
   std::uint64_t regions_coarsened = 0;  ///< regions removed from the pool
   std::uint64_t records_received = 0;
-  std::uint64_t records_returned = 0;            ///< received records that are or once were in the store
+  std::uint64_t records_received_again = 0;      ///< received records that are or once were in the store
   std::uint64_t records_repeated = 0;            ///< received records that are already in the store
   std::uint64_t records_repeated_unretired = 0;  ///< of these, records in the list of a region that is not retired
   std::uint64_t refused_full = 0;                ///< messages refused because the store was full
@@ -130,7 +130,7 @@ class Loader {
     std::uint64_t digest = 0;
     double scale = 1;
     std::uint32_t index = spm::kNone;  ///< kNone: the base mesh is not in the pool
-    std::uint64_t records_received = 0, records_returned = 0, regions_received = 0, regions_released = 0;
+    std::uint64_t records_received = 0, records_received_again = 0, regions_received = 0, regions_released = 0;
   };
   /// Called with each object that the loader has removed, after the haptic thread has returned it. A later object may
   /// get its index.
@@ -196,7 +196,7 @@ class Loader {
   /// State of a region in the pool. kDeparting: the haptic thread is coarsening it.
   enum class PoolState : std::uint8_t { kNotLoaded, kLoaded, kDeparting };
   /// State of one region. Packed, because every region of every object has one. Times wrap after some 50 days.
-  struct RegionNote {
+  struct RegionProgress {
     std::uint32_t wanted_ms;            // time of the last tick in which the region was wanted
     std::uint32_t last_contact : 28;    // time of the last contact, in ticks of 17 ms; 0: never
     std::uint32_t store_bits : 2;       // StoreState
@@ -238,7 +238,7 @@ class Loader {
       return static_cast<std::uint32_t>(ns / kContactTickNs % kContactTicks) + 1;
     }
   };
-  static_assert(sizeof(RegionNote) == spm::kRegionNoteBytes);
+  static_assert(sizeof(RegionProgress) == spm::kLoaderBytesPerRegion);
   /// A region that a probe is predicted to touch.
   struct WantedRegion {
     std::int64_t since_ns = 0;        // time when it became wanted; 0: more urgent regions fill the store
@@ -251,7 +251,7 @@ class Loader {
     spm::codec::RecordTables tables;
     TouchObject touch;
     Placement placement;                                   // current
-    std::vector<RegionNote> notes;                         // by region
+    std::vector<RegionProgress> notes;                     // by region
     std::map<std::uint32_t, WantedRegion> wanted_regions;  // by region; the newest prediction
     std::vector<spm::ProbePredictor> predictors;           // by probe
     std::vector<std::uint32_t> held;                       // regions in StoreState::kHeld

@@ -45,7 +45,7 @@ void Loader::load_soonest() {
   double slots = 0;
   for (const PredictedContact& contact : predicted_contacts_) {
     Object& object = *contact.object;
-    RegionNote& note = object.notes[contact.region];
+    RegionProgress& note = object.notes[contact.region];
     const spm::Cache::Space cost = space_to_load(object, contact.region);
     slots += cost.slots;
     if (slots > usable_slots && contact.time_to_contact > 0) break;
@@ -68,7 +68,7 @@ void Loader::load_soonest() {
 
 spm::Cache::Space Loader::load(Object& object, std::uint32_t region) {
   const spm::ObjectIndex number{object.info.index};
-  RegionNote& note = object.notes[region];
+  RegionProgress& note = object.notes[region];
   const spm::RegionData& data = store_.get(number, spm::RegionId{region}, cache_);
   spm::RegionList list;
   const spm::AcceptResult result = cache_.accept(number, data, list);
@@ -115,7 +115,7 @@ void Loader::coarsen() {
   std::vector<Candidate> candidates;
   for (Object* object : active_)
     for (const std::uint32_t region : object->loaded) {
-      const RegionNote& note = object->notes[region];
+      const RegionProgress& note = object->notes[region];
       if (note.belongs_in_pool == 0) candidates.push_back({note.unwanted_ns(last_tick_ns_), object, region});
     }
   std::stable_sort(candidates.begin(), candidates.end(),

@@ -48,7 +48,7 @@ bool Loader::store_or_refuse(Object& object, const session::DeliveryClient::Mess
   while (put.status == Status::kFull && evict_one())
     if (store_.blocks_free() >= put.blocks) put = store_.put(number, region, bytes);
 
-  RegionNote& note = object.notes[message.region];
+  RegionProgress& note = object.notes[message.region];
   const auto wanted_region = object.wanted_regions.find(message.region);
   switch (put.status) {
     case Status::kStored:
@@ -72,9 +72,9 @@ bool Loader::store_or_refuse(Object& object, const session::DeliveryClient::Mess
       return refuse();
   }
   object.info.records_received += put.records;
-  object.info.records_returned += put.returned;
+  object.info.records_received_again += put.returned;
   figures_.records_received += put.records;
-  figures_.records_returned += put.returned;
+  figures_.records_received_again += put.returned;
   figures_.records_repeated += put.repeated;
   figures_.records_repeated_unretired += put.repeated_unretired;
   ++object.info.regions_received;
@@ -132,7 +132,7 @@ void Loader::request_wanted(std::int64_t now_ns) {
   const double credit_blocks =
       static_cast<double>(delivery_.granted_credit(now_ns)) / (kUsableShare * bytes_per_block_);
   for (const PredictedContact& contact : predicted_contacts_) {
-    RegionNote& note = contact.object->notes[contact.region];
+    RegionProgress& note = contact.object->notes[contact.region];
     WantedRegion& wanted_region = *contact.wanted;
     note.mark_wanted(now_ns);
     if (wanted_region.since_ns == 0) wanted_region.since_ns = now_ns;
@@ -184,7 +184,7 @@ void Loader::find_eviction_candidates() {
   std::vector<Candidate> candidates;
   for (Object* object : active_)
     for (const std::uint32_t region : object->held) {
-      const RegionNote& note = object->notes[region];
+      const RegionProgress& note = object->notes[region];
       const std::int64_t unwanted_ns = note.unwanted_ns(last_tick_ns_);
       if (unwanted_ns == 0 && !note.is_faulty) continue;
       const bool is_recent = unwanted_ns < settings_.recently_wanted_ns;
@@ -220,7 +220,7 @@ void Loader::collect_released() {
       if (object->notes[region].store_state() == StoreState::kRetired)
         object->notes[region].set(StoreState::kEvictable);
   const auto must_free = [&](const RegionRef& candidate) {
-    const RegionNote& note = candidate.object->notes[candidate.region];
+    const RegionProgress& note = candidate.object->notes[candidate.region];
     return note.store_state() == StoreState::kEvictable && note.is_faulty != 0;
   };
   for (auto candidate = eviction_candidates_.begin(); candidate != eviction_candidates_.end();)
@@ -236,7 +236,7 @@ std::deque<Loader::RegionRef>::iterator Loader::evict_candidate(std::deque<Regio
 /// Frees a retired region in the store.
 void Loader::evict(Object& object, std::uint32_t region) {
   store_.evict(spm::ObjectIndex{object.info.index}, spm::RegionId{region});
-  RegionNote& note = object.notes[region];
+  RegionProgress& note = object.notes[region];
   note.set(StoreState::kAbsent);
   faulty_regions_ -= note.is_faulty;
   note.is_faulty = 0;
@@ -247,7 +247,7 @@ void Loader::evict(Object& object, std::uint32_t region) {
 bool Loader::evict_one() {
   auto chosen = eviction_candidates_.end();
   for (auto candidate = eviction_candidates_.begin(); candidate != eviction_candidates_.end(); ++candidate) {
-    const RegionNote& note = candidate->object->notes[candidate->region];
+    const RegionProgress& note = candidate->object->notes[candidate->region];
     if (note.store_state() != StoreState::kEvictable) continue;
     if (chosen == eviction_candidates_.end()) chosen = candidate;
     if (note.unwanted_ns(last_tick_ns_) == 0) continue;

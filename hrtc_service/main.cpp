@@ -158,8 +158,8 @@ int main(int argc, char** argv) {
       ->check(CLI::Range(1.0, 10000.0));
   app.add_flag("--coding,!--no-coding", options.uses_deadband,
                "Send deadband-coded states to the session (default), or with --no-coding every probe state");
-  app.add_flag("--timer-beside", options.timer_beside,
-               "Measure a bare timer of the same priority beside the haptic thread");
+  app.add_flag("--reference-timer", options.reference_timer,
+               "Also measure a thread of the same priority that only waits");
   try {
     app.parse(argc, argv);
     for (const std::string& replay : replays) local.push_back(parts_of(replay, "--replay", "USER=FILE"));

@@ -46,7 +46,7 @@ Membership::Membership(const session::Origin& self, const MembershipSettings& se
       clock_{self, {}, now_ns},
       failure_detector_{self, {}},
       remote_users_{self.participant},
-      slots_{std::min(settings.max_users, kMaxProbes)},
+      user_table_{std::min(settings.max_users, kMaxProbes)},
       heartbeat_{kHeartbeatNs},
       clock_request_{kClockFastNs},
       modes_{kModesNs},
@@ -144,15 +144,15 @@ void Membership::add_users(const session::RosterEntry& client) {
                                        " refused: another user of that name has probe " + std::to_string(taken->first));
       continue;
     }
-    const std::optional<std::uint32_t> slot = slots_.grant(name);
-    if (!slot) {
-      report(Severity::kWarning, "user " + name + " refused: all " + std::to_string(slots_.list().size()) +
+    const std::optional<std::uint32_t> probe = user_table_.grant(name);
+    if (!probe) {
+      report(Severity::kWarning, "user " + name + " refused: all " + std::to_string(user_table_.list().size()) +
                                      " probes are taken; raise --users");
       continue;
     }
-    users_[*slot] = {name, session::id_of(name), client.origin.participant, client.origin.incarnation, std::nullopt};
-    output.users.push_back({true, *slot, session::id_of(name), client.origin.participant, name});
-    report(Severity::kInfo, "user " + name + " has probe " + std::to_string(*slot));
+    users_[*probe] = {name, session::id_of(name), client.origin.participant, client.origin.incarnation, std::nullopt};
+    output.users.push_back({true, *probe, session::id_of(name), client.origin.participant, name});
+    report(Severity::kInfo, "user " + name + " has probe " + std::to_string(*probe));
   }
 }
 
@@ -192,7 +192,7 @@ void Membership::remove_user(std::uint64_t client, const std::string& name) {
   if (at == users_.end()) return;
   const auto [probe, user] = *at;
   users_.erase(at);
-  slots_.release(name);
+  user_table_.release(name);
   remote_users_.on_user_left(user.id);
   output.users.push_back({false, probe, user.id, client, name});
   report(Severity::kInfo, "user " + name + " has left");
@@ -206,9 +206,9 @@ void Membership::remove_user(std::uint64_t client, const std::string& name) {
 }
 
 std::optional<std::uint32_t> Membership::add_local(const std::string& name) {
-  const std::optional<std::uint32_t> slot = slots_.grant(name);
-  if (slot) users_[*slot] = {name, session::id_of(name), 0};
-  return slot;
+  const std::optional<std::uint32_t> probe = user_table_.grant(name);
+  if (probe) users_[*probe] = {name, session::id_of(name), 0};
+  return probe;
 }
 
 void Membership::on_catalogue(const session::CatalogueEntry& entry) {
@@ -339,7 +339,7 @@ session::RosterEntry Membership::roster_entry(bool leaving, std::int64_t now_ns)
   entry.role = session::Role::kHrtc;
   entry.name = settings_.name;
   entry.session = settings_.session;
-  entry.slots = slots_.list();
+  entry.served_users = user_table_.list();
   entry.heartbeat = ++heartbeats_;
   entry.leaving = leaving;
   entry.stops = stops_;

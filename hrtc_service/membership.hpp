@@ -152,7 +152,7 @@ class Membership {
   session::SessionClock clock_;
   session::FailureDetector failure_detector_;
   RemoteUsers remote_users_;
-  session::UserSlots slots_;
+  session::UserTable user_table_;
   std::map<std::uint32_t, User> users_;       // by probe
   std::map<std::uint64_t, Serving> serving_;  // by object
   std::vector<session::StopRecord> stops_;

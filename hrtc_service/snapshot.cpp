@@ -105,7 +105,7 @@ void SnapshotTaker::write(const Servo& servo, std::uint32_t number) const {
 }
 
 void SnapshotTaker::tick(std::int64_t now_ns, bool touches_exactly, const std::array<ReportedProbe, kMaxProbes>& probes,
-                         const Servo& servo, HapticOrders& orders) {
+                         const Servo& servo, HapticCommandPoster& orders) {
   if (is_requested_) {
     if (servo.snapshots_done() != orders.now().snapshots) return;
     write(servo, orders.now().snapshots);

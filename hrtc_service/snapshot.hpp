@@ -38,7 +38,7 @@ class SnapshotTaker {
   /// Requests a snapshot when it is due, or writes the requested one when the servo has copied it. `touches_exactly`: a
   /// probe is in exact contact. Throws as `write_snapshot`.
   void tick(std::int64_t now_ns, bool touches_exactly, const std::array<ReportedProbe, kMaxProbes>& probes,
-            const Servo& servo, HapticOrders& orders);
+            const Servo& servo, HapticCommandPoster& orders);
 
  private:
   void write(const Servo& servo, std::uint32_t number) const;

@@ -46,7 +46,7 @@ const haptics::ForceResult& SphereTouch::render(const ProbeStep& step) noexcept 
   if (!result.in_contact) return force;
   output.status |= session::kInContact;
   output.normal = plain(result.normal);
-  output.stiffness = static_cast<float>(step.renderer.stiffness(impedance, step.period, device.loop_delay));
+  output.stiffness = static_cast<float>(step.renderer.stiffness(impedance, step.period, device.round_trip));
   // The force is exact only if the mesh at the proxy is the finest, too.
   const TouchSphere proxy_sphere{result.proxy, Vec3d::Zero(), radius_};
   if ((output.status & session::kExact) != 0) step.mark_coarse({&proxy_sphere, 1});

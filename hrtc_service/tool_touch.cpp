@@ -37,7 +37,7 @@ void ToolTouch::move_to(const ProbeStep& step, const haptics::ToolPose& goal) no
     near |= std::uint64_t{1} << object.index;
   }
   const haptics::ToolPose before = tool_.last().pose;
-  tool_.set_grip(step.renderer.tool_grip(impedance_of(step), step.period, step.input.device.loop_delay));
+  tool_.set_grip(step.renderer.tool_grip(impedance_of(step), step.period, step.input.device.round_trip));
   const bool changed = step.mesh_changed || surface.moving() || near != objects_before_;
   const haptics::ToolPose& now = tool_.step(goal, step.period, {objects_.data(), surface.count()}, changed).pose;
   objects_before_ = near;
@@ -59,7 +59,7 @@ haptics::ContactImpedance ToolTouch::impedance_of(const ProbeStep& step) const n
 const haptics::ForceResult& ToolTouch::render(const ProbeStep& step) noexcept {
   haptics::DeviceState device = step.input.device;
   const haptics::ContactImpedance impedance = impedance_of(step);
-  const haptics::ToolGrip grip = step.renderer.tool_grip(impedance, step.period, device.loop_delay);
+  const haptics::ToolGrip grip = step.renderer.tool_grip(impedance, step.period, device.round_trip);
   move_to(step, {device.position, device.orientation});
   const haptics::ToolResult& result = tool_.last();
   // The damper acts on the velocity relative to the touched object.

@@ -21,7 +21,7 @@ void ObjectsSurface::add_sweep_hit(const Entry& entry, const Vec3d& from_model, 
   const double radius_model = radius / placement.scale();
   spm::SweepContact touch;
   const bool touches = entry.object->forest->tree().sweep(from_model, to_model, radius_model, touch, version_, caches_);
-  const Unchanged& unchanged = entry.unchanged;
+  const UnchangedSphere& unchanged = entry.unchanged;
   if (unchanged.squared_radius < std::numeric_limits<double>::infinity()) {
     constexpr double kRelativeTolerance = 1e-6;
     const Vec3d end = touches ? Vec3d(from_model + touch.time * (to_model - from_model)) : to_model;

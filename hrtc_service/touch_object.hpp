@@ -106,7 +106,7 @@ using ArrivalRing = boost::lockfree::spsc_queue<Arrival>;
 using DepartureRing = boost::lockfree::spsc_queue<Departure>;
 
 /// A sphere within which an object's mesh is the same as in the last cycle. Model frame.
-struct Unchanged {
+struct UnchangedSphere {
   Plain3 centre{};
   double squared_radius = std::numeric_limits<double>::infinity();
   bool appeared = false;  ///< the object had no mesh in the last cycle
@@ -126,7 +126,7 @@ class ObjectsSurface final : public haptics::Surface {
   }
   /// Adds an object. `before` is its placement in the last cycle, null if it has not moved.
   void add(const TouchObject& object, const Placement& now, const Placement* before,
-           const Unchanged& unchanged) noexcept {
+           const UnchangedSphere& unchanged) noexcept {
     entries_[count_++] = {&object, &now, before, unchanged};
     if (before != nullptr) ++moving_;
   }
@@ -154,7 +154,7 @@ class ObjectsSurface final : public haptics::Surface {
     const TouchObject* object = nullptr;
     const Placement* now = nullptr;
     const Placement* previous = nullptr;
-    Unchanged unchanged;
+    UnchangedSphere unchanged;
   };
   void add_sweep_hit(const Entry& entry, const Vec3d& from_model, const Vec3d& to_model, double radius, bool& found,
                      haptics::SurfaceHit& hit) noexcept;

@@ -10,7 +10,7 @@
 
 namespace tactus::hrtc_service {
 
-UserDevices::UserDevices(wire::Participants& participants, HapticOrders& orders, OnIntent on_intent)
+UserDevices::UserDevices(wire::Participants& participants, HapticCommandPoster& orders, OnIntent on_intent)
     : participants_{participants}, orders_{orders}, on_intent_{std::move(on_intent)} {}
 UserDevices::~UserDevices() = default;
 
@@ -57,8 +57,8 @@ void UserDevices::listen_to_device(User& user) {
     remote_pose.velocity = pose.velocity;
     remote_pose.sequence = pose.sequence;
     remote_pose.buttons = pose.buttons;
-    remote_pose.command_felt = pose.command_felt;
-    remote_pose.taken_ns = pose.session_time_ns - session_offset_ns_.load(std::memory_order_relaxed);
+    remote_pose.command_applied = pose.command_applied;
+    remote_pose.measured_ns = pose.session_time_ns - session_offset_ns_.load(std::memory_order_relaxed);
     remote_pose.arrived_ns = now_ns;
     remote->on_pose(remote_pose);
   };
@@ -92,42 +92,42 @@ void UserDevices::free_departed() {
 }
 
 void UserDevices::on_intent(const session::Intent& intent, std::int64_t ahead_ns) {
-  for (auto& [slot, user] : users_) {
+  for (auto& [probe, user] : users_) {
     if (user.id != intent.user_id || user.client != intent.origin.participant || intent.path.empty()) continue;
-    if (orders_.now().devices[slot] != nullptr && user.hand == nullptr) continue;  // it has a local or remote device
+    if (orders_.now().devices[probe] != nullptr && user.hand == nullptr) continue;  // it has a local or remote device
     if (user.hand == nullptr) {
       haptics::HandSettings hand;
       sharing::set_start(intent, hand);
-      hand.seed = slot + 1;
+      hand.seed = probe + 1;
       user.hand = std::make_unique<haptics::SimulatedDevice>(hand);
-      set_device(slot, user.hand.get());
+      set_device(probe, user.hand.get());
     }
     user.hand->paths().post(sharing::hand_path(intent, ahead_ns));
   }
 }
 
 void UserDevices::open_remote_devices() {
-  for (auto& [slot, user] : users_) {
-    if (user.remote == nullptr || !user.remote->has_pose() || orders_.now().devices[slot] != nullptr) continue;
+  for (auto& [probe, user] : users_) {
+    if (user.remote == nullptr || !user.remote->has_pose() || orders_.now().devices[probe] != nullptr) continue;
     user.commands = std::make_unique<wire::Writer<session::DeviceCommand>>(
         participants_, wire::topics::kDeviceCommand, wire::EndpointOptions{wire::user_partition(user.name)});
-    remote_endpoints_[slot] = {user.remote.get(), user.id, user.commands.get()};
+    remote_endpoints_[probe] = {user.remote.get(), user.id, user.commands.get()};
     remote_endpoints_out_.post(remote_endpoints_);
-    set_device(slot, user.remote.get());
+    set_device(probe, user.remote.get());
     spdlog::info("user {} has a remote device", user.name);
   }
 }
 
 void UserDevices::add_figures(std::vector<session::Figure>& figures) const {
   namespace names = session::figures;
-  double remotes = 0, loop_delay = 0;
-  for (const auto& [slot, user] : users_) {
-    if (user.remote == nullptr || orders_.now().devices[slot] != user.remote.get()) continue;
+  double remotes = 0, round_trip = 0;
+  for (const auto& [probe, user] : users_) {
+    if (user.remote == nullptr || orders_.now().devices[probe] != user.remote.get()) continue;
     ++remotes;
-    loop_delay = std::max(loop_delay, user.remote->loop_delay());
+    round_trip = std::max(round_trip, user.remote->round_trip());
   }
   figures.push_back({names::kRemoteDevices, remotes});
-  figures.push_back({names::kDeviceRoundTrip, loop_delay * 1e6});
+  figures.push_back({names::kDeviceRoundTrip, round_trip * 1e6});
 }
 
 void UserDevices::send_commands(const ProbeReports& latest) {

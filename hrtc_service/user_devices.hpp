@@ -35,7 +35,7 @@ class UserDevices {
   using OnIntent = std::function<void(session::Intent&&)>;
   /// `on_intent` receives the intents of this HRTC's users, in threads of DDS. `participants`, `orders` and the objects
   /// that `on_intent` uses must outlive this object.
-  UserDevices(wire::Participants& participants, HapticOrders& orders, OnIntent on_intent);
+  UserDevices(wire::Participants& participants, HapticCommandPoster& orders, OnIntent on_intent);
   ~UserDevices();
 
   /// Adds a user whose device is at this machine.
@@ -96,7 +96,7 @@ class UserDevices {
   void set_device(std::uint32_t probe, haptics::Device* device);
 
   wire::Participants& participants_;
-  HapticOrders& orders_;
+  HapticCommandPoster& orders_;
   OnIntent on_intent_;
   std::array<std::atomic<std::uint64_t>, kMaxProbes> user_ids_{};
   std::atomic<std::int64_t> session_offset_ns_{0};

@@ -46,7 +46,7 @@ std::pair<double, double> range(const std::vector<Result>& results) {
 std::string distributions(const std::vector<Result>& results) {
   const auto [low, high] = range(results);
   page::Plot plot = empty_plot(low, high);
-  const double last = -std::log10(1 - curve_shares().back());
+  const double last = -std::log10(1 - quantile_shares().back());
   const std::array<const char*, 5> names{"min", "90 %", "99 %", "99.9 %", "99.99 %"};
   for (std::size_t i = 0; i < names.size(); ++i) plot.tick(static_cast<double>(i) / last, names[i]);
   plot.tick(std::log10(2.0) / last, "50 %");
@@ -54,8 +54,8 @@ std::string distributions(const std::vector<Result>& results) {
   for (std::size_t i = 0; i < results.size(); ++i) {
     if (results[i].half_round_trip.count == 0) continue;
     std::vector<std::pair<double, double>> points;
-    for (std::size_t k = 0; k < curve_shares().size(); ++k)
-      points.emplace_back(-std::log10(1 - curve_shares()[k]) / last, results[i].curve[k]);
+    for (std::size_t k = 0; k < quantile_shares().size(); ++k)
+      points.emplace_back(-std::log10(1 - quantile_shares()[k]) / last, results[i].curve[k]);
     plot.curve(points, page::colour(i), 1.8);
   }
   return plot.svg();

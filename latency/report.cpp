@@ -94,7 +94,7 @@ void write_json(const std::string& file, const RunInfo& info, const std::vector<
   out["command"] = info.command;
   out["machine"] = info.machine;
   out["unit"] = "us";
-  out["curve_shares"] = curve_shares();
+  out["quantile_shares"] = quantile_shares();
   out["tests"] = nlohmann::ordered_json::array();
   for (const Result& r : results) {
     nlohmann::ordered_json test = latency::to_json(r.test);

@@ -59,7 +59,7 @@ class EchoerClock {
 
 }  // namespace
 
-const std::vector<double>& curve_shares() {
+const std::vector<double>& quantile_shares() {
   static const std::vector<double> shares = [] {
     std::vector<double> all;
     for (int i = 0; i <= 80; ++i) all.push_back(1 - std::pow(10.0, -i / 20.0));
@@ -144,7 +144,7 @@ Result evaluate(const Timestamps& timestamps) {
   result.half_round_trip_sent = summarise(sent);
   result.echoes_lost =
       result.expected - result.lost - std::min<std::uint64_t>(result.expected - result.lost, intended.size());
-  for (const double share : curve_shares()) result.curve.push_back(session::percentile(intended, share));
+  for (const double share : quantile_shares()) result.curve.push_back(session::percentile(intended, share));
   std::vector<std::uint32_t> pings_of(by_bin.size(), 0);
   for (std::uint32_t i = first; i < all; ++i) ++pings_of[bin_of(i)];
   for (std::size_t i = 0; i < by_bin.size(); ++i) {

@@ -33,14 +33,14 @@ struct Result {
   std::uint64_t refused = 0;                    ///< pings that the carrier refused or blocked until the end
   double evaluated_s = 0;       ///< duration after the warm-up; approximate with coding, where pings are uneven
   double load_mbyte_per_s = 0;  ///< payload of mesh records that arrived
-  std::vector<double> curve;    ///< half round trips, one for each of curve_shares
+  std::vector<double> curve;    ///< half round trips, one for each of quantile_shares
   std::vector<TimeBin> bins;
   std::vector<std::string> notes;
 };
 
 /// Returns the shares of echoes at which plots show the half round trip: from 0 to 99.99 %, evenly spaced in the
 /// logarithm of the remaining share.
-[[nodiscard]] const std::vector<double>& curve_shares();
+[[nodiscard]] const std::vector<double>& quantile_shares();
 
 /// Returns the number of ticks at the start of a test whose pings are not evaluated, because caches, discovery and
 /// queues settle at that time.

@@ -61,7 +61,7 @@ double Link::jitter(std::int64_t at_ns, const std::array<double, 2>& noise) {
     smooth_jitter_ = first;
     smooth_jitter_rate_ = second;
   } else {
-    const double a = static_cast<double>(at_ns - smooth_jitter_ns_) * 1e-6 / kJitterMemoryMs;
+    const double a = static_cast<double>(at_ns - smooth_jitter_ns_) * 1e-6 / kJitterCorrelationMs;
     const double decay = std::exp(-a);
     const double x = decay * ((1 + a) * smooth_jitter_ + a * smooth_jitter_rate_);
     const double v = decay * ((1 - a) * smooth_jitter_rate_ - a * smooth_jitter_);

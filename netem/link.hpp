@@ -46,7 +46,7 @@ class Link {
   std::normal_distribution<double> normal_;
   bool in_burst_ = false;
   bool has_smooth_jitter_ = false;
-  double smooth_jitter_ = 0, smooth_jitter_rate_ = 0;  // in standard deviations, and per kJitterMemoryMs
+  double smooth_jitter_ = 0, smooth_jitter_rate_ = 0;  // in standard deviations, and per kJitterCorrelationMs
   std::int64_t smooth_jitter_ns_ = 0;                  // time of these values
   std::int64_t free_ns_ = 0;                           // time at which the transmitter has sent all accepted frames
   std::int64_t last_departure_ns_ = 0;

@@ -18,7 +18,7 @@ class LinkError : public std::runtime_error {
 struct LinkProfile {
   double delay_ms = 0;   ///< mean time from the last bit sent to the last bit received
   double jitter_ms = 0;  ///< standard deviation of the delay, which is normally distributed and at least 0
-  /// False: the delay varies smoothly, as in a queue, with correlation time kJitterMemoryMs, and frames stay in order.
+  /// False: the delay varies smoothly, as in a queue, with correlation time kJitterCorrelationMs, and frames stay in order.
   /// True: each frame has an independent delay and may overtake others.
   bool reorder = false;
   double loss = 0;  ///< probability that a frame outside a burst is lost, 0 to 1
@@ -39,7 +39,7 @@ struct LinkProfile {
 /// Correlation time of smooth jitter, ms. If the delay fell by 1 ms in each ms, the intervals between frames would
 /// become zero. The delay almost never falls so fast, because the correlation time is at least four times the standard
 /// deviation of the jitter of any profile below.
-inline constexpr double kJitterMemoryMs = 100;
+inline constexpr double kJitterCorrelationMs = 100;
 
 /// The connection between two namespaces.
 enum class Medium {

@@ -132,7 +132,7 @@ DeliveryServer::DemandResult DeliveryServer::on_demand(const Demand& demand, std
     service = std::move(stopped);
     return DemandResult::kApplied;
   }
-  service.echo_owed = service.echo_owed || !service.serving || demand.epoch != service.demand.epoch;
+  service.echo_pending = service.echo_pending || !service.serving || demand.epoch != service.demand.epoch;
   const bool was_serving = service.serving;
   service.serving = true;
   const Demand before = std::exchange(service.demand, demand);
@@ -225,15 +225,15 @@ void DeliveryServer::compare(HrtcState& state, Service& service, const Object& o
     if (only_added || message.region == spm::kNone) return false;
     const bool has_pieces_to_send = !message.is_sent() || !message.lost.empty();
     if (has_pieces_to_send || refused) {
-      message.is_doubtful =
+      message.relies_on_removed =
           !contains_all(message.records, service.covered.missing(list_of(object.model, message.region)));
-      if (message.is_doubtful && has_pieces_to_send) {
+      if (message.relies_on_removed && has_pieces_to_send) {
         refused = refused || message.is_sent();
         count(state, [](DeliveryCounters& c) { ++c.messages_dropped; });
         return true;
       }
     }
-    if (message.is_sent() && !message.is_doubtful) add_covered_records(service, object, message.region);
+    if (message.is_sent() && !message.relies_on_removed) add_covered_records(service, object, message.region);
     return false;
   });
 
@@ -344,7 +344,7 @@ std::optional<Outgoing> DeliveryServer::next(std::uint64_t hrtc, HrtcState& stat
   for (auto& [object_id, service] : state.services) {
     const bool soon = object_id == next_object && (soonest || state.pacer.next_ns() > now_ns);
     const bool probes_tail = service.serving && !service.in_flight.empty() && now_ns >= service.tail_probe_ns;
-    if ((service.echo_owed || probes_tail) && !soon) return send_echo(hrtc, state, service, now_ns);
+    if ((service.echo_pending || probes_tail) && !soon) return send_echo(hrtc, state, service, now_ns);
     if (!service.in_flight.empty()) due_ns_ = std::min(due_ns_, service.tail_probe_ns);
   }
   if (!soonest) return std::nullopt;
@@ -357,7 +357,7 @@ BulkChunk DeliveryServer::make_chunk(HrtcState& state, Service& service, std::in
   chunk.sequence = ++service.sequence;
   chunk.epoch = service.demand.epoch;
   chunk.sent_us = static_cast<std::uint32_t>(now_ns / 1000);
-  service.echo_owed = false;
+  service.echo_pending = false;
   count(state, [](DeliveryCounters& c) { ++c.chunks; });
   return chunk;
 }

@@ -120,9 +120,9 @@ class DeliveryServer {
     std::uint32_t contact_in_us = 0;
     std::uint32_t checksum = 0;
     MessagePieces pieces;
-    std::uint32_t sent_pieces = 0;  // sent at least once
-    bool is_doubtful = false;       // relies on records that the HRTC may no longer have
-    std::uint32_t in_flight = 0;    // pieces in flight
+    std::uint32_t sent_pieces = 0;   // sent at least once
+    bool relies_on_removed = false;  // relies on records that the HRTC may no longer have
+    std::uint32_t in_flight = 0;     // pieces in flight
     std::uint32_t last_sequence = 0;
     std::vector<std::uint32_t> lost;  // indices of the pieces to send again
     std::vector<spm::Interval> records;
@@ -138,8 +138,8 @@ class DeliveryServer {
   struct Service {
     Demand demand;
     SequenceWindow epochs{kEpochNumbers};
-    bool serving = false;    // the newest demand names this host as Demand::serving_host
-    bool echo_owed = false;  // no chunk has carried the epoch of the newest demand yet
+    bool serving = false;       // the newest demand names this host as Demand::serving_host
+    bool echo_pending = false;  // no chunk has carried the epoch of the newest demand yet
     std::uint32_t stream = 0;
     std::uint32_t sequence = 0;      // of the last chunk
     std::int64_t tail_probe_ns = 0;  // time of the next tail loss probe

@@ -30,7 +30,7 @@ inline constexpr char kWakeP50[] = "hrtc.wake_us.p50";
 inline constexpr char kWakeP99[] = "hrtc.wake_us.p99";
 inline constexpr char kWakeMax[] = "hrtc.wake_us.max";
 inline constexpr char kTimerP50[] =
-    "hrtc.timer_us.p50";  ///< wake-up delay of a bare timer in another thread of the same priority, for comparison
+    "hrtc.timer_us.p50";  ///< wake-up delay of a thread of the same priority that only waits
 inline constexpr char kTimerP99[] = "hrtc.timer_us.p99";
 inline constexpr char kTimerMax[] = "hrtc.timer_us.max";
 inline constexpr char kTimerOverruns[] =
@@ -62,8 +62,8 @@ inline constexpr char kReloads[] = "hrtc.reloads";
 inline constexpr char kRegionsRefused[] = "hrtc.regions_refused";
 inline constexpr char kObjectsRefused[] = "hrtc.objects_refused";
 inline constexpr char kRecordsReceived[] = "hrtc.records_received";
-inline constexpr char kRecordsReturned[] = "hrtc.records_returned";  ///< records received again after an eviction
-inline constexpr char kRecordsRepeated[] = "hrtc.records_repeated";  ///< records received although they were held
+inline constexpr char kRecordsReturned[] = "hrtc.records_received_again";  ///< records received again after an eviction
+inline constexpr char kRecordsRepeated[] = "hrtc.records_repeated";        ///< records received although they were held
 inline constexpr char kRecordsRepeatedUnretired[] =
     "hrtc.records_repeated_unretired";  ///< of the repeated records, those in the list of a region that is not retired
 inline constexpr char kBytesReceived[] = "hrtc.bytes_received";

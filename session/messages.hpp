@@ -23,7 +23,7 @@ inline constexpr std::uint32_t kProtocolVersion = 16;
 // Bounds. idl/tactus.idl repeats them; a test compares both.
 inline constexpr std::size_t kMaxName = 63;
 inline constexpr std::size_t kMaxText = 255;
-inline constexpr std::size_t kMaxSlots = 64;  ///< users in one HRTC
+inline constexpr std::size_t kMaxUsers = 64;  ///< users in one HRTC
 inline constexpr std::size_t kMaxHaveIntervals = 1024;
 inline constexpr std::size_t kMaxWanted = 256;
 inline constexpr std::size_t kMaxGaps = 128;
@@ -53,9 +53,9 @@ inline constexpr std::int64_t kNotJoined = INT64_MAX;
 enum class Role : std::uint8_t { kHost = 0, kHrtc = 1, kClient = 2, kViewer = 3 };
 
 /// A user that an HRTC has accepted, and the probe of this user.
-struct UserSlot {
+struct UserProbe {
   std::string user;
-  std::uint32_t slot = 0;  ///< probe number in that HRTC
+  std::uint32_t probe = 0;  ///< probe number in that HRTC
 };
 
 /// The name of an emergency stop: its issuer and the issuer's number, from 1.
@@ -81,10 +81,10 @@ struct RosterEntry {
   Role role = Role::kViewer;
   std::string name;  ///< of the participant
   std::string session;
-  std::string requested_hrtc;      ///< client only: the HRTC that is to serve its users
-  std::vector<std::string> users;  ///< client only
-  std::vector<UserSlot> slots;     ///< HRTC only: users accepted
-  std::uint64_t heartbeat = 0;     ///< grows by one each sample
+  std::string requested_hrtc;           ///< client only: the HRTC that is to serve its users
+  std::vector<std::string> users;       ///< client only
+  std::vector<UserProbe> served_users;  ///< HRTC only: users accepted
+  std::uint64_t heartbeat = 0;          ///< grows by one each sample
   bool leaving = false;
   std::vector<StopRecord> stops{};  ///< host and HRTC only: acknowledge stops and resets, and forward standing stops
   /// Id of the time reference that this program follows; its own id if it is the reference itself; 0: none.
@@ -265,8 +265,8 @@ struct DevicePose {
   Pose pose;
   std::array<double, 3> velocity{0, 0, 0};
   double radius = 0;
-  std::uint32_t buttons = 0;       ///< haptics::Button
-  std::uint32_t command_felt = 0;  ///< sequence of the newest device_command applied
+  std::uint32_t buttons = 0;          ///< haptics::Button
+  std::uint32_t command_applied = 0;  ///< sequence of the newest device_command applied
 };
 
 /// Topic device_command, keys user_id and probe: the force of an HRTC for a remote device.
@@ -347,7 +347,7 @@ struct ObjectCopy {
   Pose body;                                        ///< pose of the centre of mass, with the model's axes
   std::array<double, 3> velocity{0, 0, 0};          ///< of the centre of mass
   std::array<double, 3> angular_velocity{0, 0, 0};  ///< rad/s
-  std::array<double, 3> pressed{0, 0, 0};           ///< N, force of the copy's own users on it
+  std::array<double, 3> user_force{0, 0, 0};        ///< N, force of the copy's own users on it
   std::vector<CopyChannel> channels;  ///< by index in the grant's list; the entry of this copy itself is not used
 };
 

@@ -30,8 +30,8 @@ const char* name_of(Role role) {
 
 bool same_users(const RosterEntry& a, const RosterEntry& b) {
   return a.requested_hrtc == b.requested_hrtc && a.users == b.users &&
-         std::equal(a.slots.begin(), a.slots.end(), b.slots.begin(), b.slots.end(),
-                    [](const UserSlot& x, const UserSlot& y) { return x.user == y.user && x.slot == y.slot; });
+         std::equal(a.served_users.begin(), a.served_users.end(), b.served_users.begin(), b.served_users.end(),
+                    [](const UserProbe& x, const UserProbe& y) { return x.user == y.user && x.probe == y.probe; });
 }
 
 /// Time since a program joined the session; -1: it has not joined.
@@ -277,14 +277,14 @@ std::uint64_t scene_hash(const Roster& roster, const Origin& self, Role role) {
   return XXH3_64bits(there.data(), there.size() * sizeof there[0]);
 }
 
-UserSlots::UserSlots(std::size_t capacity) : users_(capacity) {
-  if (capacity > kMaxSlots) {
-    throw std::invalid_argument{"user slots: found " + std::to_string(capacity) + ", expected at most " +
-                                std::to_string(kMaxSlots)};
+UserTable::UserTable(std::size_t capacity) : users_(capacity) {
+  if (capacity > kMaxUsers) {
+    throw std::invalid_argument{"user served_users: found " + std::to_string(capacity) + ", expected at most " +
+                                std::to_string(kMaxUsers)};
   }
 }
 
-std::optional<std::uint32_t> UserSlots::grant(const std::string& user) {
+std::optional<std::uint32_t> UserTable::grant(const std::string& user) {
   auto at = std::find(users_.begin(), users_.end(), user);
   if (user.empty() || at == users_.end()) at = std::find(users_.begin(), users_.end(), std::string{});
   if (user.empty() || at == users_.end()) return std::nullopt;
@@ -292,19 +292,19 @@ std::optional<std::uint32_t> UserSlots::grant(const std::string& user) {
   return static_cast<std::uint32_t>(at - users_.begin());
 }
 
-bool UserSlots::release(const std::string& user) {
+bool UserTable::release(const std::string& user) {
   const auto at = std::find(users_.begin(), users_.end(), user);
   if (user.empty() || at == users_.end()) return false;
   at->clear();
   return true;
 }
 
-std::vector<UserSlot> UserSlots::list() const {
-  std::vector<UserSlot> slots;
+std::vector<UserProbe> UserTable::list() const {
+  std::vector<UserProbe> served_users;
   for (std::size_t i = 0; i < users_.size(); ++i) {
-    if (!users_[i].empty()) slots.push_back({users_[i], static_cast<std::uint32_t>(i)});
+    if (!users_[i].empty()) served_users.push_back({users_[i], static_cast<std::uint32_t>(i)});
   }
-  return slots;
+  return served_users;
 }
 
 }  // namespace tactus::session

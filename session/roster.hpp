@@ -33,7 +33,7 @@ struct RosterSettings {
 enum class RosterChange : std::uint8_t {
   kJoined,
   kRestarted,     ///< a newer incarnation replaced an older one
-  kChanged,       ///< users, slots or requested HRTC differ
+  kChanged,       ///< users, served_users or requested HRTC differ
   kLate,          ///< sent no heartbeat for RosterSettings::late_ns; `other` is this time in ms
   kRecovered,     ///< a late participant has sent a heartbeat
   kLeft,          ///< sent a leave message
@@ -131,19 +131,19 @@ class Roster {
 [[nodiscard]] std::uint64_t scene_hash(const Roster& roster, const Origin& self, Role role);
 
 /// Assigns probe numbers to the users that an HRTC has accepted.
-class UserSlots {
+class UserTable {
  public:
-  /// Throws std::invalid_argument if `capacity` is above kMaxSlots.
-  explicit UserSlots(std::size_t capacity);
+  /// Throws std::invalid_argument if `capacity` is above kMaxUsers.
+  explicit UserTable(std::size_t capacity);
 
   /// Returns the user's probe number, a free one for a new user; none when no number is free.
   [[nodiscard]] std::optional<std::uint32_t> grant(const std::string& user);
   /// Frees the number of a user. Returns false when the user had none.
   bool release(const std::string& user);
-  [[nodiscard]] std::vector<UserSlot> list() const;
+  [[nodiscard]] std::vector<UserProbe> list() const;
 
  private:
-  std::vector<std::string> users_;  // by slot; empty: free
+  std::vector<std::string> users_;  // by probe; empty: free
 };
 
 }  // namespace tactus::session

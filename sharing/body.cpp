@@ -77,7 +77,7 @@ haptics::CopySample sample_of(const session::ObjectCopy& copy) noexcept {
   sample.body.orientation = quaternion(copy.body.orientation);
   sample.body.velocity = vec(copy.velocity);
   sample.body.angular_velocity = vec(copy.angular_velocity);
-  sample.pressed = vec(copy.pressed);
+  sample.user_force = vec(copy.user_force);
   const std::size_t count = std::min(copy.channels.size(), haptics::kMaxCopies);
   for (std::size_t i = 0; i < count; ++i) {
     sample.waves[i] = Eigen::Map<const haptics::Vec6d>(copy.channels[i].wave.data());
@@ -91,7 +91,7 @@ void put_sample(const haptics::CopySample& sample, std::size_t count, session::O
   copy.body = {plain(sample.body.position), plain(sample.body.orientation)};
   copy.velocity = plain(sample.body.velocity);
   copy.angular_velocity = plain(sample.body.angular_velocity);
-  copy.pressed = plain(sample.pressed);
+  copy.user_force = plain(sample.user_force);
   copy.channels.resize(std::min(count, haptics::kMaxCopies));
   for (std::size_t i = 0; i < copy.channels.size(); ++i) {
     Eigen::Map<haptics::Vec6d>(copy.channels[i].wave.data()) = sample.waves[i];

@@ -45,7 +45,7 @@ void put_state(const BodyState& state, const Vec3d& centre, session::ObjectPose&
 
 /// The copy sample in an object_copy that the caller has validated (wire/check.hpp).
 [[nodiscard]] haptics::CopySample sample_of(const session::ObjectCopy& copy) noexcept;
-/// Fills time, body state, pressed force and `count` channels of an object_copy. Allocates.
+/// Fills time, body state, user force and `count` channels of an object_copy. Allocates.
 void put_sample(const haptics::CopySample& sample, std::size_t count, session::ObjectCopy& copy);
 
 /// Extrapolates `state` by `seconds` at its velocity.

@@ -88,8 +88,12 @@ inline unsigned highest_bit(unsigned bits) noexcept { return static_cast<unsigne
 }  // namespace
 
 NodePool::NodePool(std::uint32_t nodes)
-    : nodes_(nodes), free_{nodes}, index_{nodes}, previous_nodes_(kPreviousNodes), next_previous_(kPreviousNodes) {
-  for (std::uint32_t i = 0; i < kPreviousNodes; ++i) next_previous_[i] = i + 1 < kPreviousNodes ? i + 1 : kNone;
+    : nodes_(nodes),
+      free_{nodes},
+      index_{nodes},
+      previous_nodes_(kMaxPreviousLeaves),
+      next_previous_(kMaxPreviousLeaves) {
+  for (std::uint32_t i = 0; i < kMaxPreviousLeaves; ++i) next_previous_[i] = i + 1 < kMaxPreviousLeaves ? i + 1 : kNone;
 }
 
 AbTree::AbTree(Pool& pool, NodePool& nodes, ObjectIndex object, std::uint32_t finest_faces)

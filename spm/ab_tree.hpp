@@ -85,7 +85,7 @@ class NodePool {
   std::vector<TreeNode> previous_nodes_;
   std::vector<std::uint32_t> next_previous_;  // linked lists in previous_nodes_: one for each tree, one of free nodes
   std::uint32_t first_free_previous_ = 0;     // head of the list of free nodes
-  std::uint32_t free_previous_count_ = kPreviousNodes;
+  std::uint32_t free_previous_count_ = kMaxPreviousLeaves;
   std::uint64_t newest_version_ = 0;  // last assigned AbTree::version_
 };
 

@@ -13,15 +13,16 @@
 namespace tactus::spm {
 
 /// Bytes for each region in the loader (hrtc_service/loader.hpp).
-inline constexpr std::uint32_t kRegionNoteBytes = 12;
+inline constexpr std::uint32_t kLoaderBytesPerRegion = 12;
 /// Bits for each record in the compressed cache: one bit, set if the record was received before
 /// (spm/codec/compressed_cache.hpp).
-inline constexpr std::uint32_t kRecordNoteBits = 1;
+inline constexpr std::uint32_t kReceivedBitsPerRecord = 1;
 
 /// Returns the bytes of an object's directory.
 [[nodiscard]] inline std::uint64_t directory_bytes(const ModelSummary& summary, const PoolSettings& pool) noexcept {
   return Cache::directory_bytes(summary) + Forest::directory_bytes(summary, pool) +
-         std::uint64_t{summary.regions} * kRegionNoteBytes + std::uint64_t{summary.records} * kRecordNoteBits / 8;
+         std::uint64_t{summary.regions} * kLoaderBytesPerRegion +
+         std::uint64_t{summary.records} * kReceivedBitsPerRecord / 8;
 }
 
 /// Returns the number of AB-tree nodes (spm/ab_tree.hpp) above the faces with the given FaceIds. O(n log n), allocates.

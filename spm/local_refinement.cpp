@@ -124,8 +124,9 @@ std::uint32_t LocalRefinement::find_contacts(const Vec3d& centre, double radius,
                                     out);
 }
 
-MeshTouch LocalRefinement::find_contacts(PlacedProbe& probe, MeshContact* out, std::uint32_t capacity) const noexcept {
-  MeshTouch touch = probe.find_contacts(forest_.tree(), out, capacity);
+MeshQueryResult LocalRefinement::find_contacts(PlacedProbe& probe, MeshContact* out,
+                                               std::uint32_t capacity) const noexcept {
+  MeshQueryResult touch = probe.find_contacts(forest_.tree(), out, capacity);
   if (touch.contacts > capacity || !touch.complete || !is_exact()) return touch;
   MeshContact* const end = std::remove_if(out, out + touch.contacts, [](const MeshContact& c) { return !c.is_finest; });
   touch.contacts = static_cast<std::uint32_t>(end - out);

@@ -77,7 +77,7 @@ class LocalRefinement {
   /// cells. Realtime.
   std::uint32_t find_contacts(const Vec3d& centre, double radius, Contact* out, std::uint32_t capacity) const noexcept;
   /// Writes the contacts of a mesh probe in the same way. `probe` must have been placed at the pose of `approach`.
-  MeshTouch find_contacts(PlacedProbe& probe, MeshContact* out, std::uint32_t capacity) const noexcept;
+  MeshQueryResult find_contacts(PlacedProbe& probe, MeshContact* out, std::uint32_t capacity) const noexcept;
 
   [[nodiscard]] const Forest& forest() const noexcept { return forest_; }
   [[nodiscard]] const ProbeShape& probe() const noexcept { return probe_; }

@@ -160,7 +160,7 @@ struct ProbeWalk {
   float scale = 1;
   float reach = 0;                      // upper bound of the absolute coordinates of the placed probe
   float slack = 0, slack_in_probe = 0;  // rounding errors plus margin, in the unit of the object and of the probe
-  MeshTouch result{};
+  MeshQueryResult result{};
 
   void prepare() noexcept {
     scale = static_cast<float>(probe.scale_);
@@ -342,18 +342,18 @@ Triangle3d PlacedProbe::triangle(std::uint32_t number) const noexcept {
   return placed;
 }
 
-MeshTouch PlacedProbe::find_contacts(const AbTree& tree, MeshContact* out, std::uint32_t capacity,
-                                     std::uint32_t max_work) noexcept {
+MeshQueryResult PlacedProbe::find_contacts(const AbTree& tree, MeshContact* out, std::uint32_t capacity,
+                                           std::uint32_t max_work) noexcept {
   return walk(tree, out, nullptr, capacity, max_work, 0);
 }
 
-MeshTouch PlacedProbe::find_near_pairs(const AbTree& tree, double margin, NearPairs* out, std::uint32_t capacity,
-                                       std::uint32_t max_work) noexcept {
+MeshQueryResult PlacedProbe::find_near_pairs(const AbTree& tree, double margin, NearPairs* out, std::uint32_t capacity,
+                                             std::uint32_t max_work) noexcept {
   return walk(tree, nullptr, out, capacity, max_work, static_cast<float>(margin * (1 + 1e-6)));
 }
 
-MeshTouch PlacedProbe::walk(const AbTree& tree, MeshContact* out, NearPairs* near, std::uint32_t capacity,
-                            std::uint32_t max_work, float margin) noexcept {
+MeshQueryResult PlacedProbe::walk(const AbTree& tree, MeshContact* out, NearPairs* near, std::uint32_t capacity,
+                                  std::uint32_t max_work, float margin) noexcept {
   if (tree.root() == kNone) return {};
   if (margin != margin_) begin_pose();  // the placed boxes contain the margin of another query
   margin_ = margin;

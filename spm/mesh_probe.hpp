@@ -44,7 +44,7 @@ struct alignas(64) NearPairs {
 };
 
 /// The result of a query.
-struct MeshTouch {
+struct MeshQueryResult {
   std::uint32_t contacts = 0;  ///< number of contacts or pairs; if it exceeds the capacity, the output is truncated
   std::uint32_t work = 0;      ///< number of visited pairs of nodes and tested pairs of triangles
   bool complete = true;        ///< false if the query stopped at the work limit, so that there may be more contacts
@@ -122,20 +122,20 @@ class PlacedProbe {
 
   /// Writes a contact for each intersecting pair, in a fixed order, at most `capacity`. Stops when the work reaches
   /// `max_work`; the result is then not complete. Realtime.
-  MeshTouch find_contacts(const AbTree& tree, MeshContact* out, std::uint32_t capacity,
-                          std::uint32_t max_work = 1u << 31) noexcept;
+  MeshQueryResult find_contacts(const AbTree& tree, MeshContact* out, std::uint32_t capacity,
+                                std::uint32_t max_work = 1u << 31) noexcept;
 
   /// Writes all pairs at most `margin` apart (object units, above 0), in blocks of eight. Also writes pairs that are
   /// further apart if the tests of boxes and planes cannot exclude them. Stops when the work reaches `max_work`; the
   /// result is then not complete. Also stops when there are more than `capacity` pairs. Realtime.
-  MeshTouch find_near_pairs(const AbTree& tree, double margin, NearPairs* out, std::uint32_t capacity,
-                            std::uint32_t max_work = 1u << 31) noexcept;
+  MeshQueryResult find_near_pairs(const AbTree& tree, double margin, NearPairs* out, std::uint32_t capacity,
+                                  std::uint32_t max_work = 1u << 31) noexcept;
 
  private:
   friend struct ProbeWalk;
   void begin_pose() noexcept;
-  MeshTouch walk(const AbTree& tree, MeshContact* out, NearPairs* near, std::uint32_t capacity, std::uint32_t max_work,
-                 float margin) noexcept;
+  MeshQueryResult walk(const AbTree& tree, MeshContact* out, NearPairs* near, std::uint32_t capacity,
+                       std::uint32_t max_work, float margin) noexcept;
   static constexpr int kWidth = MeshProbe::kWidth;
   static constexpr int kStack = 64 * (AbTree::kMaxHeight + MeshProbe::kMaxHeight);
 

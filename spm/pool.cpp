@@ -16,7 +16,7 @@ std::uint64_t PoolSettings::bytes() const noexcept {
                                  sizeof(std::uint16_t) + sizeof(std::uint32_t);
   return per_slot * slots + FlatIndex::bytes(slots) + FlatIndex::bytes(2 * slots) + FreeSet::bytes(slots) +
          std::uint64_t{kTreeNodeBytes} * tree_nodes +
-         (kTreeNodeBytes + sizeof(std::uint32_t)) * std::uint64_t{kPreviousNodes} +
+         (kTreeNodeBytes + sizeof(std::uint32_t)) * std::uint64_t{kMaxPreviousLeaves} +
          CandidateCaches::kCount * sizeof(CandidateCache) + FlatIndex::bytes(tree_nodes) + FreeSet::bytes(tree_nodes) +
          (sizeof(ListBlock) + sizeof(std::uint32_t)) * list_blocks +
          (kCompressedBlockBytes + 2 * sizeof(std::uint16_t)) * std::uint64_t{compressed_blocks} +

@@ -64,7 +64,7 @@ static_assert(sizeof(FaceRow) == 32);
 inline constexpr std::uint32_t kTreeNodeBytes = 384;
 /// Maximum number of leaf nodes whose previous version can be stored in a cycle. If more are needed, refinement
 /// continues in the next cycle.
-inline constexpr std::uint32_t kPreviousNodes = 1024;
+inline constexpr std::uint32_t kMaxPreviousLeaves = 1024;
 
 /// Size of a block of the compressed cache, see spm/codec/compressed_cache.hpp.
 inline constexpr std::uint32_t kCompressedBlockBytes = 20;

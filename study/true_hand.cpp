@@ -1,9 +1,9 @@
-#include "study/constants.hpp"
 #include "study/true_hand.hpp"
+
+#include "study/constants.hpp"
 
 namespace tactus::study {
 namespace {
-
 
 haptics::ProxySettings proxy_settings(double radius) {
   haptics::ProxySettings settings;
@@ -37,9 +37,10 @@ TrueTool::TrueTool(const spm::FinestTree& mesh, double scale, const spm::MeshPro
 }
 
 haptics::Wrench TrueTool::at(const haptics::DeviceState& device, bool mesh_changed) {
-  const haptics::ToolGrip grip = renderer_.tool_grip(impedance_, kCycle, device.loop_delay);
+  const haptics::ToolGrip grip = renderer_.tool_grip(impedance_, kCycle, device.round_trip);
   tool_.set_grip(grip);
-  const haptics::ToolResult& tool = tool_.step({device.position, device.orientation}, kCycle, {&object_, 1}, mesh_changed);
+  const haptics::ToolResult& tool =
+      tool_.step({device.position, device.orientation}, kCycle, {&object_, 1}, mesh_changed);
   const haptics::ForceResult& result = renderer_.step(tool, grip, device, impedance_, 0, kCycle);
   return {result.force, result.torque};
 }

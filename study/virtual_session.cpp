@@ -172,8 +172,8 @@ void VirtualSession::move_remote(Hand& hand) {
   pose.orientation = hrtc_service::plain(state.orientation);
   pose.buttons = state.buttons;
   pose.sequence = ++hand.last_pose_number;
-  pose.command_felt = hand.newest.number;
-  pose.taken_ns = now_ns_;
+  pose.command_applied = hand.newest.number;
+  pose.measured_ns = now_ns_;
   hand.poses.send(now_ns_, pose, kPoseBytes);
 }
 

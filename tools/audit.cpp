@@ -95,7 +95,7 @@ class ObjectAuditor {
   }
 
   void check(const Entry& entry) {
-    const double tolerance = kTangent / scale_;
+    const double tolerance = kTangencyTolerance / scale_;
     grid_.within(entry.centre, entry.radius + tolerance, near_);
     truth_.clear();
     for (const SurfaceGrid::Near& near : near_)
@@ -139,7 +139,8 @@ class ObjectAuditor {
   /// Compares the entry with FCL. `near_` must hold the triangles near the entry's sphere.
   void add_second_opinion(const Entry& entry) {
     SecondOpinions& opinions = result_.second;
-    const SecondOpinion::Answer answer = second_.compare(entry.centre, entry.radius, kTangent / scale_, near_);
+    const SecondOpinion::Answer answer =
+        second_.compare(entry.centre, entry.radius, kTangencyTolerance / scale_, near_);
     ++opinions.requested;
     opinions.tangent += answer.tangent;
     if (answer.agrees()) return;
@@ -177,7 +178,7 @@ class ObjectAuditor {
     for (const trace::LoggedTotals& totals : log_.totals)
       if (totals.object == result_.index) {
         use.received = totals.records_received;
-        use.returned = std::min(totals.records_returned, totals.records_received);
+        use.returned = std::min(totals.records_received_again, totals.records_received);
       }
   }
 
@@ -293,7 +294,7 @@ AuditReport audit_files(const std::filesystem::path& log_path, const std::filesy
   if (is_spm) {
     original.triangles = corners_of(decoded.positions, spm::finest_faces(decoded.model()));
   } else {
-    spm::offline::TriangleMesh mesh = spm::offline::import_mesh(model_path, spm::offline::Losses::kAllow);
+    spm::offline::TriangleMesh mesh = spm::offline::import_mesh(model_path, spm::offline::LossPolicy::kAllow);
     spm::offline::clean(mesh);
     original.triangles = corners_of(mesh.positions, mesh.faces);
   }

@@ -3,7 +3,7 @@
 ///
 /// The audit shares no geometry code with the HRTC: it searches in another way and computes in extended precision. For
 /// each audited entry it compares the keys of the touched triangles and their depths. A triangle is tangent if its
-/// distance differs from the radius by less than kTangent. A tangent triangle may be missing or have another depth,
+/// distance differs from the radius by less than kTangencyTolerance. A tangent triangle may be missing or have another depth,
 /// because rounding decides whether the tip touches it.
 ///
 /// FCL checks the same entries as a second opinion. A disagreement with FCL is no mismatch, but it makes the audit
@@ -31,7 +31,7 @@ class AuditError : public std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-inline constexpr double kTangent = 1e-6;          ///< tolerance of distances and depths, m
+inline constexpr double kTangencyTolerance = 1e-6;  ///< tolerance of distances and depths, m
 inline constexpr std::uint32_t kNearChange = 10;  ///< cycles after a region change in which an entry is "near a change"
 
 struct AuditOptions {
@@ -73,8 +73,9 @@ struct Disagreement {
 /// FCL's opinions on the audited entries.
 struct SecondOpinions {
   static constexpr std::size_t kMaxListed = 5;
-  std::uint64_t requested = 0;      ///< entries that FCL checked
-  std::uint64_t tangent = 0;        ///< triangles whose difference is ignored: distance within kTangent of the radius
+  std::uint64_t requested = 0;  ///< entries that FCL checked
+  std::uint64_t tangent =
+      0;  ///< triangles whose difference is ignored: distance within kTangencyTolerance of the radius
   std::uint64_t disagreed = 0;      ///< entries for which FCL and the audit differ
   std::vector<Disagreement> first;  ///< the first kMaxListed disagreements
 };

@@ -57,7 +57,7 @@ ordered_json second_json(const SecondOpinions& second) {
     first.push_back(std::move(json));
   }
   return {{"requested", second.requested},
-          {"tolerance_m", kTangent},
+          {"tolerance_m", kTangencyTolerance},
           {"tangent", second.tangent},
           {"disagreed", second.disagreed},
           {"first_disagreements", first}};
@@ -176,7 +176,7 @@ std::string object_text(const ObjectAudit& object) {
   text += row("disagreements with FCL", second.disagreed,
               formatted(", compared in %llu cycles", static_cast<unsigned long long>(second.requested)));
   if (second.tangent > 0)
-    text += row("  triangles ignored as tangent", second.tangent, formatted(", within %g m", kTangent));
+    text += row("  triangles ignored as tangent", second.tangent, formatted(", within %g m", kTangencyTolerance));
   for (const Disagreement& one : second.first) text += disagreement_text(one);
   if (second.disagreed > second.first.size())
     text += "    and " + std::to_string(second.disagreed - second.first.size()) + " more cycles\n";

@@ -76,7 +76,7 @@ BuildOptions build_options(const Settings& settings, bool sized) {
   options.grid_bits = settings.grid_bits;
   if (sized) options.size = settings.size;
   options.pair_distance = settings.pairs_mm * 1e-3;
-  options.losses = settings.allow_losses ? Losses::kAllow : Losses::kRefuse;
+  options.losses = settings.allow_losses ? LossPolicy::kAllow : LossPolicy::kRefuse;
   options.threads = settings.threads;
   return options;
 }
@@ -152,7 +152,7 @@ int info(const Settings& settings, const ToolStreams& streams) {
 int check(const Settings& settings, const ToolStreams& streams) {
   spm::OwnedModel decoded;
   const MappedModel mapped{settings.file, &decoded};
-  TriangleMesh original = import_mesh(settings.model, Losses::kAllow);
+  TriangleMesh original = import_mesh(settings.model, LossPolicy::kAllow);
   Verification result;
   {
     ProgressBar bar{streams};

@@ -31,7 +31,7 @@ struct ContactEntry {
 static_assert(sizeof(ContactEntry) == 16);
 
 struct TotalsEntry {
-  std::uint64_t object, records_received, records_returned, regions_received, regions_released;
+  std::uint64_t object, records_received, records_received_again, regions_received, regions_released;
 };
 
 struct ObjectHead {
@@ -103,8 +103,8 @@ void ContactLogWriter::write(const LoggedQuery& query) {
 }
 
 void ContactLogWriter::write(const LoggedTotals& totals) {
-  const TotalsEntry entry{totals.object, totals.records_received, totals.records_returned, totals.regions_received,
-                          totals.regions_released};
+  const TotalsEntry entry{totals.object, totals.records_received, totals.records_received_again,
+                          totals.regions_received, totals.regions_released};
   put(&kTotalsTag, 1);
   put(&entry, sizeof entry);
 }
@@ -149,7 +149,7 @@ ContactLogReader::Entry ContactLogReader::next() {
   if (tag == kTotalsTag) {
     TotalsEntry entry;
     if (!get(&entry, sizeof entry)) return Entry::kEnd;
-    totals = {static_cast<std::uint32_t>(entry.object), entry.records_received, entry.records_returned,
+    totals = {static_cast<std::uint32_t>(entry.object), entry.records_received, entry.records_received_again,
               entry.regions_received, entry.regions_released};
     return Entry::kTotals;
   }

@@ -58,8 +58,8 @@ struct LoggedQuery {
 /// Totals of the loader for an object over the whole session.
 struct LoggedTotals {
   std::uint32_t object = 0;
-  std::uint64_t records_received = 0;  ///< number of received records, with repetitions
-  std::uint64_t records_returned = 0;  ///< number of these that had been received before
+  std::uint64_t records_received = 0;        ///< number of received records, with repetitions
+  std::uint64_t records_received_again = 0;  ///< number of these that had been received before
   std::uint64_t regions_received = 0;
   std::uint64_t regions_released = 0;
 };

@@ -36,7 +36,8 @@ struct FlightStart {
   std::string build, participant, reason;
   std::uint64_t first_cycle = 0;
   double period = 0, tip_radius = 0, refine_margin = 0, retain_margin = 0, refine_ahead = 0;
-  double max_force = 0, max_slew = 0, soft_start = 0, recovery = 0, hold = 0, zero_by = 0, max_speed = 0;
+  double max_force = 0, max_slew = 0, soft_start = 0, recovery = 0, max_fresh_age = 0, zero_force_age = 0,
+         max_speed = 0;
   double max_torque = 0, max_torque_slew = 0, max_angular_velocity = 0;
   std::vector<FlightLimits> devices;  ///< limits of the devices, by probe
   std::vector<float> tool_vertices;
@@ -47,7 +48,8 @@ struct FlightStart {
     visit(self.build), visit(self.participant), visit(self.reason), visit(self.first_cycle);
     visit(self.period), visit(self.tip_radius), visit(self.refine_margin), visit(self.retain_margin);
     visit(self.refine_ahead), visit(self.max_force), visit(self.max_slew), visit(self.soft_start);
-    visit(self.recovery), visit(self.hold), visit(self.zero_by), visit(self.max_speed), visit(self.max_torque);
+    visit(self.recovery), visit(self.max_fresh_age), visit(self.zero_force_age), visit(self.max_speed),
+        visit(self.max_torque);
     visit(self.max_torque_slew), visit(self.max_angular_velocity), visit(self.devices), visit(self.tool_vertices),
         visit(self.tool_triangles);
     visit(self.slots), visit(self.tree_nodes), visit(self.list_blocks), visit(self.targets);
@@ -71,21 +73,21 @@ struct FlightObject {
 
 struct FlightRegion {
   std::uint32_t region = 0, applied = 0;
-  bool retiring = false, resting = false;
+  bool retiring = false, retained = false;
   template <class Self, class Visit>
   static void fields(Self& self, Visit&& visit) {
-    visit(self.region), visit(self.applied), visit(self.retiring), visit(self.resting);
+    visit(self.region), visit(self.applied), visit(self.retiring), visit(self.retained);
   }
 };
 
 struct FlightObjectState {
   std::uint32_t object = 0, base_faces = 0;
   std::uint64_t mesh_hash = 0;
-  std::vector<std::uint32_t> here;
+  std::vector<std::uint32_t> loaded_regions;
   std::vector<FlightRegion> in_use;
   template <class Self, class Visit>
   static void fields(Self& self, Visit&& visit) {
-    visit(self.object), visit(self.base_faces), visit(self.mesh_hash), visit(self.here), visit(self.in_use);
+    visit(self.object), visit(self.base_faces), visit(self.mesh_hash), visit(self.loaded_regions), visit(self.in_use);
   }
 };
 
@@ -106,12 +108,12 @@ struct FlightEvent {
   enum class Kind : std::uint32_t {
     kStopped,
     kReset,
-    kObjectCame,
-    kRegionCame,
+    kObjectArrived,
+    kRegionArrived,
     kRegionRetired,
-    kRegionLeft,
+    kRegionDeparted,
     kObjectWithdrawn,
-    kObjectLeft
+    kObjectDeparted
   };
   std::uint64_t cycle = 0;
   Kind kind = Kind::kStopped;
@@ -137,10 +139,10 @@ struct FlightProbe {
   std::int64_t pose_time_ns = 0;
   std::array<double, 3> position{}, velocity{};
   std::array<double, 4> orientation{};
-  double transit = 0, loop_delay = 0, pose_age = 0;
-  std::uint64_t near_found = 0, near_sought = 0;
+  double transit = 0, round_trip = 0, pose_age = 0;
+  std::uint64_t near_found = 0, near_searched = 0;
   std::array<double, 3> near_centre{};
-  double near_moved = 0;
+  double near_valid_radius = 0;
   std::array<double, 3> force{}, torque{}, proxy{};
   std::array<double, 4> proxy_orientation{};
   std::uint32_t probe = 0, buttons = 0, pose_sequence = 0, failed = 0;
@@ -148,8 +150,9 @@ struct FlightProbe {
   template <class Self, class Visit>
   static void fields(Self& self, Visit&& visit) {
     visit(self.cycle), visit(self.pose_time_ns), visit(self.position), visit(self.velocity), visit(self.orientation);
-    visit(self.transit), visit(self.loop_delay), visit(self.pose_age), visit(self.near_found), visit(self.near_sought);
-    visit(self.near_centre), visit(self.near_moved), visit(self.force), visit(self.torque), visit(self.proxy),
+    visit(self.transit), visit(self.round_trip), visit(self.pose_age), visit(self.near_found),
+        visit(self.near_searched);
+    visit(self.near_centre), visit(self.near_valid_radius), visit(self.force), visit(self.torque), visit(self.proxy),
         visit(self.proxy_orientation), visit(self.probe);
     visit(self.buttons), visit(self.pose_sequence), visit(self.failed), visit(self.touched_object);
     visit(self.status), visit(self.contacts);
@@ -168,11 +171,11 @@ struct FlightTouch {
 
 struct FlightRefine {
   std::uint64_t cycle = 0, mesh_hash = 0;
-  std::uint32_t granted = 0, budget_spent = 0, nodes_full = 0, forgot = 0;
+  std::uint32_t granted = 0, budget_spent = 0, nodes_full = 0, caches_emptied = 0;
   template <class Self, class Visit>
   static void fields(Self& self, Visit&& visit) {
     visit(self.cycle), visit(self.mesh_hash), visit(self.granted), visit(self.budget_spent), visit(self.nodes_full),
-        visit(self.forgot);
+        visit(self.caches_emptied);
   }
 };
 

@@ -110,14 +110,14 @@ const char* invalid_field(const session::RosterEntry& r) noexcept {
   if (session::id_of(r.name) != r.origin.participant) return "name: expected the name with id origin.participant";
   if (session::id_of(r.session) != r.origin.session) return "session: expected the name with id origin.session";
   if (!fits(r.requested_hrtc, session::kMaxName)) return "requested_hrtc: expected at most 63 bytes";
-  if (r.users.size() > session::kMaxSlots) return "users: expected at most 64";
+  if (r.users.size() > session::kMaxUsers) return "users: expected at most 64";
   for (const std::string& user : r.users) {
     if (!is_name(user)) return "users: expected names of 1..63 bytes";
   }
-  if (r.slots.size() > session::kMaxSlots) return "slots: expected at most 64";
-  for (const session::UserSlot& slot : r.slots) {
-    if (!is_name(slot.user)) return "slots.user: expected 1..63 bytes";
-    if (slot.slot >= session::kMaxSlots) return "slots.slot: expected 0..63";
+  if (r.served_users.size() > session::kMaxUsers) return "served_users: expected at most 64";
+  for (const session::UserProbe& probe : r.served_users) {
+    if (!is_name(probe.user)) return "served_users.user: expected 1..63 bytes";
+    if (probe.probe >= session::kMaxUsers) return "served_users.probe: expected 0..63";
   }
   if (r.stops.size() > session::kMaxStops) return "stops: expected at most 32";
   constexpr std::int64_t kMaxSessionNs = INT64_C(1) << 60;  // 36 years; differences do not overflow
@@ -278,7 +278,7 @@ const char* invalid_field(const session::ObjectCopy& c) noexcept {
   if (!all_moderate(c.body.position)) return "body.position: expected at most 1e9";
   if (!all_moderate(c.velocity)) return "velocity: expected at most 1e9";
   if (!all_moderate(c.angular_velocity)) return "angular_velocity: expected at most 1e9";
-  if (!all_moderate(c.pressed)) return "pressed: expected at most 1e9";
+  if (!all_moderate(c.user_force)) return "user_force: expected at most 1e9";
   for (const session::CopyChannel& channel : c.channels) {
     if (!all_moderate(channel.wave)) return "channels.wave: expected at most 1e9";
     if (!not_negative(channel.energy) || channel.energy > kMax) return "channels.energy: expected 0 up to 1e9";

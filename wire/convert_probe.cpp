@@ -6,7 +6,7 @@ namespace tactus::wire {
 static_assert(idl::kProtocolVersion == session::kProtocolVersion);
 static_assert(idl::kMaxName == session::kMaxName);
 static_assert(idl::kMaxText == session::kMaxText);
-static_assert(idl::kMaxSlots == session::kMaxSlots);
+static_assert(idl::kMaxUsers == session::kMaxUsers);
 static_assert(idl::kMaxHaveIntervals == session::kMaxHaveIntervals);
 static_assert(idl::kMaxWanted == session::kMaxWanted);
 static_assert(idl::kMaxPayload == session::kMaxPayload);
@@ -110,7 +110,7 @@ void to_idl(const session::DevicePose& from, idl::DevicePose& to) {
   to.velocity(from.velocity);
   to.radius(from.radius);
   to.buttons(from.buttons);
-  to.command_felt(from.command_felt);
+  to.command_applied(from.command_applied);
 }
 
 void from_idl(const idl::DevicePose& from, session::DevicePose& to) {
@@ -123,7 +123,7 @@ void from_idl(const idl::DevicePose& from, session::DevicePose& to) {
   to.velocity = from.velocity();
   to.radius = from.radius();
   to.buttons = from.buttons();
-  to.command_felt = from.command_felt();
+  to.command_applied = from.command_applied();
 }
 
 void to_idl(const session::DeviceCommand& from, idl::DeviceCommand& to) {
@@ -231,7 +231,7 @@ void to_idl(const session::ObjectCopy& from, idl::ObjectCopy& to) {
   to.body(pose_to_idl(from.body));
   to.velocity(from.velocity);
   to.angular_velocity(from.angular_velocity);
-  to.pressed(from.pressed);
+  to.user_force(from.user_force);
   to.channels().resize(from.channels.size());
   for (std::size_t i = 0; i < from.channels.size(); ++i) {
     to.channels()[i].wave(from.channels[i].wave);
@@ -249,7 +249,7 @@ void from_idl(const idl::ObjectCopy& from, session::ObjectCopy& to) {
   to.body = pose_from_idl(from.body());
   to.velocity = from.velocity();
   to.angular_velocity = from.angular_velocity();
-  to.pressed = from.pressed();
+  to.user_force = from.user_force();
   to.channels.resize(from.channels().size());
   for (std::size_t i = 0; i < to.channels.size(); ++i)
     to.channels[i] = {from.channels()[i].wave(), from.channels()[i].energy()};

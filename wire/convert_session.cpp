@@ -11,10 +11,10 @@ void to_idl(const session::RosterEntry& from, idl::RosterEntry& to) {
   to.requested_hrtc(from.requested_hrtc);
   to.users().resize(from.users.size());
   for (std::size_t i = 0; i < from.users.size(); ++i) to.users()[i].user(from.users[i]);
-  to.slots().resize(from.slots.size());
-  for (std::size_t i = 0; i < from.slots.size(); ++i) {
-    to.slots()[i].user(from.slots[i].user);
-    to.slots()[i].slot_number(from.slots[i].slot);
+  to.served_users().resize(from.served_users.size());
+  for (std::size_t i = 0; i < from.served_users.size(); ++i) {
+    to.served_users()[i].user(from.served_users[i].user);
+    to.served_users()[i].probe_number(from.served_users[i].probe);
   }
   to.heartbeat(from.heartbeat);
   to.leaving(from.leaving);
@@ -41,9 +41,9 @@ void from_idl(const idl::RosterEntry& from, session::RosterEntry& to) {
   to.requested_hrtc = from.requested_hrtc().to_string();
   to.users.resize(from.users().size());
   for (std::size_t i = 0; i < to.users.size(); ++i) to.users[i] = from.users()[i].user().to_string();
-  to.slots.resize(from.slots().size());
-  for (std::size_t i = 0; i < to.slots.size(); ++i) {
-    to.slots[i] = {from.slots()[i].user().to_string(), from.slots()[i].slot_number()};
+  to.served_users.resize(from.served_users().size());
+  for (std::size_t i = 0; i < to.served_users.size(); ++i) {
+    to.served_users[i] = {from.served_users()[i].user().to_string(), from.served_users()[i].probe_number()};
   }
   to.heartbeat = from.heartbeat();
   to.leaving = from.leaving();

@@ -14,7 +14,7 @@ Flow read_flow(const std::filesystem::path& file) try {
        {std::pair{TrafficClass::kSession, "session"}, std::pair{TrafficClass::kProbe, "probe"},
         std::pair{TrafficClass::kBulk, "bulk"}}) {
     const yaml::Map marks{sockets.required(name), {"tos", "priority"}};
-    SocketMarks& socket = flow.sockets[static_cast<std::size_t>(traffic)];
+    SocketOptions& socket = flow.sockets[static_cast<std::size_t>(traffic)];
     for (const char* key : {"tos", "priority"}) (void)marks.required(key);
     marks.integer("tos", 0, 255, socket.tos);
     marks.integer("priority", 0, 6, socket.priority);

@@ -10,13 +10,13 @@
 namespace tactus::wire {
 
 /// Options of the sockets of a traffic class; 0: the default of the system.
-struct SocketMarks {
+struct SocketOptions {
   int tos = 0;       ///< IP_TOS byte, 0..255
   int priority = 0;  ///< SO_PRIORITY, 0..6
 };
 
 struct Flow {
-  std::array<SocketMarks, kTrafficClasses> sockets;  ///< by TrafficClass
+  std::array<SocketOptions, kTrafficClasses> sockets;  ///< by TrafficClass
 };
 
 /// Throws WireError, which names file and key, for a missing file or key, an unknown key or a value out of bounds.

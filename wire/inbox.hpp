@@ -15,13 +15,13 @@
 namespace tactus::wire {
 
 enum class Urgency : std::uint8_t {
-  kWaits,  ///< the sample does not wake the consumer: it waits until another one does, or until `take` times out
-  kWakes,  ///< the sample wakes the consumer
-  kLast    ///< as kWakes; also uses a reserve when the inbox is full, because the sample is not repeated
+  kWaits,      ///< the sample does not wake the consumer: it waits until another one does, or until `take` times out
+  kWakes,      ///< the sample wakes the consumer
+  kMustArrive  ///< as kWakes; also uses a reserve when the inbox is full, because the sample is not repeated
 };
 
 /// Many producers, one consumer. Drops and counts samples above the capacity. All topics recover from such losses
-/// except the end of a session, which is put with kLast.
+/// except the end of a session, which is put with kMustArrive.
 template <class Sample>
 class Inbox {
  public:
@@ -35,7 +35,7 @@ class Inbox {
   void put(Sample sample, Urgency urgency = Urgency::kWakes) {
     {
       const std::lock_guard lock{mutex_};
-      if (samples_.size() >= capacity_ + (urgency == Urgency::kLast ? kReserve : 0)) {
+      if (samples_.size() >= capacity_ + (urgency == Urgency::kMustArrive ? kReserve : 0)) {
         ++dropped_;
         return;
       }

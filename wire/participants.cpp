@@ -65,7 +65,7 @@ std::set<int> datagram_sockets() {
 
 /// Sets the options of the sockets that were opened since `before`, because Fast DDS 2.9 cannot. Sets IP_TOS first: the
 /// kernel then also sets a priority, which SO_PRIORITY replaces.
-void mark_new_sockets(const std::set<int>& before, const SocketMarks& marks) {
+void mark_new_sockets(const std::set<int>& before, const SocketOptions& marks) {
   if (marks.tos == 0 && marks.priority == 0) return;
   for (const int fd : datagram_sockets()) {
     if (before.count(fd) != 0) continue;

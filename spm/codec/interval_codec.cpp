@@ -10,7 +10,7 @@ std::string text(std::uint64_t value) { return std::to_string(value); }
 }  // namespace
 
 void put_intervals(BitWriter& out, const RecordTables& tables, std::span<const Interval> intervals) {
-  put_rare(out, intervals.size());
+  put_length_prefixed(out, intervals.size());
   std::uint32_t end = 0;
   for (const Interval& interval : intervals) {
     put_number(out, tables[Field::kGap], interval.first - end);
@@ -21,7 +21,7 @@ void put_intervals(BitWriter& out, const RecordTables& tables, std::span<const I
 
 std::string get_intervals(BitReader& in, const RecordTables& tables, std::uint32_t limit,
                           std::vector<Interval>& intervals, std::uint32_t& total) {
-  const std::uint64_t count = get_rare(in);
+  const std::uint64_t count = get_length_prefixed(in);
   if (!in.ok() || in.remaining() / kMinIntervalBits < count) {
     return text(count) + " intervals do not fit into the remaining " + text(in.remaining()) + " bits";
   }

@@ -56,7 +56,7 @@ class Writer {
     count(kFields);
   }
   void rare(std::uint64_t value) {
-    put_rare(out_, value);
+    put_length_prefixed(out_, value);
     count(kFields);
   }
   void begin_block() { block_starts_.push_back(out_.size()); }
@@ -224,7 +224,7 @@ class RecordEncoder {
   void encode_position(VertexId u, std::uint16_t radius, const PositionPredictor& predictor) {
     const PositionPredictor::Residuals residuals = predictor.residuals_to(model_.positions[index(u)]);
     for (std::size_t i = 0; i < 3; ++i) {
-      sink_.number(field_for(i < 2 ? Field::kAlong : Field::kAcross, radius),
+      sink_.number(field_for(i < 2 ? Field::kTangentialResidual : Field::kNormalResidual, radius),
                    zigzag(static_cast<std::int32_t>(residuals[i])));
     }
   }

@@ -44,9 +44,9 @@ enum class Field : std::uint8_t {
   kBornFirstOfInner,
   kBornNext,
   kBornNextOfInner,
-  kAlong,  ///< residuals of the two coordinates along the surface
+  kTangentialResidual,  ///< residuals of the two coordinates along the surface
   kAlongOfInner,
-  kAcross,  ///< residual of the coordinate across the surface
+  kNormalResidual,  ///< residual of the coordinate across the surface
   kAcrossOfInner
 };
 inline constexpr std::size_t kFields = 17;
@@ -58,7 +58,7 @@ inline constexpr std::size_t kFields = 17;
 
 /// The symbol of radius code 0 is 0. For any other radius code r, the number is R - r + 1, where R is the radius code
 /// of ModelSummary::deviation, the largest of the model. A number below kRareRadius is itself the symbol. For a larger
-/// number, the symbol is kRareRadius, and the number follows (put_rare).
+/// number, the symbol is kRareRadius, and the number follows (put_length_prefixed).
 inline constexpr std::uint32_t kRareRadius = 255;
 
 /// A number below kSmallNumbers is one symbol. A larger number is a symbol for its length in bits and its second
@@ -188,14 +188,14 @@ inline void put_number(BitWriter& out, const PrefixCode& code, std::uint64_t val
 }
 
 /// Writes a rare number without prefix code: its length in six bits, and the number.
-inline void put_rare(BitWriter& out, std::uint64_t value) {
+inline void put_length_prefixed(BitWriter& out, std::uint64_t value) {
   unsigned length = 0;
   while (value >> length != 0) ++length;
   out.put(length, 6);
   out.put(value, length);
 }
-/// Reads a number written by put_rare. The length is not trusted: at most 56 bits are read.
-[[nodiscard]] inline std::uint64_t get_rare(BitReader& in) noexcept {
+/// Reads a number written by put_length_prefixed. The length is not trusted: at most 56 bits are read.
+[[nodiscard]] inline std::uint64_t get_length_prefixed(BitReader& in) noexcept {
   const auto length = static_cast<unsigned>(in.get(6));
   return in.get(length < 56 ? length : 56);
 }

@@ -38,7 +38,7 @@ bool RecordReader::get(BitReader& in, RecordId record, FaceId anchor, std::vecto
   first.parent = kNone;
   first.next = kNone;
   std::uint64_t below = tables_[Field::kRadius].get(in, code_ok_);
-  if (below == kRareRadius) below = get_rare(in);
+  if (below == kRareRadius) below = get_length_prefixed(in);
   if (below > max_radius_)
     return fail(in, record,
                 "radius code is " + std::to_string(below - 1) + " below the model's maximum, expected below " +
@@ -52,7 +52,8 @@ bool RecordReader::get(BitReader& in, RecordId record, FaceId anchor, std::vecto
                         : get_usual_faces(in, record, first, anchor, Shape::from_symbol(shape), parts);
   if (!good) return false;
   recent_.add(anchor, parts[at]);
-  const Field along = field_for(Field::kAlong, first.radius), across = field_for(Field::kAcross, first.radius);
+  const Field along = field_for(Field::kTangentialResidual, first.radius),
+              across = field_for(Field::kNormalResidual, first.radius);
   for (std::size_t i = 0; i < 3; ++i) {
     residuals[i] = static_cast<std::uint32_t>(unzigzag(number(in, i < 2 ? along : across)));
   }
@@ -109,7 +110,7 @@ bool RecordReader::get_explicit_faces(BitReader& in, RecordId record, RecordPart
     if (is_first_part && part.deformed_count > 0) corner = static_cast<std::uint32_t>(in.get(2));
     if (is_first_part && part.deformed_count > 0 && corner > 2) return fail(in, record, "corner", corner, "at most", 2);
     if (is_first_part && part.deformed_count == 0) {
-      const std::uint64_t to_parent = get_rare(in);
+      const std::uint64_t to_parent = get_length_prefixed(in);
       if (to_parent == 0 || to_parent > index(u))
         return fail(in, record, "distance to the parent vertex", to_parent, "1 to", index(u));
       part.parent = first.parent = VertexId{index(u) - static_cast<std::uint32_t>(to_parent)};
@@ -140,7 +141,7 @@ bool RecordReader::get_born(BitReader& in, RecordId record, VertexId u, FaceId f
   if (bits >> 1 > 5) return fail(in, record, "corner order", bits >> 1, "at most", 5);
   part.born[i] = BornRef::make(face, bits >> 1, (bits & 1u) != 0);
   const bool in_ring = in.get(1) != 0;
-  const std::uint64_t x = get_rare(in);
+  const std::uint64_t x = get_length_prefixed(in);
   if (in_ring && x >= kLastInRing)
     return fail(in, record, "position of a third corner in the ring", x, "below", kLastInRing);
   if (!in_ring && (x == 0 || x > index(u))) return fail(in, record, "distance to a third corner", x, "1 to", index(u));

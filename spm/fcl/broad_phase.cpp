@@ -34,13 +34,13 @@ std::unique_ptr<::fcl::CollisionObjectd> shape_of(const WorldBox& box) {
   return shape;
 }
 
-bool intersects(const ProbeSphere& sphere, const WorldBox& box) {
+bool intersects(const BoundingSphere& sphere, const WorldBox& box) {
   const Vec3d nearest = sphere.centre.cwiseMax(box.low).cwiseMin(box.high);
   return (sphere.centre - nearest).squaredNorm() <= sphere.radius * sphere.radius;
 }
 
 struct Query {
-  const ProbeSphere* sphere;
+  const BoundingSphere* sphere;
   std::uint32_t probe;
   std::vector<NearPair>* pairs;
 };
@@ -89,10 +89,10 @@ void BroadPhase::remove(std::uint32_t object) {
   manager_->objects.erase(found);
 }
 
-std::vector<NearPair> BroadPhase::find_near_pairs(std::span<const ProbeSphere> probes) const {
+std::vector<NearPair> BroadPhase::find_near_pairs(std::span<const BoundingSphere> probes) const {
   std::vector<NearPair> pairs;
   for (std::uint32_t i = 0; i < probes.size(); ++i) {
-    const ProbeSphere& sphere = probes[i];
+    const BoundingSphere& sphere = probes[i];
     if (!sphere.centre.allFinite() || !(sphere.radius >= 0)) {
       std::ostringstream text;
       text << "BroadPhase::find_near_pairs: probe " << i << ": found radius " << sphere.radius << " and centre "

@@ -19,7 +19,7 @@ struct WorldBox {
 };
 
 /// A sphere that contains a probe until the next query.
-struct ProbeSphere {
+struct BoundingSphere {
   Vec3d centre;
   double radius = 0;
 };
@@ -43,7 +43,7 @@ class BroadPhase {
 
   /// Returns all pairs in which the sphere intersects or touches the box, ordered by probe and object. Throws
   /// std::invalid_argument if a probe is not finite or its radius is negative.
-  [[nodiscard]] std::vector<NearPair> find_near_pairs(std::span<const ProbeSphere> probes) const;
+  [[nodiscard]] std::vector<NearPair> find_near_pairs(std::span<const BoundingSphere> probes) const;
 
  private:
   struct Manager;

@@ -21,7 +21,6 @@
 namespace tactus::spm::offline {
 namespace {
 
-
 /// Throws ModelError if the cleaned mesh has no face, or too many.
 void require_surface(const TriangleMesh& mesh, const CleanReport& cleaned) {
   const std::uint32_t dropped = cleaned.non_finite_faces + cleaned.repeated_corner_faces + cleaned.zero_area_faces;
@@ -195,8 +194,8 @@ class Assembler {
     for (const Segment& segment : collapses_.segments) {
       for (std::uint32_t i = 0; i < segment.size(); ++i) {
         const FaceRange own = faces_of(segment, i);
-        faces.push_back(
-            index(own.moved < own.moved_end ? segment.moved[own.moved].face() : segment.dying[own.dying].face()));
+        faces.push_back(index(own.moved < own.moved_end ? segment.moved[own.moved].face()
+                                                        : segment.removed_faces[own.removed_faces].face()));
       }
     }
     return faces;
@@ -280,10 +279,10 @@ class Assembler {
 
   [[nodiscard]] RecordPart& part(PartIndex p) { return out_.parts[index(p)]; }
 
-  /// The faces of a collapse that no part has yet, as ranges of Segment::dying and Segment::moved.
+  /// The faces of a collapse that no part has yet, as ranges of Segment::removed_faces and Segment::moved.
   struct FaceRange {
-    std::uint32_t dying, dying_end, moved, moved_end;
-    [[nodiscard]] bool empty() const { return dying == dying_end && moved == moved_end; }
+    std::uint32_t removed_faces, dying_end, moved, moved_end;
+    [[nodiscard]] bool empty() const { return removed_faces == dying_end && moved == moved_end; }
   };
   static FaceRange faces_of(const Segment& segment, std::uint32_t i) {
     const Collapse &c = segment.sequence[i], &end = segment.sequence[i + 1];
@@ -295,9 +294,9 @@ class Assembler {
     RecordPart part{};
     part.parent = VertexId{vertex_id_[segment.sequence[i].t]};
     part.next = kNone;
-    for (; rest.dying < rest.dying_end && part.born_count < kBornPerPart; ++rest.dying) {
-      part.born[part.born_count] = segment.dying[rest.dying];
-      part.born_x[part.born_count++] = VertexId{vertex_id_[segment.dying_x[rest.dying]]};
+    for (; rest.removed_faces < rest.dying_end && part.born_count < kBornPerPart; ++rest.removed_faces) {
+      part.born[part.born_count] = segment.removed_faces[rest.removed_faces];
+      part.born_x[part.born_count++] = VertexId{vertex_id_[segment.removed_third_corners[rest.removed_faces]]};
     }
     for (; rest.moved < rest.moved_end && part.deformed_count < kDeformedPerPart; ++rest.moved) {
       part.deformed[part.deformed_count++] = segment.moved[rest.moved];
@@ -356,7 +355,7 @@ BuiltModel build_model(TriangleMesh mesh, const BuildOptions& options, const Pro
   const std::size_t vertices = mesh.positions.size(), faces = mesh.faces.size();
   CleanReport cleaned = clean(mesh, options.threads);
   require_surface(mesh, cleaned);
-  if (options.losses == Losses::kRefuse) require_few_losses(vertices, faces, cleaned);
+  if (options.losses == LossPolicy::kRefuse) require_few_losses(vertices, faces, cleaned);
   double step = 0;
   if (options.grid_bits > 0) {
     step = step_of_grid(mesh, options.grid_bits);

@@ -24,8 +24,9 @@ struct BuildOptions {
   double pair_distance = 0;    ///< metres; unless 0, overrides `simplify.pair_distance`
   /// 4 to 20: compact profile, with 2^grid_bits grid positions along the longest side. 0: lossless profile.
   unsigned grid_bits = 0;
-  Losses losses = Losses::kRefuse;  ///< applies to reading and cleaning, not to faces that the grid makes degenerate
-  unsigned threads = 0;             ///< 0: one per processor; does not affect the result
+  LossPolicy losses =
+      LossPolicy::kRefuse;  ///< applies to reading and cleaning, not to faces that the grid makes degenerate
+  unsigned threads = 0;     ///< 0: one per processor; does not affect the result
 };
 
 /// Receives the name of the current stage and its finished share, 0 to 1. It is called in the thread that called the

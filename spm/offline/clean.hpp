@@ -8,7 +8,7 @@
 namespace tactus::spm::offline {
 
 /// States whether a build may drop most vertices or faces of a mesh.
-enum class Losses : std::uint8_t { kRefuse, kAllow };
+enum class LossPolicy : std::uint8_t { kRefuse, kAllow };
 
 /// Numbers of dropped vertices and faces. If several reasons apply to a face, only the first in this order counts it.
 struct CleanReport {

@@ -83,11 +83,11 @@ class DependencyFinder {
     };
     need(out_.removed_by[c.t]);
     for (std::uint32_t k = c.first_dying; k < end.first_dying; ++k) {
-      const BornRef dying = segment.dying[k];
-      const std::uint32_t x = segment.dying_x[k];
+      const BornRef removed_faces = segment.removed_faces[k];
+      const std::uint32_t x = segment.removed_third_corners[k];
       need(out_.removed_by[x]);
-      collapses_.corners[index(dying.face())] = born_face(dying.order(), c.u, c.t, x);
-      writer_[index(dying.face())] = id;
+      collapses_.corners[index(removed_faces.face())] = born_face(removed_faces.order(), c.u, c.t, x);
+      writer_[index(removed_faces.face())] = id;
     }
     order_fan({segment.moved.data() + c.first_moved, end.first_moved - c.first_moved}, collapses_.corners);
     for (std::uint32_t k = c.first_moved; k < end.first_moved; ++k) {

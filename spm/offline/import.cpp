@@ -218,20 +218,20 @@ bool is_ply(const std::filesystem::path& path, const std::string& extension) {
   return extension == ".ply" || (std::memcmp(magic.data(), "ply", 3) == 0 && (magic[3] == '\n' || magic[3] == '\r'));
 }
 
-TriangleMesh import_ply(const std::filesystem::path& path, Losses losses) {
+TriangleMesh import_ply(const std::filesystem::path& path, LossPolicy losses) {
   PlyMesh ply = read_ply(path);
   if (ply.mesh.faces.empty())
     fail(path, "found " + std::to_string(ply.mesh.positions.size()) + " points and " + std::to_string(ply.lines) +
                    " lines, expected a surface of triangles");
   const Found found{0, ply.lines, ply.polygons};
-  if (losses == Losses::kRefuse)
+  if (losses == LossPolicy::kRefuse)
     require_few_losses(path, {0, static_cast<double>(ply.lines + ply.polygons)}, ply.mesh, found);
   return std::move(ply.mesh);
 }
 
 }  // namespace
 
-TriangleMesh import_mesh(const std::filesystem::path& path, Losses losses) {
+TriangleMesh import_mesh(const std::filesystem::path& path, LossPolicy losses) {
   check_readable(path);
   const std::string extension = extension_of(path);
   if (is_ply(path, extension)) return import_ply(path, losses);
@@ -243,7 +243,7 @@ TriangleMesh import_mesh(const std::filesystem::path& path, Losses losses) {
     Assimp::Importer importer;
     Found found;
     TriangleMesh mesh = import_with(importer, path, found);
-    if (losses == Losses::kRefuse) require_few_losses(path, declared, mesh, found);
+    if (losses == LossPolicy::kRefuse) require_few_losses(path, declared, mesh, found);
     return mesh;
   } catch (const ModelError&) {
     throw;

@@ -17,6 +17,6 @@ namespace tactus::spm::offline {
 /// damaged, or has no surface (only points, lines or an animation). The number of vertices or faces in an OBJ, OFF, PLY
 /// or STL file is known before the import. If the import yields less than half of a known number, throws unless
 /// `losses` is kAllow.
-[[nodiscard]] TriangleMesh import_mesh(const std::filesystem::path& path, Losses losses = Losses::kRefuse);
+[[nodiscard]] TriangleMesh import_mesh(const std::filesystem::path& path, LossPolicy losses = LossPolicy::kRefuse);
 
 }  // namespace tactus::spm::offline

@@ -76,12 +76,12 @@ Segment Patch::simplify(const PatchTask& task, const std::function<void(double)>
     if (!task.is_last_round) break;
   }
   store();
-  out_.sequence.push_back(
-      {kNone, kNone, static_cast<std::uint32_t>(out_.dying.size()), static_cast<std::uint32_t>(out_.moved.size())});
+  out_.sequence.push_back({kNone, kNone, static_cast<std::uint32_t>(out_.removed_faces.size()),
+                           static_cast<std::uint32_t>(out_.moved.size())});
   Segment result = out_;  // copies without spare capacity
   out_.sequence.clear();
-  out_.dying.clear();
-  out_.dying_x.clear();
+  out_.removed_faces.clear();
+  out_.removed_third_corners.clear();
   out_.moved.clear();
   return result;
 }
@@ -361,9 +361,9 @@ bool Patch::is_connected() const {
 
 bool Patch::is_legal_collapse(std::uint32_t u, std::uint32_t t) const {
   const std::uint32_t size = vertices_[t].size, at = in_ring(t);
-  const std::uint32_t dying = at < ring_.size ? ring_.degree[at] : 0;
+  const std::uint32_t removed_faces = at < ring_.size ? ring_.degree[at] : 0;
   if (size > kMaxTargetStar) return false;
-  if (vertices_[u].size + size - 2 * dying > std::max(options_.max_star, size)) return false;
+  if (vertices_[u].size + size - 2 * removed_faces > std::max(options_.max_star, size)) return false;
   if (!preserves_shapes(u, t)) return false;
   if (is_within_pair_distance(u, t)) return preserves_faces(u, t);
   return ring_.star == Star::kPinched ? preserves_sheets(u, t) : preserves_surface(u, at);
@@ -372,9 +372,9 @@ bool Patch::is_legal_collapse(std::uint32_t u, std::uint32_t t) const {
 /// For a disc or fan: true if the link condition holds and no face or component vanishes, except the faces at the edge
 /// from u to t. t is at position `at` of the ring.
 bool Patch::preserves_surface(std::uint32_t u, std::uint32_t at) const {
-  const std::uint32_t dying = ring_.degree[at];
+  const std::uint32_t removed_faces = ring_.degree[at];
   const auto is_apex = [&](std::uint32_t i) {  // the third corner of a face at the edge from u to t
-    return ring_.neighbours[at][0] == i || (dying == 2 && ring_.neighbours[at][1] == i);
+    return ring_.neighbours[at][0] == i || (removed_faces == 2 && ring_.neighbours[at][1] == i);
   };
   bool apex_has_other_face = ring_.size > 2;  // if u has one face only, the third corner of this face needs another one
   for (const std::uint32_t corner : star(ring_.vertex[at])) {
@@ -420,7 +420,7 @@ bool Patch::preserves_sheets(std::uint32_t u, std::uint32_t t) const {
 /// For a pair: true if no face coincides with another, no vertex loses its last face, and the number of faces at an
 /// edge does not grow beyond 4 or its previous maximum.
 bool Patch::preserves_faces(std::uint32_t u, std::uint32_t t) const {
-  std::array<std::uint32_t, kRingCapacity> dying{}, at_target{};
+  std::array<std::uint32_t, kRingCapacity> removed_faces{}, at_target{};
   std::uint32_t left = vertices_[u].size + vertices_[t].size;
   for (const std::uint32_t corner : star(t)) {
     const Face& face = faces_[face_of(corner)];
@@ -429,17 +429,18 @@ bool Patch::preserves_faces(std::uint32_t u, std::uint32_t t) const {
     const std::uint32_t ia = a == u ? ring_.size : in_ring(a), ib = b == u ? ring_.size : in_ring(b);
     if (ia < ring_.size) ++at_target[ia];
     if (ib < ring_.size) ++at_target[ib];
-    if (a == u) ++dying[ib];
-    if (b == u) ++dying[ia];
+    if (a == u) ++removed_faces[ib];
+    if (b == u) ++removed_faces[ia];
     if (a == u || b == u) left -= 2;
     if (ia < ring_.size && ib < ring_.size && has_face(u, a, b)) return false;
   }
   for (std::uint32_t i = 0; i < ring_.size; ++i) {
     const std::uint32_t w = ring_.vertex[i];
     if (w == t || at_target[i] == 0) continue;
-    const std::uint32_t faces = ring_.degree[i] + at_target[i] - 2 * dying[i];
+    const std::uint32_t faces = ring_.degree[i] + at_target[i] - 2 * removed_faces[i];
     if (faces > std::max<std::uint32_t>({4, ring_.degree[i], at_target[i]})) return false;
-    if (dying[i] > 0 && faces == 0 && (!vertices_[w].is_inner || vertices_[w].size == dying[i])) return false;
+    if (removed_faces[i] > 0 && faces == 0 && (!vertices_[w].is_inner || vertices_[w].size == removed_faces[i]))
+      return false;
   }
   return left > 0;
 }
@@ -476,7 +477,7 @@ bool Patch::preserves_shapes(std::uint32_t u, std::uint32_t t) const {
 }
 
 void Patch::collapse(std::uint32_t u, std::uint32_t t) {
-  out_.sequence.push_back({vertices_[u].id, vertices_[t].id, static_cast<std::uint32_t>(out_.dying.size()),
+  out_.sequence.push_back({vertices_[u].id, vertices_[t].id, static_cast<std::uint32_t>(out_.removed_faces.size()),
                            static_cast<std::uint32_t>(out_.moved.size())});
   reserve_star(t, vertices_[t].size + vertices_[u].size);
   for (const std::uint32_t corner : star(u)) {
@@ -486,8 +487,8 @@ void Patch::collapse(std::uint32_t u, std::uint32_t t) {
     if (next == t || before == t) {
       const bool t_is_next = next == t;
       const std::uint32_t x = t_is_next ? before : next;
-      out_.dying.push_back(BornRef::make(FaceId{face.id}, 2 * k + (t_is_next ? 0 : 1), !face.is_changed));
-      out_.dying_x.push_back(vertices_[x].id);
+      out_.removed_faces.push_back(BornRef::make(FaceId{face.id}, 2 * k + (t_is_next ? 0 : 1), !face.is_changed));
+      out_.removed_third_corners.push_back(vertices_[x].id);
       face.is_alive = false;
       --alive_;
       remove_corner(t, face_of(corner));

@@ -43,17 +43,18 @@ struct SimplifyOptions {
 
 struct Collapse {
   std::uint32_t u, t;
-  // Index of its first face in Segment::dying and in Segment::moved. Its faces end where those of the next collapse
+  // Index of its first face in Segment::removed_faces and in Segment::moved. Its faces end where those of the next collapse
   // begin.
   std::uint32_t first_dying, first_moved;
 };
 
 /// The collapses of one block, in order.
 struct Segment {
-  std::vector<Collapse> sequence;  ///< the collapses; the last entry has only the ends of `dying` and `moved`
-  std::vector<BornRef> dying;      ///< faces that a collapse removes; finest if no earlier collapse changed the face
-  std::vector<std::uint32_t> dying_x;  ///< third corner of each removed face, besides u and t
-  std::vector<DeformedRef> moved;      ///< corners moved from u to t; finest if no earlier collapse changed the face
+  std::vector<Collapse> sequence;  ///< the collapses; the last entry has only the ends of `removed_faces` and `moved`
+  std::vector<BornRef>
+      removed_faces;  ///< faces that a collapse removes; finest if no earlier collapse changed the face
+  std::vector<std::uint32_t> removed_third_corners;  ///< third corner of each removed face, besides u and t
+  std::vector<DeformedRef> moved;  ///< corners moved from u to t; finest if no earlier collapse changed the face
 
   /// Number of collapses.
   [[nodiscard]] std::uint32_t size() const noexcept {

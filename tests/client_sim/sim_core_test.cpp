@@ -53,8 +53,9 @@ class SimulatedSession {
 
   void add_hrtc(const std::string& name, const std::vector<std::string>& users = {}) {
     session::RosterEntry& entry = participant(name, session::Role::kHrtc);
-    entry.slots.clear();
-    for (const std::string& user : users) entry.slots.push_back({user, static_cast<std::uint32_t>(entry.slots.size())});
+    entry.served_users.clear();
+    for (const std::string& user : users)
+      entry.served_users.push_back({user, static_cast<std::uint32_t>(entry.served_users.size())});
   }
   void add_host(const std::string& name) { (void)participant(name, session::Role::kHost); }
   /// Adds another client that has the name `name`.
@@ -383,7 +384,7 @@ TEST(SimCore, AcceptsProbeStatesOnlyFromTheHrtcOfTheUser) {
   session.add_hrtc("right");
   session.add_object("a");
   session.add_object("b");
-  session.entries[1].slots = {{"bob", 0}};
+  session.entries[1].served_users = {{"bob", 0}};
   session.run(0.1);
   ASSERT_EQ(session.core.state(), SimState::kRunning);
   session.core.on_probe_state(session.state_of("ann", "right"), session.now + kSessionAhead);

@@ -159,7 +159,7 @@ TEST_F(WrongInputTest, IsRefusedByTheHrtc) {
            {"missing.csv"}},
           {{"--replay", "ann=" + path("list.yaml")}, {"list.yaml", "expected"}},
           {{"--replay", "a=" + path("poses.csv"), "--replay", "b=" + path("poses.csv"), "--users", "1"},
-           {"no slot", "b"}},
+           {"no probe left", "b"}},
           {{"--log", path("no/such.log")}, {"no/such.log"}},
           {{"--log", path("good.ply/a.log")}, {"good.ply/a.log"}},
           {{"--snapshot", path("good.ply/shots/today")},

@@ -12,7 +12,7 @@ using testing::Not;
 
 class MembershipTest : public SessionTest {};
 
-/// A client that requests slots of an HRTC for its users.
+/// A client that requests served_users of an HRTC for its users.
 struct Client {
   Client(const wire::SessionAddress& address, const std::string& hrtc, const std::vector<std::string>& users = {})
       : participants{address} {
@@ -74,7 +74,7 @@ TEST_F(MembershipTest, AnHrtcFreesTheSlotOfAUserWhomTheClientNoLongerLists) {
   Observer observer{address("observer")};
   Process desk{hrtc("desk")};
   Client client{address("visitor"), "desk"};
-  // Requests slots for `users` until the HRTC serves the users `expected`.
+  // Requests served_users for `users` until the HRTC serves the users `expected`.
   const auto request_slots = [&](const std::string& hrtc, const std::vector<std::string>& users,
                                  const std::vector<std::string>& expected) {
     client.entry.requested_hrtc = hrtc;
@@ -82,7 +82,7 @@ TEST_F(MembershipTest, AnHrtcFreesTheSlotOfAUserWhomTheClientNoLongerLists) {
     const auto serves_expected = [&](const Seen& seen) {
       if (!seen.is_present("desk")) return false;
       std::vector<std::string> served;
-      for (const session::UserSlot& slot : seen.roster.at("desk").slots) served.push_back(slot.user);
+      for (const session::UserProbe& probe : seen.roster.at("desk").served_users) served.push_back(probe.user);
       return served == expected;
     };
     for (const auto end = std::chrono::steady_clock::now() + kWatchdog; std::chrono::steady_clock::now() < end;) {
@@ -130,7 +130,7 @@ TEST_F(MembershipTest, AProgramOfAnotherProtocolVersionIsRefusedWithBothVersions
   Process desk{hrtc("desk")};
   Process users{sim(kWait)};
   ASSERT_TRUE(observer.until([](const Seen& seen) {
-    return seen.is_present("museum") && seen.is_present("desk") && !seen.roster.at("desk").slots.empty();
+    return seen.is_present("museum") && seen.is_present("desk") && !seen.roster.at("desk").served_users.empty();
   })) << users.output();
 
   Client newcomer{address("newcomer"), "desk", {"eve"}};
@@ -147,7 +147,7 @@ TEST_F(MembershipTest, AProgramOfAnotherProtocolVersionIsRefusedWithBothVersions
   EXPECT_TRUE(museum.wait_for_line(refusal)) << museum.output();
   EXPECT_TRUE(desk.wait_for_line(refusal)) << desk.output();
   const Seen seen = observer.seen();
-  for (const session::UserSlot& slot : seen.roster.at("desk").slots) EXPECT_NE(slot.user, "eve");
+  for (const session::UserProbe& probe : seen.roster.at("desk").served_users) EXPECT_NE(probe.user, "eve");
   users.signal(SIGINT);
   EXPECT_TRUE(exits_with(1, users));
   EXPECT_THAT(users.output(), HasSubstr(refusal)) << "in the report";
@@ -160,8 +160,8 @@ TEST_F(MembershipTest, AClientThatLeavesFreesOnlyTheSlotsOfItsOwnUsers) {
   Client elsewhere{address("elsewhere"), "another desk", {"ann"}};
   const auto serves_ann = [](const Seen& seen) {
     if (!seen.is_present("desk")) return false;
-    const std::vector<session::UserSlot>& slots = seen.roster.at("desk").slots;
-    return slots.size() == 1 && slots[0].user == "ann";
+    const std::vector<session::UserProbe>& served_users = seen.roster.at("desk").served_users;
+    return served_users.size() == 1 && served_users[0].user == "ann";
   };
   // Sends roster entries of `clients` until `condition` holds.
   const auto send_until = [&](const std::vector<Client*>& clients, const auto& condition) {
@@ -189,7 +189,7 @@ TEST_F(MembershipTest, AClientThatLeavesFreesOnlyTheSlotsOfItsOwnUsers) {
 
   first.entry.leaving = true;
   ASSERT_TRUE(send_until({&first, &second}, desk_logs("user ann has left"))) << desk.output();
-  EXPECT_TRUE(send_until({&second}, serves_ann)) << "after the slot was freed";
+  EXPECT_TRUE(send_until({&second}, serves_ann)) << "after the probe was freed";
   desk.signal(SIGTERM);
   EXPECT_TRUE(exits_with(0, desk));
 }

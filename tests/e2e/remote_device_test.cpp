@@ -71,7 +71,7 @@ TEST_F(RemoteDeviceTest, ARemoteDeviceIgnoresACommandWhoseSequenceNumberIsTooLar
   const wire::Reader<session::DevicePose> poses{observer.participants(), wire::topics::kDevicePose,
                                                 [&](session::DevicePose&& pose) {
                                                   const std::lock_guard lock{mutex};
-                                                  newest_felt = pose.command_felt;
+                                                  newest_felt = pose.command_applied;
                                                   changed.notify_all();
                                                 },
                                                 partition};

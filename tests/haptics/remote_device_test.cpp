@@ -17,13 +17,12 @@
 namespace tactus::haptics {
 namespace {
 
-
 RemotePose pose(std::uint32_t sequence, double x, std::int64_t arrived_ns, std::uint32_t applied_command = 0) {
   RemotePose result;
   result.sequence = sequence;
   result.position = {x, 0, 0};
-  result.taken_ns = result.arrived_ns = arrived_ns;
-  result.command_felt = applied_command;
+  result.measured_ns = result.arrived_ns = arrived_ns;
+  result.command_applied = applied_command;
   return result;
 }
 
@@ -43,7 +42,7 @@ TEST(RemoteDevice, BoundsTheTransitWhenAClockIsWrong) {
   for (const std::int64_t taken :
        {std::numeric_limits<std::int64_t>::min(), std::numeric_limits<std::int64_t>::max()}) {
     ++sent.sequence;
-    sent.taken_ns = taken;
+    sent.measured_ns = taken;
     device.on_pose(sent);
     EXPECT_GE(device.read(51 * kMs).transit, 0);
     EXPECT_LE(device.read(51 * kMs).transit, 10);
@@ -53,27 +52,27 @@ TEST(RemoteDevice, BoundsTheTransitWhenAClockIsWrong) {
 TEST(RemoteDevice, DistinguishesTransitFromSilence) {
   RemoteDevice device;
   RemotePose sent = pose(1, 0, 50 * kMs);
-  sent.taken_ns = 20 * kMs;
+  sent.measured_ns = 20 * kMs;
   device.on_pose(sent);
   const DeviceState state = device.read(58 * kMs);
   EXPECT_EQ(state.time_ns, 20 * kMs);
   EXPECT_NEAR(state.transit, 0.030, 1e-12);
   // A wrong clock does not give a pose a time in the future.
   sent.sequence = 2;
-  sent.taken_ns = 90 * kMs;
+  sent.measured_ns = 90 * kMs;
   device.on_pose(sent);
   EXPECT_EQ(device.read(58 * kMs).transit, 0);
 }
 
 TEST(RemoteDevice, MeasuresTheRoundTripByTheAgeOfTheAppliedCommand) {
   RemoteDevice device;
-  EXPECT_EQ(device.loop_delay(), LoopDelay::kUnknown);
+  EXPECT_EQ(device.round_trip(), RoundTripBound::kUnknown);
   for (std::uint32_t i = 1; i <= 3000; ++i) {
     EXPECT_EQ(device.on_command(i * kMs), i);
     device.on_pose(pose(i, 0, i * kMs, i > 20 ? i - 20 : 0));
   }
-  EXPECT_NEAR(device.loop_delay(), 0.020, 0.005);
-  EXPECT_EQ(device.read(0).loop_delay, device.loop_delay());
+  EXPECT_NEAR(device.round_trip(), 0.020, 0.005);
+  EXPECT_EQ(device.read(0).round_trip, device.round_trip());
 }
 
 TEST(RemoteDevice, ADeviceWithoutNewCommandsHasALongRoundTrip) {
@@ -82,19 +81,19 @@ TEST(RemoteDevice, ADeviceWithoutNewCommandsHasALongRoundTrip) {
     (void)device.on_command(i * kMs);
     device.on_pose(pose(i, 0, i * kMs, std::min(i, 500u)));
   }
-  EXPECT_GT(device.loop_delay(), 0.45);
+  EXPECT_GT(device.round_trip(), 0.45);
 }
 
 TEST(RemoteDevice, IgnoresACommandNumberThatWasNeverSent) {
   RemoteDevice device;
   (void)device.on_command(kMs);
   device.on_pose(pose(1, 0, 2 * kMs, 99));
-  EXPECT_EQ(device.loop_delay(), LoopDelay::kUnknown);
+  EXPECT_EQ(device.round_trip(), RoundTripBound::kUnknown);
 }
 
-TEST(LoopDelay, FollowsARiseWithin50MsAndAFallWithATimeConstantOf1S) {
+TEST(RoundTripBound, FollowsARiseWithin50MsAndAFallWithATimeConstantOf1S) {
   constexpr double kShort = 0.002, kLong = 0.05;  // s
-  LoopDelay delay;
+  RoundTripBound delay;
   const auto measure = [&](double seconds, int count) {
     for (int i = 0; i < count; ++i) delay.add(seconds, kCycle);
     return delay.value();
@@ -135,7 +134,7 @@ class PressedHand {
       const DeviceState hand_state = hand_->read(now);
       RemotePose hand_pose = pose(static_cast<std::uint32_t>(ms), hand_state.position.x(), 0, applied_command_);
       hand_pose.velocity = {hand_state.velocity.x(), 0, 0};
-      hand_pose.taken_ns = now;
+      hand_pose.measured_ns = now;
       if (arrives()) poses_.push_back({now + one_way_delay(), hand_pose});
       while (!poses_.empty() && poses_.front().arrival_ns <= now) {
         poses_.front().pose.arrived_ns = now;
@@ -143,7 +142,7 @@ class PressedHand {
         poses_.pop_front();
       }
       DeviceState state = device_.read(now);
-      if (!with_stiffness_cut) state.loop_delay = 0;
+      if (!with_stiffness_cut) state.round_trip = 0;
       ProxyResult proxy;
       proxy.normal = Vec3d::UnitX();
       proxy.in_contact = state.position.x() < 0;
@@ -156,7 +155,7 @@ class PressedHand {
     }
     return max_speed;
   }
-  [[nodiscard]] double loop_delay() const { return device_.loop_delay(); }
+  [[nodiscard]] double round_trip() const { return device_.round_trip(); }
 
  private:
   struct DelayedPose {
@@ -192,7 +191,7 @@ TEST(RemoteDevice, AHandPressedToAWallRestsForAnyDelayJitterAndLoss) {
       PressedHand hand{one_way, jitter * one_way, loss};
       // Jitter makes the force fluctuate, so the hand still moves slowly. An unstable hand reaches 50 mm/s.
       EXPECT_LT(hand.run(12, true), 3e-3) << one_way << " s, jitter " << jitter << ", loss " << loss
-                                          << ", round trip estimated at " << hand.loop_delay() << " s";
+                                          << ", round trip estimated at " << hand.round_trip() << " s";
     }
 }
 
@@ -205,7 +204,7 @@ TEST(RemoteDevice, AShortRoundTripKeepsTheStiffnessOfTheMaterial) {
   PressedHand hand{0.0003, 0, 0};
   (void)hand.run(12, true);
   ForceRenderer renderer{{}, {}};
-  EXPECT_EQ(renderer.stiffness(ContactImpedance{1000, 1}, kCycle, hand.loop_delay()), 1000) << hand.loop_delay();
+  EXPECT_EQ(renderer.stiffness(ContactImpedance{1000, 1}, kCycle, hand.round_trip()), 1000) << hand.round_trip();
 }
 
 }  // namespace

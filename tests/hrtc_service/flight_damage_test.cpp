@@ -225,7 +225,7 @@ TEST_P(FlightDamage, AnUndamagedRecordingIsReplayedToTheBit) {
   for (const trace::FlightMessage& message : recorded_) ++found[message.index()];
   EXPECT_THAT(found, testing::Each(testing::Gt(0))) << "the tests need each kind of message";
   using Kind = trace::FlightEvent::Kind;
-  for (const Kind kind : {Kind::kObjectWithdrawn, Kind::kObjectLeft})
+  for (const Kind kind : {Kind::kObjectWithdrawn, Kind::kObjectDeparted})
     EXPECT_TRUE(std::any_of(recorded_.begin(), recorded_.end(), [&](const trace::FlightMessage& message) {
       const auto* const event = std::get_if<trace::FlightEvent>(&message);
       return event != nullptr && event->kind == kind;
@@ -287,10 +287,10 @@ TEST_P(FlightDamage, AReplayDetectsImpossibleEvents) {
   });
   const auto first_refine = static_cast<std::size_t>(after_state - messages.begin());
   const std::uint32_t regions = encoded_->compressed().summary().regions;
-  for (const Kind first : {Kind::kObjectCame, Kind::kRegionCame, Kind::kRegionRetired, Kind::kRegionLeft,
-                           Kind::kObjectWithdrawn, Kind::kObjectLeft})
+  for (const Kind first : {Kind::kObjectArrived, Kind::kRegionArrived, Kind::kRegionRetired, Kind::kRegionDeparted,
+                           Kind::kObjectWithdrawn, Kind::kObjectDeparted})
     for (const Kind second :
-         {Kind::kRegionCame, Kind::kRegionRetired, Kind::kReset, Kind::kObjectWithdrawn, static_cast<Kind>(8)})
+         {Kind::kRegionArrived, Kind::kRegionRetired, Kind::kReset, Kind::kObjectWithdrawn, static_cast<Kind>(8)})
       for (const std::uint32_t object : {0u, 1u, 63u, ~0u}) {
         if (GetParam() && object != 0) continue;
         for (const std::uint32_t region : {0u, 1u, regions / 2, regions - 1, regions, ~0u}) {

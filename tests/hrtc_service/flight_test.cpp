@@ -211,7 +211,7 @@ TEST_F(FlightReplayTest, AnotherOrderOfTheRetainedRegionsIsReported) {
     if (state == nullptr) return;
     for (trace::FlightObjectState& object : state->objects) {
       const auto first = std::find_if(object.in_use.begin(), object.in_use.end(),
-                                      [](const trace::FlightRegion& region) { return region.resting; });
+                                      [](const trace::FlightRegion& region) { return region.retained; });
       retained += static_cast<std::uint32_t>(object.in_use.end() - first);
       std::reverse(first, object.in_use.end());
     }

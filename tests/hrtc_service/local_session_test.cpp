@@ -168,7 +168,7 @@ TEST_F(OrganSession, AnEvictionCandidateIsUsedAgainWithoutATransmission) {
   EXPECT_GT(at_turn.regions_evictable, 0u) << "a sixteenth of the cache can be freed at once";
   EXPECT_EQ(at_end.regions_evicted, 0u) << "all regions fit into the cache";
   EXPECT_EQ(at_end.regions_reloaded, 0u);
-  EXPECT_EQ(at_end.records_returned, 0u);
+  EXPECT_EQ(at_end.records_received_again, 0u);
 }
 
 TEST_F(OrganSession, ASmallBudgetLeavesInexactContactsThatHaveAnErrorBound) {

@@ -22,11 +22,10 @@ namespace {
 
 using spm::Vec3d;
 
-
 /// A simulated hand. The test reads the force that the haptic thread commands.
-class WatchedHand final : public haptics::Device {
+class ForceRecordingHand final : public haptics::Device {
  public:
-  explicit WatchedHand(const haptics::HandSettings& settings) : hand_{settings} {}
+  explicit ForceRecordingHand(const haptics::HandSettings& settings) : hand_{settings} {}
   [[nodiscard]] const haptics::DeviceSpec& spec() const noexcept override { return hand_.spec(); }
   [[nodiscard]] haptics::DeviceState read(std::int64_t now_ns) noexcept override { return hand_.read(now_ns); }
   void write(const Vec3d& force) noexcept override {
@@ -98,12 +97,12 @@ class EmergencyStop : public ::testing::Test {
       spm::offline::build_model(spm::offline::generate(spm::offline::Shape::kSphere, 2000));
   const spm::Model model_ = built_.model();
   const double radius_ = (model_.summary.bounds_max[0] - model_.summary.bounds_min[0]) / 2;
-  WatchedHand hand_{hand_at(radius_ + 0.02)};
+  ForceRecordingHand hand_{hand_at(radius_ + 0.02)};
   hrtc_service::HrtcCore core_{session::Origin{kSession, kHrtc, 1, 0}, core_settings(model_)};
   hrtc_service::Membership membership_{
       session::Origin{kSession, kHrtc, 1, 0}, {"hrtc", "session"}, core_.gateway(), hrtc_service::monotonic_ns()};
   hrtc_service::HapticThread haptic_{haptic_settings(), core_.servo()};
-  hrtc_service::HapticOrders orders_{haptic_};
+  hrtc_service::HapticCommandPoster orders_{haptic_};
   const spm::codec::EncodedModel encoded_{model_};
   host_service::HostCore host_{session::Origin{kSession, kHost, 1, 0},
                                host_service::host_of("sphere", encoded_.compressed()), hrtc_service::monotonic_ns()};

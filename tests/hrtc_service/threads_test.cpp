@@ -32,11 +32,10 @@ namespace {
 
 using spm::Vec3d;
 
-
 /// A simulated hand. From the first cycle, a filter records the system calls of the haptic thread, except the sleep.
-class FilteredHand final : public haptics::Device {
+class SystemCallRecordingHand final : public haptics::Device {
  public:
-  explicit FilteredHand(const haptics::HandSettings& hand) : hand_{hand} {}
+  explicit SystemCallRecordingHand(const haptics::HandSettings& hand) : hand_{hand} {}
   [[nodiscard]] haptics::SimulatedDevice& hand() noexcept { return hand_; }
 
   [[nodiscard]] const haptics::DeviceSpec& spec() const noexcept override { return hand_.spec(); }
@@ -167,7 +166,7 @@ class Threads : public ::testing::Test {
   host_service::HostCore host_{session::Origin{kSession, kHost, 1, 0},
                                host_service::host_of("sphere", encoded_.compressed()), start_ns_};
   hrtc_service::Membership membership_{kHrtcOrigin, {"hrtc", "session"}, core_.gateway(), start_ns_};
-  FilteredHand device_{hand_settings()};
+  SystemCallRecordingHand device_{hand_settings()};
   hrtc_service::HapticCommands commands_;
   std::uint64_t contact_reports_ = 0, exact_reports_ = 0, logged_queries_ = 0;
   std::set<std::uint64_t> mesh_hashes_;

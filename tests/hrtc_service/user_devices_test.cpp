@@ -58,7 +58,7 @@ class UserDevicesTest : public testing::Test {
   wire::Participants client_{address("client")};
   std::optional<HrtcCore> core_;
   std::optional<HapticThread> haptic_;
-  std::optional<HapticOrders> orders_;
+  std::optional<HapticCommandPoster> orders_;
   std::optional<UserDevices> devices_;
 };
 
@@ -105,7 +105,7 @@ TEST_F(UserDevicesTest, AWriterIsNotDestroyedWhileTheSenderMayUseIt) {
 
 TEST(Handover, ARetiredValueLivesUntilTheOtherThreadHasTakenALaterList) {
   Handover<std::array<int*, 2>> handover;
-  Retired<std::unique_ptr<int>> retired;
+  DeferredDestruction<std::unique_ptr<int>> retired;
   auto value = std::make_unique<int>(7);
   handover.post({value.get(), nullptr});
   const std::array<int*, 2>& in_use = handover.latest();

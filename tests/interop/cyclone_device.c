@@ -91,7 +91,7 @@ struct Client {
   tactus_idl_ClockSample request; /* its peer is the time reference of the session */
   tactus_idl_DevicePose pose;
   int64_t offset_ns, best_round_trip_ns; /* offset: session time minus the monotonic clock */
-  bool has_slot, has_object, has_time, shown, answered, felt, seen;
+  bool has_probe, has_object, has_time, shown, answered, felt, seen;
 };
 
 static void create_endpoints(struct Client* client, dds_domainid_t domain) {
@@ -152,12 +152,12 @@ static void take_roster(struct Client* client) {
       client->request.peer = entry.participant;
       client->best_round_trip_ns = INT64_MAX;
     }
-    for (uint32_t i = 0; i < entry.slots._length; ++i) {
-      if (entry.participant != client->hrtc_id || client->has_slot || strcmp(entry.slots._buffer[i].user, kUser) != 0)
+    for (uint32_t i = 0; i < entry.served_users._length; ++i) {
+      if (entry.participant != client->hrtc_id || client->has_probe || strcmp(entry.served_users._buffer[i].user, kUser) != 0)
         continue;
-      client->pose.probe = entry.slots._buffer[i].slot_number;
-      client->has_slot = true;
-      printf("slot: %u of %s\n", client->pose.probe, entry.name);
+      client->pose.probe = entry.served_users._buffer[i].probe_number;
+      client->has_probe = true;
+      printf("probe: %u of %s\n", client->pose.probe, entry.name);
     }
   }
 }
@@ -215,7 +215,7 @@ static void take_commands(struct Client* client) {
   tactus_idl_DeviceCommand command;
   while (take(client->commands_in, &command)) {
     if (command.participant != client->hrtc_id) continue;
-    client->pose.command_felt = command.sequence_number;
+    client->pose.command_applied = command.sequence_number;
     client->answered = true;
     const double force_up = command.force[2];
     if (!client->felt && force_up > 0.5)
@@ -275,7 +275,7 @@ int main(int argc, char** argv) {
     take_metrics(client);
     take_commands(client);
     take_states(client);
-    if (client->has_slot && client->has_object && client->has_time) send_pose(client, now);
+    if (client->has_probe && client->has_object && client->has_time) send_pose(client, now);
     tactus_idl_SessionEnd end;
     while (take(client->end_in, &end)) ended = true;
     const struct timespec next = {(now + 1000000) / 1000000000, (now + 1000000) % 1000000000};

@@ -19,7 +19,7 @@ TEST_F(CycloneTest, AClientOnCycloneDdsReadsTheSessionAndBringsADeviceThatReceiv
   Process desk{hrtc("desk")};
   Process carl{{TACTUS_CYCLONE_DEVICE, session_, std::to_string(domain_), "desk", "sphere"}};
   for (const char* line :
-       {"participant: museum", "participant: desk", "object: sphere of museum, 20000 faces", "slot: 0 of desk",
+       {"participant: museum", "participant: desk", "object: sphere of museum, 20000 faces", "probe: 0 of desk",
         "clock: synchronised", "shown: sphere by desk", "received force: .* N upwards", "probe state: probe 0 at z"}) {
     EXPECT_TRUE(carl.wait_for_line(line)) << line << "\n" << carl.output() << desk.output();
   }

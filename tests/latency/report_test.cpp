@@ -66,7 +66,7 @@ TEST_F(ReportTest, JsonHasTheFiguresAndTheCurve) {
   EXPECT_EQ(cell.at("lost").get<std::uint64_t>(), 17u) << "one of a hundred of 1700 pings";
   EXPECT_EQ(cell.at("age_of_information").at("p50").get<double>(), results_[0].age_of_information.p50);
   EXPECT_EQ(cell.at("wake_up_lateness").at("n").get<std::uint64_t>(), results_[0].timer.count);
-  EXPECT_EQ(cell.at("curve").size(), json.at("curve_shares").size());
+  EXPECT_EQ(cell.at("curve").size(), json.at("quantile_shares").size());
 }
 
 TEST_F(ReportTest, ThePageIsWellFormedAndSelfContained) {

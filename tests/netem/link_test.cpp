@@ -265,7 +265,7 @@ TEST(SmoothJitter, HasTheCorrelationOfItsTimeConstant) {
     for (std::size_t i = static_cast<std::size_t>(lag); i < delays_ms.size(); ++i)
       sum += (delays_ms[i] - average) * (delays_ms[i - static_cast<std::size_t>(lag)] - average);
     const double correlation = sum / static_cast<double>(delays_ms.size()) / (sd * sd);
-    const double scaled_lag = lag * 10 / kJitterMemoryMs;
+    const double scaled_lag = lag * 10 / kJitterCorrelationMs;
     EXPECT_NEAR(correlation, (1 + scaled_lag) * std::exp(-scaled_lag), 0.03) << lag * 10 << " ms";  // Matern, nu = 3/2
   }
 }

@@ -502,7 +502,7 @@ TEST_F(DeliveryServerTest, AFreshStreamBeginsAtOneAfterAnHrtcWasDropped) {
   newest_sequence_.clear();
   Demand restarted = make_demand(1, {3});
   ++restarted.origin.incarnation;
-  restarted.stream = stream_id(kSelf, restarted.origin, kObject);
+  restarted.stream = stream_id(kSender, restarted.origin, kObject);
   submit(restarted);
   const std::vector<BulkChunk> after = drain();
   ASSERT_FALSE(after.empty());

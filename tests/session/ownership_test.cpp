@@ -40,7 +40,7 @@ class OwnershipSimulation {
   explicit OwnershipSimulation(unsigned seed, const LinkSettings& link = {}) : link_{link}, random_{seed} {
     start_host();
     for (std::size_t i = 0; i < kHrtcs; ++i) start_hrtc(i);
-    pose_gates_.resize(kHrtcs + 2);  // HRTCs, host, viewer
+    pose_admissions_.resize(kHrtcs + 2);  // HRTCs, host, viewer
   }
 
   void start_host() {
@@ -146,8 +146,8 @@ class OwnershipSimulation {
     } else if (const auto* grant = std::get_if<ObjectGrant>(&packet.message)) {
       hrtcs_[packet.to].claimant->on_grant(*grant, now_);
     } else if (const auto* pose = std::get_if<ObjectPose>(&packet.message)) {
-      if (!pose_gates_[packet.to].accept(*pose, now_)) {
-        if (pose->fencing < pose_gates_[packet.to].fencing()) ++refused_;
+      if (!pose_admissions_[packet.to].accept(*pose, now_)) {
+        if (pose->fencing < pose_admissions_[packet.to].fencing()) ++refused_;
         return;
       }
       publishers_[pose->fencing].insert({pose->origin.participant, pose->origin.incarnation});
@@ -201,7 +201,7 @@ class OwnershipSimulation {
   std::uint64_t host_incarnation_ = 0, incarnations_ = 0, order_ = 0, refused_ = 0;
   std::uint32_t host_sequence_ = 0;
   std::array<Hrtc, kHrtcs> hrtcs_;
-  std::vector<PoseAdmission> pose_gates_;
+  std::vector<PoseAdmission> pose_admissions_;
   std::priority_queue<Packet, std::vector<Packet>, std::greater<>> in_flight_;
   std::map<std::size_t, std::int64_t> disconnected_until_;
   std::map<std::uint64_t, std::set<std::pair<std::uint64_t, std::uint64_t>>>

@@ -176,11 +176,11 @@ NamedOutcome send_over(const netem::NamedLink& named, double seconds, std::uint6
   return {arrived / (rate * seconds * 2 / 3), pacer.window()};
 }
 
-/// Returns the values for five seeds in ascending order. Losses come in bursts, so a single seed proves little.
+/// Returns the values for the first seeds in ascending order. Losses come in bursts, so a single seed proves little.
 template <class Value>
-std::vector<double> sorted_over_seeds(const Value& value) {
+std::vector<double> sorted_over_seeds(const Value& value, std::uint64_t seeds = 5) {
   std::vector<double> values;
-  for (std::uint64_t seed = 0; seed < 5; ++seed) values.push_back(value(seed));
+  for (std::uint64_t seed = 0; seed < seeds; ++seed) values.push_back(value(seed));
   std::sort(values.begin(), values.end());
   return values;
 }
@@ -188,11 +188,12 @@ std::vector<double> sorted_over_seeds(const Value& value) {
 TEST(Pacer, FillsLinksWithVaryingDelay) {
   for (const netem::NamedLink& link : netem::kNamedLinks) {
     if (link.each_direction.rate_mbit == 0) continue;
-    const std::vector<double> shares =
-        sorted_over_seeds([&](std::uint64_t seed) { return send_over(link, 60, seed).share; });
     const bool loses_in_bursts = std::string{link.name} == "P7";
-    EXPECT_GT(shares[2], loses_in_bursts ? 0.8 : 0.9) << link.name << ", " << link.description;
-    EXPECT_GT(shares[0], loses_in_bursts ? 0.4 : 0.85) << link.name << ", " << link.description;
+    const std::vector<double> shares = sorted_over_seeds(
+        [&](std::uint64_t seed) { return send_over(link, 60, seed).share; }, loses_in_bursts ? 20 : 5);
+    EXPECT_GT(shares[shares.size() / 2], loses_in_bursts ? 0.8 : 0.9) << link.name << ", " << link.description;
+    // After a series of bursts, the rate may stay low for a minute: below 0.4 for one or two seeds of 60.
+    EXPECT_GT(shares[loses_in_bursts ? 2 : 0], loses_in_bursts ? 0.6 : 0.85) << link.name << ", " << link.description;
   }
 }
 

@@ -12,7 +12,6 @@ using testing::ElementsAre;
 using testing::HasSubstr;
 using testing::IsEmpty;
 
-
 RosterEntry entry(const std::string& name, std::uint64_t incarnation, std::uint64_t heartbeat) {
   RosterEntry result;
   result.origin = {kSession, id_of(name), incarnation, 0};
@@ -126,7 +125,7 @@ TEST_F(RosterTest, AnotherProgramWithTheNameOfThisProgramIsReported) {
 TEST_F(RosterTest, ReportsAChangeOfUsers) {
   (void)receive(entry("a", 1, 1), 0);
   RosterEntry changed = entry("a", 1, 2);
-  changed.slots = {{"ann", 0}};
+  changed.served_users = {{"ann", 0}};
   EXPECT_THAT(receive(changed, 1), ElementsAre(RosterChange::kChanged));
   changed.heartbeat = 3;
   EXPECT_THAT(receive(changed, 2), IsEmpty());
@@ -222,18 +221,18 @@ TEST_F(RosterTest, TheOlderProgramReturnsDespiteOneImplausibleHeartbeat) {
   EXPECT_EQ(roster_.find(id_of("a"))->origin.incarnation, 1u);
 }
 
-TEST(UserSlots, GrantEachUserOneSlotUpToTheCapacity) {
-  UserSlots slots{2};
-  EXPECT_EQ(slots.grant("ann"), 0u);
-  EXPECT_EQ(slots.grant("bob"), 1u);
-  EXPECT_EQ(slots.grant("ann"), 0u);
-  EXPECT_EQ(slots.grant("cid"), std::nullopt);
-  EXPECT_EQ(slots.grant(""), std::nullopt);
-  EXPECT_TRUE(slots.release("ann"));
-  EXPECT_FALSE(slots.release("ann"));
-  EXPECT_EQ(slots.grant("cid"), 0u);
-  EXPECT_EQ(slots.list().size(), 2u);
-  EXPECT_THROW(UserSlots{kMaxSlots + 1}, std::invalid_argument);
+TEST(UserTable, GrantEachUserOneSlotUpToTheCapacity) {
+  UserTable served_users{2};
+  EXPECT_EQ(served_users.grant("ann"), 0u);
+  EXPECT_EQ(served_users.grant("bob"), 1u);
+  EXPECT_EQ(served_users.grant("ann"), 0u);
+  EXPECT_EQ(served_users.grant("cid"), std::nullopt);
+  EXPECT_EQ(served_users.grant(""), std::nullopt);
+  EXPECT_TRUE(served_users.release("ann"));
+  EXPECT_FALSE(served_users.release("ann"));
+  EXPECT_EQ(served_users.grant("cid"), 0u);
+  EXPECT_EQ(served_users.list().size(), 2u);
+  EXPECT_THROW(UserTable{kMaxUsers + 1}, std::invalid_argument);
 }
 
 }  // namespace

@@ -45,7 +45,7 @@ const RegionRecords& decoded(std::uint64_t object, std::uint32_t region, const s
   if (results.size() == kMaxResults) results.clear();
   const auto [result, is_new] = results.try_emplace({object << 32 | region, bytes});
   if (!is_new) return result->second;
-  const spm::codec::CompressedModel& model = coded_of(object);
+  const spm::codec::CompressedModel& model = compressed_of(object);
   const auto data = spm::codec::decode_region(bytes, model_of(object).summary, model.tables());
   if (data && spm::index(data->region) == region && bytes == spm::codec::encode_region(model, data->region, data->sent))
     result->second = {true, records_of(data->list), records_of(data->sent)};
@@ -59,7 +59,7 @@ const spm::OwnedModel& model_of(std::uint64_t object) {
   return all[object - kFirstObject];
 }
 
-const spm::codec::CompressedModel& coded_of(std::uint64_t object) {
+const spm::codec::CompressedModel& compressed_of(std::uint64_t object) {
   static const std::array<spm::codec::EncodedModel, kObjects> all{
       spm::codec::EncodedModel{model_of(kFirstObject).model()},
       spm::codec::EncodedModel{model_of(kFirstObject + 1).model()}};
@@ -78,7 +78,7 @@ void SimulatedHrtc::on_start() {
   failure_detector_ = std::make_unique<FailureDetector>(self(), FailureDetectorSettings{});
   last_answer_ns_.clear();
   suspects_.clear();
-  slots_ = std::make_unique<UserSlots>(kSlots);
+  user_table_ = std::make_unique<UserTable>(kSlots);
   client_of_.clear();
   caches_.clear();
   decodings_.clear();
@@ -121,7 +121,7 @@ void SimulatedHrtc::on_roster_event(const RosterEvent& event) {
     const bool remains =
         requests_this_hrtc && std::find(entry.users.begin(), entry.users.end(), user->first) != entry.users.end();
     if (user->second == entry.origin.participant && !remains) {
-      slots_->release(user->first);
+      user_table_->release(user->first);
       user = client_of_.erase(user);
     } else {
       ++user;
@@ -129,11 +129,11 @@ void SimulatedHrtc::on_roster_event(const RosterEvent& event) {
   }
   if (requests_this_hrtc)
     for (const std::string& name : entry.users)
-      if (slots_->grant(name)) client_of_[name] = entry.origin.participant;
+      if (user_table_->grant(name)) client_of_[name] = entry.origin.participant;
   publish_entry_at_once();
 }
 
-void SimulatedHrtc::complete_entry(RosterEntry& entry) const { entry.slots = slots_->list(); }
+void SimulatedHrtc::complete_entry(RosterEntry& entry) const { entry.served_users = user_table_->list(); }
 
 /// Reports a violation unless a recent fault or postponed answers explain it. The regions on which a postponed message
 /// relies may be released before its answer. Then the host sends this message and later messages again.
@@ -157,7 +157,7 @@ void SimulatedHrtc::run_failure_detector() {
       client_->suspect_host(silent.host);
       const Program* host = world_.find(silent.host);
       if (host->is_running()) continue;
-      ++figures_.deaths_noticed;
+      ++figures_.failures_detected;
       figures_.max_detection_ns = std::max(figures_.max_detection_ns, world_.now_ns - host->stopped_ns());
     }
   }
@@ -194,7 +194,7 @@ void SimulatedHrtc::answer_decoded() {
       answer_region(message);
       continue;
     }
-    const std::span<const std::uint8_t> base = coded_of(message.object_id).spans().base;
+    const std::span<const std::uint8_t> base = compressed_of(message.object_id).spans().base;
     if (!std::equal(base.begin(), base.end(), message.bytes.begin(), message.bytes.end()))
       world_.report_violation("a base mesh differs from the base mesh of the model");
     client_->answer_base_stored(message.object_id);

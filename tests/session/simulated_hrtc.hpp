@@ -1,4 +1,4 @@
-/// An HRTC of a simulated session: the production classes DeliveryClient, FailureDetector and UserSlots, with models of
+/// An HRTC of a simulated session: the production classes DeliveryClient, FailureDetector and UserTable, with models of
 /// the cache and of the users' hands.
 ///
 /// The model of the cache counts, for each record, the held regions whose closed lists contain the record. The HRTC
@@ -30,7 +30,7 @@ inline constexpr std::uint32_t kRetireDistance = 4;  ///< regions beyond this di
 inline constexpr std::uint32_t kMaxCredit = 48 * 1024;
 inline constexpr std::size_t kMaxPartialBytes = 200'000;
 [[nodiscard]] const spm::OwnedModel& model_of(std::uint64_t object);
-[[nodiscard]] const spm::codec::CompressedModel& coded_of(std::uint64_t object);
+[[nodiscard]] const spm::codec::CompressedModel& compressed_of(std::uint64_t object);
 
 /// Delays of an HRTC's answers to messages. Decoding and a lack of memory cause them.
 struct HrtcFaults {
@@ -43,10 +43,10 @@ struct HrtcFigures {
   std::uint64_t regions_refused = 0;
   std::uint64_t regions_released = 0;
   std::uint64_t records_received = 0;
-  std::uint64_t records_repeated = 0;  ///< received although a region that was never retired contains them
-  std::uint64_t deaths_noticed = 0;    ///< suspicions of hosts that had stopped
-  std::int64_t max_detection_ns = 0;   ///< max time from the stop of a host to its suspicion
-  std::uint64_t false_suspicions = 0;  ///< suspicions of hosts that ran
+  std::uint64_t records_repeated = 0;   ///< received although a region that was never retired contains them
+  std::uint64_t failures_detected = 0;  ///< suspicions of hosts that had stopped
+  std::int64_t max_detection_ns = 0;    ///< max time from the stop of a host to its suspicion
+  std::uint64_t false_suspicions = 0;   ///< suspicions of hosts that ran
 };
 
 class SimulatedHrtc : public Program {
@@ -55,7 +55,7 @@ class SimulatedHrtc : public Program {
 
   /// Whether all wanted regions of the object are held and no region is retired.
   [[nodiscard]] bool holds_wanted_regions(std::uint64_t object) const;
-  [[nodiscard]] std::vector<session::UserSlot> slots() const { return slots_->list(); }
+  [[nodiscard]] std::vector<session::UserProbe> served_users() const { return user_table_->list(); }
   [[nodiscard]] const session::DeliveryClient& delivery() const noexcept { return *client_; }
   [[nodiscard]] const HrtcFigures& figures() const noexcept { return figures_; }
 
@@ -99,7 +99,7 @@ class SimulatedHrtc : public Program {
   std::unique_ptr<session::FailureDetector> failure_detector_;
   std::map<std::uint64_t, std::int64_t> last_answer_ns_;  // by watched host that has answered
   std::set<std::uint64_t> suspects_;                      // hosts
-  std::unique_ptr<session::UserSlots> slots_;
+  std::unique_ptr<session::UserTable> user_table_;
   std::map<std::string, std::uint64_t> client_of_;  // by user
   std::map<std::uint64_t, Cache> caches_;           // by object
   std::deque<Decoding> decodings_;                  // in the order of their ends

@@ -35,7 +35,7 @@ class SimulatedHost : public Program {
   void on_start() override {
     server_ = std::make_unique<DeliveryServer>(self());
     for (std::uint64_t object = kFirstObject; object < kFirstObject + kObjects; ++object)
-      if (serves(object)) server_->add(object, coded_of(object));
+      if (serves(object)) server_->add(object, compressed_of(object));
   }
   void on_sample(const Sample& sample) override {
     if (const auto* request = std::get_if<LivenessSample>(&sample); request != nullptr && !request->sample.answer)
@@ -115,10 +115,10 @@ class Simulation {
       const std::int64_t elapsed_ns = world_.now_ns - last_fault_ns;
       const std::string obstacle = recovery_obstacle();
       if (obstacle.empty()) {
-        result_.healed_ns = elapsed_ns;
+        result_.recovery_ns = elapsed_ns;
         break;
       }
-      if (elapsed_ns > kHealNs) world_.report_violation("not recovered: " + obstacle);
+      if (elapsed_ns > kMaxRecoveryNs) world_.report_violation("not recovered: " + obstacle);
     }
     const std::int64_t silence_start_ns = world_.now_ns + kLastDemandNs, end_ns = silence_start_ns + kSilenceNs;
     while (world_.now_ns < end_ns && world_.violations.empty()) {
@@ -247,24 +247,24 @@ class Simulation {
     return correct && entries + 1 == static_cast<std::size_t>(running);
   }
 
-  /// Names an HRTC whose slots differ from the requests of the clients, or from its slots in the roster of a program.
+  /// Names an HRTC whose served_users differ from the requests of the clients, or from its served_users in the roster of a program.
   [[nodiscard]] std::string slot_obstacle() const {
     for (const auto& hrtc : hrtcs_) {
       if (!hrtc->is_running()) continue;
       std::set<std::string> requested, granted;
       for (const auto& client : clients_)
         for (const std::string& user : client->users_at(hrtc->id())) requested.insert(user);
-      std::set<std::uint32_t> slot_numbers;
-      for (const UserSlot& slot : hrtc->slots()) {
-        granted.insert(slot.user);
-        slot_numbers.insert(slot.slot);
+      std::set<std::uint32_t> probe_numbers;
+      for (const UserProbe& probe : hrtc->served_users()) {
+        granted.insert(probe.user);
+        probe_numbers.insert(probe.probe);
       }
-      if (requested != granted || slot_numbers.size() != granted.size())
+      if (requested != granted || probe_numbers.size() != granted.size())
         return "the users of " + std::to_string(hrtc->id());
       for (const Program* program : world_.programs) {
         if (!program->is_running() || program == hrtc.get()) continue;
         std::set<std::string> published;
-        for (const UserSlot& slot : program->roster().find(hrtc->id())->slots) published.insert(slot.user);
+        for (const UserProbe& probe : program->roster().find(hrtc->id())->served_users) published.insert(probe.user);
         if (published != granted)
           return "the users of " + std::to_string(hrtc->id()) + " in the roster of " + std::to_string(program->id());
       }
@@ -285,7 +285,7 @@ class Simulation {
       result_.hrtcs.regions_released += figures.regions_released;
       result_.hrtcs.records_received += figures.records_received;
       result_.hrtcs.records_repeated += figures.records_repeated;
-      result_.hrtcs.deaths_noticed += figures.deaths_noticed;
+      result_.hrtcs.failures_detected += figures.failures_detected;
       result_.hrtcs.max_detection_ns = std::max(result_.hrtcs.max_detection_ns, figures.max_detection_ns);
       result_.hrtcs.false_suspicions += figures.false_suspicions;
       result_.host_changes += hrtc->delivery().counters().host_changes;

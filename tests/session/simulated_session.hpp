@@ -1,6 +1,6 @@
 /// A session of two hosts, three HRTCs and two clients in one thread and in virtual time.
 ///
-/// DeliveryServer, DeliveryClient, Roster, FailureDetector, SessionClock and UserSlots are the production classes. The
+/// DeliveryServer, DeliveryClient, Roster, FailureDetector, SessionClock and UserTable are the production classes. The
 /// network, the cache of an HRTC and the hands of users are models. Users move over two objects while the schedule
 /// causes faults. Both hosts serve the first object, one of them also the second. Then all faults end, and the session
 /// has to recover. Invariants:
@@ -13,8 +13,8 @@
 ///       - The error of a clock is within its stated bound, and a clock steps back only when sessions merge.
 ///       - Credit, incomplete messages and demands stay within their bounds.
 ///       - An HRTC suspects a host that it needs after at most 250 ms of silence.
-///     kHealNs after the last fault
-///       - Each HRTC holds the regions that it wants. Rosters, slots and time references agree.
+///     kMaxRecoveryNs after the last fault
+///       - Each HRTC holds the regions that it wants. Rosters, served_users and time references agree.
 ///       - The error bounds of the clocks are below kMaxClockBoundNs.
 ///       - Soon afterwards, hosts send no more records.
 ///
@@ -33,7 +33,7 @@
 
 namespace tactus::test_support {
 
-inline constexpr std::int64_t kHealNs = 2'000'000'000;
+inline constexpr std::int64_t kMaxRecoveryNs = 2'000'000'000;
 inline constexpr std::int64_t kMaxClockBoundNs = 100'000'000;
 
 /// A fault of one or several programs, planned for a given time.
@@ -68,7 +68,7 @@ struct SimulationResult {
   std::uint64_t messages = 0;       ///< number of samples sent
   std::array<std::uint64_t, kFaultKinds> faults{};
   /// Time from the last fault to the first check that the session passes; none if it passes no check.
-  std::optional<std::int64_t> healed_ns;
+  std::optional<std::int64_t> recovery_ns;
   std::int64_t virtual_ns = 0;
   std::uint64_t chunks = 0;
   std::uint64_t host_changes = 0;

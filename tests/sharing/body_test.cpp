@@ -66,7 +66,7 @@ TEST(SharedBody, ACopySampleConvertedToATopicSampleAndBackIsUnchanged) {
   haptics::CopySample sample;
   sample.time_ns = 1234567;
   sample.body = moving();
-  sample.pressed = {1, -2, 3};
+  sample.user_force = {1, -2, 3};
   for (std::size_t i = 0; i < 3; ++i) {
     sample.waves[i].setConstant(0.5 + static_cast<double>(i));
     sample.energy[i] = 0.25 * static_cast<double>(i);
@@ -80,7 +80,7 @@ TEST(SharedBody, ACopySampleConvertedToATopicSampleAndBackIsUnchanged) {
   EXPECT_TRUE(back.body.orientation.isApprox(sample.body.orientation));
   EXPECT_TRUE(back.body.velocity.isApprox(sample.body.velocity));
   EXPECT_TRUE(back.body.angular_velocity.isApprox(sample.body.angular_velocity));
-  EXPECT_EQ(back.pressed, sample.pressed);
+  EXPECT_EQ(back.user_force, sample.user_force);
   EXPECT_EQ(back.waves, sample.waves);
   EXPECT_EQ(back.energy, sample.energy);
 }

@@ -54,7 +54,7 @@ Found all_pairs(const Shown& shown, const PlacedProbe& probe, std::uint32_t tria
 
 Found by_query(const Shown& shown, PlacedProbe& probe) {
   std::vector<MeshContact> contacts(1u << 16);
-  const MeshTouch touch =
+  const MeshQueryResult touch =
       probe.find_contacts(shown.tree(), contacts.data(), static_cast<std::uint32_t>(contacts.size()));
   EXPECT_TRUE(touch.complete);
   EXPECT_LE(touch.contacts, contacts.size());
@@ -181,7 +181,7 @@ TEST_F(MeshProbeOnOrgan, GivesTheSameContactsInTheSameOrderForEveryInstructionSe
     placed_.set_pose(pose);
     base.set_pose(pose);
     avx2.set_pose(pose);
-    const MeshTouch found = placed_.find_contacts(shown_.tree(), best_contacts.data(), 10000);
+    const MeshQueryResult found = placed_.find_contacts(shown_.tree(), best_contacts.data(), 10000);
     ASSERT_EQ(base.find_contacts(shown_.tree(), base_contacts.data(), 10000).contacts, found.contacts);
     ASSERT_EQ(avx2.find_contacts(shown_.tree(), avx2_contacts.data(), 10000).contacts, found.contacts);
     for (std::uint32_t i = 0; i < found.contacts; ++i)
@@ -197,19 +197,19 @@ TEST_F(MeshProbeOnOrgan, GivesTheSameContactsInTheSameOrderForEveryInstructionSe
 
 TEST_F(MeshProbeOnOrgan, StopsAtItsCapacityOrItsLimitOfWorkAndReportsIt) {
   std::vector<MeshContact> all(10000), limited(10000);
-  MeshTouch whole;
+  MeshQueryResult whole;
   while (whole.contacts < 20) {
     placed_.set_pose(random_pose(random_, organ_, 0.001));
     whole = placed_.find_contacts(shown_.tree(), all.data(), 10000);
   }
   limited[5].triangle = 12345;
-  const MeshTouch truncated = placed_.find_contacts(shown_.tree(), limited.data(), 5);
+  const MeshQueryResult truncated = placed_.find_contacts(shown_.tree(), limited.data(), 5);
   EXPECT_EQ(truncated.contacts, whole.contacts);
   EXPECT_TRUE(truncated.complete);
   for (int i = 0; i < 5; ++i) EXPECT_EQ(limited[i].triangle, all[i].triangle);
   EXPECT_EQ(limited[5].triangle, 12345u);
 
-  const MeshTouch cut = placed_.find_contacts(shown_.tree(), limited.data(), 10000, whole.work / 2);
+  const MeshQueryResult cut = placed_.find_contacts(shown_.tree(), limited.data(), 10000, whole.work / 2);
   EXPECT_FALSE(cut.complete);
   EXPECT_LE(cut.work, whole.work / 2 + 64);
   ASSERT_LE(cut.contacts, whole.contacts);

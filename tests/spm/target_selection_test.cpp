@@ -111,7 +111,7 @@ class StylusShaft : public testing::Test {
       refinement.approach(pose, 0);
       EXPECT_EQ(refinement.refine(Budget{1u << 30}), Advance::kDone);
       placed.set_pose(pose);
-      const MeshTouch touch = refinement.find_contacts(placed, contacts.data(), kContacts);
+      const MeshQueryResult touch = refinement.find_contacts(placed, contacts.data(), kContacts);
       if (!refinement.is_exact()) continue;
       ++outcome.exact;
       outcome.wrong += to_set(contacts.data(), touch.contacts) != contacts_on(world_->finest->tree(), pose) ? 1 : 0;

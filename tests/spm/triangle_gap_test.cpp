@@ -137,7 +137,7 @@ TEST(NearPairs, IncludeAllPairsWithinTheMarginInAnyPoseAndScale) {
     pose.translation() = Vec3d{p[0], p[1], p[2]} + 0.003 * Vec3d{normal(random), normal(random), normal(random)};
     placed.set_pose(pose, scale);
     for (const double margin : {0.0001, 0.001}) {
-      const MeshTouch touch = placed.find_near_pairs(shown.tree(), margin, pairs.data(), 8 * 4096);
+      const MeshQueryResult touch = placed.find_near_pairs(shown.tree(), margin, pairs.data(), 8 * 4096);
       ASSERT_TRUE(touch.complete);
       std::set<std::pair<std::uint32_t, std::uint32_t>> found;
       for (std::uint32_t i = 0; i < touch.contacts; ++i)

@@ -33,9 +33,9 @@ using trace::LoggedObject;
 using trace::LoggedQuery;
 using trace::LoggedTotals;
 
-constexpr double kScale = 2;                      // metres per unit
-constexpr double kTolerance = kTangent / kScale;  // in units
-constexpr double kRadius = 0.004;                 // units
+constexpr double kScale = 2;                                // metres per unit
+constexpr double kTolerance = kTangencyTolerance / kScale;  // in units
+constexpr double kRadius = 0.004;                           // units
 
 Corners corners_of(const TriangleMesh& mesh, std::size_t face) {
   Corners corners;
@@ -437,7 +437,7 @@ TEST_F(Audit, FclAgreesOnEveryAuditedCycle) {
   EXPECT_GT(object["audited"], 100);
   EXPECT_EQ(object["fcl"]["requested"], object["audited"]);
   EXPECT_EQ(object["fcl"]["disagreed"], 0);
-  EXPECT_EQ(object["fcl"]["tolerance_m"], kTangent);
+  EXPECT_EQ(object["fcl"]["tolerance_m"], kTangencyTolerance);
   EXPECT_THAT(run({path("a.hlog"), path("organ.ply")}).out,
               HasSubstr("disagreements with FCL           0, compared in "));
 }

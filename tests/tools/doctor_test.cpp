@@ -197,7 +197,7 @@ TEST(DoctorProgram, ReportsASilentDiscoveryServer) {
 }
 
 TEST(DoctorProgram, RefusesWrongInput) {
-  for (const char* option : {"--domain=98", "--qos=/nowhere", "--seconds=0", "--priority=99"}) {
+  for (const char* option : {"--domain=99", "--qos=/nowhere", "--seconds=0", "--priority=99"}) {
     e2e::Process doctor{{TACTUS_DOCTOR, option}};
     EXPECT_EQ(doctor.wait(), 2) << option << doctor.output();
   }

@@ -124,8 +124,8 @@ TEST_F(FlightFile, MatchesItsIdl) {
   EXPECT_EQ(values["flight_object dynamic_friction"], "0.4");
   EXPECT_EQ(values["flight_state carried"], "[0,255,7]");
   EXPECT_THAT(values["flight_state objects"],
-              testing::StartsWith(R"([{"object":3,"base_faces":20,"mesh_hash":9223372036854775808,"here":[1,2,3],)"
-                                  R"("in_use":[{"region":2,"applied":40,"retiring":true,"resting":false},)"));
+              testing::StartsWith(R"([{"object":3,"base_faces":20,"mesh_hash":9223372036854775808,"loaded_regions":[1,2,3],)"
+                                  R"("in_use":[{"region":2,"applied":40,"retiring":true,"retained":false},)"));
   EXPECT_EQ(values["flight_event kind"], "kRegionRetired");
   EXPECT_EQ(values["flight_move placement.1"], "2");
   EXPECT_EQ(values["flight_probe force.0"], "0.3333333333333333");
@@ -155,7 +155,7 @@ TEST_F(FlightFile, TheReferenceReaderDecodesEveryTypeByTheSchemaInTheFile) {
   for (const char* const expected :
        {R"("flight_start":{"count":1,"schema":"tactus::flight::Start")", R"("reason":"why")", R"("list_blocks":13)",
         R"("flight_state":{"count":1)", R"("carried":[0,255,7])",
-        R"({"region":2,"applied":40,"retiring":true,"resting":false})", R"("flight_event":{"count":1)",
+        R"({"region":2,"applied":40,"retiring":true,"retained":false})", R"("flight_event":{"count":1)",
         R"("flight_move":{"count":1)", R"("force":[0.3333333333333333,2,3])", R"("float_control":40896)",
         R"("granted":160)"})
     EXPECT_THAT(found, testing::HasSubstr(expected));

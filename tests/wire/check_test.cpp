@@ -83,8 +83,8 @@ TEST(Check, NamesTheWrongFieldOfARosterEntry) {
   expect_invalid(roster(), "requested_hrtc", [](auto& r) { r.requested_hrtc = std::string("a\0b", 3); });
   expect_invalid(roster(), "users", [](auto& r) { r.users.assign(65, "u"); });
   expect_invalid(roster(), "users", [](auto& r) { r.users = {""}; });
-  expect_invalid(roster(), "slots", [](auto& r) { r.slots.assign(65, {"u", 0}); });
-  expect_invalid(roster(), "slots.slot", [](auto& r) { r.slots = {{"u", 64}}; });
+  expect_invalid(roster(), "served_users", [](auto& r) { r.served_users.assign(65, {"u", 0}); });
+  expect_invalid(roster(), "served_users.probe", [](auto& r) { r.served_users = {{"u", 64}}; });
   expect_invalid(roster(), "stops", [](auto& r) { r.stops.assign(33, {1, 2, 3, 4, 5}); });
   expect_invalid(roster(), "session_time_ns", [](auto& r) { r.session_time_ns = -1; });
   expect_invalid(roster(), "session_time_ns", [](auto& r) { r.session_time_ns = INT64_MAX; });
@@ -201,7 +201,7 @@ TEST(Check, NamesTheWrongFieldOfSharedObjectSamples) {
   expect_invalid(copy(), "orientation", [](auto& c) { c.body.orientation[3] = 0; });
   expect_invalid(copy(), "velocity", [](auto& c) { c.velocity[2] = kNan; });
   expect_invalid(copy(), "angular_velocity", [](auto& c) { c.angular_velocity[2] = kNan; });
-  expect_invalid(copy(), "pressed", [](auto& c) { c.pressed[1] = kInf; });
+  expect_invalid(copy(), "user_force", [](auto& c) { c.user_force[1] = kInf; });
   expect_invalid(copy(), "channels.wave", [](auto& c) { c.channels[0].wave[5] = kInf; });
   expect_invalid(copy(), "channels.wave", [](auto& c) { c.channels[1].wave[0] = -1e308; });
   expect_invalid(copy(), "channels.energy", [](auto& c) { c.channels[1].energy = 1e10; });

@@ -45,10 +45,10 @@ class RawBytes final : public dds::TopicDataType {
 };
 
 /// A participant in the session of `victim` that can send invalid samples.
-class Intruder {
+class DdsAttacker {
  public:
   template <class Sample>
-  Intruder(const Participants& victim, const TopicSpec<Sample>& topic, dds::TypeSupport type) {
+  DdsAttacker(const Participants& victim, const TopicSpec<Sample>& topic, dds::TypeSupport type) {
     dds::DomainParticipantQos qos = dds::PARTICIPANT_QOS_DEFAULT;
     qos.transport().use_builtin_transports = false;
     qos.transport().user_transports.push_back(std::make_shared<eprosima::fastdds::rtps::UDPv4TransportDescriptor>());
@@ -65,7 +65,7 @@ class Intruder {
     writer_ = participant_->create_publisher(publisher)->create_datawriter(
         participant_->create_topic(topic.name, type.get_type_name(), dds::TOPIC_QOS_DEFAULT), writer);
   }
-  ~Intruder() {
+  ~DdsAttacker() {
     participant_->delete_contained_entities();
     dds::DomainParticipantFactory::get_instance()->delete_participant(participant_);
   }
@@ -83,7 +83,7 @@ class Victim {
   explicit Victim(const TopicSpec<Sample>& topic) : reader{participants, topic, inbox.callback()} {}
 
   /// Sends until the reader has counted one more invalid sample.
-  bool refuses(Intruder& intruder, void* sample) {
+  bool refuses(DdsAttacker& intruder, void* sample) {
     const std::uint64_t before = reader.counts().invalid;
     const auto end = std::chrono::steady_clock::now() + kWatchdog;
     while (std::chrono::steady_clock::now() < end) {
@@ -107,7 +107,7 @@ dds::TypeSupport generated() {
 
 TEST(Hostile, NonFiniteNumbersAreDroppedAndCounted) {
   Victim<ses::ProbeState> victim{topics::kProbeState};
-  Intruder intruder{victim.participants, topics::kProbeState, generated<ses::ProbeState>()};
+  DdsAttacker intruder{victim.participants, topics::kProbeState, generated<ses::ProbeState>()};
   idl::ProbeState sample;
   to_idl(full_sample<ses::ProbeState>(victim.friendly), sample);
   sample.proxy()[2] = std::numeric_limits<double>::quiet_NaN();
@@ -120,7 +120,7 @@ TEST(Hostile, NonFiniteNumbersAreDroppedAndCounted) {
 
 TEST(Hostile, AnEnumeratorThatDoesNotExistIsDropped) {
   Victim<ses::Control> victim{topics::kControl};
-  Intruder intruder{victim.participants, topics::kControl, generated<ses::Control>()};
+  DdsAttacker intruder{victim.participants, topics::kControl, generated<ses::Control>()};
   idl::Control sample;
   to_idl(full_sample<ses::Control>(victim.friendly), sample);
   for (const std::uint32_t action : {5u, 256u, 258u, 0xffffffffu}) {  // 256 and 258 would be valid in 8 bits
@@ -132,7 +132,7 @@ TEST(Hostile, AnEnumeratorThatDoesNotExistIsDropped) {
 
 TEST(Hostile, SamplesOfAnotherSessionAreCountedAsForeign) {
   Victim<ses::Control> victim{topics::kControl};
-  Intruder intruder{victim.participants, topics::kControl, generated<ses::Control>()};
+  DdsAttacker intruder{victim.participants, topics::kControl, generated<ses::Control>()};
   idl::Control sample;
   to_idl(full_sample<ses::Control>(victim.friendly), sample);
   sample.stamp().session(ses::id_of("elsewhere"));
@@ -160,8 +160,8 @@ void expect_survival(const TopicSpec<Sample>& topic, const std::vector<std::stri
                      std::uint64_t undecodable) {
   Victim<Sample> victim{topic};
   const dds::TypeSupport imitated = generated<Sample>();
-  Intruder intruder{victim.participants, topic,
-                    dds::TypeSupport{new RawBytes(imitated.get_type_name().c_str(), imitated->m_isGetKeyDefined)}};
+  DdsAttacker intruder{victim.participants, topic,
+                       dds::TypeSupport{new RawBytes(imitated.get_type_name().c_str(), imitated->m_isGetKeyDefined)}};
   ASSERT_TRUE(eventually([&] { return victim.reader.matched() == 1; }));
   EXPECT_TRUE(eventually([&] {  // repeated: best effort, and the endpoints match at different times
     for (std::string attack : attacks) intruder.send(&attack);
@@ -242,15 +242,15 @@ TEST(Hostile, AReaderSurvivesCorruptedEncodings) {
 }
 
 /// Sends datagrams to every port of this machine that participants of the session's domains use.
-class Stranger {
+class UdpAttacker {
  public:
-  explicit Stranger(int domain) : domain_{domain}, socket_{socket(AF_INET, SOCK_DGRAM, 0)} {
+  explicit UdpAttacker(int domain) : domain_{domain}, socket_{socket(AF_INET, SOCK_DGRAM, 0)} {
     const in_addr loopback{htonl(INADDR_LOOPBACK)};
     setsockopt(socket_, IPPROTO_IP, IP_MULTICAST_IF, &loopback, sizeof loopback);
   }
-  ~Stranger() { close(socket_); }
-  Stranger(const Stranger&) = delete;
-  Stranger& operator=(const Stranger&) = delete;
+  ~UdpAttacker() { close(socket_); }
+  UdpAttacker(const UdpAttacker&) = delete;
+  UdpAttacker& operator=(const UdpAttacker&) = delete;
 
   void send(const std::string& datagram) const {
     constexpr int kClasses = 3, kParticipants = 20;
@@ -281,7 +281,7 @@ TEST(Hostile, AReaderSurvivesStatisticsBeforeTheEndOfAMessage) {
   std::string statistics{"\x80\x01\x38\x00", 4};
   statistics.resize(60);
   const std::string padding{"\x01\x01\x04\x00....", 8};
-  const Stranger stranger{victim.participants.address().domain};
+  const UdpAttacker stranger{victim.participants.address().domain};
   stranger.send(header + statistics + padding);
   stranger.send(header + padding + statistics + statistics);
   stranger.send(header + statistics.substr(0, 10));

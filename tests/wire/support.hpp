@@ -111,7 +111,7 @@ std::vector<EndpointOptions> partitions_of(const TopicSpec<Sample>& topic) {
 
 inline auto fields(const ses::Origin& o) { return std::tuple{o.session, o.participant, o.incarnation, o.time_ns}; }
 inline auto fields(const ses::Pose& p) { return std::tuple{p.position, p.orientation}; }
-inline auto fields(const ses::UserSlot& u) { return std::tuple{u.user, u.slot}; }
+inline auto fields(const ses::UserProbe& u) { return std::tuple{u.user, u.probe}; }
 inline auto fields(const ses::Figure& f) { return std::tuple{f.name, f.value}; }
 inline auto fields(const ses::MeshHash& m) { return std::tuple{m.object_id, m.hash}; }
 inline auto fields(const ses::Waypoint& w) { return std::tuple{w.session_time_ns, fields(w.pose)}; }
@@ -135,9 +135,10 @@ inline auto fields(const ses::BulkChunk& b) {
   return std::tuple{b.stream, b.sequence, b.epoch, b.sent_us, fields(b.pieces)};
 }
 inline auto fields(const ses::RosterEntry& r) {
-  return std::tuple{fields(r.origin),  r.protocol,      r.role,      r.name,    r.session,       r.requested_hrtc,
-                    r.users,           fields(r.slots), r.heartbeat, r.leaving, fields(r.stops), r.reference,
-                    r.session_time_ns, r.joined_ns,     r.force_on};
+  return std::tuple{fields(r.origin),  r.protocol,       r.role,          r.name,
+                    r.session,         r.requested_hrtc, r.users,         fields(r.served_users),
+                    r.heartbeat,       r.leaving,        fields(r.stops), r.reference,
+                    r.session_time_ns, r.joined_ns,      r.force_on};
 }
 inline auto fields(const ses::CatalogueEntry& c) {
   const spm::ModelSummary& s = c.summary;
@@ -172,7 +173,7 @@ inline auto fields(const ses::ProbeState& p) {
 }
 inline auto fields(const ses::DevicePose& d) {
   return std::tuple{fields(d.origin), d.user_id,  d.probe,  d.sequence, d.session_time_ns,
-                    fields(d.pose),   d.velocity, d.radius, d.buttons,  d.command_felt};
+                    fields(d.pose),   d.velocity, d.radius, d.buttons,  d.command_applied};
 }
 inline auto fields(const ses::DeviceCommand& d) {
   return std::tuple{fields(d.origin), d.user_id, d.probe,  d.sequence,    d.pose_answered, d.force,
@@ -189,8 +190,9 @@ inline auto fields(const ses::ObjectGrant& g) {
   return std::tuple{fields(g.origin), g.object_id, g.sequence, g.fencing, g.channel_delay_ns, fields(g.touchers)};
 }
 inline auto fields(const ses::ObjectCopy& c) {
-  return std::tuple{fields(c.origin), c.object_id, c.sequence,         c.fencing, c.copy_index,      c.session_time_ns,
-                    fields(c.body),   c.velocity,  c.angular_velocity, c.pressed, fields(c.channels)};
+  return std::tuple{fields(c.origin),   c.object_id,       c.sequence,        c.fencing,
+                    c.copy_index,       c.session_time_ns, fields(c.body),    c.velocity,
+                    c.angular_velocity, c.user_force,      fields(c.channels)};
 }
 inline auto fields(const ses::ClockSample& c) {
   return std::tuple{fields(c.origin), c.peer, c.sequence, c.answer, c.t0_ns, c.t1_ns, c.t2_ns};

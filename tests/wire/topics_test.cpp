@@ -90,8 +90,8 @@ TEST_F(TwoPrograms, ALateJoinerReceivesTheNewestEntryOfEachObject) {
 TEST_F(TwoPrograms, TheLargestSamplesArrive) {
   const std::string name(ses::kMaxName, 'n');
   auto roster = full_sample<ses::RosterEntry>(alpha_);
-  roster.users.assign(ses::kMaxSlots, name);
-  roster.slots.assign(ses::kMaxSlots, {name, 1});
+  roster.users.assign(ses::kMaxUsers, name);
+  roster.served_users.assign(ses::kMaxUsers, {name, 1});
   roster.stops.assign(ses::kMaxStops, {1, 2, 3, 4, 5});
   auto demand = full_sample<ses::Demand>(alpha_);
   demand.have.clear();

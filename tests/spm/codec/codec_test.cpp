@@ -282,7 +282,7 @@ TEST_F(RegionCodec, RefusesMoreSentRecordsThanTheMessageHasBytesFor) {
   BitWriter out;
   out.put(0, 32);
   for (int i = 0; i < 2; ++i) {
-    put_rare(out, 1);
+    put_length_prefixed(out, 1);
     put_number(out, encoded_.compressed().tables()[Field::kGap], 0);
     put_number(out, encoded_.compressed().tables()[Field::kCount], vast.records - 1);
   }

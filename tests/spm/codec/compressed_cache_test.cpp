@@ -83,7 +83,7 @@ TEST_F(CompressedCacheTest, RestoresAllRecordsOfTheModel) {
 }
 
 /// The contents of a compressed cache as plain sets of records, from which its counters can be computed.
-class ReferenceStore {
+class ReferenceCache {
  public:
   struct StoredRegion {
     std::set<std::uint32_t> records;
@@ -154,7 +154,7 @@ class CompressedCacheCounters : public CompressedCacheTest {
     reference_.regions[region] = {records_of(region), result.blocks - new_blocks, false};
   }
 
-  ReferenceStore reference_;
+  ReferenceCache reference_;
   std::set<std::uint32_t> received_;
   std::mt19937_64 random_{kCacheSeed};
   int with_retired_records_ = 0, with_returned_records_ = 0;

@@ -23,7 +23,7 @@ Pairs pairs_of(const std::vector<NearPair>& near) {
 }
 
 /// Compares the distance of each pair of sphere and box with the radius.
-Pairs brute_force(const std::vector<ProbeSphere>& probes, const std::map<std::uint32_t, WorldBox>& boxes) {
+Pairs brute_force(const std::vector<BoundingSphere>& probes, const std::map<std::uint32_t, WorldBox>& boxes) {
   Pairs pairs;
   for (std::uint32_t p = 0; p < probes.size(); ++p) {
     for (const auto& [object, box] : boxes) {
@@ -61,8 +61,8 @@ TEST(BroadPhase, AgreesWithBruteForceWhileObjectsAreAddedMovedAndRemoved) {
       broad_phase.put(object, box);
       boxes[object] = box;
     }
-    std::vector<ProbeSphere> probes(5);
-    for (ProbeSphere& probe : probes) probe = {random_point(), size(rng)};
+    std::vector<BoundingSphere> probes(5);
+    for (BoundingSphere& probe : probes) probe = {random_point(), size(rng)};
     const Pairs expected = brute_force(probes, boxes);
     ASSERT_EQ(pairs_of(broad_phase.find_near_pairs(probes)), expected) << "round " << round;
     found += expected.size();
@@ -73,27 +73,27 @@ TEST(BroadPhase, AgreesWithBruteForceWhileObjectsAreAddedMovedAndRemoved) {
 TEST(BroadPhase, CountsABoxThatASphereOnlyTouchesAsNear) {
   BroadPhase broad_phase;
   broad_phase.put(7, {{1, 1, 1}, {2, 2, 2}});
-  const std::vector<ProbeSphere> probes{{{0.5, 1.5, 1.5}, 0.5}, {{0.5, 1.5, 1.5}, 0.499999}, {{1.5, 1.5, 1.5}, 0}};
+  const std::vector<BoundingSphere> probes{{{0.5, 1.5, 1.5}, 0.5}, {{0.5, 1.5, 1.5}, 0.499999}, {{1.5, 1.5, 1.5}, 0}};
   EXPECT_EQ(pairs_of(broad_phase.find_near_pairs(probes)), (Pairs{{0, 7}, {2, 7}}));
 }
 
 TEST(BroadPhase, FindsNothingWithoutObjects) {
   BroadPhase broad_phase;
   broad_phase.remove(3);
-  const std::vector<ProbeSphere> probes{{{0, 0, 0}, 1}};
+  const std::vector<BoundingSphere> probes{{{0, 0, 0}, 1}};
   EXPECT_TRUE(broad_phase.find_near_pairs(probes).empty());
 }
 
 TEST(BroadPhase, RefusesAnInvertedBoxAndAProbeThatIsNotFinite) {
   BroadPhase broad_phase;
   EXPECT_THROW(broad_phase.put(1, {{1, 0, 0}, {0, 1, 1}}), std::invalid_argument);
-  const std::vector<ProbeSphere> probes{{{std::numeric_limits<double>::quiet_NaN(), 0, 0}, 1}};
+  const std::vector<BoundingSphere> probes{{{std::numeric_limits<double>::quiet_NaN(), 0, 0}, 1}};
   EXPECT_THROW(static_cast<void>(broad_phase.find_near_pairs(probes)), std::invalid_argument);
 }
 
 TEST(BroadPhase, RefusesANegativeRadiusHoweverSmallAndReportsIt) {
   BroadPhase broad_phase;
-  const std::vector<ProbeSphere> probes{{{0, 0, 0}, 1}, {{0, 0, 0}, -1e-9}};
+  const std::vector<BoundingSphere> probes{{{0, 0, 0}, 1}, {{0, 0, 0}, -1e-9}};
   std::string error;
   try {
     static_cast<void>(broad_phase.find_near_pairs(probes));

@@ -59,7 +59,7 @@ Mesh bumpy_square(std::uint32_t n, std::mt19937& rng) {
 
 /// Accepts either result for a face whose distance from the centre differs from the radius only by rounding.
 void expect_touching_equals_brute_force(const FixedMesh& fixed, const Mesh& mesh, std::mt19937& rng, int queries) {
-  constexpr double kTangent = 1e-9;
+  constexpr double kTangencyTolerance = 1e-9;
   std::uniform_real_distribution<double> coordinate{-0.05, 1.05};
   std::uniform_real_distribution<double> height{-0.05, 0.12};
   std::uniform_real_distribution<double> radius{0.005, 0.1};
@@ -74,7 +74,7 @@ void expect_touching_equals_brute_force(const FixedMesh& fixed, const Mesh& mesh
     for (std::uint32_t f = 0; f < mesh.faces.size(); ++f) {
       const double distance = mesh.distance(f, centre);
       const bool is_reported = std::binary_search(touching.begin(), touching.end(), f);
-      const bool is_tangent = std::abs(distance - query_radius) < kTangent;
+      const bool is_tangent = std::abs(distance - query_radius) < kTangencyTolerance;
       if (is_tangent ? is_reported : distance <= query_radius) expected.push_back(f);
     }
     ASSERT_THAT(touching, ElementsAreArray(expected)) << "query " << i;

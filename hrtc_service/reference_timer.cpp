@@ -1,4 +1,4 @@
-#include "hrtc_service/timer_beside.hpp"
+#include "hrtc_service/reference_timer.hpp"
 
 #include <pthread.h>
 #include <unistd.h>
@@ -15,7 +15,7 @@ constexpr std::int64_t kWorkNs = 30'000;  // duration of the computation
 
 }  // namespace
 
-TimerBeside::TimerBeside(std::int64_t period_ns, int priority) {
+ReferenceTimer::ReferenceTimer(std::int64_t period_ns, int priority) {
   std::promise<pid_t> thread_id;
   thread_ = std::thread{[this, period_ns, priority, &thread_id] {
     pthread_setname_np(pthread_self(), "timer");
@@ -26,12 +26,12 @@ TimerBeside::TimerBeside(std::int64_t period_ns, int priority) {
   usage_ = std::make_unique<UsageSampler>(thread_.native_handle(), thread_id.get_future().get());
 }
 
-TimerBeside::~TimerBeside() {
+ReferenceTimer::~ReferenceTimer() {
   running_ = false;
   thread_.join();
 }
 
-void TimerBeside::drain(Samples& samples) {
+void ReferenceTimer::drain(Samples& samples) {
   for (CycleTimes cycle; cycles_.pop(cycle);) {
     samples.add(static_cast<std::uint32_t>(cycle.began_ns - cycle.due_ns));
     classifier_.add(cycle);
@@ -41,11 +41,11 @@ void TimerBeside::drain(Samples& samples) {
     if (verdict->late_class == LateClass::kOverrun) ++overruns_;
 }
 
-void TimerBeside::compute(std::uint32_t steps) noexcept {
+void ReferenceTimer::compute(std::uint32_t steps) noexcept {
   for (std::uint32_t i = 0; i < steps; ++i) number_ = number_ * 6364136223846793005u + 1442695040888963407u;
 }
 
-std::uint32_t TimerBeside::steps_for_work() noexcept {
+std::uint32_t ReferenceTimer::steps_for_work() noexcept {
   constexpr std::uint32_t kMeasuredSteps = 10000;
   std::int64_t min_ns = kWorkNs;
   for (int round = 0; round < 8; ++round) {
@@ -56,7 +56,7 @@ std::uint32_t TimerBeside::steps_for_work() noexcept {
   return static_cast<std::uint32_t>(kMeasuredSteps * kWorkNs / std::max<std::int64_t>(min_ns, 1));
 }
 
-void TimerBeside::run(std::int64_t period_ns) {
+void ReferenceTimer::run(std::int64_t period_ns) {
   const std::uint32_t steps = steps_for_work();
   for (PeriodicClock clock{period_ns}; running_;) {
     (void)clock.wait_next();

@@ -17,12 +17,12 @@ constexpr double kTipRadius = 0.003;    ///< m
 constexpr double kPressDepth = 0.0002;  ///< depth of the tip in the surface, m
 
 /// A model file, or a generated organ, with a mean edge length of kHandEdge.
-struct StrokedModel {
+struct HandScaleModel {
   LoadedModel subject;
   spm::FinestTree finest;
   double unit;  ///< metres per unit
 
-  StrokedModel(const std::string& path, std::uint32_t faces)
+  HandScaleModel(const std::string& path, std::uint32_t faces)
       : subject{[&] {
           LoadedModel loaded = load_model(path, faces);
           scale_to_edge(loaded, kHandEdge);
@@ -58,7 +58,7 @@ struct StrokedModel {
 
 /// Returns the path of a tip at constant `speed` (m/s): one position (m) for each cycle of 1 ms. The tip moves down
 /// from 5 cm above the model's highest vertex and then strokes the surface. `height`: HandPathSettings::height, m.
-[[nodiscard]] inline std::vector<spm::Vec3d> surface_motion(const StrokedModel& model, double speed, double height,
+[[nodiscard]] inline std::vector<spm::Vec3d> surface_motion(const HandScaleModel& model, double speed, double height,
                                                             std::uint32_t poses, std::uint64_t seed) {
   constexpr double kStartHeight = 0.05;  // m
   spm::Vec3d top = spm::Vec3d::Constant(-1e300);

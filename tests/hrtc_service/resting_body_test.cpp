@@ -23,7 +23,7 @@ using spm::Vec3d;
 using test_support::LocalSession;
 
 constexpr double kBoxHalfEdge = 0.01;  // m, of the box on the organ
-constexpr double kMass = 0.2;       // kg, of each box
+constexpr double kMass = 0.2;          // kg, of each box
 constexpr session::Material kRough{1000, 3, 0.9, 0.8};
 
 spm::offline::TriangleMesh box_mesh(double half_edge) {
@@ -123,8 +123,8 @@ TEST_F(BoxOnOrgan, OneInvalidStateOfAHandThatPressesOrHoldsItLeavesItsStateFinit
   orders_.number = orders_.count = 1;
   orders_.bodies[0].object = 1;
   orders_.bodies[0].received = {resting, 0, 1};
-  const Vec3d above = resting.position + Vec3d{0, 0, kHalfEdge + 0.01};
-  const Vec3d pressed = resting.position + Vec3d{0, 0, kHalfEdge + 0.0025};
+  const Vec3d above = resting.position + Vec3d{0, 0, kBoxHalfEdge + 0.01};
+  const Vec3d pressed = resting.position + Vec3d{0, 0, kBoxHalfEdge + 0.0025};
   for (const bool grab : {false, true}) {
     for (int number = 0; number < 3; ++number) {
       const std::string where = "number " + std::to_string(number) + (grab ? ", held" : ", pressed");

@@ -14,13 +14,13 @@ namespace tactus::hrtc_service {
 
 /// A thread that sleeps like the haptic thread and computes for 30 us in each period. It shows how late the system
 /// wakes a thread, and how often interrupts make a short computation an overrun.
-class TimerBeside {
+class ReferenceTimer {
  public:
   /// `priority`: priority of SCHED_FIFO; 0: ordinary scheduling.
-  TimerBeside(std::int64_t period_ns, int priority);
-  ~TimerBeside();
-  TimerBeside(const TimerBeside&) = delete;
-  TimerBeside& operator=(const TimerBeside&) = delete;
+  ReferenceTimer(std::int64_t period_ns, int priority);
+  ~ReferenceTimer();
+  ReferenceTimer(const ReferenceTimer&) = delete;
+  ReferenceTimer& operator=(const ReferenceTimer&) = delete;
 
   /// Adds the wake-up delays since the last call to `samples`, ns, and classifies late cycles. One thread.
   void drain(Samples& samples);
