@@ -10,15 +10,15 @@ void TargetSelection::begin(const Forest& forest, const TargetMargins& margins) 
   targets_.clear();
 }
 
-/// Adds the loaded regions within `radius` of `centre`, unless their group is kNone. `classify(target)` receives the
+/// Adds the loaded regions within `radius` of `centre`, unless their group is kNotWanted. `classify(target)` receives the
 /// region and its squared distance from `centre`, and sets the group.
 template <class Classify>
 void TargetSelection::add_within(const Vec3d& centre, double radius, Classify classify) noexcept {
   const bool all = forest_->grid().for_each_intersecting(centre, radius, [&](RegionId region, double squared) {
     if (!forest_->is_loaded(region)) return;
-    Target target{region, Group::kNone, squared};
+    Target target{region, Group::kNotWanted, squared};
     classify(target);
-    if (target.group != Group::kNone) targets_.add(target);
+    if (target.group != Group::kNotWanted) targets_.add(target);
   });
   if (!all && centre.allFinite()) targets_.mark_incomplete();
 }

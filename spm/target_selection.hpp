@@ -49,10 +49,10 @@ class TargetSelection {
   [[nodiscard]] bool complete() const noexcept { return targets_.complete(); }
 
  private:
-  enum class Group : std::uint8_t { kNow, kSoon, kRefined, kNone };
+  enum class Group : std::uint8_t { kNow, kSoon, kRefined, kNotWanted };
   struct Target {
     RegionId region{};
-    Group group = Group::kNone;
+    Group group = Group::kNotWanted;
     double squared_distance = 0;  ///< from the sphere that the group compares with the region
     [[nodiscard]] bool precedes(const Target& other) const noexcept {
       return std::tie(group, squared_distance, region) < std::tie(other.group, other.squared_distance, other.region);

@@ -29,8 +29,8 @@ using test_support::LocalSession;
 using Messages = std::vector<trace::FlightMessage>;
 
 constexpr std::uint64_t kDamageSeed = 18;
-constexpr std::uint32_t kStatePeriod = 100;  // cycles
-constexpr std::uint64_t kCycles = 40;        // length of the replayed part, which contains every kind of event
+constexpr std::uint32_t kStatePeriod = 100;    // cycles
+constexpr std::uint64_t kReplayedCycles = 40;  // length of the replayed part, which contains every kind of event
 constexpr std::uint64_t kMaxPoolBytes = 1u << 26;
 
 /// Overwrites one number, or the size of one sequence, of a message.
@@ -127,7 +127,7 @@ class FlightDamage : public ::testing::TestWithParam<bool> {
   void SetUp() override {
     record();
     recorded_ = hrtc_service::flight_support::read_messages(file_);
-    recorded_ = beginning(kCycles);
+    recorded_ = beginning(kReplayedCycles);
   }
 
   void record() {

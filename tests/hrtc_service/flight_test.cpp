@@ -29,7 +29,7 @@ using hrtc_service::flight_support::position_on_sphere;
 using spm::Vec3d;
 using test_support::LocalSession;
 
-constexpr std::uint32_t kSecond = 1000;  // cycles
+constexpr std::uint32_t kCyclesPerSecond = 1000;  // cycles
 constexpr std::uint64_t kFlightSeed = 5;
 // Slots of a pool / record parts of the model. The large pool retains many regions.
 constexpr double kSmallPool = 0.17, kLargePool = 1.5;
@@ -66,7 +66,7 @@ class FlightReplayTest : public ::testing::Test {
     const std::vector<spm::Model> models(withdraws_ ? 2 : 1, model);
     const double scale = kSphereRadius / radius;
     LocalSession session{models, scale, pool, 2, loader, material, movable_ ? 0.5 : 0};
-    hrtc_service::FlightRecorder recorder{kSecond};
+    hrtc_service::FlightRecorder recorder{kCyclesPerSecond};
     session.cycle().set_observer(&recorder);
     FlightStore store{
         recorder, hrtc_service::flight_start("desk", LocalSession::cycle_settings(tool_), pool, LocalSession::specs()),
