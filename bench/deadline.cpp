@@ -197,7 +197,7 @@ Report run(const Settings& settings) {
   for (const double deadline : kDeadlines) {
     std::fprintf(stderr, "deadline %g us\n", deadline);
     const Outcome outcome = run_deadline(subject.model, settings, path, away, deadline, load);
-    char name[32];
+    char name[48];
     std::snprintf(name, sizeof name, "cycles, deadline %g us", deadline);
     const std::string cycles = name, missed = cycles + ", missed";
     report.add_percentiles("own work", cycles, "us", outcome.own);
@@ -220,7 +220,7 @@ Report run(const Settings& settings) {
     report.add_value("exact", {"contact " + cycles, outcome.contact_cycles}, "%", outcome.percent_exact());
     report.add_value("refit time of a unit, governor at the end", {cycles, outcome.cycles}, "ns",
                      outcome.refit_unit_ns);
-    report.add_value("surprise, governor at the end", {cycles, outcome.cycles}, "us", outcome.excess_us);
+    report.add_value("excess time of the governor, at the end", {cycles, outcome.cycles}, "us", outcome.excess_us);
     const Eigen::Vector3d fit = outcome.normal.ldlt().solve(outcome.right);
     report.add_value("T_R + T_B, fit: constant", {cycles, outcome.cycles}, "ns", fit[0]);
     report.add_value("T_R + T_B, fit: a list entry visited", {cycles, outcome.cycles}, "ns", fit[1]);

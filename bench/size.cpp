@@ -70,7 +70,8 @@ void measure(Report& report, const std::string& name, const spm::Model& model, c
     report.add_value(part, all_vertices, "B/vertex", bytes / vertices);
   };
   const spm::codec::ModelSpans& bytes = compressed.spans();
-  add_part("positions", bytes_of({Field::kAlong, Field::kAlongOfInner, Field::kAcross, Field::kAcrossOfInner}));
+  add_part("positions", bytes_of({Field::kTangentialResidual, Field::kTangentialResidualOfInner, Field::kNormalResidual,
+                                  Field::kNormalResidualOfInner}));
   add_part("topology", bytes_of({Field::kShape, Field::kShapeOfInner, Field::kCorner}) +
                            static_cast<double>(field_bits.back()) / 8);
   add_part("ids", bytes_of({Field::kAnchor, Field::kAnchorFirst, Field::kDeformed, Field::kBornFirst,

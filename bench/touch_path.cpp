@@ -1,6 +1,7 @@
 #include "bench/touch_path.hpp"
 
 #include <cmath>
+#include <numbers>
 
 #include "bench/surface_path.hpp"
 #include "spm/fcl/fixed_mesh.hpp"
@@ -9,20 +10,19 @@ namespace tactus::bench {
 namespace {
 
 constexpr double kApproach = 1, kFollowing = 2, kTapping = 2;  // s
-constexpr double kApproachHeight = 0.02;                          // of the approach, above the surface, m
+constexpr double kApproachHeight = 0.02;                       // of the approach, above the surface, m
 constexpr double kTapHeight = 0.003;                           // m
 constexpr double kMinTapRate = 2, kMaxTapRate = 12;            // Hz
 
 /// Returns the height of the tip above the surface path `t` seconds after the approach, m.
 double height(double t) {
-  constexpr double kTwoPi = 2 * 3.14159265358979323846;
   const double round = kFollowing + kTapping;
   const double since_following = std::fmod(t, round) - kFollowing;
   if (since_following <= 0) return 0;
   // Number of taps so far. The rate of taps grows linearly, and their number at the end is whole.
   const double taps =
       kMinTapRate * since_following + (kMaxTapRate - kMinTapRate) * since_following * since_following / (2 * kTapping);
-  return kTapHeight * (1 - std::cos(kTwoPi * taps)) / 2;
+  return kTapHeight * (1 - std::cos(2 * std::numbers::pi * taps)) / 2;
 }
 
 }  // namespace

@@ -10,7 +10,7 @@ target_compile_features(tactus_options INTERFACE cxx_std_20)
 # -Wno-subobject-linkage: in a joined source, g++ takes the unnamed namespace of each source for one of a header.
 # -ffp-contract=off: tests compare geometry bit for bit, so every compiler must give the same bits.
 target_compile_options(tactus_options INTERFACE "$<BUILD_INTERFACE:-Wall;-Wextra;-Wpedantic;-Wshadow;-Wconversion;-Wno-sign-conversion;-Wno-psabi>"
-                       $<BUILD_INTERFACE:$<$<BOOL:${CMAKE_UNITY_BUILD}>:-Wno-subobject-linkage>>
+                       $<BUILD_INTERFACE:$<$<AND:$<BOOL:${CMAKE_UNITY_BUILD}>,$<COMPILE_LANGUAGE:CXX>>:-Wno-subobject-linkage>>
                        -ffp-contract=off $<BUILD_INTERFACE:$<$<BOOL:${TACTUS_WERROR}>:-Werror>>)
 target_include_directories(tactus_options INTERFACE $<BUILD_INTERFACE:${PROJECT_SOURCE_DIR}>)
 if(TACTUS_SANITIZE)

@@ -45,9 +45,9 @@ enum class Field : std::uint8_t {
   kBornNext,
   kBornNextOfInner,
   kTangentialResidual,  ///< residuals of the two coordinates along the surface
-  kAlongOfInner,
+  kTangentialResidualOfInner,
   kNormalResidual,  ///< residual of the coordinate across the surface
-  kAcrossOfInner
+  kNormalResidualOfInner
 };
 inline constexpr std::size_t kFields = 17;
 
