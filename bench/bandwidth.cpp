@@ -111,7 +111,7 @@ int main(int argc, char** argv) {
   tactus::bench::App app{"bandwidth",
                          "Packets and force error of deadband-coded probe states, by deadband and movement; needs root",
                          "10 s of each movement, 5 s of that over the link, for CI"};
-  app.add_option("--model", settings.model, "model file of any kind, or .spm (default: a generated organ)")
+  app.add_option("--model", settings.model, "mesh file of any format, or .spm model (default: a generated organ)")
       ->check(CLI::ExistingFile);
   app.add_option("--faces", settings.faces, "faces of the generated organ")->check(CLI::Range(1000u, 30000000u));
   app.add_option("--length", settings.length, "length of the model's longest side, m")->check(CLI::Range(0.05, 2.0));

@@ -206,7 +206,7 @@ int main(int argc, char** argv) {
       "cache",
       "Benefit of loaded regions that no probe wants: T_L, loader time and records received again, by size of the pool",
       "5 s, without a bound on linearity, for CI"};
-  app.add_option("--model", settings.model, "model file of any kind, or .spm (default: a generated organ)")
+  app.add_option("--model", settings.model, "mesh file of any format, or .spm model (default: a generated organ)")
       ->check(CLI::ExistingFile);
   app.add_option("--faces", settings.faces, "faces of the generated organ")->check(CLI::Range(1000u, 30000000u));
   app.add_option("--seconds", settings.seconds, "duration of path and return, s")->check(CLI::Range(1.0, 3600.0));

@@ -168,7 +168,7 @@ int main(int argc, char** argv) {
   tactus::bench::Settings settings;
   tactus::bench::App app{"click", "Force steps that refinement causes under a tip in contact",
                          "10,000 cycles on 200,000 faces, for CI"};
-  app.add_option("--model", settings.model, "model file of any kind, or .spm (default: a generated organ)")
+  app.add_option("--model", settings.model, "mesh file of any format, or .spm model (default: a generated organ)")
       ->check(CLI::ExistingFile);
   app.add_option("--faces", settings.faces, "faces of the generated organ")->check(CLI::Range(1000u, 30000000u));
   app.add_option("--cycles", settings.cycles, "cycles of following and tapping")->check(CLI::Range(2000u, 100000000u));

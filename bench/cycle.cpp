@@ -423,7 +423,7 @@ int main(int argc, char** argv) {
   tactus::bench::App app{"cycle",
                          "T_R, T_B and T_Q along a surface path, compared with FCL on the finest and the base mesh",
                          "5 s, for CI"};
-  app.add_option("--model", settings.model, "model file of any kind, or .spm (default: a generated organ)")
+  app.add_option("--model", settings.model, "mesh file of any format, or .spm model (default: a generated organ)")
       ->check(CLI::ExistingFile);
   app.add_option("--faces", settings.faces, "faces of the generated organ")->check(CLI::Range(1000u, 40000000u));
   app.add_option("--seconds", settings.seconds, "duration of the path, s")->check(CLI::Range(1.0, 3600.0));

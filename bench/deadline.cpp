@@ -240,7 +240,7 @@ int main(int argc, char** argv) {
   tactus::bench::App app{"deadline",
                          "Cycles whose own work meets a deadline of 50, 100 or 200 us, with and without a second load",
                          "5 s, for CI"};
-  app.add_option("--model", settings.model, "model file of any kind, or .spm (default: a generated organ)")
+  app.add_option("--model", settings.model, "mesh file of any format, or .spm model (default: a generated organ)")
       ->check(CLI::ExistingFile);
   app.add_option("--faces", settings.faces, "faces of the generated organ")->check(CLI::Range(1000u, 30000000u));
   app.add_option("--seconds", settings.seconds, "duration of the path, s")->check(CLI::Range(1.0, 3600.0));

@@ -219,7 +219,7 @@ int main(int argc, char** argv) {
   tactus::bench::App app{"fidelity",
                          "Forces on a refined mesh compared with those on the full mesh; random motions; friction",
                          "20,000 cycles, 10^5 motions, for CI"};
-  app.add_option("--model", settings.model, "model file of any kind, or .spm (default: a generated organ)")
+  app.add_option("--model", settings.model, "mesh file of any format, or .spm model (default: a generated organ)")
       ->check(CLI::ExistingFile);
   app.add_option("--faces", settings.faces, "faces of the generated organ")->check(CLI::Range(1000u, 30000000u));
   app.add_option("--cycles", settings.cycles, "cycles of following and tapping")->check(CLI::Range(2000u, 100000000u));

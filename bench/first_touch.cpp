@@ -276,7 +276,7 @@ int main(int argc, char** argv) {
   tactus::bench::Settings settings;
   tactus::bench::App app{"first-touch", "Time from the first catalogue entry to the first exact contact; needs root",
                          "3 HRTCs on each link, for CI"};
-  app.add_option("--model", settings.model, "model file of any kind, or .spm (default: a generated organ)");
+  app.add_option("--model", settings.model, "mesh file of any format, or .spm model (default: a generated organ)");
   app.add_option("--faces", settings.faces, "faces of the generated organ")->check(CLI::Range(10'000, 10'000'000));
   app.add_option("--tries", settings.tries, "HRTCs on each link")->check(CLI::Range(1, 1000));
   return tactus::bench::latency_main(app, argc, argv, [&] {

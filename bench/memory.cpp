@@ -361,7 +361,7 @@ int main(int argc, char** argv) {
   tactus::bench::App app{
       "memory", "Resident memory of an HRTC that touches a model larger than its memory, compared with an idle HRTC",
       "300,000 faces and 6 s, for CI"};
-  app.add_option("--model", settings.model, "model file of any kind, or .spm (default: a generated organ)")
+  app.add_option("--model", settings.model, "mesh file of any format, or .spm model (default: a generated organ)")
       ->check(CLI::ExistingFile);
   CLI::Option* faces =
       app.add_option("--faces", settings.faces, "faces of the generated organ")->check(CLI::Range(1000u, 30000000u));

@@ -109,7 +109,7 @@ int main(int argc, char** argv) {
                          "Measures the share of exact contact cycles and the bytes received in vain, by strategy of "
                          "prediction, speed and round trip",
                          "moves for 3 s on 200,000 faces, for CI"};
-  app.add_option("--model", settings.model, "model file of any kind, or .spm (default: a generated organ)")
+  app.add_option("--model", settings.model, "mesh file of any format, or .spm model (default: a generated organ)")
       ->check(CLI::ExistingFile);
   app.add_option("--faces", settings.faces, "faces of the generated organ")->check(CLI::Range(1000u, 50000000u));
   app.add_option("--seconds", settings.seconds, "time of motion for each figure, s")->check(CLI::Range(1.0, 3600.0));

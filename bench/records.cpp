@@ -309,7 +309,7 @@ int main(int argc, char** argv) {
   tactus::bench::App app{
       "records", "Compares records and closed lists of other progressive meshes with those of half-edge collapses",
       "8192 faces, for CI"};
-  app.add_option("--model", settings.model, "model file of any kind, or .spm (default: a generated organ)")
+  app.add_option("--model", settings.model, "mesh file of any format, or .spm model (default: a generated organ)")
       ->check(CLI::ExistingFile);
   app.add_option("--faces", settings.faces, "faces of the generated organ; max number of faces of the grid")
       ->check(CLI::Range(1000u, 10000000u));

@@ -352,7 +352,7 @@ int main(int argc, char** argv) {
   tactus::bench::Settings settings;
   tactus::bench::App app{"tool", "Moves a stylus with six degrees of freedom over a scan and checks its depth",
                          "uses a path of 5 s, for CI"};
-  app.add_option("--model", settings.model, "model file of any kind, or .spm (default: a generated organ)")
+  app.add_option("--model", settings.model, "mesh file of any format, or .spm model (default: a generated organ)")
       ->check(CLI::ExistingFile);
   app.add_option("--faces", settings.faces, "faces of the generated organ")->check(CLI::Range(1000u, 30000000u));
   app.add_option("--seconds", settings.seconds, "length of the path, s")->check(CLI::Range(1.0, 3600.0));

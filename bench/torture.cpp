@@ -76,7 +76,7 @@ int main(int argc, char** argv) {
   tactus::bench::App app{
       "torture", "Splits, collapses, loads, evicts and reloads records in random order and checks the final mesh",
       "10^6 operations, for CI"};
-  app.add_option("--model", settings.model, "model file of any kind, or .spm (default: a generated organ)")
+  app.add_option("--model", settings.model, "mesh file of any format, or .spm model (default: a generated organ)")
       ->check(CLI::ExistingFile);
   app.add_option("--faces", settings.faces, "faces of the generated organ")->check(CLI::Range(1000u, 30000000u));
   app.add_option("--operations", settings.torture.operations,

@@ -304,7 +304,7 @@ int main(int argc, char** argv) {
   tactus::bench::Settings settings;
   tactus::bench::App app{"volumes", "Compares bounding volumes for the AB-tree over the finest mesh",
                          "200 poses, for CI"};
-  app.add_option("--model", settings.model, "model file of any kind, or .spm (default: a generated organ)")
+  app.add_option("--model", settings.model, "mesh file of any format, or .spm model (default: a generated organ)")
       ->check(CLI::ExistingFile);
   app.add_option("--faces", settings.faces, "faces of the generated organ")->check(CLI::Range(1000u, 10000000u));
   CLI::Option* poses =

@@ -36,7 +36,7 @@ struct DeviceState {
 
   // Only of a device on another machine:
   std::uint32_t sequence = 0;  ///< the sender's sequence number of the pose
-  double transit = 0;          ///< s, transit of the pose; not part of its age
+  double transit = 0;          ///< s, transit of the pose; part of pose_age, but not of the age that makes a pose stale
   double round_trip = 0;       ///< s, bound of the round trip from HRTC to device and back (stable_stiffness)
 };
 
@@ -54,7 +54,8 @@ enum class DeviceHealth : std::uint8_t {
 };
 
 /// The constructor opens the device, or throws DeviceError. The destructor commands zero force and closes the device.
-/// Everything else runs in the haptic thread and is realtime, except for the system calls of a real device.
+/// `read` and `write` run in one thread, in an HRTC the haptic thread; they are realtime, except for the system calls
+/// of a real device.
 class Device {
  public:
   virtual ~Device() = default;
@@ -63,7 +64,8 @@ class Device {
   [[nodiscard]] virtual DeviceState read(std::int64_t now_ns) noexcept = 0;
   /// Sets the force on the user's hand until the next write, N in the device's frame.
   virtual void write(const Vec3d& force) noexcept = 0;
-  /// Sets force and torque about the tip, N m. Called instead of `write`; devices without torque ignore the torque.
+  /// Sets force and torque about the tip, N m. A cycle calls it instead of `write`; devices without torque ignore the
+  /// torque.
   virtual void write_wrench(const Vec3d& force, const Vec3d& /*torque*/) noexcept { write(force); }
   [[nodiscard]] virtual DeviceHealth health() const noexcept = 0;
 };
@@ -72,8 +74,8 @@ class Device {
 ///
 /// A force does the same work in both frames. So a force f in the world is scale * rotation^-1 * f in the device's
 /// frame, and a stiffness is scale^2 times as large in the device's frame as in the world. Therefore a scale above 1
-/// lowers the device's limits in the world. While the clutch is down, the tip does not move, but its orientation still
-/// follows the device. One thread at a time. Realtime.
+/// lowers the device's force, stiffness and damping in the world, and enlarges its workspace. While the clutch is down,
+/// the tip does not move, but its orientation still follows the device. One thread at a time. Realtime.
 class DeviceFrame {
  public:
   explicit DeviceFrame(const Eigen::Quaterniond& rotation = Eigen::Quaterniond::Identity(),

@@ -8,7 +8,7 @@
 /// there.
 ///
 /// One thread at a time, which must be neither the haptic nor the service thread, because writing has no time limit.
-/// Allocates, up to `max_bytes`.
+/// Allocates: the records take up to `max_bytes`, more while a file is written.
 #pragma once
 
 #include <cstdint>
@@ -43,8 +43,8 @@ class FlightStore {
 
   /// Adds the new records of the recorder, and drops old segments. Call it at least every quarter of a second.
   void drain();
-  /// Writes the stored segments, and adds new records meanwhile. Returns the number of cycles written. Throws
-  /// trace::McapError.
+  /// Writes the stored segments. Records that arrive meanwhile go to the store, not to the file. Returns the number of
+  /// cycles written. Throws trace::McapError.
   std::uint64_t write(const std::filesystem::path& file, const std::string& reason);
 
   [[nodiscard]] std::uint64_t bytes() const noexcept { return words_ * sizeof(std::uint64_t); }

@@ -2,8 +2,8 @@
 ///
 ///   commands --> read devices -> Servo::touch -> write forces -> Servo::publish -> Servo::refine --> traces
 ///
-/// The loop does not allocate, lock or log, and its only system call is the sleep. docs/explanation/cycle.md follows
-/// one pose through the loop.
+/// The loop does not allocate, lock or log, and its only system calls are the sleep and those of device drivers.
+/// docs/explanation/cycle.md follows one pose through the loop.
 #pragma once
 
 #include <algorithm>
@@ -64,7 +64,8 @@ class HapticThread {
  public:
   using TraceRing = boost::lockfree::spsc_queue<CycleTrace>;
 
-  /// `servo` must outlive the thread, and only this thread may call it.
+  /// `servo` must outlive the thread. While the thread runs, other threads may call only `Servo::snapshot` and
+  /// `Servo::snapshots_done`.
   HapticThread(const HapticSettings& settings, Servo& servo);
   ~HapticThread();
 

@@ -23,7 +23,7 @@ struct HrtcCoreSettings {
 
 class HrtcCore {
  public:
-  /// Allocates all memory. Throws std::bad_alloc if that fails.
+  /// Allocates pool, tree nodes, rings and servo. Throws std::bad_alloc if that fails.
   HrtcCore(const session::Origin& self, const HrtcCoreSettings& settings)
       : pool_{settings.pool},
         nodes_{settings.pool.tree_nodes},

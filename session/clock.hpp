@@ -43,14 +43,14 @@ struct ClockMap {
   std::int64_t session_ns = 0;
   double slew = 0;                 ///< s/s, rate of session time minus rate of local time
   std::int64_t slew_until_ns = 0;  ///< local time
-  std::int64_t bound_ns = 0;       ///< max error at local_ns, after the slewing
+  std::int64_t bound_ns = 0;       ///< error bound at local_ns, without the offset that the slewing still removes
   double drift = 0;                ///< growth of the bound, s/s
 
   /// Session time at a local time not before `local_ns`.
   [[nodiscard]] std::int64_t session_time(std::int64_t at_local_ns) const noexcept;
-  /// Max error of session time; kClockUnknown before the first answer. When the reference changes, the error against
-  /// the previous reference is returned until the new one answers. If this program was the reference, it is
-  /// kClockUnknown until then.
+  /// Max error of session time. It is 0 for the reference itself, and kClockUnknown until the clock has followed the
+  /// first answer; while a force is on, that takes several answers. When the reference changes, the error against the
+  /// previous reference is returned until the new one answers, or kClockUnknown if this program was the reference.
   [[nodiscard]] std::int64_t error_bound(std::int64_t at_local_ns) const noexcept;
 };
 
@@ -77,7 +77,8 @@ class SessionClock {
   [[nodiscard]] ClockSample answer(const ClockSample& request, std::int64_t local_received_ns,
                                    std::int64_t local_now_ns) const;
   /// Applies an answer that arrived at `local_now_ns`. Returns false for an answer that is not from the reference,
-  /// matches no request of this clock, is repeated, impossible or implausible (session/sequence_window.hpp).
+  /// matches no request of this clock, is repeated, overtaken, impossible or implausible (session/sequence_window.hpp),
+  /// or took longer than `max_rtt_ns`.
   bool on_answer(const ClockSample& answer, std::int64_t local_now_ns);
 
   /// Whether session time is valid: this program is the reference, or has received an answer of the reference.

@@ -40,7 +40,7 @@ class PoseInterpolator {
 
   ReceivedPose received_;
   std::int64_t jump_ns_ = 0;  // when the last pose was received
-  // Shown minus extrapolated pose at that time: m, and rotation vector in rad.
+  // The jump at jump_ns_: the pose returned before it minus the new extrapolated pose; m, and rotation vector in rad.
   Vec3d position_jump_ = Vec3d::Zero(), rotation_jump_ = Vec3d::Zero();
 };
 

@@ -9,7 +9,7 @@
 ///
 /// A record is a chain of one or more parts of 64 bytes. Most records have one part. If u has many faces or is on a
 /// non-manifold edge, the record has further parts with further faces. File and memory have the same layout, with ids
-/// in the file and slots in memory. RecordDecoder converts ids to slots.
+/// in the file, and with slots and rows in memory; only born faces keep their ids. RecordDecoder converts them.
 /// Source: Hoppe 1996 (vertex split); De Floriani, Magillo, Puppo 1997 (legality, see offline/closure.hpp).
 #pragma once
 

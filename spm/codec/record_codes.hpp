@@ -10,8 +10,9 @@
 ///     shape      one symbol for each usual combination of faces and of their flags "finest". Symbol kUnusual announces
 ///                the explicit form, which has all faces one by one (RecordReader::get_explicit_faces).
 ///     corner     the corner of the anchor at which the parent vertex t is. The receiver walks around t (LoadedFront)
-///                to find the other deformed faces. The walk succeeds, because no loaded record has changed the faces
-///                that this record deforms. The third corners of the born faces follow from the deformed faces.
+///                to find the other deformed faces. The walk succeeds: a record that changes these faces later
+///                depends on this record, so it is not loaded yet. The third corners of the born faces follow from the
+///                deformed faces.
 ///     born faces each as the difference to the previous face.
 ///     residuals  the difference to the predicted position (PositionPredictor), in steps of the model's profile.
 ///
@@ -37,7 +38,8 @@ enum class Field : std::uint8_t {
   kDeformed,     ///< deformed face, in the explicit form
   kGap,          ///< distance between two intervals of a list
   kCount,        ///< length of an interval of a list, minus 1
-  // The remaining fields are in pairs: for records with radius 0, and for all others (field_for).
+  // The remaining fields are in pairs (field_for): for records with radius 0, and for all others, whose vertex has
+  // children in the forest ("inner").
   kShape,
   kShapeOfInner,
   kBornFirst,
@@ -56,12 +58,12 @@ inline constexpr std::size_t kFields = 17;
   return static_cast<Field>(static_cast<unsigned>(field) + (radius != 0 ? 1 : 0));
 }
 
-/// The symbol of radius code 0 is 0. For any other radius code r, the number is R - r + 1, where R is the radius code
-/// of ModelSummary::deviation, the largest of the model. A number below kRareRadius is itself the symbol. For a larger
+/// The symbol of radius code 0 is 0. Any other radius code r becomes the number R - r + 1. R is the largest radius code
+/// of the model, that of ModelSummary::deviation. A number below kRareRadius is itself the symbol. For any other
 /// number, the symbol is kRareRadius, and the number follows (put_length_prefixed).
 inline constexpr std::uint32_t kRareRadius = 255;
 
-/// A number below kSmallNumbers is one symbol. A larger number is a symbol for its length in bits and its second
+/// A number below kSmallNumbers is one symbol. Any other number is a symbol for its length in bits and its second
 /// highest bit, followed by its lower bits.
 inline constexpr std::uint32_t kSmallNumbers = 16;
 inline constexpr std::uint32_t kNumberSymbols = kSmallNumbers + 2 * 29;
@@ -105,9 +107,9 @@ struct Shape {
   [[nodiscard]] static Shape from_symbol(std::uint32_t symbol) noexcept;
 };
 
-/// The newest kSize anchors and born faces of the previous records in the same interval or block. An anchor is often
-/// one of these faces, and its position takes few bits. The first kSize symbols of Field::kAnchor are the positions;
-/// the symbols of numbers follow.
+/// The newest kSize anchors and born faces of the first parts of the previous records in the same interval or block. An
+/// anchor is often one of these faces, and its position takes few bits. The first kSize symbols of Field::kAnchor are
+/// the positions; the symbols of numbers follow.
 class RecentFaces {
  public:
   static constexpr std::uint32_t kSize = 32;
