@@ -1,5 +1,5 @@
-// Simulates sessions by seed in virtual time, and checks their conditions while samples are lost or repeated, programs
-// are killed and links are cut.
+// Simulates one session for each seed, in virtual time. Checks the invariants of simulated_session.hpp while samples
+// are lost or repeated, programs are killed and links are cut.
 #include <CLI/CLI.hpp>
 #include <array>
 #include <atomic>
@@ -86,7 +86,7 @@ Report run(const Settings& settings) {
   std::mutex mutex;
   std::atomic<std::uint64_t> next{settings.first};
   const std::uint64_t end = settings.first + settings.schedules;
-  (void)compressed_of(kFirstObject);  // builds the model once, before threads share it
+  (void)compressed_of(kFirstObject);  // builds the models once, before threads share it
   Stopwatch stopwatch;
   std::vector<std::thread> workers;
   for (unsigned i = 0; i < threads; ++i) {

@@ -12,7 +12,7 @@ constexpr int kLongestGap = 100;  // max cycles between the interpolated time an
 // Time after the start for which a peer whose samples have not arrived yet is assumed to keep the speed of the start.
 constexpr std::int64_t kAssumedMotionNs = 500'000'000;
 constexpr double kSurplusShare = 0.05;  // share of the tank's energy above the reserve that goes to the peers per cycle
-// Min tank level for convergence_share (the copies slowly converge), as a multiple of the energy of this cycle's waves.
+// Min tank level for the convergence of the copies, as a multiple of the energy of this cycle's waves.
 constexpr double kHomingCosts = 3;
 constexpr double kSmoothing = 0.02;  // s, time constant for the users' forces
 
@@ -149,8 +149,8 @@ void CopyCoupling::begin(std::int64_t now_ns, double dt, RigidBody& body) noexce
   add_spring(dt, body);
 }
 
-/// Interpolates the samples of all copies at the time that is `settings_.delay` ago, advances the convergence_share by one step,
-/// and filters the waves.
+/// Interpolates the samples of all copies at the time that is `settings_.delay` ago, advances the convergence by one
+/// step, and filters the waves.
 void CopyCoupling::receive_waves(std::int64_t now_ns, double dt) noexcept {
   const double copies = static_cast<double>(settings_.copies);
   const std::int64_t then_ns = now_ns - std::llround(settings_.delay * 1e9);
@@ -250,7 +250,7 @@ void CopyCoupling::finish(const Vec6d& velocity, const RigidBody& body, const Ve
     set_position_ += end_step;
     moved_ += moved;
     // The implicit spring dissipates energy: the energy from the channels, minus the energy given to the copy, minus
-    // the increase of the stored energy. This loss is credited_drag_share to the tank. Without this credit a low tank would make
+    // the increase of the stored energy. This loss is credited to the tank. Without this credit a low tank would make
     // the set position oscillate, which would lower the tank further.
     const double stored = 0.5 * stiffness_.dot((set_position_ - moved_).cwiseAbs2());
     ledger_.tank += std::max(0.0, force.dot(end_step - moved) - (stored - ledger_.stored));

@@ -1,4 +1,4 @@
-/// Plays recorded poses as a device and ignores every force.
+/// Plays recorded positions as a device and ignores every force.
 #pragma once
 
 #include <cstddef>

@@ -1,4 +1,5 @@
-// The reports of the haptic thread: an HRTC publishes metrics, logs events, and takes snapshots.
+// The service thread of an HRTC evaluates the reports of the haptic thread. It publishes metrics, logs events and takes
+// snapshots.
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
@@ -104,7 +105,7 @@ void Hrtc::Impl::log_overrun(const CycleTrace& trace, const LateVerdict& verdict
   const CycleCosts& costs = trace.costs;
   const auto us = [](auto ns) { return ns / 1000; };
   spdlog::warn(
-      "overrun{}: {} us from begin to end, the thread itself worked for at least {} us; blocked {} times; "
+      "overrun{}: {} us from start to end, the thread itself computed or blocked for at least {} us; blocked {} times; "
       "{} minor and {} major page faults; loading {} us, refinement {} us ({} visits, {} changes), refit {} us, "
       "query {} us, forces {} us; {} arrivals; {} of {} probes in contact",
       overruns_unlogged == 1 ? std::string{} : fmt::format(" ({} since the last line)", overruns_unlogged),
@@ -186,9 +187,8 @@ void Hrtc::Impl::log_hold(std::uint32_t slot, const ProbeOutput& probe) {
   } else if ((before & session::kHolding) != 0) {
     spdlog::info("user {} has released the object", membership.name_at(slot));
   } else if ((now & session::kHoldRefused) != 0) {
-    spdlog::warn(
-        "user {} cannot hold {}: it is not movable here, or the force was off when the grab button was pressed",
-        membership.name_at(slot), name);
+    spdlog::warn("user {} cannot hold {}: it is not movable, or the force was off when the grab button was pressed",
+                 membership.name_at(slot), name);
   }
 }
 

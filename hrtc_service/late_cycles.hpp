@@ -6,7 +6,7 @@
 ///
 /// The periodic thread itself makes no system call for this. Another thread reads its counters every few milliseconds.
 /// The classifier computes the difference of the readings before and after a late cycle, and subtracts the times of the
-/// other cycles between these readings. Because a reading is not taken exactly at the begin or end of a cycle, the
+/// other cycles between these readings. Because a reading is not taken exactly at the start or end of a cycle, the
 /// result is an interval. The cycle gets a class only if the whole interval is above or below the limit of the class.
 #pragma once
 

@@ -1,11 +1,13 @@
-/// Computes forces from device poses and from the objects that the gateway has loaded: the half of an HRTC with forces.
+/// The servo is the half of an HRTC that computes forces, from device poses and from the objects that the gateway has
+/// loaded.
 ///
 ///     1. touch     computes the forces
 ///     2. publish   simulates bodies and posts reports, after the devices have received the forces
 ///     3. refine    refines the meshes for the next touch, in the remaining time
 ///
-/// A cycle calls these three in this order. No thread, device, DDS or file: the haptic thread, studies in virtual time
-/// and benchmarks call the same class. A clock measures costs and may end refinement. Realtime. One thread.
+/// A cycle calls these three in this order. The class owns no thread, device, DDS endpoint or file, so the haptic
+/// thread, studies in virtual time and benchmarks can all call it. A clock measures costs and may end refinement.
+/// Realtime. One thread at a time.
 #pragma once
 
 #include <array>
@@ -30,7 +32,7 @@ struct ServoSettings {
   CycleSettings cycle;
   std::array<haptics::DeviceSpec, kMaxProbes> specs;  ///< limits of the probes' devices, world units
   CycleObserver* recorder = nullptr;                  ///< observer of every cycle; must outlive the servo
-  std::uint32_t snapshot_nodes = 0;                   ///< capacity for snapshots in tree nodes; 0: no snapshots
+  std::uint32_t snapshot_nodes = 0;                   ///< max number of tree nodes in a snapshot; 0: no snapshots
 };
 
 class Servo {
@@ -45,7 +47,8 @@ class Servo {
   const Outputs& touch(Inputs& inputs, std::int64_t now_ns) noexcept;
   /// Simulates bodies and posts reports. `next_due_ns`: planned start of the next cycle.
   void publish(std::int64_t now_ns, std::int64_t next_due_ns) noexcept;
-  /// Refines within `budget` and `limit`, and returns the results of the whole cycle. Refines nothing while a snapshot
+  /// Refines within `budget` and `limit`, and returns the results of the whole cycle, with the forces before `publish`
+  /// limits them (`outputs` has the limited ones). Refines nothing while a snapshot
   /// is copied.
   const CycleResult& refine(spm::Budget budget, const RefineLimit& limit = {}) noexcept;
 
@@ -81,7 +84,7 @@ class Servo {
     std::array<std::uint32_t, kMaxObjects> indices{};  // object index, by position in Cycle::objects
     std::uint32_t objects = 0;                         // objects copied completely
     std::uint32_t next_node = 0;                       // next leaf of the object that is being copied
-    std::uint64_t objects_changed = 0;                 // Cycle::objects_changed at the begin of the copy
+    std::uint64_t objects_changed = 0;                 // Cycle::objects_changed at the start of the copy
     bool is_copying = false;
   } snapshot_;
   std::atomic<std::uint32_t> snapshots_done_{0};

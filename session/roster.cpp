@@ -279,7 +279,7 @@ std::uint64_t scene_hash(const Roster& roster, const Origin& self, Role role) {
 
 UserTable::UserTable(std::size_t capacity) : users_(capacity) {
   if (capacity > kMaxUsers) {
-    throw std::invalid_argument{"user served_users: found " + std::to_string(capacity) + ", expected at most " +
+    throw std::invalid_argument{"user table: found " + std::to_string(capacity) + ", expected at most " +
                                 std::to_string(kMaxUsers)};
   }
 }

@@ -33,7 +33,7 @@ struct RosterSettings {
 enum class RosterChange : std::uint8_t {
   kJoined,
   kRestarted,     ///< a newer incarnation replaced an older one
-  kChanged,       ///< users, served_users or requested HRTC differ
+  kChanged,       ///< users, served users or requested HRTC differ
   kLate,          ///< sent no heartbeat for RosterSettings::late_ns; `other` is this time in ms
   kRecovered,     ///< a late participant has sent a heartbeat
   kLeft,          ///< sent a leave message

@@ -1,4 +1,4 @@
-/// Writes the results of a study as tables and as a page with plots.
+/// Formats the results of a study as tables, CSV, JSON and a page with plots.
 #pragma once
 
 #include <string>

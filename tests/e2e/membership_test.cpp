@@ -12,7 +12,7 @@ using testing::Not;
 
 class MembershipTest : public SessionTest {};
 
-/// A client that requests served_users of an HRTC for its users.
+/// A client that requests probes of an HRTC for its users.
 struct Client {
   Client(const wire::SessionAddress& address, const std::string& hrtc, const std::vector<std::string>& users = {})
       : participants{address} {
@@ -74,7 +74,7 @@ TEST_F(MembershipTest, AnHrtcFreesTheSlotOfAUserWhomTheClientNoLongerLists) {
   Observer observer{address("observer")};
   Process desk{hrtc("desk")};
   Client client{address("visitor"), "desk"};
-  // Requests served_users for `users` until the HRTC serves the users `expected`.
+  // Requests probes for `users` until the HRTC serves the users `expected`.
   const auto request_slots = [&](const std::string& hrtc, const std::vector<std::string>& users,
                                  const std::vector<std::string>& expected) {
     client.entry.requested_hrtc = hrtc;

@@ -247,7 +247,8 @@ class Simulation {
     return correct && entries + 1 == static_cast<std::size_t>(running);
   }
 
-  /// Names an HRTC whose served_users differ from the requests of the clients, or from its served_users in the roster of a program.
+  /// Names an HRTC whose served users differ from the requests of the clients, or from those in the roster of a
+  /// program.
   [[nodiscard]] std::string slot_obstacle() const {
     for (const auto& hrtc : hrtcs_) {
       if (!hrtc->is_running()) continue;

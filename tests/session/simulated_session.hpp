@@ -9,12 +9,14 @@
 ///       - Each region that a demand lists as present is decoded, equals the region of the model, and all its records
 ///         are held.
 ///       - No message relies on a region that was released before.
-///       - If nothing was lost, no record is received twice, and no region is received without a record that it needs.
+///       - Without losses, crashes and postponed answers, no record is received twice, and no region is received
+///         without a record that it needs.
 ///       - The error of a clock is within its stated bound, and a clock steps back only when sessions merge.
 ///       - Credit, incomplete messages and demands stay within their bounds.
-///       - An HRTC suspects a host that it needs after at most 250 ms of silence.
-///     kMaxRecoveryNs after the last fault
-///       - Each HRTC holds the regions that it wants. Rosters, served_users and time references agree.
+///       - An HRTC suspects a host that it needs after at most 250 ms of silence and four ticks.
+///     kMaxRecoveryNs after the end of the faulty phase
+///       - Each HRTC holds the regions that it wants of objects that a running host serves. Rosters and served users
+///         agree, and each time reference runs.
 ///       - The error bounds of the clocks are below kMaxClockBoundNs.
 ///       - Soon afterwards, hosts send no more records.
 ///
@@ -40,8 +42,10 @@ inline constexpr std::int64_t kMaxClockBoundNs = 100'000'000;
 struct PlannedFault {
   FaultKind kind = FaultKind::kRestart;  ///< kCrash, kRestart or kPartition
   std::int64_t at_ns = 0;
-  std::int64_t duration_ns = 0;      ///< at most until the faulty phase ends, unless `permanent`
-  std::uint32_t programs = 0;        ///< bits by index: programs that stop, or that are cut off from the others
+  /// Time until the restart or the end of the cut; ends with the faulty phase at the latest.
+  std::int64_t duration_ns = 0;
+  /// Bits by index (hosts, then HRTCs, then clients): programs that stop, or that are cut off from the others.
+  std::uint32_t programs = 0;
   bool one_way = false;              ///< of a partition: the programs still receive from the others
   bool sends_leave_message = false;  ///< of a restart
   bool permanent = false;            ///< of a crash: no restart

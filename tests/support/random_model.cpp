@@ -159,8 +159,8 @@ class RandomModelBuilder {
     }
   }
 
-  /// Computes the radius of each vertex by its definition, the largest distance to a vertex that collapses onto it.
-  /// Such vertices have larger ids, so the loop runs downwards.
+  /// Computes the radius of each vertex by its definition: a bound of the distance to each vertex that collapses onto
+  /// it, directly or in several steps. Such vertices have larger ids, so the loop runs downwards.
   void measure_radii() {
     const std::size_t vertices = model_.positions.size();
     std::vector<std::vector<std::uint32_t>> descendants(vertices);
