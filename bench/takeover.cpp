@@ -384,7 +384,7 @@ Report run(const Settings& settings) {
     report.add_at_most(
         "records received again by an HRTC that holds all, from the restarted only host",
         {"records received", static_cast<std::size_t>(takeover.figure(names::kRecordsReceived, "shelf"))}, "",
-        takeover.figure(names::kRecordsReturned, "shelf"), 0);
+        takeover.figure(names::kRecordsReceivedAgain, "shelf"), 0);
   };
   in_own_thread(measure);
   return report;

@@ -52,7 +52,7 @@ void Hrtc::Impl::send_metrics(bool all) {
       {names::kRegionsRefused, static_cast<double>(figures.refused_full)},
       {names::kObjectsRefused, static_cast<double>(figures.objects_refused)},
       {names::kRecordsReceived, static_cast<double>(figures.records_received)},
-      {names::kRecordsReturned, static_cast<double>(figures.records_received_again)},
+      {names::kRecordsReceivedAgain, static_cast<double>(figures.records_received_again)},
       {names::kRecordsRepeated, static_cast<double>(figures.records_repeated)},
       {names::kRecordsRepeatedUnretired, static_cast<double>(figures.records_repeated_unretired)},
       {names::kBytesReceived, static_cast<double>(delivery.payload_bytes)},

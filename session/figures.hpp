@@ -62,8 +62,9 @@ inline constexpr char kReloads[] = "hrtc.reloads";
 inline constexpr char kRegionsRefused[] = "hrtc.regions_refused";
 inline constexpr char kObjectsRefused[] = "hrtc.objects_refused";
 inline constexpr char kRecordsReceived[] = "hrtc.records_received";
-inline constexpr char kRecordsReturned[] = "hrtc.records_received_again";  ///< records received again after an eviction
-inline constexpr char kRecordsRepeated[] = "hrtc.records_repeated";        ///< records received although they were held
+inline constexpr char kRecordsReceivedAgain[] =
+    "hrtc.records_received_again";                                   ///< records received again after an eviction
+inline constexpr char kRecordsRepeated[] = "hrtc.records_repeated";  ///< records received although they were held
 inline constexpr char kRecordsRepeatedUnretired[] =
     "hrtc.records_repeated_unretired";  ///< of the repeated records, those in the list of a region that is not retired
 inline constexpr char kBytesReceived[] = "hrtc.bytes_received";

@@ -94,7 +94,7 @@ TEST_F(HostFaultsTest, LoadedRegionsStayExactAfterAHostIsKilledAndItsSuccessorSe
   EXPECT_EQ(after.user("ann").faults, 0u);
   EXPECT_EQ(after.user("bob").faults, 0u);
   EXPECT_EQ(after.figure("desk", figures::kEvictions), 0) << "an eviction would be a reason to receive a record again";
-  EXPECT_EQ(after.figure("desk", figures::kRecordsReturned), 0);
+  EXPECT_EQ(after.figure("desk", figures::kRecordsReceivedAgain), 0);
   EXPECT_THAT(holding_.output(), HasSubstr("host 'museum' is silent, presumed failed"));
   EXPECT_THAT(holding_.output(), HasSubstr("host 'museum' joined"));
 }

@@ -55,6 +55,15 @@ class BoxOnOrgan : public ::testing::Test {
     return sharing::state_at(pose, Vec3d::Zero());
   }
 
+  /// Makes the HRTC receive the box at rest on the organ, from its host. Returns that state.
+  haptics::BodyState receive_resting_box() {
+    const haptics::BodyState resting = state_after_drop();
+    orders_.number = orders_.count = 1;
+    orders_.bodies[0].object = 1;
+    orders_.bodies[0].received = {resting, 0, 1};
+    return resting;
+  }
+
   void run_cycle(const Vec3d& device, bool grab) {
     session_.prepare(device, Vec3d::Zero());
     session_.inputs()[0].device.buttons = grab ? std::uint32_t{haptics::kGrabButton} : 0u;
@@ -77,10 +86,7 @@ class BoxOnOrgan : public ::testing::Test {
 };
 
 TEST_F(BoxOnOrgan, StaysAtRestWhenAHandTouchesItAndFallsBackAfterALift) {
-  const haptics::BodyState resting = state_after_drop();
-  orders_.number = orders_.count = 1;
-  orders_.bodies[0].object = 1;
-  orders_.bodies[0].received = {resting, 0, 1};
+  const haptics::BodyState resting = receive_resting_box();
   const Vec3d above = resting.position + Vec3d{0, 0, kBoxHalfEdge + 0.01};
   for (int cycle = 0; cycle < 300; ++cycle) run_cycle(above, false);
   ASSERT_EQ(reports_.count, 1u);
@@ -119,10 +125,7 @@ haptics::DeviceState invalid_state(const haptics::DeviceState& valid, int number
 }
 
 TEST_F(BoxOnOrgan, OneInvalidStateOfAHandThatPressesOrHoldsItLeavesItsStateFinite) {
-  const haptics::BodyState resting = state_after_drop();
-  orders_.number = orders_.count = 1;
-  orders_.bodies[0].object = 1;
-  orders_.bodies[0].received = {resting, 0, 1};
+  const haptics::BodyState resting = receive_resting_box();
   const Vec3d above = resting.position + Vec3d{0, 0, kBoxHalfEdge + 0.01};
   const Vec3d pressed = resting.position + Vec3d{0, 0, kBoxHalfEdge + 0.0025};
   for (const bool grab : {false, true}) {
