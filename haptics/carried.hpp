@@ -1,4 +1,4 @@
-/// Writes the state that one cycle leaves for the next into bytes, and restores it from bytes that may be damaged.
+/// Serializes the state that a cycle passes to the next one, and restores it from bytes that may be damaged.
 ///
 /// A class has one function that visits each member that outlives a cycle. For each member, the function states which
 /// values are valid:
@@ -146,8 +146,8 @@ class CarriedReader : public CarriedVisit<CarriedReader> {
     const std::string size = "found a state of " + std::to_string(from_.size()) + " bytes, expected ";
     if (refused_ == nullptr) return at_ == from_.size() ? "" : size + std::to_string(at_);
     if (expected_ == nullptr) return size + "more: " + refused_ + " at byte " + std::to_string(at_) + " is missing";
-    return std::string{"found no "} + refused_ + " at byte " + std::to_string(at_) + " of the state, expected " +
-           expected_;
+    return std::string{"found an invalid value of '"} + refused_ + "' at byte " + std::to_string(at_) +
+           " of the state, expected " + expected_;
   }
 
  private:

@@ -25,7 +25,8 @@ class ContactJournal {
   void add(const TouchObject& object);
   /// Writes the queries that the haptic thread has logged. Returns false after a failed write.
   bool drain();
-  /// Writes the totals of an object that the haptic thread has returned, or of each object at the end.
+  /// Writes the queries logged so far, then the totals of this object. Call it when the haptic thread has returned the
+  /// object, and at the end for each remaining object.
   void close(const Loader::ObjectInfo& object);
   /// Closes the file. Returns whether it has all entries. No entry may be added afterwards.
   [[nodiscard]] bool finish() { return log_.close(); }

@@ -150,7 +150,7 @@ struct Hrtc::Impl {
   std::array<std::uint32_t, kMaxProbes> faults_logged{};  // status bits
   std::array<std::uint32_t, kMaxProbes> holds_logged{};   // status bits
   LateCycleClassifier late_cycles;
-  std::deque<CycleTrace> late_traces;  // late cycles without a class
+  std::deque<CycleTrace> late_traces;  // late cycles that are not classified yet
   PeriodicTimer overrun_logged{kOverrunLogNs}, targets_logged{kTargetsLogNs};
   std::uint32_t overruns_unlogged = 0;
   std::uint64_t first_cycle = 0;  // number of the first reported cycle; 0: none

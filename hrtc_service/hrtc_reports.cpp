@@ -167,12 +167,13 @@ void Hrtc::Impl::measure_first_touch(std::int64_t now_ns) {
 void Hrtc::Impl::log_fault(std::uint32_t slot, std::uint32_t status) {
   const std::uint32_t fault = status & (session::kFault | session::kFaultReason);
   if (fault == std::exchange(faults_logged[slot], fault)) return;
-  const std::string& name = membership.name_at(slot);
+  const std::string user = membership.has_user(slot) ? "user " + membership.name_at(slot) : "a user that has left";
   if ((fault & session::kFault) != 0) {
-    spdlog::warn("the force of user {} is off until a reset: {}", name, session::fault_reason(status));
+    spdlog::warn("the force of {} is off until a reset: {}", user, session::fault_reason(status));
     if (flight) flight->save(session::fault_reason(status), false);
-  } else
-    spdlog::info("the force of user {} is on again", name);
+  } else if (membership.has_user(slot)) {
+    spdlog::info("the force of {} is on again", user);
+  }
 }
 
 void Hrtc::Impl::log_hold(std::uint32_t slot, const ProbeOutput& probe) {
@@ -185,7 +186,7 @@ void Hrtc::Impl::log_hold(std::uint32_t slot, const ProbeOutput& probe) {
   if ((now & session::kHolding) != 0) {
     spdlog::info("user {} holds {}", membership.name_at(slot), name);
   } else if ((before & session::kHolding) != 0) {
-    spdlog::info("user {} has released the object", membership.name_at(slot));
+    spdlog::info("user {} no longer holds the object", membership.name_at(slot));
   } else if ((now & session::kHoldRefused) != 0) {
     spdlog::warn("user {} cannot hold {}: it is not movable, or the force was off when the grab button was pressed",
                  membership.name_at(slot), name);

@@ -1,5 +1,5 @@
-/// An HRTC's side of delivery: publishes the regions that the HRTC has and wants of each object, and joins the pieces
-/// in received chunks to messages.
+/// An HRTC's side of delivery: publishes the regions that the HRTC has and wants of each object, and assembles messages
+/// from the pieces in received chunks.
 ///
 ///     on_catalogue, on_host_...       hosts and the objects that they serve   (catalogue, roster)
 ///     set_wanted, answer_..., retire  decisions of the HRTC                   (prediction, cache)
@@ -9,15 +9,15 @@
 ///
 /// The caller must answer every message: a base mesh with answer_base_stored or answer_base_refused, a region with
 /// answer_stored or answer_refused. It answers at once or, after postpone_answer, later. Until the answer,
-/// Demand::received stays below the chunks of the message. So the host does not send a region again while the region
-/// waits for decoding. A refused region is sent again while it is wanted, so a caller without memory for a region must
+/// Demand::received stays below the last chunk of the message. So the host does not send a region again while the region
+/// waits for memory. A refused region is sent again while it is wanted, so a caller without memory for a region must
 /// also remove it from the wanted regions.
 ///
 /// A retired region leaves Demand::have at once. Chunks that hosts sent before they received that demand may still rely
 /// on the records of the region. So the region is released only when the serving host has echoed the epoch of that
-/// demand and all earlier chunks are processed, or when no host serves the object. After that, messages of earlier
-/// epochs are dropped. A message that a host began in an earlier epoch is accepted if its last chunk has a later epoch,
-/// because the host has then checked the message against the newer demand.
+/// demand and all earlier chunks are processed, or when no host serves the object. From then on, a message is dropped if
+/// the epochs of all its chunks precede the epoch of that demand. If at least one chunk has that epoch or a later one,
+/// the message is accepted, because the host has checked it against that demand.
 ///
 /// The demand alone repairs losses. Each stream numbers its chunks; a repeated piece travels in a chunk with a new
 /// number. A skipped number is a gap. When a gap is older than reordering explains (`overtaking_ns`), a demand of a new
@@ -123,8 +123,8 @@ class DeliveryClient {
   void postpone_answer(std::uint64_t object_id, std::uint32_t region);
   /// Marks a region that the caller wants to free. Until take_released returns the region, a message may rely on its
   /// records; a caller that frees them earlier must refuse such a message. Returns false and changes nothing if the
-  /// region is not held, or if a host serves the object but no demand has listed the region yet: that host would treat
-  /// the region, and all messages that rely on it, as refused.
+  /// region is not held, or if a host serves the object but no demand has listed the region yet. A host treats a region
+  /// as refused if it was received but never listed, and with it all messages that rely on the region.
   [[nodiscard]] bool retire(std::uint64_t object_id, std::uint32_t region);
   /// Returns the retired regions on which no later message can rely, each once.
   [[nodiscard]] std::vector<std::uint32_t> take_released(std::uint64_t object_id);

@@ -17,14 +17,14 @@ constexpr std::int64_t kMinRoundTrip = kMs;
 // Target queueing delay: the sum of a constant, a share of the round trip, and half the time to send a chunk.
 constexpr std::int64_t kTarget = kMs / 4;
 constexpr std::int64_t kTargetDivisor = 8;  // the share is the round trip divided by this
-constexpr double kMaxChunkTime = 8e6;       // ns
-// Max growth of the window per round trip, as a share of the window; small enough for a stable control loop. While a
-// demand is delayed, the queue seems empty, so growth is slow. Below half of the best measured rate it is faster.
-constexpr double kGain = 1.0 / 16, kProvenGain = 1.0 / 8;
+constexpr double kMaxHalfChunkTime = 8e6;   // ns
+// Max growth of the window per round trip after the start, as a share of the window. It is small, because a late demand
+// still reports an empty queue. Below half of the largest measured rate the growth is faster.
+constexpr double kGain = 1.0 / 16, kRecoveryGain = 1.0 / 8;
 constexpr double kMaxDecrease = 8;  // max decrease of the window, as a multiple of kGain
 
 constexpr double kPaceStarting = 2, kPace = 1.2;    // windows per round trip
-constexpr std::int64_t kCatchUp = 4 * kMs;          // max delay of the sender for which it may send faster afterwards
+constexpr std::int64_t kCatchUp = 4 * kMs;          // max time lost to pacing that the sender may make up for
 constexpr std::int64_t kSpan = 10'000 * kMs;        // the min of the one-way delays is over one to two such spans
 constexpr std::int64_t kDrainEvery = 2'000 * kMs;   // max time without a measurement of an empty queue
 constexpr std::int64_t kDrainEveryRoundTrips = 40;  // the same in round trips, used if longer
@@ -35,9 +35,9 @@ constexpr std::int64_t kDeepDrainRoundTrips = 3;
 constexpr double kDeepDrainShare = 0.25;
 
 constexpr std::int64_t kBaseDelayOver = 1'000 * kMs;  // time over which the base delay is averaged
-/// The measured base delay may contain a queue, so it may exceed the min by at most the round trip divided by this.
+/// A base delay can be measured with a queue. It is therefore limited to the min plus the round trip divided by this.
 constexpr std::int64_t kMaxBaseDelayDivisor = 2;
-constexpr double kBestDecay = 0.99;                      // factor by which the best rate decays per round trip
+constexpr double kMaxRateDecay = 0.99;                   // factor by which the largest rate decays per round trip
 constexpr std::uint32_t kMaxLossSeen = 8 * kMaxPayload;  // loss in a round trip that never halves the window, bytes
 
 }  // namespace
@@ -50,7 +50,7 @@ double Pacer::pace() const noexcept {
 }
 
 std::int64_t Pacer::target_ns() const noexcept {
-  const double chunk = std::min(static_cast<double>(kMaxPayload * round_trip_ns_) / window_ / 2, kMaxChunkTime);
+  const double chunk = std::min(static_cast<double>(kMaxPayload * round_trip_ns_) / window_ / 2, kMaxHalfChunkTime);
   return kTarget + round_trip_ns_ / kTargetDivisor + static_cast<std::int64_t>(chunk);
 }
 
@@ -108,7 +108,8 @@ void Pacer::record_round(const Feedback& feedback, std::int64_t now_ns) {
   if (duration_ns < round_trip_ns_) return;
   // No link loses so many chunks by itself. A queue that is too short to cause a measurable delay has overflowed.
   if (round_lost_ > std::max<std::uint64_t>(round_arrived_, kMaxLossSeen)) window_ = std::max(window_ / 2, kMinWindow);
-  best_ = std::max(kBestDecay * best_, static_cast<double>(round_arrived_) / static_cast<double>(duration_ns));
+  max_arrival_rate_ = std::max(kMaxRateDecay * max_arrival_rate_,
+                               static_cast<double>(round_arrived_) / static_cast<double>(duration_ns));
   round_ns_ = now_ns;
   round_arrived_ = round_lost_ = 0;
 }
@@ -118,7 +119,8 @@ void Pacer::on_feedback(const Feedback& feedback, std::int64_t now_ns) {
   // Because of the pacing, they may be slightly below the window even if the sender had data.
   const bool may_cause_queue = in_flight_ > window_ / 3;
   const bool was_limited = std::exchange(was_blocked_, false) && may_cause_queue;
-  if (in_flight_ > best_ * static_cast<double>(round_trip_ns_) / 2) loaded_until_ns_ = now_ns + 2 * round_trip_ns_;
+  if (in_flight_ > max_arrival_rate_ * static_cast<double>(round_trip_ns_) / 2)
+    loaded_until_ns_ = now_ns + 2 * round_trip_ns_;
   in_flight_ -= feedback.arrived_bytes + feedback.lost_bytes;
   if (feedback.arrived_bytes == 0) return;
   constexpr std::int64_t kSmoothing = 8;
@@ -141,8 +143,9 @@ void Pacer::on_feedback(const Feedback& feedback, std::int64_t now_ns) {
   const double deviation = std::clamp((target - static_cast<double>(queueing_ns_)) / target, -kMaxDecrease, 1.0);
   starting_ = starting_ && deviation > 0.25;
   if (deviation > 0 ? !was_limited : !may_cause_queue) return;
-  const bool is_rate_proven = deviation > 0 && window_ < best_ * static_cast<double>(round_trip_ns_) / 2;
-  const double gain = starting_ ? 1 : (is_rate_proven ? kProvenGain : kGain) * deviation;
+  const bool is_below_reached_rate =
+      deviation > 0 && window_ < max_arrival_rate_ * static_cast<double>(round_trip_ns_) / 2;
+  const double gain = starting_ ? 1 : (is_below_reached_rate ? kRecoveryGain : kGain) * deviation;
   window_ = std::clamp(window_ + gain * feedback.arrived_bytes, kMinWindow, kMaxWindow);
 }
 

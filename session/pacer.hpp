@@ -11,7 +11,8 @@
 ///
 /// Source: LEDBAT, RFC 6817. Differences:
 /// - The target is lower, and depends on the round trip.
-/// - The window changes in proportion to the bytes that arrived, and only while it limits the sender.
+/// - The window changes in proportion to the bytes that arrived. It grows only while window or pace limits the sender,
+///   and queueing delay shrinks it only while more than a third of it is in flight.
 /// - If the queue has not been empty for a few seconds, the window shrinks for one or more round trips (a drain), so
 ///   that the base delay can be measured on a full link (LEDBAT++).
 /// - The base delay is a mean, not a min. On links with jitter most delays are far above their min. With a min as base
@@ -70,7 +71,7 @@ class Pacer {
   std::int32_t min_us_[2];
   std::int64_t span_ns_ = 0;  // begin of the current span
   std::int64_t queueing_ns_ = 0;
-  std::int64_t empty_ns_ = 0;        // when the queue was last measured to be empty, or the last drain ends
+  std::int64_t empty_ns_ = 0;        // when the queue was last measured to be empty; after a drain has begun, its end
   std::int64_t drain_until_ns_ = 0;  // end of the drain; until then, the max bytes in flight are drain_share_ * window_
   double drain_share_ = 1;
   // Base delay relative to the first one-way delay, us. It is a mean over about a second of the delays measured while
@@ -79,7 +80,7 @@ class Pacer {
   std::int64_t measured_ns_ = 0;           // time of the newest one-way delay
   std::int64_t base_delay_excess_ns_ = 0;  // base delay above the min
   std::int64_t loaded_until_ns_ = 0;       // until then, this stream may cause a queue
-  double best_ = 0;                        // bytes/ns, largest arrival rate of the last round trips
+  double max_arrival_rate_ = 0;            // bytes/ns, in the last round trips
   // The current round trip: begin, and bytes reported since.
   std::int64_t round_ns_ = 0;
   std::uint64_t round_arrived_ = 0, round_lost_ = 0;

@@ -202,7 +202,7 @@ int run(const Options& options, const std::string& command, const std::atomic<bo
   const std::string tables = markdown(about, results);
   write_file(folder / "tables.md", tables);
   write_file(folder / "index.html", html(about, results));
-  write_file(folder / "cells.csv", csv(results));
+  write_file(folder / "results.csv", csv(results));
   write_file(folder / "study.json", json(about, results));
   std::cout << tables;
   if (cancelled) std::fprintf(stderr, "tactus-study: interrupted; finished runs are in %s\n", folder.c_str());

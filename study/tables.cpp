@@ -288,7 +288,7 @@ std::string csv(const std::vector<LinkResult>& results) {
 
 std::string json(const About& about, const std::vector<LinkResult>& results) {
   ordered_json all{{"study", about.study}, {"command", about.command}, {"machine", about.machine},
-                   {"build", about.build}, {"notes", about.notes},     {"cells", ordered_json::array()}};
+                   {"build", about.build}, {"notes", about.notes},     {"results", ordered_json::array()}};
   for (const LinkResult& result : results) {
     ordered_json figures = ordered_json::array();
     for (const FigureEstimates& figure : result.figures)
@@ -296,10 +296,10 @@ std::string json(const About& about, const std::vector<LinkResult>& results) {
                          {"unit", figure.unit},
                          {"value", to_json(figure.value)},
                          {"difference", to_json(figure.difference)}});
-    all["cells"].push_back({{"topic", kSectionNames[static_cast<std::size_t>(result.section)]},
-                            {"scenario", result.scenario},
-                            {"link", result.profile},
-                            {"figures", figures}});
+    all["results"].push_back({{"topic", kSectionNames[static_cast<std::size_t>(result.section)]},
+                              {"scenario", result.scenario},
+                              {"link", result.profile},
+                              {"figures", figures}});
   }
   return all.dump(2) + "\n";
 }

@@ -14,7 +14,8 @@ Footprint read_footprint(const std::filesystem::path& qos) {
   for (const char* traffic : {"session", "probe", "bulk"}) {
     const std::filesystem::path file = qos / (std::string{traffic} + ".xml");
     tinyxml2::XMLDocument document;
-    document.LoadFile(file.c_str());
+    if (document.LoadFile(file.c_str()) != tinyxml2::XML_SUCCESS)
+      throw WireError(file.string() + ": is not readable XML: " + document.ErrorStr());
     const tinyxml2::XMLElement* at = document.RootElement();
     for (const char* name : {"profiles", "transport_descriptors", "transport_descriptor"}) {
       if (at != nullptr) at = at->FirstChildElement(name);

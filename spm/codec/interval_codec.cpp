@@ -13,8 +13,8 @@ void put_intervals(BitWriter& out, const RecordTables& tables, std::span<const I
   put_length_prefixed(out, intervals.size());
   std::uint32_t end = 0;
   for (const Interval& interval : intervals) {
-    put_number(out, tables[Field::kGap], interval.first - end);
-    put_number(out, tables[Field::kCount], interval.count - 1);
+    put_number(out, tables[Field::kIntervalDistance], interval.first - end);
+    put_number(out, tables[Field::kIntervalLength], interval.count - 1);
     end = interval.first + interval.count;
   }
 }
@@ -30,8 +30,8 @@ std::string get_intervals(BitReader& in, const RecordTables& tables, std::uint32
   bool ok = true;
   std::uint64_t end = 0;
   for (Interval& interval : intervals) {
-    const std::uint64_t distance = get_number(in, tables[Field::kGap], ok);
-    const std::uint64_t length = get_number(in, tables[Field::kCount], ok) + 1;
+    const std::uint64_t distance = get_number(in, tables[Field::kIntervalDistance], ok);
+    const std::uint64_t length = get_number(in, tables[Field::kIntervalLength], ok) + 1;
     const std::uint64_t first = end + distance;
     if (!ok || !in.ok() || (distance == 0 && end != 0) || first + length > limit) {
       return "interval of " + text(length) + " records from " + text(first) + " after an interval that ends at " +

@@ -259,8 +259,8 @@ void count_lists(const Model& model, Counter& counter) {
     std::uint32_t end = 0;
     FaceId anchor{};
     for (const Interval& interval : model.intervals_of(RegionId{region})) {
-      counter.number(Field::kGap, interval.first - end);
-      counter.number(Field::kCount, interval.count - 1);
+      counter.number(Field::kIntervalDistance, interval.first - end);
+      counter.number(Field::kIntervalLength, interval.count - 1);
       end = interval.first + interval.count;
       const FaceId first = anchor_of(model.first_part(RecordId{interval.first}));
       counter.number(Field::kAnchorFirst, zigzag_difference(first, anchor));
@@ -268,7 +268,7 @@ void count_lists(const Model& model, Counter& counter) {
     }
   }
   // A message can have any subset of a list, so numbers of every size need a symbol.
-  for (const Field field : {Field::kGap, Field::kCount, Field::kAnchor, Field::kAnchorFirst}) {
+  for (const Field field : {Field::kIntervalDistance, Field::kIntervalLength, Field::kAnchor, Field::kAnchorFirst}) {
     const std::uint32_t base = field == Field::kAnchor ? RecentFaces::kSize : 0;
     for (std::uint64_t size = kSmallNumbers; size < std::uint64_t{1} << 33; size *= 2) {
       counter.number(field, size, base);

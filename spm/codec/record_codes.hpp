@@ -33,11 +33,11 @@ namespace tactus::spm::codec {
 enum class Field : std::uint8_t {
   kRadius,
   kCorner,
-  kAnchor,       ///< anchor of a record whose predecessor in the message has the previous record number
-  kAnchorFirst,  ///< anchor of any other record; the previous anchor is face 0 at the start of a message or block
-  kDeformed,     ///< deformed face, in the explicit form
-  kGap,          ///< distance between two intervals of a list
-  kCount,        ///< length of an interval of a list, minus 1
+  kAnchor,            ///< anchor of a record whose predecessor in the message has the previous record number
+  kAnchorFirst,       ///< anchor of any other record; the previous anchor is face 0 at the start of a message or block
+  kDeformed,          ///< deformed face, in the explicit form
+  kIntervalDistance,  ///< distance between two intervals of a list
+  kIntervalLength,    ///< length of an interval of a list, minus 1
   // The remaining fields are in pairs (field_for): for records with radius 0, and for all others, whose vertex has
   // children in the forest ("inner").
   kShape,

@@ -25,24 +25,24 @@ double heap_bytes() {
   return static_cast<double>(info.uordblks + info.hblkhd);
 }
 
-TEST(Allocation, TheGuardCountsAllocationsByNewMallocAndEigen) {
+TEST(Allocation, TheCounterCountsAllocationsAndReleasesByNewMallocAndEigen) {
   std::uint64_t by_new, by_malloc, by_eigen;
   {
-    const test_support::AllocationCounter guard;
+    const test_support::AllocationCounter counter;
     ::operator delete(::operator new(64));
-    by_new = guard.count();
+    by_new = counter.count();
   }
   {
-    const test_support::AllocationCounter guard;
+    const test_support::AllocationCounter counter;
     void* volatile block = std::malloc(16);
     std::free(block);
-    by_malloc = guard.count();
+    by_malloc = counter.count();
   }
   {
-    const test_support::AllocationCounter guard;
+    const test_support::AllocationCounter counter;
     volatile double sink = Eigen::VectorXd::Random(100).eval().sum();
     static_cast<void>(sink);
-    by_eigen = guard.count();
+    by_eigen = counter.count();
   }
   EXPECT_EQ(by_new, 2u);
   EXPECT_EQ(by_malloc, 2u);
@@ -63,7 +63,7 @@ TEST(Allocation, APoolUsesTheBytesOfItsSettings) {
   }
 }
 
-TEST(Allocation, AnObjectUsesAtMostTheBytesOfItsDirectory) {
+TEST(Allocation, ApartFromItsBaseMeshAnObjectUsesTheBytesOfItsDirectory) {
   const spm::offline::BuiltModel built =
       spm::offline::build_model(spm::offline::generate(spm::offline::Shape::kOrgan, 300000));
   const spm::Model model = built.model();
@@ -106,9 +106,9 @@ TEST(Allocation, SixtySecondsOfRefinementAndCoarseningAllocateNothing) {
     const Vec3d tip = position(cycle);
     session.prepare(tip, (position(cycle + 1) - tip) * 1000);
     const hrtc_service::CycleResult& result = [&]() -> const hrtc_service::CycleResult& {
-      const test_support::AllocationCounter guard;
+      const test_support::AllocationCounter counter;
       const hrtc_service::CycleResult& cycle_result = session.run_cycle(4000);
-      allocations += guard.count();
+      allocations += counter.count();
       return cycle_result;
     }();
     recorded += recorder.next(record) ? 1 : 0;
@@ -142,10 +142,10 @@ TEST(Allocation, WithdrawingAndOfferingObjectsAgainAllocatesNothing) {
     session.prepare({2 + height, 0, 0}, Vec3d::Zero());
     session.inputs()[1] = session.inputs()[0];
     session.inputs()[1].device.position = {0, height, 0};
-    const test_support::AllocationCounter guard;
+    const test_support::AllocationCounter counter;
     (void)session.touch_with_bodies();
     session.core().servo().refine(spm::Budget{4000});
-    allocations += guard.count();
+    allocations += counter.count();
     (void)recorder.next(record);
   }
   EXPECT_EQ(allocations, 0u);

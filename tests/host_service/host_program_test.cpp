@@ -32,7 +32,7 @@ class HostProgramTest : public testing::Test {
     waitpid(pid_, nullptr, 0);
   }
 
-  /// Starts the program in its own session. Its output goes to a file.
+  /// Starts the program in a Tactus session that no other process uses. Its output goes to a file.
   void start(std::vector<std::string> arguments) {
     std::filesystem::remove(output_);
     std::vector<std::string> all{TACTUS_HOST, "--cache", (folder_.path() / "cache").string(), "--session",

@@ -11,7 +11,6 @@
 namespace tactus::session {
 namespace {
 
-
 double distance(const std::array<double, 3>& a, const std::array<double, 3>& b) {
   return std::hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2]);
 }
@@ -55,7 +54,7 @@ std::vector<ProbeState> random_motion(double seconds, std::uint32_t seed) {
   return states;
 }
 
-TEST(Reckon, ExtrapolatesAFreeProbeForwardsAndBackwards) {
+TEST(Extrapolate, MovesAFreeProbeForwardsAndBackwards) {
   ProbeState state;
   state.session_time_ns = 100 * kMs;
   state.device.position = state.proxy = {1, 2, 3};
@@ -69,7 +68,7 @@ TEST(Reckon, ExtrapolatesAFreeProbeForwardsAndBackwards) {
   }
 }
 
-TEST(Reckon, ExtrapolatesAContactAsASpringOnAPlane) {
+TEST(Extrapolate, MovesAContactAsASpringOnAPlane) {
   const ProbeState state = in_contact(0.002, {0.05, -0.02, -0.03}, 0);
   const ProbeView view = extrapolate(state, 20 * kMs);
   EXPECT_NEAR(distance(view.device, {0.101, 0.1996, -0.0026}), 0, 1e-12);
@@ -77,12 +76,12 @@ TEST(Reckon, ExtrapolatesAContactAsASpringOnAPlane) {
   EXPECT_NEAR(distance(view.force, {0, 0, 2.6}), 0, 1e-9);
 }
 
-TEST(Reckon, TheForceIsZeroOnceTheDeviceLeavesTheSurface) {
+TEST(Extrapolate, TheForceIsZeroOnceTheDeviceLeavesTheSurface) {
   const ProbeView view = extrapolate(in_contact(0.001, {0, 0, 0.2}, 0), 30 * kMs);
   EXPECT_NEAR(distance(view.force, {0, 0, 0}), 0, 1e-9);
 }
 
-TEST(Reckon, MotionFadesOutAfterAKeepAlivePeriod) {
+TEST(Extrapolate, MotionFadesOutAfterAKeepAlivePeriod) {
   const ProbeState state = in_contact(0.002, {0.1, 0, 0}, 0);
   const double at_end = extrapolate(state, kKeepAliveNs).device[0],
                later = extrapolate(state, 60 * kKeepAliveNs).device[0];

@@ -76,7 +76,7 @@ TEST(Judge, AcceptsASessionWithinItsBounds) {
   EXPECT_TRUE(all_hold(rows));
   for (const Row& row : rows) EXPECT_EQ(row.verdict, Verdict::kHolds) << row.quantity;
   EXPECT_EQ(row_of(rows, "share of exact contact, hrtc-2").value, "99.90 %");
-  EXPECT_EQ(row_of(rows, "received first / needed, hrtc-2").value, "1.100");
+  EXPECT_EQ(row_of(rows, "without repeats / needed, hrtc-2").value, "1.100");
   EXPECT_EQ(row_of(rows, "received / all, hrtc-2").value, "6.50 %");
   EXPECT_EQ(row_of(rows, "audited cycles, hrtc-2").value, "18000");
 }
@@ -98,7 +98,7 @@ TEST(Judge, EachRowFallsShortWhenItsValueMissesTheBound) {
       {"share of exact contact, hrtc-2", [&](Session& s) { object(s)["exact_contact"] = 9000; }},
       {"audited cycles, hrtc-1", [](Session& s) { s.audits[0]["objects"][0]["audited"] = 3999; }},
       {"audited cycles, hrtc-1", [](Session& s) { s.audits.erase(s.audits.begin()); }},
-      {"received first / needed, hrtc-2", [&](Session& s) { object(s)["records"]["received"] = 2300; }},
+      {"without repeats / needed, hrtc-2", [&](Session& s) { object(s)["records"]["received"] = 2300; }},
       {"received / all, hrtc-2", [](Session& s) { s.expectations.received_share = 0.06; }},
       {"region change",
        [](Session& s) {
@@ -145,7 +145,7 @@ TEST(Judge, AnHrtcWithoutTotalsFallsShortBecauseItWasKilled) {
   Session session;
   session.audits[0]["objects"][0]["records"].erase("received");
   EXPECT_THAT(rows_that_fall_short(session.rows()),
-              ::testing::Contains("vertex splits received first / needed, hrtc-1"));
+              ::testing::Contains("vertex splits without repeats / needed, hrtc-1"));
 }
 
 TEST(Judge, RowsThatDoNotApplyGiveTheReasonAndDoNotFail) {

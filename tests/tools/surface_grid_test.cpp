@@ -75,7 +75,7 @@ TEST(DistanceToTriangle, IsWithinTheBoundsThatALatticeOfPointsGives) {
   }
 }
 
-TEST(DistanceToTriangle, AgreesWithTheFunctionOfTheRunTimeOnThinAndSmallTriangles) {
+TEST(DistanceToTriangle, AgreesWithTheClosestPointOfTheHrtcOnThinAndSmallTriangles) {
   std::mt19937_64 random{kSeed};
   for (int i = 0; i < 20000; ++i) {
     Corners t = random_triangle(random, i % 3 == 0 ? 1e-4 : 1, {1, 2, 3});

@@ -167,6 +167,17 @@ TEST_F(DamagedQos, WithABrokenTransportHasNoFootprint) {
   }
 }
 
+TEST_F(DamagedQos, ThatIsNotXmlHasNoFootprint) {
+  replace("bulk.xml", "</receiveBufferSize>", "");
+  try {
+    (void)read_footprint(directory_);
+    FAIL() << "expected an error";
+  } catch (const WireError& error) {
+    EXPECT_THAT(error.what(), HasSubstr("bulk.xml: is not readable XML: "));
+    EXPECT_THAT(error.what(), HasSubstr("receiveBufferSize"));
+  }
+}
+
 TEST(Environment, DoesNotMakeAProgramAClientOfADiscoveryServer) {
   setenv("ROS_DISCOVERY_SERVER", "127.0.0.1:9", 1);
   const std::string session = unique_session("environment");

@@ -32,7 +32,7 @@ std::string listed(const std::vector<std::string>& names) {
 /// Sums over the audits of one HRTC's log.
 struct HrtcAudit {
   std::uint64_t contact = 0, exact = 0, audited = 0, near_change = 0;
-  std::uint64_t needed = 0, received = 0, returned = 0, of_models = 0;
+  std::uint64_t needed = 0, received = 0, received_again = 0, of_models = 0;
   std::vector<std::string> without_totals;  // originals for which the log has no totals
 };
 
@@ -73,7 +73,7 @@ Totals totals_of(const std::vector<Json>& audits) {
       hrtc.needed += records->at("needed").get<std::uint64_t>();
       hrtc.of_models += records->at("of_model").get<std::uint64_t>();
       hrtc.received += records->at("received").get<std::uint64_t>();
-      hrtc.returned += records->at("returned").get<std::uint64_t>();
+      hrtc.received_again += records->at("returned").get<std::uint64_t>();
     }
   }
   return totals;
@@ -158,7 +158,7 @@ class Judge {
     never.insert(never.end(), late.begin(), late.end());
     add_touch("first exact contact of the last user", formatted("%.2f s", last),
               formatted("<= %.0f s", bounds_.max_first_exact), !users.empty() && never.empty(),
-              never.empty() ? "" : "never or later: " + listed(never));
+              never.empty() ? "" : "never exact, or too late: " + listed(never));
     add("users with a latched fault", std::to_string(with_fault.size()), "0", with_fault.empty(), listed(with_fault));
   }
 
@@ -174,17 +174,19 @@ class Judge {
   }
 
   void vertex_splits(const std::string& name, const HrtcAudit& hrtc) {
-    const std::string per_needed = "vertex splits received first / needed, " + name;
+    const std::string per_needed = "vertex splits without repeats / needed, " + name;
     const std::string of_all = "vertex splits received / all, " + name;
     if (!hrtc.without_totals.empty() || hrtc.of_models == 0) {
-      const std::string reason = "the log has no totals for " + listed(hrtc.without_totals);
+      const std::string reason =
+          "no totals of records (HRTC killed, or audit without --spm): " + listed(hrtc.without_totals);
       add_touch(per_needed, "unknown", formatted("<= %.2f", bounds_.max_received_per_needed), false, reason);
       add_touch(of_all, "unknown", "known", false, reason);
       return;
     }
-    const auto first = static_cast<double>(hrtc.received - std::min(hrtc.received, hrtc.returned));
+    const auto first = static_cast<double>(hrtc.received - std::min(hrtc.received, hrtc.received_again));
     const double ratio = hrtc.needed > 0 ? first / static_cast<double>(hrtc.needed) : 0;
-    // There is no lower bound, because a contact without a needed split is not exact and counts in another row.
+    // There is no lower bound: a contact that lacks a needed split is not exact, so it lowers the share of exact
+    // contact.
     add_touch(per_needed, formatted("%.3f", ratio), formatted("<= %.2f", bounds_.max_received_per_needed),
               hrtc.needed > 0 && ratio <= bounds_.max_received_per_needed,
               hrtc.needed > 0 ? "" : "the paths of this HRTC needed no vertex splits");
@@ -200,7 +202,8 @@ class Judge {
   void audits() {
     std::uint64_t near_change = 0;
     for (const auto& [name, hrtc] : totals_.hrtcs) near_change += hrtc.near_change;
-    add_touch("audited cycles within 10 of a region change", std::to_string(near_change), ">= 100", near_change >= 100);
+    add_touch("audited cycles, at most 10 after a region change", std::to_string(near_change), ">= 100",
+              near_change >= 100);
     add("exact contacts that differ from the original", std::to_string(totals_.mismatched), "0",
         totals_.audits > 0 && totals_.mismatched == 0, totals_.audits > 0 ? "" : "no audit was given");
     add("audited cycles where FCL disagrees", std::to_string(totals_.disagreed), "0",
@@ -246,7 +249,7 @@ class Judge {
     between("raised", 1e3 * of_object("max_raised_m"), "mm", 1e3 * bounds_.min_raised, 1e3 * bounds_.max_raised, 1,
             moved);
     between("held", of_object("held_s"), "s", bounds_.min_held, bounds_.max_held, 2, moved);
-    between("put down above the start", 1e3 * of_object("last_raised_m"), "mm", -1e3 * bounds_.max_offset,
+    between("final height above the start", 1e3 * of_object("last_raised_m"), "mm", -1e3 * bounds_.max_offset,
             1e3 * bounds_.max_offset, 1, moved);
     double apart = 0, lowest = 0;
     std::size_t coupled = 0;
