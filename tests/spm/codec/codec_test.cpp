@@ -119,8 +119,7 @@ Bytes mutated(Bytes bytes, std::mt19937_64& random) {
   const std::uint64_t changes = kind < 2 ? random() % 2 : 1 + random() % 4;
   for (std::uint64_t i = 0; i < changes && !bytes.empty(); ++i) {
     std::uint8_t& byte = bytes[random() % bytes.size()];
-    byte =
-        random() % 2 == 0 ? static_cast<std::uint8_t>(random()) : byte ^ static_cast<std::uint8_t>(1u << random() % 8);
+    byte = static_cast<std::uint8_t>(random() % 2 == 0 ? random() : byte ^ 1u << random() % 8);
   }
   return bytes;
 }
@@ -283,8 +282,8 @@ TEST_F(RegionCodec, RefusesMoreSentRecordsThanTheMessageHasBytesFor) {
   out.put(0, 32);
   for (int i = 0; i < 2; ++i) {
     put_length_prefixed(out, 1);
-    put_number(out, encoded_.compressed().tables()[Field::kGap], 0);
-    put_number(out, encoded_.compressed().tables()[Field::kCount], vast.records - 1);
+    put_number(out, encoded_.compressed().tables()[Field::kIntervalDistance], 0);
+    put_number(out, encoded_.compressed().tables()[Field::kIntervalLength], vast.records - 1);
   }
 
   const Result<RegionData> decoded = decode_region(out.take(), vast, encoded_.compressed().tables());
