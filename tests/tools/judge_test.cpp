@@ -119,7 +119,7 @@ TEST(Judge, EachRowFallsShortWhenItsValueMissesTheBound) {
       {"lift: raised", [](Session& s) { s.report["objects"][0]["max_raised_m"] = 0.07; }},
       {"lift: raised", [](Session& s) { s.report["objects"] = json::array(); }},
       {"lift: held", [](Session& s) { s.report["objects"][0]["held_s"] = 1.4; }},
-      {"lift: put down", [](Session& s) { s.report["objects"][0]["last_raised_m"] = -0.0031; }},
+      {"lift: final height", [](Session& s) { s.report["objects"][0]["last_raised_m"] = -0.0031; }},
       {"coupled copy", [](Session& s) { s.report["participants"][1]["figures"].erase("hrtc.copies_apart_um"); }},
       {"lift: distance of the copies",
        [](Session& s) { s.report["participants"][1]["figures"]["hrtc.copies_apart_um"] = 15001; }},
