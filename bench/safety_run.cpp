@@ -1,5 +1,6 @@
 #include "bench/safety_run.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <cstring>
 #include <limits>
@@ -78,7 +79,7 @@ class Encoding {
     return {payload_.data, payload_.data + payload_.length};
   }
   [[nodiscard]] bool pose(const Bytes& bytes, session::DevicePose& pose) {
-    std::memcpy(payload_.data, bytes.data(), bytes.size());
+    std::copy(bytes.begin(), bytes.end(), payload_.data);
     payload_.length = static_cast<std::uint32_t>(bytes.size());
     try {
       if (!type_.deserialize(&payload_, &sample_)) return false;
