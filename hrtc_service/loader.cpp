@@ -165,7 +165,9 @@ void Loader::on_chunk(const session::BulkChunk& chunk, std::int64_t now_ns) {
     if (found == objects_.end()) continue;
     if (message.kind == session::BulkKind::kBase) {
       on_base_mesh(*found->second, std::exchange(message.bytes, {}));
+#ifdef __GLIBC__
       malloc_trim(0);  // returns the temporary memory to the system, because it is as large as the base mesh
+#endif
     } else {
       on_region(*found->second, std::move(message), now_ns);
     }

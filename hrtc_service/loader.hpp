@@ -162,6 +162,8 @@ class Loader {
   [[nodiscard]] bool at_rest() const noexcept { return at_rest_; }
 
   [[nodiscard]] LoaderFigures figures() const;
+  /// Time from a demand to the first chunk that answers it, smoothed; 0: not measured yet.
+  [[nodiscard]] std::int64_t round_trip_ns() const noexcept { return delivery_.round_trip_ns(); }
   [[nodiscard]] const spm::CacheCounters& cache_counters() const noexcept { return cache_.counters(); }
   [[nodiscard]] std::uint32_t list_blocks_used() const noexcept {
     return pool_.settings.list_blocks - cache_.blocks_free();

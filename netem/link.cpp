@@ -8,6 +8,11 @@ namespace tactus::netem {
 Link::Link(const LinkProfile& profile, std::uint64_t seed)
     : profile_{profile}, loss_random_{2 * seed}, jitter_random_{2 * seed + 1} {}
 
+void Link::set_profile(const LinkProfile& profile) {
+  profile_ = profile;
+  in_burst_ = false;
+}
+
 std::optional<std::int64_t> Link::departure(std::int64_t arrival_ns, std::size_t bytes) {
   ++counts_.arrived;
   // Each frame draws the same number of values, so that the queue and the losses do not change later draws.

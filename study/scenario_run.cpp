@@ -18,7 +18,6 @@ namespace {
 using client_sim::Measure;
 using spm::Vec3d;
 
-
 /// Makes the true hands of a scenario, and owns the surface that they touch.
 class Truth {
  public:

@@ -42,7 +42,6 @@ struct SharedSessionSettings {
 
 class SharedSession {
  public:
-
   /// The object is on the ground at the origin. `subject` must outlive this.
   SharedSession(const Subject& subject, const SharedSessionSettings& settings);
   ~SharedSession();

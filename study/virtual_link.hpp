@@ -18,6 +18,8 @@ class VirtualLink {
  public:
   VirtualLink(const netem::LinkProfile& profile, std::uint64_t seed) : link_{profile, seed} {}
 
+  /// Replaces the profile for samples that are sent from now on.
+  void set_profile(const netem::LinkProfile& profile) { link_.set_profile(profile); }
   /// `bytes` is the size of the whole frame. Times must not decrease.
   void send(std::int64_t now_ns, Sample sample, std::size_t bytes) {
     if (const auto at_ns = link_.departure(now_ns, bytes)) in_transit_.emplace(*at_ns, std::move(sample));

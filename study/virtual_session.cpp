@@ -141,13 +141,33 @@ void VirtualSession::send_clock_to_hrtc(const session::ClockSample& sample) {
 
 /// Lets the operator compute the user's next intent, and moves the user's device along it.
 void VirtualSession::send_intent(Hand& hand) {
-  const std::optional<session::Intent> intent = hand.script_operator.tick(now_ns_, objects_);
-  if (!intent) return;
+  if (!hand.has_script) return;
+  if (const auto intent = hand.script_operator.tick(now_ns_, objects_)) move_device(hand, *intent);
+}
+
+void VirtualSession::move_device(Hand& hand, const session::Intent& intent) {
   if (!hand.device) {
-    sharing::set_start(*intent, hand.settings);
+    sharing::set_start(intent, hand.settings);
     hand.device.emplace(hand.settings, settings_.device_spec());
   }
-  hand.device->paths().post(sharing::hand_path(*intent, 0));
+  hand.device->paths().post(sharing::hand_path(intent, 0));
+}
+
+void VirtualSession::move_hand(std::size_t user, const session::Intent& intent) {
+  hands_.at(user)->has_script = false;
+  move_device(*hands_[user], intent);
+}
+
+void VirtualSession::set_link(const netem::LinkSettings& link) {
+  settings_.link = link;
+  records_.set_profile(link.a_to_b);
+  to_hrtc_.set_profile(link.a_to_b);
+  demands_.set_profile(link.b_to_a);
+  to_host_.set_profile(link.b_to_a);
+  for (const auto& hand : hands_) {
+    hand->poses.set_profile(link.a_to_b);
+    hand->commands.set_profile(link.b_to_a);
+  }
 }
 
 /// Moves a remote hand as client_sim/remote_hand does, but with one clock for both ends.

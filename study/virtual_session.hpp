@@ -68,6 +68,15 @@ class VirtualSession {
   /// Advances by one millisecond.
   void step();
 
+  /// Moves the hand of a user along `intent` from now on, instead of along the user's script. The hand starts at the first
+  /// waypoint of its first path. Times are virtual.
+  void move_hand(std::size_t user, const session::Intent& intent);
+  /// Replaces the link for samples that are sent from now on. Seeds do not start again.
+  void set_link(const netem::LinkSettings& link);
+  /// Virtual time.
+  [[nodiscard]] std::int64_t now_ns() const noexcept { return now_ns_; }
+  [[nodiscard]] const hrtc_service::HrtcCore& hrtc() const noexcept { return core_; }
+
   /// Returns whether the user has placed its hand, which it does once it has received the catalogue.
   [[nodiscard]] bool has_hand(std::size_t user) const { return hands_[user]->device.has_value(); }
   /// State of the hand after the last step.
@@ -94,6 +103,7 @@ class VirtualSession {
   struct Hand {
     Hand(const client_sim::User& user, const SessionSettings& settings, std::uint64_t seed);
     client_sim::Operator script_operator;
+    bool has_script = true;  // false once move_hand was called
     haptics::HandSettings settings;
     std::optional<haptics::SimulatedDevice> device;  // empty until the hand's start position is known
     Felt felt;
@@ -112,6 +122,7 @@ class VirtualSession {
   void send_clock_to_host(const session::ClockSample& sample);
   void send_clock_to_hrtc(const session::ClockSample& sample);
   void send_intent(Hand& hand);
+  void move_device(Hand& hand, const session::Intent& intent);
   void read_device(std::size_t user);
   void move_remote(Hand& hand);
   void deliver_output(std::size_t user, const hrtc_service::ProbeOutput& output);

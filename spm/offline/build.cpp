@@ -13,7 +13,7 @@
 #include "spm/offline/face_numbers.hpp"
 #include "spm/offline/face_order.hpp"
 #include "spm/offline/import.hpp"
-#include "spm/offline/model_file.hpp"
+#include "spm/offline/digest.hpp"
 #include "spm/offline/parallel.hpp"
 #include "spm/offline/region_lists.hpp"
 #include "spm/offline/snap.hpp"

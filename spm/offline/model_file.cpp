@@ -13,6 +13,7 @@
 #include <utility>
 #include <vector>
 
+#include "spm/offline/digest.hpp"
 #include "spm/offline/pending_file.hpp"
 
 namespace tactus::spm::offline {
@@ -53,18 +54,6 @@ std::uint64_t checksum_of(Header header, const Table& table) {
   std::memcpy(bytes.data(), &header, sizeof header);
   std::memcpy(bytes.data() + sizeof header, &table, sizeof table);
   return XXH3_64bits(bytes.data(), bytes.size());
-}
-
-/// Calls `use(data, bytes)` for each array of the model, in a fixed order.
-template <class Use>
-void for_each_array(const Model& model, Use use) {
-  const auto bytes_of = [&use](auto span) { use(span.data(), span.size() * sizeof(*span.data())); };
-  bytes_of(model.positions);
-  bytes_of(model.base_radii);
-  bytes_of(model.base_faces);
-  bytes_of(model.parts);
-  bytes_of(model.regions);
-  bytes_of(model.intervals);
 }
 
 std::string to_json(const Provenance& p) {
@@ -137,18 +126,6 @@ void check_section(const SectionEntry& section, std::uint32_t i, const unsigned 
 }
 
 }  // namespace
-
-std::uint64_t digest_of(const Model& model) {
-  XXH3_state_t* state = XXH3_createState();
-  XXH3_64bits_reset(state);
-  ModelSummary summary = model.summary;
-  summary.digest = 0;
-  XXH3_64bits_update(state, &summary, sizeof summary);
-  for_each_array(model, [&](const void* data, std::size_t size) { XXH3_64bits_update(state, data, size); });
-  const std::uint64_t digest = XXH3_64bits_digest(state);
-  XXH3_freeState(state);
-  return digest;
-}
 
 void write_model(const std::filesystem::path& path, const Model& model, const Provenance& provenance) {
   const std::string statistics = to_json(provenance);

@@ -28,9 +28,6 @@ struct Provenance {
   CleanReport cleaned;
 };
 
-/// The digest of a model: XXH3-64 over the summary (with digest 0) and all arrays.
-[[nodiscard]] std::uint64_t digest_of(const Model& model);
-
 /// Writes a temporary file in the folder of `path`, syncs and renames it, so that `path` is never incomplete. If that
 /// fails, removes the temporary file and throws ModelError that names path and cause.
 void write_model(const std::filesystem::path& path, const Model& model, const Provenance& provenance);

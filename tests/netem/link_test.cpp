@@ -109,6 +109,17 @@ TEST(ALink, SendsAndDropsLikeAByteQueueThatIsSentAtAConstantRate) {
   EXPECT_EQ(link.counts().dropped, static_cast<std::uint64_t>(dropped));
 }
 
+TEST(ALink, UsesANewProfileForLaterFramesAndKeepsTheirOrder) {
+  LinkProfile slow, fast;
+  slow.delay_ms = 50;
+  fast.delay_ms = 1;
+  Link link{slow, kSeed};
+  EXPECT_EQ(link.departure(0, kFrame), 50 * kMs);
+  link.set_profile(fast);
+  EXPECT_EQ(link.departure(10 * kMs, kFrame), 50 * kMs) << "not before the earlier frame";
+  EXPECT_EQ(link.departure(60 * kMs, kFrame), 61 * kMs);
+}
+
 TEST(ALink, LosesTheShareOfItsProfile) {
   LinkProfile profile;
   profile.loss = 0.02;

@@ -9,6 +9,7 @@
 #include <fstream>
 
 #include "spm/offline/build.hpp"
+#include "spm/offline/digest.hpp"
 #include "spm/offline/generate.hpp"
 #include "tests/support/temporary_folder.hpp"
 
