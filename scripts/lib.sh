@@ -129,27 +129,32 @@ npm_registry() {
   rm -rf "$folder"
 }
 
-# ensure_npm: fetches the packages of package-lock.json into build/npm/node_modules. If this fails, the tests that need
-# the packages are skipped with a reason.
-ensure_npm() {
-  local folder="$root/build/npm" log="$root/build/npm.log"
-  if cmp -s "$root/package-lock.json" "$folder/fetched-lock.json"; then return 0; fi
+# fetch_npm SOURCE NAME: fetches the packages of SOURCE/package-lock.json into build/NAME/node_modules, unless they are
+# there. Returns 1 if this fails.
+fetch_npm() {
+  local source=$1 folder="$root/build/$2" log="$root/build/$2.log"
+  if cmp -s "$source/package-lock.json" "$folder/fetched-lock.json"; then return 0; fi
   say "fetching npm packages"
   rm -rf "$folder"
   mkdir -p "$folder"
-  cp "$root/package.json" "$root/package-lock.json" "$root/.npmrc" "$folder"
+  cp "$source/package.json" "$source/package-lock.json" "$root/.npmrc" "$folder"
   if {
     if command -v npm >/dev/null; then
       run npm ci --prefix "$folder" --ignore-scripts --no-audit --no-fund
     else
-      run node "$root/scripts/fetch-npm.js" "$(npm_registry)" "$root/package-lock.json" "$folder"
+      run node "$root/scripts/fetch-npm.js" "$(npm_registry)" "$source/package-lock.json" "$folder"
     fi
   } >"$log" 2>&1; then
-    cp "$root/package-lock.json" "$folder/fetched-lock.json"
+    cp "$source/package-lock.json" "$folder/fetched-lock.json"
   else
     tail -n 3 "$log" >&2
-    say "no npm packages: the tests that read recordings with them are skipped"
+    return 1
   fi
+}
+
+# ensure_npm: fetches the packages of the tests. If this fails, the tests that need them are skipped with a reason.
+ensure_npm() {
+  fetch_npm "$root" npm || say "no npm packages: the tests that read recordings with them are skipped"
 }
 
 # ---- build ----
