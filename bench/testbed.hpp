@@ -59,7 +59,8 @@ class Testbed {
 
   [[nodiscard]] std::uint64_t digest() const noexcept { return digest_; }
 
-  /// Starts a host in `session`, which serves the model when this returns. Throws std::runtime_error after 60 s.
+  /// Starts a host in `session`, which serves the model when this returns. Throws std::runtime_error if the host ends
+  /// first, or does not serve the model within 60 s.
   [[nodiscard]] std::unique_ptr<e2e::Process> host(const std::string& session) const {
     auto host = start("tactus-host", session, {"--name", "host", "--config", (folder_.path() / "host.yaml").string()});
     if (!host->wait_for_line("serving 'object'", std::chrono::seconds{60}))

@@ -96,7 +96,7 @@ class Demo {
   }
 
  private:
-  static constexpr int kPool = 18'235;  // slots; as scripts/demo for these models
+  static constexpr int kPool = 18'235;  // slots; scripts/demo computes this number for its models
   void build_model(const std::string& kind, std::uint32_t faces, const std::string& size) {
     const auto mesh = [](std::vector<std::string> arguments) {
       arguments.insert(arguments.begin(), program_path("mesh"));
@@ -177,7 +177,7 @@ class Subject {
   double duration_s = 0;  // of the longer path
 
  private:
-  /// Returns `count` poses on the surface at distances of `step`. World frame, metres.
+  /// Returns `count` poses of a tip on the surface. Successive centres are `step` apart. World frame, metres.
   [[nodiscard]] std::vector<SurfacePose> surface_poses_at(double step, double count, std::uint64_t seed) const {
     const spm::fcl::FixedMesh finest{loaded.model.positions, loaded.finest};
     const PathSettings settings{kRadius / scale, kDepth / scale, step / scale, static_cast<std::uint32_t>(count), seed};

@@ -33,7 +33,7 @@ class HostError : public std::runtime_error {
 struct BodyConfig {
   double mass = 1;                               ///< kg
   std::optional<std::array<double, 3>> inertia;  ///< kg m^2, about the model's axes; default: box of the bounds
-  double friction = session::Body{}.friction;    ///< coefficient, against the ground
+  double friction = session::Body{}.friction;    ///< coefficient, against the ground and static objects
   double ground = 0;                             ///< m, height of the ground plane
 };
 

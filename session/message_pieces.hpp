@@ -1,4 +1,5 @@
-/// Cuts a message into pieces: the first fills the free bytes of a chunk, the others fill one chunk each.
+/// Cuts a message into pieces: the first takes at most the free bytes of a chunk, the others fill one chunk each, and
+/// the last is the remainder.
 ///
 ///     | first_bytes | piece_bytes | piece_bytes | ... | remainder |      `count` pieces, `bytes` in total
 #pragma once

@@ -1,8 +1,8 @@
 /// The samples that participants of a session exchange, as one plain struct for each topic of idl/tactus.idl.
 ///
 /// wire/ converts these structs to and from DDS samples. It refuses samples whose values are out of bounds or not
-/// finite, so a received struct is safe to use. Times are nanoseconds of the sender's monotonic clock unless the name
-/// says `session`. Lengths are in metres and forces in newton, in the world frame unless the name says otherwise.
+/// finite, so a received struct is safe to use. Unless the name or the comment says otherwise, times are nanoseconds of
+/// the sender's monotonic clock, lengths are in metres and forces in newton, in the world frame.
 #pragma once
 
 #include <array>
@@ -23,7 +23,7 @@ inline constexpr std::uint32_t kProtocolVersion = 16;
 // Bounds. idl/tactus.idl repeats them; a test compares both.
 inline constexpr std::size_t kMaxName = 63;
 inline constexpr std::size_t kMaxText = 255;
-inline constexpr std::size_t kMaxUsers = 64;  ///< users in one HRTC
+inline constexpr std::size_t kMaxUsers = 64;  ///< users in one roster entry
 inline constexpr std::size_t kMaxHaveIntervals = 1024;
 inline constexpr std::size_t kMaxWanted = 256;
 inline constexpr std::size_t kMaxGaps = 128;
@@ -36,10 +36,11 @@ inline constexpr std::size_t kMaxSurfacePoints = 32;
 inline constexpr std::size_t kMaxTouchers = 8;  ///< HRTCs that simulate one object together
 inline constexpr std::size_t kMaxStops = 32;    ///< issuers of stops and resets that one program records
 
-/// Id of a name: XXH3-64 of its bytes. Keys in samples are ids; the roster carries the names.
+/// Id of a name: XXH3-64 of its bytes. Keys in samples are ids. The roster carries the names of participants and
+/// users, the catalogue those of objects.
 [[nodiscard]] std::uint64_t id_of(const std::string& name) noexcept;
 
-/// The sender of a sample, and when it was sent. Every sample has one.
+/// The sender of a sample, and when it was sent. Every sample except BulkChunk has one.
 struct Origin {
   std::uint64_t session = 0;      ///< id_of(session name)
   std::uint64_t participant = 0;  ///< id_of(participant name)
@@ -74,7 +75,8 @@ struct StopRecord {
   std::uint32_t reset = 0;  ///< number of its newest reset; 0: none
 };
 
-/// Topic roster, key origin.participant: states that a program is present. Sent periodically and on every change.
+/// Topic roster, key origin.participant: states that a program is present. Sent periodically, and at once when
+/// stops, resets or served users change, when a force begins, and for a new participant.
 struct RosterEntry {
   Origin origin;
   std::uint32_t protocol = kProtocolVersion;
@@ -110,7 +112,7 @@ struct Material {
 struct Body {
   double mass = 0;                  ///< kg; 0: the object is static, and the other fields are not used
   std::array<double, 3> inertia{};  ///< kg m^2, about the axes of the model
-  double friction = 0.5;            ///< coefficient, against the ground
+  double friction = 0.5;            ///< coefficient, against the ground and static objects
   double ground = 0;                ///< m, height of the ground plane
 };
 
@@ -134,7 +136,7 @@ struct CatalogueEntry {
 enum class BulkKind : std::uint8_t {
   kBase = 0,    ///< an encoded base mesh
   kRegion = 1,  ///< an encoded region: its list of records, and those records that the HRTC lacks
-  kEcho = 2     ///< no payload: the chunk reports only epoch and sequence
+  kEcho = 2     ///< no payload: the chunk reports only epoch, sequence and sending time
 };
 
 /// The part of a message that one chunk carries.
@@ -181,11 +183,11 @@ struct Demand {
   std::uint64_t object_id = 0;
   std::uint64_t digest = 0;
   std::uint64_t serving_host = 0;  ///< the host that has to answer; other hosts do not answer
-  std::uint32_t epoch = 0;         ///< grows with every change
+  std::uint32_t epoch = 0;         ///< a larger epoch requests a new answer
   bool need_base = false;
   std::vector<spm::Interval> have;  ///< regions held, as ascending intervals of RegionIds
   std::vector<Wanted> wanted;       ///< soonest first
-  std::uint32_t stream = 0;         ///< stream_id of the fields below
+  std::uint32_t stream = 0;         ///< stream_id of `received`, `newest` and `gaps`
   std::uint32_t received = 0;       ///< all chunks up to this sequence have been processed
   std::uint32_t newest = 0;         ///< `gaps` is complete up to this sequence
   std::vector<spm::Interval>
@@ -225,7 +227,7 @@ enum StatusBit : std::uint32_t {
   kSurfaceMoved = 1u << 9,   ///< a changed surface moved the proxy in this cycle, or pushes the tool out
   kStiffnessCut = 1u << 10,  ///< the material is stiffer than the device or the round trip to it allows
   kHolding = 1u << 11,       ///< the hand holds the object
-  kHoldRefused = 1u << 12,   ///< the hand cannot hold the touched object: it is static, or the force is off
+  kHoldRefused = 1u << 12,   ///< the hand cannot hold the touched object (docs/reference/status-bits.md)
   /// More regions near the probe need refinement than the HRTC refines at a time; the least urgent stay coarse.
   kTargetsDropped = 1u << 13,
   kFaultReason = 0xfu << 24  ///< reason of kFault: a haptics::Fault; fault_reason returns its text
@@ -306,7 +308,7 @@ struct ObjectClaim {
   std::uint32_t sequence = 0;
   bool touching = false;
   std::uint64_t fencing = 0;  ///< largest fencing number received; 0: none
-  /// Upper bound of the transit of samples between this HRTC and other programs, measured on the poses, probe states
+  /// Estimate, with a margin, of the longest transit of nearly all samples between this HRTC and other programs, measured on the poses, probe states
   /// and copies that it receives. The lease time assumes that neither claim nor grant takes longer. The channel delay
   /// assumes the same of copies.
   std::int64_t one_way_ns = 0;
@@ -328,7 +330,8 @@ struct ObjectGrant {
   std::vector<Toucher> touchers;      ///< in the order in which they began to touch; empty: the host simulates
 };
 
-/// Output of a copy into the wave-variable channel to one peer, since the group began.
+/// Output of a copy into the wave-variable channel to one peer, since the first grant with this
+/// ObjectCopy::fencing.
 struct CopyChannel {
   std::array<double, 6>
       wave{};         ///< integral of the departing wave: m in the world frame, then rad about the body's axes

@@ -84,7 +84,7 @@ void VirtualSession::settle() {
       return;
     }
   }
-  throw std::runtime_error("the base mesh did not arrive within a minute; does it fit the pool?");
+  throw std::runtime_error("the base mesh was not shown for 1 s within a minute; does it fit the pool?");
 }
 
 /// Advances the time to `until_ns` and carries samples between HRTC and host over the link.
@@ -172,7 +172,8 @@ void VirtualSession::set_link(const netem::LinkSettings& link) {
 
 /// Moves a remote hand as client_sim/remote_hand does, but with one clock for both ends.
 void VirtualSession::move_remote(Hand& hand) {
-  constexpr double kHold = 0.010, kZeroBy = 0.060;  // s
+  // Time since the last command, s: until the first the force is constant, and from the second on it is zero.
+  constexpr double kMaxFreshAge = 0.010, kZeroForceAge = 0.060;
   while (const auto command = hand.commands.take(now_ns_)) {
     if (command->number <= hand.newest.number) continue;
     hand.newest = *command;
@@ -180,7 +181,7 @@ void VirtualSession::move_remote(Hand& hand) {
     hand.script_operator.on_probe_state(command->state);
   }
   const double silent = static_cast<double>(now_ns_ - hand.newest_ns) * 1e-9;
-  const double share = std::clamp((kZeroBy - silent) / (kZeroBy - kHold), 0.0, 1.0);
+  const double share = std::clamp((kZeroForceAge - silent) / (kZeroForceAge - kMaxFreshAge), 0.0, 1.0);
   hand.felt.wrench = {share * hand.newest.wrench.force, share * hand.newest.wrench.torque};
   hand.felt.exact = (hand.newest.state.status & session::kExact) != 0;
   hand.device->write_wrench(hand.felt.wrench.force, hand.felt.wrench.torque);

@@ -9,8 +9,8 @@
 namespace tactus::spm::codec {
 namespace {
 
-/// Reads `count` sizes and returns the start of each item and the end of the last. The sizes are not trusted, so sums
-/// may wrap.
+/// Reads `count` sizes and returns the start of each item and the end of the last. The sizes are not trusted: a sum
+/// may exceed 64 bits and wrap. This is harmless, because no reader reads past its end.
 std::vector<std::uint64_t> read_starts(ByteReader& sizes, std::size_t count) {
   std::vector<std::uint64_t> starts{0};
   starts.reserve(count + 1);
@@ -34,7 +34,7 @@ Result<CompressedModel> CompressedModel::open(const ModelSpans& spans) {
   model.block_starts_ = read_starts(sizes, blocks);
   model.list_starts_ = read_starts(sizes, s.regions);
   if (!sizes.ok() || sizes.remaining() != 0) {
-    return DecodeError{"model: found " + std::to_string(spans.sizes.size()) + " bytes of sizes, expected exactly " +
+    return DecodeError{"model: the " + std::to_string(spans.sizes.size()) + " bytes of sizes are not exactly " +
                        std::to_string(blocks + s.regions) + " varints"};
   }
   model.base_ = std::move(*base);

@@ -97,7 +97,8 @@ TEST(Tool, ABoxTiltsUntilSpringAndRotationalSpringBalance) {
   const ToolPose device = pose_at(0, 0, height, {tilt, 0, 0});
   scene.move(pose_at(0, 0, 0.03, {tilt, 0, 0}), device, 100);
   const ToolResult& result = scene.hold(device, 200);
-  // Searches the angle of minimum energy among all poses with the lowest edge of the tool on the plane.
+  // Searches the angle of minimum energy among all poses with the lowest edge of the tool at the
+  // collision margin above the plane.
   double min_energy = 1e9, expected = 0;
   for (double angle = 0; angle < tilt; angle += 1e-5) {
     const double z = kHalfEdge * (std::cos(angle) + std::sin(angle)) + kCollisionMargin;

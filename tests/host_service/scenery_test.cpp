@@ -88,8 +88,8 @@ TEST(Scenery, ABoxDroppedOnTheOrganComesToRestOnItsFinestMesh) {
     const Vec3d distance = state.to_body(vertex).cwiseAbs() - half;
     min_distance = std::min(min_distance, distance.maxCoeff());
   }
-  EXPECT_GT(min_distance, -3e-4) << "no vertex of the finest mesh is inside the box";
-  EXPECT_LT(min_distance, 3e-4) << "the box touches some vertex";
+  EXPECT_GT(min_distance, -3e-4) << "a vertex of the finest mesh is more than 0.3 mm inside the box";
+  EXPECT_LT(min_distance, 3e-4) << "no vertex is within 0.3 mm of the box";
   EXPECT_GT(scenery.regions_loaded(), 0u);
   EXPECT_TRUE(scenery.is_exact(state.position - Vec3d{0, 0, half.z()}, 0.003));
 }
