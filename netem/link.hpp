@@ -32,7 +32,8 @@ class Link {
   /// decrease. Departures have the order of arrivals unless the profile reorders. Takes about 0.1 us.
   [[nodiscard]] std::optional<std::int64_t> departure(std::int64_t arrival_ns, std::size_t bytes);
 
-  /// Replaces the profile, which must pass `check`, for later frames. Frames keep their order unless it reorders.
+  /// Replaces the profile, which must pass `check`, for later frames, and ends a burst of losses. Frames keep their
+  /// order unless the new profile reorders.
   void set_profile(const LinkProfile& profile);
 
   [[nodiscard]] const LinkCounts& counts() const noexcept { return counts_; }

@@ -9,15 +9,15 @@
 ///
 /// The caller must answer every message: a base mesh with answer_base_stored or answer_base_refused, a region with
 /// answer_stored or answer_refused. It answers at once or, after postpone_answer, later. Until the answer,
-/// Demand::received stays below the last chunk of the message. So the host does not send a region again while the region
-/// waits for memory. A refused region is sent again while it is wanted, so a caller without memory for a region must
-/// also remove it from the wanted regions.
+/// Demand::received stays below the last chunk of the message. So the host does not send a region again while it waits
+/// for memory. A refused region is sent again while it is wanted, so a caller without memory for a region must also
+/// remove it from the wanted regions.
 ///
 /// A retired region leaves Demand::have at once. Chunks that hosts sent before they received that demand may still rely
 /// on the records of the region. So the region is released only when the serving host has echoed the epoch of that
-/// demand and all earlier chunks are processed, or when no host serves the object. From then on, a message is dropped if
-/// the epochs of all its chunks precede the epoch of that demand. If at least one chunk has that epoch or a later one,
-/// the message is accepted, because the host has checked it against that demand.
+/// demand and all earlier chunks are processed, or when no host serves the object. From then on, a message is dropped
+/// if the epochs of all its chunks precede the epoch of that demand. If at least one chunk has that epoch or a later
+/// one, the message is accepted, because the host has checked it against that demand.
 ///
 /// The demand alone repairs losses. Each stream numbers its chunks; a repeated piece travels in a chunk with a new
 /// number. A skipped number is a gap. When a gap is older than reordering explains (`overtaking_ns`), a demand of a new

@@ -308,9 +308,9 @@ struct ObjectClaim {
   std::uint32_t sequence = 0;
   bool touching = false;
   std::uint64_t fencing = 0;  ///< largest fencing number received; 0: none
-  /// Estimate, with a margin, of the longest transit of nearly all samples between this HRTC and other programs, measured on the poses, probe states
-  /// and copies that it receives. The lease time assumes that neither claim nor grant takes longer. The channel delay
-  /// assumes the same of copies.
+  /// Estimate, with a margin, of the longest transit of nearly all samples between this HRTC and other programs. It is
+  /// measured on the poses, probe states and copies that the HRTC receives. The lease time assumes that neither claim
+  /// nor grant takes longer. The channel delay assumes the same of copies.
   std::int64_t one_way_ns = 0;
 };
 

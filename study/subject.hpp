@@ -25,7 +25,7 @@ struct Subject {
 /// faces. `size` is the longest side, m. Throws spm::ModelError.
 [[nodiscard]] Subject make_subject(const std::string& name, const std::string& source, std::uint32_t faces,
                                    double size);
-/// Builds the model of `mesh`, with at most `threads` threads (0: one per processor).
+/// Builds the model of `mesh`, with at most `threads` threads (0: one per processor). Throws spm::ModelError.
 [[nodiscard]] Subject make_subject(const std::string& name, const std::string& source, spm::offline::TriangleMesh mesh,
                                    double size, unsigned threads);
 

@@ -68,8 +68,8 @@ class VirtualSession {
   /// Advances by one millisecond.
   void step();
 
-  /// Moves the hand of a user along `intent` from now on, instead of along the user's script. The hand starts at the first
-  /// waypoint of its first path. Times are virtual.
+  /// Moves the hand of a user along `intent` from now on, instead of along the user's script. The hand starts at the
+  /// first waypoint of its first intent. Times are virtual.
   void move_hand(std::size_t user, const session::Intent& intent);
   /// Replaces the link for samples that are sent from now on. Seeds do not start again.
   void set_link(const netem::LinkSettings& link);

@@ -30,7 +30,6 @@ struct UserView {
   double has_probe = 0;              ///< 0 or 1
   double in_contact = 0, exact = 0;  ///< 0 or 1
 };
-inline constexpr std::size_t kUserNumbers = sizeof(UserView) / sizeof(double);
 
 struct TouchFigures {
   double time_ms = 0;                               ///< virtual time since the start
@@ -56,6 +55,7 @@ class TouchSession {
   /// spm::offline::ModelError. Takes about 3 us a face.
   TouchSession(std::string name, spm::offline::TriangleMesh mesh, double size, std::uint64_t seed);
 
+  /// Throws netem::LinkError for an impossible link.
   void set_link(const TouchLink& link);
   /// Moves the first user's hand towards `target`, at most at 0.5 m/s. The first call places the hand there.
   void move_hand(const std::array<double, 3>& target);
@@ -64,7 +64,7 @@ class TouchSession {
 
   [[nodiscard]] const std::array<UserView, kUsers>& users() const noexcept { return users_; }
   [[nodiscard]] const TouchFigures& figures() const noexcept { return figures_; }
-  /// Updates the mesh view. Returns whether it has changed since the last call. O(shown faces), about 10 ns each.
+  /// Updates the mesh view. Returns whether it has changed since the last call. O(shown faces), allocates.
   [[nodiscard]] bool update_mesh();
   [[nodiscard]] const MeshView& mesh() const noexcept { return mesh_; }
   /// Scale from file units to metres. The origin of the model is at the origin of the world.

@@ -1,5 +1,6 @@
-// Prints the contacts of a session with a fixed path of the hand. Each line is a millisecond: in contact, in exact contact,
-// and the number of shown faces, which is updated every 100 ms. page_test.js compares them with those of the WebAssembly module.
+// Prints the contacts of a session with a fixed path of the hand. Each line is a millisecond: in contact, in exact
+// contact, and the number of shown faces, which is updated every 100 ms. page_test.js compares them with those of the
+// WebAssembly module.
 #include <cstdio>
 #include <exception>
 

@@ -8,7 +8,7 @@ importScripts("tactus.js");
 
 const kFigures = 11, kUsers = 2, kUserNumbers = 13;
 const kSize = 0.16;          // m, longest side of the object
-const kMaxFaces = 3000000;   // a model needs about 400 bytes a face while it is built
+const kMaxFaces = 3000000;   // with 1,000,000 faces, the memory grows to 214 MB; the module may use 2 GB
 const kWarmUpSteps = 1500;   // steps before the first frame, in which the browser optimizes the code
 const kMaxBehind = 100;      // ms; a session that is further behind does not catch up
 const kMaxStepsPerTurn = 20;

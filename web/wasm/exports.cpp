@@ -16,6 +16,10 @@ namespace {
 
 using tactus::web::TouchSession;
 
+// The scripts of the page read these structs as numbers, by position.
+static_assert(sizeof(tactus::web::UserView) == 13 * sizeof(double), "change kUserNumbers in web/page");
+static_assert(sizeof(tactus::web::TouchFigures) == 11 * sizeof(double), "change kFigures in web/page");
+
 std::unique_ptr<TouchSession> session;
 std::string error;
 tactus::spm::offline::TriangleMesh input;
