@@ -19,15 +19,21 @@ void expect_passive_ports(const nlohmann::json& published) {
       << skipped << " cycles were skipped";
 }
 
+// After the lift the hands leave the crate, and it needs a moment to fall from an edge onto its face. The wait keeps the
+// session open until then.
 constexpr char kLift[] = R"(name: lift
 duration: 11
 users:
   - name: dan
     hrtc: desk1
-    script: [{lift: {object: crate, direction: [1, 0, 0], height: 0.05, seconds: 4, speed: 0.15}}]
+    script:
+      - lift: {object: crate, direction: [1, 0, 0], height: 0.05, seconds: 4, speed: 0.15}
+      - wait: {seconds: 0.5}
   - name: eve
     hrtc: desk2
-    script: [{lift: {object: crate, direction: [-1, 0, 0], height: 0.05, seconds: 4, speed: 0.15}}]
+    script:
+      - lift: {object: crate, direction: [-1, 0, 0], height: 0.05, seconds: 4, speed: 0.15}
+      - wait: {seconds: 0.5}
 )";
 
 class LiftTest : public SessionTest {
@@ -55,7 +61,9 @@ class LiftTest : public SessionTest {
 };
 
 TEST_F(LiftTest, TwoUsersAtTwoHrtcsLiftHoldAndPutDownACrateTooHeavyForOne) {
-  Process store{crate_host()};
+  // The crate weighs 6.1 N. A user presses with 6 N, and the device's limit of 8 N leaves 5.3 N to raise it. A heavier
+  // crate would reach that limit on a loaded machine and rise less far.
+  Process store{crate_host("0.62")};
   Process desk1{coding_hrtc("desk1")};
   Process desk2{coding_hrtc("desk2")};
   Process users{reporting_sim(kLift)};
