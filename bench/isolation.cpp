@@ -47,8 +47,8 @@ Report run(const RoundSettings& settings) {
   run_rounds(configurations, settings);
 
   char text[160];
-  std::snprintf(text, sizeof text, "link %s, %d rounds in rotating order, %g s for each run; %s", settings.link.c_str(),
-                settings.rounds, settings.seconds, configurations[loaded].note.c_str());
+  std::snprintf(text, sizeof text, "link %s, %d rounds, each with another order of transports, %g s for each run; %s",
+                settings.link.c_str(), settings.rounds, settings.seconds, configurations[loaded].note.c_str());
   Report report{{"probe states at 1 kHz, with mesh records on the same link", 0, 0, text}};
   for (const Configuration& configuration : configurations) {
     add_rows(report, configuration.name + ", age", configuration.age);

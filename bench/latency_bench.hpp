@@ -48,7 +48,7 @@ struct Configuration {
   };
 
   std::string name;
-  latency::TestCase cell;
+  latency::TestCase test;
   int round_interval = 1;  ///< the configuration runs in every `round_interval`-th round
   Percentiles age{}, half_round_trip{}, half_round_trip_sent{};
   Samples mesh_mbyte_per_s{};
@@ -76,8 +76,8 @@ inline void run_rounds(std::vector<Configuration>& configurations, const RoundSe
     for (std::size_t i = 0; i < configurations.size(); ++i) {
       Configuration& configuration = configurations[(i + static_cast<std::size_t>(round)) % configurations.size()];
       if (round % configuration.round_interval != 0) continue;
-      configuration.cell.seconds = settings.seconds;
-      configuration.add(latency::run_locally(configuration.cell, run_options, wire::stop_signal()));
+      configuration.test.seconds = settings.seconds;
+      configuration.add(latency::run_locally(configuration.test, run_options, wire::stop_signal()));
     }
   }
 }

@@ -31,7 +31,7 @@ struct Settings {
   bool quick = false;
 };
 
-/// The faces around each vertex, which collapses and splits update.
+/// The faces around each vertex. Collapses and splits update them.
 class Stars {
  public:
   Stars(std::size_t vertices, const std::vector<Triangle>& corners, const std::vector<std::uint32_t>& faces)
@@ -62,19 +62,20 @@ struct EdgeCollapses {
   Dependencies dependencies;
   std::uint64_t deformed_faces = 0;
 };
-/// Computes the dependencies from those of half-edge collapses, which deform only the faces that pass from t to u.
-EdgeCollapses with_moving_vertices(Collapses collapses, const Dependencies& fixed, std::size_t vertices) {
-  EdgeCollapses result{fixed, 0};
+/// Computes them from half-edge collapses, whose records deform only the faces that pass from t to u. Of `half_edge`,
+/// the dependencies of these records, only the numbers and `removed_by` are used.
+EdgeCollapses with_moving_vertices(Collapses collapses, const Dependencies& half_edge, std::size_t vertices) {
+  EdgeCollapses result{half_edge, 0};
   Dependencies& out = result.dependencies;
   std::vector<Triangle>& corners = collapses.corners;
   Stars stars{vertices, corners, collapses.base};
   std::vector<std::uint32_t> last_record(corners.size(), kNone);  // by face: the last record that changed it
-  std::vector<std::vector<std::uint32_t>> needs(fixed.size());
+  std::vector<std::vector<std::uint32_t>> needs(half_edge.size());
   for (std::size_t s = collapses.segments.size(); s-- > 0;) {
     const Segment& segment = collapses.segments[s];
     for (std::uint32_t i = segment.size(); i-- > 0;) {
       const Collapse &c = segment.sequence[i], &end = segment.sequence[i + 1];
-      const std::uint32_t id = fixed.segment[s] + i;
+      const std::uint32_t id = half_edge.segment[s] + i;
       std::vector<std::uint32_t>& direct = needs[id];
       const auto need = [&](std::uint32_t record) {
         if (record != kNone) direct.push_back(record);
@@ -120,7 +121,7 @@ EdgeCollapses with_moving_vertices(Collapses collapses, const Dependencies& fixe
 }
 
 /// A grid of 2^k + 1 heights a side, and the collapses that undo its longest-edge bisection. Each collapse moves a
-/// vertex to one end of the edge that the vertex divides, so that a record adds and deforms at most two faces each.
+/// vertex to one end of the edge that the vertex divides, so a record adds at most two faces and deforms at most two.
 struct Bisection {
   TriangleMesh mesh;
   Collapses collapses;
@@ -135,10 +136,10 @@ Bisection bisection(std::uint32_t k) {
       const double height = 0.1 * std::sin(9 * u + 4 * v) + 0.03 * std::sin(31 * v - 17 * u) + 0.01 * std::sin(97 * u);
       result.mesh.positions.push_back({static_cast<float>(u), static_cast<float>(v), static_cast<float>(height)});
     }
-  for (std::uint32_t y = 0; y + 1 < side; ++y)  // x + y even: diagonal from a to c
+  for (std::uint32_t y = 0; y + 1 < side; ++y)
     for (std::uint32_t x = 0; x + 1 < side; ++x) {
       const std::uint32_t a = at(x, y), b = at(x + 1, y), c = at(x + 1, y + 1), d = at(x, y + 1);
-      if ((x + y) % 2 == 0) {
+      if ((x + y) % 2 == 0) {  // the diagonal goes from a to c
         result.mesh.faces.push_back({a, b, c});
         result.mesh.faces.push_back({a, c, d});
       } else {
@@ -183,7 +184,7 @@ Bisection bisection(std::uint32_t k) {
         if (x / step % 2 == 1 && y / step % 2 == 0) collapse(at(x, y), at(x - step, y));
         if (x / step % 2 == 0 && y / step % 2 == 1) collapse(at(x, y), at(x, y - step));
       }
-    for (std::uint32_t y = step; y < side; y += 2 * step)  // centres of squares, to an end of the coarser diagonal
+    for (std::uint32_t y = step; y < side; y += 2 * step)  // centres of squares, to an end of the next coarser diagonal
       for (std::uint32_t x = step; x < side; x += 2 * step) {
         const bool falling = (x + y) / step / 2 % 2 == 0;
         collapse(at(x, y), falling ? at(x + step, y - step) : at(x - step, y - step));
@@ -204,42 +205,42 @@ Bisection bisection(std::uint32_t k) {
 /// One kind of progressive mesh.
 struct Kind {
   const char* name;
-  double extra_bytes;  // bytes of a record minus bytes of a record of this project
-  double deformed_faces;
+  double extra_bytes;           // bytes of a record minus bytes of a record of this project
+  double total_deformed_faces;  // over all records
 };
 
 /// Computes the closed lists of the regions and adds the rows of one kind of progressive mesh.
 void add_rows(const Kind& kind, const TriangleMesh& mesh, const Partition& cells, const Collapses& collapses,
-              const Dependencies& needs, Report& report) {
-  const RegionLists lists{mesh, cells, needs, 0, [](double) {}};
-  double borne = 0, split_vertices = 0;
+              const Dependencies& dependencies, Report& report) {
+  const RegionLists lists{mesh, cells, dependencies, 0, [](double) {}};
+  double borne = 0, added_vertices = 0;
   for (const Segment& segment : collapses.segments) borne += static_cast<double>(segment.removed_faces.size());
   Samples lengths, ratios;
   for (std::size_t cell = 0; cell < lists.size(); ++cell) {
     lengths.add(static_cast<double>(lists.of(cell).size()));
-    split_vertices = 0;
+    added_vertices = 0;
     std::vector<std::uint32_t> vertices;
     const Cell& at = cells.cells[cell];
     for (std::uint32_t f = at.first_face; f < at.first_face + at.face_count; ++f)
       for (const std::uint32_t v : mesh.faces[cells.faces[f]])
-        if (needs.removed_by[v] != kNone) vertices.push_back(v);
+        if (dependencies.removed_by[v] != kNone) vertices.push_back(v);
     std::sort(vertices.begin(), vertices.end());
-    split_vertices = static_cast<double>(std::unique(vertices.begin(), vertices.end()) - vertices.begin());
-    if (split_vertices > 0) ratios.add(static_cast<double>(lists.of(cell).size()) / split_vertices);
+    added_vertices = static_cast<double>(std::unique(vertices.begin(), vertices.end()) - vertices.begin());
+    if (added_vertices > 0) ratios.add(static_cast<double>(lists.of(cell).size()) / added_vertices);
   }
-  const double records = needs.size();
-  const Population all{std::string{"records, "} + kind.name, needs.size()};
+  const double records = dependencies.size();
+  const Population all{std::string{"records, "} + kind.name, dependencies.size()};
   const std::string regions = std::string{"regions, "} + kind.name;
   report.add_value("records", all, "", records);
   report.add_value("bytes of a record minus bytes of a record of this project", all, "B", kind.extra_bytes);
   report.add_value("born faces of a record", all, "", borne / records);
-  report.add_value("deformed faces of a record", all, "", kind.deformed_faces / records);
+  report.add_value("deformed faces of a record", all, "", kind.total_deformed_faces / records);
   report.add_value("records on which a record depends directly", all, "",
-                   static_cast<double>(needs.needs.size()) / records);
-  report.add_value("levels", all, "", needs.max_level);
+                   static_cast<double>(dependencies.needs.size()) / records);
+  report.add_value("levels", all, "", dependencies.max_level);
   report.add_percentiles("length of the closed list of a region", regions, "records", lengths);
-  report.add_percentiles("length of the closed list of a region divided by split vertices of its faces", regions,
-                         "times", ratios);
+  report.add_percentiles("length of the closed list of a region divided by the vertices of its faces that records add",
+                         regions, "times", ratios);
 }
 
 double deformed_faces_of(const Collapses& collapses) {
@@ -255,20 +256,20 @@ Report run(const Settings& settings) {
   mesh.positions.assign(subject.model.positions.begin(), subject.model.positions.end());
   mesh.faces = subject.finest;
   Report report{{subject.name, subject.model.summary.digest, subject.model.summary.faces,
-                 "regions of 400 finest faces, base of 500"}};
+                 "regions of about 400 finest faces; base of 500 faces, of the bisection 2"}};
 
   std::fprintf(stderr, "collapsing\n");
   Collapses collapses = simplify(mesh, SimplifyOptions{});
-  const Collapses untouched_collapses = collapses;
-  const Dependencies fixed = dependencies(collapses, mesh.positions.size());
+  const Collapses collapses_before = collapses;  // `dependencies` sets the corners to the finest mesh
+  const Dependencies half_edge = dependencies(collapses, mesh.positions.size());
   const Partition cells = partition(mesh, PartitionOptions{});
-  add_rows({"half-edge collapse", 0, deformed_faces_of(collapses)}, mesh, cells, collapses, fixed, report);
+  add_rows({"half-edge collapse", 0, deformed_faces_of(collapses)}, mesh, cells, collapses, half_edge, report);
   std::fprintf(stderr, "computing edge collapses\n");
-  const EdgeCollapses edge_collapses = with_moving_vertices(untouched_collapses, fixed, mesh.positions.size());
-  add_rows({"edge collapse, new positions",
+  const EdgeCollapses edge_collapses = with_moving_vertices(collapses_before, half_edge, mesh.positions.size());
+  add_rows({"edge collapse that moves both vertices",
             // 24 bytes for the old and the new position of t, and 4 for each face that remains at t.
-            24 + 4 * (static_cast<double>(edge_collapses.deformed_faces) - deformed_faces_of(untouched_collapses)) /
-                     fixed.size(),
+            24 + 4 * (static_cast<double>(edge_collapses.deformed_faces) - deformed_faces_of(collapses_before)) /
+                     half_edge.size(),
             static_cast<double>(edge_collapses.deformed_faces)},
            mesh, cells, collapses, edge_collapses.dependencies, report);
 
@@ -288,10 +289,10 @@ Report run(const Settings& settings) {
   add_rows({"bisection of a grid", 0, deformed_faces_of(grid.collapses)}, grid.mesh, grid_cells, grid.collapses,
            bisected, report);
   std::fprintf(stderr, "collapsing the grid\n");
-  Collapses by_error = simplify(grid.mesh, SimplifyOptions{});
-  const Dependencies by_error_needs = dependencies(by_error, grid.mesh.positions.size());
-  add_rows({"half-edge collapse of that grid", 0, deformed_faces_of(by_error)}, grid.mesh, grid_cells, by_error,
-           by_error_needs, report);
+  Collapses grid_collapses = simplify(grid.mesh, SimplifyOptions{});
+  const Dependencies grid_dependencies = dependencies(grid_collapses, grid.mesh.positions.size());
+  add_rows({"half-edge collapse of the grid", 0, deformed_faces_of(grid_collapses)}, grid.mesh, grid_cells,
+           grid_collapses, grid_dependencies, report);
   report.add_value("faces of the grid", {"grid", 1}, "", static_cast<double>(finest.size()));
   report.add_at_most("faces that differ after all collapses were undone", {"faces of the grid", finest.size()}, "",
                      static_cast<double>(different_faces), 0);
@@ -308,7 +309,7 @@ int main(int argc, char** argv) {
   tactus::bench::Settings settings;
   tactus::bench::App app{
       "records", "Compares records and closed lists of other progressive meshes with those of half-edge collapses",
-      "8192 faces, for CI"};
+      "at most 8192 faces of organ and grid, for CI"};
   app.add_option("--model", settings.model, "mesh file of any format, or .spm model (default: a generated organ)")
       ->check(CLI::ExistingFile);
   app.add_option("--faces", settings.faces, "faces of the generated organ; max number of faces of the grid")

@@ -34,17 +34,17 @@ Report replay(std::uint64_t seed) {
   std::printf("seed %llu: %s\n\n", static_cast<unsigned long long>(seed), schedule.text().c_str());
   const SimulationResult result =
       simulate(seed, schedule, [](const std::string& line) { std::printf("%s\n", line.c_str()); });
-  std::printf("\n%llu messages in %.0f ms, ", static_cast<unsigned long long>(result.messages),
+  std::printf("\n%llu messages in %.0f ms, ", static_cast<unsigned long long>(result.samples_sent),
               static_cast<double>(result.virtual_ns) * 1e-6);
   if (result.recovery_ns)
     std::printf("recovered %.0f ms after the last fault\n", static_cast<double>(*result.recovery_ns) * 1e-6);
   else
     std::printf("did not recover\n");
-  for (const std::string& condition : result.broken) std::printf("BROKEN %s\n", condition.c_str());
+  for (const std::string& condition : result.violations) std::printf("BROKEN %s\n", condition.c_str());
   std::printf("\n");
   Report report{{"2 hosts, 3 HRTCs, 2 clients", 0, 0, schedule.text()}};
   report.set_virtual_time(true);
-  report.add_at_most("broken conditions", {"schedule", 1}, "", static_cast<double>(result.broken.size()), 0);
+  report.add_at_most("broken conditions", {"schedule", 1}, "", static_cast<double>(result.violations.size()), 0);
   return report;
 }
 
@@ -59,15 +59,15 @@ struct Totals {
   Samples healed_ms;
 
   void add(std::uint64_t seed, const SimulationResult& result) {
-    if (!result.broken.empty()) {
+    if (!result.violations.empty()) {
       failed.push_back(seed);
       if (failed.size() <= kMaxReported)
-        std::printf("seed %llu: %s\n", static_cast<unsigned long long>(seed), result.broken.front().c_str());
+        std::printf("seed %llu: %s\n", static_cast<unsigned long long>(seed), result.violations.front().c_str());
     }
-    for (std::size_t kind = 0; kind < kFaultKinds; ++kind) faults[kind] += result.faults[kind];
-    min_messages = std::min(min_messages, result.messages);
-    min_kinds = std::min(min_kinds, result.kinds());
-    messages += result.messages;
+    for (std::size_t kind = 0; kind < kFaultKinds; ++kind) faults[kind] += result.fault_counts[kind];
+    min_messages = std::min(min_messages, result.samples_sent);
+    min_kinds = std::min(min_kinds, result.fault_kinds());
+    messages += result.samples_sent;
     held += result.hrtcs.regions_held;
     refused += result.hrtcs.regions_refused;
     released += result.hrtcs.regions_released;

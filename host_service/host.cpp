@@ -23,9 +23,9 @@ using std::chrono::milliseconds;
 using wire::monotonic_ns;
 
 constexpr milliseconds kMaxUnmatchedWait{5};  // while readers of an HRTC are not matched
-constexpr milliseconds kMaxWait{50};          // otherwise; after it, the loop reads the stop flag
+constexpr milliseconds kMaxWait{50};          // otherwise; the loop reads the stop flag at least this often
 constexpr milliseconds kMaxLeaveWait{300};    // for acknowledgements of the withdrawn catalogue
-constexpr int kChunksPerRound = 64;           // number of chunks sent between two reads of the inbox
+constexpr int kMaxChunksPerPass = 64;         // between two reads of the inbox
 constexpr std::size_t kInboxCapacity = 8192;
 
 /// A request of an HRTC's failure detector (session/failure_detector.hpp).
@@ -37,7 +37,7 @@ using Sample = std::variant<session::RosterEntry, session::Demand, session::Cloc
                             session::ObjectClaim, session::ObjectPose>;
 using Inbox = wire::Inbox<Sample>;
 
-/// The bulk writers of one HRTC.
+/// The bulk writers to one HRTC.
 struct BulkLink {
   BulkLink(wire::Participants& participants, const std::string& hrtc)
       : name{hrtc},
@@ -92,9 +92,10 @@ std::vector<ServedObject> open_models(const HostOptions& options, const Log& log
   return served;
 }
 
-/// Raises the priority if requested, and returns the address. Called after all models are open, because building them
-/// may use all processors for minutes.
-const wire::SessionAddress& raise_priority_then_address(const HostOptions& options, const Log& log) {
+/// Raises the priority if requested, and returns the address. Initialises a member, so that it runs before the threads
+/// of DDS start, which inherit the priority, and after all models are open. Models are built with the normal priority,
+/// because building takes all processors for minutes.
+const wire::SessionAddress& address_after_raising_priority(const HostOptions& options, const Log& log) {
   if (options.raise_priority) log(Severity::kInfo, wire::raise_priority("host '" + options.address.participant + "'"));
   return options.address;
 }
@@ -111,12 +112,12 @@ HostCoreSettings core_settings(const HostOptions& options, const std::vector<Ser
 }  // namespace
 
 struct Host::Impl {
-  Impl(HostOptions given, Log to, const std::atomic<bool>& until)
+  Impl(HostOptions given, Log log_to_use, const std::atomic<bool>& stop_flag)
       : options{std::move(given)},
-        log{std::move(to)},
-        stop{until},
+        log{std::move(log_to_use)},
+        stop{stop_flag},
         served{open_models(options, log, stop)},
-        participants{raise_priority_then_address(options, log)},
+        participants{address_after_raising_priority(options, log)},
         core{participants.origin(), core_settings(options, served), monotonic_ns()} {
     core.on_event = [this](Severity severity, const std::string& text) { log(severity, text); };
     core.on_hrtc = [this](std::uint64_t id, const std::string& name) {
@@ -223,7 +224,7 @@ void Host::Impl::send(const HostMessages& messages) {
   for (const session::ObjectPose& pose : messages.poses) (void)poses_out->send(pose);
 }
 
-/// Sends the chunks that are due. Returns the time for which the caller may wait for samples.
+/// Sends chunks that are due, at most kMaxChunksPerPass. Returns the time for which the caller may wait for samples.
 microseconds Host::Impl::send_chunks() {
   const bool has_unmatched =
       std::any_of(bulk.begin(), bulk.end(), [](const auto& link) { return !link.second.is_ready(); });
@@ -231,7 +232,7 @@ microseconds Host::Impl::send_chunks() {
     const auto link = bulk.find(hrtc);
     return link != bulk.end() && link->second.is_ready();
   };
-  for (int i = 0; i < kChunksPerRound; ++i) {
+  for (int i = 0; i < kMaxChunksPerPass; ++i) {
     const std::int64_t now_ns = monotonic_ns();
     const std::optional<session::Outgoing> out = core.next_chunk(now_ns, can_send);
     if (!out) {
@@ -251,8 +252,11 @@ void Host::Impl::send_catalogue(bool withdrawn) {
   for (session::CatalogueEntry entry : core.catalogue()) {
     entry.origin = participants.origin();
     entry.withdrawn = withdrawn;
-    if (catalogue_out.send(entry) == wire::SendStatus::kSent) continue;
-    log(Severity::kError, "'" + entry.object + "' cannot be announced: " + catalogue_out.invalid_reason());
+    const wire::SendStatus status = catalogue_out.send(entry);
+    if (status == wire::SendStatus::kSent) continue;
+    const std::string reason =
+        status == wire::SendStatus::kInvalid ? catalogue_out.invalid_reason() : "the history of the writer is full";
+    log(Severity::kError, "the catalogue entry of '" + entry.object + "' cannot be sent: " + reason);
   }
 }
 
@@ -267,7 +271,7 @@ void Host::Impl::leave() {
   (void)catalogue_out.wait_acknowledged(kMaxLeaveWait);
   const session::DeliveryCounters& all = core.delivery().counters();
   log_info("left the session after sending " + std::to_string(all.regions) + " regions with " +
-           std::to_string(all.records) + " records, " + std::to_string(all.payload_bytes) + " bytes");
+           std::to_string(all.records) + " records; " + std::to_string(all.payload_bytes) + " bytes with base meshes");
 }
 
 Host::Host(HostOptions options, Log log, const std::atomic<bool>& stop)

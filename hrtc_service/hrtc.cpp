@@ -91,18 +91,18 @@ Hrtc::Impl::Impl(HrtcOptions given)
   gateway.on_object = [this](const TouchObject& object) {
     exchange.add(object);
     states.set_object_id(object.index, object.id);
-    if (log) log->add(object);
+    if (contact_log) contact_log->add(object);
   };
   membership.on_object_gone = [this](const Loader::ObjectInfo& object) {
     if (object.index == spm::kNone) return;  // its base mesh was never in the pool
     exchange.remove(object.index, object.id);
     states.set_object_id(object.index, 0);
-    if (log) log->close(object);
+    if (contact_log) contact_log->close(object);
   };
   add_local_users();
   // The directory is made after every step that may throw, so that a failed start leaves none.
   if (!options.snapshot.empty()) expect_snapshot_directory(options.snapshot);
-  if (!options.log.empty()) log = std::make_unique<ContactJournal>(options.log, core.link().log);
+  if (!options.log.empty()) contact_log = std::make_unique<ContactLogger>(options.log, core.link().log);
   if (!options.snapshot.empty()) {
     std::filesystem::create_directories(options.snapshot);
     snapshots.emplace(options.snapshot, options.address.participant, loader);
@@ -273,7 +273,7 @@ void Hrtc::Impl::send_states() {
       states.send(latest, sender_clock.latest());
     }
     haptic.usage().sample(monotonic_ns());
-    if (timer) timer->usage().sample(monotonic_ns());
+    if (reference_timer) reference_timer->usage().sample(monotonic_ns());
   }
 }
 
@@ -331,24 +331,24 @@ void Hrtc::Impl::finish() {
   haptic.stop();
   sending = false;
   if (sender.joinable()) sender.join();
-  timer.reset();
+  reference_timer.reset();
   late_cycles.finish();
   drain_rings();
   if (flight && !flight->stop()) exit_code = 1;
   if (haptic.traces_dropped() > 0)
     spdlog::warn("{} cycles are missing in the metrics: the service thread was too slow", haptic.traces_dropped());
   if (inbox.dropped() > 0) spdlog::warn("{} samples found the inbox full and were dropped", inbox.dropped());
-  if (log) {
-    for (const Loader::ObjectInfo& object : loader.objects()) log->close(object);
-    for (const Loader::ObjectInfo& object : loader.withdrawn_objects()) log->close(object);
+  if (contact_log) {
+    for (const Loader::ObjectInfo& object : loader.objects()) contact_log->close(object);
+    for (const Loader::ObjectInfo& object : loader.withdrawn_objects()) contact_log->close(object);
     if (core.servo().cycle().log_dropped() > 0)
       spdlog::warn("{} contact log entries were dropped", core.servo().cycle().log_dropped());
-    if (!log->finish()) {
+    if (!contact_log->finish()) {
       spdlog::error("the contact log {} is incomplete: its last entries cannot be written (disk full?)",
                     options.log.string());
       exit_code = 1;
     }
-    log.reset();
+    contact_log.reset();
   }
   // The metrics topic does not repeat lost samples, so the last metrics are sent three times.
   for (int i = 0; i < 3; ++i) {
@@ -371,7 +371,7 @@ int Hrtc::Impl::run(const std::atomic<bool>& stop) {
   }
   spdlog::info("{}", haptic.start());
   if (options.reference_timer)
-    timer = std::make_unique<ReferenceTimer>(options.haptic.period_ns(), options.haptic.priority);
+    reference_timer = std::make_unique<ReferenceTimer>(options.haptic.period_ns(), options.haptic.priority);
   sending = true;
   sender = std::thread{[this] { send_states(); }};
   spdlog::info("{} serves {} probes in session {} on domain {}; pool of {} slots, {:.1f} MiB{}",

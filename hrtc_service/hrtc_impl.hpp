@@ -18,7 +18,7 @@
 #include <vector>
 
 #include "hrtc_service/body_exchange.hpp"
-#include "hrtc_service/contact_journal.hpp"
+#include "hrtc_service/contact_logger.hpp"
 #include "hrtc_service/gateway.hpp"
 #include "hrtc_service/group_endpoints.hpp"
 #include "hrtc_service/hrtc.hpp"
@@ -140,8 +140,8 @@ struct Hrtc::Impl {
 
   CycleStatistics statistics;
   Samples timer_samples{1'000'000};
-  std::unique_ptr<ReferenceTimer> timer;
-  std::unique_ptr<ContactJournal> log;
+  std::unique_ptr<ReferenceTimer> reference_timer;
+  std::unique_ptr<ContactLogger> contact_log;
 
   PeriodicTimer metrics{kMetricsNs}, all_metrics{kAllMetricsNs}, no_host{kNoHostLogNs}, sync_groups{kGroupsNs};
   std::int64_t started_ns = 0;

@@ -20,18 +20,19 @@ bool touches_exactly(const ProbeReports& reports) {
 
 }  // namespace
 
-void Hrtc::Impl::send_metrics(bool all) {
+void Hrtc::Impl::send_metrics(bool with_percentiles) {
   namespace names = session::figures;
   session::Metrics sample;
   sample.origin = participants.origin();
   sample.scene = session::scene_hash(membership.roster(), participants.origin(), session::Role::kHrtc);
-  statistics.add_figures(sample.figures, all);
-  if (all && !timer_samples.empty()) {
+  statistics.add_figures(sample.figures, with_percentiles);
+  if (with_percentiles && !timer_samples.empty()) {
     sample.figures.push_back({names::kTimerP50, timer_samples.percentile(0.5) * 1e-3});
     sample.figures.push_back({names::kTimerP99, timer_samples.percentile(0.99) * 1e-3});
     sample.figures.push_back({names::kTimerMax, timer_samples.percentile(1) * 1e-3});
   }
-  if (timer != nullptr) sample.figures.push_back({names::kTimerOverruns, static_cast<double>(timer->overruns())});
+  if (reference_timer != nullptr)
+    sample.figures.push_back({names::kTimerOverruns, static_cast<double>(reference_timer->overruns())});
   if (gateway.reports().cycle > first_cycle)
     sample.figures.push_back({names::kRate, static_cast<double>(gateway.reports().cycle - first_cycle) * 1e9 /
                                                 static_cast<double>(gateway.reports().time_ns - first_cycle_ns)});
@@ -105,8 +106,9 @@ void Hrtc::Impl::log_overrun(const CycleTrace& trace, const LateVerdict& verdict
   const CycleCosts& costs = trace.costs;
   const auto us = [](auto ns) { return ns / 1000; };
   spdlog::warn(
-      "overrun{}: {} us from start to end, the thread itself computed or blocked for at least {} us; blocked {} times; "
-      "{} minor and {} major page faults; loading {} us, refinement {} us ({} visits, {} changes), refit {} us, "
+      "overrun{}: {} us from start to end, the thread itself computed or was blocked for at least {} us; in this and "
+      "neighbouring cycles blocked {} times, {} minor and {} major page faults; loading {} us, refinement {} us ({} "
+      "list entries visited, {} splits, collapses and base faces), refit {} us, "
       "query {} us, forces {} us; {} arrivals; {} of {} probes in contact",
       overruns_unlogged == 1 ? std::string{} : fmt::format(" ({} since the last line)", overruns_unlogged),
       us(trace.times.end_ns - trace.times.began_ns), us(verdict.own_ns), verdict.blocked, verdict.minor_faults,
@@ -137,11 +139,11 @@ void Hrtc::Impl::drain_rings() {
     if (trace.times.late()) late_traces.push_back(trace);
   }
   classify_late_cycles();
-  if (timer) timer->drain(timer_samples);
-  if (log && !log->drain()) {
+  if (reference_timer) reference_timer->drain(timer_samples);
+  if (contact_log && !contact_log->drain()) {
     spdlog::error("the contact log {} cannot be written any more (disk full?); the session goes on without it",
                   options.log.string());
-    log.reset();
+    contact_log.reset();
     exit_code = 1;
   }
 }
@@ -164,32 +166,34 @@ void Hrtc::Impl::measure_first_touch(std::int64_t now_ns) {
   first.bytes = loader.delivery_counters().payload_bytes;
 }
 
-void Hrtc::Impl::log_fault(std::uint32_t slot, std::uint32_t status) {
+void Hrtc::Impl::log_fault(std::uint32_t probe, std::uint32_t status) {
   const std::uint32_t fault = status & (session::kFault | session::kFaultReason);
-  if (fault == std::exchange(faults_logged[slot], fault)) return;
-  const std::string user = membership.has_user(slot) ? "user " + membership.name_at(slot) : "a user that has left";
+  if (fault == std::exchange(faults_logged[probe], fault)) return;
+  const std::string user = membership.has_user(probe) ? "user " + membership.name_at(probe) : "a user that has left";
   if ((fault & session::kFault) != 0) {
     spdlog::warn("the force of {} is off until a reset: {}", user, session::fault_reason(status));
     if (flight) flight->save(session::fault_reason(status), false);
-  } else if (membership.has_user(slot)) {
+  } else if (membership.has_user(probe)) {
     spdlog::info("the force of {} is on again", user);
   }
 }
 
-void Hrtc::Impl::log_hold(std::uint32_t slot, const ProbeOutput& probe) {
+void Hrtc::Impl::log_hold(std::uint32_t probe, const ProbeOutput& output) {
   constexpr std::uint32_t kHold = session::kHolding | session::kHoldRefused;
-  const std::uint32_t now = probe.status & kHold, before = std::exchange(holds_logged[slot], now);
-  if (now == before || !membership.has_user(slot)) return;
+  const std::uint32_t now = output.status & kHold, before = std::exchange(holds_logged[probe], now);
+  if (now == before || !membership.has_user(probe)) return;
   std::string name = "something";
   for (const Loader::ObjectInfo& object : loader.objects())
-    if (object.index == probe.object) name = "'" + object.name + "'";
+    if (object.index == output.object) name = "'" + object.name + "'";
   if ((now & session::kHolding) != 0) {
-    spdlog::info("user {} holds {}", membership.name_at(slot), name);
+    spdlog::info("user {} holds {}", membership.name_at(probe), name);
   } else if ((before & session::kHolding) != 0) {
-    spdlog::info("user {} no longer holds the object", membership.name_at(slot));
+    spdlog::info("user {} no longer holds the object", membership.name_at(probe));
   } else if ((now & session::kHoldRefused) != 0) {
-    spdlog::warn("user {} cannot hold {}: it is not movable, or the force was off when the grab button was pressed",
-                 membership.name_at(slot), name);
+    spdlog::warn(
+        "user {} cannot hold {}: it is not movable, its force is off, or the grab button was not released after the "
+        "hand lost it",
+        membership.name_at(probe), name);
   }
 }
 

@@ -15,8 +15,8 @@
 
 namespace tactus::hrtc_service {
 
-/// A mutex with priority inheritance: an ordinary thread that is preempted while it holds the mutex cannot delay a
-/// callback that runs under SCHED_FIFO.
+/// A mutex with priority inheritance. While a callback under SCHED_FIFO waits for it, the thread that holds it has the
+/// callback's priority, so that ordinary threads do not prolong the wait.
 class InheritingMutex {
  public:
   InheritingMutex();
@@ -30,21 +30,22 @@ class InheritingMutex {
   pthread_mutex_t mutex_;
 };
 
-/// Any thread except the haptic thread. Its lock is held only for bounded work without allocation.
+/// Holds the stops and resets that an HRTC received. Threads: any except the haptic thread. The lock
+/// is held only for bounded work without allocation.
 class StopSwitch {
  public:
   /// `link` must outlive the switch, and no other object may set its stop.
   StopSwitch(const session::Origin& self, ServoLink& link) : link_{link}, latch_{self} {}
 
-  // These three pass a stop or reset to the haptic thread, which obeys in its next cycle. They return whether the stop
-  // or reset is new.
+  // These three pass stops and resets to the haptic thread, which obeys in its next cycle. They return true for a new
+  // reset, and for a new stop that no reset has ended.
   bool on_stop(const session::StopName& stop);
   bool on_reset(const session::ForceReset& reset);
   bool on_roster(const session::RosterEntry& entry);
 
   [[nodiscard]] bool stopped() const;
-  /// If the haptic thread has obeyed the newest stop or reset since the last call, sets `records` to all stops and
-  /// resets, for the roster entry, and returns true.
+  /// Returns true if stops or resets came after the last call that returned true, and the haptic thread has obeyed all
+  /// of them. Then sets `records` to the records of all stops and resets, for the roster entry.
   bool acknowledge(std::vector<session::StopRecord>& records);
 
  private:

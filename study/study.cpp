@@ -54,29 +54,30 @@ std::string refusal_reason(const Scenario& scenario) {
   const std::size_t max = hrtc_service::kMaxProbes;
   if (scenario.users.size() > max)
     return "has " + std::to_string(scenario.users.size()) + " users, expected at most " + std::to_string(max);
-  const bool of_a_tool = scenario.measures == Measure::kForces && scenario.truth == client_sim::Truth::kFullMesh;
-  if (scenario.tool != client_sim::Tool::kSphere && !of_a_tool)
-    return "has a tool, which can only measure forces with truth full-mesh";
+  const bool allows_tool = scenario.measures == Measure::kForces && scenario.truth == client_sim::Truth::kFullMesh;
+  if (scenario.tool != client_sim::Tool::kSphere && !allows_tool)
+    return "has a tool, so it must measure forces and have the truth full-mesh";
   const std::string object = object_of(scenario);
   if (scenario.measures == Measure::kTarget || scenario.measures == Measure::kLift ||
       scenario.measures == Measure::kHandOver) {
     if (object != "crate") return "touches '" + object + "', expected crate, the body that users share";
     if (scenario.users.size() < 2) return "has one user, expected two or more";
-    const auto has = [&](ActionKind kind) {
+    const auto all_users_have = [&](ActionKind kind) {
       return std::all_of(scenario.users.begin(), scenario.users.end(), [&](const client_sim::User& user) {
         return std::any_of(user.script.begin(), user.script.end(),
                            [&](const auto& action) { return action.kind == kind; });
       });
     };
-    if (scenario.measures == Measure::kLift) return has(ActionKind::kLift) ? "" : "has a user who does not lift";
-    if (!has(ActionKind::kHold)) return "has a user who does not hold the crate";
-    if (scenario.measures == Measure::kHandOver && !has(ActionKind::kWait))
-      return "has a user who does not wait between touches";
+    if (scenario.measures == Measure::kLift)
+      return all_users_have(ActionKind::kLift) ? "" : "has a user without the action lift";
+    if (!all_users_have(ActionKind::kHold)) return "has a user without the action hold";
+    if (scenario.measures == Measure::kHandOver && !all_users_have(ActionKind::kWait))
+      return "has a user without the action wait";
     return "";
   }
   if (object != "wall" && object != "scan") return "touches '" + object + "', expected wall or scan";
   if (object != "wall" && scenario.truth == client_sim::Truth::kAnalytic)
-    return "has an analytic truth, which exists for the wall only";
+    return "has the analytic truth, which forces and first-touch have for the wall only";
   return "";
 }
 

@@ -1,4 +1,4 @@
-// Users join and leave an HRTC over DDS: their devices and writers are freed, but not while a thread may use them.
+// Devices and writers of users who have left an HRTC are freed, but not while a thread may use them.
 
 #include "hrtc_service/user_devices.hpp"
 
@@ -22,8 +22,8 @@ wire::SessionAddress address(const std::string& participant) {
   return address;
 }
 
-/// The haptic thread runs. The test's thread is the sender: until it sends again, it may use the writers of its last
-/// send.
+/// The haptic thread runs. The test's thread is the sender: after a call of send_commands, its writers count as in use
+/// until the next call.
 class UserDevicesTest : public testing::Test {
  protected:
   UserDevicesTest() {
@@ -33,19 +33,20 @@ class UserDevicesTest : public testing::Test {
     core_settings.pool = spm::PoolSettings::for_slots(64);
     core_.emplace(participants_.origin(), core_settings);
     haptic_.emplace(settings, core_->servo());
-    orders_.emplace(*haptic_);
-    devices_.emplace(participants_, *orders_, [](session::Intent&&) {});
+    haptic_commands_.emplace(*haptic_);
+    devices_.emplace(participants_, *haptic_commands_, [](session::Intent&&) {});
     (void)haptic_->start();
   }
   ~UserDevicesTest() override { haptic_->stop(); }
 
-  /// Publishes poses of the user until the haptic thread has its device. The timeout of ctest limits the wait.
+  /// Publishes poses of the user until its device is in the commands to the haptic thread. The timeout of
+  /// ctest limits the wait.
   void open_device(const std::string& user) {
     wire::Writer<session::DevicePose> poses{client_, wire::topics::kDevicePose,
                                             wire::EndpointOptions{wire::user_partition(user)}};
     session::DevicePose pose;
     pose.user_id = session::id_of(user);
-    while (orders_->now().devices[0] == nullptr) {
+    while (haptic_commands_->now().devices[0] == nullptr) {
       pose.origin = client_.origin();
       ++pose.sequence;
       (void)poses.send(pose);
@@ -58,7 +59,7 @@ class UserDevicesTest : public testing::Test {
   wire::Participants client_{address("client")};
   std::optional<HrtcCore> core_;
   std::optional<HapticThread> haptic_;
-  std::optional<HapticCommandPoster> orders_;
+  std::optional<HapticCommandPoster> haptic_commands_;
   std::optional<UserDevices> devices_;
 };
 
@@ -92,32 +93,32 @@ TEST_F(UserDevicesTest, AWriterIsNotDestroyedWhileTheSenderMayUseIt) {
   ProbeReports report;
   report.probes[0].active = true;
   devices_->send_commands(report);
-  const std::uint64_t removal = orders_->now().number + 1;  // number of the order without the device
+  const std::uint64_t removal = haptic_commands_->now().number + 1;  // number of the commands without the device
   devices_->remove(0);
-  while (!orders_->obeyed(removal)) std::this_thread::yield();
+  while (!haptic_commands_->obeyed(removal)) std::this_thread::yield();
   devices_->free_departed();
 
-  EXPECT_EQ(devices_->departed_count(), 1u) << "the sender may be about to send its last command";
+  EXPECT_EQ(devices_->departed_count(), 1u) << "the sender may still use the writer";
   devices_->send_commands(report);
   devices_->free_departed();
   EXPECT_EQ(devices_->departed_count(), 0u);
 }
 
-TEST(Handover, ARetiredValueLivesUntilTheOtherThreadHasTakenALaterList) {
+TEST(Handover, AnObjectLivesUntilTheOtherThreadHasTakenALaterList) {
   Handover<std::array<int*, 2>> handover;
-  DeferredDestruction<std::unique_ptr<int>> retired;
+  DeferredDestruction<std::unique_ptr<int>> deferred;
   auto value = std::make_unique<int>(7);
   handover.post({value.get(), nullptr});
   const std::array<int*, 2>& in_use = handover.latest();
-  retired.add(handover.post({}), std::move(value));
-  const auto collect = [&] { retired.collect([&](std::uint64_t number) { return handover.is_adopted(number); }); };
+  deferred.add(handover.post({}), std::move(value));
+  const auto collect = [&] { deferred.collect([&](std::uint64_t number) { return handover.is_adopted(number); }); };
   collect();
 
-  EXPECT_EQ(retired.size(), 1u);
+  EXPECT_EQ(deferred.size(), 1u);
   EXPECT_EQ(*in_use[0], 7);
   EXPECT_EQ(handover.latest()[0], nullptr);
   collect();
-  EXPECT_EQ(retired.size(), 0u);
+  EXPECT_EQ(deferred.size(), 0u);
 }
 
 }  // namespace

@@ -10,7 +10,7 @@
 #include <random>
 
 #include "host_service/host_core.hpp"
-#include "hrtc_service/contact_journal.hpp"
+#include "hrtc_service/contact_logger.hpp"
 #include "hrtc_service/hrtc_core.hpp"
 #include "hrtc_service/membership.hpp"
 #include "spm/codec/model_codec.hpp"
@@ -478,11 +478,11 @@ TEST_F(WithdrawalTest, TheContactLogNamesTheRightObjectWhenAnIndexIsReused) {
   const std::filesystem::path file = folder.path() / "contacts";
   constexpr int kObjects = static_cast<int>(kMaxObjects) + 3;
   {
-    ContactJournal journal{file, core_->link().log};
-    core_->gateway().on_object = [&](const TouchObject& object) { journal.add(object); };
+    ContactLogger logger{file, core_->link().log};
+    core_->gateway().on_object = [&](const TouchObject& object) { logger.add(object); };
     membership_->on_object_gone = [&](const Loader::ObjectInfo& object) {
       removed_.push_back(object);
-      journal.close(object);
+      logger.close(object);
     };
     for (int number = 0; number < kObjects; ++number) {
       Host& host = add_host("host", "sphere " + std::to_string(number),

@@ -168,7 +168,7 @@ class Simulation {
         if (trace_)
           log(std::to_string(program.id()) + (fault.sends_leave_message ? " leaves" : " crashes") +
               (fault.permanent ? " permanently" : ""));
-        ++result_.faults[static_cast<std::size_t>(fault.kind)];
+        ++result_.fault_counts[static_cast<std::size_t>(fault.kind)];
         world_.last_crash_ns = world_.now_ns;
         program.stop(fault.sends_leave_message);
         if (!fault.permanent) restarts_.emplace(end_of(fault), &program);
@@ -274,10 +274,10 @@ class Simulation {
   }
 
   SimulationResult result() {
-    result_.broken = world_.violations;
-    result_.messages = world_.network.sent();
+    result_.violations = world_.violations;
+    result_.samples_sent = world_.network.sent();
     result_.virtual_ns = world_.now_ns;
-    for (std::size_t i = 0; i < kFaultKinds; ++i) result_.faults[i] += world_.network.fault_counts()[i];
+    for (std::size_t i = 0; i < kFaultKinds; ++i) result_.fault_counts[i] += world_.network.fault_counts()[i];
     for (const auto& host : hosts_) result_.chunks += host->chunks();
     for (const auto& hrtc : hrtcs_) {
       const HrtcFigures& figures = hrtc->figures();
@@ -376,9 +376,9 @@ Schedule random_schedule(std::uint64_t seed) {
   return schedule;
 }
 
-std::size_t SimulationResult::kinds() const {
+std::size_t SimulationResult::fault_kinds() const {
   return static_cast<std::size_t>(
-      std::count_if(faults.begin(), faults.end(), [](std::uint64_t count) { return count != 0; }));
+      std::count_if(fault_counts.begin(), fault_counts.end(), [](std::uint64_t count) { return count != 0; }));
 }
 
 SimulationResult simulate(std::uint64_t seed, const Schedule& schedule,

@@ -35,7 +35,7 @@ TEST(SessionSimulation, WithoutFaultsNoRegionIsRefusedAndNoRecordIsRepeated) {
     Schedule schedule;
     schedule.hrtc_faults.decode_ns = seed % 2 == 0 ? 30 * kMs : 0;
     const SimulationResult result = simulate(seed, schedule);
-    ASSERT_THAT(result.broken, IsEmpty()) << "seed " << seed;
+    ASSERT_THAT(result.violations, IsEmpty()) << "seed " << seed;
     EXPECT_EQ(result.hrtcs.regions_refused, 0u) << "seed " << seed;
     EXPECT_EQ(result.hrtcs.records_repeated, 0u) << "seed " << seed;
     EXPECT_GT(result.hrtcs.regions_released, 30u) << "seed " << seed << ": the HRTCs retire too few regions";
@@ -50,7 +50,7 @@ TEST(SessionSimulation, AHostFailureIsDetectedWithin50Ms) {
     Schedule schedule;
     schedule.planned_faults.push_back(crash_of_the_first_host());
     const SimulationResult result = simulate(seed, schedule);
-    ASSERT_THAT(result.broken, IsEmpty()) << "seed " << seed;
+    ASSERT_THAT(result.violations, IsEmpty()) << "seed " << seed;
     EXPECT_LE(result.hrtcs.max_detection_ns, 50 * kMs) << "seed " << seed;
     detected += result.hrtcs.failures_detected;
   }
@@ -64,7 +64,7 @@ TEST(SessionSimulation, ANewHostRepeatsNoRecordOfTheRegionsInADemand) {
     schedule.planned_faults.push_back(crash_of_the_first_host());
     schedule.hrtc_faults.decode_ns = seed % 2 == 0 ? 30 * kMs : 0;
     const SimulationResult result = simulate(seed, schedule);
-    ASSERT_THAT(result.broken, IsEmpty()) << "seed " << seed;
+    ASSERT_THAT(result.violations, IsEmpty()) << "seed " << seed;
     total.hrtcs.records_received += result.hrtcs.records_received;
     total.hrtcs.records_repeated += result.hrtcs.records_repeated;
     total.host_changes += result.host_changes;
@@ -77,16 +77,16 @@ TEST(SessionSimulation, InvariantsHoldUnderThreeKindsOfFaultAndTheSessionRecover
   SimulationResult total;
   for (std::uint64_t seed = 1; seed <= kSchedules; ++seed) {
     const SimulationResult result = simulate(seed, random_schedule(seed));
-    ASSERT_THAT(result.broken, IsEmpty()) << "replay with scripts/bench simulate --seed " << seed;
-    ASSERT_GE(result.messages, 300u) << "seed " << seed;
-    ASSERT_GE(result.kinds(), 3u) << "seed " << seed;
+    ASSERT_THAT(result.violations, IsEmpty()) << "replay with scripts/bench simulate --seed " << seed;
+    ASSERT_GE(result.samples_sent, 300u) << "seed " << seed;
+    ASSERT_GE(result.fault_kinds(), 3u) << "seed " << seed;
     total.hrtcs.regions_refused += result.hrtcs.regions_refused;
     total.host_changes += result.host_changes;
-    for (std::size_t kind = 0; kind < kFaultKinds; ++kind) total.faults[kind] += result.faults[kind];
+    for (std::size_t kind = 0; kind < kFaultKinds; ++kind) total.fault_counts[kind] += result.fault_counts[kind];
   }
   EXPECT_GT(total.hrtcs.regions_refused, 0u) << "the faults had no effect";
   EXPECT_GT(total.host_changes, 0u);
-  for (std::size_t kind = 0; kind < kFaultKinds; ++kind) EXPECT_GT(total.faults[kind], 0u) << kFaultNames[kind];
+  for (std::size_t kind = 0; kind < kFaultKinds; ++kind) EXPECT_GT(total.fault_counts[kind], 0u) << kFaultNames[kind];
 }
 
 TEST(SessionSimulation, TheTimeToRecoveryEndsWhereTheSilenceBegins) {
@@ -95,7 +95,7 @@ TEST(SessionSimulation, TheTimeToRecoveryEndsWhereTheSilenceBegins) {
   for (std::uint64_t seed = 1; seed <= 20; ++seed) {
     const Schedule schedule = random_schedule(seed);
     const SimulationResult result = simulate(seed, schedule);
-    ASSERT_THAT(result.broken, IsEmpty()) << "seed " << seed;
+    ASSERT_THAT(result.violations, IsEmpty()) << "seed " << seed;
     EXPECT_EQ(result.recovery_ns, result.virtual_ns - kSilenceNs - schedule.faulty_phase_ns) << "seed " << seed;
   }
 }
@@ -104,7 +104,7 @@ TEST(SessionSimulation, ASessionThatDoesNotRecoverHasNoTimeToRecovery) {
   Schedule schedule;
   schedule.bug = InjectedBug::kReceivesNothing;
   const SimulationResult result = simulate(1, schedule);
-  ASSERT_FALSE(result.broken.empty());
+  ASSERT_FALSE(result.violations.empty());
   EXPECT_EQ(result.recovery_ns, std::nullopt);
 }
 
@@ -133,7 +133,7 @@ TEST_P(EveryInjectedBug, IsDetected) {
     schedule.bug = GetParam().bug;
     if (GetParam().bug == InjectedBug::kIgnoresFailureDetector)
       schedule.planned_faults.push_back(crash_of_the_first_host());
-    for (const std::string& violation : simulate(seed, schedule).broken) violations += violation + '\n';
+    for (const std::string& violation : simulate(seed, schedule).violations) violations += violation + '\n';
   }
   EXPECT_THAT(violations, HasSubstr(GetParam().violation));
 }

@@ -1,13 +1,12 @@
-/// Selects the participant announcements to send, and drops the others.
+/// Selects the participant announcements to send and to receive, and drops the others.
 ///
 /// Whenever Fast DDS 2.9.1 discovers a participant, it announces its own participant to the multicast group and to
 /// every known participant. If n participants join at the same time, they send about n^3 datagrams. Nearly all of them
 /// repeat a recent one.
 ///
-/// Measured for decision 11 while 20 HRTCs join: they send 3,300 announcements to single participants, and sent 14,100
-/// with an earlier filter, which did not know whether a multicast group exists. There is no figure without a filter.
-/// Measured while 12 participants join that only read bulk: a quarter fewer discovery datagrams if they ignore each
-/// other.
+/// While 20 HRTCs join, they send 3,300 announcements to single participants. An earlier filter used the short interval
+/// for single participants too, and let 14,100 pass. We did not measure without a filter. If 12 participants that only
+/// read bulk ignore each other, their joining takes a quarter fewer discovery datagrams.
 #pragma once
 
 #include <fastdds/rtps/common/Locator.h>
@@ -24,7 +23,7 @@
 
 namespace tactus::wire {
 
-/// Records which announcement was sent to which locator. Threads: any.
+/// Decides which announcements to send and to receive. Threads: any.
 class Announcements {
  public:
   using Locator = eprosima::fastrtps::rtps::Locator_t;
@@ -37,8 +36,8 @@ class Announcements {
   [[nodiscard]] static std::optional<std::uint64_t> sequence_of(const std::uint8_t* message, std::uint32_t size);
 
   /// Returns the locators in `to` to which `sender` has not sent this announcement within the interval. `sender` only
-  /// identifies the sending object. The library sends to single locators and to the group in different calls, so a
-  /// group counts as existing if one was in `to` within the last kUnicastIntervalNs.
+  /// identifies the sending object. The library sends to single locators and to the group in different calls.
+  /// A group counts as existing if it was in `to` of any call in the last kUnicastIntervalNs.
   [[nodiscard]] std::vector<Locator> due(const void* sender, std::uint64_t sequence, const std::vector<Locator>& to,
                                          std::int64_t now_ns);
 
@@ -59,7 +58,7 @@ class Announcements {
   };
   std::mutex mutex_;
   std::map<std::pair<const void*, Locator>, Sent> sent_;
-  std::optional<std::int64_t> group_ns_;  // newest announcement to the group
+  std::optional<std::int64_t> group_ns_;  // time of the newest call of `due` with a group in `to`
   std::string ignored_name_;
   std::map<GuidPrefix, bool> discovered_;  // discovered participants; false: ignored
 };

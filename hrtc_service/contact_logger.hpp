@@ -16,10 +16,10 @@
 
 namespace tactus::hrtc_service {
 
-class ContactJournal {
+class ContactLogger {
  public:
   /// `queries` must outlive it. Throws trace::LogError naming a file that cannot be created.
-  ContactJournal(const std::filesystem::path& file, ContactQuery::LogRing& queries);
+  ContactLogger(const std::filesystem::path& file, ContactQuery::LogRing& queries);
 
   /// Adds an object, before the haptic thread receives it.
   void add(const TouchObject& object);

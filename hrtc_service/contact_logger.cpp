@@ -1,16 +1,16 @@
-#include "hrtc_service/contact_journal.hpp"
+#include "hrtc_service/contact_logger.hpp"
 
 namespace tactus::hrtc_service {
 
-ContactJournal::ContactJournal(const std::filesystem::path& file, ContactQuery::LogRing& queries)
+ContactLogger::ContactLogger(const std::filesystem::path& file, ContactQuery::LogRing& queries)
     : log_{file}, queries_{queries} {}
 
-void ContactJournal::add(const TouchObject& object) {
+void ContactLogger::add(const TouchObject& object) {
   numbers_[object.index] = next_number_++;
   log_.write(trace::LoggedObject{numbers_[object.index], object.digest, object.placement.scale(), object.name});
 }
 
-bool ContactJournal::drain() {
+bool ContactLogger::drain() {
   while (queries_.pop(query_)) {
     query_.object = numbers_[query_.object];
     log_.write(query_);
@@ -18,7 +18,7 @@ bool ContactJournal::drain() {
   return log_.healthy();
 }
 
-void ContactJournal::close(const Loader::ObjectInfo& object) {
+void ContactLogger::close(const Loader::ObjectInfo& object) {
   static_cast<void>(drain());
   log_.write(trace::LoggedTotals{numbers_[object.index], object.records_received, object.records_received_again,
                                  object.regions_received, object.regions_released});
