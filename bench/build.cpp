@@ -8,6 +8,7 @@
 #include <cstdio>
 #include <limits>
 #include <string>
+#include <utility>
 
 #include "bench/bench_main.hpp"
 #include "bench/figures.hpp"
@@ -116,7 +117,7 @@ Report run(const Settings& settings) {
   Built fastest;
   for (std::uint32_t i = 0; i < repeats; ++i) {
     std::fprintf(stderr, "building, %u of %u\n", i + 1, repeats);
-    Built built = i + 1 == repeats ? build(std::move(mesh), options) : build(mesh, options);
+    Built built = i + 1 == repeats ? build(std::exchange(mesh, {}), options) : build(mesh, options);
     if (i > 0 && built.model.summary.digest != fastest.model.summary.digest) {
       throw std::runtime_error("two builds of one mesh gave different models");
     }

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <algorithm>
 #include <cstring>
 #include <limits>
 #include <memory>

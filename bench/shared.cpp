@@ -137,7 +137,7 @@ Report run(const Settings& settings) {
   Report report{{"a box of 0.5 kg, 12 x 12 x 8 cm, held at its sides", 0, 0,
                  format_line("1 kHz; tuned on %d seeds from %llu, rows of seeds 1 to %d; round trip 200 ms, "
                              "50 ms jitter (two standard deviations in each direction), 20 %% lost in bursts of 4",
-                             seeds, static_cast<unsigned long long>(kTuningSeeds + 1), seeds)}};
+                             seeds, static_cast<unsigned long long>(kTuningSeeds) + 1, seeds)}};
 
   report.set_virtual_time(true);
   WorstResult channel_worst;

@@ -7,11 +7,6 @@
 
 namespace tactus::client_sim {
 
-namespace {
-
-
-}  // namespace
-
 ObjectView view_of(const session::CatalogueEntry& entry) {
   const Eigen::Quaterniond rotation{entry.pose.orientation[3], entry.pose.orientation[0], entry.pose.orientation[1],
                                     entry.pose.orientation[2]};

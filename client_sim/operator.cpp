@@ -14,7 +14,6 @@ namespace {
 constexpr double kMinContactForce = 0.03;  // N; with a smaller force, a state does not count as contact
 constexpr double kSmoothingTime = 0.02;    // s, time constant for received forces and velocities
 
-
 session::Pose pose_of(const Vec3d& position, const Eigen::Quaterniond& orientation) {
   return {{position.x(), position.y(), position.z()},
           {orientation.x(), orientation.y(), orientation.z(), orientation.w()}};

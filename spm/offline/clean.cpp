@@ -14,7 +14,6 @@ namespace {
 
 using Point = std::array<float, 3>;
 
-
 /// Hashes three numbers. The result is never 0.
 std::uint32_t mix(std::uint64_t a, std::uint64_t b, std::uint64_t c) {
   std::uint64_t h = a * 0x9e3779b97f4a7c15ull ^ b * 0xc2b2ae3d27d4eb4full ^ c * 0x165667b19e3779f9ull;

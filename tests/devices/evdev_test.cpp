@@ -54,7 +54,6 @@ extern "C" int ioctl(int fd, unsigned long request, ...) noexcept {
 namespace tactus::haptics {
 namespace {
 
-
 class Evdev : public testing::Test {
  protected:
   Evdev() {
@@ -205,7 +204,8 @@ TEST_F(Evdev, AForceWithoutRumbleSupportIsNotAFailure) {
 TEST_F(Evdev, AnOpenErrorStatesTheFoundAndTheExpectedConfiguration) {
   EXPECT_THAT(evdev_open_error("joystick:/dev/input/js0"), testing::HasSubstr("expected mouse:FILE or gamepad:FILE"));
   EXPECT_THAT(evdev_open_error(""), testing::HasSubstr("expected mouse:FILE or gamepad:FILE"));
-  EXPECT_THAT(evdev_open_error("mouse:/nowhere/event0"), testing::HasSubstr("cannot open /nowhere/event0: No such file"));
+  EXPECT_THAT(evdev_open_error("mouse:/nowhere/event0"),
+              testing::HasSubstr("cannot open /nowhere/event0: No such file"));
 }
 
 }  // namespace

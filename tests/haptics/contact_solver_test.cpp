@@ -12,7 +12,6 @@
 namespace tactus::haptics {
 namespace {
 
-
 /// Random bodies of 0.05 to 2 kg, and random contacts. The 6 x 6 mass matrices are dense, as for bodies with springs.
 class Problem {
  public:

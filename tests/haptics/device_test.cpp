@@ -20,7 +20,6 @@ namespace {
 
 using ::testing::HasSubstr;
 
-
 HandPath path_to(const Vec3d& position, std::int64_t time_ns = 0) {
   HandPath path;
   path.count = 1;

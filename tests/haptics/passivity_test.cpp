@@ -11,7 +11,6 @@
 namespace tactus::haptics {
 namespace {
 
-
 struct PressResult {
   double min_energy;  // J, received from the hand minus returned to the hand
   double max_force;   // N

@@ -12,7 +12,6 @@ namespace {
 
 using testing::HasSubstr;
 
-
 std::string open_error(const std::string& library, const std::string& config) {
   try {
     const PluginDevice device{library, config};

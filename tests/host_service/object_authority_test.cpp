@@ -11,7 +11,6 @@
 namespace tactus::host_service {
 namespace {
 
-
 session::Origin origin_of(std::uint64_t participant, std::uint64_t incarnation) {
   session::Origin origin;
   origin.session = kSession;

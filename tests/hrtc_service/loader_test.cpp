@@ -13,7 +13,6 @@
 namespace tactus::hrtc_service {
 namespace {
 
-
 class LoaderTest : public testing::Test {
  protected:
   LoaderTest() {

@@ -7,7 +7,6 @@
 namespace tactus::hrtc_service {
 namespace {
 
-
 TEST(RemoteUsers, ReturnsALossReportUntilItExpires) {
   RemoteUsers users{0x11};
   session::Metrics metrics;

@@ -139,7 +139,9 @@ Lift lift(bool two_hrtcs, std::int64_t delay_ms) {
 /// later, the copies would drift apart by centimetres.
 TEST(SharedBody, CopiesStayTogetherWhenHrtcsJoinBeforeTheirClocksAreSynchronised) {
   Session session{2, 0.8, true};
-  const auto side = [](double sign, double gap) -> Vec3d { return {sign * (kCrateHalfEdge + 0.003 + gap), 0, kCrateHalfEdge}; };
+  const auto side = [](double sign, double gap) -> Vec3d {
+    return {sign * (kCrateHalfEdge + 0.003 + gap), 0, kCrateHalfEdge};
+  };
   session.add_hrtc();
   const std::size_t ann = session.add_hand(0, side(1, 0.03));
   session.run(0.5);

@@ -9,7 +9,6 @@
 namespace tactus::session {
 namespace {
 
-
 PlayoutSettings without_reserve() {
   PlayoutSettings settings;
   settings.reserve_ns = 0;

@@ -13,7 +13,6 @@
 namespace tactus::session {
 namespace {
 
-
 /// The state of a probe that presses on a surface with 0.5 to 1.5 N at 1 Hz.
 ProbeState pressing(std::int64_t at_ms) {
   const double phase = 2 * M_PI * static_cast<double>(at_ms) * 1e-3;

@@ -22,7 +22,6 @@
 
 namespace tactus::test_support {
 
-
 class Program;
 
 /// Bugs that a test injects, to check that the simulation detects them.

@@ -17,7 +17,6 @@ using testing::ElementsAre;
 using testing::IsEmpty;
 using testing::SizeIs;
 
-
 Origin origin(std::uint64_t participant, std::uint64_t incarnation = 1) {
   return {kSession, participant, incarnation, 0};
 }
@@ -394,8 +393,8 @@ class StopSimulation {
   void kill_an_issuer() {
     if (!stops_.empty()) stops_.erase(stops_.begin() + random_below(stops_.size()));
   }
-  /// Sends a reset that names a share of the standing stops, and sometimes stops that no HRTC has received yet. Makes no
-  /// more issuers of resets than a StopLatch has records.
+  /// Sends a reset that names a share of the standing stops, and sometimes stops that no HRTC has received yet. There
+  /// are at most as many issuers of resets as a StopLatch has records.
   void issue_reset(double share) {
     if (share < 1 && reset_issuers_ >= kMaxResetIssuers) return;
     ++reset_issuers_;

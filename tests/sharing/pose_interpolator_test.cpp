@@ -9,7 +9,6 @@
 namespace tactus::sharing {
 namespace {
 
-
 /// The state at time `ns` of a body that moves on a circle with a radius of 10 cm, once around in two seconds.
 BodyState on_circle(std::int64_t ns) {
   const double angle = 3.14159265358979 * 1e-9 * static_cast<double>(ns);

@@ -12,7 +12,7 @@
 namespace tactus::spm {
 namespace {
 
-constexpr double kReach = 4;    // cell edges
+constexpr double kReach = 4;             // cell edges
 constexpr double kCellsPerSecond = 100;  // cell edges/s
 
 /// The cells of edge 1 that contain at least one of `points`.

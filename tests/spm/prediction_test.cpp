@@ -63,7 +63,8 @@ TEST_F(Prediction, LinearAndPolynomialStrategiesWantOnlyThePath) {
 }
 
 TEST_F(Prediction, NeighbourAndDistanceStrategiesWantAllDirectionsEqually) {
-  EXPECT_EQ(regions_of(predict(Strategy::kNeighbours, true)), cells_near_path(0, kRadius + kMargin + kTipSpeed * kLead));
+  EXPECT_EQ(regions_of(predict(Strategy::kNeighbours, true)),
+            cells_near_path(0, kRadius + kMargin + kTipSpeed * kLead));
   EXPECT_EQ(regions_of(predict(Strategy::kDistance, false)),
             cells_near_path(0, kRadius + kMargin + kTipSpeed * kLead / 2));
 }

@@ -123,9 +123,10 @@ TEST_F(FlightFile, MatchesItsIdl) {
   EXPECT_EQ(values["flight_start list_blocks"], "13");
   EXPECT_EQ(values["flight_object dynamic_friction"], "0.4");
   EXPECT_EQ(values["flight_state carried"], "[0,255,7]");
-  EXPECT_THAT(values["flight_state objects"],
-              testing::StartsWith(R"([{"object":3,"base_faces":20,"mesh_hash":9223372036854775808,"loaded_regions":[1,2,3],)"
-                                  R"("in_use":[{"region":2,"applied":40,"retiring":true,"retained":false},)"));
+  EXPECT_THAT(
+      values["flight_state objects"],
+      testing::StartsWith(R"([{"object":3,"base_faces":20,"mesh_hash":9223372036854775808,"loaded_regions":[1,2,3],)"
+                          R"("in_use":[{"region":2,"applied":40,"retiring":true,"retained":false},)"));
   EXPECT_EQ(values["flight_event kind"], "kRegionRetired");
   EXPECT_EQ(values["flight_move placement.1"], "2");
   EXPECT_EQ(values["flight_probe force.0"], "0.3333333333333333");

@@ -14,7 +14,6 @@ namespace {
 using eprosima::fastrtps::rtps::IPLocator;
 using Locator = Announcements::Locator;
 
-
 Locator locator(const char* address, std::uint32_t port) {
   Locator made;
   IPLocator::createLocator(LOCATOR_KIND_UDPv4, address, port, made);

@@ -42,7 +42,8 @@ Bytes trimmed(const Bytes& bytes) {
 
 TEST(TrimmingTest, RemovesDestinationTimeAndStatistics) {
   EXPECT_EQ(trimmed(message_of({kInfoDestination, kInfoTime, sample(), statistics()})), message_of({sample()}));
-  EXPECT_EQ(trimmed(message_of({kInfoTime, sample(), statistics()})), message_of({sample()})) << "without a destination";
+  EXPECT_EQ(trimmed(message_of({kInfoTime, sample(), statistics()})), message_of({sample()}))
+      << "without a destination";
 }
 
 TEST(TrimmingTest, OtherMessagesAreUnchanged) {
