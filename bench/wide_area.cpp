@@ -248,7 +248,7 @@ std::array<States, 2> receive_states(const Subject& subject, const std::string& 
                                                      const std::lock_guard lock{mutex};
                                                      for (std::size_t i = 0; i < states.size(); ++i)
                                                        if (state.user_id == session::id_of(kUsers[i]))
-                                                         states[i].push_back(std::move(state));
+                                                         states[i].push_back(state);
                                                    }};
     const auto host = session.start(Side::kA, "host", {"--name", "host", "--config", subject.path("host.yaml")});
     std::vector<std::string> arguments{"--name", "desk", "--users", "2", "--no-coding"};

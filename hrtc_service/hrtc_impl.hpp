@@ -184,7 +184,7 @@ struct Hrtc::Impl {
   // Called in threads of DDS.
   template <class Typed>
   void receive(Typed&& sample) {
-    inbox.put(std::move(sample), kUrgency<Typed>);
+    inbox.put(std::forward<Typed>(sample), kUrgency<Typed>);
   }
   void receive(session::EmergencyStop&& stop);
   void receive(session::ForceReset&& reset);

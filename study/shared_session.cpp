@@ -12,7 +12,6 @@
 namespace tactus::study {
 namespace {
 
-using hrtc_service::kMaxProbes;
 using spm::Vec3d;
 
 constexpr std::uint64_t kHost = 100;

@@ -49,8 +49,8 @@ class Value {
 
  private:
   friend class Map;
-  Value(std::string source, std::string path, YAML::Node node)
-      : source_{std::move(source)}, path_{std::move(path)}, node_{std::move(node)} {}
+  Value(std::string source, std::string path, const YAML::Node& node)
+      : source_{std::move(source)}, path_{std::move(path)}, node_{node} {}
   /// The value of a key of this map.
   [[nodiscard]] Value child(const std::string& key) const;
   [[noreturn]] void fail_at(YAML::Mark mark, const std::string& what) const;

@@ -227,7 +227,7 @@ TEST(ContactSolver, SelectsTheDeepestAndOutermostContactsAndCountsTheOthers) {
   for (int x = 0; x < 10; ++x) {
     for (int y = 0; y < 10; ++y) {
       Contact contact;
-      contact.id = static_cast<std::uint64_t>(10 * x + y);
+      contact.id = 10 * static_cast<std::uint64_t>(x) + static_cast<std::uint64_t>(y);
       contact.arm_a = contact.point = {0.01 * (x - 4.5), 0.01 * (y - 4.5), 0};
       contact.gap = x == 4 && y == 4 ? -1e-5 : 0;
       solver.add(contact);

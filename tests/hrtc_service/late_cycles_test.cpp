@@ -120,7 +120,6 @@ std::vector<LateClass> classes_of(const std::vector<History::Activity>& wake,
   return classes_of(classifier);
 }
 
-using testing::Each;
 using testing::ElementsAre;
 using testing::IsEmpty;
 
