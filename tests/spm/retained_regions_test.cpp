@@ -49,7 +49,7 @@ class Retained : public ::testing::TestWithParam<std::uint64_t> {
   [[nodiscard]] std::vector<RegionId> first_regions(std::size_t count) const {
     std::vector<RegionId> regions;
     for (std::uint32_t i = 0; i < model_.summary.regions && regions.size() < count; ++i)
-      if (model_.intervals_of(RegionId{i}).size() > 0) regions.push_back(RegionId{i});
+      if (!model_.intervals_of(RegionId{i}).empty()) regions.push_back(RegionId{i});
     EXPECT_EQ(regions.size(), count);
     return regions;
   }

@@ -9,7 +9,6 @@ namespace tactus::trace {
 namespace {
 
 using testing::ElementsAre;
-using testing::HasSubstr;
 
 constexpr char kText[] = R"(// A comment with struct { in it.
 module a {
