@@ -191,8 +191,8 @@ void Hrtc::Impl::log_hold(std::uint32_t probe, const ProbeOutput& output) {
     spdlog::info("user {} no longer holds the object", membership.name_at(probe));
   } else if ((now & session::kHoldRefused) != 0) {
     spdlog::warn(
-        "user {} cannot hold {}: it is not movable, its force is off, or the grab button was not released after the "
-        "hand lost it",
+        "user {} cannot hold {}: the object is not movable, the user's force is off, or the grab button was not "
+        "released after the hand lost the object",
         membership.name_at(probe), name);
   }
 }

@@ -30,8 +30,8 @@ class InheritingMutex {
   pthread_mutex_t mutex_;
 };
 
-/// Holds the stops and resets that an HRTC received. Threads: any except the haptic thread. The lock
-/// is held only for bounded work without allocation.
+/// Holds the stops and resets that an HRTC received. Threads: any except the haptic thread. The lock is
+/// held only for bounded work without allocation.
 class StopSwitch {
  public:
   /// `link` must outlive the switch, and no other object may set its stop.

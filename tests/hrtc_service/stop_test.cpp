@@ -113,7 +113,7 @@ TEST_F(EmergencyStop, AStopAfterAResetInOneCycleZeroesTheForce) {
   core_.link().set_stop({true, 1});
 
   hand_.wait_for_writes(2);  // the first write may belong to a cycle that began before the stop
-  for (int cycle = 0; cycle < 200; ++cycle) {
+  for (int cycle = 0; cycle < 1000; ++cycle) {
     ASSERT_EQ(hand_.force(), 0) << "in cycle " << cycle;
     hand_.wait_for_writes(1);
   }
