@@ -137,7 +137,7 @@ void HostCore::react(const session::RosterEvent& event, std::int64_t now_ns) {
   metrics_due_.make_due_within(now_ns, kMetricsSoonNs);  // so that programs which compare scenes get the new one soon
   const bool gone = event.change == RosterChange::kLeft || event.change == RosterChange::kGone;
   if (entry.role == session::Role::kHost && gone) authority_.on_host_gone(id, now_ns);
-  if (entry.role != session::Role::kHrtc) return;
+  if (entry.role != session::Role::kHrtc && entry.role != session::Role::kViewer) return;
   if (event.change == RosterChange::kJoined || event.change == RosterChange::kRestarted) {
     heartbeat_.repeat_soon();  // the HRTC requests regions only after it has received this host's entry
     hrtcs_.try_emplace(id, entry.name);

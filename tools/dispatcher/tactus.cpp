@@ -26,6 +26,7 @@ constexpr std::array kCommands{
     Command{"sim study", "tactus-study", "run a study: links, scenarios and seeds, compared with ground truth"},
     Command{"sim", "tactus-sim", "run simulated users of a scenario, and report the session"},
     Command{"judge", "tactus-judge", "compare a session's report and audits with their bounds"},
+    Command{"view", "tactus-view", "show a session as a page in a browser of this machine"},
     Command{"control", "tactus-control", "send an emergency stop, reset, mode or end to a session"},
     Command{"record", "tactus-record", "record every topic of a session in an MCAP file"},
     Command{"replay", "tactus-replay", "recompute the forces of a flight recording and compare them to the bit"},

@@ -6,7 +6,7 @@ const kCoarse = [87, 107, 133], kFine = [237, 153, 69];  // colours of faces: be
 const kTip = 0.003;           // m, radius of a probe
 const kArrowPerNewton = 0.008;  // m
 
-function drawsInSoftware() {
+export function drawsInSoftware() {
   const context = document.createElement("canvas").getContext("webgl2");
   const names = context?.getExtension("WEBGL_debug_renderer_info");
   const renderer = names ? context.getParameter(names.UNMASKED_RENDERER_WEBGL) : "";
@@ -15,7 +15,7 @@ function drawsInSoftware() {
 }
 
 /// A user's probe: the device (transparent), the proxy (solid), the spring between them and the force.
-class Probe {
+export class Probe {
   constructor(scene, colour) {
     const ball = new three.SphereGeometry(kTip, 24, 16);
     this.device = new three.Mesh(ball, new three.MeshLambertMaterial({ color: colour, transparent: true, opacity: 0.4 }));
@@ -26,6 +26,10 @@ class Probe {
     this.arrow = new three.ArrowHelper(new three.Vector3(0, 0, 1), new three.Vector3(), 0.01, 0xffffff, 0.005, 0.003);
     scene.add(this.device, this.proxy, this.spring, this.arrow);
     this.show(false);
+  }
+
+  remove() {
+    for (const part of [this.device, this.proxy, this.spring, this.arrow]) part.removeFromParent();
   }
 
   show(visible) {

@@ -1,0 +1,187 @@
+#include "viewer/page_server.hpp"
+
+#include <gmock/gmock.h>
+
+#include <atomic>
+#include <mutex>
+#include <nlohmann/json.hpp>
+#include <thread>
+
+#include "session/units.hpp"
+#include "tests/support/temporary_folder.hpp"
+#include "tests/viewer/page_client.hpp"
+#include "tests/viewer/viewer_session.hpp"
+#include "wire/process.hpp"
+
+namespace tactus::viewer {
+namespace {
+
+using test_support::http_status;
+using test_support::PageClient;
+
+/// A server that runs in a thread of its own, with a viewer that has received the base mesh.
+class PageServerTest : public ViewerSession {
+ protected:
+  PageServerTest() {
+    run(500 * kMs);
+    test_support::write_bytes(folder_.path() / "index.html", "<!doctype html>");
+    test_support::write_bytes(folder_.path() / "view.js", "let page;");
+    server_.emplace(ServerSettings{folder_.path(), 0}, viewer_);
+    server_->on_event = [this](const std::string& text) {
+      const std::lock_guard lock{mutex_};
+      events_.push_back(text);
+    };
+    server_->on_stop_request = [this](const std::string& reason) {
+      const std::lock_guard lock{mutex_};
+      stop_reason_ = reason;
+    };
+    thread_ = std::thread{[this] {
+      while (!ended_) {
+        server_->poll(wire::monotonic_ns());
+        pages_ = server_->pages();
+        std::this_thread::sleep_for(std::chrono::milliseconds{1});
+      }
+    }};
+  }
+  ~PageServerTest() override {
+    ended_ = true;
+    thread_.join();
+  }
+  /// Receives messages until the server closes the connection. The timeout of ctest limits the wait.
+  static void wait_until_closed(PageClient& page) {
+    while (page.receive()) {
+    }
+  }
+  /// Waits for an event and returns it. The timeout of ctest limits the wait.
+  [[nodiscard]] std::string wait_for_event() {
+    for (;; std::this_thread::yield()) {
+      const std::lock_guard lock{mutex_};
+      if (events_.empty()) continue;
+      const std::string first = events_.front();
+      events_.erase(events_.begin());
+      return first;
+    }
+  }
+  [[nodiscard]] std::string stop_reason() {
+    const std::lock_guard lock{mutex_};
+    return stop_reason_;
+  }
+
+  test_support::TemporaryFolder folder_;
+  std::optional<PageServer> server_;
+  std::mutex mutex_;
+  std::vector<std::string> events_;
+  std::string stop_reason_;
+  std::atomic<bool> ended_{false};
+  std::atomic<std::size_t> pages_{0};
+  std::thread thread_;
+};
+
+TEST_F(PageServerTest, ServesTheFilesOfThePage) {
+  std::string body;
+  EXPECT_EQ(http_status(server_->port(), "/", {}, &body), 200u);
+  EXPECT_EQ(body, "<!doctype html>");
+  EXPECT_EQ(http_status(server_->port(), "/view.js?v=1", {}, &body), 200u);
+  EXPECT_EQ(body, "let page;");
+  EXPECT_EQ(http_status(server_->port(), "/../page_server_test.cpp"), 404u);
+  EXPECT_EQ(http_status(server_->port(), "/other"), 404u);
+}
+
+TEST_F(PageServerTest, RefusesRequestsForOtherHostsAndFromForeignPages) {
+  EXPECT_EQ(http_status(server_->port(), "/", {{"Host", "attacker.example"}}), 403u);
+  EXPECT_EQ(http_status(server_->port(), "/", {{"Host", "localhost.attacker.example"}}), 403u);
+  EXPECT_EQ(http_status(server_->port(), "/", {{"Host", "127.0.0.1:" + std::to_string(server_->port())}}), 200u);
+  EXPECT_THROW(PageClient(server_->port(), "http://attacker.example"), std::runtime_error);
+  EXPECT_NO_THROW(PageClient(server_->port(), "http://localhost:" + std::to_string(server_->port())));
+}
+
+TEST_F(PageServerTest, APageReceivesSceneProbesAndMesh) {
+  PageClient page{server_->port()};
+  nlohmann::json scene;
+  bool has_probes = false, has_mesh = false;
+  while (scene.empty() || !has_probes || !has_mesh) {
+    const auto message = page.receive();
+    ASSERT_TRUE(message);
+    if (message->is_text) {
+      const nlohmann::json text = nlohmann::json::parse(message->bytes);
+      if (text["type"] == "scene") scene = text;
+      continue;
+    }
+    has_probes = has_probes || message->bytes[0] == 2;
+    if (message->bytes[0] == 1) {
+      has_mesh = true;
+      EXPECT_EQ(message->bytes.size(), 32 + 40 * model_.summary.base_faces);
+    }
+  }
+  ASSERT_EQ(scene["objects"].size(), 1u);
+  EXPECT_EQ(scene["objects"][0]["name"], "sphere");
+  EXPECT_EQ(scene["objects"][0]["faces"], model_.summary.faces);
+  EXPECT_EQ(scene["stopped"], false);
+}
+
+TEST_F(PageServerTest, APageCanStopAllForces) {
+  PageClient page{server_->port()};
+  page.send(R"({"stop": "needle bent"})");
+  while (stop_reason().empty() && page.receive()) {
+  }
+  EXPECT_EQ(stop_reason(), "needle bent");
+  EXPECT_EQ(pages_, 1u);
+}
+
+TEST_F(PageServerTest, APageThatSendsNoKnownRequestIsDisconnectedAndNamed) {
+  for (const std::string& garbage : {std::string{"garbage"}, std::string{"{}"}, std::string{R"({"stop": 1})"},
+                                     std::string{R"({"stop": "x", "and": 1})"}, std::string{"\xff\xfe"}}) {
+    PageClient page{server_->port()};
+    page.send(garbage);
+    wait_until_closed(page);
+    EXPECT_THAT(wait_for_event(), testing::MatchesRegex("page .* is disconnected: it sent no (known|valid) .*"))
+        << garbage;
+  }
+}
+
+TEST_F(PageServerTest, APageThatFloodsOrSendsALongRequestIsDisconnectedAndNamed) {
+  {
+    PageClient page{server_->port()};
+    for (int i = 0; i < 60; ++i) page.send(R"({"stop": "again"})");
+    wait_until_closed(page);
+    EXPECT_THAT(wait_for_event(), testing::HasSubstr("more than 50 requests a second"));
+  }
+  PageClient page{server_->port()};
+  page.send(R"({"stop": ")" + std::string(5000, 'x') + "\"}");
+  wait_until_closed(page);
+  EXPECT_THAT(wait_for_event(), testing::HasSubstr("longer than 4096 bytes"));
+}
+
+TEST_F(PageServerTest, ServesSixteenPagesOfWhichTenDoNotRead) {
+  std::vector<std::unique_ptr<PageClient>> pages;
+  for (std::size_t i = 0; i < PageServer::kMaxPages; ++i) pages.push_back(std::make_unique<PageClient>(server_->port()));
+  EXPECT_THROW(PageClient{server_->port()}, std::runtime_error);
+  const auto began = std::chrono::steady_clock::now();
+  for (int i = 0; i < 20; ++i)
+    for (std::size_t page = 10; page < pages.size(); ++page) ASSERT_TRUE(pages[page]->receive());
+  EXPECT_LT(std::chrono::steady_clock::now() - began, std::chrono::seconds{5});
+
+  pages.clear();
+  while (pages_ > 0) std::this_thread::yield();  // the timeout of ctest limits the wait
+  EXPECT_NO_THROW(PageClient{server_->port()});
+}
+
+TEST(PageServer, NamesThePortOrTheFolderIfItCannotStart) {
+  const ViewerCore core{session::Origin{kSession, 900, 1, 0}, {"view", "session", spm::PoolSettings::for_slots(100)}, 0};
+  const test_support::TemporaryFolder folder;
+  const auto reason = [&](const ServerSettings& settings) -> std::string {
+    try {
+      const PageServer server{settings, core};
+    } catch (const ServerError& error) {
+      return error.what();
+    }
+    return "";
+  };
+  EXPECT_THAT(reason({folder.path(), 0}), testing::HasSubstr("found no index.html; run scripts/page"));
+  test_support::write_bytes(folder.path() / "index.html", "page");
+  const PageServer first{{folder.path(), 0}, core};
+  EXPECT_THAT(reason({folder.path(), first.port()}), testing::HasSubstr("cannot listen on port"));
+}
+
+}  // namespace
+}  // namespace tactus::viewer

@@ -1,0 +1,193 @@
+// The page of a viewer: shows the session whose frames arrive over one WebSocket.
+import { readFrame } from "./frames.js";
+import { Strip } from "./strip.js";
+import { ViewScene } from "./view_scene.js";
+
+const kColours = ["#6fc3ff", "#c79bff", "#7fd88f", "#ff9d9d", "#ffd36f", "#6fe3d6", "#ff9be0", "#b6d96f"];  // of users
+const kReconnectMs = 500;
+const kSoftwareIntervalMs = 33;  // min time between two pictures without a graphics processor
+const kContact = 1, kExact = 2, kFault = 1 << 8, kHolding = 1 << 11;  // docs/reference/status-bits.md
+const kNoObject = 0xffffffff;
+
+const element = (id) => document.getElementById(id);
+/// For tests and curious users: the newest messages and what is drawn.
+const state = window.tactus = { scene: null, probes: [], figures: null, frames: 0, meshes: new Map(), connections: 0,
+                                isConnected: false, error: null, drawn: 0, firstDrawnMs: null };
+const users = new Map();   // by id: {name, colour, hrtc}
+const strips = new Map();  // by HRTC: {element, strip, text}
+
+let scene;
+try {
+  scene = new ViewScene(element("scene"), element("names"));
+} catch (error) {
+  state.error = error.message;
+  element("connection").textContent = `this browser cannot draw: ${error.message}`;
+  throw error;
+}
+
+/// Sets the rows of a table. `rows`: lists of cells, each a text or an element.
+function setRows(table, rows) {
+  table.tBodies[0].replaceChildren(...rows.map((cells) => {
+    const row = document.createElement("tr");
+    row.append(...cells.map((cell) => {
+      const data = document.createElement("td");
+      data.append(cell);
+      return data;
+    }));
+    return row;
+  }));
+}
+
+function span(text, className = "") {
+  const made = document.createElement("span");
+  made.textContent = text;
+  made.className = className;
+  return made;
+}
+
+function named(name, colour) {
+  const made = span("");
+  const swatch = span("", "swatch");
+  swatch.style.background = colour;
+  made.append(swatch, name);
+  return made;
+}
+
+// ---- messages ----
+
+function showScene(message) {
+  state.scene = message;
+  for (const { id, name, hrtc } of message.users)
+    users.set(id, { colour: kColours[users.size % kColours.length], ...users.get(id), name, hrtc });
+  scene.setObjects(message.objects);
+  for (const number of state.meshes.keys())
+    if (!scene.objects.has(number)) state.meshes.delete(number);
+  element("banner").hidden = !message.stopped;
+  setRows(element("hosts"), message.participants.filter(({ role }) => role === "host").map(({ name, late }) => [
+    name, late ? span("late", "fault") : span("present", "exact")]));
+  const events = element("events");
+  events.replaceChildren(...message.events.slice(-12).reverse().map(({ secondsAgo, text }) => {
+    const item = document.createElement("li");
+    const clock = new Date(Date.now() - 1e3 * secondsAgo).toLocaleTimeString("en", { hour12: false });
+    item.append(span(`${clock} `, "soft"), text);
+    return item;
+  }));
+  const follow = element("follow"), chosen = follow.value;
+  follow.replaceChildren(new Option("nobody", ""), ...message.users.map(({ id, name }) => new Option(name, id)));
+  follow.value = message.users.some(({ id }) => id === chosen) ? chosen : "";
+}
+
+function showUsers() {
+  setRows(element("users"), state.probes.map((probe) => {
+    const { name = "unknown user", colour = "#ffffff" } = users.get(probe.user) ?? {};
+    const isTouching = (probe.status & kContact) !== 0;
+    const object = state.scene?.objects.find(({ number }) => number === probe.object && number !== kNoObject)?.name ?? "";
+    const contact = (probe.status & kFault) !== 0 ? span("force off", "fault")
+      : !isTouching ? span("no contact", "soft")
+      : (probe.status & kExact) !== 0 ? span("exact", "exact") : span(`within ${(1e3 * probe.errorBound).toFixed(2)} mm`, "coarse");
+    return [named(name, colour), (probe.status & kHolding) !== 0 ? `holds ${object}` : object, contact,
+            `${Math.hypot(...probe.force).toFixed(2)} N`];
+  }));
+}
+
+function showObjects() {
+  setRows(element("objects"), (state.scene?.objects ?? []).map(({ number, name, host, faces }) => {
+    const shown = scene.objects.get(number);
+    return [name, span(`at ${host}`, "soft"), `${(shown?.faces ?? 0).toLocaleString("en")} of ${faces.toLocaleString("en")} faces`];
+  }));
+}
+
+function showFigures(message) {
+  state.figures = message.participants;
+  const hrtcs = Object.entries(message.participants).filter(([, figures]) => "hrtc.cycles" in figures);
+  for (const [name, { element: shown }] of strips) {
+    if (hrtcs.some(([present]) => present === name)) continue;
+    shown.remove();
+    strips.delete(name);
+  }
+  for (const [name, figures] of hrtcs) {
+    if (!strips.has(name)) {
+      const shown = document.createElement("div");
+      shown.className = "hrtc";
+      const text = span("", "soft"), line = document.createElement("div"), canvas = document.createElement("canvas");
+      line.append(name, text);
+      shown.append(line, canvas);
+      element("hrtcs").append(shown);
+      strips.set(name, { element: shown, strip: new Strip(canvas), text });
+    }
+    const { strip, text } = strips.get(name);
+    const p99 = figures["hrtc.cycle_us.p99"];
+    if (p99 !== undefined) strip.add(p99);
+    const pool = 100 * figures["hrtc.pool_used"] / figures["hrtc.pool_limit"];
+    text.textContent = `${Math.round(figures["hrtc.rate_hz"] ?? 0)} Hz, cycle p99 ${p99?.toFixed(0) ?? "?"} us, pool ${pool.toFixed(0)} %`;
+    strip.draw();
+  }
+  showObjects();
+}
+
+function receive({ data }) {
+  ++state.frames;
+  if (typeof data === "string") {
+    const message = JSON.parse(data);
+    if (message.type === "scene") showScene(message);
+    else if (message.type === "figures") showFigures(message);
+    return;
+  }
+  const frame = readFrame(data);
+  if (frame.mesh) {
+    scene.applyMesh(frame.mesh);
+    state.meshes.set(frame.mesh.object, { faces: frame.mesh.faces, hash: frame.mesh.hash.toString() });
+  } else {
+    state.probes = frame.probes;
+    scene.setProbes(frame, users);
+  }
+}
+
+// ---- connection ----
+
+let socket = null;
+
+/// Connects, and connects again whenever the connection ends. The first frames then have the whole state.
+function connect() {
+  socket = new WebSocket(`ws://${location.host}/session`);
+  socket.binaryType = "arraybuffer";
+  socket.onopen = () => {
+    ++state.connections;
+    state.isConnected = true;
+    scene.setObjects([]);
+    element("connection").textContent = "connected";
+    element("connection").className = "open";
+  };
+  socket.onmessage = receive;
+  socket.onclose = () => {
+    state.isConnected = false;
+    element("connection").textContent = "the viewer does not answer; trying again";
+    element("connection").className = "lost";
+    setTimeout(connect, kReconnectMs);
+  };
+}
+
+element("stop").addEventListener("click", () => {
+  if (socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify({ stop: "requested at the viewer's page" }));
+});
+element("resolution").addEventListener("change", ({ target }) => scene.showResolution(target.checked));
+element("wireframe").addEventListener("change", ({ target }) => { scene.material.wireframe = target.checked; });
+element("labels").addEventListener("change", ({ target }) => { scene.showsNames = target.checked; });
+element("follow").addEventListener("change", ({ target }) => { scene.followed = target.value || null; });
+
+// ---- drawing ----
+
+let drawnMs = 0;
+
+function draw(now) {
+  requestAnimationFrame(draw);
+  if (scene.isSoftware && now - drawnMs < kSoftwareIntervalMs) return;
+  drawnMs = now;
+  scene.draw();
+  ++state.drawn;
+  if (state.firstDrawnMs === null && state.meshes.size > 0) state.firstDrawnMs = performance.now();
+}
+
+setInterval(showUsers, 100);
+connect();
+requestAnimationFrame(draw);

@@ -1,0 +1,201 @@
+// Draws the objects, probes and forces of a session.
+import * as three from "three";
+import { OrbitControls } from "three/addons/controls/OrbitControls.js";
+import { Probe, drawsInSoftware } from "../../web/page/scene.js";
+
+const kCoarse = [87, 107, 133], kFine = [237, 153, 69], kPlain = [176, 187, 200];  // colours of faces
+
+/// The mesh of an object. Its buffers have the rows of the viewer's frames; an empty row is a face without area.
+class ShownObject {
+  constructor(scene, description, material) {
+    this.finest = new Uint8Array(0);  // by row
+    this.positions = new Float32Array(0);
+    this.colours = new Uint8Array(0);
+    this.group = new three.Group();
+    this.mesh = new three.Mesh(new three.BufferGeometry(), material);
+    this.mesh.frustumCulled = false;
+    this.mesh.scale.setScalar(description.scale);
+    this.group.add(this.mesh);
+    scene.add(this.group);
+    this.setPose(description);
+  }
+
+  setPose({ position, orientation }) {
+    this.group.position.fromArray(position);
+    this.group.quaternion.fromArray(orientation);
+  }
+
+  /// Enlarges the buffers to at least `rows` rows.
+  reserve(rows) {
+    if (rows <= this.finest.length) return;
+    const capacity = Math.ceil(1.5 * rows);
+    const grown = (array, size) => {
+      const larger = new array.constructor(size);
+      larger.set(array);
+      return larger;
+    };
+    this.finest = grown(this.finest, capacity);
+    this.positions = grown(this.positions, 9 * capacity);
+    this.colours = grown(this.colours, 9 * capacity);
+    this.mesh.geometry.dispose();
+    this.mesh.geometry = new three.BufferGeometry();
+    this.mesh.geometry.setAttribute("position", new three.BufferAttribute(this.positions, 3).setUsage(three.DynamicDrawUsage));
+    this.mesh.geometry.setAttribute("color", new three.BufferAttribute(this.colours, 3, true).setUsage(three.DynamicDrawUsage));
+    this.mesh.geometry.boundingSphere = new three.Sphere(new three.Vector3(), Infinity);  // spares its computation
+  }
+
+  apply(frame, showsResolution) {
+    if (frame.isWhole) this.positions.fill(0);
+    this.reserve(frame.rows);
+    frame.changed.forEach((number, i) => {
+      const row = number & 0x7fffffff;
+      this.finest[row] = number >>> 31;
+      this.positions.set(frame.corners.subarray(9 * i, 9 * i + 9), 9 * row);
+      this.colour(row, showsResolution);
+    });
+    const { position, color } = this.mesh.geometry.attributes;
+    const low = frame.changed.reduce((least, number) => Math.min(least, number & 0x7fffffff), frame.rows);
+    const high = frame.changed.reduce((most, number) => Math.max(most, number & 0x7fffffff), 0);
+    for (const attribute of [position, color]) {
+      attribute.addUpdateRange(9 * low, 9 * (high - low + 1));
+      attribute.needsUpdate = true;
+    }
+    this.mesh.geometry.setDrawRange(0, 3 * frame.rows);
+    this.faces = frame.faces;
+    this.hash = frame.hash;
+  }
+
+  colour(row, showsResolution) {
+    const colour = !showsResolution ? kPlain : this.finest[row] ? kFine : kCoarse;
+    for (let k = 0; k < 9; ++k) this.colours[9 * row + k] = colour[k % 3];
+  }
+
+  showResolution(shows) {
+    for (let row = 0; row < this.finest.length; ++row) this.colour(row, shows);
+    if (this.mesh.geometry.attributes.color) this.mesh.geometry.attributes.color.needsUpdate = true;
+  }
+
+  /// Number of faces in their finest version.
+  get finestFaces() { return this.finest.reduce((sum, finest) => sum + finest, 0); }
+
+  dispose() {
+    this.group.removeFromParent();
+    this.mesh.geometry.dispose();
+  }
+}
+
+export class ViewScene {
+  constructor(canvas, names) {
+    this.canvas = canvas;
+    this.names = names;
+    this.isSoftware = drawsInSoftware();
+    this.renderer = new three.WebGLRenderer({ canvas, antialias: !this.isSoftware });
+    this.scene = new three.Scene();
+    this.scene.background = new three.Color(0x10141a);
+    this.camera = new three.PerspectiveCamera(40, 1, 0.005, 20);
+    this.camera.up.set(0, 0, 1);
+    this.camera.position.set(0.3, -0.8, 0.6);
+    const light = new three.DirectionalLight(0xffffff, 2.4);
+    this.camera.add(light);
+    light.position.set(-0.3, 0.6, 1);
+    this.scene.add(new three.HemisphereLight(0xcfdcea, 0x39414b, 1.6), this.camera);
+    this.controls = new OrbitControls(this.camera, canvas);
+    this.material = new three.MeshLambertMaterial({ vertexColors: true, flatShading: true, side: three.DoubleSide });
+    this.objects = new Map();  // by number
+    this.probes = new Map();   // by user id
+    this.showsResolution = true;
+    this.showsNames = true;
+    this.followed = null;      // user id
+    this.hasView = false;      // the camera was placed so that it sees all objects
+  }
+
+  setObjects(descriptions) {
+    const present = new Set(descriptions.map(({ number }) => number));
+    for (const [number, object] of this.objects) {
+      if (present.has(number)) continue;
+      object.dispose();
+      this.objects.delete(number);
+    }
+    for (const description of descriptions)
+      if (!this.objects.has(description.number))
+        this.objects.set(description.number, new ShownObject(this.scene, description, this.material));
+    if (!this.hasView && descriptions.length > 0) this.viewAll(descriptions);
+  }
+
+  /// Places the camera so that it sees the bounds of all objects.
+  viewAll(descriptions) {
+    const bounds = new three.Box3();
+    for (const { number, low, high, scale } of descriptions) {
+      const { group } = this.objects.get(number);
+      group.updateMatrixWorld();
+      const box = new three.Box3(new three.Vector3().fromArray(low), new three.Vector3().fromArray(high));
+      bounds.union(box.applyMatrix4(group.matrixWorld.clone().scale(new three.Vector3(scale, scale, scale))));
+    }
+    const centre = bounds.getCenter(new three.Vector3()), size = bounds.getSize(new three.Vector3()).length();
+    this.camera.position.copy(centre).add(new three.Vector3(0.35, -1, 0.75).multiplyScalar(1.1 * size));
+    this.controls.target.copy(centre);
+    this.controls.update();
+    this.hasView = true;
+  }
+
+  applyMesh(frame) { this.objects.get(frame.object)?.apply(frame, this.showsResolution); }
+
+  showResolution(shows) {
+    this.showsResolution = shows;
+    for (const object of this.objects.values()) object.showResolution(shows);
+  }
+
+  /// `users`: by id {name, colour}.
+  setProbes({ probes, poses }, users) {
+    for (const pose of poses) this.objects.get(pose.object)?.setPose(pose);
+    const present = new Set(probes.map(({ user }) => user));
+    for (const [user, shown] of this.probes) {
+      if (present.has(user)) continue;
+      shown.probe.remove();
+      shown.label.remove();
+      this.probes.delete(user);
+    }
+    for (const state of probes) {
+      const { name, colour } = users.get(state.user) ?? { name: "unknown user", colour: "#ffffff" };
+      if (!this.probes.has(state.user)) {
+        const label = this.names.appendChild(document.createElement("span"));
+        label.style.color = colour;
+        this.probes.set(state.user, { probe: new Probe(this.scene, colour), label });
+      }
+      const shown = this.probes.get(state.user), isTouching = (state.status & 1) !== 0;
+      const proxy = isTouching ? state.proxy : state.device;
+      shown.probe.update(new Float32Array([...state.device, ...proxy, ...state.force, state.errorBound, 1, isTouching, 0]));
+      shown.proxy = new three.Vector3().fromArray(proxy);
+      const newtons = Math.hypot(...state.force);
+      shown.label.textContent = newtons > 0.05 ? `${name} ${newtons.toFixed(1)} N` : name;
+    }
+  }
+
+  placeNames(width, height) {
+    for (const { label, proxy } of this.probes.values()) {
+      const at = proxy.clone().project(this.camera);
+      label.hidden = !this.showsNames || at.z > 1;
+      label.style.transform = `translate(${(at.x + 1) / 2 * width + 10}px, ${(1 - at.y) / 2 * height - 24}px)`;
+    }
+  }
+
+  draw() {
+    const { clientWidth: width, clientHeight: height } = this.canvas;
+    const ratio = this.isSoftware ? 1 : Math.min(window.devicePixelRatio, 2);
+    if (this.canvas.width !== Math.floor(width * ratio) || this.canvas.height !== Math.floor(height * ratio)) {
+      this.renderer.setPixelRatio(ratio);
+      this.renderer.setSize(width, height, false);
+      this.camera.aspect = width / height;
+      this.camera.updateProjectionMatrix();
+    }
+    const followed = this.probes.get(this.followed);
+    if (followed) {
+      const step = followed.proxy.clone().sub(this.controls.target).multiplyScalar(0.2);
+      this.controls.target.add(step);
+      this.camera.position.add(step);
+    }
+    this.controls.update();
+    this.renderer.render(this.scene, this.camera);
+    this.placeNames(width, height);
+  }
+}

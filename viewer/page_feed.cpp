@@ -1,0 +1,169 @@
+#include "viewer/page_feed.hpp"
+
+#include <array>
+#include <bit>
+#include <nlohmann/json.hpp>
+#include <type_traits>
+
+#include "session/units.hpp"
+
+namespace tactus::viewer {
+namespace {
+
+static_assert(std::endian::native == std::endian::little, "frames are little endian");
+
+// Min times between two messages of a kind to a page.
+constexpr std::int64_t kSceneNs = 100 * kMs, kFiguresNs = 250 * kMs, kProbesNs = 15 * kMs, kMeshNs = 60 * kMs;
+constexpr std::uint32_t kWhole = 1;            // flag of a mesh frame: the page drops the rows that it has
+constexpr std::uint32_t kFinestRow = 1u << 31;  // of a row number in a mesh frame
+
+template <class Number>
+void append(std::string& bytes, Number number) {
+  static_assert(std::is_arithmetic_v<Number>);
+  bytes.append(reinterpret_cast<const char*>(&number), sizeof number);
+}
+
+template <std::size_t kSize>
+void append_floats(std::string& bytes, const std::array<double, kSize>& numbers) {
+  for (const double number : numbers) append(bytes, static_cast<float>(number));
+}
+
+const char* name_of(session::Role role) {
+  switch (role) {
+    case session::Role::kHost:
+      return "host";
+    case session::Role::kHrtc:
+      return "hrtc";
+    case session::Role::kClient:
+      return "client";
+    case session::Role::kViewer:
+      break;
+  }
+  return "viewer";
+}
+
+}  // namespace
+
+std::optional<PageMessage> PageFeed::next(std::int64_t now_ns) {
+  if (scene_change_ != core_.scene_change() && now_ns - scene_ns_ >= kSceneNs) {
+    scene_change_ = core_.scene_change();
+    scene_ns_ = now_ns;
+    return scene(now_ns);
+  }
+  if (now_ns - probes_ns_ >= kProbesNs) {
+    probes_ns_ = now_ns;
+    return probes(now_ns);
+  }
+  if (auto frame = mesh(now_ns)) return frame;
+  if (metrics_change_ != core_.metrics_change() && now_ns - figures_ns_ >= kFiguresNs) {
+    metrics_change_ = core_.metrics_change();
+    figures_ns_ = now_ns;
+    return figures();
+  }
+  return std::nullopt;
+}
+
+PageMessage PageFeed::scene(std::int64_t now_ns) const {
+  nlohmann::json scene{{"type", "scene"},
+                       {"participants", nlohmann::json::array()},
+                       {"users", nlohmann::json::array()},
+                       {"objects", nlohmann::json::array()},
+                       {"events", nlohmann::json::array()}};
+  scene["stopped"] = core_.are_forces_stopped();
+  core_.roster().for_each([&](const session::RosterEntry& entry) {
+    scene["participants"].push_back({{"name", entry.name},
+                                     {"role", name_of(entry.role)},
+                                     {"late", core_.roster().is_late(entry.origin.participant)}});
+    for (const session::UserProbe& user : entry.served_users)
+      scene["users"].push_back(
+          {{"name", user.user}, {"id", std::to_string(session::id_of(user.user))}, {"hrtc", entry.name}});
+  });
+  for (const auto& [id, object] : core_.objects()) {
+    const session::CatalogueEntry& entry = object.entry;
+    scene["objects"].push_back({{"number", object.number},
+                                {"name", entry.object},
+                                {"host", entry.host},
+                                {"scale", entry.scale},
+                                {"low", entry.summary.bounds_min},
+                                {"high", entry.summary.bounds_max},
+                                {"faces", entry.summary.faces},
+                                {"stiffness", entry.material.stiffness},
+                                {"movable", entry.body.mass > 0},
+                                {"position", object.pose.position},
+                                {"orientation", object.pose.orientation}});
+  }
+  for (const Event& event : core_.events())
+    scene["events"].push_back({{"secondsAgo", static_cast<double>(now_ns - event.at_ns) / kNsPerS}, {"text", event.text}});
+  return {true, scene.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace)};
+}
+
+PageMessage PageFeed::figures() const {
+  nlohmann::json figures{{"type", "figures"}, {"participants", nlohmann::json::object()}};
+  for (const auto& [participant, metrics] : core_.metrics()) {
+    const session::RosterEntry* const entry = core_.roster().find(participant);
+    if (entry == nullptr) continue;
+    nlohmann::json& values = figures["participants"][entry->name];
+    for (const session::Figure& figure : metrics.figures) values[figure.name] = figure.value;
+    for (const session::MeshHash& mesh : metrics.meshes)
+      if (const auto object = core_.objects().find(mesh.object_id); object != core_.objects().end())
+        values["meshes"][object->second.entry.object] = std::to_string(mesh.hash);
+  }
+  return {true, figures.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace)};
+}
+
+PageMessage PageFeed::probes(std::int64_t now_ns) const {
+  PageMessage frame;
+  std::string& bytes = frame.bytes;
+  append(bytes, static_cast<std::uint32_t>(FrameKind::kProbes));
+  append(bytes, static_cast<std::uint32_t>(core_.probes().size()));
+  append(bytes, static_cast<std::uint32_t>(core_.objects().size()));
+  append(bytes, std::uint32_t{0});
+  append(bytes, static_cast<double>(core_.session_time(now_ns)) / kNsPerS);
+  for (const auto& [user, probe] : core_.probes()) {
+    const session::ProbeState& state = probe.state;
+    const auto object = core_.objects().find(state.object_id);
+    append(bytes, user);
+    append(bytes, state.status);
+    append(bytes, object == core_.objects().end() ? kNoObject : object->second.number);
+    append_floats(bytes, state.device.position);
+    append_floats(bytes, state.device.orientation);
+    append_floats(bytes, state.proxy);
+    append_floats(bytes, state.force);
+    append(bytes, static_cast<float>(state.radius));
+    append(bytes, state.error_bound);
+    append(bytes, static_cast<float>(static_cast<double>(now_ns - probe.received_ns) / kNsPerS));
+  }
+  for (const auto& [id, object] : core_.objects()) {
+    append(bytes, object.number);
+    append_floats(bytes, object.pose.position);
+    append_floats(bytes, object.pose.orientation);
+  }
+  return frame;
+}
+
+std::optional<PageMessage> PageFeed::mesh(std::int64_t now_ns) {
+  for (const auto& [id, object] : core_.objects()) {
+    const ShownMesh& mesh = object.mesh;
+    SentMesh& sent = meshes_[object.number];
+    if (mesh.change() == sent.change || now_ns - sent.at_ns < kMeshNs) continue;
+    const std::vector<std::uint32_t> rows = mesh.changed_since(sent.change);
+    PageMessage frame;
+    std::string& bytes = frame.bytes;
+    bytes.reserve(32 + rows.size() * (sizeof(std::uint32_t) + sizeof(ShownMesh::Face::corners)));
+    append(bytes, static_cast<std::uint32_t>(FrameKind::kMesh));
+    append(bytes, object.number);
+    append(bytes, sent.change == 0 ? kWhole : 0);
+    append(bytes, static_cast<std::uint32_t>(mesh.rows().size()));
+    append(bytes, static_cast<std::uint32_t>(rows.size()));
+    append(bytes, mesh.faces());
+    append(bytes, mesh.mesh_hash());
+    for (const std::uint32_t row : rows) append(bytes, mesh.rows()[row].finest ? row | kFinestRow : row);
+    for (const std::uint32_t row : rows)
+      for (const float coordinate : mesh.rows()[row].corners) append(bytes, coordinate);
+    sent = {mesh.change(), now_ns};
+    return frame;
+  }
+  return std::nullopt;
+}
+
+}  // namespace tactus::viewer

@@ -1,0 +1,51 @@
+/// What one page receives: texts in JSON and binary frames (docs/reference/viewer-frames.md).
+///
+/// A page has no queue. When it can take a message, it gets the newest state that it lacks. So a slow page gets fewer
+/// messages, and the next one contains all changes since the last.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <optional>
+#include <string>
+
+#include "viewer/viewer_core.hpp"
+
+namespace tactus::viewer {
+
+struct PageMessage {
+  bool is_text = false;  ///< JSON; otherwise a binary frame
+  std::string bytes;
+};
+
+/// First number of a binary frame.
+enum class FrameKind : std::uint32_t { kMesh = 1, kProbes = 2 };
+/// Number of an object in a frame if there is none.
+inline constexpr std::uint32_t kNoObject = ~0u;
+
+class PageFeed {
+ public:
+  /// `core` must outlive the feed.
+  explicit PageFeed(const ViewerCore& core) : core_{core} {}
+
+  /// Returns the next message for the page, or none if nothing is due. The most urgent first: scene, probes, meshes,
+  /// figures.
+  [[nodiscard]] std::optional<PageMessage> next(std::int64_t now_ns);
+
+ private:
+  [[nodiscard]] PageMessage scene(std::int64_t now_ns) const;
+  [[nodiscard]] PageMessage figures() const;
+  [[nodiscard]] PageMessage probes(std::int64_t now_ns) const;
+  [[nodiscard]] std::optional<PageMessage> mesh(std::int64_t now_ns);
+
+  struct SentMesh {
+    std::uint32_t change = 0;  // ShownMesh::change of the last frame; 0: none
+    std::int64_t at_ns = 0;
+  };
+  const ViewerCore& core_;
+  std::uint32_t scene_change_ = 0, metrics_change_ = 0;  // of the last message
+  std::int64_t scene_ns_ = 0, figures_ns_ = 0, probes_ns_ = 0;
+  std::map<std::uint32_t, SentMesh> meshes_;  // by object number
+};
+
+}  // namespace tactus::viewer

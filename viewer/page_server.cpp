@@ -1,0 +1,293 @@
+#include "viewer/page_server.hpp"
+
+#include <algorithm>
+#include <array>
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/ip/tcp.hpp>
+#include <boost/beast/core.hpp>
+#include <boost/beast/http.hpp>
+#include <boost/beast/websocket.hpp>
+#include <chrono>
+#include <fstream>
+#include <iterator>
+#include <list>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <string_view>
+#include <utility>
+
+#include "session/units.hpp"
+#include "viewer/page_feed.hpp"
+
+namespace tactus::viewer {
+
+namespace asio = boost::asio;
+namespace beast = boost::beast;
+namespace http = beast::http;
+namespace websocket = beast::websocket;
+using tcp = asio::ip::tcp;
+
+namespace {
+
+constexpr std::chrono::seconds kHttpTimeout{10};
+constexpr std::uint32_t kMaxHeaderBytes = 8192;
+constexpr char kSocketPath[] = "/session";
+
+struct File {
+  std::string type, bytes;
+};
+
+std::string media_type(const std::filesystem::path& file) {
+  const std::string extension = file.extension().string();
+  if (extension == ".html") return "text/html; charset=utf-8";
+  if (extension == ".js") return "text/javascript";
+  if (extension == ".css") return "text/css";
+  return "application/octet-stream";
+}
+
+std::map<std::string, File> read_files(const std::filesystem::path& folder) {
+  std::map<std::string, File> files;
+  std::error_code error;
+  for (const auto& entry : std::filesystem::directory_iterator{folder, error}) {
+    if (!entry.is_regular_file()) continue;
+    std::ifstream in{entry.path(), std::ios::binary};
+    files["/" + entry.path().filename().string()] = {
+        media_type(entry.path()), {std::istreambuf_iterator<char>{in}, std::istreambuf_iterator<char>{}}};
+  }
+  const auto index = files.find("/index.html");
+  if (index == files.end())
+    throw ServerError{"no page in " + folder.string() + ": found no index.html; run scripts/page, or name the folder "
+                      "of the page with --page"};
+  files["/"] = index->second;
+  return files;
+}
+
+std::string_view text_of(boost::string_view text) { return {text.data(), text.size()}; }
+
+/// Returns whether `host`, as HOST or HOST:PORT, is this machine.
+bool is_local(std::string_view host) {
+  const std::size_t end = host.rfind(':');
+  if (end != std::string_view::npos && host.back() != ']') host = host.substr(0, end);
+  return host == "localhost" || host == "127.0.0.1" || host == "[::1]";
+}
+
+/// Counts requests in steps of one second.
+class RequestCounter {
+ public:
+  /// Counts a request. Returns whether there were more than `limit` in this second.
+  bool exceeds(std::uint32_t limit) {
+    const auto now = std::chrono::steady_clock::now();
+    if (now - began_ > std::chrono::seconds{1}) {
+      began_ = now;
+      count_ = 0;
+    }
+    return ++count_ > limit;
+  }
+
+ private:
+  std::chrono::steady_clock::time_point began_;
+  std::uint32_t count_ = 0;
+};
+
+}  // namespace
+
+struct PageServer::Impl {
+  struct Page;
+  struct Exchange;
+
+  Impl(PageServer& owner, const ServerSettings& settings, const ViewerCore& viewer)
+      : server{owner}, core{viewer}, files{read_files(settings.folder)}, acceptor{io} {
+    const tcp::endpoint endpoint{asio::ip::address_v4::loopback(), settings.port};
+    beast::error_code error;
+    acceptor.open(endpoint.protocol(), error);
+    if (!error) acceptor.set_option(asio::socket_base::reuse_address{true}, error);
+    if (!error) acceptor.bind(endpoint, error);
+    if (!error) acceptor.listen(asio::socket_base::max_listen_connections, error);
+    if (error) throw ServerError{"cannot listen on port " + std::to_string(settings.port) + ": " + error.message()};
+    accept();
+  }
+
+  void accept();
+  void report(const std::string& text) const {
+    if (server.on_event) server.on_event(text);
+  }
+
+  PageServer& server;
+  const ViewerCore& core;
+  std::map<std::string, File> files;
+  asio::io_context io{1};
+  tcp::acceptor acceptor;
+  std::list<std::shared_ptr<Page>> pages;
+};
+
+/// A page with an open WebSocket.
+struct PageServer::Impl::Page : std::enable_shared_from_this<Page> {
+  Page(Impl& owner, beast::tcp_stream&& stream) : server{owner}, socket{std::move(stream)}, feed{owner.core} {
+    beast::error_code error;
+    name = beast::get_lowest_layer(socket).socket().remote_endpoint(error).address().to_string();
+    name += ":" + std::to_string(beast::get_lowest_layer(socket).socket().remote_endpoint(error).port());
+  }
+
+  void open(const http::request<http::string_body>& request) {
+    beast::get_lowest_layer(socket).expires_never();
+    websocket::stream_base::timeout timeouts{};
+    timeouts.handshake_timeout = kHttpTimeout;
+    timeouts.idle_timeout = std::chrono::seconds{20};
+    timeouts.keep_alive_pings = true;
+    socket.set_option(timeouts);
+    socket.read_message_max(kMaxRequestBytes);
+    socket.async_accept(request, [self = shared_from_this()](beast::error_code error) {
+      if (error) return self->close();
+      self->is_open = true;
+      self->read();
+    });
+  }
+
+  void read() {
+    socket.async_read(received, [self = shared_from_this()](beast::error_code error, std::size_t) {
+      if (error == websocket::error::message_too_big) return self->refuse("a request is longer than 4096 bytes");
+      if (error.category() == beast::error_code{websocket::error::closed}.category() &&
+          error != websocket::error::closed)
+        return self->refuse("it sent no valid message: " + error.message());
+      if (error) return self->close();
+      self->process(beast::buffers_to_string(self->received.data()));
+      self->received.clear();
+      if (self->is_open) self->read();
+    });
+  }
+
+  void process(const std::string& text) {
+    if (requests.exceeds(kMaxRequestsPerSecond)) return refuse("it sends more than 50 requests a second");
+    const nlohmann::json request = nlohmann::json::parse(text, nullptr, false);
+    const bool is_stop = request.is_object() && request.size() == 1 && request.contains("stop") &&
+                         request["stop"].is_string() && request["stop"].get_ref<const std::string&>().size() < 200;
+    if (!is_stop) return refuse("it sent no known request");
+    if (server.server.on_stop_request) server.server.on_stop_request(request["stop"]);
+  }
+
+  void refuse(const std::string& reason) {
+    server.report("page " + name + " is disconnected: " + reason);
+    close();
+  }
+
+  /// Starts to write the next message, if one is due and none is being written.
+  void write(std::int64_t now_ns) {
+    if (!is_open || is_writing) return;
+    std::optional<PageMessage> next = feed.next(now_ns);
+    if (!next) return;
+    sent = std::move(next->bytes);
+    is_writing = true;
+    socket.text(next->is_text);
+    socket.async_write(asio::buffer(sent), [self = shared_from_this()](beast::error_code error, std::size_t) {
+      self->is_writing = false;
+      if (error) self->close();
+    });
+  }
+
+  void close() {
+    is_open = false;
+    is_closed = true;
+    beast::error_code ignored;
+    beast::get_lowest_layer(socket).socket().close(ignored);
+  }
+
+  Impl& server;
+  websocket::stream<beast::tcp_stream> socket;
+  PageFeed feed;
+  RequestCounter requests;
+  std::string name;  // address and port
+  beast::flat_buffer received;
+  std::string sent;
+  bool is_open = false, is_writing = false, is_closed = false;
+};
+
+/// One HTTP request: answers it, or makes the connection a page.
+struct PageServer::Impl::Exchange : std::enable_shared_from_this<Exchange> {
+  Exchange(Impl& owner, tcp::socket&& socket) : server{owner}, stream{std::move(socket)} {}
+
+  void read() {
+    stream.expires_after(kHttpTimeout);
+    parser.header_limit(kMaxHeaderBytes);
+    parser.body_limit(0);
+    http::async_read(stream, buffer, parser, [self = shared_from_this()](beast::error_code error, std::size_t) {
+      if (!error) self->process(self->parser.get());
+    });
+  }
+
+  void process(const http::request<http::string_body>& request) {
+    const std::string_view host = text_of(request[http::field::host]);
+    const std::string_view origin = text_of(request[http::field::origin]);
+    const bool is_foreign = !origin.empty() && origin != "http://" + std::string{host};
+    if (!is_local(host) || is_foreign) {
+      server.report("a request for host '" + std::string{host} + "' of origin '" + std::string{origin} + "' is refused");
+      return answer(http::status::forbidden, {"text/plain", "only for pages of this machine\n"});
+    }
+    const std::string path{text_of(request.target()).substr(0, text_of(request.target()).find('?'))};
+    if (path == kSocketPath && websocket::is_upgrade(request)) {
+      if (server.pages.size() >= kMaxPages)
+        return answer(http::status::service_unavailable, {"text/plain", "16 pages are connected already\n"});
+      server.pages.push_back(std::make_shared<Page>(server, std::move(stream)));
+      return server.pages.back()->open(request);
+    }
+    if (request.method() != http::verb::get)
+      return answer(http::status::method_not_allowed, {"text/plain", "only GET\n"});
+    const auto file = server.files.find(path);
+    if (file == server.files.end()) return answer(http::status::not_found, {"text/plain", path + ": not found\n"});
+    answer(http::status::ok, file->second);
+  }
+
+  void answer(http::status status, const File& file) {
+    response = {status, 11};
+    response.set(http::field::content_type, file.type);
+    response.set(http::field::cache_control, "no-store");
+    response.set("Content-Security-Policy", "default-src 'self'; connect-src 'self'; img-src 'self' data:");
+    response.set("X-Content-Type-Options", "nosniff");
+    response.keep_alive(false);
+    response.body() = file.bytes;
+    response.prepare_payload();
+    http::async_write(stream, response, [self = shared_from_this()](beast::error_code, std::size_t) {
+      beast::error_code ignored;
+      self->stream.socket().shutdown(tcp::socket::shutdown_send, ignored);
+    });
+  }
+
+  Impl& server;
+  beast::tcp_stream stream;
+  beast::flat_buffer buffer;
+  http::request_parser<http::string_body> parser;
+  http::response<http::string_body> response;
+};
+
+void PageServer::Impl::accept() {
+  acceptor.async_accept([this](beast::error_code error, tcp::socket socket) {
+    if (error == asio::error::operation_aborted) return;
+    if (!error) std::make_shared<Exchange>(*this, std::move(socket))->read();
+    accept();
+  });
+}
+
+PageServer::PageServer(const ServerSettings& settings, const ViewerCore& core)
+    : impl_{std::make_unique<Impl>(*this, settings, core)} {}
+
+PageServer::~PageServer() {
+  beast::error_code ignored;
+  impl_->acceptor.close(ignored);
+  for (const auto& page : impl_->pages) page->close();
+  impl_->io.poll();
+}
+
+void PageServer::poll(std::int64_t now_ns) {
+  impl_->io.restart();
+  impl_->io.poll();
+  for (const auto& page : impl_->pages) page->write(now_ns);
+  impl_->pages.remove_if([](const auto& page) { return page->is_closed; });
+}
+
+std::uint16_t PageServer::port() const { return impl_->acceptor.local_endpoint().port(); }
+std::size_t PageServer::pages() const {
+  return static_cast<std::size_t>(std::count_if(impl_->pages.begin(), impl_->pages.end(),
+                                                [](const auto& page) { return page->is_open; }));
+}
+
+}  // namespace tactus::viewer

@@ -1,0 +1,67 @@
+#include "viewer/shown_mesh.hpp"
+
+namespace tactus::viewer {
+
+void ShownMesh::set(std::uint32_t row, const Face& face) {
+  if (rows_[row] == face) return;
+  rows_[row] = face;
+  changes_[row] = change_ + 1;  // `update` increments change_ once for all rows
+}
+
+void ShownMesh::update(const spm::Forest& forest) {
+  if (updates_ > 0 && forest.mesh_hash() == mesh_hash_ && forest.base_faces_shown() == base_faces_) return;
+  mesh_hash_ = forest.mesh_hash();
+  base_faces_ = forest.base_faces_shown();
+  ++updates_;
+  faces_ = finest_faces_ = 0;
+
+  const spm::AbTree& tree = forest.tree();
+  std::vector<spm::NodeIndex> stack;
+  if (tree.root() != spm::kNone) stack.push_back(tree.root());
+  while (!stack.empty()) {
+    const spm::TreeNode& node = tree.node(stack.back());
+    stack.pop_back();
+    for (unsigned lane = 0; lane < spm::TreeNode::kWidth; ++lane) {
+      if ((node.mask >> lane & 1u) == 0) continue;
+      if (node.level > 1) {
+        stack.push_back(node.node(lane));
+        continue;
+      }
+      const std::uint32_t pool_row = spm::index(node.row(lane));
+      if (pool_row >= row_of_.size()) row_of_.resize(pool_row + 1, spm::kNone);
+      std::uint32_t& row = row_of_[pool_row];
+      if (row == spm::kNone && !free_rows_.empty()) {
+        row = free_rows_.back();
+        free_rows_.pop_back();
+      } else if (row == spm::kNone) {
+        row = static_cast<std::uint32_t>(rows_.size());
+        rows_.emplace_back();
+        changes_.push_back(0);
+        seen_.push_back(0);
+      }
+      Face face;
+      for (std::size_t i = 0; i < face.corners.size(); ++i) face.corners[i] = node.lanes[i][lane];
+      face.finest = (node.finest >> lane & 1u) != 0;
+      seen_[row] = updates_;
+      set(row, face);
+      ++faces_;
+      finest_faces_ += face.finest ? 1 : 0;
+    }
+  }
+  for (std::uint32_t& row : row_of_) {
+    if (row == spm::kNone || seen_[row] == updates_) continue;
+    set(row, Face{});
+    free_rows_.push_back(row);
+    row = spm::kNone;
+  }
+  ++change_;
+}
+
+std::vector<std::uint32_t> ShownMesh::changed_since(std::uint32_t since) const {
+  std::vector<std::uint32_t> rows;
+  for (std::uint32_t row = 0; row < rows_.size(); ++row)
+    if (changes_[row] > since) rows.push_back(row);
+  return rows;
+}
+
+}  // namespace tactus::viewer

@@ -1,0 +1,40 @@
+/// Runs a viewer: joins a session, and serves the page that shows it to browsers on this machine.
+#pragma once
+
+#include <atomic>
+#include <functional>
+#include <memory>
+#include <string>
+
+#include "viewer/page_server.hpp"
+#include "viewer/viewer_core.hpp"
+#include "wire/participants.hpp"
+
+namespace tactus::viewer {
+
+struct ViewerOptions {
+  wire::SessionAddress address;
+  spm::PoolSettings pool;
+  ServerSettings server;
+  std::function<void(const std::string&)> log;  ///< receives one line for each event
+};
+
+class Viewer {
+ public:
+  /// Listens, then joins. Throws ServerError and wire::WireError.
+  explicit Viewer(ViewerOptions options);
+  ~Viewer();
+  Viewer(const Viewer&) = delete;
+  Viewer& operator=(const Viewer&) = delete;
+
+  [[nodiscard]] std::uint16_t port() const;
+  /// Runs until `stop` is set or an older program has this viewer's name. Returns the exit status: 0, or 2 if the name
+  /// is taken. The end of the session does not end the viewer, because another session of this name may begin.
+  [[nodiscard]] int run(const std::atomic<bool>& stop);
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace tactus::viewer

@@ -1,0 +1,283 @@
+#include "viewer/viewer_core.hpp"
+
+#include <algorithm>
+#include <utility>
+
+#include "session/time_reference.hpp"
+#include "session/units.hpp"
+
+namespace tactus::viewer {
+namespace {
+
+constexpr std::int64_t kHeartbeatNs = 100 * kMs;
+constexpr std::int64_t kClockNs = 100 * kMs;
+constexpr std::int64_t kStopNs = 20 * kMs;  // between repetitions of a stop
+constexpr std::int64_t kMinStopNs = 1500 * kMs;
+constexpr std::size_t kRingEntries = 4096;
+
+hrtc_service::ReportedProbe reported(const SeenProbe& probe) {
+  const session::ProbeState& state = probe.state;
+  hrtc_service::ReportedProbe report;
+  report.active = true;
+  report.in_contact = (state.status & session::kInContact) != 0;
+  report.time_ns = probe.received_ns;
+  report.device = hrtc_service::vec(state.device.position);
+  report.proxy = hrtc_service::vec(state.proxy);
+  report.orientation = hrtc_service::quaternion(state.device.orientation);
+  return report;
+}
+
+}  // namespace
+
+ViewerCore::ViewerCore(const session::Origin& self, const ViewerSettings& settings, std::int64_t now_ns)
+    : self_{self},
+      settings_{settings},
+      roster_{self, {}},
+      clock_{self, {}, now_ns},
+      now_ns_{now_ns},
+      heartbeat_{kHeartbeatNs},
+      clock_request_{kClockNs},
+      stop_repeat_{kStopNs},
+      pool_{settings.pool},
+      nodes_{settings.pool.tree_nodes},
+      arrivals_{kRingEntries},
+      departures_{kRingEntries},
+      loader_{std::make_unique<hrtc_service::Loader>(pool_, nodes_, self, hrtc_service::LoaderSettings{}, arrivals_,
+                                                     departures_)} {
+  loader_->on_event = [this](const std::string& text) { add_event(text, now_ns_); };
+  loader_->on_object_found = [this](const session::CatalogueEntry& entry) {
+    SeenObject& object = objects_[entry.object_id];
+    object = {};
+    object.entry = entry;
+    object.pose = entry.pose;
+    object.number = next_number_++;
+    ++scene_change_;
+  };
+  loader_->on_object_withdrawn = [this](const hrtc_service::TouchObject& object) {
+    objects_.erase(object.id);
+    ++scene_change_;
+  };
+  loader_->on_object_gone = [this](const hrtc_service::Loader::ObjectInfo& object) {
+    if (loader_->has_object(object.id)) return;  // another host offers it again
+    objects_.erase(object.id);
+    ++scene_change_;
+  };
+}
+
+ViewerCore::~ViewerCore() = default;
+
+void ViewerCore::add_event(const std::string& text, std::int64_t now_ns) {
+  events_.push_back({now_ns, text});
+  if (events_.size() > kMaxEvents) events_.pop_front();
+  if (on_event) on_event(text);
+  ++scene_change_;
+}
+
+void ViewerCore::process(const session::RosterEvent& event, std::int64_t now_ns) {
+  using session::RosterChange;
+  const session::RosterEntry& entry = event.entry;
+  const std::uint64_t participant = entry.origin.participant;
+  ++scene_change_;
+  if (event.change != RosterChange::kChanged) add_event(session::text(event), now_ns);
+  if (event.change == RosterChange::kNameConflict && participant == self_.participant) {
+    name_taken_ = name_taken_ || event.entry_must_leave;
+    return;
+  }
+  const bool is_new = event.change == RosterChange::kJoined || event.change == RosterChange::kRestarted;
+  const bool is_gone = event.change == RosterChange::kGone || event.change == RosterChange::kLeft;
+  if (is_gone) {
+    metrics_.erase(participant);
+    ++metrics_change_;
+  }
+  if (entry.role == session::Role::kHrtc && is_gone)
+    std::erase_if(probes_, [&](const auto& probe) { return probe.second.state.origin.participant == participant; });
+  if (entry.role != session::Role::kHost) return;
+  if (is_new) heartbeat_.repeat_soon();  // the host may not have received our entry
+  if (is_gone) loader_->on_host_gone(participant);
+  if (event.change == RosterChange::kLeft) loader_->on_host_left(participant, entry.origin.incarnation);
+}
+
+void ViewerCore::on_roster(const session::RosterEntry& entry, std::int64_t now_ns) {
+  for (const session::RosterEvent& event : roster_.on_entry(entry, now_ns)) process(event, now_ns);
+  const session::RosterEntry* const known = roster_.find(entry.origin.participant);
+  if (entry.role == session::Role::kHost && !entry.leaving && known != nullptr &&
+      known->origin.incarnation == entry.origin.incarnation)
+    loader_->on_host_heartbeat(entry.origin.participant, entry.origin.incarnation, now_ns);
+}
+
+void ViewerCore::on_probe_state(const session::ProbeState& state, std::int64_t now_ns) {
+  SeenProbe& probe = probes_[state.user_id];
+  const session::ProbeState& known = probe.state;
+  // An HRTC that takes over a user starts its sequence anew.
+  const bool is_same_writer = probe.received_ns != 0 && known.origin.participant == state.origin.participant &&
+                              known.origin.incarnation == state.origin.incarnation;
+  if (is_same_writer && static_cast<std::int32_t>(state.sequence - known.sequence) <= 0) return;
+  probe = {state, now_ns};
+}
+
+void ViewerCore::on_metrics(const session::Metrics& metrics) {
+  if (roster_.find(metrics.origin.participant) == nullptr) return;
+  session::Metrics& known = metrics_[metrics.origin.participant];
+  // A sample need not have all figures; those that it lacks keep their last value.
+  for (const session::Figure& figure : metrics.figures) {
+    const auto same = std::find_if(known.figures.begin(), known.figures.end(),
+                                   [&](const session::Figure& other) { return other.name == figure.name; });
+    if (same == known.figures.end())
+      known.figures.push_back(figure);
+    else
+      same->value = figure.value;
+  }
+  known.origin = metrics.origin;
+  known.meshes = metrics.meshes;
+  ++metrics_change_;
+}
+
+void ViewerCore::on_object_pose(const session::ObjectPose& pose, std::int64_t now_ns) {
+  const auto object = objects_.find(pose.object_id);
+  if (object == objects_.end() || !object->second.admission.accept(pose, now_ns)) return;
+  object->second.pose = pose.pose;
+  for (const Loaded& loaded : loaded_)
+    if (loaded.object->id == pose.object_id && !loaded.withdrawn)
+      loader_->on_moved(loaded.object->index, {pose.pose, loaded.object->placement.scale()});
+}
+
+void ViewerCore::on_stop(const session::EmergencyStop& stop, std::int64_t now_ns) {
+  const std::string text = "emergency stop: " + stop.text;
+  if (events_.empty() || events_.back().text != text) add_event(text, now_ns);  // stops are repeated
+}
+
+void ViewerCore::on_reset(const session::ForceReset& reset, std::int64_t now_ns) {
+  const std::string text = "forces are reset: " + reset.text;
+  if (events_.empty() || events_.back().text != text) add_event(text, now_ns);
+}
+
+void ViewerCore::on_end(const session::SessionEnd& end, std::int64_t now_ns) {
+  add_event("the session ends" + (end.text.empty() ? std::string{} : ": " + end.text), now_ns);
+}
+
+void ViewerCore::on_clock(const session::ClockSample& sample, std::int64_t now_ns) {
+  if (sample.answer && sample.peer == self_.participant) (void)clock_.on_answer(sample, now_ns);
+}
+
+void ViewerCore::stop_forces(const std::string& reason, std::int64_t now_ns) {
+  own_stop_ = session::EmergencyStop{self_, ++own_stops_, reason};
+  stop_requested_ns_ = now_ns;
+  stop_repeat_.make_due();
+  on_stop(*own_stop_, now_ns);
+}
+
+bool ViewerCore::are_forces_stopped() const noexcept {
+  bool stopped = own_stop_.has_value();
+  roster_.for_each([&](const session::RosterEntry& entry) {
+    stopped = stopped || (entry.role == session::Role::kHrtc && !session::standing_stops(entry.stops).empty());
+  });
+  return stopped;
+}
+
+void ViewerCore::load(std::int64_t now_ns) {
+  std::vector<const SeenProbe*> newest;
+  for (const auto& [user, probe] : probes_) newest.push_back(&probe);
+  std::sort(newest.begin(), newest.end(),
+            [](const SeenProbe* a, const SeenProbe* b) { return a->received_ns > b->received_ns; });
+  if (newest.size() > hrtc_service::kMaxProbes) newest.resize(hrtc_service::kMaxProbes);
+  std::sort(newest.begin(), newest.end(),  // so that a user keeps its probe number while the users are the same
+            [](const SeenProbe* a, const SeenProbe* b) { return a->state.user_id < b->state.user_id; });
+  std::array<hrtc_service::ReportedProbe, hrtc_service::kMaxProbes> probes{};
+  for (std::size_t i = 0; i < newest.size(); ++i) probes[i] = reported(*newest[i]);
+  std::array<hrtc_service::NearObjects, hrtc_service::kMaxProbes> near{};
+  loader_->tick(now_ns, probes, near);
+}
+
+void ViewerCore::process_arrivals() {
+  using hrtc_service::Arrival;
+  Arrival arrival;
+  while (arrivals_.pop(arrival)) {
+    if (arrival.kind == Arrival::Kind::kObject) {
+      loaded_.push_back({arrival.object, {}, false});
+      continue;
+    }
+    const auto loaded = std::find_if(loaded_.begin(), loaded_.end(),
+                                     [&](const Loaded& each) { return each.object == arrival.object; });
+    switch (arrival.kind) {
+      case Arrival::Kind::kObject:
+        break;
+      case Arrival::Kind::kRegion:
+        loaded->object->forest->add(arrival.region, arrival.list);
+        loaded->regions.push_back(arrival.region);
+        break;
+      case Arrival::Kind::kRetire:
+        loaded->object->forest->retire(arrival.region);
+        std::erase(loaded->regions, arrival.region);
+        break;
+      case Arrival::Kind::kWithdraw:
+        loaded->object->forest->withdraw();
+        loaded->withdrawn = true;
+        break;
+    }
+  }
+}
+
+void ViewerCore::refine() {
+  spm::Budget budget{settings_.budget};
+  for (Loaded& loaded : loaded_) {
+    spm::Forest& forest = *loaded.object->forest;
+    if (!loaded.withdrawn)
+      forest.set_targets(loaded.regions.data(), static_cast<std::uint32_t>(loaded.regions.size()));
+    (void)forest.advance(budget);
+    (void)forest.refit();
+    while (!loaded.withdrawn && departures_.write_available() > 0) {
+      const spm::RegionId region = forest.take_retired();
+      if (region == spm::kNone) break;
+      departures_.push({loaded.object->index, region});
+    }
+  }
+  std::erase_if(loaded_, [this](const Loaded& loaded) {
+    if (!loaded.withdrawn || !loaded.object->forest->is_fully_hidden() || departures_.write_available() == 0)
+      return false;
+    departures_.push({loaded.object->index, spm::RegionId{spm::kNone}});
+    return true;
+  });
+}
+
+void ViewerCore::send_stop(std::int64_t now_ns, ViewerMessages& out) {
+  if (!own_stop_ || !stop_repeat_.due(now_ns)) return;
+  own_stop_->origin.time_ns = now_ns;
+  // Discovery reports no end, so the stop is repeated for a while even if all known programs have acknowledged it.
+  if (now_ns - stop_requested_ns_ > kMinStopNs && session::acknowledgement(roster_, *own_stop_).missing.empty())
+    own_stop_.reset();
+  else
+    out.stop = own_stop_;
+}
+
+ViewerMessages ViewerCore::tick(std::int64_t now_ns) {
+  now_ns_ = now_ns;
+  ViewerMessages out;
+  for (const session::RosterEvent& event : roster_.tick(now_ns)) process(event, now_ns);
+  session::update_session_clock(roster_, self_, session::Role::kViewer, false, now_ns, clock_);
+  load(now_ns);
+  process_arrivals();
+  refine();
+  for (const Loaded& loaded : loaded_)
+    if (const auto object = objects_.find(loaded.object->id); object != objects_.end() && !loaded.withdrawn)
+      object->second.mesh.update(*loaded.object->forest);
+  std::erase_if(probes_, [&](const auto& probe) { return now_ns - probe.second.received_ns > kMaxStateAgeNs; });
+  while (auto demand = loader_->demand(now_ns)) out.demands.push_back(*std::move(demand));
+  if (heartbeat_.due(now_ns)) out.roster = roster_entry(false, now_ns);
+  if (clock_.reference() != 0 && clock_request_.due(now_ns)) out.clock_request = clock_.request(now_ns);
+  send_stop(now_ns, out);
+  return out;
+}
+
+session::RosterEntry ViewerCore::roster_entry(bool leaving, std::int64_t now_ns) {
+  session::RosterEntry entry;
+  entry.origin = self_;
+  entry.role = session::Role::kViewer;
+  entry.name = settings_.name;
+  entry.session = settings_.session;
+  entry.heartbeat = ++heartbeats_;
+  entry.leaving = leaving;
+  session::put_time(clock_, false, now_ns, entry);
+  return entry;
+}
+
+}  // namespace tactus::viewer

@@ -1,0 +1,162 @@
+/// A viewer in a session: holds the objects near the users' probes at full resolution, and the state of the session
+/// that its pages show.
+///
+///     roster, catalogue, probe states, metrics, poses --> state for pages
+///     catalogue, base, records --> [Loader] --arrivals--> [forests] --> ShownMesh
+///     demands, roster entries, clock requests <--
+///
+/// The loader is that of an HRTC (hrtc_service/loader.hpp). It predicts from the probe states of the session instead of
+/// those of devices of its own. All loaded regions are refined, and they stay refined until the pool is full.
+///
+/// No DDS, socket, thread, clock or log: samples and times are arguments, samples to send are results. Times are of
+/// this program's monotonic clock. One thread at a time. Not realtime.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <deque>
+#include <functional>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "hrtc_service/loader.hpp"
+#include "session/clock.hpp"
+#include "session/ownership.hpp"
+#include "session/periodic.hpp"
+#include "session/roster.hpp"
+#include "session/stop_latch.hpp"
+#include "viewer/shown_mesh.hpp"
+
+namespace tactus::viewer {
+
+struct ViewerSettings {
+  std::string name;     ///< of the participant
+  std::string session;  ///< session to join
+  spm::PoolSettings pool;
+  /// Refinement in a tick, in units of spm::Budget. The default takes about 10 ms.
+  std::uint32_t budget = 1u << 18;
+};
+
+/// Samples to send after a tick.
+struct ViewerMessages {
+  std::optional<session::RosterEntry> roster;
+  std::optional<session::ClockSample> clock_request;
+  std::vector<session::Demand> demands;
+  std::optional<session::EmergencyStop> stop;
+};
+
+/// A user with its newest probe state.
+struct SeenProbe {
+  session::ProbeState state;
+  std::int64_t received_ns = 0;
+};
+
+struct SeenObject {
+  std::uint32_t number = 0;  ///< for frames to pages; never used again after the object is gone
+  session::CatalogueEntry entry;
+  session::Pose pose;  ///< newest
+  session::PoseAdmission admission;
+  ShownMesh mesh;
+};
+
+struct Event {
+  std::int64_t at_ns = 0;
+  std::string text;
+};
+
+class ViewerCore {
+ public:
+  /// Probe states older than this are not shown.
+  static constexpr std::int64_t kMaxStateAgeNs = 1'000'000'000;
+  /// Number of events that are kept for new pages.
+  static constexpr std::size_t kMaxEvents = 100;
+
+  ViewerCore(const session::Origin& self, const ViewerSettings& settings, std::int64_t now_ns);
+  ~ViewerCore();
+  ViewerCore(const ViewerCore&) = delete;
+  ViewerCore& operator=(const ViewerCore&) = delete;
+
+  /// Called with the text of each event.
+  std::function<void(const std::string&)> on_event;
+
+  void on_roster(const session::RosterEntry& entry, std::int64_t now_ns);
+  void on_catalogue(const session::CatalogueEntry& entry) { loader_->on_catalogue(entry); }
+  void on_chunk(const session::BulkChunk& chunk, std::int64_t now_ns) { loader_->on_chunk(chunk, now_ns); }
+  void on_probe_state(const session::ProbeState& state, std::int64_t now_ns);
+  void on_metrics(const session::Metrics& metrics);
+  void on_object_pose(const session::ObjectPose& pose, std::int64_t now_ns);
+  void on_stop(const session::EmergencyStop& stop, std::int64_t now_ns);
+  void on_reset(const session::ForceReset& reset, std::int64_t now_ns);
+  void on_end(const session::SessionEnd& end, std::int64_t now_ns);
+  /// `sample`: an answer to a clock request.
+  void on_clock(const session::ClockSample& sample, std::int64_t now_ns);
+
+  /// Stops all forces of the session. The stop is repeated until all hosts and HRTCs have acknowledged it.
+  void stop_forces(const std::string& reason, std::int64_t now_ns);
+  void add_event(const std::string& text, std::int64_t now_ns);
+
+  /// Loads, refines and returns the samples to send. Call it every few milliseconds.
+  [[nodiscard]] ViewerMessages tick(std::int64_t now_ns);
+  [[nodiscard]] session::RosterEntry roster_entry(bool leaving, std::int64_t now_ns);
+
+  /// True once an older program has this viewer's name, so that this viewer has to leave.
+  [[nodiscard]] bool is_name_taken() const noexcept { return name_taken_; }
+
+  // State for pages.
+  [[nodiscard]] const session::Roster& roster() const noexcept { return roster_; }
+  [[nodiscard]] const std::map<std::uint64_t, SeenObject>& objects() const noexcept { return objects_; }
+  [[nodiscard]] const std::map<std::uint64_t, SeenProbe>& probes() const noexcept { return probes_; }
+  [[nodiscard]] const std::map<std::uint64_t, session::Metrics>& metrics() const noexcept { return metrics_; }
+  [[nodiscard]] const std::deque<Event>& events() const noexcept { return events_; }
+  /// Grows when roster, catalogue or events change.
+  [[nodiscard]] std::uint32_t scene_change() const noexcept { return scene_change_; }
+  /// Grows with each metrics sample.
+  [[nodiscard]] std::uint32_t metrics_change() const noexcept { return metrics_change_; }
+  [[nodiscard]] bool are_forces_stopped() const noexcept;
+  [[nodiscard]] const hrtc_service::Loader& loader() const noexcept { return *loader_; }
+  [[nodiscard]] std::int64_t session_time(std::int64_t now_ns) const noexcept { return clock_.map().session_time(now_ns); }
+
+ private:
+  void process(const session::RosterEvent& event, std::int64_t now_ns);
+  void load(std::int64_t now_ns);
+  void process_arrivals();
+  void refine();
+  void send_stop(std::int64_t now_ns, ViewerMessages& out);
+
+  session::Origin self_;
+  ViewerSettings settings_;
+  session::Roster roster_;
+  session::SessionClock clock_;
+  std::int64_t now_ns_;  // of the last tick
+  session::Heartbeat heartbeat_;
+  session::PeriodicTimer clock_request_, stop_repeat_;
+  std::uint64_t heartbeats_ = 0;
+  bool name_taken_ = false;
+
+  spm::Pool pool_;
+  spm::NodePool nodes_;
+  hrtc_service::ArrivalRing arrivals_;
+  hrtc_service::DepartureRing departures_;
+  std::unique_ptr<hrtc_service::Loader> loader_;
+  /// An object in the pool. The loader owns it until its departure.
+  struct Loaded {
+    hrtc_service::TouchObject* object = nullptr;
+    std::vector<spm::RegionId> regions;  // loaded and not retiring
+    bool withdrawn = false;
+  };
+  std::vector<Loaded> loaded_;
+
+  std::map<std::uint64_t, SeenObject> objects_;       // by object id
+  std::map<std::uint64_t, SeenProbe> probes_;         // by user id
+  std::map<std::uint64_t, session::Metrics> metrics_;  // by participant
+  std::deque<Event> events_;
+  std::uint32_t scene_change_ = 1, metrics_change_ = 0;
+  std::optional<session::EmergencyStop> own_stop_;  // not acknowledged by all
+  std::int64_t stop_requested_ns_ = 0;
+  std::uint32_t own_stops_ = 0, next_number_ = 0;
+};
+
+}  // namespace tactus::viewer
