@@ -137,20 +137,28 @@ void HostCore::react(const session::RosterEvent& event, std::int64_t now_ns) {
   metrics_due_.make_due_within(now_ns, kMetricsSoonNs);  // so that programs which compare scenes get the new one soon
   const bool gone = event.change == RosterChange::kLeft || event.change == RosterChange::kGone;
   if (entry.role == session::Role::kHost && gone) authority_.on_host_gone(id, now_ns);
-  if (entry.role != session::Role::kHrtc && entry.role != session::Role::kViewer) return;
-  if (event.change == RosterChange::kJoined || event.change == RosterChange::kRestarted) {
+  const bool is_new = event.change == RosterChange::kJoined || event.change == RosterChange::kRestarted;
+  if (entry.role == session::Role::kHrtc && is_new) {
     heartbeat_.repeat_soon();  // the HRTC requests regions only after it has received this host's entry
-    hrtcs_.try_emplace(id, entry.name);
-    if (on_hrtc) on_hrtc(id, entry.name);
-  } else if (gone) {
+    add_receiver(entry);
+  } else if (gone && receivers_.count(id) != 0) {
     delivery_.on_hrtc_gone(id);
     authority_.on_hrtc_gone(id);
-    hrtcs_.erase(id);
+    receivers_.erase(id);
     if (on_hrtc_gone) on_hrtc_gone(id);
   }
 }
 
+void HostCore::add_receiver(const session::RosterEntry& entry) {
+  receivers_.try_emplace(entry.origin.participant, entry.name);
+  if (on_hrtc) on_hrtc(entry.origin.participant, entry.name);
+}
+
 void HostCore::on_demand(const session::Demand& demand, std::int64_t now_ns) {
+  // Many viewers only read topics, so a viewer gets endpoints for meshes when it first requests one.
+  const session::RosterEntry* const sender = roster_.find(demand.origin.participant);
+  if (sender != nullptr && sender->role == session::Role::kViewer && receivers_.count(demand.origin.participant) == 0)
+    add_receiver(*sender);
   using Result = session::DeliveryServer::DemandResult;
   const Result result = delivery_.on_demand(demand, now_ns);
   if (result == Result::kImplausible) ++demands_implausible_;
@@ -173,7 +181,7 @@ std::optional<session::ClockSample> HostCore::on_clock(const session::ClockSampl
 
 std::optional<session::ClockSample> HostCore::on_failure_detector(const session::ClockSample& request,
                                                                   std::int64_t arrived_ns, std::int64_t now_ns) {
-  if (hrtcs_.count(request.origin.participant) == 0 || request.answer || request.peer != self_.participant)
+  if (receivers_.count(request.origin.participant) == 0 || request.answer || request.peer != self_.participant)
     return std::nullopt;
   session::ClockSample answer = clock_.answer(request, arrived_ns, now_ns);
   if (!clock_.answers_requests()) answer.t1_ns = answer.t2_ns = session::kClockUnknown;
@@ -245,13 +253,13 @@ session::Metrics HostCore::metrics(std::int64_t now_ns) const {
   add(names::kHostBytes, static_cast<double>(all.payload_bytes));
   add(names::kHostRegions, static_cast<double>(all.regions));
   add(names::kHostRecords, static_cast<double>(all.records));
-  add(names::kHostHrtcs, static_cast<double>(hrtcs_.size()));
+  add(names::kHostHrtcs, static_cast<double>(receivers_.size()));
   add(names::kHostImplausible, static_cast<double>(roster_.implausible() + clock_.implausible() + demands_implausible_ +
                                                    authority_.implausible()));
   if (!authority_.empty()) add(names::kHostBodySteps, static_cast<double>(authority_.steps()));
   for (const auto& [id, counters] : delivery_.counters_by_hrtc()) {
-    const auto hrtc = hrtcs_.find(id);
-    if (hrtc == hrtcs_.end()) continue;
+    const auto hrtc = receivers_.find(id);
+    if (hrtc == receivers_.end()) continue;
     add(names::kHostBytes + ("." + hrtc->second), static_cast<double>(counters.payload_bytes));
     add(names::kHostRecords + ("." + hrtc->second), static_cast<double>(counters.records));
   }

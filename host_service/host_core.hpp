@@ -74,9 +74,10 @@ class HostCore {
 
   /// Receives one line for each event that an operator should see.
   std::function<void(Severity, const std::string&)> on_event;
-  /// Called when an HRTC has joined or returned. Chunks and answers for the HRTC may follow.
+  /// Called when an HRTC has joined or returned, or when a viewer requests its first mesh. Chunks and answers for it may
+  /// follow.
   std::function<void(std::uint64_t hrtc, const std::string& name)> on_hrtc;
-  /// Called when an HRTC has left. No samples for the HRTC follow until the next `on_hrtc`.
+  /// Called when such an HRTC or viewer has left. No samples for it follow until the next `on_hrtc`.
   std::function<void(std::uint64_t hrtc)> on_hrtc_gone;
 
   void on_roster(const session::RosterEntry& entry, std::int64_t now_ns);
@@ -127,6 +128,7 @@ class HostCore {
 
  private:
   void make_catalogue(const HostCoreSettings& settings);
+  void add_receiver(const session::RosterEntry& entry);
   void make_scenery(const std::vector<HostedObject>& objects);
   void react(const session::RosterEvent& event, std::int64_t now_ns);
   void move_objects(std::int64_t now_ns);
@@ -142,8 +144,8 @@ class HostCore {
   std::optional<Scenery> scenery_;  // if there are movable and static objects
   ObjectAuthority authority_;
   std::vector<session::CatalogueEntry> catalogue_;
-  std::map<std::uint64_t, std::string> hrtcs_;  // names of present HRTCs
-  std::optional<std::int64_t> ticked_ns_;       // time of the last tick
+  std::map<std::uint64_t, std::string> receivers_;  // names of present HRTCs, and of viewers that requested a mesh
+  std::optional<std::int64_t> ticked_ns_;           // time of the last tick
   std::int64_t objects_due_ns_ = 0;
   session::Heartbeat heartbeat_;
   session::PeriodicTimer request_due_, metrics_due_;

@@ -168,6 +168,40 @@ TEST_F(HostCoreTest, PublishesPosesOnlyAfterItsClockFollowsTheSession) {
   EXPECT_NEAR(static_cast<double>(pose.session_time_ns - pose.origin.time_ns), kAhead, 2 * kMs);
 }
 
+TEST_F(HostCoreTest, MakesEndpointsForAViewerAtItsFirstDemandUntilItLeaves) {
+  HostCore host{kSelf, host_of("sphere", encoded_.compressed()), now_};
+  std::vector<std::string> receivers;
+  host.on_hrtc = [&](std::uint64_t, const std::string& name) { receivers.push_back(name); };
+  host.on_hrtc_gone = [&](std::uint64_t) { receivers.pop_back(); };
+  session::RosterEntry viewer = hrtc_entry();
+  viewer.role = session::Role::kViewer;
+  viewer.name = "view";
+  (void)host.tick(now_);
+  host.on_roster(viewer, now_);
+  EXPECT_THAT(receivers, testing::IsEmpty()) << "most viewers request no mesh";
+
+  session::Demand demand;
+  demand.origin = viewer.origin;
+  demand.object_id = host.catalogue().front().object_id;
+  demand.digest = model_.summary.digest;
+  demand.serving_host = kHost;
+  demand.epoch = 1;
+  demand.need_base = true;
+  demand.credit = 1u << 18;
+  demand.stream = session::stream_id(kSelf, demand.origin, demand.object_id);
+  host.on_demand(demand, now_);
+  host.on_demand(demand, now_);
+  EXPECT_THAT(receivers, testing::ElementsAre("view"));
+  const auto chunk = host.next_chunk(now_);
+  ASSERT_TRUE(chunk);
+  EXPECT_EQ(chunk->hrtc, kHrtc);
+
+  viewer.leaving = true;
+  ++viewer.heartbeat;
+  host.on_roster(viewer, now_);
+  EXPECT_THAT(receivers, testing::IsEmpty());
+}
+
 TEST_F(HostCoreTest, AcknowledgesAStopInTheNextTick) {
   HostCore host{kSelf, host_of("sphere", encoded_.compressed()), now_};
   ASSERT_TRUE(host.tick(now_).roster);

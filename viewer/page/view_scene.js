@@ -75,9 +75,6 @@ class ShownObject {
     if (this.mesh.geometry.attributes.color) this.mesh.geometry.attributes.color.needsUpdate = true;
   }
 
-  /// Number of faces in their finest version.
-  get finestFaces() { return this.finest.reduce((sum, finest) => sum + finest, 0); }
-
   dispose() {
     this.group.removeFromParent();
     this.mesh.geometry.dispose();
@@ -149,18 +146,15 @@ export class ViewScene {
   setProbes({ probes, poses }, users) {
     for (const pose of poses) this.objects.get(pose.object)?.setPose(pose);
     const present = new Set(probes.map(({ user }) => user));
-    for (const [user, shown] of this.probes) {
-      if (present.has(user)) continue;
-      shown.probe.remove();
-      shown.label.remove();
-      this.probes.delete(user);
-    }
+    for (const user of this.probes.keys())
+      if (!present.has(user)) this.removeProbe(user);
     for (const state of probes) {
       const { name, colour } = users.get(state.user) ?? { name: "unknown user", colour: "#ffffff" };
+      if (this.probes.has(state.user) && this.probes.get(state.user).colour !== colour) this.removeProbe(state.user);
       if (!this.probes.has(state.user)) {
         const label = this.names.appendChild(document.createElement("span"));
         label.style.color = colour;
-        this.probes.set(state.user, { probe: new Probe(this.scene, colour), label });
+        this.probes.set(state.user, { probe: new Probe(this.scene, colour), label, colour });
       }
       const shown = this.probes.get(state.user), isTouching = (state.status & 1) !== 0;
       const proxy = isTouching ? state.proxy : state.device;
@@ -169,6 +163,13 @@ export class ViewScene {
       const newtons = Math.hypot(...state.force);
       shown.label.textContent = newtons > 0.05 ? `${name} ${newtons.toFixed(1)} N` : name;
     }
+  }
+
+  removeProbe(user) {
+    const { probe, label } = this.probes.get(user);
+    probe.remove();
+    label.remove();
+    this.probes.delete(user);
   }
 
   placeNames(width, height) {

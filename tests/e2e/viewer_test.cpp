@@ -1,0 +1,149 @@
+// A viewer in a session of other programs: what its page receives is what the topics carry.
+#include <cstring>
+#include <nlohmann/json.hpp>
+
+#include "session/figures.hpp"
+#include "tests/e2e/session_test.hpp"
+#include "tests/viewer/page_client.hpp"
+
+namespace tactus::e2e {
+namespace {
+
+using test_support::PageClient;
+using namespace std::chrono_literals;
+
+constexpr char kPress[] = R"(name: press
+duration: 60
+users:
+  - name: ann
+    script:
+      - approach: {object: "#1", direction: [0, 0, 1], until_force: 1}
+      - hold: {force: 1, seconds: 60}
+)";
+
+/// The newest state that a page has received.
+class Page {
+ public:
+  explicit Page(std::uint16_t port) : client_{port} {}
+
+  /// Receives messages until `condition()` is true. Returns false if the viewer closes the connection or after 30 s.
+  template <class Condition>
+  bool until(Condition&& condition) {
+    const auto end = std::chrono::steady_clock::now() + 30s;
+    while (!condition()) {
+      const auto message = client_.receive();
+      if (!message || std::chrono::steady_clock::now() > end) return false;
+      receive(*message);
+    }
+    return true;
+  }
+  void stop_forces() { client_.send(R"({"stop": "a test"})"); }
+
+  nlohmann::json scene, figures;
+  std::uint32_t faces = 0;  // of the newest mesh frame
+  bool has_probe = false;
+  std::uint32_t status = 0;
+  std::array<float, 3> force{};
+
+ private:
+  void receive(const PageClient::Message& message) {
+    if (message.is_text) {
+      nlohmann::json text = nlohmann::json::parse(message.bytes);
+      (text["type"] == "scene" ? scene : figures) = std::move(text);
+      return;
+    }
+    const auto read = [&](std::size_t at, auto& value) { std::memcpy(&value, &message.bytes[at], sizeof value); };
+    std::uint32_t kind = 0;
+    read(0, kind);
+    if (kind == 1) return read(20, faces);
+    std::uint32_t probes = 0;
+    read(4, probes);
+    has_probe = probes > 0;
+    if (!has_probe) return;
+    read(24 + 8, status);
+    read(24 + 16 + 40, force);
+  }
+
+  PageClient client_;
+};
+
+class ViewerTest : public SessionTest {
+ protected:
+  ViewerTest() { write("index.html", "<!doctype html>"); }
+  /// Starts a viewer and returns its port, once it listens.
+  [[nodiscard]] static std::uint16_t port_of(Process& viewer) {
+    for (;; std::this_thread::sleep_for(10ms)) {  // the timeout of ctest limits the wait
+      const std::string output = viewer.output();
+      const std::size_t at = output.find("http://localhost:");
+      if (at != std::string::npos && output.find('/', at + 17) != std::string::npos)
+        return static_cast<std::uint16_t>(std::stoul(output.substr(at + 17)));
+    }
+  }
+  [[nodiscard]] std::vector<std::string> view(const std::string& name = "view") const {
+    return in_session("view", {"--name", name, "--port", "0", "--page", folder_.path().string()});
+  }
+};
+
+TEST_F(ViewerTest, APageShowsObjectsUsersForcesAndFiguresAndStopsTheForces) {
+  Process host_a{host("host-a", models().organ)};
+  Process desk{hrtc("desk")};
+  Process viewer{view()};
+  Observer observer{address("observer")};
+  Page page{port_of(viewer)};
+  ASSERT_TRUE(page.until([&] { return page.faces > 0; })) << viewer.output();
+  const std::uint32_t base_faces = page.faces;
+  Process users{sim(kPress)};
+
+  ASSERT_TRUE(page.until([&] { return (page.status & session::kExact) != 0 && page.force[2] > 0.5f; }));
+  EXPECT_GT(page.faces, base_faces) << "the mesh under the probe is refined";
+  ASSERT_TRUE(page.until([&] { return page.scene["users"].size() == 1; }));
+  EXPECT_EQ(page.scene["users"][0]["name"], "ann");
+  EXPECT_EQ(page.scene["users"][0]["hrtc"], "desk");
+  EXPECT_EQ(page.scene["objects"][0]["name"], "organ");
+  ASSERT_TRUE(page.until([&] { return page.figures["participants"].contains("desk"); }));
+  const nlohmann::json& desk_figures = page.figures["participants"]["desk"];
+  EXPECT_NEAR(desk_figures["hrtc.rate_hz"].get<double>(), observer.seen().figure("desk", session::figures::kRate), 5);
+  const auto on_topic = observer.seen().user("ann").last.force;
+  EXPECT_NEAR(page.force[2], on_topic[2], 0.2) << "the user holds a force of 1 N";
+
+  page.stop_forces();
+  ASSERT_TRUE(page.until([&] { return page.scene["stopped"] == true && page.force == std::array<float, 3>{}; }));
+  viewer.signal(SIGTERM);
+  EXPECT_TRUE(exits_with(0, viewer));
+  EXPECT_TRUE(observer.until([](const Observer::Seen& seen) { return seen.has_left("view"); }));
+}
+
+TEST_F(ViewerTest, AViewerThatIsKilledDisturbsNobodyAndANewOneShowsTheSession) {
+  Process host_a{host("host-a", models().organ)};
+  Process desk{hrtc("desk")};
+  Process first{view()};
+  Process users{sim(kPress)};
+  Observer observer{address("observer")};
+  {
+    Page page{port_of(first)};
+    ASSERT_TRUE(page.until([&] { return (page.status & session::kExact) != 0; }));
+    first.signal(SIGKILL);
+    EXPECT_FALSE(page.until([] { return false; })) << "the connection ends";
+  }
+  (void)first.wait();
+  Process second{view()};
+  Page page{port_of(second)};
+  ASSERT_TRUE(page.until([&] { return page.faces > 0 && (page.status & session::kExact) != 0; })) << second.output();
+  EXPECT_EQ(observer.seen().user("ann").faults, 0u);
+}
+
+TEST_F(ViewerTest, NamesAWrongFolderAndANameThatIsTaken) {
+  Process no_page{in_session("view", {"--port", "0", "--page", path("missing")})};
+  EXPECT_TRUE(exits_with(2, no_page));
+  EXPECT_THAT(no_page.output(), testing::HasSubstr("found no index.html; run scripts/page"));
+  Process first{view()};
+  Observer observer{address("observer")};
+  ASSERT_TRUE(observer.until([](const Observer::Seen& seen) { return seen.is_present("view"); }));
+  std::this_thread::sleep_for(2s);  // so that it is clear which of them joined first
+  Process second{view()};
+  EXPECT_TRUE(exits_with(2, second));
+  EXPECT_THAT(second.output(), testing::HasSubstr("view"));
+}
+
+}  // namespace
+}  // namespace tactus::e2e

@@ -1,0 +1,139 @@
+// view_test.js PROGRAMS PAGE SCREENSHOT: starts a host, an HRTC, simulated users and a viewer, and looks at the viewer's
+// page in a headless browser, as a user does.
+// Prints each check with value and bound. Exit status: 0 all hold, 1 one falls short, 2 the page could not be tried.
+"use strict";
+const { execFileSync, spawn } = require("child_process");
+const { mkdtempSync, rmSync, writeFileSync } = require("fs");
+const { tmpdir } = require("os");
+const { join } = require("path");
+const { Browser } = require("../web/browser.js");
+
+const [programs, pageFolder, screenshot] = process.argv.slice(2);
+const kWidth = 800, kHeight = 600;
+const kFaces = 200000;  // of the organ
+const kSession = `view-test-${process.pid}`, kDomain = String(1 + 3 * (process.pid % 30));
+const kScenario = `name: two users
+duration: 120
+users:
+  - name: ann
+    repeat: true
+    script:
+      - approach: {object: organ, direction: [0, 0, 1], speed: 0.1, until_force: 0.5}
+      - follow: {speed: 0.05, force: 1, seconds: 8, pattern: circle}
+      - retreat: {}
+  - name: bob
+    repeat: true
+    script:
+      - tap: {object: organ, direction: [0, -1, 0], count: 5, speed: 0.1, force: 1}
+      - wait: {seconds: 1}
+`;
+
+const folder = mkdtempSync(join(tmpdir(), "tactus-view-"));
+const running = new Set();
+const pause = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
+let failed = 0;
+
+function check(name, value, holds, bound) {
+  if (!holds) ++failed;
+  console.log(`${name.padEnd(52)} ${String(value).padStart(14)}   ${bound.padEnd(12)} ${holds ? "holds" : "falls short"}`);
+}
+
+function report(name, value) {
+  console.log(`${name.padEnd(52)} ${String(value).padStart(14)}   no bound`);
+}
+
+/// Starts a program of the session.
+function start(name, ...options) {
+  const program = spawn(join(programs, `tactus-${name}`), ["--session", kSession, "--domain", kDomain, ...options],
+                        { stdio: ["ignore", "pipe", "pipe"] });
+  program.text = "";
+  for (const stream of [program.stdout, program.stderr]) stream.on("data", (bytes) => { program.text += bytes; });
+  running.add(program);
+  program.on("exit", () => running.delete(program));
+  return program;
+}
+
+/// Starts a viewer and returns it with the address of its page.
+async function startViewer(port) {
+  const viewer = start("view", "--page", pageFolder, "--port", port);
+  const began = performance.now();
+  for (;;) {
+    const address = viewer.text.match(/http:\/\/localhost:(\d+)\//);
+    if (address) return { viewer, address: address[0], port: address[1] };
+    if (viewer.exitCode !== null || performance.now() - began > 10e3) throw new Error(`tactus-view: ${viewer.text}`);
+    await pause(20);
+  }
+}
+
+/// Number of frames drawn in a second, over `ms`.
+async function frameRate(browser, ms) {
+  const before = await browser.value("window.tactus.drawn");
+  await pause(ms);
+  return (await browser.value("window.tactus.drawn") - before) / ms * 1e3;
+}
+
+async function look(browser) {
+  execFileSync(join(programs, "tactus-mesh"), ["generate", "organ", "--faces", String(kFaces), "--seed", "1", join(folder, "organ.ply")]);
+  execFileSync(join(programs, "tactus-mesh"), ["build", join(folder, "organ.ply"), join(folder, "organ.spm"), "--size", "0.2"]);
+  writeFileSync(join(folder, "users.yaml"), kScenario);
+  start("host", "--name", "host-a", join(folder, "organ.spm"));
+  const hrtc = start("hrtc", "--name", "hrtc-1");
+  let { viewer, address, port } = await startViewer("0");
+  await pause(2500);  // until discovery has found the host
+
+  await browser.open(address, kWidth, kHeight);
+  await browser.until("window.tactus?.firstDrawnMs != null || window.tactus?.error != null", 20);
+  const first = await browser.value("window.tactus.firstDrawnMs");
+  check("first picture after the page was opened", `${(first / 1e3).toFixed(2)} s`, first <= 1000, "<= 1 s");
+  const base = await browser.value("[...window.tactus.meshes.values()][0].faces");
+
+  const users = start("sim", "--scenario", join(folder, "users.yaml"), "--name", "users");
+  // Both users touch, and one of them exactly.
+  await browser.until("window.tactus.probes.length === 2 && window.tactus.probes.some(({ status }) => (status & 3) === 3)", 40);
+  await pause(4000);
+  const faces = await browser.value("[...window.tactus.meshes.values()][0].faces");
+  check("faces shown", `${base} to ${faces}`, faces > base && faces < kFaces, "refined");
+  const names = await browser.value("[...document.querySelectorAll('#users tr')].map((row) => row.cells[0].textContent).sort().join(' ')");
+  check("users in the table", names, names === "ann bob", "ann bob");
+  let force = 0;
+  for (let i = 0; i < 50 && force < 0.5; ++i, await pause(50))
+    force = await browser.value("Math.max(...window.tactus.probes.map(({ force }) => Math.hypot(...force)))");
+  check("largest force shown", `${force.toFixed(2)} N`, force >= 0.5 && force < 8, ">= 0.5 N");
+  const age = await browser.value("Math.max(...window.tactus.probes.map(({ age }) => age))");
+  report("age of the older probe state", `${(1e3 * age).toFixed(0)} ms`);
+  await browser.until("window.tactus.figures?.['hrtc-1']?.['hrtc.rate_hz'] > 0", 10);
+  const rate = await browser.value("window.tactus.figures['hrtc-1']['hrtc.rate_hz']");
+  check("rate of the HRTC", `${rate.toFixed(0)} Hz`, rate > 900, "> 900 Hz");
+  const pictures = await frameRate(browser, 4000);
+  check(`pictures a second, ${kWidth} x ${kHeight}`, pictures.toFixed(1), pictures >= 20, ">= 20");
+  writeFileSync(screenshot, await browser.screenshot());
+
+  viewer.kill("SIGKILL");
+  await browser.until("!window.tactus.isConnected", 10);
+  ({ viewer } = await startViewer(port));
+  await browser.until("window.tactus.isConnected && window.tactus.connections === 2 && window.tactus.probes.length === 2", 20);
+  const again = await browser.value("[...window.tactus.meshes.values()].map(({ faces }) => faces).join()");
+  check("faces shown by a new viewer at the same port", again, Number(again) > 0, "> 0");
+
+  await browser.value("document.getElementById('stop').click()");
+  await browser.until("!document.getElementById('banner').hidden", 5);
+  await browser.until("window.tactus.probes.every(({ force }) => Math.hypot(...force) === 0)", 5);
+  check("the HRTC reports the stop", /emergency stop/.test(hrtc.text), /emergency stop/.test(hrtc.text), "true");
+  const error = await browser.value("window.tactus.error");
+  // The browser itself reports the connections that failed while no viewer ran.
+  const errors = [error, ...browser.log].filter((text) => text && !/WebSocket connection/.test(text));
+  check("errors", errors.join("; ") || 0, errors.length === 0, "0");
+  users.kill("SIGINT");
+}
+
+const browser = new Browser(process.env.CHROMIUM ?? "chromium-headless-shell");
+look(browser).catch((error) => {
+  console.error(`view_test.js: ${error.message}; console: ${browser.log.join("; ") || "empty"}`);
+  for (const program of running) console.error(`${program.spawnargs.join(" ")}\n${program.text}`);
+  failed = -1;
+}).finally(() => {
+  for (const program of running) program.kill("SIGKILL");
+  browser.close();
+  rmSync(folder, { recursive: true, force: true });
+  process.exit(failed < 0 ? 2 : failed > 0 ? 1 : 0);
+});
