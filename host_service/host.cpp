@@ -120,11 +120,11 @@ struct Host::Impl {
         participants{address_after_raising_priority(options, log)},
         core{participants.origin(), core_settings(options, served), monotonic_ns()} {
     core.on_event = [this](Severity severity, const std::string& text) { log(severity, text); };
-    core.on_hrtc = [this](std::uint64_t id, const std::string& name) {
+    core.on_receiver = [this](std::uint64_t id, const std::string& name) {
       bulk.try_emplace(id, participants, name);
       failure_detectors.try_emplace(id, participants, name, inbox);
     };
-    core.on_hrtc_gone = [this](std::uint64_t id) {
+    core.on_receiver_gone = [this](std::uint64_t id) {
       bulk.erase(id);
       failure_detectors.erase(id);
     };

@@ -145,22 +145,23 @@ void HostCore::react(const session::RosterEvent& event, std::int64_t now_ns) {
     delivery_.on_hrtc_gone(id);
     authority_.on_hrtc_gone(id);
     receivers_.erase(id);
-    if (on_hrtc_gone) on_hrtc_gone(id);
+    if (on_receiver_gone) on_receiver_gone(id);
   }
 }
 
 void HostCore::add_receiver(const session::RosterEntry& entry) {
   receivers_.try_emplace(entry.origin.participant, entry.name);
-  if (on_hrtc) on_hrtc(entry.origin.participant, entry.name);
+  if (on_receiver) on_receiver(entry.origin.participant, entry.name);
 }
 
 void HostCore::on_demand(const session::Demand& demand, std::int64_t now_ns) {
-  // Many viewers only read topics, so a viewer gets endpoints for meshes when it first requests one.
-  const session::RosterEntry* const sender = roster_.find(demand.origin.participant);
-  if (sender != nullptr && sender->role == session::Role::kViewer && receivers_.count(demand.origin.participant) == 0)
-    add_receiver(*sender);
   using Result = session::DeliveryServer::DemandResult;
   const Result result = delivery_.on_demand(demand, now_ns);
+  // Many viewers only read topics, so a viewer gets endpoints for meshes when it first requests one of this host.
+  if (result == Result::kApplied && receivers_.count(demand.origin.participant) == 0) {
+    const session::RosterEntry* const sender = roster_.find(demand.origin.participant);
+    if (sender != nullptr && sender->role == session::Role::kViewer) add_receiver(*sender);
+  }
   if (result == Result::kImplausible) ++demands_implausible_;
   if (result == Result::kMalformed && demands_refused_++ == 0) {
     report(Severity::kWarning,

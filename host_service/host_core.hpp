@@ -74,11 +74,11 @@ class HostCore {
 
   /// Receives one line for each event that an operator should see.
   std::function<void(Severity, const std::string&)> on_event;
-  /// Called when an HRTC has joined or returned, or when a viewer requests its first mesh. Chunks and answers for it may
-  /// follow.
-  std::function<void(std::uint64_t hrtc, const std::string& name)> on_hrtc;
-  /// Called when such an HRTC or viewer has left. No samples for it follow until the next `on_hrtc`.
-  std::function<void(std::uint64_t hrtc)> on_hrtc_gone;
+  /// Called with a new receiver of meshes: an HRTC that has joined or returned, or a viewer that requests its first
+  /// object of this host. Chunks and answers for it may follow.
+  std::function<void(std::uint64_t participant, const std::string& name)> on_receiver;
+  /// Called when a receiver has left. No samples for it follow until the next `on_receiver`.
+  std::function<void(std::uint64_t participant)> on_receiver_gone;
 
   void on_roster(const session::RosterEntry& entry, std::int64_t now_ns);
   void on_demand(const session::Demand& demand, std::int64_t now_ns);

@@ -31,7 +31,7 @@ int main(int argc, char** argv) {
   app.add_option("--port", options.server.port, "Port of the page, at 127.0.0.1; 0: any free port")
       ->capture_default_str();
   app.add_option("--page", options.server.folder, "Folder of the page")->capture_default_str();
-  app.add_option("--memory", memory, "Memory for the meshes of all objects: 64MiB, 1GiB")
+  app.add_option("--memory", memory, "Memory of the pool, for the shown meshes of all objects: 64MiB, 1GiB")
       ->transform(CLI::AsSizeValue(false))
       ->default_str("64MiB");
   try {

@@ -4,7 +4,9 @@
 #include <bit>
 #include <nlohmann/json.hpp>
 #include <type_traits>
+#include <utility>
 
+#include "session/probe_coding.hpp"
 #include "session/units.hpp"
 
 namespace tactus::viewer {
@@ -14,7 +16,7 @@ static_assert(std::endian::native == std::endian::little, "frames are little end
 
 // Min times between two messages of a kind to a page.
 constexpr std::int64_t kSceneNs = 100 * kMs, kFiguresNs = 250 * kMs, kProbesNs = 15 * kMs, kMeshNs = 60 * kMs;
-constexpr std::uint32_t kWhole = 1;            // flag of a mesh frame: the page drops the rows that it has
+constexpr std::uint32_t kWhole = 1;             // flag of a mesh frame: the page drops the rows that it has
 constexpr std::uint32_t kFinestRow = 1u << 31;  // of a row number in a mesh frame
 
 template <class Number>
@@ -45,8 +47,8 @@ const char* name_of(session::Role role) {
 }  // namespace
 
 std::optional<PageMessage> PageFeed::next(std::int64_t now_ns) {
-  if (scene_change_ != core_.scene_change() && now_ns - scene_ns_ >= kSceneNs) {
-    scene_change_ = core_.scene_change();
+  if (scene_number_ != core_.scene_number() && now_ns - scene_ns_ >= kSceneNs) {
+    scene_number_ = core_.scene_number();
     scene_ns_ = now_ns;
     return scene(now_ns);
   }
@@ -55,21 +57,22 @@ std::optional<PageMessage> PageFeed::next(std::int64_t now_ns) {
     return probes(now_ns);
   }
   if (auto frame = mesh(now_ns)) return frame;
-  if (metrics_change_ != core_.metrics_change() && now_ns - figures_ns_ >= kFiguresNs) {
-    metrics_change_ = core_.metrics_change();
+  if (metrics_number_ != core_.metrics_number() && now_ns - figures_ns_ >= kFiguresNs) {
+    metrics_number_ = core_.metrics_number();
     figures_ns_ = now_ns;
     return figures();
   }
   return std::nullopt;
 }
 
-PageMessage PageFeed::scene(std::int64_t now_ns) const {
+PageMessage PageFeed::scene(std::int64_t now_ns) {
   nlohmann::json scene{{"type", "scene"},
                        {"participants", nlohmann::json::array()},
                        {"users", nlohmann::json::array()},
                        {"objects", nlohmann::json::array()},
                        {"events", nlohmann::json::array()}};
-  scene["stopped"] = core_.are_forces_stopped();
+  const StopProgress& stop = core_.stop_progress();
+  scene["stop"] = {{"requested", stop.is_requested}, {"hrtcs", stop.hrtcs}, {"stopped", stop.stopped}};
   core_.roster().for_each([&](const session::RosterEntry& entry) {
     scene["participants"].push_back({{"name", entry.name},
                                      {"role", name_of(entry.role)},
@@ -78,7 +81,10 @@ PageMessage PageFeed::scene(std::int64_t now_ns) const {
       scene["users"].push_back(
           {{"name", user.user}, {"id", std::to_string(session::id_of(user.user))}, {"hrtc", entry.name}});
   });
+  const std::map<std::uint32_t, SentMesh> before = std::exchange(meshes_, {});
   for (const auto& [id, object] : core_.objects()) {
+    const auto sent = before.find(object.number);
+    meshes_[object.number] = sent == before.end() ? SentMesh{} : sent->second;
     const session::CatalogueEntry& entry = object.entry;
     scene["objects"].push_back({{"number", object.number},
                                 {"name", entry.object},
@@ -93,7 +99,8 @@ PageMessage PageFeed::scene(std::int64_t now_ns) const {
                                 {"orientation", object.pose.orientation}});
   }
   for (const Event& event : core_.events())
-    scene["events"].push_back({{"secondsAgo", static_cast<double>(now_ns - event.at_ns) / kNsPerS}, {"text", event.text}});
+    scene["events"].push_back(
+        {{"secondsAgo", static_cast<double>(now_ns - event.at_ns) / kNsPerS}, {"text", event.text}});
   return {true, scene.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace)};
 }
 
@@ -121,14 +128,17 @@ PageMessage PageFeed::probes(std::int64_t now_ns) const {
   append(bytes, static_cast<double>(core_.session_time(now_ns)) / kNsPerS);
   for (const auto& [user, probe] : core_.probes()) {
     const session::ProbeState& state = probe.state;
+    // An HRTC omits the states that receivers extrapolate closely enough.
+    session::ProbeView shown = session::extrapolate(state, core_.session_time(now_ns));
+    if (state.force == std::array<double, 3>{}) shown.force = state.force;  // the force may be switched off
     const auto object = core_.objects().find(state.object_id);
     append(bytes, user);
     append(bytes, state.status);
     append(bytes, object == core_.objects().end() ? kNoObject : object->second.number);
-    append_floats(bytes, state.device.position);
+    append_floats(bytes, shown.device);
     append_floats(bytes, state.device.orientation);
-    append_floats(bytes, state.proxy);
-    append_floats(bytes, state.force);
+    append_floats(bytes, shown.proxy);
+    append_floats(bytes, shown.force);
     append(bytes, static_cast<float>(state.radius));
     append(bytes, state.error_bound);
     append(bytes, static_cast<float>(static_cast<double>(now_ns - probe.received_ns) / kNsPerS));
@@ -144,15 +154,17 @@ PageMessage PageFeed::probes(std::int64_t now_ns) const {
 std::optional<PageMessage> PageFeed::mesh(std::int64_t now_ns) {
   for (const auto& [id, object] : core_.objects()) {
     const ShownMesh& mesh = object.mesh;
-    SentMesh& sent = meshes_[object.number];
-    if (mesh.change() == sent.change || now_ns - sent.at_ns < kMeshNs) continue;
-    const std::vector<std::uint32_t> rows = mesh.changed_since(sent.change);
+    const auto known = meshes_.find(object.number);
+    if (known == meshes_.end()) continue;
+    SentMesh& sent = known->second;
+    if (mesh.change_number() == sent.change_number || now_ns - sent.at_ns < kMeshNs) continue;
+    const std::vector<std::uint32_t> rows = mesh.changed_since(sent.change_number);
     PageMessage frame;
     std::string& bytes = frame.bytes;
     bytes.reserve(32 + rows.size() * (sizeof(std::uint32_t) + sizeof(ShownMesh::Face::corners)));
     append(bytes, static_cast<std::uint32_t>(FrameKind::kMesh));
     append(bytes, object.number);
-    append(bytes, sent.change == 0 ? kWhole : 0);
+    append(bytes, sent.change_number == 0 ? kWhole : 0);
     append(bytes, static_cast<std::uint32_t>(mesh.rows().size()));
     append(bytes, static_cast<std::uint32_t>(rows.size()));
     append(bytes, mesh.faces());
@@ -160,7 +172,7 @@ std::optional<PageMessage> PageFeed::mesh(std::int64_t now_ns) {
     for (const std::uint32_t row : rows) append(bytes, mesh.rows()[row].finest ? row | kFinestRow : row);
     for (const std::uint32_t row : rows)
       for (const float coordinate : mesh.rows()[row].corners) append(bytes, coordinate);
-    sent = {mesh.change(), now_ns};
+    sent = {mesh.change_number(), now_ns};
     return frame;
   }
   return std::nullopt;

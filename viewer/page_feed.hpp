@@ -29,23 +29,23 @@ class PageFeed {
   explicit PageFeed(const ViewerCore& core) : core_{core} {}
 
   /// Returns the next message for the page, or none if nothing is due. The most urgent first: scene, probes, meshes,
-  /// figures.
+  /// figures. A frame names only objects that a scene for the page has described.
   [[nodiscard]] std::optional<PageMessage> next(std::int64_t now_ns);
 
  private:
-  [[nodiscard]] PageMessage scene(std::int64_t now_ns) const;
+  [[nodiscard]] PageMessage scene(std::int64_t now_ns);
   [[nodiscard]] PageMessage figures() const;
   [[nodiscard]] PageMessage probes(std::int64_t now_ns) const;
   [[nodiscard]] std::optional<PageMessage> mesh(std::int64_t now_ns);
 
   struct SentMesh {
-    std::uint32_t change = 0;  // ShownMesh::change of the last frame; 0: none
+    std::uint32_t change_number = 0;  // ShownMesh::change_number of the last frame; 0: none
     std::int64_t at_ns = 0;
   };
   const ViewerCore& core_;
-  std::uint32_t scene_change_ = 0, metrics_change_ = 0;  // of the last message
+  std::uint32_t scene_number_ = 0, metrics_number_ = 0;  // of the last message
   std::int64_t scene_ns_ = 0, figures_ns_ = 0, probes_ns_ = 0;
-  std::map<std::uint32_t, SentMesh> meshes_;  // by object number
+  std::map<std::uint32_t, SentMesh> meshes_;  // by number of the objects of the last scene
 };
 
 }  // namespace tactus::viewer

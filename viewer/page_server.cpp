@@ -17,6 +17,7 @@
 #include <string_view>
 #include <utility>
 
+#include "session/periodic.hpp"
 #include "session/units.hpp"
 #include "viewer/page_feed.hpp"
 
@@ -32,6 +33,8 @@ namespace {
 
 constexpr std::chrono::seconds kHttpTimeout{10};
 constexpr std::uint32_t kMaxHeaderBytes = 8192;
+constexpr std::chrono::milliseconds kMaxPoll{5};
+constexpr std::int64_t kRefusalEventNs = 1'000 * kMs;  // min time between two events about refused requests
 constexpr char kSocketPath[] = "/session";
 
 struct File {
@@ -49,15 +52,19 @@ std::string media_type(const std::filesystem::path& file) {
 std::map<std::string, File> read_files(const std::filesystem::path& folder) {
   std::map<std::string, File> files;
   std::error_code error;
-  for (const auto& entry : std::filesystem::directory_iterator{folder, error}) {
-    if (!entry.is_regular_file()) continue;
+  const std::filesystem::directory_iterator end;
+  for (std::filesystem::directory_iterator at{folder, error}; !error && at != end; at.increment(error)) {
+    const std::filesystem::directory_entry& entry = *at;
+    std::error_code ignored;
+    if (!entry.is_regular_file(ignored)) continue;
     std::ifstream in{entry.path(), std::ios::binary};
     files["/" + entry.path().filename().string()] = {
         media_type(entry.path()), {std::istreambuf_iterator<char>{in}, std::istreambuf_iterator<char>{}}};
   }
   const auto index = files.find("/index.html");
   if (index == files.end())
-    throw ServerError{"no page in " + folder.string() + ": found no index.html; run scripts/page, or name the folder "
+    throw ServerError{"no page in " + folder.string() +
+                      ": found no index.html; run scripts/page, or name the folder "
                       "of the page with --page"};
   files["/"] = index->second;
   return files;
@@ -70,6 +77,21 @@ bool is_local(std::string_view host) {
   const std::size_t end = host.rfind(':');
   if (end != std::string_view::npos && host.back() != ']') host = host.substr(0, end);
   return host == "localhost" || host == "127.0.0.1" || host == "[::1]";
+}
+
+/// Returns the first bytes of a text from outside, for an event.
+std::string shortened(std::string_view text) {
+  constexpr std::size_t kMax = 100;
+  return text.size() <= kMax ? std::string{text} : std::string{text.substr(0, kMax)} + "...";
+}
+
+/// A reason that wire accepts as a text: 1 to 199 bytes without control characters.
+bool is_reason(const nlohmann::json& value) {
+  constexpr std::size_t kMax = 199;
+  if (!value.is_string()) return false;
+  const std::string& text = value.get_ref<const std::string&>();
+  return !text.empty() && text.size() <= kMax &&
+         std::all_of(text.begin(), text.end(), [](char byte) { return static_cast<unsigned char>(byte) >= ' '; });
 }
 
 /// Counts requests in steps of one second.
@@ -105,10 +127,10 @@ struct PageServer::Impl {
     if (!error) acceptor.bind(endpoint, error);
     if (!error) acceptor.listen(asio::socket_base::max_listen_connections, error);
     if (error) throw ServerError{"cannot listen on port " + std::to_string(settings.port) + ": " + error.message()};
-    accept();
   }
 
   void accept();
+  void run_handlers();
   void report(const std::string& text) const {
     if (server.on_event) server.on_event(text);
   }
@@ -119,12 +141,18 @@ struct PageServer::Impl {
   asio::io_context io{1};
   tcp::acceptor acceptor;
   std::list<std::shared_ptr<Page>> pages;
+  std::size_t exchanges = 0;  // number of unfinished HTTP requests
+  bool accepts = false;       // an accept is under way
+  std::int64_t now_ns = 0;    // of the last poll
+  session::PeriodicTimer refusals{kRefusalEventNs};
 };
 
 /// A page with an open WebSocket.
 struct PageServer::Impl::Page : std::enable_shared_from_this<Page> {
-  Page(Impl& owner, beast::tcp_stream&& stream) : server{owner}, socket{std::move(stream)}, feed{owner.core} {
+  Page(Impl& owner, beast::tcp_stream&& stream) : impl{owner}, socket{std::move(stream)}, feed{owner.core} {
     beast::error_code error;
+    beast::get_lowest_layer(socket).socket().set_option(tcp::no_delay{true}, error);
+    socket.auto_fragment(false);  // a mesh can have megabytes
     name = beast::get_lowest_layer(socket).socket().remote_endpoint(error).address().to_string();
     name += ":" + std::to_string(beast::get_lowest_layer(socket).socket().remote_endpoint(error).port());
   }
@@ -160,28 +188,29 @@ struct PageServer::Impl::Page : std::enable_shared_from_this<Page> {
   void process(const std::string& text) {
     if (requests.exceeds(kMaxRequestsPerSecond)) return refuse("it sends more than 50 requests a second");
     const nlohmann::json request = nlohmann::json::parse(text, nullptr, false);
-    const bool is_stop = request.is_object() && request.size() == 1 && request.contains("stop") &&
-                         request["stop"].is_string() && request["stop"].get_ref<const std::string&>().size() < 200;
+    const bool is_stop =
+        request.is_object() && request.size() == 1 && request.contains("stop") && is_reason(request["stop"]);
     if (!is_stop) return refuse("it sent no known request");
-    if (server.server.on_stop_request) server.server.on_stop_request(request["stop"]);
+    if (impl.server.on_stop_request) impl.server.on_stop_request(request["stop"]);
   }
 
   void refuse(const std::string& reason) {
-    server.report("page " + name + " is disconnected: " + reason);
+    impl.report("page " + name + " is disconnected: " + reason);
     close();
   }
 
-  /// Starts to write the next message, if one is due and none is being written.
-  void write(std::int64_t now_ns) {
+  /// Writes the messages that are due, one after the other, unless one is being written.
+  void write() {
     if (!is_open || is_writing) return;
-    std::optional<PageMessage> next = feed.next(now_ns);
+    std::optional<PageMessage> next = feed.next(impl.now_ns);
     if (!next) return;
-    sent = std::move(next->bytes);
+    outgoing = std::move(next->bytes);
     is_writing = true;
     socket.text(next->is_text);
-    socket.async_write(asio::buffer(sent), [self = shared_from_this()](beast::error_code error, std::size_t) {
+    socket.async_write(asio::buffer(outgoing), [self = shared_from_this()](beast::error_code error, std::size_t) {
       self->is_writing = false;
-      if (error) self->close();
+      if (error) return self->close();
+      self->write();
     });
   }
 
@@ -192,19 +221,20 @@ struct PageServer::Impl::Page : std::enable_shared_from_this<Page> {
     beast::get_lowest_layer(socket).socket().close(ignored);
   }
 
-  Impl& server;
+  Impl& impl;
   websocket::stream<beast::tcp_stream> socket;
   PageFeed feed;
   RequestCounter requests;
   std::string name;  // address and port
   beast::flat_buffer received;
-  std::string sent;
+  std::string outgoing;  // the message that is being written
   bool is_open = false, is_writing = false, is_closed = false;
 };
 
 /// One HTTP request: answers it, or makes the connection a page.
 struct PageServer::Impl::Exchange : std::enable_shared_from_this<Exchange> {
-  Exchange(Impl& owner, tcp::socket&& socket) : server{owner}, stream{std::move(socket)} {}
+  Exchange(Impl& owner, tcp::socket&& socket) : impl{owner}, stream{std::move(socket)} { ++impl.exchanges; }
+  ~Exchange() { --impl.exchanges; }
 
   void read() {
     stream.expires_after(kHttpTimeout);
@@ -220,20 +250,21 @@ struct PageServer::Impl::Exchange : std::enable_shared_from_this<Exchange> {
     const std::string_view origin = text_of(request[http::field::origin]);
     const bool is_foreign = !origin.empty() && origin != "http://" + std::string{host};
     if (!is_local(host) || is_foreign) {
-      server.report("a request for host '" + std::string{host} + "' of origin '" + std::string{origin} + "' is refused");
+      if (impl.refusals.due(impl.now_ns))
+        impl.report("a request for host '" + shortened(host) + "' of origin '" + shortened(origin) + "' is refused");
       return answer(http::status::forbidden, {"text/plain", "only for pages of this machine\n"});
     }
     const std::string path{text_of(request.target()).substr(0, text_of(request.target()).find('?'))};
     if (path == kSocketPath && websocket::is_upgrade(request)) {
-      if (server.pages.size() >= kMaxPages)
+      if (impl.pages.size() >= kMaxPages)
         return answer(http::status::service_unavailable, {"text/plain", "16 pages are connected already\n"});
-      server.pages.push_back(std::make_shared<Page>(server, std::move(stream)));
-      return server.pages.back()->open(request);
+      impl.pages.push_back(std::make_shared<Page>(impl, std::move(stream)));
+      return impl.pages.back()->open(request);
     }
     if (request.method() != http::verb::get)
       return answer(http::status::method_not_allowed, {"text/plain", "only GET\n"});
-    const auto file = server.files.find(path);
-    if (file == server.files.end()) return answer(http::status::not_found, {"text/plain", path + ": not found\n"});
+    const auto file = impl.files.find(path);
+    if (file == impl.files.end()) return answer(http::status::not_found, {"text/plain", path + ": not found\n"});
     answer(http::status::ok, file->second);
   }
 
@@ -241,7 +272,9 @@ struct PageServer::Impl::Exchange : std::enable_shared_from_this<Exchange> {
     response = {status, 11};
     response.set(http::field::content_type, file.type);
     response.set(http::field::cache_control, "no-store");
-    response.set("Content-Security-Policy", "default-src 'self'; connect-src 'self'; img-src 'self' data:");
+    response.set("Content-Security-Policy",
+                 "default-src 'self'; connect-src 'self'; img-src 'self' data:; frame-ancestors 'none'");
+    response.set("X-Frame-Options", "DENY");
     response.set("X-Content-Type-Options", "nosniff");
     response.keep_alive(false);
     response.body() = file.bytes;
@@ -252,42 +285,54 @@ struct PageServer::Impl::Exchange : std::enable_shared_from_this<Exchange> {
     });
   }
 
-  Impl& server;
+  Impl& impl;
   beast::tcp_stream stream;
   beast::flat_buffer buffer;
   http::request_parser<http::string_body> parser;
   http::response<http::string_body> response;
 };
 
+/// Accepts the next connection. `poll` calls it, so an accept that fails, for example because the process has too many
+/// open files, is repeated at most once in each poll.
 void PageServer::Impl::accept() {
+  if (accepts || exchanges >= kMaxConnections) return;
+  accepts = true;
   acceptor.async_accept([this](beast::error_code error, tcp::socket socket) {
-    if (error == asio::error::operation_aborted) return;
+    accepts = false;
     if (!error) std::make_shared<Exchange>(*this, std::move(socket))->read();
-    accept();
   });
+}
+
+/// Runs the handlers that are ready.
+void PageServer::Impl::run_handlers() {
+  const auto end = std::chrono::steady_clock::now() + kMaxPoll;
+  io.restart();
+  while (io.poll_one() > 0 && std::chrono::steady_clock::now() < end) accept();
 }
 
 PageServer::PageServer(const ServerSettings& settings, const ViewerCore& core)
     : impl_{std::make_unique<Impl>(*this, settings, core)} {}
 
 PageServer::~PageServer() {
+  on_event = nullptr;
+  on_stop_request = nullptr;
   beast::error_code ignored;
   impl_->acceptor.close(ignored);
   for (const auto& page : impl_->pages) page->close();
-  impl_->io.poll();
 }
 
 void PageServer::poll(std::int64_t now_ns) {
-  impl_->io.restart();
-  impl_->io.poll();
-  for (const auto& page : impl_->pages) page->write(now_ns);
+  impl_->now_ns = now_ns;
+  impl_->accept();
+  impl_->run_handlers();
+  for (const auto& page : impl_->pages) page->write();
   impl_->pages.remove_if([](const auto& page) { return page->is_closed; });
 }
 
 std::uint16_t PageServer::port() const { return impl_->acceptor.local_endpoint().port(); }
 std::size_t PageServer::pages() const {
-  return static_cast<std::size_t>(std::count_if(impl_->pages.begin(), impl_->pages.end(),
-                                                [](const auto& page) { return page->is_open; }));
+  return static_cast<std::size_t>(
+      std::count_if(impl_->pages.begin(), impl_->pages.end(), [](const auto& page) { return page->is_open; }));
 }
 
 }  // namespace tactus::viewer

@@ -1,8 +1,8 @@
 /// Serves the viewer's page and its messages to browsers on this machine: HTTP files and one WebSocket for each page.
 ///
-/// Everything runs in `poll`, so no lock is needed and no page can delay the caller: at most one message to a page is
-/// being written at a time, and the next one is made only then (viewer/page_feed.hpp). A page that sends anything
-/// except a request, or too many requests, is disconnected and named in an event.
+/// Everything runs in `poll`, so no lock is needed. A slow page delays nobody: at most one message to a page is being
+/// written at a time, and the next one is made only then (viewer/page_feed.hpp). A page that sends anything except a
+/// request, or too many requests, is disconnected and named in an event.
 ///
 /// Requests whose Host or Origin is not this machine are refused, because a foreign web site could otherwise reach the
 /// server through a user's browser.
@@ -32,6 +32,7 @@ struct ServerSettings {
 class PageServer {
  public:
   static constexpr std::size_t kMaxPages = 16;
+  static constexpr std::size_t kMaxConnections = 64;          ///< with unfinished HTTP requests; more wait
   static constexpr std::size_t kMaxRequestBytes = 4096;       ///< of a WebSocket message
   static constexpr std::uint32_t kMaxRequestsPerSecond = 50;  ///< of a page
 
@@ -44,7 +45,7 @@ class PageServer {
   /// Called with one line for each event that an operator should see.
   std::function<void(const std::string& text)> on_event;
 
-  /// Accepts pages, reads their requests and writes due messages. Never waits. Call it every few milliseconds.
+  /// Accepts pages, reads their requests and writes due messages, for some 5 ms. Never waits. Call it every few ms.
   void poll(std::int64_t now_ns);
 
   [[nodiscard]] std::uint16_t port() const;

@@ -5,7 +5,21 @@ namespace tactus::viewer {
 void ShownMesh::set(std::uint32_t row, const Face& face) {
   if (rows_[row] == face) return;
   rows_[row] = face;
-  changes_[row] = change_ + 1;  // `update` increments change_ once for all rows
+  changed_ = true;
+  changes_[row] = change_number_ + 1;  // `update` increments change_number_ once for all rows
+}
+
+/// Returns an empty row.
+std::uint32_t ShownMesh::take_row() {
+  if (!free_rows_.empty()) {
+    const std::uint32_t row = free_rows_.back();
+    free_rows_.pop_back();
+    return row;
+  }
+  rows_.emplace_back();
+  changes_.push_back(0);
+  seen_.push_back(0);
+  return static_cast<std::uint32_t>(rows_.size() - 1);
 }
 
 void ShownMesh::update(const spm::Forest& forest) {
@@ -14,6 +28,7 @@ void ShownMesh::update(const spm::Forest& forest) {
   base_faces_ = forest.base_faces_shown();
   ++updates_;
   faces_ = finest_faces_ = 0;
+  changed_ = false;
 
   const spm::AbTree& tree = forest.tree();
   std::vector<spm::NodeIndex> stack;
@@ -28,17 +43,9 @@ void ShownMesh::update(const spm::Forest& forest) {
         continue;
       }
       const std::uint32_t pool_row = spm::index(node.row(lane));
-      if (pool_row >= row_of_.size()) row_of_.resize(pool_row + 1, spm::kNone);
-      std::uint32_t& row = row_of_[pool_row];
-      if (row == spm::kNone && !free_rows_.empty()) {
-        row = free_rows_.back();
-        free_rows_.pop_back();
-      } else if (row == spm::kNone) {
-        row = static_cast<std::uint32_t>(rows_.size());
-        rows_.emplace_back();
-        changes_.push_back(0);
-        seen_.push_back(0);
-      }
+      if (pool_row >= page_row_of_.size()) page_row_of_.resize(pool_row + 1, spm::kNone);
+      std::uint32_t& row = page_row_of_[pool_row];
+      if (row == spm::kNone) row = take_row();
       Face face;
       for (std::size_t i = 0; i < face.corners.size(); ++i) face.corners[i] = node.lanes[i][lane];
       face.finest = (node.finest >> lane & 1u) != 0;
@@ -48,13 +55,13 @@ void ShownMesh::update(const spm::Forest& forest) {
       finest_faces_ += face.finest ? 1 : 0;
     }
   }
-  for (std::uint32_t& row : row_of_) {
+  for (std::uint32_t& row : page_row_of_) {
     if (row == spm::kNone || seen_[row] == updates_) continue;
     set(row, Face{});
     free_rows_.push_back(row);
     row = spm::kNone;
   }
-  ++change_;
+  if (changed_) ++change_number_;
 }
 
 std::vector<std::uint32_t> ShownMesh::changed_since(std::uint32_t since) const {

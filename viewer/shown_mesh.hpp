@@ -1,5 +1,5 @@
-/// The shown faces of an object, as rows of corners, with the change numbers from which a page gets only the rows that
-/// changed since its last picture.
+/// The shown faces of an object, as rows of corners, with the change numbers by which a page gets only the rows that
+/// changed since its last mesh frame.
 ///
 /// A face has the same row as long as it is shown. The row of a hidden face is empty until another face takes it. So
 /// the rows of a page are buffers of WebGL, and an update writes some of their rows.
@@ -27,7 +27,7 @@ class ShownMesh {
   void update(const spm::Forest& forest);
 
   /// Grows with each update that changed a row. 0: no face was ever shown.
-  [[nodiscard]] std::uint32_t change() const noexcept { return change_; }
+  [[nodiscard]] std::uint32_t change_number() const noexcept { return change_number_; }
   /// See Forest::mesh_hash; of the last update.
   [[nodiscard]] std::uint64_t mesh_hash() const noexcept { return mesh_hash_; }
   /// Number of faces, without empty rows.
@@ -40,15 +40,17 @@ class ShownMesh {
 
  private:
   void set(std::uint32_t row, const Face& face);
+  [[nodiscard]] std::uint32_t take_row();
 
   std::vector<Face> rows_;
-  std::vector<std::uint32_t> changes_;     // by row: number of its last change
-  std::vector<std::uint32_t> seen_;        // by row: number of the last update in which a face had it
+  std::vector<std::uint32_t> changes_;  // by row: number of its last change
+  std::vector<std::uint32_t> seen_;     // by row: number of the last update in which a face had it
   std::vector<std::uint32_t> free_rows_;
-  std::vector<std::uint32_t> row_of_;      // by RowIndex of the pool; kNone: not shown in the last update
-  std::uint32_t updates_ = 0, change_ = 0;
+  std::vector<std::uint32_t> page_row_of_;  // by RowIndex of the pool; kNone: it has no shown face
+  std::uint32_t updates_ = 0, change_number_ = 0;
   std::uint64_t mesh_hash_ = 0, base_faces_ = 0;
   std::uint32_t faces_ = 0, finest_faces_ = 0;
+  bool changed_ = false;  // the current update has changed a row
 };
 
 }  // namespace tactus::viewer

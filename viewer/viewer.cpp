@@ -61,7 +61,8 @@ struct Viewer::Impl {
   template <class Typed>
   void listen(const wire::TopicSpec<Typed>& topic, const wire::EndpointOptions& endpoint = {}) {
     readers.push_back(std::make_shared<wire::Reader<Typed>>(
-        participants, topic, [this](Typed&& sample) { inbox.put(std::move(sample), wire::Urgency::kWaits); }, endpoint));
+        participants, topic, [this](Typed&& sample) { inbox.put(std::move(sample), wire::Urgency::kWaits); },
+        endpoint));
   }
 
   void process(const session::RosterEntry& entry, std::int64_t at_ns) { core.on_roster(entry, at_ns); }
@@ -76,6 +77,11 @@ struct Viewer::Impl {
   void process(const session::ClockSample& sample, std::int64_t at_ns) { core.on_clock(sample, at_ns); }
 
   void send(ViewerMessages&& messages) {
+    if (messages.stop) {
+      messages.stop->origin = participants.origin();
+      if (stop_out.send(*messages.stop) == wire::SendStatus::kInvalid)
+        core.add_event(std::string{"the stop was not sent: "} + stop_out.invalid_reason(), monotonic_ns());
+    }
     if (messages.roster) {
       messages.roster->origin = participants.origin();
       (void)roster_out.send(*messages.roster);
@@ -87,10 +93,6 @@ struct Viewer::Impl {
     if (messages.clock_request) {
       messages.clock_request->origin = participants.origin();
       (void)clock_out.send(*messages.clock_request);
-    }
-    if (messages.stop) {
-      messages.stop->origin = participants.origin();
-      (void)stop_out.send(*messages.stop);
     }
   }
 

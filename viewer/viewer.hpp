@@ -21,7 +21,7 @@ struct ViewerOptions {
 
 class Viewer {
  public:
-  /// Listens, then joins. Throws ServerError and wire::WireError.
+  /// Reads the page, joins the session and listens. Throws ServerError and wire::WireError.
   explicit Viewer(ViewerOptions options);
   ~Viewer();
   Viewer(const Viewer&) = delete;

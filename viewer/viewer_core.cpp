@@ -34,6 +34,7 @@ ViewerCore::ViewerCore(const session::Origin& self, const ViewerSettings& settin
       settings_{settings},
       roster_{self, {}},
       clock_{self, {}, now_ns},
+      stops_{self},
       now_ns_{now_ns},
       heartbeat_{kHeartbeatNs},
       clock_request_{kClockNs},
@@ -51,16 +52,15 @@ ViewerCore::ViewerCore(const session::Origin& self, const ViewerSettings& settin
     object.entry = entry;
     object.pose = entry.pose;
     object.number = next_number_++;
-    ++scene_change_;
+    ++scene_number_;
   };
   loader_->on_object_withdrawn = [this](const hrtc_service::TouchObject& object) {
     objects_.erase(object.id);
-    ++scene_change_;
+    ++scene_number_;
   };
   loader_->on_object_gone = [this](const hrtc_service::Loader::ObjectInfo& object) {
-    if (loader_->has_object(object.id)) return;  // another host offers it again
     objects_.erase(object.id);
-    ++scene_change_;
+    ++scene_number_;
   };
 }
 
@@ -70,14 +70,14 @@ void ViewerCore::add_event(const std::string& text, std::int64_t now_ns) {
   events_.push_back({now_ns, text});
   if (events_.size() > kMaxEvents) events_.pop_front();
   if (on_event) on_event(text);
-  ++scene_change_;
+  ++scene_number_;
 }
 
 void ViewerCore::process(const session::RosterEvent& event, std::int64_t now_ns) {
   using session::RosterChange;
   const session::RosterEntry& entry = event.entry;
   const std::uint64_t participant = entry.origin.participant;
-  ++scene_change_;
+  ++scene_number_;
   if (event.change != RosterChange::kChanged) add_event(session::text(event), now_ns);
   if (event.change == RosterChange::kNameConflict && participant == self_.participant) {
     name_taken_ = name_taken_ || event.entry_must_leave;
@@ -87,7 +87,7 @@ void ViewerCore::process(const session::RosterEvent& event, std::int64_t now_ns)
   const bool is_gone = event.change == RosterChange::kGone || event.change == RosterChange::kLeft;
   if (is_gone) {
     metrics_.erase(participant);
-    ++metrics_change_;
+    ++metrics_number_;
   }
   if (entry.role == session::Role::kHrtc && is_gone)
     std::erase_if(probes_, [&](const auto& probe) { return probe.second.state.origin.participant == participant; });
@@ -98,6 +98,7 @@ void ViewerCore::process(const session::RosterEvent& event, std::int64_t now_ns)
 }
 
 void ViewerCore::on_roster(const session::RosterEntry& entry, std::int64_t now_ns) {
+  if (stops_.on_roster(entry)) add_event("emergency stop, relayed by " + session::text(entry), now_ns);
   for (const session::RosterEvent& event : roster_.on_entry(entry, now_ns)) process(event, now_ns);
   const session::RosterEntry* const known = roster_.find(entry.origin.participant);
   if (entry.role == session::Role::kHost && !entry.leaving && known != nullptr &&
@@ -129,7 +130,7 @@ void ViewerCore::on_metrics(const session::Metrics& metrics) {
   }
   known.origin = metrics.origin;
   known.meshes = metrics.meshes;
-  ++metrics_change_;
+  ++metrics_number_;
 }
 
 void ViewerCore::on_object_pose(const session::ObjectPose& pose, std::int64_t now_ns) {
@@ -142,13 +143,11 @@ void ViewerCore::on_object_pose(const session::ObjectPose& pose, std::int64_t no
 }
 
 void ViewerCore::on_stop(const session::EmergencyStop& stop, std::int64_t now_ns) {
-  const std::string text = "emergency stop: " + stop.text;
-  if (events_.empty() || events_.back().text != text) add_event(text, now_ns);  // stops are repeated
+  if (stops_.on_stop(stop.name())) add_event("emergency stop: " + stop.text, now_ns);
 }
 
 void ViewerCore::on_reset(const session::ForceReset& reset, std::int64_t now_ns) {
-  const std::string text = "forces are reset: " + reset.text;
-  if (events_.empty() || events_.back().text != text) add_event(text, now_ns);
+  if (stops_.on_reset(reset)) add_event("forces are reset: " + reset.text, now_ns);
 }
 
 void ViewerCore::on_end(const session::SessionEnd& end, std::int64_t now_ns) {
@@ -166,24 +165,38 @@ void ViewerCore::stop_forces(const std::string& reason, std::int64_t now_ns) {
   on_stop(*own_stop_, now_ns);
 }
 
-bool ViewerCore::are_forces_stopped() const noexcept {
-  bool stopped = own_stop_.has_value();
+void ViewerCore::update_stop_progress() {
+  StopProgress progress;
+  progress.is_requested = own_stop_.has_value();
   roster_.for_each([&](const session::RosterEntry& entry) {
-    stopped = stopped || (entry.role == session::Role::kHrtc && !session::standing_stops(entry.stops).empty());
+    if (entry.role != session::Role::kHrtc) return;
+    ++progress.hrtcs;
+    progress.stopped += session::standing_stops(entry.stops).empty() ? 0 : 1;
   });
-  return stopped;
+  if (progress == stop_progress_) return;
+  stop_progress_ = progress;
+  ++scene_number_;
+}
+
+/// Fills the probe numbers of the loader. A user keeps its number while it has a probe, because the prediction follows
+/// the motion of each number.
+void ViewerCore::choose_users() {
+  refined_users_.resize(hrtc_service::kMaxProbes, 0);
+  for (std::uint64_t& user : refined_users_)
+    if (probes_.count(user) == 0) user = 0;
+  for (const auto& [user, probe] : probes_) {
+    if (std::find(refined_users_.begin(), refined_users_.end(), user) != refined_users_.end()) continue;
+    const auto free = std::find(refined_users_.begin(), refined_users_.end(), 0);
+    if (free == refined_users_.end()) return;
+    *free = user;
+  }
 }
 
 void ViewerCore::load(std::int64_t now_ns) {
-  std::vector<const SeenProbe*> newest;
-  for (const auto& [user, probe] : probes_) newest.push_back(&probe);
-  std::sort(newest.begin(), newest.end(),
-            [](const SeenProbe* a, const SeenProbe* b) { return a->received_ns > b->received_ns; });
-  if (newest.size() > hrtc_service::kMaxProbes) newest.resize(hrtc_service::kMaxProbes);
-  std::sort(newest.begin(), newest.end(),  // so that a user keeps its probe number while the users are the same
-            [](const SeenProbe* a, const SeenProbe* b) { return a->state.user_id < b->state.user_id; });
+  choose_users();
   std::array<hrtc_service::ReportedProbe, hrtc_service::kMaxProbes> probes{};
-  for (std::size_t i = 0; i < newest.size(); ++i) probes[i] = reported(*newest[i]);
+  for (std::size_t i = 0; i < refined_users_.size(); ++i)
+    if (refined_users_[i] != 0) probes[i] = reported(probes_.at(refined_users_[i]));
   std::array<hrtc_service::NearObjects, hrtc_service::kMaxProbes> near{};
   loader_->tick(now_ns, probes, near);
 }
@@ -193,21 +206,19 @@ void ViewerCore::process_arrivals() {
   Arrival arrival;
   while (arrivals_.pop(arrival)) {
     if (arrival.kind == Arrival::Kind::kObject) {
-      loaded_.push_back({arrival.object, {}, false});
+      loaded_.push_back({arrival.object, false});
       continue;
     }
-    const auto loaded = std::find_if(loaded_.begin(), loaded_.end(),
-                                     [&](const Loaded& each) { return each.object == arrival.object; });
+    const auto loaded =
+        std::find_if(loaded_.begin(), loaded_.end(), [&](const Loaded& each) { return each.object == arrival.object; });
     switch (arrival.kind) {
       case Arrival::Kind::kObject:
         break;
       case Arrival::Kind::kRegion:
         loaded->object->forest->add(arrival.region, arrival.list);
-        loaded->regions.push_back(arrival.region);
         break;
       case Arrival::Kind::kRetire:
         loaded->object->forest->retire(arrival.region);
-        std::erase(loaded->regions, arrival.region);
         break;
       case Arrival::Kind::kWithdraw:
         loaded->object->forest->withdraw();
@@ -221,11 +232,14 @@ void ViewerCore::refine() {
   spm::Budget budget{settings_.budget};
   for (Loaded& loaded : loaded_) {
     spm::Forest& forest = *loaded.object->forest;
-    if (!loaded.withdrawn)
-      forest.set_targets(loaded.regions.data(), static_cast<std::uint32_t>(loaded.regions.size()));
+    if (!loaded.withdrawn) {
+      targets_.clear();
+      for (const std::uint32_t region : loader_->predicted(loaded.object->index)) targets_.push_back(spm::RegionId{region});
+      forest.set_targets(targets_.data(), static_cast<std::uint32_t>(targets_.size()), spm::Unrequested::kRetain);
+    }
     (void)forest.advance(budget);
     (void)forest.refit();
-    while (!loaded.withdrawn && departures_.write_available() > 0) {
+    while (departures_.write_available() > 0) {
       const spm::RegionId region = forest.take_retired();
       if (region == spm::kNone) break;
       departures_.push({loaded.object->index, region});
@@ -253,6 +267,8 @@ ViewerMessages ViewerCore::tick(std::int64_t now_ns) {
   now_ns_ = now_ns;
   ViewerMessages out;
   for (const session::RosterEvent& event : roster_.tick(now_ns)) process(event, now_ns);
+  send_stop(now_ns, out);
+  update_stop_progress();
   session::update_session_clock(roster_, self_, session::Role::kViewer, false, now_ns, clock_);
   load(now_ns);
   process_arrivals();
@@ -264,7 +280,6 @@ ViewerMessages ViewerCore::tick(std::int64_t now_ns) {
   while (auto demand = loader_->demand(now_ns)) out.demands.push_back(*std::move(demand));
   if (heartbeat_.due(now_ns)) out.roster = roster_entry(false, now_ns);
   if (clock_.reference() != 0 && clock_request_.due(now_ns)) out.clock_request = clock_.request(now_ns);
-  send_stop(now_ns, out);
   return out;
 }
 

@@ -6,7 +6,7 @@
 ///     demands, roster entries, clock requests <--
 ///
 /// The loader is that of an HRTC (hrtc_service/loader.hpp). It predicts from the probe states of the session instead of
-/// those of devices of its own. All loaded regions are refined, and they stay refined until the pool is full.
+/// those of devices of its own. The regions near the probes are refined, and stay refined until their memory is needed.
 ///
 /// No DDS, socket, thread, clock or log: samples and times are arguments, samples to send are results. Times are of
 /// this program's monotonic clock. One thread at a time. Not realtime.
@@ -40,12 +40,12 @@ struct ViewerSettings {
   std::uint32_t budget = 1u << 18;
 };
 
-/// Samples to send after a tick.
+/// Samples to send after a tick, in this order.
 struct ViewerMessages {
+  std::optional<session::EmergencyStop> stop;
   std::optional<session::RosterEntry> roster;
   std::optional<session::ClockSample> clock_request;
   std::vector<session::Demand> demands;
-  std::optional<session::EmergencyStop> stop;
 };
 
 /// A user with its newest probe state.
@@ -62,6 +62,14 @@ struct SeenObject {
   ShownMesh mesh;
 };
 
+/// How far the HRTCs of the session obey emergency stops.
+struct StopProgress {
+  bool is_requested = false;  ///< this viewer has sent a stop that not all hosts and HRTCs have acknowledged
+  std::uint32_t hrtcs = 0;    ///< number of present HRTCs
+  std::uint32_t stopped = 0;  ///< number of these in which a stop stands
+  [[nodiscard]] bool operator==(const StopProgress&) const = default;
+};
+
 struct Event {
   std::int64_t at_ns = 0;
   std::string text;
@@ -69,7 +77,7 @@ struct Event {
 
 class ViewerCore {
  public:
-  /// Probe states older than this are not shown.
+  /// A probe is not shown if its newest state is older than this.
   static constexpr std::int64_t kMaxStateAgeNs = 1'000'000'000;
   /// Number of events that are kept for new pages.
   static constexpr std::size_t kMaxEvents = 100;
@@ -111,25 +119,30 @@ class ViewerCore {
   [[nodiscard]] const std::map<std::uint64_t, SeenProbe>& probes() const noexcept { return probes_; }
   [[nodiscard]] const std::map<std::uint64_t, session::Metrics>& metrics() const noexcept { return metrics_; }
   [[nodiscard]] const std::deque<Event>& events() const noexcept { return events_; }
-  /// Grows when roster, catalogue or events change.
-  [[nodiscard]] std::uint32_t scene_change() const noexcept { return scene_change_; }
+  [[nodiscard]] const StopProgress& stop_progress() const noexcept { return stop_progress_; }
+  /// Grows when roster, catalogue, events or the progress of a stop change.
+  [[nodiscard]] std::uint32_t scene_number() const noexcept { return scene_number_; }
   /// Grows with each metrics sample.
-  [[nodiscard]] std::uint32_t metrics_change() const noexcept { return metrics_change_; }
-  [[nodiscard]] bool are_forces_stopped() const noexcept;
+  [[nodiscard]] std::uint32_t metrics_number() const noexcept { return metrics_number_; }
   [[nodiscard]] const hrtc_service::Loader& loader() const noexcept { return *loader_; }
-  [[nodiscard]] std::int64_t session_time(std::int64_t now_ns) const noexcept { return clock_.map().session_time(now_ns); }
+  [[nodiscard]] std::int64_t session_time(std::int64_t now_ns) const noexcept {
+    return clock_.map().session_time(now_ns);
+  }
 
  private:
   void process(const session::RosterEvent& event, std::int64_t now_ns);
   void load(std::int64_t now_ns);
   void process_arrivals();
   void refine();
+  void choose_users();
   void send_stop(std::int64_t now_ns, ViewerMessages& out);
+  void update_stop_progress();
 
   session::Origin self_;
   ViewerSettings settings_;
   session::Roster roster_;
   session::SessionClock clock_;
+  session::StopLatch stops_;
   std::int64_t now_ns_;  // of the last tick
   session::Heartbeat heartbeat_;
   session::PeriodicTimer clock_request_, stop_repeat_;
@@ -144,16 +157,18 @@ class ViewerCore {
   /// An object in the pool. The loader owns it until its departure.
   struct Loaded {
     hrtc_service::TouchObject* object = nullptr;
-    std::vector<spm::RegionId> regions;  // loaded and not retiring
     bool withdrawn = false;
   };
   std::vector<Loaded> loaded_;
+  std::vector<spm::RegionId> targets_;  // of one object, while it is refined
 
-  std::map<std::uint64_t, SeenObject> objects_;       // by object id
-  std::map<std::uint64_t, SeenProbe> probes_;         // by user id
+  std::map<std::uint64_t, SeenObject> objects_;        // by object id
+  std::map<std::uint64_t, SeenProbe> probes_;          // by user id
+  std::vector<std::uint64_t> refined_users_;           // users near whose probes the mesh is refined
   std::map<std::uint64_t, session::Metrics> metrics_;  // by participant
   std::deque<Event> events_;
-  std::uint32_t scene_change_ = 1, metrics_change_ = 0;
+  std::uint32_t scene_number_ = 1, metrics_number_ = 0;
+  StopProgress stop_progress_;
   std::optional<session::EmergencyStop> own_stop_;  // not acknowledged by all
   std::int64_t stop_requested_ns_ = 0;
   std::uint32_t own_stops_ = 0, next_number_ = 0;

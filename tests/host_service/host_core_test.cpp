@@ -57,7 +57,7 @@ class HostCoreTest : public testing::Test {
 TEST_F(HostCoreTest, AnHrtcThatJoinsLoadsTheObjectAndReachesExactContact) {
   HostCore host{kSelf, host_of("sphere", encoded_.compressed()), now_};
   std::string served_hrtc;
-  host.on_hrtc = [&](std::uint64_t, const std::string& name) { served_hrtc = name; };
+  host.on_receiver = [&](std::uint64_t, const std::string& name) { served_hrtc = name; };
   hrtc_service::HrtcCoreSettings settings;
   settings.pool = spm::PoolSettings::for_slots(model_.summary.parts / 2);
   hrtc_service::HrtcCore core{session::Origin{kSession, kHrtc, 1, 0}, settings};
@@ -171,8 +171,8 @@ TEST_F(HostCoreTest, PublishesPosesOnlyAfterItsClockFollowsTheSession) {
 TEST_F(HostCoreTest, MakesEndpointsForAViewerAtItsFirstDemandUntilItLeaves) {
   HostCore host{kSelf, host_of("sphere", encoded_.compressed()), now_};
   std::vector<std::string> receivers;
-  host.on_hrtc = [&](std::uint64_t, const std::string& name) { receivers.push_back(name); };
-  host.on_hrtc_gone = [&](std::uint64_t) { receivers.pop_back(); };
+  host.on_receiver = [&](std::uint64_t, const std::string& name) { receivers.push_back(name); };
+  host.on_receiver_gone = [&](std::uint64_t) { receivers.pop_back(); };
   session::RosterEntry viewer = hrtc_entry();
   viewer.role = session::Role::kViewer;
   viewer.name = "view";

@@ -65,11 +65,17 @@ async function startViewer(port) {
   }
 }
 
-/// Number of frames drawn in a second, over `ms`.
-async function frameRate(browser, ms) {
-  const before = await browser.value("window.tactus.drawn");
+/// Number of pictures drawn in a second, over `ms`.
+async function pictureRate(browser, ms) {
+  const before = await browser.value("window.tactus.pictures"), began = performance.now();
   await pause(ms);
-  return (await browser.value("window.tactus.drawn") - before) / ms * 1e3;
+  return (await browser.value("window.tactus.pictures") - before) / (performance.now() - began) * 1e3;
+}
+
+/// Waits until a program has printed a line with `pattern`.
+async function printed(program, pattern) {
+  for (const began = performance.now(); !pattern.test(program.text); await pause(20))
+    if (performance.now() - began > 20e3) throw new Error(`${program.spawnfile} has not printed ${pattern}`);
 }
 
 async function look(browser) {
@@ -79,11 +85,13 @@ async function look(browser) {
   start("host", "--name", "host-a", join(folder, "organ.spm"));
   const hrtc = start("hrtc", "--name", "hrtc-1");
   let { viewer, address, port } = await startViewer("0");
-  await pause(2500);  // until discovery has found the host
+  await printed(viewer, /HRTC 'hrtc-1' joined/);
+  await printed(viewer, /object organ found/);
+  await pause(500);  // until the base mesh has arrived
 
   await browser.open(address, kWidth, kHeight);
-  await browser.until("window.tactus?.firstDrawnMs != null || window.tactus?.error != null", 20);
-  const first = await browser.value("window.tactus.firstDrawnMs");
+  await browser.until("window.tactus?.firstPictureMs != null || window.tactus?.error != null", 20);
+  const first = await browser.value("window.tactus.firstPictureMs");
   check("first picture after the page was opened", `${(first / 1e3).toFixed(2)} s`, first <= 1000, "<= 1 s");
   const base = await browser.value("[...window.tactus.meshes.values()][0].faces");
 
@@ -104,21 +112,22 @@ async function look(browser) {
   await browser.until("window.tactus.figures?.['hrtc-1']?.['hrtc.rate_hz'] > 0", 10);
   const rate = await browser.value("window.tactus.figures['hrtc-1']['hrtc.rate_hz']");
   check("rate of the HRTC", `${rate.toFixed(0)} Hz`, rate > 900, "> 900 Hz");
-  const pictures = await frameRate(browser, 4000);
+  const pictures = await pictureRate(browser, 4000);
   check(`pictures a second, ${kWidth} x ${kHeight}`, pictures.toFixed(1), pictures >= 20, ">= 20");
   writeFileSync(screenshot, await browser.screenshot());
 
   viewer.kill("SIGKILL");
   await browser.until("!window.tactus.isConnected", 10);
   ({ viewer } = await startViewer(port));
-  await browser.until("window.tactus.isConnected && window.tactus.connections === 2 && window.tactus.probes.length === 2", 20);
+  await browser.until("window.tactus.isConnected && window.tactus.connections === 2 && window.tactus.probes.length === 2 && window.tactus.meshes.size > 0", 20);
   const again = await browser.value("[...window.tactus.meshes.values()].map(({ faces }) => faces).join()");
   check("faces shown by a new viewer at the same port", again, Number(again) > 0, "> 0");
 
   await browser.value("document.getElementById('stop').click()");
   await browser.until("!document.getElementById('banner').hidden", 5);
-  await browser.until("window.tactus.probes.every(({ force }) => Math.hypot(...force) === 0)", 5);
-  check("the HRTC reports the stop", /emergency stop/.test(hrtc.text), /emergency stop/.test(hrtc.text), "true");
+  await browser.until("window.tactus.probes.length === 2 && window.tactus.probes.every(({ force }) => Math.hypot(...force) === 0)", 5);
+  await printed(hrtc, /emergency stop/);
+  await browser.until("/^All forces are stopped/.test(document.getElementById('banner').textContent)", 5);
   const error = await browser.value("window.tactus.error");
   // The browser itself reports the connections that failed while no viewer ran.
   const errors = [error, ...browser.log].filter((text) => text && !/WebSocket connection/.test(text));

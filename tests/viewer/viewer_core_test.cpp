@@ -1,5 +1,6 @@
 #include "viewer/viewer_core.hpp"
 
+#include <nlohmann/json.hpp>
 #include <set>
 
 #include "spm/model.hpp"
@@ -32,7 +33,8 @@ class ViewerCoreTest : public ViewerSession {
       bool is_near = false;
       for (std::size_t i = 0; i < 3; ++i) {
         face[i] = model_.positions[corners[i]];
-        is_near = is_near || (Vec3d{face[i][0], face[i][1], face[i][2]} * object().entry.scale - centre).norm() < distance;
+        is_near =
+            is_near || (Vec3d{face[i][0], face[i][1], face[i][2]} * object().entry.scale - centre).norm() < distance;
       }
       if (is_near) faces.insert(face_of(face));
     }
@@ -112,21 +114,21 @@ TEST_F(ViewerCoreTest, ThePagesObjectIsTheViewersAfterEveryFrameAndAfterSkippedO
     PageFeed feed;
     std::vector<ShownMesh::Face> rows;
     int frames = 0;
-  } each{viewer_}, last{viewer_};
-  after_step = [&] { each.receive(now_ns_); };
+  } eager_page{viewer_}, slow_page{viewer_};
+  after_step = [&] { eager_page.receive(now_ns_); };
   run(500 * kMs);
-  last.receive(now_ns_);
+  slow_page.receive(now_ns_);
   for (int step = 0; step < 60; ++step) {
     place_probe(kRadius * Vec3d{std::cos(0.1 * step), std::sin(0.1 * step), 0});
     run(50 * kMs);
   }
   run(200 * kMs);
-  last.receive(now_ns_);
+  slow_page.receive(now_ns_);
 
-  EXPECT_EQ(each.rows, object().mesh.rows());
-  EXPECT_EQ(last.rows, object().mesh.rows());
-  EXPECT_EQ(last.frames, 2) << "a page that takes no messages gets all changes in one frame";
-  EXPECT_GT(each.frames, 10);
+  EXPECT_EQ(eager_page.rows, object().mesh.rows());
+  EXPECT_EQ(slow_page.rows, object().mesh.rows());
+  EXPECT_EQ(slow_page.frames, 2) << "a page that takes no messages gets all changes in one frame";
+  EXPECT_GT(eager_page.frames, 10);
 }
 
 TEST_F(ViewerCoreTest, AnObjectIsGoneAfterItsHostHasWithdrawnIt) {
@@ -162,13 +164,82 @@ TEST_F(ViewerCoreTest, AnOvertakenStateIsIgnoredAndASilentProbeIsGoneAfterASecon
 TEST_F(ViewerCoreTest, AStopIsRepeatedUntilTheHostHasAcknowledgedIt) {
   run(300 * kMs);
   viewer_.stop_forces("a test", now_ns_);
-  EXPECT_TRUE(viewer_.are_forces_stopped());
+  run(10 * kMs);
+  EXPECT_TRUE(viewer_.stop_progress().is_requested);
   run(2000 * kMs);
 
   EXPECT_GE(stops_sent_, 50);
+  EXPECT_FALSE(viewer_.stop_progress().is_requested);
   const int sent = stops_sent_;
   run(500 * kMs);
   EXPECT_EQ(stops_sent_, sent);
+}
+
+TEST_F(ViewerCoreTest, TheSceneFollowsAStopAndAResetOfAnHrtcWithoutAnotherEvent) {
+  session::RosterEntry hrtc;
+  hrtc.origin = {kSession, kHrtc, 1, 0};
+  hrtc.role = session::Role::kHrtc;
+  hrtc.name = "desk";
+  const auto beat = [&] {
+    ++hrtc.heartbeat;
+    viewer_.on_roster(hrtc, now_ns_);
+    run(10 * kMs);
+  };
+  beat();
+  EXPECT_EQ(viewer_.stop_progress().hrtcs, 1u);
+  std::uint32_t before = viewer_.scene_number();
+  hrtc.stops = {{50, 1, 1, 0, 0}};
+  beat();
+  EXPECT_EQ(viewer_.stop_progress().stopped, 1u);
+  EXPECT_GT(viewer_.scene_number(), before);
+  before = viewer_.scene_number();
+  hrtc.stops = {{50, 1, 1, 1, 0}};
+  beat();
+  EXPECT_EQ(viewer_.stop_progress().stopped, 0u);
+  EXPECT_GT(viewer_.scene_number(), before);
+}
+
+TEST_F(ViewerCoreTest, ARepeatedStopIsOneEvent) {
+  run(300 * kMs);
+  session::EmergencyStop stop{{kSession, 50, 1, 0}, 1, "needle bent"}, other{{kSession, 51, 1, 0}, 1, "door open"};
+  for (int i = 0; i < 50; ++i) {
+    viewer_.on_stop(stop, now_ns_);
+    viewer_.on_stop(other, now_ns_);
+  }
+  EXPECT_EQ(std::count_if(viewer_.events().begin(), viewer_.events().end(),
+                          [](const Event& event) { return event.text.find("emergency stop") == 0; }),
+            2);
+}
+
+TEST_F(ViewerCoreTest, NoMeshFrameNamesAnObjectThatThePageDoesNotKnow) {
+  PageFeed feed{viewer_};
+  std::set<std::uint32_t> known;
+  int frames = 0;
+  after_step = [&] {
+    while (const auto message = feed.next(now_ns_)) {
+      if (message->is_text) {
+        const nlohmann::json text = nlohmann::json::parse(message->bytes);
+        if (text["type"] != "scene") continue;
+        known.clear();
+        for (const auto& object : text["objects"]) known.insert(object["number"].get<std::uint32_t>());
+      } else if (message->bytes[0] == 1) {
+        std::uint32_t number = 0;
+        std::memcpy(&number, &message->bytes[4], sizeof number);
+        EXPECT_EQ(known.count(number), 1u);
+        ++frames;
+      }
+    }
+    viewer_.add_event("an event delays the next scene", now_ns_);
+  };
+  run(500 * kMs);
+  for (const bool withdrawn : {true, false})
+    for (session::CatalogueEntry entry : host_.catalogue()) {
+      entry.origin = {kSession, kHost, 1, now_ns_};
+      entry.withdrawn = withdrawn;
+      viewer_.on_catalogue(entry);
+      run(500 * kMs);
+    }
+  EXPECT_EQ(frames, 2) << "one for each offer";
 }
 
 TEST_F(ViewerCoreTest, AViewerLeavesIfAnOlderProgramHasItsName) {

@@ -25,7 +25,7 @@ class ViewerSession : public testing::Test {
     return settings;
   }
 
-  /// Exchanges samples for `ns`, every 2 ms, while a probe state of `user` arrives every millisecond if there is one.
+  /// Exchanges samples for `ns`, every 2 ms, while a probe state arrives every millisecond after `place_probe`.
   void run(std::int64_t ns) {
     for (const std::int64_t end_ns = now_ns_ + ns; now_ns_ < end_ns;) {
       now_ns_ += kMs;

@@ -11,14 +11,14 @@ const kNoObject = 0xffffffff;
 
 const element = (id) => document.getElementById(id);
 /// For tests and curious users: the newest messages and what is drawn.
-const state = window.tactus = { scene: null, probes: [], figures: null, frames: 0, meshes: new Map(), connections: 0,
-                                isConnected: false, error: null, drawn: 0, firstDrawnMs: null };
+const state = window.tactus = { scene: null, probes: [], figures: null, meshes: new Map(), connections: 0,
+                                isConnected: false, error: null, pictures: 0, firstPictureMs: null };
 const users = new Map();   // by id: {name, colour, hrtc}
 const strips = new Map();  // by HRTC: {element, strip, text}
 
-let scene;
+let view;
 try {
-  scene = new ViewScene(element("scene"), element("names"));
+  view = new ViewScene(element("scene"), element("names"));
 } catch (error) {
   state.error = error.message;
   element("connection").textContent = `this browser cannot draw: ${error.message}`;
@@ -59,10 +59,10 @@ function showScene(message) {
   state.scene = message;
   for (const { id, name, hrtc } of message.users)
     users.set(id, { colour: kColours[users.size % kColours.length], ...users.get(id), name, hrtc });
-  scene.setObjects(message.objects);
+  view.setObjects(message.objects);
   for (const number of state.meshes.keys())
-    if (!scene.objects.has(number)) state.meshes.delete(number);
-  element("banner").hidden = !message.stopped;
+    if (!view.objects.has(number)) state.meshes.delete(number);
+  showStop(message.stop);
   setRows(element("hosts"), message.participants.filter(({ role }) => role === "host").map(({ name, late }) => [
     name, late ? span("late", "fault") : span("present", "exact")]));
   const events = element("events");
@@ -75,6 +75,15 @@ function showScene(message) {
   const follow = element("follow"), chosen = follow.value;
   follow.replaceChildren(new Option("nobody", ""), ...message.users.map(({ id, name }) => new Option(name, id)));
   follow.value = message.users.some(({ id }) => id === chosen) ? chosen : "";
+  view.followed = follow.value || null;
+  showObjects();
+}
+
+function showStop({ requested, hrtcs, stopped }) {
+  const banner = element("banner");
+  banner.hidden = !requested && stopped === 0;
+  banner.textContent = stopped === hrtcs && hrtcs > 0 ? "All forces are stopped. `tactus control reset` starts them again."
+    : `${requested ? "Stop requested" : "Some forces are stopped"}: ${stopped} of ${hrtcs} HRTCs have stopped.`;
 }
 
 function showUsers() {
@@ -92,7 +101,7 @@ function showUsers() {
 
 function showObjects() {
   setRows(element("objects"), (state.scene?.objects ?? []).map(({ number, name, host, faces }) => {
-    const shown = scene.objects.get(number);
+    const shown = view.objects.get(number);
     return [name, span(`at ${host}`, "soft"), `${(shown?.faces ?? 0).toLocaleString("en")} of ${faces.toLocaleString("en")} faces`];
   }));
 }
@@ -126,7 +135,6 @@ function showFigures(message) {
 }
 
 function receive({ data }) {
-  ++state.frames;
   if (typeof data === "string") {
     const message = JSON.parse(data);
     if (message.type === "scene") showScene(message);
@@ -135,11 +143,11 @@ function receive({ data }) {
   }
   const frame = readFrame(data);
   if (frame.mesh) {
-    scene.applyMesh(frame.mesh);
+    view.applyMesh(frame.mesh);
     state.meshes.set(frame.mesh.object, { faces: frame.mesh.faces, hash: frame.mesh.hash.toString() });
   } else {
     state.probes = frame.probes;
-    scene.setProbes(frame, users);
+    view.setProbes(frame, users);
   }
 }
 
@@ -154,15 +162,21 @@ function connect() {
   socket.onopen = () => {
     ++state.connections;
     state.isConnected = true;
-    scene.setObjects([]);
+    state.meshes.clear();
+    state.probes = [];
+    view.setObjects([]);
     element("connection").textContent = "connected";
     element("connection").className = "open";
+    element("stop").disabled = false;
+    document.body.classList.remove("lost");
   };
   socket.onmessage = receive;
   socket.onclose = () => {
     state.isConnected = false;
-    element("connection").textContent = "the viewer does not answer; trying again";
-    element("connection").className = "lost";
+    element("connection").textContent = "no connection to the viewer; trying again";
+    element("connection").className = "";
+    element("stop").disabled = true;
+    document.body.classList.add("lost");
     setTimeout(connect, kReconnectMs);
   };
 }
@@ -170,10 +184,10 @@ function connect() {
 element("stop").addEventListener("click", () => {
   if (socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify({ stop: "requested at the viewer's page" }));
 });
-element("resolution").addEventListener("change", ({ target }) => scene.showResolution(target.checked));
-element("wireframe").addEventListener("change", ({ target }) => { scene.material.wireframe = target.checked; });
-element("labels").addEventListener("change", ({ target }) => { scene.showsNames = target.checked; });
-element("follow").addEventListener("change", ({ target }) => { scene.followed = target.value || null; });
+element("resolution").addEventListener("change", ({ target }) => view.showResolution(target.checked));
+element("wireframe").addEventListener("change", ({ target }) => { view.material.wireframe = target.checked; });
+element("labels").addEventListener("change", ({ target }) => { view.showsNames = target.checked; });
+element("follow").addEventListener("change", ({ target }) => { view.followed = target.value || null; });
 
 // ---- drawing ----
 
@@ -181,11 +195,11 @@ let drawnMs = 0;
 
 function draw(now) {
   requestAnimationFrame(draw);
-  if (scene.isSoftware && now - drawnMs < kSoftwareIntervalMs) return;
+  if (view.isSoftware && now - drawnMs < kSoftwareIntervalMs) return;
   drawnMs = now;
-  scene.draw();
-  ++state.drawn;
-  if (state.firstDrawnMs === null && state.meshes.size > 0) state.firstDrawnMs = performance.now();
+  view.draw();
+  ++state.pictures;
+  if (state.firstPictureMs === null && state.meshes.size > 0) state.firstPictureMs = performance.now();
 }
 
 setInterval(showUsers, 100);

@@ -47,6 +47,8 @@ class ShownObject {
   apply(frame, showsResolution) {
     if (frame.isWhole) this.positions.fill(0);
     this.reserve(frame.rows);
+    this.mesh.geometry.setDrawRange(0, 3 * frame.rows);
+    this.faces = frame.faces;
     frame.changed.forEach((number, i) => {
       const row = number & 0x7fffffff;
       this.finest[row] = number >>> 31;
@@ -56,13 +58,11 @@ class ShownObject {
     const { position, color } = this.mesh.geometry.attributes;
     const low = frame.changed.reduce((least, number) => Math.min(least, number & 0x7fffffff), frame.rows);
     const high = frame.changed.reduce((most, number) => Math.max(most, number & 0x7fffffff), 0);
+    if (frame.changed.length === 0) return;
     for (const attribute of [position, color]) {
       attribute.addUpdateRange(9 * low, 9 * (high - low + 1));
       attribute.needsUpdate = true;
     }
-    this.mesh.geometry.setDrawRange(0, 3 * frame.rows);
-    this.faces = frame.faces;
-    this.hash = frame.hash;
   }
 
   colour(row, showsResolution) {
@@ -72,7 +72,10 @@ class ShownObject {
 
   showResolution(shows) {
     for (let row = 0; row < this.finest.length; ++row) this.colour(row, shows);
-    if (this.mesh.geometry.attributes.color) this.mesh.geometry.attributes.color.needsUpdate = true;
+    const { color } = this.mesh.geometry.attributes;
+    if (!color) return;
+    color.clearUpdateRanges();  // without ranges, all of it is uploaded
+    color.needsUpdate = true;
   }
 
   dispose() {
@@ -89,7 +92,7 @@ export class ViewScene {
     this.renderer = new three.WebGLRenderer({ canvas, antialias: !this.isSoftware });
     this.scene = new three.Scene();
     this.scene.background = new three.Color(0x10141a);
-    this.camera = new three.PerspectiveCamera(40, 1, 0.005, 20);
+    this.camera = new three.PerspectiveCamera(40, 1, 0.005, 100);
     this.camera.up.set(0, 0, 1);
     this.camera.position.set(0.3, -0.8, 0.6);
     const light = new three.DirectionalLight(0xffffff, 2.4);

@@ -30,6 +30,11 @@ export class Probe {
 
   remove() {
     for (const part of [this.device, this.proxy, this.spring, this.arrow]) part.removeFromParent();
+    for (const part of [this.device, this.proxy, this.spring]) {
+      part.geometry.dispose();
+      part.material.dispose();
+    }
+    this.arrow.dispose();
   }
 
   show(visible) {
