@@ -1,5 +1,7 @@
 #include <CLI/CLI.hpp>
 #include <iostream>
+#include <random>
+#include <string>
 
 #include "viewer/viewer.hpp"
 #include "wire/command_line.hpp"
@@ -11,9 +13,35 @@ constexpr char kExamples[] = R"(
 Examples:
   tactus view --session lab
   tactus view --session lab --domain 40 --port 8091 --memory 256MiB
+  tactus view --session lab --listen 192.168.1.20
 
-Open the printed address in a browser of this machine. `scripts/page` builds the page.
+Open the printed address in a browser. `scripts/page` builds the page. Only browsers of this machine can reach it,
+unless --listen names another address. Then two addresses are printed: pages of the first can touch and stop forces,
+pages of the second only show the session.
 Exit status: 0 ended by a signal, 2 wrong input, no page, or the port or the name is taken.)";
+
+/// Returns 128 random bits as text.
+std::string random_token() {
+  constexpr char kDigits[] = "0123456789abcdef";
+  std::random_device random;
+  std::string token;
+  for (int i = 0; i < 32; ++i) token += kDigits[random() % 16];
+  return token;
+}
+
+/// Prints the addresses of the page. A browser sends the part after # to no server; the page sends it as its token.
+void print_addresses(const tactus::viewer::ServerSettings& server, std::uint16_t port) {
+  std::string host = server.address;
+  if (host == "0.0.0.0" || host == "::") host = tactus::viewer::host_name();
+  if (host.find(':') != std::string::npos) host = "[" + host + "]";
+  if (server.control_token.empty()) host = "localhost";
+  const std::string address = "http://" + host + ":" + std::to_string(port) + "/";
+  if (server.control_token.empty())
+    std::cout << address << std::endl;
+  else
+    std::cout << address << '#' << server.control_token << "  to touch and to stop forces\n"
+              << address << '#' << server.observer_token << "  to watch" << std::endl;
+}
 
 }  // namespace
 
@@ -28,8 +56,9 @@ int main(int argc, char** argv) {
   CLI::App app{"Viewer: shows the objects, users and figures of a session as a page in a browser.", "tactus-view"};
   app.footer(kExamples);
   wire::add_address_options(app, options.address, "viewer");
-  app.add_option("--port", options.server.port, "Port of the page, at 127.0.0.1; 0: any free port")
+  app.add_option("--listen", options.server.address, "Address of this machine at which the page is served")
       ->capture_default_str();
+  app.add_option("--port", options.server.port, "Port of the page; 0: any free port")->capture_default_str();
   app.add_option("--page", options.server.folder, "Folder of the page")->capture_default_str();
   app.add_option("--memory", memory, "Memory of the pool, for the shown meshes of all objects: 64MiB, 1GiB")
       ->transform(CLI::AsSizeValue(false))
@@ -49,8 +78,13 @@ int main(int argc, char** argv) {
       return 2;
     }
     options.log = [](const std::string& text) { std::cerr << "tactus-view: " << text << '\n'; };
+    if (!viewer::is_loopback(options.server.address)) {
+      options.server.control_token = random_token();
+      options.server.observer_token = random_token();
+    }
+    const viewer::ServerSettings server = options.server;
     viewer::Viewer viewer{std::move(options)};
-    std::cout << "http://localhost:" << viewer.port() << "/" << std::endl;
+    print_addresses(server, viewer.port());
     return viewer.run(stop);
   } catch (const std::exception& error) {
     std::cerr << "tactus-view: " << error.what() << '\n';

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <array>
 #include <boost/asio/io_context.hpp>
+#include <boost/asio/ip/address.hpp>
+#include <boost/asio/ip/host_name.hpp>
 #include <boost/asio/ip/tcp.hpp>
 #include <boost/beast/core.hpp>
 #include <boost/beast/http.hpp>
@@ -32,6 +34,7 @@ using tcp = asio::ip::tcp;
 namespace {
 
 constexpr std::chrono::seconds kHttpTimeout{10};
+constexpr std::int64_t kTokenTimeoutNs = 5'000 * kMs;
 constexpr std::uint32_t kMaxHeaderBytes = 8192;
 constexpr std::chrono::milliseconds kMaxPoll{5};
 constexpr std::int64_t kRefusalEventNs = 1'000 * kMs;  // min time between two events about refused requests
@@ -72,11 +75,15 @@ std::map<std::string, File> read_files(const std::filesystem::path& folder) {
 
 std::string_view text_of(boost::string_view text) { return {text.data(), text.size()}; }
 
-/// Returns whether `host`, as HOST or HOST:PORT, is this machine.
-bool is_local(std::string_view host) {
+/// Returns whether `host`, as HOST or HOST:PORT, is an address, or a name of this machine. A foreign web site has a name
+/// of its own, so its pages never send such a Host.
+bool is_own(std::string_view host) {
   const std::size_t end = host.rfind(':');
   if (end != std::string_view::npos && host.back() != ']') host = host.substr(0, end);
-  return host == "localhost" || host == "127.0.0.1" || host == "[::1]";
+  if (host.size() > 2 && host.front() == '[') host = host.substr(1, host.size() - 2);
+  beast::error_code error;
+  asio::ip::make_address(std::string{host}, error);
+  return !error || host == "localhost" || host == host_name();
 }
 
 /// Returns the first bytes of a text from outside, for an event.
@@ -85,13 +92,12 @@ std::string shortened(std::string_view text) {
   return text.size() <= kMax ? std::string{text} : std::string{text.substr(0, kMax)} + "...";
 }
 
-/// A reason that wire accepts as a text: 1 to 199 bytes without control characters.
-bool is_reason(const nlohmann::json& value) {
-  constexpr std::size_t kMax = 199;
-  if (!value.is_string()) return false;
-  const std::string& text = value.get_ref<const std::string&>();
-  return !text.empty() && text.size() <= kMax &&
-         std::all_of(text.begin(), text.end(), [](char byte) { return static_cast<unsigned char>(byte) >= ' '; });
+/// Compares in a time that does not depend on the first different byte. False for an empty secret.
+bool is_same_secret(std::string_view given, std::string_view secret) {
+  if (secret.empty() || given.size() != secret.size()) return false;
+  unsigned difference = 0;
+  for (std::size_t i = 0; i < secret.size(); ++i) difference |= static_cast<unsigned char>(given[i] ^ secret[i]);
+  return difference == 0;
 }
 
 /// Counts requests in steps of one second.
@@ -119,14 +125,23 @@ struct PageServer::Impl {
   struct Exchange;
 
   Impl(PageServer& owner, const ServerSettings& settings, const ViewerCore& viewer)
-      : server{owner}, core{viewer}, files{read_files(settings.folder)}, acceptor{io} {
-    const tcp::endpoint endpoint{asio::ip::address_v4::loopback(), settings.port};
+      : server{owner},
+        core{viewer},
+        control_token{settings.control_token},
+        observer_token{settings.observer_token},
+        files{read_files(settings.folder)},
+        acceptor{io} {
     beast::error_code error;
+    const asio::ip::address address = asio::ip::make_address(settings.address, error);
+    if (error) throw ServerError{"address '" + settings.address + "': expected an IP address, for example 127.0.0.1"};
+    const tcp::endpoint endpoint{address, settings.port};
     acceptor.open(endpoint.protocol(), error);
     if (!error) acceptor.set_option(asio::socket_base::reuse_address{true}, error);
     if (!error) acceptor.bind(endpoint, error);
     if (!error) acceptor.listen(asio::socket_base::max_listen_connections, error);
-    if (error) throw ServerError{"cannot listen on port " + std::to_string(settings.port) + ": " + error.message()};
+    if (error)
+      throw ServerError{"cannot listen at " + settings.address + ", port " + std::to_string(settings.port) + ": " +
+                        error.message()};
   }
 
   void accept();
@@ -137,11 +152,13 @@ struct PageServer::Impl {
 
   PageServer& server;
   const ViewerCore& core;
+  std::string control_token, observer_token;
   std::map<std::string, File> files;
   asio::io_context io{1};
   tcp::acceptor acceptor;
   std::list<std::shared_ptr<Page>> pages;
   std::size_t exchanges = 0;  // number of unfinished HTTP requests
+  PageId last_page = 0;       // number of the newest page
   bool accepts = false;       // an accept is under way
   std::int64_t now_ns = 0;    // of the last poll
   session::PeriodicTimer refusals{kRefusalEventNs};
@@ -149,7 +166,11 @@ struct PageServer::Impl {
 
 /// A page with an open WebSocket.
 struct PageServer::Impl::Page : std::enable_shared_from_this<Page> {
-  Page(Impl& owner, beast::tcp_stream&& stream) : impl{owner}, socket{std::move(stream)}, feed{owner.core} {
+  /// What a page may do. kNothing: it has sent no token yet.
+  enum class Rights : std::uint8_t { kNothing, kObserve, kControl };
+
+  Page(Impl& owner, beast::tcp_stream&& stream)
+      : impl{owner}, id{++owner.last_page}, socket{std::move(stream)}, feed{owner.core} {
     beast::error_code error;
     beast::get_lowest_layer(socket).socket().set_option(tcp::no_delay{true}, error);
     socket.auto_fragment(false);  // a mesh can have megabytes
@@ -168,8 +189,15 @@ struct PageServer::Impl::Page : std::enable_shared_from_this<Page> {
     socket.async_accept(request, [self = shared_from_this()](beast::error_code error) {
       if (error) return self->close();
       self->is_open = true;
+      self->opened_ns = self->impl.now_ns;
+      if (self->impl.control_token.empty()) self->grant(Rights::kControl);
       self->read();
     });
+  }
+
+  void grant(Rights granted) {
+    rights = granted;
+    notice = nlohmann::json{{"type", "rights"}, {"control", granted == Rights::kControl}}.dump();
   }
 
   void read() {
@@ -186,12 +214,19 @@ struct PageServer::Impl::Page : std::enable_shared_from_this<Page> {
   }
 
   void process(const std::string& text) {
-    if (requests.exceeds(kMaxRequestsPerSecond)) return refuse("it sends more than 50 requests a second");
-    const nlohmann::json request = nlohmann::json::parse(text, nullptr, false);
-    const bool is_stop =
-        request.is_object() && request.size() == 1 && request.contains("stop") && is_reason(request["stop"]);
-    if (!is_stop) return refuse("it sent no known request");
-    if (impl.server.on_stop_request) impl.server.on_stop_request(request["stop"]);
+    if (requests.exceeds(kMaxRequestsPerSecond)) return refuse("it sends more than 200 requests a second");
+    const std::optional<PageRequest> request = parse_request(text);
+    if (!request) return refuse("it sent no known request");
+    if (const auto* const given = std::get_if<TokenRequest>(&*request)) return process(*given);
+    if (rights != Rights::kControl) return refuse("its link is for observers, and it sent a request");
+    if (impl.server.on_request) impl.server.on_request(id, *request);
+  }
+
+  void process(const TokenRequest& given) {
+    if (impl.control_token.empty()) return;  // a link of an earlier viewer with tokens
+    if (is_same_secret(given.token, impl.control_token)) return grant(Rights::kControl);
+    if (is_same_secret(given.token, impl.observer_token)) return grant(Rights::kObserve);
+    refuse("it sent a wrong token");
   }
 
   void refuse(const std::string& reason) {
@@ -202,7 +237,12 @@ struct PageServer::Impl::Page : std::enable_shared_from_this<Page> {
   /// Writes the messages that are due, one after the other, unless one is being written.
   void write() {
     if (!is_open || is_writing) return;
-    std::optional<PageMessage> next = feed.next(impl.now_ns);
+    if (rights == Rights::kNothing) {
+      if (impl.now_ns - opened_ns > kTokenTimeoutNs) refuse("it sent no token within 5 s");
+      return;
+    }
+    std::optional<PageMessage> next =
+        notice.empty() ? feed.next(impl.now_ns) : PageMessage{true, std::exchange(notice, {})};
     if (!next) return;
     outgoing = std::move(next->bytes);
     is_writing = true;
@@ -222,10 +262,14 @@ struct PageServer::Impl::Page : std::enable_shared_from_this<Page> {
   }
 
   Impl& impl;
+  PageId id;
+  Rights rights = Rights::kNothing;
+  std::int64_t opened_ns = 0;
   websocket::stream<beast::tcp_stream> socket;
   PageFeed feed;
   RequestCounter requests;
-  std::string name;  // address and port
+  std::string name;    // address and port
+  std::string notice;  // in JSON, goes before other messages; empty: none
   beast::flat_buffer received;
   std::string outgoing;  // the message that is being written
   bool is_open = false, is_writing = false, is_closed = false;
@@ -249,10 +293,10 @@ struct PageServer::Impl::Exchange : std::enable_shared_from_this<Exchange> {
     const std::string_view host = text_of(request[http::field::host]);
     const std::string_view origin = text_of(request[http::field::origin]);
     const bool is_foreign = !origin.empty() && origin != "http://" + std::string{host};
-    if (!is_local(host) || is_foreign) {
+    if (!is_own(host) || is_foreign) {
       if (impl.refusals.due(impl.now_ns))
         impl.report("a request for host '" + shortened(host) + "' of origin '" + shortened(origin) + "' is refused");
-      return answer(http::status::forbidden, {"text/plain", "only for pages of this machine\n"});
+      return answer(http::status::forbidden, {"text/plain", "only for pages of this server\n"});
     }
     const std::string path{text_of(request.target()).substr(0, text_of(request.target()).find('?'))};
     if (path == kSocketPath && websocket::is_upgrade(request)) {
@@ -310,12 +354,23 @@ void PageServer::Impl::run_handlers() {
   while (io.poll_one() > 0 && std::chrono::steady_clock::now() < end) accept();
 }
 
+bool is_loopback(const std::string& address) {
+  beast::error_code error;
+  return asio::ip::make_address(address, error).is_loopback() && !error;
+}
+
+std::string host_name() {
+  beast::error_code ignored;
+  return asio::ip::host_name(ignored);
+}
+
 PageServer::PageServer(const ServerSettings& settings, const ViewerCore& core)
     : impl_{std::make_unique<Impl>(*this, settings, core)} {}
 
 PageServer::~PageServer() {
   on_event = nullptr;
-  on_stop_request = nullptr;
+  on_request = nullptr;
+  on_page_closed = nullptr;
   beast::error_code ignored;
   impl_->acceptor.close(ignored);
   for (const auto& page : impl_->pages) page->close();
@@ -326,7 +381,17 @@ void PageServer::poll(std::int64_t now_ns) {
   impl_->accept();
   impl_->run_handlers();
   for (const auto& page : impl_->pages) page->write();
-  impl_->pages.remove_if([](const auto& page) { return page->is_closed; });
+  impl_->pages.remove_if([this](const auto& page) {
+    if (page->is_closed && on_page_closed) on_page_closed(page->id);
+    return page->is_closed;
+  });
+}
+
+void PageServer::notify(PageId page, const std::string& text) {
+  for (const auto& each : impl_->pages)
+    if (each->id == page)
+      each->notice = nlohmann::json{{"type", "notice"}, {"text", text}}.dump(-1, ' ', false,
+                                                                             nlohmann::json::error_handler_t::replace);
 }
 
 std::uint16_t PageServer::port() const { return impl_->acceptor.local_endpoint().port(); }

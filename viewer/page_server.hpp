@@ -2,9 +2,9 @@
 ///
 /// Everything runs in `poll`, so no lock is needed. A slow page delays nobody: at most one message to a page is being
 /// written at a time, and the next one is made only then (viewer/page_feed.hpp). A page that sends anything except a
-/// request, or too many requests, is disconnected and named in an event.
+/// request, too many requests, or a request that its token does not allow is disconnected and named in an event.
 ///
-/// Requests whose Host or Origin is not this machine are refused, because a foreign web site could otherwise reach the
+/// Requests whose Host or Origin is another one are refused, because a foreign web site could otherwise reach the
 /// server through a user's browser.
 #pragma once
 
@@ -15,6 +15,7 @@
 #include <stdexcept>
 #include <string>
 
+#include "viewer/page_request.hpp"
 #include "viewer/viewer_core.hpp"
 
 namespace tactus::viewer {
@@ -25,28 +26,43 @@ class ServerError : public std::runtime_error {
 };
 
 struct ServerSettings {
-  std::filesystem::path folder;  ///< of the page; read once, without its subfolders
-  std::uint16_t port = 8090;     ///< at 127.0.0.1; 0: any free port
+  std::filesystem::path folder;       ///< of the page; read once, without its subfolders
+  std::string address = "127.0.0.1";  ///< IPv4 or IPv6 address to listen at
+  std::uint16_t port = 8090;          ///< 0: any free port
+  /// A page that sends this token first can stop forces and touch. Empty: every page can, and needs no token.
+  std::string control_token;
+  /// A page that sends this token first only receives. Empty: there is no such token.
+  std::string observer_token;
 };
+
+/// True if `address` can be reached only from this machine.
+[[nodiscard]] bool is_loopback(const std::string& address);
+/// Name of this machine.
+[[nodiscard]] std::string host_name();
 
 class PageServer {
  public:
   static constexpr std::size_t kMaxPages = 16;
-  static constexpr std::size_t kMaxConnections = 64;          ///< with unfinished HTTP requests; more wait
-  static constexpr std::size_t kMaxRequestBytes = 4096;       ///< of a WebSocket message
-  static constexpr std::uint32_t kMaxRequestsPerSecond = 50;  ///< of a page
+  static constexpr std::size_t kMaxConnections = 64;           ///< with unfinished HTTP requests; more wait
+  static constexpr std::size_t kMaxRequestBytes = 4096;        ///< of a WebSocket message
+  static constexpr std::uint32_t kMaxRequestsPerSecond = 200;  ///< of a page, whose hand moves up to 144 times a second
 
   /// Reads the page and listens. `core` must outlive the server. Throws ServerError.
   PageServer(const ServerSettings& settings, const ViewerCore& core);
   ~PageServer();
 
-  /// Called when a page requests that all forces stop.
-  std::function<void(const std::string& reason)> on_stop_request;
+  /// Called with each request that the page's token allows, except tokens.
+  std::function<void(PageId page, const PageRequest& request)> on_request;
+  /// Called when a page has ended.
+  std::function<void(PageId page)> on_page_closed;
   /// Called with one line for each event that an operator should see.
   std::function<void(const std::string& text)> on_event;
 
   /// Accepts pages, reads their requests and writes due messages, for some 5 ms. Never waits. Call it every few ms.
   void poll(std::int64_t now_ns);
+
+  /// Sends a text to a page, which shows it to its user. A newer text replaces one that was not sent yet.
+  void notify(PageId page, const std::string& text);
 
   [[nodiscard]] std::uint16_t port() const;
   /// Number of connected pages.

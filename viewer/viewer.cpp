@@ -1,12 +1,15 @@
 #include "viewer/viewer.hpp"
 
 #include <chrono>
+#include <map>
 #include <type_traits>
 #include <utility>
 #include <variant>
 #include <vector>
 
+#include "viewer/page_users.hpp"
 #include "wire/endpoints.hpp"
+#include "wire/error.hpp"
 #include "wire/inbox.hpp"
 #include "wire/process.hpp"
 
@@ -21,11 +24,30 @@ using Sample = std::variant<session::RosterEntry, session::CatalogueEntry, sessi
 using Inbox = wire::Inbox<Sample>;
 
 constexpr std::chrono::milliseconds kTick{2};
+constexpr std::int64_t kLeaveNs = 100'000'000;  // from the last leave message of a client to the end of its participant
 
 wire::SessionAddress without_bulk_writers(wire::SessionAddress address) {
   address.only_reads_bulk = true;
   return address;
 }
+
+wire::SessionAddress address_of(wire::SessionAddress viewer, const std::string& client) {
+  viewer.participant = client;
+  return without_bulk_writers(std::move(viewer));
+}
+
+/// The participant of a page's user.
+struct PageClient {
+  PageClient(const wire::SessionAddress& viewer, const session::RosterEntry& entry)
+      : participants{address_of(viewer, entry.name)},
+        roster{participants, wire::topics::kRoster},
+        intents{participants, wire::topics::kIntent, {wire::user_partition(entry.users.front())}} {}
+
+  wire::Participants participants;
+  wire::Writer<session::RosterEntry> roster;
+  wire::Writer<session::Intent> intents;
+  std::int64_t left_ns = 0;  // time of the newest leave message; 0: none
+};
 
 }  // namespace
 
@@ -37,12 +59,20 @@ struct Viewer::Impl {
              {options.address.participant, options.address.session, options.pool},
              monotonic_ns()},
         server{options.server, core},
+        users{core, options.address.participant, options.address.session},
         roster_out{participants, wire::topics::kRoster},
         demand_out{participants, wire::topics::kDemand},
         clock_out{participants, wire::topics::kClock},
         stop_out{participants, wire::topics::kStop} {
     core.on_event = options.log;
-    server.on_stop_request = [this](const std::string& reason) { core.stop_forces(reason, monotonic_ns()); };
+    server.on_request = [this](PageId page, const PageRequest& request) {
+      std::visit([&](const auto& each) { process(page, each); }, request);
+    };
+    server.on_page_closed = [this](PageId page) { users.on_release(page); };
+    users.on_refused = [this](PageId page, const std::string& reason) {
+      server.notify(page, reason);
+      core.add_event("a page has no probe: " + reason, monotonic_ns());
+    };
     server.on_event = [this](const std::string& text) { core.add_event(text, monotonic_ns()); };
     listen(wire::topics::kRoster);
     listen(wire::topics::kCatalogue);
@@ -76,6 +106,12 @@ struct Viewer::Impl {
   void process(const session::SessionEnd& end, std::int64_t at_ns) { core.on_end(end, at_ns); }
   void process(const session::ClockSample& sample, std::int64_t at_ns) { core.on_clock(sample, at_ns); }
 
+  static void process(PageId, const TokenRequest&) {}
+  void process(PageId, const StopRequest& request) { core.stop_forces(request.reason, monotonic_ns()); }
+  void process(PageId page, const TouchRequest& request) { users.on_touch(page, request, monotonic_ns()); }
+  void process(PageId page, const HandRequest& request) { users.on_hand(page, request, monotonic_ns()); }
+  void process(PageId page, const ReleaseRequest&) { users.on_release(page); }
+
   void send(ViewerMessages&& messages) {
     if (messages.stop) {
       messages.stop->origin = participants.origin();
@@ -96,10 +132,47 @@ struct Viewer::Impl {
     }
   }
 
+  /// Returns the client of an entry, and makes its participant if it has none. Null: DDS has refused it.
+  PageClient* client_of(const session::RosterEntry& entry) {
+    std::unique_ptr<PageClient>& client = clients[entry.origin.participant];
+    const bool joins_again = client && client->left_ns != 0 && !entry.leaving;
+    if (client && !joins_again) return client.get();
+    try {
+      client = std::make_unique<PageClient>(options.address, entry);
+      return client.get();
+    } catch (const wire::WireError& error) {
+      core.add_event("client '" + entry.name + "' cannot join: " + error.what(), monotonic_ns());
+      clients.erase(entry.origin.participant);
+      return nullptr;
+    }
+  }
+
+  void send(PageUserMessages&& messages, std::int64_t now_ns) {
+    for (session::RosterEntry& entry : messages.roster) {
+      PageClient* const client = client_of(entry);
+      if (client == nullptr) continue;
+      entry.origin = client->participants.origin();
+      (void)client->roster.send(entry);
+      if (entry.leaving) client->left_ns = now_ns;
+    }
+    for (auto& [id, intent] : messages.intents) {
+      const auto client = clients.find(id);
+      if (client == clients.end()) continue;
+      intent.origin = client->second->participants.origin();
+      (void)client->second->intents.send(intent);
+    }
+    // The last leave message may still be in a queue.
+    std::erase_if(clients, [&](const auto& client) {
+      return client.second->left_ns != 0 && now_ns - client.second->left_ns > kLeaveNs;
+    });
+  }
+
   ViewerOptions options;
   wire::Participants participants;
   ViewerCore core;
   PageServer server;
+  PageUsers users;
+  std::map<std::uint64_t, std::unique_ptr<PageClient>> clients;  // by participant
   wire::Writer<session::RosterEntry> roster_out;
   wire::Writer<session::Demand> demand_out;
   wire::Writer<session::ClockSample> clock_out;
@@ -121,8 +194,11 @@ int Viewer::run(const std::atomic<bool>& stop) {
     const std::int64_t now_ns = monotonic_ns();
     viewer.send(viewer.core.tick(now_ns));
     viewer.server.poll(now_ns);
+    viewer.send(viewer.users.tick(now_ns), now_ns);
   }
+  viewer.users.release_all();
   wire::send_leave_messages([&] {
+    viewer.send(viewer.users.tick(monotonic_ns()), monotonic_ns());
     session::RosterEntry entry = viewer.core.roster_entry(true, monotonic_ns());
     entry.origin = viewer.participants.origin();
     (void)viewer.roster_out.send(entry);

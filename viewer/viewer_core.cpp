@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <utility>
 
-#include "session/time_reference.hpp"
 #include "session/units.hpp"
 
 namespace tactus::viewer {
@@ -234,7 +233,8 @@ void ViewerCore::refine() {
     spm::Forest& forest = *loaded.object->forest;
     if (!loaded.withdrawn) {
       targets_.clear();
-      for (const std::uint32_t region : loader_->predicted(loaded.object->index)) targets_.push_back(spm::RegionId{region});
+      for (const std::uint32_t region : loader_->predicted(loaded.object->index))
+        targets_.push_back(spm::RegionId{region});
       forest.set_targets(targets_.data(), static_cast<std::uint32_t>(targets_.size()), spm::Unrequested::kRetain);
     }
     (void)forest.advance(budget);
@@ -291,7 +291,7 @@ session::RosterEntry ViewerCore::roster_entry(bool leaving, std::int64_t now_ns)
   entry.session = settings_.session;
   entry.heartbeat = ++heartbeats_;
   entry.leaving = leaving;
-  session::put_time(clock_, false, now_ns, entry);
+  put_time(entry, now_ns);
   return entry;
 }
 

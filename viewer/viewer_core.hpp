@@ -28,6 +28,7 @@
 #include "session/periodic.hpp"
 #include "session/roster.hpp"
 #include "session/stop_latch.hpp"
+#include "session/time_reference.hpp"
 #include "viewer/shown_mesh.hpp"
 
 namespace tactus::viewer {
@@ -109,6 +110,10 @@ class ViewerCore {
   /// Loads, refines and returns the samples to send. Call it every few milliseconds.
   [[nodiscard]] ViewerMessages tick(std::int64_t now_ns);
   [[nodiscard]] session::RosterEntry roster_entry(bool leaving, std::int64_t now_ns);
+  /// Fills the fields of a roster entry of this program that state time.
+  void put_time(session::RosterEntry& entry, std::int64_t now_ns) const {
+    session::put_time(clock_, false, now_ns, entry);
+  }
 
   /// True once an older program has this viewer's name, so that this viewer has to leave.
   [[nodiscard]] bool is_name_taken() const noexcept { return name_taken_; }

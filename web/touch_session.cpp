@@ -10,9 +10,7 @@ namespace {
 
 using spm::Vec3d;
 
-constexpr double kHandSpeed = 0.5;                 // m/s
-constexpr std::int64_t kMinMotionNs = 20'000'000;  // the page sends the next target before this motion ends
-constexpr double kTipRadius = 0.003;               // m
+constexpr double kTipRadius = 0.003;  // m
 
 client_sim::Scenario scenario_of(const std::string& object) {
   client_sim::Scenario scenario;
@@ -77,29 +75,7 @@ TouchSession::TouchSession(std::string name, spm::offline::TriangleMesh mesh, do
 void TouchSession::set_link(const TouchLink& link) { session_->set_link(link_settings(link)); }
 
 void TouchSession::move_hand(const std::array<double, 3>& target) {
-  const Vec3d to{target[0], target[1], target[2]};
-  const std::int64_t now = session_->now_ns();
-  if (!has_hand_) {
-    hand_from_ = hand_to_ = to;
-    has_hand_ = true;
-  } else {
-    const double duration_ns = static_cast<double>(std::max<std::int64_t>(hand_to_ns_ - hand_from_ns_, 1));
-    const double share = std::clamp(static_cast<double>(now - hand_from_ns_) / duration_ns, 0.0, 1.0);
-    hand_from_ = hand_from_ + share * (hand_to_ - hand_from_);
-    hand_to_ = to;
-  }
-  hand_from_ns_ = now;
-  const double seconds = (hand_to_ - hand_from_).norm() / kHandSpeed;
-  hand_to_ns_ = now + std::max(kMinMotionNs, static_cast<std::int64_t>(seconds * 1e9));
-  session::Intent intent;
-  intent.path.resize(2);
-  intent.path[0].session_time_ns = hand_from_ns_;
-  intent.path[1].session_time_ns = hand_to_ns_;
-  for (std::size_t axis = 0; axis < 3; ++axis) {
-    intent.path[0].pose.position[axis] = hand_from_[static_cast<Eigen::Index>(axis)];
-    intent.path[1].pose.position[axis] = hand_to_[static_cast<Eigen::Index>(axis)];
-  }
-  session_->move_hand(0, intent);
+  session_->move_hand(0, hand_.move_to(target, session_->now_ns()));
 }
 
 void TouchSession::step() {

@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "sharing/pointed_hand.hpp"
 #include "spm/offline/triangle_mesh.hpp"
 #include "study/virtual_session.hpp"
 
@@ -84,10 +85,8 @@ class TouchSession {
   TouchFigures figures_;
   MeshView mesh_;
   std::uint64_t mesh_hash_ = 0, base_faces_shown_ = 0;
-  // Motion of the hand: from `hand_from_` at `hand_from_ns_` to `hand_to_` at `hand_to_ns_`.
-  bool has_hand_ = false;
-  spm::Vec3d hand_from_ = spm::Vec3d::Zero(), hand_to_ = spm::Vec3d::Zero();
-  std::int64_t hand_from_ns_ = 0, hand_to_ns_ = 0, start_ns_ = 0;
+  sharing::PointedHand hand_;
+  std::int64_t start_ns_ = 0;
 };
 
 }  // namespace tactus::web

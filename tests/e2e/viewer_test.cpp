@@ -37,7 +37,8 @@ class Page {
     }
     return true;
   }
-  void stop_forces() { client_.send(R"({"stop": "a test"})"); }
+  void request(const nlohmann::json& request) { client_.send(request.dump()); }
+  void stop_forces() { request({{"stop", "a test"}}); }
 
   nlohmann::json scene = nlohmann::json::object(), figures = nlohmann::json::object();
   std::uint32_t faces = 0;  // of the newest mesh frame
@@ -114,6 +115,36 @@ TEST_F(ViewerTest, APageShowsObjectsUsersForcesAndFiguresAndStopsTheForces) {
   viewer.signal(SIGTERM);
   EXPECT_TRUE(exits_with(0, viewer));
   EXPECT_TRUE(observer.until([](const Observer::Seen& seen) { return seen.has_left("view"); }));
+}
+
+TEST_F(ViewerTest, ThePageTakesAProbeTouchesAndGivesItBack) {
+  Process host_a{host("host-a", models().organ)};
+  Process desk{hrtc("desk")};
+  Process viewer{view()};
+  Observer observer{address("observer")};
+  Page page{port_of(viewer)};
+  ASSERT_TRUE(page.until([&] { return page.faces > 0 && !page.scene["objects"].empty(); })) << viewer.output();
+  page.request({{"touch", {{"user", "guest"}}}});
+  ASSERT_TRUE(page.until([&] { return page.scene["users"].size() == 1; })) << viewer.output();
+  EXPECT_EQ(page.scene["users"][0]["name"], "guest");
+  EXPECT_EQ(page.scene["users"][0]["hrtc"], "desk");
+
+  const std::array<double, 3> centre = page.scene["objects"][0]["position"];  // the organ contains its origin
+  const auto move_to = [&](double height) {
+    page.request({{"hand", {{"target", {centre[0], centre[1], centre[2] + height}}, {"grab", false}}}});
+  };
+  move_to(0.2);
+  // Each probe frame, at most every 15 ms, is answered with a target that is 0.5 mm lower.
+  double height = 0.2;
+  ASSERT_TRUE(page.until([&] {
+    move_to(height = std::max(0.0, height - 5e-4));
+    return page.force[2] > 0.5f && (page.status & session::kExact) != 0;
+  }));
+  EXPECT_GT(observer.seen().user("guest").exact, 0u);
+
+  page.request({{"release", true}});
+  ASSERT_TRUE(page.until([&] { return page.scene["users"].empty(); }));
+  EXPECT_TRUE(observer.until([](const Observer::Seen& seen) { return seen.has_left("view.guest"); }));
 }
 
 TEST_F(ViewerTest, AViewerThatIsKilledDisturbsNobodyAndANewOneShowsTheSession) {

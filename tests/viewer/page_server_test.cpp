@@ -22,19 +22,21 @@ using test_support::PageClient;
 /// A server that runs in a thread of its own, with a viewer that has received the base mesh.
 class PageServerTest : public ViewerSession {
  protected:
-  PageServerTest() {
+  explicit PageServerTest(const std::string& control_token = "", const std::string& observer_token = "") {
     run(500 * kMs);
     test_support::write_bytes(folder_.path() / "index.html", "<!doctype html>");
     test_support::write_bytes(folder_.path() / "view.js", "let page;");
-    server_.emplace(ServerSettings{folder_.path(), 0}, viewer_);
+    server_.emplace(ServerSettings{folder_.path(), "127.0.0.1", 0, control_token, observer_token}, viewer_);
     server_->on_event = [this](const std::string& text) {
       const std::lock_guard lock{mutex_};
       events_.push_back(text);
     };
-    server_->on_stop_request = [this](const std::string& reason) {
+    server_->on_request = [this](PageId page, const PageRequest& request) {
       const std::lock_guard lock{mutex_};
-      stop_reason_ = reason;
+      if (const auto* const stop = std::get_if<StopRequest>(&request)) stop_reason_ = stop->reason;
+      if (std::holds_alternative<TouchRequest>(request)) server_->notify(page, "no probe");
     };
+    server_->on_page_closed = [this](PageId) { ++closed_pages_; };
     thread_ = std::thread{[this] {
       while (!ended_) {
         server_->poll(wire::monotonic_ns());
@@ -73,7 +75,7 @@ class PageServerTest : public ViewerSession {
   std::vector<std::string> events_;
   std::string stop_reason_;
   std::atomic<bool> ended_{false};
-  std::atomic<std::size_t> pages_{0};
+  std::atomic<std::size_t> pages_{0}, closed_pages_{0};
   std::thread thread_;
 };
 
@@ -144,12 +146,79 @@ TEST_F(PageServerTest, APageThatFloodsOrSendsALongRequestIsDisconnectedAndNamed)
     PageClient page{server_->port()};
     for (int i = 0; i < 2000; ++i) page.send(R"({"stop": "again"})");
     wait_until_closed(page);
-    EXPECT_THAT(wait_for_event(), testing::HasSubstr("more than 50 requests a second"));
+    EXPECT_THAT(wait_for_event(), testing::HasSubstr("more than 200 requests a second"));
   }
   PageClient page{server_->port()};
   page.send(R"({"stop": ")" + std::string(5000, 'x') + "\"}");
   wait_until_closed(page);
   EXPECT_THAT(wait_for_event(), testing::HasSubstr("longer than 4096 bytes"));
+}
+
+TEST_F(PageServerTest, APageReceivesTheNoticeForItAndItsEndIsReported) {
+  {
+    PageClient page{server_->port()}, other{server_->port()};
+    page.send(R"({"touch": {"user": "guest"}})");
+    std::string notice;
+    while (notice.empty()) {
+      const auto message = page.receive();
+      ASSERT_TRUE(message);
+      if (message->is_text && nlohmann::json::parse(message->bytes)["type"] == "notice") notice = message->bytes;
+    }
+    EXPECT_EQ(nlohmann::json::parse(notice)["text"], "no probe");
+    for (int i = 0; i < 5; ++i) {
+      const auto message = other.receive();
+      ASSERT_TRUE(message);
+      EXPECT_THAT(message->bytes, testing::Not(testing::HasSubstr("no probe")));
+    }
+  }
+  while (closed_pages_ < 2) std::this_thread::yield();  // the timeout of ctest limits the wait
+}
+
+/// A server that other machines could reach.
+class PageServerWithTokensTest : public PageServerTest {
+ protected:
+  PageServerWithTokensTest() : PageServerTest{"control-token", "observer-token"} {}
+  [[nodiscard]] static std::string first_text(PageClient& page) {
+    while (const auto message = page.receive())
+      if (message->is_text) return message->bytes;
+    return "closed";
+  }
+};
+
+TEST_F(PageServerWithTokensTest, SendsNothingBeforeAToken) {
+  PageClient page{server_->port()};
+  EXPECT_FALSE(page.receive(std::chrono::milliseconds{300}));
+}
+
+TEST_F(PageServerWithTokensTest, ThePageOfTheControlTokenCanStopForces) {
+  PageClient page{server_->port()};
+  page.send(R"({"token": "control-token"})");
+  EXPECT_EQ(nlohmann::json::parse(first_text(page))["control"], true);
+  page.send(R"({"stop": "needle bent"})");
+  while (stop_reason().empty() && page.receive()) {
+  }
+  EXPECT_EQ(stop_reason(), "needle bent");
+}
+
+TEST_F(PageServerWithTokensTest, APageOfTheObserverTokenReceivesAndIsDisconnectedWhenItRequests) {
+  PageClient page{server_->port()};
+  page.send(R"({"token": "observer-token"})");
+  EXPECT_EQ(nlohmann::json::parse(first_text(page))["control"], false);
+  EXPECT_EQ(nlohmann::json::parse(first_text(page))["type"], "scene");
+  page.send(R"({"stop": "needle bent"})");
+  wait_until_closed(page);
+  EXPECT_THAT(wait_for_event(), testing::HasSubstr("its link is for observers"));
+  EXPECT_EQ(stop_reason(), "");
+}
+
+TEST_F(PageServerWithTokensTest, AWrongTokenOrARequestWithoutATokenEndsTheConnection) {
+  for (const char* const request : {R"({"token": "control-tokem"})", R"({"token": ""})", R"({"stop": "now"})"}) {
+    PageClient page{server_->port()};
+    page.send(request);
+    EXPECT_EQ(first_text(page), "closed") << request;
+    EXPECT_THAT(wait_for_event(), testing::HasSubstr("is disconnected")) << request;
+  }
+  EXPECT_EQ(stop_reason(), "");
 }
 
 TEST_F(PageServerTest, ServesSixteenPagesOfWhichTenDoNotRead) {
@@ -178,10 +247,14 @@ TEST(PageServer, NamesThePortOrTheFolderIfItCannotStart) {
     }
     return "";
   };
-  EXPECT_THAT(reason({folder.path(), 0}), testing::HasSubstr("found no index.html; run scripts/page"));
+  const auto at = [&](const std::string& address, std::uint16_t port) {
+    return ServerSettings{folder.path(), address, port, "", ""};
+  };
+  EXPECT_THAT(reason(at("127.0.0.1", 0)), testing::HasSubstr("found no index.html; run scripts/page"));
   test_support::write_bytes(folder.path() / "index.html", "page");
-  const PageServer first{{folder.path(), 0}, core};
-  EXPECT_THAT(reason({folder.path(), first.port()}), testing::HasSubstr("cannot listen on port"));
+  const PageServer first{at("127.0.0.1", 0), core};
+  EXPECT_THAT(reason(at("127.0.0.1", first.port())), testing::HasSubstr("cannot listen at 127.0.0.1, port"));
+  EXPECT_THAT(reason(at("lab-pc", 0)), testing::HasSubstr("expected an IP address"));
 }
 
 }  // namespace

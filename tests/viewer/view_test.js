@@ -1,5 +1,5 @@
 // view_test.js PROGRAMS PAGE SCREENSHOT: starts a host, an HRTC, simulated users and a viewer, and looks at the viewer's
-// page in a headless browser, as a user does.
+// page in a headless browser, as a user does. Then the page's own user touches, by the mouse.
 // Prints each check with value and bound. Exit status: 0 all hold, 1 one falls short, 2 the page could not be tried.
 "use strict";
 const { execFileSync, spawn } = require("child_process");
@@ -11,7 +11,17 @@ const { Browser } = require("../web/browser.js");
 const [programs, pageFolder, screenshot] = process.argv.slice(2);
 const kWidth = 800, kHeight = 600;
 const kFaces = 200000;  // of the organ
+const kCrate = 0.12, kCrateX = 0.3;  // m, side of the crate and position of its centre
+const kObjects = `objects:
+  - model: organ.spm
+    position: [0, 0, 0.1]
+  - model: crate.spm
+    position: [${kCrateX}, 0, ${kCrate / 2}]
+    material: {stiffness: 1000, damping: 3, static_friction: 0.6, dynamic_friction: 0.5}
+    body: {mass: 0.2, friction: 0.6}
+`;
 const kSession = `view-test-${process.pid}`, kDomain = String(1 + 3 * (process.pid % 30));
+const kOrganFaces = "window.tactus.meshes.get(window.tactus.scene.objects.find(({ name }) => name === 'organ').number).faces";
 const kScenario = `name: two users
 duration: 120
 users:
@@ -78,11 +88,59 @@ async function printed(program, pattern) {
     if (performance.now() - began > 20e3) throw new Error(`${program.spawnfile} has not printed ${pattern}`);
 }
 
+/// Takes a probe with the mouse, presses on the crate, grabs it and raises it.
+async function touch(browser) {
+  await browser.value("document.getElementById('take').click()");
+  await browser.until("window.tactus.touching?.isServed", 5);
+  await browser.value(`{
+    const times = window.times = {};
+    document.getElementById("scene").addEventListener("pointerdown", () => { times.down = performance.now(); });
+    const watch = () => {
+      const probe = window.tactus.probes.find(({ user }) => window.tactus.scene.users.find(({ id }) => id === user)?.name === "guest");
+      window.ours = probe;
+      if (times.down && probe && Math.hypot(...probe.force) > 0.05) times.force ??= performance.now();
+      if (times.down && probe && (probe.status & 3) === 3) times.exact ??= performance.now();
+      setTimeout(watch, 1);
+    };
+    watch();
+  }`);
+  const crate = "window.tactus.scene.objects.find(({ name }) => name === 'crate').number";
+  const height = () => browser.value(`window.tactus.poses.find(({ object }) => object === ${crate}).position[2]`);
+  const at = await browser.value(`window.tactus.screenOf([${kCrateX}, ${-kCrate / 2}, ${0.7 * kCrate}])`);
+  await browser.mouse("mouseMoved", ...at, false);
+  await pause(1000);  // the hand moves to the crate
+  check("force of the hand above the crate", `${(await browser.value("Math.hypot(...window.ours.force)")).toFixed(2)} N`,
+        await browser.value("Math.hypot(...window.ours.force)") === 0, "0 N");
+  await browser.mouse("mousePressed", ...at, true);
+  await browser.until("window.times.force && window.times.exact", 5);
+  const { down, force, exact } = await browser.value("window.times");
+  check("force after the button was pressed", `${(force - down).toFixed(0)} ms`, force - down <= 150, "<= 150 ms");
+  check("exact contact after the button was pressed", `${(exact - down).toFixed(0)} ms`, exact - down <= 150, "<= 150 ms");
+  const before = await height();
+  await browser.key("g");
+  await browser.until("(window.ours.status & 2048) !== 0", 5);
+  for (let i = 1; i <= 40; ++i) {
+    await browser.mouse("mouseMoved", at[0], at[1] - 2 * i, true);
+    await pause(25);
+  }
+  await pause(500);
+  const raised = 1e3 * (await height() - before);
+  check("rise of the crate that the page's user grabbed", `${raised.toFixed(0)} mm`, raised > 20, "> 20 mm");
+  writeFileSync(screenshot.replace(/\.png$/, "-grab.png"), await browser.screenshot());
+  await browser.key("g");
+  await browser.mouse("mouseReleased", at[0], at[1] - 80, false);
+  await browser.value("document.getElementById('take').click()");
+  await browser.until("!window.tactus.scene.users.some(({ name }) => name === 'guest')", 5);
+}
+
 async function look(browser) {
   execFileSync(join(programs, "tactus-mesh"), ["generate", "organ", "--faces", String(kFaces), "--seed", "1", join(folder, "organ.ply")]);
   execFileSync(join(programs, "tactus-mesh"), ["build", join(folder, "organ.ply"), join(folder, "organ.spm"), "--size", "0.2"]);
   writeFileSync(join(folder, "users.yaml"), kScenario);
-  start("host", "--name", "host-a", join(folder, "organ.spm"));
+  execFileSync(join(programs, "tactus-mesh"), ["generate", "box", "--faces", "3000", join(folder, "crate.ply")]);
+  execFileSync(join(programs, "tactus-mesh"), ["build", join(folder, "crate.ply"), join(folder, "crate.spm"), "--size", String(kCrate)]);
+  writeFileSync(join(folder, "objects.yaml"), kObjects);
+  start("host", "--name", "host-a", "--config", join(folder, "objects.yaml"));
   const hrtc = start("hrtc", "--name", "hrtc-1");
   let { viewer, address, port } = await startViewer("0");
   await printed(viewer, /HRTC 'hrtc-1' joined/);
@@ -93,14 +151,14 @@ async function look(browser) {
   await browser.until("window.tactus?.firstPictureMs != null || window.tactus?.error != null", 20);
   const first = await browser.value("window.tactus.firstPictureMs");
   check("first picture after the page was opened", `${(first / 1e3).toFixed(2)} s`, first <= 1000, "<= 1 s");
-  const base = await browser.value("[...window.tactus.meshes.values()][0].faces");
+  const base = await browser.value(kOrganFaces);
 
   const users = start("sim", "--scenario", join(folder, "users.yaml"), "--name", "users");
   // Both users touch, and one of them exactly.
   await browser.until("window.tactus.probes.length === 2 && window.tactus.probes.some(({ status }) => (status & 3) === 3)", 40);
   await pause(4000);
-  const faces = await browser.value("[...window.tactus.meshes.values()][0].faces");
-  check("faces shown", `${base} to ${faces}`, faces > base && faces < kFaces, "refined");
+  const faces = await browser.value(kOrganFaces);
+  check("faces shown of the organ", `${base} to ${faces}`, faces > base && faces < kFaces, "refined");
   const names = await browser.value("[...document.querySelectorAll('#users tr')].map((row) => row.cells[0].textContent).sort().join(' ')");
   check("users in the table", names, names === "ann bob", "ann bob");
   let force = 0;
@@ -116,12 +174,14 @@ async function look(browser) {
   check(`pictures a second, ${kWidth} x ${kHeight}`, pictures.toFixed(1), pictures >= 20, ">= 20");
   writeFileSync(screenshot, await browser.screenshot());
 
+  await touch(browser);
+
   viewer.kill("SIGKILL");
   await browser.until("!window.tactus.isConnected", 10);
   ({ viewer } = await startViewer(port));
-  await browser.until("window.tactus.isConnected && window.tactus.connections === 2 && window.tactus.probes.length === 2 && window.tactus.meshes.size > 0", 20);
-  const again = await browser.value("[...window.tactus.meshes.values()].map(({ faces }) => faces).join()");
-  check("faces shown by a new viewer at the same port", again, Number(again) > 0, "> 0");
+  await browser.until("window.tactus.isConnected && window.tactus.connections === 2 && window.tactus.probes.length === 2 && window.tactus.meshes.size === 2", 20);
+  const again = await browser.value(kOrganFaces);
+  check("faces shown by a new viewer at the same port", again, again > 0, "> 0");
 
   await browser.value("document.getElementById('stop').click()");
   await browser.until("!document.getElementById('banner').hidden", 5);

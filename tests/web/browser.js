@@ -77,6 +77,11 @@ class Browser {
     }
   }
 
+  /// Presses and releases a key.
+  async key(key) {
+    for (const type of ["keyDown", "keyUp"]) await this.send("Input.dispatchKeyEvent", { type, key, text: key });
+  }
+
   mouse(type, x, y, pressed) {
     return this.send("Input.dispatchMouseEvent", { type, x, y, button: type === "mouseMoved" ? "none" : "left",
                                                    buttons: pressed ? 1 : 0, clickCount: 1, pointerType: "mouse" });

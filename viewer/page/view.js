@@ -1,5 +1,6 @@
 // The page of a viewer: shows the session whose frames arrive over one WebSocket.
 import { readFrame } from "./frames.js";
+import { PointedHand } from "../../web/page/pointed_hand.js";
 import { Strip } from "./strip.js";
 import { ViewScene } from "./view_scene.js";
 
@@ -11,8 +12,8 @@ const kNoObject = 0xffffffff;
 
 const element = (id) => document.getElementById(id);
 /// For tests and curious users: the newest messages and what is drawn.
-const state = window.tactus = { scene: null, probes: [], figures: null, meshes: new Map(), connections: 0,
-                                isConnected: false, error: null, pictures: 0, firstPictureMs: null };
+const state = window.tactus = { scene: null, probes: [], poses: [], figures: null, meshes: new Map(), connections: 0,
+                                isConnected: false, error: null, pictures: 0, firstPictureMs: null, touching: null };
 const users = new Map();   // by id: {name, colour, hrtc}
 const strips = new Map();  // by HRTC: {element, strip, text}
 
@@ -76,6 +77,11 @@ function showScene(message) {
   follow.replaceChildren(new Option("nobody", ""), ...message.users.map(({ id, name }) => new Option(name, id)));
   follow.value = message.users.some(({ id }) => id === chosen) ? chosen : "";
   view.followed = follow.value || null;
+  const hrtc = element("hrtc"), wanted = hrtc.value;
+  const hrtcs = message.participants.filter(({ role }) => role === "hrtc").map(({ name }) => name);
+  hrtc.replaceChildren(new Option("any HRTC", ""), ...hrtcs.map((name) => new Option(name, name)));
+  hrtc.value = hrtcs.includes(wanted) ? wanted : "";
+  updateTouch();
   showObjects();
 }
 
@@ -139,6 +145,8 @@ function receive({ data }) {
     const message = JSON.parse(data);
     if (message.type === "scene") showScene(message);
     else if (message.type === "figures") showFigures(message);
+    else if (message.type === "rights") document.body.classList.toggle("observer", !message.control);
+    else if (message.type === "notice") endTouch(message.text);
     return;
   }
   const frame = readFrame(data);
@@ -147,9 +155,92 @@ function receive({ data }) {
     state.meshes.set(frame.mesh.object, { faces: frame.mesh.faces, hash: frame.mesh.hash.toString() });
   } else {
     state.probes = frame.probes;
+    state.poses = frame.poses;
     view.setProbes(frame, users);
   }
 }
+
+// ---- touch ----
+
+const hand = new PointedHand(element("scene"), (event) => view.pick(event));
+
+function hint(text, isFault = false) {
+  element("hint").textContent = text;
+  element("hint").className = isFault ? "fault" : "soft";
+}
+
+function request(message) {
+  if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message));
+}
+
+function beginTouch() {
+  const user = element("user").value.trim(), hrtc = element("hrtc").value;
+  if (!element("user").validity.valid || user === "") {
+    hint("The name needs 1 to 32 letters, digits or . _ -", true);
+    return;
+  }
+  request({ touch: hrtc ? { user, hrtc } : { user } });
+  state.touching = { user, isServed: false, grabsByPad: false, target: null };
+  hand.clear();
+  hint("waiting for a probe");
+  updateTouch();
+}
+
+/// `problem`: why the user has no probe any more; none if the page has given it back.
+function endTouch(problem = "") {
+  state.touching = null;
+  hand.clear();
+  hint(problem, problem !== "");
+  updateTouch();
+}
+
+function updateTouch() {
+  const touching = state.touching;
+  const isServed = touching !== null && (state.scene?.users ?? []).some(({ name }) => name === touching.user);
+  if (touching && isServed && !touching.isServed) hint("Press on an object to touch it. The right button turns the view.");
+  if (touching) touching.isServed = touching.isServed || isServed;
+  element("take").disabled = !state.isConnected;
+  element("take").textContent = touching ? "Give back" : "Touch";
+  element("take").classList.toggle("on", touching !== null);
+  element("grab").disabled = !isServed;
+  element("grab").classList.toggle("on", hand.isGrabbing);
+  element("user").disabled = element("hrtc").disabled = touching !== null;
+  view.setTouching(touching !== null);
+}
+
+function setGrab(grabs) {
+  if (!state.touching?.isServed || hand.isGrabbing === grabs) return;
+  hand.isGrabbing = grabs;
+  updateTouch();
+}
+
+/// Sends the target of the hand. Called with each picture.
+function moveHand(now) {
+  if (!state.touching?.isServed) return;
+  const grabsByPad = hand.readGamepad(now);
+  if (grabsByPad !== state.touching.grabsByPad) setGrab(grabsByPad);
+  state.touching.grabsByPad = grabsByPad;
+  const probe = state.probes.find(({ user }) => users.get(user)?.name === state.touching.user);
+  if (probe) hand.rumble(Math.hypot(...probe.force), (probe.status & kContact) !== 0, now);
+  // Before the pointer has hit an object, the hand waits between the eye and the objects.
+  state.touching.target = hand.target() ?? state.touching.target ?? view.pointBefore();
+  request({ hand: { target: state.touching.target, grab: hand.isGrabbing } });
+}
+
+element("take").addEventListener("click", () => {
+  if (!state.touching) return beginTouch();
+  request({ release: true });
+  endTouch();
+});
+element("grab").addEventListener("click", () => setGrab(!hand.isGrabbing));
+document.addEventListener("keydown", ({ key, repeat, target }) => {
+  if (key.toLowerCase() === "g" && !repeat && target.tagName !== "INPUT") setGrab(!hand.isGrabbing);
+});
+document.addEventListener("visibilitychange", () => {
+  if (!document.hidden || !state.touching) return;
+  request({ release: true });  // a hidden page draws no force
+  endTouch("The probe was given back because the page was hidden.");
+});
 
 // ---- connection ----
 
@@ -164,6 +255,8 @@ function connect() {
     state.isConnected = true;
     state.meshes.clear();
     state.probes = [];
+    if (location.hash) socket.send(JSON.stringify({ token: location.hash.slice(1) }));
+    if (state.touching) endTouch("The connection to the viewer was lost, and with it the probe.");
     view.setObjects([]);
     element("connection").textContent = "connected";
     element("connection").className = "open";
@@ -181,9 +274,7 @@ function connect() {
   };
 }
 
-element("stop").addEventListener("click", () => {
-  if (socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify({ stop: "requested at the viewer's page" }));
-});
+element("stop").addEventListener("click", () => request({ stop: "requested at the viewer's page" }));
 element("resolution").addEventListener("change", ({ target }) => view.showResolution(target.checked));
 element("wireframe").addEventListener("change", ({ target }) => { view.material.wireframe = target.checked; });
 element("labels").addEventListener("change", ({ target }) => { view.showsNames = target.checked; });
@@ -197,11 +288,13 @@ function draw(now) {
   requestAnimationFrame(draw);
   if (view.isSoftware && now - drawnMs < kSoftwareIntervalMs) return;
   drawnMs = now;
+  moveHand(now);
   view.draw();
   ++state.pictures;
   if (state.firstPictureMs === null && state.meshes.size > 0) state.firstPictureMs = performance.now();
 }
 
+state.screenOf = (point) => view.screenOf(point);
 setInterval(showUsers, 100);
 connect();
 requestAnimationFrame(draw);

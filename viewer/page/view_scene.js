@@ -107,6 +107,7 @@ export class ViewScene {
     this.showsNames = true;
     this.followed = null;      // user id
     this.hasView = false;      // the camera was placed so that it sees all objects
+    this.raycaster = new three.Raycaster();
   }
 
   setObjects(descriptions) {
@@ -132,7 +133,9 @@ export class ViewScene {
       bounds.union(box.applyMatrix4(group.matrixWorld.clone().scale(new three.Vector3(scale, scale, scale))));
     }
     const centre = bounds.getCenter(new three.Vector3()), size = bounds.getSize(new three.Vector3()).length();
-    this.camera.position.copy(centre).add(new three.Vector3(0.35, -1, 0.75).multiplyScalar(1.1 * size));
+    const { clientWidth, clientHeight } = this.canvas, half = Math.tan(three.MathUtils.degToRad(this.camera.fov) / 2);
+    const distance = 0.5 * size / half / Math.min(1, clientWidth / clientHeight);
+    this.camera.position.copy(centre).addScaledVector(new three.Vector3(0.35, -1, 0.75).normalize(), distance);
     this.controls.target.copy(centre);
     this.controls.update();
     this.hasView = true;
@@ -167,6 +170,37 @@ export class ViewScene {
       shown.label.textContent = newtons > 0.05 ? `${name} ${newtons.toFixed(1)} N` : name;
     }
   }
+
+  /// While the page's user touches, the left button and one finger belong to the hand.
+  setTouching(isTouching) {
+    this.controls.mouseButtons = isTouching
+      ? { LEFT: null, MIDDLE: three.MOUSE.DOLLY, RIGHT: three.MOUSE.ROTATE }
+      : { LEFT: three.MOUSE.ROTATE, MIDDLE: three.MOUSE.DOLLY, RIGHT: three.MOUSE.PAN };
+    this.controls.touches = isTouching ? { ONE: null, TWO: three.TOUCH.DOLLY_ROTATE }
+                                       : { ONE: three.TOUCH.ROTATE, TWO: three.TOUCH.DOLLY_PAN };
+  }
+
+  /// The ray of a pointer event: {origin, direction, hit: its first point of an object or null}.
+  pick(event) {
+    const area = this.canvas.getBoundingClientRect();
+    const at = new three.Vector2(2 * (event.clientX - area.left) / area.width - 1,
+                                 1 - 2 * (event.clientY - area.top) / area.height);
+    this.raycaster.setFromCamera(at, this.camera);
+    const meshes = [...this.objects.values()].map(({ mesh }) => mesh).filter((mesh) => mesh.geometry.attributes.position);
+    const hits = this.raycaster.intersectObjects(meshes, false);
+    const { origin, direction } = this.raycaster.ray;
+    return { origin: origin.clone(), direction: direction.clone(), hit: hits[0]?.point ?? null };
+  }
+
+  /// Where a point of the world, x y z, is drawn: x y in pixels of the window.
+  screenOf(point) {
+    const area = this.canvas.getBoundingClientRect();
+    const at = new three.Vector3().fromArray(point).project(this.camera);
+    return [area.left + (at.x + 1) / 2 * area.width, area.top + (1 - at.y) / 2 * area.height];
+  }
+
+  /// The point in the middle between the eye and the centre of the view, x y z.
+  pointBefore() { return this.camera.position.clone().add(this.controls.target).multiplyScalar(0.5).toArray(); }
 
   removeProbe(user) {
     const { probe, label } = this.probes.get(user);

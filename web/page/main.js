@@ -1,12 +1,11 @@
 // The page "Touch it now": shows the session that worker.js runs, and moves the first user's hand by the pointer.
 import { Chart } from "./chart.js";
 import { readModel } from "./model_file.js";
+import { PointedHand } from "./pointed_hand.js";
 import { Scene } from "./scene.js";
 
 const kUserNumbers = 13;
 const kColours = ["#6fc3ff", "#c79bff"];  // you, ann
-const kHover = 0.012;                     // m, distance of the hand from the surface without a pressed button
-const kPress = 0.012;                     // m, depth of the hand below the surface with a pressed button
 const kSliders = ["delay", "jitter", "loss", "rate"];
 const kDefaults = { delay: 20, jitter: 1, loss: 0, rate: 20 };  // ms, ms, %, Mbit/s
 const kSoftwareIntervalMs = 60;           // min time between two pictures without a graphics processor
@@ -83,8 +82,9 @@ function open(model, text) {
   worker = new Worker("worker.js");
   worker.onmessage = receive;
   worker.onerror = (event) => showError(event.message || "the session could not start");
-  ready = pressed = handIsPlaced = false;
-  newestFrame = pointer = rayDistance = null;
+  ready = false;
+  newestFrame = null;
+  hand.clear();
   Object.assign(state, { opened: null, error: null, frames: 0 });
   chart.clear();
   say(text);
@@ -126,36 +126,15 @@ for (const name of ["dragenter", "dragover", "dragleave", "drop"]) {
 
 // ---- hand ----
 
-let pointer = null;        // newest event of the primary pointer
-let pressed = false;
-let handIsPlaced = false;  // a proxy that starts inside the object touches nothing, so the hand starts above the surface
-let rayDistance = null;    // m, from the eye to the last hit
+const hand = new PointedHand(element("scene"), (event) => scene.pick(event));
 
-/// Sends the hand's target on the pointer's ray: above the surface, or below it while the button is pressed. Beside the
-/// object, the hand stays above the last hit.
 function moveHand() {
-  if (!ready || !pointer) return;
-  const { origin, direction, hit } = scene.pick(pointer);
-  if (hit) rayDistance = hit.distanceTo(origin);
-  if (rayDistance === null) return;
-  const target = origin.addScaledVector(direction, rayDistance + (pressed && hit && handIsPlaced ? kPress : -kHover));
-  worker.postMessage({ hand: target.toArray() });
-  handIsPlaced = true;
+  if (!ready) return;
+  hand.readGamepad(performance.now());
+  const target = hand.target();
+  if (target) worker.postMessage({ hand: target });
 }
 
-const canvas = element("scene");
-for (const name of ["pointerdown", "pointermove", "pointerup", "pointercancel"]) {
-  canvas.addEventListener(name, (event) => {
-    if (!event.isPrimary) {  // a second finger turns and zooms the view
-      pressed = false;
-      return;
-    }
-    pointer = event;
-    if (name === "pointerdown" && event.button === 0) canvas.setPointerCapture(event.pointerId);
-    pressed = name !== "pointercancel" && (event.buttons & 1) !== 0 && (pressed || name === "pointerdown");
-  });
-}
-canvas.addEventListener("contextmenu", (event) => event.preventDefault());
 document.addEventListener("visibilitychange", () => worker.postMessage({ paused: document.hidden }));
 
 // ---- frames ----

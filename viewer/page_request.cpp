@@ -1,0 +1,71 @@
+#include "viewer/page_request.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <string_view>
+
+namespace tactus::viewer {
+namespace {
+
+using Json = nlohmann::json;
+
+/// True for a text that wire accepts as a reason: 1 to 199 bytes without control characters.
+bool is_reason(const Json& value) {
+  constexpr std::size_t kMax = 199;
+  if (!value.is_string()) return false;
+  const std::string& text = value.get_ref<const std::string&>();
+  return !text.empty() && text.size() <= kMax &&
+         std::all_of(text.begin(), text.end(), [](char byte) { return static_cast<unsigned char>(byte) >= ' '; });
+}
+
+/// True for 1 to 32 letters, digits, '-', '_' and '.', which are valid in names of participants and partitions.
+bool is_plain_name(const Json& value) {
+  constexpr std::size_t kMax = 32;
+  if (!value.is_string()) return false;
+  const std::string& text = value.get_ref<const std::string&>();
+  return !text.empty() && text.size() <= kMax && std::all_of(text.begin(), text.end(), [](char byte) {
+    return (byte >= 'a' && byte <= 'z') || (byte >= 'A' && byte <= 'Z') || (byte >= '0' && byte <= '9') ||
+           byte == '-' || byte == '_' || byte == '.';
+  });
+}
+
+/// True for three coordinates within kMaxCoordinate of the origin of the world.
+bool is_position(const Json& value) {
+  constexpr double kMaxCoordinate = 100;  // m
+  return value.is_array() && value.size() == 3 && std::all_of(value.begin(), value.end(), [](const Json& number) {
+           return number.is_number() && std::abs(number.get<double>()) <= kMaxCoordinate;
+         });
+}
+
+std::optional<PageRequest> parse_touch(const Json& value) {
+  if (!value.is_object() || !value.contains("user") || !is_plain_name(value["user"])) return std::nullopt;
+  if (value.size() == 1) return TouchRequest{value["user"], {}};
+  // The name of an HRTC is compared with those of the roster, so any text is valid.
+  if (value.size() != 2 || !value.contains("hrtc") || !value["hrtc"].is_string()) return std::nullopt;
+  return TouchRequest{value["user"], value["hrtc"]};
+}
+
+std::optional<PageRequest> parse_hand(const Json& value) {
+  if (!value.is_object() || value.size() != 2 || !value.contains("target") || !is_position(value["target"]) ||
+      !value.contains("grab") || !value["grab"].is_boolean())
+    return std::nullopt;
+  return HandRequest{value["target"], value["grab"]};
+}
+
+}  // namespace
+
+std::optional<PageRequest> parse_request(const std::string& text) {
+  const Json request = Json::parse(text, nullptr, false);
+  if (!request.is_object() || request.size() != 1) return std::nullopt;
+  const std::string_view kind = request.begin().key();
+  const Json& value = request.begin().value();
+  if (kind == "token" && value.is_string()) return TokenRequest{value};
+  if (kind == "stop" && is_reason(value)) return StopRequest{value};
+  if (kind == "touch") return parse_touch(value);
+  if (kind == "hand") return parse_hand(value);
+  if (kind == "release" && value.is_boolean()) return ReleaseRequest{};
+  return std::nullopt;
+}
+
+}  // namespace tactus::viewer

@@ -1,0 +1,41 @@
+/// What a page requests (docs/reference/viewer-frames.md). A page is not trusted: every request is checked here.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <variant>
+
+namespace tactus::viewer {
+
+/// Number of a page; unique during the life of a server.
+using PageId = std::uint64_t;
+
+/// First request of a page that needs a token.
+struct TokenRequest {
+  std::string token;
+};
+/// All forces of the session stop.
+struct StopRequest {
+  std::string reason;
+};
+/// The page wants a probe, as a user with this name.
+struct TouchRequest {
+  std::string user;
+  std::string hrtc;  ///< empty: any
+};
+/// New target of the hand of the page's user.
+struct HandRequest {
+  std::array<double, 3> target{};  ///< m, world frame
+  bool grabs = false;              ///< the grab button is pressed
+};
+/// The page gives its probe back.
+struct ReleaseRequest {};
+
+using PageRequest = std::variant<TokenRequest, StopRequest, TouchRequest, HandRequest, ReleaseRequest>;
+
+/// Returns the request, or none if the text is no valid request.
+[[nodiscard]] std::optional<PageRequest> parse_request(const std::string& text);
+
+}  // namespace tactus::viewer

@@ -1,0 +1,145 @@
+#include "viewer/page_users.hpp"
+
+#include <algorithm>
+#include <utility>
+
+#include "haptics/device.hpp"
+
+namespace tactus::viewer {
+namespace {
+
+constexpr int kLeaveMessages = 4;  // 20 ms apart, because a roster entry can be lost
+
+bool names_user(const session::RosterEntry& entry, const std::string& user) {
+  return std::find(entry.users.begin(), entry.users.end(), user) != entry.users.end() ||
+         std::any_of(entry.served_users.begin(), entry.served_users.end(),
+                     [&](const session::UserProbe& served) { return served.user == user; });
+}
+
+}  // namespace
+
+PageUsers::PageUsers(const ViewerCore& core, std::string viewer, std::string session)
+    : core_{core}, viewer_{std::move(viewer)}, session_{std::move(session)} {}
+
+/// Returns the HRTC that the page has chosen or, without a choice, the present one with the fewest users. Empty: there
+/// is none.
+std::string PageUsers::chosen_hrtc(const TouchRequest& request) const {
+  const session::RosterEntry* best = nullptr;
+  core_.roster().for_each([&](const session::RosterEntry& entry) {
+    if (entry.role != session::Role::kHrtc || (!request.hrtc.empty() && entry.name != request.hrtc)) return;
+    if (best == nullptr || entry.served_users.size() < best->served_users.size()) best = &entry;
+  });
+  return best == nullptr ? std::string{} : best->name;
+}
+
+/// Returns why the page cannot have this user; empty: it can.
+std::string PageUsers::refusal(PageId page, const TouchRequest& request) const {
+  if (std::any_of(users_.begin(), users_.end(),
+                  [&](const User& user) { return user.page == page && !user.is_leaving(); }))
+    return "this page has a probe already";
+  if (users_.size() >= kMaxUsers) return "pages have " + std::to_string(kMaxUsers) + " probes already";
+  std::string owner;
+  core_.roster().for_each([&](const session::RosterEntry& entry) {
+    if (names_user(entry, request.user)) owner = session::text(entry);
+  });
+  for (const User& user : users_)
+    if (user.name() == request.user) owner = "another page";
+  if (!owner.empty()) return "the name '" + request.user + "' is taken by a user of " + owner;
+  if (chosen_hrtc(request).empty())
+    return request.hrtc.empty() ? "no HRTC is in the session" : "HRTC '" + request.hrtc + "' is not in the session";
+  if (viewer_.size() + 1 + request.user.size() > session::kMaxName)
+    return "the names of viewer and user have more than " + std::to_string(session::kMaxName - 1) + " bytes together";
+  return {};
+}
+
+void PageUsers::on_touch(PageId page, const TouchRequest& request, std::int64_t now_ns) {
+  if (const std::string reason = refusal(page, request); !reason.empty()) {
+    if (on_refused) on_refused(page, reason);
+    return;
+  }
+  User user;
+  user.page = page;
+  user.entry.role = session::Role::kClient;
+  user.entry.name = viewer_ + "." + request.user;
+  user.entry.session = session_;
+  user.entry.origin = {session::id_of(session_), session::id_of(user.entry.name), 0, now_ns};
+  user.entry.requested_hrtc = chosen_hrtc(request);
+  user.entry.users = {request.user};
+  user.heartbeat.repeat_soon();
+  user.requested_ns = user.hand_received_ns = now_ns;
+  users_.push_back(std::move(user));
+}
+
+void PageUsers::on_hand(PageId page, const HandRequest& request, std::int64_t now_ns) {
+  for (User& user : users_) {
+    if (user.page != page || user.is_leaving()) continue;
+    user.request = request;
+    user.hand_received_ns = now_ns;
+  }
+}
+
+void PageUsers::leave(User& user) {
+  if (user.is_leaving()) return;
+  user.entry.leaving = true;
+  user.heartbeat.repeat_soon();
+  user.leave_messages = kLeaveMessages;
+}
+
+void PageUsers::on_release(PageId page) {
+  for (User& user : users_)
+    if (user.page == page) leave(user);
+}
+
+void PageUsers::release_all() {
+  for (User& user : users_) leave(user);
+}
+
+bool PageUsers::is_served(const User& user) const {
+  const session::RosterEntry* const hrtc = core_.roster().find(session::id_of(user.entry.requested_hrtc));
+  return hrtc != nullptr && names_user(*hrtc, user.name());
+}
+
+/// Returns why the user cannot stay; empty: it can.
+std::string PageUsers::reason_to_leave(const User& user, std::int64_t now_ns) const {
+  const std::string& hrtc = user.entry.requested_hrtc;
+  if (core_.roster().find(session::id_of(hrtc)) == nullptr) return "HRTC '" + hrtc + "' has left the session";
+  if (user.is_served && !is_served(user)) return "HRTC '" + hrtc + "' has removed the user";
+  if (now_ns - user.hand_received_ns > kMaxSilenceNs && user.is_served) return "the page sent no hand position for 2 s";
+  if (now_ns - user.requested_ns > kMaxWaitNs && !user.is_served)
+    return "HRTC '" + hrtc + "' has given no probe within 5 s; its log has the reason";
+  return {};
+}
+
+void PageUsers::add_messages(User& user, std::int64_t now_ns, PageUserMessages& out) const {
+  if (user.heartbeat.due(now_ns)) {
+    ++user.entry.heartbeat;
+    core_.put_time(user.entry, now_ns);
+    out.roster.push_back(user.entry);
+    if (user.leave_messages > 0) --user.leave_messages;
+  }
+  if (!user.is_served || user.is_leaving() || !user.request) return;
+  session::Intent intent = user.hand.move_to(user.request->target, core_.session_time(now_ns));
+  intent.user_id = session::id_of(user.name());
+  intent.sequence = ++user.intents;
+  intent.buttons = user.request->grabs ? std::uint32_t{haptics::kGrabButton} : 0u;
+  user.request.reset();
+  out.intents.push_back({user.entry.origin.participant, std::move(intent)});
+}
+
+PageUserMessages PageUsers::tick(std::int64_t now_ns) {
+  PageUserMessages out;
+  for (User& user : users_) {
+    user.is_served = user.is_served || is_served(user);
+    if (!user.is_leaving()) {
+      if (const std::string reason = reason_to_leave(user, now_ns); !reason.empty()) {
+        leave(user);
+        if (on_refused) on_refused(user.page, reason);
+      }
+    }
+    add_messages(user, now_ns, out);
+  }
+  users_.remove_if([](const User& user) { return user.is_leaving() && user.leave_messages == 0; });
+  return out;
+}
+
+}  // namespace tactus::viewer

@@ -1,0 +1,96 @@
+/// The users of pages. A page can have one user, whose hand is simulated by an HRTC and follows the page's pointer.
+///
+///     touch request   --> roster entry of a client with this user, until an HRTC lists the user as served
+///     hand requests   --> intents
+///     release, silence, refusal --> leave message of the client
+///
+/// Each user belongs to a client of its own, because a client names only one HRTC. The adapter (viewer/viewer.cpp)
+/// makes a participant for each client.
+///
+/// No DDS, socket or clock: times are arguments, of this program's monotonic clock. One thread at a time.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <list>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "session/messages.hpp"
+#include "session/periodic.hpp"
+#include "sharing/pointed_hand.hpp"
+#include "viewer/page_request.hpp"
+#include "viewer/viewer_core.hpp"
+
+namespace tactus::viewer {
+
+/// Samples to send after a tick.
+struct PageUserMessages {
+  std::vector<session::RosterEntry> roster;  ///< origin.participant names the client
+  struct HandIntent {
+    std::uint64_t client = 0;
+    session::Intent intent;
+  };
+  std::vector<HandIntent> intents;
+};
+
+class PageUsers {
+ public:
+  static constexpr std::size_t kMaxUsers = 8;
+  /// Time without a hand request after which the page's user leaves, for example because the page is hidden. Its hand
+  /// would otherwise press on.
+  static constexpr std::int64_t kMaxSilenceNs = 2'000'000'000;
+  static constexpr std::int64_t kHeartbeatNs = 100'000'000;
+  /// Max time from the request until an HRTC has given a probe.
+  static constexpr std::int64_t kMaxWaitNs = 5'000'000'000;
+
+  /// `core` must outlive the users; `viewer` and `session` are the names of this program and its session.
+  PageUsers(const ViewerCore& core, std::string viewer, std::string session);
+
+  /// Called with the reason when a page gets no probe, or loses it without having given it back.
+  std::function<void(PageId page, const std::string& reason)> on_refused;
+
+  void on_touch(PageId page, const TouchRequest& request, std::int64_t now_ns);
+  void on_hand(PageId page, const HandRequest& request, std::int64_t now_ns);
+  /// The page gives its probe back, or is closed.
+  void on_release(PageId page);
+  /// All users leave.
+  void release_all();
+
+  /// Returns the samples to send. Call it every few milliseconds.
+  [[nodiscard]] PageUserMessages tick(std::int64_t now_ns);
+
+  /// Number of users, also of those that are leaving.
+  [[nodiscard]] std::size_t size() const noexcept { return users_.size(); }
+
+ private:
+  struct User {
+    PageId page = 0;
+    session::RosterEntry entry;  // of its client
+    session::Heartbeat heartbeat{kHeartbeatNs};
+    sharing::PointedHand hand;
+    std::optional<HandRequest> request;  // newest, not sent
+    std::int64_t requested_ns = 0;       // time of the touch request
+    std::int64_t hand_received_ns = 0;   // time of the newest hand request
+    std::uint32_t intents = 0;
+    bool is_served = false;  // was listed by its HRTC
+    int leave_messages = 0;  // still to send; 0 while the user stays
+
+    [[nodiscard]] const std::string& name() const { return entry.users.front(); }
+    [[nodiscard]] bool is_leaving() const { return entry.leaving; }
+  };
+
+  [[nodiscard]] std::string refusal(PageId page, const TouchRequest& request) const;
+  [[nodiscard]] std::string chosen_hrtc(const TouchRequest& request) const;
+  [[nodiscard]] bool is_served(const User& user) const;
+  [[nodiscard]] std::string reason_to_leave(const User& user, std::int64_t now_ns) const;
+  void leave(User& user);
+  void add_messages(User& user, std::int64_t now_ns, PageUserMessages& out) const;
+
+  const ViewerCore& core_;
+  std::string viewer_, session_;
+  std::list<User> users_;
+};
+
+}  // namespace tactus::viewer
