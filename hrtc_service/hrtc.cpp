@@ -86,7 +86,8 @@ Hrtc::Impl::Impl(HrtcOptions given)
       groups{participants, [this](session::ProbeState&& state) { inbox.put(FullRateState{std::move(state)}); }},
       states{participants, options.core.servo.cycle.radius, options.uses_deadband,
              devices,      membership.remote_users(),       groups},
-      exchange{participants, core.link().bodies, gateway} {
+      exchange{participants, core.link().bodies, gateway},
+      shown{participants, core.link(), loader} {
   gateway.on_event = [](const std::string& text) { spdlog::info("{}", text); };
   gateway.on_object = [this](const TouchObject& object) {
     exchange.add(object);
@@ -286,6 +287,7 @@ void Hrtc::Impl::serve(std::int64_t now_ns) {
   send_requests();
   sender_clock.post(membership.clock());
   devices.on_clock(membership.clock().session_time(now_ns) - now_ns);
+  shown.tick(now_ns, participants.origin());
   if (metrics.due(now_ns)) send_metrics(all_metrics.due(now_ns));
   devices.open_remote_devices();
   devices.free_departed();

@@ -25,6 +25,7 @@
 #include "hrtc_service/late_cycles.hpp"
 #include "hrtc_service/membership.hpp"
 #include "hrtc_service/reference_timer.hpp"
+#include "hrtc_service/shown_sender.hpp"
 #include "hrtc_service/snapshot.hpp"
 #include "hrtc_service/state_sender.hpp"
 #include "hrtc_service/statistics.hpp"
@@ -155,6 +156,7 @@ struct Hrtc::Impl {
   std::uint32_t overruns_unlogged = 0;
   std::uint64_t first_cycle = 0;  // number of the first reported cycle; 0: none
   std::int64_t first_cycle_ns = 0;
+  ShownSender shown;
   std::optional<SnapshotTaker> snapshots;  // only with HrtcOptions::snapshot
   std::uint32_t save_requests_seen = 0;
   struct {

@@ -260,6 +260,10 @@ void Loader::predict(Object& object, const std::array<ReportedProbe, kMaxProbes>
                                           });
   }
   predict_under_bodies(object, probes, lead);
+  for (const std::uint32_t region : object.also_wanted) {
+    constexpr double kTimeToContact = 0.02, kContactEnd = 1e9;  // s
+    predicted_regions_.add({spm::RegionId{region}, kTimeToContact, kContactEnd, 0});
+  }
   predicted_regions_.sort();
   std::vector<spm::PredictedRegion> predicted{predicted_regions_.entries().begin(), predicted_regions_.entries().end()};
   std::sort(predicted.begin(), predicted.end(), [](const auto& a, const auto& b) { return a.region < b.region; });
@@ -310,6 +314,15 @@ void Loader::on_moved(std::uint32_t object_index, const Placement& placement) {
   if (object.withdrawn) return;
   last_prediction_ns_ = 0;  // the object may now touch a tip at rest
   update_broad_phase(object);
+}
+
+void Loader::want(std::uint32_t object_index, std::vector<std::uint32_t> regions) {
+  if (object_index >= kMaxObjects || by_index_[object_index] == nullptr) return;
+  Object& object = *by_index_[object_index];
+  std::erase_if(regions, [&](std::uint32_t region) { return region >= object.notes.size(); });
+  if (regions == object.also_wanted) return;
+  object.also_wanted = std::move(regions);
+  last_prediction_ns_ = 0;  // no probe need have moved
 }
 
 void Loader::push_arrivals() {

@@ -150,6 +150,10 @@ class Loader {
   /// Sets the placement of a movable object for predictions, the broad phase and `regions_at_probes`.
   void on_moved(std::uint32_t object_index, const Placement& placement);
 
+  /// Sets regions of an object that are wanted besides the predicted ones, as if a probe were about to touch them: those
+  /// that another participant shows.
+  void want(std::uint32_t object_index, std::vector<std::uint32_t> regions);
+
   /// Predicts, evicts, and passes regions to the haptic thread. Call it every few milliseconds. Sets `near` to the
   /// objects near each probe.
   void tick(std::int64_t now_ns, const std::array<ReportedProbe, kMaxProbes>& probes,
@@ -254,6 +258,7 @@ class Loader {
     TouchObject touch;
     Placement placement;                                   // current
     std::vector<RegionProgress> notes;                     // by region
+    std::vector<std::uint32_t> also_wanted;                // regions of `want`
     std::map<std::uint32_t, WantedRegion> wanted_regions;  // by region; the newest prediction
     std::vector<spm::ProbePredictor> predictors;           // by probe
     std::vector<std::uint32_t> held;                       // regions in StoreState::kHeld

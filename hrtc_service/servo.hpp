@@ -68,6 +68,7 @@ class Servo {
  private:
   void obey(StopWord word) noexcept;
   void continue_snapshot() noexcept;
+  void report_shown(std::uint32_t object_index) noexcept;
 
   ServoLink& link_;
   Cycle cycle_;
@@ -77,6 +78,7 @@ class Servo {
   Outputs outputs_;  // of the last touch, with forces limited by `bodies_`
   std::array<Arrival, 64> arrived_;
   MeshHashes hashes_{};
+  ShownReport shown_;
   struct Snapshot {
     std::vector<spm::TreeNode> nodes;                  // leaves, object after object
     std::uint32_t count = 0;                           // leaves copied

@@ -5,6 +5,7 @@
 ///     objects near each probe           -- near ----------->   Cycle
 ///     orders for bodies, peers' copies  -- bodies --------->   Bodies
 ///     emergency stop and reset          -- stop word ------>   Cycle
+///     object whose regions a viewer needs -- request ------>   Servo
 ///     regions and objects to free       <- departures ------   Cycle
 ///     probes, bodies, mesh hashes       <- mailboxes -------   after each cycle
 ///     queries for the contact log       <- log -------------   Cycle
@@ -22,6 +23,7 @@
 #include "hrtc_service/bodies.hpp"
 #include "hrtc_service/cycle.hpp"
 #include "hrtc_service/touch_object.hpp"
+#include "session/messages.hpp"
 
 namespace tactus::hrtc_service {
 
@@ -45,6 +47,14 @@ struct ProbeReports {
 
 /// Forest::mesh_hash of each object's active mesh, by object index; 0 where there is no object.
 using MeshHashes = std::array<std::uint64_t, kMaxObjects>;
+
+/// The regions that lead to the active mesh of an object, in one cycle.
+struct ShownReport {
+  std::uint32_t object = spm::kNone;  ///< index
+  std::uint64_t mesh_hash = 0;
+  std::uint32_t count = 0;  ///< number of regions; if it is larger than that of `regions`, the others are missing
+  std::array<spm::Forest::InUse, session::kMaxShownRegions> regions;
+};
 
 /// Fills and empties a ring, so that the haptic thread causes no page fault in its memory.
 template <class Ring>
@@ -78,10 +88,21 @@ struct ServoLink {
     return StopWord::from_bits(stop_word_.load(std::memory_order_acquire));
   }
 
+  /// Requests that the servo reports the regions of an object's mesh. A new request replaces one that is not answered.
+  void request_shown(std::uint32_t object_index) noexcept {
+    shown_request_.store(object_index, std::memory_order_relaxed);
+  }
+  /// Returns the index of the object whose regions are requested, or kNone, and ends the request.
+  [[nodiscard]] std::uint32_t take_shown_request() noexcept {
+    if (shown_request_.load(std::memory_order_relaxed) == spm::kNone) return spm::kNone;
+    return shown_request_.exchange(spm::kNone, std::memory_order_relaxed);
+  }
+
   // Servo to gateway.
   DepartureRing departures;
   haptics::Mailbox<ProbeReports> reports_for_sender, reports_for_gateway;
   haptics::Mailbox<MeshHashes> mesh_hashes;
+  haptics::Mailbox<ShownReport> shown_reports;
   Cycle::LogRing log;
   const bool logs_queries;
   void acknowledge_stop(StopWord word) noexcept { stop_obeyed_.store(word.bits(), std::memory_order_release); }
@@ -95,6 +116,7 @@ struct ServoLink {
 
  private:
   std::atomic<std::uint32_t> stop_word_{0}, stop_obeyed_{0};  // StopWord::bits
+  std::atomic<std::uint32_t> shown_request_{spm::kNone};
 };
 
 }  // namespace tactus::hrtc_service

@@ -30,6 +30,7 @@ inline constexpr std::size_t kMaxGaps = 128;
 inline constexpr std::size_t kMaxPayload =
     1400;  ///< bytes of the encoded pieces of a chunk, which fill one Ethernet frame
 inline constexpr std::size_t kMaxFigures = 128;
+inline constexpr std::size_t kMaxShownRegions = 1024;
 inline constexpr std::size_t kMaxMeshes = 64;  ///< objects of one HRTC
 inline constexpr std::size_t kMaxWaypoints = 16;
 inline constexpr std::size_t kMaxSurfacePoints = 32;
@@ -384,6 +385,23 @@ struct Metrics {
   std::vector<Figure> figures;
   std::vector<MeshHash> meshes{};  ///< HRTC only: one for each object
   std::uint64_t scene = 0;         ///< scene_hash of the program's roster (session/roster.hpp)
+};
+
+/// A region of a shown mesh, and how many entries of its list are applied, from the beginning of the list.
+struct ShownRegion {
+  std::uint32_t region = 0;
+  std::uint32_t applied = 0;
+};
+
+/// Topic shown_regions, without key: the mesh of an object that an HRTC shows, as the regions
+/// that lead to it. Sent only while a reader is matched.
+struct ShownRegions {
+  Origin origin;
+  std::uint64_t object_id = 0;
+  std::uint64_t digest = 0;          ///< of the model
+  std::uint64_t mesh_hash = 0;       ///< of the mesh, see MeshHash
+  bool complete = true;              ///< false: there are more regions, so that the list does not lead to the mesh
+  std::vector<ShownRegion> regions;  ///< at most kMaxShownRegions, each once
 };
 
 enum class ControlKind : std::uint8_t { kStart = 0, kMode = 1 };

@@ -110,18 +110,32 @@ RegionId Forest::take_retired() noexcept {
   return kNone;
 }
 
-void Forest::set_targets(const RegionId* regions, std::uint32_t count, Unrequested other_regions) noexcept {
+void Forest::begin_target(Unrequested other_regions) noexcept {
   ++target_number_;
   unrequested_ = other_regions;
   target_count_ = 0;
-  for (std::uint32_t i = 0; i < count; ++i) {
-    if (!is_loaded(regions[i])) continue;
-    State& state = state_of(regions[i]);
-    if (state.retiring || state.target_number == target_number_) continue;
-    state.target_number = target_number_;
-    add_in_use(regions[i]);
-    targets_[target_count_++] = regions[i];
-  }
+}
+
+/// Adds a region to the target. `entries`: number of entries to apply, at most all.
+void Forest::add_target(RegionId region, std::uint32_t entries) noexcept {
+  if (!is_loaded(region)) return;
+  State& state = state_of(region);
+  if (state.retiring || state.target_number == target_number_) return;
+  state.target_number = target_number_;
+  state.target_entries = std::min(entries, state.list.length);
+  add_in_use(region);
+  targets_[target_count_++] = region;
+}
+
+void Forest::set_targets(const RegionId* regions, std::uint32_t count, Unrequested other_regions) noexcept {
+  begin_target(other_regions);
+  for (std::uint32_t i = 0; i < count; ++i) add_target(regions[i], ~0u);
+  entries_to_coarsen_ = oldest_ != kNone ? entries_to_coarsen() : 0;
+}
+
+void Forest::set_targets(const Applied* regions, std::uint32_t count) noexcept {
+  begin_target(Unrequested::kCoarsen);
+  for (std::uint32_t i = 0; i < count; ++i) add_target(regions[i].region, regions[i].entries);
   entries_to_coarsen_ = oldest_ != kNone ? entries_to_coarsen() : 0;
 }
 
@@ -230,10 +244,10 @@ void Forest::collapse(Slot slot) noexcept {
 }
 
 Advance Forest::refine(State& state, Budget& budget) noexcept {
-  while (state.cursor < state.list.length) {
+  while (state.cursor < state.target_entries) {
     const Slot* slots = entry(state, state.cursor);
     const std::uint32_t count = std::min(
-        {kPrefetched, state.list.length - state.cursor, ListBlock::kEntries - state.cursor % ListBlock::kEntries});
+        {kPrefetched, state.target_entries - state.cursor, ListBlock::kEntries - state.cursor % ListBlock::kEntries});
     prefetch_records(slots, count, true);
     for (std::uint32_t i = 0; i < count; ++i) {
       if (budget.units < Budget::kVisit) return Advance::kBudget;
@@ -323,7 +337,11 @@ Advance Forest::advance(Budget& budget) noexcept {
   for (std::uint32_t i = in_use_count_; i-- > 0;) {
     const RegionId region = in_use_[i];
     State& state = state_of(region);
-    if (is_target(state)) continue;
+    if (is_target(state)) {
+      std::uint32_t excess = state.cursor > state.target_entries ? state.cursor - state.target_entries : 0;
+      if (const Advance coarsening = coarsen(state, budget, excess); coarsening != Advance::kDone) return coarsening;
+      continue;
+    }
     if (unrequested_ == Unrequested::kRetain && !state.retiring) {
       retain(region);
       continue;

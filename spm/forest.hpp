@@ -90,6 +90,15 @@ class Forest {
   void set_targets(const RegionId* regions, std::uint32_t count,
                    Unrequested other_regions = Unrequested::kCoarsen) noexcept;
 
+  /// A region of which a part of the list, or all of it, is applied.
+  struct Applied {
+    RegionId region{};
+    std::uint32_t entries = 0;  ///< number of applied list entries, from the beginning of the list
+  };
+  /// Sets the exact number of applied entries of each region; the others become coarse. Then this forest shows the same
+  /// mesh as the one whose regions they are (`copy_in_use`). Skips regions that are not loaded. O(count).
+  void set_targets(const Applied* regions, std::uint32_t count) noexcept;
+
   /// Refines and coarsens towards the target, as far as `budget` allows, and subtracts the work from `budget`. `refit`
   /// must be called before the next query.
   [[nodiscard]] Advance advance(Budget& budget) noexcept;
@@ -159,6 +168,7 @@ class Forest {
     BlockIndex block = kNone;               // the block that `entry` used last
     std::uint32_t block_number = 0;         // its number in the list
     std::uint32_t target_number = 0;        // number of the last target with this region
+    std::uint32_t target_entries = 0;       // number of entries to apply in that target
     std::uint32_t in_use_at = kNone;        // index in in_use_
     RegionId older = kNone, newer = kNone;  // neighbours in the list of retained regions
     bool retiring = false;
@@ -176,6 +186,8 @@ class Forest {
   }
   void add_in_use(RegionId region) noexcept;
   void remove_in_use(RegionId region) noexcept;
+  void begin_target(Unrequested other_regions) noexcept;
+  void add_target(RegionId region, std::uint32_t entries) noexcept;
   void retain(RegionId region) noexcept;
   void end_retention(RegionId region) noexcept;
   [[nodiscard]] Advance refine(State& state, Budget& budget) noexcept;

@@ -70,7 +70,8 @@ PageMessage PageFeed::scene(std::int64_t now_ns) {
                        {"participants", nlohmann::json::array()},
                        {"users", nlohmann::json::array()},
                        {"objects", nlohmann::json::array()},
-                       {"events", nlohmann::json::array()}};
+                       {"events", nlohmann::json::array()},
+                       {"shownHrtc", core_.shown_hrtc()}};
   const StopProgress& stop = core_.stop_progress();
   scene["stop"] = {{"requested", stop.is_requested}, {"hrtcs", stop.hrtcs}, {"stopped", stop.stopped}};
   core_.roster().for_each([&](const session::RosterEntry& entry) {
@@ -111,9 +112,9 @@ PageMessage PageFeed::figures() const {
     if (entry == nullptr) continue;
     nlohmann::json& values = figures["participants"][entry->name];
     for (const session::Figure& figure : metrics.figures) values[figure.name] = figure.value;
-    for (const session::MeshHash& mesh : metrics.meshes)
-      if (const auto object = core_.objects().find(mesh.object_id); object != core_.objects().end())
-        values["meshes"][object->second.entry.object] = std::to_string(mesh.hash);
+    for (const auto& [id, object] : core_.objects())
+      if (const auto hash = core_.published_hash(participant, id))
+        values["meshes"][object.entry.object] = std::to_string(*hash);
   }
   return {true, figures.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace)};
 }

@@ -41,7 +41,7 @@ bool is_position(const Json& value) {
 std::optional<PageRequest> parse_touch(const Json& value) {
   if (!value.is_object() || !value.contains("user") || !is_plain_name(value["user"])) return std::nullopt;
   if (value.size() == 1) return TouchRequest{value["user"], {}};
-  // The name of an HRTC is compared with those of the roster, so any text is valid.
+  // The name of an HRTC is only compared with those of the roster, so any text is valid.
   if (value.size() != 2 || !value.contains("hrtc") || !value["hrtc"].is_string()) return std::nullopt;
   return TouchRequest{value["user"], value["hrtc"]};
 }
@@ -64,6 +64,7 @@ std::optional<PageRequest> parse_request(const std::string& text) {
   if (kind == "stop" && is_reason(value)) return StopRequest{value};
   if (kind == "touch") return parse_touch(value);
   if (kind == "hand") return parse_hand(value);
+  if (kind == "show" && value.is_string()) return ShowRequest{value};
   if (kind == "release" && value.is_boolean()) return ReleaseRequest{};
   return std::nullopt;
 }

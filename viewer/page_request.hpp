@@ -33,7 +33,12 @@ struct HandRequest {
 /// The page gives its probe back.
 struct ReleaseRequest {};
 
-using PageRequest = std::variant<TokenRequest, StopRequest, TouchRequest, HandRequest, ReleaseRequest>;
+/// The viewer shows the meshes of one HRTC, to all pages.
+struct ShowRequest {
+  std::string hrtc;  ///< empty: of all
+};
+
+using PageRequest = std::variant<TokenRequest, StopRequest, TouchRequest, HandRequest, ReleaseRequest, ShowRequest>;
 
 /// Returns the request, or none if the text is no valid request.
 [[nodiscard]] std::optional<PageRequest> parse_request(const std::string& text);

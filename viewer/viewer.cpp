@@ -19,8 +19,8 @@ namespace {
 using wire::monotonic_ns;
 
 using Sample = std::variant<session::RosterEntry, session::CatalogueEntry, session::BulkChunk, session::ProbeState,
-                            session::Metrics, session::ObjectPose, session::EmergencyStop, session::ForceReset,
-                            session::SessionEnd, session::ClockSample>;
+                            session::Metrics, session::ShownRegions, session::ObjectPose, session::EmergencyStop,
+                            session::ForceReset, session::SessionEnd, session::ClockSample>;
 using Inbox = wire::Inbox<Sample>;
 
 constexpr std::chrono::milliseconds kTick{2};
@@ -78,6 +78,7 @@ struct Viewer::Impl {
     listen(wire::topics::kCatalogue);
     listen(wire::topics::kProbeState);
     listen(wire::topics::kMetrics);
+    listen(wire::topics::kShownRegions);
     listen(wire::topics::kObjectPose);
     listen(wire::topics::kStop);
     listen(wire::topics::kReset);
@@ -100,6 +101,7 @@ struct Viewer::Impl {
   void process(const session::BulkChunk& chunk, std::int64_t at_ns) { core.on_chunk(chunk, at_ns); }
   void process(const session::ProbeState& state, std::int64_t at_ns) { core.on_probe_state(state, at_ns); }
   void process(const session::Metrics& metrics, std::int64_t) { core.on_metrics(metrics); }
+  void process(const session::ShownRegions& shown, std::int64_t at_ns) { core.on_shown_regions(shown, at_ns); }
   void process(const session::ObjectPose& pose, std::int64_t at_ns) { core.on_object_pose(pose, at_ns); }
   void process(const session::EmergencyStop& stop, std::int64_t at_ns) { core.on_stop(stop, at_ns); }
   void process(const session::ForceReset& reset, std::int64_t at_ns) { core.on_reset(reset, at_ns); }
@@ -110,6 +112,7 @@ struct Viewer::Impl {
   void process(PageId, const StopRequest& request) { core.stop_forces(request.reason, monotonic_ns()); }
   void process(PageId page, const TouchRequest& request) { users.on_touch(page, request, monotonic_ns()); }
   void process(PageId page, const HandRequest& request) { users.on_hand(page, request, monotonic_ns()); }
+  void process(PageId, const ShowRequest& request) { core.show_meshes_of(request.hrtc); }
   void process(PageId page, const ReleaseRequest&) { users.on_release(page); }
 
   void send(ViewerMessages&& messages) {

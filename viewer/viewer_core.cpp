@@ -12,7 +12,9 @@ constexpr std::int64_t kHeartbeatNs = 100 * kMs;
 constexpr std::int64_t kClockNs = 100 * kMs;
 constexpr std::int64_t kStopNs = 20 * kMs;  // between repetitions of a stop
 constexpr std::int64_t kMinStopNs = 1500 * kMs;
+constexpr std::int64_t kTargetsNs = 10 * kMs;  // between two updates of the regions to refine
 constexpr std::size_t kRingEntries = 4096;
+constexpr std::int64_t kMaxShownAgeNs = 1500 * kMs;  // an HRTC sends its shown regions every 500 ms
 
 hrtc_service::ReportedProbe reported(const SeenProbe& probe) {
   const session::ProbeState& state = probe.state;
@@ -38,6 +40,7 @@ ViewerCore::ViewerCore(const session::Origin& self, const ViewerSettings& settin
       heartbeat_{kHeartbeatNs},
       clock_request_{kClockNs},
       stop_repeat_{kStopNs},
+      targets_due_{kTargetsNs},
       pool_{settings.pool},
       nodes_{settings.pool.tree_nodes},
       arrivals_{kRingEntries},
@@ -86,6 +89,7 @@ void ViewerCore::process(const session::RosterEvent& event, std::int64_t now_ns)
   const bool is_gone = event.change == RosterChange::kGone || event.change == RosterChange::kLeft;
   if (is_gone) {
     metrics_.erase(participant);
+    std::erase_if(shown_, [&](const auto& shown) { return shown.first.first == participant; });
     ++metrics_number_;
   }
   if (entry.role == session::Role::kHrtc && is_gone)
@@ -130,6 +134,60 @@ void ViewerCore::on_metrics(const session::Metrics& metrics) {
   known.origin = metrics.origin;
   known.meshes = metrics.meshes;
   ++metrics_number_;
+}
+
+void ViewerCore::on_shown_regions(const session::ShownRegions& shown, std::int64_t now_ns) {
+  const session::RosterEntry* const hrtc = roster_.find(shown.origin.participant);
+  if (hrtc == nullptr || hrtc->origin.incarnation != shown.origin.incarnation) return;
+  Shown& known = shown_[{shown.origin.participant, shown.object_id}];
+  const bool is_older = known.regions.origin.incarnation == shown.origin.incarnation &&
+                        shown.origin.time_ns <= known.regions.origin.time_ns;
+  if (is_older) return;
+  if (known.regions.mesh_hash != shown.mesh_hash) ++metrics_number_;
+  known = {shown, now_ns};
+}
+
+void ViewerCore::show_meshes_of(const std::string& hrtc) {
+  shown_hrtc_ = hrtc;
+  ++scene_number_;
+}
+
+std::optional<std::uint64_t> ViewerCore::published_hash(std::uint64_t hrtc, std::uint64_t object) const {
+  const auto shown = shown_.find({hrtc, object});
+  if (shown == shown_.end()) return std::nullopt;
+  return shown->second.regions.mesh_hash;
+}
+
+/// Sets `shown_targets_` to the regions that lead to the chosen meshes of an object, the largest number of entries for
+/// each region. Returns false unless all chosen HRTCs have published them.
+bool ViewerCore::find_shown_regions(const Loaded& loaded) {
+  bool all = true, any = false;
+  std::map<std::uint32_t, std::uint32_t> applied;  // by region
+  roster_.for_each([&](const session::RosterEntry& entry) {
+    if (entry.role != session::Role::kHrtc || (!shown_hrtc_.empty() && entry.name != shown_hrtc_)) return;
+    const auto shown = shown_.find({entry.origin.participant, loaded.object->id});
+    if (shown == shown_.end() || !shown->second.regions.complete ||
+        shown->second.regions.digest != loaded.object->digest || now_ns_ - shown->second.received_ns > kMaxShownAgeNs) {
+      all = false;
+      return;
+    }
+    any = true;
+    for (const session::ShownRegion& region : shown->second.regions.regions)
+      if (region.region < loaded.object->forest->grid().size())
+        applied[region.region] = std::max(applied[region.region], region.applied);
+  });
+  if (!all || !any) {
+    loader_->want(loaded.object->index, {});
+    return false;
+  }
+  shown_targets_.clear();
+  std::vector<std::uint32_t> wanted;
+  for (const auto& [region, entries] : applied) {
+    shown_targets_.push_back({spm::RegionId{region}, entries});
+    wanted.push_back(region);
+  }
+  loader_->want(loaded.object->index, std::move(wanted));
+  return true;
 }
 
 void ViewerCore::on_object_pose(const session::ObjectPose& pose, std::int64_t now_ns) {
@@ -227,16 +285,21 @@ void ViewerCore::process_arrivals() {
   }
 }
 
+void ViewerCore::set_targets(const Loaded& loaded) {
+  spm::Forest& forest = *loaded.object->forest;
+  if (find_shown_regions(loaded))
+    return forest.set_targets(shown_targets_.data(), static_cast<std::uint32_t>(shown_targets_.size()));
+  targets_.clear();
+  for (const std::uint32_t region : loader_->predicted(loaded.object->index)) targets_.push_back(spm::RegionId{region});
+  forest.set_targets(targets_.data(), static_cast<std::uint32_t>(targets_.size()), spm::Unrequested::kRetain);
+}
+
 void ViewerCore::refine() {
   spm::Budget budget{settings_.budget};
+  const bool sets_targets = targets_due_.due(now_ns_);
   for (Loaded& loaded : loaded_) {
     spm::Forest& forest = *loaded.object->forest;
-    if (!loaded.withdrawn) {
-      targets_.clear();
-      for (const std::uint32_t region : loader_->predicted(loaded.object->index))
-        targets_.push_back(spm::RegionId{region});
-      forest.set_targets(targets_.data(), static_cast<std::uint32_t>(targets_.size()), spm::Unrequested::kRetain);
-    }
+    if (!loaded.withdrawn && sets_targets) set_targets(loaded);
     (void)forest.advance(budget);
     (void)forest.refit();
     while (departures_.write_available() > 0) {

@@ -6,7 +6,10 @@
 ///     demands, roster entries, clock requests <--
 ///
 /// The loader is that of an HRTC (hrtc_service/loader.hpp). It predicts from the probe states of the session instead of
-/// those of devices of its own. The regions near the probes are refined, and stay refined until their memory is needed.
+/// those of devices of its own. HRTCs publish which regions lead to their meshes (tactus_shown_regions), and the viewer
+/// applies the same entries. With one HRTC, or one chosen, its mesh is therefore that of the HRTC, with the same mesh
+/// hash. As long as an HRTC publishes no regions, those near the probes are refined, and stay refined until their memory
+/// is needed.
 ///
 /// No DDS, socket, thread, clock or log: samples and times are arguments, samples to send are results. Times are of
 /// this program's monotonic clock. One thread at a time. Not realtime.
@@ -20,6 +23,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "hrtc_service/loader.hpp"
@@ -96,12 +100,17 @@ class ViewerCore {
   void on_chunk(const session::BulkChunk& chunk, std::int64_t now_ns) { loader_->on_chunk(chunk, now_ns); }
   void on_probe_state(const session::ProbeState& state, std::int64_t now_ns);
   void on_metrics(const session::Metrics& metrics);
+  void on_shown_regions(const session::ShownRegions& shown, std::int64_t now_ns);
   void on_object_pose(const session::ObjectPose& pose, std::int64_t now_ns);
   void on_stop(const session::EmergencyStop& stop, std::int64_t now_ns);
   void on_reset(const session::ForceReset& reset, std::int64_t now_ns);
   void on_end(const session::SessionEnd& end, std::int64_t now_ns);
   /// `sample`: an answer to a clock request.
   void on_clock(const session::ClockSample& sample, std::int64_t now_ns);
+
+  /// Chooses the HRTC whose meshes are shown. Empty: a region is as fine as in the finest mesh of all HRTCs.
+  void show_meshes_of(const std::string& hrtc);
+  [[nodiscard]] const std::string& shown_hrtc() const noexcept { return shown_hrtc_; }
 
   /// Stops all forces of the session. The stop is repeated until all hosts and HRTCs have acknowledged it.
   void stop_forces(const std::string& reason, std::int64_t now_ns);
@@ -125,6 +134,8 @@ class ViewerCore {
   [[nodiscard]] const std::map<std::uint64_t, session::Metrics>& metrics() const noexcept { return metrics_; }
   [[nodiscard]] const std::deque<Event>& events() const noexcept { return events_; }
   [[nodiscard]] const StopProgress& stop_progress() const noexcept { return stop_progress_; }
+  /// Returns the mesh hash that an HRTC has published last for an object; none if it has published no regions.
+  [[nodiscard]] std::optional<std::uint64_t> published_hash(std::uint64_t hrtc, std::uint64_t object) const;
   /// Grows when roster, catalogue, events or the progress of a stop change.
   [[nodiscard]] std::uint32_t scene_number() const noexcept { return scene_number_; }
   /// Grows with each metrics sample.
@@ -135,10 +146,18 @@ class ViewerCore {
   }
 
  private:
+  /// An object in the pool. The loader owns it until its departure.
+  struct Loaded {
+    hrtc_service::TouchObject* object = nullptr;
+    bool withdrawn = false;
+  };
+
   void process(const session::RosterEvent& event, std::int64_t now_ns);
   void load(std::int64_t now_ns);
   void process_arrivals();
   void refine();
+  void set_targets(const Loaded& loaded);
+  [[nodiscard]] bool find_shown_regions(const Loaded& loaded);
   void choose_users();
   void send_stop(std::int64_t now_ns, ViewerMessages& out);
   void update_stop_progress();
@@ -150,7 +169,7 @@ class ViewerCore {
   session::StopLatch stops_;
   std::int64_t now_ns_;  // of the last tick
   session::Heartbeat heartbeat_;
-  session::PeriodicTimer clock_request_, stop_repeat_;
+  session::PeriodicTimer clock_request_, stop_repeat_, targets_due_;
   std::uint64_t heartbeats_ = 0;
   bool name_taken_ = false;
 
@@ -159,18 +178,21 @@ class ViewerCore {
   hrtc_service::ArrivalRing arrivals_;
   hrtc_service::DepartureRing departures_;
   std::unique_ptr<hrtc_service::Loader> loader_;
-  /// An object in the pool. The loader owns it until its departure.
-  struct Loaded {
-    hrtc_service::TouchObject* object = nullptr;
-    bool withdrawn = false;
-  };
   std::vector<Loaded> loaded_;
-  std::vector<spm::RegionId> targets_;  // of one object, while it is refined
+  // Of one object, while it is refined.
+  std::vector<spm::RegionId> targets_;
+  std::vector<spm::Forest::Applied> shown_targets_;
 
   std::map<std::uint64_t, SeenObject> objects_;        // by object id
   std::map<std::uint64_t, SeenProbe> probes_;          // by user id
   std::vector<std::uint64_t> refined_users_;           // users near whose probes the mesh is refined
   std::map<std::uint64_t, session::Metrics> metrics_;  // by participant
+  struct Shown {
+    session::ShownRegions regions;  // newest
+    std::int64_t received_ns = 0;
+  };
+  std::map<std::pair<std::uint64_t, std::uint64_t>, Shown> shown_;  // by HRTC and object
+  std::string shown_hrtc_;
   std::deque<Event> events_;
   std::uint32_t scene_number_ = 1, metrics_number_ = 0;
   StopProgress stop_progress_;

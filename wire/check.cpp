@@ -155,6 +155,11 @@ const char* invalid_field(const session::Demand& d) noexcept {
   return nullptr;
 }
 
+const char* invalid_field(const session::ShownRegions& s) noexcept {
+  if (s.regions.size() > session::kMaxShownRegions) return "regions: expected at most 1024";
+  return nullptr;
+}
+
 const char* invalid_field(const session::Metrics& m) noexcept {
   if (m.figures.size() > session::kMaxFigures) return "figures: expected at most 128";
   for (const session::Figure& figure : m.figures) {

@@ -12,6 +12,7 @@ namespace tactus::wire {
 [[nodiscard]] const char* invalid_field(const session::CatalogueEntry& sample) noexcept;
 [[nodiscard]] const char* invalid_field(const session::Demand& sample) noexcept;
 [[nodiscard]] const char* invalid_field(const session::Metrics& sample) noexcept;
+[[nodiscard]] const char* invalid_field(const session::ShownRegions& sample) noexcept;
 [[nodiscard]] const char* invalid_field(const session::Control& sample) noexcept;
 [[nodiscard]] const char* invalid_field(const session::ForceReset& sample) noexcept;
 [[nodiscard]] const char* invalid_field(const session::SessionEnd& sample) noexcept;

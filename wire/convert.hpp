@@ -28,6 +28,7 @@ TACTUS_WIRE_TYPE(RosterEntry, RosterEntry);
 TACTUS_WIRE_TYPE(CatalogueEntry, CatalogueEntry);
 TACTUS_WIRE_TYPE(Demand, Demand);
 TACTUS_WIRE_TYPE(Metrics, Metrics);
+TACTUS_WIRE_TYPE(ShownRegions, ShownRegions);
 TACTUS_WIRE_TYPE(Control, Control);
 TACTUS_WIRE_TYPE(ForceReset, ForceReset);
 TACTUS_WIRE_TYPE(SessionEnd, SessionEnd);

@@ -12,6 +12,7 @@ static_assert(idl::kMaxWanted == session::kMaxWanted);
 static_assert(idl::kMaxPayload == session::kMaxPayload);
 static_assert(idl::kMaxFigures == session::kMaxFigures);
 static_assert(idl::kMaxMeshes == session::kMaxMeshes);
+static_assert(idl::kMaxShownRegions == session::kMaxShownRegions);
 static_assert(idl::kMaxWaypoints == session::kMaxWaypoints);
 static_assert(idl::kMaxSurfacePoints == session::kMaxSurfacePoints);
 static_assert(idl::kMaxTouchers == session::kMaxTouchers);

@@ -162,6 +162,30 @@ void from_idl(const idl::Metrics& from, session::Metrics& to) {
   }
 }
 
+void to_idl(const session::ShownRegions& from, idl::ShownRegions& to) {
+  origin_to_idl(from.origin, to);
+  to.object_id(from.object_id);
+  to.digest(from.digest);
+  to.mesh_hash(from.mesh_hash);
+  to.complete(from.complete);
+  to.regions().resize(from.regions.size());
+  for (std::size_t i = 0; i < from.regions.size(); ++i) {
+    to.regions()[i].region(from.regions[i].region);
+    to.regions()[i].applied(from.regions[i].applied);
+  }
+}
+
+void from_idl(const idl::ShownRegions& from, session::ShownRegions& to) {
+  to.origin = origin_from_idl(from);
+  to.object_id = from.object_id();
+  to.digest = from.digest();
+  to.mesh_hash = from.mesh_hash();
+  to.complete = from.complete();
+  to.regions.resize(from.regions().size());
+  for (std::size_t i = 0; i < to.regions.size(); ++i)
+    to.regions[i] = {from.regions()[i].region(), from.regions()[i].applied()};
+}
+
 void to_idl(const session::Control& from, idl::Control& to) {
   origin_to_idl(from.origin, to);
   to.sequence_number(from.sequence);

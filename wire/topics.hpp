@@ -21,6 +21,8 @@ inline constexpr TopicSpec<session::RosterEntry> kRoster{"tactus_roster", Traffi
 inline constexpr TopicSpec<session::CatalogueEntry> kCatalogue{"tactus_catalogue", TrafficClass::kSession, "catalogue"};
 inline constexpr TopicSpec<session::Demand> kDemand{"tactus_demand", TrafficClass::kSession, "demand"};
 inline constexpr TopicSpec<session::Metrics> kMetrics{"tactus_metrics", TrafficClass::kSession, "metrics"};
+inline constexpr TopicSpec<session::ShownRegions> kShownRegions{"tactus_shown_regions", TrafficClass::kSession,
+                                                                "shown_regions"};
 inline constexpr TopicSpec<session::Control> kControl{"tactus_control", TrafficClass::kSession, "control"};
 inline constexpr TopicSpec<session::ForceReset> kReset{"tactus_reset", TrafficClass::kSession, "reset"};
 inline constexpr TopicSpec<session::SessionEnd> kEnd{"tactus_end", TrafficClass::kSession, "end"};
@@ -55,6 +57,7 @@ void for_each(Visit&& visit) {
   visit(kCatalogue);
   visit(kDemand);
   visit(kMetrics);
+  visit(kShownRegions);
   visit(kControl);
   visit(kReset);
   visit(kEnd);

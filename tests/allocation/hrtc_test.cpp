@@ -102,20 +102,28 @@ TEST(Allocation, SixtySecondsOfRefinementAndCoarseningAllocateNothing) {
     return (radius + 0.0025) *
            Vec3d{std::cos(angle), std::sin(angle) * std::cos(angle / 7), std::sin(angle) * std::sin(angle / 7)};
   };
+  hrtc_service::ShownReport shown;
+  std::uint64_t reports = 0;
   for (int cycle = 0; cycle < 60000; ++cycle) {
     const Vec3d tip = position(cycle);
     session.prepare(tip, (position(cycle + 1) - tip) * 1000);
+    if (cycle % 10 == 0) session.core().link().request_shown(0);
     const hrtc_service::CycleResult& result = [&]() -> const hrtc_service::CycleResult& {
       const test_support::AllocationCounter counter;
       const hrtc_service::CycleResult& cycle_result = session.run_cycle(4000);
       allocations += counter.count();
       return cycle_result;
     }();
+    if (session.core().link().shown_reports.take(shown)) {
+      ++reports;
+      ASSERT_EQ(shown.mesh_hash, session.cycle().objects()[0]->forest->mesh_hash());
+    }
     recorded += recorder.next(record) ? 1 : 0;
     contact_cycles += (result.probes[0].status & session::kInContact) != 0 ? 1 : 0;
     changes += result.costs.changes;
   }
   EXPECT_EQ(allocations, 0u);
+  EXPECT_GT(reports, 5000u);
   EXPECT_GT(contact_cycles, 50000u);
   EXPECT_GT(changes, 10000u);
   EXPECT_EQ(recorded, 60000u);

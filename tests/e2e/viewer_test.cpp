@@ -41,7 +41,8 @@ class Page {
   void stop_forces() { request({{"stop", "a test"}}); }
 
   nlohmann::json scene = nlohmann::json::object(), figures = nlohmann::json::object();
-  std::uint32_t faces = 0;  // of the newest mesh frame
+  std::uint32_t faces = 0;  // of the newest mesh frame, as the next
+  std::uint64_t mesh_hash = 0;
   bool has_probe = false;
   std::uint32_t status = 0;
   std::array<float, 3> force{};
@@ -56,7 +57,10 @@ class Page {
     const auto read = [&](std::size_t at, auto& value) { std::memcpy(&value, &message.bytes[at], sizeof value); };
     std::uint32_t kind = 0;
     read(0, kind);
-    if (kind == 1) return read(20, faces);
+    if (kind == 1) {
+      read(20, faces);
+      return read(24, mesh_hash);
+    }
     std::uint32_t probes = 0;
     read(4, probes);
     has_probe = probes > 0;
@@ -108,6 +112,16 @@ TEST_F(ViewerTest, APageShowsObjectsUsersForcesAndFiguresAndStopsTheForces) {
   ASSERT_TRUE(page.until([&] {
     return figure(session::figures::kRegionsReceived) ==
            observer.seen().figure("desk", session::figures::kRegionsReceived);
+  }));
+
+  // The hand rests, so the mesh of the HRTC does not change.
+  const auto published_hash = [&] {
+    return page.figures.value("/participants/desk/meshes/organ"_json_pointer, std::string{});
+  };
+  ASSERT_TRUE(page.until([&] { return page.mesh_hash != 0 && published_hash() == std::to_string(page.mesh_hash); }));
+  ASSERT_TRUE(observer.until([&](const Observer::Seen& seen) {
+    const auto meshes = seen.meshes.find("desk");
+    return meshes != seen.meshes.end() && meshes->second.back().hash == page.mesh_hash;
   }));
 
   page.stop_forces();

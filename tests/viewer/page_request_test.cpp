@@ -15,6 +15,7 @@ TEST(PageRequestTest, ReadsEachKind) {
   const auto hand = std::get<HandRequest>(parse_request(R"({"hand": {"target": [0.5, -1, 2], "grab": true}})").value());
   EXPECT_EQ(hand.target, (std::array<double, 3>{0.5, -1, 2}));
   EXPECT_TRUE(hand.grabs);
+  EXPECT_EQ(std::get<ShowRequest>(parse_request(R"({"show": "desk"})").value()).hrtc, "desk");
   EXPECT_TRUE(std::holds_alternative<ReleaseRequest>(parse_request(R"({"release": true})").value()));
 }
 

@@ -188,6 +188,15 @@ async function look(browser) {
   await browser.until("window.tactus.probes.length === 2 && window.tactus.probes.every(({ force }) => Math.hypot(...force) === 0)", 5);
   await printed(hrtc, /emergency stop/);
   await browser.until("/^All forces are stopped/.test(document.getElementById('banner').textContent)", 5);
+  // The hands do not move while the forces are stopped, so the mesh of the HRTC does not change either.
+  const sameMesh = (name) => `(() => {
+    const { scene, meshes, figures } = window.tactus;
+    const { number } = scene.objects.find((object) => object.name === "${name}");
+    return meshes.get(number).hash !== "0" && meshes.get(number).hash === figures["hrtc-1"].meshes["${name}"];
+  })()`;
+  await browser.until(sameMesh("organ"), 5);
+  const hash = await browser.value("window.tactus.figures['hrtc-1'].meshes.organ");
+  check("mesh hash of the organ, shown and of the HRTC", BigInt(hash).toString(16), true, "equal");
   const error = await browser.value("window.tactus.error");
   // The browser itself reports the connections that failed while no viewer ran.
   const errors = [error, ...browser.log].filter((text) => text && !/WebSocket connection/.test(text));

@@ -4,6 +4,7 @@
 #include <set>
 
 #include "spm/model.hpp"
+#include "tests/support/hrtc_model.hpp"
 #include "tests/viewer/viewer_session.hpp"
 #include "viewer/page_feed.hpp"
 
@@ -240,6 +241,91 @@ TEST_F(ViewerCoreTest, NoMeshFrameNamesAnObjectThatThePageDoesNotKnow) {
       run(500 * kMs);
     }
   EXPECT_EQ(frames, 2) << "one for each offer";
+}
+
+/// An HRTC that publishes the regions of its mesh, without a host of its own.
+class ShownMeshTest : public ViewerCoreTest {
+ protected:
+  ShownMeshTest() {
+    for (std::uint32_t i = 0; i < model_.summary.regions; ++i)
+      EXPECT_EQ(hrtc_.load(spm::RegionId{i}), spm::AcceptResult::kAccepted);
+    on_hrtc("desk");
+  }
+  void on_hrtc(const std::string& name) {
+    session::RosterEntry entry;
+    entry.origin = {kSession, session::id_of(name), 1, now_ns_};
+    entry.role = session::Role::kHrtc;
+    entry.name = name;
+    entry.session = "session";
+    entry.heartbeat = ++heartbeats_;
+    viewer_.on_roster(entry, now_ns_);
+  }
+  void publish(const std::string& name, const spm::Forest& forest, bool complete = true) {
+    std::vector<spm::Forest::InUse> in_use(forest.copy_in_use(nullptr, 0));
+    (void)forest.copy_in_use(in_use.data(), static_cast<std::uint32_t>(in_use.size()));
+    session::ShownRegions shown;
+    shown.origin = {kSession, session::id_of(name), 1, now_ns_};
+    shown.object_id = session::id_of("sphere");
+    shown.digest = model_.summary.digest;
+    shown.mesh_hash = forest.mesh_hash();
+    shown.complete = complete;
+    for (const spm::Forest::InUse& region : in_use)
+      shown.regions.push_back({spm::index(region.region), region.applied});
+    viewer_.on_shown_regions(shown, now_ns_);
+  }
+  /// Runs while HRTCs send heartbeats and their regions.
+  void run_with(const std::map<std::string, const spm::Forest*>& hrtcs, std::int64_t ns) {
+    for (const std::int64_t end_ns = now_ns_ + ns; now_ns_ < end_ns;) {
+      for (const auto& [name, forest] : hrtcs) {
+        on_hrtc(name);
+        publish(name, *forest);
+      }
+      run(50 * kMs);
+    }
+  }
+
+  test_support::HrtcModel hrtc_{model_, spm::PoolSettings::for_slots(40000)};
+  std::uint64_t heartbeats_ = 0;
+};
+
+TEST_F(ShownMeshTest, TheMeshIsThatOfTheOnlyHrtcAlsoIfItIsPartlyRefined) {
+  run(500 * kMs);
+  (void)hrtc_.refine({spm::RegionId{1}, spm::RegionId{2}}, 20000);
+  ASSERT_NE(hrtc_.refine({spm::RegionId{3}}, 300), spm::Advance::kDone);
+  run_with({{"desk", &hrtc_.forest()}}, 1000 * kMs);
+  EXPECT_NE(hrtc_.forest().mesh_hash(), 0u);
+  EXPECT_EQ(object().mesh.mesh_hash(), hrtc_.forest().mesh_hash());
+  EXPECT_EQ(viewer_.published_hash(session::id_of("desk"), session::id_of("sphere")), hrtc_.forest().mesh_hash());
+
+  (void)hrtc_.refine({});
+  run_with({{"desk", &hrtc_.forest()}}, 500 * kMs);
+  EXPECT_EQ(object().mesh.mesh_hash(), 0u) << "the HRTC shows its base mesh";
+}
+
+TEST_F(ShownMeshTest, TheMeshOfOneOfTwoHrtcsCanBeChosen) {
+  test_support::HrtcModel other{model_, spm::PoolSettings::for_slots(40000)};
+  for (std::uint32_t i = 0; i < model_.summary.regions; ++i) (void)other.load(spm::RegionId{i});
+  (void)hrtc_.refine({spm::RegionId{1}});
+  (void)other.refine({spm::RegionId{9}});
+  const std::map<std::string, const spm::Forest*> both{{"desk", &hrtc_.forest()}, {"lab", &other.forest()}};
+  run_with(both, 1500 * kMs);
+  (void)hrtc_.refine({spm::RegionId{1}, spm::RegionId{9}});
+  EXPECT_EQ(object().mesh.mesh_hash(), hrtc_.forest().mesh_hash()) << "without a choice, the union of both";
+
+  viewer_.show_meshes_of("lab");
+  run_with(both, 500 * kMs);
+  EXPECT_EQ(object().mesh.mesh_hash(), other.forest().mesh_hash());
+}
+
+TEST_F(ShownMeshTest, AnIncompleteListIsNotApplied) {
+  run(500 * kMs);
+  (void)hrtc_.refine({spm::RegionId{1}});
+  for (int i = 0; i < 20; ++i) {
+    on_hrtc("desk");
+    publish("desk", hrtc_.forest(), false);
+    run(50 * kMs);
+  }
+  EXPECT_EQ(object().mesh.mesh_hash(), 0u);
 }
 
 TEST_F(ViewerCoreTest, AViewerLeavesIfAnOlderProgramHasItsName) {

@@ -225,6 +225,7 @@ TEST(Check, NamesTheWrongFieldOfMetricsAndControl) {
   expect_invalid(ses::Metrics{}, "figures.name", [](auto& m) { m.figures = {{"", 0}}; });
   expect_invalid(ses::Metrics{}, "figures.value", [](auto& m) { m.figures = {{"f", kNan}}; });
   expect_invalid(ses::Metrics{}, "meshes", [](auto& m) { m.meshes.assign(65, {1, 2}); });
+  expect_invalid(ses::ShownRegions{}, "regions", [](auto& s) { s.regions.assign(1025, {1, 2}); });
   expect_invalid(ses::Control{}, "kind", [](auto& c) { c.kind = static_cast<ses::ControlKind>(2); });
   expect_invalid(ses::Control{}, "text", [](auto& c) { c.text.assign(256, 't'); });
 }

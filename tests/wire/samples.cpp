@@ -75,6 +75,11 @@ ses::Metrics full_sample(const Participants& from) {
 }
 
 template <>
+ses::ShownRegions full_sample(const Participants& from) {
+  return {from.origin(), 17, 18, 0xfedcba9876543210, false, {{0, 1}, {70'000, 5}}};
+}
+
+template <>
 ses::Control full_sample(const Participants& from) {
   return {from.origin(), 5, ses::ControlKind::kMode, "large-scale"};
 }

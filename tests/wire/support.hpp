@@ -114,6 +114,7 @@ inline auto fields(const ses::Pose& p) { return std::tuple{p.position, p.orienta
 inline auto fields(const ses::UserProbe& u) { return std::tuple{u.user, u.probe}; }
 inline auto fields(const ses::Figure& f) { return std::tuple{f.name, f.value}; }
 inline auto fields(const ses::MeshHash& m) { return std::tuple{m.object_id, m.hash}; }
+inline auto fields(const ses::ShownRegion& r) { return std::tuple{r.region, r.applied}; }
 inline auto fields(const ses::Waypoint& w) { return std::tuple{w.session_time_ns, fields(w.pose)}; }
 inline auto fields(const ses::Wanted& w) { return std::tuple{w.region, w.contact_in_us}; }
 inline auto fields(const ses::Toucher& t) { return std::tuple{t.participant, t.incarnation, t.claim}; }
@@ -158,6 +159,9 @@ inline auto fields(const ses::Demand& d) {
 }
 inline auto fields(const ses::Metrics& m) {
   return std::tuple{fields(m.origin), fields(m.figures), fields(m.meshes), m.scene};
+}
+inline auto fields(const ses::ShownRegions& s) {
+  return std::tuple{fields(s.origin), s.object_id, s.digest, s.mesh_hash, s.complete, fields(s.regions)};
 }
 inline auto fields(const ses::Control& c) { return std::tuple{fields(c.origin), c.sequence, c.kind, c.text}; }
 inline auto fields(const ses::EmergencyStop& s) { return std::tuple{fields(s.origin), s.number, s.text}; }
@@ -209,6 +213,8 @@ template <>
 ses::Demand full_sample(const Participants& from);
 template <>
 ses::Metrics full_sample(const Participants& from);
+template <>
+ses::ShownRegions full_sample(const Participants& from);
 template <>
 ses::Control full_sample(const Participants& from);
 template <>

@@ -102,6 +102,8 @@ TEST_F(TwoPrograms, TheLargestSamplesArrive) {
   auto metrics = full_sample<ses::Metrics>(alpha_);
   metrics.figures.assign(ses::kMaxFigures, {name, 1.5});
   metrics.meshes.assign(ses::kMaxMeshes, {~std::uint64_t{0}, ~std::uint64_t{0}});
+  auto shown = full_sample<ses::ShownRegions>(alpha_);
+  shown.regions.assign(ses::kMaxShownRegions, {7, 8});
   auto control = full_sample<ses::Control>(alpha_);
   control.text.assign(ses::kMaxText, 't');
   auto stop = full_sample<ses::EmergencyStop>(alpha_);
@@ -132,6 +134,7 @@ TEST_F(TwoPrograms, TheLargestSamplesArrive) {
   expect_arrival(topics::kRoster, roster);
   expect_arrival(topics::kDemand, demand);
   expect_arrival(topics::kMetrics, metrics);
+  expect_arrival(topics::kShownRegions, shown);
   expect_arrival(topics::kControl, control);
   expect_arrival(topics::kStop, stop);
   expect_arrival(topics::kReset, reset);

@@ -81,6 +81,9 @@ function showScene(message) {
   const hrtcs = message.participants.filter(({ role }) => role === "hrtc").map(({ name }) => name);
   hrtc.replaceChildren(new Option("any HRTC", ""), ...hrtcs.map((name) => new Option(name, name)));
   hrtc.value = hrtcs.includes(wanted) ? wanted : "";
+  const meshOf = element("mesh-of");
+  meshOf.replaceChildren(new Option("all HRTCs", ""), ...hrtcs.map((name) => new Option(name, name)));
+  meshOf.value = hrtcs.includes(message.shownHrtc) ? message.shownHrtc : "";
   updateTouch();
   showObjects();
 }
@@ -105,10 +108,17 @@ function showUsers() {
   }));
 }
 
+/// Names of the HRTCs whose mesh of an object is the shown one, by mesh hash.
+function hrtcsWithMesh(number, name) {
+  const hash = state.meshes.get(number)?.hash;
+  return Object.entries(state.figures ?? {}).filter(([, figures]) => hash && figures.meshes?.[name] === hash).map(([hrtc]) => hrtc);
+}
+
 function showObjects() {
   setRows(element("objects"), (state.scene?.objects ?? []).map(({ number, name, host, faces }) => {
-    const shown = view.objects.get(number);
-    return [name, span(`at ${host}`, "soft"), `${(shown?.faces ?? 0).toLocaleString("en")} of ${faces.toLocaleString("en")} faces`];
+    const shown = view.objects.get(number), same = hrtcsWithMesh(number, name);
+    const mesh = same.length > 0 ? span(`mesh of ${same.join(", ")}`, "exact") : span(`at ${host}`, "soft");
+    return [name, mesh, `${(shown?.faces ?? 0).toLocaleString("en")} of ${faces.toLocaleString("en")} faces`];
   }));
 }
 
@@ -278,6 +288,7 @@ element("stop").addEventListener("click", () => request({ stop: "requested at th
 element("resolution").addEventListener("change", ({ target }) => view.showResolution(target.checked));
 element("wireframe").addEventListener("change", ({ target }) => { view.material.wireframe = target.checked; });
 element("labels").addEventListener("change", ({ target }) => { view.showsNames = target.checked; });
+element("mesh-of").addEventListener("change", ({ target }) => request({ show: target.value }));
 element("follow").addEventListener("change", ({ target }) => { view.followed = target.value || null; });
 
 // ---- drawing ----
