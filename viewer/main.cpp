@@ -1,7 +1,9 @@
 #include <CLI/CLI.hpp>
+#include <chrono>
 #include <iostream>
 #include <random>
 #include <string>
+#include <thread>
 
 #include "viewer/viewer.hpp"
 #include "wire/command_line.hpp"
@@ -14,11 +16,25 @@ Examples:
   tactus view --session lab
   tactus view --session lab --domain 40 --port 8091 --memory 256MiB
   tactus view --session lab --listen 192.168.1.20
+  tactus view --demo
 
 Open the printed address in a browser. `scripts/page` builds the page. Only browsers of this machine can reach it,
 unless --listen names another address. Then two addresses are printed: pages of the first can touch and stop forces,
-pages of the second only show the session.
+pages of the second only show the session. With --demo the page needs no session: it runs one itself.
 Exit status: 0 ended by a signal, 2 wrong input, no page, or the port or the name is taken.)";
+
+/// Serves the page "Touch it now", which has a session of its own.
+int serve_demo(tactus::viewer::ServerSettings server, const std::atomic<bool>& stop) {
+  using namespace tactus;
+  const viewer::ViewerCore no_session{{}, {"view", "demo", spm::PoolSettings::for_slots(1)}, wire::monotonic_ns()};
+  viewer::PageServer pages{server, no_session};
+  std::cout << "http://localhost:" << pages.port() << "/" << std::endl;
+  while (!stop) {
+    pages.poll(wire::monotonic_ns());
+    std::this_thread::sleep_for(std::chrono::milliseconds{2});
+  }
+  return 0;
+}
 
 /// Returns 128 random bits as text.
 std::string random_token() {
@@ -50,7 +66,7 @@ int main(int argc, char** argv) {
   viewer::ViewerOptions options;
   options.address.session = "tactus";
   options.address.participant = "view";
-  options.server.folder = TACTUS_PAGE;
+  bool is_demo = false;
   std::uint64_t memory = 64u << 20;
 
   CLI::App app{"Viewer: shows the objects, users and figures of a session as a page in a browser.", "tactus-view"};
@@ -59,7 +75,10 @@ int main(int argc, char** argv) {
   app.add_option("--listen", options.server.address, "Address of this machine at which the page is served")
       ->capture_default_str();
   app.add_option("--port", options.server.port, "Port of the page; 0: any free port")->capture_default_str();
-  app.add_option("--page", options.server.folder, "Folder of the page")->capture_default_str();
+  app.add_option("--page", options.server.folder, "Folder of the page; default: " TACTUS_PAGE);
+  app.add_flag("--demo", is_demo, "Serve the page \"Touch it now\", which runs a session in the browser")
+      ->excludes("--session")
+      ->excludes("--listen");
   app.add_option("--memory", memory, "Memory of the pool, for the shown meshes of all objects: 64MiB, 1GiB")
       ->transform(CLI::AsSizeValue(false))
       ->default_str("64MiB");
@@ -69,7 +88,9 @@ int main(int argc, char** argv) {
     return app.exit(error) == 0 ? 0 : 2;
   }
   const std::atomic<bool>& stop = wire::stop_signal();
+  if (options.server.folder.empty()) options.server.folder = is_demo ? TACTUS_TOUCH_PAGE : TACTUS_PAGE;
   try {
+    if (is_demo) return serve_demo(options.server, stop);
     constexpr std::uint32_t kMinSlots = 1000;
     options.pool = spm::PoolSettings::for_bytes(memory);
     if (options.pool.slots < kMinSlots) {

@@ -49,6 +49,7 @@ std::string media_type(const std::filesystem::path& file) {
   if (extension == ".html") return "text/html; charset=utf-8";
   if (extension == ".js") return "text/javascript";
   if (extension == ".css") return "text/css";
+  if (extension == ".wasm") return "application/wasm";
   return "application/octet-stream";
 }
 
@@ -317,7 +318,8 @@ struct PageServer::Impl::Exchange : std::enable_shared_from_this<Exchange> {
     response.set(http::field::content_type, file.type);
     response.set(http::field::cache_control, "no-store");
     response.set("Content-Security-Policy",
-                 "default-src 'self'; connect-src 'self'; img-src 'self' data:; frame-ancestors 'none'");
+                 "default-src 'self'; script-src 'self' 'wasm-unsafe-eval'; img-src 'self' data:; "
+                 "frame-ancestors 'none'");
     response.set("X-Frame-Options", "DENY");
     response.set("X-Content-Type-Options", "nosniff");
     response.keep_alive(false);

@@ -11,6 +11,7 @@ const { Browser } = require("../web/browser.js");
 const [programs, pageFolder, screenshot] = process.argv.slice(2);
 const kWidth = 800, kHeight = 600;
 const kFaces = 200000;  // of the organ
+const kPresses = 5;
 const kCrate = 0.12, kCrateX = 0.3;  // m, side of the crate and position of its centre
 const kObjects = `objects:
   - model: organ.spm
@@ -93,9 +94,9 @@ async function touch(browser) {
   await browser.value("document.getElementById('take').click()");
   await browser.until("window.tactus.touching?.isServed", 5);
   await browser.value(`{
-    const times = window.times = {};
-    document.getElementById("scene").addEventListener("pointerdown", () => { times.down = performance.now(); });
+    document.getElementById("scene").addEventListener("pointerdown", () => { window.times = { down: performance.now() }; });
     const watch = () => {
+      const times = window.times ?? {};
       const probe = window.tactus.probes.find(({ user }) => window.tactus.scene.users.find(({ id }) => id === user)?.name === "guest");
       window.ours = probe;
       if (times.down && probe && Math.hypot(...probe.force) > 0.05) times.force ??= performance.now();
@@ -111,11 +112,22 @@ async function touch(browser) {
   await pause(1000);  // the hand moves to the crate
   check("force of the hand above the crate", `${(await browser.value("Math.hypot(...window.ours.force)")).toFixed(2)} N`,
         await browser.value("Math.hypot(...window.ours.force)") === 0, "0 N");
-  await browser.mouse("mousePressed", ...at, true);
-  await browser.until("window.times.force && window.times.exact", 5);
-  const { down, force, exact } = await browser.value("window.times");
-  check("force after the button was pressed", `${(force - down).toFixed(0)} ms`, force - down <= 150, "<= 150 ms");
-  check("exact contact after the button was pressed", `${(exact - down).toFixed(0)} ms`, exact - down <= 150, "<= 150 ms");
+  const latencies = [];  // ms, of force and exact contact after the button was pressed
+  for (let i = 0; i < kPresses; ++i) {
+    if (i > 0) {
+      await browser.mouse("mouseReleased", ...at, false);
+      await browser.until("Math.hypot(...window.ours.force) === 0", 5);
+      await pause(200);
+    }
+    await browser.mouse("mousePressed", ...at, true);
+    await browser.until("window.times?.force && window.times.exact", 5);
+    const { down, force, exact } = await browser.value("window.times");
+    latencies.push(Math.max(force, exact) - down);
+  }
+  latencies.sort((a, b) => a - b);
+  const median = latencies[Math.floor(kPresses / 2)];
+  check(`exact contact after a press, median of ${kPresses}`, `${median.toFixed(0)} ms`, median <= 150, "<= 150 ms");
+  report("the same, longest", `${latencies.at(-1).toFixed(0)} ms`);
   const before = await height();
   await browser.key("g");
   await browser.until("(window.ours.status & 2048) !== 0", 5);
@@ -131,6 +143,22 @@ async function touch(browser) {
   await browser.mouse("mouseReleased", at[0], at[1] - 80, false);
   await browser.value("document.getElementById('take').click()");
   await browser.until("!window.tactus.scene.users.some(({ name }) => name === 'guest')", 5);
+}
+
+/// Pauses, steps back and returns to the present.
+async function stepBack(browser) {
+  const press = () => browser.value("document.getElementById('pause').click()");
+  const shown = () => browser.value(`[${kOrganFaces}, window.tactus.meshes.values().next().value.hash, ...window.tactus.probes[0].device].join()`);
+  await press();
+  const paused = await shown();
+  await pause(500);
+  check("the paused view changes", (await shown()) === paused ? "no" : "yes", (await shown()) === paused, "no");
+  await browser.value("{ const time = document.getElementById('time'); time.value = -3; time.dispatchEvent(new Event('input')); }");
+  const before = await shown();
+  const ago = await browser.value("document.getElementById('ago').textContent");
+  check("the view 3 s ago differs", before === paused ? "no" : "yes", before !== paused && /^3\.[0-4] s ago$/.test(ago), "yes");
+  await press();
+  await browser.until("window.tactus.isLive", 1);
 }
 
 async function look(browser) {
@@ -174,6 +202,7 @@ async function look(browser) {
   check(`pictures a second, ${kWidth} x ${kHeight}`, pictures.toFixed(1), pictures >= 20, ">= 20");
   writeFileSync(screenshot, await browser.screenshot());
 
+  await stepBack(browser);
   await touch(browser);
 
   viewer.kill("SIGKILL");
@@ -192,7 +221,7 @@ async function look(browser) {
   const sameMesh = (name) => `(() => {
     const { scene, meshes, figures } = window.tactus;
     const { number } = scene.objects.find((object) => object.name === "${name}");
-    return meshes.get(number).hash !== "0" && meshes.get(number).hash === figures["hrtc-1"].meshes["${name}"];
+    return meshes.get(number).hash !== "0" && meshes.get(number).hash === figures["hrtc-1"]?.meshes?.["${name}"];
   })()`;
   await browser.until(sameMesh("organ"), 5);
   const hash = await browser.value("window.tactus.figures['hrtc-1'].meshes.organ");

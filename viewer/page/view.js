@@ -1,5 +1,6 @@
 // The page of a viewer: shows the session whose frames arrive over one WebSocket.
 import { readFrame } from "./frames.js";
+import { History } from "./history.js";
 import { PointedHand } from "../../web/page/pointed_hand.js";
 import { Strip } from "./strip.js";
 import { ViewScene } from "./view_scene.js";
@@ -13,9 +14,9 @@ const kNoObject = 0xffffffff;
 const element = (id) => document.getElementById(id);
 /// For tests and curious users: the newest messages and what is drawn.
 const state = window.tactus = { scene: null, probes: [], poses: [], figures: null, meshes: new Map(), connections: 0,
-                                isConnected: false, error: null, pictures: 0, firstPictureMs: null, touching: null };
+                                isConnected: false, isLive: true, error: null, pictures: 0, firstPictureMs: null, touching: null };
 const users = new Map();   // by id: {name, colour, hrtc}
-const strips = new Map();  // by HRTC: {element, strip, text}
+const strips = new Map();  // by HRTC: {element, text, strips: {cycle, exact, rate, pool}, before}
 
 let view;
 try {
@@ -117,9 +118,44 @@ function hrtcsWithMesh(number, name) {
 function showObjects() {
   setRows(element("objects"), (state.scene?.objects ?? []).map(({ number, name, host, faces }) => {
     const shown = view.objects.get(number), same = hrtcsWithMesh(number, name);
-    const mesh = same.length > 0 ? span(`mesh of ${same.join(", ")}`, "exact") : span(`at ${host}`, "soft");
-    return [name, mesh, `${(shown?.faces ?? 0).toLocaleString("en")} of ${faces.toLocaleString("en")} faces`];
+    const mesh = same.length > 0 ? span(`= ${same.join(", ")}`, "exact") : span("", "soft");
+    mesh.title = `served by ${host}` + (same.length > 0 ? `; the same mesh as that of ${same.join(" and ")}` : "");
+    return [name, mesh, `${(shown?.faces ?? 0).toLocaleString("en")} of ${faces.toLocaleString("en")}`];
   }));
+}
+
+/// Makes the element of an HRTC, with its strips.
+function addStrips(name) {
+  const shown = document.createElement("div");
+  shown.className = "hrtc";
+  const text = span("", "soft"), line = document.createElement("div"), grid = document.createElement("div");
+  grid.className = "strips";
+  line.append(name, text);
+  shown.append(line, grid);
+  element("hrtcs").append(shown);
+  const add = (...options) => {
+    const strip = new Strip(...options);
+    grid.append(strip.canvas);
+    return strip;
+  };
+  strips.set(name, { element: shown, text, before: null, strips: { cycle: add("cycle p99", "us", 50), exact: add("exact", "%", 100),
+                                                                   rate: add("received", "kB/s", 10), pool: add("pool", "%", 100) } });
+}
+
+/// Adds to the strips what has changed since the figures before.
+function updateStrips(shown, figures, nowMs) {
+  const { cycle, exact, rate, pool } = shown.strips, before = shown.before;
+  const counts = { cycles: figures["hrtc.contact_cycles"], exact: figures["hrtc.exact_cycles"], bytes: figures["hrtc.bytes_received"], nowMs };
+  if (before && counts.cycles === before.cycles && counts.bytes === before.bytes && nowMs - before.nowMs < 900) return;
+  cycle.add(figures["hrtc.cycle_us.p99"]);
+  pool.add(100 * figures["hrtc.pool_used"] / figures["hrtc.pool_limit"]);
+  if (before) {
+    const cycles = counts.cycles - before.cycles;
+    exact.add(cycles > 0 ? 100 * (counts.exact - before.exact) / cycles : undefined);
+    rate.add((counts.bytes - before.bytes) / (nowMs - before.nowMs));
+  }
+  shown.before = counts;
+  for (const strip of Object.values(shown.strips)) strip.draw();
 }
 
 function showFigures(message) {
@@ -131,21 +167,11 @@ function showFigures(message) {
     strips.delete(name);
   }
   for (const [name, figures] of hrtcs) {
-    if (!strips.has(name)) {
-      const shown = document.createElement("div");
-      shown.className = "hrtc";
-      const text = span("", "soft"), line = document.createElement("div"), canvas = document.createElement("canvas");
-      line.append(name, text);
-      shown.append(line, canvas);
-      element("hrtcs").append(shown);
-      strips.set(name, { element: shown, strip: new Strip(canvas), text });
-    }
-    const { strip, text } = strips.get(name);
-    const p99 = figures["hrtc.cycle_us.p99"];
-    if (p99 !== undefined) strip.add(p99);
-    const pool = 100 * figures["hrtc.pool_used"] / figures["hrtc.pool_limit"];
-    text.textContent = `${Math.round(figures["hrtc.rate_hz"] ?? 0)} Hz, cycle p99 ${p99?.toFixed(0) ?? "?"} us, pool ${pool.toFixed(0)} %`;
-    strip.draw();
+    if (!strips.has(name)) addStrips(name);
+    const shown = strips.get(name);
+    const late = (figures["hrtc.overruns"] ?? 0) + (figures["hrtc.preempted"] ?? 0);
+    shown.text.textContent = `${Math.round(figures["hrtc.rate_hz"] ?? 0)} Hz, ${late.toLocaleString("en")} late cycles`;
+    updateStrips(shown, figures, performance.now());
   }
   showObjects();
 }
@@ -159,16 +185,47 @@ function receive({ data }) {
     else if (message.type === "notice") endTouch(message.text);
     return;
   }
-  const frame = readFrame(data);
-  if (frame.mesh) {
-    view.applyMesh(frame.mesh);
-    state.meshes.set(frame.mesh.object, { faces: frame.mesh.faces, hash: frame.mesh.hash.toString() });
-  } else {
+  history.add(readFrame(data), performance.now());
+}
+
+// ---- time ----
+
+function applyMesh(mesh) {
+  const before = view.applyMesh(mesh);
+  if (before) state.meshes.set(mesh.object, { faces: mesh.faces, hash: mesh.hash.toString() });
+  return before;
+}
+
+const history = new History({
+  apply(entry) { if (entry.frame.mesh) entry.before = applyMesh(entry.frame.mesh); },
+  undo(entry) { if (entry.before) applyMesh(entry.before); },
+  showProbes(frame) {
     state.probes = frame.probes;
     state.poses = frame.poses;
     view.setProbes(frame, users);
-  }
+  },
+});
+
+/// Shows the session as it was `ago` milliseconds before now. 0: live.
+function showTime(ago) {
+  history.show(ago, performance.now());
+  state.isLive = history.isLive;
+  element("pause").textContent = history.isLive ? "Pause" : "Live";
+  element("pause").classList.toggle("on", !history.isLive);
+  document.body.classList.toggle("paused", !history.isLive);
+  showAge();
 }
+
+function showAge() {
+  const ago = history.isLive || history.shownMs() === null ? 0 : 1e-3 * (performance.now() - history.shownMs());
+  element("ago").textContent = history.isLive ? "live" : `${ago.toFixed(1)} s ago`;
+}
+
+element("pause").addEventListener("click", () => {
+  element("time").value = 0;
+  showTime(history.isLive ? 1 : 0);
+});
+element("time").addEventListener("input", ({ target }) => showTime(-1e3 * Number(target.value)));
 
 // ---- touch ----
 
@@ -189,6 +246,7 @@ function beginTouch() {
     hint("The name needs 1 to 32 letters, digits or . _ -", true);
     return;
   }
+  showTime(0);
   request({ touch: hrtc ? { user, hrtc } : { user } });
   state.touching = { user, isServed: false, grabsByPad: false, target: null };
   hand.clear();
@@ -263,6 +321,9 @@ function connect() {
   socket.onopen = () => {
     ++state.connections;
     state.isConnected = true;
+    history.clear();
+    element("time").value = 0;
+    showTime(0);
     state.meshes.clear();
     state.probes = [];
     if (location.hash) socket.send(JSON.stringify({ token: location.hash.slice(1) }));
@@ -288,6 +349,7 @@ element("stop").addEventListener("click", () => request({ stop: "requested at th
 element("resolution").addEventListener("change", ({ target }) => view.showResolution(target.checked));
 element("wireframe").addEventListener("change", ({ target }) => { view.material.wireframe = target.checked; });
 element("labels").addEventListener("change", ({ target }) => { view.showsNames = target.checked; });
+element("forces").addEventListener("change", ({ target }) => { view.showsForces = target.checked; });
 element("mesh-of").addEventListener("change", ({ target }) => request({ show: target.value }));
 element("follow").addEventListener("change", ({ target }) => { view.followed = target.value || null; });
 
@@ -306,6 +368,9 @@ function draw(now) {
 }
 
 state.screenOf = (point) => view.screenOf(point);
-setInterval(showUsers, 100);
+setInterval(() => {
+  showUsers();
+  showAge();
+}, 100);
 connect();
 requestAnimationFrame(draw);

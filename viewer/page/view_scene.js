@@ -8,6 +8,8 @@ const kCoarse = [87, 107, 133], kFine = [237, 153, 69], kPlain = [176, 187, 200]
 /// The mesh of an object. Its buffers have the rows of the viewer's frames; an empty row is a face without area.
 class ShownObject {
   constructor(scene, description, material) {
+    this.rows = this.faces = 0;
+    this.hash = 0n;
     this.finest = new Uint8Array(0);  // by row
     this.positions = new Float32Array(0);
     this.colours = new Uint8Array(0);
@@ -44,13 +46,20 @@ class ShownObject {
     this.mesh.geometry.boundingSphere = new three.Sphere(new three.Vector3(), Infinity);  // spares its computation
   }
 
+  /// Writes the rows of a frame. Returns a frame that restores the present rows.
   apply(frame, showsResolution) {
     if (frame.isWhole) this.positions.fill(0);
-    this.reserve(frame.rows);
+    const before = { object: frame.object, isWhole: false, rows: this.rows, faces: this.faces, hash: this.hash,
+                     changed: new Uint32Array(frame.changed.length), corners: new Float32Array(frame.corners.length) };
+    this.reserve(Math.max(frame.rows, this.rows));
     this.mesh.geometry.setDrawRange(0, 3 * frame.rows);
+    this.rows = frame.rows;
     this.faces = frame.faces;
+    this.hash = frame.hash;
     frame.changed.forEach((number, i) => {
       const row = number & 0x7fffffff;
+      before.changed[i] = (row | this.finest[row] << 31) >>> 0;
+      before.corners.set(this.positions.subarray(9 * row, 9 * row + 9), 9 * i);
       this.finest[row] = number >>> 31;
       this.positions.set(frame.corners.subarray(9 * i, 9 * i + 9), 9 * row);
       this.colour(row, showsResolution);
@@ -58,11 +67,12 @@ class ShownObject {
     const { position, color } = this.mesh.geometry.attributes;
     const low = frame.changed.reduce((least, number) => Math.min(least, number & 0x7fffffff), frame.rows);
     const high = frame.changed.reduce((most, number) => Math.max(most, number & 0x7fffffff), 0);
-    if (frame.changed.length === 0) return;
+    if (frame.changed.length === 0) return before;
     for (const attribute of [position, color]) {
       attribute.addUpdateRange(9 * low, 9 * (high - low + 1));
       attribute.needsUpdate = true;
     }
+    return before;
   }
 
   colour(row, showsResolution) {
@@ -105,6 +115,7 @@ export class ViewScene {
     this.probes = new Map();   // by user id
     this.showsResolution = true;
     this.showsNames = true;
+    this.showsForces = true;
     this.followed = null;      // user id
     this.hasView = false;      // the camera was placed so that it sees all objects
     this.raycaster = new three.Raycaster();
@@ -141,7 +152,8 @@ export class ViewScene {
     this.hasView = true;
   }
 
-  applyMesh(frame) { this.objects.get(frame.object)?.apply(frame, this.showsResolution); }
+  /// Returns a frame that undoes this one, or null without the object.
+  applyMesh(frame) { return this.objects.get(frame.object)?.apply(frame, this.showsResolution) ?? null; }
 
   showResolution(shows) {
     this.showsResolution = shows;
@@ -164,7 +176,8 @@ export class ViewScene {
       }
       const shown = this.probes.get(state.user), isTouching = (state.status & 1) !== 0;
       const proxy = isTouching ? state.proxy : state.device;
-      shown.probe.update(new Float32Array([...state.device, ...proxy, ...state.force, state.errorBound, 1, isTouching, 0]));
+      const force = this.showsForces ? state.force : [0, 0, 0];
+      shown.probe.update(new Float32Array([...state.device, ...proxy, ...force, state.errorBound, 1, isTouching, 0]));
       shown.proxy = new three.Vector3().fromArray(proxy);
       const newtons = Math.hypot(...state.force);
       shown.label.textContent = newtons > 0.05 ? `${name} ${newtons.toFixed(1)} N` : name;
