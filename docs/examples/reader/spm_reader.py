@@ -447,11 +447,12 @@ class Mesh:
             if abs(normal[k]) > abs(normal[third]):
                 third = k
         a, b = (third + 1) % 3, (third + 2) % 3
+        slope = [-n / normal[third] if normal[third] != 0 else 0.0 for n in normal]
         for axis, residual in ((a, residuals[0]), (b, residuals[1]), (third, residuals[2])):
             predicted = expected[axis]
-            if axis == third and normal[third] != 0:
-                predicted = (predicted + -normal[a] / normal[third] * (p[3 * u + a] - expected[a]) +
-                             -normal[b] / normal[third] * (p[3 * u + b] - expected[b]))
+            if axis == third:
+                predicted = (predicted + slope[a] * (p[3 * u + a] - expected[a]) +
+                             slope[b] * (p[3 * u + b] - expected[b]))
             value = base.decode(axis, base.encode(axis, predicted) + residual & MASK32)
             require(base.bounds_min[axis] <= value <= base.bounds_max[axis], 'a position is out of the bounds')
             p[3 * u + axis] = value
