@@ -325,7 +325,7 @@ class Mesh:
     """The mesh after the records applied so far: positions by vertex id, and a corner table.
 
     Corner c of face f has the index 3 f + c. `opposite` has the corner across the edge opposite to a corner, or -1.
-    `applied` has each applied record as plain numbers: what a receiver stores of it.
+    `applied` has the content of each applied record: parent, radius code, parts, checksum.
     """
 
     def __init__(self, base):
