@@ -162,6 +162,18 @@ int check(const Settings& settings, const ToolStreams& streams) {
   return result.mismatches.empty() ? kDone : kCheckFailed;
 }
 
+void write_and_report(const Settings& settings, const std::string& source, const TriangleMesh& mesh,
+                      const ToolStreams& streams) {
+  write_mesh(settings.out, mesh);
+  if (settings.json) {
+    streams.out << nlohmann::ordered_json{{"vertices", mesh.positions.size()}, {"faces", mesh.faces.size()}}.dump(2)
+                << "\n";
+  } else {
+    streams.out << source << ": " << mesh.positions.size() << " vertices, " << mesh.faces.size() << " faces in "
+                << settings.out << "\n";
+  }
+}
+
 int make(const Settings& settings, const ToolStreams& streams) {
   const std::filesystem::path path{settings.out};
   TriangleMesh mesh = generate(shape_from_name(settings.shape), settings.faces, settings.seed);
@@ -170,14 +182,17 @@ int make(const Settings& settings, const ToolStreams& streams) {
       return build_model(std::move(mesh), build_options(settings, false), progress);
     });
   }
-  write_mesh(path, mesh);
-  if (settings.json) {
-    streams.out << nlohmann::ordered_json{{"vertices", mesh.positions.size()}, {"faces", mesh.faces.size()}}.dump(2)
-                << "\n";
-  } else {
-    streams.out << settings.shape << ": " << mesh.positions.size() << " vertices, " << mesh.faces.size() << " faces in "
-                << path.string() << "\n";
-  }
+  write_and_report(settings, settings.shape, mesh, streams);
+  return kDone;
+}
+
+int export_finest(const Settings& settings, const ToolStreams& streams) {
+  spm::OwnedModel decoded;
+  const MappedModel mapped{settings.file, &decoded};
+  TriangleMesh mesh;
+  mesh.faces = finest_faces(decoded.model());
+  mesh.positions = std::move(decoded.positions);
+  write_and_report(settings, settings.file, mesh, streams);
   return kDone;
 }
 
@@ -208,12 +223,14 @@ class CommandLine {
         "  tactus-mesh build organ.ply organ.spm --size 0.1\n"
         "  tactus-mesh info organ.spm --json\n"
         "  tactus-mesh verify organ.spm organ.ply\n"
+        "  tactus-mesh export organ.spm finest.ply\n"
         "  tactus-mesh audit hrtc-1.hlog organ.ply --spm organ.spm\n"
         "Exit status: 0 done, 1 a check failed, 2 bad input.");
     add_build();
     add_info();
     add_verify();
     add_generate();
+    add_export();
     add_audit();
   }
 
@@ -223,6 +240,7 @@ class CommandLine {
     if (build_->parsed()) return build(settings_, size_->count() > 0, streams);
     if (info_->parsed()) return info(settings_, streams);
     if (verify_->parsed()) return check(settings_, streams);
+    if (export_->parsed()) return export_finest(settings_, streams);
     if (audit_->parsed()) return audit_log(settings_, audit_json_->count() > 0, streams);
     return make(settings_, streams);
   }
@@ -280,6 +298,15 @@ class CommandLine {
     add_density(generate_);
     add_report(generate_);
   }
+  void add_export() {
+    export_ = app_.add_subcommand("export", "Write the finest mesh of an .spm model as a mesh file");
+    export_->footer(
+        "Example: tactus-mesh export organ.spm finest.ply\n"
+        "Vertices and faces are in the order of their ids. Coordinates have the bits of FILE.");
+    export_->add_option("FILE", settings_.file, "The .spm file")->required();
+    export_->add_option("OUT", settings_.out, "The file to write: .ply, .obj or .stl")->required();
+    export_->add_flag("--json", settings_.json, "Report as JSON");
+  }
   void add_audit() {
     audit_ = app_.add_subcommand("audit", "Check an HRTC's contact log against the original model");
     audit_->footer(
@@ -321,7 +348,8 @@ class CommandLine {
   }
 
   CLI::App app_{"Builds, describes, checks and generates models for Tactus", "tactus-mesh"};
-  CLI::App *build_ = nullptr, *info_ = nullptr, *verify_ = nullptr, *generate_ = nullptr, *audit_ = nullptr;
+  CLI::App *build_ = nullptr, *info_ = nullptr, *verify_ = nullptr, *generate_ = nullptr, *export_ = nullptr,
+           *audit_ = nullptr;
   CLI::Option *size_ = nullptr, *audit_json_ = nullptr;
   Settings settings_;
 };

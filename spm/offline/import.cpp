@@ -109,6 +109,17 @@ void check_indices(const aiScene& scene, const std::filesystem::path& path) {
   }
 }
 
+/// Throws if the scene lacks a node. assimp loses the nodes of some files and reports success, so their meshes would be
+/// missing without a message.
+void check_nodes(const aiNode& node, const std::filesystem::path& path) {
+  for (unsigned i = 0; i < node.mNumChildren; ++i) {
+    if (node.mChildren[i] == nullptr)
+      fail(path, "found an empty node, expected all " + std::to_string(node.mNumChildren) +
+                     " nodes of the file; assimp cannot read this file, so convert it to another format");
+    check_nodes(*node.mChildren[i], path);
+  }
+}
+
 using Matrix = Eigen::Matrix4d;
 
 Matrix matrix_of(const aiMatrix4x4& m) {
@@ -179,6 +190,7 @@ TriangleMesh import_with(Assimp::Importer& importer, const std::filesystem::path
   const aiScene* scene = importer.ReadFile(path.string(), 0);
   if (scene == nullptr) fail(path, std::string{"cannot be read as a model: "} + importer.GetErrorString());
   check_indices(*scene, path);
+  if (scene->mRootNode != nullptr) check_nodes(*scene->mRootNode, path);
   TriangleMesh mesh;
   if (scene->mRootNode != nullptr) append_node(*scene, *scene->mRootNode, Matrix::Identity(), mesh, found);
   if (mesh.faces.empty()) fail(path, "found " + described(*scene, found) + ", expected a surface of triangles");

@@ -50,6 +50,17 @@ TEST_F(MeshTool, BuildsAGeneratedMeshAndVerifiesTheModel) {
   EXPECT_GT(json["regions"], 20);
 }
 
+TEST_F(MeshTool, ExportsTheFinestMeshToTheBit) {
+  ASSERT_EQ(run({"generate", "organ", path("a.ply"), "--faces", "3000", "--seed", "4"}).code, kDone);
+  ASSERT_EQ(run({"build", path("a.ply"), path("a.spm")}).code, kDone);
+  const Outcome outcome = run({"export", path("a.spm"), path("b.ply"), "--json"});
+  EXPECT_EQ(outcome.code, kDone) << outcome.errors;
+  EXPECT_EQ(nlohmann::json::parse(outcome.out)["faces"], 3000);
+  // A model of the exported mesh restores the original mesh.
+  ASSERT_EQ(run({"build", path("b.ply"), path("b.spm")}).code, kDone);
+  EXPECT_EQ(run({"verify", path("b.spm"), path("a.ply")}).code, kDone);
+}
+
 TEST_F(MeshTool, VerifyFailsOnAnotherMesh) {
   ASSERT_EQ(run({"generate", "organ", path("a.spm"), "--faces", "2000", "--seed", "1"}).code, kDone);
   ASSERT_EQ(run({"generate", "organ", path("b.stl"), "--faces", "2000", "--seed", "2"}).code, kDone);
@@ -193,6 +204,8 @@ TEST_F(MeshTool, RefusesBadInputWithAMessageThatNamesIt) {
       {{"info", path("newer.spm")}, "version 99"},
       {{"info", path("cut.spm")}, "truncated"},
       {{"verify", path("good.spm"), path("missing.ply")}, "missing.ply"},
+      {{"export", path("good.ply"), path("x.ply")}, "good.ply: not an .spm file"},
+      {{"export", path("good.spm"), path("x.xyz")}, "x.xyz: extension"},
       {{"generate", "cube", path("x.ply")}, "cube"},
       {{"generate", "sphere", path("x.ply"), "--faces", "3"}, "faces: found 3"},
       {{"generate", "sphere", path("x.xyz")}, "x.xyz: extension"},

@@ -294,6 +294,12 @@ TEST_F(Import, RefusesAMissingFileAnEmptyFileAndAFolder) {
   EXPECT_THAT(import_error(folder_.path()), HasSubstr("no regular file"));
 }
 
+TEST_F(Import, RefusesAFileOfWhichAssimpLosesANode) {
+  // For a RAW file of two groups, assimp 5.2 returns a root with a null child.
+  EXPECT_THAT(import_error(write_file("groups.raw", "a\n0 0 0 1 0 0 0 1 0\nb\n0 0 1 1 0 1 0 1 1\n")),
+              HasSubstr("groups.raw: found an empty node"));
+}
+
 TEST_F(Import, RefusesAFileThatIsNoModel) {
   EXPECT_THAT(import_error(write_file("letter.txt", "Dear reader,\n")),
               HasSubstr("letter.txt: cannot be read as a model"));
