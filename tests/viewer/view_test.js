@@ -7,12 +7,13 @@ const { mkdtempSync, rmSync, writeFileSync } = require("fs");
 const { tmpdir } = require("os");
 const { join } = require("path");
 const { Browser } = require("../web/browser.js");
+const { joinPictures } = require("./film.js");
 
 const [programs, pageFolder, screenshot] = process.argv.slice(2);
 const kWidth = 800, kHeight = 600;
 const kFaces = 200000;  // of the organ
 const kPresses = 5;
-const kCrate = 0.12, kCrateX = 0.3;  // m, side of the crate and position of its centre
+const kCrate = 0.12, kCrateX = 0.22;  // m, side of the crate and position of its centre
 const kObjects = `objects:
   - model: organ.spm
     position: [0, 0, 0.1]
@@ -24,7 +25,7 @@ const kObjects = `objects:
 const kSession = `view-test-${process.pid}`, kDomain = String(1 + 3 * (process.pid % 30));
 const kOrganFaces = "window.tactus.meshes.get(window.tactus.scene.objects.find(({ name }) => name === 'organ').number).faces";
 const kScenario = `name: two users
-duration: 120
+duration: 900
 users:
   - name: ann
     repeat: true
@@ -145,6 +146,31 @@ async function touch(browser) {
   await browser.until("!window.tactus.scene.users.some(({ name }) => name === 'guest')", 5);
 }
 
+/// Films ten seconds in which the page's user presses on the crate, lifts it and puts it down again.
+async function film(browser) {
+  const kPictures = 50, kPictureMs = 200;
+  await browser.value("document.getElementById('take').click()");
+  await browser.until("window.tactus.touching?.isServed", 5);
+  const at = await browser.value(`window.tactus.screenOf([${kCrateX}, ${-kCrate / 2}, ${0.7 * kCrate}])`);
+  const pictures = [], began = performance.now();
+  for (let i = 0; i < kPictures; ++i) {
+    await pause(began + kPictureMs * i - performance.now());
+    const t = i / kPictures, raised = 90 * Math.sin(Math.PI * Math.min(1, Math.max(0, (t - 0.3) / 0.6)));
+    const x = at[0] + 25 * Math.sin(12 * Math.min(t, 0.25)), y = at[1] - raised;
+    if (i === 5) await browser.mouse("mousePressed", x, y, true);
+    if (i === Math.round(0.28 * kPictures) || i === Math.round(0.92 * kPictures)) await browser.key("g");
+    await browser.mouse("mouseMoved", x, y, i >= 5);
+    pictures.push(await browser.screenshot());
+  }
+  await browser.mouse("mouseReleased", at[0], at[1], false);
+  await browser.value("document.getElementById('take').click()");
+  await browser.until("!window.tactus.scene.users.some(({ name }) => name === 'guest')", 5);
+  writeFileSync(screenshot.replace(/\.png$/, "-still.png"), pictures[Math.round(0.6 * kPictures)]);
+  const bytes = joinPictures(pictures, kPictureMs);
+  writeFileSync(screenshot.replace(/\.png$/, "-film.png"), bytes);
+  check("film of ten seconds", `${(bytes.length / 1e6).toFixed(2)} MB`, bytes.length <= 3e6, "<= 3 MB");
+}
+
 /// Pauses, steps back and returns to the present.
 async function stepBack(browser) {
   const press = () => browser.value("document.getElementById('pause').click()");
@@ -204,6 +230,7 @@ async function look(browser) {
 
   await stepBack(browser);
   await touch(browser);
+  await film(browser);
 
   viewer.kill("SIGKILL");
   await browser.until("!window.tactus.isConnected", 10);
