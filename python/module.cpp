@@ -1,0 +1,23 @@
+// The extension module tactus._tactus. python/tactus/__init__.py is its public face.
+#include "python/bindings.hpp"
+#include "spm/offline/triangle_mesh.hpp"
+
+namespace {
+
+namespace py = pybind11;
+
+/// Adds an exception class with a docstring, as which C++ exceptions of type `Error` arrive in Python. Their texts are
+/// those of C++.
+template <class Error>
+void add_error(py::module_& module, const char* name, const char* doc) {
+  py::register_exception<Error>(module, name, PyExc_RuntimeError).attr("__doc__") = doc;
+}
+
+}  // namespace
+
+PYBIND11_MODULE(_tactus, module) {
+  module.doc() = "The compiled part of the package tactus.";
+  add_error<tactus::spm::offline::ModelError>(module, "ModelError",
+                                              "An unusable mesh, model file or option of a build.");
+  tactus::python::add_models(module);
+}
