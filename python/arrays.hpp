@@ -52,10 +52,23 @@ struct Field {
 };
 [[nodiscard]] py::dtype record_type(std::initializer_list<Field> fields, std::size_t bytes);
 
+/// The type of a structured array of `Record`. It is set when the module is imported and exists until the process ends,
+/// because to make a type takes as long as some ten queries.
+template <class Record>
+inline py::handle row_type_handle;
+template <class Record>
+void set_row_type(std::initializer_list<Field> fields) {
+  row_type_handle<Record> = record_type(fields, sizeof(Record)).release();
+}
+template <class Record>
+py::dtype row_type() {
+  return py::reinterpret_borrow<py::dtype>(row_type_handle<Record>);
+}
+
 /// A read-only structured view of records. `owner` becomes the base of the view.
 template <class Record>
-py::array view_of_records(std::span<const Record> records, const py::dtype& type, py::handle owner) {
-  py::array view{type, {records.size()}, {sizeof(Record)}, records.data(), owner};
+py::array view_of_records(std::span<const Record> records, py::handle owner) {
+  py::array view{row_type<Record>(), {records.size()}, {sizeof(Record)}, records.data(), owner};
   view.attr("setflags")(py::arg("write") = false);
   return view;
 }
@@ -68,10 +81,10 @@ py::capsule owner_of(std::vector<T>&& values, std::vector<T>*& moved) {
 }
 /// A structured array that owns its records without a copy.
 template <class Record>
-py::array array_of_records(std::vector<Record>&& records, const py::dtype& type) {
+py::array array_of_records(std::vector<Record>&& records) {
   std::vector<Record>* moved;
   const py::capsule owner = owner_of(std::move(records), moved);
-  return py::array{type, {moved->size()}, {sizeof(Record)}, moved->data(), owner};
+  return py::array{row_type<Record>(), {moved->size()}, {sizeof(Record)}, moved->data(), owner};
 }
 /// An array of shape (n, columns) that owns its rows without a copy.
 template <class T, std::size_t columns>

@@ -120,17 +120,7 @@ void save_model(const SharedModel& model, const std::filesystem::path& path) {
 }
 
 py::array regions_of(const py::object& self) {
-  using spm::Region;
-  static const py::handle kType = record_type({{"cell", "(3,)u2", offsetof(Region, cell)},
-                                               {"depth", "u2", offsetof(Region, depth)},
-                                               {"occupied", "(2,)u4", offsetof(Region, occupied)},
-                                               {"records", "u4", offsetof(Region, record_count)},
-                                               {"parts", "u4", offsetof(Region, part_count)},
-                                               {"faces", "u4", offsetof(Region, face_count)}},
-                                              sizeof(Region))
-                                      .release();
-  return view_of_records(std::span<const Region>{self.cast<const SharedModel&>().arrays().regions},
-                         py::reinterpret_borrow<py::dtype>(kType), self);
+  return view_of_records(std::span<const spm::Region>{self.cast<const SharedModel&>().arrays().regions}, self);
 }
 
 py::array_t<std::uint32_t> regions_near(const SharedModel& model, const Numbers& centre, double radius) {
@@ -301,6 +291,13 @@ Faces SharedModel::refined_faces(std::span<const std::int64_t> regions) const {
 }
 
 void add_models(py::module_& module) {
+  using spm::Region;
+  set_row_type<Region>({{"cell", "(3,)u2", offsetof(Region, cell)},
+                        {"depth", "u2", offsetof(Region, depth)},
+                        {"occupied", "(2,)u4", offsetof(Region, occupied)},
+                        {"records", "u4", offsetof(Region, record_count)},
+                        {"parts", "u4", offsetof(Region, part_count)},
+                        {"faces", "u4", offsetof(Region, face_count)}});
   add_mesh(module);
   add_summary(module);
   py::class_<SharedModel, std::shared_ptr<SharedModel>>(

@@ -20,4 +20,5 @@ PYBIND11_MODULE(_tactus, module) {
   add_error<tactus::spm::offline::ModelError>(module, "ModelError",
                                               "An unusable mesh, model file or option of a build.");
   tactus::python::add_models(module);
+  tactus::python::add_refinement(module);
 }

@@ -1,6 +1,6 @@
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from os import PathLike
-from typing import Any, TypedDict
+from typing import TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -97,3 +97,33 @@ def build(
     threads: int = 0,
     progress: Progress | None = None,
 ) -> Model: ...
+
+class LocalRefinement:
+    def __init__(
+        self,
+        model: Model,
+        radius: float,
+        *,
+        memory: int = ...,
+        refine_margin: float = 0.0,
+        retain_margin: float = 0.0,
+        look_ahead: float = 0.01,
+        load_ahead: float = 0.2,
+        min_speed: float = 0.0,
+        targets: int = 1024,
+    ) -> None: ...
+    def approach(self, position: ArrayLike, time: float, in_contact: bool = False) -> None: ...
+    def refine(self, budget: int = 4000) -> bool: ...
+    def find_contacts(
+        self, centres: ArrayLike, radius: float | None = None
+    ) -> tuple[NDArray[np.void], NDArray[np.int64]]: ...
+    def nearest(self, points: ArrayLike, max_distance: float) -> NDArray[np.void]: ...
+    def sweep(self, starts: ArrayLike, ends: ArrayLike, radius: float | None = None) -> NDArray[np.void]: ...
+    def follow(self, path: ArrayLike, interval: float = 0.001, budget: int = 4000) -> NDArray[np.void]: ...
+    def shown_triangles(self) -> tuple[NDArray[np.float32], NDArray[np.uint32]]: ...
+    @property
+    def exact(self) -> bool: ...
+    @property
+    def evictions(self) -> int: ...
+    @property
+    def radius(self) -> float: ...
