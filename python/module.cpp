@@ -1,4 +1,5 @@
 // The extension module tactus._tactus. python/tactus/__init__.py is its public face.
+#include "netem/profile.hpp"
 #include "python/bindings.hpp"
 #include "spm/offline/triangle_mesh.hpp"
 
@@ -19,6 +20,8 @@ PYBIND11_MODULE(_tactus, module) {
   module.doc() = "The compiled part of the package tactus.";
   add_error<tactus::spm::offline::ModelError>(module, "ModelError",
                                               "An unusable mesh, model file or option of a build.");
+  add_error<tactus::netem::LinkError>(module, "LinkError", "An unknown link, or a setting of a link out of range.");
   tactus::python::add_models(module);
   tactus::python::add_refinement(module);
+  tactus::python::add_probe(module);
 }

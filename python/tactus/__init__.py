@@ -3,6 +3,6 @@
 docs/tutorials/first-script.md is a first program, docs/reference/python.md lists everything.
 """
 
-from tactus._tactus import LocalRefinement, Mesh, Model, ModelError, Summary, build
+from tactus._tactus import LinkError, LocalRefinement, Mesh, Model, ModelError, Probe, Summary, build
 
-__all__ = ["LocalRefinement", "Mesh", "Model", "ModelError", "Summary", "build"]
+__all__ = ["LinkError", "LocalRefinement", "Mesh", "Model", "ModelError", "Probe", "Summary", "build"]

@@ -11,6 +11,7 @@ Path = str | PathLike[str]
 Progress = Callable[[str, float], object]
 
 class ModelError(RuntimeError): ...
+class LinkError(RuntimeError): ...
 
 class Mesh:
     def __init__(self, vertices: ArrayLike, faces: ArrayLike) -> None: ...
@@ -127,3 +128,28 @@ class LocalRefinement:
     def evictions(self) -> int: ...
     @property
     def radius(self) -> float: ...
+
+class Probe:
+    def __init__(
+        self,
+        model: Model,
+        radius: float = 0.003,
+        link: str = "P0",
+        *,
+        remote_device: bool = False,
+        stiffness: float = 1000.0,
+        damping: float = 1.0,
+        static_friction: float = 0.0,
+        dynamic_friction: float = 0.0,
+        seed: int = 1,
+        slots: int = 65536,
+        budget: int = 16384,
+    ) -> None: ...
+    def run(self, path: ArrayLike, interval: float = 0.001) -> NDArray[np.void]: ...
+    def set_link(self, link: str) -> None: ...
+    @property
+    def now(self) -> float: ...
+    @property
+    def records_received(self) -> int: ...
+    @property
+    def bytes_received(self) -> int: ...
