@@ -3,6 +3,32 @@
 docs/tutorials/first-script.md is a first program, docs/reference/python.md lists everything.
 """
 
-from tactus._tactus import LinkError, LocalRefinement, Mesh, Model, ModelError, Probe, Summary, build
+from tactus._tactus import (
+    LinkError,
+    LocalRefinement,
+    McapError,
+    Mesh,
+    Model,
+    ModelError,
+    Probe,
+    Recording,
+    SchemaError,
+    Summary,
+    build,
+    id_of,
+)
 
-__all__ = ["LinkError", "LocalRefinement", "Mesh", "Model", "ModelError", "Probe", "Summary", "build"]
+__all__ = [
+    "LinkError",
+    "LocalRefinement",
+    "McapError",
+    "Mesh",
+    "Model",
+    "ModelError",
+    "Probe",
+    "Recording",
+    "SchemaError",
+    "Summary",
+    "build",
+    "id_of",
+]
