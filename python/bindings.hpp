@@ -10,5 +10,6 @@ void add_refinement(pybind11::module_& module);
 void add_probe(pybind11::module_& module);
 void add_recording(pybind11::module_& module);
 void add_study(pybind11::module_& module);
+void add_session(pybind11::module_& module);
 
 }  // namespace tactus::python

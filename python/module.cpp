@@ -5,6 +5,7 @@
 #include "spm/offline/triangle_mesh.hpp"
 #include "trace/idl_schema.hpp"
 #include "trace/mcap.hpp"
+#include "wire/error.hpp"
 #include "yaml/reader.hpp"
 
 namespace {
@@ -25,6 +26,7 @@ PYBIND11_MODULE(_tactus, module) {
   add_error<tactus::spm::offline::ModelError>(module, "ModelError",
                                               "An unusable mesh, model file or option of a build.");
   add_error<tactus::netem::LinkError>(module, "LinkError", "An unknown link, or a setting of a link out of range.");
+  add_error<tactus::wire::WireError>(module, "WireError", "A session that cannot be joined.");
   add_error<tactus::client_sim::ScenarioError>(module, "ScenarioError",
                                                "A scenario that is missing, or that a study cannot run.");
   add_error<tactus::yaml::YamlError>(module, "YamlError", "A YAML file with a wrong key or value.");
@@ -35,4 +37,5 @@ PYBIND11_MODULE(_tactus, module) {
   tactus::python::add_probe(module);
   tactus::python::add_recording(module);
   tactus::python::add_study(module);
+  tactus::python::add_session(module);
 }

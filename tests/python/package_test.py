@@ -58,6 +58,8 @@ class StubTest(unittest.TestCase):
     def test_the_stub_has_the_arguments_of_each_function(self):
         def check(node, function):
             declared = [argument.arg for argument in node.args.args + node.args.kwonlyargs if argument.arg != "self"]
+            if node.args.vararg:
+                declared.append("*" + node.args.vararg.arg)
             self.assertEqual(declared, compiled_arguments(function), node.name)
 
         for name, node in self.functions.items():
