@@ -68,8 +68,8 @@ class SampleReader {
   bool swaps_ = false;  // the sample is big-endian
 };
 
-/// The structured array of an IDL type, and the steps that decode a sample into a row of it. A text, an enumerator and a
-/// sequence are Python objects. A sequence is an array of its own.
+/// The structured array of an IDL type, and the steps that decode a sample into a row of it. A text, an enumerator and
+/// a sequence are Python objects. A sequence is an array of its own.
 class Layout {
  public:
   /// `head`: bytes of the fields before those of the type.

@@ -22,7 +22,8 @@ touching = states[states["in_contact"] & states["exact"]]
 displacement = np.linalg.norm(touching["proxy"] - touching["position"], axis=1)
 force = np.linalg.norm(touching["force"], axis=1)
 slope = np.polyfit(displacement, force, 1)[0]
-print(f"{len(touching)} states in contact with {name}, stiffness {slope:.1f} N/m, material {thing['stiffness']:.1f} N/m")
+print(f"{len(touching)} states in contact with {name}, stiffness {slope:.1f} N/m, "
+      f"material {thing['stiffness']:.1f} N/m")
 np.savetxt("touch.csv", np.column_stack([displacement, force]), delimiter=",", header="displacement,force")
 try:  # the plot needs Debian's python3-matplotlib
     import matplotlib.pyplot as plt

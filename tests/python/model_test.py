@@ -85,9 +85,8 @@ class ModelTest(FolderTest):
         original = self.folder / "organ.ply"
         self.mesh.save(original)
         tactus.build(tactus.Mesh.load(original), size=0.2, cell_faces=300).save(self.folder / "python.spm")
-        subprocess.run(
-            [BIN / "tactus-mesh", "build", original, self.folder / "program.spm", "--size", "0.2", "--cell-faces", "300"],
-            check=True, stdout=subprocess.DEVNULL)
+        subprocess.run([BIN / "tactus-mesh", "build", original, self.folder / "program.spm", "--size", "0.2",
+                        "--cell-faces", "300"], check=True, stdout=subprocess.DEVNULL)
         self.assertEqual((self.folder / "python.spm").read_bytes(), (self.folder / "program.spm").read_bytes())
 
     def test_an_opened_file_is_the_saved_model(self):
@@ -170,7 +169,8 @@ class ModelTest(FolderTest):
 class BuildTest(unittest.TestCase):
     def test_progress_reports_the_stages_in_order_up_to_one(self):
         reports = []
-        tactus.build(tactus.Mesh.generate("sphere", faces=3000), progress=lambda stage, done: reports.append((stage, done)))
+        tactus.build(tactus.Mesh.generate("sphere", faces=3000),
+                     progress=lambda stage, done: reports.append((stage, done)))
         stages = list(dict.fromkeys(stage for stage, _ in reports))
         self.assertEqual((stages[0], stages[-1]), ("clean", "sum up"))
         self.assertIn("simplify", stages)

@@ -177,7 +177,8 @@ class SessionTest(FolderTest):
 
     def test_a_script_that_ends_without_closing_leaves_the_session(self):
         session = self.join()
-        script = f"import tactus; s = tactus.Session('{self.session}', 'short', domain={self.domain}); s.wait(lambda: s.participants)"
+        script = (f"import tactus; s = tactus.Session('{self.session}', 'short', domain={self.domain})\n"
+                  "s.wait(lambda: s.participants)")
         done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
         self.assertEqual((done.returncode, done.stderr), (0, ""))
         session.wait(lambda: "short" not in session.participants, 0.4)
