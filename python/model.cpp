@@ -20,7 +20,6 @@ namespace tactus::python {
 namespace {
 
 using spm::offline::LossPolicy;
-using spm::offline::TriangleMesh;
 using Faces = std::vector<std::array<std::uint32_t, 3>>;
 using NoGil = py::call_guard<py::gil_scoped_release>;
 

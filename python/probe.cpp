@@ -86,12 +86,27 @@ class ScriptProbe {
     const std::lock_guard lock{mutex_};
     session_.set_link(link);
   }
-  [[nodiscard]] double now() const noexcept { return static_cast<double>(session_.now_ns() - begin_ns_) * 1e-9; }
-  [[nodiscard]] std::uint64_t records_received() const { return session_.records_received(); }
-  [[nodiscard]] std::uint64_t bytes_received() const { return session_.bytes_received(); }
+  [[nodiscard]] double now() const {
+    const py::gil_scoped_release no_gil;
+    const std::lock_guard lock{mutex_};
+    return time();
+  }
+  [[nodiscard]] std::uint64_t records_received() const {
+    const py::gil_scoped_release no_gil;
+    const std::lock_guard lock{mutex_};
+    return session_.records_received();
+  }
+  [[nodiscard]] std::uint64_t bytes_received() const {
+    const py::gil_scoped_release no_gil;
+    const std::lock_guard lock{mutex_};
+    return session_.bytes_received();
+  }
 
  private:
   static constexpr std::int64_t kWindow = session::kMaxWaypoints;
+
+  /// Virtual time since the session began, s.
+  [[nodiscard]] double time() const { return static_cast<double>(session_.now_ns() - begin_ns_) * 1e-9; }
 
   static client_sim::Scenario scenario_of(const ProbeSettings& settings) {
     client_sim::Scenario scenario;
@@ -122,7 +137,7 @@ class ScriptProbe {
   [[nodiscard]] ProbeRow last_row(const Row3& target) const {
     const study::Felt& felt = session_.felt(0);
     const hrtc_service::ProbeOutput& output = session_.hrtc().servo().outputs()[0];
-    return {now(),
+    return {time(),
             target,
             row_of(felt.device.position),
             row_of(felt.device.velocity),
@@ -140,7 +155,7 @@ class ScriptProbe {
   study::Subject subject_;
   study::VirtualSession session_;
   std::int64_t begin_ns_;
-  std::mutex mutex_;
+  mutable std::mutex mutex_;
 };
 
 std::unique_ptr<ScriptProbe> make_probe(std::shared_ptr<const SharedModel> model, double radius,

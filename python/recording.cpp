@@ -125,7 +125,8 @@ class Layout {
     std::size_t size, alignment;
     std::vector<std::pair<std::string, std::pair<py::object, std::size_t>>> fields = {};  // of a struct
   };
-  static constexpr std::size_t kMaxSteps = 1u << 16;  // a hostile text may have a large array of structs
+  static constexpr std::size_t kObjectBytes = sizeof(void*);  // of a reference to a Python object
+  static constexpr std::size_t kMaxSteps = 1u << 16;          // a hostile text may have a large array of structs
 
   Placed add(const IdlType& type, std::size_t offset, const std::string& path) {
     if (steps_.size() > kMaxSteps) throw SchemaError("IDL: found a struct with too many fields");
@@ -147,7 +148,7 @@ class Layout {
     for (const std::string& name : type.names) step.names.emplace_back(name);
     if (type.kind == IdlType::Kind::kSequence) step.element = std::make_shared<const Layout>(*type.of, 0);
     steps_.push_back(std::move(step));
-    return {py::dtype{"O"}, sizeof(PyObject*), alignof(PyObject*)};
+    return {py::dtype{"O"}, kObjectBytes, kObjectBytes};
   }
   Placed add_array(const IdlType& type, std::size_t offset, const std::string& path) {
     const std::size_t first = steps_.size();
@@ -190,7 +191,7 @@ class Layout {
         for (const IdlType::Member& member : type.members) alignment = std::max(alignment, alignment_of(*member.type));
         return alignment;
       default:
-        return alignof(PyObject*);
+        return kObjectBytes;
     }
   }
 
@@ -209,9 +210,9 @@ class Layout {
   /// Replaces the object in a field of a row.
   static void put(std::uint8_t* field, py::object value) {
     PyObject* before;
-    std::memcpy(&before, field, sizeof before);
+    std::memcpy(&before, field, kObjectBytes);
     PyObject* const after = value.release().ptr();
-    std::memcpy(field, &after, sizeof after);
+    std::memcpy(field, &after, kObjectBytes);
     Py_XDECREF(before);
   }
 

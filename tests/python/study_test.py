@@ -37,7 +37,8 @@ class StudyTest(FolderTest):
             self.assertIn(row["experiment"], values)
             self.assertIn(row["link"], values)
             self.assertIn(row["figure"], values)
-            numbers = [float(value) for value in values if value.strip("-").replace(".", "").replace("e-", "").isdigit()]
+            numbers = [float(value) for value in values
+                       if value.strip("-").replace(".", "").replace("e-", "").isdigit()]
             if np.isfinite(row["mean"]):
                 self.assertTrue(np.isclose(numbers, row["mean"], rtol=1e-4, atol=1e-9).any(), (row, line))
 
