@@ -28,7 +28,7 @@ constexpr double kRadius = 0.003;  // m
 constexpr double kBound = 1.05;
 
 struct Settings {
-  std::uint32_t faces = 200'000, builds = 5, rounds = 500;
+  std::uint32_t faces = 200'000, builds = 15, rounds = 500;
 };
 
 struct Times {
@@ -169,7 +169,7 @@ int main(int argc, char** argv) {
                          "uses fewer rounds"};
   app.add_option("--faces", settings.faces, "faces of the generated organ")->check(CLI::Range(1000u, 10'000'000u));
   return tactus::bench::bench_main(app, argc, argv, [&] {
-    if (app.quick) settings.builds = 3, settings.rounds = 200;
+    if (app.quick) settings.builds = 9, settings.rounds = 200;
     return tactus::bench::run(settings);
   });
 }

@@ -1,6 +1,7 @@
 // Local refinement and queries of the refined mesh.
 #include <pybind11/stl.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <limits>
@@ -22,7 +23,7 @@ using spm::Vec3d;
 
 /// The rows of the structured arrays.
 struct ContactRow {
-  Vec3d point;
+  std::array<double, 3> point;
   std::uint32_t face;
   bool finest;
 };
@@ -71,9 +72,17 @@ class ScriptRefinement {
     const Call call{*this};
     for (const std::array<double, 3>& centre : centres) {
       const std::uint32_t found = contacts_of(Vec3d{centre[0], centre[1], centre[2]}, radius);
-      for (std::uint32_t i = 0; i < found; ++i)
-        rows.push_back({contacts_[i].point, spm::index(contacts_[i].face), contacts_[i].is_finest()});
+      rows_.resize(std::max<std::size_t>(rows_.size(), found));
+      for (std::uint32_t i = 0; i < found; ++i) {
+        const spm::Contact& contact = contacts_[i];
+        rows_[i] = {
+            {contact.point.x(), contact.point.y(), contact.point.z()}, spm::index(contact.face), contact.is_finest()};
+      }
+      rows.insert(rows.end(), rows_.begin(), rows_.begin() + found);  // as one block of bytes
       ends.push_back(static_cast<std::int64_t>(rows.size()));
+      // Estimates the number of all contacts from the first spheres, because growing copies the contacts.
+      constexpr std::size_t kSample = 64;
+      if (ends.size() == kSample + 1) rows.reserve(rows.size() * centres.size() / kSample);
     }
   }
   void nearest(std::span<const std::array<double, 3>> points, double max_distance, std::vector<NearestRow>& rows) {
@@ -174,8 +183,9 @@ class ScriptRefinement {
   spm::codec::CompressedSource source_;
   spm::LocalRefinement refinement_;
   double radius_;
-  std::optional<double> time_;  // of the last pose, s
-  bool touches_ = false;        // the last frame of `follow` had a contact
+  std::optional<double> time_;    // of the last pose, s
+  bool touches_ = false;          // the last frame of `follow` had a contact
+  std::vector<ContactRow> rows_;  // of one sphere
   std::vector<spm::Contact> contacts_ = std::vector<spm::Contact>(1024);
   std::mutex mutex_;
 };
