@@ -1,4 +1,4 @@
-"""Joins a session, presses onto an object from above, and measures its stiffness: join.py SESSION [DOMAIN]"""
+"""Joins a session, presses onto an object from above, and plots force over displacement: join.py SESSION [DOMAIN]"""
 
 import sys
 
@@ -7,9 +7,7 @@ import numpy as np
 import tactus
 
 with tactus.Session(sys.argv[1], domain=int(sys.argv[2]) if len(sys.argv) > 2 else 20) as session:
-    def hrtcs():
-        return [name for name, one in session.participants.items() if one["role"] == "hrtc"]
-
+    hrtcs = lambda: [name for name, one in session.participants.items() if one["role"] == "hrtc"]
     session.wait(lambda: session.objects and hrtcs())
     name, thing = next(iter(session.objects.items()))
     session.join("zoe", hrtcs()[0])
@@ -22,12 +20,10 @@ touching = states[states["in_contact"] & states["exact"]]
 displacement = np.linalg.norm(touching["proxy"] - touching["position"], axis=1)
 force = np.linalg.norm(touching["force"], axis=1)
 slope = np.polyfit(displacement, force, 1)[0]
-print(f"{len(touching)} states in contact with {name}, stiffness {slope:.1f} N/m, "
-      f"material {thing['stiffness']:.1f} N/m")
-np.savetxt("touch.csv", np.column_stack([displacement, force]), delimiter=",", header="displacement,force")
-try:  # the plot needs Debian's python3-matplotlib
+print(f"{len(touching)} states on {name}, stiffness {slope:.1f} N/m, material {thing['stiffness']:.1f} N/m")
+try:
     import matplotlib.pyplot as plt
     plt.plot(1e3 * displacement, force, ".")
     plt.savefig("touch.png")
 except ImportError:
-    print("no matplotlib: the curve is in touch.csv only")
+    print("no plot: Debian's package python3-matplotlib is missing")
