@@ -5,11 +5,11 @@
 #include <atomic>
 #include <cstdio>
 #include <iostream>
-#include <mutex>
 #include <nlohmann/json.hpp>
 #include <thread>
 
 #include "study/results.hpp"
+#include "study/runner.hpp"
 #include "study/scenario_run.hpp"
 #include "study/study.hpp"
 #include "study/tables.hpp"
@@ -115,63 +115,6 @@ void write_traces(const std::filesystem::path& folder, const Run& run, const Sce
   }
 }
 
-/// Runs the remaining runs in parallel. The outer loop is over seeds, so that an interrupted study is a complete study
-/// with fewer seeds.
-class Runner {
- public:
-  Runner(const Options& options, const Study& study, const Experiments& experiments, RunLog& log)
-      : options_{options}, log_{log} {
-    for (std::uint32_t i = 0; i < study.seeds; ++i)
-      for (const Experiment& experiment : experiments.all)
-        for (const std::string& profile : experiment.profiles)
-          if (i < experiment.seeds && !log.has(experiment.name, profile, study.first_seed + i))
-            left_.push_back({&experiment, profile, study.first_seed + i});
-  }
-  /// Rethrows the error of the first failed run.
-  void run(const std::atomic<bool>& cancelled) {
-    const unsigned jobs = options_.jobs > 0 ? options_.jobs : std::max(1u, std::thread::hardware_concurrency());
-    std::vector<std::thread> threads;
-    for (unsigned i = 0; i < jobs; ++i) threads.emplace_back([&] { work(cancelled); });
-    for (std::thread& thread : threads) thread.join();
-    if (failure_) std::rethrow_exception(failure_);
-  }
-
- private:
-  struct Task {
-    const Experiment* experiment;
-    std::string profile;
-    std::uint64_t seed;
-  };
-  void work(const std::atomic<bool>& cancelled) {
-    for (std::size_t i = next_++; i < left_.size() && !cancelled && !failed_; i = next_++) {
-      const Task& task = left_[i];
-      try {
-        const ScenarioRun result = task.experiment->run(netem::parse_link(task.profile), task.seed, cancelled);
-        if (cancelled) return;
-        const Run run{task.experiment->name, task.profile, task.seed, result.figures};
-        if (options_.trace) write_traces(std::filesystem::path{options_.out} / "traces", run, result);
-        const std::lock_guard lock{mutex_};
-        log_.add(run);
-        std::fprintf(stderr, "[%zu/%zu] %s over %s, seed %llu\n", ++done_, left_.size(), run.scenario.c_str(),
-                     run.profile.c_str(), static_cast<unsigned long long>(run.seed));
-      } catch (...) {
-        const std::lock_guard lock{mutex_};
-        if (!failed_) failure_ = std::current_exception();
-        failed_ = true;
-      }
-    }
-  }
-
-  const Options& options_;
-  RunLog& log_;
-  std::vector<Task> left_;
-  std::atomic<std::size_t> next_{0};
-  std::atomic<bool> failed_{false};
-  std::mutex mutex_;  // for the members below and the log
-  std::size_t done_ = 0;
-  std::exception_ptr failure_;
-};
-
 int run(const Options& options, const std::string& command, const std::atomic<bool>& cancelled) {
   Study study = study_of(options);
   const std::vector<client_sim::Scenario> scenarios = check(study);
@@ -180,8 +123,19 @@ int run(const Options& options, const std::string& command, const std::atomic<bo
   keep_only(options.only, experiments.all);
   const std::filesystem::path folder{options.out};
   RunLog log{folder, identity_of(study, experiments)};
-  Runner runner{options, study, experiments, log};
-  runner.run(cancelled);
+  RunnerSettings runner;
+  runner.jobs = options.jobs;
+  runner.omits = [&log](const Experiment& experiment, const std::string& profile, std::uint64_t seed) {
+    return log.has(experiment.name, profile, seed);
+  };
+  runner.on_run = [&](const FinishedRun& finished) {
+    const Run& run = finished.run;
+    if (options.trace) write_traces(folder / "traces", run, finished.traces);
+    log.add(run);
+    std::fprintf(stderr, "[%zu/%zu] %s over %s, seed %llu\n", finished.done, finished.all, run.scenario.c_str(),
+                 run.profile.c_str(), static_cast<unsigned long long>(run.seed));
+  };
+  run_all(study, experiments, runner, cancelled);
 
   About about{study.name, command, machine(), TACTUS_COMMIT, {}};
   for (const Subject& subject : experiments.subjects)

@@ -47,25 +47,10 @@ bool has_same_types(const std::string& idl, const std::string& other) {
                     [](const Token& a, const Token& b) { return a.text == b.text; });
 }
 
-struct IdlSchema::Type {
-  enum class Kind { kNumber, kText, kEnum, kArray, kSequence, kStruct };
-  enum class Number { kBoolean, kU8, kI16, kU16, kI32, kU32, kI64, kU64, kFloat, kDouble };
-  struct Member {
-    std::string name;
-    std::shared_ptr<const Type> type;
-  };
-  Kind kind = Kind::kNumber;
-  Number number = Number::kU8;
-  std::size_t count = 0;           // number of elements of an array
-  std::shared_ptr<const Type> of;  // type of the elements of an array or sequence
-  std::vector<std::string> names;  // names of the enumerators
-  std::vector<Member> members;     // of a struct
-};
-
 /// Recursive-descent parser of the IDL text.
 class IdlSchema::Parser {
  public:
-  using TypePtr = std::shared_ptr<const Type>;
+  using TypePtr = std::shared_ptr<const IdlType>;
 
   explicit Parser(const std::string& text) : tokens_{tokenize(text)} {
     while (at_ < tokens_.size()) parse_definition("");
@@ -136,17 +121,17 @@ class IdlSchema::Parser {
       const std::string name = parse_name();
       named_[name] = parse_array_of(of);
     } else if (accept("enum")) {
-      Type made;
-      made.kind = Type::Kind::kEnum;
+      IdlType made;
+      made.kind = IdlType::Kind::kEnum;
       const std::string name = parse_name();
       expect("{");
       do made.names.push_back(parse_name());
       while (accept(","));
       expect("}");
-      named_[name] = std::make_shared<const Type>(std::move(made));
+      named_[name] = std::make_shared<const IdlType>(std::move(made));
     } else if (accept("struct")) {
-      Type made;
-      made.kind = Type::Kind::kStruct;
+      IdlType made;
+      made.kind = IdlType::Kind::kStruct;
       const std::string name = parse_name();
       expect("{");
       while (!is_next("}")) {
@@ -157,7 +142,7 @@ class IdlSchema::Parser {
         expect(";");
       }
       expect("}");
-      named_[name] = structs_[scope + name] = std::make_shared<const Type>(std::move(made));
+      named_[name] = structs_[scope + name] = std::make_shared<const IdlType>(std::move(made));
     } else {
       fail("module, const, typedef, enum or struct");
     }
@@ -172,24 +157,24 @@ class IdlSchema::Parser {
       expect("]");
     }
     for (auto count = counts.rbegin(); count != counts.rend(); ++count) {
-      Type made;
-      made.kind = Type::Kind::kArray;
+      IdlType made;
+      made.kind = IdlType::Kind::kArray;
       made.count = *count;
       made.of = std::move(of);
-      of = std::make_shared<const Type>(std::move(made));
+      of = std::make_shared<const IdlType>(std::move(made));
     }
     return of;
   }
 
-  static TypePtr number(Type::Number which) {
-    Type made;
+  static TypePtr number(IdlType::Number which) {
+    IdlType made;
     made.number = which;
-    return std::make_shared<const Type>(std::move(made));
+    return std::make_shared<const IdlType>(std::move(made));
   }
 
   /// Reads a type without array bounds.
   TypePtr parse_type() {
-    using Number = Type::Number;
+    using Number = IdlType::Number;
     if (accept("boolean")) return number(Number::kBoolean);
     if (accept("octet")) return number(Number::kU8);
     if (accept("float")) return number(Number::kFloat);
@@ -200,22 +185,22 @@ class IdlSchema::Parser {
       if (accept("long")) return number(has_sign ? Number::kI64 : Number::kU64);
       return number(has_sign ? Number::kI32 : Number::kU32);
     }
-    Type made;
+    IdlType made;
     if (accept("string")) {
-      made.kind = Type::Kind::kText;
+      made.kind = IdlType::Kind::kText;
       if (accept("<")) {
         (void)parse_number();
         expect(">");
       }
-      return std::make_shared<const Type>(std::move(made));
+      return std::make_shared<const IdlType>(std::move(made));
     }
     if (accept("sequence")) {
-      made.kind = Type::Kind::kSequence;
+      made.kind = IdlType::Kind::kSequence;
       expect("<");
       made.of = parse_type();
       if (accept(",")) (void)parse_number();
       expect(">");
-      return std::make_shared<const Type>(std::move(made));
+      return std::make_shared<const IdlType>(std::move(made));
     }
     const auto known = at_ < tokens_.size() ? named_.find(tokens_[at_].text) : named_.end();
     if (known == named_.end()) fail("a type");
@@ -240,25 +225,25 @@ class IdlSchema::Decoder {
   }
 
   /// Appends the values of all columns of a field to `out`. `path` names the field in errors.
-  void values(const Type& type, const std::string& path, std::vector<std::string>& out) {
+  void values(const IdlType& type, const std::string& path, std::vector<std::string>& out) {
     switch (type.kind) {
-      case Type::Kind::kStruct:
-        for (const Type::Member& member : type.members) values(*member.type, path + "." + member.name, out);
+      case IdlType::Kind::kStruct:
+        for (const IdlType::Member& member : type.members) values(*member.type, path + "." + member.name, out);
         break;
-      case Type::Kind::kArray:
+      case IdlType::Kind::kArray:
         for (std::size_t i = 0; i < type.count; ++i) values(*type.of, path, out);
         break;
-      case Type::Kind::kSequence: {
+      case IdlType::Kind::kSequence: {
         std::string text;
         json(type, path, text);
         out.push_back(std::move(text));
         break;
       }
-      case Type::Kind::kText:
+      case IdlType::Kind::kText:
         out.push_back(text(path));
         break;
-      case Type::Kind::kNumber:
-      case Type::Kind::kEnum:
+      case IdlType::Kind::kNumber:
+      case IdlType::Kind::kEnum:
         out.push_back(scalar(type, path));
         break;
     }
@@ -268,7 +253,7 @@ class IdlSchema::Decoder {
   static constexpr std::size_t kHeadBytes = 4;  // the encapsulation
 
   /// Appends a field as JSON.
-  void json(const Type& type, const std::string& path, std::string& out) {
+  void json(const IdlType& type, const std::string& path, std::string& out) {
     const auto list = [&](std::size_t count, char open, char close, const auto& each) {
       out += open;
       for (std::size_t i = 0; i < count; ++i) {
@@ -278,28 +263,28 @@ class IdlSchema::Decoder {
       out += close;
     };
     switch (type.kind) {
-      case Type::Kind::kStruct:
+      case IdlType::Kind::kStruct:
         list(type.members.size(), '{', '}', [&](std::size_t i) {
           out += '"' + type.members[i].name + "\":";
           json(*type.members[i].type, path + "." + type.members[i].name, out);
         });
         break;
-      case Type::Kind::kArray:
+      case IdlType::Kind::kArray:
         list(type.count, '[', ']', [&](std::size_t) { json(*type.of, path, out); });
         break;
-      case Type::Kind::kSequence: {
+      case IdlType::Kind::kSequence: {
         const auto count = take<std::uint32_t>(path);
         if (count > bytes_.size()) fail(path);  // every element has at least one byte
         list(count, '[', ']', [&](std::size_t) { json(*type.of, path, out); });
         break;
       }
-      case Type::Kind::kText:
+      case IdlType::Kind::kText:
         quote(text(path), out);
         break;
-      case Type::Kind::kEnum:
+      case IdlType::Kind::kEnum:
         quote(scalar(type, path), out);
         break;
-      case Type::Kind::kNumber:
+      case IdlType::Kind::kNumber:
         out += scalar(type, path);
         break;
     }
@@ -355,31 +340,31 @@ class IdlSchema::Decoder {
   }
 
   /// Reads a number or enumerator.
-  std::string scalar(const Type& type, const std::string& path) {
-    if (type.kind == Type::Kind::kEnum) {
+  std::string scalar(const IdlType& type, const std::string& path) {
+    if (type.kind == IdlType::Kind::kEnum) {
       const auto value = take<std::uint32_t>(path);
       return value < type.names.size() ? type.names[value] : std::to_string(value);
     }
     switch (type.number) {
-      case Type::Number::kBoolean:
+      case IdlType::Number::kBoolean:
         return take<std::uint8_t>(path) != 0 ? "true" : "false";
-      case Type::Number::kU8:
+      case IdlType::Number::kU8:
         return std::to_string(take<std::uint8_t>(path));
-      case Type::Number::kI16:
+      case IdlType::Number::kI16:
         return std::to_string(take<std::int16_t>(path));
-      case Type::Number::kU16:
+      case IdlType::Number::kU16:
         return std::to_string(take<std::uint16_t>(path));
-      case Type::Number::kI32:
+      case IdlType::Number::kI32:
         return std::to_string(take<std::int32_t>(path));
-      case Type::Number::kU32:
+      case IdlType::Number::kU32:
         return std::to_string(take<std::uint32_t>(path));
-      case Type::Number::kI64:
+      case IdlType::Number::kI64:
         return std::to_string(take<std::int64_t>(path));
-      case Type::Number::kU64:
+      case IdlType::Number::kU64:
         return std::to_string(take<std::uint64_t>(path));
-      case Type::Number::kFloat:
+      case IdlType::Number::kFloat:
         return shortest(take<float>(path));
-      case Type::Number::kDouble:
+      case IdlType::Number::kDouble:
         return shortest(take<double>(path));
     }
     return {};
@@ -391,30 +376,31 @@ class IdlSchema::Decoder {
 };
 
 IdlSchema::IdlSchema(const std::string& text) : structs_{Parser{text}.structs()} {}
-IdlSchema::~IdlSchema() = default;
+
+const IdlType& IdlSchema::type(const std::string& name) const {
+  const auto found = structs_.find(name);
+  if (found == structs_.end()) throw SchemaError("IDL: found no struct " + name);
+  return *found->second;
+}
 
 std::vector<std::string> IdlSchema::columns(const std::string& type) const {
-  const auto found = structs_.find(type);
-  if (found == structs_.end()) throw SchemaError("IDL: found no struct " + type);
   std::vector<std::string> all;
-  const auto add_columns = [&](const auto& self, const Type& of, const std::string& path) -> void {
-    if (of.kind == Type::Kind::kStruct)
-      for (const Type::Member& member : of.members)
+  const auto add_columns = [&](const auto& self, const IdlType& of, const std::string& path) -> void {
+    if (of.kind == IdlType::Kind::kStruct)
+      for (const IdlType::Member& member : of.members)
         self(self, *member.type, path.empty() ? member.name : path + "." + member.name);
-    else if (of.kind == Type::Kind::kArray)
+    else if (of.kind == IdlType::Kind::kArray)
       for (std::size_t i = 0; i < of.count; ++i) self(self, *of.of, path + "." + std::to_string(i));
     else
       all.push_back(path);
   };
-  add_columns(add_columns, *found->second, "");
+  add_columns(add_columns, this->type(type), "");
   return all;
 }
 
 std::vector<std::string> IdlSchema::values(const std::string& type, std::span<const std::uint8_t> encoded) const {
-  const auto found = structs_.find(type);
-  if (found == structs_.end()) throw SchemaError("IDL: found no struct " + type);
   std::vector<std::string> all;
-  Decoder{encoded}.values(*found->second, "", all);
+  Decoder{encoded}.values(this->type(type), "", all);
   return all;
 }
 

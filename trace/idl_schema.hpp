@@ -24,11 +24,29 @@ class SchemaError : public std::runtime_error {
 /// Returns whether two IDL texts differ at most in comments and blanks.
 [[nodiscard]] bool has_same_types(const std::string& idl, const std::string& other);
 
+/// A type of the IDL text.
+struct IdlType {
+  enum class Kind : std::uint8_t { kNumber, kText, kEnum, kArray, kSequence, kStruct };
+  enum class Number : std::uint8_t { kBoolean, kU8, kI16, kU16, kI32, kU32, kI64, kU64, kFloat, kDouble };
+  struct Member {
+    std::string name;
+    std::shared_ptr<const IdlType> type;
+  };
+  Kind kind = Kind::kNumber;
+  Number number = Number::kU8;
+  std::size_t count = 0;              ///< number of elements of an array
+  std::shared_ptr<const IdlType> of;  ///< type of the elements of an array or sequence
+  std::vector<std::string> names;     ///< names of the enumerators
+  std::vector<Member> members;        ///< of a struct
+};
+
 class IdlSchema {
  public:
   /// Parses IDL text. Throws SchemaError that names line, text found and text expected.
   explicit IdlSchema(const std::string& text);
-  ~IdlSchema();
+
+  /// Returns a struct by its full name, for example "tactus::idl::ProbeState". Throws SchemaError if it is unknown.
+  [[nodiscard]] const IdlType& type(const std::string& name) const;
 
   /// Returns the columns of a table of samples of `type`, for example "tactus::idl::ProbeState". Each number, string
   /// and enumerator has a column: `a.b` is field b of struct a, and `a.0` the first element of array a. A sequence has
@@ -40,10 +58,9 @@ class IdlSchema {
   [[nodiscard]] std::vector<std::string> values(const std::string& type, std::span<const std::uint8_t> encoded) const;
 
  private:
-  struct Type;
   class Parser;
   class Decoder;
-  std::map<std::string, std::shared_ptr<const Type>> structs_;  // by full name
+  std::map<std::string, std::shared_ptr<const IdlType>> structs_;  // by full name
 };
 
 }  // namespace tactus::trace

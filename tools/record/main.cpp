@@ -9,6 +9,8 @@
 #include <map>
 #include <mutex>
 #include <thread>
+#include <utility>
+#include <vector>
 
 #include "trace/idl_schema.hpp"
 #include "trace/mcap.hpp"
@@ -55,13 +57,18 @@ class Recording {
       channels_.push_back(mcap_.add_channel(schema->second, topic.name, "cdr", {{"partitions", topic.partitions}}));
     }
     sequences_.resize(channels_.size());
+    has_topics_ = true;
+    for (const EarlySample& early : std::exchange(early_, {})) write(early.topic, early.time, early.bytes);
   }
 
+  /// Writes a sample. Before set_topics(), stores it: a running session sends its catalogue as soon as a reader exists.
   void add(std::size_t topic, std::span<const std::uint8_t> encoded) {
     const std::lock_guard lock{mutex_};
-    if (!error_.empty() || topic >= channels_.size()) return;
     const std::uint64_t now = since_1970();
-    guarded([&] { mcap_.write(channels_[topic], now, now, ++sequences_[topic], encoded); });
+    if (has_topics_)
+      write(topic, now, encoded);
+    else
+      early_.push_back({topic, now, {encoded.begin(), encoded.end()}});
   }
 
   void flush() {
@@ -87,6 +94,16 @@ class Recording {
   }
 
  private:
+  struct EarlySample {
+    std::size_t topic;
+    std::uint64_t time;
+    std::vector<std::uint8_t> bytes;
+  };
+
+  void write(std::size_t topic, std::uint64_t time, std::span<const std::uint8_t> encoded) {
+    if (!error_.empty()) return;
+    guarded([&] { mcap_.write(channels_.at(topic), time, time, ++sequences_.at(topic), encoded); });
+  }
   template <class Write>
   void guarded(Write&& write) {
     try {
@@ -100,6 +117,8 @@ class Recording {
   trace::McapWriter mcap_;
   std::vector<trace::McapWriter::Channel> channels_;
   std::vector<std::uint32_t> sequences_;
+  bool has_topics_ = false;
+  std::vector<EarlySample> early_;
   std::string error_;
 };
 
@@ -108,7 +127,6 @@ int record(const wire::SessionAddress& address, const std::string& file, double 
   Recording recording{file};
   wire::Participants participants{address};
   {
-    // add() drops samples that arrive before set_topics(). There are none, because no reader has matched so early.
     wire::Tap tap{participants, bulk,
                   [&](std::size_t topic, std::span<const std::uint8_t> encoded) { recording.add(topic, encoded); }};
     recording.set_topics(tap.topics());

@@ -1,0 +1,143 @@
+/// A participant for scripts: observes a session, and moves the simulated hands of its own users.
+///
+/// A thread of its own publishes roster entries, follows session time, sends intents and stores the samples that
+/// arrive. Callers read copies of what is stored, so neither this thread nor a thread of DDS ever calls a script.
+/// Threads: any.
+#pragma once
+
+#include <array>
+#include <atomic>
+#include <cstdint>
+#include <deque>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <thread>
+#include <variant>
+#include <vector>
+
+#include "session/clock.hpp"
+#include "session/roster.hpp"
+#include "wire/endpoints.hpp"
+#include "wire/inbox.hpp"
+
+namespace tactus::python {
+
+/// A probe state as a row. World frame, SI.
+struct StateRow {
+  std::int64_t session_time_ns;
+  std::array<double, 3> position;
+  std::array<double, 4> orientation;
+  std::array<double, 3> velocity, force, proxy;
+  double radius, stiffness, error_bound, data_age;
+  std::uint64_t object_id;
+  std::uint32_t status;
+  bool in_contact, exact;
+};
+
+/// The path of a hand: linear between positions at equal intervals of session time.
+struct HandMotion {
+  std::vector<std::array<double, 3>> path;
+  std::int64_t begin_ns = 0, interval_ns = 0;  // session time
+  [[nodiscard]] std::int64_t end_ns() const noexcept {
+    return begin_ns + static_cast<std::int64_t>(path.size() - 1) * interval_ns;
+  }
+  /// Position at a session time; the first or last position outside of the path.
+  [[nodiscard]] std::array<double, 3> at(std::int64_t session_ns) const noexcept;
+};
+
+class SessionClient {
+ public:
+  /// Rows stored for each user until they are taken; older rows are dropped.
+  static constexpr std::size_t kMaxRows = 1u << 16;
+
+  /// Joins the session. Throws wire::WireError.
+  explicit SessionClient(const wire::SessionAddress& address);
+  /// Leaves the session.
+  ~SessionClient();
+  SessionClient(const SessionClient&) = delete;
+  SessionClient& operator=(const SessionClient&) = delete;
+
+  struct Member {
+    session::RosterEntry entry;
+    bool is_late = false;
+    std::map<std::string, double> figures;  ///< of topic tactus_metrics
+  };
+  /// The other participants, by name.
+  [[nodiscard]] std::map<std::string, Member> members() const;
+  /// The objects that a host offers, by name.
+  [[nodiscard]] std::map<std::string, session::CatalogueEntry> objects() const;
+  /// The newest state of a user's probe; none before the first.
+  [[nodiscard]] std::optional<StateRow> newest_state(const std::string& user) const;
+  /// Returns the states of a user's probe that have arrived since the last call, oldest first.
+  [[nodiscard]] std::vector<StateRow> take_states(const std::string& user);
+
+  /// Session time, ns; none before the clock is synchronised.
+  [[nodiscard]] std::optional<std::int64_t> session_time() const;
+  /// The reason for which this program cannot stay, or for which the session ended. Empty: it continues.
+  [[nodiscard]] std::string end_reason() const;
+
+  /// Requests a probe for a user from an HRTC. Throws std::invalid_argument if a user of this object has another HRTC:
+  /// a participant brings its users to one.
+  void add_user(const std::string& user, const std::string& hrtc);
+  /// Returns whether the HRTC serves the user.
+  [[nodiscard]] bool is_served(const std::string& user) const;
+  /// Moves the hand of an added user along a path that begins `lead_ns` from now. Returns the motion's begin and end,
+  /// session time.
+  std::pair<std::int64_t, std::int64_t> move(const std::string& user, std::vector<std::array<double, 3>> path,
+                                             std::int64_t interval_ns, std::int64_t lead_ns);
+
+ private:
+  using Sample = std::variant<session::RosterEntry, session::CatalogueEntry, session::ProbeState, session::Metrics,
+                              session::SessionEnd, session::ClockSample>;
+  struct User {
+    HandMotion motion;
+    std::uint32_t intents = 0;                              // sent so far
+    std::int64_t sent_ns = 0;                               // of the last intent, monotonic clock
+    std::unique_ptr<wire::Writer<session::Intent>> writer;  // only the client's thread uses it
+  };
+  struct States {
+    std::deque<StateRow> rows;
+    std::optional<StateRow> newest;
+  };
+
+  template <class Typed>
+  void listen(const wire::TopicSpec<Typed>& topic);
+  void run();
+  void on_sample(const session::RosterEntry& entry, std::int64_t now_ns);
+  void on_sample(const session::CatalogueEntry& entry, std::int64_t now_ns);
+  void on_sample(const session::ProbeState& state, std::int64_t now_ns);
+  void on_sample(const session::Metrics& metrics, std::int64_t now_ns);
+  void on_sample(const session::SessionEnd& end, std::int64_t now_ns);
+  void on_sample(const session::ClockSample& sample, std::int64_t now_ns);
+  void on_events(const std::vector<session::RosterEvent>& events);
+  void make_intent_writers();
+  void send_roster_entry(bool leaving);
+  void request_clock(std::int64_t now_ns);
+  void send_intents(std::int64_t now_ns);
+  [[nodiscard]] std::int64_t session_now() const;
+
+  wire::Participants participants_;
+  wire::Writer<session::RosterEntry> roster_out_;
+  wire::Writer<session::ClockSample> clock_out_;
+  wire::Inbox<Sample> inbox_{1u << 15};
+
+  mutable std::mutex mutex_;  // for the members below
+  session::RosterEntry self_;
+  session::SessionClock clock_;
+  session::Roster roster_;
+  std::map<std::string, session::CatalogueEntry> objects_;
+  std::map<std::uint64_t, std::map<std::string, double>> figures_;  // by participant
+  std::map<std::uint64_t, States> states_;                          // by user
+  std::map<std::string, User> users_;
+  std::string end_reason_;
+
+  std::int64_t beat_ns_ = 0, clock_requested_ns_ = 0;  // only the client's thread uses them
+  std::atomic<bool> stops_{false};
+  std::thread thread_;
+  std::vector<std::shared_ptr<void>> readers_;  // last, so that callbacks end before other members are destroyed
+};
+
+}  // namespace tactus::python

@@ -1,0 +1,188 @@
+"""Scripts in live sessions. Each test has a session of its own, with real programs."""
+
+import csv
+import os
+import re
+import signal
+import subprocess
+import sys
+import unittest
+
+import numpy as np
+
+import tactus
+from support import BIN, SOURCE, FolderTest
+
+SCENARIO = """name: recorded
+duration: 60
+users:
+  - name: ann
+    script: [{approach: {object: "#1", direction: [0, 0, 1], speed: 0.2}}, {hold: {seconds: 50, force: 1}}]
+"""
+
+
+class SessionTest(FolderTest):
+    count = 0
+
+    @classmethod
+    def setUpClass(cls):
+        cls.wall = tactus.build(tactus.Mesh.generate("wall", faces=8000))
+
+    def setUp(self):
+        super().setUp()
+        SessionTest.count += 1
+        # A session uses three domains, so its first domain is 1, 4, ... or 94.
+        self.domain = 1 + 3 * ((os.getpid() + SessionTest.count) % 32)
+        self.session = f"python.{os.getpid()}.{SessionTest.count}"
+        self.wall.save(self.folder / "wall.spm")
+        (self.folder / "wall.yaml").write_text("objects:\n  - {model: wall.spm, material: {stiffness: 700}}\n")
+
+    def start(self, program, *arguments):
+        """Starts a program in the session, and ends it after the test."""
+        log = open(self.folder / f"{program}.log", "ab")
+        process = subprocess.Popen([BIN / f"tactus-{program}", *arguments, "--session", self.session, "--domain",
+                                    str(self.domain)], cwd=self.folder, stdout=log, stderr=log)
+
+        def end():
+            process.kill()
+            process.wait()
+            log.close()
+        self.addCleanup(end)
+        return process
+
+    def join(self, **options):
+        session = tactus.Session(self.session, domain=self.domain, **options)
+        self.addCleanup(session.close)
+        return session
+
+    def start_wall(self):
+        self.start("host", "--config", "wall.yaml", "--name", "museum")
+        self.start("hrtc", "--name", "desk")
+
+    def test_a_script_sees_participants_objects_figures_and_states(self):
+        session = self.join()
+        self.start_wall()
+        (self.folder / "hold.yaml").write_text(SCENARIO)
+        self.start("sim", "--scenario", "hold.yaml")
+        session.wait(lambda: session.state("ann") is not None and session.state("ann")["in_contact"], 30)
+        session.wait(lambda: {"museum", "desk"} <= session.figures.keys())
+        self.assertEqual({name: one["role"] for name, one in session.participants.items()},
+                         {"museum": "host", "desk": "hrtc", "sim": "client"})
+        self.assertEqual(session.participants["sim"]["users"], ["ann"])
+        self.assertEqual((session.participants["desk"]["served_users"], session.users), (["ann"], ["ann"]))
+        wall = session.objects["wall"]
+        self.assertEqual((wall["host"], wall["stiffness"], wall["digest"]), ("museum", 700, self.wall.summary.digest))
+        np.testing.assert_array_equal(wall["bounds"], self.wall.summary.bounds)
+        self.assertGreater(session.figures["desk"]["hrtc.cycles"], 100)
+        states = session.states("ann")
+        self.assertGreater(len(states), 10)
+        self.assertTrue((np.diff(states["session_time_ns"]) > 0).all())
+        self.assertEqual(states[-1]["object_id"], tactus.id_of("wall"))
+        self.assertIsNone(session.state("nobody"))
+
+    def test_the_example_measures_the_stiffness_of_the_material(self):
+        self.start_wall()
+        done = subprocess.run([sys.executable, SOURCE / "examples/python/join.py", self.session, str(self.domain)],
+                              cwd=self.folder, capture_output=True, text=True)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertAlmostEqual(float(re.search(r"stiffness ([\d.]+) N/m", done.stdout).group(1)) / 700, 1, delta=0.01)
+
+    def test_a_hand_follows_its_path_and_stays_at_its_end(self):
+        session = self.join()
+        self.start_wall()
+        session.wait(lambda: {"museum", "desk"} <= session.participants.keys(), 20)
+        session.join("zoe", "desk")
+        began = session.time
+        path = np.linspace([0.01, 0, 0.05], [-0.02, 0.01, 0.06], 1000)
+        states = session.drive("zoe", path)
+        self.assertGreater(len(states), 20)
+        self.assertLess(session.time - began, 3)
+        time = (states["session_time_ns"] - states["session_time_ns"][0]) * 1e-9
+        expected = path[np.minimum((time * 1000).astype(int), 999)]
+        self.assertLess(np.linalg.norm(states["position"] - expected, axis=1).max(), 0.01)
+        self.assertLess(np.linalg.norm(session.state("zoe")["position"] - path[-1]), 0.003)
+        back = session.drive("zoe", path[::-1])
+        self.assertLess(np.linalg.norm(back["position"][-1] - path[0]), 0.005)
+        with self.assertRaisesRegex(ValueError, "user: found 'ann', expected a user that this participant has"):
+            session.move("ann", path)
+        with self.assertRaisesRegex(ValueError, "hrtc: found 'other', expected 'desk'"):
+            session.join("bob", "other")
+
+    def test_a_recording_has_the_rows_of_the_tables_of_the_recorder(self):
+        session = self.join()
+        self.start_wall()
+        session.wait(lambda: {"museum", "desk"} <= session.figures.keys(), 20)
+        recorder = self.start("record", "all.mcap")  # joins a running session, whose catalogue it gets at once
+        (self.folder / "hold.yaml").write_text(SCENARIO)
+        self.start("sim", "--scenario", "hold.yaml")
+        session.wait(lambda: session.state("ann") is not None and session.state("ann")["in_contact"], 30)
+        recorder.send_signal(signal.SIGINT)
+        self.assertEqual(recorder.wait(10), 0)
+        subprocess.run([BIN / "tactus-record", "all.mcap", "--to-csv", "csv"], cwd=self.folder, check=True,
+                       stdout=subprocess.DEVNULL)
+        recording = tactus.Recording(self.folder / "all.mcap")
+        self.assertLess({"tactus_roster", "tactus_catalogue", "tactus_probe_state"}, recording.topics.keys())
+        for topic, rows in dict(recording).items():
+            with open(self.folder / "csv" / f"{topic}.csv", newline="") as file:
+                table = list(csv.DictReader(file))
+            self.assertEqual(len(rows), len(table))
+            for column in table[0]:
+                values, names = rows, column.split(".")
+                for name in names:
+                    values = values[:, int(name)] if name.isdigit() else values[name]
+                if isinstance(values[0], str):
+                    self.assertEqual(list(values), [row[column] for row in table], f"{topic} {column}")
+                elif values.dtype != object:
+                    expected = [{"true": 1, "false": 0}.get(row[column], row[column]) for row in table]
+                    np.testing.assert_array_equal(values, np.array(expected, values.dtype), f"{topic} {column}")
+
+    def test_the_end_of_the_session_ends_a_wait(self):
+        session = self.join()
+        self.start_wall()
+        session.wait(lambda: "desk" in session.participants, 20)
+        subprocess.run([BIN / "tactus-control", "end", "--session", self.session, "--domain", str(self.domain)],
+                       check=True, stdout=subprocess.DEVNULL)
+        with self.assertRaisesRegex(RuntimeError, "the session has ended"):
+            session.wait(lambda: False, 20)
+        self.assertIn("the session has ended", session.end_reason)
+
+    def test_what_does_not_happen_raises_a_timeout(self):
+        session = self.join()
+        with self.assertRaisesRegex(TimeoutError, "the condition did not hold within 0.1"):
+            session.wait(lambda: False, 0.1)
+        with self.assertRaisesRegex(TimeoutError, "not served: zoe by nowhere"):
+            session.join("zoe", "nowhere", timeout=0.1)
+        self.assertIsNone(session.time)
+        with self.assertRaisesRegex(KeyError, "mine"):
+            session.wait(lambda: {}["mine"])
+
+    def test_a_session_that_cannot_be_joined_raises_the_text_of_the_programs(self):
+        for options, error in [({"session": "a/b"}, "session"), ({"domain": 1000}, "domain")]:
+            with self.assertRaisesRegex(tactus.WireError, error):
+                tactus.Session(**{"session": self.session, "domain": self.domain, **options})
+        session = self.join()
+        session.close()
+        session.close()
+        with self.assertRaisesRegex(RuntimeError, "this session was closed"):
+            _ = session.participants
+
+    def test_the_second_program_of_a_name_must_leave(self):
+        self.start_wall()
+        first = self.join(name="script")
+        first.wait(lambda: first.time is not None, 20)
+        second = self.join(name="script")
+        with self.assertRaisesRegex(RuntimeError, "another program named 'script' is already in session"):
+            second.wait(lambda: False, 20)
+        self.assertEqual(first.end_reason, "")
+
+    def test_a_script_that_ends_without_closing_leaves_the_session(self):
+        session = self.join()
+        script = (f"import tactus; s = tactus.Session('{self.session}', 'short', domain={self.domain})\n"
+                  "s.wait(lambda: s.participants)")
+        done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+        self.assertEqual((done.returncode, done.stderr), (0, ""))
+        session.wait(lambda: "short" not in session.participants, 0.4)
+
+
+if __name__ == "__main__":
+    unittest.main()
