@@ -264,9 +264,6 @@ class IdlSchema::Decoder {
     }
   }
 
- private:
-  static constexpr std::size_t kHeadBytes = 4;  // the encapsulation
-
   /// Appends a field as JSON.
   void json(const Type& type, const std::string& path, std::string& out) {
     const auto list = [&](std::size_t count, char open, char close, const auto& each) {
@@ -299,11 +296,19 @@ class IdlSchema::Decoder {
       case Type::Kind::kEnum:
         quote(scalar(type, path), out);
         break;
-      case Type::Kind::kNumber:
-        out += scalar(type, path);
+      case Type::Kind::kNumber: {
+        const std::string number = scalar(type, path);
+        if (number.find('n') == std::string::npos)
+          out += number;
+        else  // "nan", "inf" or "-inf", which JSON does not have
+          quote(number, out);
         break;
+      }
     }
   }
+
+ private:
+  static constexpr std::size_t kHeadBytes = 4;  // the encapsulation
 
   static void quote(const std::string& text, std::string& out) {
     out += '"';
@@ -393,9 +398,13 @@ class IdlSchema::Decoder {
 IdlSchema::IdlSchema(const std::string& text) : structs_{Parser{text}.structs()} {}
 IdlSchema::~IdlSchema() = default;
 
-std::vector<std::string> IdlSchema::columns(const std::string& type) const {
+const IdlSchema::Type& IdlSchema::find(const std::string& type) const {
   const auto found = structs_.find(type);
   if (found == structs_.end()) throw SchemaError("IDL: found no struct " + type);
+  return *found->second;
+}
+
+std::vector<std::string> IdlSchema::columns(const std::string& type) const {
   std::vector<std::string> all;
   const auto add_columns = [&](const auto& self, const Type& of, const std::string& path) -> void {
     if (of.kind == Type::Kind::kStruct)
@@ -406,16 +415,20 @@ std::vector<std::string> IdlSchema::columns(const std::string& type) const {
     else
       all.push_back(path);
   };
-  add_columns(add_columns, *found->second, "");
+  add_columns(add_columns, find(type), "");
   return all;
 }
 
 std::vector<std::string> IdlSchema::values(const std::string& type, std::span<const std::uint8_t> encoded) const {
-  const auto found = structs_.find(type);
-  if (found == structs_.end()) throw SchemaError("IDL: found no struct " + type);
   std::vector<std::string> all;
-  Decoder{encoded}.values(*found->second, "", all);
+  Decoder{encoded}.values(find(type), "", all);
   return all;
+}
+
+std::string IdlSchema::json(const std::string& type, std::span<const std::uint8_t> encoded) const {
+  std::string text;
+  Decoder{encoded}.json(find(type), "", text);
+  return text;
 }
 
 }  // namespace tactus::trace
