@@ -109,8 +109,10 @@ int record(const wire::SessionAddress& address, const std::string& file, double 
   wire::Participants participants{address};
   {
     // add() drops samples that arrive before set_topics(). There are none, because no reader has matched so early.
-    wire::Tap tap{participants, bulk,
-                  [&](std::size_t topic, std::span<const std::uint8_t> encoded) { recording.add(topic, encoded); }};
+    wire::Tap tap{
+        participants,
+        [&](const std::string&, wire::TrafficClass traffic) { return bulk || traffic != wire::TrafficClass::kBulk; },
+        [&](std::size_t topic, std::span<const std::uint8_t> encoded) { recording.add(topic, encoded); }};
     recording.set_topics(tap.topics());
     std::cout << "recording session " << address.session << " into " << file << std::endl;
     const auto begin = Clock::now();
