@@ -25,6 +25,7 @@ constexpr std::array kCommands{
     Command{"hrtc", "tactus-hrtc", "run haptic devices in a session (HRTC)"},
     Command{"sim study", "tactus-study", "run a study: links, scenarios and seeds, compared with ground truth"},
     Command{"sim", "tactus-sim", "run simulated users of a scenario, and report the session"},
+    Command{"scenario", "tactus-scenario", "print a built-in scenario, to edit and run it"},
     Command{"judge", "tactus-judge", "compare a session's report and audits with their bounds"},
     Command{"view", "tactus-view", "show a session as a page in a browser of this machine"},
     Command{"control", "tactus-control", "send an emergency stop, reset, mode or end to a session"},
