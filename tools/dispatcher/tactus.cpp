@@ -28,6 +28,8 @@ constexpr std::array kCommands{
     Command{"scenario", "tactus-scenario", "print a built-in scenario, to edit and run it"},
     Command{"judge", "tactus-judge", "compare a session's report and audits with their bounds"},
     Command{"view", "tactus-view", "show a session as a page in a browser of this machine"},
+    Command{"top", "tactus-top", "show users, HRTCs, hosts, rates and faults of a session in the terminal"},
+    Command{"watch", "tactus-watch", "print the samples of a topic of a session"},
     Command{"control", "tactus-control", "send an emergency stop, reset, mode or end to a session"},
     Command{"record", "tactus-record", "record every topic of a session in an MCAP file"},
     Command{"replay", "tactus-replay", "recompute the forces of a flight recording and compare them to the bit"},
