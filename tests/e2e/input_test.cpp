@@ -191,6 +191,7 @@ TEST_F(WrongInputTest, IsRefusedByTheSimulation) {
                      {{"--scenario", path("empty_qos")}, {"empty_qos"}},
                      {{"--json", path("no/such.json")}, {"no/such.json", "cannot write"}},
                      {{"--json", path("empty_qos")}, {"empty_qos", "cannot write"}},
+                     {{"--html", path("no/such.html")}, {"no/such.html", "cannot write"}},
                  });
 }
 
