@@ -68,7 +68,7 @@ TEST_F(TerminalTest, WatchPrintsTextWithAFieldOnEachLine) {
 TEST_F(TerminalTest, WatchReportsThatNoSampleArrived) {
   Process watch{in_session("watch", {"reset", "--for", "1"})};
   EXPECT_TRUE(exits_with(1, watch));
-  EXPECT_THAT(watch.output(), HasSubstr("found 0 samples of tactus_reset in session " + session_));
+  EXPECT_THAT(watch.output(), HasSubstr("found 0 samples, expected at least 1 of tactus_reset in session " + session_));
 }
 
 TEST_F(TerminalTest, TopShowsTheSessionOnce) {
@@ -112,7 +112,7 @@ INSTANTIATE_TEST_SUITE_P(Signals, EverySignalToTheTerminal, testing::Values(SIGI
 TEST_P(EverySignalToTheTerminal, EndsWatchAndTopWithStatus130) {
   Process watch{in_session("watch", {"roster"})};
   Process top{in_session("top", {})};
-  ASSERT_TRUE(watch.wait_for_line("no sample of tactus_roster yet")) << watch.output();
+  ASSERT_TRUE(watch.wait_for_line("no sample yet of tactus_roster")) << watch.output();
   ASSERT_TRUE(top.wait_for_line("no participants")) << top.output();
   watch.signal(GetParam());
   top.signal(GetParam());

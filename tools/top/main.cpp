@@ -10,7 +10,7 @@
 #include <optional>
 #include <variant>
 
-#include "session/units.hpp"
+#include "tools/terminal_output.hpp"
 #include "tools/top/overview.hpp"
 #include "wire/command_line.hpp"
 #include "wire/endpoints.hpp"
@@ -150,7 +150,8 @@ int show_once(const Options& options, const std::atomic<bool>& cancelled) {
   const std::int64_t end_ns = monotonic_ns() + static_cast<std::int64_t>(interval * 1e9);
   while (monotonic_ns() < end_ns && !cancelled) observer.receive();
   if (cancelled) return 130;
-  return std::cout << top::plain(observer.overview().screen(monotonic_ns())) << std::flush ? 0 : 1;
+  std::cout << top::plain(observer.overview().screen(monotonic_ns())) << std::flush;
+  return std::cout ? 0 : tools::failed_output_status("tactus-top", errno);
 }
 
 int show_repeatedly(const Options& options, const std::atomic<bool>& cancelled) {
@@ -160,7 +161,7 @@ int show_repeatedly(const Options& options, const std::atomic<bool>& cancelled) 
   std::int64_t next_ns = monotonic_ns();
   do {
     terminal.show(observer.overview().screen(monotonic_ns()));
-    if (!std::cout) return 1;
+    if (!std::cout) return tools::failed_output_status("tactus-top", errno);
     next_ns = std::max(next_ns + period_ns, monotonic_ns());
   } while (receive_until(next_ns, observer, terminal, cancelled));
   return cancelled ? 130 : 0;

@@ -11,7 +11,7 @@
 #include "session/stop_latch.hpp"
 #include "session/units.hpp"
 #include "tools/hex.hpp"
-#include "tools/printable.hpp"
+#include "tools/terminal_output.hpp"
 
 namespace tactus::top {
 namespace {
@@ -55,6 +55,13 @@ std::string joined(const std::vector<std::string>& all) {
 double length(const std::array<double, 3>& vector) { return std::hypot(vector[0], vector[1], vector[2]); }
 
 bool has_forces(const session::RosterEntry& entry) { return entry.role == Role::kHrtc || entry.role == Role::kHost; }
+
+/// Returns whether an entry with this key exists or may be added. Samples from the network must not fill the memory.
+template <class Value>
+bool has_room(const std::map<std::uint64_t, Value>& all, std::uint64_t key) {
+  constexpr std::size_t kMaxEntries = 4096;
+  return all.size() < kMaxEntries || all.count(key) != 0;
+}
 
 /// Sorts the rows after the head by their first cells, which are names.
 std::vector<Row> sorted(std::vector<Row> rows) {
@@ -102,10 +109,11 @@ void Overview::on_sample(const session::RosterEntry& entry, std::int64_t now_ns)
 }
 
 void Overview::on_sample(const session::CatalogueEntry& entry, std::int64_t) {
-  objects_[entry.object_id] = entry.object;
+  if (has_room(objects_, entry.object_id)) objects_[entry.object_id] = entry.object;
 }
 
 void Overview::on_sample(const session::Metrics& metrics, std::int64_t) {
+  if (!has_room(figures_, metrics.origin.participant)) return;
   Figures& of = figures_[metrics.origin.participant];
   if (metrics.origin.incarnation < of.incarnation) return;
   if (metrics.origin.incarnation > of.incarnation) of = Figures{metrics.origin.incarnation, {}, {}, 0, 0};
@@ -116,6 +124,7 @@ void Overview::on_sample(const session::Metrics& metrics, std::int64_t) {
 }
 
 void Overview::on_sample(const session::ProbeState& state, std::int64_t now_ns) {
+  if (!has_room(states_, state.user_id)) return;
   States& of = states_[state.user_id];
   const std::string fault = session::fault_reason(state.status);
   if (of.newest_ns != 0 && fault != session::fault_reason(of.newest.status))

@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "tools/printable.hpp"
+#include "tools/terminal_output.hpp"
 
 namespace tactus::top {
 namespace {

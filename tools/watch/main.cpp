@@ -5,13 +5,12 @@
 #include <cerrno>
 #include <csignal>
 #include <cstdio>
-#include <cstring>
 #include <iostream>
 #include <optional>
 #include <set>
 #include <thread>
 
-#include "tools/printable.hpp"
+#include "tools/terminal_output.hpp"
 #include "tools/watch/sample_text.hpp"
 #include "wire/command_line.hpp"
 #include "wire/inbox.hpp"
@@ -93,10 +92,14 @@ class Printer {
   void add_names(const wire::TapTopic& topic, std::span<const std::uint8_t> encoded) {
     const bool is_roster = topic.name == wire::topics::kRoster.name;
     if (!is_roster && topic.name != wire::topics::kCatalogue.name) return;
-    if (const auto fields = decoded(topic, encoded)) {
-      reader_.add_names(*fields);
-      if (is_roster) participants_.insert(fields->at("name").get<std::string>());
-    }
+    const auto fields = decoded(topic, encoded);
+    if (!fields) return;
+    reader_.add_names(*fields);
+    if (!is_roster) return;
+    if (participants_.size() < kMaxNames) participants_.insert(fields->at("name").get<std::string>());
+    for (const char* const list : {"users", "served_users"})
+      for (const watch::Fields& user : fields->at(list))
+        if (users_.size() < kMaxNames) users_.insert(user.at("user").get<std::string>());
   }
   /// Prints a sample if the options select it.
   void add(const wire::TapTopic& topic, std::span<const std::uint8_t> encoded, std::int64_t arrival_ns) {
@@ -107,14 +110,21 @@ class Printer {
 
   [[nodiscard]] std::uint64_t printed() const { return printed_; }
   [[nodiscard]] bool is_complete() const { return options_.count != 0 && printed_ >= options_.count; }
-  /// Names of the participants of the session, as text.
-  [[nodiscard]] std::string participants() const {
-    std::string names;
-    for (const std::string& name : participants_) names += (names.empty() ? "" : ", ") + tools::printable(name);
-    return names.empty() ? "none" : names;
+  /// Names what the options select and what the session contains, as text.
+  [[nodiscard]] std::string search() const {
+    std::string text = options_.topic;
+    if (!options_.filter.user.empty()) text += " of user " + options_.filter.user;
+    if (!options_.filter.from.empty()) text += " from " + options_.filter.from;
+    return text + " in session " + options_.address.session + ", domain " + std::to_string(options_.address.domain) +
+           " (participants: " + joined(participants_) + "; users: " + joined(users_) + ")";
   }
 
  private:
+  [[nodiscard]] static std::string joined(const std::set<std::string>& names) {
+    std::string text;
+    for (const std::string& name : names) text += (text.empty() ? "" : ", ") + tools::printable(name);
+    return text.empty() ? "none" : text;
+  }
   [[nodiscard]] std::optional<watch::Fields> decoded(const wire::TapTopic& topic,
                                                      std::span<const std::uint8_t> encoded) const {
     try {
@@ -142,28 +152,22 @@ class Printer {
     }
   }
 
+  static constexpr std::size_t kMaxNames = 1024;  // of each kind
+
   const Options& options_;
   watch::SampleReader reader_;
-  std::set<std::string> participants_;
+  std::set<std::string> participants_, users_;
   std::uint64_t printed_ = 0;
   const std::int64_t begin_ns_ = monotonic_ns();
   const std::int64_t epoch_offset_ns_ = since_1970_ns() - begin_ns_;  // from the monotonic clock to the time since 1970
 };
 
-/// Returns the exit status after a failed write. The end of the reading program, such as `head`, is no error.
-int report_failed_output(int error) {
-  if (error == EPIPE) return 0;
-  std::cerr << "tactus-watch: cannot write the output: " << std::strerror(error) << '\n';
-  return 1;
-}
-
 /// Reports missing samples, and returns the exit status.
 int report_end(const Options& options, const Printer& printer) {
   const std::uint64_t expected = std::max<std::uint64_t>(options.count, 1);
   if (printer.printed() >= expected) return 0;
-  std::cerr << "tactus-watch: found " << printer.printed() << " samples of " << options.topic << " in session "
-            << options.address.session << ", domain " << options.address.domain << ", expected at least " << expected
-            << "; participants: " << printer.participants() << '\n';
+  std::cerr << "tactus-watch: found " << printer.printed() << " samples, expected at least " << expected << " of "
+            << printer.search() << '\n';
   return 1;
 }
 
@@ -193,11 +197,10 @@ int print_samples(const Options& options, const std::atomic<bool>& cancelled) {
     const auto samples = inbox.take(kPollPeriod);
     for (const auto& [at_ns, sample] : samples) printer.add_names(tap.topics()[sample.topic], sample.bytes);
     for (const auto& [at_ns, sample] : samples) printer.add(tap.topics()[sample.topic], sample.bytes, at_ns);
-    if (!std::cout.flush()) return report_failed_output(errno);
+    if (!std::cout.flush()) return tools::failed_output_status("tactus-watch", errno);
     if (has_hinted || printer.printed() > 0 || now_ns - begin_ns < kHintNs) continue;
     has_hinted = true;
-    std::cerr << "tactus-watch: no sample of " << options.topic << " yet in session " << options.address.session
-              << ", domain " << options.address.domain << "; participants: " << printer.participants() << '\n';
+    std::cerr << "tactus-watch: no sample yet of " << printer.search() << '\n';
   }
   if (inbox.dropped() > 0)
     std::cerr << "tactus-watch: dropped " << inbox.dropped()

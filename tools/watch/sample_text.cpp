@@ -7,7 +7,7 @@
 #include "session/messages.hpp"
 #include "session/status_names.hpp"
 #include "tools/hex.hpp"
-#include "tools/printable.hpp"
+#include "tools/terminal_output.hpp"
 
 namespace tactus::watch {
 namespace {
@@ -16,6 +16,7 @@ namespace {
 constexpr std::array<std::string_view, 7> kIdFields{"session",   "participant", "user_id",     "object_id",
                                                     "reference", "peer",        "serving_host"};
 constexpr std::array<std::string_view, 3> kHashFields{"digest", "hash", "scene"};
+constexpr std::size_t kMaxNames = 1u << 16;
 constexpr std::size_t kMaxShown = 16;  // elements of a list in text
 
 template <std::size_t Count>
@@ -70,7 +71,9 @@ Fields SampleReader::decode(const std::string& type, std::span<const std::uint8_
   return Fields::parse(Fields::parse(dump(json)).get<std::string>());
 }
 
-void SampleReader::add_name(const std::string& name) { names_[session::id_of(name)] = name; }
+void SampleReader::add_name(const std::string& name) {
+  if (names_.size() < kMaxNames) names_[session::id_of(name)] = name;
+}
 
 void SampleReader::add_names(const Fields& entry) {
   // Adds every string. A string that is no name has no effect, because no sample contains its hash as an id.

@@ -31,7 +31,7 @@ class SampleReader {
   /// Decodes a sample. Ids and hashes are still numbers. Throws SchemaError if the sample does not match `type`.
   [[nodiscard]] Fields decode(const std::string& type, std::span<const std::uint8_t> encoded) const;
 
-  /// Adds a name that `name` can use for its id.
+  /// Adds a name that `name` can use for its id. Stores a limited number of names.
   void add_name(const std::string& name);
   /// Adds all names in a roster or catalogue entry.
   void add_names(const Fields& entry);

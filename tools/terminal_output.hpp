@@ -1,5 +1,8 @@
 #pragma once
 
+#include <cerrno>
+#include <cstring>
+#include <iostream>
 #include <string>
 
 namespace tactus::tools {
@@ -13,6 +16,14 @@ namespace tactus::tools {
     if (code < 0x20 || code == 0x7f || (follows_c2 && code >= 0x80 && code < 0xa0)) text[i] = '?';
   }
   return text;
+}
+
+/// Returns the exit status of a program after a write to standard output failed with `error`, an errno. The end of the
+/// program that reads the output, such as `head`, is no failure. The program has to ignore SIGPIPE.
+[[nodiscard]] inline int failed_output_status(const char* program, int error) {
+  if (error == EPIPE) return 0;
+  std::cerr << program << ": cannot write the output: " << std::strerror(error) << '\n';
+  return 1;
 }
 
 }  // namespace tactus::tools
