@@ -10,7 +10,6 @@ void merge(TouchInterval& into, const TouchInterval& other) {
   into.states += other.states;
   into.force_max = std::max(into.force_max, other.force_max);
   into.age_max_us = std::max(into.age_max_us, other.age_max_us);
-  into.contact = into.contact || other.contact;
   into.coarse_contact = into.coarse_contact || other.coarse_contact;
   into.fault = into.fault || other.fault;
 }
@@ -32,8 +31,7 @@ void TouchCourse::add(double since_start, const session::ProbeState& state, doub
   now.states = 1;
   now.force_max = static_cast<float>(std::hypot(state.force[0], state.force[1], state.force[2]));
   now.age_max_us = static_cast<float>(age_us);
-  now.contact = (state.status & session::kInContact) != 0;
-  now.coarse_contact = now.contact && (state.status & session::kExact) == 0;
+  now.coarse_contact = (state.status & session::kInContact) != 0 && (state.status & session::kExact) == 0;
   now.fault = (state.status & session::kFault) != 0;
   merge(intervals_[index], now);
 }

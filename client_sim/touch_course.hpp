@@ -12,9 +12,8 @@ namespace tactus::client_sim {
 /// What the probe states of one interval of time have in common.
 struct TouchInterval {
   std::uint32_t states = 0;
-  float force_max = 0;   ///< N
-  float age_max_us = 0;  ///< of the probe states at their arrival
-  bool contact = false;
+  float force_max = 0;          ///< N
+  float age_max_us = 0;         ///< of the probe states at their arrival
   bool coarse_contact = false;  ///< a contact was not exact
   bool fault = false;
 };

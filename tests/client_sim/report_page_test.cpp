@@ -29,11 +29,10 @@ TEST(TouchCourse, StoresTheMaximaOfEachInterval) {
   EXPECT_EQ(first.states, 2u);
   EXPECT_EQ(first.force_max, 3);
   EXPECT_EQ(first.age_max_us, 300);
-  EXPECT_TRUE(first.contact);
   EXPECT_TRUE(first.coarse_contact);
   EXPECT_FALSE(first.fault);
   EXPECT_EQ(course.intervals()[1].states, 0u);
-  EXPECT_FALSE(course.intervals()[2].contact);
+  EXPECT_FALSE(course.intervals()[2].coarse_contact);
 }
 
 TEST(TouchCourse, JoinsIntervalsOfALongSession) {
