@@ -6,6 +6,7 @@
 #include <fstream>
 #include <iostream>
 
+#include "client_sim/report_page.hpp"
 #include "client_sim/sim.hpp"
 #include "session/modes.hpp"
 #include "wire/command_line.hpp"
@@ -16,7 +17,7 @@ namespace {
 constexpr char kExamples[] = R"(
 Examples:
   tactus-sim --session lab --scenario demo
-  tactus-sim --session lab --scenario my.yaml --json report.json
+  tactus-sim --session lab --scenario my.yaml --json report.json --html report.html
   tactus-sim --list
 
 my.yaml:
@@ -47,10 +48,10 @@ Exit status: 0 the scenario ran, 1 it stopped early, 2 wrong input or the name i
 }
 
 /// Writes a temporary file in the same folder and renames it to `file`, so that no other program reads half a report.
-void write_json(const std::filesystem::path& file, const std::string& text) {
+void write_report(const std::filesystem::path& file, const std::string& text) {
   const std::filesystem::path part = file.string() + ".part";
   std::ofstream out{part};
-  out << text << '\n';
+  out << text;
   out.close();
   std::error_code error{out ? 0 : errno, std::generic_category()};
   if (!error) std::filesystem::rename(part, file, error);
@@ -77,7 +78,7 @@ int main(int argc, char** argv) {
   address.session = "tactus";
   address.participant = "sim";
   std::string scenario = "demo";
-  std::filesystem::path json;
+  std::filesystem::path json, html;
   double seconds = 0;
   double patience = client_sim::SimSettings{}.patience;
   std::string mode;
@@ -96,6 +97,7 @@ int main(int argc, char** argv) {
                  "Session mode, which sets how probe states are sent: auto, collaborate or large-scale. A list "
                  "USER,USER... after collaborate or large-scale restricts the mode to these users");
   app.add_option("--json", json, "File for the report as JSON");
+  app.add_option("--html", html, "File for the report as an HTML page with plots");
   app.add_flag("--list", list, "List the built-in scenarios");
   try {
     app.parse(argc, argv);
@@ -117,12 +119,14 @@ int main(int argc, char** argv) {
     client_sim::SimOptions options{address, client_sim::load_scenario(scenario), patience, mode};
     if (!mode.empty()) (void)session::parse_mode(mode);
     if (seconds > 0) options.scenario.duration = seconds;
-    if (!json.empty()) expect_writable(json);
+    for (const std::filesystem::path& file : {json, html})
+      if (!file.empty()) expect_writable(file);
     client_sim::Sim sim{std::move(options)};
     const client_sim::Report report =
         sim.run(stop, [](const std::string& text) { std::cerr << "tactus-sim: " << text << '\n'; });
     std::cout << client_sim::text(report);
-    if (!json.empty()) write_json(json, client_sim::json(report));
+    if (!json.empty()) write_report(json, client_sim::json(report));
+    if (!html.empty()) write_report(html, client_sim::html(report));
     return report.stop_reason.empty() ? 0 : 1;
   } catch (const std::exception& error) {
     std::cerr << "tactus-sim: " << error.what() << '\n';

@@ -196,7 +196,9 @@ void TouchTally::add(const session::ProbeState& state, std::int64_t start_ns, st
   const session::Admission admission = window_.admit(state.origin, state.sequence, received_ns);
   if (!session::accepted(admission)) return;
   ++states;
-  age_us.add(static_cast<double>(received_ns - state.session_time_ns) * 1e-3);
+  const double age = static_cast<double>(received_ns - state.session_time_ns) * 1e-3;
+  age_us.add(age);
+  course.add(static_cast<double>(state.session_time_ns - start_ns) * 1e-9, state, age);
   const bool contact_now = (state.status & session::kInContact) != 0;
   const bool exact_now = contact_now && (state.status & session::kExact) != 0;
   const double force = std::hypot(state.force[0], state.force[1], state.force[2]);

@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "client_sim/touch_course.hpp"
 #include "session/messages.hpp"
 #include "session/percentile.hpp"
 #include "session/sequence_window.hpp"
@@ -33,6 +34,7 @@ class TouchTally {
   std::uint32_t faults = 0;              ///< number of faults that were latched
   std::string fault_reason;              ///< of the last fault
   session::Samples<> age_us{1'000'000};  ///< ages of probe states at arrival
+  TouchCourse course;
 
   [[nodiscard]] double force_mean() const noexcept { return contact > 0 ? force_seconds_ / contact : 0; }
   [[nodiscard]] double exact_share() const noexcept { return contact > 0 ? exact / contact : 0; }

@@ -140,6 +140,20 @@ bool can_compare(Truth truth, Measure measure) {
   return false;
 }
 
+/// Returns the built-in scenario with this name, or null.
+const BuiltInScenario* find_built_in(const std::string& name) {
+  for (const BuiltInScenario& built_in : built_in_scenarios())
+    if (name == built_in.name) return &built_in;
+  return nullptr;
+}
+
+std::string built_in_names() {
+  std::string names;
+  for (const BuiltInScenario& built_in : built_in_scenarios())
+    names += (names.empty() ? "" : ", ") + std::string{built_in.name};
+  return names;
+}
+
 }  // namespace
 
 Scenario parse_scenario(const std::string& text, const std::string& source) {
@@ -179,16 +193,18 @@ Scenario varied(Scenario scenario, std::uint64_t seed) {
   return scenario;
 }
 
+const BuiltInScenario& built_in_scenario(const std::string& name) {
+  if (const BuiltInScenario* const found = find_built_in(name)) return *found;
+  throw ScenarioError{"scenario '" + name + "': not a built-in one, expected one of " + built_in_names()};
+}
+
 Scenario load_scenario(const std::string& name_or_path) {
-  std::string names;
-  for (const BuiltInScenario& built_in : built_in_scenarios()) {
-    if (name_or_path == built_in.name) return parse_scenario(built_in.text, "built-in " + name_or_path);
-    names += (names.empty() ? "" : ", ") + std::string{built_in.name};
-  }
+  if (const BuiltInScenario* const found = find_built_in(name_or_path))
+    return parse_scenario(found->text, "built-in " + name_or_path);
   try {
     return parse_scenario(yaml::file_text(name_or_path), name_or_path);
   } catch (const std::system_error& error) {
-    throw ScenarioError{"scenario '" + name_or_path + "': neither a built-in one (" + names +
+    throw ScenarioError{"scenario '" + name_or_path + "': neither a built-in one (" + built_in_names() +
                         ") nor a readable file: " + error.code().message()};
   }
 }

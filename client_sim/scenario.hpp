@@ -135,6 +135,8 @@ struct BuiltInScenario {
 };
 /// `touch`, `follow`, `lift`, `grab`, `demo`, `demo-lift`, and the scenarios of studies (docs/how-to/studies.md).
 [[nodiscard]] const std::vector<BuiltInScenario>& built_in_scenarios();
+/// Returns the built-in scenario with this name. Throws ScenarioError, which lists the built-in names, if there is none.
+[[nodiscard]] const BuiltInScenario& built_in_scenario(const std::string& name);
 
 /// Returns n for the reference "#n", and 0 for a name.
 [[nodiscard]] std::uint32_t ordinal_of(const std::string& reference);

@@ -249,9 +249,6 @@ class IdlSchema::Decoder {
     }
   }
 
- private:
-  static constexpr std::size_t kHeadBytes = 4;  // the encapsulation
-
   /// Appends a field as JSON.
   void json(const IdlType& type, const std::string& path, std::string& out) {
     const auto list = [&](std::size_t count, char open, char close, const auto& each) {
@@ -284,11 +281,19 @@ class IdlSchema::Decoder {
       case IdlType::Kind::kEnum:
         quote(scalar(type, path), out);
         break;
-      case IdlType::Kind::kNumber:
-        out += scalar(type, path);
+      case IdlType::Kind::kNumber: {
+        const std::string number = scalar(type, path);
+        if (number.find('n') == std::string::npos)
+          out += number;
+        else  // "nan", "inf" or "-inf", which JSON does not have
+          quote(number, out);
         break;
+      }
     }
   }
+
+ private:
+  static constexpr std::size_t kHeadBytes = 4;  // the encapsulation
 
   static void quote(const std::string& text, std::string& out) {
     out += '"';
@@ -402,6 +407,12 @@ std::vector<std::string> IdlSchema::values(const std::string& type, std::span<co
   std::vector<std::string> all;
   Decoder{encoded}.values(this->type(type), "", all);
   return all;
+}
+
+std::string IdlSchema::json(const std::string& type, std::span<const std::uint8_t> encoded) const {
+  std::string text;
+  Decoder{encoded}.json(this->type(type), "", text);
+  return text;
 }
 
 }  // namespace tactus::trace

@@ -1,4 +1,4 @@
-/// Decodes samples of a recording by the IDL text in the recording, without generated code.
+/// Decodes encoded samples by the text of their IDL, without generated code.
 ///
 /// Supports the part of OMG IDL that tactus.idl uses: modules, constants, typedefs, arrays, enumerations, structs,
 /// strings and sequences. Skips annotations. The samples are plain CDR (XCDR version 1) of either byte order, with
@@ -56,6 +56,11 @@ class IdlSchema {
   /// Returns the values of a sample, one for each column. A number has as many digits as are needed to restore it; an
   /// enumerator has its name; a sequence is JSON. Throws SchemaError if the sample does not match the type.
   [[nodiscard]] std::vector<std::string> values(const std::string& type, std::span<const std::uint8_t> encoded) const;
+
+  /// Returns a sample as one JSON object with the fields of its type. Numbers and enumerators are as in `values`, but a
+  /// number that is not finite is the string "nan", "inf" or "-inf", because JSON has no such numbers. Bytes of strings
+  /// that are not UTF-8 remain as they are. Throws SchemaError like `values`.
+  [[nodiscard]] std::string json(const std::string& type, std::span<const std::uint8_t> encoded) const;
 
  private:
   class Parser;

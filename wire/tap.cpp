@@ -108,11 +108,11 @@ class RawReader final : public dds::DataReaderListener {
 }  // namespace
 
 struct Tap::Impl {
-  Impl(Participants& participants, bool bulk, OnSample on_sample) {
+  Impl(Participants& participants, const Selection& is_selected, OnSample on_sample) {
     Participants::Impl& in = participants.impl();
     const std::string& session = participants.address().session;
     topics::for_each([&](const auto& spec) {
-      if (spec.traffic == TrafficClass::kBulk && !bulk) return;
+      if (!is_selected(spec.name, spec.traffic)) return;
       using Sample = std::decay_t<decltype(sample_of(spec))>;
       using Support = typename IdlOf<Sample>::Support;
       dds::Topic& topic = in.topic(spec.name, spec.traffic, dds::TypeSupport{new Raw<Support>{spec.traffic}});
@@ -142,8 +142,8 @@ struct Tap::Impl {
   std::vector<std::unique_ptr<RawReader>> readers;
 };
 
-Tap::Tap(Participants& participants, bool bulk, OnSample on_sample)
-    : impl_{std::make_unique<Impl>(participants, bulk, std::move(on_sample))} {}
+Tap::Tap(Participants& participants, const Selection& is_selected, OnSample on_sample)
+    : impl_{std::make_unique<Impl>(participants, is_selected, std::move(on_sample))} {}
 Tap::~Tap() = default;
 
 const std::vector<TapTopic>& Tap::topics() const noexcept { return impl_->tap_topics; }

@@ -1,4 +1,4 @@
-/// Receives all samples of a session in encoded form, for recorders.
+/// Receives the samples of a session in encoded form, for recorders and other observers.
 #pragma once
 
 #include <cstdint>
@@ -19,7 +19,7 @@ struct TapTopic {
   std::string partitions;  ///< partitions that the reader reads, separated by ", "; "" is the session as a whole
 };
 
-/// Reads all topics in all partitions of the session. Drops samples that cannot be decoded. Writers send each
+/// Reads the selected topics in all partitions of the session. Drops samples that cannot be decoded. Writers send each
 /// best-effort sample to a tap's readers too; for class bulk this doubles the traffic.
 class Tap {
  public:
@@ -27,9 +27,12 @@ class Tap {
   /// DDS threads call it, one call at a time for each topic.
   using OnSample = std::function<void(std::size_t topic, std::span<const std::uint8_t> encoded)>;
 
-  /// `bulk`: whether to read the topics of class bulk too. `participants` must have no Reader or Writer, because a tap
-  /// registers other types under the same names. Throws WireError.
-  Tap(Participants& participants, bool bulk, OnSample on_sample);
+  /// Returns whether to read a topic.
+  using Selection = std::function<bool(const std::string& topic, TrafficClass traffic)>;
+
+  /// `participants` must have no Reader or Writer, because a tap registers other types under the same names. Throws
+  /// WireError.
+  Tap(Participants& participants, const Selection& is_selected, OnSample on_sample);
   /// After this returns no callback runs.
   ~Tap();
 

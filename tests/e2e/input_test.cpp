@@ -191,7 +191,22 @@ TEST_F(WrongInputTest, IsRefusedByTheSimulation) {
                      {{"--scenario", path("empty_qos")}, {"empty_qos"}},
                      {{"--json", path("no/such.json")}, {"no/such.json", "cannot write"}},
                      {{"--json", path("empty_qos")}, {"empty_qos", "cannot write"}},
+                     {{"--html", path("no/such.html")}, {"no/such.html", "cannot write"}},
                  });
+}
+
+TEST_F(WrongInputTest, IsRefusedByWatchAndTop) {
+  expect_refused("watch", wrong_session_options({"roster"}));
+  expect_refused("watch", {
+                              {{}, {"TOPIC", "required"}},
+                              {{"rooster"}, {"found no topic 'rooster'", "expected one of tactus_roster, ", "_clock"}},
+                              {{"roster", "--user", "ann"}, {"tactus_roster", "--user", "expected a topic of users"}},
+                              {{"records", "--from", "museum"}, {"tactus_records", "--from", "expected another"}},
+                              {{"roster", "--count", "0"}, {"--count", "0"}},
+                              {{"roster", "--for", "soon"}, {"--for", "soon"}},
+                          });
+  expect_refused("top", wrong_session_options({}));
+  expect_refused("top", {{{"surplus"}, {"surplus"}}, {{"--interval", "0"}, {"--interval", "0.1"}}});
 }
 
 TEST_F(WrongInputTest, IsRefusedByTheMeshTool) {

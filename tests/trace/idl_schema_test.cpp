@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <cstring>
+#include <limits>
 
 namespace tactus::trace {
 namespace {
@@ -79,6 +80,18 @@ TEST(IdlSchema, ReadsASampleIntoItsColumns) {
   EXPECT_THAT(IdlSchema{kText}.values("a::b::Outer", sample().bytes()),
               ElementsAre("9223372036854775808", "true", "0.1", "-2.5e-300", "kGreen", "n\"1",
                           R"([{"where":[3,4],"colour":"7"}])", "1.5", "0.1", "-0", "4", "-2"));
+}
+
+TEST(IdlSchema, WritesASampleAsJson) {
+  EXPECT_EQ(IdlSchema{kText}.json("a::b::Outer", sample().bytes()),
+            R"({"id":9223372036854775808,"on":true,"inner":{"where":[0.1,-2.5e-300],"colour":"kGreen"},"name":"n\"1",)"
+            R"("more":[{"where":[3,4],"colour":"7"}],"grid":[[1.5,0.1],[-0,4]],"last":-2})");
+}
+
+TEST(IdlSchema, WritesNumbersThatAreNotFiniteAsStringsOfJson) {
+  CdrBytes cdr;
+  cdr.add(std::numeric_limits<double>::quiet_NaN()).add(-std::numeric_limits<double>::infinity()).add(0u);
+  EXPECT_EQ(IdlSchema{kText}.json("a::b::Inner", cdr.bytes()), R"({"where":["nan","-inf"],"colour":"kRed"})");
 }
 
 TEST(IdlSchema, RefusesASampleThatIsTruncatedAnywhere) {

@@ -46,7 +46,8 @@ class TapTest : public ::testing::Test {
   Participants beta_{address(alpha_.address().session, "beta")};
   std::int64_t samples_ = 0;
   Inbox<Received> inbox_;
-  Tap tap_{beta_, true, [this](std::size_t topic, std::span<const std::uint8_t> bytes) {
+  Tap tap_{beta_, [](const std::string&, TrafficClass) { return true; },
+           [this](std::size_t topic, std::span<const std::uint8_t> bytes) {
              inbox_.callback()(Received{topic, {bytes.begin(), bytes.end()}});
            }};
 };

@@ -127,8 +127,10 @@ int record(const wire::SessionAddress& address, const std::string& file, double 
   Recording recording{file};
   wire::Participants participants{address};
   {
-    wire::Tap tap{participants, bulk,
-                  [&](std::size_t topic, std::span<const std::uint8_t> encoded) { recording.add(topic, encoded); }};
+    wire::Tap tap{
+        participants,
+        [&](const std::string&, wire::TrafficClass traffic) { return bulk || traffic != wire::TrafficClass::kBulk; },
+        [&](std::size_t topic, std::span<const std::uint8_t> encoded) { recording.add(topic, encoded); }};
     recording.set_topics(tap.topics());
     std::cout << "recording session " << address.session << " into " << file << std::endl;
     const auto begin = Clock::now();
