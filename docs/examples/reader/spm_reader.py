@@ -145,8 +145,11 @@ class Base:
         require(self.base_vertices + self.base_faces + self.regions <= len(data), 'base mesh: its counts are too large')
         self.bounds_min, self.bounds_max, self.grid = reader.raw('3f'), reader.raw('3f'), reader.raw('4d')
         self.metres_per_unit, self.deviation, self.step = reader.raw('3d')
-        # The C++ decoder compares radii as codes, and the largest code is that of the deviation.
-        self.max_radius = (u32(struct.pack('<f', self.deviation), 0) + 0x7FFFF) >> 19
+        require(self.vertices == self.base_vertices + self.records, 'base mesh: its counts do not fit')
+        deviation = struct.pack('<f', self.deviation)
+        self.max_radius = u32(deviation, 0) >> 19
+        require(struct.unpack('<f', deviation)[0] == self.deviation and u32(deviation, 0) & 0x7FFFF == 0 and
+                self.max_radius < 0xFF0, 'base mesh: its deviation is no radius')
 
         self.positions = array.array('f')
         codes = [0, 0, 0]
@@ -158,6 +161,7 @@ class Base:
                 codes[axis] = codes[axis] + unzigzag(reader.varint()) & MASK32
                 self.positions.append(self.decode(axis, codes[axis]))
         self.radii = [reader.raw('H') for _ in range(self.base_vertices)]
+        require(max(self.radii, default=0) <= self.max_radius, 'base mesh: a radius is above the deviation')
         self.base = []  # (face, is finest, three corners)
         face = corner = 0
         for _ in range(self.base_faces):
@@ -172,6 +176,7 @@ class Base:
         self.region_table = []  # (x, y, z, depth, occupied, records, parts, faces, checksum)
         for _ in range(self.regions):
             cell = [reader.varint() for _ in range(4)]
+            require(max(cell) <= 0xFFFF and cell[3] <= 8, 'base mesh: bad cell')
             occupied, records = reader.raw('Q'), reader.varint()
             parts = records + reader.varint()
             self.region_table.append((*cell, occupied, records, parts, reader.varint(), reader.raw('I')))
@@ -198,6 +203,7 @@ class Base:
 
 SWING = -1  # instead of a deformed face: the next face around the parent
 IN_RING, BY_ID, LAST_IN_RING = 0, 1, -1
+MAX_LINKED_DEFORMED, MAX_LINKED_BORN = 32, 4  # a record with more faces links none of its born faces
 
 
 class Record:
@@ -325,7 +331,8 @@ class Mesh:
     """The mesh after the records applied so far: positions by vertex id, and a corner table.
 
     Corner c of face f has the index 3 f + c. `opposite` has the corner across the edge opposite to a corner, or -1.
-    `applied` has the content of each applied record: parent, radius code, parts, checksum.
+    `applied` has the content of each applied record: parent, radius code, parts, checksum, level.
+    `changed_by` has for each face the last record that bore or deformed it, or -1.
     """
 
     def __init__(self, base):
@@ -336,6 +343,7 @@ class Mesh:
         self.opposite = array.array('i', [-1]) * (3 * base.faces)
         self.present = bytearray(b'\1') * base.base_vertices + bytearray(base.records)
         self.is_finest = bytearray(base.faces)
+        self.changed_by = array.array('i', [-1]) * base.faces
         self.applied = {}
         edges = {}
         for face, is_finest, corners in base.base:
@@ -364,6 +372,7 @@ class Mesh:
         ring = [] if t is None else [t]
         all_deformed, all_born, stored = [], [], []
         at = -1  # the corner of the parent in the last deformed face
+        around, changed = set(), set()  # vertices around u, and the records that last changed the deformed faces
         for deformed, born in record.parts:
             stored_deformed, stored_born = [], []
             for face, corner, is_finest in deformed:
@@ -380,7 +389,13 @@ class Mesh:
                     t = corners[first + corner]
                     ring.append(t)
                 at = first + corner
-                for other in (corners[first + (corner + 1) % 3], corners[first + (corner + 2) % 3]):
+                others = corners[first + (corner + 1) % 3], corners[first + (corner + 2) % 3]
+                require(u not in others, f'record {number} deforms a face twice')
+                require(not self.is_finest[face], f'record {number} deforms a face after its finest version')
+                around.update(others)
+                changed.add(self.changed_by[face])
+                self.changed_by[face] = number
+                for other in others:
                     if other not in ring and len(ring) < 64:
                         ring.append(other)
                 corners[at] = u
@@ -398,7 +413,8 @@ class Mesh:
                 require(corners[3 * face] < 0, f'record {number} bears a face that exists')
                 at_u, at_t, at_x = born_corners(order)
                 corners[3 * face + at_u], corners[3 * face + at_t], corners[3 * face + at_x] = u, t, x
-                self.is_finest[face] = is_finest
+                self.is_finest[face], self.changed_by[face] = is_finest, number
+                around.add(x)
                 all_born.append((3 * face + at_u, 3 * face + at_t, 3 * face + at_x, order % 2 == 0))
                 stored_born.append((face << 4 | order << 1 | is_finest, x))
             if not stored:
@@ -406,10 +422,13 @@ class Mesh:
             stored.append((stored_born, stored_deformed))
         self.link_split(all_deformed, all_born)
         self.present[u] = 1
-        self.applied[number] = (t, record.radius, stored, checksum_of(u, ring))
+        around.add(t)
+        needed = changed | {v - base.base_vertices for v in around if v >= base.base_vertices}
+        level = 1 + max((self.applied[i][4] for i in needed if i >= 0), default=0)
+        self.applied[number] = (t, record.radius, stored, checksum_of(u, ring), level)
 
     def link_split(self, deformed, born):
-        if len(deformed) > 32 or len(born) > 4:
+        if len(deformed) > MAX_LINKED_DEFORMED or len(born) > MAX_LINKED_BORN:
             return
         corners, opposite = self.corners, self.opposite
         for at_u, at_t, at_x, even in born:
@@ -517,13 +536,20 @@ class Model:
         self.mesh = Mesh(base)
         for number, record in self.read_records():
             self.mesh.apply(number, record)
+        applied = self.mesh.applied
+        require(sum(len(record[2]) for record in applied.values()) == base.parts, 'wrong number of parts')
+        require(max((record[4] for record in applied.values()), default=0) == base.max_level, 'wrong largest level')
 
         bits, start, self.lists = BitReader(self.sections[2]), 0, []
         for region, size in enumerate(list_bits):
             self.lists.append(read_intervals(base, bits, base.records))
             start += size
             require(bits.at == start, 'a list does not end where its size states')
-            require(self.mesh.checksum(self.lists[-1]) == base.region_table[region][8], 'a list has a wrong checksum')
+            listed = numbers(self.lists[-1])
+            _, _, _, _, _, records, parts, faces, checksum = base.region_table[region]
+            require((records, parts) == (len(listed), sum(len(applied[number][2]) for number in listed)) and
+                    0 < faces <= base.faces, 'a region has wrong counts')
+            require(self.mesh.checksum(self.lists[-1]) == checksum, 'a list has a wrong checksum')
         require(bits.end - bits.at < 8, 'found bytes after the last list')
         require(all(self.mesh.is_finest), 'a face does not reach its finest version')
         require(self.digest() == base.digest, 'the digest differs from that of the decoded model')
@@ -551,7 +577,7 @@ class Model:
         out += [struct.pack('<5I', face, is_finest, *corners) for face, is_finest, corners in base.base]
         first_parts, later_parts = [], []
         for number in range(base.records):
-            t, radius, stored, _ = mesh.applied[number]
+            t, radius, stored, _, _ = mesh.applied[number]
             for i, (born, deformed) in enumerate(stored):
                 following = NONE if i + 1 == len(stored) else base.records + len(later_parts) + (i > 0)
                 part = struct.pack('<2I2BH', t, following, len(born), len(deformed), radius)
@@ -592,7 +618,7 @@ def run(main, usage, max_arguments):
         sys.exit(usage)
     try:
         main(*sys.argv[1:])
-    except (FormatError, OSError, UnicodeDecodeError) as error:
+    except (FormatError, OSError, OverflowError, UnicodeDecodeError) as error:
         sys.exit(f'{sys.argv[0]}: {error}')
 
 
