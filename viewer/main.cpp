@@ -1,5 +1,6 @@
 #include <CLI/CLI.hpp>
 #include <chrono>
+#include <filesystem>
 #include <iostream>
 #include <random>
 #include <string>
@@ -22,6 +23,14 @@ Open the printed address in a browser. `scripts/page` builds the page. Only brow
 unless --listen names another address. Then two addresses are printed: pages of the first can touch and stop forces,
 pages of the second only show the session. With --demo the page needs no session: it runs one itself.
 Exit status: 0 ended by a signal, 2 wrong input, no page, or the port or the name is taken.)";
+
+/// Returns the folder of a page: beside an installed program, otherwise the one that scripts/page builds.
+std::filesystem::path page_folder(const char* installed, const char* built) {
+  std::error_code error;
+  const auto program = std::filesystem::read_symlink("/proc/self/exe", error);
+  const auto beside = program.parent_path().parent_path() / "share/tactus" / installed;
+  return std::filesystem::is_directory(beside, error) ? beside : std::filesystem::path{built};
+}
 
 /// Serves the page "Touch it now", which has a session of its own.
 int serve_demo(tactus::viewer::ServerSettings server, const std::atomic<bool>& stop) {
@@ -75,7 +84,7 @@ int main(int argc, char** argv) {
   app.add_option("--listen", options.server.address, "Address of this machine at which the page is served")
       ->capture_default_str();
   app.add_option("--port", options.server.port, "Port of the page; 0: any free port")->capture_default_str();
-  app.add_option("--page", options.server.folder, "Folder of the page; default: " TACTUS_PAGE);
+  app.add_option("--page", options.server.folder, "Folder of the page; default: that of scripts/page");
   app.add_flag("--demo", is_demo, "Serve the page \"Touch it now\", which runs a session in the browser")
       ->excludes("--session")
       ->excludes("--listen");
@@ -88,7 +97,8 @@ int main(int argc, char** argv) {
     return app.exit(error) == 0 ? 0 : 2;
   }
   const std::atomic<bool>& stop = wire::stop_signal();
-  if (options.server.folder.empty()) options.server.folder = is_demo ? TACTUS_TOUCH_PAGE : TACTUS_PAGE;
+  if (options.server.folder.empty())
+    options.server.folder = is_demo ? page_folder("touch", TACTUS_TOUCH_PAGE) : page_folder("view", TACTUS_PAGE);
   try {
     if (is_demo) return serve_demo(options.server, stop);
     constexpr std::uint32_t kMinSlots = 1000;
