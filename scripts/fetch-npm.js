@@ -1,5 +1,5 @@
 // fetch-npm.js REGISTRY LOCK DIRECTORY: fetches the packages of the lock file LOCK into DIRECTORY/node_modules. For machines
-// with Node.js but without npm: Debian's npm depends on 384 packages (43 MB), and the tests need eight small ones.
+// with Node.js but without npm: Debian's npm depends on 384 packages (43 MB), and the tests need fourteen small ones.
 "use strict";
 const { createHash } = require("crypto");
 const { execFileSync } = require("child_process");

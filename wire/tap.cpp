@@ -2,6 +2,7 @@
 
 #include <mutex>
 
+#include "wire/check.hpp"
 #include "wire/convert.hpp"
 #include "wire/dds.hpp"
 #include "wire/endpoints.hpp"
@@ -36,6 +37,10 @@ class Raw final : public Guarded<Support> {
   bool serialize(void*, eprosima::fastrtps::rtps::SerializedPayload_t*) override { return false; }
   void* createData() override { return static_cast<Encoded*>(new Sample); }
   void deleteData(void* data) override { delete &of(data); }
+  /// Returns the decoded sample of which `encoded` is a part.
+  [[nodiscard]] static const typename Support::type& decoded(const Encoded& encoded) {
+    return static_cast<const Sample&>(encoded).decoded;
+  }
 
  private:
   /// The encoded bytes, and the decoded sample, from which the key is computed.
@@ -49,7 +54,7 @@ class Raw final : public Guarded<Support> {
 class RawReader final : public dds::DataReaderListener {
  public:
   RawReader(dds::DomainParticipant& participant, dds::Topic& topic, const std::vector<std::string>& partitions,
-            dds::DataReaderQos qos, std::function<void(std::span<const std::uint8_t>)> on_sample)
+            dds::DataReaderQos qos, std::function<void(const Encoded&)> on_sample)
       : participant_{participant}, data_{topic}, on_sample_{std::move(on_sample)} {
     dds::SubscriberQos subscriber = dds::SUBSCRIBER_QOS_DEFAULT;
     for (const std::string& partition : partitions) subscriber.partition().push_back(partition.c_str());
@@ -76,7 +81,7 @@ class RawReader final : public dds::DataReaderListener {
     if (closed_) return;
     dds::SampleInfo info;
     while (from->take_next_sample(data_.get(), &info) == ReturnCode_t::RETCODE_OK)
-      if (info.valid_data) on_sample_(static_cast<const Encoded*>(data_.get())->bytes);
+      if (info.valid_data) on_sample_(*static_cast<const Encoded*>(data_.get()));
   }
 
  private:
@@ -102,13 +107,13 @@ class RawReader final : public dds::DataReaderListener {
   std::mutex mutex_;
   bool closed_ = false;
   Data data_;
-  std::function<void(std::span<const std::uint8_t>)> on_sample_;
+  std::function<void(const Encoded&)> on_sample_;
 };
 
 }  // namespace
 
 struct Tap::Impl {
-  Impl(Participants& participants, const Selection& is_selected, OnSample on_sample) {
+  Impl(Participants& participants, const Selection& is_selected, OnSample on_sample, OnDecoded on_decoded) {
     Participants::Impl& in = participants.impl();
     const std::string& session = participants.address().session;
     topics::for_each([&](const auto& spec) {
@@ -130,7 +135,15 @@ struct Tap::Impl {
           {spec.name, topic.get_type_name(), is_group_topic ? "g/*" : std::string{", u/*, h/*, "} + kLossesPartition});
       readers.push_back(std::make_unique<RawReader>(
           in.participant(spec.traffic), topic, partitions, in.reader_qos.at(spec.profile),
-          [on_sample, number](std::span<const std::uint8_t> encoded) { on_sample(number, encoded); }));
+          [on_sample, on_decoded, number, session_id = in.session_id](const Encoded& encoded) {
+            on_sample(number, encoded.bytes);
+            if (!on_decoded) return;
+            Sample sample;
+            from_idl(Raw<Support>::decoded(encoded), sample);
+            if constexpr (requires { sample.origin; })
+              if (sample.origin.session != session_id) return;
+            if (invalid_field(sample) == nullptr) on_decoded(AnySample{std::move(sample)});
+          }));
     });
   }
 
@@ -142,8 +155,8 @@ struct Tap::Impl {
   std::vector<std::unique_ptr<RawReader>> readers;
 };
 
-Tap::Tap(Participants& participants, const Selection& is_selected, OnSample on_sample)
-    : impl_{std::make_unique<Impl>(participants, is_selected, std::move(on_sample))} {}
+Tap::Tap(Participants& participants, const Selection& is_selected, OnSample on_sample, OnDecoded on_decoded)
+    : impl_{std::make_unique<Impl>(participants, is_selected, std::move(on_sample), std::move(on_decoded))} {}
 Tap::~Tap() = default;
 
 const std::vector<TapTopic>& Tap::topics() const noexcept { return impl_->tap_topics; }

@@ -6,8 +6,10 @@
 #include <memory>
 #include <span>
 #include <string>
+#include <variant>
 #include <vector>
 
+#include "session/messages.hpp"
 #include "wire/participants.hpp"
 
 namespace tactus::wire {
@@ -19,6 +21,13 @@ struct TapTopic {
   std::string partitions;  ///< partitions that the reader reads, separated by ", "; "" is the session as a whole
 };
 
+/// A decoded sample of any topic.
+using AnySample = std::variant<session::RosterEntry, session::CatalogueEntry, session::Demand, session::Metrics,
+                               session::ShownRegions, session::Control, session::ForceReset, session::SessionEnd,
+                               session::BulkChunk, session::EmergencyStop, session::ProbeState, session::DevicePose,
+                               session::DeviceCommand, session::Intent, session::ObjectPose, session::ObjectClaim,
+                               session::ObjectGrant, session::ObjectCopy, session::ClockSample>;
+
 /// Reads the selected topics in all partitions of the session. Drops samples that cannot be decoded. Writers send each
 /// best-effort sample to a tap's readers too; for class bulk this doubles the traffic.
 class Tap {
@@ -26,13 +35,15 @@ class Tap {
   /// `topic`: index in topics(). `encoded`: the sample with its encapsulation header, valid during the call. Several
   /// DDS threads call it, one call at a time for each topic.
   using OnSample = std::function<void(std::size_t topic, std::span<const std::uint8_t> encoded)>;
+  /// Called after OnSample with the same sample, if it is valid (wire/check.hpp) and of this session.
+  using OnDecoded = std::function<void(const AnySample& sample)>;
 
   /// Returns whether to read a topic.
   using Selection = std::function<bool(const std::string& topic, TrafficClass traffic)>;
 
   /// `participants` must have no Reader or Writer, because a tap registers other types under the same names. Throws
   /// WireError.
-  Tap(Participants& participants, const Selection& is_selected, OnSample on_sample);
+  Tap(Participants& participants, const Selection& is_selected, OnSample on_sample, OnDecoded on_decoded = {});
   /// After this returns no callback runs.
   ~Tap();
 

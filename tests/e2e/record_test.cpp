@@ -1,8 +1,10 @@
 /// Records sessions with tactus-record, and reads the files with the reference reader of MCAP.
+#include <algorithm>
 #include <array>
 #include <charconv>
 #include <fstream>
 #include <nlohmann/json.hpp>
+#include <set>
 
 #include "tests/e2e/session_test.hpp"
 #include "tests/trace/read_mcap.hpp"
@@ -64,9 +66,10 @@ TEST_F(RecordTest, ARecordingAndItsTablesContainEveryTopicOfTheSession) {
   std::uint64_t messages = 0;
   for (const auto& [topic, content] : all.items()) messages += content["count"].get<std::uint64_t>();
   EXPECT_THAT(recorder.output(), testing::HasSubstr(std::to_string(messages) + " messages, "));
-  for (const char* const topic : {"tactus_roster", "tactus_catalogue", "tactus_demand", "tactus_metrics",
-                                  "tactus_control", "tactus_end", "tactus_records", "tactus_probe_state",
-                                  "tactus_intent", "tactus_device_pose", "tactus_device_command", "tactus_clock"})
+  for (const char* const topic :
+       {"tactus_roster", "tactus_catalogue", "tactus_demand", "tactus_metrics", "tactus_control", "tactus_end",
+        "tactus_records", "tactus_probe_state", "tactus_intent", "tactus_device_pose", "tactus_device_command",
+        "tactus_clock", "/scene/objects", "/scene/probes", "/tf", "/events"})
     EXPECT_TRUE(all.contains(topic)) << topic;
   ASSERT_TRUE(all.contains("tactus_device_pose"));
   const json& pose = all["tactus_device_pose"];
@@ -78,8 +81,11 @@ TEST_F(RecordTest, ARecordingAndItsTablesContainEveryTopicOfTheSession) {
   // Each topic has a table, with the numbers that the reference reader prints.
   Process export_all{in_session("record", {path("all.mcap"), "--to-csv", path("tables")})};
   EXPECT_TRUE(exits_with(0, export_all));
-  for (const auto& [topic, content] : all.items())
-    EXPECT_THAT(export_all.output(), testing::HasSubstr(topic + ".csv: ")) << export_all.output();
+  for (const auto& [topic, content] : all.items()) {
+    std::string table = topic.substr(topic.front() == '/' ? 1 : 0);
+    std::replace(table.begin(), table.end(), '/', '_');
+    EXPECT_THAT(export_all.output(), testing::HasSubstr("tables/" + table + ".csv: ")) << export_all.output();
+  }
   std::ifstream table{path("tables/tactus_device_pose.csv")};
   std::string header, row, last_row;
   std::getline(table, header);
@@ -96,6 +102,65 @@ TEST_F(RecordTest, ARecordingAndItsTablesContainEveryTopicOfTheSession) {
   const json until_killed = decoded("stream", "killed.mcap");
   EXPECT_GT(until_killed["tactus_probe_state"]["count"], 0);
   EXPECT_EQ(until_killed["tactus_catalogue"]["last"]["object_name"], "sphere");
+
+  // The scene of the session before it ended.
+  EXPECT_EQ(until_killed["/scene/objects"]["schema"], "foxglove::SceneUpdate");
+  const json objects = until_killed["/scene/objects"]["last"]["entities"];
+  ASSERT_EQ(objects.size(), 1u);
+  EXPECT_EQ(objects[0]["id"], "sphere");
+  ASSERT_EQ(objects[0]["models"].size(), 1u) << "the recorder saw the base mesh, because it was there first";
+  EXPECT_EQ(objects[0]["models"][0]["media_type"], "model/gltf-binary");
+  const std::vector<std::uint8_t> glb = objects[0]["models"][0]["data"];
+  EXPECT_THAT(std::string(glb.begin(), glb.end()), testing::StartsWith("glTF"));
+  const json probes = until_killed["/scene/probes"]["last"]["entities"];
+  std::set<std::string> drawn_users;
+  for (const json& probe : probes) drawn_users.insert(probe["id"].get<std::string>());
+  EXPECT_EQ(drawn_users, (std::set<std::string>{"ann", "bob"}));
+  for (const json& probe : probes) {
+    EXPECT_EQ(probe["spheres"].size(), 2u);
+    EXPECT_EQ(probe["arrows"].size(), 1u) << "both users press on the sphere";
+  }
+  const json transform = until_killed["/tf"]["last"]["transforms"][0];
+  EXPECT_EQ(transform["parent_frame_id"], "world");
+  EXPECT_EQ(transform["child_frame_id"], objects[0]["frame_id"]);
+  EXPECT_EQ(all["/events"]["schema"], "foxglove::Log");
+  EXPECT_NE(all["/events"]["last"]["message"], "");
+  EXPECT_TRUE(all["/scene/objects"]["last"]["entities"].empty()) << "the host has left";
+
+  // The recording has every topic and every first field that the layout shows.
+  std::ifstream layout_file{TACTUS_FOXGLOVE_LAYOUT};
+  const json panels = json::parse(layout_file)["configById"];
+  std::vector<std::string> paths{panels["RosOut!events"]["topicToRender"]};
+  for (const auto& [topic, settings] : panels["3D!tactus"]["topics"].items()) paths.push_back(topic);
+  for (const auto& [id, panel] : panels.items())
+    for (const json& path : panel.value("paths", json::array())) paths.push_back(path["value"]);
+  EXPECT_GT(paths.size(), 6u);
+  for (const std::string& path : paths) {
+    const std::size_t dot = path.find('.');
+    const std::string topic = path.substr(0, dot);
+    ASSERT_TRUE(all.contains(topic)) << path;
+    if (dot == std::string::npos) continue;
+    const std::string field = path.substr(dot + 1, path.find_first_of(".[", dot + 1) - dot - 1);
+    EXPECT_TRUE(all[topic]["last"].contains(field)) << path;
+  }
+}
+
+TEST_F(RecordTest, ARecordingWithoutTheSceneHasOnlyTheTopicsOfTheSession) {
+  if (const std::string reason = trace::missing_mcap_reader(); !reason.empty()) GTEST_SKIP() << reason;
+  std::vector<std::string> command = record("plain.mcap");
+  command.push_back("--no-scene");
+  Process recorder{command};
+  ASSERT_TRUE(recorder.wait_for_line("recording session"));
+  Observer observer{address("observer")};
+  Process museum{host("museum", models().sphere)};
+  ASSERT_TRUE(observer.until([](const Seen& seen) { return seen.metrics_count("museum") > 1; })) << museum.output();
+  museum.signal(SIGINT);
+  EXPECT_TRUE(exits_with(0, museum));
+  recorder.signal(SIGINT);
+  EXPECT_TRUE(exits_with(0, recorder));
+  const json all = decoded("", "plain.mcap");
+  EXPECT_TRUE(all.contains("tactus_catalogue"));
+  for (const auto& [topic, content] : all.items()) EXPECT_THAT(topic, testing::StartsWith("tactus_"));
 }
 
 TEST_F(RecordTest, AFileThatCannotBeWrittenIsWrongInput) {

@@ -2,16 +2,23 @@
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <chrono>
 #include <filesystem>
 #include <fstream>
 #include <iostream>
 #include <map>
 #include <mutex>
+#include <optional>
 #include <thread>
 #include <utility>
+#include <variant>
 #include <vector>
 
+#include "session/messages.hpp"
+#include "tools/scene/scene.hpp"
+#include "trace/cdr.hpp"
+#include "trace/foxglove.hpp"
 #include "trace/idl_schema.hpp"
 #include "trace/mcap.hpp"
 #include "wire/command_line.hpp"
@@ -31,7 +38,8 @@ Examples:
   tactus-record lab.mcap --to-csv lab.csv
 
 The recording ends with Ctrl-C, or after --seconds. Messages are encoded as CDR, and the schemas are the IDL of Tactus.
-MCAP readers that support omgidl can show them. To hosts the recorder is one more HRTC, unless --without-bulk omits the
+MCAP readers that support omgidl can show them. The topics /scene/objects, /scene/probes, /tf and /events show the
+session in Foxglove and Lichtblick; the layout for both is share/tactus/foxglove-layout.json. To hosts the recorder is one more HRTC, unless --without-bulk omits the
 meshes.
 Exit status: 0 recorded, 1 the file could not be written completely, 2 wrong input, 130 interrupted before any
 message.)";
@@ -50,12 +58,9 @@ class Recording {
 
   void set_topics(const std::vector<wire::TapTopic>& topics) {
     const std::lock_guard lock{mutex_};
-    std::map<std::string, trace::McapWriter::Schema> schemas;
-    for (const wire::TapTopic& topic : topics) {
-      const auto [schema, is_new] = schemas.try_emplace(topic.type);
-      if (is_new) schema->second = mcap_.add_schema(topic.type, "omgidl", wire::idl_text());
-      channels_.push_back(mcap_.add_channel(schema->second, topic.name, "cdr", {{"partitions", topic.partitions}}));
-    }
+    for (const wire::TapTopic& topic : topics)
+      channels_.push_back(mcap_.add_channel(schema(topic.type, wire::idl_text()), topic.name, "cdr",
+                                            {{"partitions", topic.partitions}}));
     sequences_.resize(channels_.size());
     has_topics_ = true;
     for (const EarlySample& early : std::exchange(early_, {})) write(early.topic, early.time, early.bytes);
@@ -69,6 +74,14 @@ class Recording {
       write(topic, now, encoded);
     else
       early_.push_back({topic, now, {encoded.begin(), encoded.end()}});
+  }
+
+  void add(const scene::Frame& frame, std::uint64_t time) {
+    const std::lock_guard lock{mutex_};
+    for (const trace::foxglove::Log& event : frame.events) write_drawn(events_, "/events", "Log", event, time);
+    if (frame.objects) write_drawn(objects_, "/scene/objects", "SceneUpdate", *frame.objects, time);
+    if (frame.transforms) write_drawn(transforms_, "/tf", "FrameTransforms", *frame.transforms, time);
+    if (frame.probes) write_drawn(probes_, "/scene/probes", "SceneUpdate", *frame.probes, time);
   }
 
   void flush() {
@@ -113,8 +126,35 @@ class Recording {
     }
   }
 
+  /// A channel that exists once it has a message.
+  struct DrawnChannel {
+    std::optional<trace::McapWriter::Channel> channel;
+    std::uint32_t sequence = 0;
+  };
+
+  [[nodiscard]] trace::McapWriter::Schema schema(const std::string& type, const char* idl) {
+    const auto [found, is_new] = schemas_.try_emplace(type);
+    if (is_new) found->second = mcap_.add_schema(type, "omgidl", idl);
+    return found->second;
+  }
+  void write(trace::McapWriter::Channel channel, std::uint32_t& sequence, std::uint64_t time,
+             std::span<const std::uint8_t> encoded) {
+    if (error_.empty()) guarded([&] { mcap_.write(channel, time, time, ++sequence, encoded); });
+  }
+  template <class Message>
+  void write_drawn(DrawnChannel& to, const char* topic, const std::string& type, const Message& message,
+                   std::uint64_t time) {
+    if (!to.channel) to.channel = mcap_.add_channel(schema("foxglove::" + type, trace::foxglove::idl()), topic, "cdr");
+    encoded_.clear();
+    encoded_(message);
+    write(*to.channel, to.sequence, time, encoded_.bytes());
+  }
+
   mutable std::mutex mutex_;
   trace::McapWriter mcap_;
+  std::map<std::string, trace::McapWriter::Schema> schemas_;  // by type
+  DrawnChannel objects_, probes_, transforms_, events_;
+  trace::CdrWriter encoded_;
   std::vector<trace::McapWriter::Channel> channels_;
   std::vector<std::uint32_t> sequences_;
   bool has_topics_ = false;
@@ -122,28 +162,76 @@ class Recording {
   std::string error_;
 };
 
-int record(const wire::SessionAddress& address, const std::string& file, double seconds, bool bulk,
+/// The scene of a session, to which the callbacks of a tap add samples. Thread: any.
+class SharedScene {
+ public:
+  explicit SharedScene(const session::Origin& self) : scene_{self} {}
+
+  void add(const wire::AnySample& sample) {
+    const std::lock_guard lock{mutex_};
+    std::visit(
+        [this](const auto& value) {
+          if constexpr (requires { scene_.add(value, scene::Moment{}); }) scene_.add(value, now());
+        },
+        sample);
+  }
+  /// Adds the messages of a frame to `recording`.
+  void write_frame(Recording& recording) {
+    const scene::Moment time = now();
+    scene::Frame frame;
+    {
+      const std::lock_guard lock{mutex_};
+      frame = scene_.frame(time);
+    }
+    recording.add(frame, time.since_1970_ns);
+  }
+
+ private:
+  [[nodiscard]] static scene::Moment now() {
+    const auto monotonic = Clock::now().time_since_epoch();
+    return {std::chrono::duration_cast<std::chrono::nanoseconds>(monotonic).count(), since_1970()};
+  }
+  std::mutex mutex_;
+  scene::Scene scene_;
+};
+
+struct RecordSettings {
+  double seconds = 0;  ///< 0: until a signal
+  bool bulk = true;    ///< record base meshes and records
+  bool scene = true;   ///< record the messages for Foxglove and Lichtblick
+};
+
+int record(const wire::SessionAddress& address, const std::string& file, const RecordSettings& settings,
            const std::atomic<bool>& cancelled) {
   Recording recording{file};
+  SharedScene drawn{{session::id_of(address.session), session::id_of(address.participant), 0, 0}};
   wire::Participants participants{address};
   {
-    wire::Tap tap{
-        participants,
-        [&](const std::string&, wire::TrafficClass traffic) { return bulk || traffic != wire::TrafficClass::kBulk; },
-        [&](std::size_t topic, std::span<const std::uint8_t> encoded) { recording.add(topic, encoded); }};
+    wire::Tap::OnDecoded on_decoded;
+    if (settings.scene) on_decoded = [&](const wire::AnySample& sample) { drawn.add(sample); };
+    wire::Tap tap{participants,
+                  [&](const std::string&, wire::TrafficClass traffic) {
+                    return settings.bulk || traffic != wire::TrafficClass::kBulk;
+                  },
+                  [&](std::size_t topic, std::span<const std::uint8_t> encoded) { recording.add(topic, encoded); },
+                  std::move(on_decoded)};
     recording.set_topics(tap.topics());
     std::cout << "recording session " << address.session << " into " << file << std::endl;
     const auto begin = Clock::now();
-    auto flushed = begin;
+    auto flushed = begin, frame = begin;
     while (!cancelled && recording.error().empty() &&
-           (seconds == 0 || Clock::now() - begin < std::chrono::duration<double>{seconds})) {
-      // The callbacks of the tap write the messages. This thread flushes the file and ends the recording.
-      std::this_thread::sleep_for(std::chrono::milliseconds{50});
+           (settings.seconds == 0 || Clock::now() - begin < std::chrono::duration<double>{settings.seconds})) {
+      // The callbacks of the tap write the samples. This thread writes the scene, flushes the file and ends the
+      // recording.
+      frame = std::max(frame + std::chrono::nanoseconds{scene::Scene::kFramePeriodNs}, Clock::now());
+      std::this_thread::sleep_until(frame);
+      if (settings.scene) drawn.write_frame(recording);
       if (Clock::now() - flushed < kFlushPeriod) continue;
       recording.flush();
       flushed = Clock::now();
     }
   }
+  if (settings.scene) drawn.write_frame(recording);  // the events since the last frame
   recording.close();
   std::cout << recording.messages() << " messages, " << recording.bytes() << " bytes\n";
   if (const std::string error = recording.error(); !error.empty()) {
@@ -151,6 +239,13 @@ int record(const wire::SessionAddress& address, const std::string& file, double 
     return 1;
   }
   return cancelled && recording.messages() == 0 ? 130 : 0;
+}
+
+/// Returns the topic as the name of a file: /scene/objects becomes scene_objects.
+std::string file_name(const std::string& topic) {
+  std::string name = topic.substr(topic.front() == '/' ? 1 : 0);
+  std::replace(name.begin(), name.end(), '/', '_');
+  return name;
 }
 
 /// Writes a table for each channel into DIRECTORY/TOPIC.csv: time of arrival in ns since 1970, sequence number, and a
@@ -181,7 +276,8 @@ int to_csv(const std::string& file, const std::filesystem::path& directory) {
     const auto [table, is_new] = tables.try_emplace(message.channel);
     if (is_new) {
       const int number = ++used[message.topic];
-      table->second.path = directory / (message.topic + (number > 1 ? "-" + std::to_string(number) : "") + ".csv");
+      table->second.path =
+          directory / (file_name(message.topic) + (number > 1 ? "-" + std::to_string(number) : "") + ".csv");
       table->second.out.open(table->second.path);
       table->second.out << "log_time_ns,sequence";
       for (const std::string& column : schema.columns(message.schema)) table->second.out << ',' << column;
@@ -209,17 +305,17 @@ int main(int argc, char** argv) {
   wire::SessionAddress address;
   address.participant = "record-" + std::to_string(getpid());
   std::string file;
-  double seconds = 0;
-  bool without_bulk = false;
+  RecordSettings settings;
   std::string csv;
   CLI::App app{"Records every topic of a session into an MCAP file.", "tactus-record"};
   app.footer(kExamples);
   app.add_option("FILE", file, "The recording, *.mcap; an existing file is replaced")->required();
   wire::add_address_options(app, address, "program");
-  app.add_option("--seconds", seconds, "Duration in seconds; 0: until Ctrl-C")
+  app.add_option("--seconds", settings.seconds, "Duration in seconds; 0: until Ctrl-C")
       ->capture_default_str()
       ->check(CLI::Range(0.0, 1e6));
-  app.add_flag("--without-bulk", without_bulk, "Omit base meshes and records");
+  app.add_flag("!--without-bulk", settings.bulk, "Omit base meshes and records");
+  app.add_flag("!--no-scene", settings.scene, "Omit the topics that Foxglove and Lichtblick draw");
   app.add_option("--to-csv", csv, "Write each topic of FILE as a table into this directory, instead of recording");
   try {
     app.parse(argc, argv);
@@ -229,7 +325,7 @@ int main(int argc, char** argv) {
   const std::atomic<bool>& cancelled = wire::stop_signal();
   try {
     if (!csv.empty()) return to_csv(file, csv);
-    return record(address, file, seconds, !without_bulk, cancelled);
+    return record(address, file, settings, cancelled);
   } catch (const std::exception& error) {
     std::cerr << "tactus-record: " << error.what() << '\n';
     return 2;
