@@ -150,8 +150,8 @@ class Loader {
   /// Sets the placement of a movable object for predictions, the broad phase and `regions_at_probes`.
   void on_moved(std::uint32_t object_index, const Placement& placement);
 
-  /// Sets regions of an object that are wanted besides the predicted ones, as if a probe were about to touch them: those
-  /// that another participant shows.
+  /// Sets additional wanted regions of an object: the shown regions of another participant. The loader requests them as if
+  /// a probe would touch them in 20 ms.
   void want(std::uint32_t object_index, std::vector<std::uint32_t> regions);
 
   /// Predicts, evicts, and passes regions to the haptic thread. Call it every few milliseconds. Sets `near` to the

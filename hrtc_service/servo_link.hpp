@@ -48,7 +48,7 @@ struct ProbeReports {
 /// Forest::mesh_hash of each object's active mesh, by object index; 0 where there is no object.
 using MeshHashes = std::array<std::uint64_t, kMaxObjects>;
 
-/// The regions that lead to the active mesh of an object, in one cycle.
+/// The regions that determine the active mesh of an object, in one cycle.
 struct ShownReport {
   std::uint32_t object = spm::kNone;  ///< index
   std::uint64_t mesh_hash = 0;

@@ -1,6 +1,7 @@
 #include "hrtc_service/shown_sender.hpp"
 
 #include <algorithm>
+#include <vector>
 
 #include "session/units.hpp"
 
@@ -15,7 +16,7 @@ constexpr std::int64_t kRequestTimeoutNs = 20 * kMs;  // the servo answers in th
 
 void ShownSender::send(std::int64_t now_ns, const session::Origin& origin) {
   for (const Loader::ObjectInfo& object : loader_.objects()) {
-    if (object.index != report_.object) continue;
+    if (object.index != report_.object || object.id != requested_id_) continue;
     session::ShownRegions sample;
     sample.origin = origin;
     sample.object_id = object.id;
@@ -34,23 +35,29 @@ void ShownSender::send(std::int64_t now_ns, const session::Origin& origin) {
 void ShownSender::request_next(std::int64_t now_ns) {
   if (now_ns - requested_ns_ < kRequestTimeoutNs) return;
   const MeshHashes& hashes = link_.mesh_hashes.latest();
-  std::uint32_t next = spm::kNone;
+  const Loader::ObjectInfo* next = nullptr;
+  const std::vector<Loader::ObjectInfo> objects = loader_.objects();
   std::int64_t longest_ns = 0;
-  for (const Loader::ObjectInfo& object : loader_.objects()) {
+  for (const Loader::ObjectInfo& object : objects) {
     const Sent& sent = sent_[object.index];
     const bool has_changed = sent.object_id != object.id || sent.mesh_hash != hashes[object.index];
     const std::int64_t since_ns = now_ns - sent.at_ns;
     if (since_ns < (has_changed ? kMinBetweenNs : kMaxBetweenNs) || since_ns <= longest_ns) continue;
-    next = object.index;
+    next = &object;
     longest_ns = since_ns;
   }
-  if (next == spm::kNone) return;
+  if (next == nullptr) return;
   requested_ns_ = now_ns;
-  link_.request_shown(next);
+  requested_id_ = next->id;
+  link_.request_shown(next->index);
 }
 
 void ShownSender::tick(std::int64_t now_ns, const session::Origin& origin) {
-  if (out_.matched() == 0) return;
+  if (out_.matched() == 0) {
+    (void)link_.shown_reports.take(report_);  // of the time when a reader was matched
+    requested_ns_ = 0;
+    return;
+  }
   if (link_.shown_reports.take(report_)) {
     send(now_ns, origin);
     requested_ns_ = 0;

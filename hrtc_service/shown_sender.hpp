@@ -1,4 +1,4 @@
-/// Sends which regions lead to the mesh of each object (topic tactus_shown_regions), while a reader is matched.
+/// Sends which regions determine the mesh of each object (topic tactus_shown_regions), while a reader is matched.
 ///
 /// The servo copies the regions of one object at a time, in the cycle after the request. Service thread.
 #pragma once
@@ -34,6 +34,7 @@ class ShownSender {
   wire::Writer<session::ShownRegions> out_;
   std::array<Sent, kMaxObjects> sent_{};  // by object index
   ShownReport report_;
+  std::uint64_t requested_id_ = 0;  // of the object
   std::int64_t requested_ns_ = 0;
 };
 

@@ -394,13 +394,13 @@ struct ShownRegion {
 };
 
 /// Topic shown_regions, without key: the mesh of an object that an HRTC shows, as the regions
-/// that lead to it. Sent only while a reader is matched.
+/// that determine it. Sent only while a reader is matched.
 struct ShownRegions {
   Origin origin;
   std::uint64_t object_id = 0;
   std::uint64_t digest = 0;          ///< of the model
   std::uint64_t mesh_hash = 0;       ///< of the mesh, see MeshHash
-  bool complete = true;              ///< false: there are more regions, so that the list does not lead to the mesh
+  bool complete = true;              ///< false: there are more regions, so that the list does not determine the mesh
   std::vector<ShownRegion> regions;  ///< at most kMaxShownRegions, each once
 };
 

@@ -369,6 +369,7 @@ std::uint32_t Forest::copy_in_use(InUse* out, std::uint32_t capacity) const noex
   }
   std::uint32_t count = in_use_count_;
   for (RegionId region = oldest_; region != kNone; ++count) {
+    if (capacity > 0 && count > capacity) break;
     const State& state = state_of(region);
     if (count < capacity) out[count] = {region, state.cursor, false, true};
     region = state.newer;

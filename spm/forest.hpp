@@ -136,8 +136,9 @@ class Forest {
     bool retained = false;
   };
   /// Copies the state that one cycle passes to the next, without the list of loaded regions. The regions in use come
-  /// first, in the order of `in_use_`, then the retained regions, the oldest first. Copies at most `capacity` entries
-  /// and returns the number of all entries. O(regions in use and retained).
+  /// first, in the order of `in_use_`, then the retained regions, the oldest first. Copies at most `capacity` entries.
+  /// Returns the number of all entries, or a number above `capacity` if they do not fit. With capacity 0, returns the
+  /// number of all. O(regions in use + min(retained regions, capacity)).
   [[nodiscard]] std::uint32_t copy_in_use(InUse* out, std::uint32_t capacity) const noexcept;
   [[nodiscard]] std::uint32_t base_faces_shown() const noexcept { return static_cast<std::uint32_t>(base_cursor_); }
   /// Restores, to the bit, a state that `copy_in_use` of another forest with the same model and settings returned. This

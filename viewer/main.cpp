@@ -1,3 +1,5 @@
+#include <unistd.h>
+
 #include <CLI/CLI.hpp>
 #include <chrono>
 #include <filesystem>
@@ -59,7 +61,7 @@ void print_addresses(const tactus::viewer::ServerSettings& server, std::uint16_t
   std::string host = server.address;
   if (host == "0.0.0.0" || host == "::") host = tactus::viewer::host_name();
   if (host.find(':') != std::string::npos) host = "[" + host + "]";
-  if (server.control_token.empty()) host = "localhost";
+  if (host == "127.0.0.1") host = "localhost";
   const std::string address = "http://" + host + ":" + std::to_string(port) + "/";
   if (server.control_token.empty())
     std::cout << address << std::endl;
@@ -97,6 +99,7 @@ int main(int argc, char** argv) {
     return app.exit(error) == 0 ? 0 : 2;
   }
   const std::atomic<bool>& stop = wire::stop_signal();
+  (void)nice(10);  // a picture may be late; a force may not
   if (options.server.folder.empty())
     options.server.folder = is_demo ? page_folder("touch", TACTUS_TOUCH_PAGE) : page_folder("view", TACTUS_PAGE);
   try {

@@ -52,11 +52,12 @@ std::optional<PageMessage> PageFeed::next(std::int64_t now_ns) {
     scene_ns_ = now_ns;
     return scene(now_ns);
   }
-  if (now_ns - probes_ns_ >= kProbesNs) {
-    probes_ns_ = now_ns;
-    return probes(now_ns);
-  }
+  const bool probes_are_due = now_ns - probes_ns_ >= kProbesNs;
+  // On a slow connection both are always due, so they alternate.
+  if (probes_are_due && !sent_probes_last_) return probes_next(now_ns);
+  sent_probes_last_ = false;
   if (auto frame = mesh(now_ns)) return frame;
+  if (probes_are_due) return probes_next(now_ns);
   if (metrics_number_ != core_.metrics_number() && now_ns - figures_ns_ >= kFiguresNs) {
     metrics_number_ = core_.metrics_number();
     figures_ns_ = now_ns;
@@ -106,17 +107,23 @@ PageMessage PageFeed::scene(std::int64_t now_ns) {
 }
 
 PageMessage PageFeed::figures() const {
-  nlohmann::json figures{{"type", "figures"}, {"participants", nlohmann::json::object()}};
-  for (const auto& [participant, metrics] : core_.metrics()) {
+  nlohmann::json figures{
+      {"type", "figures"}, {"participants", nlohmann::json::object()}, {"meshes", nlohmann::json::object()}};
+  for (const auto& [participant, values] : core_.metrics()) {
     const session::RosterEntry* const entry = core_.roster().find(participant);
     if (entry == nullptr) continue;
-    nlohmann::json& values = figures["participants"][entry->name];
-    for (const session::Figure& figure : metrics.figures) values[figure.name] = figure.value;
+    figures["participants"][entry->name] = values;
     for (const auto& [id, object] : core_.objects())
       if (const auto hash = core_.published_hash(participant, id))
-        values["meshes"][object.entry.object] = std::to_string(*hash);
+        figures["meshes"][entry->name][object.entry.object] = std::to_string(*hash);
   }
   return {true, figures.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace)};
+}
+
+PageMessage PageFeed::probes_next(std::int64_t now_ns) {
+  probes_ns_ = now_ns;
+  sent_probes_last_ = true;
+  return probes(now_ns);
 }
 
 PageMessage PageFeed::probes(std::int64_t now_ns) const {
@@ -152,31 +159,35 @@ PageMessage PageFeed::probes(std::int64_t now_ns) const {
   return frame;
 }
 
+/// Returns the changed rows of the object whose last frame is the oldest.
 std::optional<PageMessage> PageFeed::mesh(std::int64_t now_ns) {
+  const SeenObject* next = nullptr;
+  SentMesh* sent = nullptr;
   for (const auto& [id, object] : core_.objects()) {
-    const ShownMesh& mesh = object.mesh;
-    const auto known = meshes_.find(object.number);
-    if (known == meshes_.end()) continue;
-    SentMesh& sent = known->second;
-    if (mesh.change_number() == sent.change_number || now_ns - sent.at_ns < kMeshNs) continue;
-    const std::vector<std::uint32_t> rows = mesh.changed_since(sent.change_number);
-    PageMessage frame;
-    std::string& bytes = frame.bytes;
-    bytes.reserve(32 + rows.size() * (sizeof(std::uint32_t) + sizeof(ShownMesh::Face::corners)));
-    append(bytes, static_cast<std::uint32_t>(FrameKind::kMesh));
-    append(bytes, object.number);
-    append(bytes, sent.change_number == 0 ? kWhole : 0);
-    append(bytes, static_cast<std::uint32_t>(mesh.rows().size()));
-    append(bytes, static_cast<std::uint32_t>(rows.size()));
-    append(bytes, mesh.faces());
-    append(bytes, mesh.mesh_hash());
-    for (const std::uint32_t row : rows) append(bytes, mesh.rows()[row].finest ? row | kFinestRow : row);
-    for (const std::uint32_t row : rows)
-      for (const float coordinate : mesh.rows()[row].corners) append(bytes, coordinate);
-    sent = {mesh.change_number(), now_ns};
-    return frame;
+    const auto of_page = meshes_.find(object.number);
+    if (of_page == meshes_.end() || object.mesh.change_number() == of_page->second.change_number) continue;
+    if (now_ns - of_page->second.at_ns < kMeshNs || (sent != nullptr && of_page->second.at_ns >= sent->at_ns)) continue;
+    next = &object;
+    sent = &of_page->second;
   }
-  return std::nullopt;
+  if (next == nullptr) return std::nullopt;
+  const ShownMesh& mesh = next->mesh;
+  const std::vector<std::uint32_t> rows = mesh.changed_since(sent->change_number);
+  PageMessage frame;
+  std::string& bytes = frame.bytes;
+  bytes.reserve(32 + rows.size() * (sizeof(std::uint32_t) + sizeof(ShownMesh::Face::corners)));
+  append(bytes, static_cast<std::uint32_t>(FrameKind::kMesh));
+  append(bytes, next->number);
+  append(bytes, sent->change_number == 0 ? kWhole : 0);
+  append(bytes, static_cast<std::uint32_t>(mesh.rows().size()));
+  append(bytes, static_cast<std::uint32_t>(rows.size()));
+  append(bytes, mesh.faces());
+  append(bytes, mesh.mesh_hash());
+  for (const std::uint32_t row : rows) append(bytes, mesh.rows()[row].finest ? row | kFinestRow : row);
+  for (const std::uint32_t row : rows)
+    for (const float coordinate : mesh.rows()[row].corners) append(bytes, coordinate);
+  *sent = {mesh.change_number(), now_ns};
+  return frame;
 }
 
 }  // namespace tactus::viewer

@@ -36,6 +36,7 @@ class PageFeed {
   [[nodiscard]] PageMessage scene(std::int64_t now_ns);
   [[nodiscard]] PageMessage figures() const;
   [[nodiscard]] PageMessage probes(std::int64_t now_ns) const;
+  [[nodiscard]] PageMessage probes_next(std::int64_t now_ns);
   [[nodiscard]] std::optional<PageMessage> mesh(std::int64_t now_ns);
 
   struct SentMesh {
@@ -44,6 +45,7 @@ class PageFeed {
   };
   const ViewerCore& core_;
   std::uint32_t scene_number_ = 0, metrics_number_ = 0;  // of the last message
+  bool sent_probes_last_ = false;
   std::int64_t scene_ns_ = 0, figures_ns_ = 0, probes_ns_ = 0;
   std::map<std::uint32_t, SentMesh> meshes_;  // by number of the objects of the last scene
 };

@@ -10,9 +10,9 @@ namespace {
 
 using Json = nlohmann::json;
 
-/// True for a text that wire accepts as a reason: 1 to 199 bytes without control characters.
+/// True for a text that wire accepts as a reason: 1 to 150 bytes without control characters.
 bool is_reason(const Json& value) {
-  constexpr std::size_t kMax = 199;
+  constexpr std::size_t kMax = 150;
   if (!value.is_string()) return false;
   const std::string& text = value.get_ref<const std::string&>();
   return !text.empty() && text.size() <= kMax &&

@@ -9,6 +9,7 @@
 #include <boost/beast/core.hpp>
 #include <boost/beast/http.hpp>
 #include <boost/beast/websocket.hpp>
+#include <cctype>
 #include <chrono>
 #include <fstream>
 #include <iterator>
@@ -34,11 +35,14 @@ using tcp = asio::ip::tcp;
 namespace {
 
 constexpr std::chrono::seconds kHttpTimeout{10};
+constexpr std::uint32_t kMaxRefusalEvents = 10;  // in a second
+constexpr int kSendBufferBytes = 64 * 1024;      // of a page
 constexpr std::int64_t kTokenTimeoutNs = 5'000 * kMs;
 constexpr std::uint32_t kMaxHeaderBytes = 8192;
 constexpr std::chrono::milliseconds kMaxPoll{5};
 constexpr std::int64_t kRefusalEventNs = 1'000 * kMs;  // min time between two events about refused requests
 constexpr char kSocketPath[] = "/session";
+const std::string kTooManyPages = std::to_string(PageServer::kMaxPages) + " pages are connected already";
 
 struct File {
   std::string type, bytes;
@@ -76,15 +80,22 @@ std::map<std::string, File> read_files(const std::filesystem::path& folder) {
 
 std::string_view text_of(boost::string_view text) { return {text.data(), text.size()}; }
 
-/// Returns whether `host`, as HOST or HOST:PORT, is an address, or a name of this machine. A foreign web site has a name
+std::string lower_case(std::string_view text) {
+  std::string lower{text};
+  std::transform(lower.begin(), lower.end(), lower.begin(), [](unsigned char byte) { return std::tolower(byte); });
+  return lower;
+}
+
+/// Returns whether `text`, as HOST or HOST:PORT, is an address, or a name of this machine. A foreign web site has a name
 /// of its own, so its pages never send such a Host.
-bool is_own(std::string_view host) {
-  const std::size_t end = host.rfind(':');
-  if (end != std::string_view::npos && host.back() != ']') host = host.substr(0, end);
-  if (host.size() > 2 && host.front() == '[') host = host.substr(1, host.size() - 2);
+bool is_own(std::string_view text) {
+  const std::size_t end = text.rfind(':');
+  if (end != std::string_view::npos && text.back() != ']') text = text.substr(0, end);
+  if (text.size() > 2 && text.front() == '[') text = text.substr(1, text.size() - 2);
+  const std::string host = lower_case(text), own = lower_case(host_name());
   beast::error_code error;
-  asio::ip::make_address(std::string{host}, error);
-  return !error || host == "localhost" || host == host_name();
+  asio::ip::make_address(host, error);
+  return !error || host == "localhost" || (!own.empty() && (host == own || host == own + ".local"));
 }
 
 /// Returns the first bytes of a text from outside, for an event.
@@ -145,6 +156,7 @@ struct PageServer::Impl {
                         error.message()};
   }
 
+  [[nodiscard]] std::size_t pages_with_rights() const;
   void accept();
   void run_handlers();
   void report(const std::string& text) const {
@@ -163,6 +175,7 @@ struct PageServer::Impl {
   bool accepts = false;       // an accept is under way
   std::int64_t now_ns = 0;    // of the last poll
   session::PeriodicTimer refusals{kRefusalEventNs};
+  RequestCounter refused_pages;
 };
 
 /// A page with an open WebSocket.
@@ -186,6 +199,9 @@ struct PageServer::Impl::Page : std::enable_shared_from_this<Page> {
     timeouts.idle_timeout = std::chrono::seconds{20};
     timeouts.keep_alive_pings = true;
     socket.set_option(timeouts);
+    // A large buffer of the kernel would be a queue of old frames.
+    beast::error_code ignored;
+    beast::get_lowest_layer(socket).socket().set_option(asio::socket_base::send_buffer_size{kSendBufferBytes}, ignored);
     socket.read_message_max(kMaxRequestBytes);
     socket.async_accept(request, [self = shared_from_this()](beast::error_code error) {
       if (error) return self->close();
@@ -198,12 +214,13 @@ struct PageServer::Impl::Page : std::enable_shared_from_this<Page> {
 
   void grant(Rights granted) {
     rights = granted;
-    notice = nlohmann::json{{"type", "rights"}, {"control", granted == Rights::kControl}}.dump();
+    rights_message = nlohmann::json{{"type", "rights"}, {"control", granted == Rights::kControl}}.dump();
   }
 
   void read() {
     socket.async_read(received, [self = shared_from_this()](beast::error_code error, std::size_t) {
-      if (error == websocket::error::message_too_big) return self->refuse("a request is longer than 4096 bytes");
+      if (error == websocket::error::message_too_big)
+        return self->refuse("a request is longer than " + std::to_string(kMaxRequestBytes) + " bytes");
       if (error.category() == beast::error_code{websocket::error::closed}.category() &&
           error != websocket::error::closed)
         return self->refuse("it sent no valid message: " + error.message());
@@ -215,24 +232,30 @@ struct PageServer::Impl::Page : std::enable_shared_from_this<Page> {
   }
 
   void process(const std::string& text) {
-    if (requests.exceeds(kMaxRequestsPerSecond)) return refuse("it sends more than 200 requests a second");
+    if (requests.exceeds(kMaxRequestsPerSecond))
+      return refuse("it sends more than " + std::to_string(kMaxRequestsPerSecond) + " requests a second");
     const std::optional<PageRequest> request = parse_request(text);
-    if (!request) return refuse("it sent no known request");
+    if (!request) return refuse("it sent no valid request");
     if (const auto* const given = std::get_if<TokenRequest>(&*request)) return process(*given);
-    if (rights != Rights::kControl) return refuse("its link is for observers, and it sent a request");
+    if (rights != Rights::kControl) return refuse("its token is for observers, and it sent a request");
     if (impl.server.on_request) impl.server.on_request(id, *request);
   }
 
   void process(const TokenRequest& given) {
-    if (impl.control_token.empty()) return;  // a link of an earlier viewer with tokens
+    if (rights == Rights::kNothing && impl.pages_with_rights() >= kMaxPages) return refuse(kTooManyPages);
+    if (impl.control_token.empty()) return;  // a token of an earlier viewer
     if (is_same_secret(given.token, impl.control_token)) return grant(Rights::kControl);
     if (is_same_secret(given.token, impl.observer_token)) return grant(Rights::kObserve);
     refuse("it sent a wrong token");
   }
 
   void refuse(const std::string& reason) {
-    impl.report("page " + name + " is disconnected: " + reason);
-    close();
+    // Old pages with a wrong token, of which there may be many, must not displace all other events.
+    if (!impl.refused_pages.exceeds(kMaxRefusalEvents)) impl.report("page " + name + " is disconnected: " + reason);
+    is_open = false;
+    if (is_writing) return close();  // a close frame would have to wait
+    socket.async_close({websocket::close_code::policy_error, reason},
+                       [self = shared_from_this()](beast::error_code) { self->close(); });
   }
 
   /// Writes the messages that are due, one after the other, unless one is being written.
@@ -242,8 +265,13 @@ struct PageServer::Impl::Page : std::enable_shared_from_this<Page> {
       if (impl.now_ns - opened_ns > kTokenTimeoutNs) refuse("it sent no token within 5 s");
       return;
     }
-    std::optional<PageMessage> next =
-        notice.empty() ? feed.next(impl.now_ns) : PageMessage{true, std::exchange(notice, {})};
+    std::optional<PageMessage> next;
+    if (!rights_message.empty())
+      next = {true, std::exchange(rights_message, {})};
+    else if (!notice.empty())
+      next = {true, std::exchange(notice, {})};
+    else
+      next = feed.next(impl.now_ns);
     if (!next) return;
     outgoing = std::move(next->bytes);
     is_writing = true;
@@ -269,8 +297,8 @@ struct PageServer::Impl::Page : std::enable_shared_from_this<Page> {
   websocket::stream<beast::tcp_stream> socket;
   PageFeed feed;
   RequestCounter requests;
-  std::string name;    // address and port
-  std::string notice;  // in JSON, goes before other messages; empty: none
+  std::string name;                    // address and port
+  std::string rights_message, notice;  // in JSON, go before other messages; empty: none
   beast::flat_buffer received;
   std::string outgoing;  // the message that is being written
   bool is_open = false, is_writing = false, is_closed = false;
@@ -301,8 +329,13 @@ struct PageServer::Impl::Exchange : std::enable_shared_from_this<Exchange> {
     }
     const std::string path{text_of(request.target()).substr(0, text_of(request.target()).find('?'))};
     if (path == kSocketPath && websocket::is_upgrade(request)) {
-      if (impl.pages.size() >= kMaxPages)
-        return answer(http::status::service_unavailable, {"text/plain", "16 pages are connected already\n"});
+      // Pages without a token yet do not take the places of the others.
+      const auto without =
+          static_cast<std::size_t>(std::count_if(impl.pages.begin(), impl.pages.end(), [](const auto& page) {
+            return page->rights == Page::Rights::kNothing;
+          }));
+      if (without >= kMaxPages || (impl.control_token.empty() && impl.pages.size() >= kMaxPages))
+        return answer(http::status::service_unavailable, {"text/plain", kTooManyPages + "\n"});
       impl.pages.push_back(std::make_shared<Page>(impl, std::move(stream)));
       return impl.pages.back()->open(request);
     }
@@ -337,6 +370,11 @@ struct PageServer::Impl::Exchange : std::enable_shared_from_this<Exchange> {
   http::request_parser<http::string_body> parser;
   http::response<http::string_body> response;
 };
+
+std::size_t PageServer::Impl::pages_with_rights() const {
+  return static_cast<std::size_t>(std::count_if(
+      pages.begin(), pages.end(), [](const auto& page) { return page->rights != Page::Rights::kNothing; }));
+}
 
 /// Accepts the next connection. `poll` calls it, so an accept that fails, for example because the process has too many
 /// open files, is repeated at most once in each poll.
@@ -387,6 +425,12 @@ void PageServer::poll(std::int64_t now_ns) {
     if (page->is_closed && on_page_closed) on_page_closed(page->id);
     return page->is_closed;
   });
+}
+
+std::string PageServer::name_of(PageId page) const {
+  for (const auto& each : impl_->pages)
+    if (each->id == page) return each->name;
+  return "unknown";
 }
 
 void PageServer::notify(PageId page, const std::string& text) {

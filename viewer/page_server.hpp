@@ -1,8 +1,8 @@
-/// Serves the viewer's page and its messages to browsers on this machine: HTTP files and one WebSocket for each page.
+/// Serves the viewer's page and its messages to browsers: HTTP files and one WebSocket for each page.
 ///
 /// Everything runs in `poll`, so no lock is needed. A slow page delays nobody: at most one message to a page is being
-/// written at a time, and the next one is made only then (viewer/page_feed.hpp). A page that sends anything except a
-/// request, too many requests, or a request that its token does not allow is disconnected and named in an event.
+/// written at a time, and the next one is made only then (viewer/page_feed.hpp). The server disconnects a page and
+/// reports an event if the page sends an invalid request, too many requests, or a request that its token does not allow.
 ///
 /// Requests whose Host or Origin is another one are refused, because a foreign web site could otherwise reach the
 /// server through a user's browser.
@@ -61,6 +61,8 @@ class PageServer {
   /// Accepts pages, reads their requests and writes due messages, for some 5 ms. Never waits. Call it every few ms.
   void poll(std::int64_t now_ns);
 
+  /// Returns address and port of a page.
+  [[nodiscard]] std::string name_of(PageId page) const;
   /// Sends a text to a page, which shows it to its user. A newer text replaces one that was not sent yet.
   void notify(PageId page, const std::string& text);
 

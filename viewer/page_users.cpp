@@ -129,7 +129,10 @@ void PageUsers::add_messages(User& user, std::int64_t now_ns, PageUserMessages& 
 PageUserMessages PageUsers::tick(std::int64_t now_ns) {
   PageUserMessages out;
   for (User& user : users_) {
-    user.is_served = user.is_served || is_served(user);
+    if (!user.is_served && is_served(user)) {
+      user.is_served = true;
+      user.hand_received_ns = now_ns;  // the page sends its hand from now on
+    }
     if (!user.is_leaving()) {
       if (const std::string reason = reason_to_leave(user, now_ns); !reason.empty()) {
         leave(user);

@@ -71,7 +71,7 @@ struct Viewer::Impl {
     server.on_page_closed = [this](PageId page) { users.on_release(page); };
     users.on_refused = [this](PageId page, const std::string& reason) {
       server.notify(page, reason);
-      core.add_event("a page has no probe: " + reason, monotonic_ns());
+      core.add_event("page " + server.name_of(page) + " has no probe: " + reason, monotonic_ns());
     };
     server.on_event = [this](const std::string& text) { core.add_event(text, monotonic_ns()); };
     listen(wire::topics::kRoster);
@@ -109,7 +109,9 @@ struct Viewer::Impl {
   void process(const session::ClockSample& sample, std::int64_t at_ns) { core.on_clock(sample, at_ns); }
 
   static void process(PageId, const TokenRequest&) {}
-  void process(PageId, const StopRequest& request) { core.stop_forces(request.reason, monotonic_ns()); }
+  void process(PageId page, const StopRequest& request) {
+    core.stop_forces(request.reason + " (page " + server.name_of(page) + ")", monotonic_ns());
+  }
   void process(PageId page, const TouchRequest& request) { users.on_touch(page, request, monotonic_ns()); }
   void process(PageId page, const HandRequest& request) { users.on_hand(page, request, monotonic_ns()); }
   void process(PageId, const ShowRequest& request) { core.show_meshes_of(request.hrtc); }

@@ -1,4 +1,4 @@
-/// Runs a viewer: joins a session, and serves the page that shows it to browsers on this machine.
+/// Runs a viewer: joins a session, and serves the page that shows it to browsers.
 #pragma once
 
 #include <atomic>

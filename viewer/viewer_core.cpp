@@ -13,8 +13,10 @@ constexpr std::int64_t kClockNs = 100 * kMs;
 constexpr std::int64_t kStopNs = 20 * kMs;  // between repetitions of a stop
 constexpr std::int64_t kMinStopNs = 1500 * kMs;
 constexpr std::int64_t kTargetsNs = 10 * kMs;  // between two updates of the regions to refine
+constexpr std::int64_t kMeshesNs = 50 * kMs;   // between two readings of the shown faces; pages get a mesh every 60 ms
 constexpr std::size_t kRingEntries = 4096;
-constexpr std::int64_t kMaxShownAgeNs = 1500 * kMs;  // an HRTC sends its shown regions every 500 ms
+constexpr std::size_t kMaxFigures = 2 * session::kMaxFigures;  // of a participant; a sample need not have all
+constexpr std::int64_t kMaxShownAgeNs = 1500 * kMs;            // an HRTC sends its shown regions every 500 ms
 
 hrtc_service::ReportedProbe reported(const SeenProbe& probe) {
   const session::ProbeState& state = probe.state;
@@ -41,6 +43,7 @@ ViewerCore::ViewerCore(const session::Origin& self, const ViewerSettings& settin
       clock_request_{kClockNs},
       stop_repeat_{kStopNs},
       targets_due_{kTargetsNs},
+      meshes_due_{kMeshesNs},
       pool_{settings.pool},
       nodes_{settings.pool.tree_nodes},
       arrivals_{kRingEntries},
@@ -56,17 +59,17 @@ ViewerCore::ViewerCore(const session::Origin& self, const ViewerSettings& settin
     object.number = next_number_++;
     ++scene_number_;
   };
-  loader_->on_object_withdrawn = [this](const hrtc_service::TouchObject& object) {
-    objects_.erase(object.id);
-    ++scene_number_;
-  };
-  loader_->on_object_gone = [this](const hrtc_service::Loader::ObjectInfo& object) {
-    objects_.erase(object.id);
-    ++scene_number_;
-  };
+  loader_->on_object_withdrawn = [this](const hrtc_service::TouchObject& object) { forget_object(object.id); };
+  loader_->on_object_gone = [this](const hrtc_service::Loader::ObjectInfo& object) { forget_object(object.id); };
 }
 
 ViewerCore::~ViewerCore() = default;
+
+void ViewerCore::forget_object(std::uint64_t object) {
+  objects_.erase(object);
+  std::erase_if(shown_, [object](const auto& shown) { return shown.first.second == object; });
+  ++scene_number_;
+}
 
 void ViewerCore::add_event(const std::string& text, std::int64_t now_ns) {
   events_.push_back({now_ns, text});
@@ -87,7 +90,7 @@ void ViewerCore::process(const session::RosterEvent& event, std::int64_t now_ns)
   }
   const bool is_new = event.change == RosterChange::kJoined || event.change == RosterChange::kRestarted;
   const bool is_gone = event.change == RosterChange::kGone || event.change == RosterChange::kLeft;
-  if (is_gone) {
+  if (is_gone || event.change == RosterChange::kRestarted) {
     metrics_.erase(participant);
     std::erase_if(shown_, [&](const auto& shown) { return shown.first.first == participant; });
     ++metrics_number_;
@@ -121,30 +124,23 @@ void ViewerCore::on_probe_state(const session::ProbeState& state, std::int64_t n
 
 void ViewerCore::on_metrics(const session::Metrics& metrics) {
   if (roster_.find(metrics.origin.participant) == nullptr) return;
-  session::Metrics& known = metrics_[metrics.origin.participant];
   // A sample need not have all figures; those that it lacks keep their last value.
-  for (const session::Figure& figure : metrics.figures) {
-    const auto same = std::find_if(known.figures.begin(), known.figures.end(),
-                                   [&](const session::Figure& other) { return other.name == figure.name; });
-    if (same == known.figures.end())
-      known.figures.push_back(figure);
-    else
-      same->value = figure.value;
-  }
-  known.origin = metrics.origin;
-  known.meshes = metrics.meshes;
+  std::map<std::string, double>& figures = metrics_[metrics.origin.participant];
+  for (const session::Figure& figure : metrics.figures)
+    if (figures.size() < kMaxFigures || figures.count(figure.name) != 0) figures[figure.name] = figure.value;
   ++metrics_number_;
 }
 
 void ViewerCore::on_shown_regions(const session::ShownRegions& shown, std::int64_t now_ns) {
   const session::RosterEntry* const hrtc = roster_.find(shown.origin.participant);
   if (hrtc == nullptr || hrtc->origin.incarnation != shown.origin.incarnation) return;
-  Shown& known = shown_[{shown.origin.participant, shown.object_id}];
-  const bool is_older = known.regions.origin.incarnation == shown.origin.incarnation &&
-                        shown.origin.time_ns <= known.regions.origin.time_ns;
+  if (objects_.count(shown.object_id) == 0) return;
+  Shown& newest = shown_[{shown.origin.participant, shown.object_id}];
+  const bool is_older = newest.regions.origin.incarnation == shown.origin.incarnation &&
+                        shown.origin.time_ns <= newest.regions.origin.time_ns;
   if (is_older) return;
-  if (known.regions.mesh_hash != shown.mesh_hash) ++metrics_number_;
-  known = {shown, now_ns};
+  if (newest.regions.mesh_hash != shown.mesh_hash || newest.received_ns == 0) ++metrics_number_;
+  newest = {shown, now_ns};
 }
 
 void ViewerCore::show_meshes_of(const std::string& hrtc) {
@@ -154,29 +150,31 @@ void ViewerCore::show_meshes_of(const std::string& hrtc) {
 
 std::optional<std::uint64_t> ViewerCore::published_hash(std::uint64_t hrtc, std::uint64_t object) const {
   const auto shown = shown_.find({hrtc, object});
-  if (shown == shown_.end()) return std::nullopt;
+  const auto seen = objects_.find(object);
+  const bool has_model = shown != shown_.end() && seen != objects_.end() &&
+                         shown->second.regions.digest == seen->second.entry.summary.digest;
+  if (!has_model) return std::nullopt;
   return shown->second.regions.mesh_hash;
 }
 
-/// Sets `shown_targets_` to the regions that lead to the chosen meshes of an object, the largest number of entries for
-/// each region. Returns false unless all chosen HRTCs have published them.
+/// Sets `shown_targets_` to the regions that determine the chosen meshes of an object, with the largest number of entries
+/// for each region. Returns false if no chosen HRTC has published them, or if a list is not complete.
 bool ViewerCore::find_shown_regions(const Loaded& loaded) {
-  bool all = true, any = false;
+  bool are_complete = true, any = false;
   std::map<std::uint32_t, std::uint32_t> applied;  // by region
   roster_.for_each([&](const session::RosterEntry& entry) {
     if (entry.role != session::Role::kHrtc || (!shown_hrtc_.empty() && entry.name != shown_hrtc_)) return;
     const auto shown = shown_.find({entry.origin.participant, loaded.object->id});
-    if (shown == shown_.end() || !shown->second.regions.complete ||
-        shown->second.regions.digest != loaded.object->digest || now_ns_ - shown->second.received_ns > kMaxShownAgeNs) {
-      all = false;
+    if (shown == shown_.end() || shown->second.regions.digest != loaded.object->digest ||
+        now_ns_ - shown->second.received_ns > kMaxShownAgeNs)
       return;
-    }
     any = true;
+    are_complete = are_complete && shown->second.regions.complete;
     for (const session::ShownRegion& region : shown->second.regions.regions)
       if (region.region < loaded.object->forest->grid().size())
         applied[region.region] = std::max(applied[region.region], region.applied);
   });
-  if (!all || !any) {
+  if (!are_complete || !any) {
     loader_->want(loaded.object->index, {});
     return false;
   }
@@ -219,7 +217,8 @@ void ViewerCore::stop_forces(const std::string& reason, std::int64_t now_ns) {
   own_stop_ = session::EmergencyStop{self_, ++own_stops_, reason};
   stop_requested_ns_ = now_ns;
   stop_repeat_.make_due();
-  on_stop(*own_stop_, now_ns);
+  (void)stops_.on_stop(own_stop_->name());
+  add_event("emergency stop, sent by this viewer: " + reason, now_ns);
 }
 
 void ViewerCore::update_stop_progress() {
@@ -336,9 +335,10 @@ ViewerMessages ViewerCore::tick(std::int64_t now_ns) {
   load(now_ns);
   process_arrivals();
   refine();
-  for (const Loaded& loaded : loaded_)
-    if (const auto object = objects_.find(loaded.object->id); object != objects_.end() && !loaded.withdrawn)
-      object->second.mesh.update(*loaded.object->forest);
+  if (meshes_due_.due(now_ns))
+    for (const Loaded& loaded : loaded_)
+      if (const auto object = objects_.find(loaded.object->id); object != objects_.end() && !loaded.withdrawn)
+        object->second.mesh.update(*loaded.object->forest);
   std::erase_if(probes_, [&](const auto& probe) { return now_ns - probe.second.received_ns > kMaxStateAgeNs; });
   while (auto demand = loader_->demand(now_ns)) out.demands.push_back(*std::move(demand));
   if (heartbeat_.due(now_ns)) out.roster = roster_entry(false, now_ns);

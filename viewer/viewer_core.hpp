@@ -6,9 +6,9 @@
 ///     demands, roster entries, clock requests <--
 ///
 /// The loader is that of an HRTC (hrtc_service/loader.hpp). It predicts from the probe states of the session instead of
-/// those of devices of its own. HRTCs publish which regions lead to their meshes (tactus_shown_regions), and the viewer
+/// those of devices of its own. HRTCs publish which regions determine their meshes (tactus_shown_regions), and the viewer
 /// applies the same entries. With one HRTC, or one chosen, its mesh is therefore that of the HRTC, with the same mesh
-/// hash. As long as an HRTC publishes no regions, those near the probes are refined, and stay refined until their memory
+/// hash. As long as no HRTC publishes regions of an object, those near the probes are refined, and stay refined until their memory
 /// is needed.
 ///
 /// No DDS, socket, thread, clock or log: samples and times are arguments, samples to send are results. Times are of
@@ -53,7 +53,7 @@ struct ViewerMessages {
   std::vector<session::Demand> demands;
 };
 
-/// A user with its newest probe state.
+/// The newest probe state of a user.
 struct SeenProbe {
   session::ProbeState state;
   std::int64_t received_ns = 0;
@@ -131,7 +131,10 @@ class ViewerCore {
   [[nodiscard]] const session::Roster& roster() const noexcept { return roster_; }
   [[nodiscard]] const std::map<std::uint64_t, SeenObject>& objects() const noexcept { return objects_; }
   [[nodiscard]] const std::map<std::uint64_t, SeenProbe>& probes() const noexcept { return probes_; }
-  [[nodiscard]] const std::map<std::uint64_t, session::Metrics>& metrics() const noexcept { return metrics_; }
+  /// Newest values of the figures of each participant, by name.
+  [[nodiscard]] const std::map<std::uint64_t, std::map<std::string, double>>& metrics() const noexcept {
+    return metrics_;
+  }
   [[nodiscard]] const std::deque<Event>& events() const noexcept { return events_; }
   [[nodiscard]] const StopProgress& stop_progress() const noexcept { return stop_progress_; }
   /// Returns the mesh hash that an HRTC has published last for an object; none if it has published no regions.
@@ -153,6 +156,7 @@ class ViewerCore {
   };
 
   void process(const session::RosterEvent& event, std::int64_t now_ns);
+  void forget_object(std::uint64_t object);
   void load(std::int64_t now_ns);
   void process_arrivals();
   void refine();
@@ -169,7 +173,7 @@ class ViewerCore {
   session::StopLatch stops_;
   std::int64_t now_ns_;  // of the last tick
   session::Heartbeat heartbeat_;
-  session::PeriodicTimer clock_request_, stop_repeat_, targets_due_;
+  session::PeriodicTimer clock_request_, stop_repeat_, targets_due_, meshes_due_;
   std::uint64_t heartbeats_ = 0;
   bool name_taken_ = false;
 
@@ -183,10 +187,10 @@ class ViewerCore {
   std::vector<spm::RegionId> targets_;
   std::vector<spm::Forest::Applied> shown_targets_;
 
-  std::map<std::uint64_t, SeenObject> objects_;        // by object id
-  std::map<std::uint64_t, SeenProbe> probes_;          // by user id
-  std::vector<std::uint64_t> refined_users_;           // users near whose probes the mesh is refined
-  std::map<std::uint64_t, session::Metrics> metrics_;  // by participant
+  std::map<std::uint64_t, SeenObject> objects_;                     // by object id
+  std::map<std::uint64_t, SeenProbe> probes_;                       // by user id
+  std::vector<std::uint64_t> refined_users_;                        // users near whose probes the mesh is refined
+  std::map<std::uint64_t, std::map<std::string, double>> metrics_;  // by participant: value by figure
   struct Shown {
     session::ShownRegions regions;  // newest
     std::int64_t received_ns = 0;

@@ -116,7 +116,7 @@ TEST_F(ViewerTest, APageShowsObjectsUsersForcesAndFiguresAndStopsTheForces) {
 
   // The hand rests, so the mesh of the HRTC does not change.
   const auto published_hash = [&] {
-    return page.figures.value("/participants/desk/meshes/organ"_json_pointer, std::string{});
+    return page.figures.value("/meshes/desk/organ"_json_pointer, std::string{});
   };
   ASSERT_TRUE(page.until([&] { return page.mesh_hash != 0 && published_hash() == std::to_string(page.mesh_hash); }));
   ASSERT_TRUE(observer.until([&](const Observer::Seen& seen) {

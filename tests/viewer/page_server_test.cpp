@@ -136,8 +136,7 @@ TEST_F(PageServerTest, APageThatSendsNoKnownRequestIsDisconnectedAndNamed) {
     PageClient page{server_->port()};
     page.send(garbage);
     wait_until_closed(page);
-    EXPECT_THAT(wait_for_event(), testing::MatchesRegex("page .* is disconnected: it sent no (known|valid) .*"))
-        << garbage;
+    EXPECT_THAT(wait_for_event(), testing::MatchesRegex("page .* is disconnected: it sent no valid .*")) << garbage;
   }
 }
 
@@ -207,7 +206,7 @@ TEST_F(PageServerWithTokensTest, APageOfTheObserverTokenReceivesAndIsDisconnecte
   EXPECT_EQ(nlohmann::json::parse(first_text(page))["type"], "scene");
   page.send(R"({"stop": "needle bent"})");
   wait_until_closed(page);
-  EXPECT_THAT(wait_for_event(), testing::HasSubstr("its link is for observers"));
+  EXPECT_THAT(wait_for_event(), testing::HasSubstr("its token is for observers"));
   EXPECT_EQ(stop_reason(), "");
 }
 
@@ -226,7 +225,8 @@ TEST_F(PageServerTest, ServesSixteenPagesOfWhichTenDoNotRead) {
   for (std::size_t i = 0; i < PageServer::kMaxPages; ++i)
     pages.push_back(std::make_unique<PageClient>(server_->port()));
   EXPECT_THROW(PageClient{server_->port()}, std::runtime_error);
-  // In this time the others fill their buffers: their kernel takes some megabytes, and a probe frame has 56 bytes.
+  // The others do not read. Frames of 56 bytes do not fill their buffers in this time; scripts/bench viewer has pages
+  // that are blocked.
   for (int i = 0; i < 100; ++i)
     for (std::size_t page = 10; page < pages.size(); ++page) ASSERT_TRUE(pages[page]->receive());
 

@@ -157,6 +157,17 @@ TEST_F(PageUsersTest, AUserWithoutAProbeLeavesAfterFiveSeconds) {
   EXPECT_EQ(users_.size(), 0u);
 }
 
+TEST_F(PageUsersTest, AUserThatIsServedLateStays) {
+  hrtcs_serve_users_ = false;
+  step(10 * kMs);
+  users_.on_touch(kPage, {"guest", ""}, now_ns_);
+  step(PageUsers::kMaxSilenceNs + 1000 * kMs);
+  hrtcs_serve_users_ = true;
+  step(1000 * kMs);
+  EXPECT_THAT(refusals_, IsEmpty());
+  EXPECT_EQ(users_.size(), 1u);
+}
+
 TEST_F(PageUsersTest, TheUserOfASilentPageLeaves) {
   step(10 * kMs);
   users_.on_touch(kPage, {"guest", ""}, now_ns_);

@@ -114,8 +114,7 @@ class Recording {
   };
 
   void write(std::size_t topic, std::uint64_t time, std::span<const std::uint8_t> encoded) {
-    if (!error_.empty()) return;
-    guarded([&] { mcap_.write(channels_.at(topic), time, time, ++sequences_.at(topic), encoded); });
+    write(channels_.at(topic), sequences_.at(topic), time, encoded);
   }
   template <class Write>
   void guarded(Write&& write) {

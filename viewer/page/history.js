@@ -23,14 +23,15 @@ export class History {
     while (oldest < this.entries.length && ms - this.entries[oldest].ms > kMs) ++oldest;
     if (oldest > this.at) this.moveTo(oldest);
     let old = 0;
-    while (old < this.at && ms - this.entries[old].ms > kMs) ++old;
+    while (old < this.at - 1 && ms - this.entries[old].ms > kMs) ++old;  // the newest applied entry states the time
     // In steps, because each step moves all other entries.
-    if (old < 256 && old < this.at) return;
+    if (old < 256) return;
     this.entries.splice(0, old);
     this.at -= old;
   }
 
-  /// Shows the state of `ms` ago, at most of the oldest stored frame. 0: the newest, and from then on every new frame.
+  /// Shows the state `ago` ms before `nowMs`, or the oldest stored state if that is newer. 0: shows the newest state, and
+  /// from then on every new frame.
   show(ago, nowMs) {
     this.isLive = ago === 0;
     if (this.isLive) return this.moveTo(this.entries.length);

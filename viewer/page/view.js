@@ -7,13 +7,16 @@ import { ViewScene } from "./view_scene.js";
 
 const kColours = ["#6fc3ff", "#c79bff", "#7fd88f", "#ff9d9d", "#ffd36f", "#6fe3d6", "#ff9be0", "#b6d96f"];  // of users
 const kReconnectMs = 500;
+const kSilentMs = 1500;    // the viewer sends a frame every 15 ms, so a connection without any is dead
+const kHandMs = 8;         // min time between two targets of the hand
+const kRefused = 1008;     // code with which the viewer closes the connection of a page that it refuses
 const kSoftwareIntervalMs = 33;  // min time between two pictures without a graphics processor
 const kContact = 1, kExact = 2, kFault = 1 << 8, kHolding = 1 << 11;  // docs/reference/status-bits.md
 const kNoObject = 0xffffffff;
 
 const element = (id) => document.getElementById(id);
 /// For tests and curious users: the newest messages and what is drawn.
-const state = window.tactus = { scene: null, probes: [], poses: [], figures: null, meshes: new Map(), connections: 0,
+const state = window.tactus = { scene: null, probes: [], poses: [], figures: null, hashes: {}, meshes: new Map(), connections: 0,
                                 isConnected: false, isLive: true, error: null, pictures: 0, firstPictureMs: null, touching: null };
 const users = new Map();   // by id: {name, colour, hrtc}
 const strips = new Map();  // by HRTC: {element, text, strips: {cycle, exact, rate, pool}, before}
@@ -112,7 +115,7 @@ function showUsers() {
 /// Names of the HRTCs whose mesh of an object is the shown one, by mesh hash.
 function hrtcsWithMesh(number, name) {
   const hash = state.meshes.get(number)?.hash;
-  return Object.entries(state.figures ?? {}).filter(([, figures]) => hash && figures.meshes?.[name] === hash).map(([hrtc]) => hrtc);
+  return Object.entries(state.hashes).filter(([, hashes]) => hash && hashes[name] === hash).map(([hrtc]) => hrtc);
 }
 
 function showObjects() {
@@ -160,6 +163,7 @@ function updateStrips(shown, figures, nowMs) {
 
 function showFigures(message) {
   state.figures = message.participants;
+  state.hashes = message.meshes;
   const hrtcs = Object.entries(message.participants).filter(([, figures]) => "hrtc.cycles" in figures);
   for (const [name, { element: shown }] of strips) {
     if (hrtcs.some(([present]) => present === name)) continue;
@@ -177,11 +181,15 @@ function showFigures(message) {
 }
 
 function receive({ data }) {
+  receivedMs = performance.now();
   if (typeof data === "string") {
     const message = JSON.parse(data);
     if (message.type === "scene") showScene(message);
     else if (message.type === "figures") showFigures(message);
-    else if (message.type === "rights") document.body.classList.toggle("observer", !message.control);
+    else if (message.type === "rights") {
+      document.body.classList.toggle("observer", !message.control);
+      element("mesh-of").disabled = !message.control;
+    }
     else if (message.type === "notice") endTouch(message.text);
     return;
   }
@@ -208,6 +216,7 @@ const history = new History({
 
 /// Shows the session as it was `ago` milliseconds before now. 0: live.
 function showTime(ago) {
+  if (ago !== 0) giveBack("The probe was given back because the view is paused.");
   history.show(ago, performance.now());
   state.isLive = history.isLive;
   element("pause").textContent = history.isLive ? "Pause" : "Live";
@@ -248,7 +257,7 @@ function beginTouch() {
   }
   showTime(0);
   request({ touch: hrtc ? { user, hrtc } : { user } });
-  state.touching = { user, isServed: false, grabsByPad: false, target: null };
+  state.touching = { user, isServed: false, grabsByPad: false, target: null, sentMs: 0 };
   hand.clear();
   hint("waiting for a probe");
   updateTouch();
@@ -260,6 +269,13 @@ function endTouch(problem = "") {
   hand.clear();
   hint(problem, problem !== "");
   updateTouch();
+}
+
+/// Gives the probe back, if there is one.
+function giveBack(reason) {
+  if (!state.touching) return;
+  request({ release: true });
+  endTouch(reason);
 }
 
 function updateTouch() {
@@ -292,27 +308,51 @@ function moveHand(now) {
   if (probe) hand.rumble(Math.hypot(...probe.force), (probe.status & kContact) !== 0, now);
   // Before the pointer has hit an object, the hand waits between the eye and the objects.
   state.touching.target = hand.target() ?? state.touching.target ?? view.pointBefore();
+  if (now - state.touching.sentMs < kHandMs) return;
+  state.touching.sentMs = now;
   request({ hand: { target: state.touching.target, grab: hand.isGrabbing } });
 }
 
 element("take").addEventListener("click", () => {
   if (!state.touching) return beginTouch();
-  request({ release: true });
-  endTouch();
+  giveBack("");
 });
 element("grab").addEventListener("click", () => setGrab(!hand.isGrabbing));
-document.addEventListener("keydown", ({ key, repeat, target }) => {
-  if (key.toLowerCase() === "g" && !repeat && target.tagName !== "INPUT") setGrab(!hand.isGrabbing);
+document.addEventListener("keydown", ({ key, repeat, target, ctrlKey, altKey, metaKey }) => {
+  const isTyped = ["INPUT", "SELECT"].includes(target.tagName) || ctrlKey || altKey || metaKey;
+  if (key.toLowerCase() === "g" && !repeat && !isTyped) setGrab(!hand.isGrabbing);
 });
 document.addEventListener("visibilitychange", () => {
-  if (!document.hidden || !state.touching) return;
-  request({ release: true });  // a hidden page draws no force
-  endTouch("The probe was given back because the page was hidden.");
+  if (document.hidden) giveBack("The probe was given back because the page was hidden.");
 });
 
 // ---- connection ----
 
 let socket = null;
+let receivedMs = 0;  // time of the newest message
+let silentChecks = 0;
+
+/// Shows that the connection has ended, and connects again, unless the viewer refuses this page.
+function lose(text, isFinal) {
+  state.isConnected = false;
+  element("connection").textContent = text;
+  element("connection").className = "";
+  element("stop").disabled = true;
+  document.body.classList.add("lost");
+  if (state.touching) endTouch("The connection to the viewer was lost, and with it the probe.");
+  updateTouch();
+  if (!isFinal) setTimeout(connect, kReconnectMs);
+}
+
+/// A network can fail without an end of the connection.
+function checkConnection() {
+  const isSilent = state.isConnected && performance.now() - receivedMs > kSilentMs;
+  silentChecks = isSilent ? silentChecks + 1 : 0;
+  if (silentChecks < 3) return;  // after a pause of the page itself, messages are still waiting
+  socket.onmessage = socket.onclose = null;
+  socket.close();
+  lose("the viewer is silent; trying again", false);
+}
 
 /// Connects, and connects again whenever the connection ends. The first frames then have the whole state.
 function connect() {
@@ -321,13 +361,14 @@ function connect() {
   socket.onopen = () => {
     ++state.connections;
     state.isConnected = true;
+    receivedMs = performance.now();
     history.clear();
     element("time").value = 0;
     showTime(0);
     state.meshes.clear();
     state.probes = [];
     if (location.hash) socket.send(JSON.stringify({ token: location.hash.slice(1) }));
-    if (state.touching) endTouch("The connection to the viewer was lost, and with it the probe.");
+    updateTouch();
     view.setObjects([]);
     element("connection").textContent = "connected";
     element("connection").className = "open";
@@ -335,13 +376,9 @@ function connect() {
     document.body.classList.remove("lost");
   };
   socket.onmessage = receive;
-  socket.onclose = () => {
-    state.isConnected = false;
-    element("connection").textContent = "no connection to the viewer; trying again";
-    element("connection").className = "";
-    element("stop").disabled = true;
-    document.body.classList.add("lost");
-    setTimeout(connect, kReconnectMs);
+  socket.onclose = ({ code, reason }) => {
+    const isRefused = code === kRefused;
+    lose(isRefused ? `refused by the viewer: ${reason}` : "no connection to the viewer; trying again", isRefused);
   };
 }
 
@@ -371,6 +408,7 @@ state.screenOf = (point) => view.screenOf(point);
 setInterval(() => {
   showUsers();
   showAge();
+  checkConnection();
 }, 100);
 connect();
 requestAnimationFrame(draw);

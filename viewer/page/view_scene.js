@@ -43,7 +43,7 @@ class ShownObject {
     this.mesh.geometry = new three.BufferGeometry();
     this.mesh.geometry.setAttribute("position", new three.BufferAttribute(this.positions, 3).setUsage(three.DynamicDrawUsage));
     this.mesh.geometry.setAttribute("color", new three.BufferAttribute(this.colours, 3, true).setUsage(three.DynamicDrawUsage));
-    this.mesh.geometry.boundingSphere = new three.Sphere(new three.Vector3(), Infinity);  // spares its computation
+    this.mesh.geometry.boundingSphere = new three.Sphere(new three.Vector3(), Infinity);  // so that three.js does not compute it
   }
 
   /// Writes the rows of a frame. Returns a frame that restores the present rows.
@@ -65,8 +65,8 @@ class ShownObject {
       this.colour(row, showsResolution);
     });
     const { position, color } = this.mesh.geometry.attributes;
-    const low = frame.changed.reduce((least, number) => Math.min(least, number & 0x7fffffff), frame.rows);
-    const high = frame.changed.reduce((most, number) => Math.max(most, number & 0x7fffffff), 0);
+    const low = frame.changed.reduce((min, number) => Math.min(min, number & 0x7fffffff), frame.rows);
+    const high = frame.changed.reduce((max, number) => Math.max(max, number & 0x7fffffff), 0);
     if (frame.changed.length === 0) return before;
     for (const attribute of [position, color]) {
       attribute.addUpdateRange(9 * low, 9 * (high - low + 1));
@@ -196,8 +196,12 @@ export class ViewScene {
   /// The ray of a pointer event: {origin, direction, hit: its first point of an object or null}.
   pick(event) {
     const area = this.canvas.getBoundingClientRect();
-    const at = new three.Vector2(2 * (event.clientX - area.left) / area.width - 1,
-                                 1 - 2 * (event.clientY - area.top) / area.height);
+    return this.cast(new three.Vector2(2 * (event.clientX - area.left) / area.width - 1,
+                                       1 - 2 * (event.clientY - area.top) / area.height));
+  }
+
+  /// `at`: -1 to 1 from left to right and from bottom to top.
+  cast(at) {
     this.raycaster.setFromCamera(at, this.camera);
     const meshes = [...this.objects.values()].map(({ mesh }) => mesh).filter((mesh) => mesh.geometry.attributes.position);
     const hits = this.raycaster.intersectObjects(meshes, false);
@@ -212,8 +216,11 @@ export class ViewScene {
     return [area.left + (at.x + 1) / 2 * area.width, area.top + (1 - at.y) / 2 * area.height];
   }
 
-  /// The point in the middle between the eye and the centre of the view, x y z.
-  pointBefore() { return this.camera.position.clone().add(this.controls.target).multiplyScalar(0.5).toArray(); }
+  /// A point between the eye and what is in the middle of the view, x y z. It is outside of all objects.
+  pointBefore() {
+    const { origin, hit } = this.cast(new three.Vector2(0, 0));
+    return origin.lerp(hit ?? this.controls.target, 0.5).toArray();
+  }
 
   removeProbe(user) {
     const { probe, label } = this.probes.get(user);

@@ -3,14 +3,15 @@ const kHover = 0.012;       // m, distance of the hand from the surface while no
 const kPress = 0.012;       // m, depth of the hand below the surface while the button is pressed
 const kWheel = 0.01 / 100;  // m per unit of the wheel, about 1 cm per notch
 const kDeadZone = 0.15;     // of a gamepad's sticks
+const kTriggerDeadZone = 0.05;
 const kStickSpeed = 500;    // pixels/s
 const kStickDepth = 0.1;    // m/s
 const kRumbleMs = 100, kRumbleEveryMs = 50;
 const kRumbleNewtons = 5;   // force of the strongest rumble
 
 /// Follows the primary pointer over the canvas. The hand is on the pointer's ray: above the surface, or below it while
-/// the button is pressed. The wheel then changes the depth; otherwise it zooms. Beside the object, the hand stays above
-/// the last hit.
+/// the button is pressed. The wheel then changes the depth; otherwise it zooms. If the ray meets no object, the hand stays
+/// above the last hit.
 export class PointedHand {
   /// `pick`: returns the ray of a pointer event, {origin, direction, hit: its first point of an object or null}.
   constructor(canvas, pick) {
@@ -20,6 +21,7 @@ export class PointedHand {
     for (const name of ["pointerdown", "pointermove", "pointerup", "pointercancel"])
       canvas.addEventListener(name, (event) => this.onPointer(name, event));
     canvas.addEventListener("wheel", (event) => this.onWheel(event), { capture: true, passive: false });
+    window.addEventListener("blur", () => { this.isPressed = false; });
     canvas.addEventListener("contextmenu", (event) => event.preventDefault());
   }
 
@@ -31,7 +33,7 @@ export class PointedHand {
     this.rayDistance = null;     // m, from the eye to the last hit
     this.depth = 0;              // m, added to that of the pressed button
     this.padPress = 0;           // 0 to 1, of a gamepad's trigger
-    this.padMs = null;           // time of the last frame with a gamepad
+    this.padMs = null;           // time of the last call of readGamepad with a gamepad
     this.rumbleMs = 0;
     this.wasTouching = false;
   }
@@ -58,11 +60,16 @@ export class PointedHand {
   /// grabs.
   readGamepad(nowMs) {
     const pad = navigator.getGamepads?.().find((each) => each?.connected);
-    if (!pad) return false;
+    if (!pad || !document.hasFocus()) {  // a gamepad that is gone presses no longer
+      this.padPress = 0;
+      this.padMs = null;
+      return false;
+    }
     const seconds = this.padMs === null ? 0 : Math.min(0.1, 1e-3 * (nowMs - this.padMs));
     this.padMs = nowMs;
     const [x, y, , depth] = [0, 1, 2, 3].map((i) => (Math.abs(pad.axes[i] ?? 0) > kDeadZone ? pad.axes[i] : 0));
-    this.padPress = pad.buttons[7]?.value ?? 0;
+    const trigger = pad.buttons[7]?.value ?? 0;
+    this.padPress = trigger > kTriggerDeadZone ? trigger : 0;
     if (x !== 0 || y !== 0 || (this.padPress > 0 && !this.pointer)) {
       const area = this.canvas.getBoundingClientRect();
       const { clientX = area.left + area.width / 2, clientY = area.top + area.height / 2 } = this.pointer ?? {};
@@ -74,7 +81,7 @@ export class PointedHand {
     return pad.buttons[0]?.pressed ?? false;
   }
 
-  /// Lets a gamepad rumble with the force, N, and more at the begin of a contact.
+  /// Lets a gamepad rumble with the force, N, and more when a contact begins.
   rumble(newtons, isTouching, nowMs) {
     const begins = isTouching && !this.wasTouching;
     this.wasTouching = isTouching;
