@@ -123,7 +123,8 @@ class SessionTest(FolderTest):
         recording = tactus.Recording(self.folder / "all.mcap")
         self.assertLess({"tactus_roster", "tactus_catalogue", "tactus_probe_state"}, recording.topics.keys())
         for topic, rows in dict(recording).items():
-            with open(self.folder / "csv" / f"{topic}.csv", newline="") as file:
+            name = topic.lstrip("/").replace("/", "_")  # of /scene/objects: scene_objects
+            with open(self.folder / "csv" / f"{name}.csv", newline="") as file:
                 table = list(csv.DictReader(file))
             self.assertEqual(len(rows), len(table))
             for column in table[0]:
