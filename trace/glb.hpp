@@ -1,4 +1,4 @@
-/// Writes a triangle mesh as a GLB file: glTF 2.0 in its binary form, https://registry.khronos.org/glTF/specs/2.0.
+/// Writes a triangle mesh as a GLB file, the binary form of glTF 2.0 (specification of the Khronos Group).
 ///
 ///     "glTF" | 2 | bytes of the file | JSON chunk, filled up by blanks | BIN chunk: positions, normals, indices
 ///

@@ -42,7 +42,7 @@ int serve_demo(tactus::viewer::ServerSettings server, const std::atomic<bool>& s
   std::cout << "http://localhost:" << pages.port() << "/" << std::endl;
   while (!stop) {
     pages.poll(wire::monotonic_ns());
-    std::this_thread::sleep_for(std::chrono::milliseconds{2});
+    std::this_thread::sleep_for(std::chrono::milliseconds{2});  // `poll` never waits
   }
   return 0;
 }

@@ -1,7 +1,7 @@
 // Draws the objects, probes and forces of a session.
 import * as three from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
-import { Probe, drawsInSoftware } from "../../web/page/scene.js";
+import { Probe, drawsInSoftware, fitToCanvas } from "../../web/page/scene.js";
 
 const kCoarse = [87, 107, 133], kFine = [237, 153, 69], kPlain = [176, 187, 200];  // colours of faces
 
@@ -238,14 +238,7 @@ export class ViewScene {
   }
 
   draw() {
-    const { clientWidth: width, clientHeight: height } = this.canvas;
-    const ratio = this.isSoftware ? 1 : Math.min(window.devicePixelRatio, 2);
-    if (this.canvas.width !== Math.floor(width * ratio) || this.canvas.height !== Math.floor(height * ratio)) {
-      this.renderer.setPixelRatio(ratio);
-      this.renderer.setSize(width, height, false);
-      this.camera.aspect = width / height;
-      this.camera.updateProjectionMatrix();
-    }
+    const { width, height } = fitToCanvas(this);
     const followed = this.probes.get(this.followed);
     if (followed) {
       const step = followed.proxy.clone().sub(this.controls.target).multiplyScalar(0.2);

@@ -59,6 +59,19 @@ export class Probe {
   }
 }
 
+/// Sets the size of the picture and the aspect of the camera to the present size of the canvas. Returns that size.
+export function fitToCanvas({ canvas, camera, renderer, isSoftware }) {
+  const { clientWidth: width, clientHeight: height } = canvas;
+  const ratio = isSoftware ? 1 : Math.min(window.devicePixelRatio, 2);
+  if (canvas.width !== Math.floor(width * ratio) || canvas.height !== Math.floor(height * ratio)) {
+    renderer.setPixelRatio(ratio);
+    renderer.setSize(width, height, false);
+    camera.aspect = width / height;
+    camera.updateProjectionMatrix();
+  }
+  return { width, height };
+}
+
 export class Scene {
   constructor(canvas, colours) {
     this.canvas = canvas;
@@ -131,14 +144,7 @@ export class Scene {
   }
 
   draw() {
-    const { clientWidth: width, clientHeight: height } = this.canvas;
-    const ratio = this.isSoftware ? 1 : Math.min(window.devicePixelRatio, 2);
-    if (this.canvas.width !== Math.floor(width * ratio) || this.canvas.height !== Math.floor(height * ratio)) {
-      this.renderer.setPixelRatio(ratio);
-      this.renderer.setSize(width, height, false);
-      this.camera.aspect = width / height;
-      this.camera.updateProjectionMatrix();
-    }
+    fitToCanvas(this);
     this.renderer.render(this.scene, this.camera);
   }
 }
