@@ -4,10 +4,10 @@
 #include <chrono>
 #include <filesystem>
 #include <iostream>
-#include <random>
 #include <string>
 #include <thread>
 
+#include "viewer/tokens.hpp"
 #include "viewer/viewer.hpp"
 #include "wire/command_line.hpp"
 #include "wire/process.hpp"
@@ -18,7 +18,7 @@ constexpr char kExamples[] = R"(
 Examples:
   tactus view --session lab
   tactus view --session lab --domain 40 --port 8091 --memory 256MiB
-  tactus view --session lab --listen 192.168.1.20
+  tactus view --session lab --listen 192.168.1.20 --tokens ~/.config/tactus-tokens
   tactus view --demo
 
 Open the printed address in a browser. `scripts/page` builds the page. Only browsers of this machine can reach it,
@@ -47,15 +47,6 @@ int serve_demo(tactus::viewer::ServerSettings server, const std::atomic<bool>& s
   return 0;
 }
 
-/// Returns 128 random bits as text.
-std::string random_token() {
-  constexpr char kDigits[] = "0123456789abcdef";
-  std::random_device random;
-  std::string token;
-  for (int i = 0; i < 32; ++i) token += kDigits[random() % 16];
-  return token;
-}
-
 /// Prints the addresses of the page. A browser sends the part after # to no server; the page sends it as its token.
 void print_addresses(const tactus::viewer::ServerSettings& server, std::uint16_t port) {
   std::string host = server.address;
@@ -78,6 +69,7 @@ int main(int argc, char** argv) {
   options.address.session = "tactus";
   options.address.participant = "view";
   bool is_demo = false;
+  std::filesystem::path token_file;
   std::uint64_t memory = 64u << 20;
 
   CLI::App app{"Viewer: shows the objects, users and figures of a session as a page in a browser.", "tactus-view"};
@@ -85,6 +77,10 @@ int main(int argc, char** argv) {
   wire::add_address_options(app, options.address, "viewer");
   app.add_option("--listen", options.server.address, "Address of this machine at which the page is served")
       ->capture_default_str();
+  app.add_option("--tokens", token_file,
+                 "File that keeps the tokens of --listen, so that a restart keeps the addresses")
+      ->type_name("FILE")
+      ->needs("--listen");
   app.add_option("--port", options.server.port, "Port of the page; 0: any free port")->capture_default_str();
   app.add_option("--page", options.server.folder, "Folder of the page; default: that of scripts/page");
   app.add_flag("--demo", is_demo, "Serve the page \"Touch it now\", which runs a session in the browser")
@@ -113,8 +109,9 @@ int main(int argc, char** argv) {
     }
     options.log = [](const std::string& text) { std::cerr << "tactus-view: " << text << '\n'; };
     if (!viewer::is_loopback(options.server.address)) {
-      options.server.control_token = random_token();
-      options.server.observer_token = random_token();
+      const viewer::Tokens tokens = token_file.empty() ? viewer::make_tokens() : viewer::kept_tokens(token_file);
+      options.server.control_token = tokens.control;
+      options.server.observer_token = tokens.observer;
     }
     const viewer::ServerSettings server = options.server;
     viewer::Viewer viewer{std::move(options)};
