@@ -16,7 +16,7 @@ constexpr int kWrongInput = 2;
 
 struct Command {
   std::string_view name;     // one or two words
-  std::string_view program;  // file in the same directory; for the demo, in the scripts directory
+  std::string_view program;  // file in the same directory; empty for the demo, which is a script
   std::string_view purpose;
 };
 constexpr std::array kCommands{
@@ -36,7 +36,7 @@ constexpr std::array kCommands{
     Command{"latency", "tactus-latency", "measure latency, jitter and loss of a session's topics, and of a network"},
     Command{"doctor", "tactus-doctor", "check whether this machine is fit for a session, and print remedies"},
     Command{"link", "tactus-link", "emulate a network link between two namespaces of this machine"},
-    Command{"demo", "demo", "run a complete session on this machine"},
+    Command{"demo", "", "run a complete session on this machine"},
 };
 
 void print_help(std::FILE* out) {
@@ -54,8 +54,11 @@ void print_help(std::FILE* out) {
 }
 
 std::filesystem::path path_of(const Command& command) {
-  if (command.name == "demo") return std::filesystem::path{TACTUS_SCRIPTS} / command.program;
-  return std::filesystem::read_symlink("/proc/self/exe").parent_path() / command.program;
+  const std::filesystem::path folder = std::filesystem::read_symlink("/proc/self/exe").parent_path();
+  if (!command.program.empty()) return folder / command.program;
+  // In the build tree, the demo builds all programs first.
+  if (folder == TACTUS_BUILD_DIR "/bin") return TACTUS_SCRIPTS "/demo";
+  return folder.parent_path() / "share/tactus/tactus-demo";
 }
 
 }  // namespace
