@@ -13,6 +13,7 @@
 #include "tests/haptics/triangle_surface.hpp"
 #include "wire/check.hpp"
 #include "wire/convert.hpp"
+#include "wire/dds.hpp"
 
 namespace tactus::bench {
 namespace {
@@ -75,25 +76,21 @@ class Encoding {
   [[nodiscard]] Bytes bytes(const session::DevicePose& pose) {
     wire::to_idl(pose, sample_);
     payload_.length = 0;
-    type_.serialize(&sample_, &payload_);
+    (void)wire::encode(type_, sample_, payload_);
     return {payload_.data, payload_.data + payload_.length};
   }
   [[nodiscard]] bool pose(const Bytes& bytes, session::DevicePose& pose) {
     std::copy(bytes.begin(), bytes.end(), payload_.data);
     payload_.length = static_cast<std::uint32_t>(bytes.size());
-    try {
-      if (!type_.deserialize(&payload_, &sample_)) return false;
-    } catch (const std::exception&) {  // as wire::Reader does
-      return false;
-    }
+    if (!type_.decode(payload_, &sample_)) return false;
     wire::from_idl(sample_, pose);
     return true;
   }
 
  private:
-  wire::IdlOf<session::DevicePose>::Support type_;
+  wire::Guarded<wire::IdlOf<session::DevicePose>::Support> type_{wire::TrafficClass::kProbe};
   wire::IdlOf<session::DevicePose>::Type sample_;
-  eprosima::fastrtps::rtps::SerializedPayload_t payload_{1024};
+  wire::rtps::SerializedPayload_t payload_{1024};
 };
 
 /// Loses, delays, repeats and corrupts samples.

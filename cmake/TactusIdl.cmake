@@ -1,31 +1,64 @@
 # tactus_idl(tactus_idl idl/tactus.idl): static library of the types that fastddsgen generates from an IDL file at build
-# time. Generated sources go to the build tree. Include "<name of the IDL file>.h". They are compiled without warnings.
-find_package(fastcdr 1.0 REQUIRED)
-find_package(fastrtps 2.9 REQUIRED)
+# time. Generated sources go to the build tree. Include "<name of the IDL file>.h", with Fast DDS 3 ".hpp". They are
+# compiled without warnings.
+# Sets TACTUS_DDS_LIBRARY, the target of Fast DDS, and TACTUS_DDS_DEPENDENCIES, its packages for find_dependency().
+find_package(fastdds 3.1 QUIET)
+if(fastdds_FOUND)
+  set(TACTUS_DDS_LIBRARY fastdds)
+  find_package(fastcdr 2.2 REQUIRED)
+  set(TACTUS_DDS_DEPENDENCIES "find_dependency(fastcdr 2.2)\n  find_dependency(fastdds 3.1)")
+else()
+  set(TACTUS_DDS_LIBRARY fastrtps)
+  find_package(fastcdr 1.0 REQUIRED)
+  find_package(fastrtps 2.9 REQUIRED)
+  set(TACTUS_DDS_DEPENDENCIES "find_dependency(fastcdr 1.0)\n  find_dependency(fastrtps 2.9)")
+endif()
 find_program(FASTDDSGEN fastddsgen)
 find_program(TACTUS_JAVA java HINTS ENV JAVA_HOME PATH_SUFFIXES bin)
 if(NOT FASTDDSGEN OR NOT TACTUS_JAVA)
   message(FATAL_ERROR "Generating the topic types needs fastddsgen (found: ${FASTDDSGEN}) and a Java runtime "
-                      "(found: ${TACTUS_JAVA}). On Debian 12: apt-get install fastddsgen default-jre-headless")
+                      "(found: ${TACTUS_JAVA}). On Debian: apt-get install fastddsgen default-jre-headless")
 endif()
+
+# Copies an IDL file, with numbers instead of constants as bounds of strings and sequences. fastddsgen 4.0.4 generates
+# code that does not compile for a bound that is a constant.
+function(tactus_without_constants idl copy)
+  file(READ ${idl} text)
+  string(REGEX MATCHALL "const unsigned long [A-Za-z]+ = [0-9]+" constants "${text}")
+  foreach(constant IN LISTS constants)
+    string(REGEX MATCH "([A-Za-z]+) = ([0-9]+)" constant "${constant}")
+    string(REGEX REPLACE "([<,] *)${CMAKE_MATCH_1}>" "\\1${CMAKE_MATCH_2}>" text "${text}")
+  endforeach()
+  file(CONFIGURE OUTPUT ${copy} CONTENT "${text}" @ONLY)
+  set_property(DIRECTORY APPEND PROPERTY CMAKE_CONFIGURE_DEPENDS ${idl})
+endfunction()
 
 function(tactus_idl target idl)
   get_filename_component(idl ${idl} ABSOLUTE BASE_DIR ${PROJECT_SOURCE_DIR})
   get_filename_component(stem ${idl} NAME_WE)
   set(dir ${PROJECT_BINARY_DIR}/${target})
-  set(generated ${dir}/${stem}.cxx ${dir}/${stem}PubSubTypes.cxx)
-  set(headers ${dir}/${stem}.h ${dir}/${stem}PubSubTypes.h)
   file(MAKE_DIRECTORY ${dir})
+  if(fastdds_FOUND)
+    set(generated ${dir}/${stem}PubSubTypes.cxx)
+    set(headers ${dir}/${stem}.hpp ${dir}/${stem}PubSubTypes.hpp ${dir}/${stem}CdrAux.hpp ${dir}/${stem}CdrAux.ipp)
+    set(options -no-typeobjectsupport)
+    tactus_without_constants(${idl} ${dir}/${stem}.idl)
+    set(idl ${dir}/${stem}.idl)
+  else()
+    set(generated ${dir}/${stem}.cxx ${dir}/${stem}PubSubTypes.cxx)
+    set(headers ${dir}/${stem}.h ${dir}/${stem}PubSubTypes.h)
+    set(options)
+  endif()
   add_custom_command(
     OUTPUT ${generated} ${headers}
-    COMMAND ${FASTDDSGEN} -replace -t ${dir} -d ${dir} ${idl} > ${dir}/fastddsgen.log
+    COMMAND ${FASTDDSGEN} -replace ${options} -t ${dir} -d ${dir} ${idl} > ${dir}/fastddsgen.log
     DEPENDS ${idl} WORKING_DIRECTORY ${dir} COMMENT "Generating the types of ${stem}.idl" VERBATIM)
   add_library(${target} STATIC ${generated} ${headers})
   target_compile_features(${target} PUBLIC cxx_std_20)
   target_compile_options(${target} PRIVATE -w)
   target_include_directories(${target} SYSTEM PUBLIC $<BUILD_INTERFACE:${dir}>)
   set_target_properties(${target} PROPERTIES EXPORT_NAME idl)
-  target_link_libraries(${target} PUBLIC fastrtps fastcdr)
+  target_link_libraries(${target} PUBLIC ${TACTUS_DDS_LIBRARY} fastcdr)
   if(TACTUS_SANITIZE)
     target_compile_options(${target} PRIVATE -fsanitize=${TACTUS_SANITIZE})
   endif()

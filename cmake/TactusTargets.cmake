@@ -13,6 +13,8 @@ target_compile_options(tactus_options INTERFACE "$<BUILD_INTERFACE:-Wall;-Wextra
                        $<BUILD_INTERFACE:$<$<AND:$<BOOL:${CMAKE_UNITY_BUILD}>,$<COMPILE_LANGUAGE:CXX>>:-Wno-subobject-linkage>>
                        -ffp-contract=off $<BUILD_INTERFACE:$<$<BOOL:${TACTUS_WERROR}>:-Werror>>)
 target_include_directories(tactus_options INTERFACE $<BUILD_INTERFACE:${PROJECT_SOURCE_DIR}>)
+# Debian 13's TinyXML-2 defines it for its users, and a precompiled header is only used with the same definitions.
+target_compile_definitions(tactus_options INTERFACE $<BUILD_INTERFACE:_FILE_OFFSET_BITS=64>)
 if(TACTUS_SANITIZE)
   # With sanitizers, g++ 12 takes members of std::regex and others for uninitialized.
   target_compile_options(tactus_options INTERFACE -fsanitize=${TACTUS_SANITIZE} -fno-sanitize-recover=all -fno-omit-frame-pointer

@@ -2,8 +2,14 @@
 /// Only wire/ and its tests include this header.
 #pragma once
 
+#if __has_include(<tactusPubSubTypes.hpp>)  // generated for Fast DDS 3 (wire/library.hpp)
+#include <tactus.hpp>
+#include <tactusCdrAux.hpp>
+#include <tactusPubSubTypes.hpp>
+#else
 #include <tactus.h>
 #include <tactusPubSubTypes.h>
+#endif
 
 #include "session/messages.hpp"
 

@@ -1,9 +1,6 @@
 /// Helpers around Fast DDS for the sources of wire/. Only wire/ and its tests include this header.
 #pragma once
 
-#include <fastcdr/Cdr.h>
-#include <fastcdr/FastBuffer.h>
-
 #include <array>
 #include <atomic>
 #include <fastdds/dds/domain/DomainParticipant.hpp>
@@ -23,11 +20,10 @@
 #include <string>
 
 #include "wire/flow.hpp"
+#include "wire/library.hpp"
 #include "wire/participants.hpp"
 
 namespace tactus::wire {
-
-namespace dds = eprosima::fastdds::dds;
 
 /// Number of failed decodings in this thread. Fast DDS drops such samples silently, so a Reader compares the number
 /// before and after it takes a sample.
@@ -42,39 +38,27 @@ inline thread_local std::uint64_t decode_failures = 0;
 /// as soon as there had been `max_instances` users. The topics of this class need no instances, because their history
 /// stores nothing: a reader takes each sample in the thread that received it, before the next one arrives.
 template <class Support>
-class Guarded : public Support {
+class Guarded : public LibraryType<Support> {
  public:
   using Type = typename Support::type;
 
   explicit Guarded(TrafficClass traffic) : has_one_instance_{traffic == TrafficClass::kProbe} {}
 
-  bool deserialize(eprosima::fastrtps::rtps::SerializedPayload_t* payload, void* data) override {
+  bool decode(rtps::SerializedPayload_t& payload, void* sample) override {
     try {
-      if (Support::deserialize(payload, data)) return true;
+      if (this->decode_generated(payload, sample)) return true;
     } catch (...) {  // Fast CDR throws for a boolean that is neither 0 nor 1, std::vector for a size that is too large
     }
     ++decode_failures;
     return false;
   }
 
-  bool getKey(void* data, eprosima::fastrtps::rtps::InstanceHandle_t* handle, bool) override {
-    if (!this->m_isGetKeyDefined) return false;
-    std::array<char, 16> key{};  // fits every key of tactus.idl, so no digest is needed
-    if (has_one_instance_)
-      key[0] = 1;  // a handle of zeros is invalid
-    else
-      serialize_key(*static_cast<Type*>(data), key);
-    for (std::size_t i = 0; i < key.size(); ++i) handle->value[i] = static_cast<std::uint8_t>(key[i]);
-    return true;
+  [[nodiscard]] Key compute(const void* sample) const override {
+    if (has_one_instance_) return {1};  // a handle of zeros is invalid
+    return key_of(*static_cast<const Type*>(sample));
   }
 
  private:
-  static void serialize_key(const Type& sample, std::array<char, 16>& key) {
-    eprosima::fastcdr::FastBuffer buffer{key.data(), key.size()};
-    eprosima::fastcdr::Cdr cdr{buffer, eprosima::fastcdr::Cdr::BIG_ENDIANNESS};
-    sample.serializeKey(cdr);
-  }
-
   bool has_one_instance_;
 };
 
@@ -103,9 +87,9 @@ struct Participants::Impl {
 /// Counts the matched remote endpoints, except those of the same participant.
 class MatchCount {
  public:
-  void change(const eprosima::fastrtps::rtps::InstanceHandle_t& other, int by, const dds::DomainParticipant& own) {
-    eprosima::fastrtps::rtps::GUID_t guid;
-    eprosima::fastrtps::rtps::iHandle2GUID(guid, other);
+  void change(const rtps::InstanceHandle_t& other, int by, const dds::DomainParticipant& own) {
+    rtps::GUID_t guid;
+    rtps::iHandle2GUID(guid, other);
     if (guid.guidPrefix != own.guid().guidPrefix) count_ += by;
   }
   [[nodiscard]] int get() const noexcept { return count_.load(); }

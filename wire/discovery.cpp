@@ -1,8 +1,6 @@
 #include "wire/discovery.hpp"
 
 #include <arpa/inet.h>
-#include <fastdds/rtps/attributes/ServerAttributes.h>
-#include <fastrtps/utils/IPLocator.h>
 #include <netdb.h>
 
 #include <charconv>
@@ -11,8 +9,6 @@
 
 namespace tactus::wire {
 namespace {
-
-namespace rtps = eprosima::fastrtps::rtps;
 
 rtps::Locator_t locator(const std::string& host, std::uint32_t port) {
   addrinfo hints{};
@@ -45,28 +41,27 @@ rtps::Locator_t server_locator(const std::string& server) {
 
 }  // namespace
 
-void apply(const Discovery& discovery, eprosima::fastdds::dds::DomainParticipantQos& qos) {
+void apply(const Discovery& discovery, dds::DomainParticipantQos& qos) {
   if (!discovery.peers.empty() && !discovery.servers.empty()) {
     throw WireError("found both peers and a discovery server; expected one of the two");
   }
-  rtps::BuiltinAttributes& builtin = qos.wire_protocol().builtin;
+  auto& builtin = qos.wire_protocol().builtin;
   for (const std::string& peer : discovery.peers) {
     builtin.initialPeersList.push_back(locator(peer, 0));  // port 0: all discovery ports in the profile's range
   }
   if (!discovery.peers.empty()) builtin.initialPeersList.push_back(locator("127.0.0.1", 0));
 
-  int id = 0;
+  int number = 0;
   for (const std::string& server : discovery.servers) {
-    eprosima::fastdds::rtps::RemoteServerAttributes remote;
-    remote.metatrafficUnicastLocatorList.push_back(server_locator(server));
-    if (!eprosima::fastdds::rtps::get_server_client_default_guidPrefix(id++, remote.guidPrefix)) {
+    if (!add_discovery_server(qos, server_locator(server), number++))
       throw WireError(std::to_string(discovery.servers.size()) + " discovery servers; expected at most 256");
-    }
-    builtin.discovery_config.m_DiscoveryServers.push_back(remote);
-    builtin.discovery_config.discoveryProtocol = rtps::DiscoveryProtocol_t::CLIENT;
   }
 }
 
-void ignore_environment() { unsetenv(eprosima::fastdds::rtps::DEFAULT_ROS2_MASTER_URI); }
+void ignore_environment() {
+  for (const char* name : {"ROS_DISCOVERY_SERVER", "FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE"})
+    unsetenv(name);
+  setenv("SKIP_DEFAULT_XML_FILE", "1", 1);
+}
 
 }  // namespace tactus::wire

@@ -1,18 +1,17 @@
 /// Applies a Discovery to the QoS of a Fast DDS participant. Only wire/ includes this header.
 #pragma once
 
-#include <fastdds/dds/domain/qos/DomainParticipantQos.hpp>
-
+#include "wire/library.hpp"
 #include "wire/participants.hpp"
 
 namespace tactus::wire {
 
 /// Applies `discovery` to `qos`. Throws WireError for a name that does not resolve to an IPv4 address, for an invalid
 /// port, and for peers together with servers. Resolving a name may take seconds.
-void apply(const Discovery& discovery, eprosima::fastdds::dds::DomainParticipantQos& qos);
+void apply(const Discovery& discovery, dds::DomainParticipantQos& qos);
 
-/// Removes the environment variable ROS_DISCOVERY_SERVER, which would make every participant a client of the discovery
-/// servers that it names.
+/// Removes the environment variables by which Fast DDS would use discovery servers or a profile file that Tactus does not
+/// know, and keeps it from reading a profile file of the current directory.
 void ignore_environment();
 
 }  // namespace tactus::wire

@@ -11,8 +11,6 @@
 namespace tactus::wire {
 namespace {
 
-using eprosima::fastrtps::types::ReturnCode_t;
-
 /// False for a chunk, which has a stream instead of an origin (session/messages.hpp).
 template <class Sample>
 constexpr bool kHasOrigin = !std::is_same_v<Sample, session::BulkChunk>;
@@ -101,7 +99,7 @@ SendStatus Writer<Sample>::send(const Sample& sample) noexcept try {
     return SendStatus::kInvalid;
   }
   to_idl(sample, impl_->encoded);
-  return impl_->writer->write(&impl_->encoded) ? SendStatus::kSent : SendStatus::kBlocked;
+  return succeeded(impl_->writer->write(&impl_->encoded)) ? SendStatus::kSent : SendStatus::kBlocked;
 } catch (...) {  // out of memory
   return SendStatus::kBlocked;
 }
@@ -119,9 +117,8 @@ const char* Writer<Sample>::invalid_reason() const noexcept {
 template <class Sample>
 bool Writer<Sample>::wait_acknowledged(std::chrono::milliseconds limit) noexcept {
   const auto ms = limit.count();
-  const eprosima::fastrtps::Duration_t wait{static_cast<std::int32_t>(ms / 1000),
-                                            static_cast<std::uint32_t>(ms % 1000) * 1000000u};
-  return impl_->writer->wait_for_acknowledgments(wait) == ReturnCode_t::RETCODE_OK;
+  const LibraryDuration wait{static_cast<std::int32_t>(ms / 1000), static_cast<std::uint32_t>(ms % 1000) * 1000000u};
+  return succeeded(impl_->writer->wait_for_acknowledgments(wait));
 }
 
 template <class Sample>
@@ -154,7 +151,7 @@ struct Reader<Sample>::Impl final : dds::DataReaderListener {
     dds::SampleInfo info;
     for (;;) {
       const std::uint64_t failures = decode_failures;
-      const bool taken = from->take_next_sample(&encoded, &info) == ReturnCode_t::RETCODE_OK;
+      const bool taken = succeeded(from->take_next_sample(&encoded, &info));
       if (decode_failures != failures) {
         invalid += decode_failures - failures;
         invalid_reason = "encoding: expected the encoding of the type";

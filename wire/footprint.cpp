@@ -1,11 +1,11 @@
 #include "wire/footprint.hpp"
 
-#include <fastrtps/config.h>
 #include <tinyxml2.h>
 
 #include <algorithm>
 
 #include "wire/error.hpp"
+#include "wire/library.hpp"
 
 namespace tactus::wire {
 
@@ -35,6 +35,6 @@ Footprint read_footprint(const std::filesystem::path& qos) {
   return max;
 }
 
-std::string library_version() { return FASTRTPS_VERSION_STR; }
+std::string library_version() { return kLibraryVersion; }
 
 }  // namespace tactus::wire

@@ -1,6 +1,5 @@
 #include "wire/participants.hpp"
 
-#include <fastdds/rtps/transport/UDPv4TransportDescriptor.h>
 #include <netinet/in.h>
 #include <netinet/ip.h>
 #include <pthread.h>
@@ -22,9 +21,6 @@
 
 namespace tactus::wire {
 namespace {
-
-using eprosima::fastrtps::types::ReturnCode_t;
-namespace fdds = eprosima::fastdds::rtps;
 
 /// DDS name of the participants that only read bulk, by which they ignore each other.
 constexpr char kReadsBulk[] = "tactus_bulk_reader";
@@ -101,26 +97,26 @@ std::filesystem::path file_of(const Participants::Impl& impl, TrafficClass traff
   return impl.address.qos / (std::string{kClassNames[static_cast<std::size_t>(traffic)]} + ".xml");
 }
 
-dds::DomainParticipant* join(Participants::Impl& impl, TrafficClass traffic, const Durations& durations,
+dds::DomainParticipant* join(Participants::Impl& impl, TrafficClass traffic, const Profiles& profiles,
                              LogCapture& log) {
   auto* factory = dds::DomainParticipantFactory::get_instance();
   const auto index = static_cast<std::size_t>(traffic);
   const std::string profile = std::string{kClassNames[index]} + "_participant";
   dds::DomainParticipantQos qos;
-  if (factory->get_participant_qos_from_profile(profile, qos) != ReturnCode_t::RETCODE_OK) {
+  if (!profiles.read(*factory, profile, qos)) {
     throw WireError(file_of(impl, traffic).string() + ": no participant profile '" + profile + "'; expected one");
   }
-  durations.apply(profile, qos);
   apply(impl.address.discovery, qos);
+  disable_type_propagation(qos);
   std::string ignored;
   if (traffic == TrafficClass::kBulk && impl.address.only_reads_bulk && impl.address.discovery.servers.empty()) {
     ignored = kReadsBulk;
     qos.name(kReadsBulk);
   }
   const FilterSettings filters{std::make_shared<Gate>(), ignored, traffic != TrafficClass::kSession};
-  for (auto& transport : qos.transport().user_transports) {
-    if (std::dynamic_pointer_cast<fdds::UDPv4TransportDescriptor>(transport) == nullptr) continue;
-    transport = std::make_shared<FilterTransportDescriptor>(transport, filters);
+  for (auto& udp : qos.transport().user_transports) {
+    if (std::dynamic_pointer_cast<transport::UDPv4TransportDescriptor>(udp) == nullptr) continue;
+    udp = std::make_shared<FilterTransportDescriptor>(udp, filters);
   }
   const std::set<int> before = datagram_sockets();
   const auto domain = static_cast<dds::DomainId_t>(impl.address.domain + static_cast<int>(index));
@@ -139,8 +135,8 @@ dds::DomainParticipant* join(Participants::Impl& impl, TrafficClass traffic, con
   return made;
 }
 
-/// Copies the profiles of all topics of a traffic class from the library's table.
-void copy_profiles(Participants::Impl& impl, TrafficClass traffic, const Durations& durations) {
+/// Copies the profiles of all topics of a traffic class.
+void copy_profiles(Participants::Impl& impl, TrafficClass traffic, const Profiles& profiles) {
   dds::DomainParticipant& participant = impl.participant(traffic);
   dds::Publisher* publisher = participant.create_publisher(dds::PUBLISHER_QOS_DEFAULT);
   dds::Subscriber* subscriber = participant.create_subscriber(dds::SUBSCRIBER_QOS_DEFAULT);
@@ -151,9 +147,9 @@ void copy_profiles(Participants::Impl& impl, TrafficClass traffic, const Duratio
     dds::DataWriterQos writer;
     dds::DataReaderQos reader;
     const char* end = nullptr;
-    if (publisher->get_datawriter_qos_from_profile(name + "_writer", writer) != ReturnCode_t::RETCODE_OK) {
+    if (!profiles.read(*publisher, name + "_writer", writer)) {
       end = "_writer";
-    } else if (subscriber->get_datareader_qos_from_profile(name + "_reader", reader) != ReturnCode_t::RETCODE_OK) {
+    } else if (!profiles.read(*subscriber, name + "_reader", reader)) {
       end = "_reader";
     }
     if (end != nullptr) {
@@ -161,8 +157,6 @@ void copy_profiles(Participants::Impl& impl, TrafficClass traffic, const Duratio
                 "; expected one";
       return;
     }
-    durations.apply(name + "_writer", writer);
-    durations.apply(name + "_reader", reader);
     impl.writer_qos[name] = writer;
     impl.reader_qos[name] = reader;
   });
@@ -204,14 +198,14 @@ Participants::Participants(SessionAddress address) : impl_{std::make_unique<Impl
   const std::lock_guard<std::mutex> lock{factory_mutex()};
   LogCapture log;
   ignore_environment();
-  const Durations durations = load_profiles(impl_->address.qos, log);
+  const Profiles profiles = load_profiles(impl_->address.qos, log);
   impl_->flow = read_flow(impl_->address.qos / "flow.yaml");
   for (const TrafficClass traffic : {TrafficClass::kProbe, TrafficClass::kSession, TrafficClass::kBulk}) {
     if (!impl_->address.one_participant)
-      impl_->participants[static_cast<std::size_t>(traffic)] = join(*impl_, traffic, durations, log);
+      impl_->participants[static_cast<std::size_t>(traffic)] = join(*impl_, traffic, profiles, log);
     else if (impl_->participants[0] == nullptr)
-      impl_->participants.fill(join(*impl_, TrafficClass::kSession, durations, log));
-    copy_profiles(*impl_, traffic, durations);
+      impl_->participants.fill(join(*impl_, TrafficClass::kSession, profiles, log));
+    copy_profiles(*impl_, traffic, profiles);
   }
 }
 

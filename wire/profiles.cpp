@@ -1,6 +1,5 @@
 #include "wire/profiles.hpp"
 
-#include <fastrtps/xmlparser/XMLProfileManager.h>
 #include <tinyxml2.h>
 
 #include <algorithm>
@@ -12,7 +11,7 @@
 namespace tactus::wire {
 namespace {
 
-using Duration = Durations::Duration;
+using Duration = LibraryDuration;
 
 /// An XML element that contains a duration, and the field of the QoS that the element sets.
 template <class Qos>
@@ -40,19 +39,16 @@ const std::vector<DurationField<dds::DataWriterQos>>& duration_fields(const dds:
   using Qos = dds::DataWriterQos;
   static const std::vector<DurationField<Qos>> all{
       {"reliability/max_blocking_time", [](Qos& q) -> Duration& { return q.reliability().max_blocking_time; }},
-      {"times/initialHeartbeatDelay",
-       [](Qos& q) -> Duration& { return q.reliable_writer_qos().times.initialHeartbeatDelay; }},
-      {"times/heartbeatPeriod", [](Qos& q) -> Duration& { return q.reliable_writer_qos().times.heartbeatPeriod; }},
-      {"times/nackResponseDelay", [](Qos& q) -> Duration& { return q.reliable_writer_qos().times.nackResponseDelay; }}};
+      {"times/initialHeartbeatDelay", [](Qos& q) -> Duration& { return initial_heartbeat_delay(q); }},
+      {"times/heartbeatPeriod", [](Qos& q) -> Duration& { return heartbeat_period(q); }},
+      {"times/nackResponseDelay", [](Qos& q) -> Duration& { return nack_response_delay(q); }}};
   return all;
 }
 const std::vector<DurationField<dds::DataReaderQos>>& duration_fields(const dds::DataReaderQos&) {
   using Qos = dds::DataReaderQos;
   static const std::vector<DurationField<Qos>> all{
-      {"times/initialAcknackDelay",
-       [](Qos& q) -> Duration& { return q.reliable_reader_qos().times.initialAcknackDelay; }},
-      {"times/heartbeatResponseDelay",
-       [](Qos& q) -> Duration& { return q.reliable_reader_qos().times.heartbeatResponseDelay; }}};
+      {"times/initialAcknackDelay", [](Qos& q) -> Duration& { return initial_acknack_delay(q); }},
+      {"times/heartbeatResponseDelay", [](Qos& q) -> Duration& { return heartbeat_response_delay(q); }}};
   return all;
 }
 
@@ -84,7 +80,7 @@ std::optional<Duration> duration_of(const tinyxml2::XMLElement& element) {
 /// Moves the durations that `duration_fields` lists from the profile into `into`.
 template <class Qos>
 void take_durations(tinyxml2::XMLElement& from, const std::string& profile,
-                    const std::vector<DurationField<Qos>>& duration_fields, Durations& into) {
+                    const std::vector<DurationField<Qos>>& duration_fields, Profiles& into) {
   for (auto* child = from.FirstChildElement(); child != nullptr;) {
     auto* const element = child;
     child = child->NextSiblingElement();
@@ -100,7 +96,7 @@ void take_durations(tinyxml2::XMLElement& from, const std::string& profile,
     }
   }
 }
-void take_durations(tinyxml2::XMLDocument& document, Durations& into) {
+void take_durations(tinyxml2::XMLDocument& document, Profiles& into) {
   auto* const root = document.FirstChildElement("dds");
   auto* const profiles = root != nullptr ? root->FirstChildElement("profiles") : nullptr;
   if (profiles == nullptr) return;
@@ -114,8 +110,37 @@ void take_durations(tinyxml2::XMLDocument& document, Durations& into) {
   }
 }
 
-using eprosima::fastrtps::types::ReturnCode_t;
-using eprosima::fastrtps::xmlparser::XMLProfileManager;
+/// Adds `suffix` to the names of profiles and transports, and to the names by which profiles refer to transports.
+void add_suffix(tinyxml2::XMLElement& element, const std::string& suffix) {
+  if (const char* const name = element.Attribute("profile_name"))
+    element.SetAttribute("profile_name", (name + suffix).c_str());
+  if (std::strcmp(element.Name(), "transport_id") == 0 && element.GetText() != nullptr)
+    element.SetText((element.GetText() + suffix).c_str());
+  for (auto* child = element.FirstChildElement(); child != nullptr; child = child->NextSiblingElement())
+    add_suffix(*child, suffix);
+}
+
+/// A suffix that no profile of this process has.
+std::string new_suffix() {
+  static int count = 0;
+  return "#" + std::to_string(++count);
+}
+
+bool load(tinyxml2::XMLDocument& document, const std::string& suffix) {
+  if (document.RootElement() != nullptr) add_suffix(*document.RootElement(), suffix);
+  tinyxml2::XMLPrinter text{nullptr, true};
+  document.Print(&text);
+  auto* const factory = dds::DomainParticipantFactory::get_instance();
+  return succeeded(factory->load_XML_profiles_string(text.CStr(), std::strlen(text.CStr())));
+}
+
+/// The library's messages, with the names of the file.
+std::string take_without(const std::string& suffix, LogCapture& log) {
+  std::string text = log.take();
+  for (std::size_t at = text.find(suffix); at != std::string::npos; at = text.find(suffix, at))
+    text.erase(at, suffix.size());
+  return text;
+}
 
 /// Returns the first invalid profile of a file with the library's message. The library's message for a whole file does
 /// not name the profile, so this loads each profile alone, together with the transports.
@@ -131,11 +156,9 @@ std::string first_broken_profile(const std::filesystem::path& file, LogCapture& 
     auto* into = alone.InsertEndChild(root->ShallowClone(&alone))->InsertEndChild(profiles->ShallowClone(&alone));
     if (transports != nullptr && profile != transports) into->InsertEndChild(transports->DeepClone(&alone));
     into->InsertEndChild(profile->DeepClone(&alone));
-    tinyxml2::XMLPrinter text;
-    alone.Print(&text);
-    XMLProfileManager::DeleteInstance();
-    dds::DomainParticipantFactory::get_instance()->load_XML_profiles_string(text.CStr(), std::strlen(text.CStr()));
-    const std::string complaints = log.take();
+    const std::string suffix = new_suffix();
+    (void)load(alone, suffix);
+    const std::string complaints = take_without(suffix, log);
     if (complaints.empty()) continue;
     const char* name = profile->Attribute("profile_name");
     return (name != nullptr ? "profile '" + std::string{name} + "'" : "<" + std::string{profile->Name()} + ">") + ": " +
@@ -144,51 +167,71 @@ std::string first_broken_profile(const std::filesystem::path& file, LogCapture& 
   return "each profile alone is valid";
 }
 
+std::filesystem::path profile_file(const std::filesystem::path& directory, std::size_t traffic) {
+  return directory / (std::string{kClassNames[traffic]} + ".xml");
+}
+
 }  // namespace
 
 template <class Qos>
-void Durations::apply_to(const std::string& profile, Qos& qos) const {
-  const auto found = by_profile_.find(profile);
-  if (found == by_profile_.end()) return;
+void Profiles::apply_durations(const std::string& profile, Qos& qos) const {
+  const auto found = durations_.find(profile);
+  if (found == durations_.end()) return;
   for (const auto& field : duration_fields(qos))
     if (const auto value = found->second.find(field.element); value != found->second.end())
       field.in(qos) = value->second;
 }
-void Durations::apply(const std::string& profile, dds::DomainParticipantQos& qos) const { apply_to(profile, qos); }
-void Durations::apply(const std::string& profile, dds::DataWriterQos& qos) const { apply_to(profile, qos); }
-void Durations::apply(const std::string& profile, dds::DataReaderQos& qos) const { apply_to(profile, qos); }
+bool Profiles::read(dds::DomainParticipantFactory& factory, const std::string& profile,
+                    dds::DomainParticipantQos& qos) const {
+  if (!succeeded(factory.get_participant_qos_from_profile(profile + suffix_, qos))) return false;
+  apply_durations(profile, qos);
+  return true;
+}
+bool Profiles::read(dds::Publisher& publisher, const std::string& profile, dds::DataWriterQos& qos) const {
+  if (!succeeded(publisher.get_datawriter_qos_from_profile(profile + suffix_, qos))) return false;
+  apply_durations(profile, qos);
+  return true;
+}
+bool Profiles::read(dds::Subscriber& subscriber, const std::string& profile, dds::DataReaderQos& qos) const {
+  if (!succeeded(subscriber.get_datareader_qos_from_profile(profile + suffix_, qos))) return false;
+  apply_durations(profile, qos);
+  return true;
+}
 
-Durations load_profiles(const std::filesystem::path& directory, LogCapture& log) {
-  Durations durations;
+Profiles load_profiles(const std::filesystem::path& directory, LogCapture& log) {
   std::error_code error;
   if (!std::filesystem::is_directory(directory, error)) {
     throw WireError("qos directory '" + directory.string() +
                     "' does not exist; expected one with session.xml, probe.xml, bulk.xml and flow.yaml");
   }
-  // With its first participant, the library would load a profile file that the environment names. So load that file now
-  // and delete the table.
-  auto* factory = dds::DomainParticipantFactory::get_instance();
-  factory->load_profiles();
-  XMLProfileManager::DeleteInstance();
-  static_cast<void>(log.take());
-  for (const char* name : kClassNames) {
-    const auto file = directory / (std::string{name} + ".xml");
+  std::array<tinyxml2::XMLDocument, kTrafficClasses> documents;
+  std::string texts;
+  for (std::size_t i = 0; i < kTrafficClasses; ++i) {
+    const auto file = profile_file(directory, i);
     if (!std::filesystem::is_regular_file(file, error)) {
-      throw WireError(file.string() + ": no such file; expected the profiles of traffic class " + name);
+      throw WireError(file.string() + ": no such file; expected the profiles of traffic class " + kClassNames[i]);
     }
-    tinyxml2::XMLDocument document;
-    auto code = ReturnCode_t{ReturnCode_t::RETCODE_ERROR};
-    if (document.LoadFile(file.c_str()) == tinyxml2::XML_SUCCESS) {
-      take_durations(document, durations);
-      tinyxml2::XMLPrinter text{nullptr, true};
-      document.Print(&text);
-      code = factory->load_XML_profiles_string(text.CStr(), std::strlen(text.CStr()));
-    }
+    if (documents[i].LoadFile(file.c_str()) != tinyxml2::XML_SUCCESS)
+      throw WireError(file.string() + ": " + documents[i].ErrorStr());
+    tinyxml2::XMLPrinter text{nullptr, true};
+    documents[i].Print(&text);
+    texts += text.CStr();
+  }
+  static std::map<std::string, Profiles> loaded;  // by the texts
+  if (const auto found = loaded.find(texts); found != loaded.end()) return found->second;
+
+  Profiles profiles{new_suffix()};
+  static_cast<void>(log.take());
+  for (std::size_t i = 0; i < kTrafficClasses; ++i) {
+    take_durations(documents[i], profiles);
+    const bool is_loaded = load(documents[i], profiles.suffix());
     const std::string complaints = log.take();
-    if (code == ReturnCode_t::RETCODE_OK && complaints.empty()) continue;
+    if (is_loaded && complaints.empty()) continue;
+    const auto file = profile_file(directory, i);
     throw WireError(file.string() + ": " + first_broken_profile(file, log));
   }
-  return durations;
+  loaded.emplace(texts, profiles);
+  return profiles;
 }
 
 }  // namespace tactus::wire

@@ -13,31 +13,36 @@ namespace tactus::wire {
 /// Names of the traffic classes, by TrafficClass; also the names of their files, without `.xml`.
 inline constexpr std::array<const char*, kTrafficClasses> kClassNames{"session", "probe", "bulk"};
 
-/// Stores the durations of the profiles, so that the library does not parse them. For each duration the library would
-/// compile three regular expressions, which takes 2.5 million instructions. For all durations together that is more
-/// than the rest of a program's start.
-class Durations {
+/// The profiles of a qos directory. Their durations are stored here, so that the library does not parse them. For each
+/// duration the library would compile three regular expressions, which takes 2.5 million instructions. For all durations
+/// together that is more than the rest of a program's start.
+class Profiles {
  public:
-  using Duration = eprosima::fastrtps::Duration_t;
+  /// `suffix`: added to the name of each profile in the library's table.
+  explicit Profiles(std::string suffix) : suffix_{std::move(suffix)} {}
   /// `element`: PARENT/NAME of the XML element.
-  void add(const std::string& profile, const std::string& element, const Duration& value) {
-    by_profile_[profile][element] = value;
+  void add(const std::string& profile, const std::string& element, const LibraryDuration& value) {
+    durations_[profile][element] = value;
   }
-  /// Sets the durations of `profile` in a QoS that comes from the library's table.
-  void apply(const std::string& profile, dds::DomainParticipantQos& qos) const;
-  void apply(const std::string& profile, dds::DataWriterQos& qos) const;
-  void apply(const std::string& profile, dds::DataReaderQos& qos) const;
+  [[nodiscard]] const std::string& suffix() const noexcept { return suffix_; }
+
+  /// Reads a profile; false if there is none with this name and kind.
+  [[nodiscard]] bool read(dds::DomainParticipantFactory& factory, const std::string& profile,
+                          dds::DomainParticipantQos& qos) const;
+  [[nodiscard]] bool read(dds::Publisher& publisher, const std::string& profile, dds::DataWriterQos& qos) const;
+  [[nodiscard]] bool read(dds::Subscriber& subscriber, const std::string& profile, dds::DataReaderQos& qos) const;
 
  private:
   template <class Qos>
-  void apply_to(const std::string& profile, Qos& qos) const;
+  void apply_durations(const std::string& profile, Qos& qos) const;
 
-  std::map<std::string, std::map<std::string, Duration>> by_profile_;
+  std::string suffix_;
+  std::map<std::string, std::map<std::string, LibraryDuration>> durations_;
 };
 
-/// Replaces the library's table by the profiles of `directory` without their durations, and returns the durations.
-/// Throws WireError with the file, the first invalid profile and the library's message. One thread at a time in the
-/// whole process.
-[[nodiscard]] Durations load_profiles(const std::filesystem::path& directory, LogCapture& log);
+/// Loads the profiles of `directory`. The library cannot remove profiles from its table. So profiles with the same texts
+/// are loaded once in a process, and others get another suffix. Throws WireError with the file, the first invalid profile
+/// and the library's message. One thread at a time in the whole process.
+[[nodiscard]] Profiles load_profiles(const std::filesystem::path& directory, LogCapture& log);
 
 }  // namespace tactus::wire

@@ -12,7 +12,6 @@
 namespace tactus::wire {
 namespace {
 
-using eprosima::fastrtps::types::ReturnCode_t;
 using Bytes = std::vector<std::uint8_t>;
 
 /// The common base of the samples of all types.
@@ -20,34 +19,32 @@ struct Encoded {
   Bytes bytes;
 };
 
+/// The encoded bytes, and the decoded sample, from which the key is computed.
+template <class Type>
+struct RawSample : Encoded {
+  Type decoded;
+};
+
 /// A generated type whose samples also contain their encoded bytes.
 template <class Support>
-class Raw final : public Guarded<Support> {
+class Raw final : public ReadOnlyType<Guarded<Support>, RawSample<typename Support::type>> {
  public:
-  using Guarded<Support>::Guarded;
-  bool deserialize(eprosima::fastrtps::rtps::SerializedPayload_t* payload, void* data) override {
-    Sample& sample = of(data);
-    if (!Guarded<Support>::deserialize(payload, &sample.decoded)) return false;
-    sample.bytes.assign(payload->data, payload->data + payload->length);
+  using Sample = RawSample<typename Support::type>;
+  explicit Raw(TrafficClass traffic) : ReadOnlyType<Guarded<Support>, Sample>{traffic} {}
+
+  bool decode(rtps::SerializedPayload_t& payload, void* data) override {
+    Sample& sample = *static_cast<Sample*>(data);
+    if (!Guarded<Support>::decode(payload, &sample.decoded)) return false;
+    sample.bytes.assign(payload.data, payload.data + payload.length);
     return true;
   }
-  bool getKey(void* data, eprosima::fastrtps::rtps::InstanceHandle_t* handle, bool force) override {
-    return Guarded<Support>::getKey(&of(data).decoded, handle, force);
+  [[nodiscard]] Key compute(const void* data) const override {
+    return Guarded<Support>::compute(&static_cast<const Sample*>(data)->decoded);
   }
-  bool serialize(void*, eprosima::fastrtps::rtps::SerializedPayload_t*) override { return false; }
-  void* createData() override { return static_cast<Encoded*>(new Sample); }
-  void deleteData(void* data) override { delete &of(data); }
   /// Returns the decoded sample of which `encoded` is a part.
   [[nodiscard]] static const typename Support::type& decoded(const Encoded& encoded) {
     return static_cast<const Sample&>(encoded).decoded;
   }
-
- private:
-  /// The encoded bytes, and the decoded sample, from which the key is computed.
-  struct Sample : Encoded {
-    typename Support::type decoded;
-  };
-  [[nodiscard]] static Sample& of(void* data) { return *static_cast<Sample*>(static_cast<Encoded*>(data)); }
 };
 
 /// Reads the encoded samples of one topic of any type.
@@ -80,7 +77,7 @@ class RawReader final : public dds::DataReaderListener {
     const std::lock_guard lock{mutex_};
     if (closed_) return;
     dds::SampleInfo info;
-    while (from->take_next_sample(data_.get(), &info) == ReturnCode_t::RETCODE_OK)
+    while (succeeded(from->take_next_sample(data_.get(), &info)))
       if (info.valid_data) on_sample_(*static_cast<const Encoded*>(data_.get()));
   }
 

@@ -1,6 +1,5 @@
 #include "wire/transport/announcements.hpp"
 
-#include <fastrtps/utils/IPLocator.h>
 #include <gtest/gtest.h>
 
 #include <string>
@@ -11,7 +10,7 @@
 namespace tactus::wire {
 namespace {
 
-using eprosima::fastrtps::rtps::IPLocator;
+using rtps::IPLocator;
 using Locator = Announcements::Locator;
 
 Locator locator(const char* address, std::uint32_t port) {

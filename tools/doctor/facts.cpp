@@ -247,7 +247,8 @@ std::vector<std::string> stale_segments(const fs::path& folder) {
   std::error_code ignored;
   for (const auto& entry : fs::directory_iterator{folder, ignored}) {
     const std::string name = entry.path().filename().string();
-    if (name.rfind("fastrtps_", 0) == 0 || name.rfind("fast_datasharing_", 0) == 0) found.push_back(name);
+    for (const char* prefix : {"fastdds_", "fastrtps_", "fast_datasharing_"})  // of Fast DDS 3, 2, and both
+      if (name.rfind(prefix, 0) == 0) found.push_back(name);
   }
   if (found.empty()) return found;
   std::set<std::string> used;  // paths; lock files are open, but not mapped

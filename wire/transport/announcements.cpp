@@ -1,7 +1,5 @@
 #include "wire/transport/announcements.hpp"
 
-#include <fastrtps/utils/IPLocator.h>
-
 #include <algorithm>
 #include <array>
 #include <iterator>
@@ -9,7 +7,7 @@
 namespace tactus::wire {
 namespace {
 
-using eprosima::fastrtps::rtps::IPLocator;
+using rtps::IPLocator;
 
 constexpr std::uint32_t kMetatrafficUnicast = 0x32, kName = 0x62;  // parameters (RTPS 2.2, 9.6.2)
 constexpr std::uint32_t kLocatorSize = 24, kPortAt = 4, kAddressAt = 8;

@@ -9,8 +9,6 @@
 /// read bulk ignore each other, their joining takes a quarter fewer discovery datagrams.
 #pragma once
 
-#include <fastdds/rtps/common/Locator.h>
-
 #include <cstdint>
 #include <map>
 #include <mutex>
@@ -19,6 +17,7 @@
 #include <utility>
 #include <vector>
 
+#include "wire/library.hpp"
 #include "wire/transport/rtps_message.hpp"
 
 namespace tactus::wire {
@@ -26,7 +25,7 @@ namespace tactus::wire {
 /// Decides which announcements to send and to receive. Threads: any.
 class Announcements {
  public:
-  using Locator = eprosima::fastrtps::rtps::Locator_t;
+  using Locator = rtps::Locator_t;
   /// Min time between equal announcements to the group, or to a participant that no group reaches.
   static constexpr std::int64_t kGroupIntervalNs = 90'000'000;
   /// Min time between equal announcements to a participant that the group reaches too.

@@ -1,8 +1,5 @@
 #include "wire/transport/filter_transport.hpp"
 
-#include <fastdds/rtps/transport/ChainingTransport.h>
-
-#include <fastdds/rtps/common/LocatorList.hpp>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -15,34 +12,31 @@
 namespace tactus::wire {
 namespace {
 
-namespace fdds = eprosima::fastdds::rtps;
-namespace rtps = eprosima::fastrtps::rtps;
-
-class FilterTransport final : public fdds::ChainingTransport {
+class FilterTransport final : public WholeMessageTransport {
  public:
   explicit FilterTransport(const FilterTransportDescriptor& descriptor)
-      : ChainingTransport{descriptor}, descriptor_{descriptor}, announcements_{descriptor.settings.ignored} {}
+      : WholeMessageTransport{descriptor}, descriptor_{descriptor}, announcements_{descriptor.settings.ignored} {}
 
-  [[nodiscard]] fdds::TransportDescriptorInterface* get_configuration() override { return &descriptor_; }
+  [[nodiscard]] transport::TransportDescriptorInterface* get_configuration() override { return &descriptor_; }
 
-  bool send(rtps::SenderResource* low, const rtps::octet* message, std::uint32_t size, rtps::LocatorsIterator* first,
-            rtps::LocatorsIterator* last, const std::chrono::steady_clock::time_point& until) override {
+  bool send_whole(Lower& lower, const rtps::octet* message, std::uint32_t size, Receivers& first, Receivers& last,
+                  const Time& until) override {
     TrimmedMessage trimmed;
     if (descriptor_.settings.trims_samples && trim(message, size, trimmed)) {
       message = trimmed.bytes.data();
       size = trimmed.size;
     }
     const std::optional<std::uint64_t> announcement = Announcements::sequence_of(message, size);
-    if (!announcement) return low->send(message, size, first, last, until);
+    if (!announcement) return pass_on(lower, message, size, first, last, until);
     std::vector<rtps::Locator_t> to;
-    for (; *first != *last; ++*first) to.push_back(**first);
-    const std::vector<rtps::Locator_t> due = announcements_.due(low, *announcement, to, monotonic_ns());
+    for (; first != last; ++first) to.push_back(*first);
+    const std::vector<rtps::Locator_t> due = announcements_.due(&lower, *announcement, to, monotonic_ns());
     if (due.empty()) return true;
     rtps::Locators from{due.begin()}, end{due.end()};
-    return low->send(message, size, &from, &end, until);
+    return pass_on(lower, message, size, from, end, until);
   }
 
-  void receive(fdds::TransportReceiverInterface* next, const rtps::octet* message, std::uint32_t size,
+  void receive(transport::TransportReceiverInterface* next, const rtps::octet* message, std::uint32_t size,
                const rtps::Locator_t& local, const rtps::Locator_t& remote) override {
     descriptor_.settings.gate->pass();
     if (!announcements_.on_received(message, size)) return;
@@ -56,12 +50,14 @@ class FilterTransport final : public fdds::ChainingTransport {
 
 }  // namespace
 
-FilterTransportDescriptor::FilterTransportDescriptor(std::shared_ptr<fdds::TransportDescriptorInterface> udp,
+FilterTransportDescriptor::FilterTransportDescriptor(std::shared_ptr<transport::TransportDescriptorInterface> udp,
                                                      FilterSettings filter_settings)
     : ChainingTransportDescriptor{std::move(udp)}, settings{std::move(filter_settings)} {
   if (settings.trims_samples) maxMessageSize += kMaxTrimmed;
 }
 
-fdds::TransportInterface* FilterTransportDescriptor::create_transport() const { return new FilterTransport{*this}; }
+transport::TransportInterface* FilterTransportDescriptor::create_transport() const {
+  return new FilterTransport{*this};
+}
 
 }  // namespace tactus::wire

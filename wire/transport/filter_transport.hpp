@@ -13,11 +13,10 @@
 /// first probe state within 50 ms; before that decision, 81.
 #pragma once
 
-#include <fastdds/rtps/transport/ChainingTransportDescriptor.h>
-
 #include <memory>
 #include <string>
 
+#include "wire/library.hpp"
 #include "wire/transport/gate.hpp"
 
 namespace tactus::wire {
@@ -30,11 +29,10 @@ struct FilterSettings {
 
 /// Wraps a UDP transport descriptor of the profiles. The maxMessageSize of the profiles is the size of the largest
 /// datagram; with trims_samples, that of the wrapper is larger by kMaxTrimmed.
-struct FilterTransportDescriptor final : eprosima::fastdds::rtps::ChainingTransportDescriptor {
-  FilterTransportDescriptor(std::shared_ptr<eprosima::fastdds::rtps::TransportDescriptorInterface> udp,
-                            FilterSettings settings);
+struct FilterTransportDescriptor final : transport::ChainingTransportDescriptor {
+  FilterTransportDescriptor(std::shared_ptr<transport::TransportDescriptorInterface> udp, FilterSettings settings);
   [[nodiscard]] std::uint32_t max_message_size() const override { return maxMessageSize; }
-  [[nodiscard]] eprosima::fastdds::rtps::TransportInterface* create_transport() const override;
+  [[nodiscard]] transport::TransportInterface* create_transport() const override;
 
   FilterSettings settings;
 };

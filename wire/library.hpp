@@ -1,0 +1,277 @@
+/// One interface for the two supported versions of Fast DDS: 2.9 (Debian 12) and 3.1 (Debian 13). Only wire/ and its
+/// tests include this header. Everything that differs between the versions is here, except the names of the generated
+/// headers (convert.hpp) and of the CMake packages (cmake/TactusIdl.cmake). Source: UPGRADING.md of Fast DDS 3.
+#pragma once
+
+#if __has_include(<fastdds/rtps/transport/NetworkBuffer.hpp>)
+#define TACTUS_FAST_DDS_3
+#include <fastdds/config.hpp>
+#include <fastdds/dds/core/ReturnCode.hpp>
+#include <fastdds/dds/core/Time_t.hpp>
+#include <fastdds/rtps/attributes/RTPSParticipantAttributes.hpp>
+#include <fastdds/rtps/common/Guid.hpp>
+#include <fastdds/rtps/common/Locator.hpp>
+#include <fastdds/rtps/common/LocatorList.hpp>
+#include <fastdds/rtps/common/SerializedPayload.hpp>
+#include <fastdds/rtps/transport/ChainingTransport.hpp>
+#include <fastdds/rtps/transport/ChainingTransportDescriptor.hpp>
+#include <fastdds/rtps/transport/UDPv4TransportDescriptor.hpp>
+#include <fastdds/utils/IPLocator.hpp>
+#else
+#include <fastdds/rtps/attributes/ServerAttributes.h>
+#include <fastdds/rtps/common/Guid.h>
+#include <fastdds/rtps/common/Locator.h>
+#include <fastdds/rtps/common/SerializedPayload.h>
+#include <fastdds/rtps/transport/ChainingTransport.h>
+#include <fastdds/rtps/transport/ChainingTransportDescriptor.h>
+#include <fastdds/rtps/transport/UDPv4TransportDescriptor.h>
+#include <fastrtps/config.h>
+#include <fastrtps/utils/IPLocator.h>
+
+#include <fastdds/rtps/common/LocatorList.hpp>
+#endif
+
+#include <fastcdr/Cdr.h>
+#include <fastcdr/FastBuffer.h>
+
+#include <array>
+#include <chrono>
+#include <cstdint>
+#include <fastdds/dds/domain/qos/DomainParticipantQos.hpp>
+#include <fastdds/dds/publisher/qos/DataWriterQos.hpp>
+#include <fastdds/dds/subscriber/qos/DataReaderQos.hpp>
+#include <fastdds/dds/topic/TopicDataType.hpp>
+#include <vector>
+
+namespace tactus::wire {
+
+namespace dds = eprosima::fastdds::dds;
+namespace transport = eprosima::fastdds::rtps;
+
+// ---- names ----
+
+#ifdef TACTUS_FAST_DDS_3
+namespace rtps = eprosima::fastdds::rtps;
+using LibraryDuration = dds::Duration_t;
+inline constexpr const char* kLibraryVersion = FASTDDS_VERSION_STR;
+#else
+namespace rtps = eprosima::fastrtps::rtps;
+using LibraryDuration = eprosima::fastrtps::Duration_t;
+inline constexpr const char* kLibraryVersion = FASTRTPS_VERSION_STR;
+#endif
+
+/// Returns whether a call of the library succeeded. Writing a sample returns true in version 2.9, and the code 0 in 3.1.
+#ifdef TACTUS_FAST_DDS_3
+[[nodiscard]] inline bool succeeded(dds::ReturnCode_t code) { return code == dds::RETCODE_OK; }
+#else
+[[nodiscard]] inline bool succeeded(const eprosima::fastrtps::types::ReturnCode_t& code) {
+  return code == eprosima::fastrtps::types::ReturnCode_t::RETCODE_OK;
+}
+[[nodiscard]] inline bool succeeded(bool is_written) { return is_written; }
+#endif
+
+// ---- types ----
+
+/// The key of a sample in big-endian CDR. Every key of tactus.idl fits, so no digest is needed.
+using Key = std::array<char, 16>;
+template <class Type>
+[[nodiscard]] Key key_of(const Type& sample) {
+  using eprosima::fastcdr::Cdr;
+  Key key{};
+  eprosima::fastcdr::FastBuffer buffer{key.data(), key.size()};
+#ifdef TACTUS_FAST_DDS_3
+  Cdr cdr{buffer, Cdr::BIG_ENDIANNESS, eprosima::fastcdr::CdrVersion::XCDRv1};
+  serialize_key(cdr, sample);  // in the namespace of Cdr
+#else
+  Cdr cdr{buffer, Cdr::BIG_ENDIANNESS};
+  sample.serializeKey(cdr);
+#endif
+  return key;
+}
+
+/// Returns whether samples of a type have a key.
+[[nodiscard]] inline bool has_key(const dds::TopicDataType& type) {
+#ifdef TACTUS_FAST_DDS_3
+  return type.is_compute_key_provided;
+#else
+  return type.m_isGetKeyDefined;
+#endif
+}
+
+/// A generated type with the virtual functions of both versions under the same names.
+template <class Support>
+class LibraryType : public Support {
+ public:
+  /// Decodes a sample; false if it is invalid. Must not throw.
+  virtual bool decode(rtps::SerializedPayload_t& payload, void* sample) = 0;
+  /// Computes the key of a decoded sample, for a type that has one.
+  [[nodiscard]] virtual Key compute(const void* sample) const = 0;
+
+#ifdef TACTUS_FAST_DDS_3
+  bool deserialize(rtps::SerializedPayload_t& payload, void* sample) final { return decode(payload, sample); }
+  bool compute_key(const void* const sample, rtps::InstanceHandle_t& handle, bool) final { return set(handle, sample); }
+  bool compute_key(rtps::SerializedPayload_t& payload, rtps::InstanceHandle_t& handle, bool) final {
+    void* const sample = this->create_data();
+    const bool is_set = decode(payload, sample) && set(handle, sample);
+    this->delete_data(sample);
+    return is_set;
+  }
+
+ protected:
+  bool decode_generated(rtps::SerializedPayload_t& payload, void* sample) {
+    return Support::deserialize(payload, sample);
+  }
+#else
+  bool deserialize(rtps::SerializedPayload_t* payload, void* sample) final { return decode(*payload, sample); }
+  bool getKey(void* sample, rtps::InstanceHandle_t* handle, bool) final { return set(*handle, sample); }
+
+ protected:
+  bool decode_generated(rtps::SerializedPayload_t& payload, void* sample) {
+    return Support::deserialize(&payload, sample);
+  }
+#endif
+
+ private:
+  bool set(rtps::InstanceHandle_t& handle, const void* sample) const {
+    if (!has_key(*this)) return false;
+    const Key key = compute(sample);
+    for (std::size_t i = 0; i < key.size(); ++i) handle.value[i] = static_cast<std::uint8_t>(key[i]);
+    return true;
+  }
+};
+
+/// Encodes a sample as a Writer does.
+template <class Support>
+[[nodiscard]] bool encode(Support& type, typename Support::type& sample, rtps::SerializedPayload_t& payload) {
+#ifdef TACTUS_FAST_DDS_3
+  return type.serialize(&sample, payload, dds::XCDR_DATA_REPRESENTATION);
+#else
+  return type.serialize(&sample, &payload);
+#endif
+}
+
+/// A type that is only read, with samples of class `Sample` instead of the generated one.
+template <class Base, class Sample>
+class ReadOnlyType : public Base {
+ public:
+  using Base::Base;
+#ifdef TACTUS_FAST_DDS_3
+  bool serialize(const void* const, rtps::SerializedPayload_t&, dds::DataRepresentationId_t) override { return false; }
+  void* create_data() override { return new Sample; }
+  void delete_data(void* sample) override { delete static_cast<Sample*>(sample); }
+#else
+  bool serialize(void*, rtps::SerializedPayload_t*) override { return false; }
+  void* createData() override { return new Sample; }
+  void deleteData(void* sample) override { delete static_cast<Sample*>(sample); }
+#endif
+};
+
+// ---- QoS ----
+
+#ifdef TACTUS_FAST_DDS_3
+inline LibraryDuration& initial_heartbeat_delay(dds::DataWriterQos& qos) {
+  return qos.reliable_writer_qos().times.initial_heartbeat_delay;
+}
+inline LibraryDuration& heartbeat_period(dds::DataWriterQos& qos) {
+  return qos.reliable_writer_qos().times.heartbeat_period;
+}
+inline LibraryDuration& nack_response_delay(dds::DataWriterQos& qos) {
+  return qos.reliable_writer_qos().times.nack_response_delay;
+}
+inline LibraryDuration& initial_acknack_delay(dds::DataReaderQos& qos) {
+  return qos.reliable_reader_qos().times.initial_acknack_delay;
+}
+inline LibraryDuration& heartbeat_response_delay(dds::DataReaderQos& qos) {
+  return qos.reliable_reader_qos().times.heartbeat_response_delay;
+}
+#else
+inline LibraryDuration& initial_heartbeat_delay(dds::DataWriterQos& qos) {
+  return qos.reliable_writer_qos().times.initialHeartbeatDelay;
+}
+inline LibraryDuration& heartbeat_period(dds::DataWriterQos& qos) {
+  return qos.reliable_writer_qos().times.heartbeatPeriod;
+}
+inline LibraryDuration& nack_response_delay(dds::DataWriterQos& qos) {
+  return qos.reliable_writer_qos().times.nackResponseDelay;
+}
+inline LibraryDuration& initial_acknack_delay(dds::DataReaderQos& qos) {
+  return qos.reliable_reader_qos().times.initialAcknackDelay;
+}
+inline LibraryDuration& heartbeat_response_delay(dds::DataReaderQos& qos) {
+  return qos.reliable_reader_qos().times.heartbeatResponseDelay;
+}
+#endif
+
+/// Makes a participant the client of the discovery server at `server`. `number` is that of the server among those of
+/// the participant; version 2.9 identifies servers by it, and supports 256. Returns false if it is too large.
+[[nodiscard]] inline bool add_discovery_server(dds::DomainParticipantQos& qos, const rtps::Locator_t& server,
+                                               [[maybe_unused]] int number) {
+  auto& config = qos.wire_protocol().builtin.discovery_config;
+#ifdef TACTUS_FAST_DDS_3
+  config.m_DiscoveryServers.push_back(server);
+  config.discoveryProtocol = rtps::DiscoveryProtocol::CLIENT;
+#else
+  transport::RemoteServerAttributes remote;
+  remote.metatrafficUnicastLocatorList.push_back(server);
+  if (!transport::get_server_client_default_guidPrefix(number, remote.guidPrefix)) return false;
+  config.m_DiscoveryServers.push_back(remote);
+  config.discoveryProtocol = rtps::DiscoveryProtocol_t::CLIENT;
+#endif
+  return true;
+}
+
+/// Version 3.1 sends descriptions of all types by default. Both sides of a session have the IDL, so none is needed.
+inline void disable_type_propagation([[maybe_unused]] dds::DomainParticipantQos& qos) {
+#ifdef TACTUS_FAST_DDS_3
+  qos.properties().properties().emplace_back("fastdds.type_propagation", "disabled");
+#endif
+}
+
+// ---- transport ----
+
+/// A chaining transport that gets each sent message in one piece. Version 3.1 passes messages in several pieces.
+class WholeMessageTransport : public transport::ChainingTransport {
+ public:
+  using ChainingTransport::ChainingTransport;
+  using Time = std::chrono::steady_clock::time_point;
+  using Lower = rtps::SenderResource;
+  using Receivers = rtps::LocatorsIterator;
+
+  /// Sends a message of the participant; `pass_on` sends it by the transport below.
+  virtual bool send_whole(Lower& lower, const rtps::octet* message, std::uint32_t size, Receivers& first,
+                          Receivers& last, const Time& until) = 0;
+
+#ifdef TACTUS_FAST_DDS_3
+  bool send(Lower* lower, const std::vector<rtps::NetworkBuffer>& pieces, std::uint32_t size, Receivers* first,
+            Receivers* last, const Time& until) final {
+    thread_local std::vector<rtps::octet> message;
+    message.clear();
+    for (const rtps::NetworkBuffer& piece : pieces) {
+      const auto* const bytes = static_cast<const rtps::octet*>(piece.buffer);
+      message.insert(message.end(), bytes, bytes + piece.size);
+    }
+    return send_whole(*lower, message.data(), size, *first, *last, until);
+  }
+
+ protected:
+  static bool pass_on(Lower& lower, const rtps::octet* message, std::uint32_t size, Receivers& first, Receivers& last,
+                      const Time& until) {
+    thread_local std::vector<rtps::NetworkBuffer> pieces;
+    pieces.assign(1, {message, size});
+    return lower.send(pieces, size, &first, &last, until);
+  }
+#else
+  bool send(Lower* lower, const rtps::octet* message, std::uint32_t size, Receivers* first, Receivers* last,
+            const Time& until) final {
+    return send_whole(*lower, message, size, *first, *last, until);
+  }
+
+ protected:
+  static bool pass_on(Lower& lower, const rtps::octet* message, std::uint32_t size, Receivers& first, Receivers& last,
+                      const Time& until) {
+    return lower.send(message, size, &first, &last, until);
+  }
+#endif
+};
+
+}  // namespace tactus::wire
