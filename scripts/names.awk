@@ -39,7 +39,7 @@ text ~ /^(static |inline )*constexpr [A-Za-z_:<>,0-9* ]+ [*]?[A-Za-z_0-9]+(\[[^\
   name = declared(text)
   if (name !~ /^k[A-Z0-9]/) wrong(name, "a constant has a kCamel name")
 }
-text ~ /^(\[\[nodiscard\]\] |static |constexpr |inline |virtual |friend )*(const )?[A-Za-z_][A-Za-z0-9_:<>,]*( const)?[*&]* [*&]*[A-Za-z_0-9]+\(/ && text !~ /^(return|else|new|throw|delete|case|using|goto|explicit) / && text !~ /override|operator|^(constexpr |inline |explicit )+[A-Z][A-Za-z0-9]*\(/ {
+text ~ /^(\[\[nodiscard\]\] |static |constexpr |inline |virtual |friend )*(const )?[A-Za-z_][A-Za-z0-9_:<>,]*( const)?[*&]* [*&]*[A-Za-z_0-9]+\(/ && text !~ /^(return|else|new|throw|delete|case|using|goto|explicit) / && text !~ /override|\) final \{|operator|^(constexpr |inline |explicit )+[A-Z][A-Za-z0-9]*\(/ {
   name = text
   sub(/\(.*/, "", name)
   sub(/.*[ *&]/, "", name)

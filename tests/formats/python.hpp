@@ -17,7 +17,7 @@ namespace tactus::formats {
   return *TACTUS_PYTHON == '\0' ? "no Python (Debian: python3)" : "";
 }
 
-/// The command that runs a program in Python with the modules of docs/examples/reader. -B: it writes no files there.
+/// The command that runs a program in Python with the modules of examples/reader. -B: it writes no files there.
 [[nodiscard]] inline std::vector<std::string> python(const std::string& program, std::vector<std::string> arguments) {
   std::vector<std::string> command{"/usr/bin/env", std::string{"PYTHONPATH="} + TACTUS_READER_FOLDER, TACTUS_PYTHON,
                                    "-B", program};
