@@ -224,6 +224,57 @@ py::array drive(const ScriptSession& self, const std::string& user, const Number
   return array_of_records(std::move(rows));
 }
 
+std::string joined(const std::vector<std::string>& names) {
+  std::string all;
+  for (const std::string& name : names) all += (all.empty() ? "" : ", ") + name;
+  return all.empty() ? "none" : all;
+}
+
+/// Repeats a stop or a reset until all hosts and HRTCs have acknowledged it. Returns their names.
+template <class Sample>
+std::vector<std::string> deliver(SessionClient& client, Sample sample, double timeout) {
+  session::Acknowledgement answer;
+  const auto is_done = [&] {
+    client.publish(sample);
+    answer = client.acknowledgement(sample);
+    return answer.missing.empty() && !answer.hrtcs.empty() && client.has_discovered();
+  };
+  if (!poll(timeout, is_done))
+    raise_timeout("waited " + std::to_string(timeout) + " s; acknowledged by HRTCs: " + joined(answer.hrtcs) +
+                  "; by hosts: " + joined(answer.hosts) + "; not by: " + joined(answer.missing));
+  answer.hrtcs.insert(answer.hrtcs.end(), answer.hosts.begin(), answer.hosts.end());
+  return answer.hrtcs;
+}
+
+std::vector<std::string> stop_forces(const ScriptSession& self, const std::string& reason, double timeout) {
+  const std::shared_ptr<SessionClient> client = self.client();
+  return deliver(*client, session::EmergencyStop{{}, client->new_number(), reason}, timeout);
+}
+
+std::vector<std::string> reset_forces(const ScriptSession& self, const std::string& reason, double timeout) {
+  const std::shared_ptr<SessionClient> client = self.client();
+  (void)poll(timeout, [&] { return client->has_discovered(); });
+  std::vector<session::StopName> left = client->standing_stops();
+  std::vector<std::string> names;
+  do {
+    session::ForceReset reset{{}, client->new_number(), {}, reason};
+    while (!left.empty() && reset.stops.size() < session::kMaxStops) {
+      reset.stops.push_back(left.back());
+      left.pop_back();
+    }
+    names = deliver(*client, reset, timeout);
+  } while (!left.empty());
+  return names;
+}
+
+/// Publishes a sample that no roster entry acknowledges. Its writer stores it for programs that are discovered later.
+template <class Sample>
+void announce(const ScriptSession& self, Sample sample) {
+  const std::shared_ptr<SessionClient> client = self.client();
+  client->publish(sample);
+  (void)poll(10, [&] { return client->has_discovered(); });
+}
+
 }  // namespace
 
 void add_session(py::module_& module) {
@@ -302,7 +353,28 @@ void add_session(py::module_& module) {
           "The hand begins at the first position 0.2 s from now, and stays at the last. Between waypoints 10 ms apart\n"
           "it moves linearly. Returns begin and end of the motion, session time in ns.")
       .def("drive", &drive, py::arg("user"), py::arg("path"), py::arg("interval") = 0.001,
-           "Like move, but waits for the end of the motion, and returns the states of the probe during the motion.");
+           "Like move, but waits for the end of the motion, and returns the states of the probe during the motion.")
+      .def("stop_forces", &stop_forces, py::arg("reason") = "", py::arg("timeout") = 5.0,
+           "Emergency stop: sets every force of the session to zero, until a reset.\n\nReturns the names of all HRTCs "
+           "and hosts when they have acknowledged it. Raises TimeoutError that names the others.")
+      .def("reset_forces", &reset_forces, py::arg("reason") = "", py::arg("timeout") = 5.0,
+           "Ends the stops that are in force now, and the faults of devices. Forces start softly.\n\nReturns and "
+           "raises as stop_forces.")
+      .def(
+          "set_mode",
+          [](const ScriptSession& self, const std::string& mode) {
+            const std::shared_ptr<SessionClient> client = self.client();
+            announce(self, session::Control{{}, client->new_number(), session::ControlKind::kMode, mode});
+          },
+          py::arg("mode"),
+          "Sets the mode of all users or of some: auto, collaborate or large-scale; the last two may be followed by "
+          "USER,USER...")
+      .def(
+          "end",
+          [](const ScriptSession& self, const std::string& reason) {
+            announce(self, session::SessionEnd{{}, reason});
+          },
+          py::arg("reason") = "", "Ends the session for all: its programs write their reports and leave.");
   py::module_::import("atexit").attr("register")(py::cpp_function(&ScriptSession::close_all));
 }
 

@@ -20,6 +20,7 @@ constexpr std::int64_t kIntentNs = 20'000'000;
 constexpr std::int64_t kWaypointNs = 10'000'000;  // between two waypoints, so an intent covers 150 ms
 constexpr std::int64_t kRepeatNs = 200'000'000;  // for which the end of a path is repeated, because samples may be lost
 constexpr std::size_t kMaxUserIds = 1024;
+constexpr std::int64_t kDiscoveryNs = 1'500'000'000;
 constexpr auto kTick = std::chrono::milliseconds{2};
 
 StateRow row_of(const session::ProbeState& state) {
@@ -56,7 +57,8 @@ SessionClient::SessionClient(const wire::SessionAddress& address)
       roster_out_{participants_, wire::topics::kRoster},
       clock_out_{participants_, wire::topics::kClock},
       clock_{participants_.origin(), {}, monotonic_ns()},
-      roster_{participants_.origin(), {}} {
+      roster_{participants_.origin(), {}},
+      joined_ns_{monotonic_ns()} {
   self_.role = session::Role::kClient;
   self_.name = address.participant;
   self_.session = address.session;
@@ -278,6 +280,25 @@ bool SessionClient::is_served(const std::string& user) const {
   return hrtc != nullptr && std::any_of(hrtc->served_users.begin(), hrtc->served_users.end(),
                                         [&](const session::UserProbe& probe) { return probe.user == user; });
 }
+
+template <class Typed>
+void SessionClient::publish(std::unique_ptr<wire::Writer<Typed>>& writer, const wire::TopicSpec<Typed>& topic,
+                            Typed& sample) {
+  if (!writer) writer = std::make_unique<wire::Writer<Typed>>(participants_, topic);
+  sample.origin = participants_.origin();
+  if (writer->send(sample) == wire::SendStatus::kInvalid) throw std::invalid_argument(writer->invalid_reason());
+}
+void SessionClient::publish(session::EmergencyStop& stop) { publish(stop_out_, wire::topics::kStop, stop); }
+void SessionClient::publish(session::ForceReset& reset) { publish(reset_out_, wire::topics::kReset, reset); }
+void SessionClient::publish(session::Control& control) { publish(control_out_, wire::topics::kControl, control); }
+void SessionClient::publish(session::SessionEnd& end) { publish(end_out_, wire::topics::kEnd, end); }
+
+std::vector<session::StopName> SessionClient::standing_stops() const {
+  const std::lock_guard lock{mutex_};
+  return session::standing_stops(roster_);
+}
+
+bool SessionClient::has_discovered() const { return monotonic_ns() - joined_ns_ >= kDiscoveryNs; }
 
 std::pair<std::int64_t, std::int64_t> SessionClient::move(const std::string& user,
                                                           std::vector<std::array<double, 3>> path,

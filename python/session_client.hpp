@@ -20,6 +20,7 @@
 
 #include "session/clock.hpp"
 #include "session/roster.hpp"
+#include "session/stop_latch.hpp"
 #include "wire/endpoints.hpp"
 #include "wire/inbox.hpp"
 
@@ -84,6 +85,26 @@ class SessionClient {
   void add_user(const std::string& user, const std::string& hrtc);
   /// Returns whether the HRTC serves the user.
   [[nodiscard]] bool is_served(const std::string& user) const;
+  /// Publishes a sample of `topic` to all programs. The caller repeats stops and resets until all have acknowledged
+  /// them. Throws std::invalid_argument if a text is too long or has a wrong form.
+  void publish(session::EmergencyStop& stop);
+  void publish(session::ForceReset& reset);
+  void publish(session::Control& control);
+  void publish(session::SessionEnd& end);
+  /// The number of a new stop or reset of this participant.
+  [[nodiscard]] std::uint32_t new_number() { return ++numbers_; }
+  /// Hosts and HRTCs, by whether they have acknowledged a stop or a reset.
+  template <class Sample>
+  [[nodiscard]] session::Acknowledgement acknowledgement(const Sample& sample) const {
+    const std::lock_guard lock{mutex_};
+    return session::acknowledgement(roster_, sample);
+  }
+  /// The stops that stand at a host or HRTC.
+  [[nodiscard]] std::vector<session::StopName> standing_stops() const;
+  /// Returns whether this participant has been in the session long enough to know all others, because discovery
+  /// reports no end.
+  [[nodiscard]] bool has_discovered() const;
+
   /// Moves the hand of an added user along a path that begins `lead_ns` from now. Returns the motion's begin and end,
   /// session time.
   std::pair<std::int64_t, std::int64_t> move(const std::string& user, std::vector<std::array<double, 3>> path,
@@ -105,6 +126,8 @@ class SessionClient {
 
   template <class Typed>
   void listen(const wire::TopicSpec<Typed>& topic);
+  template <class Typed>
+  void publish(std::unique_ptr<wire::Writer<Typed>>& writer, const wire::TopicSpec<Typed>& topic, Typed& sample);
   void run();
   void on_sample(const session::RosterEntry& entry, std::int64_t now_ns);
   void on_sample(const session::CatalogueEntry& entry, std::int64_t now_ns);
@@ -133,6 +156,14 @@ class SessionClient {
   std::map<std::uint64_t, States> states_;                          // by user
   std::map<std::string, User> users_;
   std::string end_reason_;
+
+  // Writers of an operator, created when a script first needs them. Only callers use them, one at a time.
+  std::unique_ptr<wire::Writer<session::EmergencyStop>> stop_out_;
+  std::unique_ptr<wire::Writer<session::ForceReset>> reset_out_;
+  std::unique_ptr<wire::Writer<session::Control>> control_out_;
+  std::unique_ptr<wire::Writer<session::SessionEnd>> end_out_;
+  std::uint32_t numbers_ = 0;
+  const std::int64_t joined_ns_;  // monotonic clock
 
   std::int64_t beat_ns_ = 0, clock_requested_ns_ = 0;  // only the client's thread uses them
   std::atomic<bool> stops_{false};

@@ -139,6 +139,22 @@ std::vector<StopName> standing_stops(const std::vector<StopRecord>& records) {
   return names;
 }
 
+std::vector<StopName> standing_stops(const Roster& roster) {
+  std::vector<StopName> all;
+  roster.for_each([&](const RosterEntry& entry) {
+    for (const StopName& stop : standing_stops(entry.stops)) {
+      const auto known = std::find_if(all.begin(), all.end(), [&](const StopName& other) {
+        return other.participant == stop.participant && other.incarnation == stop.incarnation;
+      });
+      if (known == all.end())
+        all.push_back(stop);
+      else
+        known->number = std::max(known->number, stop.number);
+    }
+  });
+  return all;
+}
+
 bool acknowledges(const RosterEntry& entry, const EmergencyStop& stop) {
   const auto record = find_in(entry.stops, stop.origin.participant, stop.origin.incarnation);
   if (record != entry.stops.end() && record->stop >= stop.number) return true;

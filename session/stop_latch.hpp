@@ -82,6 +82,8 @@ class StopLatch {
 
 /// Names of the stops that stand in these records.
 [[nodiscard]] std::vector<StopName> standing_stops(const std::vector<StopRecord>& records);
+/// The newest standing stop of each issuer, in the entries of a roster.
+[[nodiscard]] std::vector<StopName> standing_stops(const Roster& roster);
 
 /// Whether the program of this entry, a host or an HRTC, has acknowledged the sample. A standing stop of its own also
 /// acknowledges any stop, because a program without a free record issues its own stop.

@@ -56,8 +56,8 @@ class SessionTest(FolderTest):
         return session
 
     def start_wall(self):
-        self.start("host", "--config", "wall.yaml", "--name", "museum")
-        self.start("hrtc", "--name", "desk")
+        """Starts a host and an HRTC, and returns their processes."""
+        return [self.start("host", "--config", "wall.yaml", "--name", "museum"), self.start("hrtc", "--name", "desk")]
 
     def test_a_script_sees_participants_objects_figures_and_states(self):
         session = self.join()
@@ -136,6 +136,33 @@ class SessionTest(FolderTest):
                 elif values.dtype != object:
                     expected = [{"true": 1, "false": 0}.get(row[column], row[column]) for row in table]
                     np.testing.assert_array_equal(values, np.array(expected, values.dtype), f"{topic} {column}")
+
+    def test_an_operator_stops_and_resets_forces_and_ends_the_session(self):
+        session = self.join()
+        programs = self.start_wall()
+        (self.folder / "hold.yaml").write_text(SCENARIO)
+        self.start("sim", "--scenario", "hold.yaml")
+
+        def force():
+            state = session.state("ann")
+            return 0 if state is None else np.linalg.norm(state["force"])
+        session.wait(lambda: force() > 0.5, 30)
+        self.assertEqual(session.stop_forces("a test"), ["desk", "museum"])
+        session.wait(lambda: force() == 0, 2)
+        self.assertEqual(session.reset_forces(), ["desk", "museum"])
+        session.wait(lambda: force() > 0.5, 10)
+        session.set_mode("large-scale ann")
+        session.wait(lambda: "large-scale" in (self.folder / "hrtc.log").read_text(), 5)
+        with self.assertRaisesRegex(ValueError, "text"):
+            session.stop_forces("x" * 10000)
+        session.end("a test")
+        self.assertEqual([program.wait(20) for program in programs], [0, 0])
+        self.assertIn("a test", session.end_reason)
+
+    def test_a_stop_without_an_hrtc_names_what_is_missing(self):
+        session = self.join()
+        with self.assertRaisesRegex(TimeoutError, "acknowledged by HRTCs: none; by hosts: none; not by: none"):
+            session.stop_forces(timeout=0.2)
 
     def test_the_end_of_the_session_ends_a_wait(self):
         session = self.join()

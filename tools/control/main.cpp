@@ -134,23 +134,6 @@ int stop_forces(const wire::SessionAddress& address, const Request& request, con
   return session.found() ? report(answer) : report_none_found(address, request.patience);
 }
 
-/// Returns the newest stop of each issuer that is in force at a host or HRTC.
-std::vector<session::StopName> stops_in_force(const session::Roster& roster) {
-  std::vector<session::StopName> all;
-  roster.for_each([&](const session::RosterEntry& entry) {
-    for (const session::StopName& stop : session::standing_stops(entry.stops)) {
-      const auto known = std::find_if(all.begin(), all.end(), [&](const session::StopName& other) {
-        return other.participant == stop.participant && other.incarnation == stop.incarnation;
-      });
-      if (known == all.end())
-        all.push_back(stop);
-      else
-        known->number = std::max(known->number, stop.number);
-    }
-  });
-  return all;
-}
-
 int reset_forces(const wire::SessionAddress& address, const Request& request, const std::atomic<bool>& cancelled) {
   Session session{address, request.patience, cancelled};
   wire::Writer<session::ForceReset> out{session.participants(), wire::topics::kReset};
@@ -158,7 +141,7 @@ int reset_forces(const wire::SessionAddress& address, const Request& request, co
   }
   if (session.interrupted()) return 130;
   if (!session.found()) return report_none_found(address, request.patience);
-  const std::vector<session::StopName> stops = stops_in_force(session.roster());
+  const std::vector<session::StopName> stops = session::standing_stops(session.roster());
   std::cout << "resets " << stops.size() << (stops.size() == 1 ? " stop\n" : " stops\n");
   session::Acknowledgement answer;
   std::size_t named = 0;
