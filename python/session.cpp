@@ -358,7 +358,7 @@ void add_session(py::module_& module) {
            "Emergency stop: sets every force of the session to zero, until a reset.\n\nReturns the names of all HRTCs "
            "and hosts when they have acknowledged it. Raises TimeoutError that names the others.")
       .def("reset_forces", &reset_forces, py::arg("reason") = "", py::arg("timeout") = 5.0,
-           "Ends the stops that are in force now, and the faults of devices. Forces start softly.\n\nReturns and "
+           "Ends all stops that have no reset yet, and the faults of devices. Forces start softly.\n\nReturns and "
            "raises as stop_forces.")
       .def(
           "set_mode",

@@ -1,6 +1,6 @@
 /// One interface for the two supported versions of Fast DDS: 2.9 (Debian 12) and 3.1 (Debian 13). Only wire/ and its
-/// tests include this header. Everything that differs between the versions is here, except the names of the generated
-/// headers (convert.hpp) and of the CMake packages (cmake/TactusIdl.cmake). Source: UPGRADING.md of Fast DDS 3.
+/// tests include this header. The differences between the versions are here, except the names of the generated headers
+/// (convert.hpp), and the CMake packages and the generator (cmake/TactusIdl.cmake). Source: UPGRADING.md of Fast DDS 3.
 #pragma once
 
 #if __has_include(<fastdds/rtps/transport/NetworkBuffer.hpp>)
@@ -72,7 +72,8 @@ inline constexpr const char* kLibraryVersion = FASTRTPS_VERSION_STR;
 
 // ---- types ----
 
-/// The key of a sample in big-endian CDR. Every key of tactus.idl fits, so no digest is needed.
+/// The key of a sample in big-endian CDR. Every key of tactus.idl has at most 16 bytes, so DDS does not replace it by a
+/// hash.
 using Key = std::array<char, 16>;
 template <class Type>
 [[nodiscard]] Key key_of(const Type& sample) {
@@ -202,8 +203,8 @@ inline LibraryDuration& heartbeat_response_delay(dds::DataReaderQos& qos) {
 }
 #endif
 
-/// Makes a participant the client of the discovery server at `server`. `number` is that of the server among those of
-/// the participant; version 2.9 identifies servers by it, and supports 256. Returns false if it is too large.
+/// Makes a participant the client of the discovery server at `server`. `number`: index of the server in the list of
+/// the participant, below 256 in version 2.9, which identifies servers by it. Returns false if it is too large.
 [[nodiscard]] inline bool add_discovery_server(dds::DomainParticipantQos& qos, const rtps::Locator_t& server,
                                                [[maybe_unused]] int number) {
   auto& config = qos.wire_protocol().builtin.discovery_config;
@@ -229,7 +230,7 @@ inline void disable_type_propagation([[maybe_unused]] dds::DomainParticipantQos&
 
 // ---- transport ----
 
-/// A chaining transport that gets each sent message in one piece. Version 3.1 passes messages in several pieces.
+/// A chaining transport that gets each sent message in one buffer. Version 3.1 passes a list of buffers.
 class WholeMessageTransport : public transport::ChainingTransport {
  public:
   using ChainingTransport::ChainingTransport;
@@ -242,13 +243,13 @@ class WholeMessageTransport : public transport::ChainingTransport {
                           Receivers& last, const Time& until) = 0;
 
 #ifdef TACTUS_FAST_DDS_3
-  bool send(Lower* lower, const std::vector<rtps::NetworkBuffer>& pieces, std::uint32_t size, Receivers* first,
+  bool send(Lower* lower, const std::vector<rtps::NetworkBuffer>& buffers, std::uint32_t size, Receivers* first,
             Receivers* last, const Time& until) final {
     thread_local std::vector<rtps::octet> message;
     message.clear();
-    for (const rtps::NetworkBuffer& piece : pieces) {
-      const auto* const bytes = static_cast<const rtps::octet*>(piece.buffer);
-      message.insert(message.end(), bytes, bytes + piece.size);
+    for (const rtps::NetworkBuffer& buffer : buffers) {
+      const auto* const bytes = static_cast<const rtps::octet*>(buffer.buffer);
+      message.insert(message.end(), bytes, bytes + buffer.size);
     }
     return send_whole(*lower, message.data(), size, *first, *last, until);
   }
@@ -256,9 +257,9 @@ class WholeMessageTransport : public transport::ChainingTransport {
  protected:
   static bool pass_on(Lower& lower, const rtps::octet* message, std::uint32_t size, Receivers& first, Receivers& last,
                       const Time& until) {
-    thread_local std::vector<rtps::NetworkBuffer> pieces;
-    pieces.assign(1, {message, size});
-    return lower.send(pieces, size, &first, &last, until);
+    thread_local std::vector<rtps::NetworkBuffer> buffers;
+    buffers.assign(1, {message, size});
+    return lower.send(buffers, size, &first, &last, until);
   }
 #else
   bool send(Lower* lower, const rtps::octet* message, std::uint32_t size, Receivers* first, Receivers* last,

@@ -14,8 +14,8 @@ namespace tactus::wire {
 inline constexpr std::array<const char*, kTrafficClasses> kClassNames{"session", "probe", "bulk"};
 
 /// The profiles of a qos directory. Their durations are stored here, so that the library does not parse them. For each
-/// duration the library would compile three regular expressions, which takes 2.5 million instructions. For all durations
-/// together that is more than the rest of a program's start.
+/// duration the library would compile three regular expressions, which takes 2.5 million instructions. Parsing all
+/// durations would take more time than the rest of a program's start.
 class Profiles {
  public:
   /// `suffix`: added to the name of each profile in the library's table.
@@ -40,9 +40,10 @@ class Profiles {
   std::map<std::string, std::map<std::string, LibraryDuration>> durations_;
 };
 
-/// Loads the profiles of `directory`. The library cannot remove profiles from its table. So profiles with the same texts
-/// are loaded once in a process, and others get another suffix. Throws WireError with the file, the first invalid profile
-/// and the library's message. One thread at a time in the whole process.
+/// Loads the profiles of `directory`. Version 3.1 of the library cannot remove profiles from its table. Two folders with
+/// equal files share one set of profiles; folders with different files get different suffixes, so that their names do not
+/// conflict. Throws WireError with the file, the first invalid profile and the library's message. Only one thread of the
+/// process may call this at a time.
 [[nodiscard]] Profiles load_profiles(const std::filesystem::path& directory, LogCapture& log);
 
 }  // namespace tactus::wire
