@@ -231,7 +231,8 @@ bool is_ply(const std::filesystem::path& path, const std::string& extension) {
 }
 
 TriangleMesh import_ply(const std::filesystem::path& path, LossPolicy losses) {
-  PlyMesh ply = read_ply(path);
+  std::ifstream bytes{path, std::ios::binary};
+  PlyMesh ply = read_ply({path.string(), std::filesystem::file_size(path)}, bytes);
   if (ply.mesh.faces.empty())
     fail(path, "found " + std::to_string(ply.mesh.positions.size()) + " points and " + std::to_string(ply.lines) +
                    " lines, expected a surface of triangles");

@@ -2,15 +2,17 @@
 
 #include <algorithm>
 #include <array>
+#include <cerrno>
 #include <charconv>
 #include <cstdint>
 #include <cstdlib>
 #include <cstring>
-#include <fstream>
+#include <istream>
 #include <iterator>
 #include <optional>
 #include <sstream>
 #include <string>
+#include <type_traits>
 #include <vector>
 
 #include "spm/ids.hpp"
@@ -73,11 +75,11 @@ struct PlyHeader {
 
 class HeaderReader {
  public:
-  explicit HeaderReader(const std::filesystem::path& path) : path_{path} {
-    std::ifstream file{path, std::ios::binary};
+  HeaderReader(const PlyFile& file, std::istream& bytes) : file_{file} {
     text_.resize(kMaxHeader);
-    file.read(text_.data(), static_cast<std::streamsize>(text_.size()));
-    text_.resize(static_cast<std::size_t>(file.gcount()));
+    bytes.read(text_.data(), static_cast<std::streamsize>(text_.size()));
+    text_.resize(static_cast<std::size_t>(bytes.gcount()));
+    bytes.clear();
   }
 
   PlyHeader read() {
@@ -105,7 +107,7 @@ class HeaderReader {
   std::vector<std::string> next_line() {
     const std::size_t end = text_.find_first_of("\r\n", at_);
     if (end == std::string::npos) {
-      throw ModelError{path_.string() + ": found no end_header in a PLY header of " + std::to_string(text_.size()) +
+      throw ModelError{file_.name + ": found no end_header in a PLY header of " + std::to_string(text_.size()) +
                        " bytes (truncated)"};
     }
     if (line_end_ == 0) line_end_ = text_.compare(end, 2, "\r\n") == 0 ? 2 : 1;
@@ -150,30 +152,47 @@ class HeaderReader {
         bytes += header_.encoding == Encoding::kAscii ? 1 : bytes_of(property.count.value_or(property.type));
       min += element.count * bytes;
     }
-    const std::uint64_t rest = std::filesystem::file_size(path_) - at_;
+    const std::uint64_t rest = file_.bytes - at_;
     if (min > rest) {
-      throw ModelError{path_.string() + ": found " + std::to_string(rest) +
-                       " bytes after its header, expected at least " + std::to_string(min) + " (truncated)"};
+      throw ModelError{file_.name + ": found " + std::to_string(rest) + " bytes after its header, expected at least " +
+                       std::to_string(min) + " (truncated)"};
     }
   }
 
   [[noreturn]] void fail(const std::string& expected) const {
-    throw ModelError{path_.string() + ": PLY header: found \"" + line_.substr(0, 80) + "\", expected " + expected};
+    throw ModelError{file_.name + ": PLY header: found \"" + line_.substr(0, 80) + "\", expected " + expected};
   }
 
-  std::filesystem::path path_;
+  const PlyFile& file_;
   std::string text_, line_;
   std::size_t at_ = 0, line_end_ = 0;
   bool has_format_ = false;
   PlyHeader header_;
 };
 
+/// Reads a decimal number as std::from_chars does.
+template <class Number>
+std::from_chars_result read_number(const char* first, const char* last, Number& number) {
+#ifdef __cpp_lib_to_chars
+  return std::from_chars(first, last, number);
+#else  // the library of emscripten has std::from_chars for integers only
+  const std::string text{first, last};
+  if (text.empty() || text.find_first_of(" +xX") == 0 || text.find_first_of("xX") != std::string::npos)
+    return {first, std::errc::invalid_argument};
+  char* end = nullptr;
+  errno = 0;
+  number = std::is_same_v<Number, float> ? std::strtof(text.c_str(), &end) : std::strtod(text.c_str(), &end);
+  if (end == text.c_str()) return {first, std::errc::invalid_argument};
+  return {first + (end - text.c_str()), errno == ERANGE ? std::errc::result_out_of_range : std::errc{}};
+#endif
+}
+
 /// Reads the numbers after the header.
 class Numbers {
  public:
-  Numbers(const std::filesystem::path& path, const PlyHeader& header)
-      : path_{path}, file_{path, std::ios::binary}, encoding_{header.encoding} {
-    file_.seekg(static_cast<std::streamoff>(header.bytes));
+  Numbers(const PlyFile& file, std::istream& bytes, const PlyHeader& header)
+      : file_{file}, bytes_{bytes}, encoding_{header.encoding} {
+    bytes_.seekg(static_cast<std::streamoff>(header.bytes));
   }
 
   /// Sets the element and row of the next numbers, for messages.
@@ -206,7 +225,7 @@ class Numbers {
   }
 
   [[noreturn]] void fail(const std::string& found, const std::string& expected) const {
-    throw ModelError{path_.string() + ": " + element_->name + " " + std::to_string(row_) + " of " +
+    throw ModelError{file_.name + ": " + element_->name + " " + std::to_string(row_) + " of " +
                      std::to_string(element_->count) + ": found " + found + ", expected " + expected};
   }
 
@@ -223,8 +242,8 @@ class Numbers {
     std::memmove(buffer_.data(), buffer_.data() + begin_, end_ - begin_);
     end_ -= begin_;
     begin_ = 0;
-    file_.read(buffer_.data() + end_, static_cast<std::streamsize>(buffer_.size() - end_));
-    end_ += static_cast<std::size_t>(file_.gcount());
+    bytes_.read(buffer_.data() + end_, static_cast<std::streamsize>(buffer_.size() - end_));
+    end_ += static_cast<std::size_t>(bytes_.gcount());
     return end_ >= bytes;
   }
 
@@ -278,10 +297,10 @@ class Numbers {
     double number = 0;
     if (type == Type::kFloat) {  // not read as a double, so that it is rounded only once
       float single = 0;
-      result = std::from_chars(digits, last, single);
+      result = read_number(digits, last, single);
       number = single;
     } else {
-      result = std::from_chars(digits, last, number);
+      result = read_number(digits, last, number);
     }
     if (result.ec == std::errc::result_out_of_range) number = std::strtod(std::string{digits, last}.c_str(), nullptr);
     if (result.ec == std::errc::invalid_argument || result.ptr != last)
@@ -289,8 +308,8 @@ class Numbers {
     return number;
   }
 
-  std::filesystem::path path_;
-  std::ifstream file_;
+  const PlyFile& file_;
+  std::istream& bytes_;
   Encoding encoding_;
   std::vector<char> buffer_ = std::vector<char>(1 << 16);
   std::size_t begin_ = 0, end_ = 0;
@@ -300,8 +319,8 @@ class Numbers {
 
 class Reader {
  public:
-  explicit Reader(const std::filesystem::path& path)
-      : path_{path}, header_{HeaderReader{path}.read()}, numbers_{path, header_} {}
+  Reader(const PlyFile& file, std::istream& bytes)
+      : file_{file}, header_{HeaderReader{file, bytes}.read()}, numbers_{file, bytes, header_} {}
 
   PlyMesh read() {
     bool has_vertices = false;
@@ -320,7 +339,7 @@ class Reader {
         }
       }
     }
-    if (!has_vertices) throw ModelError{path_.string() + ": PLY header: found no element vertex, expected one"};
+    if (!has_vertices) throw ModelError{file_.name + ": PLY header: found no element vertex, expected one"};
     return cut_polygons();
   }
 
@@ -331,7 +350,7 @@ class Reader {
       const char name[2] = {"xyz"[axis], 0};
       axes[axis] = element.find(name, false);
       if (axes[axis] == kNone)
-        throw ModelError{path_.string() + ": PLY header: element vertex: found no property " + name +
+        throw ModelError{file_.name + ": PLY header: element vertex: found no property " + name +
                          ", expected x, y and z"};
     }
     for (std::uint64_t row = 0; row < element.count; ++row) {
@@ -355,7 +374,7 @@ class Reader {
     std::size_t corners = element.find("vertex_indices", true);
     if (corners == kNone) corners = element.find("vertex_index", true);
     if (corners == kNone && element.count > 0)
-      throw ModelError{path_.string() + ": PLY header: element " + element.name +
+      throw ModelError{file_.name + ": PLY header: element " + element.name +
                        ": found no list, expected property list TYPE TYPE vertex_indices"};
     for (std::uint64_t row = 0; row < element.count; ++row) {
       numbers_.set_position(element, row);
@@ -419,7 +438,7 @@ class Reader {
       const std::uint32_t* const corners = corners_.data() + first;
       for (std::uint32_t k = 0; k < sizes_[face]; ++k) {
         if (corners[k] < out_.mesh.positions.size()) continue;
-        throw ModelError{path_.string() + ": face " + std::to_string(face) + ": found vertex index " +
+        throw ModelError{file_.name + ": face " + std::to_string(face) + ": found vertex index " +
                          std::to_string(corners[k]) + ", expected below " + std::to_string(out_.mesh.positions.size())};
       }
       ++(sizes_[face] < 3 ? out_.lines : out_.polygons);
@@ -435,7 +454,7 @@ class Reader {
     return std::move(out_);
   }
 
-  std::filesystem::path path_;
+  const PlyFile& file_;
   PlyHeader header_;
   Numbers numbers_;
   std::vector<std::uint32_t> corners_;  // corners of all polygons
@@ -445,6 +464,6 @@ class Reader {
 
 }  // namespace
 
-PlyMesh read_ply(const std::filesystem::path& path) { return Reader{path}.read(); }
+PlyMesh read_ply(const PlyFile& file, std::istream& bytes) { return Reader{file, bytes}.read(); }
 
 }  // namespace tactus::spm::offline

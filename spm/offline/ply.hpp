@@ -5,7 +5,9 @@
 #pragma once
 
 #include <cstddef>
-#include <filesystem>
+#include <cstdint>
+#include <iosfwd>
+#include <string>
 
 #include "spm/offline/triangle_mesh.hpp"
 
@@ -19,10 +21,16 @@ struct PlyMesh {
   std::size_t lines = 0;     ///< number of faces with fewer than three corners, which `mesh` does not have
 };
 
+struct PlyFile {
+  std::string name;         ///< for messages
+  std::uint64_t bytes = 0;  ///< size of the file
+};
+
 /// Reads the elements `vertex`, `face` and `tristrips`, with their lists `vertex_indices` or `vertex_index`, and skips
 /// all other elements and properties. In a list of `tristrips`, -1 separates strips, the winding alternates, and a
 /// repeated corner makes no triangle. Throws ModelError that names file and error if the file is damaged or truncated,
 /// or if a face has a vertex that does not exist. The size of the file bounds the memory, whatever the header declares.
-[[nodiscard]] PlyMesh read_ply(const std::filesystem::path& path);
+/// `bytes`: the whole file, at its beginning.
+[[nodiscard]] PlyMesh read_ply(const PlyFile& file, std::istream& bytes);
 
 }  // namespace tactus::spm::offline

@@ -53,6 +53,17 @@ function ballObj(rows, columns) {
   return lines.join("\n");
 }
 
+/// A cylinder as PLY: `sides` quadrilaterals, and a polygon of `sides` corners at each end.
+function cylinderPly(sides) {
+  const ring = [...Array(sides).keys()], next = (i) => (i + 1) % sides;
+  const point = (i, z) => `${Math.cos(2 * Math.PI * i / sides)} ${Math.sin(2 * Math.PI * i / sides)} ${z}`;
+  return ["ply", "format ascii 1.0", `element vertex ${2 * sides}`, "property float x", "property float y", "property float z",
+          `element face ${sides + 2}`, "property list uchar int vertex_indices", "end_header",
+          ...ring.map((i) => point(i, 0)), ...ring.map((i) => point(i, 1)),
+          ...ring.map((i) => `4 ${i} ${next(i)} ${sides + next(i)} ${sides + i}`),
+          `${sides} ${ring.map((i) => sides + i).join(" ")}`, `${sides} ${ring.reverse().join(" ")}`, ""].join("\n");
+}
+
 /// Chooses a file with this text, as a user does with the button "your model".
 function chooseFile(browser, name, text) {
   return browser.value(`{
@@ -113,6 +124,10 @@ async function touch(browser, address) {
   await browser.until("window.tactus.figures[9] !== 100000", 20);
   const faces = await browser.value("window.tactus.figures[9]");
   check("faces of a chosen OBJ file", faces, faces === 2 * 39 * 60, "4680");
+  await chooseFile(browser, "cylinder.ply", cylinderPly(200));
+  await browser.until("window.tactus.figures[9] !== 4680", 20);
+  const polygons = await browser.value("window.tactus.figures[9]");
+  check("faces of a PLY file with two polygons of 200 corners", polygons, polygons === 2 * 200 + 2 * 198, "796");
   const error = await browser.value("window.tactus.error");
   check("errors", [error, ...browser.log].filter(Boolean).join("; ") || 0, error === null && browser.log.length === 0, "0");
 
@@ -120,6 +135,8 @@ async function touch(browser, address) {
   await browser.until("window.tactus.error !== null", 10);
   const message = await browser.value("document.getElementById('message').textContent");
   check("message for a file without triangles", message, message === "notes.obj: found no triangle", "names it");
+  await chooseFile(browser, "half.ply", cylinderPly(200).slice(0, 3000));
+  await browser.until("document.getElementById('message').textContent.includes('truncated')", 10);
 }
 
 /// Rises and falls between 0 and 1.

@@ -89,7 +89,7 @@ function open(model, text) {
   chart.clear();
   say(text);
   worker.postMessage({ open: model, link: readSliders() },
-                     model.positions ? [model.positions.buffer, model.faces.buffer] : []);
+                     model.ply ? [model.ply] : model.positions ? [model.positions.buffer, model.faces.buffer] : []);
 }
 
 function openOrgan(faces) {
@@ -104,7 +104,7 @@ async function openFile(file) {
   try {
     const model = await readModel(file);
     if (number !== reading) return;  // another model was chosen since
-    open(model, `building the model of ${file.name} with ${(model.faces.length / 3).toLocaleString("en")} faces`);
+    open(model, `building the model of ${file.name}`);
   } catch (error) {
     if (number === reading) showError(`${file.name}: ${error.message}`);
   }

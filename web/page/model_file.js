@@ -1,17 +1,11 @@
-// Reads the triangles of a model file with the loaders of three.js.
+// Reads the triangles of a model file with the loaders of three.js. The session itself reads PLY files (worker.js).
 import { BufferGeometry, Matrix4, Vector3 } from "three";
 import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 import { OBJLoader } from "three/addons/loaders/OBJLoader.js";
-import { PLYLoader } from "three/addons/loaders/PLYLoader.js";
 import { STLLoader } from "three/addons/loaders/STLLoader.js";
 
 const kMaxBytes = 400e6;
 const kParsers = {
-  ply: (bytes) => {
-    const geometry = new PLYLoader().parse(bytes);
-    if (!geometry.index) throw new Error("found no faces, expected triangles");
-    return geometry;
-  },
   stl: (bytes) => new STLLoader().parse(bytes),
   obj: (bytes) => new OBJLoader().parse(new TextDecoder().decode(bytes)),
   glb: async (bytes) => (await new GLTFLoader().parseAsync(bytes, "")).scene,
@@ -37,13 +31,14 @@ function partsOf(parsed) {
   return parts;
 }
 
-/// Returns {name, positions: Float32Array of x y z, faces: Uint32Array of three vertices each}. Throws an Error with the
-/// reason if the file has no triangles.
+/// Returns {positions: Float32Array of x y z, faces: Uint32Array of three vertices each}, or {ply: ArrayBuffer} for a PLY
+/// file. Throws an Error with the reason if the file has no triangles.
 export async function readModel(file) {
-  const parse = kParsers[file.name.toLowerCase().replace(/^.*\./, "")];
-  if (!parse) throw new Error("found an unknown ending, expected .ply, .stl, .obj or .glb");
+  const ending = file.name.toLowerCase().replace(/^.*\./, ""), parse = kParsers[ending];
+  if (!parse && ending !== "ply") throw new Error("found an unknown ending, expected .ply, .stl, .obj or .glb");
   if (file.size === 0) throw new Error("found an empty file");
   if (file.size > kMaxBytes) throw new Error(`found ${file.size} bytes, expected at most ${kMaxBytes}`);
+  if (ending === "ply") return { ply: await file.arrayBuffer() };
   const parts = partsOf(await parse(await file.arrayBuffer()));
   const vertexCount = ({ geometry }) => geometry.getAttribute("position")?.count ?? 0;
   const cornerCount = ({ geometry }) => 3 * Math.floor((geometry.index?.count ?? vertexCount({ geometry })) / 3);
@@ -64,5 +59,5 @@ export async function readModel(file) {
     }
     vertex += vertexCount(part);
   }
-  return { name: file.name, positions, faces };
+  return { positions, faces };
 }

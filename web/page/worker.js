@@ -60,13 +60,25 @@ function openMesh({ positions, faces }) {
   require(tactus._tactus_open_mesh(kSize, 1));
 }
 
+/// Reads a PLY file into the memory of the session. Returns the number of its faces.
+function readPly(bytes) {
+  const address = tactus._tactus_allocate_file(bytes.byteLength);
+  require(address !== 0);
+  tactus.HEAPU8.set(new Uint8Array(bytes), address);
+  const faces = tactus._tactus_read_ply();
+  require(faces >= 0);
+  if (faces === 0) throw new Error("found no triangle");
+  return faces;
+}
+
 async function open(model) {
-  const faceCount = model.positions ? model.faces.length / 3 : model.faces;
-  if (faceCount > kMaxFaces)
-    throw new Error(`found ${faceCount} faces, expected at most ${kMaxFaces}; use tactus mesh build for larger models`);
   tactus = await createTactus();
   const began = performance.now();
-  if (model.positions) openMesh(model);
+  const faceCount = model.ply ? readPly(model.ply) : model.positions ? model.faces.length / 3 : model.faces;
+  if (faceCount > kMaxFaces)
+    throw new Error(`found ${faceCount} faces, expected at most ${kMaxFaces}; use tactus mesh build for larger models`);
+  if (model.ply) require(tactus._tactus_open_mesh(kSize, 1));
+  else if (model.positions) openMesh(model);
   else require(tactus._tactus_open_organ(model.faces, kSize, model.seed));
   applyLink();
   for (let i = 0; i < kWarmUpSteps; ++i) require(tactus._tactus_step());

@@ -6,10 +6,12 @@
 #include <cstdint>
 #include <exception>
 #include <memory>
+#include <sstream>
 #include <string>
 #include <utility>
 
 #include "spm/offline/generate.hpp"
+#include "spm/offline/ply.hpp"
 #include "web/touch_session.hpp"
 
 namespace {
@@ -23,6 +25,7 @@ static_assert(sizeof(tactus::web::TouchFigures) == 11 * sizeof(double), "change 
 std::unique_ptr<TouchSession> session;
 std::string error;
 tactus::spm::offline::TriangleMesh input;
+std::string file;
 
 template <class Action>
 bool attempt(Action&& action) {
@@ -66,6 +69,23 @@ EMSCRIPTEN_KEEPALIVE bool tactus_open_mesh(double size, unsigned seed) {
     session = nullptr;
     session = std::make_unique<TouchSession>("model", std::exchange(input, {}), size, seed);
   });
+}
+
+/// Allocates the bytes of a PLY file for tactus_read_ply.
+EMSCRIPTEN_KEEPALIVE char* tactus_allocate_file(unsigned bytes) {
+  attempt([&] { file.resize(bytes); });
+  return file.size() == bytes ? file.data() : nullptr;
+}
+/// Reads this file into the arrays of a mesh. Returns the number of its faces, or -1.
+EMSCRIPTEN_KEEPALIVE int tactus_read_ply() {
+  using namespace tactus::spm::offline;
+  const bool is_read = attempt([&] {
+    const std::uint64_t bytes = file.size();
+    std::istringstream in{std::exchange(file, {})};
+    input = read_ply({"the file", bytes}, in).mesh;
+  });
+  file = {};
+  return is_read ? static_cast<int>(input.faces.size()) : -1;
 }
 
 EMSCRIPTEN_KEEPALIVE bool tactus_set_link(double delay_ms, double jitter_ms, double loss_percent, double rate_mbit) {

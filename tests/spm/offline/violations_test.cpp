@@ -190,7 +190,8 @@ TEST(Violations, ReportsAListWithoutARecordExactlyWhenAnotherRecordOfTheListNeed
     const std::uint32_t left_out = chosen.first + static_cast<std::uint32_t>(random() % chosen.count);
     ReferenceMesh mesh{valid.model()};
     bool closed = true;
-    for (const spm::Interval& interval : valid.model().intervals_of(RegionId{i})) {
+    const auto intervals = valid.model().intervals_of(RegionId{i});
+    for (const spm::Interval& interval : intervals) {
       for (std::uint32_t r = interval.first; r < interval.first + interval.count; ++r)
         closed &= r == left_out || mesh.apply(r);
     }
