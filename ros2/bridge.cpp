@@ -7,6 +7,7 @@
 #include "ros2/publisher.hpp"
 #include "ros2/targets.hpp"
 #include "viewer/viewer_participant.hpp"
+#include "wire/error.hpp"
 #include "wire/process.hpp"
 #include "wire/ros2.hpp"
 
@@ -23,13 +24,22 @@ std::int64_t since_1970_ns() {
       .count();
 }
 
+/// Returns the ROS domain. Throws WireError if the session uses it.
+int free_domain(const BridgeOptions& options) {
+  const int first = options.address.domain, last = first + wire::kTrafficClasses - 1;
+  if (options.domain < first || options.domain > last) return options.domain;
+  throw wire::WireError("--ros-domain: found " + std::to_string(options.domain) +
+                        ", a domain of the session, expected one outside " + std::to_string(first) + " to " +
+                        std::to_string(last));
+}
+
 }  // namespace
 
 struct Bridge::Impl {
   explicit Impl(BridgeOptions given)
       : options{std::move(given)},
         participant{{options.address, options.pool, kBudget, "topic"}},
-        domain{options.domain, options.address.qos},
+        domain{free_domain(options), options.address.qos},
         publisher{participant.core(), domain, options.frame, options.log},
         targets{participant.users(), domain, {options.frame, options.hrtc}, options.log} {
     participant.core().on_event = options.log;

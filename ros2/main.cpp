@@ -54,12 +54,6 @@ int main(int argc, char** argv) {
   }
   const std::atomic<bool>& stop = wire::stop_signal();
   try {
-    const int first = options.address.domain, last = first + wire::kTrafficClasses - 1;
-    if (options.domain >= first && options.domain <= last) {
-      std::cerr << "tactus-ros2: --ros-domain: found " << options.domain << ", a domain of the session, expected one "
-                << "outside " << first << " to " << last << '\n';
-      return 2;
-    }
     constexpr std::uint32_t kMinSlots = 1000;
     options.pool = spm::PoolSettings::for_bytes(memory);
     if (options.pool.slots < kMinSlots) {

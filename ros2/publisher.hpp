@@ -49,7 +49,7 @@ class Publisher {
   Publisher(const viewer::ViewerCore& core, wire::RosDomain& domain, std::string frame,
             std::function<void(const std::string&)> on_event);
 
-  /// Publishes probes and poses. `since_1970_ns`: stamp of the messages. Publishes meshes that changed, if they are due.
+  /// Publishes probes and poses, and meshes that changed if they are due. `since_1970_ns`: stamp of the messages.
   void publish(std::int64_t now_ns, std::int64_t since_1970_ns);
 
   /// Returns whether a reader of the markers exists.

@@ -26,8 +26,8 @@ bool PointedUsers::has_user(SourceId source) const noexcept {
                      [&](const User& user) { return user.source == source && !user.is_leaving(); });
 }
 
-/// Returns the HRTC that the source has chosen or, without a choice, the present one with the fewest users. Empty: there
-/// is none.
+/// Returns the HRTC that the source has chosen or, without a choice, the present one with the fewest users. Empty:
+/// there is none.
 std::string PointedUsers::chosen_hrtc(const TouchRequest& request) const {
   const session::RosterEntry* best = nullptr;
   core_.roster().for_each([&](const session::RosterEntry& entry) {

@@ -1,5 +1,5 @@
-/// Users who point: the user of a page, or of a ROS topic with target poses. The hand of the user is simulated by an HRTC
-/// and follows the targets of this source.
+/// Users who point: the user of a page, or of a ROS topic with target poses. An HRTC simulates the hand of the user,
+/// which follows the targets of this source.
 ///
 ///     touch request   --> roster entry of a client with this user, until an HRTC lists the user as served
 ///     hand requests   --> intents
@@ -49,8 +49,8 @@ class PointedUsers {
   /// Max time from the request until an HRTC has given a probe.
   static constexpr std::int64_t kMaxWaitNs = 5'000'000'000;
 
-  /// `core` must outlive the users; `viewer` and `session` are the names of this program and its session. `source`: what
-  /// messages call a source, for example "page".
+  /// `core` must outlive the users; `viewer` and `session` are the names of this program and its session. Messages call
+  /// a source `source`, for example "page".
   PointedUsers(const ViewerCore& core, std::string viewer, std::string session, std::string source);
 
   /// Called with the reason when a source gets no probe, or loses it without having given it back.

@@ -1,5 +1,5 @@
-/// A viewer's part in a session: a ViewerCore with its endpoints, and a participant for each pointed user. `tactus view`
-/// and `tactus ros2` each add an output: pages, or topics of ROS.
+/// A viewer's part in a session: a ViewerCore with its endpoints, and a participant for each pointed user. The programs
+/// `tactus view` and `tactus ros2` each add an output: pages, or topics of ROS.
 ///
 /// One thread at a time.
 #pragma once

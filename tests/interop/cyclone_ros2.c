@@ -1,13 +1,13 @@
-/* A node of ROS 2 as its middleware would make it, on Cyclone DDS and without ROS. It is built from idl/ros2.idl and uses
- * no source of Tactus.
+/* A node of ROS 2 as its middleware would make it, on Cyclone DDS and without ROS. It is built from idl/ros2.idl and
+ * uses no source of Tactus.
  *
  *     cyclone-ros2 DOMAIN USER               subscribes to all topics about USER with the default QoS of ROS
- *     cyclone-ros2 DOMAIN USER FRAME X Y Z   also publishes target poses of USER, every 10 ms: first 5 cm above (X, Y, Z),
- *                                            and from the first pose of the device on down to it, at 5 cm/s
+ *     cyclone-ros2 DOMAIN USER FRAME X Y Z   also publishes target poses of USER, every 10 ms: first 5 cm above
+ *                                            (X, Y, Z), and down to it at 5 cm/s after the first pose of the device
  *
- * Prints each writer of a topic that it reads with topic, type, USER_DATA and QoS, and samples of these topics: every
- * 25th of a topic of the user, and each of the others. Runs until a signal ends it. The exit status is 0, or 2 for wrong
- * arguments or an error of DDS.
+ * Prints each writer of a ROS topic with topic, type, USER_DATA and QoS. Prints samples: every 25th of a topic of the
+ * user, and each of the others. Runs until a signal ends it. The exit status is 0, or 2 for wrong arguments or an error
+ * of DDS.
  */
 #include <signal.h>
 #include <stdio.h>
@@ -72,7 +72,8 @@ static void take_writers(dds_entity_t reader) {
   dds_sample_info_t info;
   while (dds_take(reader, samples, &info, 1, 1) == 1) {
     const dds_builtintopic_endpoint_t* writer = samples[0];
-    if (info.valid_data && info.instance_state == DDS_ALIVE_INSTANCE_STATE && strncmp(writer->topic_name, "rt/", 3) == 0) {
+    if (info.valid_data && info.instance_state == DDS_ALIVE_INSTANCE_STATE &&
+        strncmp(writer->topic_name, "rt/", 3) == 0) {
       void* data = NULL;
       size_t size = 0;
       dds_reliability_kind_t reliability = DDS_RELIABILITY_BEST_EFFORT;
