@@ -38,7 +38,8 @@ int free_domain(const BridgeOptions& options) {
 struct Bridge::Impl {
   explicit Impl(BridgeOptions given)
       : options{std::move(given)},
-        participant{{options.address, options.pool, kBudget, "topic"}},
+        participant{
+            {.address = options.address, .settings = {.pool = options.pool, .budget = kBudget}, .source = "topic"}},
         domain{free_domain(options), options.address.qos},
         publisher{participant.core(), domain, options.frame, options.log},
         targets{participant.users(), domain, {options.frame, options.hrtc}, options.log} {

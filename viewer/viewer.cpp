@@ -18,7 +18,7 @@ constexpr std::chrono::milliseconds kTick{2};
 
 struct Viewer::Impl {
   explicit Impl(const ViewerOptions& options)
-      : participant{{.address = options.address, .pool = options.pool, .source = "page"}},
+      : participant{{.address = options.address, .settings = {.pool = options.pool}, .source = "page"}},
         server{options.server, core} {
     core.on_event = options.log;
     participant.load_meshes();

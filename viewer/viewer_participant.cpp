@@ -34,6 +34,12 @@ wire::SessionAddress address_of(wire::SessionAddress viewer, const std::string& 
   return without_bulk_writers(std::move(viewer));
 }
 
+ViewerSettings named(ViewerSettings settings, const wire::SessionAddress& address) {
+  settings.name = address.participant;
+  settings.session = address.session;
+  return settings;
+}
+
 /// The participant of a pointed user.
 struct Client {
   Client(const wire::SessionAddress& viewer, const session::RosterEntry& entry)
@@ -53,9 +59,7 @@ struct ViewerParticipant::Impl {
   explicit Impl(const ParticipantOptions& options)
       : address{options.address},
         participants{without_bulk_writers(address)},
-        core{participants.origin(),
-             {address.participant, address.session, options.pool, options.budget},
-             monotonic_ns()},
+        core{participants.origin(), named(options.settings, address), monotonic_ns()},
         users{core, address.participant, address.session, options.source},
         roster_out{participants, wire::topics::kRoster},
         demand_out{participants, wire::topics::kDemand},

@@ -17,9 +17,8 @@ namespace tactus::viewer {
 
 struct ParticipantOptions {
   wire::SessionAddress address;
-  spm::PoolSettings pool;
-  std::uint32_t budget = ViewerSettings{}.budget;
-  std::string source;  ///< what messages call a source of targets (PointedUsers)
+  ViewerSettings settings;  ///< the names of participant and session are those of the address
+  std::string source;       ///< what messages call a source of targets (PointedUsers)
 };
 
 class ViewerParticipant {
