@@ -52,6 +52,7 @@ class PointedHand {
   /// Returns the normalised weighted sum of both orientations, which differs little from that of the simulated hand.
   [[nodiscard]] std::array<double, 4> orientation(double share) const {
     const std::array<double, 4>&a = from_.orientation, &b = to_.orientation;
+    if (a == b) return b;  // exactly, without rounding
     const double sign = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3] < 0 ? -1 : 1;  // q and -q are the same
     std::array<double, 4> sum;
     double square = 0;
