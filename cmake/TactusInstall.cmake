@@ -36,5 +36,5 @@ target_compile_definitions(tactus_wire INTERFACE $<INSTALL_INTERFACE:TACTUS_QOS_
 install(TARGETS tactus_idl tactus_haptics tactus_session tactus_yaml tactus_wire EXPORT tactus ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
 install(EXPORT tactus NAMESPACE tactus:: DESTINATION ${package} FILE tactusTargets.cmake)
 install(DIRECTORY qos/ DESTINATION ${CMAKE_INSTALL_DATADIR}/tactus/qos)
-install(FILES idl/tactus.idl idl/flight.idl idl/foxglove.idl DESTINATION ${CMAKE_INSTALL_DATADIR}/tactus/idl)
+install(FILES idl/tactus.idl idl/flight.idl idl/foxglove.idl idl/ros2.idl DESTINATION ${CMAKE_INSTALL_DATADIR}/tactus/idl)
 install(FILES tools/record/foxglove-layout.json DESTINATION ${CMAKE_INSTALL_DATADIR}/tactus)

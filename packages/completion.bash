@@ -4,7 +4,7 @@ _tactus() {
   local current=${COMP_WORDS[COMP_CWORD]} word help
   local -a call=("${COMP_WORDS[0]}")
   for word in "${COMP_WORDS[@]:1:COMP_CWORD-1}"; do
-    [[ $word =~ ^[a-z]+$ ]] || break
+    [[ $word =~ ^[a-z][a-z0-9]*$ ]] || break
     call+=("$word")
   done
   help=$("${call[@]}" --help 2>/dev/null </dev/null) || return 0
@@ -15,7 +15,7 @@ _tactus() {
   # Commands begin the lines that are indented by two spaces, in CLI11's help after a heading.
   local commands
   if [[ ${call[*]} == tactus ]]; then
-    commands=$(sed -n 's/^  \([a-z]*\) .*/\1/p' <<<"$help" | grep -v '^tactus$')
+    commands=$(sed -n 's/^  \([a-z][a-z0-9]*\) .*/\1/p' <<<"$help" | grep -v '^tactus$')
   else
     commands=$(sed -n '/^Subcommands:/,/^$/s/^  \([a-z]*\) .*/\1/p' <<<"$help")
     [[ ${call[*]} != 'tactus sim' ]] || commands=study

@@ -27,8 +27,9 @@ struct TouchRequest {
 };
 /// New target of the hand of the page's user.
 struct HandRequest {
-  std::array<double, 3> target{};  ///< m, world frame
-  bool grabs = false;              ///< the grab button is pressed
+  std::array<double, 3> target{};                 ///< m, world frame
+  bool grabs = false;                             ///< the grab button is pressed
+  std::array<double, 4> orientation{0, 0, 0, 1};  ///< unit quaternion x, y, z, w; a page has none
 };
 /// The page gives its probe back.
 struct ReleaseRequest {};

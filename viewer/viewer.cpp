@@ -1,16 +1,10 @@
 #include "viewer/viewer.hpp"
 
 #include <chrono>
-#include <map>
-#include <type_traits>
 #include <utility>
 #include <variant>
-#include <vector>
 
-#include "viewer/page_users.hpp"
-#include "wire/endpoints.hpp"
-#include "wire/error.hpp"
-#include "wire/inbox.hpp"
+#include "viewer/viewer_participant.hpp"
 #include "wire/process.hpp"
 
 namespace tactus::viewer {
@@ -18,53 +12,16 @@ namespace {
 
 using wire::monotonic_ns;
 
-using Sample = std::variant<session::RosterEntry, session::CatalogueEntry, session::BulkChunk, session::ProbeState,
-                            session::Metrics, session::ShownRegions, session::ObjectPose, session::EmergencyStop,
-                            session::ForceReset, session::SessionEnd, session::ClockSample>;
-using Inbox = wire::Inbox<Sample>;
-
 constexpr std::chrono::milliseconds kTick{2};
-constexpr std::int64_t kLeaveNs = 100'000'000;  // from the last leave message of a client to the end of its participant
-
-wire::SessionAddress without_bulk_writers(wire::SessionAddress address) {
-  address.only_reads_bulk = true;
-  return address;
-}
-
-wire::SessionAddress address_of(wire::SessionAddress viewer, const std::string& client) {
-  viewer.participant = client;
-  return without_bulk_writers(std::move(viewer));
-}
-
-/// The participant of a page's user.
-struct PageClient {
-  PageClient(const wire::SessionAddress& viewer, const session::RosterEntry& entry)
-      : participants{address_of(viewer, entry.name)},
-        roster{participants, wire::topics::kRoster},
-        intents{participants, wire::topics::kIntent, {wire::user_partition(entry.users.front())}} {}
-
-  wire::Participants participants;
-  wire::Writer<session::RosterEntry> roster;
-  wire::Writer<session::Intent> intents;
-  std::int64_t left_ns = 0;  // time of the newest leave message; 0: none
-};
 
 }  // namespace
 
 struct Viewer::Impl {
-  explicit Impl(ViewerOptions given)
-      : options{std::move(given)},
-        participants{without_bulk_writers(options.address)},
-        core{participants.origin(),
-             {options.address.participant, options.address.session, options.pool},
-             monotonic_ns()},
-        server{options.server, core},
-        users{core, options.address.participant, options.address.session},
-        roster_out{participants, wire::topics::kRoster},
-        demand_out{participants, wire::topics::kDemand},
-        clock_out{participants, wire::topics::kClock},
-        stop_out{participants, wire::topics::kStop} {
+  explicit Impl(const ViewerOptions& options)
+      : participant{{.address = options.address, .settings = {.pool = options.pool}, .source = "page"}},
+        server{options.server, core} {
     core.on_event = options.log;
+    participant.load_meshes();
     server.on_request = [this](PageId page, const PageRequest& request) {
       std::visit([&](const auto& each) { process(page, each); }, request);
     };
@@ -74,39 +31,7 @@ struct Viewer::Impl {
       core.add_event("page " + server.name_of(page) + " has no probe: " + reason, monotonic_ns());
     };
     server.on_event = [this](const std::string& text) { core.add_event(text, monotonic_ns()); };
-    listen(wire::topics::kRoster);
-    listen(wire::topics::kCatalogue);
-    listen(wire::topics::kProbeState);
-    listen(wire::topics::kMetrics);
-    listen(wire::topics::kShownRegions);
-    listen(wire::topics::kObjectPose);
-    listen(wire::topics::kStop);
-    listen(wire::topics::kReset);
-    listen(wire::topics::kEnd);
-    listen(wire::topics::kClock);
-    const wire::EndpointOptions own{wire::hrtc_partition(options.address.participant)};
-    listen(wire::topics::kBase, own);
-    listen(wire::topics::kRecords, own);
   }
-
-  template <class Typed>
-  void listen(const wire::TopicSpec<Typed>& topic, const wire::EndpointOptions& endpoint = {}) {
-    readers.push_back(std::make_shared<wire::Reader<Typed>>(
-        participants, topic, [this](Typed&& sample) { inbox.put(std::move(sample), wire::Urgency::kWaits); },
-        endpoint));
-  }
-
-  void process(const session::RosterEntry& entry, std::int64_t at_ns) { core.on_roster(entry, at_ns); }
-  void process(const session::CatalogueEntry& entry, std::int64_t) { core.on_catalogue(entry); }
-  void process(const session::BulkChunk& chunk, std::int64_t at_ns) { core.on_chunk(chunk, at_ns); }
-  void process(const session::ProbeState& state, std::int64_t at_ns) { core.on_probe_state(state, at_ns); }
-  void process(const session::Metrics& metrics, std::int64_t) { core.on_metrics(metrics); }
-  void process(const session::ShownRegions& shown, std::int64_t at_ns) { core.on_shown_regions(shown, at_ns); }
-  void process(const session::ObjectPose& pose, std::int64_t at_ns) { core.on_object_pose(pose, at_ns); }
-  void process(const session::EmergencyStop& stop, std::int64_t at_ns) { core.on_stop(stop, at_ns); }
-  void process(const session::ForceReset& reset, std::int64_t at_ns) { core.on_reset(reset, at_ns); }
-  void process(const session::SessionEnd& end, std::int64_t at_ns) { core.on_end(end, at_ns); }
-  void process(const session::ClockSample& sample, std::int64_t at_ns) { core.on_clock(sample, at_ns); }
 
   static void process(PageId, const TokenRequest&) {}
   void process(PageId page, const StopRequest& request) {
@@ -117,76 +42,13 @@ struct Viewer::Impl {
   void process(PageId, const ShowRequest& request) { core.show_meshes_of(request.hrtc); }
   void process(PageId page, const ReleaseRequest&) { users.on_release(page); }
 
-  void send(ViewerMessages&& messages) {
-    if (messages.stop) {
-      messages.stop->origin = participants.origin();
-      if (stop_out.send(*messages.stop) == wire::SendStatus::kInvalid)
-        core.add_event(std::string{"the stop was not sent: "} + stop_out.invalid_reason(), monotonic_ns());
-    }
-    if (messages.roster) {
-      messages.roster->origin = participants.origin();
-      (void)roster_out.send(*messages.roster);
-    }
-    for (session::Demand& demand : messages.demands) {
-      demand.origin = participants.origin();
-      (void)demand_out.send(demand);
-    }
-    if (messages.clock_request) {
-      messages.clock_request->origin = participants.origin();
-      (void)clock_out.send(*messages.clock_request);
-    }
-  }
-
-  /// Returns the client of an entry, and makes its participant if it has none. Null: DDS has refused it.
-  PageClient* client_of(const session::RosterEntry& entry) {
-    std::unique_ptr<PageClient>& client = clients[entry.origin.participant];
-    const bool joins_again = client && client->left_ns != 0 && !entry.leaving;
-    if (client && !joins_again) return client.get();
-    try {
-      client = std::make_unique<PageClient>(options.address, entry);
-      return client.get();
-    } catch (const wire::WireError& error) {
-      core.add_event("client '" + entry.name + "' cannot join: " + error.what(), monotonic_ns());
-      clients.erase(entry.origin.participant);
-      return nullptr;
-    }
-  }
-
-  void send(PageUserMessages&& messages, std::int64_t now_ns) {
-    for (session::RosterEntry& entry : messages.roster) {
-      PageClient* const client = client_of(entry);
-      if (client == nullptr) continue;
-      entry.origin = client->participants.origin();
-      (void)client->roster.send(entry);
-      if (entry.leaving) client->left_ns = now_ns;
-    }
-    for (auto& [id, intent] : messages.intents) {
-      const auto client = clients.find(id);
-      if (client == clients.end()) continue;
-      intent.origin = client->second->participants.origin();
-      (void)client->second->intents.send(intent);
-    }
-    // The last leave message may still be in a queue.
-    std::erase_if(clients, [&](const auto& client) {
-      return client.second->left_ns != 0 && now_ns - client.second->left_ns > kLeaveNs;
-    });
-  }
-
-  ViewerOptions options;
-  wire::Participants participants;
-  ViewerCore core;
+  ViewerParticipant participant;
+  ViewerCore& core = participant.core();
+  PointedUsers& users = participant.users();
   PageServer server;
-  PageUsers users;
-  std::map<std::uint64_t, std::unique_ptr<PageClient>> clients;  // by participant
-  wire::Writer<session::RosterEntry> roster_out;
-  wire::Writer<session::Demand> demand_out;
-  wire::Writer<session::ClockSample> clock_out;
-  wire::Writer<session::EmergencyStop> stop_out;
-  Inbox inbox{1u << 15};
-  std::vector<std::shared_ptr<void>> readers;  // last, so that callbacks end before other members are destroyed
 };
 
-Viewer::Viewer(ViewerOptions options) : impl_{std::make_unique<Impl>(std::move(options))} {}
+Viewer::Viewer(ViewerOptions options) : impl_{std::make_unique<Impl>(options)} {}
 Viewer::~Viewer() = default;
 
 std::uint16_t Viewer::port() const { return impl_->server.port(); }
@@ -194,20 +56,10 @@ std::uint16_t Viewer::port() const { return impl_->server.port(); }
 int Viewer::run(const std::atomic<bool>& stop) {
   Impl& viewer = *impl_;
   while (!stop && !viewer.core.is_name_taken()) {
-    for (const Inbox::Arrived& arrived : viewer.inbox.take(kTick))
-      std::visit([&](const auto& sample) { viewer.process(sample, arrived.at_ns); }, arrived.sample);
-    const std::int64_t now_ns = monotonic_ns();
-    viewer.send(viewer.core.tick(now_ns));
-    viewer.server.poll(now_ns);
-    viewer.send(viewer.users.tick(now_ns), now_ns);
+    viewer.participant.step(kTick);
+    viewer.server.poll(monotonic_ns());
   }
-  viewer.users.release_all();
-  wire::send_leave_messages([&] {
-    viewer.send(viewer.users.tick(monotonic_ns()), monotonic_ns());
-    session::RosterEntry entry = viewer.core.roster_entry(true, monotonic_ns());
-    entry.origin = viewer.participants.origin();
-    (void)viewer.roster_out.send(entry);
-  });
+  viewer.participant.leave();
   return viewer.core.is_name_taken() ? 2 : 0;
 }
 

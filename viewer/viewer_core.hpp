@@ -38,8 +38,8 @@
 namespace tactus::viewer {
 
 struct ViewerSettings {
-  std::string name;     ///< of the participant
-  std::string session;  ///< session to join
+  std::string name{};     ///< of the participant
+  std::string session{};  ///< session to join
   spm::PoolSettings pool;
   /// Refinement in a tick, in units of spm::Budget. The default takes about 10 ms.
   std::uint32_t budget = 1u << 18;

@@ -75,7 +75,7 @@ TouchSession::TouchSession(std::string name, spm::offline::TriangleMesh mesh, do
 void TouchSession::set_link(const TouchLink& link) { session_->set_link(link_settings(link)); }
 
 void TouchSession::move_hand(const std::array<double, 3>& target) {
-  session_->move_hand(0, hand_.move_to(target, session_->now_ns()));
+  session_->move_hand(0, hand_.move_to({target, {0, 0, 0, 1}}, session_->now_ns()));
 }
 
 void TouchSession::step() {

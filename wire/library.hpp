@@ -9,6 +9,7 @@
 #include <fastdds/dds/core/ReturnCode.hpp>
 #include <fastdds/dds/core/Time_t.hpp>
 #include <fastdds/rtps/attributes/RTPSParticipantAttributes.hpp>
+#include <fastdds/rtps/builtin/data/PublicationBuiltinTopicData.hpp>
 #include <fastdds/rtps/common/Guid.hpp>
 #include <fastdds/rtps/common/Locator.hpp>
 #include <fastdds/rtps/common/LocatorList.hpp>
@@ -16,6 +17,7 @@
 #include <fastdds/rtps/transport/ChainingTransport.hpp>
 #include <fastdds/rtps/transport/ChainingTransportDescriptor.hpp>
 #include <fastdds/rtps/transport/UDPv4TransportDescriptor.hpp>
+#include <fastdds/rtps/writer/WriterDiscoveryStatus.hpp>
 #include <fastdds/utils/IPLocator.hpp>
 #else
 #include <fastdds/rtps/attributes/ServerAttributes.h>
@@ -25,6 +27,7 @@
 #include <fastdds/rtps/transport/ChainingTransport.h>
 #include <fastdds/rtps/transport/ChainingTransportDescriptor.h>
 #include <fastdds/rtps/transport/UDPv4TransportDescriptor.h>
+#include <fastdds/rtps/writer/WriterDiscoveryInfo.h>
 #include <fastrtps/config.h>
 #include <fastrtps/utils/IPLocator.h>
 
@@ -34,13 +37,17 @@
 #include <fastcdr/Cdr.h>
 #include <fastcdr/FastBuffer.h>
 
+#include <algorithm>
 #include <array>
 #include <chrono>
 #include <cstdint>
+#include <fastdds/dds/domain/DomainParticipantListener.hpp>
 #include <fastdds/dds/domain/qos/DomainParticipantQos.hpp>
 #include <fastdds/dds/publisher/qos/DataWriterQos.hpp>
 #include <fastdds/dds/subscriber/qos/DataReaderQos.hpp>
 #include <fastdds/dds/topic/TopicDataType.hpp>
+#include <functional>
+#include <utility>
 #include <vector>
 
 namespace tactus::wire {
@@ -165,6 +172,88 @@ class ReadOnlyType : public Base {
   void* createData() override { return new Sample; }
   void deleteData(void* sample) override { delete static_cast<Sample*>(sample); }
 #endif
+};
+
+/// A type without key whose samples are encoded messages: a std::vector<std::uint8_t> with the encapsulation header.
+class EncodedType final : public dds::TopicDataType {
+ public:
+  using Bytes = std::vector<std::uint8_t>;
+  /// Size of the memory that a history allocates for a sample; a history that cannot grow refuses larger ones.
+  static constexpr std::uint32_t kExpectedBytes = 1024;
+
+#ifdef TACTUS_FAST_DDS_3
+  explicit EncodedType(const char* name) {
+    set_name(name);
+    max_serialized_type_size = kExpectedBytes;
+  }
+  bool serialize(const void* const sample, rtps::SerializedPayload_t& payload, dds::DataRepresentationId_t) override {
+    return copy(*static_cast<const Bytes*>(sample), payload);
+  }
+  bool deserialize(rtps::SerializedPayload_t& payload, void* sample) override { return copy(payload, sample); }
+  std::uint32_t calculate_serialized_size(const void* const sample, dds::DataRepresentationId_t) override {
+    return static_cast<std::uint32_t>(static_cast<const Bytes*>(sample)->size());
+  }
+  void* create_data() override { return new Bytes; }
+  void delete_data(void* sample) override { delete static_cast<Bytes*>(sample); }
+  bool compute_key(const void* const, rtps::InstanceHandle_t&, bool) override { return false; }
+  bool compute_key(rtps::SerializedPayload_t&, rtps::InstanceHandle_t&, bool) override { return false; }
+#else
+  explicit EncodedType(const char* name) {
+    setName(name);
+    m_typeSize = kExpectedBytes;
+    // Without these, version 2.9 searches for a description of the type.
+    auto_fill_type_object(false);
+    auto_fill_type_information(false);
+  }
+  bool serialize(void* sample, rtps::SerializedPayload_t* payload) override {
+    return copy(*static_cast<const Bytes*>(sample), *payload);
+  }
+  bool deserialize(rtps::SerializedPayload_t* payload, void* sample) override { return copy(*payload, sample); }
+  std::function<std::uint32_t()> getSerializedSizeProvider(void* sample) override {
+    return [sample] { return static_cast<std::uint32_t>(static_cast<const Bytes*>(sample)->size()); };
+  }
+  void* createData() override { return new Bytes; }
+  void deleteData(void* sample) override { delete static_cast<Bytes*>(sample); }
+  bool getKey(void*, rtps::InstanceHandle_t*, bool) override { return false; }
+#endif
+
+ private:
+  static bool copy(const Bytes& from, rtps::SerializedPayload_t& to) {
+    if (from.size() > to.max_size) return false;
+    std::copy(from.begin(), from.end(), to.data);
+    to.length = static_cast<std::uint32_t>(from.size());
+    to.encapsulation = CDR_LE;
+    return true;
+  }
+  static bool copy(const rtps::SerializedPayload_t& from, void* to) {
+    static_cast<Bytes*>(to)->assign(from.data, from.data + from.length);
+    return true;
+  }
+};
+
+// ---- discovery ----
+
+/// Calls `on_writer` with topic and type of each discovered writer, in a thread of the library.
+class WriterDiscoveryListener final : public dds::DomainParticipantListener {
+ public:
+  using OnWriter = std::function<void(const char* topic, const char* type)>;
+  explicit WriterDiscoveryListener(OnWriter on_writer) : on_writer_{std::move(on_writer)} {}
+
+#ifdef TACTUS_FAST_DDS_3
+  void on_data_writer_discovery(dds::DomainParticipant*, rtps::WriterDiscoveryStatus status,
+                                const dds::PublicationBuiltinTopicData& writer, bool&) override {
+    if (status == rtps::WriterDiscoveryStatus::DISCOVERED_WRITER)
+      on_writer_(writer.topic_name.c_str(), writer.type_name.c_str());
+  }
+#else
+  void on_publisher_discovery(dds::DomainParticipant*, rtps::WriterDiscoveryInfo&& writer) override {
+    if (writer.status == rtps::WriterDiscoveryInfo::DISCOVERED_WRITER)
+      on_writer_(writer.info.topicName().c_str(), writer.info.typeName().c_str());
+  }
+#endif
+
+ private:
+  OnWriter on_writer_;
 };
 
 // ---- QoS ----

@@ -44,5 +44,15 @@ TEST(PointedHandTest, RestsAtTheTargetAfterTheMotion) {
   EXPECT_THAT(hand.move_to({0, 0, 0}, 5000 * kMs).path[0].pose.position, ElementsAre(0, 0, 0.1));
 }
 
+TEST(PointedHandTest, RotatesToTheOrientationOfTheTarget) {
+  PointedHand hand;
+  (void)hand.move_to({{0, 0, 0}, {0, 0, 0, 1}}, 0);
+  const double half = std::sqrt(0.5);
+  (void)hand.move_to({{0, 0, 0.1}, {0, 0, -half, -half}}, 0);  // 90 degrees about z, until 200 ms; -q is the same as q
+  const session::Intent intent = hand.move_to({0, 0, 0.1}, 100 * kMs);
+  EXPECT_THAT(intent.path[0].pose.orientation,
+              ElementsAre(0, 0, DoubleNear(std::sin(M_PI / 8), 1e-9), DoubleNear(std::cos(M_PI / 8), 1e-9)));
+}
+
 }  // namespace
 }  // namespace tactus::sharing

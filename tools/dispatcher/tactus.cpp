@@ -28,6 +28,7 @@ constexpr std::array kCommands{
     Command{"scenario", "tactus-scenario", "print a built-in scenario, to edit and run it"},
     Command{"judge", "tactus-judge", "compare a session's report and audits with their bounds"},
     Command{"view", "tactus-view", "show a session as a page in a browser of this machine"},
+    Command{"ros2", "tactus-ros2", "publish a session in a ROS 2 domain, and move users to target poses from there"},
     Command{"top", "tactus-top", "show users, HRTCs, hosts, rates and faults of a session in the terminal"},
     Command{"watch", "tactus-watch", "print the samples of a topic of a session"},
     Command{"control", "tactus-control", "send an emergency stop, reset, mode or end to a session"},

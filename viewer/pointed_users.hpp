@@ -1,11 +1,12 @@
-/// The users of pages. A page can have one user, whose hand is simulated by an HRTC and follows the page's pointer.
+/// Users who point: the user of a page, or of a ROS topic with target poses. An HRTC simulates the hand of the user,
+/// which follows the targets of this source.
 ///
 ///     touch request   --> roster entry of a client with this user, until an HRTC lists the user as served
 ///     hand requests   --> intents
 ///     release, silence, refusal --> leave message of the client
 ///
-/// Each user belongs to a client of its own, because a client names only one HRTC. The adapter (viewer/viewer.cpp)
-/// makes a participant for each client.
+/// Each user belongs to a client of its own, because a client names only one HRTC. The adapter
+/// (viewer/viewer_participant.cpp) makes a participant for each client.
 ///
 /// No DDS, socket or clock: times are arguments, of this program's monotonic clock. One thread at a time.
 #pragma once
@@ -25,8 +26,11 @@
 
 namespace tactus::viewer {
 
+/// Number of a source of targets: the id of a page, or a number that the program chooses.
+using SourceId = std::uint64_t;
+
 /// Samples to send after a tick.
-struct PageUserMessages {
+struct PointedUserMessages {
   std::vector<session::RosterEntry> roster;  ///< origin.participant names the client
   struct HandIntent {
     std::uint64_t client = 0;
@@ -35,38 +39,40 @@ struct PageUserMessages {
   std::vector<HandIntent> intents;
 };
 
-class PageUsers {
+class PointedUsers {
  public:
   static constexpr std::size_t kMaxUsers = 8;
-  /// Time without a hand request after which the page's user leaves, for example because the page is hidden. Its hand
-  /// would otherwise press on.
+  /// Time without a hand request after which the user leaves, for example because a page is hidden. The hand would
+  /// otherwise press on.
   static constexpr std::int64_t kMaxSilenceNs = 2'000'000'000;
   static constexpr std::int64_t kHeartbeatNs = 100'000'000;
   /// Max time from the request until an HRTC has given a probe.
   static constexpr std::int64_t kMaxWaitNs = 5'000'000'000;
 
-  /// `core` must outlive the users; `viewer` and `session` are the names of this program and its session.
-  PageUsers(const ViewerCore& core, std::string viewer, std::string session);
+  /// `core` must outlive the users; `viewer` and `session` are the names of this program and its session. Messages call
+  /// a source `source`, for example "page".
+  PointedUsers(const ViewerCore& core, std::string viewer, std::string session, std::string source);
 
-  /// Called with the reason when a page gets no probe, or loses it without having given it back.
-  std::function<void(PageId page, const std::string& reason)> on_refused;
+  /// Called with the reason when a source gets no probe, or loses it without having given it back.
+  std::function<void(SourceId source, const std::string& reason)> on_refused;
 
-  void on_touch(PageId page, const TouchRequest& request, std::int64_t now_ns);
-  void on_hand(PageId page, const HandRequest& request, std::int64_t now_ns);
-  /// The page gives its probe back, or is closed.
-  void on_release(PageId page);
+  void on_touch(SourceId source, const TouchRequest& request, std::int64_t now_ns);
+  void on_hand(SourceId source, const HandRequest& request, std::int64_t now_ns);
+  /// The source gives its probe back, or has ended.
+  void on_release(SourceId source);
   /// All users leave.
   void release_all();
 
   /// Returns the samples to send. Call it every few milliseconds.
-  [[nodiscard]] PageUserMessages tick(std::int64_t now_ns);
+  [[nodiscard]] PointedUserMessages tick(std::int64_t now_ns);
 
+  [[nodiscard]] bool has_user(SourceId source) const noexcept;
   /// Number of users, also of those that are leaving.
   [[nodiscard]] std::size_t size() const noexcept { return users_.size(); }
 
  private:
   struct User {
-    PageId page = 0;
+    SourceId source = 0;
     session::RosterEntry entry;  // of its client
     session::Heartbeat heartbeat{kHeartbeatNs};
     sharing::PointedHand hand;
@@ -81,15 +87,15 @@ class PageUsers {
     [[nodiscard]] bool is_leaving() const { return entry.leaving; }
   };
 
-  [[nodiscard]] std::string refusal(PageId page, const TouchRequest& request) const;
+  [[nodiscard]] std::string refusal(SourceId source, const TouchRequest& request) const;
   [[nodiscard]] std::string chosen_hrtc(const TouchRequest& request) const;
   [[nodiscard]] bool is_served(const User& user) const;
   [[nodiscard]] std::string reason_to_leave(const User& user, std::int64_t now_ns) const;
   void leave(User& user);
-  void add_messages(User& user, std::int64_t now_ns, PageUserMessages& out) const;
+  void add_messages(User& user, std::int64_t now_ns, PointedUserMessages& out) const;
 
   const ViewerCore& core_;
-  std::string viewer_, session_;
+  std::string viewer_, session_, source_name_;
   std::list<User> users_;
 };
 

@@ -1,5 +1,5 @@
-// The users of pages: their clients, intents, refusals and ends.
-#include "viewer/page_users.hpp"
+// Users who point: their clients, intents, refusals and ends.
+#include "viewer/pointed_users.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -16,12 +16,12 @@ using testing::ElementsAre;
 using testing::HasSubstr;
 using testing::IsEmpty;
 
-class PageUsersTest : public ViewerSession {
+class PointedUsersTest : public ViewerSession {
  protected:
-  static constexpr PageId kPage = 7;
+  static constexpr SourceId kPage = 7;
 
-  PageUsersTest() {
-    users_.on_refused = [this](PageId page, const std::string& reason) { refusals_.push_back({page, reason}); };
+  PointedUsersTest() {
+    users_.on_refused = [this](SourceId page, const std::string& reason) { refusals_.push_back({page, reason}); };
     add_hrtc("desk");
   }
 
@@ -33,7 +33,7 @@ class PageUsersTest : public ViewerSession {
       now_ns_ += 2 * kMs;
       for (auto& [name, served] : hrtcs_) viewer_.on_roster(entry_of(name, served), now_ns_);
       (void)viewer_.tick(now_ns_);
-      PageUserMessages out = users_.tick(now_ns_);
+      PointedUserMessages out = users_.tick(now_ns_);
       for (const session::RosterEntry& entry : out.roster) {
         if (!hrtcs_serve_users_) continue;
         std::vector<session::UserProbe>& served = hrtcs_[entry.requested_hrtc];
@@ -57,19 +57,19 @@ class PageUsersTest : public ViewerSession {
   }
 
   struct Refusal {
-    PageId page;
+    SourceId page;
     std::string reason;
   };
-  PageUsers users_{viewer_, "view", "session"};
+  PointedUsers users_{viewer_, "view", "session", "page"};
   std::map<std::string, std::vector<session::UserProbe>> hrtcs_;  // by name: the served users
   bool hrtcs_serve_users_ = true;
   std::uint64_t heartbeats_ = 0;
   std::vector<session::RosterEntry> entries_;
-  std::vector<PageUserMessages::HandIntent> intents_;
+  std::vector<PointedUserMessages::HandIntent> intents_;
   std::vector<Refusal> refusals_;
 };
 
-TEST_F(PageUsersTest, ATouchRequestBringsAUserToAnHrtc) {
+TEST_F(PointedUsersTest, ATouchRequestBringsAUserToAnHrtc) {
   step(10 * kMs);
   users_.on_touch(kPage, {"guest", ""}, now_ns_);
   step(10 * kMs);
@@ -80,7 +80,7 @@ TEST_F(PageUsersTest, ATouchRequestBringsAUserToAnHrtc) {
   EXPECT_THAT(entries_[0].users, ElementsAre("guest"));
 }
 
-TEST_F(PageUsersTest, TheNewestTargetBecomesAnIntentOnceTheUserIsServed) {
+TEST_F(PointedUsersTest, TheNewestTargetBecomesAnIntentOnceTheUserIsServed) {
   step(10 * kMs);
   users_.on_touch(kPage, {"guest", ""}, now_ns_);
   users_.on_hand(kPage, {{0.1, 0, 0}, false}, now_ns_);
@@ -93,7 +93,7 @@ TEST_F(PageUsersTest, TheNewestTargetBecomesAnIntentOnceTheUserIsServed) {
   EXPECT_THAT(intents_[0].intent.path.back().pose.position, ElementsAre(0.2, 0, 0));
 }
 
-TEST_F(PageUsersTest, AnotherPageDoesNotMoveTheHand) {
+TEST_F(PointedUsersTest, AnotherPageDoesNotMoveTheHand) {
   step(10 * kMs);
   users_.on_touch(kPage, {"guest", ""}, now_ns_);
   step(20 * kMs);
@@ -102,7 +102,7 @@ TEST_F(PageUsersTest, AnotherPageDoesNotMoveTheHand) {
   EXPECT_THAT(intents_, IsEmpty());
 }
 
-TEST_F(PageUsersTest, ReleasingSendsLeaveMessagesAndFreesTheName) {
+TEST_F(PointedUsersTest, ReleasingSendsLeaveMessagesAndFreesTheName) {
   step(10 * kMs);
   users_.on_touch(kPage, {"guest", ""}, now_ns_);
   step(20 * kMs);
@@ -115,7 +115,7 @@ TEST_F(PageUsersTest, ReleasingSendsLeaveMessagesAndFreesTheName) {
   EXPECT_EQ(refusals_.size(), 0u);
 }
 
-TEST_F(PageUsersTest, TheHrtcWithFewerUsersIsChosenUnlessThePageNamesOne) {
+TEST_F(PointedUsersTest, TheHrtcWithFewerUsersIsChosenUnlessThePageNamesOne) {
   hrtcs_["desk"] = {{"ann", 0}};
   add_hrtc("lab");
   step(10 * kMs);
@@ -129,7 +129,7 @@ TEST_F(PageUsersTest, TheHrtcWithFewerUsersIsChosenUnlessThePageNamesOne) {
   EXPECT_EQ(chosen["view.other"], "desk");
 }
 
-TEST_F(PageUsersTest, ANameThatAnotherUserHasIsRefused) {
+TEST_F(PointedUsersTest, ANameThatAnotherUserHasIsRefused) {
   hrtcs_["desk"] = {{"ann", 0}};
   step(10 * kMs);
   users_.on_touch(kPage, {"ann", ""}, now_ns_);
@@ -138,18 +138,18 @@ TEST_F(PageUsersTest, ANameThatAnotherUserHasIsRefused) {
   EXPECT_THAT(refusals_[0].reason, HasSubstr("'ann' is taken"));
 }
 
-TEST_F(PageUsersTest, AnHrtcThatIsAbsentIsNamedInTheRefusal) {
+TEST_F(PointedUsersTest, AnHrtcThatIsAbsentIsNamedInTheRefusal) {
   step(10 * kMs);
   users_.on_touch(kPage, {"guest", "lab"}, now_ns_);
   ASSERT_EQ(refusals_.size(), 1u);
   EXPECT_THAT(refusals_[0].reason, HasSubstr("HRTC 'lab' is not in the session"));
 }
 
-TEST_F(PageUsersTest, AUserWithoutAProbeLeavesAfterFiveSeconds) {
+TEST_F(PointedUsersTest, AUserWithoutAProbeLeavesAfterFiveSeconds) {
   hrtcs_serve_users_ = false;
   step(10 * kMs);
   users_.on_touch(kPage, {"guest", ""}, now_ns_);
-  step(PageUsers::kMaxWaitNs - 10 * kMs);
+  step(PointedUsers::kMaxWaitNs - 10 * kMs);
   EXPECT_THAT(refusals_, IsEmpty());
   step(200 * kMs);
   ASSERT_EQ(refusals_.size(), 1u);
@@ -157,27 +157,27 @@ TEST_F(PageUsersTest, AUserWithoutAProbeLeavesAfterFiveSeconds) {
   EXPECT_EQ(users_.size(), 0u);
 }
 
-TEST_F(PageUsersTest, AUserThatIsServedLateStays) {
+TEST_F(PointedUsersTest, AUserThatIsServedLateStays) {
   hrtcs_serve_users_ = false;
   step(10 * kMs);
   users_.on_touch(kPage, {"guest", ""}, now_ns_);
-  step(PageUsers::kMaxSilenceNs + 1000 * kMs);
+  step(PointedUsers::kMaxSilenceNs + 1000 * kMs);
   hrtcs_serve_users_ = true;
   step(1000 * kMs);
   EXPECT_THAT(refusals_, IsEmpty());
   EXPECT_EQ(users_.size(), 1u);
 }
 
-TEST_F(PageUsersTest, TheUserOfASilentPageLeaves) {
+TEST_F(PointedUsersTest, TheUserOfASilentPageLeaves) {
   step(10 * kMs);
   users_.on_touch(kPage, {"guest", ""}, now_ns_);
-  step(PageUsers::kMaxSilenceNs + 200 * kMs);
+  step(PointedUsers::kMaxSilenceNs + 200 * kMs);
   ASSERT_EQ(refusals_.size(), 1u);
   EXPECT_THAT(refusals_[0].reason, HasSubstr("sent no hand position"));
   EXPECT_EQ(users_.size(), 0u);
 }
 
-TEST_F(PageUsersTest, TheUserLeavesWithItsHrtc) {
+TEST_F(PointedUsersTest, TheUserLeavesWithItsHrtc) {
   step(10 * kMs);
   users_.on_touch(kPage, {"guest", ""}, now_ns_);
   step(20 * kMs);

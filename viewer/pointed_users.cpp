@@ -1,4 +1,4 @@
-#include "viewer/page_users.hpp"
+#include "viewer/pointed_users.hpp"
 
 #include <algorithm>
 #include <utility>
@@ -18,12 +18,17 @@ bool names_user(const session::RosterEntry& entry, const std::string& user) {
 
 }  // namespace
 
-PageUsers::PageUsers(const ViewerCore& core, std::string viewer, std::string session)
-    : core_{core}, viewer_{std::move(viewer)}, session_{std::move(session)} {}
+PointedUsers::PointedUsers(const ViewerCore& core, std::string viewer, std::string session, std::string source)
+    : core_{core}, viewer_{std::move(viewer)}, session_{std::move(session)}, source_name_{std::move(source)} {}
 
-/// Returns the HRTC that the page has chosen or, without a choice, the present one with the fewest users. Empty: there
-/// is none.
-std::string PageUsers::chosen_hrtc(const TouchRequest& request) const {
+bool PointedUsers::has_user(SourceId source) const noexcept {
+  return std::any_of(users_.begin(), users_.end(),
+                     [&](const User& user) { return user.source == source && !user.is_leaving(); });
+}
+
+/// Returns the HRTC that the source has chosen or, without a choice, the present one with the fewest users. Empty:
+/// there is none.
+std::string PointedUsers::chosen_hrtc(const TouchRequest& request) const {
   const session::RosterEntry* best = nullptr;
   core_.roster().for_each([&](const session::RosterEntry& entry) {
     if (entry.role != session::Role::kHrtc || (!request.hrtc.empty() && entry.name != request.hrtc)) return;
@@ -32,18 +37,16 @@ std::string PageUsers::chosen_hrtc(const TouchRequest& request) const {
   return best == nullptr ? std::string{} : best->name;
 }
 
-/// Returns why the page cannot have this user; empty: it can.
-std::string PageUsers::refusal(PageId page, const TouchRequest& request) const {
-  if (std::any_of(users_.begin(), users_.end(),
-                  [&](const User& user) { return user.page == page && !user.is_leaving(); }))
-    return "this page has a probe already";
-  if (users_.size() >= kMaxUsers) return "pages have " + std::to_string(kMaxUsers) + " probes already";
+/// Returns why the source cannot have this user; empty: it can.
+std::string PointedUsers::refusal(SourceId source, const TouchRequest& request) const {
+  if (has_user(source)) return "this " + source_name_ + " has a probe already";
+  if (users_.size() >= kMaxUsers) return source_name_ + "s have " + std::to_string(kMaxUsers) + " probes already";
   std::string owner;
   core_.roster().for_each([&](const session::RosterEntry& entry) {
     if (names_user(entry, request.user)) owner = session::text(entry);
   });
   for (const User& user : users_)
-    if (user.name() == request.user) owner = "another page";
+    if (user.name() == request.user) owner = "another " + source_name_;
   if (!owner.empty()) return "the name '" + request.user + "' is taken by a user of " + owner;
   if (chosen_hrtc(request).empty())
     return request.hrtc.empty() ? "no HRTC is in the session" : "HRTC '" + request.hrtc + "' is not in the session";
@@ -52,13 +55,13 @@ std::string PageUsers::refusal(PageId page, const TouchRequest& request) const {
   return {};
 }
 
-void PageUsers::on_touch(PageId page, const TouchRequest& request, std::int64_t now_ns) {
-  if (const std::string reason = refusal(page, request); !reason.empty()) {
-    if (on_refused) on_refused(page, reason);
+void PointedUsers::on_touch(SourceId source, const TouchRequest& request, std::int64_t now_ns) {
+  if (const std::string reason = refusal(source, request); !reason.empty()) {
+    if (on_refused) on_refused(source, reason);
     return;
   }
   User user;
-  user.page = page;
+  user.source = source;
   user.entry.role = session::Role::kClient;
   user.entry.name = viewer_ + "." + request.user;
   user.entry.session = session_;
@@ -70,47 +73,48 @@ void PageUsers::on_touch(PageId page, const TouchRequest& request, std::int64_t 
   users_.push_back(std::move(user));
 }
 
-void PageUsers::on_hand(PageId page, const HandRequest& request, std::int64_t now_ns) {
+void PointedUsers::on_hand(SourceId source, const HandRequest& request, std::int64_t now_ns) {
   for (User& user : users_) {
-    if (user.page != page || user.is_leaving()) continue;
+    if (user.source != source || user.is_leaving()) continue;
     user.request = request;
     user.hand_received_ns = now_ns;
   }
 }
 
-void PageUsers::leave(User& user) {
+void PointedUsers::leave(User& user) {
   if (user.is_leaving()) return;
   user.entry.leaving = true;
   user.heartbeat.repeat_soon();
   user.leave_messages = kLeaveMessages;
 }
 
-void PageUsers::on_release(PageId page) {
+void PointedUsers::on_release(SourceId source) {
   for (User& user : users_)
-    if (user.page == page) leave(user);
+    if (user.source == source) leave(user);
 }
 
-void PageUsers::release_all() {
+void PointedUsers::release_all() {
   for (User& user : users_) leave(user);
 }
 
-bool PageUsers::is_served(const User& user) const {
+bool PointedUsers::is_served(const User& user) const {
   const session::RosterEntry* const hrtc = core_.roster().find(session::id_of(user.entry.requested_hrtc));
   return hrtc != nullptr && names_user(*hrtc, user.name());
 }
 
 /// Returns why the user cannot stay; empty: it can.
-std::string PageUsers::reason_to_leave(const User& user, std::int64_t now_ns) const {
+std::string PointedUsers::reason_to_leave(const User& user, std::int64_t now_ns) const {
   const std::string& hrtc = user.entry.requested_hrtc;
   if (core_.roster().find(session::id_of(hrtc)) == nullptr) return "HRTC '" + hrtc + "' has left the session";
   if (user.is_served && !is_served(user)) return "HRTC '" + hrtc + "' has removed the user";
-  if (now_ns - user.hand_received_ns > kMaxSilenceNs && user.is_served) return "the page sent no hand position for 2 s";
+  if (now_ns - user.hand_received_ns > kMaxSilenceNs && user.is_served)
+    return "the " + source_name_ + " sent no hand position for 2 s";
   if (now_ns - user.requested_ns > kMaxWaitNs && !user.is_served)
     return "HRTC '" + hrtc + "' has given no probe within 5 s; its log has the reason";
   return {};
 }
 
-void PageUsers::add_messages(User& user, std::int64_t now_ns, PageUserMessages& out) const {
+void PointedUsers::add_messages(User& user, std::int64_t now_ns, PointedUserMessages& out) const {
   if (user.heartbeat.due(now_ns)) {
     ++user.entry.heartbeat;
     core_.put_time(user.entry, now_ns);
@@ -118,7 +122,8 @@ void PageUsers::add_messages(User& user, std::int64_t now_ns, PageUserMessages& 
     if (user.leave_messages > 0) --user.leave_messages;
   }
   if (!user.is_served || user.is_leaving() || !user.request) return;
-  session::Intent intent = user.hand.move_to(user.request->target, core_.session_time(now_ns));
+  session::Intent intent =
+      user.hand.move_to({user.request->target, user.request->orientation}, core_.session_time(now_ns));
   intent.user_id = session::id_of(user.name());
   intent.sequence = ++user.intents;
   intent.buttons = user.request->grabs ? std::uint32_t{haptics::kGrabButton} : 0u;
@@ -126,17 +131,17 @@ void PageUsers::add_messages(User& user, std::int64_t now_ns, PageUserMessages& 
   out.intents.push_back({user.entry.origin.participant, std::move(intent)});
 }
 
-PageUserMessages PageUsers::tick(std::int64_t now_ns) {
-  PageUserMessages out;
+PointedUserMessages PointedUsers::tick(std::int64_t now_ns) {
+  PointedUserMessages out;
   for (User& user : users_) {
     if (!user.is_served && is_served(user)) {
       user.is_served = true;
-      user.hand_received_ns = now_ns;  // the page sends its hand from now on
+      user.hand_received_ns = now_ns;  // a page sends its hand from now on
     }
     if (!user.is_leaving()) {
       if (const std::string reason = reason_to_leave(user, now_ns); !reason.empty()) {
         leave(user);
-        if (on_refused) on_refused(user.page, reason);
+        if (on_refused) on_refused(user.source, reason);
       }
     }
     add_messages(user, now_ns, out);
