@@ -260,10 +260,14 @@ void Loader::predict(Object& object, const std::array<ReportedProbe, kMaxProbes>
                                           });
   }
   predict_under_bodies(object, probes, lead);
-  for (const std::uint32_t region : object.also_wanted) {
-    constexpr double kTimeToContact = 0.02, kContactEnd = 1e9;  // s
-    predicted_regions_.add({spm::RegionId{region}, kTimeToContact, kContactEnd, 0});
-  }
+  object.predicted.clear();
+  for (const spm::PredictedRegion& region : predicted_regions_.entries())
+    object.predicted.push_back(spm::index(region.region));
+  constexpr double kSoon = 0.02, kLater = 0.5, kContactEnd = 1e9;  // s
+  for (const std::uint32_t region : object.also_wanted)
+    predicted_regions_.add({spm::RegionId{region}, kSoon, kContactEnd, 0});
+  for (const std::uint32_t region : object.wanted_later)
+    predicted_regions_.add({spm::RegionId{region}, kLater, kContactEnd, 0});
   predicted_regions_.sort();
   std::vector<spm::PredictedRegion> predicted{predicted_regions_.entries().begin(), predicted_regions_.entries().end()};
   std::sort(predicted.begin(), predicted.end(), [](const auto& a, const auto& b) { return a.region < b.region; });
@@ -316,12 +320,14 @@ void Loader::on_moved(std::uint32_t object_index, const Placement& placement) {
   update_broad_phase(object);
 }
 
-void Loader::want(std::uint32_t object_index, std::vector<std::uint32_t> regions) {
+void Loader::want(std::uint32_t object_index, std::vector<std::uint32_t> regions, std::vector<std::uint32_t> later) {
   if (object_index >= kMaxObjects || by_index_[object_index] == nullptr) return;
   Object& object = *by_index_[object_index];
-  std::erase_if(regions, [&](std::uint32_t region) { return region >= object.notes.size(); });
-  if (regions == object.also_wanted) return;
+  for (std::vector<std::uint32_t>* const each : {&regions, &later})
+    std::erase_if(*each, [&](std::uint32_t region) { return region >= object.notes.size(); });
+  if (regions == object.also_wanted && later == object.wanted_later) return;
   object.also_wanted = std::move(regions);
+  object.wanted_later = std::move(later);
   last_prediction_ns_ = 0;  // no probe need have moved
 }
 
@@ -420,6 +426,11 @@ std::vector<std::uint32_t> Loader::predicted(std::uint32_t object_index) const {
   if (object_index < kMaxObjects && by_index_[object_index] != nullptr)
     for (const auto& [region, wanted_region] : by_index_[object_index]->wanted_regions) regions.push_back(region);
   return regions;
+}
+
+std::vector<std::uint32_t> Loader::predicted_contacts(std::uint32_t object_index) const {
+  if (object_index >= kMaxObjects || by_index_[object_index] == nullptr) return {};
+  return by_index_[object_index]->predicted;
 }
 
 }  // namespace tactus::hrtc_service

@@ -150,9 +150,9 @@ class Loader {
   /// Sets the placement of a movable object for predictions, the broad phase and `regions_at_probes`.
   void on_moved(std::uint32_t object_index, const Placement& placement);
 
-  /// Sets additional wanted regions of an object: the shown regions of another participant. The loader requests them as if
-  /// a probe would touch them in 20 ms.
-  void want(std::uint32_t object_index, std::vector<std::uint32_t> regions);
+  /// Sets additional wanted regions of an object. The loader requests `regions` as if a probe would touch them in 20 ms,
+  /// and `later` as if in 0.5 s.
+  void want(std::uint32_t object_index, std::vector<std::uint32_t> regions, std::vector<std::uint32_t> later);
 
   /// Predicts, evicts, and passes regions to the haptic thread. Call it every few milliseconds. Sets `near` to the
   /// objects near each probe.
@@ -186,14 +186,20 @@ class Loader {
   }
   /// Returns the id of the host that serves the object, or 0.
   [[nodiscard]] std::uint64_t serving_host(std::uint64_t object_id) const { return delivery_.serving_host(object_id); }
+  /// Returns the number of entries in the list of a region.
+  [[nodiscard]] std::uint32_t records_of(std::uint32_t object_index, std::uint32_t region) const noexcept {
+    return cache_.records_of(spm::ObjectIndex{object_index}, spm::RegionId{region});
+  }
   /// Returns the regions that the probes intersect, with repetitions.
   [[nodiscard]] std::vector<std::uint32_t> regions_at_probes(std::uint32_t object_index,
                                                              const std::array<ReportedProbe, kMaxProbes>& probes) const;
   [[nodiscard]] const spm::RegionGrid& grid(std::uint32_t object_index) const {
     return by_index_[object_index]->grid();
   }
-  /// Returns the regions of the object in the newest prediction.
+  /// Returns the regions of the object in the newest prediction, and those of `want`.
   [[nodiscard]] std::vector<std::uint32_t> predicted(std::uint32_t object_index) const;
+  /// Returns the regions of the object in the newest prediction, without those of `want`.
+  [[nodiscard]] std::vector<std::uint32_t> predicted_contacts(std::uint32_t object_index) const;
 
  private:
   /// State of a region in the store. kRetired: demands no longer list it in `have`. kEvictable: hosts have echoed such
@@ -258,7 +264,8 @@ class Loader {
     TouchObject touch;
     Placement placement;                                   // current
     std::vector<RegionProgress> notes;                     // by region
-    std::vector<std::uint32_t> also_wanted;                // regions of `want`
+    std::vector<std::uint32_t> also_wanted, wanted_later;  // regions of `want`
+    std::vector<std::uint32_t> predicted;                  // regions of the newest prediction
     std::map<std::uint32_t, WantedRegion> wanted_regions;  // by region; the newest prediction
     std::vector<spm::ProbePredictor> predictors;           // by probe
     std::vector<std::uint32_t> held;                       // regions in StoreState::kHeld

@@ -54,7 +54,7 @@ class RegionTable {
               [](const Entry& a, const Entry& b) { return a.precedes(b); });
   }
 
-  /// The entries, at most `capacity`. Call after `sort`.
+  /// The entries. After `sort` at most `capacity`; before, in no order and at most twice as many.
   [[nodiscard]] std::span<const Entry> entries() const noexcept { return {entries_.data(), count_}; }
   /// False if a region was dropped or `mark_incomplete` was called since `clear`.
   [[nodiscard]] bool complete() const noexcept { return complete_; }

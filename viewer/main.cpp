@@ -4,9 +4,12 @@
 #include <chrono>
 #include <filesystem>
 #include <iostream>
+#include <nlohmann/json.hpp>
 #include <string>
 #include <thread>
 
+#include "spm/offline/generate.hpp"
+#include "spm/offline/import.hpp"
 #include "viewer/tokens.hpp"
 #include "viewer/viewer.hpp"
 #include "wire/command_line.hpp"
@@ -19,11 +22,14 @@ Examples:
   tactus view --session lab
   tactus view --session lab --domain 40 --port 8091 --memory 256MiB
   tactus view --session lab --listen 192.168.1.20 --tokens ~/.config/tactus-tokens
+  tactus view --recording lab.mcap
   tactus view --demo
 
 Open the printed address in a browser. `scripts/page` builds the page. Only browsers of this machine can reach it,
 unless --listen names another address. Then two addresses are printed: pages of the first can touch and stop forces,
-pages of the second only show the session. With --demo the page needs no session: it runs one itself.
+pages of the second only show the session. With --recording the page shows a recording
+of `tactus record` instead of a session, and can neither touch nor stop. With --demo the page needs no session: it runs
+one itself.
 Exit status: 0 ended by a signal, 2 wrong input, no page, or the port or the name is taken.)";
 
 /// Returns the folder of a page: beside an installed program, otherwise the one that scripts/page builds.
@@ -47,6 +53,12 @@ int serve_demo(tactus::viewer::ServerSettings server, const std::atomic<bool>& s
   return 0;
 }
 
+/// Returns a mesh file, or the built-in mesh of that name, for ServerSettings::tool.
+std::string tool_json(const std::string& name) {
+  const auto mesh = name == "stylus" ? tactus::spm::offline::stylus() : tactus::spm::offline::import_mesh(name);
+  return nlohmann::json{{"positions", mesh.positions}, {"faces", mesh.faces}}.dump();
+}
+
 /// Prints the addresses of the page. A browser sends the part after # to no server; the page sends it as its token.
 void print_addresses(const tactus::viewer::ServerSettings& server, std::uint16_t port) {
   std::string host = server.address;
@@ -68,8 +80,10 @@ int main(int argc, char** argv) {
   viewer::ViewerOptions options;
   options.address.session = "tactus";
   options.address.participant = "view";
+  options.faces = viewer::ViewerSettings{}.faces;
   bool is_demo = false;
-  std::filesystem::path token_file;
+  std::filesystem::path token_file, recording;
+  std::string tool;
   std::uint64_t memory = 64u << 20;
 
   CLI::App app{"Viewer: shows the objects, users and figures of a session as a page in a browser.", "tactus-view"};
@@ -83,12 +97,21 @@ int main(int argc, char** argv) {
       ->needs("--listen");
   app.add_option("--port", options.server.port, "Port of the page; 0: any free port")->capture_default_str();
   app.add_option("--page", options.server.folder, "Folder of the page; default: that of scripts/page");
+  app.add_option("--tool", tool, "Shape of every probe, as in `tactus hrtc --tool`: stylus, or a mesh file in metres")
+      ->type_name("FILE");
+  app.add_option("--recording", recording, "Show this recording of `tactus record` instead of a session")
+      ->type_name("FILE")
+      ->excludes("--session");
   app.add_flag("--demo", is_demo, "Serve the page \"Touch it now\", which runs a session in the browser")
       ->excludes("--session")
+      ->excludes("--recording")
       ->excludes("--listen");
   app.add_option("--memory", memory, "Memory of the pool, for the shown meshes of all objects: 64MiB, 1GiB")
       ->transform(CLI::AsSizeValue(false))
       ->default_str("64MiB");
+  app.add_option("--faces", options.faces, "Max number of faces that are added where nobody touches, for the screen")
+      ->check(CLI::Range(0u, 1'000'000u))
+      ->capture_default_str();
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
@@ -107,6 +130,7 @@ int main(int argc, char** argv) {
                 << " slots of the pool, expected at least " << kMinSlots << "\n";
       return 2;
     }
+    if (!tool.empty()) options.server.tool = tool_json(tool);
     options.log = [](const std::string& text) { std::cerr << "tactus-view: " << text << '\n'; };
     if (!viewer::is_loopback(options.server.address)) {
       const viewer::Tokens tokens = token_file.empty() ? viewer::make_tokens() : viewer::kept_tokens(token_file);
@@ -114,6 +138,10 @@ int main(int argc, char** argv) {
       options.server.observer_token = tokens.observer;
     }
     const viewer::ServerSettings server = options.server;
+    if (!recording.empty())
+      return viewer::play(
+          {recording, options.pool, options.faces, server, options.log},
+          [&](std::uint16_t port) { print_addresses(server, port); }, stop);
     viewer::Viewer viewer{std::move(options)};
     print_addresses(server, viewer.port());
     return viewer.run(stop);

@@ -1,7 +1,9 @@
 #include "viewer/page_feed.hpp"
 
+#include <algorithm>
 #include <array>
 #include <bit>
+#include <cmath>
 #include <nlohmann/json.hpp>
 #include <type_traits>
 #include <utility>
@@ -15,7 +17,8 @@ namespace {
 static_assert(std::endian::native == std::endian::little, "frames are little endian");
 
 // Min times between two messages of a kind to a page.
-constexpr std::int64_t kSceneNs = 100 * kMs, kFiguresNs = 250 * kMs, kProbesNs = 15 * kMs, kMeshNs = 60 * kMs;
+constexpr std::int64_t kSceneNs = 100 * kMs, kFiguresNs = 250 * kMs, kProbesNs = 15 * kMs, kMeshNs = 60 * kMs,
+                       kRegionsNs = 200 * kMs, kPlaybackNs = 200 * kMs;
 constexpr std::uint32_t kWhole = 1;             // flag of a mesh frame: the page drops the rows that it has
 constexpr std::uint32_t kFinestRow = 1u << 31;  // of a row number in a mesh frame
 
@@ -47,10 +50,11 @@ const char* name_of(session::Role role) {
 }  // namespace
 
 std::optional<PageMessage> PageFeed::next(std::int64_t now_ns) {
+  if (auto message = playback(now_ns)) return message;
   if (scene_number_ != core_.scene_number() && now_ns - scene_ns_ >= kSceneNs) {
     scene_number_ = core_.scene_number();
     scene_ns_ = now_ns;
-    return scene(now_ns);
+    return scene();
   }
   const bool probes_are_due = now_ns - probes_ns_ >= kProbesNs;
   // On a slow connection both are always due, so they alternate.
@@ -58,6 +62,7 @@ std::optional<PageMessage> PageFeed::next(std::int64_t now_ns) {
   sent_probes_last_ = false;
   if (auto frame = mesh(now_ns)) return frame;
   if (probes_are_due) return probes_next(now_ns);
+  if (auto frame = regions(now_ns)) return frame;
   if (metrics_number_ != core_.metrics_number() && now_ns - figures_ns_ >= kFiguresNs) {
     metrics_number_ = core_.metrics_number();
     figures_ns_ = now_ns;
@@ -66,7 +71,30 @@ std::optional<PageMessage> PageFeed::next(std::int64_t now_ns) {
   return std::nullopt;
 }
 
-PageMessage PageFeed::scene(std::int64_t now_ns) {
+/// When the core has begun anew, all that the page has received is void.
+std::optional<PageMessage> PageFeed::playback(std::int64_t now_ns) {
+  if (playback_ == nullptr) return std::nullopt;
+  const bool has_restarted = playback_->restarts != sent_playback_.restarts;
+  const bool has_changed = playback_->at != sent_playback_.at || playback_->is_playing != sent_playback_.is_playing;
+  if (!has_restarted && (!has_changed || now_ns - playback_ns_ < kPlaybackNs)) return std::nullopt;
+  if (has_restarted) {
+    meshes_.clear();
+    scene_number_ = metrics_number_ = 0;
+    scene_ns_ = figures_ns_ = 0;
+  }
+  sent_playback_ = *playback_;
+  playback_ns_ = now_ns;
+  const nlohmann::json message{{"type", "playback"},
+                               {"file", playback_->file},
+                               {"began", playback_->began},
+                               {"seconds", playback_->seconds},
+                               {"at", playback_->at},
+                               {"isPlaying", playback_->is_playing},
+                               {"restarts", playback_->restarts}};
+  return PageMessage{true, message.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace)};
+}
+
+PageMessage PageFeed::scene() {
   nlohmann::json scene{{"type", "scene"},
                        {"participants", nlohmann::json::array()},
                        {"users", nlohmann::json::array()},
@@ -102,20 +130,34 @@ PageMessage PageFeed::scene(std::int64_t now_ns) {
   }
   for (const Event& event : core_.events())
     scene["events"].push_back(
-        {{"secondsAgo", static_cast<double>(now_ns - event.at_ns) / kNsPerS}, {"text", event.text}});
+        {{"secondsAgo", static_cast<double>(core_.now_ns() - event.at_ns) / kNsPerS}, {"text", event.text}});
   return {true, scene.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace)};
 }
 
 PageMessage PageFeed::figures() const {
-  nlohmann::json figures{
-      {"type", "figures"}, {"participants", nlohmann::json::object()}, {"meshes", nlohmann::json::object()}};
+  nlohmann::json figures{{"type", "figures"},
+                         {"participants", nlohmann::json::object()},
+                         {"meshes", nlohmann::json::object()},
+                         {"losses", nlohmann::json::object()},
+                         {"fronts", nlohmann::json::object()}};
   for (const auto& [participant, values] : core_.metrics()) {
     const session::RosterEntry* const entry = core_.roster().find(participant);
     if (entry == nullptr) continue;
     figures["participants"][entry->name] = values;
+    if (entry->role == session::Role::kHrtc) figures["losses"][entry->name] = core_.lost_share(participant);
     for (const auto& [id, object] : core_.objects())
       if (const auto hash = core_.published_hash(participant, id))
         figures["meshes"][entry->name][object.entry.object] = std::to_string(*hash);
+  }
+  const auto percent = [](const std::vector<double>& shares) {
+    std::vector<int> rounded(shares.size());
+    std::transform(shares.begin(), shares.end(), rounded.begin(),
+                   [](double share) { return static_cast<int>(std::lround(100 * share)); });
+    return rounded;
+  };
+  for (const auto& [id, object] : core_.objects()) {
+    const Fronts fronts = core_.fronts(id);
+    figures["fronts"][object.entry.object] = {{"refined", percent(fronts.refined)}, {"loaded", percent(fronts.loaded)}};
   }
   return {true, figures.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace)};
 }
@@ -123,21 +165,21 @@ PageMessage PageFeed::figures() const {
 PageMessage PageFeed::probes_next(std::int64_t now_ns) {
   probes_ns_ = now_ns;
   sent_probes_last_ = true;
-  return probes(now_ns);
+  return probes();
 }
 
-PageMessage PageFeed::probes(std::int64_t now_ns) const {
+PageMessage PageFeed::probes() const {
   PageMessage frame;
   std::string& bytes = frame.bytes;
   append(bytes, static_cast<std::uint32_t>(FrameKind::kProbes));
   append(bytes, static_cast<std::uint32_t>(core_.probes().size()));
   append(bytes, static_cast<std::uint32_t>(core_.objects().size()));
   append(bytes, std::uint32_t{0});
-  append(bytes, static_cast<double>(core_.session_time(now_ns)) / kNsPerS);
+  append(bytes, static_cast<double>(core_.session_time(core_.now_ns())) / kNsPerS);
   for (const auto& [user, probe] : core_.probes()) {
     const session::ProbeState& state = probe.state;
     // An HRTC omits the states that receivers extrapolate closely enough.
-    session::ProbeView shown = session::extrapolate(state, core_.session_time(now_ns));
+    session::ProbeView shown = session::extrapolate(state, core_.session_time(core_.now_ns()));
     if (state.force == std::array<double, 3>{}) shown.force = state.force;  // the force may be switched off
     const auto object = core_.objects().find(state.object_id);
     append(bytes, user);
@@ -149,7 +191,7 @@ PageMessage PageFeed::probes(std::int64_t now_ns) const {
     append_floats(bytes, shown.force);
     append(bytes, static_cast<float>(state.radius));
     append(bytes, state.error_bound);
-    append(bytes, static_cast<float>(static_cast<double>(now_ns - probe.received_ns) / kNsPerS));
+    append(bytes, static_cast<float>(static_cast<double>(core_.now_ns() - probe.received_ns) / kNsPerS));
   }
   for (const auto& [id, object] : core_.objects()) {
     append(bytes, object.number);
@@ -186,8 +228,32 @@ std::optional<PageMessage> PageFeed::mesh(std::int64_t now_ns) {
   for (const std::uint32_t row : rows) append(bytes, mesh.rows()[row].finest ? row | kFinestRow : row);
   for (const std::uint32_t row : rows)
     for (const float coordinate : mesh.rows()[row].corners) append(bytes, coordinate);
-  *sent = {mesh.change_number(), now_ns};
+  sent->change_number = mesh.change_number();
+  sent->at_ns = now_ns;
   return frame;
+}
+
+std::optional<PageMessage> PageFeed::regions(std::int64_t now_ns) {
+  for (const auto& [id, object] : core_.objects()) {
+    const auto of_page = meshes_.find(object.number);
+    if (of_page == meshes_.end()) continue;
+    SentMesh& sent = of_page->second;
+    if (object.regions_number == sent.regions_number || now_ns - sent.regions_ns < kRegionsNs) continue;
+    sent.regions_number = object.regions_number;
+    sent.regions_ns = now_ns;
+    PageMessage frame;
+    append(frame.bytes, static_cast<std::uint32_t>(FrameKind::kRegions));
+    append(frame.bytes, object.number);
+    append(frame.bytes, static_cast<std::uint32_t>(object.regions.size()));
+    append(frame.bytes, std::uint32_t{0});
+    for (const MarkedRegion& region : object.regions) {
+      append(frame.bytes, static_cast<std::uint32_t>(region.mark));
+      for (const float coordinate : region.low) append(frame.bytes, coordinate);
+      append(frame.bytes, region.edge);
+    }
+    return frame;
+  }
+  return std::nullopt;
 }
 
 }  // namespace tactus::viewer

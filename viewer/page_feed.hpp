@@ -19,31 +19,49 @@ struct PageMessage {
 };
 
 /// First number of a binary frame.
-enum class FrameKind : std::uint32_t { kMesh = 1, kProbes = 2 };
+enum class FrameKind : std::uint32_t { kMesh = 1, kProbes = 2, kRegions = 3 };
 /// Number of an object in a frame if there is none.
 inline constexpr std::uint32_t kNoObject = ~0u;
 
+/// What a page shows of the playback of a recording.
+struct PlaybackStatus {
+  std::string file;
+  double began = 0;    ///< time of the begin, s since 1970
+  double seconds = 0;  ///< length
+  double at = 0;       ///< shown time, s after the begin
+  bool is_playing = false;
+  std::uint32_t restarts = 0;  ///< grows when the core begins anew, so that pages need the whole state again
+};
+
 class PageFeed {
  public:
-  /// `core` must outlive the feed.
-  explicit PageFeed(const ViewerCore& core) : core_{core} {}
+  /// Both must outlive the feed. `playback`: null in a live session.
+  explicit PageFeed(const ViewerCore& core, const PlaybackStatus* playback = nullptr)
+      : core_{core}, playback_{playback} {}
 
-  /// Returns the next message for the page, or none if nothing is due. The most urgent first: scene, probes, meshes,
-  /// figures. A frame names only objects that a scene for the page has described.
+  /// Returns the next message for the page, or none if nothing is due. The most urgent first: playback, scene, probes,
+  /// meshes, regions, figures. A frame names only objects that a scene for the page has described.
   [[nodiscard]] std::optional<PageMessage> next(std::int64_t now_ns);
 
  private:
-  [[nodiscard]] PageMessage scene(std::int64_t now_ns);
+  [[nodiscard]] std::optional<PageMessage> playback(std::int64_t now_ns);
+  [[nodiscard]] PageMessage scene();
   [[nodiscard]] PageMessage figures() const;
-  [[nodiscard]] PageMessage probes(std::int64_t now_ns) const;
+  [[nodiscard]] PageMessage probes() const;
   [[nodiscard]] PageMessage probes_next(std::int64_t now_ns);
   [[nodiscard]] std::optional<PageMessage> mesh(std::int64_t now_ns);
+  [[nodiscard]] std::optional<PageMessage> regions(std::int64_t now_ns);
 
   struct SentMesh {
     std::uint32_t change_number = 0;  // ShownMesh::change_number of the last frame; 0: none
     std::int64_t at_ns = 0;
+    std::uint32_t regions_number = 0;  // SeenObject::regions_number of the last frame
+    std::int64_t regions_ns = 0;
   };
   const ViewerCore& core_;
+  const PlaybackStatus* playback_;
+  PlaybackStatus sent_playback_;                         // of the last message
+  std::int64_t playback_ns_ = 0;                         // of the last message
   std::uint32_t scene_number_ = 0, metrics_number_ = 0;  // of the last message
   bool sent_probes_last_ = false;
   std::int64_t scene_ns_ = 0, figures_ns_ = 0, probes_ns_ = 0;

@@ -10,6 +10,8 @@ namespace {
 
 using Json = nlohmann::json;
 
+constexpr double kMaxSeconds = 1e7;  // of a recording
+
 /// True for a text that wire accepts as a reason: 1 to 150 bytes without control characters.
 bool is_reason(const Json& value) {
   constexpr std::size_t kMax = 150;
@@ -53,6 +55,24 @@ std::optional<PageRequest> parse_hand(const Json& value) {
   return HandRequest{value["target"], value["grab"]};
 }
 
+std::optional<PageRequest> parse_camera(const Json& value) {
+  constexpr double kMaxAngle = 3.2;  // rad
+  const auto is_angle = [&](const char* name) {
+    return value.contains(name) && value[name].is_number() && value[name].get<double>() >= 1e-6 &&
+           value[name].get<double>() <= kMaxAngle;
+  };
+  if (!value.is_object() || value.size() != 4 || !value.contains("position") || !is_position(value["position"]) ||
+      !value.contains("direction") || !is_position(value["direction"]) || !is_angle("halfAngle") || !is_angle("pixel"))
+    return std::nullopt;
+  const auto vector = [](const Json& numbers) {
+    return spm::Vec3d{numbers[0].get<double>(), numbers[1].get<double>(), numbers[2].get<double>()};
+  };
+  const spm::Vec3d direction = vector(value["direction"]);
+  constexpr double kMaxError = 1e-3;
+  if (!(std::abs(direction.norm() - 1) < kMaxError)) return std::nullopt;
+  return CameraRequest{{vector(value["position"]), direction, value["halfAngle"], value["pixel"]}};
+}
+
 }  // namespace
 
 std::optional<PageRequest> parse_request(const std::string& text) {
@@ -65,6 +85,10 @@ std::optional<PageRequest> parse_request(const std::string& text) {
   if (kind == "touch") return parse_touch(value);
   if (kind == "hand") return parse_hand(value);
   if (kind == "show" && value.is_string()) return ShowRequest{value};
+  if (kind == "camera") return parse_camera(value);
+  if (kind == "play" && value.is_boolean()) return PlayRequest{value};
+  if (kind == "seek" && value.is_number() && value.get<double>() >= 0 && value.get<double>() <= kMaxSeconds)
+    return SeekRequest{value};
   if (kind == "release" && value.is_boolean()) return ReleaseRequest{};
   return std::nullopt;
 }

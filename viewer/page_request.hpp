@@ -7,6 +7,8 @@
 #include <string>
 #include <variant>
 
+#include "viewer/screen_refinement.hpp"
+
 namespace tactus::viewer {
 
 /// Number of a page; unique during the life of a server.
@@ -39,7 +41,21 @@ struct ShowRequest {
   std::string hrtc;  ///< empty: of all
 };
 
-using PageRequest = std::variant<TokenRequest, StopRequest, TouchRequest, HandRequest, ReleaseRequest, ShowRequest>;
+/// The page's view of the objects.
+struct CameraRequest {
+  Camera camera;
+};
+/// The playback of the recording continues or pauses, for all pages.
+struct PlayRequest {
+  bool plays = false;
+};
+/// The playback of the recording shows another time, for all pages.
+struct SeekRequest {
+  double seconds = 0;  ///< after the begin of the recording
+};
+
+using PageRequest = std::variant<TokenRequest, StopRequest, TouchRequest, HandRequest, ReleaseRequest, ShowRequest,
+                                 CameraRequest, PlayRequest, SeekRequest>;
 
 /// Returns the request, or none if the text is no valid request.
 [[nodiscard]] std::optional<PageRequest> parse_request(const std::string& text);

@@ -22,7 +22,6 @@
 
 #include "session/periodic.hpp"
 #include "session/units.hpp"
-#include "viewer/page_feed.hpp"
 
 namespace tactus::viewer {
 
@@ -136,13 +135,15 @@ struct PageServer::Impl {
   struct Page;
   struct Exchange;
 
-  Impl(PageServer& owner, const ServerSettings& settings, const ViewerCore& viewer)
+  Impl(PageServer& owner, const ServerSettings& settings, const ViewerCore& viewer, const PlaybackStatus* status)
       : server{owner},
         core{viewer},
+        playback{status},
         control_token{settings.control_token},
         observer_token{settings.observer_token},
         files{read_files(settings.folder)},
         acceptor{io} {
+    files["/tool.json"] = {"application/json", settings.tool};
     beast::error_code error;
     const asio::ip::address address = asio::ip::make_address(settings.address, error);
     if (error) throw ServerError{"address '" + settings.address + "': expected an IP address, for example 127.0.0.1"};
@@ -165,6 +166,7 @@ struct PageServer::Impl {
 
   PageServer& server;
   const ViewerCore& core;
+  const PlaybackStatus* playback;
   std::string control_token, observer_token;
   std::map<std::string, File> files;
   asio::io_context io{1};
@@ -184,7 +186,7 @@ struct PageServer::Impl::Page : std::enable_shared_from_this<Page> {
   enum class Rights : std::uint8_t { kNothing, kObserve, kControl };
 
   Page(Impl& owner, beast::tcp_stream&& stream)
-      : impl{owner}, id{++owner.last_page}, socket{std::move(stream)}, feed{owner.core} {
+      : impl{owner}, id{++owner.last_page}, socket{std::move(stream)}, feed{owner.core, owner.playback} {
     beast::error_code error;
     beast::get_lowest_layer(socket).socket().set_option(tcp::no_delay{true}, error);
     socket.auto_fragment(false);  // a mesh can have megabytes
@@ -404,8 +406,8 @@ std::string host_name() {
   return asio::ip::host_name(ignored);
 }
 
-PageServer::PageServer(const ServerSettings& settings, const ViewerCore& core)
-    : impl_{std::make_unique<Impl>(*this, settings, core)} {}
+PageServer::PageServer(const ServerSettings& settings, const ViewerCore& core, const PlaybackStatus* playback)
+    : impl_{std::make_unique<Impl>(*this, settings, core, playback)} {}
 
 PageServer::~PageServer() {
   on_event = nullptr;

@@ -15,6 +15,7 @@
 #include <stdexcept>
 #include <string>
 
+#include "viewer/page_feed.hpp"
 #include "viewer/page_request.hpp"
 #include "viewer/viewer_core.hpp"
 
@@ -33,6 +34,8 @@ struct ServerSettings {
   std::string control_token;
   /// A page that sends this token first only receives. Empty: there is no such token.
   std::string observer_token;
+  /// Mesh of every probe as JSON: `positions`, x y z in m, and `faces`. null: a probe is a sphere.
+  std::string tool = "null";
 };
 
 /// True if `address` can be reached only from this machine.
@@ -47,8 +50,9 @@ class PageServer {
   static constexpr std::size_t kMaxRequestBytes = 4096;        ///< of a WebSocket message
   static constexpr std::uint32_t kMaxRequestsPerSecond = 200;  ///< of a page, whose hand moves up to 144 times a second
 
-  /// Reads the page and listens. `core` must outlive the server. Throws ServerError.
-  PageServer(const ServerSettings& settings, const ViewerCore& core);
+  /// Reads the page and listens. `core` and `playback` must outlive the server. `playback`: null in a live session.
+  /// Throws ServerError.
+  PageServer(const ServerSettings& settings, const ViewerCore& core, const PlaybackStatus* playback = nullptr);
   ~PageServer();
 
   /// Called with each request that the page's token allows, except tokens.

@@ -1,7 +1,10 @@
-/// Runs a viewer: joins a session, and serves the page that shows it to browsers.
+/// Runs a viewer: joins a session, and serves the page that shows it to browsers. Or plays a recording to the same
+/// page.
 #pragma once
 
 #include <atomic>
+#include <cstdint>
+#include <filesystem>
 #include <functional>
 #include <memory>
 #include <string>
@@ -15,6 +18,7 @@ namespace tactus::viewer {
 struct ViewerOptions {
   wire::SessionAddress address;
   spm::PoolSettings pool;
+  std::uint32_t faces = 0;  ///< ViewerSettings::faces
   ServerSettings server;
   std::function<void(const std::string&)> log;  ///< receives one line for each event
 };
@@ -36,5 +40,18 @@ class Viewer {
   struct Impl;
   std::unique_ptr<Impl> impl_;
 };
+
+struct PlaybackOptions {
+  std::filesystem::path file;  ///< a recording of `tactus record`
+  spm::PoolSettings pool;
+  std::uint32_t faces = 0;  ///< ViewerSettings::faces
+  ServerSettings server;
+  std::function<void(const std::string&)> log;  ///< receives one line for each event
+};
+
+/// Plays a recording until `stop` is set, without a session. Calls `on_open` once pages can connect. Returns the exit
+/// status 0. Throws ServerError and trace::McapError.
+[[nodiscard]] int play(const PlaybackOptions& options, const std::function<void(std::uint16_t port)>& on_open,
+                       const std::atomic<bool>& stop);
 
 }  // namespace tactus::viewer

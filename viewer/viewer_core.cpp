@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "session/figures.hpp"
 #include "session/units.hpp"
 
 namespace tactus::viewer {
@@ -14,8 +15,11 @@ constexpr std::int64_t kStopNs = 20 * kMs;  // between repetitions of a stop
 constexpr std::int64_t kMinStopNs = 1500 * kMs;
 constexpr std::int64_t kTargetsNs = 10 * kMs;  // between two updates of the regions to refine
 constexpr std::int64_t kMeshesNs = 50 * kMs;   // between two readings of the shown faces; pages get a mesh every 60 ms
+constexpr std::int64_t kScreenNs = 200 * kMs;  // between two choices of the regions that only the screen needs
+constexpr std::int64_t kMarksNs = 100 * kMs;   // between two updates of the marked regions
 constexpr std::size_t kRingEntries = 4096;
 constexpr std::size_t kMaxFigures = 2 * session::kMaxFigures;  // of a participant; a sample need not have all
+constexpr std::int64_t kMaxLossAgeNs = 2000 * kMs;             // an HRTC reports losses only while it loses states
 constexpr std::int64_t kMaxShownAgeNs = 1500 * kMs;            // an HRTC sends its shown regions every 500 ms
 
 hrtc_service::ReportedProbe reported(const SeenProbe& probe) {
@@ -44,6 +48,8 @@ ViewerCore::ViewerCore(const session::Origin& self, const ViewerSettings& settin
       stop_repeat_{kStopNs},
       targets_due_{kTargetsNs},
       meshes_due_{kMeshesNs},
+      regions_due_{kMarksNs},
+      screen_due_{kScreenNs},
       pool_{settings.pool},
       nodes_{settings.pool.tree_nodes},
       arrivals_{kRingEntries},
@@ -92,6 +98,7 @@ void ViewerCore::process(const session::RosterEvent& event, std::int64_t now_ns)
   const bool is_gone = event.change == RosterChange::kGone || event.change == RosterChange::kLeft;
   if (is_gone || event.change == RosterChange::kRestarted) {
     metrics_.erase(participant);
+    losses_.erase(participant);
     std::erase_if(shown_, [&](const auto& shown) { return shown.first.first == participant; });
     ++metrics_number_;
   }
@@ -122,13 +129,48 @@ void ViewerCore::on_probe_state(const session::ProbeState& state, std::int64_t n
   probe = {state, now_ns};
 }
 
-void ViewerCore::on_metrics(const session::Metrics& metrics) {
+void ViewerCore::on_metrics(const session::Metrics& metrics, std::int64_t now_ns) {
   if (roster_.find(metrics.origin.participant) == nullptr) return;
+  if (!metrics.figures.empty() && metrics.figures.front().name.find(session::figures::kLostOf) == 0) {
+    double share = 0;
+    for (const session::Figure& figure : metrics.figures) share = std::max(share, figure.value);
+    losses_[metrics.origin.participant] = {share, now_ns};
+    return;
+  }
   // A sample need not have all figures; those that it lacks keep their last value.
   std::map<std::string, double>& figures = metrics_[metrics.origin.participant];
   for (const session::Figure& figure : metrics.figures)
     if (figures.size() < kMaxFigures || figures.count(figure.name) != 0) figures[figure.name] = figure.value;
   ++metrics_number_;
+}
+
+double ViewerCore::lost_share(std::uint64_t hrtc) const {
+  const auto loss = losses_.find(hrtc);
+  return loss == losses_.end() || now_ns_ - loss->second.received_ns > kMaxLossAgeNs ? 0 : loss->second.share;
+}
+
+Fronts ViewerCore::fronts(std::uint64_t object) const {
+  const auto loaded = std::find_if(loaded_.begin(), loaded_.end(), [&](const Loaded& each) {
+    return each.object->id == object && !each.withdrawn && !each.base_regions.empty();
+  });
+  if (loaded == loaded_.end()) return {};
+  const spm::Forest& forest = *loaded->object->forest;
+  const std::uint32_t regions = forest.grid().size();
+  std::vector<spm::Forest::InUse> in_use(forest.copy_in_use(nullptr, 0));
+  (void)forest.copy_in_use(in_use.data(), static_cast<std::uint32_t>(in_use.size()));
+  const std::size_t columns = std::min<std::size_t>(Fronts::kMaxColumns, regions);
+  std::vector<double> entries(columns);
+  Fronts fronts{entries, entries};
+  const auto column_of = [&](std::uint32_t region) { return std::size_t{region} * columns / regions; };
+  for (std::uint32_t region = 0; region < regions; ++region) {
+    const double count = loader_->records_of(loaded->object->index, region);
+    entries[column_of(region)] += count;
+    if (forest.is_loaded(spm::RegionId{region})) fronts.loaded[column_of(region)] += count;
+  }
+  for (const spm::Forest::InUse& each : in_use) fronts.refined[column_of(spm::index(each.region))] += each.applied;
+  for (std::vector<double>* const front : {&fronts.refined, &fronts.loaded})
+    for (std::size_t i = 0; i < columns; ++i) (*front)[i] /= std::max(entries[i], 1.0);
+  return fronts;
 }
 
 void ViewerCore::on_shown_regions(const session::ShownRegions& shown, std::int64_t now_ns) {
@@ -157,35 +199,32 @@ std::optional<std::uint64_t> ViewerCore::published_hash(std::uint64_t hrtc, std:
   return shown->second.regions.mesh_hash;
 }
 
-/// Sets `shown_targets_` to the regions that determine the chosen meshes of an object, with the largest number of entries
-/// for each region. Returns false if no chosen HRTC has published them, or if a list is not complete.
-bool ViewerCore::find_shown_regions(const Loaded& loaded) {
-  bool are_complete = true, any = false;
-  std::map<std::uint32_t, std::uint32_t> applied;  // by region
+/// Calls `visit` with the newest shown regions of each chosen HRTC for an object.
+template <class Visit>
+void ViewerCore::for_each_shown(const Loaded& loaded, Visit&& visit) const {
   roster_.for_each([&](const session::RosterEntry& entry) {
     if (entry.role != session::Role::kHrtc || (!shown_hrtc_.empty() && entry.name != shown_hrtc_)) return;
     const auto shown = shown_.find({entry.origin.participant, loaded.object->id});
-    if (shown == shown_.end() || shown->second.regions.digest != loaded.object->digest ||
-        now_ns_ - shown->second.received_ns > kMaxShownAgeNs)
-      return;
-    any = true;
-    are_complete = are_complete && shown->second.regions.complete;
-    for (const session::ShownRegion& region : shown->second.regions.regions)
-      if (region.region < loaded.object->forest->grid().size())
-        applied[region.region] = std::max(applied[region.region], region.applied);
+    const bool is_current = shown != shown_.end() && shown->second.regions.digest == loaded.object->digest &&
+                            now_ns_ - shown->second.received_ns <= kMaxShownAgeNs;
+    if (is_current) visit(shown->second.regions);
   });
-  if (!are_complete || !any) {
-    loader_->want(loaded.object->index, {});
-    return false;
-  }
-  shown_targets_.clear();
-  std::vector<std::uint32_t> wanted;
-  for (const auto& [region, entries] : applied) {
-    shown_targets_.push_back({spm::RegionId{region}, entries});
-    wanted.push_back(region);
-  }
-  loader_->want(loaded.object->index, std::move(wanted));
-  return true;
+}
+
+/// Returns for each region the largest number of entries in the chosen meshes of an object. None if no chosen HRTC has
+/// published them, or if a list is not complete.
+std::optional<ViewerCore::Entries> ViewerCore::shown_entries(const Loaded& loaded) const {
+  bool are_complete = true, any = false;
+  Entries entries;
+  for_each_shown(loaded, [&](const session::ShownRegions& shown) {
+    any = true;
+    are_complete = are_complete && shown.complete;
+    for (const session::ShownRegion& region : shown.regions)
+      if (region.region < loaded.object->forest->grid().size())
+        entries[region.region] = std::max(entries[region.region], region.applied);
+  });
+  if (!are_complete || !any) return std::nullopt;
+  return entries;
 }
 
 void ViewerCore::on_object_pose(const session::ObjectPose& pose, std::int64_t now_ns) {
@@ -262,7 +301,7 @@ void ViewerCore::process_arrivals() {
   Arrival arrival;
   while (arrivals_.pop(arrival)) {
     if (arrival.kind == Arrival::Kind::kObject) {
-      loaded_.push_back({arrival.object, false});
+      loaded_.push_back({.object = arrival.object});
       continue;
     }
     const auto loaded =
@@ -286,11 +325,92 @@ void ViewerCore::process_arrivals() {
 
 void ViewerCore::set_targets(const Loaded& loaded) {
   spm::Forest& forest = *loaded.object->forest;
-  if (find_shown_regions(loaded))
-    return forest.set_targets(shown_targets_.data(), static_cast<std::uint32_t>(shown_targets_.size()));
-  targets_.clear();
-  for (const std::uint32_t region : loader_->predicted(loaded.object->index)) targets_.push_back(spm::RegionId{region});
-  forest.set_targets(targets_.data(), static_cast<std::uint32_t>(targets_.size()), spm::Unrequested::kRetain);
+  const std::uint32_t number = loaded.object->index;
+  const std::optional<Entries> shown = shown_entries(loaded);
+  const auto screen = screen_entries_.find(number);
+  const bool for_screen = screen != screen_entries_.end() && shown_hrtc_.empty();
+  std::vector<std::uint32_t> wanted, wanted_later;
+  if (!shown && !for_screen) {
+    loader_->want(number, {}, {});
+    targets_.clear();
+    for (const std::uint32_t region : loader_->predicted_contacts(number)) targets_.push_back(spm::RegionId{region});
+    return forest.set_targets(targets_.data(), static_cast<std::uint32_t>(targets_.size()), spm::Unrequested::kRetain);
+  }
+  Entries entries;
+  if (shown) {
+    entries = *shown;
+    for (const auto& [region, count] : entries) wanted.push_back(region);
+  } else {
+    for (const std::uint32_t region : loader_->predicted_contacts(number)) entries[region] = ~0u;
+  }
+  shown_targets_.clear();  // the touched regions first
+  for (const auto& [region, count] : entries) {
+    const auto more = for_screen ? screen->second.find(region) : entries.end();
+    const bool is_more = for_screen && more != screen->second.end() && more->second > count;
+    shown_targets_.push_back({spm::RegionId{region}, is_more ? more->second : count});
+  }
+  if (for_screen)
+    for (const auto& [region, count] : screen->second) {
+      wanted_later.push_back(region);
+      if (entries.count(region) == 0) shown_targets_.push_back({spm::RegionId{region}, count});
+    }
+  loader_->want(number, std::move(wanted), std::move(wanted_later));
+  forest.set_targets(shown_targets_.data(), static_cast<std::uint32_t>(shown_targets_.size()));
+}
+
+void ViewerCore::set_base_regions(Loaded& loaded) {
+  loaded.base_regions = base_regions(*loaded.object->forest, pool_);
+  double entries = 0;
+  for (std::uint32_t region = 0; region < loaded.base_regions.size(); ++region)
+    entries += loader_->records_of(loaded.object->index, region);
+  loaded.distinct = loader_->entry(loaded.object->index).summary.records / std::max(entries, 1.0);
+}
+
+void ViewerCore::choose_screen_entries() {
+  ScreenRefinement refinement;
+  for (const Loaded& loaded : loaded_) {
+    const auto object = objects_.find(loaded.object->id);
+    if (loaded.withdrawn || object == objects_.end()) continue;
+    const sharing::Placement placement{object->second.pose, loaded.object->placement.scale()};
+    for (std::uint32_t region = 0; region < loaded.base_regions.size(); ++region)
+      refinement.add(loaded.object->index, region, loaded.base_regions[region],
+                     loaded.object->forest->grid().box(spm::RegionId{region}), placement,
+                     loader_->records_of(loaded.object->index, region), loaded.distinct, cameras_);
+  }
+  // The other slots are for the regions near probes.
+  screen_entries_ = refinement.choose(settings_.faces, settings_.pool.slots / 2);
+}
+
+void ViewerCore::mark_regions(const Loaded& loaded, SeenObject& object) const {
+  const spm::RegionGrid& grid = loaded.object->forest->grid();
+  std::map<std::uint32_t, RegionMark> marks;  // by region
+  for_each_shown(loaded, [&](const session::ShownRegions& shown) {
+    for (const session::ShownRegion& region : shown.regions)
+      if (region.applied > 0 && region.region < grid.size()) marks[region.region] = RegionMark::kResident;
+  });
+  for (const std::uint32_t region : loader_->predicted_contacts(loaded.object->index))
+    marks[region] = RegionMark::kPredicted;
+  std::array<hrtc_service::ReportedProbe, hrtc_service::kMaxProbes> touching{};
+  for (std::size_t i = 0; i < refined_users_.size(); ++i) {
+    const auto probe = probes_.find(refined_users_[i]);
+    if (probe == probes_.end() || probe->second.state.object_id != loaded.object->id) continue;
+    touching[i] = reported(probe->second);
+    touching[i].active = touching[i].in_contact;
+  }
+  for (const std::uint32_t region : loader_->regions_at_probes(loaded.object->index, touching))
+    marks[region] = RegionMark::kContact;
+
+  std::vector<MarkedRegion> regions;
+  for (const RegionMark mark : {RegionMark::kContact, RegionMark::kPredicted, RegionMark::kResident})
+    for (const auto& [region, its_mark] : marks) {
+      if (its_mark != mark || regions.size() == kMaxMarkedRegions) continue;
+      const spm::CellBox box = grid.box(spm::RegionId{region});
+      const spm::Vec3f low = box.low.cast<float>();
+      regions.push_back({mark, {low[0], low[1], low[2]}, static_cast<float>(box.high[0] - box.low[0])});
+    }
+  if (regions == object.regions) return;
+  object.regions = std::move(regions);
+  ++object.regions_number;
 }
 
 void ViewerCore::refine() {
@@ -298,7 +418,9 @@ void ViewerCore::refine() {
   const bool sets_targets = targets_due_.due(now_ns_);
   for (Loaded& loaded : loaded_) {
     spm::Forest& forest = *loaded.object->forest;
-    if (!loaded.withdrawn && sets_targets) set_targets(loaded);
+    if (!loaded.withdrawn && loaded.base_regions.empty() && forest.is_base_shown()) set_base_regions(loaded);
+    // Without a target, the forest shows only its base mesh.
+    if (!loaded.withdrawn && !loaded.base_regions.empty() && sets_targets) set_targets(loaded);
     (void)forest.advance(budget);
     (void)forest.refit();
     while (departures_.write_available() > 0) {
@@ -334,11 +456,16 @@ ViewerMessages ViewerCore::tick(std::int64_t now_ns) {
   session::update_session_clock(roster_, self_, session::Role::kViewer, false, now_ns, clock_);
   load(now_ns);
   process_arrivals();
+  if (screen_due_.due(now_ns)) choose_screen_entries();
   refine();
   if (meshes_due_.due(now_ns))
     for (const Loaded& loaded : loaded_)
       if (const auto object = objects_.find(loaded.object->id); object != objects_.end() && !loaded.withdrawn)
         object->second.mesh.update(*loaded.object->forest);
+  if (regions_due_.due(now_ns))
+    for (const Loaded& loaded : loaded_)
+      if (const auto object = objects_.find(loaded.object->id); object != objects_.end() && !loaded.withdrawn)
+        mark_regions(loaded, object->second);
   std::erase_if(probes_, [&](const auto& probe) { return now_ns - probe.second.received_ns > kMaxStateAgeNs; });
   while (auto demand = loader_->demand(now_ns)) out.demands.push_back(*std::move(demand));
   if (heartbeat_.due(now_ns)) out.roster = roster_entry(false, now_ns);

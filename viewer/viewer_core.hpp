@@ -6,10 +6,11 @@
 ///     demands, roster entries, clock requests <--
 ///
 /// The loader is that of an HRTC (hrtc_service/loader.hpp). It predicts from the probe states of the session instead of
-/// those of devices of its own. HRTCs publish which regions determine their meshes (tactus_shown_regions), and the viewer
-/// applies the same entries. With one HRTC, or one chosen, its mesh is therefore that of the HRTC, with the same mesh
-/// hash. As long as no HRTC publishes regions of an object, those near the probes are refined, and stay refined until their memory
-/// is needed.
+/// those of devices of its own. HRTCs publish which regions determine their meshes (tactus_shown_regions), and the
+/// viewer applies the same entries. The mesh of a chosen HRTC is therefore shown with the same mesh hash. If no HRTC is
+/// chosen, regions that nobody touches are refined for the screens of pages (screen_refinement.hpp). As long as no HRTC
+/// publishes regions of an object and no page has a view, the regions near the probes are refined, and stay refined
+/// until their memory is needed.
 ///
 /// No DDS, socket, thread, clock or log: samples and times are arguments, samples to send are results. Times are of
 /// this program's monotonic clock. One thread at a time. Not realtime.
@@ -33,6 +34,7 @@
 #include "session/roster.hpp"
 #include "session/stop_latch.hpp"
 #include "session/time_reference.hpp"
+#include "viewer/screen_refinement.hpp"
 #include "viewer/shown_mesh.hpp"
 
 namespace tactus::viewer {
@@ -43,6 +45,8 @@ struct ViewerSettings {
   spm::PoolSettings pool;
   /// Refinement in a tick, in units of spm::Budget. The default takes about 10 ms.
   std::uint32_t budget = 1u << 18;
+  /// Max number of faces that are added only for the screens of pages.
+  std::uint32_t faces = 20000;
 };
 
 /// Samples to send after a tick, in this order.
@@ -59,12 +63,35 @@ struct SeenProbe {
   std::int64_t received_ns = 0;
 };
 
+/// Why a region is fine or soon will be. If several apply, a region has the last of them.
+enum class RegionMark : std::uint32_t {
+  kResident = 1,   ///< a chosen HRTC publishes it as refined
+  kPredicted = 2,  ///< the prediction from the probe states contains it
+  kContact = 3     ///< a probe in contact intersects it
+};
+struct MarkedRegion {
+  RegionMark mark{};
+  std::array<float, 3> low{};  ///< lowest corner of its cell, model frame, file units
+  float edge = 0;              ///< edge length of its cell, file units
+  [[nodiscard]] bool operator==(const MarkedRegion&) const = default;
+};
+
+/// The fronts in the vertex forest of an object, as shares of its list entries. The regions, in the order of their ids,
+/// are divided into at most kMaxColumns columns. Source: Liu, Georganas, Roth, 3DIM 2005, figure 5.
+struct Fronts {
+  static constexpr std::size_t kMaxColumns = 100;
+  std::vector<double> refined;  ///< by column: share of the entries that are applied
+  std::vector<double> loaded;   ///< by column: share of the entries in the pool
+};
+
 struct SeenObject {
   std::uint32_t number = 0;  ///< for frames to pages; never used again after the object is gone
   session::CatalogueEntry entry;
   session::Pose pose;  ///< newest
   session::PoseAdmission admission;
   ShownMesh mesh;
+  std::vector<MarkedRegion> regions;  ///< at most kMaxMarkedRegions
+  std::uint32_t regions_number = 0;   ///< grows with each change of `regions`
 };
 
 /// How far the HRTCs of the session obey emergency stops.
@@ -84,6 +111,8 @@ class ViewerCore {
  public:
   /// A probe is not shown if its newest state is older than this.
   static constexpr std::int64_t kMaxStateAgeNs = 1'000'000'000;
+  /// Max number of marked regions of an object. If there are more, the residents with the largest numbers are omitted.
+  static constexpr std::size_t kMaxMarkedRegions = 4096;
   /// Number of events that are kept for new pages.
   static constexpr std::size_t kMaxEvents = 100;
 
@@ -99,7 +128,7 @@ class ViewerCore {
   void on_catalogue(const session::CatalogueEntry& entry) { loader_->on_catalogue(entry); }
   void on_chunk(const session::BulkChunk& chunk, std::int64_t now_ns) { loader_->on_chunk(chunk, now_ns); }
   void on_probe_state(const session::ProbeState& state, std::int64_t now_ns);
-  void on_metrics(const session::Metrics& metrics);
+  void on_metrics(const session::Metrics& metrics, std::int64_t now_ns);
   void on_shown_regions(const session::ShownRegions& shown, std::int64_t now_ns);
   void on_object_pose(const session::ObjectPose& pose, std::int64_t now_ns);
   void on_stop(const session::EmergencyStop& stop, std::int64_t now_ns);
@@ -111,6 +140,11 @@ class ViewerCore {
   /// Chooses the HRTC whose meshes are shown. Empty: a region is as fine as in the finest mesh of all HRTCs.
   void show_meshes_of(const std::string& hrtc);
   [[nodiscard]] const std::string& shown_hrtc() const noexcept { return shown_hrtc_; }
+
+  /// Sets the view of a page. While no HRTC is chosen, regions that nobody touches are refined for these views.
+  void set_camera(std::uint64_t page, const Camera& camera) { cameras_[page] = camera; }
+  void forget_camera(std::uint64_t page) { cameras_.erase(page); }
+  [[nodiscard]] const std::map<std::uint64_t, Camera>& cameras() const noexcept { return cameras_; }
 
   /// Stops all forces of the session. The stop is repeated until all hosts and HRTCs have acknowledged it.
   void stop_forces(const std::string& reason, std::int64_t now_ns);
@@ -135,6 +169,10 @@ class ViewerCore {
   [[nodiscard]] const std::map<std::uint64_t, std::map<std::string, double>>& metrics() const noexcept {
     return metrics_;
   }
+  /// Largest share of the probe states of another HRTC that an HRTC reports as lost, in the last 2 s.
+  [[nodiscard]] double lost_share(std::uint64_t hrtc) const;
+  /// The fronts of an object in this viewer; empty: its base mesh is not shown.
+  [[nodiscard]] Fronts fronts(std::uint64_t object) const;
   [[nodiscard]] const std::deque<Event>& events() const noexcept { return events_; }
   [[nodiscard]] const StopProgress& stop_progress() const noexcept { return stop_progress_; }
   /// Returns the mesh hash that an HRTC has published last for an object; none if it has published no regions.
@@ -144,15 +182,21 @@ class ViewerCore {
   /// Grows with each metrics sample.
   [[nodiscard]] std::uint32_t metrics_number() const noexcept { return metrics_number_; }
   [[nodiscard]] const hrtc_service::Loader& loader() const noexcept { return *loader_; }
+  /// Time of the last tick.
+  [[nodiscard]] std::int64_t now_ns() const noexcept { return now_ns_; }
   [[nodiscard]] std::int64_t session_time(std::int64_t now_ns) const noexcept {
     return clock_.map().session_time(now_ns);
   }
 
  private:
+  using Entries = std::map<std::uint32_t, std::uint32_t>;  // by region: number of list entries to apply
+
   /// An object in the pool. The loader owns it until its departure.
   struct Loaded {
     hrtc_service::TouchObject* object = nullptr;
     bool withdrawn = false;
+    std::vector<BaseRegion> base_regions{};  // by region; empty: the base mesh is not shown yet
+    double distinct = 1;                     // number of records / entries of the lists of all regions
   };
 
   void process(const session::RosterEvent& event, std::int64_t now_ns);
@@ -161,7 +205,12 @@ class ViewerCore {
   void process_arrivals();
   void refine();
   void set_targets(const Loaded& loaded);
-  [[nodiscard]] bool find_shown_regions(const Loaded& loaded);
+  [[nodiscard]] std::optional<Entries> shown_entries(const Loaded& loaded) const;
+  void set_base_regions(Loaded& loaded);
+  void choose_screen_entries();
+  template <class Visit>
+  void for_each_shown(const Loaded& loaded, Visit&& visit) const;
+  void mark_regions(const Loaded& loaded, SeenObject& object) const;
   void choose_users();
   void send_stop(std::int64_t now_ns, ViewerMessages& out);
   void update_stop_progress();
@@ -173,7 +222,7 @@ class ViewerCore {
   session::StopLatch stops_;
   std::int64_t now_ns_;  // of the last tick
   session::Heartbeat heartbeat_;
-  session::PeriodicTimer clock_request_, stop_repeat_, targets_due_, meshes_due_;
+  session::PeriodicTimer clock_request_, stop_repeat_, targets_due_, meshes_due_, regions_due_, screen_due_;
   std::uint64_t heartbeats_ = 0;
   bool name_taken_ = false;
 
@@ -186,6 +235,8 @@ class ViewerCore {
   // Of one object, while it is refined.
   std::vector<spm::RegionId> targets_;
   std::vector<spm::Forest::Applied> shown_targets_;
+  std::map<std::uint64_t, Camera> cameras_;          // by page
+  std::map<std::uint32_t, Entries> screen_entries_;  // by object index: regions that only the screen needs
 
   std::map<std::uint64_t, SeenObject> objects_;                     // by object id
   std::map<std::uint64_t, SeenProbe> probes_;                       // by user id
@@ -196,6 +247,11 @@ class ViewerCore {
     std::int64_t received_ns = 0;
   };
   std::map<std::pair<std::uint64_t, std::uint64_t>, Shown> shown_;  // by HRTC and object
+  struct Loss {
+    double share = 0;
+    std::int64_t received_ns = 0;
+  };
+  std::map<std::uint64_t, Loss> losses_;  // by HRTC that reports them
   std::string shown_hrtc_;
   std::deque<Event> events_;
   std::uint32_t scene_number_ = 1, metrics_number_ = 0;

@@ -69,6 +69,7 @@ struct ViewerParticipant::Impl {
     listen(wire::topics::kCatalogue);
     listen(wire::topics::kProbeState);
     listen(wire::topics::kMetrics);
+    listen(wire::topics::kMetrics, {wire::kLossesPartition});
     listen(wire::topics::kObjectPose);
     listen(wire::topics::kStop);
     listen(wire::topics::kReset);
@@ -87,7 +88,7 @@ struct ViewerParticipant::Impl {
   void process(const session::CatalogueEntry& entry, std::int64_t) { core.on_catalogue(entry); }
   void process(const session::BulkChunk& chunk, std::int64_t at_ns) { core.on_chunk(chunk, at_ns); }
   void process(const session::ProbeState& state, std::int64_t at_ns) { core.on_probe_state(state, at_ns); }
-  void process(const session::Metrics& metrics, std::int64_t) { core.on_metrics(metrics); }
+  void process(const session::Metrics& metrics, std::int64_t at_ns) { core.on_metrics(metrics, at_ns); }
   void process(const session::ShownRegions& shown, std::int64_t at_ns) { core.on_shown_regions(shown, at_ns); }
   void process(const session::ObjectPose& pose, std::int64_t at_ns) { core.on_object_pose(pose, at_ns); }
   void process(const session::EmergencyStop& stop, std::int64_t at_ns) { core.on_stop(stop, at_ns); }

@@ -107,7 +107,34 @@ class RawReader final : public dds::DataReaderListener {
   std::function<void(const Encoded&)> on_sample_;
 };
 
+/// Used only for its return type.
+template <class Sample>
+Sample sample_of(const TopicSpec<Sample>&);
+
 }  // namespace
+
+std::optional<AnySample> decode(const std::string& topic, std::span<const std::uint8_t> encoded) {
+  std::optional<AnySample> decoded;
+  bool is_found = false;
+  topics::for_each([&](const auto& spec) {
+    if (is_found || topic != spec.name) return;
+    is_found = true;
+    using Sample = std::decay_t<decltype(sample_of(spec))>;
+    using Support = typename IdlOf<Sample>::Support;
+    Bytes bytes{encoded.begin(), encoded.end()};
+    rtps::SerializedPayload_t payload;
+    payload.data = bytes.data();
+    payload.length = payload.max_size = static_cast<std::uint32_t>(bytes.size());
+    typename Support::type from;
+    const bool is_valid = Guarded<Support>{spec.traffic}.decode(payload, &from);
+    payload.data = nullptr;  // it is not the payload's, which would free it
+    if (!is_valid) return;
+    Sample sample;
+    from_idl(from, sample);
+    if (invalid_field(sample) == nullptr) decoded = AnySample{std::move(sample)};
+  });
+  return decoded;
+}
 
 struct Tap::Impl {
   Impl(Participants& participants, const Selection& is_selected, OnSample on_sample, OnDecoded on_decoded) {
@@ -143,10 +170,6 @@ struct Tap::Impl {
           }));
     });
   }
-
-  /// Used only for its return type.
-  template <class Sample>
-  static Sample sample_of(const TopicSpec<Sample>&);
 
   std::vector<TapTopic> tap_topics;
   std::vector<std::unique_ptr<RawReader>> readers;

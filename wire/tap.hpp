@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <variant>
@@ -27,6 +28,10 @@ using AnySample = std::variant<session::RosterEntry, session::CatalogueEntry, se
                                session::BulkChunk, session::EmergencyStop, session::ProbeState, session::DevicePose,
                                session::DeviceCommand, session::Intent, session::ObjectPose, session::ObjectClaim,
                                session::ObjectGrant, session::ObjectCopy, session::ClockSample>;
+
+/// Decodes a sample that a Tap has passed encoded. None if it is damaged or invalid (wire/check.hpp), or if no topic has
+/// this name.
+[[nodiscard]] std::optional<AnySample> decode(const std::string& topic, std::span<const std::uint8_t> encoded);
 
 /// Reads the selected topics in all partitions of the session. Drops samples that cannot be decoded. Writers send each
 /// best-effort sample to a tap's readers too; for class bulk this doubles the traffic.

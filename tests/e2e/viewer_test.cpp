@@ -51,7 +51,10 @@ class Page {
   void receive(const PageClient::Message& message) {
     if (message.is_text) {
       nlohmann::json text = nlohmann::json::parse(message.bytes);
-      (text["type"] == "scene" ? scene : figures) = std::move(text);
+      if (text["type"] == "scene")
+        scene = std::move(text);
+      else if (text["type"] == "figures")
+        figures = std::move(text);
       return;
     }
     const auto read = [&](std::size_t at, auto& value) { std::memcpy(&value, &message.bytes[at], sizeof value); };
@@ -61,6 +64,7 @@ class Page {
       read(20, faces);
       return read(24, mesh_hash);
     }
+    if (kind != 2) return;
     std::uint32_t probes = 0;
     read(4, probes);
     has_probe = probes > 0;
@@ -115,9 +119,7 @@ TEST_F(ViewerTest, APageShowsObjectsUsersForcesAndFiguresAndStopsTheForces) {
   }));
 
   // The hand rests, so the mesh of the HRTC does not change.
-  const auto published_hash = [&] {
-    return page.figures.value("/meshes/desk/organ"_json_pointer, std::string{});
-  };
+  const auto published_hash = [&] { return page.figures.value("/meshes/desk/organ"_json_pointer, std::string{}); };
   ASSERT_TRUE(page.until([&] { return page.mesh_hash != 0 && published_hash() == std::to_string(page.mesh_hash); }));
   ASSERT_TRUE(observer.until([&](const Observer::Seen& seen) {
     const auto meshes = seen.meshes.find("desk");
@@ -178,6 +180,44 @@ TEST_F(ViewerTest, AViewerThatIsKilledDisturbsNobodyAndANewOneShowsTheSession) {
   Page page{port_of(second)};
   ASSERT_TRUE(page.until([&] { return page.faces > 0 && (page.status & session::kExact) != 0; })) << second.output();
   EXPECT_EQ(observer.seen().user("ann").faults, 0u);
+}
+
+TEST_F(ViewerTest, ARecordingShowsMeshAndForceOfItsSessionAndStepsBackToItsBegin) {
+  Process recorder{in_session("record", {path("lab.mcap"), "--no-scene"})};
+  ASSERT_TRUE(recorder.wait_for_line("recording session"));
+  Process host_a{host("host-a", models().organ)};
+  Process desk{hrtc("desk")};
+  Process users{sim(kPress)};
+  Observer observer{address("observer")};
+  // The hand rests at last, so that the mesh no longer changes.
+  ASSERT_TRUE(observer.until([](const Observer::Seen& seen) { return seen.user("ann").exact > 3000; }));
+  recorder.signal(SIGINT);
+  EXPECT_TRUE(exits_with(0, recorder));
+  const std::uint64_t hash = observer.seen().meshes.at("desk").back().hash;
+  for (Process* const each : {&users, &desk, &host_a}) each->signal(SIGKILL);
+
+  Process viewer{program("view", {"--recording", path("lab.mcap"), "--port", "0", "--page", folder_.path().string()})};
+  Page page{port_of(viewer)};
+  page.request({{"seek", 1000}});  // the end
+  ASSERT_TRUE(page.until([&] { return page.mesh_hash == hash && page.force[2] > 0.5f; })) << viewer.output();
+  ASSERT_TRUE(page.until([&] { return page.scene["users"].size() == 1; }));
+  EXPECT_EQ(page.scene["users"][0]["name"], "ann");
+  ASSERT_TRUE(page.until(
+      [&] { return page.figures.value("/meshes/desk/organ"_json_pointer, std::string{}) == std::to_string(hash); }));
+
+  page.request({{"seek", 0}});
+  ASSERT_TRUE(page.until([&] { return !page.has_probe && page.scene["users"].empty(); }));
+  page.request({{"play", true}});
+  ASSERT_TRUE(page.until([&] { return page.has_probe && page.force[2] > 0.5f; })) << "it plays";
+  viewer.signal(SIGTERM);
+  EXPECT_TRUE(exits_with(0, viewer));
+}
+
+TEST_F(ViewerTest, NamesARecordingThatIsNone) {
+  const std::string text = write("notes.mcap", "no recording");
+  Process viewer{program("view", {"--recording", text, "--port", "0", "--page", folder_.path().string()})};
+  EXPECT_TRUE(exits_with(2, viewer));
+  EXPECT_THAT(viewer.output(), testing::HasSubstr("notes.mcap"));
 }
 
 TEST_F(ViewerTest, NamesAWrongFolderAndANameThatIsTaken) {

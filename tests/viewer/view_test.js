@@ -11,8 +11,10 @@ const { joinPictures } = require("./film.js");
 
 const [programs, pageFolder, screenshot] = process.argv.slice(2);
 const kWidth = 800, kHeight = 600;
-const kFaces = 200000;  // of the organ
+const kFaces = 200000, kBaseFaces = 500;  // of the organ
 const kPresses = 5;
+const kScreenFaces = 20000;  // max number of faces for the screen alone, the default of tactus view
+const kFineMs = 200;  // max time from a contact to faces of full resolution
 const kCrate = 0.12, kCrateX = 0.22;  // m, side of the crate and position of its centre
 const kObjects = `objects:
   - model: organ.spm
@@ -54,10 +56,9 @@ function report(name, value) {
   console.log(`${name.padEnd(52)} ${String(value).padStart(14)}   no bound`);
 }
 
-/// Starts a program of the session.
-function start(name, ...options) {
-  const program = spawn(join(programs, `tactus-${name}`), ["--session", kSession, "--domain", kDomain, ...options],
-                        { stdio: ["ignore", "pipe", "pipe"] });
+/// Starts a program.
+function launch(name, options) {
+  const program = spawn(join(programs, `tactus-${name}`), options, { stdio: ["ignore", "pipe", "pipe"] });
   program.text = "";
   for (const stream of [program.stdout, program.stderr]) stream.on("data", (bytes) => { program.text += bytes; });
   running.add(program);
@@ -65,9 +66,13 @@ function start(name, ...options) {
   return program;
 }
 
-/// Starts a viewer and returns it with the address of its page.
-async function startViewer(port) {
-  const viewer = start("view", "--page", pageFolder, "--port", port);
+/// Starts a program of the session.
+const start = (name, ...options) => launch(name, ["--session", kSession, "--domain", kDomain, ...options]);
+
+/// Starts a viewer and returns it with the address of its page. `recording`: a file; none for the session.
+async function startViewer(port, recording) {
+  const page = ["--page", pageFolder, "--port", port];
+  const viewer = recording ? launch("view", ["--recording", recording, "--tool", "stylus", ...page]) : start("view", ...page);
   const began = performance.now();
   for (;;) {
     const address = viewer.text.match(/http:\/\/localhost:(\d+)\//);
@@ -88,6 +93,54 @@ async function pictureRate(browser, ms) {
 async function printed(program, pattern) {
   for (const began = performance.now(); !pattern.test(program.text); await pause(20))
     if (performance.now() - began > 20e3) throw new Error(`${program.spawnfile} has not printed ${pattern}`);
+}
+
+/// Measures, for each contact that begins, how long after it all faces within 1 mm of the probe have full resolution.
+/// The probe has a radius of 3 mm.
+const kWatchContacts = `{
+  window.contacts = [];  // {user, ms: null while some faces are coarse}
+  const touched = new Map();  // by user
+  const watch = () => {
+    const now = performance.now();
+    for (const { user, status, object, proxy } of window.tactus.probes) {
+      const isTouching = (status & 1) !== 0;
+      if (isTouching && !touched.get(user)) window.contacts.push({ user, object, proxy: [...proxy], began: now, ms: null });
+      touched.set(user, isTouching);
+    }
+    for (const contact of window.contacts)
+      if (contact.ms === null && window.tactus.isFineAt(contact.object, contact.proxy, 0.004)) contact.ms = now - contact.began;
+    setTimeout(watch, 1);
+  };
+  watch();
+}`;
+
+async function checkContacts(browser) {
+  // The newest contacts may not have had their time yet.
+  const contacts = await browser.value(`window.contacts.filter(({ began }) => performance.now() - began > ${kFineMs})`);
+  const slowest = Math.max(...contacts.map(({ ms }) => ms ?? Infinity));
+  check(`full resolution after a contact, slowest of ${contacts.length}`, `${slowest.toFixed(0)} ms`,
+        contacts.length >= 3 && slowest <= kFineMs, `<= ${kFineMs} ms`);
+}
+
+/// The boxes of regions: those of contact contain the surface under the probes, and their layers are drawn.
+async function checkRegions(browser) {
+  const numbers = `[3, 2, 1].map((mark) => [...window.tactus.regions.values()].flat().filter((each) => each.mark === mark).length)`;
+  // Between two taps, nobody touches.
+  const areAll = await browser.until(`${numbers}.every((number) => number > 0)`, 10).then(() => true, () => false);
+  check("regions in contact, predicted, resident", (await browser.value(numbers)).join(", "), areAll, "> 0 each");
+  const contained = await browser.until(`window.tactus.probes.some(({ status, object, proxy }) => {
+    const { scale, position } = window.tactus.scene.objects.find(({ number }) => number === object) ?? {};
+    if ((status & 1) === 0 || scale === undefined) return false;
+    const at = [0, 1, 2].map((k) => (proxy[k] - position[k]) / scale), reach = 0.003 / scale;  // the organ is not turned
+    return window.tactus.regions.get(object)?.some(({ mark, x, y, z, edge }) => mark === 3 && [x, y, z].every(
+        (low, k) => at[k] > low - reach && at[k] < low + edge + reach));
+  })`, 10).then(() => true, () => false);
+  check("a region in contact is at a probe in contact", contained ? "yes" : "no", contained, "yes");
+  const layer = (name, shows) => browser.value(`{ const box = document.getElementById("${name}"); if (box.checked !== ${shows}) box.click(); }`);
+  for (const name of ["contact", "predicted", "resident"]) await layer(name, true);
+  await pause(300);
+  writeFileSync(screenshot.replace(/\.png$/, "-regions.png"), await browser.screenshot());
+  for (const name of ["contact", "predicted", "resident"]) await layer(name, name !== "resident");
 }
 
 /// Takes a probe with the mouse, presses on the crate, grabs it and raises it.
@@ -187,6 +240,56 @@ async function stepBack(browser) {
   await browser.until("window.tactus.isLive", 1);
 }
 
+/// Chooses the HRTC whose meshes are shown, without refinement for the screen.
+async function showMeshOf(browser, hrtc) {
+  await browser.value(`{ const meshOf = document.getElementById("mesh-of"); meshOf.value = "${hrtc}"; meshOf.dispatchEvent(new Event("change")); }`);
+  await browser.until(`window.tactus.scene?.shownHrtc === "${hrtc}"`, 5);
+}
+
+/// Plays the recording of the session in the same page.
+async function playRecording(browser, recording, lastHash) {
+  const { viewer, address } = await startViewer("0", recording);
+  await browser.open(address, kWidth, kHeight);
+  await browser.until("window.tactus?.firstPictureMs != null || window.tactus?.error != null", 20);
+  const first = await browser.value("window.tactus.firstPictureMs");
+  report("recording: first picture after the page was opened", `${(first / 1e3).toFixed(2)} s`);
+  const hidden = await browser.value("['stop', 'touch'].every((id) => document.getElementById(id).offsetParent === null)");
+  check("recording: touch and stop are hidden", hidden ? "yes" : "no", hidden, "yes");
+  const { seconds } = await browser.value("window.tactus.playback");
+  const seek = async (to) => {
+    await browser.value(`{ const time = document.getElementById("time"); time.value = ${to}; time.dispatchEvent(new Event("input")); }`);
+    const began = performance.now();
+    await browser.until(`Math.abs(window.tactus.playback.at - ${to}) < 0.3`, 20);
+    return performance.now() - began;
+  };
+  const tool = await browser.value("window.tactus.toolFaces");
+  check("recording: faces of the tool", tool, tool > 100, "> 100");
+  const press = () => browser.value("document.getElementById('pause').click()");
+  await press();
+  await browser.until("!window.tactus.playback.isPlaying", 5);
+  await showMeshOf(browser, "hrtc-1");
+  await seek(seconds);
+  const hash = "window.tactus.meshes.get(window.tactus.scene?.objects.find(({ name }) => name === 'organ')?.number)?.hash";
+  const isSame = await browser.until(`${hash} === "${lastHash}"`, 5).then(() => true, () => false);
+  check("recording: mesh hash of the organ at the end", await browser.value(hash), isSame, "as live");
+  const took = await seek(0.3 * seconds);
+  report(`recording: step from ${seconds.toFixed(0)} s back to ${(0.3 * seconds).toFixed(0)} s`, `${(took / 1e3).toFixed(2)} s`);
+  await browser.until("window.tactus.probes.length >= 2 && window.tactus.meshes.size === 2", 5);
+  const state = `[${kOrganFaces}, window.tactus.playback.at, ...window.tactus.probes[0].device].join()`;
+  await pause(300);
+  const paused = await browser.value(state);
+  await pause(500);
+  check("recording: the paused view changes", await browser.value(state) === paused ? "no" : "yes",
+        await browser.value(state) === paused, "no");
+  await press();
+  await browser.until(`window.tactus.playback.at > ${0.3 * seconds} + 2`, 10);
+  const force = await browser.until("Math.max(...window.tactus.probes.map(({ force }) => Math.hypot(...force))) > 0.3", 10)
+    .then(() => true, () => false);
+  check("recording: forces are shown", force ? "yes" : "no", force, "yes");
+  writeFileSync(screenshot.replace(/\.png$/, "-recording.png"), await browser.screenshot());
+  viewer.kill("SIGTERM");
+}
+
 async function look(browser) {
   execFileSync(join(programs, "tactus-mesh"), ["generate", "organ", "--faces", String(kFaces), "--seed", "1", join(folder, "organ.ply")]);
   execFileSync(join(programs, "tactus-mesh"), ["build", join(folder, "organ.ply"), join(folder, "organ.spm"), "--size", "0.2"]);
@@ -195,6 +298,9 @@ async function look(browser) {
   execFileSync(join(programs, "tactus-mesh"), ["build", join(folder, "crate.ply"), join(folder, "crate.spm"), "--size", String(kCrate)]);
   writeFileSync(join(folder, "objects.yaml"), kObjects);
   start("host", "--name", "host-a", "--config", join(folder, "objects.yaml"));
+  const recording = join(folder, "session.mcap");
+  const recorder = start("record", recording);
+  await printed(recorder, /recording session/);  // before the HRTC receives base meshes
   const hrtc = start("hrtc", "--name", "hrtc-1");
   let { viewer, address, port } = await startViewer("0");
   await printed(viewer, /HRTC 'hrtc-1' joined/);
@@ -205,14 +311,24 @@ async function look(browser) {
   await browser.until("window.tactus?.firstPictureMs != null || window.tactus?.error != null", 20);
   const first = await browser.value("window.tactus.firstPictureMs");
   check("first picture after the page was opened", `${(first / 1e3).toFixed(2)} s`, first <= 1000, "<= 1 s");
-  const base = await browser.value(kOrganFaces);
 
+  // Nobody touches yet, so these faces are for the screen.
+  const isRefined = await browser.until(`${kOrganFaces} > 2000`, 10).then(() => true, () => false);
+  await pause(1000);
+  const forScreen = await browser.value(kOrganFaces);
+  check("faces of the organ before a touch", forScreen, isRefined && forScreen <= kScreenFaces + kBaseFaces,
+        `<= ${kScreenFaces + kBaseFaces}`);
+  writeFileSync(screenshot.replace(/\.png$/, "-screen.png"), await browser.screenshot());
+  await showMeshOf(browser, "hrtc-1");  // so that no face is fine for the screen
+  await browser.value(kWatchContacts);
   const users = start("sim", "--scenario", join(folder, "users.yaml"), "--name", "users");
   // Both users touch, and one of them exactly.
   await browser.until("window.tactus.probes.length === 2 && window.tactus.probes.some(({ status }) => (status & 3) === 3)", 40);
-  await pause(4000);
+  await pause(5000);
+  await checkContacts(browser);
+  await showMeshOf(browser, "");
   const faces = await browser.value(kOrganFaces);
-  check("faces shown of the organ", `${base} to ${faces}`, faces > base && faces < kFaces, "refined");
+  check("faces shown of the organ while it is touched", faces, faces > kBaseFaces && faces < kFaces, "refined");
   const names = await browser.value("[...document.querySelectorAll('#users tr')].map((row) => row.cells[0].textContent).sort().join(' ')");
   check("users in the table", names, names === "ann bob", "ann bob");
   let force = 0;
@@ -224,10 +340,17 @@ async function look(browser) {
   await browser.until("window.tactus.figures?.['hrtc-1']?.['hrtc.rate_hz'] > 0", 10);
   const rate = await browser.value("window.tactus.figures['hrtc-1']['hrtc.rate_hz']");
   check("rate of the HRTC", `${rate.toFixed(0)} Hz`, rate > 900, "> 900 Hz");
+  const { refined, loaded } = await browser.value("window.tactus.fronts.organ");
+  const isOrdered = refined.every((share, i) => share <= loaded[i]);
+  check("columns of the organ with a refined front", refined.filter((share) => share > 0).length,
+        isOrdered && refined.some((share) => share > 0), "> 0");
+  const hosts = await browser.value("document.getElementById('hosts').textContent");
+  check("health of the host", hosts, /^host-a2 objects, \d+ kB\/spresent$/.test(hosts), "2 objects");
   const pictures = await pictureRate(browser, 4000);
   check(`pictures a second, ${kWidth} x ${kHeight}`, pictures.toFixed(1), pictures >= 20, ">= 20");
   writeFileSync(screenshot, await browser.screenshot());
 
+  await checkRegions(browser);
   await stepBack(browser);
   await touch(browser);
   await film(browser);
@@ -250,14 +373,18 @@ async function look(browser) {
     const { number } = scene.objects.find((object) => object.name === "${name}");
     return meshes.get(number).hash !== "0" && meshes.get(number).hash === hashes["hrtc-1"]?.["${name}"];
   })()`;
+  await showMeshOf(browser, "hrtc-1");
   const isSame = await browser.until(sameMesh("organ"), 5).then(() => true, () => false);
   const hash = await browser.value("window.tactus.hashes['hrtc-1']?.organ ?? 'none'");
   check("mesh hash of the HRTC; that of the shown organ is", hash, isSame, "equal");
+  recorder.kill("SIGINT");
+  await printed(recorder, /messages/);
+  users.kill("SIGINT");
+  await playRecording(browser, recording, hash);
   const error = await browser.value("window.tactus.error");
   // The browser itself reports the connections that failed while no viewer ran.
   const errors = [error, ...browser.log].filter((text) => text && !/WebSocket connection/.test(text));
   check("errors", errors.join("; ") || 0, errors.length === 0, "0");
-  users.kill("SIGINT");
 }
 
 const browser = new Browser(process.env.CHROMIUM ?? "chromium-headless-shell");

@@ -317,6 +317,134 @@ TEST_F(ShownMeshTest, TheMeshOfOneOfTwoHrtcsCanBeChosen) {
   EXPECT_EQ(object().mesh.mesh_hash(), other.forest().mesh_hash());
 }
 
+TEST_F(ShownMeshTest, RegionsAreMarkedAsResidentPredictedOrInContactAndPagesReceiveThem) {
+  run(500 * kMs);
+  const spm::RegionGrid grid{model_.summary.grid, model_.regions};
+  const double scale = object().entry.scale;
+  const auto distance = [&](std::uint32_t region, const Vec3d& at) {  // m
+    return scale * std::sqrt(grid.squared_distance(spm::RegionId{region}, at / scale));
+  };
+  const Vec3d at{kRadius, 0, 0}, above{0, kRadius + 0.004, 0};
+  std::uint32_t far = 0;
+  while (distance(far, at) < kRadius || distance(far, above) < kRadius) ++far;
+  (void)hrtc_.refine({spm::RegionId{far}});
+  place_probe(at);
+  state_->status = session::kInContact;
+  state_->object_id = session::id_of("sphere");
+  session::ProbeState hovering = *state_;  // another user, who does not touch
+  hovering.user_id = session::id_of("bob");
+  hovering.status = 0;
+  hovering.device.position = {above[0], above[1], above[2]};
+  PageFeed feed{viewer_};
+  std::optional<PageMessage> frame;
+  after_step = [&] {
+    ++hovering.sequence;
+    viewer_.on_probe_state(hovering, now_ns_);
+    while (auto message = feed.next(now_ns_))
+      if (!message->is_text && message->bytes[0] == 3) frame = std::move(message);
+  };
+  run_with({{"desk", &hrtc_.forest()}}, 1000 * kMs);
+
+  std::size_t in_contact = 0;
+  for (std::uint32_t region = 0; region < grid.size(); ++region) {
+    const spm::CellBox box = grid.box(spm::RegionId{region});
+    const auto marked = std::find_if(object().regions.begin(), object().regions.end(), [&](const MarkedRegion& each) {
+      return Vec3d{each.low[0], each.low[1], each.low[2]}.isApprox(box.low, 1e-6);
+    });
+    const bool touches = distance(region, at) <= 0.003;
+    in_contact += touches ? 1 : 0;
+    if (touches || region == far) {
+      ASSERT_NE(marked, object().regions.end()) << region;
+      EXPECT_EQ(marked->mark, touches ? RegionMark::kContact : RegionMark::kResident) << region;
+      EXPECT_NEAR(marked->edge, box.high[0] - box.low[0], 1e-6 * marked->edge);
+    } else if (marked != object().regions.end()) {
+      EXPECT_EQ(marked->mark, RegionMark::kPredicted) << region;
+      EXPECT_LT(std::min(distance(region, at), distance(region, above)), 0.02) << region;
+    }
+  }
+  EXPECT_GT(in_contact, 0u);
+  EXPECT_GT(object().regions.size(), in_contact + 1) << "some are predicted";
+
+  ASSERT_TRUE(frame.has_value());
+  std::uint32_t count = 0;
+  std::memcpy(&count, &frame->bytes[8], sizeof count);
+  ASSERT_EQ(count, object().regions.size());
+  ASSERT_EQ(frame->bytes.size(), 16 + 20 * count);
+  for (std::uint32_t i = 0; i < count; ++i) {
+    MarkedRegion received;
+    std::memcpy(&received.mark, &frame->bytes[16 + 20 * i], 4);
+    std::memcpy(received.low.data(), &frame->bytes[20 + 20 * i], 12);
+    std::memcpy(&received.edge, &frame->bytes[32 + 20 * i], 4);
+    EXPECT_EQ(received, object().regions[i]);
+  }
+}
+
+TEST_F(ShownMeshTest, TheScreenRefinesWhatItSeesWithinTheBudgetUnlessAnHrtcIsChosen) {
+  run(500 * kMs);
+  (void)hrtc_.refine({spm::RegionId{1}});
+  const std::map<std::string, const spm::Forest*> desk{{"desk", &hrtc_.forest()}};
+  run_with(desk, 500 * kMs);
+  ASSERT_EQ(object().mesh.mesh_hash(), hrtc_.forest().mesh_hash());
+  const std::uint32_t without = object().mesh.faces();
+  const auto faces_beyond = [&](double x) {  // m; number of faces with all corners beyond x
+    return std::count_if(object().mesh.rows().begin(), object().mesh.rows().end(), [&](const ShownMesh::Face& face) {
+      const auto& c = face.corners;
+      return c != ShownMesh::Face{}.corners && metres(std::min({c[0], c[3], c[6]})) > x;
+    });
+  };
+  const auto near_before = faces_beyond(0.8 * kRadius);
+  viewer_.set_camera(1, {{3 * kRadius, 0, 0}, {-1, 0, 0}, 0.15, 1e-4});
+  run_with(desk, 1500 * kMs);
+  EXPECT_GT(object().mesh.faces(), without + 100);
+  EXPECT_LE(object().mesh.faces(), without + settings().faces);
+  EXPECT_GT(faces_beyond(0.8 * kRadius), 4 * near_before);
+
+  viewer_.show_meshes_of("desk");
+  run_with(desk, 500 * kMs);
+  EXPECT_EQ(object().mesh.mesh_hash(), hrtc_.forest().mesh_hash());
+  viewer_.show_meshes_of("");
+  run_with(desk, 500 * kMs);
+  EXPECT_GT(object().mesh.faces(), without + 100);
+  viewer_.forget_camera(1);
+  run_with(desk, 500 * kMs);
+  EXPECT_EQ(object().mesh.mesh_hash(), hrtc_.forest().mesh_hash());
+}
+
+TEST_F(ShownMeshTest, FrontsAreTheSharesOfAppliedAndLoadedListEntriesByColumn) {
+  run(500 * kMs);
+  constexpr std::uint32_t kRegion = 1;
+  (void)hrtc_.refine({spm::RegionId{kRegion}});
+  run_with({{"desk", &hrtc_.forest()}}, 1000 * kMs);
+  const Fronts fronts = viewer_.fronts(session::id_of("sphere"));
+  const std::size_t columns = std::min<std::size_t>(Fronts::kMaxColumns, model_.summary.regions);
+  ASSERT_EQ(fronts.refined.size(), columns);
+  ASSERT_EQ(fronts.loaded.size(), columns);
+
+  const auto column_of = [&](std::uint32_t region) { return region * columns / model_.summary.regions; };
+  std::vector<double> entries(columns);
+  for (std::uint32_t region = 0; region < model_.summary.regions; ++region)
+    entries[column_of(region)] += model_.regions[region].record_count;
+  for (std::size_t column = 0; column < columns; ++column) {
+    const double applied = column == column_of(kRegion) ? model_.regions[kRegion].record_count : 0;
+    EXPECT_NEAR(fronts.refined[column], applied / std::max(entries[column], 1.0), 1e-12) << column;
+    EXPECT_GE(fronts.loaded[column], fronts.refined[column]) << column;
+  }
+  EXPECT_GT(fronts.refined[column_of(kRegion)], 0);
+}
+
+TEST_F(ShownMeshTest, ALossIsShownUntilTheHrtcReportsNoneForTwoSeconds) {
+  const std::map<std::string, const spm::Forest*> desk{{"desk", &hrtc_.forest()}};
+  run_with(desk, 100 * kMs);
+  session::Metrics metrics;
+  metrics.origin = {kSession, session::id_of("desk"), 1, now_ns_};
+  metrics.figures = {{"lost.0000000000000011", 0.1}, {"lost.0000000000000012", 0.25}};
+  viewer_.on_metrics(metrics, now_ns_);
+  run_with(desk, 1500 * kMs);
+  EXPECT_EQ(viewer_.lost_share(session::id_of("desk")), 0.25);
+  run_with(desk, 1000 * kMs);
+  EXPECT_EQ(viewer_.lost_share(session::id_of("desk")), 0);
+}
+
 TEST_F(ShownMeshTest, AnIncompleteListIsNotApplied) {
   run(500 * kMs);
   (void)hrtc_.refine({spm::RegionId{1}});

@@ -22,6 +22,7 @@ class ViewerSession : public testing::Test {
     settings.name = "view";
     settings.session = "session";
     settings.pool = spm::PoolSettings::for_slots(8000);
+    settings.faces = 2000;
     return settings;
   }
 

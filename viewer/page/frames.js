@@ -1,6 +1,6 @@
 // Decodes the binary frames of a viewer (docs/reference/viewer-frames.md).
-const kMesh = 1, kProbes = 2;
-const kProbeBytes = 80, kPoseBytes = 32;
+const kMesh = 1, kProbes = 2, kRegions = 3;
+const kProbeBytes = 80, kPoseBytes = 32, kRegionBytes = 20;
 
 function readMesh(buffer, view) {
   const count = view.getUint32(16, true);
@@ -42,12 +42,23 @@ function readProbes(buffer, view) {
   return { sessionTime: view.getFloat64(16, true), probes, poses };
 }
 
-/// Returns {mesh} or {probes, poses, sessionTime}.
+/// `regions`: [{mark: 1 resident, 2 predicted, 3 contact; x, y, z: lowest corner of the cell; edge}]
+function readRegions(view) {
+  const regions = [];
+  for (let i = 0, at = 16; i < view.getUint32(8, true); ++i, at += kRegionBytes)
+    regions.push({ mark: view.getUint32(at, true), x: view.getFloat32(at + 4, true), y: view.getFloat32(at + 8, true),
+                   z: view.getFloat32(at + 12, true), edge: view.getFloat32(at + 16, true) });
+  return { object: view.getUint32(4, true), regions };
+}
+
+/// Returns {mesh}, {marked: regions of an object} or {probes, poses, sessionTime}.
 export function readFrame(buffer) {
   const view = new DataView(buffer);
   switch (view.getUint32(0, true)) {
     case kMesh:
       return { mesh: readMesh(buffer, view) };
+    case kRegions:
+      return { marked: readRegions(view) };
     case kProbes:
       return readProbes(buffer, view);
     default:

@@ -1,25 +1,31 @@
 // The page of a viewer: shows the session whose frames arrive over one WebSocket.
 import { readFrame } from "./frames.js";
+import { drawFronts, makeFronts } from "./fronts.js";
 import { History } from "./history.js";
 import { PointedHand } from "../../web/page/pointed_hand.js";
 import { Strip } from "./strip.js";
-import { ViewScene } from "./view_scene.js";
+import { ViewScene, kRegionLayers } from "./view_scene.js";
 
 const kColours = ["#6fc3ff", "#c79bff", "#7fd88f", "#ff9d9d", "#ffd36f", "#6fe3d6", "#ff9be0", "#b6d96f"];  // of users
 const kReconnectMs = 500;
 const kSilentMs = 1500;    // the viewer sends a frame every 15 ms, so a connection without any is dead
+const kSeekMs = 150;       // a seek waits for further movements of the slider
+const kCameraMs = 250;     // min time between two views for the viewer
 const kHandMs = 8;         // min time between two targets of the hand
 const kRefused = 1008;     // code with which the viewer closes the connection of a page that it refuses
-const kSoftwareIntervalMs = 33;  // min time between two pictures without a graphics processor
+// Min time between two pictures without a graphics processor. Every second frame of a screen with 60 Hz is drawn.
+const kSoftwareIntervalMs = 25;
 const kContact = 1, kExact = 2, kFault = 1 << 8, kHolding = 1 << 11;  // docs/reference/status-bits.md
 const kNoObject = 0xffffffff;
 
 const element = (id) => document.getElementById(id);
 /// For tests and curious users: the newest messages and what is drawn.
-const state = window.tactus = { scene: null, probes: [], poses: [], figures: null, hashes: {}, meshes: new Map(), connections: 0,
-                                isConnected: false, isLive: true, error: null, pictures: 0, firstPictureMs: null, touching: null };
+const state = window.tactus = { scene: null, probes: [], poses: [], figures: null, hashes: {}, losses: {}, fronts: {}, meshes: new Map(), regions: new Map(), connections: 0,
+                                isConnected: false, isLive: true, playback: null, error: null, pictures: 0, firstPictureMs: null, touching: null };
 const users = new Map();   // by id: {name, colour, hrtc}
-const strips = new Map();  // by HRTC: {element, text, strips: {cycle, exact, rate, pool}, before}
+const strips = new Map();  // by HRTC: {element, text, strips: by name, before}
+const frontsOf = new Map();  // by object: {row, canvas}
+const bytesSent = new Map();  // by host: {bytes, nowMs, rate}
 
 let view;
 try {
@@ -66,14 +72,17 @@ function showScene(message) {
     users.set(id, { colour: kColours[users.size % kColours.length], ...users.get(id), name, hrtc });
   view.setObjects(message.objects);
   for (const number of state.meshes.keys())
-    if (!view.objects.has(number)) state.meshes.delete(number);
+    if (!view.objects.has(number)) {
+      state.meshes.delete(number);
+      state.regions.delete(number);
+    }
   showStop(message.stop);
-  setRows(element("hosts"), message.participants.filter(({ role }) => role === "host").map(({ name, late }) => [
-    name, late ? span("late", "fault") : span("present", "exact")]));
+  showHosts();
   const events = element("events");
   events.replaceChildren(...message.events.slice(-12).reverse().map(({ secondsAgo, text }) => {
     const item = document.createElement("li");
-    const clock = new Date(Date.now() - 1e3 * secondsAgo).toLocaleTimeString("en", { hour12: false });
+    const shownMs = state.playback ? 1e3 * (state.playback.began + state.playback.at) : Date.now();
+    const clock = new Date(shownMs - 1e3 * secondsAgo).toLocaleTimeString("en", { hour12: false });
     item.append(span(`${clock} `, "soft"), text);
     return item;
   }));
@@ -90,6 +99,7 @@ function showScene(message) {
   meshOf.value = hrtcs.includes(message.shownHrtc) ? message.shownHrtc : "";
   updateTouch();
   showObjects();
+  showFronts();
 }
 
 function showStop({ requested, hrtcs, stopped }) {
@@ -112,6 +122,45 @@ function showUsers() {
   }));
 }
 
+/// The health of the hosts. A host that sends no roster entry for 250 ms may have failed.
+function showHosts() {
+  setRows(element("hosts"), (state.scene?.participants ?? []).filter(({ role }) => role === "host").map(({ name, late }) => {
+    const figures = state.figures?.[name], rate = bytesSent.get(name)?.rate;
+    const load = figures ? `${figures["host.objects"] ?? 0} objects, ${rate === undefined ? "-" : rate.toFixed(0)} kB/s` : "";
+    return [name, span(load, "soft"), late ? span("late", "fault") : span("present", "exact")];
+  }));
+}
+
+function updateHosts(participants, nowMs) {
+  for (const [name, figures] of Object.entries(participants)) {
+    const bytes = figures["host.bytes"], before = bytesSent.get(name);
+    if (bytes === undefined || (before && nowMs - before.nowMs < 900)) continue;
+    bytesSent.set(name, { bytes, nowMs, rate: before ? (bytes - before.bytes) / (nowMs - before.nowMs) : undefined });
+  }
+  for (const name of bytesSent.keys())
+    if (!(name in participants)) bytesSent.delete(name);
+  showHosts();
+}
+
+function showFronts() {
+  const names = (state.scene?.objects ?? []).map(({ name }) => name);
+  for (const [name, { row }] of frontsOf)
+    if (!names.includes(name)) {
+      row.remove();
+      frontsOf.delete(name);
+    }
+  for (const name of names) {
+    if (!state.fronts[name]) continue;
+    if (!frontsOf.has(name)) {
+      const row = document.createElement("div"), canvas = makeFronts();
+      row.append(span(name, "soft"), canvas);
+      element("fronts").append(row);
+      frontsOf.set(name, { row, canvas });
+    }
+    drawFronts(frontsOf.get(name).canvas, state.fronts[name]);
+  }
+}
+
 /// Names of the HRTCs whose mesh of an object is the shown one, by mesh hash.
 function hrtcsWithMesh(number, name) {
   const hash = state.meshes.get(number)?.hash;
@@ -132,25 +181,32 @@ function addStrips(name) {
   const shown = document.createElement("div");
   shown.className = "hrtc";
   const text = span("", "soft"), line = document.createElement("div"), grid = document.createElement("div");
+  const interventions = span("", "soft interventions");
   grid.className = "strips";
   line.append(name, text);
-  shown.append(line, grid);
+  shown.append(line, interventions, grid);
   element("hrtcs").append(shown);
   const add = (...options) => {
     const strip = new Strip(...options);
     grid.append(strip.canvas);
     return strip;
   };
-  strips.set(name, { element: shown, text, before: null, strips: { cycle: add("cycle p99", "us", 50), exact: add("exact", "%", 100),
-                                                                   rate: add("received", "kB/s", 10), pool: add("pool", "%", 100) } });
+  strips.set(name, { element: shown, text, interventions, before: null,
+                     strips: { cycle: add("cycle p99", "us", 50), age: add("state age", "ms", 50), exact: add("exact", "%", 100),
+                               loss: add("lost states", "%", 5), rate: add("received", "kB/s", 10), cache: add("cache", "%", 100),
+                               pool: add("pool", "%", 100) } });
 }
 
 /// Adds to the strips what has changed since the figures before.
-function updateStrips(shown, figures, nowMs) {
-  const { cycle, exact, rate, pool } = shown.strips, before = shown.before;
+function updateStrips(name, shown, figures, nowMs) {
+  const { cycle, age, exact, loss, rate, cache, pool } = shown.strips, before = shown.before;
   const counts = { cycles: figures["hrtc.contact_cycles"], exact: figures["hrtc.exact_cycles"], bytes: figures["hrtc.bytes_received"], nowMs };
   if (before && counts.cycles === before.cycles && counts.bytes === before.bytes && nowMs - before.nowMs < 900) return;
   cycle.add(figures["hrtc.cycle_us.p99"]);
+  const ages = state.probes.filter(({ user }) => users.get(user)?.hrtc === name).map((probe) => 1e3 * probe.age);
+  age.add(ages.length > 0 ? Math.max(...ages) : undefined);
+  loss.add(100 * (state.losses[name] ?? 0));
+  cache.add(100 * figures["hrtc.compressed_used"] / figures["hrtc.compressed_limit"]);
   pool.add(100 * figures["hrtc.pool_used"] / figures["hrtc.pool_limit"]);
   if (before) {
     const cycles = counts.cycles - before.cycles;
@@ -161,9 +217,19 @@ function updateStrips(shown, figures, nowMs) {
   for (const strip of Object.values(shown.strips)) strip.draw();
 }
 
+/// How often each safety limit of an HRTC became active, of those that did.
+function interventions(figures) {
+  const counts = Object.entries(figures).filter(([name, count]) => name.startsWith("safety.") && count > 0);
+  return counts.map(([name, count]) => `${name.slice(7).replaceAll("_", " ")} ${count.toLocaleString("en")}`).join(", ");
+}
+
 function showFigures(message) {
   state.figures = message.participants;
   state.hashes = message.meshes;
+  state.losses = message.losses;
+  state.fronts = message.fronts;
+  updateHosts(message.participants, performance.now());
+  showFronts();
   const hrtcs = Object.entries(message.participants).filter(([, figures]) => "hrtc.cycles" in figures);
   for (const [name, { element: shown }] of strips) {
     if (hrtcs.some(([present]) => present === name)) continue;
@@ -174,8 +240,11 @@ function showFigures(message) {
     if (!strips.has(name)) addStrips(name);
     const shown = strips.get(name);
     const late = (figures["hrtc.overruns"] ?? 0) + (figures["hrtc.preempted"] ?? 0);
-    shown.text.textContent = `${Math.round(figures["hrtc.rate_hz"] ?? 0)} Hz, ${late.toLocaleString("en")} late cycles`;
-    updateStrips(shown, figures, performance.now());
+    const isLate = state.scene?.participants.some((each) => each.name === name && each.late);
+    shown.text.textContent = `${isLate ? "late, " : ""}${Math.round(figures["hrtc.rate_hz"] ?? 0)} Hz, ${late.toLocaleString("en")} late cycles`;
+    shown.text.className = isLate ? "fault" : "soft";
+    shown.interventions.textContent = interventions(figures);
+    updateStrips(name, shown, figures, performance.now());
   }
   showObjects();
 }
@@ -186,7 +255,9 @@ function receive({ data }) {
     const message = JSON.parse(data);
     if (message.type === "scene") showScene(message);
     else if (message.type === "figures") showFigures(message);
+    else if (message.type === "playback") showPlayback(message);
     else if (message.type === "rights") {
+      canRequest = message.control;
       document.body.classList.toggle("observer", !message.control);
       element("mesh-of").disabled = !message.control;
     }
@@ -204,15 +275,69 @@ function applyMesh(mesh) {
   return before;
 }
 
+function applyRegions(marked) {
+  const regions = view.applyRegions(marked);
+  if (regions) state.regions.set(marked.object, marked.regions);
+  return regions && { object: marked.object, regions };
+}
+
 const history = new History({
-  apply(entry) { if (entry.frame.mesh) entry.before = applyMesh(entry.frame.mesh); },
-  undo(entry) { if (entry.before) applyMesh(entry.before); },
+  apply(entry) {
+    if (entry.frame.mesh) entry.before = applyMesh(entry.frame.mesh);
+    if (entry.frame.marked) entry.before = applyRegions(entry.frame.marked);
+  },
+  undo(entry) {
+    if (!entry.before) return;
+    if (entry.frame.mesh) applyMesh(entry.before);
+    else applyRegions(entry.before);
+  },
   showProbes(frame) {
     state.probes = frame.probes;
     state.poses = frame.poses;
     view.setProbes(frame, users);
   },
 });
+
+/// Drops all that the viewer has sent. The next frames have the whole state.
+function forgetSession() {
+  history.clear();
+  state.meshes.clear();
+  state.regions.clear();
+  state.probes = [];
+  view.setObjects([]);
+}
+
+/// Shows what part of a recording the viewer plays. The viewer stores the whole recording, so the page's history is
+/// not used.
+function showPlayback(playback) {
+  if (state.playback === null || playback.restarts !== state.playback.restarts) forgetSession();
+  const isNew = state.playback === null;
+  state.playback = playback;
+  document.body.classList.add("playback");
+  const time = element("time");
+  if (isNew) {
+    element("connection").textContent = `recording ${playback.file}`;
+    time.setAttribute("aria-label", "seconds after the begin");
+  }
+  time.min = 0;
+  time.max = playback.seconds;
+  if (!isSeeking) time.value = playback.at;
+  element("pause").textContent = playback.isPlaying ? "Pause" : "Play";
+  showAge();
+}
+
+let isSeeking = false;  // a user moves the slider
+let seekTimer = null;
+
+/// Requests another time of the recording, once the slider has rested for kSeekMs.
+function seek(seconds) {
+  isSeeking = true;
+  clearTimeout(seekTimer);
+  seekTimer = setTimeout(() => {
+    isSeeking = false;
+    request({ seek: seconds });
+  }, kSeekMs);
+}
 
 /// Shows the session as it was `ago` milliseconds before now. 0: live.
 function showTime(ago) {
@@ -226,15 +351,23 @@ function showTime(ago) {
 }
 
 function showAge() {
+  if (state.playback) {
+    element("ago").textContent = `${state.playback.at.toFixed(1)} of ${state.playback.seconds.toFixed(1)} s`;
+    return;
+  }
   const ago = history.isLive || history.shownMs() === null ? 0 : 1e-3 * (performance.now() - history.shownMs());
   element("ago").textContent = history.isLive ? "live" : `${ago.toFixed(1)} s ago`;
 }
 
 element("pause").addEventListener("click", () => {
+  if (state.playback) return request({ play: !state.playback.isPlaying });
   element("time").value = 0;
   showTime(history.isLive ? 1 : 0);
 });
-element("time").addEventListener("input", ({ target }) => showTime(-1e3 * Number(target.value)));
+element("time").addEventListener("input", ({ target }) => {
+  if (state.playback) seek(Number(target.value));
+  else showTime(-1e3 * Number(target.value));
+});
 
 // ---- touch ----
 
@@ -313,6 +446,19 @@ function moveHand(now) {
   request({ hand: { target: state.touching.target, grab: hand.isGrabbing } });
 }
 
+let canRequest = false;  // the viewer disconnects observers that send requests
+let sentCamera = "", sentCameraMs = 0;
+
+/// Sends the view if it has changed. Called with each picture.
+function sendCamera(now) {
+  if (!canRequest || !view.hasView || now - sentCameraMs < kCameraMs) return;
+  const camera = view.cameraRequest(), text = JSON.stringify(camera);
+  if (text === sentCamera) return;
+  sentCamera = text;
+  sentCameraMs = now;
+  request({ camera });
+}
+
 element("take").addEventListener("click", () => {
   if (!state.touching) return beginTouch();
   giveBack("");
@@ -362,14 +508,16 @@ function connect() {
     ++state.connections;
     state.isConnected = true;
     receivedMs = performance.now();
-    history.clear();
-    element("time").value = 0;
+    state.playback = null;
+    canRequest = false;
+    sentCamera = "";
+    element("time").min = -30;
+    element("time").max = element("time").value = 0;
+    document.body.classList.remove("playback");
+    forgetSession();
     showTime(0);
-    state.meshes.clear();
-    state.probes = [];
     if (location.hash) socket.send(JSON.stringify({ token: location.hash.slice(1) }));
     updateTouch();
-    view.setObjects([]);
     element("connection").textContent = "connected";
     element("connection").className = "open";
     element("stop").disabled = false;
@@ -387,28 +535,40 @@ element("resolution").addEventListener("change", ({ target }) => view.showResolu
 element("wireframe").addEventListener("change", ({ target }) => { view.material.wireframe = target.checked; });
 element("labels").addEventListener("change", ({ target }) => { view.showsNames = target.checked; });
 element("forces").addEventListener("change", ({ target }) => { view.showsForces = target.checked; });
+for (const { name, colour } of kRegionLayers) {
+  element(name).checked = view.shownLayers.has(name);
+  element(name).addEventListener("change", ({ target }) => view.shownLayers[target.checked ? "add" : "delete"](name));
+  element(name).nextElementSibling.style.background = `#${colour.toString(16)}`;
+}
 element("mesh-of").addEventListener("change", ({ target }) => request({ show: target.value }));
 element("follow").addEventListener("change", ({ target }) => { view.followed = target.value || null; });
 
 // ---- drawing ----
 
+state.minIntervalMs = view.isSoftware ? kSoftwareIntervalMs : 0;
 let drawnMs = 0;
 
 function draw(now) {
   requestAnimationFrame(draw);
-  if (view.isSoftware && now - drawnMs < kSoftwareIntervalMs) return;
+  if (now - drawnMs < state.minIntervalMs) return;
   drawnMs = now;
   moveHand(now);
   view.draw();
+  sendCamera(now);
   ++state.pictures;
   if (state.firstPictureMs === null && state.meshes.size > 0) state.firstPictureMs = performance.now();
 }
 
 state.screenOf = (point) => view.screenOf(point);
+state.isFineAt = (object, point, distance) => view.isFineAt(object, point, distance);
 setInterval(() => {
   showUsers();
   showAge();
   checkConnection();
 }, 100);
-connect();
+fetch("tool.json").then((answer) => answer.json()).then((tool) => {
+  view.setTool(tool);
+  state.toolFaces = tool?.faces.length ?? 0;
+}).catch((error) => { state.error = error.message; })
+  .finally(connect);
 requestAnimationFrame(draw);

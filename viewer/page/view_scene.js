@@ -5,6 +5,52 @@ import { Probe, drawsInSoftware, fitToCanvas } from "../../web/page/scene.js";
 
 const kCoarse = [87, 107, 133], kFine = [237, 153, 69], kPlain = [176, 187, 200];  // colours of faces
 
+/// The layers of regions. Regions of contact are drawn over predicted ones, and these over resident ones.
+export const kRegionLayers = [{ name: "resident", mark: 1, colour: 0x5c7da3 }, { name: "predicted", mark: 2, colour: 0xffd36f },
+                              { name: "contact", mark: 3, colour: 0xff6b5e }];
+// Corners of the edges of a cube, as bits x y z.
+const kCubeEdges = [0, 1, 2, 3, 4, 5, 6, 7, 0, 2, 1, 3, 4, 6, 5, 7, 0, 4, 1, 5, 2, 6, 3, 7];
+
+/// The edges of the cells of marked regions, model frame.
+class RegionBoxes {
+  constructor(group, scale) {
+    this.layers = kRegionLayers.map(({ mark, colour }) => {
+      const lines = new three.LineSegments(new three.BufferGeometry(), new three.LineBasicMaterial({ color: colour }));
+      lines.scale.setScalar(scale);
+      lines.frustumCulled = false;
+      lines.renderOrder = mark;
+      group.add(lines);
+      return lines;
+    });
+    this.regions = [];
+  }
+
+  /// Returns the regions before.
+  set(regions) {
+    const before = this.regions;
+    this.regions = regions;
+    this.layers.forEach((lines, i) => {
+      const marked = regions.filter(({ mark }) => mark === kRegionLayers[i].mark);
+      const corners = new Float32Array(3 * kCubeEdges.length * marked.length);
+      marked.forEach(({ x, y, z, edge }, number) => kCubeEdges.forEach((corner, k) => {
+        const at = 3 * (kCubeEdges.length * number + k);
+        corners.set([x + (corner & 1) * edge, y + (corner >> 1 & 1) * edge, z + (corner >> 2) * edge], at);
+      }));
+      lines.geometry.dispose();
+      lines.geometry = new three.BufferGeometry();
+      lines.geometry.setAttribute("position", new three.BufferAttribute(corners, 3));
+    });
+    return before;
+  }
+
+  dispose() {
+    for (const lines of this.layers) {
+      lines.geometry.dispose();
+      lines.material.dispose();
+    }
+  }
+}
+
 /// The mesh of an object. Its buffers have the rows of the viewer's frames; an empty row is a face without area.
 class ShownObject {
   constructor(scene, description, material) {
@@ -18,6 +64,7 @@ class ShownObject {
     this.mesh.frustumCulled = false;
     this.mesh.scale.setScalar(description.scale);
     this.group.add(this.mesh);
+    this.boxes = new RegionBoxes(this.group, description.scale);
     scene.add(this.group);
     this.setPose(description);
   }
@@ -75,6 +122,21 @@ class ShownObject {
     return before;
   }
 
+  isFineAt(point, distance) {
+    this.group.updateMatrixWorld();
+    const at = this.mesh.worldToLocal(new three.Vector3().fromArray(point)), nearest = new three.Vector3();
+    const corners = [0, 1, 2].map(() => new three.Vector3()), face = new three.Triangle(...corners);
+    let any = false;
+    for (let row = 0; row < this.rows; ++row) {
+      corners.forEach((corner, k) => corner.fromArray(this.positions, 9 * row + 3 * k));
+      const isEmpty = corners.every((corner) => corner.lengthSq() === 0);
+      if (isEmpty || face.closestPointToPoint(at, nearest).distanceTo(at) * this.mesh.scale.x > distance) continue;
+      if (!this.finest[row]) return false;
+      any = true;
+    }
+    return any;
+  }
+
   colour(row, showsResolution) {
     const colour = !showsResolution ? kPlain : this.finest[row] ? kFine : kCoarse;
     for (let k = 0; k < 9; ++k) this.colours[9 * row + k] = colour[k % 3];
@@ -91,6 +153,7 @@ class ShownObject {
   dispose() {
     this.group.removeFromParent();
     this.mesh.geometry.dispose();
+    this.boxes.dispose();
   }
 }
 
@@ -116,6 +179,8 @@ export class ViewScene {
     this.showsResolution = true;
     this.showsNames = true;
     this.showsForces = true;
+    this.shownLayers = new Set(["contact", "predicted"]);  // of regions, by name
+    this.tool = null;          // geometry
     this.followed = null;      // user id
     this.hasView = false;      // the camera was placed so that it sees all objects
     this.raycaster = new three.Raycaster();
@@ -152,8 +217,15 @@ export class ViewScene {
     this.hasView = true;
   }
 
+  /// Whether an object has faces within `distance` m of a point of the world, x y z, and all of them are at full
+  /// resolution.
+  isFineAt(number, point, distance) { return this.objects.get(number)?.isFineAt(point, distance) ?? false; }
+
   /// Returns a frame that undoes this one, or null without the object.
   applyMesh(frame) { return this.objects.get(frame.object)?.apply(frame, this.showsResolution) ?? null; }
+
+  /// Returns the regions before, or null without the object.
+  applyRegions({ object, regions }) { return this.objects.get(object)?.boxes.set(regions) ?? null; }
 
   showResolution(shows) {
     this.showsResolution = shows;
@@ -172,16 +244,27 @@ export class ViewScene {
       if (!this.probes.has(state.user)) {
         const label = this.names.appendChild(document.createElement("span"));
         label.style.color = colour;
-        this.probes.set(state.user, { probe: new Probe(this.scene, colour), label, colour });
+        const probe = new Probe(this.scene, colour);
+        probe.setShape(this.tool, state.radius);
+        this.probes.set(state.user, { probe, label, colour });
       }
       const shown = this.probes.get(state.user), isTouching = (state.status & 1) !== 0;
-      const proxy = isTouching ? state.proxy : state.device;
+      const proxy = isTouching || this.tool ? state.proxy : state.device;  // the proxy of a tool is always valid
+      if (this.tool) shown.probe.turn(state.orientation);
       const force = this.showsForces ? state.force : [0, 0, 0];
       shown.probe.update(new Float32Array([...state.device, ...proxy, ...force, state.errorBound, 1, isTouching, 0]));
       shown.proxy = new three.Vector3().fromArray(proxy);
       const newtons = Math.hypot(...state.force);
       shown.label.textContent = newtons > 0.05 ? `${name} ${newtons.toFixed(1)} N` : name;
     }
+  }
+
+  /// `mesh`: {positions, faces} of a tool, or null for spheres. For the probes that appear from now on.
+  setTool(mesh) {
+    this.tool = mesh && new three.BufferGeometry();
+    this.tool?.setAttribute("position", new three.Float32BufferAttribute(mesh.positions.flat(), 3));
+    this.tool?.setIndex(mesh.faces.flat());
+    this.tool?.computeVertexNormals();
   }
 
   /// While the page's user touches, the left button and one finger belong to the hand.
@@ -216,6 +299,14 @@ export class ViewScene {
     return [area.left + (at.x + 1) / 2 * area.width, area.top + (1 - at.y) / 2 * area.height];
   }
 
+  /// The view as a request to the viewer, which refines the meshes for it.
+  cameraRequest() {
+    const half = Math.tan(three.MathUtils.degToRad(this.camera.fov) / 2);
+    const direction = this.camera.getWorldDirection(new three.Vector3());
+    return { position: this.camera.position.toArray().map((x) => Math.min(100, Math.max(-100, x))), direction: direction.toArray(),
+             halfAngle: Math.atan(half * Math.hypot(1, this.camera.aspect)), pixel: 2 * half / Math.max(1, this.canvas.clientHeight) };
+  }
+
   /// A point between the eye and what is in the middle of the view, x y z. It is outside of all objects.
   pointBefore() {
     const { origin, hit } = this.cast(new three.Vector2(0, 0));
@@ -246,6 +337,8 @@ export class ViewScene {
       this.camera.position.add(step);
     }
     this.controls.update();
+    for (const { boxes } of this.objects.values())
+      boxes.layers.forEach((lines, i) => { lines.visible = this.shownLayers.has(kRegionLayers[i].name); });
     this.renderer.render(this.scene, this.camera);
     this.placeNames(width, height);
   }

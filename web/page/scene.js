@@ -37,6 +37,19 @@ export class Probe {
     this.arrow.dispose();
   }
 
+  /// `geometry`: of a tool, m; null: a sphere of this radius.
+  setShape(geometry, radius) {
+    for (const part of [this.device, this.proxy]) {
+      if (geometry) part.geometry = geometry;
+      part.scale.setScalar(geometry ? 1 : radius / kTip);
+    }
+  }
+
+  /// `orientation`: quaternion x y z w.
+  turn(orientation) {
+    for (const part of [this.device, this.proxy]) part.quaternion.fromArray(orientation);
+  }
+
   show(visible) {
     for (const part of [this.device, this.proxy, this.spring, this.arrow]) part.visible = visible;
   }
