@@ -16,18 +16,19 @@ namespace {
 
 using wire::monotonic_ns;
 
-/// Refinement in a tick. It takes some 0.5 ms, so that meshes do not delay the other topics.
+/// Refinement in a tick. It takes some 0.5 ms.
 constexpr std::uint32_t kBudget = 1u << 14;
+constexpr std::int64_t kTargetsNs = 4'000'000;  // between two reads of target poses
 
 std::int64_t since_1970_ns() {
   return std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::system_clock::now().time_since_epoch())
       .count();
 }
 
-/// Returns the ROS domain. Throws WireError if the session uses it.
-int free_domain(const BridgeOptions& options) {
+/// Returns the options. Throws WireError if the session uses the ROS domain.
+BridgeOptions checked(BridgeOptions options) {
   const int first = options.address.domain, last = first + wire::kTrafficClasses - 1;
-  if (options.domain < first || options.domain > last) return options.domain;
+  if (options.domain < first || options.domain > last) return options;
   throw wire::WireError("--ros-domain: found " + std::to_string(options.domain) +
                         ", a domain of the session, expected one outside " + std::to_string(first) + " to " +
                         std::to_string(last));
@@ -37,10 +38,10 @@ int free_domain(const BridgeOptions& options) {
 
 struct Bridge::Impl {
   explicit Impl(BridgeOptions given)
-      : options{std::move(given)},
+      : options{checked(std::move(given))},
         participant{
             {.address = options.address, .settings = {.pool = options.pool, .budget = kBudget}, .source = "topic"}},
-        domain{free_domain(options), options.address.qos},
+        domain{options.domain, options.address.qos},
         publisher{participant.core(), domain, options.frame, options.log},
         targets{participant.users(), domain, {options.frame, options.hrtc}, options.log} {
     participant.core().on_event = options.log;
@@ -60,16 +61,19 @@ int Bridge::run(const std::atomic<bool>& stop) {
   Impl& bridge = *impl_;
   viewer::ViewerCore& core = bridge.participant.core();
   const auto period_ns = static_cast<std::int64_t>(1e9 / bridge.options.rate);
-  std::int64_t next_ns = monotonic_ns();
+  std::int64_t publish_ns = monotonic_ns(), targets_ns = publish_ns;
   while (!stop && !core.is_name_taken()) {
+    // Once in each round, so that the session goes on when a publication takes longer than its period.
+    const std::int64_t wait_ns = std::max<std::int64_t>(std::min(publish_ns, targets_ns) - monotonic_ns(), 0);
+    bridge.participant.step(std::chrono::microseconds{(wait_ns + 999) / 1000});
     const std::int64_t now_ns = monotonic_ns();
-    if (now_ns < next_ns) {
-      bridge.participant.step(std::chrono::microseconds{(next_ns - now_ns + 999) / 1000});
-      continue;
+    if (now_ns >= targets_ns) {
+      targets_ns = now_ns + kTargetsNs;
+      if (bridge.options.takes_targets) bridge.targets.step(now_ns);
     }
-    next_ns = std::max(next_ns + period_ns, now_ns);
-    if (bridge.options.takes_targets) bridge.targets.step(now_ns);
+    if (now_ns < publish_ns) continue;
     bridge.publisher.publish(now_ns, since_1970_ns());
+    publish_ns = std::max(publish_ns + period_ns, monotonic_ns());
     if (bridge.publisher.wants_meshes()) bridge.participant.load_meshes();
   }
   bridge.participant.leave();

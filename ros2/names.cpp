@@ -10,10 +10,15 @@ constexpr std::string_view kDigits = "0123456789abcdef";
 bool is_letter(char byte) { return (byte >= 'a' && byte <= 'z') || (byte >= 'A' && byte <= 'Z'); }
 bool is_digit(char byte) { return byte >= '0' && byte <= '9'; }
 
-/// Returns whether `text` begins with `x_` and two hexadecimal digits.
+/// Begin of a group, which no usual name contains.
+constexpr std::string_view kGroup = "qx_";
+constexpr std::size_t kGroupSize = kGroup.size() + 2;
+
+/// Returns whether `text` begins with kGroup and two hexadecimal digits.
 bool begins_with_group(std::string_view text) {
-  return text.size() >= 4 && text.substr(0, 2) == "x_" && kDigits.find(text[2]) != std::string_view::npos &&
-         kDigits.find(text[3]) != std::string_view::npos;
+  return text.size() >= kGroupSize && text.starts_with(kGroup) &&
+         kDigits.find(text[kGroup.size()]) != std::string_view::npos &&
+         kDigits.find(text[kGroup.size() + 1]) != std::string_view::npos;
 }
 
 }  // namespace
@@ -31,7 +36,8 @@ std::string ros_name(std::string_view name) {
       part += byte;
     } else {
       const auto value = static_cast<unsigned char>(byte);
-      part += {'x', '_', kDigits[value >> 4], kDigits[value & 15u]};
+      part += kGroup;
+      part += {kDigits[value >> 4], kDigits[value & 15u]};
     }
   }
   return part;
@@ -41,8 +47,9 @@ std::optional<std::string> name_of(std::string_view part) {
   std::string name;
   for (std::size_t i = 0; i < part.size(); ++i) {
     if (begins_with_group(part.substr(i))) {
-      name += static_cast<char>(kDigits.find(part[i + 2]) * 16 + kDigits.find(part[i + 3]));
-      i += 3;
+      const std::string_view digits = part.substr(i + kGroup.size());
+      name += static_cast<char>(kDigits.find(digits[0]) * 16 + kDigits.find(digits[1]));
+      i += kGroupSize - 1;
     } else {
       name += part[i];
     }

@@ -1,7 +1,7 @@
 /// Names of users and objects as parts of ROS names. ROS allows letters, digits and single `_`; a part does not begin
 /// with a digit, and with `_` it would be hidden.
 ///
-/// Other bytes become `x_` and two hexadecimal digits: user "ann 2" has the topics /tactus/annx_202/. An `x` that would
+/// Other bytes become `qx_` and two hexadecimal digits: user "ann 2" has the topics /tactus/annqx_202/. A `q` that would
 /// look like the beginning of such a group is written the same way, so two names never become equal.
 #pragma once
 

@@ -137,10 +137,10 @@ void Publisher::publish_transforms(std::int64_t now_ns, const Header& header) {
 
 /// Publishes the meshes that changed; all of them to a new reader.
 void Publisher::publish_markers() {
-  const int readers = markers_.matched();
-  if (readers > marker_readers_) sent_meshes_.clear();
-  marker_readers_ = readers;
-  if (readers == 0) return;
+  const int matches = markers_.matches();
+  if (matches > marker_matches_) sent_meshes_.clear();  // a new reader gets all meshes
+  marker_matches_ = matches;
+  if (markers_.matched() == 0) return;
   MarkerArray message;
   std::map<std::string, std::uint32_t> before = std::exchange(sent_meshes_, {});
   for (const auto& [id, object] : core_.objects()) {

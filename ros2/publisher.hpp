@@ -20,7 +20,7 @@
 
 namespace tactus::ros2 {
 
-/// What a user's topics carry at one time.
+/// The messages of one user for one time.
 struct UserMessages {
   WrenchStamped wrench;  ///< force on the user's hand; the torque is 0, because probe states have none
   PoseStamped device;
@@ -80,7 +80,7 @@ class Publisher {
   session::PeriodicTimer all_transforms_, markers_due_;
   std::map<std::uint64_t, session::Pose> sent_poses_;  // by object
   std::map<std::string, std::uint32_t> sent_meshes_;   // by frame of the object: ShownMesh::change_number
-  int marker_readers_ = 0;                             // at the last publication
+  int marker_matches_ = 0;                             // at the last publication
 };
 
 }  // namespace tactus::ros2

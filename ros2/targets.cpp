@@ -14,10 +14,19 @@ namespace tactus::ros2 {
 namespace {
 
 constexpr std::string_view kBegin = "rt/tactus/", kEnd = "/target_pose";
+constexpr std::int64_t kReportNs = 1000 * kMs;  // between two reports about a topic
 constexpr std::int64_t kRetryNs = 1000 * kMs;   // from a refusal to the next request of a probe
 constexpr std::int64_t kUnusedNs = 5000 * kMs;  // after this time without a publisher, a topic has no reader any more
 constexpr double kMaxCoordinate = 100;          // m, as for a page
 constexpr double kUnitTolerance = 1e-3;
+
+/// The begin of a text from the network, without control characters.
+std::string printable(std::string text) {
+  text.resize(std::min(text.size(), session::kMaxName));
+  for (char& byte : text)
+    if (static_cast<unsigned char>(byte) < 0x20 || byte == 0x7f) byte = '?';
+  return text;
+}
 
 /// True for names that a page may choose too.
 bool is_plain(const std::string& user) {
@@ -40,14 +49,13 @@ std::optional<std::string> target_user(const std::string& dds_topic) {
 
 std::string fault_of(const PoseStamped& target, const std::string& frame) {
   if (target.header.frame_id != frame)
-    return "found frame '" + target.header.frame_id.substr(0, session::kMaxName) + "', expected '" + frame + "'";
+    return "found frame '" + printable(target.header.frame_id) + "', expected '" + frame + "'";
   const auto& position = target.pose.position;
   if (!std::all_of(position.begin(), position.end(), [](double at) { return std::abs(at) <= kMaxCoordinate; }))
     return "found a position that is not within 100 m of the origin";
   double square = 0;
   for (const double number : target.pose.orientation) square += number * number;
-  if (!(std::abs(std::sqrt(square) - 1) <= kUnitTolerance))
-    return "found an orientation of length " + std::to_string(std::sqrt(square)) + ", expected 1";
+  if (!(std::abs(std::sqrt(square) - 1) <= kUnitTolerance)) return "found an orientation that is no unit quaternion";
   return {};
 }
 
@@ -62,9 +70,12 @@ Targets::Targets(viewer::PointedUsers& users, wire::RosDomain& domain, TargetSet
   };
 }
 
-/// Reports a text once, until another one follows.
+/// Reports a text once, until another one follows, and at most one a second.
 void Targets::report(Topic& topic, const std::string& text) const {
-  if (std::exchange(topic.report, text) != text) on_event_("target poses of " + topic.user + ": " + text);
+  if (topic.report == text || (!topic.report.empty() && now_ns_ - topic.reported_ns < kReportNs)) return;
+  topic.report = text;
+  topic.reported_ns = now_ns_;
+  on_event_("target poses of " + topic.user + ": " + text);
 }
 
 void Targets::add_topic(const wire::RosDomain::Discovered& writer, std::int64_t now_ns) {
@@ -72,7 +83,8 @@ void Targets::add_topic(const wire::RosDomain::Discovered& writer, std::int64_t 
   if (!user) return;
   const std::string topic = "/tactus/" + ros_name(*user) + std::string{kEnd};
   if (writer.type != PoseStamped::kType.name)
-    return on_event_("topic " + topic + ": found type " + writer.type + ", expected " + PoseStamped::kType.name);
+    return on_event_("topic " + topic + ": found type " + printable(writer.type) + ", expected " +
+                     PoseStamped::kType.name);
   if (!is_plain(*user))
     return on_event_("topic " + topic +
                      " is ignored: expected a user name of at most 32 letters, digits, '-', '_', '.'");
@@ -81,7 +93,7 @@ void Targets::add_topic(const wire::RosDomain::Discovered& writer, std::int64_t 
   if (topics_.size() >= kMaxTopics)
     return on_event_("topic " + topic + " is ignored: " + std::to_string(kMaxTopics) + " have target poses already");
   try {
-    topics_.emplace(source, Topic{*user, {domain_, topic, PoseStamped::kType, "ros2_target_reader"}, now_ns, 0, {}});
+    topics_.emplace(source, Topic{*user, {domain_, topic, PoseStamped::kType, "ros2_target_reader"}, now_ns, 0, {}, 0});
   } catch (const wire::WireError& error) {
     on_event_(error.what());
   }

@@ -21,7 +21,7 @@ namespace tactus::ros2 {
 /// Returns the user whose target poses a topic carries, as DDS names the topic; none for other topics.
 [[nodiscard]] std::optional<std::string> target_user(const std::string& dds_topic);
 
-/// Returns what is wrong with a target pose; empty: nothing. `frame`: the world frame.
+/// Returns the fault of a target pose, or an empty text. `frame`: the world frame.
 [[nodiscard]] std::string fault_of(const PoseStamped& target, const std::string& frame);
 
 struct TargetSettings {
@@ -48,6 +48,7 @@ class Targets {
     std::int64_t used_ns = 0;     // last time with a publisher
     std::int64_t refused_ns = 0;  // time of the last refusal; 0: none
     std::string report;           // last reported fault or refusal
+    std::int64_t reported_ns = 0;
   };
   void add_topic(const wire::RosDomain::Discovered& writer, std::int64_t now_ns);
   void process(viewer::SourceId source, Topic& topic, std::int64_t now_ns);

@@ -18,6 +18,8 @@ constexpr std::int64_t kTickNs = 5 * kMs;       // between two ticks of the core
 constexpr std::int64_t kSkimTickNs = 50 * kMs;  // while the samples before a step's end are skimmed
 constexpr std::int64_t kStatesNs = 2000 * kMs;  // states older than this are not shown
 constexpr std::int64_t kSettleNs = 100 * kMs;   // the core reads its meshes every 50 ms
+constexpr std::int64_t kMaxLengthNs = 86400 * std::int64_t{1'000'000'000};
+constexpr std::uint64_t kMaxTimeNs = std::uint64_t{1} << 62;
 constexpr const char* kParticipant = "playback";
 
 /// True for a sample of which only the newest is shown.
@@ -60,7 +62,6 @@ void Playback::read(const std::filesystem::path& file) {
   trace::McapReader reader{file};
   std::vector<std::pair<std::int64_t, session::BulkChunk>> chunks;
   std::map<std::uint32_t, std::uint64_t> objects;  // by stream_id
-  std::uint64_t bulk_bytes = 0;
   trace::McapMessage message;
   while (reader.next(message)) {
     const bool is_demand = message.topic == wire::topics::kDemand.name;
@@ -69,6 +70,9 @@ void Playback::read(const std::filesystem::path& file) {
     const auto [channel, is_new] = channels_.try_emplace(message.topic, message.channel);
     if (message.channel < channel->second) channel->second = message.channel;
     if (message.channel != channel->second) continue;
+    if (message.log_time > kMaxTimeNs)
+      throw trace::McapError(file.string() + ": found time " + std::to_string(message.log_time) +
+                             " ns, expected at most " + std::to_string(kMaxTimeNs));
     const auto at_ns = static_cast<std::int64_t>(message.log_time);
     const Recorded recorded{at_ns, &channel->first, bytes_.size(), message.bytes.size()};
     bytes_.insert(bytes_.end(), message.bytes.begin(), message.bytes.end());
@@ -87,7 +91,6 @@ void Playback::read(const std::filesystem::path& file) {
       forget_bytes();
     } else if (const auto* const chunk = std::get_if<session::BulkChunk>(&*sample)) {
       if (chunk->kind() != session::BulkKind::kEcho) chunks.emplace_back(at_ns, *chunk);
-      bulk_bytes += recorded.size;
       forget_bytes();
     } else if (const auto* const entry = std::get_if<session::RosterEntry>(&*sample)) {
       if (session_ == 0) {
@@ -102,9 +105,19 @@ void Playback::read(const std::filesystem::path& file) {
     }
   }
   if (samples_.empty()) return;
+  std::stable_sort(samples_.begin(), samples_.end(),
+                   [](const Recorded& a, const Recorded& b) { return a.at_ns < b.at_ns; });
+  if (samples_.back().at_ns - samples_.front().at_ns > kMaxLengthNs)
+    throw trace::McapError(file.string() + ": found samples more than a day apart, expected one session");
   begin_ns_ = samples_.front().at_ns;
   end_ns_ = samples_.back().at_ns;
   read_bulk(chunks, objects);
+  std::uint64_t bulk_bytes = 0;  // of the regions, each counted once
+  for (const auto& [id, delivery] : deliveries_) {
+    std::map<std::uint32_t, std::size_t> sizes;
+    for (const Message& each : delivery.regions) sizes[each.region] = each.bytes.size();
+    for (const auto& [region, bytes] : sizes) bulk_bytes += bytes;
+  }
   // A record takes at least one block of 20 bytes; on the wire some have 9. Less than 1/16 free makes the loader evict.
   constexpr double kBlocksPerByte = 0.25;
   pool_.compressed_blocks = static_cast<std::uint32_t>(
@@ -141,7 +154,7 @@ std::optional<wire::AnySample> Playback::decode(const Recorded& recorded) const 
 
 void Playback::restart() {
   const std::uint64_t incarnation = static_cast<std::uint64_t>(begin_ns_);
-  now_ns_ = ticked_ns_ = begin_ns_ - 1;
+  now_ns_ = shown_ns_ = begin_ns_ - 1;
   next_ = 0;
   streams_.clear();
   for (auto& [id, delivery] : deliveries_) delivery.sent = 0;
@@ -165,7 +178,7 @@ void Playback::seek(double seconds) {
   const std::int64_t to_ns = begin_ns_ + after_ns;
   shown_hrtc_ = core_->shown_hrtc();
   cameras_ = core_->cameras();
-  if (to_ns < now_ns_) restart();
+  if (to_ns < shown_ns_) restart();
   play_until(to_ns - kStatesNs, kSkimTickNs, to_ns - kStatesNs);
   play_until(to_ns, kTickNs, to_ns - kStatesNs);
   if (!status_.is_playing) settle();
@@ -188,7 +201,10 @@ void Playback::advance(std::int64_t ns) {
 /// Plays the samples up to `to_ns`. Skips states before `states_from_ns`.
 void Playback::play_until(std::int64_t to_ns, std::int64_t tick_ns, std::int64_t states_from_ns) {
   while (now_ns_ < to_ns) {
-    now_ns_ = std::min(now_ns_ + tick_ns, to_ns);
+    now_ns_ += tick_ns;
+    // A step leaps over times without samples.
+    if (tick_ns == kSkimTickNs && next_ < samples_.size()) now_ns_ = std::max(now_ns_, samples_[next_].at_ns);
+    now_ns_ = std::min(now_ns_, to_ns);
     for (; next_ < samples_.size() && samples_[next_].at_ns <= now_ns_; ++next_) {
       const Recorded& recorded = samples_[next_];
       if (recorded.at_ns < states_from_ns && is_state(*recorded.topic)) continue;
@@ -212,7 +228,8 @@ void Playback::play_until(std::int64_t to_ns, std::int64_t tick_ns, std::int64_t
     }
     tick();
   }
-  status_.at = static_cast<double>(now_ns_ - begin_ns_) / kNsPerS;
+  shown_ns_ = to_ns;
+  status_.at = static_cast<double>(std::max<std::int64_t>(to_ns - begin_ns_, 0)) / kNsPerS;
 }
 
 void Playback::tick() {

@@ -3,9 +3,9 @@
 ///     file --> samples in the order of their arrival --> on_roster, on_probe_state, ...
 ///          --> messages of base meshes and regions ----> on_chunk, in one stream for each demand of the viewer
 ///
-/// The time of the core is the recorded time, ns since 1970. It stands still during a pause, so nobody is late then. A
-/// step back begins at the start of the recording again, without the probe states, figures and shown regions that are
-/// too old to be shown at its end.
+/// The time of the core is the recorded time, ns since 1970. At the begin of a pause it advances by
+/// 100 ms, so that the mesh follows the last samples, and then stands still. A step skips the probe states and shown
+/// regions that are more than 2 s older than its end. A step back begins at the start of the recording again.
 ///
 /// Hosts sent each record once to each HRTC, so a region can need records of earlier messages. The compressed cache of
 /// the core is therefore so large that it evicts no region.
@@ -92,7 +92,9 @@ class Playback {
   std::optional<ViewerCore> core_;
   std::map<std::uint32_t, Stream> streams_;  // by stream_id
   std::size_t next_ = 0;                     // index in samples_
-  std::int64_t begin_ns_ = 0, end_ns_ = 0, now_ns_ = 0, ticked_ns_ = 0;
+  std::int64_t begin_ns_ = 0, end_ns_ = 0;
+  std::int64_t now_ns_ = 0;    // time of the core; during a pause, up to 100 ms after the shown time
+  std::int64_t shown_ns_ = 0;  // recorded time that is shown
   std::string shown_hrtc_;
   PlaybackStatus status_;
 };

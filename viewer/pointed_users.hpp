@@ -43,7 +43,7 @@ class PointedUsers {
  public:
   static constexpr std::size_t kMaxUsers = 8;
   /// Time without a hand request after which the user leaves, for example because a page is hidden. The hand would
-  /// otherwise press on.
+  /// otherwise continue to press.
   static constexpr std::int64_t kMaxSilenceNs = 2'000'000'000;
   static constexpr std::int64_t kHeartbeatNs = 100'000'000;
   /// Max time from the request until an HRTC has given a probe.

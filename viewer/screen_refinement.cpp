@@ -58,7 +58,7 @@ void ScreenRefinement::add(std::uint32_t object_index, std::uint32_t region, con
     if (angle - half_size > camera.half_angle) continue;
     pixels = std::max(pixels, base.error * placement.scale() / (nearest * camera.pixel));
   }
-  if (pixels > kMinPixels && entries > 0)
+  if (std::isfinite(pixels) && pixels > kMinPixels && entries > 0)
     candidates_.push_back({object_index, region, pixels, std::max(base.faces, 1u), entries, distinct});
 }
 

@@ -63,7 +63,7 @@ struct SeenProbe {
   std::int64_t received_ns = 0;
 };
 
-/// Why a region is fine or soon will be. If several apply, a region has the last of them.
+/// The reason for which a region is refined, or will be. If several apply, a region has the last of them.
 enum class RegionMark : std::uint32_t {
   kResident = 1,   ///< a chosen HRTC publishes it as refined
   kPredicted = 2,  ///< the prediction from the probe states contains it

@@ -18,7 +18,7 @@ namespace tactus::viewer {
 struct ParticipantOptions {
   wire::SessionAddress address;
   ViewerSettings settings;  ///< the names of participant and session are those of the address
-  std::string source;       ///< what messages call a source of targets (PointedUsers)
+  std::string source;       ///< word for a source of targets in messages, for example "page"
 };
 
 class ViewerParticipant {

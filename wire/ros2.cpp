@@ -120,6 +120,11 @@ bool RosWriter::send(std::span<const std::uint8_t> message) {
   return succeeded(impl_->writer->write(&impl_->sample));
 }
 
+int RosWriter::matches() const {
+  dds::PublicationMatchedStatus status;
+  return succeeded(impl_->writer->get_publication_matched_status(status)) ? status.total_count : 0;
+}
+
 int RosWriter::matched() const {
   dds::PublicationMatchedStatus status;
   return succeeded(impl_->writer->get_publication_matched_status(status)) ? status.current_count : 0;

@@ -39,7 +39,8 @@ class RosDomain {
   struct Discovered {
     std::string topic, type;
   };
-  /// Returns the writers of other participants that were discovered since the last call. Drops those above 1024.
+  /// Returns the writers of other participants that were discovered since the last call. Stores at most
+  /// 1,024 writers between two calls, and drops further ones.
   [[nodiscard]] std::vector<Discovered> take_discovered();
 
   struct Impl;
@@ -62,6 +63,8 @@ class RosWriter {
   bool send(std::span<const std::uint8_t> message);
   /// Number of matched readers.
   [[nodiscard]] int matched() const;
+  /// Number of readers that have been matched since the beginning.
+  [[nodiscard]] int matches() const;
 
  private:
   struct Impl;

@@ -49,7 +49,7 @@ TEST(Ros2MessagesTest, EachMessageHasTheHeader) {
 TEST(Ros2MessagesTest, TheFrameOfAnObjectHasAValidName) {
   session::CatalogueEntry entry;
   entry.object = "old crate";
-  EXPECT_EQ(frame_of(entry), "tactus/oldx_20crate");
+  EXPECT_EQ(frame_of(entry), "tactus/oldqx_20crate");
 }
 
 TEST(Ros2MessagesTest, AMarkerOfAnObjectWithoutFacesHasNoPoints) {

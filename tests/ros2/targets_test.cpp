@@ -19,7 +19,7 @@ PoseStamped target() {
 
 TEST(Ros2TargetsTest, ATopicOfTargetPosesNamesItsUser) {
   EXPECT_EQ(target_user("rt/tactus/guest/target_pose"), "guest");
-  EXPECT_EQ(target_user("rt/tactus/viewx_2eguest/target_pose"), "view.guest");
+  EXPECT_EQ(target_user("rt/tactus/viewqx_2eguest/target_pose"), "view.guest");
 }
 
 TEST(Ros2TargetsTest, OtherTopicsNameNoUser) {

@@ -13,7 +13,7 @@ export function makeFronts() {
   return canvas;
 }
 
-/// `fronts`: {refined, loaded}, each the percentage of the records by column.
+/// `fronts`: {refined, loaded}, each the percentage of the list entries by column.
 export function drawFronts(canvas, { refined, loaded }) {
   const context = canvas.getContext("2d");
   context.fillStyle = kWhole;
