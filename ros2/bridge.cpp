@@ -25,10 +25,10 @@ std::int64_t since_1970_ns() {
       .count();
 }
 
-/// Returns the options. Throws WireError if the session uses the ROS domain.
-BridgeOptions checked(BridgeOptions options) {
+/// Returns the ROS domain. Throws WireError if the session uses it. Call it after the session's domain was checked.
+int free_domain(const BridgeOptions& options) {
   const int first = options.address.domain, last = first + wire::kTrafficClasses - 1;
-  if (options.domain < first || options.domain > last) return options;
+  if (options.domain < first || options.domain > last) return options.domain;
   throw wire::WireError("--ros-domain: found " + std::to_string(options.domain) +
                         ", a domain of the session, expected one outside " + std::to_string(first) + " to " +
                         std::to_string(last));
@@ -38,10 +38,10 @@ BridgeOptions checked(BridgeOptions options) {
 
 struct Bridge::Impl {
   explicit Impl(BridgeOptions given)
-      : options{checked(std::move(given))},
+      : options{std::move(given)},
         participant{
             {.address = options.address, .settings = {.pool = options.pool, .budget = kBudget}, .source = "topic"}},
-        domain{options.domain, options.address.qos},
+        domain{free_domain(options), options.address.qos},
         publisher{participant.core(), domain, options.frame, options.log},
         targets{participant.users(), domain, {options.frame, options.hrtc}, options.log} {
     participant.core().on_event = options.log;
