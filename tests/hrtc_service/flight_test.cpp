@@ -62,14 +62,14 @@ class FlightReplayTest : public ::testing::Test {
     material.static_friction = 0.5;
     material.dynamic_friction = 0.4;
     hrtc_service::LoaderSettings loader;
-    loader.tool = tool_;
+    loader.tool = tool_.get();
     const std::vector<spm::Model> models(withdraws_ ? 2 : 1, model);
     const double scale = kSphereRadius / radius;
     LocalSession session{models, scale, pool, 2, loader, material, movable_ ? 0.5 : 0};
     hrtc_service::FlightRecorder recorder{kCyclesPerSecond};
     session.cycle().set_observer(&recorder);
     FlightStore store{
-        recorder, hrtc_service::flight_start("desk", LocalSession::cycle_settings(tool_), pool, LocalSession::specs()),
+        recorder, hrtc_service::flight_start("desk", LocalSession::cycle_settings(tool_.get()), pool, LocalSession::specs()),
         seconds, FlightStore::bytes_for(seconds, 0.001, 2)};
     std::mt19937_64 random{kFlightSeed};
     const auto position = [](double cycle, double phase) { return position_on_sphere(cycle * 3e-3 + phase); };
@@ -135,7 +135,7 @@ class FlightReplayTest : public ::testing::Test {
     hrtc_service::flight_support::write_messages(file_, messages);
   }
 
-  const spm::MeshProbe* tool_ = nullptr;
+  std::unique_ptr<const spm::MeshProbe> tool_;
   bool movable_ = false;    // the object is movable, and the first hand holds it at intervals
   bool withdraws_ = false;  // the second tip touches a second object, which is withdrawn at intervals
   int held_cycles_ = 0;
@@ -224,8 +224,7 @@ TEST_F(FlightReplayTest, AnotherOrderOfTheRetainedRegionsIsReported) {
 
 TEST_F(FlightReplayTest, ToolsAreReplayedToTheBitFromTheBeginningAndFromTheMiddle) {
   const spm::offline::TriangleMesh stylus = spm::offline::stylus();
-  const spm::MeshProbe probe{stylus.positions, stylus.faces};
-  tool_ = &probe;
+  tool_ = std::make_unique<const spm::MeshProbe>(stylus.positions, stylus.faces);
   for (const double seconds : {30.0, 2.0}) {
     SCOPED_TRACE(seconds);
     record(3800, seconds);
