@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
+#include <memory>
 #include <random>
 
 #include "hrtc_service/flight_saver.hpp"
@@ -69,7 +70,8 @@ class FlightReplayTest : public ::testing::Test {
     hrtc_service::FlightRecorder recorder{kCyclesPerSecond};
     session.cycle().set_observer(&recorder);
     FlightStore store{
-        recorder, hrtc_service::flight_start("desk", LocalSession::cycle_settings(tool_.get()), pool, LocalSession::specs()),
+        recorder,
+        hrtc_service::flight_start("desk", LocalSession::cycle_settings(tool_.get()), pool, LocalSession::specs()),
         seconds, FlightStore::bytes_for(seconds, 0.001, 2)};
     std::mt19937_64 random{kFlightSeed};
     const auto position = [](double cycle, double phase) { return position_on_sphere(cycle * 3e-3 + phase); };
