@@ -213,7 +213,7 @@ TEST_F(WrongInputTest, IsRefusedByRos2) {
   expect_refused("ros2", wrong_session_options({}));
   expect_refused("ros2", {
                              {{"surplus"}, {"surplus"}},
-                             {{"--ros-domain", "233"}, {"--ros-domain", "233", "0 to 232"}},
+                             {{"--ros-domain", "233"}, {"--ros-domain", "233", "232"}},
                              {{"--ros-domain", "22"}, {"--ros-domain: found 22", "expected one outside 20 to 22"}},
                              {{"--rate", "2000"}, {"--rate", "2000", "1000"}},
                              {{"--hrtc", "desk", "--read-only"}, {"--hrtc", "--read-only"}},
