@@ -1,5 +1,7 @@
 #include "viewer/shown_mesh.hpp"
 
+#include "spm/tree_faces.hpp"
+
 namespace tactus::viewer {
 
 void ShownMesh::set(std::uint32_t row, const Face& face) {
@@ -30,31 +32,19 @@ void ShownMesh::update(const spm::Forest& forest) {
   faces_ = finest_faces_ = 0;
   changed_ = false;
 
-  const spm::AbTree& tree = forest.tree();
-  std::vector<spm::NodeIndex> stack;
-  if (tree.root() != spm::kNone) stack.push_back(tree.root());
-  while (!stack.empty()) {
-    const spm::TreeNode& node = tree.node(stack.back());
-    stack.pop_back();
-    for (unsigned lane = 0; lane < spm::TreeNode::kWidth; ++lane) {
-      if ((node.mask >> lane & 1u) == 0) continue;
-      if (node.level > 1) {
-        stack.push_back(node.node(lane));
-        continue;
-      }
-      const std::uint32_t pool_row = spm::index(node.row(lane));
-      if (pool_row >= page_row_of_.size()) page_row_of_.resize(pool_row + 1, spm::kNone);
-      std::uint32_t& row = page_row_of_[pool_row];
-      if (row == spm::kNone) row = take_row();
-      Face face;
-      for (std::size_t i = 0; i < face.corners.size(); ++i) face.corners[i] = node.lanes[i][lane];
-      face.finest = (node.finest >> lane & 1u) != 0;
-      seen_[row] = updates_;
-      set(row, face);
-      ++faces_;
-      finest_faces_ += face.finest ? 1 : 0;
-    }
-  }
+  spm::for_each_face(forest.tree(), [&](const spm::TreeNode& node, unsigned lane) {
+    const std::uint32_t pool_row = spm::index(node.row(lane));
+    if (pool_row >= page_row_of_.size()) page_row_of_.resize(pool_row + 1, spm::kNone);
+    std::uint32_t& row = page_row_of_[pool_row];
+    if (row == spm::kNone) row = take_row();
+    Face face;
+    for (std::size_t i = 0; i < face.corners.size(); ++i) face.corners[i] = node.lanes[i][lane];
+    face.finest = (node.finest >> lane & 1u) != 0;
+    seen_[row] = updates_;
+    set(row, face);
+    ++faces_;
+    finest_faces_ += face.finest ? 1 : 0;
+  });
   for (std::uint32_t& row : page_row_of_) {
     if (row == spm::kNone || seen_[row] == updates_) continue;
     set(row, Face{});

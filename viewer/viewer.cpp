@@ -98,7 +98,7 @@ int play(const PlaybackOptions& options, const std::function<void(std::uint16_t 
     playback.advance(std::min(now_ns - last_ns, kMaxAdvanceNs));
     last_ns = now_ns;
     server.poll(now_ns);
-    std::this_thread::sleep_for(kTick);
+    std::this_thread::sleep_for(kTick);  // a recording has no samples that wake this thread
   }
   return 0;
 }

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "spm/tree_faces.hpp"
 #include "study/subject.hpp"
 
 namespace tactus::web {
@@ -122,27 +123,15 @@ bool TouchSession::update_mesh() {
   base_faces_shown_ = forest.base_faces_shown();
 
   // Reads the leaves of the tree in their order in memory, so this takes a fraction of a haptic cycle.
-  const spm::AbTree& tree = forest.tree();
   std::uint32_t fine_faces = 0;
-  std::vector<spm::NodeIndex> stack;
   mesh_.corners.clear();
   mesh_.fine.clear();
-  if (tree.root() != spm::kNone) stack.push_back(tree.root());
-  while (!stack.empty()) {
-    const spm::TreeNode& node = tree.node(stack.back());
-    stack.pop_back();
-    for (unsigned lane = 0; lane < spm::TreeNode::kWidth; ++lane) {
-      if ((node.mask >> lane & 1u) == 0) continue;
-      if (node.level > 1) {
-        stack.push_back(node.node(lane));
-        continue;
-      }
-      const std::uint8_t finest = node.finest >> lane & 1u;
-      fine_faces += finest;
-      mesh_.fine.push_back(finest);
-      for (const spm::lanes::Floats& row : node.lanes) mesh_.corners.push_back(row[lane]);
-    }
-  }
+  spm::for_each_face(forest.tree(), [&](const spm::TreeNode& node, unsigned lane) {
+    const std::uint8_t finest = node.finest >> lane & 1u;
+    fine_faces += finest;
+    mesh_.fine.push_back(finest);
+    for (const spm::lanes::Floats& row : node.lanes) mesh_.corners.push_back(row[lane]);
+  });
   figures_.faces = static_cast<double>(mesh_.fine.size());
   figures_.fine_faces = fine_faces;
   return true;
