@@ -122,7 +122,7 @@ bool TouchSession::update_mesh() {
   mesh_hash_ = forest.mesh_hash();
   base_faces_shown_ = forest.base_faces_shown();
 
-  // Reads the leaves of the tree in their order in memory, so this takes a fraction of a haptic cycle.
+  // Reads the leaves of the tree in their order in memory. The next haptic cycle waits for the end of this.
   std::uint32_t fine_faces = 0;
   mesh_.corners.clear();
   mesh_.fine.clear();
@@ -130,7 +130,9 @@ bool TouchSession::update_mesh() {
     const std::uint8_t finest = node.finest >> lane & 1u;
     fine_faces += finest;
     mesh_.fine.push_back(finest);
-    for (const spm::lanes::Floats& row : node.lanes) mesh_.corners.push_back(row[lane]);
+    std::array<float, spm::lanes::kTriangleRows> corners;
+    for (std::size_t i = 0; i < corners.size(); ++i) corners[i] = node.lanes[i][lane];
+    mesh_.corners.insert(mesh_.corners.end(), corners.begin(), corners.end());
   });
   figures_.faces = static_cast<double>(mesh_.fine.size());
   figures_.fine_faces = fine_faces;

@@ -5,11 +5,14 @@ const { mkdtempSync, rmSync } = require("fs");
 const { tmpdir } = require("os");
 const { join } = require("path");
 
+const kStartMs = 1500;  // a new browser goes on starting for this long; the first page waits, so that its times are its own
+
 class Browser {
   constructor(program) {
     this.profile = mkdtempSync(join(tmpdir(), "tactus-browser-"));
+    // SwiftShader draws WebGL only. For text and buttons it would compile shaders first, half a second in which a page waits.
     this.process = spawn(program, ["--remote-debugging-pipe", "--no-sandbox", "--use-angle=swiftshader", "--hide-scrollbars",
-                                   "--enable-unsafe-swiftshader", `--user-data-dir=${this.profile}`],
+                                   "--enable-unsafe-swiftshader", "--disable-gpu-rasterization", `--user-data-dir=${this.profile}`],
                          { stdio: ["ignore", "ignore", "ignore", "pipe", "pipe"] });
     this.waiting = new Map();
     this.log = [];  // messages of the console, and errors
@@ -54,6 +57,7 @@ class Browser {
   }
 
   async open(address, width, height) {
+    if (!this.session) await new Promise((resolve) => setTimeout(resolve, kStartMs));
     const { targetId } = await this.send("Target.createTarget", { url: "about:blank", width, height });
     this.session = (await this.send("Target.attachToTarget", { targetId, flatten: true })).sessionId;
     await this.send("Runtime.enable");

@@ -75,7 +75,6 @@ function chooseFile(browser, name, text) {
 }
 
 async function touch(browser, address) {
-  const began = performance.now();
   await browser.open(address, kWidth, kHeight);
   await browser.until("window.tactus?.opened != null || window.tactus?.error != null", 20);
   const reason = await browser.value("window.tactus.error");
@@ -84,7 +83,7 @@ async function touch(browser, address) {
   await browser.mouse("mouseMoved", kCentre.x, kCentre.y, false);
   await browser.mouse("mousePressed", kCentre.x, kCentre.y, true);
   await browser.until("window.tactus.users[11] === 1 && window.tactus.users[12] === 1", 10);
-  const seconds = (performance.now() - began) / 1e3;
+  const seconds = await browser.value("performance.now()") / 1e3;
   check("first exact touch after the page was opened", `${seconds.toFixed(2)} s`, seconds <= 3, "<= 3 s");
 
   await slide(browser, 6000);
@@ -121,7 +120,7 @@ async function touch(browser, address) {
   const trip = await browser.value("window.tactus.figures[10]");
   check("round trip of a new session with a delay of 150 ms", `${trip.toFixed(0)} ms`, trip >= 300 && trip < 500, "300 to 500");
   await chooseFile(browser, "ball.obj", ballObj(40, 60));
-  await browser.until("window.tactus.figures[9] !== 100000", 20);
+  await browser.until("window.tactus.figures[9] !== 60000", 20);
   const faces = await browser.value("window.tactus.figures[9]");
   check("faces of a chosen OBJ file", faces, faces === 2 * 39 * 60, "4680");
   await chooseFile(browser, "cylinder.ply", cylinderPly(200));

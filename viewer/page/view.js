@@ -27,14 +27,7 @@ const strips = new Map();  // by HRTC: {element, text, strips: by name, before}
 const frontsOf = new Map();  // by object: {row, canvas}
 const bytesSent = new Map();  // by host: {bytes, nowMs, rate}
 
-let view;
-try {
-  view = new ViewScene(element("scene"), element("names"));
-} catch (error) {
-  state.error = error.message;
-  element("connection").textContent = `this browser cannot draw: ${error.message}`;
-  throw error;
-}
+let view;  // made below
 
 /// Sets the rows of a table. `rows`: lists of cells, each a text or an element.
 function setRows(table, rows) {
@@ -535,17 +528,11 @@ element("resolution").addEventListener("change", ({ target }) => view.showResolu
 element("wireframe").addEventListener("change", ({ target }) => { view.material.wireframe = target.checked; });
 element("labels").addEventListener("change", ({ target }) => { view.showsNames = target.checked; });
 element("forces").addEventListener("change", ({ target }) => { view.showsForces = target.checked; });
-for (const { name, colour } of kRegionLayers) {
-  element(name).checked = view.shownLayers.has(name);
-  element(name).addEventListener("change", ({ target }) => view.shownLayers[target.checked ? "add" : "delete"](name));
-  element(name).nextElementSibling.style.background = `#${colour.toString(16)}`;
-}
 element("mesh-of").addEventListener("change", ({ target }) => request({ show: target.value }));
 element("follow").addEventListener("change", ({ target }) => { view.followed = target.value || null; });
 
 // ---- drawing ----
 
-state.minIntervalMs = view.isSoftware ? kSoftwareIntervalMs : 0;
 let drawnMs = 0;
 
 function draw(now) {
@@ -561,14 +548,40 @@ function draw(now) {
 
 state.screenOf = (point) => view.screenOf(point);
 state.isFineAt = (object, point, distance) => view.isFineAt(object, point, distance);
-setInterval(() => {
-  showUsers();
-  showAge();
-  checkConnection();
-}, 100);
-fetch("tool.json").then((answer) => answer.json()).then((tool) => {
-  view.setTool(tool);
-  state.toolFaces = tool?.faces.length ?? 0;
-}).catch((error) => { state.error = error.message; })
-  .finally(connect);
-requestAnimationFrame(draw);
+/// The switches of the layers of regions.
+function makeLayers() {
+  for (const { name, colour } of kRegionLayers) {
+    element(name).checked = view.shownLayers.has(name);
+    element(name).addEventListener("change", ({ target }) => view.shownLayers[target.checked ? "add" : "delete"](name));
+    element(name).nextElementSibling.style.background = `#${colour.toString(16)}`;
+  }
+}
+
+/// Connects and requests the tool, then makes the scene. Without a graphics processor, that takes half a second, in
+/// which the first frames arrive.
+function start() {
+  connect();
+  const tool = fetch("tool.json").then((answer) => answer.json());
+  try {
+    view = new ViewScene(element("scene"), element("names"));
+  } catch (error) {
+    state.error = error.message;
+    socket.onopen = socket.onclose = null;
+    socket.close();
+    element("connection").textContent = `this browser cannot draw: ${error.message}`;
+    return;
+  }
+  state.minIntervalMs = view.isSoftware ? kSoftwareIntervalMs : 0;
+  tool.then((found) => {
+    view.setTool(found);
+    state.toolFaces = found?.faces.length ?? 0;
+  }).catch((error) => { state.error = error.message; });
+  makeLayers();
+  setInterval(() => {
+    showUsers();
+    showAge();
+    checkConnection();
+  }, 100);
+  requestAnimationFrame(draw);
+}
+start();

@@ -259,8 +259,9 @@ export class ViewScene {
     }
   }
 
-  /// `mesh`: {positions, faces} of a tool, or null for spheres. For the probes that appear from now on.
+  /// `mesh`: {positions, faces} of a tool, or null for spheres.
   setTool(mesh) {
+    for (const user of [...this.probes.keys()]) this.removeProbe(user);  // the next frame adds them with this shape
     this.tool = mesh && new three.BufferGeometry();
     this.tool?.setAttribute("position", new three.Float32BufferAttribute(mesh.positions.flat(), 3));
     this.tool?.setIndex(mesh.faces.flat());

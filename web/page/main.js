@@ -9,7 +9,7 @@ const kColours = ["#6fc3ff", "#c79bff"];  // you, ann
 const kSliders = ["delay", "jitter", "loss", "rate"];
 const kDefaults = { delay: 20, jitter: 1, loss: 0, rate: 20 };  // ms, ms, %, Mbit/s
 const kSoftwareIntervalMs = 60;           // min time between two pictures without a graphics processor
-const kFaces = 100000, kMinFaces = 1000, kMaxFaces = 2000000;   // of the generated organ
+const kFaces = 60000, kMinFaces = 1000, kMaxFaces = 2000000;   // of the generated organ
 
 const element = (id) => document.getElementById(id);
 const parameters = new URLSearchParams(location.search);
@@ -33,15 +33,6 @@ function showError(text) {
   say(text, true);
 }
 
-function makeScene() {
-  try {
-    return new Scene(element("scene"), kColours);
-  } catch (error) {
-    showError(`this browser cannot draw: ${error.message}`);
-    throw error;
-  }
-}
-const scene = makeScene();
 const chart = new Chart(element("chart"), kColours);
 
 // ---- link ----
@@ -73,14 +64,14 @@ for (const name of kSliders) {
 
 // ---- object ----
 
-let worker = null, newestFrame = null, reading = 0;
+let worker = null, workerStarted = null, newestFrame = null, reading = 0;
 let ready = false;  // the first mesh was drawn, so that the pointer can hit it
 
 /// Starts a session in a new worker, which also ends a build that is under way.
 function open(model, text) {
   worker?.terminate();
   worker = new Worker("worker.js");
-  worker.onmessage = receive;
+  workerStarted = new Promise((resolve) => { worker.onmessage = (event) => { resolve(); receive(event); }; });
   worker.onerror = (event) => showError(event.message || "the session could not start");
   ready = false;
   newestFrame = null;
@@ -162,6 +153,8 @@ function receive({ data }) {
   if (data.error) {
     ready = false;
     showError(data.error);
+  } else if (data.started) {
+    // Only `workerStarted` waits for this.
   } else if (data.opened) {
     state.opened = data.opened;
     scene.open(data.opened.bounds, data.opened.scale);
@@ -172,14 +165,14 @@ function receive({ data }) {
 }
 
 function drawFrame(frame) {
-  if (frame.mesh) scene.setMesh(frame.mesh);
+  const spareMesh = frame.mesh ? scene.setMesh(frame.mesh) : null;
+  worker.postMessage({ drawn: spareMesh }, spareMesh ? Object.values(spareMesh) : []);
   if (state.isDrawing) {
     scene.setUsers(frame.users, kUserNumbers);
     showFigures(frame);
   }
   Object.assign(state, { users: frame.users, figures: frame.figures, timing: frame.timing ?? state.timing });
   ++state.frames;
-  worker.postMessage({ drawn: true });
   if (frame.mesh) ready = true;
 }
 
@@ -201,5 +194,18 @@ function draw(now) {
   chart.draw();
 }
 
+function makeScene() {
+  try {
+    return new Scene(element("scene"), kColours);
+  } catch (error) {
+    showError(`this browser cannot draw: ${error.message}`);
+    throw error;
+  }
+}
+
+// Without a graphics processor, the browser takes half a second to make the scene. Meanwhile the worker builds the model;
+// it can start only while this thread is idle.
 openOrgan(Math.round(parameter("faces", kFaces, kMinFaces, kMaxFaces)));
+await workerStarted;
+const scene = makeScene();
 requestAnimationFrame(draw);

@@ -105,6 +105,7 @@ export class Scene {
     this.material = new three.MeshLambertMaterial({ vertexColors: true, flatShading: true, side: three.DoubleSide });
     this.object = new three.Mesh(new three.BufferGeometry(), this.material);
     this.object.frustumCulled = false;
+    this.mesh = null;  // the buffers of the drawn mesh
     this.scene.add(this.object);
     this.probes = colours.map((colour) => new Probe(this.scene, colour));
     this.raycaster = new three.Raycaster();
@@ -117,6 +118,7 @@ export class Scene {
     this.object.scale.setScalar(scale);
     this.object.geometry.dispose();
     this.object.geometry = new three.BufferGeometry();
+    this.mesh = null;
     this.camera.position.copy(centre).add(new three.Vector3(0.35, -1, 0.75).multiplyScalar(1.15 * size));
     this.controls.target.copy(centre);
     this.controls.minDistance = 0.3 * size;
@@ -127,7 +129,10 @@ export class Scene {
   }
 
   /// `corners`: x y z of three corners of each face; `fine`: by face, 1 at full resolution.
+  /// Returns the buffers of the mesh that was drawn before, or null.
   setMesh({ corners, fine }) {
+    const spare = this.mesh;
+    this.mesh = { corners: corners.buffer, fine: fine.buffer };
     const colours = new Uint8Array(9 * fine.length);
     for (let face = 0; face < fine.length; ++face) {
       const colour = fine[face] ? kFine : kCoarse;
@@ -139,6 +144,7 @@ export class Scene {
     geometry.boundingSphere = new three.Sphere(new three.Vector3(), Infinity);  // spares its computation
     this.object.geometry.dispose();
     this.object.geometry = geometry;
+    return spare;
   }
 
   setUsers(users, numbers) {

@@ -2,23 +2,26 @@
 // millisecond, and sends a frame whenever the page has drawn the previous one. The page starts a new worker for another
 // model.
 //
-// Messages from the page: {open: {faces, seed} or {positions, faces, name}, link}, {link}, {hand: [x, y, z]}, {drawn},
-// {paused}. Messages to the page: {opened: {...}}, {frame: {figures, users, forces, timing, mesh}}, {error: text}.
+// Messages from the page: {open: {faces, seed} or {positions, faces, name}, link}, {link}, {hand: [x, y, z]}, {paused},
+// {drawn: the buffers of a mesh that the page no longer draws, or null}. Messages to the page: {started} when it has read
+// `open`, {opened: {...}}, {frame: {figures, users, forces, timing, mesh}}, {error: text}.
 importScripts("tactus.js");
 
 const kFigures = 11, kUsers = 2, kUserNumbers = 13;
 const kSize = 0.16;          // m, longest side of the object
 const kMaxFaces = 3000000;   // with 1,000,000 faces, the memory grows to 214 MB; the module may use 2 GB
-const kWarmUpSteps = 1500;   // steps before the first frame, in which the browser optimizes the code
+const kWarmUpSteps = 500;    // steps before the first frame, in which the browser optimizes the code
 const kMaxBehind = 100;      // ms; a session that is further behind does not catch up
 const kMaxStepsPerTurn = 20;
 const kMeshIntervalMs = 50;  // min time between two meshes
+const kSpareMesh = 2;        // size of a mesh's buffers over the size of the mesh
 const kForceIntervalMs = 20; // time between two forces of the chart
 const kMaxForces = 300;
 const kTimingIntervalMs = 500;
 
 let tactus, link, running = false, failed = false, paused = false, pageIsReady = true;
 let started = 0, steps = 0, lastMesh = 0, lastTiming = 0, lastStep = 0;
+let spareMesh = null;  // buffers of an earlier mesh; copies into new ones would take ten times as long
 let forces = [];  // since the last frame: {seconds, forces: N by user}
 const periods = new Float32Array(5000), durations = new Float32Array(5000);  // of the newest steps, ms
 
@@ -72,6 +75,7 @@ function readPly(bytes) {
 }
 
 async function open(model) {
+  postMessage({ started: true });
   tactus = await createTactus();
   const began = performance.now();
   const faceCount = model.ply ? readPly(model.ply) : model.positions ? model.faces.length / 3 : model.faces;
@@ -106,9 +110,17 @@ function percentiles(samples) {
   return { p50: at(0.5), p99: at(0.99), max: at(1) };
 }
 
+/// Copies the shown mesh into buffers that can be sent to the page.
 function copyMesh() {
   const count = tactus._tactus_shown_faces(), corners = tactus._tactus_corners() / 4, fine = tactus._tactus_fine();
-  return { corners: tactus.HEAPF32.slice(corners, corners + 9 * count), fine: tactus.HEAPU8.slice(fine, fine + count) };
+  const isLargeEnough = spareMesh && spareMesh.fine.byteLength >= count;
+  const { corners: cornerBytes, fine: fineBytes } = isLargeEnough ? spareMesh :
+    { corners: new ArrayBuffer(9 * 4 * kSpareMesh * count), fine: new ArrayBuffer(kSpareMesh * count) };
+  spareMesh = null;
+  const mesh = { corners: new Float32Array(cornerBytes, 0, 9 * count), fine: new Uint8Array(fineBytes, 0, count) };
+  mesh.corners.set(tactus.HEAPF32.subarray(corners, corners + 9 * count));
+  mesh.fine.set(tactus.HEAPU8.subarray(fine, fine + count));
+  return mesh;
 }
 
 function sendFrame(now) {
@@ -167,7 +179,10 @@ onmessage = async ({ data }) => {
     if (data.open) await open(data.open);
     else if (data.link && running) applyLink();
     else if (data.hand && running) require(tactus._tactus_move_hand(...data.hand));
-    else if (data.drawn) pageIsReady = true;
+    else if (data.drawn !== undefined) {
+      spareMesh = data.drawn ?? spareMesh;
+      pageIsReady = true;
+    }
     else if (data.paused !== undefined) {
       paused = data.paused;
       if (tactus && link) run(!paused);
