@@ -174,20 +174,6 @@ void write_topics(const Report& report, std::string& out) {
   }
 }
 
-const char* role_name(session::Role role) {
-  switch (role) {
-    case session::Role::kHost:
-      return "host";
-    case session::Role::kHrtc:
-      return "hrtc";
-    case session::Role::kClient:
-      return "client";
-    case session::Role::kViewer:
-      break;
-  }
-  return "viewer";
-}
-
 }  // namespace
 
 void TouchTally::add(const session::ProbeState& state, std::int64_t start_ns, std::int64_t received_ns) {
@@ -334,7 +320,7 @@ std::string json(const Report& report) {
   json participants = json::array();
   for (const ParticipantReport& participant : report.participants) {
     participants.push_back({{"name", participant.name},
-                            {"role", role_name(participant.role)},
+                            {"role", session::role_name(participant.role)},
                             {"present_at_end", participant.present_at_end},
                             {"figures", participant.figures}});
   }

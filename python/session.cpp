@@ -109,11 +109,10 @@ std::unique_ptr<ScriptSession> join_session(const std::string& session, const st
 }
 
 py::dict participants_of(const ScriptSession& self) {
-  static constexpr const char* kRoles[]{"host", "hrtc", "client", "viewer"};
   py::dict participants;
   for (const auto& [name, member] : self.client()->members()) {
     py::dict one;
-    one["role"] = kRoles[static_cast<int>(member.entry.role)];
+    one["role"] = session::role_name(member.entry.role);
     one["users"] = member.entry.users;
     py::list served;
     for (const session::UserProbe& probe : member.entry.served_users) served.append(probe.user);

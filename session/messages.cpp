@@ -6,6 +6,20 @@
 
 namespace tactus::session {
 
+const char* role_name(Role role) noexcept {
+  switch (role) {
+    case Role::kHost:
+      return "host";
+    case Role::kHrtc:
+      return "hrtc";
+    case Role::kClient:
+      return "client";
+    case Role::kViewer:
+      return "viewer";
+  }
+  return "unknown";
+}
+
 std::uint64_t id_of(const std::string& name) noexcept { return XXH3_64bits(name.data(), name.size()); }
 
 std::uint32_t stream_id(const Origin& host, const Origin& hrtc, std::uint64_t object_id) noexcept {

@@ -53,6 +53,8 @@ struct Origin {
 inline constexpr std::int64_t kNotJoined = INT64_MAX;
 
 enum class Role : std::uint8_t { kHost = 0, kHrtc = 1, kClient = 2, kViewer = 3 };
+/// The name of a role in reports and interfaces: host, hrtc, client or viewer.
+[[nodiscard]] const char* role_name(Role role) noexcept;
 
 /// A user that an HRTC has accepted, and the probe of this user.
 struct UserProbe {

@@ -14,20 +14,6 @@ constexpr std::uint32_t kMinRivalHeartbeats = 2;
 constexpr std::size_t kMaxRivals = 4;
 constexpr std::size_t kMaxRefused = 256;
 
-const char* name_of(Role role) {
-  switch (role) {
-    case Role::kHost:
-      return "host";
-    case Role::kHrtc:
-      return "HRTC";
-    case Role::kClient:
-      return "client";
-    case Role::kViewer:
-      return "viewer";
-  }
-  return "participant";
-}
-
 bool same_users(const RosterEntry& a, const RosterEntry& b) {
   return a.requested_hrtc == b.requested_hrtc && a.users == b.users &&
          std::equal(a.served_users.begin(), a.served_users.end(), b.served_users.begin(), b.served_users.end(),
@@ -51,7 +37,10 @@ bool has_to_leave(const RosterEntry& one, const RosterEntry& other) noexcept {
 
 }  // namespace
 
-std::string text(const RosterEntry& entry) { return std::string{name_of(entry.role)} + " '" + entry.name + "'"; }
+std::string text(const RosterEntry& entry) {
+  const std::string role = entry.role == Role::kHrtc ? "HRTC" : role_name(entry.role);
+  return role + " '" + entry.name + "'";
+}
 
 std::string text(const RosterEvent& event) {
   const std::string who = text(event.entry);

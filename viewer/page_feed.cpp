@@ -33,20 +33,6 @@ void append_floats(std::string& bytes, const std::array<double, kSize>& numbers)
   for (const double number : numbers) append(bytes, static_cast<float>(number));
 }
 
-const char* name_of(session::Role role) {
-  switch (role) {
-    case session::Role::kHost:
-      return "host";
-    case session::Role::kHrtc:
-      return "hrtc";
-    case session::Role::kClient:
-      return "client";
-    case session::Role::kViewer:
-      break;
-  }
-  return "viewer";
-}
-
 }  // namespace
 
 std::optional<PageMessage> PageFeed::next(std::int64_t now_ns) {
@@ -105,7 +91,7 @@ PageMessage PageFeed::scene() {
   scene["stop"] = {{"requested", stop.is_requested}, {"hrtcs", stop.hrtcs}, {"stopped", stop.stopped}};
   core_.roster().for_each([&](const session::RosterEntry& entry) {
     scene["participants"].push_back({{"name", entry.name},
-                                     {"role", name_of(entry.role)},
+                                     {"role", session::role_name(entry.role)},
                                      {"late", core_.roster().is_late(entry.origin.participant)}});
     for (const session::UserProbe& user : entry.served_users)
       scene["users"].push_back(

@@ -1,6 +1,7 @@
 /// One interface for the two supported versions of Fast DDS: 2.9 (Debian 12) and 3.1 (Debian 13). Only wire/ and its
 /// tests include this header. The differences between the versions are here, except the names of the generated headers
-/// (convert.hpp), and the CMake packages and the generator (cmake/TactusIdl.cmake). Source: UPGRADING.md of Fast DDS 3.
+/// (convert.hpp), the names in XML profiles (profile_elements.cpp), and the CMake packages and the generator
+/// (cmake/TactusIdl.cmake). Source: UPGRADING.md of Fast DDS 3.
 #pragma once
 
 #if __has_include(<fastdds/rtps/transport/NetworkBuffer.hpp>)

@@ -8,6 +8,8 @@
 #include <system_error>
 #include <vector>
 
+#include "wire/profile_elements.hpp"
+
 namespace tactus::wire {
 namespace {
 
@@ -128,10 +130,7 @@ std::string new_suffix() {
 
 bool load(tinyxml2::XMLDocument& document, const std::string& suffix) {
   if (document.RootElement() != nullptr) add_suffix(*document.RootElement(), suffix);
-  tinyxml2::XMLPrinter text{nullptr, true};
-  document.Print(&text);
-  auto* const factory = dds::DomainParticipantFactory::get_instance();
-  return succeeded(factory->load_XML_profiles_string(text.CStr(), std::strlen(text.CStr())));
+  return add_profiles(document);
 }
 
 /// The library's messages, with the names of the file.

@@ -5,6 +5,7 @@
 
 #include "wire/dds.hpp"
 #include "wire/discovery.hpp"
+#include "wire/profile_elements.hpp"
 
 namespace tactus::wire {
 namespace {
@@ -61,7 +62,9 @@ RosDomain::RosDomain(int domain, const std::filesystem::path& qos) : impl_{std::
   ignore_environment();
   auto* const factory = dds::DomainParticipantFactory::get_instance();
   dds::DomainParticipantQos participant_qos;
-  if (!succeeded(factory->load_XML_profiles_file(file)) ||
+  tinyxml2::XMLDocument document;
+  if (document.LoadFile(file.c_str()) != tinyxml2::XML_SUCCESS) throw WireError(file + ": " + document.ErrorStr());
+  if (!add_profiles(document) ||
       !succeeded(factory->get_participant_qos_from_profile("ros2_participant", participant_qos)))
     throw WireError(file + ": expected valid profiles, one of them participant 'ros2_participant': " + log.take());
   disable_type_propagation(participant_qos);

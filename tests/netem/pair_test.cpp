@@ -16,8 +16,6 @@
 #include <future>
 #include <thread>
 
-#include "wire/endpoints.hpp"
-
 namespace tactus::netem {
 namespace {
 
@@ -95,38 +93,6 @@ TEST_P(BothMedia, CarryUnicastAndMulticastBothWays) {
   EXPECT_EQ(b.next(), 3);
   b.send(kGroup, 4);
   EXPECT_EQ(a.next(), 4);
-}
-
-TEST_P(BothMedia, LetProgramsOfASessionFindEachOtherAndExchangeSamples) {
-  const LinkedPair pair{parse_link(GetParam())};
-  const auto join = [&](Side side, const char* name) {
-    return std::async(std::launch::async, [&pair, side, name] {
-      pair.enter_namespace(side);
-      wire::SessionAddress address;
-      address.session = "netem";
-      address.participant = name;
-      return std::make_unique<wire::Participants>(address);
-    });
-  };
-  auto joining_a = join(Side::kA, "a"), joining_b = join(Side::kB, "b");
-  const auto participants_a = joining_a.get(), participants_b = joining_b.get();
-  std::promise<std::uint32_t> received;
-  std::atomic<bool> done{false};
-  wire::Reader<session::ProbeState> reader{*participants_b, wire::topics::kProbeState,
-                                           [&](session::ProbeState&& state) {
-                                             if (!done.exchange(true)) received.set_value(state.sequence);
-                                           }};
-  wire::Writer<session::ProbeState> writer{*participants_a, wire::topics::kProbeState};
-  auto result = received.get_future();
-  session::ProbeState state;
-  state.sequence = 77;
-  const auto deadline = std::chrono::steady_clock::now() + 20s;
-  while (result.wait_for(10ms) != std::future_status::ready && std::chrono::steady_clock::now() < deadline) {
-    state.origin = participants_a->origin();
-    ASSERT_EQ(writer.send(state), wire::SendStatus::kSent);
-  }
-  ASSERT_TRUE(done);
-  EXPECT_EQ(result.get(), 77u);
 }
 
 TEST_F(PairTest, EachDirectionHasItsOwnProfile) {

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include "support.hpp"
+#include "wire/profile_elements.hpp"
 
 namespace tactus::wire::test {
 namespace {
@@ -11,8 +12,11 @@ namespace {
 class ProfilesTest : public testing::Test {
  protected:
   ProfilesTest() {
-    for (const char* name : kClassNames)
-      factory().load_XML_profiles_file((participants_.address().qos / (std::string{name} + ".xml")).string());
+    for (const char* name : kClassNames) {
+      tinyxml2::XMLDocument document;
+      document.LoadFile((participants_.address().qos / (std::string{name} + ".xml")).c_str());
+      EXPECT_TRUE(add_profiles(document)) << name;
+    }
   }
   static dds::DomainParticipantFactory& factory() { return *dds::DomainParticipantFactory::get_instance(); }
 
