@@ -38,6 +38,12 @@ class SessionObserver {
     user_with_ages_ = session::id_of(user);
     ages_ = ages;
   }
+  /// Adds each value of the figure `name` that arrives to `values`, until the next call. Null: adds no values.
+  void add_values_of(const std::string& name, Samples* values) {
+    const std::lock_guard lock{mutex_};
+    figure_with_values_ = name;
+    values_ = values;
+  }
   /// Counts the states of all users until `stop_counting` is called.
   void start_counting() {
     const std::lock_guard lock{mutex_};
@@ -88,6 +94,7 @@ class SessionObserver {
     const std::lock_guard lock{mutex_};
     for (const auto& [name, value] : metrics.figures) {
       figures_[{metrics.origin.participant, name}] = value;
+      if (values_ != nullptr && name == figure_with_values_) values_->add(value);
       if (!counting_ || name != session::figures::kStatesDeadbandCoded) continue;
       Count& count = counts_[metrics.origin.participant];
       if (count.sent_at_first < 0) {
@@ -102,6 +109,8 @@ class SessionObserver {
   mutable std::mutex mutex_;
   std::uint64_t user_with_ages_ = 0;
   Samples* ages_ = nullptr;
+  std::string figure_with_values_;
+  Samples* values_ = nullptr;
   bool counting_ = false;
   StateDelivery delivery_;
   std::map<std::uint64_t, Count> counts_;  // by HRTC

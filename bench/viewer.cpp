@@ -38,11 +38,12 @@ struct Settings {
   double seconds = 10;
 };
 
-/// 99th percentiles of one run, us.
-struct RunResult {
+/// Of one window, us. `work`: median of the 99th percentiles of each second.
+struct WindowResult {
   double age, work;
 };
 
+/// An HRTC with two users, in one session for all windows.
 class WatchedSession {
  public:
   explicit WatchedSession(double seconds) : seconds_{seconds} {
@@ -50,20 +51,19 @@ class WatchedSession {
     run("mesh", {"build", path("organ.ply"), path("organ.spm"), "--size", "0.2"});
     test_support::write_bytes(path("users.yaml"), kUsers);
     test_support::write_bytes(path("index.html"), "<!doctype html>");
-  }
-
-  /// Runs an HRTC with two users for some seconds, and a viewer with pages that do not read if `is_watched`.
-  RunResult measure(bool is_watched) {
-    const auto host = session_.start(Side::kA, "host", {"--name", "museum", path("organ.spm")});
-    const auto desk = session_.start(Side::kB, "hrtc", {"--name", "desk"});
-    const auto users = session_.start(Side::kB, "sim", {"--scenario", path("users.yaml")});
-    SessionObserver observer{session_.address("ages")};
+    host_ = session_.start(Side::kA, "host", {"--name", "museum", path("organ.spm")});
+    desk_ = session_.start(Side::kB, "hrtc", {"--name", "desk"});
+    users_ = session_.start(Side::kB, "sim", {"--scenario", path("users.yaml")});
     const auto end = std::chrono::steady_clock::now() + 60s;
-    while (observer.exact_users() < 2) {
+    while (observer_.exact_users() < 2) {
       if (std::chrono::steady_clock::now() > end)
-        throw std::runtime_error("no contact: " + host->output() + desk->output());
+        throw std::runtime_error("no contact: " + host_->output() + desk_->output());
       pause(10ms);
     }
+  }
+
+  /// Measures for some seconds, with a viewer whose pages do not read if `is_watched`.
+  WindowResult measure(bool is_watched) {
     std::unique_ptr<e2e::Process> viewer;
     std::vector<std::unique_ptr<test_support::PageClient>> pages;
     if (is_watched) {
@@ -71,18 +71,15 @@ class WatchedSession {
       const std::uint16_t port = port_of(*viewer);
       for (int i = 0; i < kPages; ++i) pages.push_back(std::make_unique<test_support::PageClient>(port));
     }
-    pause(2s);  // until the viewer has the meshes
-    Samples ages;
-    observer.add_ages_of("ann", &ages);
+    pause(3s);  // until the viewer has the meshes, or its end is over
+    Samples ages, works;
+    observer_.add_ages_of("ann", &ages);
+    observer_.add_values_of(session::figures::kRecentCycleP99, &works);
     pause(std::chrono::milliseconds{static_cast<int>(1e3 * seconds_)});
-    observer.add_ages_of("ann", nullptr);
+    observer_.add_ages_of("ann", nullptr);
+    observer_.add_values_of("", nullptr);
     if (viewer) end_program(*viewer);
-    end_program(*users);  // which ends the session
-    for (e2e::Process* const program : {desk.get(), host.get()})
-      if (!program->wait(20s)) throw std::runtime_error("a program did not end: " + program->output());
-    // The last metrics contain the percentiles of all cycles.
-    const double work = observer.figure("desk", std::string{session::figures::kCycleTime} + ".p99");
-    return {ages.percentile(0.99), work};
+    return {ages.percentile(0.99), works.percentile(0.5)};
   }
 
  private:
@@ -109,6 +106,8 @@ class WatchedSession {
   double seconds_;
   test_support::TemporaryFolder folder_;
   LiveSession session_{"veth"};
+  std::unique_ptr<e2e::Process> host_, desk_, users_;
+  SessionObserver observer_{session_.address("ages")};
 };
 
 /// Adds the rows of one quantity. Each triple has the values without a viewer, without one again, and with one.
@@ -120,26 +119,27 @@ void add_rows(Report& report, const std::string& name, const std::vector<std::ar
     same.add(triple[1] / triple[0]);
     watched.add(triple[2] / triple[0]);
   }
-  const Population runs{"runs", triples.size()};
-  report.add_value(name + ", no viewer, median", runs, "us", values[0].percentile(0.5));
-  report.add_value(name + ", no viewer again, median", runs, "us", values[1].percentile(0.5));
-  report.add_value(name + ", viewer, median", runs, "us", values[2].percentile(0.5));
-  report.add_value(name + ", no viewer again / no viewer, median", runs, "times", same.percentile(0.5));
-  report.add_value(name + ", viewer / no viewer, median", runs, "times", watched.percentile(0.5));
-  report.add_at_most(name + ", viewer: increase beyond that of the second run without", runs, "%",
+  const Population windows{"windows", triples.size()};
+  report.add_value(name + ", no viewer, median", windows, "us", values[0].percentile(0.5));
+  report.add_value(name + ", no viewer again, median", windows, "us", values[1].percentile(0.5));
+  report.add_value(name + ", viewer, median", windows, "us", values[2].percentile(0.5));
+  report.add_value(name + ", no viewer again / no viewer, median", windows, "times", same.percentile(0.5));
+  report.add_value(name + ", viewer / no viewer, median", windows, "times", watched.percentile(0.5));
+  report.add_at_most(name + ", viewer: increase beyond that of the second window without", windows, "%",
                      100 * (watched.percentile(0.5) - same.percentile(0.5)), 5);
 }
 
 Report run(const Settings& settings) {
   char text[160];
-  std::snprintf(text, sizeof text, "%d triples of runs of %g s, 2 users of 1 HRTC, 10 pages that do not read",
+  std::snprintf(text, sizeof text,
+                "%d triples of windows of %g s of one session, 2 users of 1 HRTC, 10 pages that do not read",
                 settings.pairs, settings.seconds);
   Report report{{"a generated organ of 200,000 faces", 0, 0, text}};
   std::vector<std::array<double, 3>> ages, works;
   in_own_thread([&] {
     WatchedSession session{settings.seconds};
     for (int i = 0; i < settings.pairs; ++i) {
-      std::array<RunResult, 3> results{};
+      std::array<WindowResult, 3> results{};
       // The order rotates, so that a change of the machine's load affects all three alike.
       for (std::size_t k = 0; k < 3; ++k) {
         const std::size_t which = (k + static_cast<std::size_t>(i)) % 3;
@@ -152,7 +152,7 @@ Report run(const Settings& settings) {
     }
   });
   add_rows(report, "p99 age of probe states", ages);
-  add_rows(report, "p99 of cycle_us", works);
+  add_rows(report, "p99 of a second's cycle_us", works);
   return report;
 }
 
@@ -162,9 +162,9 @@ Report run(const Settings& settings) {
 int main(int argc, char** argv) {
   tactus::bench::Settings settings;
   tactus::bench::App app{"viewer", "Measures what a viewer costs the HRTCs of a session; needs root",
-                         "three triples of runs of 5 s, for CI"};
-  app.add_option("--pairs", settings.pairs, "number of triples of runs")->check(CLI::Range(1, 100));
-  app.add_option("--seconds", settings.seconds, "duration of each run, s")->check(CLI::Range(1.0, 60.0));
+                         "three triples of windows of 5 s, for CI"};
+  app.add_option("--pairs", settings.pairs, "number of triples of windows")->check(CLI::Range(1, 100));
+  app.add_option("--seconds", settings.seconds, "duration of each window, s")->check(CLI::Range(1.0, 60.0));
   return tactus::bench::latency_main(app, argc, argv, [&] {
     if (app.quick) {
       settings.pairs = 3;

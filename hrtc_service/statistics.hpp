@@ -33,6 +33,7 @@ class CycleStatistics {
     query_.add(costs.query);
     force_.add(costs.force);
     total_.add(costs.total());
+    recent_.add(costs.total());
   }
   /// Adds the class of a late cycle.
   void add(LateClass late) {
@@ -50,8 +51,9 @@ class CycleStatistics {
   }
   [[nodiscard]] std::uint64_t cycles() const noexcept { return cycles_; }
 
-  /// Appends the figures. `with_percentiles` takes some 50 ms for a million samples.
-  void add_figures(std::vector<session::Figure>& out, bool with_percentiles) const {
+  /// Appends the figures. `with_percentiles` takes some 50 ms for a million samples. The next call reports the cycles
+  /// after this one as recent.
+  void add_figures(std::vector<session::Figure>& out, bool with_percentiles) {
     namespace names = session::figures;
     out.push_back({names::kCycles, static_cast<double>(cycles_)});
     out.push_back({names::kOverruns, static_cast<double>(overruns_)});
@@ -62,6 +64,8 @@ class CycleStatistics {
     out.push_back({names::kExactCycles, static_cast<double>(exact_)});
     out.push_back({names::kStaleCycles, static_cast<double>(stale_)});
     out.push_back({names::kTargetsDropped, static_cast<double>(targets_dropped_)});
+    if (!recent_.empty()) out.push_back({names::kRecentCycleP99, recent_.percentile(0.99) * 1e-3});
+    recent_.clear();
     if (!with_percentiles || wake_.empty()) return;
     out.push_back({names::kWakeP50, wake_.percentile(0.5) * 1e-3});
     out.push_back({names::kWakeP99, wake_.percentile(0.99) * 1e-3});
@@ -83,6 +87,8 @@ class CycleStatistics {
   std::uint64_t contact_ = 0, exact_ = 0, stale_ = 0, targets_dropped_ = 0;
   Samples wake_{kMaxSamples}, load_{kMaxSamples}, refine_{kMaxSamples}, refit_{kMaxSamples}, query_{kMaxSamples},
       force_{kMaxSamples}, total_{kMaxSamples};
+  static constexpr std::size_t kMaxRecent = 10'000;
+  Samples recent_{kMaxRecent};  // computing times of the cycles since add_figures
 };
 
 }  // namespace tactus::hrtc_service

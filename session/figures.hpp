@@ -42,6 +42,8 @@ inline constexpr char kRefitTime[] = "hrtc.t_b_us";
 inline constexpr char kQueryTime[] = "hrtc.t_q_us";
 inline constexpr char kForceTime[] = "hrtc.t_f_us";
 inline constexpr char kCycleTime[] = "hrtc.cycle_us";
+inline constexpr char kRecentCycleP99[] =
+    "hrtc.recent_cycle_us.p99";  ///< as kCycleTime, of the cycles since the sample before
 
 // An HRTC: contacts, summed over its probes and cycles.
 inline constexpr char kContactCycles[] = "hrtc.contact_cycles";

@@ -44,6 +44,10 @@ class Samples {
     else if (!values_.empty())
       values_[next_++ % capacity_] = value;
   }
+  void clear() noexcept {
+    values_.clear();
+    next_ = 0;
+  }
   [[nodiscard]] bool empty() const noexcept { return values_.empty(); }
   [[nodiscard]] std::size_t size() const noexcept { return values_.size(); }
   /// Percentile of the stored samples; NaN without samples. O(size), allocates.

@@ -1,5 +1,6 @@
 #include "viewer/viewer_participant.hpp"
 
+#include <algorithm>
 #include <map>
 #include <utility>
 #include <variant>
@@ -152,8 +153,23 @@ struct ViewerParticipant::Impl {
     });
   }
 
+  /// Adds an event for each discovery server that is gone or present again.
+  void watch_servers(std::int64_t now_ns) {
+    const std::vector<std::string> lost = participants.lost_servers();
+    const auto is_in = [](const std::vector<std::string>& names, const std::string& name) {
+      return std::find(names.begin(), names.end(), name) != names.end();
+    };
+    for (const std::string& name : lost)
+      if (!is_in(lost_servers, name))
+        core.add_event("discovery server '" + name + "' is gone: programs that start now are not found", now_ns);
+    for (const std::string& name : lost_servers)
+      if (!is_in(lost, name)) core.add_event("discovery server '" + name + "' is present again", now_ns);
+    lost_servers = lost;
+  }
+
   wire::SessionAddress address;
   wire::Participants participants;
+  std::vector<std::string> lost_servers;
   ViewerCore core;
   PointedUsers users;
   bool loads_meshes = false;
@@ -186,6 +202,7 @@ void ViewerParticipant::step(std::chrono::microseconds timeout) {
     std::visit([&](const auto& sample) { impl_->process(sample, arrived.at_ns); }, arrived.sample);
   const std::int64_t now_ns = monotonic_ns();
   if (!impl_->tick.due(now_ns)) return;
+  impl_->watch_servers(now_ns);
   impl_->send(impl_->core.tick(now_ns));
   impl_->send(impl_->users.tick(now_ns), now_ns);
 }

@@ -16,11 +16,13 @@
 #include <fastdds/dds/topic/TypeSupport.hpp>
 #include <functional>
 #include <map>
+#include <memory>
 #include <mutex>
 #include <string>
 
 #include "wire/flow.hpp"
 #include "wire/library.hpp"
+#include "wire/server_watch.hpp"
 #include "wire/participants.hpp"
 
 namespace tactus::wire {
@@ -68,6 +70,7 @@ struct Participants::Impl {
   std::uint64_t participant_id = 0;
   bool probe_realtime = false;
   Flow flow;
+  std::unique_ptr<ServerWatch> servers;  ///< the listener of the session participant
   std::array<dds::DomainParticipant*, kTrafficClasses> participants{};
   std::map<std::string, dds::DataWriterQos> writer_qos;  ///< by profile, as TopicSpec::profile
   std::map<std::string, dds::DataReaderQos> reader_qos;

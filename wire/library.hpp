@@ -7,6 +7,7 @@
 #if __has_include(<fastdds/rtps/transport/NetworkBuffer.hpp>)
 #define TACTUS_FAST_DDS_3
 #include <fastdds/config.hpp>
+#include <fastdds/dds/builtin/topic/ParticipantBuiltinTopicData.hpp>
 #include <fastdds/dds/core/ReturnCode.hpp>
 #include <fastdds/dds/core/Time_t.hpp>
 #include <fastdds/rtps/attributes/RTPSParticipantAttributes.hpp>
@@ -15,6 +16,7 @@
 #include <fastdds/rtps/common/Locator.hpp>
 #include <fastdds/rtps/common/LocatorList.hpp>
 #include <fastdds/rtps/common/SerializedPayload.hpp>
+#include <fastdds/rtps/participant/ParticipantDiscoveryInfo.hpp>
 #include <fastdds/rtps/transport/ChainingTransport.hpp>
 #include <fastdds/rtps/transport/ChainingTransportDescriptor.hpp>
 #include <fastdds/rtps/transport/UDPv4TransportDescriptor.hpp>
@@ -25,6 +27,7 @@
 #include <fastdds/rtps/common/Guid.h>
 #include <fastdds/rtps/common/Locator.h>
 #include <fastdds/rtps/common/SerializedPayload.h>
+#include <fastdds/rtps/participant/ParticipantDiscoveryInfo.h>
 #include <fastdds/rtps/transport/ChainingTransport.h>
 #include <fastdds/rtps/transport/ChainingTransportDescriptor.h>
 #include <fastdds/rtps/transport/UDPv4TransportDescriptor.h>
@@ -257,6 +260,37 @@ class WriterDiscoveryListener final : public dds::DomainParticipantListener {
   OnWriter on_writer_;
 };
 
+/// Reports the participants that appear, change and end. The functions are called under locks of the library.
+class ParticipantListener : public dds::DomainParticipantListener {
+ public:
+#ifdef TACTUS_FAST_DDS_3
+  void on_participant_discovery(dds::DomainParticipant*, rtps::ParticipantDiscoveryStatus status,
+                                const dds::ParticipantBuiltinTopicData& found, bool& should_be_ignored) final {
+    using Status = rtps::ParticipantDiscoveryStatus;
+    should_be_ignored = false;
+    report(found.guid, found.metatraffic_locators,
+           status == Status::REMOVED_PARTICIPANT || status == Status::DROPPED_PARTICIPANT);
+  }
+#else
+  void on_participant_discovery(dds::DomainParticipant*, rtps::ParticipantDiscoveryInfo&& found) final {
+    using Status = rtps::ParticipantDiscoveryInfo;
+    report(found.info.m_guid, found.info.metatraffic_locators,
+           found.status == Status::REMOVED_PARTICIPANT || found.status == Status::DROPPED_PARTICIPANT);
+  }
+#endif
+
+ private:
+  /// `addresses`: where the participant receives discovery.
+  virtual void on_present(const rtps::GUID_t& participant, const std::vector<rtps::Locator_t>& addresses) = 0;
+  virtual void on_gone(const rtps::GUID_t& participant) = 0;
+
+  template <class Locators>
+  void report(const rtps::GUID_t& participant, const Locators& locators, bool is_gone) {
+    if (is_gone) return on_gone(participant);
+    on_present(participant, {locators.unicast.begin(), locators.unicast.end()});
+  }
+};
+
 // ---- QoS ----
 
 #ifdef TACTUS_FAST_DDS_3
@@ -309,6 +343,18 @@ inline LibraryDuration& heartbeat_response_delay(dds::DataReaderQos& qos) {
   config.discoveryProtocol = rtps::DiscoveryProtocol_t::CLIENT;
 #endif
   return true;
+}
+
+/// The discovery servers of which `qos` makes a client.
+[[nodiscard]] inline std::vector<rtps::Locator_t> discovery_servers(const dds::DomainParticipantQos& qos) {
+  std::vector<rtps::Locator_t> servers;
+  for (const auto& server : qos.wire_protocol().builtin.discovery_config.m_DiscoveryServers)
+#ifdef TACTUS_FAST_DDS_3
+    servers.push_back(server);
+#else
+    servers.push_back(*server.metatrafficUnicastLocatorList.begin());
+#endif
+  return servers;
 }
 
 /// Version 3.1 sends descriptions of all types by default. Both sides of a session have the IDL, so none is needed.

@@ -123,7 +123,10 @@ dds::DomainParticipant* join(Participants::Impl& impl, TrafficClass traffic, con
   dds::DomainParticipant* made = nullptr;
   {
     const InheritedPriority priority{traffic == TrafficClass::kProbe ? impl.address.probe_priority : 0};
-    made = factory->create_participant(domain, qos);
+    if (traffic == TrafficClass::kSession)
+      impl.servers = std::make_unique<ServerWatch>(impl.address.discovery.servers, qos);
+    dds::DomainParticipantListener* const listener = traffic == TrafficClass::kSession ? impl.servers.get() : nullptr;
+    made = factory->create_participant(domain, qos, listener, dds::StatusMask::none());
     filters.gate->open();
     if (traffic == TrafficClass::kProbe) impl.probe_realtime = priority.applied();
   }
@@ -217,6 +220,8 @@ session::Origin Participants::origin() const noexcept {
   const auto now = std::chrono::steady_clock::now().time_since_epoch();
   return {impl_->session_id, impl_->participant_id, impl_->address.incarnation, std::chrono::nanoseconds(now).count()};
 }
+
+std::vector<std::string> Participants::lost_servers() const { return impl_->servers->lost(); }
 
 bool Participants::probe_is_realtime() const noexcept { return impl_->probe_realtime; }
 

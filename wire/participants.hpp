@@ -75,6 +75,10 @@ class Participants {
   /// The origin for a sample that this program sends now: session, participant, incarnation and time.
   [[nodiscard]] session::Origin origin() const noexcept;
 
+  /// The discovery servers that were present and are gone; their lease of 1 s has ended. Meanwhile the program does not
+  /// find programs that start, but keeps its connections.
+  [[nodiscard]] std::vector<std::string> lost_servers() const;
+
   /// True if the probe participant's threads run at `probe_priority`; false if that is 0 or the system refused it.
   [[nodiscard]] bool probe_is_realtime() const noexcept;
 

@@ -84,18 +84,24 @@ async function run(browser) {
   for (const service of ["host-a", "host-b", "hrtc-1", "hrtc-2"]) await killParticipant(browser, service, service);
   await killParticipant(browser, "users", "sim");
 
+  const before = (await texts(browser)).length;
   kill("discovery");
   const without = await secondsUntilAllTouch(browser);
-  check("discovery", without === null ? "the users stopped to touch" : "all users touch without it", without !== null);
+  check("discovery, users touch", without === null ? "not all" : "all without it", without !== null);
+  const returned = "discovery server 'discovery' is present again";
+  await browser.until(`window.tactus.scene.events.slice(${before}).some(({ text }) => text === "${returned}")`,
+                      kHealSeconds).catch(() => {});
+  const said = (await texts(browser)).slice(before).filter((text) => text.includes("discovery server"));
+  check("discovery", said.join("; "), said.some((text) => text.includes("is gone")) && said.includes(returned));
   await killParticipant(browser, "host-a", "host-a");  // a new program finds the others through the new server
 
   const connections = await browser.value("window.tactus.connections");
   kill("view");
   await browser.until("!window.tactus.isConnected", 10);
-  const said = await browser.value("document.getElementById('connection').textContent");
+  const shown = await browser.value("document.getElementById('connection').textContent");
   await browser.until(`window.tactus.isConnected && window.tactus.connections > ${connections}`, kHealSeconds);
   const again = await secondsUntilAllTouch(browser);
-  check("view", said, said !== "" && again !== null);
+  check("view", shown, shown !== "" && again !== null);
 }
 
 const browser = new Browser(process.env.CHROMIUM ?? "chromium-headless-shell");

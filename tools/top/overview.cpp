@@ -265,7 +265,7 @@ std::vector<Row> Overview::hrtc_rows(std::int64_t now_ns) const {
     const std::string rate = of.rate({figures::kCycles});
     rows.push_back(participant_row(
         entry, now_ns,
-        {rate == kUnknown ? of.value(figures::kRate) : rate, of.value(std::string{figures::kCycleTime} + ".p99"),
+        {rate == kUnknown ? of.value(figures::kRate) : rate, of.value(figures::kRecentCycleP99),
          of.rate({figures::kOverruns, figures::kPreempted, figures::kLateUnknown}),
          of.percentage(figures::kPoolUsed, figures::kPoolLimit),
          of.percentage(figures::kCompressedUsed, figures::kCompressedLimit), of.rate({figures::kBytesReceived}, 1e3),

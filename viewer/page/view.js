@@ -195,7 +195,7 @@ function updateStrips(name, shown, figures, nowMs) {
   const { cycle, age, exact, loss, rate, cache, pool } = shown.strips, before = shown.before;
   const counts = { cycles: figures["hrtc.contact_cycles"], exact: figures["hrtc.exact_cycles"], bytes: figures["hrtc.bytes_received"], nowMs };
   if (before && counts.cycles === before.cycles && counts.bytes === before.bytes && nowMs - before.nowMs < 900) return;
-  cycle.add(figures["hrtc.cycle_us.p99"]);
+  cycle.add(figures["hrtc.recent_cycle_us.p99"]);
   const ages = state.probes.filter(({ user }) => users.get(user)?.hrtc === name).map((probe) => 1e3 * probe.age);
   age.add(ages.length > 0 ? Math.max(...ages) : undefined);
   loss.add(100 * (state.losses[name] ?? 0));
