@@ -22,8 +22,8 @@
 
 #include "wire/flow.hpp"
 #include "wire/library.hpp"
-#include "wire/server_watch.hpp"
 #include "wire/participants.hpp"
+#include "wire/server_watch.hpp"
 
 namespace tactus::wire {
 

@@ -32,8 +32,8 @@ void set_text(Element& parent, const char* name, const char* text) {
   if (text != nullptr) parent.InsertNewChildElement(name)->SetText(text);
 }
 
-/// Replaces the throughput controller of a writer by a flow controller of each participant, which the writer names.
-void replace_throughput_controller(Element& profiles, Element& writer) {
+/// Replaces `throughputController` of a writer by `flow_controller_descriptor` of each participant, which the writer names.
+void replace_rate_limit(Element& profiles, Element& writer) {
   Element* const old = writer.FirstChildElement("throughputController");
   const char* const name = writer.Attribute("profile_name");
   if (old == nullptr || name == nullptr) return;
@@ -47,10 +47,10 @@ void replace_throughput_controller(Element& profiles, Element& writer) {
     if (rtps == nullptr) rtps = participant->InsertNewChildElement("rtps");
     Element* list = rtps->FirstChildElement("flow_controller_descriptor_list");
     if (list == nullptr) list = rtps->InsertNewChildElement("flow_controller_descriptor_list");
-    Element* const controller = list->InsertNewChildElement("flow_controller_descriptor");
-    set_text(*controller, "name", name);
-    set_text(*controller, "max_bytes_per_period", text_of("bytesPerPeriod"));
-    set_text(*controller, "period_ms", text_of("periodMillisecs"));
+    Element* const limit = list->InsertNewChildElement("flow_controller_descriptor");
+    set_text(*limit, "name", name);
+    set_text(*limit, "max_bytes_per_period", text_of("bytesPerPeriod"));
+    set_text(*limit, "period_ms", text_of("periodMillisecs"));
   }
   Element* qos = writer.FirstChildElement("qos");
   if (qos == nullptr) qos = writer.InsertNewChildElement("qos");
@@ -66,7 +66,7 @@ void use_names_of_library(tinyxml2::XMLDocument& document) {
   if (profiles == nullptr) return;
   for (auto* profile = profiles->FirstChildElement(); profile != nullptr; profile = profile->NextSiblingElement()) {
     rename_durations(*profile);
-    if (std::strcmp(profile->Name(), "data_writer") == 0) replace_throughput_controller(*profiles, *profile);
+    if (std::strcmp(profile->Name(), "data_writer") == 0) replace_rate_limit(*profiles, *profile);
   }
 }
 #else

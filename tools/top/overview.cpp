@@ -263,13 +263,13 @@ std::vector<Row> Overview::hrtc_rows(std::int64_t now_ns) const {
     const auto found = figures_.find(entry.origin.participant);
     const Figures of = found == figures_.end() ? Figures{} : found->second;
     const std::string rate = of.rate({figures::kCycles});
-    rows.push_back(participant_row(
-        entry, now_ns,
-        {rate == kUnknown ? of.value(figures::kRate) : rate, of.value(figures::kRecentCycleP99),
-         of.rate({figures::kOverruns, figures::kPreempted, figures::kLateUnknown}),
-         of.percentage(figures::kPoolUsed, figures::kPoolLimit),
-         of.percentage(figures::kCompressedUsed, figures::kCompressedLimit), of.rate({figures::kBytesReceived}, 1e3),
-         of.value("safety.faults")}));
+    rows.push_back(
+        participant_row(entry, now_ns,
+                        {rate == kUnknown ? of.value(figures::kRate) : rate, of.value(figures::kRecentCycleP99),
+                         of.rate({figures::kOverruns, figures::kPreempted, figures::kLateUnknown}),
+                         of.percentage(figures::kPoolUsed, figures::kPoolLimit),
+                         of.percentage(figures::kCompressedUsed, figures::kCompressedLimit),
+                         of.rate({figures::kBytesReceived}, 1e3), of.value("safety.faults")}));
   });
   add_absent_rows(Role::kHrtc, now_ns, rows);
   return rows;
