@@ -1,4 +1,5 @@
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <atomic>
 #include <cerrno>
 #include <cstring>
@@ -41,7 +42,7 @@ my.yaml:
 "#n" is the n-th HRTC or static object of the session, in the order of names. Patterns: circle, zigzag, around.
 "lean: 0.5" tilts a following hand by up to 0.5 rad.
 Actions: approach, follow, tap, hold, lift, retreat, wait, grab; after a grab also move and release.
-Exit status: 0 the scenario ran, 1 it stopped early, 2 wrong input or the name is taken.)";
+Exit status: 0 the scenario ran, 1 it stopped early or a user had no probe state, 2 wrong input or the name is taken.)";
 
 [[noreturn]] void fail_to_write(const std::filesystem::path& file, const std::string& cause) {
   throw std::runtime_error("cannot write the report " + file.string() + ": " + cause);
@@ -127,7 +128,9 @@ int main(int argc, char** argv) {
     std::cout << client_sim::text(report);
     if (!json.empty()) write_report(json, client_sim::json(report));
     if (!html.empty()) write_report(html, client_sim::html(report));
-    return report.stop_reason.empty() ? 0 : 1;
+    const bool are_users_served =
+        std::all_of(report.users.begin(), report.users.end(), [](const auto& user) { return user.touch.states > 0; });
+    return report.stop_reason.empty() && are_users_served ? 0 : 1;
   } catch (const std::exception& error) {
     std::cerr << "tactus-sim: " << error.what() << '\n';
     return 2;

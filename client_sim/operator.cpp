@@ -226,7 +226,8 @@ bool Operator::begin_action(const Action& action, const Objects& objects) {
     return true;
   }
   if (action.kind == ActionKind::kRetreat) {
-    route_ = {device_ + outwards_ * (exit_distance(view_, device_, outwards_) + settings_.clearance)};
+    const Vec3d out = way_out();
+    route_ = {device_ + out * (exit_distance(view_, device_, out) + settings_.clearance)};
     hand_ = device_;
     stage_ = Stage::kTravel;
     return true;

@@ -101,6 +101,7 @@ class Operator {
   [[nodiscard]] Vec3d start_point(const Action& action, const ObjectView& view) const;
   void plan_route(const Vec3d& to);
   void approach(const Action& action, double dt);
+  [[nodiscard]] Vec3d way_out() const;
   void pull_back(const Action& action, double dt);
 
   // operator_follow.cpp

@@ -114,6 +114,13 @@ void Operator::approach(const Action& action, double dt) {
   }
 }
 
+/// The direction of a retreat, a unit vector. After `follow`, the hand may be on another side than that of the approach.
+Vec3d Operator::way_out() const {
+  if (is_touching()) return normal_;
+  const Vec3d from_centre = device_ - view_.centre;
+  return from_centre.dot(outwards_) >= 0 ? outwards_ : Vec3d(from_centre.normalized());
+}
+
 void Operator::pull_back(const Action& action, double dt) {
   constexpr double kDistance = 0.015;  // m
   if (!move_hand_towards(first_contact_ + outwards_ * kDistance, action.speed, dt) || is_touching()) return;

@@ -185,6 +185,16 @@ void SimCore::assign_users(const std::vector<std::string>& hrtcs) {
   for (Presence& presence : presences_) presence.sent_ns = INT64_MIN / 2;  // publish at once
 }
 
+namespace {
+/// For example "HRTC left, right" or "no HRTC".
+std::string list_of(const std::string& kind, const std::vector<std::string>& names) {
+  if (names.empty()) return "no " + kind;
+  std::string text = kind;
+  for (const std::string& name : names) text += (&name == &names.front() ? " " : ", ") + name;
+  return text;
+}
+}  // namespace
+
 void SimCore::gather(std::int64_t now_ns) {
   std::vector<std::string> hrtcs;
   for (const session::RosterEntry& entry : roster_.entries()) {
@@ -204,7 +214,12 @@ void SimCore::gather(std::int64_t now_ns) {
   stop_reason_.clear();
   if (!no_hrtc.empty()) stop_reason_ = "no HRTC " + no_hrtc + " in session '" + settings_.session + "'";
   if (!no_object.empty()) stop_reason_ += (stop_reason_.empty() ? "" : "; ") + ("no host serves object " + no_object);
-  if (!stop_reason_.empty() || seconds(now_ns - first_peer_ns_) < settings_.name_check) return;
+  if (!stop_reason_.empty()) {
+    stop_reason_ += "; found " + list_of("HRTC", hrtcs) + " and " + list_of("object", objects);
+    if (hrtcs.empty() || objects.empty()) stop_reason_ += " (do all programs have the same --session and --domain?)";
+    return;
+  }
+  if (seconds(now_ns - first_peer_ns_) < settings_.name_check) return;
   assign_users(hrtcs);
   state_ = SimState::kJoining;
 }

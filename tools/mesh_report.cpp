@@ -145,6 +145,12 @@ std::string info_text(const spm::Model& model, const spm::offline::Provenance& p
     const spm::offline::TreeSize size = spm::offline::tree_size(s.faces, width);
     row(name, "height " + std::to_string(size.levels) + ", " + std::to_string(size.nodes + s.faces) + " nodes");
   }
+  std::string size;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const double side = double{s.bounds_max[axis]} - double{s.bounds_min[axis]};
+    size += (axis > 0 ? " x " : "") + number(side * s.metres_per_unit * 1000);
+  }
+  row("size", size + " mm");
   row("deviation from the finest", millimetres(s.deviation));
   row("coordinates", s.position_step > 0 ? "on a grid of " + millimetres(s.position_step) : "as imported, to the bit");
   const auto& regions = json["regions"];
@@ -205,7 +211,11 @@ std::string dropped_text(const CleanReport& cleaned) {
     if (count == 0) continue;
     std::string words = name;
     std::replace(words.begin(), words.end(), '_', ' ');
-    text += "dropped at import: " + std::to_string(count) + " " + words + "\n";
+    // Some formats store a vertex for each corner of a face, so that this is no loss.
+    if (words == "welded vertices")
+      text += "joined at import: " + std::to_string(count) + " vertices at the position of another\n";
+    else
+      text += "dropped at import: " + std::to_string(count) + " " + words + "\n";
   }
   return text;
 }

@@ -98,10 +98,22 @@ std::string times_text(const StageTimes& times) {
   return text + "\n";
 }
 
+/// Warns about a size that hands do not touch, because it is probably that of another unit.
+void warn_of_unusual_size(const spm::ModelSummary& summary, const ToolStreams& streams) {
+  constexpr double kSmallest = 0.002, kLargest = 2;  // m
+  double longest = 0;
+  for (std::size_t axis = 0; axis < 3; ++axis)
+    longest = std::max(longest, double{summary.bounds_max[axis]} - double{summary.bounds_min[axis]});
+  longest *= summary.metres_per_unit;
+  if (longest >= kSmallest && longest <= kLargest) return;
+  streams.errors << "warning: the longest side is " << longest << " m; set --unit or --size if that is wrong\n";
+}
+
 void report_built(const Settings& settings, const BuiltModel& built, const Provenance& provenance,
                   const ToolStreams& streams, const StageTimes& times) {
   const spm::Model model = built.model();
   const Certificate certificate = certificate_of(settings, model);
+  warn_of_unusual_size(model.summary, streams);
   if (settings.json) {
     nlohmann::ordered_json json = info_json(model, provenance, certificate);
     json["build_seconds"] = times.sum().seconds;

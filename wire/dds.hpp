@@ -101,6 +101,10 @@ class MatchCount {
   std::atomic<int> count_{0};
 };
 
+/// Reports, once for each text, that an endpoint of this program and one of another do not match. `own`, `other`: reader
+/// or writer. Without a log sink, prints the report to the standard error.
+void report_mismatch(const char* own, const char* other, const std::string& topic, dds::QosPolicyId_t policy);
+
 /// Captures the log messages of Fast DDS while it exists; the sink then receives none. Only one may exist at a time.
 class LogCapture {
  public:

@@ -61,6 +61,10 @@ struct Writer<Sample>::Impl final : dds::DataWriterListener {
     participant.delete_publisher(publisher);
   }
 
+  void on_offered_incompatible_qos(dds::DataWriter* own, const dds::OfferedIncompatibleQosStatus& status) override {
+    report_mismatch("writer", "reader", own->get_topic()->get_name(), status.last_policy_id);
+  }
+
   void on_publication_matched(dds::DataWriter*, const dds::PublicationMatchedStatus& status) override {
     matches.change(status.last_subscription_handle, status.current_count_change, participant);
   }
@@ -177,6 +181,10 @@ struct Reader<Sample>::Impl final : dds::DataReaderListener {
     }
     ++received;
     on_sample(std::move(sample));
+  }
+
+  void on_requested_incompatible_qos(dds::DataReader* own, const dds::RequestedIncompatibleQosStatus& status) override {
+    report_mismatch("reader", "writer", own->get_topicdescription()->get_name(), status.last_policy_id);
   }
 
   void on_subscription_matched(dds::DataReader*, const dds::SubscriptionMatchedStatus& status) override {

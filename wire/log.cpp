@@ -1,6 +1,8 @@
+#include <cstdio>
 #include <fastdds/dds/log/Log.hpp>
 #include <memory>
 #include <mutex>
+#include <set>
 #include <utility>
 
 #include "wire/dds.hpp"
@@ -13,6 +15,7 @@ struct LogState {
   std::function<void(const std::string&)> sink;
   bool capturing = false;
   std::string captured;
+  std::set<std::string> mismatches;  // the reported ones
 };
 
 LogState& log_state() {
@@ -44,7 +47,39 @@ void redirect_log() {
   static_cast<void>(once);
 }
 
+const char* name_of(dds::QosPolicyId_t policy) {
+  switch (policy) {
+    case dds::DURABILITY_QOS_POLICY_ID:
+      return "durability";
+    case dds::RELIABILITY_QOS_POLICY_ID:
+      return "reliability";
+    case dds::OWNERSHIP_QOS_POLICY_ID:
+      return "ownership";
+    case dds::DEADLINE_QOS_POLICY_ID:
+      return "deadline";
+    case dds::LIVELINESS_QOS_POLICY_ID:
+      return "liveliness";
+    case dds::DATAREPRESENTATION_QOS_POLICY_ID:
+      return "data representation";
+    default:
+      return "QoS";
+  }
+}
+
 }  // namespace
+
+void report_mismatch(const char* own, const char* other, const std::string& topic, dds::QosPolicyId_t policy) {
+  const std::string text = "the " + std::string{own} + " of topic " + topic + " does not match a " + other +
+                           " of another program, because their " + name_of(policy) +
+                           " differs; do all programs have the same files in --qos?";
+  LogState& state = log_state();
+  const std::lock_guard<std::mutex> lock{state.mutex};
+  if (!state.mismatches.insert(text).second) return;
+  if (state.sink)
+    state.sink(text);
+  else
+    std::fprintf(stderr, "%s\n", text.c_str());
+}
 
 void set_log_sink(std::function<void(const std::string&)> sink) {
   redirect_log();

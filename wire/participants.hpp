@@ -89,8 +89,8 @@ class Participants {
   std::unique_ptr<Impl> impl_;
 };
 
-/// Sets the function that receives the warnings and errors of the DDS library, for the whole process. Without a sink
-/// they are dropped. A thread of the library calls the sink.
+/// Sets the function that receives the warnings and errors of the DDS library, and reports of endpoints whose QoS does
+/// not match, for the whole process. Without a sink the former are dropped, and the latter go to the standard error. A thread of the library calls the sink.
 void set_log_sink(std::function<void(const std::string&)> sink);
 
 }  // namespace tactus::wire

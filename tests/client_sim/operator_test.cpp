@@ -469,6 +469,24 @@ TEST(Operator, RetreatsOutOfTheBoundsOfTheObject) {
   EXPECT_GT(loop.proxy().cwiseAbs().maxCoeff(), 0.1);
 }
 
+TEST(Operator, RetreatsFromTheFarSideWithoutPressing) {
+  // The pattern leads half around a sphere with a radius of 0.1 m.
+  ClosedLoop loop{
+      bodies()[0].triangles,
+      user_with("      - follow: {object: body, direction: [0, 1, 0], pattern: around, speed: 0.1, force: 0.8, "
+                "seconds: 3.1}\n      - retreat: {}\n")};
+  double max_force = 0;
+  bool in_contact = true;
+  loop.run(20, [&](double force, bool contact) {
+    if (!loop.followed_path.empty() && !loop.user().is_following()) max_force = std::max(max_force, force);
+    in_contact = contact;
+  });
+  EXPECT_TRUE(loop.user().done());
+  EXPECT_LT(loop.proxy().y(), -0.05) << "the path ends on the far side";
+  EXPECT_FALSE(in_contact);
+  EXPECT_LT(max_force, 1.5);
+}
+
 TEST(Operator, EndsItsApproachAfterFiveMisses) {
   using haptics::testing::operator+;
   // Two small spheres: the centre of their bounds, at which the user aims, is empty.

@@ -276,6 +276,30 @@ TEST_F(DamagedQos, FlowKeysAndValuesAreChecked) {
   EXPECT_THAT(join_error(address_), HasSubstr("flow.yaml"));
 }
 
+TEST_F(DamagedQos, AReaderThatRequestsMoreThanAWriterOffersIsReported) {
+  std::ifstream in{directory_ / "probe.xml"};
+  std::string text{std::istreambuf_iterator<char>{in}, {}};
+  const std::string offered = "BEST_EFFORT";
+  text.replace(text.find(offered, text.find("\"probe_state_reader\"")), offered.size(), "RELIABLE");
+  std::ofstream{directory_ / "probe.xml"} << text;
+  std::mutex mutex;
+  std::string reported;
+  set_log_sink([&](const std::string& message) {
+    const std::lock_guard lock{mutex};
+    reported += message;
+  });
+  Participants reading{address_}, writing{address(address_.session, "q")};
+  const Reader<ses::ProbeState> reader{reading, topics::kProbeState, [](ses::ProbeState&&) {}};
+  const Writer<ses::ProbeState> writer{writing, topics::kProbeState};
+  EXPECT_TRUE(eventually([&] {
+    const std::lock_guard lock{mutex};
+    return reported.find("the reader of topic tactus_probe_state") != std::string::npos &&
+           reported.find("the writer of topic tactus_probe_state") != std::string::npos &&
+           reported.find("reliability") != std::string::npos;
+  })) << reported;
+  set_log_sink(nullptr);
+}
+
 TEST_F(DamagedQos, AChangedFileTakesEffectInTheSameProcess) {
   EXPECT_EQ(join_error(address_), "");
   fs::remove(directory_ / "bulk.xml");

@@ -83,11 +83,16 @@ int main(int argc, char** argv) {
     std::string name = "tactus " + std::string{command.name};
     arguments[0] = name.data();
     execv(program.c_str(), arguments.data());
-    std::fprintf(stderr, "tactus: cannot start '%s': %s\n", program.c_str(), std::strerror(errno));
+    std::fprintf(stderr, "tactus: cannot start '%s': %s", program.c_str(), std::strerror(errno));
+    if (errno == ENOENT && program.starts_with(TACTUS_BUILD_DIR "/bin/tactus-"))
+      std::fprintf(stderr, "; build it with: ninja -C %s tactus-%s", TACTUS_BUILD_DIR,
+                   program.substr(sizeof(TACTUS_BUILD_DIR "/bin/tactus-") - 1).c_str());
+    std::fputs("\n", stderr);
     return kWrongInput;
   }
-  std::fprintf(stderr, "tactus: no command '%s'; expected", argv[1]);
-  for (const Command& command : kCommands) std::fprintf(stderr, " %s", command.name.data());
+  std::fprintf(stderr, "tactus: no command '%s'; expected ", argv[1]);
+  for (const Command& command : kCommands)
+    std::fprintf(stderr, "%s%s", &command == &kCommands[0] ? "" : ", ", command.name.data());
   std::fputs("\n", stderr);
   return kWrongInput;
 }
