@@ -4,6 +4,8 @@
 #include <nlohmann/json.hpp>
 #include <utility>
 
+#include "wire/footprint.hpp"
+
 namespace tactus::latency {
 namespace {
 
@@ -39,6 +41,9 @@ void check(const TestCase& test) {
   }
   if (test.profile == Profile::kTuned && test.transport != Transport::kUdp)
     throw LatencyError("profile tuned: expected transport udp");
+  // Under this load, the flow control of version 3.1 ends the process with a failed assertion.
+  if (test.profile == Profile::kTuned && !wire::library_version().starts_with("2."))
+    throw LatencyError("profile tuned: expected Fast DDS 2.9, found " + wire::library_version());
   check_range("rate, Hz,", test.rate_hz, 0.1, 20'000);
   if (test.coding == Coding::kDeadbandCoded && test.topic != Topic::kProbeState)
     throw LatencyError("coding coded: expected topic probe_state");

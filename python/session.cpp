@@ -6,6 +6,7 @@
 #include <chrono>
 #include <cmath>
 #include <cstddef>
+#include <cstdio>
 #include <filesystem>
 #include <memory>
 #include <optional>
@@ -23,6 +24,12 @@ namespace {
 constexpr auto kPoll = std::chrono::milliseconds{5};
 constexpr std::int64_t kLeadNs = 200'000'000;  // of a path, so that its first intents arrive before it begins
 constexpr auto kTransit = std::chrono::milliseconds{300};  // after the end of a path, for the last states
+
+std::string seconds_text(double seconds) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%g s", seconds);
+  return text;
+}
 
 [[noreturn]] void raise_timeout(const std::string& message) {
   PyErr_SetString(PyExc_TimeoutError, message.c_str());
@@ -169,13 +176,23 @@ py::object state_of(const ScriptSession& self, const std::string& user) {
   return py::object{array_of_records(std::vector<StateRow>{*state})[py::int_(0)]};
 }
 
+/// The participants and objects that this program has found, for messages.
+std::string found_text(const SessionClient& client) {
+  std::string text;
+  const auto add = [&text](const std::string& what) { text += (text.empty() ? "" : ", ") + what; };
+  for (const auto& [name, member] : client.members()) add(session::role_name(member.entry.role) + (" '" + name + "'"));
+  for (const auto& [name, entry] : client.objects()) add("object '" + name + "'");
+  return text.empty() ? "; found no other program: do all have the same session and domain?" : "; found " + text;
+}
+
 void wait(const ScriptSession& self, const py::function& condition, double timeout) {
   const auto holds = [&] {
     if (py::bool_(condition())) return true;
     self.require_session();
     return false;
   };
-  if (!poll(timeout, holds)) raise_timeout("the condition did not hold within " + std::to_string(timeout) + " s");
+  if (!poll(timeout, holds))
+    raise_timeout("the condition did not hold within " + seconds_text(timeout) + found_text(*self.client()));
 }
 
 void join_user(const ScriptSession& self, const std::string& user, const std::string& hrtc, double timeout) {
@@ -186,7 +203,7 @@ void join_user(const ScriptSession& self, const std::string& user, const std::st
     return client->is_served(user) && client->session_time().has_value();
   };
   if (!poll(timeout, is_ready))
-    raise_timeout("not served: " + user + " by " + hrtc + ", waited " + std::to_string(timeout) + " s");
+    raise_timeout("not served: " + user + " by " + hrtc + ", waited " + seconds_text(timeout) + found_text(*client));
 }
 
 std::pair<std::int64_t, std::int64_t> move(const ScriptSession& self, const std::string& user, const Numbers& path,

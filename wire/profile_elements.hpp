@@ -1,5 +1,5 @@
 /// Loads XML profiles whose elements have the names of Fast DDS 2.9, with either version of the library. The two versions
-/// name five durations differently, and only 2.9 has `throughputController`.
+/// name five durations differently.
 #pragma once
 
 #include <tinyxml2.h>

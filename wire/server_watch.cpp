@@ -17,8 +17,11 @@ std::vector<std::string> ServerWatch::lost() const {
 
 void ServerWatch::on_present(const rtps::GUID_t& participant, const std::vector<rtps::Locator_t>& addresses) {
   for (std::size_t i = 0; i < servers_.size(); ++i) {
+    // Version 3.1 announces no loopback address.
     const auto is_server = [&](const rtps::Locator_t& address) {
-      return rtps::IPLocator::compareAddressAndPhysicalPort(address, servers_[i]);
+      return rtps::IPLocator::isLocal(servers_[i])
+                 ? rtps::IPLocator::getPhysicalPort(address) == rtps::IPLocator::getPhysicalPort(servers_[i])
+                 : rtps::IPLocator::compareAddressAndPhysicalPort(address, servers_[i]);
     };
     if (std::none_of(addresses.begin(), addresses.end(), is_server)) continue;
     const std::lock_guard lock{mutex_};

@@ -9,6 +9,7 @@
 #include "netem/pair.hpp"
 #include "tests/support/process.hpp"
 #include "tests/support/temporary_folder.hpp"
+#include "wire/footprint.hpp"
 
 namespace tactus::latency {
 namespace {
@@ -84,6 +85,12 @@ TEST_F(LatencyRun, MeasuresSeveralReadersWhileMeshRecordsAreSent) {
 }
 
 TEST_F(LatencyRun, TunedFastDdsSendsRecordsNoFasterThanItsLimit) {
+  if (!wire::library_version().starts_with("2.")) {
+    Process process{command_line("run", {"--profile", "tuned"})};
+    EXPECT_EQ(process.wait(), 2);
+    EXPECT_THAT(process.output(), HasSubstr("expected Fast DDS 2.9, found 3."));
+    return;
+  }
   const auto figures = run({"--profile", "tuned", "--load", "max"});
   ASSERT_EQ(figures.at("tests").size(), 1u);
   expect_plausible(figures.at("tests")[0]);
