@@ -74,8 +74,12 @@ TEST_P(EveryDefect, IsTheOnlyFindingAndHasARemedy) {
 INSTANTIATE_TEST_SUITE_P(
     Doctor, EveryDefect,
     testing::Values(
-        Defect{"OnlyLoopback", [](Facts& f) { f.interfaces.pop_back(); }, Severity::kAdvice, "interfaces", "loopback",
-               "connect"},
+        Defect{"OnlyLoopback",
+               [](Facts& f) {
+                 f.interfaces.pop_back();
+                 f.multicast_route_error = "Network is unreachable";
+               },
+               Severity::kAdvice, "interfaces", "loopback", "connect"},
         Defect{"TwoNetworks",
                [](Facts& f) {
                  f.interfaces.push_back({"wlan0", "10.1.0.2", 1500, false, true, true});
@@ -92,7 +96,7 @@ INSTANTIATE_TEST_SUITE_P(
         Defect{"NoMulticastReturns", [](Facts& f) { f.interfaces[1].multicast_returns = false; }, Severity::kFault,
                "multicast", "eth0", "--discovery-server"},
         Defect{"SmallMtu", [](Facts& f) { f.interfaces[1].mtu = 1400; }, Severity::kAdvice, "mtu", "eth0 1400",
-               "mtu 1500"},
+               "ip link set eth0 mtu 1500"},
         Defect{"SmallReceiveBuffer", [](Facts& f) { f.receive_buffer_max = 212992; }, Severity::kAdvice,
                "socket buffers", "212992, the profiles require 4194304", "sysctl -w net.core.rmem_max=4194304"},
         Defect{"SmallSendBuffer", [](Facts& f) { f.send_buffer_max = 212992; }, Severity::kAdvice, "socket buffers",

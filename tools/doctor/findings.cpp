@@ -57,6 +57,17 @@ void judge_interfaces(const Facts& facts, Findings& findings) {
   }
 }
 
+/// The interface of a remedy: the only one, or a word for it.
+std::string interface_of(const std::vector<std::string>& names) {
+  return names.size() == 1 ? names.front() : "INTERFACE";
+}
+std::vector<std::string> network_interfaces(const Facts& facts) {
+  std::vector<std::string> names;
+  for (const Interface& i : facts.interfaces)
+    if (!i.is_loopback) names.push_back(i.name);
+  return names;
+}
+
 void judge_reachability(const Facts& facts, Findings& findings) {
   std::vector<std::string> without_multicast;
   for (const Interface& i : facts.interfaces)
@@ -66,12 +77,15 @@ void judge_reachability(const Facts& facts, Findings& findings) {
   const std::string or_unicast = ", or use --peer or --discovery-server";
   if (!uses_multicast(facts)) {
     findings.good(multicast, "not needed with --peer or --discovery-server");
+  } else if (network_interfaces(facts).empty()) {
+    findings.good(multicast, "not needed on this machine alone");
   } else if (!facts.multicast_route_error.empty()) {
     findings.fault(multicast, "no route to 239.255.0.1: " + facts.multicast_route_error,
-                   "ip route add 239.0.0.0/8 dev INTERFACE" + or_unicast);
+                   "ip route add 239.0.0.0/8 dev " + interface_of(network_interfaces(facts)) + or_unicast);
   } else if (!without_multicast.empty()) {
     findings.fault(multicast, "datagrams to 239.255.0.1 do not come back on " + joined(without_multicast),
-                   "ip link set INTERFACE multicast on, let the firewall pass UDP to 239.255.0.1" + or_unicast);
+                   "ip link set " + interface_of(network_interfaces(facts)) +
+                       " multicast on, let the firewall pass UDP to 239.255.0.1" + or_unicast);
   } else {
     findings.good(multicast,
                   "works on every interface of this machine; to test it between two machines, run tactus latency serve "
@@ -88,17 +102,21 @@ void judge_reachability(const Facts& facts, Findings& findings) {
 
 void judge_mtu(const Facts& facts, Findings& findings) {
   const int max_datagram = facts.required.message + kIpAndUdpBytes;
-  std::vector<std::string> too_small;
-  for (const Interface& i : facts.interfaces)
-    if (!i.is_loopback && i.mtu < max_datagram) too_small.push_back(i.name + " " + std::to_string(i.mtu));
+  std::vector<std::string> too_small, names;
+  for (const Interface& i : facts.interfaces) {
+    if (i.is_loopback || i.mtu >= max_datagram) continue;
+    too_small.push_back(i.name + " " + std::to_string(i.mtu));
+    names.push_back(i.name);
+  }
   const std::string size = std::to_string(max_datagram);
   if (too_small.empty()) {
     findings.good("mtu", "at least " + size + " bytes, the size of the largest datagram");
   } else {
-    findings.advice("mtu",
-                    joined(too_small) + ": datagrams of " + size +
-                        " bytes are fragmented, and one lost fragment loses the datagram",
-                    "ip link set INTERFACE mtu " + size + ", if the network carries frames of this size");
+    findings.advice(
+        "mtu",
+        joined(too_small) + ": datagrams of " + size +
+            " bytes are fragmented, and one lost fragment loses the datagram",
+        "ip link set " + interface_of(names) + " mtu " + size + ", if the network carries frames of this size");
   }
 }
 
@@ -201,7 +219,8 @@ void judge_discovery(const Facts& facts, Findings& findings) {
                    "correct the reason in this message, or the faults above");
   } else if (facts.match_time_s) {
     findings.good("discovery", "two participants of this machine found each other " + method + " in " +
-                                   rounded(*facts.match_time_s * 1e3) + " ms in all three traffic classes");
+                                   rounded(*facts.match_time_s * 1e3) +
+                                   " ms in all three traffic classes; this does not test the network");
   } else {
     findings.fault("discovery", "two participants of this machine did not find each other " + method,
                    facts.discovery.servers.empty()

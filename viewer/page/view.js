@@ -70,6 +70,7 @@ function showScene(message) {
       state.regions.delete(number);
     }
   showStop(message.stop);
+  showPresence(message.participants);
   showHosts();
   const events = element("events");
   events.replaceChildren(...message.events.slice(-12).reverse().map(({ secondsAgo, text }) => {
@@ -93,6 +94,14 @@ function showScene(message) {
   updateTouch();
   showObjects();
   showFronts();
+}
+
+/// Says so if nobody serves this session: it has not begun, it has ended, or its name or domain is another one.
+function showPresence(participants) {
+  if (state.playback) return;
+  const isEmpty = !participants.some(({ role }) => role === "host" || role === "hrtc");
+  element("connection").textContent = isEmpty ? "connected; no host and no HRTC in this session" : "connected";
+  element("connection").className = isEmpty ? "" : "open";
 }
 
 function showStop({ requested, hrtcs, stopped }) {
