@@ -90,7 +90,8 @@ class Participants {
 };
 
 /// Sets the function that receives the warnings and errors of the DDS library, and reports of endpoints whose QoS does
-/// not match, for the whole process. Without a sink the former are dropped, and the latter go to the standard error. A thread of the library calls the sink.
+/// not match, for the whole process. Without a sink the former are dropped, and the latter go to the standard error. A
+/// thread of the library calls the sink.
 void set_log_sink(std::function<void(const std::string&)> sink);
 
 }  // namespace tactus::wire

@@ -27,7 +27,7 @@ const strips = new Map();  // by HRTC: {element, text, strips: by name, before}
 const frontsOf = new Map();  // by object: {row, canvas}
 const bytesSent = new Map();  // by host: {bytes, nowMs, rate}
 
-let view;  // made below
+let view;  // made by `start`
 
 /// Sets the rows of a table. `rows`: lists of cells, each a text or an element.
 function setRows(table, rows) {
