@@ -41,6 +41,14 @@ std::set<std::string> object_references(const Scenario& scenario) {
   return references;
 }
 
+/// For example "HRTC left, right" or "no HRTC".
+std::string list_of(const std::string& kind, const std::vector<std::string>& names) {
+  if (names.empty()) return "no " + kind;
+  std::string text = kind;
+  for (const std::string& name : names) text += (&name == &names.front() ? " " : ", ") + name;
+  return text;
+}
+
 }  // namespace
 
 SimCore::SimCore(const Scenario& scenario, const SimSettings& settings)
@@ -184,16 +192,6 @@ void SimCore::assign_users(const std::vector<std::string>& hrtcs) {
   }
   for (Presence& presence : presences_) presence.sent_ns = INT64_MIN / 2;  // publish at once
 }
-
-namespace {
-/// For example "HRTC left, right" or "no HRTC".
-std::string list_of(const std::string& kind, const std::vector<std::string>& names) {
-  if (names.empty()) return "no " + kind;
-  std::string text = kind;
-  for (const std::string& name : names) text += (&name == &names.front() ? " " : ", ") + name;
-  return text;
-}
-}  // namespace
 
 void SimCore::gather(std::int64_t now_ns) {
   std::vector<std::string> hrtcs;
