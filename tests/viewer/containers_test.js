@@ -58,16 +58,19 @@ async function secondsUntilAllTouch(browser) {
   }
 }
 
-const texts = (browser) => browser.value("window.tactus.scene.events.map(({ text }) => text)");
+/// The events since a time of the page's clock, as an expression. The page keeps only the newest events.
+const eventsSince = (ms) => `window.tactus.scene.events.filter(({ secondsAgo }) =>
+  window.tactus.scene.receivedMs - 1e3 * secondsAgo > ${ms}).map(({ text }) => text)`;
+const pageTime = (browser) => browser.value("performance.now()");
 
 /// Kills a container whose program is in the session as `name`.
 async function killParticipant(browser, service, name) {
-  const before = (await texts(browser)).length;
+  const began = await pageTime(browser);
   kill(service);
-  const joined = `window.tactus.scene.events.slice(${before}).some(({ text }) => text.endsWith("'${name}' joined"))`;
-  await browser.until(joined, kHealSeconds).catch(() => {});
+  await browser.until(`${eventsSince(began)}.some((text) => text.endsWith("'${name}' joined"))`, kHealSeconds)
+    .catch(() => {});
   const seconds = await secondsUntilAllTouch(browser);
-  const said = (await texts(browser)).slice(before).filter((text) => text.includes(`'${name}'`));
+  const said = (await browser.value(eventsSince(began))).filter((text) => text.includes(`'${name}'`));
   const isSaid = (words) => said.some((text) => text.endsWith(words));
   check(service, said.join("; "), isSaid("presumed failed") && isSaid("joined"));
   const healed = seconds === null ? `not all within ${kHealSeconds} s` : `all, after another ${seconds.toFixed(1)} s`;
@@ -84,14 +87,13 @@ async function run(browser) {
   for (const service of ["host-a", "host-b", "hrtc-1", "hrtc-2"]) await killParticipant(browser, service, service);
   await killParticipant(browser, "users", "sim");
 
-  const before = (await texts(browser)).length;
+  const began = await pageTime(browser);
   kill("discovery");
   const without = await secondsUntilAllTouch(browser);
   check("discovery, users touch", without === null ? "not all" : "all without it", without !== null);
   const returned = "discovery server 'discovery' is present again";
-  await browser.until(`window.tactus.scene.events.slice(${before}).some(({ text }) => text === "${returned}")`,
-                      kHealSeconds).catch(() => {});
-  const said = (await texts(browser)).slice(before).filter((text) => text.includes("discovery server"));
+  await browser.until(`${eventsSince(began)}.includes("${returned}")`, kHealSeconds).catch(() => {});
+  const said = (await browser.value(eventsSince(began))).filter((text) => text.includes("discovery server"));
   check("discovery", said.join("; "), said.some((text) => text.includes("is gone")) && said.includes(returned));
   await killParticipant(browser, "host-a", "host-a");  // a new program finds the others through the new server
 

@@ -60,7 +60,7 @@ function named(name, colour) {
 // ---- messages ----
 
 function showScene(message) {
-  state.scene = message;
+  state.scene = { ...message, receivedMs: performance.now() };
   for (const { id, name, hrtc } of message.users)
     users.set(id, { colour: kColours[users.size % kColours.length], ...users.get(id), name, hrtc });
   view.setObjects(message.objects);
