@@ -76,6 +76,7 @@ TEST_F(DiscoveryTest, AServerThatRestartsAfterItsLeaseConnectsOldAndNewClients) 
   const wire::Participants insider{inside};
   const auto lost_within_10_s = [&](const std::vector<std::string>& lost) {
     const auto end = std::chrono::steady_clock::now() + 10s;
+    // Participants reports this only when asked, as a viewer does in each tick.
     while (insider.lost_servers() != lost && std::chrono::steady_clock::now() < end) std::this_thread::sleep_for(5ms);
     return insider.lost_servers() == lost;
   };
