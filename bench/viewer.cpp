@@ -3,7 +3,7 @@
 #include <signal.h>
 
 #include <CLI/CLI.hpp>
-#include <array>
+#include <cmath>
 #include <cstdio>
 #include <memory>
 #include <string>
@@ -35,18 +35,18 @@ users:
 
 struct Settings {
   int pairs = 10;
-  double seconds = 10;
+  int seconds = 20;
 };
 
-/// Of one window, us. `work`: median of the 99th percentiles of each second.
-struct WindowResult {
-  double age, work;
+/// Values of each second of some windows, us: 99th percentiles of the ages of probe states and of computing times.
+struct Seconds {
+  Samples ages, works;
 };
 
 /// An HRTC with two users, in one session for all windows.
 class WatchedSession {
  public:
-  explicit WatchedSession(double seconds) : seconds_{seconds} {
+  WatchedSession() {
     run("mesh", {"generate", "organ", path("organ.ply"), "--faces", "200000", "--seed", "7"});
     run("mesh", {"build", path("organ.ply"), path("organ.spm"), "--size", "0.2"});
     test_support::write_bytes(path("users.yaml"), kUsers);
@@ -62,8 +62,8 @@ class WatchedSession {
     }
   }
 
-  /// Measures for some seconds, with a viewer whose pages do not read if `is_watched`.
-  WindowResult measure(bool is_watched) {
+  /// Measures a window of `seconds`, with a viewer whose pages do not read if `is_watched`.
+  void measure(int seconds, bool is_watched, Seconds& into) {
     std::unique_ptr<e2e::Process> viewer;
     std::vector<std::unique_ptr<test_support::PageClient>> pages;
     if (is_watched) {
@@ -72,14 +72,16 @@ class WatchedSession {
       for (int i = 0; i < kPages; ++i) pages.push_back(std::make_unique<test_support::PageClient>(port));
     }
     pause(3s);  // until the viewer has the meshes, or its end is over
-    Samples ages, works;
-    observer_.add_ages_of("ann", &ages);
-    observer_.add_values_of(session::figures::kRecentCycleP99, &works);
-    pause(std::chrono::milliseconds{static_cast<int>(1e3 * seconds_)});
-    observer_.add_ages_of("ann", nullptr);
+    observer_.add_values_of(session::figures::kRecentCycleP99, &into.works);
+    for (int i = 0; i < seconds; ++i) {
+      Samples ages;
+      observer_.add_ages_of("ann", &ages);
+      pause(1s);
+      observer_.add_ages_of("ann", nullptr);
+      into.ages.add(ages.percentile(0.99));
+    }
     observer_.add_values_of("", nullptr);
     if (viewer) end_program(*viewer);
-    return {ages.percentile(0.99), works.percentile(0.5)};
   }
 
  private:
@@ -103,56 +105,49 @@ class WatchedSession {
     throw std::runtime_error("the viewer did not start: " + viewer.output());
   }
 
-  double seconds_;
   test_support::TemporaryFolder folder_;
   LiveSession session_{"veth"};
   std::unique_ptr<e2e::Process> host_, desk_, users_;
   SessionObserver observer_{session_.address("ages")};
 };
 
-/// Adds the rows of one quantity. Each triple has the values without a viewer, without one again, and with one.
-void add_rows(Report& report, const std::string& name, const std::vector<std::array<double, 3>>& triples) {
-  std::array<Samples, 3> values;
-  Samples same, watched;
-  for (const auto& triple : triples) {
-    for (std::size_t i = 0; i < 3; ++i) values[i].add(triple[i]);
-    same.add(triple[1] / triple[0]);
-    watched.add(triple[2] / triple[0]);
-  }
-  const Population windows{"windows", triples.size()};
-  report.add_value(name + ", no viewer, median", windows, "us", values[0].percentile(0.5));
-  report.add_value(name + ", no viewer again, median", windows, "us", values[1].percentile(0.5));
-  report.add_value(name + ", viewer, median", windows, "us", values[2].percentile(0.5));
-  report.add_value(name + ", no viewer again / no viewer, median", windows, "times", same.percentile(0.5));
-  report.add_value(name + ", viewer / no viewer, median", windows, "times", watched.percentile(0.5));
-  report.add_at_most(name + ", viewer: increase beyond that of the second window without", windows, "%",
-                     100 * (watched.percentile(0.5) - same.percentile(0.5)), 5);
+/// Adds the rows of one quantity. `none`, `again` and `watched`: its values of each second.
+void add_rows(Report& report, const std::string& name, const Samples& none, const Samples& again,
+              const Samples& watched) {
+  Samples both = none;
+  for (const double value : again.values()) both.add(value);
+  const Population seconds{"seconds", watched.size()};
+  const double same = again.percentile(0.5) / none.percentile(0.5),
+               with_viewer = watched.percentile(0.5) / both.percentile(0.5);
+  report.add_value(name + ", no viewer, median", {"seconds", both.size()}, "us", both.percentile(0.5));
+  report.add_value(name + ", no viewer again / no viewer", seconds, "times", same);
+  report.add_value(name + ", viewer / no viewer", seconds, "times", with_viewer);
+  // Each half of the windows without a viewer differs from both by half of their difference.
+  report.add_at_most(name + ", viewer: increase beyond that of half the windows without", seconds, "%",
+                     100 * (with_viewer - 1 - std::abs(same - 1) / 2), 5);
 }
 
 Report run(const Settings& settings) {
   char text[160];
   std::snprintf(text, sizeof text,
-                "%d triples of windows of %g s of one session, 2 users of 1 HRTC, 10 pages that do not read",
+                "%d triples of windows of %d s of one session, 2 users of 1 HRTC, 10 pages that do not read",
                 settings.pairs, settings.seconds);
   Report report{{"a generated organ of 200,000 faces", 0, 0, text}};
-  std::vector<std::array<double, 3>> ages, works;
+  Seconds none, again, watched;
   in_own_thread([&] {
-    WatchedSession session{settings.seconds};
+    WatchedSession session;
     for (int i = 0; i < settings.pairs; ++i) {
-      std::array<WindowResult, 3> results{};
       // The order rotates, so that a change of the machine's load affects all three alike.
-      for (std::size_t k = 0; k < 3; ++k) {
-        const std::size_t which = (k + static_cast<std::size_t>(i)) % 3;
-        results[which] = session.measure(which == 2);
+      for (int k = 0; k < 3; ++k) {
+        Seconds* const all[] = {&none, &again, &watched};
+        Seconds& into = *all[(k + i) % 3];
+        session.measure(settings.seconds, &into == &watched, into);
       }
-      ages.push_back({results[0].age, results[1].age, results[2].age});
-      works.push_back({results[0].work, results[1].work, results[2].work});
-      std::fprintf(stderr, "triple %d: p99 of age %.0f %.0f %.0f us, of computing time %.0f %.0f %.0f us\n", i + 1,
-                   ages.back()[0], ages.back()[1], ages.back()[2], works.back()[0], works.back()[1], works.back()[2]);
+      std::fprintf(stderr, "triple %d of %d\n", i + 1, settings.pairs);
     }
   });
-  add_rows(report, "p99 age of probe states", ages);
-  add_rows(report, "p99 of a second's cycle_us", works);
+  add_rows(report, "p99 of a second's ages of probe states", none.ages, again.ages, watched.ages);
+  add_rows(report, "p99 of a second's cycle_us", none.works, again.works, watched.works);
   return report;
 }
 
@@ -164,7 +159,7 @@ int main(int argc, char** argv) {
   tactus::bench::App app{"viewer", "Measures what a viewer costs the HRTCs of a session; needs root",
                          "three triples of windows of 5 s, for CI"};
   app.add_option("--pairs", settings.pairs, "number of triples of windows")->check(CLI::Range(1, 100));
-  app.add_option("--seconds", settings.seconds, "duration of each window, s")->check(CLI::Range(1.0, 60.0));
+  app.add_option("--seconds", settings.seconds, "duration of each window, s")->check(CLI::Range(1, 60));
   return tactus::bench::latency_main(app, argc, argv, [&] {
     if (app.quick) {
       settings.pairs = 3;

@@ -8,6 +8,7 @@ namespace tactus::client_sim {
 namespace {
 
 constexpr std::size_t kMaxEvents = 1000;
+constexpr double kUsualWait = 3;  // s, for HRTCs and objects while the programs of a session start
 
 double seconds(std::int64_t ns) { return static_cast<double>(ns) * 1e-9; }
 
@@ -214,7 +215,9 @@ void SimCore::gather(std::int64_t now_ns) {
   if (!no_object.empty()) stop_reason_ += (stop_reason_.empty() ? "" : "; ") + ("no host serves object " + no_object);
   if (!stop_reason_.empty()) {
     stop_reason_ += "; found " + list_of("HRTC", hrtcs) + " and " + list_of("object", objects);
-    if (hrtcs.empty() || objects.empty()) stop_reason_ += " (do all programs have the same --session and --domain?)";
+    const bool waits_long = seconds(now_ns - first_tick_ns_) > kUsualWait;
+    if (waits_long && (hrtcs.empty() || objects.empty()))
+      stop_reason_ += " (do all programs have the same --session and --domain?)";
     return;
   }
   if (seconds(now_ns - first_peer_ns_) < settings_.name_check) return;

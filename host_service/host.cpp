@@ -16,6 +16,9 @@
 #include "wire/realtime.hpp"
 
 namespace tactus::host_service {
+
+using session::Severity;
+
 namespace {
 
 using std::chrono::microseconds;

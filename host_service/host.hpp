@@ -20,7 +20,7 @@
 namespace tactus::host_service {
 
 /// Receives one line for each event, in the threads that call the constructor and run().
-using Log = std::function<void(Severity, const std::string&)>;
+using Log = std::function<void(session::Severity, const std::string&)>;
 
 struct HostOptions {
   wire::SessionAddress address;

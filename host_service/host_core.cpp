@@ -10,6 +10,9 @@
 #include "sharing/body.hpp"
 
 namespace tactus::host_service {
+
+using session::Severity;
+
 namespace {
 
 constexpr std::int64_t kHeartbeatNs = 100 * kMs;

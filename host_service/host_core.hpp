@@ -25,11 +25,10 @@
 #include "session/delivery_server.hpp"
 #include "session/periodic.hpp"
 #include "session/roster.hpp"
+#include "session/severity.hpp"
 #include "session/stop_latch.hpp"
 
 namespace tactus::host_service {
-
-enum class Severity { kInfo, kWarning, kError };
 
 struct HostedObject {
   ObjectConfig config;                                 ///< its model file is not read
@@ -73,7 +72,7 @@ class HostCore {
   HostCore& operator=(const HostCore&) = delete;
 
   /// Receives one line for each event that an operator should see.
-  std::function<void(Severity, const std::string&)> on_event;
+  std::function<void(session::Severity, const std::string&)> on_event;
   /// Called with a new receiver of meshes: an HRTC that has joined or returned, or a viewer that requests its first
   /// object of this host. Chunks and answers for it may follow.
   std::function<void(std::uint64_t participant, const std::string& name)> on_receiver;
@@ -133,7 +132,7 @@ class HostCore {
   void react(const session::RosterEvent& event, std::int64_t now_ns);
   void move_objects(std::int64_t now_ns);
   [[nodiscard]] session::Origin origin(std::int64_t now_ns) const;
-  void report(Severity severity, const std::string& text) const;
+  void report(session::Severity severity, const std::string& text) const;
 
   session::Origin self_;
   std::string name_, session_;

@@ -66,8 +66,8 @@ int main(int argc, char** argv) {
   spdlog::set_default_logger(spdlog::stderr_color_mt("tactus-host"));
   spdlog::set_pattern("%H:%M:%S.%e %n %^%l%$ %v");
   wire::set_log_sink([](const std::string& text) { spdlog::warn("dds: {}", text); });
-  const host_service::Log log = [](host_service::Severity severity, const std::string& line) {
-    using host_service::Severity;
+  const host_service::Log log = [](session::Severity severity, const std::string& line) {
+    using session::Severity;
     const auto level = severity == Severity::kError     ? spdlog::level::err
                        : severity == Severity::kWarning ? spdlog::level::warn
                                                         : spdlog::level::info;

@@ -14,8 +14,8 @@ Gateway::Gateway(spm::Pool& pool, spm::NodePool& nodes, const session::Origin& s
     : link_{link},
       loader_{pool, nodes, self, settings.loader, link.arrivals, link.departures},
       ownership_{self, link.bodies.orders, settings.ownership} {
-  loader_.on_event = [this](const std::string& text) {
-    if (on_event) on_event(text);
+  loader_.on_event = [this](session::Severity severity, const std::string& text) {
+    if (on_event) on_event(severity, text);
   };
   loader_.on_object_found = [this](const session::CatalogueEntry& entry) {
     if (on_object_found) on_object_found(entry);

@@ -37,7 +37,7 @@ class Gateway {
           ServoLink& link);
 
   /// Called with one line for each event that an operator should see.
-  std::function<void(const std::string&)> on_event;
+  std::function<void(session::Severity, const std::string&)> on_event;
   /// Called with each object whose base mesh is requested from now on.
   std::function<void(const session::CatalogueEntry&)> on_object_found;
   /// Called with each object that is passed to the servo.

@@ -42,6 +42,11 @@ std::array<haptics::DeviceSpec, kMaxProbes> specs_of(const HrtcOptions& options)
   return specs;
 }
 
+void log_event(session::Severity severity, const std::string& text) {
+  constexpr spdlog::level::level_enum kLevels[] = {spdlog::level::info, spdlog::level::warn, spdlog::level::err};
+  spdlog::log(kLevels[static_cast<std::size_t>(severity)], "{}", text);
+}
+
 std::unique_ptr<FlightSaver> flight_saver(const HrtcOptions& options) {
   if (options.flight.seconds <= 0) return nullptr;
   return std::make_unique<FlightSaver>(
@@ -88,7 +93,7 @@ Hrtc::Impl::Impl(HrtcOptions given)
              devices,      membership.remote_users(),       groups},
       exchange{participants, core.link().bodies, gateway},
       shown{participants, core.link(), loader} {
-  gateway.on_event = [](const std::string& text) { spdlog::info("{}", text); };
+  gateway.on_event = log_event;
   gateway.on_object = [this](const TouchObject& object) {
     exchange.add(object);
     states.set_object_id(object.index, object.id);
@@ -206,10 +211,7 @@ void Hrtc::Impl::process(const session::SessionEnd& end, std::int64_t) {
 /// Sends the samples of the membership, logs its events, and adds and removes users.
 void Hrtc::Impl::process_output() {
   MembershipOutput& output = membership.output;
-  for (const SessionEvent& event : output.events) {
-    constexpr spdlog::level::level_enum kLevels[] = {spdlog::level::info, spdlog::level::warn, spdlog::level::err};
-    spdlog::log(kLevels[static_cast<std::size_t>(event.severity)], "{}", event.text);
-  }
+  for (const SessionEvent& event : output.events) log_event(event.severity, event.text);
   for (session::ClockSample& sample : output.clock) {
     sample.origin = participants.origin();
     (void)clock_out.send(sample);

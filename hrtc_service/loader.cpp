@@ -53,13 +53,14 @@ void Loader::open(const session::CatalogueEntry& entry) {
     const bool same = known->second->summary.digest == entry.summary.digest;
     if (same && !known->second->withdrawn) return;
     if (!same && !known->second->withdrawn)
-      report_event("object " + entry.object + ": host " + entry.host +
-                   " offers a different model under the same name; ignored until the first model is withdrawn");
+      report_warning("object " + entry.object + ": host " + entry.host +
+                     " serves a different model of this name, which is ignored while " + known->second->entry.host +
+                     " serves the first; give one of them another name");
     return postpone(entry);
   }
   if (objects_.size() == kMaxObjects) {
-    report_event("object " + entry.object + ": ignored while there are " + std::to_string(kMaxObjects) +
-                 " others, the maximum of an HRTC");
+    report_warning("object " + entry.object + ": ignored while there are " + std::to_string(kMaxObjects) +
+                   " others, the maximum of an HRTC");
     return postpone(entry);
   }
   auto object = std::make_unique<Object>();
@@ -74,8 +75,8 @@ void Loader::open(const session::CatalogueEntry& entry) {
   if (!reserve_directory(added)) return;
   delivery_.open(entry.object_id, entry.summary.digest);
   if (on_object_found) on_object_found(entry);
-  report_event("object " + entry.object + " found at host " + entry.host + ": " + std::to_string(entry.summary.faces) +
-               " faces, " + std::to_string(entry.summary.regions) + " regions");
+  report_info("object " + entry.object + " found at host " + entry.host + ": " + std::to_string(entry.summary.faces) +
+              " faces, " + std::to_string(entry.summary.regions) + " regions");
 }
 
 /// Reserves memory for the directory of an object. Returns false and marks the object as refused if it does not fit, or
@@ -88,8 +89,8 @@ bool Loader::reserve_directory(Object& object) {
     char sizes[128];
     std::snprintf(sizes, sizeof sizes, "of %.1f MiB is larger than an HRTC assembles, %.1f MiB",
                   mib(object.entry.base_bytes), mib(settings_.delivery.max_partial_bytes));
-    report_event("object " + object.info.name + ": refused, its base mesh " + sizes +
-                 "; build the model with a smaller one");
+    report_warning("object " + object.info.name + ": refused, its base mesh " + sizes +
+                   "; build the model with a smaller one");
     return false;
   }
   const std::uint64_t takes = spm::directory_bytes(object.summary, pool_.settings);
@@ -103,8 +104,8 @@ bool Loader::reserve_directory(Object& object) {
   char sizes[128];
   std::snprintf(sizes, sizeof sizes, "takes %.1f MiB, %.1f of %.1f MiB are left", mib(takes), mib(left),
                 mib(settings_.directory_bytes));
-  report_event("object " + object.info.name + ": refused, its directory of " + std::to_string(object.summary.regions) +
-               " regions " + sizes + "; raise --memory");
+  report_warning("object " + object.info.name + ": refused, its directory of " +
+                 std::to_string(object.summary.regions) + " regions " + sizes + "; raise --memory");
   return false;
 }
 
@@ -137,7 +138,7 @@ void Loader::forget_unoffered(std::int64_t now_ns) {
     if (!object->ready && !delivery_.is_offered(id, object->info.digest)) unoffered.push_back(id);
   for (const std::uint64_t id : unoffered) {
     Object& object = *objects_.at(id);
-    report_event("object " + object.info.name + ": no host offers it any more");
+    report_info("object " + object.info.name + ": no host offers it any more");
     delivery_.close(id);
     drop_waiting(object);
     drop_pending_base(object);

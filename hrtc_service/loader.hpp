@@ -42,6 +42,7 @@
 
 #include "hrtc_service/tool_touch.hpp"
 #include "session/delivery_client.hpp"
+#include "session/severity.hpp"
 #include "spm/cache.hpp"
 #include "spm/codec/base_codec.hpp"
 #include "spm/codec/compressed_cache.hpp"
@@ -111,7 +112,7 @@ class Loader {
   ~Loader();
 
   /// Called with one line for each event that an operator should see.
-  std::function<void(const std::string&)> on_event;
+  std::function<void(session::Severity, const std::string&)> on_event;
 
   /// Called with each object whose base mesh is requested from now on.
   std::function<void(const session::CatalogueEntry&)> on_object_found;
@@ -348,8 +349,11 @@ class Loader {
   void process_departures();
   void push_arrivals();
   void find_near(const std::array<ReportedProbe, kMaxProbes>& probes, std::array<NearObjects, kMaxProbes>& near);
-  void report_event(const std::string& text) const {
-    if (on_event) on_event(text);
+  void report_info(const std::string& text) const {
+    if (on_event) on_event(session::Severity::kInfo, text);
+  }
+  void report_warning(const std::string& text) const {
+    if (on_event) on_event(session::Severity::kWarning, text);
   }
 
   spm::Pool& pool_;

@@ -21,17 +21,17 @@ void Loader::on_base_mesh(Object& object, const std::vector<std::uint8_t>& bytes
       decoded->mesh.summary.regions != object.summary.regions ||
       decoded->mesh.summary.records != object.summary.records) {
     ++figures_.decode_errors;
-    report_event("object " + object.info.name +
-                 ": base mesh refused: " + (decoded ? "it belongs to another model" : decoded.error().text));
+    report_warning("object " + object.info.name +
+                   ": base mesh refused: " + (decoded ? "it belongs to another model" : decoded.error().text));
     delivery_.answer_base_refused(object.info.id);
     return;
   }
   delivery_.answer_base_stored(object.info.id);  // also if it does not fit: another request would change nothing
   if (object.ready || object.base_slots > 0 || !reserve_base(object, decoded->mesh)) return;
   if (!pending_bases_.empty() || object.base_slots > cache_.slots_free()) {
-    report_event("object " + object.info.name + ": waits until regions are coarsened, its base mesh takes " +
-                 std::to_string(object.base_slots) + " slots, the pool has " + std::to_string(cache_.slots_free()) +
-                 " free");
+    report_info("object " + object.info.name + ": waits until regions are coarsened, its base mesh takes " +
+                std::to_string(object.base_slots) + " slots, the pool has " + std::to_string(cache_.slots_free()) +
+                " free");
     pending_bases_.push_back({&object, std::move(*decoded)});
     return;
   }
@@ -49,9 +49,9 @@ bool Loader::reserve_base(Object& object, const spm::BaseMesh& base) {
     if (!object.refused) {
       ++figures_.objects_refused;
       directory_bytes_ -= spm::directory_bytes(object.summary, pool_.settings);
-      report_event("object " + object.info.name + ": refused, its base mesh takes " + std::to_string(slots) +
-                   " slots and " + std::to_string(nodes) + " tree nodes, the pool has " + std::to_string(slots_left) +
-                   " and " + std::to_string(nodes_left) + " besides other base meshes; raise --memory or --pool");
+      report_warning("object " + object.info.name + ": refused, its base mesh takes " + std::to_string(slots) +
+                     " slots and " + std::to_string(nodes) + " tree nodes, the pool has " + std::to_string(slots_left) +
+                     " and " + std::to_string(nodes_left) + " besides other base meshes; raise --memory or --pool");
     }
     object.refused = true;
     return false;
@@ -112,9 +112,9 @@ void Loader::admit_base(Object& object, spm::codec::DecodedBase decoded) {
   for (const spm::Region& region : base.regions) largest = std::max(largest, region.part_count);
   const std::uint32_t slots_left = pool_.settings.slots - base_slots_;
   if (largest > slots_left)
-    report_event("object " + object.info.name + ": parts stay coarse: its largest region needs " +
-                 std::to_string(largest) + " slots, the pool has " + std::to_string(slots_left) +
-                 " besides base meshes; raise --memory or --pool");
+    report_warning("object " + object.info.name + ": parts stay coarse: its largest region needs " +
+                   std::to_string(largest) + " slots, the pool has " + std::to_string(slots_left) +
+                   " besides base meshes; raise --memory or --pool");
   TouchObject& touch = object.touch;
   touch.index = object.info.index;
   touch.id = object.info.id;
@@ -126,8 +126,8 @@ void Loader::admit_base(Object& object, spm::codec::DecodedBase decoded) {
       std::count_if(active_.begin(), active_.end(), [](const Object* each) { return each->touch.body.has_value(); });
   const bool can_move = sharing::can_move(object.entry);
   if (can_move && bodies == kMaxBodies) {
-    report_event("object " + object.info.name + " stays fixed: an HRTC simulates at most " +
-                 std::to_string(kMaxBodies) + " movable objects");
+    report_warning("object " + object.info.name + " stays fixed: an HRTC simulates at most " +
+                   std::to_string(kMaxBodies) + " movable objects");
   } else if (can_move) {
     touch.body = sharing::body_of(object.entry);
     touch.material.damping = std::max(touch.material.damping, kMinDamping * touch.material.stiffness);

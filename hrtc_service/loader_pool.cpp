@@ -79,8 +79,8 @@ spm::Cache::Space Loader::load(Object& object, std::uint32_t region) {
     note.is_faulty = 1;
     ++faulty_regions_;
     ++figures_.refused_other;
-    report_event("object " + object.info.name + ": region " + std::to_string(region) +
-                 " contradicts the records in memory; it is requested again");
+    report_warning("object " + object.info.name + ": region " + std::to_string(region) +
+                   " contradicts the records in memory; it is requested again");
     return {};
   }
   const double slots = slot_estimate(object, region);

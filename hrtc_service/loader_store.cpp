@@ -67,8 +67,8 @@ bool Loader::store_or_refuse(Object& object, const session::DeliveryClient::Mess
       return refuse();
     case Status::kMalformed:
       ++figures_.decode_errors;
-      report_event("object " + object.info.name + ": region " + std::to_string(message.region) +
-                   " refused: " + put.error);
+      report_warning("object " + object.info.name + ": region " + std::to_string(message.region) +
+                     " refused: " + put.error);
       return refuse();
   }
   object.info.records_received += put.records;

@@ -9,7 +9,7 @@ namespace tactus::hrtc_service {
 /// Removes an object from predictions, demands and the store. Its memory in the pool is freed when the haptic thread
 /// has returned it (free_withdrawn).
 void Loader::withdraw(Object& object) {
-  report_event("object " + object.info.name + ": withdrawn");
+  report_info("object " + object.info.name + ": withdrawn");
   object.withdrawn = true;
   active_.erase(std::find(active_.begin(), active_.end(), &object));
   delivery_.close(object.info.id);
@@ -58,7 +58,7 @@ void Loader::free_withdrawn(Object& object) {
   base_nodes_ -= object.base_nodes;
   directory_bytes_ -= spm::directory_bytes(object.summary, pool_.settings);
   by_index_[object.info.index] = nullptr;
-  report_event("object " + object.info.name + ": freed");
+  report_info("object " + object.info.name + ": freed");
   forget(object);
   open_postponed();
 }

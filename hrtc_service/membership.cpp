@@ -10,7 +10,7 @@
 namespace tactus::hrtc_service {
 namespace {
 
-using Severity = SessionEvent::Severity;
+using session::Severity;
 
 constexpr std::int64_t kHeartbeatNs = 100 * kMs;
 constexpr std::int64_t kClockNs = 200 * kMs, kClockFastNs = 20 * kMs;

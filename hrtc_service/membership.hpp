@@ -23,6 +23,7 @@
 #include "session/failure_detector.hpp"
 #include "session/periodic.hpp"
 #include "session/roster.hpp"
+#include "session/severity.hpp"
 
 namespace tactus::hrtc_service {
 
@@ -32,7 +33,7 @@ struct MembershipSettings {
 };
 
 struct SessionEvent {
-  enum class Severity : std::uint8_t { kInfo, kWarning, kError } severity = Severity::kInfo;
+  session::Severity severity = session::Severity::kInfo;
   std::string text;
 };
 
@@ -129,9 +130,7 @@ class Membership {
     std::uint64_t regions_before = 0;  // regions of the object received before the change
   };
 
-  void report(SessionEvent::Severity severity, std::string text) {
-    output.events.push_back({severity, std::move(text)});
-  }
+  void report(session::Severity severity, std::string text) { output.events.push_back({severity, std::move(text)}); }
   void on_event(const session::RosterEvent& event, std::int64_t now_ns);
   void on_client(const session::RosterEvent& event, bool is_gone);
   void add_users(const session::RosterEntry& client);

@@ -50,6 +50,7 @@ class Samples {
   }
   [[nodiscard]] bool empty() const noexcept { return values_.empty(); }
   [[nodiscard]] std::size_t size() const noexcept { return values_.size(); }
+  [[nodiscard]] const std::vector<Value>& values() const noexcept { return values_; }
   /// Percentile of the stored samples; NaN without samples. O(size), allocates.
   [[nodiscard]] double percentile(double share) const {
     if (values_.empty()) return std::numeric_limits<double>::quiet_NaN();

@@ -81,6 +81,7 @@ std::optional<PageRequest> parse_request(const std::string& text) {
   const std::string_view kind = request.begin().key();
   const Json& value = request.begin().value();
   if (kind == "token" && value.is_string()) return TokenRequest{value};
+  if (kind == "seen" && value.is_number_unsigned()) return SeenRequest{value};
   if (kind == "stop" && is_reason(value)) return StopRequest{value};
   if (kind == "touch") return parse_touch(value);
   if (kind == "hand") return parse_hand(value);

@@ -18,6 +18,10 @@ using PageId = std::uint64_t;
 struct TokenRequest {
   std::string token;
 };
+/// The page has processed so many messages since it connected.
+struct SeenRequest {
+  std::uint64_t messages = 0;
+};
 /// All forces of the session stop.
 struct StopRequest {
   std::string reason;
@@ -54,8 +58,8 @@ struct SeekRequest {
   double seconds = 0;  ///< after the begin of the recording
 };
 
-using PageRequest = std::variant<TokenRequest, StopRequest, TouchRequest, HandRequest, ReleaseRequest, ShowRequest,
-                                 CameraRequest, PlayRequest, SeekRequest>;
+using PageRequest = std::variant<TokenRequest, SeenRequest, StopRequest, TouchRequest, HandRequest, ReleaseRequest,
+                                 ShowRequest, CameraRequest, PlayRequest, SeekRequest>;
 
 /// Returns the request, or none if the text is no valid request.
 [[nodiscard]] std::optional<PageRequest> parse_request(const std::string& text);

@@ -35,7 +35,10 @@ namespace {
 
 constexpr std::chrono::seconds kHttpTimeout{10};
 constexpr std::uint32_t kMaxRefusalEvents = 10;  // in a second
-constexpr int kSendBufferBytes = 64 * 1024;      // of a page
+// Max number of messages to a page that it has not processed. More would be a queue in the browser, which receives even
+// if the page has no time.
+constexpr std::uint64_t kMaxUnseen = 8;
+constexpr int kSendBufferBytes = 64 * 1024;  // of a page
 constexpr std::int64_t kTokenTimeoutNs = 5'000 * kMs;
 constexpr std::uint32_t kMaxHeaderBytes = 8192;
 constexpr std::chrono::milliseconds kMaxPoll{5};
@@ -234,13 +237,23 @@ struct PageServer::Impl::Page : std::enable_shared_from_this<Page> {
   }
 
   void process(const std::string& text) {
+    const std::optional<PageRequest> request = parse_request(text);
+    if (const auto* const processed = request ? std::get_if<SeenRequest>(&*request) : nullptr)
+      return process(*processed);
     if (requests.exceeds(kMaxRequestsPerSecond))
       return refuse("it sends more than " + std::to_string(kMaxRequestsPerSecond) + " requests a second");
-    const std::optional<PageRequest> request = parse_request(text);
     if (!request) return refuse("it sent no valid request");
     if (const auto* const given = std::get_if<TokenRequest>(&*request)) return process(*given);
     if (rights != Rights::kControl) return refuse("its token is for observers, and it sent a request");
     if (impl.server.on_request) impl.server.on_request(id, *request);
+  }
+
+  /// Each number has to be larger than the one before, so there are at most as many as messages.
+  void process(const SeenRequest& processed) {
+    if (processed.messages <= seen || processed.messages > sent)
+      return refuse("it has seen messages that were not sent");
+    seen = processed.messages;
+    write();
   }
 
   void process(const TokenRequest& given) {
@@ -262,7 +275,7 @@ struct PageServer::Impl::Page : std::enable_shared_from_this<Page> {
 
   /// Writes the messages that are due, one after the other, unless one is being written.
   void write() {
-    if (!is_open || is_writing) return;
+    if (!is_open || is_writing || sent - seen >= kMaxUnseen) return;
     if (rights == Rights::kNothing) {
       if (impl.now_ns - opened_ns > kTokenTimeoutNs) refuse("it sent no token within 5 s");
       return;
@@ -275,6 +288,7 @@ struct PageServer::Impl::Page : std::enable_shared_from_this<Page> {
     else
       next = feed.next(impl.now_ns);
     if (!next) return;
+    ++sent;
     outgoing = std::move(next->bytes);
     is_writing = true;
     socket.text(next->is_text);
@@ -302,7 +316,8 @@ struct PageServer::Impl::Page : std::enable_shared_from_this<Page> {
   std::string name;                    // address and port
   std::string rights_message, notice;  // in JSON, go before other messages; empty: none
   beast::flat_buffer received;
-  std::string outgoing;  // the message that is being written
+  std::string outgoing;              // the message that is being written
+  std::uint64_t sent = 0, seen = 0;  // number of messages
   bool is_open = false, is_writing = false, is_closed = false;
 };
 

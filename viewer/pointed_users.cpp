@@ -22,8 +22,15 @@ PointedUsers::PointedUsers(const ViewerCore& core, std::string viewer, std::stri
     : core_{core}, viewer_{std::move(viewer)}, session_{std::move(session)}, source_name_{std::move(source)} {}
 
 bool PointedUsers::has_user(SourceId source) const noexcept {
-  return std::any_of(users_.begin(), users_.end(),
-                     [&](const User& user) { return user.source == source && !user.is_leaving(); });
+  return std::any_of(users_.begin(), users_.end(), [&](const User& user) {
+    return user.is_leaving() ? user.next && user.next->source == source : user.source == source;
+  });
+}
+
+PointedUsers::User* PointedUsers::leaving_user(const std::string& name) {
+  const auto found = std::find_if(users_.begin(), users_.end(),
+                                  [&](const User& user) { return user.is_leaving() && user.name() == name; });
+  return found == users_.end() ? nullptr : &*found;
 }
 
 /// Returns the HRTC that the source has chosen or, without a choice, the present one with the fewest users. Empty:
@@ -37,16 +44,18 @@ std::string PointedUsers::chosen_hrtc(const TouchRequest& request) const {
   return best == nullptr ? std::string{} : best->name;
 }
 
-/// Returns why the source cannot have this user; empty: it can.
-std::string PointedUsers::refusal(SourceId source, const TouchRequest& request) const {
+/// Returns why the source cannot have this user; empty: it can, after user `leaving` of the same name if there is one.
+std::string PointedUsers::refusal(SourceId source, const TouchRequest& request, const User* leaving) const {
   if (has_user(source)) return "this " + source_name_ + " has a probe already";
-  if (users_.size() >= kMaxUsers) return source_name_ + "s have " + std::to_string(kMaxUsers) + " probes already";
+  if (leaving == nullptr && users_.size() >= kMaxUsers)
+    return source_name_ + "s have " + std::to_string(kMaxUsers) + " probes already";
   std::string owner;
-  core_.roster().for_each([&](const session::RosterEntry& entry) {
-    if (names_user(entry, request.user)) owner = session::text(entry);
-  });
+  if (leaving == nullptr)
+    core_.roster().for_each([&](const session::RosterEntry& entry) {
+      if (names_user(entry, request.user)) owner = session::text(entry);
+    });
   for (const User& user : users_)
-    if (user.name() == request.user) owner = "another " + source_name_;
+    if (user.name() == request.user && (&user != leaving || user.next)) owner = "another " + source_name_;
   if (!owner.empty()) return "the name '" + request.user + "' is taken by a user of " + owner;
   if (chosen_hrtc(request).empty())
     return request.hrtc.empty() ? "no HRTC is in the session" : "HRTC '" + request.hrtc + "' is not in the session";
@@ -56,8 +65,13 @@ std::string PointedUsers::refusal(SourceId source, const TouchRequest& request) 
 }
 
 void PointedUsers::on_touch(SourceId source, const TouchRequest& request, std::int64_t now_ns) {
-  if (const std::string reason = refusal(source, request); !reason.empty()) {
+  User* const leaving = leaving_user(request.user);
+  if (const std::string reason = refusal(source, request, leaving); !reason.empty()) {
     if (on_refused) on_refused(source, reason);
+    return;
+  }
+  if (leaving != nullptr) {
+    leaving->next = {source, request};
     return;
   }
   User user;
@@ -89,12 +103,17 @@ void PointedUsers::leave(User& user) {
 }
 
 void PointedUsers::on_release(SourceId source) {
-  for (User& user : users_)
+  for (User& user : users_) {
+    if (user.next && user.next->source == source) user.next.reset();
     if (user.source == source) leave(user);
+  }
 }
 
 void PointedUsers::release_all() {
-  for (User& user : users_) leave(user);
+  for (User& user : users_) {
+    user.next.reset();
+    leave(user);
+  }
 }
 
 bool PointedUsers::is_served(const User& user) const {
@@ -115,11 +134,15 @@ std::string PointedUsers::reason_to_leave(const User& user, std::int64_t now_ns)
 }
 
 void PointedUsers::add_messages(User& user, std::int64_t now_ns, PointedUserMessages& out) const {
-  if (user.heartbeat.due(now_ns)) {
+  const bool sends_entry = !user.is_leaving() || user.leave_messages > 0;
+  if (sends_entry && user.heartbeat.due(now_ns)) {
     ++user.entry.heartbeat;
     core_.put_time(user.entry, now_ns);
     out.roster.push_back(user.entry);
-    if (user.leave_messages > 0) --user.leave_messages;
+    if (user.is_leaving()) {
+      --user.leave_messages;
+      user.left_ns = now_ns;
+    }
   }
   if (!user.is_served || user.is_leaving() || !user.request) return;
   session::Intent intent =
@@ -129,6 +152,21 @@ void PointedUsers::add_messages(User& user, std::int64_t now_ns, PointedUserMess
   intent.buttons = user.request->grabs ? std::uint32_t{haptics::kGrabButton} : 0u;
   user.request.reset();
   out.intents.push_back({user.entry.origin.participant, std::move(intent)});
+}
+
+/// True if the name of a user is free.
+bool PointedUsers::has_left(const User& user, std::int64_t now_ns) const {
+  return user.is_leaving() && user.leave_messages == 0 && (!is_served(user) || now_ns - user.left_ns > kMaxLeaveNs);
+}
+
+void PointedUsers::remove_left_users(std::int64_t now_ns) {
+  std::vector<Touch> touches;
+  users_.remove_if([&](const User& user) {
+    const bool left = has_left(user, now_ns);
+    if (left && user.next) touches.push_back(*user.next);
+    return left;
+  });
+  for (const Touch& touch : touches) on_touch(touch.source, touch.request, now_ns);
 }
 
 PointedUserMessages PointedUsers::tick(std::int64_t now_ns) {
@@ -146,7 +184,7 @@ PointedUserMessages PointedUsers::tick(std::int64_t now_ns) {
     }
     add_messages(user, now_ns, out);
   }
-  users_.remove_if([](const User& user) { return user.is_leaving() && user.leave_messages == 0; });
+  remove_left_users(now_ns);
   return out;
 }
 

@@ -48,6 +48,8 @@ class PointedUsers {
   static constexpr std::int64_t kHeartbeatNs = 100'000'000;
   /// Max time from the request until an HRTC has given a probe.
   static constexpr std::int64_t kMaxWaitNs = 5'000'000'000;
+  /// Max time from the last leave message of a user until its name is free, even if its HRTC still lists the user.
+  static constexpr std::int64_t kMaxLeaveNs = 1'000'000'000;
 
   /// `core` must outlive the users; `viewer` and `session` are the names of this program and its session. Messages call
   /// a source `source`, for example "page".
@@ -56,6 +58,7 @@ class PointedUsers {
   /// Called with the reason when a source gets no probe, or loses it without having given it back.
   std::function<void(SourceId source, const std::string& reason)> on_refused;
 
+  /// A name that a leaving user of this program still has goes to the source as soon as it is free.
   void on_touch(SourceId source, const TouchRequest& request, std::int64_t now_ns);
   void on_hand(SourceId source, const HandRequest& request, std::int64_t now_ns);
   /// The source gives its probe back, or has ended.
@@ -66,11 +69,16 @@ class PointedUsers {
   /// Returns the samples to send. Call it every few milliseconds.
   [[nodiscard]] PointedUserMessages tick(std::int64_t now_ns);
 
+  /// True also while the source waits for a name.
   [[nodiscard]] bool has_user(SourceId source) const noexcept;
   /// Number of users, also of those that are leaving.
   [[nodiscard]] std::size_t size() const noexcept { return users_.size(); }
 
  private:
+  struct Touch {
+    SourceId source = 0;
+    TouchRequest request;
+  };
   struct User {
     SourceId source = 0;
     session::RosterEntry entry;  // of its client
@@ -80,18 +88,23 @@ class PointedUsers {
     std::int64_t requested_ns = 0;       // time of the touch request
     std::int64_t hand_received_ns = 0;   // time of the newest hand request
     std::uint32_t intents = 0;
-    bool is_served = false;  // was listed by its HRTC
-    int leave_messages = 0;  // still to send; 0 while the user stays
+    bool is_served = false;     // was listed by its HRTC
+    int leave_messages = 0;     // still to send; 0 while the user stays
+    std::int64_t left_ns = 0;   // time of the newest leave message
+    std::optional<Touch> next;  // gets the name after this user has left
 
     [[nodiscard]] const std::string& name() const { return entry.users.front(); }
     [[nodiscard]] bool is_leaving() const { return entry.leaving; }
   };
 
-  [[nodiscard]] std::string refusal(SourceId source, const TouchRequest& request) const;
+  [[nodiscard]] std::string refusal(SourceId source, const TouchRequest& request, const User* leaving) const;
   [[nodiscard]] std::string chosen_hrtc(const TouchRequest& request) const;
   [[nodiscard]] bool is_served(const User& user) const;
   [[nodiscard]] std::string reason_to_leave(const User& user, std::int64_t now_ns) const;
+  [[nodiscard]] User* leaving_user(const std::string& name);
+  [[nodiscard]] bool has_left(const User& user, std::int64_t now_ns) const;
   void leave(User& user);
+  void remove_left_users(std::int64_t now_ns);
   void add_messages(User& user, std::int64_t now_ns, PointedUserMessages& out) const;
 
   const ViewerCore& core_;

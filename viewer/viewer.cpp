@@ -44,6 +44,7 @@ struct Viewer::Impl {
   }
 
   static void process(PageId, const TokenRequest&) {}
+  static void process(PageId, const SeenRequest&) {}
   void process(PageId page, const CameraRequest& request) { core.set_camera(page, request.camera); }
   static void process(PageId, const PlayRequest&) {}
   static void process(PageId, const SeekRequest&) {}

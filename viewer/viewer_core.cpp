@@ -56,7 +56,7 @@ ViewerCore::ViewerCore(const session::Origin& self, const ViewerSettings& settin
       departures_{kRingEntries},
       loader_{std::make_unique<hrtc_service::Loader>(pool_, nodes_, self, hrtc_service::LoaderSettings{}, arrivals_,
                                                      departures_)} {
-  loader_->on_event = [this](const std::string& text) { add_event(text, now_ns_); };
+  loader_->on_event = [this](session::Severity, const std::string& text) { add_event(text, now_ns_); };
   loader_->on_object_found = [this](const session::CatalogueEntry& entry) {
     SeenObject& object = objects_[entry.object_id];
     object = {};

@@ -50,7 +50,8 @@ Value Value::parse(const std::string& text, const std::string& source) {
   try {
     return {source, "", YAML::Load(text)};
   } catch (const YAML::Exception& error) {
-    Value{source, "", {}}.fail_at(error.mark, "not YAML: " + error.msg);
+    Value{source, "", {}}.fail_at(
+        error.mark, "not YAML: " + error.msg + "; check brackets, quotes and indents of this line and those before it");
   }
 }
 

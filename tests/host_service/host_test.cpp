@@ -183,7 +183,7 @@ class TestHrtc {
 /// A Host that runs in its own thread.
 class RunningHost {
  public:
-  RunningHost(HostOptions options) : host_{std::move(options), [](Severity, const std::string&) {}, stop_} {
+  RunningHost(HostOptions options) : host_{std::move(options), [](session::Severity, const std::string&) {}, stop_} {
     thread_ = std::thread{[this] { exit_code_ = host_.run(); }};
   }
   ~RunningHost() { stop(); }
@@ -307,7 +307,7 @@ TEST_F(HostTest, TheLaterOfTwoHostsWithOneNameEnds) {
 TEST_F(HostTest, RefusesTwoObjectsWithOneName) {
   const std::atomic<bool> never{false};
   options_.objects.push_back(options_.objects[0]);
-  EXPECT_THROW((Host{options_, [](Severity, const std::string&) {}, never}), HostError);
+  EXPECT_THROW((Host{options_, [](session::Severity, const std::string&) {}, never}), HostError);
 }
 
 }  // namespace

@@ -289,8 +289,15 @@ TEST_F(WithdrawalTest, AnotherModelOfTheSameNameIsShownAfterTheFirstIsRemoved) {
   move_tip(pressed_on({0, 0, 0}));
   ASSERT_TRUE(run_until([&] { return touches(); }));
   const std::uint32_t index = core_->servo().outputs()[0].object;
+  std::vector<std::string> warnings;
+  core_->gateway().on_event = [&](session::Severity severity, const std::string& text) {
+    if (severity == session::Severity::kWarning) warnings.push_back(text);
+  };
   add_host("second", "sphere", small_sphere(), {0, 0, 0});
   run(1000);
+  EXPECT_THAT(warnings,
+              testing::ElementsAre("object sphere: host second serves a different model of this name, which is "
+                                   "ignored while first serves the first; give one of them another name"));
   EXPECT_EQ(core_->servo().cycle().objects().front()->digest, large_sphere().model().summary().digest);
   leave(first);
   ASSERT_TRUE(run_until([&] { return !removed_.empty() && touches(); }));
@@ -439,7 +446,7 @@ TEST_F(WithdrawalTest, AHandReleasesAWithdrawnObjectAndItsWrenchFades) {
 
 TEST_F(WithdrawalTest, TheNinthMovableObjectStaysFixedAfterAnotherIsRemoved) {
   std::vector<std::string> events;
-  core_->gateway().on_event = [&](const std::string& text) { events.push_back(text); };
+  core_->gateway().on_event = [&](session::Severity, const std::string& text) { events.push_back(text); };
   const spm::Vec3d ninth{0, 1, 0};
   for (int number = 0; number < 8; ++number)
     add_host("host " + std::to_string(number), "crate " + std::to_string(number), small_sphere(), {0.2 * number, 0, 0},

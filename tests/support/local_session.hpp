@@ -34,7 +34,7 @@ class LocalSession {
         core_{session::Origin{kSession, kHrtc, 1, 0}, core_settings(settings, loader, targets)},
         membership_{session::Origin{kSession, kHrtc, 1, 0}, {"hrtc", "session"}, core_.gateway(), now_},
         delay_{delay_cycles} {
-    gateway().on_event = [this](const std::string& text) { events.push_back(text); };
+    gateway().on_event = [this](session::Severity, const std::string& text) { events.push_back(text); };
     study::exchange_membership(host_, membership_, now_);
   }
 

@@ -37,6 +37,7 @@ struct PageClient::Impl {
   asio::io_context io;
   websocket::stream<beast::tcp_stream> socket{io};
   beast::flat_buffer buffer;
+  int seen = 0;
 };
 
 PageClient::PageClient(std::uint16_t port, const std::string& origin) : impl_{std::make_unique<Impl>()} {
@@ -67,6 +68,7 @@ std::optional<PageClient::Message> PageClient::receive(std::chrono::milliseconds
   });
   impl_->io.restart();
   impl_->io.run();
+  if (message && tells_what_it_has_seen) send(R"({"seen": )" + std::to_string(++impl_->seen) + "}");
   return message;
 }
 

@@ -7,6 +7,7 @@ namespace {
 
 TEST(PageRequestTest, ReadsEachKind) {
   EXPECT_EQ(std::get<TokenRequest>(parse_request(R"({"token": "0a"})").value()).token, "0a");
+  EXPECT_EQ(std::get<SeenRequest>(parse_request(R"({"seen": 8})").value()).messages, 8u);
   EXPECT_EQ(std::get<StopRequest>(parse_request(R"({"stop": "a reason"})").value()).reason, "a reason");
   const auto touch = std::get<TouchRequest>(parse_request(R"({"touch": {"user": "guest", "hrtc": "desk"}})").value());
   EXPECT_EQ(touch.user, "guest");

@@ -220,13 +220,40 @@ TEST_F(PageServerWithTokensTest, AWrongTokenOrARequestWithoutATokenEndsTheConnec
   EXPECT_EQ(stop_reason(), "");
 }
 
+TEST_F(PageServerTest, APageThatDoesNotSayWhatItHasSeenGetsEightMessages) {
+  PageClient page{server_->port()};
+  page.tells_what_it_has_seen = false;
+  for (int i = 0; i < 8; ++i) ASSERT_TRUE(page.receive()) << i;
+  EXPECT_FALSE(page.receive(std::chrono::milliseconds{300}));
+}
+
+TEST_F(PageServerTest, MoreMessagesFollowThoseThatAPageHasSeen) {
+  PageClient page{server_->port()};
+  page.tells_what_it_has_seen = false;
+  for (int i = 0; i < 8; ++i) ASSERT_TRUE(page.receive()) << i;
+  page.send(R"({"seen": 3})");
+  for (int i = 0; i < 3; ++i) ASSERT_TRUE(page.receive()) << i;
+  EXPECT_FALSE(page.receive(std::chrono::milliseconds{300}));
+}
+
+TEST_F(PageServerTest, APageThatHasSeenMoreThanWasSentOrTheSameAgainIsDisconnected) {
+  for (const char* const second : {R"({"seen": 1})", R"({"seen": 1000000})"}) {
+    PageClient page{server_->port()};
+    page.tells_what_it_has_seen = false;
+    ASSERT_TRUE(page.receive());
+    page.send(R"({"seen": 1})");
+    page.send(second);
+    wait_until_closed(page);
+    EXPECT_THAT(wait_for_event(), testing::HasSubstr("it has seen messages that were not sent")) << second;
+  }
+}
+
 TEST_F(PageServerTest, ServesSixteenPagesOfWhichTenDoNotRead) {
   std::vector<std::unique_ptr<PageClient>> pages;
   for (std::size_t i = 0; i < PageServer::kMaxPages; ++i)
     pages.push_back(std::make_unique<PageClient>(server_->port()));
   EXPECT_THROW(PageClient{server_->port()}, std::runtime_error);
-  // The others do not read. Frames of 56 bytes do not fill their buffers in this time; scripts/bench viewer has pages
-  // that are blocked.
+  // The others do not read.
   for (int i = 0; i < 100; ++i)
     for (std::size_t page = 10; page < pages.size(); ++page) ASSERT_TRUE(pages[page]->receive());
 

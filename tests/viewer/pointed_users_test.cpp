@@ -115,6 +115,75 @@ TEST_F(PointedUsersTest, ReleasingSendsLeaveMessagesAndFreesTheName) {
   EXPECT_EQ(refusals_.size(), 0u);
 }
 
+TEST_F(PointedUsersTest, APageGetsItsNameAgainAtOnce) {
+  step(10 * kMs);
+  users_.on_touch(kPage, {"guest", ""}, now_ns_);
+  step(20 * kMs);
+  users_.on_release(kPage);
+  users_.on_touch(kPage, {"guest", ""}, now_ns_);
+  EXPECT_TRUE(users_.has_user(kPage));
+  step(200 * kMs);
+  EXPECT_EQ(refusals_.size(), 0u);
+  EXPECT_EQ(users_.size(), 1u);
+  EXPECT_FALSE(entries_.back().leaving);
+  EXPECT_EQ(hrtcs_["desk"].size(), 1u);
+}
+
+TEST_F(PointedUsersTest, ANameIsFreeWhenTheHrtcNoLongerListsTheUser) {
+  step(10 * kMs);
+  users_.on_touch(kPage, {"guest", ""}, now_ns_);
+  step(20 * kMs);
+  hrtcs_serve_users_ = false;
+  users_.on_release(kPage);
+  step(200 * kMs);
+  users_.on_touch(kPage + 1, {"guest", ""}, now_ns_);
+  step(200 * kMs);
+  EXPECT_TRUE(entries_.back().leaving);
+  hrtcs_["desk"].clear();
+  hrtcs_serve_users_ = true;
+  step(20 * kMs);
+  EXPECT_EQ(refusals_.size(), 0u);
+  EXPECT_FALSE(entries_.back().leaving);
+  EXPECT_TRUE(users_.has_user(kPage + 1));
+}
+
+TEST_F(PointedUsersTest, AnHrtcThatStillListsAUserAfterASecondDoesNotKeepTheSourceWaiting) {
+  step(10 * kMs);
+  users_.on_touch(kPage, {"guest", ""}, now_ns_);
+  step(20 * kMs);
+  hrtcs_serve_users_ = false;
+  users_.on_release(kPage);
+  users_.on_touch(kPage, {"guest", ""}, now_ns_);
+  step(PointedUsers::kMaxLeaveNs + 200 * kMs);
+  ASSERT_EQ(refusals_.size(), 1u);
+  EXPECT_THAT(refusals_[0].reason, HasSubstr("'guest' is taken by a user of HRTC 'desk'"));
+  EXPECT_EQ(users_.size(), 0u);
+}
+
+TEST_F(PointedUsersTest, TheNameOfALeavingUserGoesToTheFirstPageThatAsks) {
+  step(10 * kMs);
+  users_.on_touch(kPage, {"guest", ""}, now_ns_);
+  step(20 * kMs);
+  users_.on_release(kPage);
+  users_.on_touch(kPage + 1, {"guest", ""}, now_ns_);
+  users_.on_touch(kPage + 2, {"guest", ""}, now_ns_);
+  ASSERT_EQ(refusals_.size(), 1u);
+  EXPECT_EQ(refusals_[0].page, kPage + 2);
+  EXPECT_THAT(refusals_[0].reason, HasSubstr("'guest' is taken by a user of another page"));
+}
+
+TEST_F(PointedUsersTest, APageThatReleasesWhileItWaitsGetsNoUser) {
+  step(10 * kMs);
+  users_.on_touch(kPage, {"guest", ""}, now_ns_);
+  step(20 * kMs);
+  users_.on_release(kPage);
+  users_.on_touch(kPage, {"guest", ""}, now_ns_);
+  users_.on_release(kPage);
+  step(200 * kMs);
+  EXPECT_TRUE(entries_.back().leaving);
+  EXPECT_EQ(users_.size(), 0u);
+}
+
 TEST_F(PointedUsersTest, TheHrtcWithFewerUsersIsChosenUnlessThePageNamesOne) {
   hrtcs_["desk"] = {{"ann", 0}};
   add_hrtc("lab");

@@ -3,13 +3,14 @@
 // "Alone" means that hosts, HRTCs and users are stopped, and that the page draws as often as it can.
 // Prints each figure with its bound. Exit status: 0 all hold, 1 one falls short, 2 a model could not be tried.
 "use strict";
-const { spawn } = require("child_process");
 const { mkdtempSync, rmSync, writeFileSync } = require("fs");
 const { loadavg, tmpdir } = require("os");
 const { basename, join } = require("path");
 const { Browser } = require("../web/browser.js");
+const { check, exitStatus, pause } = require("../web/checks.js");
+const { Programs } = require("./programs.js");
 
-const [programs, pageFolder, ...models] = process.argv.slice(2);
+const [programFolder, pageFolder, ...models] = process.argv.slice(2);
 const kWidth = 800, kHeight = 600;
 const kTriangles = 20000;  // min number drawn
 const kMeasureMs = 5000;
@@ -27,31 +28,8 @@ ${["ann", "bob"].map((name, i) => `  - name: ${name}
 `).join("")}`;
 
 const folder = mkdtempSync(join(tmpdir(), "tactus-speed-"));
-const running = new Set();
-const pause = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
-let failed = 0;
-
-function check(name, value, holds, bound) {
-  if (!holds) ++failed;
-  console.log(`${name.padEnd(52)} ${String(value).padStart(14)}   ${bound.padEnd(12)} ${holds ? "holds" : "falls short"}`);
-}
-
-function start(session, name, ...options) {
-  const program = spawn(join(programs, `tactus-${name}`), ["--session", session, "--domain", kDomain, ...options],
-                        { stdio: ["ignore", "pipe", "pipe"] });
-  program.text = "";
-  for (const stream of [program.stdout, program.stderr]) stream.on("data", (bytes) => { program.text += bytes; });
-  running.add(program);
-  program.on("exit", () => running.delete(program));
-  return program;
-}
-
-async function printed(program, pattern, seconds) {
-  for (const began = performance.now(); !pattern.test(program.text); await pause(20))
-    if (program.exitCode !== null || performance.now() - began > 1e3 * seconds)
-      throw new Error(`${program.spawnfile} has not printed ${pattern}`);
-  return program.text.match(pattern);
-}
+const programs = new Programs(programFolder);
+let isBroken = false;
 
 async function pictureRate(browser) {
   const before = await browser.value("window.tactus.pictures"), began = performance.now();
@@ -60,12 +38,11 @@ async function pictureRate(browser) {
 }
 
 async function measure(model, number) {
-  const session = `speed-${process.pid}-${number}`, name = basename(model, ".spm");
-  const others = [start(session, "host", model, "--name", "host"),
-                  start(session, "hrtc", "--name", "hrtc-1"), start(session, "hrtc", "--name", "hrtc-2")];
-  const viewer = start(session, "view", "--page", pageFolder, "--port", "0");
-  const [address] = await printed(viewer, /http:\/\/localhost:\d+\//, 20);
-  await printed(viewer, /object \S+ found/, 120);
+  const name = basename(model, ".spm"), session = ["--session", `speed-${process.pid}-${number}`, "--domain", kDomain];
+  const start = (program, ...options) => programs.start(program, ...session, ...options);
+  const others = [start("host", model, "--name", "host"), start("hrtc", "--name", "hrtc-1"), start("hrtc", "--name", "hrtc-2")];
+  const { viewer, address } = await programs.startViewer(pageFolder, "0", ...session);
+  await programs.printed(viewer, /object \S+ found/, 120);
   await pause(1000);  // until the base mesh has arrived
   const browser = new Browser(process.env.CHROMIUM ?? "chromium-headless-shell");
   try {
@@ -73,7 +50,7 @@ async function measure(model, number) {
     await browser.until("window.tactus?.firstPictureMs != null || window.tactus?.error != null", 60);
     const first = await browser.value("window.tactus.firstPictureMs");
     check(`${name}: first picture after the page was opened`, `${(first / 1e3).toFixed(2)} s`, first <= 1000, "<= 1 s");
-    others.push(start(session, "sim", "--scenario", join(folder, "users.yaml"), "--name", "users"));
+    others.push(start("sim", "--scenario", join(folder, "users.yaml"), "--name", "users"));
     await browser.until("window.tactus.probes.length === 2 && window.tactus.probes.some(({ status }) => (status & 3) === 3)", 60);
     const drawn = "[...window.tactus.meshes.values()].reduce((sum, { faces }) => sum + faces, 0)";
     await browser.until(`${drawn} >= ${kTriangles}`, 20).catch(() => {});
@@ -91,8 +68,7 @@ async function measure(model, number) {
     console.log(`${name}: load of the machine ${loadavg()[0].toFixed(1)}`);
   } finally {
     browser.close();
-    for (const program of running) program.kill("SIGKILL");
-    await Promise.all([...running].map((program) => new Promise((resolve) => program.on("exit", resolve))));
+    await programs.end();
   }
 }
 
@@ -104,10 +80,10 @@ async function run() {
 
 run().catch((error) => {
   console.error(`speed_test.js: ${error.message}`);
-  for (const program of running) console.error(`${program.spawnargs.join(" ")}\n${program.text}`);
-  failed = -1;
-}).finally(() => {
-  for (const program of running) program.kill("SIGKILL");
+  programs.printAll();
+  isBroken = true;
+}).finally(async () => {
+  await programs.end();
   rmSync(folder, { recursive: true, force: true });
-  process.exit(failed < 0 ? 2 : failed > 0 ? 1 : 0);
+  process.exit(isBroken ? 2 : exitStatus());
 });

@@ -2,19 +2,21 @@
 // page in a headless browser, as a user does. Then the page's own user touches, by the mouse.
 // Prints each check with value and bound. Exit status: 0 all hold, 1 one falls short, 2 the page could not be tried.
 "use strict";
-const { execFileSync, spawn } = require("child_process");
+const { execFileSync } = require("child_process");
 const { mkdtempSync, rmSync, writeFileSync } = require("fs");
 const { tmpdir } = require("os");
 const { join } = require("path");
 const { Browser } = require("../web/browser.js");
+const { check, exitStatus, pause, report } = require("../web/checks.js");
+const { checkContacts, kWatchContacts } = require("./contacts.js");
 const { joinPictures } = require("./film.js");
+const { Programs } = require("./programs.js");
 
-const [programs, pageFolder, screenshot] = process.argv.slice(2);
+const [programFolder, pageFolder, screenshot] = process.argv.slice(2);
 const kWidth = 800, kHeight = 600;
 const kFaces = 200000, kBaseFaces = 500;  // of the organ
 const kPresses = 5;
 const kScreenFaces = 20000;  // max number of faces for the screen alone, the default of tactus view
-const kFineMs = 200;  // max time from a contact to faces of full resolution
 const kCrate = 0.12, kCrateX = 0.22;  // m, side of the crate and position of its centre
 const kObjects = `objects:
   - model: organ.spm
@@ -43,83 +45,19 @@ users:
 `;
 
 const folder = mkdtempSync(join(tmpdir(), "tactus-view-"));
-const running = new Set();
-const pause = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
-let failed = 0;
+const programs = new Programs(programFolder);
+let isBroken = false;
 
-function check(name, value, holds, bound) {
-  if (!holds) ++failed;
-  console.log(`${name.padEnd(52)} ${String(value).padStart(14)}   ${bound.padEnd(12)} ${holds ? "holds" : "falls short"}`);
-}
-
-function report(name, value) {
-  console.log(`${name.padEnd(52)} ${String(value).padStart(14)}   no bound`);
-}
-
-/// Starts a program.
-function launch(name, options) {
-  const program = spawn(join(programs, `tactus-${name}`), options, { stdio: ["ignore", "pipe", "pipe"] });
-  program.text = "";
-  for (const stream of [program.stdout, program.stderr]) stream.on("data", (bytes) => { program.text += bytes; });
-  running.add(program);
-  program.on("exit", () => running.delete(program));
-  return program;
-}
+const kSessionOptions = ["--session", kSession, "--domain", kDomain];
 
 /// Starts a program of the session.
-const start = (name, ...options) => launch(name, ["--session", kSession, "--domain", kDomain, ...options]);
-
-/// Starts a viewer and returns it with the address of its page. `recording`: a file; none for the session.
-async function startViewer(port, recording) {
-  const page = ["--page", pageFolder, "--port", port];
-  const viewer = recording ? launch("view", ["--recording", recording, "--tool", "stylus", ...page]) : start("view", ...page);
-  const began = performance.now();
-  for (;;) {
-    const address = viewer.text.match(/http:\/\/localhost:(\d+)\//);
-    if (address) return { viewer, address: address[0], port: address[1] };
-    if (viewer.exitCode !== null || performance.now() - began > 10e3) throw new Error(`tactus-view: ${viewer.text}`);
-    await pause(20);
-  }
-}
+const start = (name, ...options) => programs.start(name, ...kSessionOptions, ...options);
 
 /// Number of pictures drawn in a second, over `ms`.
 async function pictureRate(browser, ms) {
   const before = await browser.value("window.tactus.pictures"), began = performance.now();
   await pause(ms);
   return (await browser.value("window.tactus.pictures") - before) / (performance.now() - began) * 1e3;
-}
-
-/// Waits until a program has printed a line with `pattern`.
-async function printed(program, pattern) {
-  for (const began = performance.now(); !pattern.test(program.text); await pause(20))
-    if (performance.now() - began > 20e3) throw new Error(`${program.spawnfile} has not printed ${pattern}`);
-}
-
-/// Measures, for each contact that begins, how long after it all faces within 1 mm of the probe have full resolution.
-/// The probe has a radius of 3 mm.
-const kWatchContacts = `{
-  window.contacts = [];  // {user, ms: null while some faces are coarse}
-  const touched = new Map();  // by user
-  const watch = () => {
-    const now = performance.now();
-    for (const { user, status, object, proxy } of window.tactus.probes) {
-      const isTouching = (status & 1) !== 0;
-      if (isTouching && !touched.get(user)) window.contacts.push({ user, object, proxy: [...proxy], began: now, ms: null });
-      touched.set(user, isTouching);
-    }
-    for (const contact of window.contacts)
-      if (contact.ms === null && window.tactus.isFineAt(contact.object, contact.proxy, 0.004)) contact.ms = now - contact.began;
-    setTimeout(watch, 1);
-  };
-  watch();
-}`;
-
-async function checkContacts(browser) {
-  // The newest contacts may not have had their time yet.
-  const contacts = await browser.value(`window.contacts.filter(({ began }) => performance.now() - began > ${kFineMs})`);
-  const slowest = Math.max(...contacts.map(({ ms }) => ms ?? Infinity));
-  check(`full resolution after a contact, slowest of ${contacts.length}`, `${slowest.toFixed(0)} ms`,
-        contacts.length >= 3 && slowest <= kFineMs, `<= ${kFineMs} ms`);
 }
 
 /// The boxes of regions: those of contact contain the surface under the probes, and their layers are drawn.
@@ -248,7 +186,7 @@ async function showMeshOf(browser, hrtc) {
 
 /// Plays the recording of the session in the same page.
 async function playRecording(browser, recording, lastHash) {
-  const { viewer, address } = await startViewer("0", recording);
+  const { viewer, address } = await programs.startViewer(pageFolder, "0", "--recording", recording, "--tool", "stylus");
   await browser.open(address, kWidth, kHeight);
   await browser.until("window.tactus?.firstPictureMs != null || window.tactus?.error != null", 20);
   const first = await browser.value("window.tactus.firstPictureMs");
@@ -291,20 +229,20 @@ async function playRecording(browser, recording, lastHash) {
 }
 
 async function look(browser) {
-  execFileSync(join(programs, "tactus-mesh"), ["generate", "organ", "--faces", String(kFaces), "--seed", "1", join(folder, "organ.ply")]);
-  execFileSync(join(programs, "tactus-mesh"), ["build", join(folder, "organ.ply"), join(folder, "organ.spm"), "--size", "0.2"]);
+  execFileSync(join(programFolder, "tactus-mesh"), ["generate", "organ", "--faces", String(kFaces), "--seed", "1", join(folder, "organ.ply")]);
+  execFileSync(join(programFolder, "tactus-mesh"), ["build", join(folder, "organ.ply"), join(folder, "organ.spm"), "--size", "0.2"]);
   writeFileSync(join(folder, "users.yaml"), kScenario);
-  execFileSync(join(programs, "tactus-mesh"), ["generate", "box", "--faces", "3000", join(folder, "crate.ply")]);
-  execFileSync(join(programs, "tactus-mesh"), ["build", join(folder, "crate.ply"), join(folder, "crate.spm"), "--size", String(kCrate)]);
+  execFileSync(join(programFolder, "tactus-mesh"), ["generate", "box", "--faces", "3000", join(folder, "crate.ply")]);
+  execFileSync(join(programFolder, "tactus-mesh"), ["build", join(folder, "crate.ply"), join(folder, "crate.spm"), "--size", String(kCrate)]);
   writeFileSync(join(folder, "objects.yaml"), kObjects);
   start("host", "--name", "host-a", "--config", join(folder, "objects.yaml"));
   const recording = join(folder, "session.mcap");
   const recorder = start("record", recording);
-  await printed(recorder, /recording session/);  // before the HRTC receives base meshes
+  await programs.printed(recorder, /recording session/);  // before the HRTC receives base meshes
   const hrtc = start("hrtc", "--name", "hrtc-1");
-  let { viewer, address, port } = await startViewer("0");
-  await printed(viewer, /HRTC 'hrtc-1' joined/);
-  await printed(viewer, /object organ found/);
+  let { viewer, address, port } = await programs.startViewer(pageFolder, "0", ...kSessionOptions);
+  await programs.printed(viewer, /HRTC 'hrtc-1' joined/);
+  await programs.printed(viewer, /object organ found/);
   await pause(500);  // until the base mesh has arrived
 
   await browser.open(address, kWidth, kHeight);
@@ -357,7 +295,7 @@ async function look(browser) {
 
   viewer.kill("SIGKILL");
   await browser.until("!window.tactus.isConnected", 10);
-  ({ viewer } = await startViewer(port));
+  ({ viewer } = await programs.startViewer(pageFolder, port, ...kSessionOptions));
   await browser.until("window.tactus.isConnected && window.tactus.connections === 2 && window.tactus.probes.length === 2 && window.tactus.meshes.size === 2", 20);
   const again = await browser.value(kOrganFaces);
   check("faces shown by a new viewer at the same port", again, again > 0, "> 0");
@@ -365,7 +303,7 @@ async function look(browser) {
   await browser.value("document.getElementById('stop').click()");
   await browser.until("!document.getElementById('banner').hidden", 5);
   await browser.until("window.tactus.probes.length === 2 && window.tactus.probes.every(({ force }) => Math.hypot(...force) === 0)", 5);
-  await printed(hrtc, /emergency stop/);
+  await programs.printed(hrtc, /emergency stop/);
   await browser.until("/^All forces are stopped/.test(document.getElementById('banner').textContent)", 5);
   // The hands do not move while the forces are stopped, so the mesh of the HRTC does not change either.
   const sameMesh = (name) => `(() => {
@@ -378,7 +316,7 @@ async function look(browser) {
   const hash = await browser.value("window.tactus.hashes['hrtc-1']?.organ ?? 'none'");
   check("mesh hash of the HRTC; that of the shown organ is", hash, isSame, "equal");
   recorder.kill("SIGINT");
-  await printed(recorder, /messages/);
+  await programs.printed(recorder, /messages/);
   users.kill("SIGINT");
   await playRecording(browser, recording, hash);
   const error = await browser.value("window.tactus.error");
@@ -390,11 +328,11 @@ async function look(browser) {
 const browser = new Browser(process.env.CHROMIUM ?? "chromium-headless-shell");
 look(browser).catch((error) => {
   console.error(`view_test.js: ${error.message}; console: ${browser.log.join("; ") || "empty"}`);
-  for (const program of running) console.error(`${program.spawnargs.join(" ")}\n${program.text}`);
-  failed = -1;
-}).finally(() => {
-  for (const program of running) program.kill("SIGKILL");
+  programs.printAll();
+  isBroken = true;
+}).finally(async () => {
+  await programs.end();
   browser.close();
   rmSync(folder, { recursive: true, force: true });
-  process.exit(failed < 0 ? 2 : failed > 0 ? 1 : 0);
+  process.exit(isBroken ? 2 : exitStatus());
 });

@@ -9,21 +9,12 @@ const { cpus } = require("os");
 const { join, resolve } = require("path");
 const { serve } = require("../../web/serve.js");
 const { Browser } = require("./browser.js");
+const { check, exitStatus, pause, report } = require("./checks.js");
 
 const kWidth = 1120, kHeight = 720;
 const kCentre = { x: 400, y: 350 };  // pixels, on the object
 const [folder, screenshot, trace] = process.argv.slice(2);
-const pause = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
-let failed = 0;
-
-function check(name, value, holds, bound) {
-  if (!holds) ++failed;
-  console.log(`${name.padEnd(52)} ${String(value).padStart(14)}   ${bound.padEnd(12)} ${holds ? "holds" : "falls short"}`);
-}
-
-function report(name, value) {
-  console.log(`${name.padEnd(52)} ${String(value).padStart(14)}   no bound`);
-}
+let isBroken = false;
 
 /// Moves the pressed mouse along a circle for `ms`.
 async function slide(browser, ms) {
@@ -171,10 +162,10 @@ const browser = new Browser(process.env.CHROMIUM ?? "chromium-headless-shell");
 serve(folder, 0, (address, server) => {
   touch(browser, address).then(() => trace && compareWithNative()).catch((error) => {
     console.error(`page_test.js: ${error.message}; console: ${browser.log.join("; ") || "empty"}`);
-    failed = -1;
+    isBroken = true;
   }).finally(() => {
     browser.close();
     server.close();
-    process.exit(failed < 0 ? 2 : failed > 0 ? 1 : 0);
+    process.exit(isBroken ? 2 : exitStatus());
   });
 });

@@ -251,8 +251,14 @@ function showFigures(message) {
   showObjects();
 }
 
+/// Processes a message, then tells the viewer so. It sends only a few messages ahead, so no old ones wait here.
 function receive({ data }) {
   receivedMs = performance.now();
+  process(data);
+  request({ seen: ++seen });
+}
+
+function process(data) {
   if (typeof data === "string") {
     const message = JSON.parse(data);
     if (message.type === "scene") showScene(message);
@@ -295,6 +301,7 @@ const history = new History({
   },
   showProbes(frame) {
     state.probes = frame.probes;
+    state.sessionTime = frame.sessionTime;
     state.poses = frame.poses;
     view.setProbes(frame, users);
   },
@@ -478,6 +485,7 @@ document.addEventListener("visibilitychange", () => {
 
 let socket = null;
 let receivedMs = 0;  // time of the newest message
+let seen = 0;        // number of messages of this connection
 let silentChecks = 0;
 
 /// Shows that the connection has ended, and connects again, unless the viewer refuses this page.
@@ -508,6 +516,7 @@ function connect() {
   socket.binaryType = "arraybuffer";
   socket.onopen = () => {
     ++state.connections;
+    seen = 0;
     state.isConnected = true;
     receivedMs = performance.now();
     state.playback = null;

@@ -126,8 +126,15 @@ class ShownObject {
     this.group.updateMatrixWorld();
     const at = this.mesh.worldToLocal(new three.Vector3().fromArray(point)), nearest = new three.Vector3();
     const corners = [0, 1, 2].map(() => new three.Vector3()), face = new three.Triangle(...corners);
+    const reach = distance / this.mesh.scale.x, { positions } = this;
+    // True if the box of a row is farther away along an axis.
+    const isFar = (row, axis, centre) => {
+      const first = 9 * row + axis, a = positions[first] - centre, b = positions[first + 3] - centre, c = positions[first + 6] - centre;
+      return (a > reach && b > reach && c > reach) || (a < -reach && b < -reach && c < -reach);
+    };
     let any = false;
     for (let row = 0; row < this.rows; ++row) {
+      if (isFar(row, 0, at.x) || isFar(row, 1, at.y) || isFar(row, 2, at.z)) continue;
       corners.forEach((corner, k) => corner.fromArray(this.positions, 9 * row + 3 * k));
       const isEmpty = corners.every((corner) => corner.lengthSq() === 0);
       if (isEmpty || face.closestPointToPoint(at, nearest).distanceTo(at) * this.mesh.scale.x > distance) continue;
