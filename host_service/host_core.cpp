@@ -127,11 +127,7 @@ void HostCore::react(const session::RosterEvent& event, std::int64_t now_ns) {
   using session::RosterChange;
   const session::RosterEntry& entry = event.entry;
   const std::uint64_t id = entry.origin.participant;
-  const bool is_problem = event.change == RosterChange::kWrongVersion || event.change == RosterChange::kNameConflict ||
-                          event.change == RosterChange::kFull;
-  if (event.change != RosterChange::kChanged) {
-    report(is_problem ? Severity::kWarning : Severity::kInfo, session::text(event));
-  }
+  if (event.change != RosterChange::kChanged) report(session::severity(event), session::text(event));
   if (event.change == RosterChange::kNameConflict && id == self_.participant && event.entry_must_leave) {
     report(Severity::kError, "another host named '" + name_ + "' is already in session '" + session_ +
                                  "'; this host ends; start it with another --name");

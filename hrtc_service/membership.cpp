@@ -77,14 +77,15 @@ void Membership::on_event(const session::RosterEvent& event, std::int64_t) {
   using session::RosterChange;
   const session::RosterEntry& entry = event.entry;
   const std::uint64_t participant = entry.origin.participant;
-  if (event.change != RosterChange::kChanged) report(Severity::kInfo, session::text(event));
+  if (event.change != RosterChange::kChanged) report(session::severity(event), session::text(event));
   output.scene_changed = true;
   const bool is_new = event.change == RosterChange::kJoined || event.change == RosterChange::kRestarted;
   if (entry.role == session::Role::kHost && is_new)
     heartbeat_.repeat_soon();  // the host may not have received our entry
   if (event.change == RosterChange::kNameConflict && participant == self_.participant) {
-    report(Severity::kError, "another program named " + settings_.name + " is in session " + settings_.session +
-                                 "; names must be unique in a session");
+    if (event.entry_must_leave)
+      report(Severity::kError, "another program named '" + settings_.name + "' is already in session '" +
+                                   settings_.session + "'; this HRTC ends; start it with another --name");
     output.name_conflict = output.name_conflict || event.entry_must_leave;
     return;
   }

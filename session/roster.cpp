@@ -42,6 +42,12 @@ std::string text(const RosterEntry& entry) {
   return role + " '" + entry.name + "'";
 }
 
+Severity severity(const RosterEvent& event) noexcept {
+  const bool is_problem = event.change == RosterChange::kWrongVersion || event.change == RosterChange::kNameConflict ||
+                          event.change == RosterChange::kFull;
+  return is_problem ? Severity::kWarning : Severity::kInfo;
+}
+
 std::string text(const RosterEvent& event) {
   const std::string who = text(event.entry);
   switch (event.change) {
@@ -64,7 +70,8 @@ std::string text(const RosterEvent& event) {
              std::to_string(kProtocolVersion);
     case RosterChange::kNameConflict:
       return who + " runs twice: incarnations " + std::to_string(event.entry.origin.incarnation) + " and " +
-             std::to_string(event.other) + " both send heartbeats under this name; give one of them another --name";
+             std::to_string(event.other) +
+             " both send heartbeats under this name; the one that joined later ends; start it with another --name";
     case RosterChange::kFull:
       return who + " refused: the session has " + std::to_string(kMaxParticipants) + " participants already";
   }

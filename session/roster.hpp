@@ -18,6 +18,7 @@
 
 #include "session/messages.hpp"
 #include "session/sequence_window.hpp"
+#include "session/severity.hpp"
 
 namespace tactus::session {
 
@@ -50,6 +51,8 @@ struct RosterEvent {
   bool entry_must_leave = false;  ///< kNameConflict: the program of `entry` has to leave, otherwise that of `other`
 };
 
+/// A participant that is refused, and a name conflict, are warnings.
+[[nodiscard]] Severity severity(const RosterEvent& event) noexcept;
 /// Text of an event, one line for a log.
 [[nodiscard]] std::string text(const RosterEvent& event);
 /// Role and name of a participant.

@@ -273,9 +273,11 @@ struct PageServer::Impl::Page : std::enable_shared_from_this<Page> {
                        [self = shared_from_this()](beast::error_code) { self->close(); });
   }
 
+  [[nodiscard]] bool can_receive() const { return is_open && !is_writing && sent - seen < kMaxUnseen; }
+
   /// Writes the messages that are due, one after the other, unless one is being written.
   void write() {
-    if (!is_open || is_writing || sent - seen >= kMaxUnseen) return;
+    if (!can_receive()) return;
     if (rights == Rights::kNothing) {
       if (impl.now_ns - opened_ns > kTokenTimeoutNs) refuse("it sent no token within 5 s");
       return;
@@ -461,6 +463,10 @@ std::uint16_t PageServer::port() const { return impl_->acceptor.local_endpoint()
 std::size_t PageServer::pages() const {
   return static_cast<std::size_t>(
       std::count_if(impl_->pages.begin(), impl_->pages.end(), [](const auto& page) { return page->is_open; }));
+}
+
+bool PageServer::has_reader() const {
+  return std::any_of(impl_->pages.begin(), impl_->pages.end(), [](const auto& page) { return page->can_receive(); });
 }
 
 }  // namespace tactus::viewer

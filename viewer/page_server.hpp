@@ -73,6 +73,8 @@ class PageServer {
   [[nodiscard]] std::uint16_t port() const;
   /// Number of connected pages.
   [[nodiscard]] std::size_t pages() const;
+  /// True if a page can receive a message now.
+  [[nodiscard]] bool has_reader() const;
 
   struct Impl;
 

@@ -16,7 +16,7 @@ namespace {
 
 using wire::monotonic_ns;
 
-constexpr std::chrono::milliseconds kTick{2};
+constexpr std::chrono::milliseconds kTick{4};
 constexpr std::int64_t kMaxAdvanceNs = 100'000'000;  // of a recording; after a delay, playback is late and not faster
 
 }  // namespace
@@ -72,6 +72,7 @@ int Viewer::run(const std::atomic<bool>& stop) {
   while (!stop && !viewer.core.is_name_taken()) {
     viewer.participant.step(kTick);
     viewer.server.poll(monotonic_ns());
+    viewer.core.set_watched(viewer.server.has_reader());
   }
   viewer.participant.leave();
   return viewer.core.is_name_taken() ? 2 : 0;

@@ -458,11 +458,11 @@ ViewerMessages ViewerCore::tick(std::int64_t now_ns) {
   process_arrivals();
   if (screen_due_.due(now_ns)) choose_screen_entries();
   refine();
-  if (meshes_due_.due(now_ns))
+  if (is_watched_ && meshes_due_.due(now_ns))
     for (const Loaded& loaded : loaded_)
       if (const auto object = objects_.find(loaded.object->id); object != objects_.end() && !loaded.withdrawn)
         object->second.mesh.update(*loaded.object->forest);
-  if (regions_due_.due(now_ns))
+  if (is_watched_ && regions_due_.due(now_ns))
     for (const Loaded& loaded : loaded_)
       if (const auto object = objects_.find(loaded.object->id); object != objects_.end() && !loaded.withdrawn)
         mark_regions(loaded, object->second);

@@ -150,6 +150,9 @@ class ViewerCore {
   void stop_forces(const std::string& reason, std::int64_t now_ns);
   void add_event(const std::string& text, std::int64_t now_ns);
 
+  /// While nobody can receive a picture, `tick` reads no shown faces and marks no regions. True at the start.
+  void set_watched(bool is_watched) { is_watched_ = is_watched; }
+
   /// Loads, refines and returns the samples to send. Call it every few milliseconds.
   [[nodiscard]] ViewerMessages tick(std::int64_t now_ns);
   [[nodiscard]] session::RosterEntry roster_entry(bool leaving, std::int64_t now_ns);
@@ -223,6 +226,7 @@ class ViewerCore {
   std::int64_t now_ns_;  // of the last tick
   session::Heartbeat heartbeat_;
   session::PeriodicTimer clock_request_, stop_repeat_, targets_due_, meshes_due_, regions_due_, screen_due_;
+  bool is_watched_ = true;
   std::uint64_t heartbeats_ = 0;
   bool name_taken_ = false;
 

@@ -22,7 +22,7 @@ using Sample = std::variant<session::RosterEntry, session::CatalogueEntry, sessi
                             session::ForceReset, session::SessionEnd, session::ClockSample>;
 using Inbox = wire::Inbox<Sample>;
 
-constexpr std::int64_t kTickNs = 2 * kMs;
+constexpr std::int64_t kTickNs = 4 * kMs;
 constexpr std::int64_t kLeaveNs = 100 * kMs;  // from the last leave message of a client to the end of its participant
 
 wire::SessionAddress without_bulk_writers(wire::SessionAddress address) {

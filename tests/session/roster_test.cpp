@@ -100,6 +100,7 @@ TEST_F(RosterTest, ANameConflictIsReportedOnceAndNamesBothPrograms) {
   EXPECT_EQ(events[0].entry.origin.incarnation, 2u);
   EXPECT_EQ(events[0].other, 1u);
   EXPECT_THAT(text(events[0]), HasSubstr("incarnations 2 and 1"));
+  EXPECT_EQ(severity(events[0]), Severity::kWarning);
 }
 
 TEST_F(RosterTest, OfTwoProgramsWithOneNameTheOlderReturnsWhenTheNewerLeaves) {

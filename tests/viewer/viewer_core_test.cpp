@@ -70,6 +70,19 @@ TEST_F(ViewerCoreTest, FacesNearAProbeAreThoseOfTheFinestMesh) {
   EXPECT_LT(object().mesh.faces(), model_.summary.faces) << "elsewhere the mesh is coarse";
 }
 
+TEST_F(ViewerCoreTest, ShownFacesAreReadAgainAsSoonAsSomebodyWatches) {
+  viewer_.set_watched(false);
+  const Vec3d at{kRadius, 0, 0};
+  place_probe(at);
+  run(1000 * kMs);
+  EXPECT_EQ(object().mesh.change_number(), 0u);
+
+  viewer_.set_watched(true);
+  run(2 * kMs);
+  const auto expected = finest_faces_near(at, 0.003), shown = shown_faces();
+  for (const auto& face : expected) EXPECT_EQ(shown.count(face), 1u);
+}
+
 TEST_F(ViewerCoreTest, AProbeThatMovesOverTheWholeObjectFindsMemoryInTheFullPool) {
   run(500 * kMs);
   for (int step = 0; step < 200; ++step) {
