@@ -53,9 +53,9 @@ void Loader::open(const session::CatalogueEntry& entry) {
     const bool same = known->second->summary.digest == entry.summary.digest;
     if (same && !known->second->withdrawn) return;
     if (!same && !known->second->withdrawn)
-      report_warning("object " + entry.object + ": host " + entry.host +
-                     " serves a different model of this name, which is ignored while " + known->second->entry.host +
-                     " serves the first; give one of them another name");
+      report_warning("object " + entry.object + ": host '" + entry.host +
+                     "' serves another model of this name, which is ignored while host '" + known->second->entry.host +
+                     "' serves its model; rename one of the two objects");
     return postpone(entry);
   }
   if (objects_.size() == kMaxObjects) {

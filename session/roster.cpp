@@ -71,7 +71,7 @@ std::string text(const RosterEvent& event) {
     case RosterChange::kNameConflict:
       return who + " runs twice: incarnations " + std::to_string(event.entry.origin.incarnation) + " and " +
              std::to_string(event.other) +
-             " both send heartbeats under this name; the one that joined later ends; start it with another --name";
+             " both send heartbeats under this name; the one that joined later leaves; start it with another --name";
     case RosterChange::kFull:
       return who + " refused: the session has " + std::to_string(kMaxParticipants) + " participants already";
   }

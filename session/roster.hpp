@@ -51,7 +51,7 @@ struct RosterEvent {
   bool entry_must_leave = false;  ///< kNameConflict: the program of `entry` has to leave, otherwise that of `other`
 };
 
-/// A participant that is refused, and a name conflict, are warnings.
+/// Warning for a refused participant and for a name conflict, info for all other events.
 [[nodiscard]] Severity severity(const RosterEvent& event) noexcept;
 /// Text of an event, one line for a log.
 [[nodiscard]] std::string text(const RosterEvent& event);

@@ -33,6 +33,11 @@ void append_floats(std::string& bytes, const std::array<double, kSize>& numbers)
   for (const double number : numbers) append(bytes, static_cast<float>(number));
 }
 
+/// Time since the last message of a kind, as a multiple of the min time between two.
+double overdue(std::int64_t now_ns, std::int64_t last_ns, std::int64_t min_ns) {
+  return static_cast<double>(now_ns - last_ns) / static_cast<double>(min_ns);
+}
+
 }  // namespace
 
 std::optional<PageMessage> PageFeed::next(std::int64_t now_ns) {
@@ -42,19 +47,28 @@ std::optional<PageMessage> PageFeed::next(std::int64_t now_ns) {
     scene_ns_ = now_ns;
     return scene();
   }
-  const bool probes_are_due = now_ns - probes_ns_ >= kProbesNs;
-  // On a slow connection both are always due, so they alternate.
-  if (probes_are_due && !sent_probes_last_) return probes_next(now_ns);
-  sent_probes_last_ = false;
-  if (auto frame = mesh(now_ns)) return frame;
-  if (probes_are_due) return probes_next(now_ns);
-  if (auto frame = regions(now_ns)) return frame;
-  if (metrics_number_ != core_.metrics_number() && now_ns - figures_ns_ >= kFiguresNs) {
-    metrics_number_ = core_.metrics_number();
-    figures_ns_ = now_ns;
-    return figures();
+  // The most overdue message goes first. So a slow page gets messages of all kinds, each less often.
+  const double probes_overdue = overdue(now_ns, probes_ns_, kProbesNs);
+  const Changed mesh = changed_mesh(now_ns), regions = changed_regions(now_ns);
+  const double figures_overdue =
+      metrics_number_ == core_.metrics_number() ? 0 : overdue(now_ns, figures_ns_, kFiguresNs);
+  const double most = std::max({probes_overdue, mesh.overdue, regions.overdue, figures_overdue});
+  if (most < 1) return std::nullopt;
+  if (most == probes_overdue) {
+    probes_ns_ = now_ns;
+    return probes();
   }
-  return std::nullopt;
+  if (most == mesh.overdue) {
+    mesh.sent->at_ns = now_ns;
+    return mesh_frame(*mesh.object, *mesh.sent);
+  }
+  if (most == regions.overdue) {
+    regions.sent->regions_ns = now_ns;
+    return regions_frame(*regions.object, *regions.sent);
+  }
+  metrics_number_ = core_.metrics_number();
+  figures_ns_ = now_ns;
+  return figures();
 }
 
 /// When the core has begun anew, all that the page has received is void.
@@ -148,12 +162,6 @@ PageMessage PageFeed::figures() const {
   return {true, figures.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace)};
 }
 
-PageMessage PageFeed::probes_next(std::int64_t now_ns) {
-  probes_ns_ = now_ns;
-  sent_probes_last_ = true;
-  return probes();
-}
-
 PageMessage PageFeed::probes() const {
   PageMessage frame;
   std::string& bytes = frame.bytes;
@@ -187,26 +195,39 @@ PageMessage PageFeed::probes() const {
   return frame;
 }
 
-/// Returns the changed rows of the object whose last frame is the oldest.
-std::optional<PageMessage> PageFeed::mesh(std::int64_t now_ns) {
-  const SeenObject* next = nullptr;
-  SentMesh* sent = nullptr;
+/// Returns the most overdue object whose mesh has changed.
+PageFeed::Changed PageFeed::changed_mesh(std::int64_t now_ns) {
+  Changed most;
   for (const auto& [id, object] : core_.objects()) {
-    const auto of_page = meshes_.find(object.number);
-    if (of_page == meshes_.end() || object.mesh.change_number() == of_page->second.change_number) continue;
-    if (now_ns - of_page->second.at_ns < kMeshNs || (sent != nullptr && of_page->second.at_ns >= sent->at_ns)) continue;
-    next = &object;
-    sent = &of_page->second;
+    const auto sent = meshes_.find(object.number);
+    if (sent == meshes_.end() || object.mesh.change_number() == sent->second.change_number) continue;
+    const double by = overdue(now_ns, sent->second.at_ns, kMeshNs);
+    if (by > most.overdue) most = {&object, &sent->second, by};
   }
-  if (next == nullptr) return std::nullopt;
-  const ShownMesh& mesh = next->mesh;
-  const std::vector<std::uint32_t> rows = mesh.changed_since(sent->change_number);
+  return most;
+}
+
+/// Returns the most overdue object whose marked regions have changed.
+PageFeed::Changed PageFeed::changed_regions(std::int64_t now_ns) {
+  Changed most;
+  for (const auto& [id, object] : core_.objects()) {
+    const auto sent = meshes_.find(object.number);
+    if (sent == meshes_.end() || object.regions_number == sent->second.regions_number) continue;
+    const double by = overdue(now_ns, sent->second.regions_ns, kRegionsNs);
+    if (by > most.overdue) most = {&object, &sent->second, by};
+  }
+  return most;
+}
+
+PageMessage PageFeed::mesh_frame(const SeenObject& object, SentMesh& sent) {
+  const ShownMesh& mesh = object.mesh;
+  const std::vector<std::uint32_t> rows = mesh.changed_since(sent.change_number);
   PageMessage frame;
   std::string& bytes = frame.bytes;
   bytes.reserve(32 + rows.size() * (sizeof(std::uint32_t) + sizeof(ShownMesh::Face::corners)));
   append(bytes, static_cast<std::uint32_t>(FrameKind::kMesh));
-  append(bytes, next->number);
-  append(bytes, sent->change_number == 0 ? kWhole : 0);
+  append(bytes, object.number);
+  append(bytes, sent.change_number == 0 ? kWhole : 0);
   append(bytes, static_cast<std::uint32_t>(mesh.rows().size()));
   append(bytes, static_cast<std::uint32_t>(rows.size()));
   append(bytes, mesh.faces());
@@ -214,32 +235,23 @@ std::optional<PageMessage> PageFeed::mesh(std::int64_t now_ns) {
   for (const std::uint32_t row : rows) append(bytes, mesh.rows()[row].finest ? row | kFinestRow : row);
   for (const std::uint32_t row : rows)
     for (const float coordinate : mesh.rows()[row].corners) append(bytes, coordinate);
-  sent->change_number = mesh.change_number();
-  sent->at_ns = now_ns;
+  sent.change_number = mesh.change_number();
   return frame;
 }
 
-std::optional<PageMessage> PageFeed::regions(std::int64_t now_ns) {
-  for (const auto& [id, object] : core_.objects()) {
-    const auto of_page = meshes_.find(object.number);
-    if (of_page == meshes_.end()) continue;
-    SentMesh& sent = of_page->second;
-    if (object.regions_number == sent.regions_number || now_ns - sent.regions_ns < kRegionsNs) continue;
-    sent.regions_number = object.regions_number;
-    sent.regions_ns = now_ns;
-    PageMessage frame;
-    append(frame.bytes, static_cast<std::uint32_t>(FrameKind::kRegions));
-    append(frame.bytes, object.number);
-    append(frame.bytes, static_cast<std::uint32_t>(object.regions.size()));
-    append(frame.bytes, std::uint32_t{0});
-    for (const MarkedRegion& region : object.regions) {
-      append(frame.bytes, static_cast<std::uint32_t>(region.mark));
-      for (const float coordinate : region.low) append(frame.bytes, coordinate);
-      append(frame.bytes, region.edge);
-    }
-    return frame;
+PageMessage PageFeed::regions_frame(const SeenObject& object, SentMesh& sent) {
+  sent.regions_number = object.regions_number;
+  PageMessage frame;
+  append(frame.bytes, static_cast<std::uint32_t>(FrameKind::kRegions));
+  append(frame.bytes, object.number);
+  append(frame.bytes, static_cast<std::uint32_t>(object.regions.size()));
+  append(frame.bytes, std::uint32_t{0});
+  for (const MarkedRegion& region : object.regions) {
+    append(frame.bytes, static_cast<std::uint32_t>(region.mark));
+    for (const float coordinate : region.low) append(frame.bytes, coordinate);
+    append(frame.bytes, region.edge);
   }
-  return std::nullopt;
+  return frame;
 }
 
 }  // namespace tactus::viewer

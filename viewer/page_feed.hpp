@@ -39,8 +39,8 @@ class PageFeed {
   explicit PageFeed(const ViewerCore& core, const PlaybackStatus* playback = nullptr)
       : core_{core}, playback_{playback} {}
 
-  /// Returns the next message for the page, or none if nothing is due. The most urgent first: playback, scene, probes,
-  /// meshes, regions, figures. A frame names only objects that a scene for the page has described.
+  /// Returns the next message for the page, or none if nothing is due. First playback and scene, then the most overdue
+  /// of probes, meshes, regions and figures. A frame names only objects that a scene for the page has described.
   [[nodiscard]] std::optional<PageMessage> next(std::int64_t now_ns);
 
  private:
@@ -48,22 +48,28 @@ class PageFeed {
   [[nodiscard]] PageMessage scene();
   [[nodiscard]] PageMessage figures() const;
   [[nodiscard]] PageMessage probes() const;
-  [[nodiscard]] PageMessage probes_next(std::int64_t now_ns);
-  [[nodiscard]] std::optional<PageMessage> mesh(std::int64_t now_ns);
-  [[nodiscard]] std::optional<PageMessage> regions(std::int64_t now_ns);
-
   struct SentMesh {
     std::uint32_t change_number = 0;  // ShownMesh::change_number of the last frame; 0: none
     std::int64_t at_ns = 0;
     std::uint32_t regions_number = 0;  // SeenObject::regions_number of the last frame
     std::int64_t regions_ns = 0;
   };
+  /// An object with a change that the page lacks. overdue < 1: nothing is due.
+  struct Changed {
+    const SeenObject* object = nullptr;
+    SentMesh* sent = nullptr;
+    double overdue = 0;  // time since the last frame of this kind, as a multiple of the min time between two
+  };
+  [[nodiscard]] Changed changed_mesh(std::int64_t now_ns);
+  [[nodiscard]] Changed changed_regions(std::int64_t now_ns);
+  [[nodiscard]] static PageMessage mesh_frame(const SeenObject& object, SentMesh& sent);
+  [[nodiscard]] static PageMessage regions_frame(const SeenObject& object, SentMesh& sent);
+
   const ViewerCore& core_;
   const PlaybackStatus* playback_;
   PlaybackStatus sent_playback_;                         // of the last message
   std::int64_t playback_ns_ = 0;                         // of the last message
   std::uint32_t scene_number_ = 0, metrics_number_ = 0;  // of the last message
-  bool sent_probes_last_ = false;
   std::int64_t scene_ns_ = 0, figures_ns_ = 0, probes_ns_ = 0;
   std::map<std::uint32_t, SentMesh> meshes_;  // by number of the objects of the last scene
 };

@@ -18,7 +18,7 @@ using PageId = std::uint64_t;
 struct TokenRequest {
   std::string token;
 };
-/// The page has processed so many messages since it connected.
+/// The number of messages that the page has processed since it connected.
 struct SeenRequest {
   std::uint64_t messages = 0;
 };

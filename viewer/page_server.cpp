@@ -35,10 +35,11 @@ namespace {
 
 constexpr std::chrono::seconds kHttpTimeout{10};
 constexpr std::uint32_t kMaxRefusalEvents = 10;  // in a second
-// Max number of messages to a page that it has not processed. More would be a queue in the browser, which receives even
-// if the page has no time.
+// Max number of sent messages that the page has not processed. A browser receives messages while its page is busy, so
+// more of them would form a queue of old states.
 constexpr std::uint64_t kMaxUnseen = 8;
-constexpr int kSendBufferBytes = 64 * 1024;  // of a page
+constexpr std::int64_t kReaderNs = 1'000 * kMs;  // a page that could receive a message in this time is a reader
+constexpr int kSendBufferBytes = 64 * 1024;      // of a page
 constexpr std::int64_t kTokenTimeoutNs = 5'000 * kMs;
 constexpr std::uint32_t kMaxHeaderBytes = 8192;
 constexpr std::chrono::milliseconds kMaxPoll{5};
@@ -248,10 +249,12 @@ struct PageServer::Impl::Page : std::enable_shared_from_this<Page> {
     if (impl.server.on_request) impl.server.on_request(id, *request);
   }
 
-  /// Each number has to be larger than the one before, so there are at most as many as messages.
+  /// Each number must be larger than the last one. So a page can send at most one of these requests for each message,
+  /// and the limit of requests does not count them.
   void process(const SeenRequest& processed) {
     if (processed.messages <= seen || processed.messages > sent)
-      return refuse("it has seen messages that were not sent");
+      return refuse("found \"seen\" " + std::to_string(processed.messages) + ", expected " + std::to_string(seen + 1) +
+                    " to " + std::to_string(sent));
     seen = processed.messages;
     write();
   }
@@ -273,15 +276,15 @@ struct PageServer::Impl::Page : std::enable_shared_from_this<Page> {
                        [self = shared_from_this()](beast::error_code) { self->close(); });
   }
 
-  [[nodiscard]] bool can_receive() const { return is_open && !is_writing && sent - seen < kMaxUnseen; }
-
-  /// Writes the messages that are due, one after the other, unless one is being written.
+  /// Writes the messages that are due, one after the other, while none is being written and the page has processed
+  /// enough of them.
   void write() {
-    if (!can_receive()) return;
+    if (!is_open || is_writing || sent - seen >= kMaxUnseen) return;
     if (rights == Rights::kNothing) {
       if (impl.now_ns - opened_ns > kTokenTimeoutNs) refuse("it sent no token within 5 s");
       return;
     }
+    could_receive_ns = impl.now_ns;
     std::optional<PageMessage> next;
     if (!rights_message.empty())
       next = {true, std::exchange(rights_message, {})};
@@ -320,6 +323,7 @@ struct PageServer::Impl::Page : std::enable_shared_from_this<Page> {
   beast::flat_buffer received;
   std::string outgoing;              // the message that is being written
   std::uint64_t sent = 0, seen = 0;  // number of messages
+  std::int64_t could_receive_ns = -kReaderNs;
   bool is_open = false, is_writing = false, is_closed = false;
 };
 
@@ -466,7 +470,9 @@ std::size_t PageServer::pages() const {
 }
 
 bool PageServer::has_reader() const {
-  return std::any_of(impl_->pages.begin(), impl_->pages.end(), [](const auto& page) { return page->can_receive(); });
+  return std::any_of(impl_->pages.begin(), impl_->pages.end(), [&](const auto& page) {
+    return page->is_open && impl_->now_ns - page->could_receive_ns < kReaderNs;
+  });
 }
 
 }  // namespace tactus::viewer

@@ -73,7 +73,7 @@ class PageServer {
   [[nodiscard]] std::uint16_t port() const;
   /// Number of connected pages.
   [[nodiscard]] std::size_t pages() const;
-  /// True if a page can receive a message now.
+  /// True if a page could receive a message within the last second.
   [[nodiscard]] bool has_reader() const;
 
   struct Impl;

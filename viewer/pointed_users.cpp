@@ -44,7 +44,7 @@ std::string PointedUsers::chosen_hrtc(const TouchRequest& request) const {
   return best == nullptr ? std::string{} : best->name;
 }
 
-/// Returns why the source cannot have this user; empty: it can, after user `leaving` of the same name if there is one.
+/// Returns why the source cannot have this user; empty: it can. `leaving`: the leaving user with this name, or null.
 std::string PointedUsers::refusal(SourceId source, const TouchRequest& request, const User* leaving) const {
   if (has_user(source)) return "this " + source_name_ + " has a probe already";
   if (leaving == nullptr && users_.size() >= kMaxUsers)
@@ -116,7 +116,7 @@ void PointedUsers::release_all() {
   }
 }
 
-bool PointedUsers::is_served(const User& user) const {
+bool PointedUsers::is_listed(const User& user) const {
   const session::RosterEntry* const hrtc = core_.roster().find(session::id_of(user.entry.requested_hrtc));
   return hrtc != nullptr && names_user(*hrtc, user.name());
 }
@@ -125,10 +125,10 @@ bool PointedUsers::is_served(const User& user) const {
 std::string PointedUsers::reason_to_leave(const User& user, std::int64_t now_ns) const {
   const std::string& hrtc = user.entry.requested_hrtc;
   if (core_.roster().find(session::id_of(hrtc)) == nullptr) return "HRTC '" + hrtc + "' has left the session";
-  if (user.is_served && !is_served(user)) return "HRTC '" + hrtc + "' has removed the user";
-  if (now_ns - user.hand_received_ns > kMaxSilenceNs && user.is_served)
+  if (user.was_served && !is_listed(user)) return "HRTC '" + hrtc + "' has removed the user";
+  if (now_ns - user.hand_received_ns > kMaxSilenceNs && user.was_served)
     return "the " + source_name_ + " sent no hand position for 2 s";
-  if (now_ns - user.requested_ns > kMaxWaitNs && !user.is_served)
+  if (now_ns - user.requested_ns > kMaxWaitNs && !user.was_served)
     return "HRTC '" + hrtc + "' has given no probe within 5 s; its log has the reason";
   return {};
 }
@@ -144,7 +144,7 @@ void PointedUsers::add_messages(User& user, std::int64_t now_ns, PointedUserMess
       user.left_ns = now_ns;
     }
   }
-  if (!user.is_served || user.is_leaving() || !user.request) return;
+  if (!user.was_served || user.is_leaving() || !user.request) return;
   session::Intent intent =
       user.hand.move_to({user.request->target, user.request->orientation}, core_.session_time(now_ns));
   intent.user_id = session::id_of(user.name());
@@ -154,9 +154,9 @@ void PointedUsers::add_messages(User& user, std::int64_t now_ns, PointedUserMess
   out.intents.push_back({user.entry.origin.participant, std::move(intent)});
 }
 
-/// True if the name of a user is free.
+/// True if the user can be removed: its HRTC no longer lists it, or kMaxLeaveNs is over.
 bool PointedUsers::has_left(const User& user, std::int64_t now_ns) const {
-  return user.is_leaving() && user.leave_messages == 0 && (!is_served(user) || now_ns - user.left_ns > kMaxLeaveNs);
+  return user.is_leaving() && user.leave_messages == 0 && (!is_listed(user) || now_ns - user.left_ns > kMaxLeaveNs);
 }
 
 void PointedUsers::remove_left_users(std::int64_t now_ns) {
@@ -172,8 +172,8 @@ void PointedUsers::remove_left_users(std::int64_t now_ns) {
 PointedUserMessages PointedUsers::tick(std::int64_t now_ns) {
   PointedUserMessages out;
   for (User& user : users_) {
-    if (!user.is_served && is_served(user)) {
-      user.is_served = true;
+    if (!user.was_served && is_listed(user)) {
+      user.was_served = true;
       user.hand_received_ns = now_ns;  // a page sends its hand from now on
     }
     if (!user.is_leaving()) {

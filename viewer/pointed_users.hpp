@@ -48,7 +48,8 @@ class PointedUsers {
   static constexpr std::int64_t kHeartbeatNs = 100'000'000;
   /// Max time from the request until an HRTC has given a probe.
   static constexpr std::int64_t kMaxWaitNs = 5'000'000'000;
-  /// Max time from the last leave message of a user until its name is free, even if its HRTC still lists the user.
+  /// Max time after the last leave message in which a request waits until the HRTC has removed the user. Later it is
+  /// refused.
   static constexpr std::int64_t kMaxLeaveNs = 1'000'000'000;
 
   /// `core` must outlive the users; `viewer` and `session` are the names of this program and its session. Messages call
@@ -58,7 +59,7 @@ class PointedUsers {
   /// Called with the reason when a source gets no probe, or loses it without having given it back.
   std::function<void(SourceId source, const std::string& reason)> on_refused;
 
-  /// A name that a leaving user of this program still has goes to the source as soon as it is free.
+  /// If a leaving user of this program still has the name, the request waits until that user is removed.
   void on_touch(SourceId source, const TouchRequest& request, std::int64_t now_ns);
   void on_hand(SourceId source, const HandRequest& request, std::int64_t now_ns);
   /// The source gives its probe back, or has ended.
@@ -88,7 +89,7 @@ class PointedUsers {
     std::int64_t requested_ns = 0;       // time of the touch request
     std::int64_t hand_received_ns = 0;   // time of the newest hand request
     std::uint32_t intents = 0;
-    bool is_served = false;     // was listed by its HRTC
+    bool was_served = false;    // its HRTC has listed it
     int leave_messages = 0;     // still to send; 0 while the user stays
     std::int64_t left_ns = 0;   // time of the newest leave message
     std::optional<Touch> next;  // gets the name after this user has left
@@ -99,7 +100,7 @@ class PointedUsers {
 
   [[nodiscard]] std::string refusal(SourceId source, const TouchRequest& request, const User* leaving) const;
   [[nodiscard]] std::string chosen_hrtc(const TouchRequest& request) const;
-  [[nodiscard]] bool is_served(const User& user) const;
+  [[nodiscard]] bool is_listed(const User& user) const;
   [[nodiscard]] std::string reason_to_leave(const User& user, std::int64_t now_ns) const;
   [[nodiscard]] User* leaving_user(const std::string& name);
   [[nodiscard]] bool has_left(const User& user, std::int64_t now_ns) const;

@@ -150,7 +150,7 @@ class ViewerCore {
   void stop_forces(const std::string& reason, std::int64_t now_ns);
   void add_event(const std::string& text, std::int64_t now_ns);
 
-  /// While nobody can receive a picture, `tick` reads no shown faces and marks no regions. True at the start.
+  /// While no page can receive a frame, `tick` reads no shown faces and marks no regions. True at the start.
   void set_watched(bool is_watched) { is_watched_ = is_watched; }
 
   /// Loads, refines and returns the samples to send. Call it every few milliseconds.

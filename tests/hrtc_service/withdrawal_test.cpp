@@ -296,8 +296,8 @@ TEST_F(WithdrawalTest, AnotherModelOfTheSameNameIsShownAfterTheFirstIsRemoved) {
   add_host("second", "sphere", small_sphere(), {0, 0, 0});
   run(1000);
   EXPECT_THAT(warnings,
-              testing::ElementsAre("object sphere: host second serves a different model of this name, which is "
-                                   "ignored while first serves the first; give one of them another name"));
+              testing::ElementsAre("object sphere: host 'second' serves another model of this name, which is "
+                                   "ignored while host 'first' serves its model; rename one of the two objects"));
   EXPECT_EQ(core_->servo().cycle().objects().front()->digest, large_sphere().model().summary().digest);
   leave(first);
   ASSERT_TRUE(run_until([&] { return !removed_.empty() && touches(); }));

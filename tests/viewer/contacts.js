@@ -8,7 +8,7 @@ const kGiveUpMs = 1000;
 
 /// Statements for the page, which begin to measure.
 const kWatchContacts = `{
-  window.contacts = [];  // {user, ms: null while some faces are coarse}
+  window.contacts = [];  // {user, object, proxy, began, ms: null while some faces are coarse}
   const touched = new Map();  // by user
   const watch = () => {
     const now = performance.now();

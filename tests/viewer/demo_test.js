@@ -11,10 +11,11 @@ const { checkContacts, kWatchContacts } = require("./contacts.js");
 const { Programs } = require("./programs.js");
 
 const [programFolder, pageFolder, screenshot] = process.argv.slice(2);
-const kSeconds = 70;  // of touching
-const kCompareSeconds = 15, kMaxLost = 0.15;
+const kSeconds = 90;  // of touching
+const kMaxCompareSeconds = 40, kMinProbes = 20, kMinFigures = 4;
+const kMaxLost = 0.15;  // share of samples that one reader loses and another receives
 const kUser = "ann";
-// With fewer processors, demo and browser have too little time for bounds of times and counts.
+// With fewer processors, demo and browser have too little time for bounds of times.
 const kIsFast = cpus().length >= 4;
 const kScripts = join(__dirname, "../../scripts");
 // Runs scripts/demo.sh with programs that are built.
@@ -62,30 +63,33 @@ function extrapolate({ session_time_ns: from, device, proxy, velocity, force, st
 /// Compares what the page shows with the samples of the topics.
 async function compareWithTopics(browser, session) {
   const watch = (topic, ...options) =>
-    programs.start("watch", topic, "--json", "--for", String(3 * kCompareSeconds), ...options, ...session);
+    programs.start("watch", topic, "--json", "--for", String(2 * kMaxCompareSeconds), ...options, ...session);
   const states = watch("probe_state", "--user", kUser), metrics = watch("metrics");
-  for (const program of [states, metrics]) await programs.printed(program, /"sample"/);
+  await programs.printed(states, /"sample"/);
+  for (const hrtc of ["hrtc-1", "hrtc-2"]) await programs.printed(metrics, new RegExp(`"participant":"${hrtc}"`));
   await browser.value(collect(kUser));
-  await pause(1000 * kCompareSeconds);
+  await browser.until(`window.shown.probes.length >= ${kMinProbes} && window.shown.figures.length >= ${kMinFigures}`,
+                      kMaxCompareSeconds).catch(() => {});
   const shown = await browser.value("window.shown");
   for (const program of [states, metrics]) program.kill("SIGINT");
   await Promise.all([states.ended, metrics.ended]);
-  // The newest state of the viewer can be one that tactus-watch has not printed as the last before this time.
-  const published = samplesOf(states), kNewest = 50;
+  // The viewer and tactus-watch receive samples at different times, so any of the nearest states can be the shown one.
+  const published = samplesOf(states), kNearest = 50;
   const isSame = (a, b) => a.every((value, k) => Math.abs(value - b[k]) < 2e-6 * (1 + Math.abs(b[k])));  // single precision
   const others = shown.probes.filter(({ at, view }) => {
     const end = published.findIndex(({ session_time_ns: time }) => time / 1e9 > at);
-    return !published.slice(Math.max(0, end - kNewest), end < 0 ? undefined : end + kNewest)
+    return !published.slice(Math.max(0, end - kNearest), end < 0 ? undefined : end + kNearest)
       .some((state) => isSame(view, extrapolate(state, at)));
   });
-  // A reader can lose a sample that another receives.
-  check("probes shown: device, proxy and force of no sample", `${others.length} of ${shown.probes.length}`,
-        others.length <= kMaxLost * shown.probes.length && (shown.probes.length > 100 || !kIsFast), "<= 15 %");
   const samples = samplesOf(metrics);
   const isPublished = ({ name, figures }) => samples.some(({ participant, figures: sample }) =>
     participant === name && Object.entries(sample).every(([figure, value]) => value === figures[figure]));
-  const unequal = shown.figures.filter((each) => !isPublished(each)).length;
-  check("figures of HRTCs shown: of no sample", `${unequal} of ${shown.figures.length}`, unequal === 0 && (shown.figures.length > 4 || !kIsFast), "0");
+  const unequal = shown.figures.filter((each) => !isPublished(each));
+  const compare = (name, differing, all, min) =>
+    check(name, `${differing.length} of ${all.length}`, all.length >= min && differing.length <= kMaxLost * all.length,
+          `<= ${100 * kMaxLost} %`);
+  compare("shown probes that equal no sample", others, shown.probes, kMinProbes);
+  compare("shown figures of HRTCs that equal no sample", unequal, shown.figures, kMinFigures);
   const delays = shown.delays.map((delay) => delay - Math.min(...shown.delays)).sort((a, b) => a - b);
   const percentile = (share) => delays[Math.floor(share * (delays.length - 1))];
   report("delay of shown probes beyond the shortest, median", `${percentile(0.5).toFixed(0)} ms`);
@@ -120,8 +124,8 @@ async function look(browser) {
   await compareHashes(browser, "hrtc-2", "terrain");
   const status = await demo.ended;
   const short = demo.text.split("\n").filter((line) => /falls short/.test(line));
-  report("rows of the demo that fall short beside the page", `${short.length}${short.length > 0 ? `: ${short.join("; ")}` : ""}`);
-  check("exit status of the demo", status, status === 0 || short.length > 0, "0 or 1");
+  report("rows of the demo that fall short while the page runs", `${short.length}${short.length > 0 ? `: ${short.join("; ")}` : ""}`);
+  check("exit status of the demo", status, status === 0 || (status === 1 && short.length > 0), "0 or 1");
   const errors = [await browser.value("window.tactus.error"), ...browser.log].filter((text) => text);
   check("errors", errors.join("; ") || 0, errors.length === 0, "0");
 }

@@ -68,7 +68,7 @@ std::optional<PageClient::Message> PageClient::receive(std::chrono::milliseconds
   });
   impl_->io.restart();
   impl_->io.run();
-  if (message && tells_what_it_has_seen) send(R"({"seen": )" + std::to_string(++impl_->seen) + "}");
+  if (message && reports_seen) send(R"({"seen": )" + std::to_string(++impl_->seen) + "}");
   return message;
 }
 

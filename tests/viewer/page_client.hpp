@@ -14,10 +14,10 @@ namespace tactus::test_support {
 [[nodiscard]] unsigned http_status(std::uint16_t port, const std::string& path,
                                    const std::map<std::string, std::string>& headers = {}, std::string* body = nullptr);
 
-/// An open WebSocket of a page. It tells the server which messages it has seen, as a page has to.
+/// An open WebSocket of a page. It reports the messages that it has seen, as a page has to.
 class PageClient {
  public:
-  bool tells_what_it_has_seen = true;
+  bool reports_seen = true;
 
   struct Message {
     bool is_text = false;

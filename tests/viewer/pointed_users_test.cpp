@@ -147,7 +147,7 @@ TEST_F(PointedUsersTest, ANameIsFreeWhenTheHrtcNoLongerListsTheUser) {
   EXPECT_TRUE(users_.has_user(kPage + 1));
 }
 
-TEST_F(PointedUsersTest, AnHrtcThatStillListsAUserAfterASecondDoesNotKeepTheSourceWaiting) {
+TEST_F(PointedUsersTest, ARequestIsRefusedIfTheHrtcStillListsTheOldUserAfterASecond) {
   step(10 * kMs);
   users_.on_touch(kPage, {"guest", ""}, now_ns_);
   step(20 * kMs);
@@ -160,7 +160,7 @@ TEST_F(PointedUsersTest, AnHrtcThatStillListsAUserAfterASecondDoesNotKeepTheSour
   EXPECT_EQ(users_.size(), 0u);
 }
 
-TEST_F(PointedUsersTest, TheNameOfALeavingUserGoesToTheFirstPageThatAsks) {
+TEST_F(PointedUsersTest, TheNameOfALeavingUserGoesToTheFirstPageThatRequestsIt) {
   step(10 * kMs);
   users_.on_touch(kPage, {"guest", ""}, now_ns_);
   step(20 * kMs);

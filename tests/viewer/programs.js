@@ -1,4 +1,4 @@
-// The programs of a test, which end with it.
+// The programs of a test. They end with it, also if a signal ends the test.
 "use strict";
 const { spawn } = require("child_process");
 const { basename, join } = require("path");
@@ -9,19 +9,28 @@ class Programs {
   constructor(folder) {
     this.folder = folder;
     this.running = new Set();
+    for (const signal of ["SIGINT", "SIGTERM"]) process.once(signal, () => this.end().then(() => process.exit(130)));
   }
 
-  /// Starts a command in a session of its own, as in a terminal of its own: each session gets the same share of busy
-  /// processors. `text` of the result is what it has printed so far.
+  /// Starts a command in a process session of its own (setsid), because the kernel shares busy processors equally between
+  /// these. `text` of the result is what it has printed so far; `ended` resolves to its exit status.
   spawn(command, options) {
     const program = spawn(command, options, { detached: true, stdio: ["ignore", "pipe", "pipe"] });
     program.text = "";
     for (const stream of [program.stdout, program.stderr]) stream.on("data", (bytes) => { program.text += bytes; });
     this.running.add(program);
-    program.ended = new Promise((resolve) => program.on("exit", (status) => {
-      this.running.delete(program);
-      resolve(status);
-    }));
+    program.ended = new Promise((resolve) => {
+      const end = (status) => {
+        this.running.delete(program);
+        resolve(status);
+      };
+      program.on("close", end);
+      program.on("error", (error) => {
+        program.text += error.message;
+        program.hasFailed = true;
+        end(null);
+      });
+    });
     return program;
   }
 
@@ -31,7 +40,7 @@ class Programs {
   /// Waits until a program has printed a text, and returns the match.
   async printed(program, pattern, seconds = 20) {
     for (const began = performance.now(); !pattern.test(program.text); await pause(20))
-      if (program.exitCode !== null || performance.now() - began > 1e3 * seconds)
+      if (program.exitCode !== null || program.hasFailed || performance.now() - began > 1e3 * seconds)
         throw new Error(`${basename(program.spawnfile)} has not printed ${pattern}; it printed: ${program.text}`);
     return program.text.match(pattern);
   }

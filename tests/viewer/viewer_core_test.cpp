@@ -100,6 +100,27 @@ TEST_F(ViewerCoreTest, AProbeThatMovesOverTheWholeObjectFindsMemoryInTheFullPool
   for (const auto& face : expected) ASSERT_EQ(shown.count(face), 1u);
 }
 
+TEST_F(ViewerCoreTest, APageThatTakesAMessageEveryTwentyMillisecondsGetsAllKinds) {
+  PageFeed page{viewer_};
+  std::map<std::string, int> received;
+  double angle = 0;
+  std::int64_t next_ns = now_ns_;
+  after_step = [&] {
+    place_probe(kRadius * Vec3d{std::cos(angle), std::sin(angle), 0});
+    angle += 1e-3;
+    if (now_ns_ < next_ns) return;
+    next_ns = now_ns_ + 20 * kMs;
+    session::Metrics metrics;
+    metrics.origin = {kSession, kHost, 1, now_ns_};
+    viewer_.on_metrics(metrics, now_ns_);
+    if (const auto message = page.next(now_ns_))
+      ++received[message->is_text ? nlohmann::json::parse(message->bytes)["type"].get<std::string>()
+                                  : std::to_string(message->bytes[0])];
+  };
+  run(4000 * kMs);
+  for (const char* const kind : {"figures", "1", "2", "3"}) EXPECT_GE(received[kind], 5) << kind;
+}
+
 TEST_F(ViewerCoreTest, ThePagesObjectIsTheViewersAfterEveryFrameAndAfterSkippedOnes) {
   /// What a page holds: the rows of the mesh frames that it has received.
   struct Page {

@@ -11,7 +11,7 @@ class Browser {
   constructor(program) {
     this.profile = mkdtempSync(join(tmpdir(), "tactus-browser-"));
     // SwiftShader draws WebGL only. For text and buttons it would compile shaders first, half a second in which a page waits.
-    // As root, Chromium would give itself a higher priority than the session has.
+    // As root, Chromium would give itself a higher priority than the programs of the session have.
     this.process = spawn("setpriv", ["--bounding-set=-sys_nice", "--inh-caps=-sys_nice", program, "--remote-debugging-pipe", "--no-sandbox", "--use-angle=swiftshader", "--hide-scrollbars",
                                    "--enable-unsafe-swiftshader", "--disable-gpu-rasterization", `--user-data-dir=${this.profile}`],
                          { stdio: ["ignore", "ignore", "ignore", "pipe", "pipe"] });

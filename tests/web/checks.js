@@ -11,7 +11,7 @@ function report(name, value) {
   console.log(`${name.padEnd(52)} ${String(value).padStart(14)}   no bound`);
 }
 
-/// Exit status of the test, as far as its checks are concerned.
+/// Exit status of the test. 0: all checks hold, 1: one falls short.
 const exitStatus = () => failed > 0 ? 1 : 0;
 
 const pause = (ms) => new Promise((resolve) => setTimeout(resolve, ms));

@@ -8,7 +8,7 @@ import { ViewScene, kRegionLayers } from "./view_scene.js";
 
 const kColours = ["#6fc3ff", "#c79bff", "#7fd88f", "#ff9d9d", "#ffd36f", "#6fe3d6", "#ff9be0", "#b6d96f"];  // of users
 const kReconnectMs = 500;
-const kSilentMs = 1500;    // the viewer sends a frame every 15 ms, so a connection without any is dead
+const kSilentMs = 1500;    // a page that reports what it has seen gets a frame every 15 ms, so a connection without any is dead
 const kSeekMs = 150;       // a seek waits for further movements of the slider
 const kCameraMs = 250;     // min time between two views for the viewer
 const kHandMs = 8;         // min time between two targets of the hand
@@ -251,7 +251,7 @@ function showFigures(message) {
   showObjects();
 }
 
-/// Processes a message, then tells the viewer so. It sends only a few messages ahead, so no old ones wait here.
+/// Processes a message and reports it as seen. The viewer limits the unseen messages, so the browser queues no old states.
 function receive({ data }) {
   receivedMs = performance.now();
   process(data);

@@ -127,7 +127,7 @@ class ShownObject {
     const at = this.mesh.worldToLocal(new three.Vector3().fromArray(point)), nearest = new three.Vector3();
     const corners = [0, 1, 2].map(() => new three.Vector3()), face = new three.Triangle(...corners);
     const reach = distance / this.mesh.scale.x, { positions } = this;
-    // True if the box of a row is farther away along an axis.
+    // True if the bounding box of a face is more than `reach` away along this axis.
     const isFar = (row, axis, centre) => {
       const first = 9 * row + axis, a = positions[first] - centre, b = positions[first + 3] - centre, c = positions[first + 6] - centre;
       return (a > reach && b > reach && c > reach) || (a < -reach && b < -reach && c < -reach);
