@@ -18,6 +18,8 @@ need_value() { [[ $# -ge 2 ]] || fail "$1 needs a value"; }
 # start COMMAND...: starts COMMAND in the background, in its own process group, so that a signal ends its children too.
 # Sets `child` to its process id.
 start() {
+  # A subshell does not inherit traps.
+  [[ $BASHPID == "$$" ]] || { trap stop_children EXIT; trap 'exit 130' INT; trap 'exit 143' TERM HUP; }
   setsid -- "$@" </dev/null &
   child=$!
 }
