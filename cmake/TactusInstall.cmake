@@ -25,7 +25,7 @@ endif()
 # The public headers of the other libraries. Each includes only installed headers; tests/outside tests this.
 set(interface
   haptics/device.hpp haptics/device_plugin.h haptics/mailbox.hpp haptics/simulated_device.hpp
-  session/clock.hpp session/figures.hpp session/messages.hpp session/roster.hpp session/sequence_window.hpp
+  session/clock.hpp session/figures.hpp session/messages.hpp session/roster.hpp session/sequence_window.hpp session/severity.hpp
   wire/endpoints.hpp wire/error.hpp wire/participants.hpp wire/process.hpp wire/realtime.hpp wire/topics.hpp)
 foreach(header IN LISTS interface)
   get_filename_component(folder ${header} DIRECTORY)
