@@ -45,6 +45,13 @@ class PointedUsersTest : public ViewerSession {
     }
   }
 
+  /// The user "guest" of page kPage is served.
+  void bring_guest() {
+    step(10 * kMs);
+    users_.on_touch(kPage, {"guest", ""}, now_ns_);
+    step(20 * kMs);
+  }
+
   [[nodiscard]] session::RosterEntry entry_of(const std::string& name, const std::vector<session::UserProbe>& served) {
     session::RosterEntry entry;
     entry.origin = {kSession, session::id_of(name), 1, now_ns_};
@@ -94,18 +101,14 @@ TEST_F(PointedUsersTest, TheNewestTargetBecomesAnIntentOnceTheUserIsServed) {
 }
 
 TEST_F(PointedUsersTest, AnotherPageDoesNotMoveTheHand) {
-  step(10 * kMs);
-  users_.on_touch(kPage, {"guest", ""}, now_ns_);
-  step(20 * kMs);
+  bring_guest();
   users_.on_hand(kPage + 1, {{0.1, 0, 0}, false}, now_ns_);
   step(20 * kMs);
   EXPECT_THAT(intents_, IsEmpty());
 }
 
 TEST_F(PointedUsersTest, ReleasingSendsLeaveMessagesAndFreesTheName) {
-  step(10 * kMs);
-  users_.on_touch(kPage, {"guest", ""}, now_ns_);
-  step(20 * kMs);
+  bring_guest();
   users_.on_release(kPage);
   step(100 * kMs);
   EXPECT_TRUE(entries_.back().leaving);
@@ -116,9 +119,7 @@ TEST_F(PointedUsersTest, ReleasingSendsLeaveMessagesAndFreesTheName) {
 }
 
 TEST_F(PointedUsersTest, APageGetsItsNameAgainAtOnce) {
-  step(10 * kMs);
-  users_.on_touch(kPage, {"guest", ""}, now_ns_);
-  step(20 * kMs);
+  bring_guest();
   users_.on_release(kPage);
   users_.on_touch(kPage, {"guest", ""}, now_ns_);
   EXPECT_TRUE(users_.has_user(kPage));
@@ -130,9 +131,7 @@ TEST_F(PointedUsersTest, APageGetsItsNameAgainAtOnce) {
 }
 
 TEST_F(PointedUsersTest, ANameIsFreeWhenTheHrtcNoLongerListsTheUser) {
-  step(10 * kMs);
-  users_.on_touch(kPage, {"guest", ""}, now_ns_);
-  step(20 * kMs);
+  bring_guest();
   hrtcs_serve_users_ = false;
   users_.on_release(kPage);
   step(200 * kMs);
@@ -148,9 +147,7 @@ TEST_F(PointedUsersTest, ANameIsFreeWhenTheHrtcNoLongerListsTheUser) {
 }
 
 TEST_F(PointedUsersTest, ARequestIsRefusedIfTheHrtcStillListsTheOldUserAfterASecond) {
-  step(10 * kMs);
-  users_.on_touch(kPage, {"guest", ""}, now_ns_);
-  step(20 * kMs);
+  bring_guest();
   hrtcs_serve_users_ = false;
   users_.on_release(kPage);
   users_.on_touch(kPage, {"guest", ""}, now_ns_);
@@ -161,9 +158,7 @@ TEST_F(PointedUsersTest, ARequestIsRefusedIfTheHrtcStillListsTheOldUserAfterASec
 }
 
 TEST_F(PointedUsersTest, TheNameOfALeavingUserGoesToTheFirstPageThatRequestsIt) {
-  step(10 * kMs);
-  users_.on_touch(kPage, {"guest", ""}, now_ns_);
-  step(20 * kMs);
+  bring_guest();
   users_.on_release(kPage);
   users_.on_touch(kPage + 1, {"guest", ""}, now_ns_);
   users_.on_touch(kPage + 2, {"guest", ""}, now_ns_);
@@ -173,9 +168,7 @@ TEST_F(PointedUsersTest, TheNameOfALeavingUserGoesToTheFirstPageThatRequestsIt) 
 }
 
 TEST_F(PointedUsersTest, APageThatReleasesWhileItWaitsGetsNoUser) {
-  step(10 * kMs);
-  users_.on_touch(kPage, {"guest", ""}, now_ns_);
-  step(20 * kMs);
+  bring_guest();
   users_.on_release(kPage);
   users_.on_touch(kPage, {"guest", ""}, now_ns_);
   users_.on_release(kPage);
@@ -247,9 +240,7 @@ TEST_F(PointedUsersTest, TheUserOfASilentPageLeaves) {
 }
 
 TEST_F(PointedUsersTest, TheUserLeavesWithItsHrtc) {
-  step(10 * kMs);
-  users_.on_touch(kPage, {"guest", ""}, now_ns_);
-  step(20 * kMs);
+  bring_guest();
   hrtcs_.clear();
   hrtcs_serve_users_ = false;
   step(1000 * kMs);
