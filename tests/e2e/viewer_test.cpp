@@ -1,4 +1,5 @@
 // A viewer in a session of other programs: what its page receives is what the topics carry.
+#include <algorithm>
 #include <cstring>
 #include <nlohmann/json.hpp>
 
@@ -190,7 +191,13 @@ TEST_F(ViewerTest, ARecordingShowsMeshAndForceOfItsSessionAndStepsBackToItsBegin
   Process users{sim(kPress)};
   Observer observer{address("observer")};
   // The hand rests at last, so that the mesh no longer changes.
-  ASSERT_TRUE(observer.until([](const Observer::Seen& seen) { return seen.user("ann").exact > 3000; }));
+  ASSERT_TRUE(observer.until([](const Observer::Seen& seen) {
+    const auto meshes = seen.meshes.find("desk");
+    if (seen.user("ann").exact < 300 || meshes == seen.meshes.end() || meshes->second.size() < 4) return false;
+    const std::vector<session::MeshHash>& hashes = meshes->second;
+    return std::all_of(hashes.end() - 4, hashes.end(),
+                       [&](const auto& mesh) { return mesh.hash == hashes.back().hash; });
+  }));
   recorder.signal(SIGINT);
   EXPECT_TRUE(exits_with(0, recorder));
   const std::uint64_t hash = observer.seen().meshes.at("desk").back().hash;
