@@ -47,13 +47,19 @@ function(tactus_module name)
   target_precompile_headers(${target} REUSE_FROM tactus_precompiled)
 endfunction()
 
-# tactus_program(tactus-host SOURCES main.cpp LINK tactus::host_service): a program that is installed. A main.cpp only
-# parses options, so it is compiled with -O1 for a quick build.
+# tactus_program(tactus-host SOURCES main.cpp LINK tactus::host_service [FOLDER bin] [COMPONENT spm]): a program that is
+# installed in FOLDER. A main.cpp only parses options, so it is compiled with -O1 for a quick build.
 function(tactus_program name)
-  cmake_parse_arguments(ARG "" "" "SOURCES;LINK" ${ARGN})
+  cmake_parse_arguments(ARG "" "FOLDER;COMPONENT" "SOURCES;LINK" ${ARGN})
+  if(NOT ARG_FOLDER)
+    set(ARG_FOLDER ${CMAKE_INSTALL_BINDIR})
+  endif()
+  if(NOT ARG_COMPONENT)
+    set(ARG_COMPONENT Unspecified)
+  endif()
   set_source_files_properties(main.cpp PROPERTIES COMPILE_OPTIONS -O1)
   add_executable(${name} ${ARG_SOURCES})
   target_link_libraries(${name} PRIVATE tactus_options ${ARG_LINK})
   set_target_properties(${name} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${PROJECT_BINARY_DIR}/bin)
-  install(TARGETS ${name} RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR})
+  install(TARGETS ${name} RUNTIME DESTINATION ${ARG_FOLDER} COMPONENT ${ARG_COMPONENT})
 endfunction()

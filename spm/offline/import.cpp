@@ -1,32 +1,65 @@
 #include "spm/offline/import.hpp"
 
-#include <assimp/config.h>
-#include <assimp/scene.h>
+#include <dlfcn.h>
+#include <fcntl.h>
+#include <poll.h>
+#include <spawn.h>
+#include <sys/mman.h>
+#include <sys/resource.h>
+#include <sys/socket.h>
+#include <sys/stat.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
-#include <Eigen/Core>
-#include <Eigen/LU>
 #include <algorithm>
 #include <array>
-#include <assimp/Importer.hpp>
-#include <cctype>
+#include <cerrno>
+#include <chrono>
+#include <csignal>
 #include <cstdint>
+#include <cstdlib>
 #include <cstring>
-#include <fstream>
-#include <sstream>
+#include <ctime>
+#include <set>
 #include <string>
+#include <string_view>
 #include <system_error>
+#include <utility>
+#include <vector>
 
 #include "spm/model.hpp"
-#include "spm/offline/ply.hpp"
-#include "spm/offline/polygon.hpp"
+#include "spm/offline/import_channel.hpp"
 
 namespace tactus::spm::offline {
 namespace {
 
-/// Counts of what the reader found, for messages.
-struct Found {
-  std::size_t points = 0, lines = 0;
-  std::size_t faces = 0;  // faces before polygons are cut
+namespace channel = import_channel;
+
+/// What the child may use: a constant, and more for each byte of the files that it reads. An OBJ file of 2 GB took 4.7
+/// bytes of memory for each byte, and 14 MB/s. With one digit for each coordinate, it takes much more memory.
+constexpr std::uint64_t kMemory = 1ULL << 30, kMemoryPerByte = 64;
+constexpr std::uint64_t kSeconds = 10, kBytesPerSecond = 2'000'000;
+constexpr int kMaxRequests = 1000;  // for files
+constexpr int kWaiting = 10;        // times the computing time that the child may take, with the time in which it waits
+constexpr int kPollMs = 100;
+
+class Descriptor {
+ public:
+  explicit Descriptor(int value = -1) : value_{value} {}
+  Descriptor(Descriptor&& other) noexcept : value_{std::exchange(other.value_, -1)} {}
+  Descriptor& operator=(Descriptor&& other) noexcept {
+    std::swap(value_, other.value_);
+    return *this;
+  }
+  ~Descriptor() { close(); }
+  [[nodiscard]] int get() const noexcept { return value_; }
+  void close() noexcept {
+    if (value_ >= 0) ::close(value_);
+    value_ = -1;
+  }
+
+ private:
+  int value_;
 };
 
 void check_readable(const std::filesystem::path& path) {
@@ -38,231 +71,255 @@ void check_readable(const std::filesystem::path& path) {
   if (std::filesystem::file_size(path, error) == 0) fail(path, "found 0 bytes, expected a model");
 }
 
-std::string extension_of(const std::filesystem::path& path) {
-  std::string extension = path.extension().string();
-  for (char& c : extension) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
-  return extension;
-}
-
-/// The numbers of vertices and faces that a file declares; 0 if its format does not declare them.
-struct Declared {
-  double vertices = 0, faces = 0;
-};
-
-/// Reads the declared counts. Throws if the file is too short for these counts, because assimp would reserve memory for
-/// them. A vertex takes at least the 6 bytes of "0 0 0\n".
-Declared declared_by_off(const std::filesystem::path& path) {
-  std::ifstream file{path};
-  std::string magic;
-  Declared counts;
-  if (!(file >> magic >> counts.vertices >> counts.faces)) return {};
-  const auto size = static_cast<double>(std::filesystem::file_size(path));
-  if (6 * counts.vertices + 2 * counts.faces > size) {
-    std::ostringstream text;
-    text << "found " << size << " bytes, too few for " << counts.vertices << " vertices and " << counts.faces
-         << " faces";
-    fail(path, text.str());
+/// Finds the program tactus-import: TACTUS_IMPORT, or else near this code, or where `cmake --install` has put it.
+std::filesystem::path importer_program() {
+  if (const char* named = std::getenv("TACTUS_IMPORT"); named != nullptr && *named != '\0') return named;
+  std::vector<std::filesystem::path> folders;
+  std::vector<std::filesystem::path> binaries{"/proc/self/exe"};
+  Dl_info library{};  // that contains this code, such as a module of Python
+  if (dladdr(reinterpret_cast<const void*>(&importer_program), &library) != 0) binaries.emplace_back(library.dli_fname);
+  for (const std::filesystem::path& binary : binaries) {
+    std::error_code error;
+    const std::filesystem::path folder = std::filesystem::canonical(binary, error).parent_path();
+    for (const char* near : {".", "../bin", "../../bin", "../libexec/tactus"})
+      if (!error) folders.push_back(folder / near);
   }
-  return counts;
+  folders.emplace_back(TACTUS_IMPORT_FOLDER);
+  for (const std::filesystem::path& folder : folders)
+    if (access((folder / "tactus-import").c_str(), X_OK) == 0) return folder / "tactus-import";
+  throw ModelError{"found no program tactus-import, expected it in " TACTUS_IMPORT_FOLDER
+                   "; the variable TACTUS_IMPORT can name it"};
 }
 
-Declared declared_by_obj(const std::filesystem::path& path) {
-  std::ifstream file{path};
-  Declared counts;
-  for (std::string line; std::getline(file, line);) {
-    const std::size_t word = line.find_first_not_of(" \t");
-    if (word == std::string::npos || word + 1 >= line.size() || (line[word + 1] != ' ' && line[word + 1] != '\t'))
-      continue;
-    if (line[word] == 'v') ++counts.vertices;
-    if (line[word] == 'f') ++counts.faces;
+/// The child process that reads a model.
+class Importer {
+ public:
+  Importer(const std::filesystem::path& model, LossPolicy losses) : model_{model} {
+    std::array<int, 2> sockets{};
+    require(socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0, sockets.data()) == 0, "socketpair");
+    socket_ = Descriptor{sockets[0]};
+    const Descriptor theirs = above_result(Descriptor{sockets[1]});
+    result_ = Descriptor{memfd_create("tactus-import", MFD_CLOEXEC)};
+    require(result_.get() >= 0, "memfd_create");
+    result_ = above_result(result_);
+    start(theirs, losses);
   }
-  return counts;
-}
+  ~Importer() {
+    if (child_ <= 0) return;
+    kill(child_, SIGKILL);
+    int status = 0;
+    waitpid(child_, &status, 0);
+  }
+  Importer(const Importer&) = delete;
+  Importer& operator=(const Importer&) = delete;
 
-Declared declared_by_stl(const std::filesystem::path& path) {
-  constexpr std::uint64_t kHeader = 84, kFacet = 50;
-  std::ifstream file{path, std::ios::binary};
-  std::array<char, kHeader> header{};
-  std::uint32_t facets = 0;
-  if (file.read(header.data(), header.size())) std::memcpy(&facets, header.data() + 80, sizeof facets);
-  if (file && std::filesystem::file_size(path) == kHeader + kFacet * facets) return {0, static_cast<double>(facets)};
-  file.clear();
-  file.seekg(0);
-  Declared counts;
-  for (std::string word; file >> word;)
-    if (word == "facet") ++counts.faces;
-  return counts;
-}
+  [[nodiscard]] TriangleMesh mesh() {
+    answer_requests();
+    check_end();
+    return read_result();
+  }
 
-/// Throws if a face of the scene has a vertex that does not exist.
-void check_indices(const aiScene& scene, const std::filesystem::path& path) {
-  for (unsigned m = 0; m < scene.mNumMeshes; ++m) {
-    const aiMesh& mesh = *scene.mMeshes[m];
-    for (unsigned f = 0; f < mesh.mNumFaces; ++f) {
-      for (unsigned k = 0; k < mesh.mFaces[f].mNumIndices; ++k) {
-        if (mesh.mFaces[f].mIndices[k] < mesh.mNumVertices) continue;
-        fail(path, "mesh " + std::to_string(m) + ", face " + std::to_string(f) + ": found vertex index " +
-                       std::to_string(mesh.mFaces[f].mIndices[k]) + ", expected below " +
-                       std::to_string(mesh.mNumVertices));
+ private:
+  /// Throws if `error`, a number of errno, is not 0.
+  void require_no_error(int error, const std::string& what) const {
+    if (error != 0) fail(model_, "cannot be imported: " + what + ": " + std::generic_category().message(error));
+  }
+  /// Throws with errno if `succeeded` is false.
+  void require(bool succeeded, const char* what) const {
+    if (!succeeded) require_no_error(errno, what);
+  }
+
+  /// Returns a descriptor of the same file, above those of the child, which would replace it.
+  [[nodiscard]] Descriptor above_result(const Descriptor& file) const {
+    Descriptor copy{fcntl(file.get(), F_DUPFD_CLOEXEC, channel::kResult + 1)};
+    require(copy.get() >= 0, "fcntl(F_DUPFD_CLOEXEC)");
+    return copy;
+  }
+
+  void start(const Descriptor& theirs, LossPolicy losses) {
+    const std::string program = importer_program(), model = model_.string();
+    posix_spawn_file_actions_t actions;
+    posix_spawn_file_actions_init(&actions);
+    posix_spawn_file_actions_addopen(&actions, 0, "/dev/null", O_RDONLY, 0);
+    posix_spawn_file_actions_adddup2(&actions, theirs.get(), channel::kSocket);
+    posix_spawn_file_actions_adddup2(&actions, result_.get(), channel::kResult);
+    posix_spawn_file_actions_addclosefrom_np(&actions, channel::kResult + 1);
+    posix_spawnattr_t attributes;
+    posix_spawnattr_init(&attributes);
+    posix_spawnattr_setpgroup(&attributes, 0);  // Ctrl-C ends the parent, and with it the child
+    posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETPGROUP);
+    const char* const arguments[] = {"tactus-import", model.c_str(),
+                                     losses == LossPolicy::kAllow ? "allow-losses" : "refuse-losses", nullptr};
+    std::vector<std::string> kept;
+    for (const char* name : {"LD_LIBRARY_PATH", "ASAN_OPTIONS", "TSAN_OPTIONS", "UBSAN_OPTIONS"})
+      if (const char* value = std::getenv(name)) kept.push_back(std::string{name} + "=" + value);
+    std::vector<char*> environment;
+    for (std::string& entry : kept) environment.push_back(entry.data());
+    environment.push_back(nullptr);
+    const int error = posix_spawn(&child_, program.c_str(), &actions, &attributes, const_cast<char* const*>(arguments),
+                                  environment.data());
+    posix_spawn_file_actions_destroy(&actions);
+    posix_spawnattr_destroy(&attributes);
+    if (error != 0) child_ = -1;
+    require_no_error(error, program);
+  }
+
+  /// Opens files for the child until it ends or has used its time. The child could ignore SIGXCPU, so this process
+  /// measures the time.
+  void answer_requests() {
+    clockid_t clock{};
+    const int error = clock_getcpuclockid(child_, &clock);
+    require_no_error(error, "clock_getcpuclockid");
+    const auto began = std::chrono::steady_clock::now();
+    std::array<char, channel::kMaxName> name;
+    for (int requests = 0; requests < kMaxRequests;) {
+      pollfd request{socket_.get(), POLLIN, 0};
+      if (poll(&request, 1, kPollMs) > 0) {
+        const ssize_t size = recv(socket_.get(), name.data(), name.size(), 0);
+        if (size <= 0) break;
+        answer(open_file({name.data(), static_cast<std::size_t>(size)}));
+        ++requests;
+      }
+      timespec used{};
+      clock_gettime(clock, &used);
+      if (static_cast<std::uint64_t>(used.tv_sec) >= seconds_limit() ||
+          std::chrono::steady_clock::now() - began > kWaiting * std::chrono::seconds{seconds_limit()}) {
+        kill(child_, SIGKILL);
+        is_late_ = true;
+        break;
       }
     }
+    socket_.close();
   }
-}
 
-/// Throws if the scene lacks a node. assimp loses the nodes of some files and reports success, so their meshes would be
-/// missing without a message.
-void check_nodes(const aiNode& node, const std::filesystem::path& path) {
-  for (unsigned i = 0; i < node.mNumChildren; ++i) {
-    if (node.mChildren[i] == nullptr)
-      fail(path, "found an empty node, expected all " + std::to_string(node.mNumChildren) +
-                     " nodes of the file; assimp cannot read this file, so convert it to another format");
-    check_nodes(*node.mChildren[i], path);
-  }
-}
-
-using Matrix = Eigen::Matrix4d;
-
-Matrix matrix_of(const aiMatrix4x4& m) {
-  Matrix out;
-  for (unsigned row = 0; row < 4; ++row) {
-    for (unsigned column = 0; column < 4; ++column) out(row, column) = m[row][column];
-  }
-  return out;
-}
-
-/// Appends a mesh of the scene, transformed by `transform`.
-void append_mesh(const aiMesh& from, const Matrix& transform, TriangleMesh& to, Found& found) {
-  const std::size_t first = to.positions.size();
-  if (first + from.mNumVertices >= kNone) throw ModelError{"found more vertices than 32 bits can number"};
-  const bool moved = transform != Matrix::Identity();
-  for (unsigned v = 0; v < from.mNumVertices; ++v) {
-    const aiVector3D& p = from.mVertices[v];
-    if (moved) {
-      const Eigen::Vector4d q = transform * Eigen::Vector4d{p.x, p.y, p.z, 1};
-      to.positions.push_back({static_cast<float>(q[0]), static_cast<float>(q[1]), static_cast<float>(q[2])});
-    } else {
-      to.positions.push_back({p.x, p.y, p.z});
+  /// Opens the model, or another regular file in its folder or below.
+  [[nodiscard]] Descriptor open_file(std::string_view name) {
+    std::filesystem::path path = model_;
+    if (name != model_.filename().string()) {
+      std::error_code error;
+      const std::filesystem::path folder = std::filesystem::canonical(
+          model_.has_parent_path() ? model_.parent_path() : std::filesystem::path{"."}, error);
+      if (!error) path = std::filesystem::canonical(folder / name, error);
+      if (error || std::mismatch(folder.begin(), folder.end(), path.begin(), path.end()).first != folder.end())
+        return Descriptor{};
     }
+    Descriptor file{open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY)};
+    struct stat status {};
+    if (file.get() < 0 || fstat(file.get(), &status) != 0 || !S_ISREG(status.st_mode)) return Descriptor{};
+    if (known_files_.emplace(status.st_dev, status.st_ino).second) bytes_ += static_cast<std::uint64_t>(status.st_size);
+    set_limits();
+    return file;
   }
-  const bool mirrored = transform.topLeftCorner<3, 3>().determinant() < 0;
-  const auto add = [&](const aiFace& face, std::uint32_t a, std::uint32_t b, std::uint32_t c) {
-    if (mirrored) std::swap(b, c);
-    const auto id = [&](std::uint32_t k) { return static_cast<std::uint32_t>(first + face.mIndices[k]); };
-    to.faces.push_back({id(a), id(b), id(c)});
-  };
-  std::vector<std::array<float, 3>> corners;
-  for (unsigned f = 0; f < from.mNumFaces; ++f) {
-    const aiFace& face = from.mFaces[f];
-    if (face.mNumIndices >= 3) ++found.faces;
-    if (face.mNumIndices < 3) {
-      ++(face.mNumIndices == 2 ? found.lines : found.points);
-    } else if (face.mNumIndices == 3) {
-      add(face, 0, 1, 2);
-    } else {
-      corners.clear();
-      for (unsigned k = 0; k < face.mNumIndices; ++k) corners.push_back(to.positions[first + face.mIndices[k]]);
-      for (const Triangle& t : cut_polygon(corners)) add(face, t[0], t[1], t[2]);
+
+  void set_limits() const {
+    const auto limit = [&](__rlimit_resource resource, std::uint64_t value) {
+      rlimit limits{};
+      require(prlimit(child_, resource, nullptr, &limits) == 0, "prlimit");
+      limits.rlim_cur = std::min<rlim_t>(value, limits.rlim_max);  // the child may not raise it, so rlim_max can stay
+      require(prlimit(child_, resource, &limits, nullptr) == 0, "prlimit");
+    };
+#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)  // they reserve terabytes of addresses
+    limit(RLIMIT_AS, memory_limit());
+#endif
+    limit(RLIMIT_FSIZE, memory_limit());
+    limit(RLIMIT_NOFILE, 64);
+  }
+  [[nodiscard]] std::uint64_t memory_limit() const { return kMemory + kMemoryPerByte * bytes_; }
+  [[nodiscard]] std::uint64_t seconds_limit() const { return kSeconds + bytes_ / kBytesPerSecond; }
+
+  void answer(const Descriptor& file) const {
+    channel::Answer answer = file.get() < 0 ? channel::Answer::kRefused : channel::Answer::kOpened;
+    iovec data{&answer, sizeof answer};
+    alignas(cmsghdr) std::array<char, CMSG_SPACE(sizeof(int))> control{};
+    msghdr message{};
+    message.msg_iov = &data;
+    message.msg_iovlen = 1;
+    if (file.get() >= 0) {
+      message.msg_control = control.data();
+      message.msg_controllen = control.size();
+      cmsghdr* const header = CMSG_FIRSTHDR(&message);
+      header->cmsg_level = SOL_SOCKET;
+      header->cmsg_type = SCM_RIGHTS;
+      header->cmsg_len = CMSG_LEN(sizeof(int));
+      const int descriptor = file.get();
+      std::memcpy(CMSG_DATA(header), &descriptor, sizeof descriptor);
     }
+    (void)sendmsg(socket_.get(), &message, MSG_NOSIGNAL);  // fails if the child has ended
   }
-  if (from.mNumFaces == 0) found.points += from.mNumVertices;
-}
 
-void append_node(const aiScene& scene, const aiNode& node, const Matrix& parent, TriangleMesh& mesh, Found& found) {
-  const Matrix transform = parent * matrix_of(node.mTransformation);
-  for (unsigned i = 0; i < node.mNumMeshes; ++i) append_mesh(*scene.mMeshes[node.mMeshes[i]], transform, mesh, found);
-  for (unsigned i = 0; i < node.mNumChildren; ++i) append_node(scene, *node.mChildren[i], transform, mesh, found);
-}
+  /// Throws if the child did not end by itself, with a result.
+  void check_end() {
+    int status = 0;
+    while (waitpid(child_, &status, 0) < 0) require(errno == EINTR, "waitpid");
+    child_ = -1;
+    const std::string size = "a model of " + std::to_string(bytes_) + " bytes";
+    const std::string memory =
+        "needs more than " + std::to_string(memory_limit() >> 20) + " MiB of memory, the limit for " + size;
+    if (is_late_)
+      fail(model_,
+           "takes more than " + std::to_string(seconds_limit()) + " s of computing time, the limit for " + size);
+    if (WIFSIGNALED(status)) {
+      const int signal = WTERMSIG(status);
+      if (signal == SIGXFSZ) fail(model_, memory);
+      fail(model_, std::string{"the reader crashed ("} + strsignal(signal) +
+                       "), so the file is damaged or hostile; expected a model");
+    }
+    if (WEXITSTATUS(status) == channel::kOutOfMemory) fail(model_, memory);
+    if (WEXITSTATUS(status) != 0)
+      fail(model_, "cannot be imported: tactus-import ended with status " + std::to_string(WEXITSTATUS(status)));
+  }
 
-/// Describes a scene without triangles.
-std::string described(const aiScene& scene, const Found& found) {
-  std::string text;
-  const auto add = [&text](std::size_t count, const char* what) {
-    if (count > 0) text += (text.empty() ? "" : ", ") + std::to_string(count) + " " + what;
-  };
-  add(found.points, "points");
-  add(found.lines, "lines");
-  add(scene.mNumAnimations, "animations");
-  return text.empty() ? "nothing" : text;
-}
+  /// Reads the result. Whatever the child has written, the mesh is valid, and a message is one line of text.
+  [[nodiscard]] TriangleMesh read_result() const {
+    channel::ResultHeader header;
+    const std::uint64_t size = static_cast<std::uint64_t>(std::max<off_t>(lseek(result_.get(), 0, SEEK_END), 0));
+    std::uint64_t at = 0;
+    const auto read = [&](void* to, std::uint64_t bytes) {
+      for (auto* next = static_cast<char*>(to); bytes > 0;) {
+        const ssize_t got = pread(result_.get(), next, bytes, static_cast<off_t>(at));
+        if (got <= 0) return false;
+        next += got, at += static_cast<std::uint64_t>(got), bytes -= static_cast<std::uint64_t>(got);
+      }
+      return true;
+    };
+    const auto check = [&](bool valid) {
+      if (!valid) fail(model_, "the reader returned no valid mesh, so the file is damaged or hostile");
+    };
+    check(read(&header, sizeof header));
+    if (header.message_bytes > 0) {
+      std::string message(std::min<std::uint64_t>(header.message_bytes, channel::kMaxMessage), '\0');
+      check(read(message.data(), message.size()));
+      for (char& c : message)
+        if (static_cast<unsigned char>(c) < ' ') c = ' ';
+      if (message.rfind(model_.string(), 0) == 0) throw ModelError{message};
+      fail(model_, message);
+    }
+    TriangleMesh mesh;
+    constexpr std::uint64_t kVertexBytes = sizeof mesh.positions[0], kFaceBytes = sizeof mesh.faces[0];
+    check(header.vertices <= size / kVertexBytes && header.faces <= size / kFaceBytes &&
+          size == sizeof header + header.vertices * kVertexBytes + header.faces * kFaceBytes);
+    mesh.positions.resize(header.vertices);
+    mesh.faces.resize(header.faces);
+    check(read(mesh.positions.data(), header.vertices * kVertexBytes) &&
+          read(mesh.faces.data(), header.faces * kFaceBytes));
+    for (const Triangle& face : mesh.faces)
+      for (const std::uint32_t vertex : face) check(vertex < header.vertices);
+    return mesh;
+  }
 
-TriangleMesh import_with(Assimp::Importer& importer, const std::filesystem::path& path, Found& found) {
-  importer.SetPropertyBool(AI_CONFIG_IMPORT_NO_SKELETON_MESHES, true);
-  const aiScene* scene = importer.ReadFile(path.string(), 0);
-  if (scene == nullptr) fail(path, std::string{"cannot be read as a model: "} + importer.GetErrorString());
-  check_indices(*scene, path);
-  if (scene->mRootNode != nullptr) check_nodes(*scene->mRootNode, path);
-  TriangleMesh mesh;
-  if (scene->mRootNode != nullptr) append_node(*scene, *scene->mRootNode, Matrix::Identity(), mesh, found);
-  if (mesh.faces.empty()) fail(path, "found " + described(*scene, found) + ", expected a surface of triangles");
-  return mesh;
-}
-
-/// Counts the distinct positions. assimp repeats the vertices of an OBJ file for each face, so their number says
-/// nothing.
-std::size_t count_distinct(std::vector<std::array<float, 3>> positions) {
-  const auto before = [](const auto& a, const auto& b) {
-    return std::memcmp(&a, &b, sizeof a) < 0;
-  };  // by bytes, because NaN is not ordered
-  std::sort(positions.begin(), positions.end(), before);
-  return static_cast<std::size_t>(std::unique(positions.begin(), positions.end()) - positions.begin());
-}
-
-/// Throws if most declared vertices or faces are missing, because assimp drops unknown content silently.
-void require_few_losses(const std::filesystem::path& path, const Declared& declared, const TriangleMesh& mesh,
-                        const Found& found) {
-  const auto require = [&](const char* what, double has, double read) {
-    if (2 * read >= has) return;
-    std::ostringstream text;
-    text.precision(12);
-    text << "most " << what << " would be dropped: the file declares " << has << ", found " << read
-         << ", expected at least half (tactus-mesh build --allow-losses builds it as it is)";
-    fail(path, text.str());
-  };
-  require("faces", declared.faces, static_cast<double>(found.faces));
-  if (declared.vertices > 0)
-    require("vertices", declared.vertices, static_cast<double>(count_distinct(mesh.positions)));
-}
-
-/// True if the name or the first bytes are those of a PLY file, which read_ply() must read (ply.hpp).
-bool is_ply(const std::filesystem::path& path, const std::string& extension) {
-  std::array<char, 4> magic{};
-  std::ifstream{path, std::ios::binary}.read(magic.data(), magic.size());
-  return extension == ".ply" || (std::memcmp(magic.data(), "ply", 3) == 0 && (magic[3] == '\n' || magic[3] == '\r'));
-}
-
-TriangleMesh import_ply(const std::filesystem::path& path, LossPolicy losses) {
-  std::ifstream bytes{path, std::ios::binary};
-  PlyMesh ply = read_ply({path.string(), std::filesystem::file_size(path)}, bytes);
-  if (ply.mesh.faces.empty())
-    fail(path, "found " + std::to_string(ply.mesh.positions.size()) + " points and " + std::to_string(ply.lines) +
-                   " lines, expected a surface of triangles");
-  const Found found{0, ply.lines, ply.polygons};
-  if (losses == LossPolicy::kRefuse)
-    require_few_losses(path, {0, static_cast<double>(ply.lines + ply.polygons)}, ply.mesh, found);
-  return std::move(ply.mesh);
-}
+  const std::filesystem::path& model_;
+  Descriptor socket_, result_;
+  pid_t child_ = -1;
+  std::set<std::pair<dev_t, ino_t>> known_files_;  // that the child has opened
+  std::uint64_t bytes_ = 0;                        // their size
+  bool is_late_ = false;
+};
 
 }  // namespace
 
 TriangleMesh import_mesh(const std::filesystem::path& path, LossPolicy losses) {
   check_readable(path);
-  const std::string extension = extension_of(path);
-  if (is_ply(path, extension)) return import_ply(path, losses);
-  const Declared declared = extension == ".off"   ? declared_by_off(path)
-                            : extension == ".obj" ? declared_by_obj(path)
-                            : extension == ".stl" ? declared_by_stl(path)
-                                                  : Declared{};
-  try {
-    Assimp::Importer importer;
-    Found found;
-    TriangleMesh mesh = import_with(importer, path, found);
-    if (losses == LossPolicy::kRefuse) require_few_losses(path, declared, mesh, found);
-    return mesh;
-  } catch (const ModelError&) {
-    throw;
-  } catch (const std::exception& e) {
-    fail(path, std::string{"cannot be read as a model: "} + e.what());
-  }
+  return Importer{path, losses}.mesh();
 }
 
 }  // namespace tactus::spm::offline

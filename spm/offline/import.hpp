@@ -13,10 +13,14 @@ namespace tactus::spm::offline {
 /// those of the file, as floats. The result still has the duplicates, degenerate faces and unused vertices of the file,
 /// which clean() removes.
 ///
+/// The program tactus-import reads the file, in a process without rights (docs/decisions/0045-confined-import.md). It may
+/// read other files of the folder of the model, or below. An import takes some 10 ms more than the reading. Thread: any.
+///
 /// Throws ModelError that names the file, the value found and the value expected, if the file is missing, empty or
-/// damaged, or has no surface (only points, lines or an animation). The number of vertices or faces in an OBJ, OFF, PLY
-/// or STL file is known before the import. If the import yields less than half of a known number, throws unless
-/// `losses` is kAllow.
+/// damaged, or has no surface (only points, lines or an animation), and if its reader crashes or exceeds a limit
+/// (docs/reference/units-and-limits.md). The number of vertices or faces in an OBJ, OFF, PLY or STL file is known before
+/// the import. If the import yields less than half of a known number, throws unless `losses` is kAllow. Throws if
+/// tactus-import is neither installed nor near the calling program; the variable TACTUS_IMPORT can name it.
 [[nodiscard]] TriangleMesh import_mesh(const std::filesystem::path& path, LossPolicy losses = LossPolicy::kRefuse);
 
 }  // namespace tactus::spm::offline

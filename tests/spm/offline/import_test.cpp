@@ -38,16 +38,6 @@ class Import : public ::testing::Test {
     return {};
   }
 
-  void expect_refused_or_valid_indices(const std::string& name, const std::string& bytes) const {
-    try {
-      const TriangleMesh mesh = import_mesh(write_file(name, bytes));
-      for (const Triangle& face : mesh.faces)
-        for (const std::uint32_t vertex : face) ASSERT_LT(vertex, mesh.positions.size());
-    } catch (const ModelError& e) {
-      ASSERT_THAT(e.what(), HasSubstr(name));
-    }
-  }
-
   test_support::TemporaryFolder folder_;
 };
 
@@ -107,57 +97,6 @@ TEST_F(Import, TriangulatesAConcavePolygonWithoutLeavingItsOutline) {
     area += doubled_area / 2;
   }
   EXPECT_DOUBLE_EQ(area, 10);
-}
-
-/// PLY files with the same three triangle strips: a band of four triangles, a single triangle, and a strip that begins
-/// with a repeated corner, which reverses its orientation.
-std::vector<MeshFile> strip_files() {
-  const std::vector<std::array<float, 3>> positions{{0, 0, 0}, {0, 1, 0}, {1, 0, 0}, {1, 1, 0}, {2, 0, 0}, {2, 1, 0}};
-  const std::vector<std::int32_t> strips{1, 0, 3, 2, 5, 4, -1, 0, 2, 1, -1, 3, 3, 2, 5};
-  const auto header = [](const char* format) {
-    return std::string{"ply\nformat "} + format +
-           " 1.0\ncomment a scan\nelement vertex 6\nproperty float x\nproperty float y\nproperty float z\n"
-           "property uchar confidence\nelement tristrips 1\nproperty list int int vertex_indices\nend_header\n";
-  };
-  std::string text = header("ascii");
-  for (const auto& p : positions)
-    text += std::to_string(p[0]) + " " + std::to_string(p[1]) + " " + std::to_string(p[2]) + " 7\n";
-  text += std::to_string(strips.size());
-  for (const std::int32_t index : strips) text += " " + std::to_string(index);
-  std::vector<MeshFile> files{{"ascii.ply", text + "\n", 6}};
-  for (const bool big_endian : {false, true}) {
-    std::string bytes = header(big_endian ? "binary_big_endian" : "binary_little_endian");
-    for (const auto& p : positions) {
-      for (const float x : p) append(bytes, x, big_endian);
-      bytes += '\7';
-    }
-    append(bytes, static_cast<std::int32_t>(strips.size()), big_endian);
-    for (const std::int32_t index : strips) append(bytes, index, big_endian);
-    files.push_back({big_endian ? "big.ply" : "little.ply", bytes, 6});
-  }
-  return files;
-}
-
-TEST_F(Import, ReadsTriangleStripsWithTheirWinding) {
-  const std::vector<Triangle> expected{{1, 0, 3}, {3, 0, 2}, {3, 2, 5}, {5, 2, 4}, {0, 2, 1}, {2, 3, 5}};
-  for (const MeshFile& strips : strip_files()) {
-    const TriangleMesh mesh = import_mesh(write_file(strips.name, strips.bytes));
-    EXPECT_EQ(mesh.positions.size(), 6u) << strips.name;
-    EXPECT_EQ(mesh.faces, expected) << strips.name;
-  }
-}
-
-TEST_F(Import, RefusesTruncatedStripsAndStripsWithAVertexThatDoesNotExist) {
-  for (const MeshFile& strips : strip_files()) {
-    const std::size_t cut = strips.bytes.find_last_not_of('\n') - 1;  // inside the last index or just before it
-    EXPECT_THAT(import_error(write_file(strips.name, strips.bytes.substr(0, cut))), HasSubstr("truncated"))
-        << strips.name;
-    std::string wrong = strips.bytes;
-    const std::size_t last = wrong.size() - (strips.name == "little.ply" ? 4 : strips.name == "big.ply" ? 1 : 2);
-    wrong[last] = static_cast<char>(wrong[last] + 1);
-    EXPECT_THAT(import_error(write_file(strips.name, wrong)), HasSubstr("found vertex index 6, expected below 6"))
-        << strips.name;
-  }
 }
 
 TEST_F(Import, ReadsAPlyFileWithPolygonsDoublesOtherElementsAndFacesBeforeVertices) {
@@ -326,40 +265,6 @@ TEST_F(Import, RefusesAWordOfOver1024CharactersWhereverItIsInAPlyFile) {
   for (const std::size_t blanks : {0u, 64'000u, 64'500u, 65'500u}) {  // the reader has a buffer of 65,536 bytes
     EXPECT_EQ(import_with_x(blanks, 1024), "") << blanks << " blanks";
     EXPECT_THAT(import_with_x(blanks, 1100), HasSubstr("at most 1024 characters")) << blanks << " blanks";
-  }
-}
-
-TEST_F(Import, RefusesEveryTruncationOfABinaryFile) {
-  const TriangleMesh mesh = generate(Shape::kSphere, 200);
-  for (const char* name : {"cut.ply", "cut.stl"}) {
-    write_mesh(folder_.path() / name, mesh);
-    const std::string bytes = read_bytes(folder_.path() / name);
-    for (std::size_t size = 0; size < bytes.size(); size += 61) {
-      EXPECT_NE(import_error(write_file(name, bytes.substr(0, size))), "") << name << " cut to " << size;
-    }
-  }
-}
-
-TEST_F(Import, AFileWithADamagedByteIsRefusedOrHasValidIndices) {
-  const TriangleMesh mesh = generate(Shape::kSphere, 60);
-  for (const char* name : {"damaged.ply", "damaged.stl", "damaged.obj"}) {
-    write_mesh(folder_.path() / name, mesh);
-    const std::string bytes = read_bytes(folder_.path() / name);
-    for (std::size_t i = 0; i < bytes.size(); i += 7) {
-      std::string damaged = bytes;
-      damaged[i] = static_cast<char>(damaged[i] ^ 0x55);
-      ASSERT_NO_FATAL_FAILURE(expect_refused_or_valid_indices(name, damaged));
-    }
-  }
-}
-
-TEST_F(Import, AFileOfStripsWithADamagedBitIsRefusedOrHasValidIndices) {
-  for (const MeshFile& strips : strip_files()) {
-    for (std::size_t bit = 0; bit < 8 * strips.bytes.size(); bit += 3) {
-      std::string damaged = strips.bytes;
-      damaged[bit / 8] = static_cast<char>(damaged[bit / 8] ^ 1 << bit % 8);
-      ASSERT_NO_FATAL_FAILURE(expect_refused_or_valid_indices(strips.name, damaged));
-    }
   }
 }
 

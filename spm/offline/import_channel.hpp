@@ -1,0 +1,31 @@
+/// How import_mesh() and the program tactus-import, its child process, exchange data.
+///
+///     import_mesh()  <-- name of a file -----  tactus-import     kSocket, one packet each
+///                    --- its descriptor ---->
+///                    <-- result ------------                     kResult, a file in memory
+///
+/// The child asks for the model first, then for files that the model names. The result is complete once the child has
+/// ended with status 0.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+namespace tactus::spm::offline::import_channel {
+
+inline constexpr int kSocket = 3, kResult = 4;    // descriptors of the child, which has no other but 0, 1 and 2
+inline constexpr int kOutOfMemory = 3;            // exit status of the child
+inline constexpr std::size_t kMaxName = 4096;     // bytes of a file's name
+inline constexpr std::size_t kMaxMessage = 4096;  // bytes of an error message
+
+/// The answer to a name. The descriptor is ancillary data of the same packet.
+enum class Answer : char { kRefused, kOpened };
+
+/// The result begins with it. A message of an error follows, or vertices with three floats each, then faces with three
+/// vertex numbers of 32 bits each.
+struct ResultHeader {
+  std::uint64_t message_bytes = 0;  // 0: no error
+  std::uint64_t vertices = 0, faces = 0;
+};
+
+}  // namespace tactus::spm::offline::import_channel
