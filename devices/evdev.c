@@ -87,6 +87,7 @@ static void set_stick(struct axis* stick, int axis, int raw) {
 
 static unsigned clutch_code(const struct tactus_device* device) { return device->is_mouse ? BTN_LEFT : BTN_SOUTH; }
 static unsigned grab_code(const struct tactus_device* device) { return device->is_mouse ? BTN_RIGHT : BTN_EAST; }
+static unsigned stop_code(const struct tactus_device* device) { return device->is_mouse ? BTN_EXTRA : BTN_SELECT; }
 
 /* Reads which buttons are pressed and how far the sticks are deflected, because events report only changes. If the
  * device does not answer, its buttons count as released and its sticks as centred. */
@@ -95,6 +96,7 @@ static void read_state(struct tactus_device* device) {
   if (ioctl(device->fd, EVIOCGKEY(sizeof keys), keys) < 0) memset(keys, 0, sizeof keys);
   set_button(device, 1u, keys[clutch_code(device) / 8] >> (clutch_code(device) % 8) & 1);
   set_button(device, 2u, keys[grab_code(device) / 8] >> (grab_code(device) % 8) & 1);
+  set_button(device, 4u, keys[stop_code(device) / 8] >> (stop_code(device) % 8) & 1);
   for (int i = 0; i < kAxes && !device->is_mouse; ++i) {
     struct input_absinfo info;
     if (ioctl(device->fd, EVIOCGABS(kStickCodes[i]), &info) < 0)
@@ -157,6 +159,7 @@ static void take(struct tactus_device* device, const struct input_event* event) 
   }
   if (event->type == EV_KEY && event->code == clutch_code(device)) set_button(device, 1u, event->value);
   if (event->type == EV_KEY && event->code == grab_code(device)) set_button(device, 2u, event->value);
+  if (event->type == EV_KEY && event->code == stop_code(device)) set_button(device, 4u, event->value);
   if (device->is_mouse && event->type == EV_REL) {
     if (event->code == REL_X) device->target[0] += kCountLength * event->value;
     if (event->code == REL_Y) device->target[1] -= kCountLength * event->value; /* screens count downwards */

@@ -24,7 +24,8 @@ struct DeviceSpec {
 /// Bits of DeviceState::buttons.
 enum Button : std::uint32_t {
   kClutchButton = 1u << 0,  ///< while it is pressed the device moves and the tip does not
-  kGrabButton = 1u << 1     ///< while it is pressed the hand holds a movable object that it touches
+  kGrabButton = 1u << 1,    ///< while it is pressed the hand holds a movable object that it touches
+  kStopButton = 1u << 2     ///< pressing it is an emergency stop; while it is pressed, no reset ends the stop
 };
 
 struct DeviceState {

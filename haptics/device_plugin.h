@@ -54,7 +54,8 @@ struct tactus_device_pose {
   double orientation[4]; /* x, y, z, w, of unit length */
   int64_t time_ns;       /* time of the measurement, CLOCK_MONOTONIC */
   uint32_t buttons;      /* bit 0: the clutch: the device moves and the tip does not;
-                          * bit 1: the grab: the hand holds a movable object that it touches */
+                          * bit 1: the grab: the hand holds a movable object that it touches;
+                          * bit 2: an emergency stop: forces are off until it is released and a reset follows */
 };
 
 struct tactus_device_driver {

@@ -25,6 +25,7 @@ Examples:
   tactus-hrtc --session lab --name desk4 --device bob=./mydevice.so,/dev/ttyACM0
   tactus-hrtc --session lab --name desk5 --tool stylus
 
+SIGUSR1 saves the flight recording. SIGUSR2 is an emergency stop of the session.
 Exit status: 0 ended by the session or a signal, 1 no host found or an output file failed, 2 wrong input or a name in use.)";
 
 /// Returns the text before and after the first `=`. Throws CLI::ValidationError if one of them is empty.
@@ -65,6 +66,7 @@ int main(int argc, char** argv) {
   options.address.participant = "hrtc";
   options.flight.folder = std::filesystem::temp_directory_path() / "tactus-flight";
   options.save_requests = &wire::save_signals();
+  options.core.stop_signals = &wire::emergency_stop_signals();
   constexpr std::uint32_t kMinSlots = 256;
   constexpr double kToolDeadline = 400;  // us; a cycle with a tool may take more than 200 us
   std::uint32_t slots = 1u << 16;

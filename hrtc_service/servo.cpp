@@ -1,6 +1,7 @@
 #include "hrtc_service/servo.hpp"
 
 #include <algorithm>
+#include <utility>
 
 namespace tactus::hrtc_service {
 
@@ -12,6 +13,17 @@ Servo::Servo(const ServoSettings& settings, ServoLink& link)
   snapshot_.nodes.resize(settings.snapshot_nodes);
 }
 
+/// Requests a stop when a stop button is pressed, and again when a reset has ended its stop while it is pressed.
+/// Returns whether one is pressed.
+bool Servo::check_stop_buttons(const Inputs& inputs, std::uint32_t resets) noexcept {
+  const bool was_pressed =
+      std::exchange(stop_pressed_, std::any_of(inputs.begin(), inputs.end(), [](const auto& input) {
+                      return input.active && (input.device.buttons & haptics::kStopButton) != 0;
+                    }));
+  if (stop_pressed_ && (!was_pressed || resets != stop_.resets)) link_.request_stop();
+  return stop_pressed_;
+}
+
 /// Applies the stop after the reset, so that an earlier reset cannot end the stop.
 void Servo::obey(StopWord word) noexcept {
   if (word.bits() == stop_.bits()) return;
@@ -21,7 +33,9 @@ void Servo::obey(StopWord word) noexcept {
 }
 
 const Servo::Outputs& Servo::touch(Inputs& inputs, std::int64_t now_ns) noexcept {
-  obey(link_.stop());
+  StopWord word = link_.stop();
+  word.stopped = check_stop_buttons(inputs, word.resets) || word.stopped;
+  obey(word);
   const auto arrived = static_cast<std::uint32_t>(link_.arrivals.pop(arrived_.data(), arrived_.size()));
   const std::array<NearObjects, kMaxProbes>& near = link_.near_objects.latest();
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) inputs[i].near = near[i];

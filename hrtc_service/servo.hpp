@@ -66,6 +66,7 @@ class Servo {
   [[nodiscard]] std::vector<SnapshotFace> snapshot(std::uint32_t object_index) const;
 
  private:
+  [[nodiscard]] bool check_stop_buttons(const Inputs& inputs, std::uint32_t resets) noexcept;
   void obey(StopWord word) noexcept;
   void continue_snapshot() noexcept;
   void report_shown(std::uint32_t object_index) noexcept;
@@ -74,6 +75,7 @@ class Servo {
   Cycle cycle_;
   Bodies bodies_;
   StopWord stop_;
+  bool stop_pressed_ = false;  // in the last cycle
   std::uint64_t cycles_ = 0;
   Outputs outputs_;  // of the last touch, with forces limited by `bodies_`
   std::array<Arrival, 64> arrived_;

@@ -36,6 +36,16 @@ bool StopSwitch::on_roster(const session::RosterEntry& entry) {
   return is_new;
 }
 
+bool StopSwitch::answer_requests() {
+  const std::uint32_t requests = link_.stop_requests();
+  if (requests == link_.stop_requests_answered()) return false;
+  const std::lock_guard lock{mutex_};
+  const bool is_new = latch_.stop_here();
+  post_to_haptic_thread();
+  link_.answer_stop_requests(requests);  // after the stop word, so that the haptic thread is stopped all the time
+  return is_new;
+}
+
 bool StopSwitch::stopped() const {
   const std::lock_guard lock{mutex_};
   return latch_.stopped();

@@ -10,10 +10,18 @@ static_assert(std::atomic<bool>::is_always_lock_free, "set in a signal handler")
 
 void request_stop(int) { stop_requested = true; }
 
-std::atomic<std::uint32_t> saves_requested{0};
+std::atomic<std::uint32_t> saves_requested{0}, emergency_stops_requested{0};
 static_assert(std::atomic<std::uint32_t>::is_always_lock_free, "changed in a signal handler");
 
 void request_save(int) { ++saves_requested; }
+void request_emergency_stop(int) { ++emergency_stops_requested; }
+
+void install(int signal, void (*handler)(int)) {
+  struct sigaction action {};
+  action.sa_handler = handler;
+  action.sa_flags = SA_RESTART;
+  sigaction(signal, &action, nullptr);
+}
 
 }  // namespace
 
@@ -26,11 +34,13 @@ const std::atomic<bool>& stop_signal() {
 }
 
 const std::atomic<std::uint32_t>& save_signals() {
-  struct sigaction action {};
-  action.sa_handler = request_save;
-  action.sa_flags = SA_RESTART;
-  sigaction(SIGUSR1, &action, nullptr);
+  install(SIGUSR1, request_save);
   return saves_requested;
+}
+
+const std::atomic<std::uint32_t>& emergency_stop_signals() {
+  install(SIGUSR2, request_emergency_stop);
+  return emergency_stops_requested;
 }
 
 }  // namespace tactus::wire

@@ -17,6 +17,10 @@ namespace tactus::wire {
 /// that takes time. The program has to read the flag often enough to end within 2 s.
 [[nodiscard]] const std::atomic<bool>& stop_signal();
 
+/// Returns the number of SIGUSR2 signals, each of which requests an emergency stop at this program. The first call
+/// installs the handler.
+[[nodiscard]] const std::atomic<std::uint32_t>& emergency_stop_signals();
+
 /// Returns the number of SIGUSR1 signals, each of which requests that recorded data is saved. The first call installs
 /// the handler.
 [[nodiscard]] const std::atomic<std::uint32_t>& save_signals();

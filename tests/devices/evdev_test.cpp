@@ -112,6 +112,9 @@ TEST_F(Evdev, AMouseMovesTheTipByItsCounts) {
   send(EV_KEY, BTN_LEFT, 0);
   send(EV_KEY, BTN_RIGHT, 1);
   EXPECT_EQ(mouse.read(12 * kMs).buttons, kGrabButton);
+  send(EV_KEY, BTN_RIGHT, 0);
+  send(EV_KEY, BTN_EXTRA, 1);
+  EXPECT_EQ(mouse.read(13 * kMs).buttons, kStopButton);
 }
 
 TEST_F(Evdev, TheTipStaysInsideItsWorkspace) {

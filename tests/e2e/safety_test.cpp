@@ -72,6 +72,23 @@ TEST_F(SafetyTest, AStopSwitchesAllForcesOffUntilAResetAndReportsItsReason) {
   EXPECT_THAT(users.output(), testing::HasSubstr("FAULT 2"));
 }
 
+TEST_F(SafetyTest, ALocalStopStopsTheSessionUntilAReset) {
+  Observer observer{address("observer")};
+  Process museum{host("museum", models().sphere)};
+  Process desk{hrtc("desk")};
+  Process users{sim(kTwoUsersHold)};
+  ASSERT_TRUE(observer.until([](const Seen& seen) { return has_force(seen, "ann") && has_force(seen, "bob"); }))
+      << users.output() << desk.output();
+
+  desk.signal(SIGUSR2);
+  EXPECT_TRUE(observer.until([](const Seen& seen) { return is_stopped(seen, "ann") && is_stopped(seen, "bob"); }));
+  EXPECT_TRUE(desk.wait_for_line("emergency stop at this HRTC, by a button or a signal"));
+  Process reset{control({"reset"})};
+  EXPECT_TRUE(exits_with(0, reset)) << reset.output();
+  EXPECT_THAT(reset.output(), testing::HasSubstr("resets 1 stop\nacknowledged by HRTCs: desk; by hosts: museum"));
+  EXPECT_TRUE(observer.until([](const Seen& seen) { return has_force(seen, "ann") && has_force(seen, "bob"); }));
+}
+
 TEST_F(SafetyTest, AStopAppliesToProgramsThatJoinAfterItUntilAReset) {
   Observer observer{address("observer")};
   Process museum{host("museum", models().sphere)};

@@ -27,7 +27,11 @@ class ForceRecordingHand final : public haptics::Device {
  public:
   explicit ForceRecordingHand(const haptics::HandSettings& settings) : hand_{settings} {}
   [[nodiscard]] const haptics::DeviceSpec& spec() const noexcept override { return hand_.spec(); }
-  [[nodiscard]] haptics::DeviceState read(std::int64_t now_ns) noexcept override { return hand_.read(now_ns); }
+  [[nodiscard]] haptics::DeviceState read(std::int64_t now_ns) noexcept override {
+    haptics::DeviceState state = hand_.read(now_ns);
+    state.buttons |= pressed_;
+    return state;
+  }
   void write(const Vec3d& force) noexcept override {
     hand_.write(force);
     force_ = force.norm();
@@ -37,6 +41,8 @@ class ForceRecordingHand final : public haptics::Device {
 
   [[nodiscard]] double force() const noexcept { return force_; }
   [[nodiscard]] haptics::Mailbox<haptics::HandPath>& paths() noexcept { return hand_.paths(); }
+  /// Presses these buttons and releases the others.
+  void press(std::uint32_t buttons) noexcept { pressed_ = buttons; }
   /// Waits until the haptic thread has commanded `count` further forces.
   void wait_for_writes(std::uint64_t count) const {
     const std::uint64_t end = writes_ + count;
@@ -46,6 +52,7 @@ class ForceRecordingHand final : public haptics::Device {
  private:
   haptics::SimulatedDevice hand_;
   std::atomic<double> force_{0};
+  std::atomic<std::uint32_t> pressed_{0};
   std::atomic<std::uint64_t> writes_{0};
 };
 
@@ -85,7 +92,13 @@ class EmergencyStop : public ::testing::Test {
   [[nodiscard]] static hrtc_service::HrtcCoreSettings core_settings(const spm::Model& model) {
     hrtc_service::HrtcCoreSettings settings;
     settings.pool = spm::PoolSettings::for_slots(model.summary.parts + 600);
+    settings.stop_signals = &signals();
     return settings;
+  }
+  /// What a signal handler would increment.
+  [[nodiscard]] static std::atomic<std::uint32_t>& signals() {
+    static std::atomic<std::uint32_t> count{0};
+    return count;
   }
   [[nodiscard]] static hrtc_service::HapticSettings haptic_settings() {
     hrtc_service::HapticSettings settings;
@@ -129,6 +142,58 @@ TEST_F(EmergencyStop, TheCallbackOfAStopZeroesTheForceWithinACycleUntilAResetNam
   hand_.wait_for_writes(100);
   EXPECT_EQ(hand_.force(), 0) << "the reset names another stop";
   EXPECT_TRUE(stops.on_reset({{kSession, 51, 1, 0}, 2, {{50, 1, 1}}, ""}));
+  wait_for_force();
+}
+
+TEST_F(EmergencyStop, ASignalZeroesTheForceWithoutTheGatewayAndStandsUntilAResetNamesItsStop) {
+  ++signals();  // nothing but the haptic thread runs
+  hand_.wait_for_writes(2);
+  for (int cycle = 0; cycle < 100; ++cycle) {
+    ASSERT_EQ(hand_.force(), 0) << "in cycle " << cycle;
+    hand_.wait_for_writes(1);
+  }
+
+  hrtc_service::StopSwitch stops{session::Origin{kSession, kHrtc, 1, 0}, core_.link()};
+  std::vector<session::StopRecord> records;
+  EXPECT_TRUE(stops.on_reset({{kSession, 51, 1, 0}, 1, {{kHrtc, 1, 0}}, ""}));
+  hand_.wait_for_writes(100);
+  EXPECT_EQ(hand_.force(), 0) << "a reset before the gateway has answered";
+  EXPECT_FALSE(stops.acknowledge(records));
+
+  EXPECT_TRUE(stops.answer_requests());
+  EXPECT_FALSE(stops.answer_requests()) << "it is answered";
+  hand_.wait_for_writes(100);
+  EXPECT_EQ(hand_.force(), 0);
+  ASSERT_TRUE(stops.acknowledge(records));
+  const std::vector<session::StopName> standing = session::standing_stops(records);
+  ASSERT_EQ(standing.size(), 1u);
+  EXPECT_EQ(standing[0].participant, kHrtc);
+  EXPECT_TRUE(stops.on_reset({{kSession, 51, 1, 0}, 2, standing, ""}));
+  wait_for_force();
+}
+
+TEST_F(EmergencyStop, AStopButtonZeroesTheForceAndNoResetEndsItsStopWhileItIsPressed) {
+  hrtc_service::StopSwitch stops{session::Origin{kSession, kHrtc, 1, 0}, core_.link()};
+  const auto reset = [&, number = 0u]() mutable {
+    std::vector<session::StopRecord> records;
+    (void)stops.acknowledge(records);
+    (void)stops.on_reset({{kSession, 51, 1, 0}, ++number, session::standing_stops(records), ""});
+    hand_.wait_for_writes(100);
+  };
+  hand_.press(haptics::kStopButton);
+  hand_.wait_for_writes(2);
+  EXPECT_EQ(hand_.force(), 0) << "before the gateway has answered";
+  EXPECT_TRUE(stops.answer_requests());
+  hand_.wait_for_writes(100);
+
+  reset();
+  EXPECT_EQ(hand_.force(), 0) << "the button is still pressed";
+  EXPECT_TRUE(stops.answer_requests()) << "a new stop after the reset";
+  hand_.press(0);
+  hand_.wait_for_writes(100);
+  EXPECT_EQ(hand_.force(), 0) << "the new stop stands";
+
+  reset();
   wait_for_force();
 }
 

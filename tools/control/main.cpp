@@ -3,9 +3,14 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <cerrno>
+#include <csignal>
+#include <filesystem>
+#include <fstream>
 #include <iostream>
 #include <optional>
 #include <string>
+#include <system_error>
 #include <thread>
 #include <vector>
 
@@ -24,13 +29,16 @@ using wire::monotonic_ns;
 constexpr char kExamples[] = R"(
 Examples:
   tactus-control stop --session lab --domain 40 --reason "needle bent"
+  tactus-control stop --local
   tactus-control reset --session lab --domain 40
   tactus-control mode "collaborate ann,bob" --session lab --domain 40
 
 A stop sets every force in the session to zero at once. Forces remain off until a reset, which starts them softly. A
-reset ends the stops that are in force when it begins. It does not end later stops.
-Exit status: 0 acknowledged by all hosts and HRTCs, at least one of them an HRTC (mode and end: received by all),
-1 not acknowledged by all, or another stop is still in force, 2 wrong input, 130 interrupted.)";
+reset ends the stops that are in force when it begins. It does not end later stops. With --local, every HRTC on this
+machine gets the signal SIGUSR2, which works without a network. The sessions of these HRTCs then stop too.
+Exit status: 0 acknowledged by all hosts and HRTCs, at least one of them an HRTC (mode and end: received by all; --local:
+signalled all HRTCs, at least one), 1 not acknowledged by all, or another stop is still in force, 2 wrong input,
+130 interrupted.)";
 
 /// Period at which a stop or a reset is repeated.
 constexpr milliseconds kRepeatPeriod{20};
@@ -134,6 +142,26 @@ int stop_forces(const wire::SessionAddress& address, const Request& request, con
   return session.found() ? report(answer) : report_none_found(address, request.patience);
 }
 
+/// Signals a stop to each HRTC on this machine. Needs no network.
+int stop_local_hrtcs() {
+  int signalled = 0, failed = 0;
+  for (const auto& process : std::filesystem::directory_iterator{"/proc"}) {
+    std::string name;
+    if (!std::getline(std::ifstream{process.path() / "comm"}, name) || name != "tactus-hrtc") continue;
+    const int id = std::stoi(process.path().filename());
+    const bool sent = kill(id, SIGUSR2) == 0;
+    if (!sent && errno == ESRCH) continue;  // it has ended
+    ++(sent ? signalled : failed);
+    if (sent)
+      std::cout << "stopped the HRTC with process id " << id << '\n';
+    else
+      std::cerr << "tactus-control: the HRTC with process id " << id
+                << " was not stopped: " << std::generic_category().message(errno) << "; it may run as another user\n";
+  }
+  if (signalled + failed == 0) std::cerr << "tactus-control: no HRTC found on this machine\n";
+  return failed == 0 && signalled > 0 ? 0 : 1;
+}
+
 int reset_forces(const wire::SessionAddress& address, const Request& request, const std::atomic<bool>& cancelled) {
   Session session{address, request.patience, cancelled};
   wire::Writer<session::ForceReset> out{session.participants(), wire::topics::kReset};
@@ -212,8 +240,11 @@ int main(int argc, char** argv) {
         });
     return sub;
   };
-  const CLI::App* const stop =
+  CLI::App* const stop =
       with_reason(app.add_subcommand("stop", "Emergency stop: set every force to zero at once, until a reset"));
+  const CLI::Option* const local =
+      stop->add_flag("--local", "Stop every HRTC on this machine by a signal, without a network")
+          ->excludes(stop->get_option("--reason"));
   const CLI::App* const reset = with_reason(
       app.add_subcommand("reset", "End the stops now in force and the faults of devices; forces start softly"));
   const CLI::App* const end =
@@ -230,6 +261,7 @@ int main(int argc, char** argv) {
   }
   try {
     const std::atomic<bool>& interrupted = wire::stop_signal();
+    if (local->count() > 0) return stop_local_hrtcs();
     if (stop->parsed()) return stop_forces(address, request, interrupted);
     if (reset->parsed()) return reset_forces(address, request, interrupted);
     if (end->parsed()) return announce(address, wire::topics::kEnd, request, {{}, request.text}, interrupted);
