@@ -47,15 +47,14 @@ class Filter {
 
 void confine() {
   require_no_error(prctl(PR_SET_PDEATHSIG, SIGKILL) == 0 ? 0 : errno, "prctl(PR_SET_PDEATHSIG)");
-  // A core dump or a debugger of the same user could show what the file made of this process.
+  // No core dumps, and no debugger of the same user.
   require_no_error(prctl(PR_SET_DUMPABLE, 0) == 0 ? 0 : errno, "prctl(PR_SET_DUMPABLE)");
 
   Filter filter;
   filter.allow({SCMP_SYS(read), SCMP_SYS(pread64), SCMP_SYS(readv), SCMP_SYS(lseek), SCMP_SYS(write), SCMP_SYS(writev),
                 SCMP_SYS(close), SCMP_SYS(fstat), SCMP_SYS(sendto), SCMP_SYS(sendmsg), SCMP_SYS(recvfrom),
                 SCMP_SYS(recvmsg)});
-  filter.allow_if(SCMP_SYS(newfstatat), SCMP_A3(SCMP_CMP_EQ, AT_EMPTY_PATH));  // fstat() of glibc
-  filter.allow_if(SCMP_SYS(fcntl), SCMP_A1(SCMP_CMP_EQ, F_GETFL));             // fdopen()
+  filter.allow_if(SCMP_SYS(fcntl), SCMP_A1(SCMP_CMP_EQ, F_GETFL));  // fdopen()
   filter.allow({SCMP_SYS(brk), SCMP_SYS(munmap), SCMP_SYS(mremap), SCMP_SYS(madvise)});
   for (const int call : {SCMP_SYS(mmap), SCMP_SYS(mprotect)})
     filter.allow_if(call, SCMP_A2(SCMP_CMP_MASKED_EQ, PROT_EXEC, 0));

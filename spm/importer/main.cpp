@@ -44,7 +44,7 @@ class ParentFiles : public ModelFiles {
   std::unique_ptr<std::istream> open(const std::string& name) override {
     if (name.empty() || name.size() > channel::kMaxName) return nullptr;
     if (send(channel::kSocket, name.data(), name.size(), MSG_NOSIGNAL) < 0)
-      throw std::system_error{errno, std::generic_category(), "cannot ask for a file"};
+      throw std::system_error{errno, std::generic_category(), "cannot request a file"};
     const int descriptor = receive_descriptor();
     return descriptor < 0 ? nullptr : std::make_unique<DescriptorStream>(descriptor);
   }

@@ -68,7 +68,7 @@ class ReadStream : public Assimp::IOStream {
   std::size_t size_;
 };
 
-/// The files of a model for assimp, which asks for nothing else.
+/// The files of a model for assimp, which opens no other files.
 class ReadOnlyFiles : public Assimp::IOSystem {
  public:
   explicit ReadOnlyFiles(ModelFiles& files) : files_{files} {}

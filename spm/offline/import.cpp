@@ -29,19 +29,21 @@
 
 #include "spm/model.hpp"
 #include "spm/offline/import_channel.hpp"
+#include "spm/offline/model_file.hpp"
 
 namespace tactus::spm::offline {
 namespace {
 
 namespace channel = import_channel;
 
-/// What the child may use: a constant, and more for each byte of the files that it reads. An OBJ file of 2 GB took 4.7
-/// bytes of memory for each byte, and 14 MB/s. With one digit for each coordinate, it takes much more memory.
+/// Limits of the child: a constant, and more for each byte of the files that it reads. An OBJ file of 2 GB took 4.7 bytes
+/// of memory for each byte, and 14 MB/s. With one digit for each coordinate, it takes much more memory.
 constexpr std::uint64_t kMemory = 1ULL << 30, kMemoryPerByte = 64;
 constexpr std::uint64_t kSeconds = 10, kBytesPerSecond = 2'000'000;
-constexpr int kMaxRequests = 1000;  // for files
-constexpr int kWaiting = 10;        // times the computing time that the child may take, with the time in which it waits
-constexpr int kPollMs = 100;
+constexpr std::uint64_t kWallClockFactor =
+    10;                                       // limit of the elapsed time, as a multiple of that of the computing time
+constexpr int kMaxRequests = 1000;            // for files
+constexpr int kPollMs = 100, kEndPollMs = 5;  // while the child can request files, and after that
 
 class Descriptor {
  public:
@@ -69,6 +71,7 @@ void check_readable(const std::filesystem::path& path) {
   if (error) fail(path, "cannot be read: " + error.message());
   if (status.type() != std::filesystem::file_type::regular) fail(path, "is no regular file, expected a model");
   if (std::filesystem::file_size(path, error) == 0) fail(path, "found 0 bytes, expected a model");
+  if (is_model_file(path)) fail(path, "is an SPM model already, expected a model of another format");
 }
 
 /// Finds the program tactus-import: TACTUS_IMPORT, or else near this code, or where `cmake --install` has put it.
@@ -92,30 +95,29 @@ std::filesystem::path importer_program() {
 }
 
 /// The child process that reads a model.
-class Importer {
+class ImportProcess {
  public:
-  Importer(const std::filesystem::path& model, LossPolicy losses) : model_{model} {
+  ImportProcess(const std::filesystem::path& model, LossPolicy losses) : model_{model} {
     std::array<int, 2> sockets{};
     require(socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0, sockets.data()) == 0, "socketpair");
     socket_ = Descriptor{sockets[0]};
-    const Descriptor theirs = above_result(Descriptor{sockets[1]});
+    const Descriptor child_socket = above_result(Descriptor{sockets[1]});
     result_ = Descriptor{memfd_create("tactus-import", MFD_CLOEXEC)};
     require(result_.get() >= 0, "memfd_create");
     result_ = above_result(result_);
-    start(theirs, losses);
+    start(child_socket, losses);
   }
-  ~Importer() {
+  ~ImportProcess() {
     if (child_ <= 0) return;
     kill(child_, SIGKILL);
     int status = 0;
     waitpid(child_, &status, 0);
   }
-  Importer(const Importer&) = delete;
-  Importer& operator=(const Importer&) = delete;
+  ImportProcess(const ImportProcess&) = delete;
+  ImportProcess& operator=(const ImportProcess&) = delete;
 
   [[nodiscard]] TriangleMesh mesh() {
-    answer_requests();
-    check_end();
+    check_end(serve_until_end());
     return read_result();
   }
 
@@ -136,12 +138,16 @@ class Importer {
     return copy;
   }
 
-  void start(const Descriptor& theirs, LossPolicy losses) {
+  void start(const Descriptor& child_socket, LossPolicy losses) {
     const std::string program = importer_program(), model = model_.string();
     posix_spawn_file_actions_t actions;
     posix_spawn_file_actions_init(&actions);
     posix_spawn_file_actions_addopen(&actions, 0, "/dev/null", O_RDONLY, 0);
-    posix_spawn_file_actions_adddup2(&actions, theirs.get(), channel::kSocket);
+    posix_spawn_file_actions_addopen(&actions, 1, "/dev/null", O_WRONLY, 0);
+#ifndef TACTUS_SANITIZED  // sanitizers report there
+    posix_spawn_file_actions_addopen(&actions, 2, "/dev/null", O_WRONLY, 0);
+#endif
+    posix_spawn_file_actions_adddup2(&actions, child_socket.get(), channel::kSocket);
     posix_spawn_file_actions_adddup2(&actions, result_.get(), channel::kResult);
     posix_spawn_file_actions_addclosefrom_np(&actions, channel::kResult + 1);
     posix_spawnattr_t attributes;
@@ -150,11 +156,11 @@ class Importer {
     posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETPGROUP);
     const char* const arguments[] = {"tactus-import", model.c_str(),
                                      losses == LossPolicy::kAllow ? "allow-losses" : "refuse-losses", nullptr};
-    std::vector<std::string> kept;
+    std::vector<std::string> variables;
     for (const char* name : {"LD_LIBRARY_PATH", "ASAN_OPTIONS", "TSAN_OPTIONS", "UBSAN_OPTIONS"})
-      if (const char* value = std::getenv(name)) kept.push_back(std::string{name} + "=" + value);
+      if (const char* value = std::getenv(name)) variables.push_back(std::string{name} + "=" + value);
     std::vector<char*> environment;
-    for (std::string& entry : kept) environment.push_back(entry.data());
+    for (std::string& entry : variables) environment.push_back(entry.data());
     environment.push_back(nullptr);
     const int error = posix_spawn(&child_, program.c_str(), &actions, &attributes, const_cast<char* const*>(arguments),
                                   environment.data());
@@ -164,32 +170,52 @@ class Importer {
     require_no_error(error, program);
   }
 
-  /// Opens files for the child until it ends or has used its time. The child could ignore SIGXCPU, so this process
-  /// measures the time.
-  void answer_requests() {
+  /// Opens files for the child until it ends, or until it has exceeded a limit and is killed. Returns its status, as
+  /// waitpid() does. The child could ignore the signal of RLIMIT_CPU, so this process measures the time.
+  [[nodiscard]] int serve_until_end() {
     clockid_t clock{};
     const int error = clock_getcpuclockid(child_, &clock);
     require_no_error(error, "clock_getcpuclockid");
     const auto began = std::chrono::steady_clock::now();
-    std::array<char, channel::kMaxName> name;
-    for (int requests = 0; requests < kMaxRequests;) {
-      pollfd request{socket_.get(), POLLIN, 0};
-      if (poll(&request, 1, kPollMs) > 0) {
-        const ssize_t size = recv(socket_.get(), name.data(), name.size(), 0);
-        if (size <= 0) break;
-        answer(open_file({name.data(), static_cast<std::size_t>(size)}));
-        ++requests;
+    int requests = 0;
+    for (;;) {
+      pollfd request{socket_.get(), POLLIN, 0};  // poll() ignores a closed socket
+      if (poll(&request, 1, socket_.get() < 0 ? kEndPollMs : kPollMs) > 0 && serve_request() &&
+          ++requests > kMaxRequests)
+        end_child("requests more than " + std::to_string(kMaxRequests) + " files");
+      int status = 0;
+      const pid_t ended = waitpid(child_, &status, WNOHANG);
+      require(ended >= 0 || errno == EINTR, "waitpid");
+      if (ended > 0) {
+        child_ = -1;
+        return status;
       }
       timespec used{};
       clock_gettime(clock, &used);
-      if (static_cast<std::uint64_t>(used.tv_sec) >= seconds_limit() ||
-          std::chrono::steady_clock::now() - began > kWaiting * std::chrono::seconds{seconds_limit()}) {
-        kill(child_, SIGKILL);
-        is_late_ = true;
-        break;
-      }
+      if (static_cast<std::uint64_t>(used.tv_sec) >= seconds_limit())
+        end_child("takes more than " + std::to_string(seconds_limit()) + " s of computing time");
+      const std::chrono::seconds wall_clock_limit{kWallClockFactor * seconds_limit()};
+      if (std::chrono::steady_clock::now() - began > wall_clock_limit)
+        end_child("takes more than " + std::to_string(wall_clock_limit.count()) + " s");
     }
-    socket_.close();
+  }
+
+  /// Throws; the destructor kills the child.
+  [[noreturn]] void end_child(const std::string& excess) const { fail(model_, excess + limit_of_size()); }
+  [[nodiscard]] std::string limit_of_size() const {
+    return ", the limit for a model of " + std::to_string(bytes_) + " bytes";
+  }
+
+  /// Answers a request. Returns false if the child has closed its end.
+  bool serve_request() {
+    std::array<char, channel::kMaxName> name;
+    const ssize_t size = recv(socket_.get(), name.data(), name.size(), MSG_DONTWAIT);
+    if (size <= 0) {
+      socket_.close();
+      return false;
+    }
+    answer(open_file({name.data(), static_cast<std::size_t>(size)}));
+    return true;
   }
 
   /// Opens the model, or another regular file in its folder or below.
@@ -218,13 +244,17 @@ class Importer {
       limits.rlim_cur = std::min<rlim_t>(value, limits.rlim_max);  // the child may not raise it, so rlim_max can stay
       require(prlimit(child_, resource, &limits, nullptr) == 0, "prlimit");
     };
-#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)  // they reserve terabytes of addresses
+#ifndef TACTUS_SANITIZED  // sanitizers reserve terabytes of addresses
     limit(RLIMIT_AS, memory_limit());
 #endif
     limit(RLIMIT_FSIZE, memory_limit());
     limit(RLIMIT_NOFILE, 64);
   }
-  [[nodiscard]] std::uint64_t memory_limit() const { return kMemory + kMemoryPerByte * bytes_; }
+  /// At most the memory of this machine, because a file with holes has more bytes than it takes on the disk.
+  [[nodiscard]] std::uint64_t memory_limit() const {
+    const auto machine = static_cast<std::uint64_t>(sysconf(_SC_PHYS_PAGES) * sysconf(_SC_PAGESIZE));
+    return std::min(kMemory + kMemoryPerByte * bytes_, machine);
+  }
   [[nodiscard]] std::uint64_t seconds_limit() const { return kSeconds + bytes_ / kBytesPerSecond; }
 
   void answer(const Descriptor& file) const {
@@ -244,20 +274,13 @@ class Importer {
       const int descriptor = file.get();
       std::memcpy(CMSG_DATA(header), &descriptor, sizeof descriptor);
     }
-    (void)sendmsg(socket_.get(), &message, MSG_NOSIGNAL);  // fails if the child has ended
+    (void)sendmsg(socket_.get(), &message, MSG_NOSIGNAL | MSG_DONTWAIT);  // fails if the child reads no answers
   }
 
-  /// Throws if the child did not end by itself, with a result.
-  void check_end() {
-    int status = 0;
-    while (waitpid(child_, &status, 0) < 0) require(errno == EINTR, "waitpid");
-    child_ = -1;
-    const std::string size = "a model of " + std::to_string(bytes_) + " bytes";
+  /// Throws unless the child has ended by itself, with a result.
+  void check_end(int status) const {
     const std::string memory =
-        "needs more than " + std::to_string(memory_limit() >> 20) + " MiB of memory, the limit for " + size;
-    if (is_late_)
-      fail(model_,
-           "takes more than " + std::to_string(seconds_limit()) + " s of computing time, the limit for " + size);
+        "needs more than " + std::to_string(memory_limit() >> 20) + " MiB of memory" + limit_of_size();
     if (WIFSIGNALED(status)) {
       const int signal = WTERMSIG(status);
       if (signal == SIGXFSZ) fail(model_, memory);
@@ -312,14 +335,13 @@ class Importer {
   pid_t child_ = -1;
   std::set<std::pair<dev_t, ino_t>> known_files_;  // that the child has opened
   std::uint64_t bytes_ = 0;                        // their size
-  bool is_late_ = false;
 };
 
 }  // namespace
 
 TriangleMesh import_mesh(const std::filesystem::path& path, LossPolicy losses) {
   check_readable(path);
-  return Importer{path, losses}.mesh();
+  return ImportProcess{path, losses}.mesh();
 }
 
 }  // namespace tactus::spm::offline

@@ -4,7 +4,7 @@
 ///                    --- its descriptor ---->
 ///                    <-- result ------------                     kResult, a file in memory
 ///
-/// The child asks for the model first, then for files that the model names. The result is complete once the child has
+/// The child requests the model first, then files that the model names. The result is complete once the child has
 /// ended with status 0.
 #pragma once
 

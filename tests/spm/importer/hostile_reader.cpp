@@ -36,6 +36,11 @@ void ask_for(const std::string& name) {
   if (recv(channel::kSocket, &answer, 1, 0) != 1) _exit(9);
 }
 
+[[noreturn]] void compute() {
+  std::signal(SIGXCPU, SIG_IGN);
+  for (;;) std::atomic_signal_fence(std::memory_order_seq_cst);
+}
+
 }  // namespace
 
 int main(int, char** argv) {
@@ -56,8 +61,17 @@ int main(int, char** argv) {
       return channel::kOutOfMemory;
     }
   } else if (behavior == "compute") {
-    std::signal(SIGXCPU, SIG_IGN);
-    for (;;) std::atomic_signal_fence(std::memory_order_seq_cst);
+    compute();
+  } else if (behavior == "close") {
+    close(channel::kSocket);
+    compute();
+  } else if (behavior == "empty_request") {
+    (void)send(channel::kSocket, "", 0, MSG_NOSIGNAL);
+    compute();
+  } else if (behavior == "no_answers") {
+    while (send(channel::kSocket, "x", 1, MSG_NOSIGNAL | MSG_DONTWAIT) == 1) {
+    }
+    compute();
   } else if (behavior == "flood") {
     const std::vector<char> block(1 << 20);
     while (write(channel::kResult, block.data(), block.size()) > 0) {

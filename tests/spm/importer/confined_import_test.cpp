@@ -24,7 +24,7 @@ using test_support::write_bytes;
 using testing::HasSubstr;
 using testing::StartsWith;
 
-class ContainedImport : public testing::Test {
+class ConfinedImport : public testing::Test {
  protected:
   void TearDown() override { unsetenv("TACTUS_IMPORT"); }
 
@@ -51,38 +51,43 @@ class ContainedImport : public testing::Test {
   test_support::TemporaryFolder folder_;
 };
 
-TEST_F(ContainedImport, NamesTheFileIfTheReaderCrashes) {
+TEST_F(ConfinedImport, NamesTheFileIfTheReaderCrashes) {
   EXPECT_THAT(error_of_reader("crash"), HasSubstr("the reader crashed (Segmentation fault), so the file is damaged"));
   EXPECT_THAT(error_of_reader("abort"), HasSubstr("the reader crashed (Aborted)"));
   EXPECT_THAT(error_of_reader("status"), HasSubstr("ended with status 7"));
 }
 
-TEST_F(ContainedImport, AcceptsOnlyAValidMesh) {
+TEST_F(ConfinedImport, AcceptsOnlyAValidMesh) {
   for (const char* behavior : {"short", "huge", "overflow", "index", "long_message", "nothing"})
     EXPECT_THAT(error_of_reader(behavior), HasSubstr("returned no valid mesh")) << behavior;
 }
 
-TEST_F(ContainedImport, PrintsAMessageOfTheReaderAsOneLineOfText) {
+TEST_F(ConfinedImport, PrintsAMessageOfTheReaderAsOneLineOfText) {
   EXPECT_EQ(error_of_reader("message"), path("message.obj").string() + ":  [2Jall is well ");
 }
 
-TEST_F(ContainedImport, EndsAReaderThatRequestsTooManyFiles) {
-  EXPECT_THAT(error_of_reader("ask"), HasSubstr("ended with status 9"));
+TEST_F(ConfinedImport, EndsAReaderThatRequestsTooManyFiles) {
+  EXPECT_THAT(error_of_reader("ask"), HasSubstr("requests more than 1000 files"));
 }
 
-TEST_F(ContainedImport, LimitsTheMemoryOfTheResult) {
+TEST_F(ConfinedImport, LimitsTheComputingTimeOfAReaderThatNoLongerCommunicates) {
+  for (const char* behavior : {"close", "empty_request", "no_answers"})
+    EXPECT_THAT(error_of_reader(behavior), HasSubstr("takes more than 10 s of computing time")) << behavior;
+}
+
+TEST_F(ConfinedImport, LimitsTheMemoryOfTheResult) {
   EXPECT_THAT(error_of_reader("flood"), HasSubstr("needs more than 1024 MiB of memory"));
 }
 
-TEST_F(ContainedImport, LimitsTheComputingTime) {
+TEST_F(ConfinedImport, LimitsTheComputingTime) {
   EXPECT_THAT(error_of_reader("compute"), HasSubstr("takes more than 10 s of computing time"));
 }
 
-TEST_F(ContainedImport, LimitsTheMemoryOfTheReader) {
+TEST_F(ConfinedImport, LimitsTheMemoryOfTheReader) {
   EXPECT_THAT(error_of_reader("allocate"), HasSubstr("needs more than 1024 MiB of memory"));
 }
 
-TEST_F(ContainedImport, AKilledProgramLeavesNoReader) {
+TEST_F(ConfinedImport, AKilledProgramLeavesNoReader) {
   setenv("TACTUS_IMPORT", TACTUS_SPM_HOSTILE_READER, 1);
   const std::filesystem::path model = path("compute.obj");
   write_bytes(model, "v 0 0 0\n");
@@ -124,7 +129,7 @@ std::string triangle_bytes() {
   return {reinterpret_cast<const char*>(corners), sizeof corners};
 }
 
-TEST_F(ContainedImport, ReadsOtherFilesInTheFolderOfTheModel) {
+TEST_F(ConfinedImport, ReadsOtherFilesInTheFolderOfTheModel) {
   std::filesystem::create_directory(path("parts"));
   write_bytes(path("triangle.bin"), triangle_bytes());
   write_bytes(path("parts/triangle.bin"), triangle_bytes());
@@ -138,7 +143,7 @@ TEST_F(ContainedImport, ReadsOtherFilesInTheFolderOfTheModel) {
   std::filesystem::current_path(before);
 }
 
-TEST_F(ContainedImport, ReadsNoFileOutsideTheFolderOfTheModel) {
+TEST_F(ConfinedImport, ReadsNoFileOutsideTheFolderOfTheModel) {
   write_bytes(path("secret.bin"), triangle_bytes());
   std::filesystem::create_directory(path("models"));
   std::filesystem::create_symlink(path("secret.bin"), path("models/link.bin"));
@@ -148,13 +153,13 @@ TEST_F(ContainedImport, ReadsNoFileOutsideTheFolderOfTheModel) {
   }
 }
 
-TEST_F(ContainedImport, DoesNotWaitForAFileThatIsNoRegularFile) {
+TEST_F(ConfinedImport, DoesNotWaitForAFileThatIsNoRegularFile) {
   ASSERT_EQ(mkfifo(path("pipe.bin").c_str(), 0600), 0);
   write_bytes(path("model.gltf"), gltf_with_buffer("pipe.bin"));
   EXPECT_THAT(import_error(path("model.gltf")), HasSubstr("cannot be read as a model"));
 }
 
-TEST_F(ContainedImport, EndsWithAMeshOrAMessageForEachInvalidModelOfAssimp) {
+TEST_F(ConfinedImport, EndsWithAMeshOrAMessageForEachInvalidModelOfAssimp) {
   const std::filesystem::path models = "/usr/share/assimp/models/invalid";
   if (!std::filesystem::exists(models)) GTEST_SKIP() << "no " << models << "; it is in the package assimp-testmodels";
   int count = 0;
