@@ -50,6 +50,7 @@ struct tactus_device {
   double target[kAxes], position[kAxes]; /* m; the tip moves to the target at kMaxTipSpeed */
   struct axis sticks[kAxes];
   uint32_t buttons;
+  uint32_t stop; /* the stop button, until a pose has reported it, however short the press was */
   int has_dropped;              /* the kernel has dropped events, and the packet with the gap has not ended yet */
   double rumble, target_rumble; /* shares of full rumble: last sent, and of the newest force */
   int64_t time_ns, rumbled_ns;
@@ -159,7 +160,10 @@ static void take(struct tactus_device* device, const struct input_event* event) 
   }
   if (event->type == EV_KEY && event->code == clutch_code(device)) set_button(device, 1u, event->value);
   if (event->type == EV_KEY && event->code == grab_code(device)) set_button(device, 2u, event->value);
-  if (event->type == EV_KEY && event->code == stop_code(device)) set_button(device, 4u, event->value);
+  if (event->type == EV_KEY && event->code == stop_code(device)) {
+    set_button(device, 4u, event->value);
+    if (event->value) device->stop = 4u;
+  }
   if (device->is_mouse && event->type == EV_REL) {
     if (event->code == REL_X) device->target[0] += kCountLength * event->value;
     if (event->code == REL_Y) device->target[1] -= kCountLength * event->value; /* screens count downwards */
@@ -191,7 +195,8 @@ static int read_input(struct tactus_device* device, int64_t now_ns, struct tactu
     device->position[i] += step;
     pose->position[i] = device->position[i];
   }
-  pose->buttons = device->buttons;
+  pose->buttons = device->buttons | device->stop;
+  device->stop = 0;
   return TACTUS_DEVICE_POSE; /* a device at rest sends no events; its position is still valid */
 }
 

@@ -238,7 +238,7 @@ void Hrtc::Impl::process_output() {
 
 /// Acknowledges in the roster the stops that the servo has obeyed, and saves the cycles before a stop.
 void Hrtc::Impl::acknowledge_stops() {
-  if (stops.answer_requests()) spdlog::warn("emergency stop at this HRTC, by a button or a signal");
+  if (stops.issue_local_stop()) spdlog::warn("emergency stop at this HRTC, by the stop button of a device or a signal");
   if (stops.acknowledge(stops_acknowledged)) membership.on_stops(stops_acknowledged);
   const bool before = std::exchange(stopped, stops.stopped());
   if (stopped && !before && flight) flight->save("emergency stop", false);

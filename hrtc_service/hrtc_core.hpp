@@ -19,7 +19,8 @@ struct HrtcCoreSettings {
   ServoSettings servo;
   GatewaySettings gateway;  ///< radius and tool of the loader are taken from the cycle
   bool logs_queries = false;
-  const std::atomic<std::uint32_t>* stop_signals = nullptr;  ///< number of stops that a signal requests; null: none
+  const std::atomic<std::uint32_t>* emergency_stop_signals =
+      nullptr;  ///< number of local stops by a signal; null: none
 };
 
 class HrtcCore {
@@ -28,7 +29,7 @@ class HrtcCore {
   HrtcCore(const session::Origin& self, const HrtcCoreSettings& settings)
       : pool_{settings.pool},
         nodes_{settings.pool.tree_nodes},
-        link_{settings.logs_queries, settings.stop_signals},
+        link_{settings.logs_queries, settings.emergency_stop_signals},
         servo_{settings.servo, link_},
         gateway_{pool_, nodes_, self, gateway_settings(settings), link_} {}
   HrtcCore(const HrtcCore&) = delete;

@@ -13,14 +13,14 @@ Servo::Servo(const ServoSettings& settings, ServoLink& link)
   snapshot_.nodes.resize(settings.snapshot_nodes);
 }
 
-/// Requests a stop when a stop button is pressed, and again when a reset has ended its stop while it is pressed.
-/// Returns whether one is pressed.
+/// Requests a local stop when a stop button is pressed, and again when a reset has ended its stop while it is pressed.
+/// Returns whether one is pressed. The buttons of a failed device do not count, because nobody can release them.
 bool Servo::check_stop_buttons(const Inputs& inputs, std::uint32_t resets) noexcept {
   const bool was_pressed =
       std::exchange(stop_pressed_, std::any_of(inputs.begin(), inputs.end(), [](const auto& input) {
-                      return input.active && (input.device.buttons & haptics::kStopButton) != 0;
+                      return input.active && !input.failed && (input.device.buttons & haptics::kStopButton) != 0;
                     }));
-  if (stop_pressed_ && (!was_pressed || resets != stop_.resets)) link_.request_stop();
+  if (stop_pressed_ && (!was_pressed || resets != stop_.resets)) link_.request_local_stop();
   return stop_pressed_;
 }
 

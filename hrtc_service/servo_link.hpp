@@ -5,7 +5,7 @@
 ///     objects near each probe           -- near ----------->   Cycle
 ///     orders for bodies, peers' copies  -- bodies --------->   Bodies
 ///     emergency stop and reset          -- stop word ------>   Cycle
-///     stop button, signal to the HRTC   <- stop requests ---   obeyed at once, before the gateway answers
+///     local stops, by button or signal  <- counter ---------   obeyed before the gateway knows of them
 ///     object whose regions a viewer needs -- request ------>   Servo
 ///     regions and objects to free       <- departures ------   Cycle
 ///     probes, bodies, mesh hashes       <- mailboxes -------   after each cycle
@@ -69,14 +69,14 @@ void touch_memory(Ring& ring) {
 struct ServoLink {
   static constexpr std::size_t kRingEntries = 4096;
 
-  /// `log_queries`: the servo logs its queries. `stop_signals`: number of stops that a signal handler requests; null:
-  /// none.
-  explicit ServoLink(bool log_queries = false, const std::atomic<std::uint32_t>* stop_signals = nullptr)
+  /// `log_queries`: the servo logs its queries. `emergency_stop_signals`: number of local stops that a signal handler
+  /// requests; null: none.
+  explicit ServoLink(bool log_queries = false, const std::atomic<std::uint32_t>* emergency_stop_signals = nullptr)
       : arrivals{kRingEntries},
         departures{kRingEntries},
         log{log_queries ? kRingEntries : 1},
         logs_queries{log_queries},
-        stop_signals_{stop_signals} {
+        emergency_stop_signals_{emergency_stop_signals} {
     touch_memory(arrivals);
     touch_memory(departures);
     touch_memory(log);
@@ -87,27 +87,28 @@ struct ServoLink {
   haptics::Mailbox<std::array<NearObjects, kMaxProbes>> near_objects;
   /// Sets the stop word for the next cycle. Wait-free. One thread at a time calls this and `obeys_stop`.
   void set_stop(StopWord word) noexcept { stop_word_.store(word.bits(), std::memory_order_release); }
-  /// The stop word that the servo obeys. While the gateway has not answered a stop request, it is stopped.
+  /// The stop word that the servo obeys. It is stopped while the gateway has not issued a stop for a local stop.
   [[nodiscard]] StopWord stop() const noexcept {
-    const bool is_answered = stop_requests() == stop_requests_answered_.load(std::memory_order_acquire);
+    const bool is_issued = local_stops() == local_stops_issued_.load(std::memory_order_acquire);
     StopWord word = StopWord::from_bits(stop_word_.load(std::memory_order_acquire));
-    word.stopped = word.stopped || !is_answered;
+    word.stopped = word.stopped || !is_issued;
     return word;
   }
 
-  // Emergency stops at this HRTC. They need no gateway: the servo obeys a request in its next cycle. The gateway then
-  // issues a stop of its own, which a reset can name, sets the stop word, and answers.
-  void request_stop() noexcept { button_stops_.fetch_add(1, std::memory_order_relaxed); }
-  /// Number of requests, by button or signal.
-  [[nodiscard]] std::uint32_t stop_requests() const noexcept {
-    const std::uint32_t signals = stop_signals_ == nullptr ? 0 : stop_signals_->load(std::memory_order_relaxed);
+  // Local stops: emergency stops that are requested at this HRTC. The servo obeys one in its next cycle. Then the gateway
+  // issues a stop, which a reset can name, sets the stop word, and after that the number of local stops.
+  void request_local_stop() noexcept { button_stops_.fetch_add(1, std::memory_order_relaxed); }
+  /// Number of local stops, by button or signal.
+  [[nodiscard]] std::uint32_t local_stops() const noexcept {
+    const std::uint32_t signals =
+        emergency_stop_signals_ == nullptr ? 0 : emergency_stop_signals_->load(std::memory_order_relaxed);
     return button_stops_.load(std::memory_order_relaxed) + signals;
   }
-  [[nodiscard]] std::uint32_t stop_requests_answered() const noexcept {
-    return stop_requests_answered_.load(std::memory_order_relaxed);
+  [[nodiscard]] std::uint32_t local_stops_issued() const noexcept {
+    return local_stops_issued_.load(std::memory_order_relaxed);
   }
-  void answer_stop_requests(std::uint32_t requests) noexcept {
-    stop_requests_answered_.store(requests, std::memory_order_release);
+  void set_local_stops_issued(std::uint32_t count) noexcept {
+    local_stops_issued_.store(count, std::memory_order_release);
   }
 
   /// Requests that the servo reports the regions of an object's mesh. A new request replaces one that is not answered.
@@ -138,8 +139,8 @@ struct ServoLink {
 
  private:
   std::atomic<std::uint32_t> stop_word_{0}, stop_obeyed_{0};  // StopWord::bits
-  const std::atomic<std::uint32_t>* const stop_signals_;
-  std::atomic<std::uint32_t> button_stops_{0}, stop_requests_answered_{0};
+  const std::atomic<std::uint32_t>* const emergency_stop_signals_;
+  std::atomic<std::uint32_t> button_stops_{0}, local_stops_issued_{0};
   std::atomic<std::uint32_t> shown_request_{spm::kNone};
 };
 

@@ -36,14 +36,14 @@ bool StopSwitch::on_roster(const session::RosterEntry& entry) {
   return is_new;
 }
 
-bool StopSwitch::answer_requests() {
-  const std::uint32_t requests = link_.stop_requests();
-  if (requests == link_.stop_requests_answered()) return false;
+bool StopSwitch::issue_local_stop() {
+  const std::uint32_t requests = link_.local_stops();
+  if (requests == link_.local_stops_issued()) return false;
   const std::lock_guard lock{mutex_};
-  const bool is_new = latch_.stop_here();
+  latch_.issue_stop();
   post_to_haptic_thread();
-  link_.answer_stop_requests(requests);  // after the stop word, so that the haptic thread is stopped all the time
-  return is_new;
+  link_.set_local_stops_issued(requests);  // after the stop word, so that the haptic thread is stopped all the time
+  return true;
 }
 
 bool StopSwitch::stopped() const {

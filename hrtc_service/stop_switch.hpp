@@ -3,8 +3,8 @@
 ///     callback of stop, reset, roster --> StopLatch --> ServoLink::set_stop --> zero force in the next cycle
 ///                                             |
 ///     roster entry of this HRTC  <------------+  after the haptic thread has obeyed
-///                                             |
-///     stop button, signal --> haptic thread --+  a stop of this HRTC, which a reset can name
+///
+///     local stop by button or signal: zero force in the next cycle --> a stop of this HRTC, which a reset can name
 #pragma once
 
 #include <pthread.h>
@@ -45,9 +45,9 @@ class StopSwitch {
   bool on_reset(const session::ForceReset& reset);
   bool on_roster(const session::RosterEntry& entry);
 
-  /// Issues a stop of this HRTC if one was requested here, by a button or a signal. The haptic thread has obeyed such a
-  /// request already. Returns true for a new stop.
-  bool answer_requests();
+  /// Issues a stop of this HRTC if a local stop was requested, which the haptic thread has obeyed already. Returns whether
+  /// it was requested.
+  bool issue_local_stop();
 
   [[nodiscard]] bool stopped() const;
   /// Returns true if stops or resets came after the last call that returned true, and the haptic thread has obeyed all

@@ -92,6 +92,11 @@ bool StopLatch::raise_own_stop() {
   return true;
 }
 
+void StopLatch::issue_stop() {
+  StopRecord& own = find_or_add(self_.participant, self_.incarnation);
+  raise(own.stop, std::max(own.stop, own.ended) + 1);
+}
+
 bool StopLatch::on_stop(const StopName& stop) {
   if (stop.number == 0 || is_own(stop.participant, stop.incarnation))
     return false;  // only this program issues its stops

@@ -48,8 +48,9 @@ class StopLatch {
 
   /// Applies a stop. Returns true when the stop is new and stands.
   bool on_stop(const StopName& stop);
-  /// Issues a stop of this program. Returns true unless one stands already.
-  bool stop_here() { return raise_own_stop(); }
+  /// Issues a stop of this program. A reset that was sent before does not end it, even if an earlier stop of this program
+  /// stands.
+  void issue_stop();
   /// Applies a reset. Returns true when the reset is new. A repeated reset only ends stops that it names and that were
   /// received again after their records were dropped, so a fault since the first one stays latched.
   bool on_reset(const ForceReset& reset);

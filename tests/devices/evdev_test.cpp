@@ -115,6 +115,12 @@ TEST_F(Evdev, AMouseMovesTheTipByItsCounts) {
   send(EV_KEY, BTN_RIGHT, 0);
   send(EV_KEY, BTN_EXTRA, 1);
   EXPECT_EQ(mouse.read(13 * kMs).buttons, kStopButton);
+  send(EV_KEY, BTN_EXTRA, 0);
+  EXPECT_EQ(mouse.read(14 * kMs).buttons, 0u);
+  send(EV_KEY, BTN_EXTRA, 1);
+  send(EV_KEY, BTN_EXTRA, 0);
+  EXPECT_EQ(mouse.read(15 * kMs).buttons, kStopButton) << "a press between two cycles";
+  EXPECT_EQ(mouse.read(16 * kMs).buttons, 0u);
 }
 
 TEST_F(Evdev, TheTipStaysInsideItsWorkspace) {

@@ -82,11 +82,33 @@ TEST_F(SafetyTest, ALocalStopStopsTheSessionUntilAReset) {
 
   desk.signal(SIGUSR2);
   EXPECT_TRUE(observer.until([](const Seen& seen) { return is_stopped(seen, "ann") && is_stopped(seen, "bob"); }));
-  EXPECT_TRUE(desk.wait_for_line("emergency stop at this HRTC, by a button or a signal"));
+  EXPECT_TRUE(desk.wait_for_line("emergency stop at this HRTC, by the stop button of a device or a signal"));
   Process reset{control({"reset"})};
   EXPECT_TRUE(exits_with(0, reset)) << reset.output();
   EXPECT_THAT(reset.output(), testing::HasSubstr("resets 1 stop\nacknowledged by HRTCs: desk; by hosts: museum"));
   EXPECT_TRUE(observer.until([](const Seen& seen) { return has_force(seen, "ann") && has_force(seen, "bob"); }));
+}
+
+TEST_F(SafetyTest, ALocalStopSignalsEveryHrtcOfTheMachineAndNoOtherProgram) {
+  Process trial{{"/usr/bin/unshare", "--pid", "--fork", "--mount-proc", "true"}};
+  if (trial.wait() != 0) GTEST_SKIP() << "no process namespace: " << trial.output();
+  const std::string program_of_hrtc = path("tactus-hrtc");
+  std::filesystem::copy_file("/bin/sleep", program_of_hrtc);
+  Process machine{{"/usr/bin/unshare", "--pid", "--fork", "--mount-proc", "bash", "-c", R"(
+      "$0" 60 & first=$!
+      "$0" 60 & second=$!
+      sleep 60 & other=$!
+      for one in $first $second; do until [[ $(</proc/$one/comm) == tactus-hrtc ]]; do sleep 0.01; done; done
+      "$1" stop --local; echo "local stop $?"
+      wait $first; echo "first $?"
+      wait $second; echo "second $?"
+      kill $other; wait $other; echo "other $?"
+      "$1" stop --local; echo "local stop $?")",
+                   program_of_hrtc, program("control", {}).front()}};
+  EXPECT_TRUE(exits_with(0, machine));
+  const std::string output = machine.output();
+  EXPECT_THAT(output, testing::HasSubstr("local stop 0\nfirst 140\nsecond 140\nother 143\n")) << "140: by SIGUSR2";
+  EXPECT_THAT(output, testing::HasSubstr("no HRTC found on this machine\nlocal stop 1\n"));
 }
 
 TEST_F(SafetyTest, AStopAppliesToProgramsThatJoinAfterItUntilAReset) {

@@ -89,16 +89,11 @@ class EmergencyStop : public ::testing::Test {
     }
   }
 
-  [[nodiscard]] static hrtc_service::HrtcCoreSettings core_settings(const spm::Model& model) {
+  [[nodiscard]] hrtc_service::HrtcCoreSettings core_settings(const spm::Model& model) const {
     hrtc_service::HrtcCoreSettings settings;
     settings.pool = spm::PoolSettings::for_slots(model.summary.parts + 600);
-    settings.stop_signals = &signals();
+    settings.emergency_stop_signals = &signals_;
     return settings;
-  }
-  /// What a signal handler would increment.
-  [[nodiscard]] static std::atomic<std::uint32_t>& signals() {
-    static std::atomic<std::uint32_t> count{0};
-    return count;
   }
   [[nodiscard]] static hrtc_service::HapticSettings haptic_settings() {
     hrtc_service::HapticSettings settings;
@@ -106,6 +101,7 @@ class EmergencyStop : public ::testing::Test {
     return settings;
   }
 
+  std::atomic<std::uint32_t> signals_{0};  // a signal handler would increment it
   const spm::offline::BuiltModel built_ =
       spm::offline::build_model(spm::offline::generate(spm::offline::Shape::kSphere, 2000));
   const spm::Model model_ = built_.model();
@@ -146,7 +142,7 @@ TEST_F(EmergencyStop, TheCallbackOfAStopZeroesTheForceWithinACycleUntilAResetNam
 }
 
 TEST_F(EmergencyStop, ASignalZeroesTheForceWithoutTheGatewayAndStandsUntilAResetNamesItsStop) {
-  ++signals();  // nothing but the haptic thread runs
+  ++signals_;  // nothing but the haptic thread runs
   hand_.wait_for_writes(2);
   for (int cycle = 0; cycle < 100; ++cycle) {
     ASSERT_EQ(hand_.force(), 0) << "in cycle " << cycle;
@@ -157,11 +153,11 @@ TEST_F(EmergencyStop, ASignalZeroesTheForceWithoutTheGatewayAndStandsUntilAReset
   std::vector<session::StopRecord> records;
   EXPECT_TRUE(stops.on_reset({{kSession, 51, 1, 0}, 1, {{kHrtc, 1, 0}}, ""}));
   hand_.wait_for_writes(100);
-  EXPECT_EQ(hand_.force(), 0) << "a reset before the gateway has answered";
+  EXPECT_EQ(hand_.force(), 0) << "a reset before the gateway has issued the stop";
   EXPECT_FALSE(stops.acknowledge(records));
 
-  EXPECT_TRUE(stops.answer_requests());
-  EXPECT_FALSE(stops.answer_requests()) << "it is answered";
+  EXPECT_TRUE(stops.issue_local_stop());
+  EXPECT_FALSE(stops.issue_local_stop()) << "one stop for one signal";
   hand_.wait_for_writes(100);
   EXPECT_EQ(hand_.force(), 0);
   ASSERT_TRUE(stops.acknowledge(records));
@@ -172,9 +168,24 @@ TEST_F(EmergencyStop, ASignalZeroesTheForceWithoutTheGatewayAndStandsUntilAReset
   wait_for_force();
 }
 
+TEST_F(EmergencyStop, AResetOfAnEarlierLocalStopDoesNotEndALaterOne) {
+  hrtc_service::StopSwitch stops{session::Origin{kSession, kHrtc, 1, 0}, core_.link()};
+  std::vector<session::StopRecord> records;
+  ++signals_;
+  EXPECT_TRUE(stops.issue_local_stop());
+  hand_.wait_for_writes(2);
+  ASSERT_TRUE(stops.acknowledge(records));
+  const std::vector<session::StopName> earlier = session::standing_stops(records);
+  ++signals_;
+  EXPECT_TRUE(stops.issue_local_stop());
+  EXPECT_TRUE(stops.on_reset({{kSession, 51, 1, 0}, 1, earlier, ""}));
+  hand_.wait_for_writes(100);
+  EXPECT_EQ(hand_.force(), 0);
+}
+
 TEST_F(EmergencyStop, AStopButtonZeroesTheForceAndNoResetEndsItsStopWhileItIsPressed) {
   hrtc_service::StopSwitch stops{session::Origin{kSession, kHrtc, 1, 0}, core_.link()};
-  const auto reset = [&, number = 0u]() mutable {
+  auto reset = [&, number = 0u]() mutable {
     std::vector<session::StopRecord> records;
     (void)stops.acknowledge(records);
     (void)stops.on_reset({{kSession, 51, 1, 0}, ++number, session::standing_stops(records), ""});
@@ -182,13 +193,13 @@ TEST_F(EmergencyStop, AStopButtonZeroesTheForceAndNoResetEndsItsStopWhileItIsPre
   };
   hand_.press(haptics::kStopButton);
   hand_.wait_for_writes(2);
-  EXPECT_EQ(hand_.force(), 0) << "before the gateway has answered";
-  EXPECT_TRUE(stops.answer_requests());
+  EXPECT_EQ(hand_.force(), 0) << "before the gateway has issued a stop";
+  EXPECT_TRUE(stops.issue_local_stop());
   hand_.wait_for_writes(100);
 
   reset();
   EXPECT_EQ(hand_.force(), 0) << "the button is still pressed";
-  EXPECT_TRUE(stops.answer_requests()) << "a new stop after the reset";
+  EXPECT_TRUE(stops.issue_local_stop()) << "a new stop after the reset";
   hand_.press(0);
   hand_.wait_for_writes(100);
   EXPECT_EQ(hand_.force(), 0) << "the new stop stands";

@@ -153,10 +153,10 @@ int stop_local_hrtcs() {
     if (!sent && errno == ESRCH) continue;  // it has ended
     ++(sent ? signalled : failed);
     if (sent)
-      std::cout << "stopped the HRTC with process id " << id << '\n';
+      std::cout << "signalled a stop to the HRTC with process id " << id << '\n';
     else
       std::cerr << "tactus-control: the HRTC with process id " << id
-                << " was not stopped: " << std::generic_category().message(errno) << "; it may run as another user\n";
+                << " was not signalled: " << std::generic_category().message(errno) << "; it may run as another user\n";
   }
   if (signalled + failed == 0) std::cerr << "tactus-control: no HRTC found on this machine\n";
   return failed == 0 && signalled > 0 ? 0 : 1;
@@ -242,9 +242,9 @@ int main(int argc, char** argv) {
   };
   CLI::App* const stop =
       with_reason(app.add_subcommand("stop", "Emergency stop: set every force to zero at once, until a reset"));
-  const CLI::Option* const local =
-      stop->add_flag("--local", "Stop every HRTC on this machine by a signal, without a network")
-          ->excludes(stop->get_option("--reason"));
+  bool is_local = false;
+  stop->add_flag("--local", is_local, "Stop every HRTC on this machine by a signal, without a network")
+      ->excludes(stop->get_option("--reason"));
   const CLI::App* const reset = with_reason(
       app.add_subcommand("reset", "End the stops now in force and the faults of devices; forces start softly"));
   const CLI::App* const end =
@@ -261,7 +261,7 @@ int main(int argc, char** argv) {
   }
   try {
     const std::atomic<bool>& interrupted = wire::stop_signal();
-    if (local->count() > 0) return stop_local_hrtcs();
+    if (is_local) return stop_local_hrtcs();
     if (stop->parsed()) return stop_forces(address, request, interrupted);
     if (reset->parsed()) return reset_forces(address, request, interrupted);
     if (end->parsed()) return announce(address, wire::topics::kEnd, request, {{}, request.text}, interrupted);
