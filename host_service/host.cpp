@@ -91,7 +91,14 @@ std::vector<ServedObject> open_models(const HostOptions& options, const Log& log
   check(options);
   const ModelStore store{options.cache, [&](const std::string& line) { log(Severity::kInfo, line); }, stop};
   std::vector<ServedObject> served;
-  for (const ObjectConfig& object : options.objects) served.push_back({object, store.open(object.model)});
+  for (const ObjectConfig& object : options.objects) {
+    served.push_back({object, store.open(object.model)});
+    const spm::ModelSummary& summary = served.back().model.compressed().summary();
+    const double longest = spm::longest_side(summary) * summary.metres_per_unit;
+    if (!object.size && !object.scale && !spm::is_touchable(longest))
+      log(Severity::kWarning, "object '" + object.name + "': the longest side is " + std::to_string(longest) +
+                                  " m; if that is wrong, set 'size' or 'scale' in the file of --config");
+  }
   return served;
 }
 

@@ -27,11 +27,7 @@ constexpr double kSpacing = 0.05;             // m, between objects without a po
 double scale_of(const ObjectConfig& config, const spm::ModelSummary& summary) {
   if (config.scale) return *config.scale;
   if (!config.size) return summary.metres_per_unit;
-  double longest = 0;
-  for (std::size_t axis = 0; axis < 3; ++axis) {
-    longest = std::max(longest, double{summary.bounds_max[axis]} - summary.bounds_min[axis]);
-  }
-  return *config.size / longest;
+  return *config.size / spm::longest_side(summary);
 }
 
 }  // namespace

@@ -170,7 +170,11 @@ ModelStore::ModelStore(std::filesystem::path cache, Log log, const std::atomic<b
     : cache_{std::move(cache)}, log_{std::move(log)}, stop_{stop} {}
 
 MappedModel ModelStore::open(const std::filesystem::path& model) const {
-  if (!std::filesystem::is_regular_file(model)) throw ModelError{model.string() + ": no such model file"};
+  std::error_code error;
+  const std::filesystem::file_status status = std::filesystem::status(model, error);
+  if (std::filesystem::is_directory(status)) spm::offline::fail(model, "is a folder, expected a model file");
+  if (!std::filesystem::is_regular_file(status))
+    spm::offline::fail(model, "no such model file" + (error ? ": " + error.message() : std::string{}));
   const auto open_file = [this](const std::filesystem::path& file) {
     return unless_stopped(stop_, log_, [file](LogLines&) { return MappedModel{file}; });
   };

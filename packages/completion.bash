@@ -15,7 +15,7 @@ _tactus() {
   # Commands begin the lines that are indented by two spaces, in CLI11's help after a heading.
   local commands
   if [[ ${call[*]} == tactus ]]; then
-    commands=$(sed -n 's/^  \([a-z][a-z0-9]*\) .*/\1/p' <<<"$help" | grep -v '^tactus$')
+    commands=$(sed -n 's/^  \([a-z][a-z0-9]*\) .*/\1/p' <<<"$help" | grep -v '^tactus$' | sort -u)
   else
     commands=$(sed -n '/^Subcommands:/,/^$/s/^  \([a-z]*\) .*/\1/p' <<<"$help")
     [[ ${call[*]} != 'tactus sim' ]] || commands=study

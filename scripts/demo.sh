@@ -281,6 +281,8 @@ done
 printf '\n'
 failed=0
 run "$bin/tactus-judge" "$work/report.json" "${audits[@]}" "${promise[@]}" || failed=$?
+((failed != 1)) || printf '\nA row falls short. Other programs on this machine may be the reason: see the load in "uptime", and run %s.\n' \
+  "'$bin/tactus doctor'"
 [[ -z $keep ]] || printf '\nmodels, logs and report are in %s\n' "$work"
 say "$((SECONDS - built_at)) s from models to report"
 exit "$failed"

@@ -5,6 +5,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <span>
@@ -75,6 +76,17 @@ struct ModelSummary {
   /// n < 2^24 (compact profile).
   double position_step;
 };
+
+/// Longest side of the bounds, file units.
+[[nodiscard]] inline double longest_side(const ModelSummary& summary) noexcept {
+  double longest = 0;
+  for (std::size_t axis = 0; axis < 3; ++axis)
+    longest = std::max(longest, double{summary.bounds_max[axis]} - double{summary.bounds_min[axis]});
+  return longest;
+}
+
+/// Whether hands touch models whose longest side is `metres`. Otherwise the unit is probably wrong.
+[[nodiscard]] constexpr bool is_touchable(double metres) noexcept { return metres >= 0.002 && metres <= 2; }
 
 /// A view of a model. The owner of the arrays must outlive the view.
 struct Model {

@@ -151,7 +151,7 @@ std::string info_text(const spm::Model& model, const spm::offline::Provenance& p
     size += (axis > 0 ? " x " : "") + number(side * s.metres_per_unit * 1000);
   }
   row("size", size + " mm");
-  row("deviation from the finest", millimetres(s.deviation));
+  row("deviation from the finest", "at most " + millimetres(s.deviation));
   row("coordinates", s.position_step > 0 ? "on a grid of " + millimetres(s.position_step) : "as imported, to the bit");
   const auto& regions = json["regions"];
   row("regions", std::to_string(s.regions) + ", cells of " + millimetres(s.grid.cell_size));

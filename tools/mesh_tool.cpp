@@ -100,12 +100,8 @@ std::string times_text(const StageTimes& times) {
 
 /// Warns about a size that hands do not touch, because it is probably that of another unit.
 void warn_of_unusual_size(const spm::ModelSummary& summary, const ToolStreams& streams) {
-  constexpr double kSmallest = 0.002, kLargest = 2;  // m
-  double longest = 0;
-  for (std::size_t axis = 0; axis < 3; ++axis)
-    longest = std::max(longest, double{summary.bounds_max[axis]} - double{summary.bounds_min[axis]});
-  longest *= summary.metres_per_unit;
-  if (longest >= kSmallest && longest <= kLargest) return;
+  const double longest = spm::longest_side(summary) * summary.metres_per_unit;
+  if (spm::is_touchable(longest)) return;
   streams.errors << "warning: the longest side is " << longest << " m; set --unit or --size if that is wrong\n";
 }
 

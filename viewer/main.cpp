@@ -25,7 +25,7 @@ Examples:
   tactus view --recording lab.mcap
   tactus view --demo
 
-Open the printed address in a browser. `scripts/page` builds the page. Only browsers of this machine can reach it,
+Open the printed address in a browser. In the sources, scripts/page builds the page. Only browsers of this machine can reach it,
 unless --listen names another address. Then two addresses are printed: pages of the first can touch and stop forces,
 pages of the second only show the session. With --recording the page shows a recording
 of `tactus record` instead of a session, and can neither touch nor stop. With --demo the page needs no session: it runs

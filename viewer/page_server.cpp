@@ -75,8 +75,8 @@ std::map<std::string, File> read_files(const std::filesystem::path& folder) {
   const auto index = files.find("/index.html");
   if (index == files.end())
     throw ServerError{"no page in " + folder.string() +
-                      ": found no index.html; run scripts/page, or name the folder "
-                      "of the page with --page"};
+                      ": found no index.html; the package tactus has the page, scripts/page builds it, and --page can "
+                      "name its folder"};
   files["/"] = index->second;
   return files;
 }
@@ -158,7 +158,7 @@ struct PageServer::Impl {
     if (!error) acceptor.listen(asio::socket_base::max_listen_connections, error);
     if (error)
       throw ServerError{"cannot listen at " + settings.address + ", port " + std::to_string(settings.port) + ": " +
-                        error.message()};
+                        error.message() + "; --port can choose another"};
   }
 
   [[nodiscard]] std::size_t pages_with_rights() const;

@@ -30,21 +30,20 @@ std::string enter_realtime(const std::string& who, int priority) {
   parameters.sched_priority = priority;
   const int error = pthread_setschedparam(pthread_self(), SCHED_FIFO, &parameters);
   if (error == 0) return who + ": SCHED_FIFO " + std::to_string(priority);
-  return who + ": no real-time priority (" + std::strerror(error) +
-         "); give the user rtprio in /etc/security/limits.conf or run as root for steadier cycles";
+  return who + ": no real-time priority (" + std::strerror(error) + "); cycles will be less steady; see tactus doctor";
 }
 
 std::string raise_priority(const std::string& who) {
   constexpr int kNice = -10;
   if (setpriority(PRIO_PROCESS, 0, kNice) == 0) return who + ": nice " + std::to_string(kNice);  // 0: this thread
   return who + ": no raised priority (" + std::strerror(errno) +
-         "); allow nice -10 in /etc/security/limits.conf if many HRTCs share this machine";
+         "); this counts if many HRTCs share this machine; see tactus doctor";
 }
 
 std::string lock_memory() {
   if (mlockall(MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT) == 0) return "memory: locked";
   return std::string("memory: not locked (") + std::strerror(errno) +
-         "); raise memlock in /etc/security/limits.conf, or page faults may delay a cycle";
+         "); page faults may delay a cycle; see tactus doctor";
 }
 
 void sleep_until(std::int64_t due_ns) noexcept {

@@ -117,7 +117,7 @@ TEST_F(ModelStoreTest, RefusesAFileThatIsNotAModelAndNamesIt) {
     return "none";
   };
   EXPECT_THAT(error_of(folder_.path() / "none.ply"), HasSubstr("none.ply"));
-  EXPECT_THAT(error_of(folder_.path()), HasSubstr("no such model file"));
+  EXPECT_THAT(error_of(folder_.path()), HasSubstr("is a folder, expected a model file"));
   test_support::write_bytes(folder_.path() / "empty.obj", "");
   EXPECT_THAT(error_of(folder_.path() / "empty.obj"), HasSubstr("empty.obj"));
   test_support::write_bytes(folder_.path() / "odd.spm", "no model");

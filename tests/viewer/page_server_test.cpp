@@ -289,7 +289,8 @@ TEST(PageServer, NamesThePortOrTheFolderIfItCannotStart) {
   const auto at = [&](const std::string& address, std::uint16_t port) {
     return ServerSettings{folder.path(), address, port, "", ""};
   };
-  EXPECT_THAT(reason(at("127.0.0.1", 0)), testing::HasSubstr("found no index.html; run scripts/page"));
+  EXPECT_THAT(reason(at("127.0.0.1", 0)),
+              testing::HasSubstr("found no index.html; the package tactus has the page, scripts/page builds it"));
   test_support::write_bytes(folder.path() / "index.html", "page");
   const PageServer first{at("127.0.0.1", 0), core};
   EXPECT_THAT(reason(at("127.0.0.1", first.port())), testing::HasSubstr("cannot listen at 127.0.0.1, port"));

@@ -143,8 +143,9 @@ void judge_realtime(const Facts& facts, Findings& findings) {
   } else {
     const std::string max = std::to_string(kMaxPriority);
     findings.advice("real time", fifo + " is refused: cycles will be late when other programs run",
-                    "allow all priorities up to " + max + ": add 'USER - rtprio " + max +
-                        "' to /etc/security/limits.conf and log in again; in a container use --cap-add SYS_NICE "
+                    "allow all priorities up to " + max + ": run 'usermod -a -G tactus USER' if tactus-services is " +
+                        "installed, otherwise add 'USER - rtprio " + max +
+                        "' to /etc/security/limits.conf; then log in again; in a container use --cap-add SYS_NICE "
                         "--ulimit rtprio=" +
                         max);
   }
@@ -152,7 +153,8 @@ void judge_realtime(const Facts& facts, Findings& findings) {
     findings.good("locked memory", "is available");
   } else {
     findings.advice("locked memory", "is refused: a page fault may delay a cycle",
-                    "add 'USER - memlock unlimited' to /etc/security/limits.conf and log in again; in a container use "
+                    "run 'usermod -a -G tactus USER' if tactus-services is installed, otherwise add 'USER - memlock "
+                    "unlimited' to /etc/security/limits.conf; then log in again; in a container use "
                     "--ulimit memlock=-1");
   }
   if (facts.rt_runtime_us < 0 || facts.rt_runtime_us > kMaxRtRuntime_us) {
