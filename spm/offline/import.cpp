@@ -40,10 +40,11 @@ namespace channel = import_channel;
 /// of memory for each byte, and 14 MB/s. With one digit for each coordinate, it takes much more memory.
 constexpr std::uint64_t kMemory = 1ULL << 30, kMemoryPerByte = 64;
 constexpr std::uint64_t kSeconds = 10, kBytesPerSecond = 2'000'000;
-constexpr std::uint64_t kWallClockFactor =
-    10;                                       // limit of the elapsed time, as a multiple of that of the computing time
-constexpr int kMaxRequests = 1000;            // for files
-constexpr int kPollMs = 100, kEndPollMs = 5;  // while the child can request files, and after that
+/// Limit of the elapsed time, as a multiple of that of the computing time.
+constexpr std::uint64_t kWallClockFactor = 10;
+constexpr int kMaxRequests = 1000;  // for files
+/// How often the parent looks at the time: while the child can request files, and after that.
+constexpr int kPollMs = 100, kEndPollMs = 5;
 
 class Descriptor {
  public:
