@@ -47,6 +47,14 @@ function(tactus_module name)
   target_precompile_headers(${target} REUSE_FROM tactus_precompiled)
 endfunction()
 
+# tactus_imports(TARGET): TARGET may import a foreign model, for which it starts tactus-import. So a build of TARGET alone
+# also builds tactus-import.
+function(tactus_imports target)
+  if(TARGET tactus-import AND NOT target STREQUAL "tactus-import")
+    add_dependencies(${target} tactus-import)
+  endif()
+endfunction()
+
 # tactus_program(tactus-host SOURCES main.cpp LINK tactus::host_service [FOLDER bin] [COMPONENT spm]): a program that is
 # installed in FOLDER. A main.cpp only parses options, so it is compiled with -O1 for a quick build.
 function(tactus_program name)
@@ -59,6 +67,7 @@ function(tactus_program name)
   endif()
   set_source_files_properties(main.cpp PROPERTIES COMPILE_OPTIONS -O1)
   add_executable(${name} ${ARG_SOURCES})
+  tactus_imports(${name})
   target_link_libraries(${name} PRIVATE tactus_options ${ARG_LINK})
   set_target_properties(${name} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${PROJECT_BINARY_DIR}/bin)
   install(TARGETS ${name} RUNTIME DESTINATION ${ARG_FOLDER} COMPONENT ${ARG_COMPONENT})
