@@ -230,7 +230,7 @@ TEST_F(ViewerTest, NamesARecordingThatIsNone) {
 TEST_F(ViewerTest, NamesAWrongFolderAndANameThatIsTaken) {
   Process no_page{in_session("view", {"--port", "0", "--page", path("missing")})};
   EXPECT_TRUE(exits_with(2, no_page));
-  EXPECT_THAT(no_page.output(), testing::HasSubstr("found no index.html; run scripts/page"));
+  EXPECT_THAT(no_page.output(), testing::HasSubstr("found no index.html; the package tactus has the page"));
   Process first{view()};
   Observer observer{address("observer")};
   ASSERT_TRUE(observer.until([](const Observer::Seen& seen) { return seen.is_present("view"); }));
