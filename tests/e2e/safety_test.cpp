@@ -90,6 +90,7 @@ TEST_F(SafetyTest, ALocalStopStopsTheSessionUntilAReset) {
 }
 
 TEST_F(SafetyTest, ALocalStopSignalsEveryHrtcOfTheMachineAndNoOtherProgram) {
+  // In its own process namespace, because a local stop would signal the HRTCs of other tests too. A chroot may have none.
   Process trial{{"/usr/bin/unshare", "--pid", "--fork", "--mount-proc", "true"}};
   if (trial.wait() != 0) GTEST_SKIP() << "no process namespace: " << trial.output();
   const std::string program_of_hrtc = path("tactus-hrtc");

@@ -100,6 +100,7 @@ TEST_F(ConfinedImport, AKilledProgramLeavesNoReader) {
     return count;
   };
   const auto becomes = [&](int expected) {
+    // Nothing notifies of a process that starts or ends without being a child of this one.
     for (int i = 0; i < 500; ++i, std::this_thread::sleep_for(std::chrono::milliseconds{10}))
       if (readers() == expected) return true;
     return false;
@@ -161,6 +162,7 @@ TEST_F(ConfinedImport, DoesNotWaitForAFileThatIsNoRegularFile) {
 
 TEST_F(ConfinedImport, EndsWithAMeshOrAMessageForEachInvalidModelOfAssimp) {
   const std::filesystem::path models = "/usr/share/assimp/models/invalid";
+  // scripts/test installs the models; a build by hand may lack them.
   if (!std::filesystem::exists(models)) GTEST_SKIP() << "no " << models << "; it is in the package assimp-testmodels";
   int count = 0;
   for (const auto& file : std::filesystem::directory_iterator{models}) {
