@@ -9,9 +9,9 @@
 
 #include "haptics/remote_device.hpp"
 #include "haptics/rigid_body.hpp"
+#include "session/check.hpp"
 #include "session/sequence_window.hpp"
 #include "tests/haptics/triangle_surface.hpp"
-#include "wire/check.hpp"
 #include "wire/convert.hpp"
 #include "wire/dds.hpp"
 
@@ -314,7 +314,7 @@ SafetyResult run_safety(const SafetySettings& settings) {
         ++result.undecodable;
         continue;
       }
-      if (wire::invalid_field(arrived) != nullptr) {
+      if (session::invalid_field(arrived) != nullptr) {
         ++result.refused;
         if (!random.chance(settings.unchecked)) continue;
         ++result.unchecked;

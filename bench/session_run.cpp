@@ -78,6 +78,7 @@ void SessionRun::exchange() {
     return mark - before;
   };
   gateway.tick(now_, membership_.clock());
+  core_.intake().tick();
   while (auto demand = gateway.demand(now_)) demands_.push_back({cycles_ + delay_, std::move(*demand)});
   loader_us_ += lap();
   while (!demands_.empty() && demands_.front().due <= cycles_) {
@@ -87,12 +88,13 @@ void SessionRun::exchange() {
   while (auto chunk = host_.next_chunk(now_)) chunks_.push_back({cycles_ + delay_, std::move(chunk->chunk)});
   (void)lap();
   while (!chunks_.empty() && chunks_.front().due <= cycles_) {
-    const spm::CacheCounters before = loader().cache_counters();
+    const spm::CacheCounters before = core_.intake().objects().cache().counters();
     const std::uint64_t messages = loader().delivery_counters().messages;
     gateway.on_chunk(chunks_.front().sample, now_);
+    core_.intake().tick();
     const double us = lap();
     loader_us_ += us;
-    const spm::CacheCounters after = loader().cache_counters();
+    const spm::CacheCounters after = core_.intake().objects().cache().counters();
     if (loader().delivery_counters().messages != messages && after.records_accepted != before.records_accepted)
       loads_.push_back(
           {after.records_accepted + after.records_repeated - before.records_accepted - before.records_repeated, us});

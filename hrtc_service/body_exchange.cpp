@@ -22,7 +22,7 @@ BodyExchange::BodyExchange(wire::Participants& participants, BodyLink& link, Gat
       poses_out_{participants, wire::topics::kObjectPose} {}
 BodyExchange::~BodyExchange() = default;
 
-void BodyExchange::add(const TouchObject& object) {
+void BodyExchange::add(const ObjectDescription& object) {
   if (!object.body) return;
   slots_[object.index].id = object.id;
   slots_[object.index].centre = plain(object.body->centre);

@@ -31,7 +31,7 @@ class BodyExchange {
   ~BodyExchange();
 
   /// Adds an object that was passed to the servo. Ignores fixed objects.
-  void add(const TouchObject& object);
+  void add(const ObjectDescription& object);
   /// Removes an object that the servo has returned.
   void remove(std::uint32_t object_index, std::uint64_t object_id);
   /// Opens and closes endpoints, and passes the transit times of copies to the gateway. Call it before each tick of the

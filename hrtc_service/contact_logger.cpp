@@ -5,7 +5,7 @@ namespace tactus::hrtc_service {
 ContactLogger::ContactLogger(const std::filesystem::path& file, ContactQuery::LogRing& queries)
     : log_{file}, queries_{queries} {}
 
-void ContactLogger::add(const TouchObject& object) {
+void ContactLogger::add(const ObjectDescription& object) {
   numbers_[object.index] = next_number_++;
   log_.write(trace::LoggedObject{numbers_[object.index], object.digest, object.placement.scale(), object.name});
 }

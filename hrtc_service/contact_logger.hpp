@@ -22,7 +22,7 @@ class ContactLogger {
   ContactLogger(const std::filesystem::path& file, ContactQuery::LogRing& queries);
 
   /// Adds an object, before the haptic thread receives it.
-  void add(const TouchObject& object);
+  void add(const ObjectDescription& object);
   /// Writes the queries that the haptic thread has logged. Returns false after a failed write.
   bool drain();
   /// Writes the queries logged so far, then the totals of this object. Call it when the haptic thread has returned the

@@ -13,7 +13,7 @@
 #include "hrtc_service/build_id.hpp"
 #include "hrtc_service/flight_check.hpp"
 #include "hrtc_service/flight_recorder.hpp"
-#include "spm/cache.hpp"
+#include "hrtc_service/touch_objects.hpp"
 #include "spm/codec/load_region.hpp"
 
 namespace tactus::hrtc_service {
@@ -120,89 +120,69 @@ ProbeInput input_of(const trace::FlightProbe& probe) {
 class World {
  public:
   explicit World(const trace::FlightStart& start)
-      : pool_{pool_settings(start)},
-        nodes_{start.tree_nodes},
-        cache_{pool_},
+      : objects_{pool_settings(start)},
         tool_{tool_of(start)},
         cycle_{settings_of(start, tool_.get()), specs_of(start), departures_, nullptr} {}
 
   [[nodiscard]] Cycle& cycle() noexcept { return cycle_; }
 
+  /// Returns an object. Throws FlightError before its arrival, and ImpossibleCall if it is withdrawn. `number`: below
+  /// kMaxObjects.
   [[nodiscard]] TouchObject& object(std::uint32_t number) {
-    if (objects_[number] == nullptr)
-      throw FlightError("found object " + std::to_string(number) + " before its arrival");
-    return objects_[number]->touch;
-  }
-  /// Returns an object. Throws ImpossibleCall if it is withdrawn. `number`: below kMaxObjects.
-  [[nodiscard]] TouchObject& not_withdrawn(std::uint32_t number) {
-    TouchObject& touch = object(number);
-    if (objects_[number]->withdrawn) throw ImpossibleCall("object '" + touch.name + "' has been withdrawn");
-    return touch;
+    if (models_[number] == nullptr) throw FlightError("found object " + std::to_string(number) + " before its arrival");
+    TouchObject* const touch = objects_.find(number);
+    if (touch == nullptr) throw ImpossibleCall("object " + std::to_string(number) + " has been withdrawn");
+    return *touch;
   }
 
   [[nodiscard]] Arrival add(const trace::FlightObject& described, const spm::codec::CompressedModel& model) {
     const spm::BaseMesh& base = model.base();
-    if (objects_[described.object] != nullptr)
+    if (models_[described.object] != nullptr)
       throw ImpossibleCall("object '" + described.name + "' comes as number " + std::to_string(described.object) +
-                           ", which object '" + objects_[described.object]->touch.name + "' has");
-    spm::Cache::Admitted admitted = cache_.admit(base);
-    if (!admitted.fits) throw FlightError("object '" + described.name + "' does not fit as it did");
-    objects_[described.object] = std::make_unique<Object>();
-    Object& object = *objects_[described.object];
-    object.model = &model;
-    object.in_cache = admitted.object;
-    TouchObject& touch = object.touch;
-    touch.index = described.object;
-    touch.id = described.id;
-    touch.digest = described.digest;
-    touch.name = described.name;
-    touch.placement = Placement{described.placement};
-    touch.material = {described.stiffness, described.damping, described.static_friction, described.dynamic_friction};
-    if (described.movable) touch.body = sharing::body_of_bounds(base.summary, touch.placement.scale());
-    const auto wide = [](const std::array<float, 3>& p) { return Vec3d{p[0], p[1], p[2]}; };
-    touch.bounds = {wide(base.summary.bounds_min), wide(base.summary.bounds_max)};
-    touch.deviation = base.summary.deviation;
-    touch.forest =
-        std::make_unique<spm::Forest>(pool_, nodes_, spm::ObjectIndex{touch.index}, base.summary,
-                                      spm::RegionGrid{base.summary.grid, base.regions}, std::move(admitted.base));
-    return {Arrival::Kind::kObject, &touch, {}, {}};
+                           ", which another object has");
+    ObjectDescription description;
+    description.index = described.object;
+    description.id = described.id;
+    description.digest = described.digest;
+    description.name = described.name;
+    description.placement = Placement{described.placement};
+    description.material = {described.stiffness, described.damping, described.static_friction,
+                            described.dynamic_friction};
+    if (described.movable) description.body = sharing::body_of_bounds(base.summary, description.placement.scale());
+    const std::optional<Arrival> arrival = objects_.add(description, base);
+    if (!arrival) throw FlightError("object '" + described.name + "' does not fit as it did");
+    models_[described.object] = &model;
+    return *arrival;
   }
 
   [[nodiscard]] Arrival region(std::uint32_t number, spm::RegionId region) {
-    TouchObject& touch = not_withdrawn(number);
-    const spm::codec::CompressedModel& model = *objects_[number]->model;
-    if (spm::index(region) >= model.summary().regions || touch.forest->is_loaded(region))
+    const TouchObject& touch = object(number);
+    const spm::codec::CompressedModel& model = *models_[number];
+    const spm::Cache& cache = objects_.cache();
+    const spm::ObjectIndex in_cache = objects_.in_cache(number);
+    if (spm::index(region) >= model.summary().regions || cache.is_loaded(in_cache, region))
       throw ImpossibleCall("region " + std::to_string(spm::index(region)) + " of object '" + touch.name +
                            "' cannot have come");
-    spm::RegionList list;
-    if (!spm::codec::load_region(model, region, cache_, objects_[number]->in_cache, list))
+    Arrival arrival;
+    const std::optional<spm::RegionData> data = spm::codec::region_data(model, region, cache, in_cache);
+    if (!data || objects_.add_region(number, *data, arrival) != spm::AcceptResult::kAccepted)
       throw ImpossibleCall("region " + std::to_string(spm::index(region)) + " of object '" + touch.name +
                            "' does not fit as it did");
-    return {Arrival::Kind::kRegion, &touch, region, list};
+    return arrival;
   }
 
-  /// Returns the retirement of a region, which may itself be among the `arrivals` of the same cycle.
-  [[nodiscard]] Arrival retirement(std::uint32_t number, spm::RegionId region, const std::vector<Arrival>& arrivals) {
-    TouchObject& touch = not_withdrawn(number);
-    const spm::Forest& forest = *touch.forest;
-    const bool arrives_now = std::any_of(arrivals.begin(), arrivals.end(), [&](const Arrival& arrival) {
-      return arrival.kind == Arrival::Kind::kRegion && arrival.object == &touch && arrival.region == region;
-    });
-    const bool is_loaded =
-        spm::index(region) < forest.grid().size() && forest.is_loaded(region) && !forest.is_retiring(region);
-    const bool is_retired_twice = std::any_of(arrivals.begin(), arrivals.end(), [&](const Arrival& arrival) {
-      return arrival.kind == Arrival::Kind::kRetire && arrival.object == &touch && arrival.region == region;
-    });
-    if ((!arrives_now && !is_loaded) || is_retired_twice)
+  [[nodiscard]] Arrival retirement(std::uint32_t number, spm::RegionId region) {
+    const TouchObject& touch = object(number);
+    const std::optional<Arrival> arrival = objects_.retire(number, region);
+    if (!arrival)
       throw ImpossibleCall("region " + std::to_string(spm::index(region)) + " of object '" + touch.name +
                            "' is not here to be retired");
-    return {Arrival::Kind::kRetire, &touch, region, {}};
+    return *arrival;
   }
 
   [[nodiscard]] Arrival withdrawal(std::uint32_t number) {
-    TouchObject& touch = not_withdrawn(number);
-    objects_[number]->withdrawn = true;
-    return {Arrival::Kind::kWithdraw, &touch, {}, {}};
+    (void)object(number);
+    return *objects_.withdraw(number);
   }
 
   /// Frees the departed regions and objects, and returns their number. The recorded run freed them at this time or
@@ -210,16 +190,8 @@ class World {
   std::uint64_t release() {
     std::uint64_t released = 0;
     for (Departure departure; departures_.pop(departure); ++released) {
-      std::unique_ptr<Object>& object = objects_[departure.object];
-      if (!departure.is_object()) {
-        cache_.release(object->in_cache, departure.region);
-        continue;
-      }
-      for (std::uint32_t region = 0; region < object->model->summary().regions; ++region)
-        if (cache_.is_loaded(object->in_cache, spm::RegionId{region}))
-          cache_.release(object->in_cache, spm::RegionId{region});
-      cache_.remove(object->in_cache);
-      object.reset();
+      objects_.free(departure);
+      if (departure.is_object()) models_[departure.object] = nullptr;
     }
     return released;
   }
@@ -237,8 +209,10 @@ class World {
       for (const std::uint32_t loaded : recorded.loaded_regions)
         forest.add(spm::RegionId{loaded}, region(recorded.object, spm::RegionId{loaded}).list);
       std::vector<spm::Forest::InUse> in_use;
-      for (const trace::FlightRegion& one : recorded.in_use)
+      for (const trace::FlightRegion& one : recorded.in_use) {
         in_use.push_back({spm::RegionId{one.region}, one.applied, one.retiring, one.retained});
+        if (one.retiring) (void)objects_.retire(recorded.object, spm::RegionId{one.region});
+      }
       if (!forest.restore(recorded.base_faces, in_use.data(), static_cast<std::uint32_t>(in_use.size())) ||
           forest.mesh_hash() != recorded.mesh_hash)
         throw FlightError("object '" + object(recorded.object).name + "' cannot be brought to the state of cycle " +
@@ -250,12 +224,6 @@ class World {
   }
 
  private:
-  struct Object {
-    TouchObject touch;
-    const spm::codec::CompressedModel* model = nullptr;
-    spm::ObjectIndex in_cache{};
-    bool withdrawn = false;
-  };
   static spm::PoolSettings pool_settings(const trace::FlightStart& start) {
     spm::PoolSettings settings = spm::PoolSettings::for_slots(start.slots);
     settings.tree_nodes = start.tree_nodes;
@@ -263,12 +231,10 @@ class World {
     return settings;
   }
 
-  spm::Pool pool_;
-  spm::NodePool nodes_;
-  spm::Cache cache_;
+  TouchObjects objects_;
   std::unique_ptr<const spm::MeshProbe> tool_;
   DepartureRing departures_{1u << 16};
-  std::array<std::unique_ptr<Object>, kMaxObjects> objects_;  // by number
+  std::array<const spm::codec::CompressedModel*, kMaxObjects> models_{};  // by number of the object; null: none
   Cycle cycle_;
 };
 
@@ -347,7 +313,7 @@ class Replay {
         arrivals_.push_back(world_->region(event.object, region));
         return;
       case Kind::kRegionRetired:
-        arrivals_.push_back(world_->retirement(event.object, region, arrivals_));
+        arrivals_.push_back(world_->retirement(event.object, region));
         return;
       case Kind::kObjectWithdrawn:
         ++report_.objects_withdrawn;
@@ -363,7 +329,7 @@ class Replay {
   void process(const trace::FlightMove& move) {
     expect_start();
     ++report_.moves;
-    world().move(world_->not_withdrawn(move.object), Placement{move.placement});
+    world().move(world_->object(move.object), Placement{move.placement});
   }
 
   void process(const trace::FlightProbe& probe) {

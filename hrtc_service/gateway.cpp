@@ -9,10 +9,10 @@ constexpr std::int64_t kMaxTransitNs = 1'000'000'000;  // a larger difference is
 
 }  // namespace
 
-Gateway::Gateway(spm::Pool& pool, spm::NodePool& nodes, const session::Origin& self, const GatewaySettings& settings,
+Gateway::Gateway(const spm::PoolSettings& pool, const session::Origin& self, const GatewaySettings& settings,
                  ServoLink& link)
     : link_{link},
-      loader_{pool, nodes, self, settings.loader, link.arrivals, link.departures},
+      loader_{pool, self, settings.loader, link.intake},
       ownership_{self, link.bodies.orders, settings.ownership} {
   loader_.on_event = [this](session::Severity severity, const std::string& text) {
     if (on_event) on_event(severity, text);
@@ -20,14 +20,14 @@ Gateway::Gateway(spm::Pool& pool, spm::NodePool& nodes, const session::Origin& s
   loader_.on_object_found = [this](const session::CatalogueEntry& entry) {
     if (on_object_found) on_object_found(entry);
   };
-  loader_.on_object = [this](const TouchObject& object) {
+  loader_.on_object = [this](const ObjectDescription& object) {
     if (object.body) {
       ownership_.add(object.index, object.id, *object.body);
       movable_[object.id] = Movable{loader_.entry(object.index)};
     }
     if (on_object) on_object(object);
   };
-  loader_.on_object_withdrawn = [this](const TouchObject& object) {
+  loader_.on_object_withdrawn = [this](const ObjectDescription& object) {
     ownership_.withdraw(object.index);
     movable_.erase(object.id);
   };

@@ -32,17 +32,17 @@ struct GatewaySettings {
 
 class Gateway {
  public:
-  /// `pool`, `nodes` and `link` must outlive the gateway. The gateway must outlive the servo's last cycle.
-  Gateway(spm::Pool& pool, spm::NodePool& nodes, const session::Origin& self, const GatewaySettings& settings,
-          ServoLink& link);
+  /// `pool`: settings of the intake's pool. `link` must outlive the gateway. The gateway must outlive the servo's last
+  /// cycle, because it owns the couplings of bodies.
+  Gateway(const spm::PoolSettings& pool, const session::Origin& self, const GatewaySettings& settings, ServoLink& link);
 
   /// Called with one line for each event that an operator should see.
   std::function<void(session::Severity, const std::string&)> on_event;
   /// Called with each object whose base mesh is requested from now on.
   std::function<void(const session::CatalogueEntry&)> on_object_found;
   /// Called with each object that is passed to the servo.
-  std::function<void(const TouchObject&)> on_object;
-  /// Called with each removed object, after the servo has returned it. A later object may get its index.
+  std::function<void(const ObjectDescription&)> on_object;
+  /// Called with each removed object, after the intake has returned it. A later object may get its index.
   std::function<void(const Loader::ObjectInfo&)> on_object_gone;
 
   void on_catalogue(const session::CatalogueEntry& entry) { loader_.on_catalogue(entry); }

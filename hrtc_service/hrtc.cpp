@@ -94,7 +94,7 @@ Hrtc::Impl::Impl(HrtcOptions given)
       exchange{participants, core.link().bodies, gateway},
       shown{participants, core.link(), loader} {
   gateway.on_event = log_event;
-  gateway.on_object = [this](const TouchObject& object) {
+  gateway.on_object = [this](const ObjectDescription& object) {
     exchange.add(object);
     states.set_object_id(object.index, object.id);
     if (contact_log) contact_log->add(object);
@@ -253,6 +253,7 @@ void Hrtc::Impl::send(session::RosterEntry entry) {
 void Hrtc::Impl::tick_gateway(std::int64_t now_ns) {
   exchange.tick(now_ns, membership.clock());
   gateway.tick(now_ns, membership.clock());
+  core.intake().tick();
   exchange.send_claims();
   if (gateway.has_new_reports()) process_reports();
 }

@@ -1,16 +1,16 @@
-/// Assembles an HRTC from memory, servo and gateway, without DDS, threads, devices and files.
+/// Assembles an HRTC from gateway, intake and servo, without DDS, threads, devices and files.
 ///
-///     samples, times --> Gateway <== ServoLink ==> Servo <-- probe inputs, limit of refinement
-///                          |                         |
-///              demands, claims, events             forces
+///     samples, times --> Gateway <== ServoLink ==> Intake --> Servo <-- probe inputs, limit of refinement
+///                          |                                    |
+///              demands, claims, events                        forces
 ///
 /// Services, studies, benchmarks and tests all assemble an HRTC here.
 #pragma once
 
 #include "hrtc_service/gateway.hpp"
+#include "hrtc_service/intake.hpp"
 #include "hrtc_service/servo.hpp"
 #include "hrtc_service/servo_link.hpp"
-#include "spm/pool.hpp"
 
 namespace tactus::hrtc_service {
 
@@ -27,11 +27,10 @@ class HrtcCore {
  public:
   /// Allocates pool, tree nodes, rings and servo. Throws std::bad_alloc if that fails.
   HrtcCore(const session::Origin& self, const HrtcCoreSettings& settings)
-      : pool_{settings.pool},
-        nodes_{settings.pool.tree_nodes},
-        link_{settings.logs_queries, settings.emergency_stop_signals},
-        servo_{settings.servo, link_},
-        gateway_{pool_, nodes_, self, gateway_settings(settings), link_} {}
+      : link_{settings.logs_queries, settings.emergency_stop_signals},
+        intake_{settings.pool, link_.intake},
+        servo_{settings.servo, link_, intake_},
+        gateway_{settings.pool, self, gateway_settings(settings), link_} {}
   HrtcCore(const HrtcCore&) = delete;
   HrtcCore& operator=(const HrtcCore&) = delete;
 
@@ -39,9 +38,11 @@ class HrtcCore {
   [[nodiscard]] const Servo& servo() const noexcept { return servo_; }
   [[nodiscard]] Gateway& gateway() noexcept { return gateway_; }
   [[nodiscard]] const Gateway& gateway() const noexcept { return gateway_; }
+  [[nodiscard]] Intake& intake() noexcept { return intake_; }
+  [[nodiscard]] const Intake& intake() const noexcept { return intake_; }
   [[nodiscard]] ServoLink& link() noexcept { return link_; }
-  [[nodiscard]] const spm::Pool& pool() const noexcept { return pool_; }
-  [[nodiscard]] const spm::NodePool& nodes() const noexcept { return nodes_; }
+  [[nodiscard]] const spm::Pool& pool() const noexcept { return intake_.objects().pool(); }
+  [[nodiscard]] const spm::NodePool& nodes() const noexcept { return intake_.objects().nodes(); }
 
  private:
   [[nodiscard]] static GatewaySettings gateway_settings(const HrtcCoreSettings& settings) {
@@ -51,9 +52,8 @@ class HrtcCore {
     return gateway;
   }
 
-  spm::Pool pool_;
-  spm::NodePool nodes_;
   ServoLink link_;
+  Intake intake_;
   Servo servo_;
   Gateway gateway_;
 };

@@ -28,16 +28,13 @@ spm::fcl::WorldBox world_box(const spm::CellBox& box, const Placement& placement
 
 }  // namespace
 
-Loader::Loader(spm::Pool& pool, spm::NodePool& nodes, const session::Origin& self, const LoaderSettings& settings,
-               ArrivalRing& arrivals, DepartureRing& departures)
+Loader::Loader(const spm::PoolSettings& pool, const session::Origin& self, const LoaderSettings& settings,
+               IntakeLink& link)
     : pool_{pool},
-      nodes_{nodes},
       settings_{settings},
       shape_{shape_of_probe(settings.tool, settings.radius)},
-      arrivals_{arrivals},
-      departures_{departures},
-      cache_{pool},
-      store_{pool.settings.compressed_blocks},
+      intake_{link, pool},
+      store_{pool.compressed_blocks},
       delivery_{self, settings.delivery} {}
 
 Loader::~Loader() = default;
@@ -93,7 +90,7 @@ bool Loader::reserve_directory(Object& object) {
                    "; build the model with a smaller one");
     return false;
   }
-  const std::uint64_t takes = spm::directory_bytes(object.summary, pool_.settings);
+  const std::uint64_t takes = spm::directory_bytes(object.summary, pool_);
   const std::uint64_t left = settings_.directory_bytes - directory_bytes_;
   if (takes <= left) {
     directory_bytes_ += takes;
@@ -142,7 +139,7 @@ void Loader::forget_unoffered(std::int64_t now_ns) {
     delivery_.close(id);
     drop_waiting(object);
     drop_pending_base(object);
-    if (!object.refused) directory_bytes_ -= spm::directory_bytes(object.summary, pool_.settings);
+    if (!object.refused) directory_bytes_ -= spm::directory_bytes(object.summary, pool_);
     forget(object);
   }
   if (!unoffered.empty()) open_postponed();
@@ -172,7 +169,7 @@ void Loader::on_chunk(const session::BulkChunk& chunk, std::int64_t now_ns) {
     } else {
       on_region(*found->second, std::move(message), now_ns);
     }
-    push_arrivals();
+    intake_.flush();
   }
 }
 
@@ -254,11 +251,11 @@ void Loader::predict(Object& object, const std::array<ReportedProbe, kMaxProbes>
     // When a device is pressed into a surface, its proxy stays on the surface, away from the device. The mesh around
     // the proxy must be the finest, too.
     if (probe.in_contact && settings_.tool == nullptr)
-      object.grid().for_each_intersecting(placement.to_model(probe.proxy),
-                                          (settings_.radius + settings_.margin) / placement.scale(),
-                                          [&](spm::RegionId region, double) {
-                                            predicted_regions_.add({region, 0, lead, 0});
-                                          });
+      object.grid->for_each_intersecting(placement.to_model(probe.proxy),
+                                         (settings_.radius + settings_.margin) / placement.scale(),
+                                         [&](spm::RegionId region, double) {
+                                           predicted_regions_.add({region, 0, lead, 0});
+                                         });
   }
   predict_under_bodies(object, probes, lead);
   object.predicted.clear();
@@ -292,24 +289,24 @@ void Loader::predict(Object& object, const std::array<ReportedProbe, kMaxProbes>
 
 void Loader::predict_under_bodies(const Object& object, const std::array<ReportedProbe, kMaxProbes>& probes,
                                   double lead) {
-  if (object.touch.body) return;
+  if (object.described.body) return;
   const auto has_hand_near = [&](const Vec3d& point, double distance) {
     return std::any_of(probes.begin(), probes.end(), [&](const ReportedProbe& probe) {
       return probe.active && (probe.device - point).squaredNorm() < distance * distance;
     });
   };
   for (const Object* const other : active_)
-    if (other->touch.body)
-      for_each_sphere_under(*other->touch.body, other->placement, object.touch.bounds, object.placement, has_hand_near,
+    if (other->described.body)
+      for_each_sphere_under(*other->described.body, other->placement, object.bounds, object.placement, has_hand_near,
                             [&](const Vec3d& place, double radius) {
-                              object.grid().for_each_intersecting(place, radius, [&](spm::RegionId region, double) {
+                              object.grid->for_each_intersecting(place, radius, [&](spm::RegionId region, double) {
                                 predicted_regions_.add({region, 0, lead, 0});
                               });
                             });
 }
 
 void Loader::update_broad_phase(const Object& object) {
-  broad_phase_.put(object.info.index, world_box(object.touch.bounds, object.placement));
+  broad_phase_.put(object.info.index, world_box(object.bounds, object.placement));
 }
 
 void Loader::on_moved(std::uint32_t object_index, const Placement& placement) {
@@ -330,10 +327,6 @@ void Loader::want(std::uint32_t object_index, std::vector<std::uint32_t> regions
   object.also_wanted = std::move(regions);
   object.wanted_later = std::move(later);
   last_prediction_ns_ = 0;  // no probe need have moved
-}
-
-void Loader::push_arrivals() {
-  while (!pending_arrivals_.empty() && arrivals_.push(pending_arrivals_.front())) pending_arrivals_.pop_front();
 }
 
 void Loader::find_near(const std::array<ReportedProbe, kMaxProbes>& probes, std::array<NearObjects, kMaxProbes>& near) {
@@ -358,7 +351,7 @@ void Loader::find_near(const std::array<ReportedProbe, kMaxProbes>& probes, std:
 
 void Loader::tick(std::int64_t now_ns, const std::array<ReportedProbe, kMaxProbes>& probes,
                   std::array<NearObjects, kMaxProbes>& near) {
-  process_departures();
+  process_answers();
   admit_pending_bases();
   collect_released();
   store_waiting(now_ns);
@@ -374,14 +367,14 @@ void Loader::tick(std::int64_t now_ns, const std::array<ReportedProbe, kMaxProbe
   find_eviction_candidates();
   load_soonest();
   coarsen();
-  push_arrivals();
+  intake_.flush();
   find_near(probes, near);
 }
 
 LoaderFigures Loader::figures() const {
   LoaderFigures figures = figures_;
-  figures.slots_used = cache_.slots_used();
-  figures.slots_limit = pool_.settings.slots;
+  figures.slots_used = slots_used();
+  figures.slots_limit = pool_.slots;
   figures.compressed_used = store_.blocks() - store_.blocks_free();
   figures.compressed_limit = store_.blocks();
   for (const Object* object : active_) {
@@ -417,8 +410,8 @@ std::vector<std::uint32_t> Loader::regions_at_probes(std::uint32_t object_index,
   for (const ReportedProbe& probe : probes)
     if (probe.active)
       for (const spm::PlacedSphere& sphere : spheres(probe, placement, out))
-        object.grid().for_each_intersecting(sphere.centre, sphere.radius,
-                                            [&](spm::RegionId region, double) { met.push_back(spm::index(region)); });
+        object.grid->for_each_intersecting(sphere.centre, sphere.radius,
+                                           [&](spm::RegionId region, double) { met.push_back(spm::index(region)); });
   return met;
 }
 

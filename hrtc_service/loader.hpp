@@ -1,12 +1,15 @@
 /// Requests the regions that probes will touch, and stores them compressed. Decodes the regions that will be touched
-/// soonest into the pool. Evicts regions that no probe needs.
+/// soonest and sends them to the intake, which loads them into the pool. Evicts regions that no probe needs.
 ///
-///   catalogue, chunks -> [assemble] -> store -> [decode] -> arrivals ring -> haptic thread
-///   reported probes -> [predict] -> demand               departures ring <-
+///   catalogue, chunks -> [assemble] -> store -> [decode] -> IntakeLink -> Intake -> pool
+///   reported probes -> [predict] -> demand               answers <-
 ///
 /// The store is the compressed cache. Demands list its regions as present (`have`), except retired ones. The pool is a
 /// cache of the store. A region that leaves the pool remains in the store, so it can be loaded again without the
 /// network.
+///
+/// A region counts as loaded from its message to the intake on. The answer of the intake revokes this if it has refused
+/// the region.
 ///
 /// The loader evicts a region from the store in two steps:
 ///  1. It retires the region: demands no longer list it in `have`.
@@ -22,14 +25,13 @@
 /// the haptic thread has coarsened them. It is refused only if it does not fit besides the other base meshes.
 ///
 /// An object is withdrawn when its last host withdraws it or sends a leave message. Predictions, demands and the store
-/// then omit it at once. Its memory in the pool is freed when the haptic thread has returned it. If its hosts are only
+/// then omit it at once. Its memory in the pool is freed when the intake has returned it. If its hosts are only
 /// silent, the object and its loaded regions remain, because a user may be touching it and a host may come back.
 ///
 /// One thread, not the haptic one. Allocates while decoding. Memory is bounded by pool, store and the number of regions
 /// of the objects.
 #pragma once
 
-#include <boost/lockfree/spsc_queue.hpp>
 #include <cstdint>
 #include <deque>
 #include <functional>
@@ -40,15 +42,17 @@
 #include <string>
 #include <vector>
 
+#include "hrtc_service/intake_sender.hpp"
 #include "hrtc_service/tool_touch.hpp"
+#include "hrtc_service/touch_objects.hpp"
 #include "session/delivery_client.hpp"
 #include "session/severity.hpp"
-#include "spm/cache.hpp"
 #include "spm/codec/base_codec.hpp"
 #include "spm/codec/compressed_cache.hpp"
 #include "spm/directory.hpp"
 #include "spm/fcl/broad_phase.hpp"
 #include "spm/prediction.hpp"
+#include "spm/region_grid.hpp"
 
 namespace tactus::hrtc_service {
 
@@ -106,9 +110,8 @@ struct LoaderFigures {
 
 class Loader {
  public:
-  /// `pool`, `nodes` and the rings must outlive the loader. The loader must outlive the haptic thread.
-  Loader(spm::Pool& pool, spm::NodePool& nodes, const session::Origin& self, const LoaderSettings& settings,
-         ArrivalRing& arrivals, DepartureRing& departures);
+  /// `pool`: settings of the pool of the intake. `link` must outlive the loader.
+  Loader(const spm::PoolSettings& pool, const session::Origin& self, const LoaderSettings& settings, IntakeLink& link);
   ~Loader();
 
   /// Called with one line for each event that an operator should see.
@@ -117,12 +120,12 @@ class Loader {
   /// Called with each object whose base mesh is requested from now on.
   std::function<void(const session::CatalogueEntry&)> on_object_found;
 
-  /// Called with each object that is passed to the haptic thread, in the order of the arrivals.
-  std::function<void(const TouchObject&)> on_object;
+  /// Called with each object that is sent to the intake, in that order.
+  std::function<void(const ObjectDescription&)> on_object;
 
-  /// Called with each object that was passed to the haptic thread and is now withdrawn. The reference remains valid
-  /// until `on_object_gone`.
-  std::function<void(const TouchObject&)> on_object_withdrawn;
+  /// Called with each object that was sent to the intake and is now withdrawn. The reference remains valid until
+  /// `on_object_gone`.
+  std::function<void(const ObjectDescription&)> on_object_withdrawn;
 
   /// Description of an object. After the base mesh is in the pool, only the counters change.
   struct ObjectInfo {
@@ -130,10 +133,10 @@ class Loader {
     std::uint64_t id = 0;
     std::uint64_t digest = 0;
     double scale = 1;
-    std::uint32_t index = spm::kNone;  ///< kNone: the base mesh is not in the pool
+    std::uint32_t index = spm::kNone;  ///< kNone: the base mesh was not sent to the intake
     std::uint64_t records_received = 0, records_received_again = 0, regions_received = 0, regions_released = 0;
   };
-  /// Called with each object that the loader has removed, after the haptic thread has returned it. A later object may
+  /// Called with each object that the loader has removed, after the intake has returned it. A later object may
   /// get its index.
   std::function<void(const ObjectInfo&)> on_object_gone;
 
@@ -169,16 +172,12 @@ class Loader {
   [[nodiscard]] LoaderFigures figures() const;
   /// Time from a demand to the first chunk that answers it, smoothed; 0: not measured yet.
   [[nodiscard]] std::int64_t round_trip_ns() const noexcept { return delivery_.round_trip_ns(); }
-  [[nodiscard]] const spm::CacheCounters& cache_counters() const noexcept { return cache_.counters(); }
-  [[nodiscard]] std::uint32_t list_blocks_used() const noexcept {
-    return pool_.settings.list_blocks - cache_.blocks_free();
-  }
   [[nodiscard]] session::DeliveryClient::Sizes delivery_sizes() const noexcept { return delivery_.sizes(); }
   [[nodiscard]] const session::DeliveryClient::Counters& delivery_counters() const noexcept {
     return delivery_.counters();
   }
 
-  /// Returns the objects that were passed to the haptic thread and are not withdrawn.
+  /// Returns the objects that were sent to the intake and are not withdrawn.
   [[nodiscard]] std::vector<ObjectInfo> objects() const;
   /// Returns the withdrawn objects that the haptic thread has not returned yet.
   [[nodiscard]] std::vector<ObjectInfo> withdrawn_objects() const;
@@ -189,14 +188,12 @@ class Loader {
   [[nodiscard]] std::uint64_t serving_host(std::uint64_t object_id) const { return delivery_.serving_host(object_id); }
   /// Returns the number of entries in the list of a region.
   [[nodiscard]] std::uint32_t records_of(std::uint32_t object_index, std::uint32_t region) const noexcept {
-    return cache_.records_of(spm::ObjectIndex{object_index}, spm::RegionId{region});
+    return by_index_[object_index]->record_counts[region];
   }
   /// Returns the regions that the probes intersect, with repetitions.
   [[nodiscard]] std::vector<std::uint32_t> regions_at_probes(std::uint32_t object_index,
                                                              const std::array<ReportedProbe, kMaxProbes>& probes) const;
-  [[nodiscard]] const spm::RegionGrid& grid(std::uint32_t object_index) const {
-    return by_index_[object_index]->grid();
-  }
+  [[nodiscard]] const spm::RegionGrid& grid(std::uint32_t object_index) const { return *by_index_[object_index]->grid; }
   /// Returns the regions of the object in the newest prediction, and those of `want`.
   [[nodiscard]] std::vector<std::uint32_t> predicted(std::uint32_t object_index) const;
   /// Returns the regions of the object in the newest prediction, without those of `want`.
@@ -218,6 +215,7 @@ class Loader {
     std::uint32_t was_stored : 1;       // has been in the store
     std::uint32_t belongs_in_pool : 1;  // among the predicted regions that fit into the pool, soonest contact first
     std::uint32_t is_faulty : 1;        // the stored data contradicts the model
+    std::uint32_t was_incomplete : 1;   // the intake lacked a record at the last attempt to load the region
     [[nodiscard]] StoreState store_state() const noexcept { return static_cast<StoreState>(store_bits); }
     void set(StoreState state) noexcept { store_bits = static_cast<std::uint32_t>(state) & 3u; }
     [[nodiscard]] PoolState pool_state() const noexcept { return static_cast<PoolState>(pool_bits); }
@@ -251,7 +249,7 @@ class Loader {
       return static_cast<std::uint32_t>(ns / kContactTickNs % kContactTicks) + 1;
     }
   };
-  static_assert(sizeof(RegionProgress) == spm::kLoaderBytesPerRegion);
+  static_assert(sizeof(RegionProgress) + sizeof(std::uint32_t) == spm::kLoaderBytesPerRegion);
   /// A region that a probe is predicted to touch.
   struct WantedRegion {
     std::int64_t since_ns = 0;        // time when it became wanted; 0: more urgent regions fill the store
@@ -262,8 +260,11 @@ class Loader {
     session::CatalogueEntry entry;
     spm::ModelSummary summary;
     spm::codec::RecordTables tables;
-    TouchObject touch;
+    ObjectDescription described;
+    spm::CellBox bounds;                                   // model frame
     Placement placement;                                   // current
+    std::optional<spm::RegionGrid> grid;                   // once `ready`
+    std::vector<std::uint32_t> record_counts;              // by region: length of its list
     std::vector<RegionProgress> notes;                     // by region
     std::vector<std::uint32_t> also_wanted, wanted_later;  // regions of `want`
     std::vector<std::uint32_t> predicted;                  // regions of the newest prediction
@@ -272,10 +273,9 @@ class Loader {
     std::vector<std::uint32_t> held;                       // regions in StoreState::kHeld
     std::vector<std::uint32_t> loaded;                     // regions in PoolState::kLoaded
     std::uint32_t base_slots = 0, base_nodes = 0;          // slots and tree nodes reserved for its base mesh
-    bool ready = false;                                    // the base mesh is in the pool
+    bool ready = false;                                    // the base mesh was sent to the intake
     bool withdrawn = false;                                // only after `ready`
     bool refused = false;                                  // base mesh or directory does not fit
-    [[nodiscard]] const spm::RegionGrid& grid() const noexcept { return touch.forest->grid(); }  // never changes
   };
 
   [[nodiscard]] bool reserve_directory(Object& object);
@@ -311,6 +311,7 @@ class Loader {
   [[nodiscard]] std::uint64_t base_credit() const;
   void admit_pending_bases();
   void drop_pending_base(Object& object);
+  [[nodiscard]] std::uint32_t take_index() noexcept;
   void admit_base(Object& object, spm::codec::DecodedBase decoded);
   void update_broad_phase(const Object& object);
 
@@ -346,8 +347,10 @@ class Loader {
   /// Decodes a stored region into the pool. Returns the memory that is missing for that, zero if the pool was not full.
   [[nodiscard]] spm::Cache::Space load(Object& object, std::uint32_t region);
   void coarsen();
-  void process_departures();
-  void push_arrivals();
+  void process_answers();
+  void process_region_answer(Object& object, std::uint32_t region, spm::AcceptResult result);
+  void mark_loaded(Object& object, std::uint32_t region);
+  void mark_unloaded(Object& object, std::uint32_t region);
   void find_near(const std::array<ReportedProbe, kMaxProbes>& probes, std::array<NearObjects, kMaxProbes>& near);
   void report_info(const std::string& text) const {
     if (on_event) on_event(session::Severity::kInfo, text);
@@ -356,19 +359,19 @@ class Loader {
     if (on_event) on_event(session::Severity::kWarning, text);
   }
 
-  spm::Pool& pool_;
-  spm::NodePool& nodes_;
+  [[nodiscard]] std::uint32_t slots_used() const noexcept { return pool_.slots - intake_.free().slots; }
+
+  spm::PoolSettings pool_;
   LoaderSettings settings_;
   spm::ProbeShape shape_;  // shape of every probe, m
-  ArrivalRing& arrivals_;
-  DepartureRing& departures_;
-  spm::Cache cache_;
+  IntakeSender intake_;
   spm::codec::CompressedCache store_;
   session::DeliveryClient delivery_;
   spm::fcl::BroadPhase broad_phase_;
   std::map<std::uint64_t, std::unique_ptr<Object>> objects_;    // by id
   std::vector<Object*> active_;                                 // ready and not withdrawn, in the order of arrivals
   std::array<Object*, kMaxObjects> by_index_{};                 // ready; null: none
+  std::uint32_t next_index_ = 0;                                // at which the search for a free index starts
   std::map<std::uint64_t, session::CatalogueEntry> postponed_;  // by id; entries to open when another object is gone
   struct PredictedContact {
     double uncertainty;      // standard deviations from the predicted path; larger if the region cannot arrive in time
@@ -391,7 +394,6 @@ class Loader {
     spm::codec::DecodedBase base;
   };
   std::deque<PendingBase> pending_bases_;  // base meshes that wait until regions are coarsened
-  std::deque<Arrival> pending_arrivals_;   // arrivals for which the ring was full
   struct WaitingMessage {
     Object* object;
     session::DeliveryClient::Message message;

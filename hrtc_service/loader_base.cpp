@@ -28,9 +28,9 @@ void Loader::on_base_mesh(Object& object, const std::vector<std::uint8_t>& bytes
   }
   delivery_.answer_base_stored(object.info.id);  // also if it does not fit: another request would change nothing
   if (object.ready || object.base_slots > 0 || !reserve_base(object, decoded->mesh)) return;
-  if (!pending_bases_.empty() || object.base_slots > cache_.slots_free()) {
+  if (!pending_bases_.empty() || object.base_slots > intake_.free().slots) {
     report_info("object " + object.info.name + ": waits until regions are coarsened, its base mesh takes " +
-                std::to_string(object.base_slots) + " slots, the pool has " + std::to_string(cache_.slots_free()) +
+                std::to_string(object.base_slots) + " slots, the pool has " + std::to_string(intake_.free().slots) +
                 " free");
     pending_bases_.push_back({&object, std::move(*decoded)});
     return;
@@ -43,12 +43,12 @@ void Loader::on_base_mesh(Object& object, const std::vector<std::uint8_t>& bytes
 bool Loader::reserve_base(Object& object, const spm::BaseMesh& base) {
   const std::uint32_t slots = spm::Cache::slots_for_base(base);
   const std::uint32_t nodes = spm::tree_nodes_above(base.faces, object.summary.faces);
-  const std::uint32_t slots_left = pool_.settings.slots - base_slots_;
-  const std::uint32_t nodes_left = pool_.settings.tree_nodes - base_nodes_;
+  const std::uint32_t slots_left = pool_.slots - base_slots_;
+  const std::uint32_t nodes_left = pool_.tree_nodes - base_nodes_;
   if (slots > slots_left || nodes + spm::AbTree::kMaxHeight > nodes_left) {
     if (!object.refused) {
       ++figures_.objects_refused;
-      directory_bytes_ -= spm::directory_bytes(object.summary, pool_.settings);
+      directory_bytes_ -= spm::directory_bytes(object.summary, pool_);
       report_warning("object " + object.info.name + ": refused, its base mesh takes " + std::to_string(slots) +
                      " slots and " + std::to_string(nodes) + " tree nodes, the pool has " + std::to_string(slots_left) +
                      " and " + std::to_string(nodes_left) + " besides other base meshes; raise --memory or --pool");
@@ -82,7 +82,7 @@ std::uint64_t Loader::base_credit() const {
 
 /// Admits the base meshes whose slots have become free, in the order of their arrival.
 void Loader::admit_pending_bases() {
-  while (!pending_bases_.empty() && pending_bases_.front().object->base_slots <= cache_.slots_free()) {
+  while (!pending_bases_.empty() && pending_bases_.front().object->base_slots <= intake_.free().slots) {
     PendingBase pending = std::move(pending_bases_.front());
     pending_bases_.pop_front();
     admit_base(*pending.object, std::move(pending.base));
@@ -99,57 +99,69 @@ void Loader::drop_pending_base(Object& object) {
   pending_bases_.erase(pending);
 }
 
-/// Loads a base mesh for which the pool has free slots, and passes the object to the haptic thread.
+/// Returns the next index that no object has. The index of a removed object is used again as late as possible.
+std::uint32_t Loader::take_index() noexcept {
+  while (by_index_[next_index_] != nullptr) next_index_ = (next_index_ + 1) % kMaxObjects;
+  return std::exchange(next_index_, (next_index_ + 1) % kMaxObjects);
+}
+
+/// Sends a base mesh, for which the pool has free slots, to the intake.
 void Loader::admit_base(Object& object, spm::codec::DecodedBase decoded) {
   const spm::BaseMesh& base = decoded.mesh;
-  spm::Cache::Admitted admitted = cache_.admit(base);
   object.summary = base.summary;
   object.tables = std::move(decoded.tables);
-  store_.admit(admitted.object, object.summary, object.tables);
-  object.info.index = spm::index(admitted.object);
+  object.info.index = take_index();
+  store_.admit(spm::ObjectIndex{object.info.index}, object.summary, object.tables);
   object.notes.resize(base.regions.size());
   std::uint32_t largest = 0;
-  for (const spm::Region& region : base.regions) largest = std::max(largest, region.part_count);
-  const std::uint32_t slots_left = pool_.settings.slots - base_slots_;
+  for (const spm::Region& region : base.regions) {
+    largest = std::max(largest, region.part_count);
+    object.record_counts.push_back(region.record_count);
+  }
+  const std::uint32_t slots_left = pool_.slots - base_slots_;
   if (largest > slots_left)
     report_warning("object " + object.info.name + ": parts stay coarse: its largest region needs " +
                    std::to_string(largest) + " slots, the pool has " + std::to_string(slots_left) +
                    " besides base meshes; raise --memory or --pool");
-  TouchObject& touch = object.touch;
-  touch.index = object.info.index;
-  touch.id = object.info.id;
-  touch.digest = object.info.digest;
-  touch.name = object.info.name;
-  touch.placement = Placement{object.entry.pose, object.entry.scale};
-  touch.material = object.entry.material;
-  const auto bodies =
-      std::count_if(active_.begin(), active_.end(), [](const Object* each) { return each->touch.body.has_value(); });
+  ObjectDescription& described = object.described;
+  described.index = object.info.index;
+  described.id = object.info.id;
+  described.digest = object.info.digest;
+  described.name = object.info.name;
+  described.placement = Placement{object.entry.pose, object.entry.scale};
+  described.material = object.entry.material;
+  const auto bodies = std::count_if(active_.begin(), active_.end(),
+                                    [](const Object* each) { return each->described.body.has_value(); });
   const bool can_move = sharing::can_move(object.entry);
   if (can_move && bodies == kMaxBodies) {
     report_warning("object " + object.info.name + " stays fixed: an HRTC simulates at most " +
                    std::to_string(kMaxBodies) + " movable objects");
   } else if (can_move) {
-    touch.body = sharing::body_of(object.entry);
-    touch.material.damping = std::max(touch.material.damping, kMinDamping * touch.material.stiffness);
+    described.body = sharing::body_of(object.entry);
+    described.material.damping = std::max(described.material.damping, kMinDamping * described.material.stiffness);
   }
-  object.placement = touch.placement;
-  touch.bounds = {wide(object.summary.bounds_min), wide(object.summary.bounds_max)};
-  touch.deviation = object.summary.deviation;
-  touch.forest =
-      std::make_unique<spm::Forest>(pool_, nodes_, spm::ObjectIndex{touch.index}, object.summary,
-                                    spm::RegionGrid{object.summary.grid, base.regions}, std::move(admitted.base));
+  object.placement = described.placement;
+  object.bounds = {wide(object.summary.bounds_min), wide(object.summary.bounds_max)};
+  object.grid.emplace(object.summary.grid, base.regions);
   const double scale = object.entry.scale;
   const spm::PredictionSettings prediction{0, settings_.margin / scale, settings_.min_speed / scale,
                                            settings_.strategy};
   for (std::uint32_t i = 0; i < kMaxProbes; ++i)
-    object.predictors.emplace_back(object.grid(), shape_, scale, prediction);
+    object.predictors.emplace_back(*object.grid, shape_, scale, prediction);
   update_broad_phase(object);
-  by_index_[touch.index] = &object;
+  by_index_[described.index] = &object;
   active_.push_back(&object);
   object.ready = true;
   last_prediction_ns_ = next_prediction_ns_ = 0;
-  pending_arrivals_.push_back({Arrival::Kind::kObject, &touch, {}, {}});
-  if (on_object) on_object(touch);
+  IntakeObject message;
+  message.id = described.id;
+  std::copy(described.name.begin(), described.name.end(), message.name.begin());
+  message.pose = object.entry.pose;
+  message.scale = scale;
+  message.material = described.material;
+  if (described.body) message.body = object.entry.body;
+  intake_.add_object(described.index, message, base);
+  if (on_object) on_object(described);
 }
 
 }  // namespace tactus::hrtc_service

@@ -1,4 +1,4 @@
-// The pool of the loader: decodes the regions that probes will touch soonest, and frees memory for them.
+// The pool: decodes the regions that probes will touch soonest, sends them to the intake, and frees memory for them.
 #include <algorithm>
 
 #include "hrtc_service/loader.hpp"
@@ -15,14 +15,13 @@ spm::Cache::Space reserve_of(const spm::PoolSettings& pool) noexcept {
 }  // namespace
 
 double Loader::slot_estimate(const Object& object, std::uint32_t region) const noexcept {
-  return cache_.records_of(spm::ObjectIndex{object.info.index}, spm::RegionId{region}) *
+  return object.record_counts[region] *
          (static_cast<double>(object.summary.parts) / std::max(object.summary.records, 1u));
 }
 
 spm::Cache::Space Loader::space_to_load(const Object& object, std::uint32_t region) const noexcept {
-  const std::uint32_t records = cache_.records_of(spm::ObjectIndex{object.info.index}, spm::RegionId{region});
   return {static_cast<std::uint32_t>(undecoded_share_ * slot_estimate(object, region)),
-          spm::ListBlock::blocks_for(records)};
+          spm::ListBlock::blocks_for(object.record_counts[region])};
 }
 
 /// Decodes the regions that probes will touch soonest. If a region with contact within kSoon does not fit, its space is
@@ -36,8 +35,8 @@ void Loader::load_soonest() {
   std::stable_sort(
       predicted_contacts_.begin(), predicted_contacts_.end(),
       [](const PredictedContact& a, const PredictedContact& b) { return a.time_to_contact < b.time_to_contact; });
-  const double usable_slots = kUsableShare * (pool_.settings.slots - base_slots_);
-  spm::Cache::Space reserve = reserve_of(pool_.settings);
+  const double usable_slots = kUsableShare * (pool_.slots - base_slots_);
+  spm::Cache::Space reserve = reserve_of(pool_);
   reserve.slots += pending_base_slots();
   missing_space_ = {};
   bool is_full = false;
@@ -54,8 +53,8 @@ void Loader::load_soonest() {
     if (note.pool_state() != PoolState::kNotLoaded || note.store_state() == StoreState::kAbsent || note.is_faulty != 0)
       continue;
     if (contact.time_to_contact > kSoon) {
-      const bool fits =
-          cache_.slots_free() >= cost.slots + reserve.slots && cache_.blocks_free() >= cost.blocks + reserve.blocks;
+      const spm::Cache::Space& free = intake_.free();
+      const bool fits = free.slots >= cost.slots + reserve.slots && free.blocks >= cost.blocks + reserve.blocks;
       if (fits && !is_full && early_loads++ < kMaxEarlyLoads) static_cast<void>(load(object, contact.region));
       continue;
     }
@@ -68,28 +67,29 @@ void Loader::load_soonest() {
 
 spm::Cache::Space Loader::load(Object& object, std::uint32_t region) {
   const spm::ObjectIndex number{object.info.index};
-  RegionProgress& note = object.notes[region];
-  const spm::RegionData& data = store_.get(number, spm::RegionId{region}, cache_);
-  spm::RegionList list;
-  const spm::AcceptResult result = cache_.accept(number, data, list);
-  if (result == spm::AcceptResult::kPoolFull)
-    return {std::max(static_cast<std::uint32_t>(data.parts.size()), 1u),
-            spm::ListBlock::blocks_for(cache_.records_of(number, spm::RegionId{region}))};
-  if (result != spm::AcceptResult::kAccepted) {
-    note.is_faulty = 1;
-    ++faulty_regions_;
-    ++figures_.refused_other;
-    report_warning("object " + object.info.name + ": region " + std::to_string(region) +
-                   " contradicts the records in memory; it is requested again");
-    return {};
-  }
+  const spm::RegionData& data = store_.get(number, spm::RegionId{region});
+  const auto parts = static_cast<std::uint32_t>(data.parts.size());
+  const std::uint32_t blocks = spm::ListBlock::blocks_for(object.record_counts[region]);
+  if (parts > intake_.free().slots || blocks > intake_.free().blocks) return {std::max(parts, 1u), blocks};
   const double slots = slot_estimate(object, region);
-  if (slots > 0) undecoded_share_ += 0.1 * (static_cast<double>(data.parts.size()) / slots - undecoded_share_);
-  note.set(PoolState::kLoaded);
-  object.loaded.push_back(region);
-  figures_.slots_peak = std::max(figures_.slots_peak, cache_.slots_used());
-  pending_arrivals_.push_back({Arrival::Kind::kRegion, &object.touch, spm::RegionId{region}, list});
+  if (slots > 0) undecoded_share_ += 0.1 * (static_cast<double>(parts) / slots - undecoded_share_);
+  intake_.add_region(object.info.index, data);
+  mark_loaded(object, region);
+  figures_.slots_peak = std::max(figures_.slots_peak, slots_used());
   return {};
+}
+
+void Loader::mark_loaded(Object& object, std::uint32_t region) {
+  store_.mark_loaded(spm::ObjectIndex{object.info.index}, spm::RegionId{region});
+  object.notes[region].set(PoolState::kLoaded);
+  object.loaded.push_back(region);
+}
+
+/// The intake has the region no longer, or will free it: later messages contain its records again.
+void Loader::mark_unloaded(Object& object, std::uint32_t region) {
+  if (object.notes[region].store_state() != StoreState::kAbsent)
+    store_.mark_unloaded(spm::ObjectIndex{object.info.index}, spm::RegionId{region});
+  object.loaded.erase(std::find(object.loaded.begin(), object.loaded.end(), region));
 }
 
 /// Orders the haptic thread to coarsen regions, the longest unwanted first, until enough space will be free: for the
@@ -97,10 +97,10 @@ spm::Cache::Space Loader::load(Object& object, std::uint32_t region) {
 /// are being coarsened at a time.
 void Loader::coarsen() {
   constexpr std::size_t kMaxDeparting = 16;
-  const spm::Cache::Space reserve = reserve_of(pool_.settings);
+  const spm::Cache::Space reserve = reserve_of(pool_);
   const spm::Cache::Space target{std::max(missing_space_.slots, reserve.slots) + pending_base_slots(),
                                  std::max(missing_space_.blocks, reserve.blocks)};
-  spm::Cache::Space expected{cache_.slots_free(), cache_.blocks_free()};
+  spm::Cache::Space expected = intake_.free();
   for (const Departing& departing : departing_) {
     expected.slots += departing.space.slots;
     expected.blocks += departing.space.blocks;
@@ -123,33 +123,65 @@ void Loader::coarsen() {
   for (const Candidate& candidate : candidates) {
     if (has_enough() || departing_.size() >= kMaxDeparting) return;
     Object& object = *candidate.object;
-    const spm::RegionId region{candidate.region};
+    mark_unloaded(object, candidate.region);
     object.notes[candidate.region].set(PoolState::kDeparting);
-    object.loaded.erase(std::find(object.loaded.begin(), object.loaded.end(), candidate.region));
-    const spm::Cache::Space space = cache_.space_of(spm::ObjectIndex{object.info.index}, region);
+    // Like a region that arrives, one that departs shares some of its records with others.
+    const spm::Cache::Space space = space_to_load(object, candidate.region);
     departing_.push_back({&object, candidate.region, space});
     expected.slots += space.slots;
     expected.blocks += space.blocks;
-    pending_arrivals_.push_back({Arrival::Kind::kRetire, &object.touch, region, {}});
+    intake_.retire(object.info.index, spm::RegionId{candidate.region});
   }
 }
 
-void Loader::process_departures() {
-  Departure departure;
-  while (departures_.pop(departure)) {
-    Object& object = *by_index_[departure.object];
-    if (departure.is_object()) {
-      free_withdrawn(object);
-      continue;
+void Loader::process_answers() {
+  IntakeAnswer answer;
+  while (intake_.take(answer)) {
+    if (answer.object >= kMaxObjects || by_index_[answer.object] == nullptr) continue;
+    Object& object = *by_index_[answer.object];
+    const std::uint32_t region = spm::index(answer.region);
+    switch (answer.kind) {
+      case IntakeAnswer::Kind::kObject:
+        if (answer.result == spm::AcceptResult::kAccepted) break;
+        report_warning("object " + object.info.name + ": refused by the force computation");
+        if (!object.withdrawn) withdraw(object);
+        free_withdrawn(object);
+        break;
+      case IntakeAnswer::Kind::kRegion:
+        if (!object.withdrawn && region < object.notes.size()) process_region_answer(object, region, answer.result);
+        break;
+      case IntakeAnswer::Kind::kRegionGone:
+        object.notes[region].set(PoolState::kNotLoaded);
+        std::erase_if(departing_, [&](const Departing& departing) {
+          return departing.object == &object && departing.region == region;
+        });
+        ++figures_.regions_coarsened;
+        break;
+      case IntakeAnswer::Kind::kObjectGone:
+        free_withdrawn(object);
+        break;
+      case IntakeAnswer::Kind::kOther:
+        break;
     }
-    const std::uint32_t region = spm::index(departure.region);
-    cache_.release(spm::ObjectIndex{object.info.index}, departure.region);
-    object.notes[region].set(PoolState::kNotLoaded);
-    departing_.erase(std::find_if(departing_.begin(), departing_.end(), [&](const Departing& departing) {
-      return departing.object == &object && departing.region == region;
-    }));
-    ++figures_.regions_coarsened;
   }
+}
+
+/// After a refusal, later messages contain the records of the region again.
+void Loader::process_region_answer(Object& object, std::uint32_t region, spm::AcceptResult result) {
+  RegionProgress& note = object.notes[region];
+  if (result == spm::AcceptResult::kAccepted) note.was_incomplete = 0;
+  if (result == spm::AcceptResult::kAccepted || note.pool_state() != PoolState::kLoaded) return;
+  mark_unloaded(object, region);
+  note.set(PoolState::kNotLoaded);
+  ++figures_.refused_other;
+  // A record can be missing because the intake has refused another region.
+  const bool is_first_time = result == spm::AcceptResult::kIncomplete && note.was_incomplete == 0;
+  note.was_incomplete = result == spm::AcceptResult::kIncomplete ? 1 : 0;
+  if (is_first_time || result == spm::AcceptResult::kPoolFull || note.is_faulty != 0) return;
+  note.is_faulty = 1;
+  ++faulty_regions_;
+  report_warning("object " + object.info.name + ": region " + std::to_string(region) +
+                 " contradicts the records in memory; it is requested again");
 }
 
 }  // namespace tactus::hrtc_service

@@ -85,22 +85,23 @@ bool Loader::store_or_refuse(Object& object, const session::DeliveryClient::Mess
     figures_.load_latency += 0.1 * (latency - figures_.load_latency);
   }
   figures_.compressed_peak = std::max(figures_.compressed_peak, store_.blocks() - store_.blocks_free());
-  const std::uint32_t records = cache_.records_of(number, region);
+  const std::uint32_t records = object.record_counts[message.region];
   if (records > 0) blocks_per_record_ += 0.1 * (static_cast<double>(put.blocks) / records - blocks_per_record_);
   bytes_per_block_ += 0.1 * (static_cast<double>(message.bytes.size()) / put.blocks_if_empty - bytes_per_block_);
   note.set(StoreState::kHeld);
   note.was_stored = 1;
   object.held.push_back(message.region);
   delivery_.answer_stored(object.info.id, message.region);
+  if (note.pool_state() == PoolState::kLoaded) store_.mark_loaded(number, region);
   const spm::Cache::Space space = space_to_load(object, message.region);
-  if (note.pool_state() == PoolState::kNotLoaded && cache_.slots_free() >= space.slots &&
-      cache_.blocks_free() >= space.blocks)
+  if (note.pool_state() == PoolState::kNotLoaded && intake_.free().slots >= space.slots &&
+      intake_.free().blocks >= space.blocks)
     static_cast<void>(load(object, message.region));
   return true;
 }
 
 double Loader::block_estimate(const Object& object, std::uint32_t region) const noexcept {
-  return blocks_per_record_ * cache_.records_of(spm::ObjectIndex{object.info.index}, spm::RegionId{region});
+  return blocks_per_record_ * object.record_counts[region];
 }
 
 /// Requests the most probable predicted regions of all objects that fit into the store together. Without this limit,
@@ -235,11 +236,13 @@ std::deque<Loader::RegionRef>::iterator Loader::evict_candidate(std::deque<Regio
 
 /// Frees a retired region in the store.
 void Loader::evict(Object& object, std::uint32_t region) {
-  store_.evict(spm::ObjectIndex{object.info.index}, spm::RegionId{region});
   RegionProgress& note = object.notes[region];
+  const spm::ObjectIndex number{object.info.index};
+  if (note.pool_state() == PoolState::kLoaded) store_.mark_unloaded(number, spm::RegionId{region});
+  store_.evict(number, spm::RegionId{region});
   note.set(StoreState::kAbsent);
   faulty_regions_ -= note.is_faulty;
-  note.is_faulty = 0;
+  note.is_faulty = note.was_incomplete = 0;
   ++object.info.regions_released;
 }
 

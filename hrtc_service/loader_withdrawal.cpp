@@ -6,8 +6,8 @@
 
 namespace tactus::hrtc_service {
 
-/// Removes an object from predictions, demands and the store. Its memory in the pool is freed when the haptic thread
-/// has returned it (free_withdrawn).
+/// Removes an object from predictions, demands and the store. Its memory in the pool is freed when the intake has
+/// returned it (free_withdrawn).
 void Loader::withdraw(Object& object) {
   report_info("object " + object.info.name + ": withdrawn");
   object.withdrawn = true;
@@ -37,26 +37,21 @@ void Loader::withdraw(Object& object) {
                              eviction_candidates_.end());
   store_.remove(number);
 
-  pending_arrivals_.push_back({Arrival::Kind::kWithdraw, &object.touch, {}, {}});
-  if (on_object_withdrawn) on_object_withdrawn(object.touch);
-  push_arrivals();
+  intake_.withdraw(object.info.index);
+  if (on_object_withdrawn) on_object_withdrawn(object.described);
+  intake_.flush();
 }
 
-/// Frees the pool memory of an object that the haptic thread has returned, and opens postponed objects.
+/// Frees an object that the intake has returned, and opens postponed objects.
 void Loader::free_withdrawn(Object& object) {
-  const spm::ObjectIndex number{object.info.index};
-  for (std::uint32_t region = 0; region < object.notes.size(); ++region)
-    if (object.notes[region].pool_state() != PoolState::kNotLoaded) {
-      cache_.release(number, spm::RegionId{region});
-      ++figures_.regions_coarsened;
-    }
+  for (const RegionProgress& note : object.notes)
+    figures_.regions_coarsened += note.pool_state() != PoolState::kNotLoaded ? 1 : 0;
   departing_.erase(std::remove_if(departing_.begin(), departing_.end(),
                                   [&](const Departing& departing) { return departing.object == &object; }),
                    departing_.end());
-  cache_.remove(number);
   base_slots_ -= object.base_slots;
   base_nodes_ -= object.base_nodes;
-  directory_bytes_ -= spm::directory_bytes(object.summary, pool_.settings);
+  directory_bytes_ -= spm::directory_bytes(object.summary, pool_);
   by_index_[object.info.index] = nullptr;
   report_info("object " + object.info.name + ": freed");
   forget(object);

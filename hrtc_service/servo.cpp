@@ -5,9 +5,10 @@
 
 namespace tactus::hrtc_service {
 
-Servo::Servo(const ServoSettings& settings, ServoLink& link)
+Servo::Servo(const ServoSettings& settings, ServoLink& link, Intake& intake)
     : link_{link},
-      cycle_{settings.cycle, settings.specs, link.departures, link.logs_queries ? &link.log : nullptr},
+      arrivals_{intake.arrivals()},
+      cycle_{settings.cycle, settings.specs, intake.departures(), link.logs_queries ? &link.log : nullptr},
       bodies_{settings.cycle, link.bodies} {
   cycle_.set_observer(settings.recorder);
   snapshot_.nodes.resize(settings.snapshot_nodes);
@@ -36,7 +37,7 @@ const Servo::Outputs& Servo::touch(Inputs& inputs, std::int64_t now_ns) noexcept
   StopWord word = link_.stop();
   word.stopped = check_stop_buttons(inputs, word.resets) || word.stopped;
   obey(word);
-  const auto arrived = static_cast<std::uint32_t>(link_.arrivals.pop(arrived_.data(), arrived_.size()));
+  const auto arrived = static_cast<std::uint32_t>(arrivals_.pop(arrived_.data(), arrived_.size()));
   const std::array<NearObjects, kMaxProbes>& near = link_.near_objects.latest();
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) inputs[i].near = near[i];
   bodies_.apply_received_poses(cycle_, now_ns);

@@ -17,6 +17,7 @@
 
 #include "hrtc_service/bodies.hpp"
 #include "hrtc_service/cycle.hpp"
+#include "hrtc_service/intake.hpp"
 #include "hrtc_service/servo_link.hpp"
 #include "spm/ab_tree.hpp"
 
@@ -40,8 +41,8 @@ class Servo {
   using Inputs = std::array<ProbeInput, kMaxProbes>;
   using Outputs = std::array<ProbeOutput, kMaxProbes>;
 
-  /// Allocates everything. `link` must outlive the servo.
-  Servo(const ServoSettings& settings, ServoLink& link);
+  /// Allocates everything. `link` and `intake` must outlive the servo.
+  Servo(const ServoSettings& settings, ServoLink& link, Intake& intake);
 
   /// Computes the forces. Sets `inputs[i].near` from the link. The result is valid until the next touch.
   const Outputs& touch(Inputs& inputs, std::int64_t now_ns) noexcept;
@@ -72,6 +73,7 @@ class Servo {
   void report_shown(std::uint32_t object_index) noexcept;
 
   ServoLink& link_;
+  ArrivalRing& arrivals_;
   Cycle cycle_;
   Bodies bodies_;
   StopWord stop_;

@@ -1,13 +1,13 @@
 /// Connects the two halves of an HRTC, gateway and servo, by rings, mailboxes and one stop word.
 ///
 ///     gateway                                                  servo
-///     objects and decoded regions       -- arrivals ------->   Cycle
+///     objects and decoded regions       -- intake --------->   Intake --> Cycle
 ///     objects near each probe           -- near ----------->   Cycle
 ///     orders for bodies, peers' copies  -- bodies --------->   Bodies
 ///     emergency stop and reset          -- stop word ------>   Cycle
 ///     local stops, by button or signal  <- counter ---------   obeyed before the gateway knows of them
 ///     object whose regions a viewer needs -- request ------>   Servo
-///     regions and objects to free       <- departures ------   Cycle
+///     their results, and free memory    <- intake ----------   Intake
 ///     probes, bodies, mesh hashes       <- mailboxes -------   after each cycle
 ///     queries for the contact log       <- log -------------   Cycle
 ///
@@ -18,11 +18,12 @@
 #include <atomic>
 #include <boost/lockfree/spsc_queue.hpp>
 #include <cstdint>
-#include <memory>
 
 #include "haptics/mailbox.hpp"
 #include "hrtc_service/bodies.hpp"
 #include "hrtc_service/cycle.hpp"
+#include "hrtc_service/intake_link.hpp"
+#include "hrtc_service/ring_memory.hpp"
 #include "hrtc_service/touch_object.hpp"
 #include "session/messages.hpp"
 
@@ -57,33 +58,19 @@ struct ShownReport {
   std::array<spm::Forest::InUse, session::kMaxShownRegions> regions;
 };
 
-/// Fills and empties a ring, so that the haptic thread causes no page fault in its memory.
-template <class Ring>
-void touch_memory(Ring& ring) {
-  const auto blank = std::make_unique<typename Ring::value_type>();
-  while (ring.push(*blank)) {
-  }
-  ring.consume_all([](const auto&) {});
-}
-
 struct ServoLink {
   static constexpr std::size_t kRingEntries = 4096;
 
   /// `log_queries`: the servo logs its queries. `emergency_stop_signals`: number of local stops that a signal handler
   /// requests; null: none.
   explicit ServoLink(bool log_queries = false, const std::atomic<std::uint32_t>* emergency_stop_signals = nullptr)
-      : arrivals{kRingEntries},
-        departures{kRingEntries},
-        log{log_queries ? kRingEntries : 1},
+      : log{log_queries ? kRingEntries : 1},
         logs_queries{log_queries},
         emergency_stop_signals_{emergency_stop_signals} {
-    touch_memory(arrivals);
-    touch_memory(departures);
     touch_memory(log);
   }
 
   // Gateway to servo.
-  ArrivalRing arrivals;
   haptics::Mailbox<std::array<NearObjects, kMaxProbes>> near_objects;
   /// Sets the stop word for the next cycle. Wait-free. One thread at a time calls this and `obeys_stop`.
   void set_stop(StopWord word) noexcept { stop_word_.store(word.bits(), std::memory_order_release); }
@@ -122,7 +109,6 @@ struct ServoLink {
   }
 
   // Servo to gateway.
-  DepartureRing departures;
   haptics::Mailbox<ProbeReports> reports_for_sender, reports_for_gateway;
   haptics::Mailbox<MeshHashes> mesh_hashes;
   haptics::Mailbox<ShownReport> shown_reports;
@@ -135,6 +121,7 @@ struct ServoLink {
   }
 
   // In both directions.
+  IntakeLink intake;
   BodyLink bodies;
 
  private:

@@ -43,7 +43,7 @@ struct SharedBody {
 /// Fills pose, velocity and angular velocity of an object_pose.
 void put_state(const BodyState& state, const Vec3d& centre, session::ObjectPose& pose) noexcept;
 
-/// The copy sample in an object_copy that the caller has validated (wire/check.hpp).
+/// The copy sample in an object_copy that the caller has validated (session/check.hpp).
 [[nodiscard]] haptics::CopySample sample_of(const session::ObjectCopy& copy) noexcept;
 /// Fills time, body state, user force and `count` channels of an object_copy. Allocates.
 void put_sample(const haptics::CopySample& sample, std::size_t count, session::ObjectCopy& copy);

@@ -9,7 +9,7 @@
 namespace tactus::sharing {
 
 /// Returns the path with times of the hand's clock. `clock_offset_ns`: the hand's clock minus session time. The caller
-/// has validated the intent (wire/check.hpp).
+/// has validated the intent (session/check.hpp).
 [[nodiscard]] inline haptics::HandPath hand_path(const session::Intent& intent, std::int64_t clock_offset_ns) {
   haptics::HandPath path;
   path.buttons = intent.buttons;

@@ -325,21 +325,6 @@ void Cache::release(ObjectIndex number, RegionId region) noexcept {
   ++counters_.regions_released;
 }
 
-Cache::Space Cache::space_of(ObjectIndex number, RegionId region) const noexcept {
-  const RegionList list = objects_[number].list(region);
-  Space space;
-  std::uint32_t left = list.length;
-  for (BlockIndex block = list.first_block; block != kNone; block = pool_.blocks[block].after) {
-    ++space.blocks;
-    for (std::uint32_t i = 0; i < ListBlock::kEntries && left > 0; ++i, --left) {
-      const Slot first_slot = pool_.blocks[block].slots[i];
-      if (list_counts_[first_slot] > 1) continue;
-      for (Slot slot = first_slot; slot != kNone; slot = pool_.parts[slot].next) ++space.slots;
-    }
-  }
-  return space;
-}
-
 bool Cache::is_loaded(ObjectIndex object, RegionId region) const noexcept {
   return objects_[object].first_blocks[region] != kNone;
 }

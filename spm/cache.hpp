@@ -78,13 +78,10 @@ class Cache {
   /// returned the region. O(list).
   void release(ObjectIndex object, RegionId region) noexcept;
 
+  /// Numbers of slots and list blocks.
   struct Space {
     std::uint32_t slots = 0, blocks = 0;
   };
-  /// Returns the slots and list blocks that `release` would free now. Records that another loaded region lists do not
-  /// count. O(list).
-  [[nodiscard]] Space space_of(ObjectIndex object, RegionId region) const noexcept;
-
   [[nodiscard]] bool is_loaded(ObjectIndex object, RegionId region) const noexcept;
 
   [[nodiscard]] bool has_record(ObjectIndex object, RecordId record) const noexcept {

@@ -12,15 +12,16 @@
 
 namespace tactus::spm {
 
-/// Bytes for each region in the loader (hrtc_service/loader.hpp).
-inline constexpr std::uint32_t kLoaderBytesPerRegion = 12;
+/// Bytes for each region in the loader besides its grid: the progress of the region, and the length of its list
+/// (hrtc_service/loader.hpp).
+inline constexpr std::uint32_t kLoaderBytesPerRegion = 16;
 /// Bits for each record in the compressed cache: one bit, set if the record was received before
 /// (spm/codec/compressed_cache.hpp).
 inline constexpr std::uint32_t kReceivedBitsPerRecord = 1;
 
 /// Returns the bytes of an object's directory.
 [[nodiscard]] inline std::uint64_t directory_bytes(const ModelSummary& summary, const PoolSettings& pool) noexcept {
-  return Cache::directory_bytes(summary) + Forest::directory_bytes(summary, pool) +
+  return Cache::directory_bytes(summary) + Forest::directory_bytes(summary, pool) + RegionGrid::bytes(summary.regions) +
          std::uint64_t{summary.regions} * kLoaderBytesPerRegion +
          std::uint64_t{summary.records} * kReceivedBitsPerRecord / 8;
 }

@@ -19,7 +19,7 @@ std::uint64_t PoolSettings::bytes() const noexcept {
          (kTreeNodeBytes + sizeof(std::uint32_t)) * std::uint64_t{kMaxPreviousLeaves} +
          CandidateCaches::kCount * sizeof(CandidateCache) + FlatIndex::bytes(tree_nodes) + FreeSet::bytes(tree_nodes) +
          (sizeof(ListBlock) + sizeof(std::uint32_t)) * list_blocks +
-         (kCompressedBlockBytes + 2 * sizeof(std::uint16_t)) * std::uint64_t{compressed_blocks} +
+         (kCompressedBlockBytes + 3 * sizeof(std::uint16_t)) * std::uint64_t{compressed_blocks} +
          FlatIndex::bytes(compressed_blocks);
 }
 

@@ -111,7 +111,7 @@ std::size_t SharedSession::add_hrtc(std::int64_t clock_offset_ns) {
   add_links(kFirstHrtcNode + i);
   Hrtc& hrtc = *hrtcs_.back();
   hrtc_service::Gateway& gateway = hrtc.core.gateway();
-  gateway.on_object = [&hrtc](const hrtc_service::TouchObject& object) { hrtc.index = object.index; };
+  gateway.on_object = [&hrtc](const hrtc_service::ObjectDescription& object) { hrtc.index = object.index; };
   if (host_ != nullptr) send_catalogue(i);
   return i;
 }
@@ -221,6 +221,7 @@ void SharedSession::on_viewer_pose(const session::ObjectPose& pose) {
 
 void SharedSession::haptic_cycle(std::size_t i) {
   Hrtc& hrtc = *hrtcs_[i];
+  hrtc.core.intake().tick();
   hrtc_service::Servo& servo = hrtc.core.servo();
   for (User& user : users_) {
     if (user.hrtc != i || user.device == nullptr) continue;

@@ -259,6 +259,7 @@ void VirtualSession::step() {
       read_device(user);
     }
   }
+  core_.intake().tick();
   hrtc_service::Servo& servo = core_.servo();
   const hrtc_service::Servo::Outputs& outputs = servo.touch(inputs_, now_ns_);
   for (std::size_t user = 0; user < hands_.size(); ++user) deliver_output(user, outputs[user]);

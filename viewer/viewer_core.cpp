@@ -17,7 +17,6 @@ constexpr std::int64_t kTargetsNs = 10 * kMs;  // between two updates of the reg
 constexpr std::int64_t kMeshesNs = 50 * kMs;   // between two readings of the shown faces; pages get a mesh every 60 ms
 constexpr std::int64_t kScreenNs = 200 * kMs;  // between two choices of the regions that only the screen needs
 constexpr std::int64_t kMarksNs = 100 * kMs;   // between two updates of the marked regions
-constexpr std::size_t kRingEntries = 4096;
 constexpr std::size_t kMaxFigures = 2 * session::kMaxFigures;  // of a participant; a sample need not have all
 constexpr std::int64_t kMaxLossAgeNs = 2000 * kMs;             // an HRTC reports losses only while it loses states
 constexpr std::int64_t kMaxShownAgeNs = 1500 * kMs;            // an HRTC sends its shown regions every 500 ms
@@ -50,12 +49,10 @@ ViewerCore::ViewerCore(const session::Origin& self, const ViewerSettings& settin
       meshes_due_{kMeshesNs},
       regions_due_{kMarksNs},
       screen_due_{kScreenNs},
-      pool_{settings.pool},
-      nodes_{settings.pool.tree_nodes},
-      arrivals_{kRingEntries},
-      departures_{kRingEntries},
-      loader_{std::make_unique<hrtc_service::Loader>(pool_, nodes_, self, hrtc_service::LoaderSettings{}, arrivals_,
-                                                     departures_)} {
+      intake_link_{std::make_unique<hrtc_service::IntakeLink>()},
+      intake_{std::make_unique<hrtc_service::Intake>(settings.pool, *intake_link_)},
+      loader_{
+          std::make_unique<hrtc_service::Loader>(settings.pool, self, hrtc_service::LoaderSettings{}, *intake_link_)} {
   loader_->on_event = [this](session::Severity, const std::string& text) { add_event(text, now_ns_); };
   loader_->on_object_found = [this](const session::CatalogueEntry& entry) {
     SeenObject& object = objects_[entry.object_id];
@@ -65,7 +62,7 @@ ViewerCore::ViewerCore(const session::Origin& self, const ViewerSettings& settin
     object.number = next_number_++;
     ++scene_number_;
   };
-  loader_->on_object_withdrawn = [this](const hrtc_service::TouchObject& object) { forget_object(object.id); };
+  loader_->on_object_withdrawn = [this](const hrtc_service::ObjectDescription& object) { forget_object(object.id); };
   loader_->on_object_gone = [this](const hrtc_service::Loader::ObjectInfo& object) { forget_object(object.id); };
 }
 
@@ -294,12 +291,13 @@ void ViewerCore::load(std::int64_t now_ns) {
     if (refined_users_[i] != 0) probes[i] = reported(probes_.at(refined_users_[i]));
   std::array<hrtc_service::NearObjects, hrtc_service::kMaxProbes> near{};
   loader_->tick(now_ns, probes, near);
+  intake_->tick();
 }
 
 void ViewerCore::process_arrivals() {
   using hrtc_service::Arrival;
   Arrival arrival;
-  while (arrivals_.pop(arrival)) {
+  while (intake_->arrivals().pop(arrival)) {
     if (arrival.kind == Arrival::Kind::kObject) {
       loaded_.push_back({.object = arrival.object});
       continue;
@@ -359,7 +357,7 @@ void ViewerCore::set_targets(const Loaded& loaded) {
 }
 
 void ViewerCore::set_base_regions(Loaded& loaded) {
-  loaded.base_regions = base_regions(*loaded.object->forest, pool_);
+  loaded.base_regions = base_regions(*loaded.object->forest, intake_->objects().pool());
   double entries = 0;
   for (std::uint32_t region = 0; region < loaded.base_regions.size(); ++region)
     entries += loader_->records_of(loaded.object->index, region);
@@ -415,6 +413,7 @@ void ViewerCore::mark_regions(const Loaded& loaded, SeenObject& object) const {
 
 void ViewerCore::refine() {
   spm::Budget budget{settings_.budget};
+  hrtc_service::DepartureRing& departures = intake_->departures();
   const bool sets_targets = targets_due_.due(now_ns_);
   for (Loaded& loaded : loaded_) {
     spm::Forest& forest = *loaded.object->forest;
@@ -423,16 +422,16 @@ void ViewerCore::refine() {
     if (!loaded.withdrawn && !loaded.base_regions.empty() && sets_targets) set_targets(loaded);
     (void)forest.advance(budget);
     (void)forest.refit();
-    while (departures_.write_available() > 0) {
+    while (departures.write_available() > 0) {
       const spm::RegionId region = forest.take_retired();
       if (region == spm::kNone) break;
-      departures_.push({loaded.object->index, region});
+      departures.push({loaded.object->index, region});
     }
   }
-  std::erase_if(loaded_, [this](const Loaded& loaded) {
-    if (!loaded.withdrawn || !loaded.object->forest->is_fully_hidden() || departures_.write_available() == 0)
+  std::erase_if(loaded_, [&departures](const Loaded& loaded) {
+    if (!loaded.withdrawn || !loaded.object->forest->is_fully_hidden() || departures.write_available() == 0)
       return false;
-    departures_.push({loaded.object->index, spm::RegionId{spm::kNone}});
+    departures.push({loaded.object->index, spm::RegionId{spm::kNone}});
     return true;
   });
 }

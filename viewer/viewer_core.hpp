@@ -2,7 +2,7 @@
 /// that its pages show.
 ///
 ///     roster, catalogue, probe states, metrics, poses --> state for pages
-///     catalogue, base, records --> [Loader] --arrivals--> [forests] --> ShownMesh
+///     catalogue, base, records --> [Loader] --> [Intake] --arrivals--> [forests] --> ShownMesh
 ///     demands, roster entries, clock requests <--
 ///
 /// The loader is that of an HRTC (hrtc_service/loader.hpp). It predicts from the probe states of the session instead of
@@ -27,6 +27,7 @@
 #include <utility>
 #include <vector>
 
+#include "hrtc_service/intake.hpp"
 #include "hrtc_service/loader.hpp"
 #include "session/clock.hpp"
 #include "session/ownership.hpp"
@@ -194,7 +195,7 @@ class ViewerCore {
  private:
   using Entries = std::map<std::uint32_t, std::uint32_t>;  // by region: number of list entries to apply
 
-  /// An object in the pool. The loader owns it until its departure.
+  /// An object in the pool. The intake owns it until its departure.
   struct Loaded {
     hrtc_service::TouchObject* object = nullptr;
     bool withdrawn = false;
@@ -230,10 +231,8 @@ class ViewerCore {
   std::uint64_t heartbeats_ = 0;
   bool name_taken_ = false;
 
-  spm::Pool pool_;
-  spm::NodePool nodes_;
-  hrtc_service::ArrivalRing arrivals_;
-  hrtc_service::DepartureRing departures_;
+  std::unique_ptr<hrtc_service::IntakeLink> intake_link_;
+  std::unique_ptr<hrtc_service::Intake> intake_;
   std::unique_ptr<hrtc_service::Loader> loader_;
   std::vector<Loaded> loaded_;
   // Of one object, while it is refined.

@@ -4,7 +4,7 @@
 #include <cstdio>
 #include <utility>
 
-#include "wire/check.hpp"
+#include "session/check.hpp"
 #include "wire/convert.hpp"
 #include "wire/dds.hpp"
 

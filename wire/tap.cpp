@@ -2,7 +2,7 @@
 
 #include <mutex>
 
-#include "wire/check.hpp"
+#include "session/check.hpp"
 #include "wire/convert.hpp"
 #include "wire/dds.hpp"
 #include "wire/endpoints.hpp"

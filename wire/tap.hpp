@@ -29,7 +29,7 @@ using AnySample = std::variant<session::RosterEntry, session::CatalogueEntry, se
                                session::DeviceCommand, session::Intent, session::ObjectPose, session::ObjectClaim,
                                session::ObjectGrant, session::ObjectCopy, session::ClockSample>;
 
-/// Decodes a sample that a Tap has passed encoded. None if it is damaged or invalid (wire/check.hpp), or if no topic has
+/// Decodes a sample that a Tap has passed encoded. None if it is damaged or invalid (session/check.hpp), or if no topic has
 /// this name.
 [[nodiscard]] std::optional<AnySample> decode(const std::string& topic, std::span<const std::uint8_t> encoded);
 
@@ -40,7 +40,7 @@ class Tap {
   /// `topic`: index in topics(). `encoded`: the sample with its encapsulation header, valid during the call. Several
   /// DDS threads call it, one call at a time for each topic.
   using OnSample = std::function<void(std::size_t topic, std::span<const std::uint8_t> encoded)>;
-  /// Called after OnSample with the same sample, if it is valid (wire/check.hpp) and of this session.
+  /// Called after OnSample with the same sample, if it is valid (session/check.hpp) and of this session.
   using OnDecoded = std::function<void(const AnySample& sample)>;
 
   /// Returns whether to read a topic.

@@ -17,6 +17,7 @@ CompressedCache::CompressedCache(std::uint32_t blocks)
     : blocks_(blocks),
       lists_with_(blocks, 0),
       unretired_lists_with_(blocks, 0),
+      loaded_lists_with_(blocks, 0),
       index_{blocks},
       first_free_{blocks == 0 ? kNone : 0u},
       free_blocks_{blocks} {
@@ -130,7 +131,7 @@ CompressedCache::PutResult CompressedCache::put(ObjectIndex number, RegionId reg
       out.put(index(received->anchor), kAnchorBits);
       out.copy(message, received->first, received->bits);
       block = write_chain(out.take());
-      lists_with_[block] = unretired_lists_with_[block] = 0;
+      lists_with_[block] = unretired_lists_with_[block] = loaded_lists_with_[block] = 0;
       index_.insert(key(number, record), block);
       object.was_received[record] = true;
     }
@@ -141,7 +142,7 @@ CompressedCache::PutResult CompressedCache::put(ObjectIndex number, RegionId reg
   return put;
 }
 
-const RegionData& CompressedCache::get(ObjectIndex number, RegionId region, const Cache& cache) {
+const RegionData& CompressedCache::get(ObjectIndex number, RegionId region) {
   Object& object = *objects_[number];
   read_list(number, region);
   data_.region = region;
@@ -152,8 +153,9 @@ const RegionData& CompressedCache::get(ObjectIndex number, RegionId region, cons
   for (const Interval& interval : data_.list)
     for (std::uint32_t r = interval.first; r != interval.first + interval.count; ++r) {
       const RecordId record{r};
-      if (cache.has_record(number, record)) continue;
-      read_chain(index_.find(key(number, record)));
+      const std::uint32_t block = index_.find(key(number, record));
+      if (loaded_lists_with_[block] > 0) continue;
+      read_chain(block);
       BitReader in{buffer_};
       const FaceId anchor{static_cast<std::uint32_t>(in.get(kAnchorBits))};
       data_.residuals.emplace_back();
@@ -181,6 +183,16 @@ void CompressedCache::for_each_listed(ObjectIndex object, Visit visit) const {
       const std::uint64_t key_of_record = key(object, RecordId{r});
       visit(key_of_record, index_.find(key_of_record));
     }
+}
+
+void CompressedCache::mark_loaded(ObjectIndex object, RegionId region) noexcept {
+  read_list(object, region);
+  for_each_listed(object, [&](std::uint64_t, std::uint32_t block) { ++loaded_lists_with_[block]; });
+}
+
+void CompressedCache::mark_unloaded(ObjectIndex object, RegionId region) noexcept {
+  read_list(object, region);
+  for_each_listed(object, [&](std::uint64_t, std::uint32_t block) { --loaded_lists_with_[block]; });
 }
 
 void CompressedCache::retire(ObjectIndex object, RegionId region) noexcept {
@@ -246,7 +258,8 @@ std::vector<std::string> CompressedCache::violations() {
   }
   for (std::uint32_t block = 0; block < blocks_.size(); ++block)
     if (counted[block] > 0 &&
-        (counted[block] != lists_with_[block] || unretired_lists_with_[block] > lists_with_[block]))
+        (counted[block] != lists_with_[block] || unretired_lists_with_[block] > lists_with_[block] ||
+         loaded_lists_with_[block] > lists_with_[block]))
       found.push_back("block " + std::to_string(block) + ": found its record in " + std::to_string(counted[block]) +
                       " lists, counted " + std::to_string(lists_with_[block]));
   if (chained + free_blocks_ != blocks_.size())

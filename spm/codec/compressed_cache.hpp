@@ -5,9 +5,10 @@
 /// loader also decodes into the pool the regions that a tip will touch next. The demand lists all regions in the cache
 /// as held, except the retired ones.
 ///
-///     put      message -> blocks       counts the held regions that list each record
-///     get      blocks -> RegionData    with the records that the pool lacks
-///     evict    frees the list of a region, and the records that no other held region lists
+///     put           message -> blocks       counts the held regions that list each record
+///     get           blocks -> RegionData    with the records that no loaded region lists
+///     mark_loaded   counts the regions in the pool that list each record
+///     evict         frees the list of a region, and the records that no other held region lists
 ///
 /// Blocks are linked to chains: one chain for each record, one for each list. One thread. After `admit`, allocates only
 /// for decoding.
@@ -19,11 +20,11 @@
 #include <string>
 #include <vector>
 
-#include "spm/cache.hpp"
 #include "spm/codec/record_codes.hpp"
 #include "spm/codec/record_reader.hpp"
 #include "spm/flat_index.hpp"
 #include "spm/model.hpp"
+#include "spm/pool.hpp"
 #include "spm/region_data.hpp"
 
 namespace tactus::spm::codec {
@@ -63,9 +64,13 @@ class CompressedCache {
   [[nodiscard]] bool holds(ObjectIndex object, RegionId region) const noexcept {
     return index_.find(key_of(object, region)) != kNone;
   }
-  /// Returns the list of a held region, and the records of the list that have no slot in `cache`. The result is valid
-  /// until the next call.
-  [[nodiscard]] const RegionData& get(ObjectIndex object, RegionId region, const Cache& cache);
+  /// Returns the list of a held region, and the records of the list that are in the list of no loaded region. The result
+  /// is valid until the next call.
+  [[nodiscard]] const RegionData& get(ObjectIndex object, RegionId region);
+  /// Marks a held region as loaded into the pool, so that `get` of another region omits its records. O(list).
+  void mark_loaded(ObjectIndex object, RegionId region) noexcept;
+  /// Revokes `mark_loaded`. Call it before the region leaves the pool or is evicted. O(list).
+  void mark_unloaded(ObjectIndex object, RegionId region) noexcept;
 
   /// Marks a held region as retired; `get` still works. O(list).
   void retire(ObjectIndex object, RegionId region) noexcept;
@@ -124,6 +129,7 @@ class CompressedCache {
   std::vector<Block> blocks_;
   std::vector<std::uint16_t> lists_with_;            // by first block of a record: number of regions that list it
   std::vector<std::uint16_t> unretired_lists_with_;  // number of these regions that are not retired
+  std::vector<std::uint16_t> loaded_lists_with_;     // number of these regions that are marked as loaded
   FlatIndex index_;                                  // record or region -> first block
   std::uint32_t first_free_ = kNone, free_blocks_, retired_blocks_ = 0;
   IdVector<ObjectIndex, std::optional<Object>> objects_;

@@ -1,12 +1,14 @@
 #include "spm/codec/load_region.hpp"
 
+#include <utility>
 #include <vector>
 
 #include "spm/codec/region_codec.hpp"
 
 namespace tactus::spm::codec {
 
-bool load_region(const CompressedModel& model, RegionId region, Cache& cache, ObjectIndex object, RegionList& list) {
+std::optional<RegionData> region_data(const CompressedModel& model, RegionId region, const Cache& cache,
+                                      ObjectIndex object) {
   std::vector<Interval> missing;
   for (const Interval& interval : model.intervals_of(region))
     for (std::uint32_t record = interval.first; record < interval.first + interval.count; ++record) {
@@ -17,8 +19,14 @@ bool load_region(const CompressedModel& model, RegionId region, Cache& cache, Ob
         missing.push_back({record, 1});
     }
   const Bytes message = encode_region(model, region, missing);
-  const auto decoded = decode_region(message, model.summary(), model.tables());
-  return decoded && cache.accept(object, *decoded, list) == AcceptResult::kAccepted;
+  auto decoded = decode_region(message, model.summary(), model.tables());
+  if (!decoded) return std::nullopt;
+  return std::move(*decoded);
+}
+
+bool load_region(const CompressedModel& model, RegionId region, Cache& cache, ObjectIndex object, RegionList& list) {
+  const std::optional<RegionData> data = region_data(model, region, cache, object);
+  return data && cache.accept(object, *data, list) == AcceptResult::kAccepted;
 }
 
 }  // namespace tactus::spm::codec

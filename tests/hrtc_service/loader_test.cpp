@@ -17,7 +17,7 @@ class LoaderTest : public testing::Test {
  protected:
   LoaderTest() {
     settings_.directory_bytes = 4u << 20;
-    loader_.emplace(pool_, nodes_, session::Origin{kSession, kHrtc, 1, 0}, settings_, arrivals_, departures_);
+    loader_.emplace(pool_settings_, session::Origin{kSession, kHrtc, 1, 0}, settings_, link_);
     loader_->on_object_gone = [this](const Loader::ObjectInfo&) { ++removals_; };
   }
   void offer(int number, bool withdrawn, std::uint32_t base_bytes = 1000) {
@@ -42,10 +42,7 @@ class LoaderTest : public testing::Test {
   spm::offline::BuiltModel model_ =
       spm::offline::build_model(spm::offline::generate(spm::offline::Shape::kSphere, 2000));
   spm::PoolSettings pool_settings_ = spm::PoolSettings::for_slots(1000);
-  spm::Pool pool_{pool_settings_};
-  spm::NodePool nodes_{pool_settings_.tree_nodes};
-  ArrivalRing arrivals_{64};
-  DepartureRing departures_{64};
+  IntakeLink link_;
   LoaderSettings settings_;
   std::optional<Loader> loader_;
   int removals_ = 0;

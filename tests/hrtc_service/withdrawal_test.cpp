@@ -143,6 +143,7 @@ class WithdrawalTest : public testing::Test {
       for (const session::ObjectClaim& claim : gateway.claims()) host->core->on_claim(claim, now_);
       while (auto outgoing = host->core->next_chunk(now_)) gateway.on_chunk(outgoing->chunk, now_);
     }
+    core_->intake().tick();
   }
   /// Runs until `condition` holds, at most `cycles`. Returns whether it holds.
   template <class Condition>
@@ -183,7 +184,7 @@ class WithdrawalTest : public testing::Test {
     const LoaderFigures figures = loader.figures();
     const session::DeliveryClient::Sizes sizes = loader.delivery_sizes();
     return {figures.slots_used,
-            loader.list_blocks_used(),
+            core_->pool().settings.list_blocks - core_->intake().objects().cache().blocks_free(),
             figures.compressed_used,
             core_->nodes().used_nodes(),
             loader.directory_bytes_used(),
@@ -486,7 +487,7 @@ TEST_F(WithdrawalTest, TheContactLogNamesTheRightObjectWhenAnIndexIsReused) {
   constexpr int kObjects = static_cast<int>(kMaxObjects) + 3;
   {
     ContactLogger logger{file, core_->link().log};
-    core_->gateway().on_object = [&](const TouchObject& object) { logger.add(object); };
+    core_->gateway().on_object = [&](const ObjectDescription& object) { logger.add(object); };
     membership_->on_object_gone = [&](const Loader::ObjectInfo& object) {
       removed_.push_back(object);
       logger.close(object);

@@ -70,7 +70,7 @@ class LocalSession {
   const hrtc_service::CycleResult& touch() noexcept {
     hrtc_service::ServoLink& link = core_.link();
     std::array<hrtc_service::Arrival, 64> arrived;
-    const auto count = static_cast<std::uint32_t>(link.arrivals.pop(arrived.data(), arrived.size()));
+    const auto count = static_cast<std::uint32_t>(core_.intake().arrivals().pop(arrived.data(), arrived.size()));
     for (std::size_t i = 0; i < inputs_.size(); ++i) inputs_[i].near = link.near_objects.latest()[i];
     const hrtc_service::CycleResult& result = cycle().touch(inputs_, now_, arrived.data(), count);
     link.reports_for_gateway.post({now_, now_ + kPeriodNs, cycles_, result.probes, result.interventions});
@@ -147,6 +147,7 @@ class LocalSession {
   };
 
   void exchange() {
+    core_.intake().tick();
     gateway().tick(now_, membership_.clock());
     membership_.tick(now_);
     if (connected) study::exchange_membership(host_, membership_, now_);
@@ -162,6 +163,7 @@ class LocalSession {
       gateway().on_chunk(chunks_.front().sample, now_);
       chunks_.pop_front();
     }
+    core_.intake().tick();
   }
 
   std::vector<spm::Model> models_;

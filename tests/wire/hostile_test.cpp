@@ -6,8 +6,8 @@
 #include <random>
 #include <string>
 
+#include "session/check.hpp"
 #include "support.hpp"
-#include "wire/check.hpp"
 #include "wire/convert.hpp"
 #include "wire/dds.hpp"
 

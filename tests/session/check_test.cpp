@@ -1,37 +1,36 @@
-#include "wire/check.hpp"
+#include "session/check.hpp"
 
 #include <gmock/gmock.h>
 
 #include <limits>
 #include <string>
 
-namespace tactus::wire {
+namespace tactus::session {
 namespace {
 
 using testing::HasSubstr;
 using testing::IsNull;
-namespace ses = session;
 
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 constexpr double kInf = std::numeric_limits<double>::infinity();
 
 // Valid samples.
 
-ses::RosterEntry roster() {
-  ses::RosterEntry entry;
+RosterEntry roster() {
+  RosterEntry entry;
   entry.name = "p";
   entry.session = "s";
-  entry.origin.participant = ses::id_of("p");
-  entry.origin.session = ses::id_of("s");
+  entry.origin.participant = id_of("p");
+  entry.origin.session = id_of("s");
   return entry;
 }
 
-ses::CatalogueEntry catalogue() {
-  ses::CatalogueEntry c{};
+CatalogueEntry catalogue() {
+  CatalogueEntry c{};
   c.host = "h";
   c.object = "o";
-  c.origin.participant = ses::id_of("h");
-  c.object_id = ses::id_of("o");
+  c.origin.participant = id_of("h");
+  c.object_id = id_of("o");
   c.summary.vertices = 8;
   c.summary.faces = 12;
   c.summary.base_vertices = 4;
@@ -43,22 +42,22 @@ ses::CatalogueEntry catalogue() {
   return c;
 }
 
-ses::CatalogueEntry body() {
-  ses::CatalogueEntry c = catalogue();
+CatalogueEntry body() {
+  CatalogueEntry c = catalogue();
   c.scale = 1;
   c.body = {0.5, {1e-3, 2e-3, 3e-3}, 0.5, 0};
   return c;
 }
 
-ses::ObjectCopy copy() {
-  ses::ObjectCopy c;
+ObjectCopy copy() {
+  ObjectCopy c;
   c.copy_index = 1;
   c.channels.resize(2);
   return c;
 }
 
-ses::BulkChunk chunk() {
-  ses::BulkChunk b;
+BulkChunk chunk() {
+  BulkChunk b;
   b.sequence = 1;
   b.pieces = {{3, 0, 1, 0, {1}}};
   return b;
@@ -75,7 +74,7 @@ void expect_invalid(Sample sample, const char* field, Invalidate&& invalidate) {
 }
 
 TEST(Check, NamesTheWrongFieldOfARosterEntry) {
-  expect_invalid(roster(), "role", [](auto& r) { r.role = static_cast<ses::Role>(4); });
+  expect_invalid(roster(), "role", [](auto& r) { r.role = static_cast<Role>(4); });
   expect_invalid(roster(), "name", [](auto& r) { r.name.clear(); });
   expect_invalid(roster(), "name", [](auto& r) { r.name = "q"; });
   expect_invalid(roster(), "session", [](auto& r) { r.session = "t"; });
@@ -88,12 +87,12 @@ TEST(Check, NamesTheWrongFieldOfARosterEntry) {
   expect_invalid(roster(), "stops", [](auto& r) { r.stops.assign(33, {1, 2, 3, 4, 5}); });
   expect_invalid(roster(), "session_time_ns", [](auto& r) { r.session_time_ns = -1; });
   expect_invalid(roster(), "session_time_ns", [](auto& r) { r.session_time_ns = INT64_MAX; });
-  expect_invalid(roster(), "joined_ns", [](auto& r) { r.joined_ns = ses::kNotJoined - 1; });
+  expect_invalid(roster(), "joined_ns", [](auto& r) { r.joined_ns = kNotJoined - 1; });
 }
 
 TEST(Check, LeavesTheProtocolVersionToTheSession) {
   auto r = roster();
-  r.protocol = ses::kProtocolVersion + 1;
+  r.protocol = kProtocolVersion + 1;
   EXPECT_THAT(invalid_field(r), IsNull());
 }
 
@@ -136,15 +135,15 @@ TEST(Check, ChecksOnlyTheNamesOfAWithdrawnObject) {
 }
 
 TEST(Check, NamesTheWrongFieldOfADemand) {
-  expect_invalid(ses::Demand{}, "have", [](auto& d) { d.have = {{0, 0}}; });
-  expect_invalid(ses::Demand{}, "have", [](auto& d) { d.have = {{5, 2}, {6, 1}}; });
-  expect_invalid(ses::Demand{}, "have", [](auto& d) { d.have = {{0xfffffff0u, 0x20}}; });
-  expect_invalid(ses::Demand{}, "wanted", [](auto& d) { d.wanted.resize(257); });
-  expect_invalid(ses::Demand{}, "gaps", [](auto& d) { d.gaps = {{5, 1}, {5, 1}}; });
-  expect_invalid(ses::Demand{}, "gaps", [](auto& d) {
+  expect_invalid(Demand{}, "have", [](auto& d) { d.have = {{0, 0}}; });
+  expect_invalid(Demand{}, "have", [](auto& d) { d.have = {{5, 2}, {6, 1}}; });
+  expect_invalid(Demand{}, "have", [](auto& d) { d.have = {{0xfffffff0u, 0x20}}; });
+  expect_invalid(Demand{}, "wanted", [](auto& d) { d.wanted.resize(257); });
+  expect_invalid(Demand{}, "gaps", [](auto& d) { d.gaps = {{5, 1}, {5, 1}}; });
+  expect_invalid(Demand{}, "gaps", [](auto& d) {
     for (std::uint32_t i = 0; i < 129; ++i) d.gaps.push_back({2 * i, 1});
   });
-  expect_invalid(ses::Demand{}, "have", [](auto& d) {
+  expect_invalid(Demand{}, "have", [](auto& d) {
     for (std::uint32_t i = 0; i < 1025; ++i) d.have.push_back({2 * i, 1});
   });
 }
@@ -153,35 +152,35 @@ TEST(Check, NamesTheWrongFieldOfABulkChunk) {
   expect_invalid(chunk(), "sequence", [](auto& b) { b.sequence = 0; });
   expect_invalid(chunk(), "pieces.index", [](auto& b) { b.pieces[0].index = 1; });
   expect_invalid(chunk(), "pieces.index", [](auto& b) { b.pieces[0].count = 0; });
-  expect_invalid(chunk(), "pieces", [](auto& b) { b.pieces[0].payload.resize(ses::kMaxPayload - 2); });
+  expect_invalid(chunk(), "pieces", [](auto& b) { b.pieces[0].payload.resize(kMaxPayload - 2); });
   expect_invalid(chunk(), "pieces.payload", [](auto& b) { b.pieces[0].payload.clear(); });
   expect_invalid(chunk(), "pieces.region", [](auto& b) { b.pieces.push_back({spm::kNone, 0, 1, 0, {1}}); });
 }
 
 TEST(Check, NamesTheWrongFieldOfProbeSamples) {
-  ses::Intent intent;
+  Intent intent;
   intent.path = {{1, {}}, {2, {}}};
   expect_invalid(intent, "path", [](auto& i) { i.path.clear(); });
   expect_invalid(intent, "path", [](auto& i) { i.path.resize(17); });
   expect_invalid(intent, "path", [](auto& i) { i.path[1].session_time_ns = 1; });
   expect_invalid(intent, "position", [](auto& i) { i.path[0].pose.position[1] = kNan; });
   expect_invalid(intent, "orientation", [](auto& i) { i.path[1].pose.orientation = {0, 0, 0, 1.1}; });
-  expect_invalid(ses::ProbeState{}, "orientation", [](auto& p) { p.device.orientation = {0, 0, 0, 0}; });
-  expect_invalid(ses::ProbeState{}, "proxy", [](auto& p) { p.proxy[0] = kNan; });
-  expect_invalid(ses::ProbeState{}, "velocity", [](auto& p) { p.velocity[1] = kInf; });
-  expect_invalid(ses::ProbeState{}, "force", [](auto& p) { p.force[2] = -kInf; });
-  expect_invalid(ses::ProbeState{}, "radius", [](auto& p) { p.radius = -1e-9; });
-  expect_invalid(ses::ProbeState{}, "error_bound", [](auto& p) { p.error_bound = -1; });
-  expect_invalid(ses::DevicePose{}, "position", [](auto& d) { d.pose.position[2] = kNan; });
-  expect_invalid(ses::DevicePose{}, "velocity", [](auto& d) { d.velocity[0] = kNan; });
-  expect_invalid(ses::DevicePose{}, "radius", [](auto& d) { d.radius = kNan; });
-  expect_invalid(ses::DeviceCommand{}, "force", [](auto& d) { d.force[0] = kNan; });
-  expect_invalid(ses::DeviceCommand{}, "torque", [](auto& d) { d.torque[0] = kNan; });
-  expect_invalid(ses::DeviceCommand{}, "normal", [](auto& d) { d.normal[0] = kNan; });
-  expect_invalid(ses::DeviceCommand{}, "error_bound", [](auto& d) { d.error_bound = -1; });
-  expect_invalid(ses::ObjectPose{}, "velocity", [](auto& o) { o.velocity[0] = kNan; });
-  expect_invalid(ses::ObjectPose{}, "angular_velocity", [](auto& o) { o.angular_velocity[0] = kNan; });
-  expect_invalid(ses::ObjectPose{}, "orientation", [](auto& o) { o.pose.orientation[3] = -1.002; });
+  expect_invalid(ProbeState{}, "orientation", [](auto& p) { p.device.orientation = {0, 0, 0, 0}; });
+  expect_invalid(ProbeState{}, "proxy", [](auto& p) { p.proxy[0] = kNan; });
+  expect_invalid(ProbeState{}, "velocity", [](auto& p) { p.velocity[1] = kInf; });
+  expect_invalid(ProbeState{}, "force", [](auto& p) { p.force[2] = -kInf; });
+  expect_invalid(ProbeState{}, "radius", [](auto& p) { p.radius = -1e-9; });
+  expect_invalid(ProbeState{}, "error_bound", [](auto& p) { p.error_bound = -1; });
+  expect_invalid(DevicePose{}, "position", [](auto& d) { d.pose.position[2] = kNan; });
+  expect_invalid(DevicePose{}, "velocity", [](auto& d) { d.velocity[0] = kNan; });
+  expect_invalid(DevicePose{}, "radius", [](auto& d) { d.radius = kNan; });
+  expect_invalid(DeviceCommand{}, "force", [](auto& d) { d.force[0] = kNan; });
+  expect_invalid(DeviceCommand{}, "torque", [](auto& d) { d.torque[0] = kNan; });
+  expect_invalid(DeviceCommand{}, "normal", [](auto& d) { d.normal[0] = kNan; });
+  expect_invalid(DeviceCommand{}, "error_bound", [](auto& d) { d.error_bound = -1; });
+  expect_invalid(ObjectPose{}, "velocity", [](auto& o) { o.velocity[0] = kNan; });
+  expect_invalid(ObjectPose{}, "angular_velocity", [](auto& o) { o.angular_velocity[0] = kNan; });
+  expect_invalid(ObjectPose{}, "orientation", [](auto& o) { o.pose.orientation[3] = -1.002; });
 }
 
 TEST(Check, NamesTheWrongFieldOfSharedObjectSamples) {
@@ -191,10 +190,10 @@ TEST(Check, NamesTheWrongFieldOfSharedObjectSamples) {
   expect_invalid(body(), "body.inertia", [](auto& c) { c.body.inertia[2] = 0.01; });
   expect_invalid(body(), "body.friction", [](auto& c) { c.body.friction = -0.1; });
   expect_invalid(body(), "body.ground", [](auto& c) { c.body.ground = kInf; });
-  expect_invalid(ses::ObjectClaim{}, "one_way_ns", [](auto& c) { c.one_way_ns = -1; });
-  expect_invalid(ses::ObjectGrant{}, "channel_delay_ns", [](auto& g) { g.channel_delay_ns = std::int64_t{1} << 50; });
-  expect_invalid(ses::ObjectGrant{}, "touchers", [](auto& g) { g.touchers.resize(9); });
-  expect_invalid(ses::ObjectGrant{}, "touchers", [](auto& g) { g.touchers = {{1, 2, 3}, {1, 3, 3}}; });
+  expect_invalid(ObjectClaim{}, "one_way_ns", [](auto& c) { c.one_way_ns = -1; });
+  expect_invalid(ObjectGrant{}, "channel_delay_ns", [](auto& g) { g.channel_delay_ns = std::int64_t{1} << 50; });
+  expect_invalid(ObjectGrant{}, "touchers", [](auto& g) { g.touchers.resize(9); });
+  expect_invalid(ObjectGrant{}, "touchers", [](auto& g) { g.touchers = {{1, 2, 3}, {1, 3, 3}}; });
   expect_invalid(copy(), "session_time_ns", [](auto& c) { c.session_time_ns = -1; });
   expect_invalid(copy(), "channels", [](auto& c) { c.channels.resize(9); });
   expect_invalid(copy(), "copy_index", [](auto& c) { c.copy_index = 2; });
@@ -209,42 +208,42 @@ TEST(Check, NamesTheWrongFieldOfSharedObjectSamples) {
 }
 
 TEST(Check, IgnoresTheBodyOfAStaticObject) {
-  ses::CatalogueEntry c = body();
+  CatalogueEntry c = body();
   c.body = {0, {-1, kNan, 0}, -1, kNan};
   EXPECT_THAT(invalid_field(c), IsNull());
 }
 
 TEST(Check, AcceptsAQuaternionWithinTheTolerance) {
-  ses::ObjectPose o;
+  ObjectPose o;
   o.pose.orientation = {0, 0, 0, -1.0009};
   EXPECT_THAT(invalid_field(o), IsNull());
 }
 
 TEST(Check, NamesTheWrongFieldOfMetricsAndControl) {
-  expect_invalid(ses::Metrics{}, "figures", [](auto& m) { m.figures.assign(129, {"f", 0}); });
-  expect_invalid(ses::Metrics{}, "figures.name", [](auto& m) { m.figures = {{"", 0}}; });
-  expect_invalid(ses::Metrics{}, "figures.value", [](auto& m) { m.figures = {{"f", kNan}}; });
-  expect_invalid(ses::Metrics{}, "meshes", [](auto& m) { m.meshes.assign(65, {1, 2}); });
-  expect_invalid(ses::ShownRegions{}, "regions", [](auto& s) { s.regions.assign(1025, {1, 2}); });
-  expect_invalid(ses::Control{}, "kind", [](auto& c) { c.kind = static_cast<ses::ControlKind>(2); });
-  expect_invalid(ses::Control{}, "text", [](auto& c) { c.text.assign(256, 't'); });
+  expect_invalid(Metrics{}, "figures", [](auto& m) { m.figures.assign(129, {"f", 0}); });
+  expect_invalid(Metrics{}, "figures.name", [](auto& m) { m.figures = {{"", 0}}; });
+  expect_invalid(Metrics{}, "figures.value", [](auto& m) { m.figures = {{"f", kNan}}; });
+  expect_invalid(Metrics{}, "meshes", [](auto& m) { m.meshes.assign(65, {1, 2}); });
+  expect_invalid(ShownRegions{}, "regions", [](auto& s) { s.regions.assign(1025, {1, 2}); });
+  expect_invalid(Control{}, "kind", [](auto& c) { c.kind = static_cast<ControlKind>(2); });
+  expect_invalid(Control{}, "text", [](auto& c) { c.text.assign(256, 't'); });
 }
 
 TEST(Check, NamesTheWrongFieldOfStopsResetsAndEnds) {
-  ses::EmergencyStop stop;
+  EmergencyStop stop;
   EXPECT_THAT(invalid_field(stop), HasSubstr("number"));
   stop.number = 1;
   EXPECT_THAT(invalid_field(stop), IsNull());
   expect_invalid(stop, "text", [](auto& s) { s.text.assign(256, 't'); });
-  ses::ForceReset reset;
+  ForceReset reset;
   EXPECT_THAT(invalid_field(reset), HasSubstr("number"));
   reset.number = 1;
   EXPECT_THAT(invalid_field(reset), IsNull());
   expect_invalid(reset, "stops", [](auto& r) { r.stops.assign(33, {1, 2, 3}); });
   expect_invalid(reset, "stops.number", [](auto& r) { r.stops = {{1, 2, 0}}; });
   expect_invalid(reset, "text", [](auto& r) { r.text.assign(256, 't'); });
-  expect_invalid(ses::SessionEnd{}, "text", [](auto& e) { e.text.assign(256, 't'); });
+  expect_invalid(SessionEnd{}, "text", [](auto& e) { e.text.assign(256, 't'); });
 }
 
 }  // namespace
-}  // namespace tactus::wire
+}  // namespace tactus::session

@@ -1,10 +1,10 @@
-#include "wire/check.hpp"
+#include "session/check.hpp"
 
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
 
-namespace tactus::wire {
+namespace tactus::session {
 namespace {
 
 constexpr double kUnitTolerance = 1e-3;  // covers the rounding of a few products in float
@@ -35,7 +35,7 @@ bool positive(double v) noexcept { return std::isfinite(v) && v > 0; }
 bool fits(const std::string& text, std::size_t bound) noexcept {
   return text.size() <= bound && text.find('\0') == std::string::npos;
 }
-bool is_name(const std::string& text) noexcept { return !text.empty() && fits(text, session::kMaxName); }
+bool is_name(const std::string& text) noexcept { return !text.empty() && fits(text, kMaxName); }
 
 bool ascending(const std::vector<spm::Interval>& intervals) noexcept {
   std::uint64_t next = 0;
@@ -47,7 +47,9 @@ bool ascending(const std::vector<spm::Interval>& intervals) noexcept {
   return true;
 }
 
-const char* invalid_field(const session::Pose& pose) noexcept {
+}  // namespace
+
+const char* invalid_field(const Pose& pose) noexcept {
   if (!all_finite(pose.position)) return "pose.position: expected finite numbers";
   double square = 0;
   for (const double v : pose.orientation) square += v * v;
@@ -55,7 +57,7 @@ const char* invalid_field(const session::Pose& pose) noexcept {
   return nullptr;
 }
 
-const char* invalid_field(const session::Material& m) noexcept {
+const char* invalid_field(const Material& m) noexcept {
   if (!not_negative(m.stiffness)) return "material.stiffness: expected finite, at least 0";
   if (!not_negative(m.damping)) return "material.damping: expected finite, at least 0";
   if (!not_negative(m.static_friction)) return "material.static_friction: expected finite, at least 0";
@@ -65,7 +67,7 @@ const char* invalid_field(const session::Material& m) noexcept {
   return nullptr;
 }
 
-const char* invalid_field(const session::Body& b) noexcept {
+const char* invalid_field(const Body& b) noexcept {
   if (!not_negative(b.mass)) return "body.mass: expected finite, at least 0";
   if (b.mass == 0) return nullptr;  // the other fields have no meaning
   const auto& i = b.inertia;
@@ -80,6 +82,8 @@ const char* invalid_field(const session::Body& b) noexcept {
   if (!std::isfinite(b.ground)) return "body.ground: expected a finite number";
   return nullptr;
 }
+
+namespace {
 
 const char* invalid_field(const spm::ModelSummary& s) noexcept {
   if (s.base_vertices > s.vertices || s.records != s.vertices - s.base_vertices) {
@@ -103,41 +107,41 @@ const char* invalid_field(const spm::ModelSummary& s) noexcept {
 
 }  // namespace
 
-const char* invalid_field(const session::RosterEntry& r) noexcept {
-  if (r.role > session::Role::kViewer) return "role: expected 0..3";
+const char* invalid_field(const RosterEntry& r) noexcept {
+  if (r.role > Role::kViewer) return "role: expected 0..3";
   if (!is_name(r.name)) return "name: expected 1..63 bytes";
   if (!is_name(r.session)) return "session: expected 1..63 bytes";
-  if (session::id_of(r.name) != r.origin.participant) return "name: expected the name with id origin.participant";
-  if (session::id_of(r.session) != r.origin.session) return "session: expected the name with id origin.session";
-  if (!fits(r.requested_hrtc, session::kMaxName)) return "requested_hrtc: expected at most 63 bytes";
-  if (r.users.size() > session::kMaxUsers) return "users: expected at most 64";
+  if (id_of(r.name) != r.origin.participant) return "name: expected the name with id origin.participant";
+  if (id_of(r.session) != r.origin.session) return "session: expected the name with id origin.session";
+  if (!fits(r.requested_hrtc, kMaxName)) return "requested_hrtc: expected at most 63 bytes";
+  if (r.users.size() > kMaxUsers) return "users: expected at most 64";
   for (const std::string& user : r.users) {
     if (!is_name(user)) return "users: expected names of 1..63 bytes";
   }
-  if (r.served_users.size() > session::kMaxUsers) return "served_users: expected at most 64";
-  for (const session::UserProbe& probe : r.served_users) {
+  if (r.served_users.size() > kMaxUsers) return "served_users: expected at most 64";
+  for (const UserProbe& probe : r.served_users) {
     if (!is_name(probe.user)) return "served_users.user: expected 1..63 bytes";
-    if (probe.probe >= session::kMaxUsers) return "served_users.probe: expected 0..63";
+    if (probe.probe >= kMaxUsers) return "served_users.probe: expected 0..63";
   }
-  if (r.stops.size() > session::kMaxStops) return "stops: expected at most 32";
+  if (r.stops.size() > kMaxStops) return "stops: expected at most 32";
   constexpr std::int64_t kMaxSessionNs = INT64_C(1) << 60;  // 36 years; differences do not overflow
   const auto in_session = [](std::int64_t time_ns) { return time_ns >= 0 && time_ns <= kMaxSessionNs; };
   if (!in_session(r.session_time_ns)) return "session_time_ns: expected 0..2^60";
-  if (r.joined_ns != session::kNotJoined && !in_session(r.joined_ns)) return "joined_ns: expected 0..2^60, or 2^63 - 1";
+  if (r.joined_ns != kNotJoined && !in_session(r.joined_ns)) return "joined_ns: expected 0..2^60, or 2^63 - 1";
   return nullptr;
 }
 
-const char* invalid_field(const session::CatalogueEntry& c) noexcept {
+const char* invalid_field(const CatalogueEntry& c) noexcept {
   if (!is_name(c.host)) return "host: expected 1..63 bytes";
   if (!is_name(c.object)) return "object: expected 1..63 bytes";
-  if (session::id_of(c.host) != c.origin.participant) return "host: expected the name with id origin.participant";
-  if (session::id_of(c.object) != c.object_id) return "object: expected the name with id object_id";
+  if (id_of(c.host) != c.origin.participant) return "host: expected the name with id origin.participant";
+  if (id_of(c.object) != c.object_id) return "object: expected the name with id object_id";
   if (c.withdrawn) return nullptr;  // the other fields have no meaning
   if (!positive(c.scale)) return "scale: expected finite, above 0";
   if (const char* f = invalid_field(c.summary)) return f;
   if (const char* f = invalid_field(c.pose)) return f;
   if (const char* f = invalid_field(c.material)) return f;
-  if (c.surface.points.size() > session::kMaxSurfacePoints) return "surface.points: expected at most 32";
+  if (c.surface.points.size() > kMaxSurfacePoints) return "surface.points: expected at most 32";
   for (const spm::SurfacePoint& point : c.surface.points) {
     if (!all_finite(point.position)) return "surface.points.position: expected finite numbers";
     if (!all_finite(point.normal)) return "surface.points.normal: expected finite numbers";
@@ -146,73 +150,73 @@ const char* invalid_field(const session::CatalogueEntry& c) noexcept {
   return invalid_field(c.body);
 }
 
-const char* invalid_field(const session::Demand& d) noexcept {
-  if (d.have.size() > session::kMaxHaveIntervals) return "have: expected at most 1024 intervals";
+const char* invalid_field(const Demand& d) noexcept {
+  if (d.have.size() > kMaxHaveIntervals) return "have: expected at most 1024 intervals";
   if (!ascending(d.have)) return "have: expected ascending intervals of regions below 0xffffffff";
-  if (d.gaps.size() > session::kMaxGaps) return "gaps: expected at most 128 intervals";
+  if (d.gaps.size() > kMaxGaps) return "gaps: expected at most 128 intervals";
   if (!ascending(d.gaps)) return "gaps: expected ascending intervals of sequences below 0xffffffff";
-  if (d.wanted.size() > session::kMaxWanted) return "wanted: expected at most 256 regions";
+  if (d.wanted.size() > kMaxWanted) return "wanted: expected at most 256 regions";
   return nullptr;
 }
 
-const char* invalid_field(const session::ShownRegions& s) noexcept {
-  if (s.regions.size() > session::kMaxShownRegions) return "regions: expected at most 1024";
+const char* invalid_field(const ShownRegions& s) noexcept {
+  if (s.regions.size() > kMaxShownRegions) return "regions: expected at most 1024";
   return nullptr;
 }
 
-const char* invalid_field(const session::Metrics& m) noexcept {
-  if (m.figures.size() > session::kMaxFigures) return "figures: expected at most 128";
-  for (const session::Figure& figure : m.figures) {
+const char* invalid_field(const Metrics& m) noexcept {
+  if (m.figures.size() > kMaxFigures) return "figures: expected at most 128";
+  for (const Figure& figure : m.figures) {
     if (!is_name(figure.name)) return "figures.name: expected 1..63 bytes";
     if (!std::isfinite(figure.value)) return "figures.value: expected a finite number";
   }
-  if (m.meshes.size() > session::kMaxMeshes) return "meshes: expected at most 64";
+  if (m.meshes.size() > kMaxMeshes) return "meshes: expected at most 64";
   return nullptr;
 }
 
-const char* invalid_field(const session::Control& c) noexcept {
-  if (c.kind > session::ControlKind::kMode) return "kind: expected 0..1";
-  if (!fits(c.text, session::kMaxText)) return "text: expected at most 255 bytes";
+const char* invalid_field(const Control& c) noexcept {
+  if (c.kind > ControlKind::kMode) return "kind: expected 0..1";
+  if (!fits(c.text, kMaxText)) return "text: expected at most 255 bytes";
   return nullptr;
 }
 
-const char* invalid_field(const session::EmergencyStop& s) noexcept {
+const char* invalid_field(const EmergencyStop& s) noexcept {
   if (s.number == 0) return "number: expected at least 1";
-  if (!fits(s.text, session::kMaxText)) return "text: expected at most 255 bytes";
+  if (!fits(s.text, kMaxText)) return "text: expected at most 255 bytes";
   return nullptr;
 }
 
-const char* invalid_field(const session::ForceReset& r) noexcept {
+const char* invalid_field(const ForceReset& r) noexcept {
   if (r.number == 0) return "number: expected at least 1";
-  if (r.stops.size() > session::kMaxStops) return "stops: expected at most 32";
-  for (const session::StopName& stop : r.stops) {
+  if (r.stops.size() > kMaxStops) return "stops: expected at most 32";
+  for (const StopName& stop : r.stops) {
     if (stop.number == 0) return "stops.number: expected at least 1";
   }
-  if (!fits(r.text, session::kMaxText)) return "text: expected at most 255 bytes";
+  if (!fits(r.text, kMaxText)) return "text: expected at most 255 bytes";
   return nullptr;
 }
 
-const char* invalid_field(const session::SessionEnd& e) noexcept {
-  if (!fits(e.text, session::kMaxText)) return "text: expected at most 255 bytes";
+const char* invalid_field(const SessionEnd& e) noexcept {
+  if (!fits(e.text, kMaxText)) return "text: expected at most 255 bytes";
   return nullptr;
 }
 
-const char* invalid_field(const session::BulkChunk& b) noexcept {
+const char* invalid_field(const BulkChunk& b) noexcept {
   if (b.sequence == 0) return "sequence: expected at least 1";
   std::size_t bytes = 0;
-  for (const session::BulkPiece& piece : b.pieces) {
+  for (const BulkPiece& piece : b.pieces) {
     if (piece.index >= piece.count) return "pieces.index: expected below count";
     if (piece.payload.empty()) return "pieces.payload: expected at least one byte";
-    if ((piece.region == spm::kNone) != (b.kind() == session::BulkKind::kBase))
+    if ((piece.region == spm::kNone) != (b.kind() == BulkKind::kBase))
       return "pieces.region: expected base meshes and regions in different chunks";
-    bytes += session::header_bytes(piece.region, piece.count) + piece.payload.size();
+    bytes += header_bytes(piece.region, piece.count) + piece.payload.size();
   }
-  if (bytes > session::kMaxPayload) return "pieces: expected at most 1400 bytes with their headers";
+  if (bytes > kMaxPayload) return "pieces: expected at most 1400 bytes with their headers";
   return nullptr;
 }
 
-const char* invalid_field(const session::Intent& i) noexcept {
-  if (i.path.empty() || i.path.size() > session::kMaxWaypoints) return "path: expected 1..16 waypoints";
+const char* invalid_field(const Intent& i) noexcept {
+  if (i.path.empty() || i.path.size() > kMaxWaypoints) return "path: expected 1..16 waypoints";
   for (std::size_t k = 0; k < i.path.size(); ++k) {
     if (!is_time(i.path[k].session_time_ns)) return "path.session_time_ns: expected within 2^61 ns of zero";
     if (const char* f = invalid_field(i.path[k].pose)) return f;
@@ -221,7 +225,7 @@ const char* invalid_field(const session::Intent& i) noexcept {
   return nullptr;
 }
 
-const char* invalid_field(const session::ProbeState& p) noexcept {
+const char* invalid_field(const ProbeState& p) noexcept {
   if (!is_time(p.session_time_ns)) return kNoTime;
   if (const char* f = invalid_field(p.device)) return f;
   if (!all_finite(p.proxy)) return "proxy: expected finite numbers";
@@ -233,7 +237,7 @@ const char* invalid_field(const session::ProbeState& p) noexcept {
   return nullptr;
 }
 
-const char* invalid_field(const session::DevicePose& d) noexcept {
+const char* invalid_field(const DevicePose& d) noexcept {
   if (!is_time(d.session_time_ns)) return kNoTime;
   if (const char* f = invalid_field(d.pose)) return f;
   if (!all_finite(d.velocity)) return "velocity: expected finite numbers";
@@ -241,7 +245,7 @@ const char* invalid_field(const session::DevicePose& d) noexcept {
   return nullptr;
 }
 
-const char* invalid_field(const session::DeviceCommand& d) noexcept {
+const char* invalid_field(const DeviceCommand& d) noexcept {
   if (!all_finite(d.force)) return "force: expected finite numbers";
   if (!all_finite(d.torque)) return "torque: expected finite numbers";
   if (!all_finite(d.normal)) return "normal: expected finite numbers";
@@ -249,7 +253,7 @@ const char* invalid_field(const session::DeviceCommand& d) noexcept {
   return nullptr;
 }
 
-const char* invalid_field(const session::ObjectPose& o) noexcept {
+const char* invalid_field(const ObjectPose& o) noexcept {
   if (!is_time(o.session_time_ns)) return kNoTime;
   if (const char* f = invalid_field(o.pose)) return f;
   if (!all_finite(o.velocity)) return "velocity: expected finite numbers";
@@ -257,16 +261,16 @@ const char* invalid_field(const session::ObjectPose& o) noexcept {
   return nullptr;
 }
 
-const char* invalid_field(const session::ObjectClaim& c) noexcept {
+const char* invalid_field(const ObjectClaim& c) noexcept {
   constexpr std::int64_t kMaxDelayNs = std::int64_t{1} << 40;  // 18 minutes
   if (c.one_way_ns < 0 || c.one_way_ns > kMaxDelayNs) return "one_way_ns: expected 0 up to 2^40";
   return nullptr;
 }
 
-const char* invalid_field(const session::ObjectGrant& g) noexcept {
+const char* invalid_field(const ObjectGrant& g) noexcept {
   constexpr std::int64_t kMaxDelayNs = std::int64_t{1} << 40;
   if (g.channel_delay_ns < 0 || g.channel_delay_ns > kMaxDelayNs) return "channel_delay_ns: expected 0 up to 2^40";
-  if (g.touchers.size() > session::kMaxTouchers) return "touchers: expected at most 8";
+  if (g.touchers.size() > kMaxTouchers) return "touchers: expected at most 8";
   for (std::size_t i = 0; i < g.touchers.size(); ++i) {
     for (std::size_t k = 0; k < i; ++k) {
       if (g.touchers[k].participant == g.touchers[i].participant) return "touchers: expected each participant once";
@@ -275,22 +279,22 @@ const char* invalid_field(const session::ObjectGrant& g) noexcept {
   return nullptr;
 }
 
-const char* invalid_field(const session::ObjectCopy& c) noexcept {
+const char* invalid_field(const ObjectCopy& c) noexcept {
   if (c.session_time_ns < 0 || !is_time(c.session_time_ns)) return "session_time_ns: expected 0 up to 2^61";
-  if (c.channels.size() < 2 || c.channels.size() > session::kMaxTouchers) return "channels: expected 2 to 8";
+  if (c.channels.size() < 2 || c.channels.size() > kMaxTouchers) return "channels: expected 2 to 8";
   if (c.copy_index >= c.channels.size()) return "copy_index: expected below the number of channels";
   if (const char* f = invalid_field(c.body)) return f;
   if (!all_moderate(c.body.position)) return "body.position: expected at most 1e9";
   if (!all_moderate(c.velocity)) return "velocity: expected at most 1e9";
   if (!all_moderate(c.angular_velocity)) return "angular_velocity: expected at most 1e9";
   if (!all_moderate(c.user_force)) return "user_force: expected at most 1e9";
-  for (const session::CopyChannel& channel : c.channels) {
+  for (const CopyChannel& channel : c.channels) {
     if (!all_moderate(channel.wave)) return "channels.wave: expected at most 1e9";
     if (!not_negative(channel.energy) || channel.energy > kMax) return "channels.energy: expected 0 up to 1e9";
   }
   return nullptr;
 }
 
-const char* invalid_field(const session::ClockSample&) noexcept { return nullptr; }  // SessionClock checks the times
+const char* invalid_field(const ClockSample&) noexcept { return nullptr; }  // SessionClock checks the times
 
-}  // namespace tactus::wire
+}  // namespace tactus::session

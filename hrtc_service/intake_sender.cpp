@@ -1,0 +1,80 @@
+#include "hrtc_service/intake_sender.hpp"
+
+#include <algorithm>
+#include <array>
+
+namespace tactus::hrtc_service {
+namespace {
+
+template <class T>
+std::span<const std::byte> bytes_of(const T& value) {
+  static_assert(std::is_trivially_copyable_v<T>);
+  return std::as_bytes(std::span{&value, 1});
+}
+template <class T>
+std::span<const std::byte> bytes_of(const std::vector<T>& values) {
+  static_assert(std::is_trivially_copyable_v<T>);
+  return std::as_bytes(std::span{values});
+}
+
+std::uint32_t size_of(const auto& values) noexcept { return static_cast<std::uint32_t>(values.size()); }
+
+}  // namespace
+
+IntakeSender::IntakeSender(IntakeLink& link, const spm::PoolSettings& pool)
+    : messages_{link.messages}, answers_{link.answers}, reported_{pool.slots, pool.list_blocks}, free_{reported_} {}
+
+template <class... Parts>
+void IntakeSender::append(IntakeKind kind, std::uint32_t index, const spm::Cache::Space& cost, const Parts&... parts) {
+  const IntakeHeader header{kind, index, (std::uint64_t{0} + ... + bytes_of(parts).size())};
+  const auto copy = [this](std::span<const std::byte> bytes) {
+    waiting_.insert(waiting_.end(), bytes.begin(), bytes.end());
+  };
+  copy(bytes_of(header));
+  (copy(bytes_of(parts)), ...);
+  unanswered_.push_back({++message_count_, cost});
+  free_.slots -= std::min(free_.slots, cost.slots);
+  free_.blocks -= std::min(free_.blocks, cost.blocks);
+}
+
+void IntakeSender::add_object(std::uint32_t index, IntakeObject object, const spm::BaseMesh& base) {
+  object.summary = base.summary;
+  append(IntakeKind::kObject, index, {spm::Cache::slots_for_base(base), 0}, object, base.positions, base.radii,
+         base.faces, base.regions);
+}
+
+void IntakeSender::add_region(std::uint32_t index, const spm::RegionData& region) {
+  std::uint32_t records = 0;
+  for (const spm::Interval& interval : region.list) records += interval.count;
+  const IntakeRegion sizes{region.region, size_of(region.list), size_of(region.sent), size_of(region.residuals),
+                           size_of(region.parts)};
+  append(IntakeKind::kRegion, index, {size_of(region.parts), spm::ListBlock::blocks_for(records)}, sizes, region.list,
+         region.sent, region.residuals, region.parts);
+}
+
+void IntakeSender::retire(std::uint32_t index, spm::RegionId region) { append(IntakeKind::kRetire, index, {}, region); }
+
+void IntakeSender::withdraw(std::uint32_t index) { append(IntakeKind::kWithdraw, index, {}); }
+
+void IntakeSender::flush() {
+  sent_ += messages_.push(std::span{waiting_}.subspan(sent_));
+  if (sent_ < waiting_.size()) return;
+  constexpr std::size_t kMaxKept = 1u << 20;  // bytes of capacity; base meshes need more, seldom
+  waiting_.clear();
+  if (waiting_.capacity() > kMaxKept) waiting_.shrink_to_fit();
+  sent_ = 0;
+}
+
+bool IntakeSender::take(IntakeAnswer& answer) {
+  if (!answers_.pop(answer)) return false;
+  reported_ = answer.free;
+  while (!unanswered_.empty() && unanswered_.front().message <= answer.processed) unanswered_.pop_front();
+  free_ = reported_;
+  for (const Cost& cost : unanswered_) {
+    free_.slots -= std::min(free_.slots, cost.memory.slots);
+    free_.blocks -= std::min(free_.blocks, cost.memory.blocks);
+  }
+  return true;
+}
+
+}  // namespace tactus::hrtc_service

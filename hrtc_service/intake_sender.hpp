@@ -1,0 +1,57 @@
+/// The gateway's end of an IntakeLink: writes messages, reads answers, and counts the memory that stays free.
+///
+/// One thread. Not realtime: allocates for messages that do not fit into the ring yet.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <deque>
+#include <span>
+#include <type_traits>
+#include <vector>
+
+#include "hrtc_service/intake_link.hpp"
+#include "spm/model.hpp"
+#include "spm/pool.hpp"
+#include "spm/region_data.hpp"
+
+namespace tactus::hrtc_service {
+
+class IntakeSender {
+ public:
+  /// `link` must outlive the sender. `pool`: settings of the pool at the other end, which is empty.
+  IntakeSender(IntakeLink& link, const spm::PoolSettings& pool);
+
+  /// Each of these appends a message to those that `flush` sends. `base.summary` replaces `object.summary`.
+  void add_object(std::uint32_t index, IntakeObject object, const spm::BaseMesh& base);
+  void add_region(std::uint32_t index, const spm::RegionData& region);
+  void retire(std::uint32_t index, spm::RegionId region);
+  void withdraw(std::uint32_t index);
+  /// Sends what fits into the ring. Call it after messages were appended, and again every few milliseconds.
+  void flush();
+
+  /// Returns false if no answer waits.
+  [[nodiscard]] bool take(IntakeAnswer& answer);
+  /// Returns the memory of the pool that is free after all messages, at least.
+  [[nodiscard]] const spm::Cache::Space& free() const noexcept { return free_; }
+
+ private:
+  struct Cost {
+    std::uint64_t message;     // number of the message
+    spm::Cache::Space memory;  // that it may take
+  };
+  /// Appends a message that may take `cost`. `parts`: objects and spans, whose bytes are copied.
+  template <class... Parts>
+  void append(IntakeKind kind, std::uint32_t index, const spm::Cache::Space& cost, const Parts&... parts);
+
+  RingWriter<std::byte, IntakeLink::kMessageBytes> messages_;
+  RingReader<IntakeAnswer, IntakeLink::kAnswers> answers_;
+  std::vector<std::byte> waiting_;  // bytes that the ring has not taken yet begin at `sent_`
+  std::size_t sent_ = 0;
+  std::uint64_t message_count_ = 0;  // since the start
+  std::deque<Cost> unanswered_;
+  spm::Cache::Space reported_;  // free memory in the newest answer
+  spm::Cache::Space free_;      // reported_ without the costs of unanswered messages
+};
+
+}  // namespace tactus::hrtc_service

@@ -1,0 +1,75 @@
+/// Holds the objects of the haptic thread and the memory of their meshes.
+///
+///     described objects, base meshes, regions --> [check, decode into the pool] --> arrivals
+///     departures -->                              [free]
+///
+/// Checks everything that it receives: a wrong base mesh, region or order is refused and changes nothing. So the
+/// haptic thread can use what it gets without further checks.
+///
+/// One thread, not the haptic one. Allocates.
+#pragma once
+
+#include <array>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "hrtc_service/touch_object.hpp"
+#include "spm/cache.hpp"
+#include "spm/pool.hpp"
+
+namespace tactus::hrtc_service {
+
+/// An object without its mesh.
+struct ObjectDescription {
+  std::uint32_t index = 0;  ///< index in the haptic thread, below kMaxObjects
+  std::uint64_t id = 0;
+  std::uint64_t digest = 0;  ///< of the model
+  std::string name;          ///< in the session, for log lines
+  Placement placement;       ///< at its arrival
+  session::Material material;
+  std::optional<sharing::SharedBody> body;  ///< only of a movable object
+};
+
+class TouchObjects {
+ public:
+  /// Allocates the memory of all meshes.
+  explicit TouchObjects(const spm::PoolSettings& settings);
+
+  /// Adds an object whose base mesh has passed spm::violations. Returns nothing if its index is in use or the base mesh
+  /// does not fit.
+  [[nodiscard]] std::optional<Arrival> add(const ObjectDescription& description, const spm::BaseMesh& base);
+  /// Decodes a region into the pool. If the result is not kAccepted, `arrival` is unchanged.
+  [[nodiscard]] spm::AcceptResult add_region(std::uint32_t object, const spm::RegionData& region, Arrival& arrival);
+  /// Retires a loaded region. Returns nothing if it is not loaded or is already retired.
+  [[nodiscard]] std::optional<Arrival> retire(std::uint32_t object, spm::RegionId region);
+  /// Withdraws an object. Returns nothing if there is no such object or it is already withdrawn.
+  [[nodiscard]] std::optional<Arrival> withdraw(std::uint32_t object);
+  /// Frees a region or an object that the haptic thread has returned.
+  void free(const Departure& departure);
+
+  /// Returns an object that is not withdrawn, or null.
+  [[nodiscard]] TouchObject* find(std::uint32_t object) noexcept;
+  /// Returns the index of an object in the cache. The object must exist.
+  [[nodiscard]] spm::ObjectIndex in_cache(std::uint32_t object) const noexcept { return objects_[object]->in_cache; }
+  [[nodiscard]] const spm::Pool& pool() const noexcept { return pool_; }
+  [[nodiscard]] const spm::Cache& cache() const noexcept { return cache_; }
+  [[nodiscard]] const spm::NodePool& nodes() const noexcept { return nodes_; }
+
+ private:
+  struct Object {
+    TouchObject touch;
+    spm::ObjectIndex in_cache{};
+    std::vector<bool> is_retired;  // by region
+    bool is_withdrawn = false;
+  };
+  [[nodiscard]] Object* not_withdrawn(std::uint32_t object) noexcept;
+
+  spm::Pool pool_;
+  spm::NodePool nodes_;
+  spm::Cache cache_;
+  std::array<std::unique_ptr<Object>, kMaxObjects> objects_;
+};
+
+}  // namespace tactus::hrtc_service

@@ -1,0 +1,36 @@
+/// Validates samples before sending and after decoding: bounds, finite numbers, unit quaternions, existing enumerators,
+/// and ids that match their names. Uses no DDS.
+#pragma once
+
+#include "session/messages.hpp"
+
+namespace tactus::session {
+
+/// Returns the first invalid field of a sample and the expected value, as static text; nullptr if the sample is valid.
+/// O(size), no allocation. Thread: any.
+[[nodiscard]] const char* invalid_field(const RosterEntry& sample) noexcept;
+[[nodiscard]] const char* invalid_field(const CatalogueEntry& sample) noexcept;
+[[nodiscard]] const char* invalid_field(const Demand& sample) noexcept;
+[[nodiscard]] const char* invalid_field(const Metrics& sample) noexcept;
+[[nodiscard]] const char* invalid_field(const ShownRegions& sample) noexcept;
+[[nodiscard]] const char* invalid_field(const Control& sample) noexcept;
+[[nodiscard]] const char* invalid_field(const ForceReset& sample) noexcept;
+[[nodiscard]] const char* invalid_field(const SessionEnd& sample) noexcept;
+[[nodiscard]] const char* invalid_field(const BulkChunk& sample) noexcept;
+[[nodiscard]] const char* invalid_field(const EmergencyStop& sample) noexcept;
+[[nodiscard]] const char* invalid_field(const Intent& sample) noexcept;
+[[nodiscard]] const char* invalid_field(const ProbeState& sample) noexcept;
+[[nodiscard]] const char* invalid_field(const DevicePose& sample) noexcept;
+[[nodiscard]] const char* invalid_field(const DeviceCommand& sample) noexcept;
+[[nodiscard]] const char* invalid_field(const ObjectPose& sample) noexcept;
+[[nodiscard]] const char* invalid_field(const ObjectClaim& sample) noexcept;
+[[nodiscard]] const char* invalid_field(const ObjectGrant& sample) noexcept;
+[[nodiscard]] const char* invalid_field(const ObjectCopy& sample) noexcept;
+[[nodiscard]] const char* invalid_field(const ClockSample& sample) noexcept;
+
+// Parts of samples.
+[[nodiscard]] const char* invalid_field(const Pose& pose) noexcept;
+[[nodiscard]] const char* invalid_field(const Material& material) noexcept;
+[[nodiscard]] const char* invalid_field(const Body& body) noexcept;
+
+}  // namespace tactus::session

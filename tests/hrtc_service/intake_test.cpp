@@ -1,0 +1,241 @@
+// The intake of a servo whose gateway writes wrong or damaged messages.
+
+#include "hrtc_service/intake.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <memory>
+#include <random>
+#include <span>
+
+#include "hrtc_service/intake_sender.hpp"
+#include "hrtc_service/servo.hpp"
+#include "spm/codec/load_region.hpp"
+#include "spm/codec/model_codec.hpp"
+#include "spm/offline/build.hpp"
+#include "spm/offline/generate.hpp"
+#include "tests/support/constants.hpp"
+
+namespace tactus::hrtc_service {
+namespace {
+
+using spm::AcceptResult;
+using spm::RegionId;
+using testing::IsEmpty;
+
+constexpr std::uint64_t kSeed = 20261126;
+
+class IntakeTest : public testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    built_ = new spm::offline::BuiltModel{
+        spm::offline::build_model(spm::offline::generate(spm::offline::Shape::kSphere, 4000))};
+    encoded_ = new spm::codec::EncodedModel{built_->model()};
+  }
+  static void TearDownTestSuite() {
+    delete encoded_;
+    delete built_;
+  }
+  IntakeTest() { start(); }
+
+  /// Replaces the servo and its memory by new ones.
+  void start() {
+    servo_.reset();
+    intake_.reset();
+    link_ = std::make_unique<ServoLink>();
+    intake_ = std::make_unique<Intake>(pool_, link_->intake);
+    ServoSettings settings;
+    settings.specs.fill({});
+    servo_ = std::make_unique<Servo>(settings, *link_, *intake_);
+    sender_ = std::make_unique<IntakeSender>(link_->intake, pool_);
+  }
+  [[nodiscard]] static const spm::codec::CompressedModel& model() { return encoded_->compressed(); }
+  [[nodiscard]] static IntakeObject object() {
+    IntakeObject object;
+    object.id = 7;
+    object.name = {'b', 'a', 'l', 'l'};
+    return object;
+  }
+  [[nodiscard]] spm::RegionData region(std::uint32_t number) const {
+    return *spm::codec::region_data(model(), RegionId{number}, spm::Cache{empty_pool()}, spm::ObjectIndex{0});
+  }
+  [[nodiscard]] static spm::Pool& empty_pool() {
+    static spm::Pool pool{spm::PoolSettings::for_slots(16)};
+    return pool;
+  }
+  /// Lets the intake process all messages, and returns the results of its answers.
+  std::vector<AcceptResult> exchange() {
+    sender_->flush();
+    intake_->tick();
+    std::vector<AcceptResult> results;
+    for (IntakeAnswer answer; sender_->take(answer);) results.push_back(answer.result);
+    return results;
+  }
+  /// Runs a cycle of the servo with a tip at the surface, and returns the force.
+  double run_cycle() {
+    inputs_[0].active = true;
+    inputs_[0].device.position = {model().summary().bounds_max[0] + 0.002, 0, 0};
+    inputs_[0].device.time_ns = now_ns_;
+    const Servo::Outputs& outputs = servo_->touch(inputs_, now_ns_);
+    servo_->publish(now_ns_, now_ns_ + 1'000'000);
+    (void)servo_->refine(spm::Budget{1u << 16});
+    now_ns_ += 1'000'000;
+    return vec(outputs[0].force).norm();
+  }
+  [[nodiscard]] const spm::Cache& cache() const { return intake_->objects().cache(); }
+
+  static spm::offline::BuiltModel* built_;
+  static spm::codec::EncodedModel* encoded_;
+  const spm::PoolSettings pool_ = spm::PoolSettings::for_slots(8192);
+  std::unique_ptr<ServoLink> link_;
+  std::unique_ptr<Intake> intake_;
+  std::unique_ptr<Servo> servo_;
+  std::unique_ptr<IntakeSender> sender_;
+  Servo::Inputs inputs_;
+  std::int64_t now_ns_ = 1'000'000'000;
+};
+spm::offline::BuiltModel* IntakeTest::built_ = nullptr;
+spm::codec::EncodedModel* IntakeTest::encoded_ = nullptr;
+
+TEST_F(IntakeTest, AnObjectAndItsRegionsReachTheServo) {
+  sender_->add_object(3, object(), model().base());
+  for (std::uint32_t number = 0; number < model().summary().regions; ++number) sender_->add_region(3, region(number));
+  std::vector<AcceptResult> results;
+  while (results.size() < model().summary().regions + 1)
+    for (const AcceptResult result : exchange()) results.push_back(result);
+  EXPECT_THAT(results, testing::Each(AcceptResult::kAccepted));
+  for (int cycle = 0; cycle < 300; ++cycle) (void)run_cycle();
+
+  ASSERT_EQ(servo_->cycle().objects().size(), 1u);
+  EXPECT_EQ(servo_->cycle().objects()[0]->name, "ball");
+  EXPECT_GT(run_cycle(), 0.1);
+  EXPECT_EQ(sender_->free().slots, cache().slots_free());
+  EXPECT_EQ(sender_->free().blocks, cache().blocks_free());
+}
+
+TEST_F(IntakeTest, OrdersForObjectsAndRegionsThatAreNotThereChangeNothing) {
+  sender_->add_region(3, region(0));
+  sender_->retire(3, RegionId{0});
+  sender_->withdraw(3);
+  sender_->withdraw(64);
+  (void)exchange();
+  EXPECT_TRUE(intake_->is_broken()) << "no object has the index 64";
+  start();
+
+  sender_->add_object(3, object(), model().base());
+  sender_->add_object(3, object(), model().base());  // the index is in use
+  sender_->retire(3, RegionId{0});                   // not loaded
+  sender_->retire(3, RegionId{~0u});
+  sender_->add_region(3, region(0));
+  sender_->add_region(3, region(0));
+  sender_->retire(3, RegionId{0});
+  sender_->retire(3, RegionId{0});  // already retired
+  EXPECT_THAT(exchange(),
+              testing::ElementsAre(AcceptResult::kAccepted, AcceptResult::kPoolFull, AcceptResult::kAccepted,
+                                   AcceptResult::kAccepted, AcceptResult::kAccepted, AcceptResult::kLoaded,
+                                   AcceptResult::kAccepted, AcceptResult::kAccepted));
+  for (int cycle = 0; cycle < 100; ++cycle) (void)run_cycle();
+  sender_->withdraw(3);
+  sender_->withdraw(3);
+  sender_->retire(3, RegionId{1});
+  for (int cycle = 0; cycle < 100; ++cycle) {
+    (void)exchange();
+    (void)run_cycle();
+  }
+  EXPECT_EQ(cache().slots_used(), 0u) << "the withdrawn object is free";
+  EXPECT_THAT(cache().violations(), IsEmpty());
+}
+
+TEST_F(IntakeTest, AWrongObjectIsRefused) {
+  const auto result_of = [this](const IntakeObject& message, const spm::BaseMesh& base) {
+    sender_->add_object(0, message, base);
+    const std::vector<AcceptResult> results = exchange();
+    return results.size() == 1 ? results[0] : AcceptResult::kAccepted;
+  };
+  IntakeObject wrong = object();
+  wrong.name.fill('x');
+  EXPECT_EQ(result_of(wrong, model().base()), AcceptResult::kMalformed) << "the name has no end";
+  wrong = object();
+  wrong.scale = 0;
+  EXPECT_EQ(result_of(wrong, model().base()), AcceptResult::kMalformed);
+  wrong = object();
+  wrong.material.stiffness = std::numeric_limits<double>::infinity();
+  EXPECT_EQ(result_of(wrong, model().base()), AcceptResult::kMalformed);
+  wrong = object();
+  wrong.pose.orientation = {0, 0, 0, 2};
+  EXPECT_EQ(result_of(wrong, model().base()), AcceptResult::kMalformed);
+  wrong = object();
+  wrong.body = {1, {1, 1, -1}, 0.5, 0};
+  EXPECT_EQ(result_of(wrong, model().base()), AcceptResult::kMalformed);
+  spm::BaseMesh base = model().base();
+  base.faces[0].corners[0] = spm::VertexId{base.summary.base_vertices};
+  EXPECT_EQ(result_of(object(), base), AcceptResult::kMalformed) << "a corner that does not exist";
+  base = model().base();
+  ++base.summary.base_faces;
+  EXPECT_EQ(result_of(object(), base), AcceptResult::kMalformed) << "a face is missing";
+  EXPECT_EQ(cache().slots_used(), 0u);
+}
+
+TEST_F(IntakeTest, AfterAHeaderThatNoGatewayWritesLaterMessagesAreIgnored) {
+  sender_->add_object(0, object(), model().base());
+  (void)exchange();
+  RingWriter writer{link_->intake.messages};
+  const IntakeHeader header{IntakeKind::kRegion, 0, ~std::uint64_t{0}};
+  (void)writer.push(std::as_bytes(std::span{&header, 1}));
+  intake_->tick();
+  EXPECT_TRUE(intake_->is_broken());
+  for (int cycle = 0; cycle < 200; ++cycle) (void)run_cycle();
+  EXPECT_EQ(servo_->cycle().objects().size(), 1u) << "what has arrived stays";
+}
+
+// Flips bits of messages on their way, and writes random positions of the ring. The mesh that the servo touches must
+// remain valid, and the force within the device's limit.
+TEST_F(IntakeTest, DamagedMessagesNeitherBreakTheMeshNorTheForce) {
+  std::mt19937_64 random{kSeed};
+  const auto below = [&](std::uint64_t limit) { return static_cast<std::uint32_t>(random() % limit); };
+  const double max_force = CycleSettings{}.force.max_force;
+  SharedRing<std::byte, IntakeLink::kMessageBytes>* messages = &link_->intake.messages;
+  int broken = 0, accepted = 0, refused = 0;
+  for (int step = 0; step < 6000; ++step) {
+    SCOPED_TRACE("step " + std::to_string(step) + ", seed " + std::to_string(kSeed));
+    if (step % 20 == 0 || intake_->is_broken()) {
+      broken += intake_->is_broken() ? 1 : 0;
+      start();
+      messages = &link_->intake.messages;
+      sender_->add_object(below(4), object(), model().base());
+    }
+    const std::uint32_t index = below(4);
+    switch (below(8)) {
+      case 0:
+        sender_->withdraw(index);
+        break;
+      case 1:
+        sender_->retire(index, RegionId{below(model().summary().regions)});
+        break;
+      default:
+        for (std::uint32_t each = 0; each < 4; ++each)
+          sender_->add_region(each, region(below(model().summary().regions)));
+    }
+    sender_->flush();
+    const std::uint64_t first = messages->popped, count = messages->pushed - first;
+    const std::uint32_t flips = count == 0 || below(3) == 0 ? 0 : below(4);
+    for (std::uint32_t flip = 0; flip < flips; ++flip)
+      messages->entries[(first + below(count)) % IntakeLink::kMessageBytes] ^= std::byte{1} << below(8);
+    if (below(500) == 0) messages->pushed = random();
+    intake_->tick();
+    for (IntakeAnswer answer; sender_->take(answer);) ++(answer.result == AcceptResult::kAccepted ? accepted : refused);
+    for (int cycle = 0; cycle < 3; ++cycle) ASSERT_LE(run_cycle(), max_force * (1 + 1e-9));
+    if (step % 50 == 0) {
+      ASSERT_THAT(cache().violations(), IsEmpty());
+      for (const TouchObject* touched : servo_->cycle().objects())
+        ASSERT_THAT(touched->forest->violations(), IsEmpty());
+    }
+  }
+  EXPECT_GT(broken, 10);
+  EXPECT_GT(accepted, 1000);
+  EXPECT_GT(refused, 1000);
+}
+
+}  // namespace
+}  // namespace tactus::hrtc_service
