@@ -78,7 +78,7 @@ const hrtc_service::ProbeOutput& RemoteSession::run_cycle() {
     membership_.tick(now_ns_);
     study::exchange_membership(host_, membership_, now_ns_);
   }
-  core_.intake().tick();
+  core_.tick_intake();
   hrtc_service::Servo& servo = core_.servo();
   servo.refine(spm::Budget{settings_.budget});
   servo.touch(inputs_, now_ns_);

@@ -78,7 +78,7 @@ void SessionRun::exchange() {
     return mark - before;
   };
   gateway.tick(now_, membership_.clock());
-  core_.intake().tick();
+  core_.tick_intake();
   while (auto demand = gateway.demand(now_)) demands_.push_back({cycles_ + delay_, std::move(*demand)});
   loader_us_ += lap();
   while (!demands_.empty() && demands_.front().due <= cycles_) {
@@ -91,7 +91,7 @@ void SessionRun::exchange() {
     const spm::CacheCounters before = core_.intake().objects().cache().counters();
     const std::uint64_t messages = loader().delivery_counters().messages;
     gateway.on_chunk(chunks_.front().sample, now_);
-    core_.intake().tick();
+    core_.tick_intake();
     const double us = lap();
     loader_us_ += us;
     const spm::CacheCounters after = core_.intake().objects().cache().counters();

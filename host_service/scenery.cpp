@@ -48,7 +48,6 @@ struct Scenery::Object {
 
 Scenery::Scenery(const std::vector<StaticObject>& objects, std::uint32_t slots)
     : pool_{pool_for(objects, slots)}, nodes_{pool_.settings.tree_nodes}, cache_{pool_} {
-  const auto wide = [](const std::array<float, 3>& p) { return Vec3d{p[0], p[1], p[2]}; };
   for (const StaticObject& source : objects) {
     if (objects_.size() == spm::kMaxObjects) break;
     const spm::BaseMesh& base = source.model->base();
@@ -58,7 +57,7 @@ Scenery::Scenery(const std::vector<StaticObject>& objects, std::uint32_t slots)
     object.model = source.model;
     object.index = admitted.object;
     object.placement = sharing::Placement{source.pose, source.scale};
-    object.bounds = {wide(base.summary.bounds_min), wide(base.summary.bounds_max)};
+    object.bounds = spm::bounds_of(base.summary);
     object.forest =
         std::make_unique<spm::Forest>(pool_, nodes_, admitted.object, base.summary,
                                       spm::RegionGrid{base.summary.grid, base.regions}, std::move(admitted.base));

@@ -46,7 +46,8 @@ BodyLink::BodyLink() {
   copies.consume_all([](const CopyArrival&) {});
 }
 
-Bodies::Bodies(const CycleSettings& settings, BodyLink& link) : settings_{settings}, link_{link} {
+Bodies::Bodies(const CycleSettings& settings, BodyLink& link, BodyOrderLink& orders)
+    : settings_{settings}, link_{link}, order_link_{orders} {
   for (RotationalPort& rotational : rotational_ports_)
     rotational.port = haptics::PassivityController{rotational_port_settings()};
   simulated_.resize(kMaxBodies, haptics::SharedObject{haptics::BodySettings{}});
@@ -119,14 +120,14 @@ void Bodies::apply_coupling_order(std::uint32_t i) noexcept {
 }
 
 void Bodies::process_orders() noexcept {
-  if (link_.orders.take(orders_)) {
+  if (order_link_.orders.take(orders_)) {
     for (std::uint32_t k = 0; k < orders_.count; ++k) {
       const std::uint32_t i = body_of(orders_.bodies[k].object);
       if (i == kMaxBodies) continue;
       bodies_[i].order = orders_.bodies[k];
       if (bodies_[i].mode != Mode::kFollows) apply_coupling_order(i);
     }
-    reports_.orders_seen = orders_.number;
+    order_link_.seen.store(orders_.number, std::memory_order_release);
   }
   while (link_.copies.pop(arrival_)) {
     const std::uint32_t i = body_of(arrival_.object);

@@ -21,6 +21,7 @@
 #pragma once
 
 #include <array>
+#include <atomic>
 #include <boost/lockfree/spsc_queue.hpp>
 #include <cstdint>
 #include <vector>
@@ -35,7 +36,7 @@
 
 namespace tactus::hrtc_service {
 
-/// Order of the ownership client for one body.
+/// Order for one body in the haptic thread.
 struct BodyOrder {
   std::uint32_t object = spm::kNone;          ///< index
   haptics::CopyCoupling* coupling = nullptr;  ///< to peers' copies, used while a probe touches the body; null: none
@@ -49,6 +50,37 @@ struct BodyOrders {
   session::ClockMap clock;   ///< local clock to session time
   std::uint32_t count = 0;
   std::array<BodyOrder, kMaxBodies> bodies;
+};
+
+/// The exchange between BodyIntake and Bodies, in one process.
+struct BodyOrderLink {
+  haptics::Mailbox<BodyOrders> orders;
+  std::atomic<std::uint64_t> seen{
+      0};  ///< number of the newest orders in use; couplings that they do not name are unused
+};
+
+inline constexpr std::int64_t kMinChannelDelayNs = 3'000'000;    ///< a shorter delay makes a coupling unstable
+inline constexpr std::int64_t kMaxChannelDelayNs = 400'000'000;  ///< a coupling stores no longer history
+
+/// A coupling that a host has granted.
+struct GrantedCoupling {
+  std::uint64_t fencing = 0;                 ///< of the grant; 0: no coupling
+  std::uint32_t copies = 0, copy_index = 0;  ///< number of coupled copies, and index of this copy
+  std::int64_t delay_ns = 0;                 ///< of the channels, kMinChannelDelayNs to kMaxChannelDelayNs
+};
+
+/// Order of the gateway for one body.
+struct GrantedBody {
+  std::uint32_t object = spm::kNone;  ///< index
+  GrantedCoupling coupling;
+  std::uint64_t publish_fencing = 0;  ///< fencing number for the poses to publish; 0: this HRTC publishes none
+  sharing::ReceivedPose received;     ///< newest pose from another program
+};
+
+struct GrantedBodies {
+  session::ClockMap clock;  ///< local clock to session time
+  std::uint32_t count = 0;
+  std::array<GrantedBody, kMaxBodies> bodies;
 };
 
 /// A peer's sample of its copy, for the haptic thread.
@@ -72,7 +104,6 @@ struct BodyReport {
 };
 
 struct BodyReports {
-  std::uint64_t orders_seen = 0;  ///< number of the newest orders in use; couplings that they do not name are unused
   std::int64_t time_ns = 0;
   std::int64_t session_ns = 0;
   std::uint32_t count = 0;
@@ -82,19 +113,19 @@ struct BodyReports {
   std::uint64_t grabs = 0, refused = 0;  ///< numbers of successful and of refused grabs
 };
 
-/// The exchange between Bodies and the gateway.
+/// The exchange between the servo's process and the gateway.
 struct BodyLink {
   BodyLink();
 
-  haptics::Mailbox<BodyOrders> orders;                                    ///< to the servo
+  haptics::Mailbox<GrantedBodies> granted;                                ///< to BodyIntake
   CopyRing copies{1024};                                                  ///< to the servo
   haptics::Mailbox<BodyReports> reports_for_sender, reports_for_gateway;  ///< from the servo
 };
 
 class Bodies {
  public:
-  /// `link` must outlive this object.
-  Bodies(const CycleSettings& settings, BodyLink& link);
+  /// `link` and `orders` must outlive this object.
+  Bodies(const CycleSettings& settings, BodyLink& link, BodyOrderLink& orders);
 
   /// Adopts new orders, and moves the bodies that others simulate. Call it before Cycle::touch.
   void apply_received_poses(Cycle& cycle, std::int64_t now_ns) noexcept;
@@ -164,6 +195,7 @@ class Bodies {
 
   CycleSettings settings_;
   BodyLink& link_;
+  BodyOrderLink& order_link_;
   BodyOrders orders_;
   std::uint64_t objects_changed_ = 0;  // Cycle::objects_changed at the last update of bodies_
   std::uint32_t count_ = 0;

@@ -13,7 +13,7 @@ Gateway::Gateway(const spm::PoolSettings& pool, const session::Origin& self, con
                  ServoLink& link)
     : link_{link},
       loader_{pool, self, settings.loader, link.intake},
-      ownership_{self, link.bodies.orders, settings.ownership} {
+      ownership_{self, link.bodies.granted, settings.ownership} {
   loader_.on_event = [this](session::Severity severity, const std::string& text) {
     if (on_event) on_event(severity, text);
   };
@@ -32,7 +32,6 @@ Gateway::Gateway(const spm::PoolSettings& pool, const session::Origin& self, con
     movable_.erase(object.id);
   };
   loader_.on_object_gone = [this](const Loader::ObjectInfo& object) {
-    ownership_.free_withdrawn(object.index);
     if (on_object_gone) on_object_gone(object);
   };
 }

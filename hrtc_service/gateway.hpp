@@ -32,8 +32,7 @@ struct GatewaySettings {
 
 class Gateway {
  public:
-  /// `pool`: settings of the intake's pool. `link` must outlive the gateway. The gateway must outlive the servo's last
-  /// cycle, because it owns the couplings of bodies.
+  /// `pool`: settings of the intake's pool. `link` must outlive the gateway.
   Gateway(const spm::PoolSettings& pool, const session::Origin& self, const GatewaySettings& settings, ServoLink& link);
 
   /// Called with one line for each event that an operator should see.

@@ -253,7 +253,7 @@ void Hrtc::Impl::send(session::RosterEntry entry) {
 void Hrtc::Impl::tick_gateway(std::int64_t now_ns) {
   exchange.tick(now_ns, membership.clock());
   gateway.tick(now_ns, membership.clock());
-  core.intake().tick();
+  core.tick_intake();
   exchange.send_claims();
   if (gateway.has_new_reports()) process_reports();
 }
@@ -400,6 +400,7 @@ int Hrtc::Impl::run(const std::atomic<bool>& stop) {
         watch_ns > 0 ? std::min(pass.remaining(before_ns), watch.remaining(before_ns)) : pass.remaining(before_ns);
     for (const Inbox::Arrived& arrived : inbox.take(patience))
       std::visit([&](const auto& sample) { process(sample, arrived.at_ns); }, arrived.sample);
+    core.tick_intake();
     const std::int64_t now_ns = monotonic_ns();
     if (watch_ns > 0 && watch.due(now_ns) && membership.watch_hosts(now_ns)) pass.make_due();
     process_output();

@@ -7,6 +7,7 @@
 /// Services, studies, benchmarks and tests all assemble an HRTC here.
 #pragma once
 
+#include "hrtc_service/body_intake.hpp"
 #include "hrtc_service/gateway.hpp"
 #include "hrtc_service/intake.hpp"
 #include "hrtc_service/servo.hpp"
@@ -29,7 +30,8 @@ class HrtcCore {
   HrtcCore(const session::Origin& self, const HrtcCoreSettings& settings)
       : link_{settings.logs_queries, settings.emergency_stop_signals},
         intake_{settings.pool, link_.intake},
-        servo_{settings.servo, link_, intake_},
+        body_intake_{intake_.objects(), link_.bodies},
+        servo_{settings.servo, link_, intake_, body_intake_.orders()},
         gateway_{settings.pool, self, gateway_settings(settings), link_} {}
   HrtcCore(const HrtcCore&) = delete;
   HrtcCore& operator=(const HrtcCore&) = delete;
@@ -38,6 +40,11 @@ class HrtcCore {
   [[nodiscard]] const Servo& servo() const noexcept { return servo_; }
   [[nodiscard]] Gateway& gateway() noexcept { return gateway_; }
   [[nodiscard]] const Gateway& gateway() const noexcept { return gateway_; }
+  /// Passes to the servo what the gateway has sent. Call it after each tick of the gateway and after received samples.
+  void tick_intake() {
+    intake_.tick();
+    body_intake_.tick();
+  }
   [[nodiscard]] Intake& intake() noexcept { return intake_; }
   [[nodiscard]] const Intake& intake() const noexcept { return intake_; }
   [[nodiscard]] ServoLink& link() noexcept { return link_; }
@@ -54,6 +61,7 @@ class HrtcCore {
 
   ServoLink link_;
   Intake intake_;
+  BodyIntake body_intake_;
   Servo servo_;
   Gateway gateway_;
 };

@@ -71,10 +71,7 @@ struct Hrtc::Impl {
   // Each of these processes one received sample.
   void process(const session::RosterEntry& entry, std::int64_t now_ns) { membership.on_roster(entry, now_ns); }
   void process(const session::CatalogueEntry& entry, std::int64_t now_ns);
-  void process(const session::BulkChunk& chunk, std::int64_t now_ns) {
-    gateway.on_chunk(chunk, now_ns);
-    core.intake().tick();
-  }
+  void process(const session::BulkChunk& chunk, std::int64_t now_ns) { gateway.on_chunk(chunk, now_ns); }
   void process(const session::Intent& intent, std::int64_t now_ns);
   void process(const session::ClockSample& sample, std::int64_t now_ns);
   void process(const HostAnswer& answer, std::int64_t now_ns) { membership.on_host_answer(answer.sample, now_ns); }

@@ -132,7 +132,8 @@ void Hrtc::Impl::drain_rings() {
     statistics.add(trace);
     if (trace.targets_dropped && targets_logged.due(monotonic_ns()))
       spdlog::warn(
-          "the mesh near a probe remains partly coarse: more than {} regions of an object need refinement, or the probe "
+          "the mesh near a probe remains partly coarse: more than {} regions of an object need refinement, or the "
+          "probe "
           "spans more than {} cells of the grid; raise --targets, or build the model with larger cells (tactus mesh "
           "build --cell-faces)",
           options.core.servo.cycle.targets, spm::RegionGrid::kMaxCells);

@@ -9,8 +9,6 @@ namespace {
 
 constexpr double kMinDamping = 3e-3;  // s; min damping / stiffness of a body; docs/explanation/shared-objects.md
 
-Vec3d wide(const std::array<float, 3>& p) { return {p[0], p[1], p[2]}; }
-
 }  // namespace
 
 /// Decodes a base mesh and admits it to the pool. If regions occupy slots that the base mesh needs, `coarsen` frees
@@ -141,7 +139,7 @@ void Loader::admit_base(Object& object, spm::codec::DecodedBase decoded) {
     described.material.damping = std::max(described.material.damping, kMinDamping * described.material.stiffness);
   }
   object.placement = described.placement;
-  object.bounds = {wide(object.summary.bounds_min), wide(object.summary.bounds_max)};
+  object.bounds = spm::bounds_of(object.summary);
   object.grid.emplace(object.summary.grid, base.regions);
   const double scale = object.entry.scale;
   const spm::PredictionSettings prediction{0, settings_.margin / scale, settings_.min_speed / scale,

@@ -7,16 +7,12 @@
 namespace tactus::hrtc_service {
 namespace {
 
-// N/m. With it, the copies of two users who press with 6 N from opposite sides are 1.2 mm apart.
-constexpr double kCouplingStiffness = 10'000;
-constexpr std::int64_t kMaxPeerSilenceNs = 100'000'000;   // silence after which copies without a grant separate
-constexpr std::int64_t kWakeUpMarginNs = 4'000'000;       // added to the transit for threads that wake up late
-constexpr std::int64_t kMinChannelDelayNs = 3'000'000;    // a shorter delay makes the coupling unstable
-constexpr std::int64_t kMaxChannelDelayNs = 400'000'000;  // a coupling stores no longer history
+constexpr std::int64_t kMaxPeerSilenceNs = 100'000'000;  // silence after which copies without a grant separate
+constexpr std::int64_t kWakeUpMarginNs = 4'000'000;      // added to the transit for threads that wake up late
 
 }  // namespace
 
-OwnershipClient::OwnershipClient(const session::Origin& self, haptics::Mailbox<BodyOrders>& orders,
+OwnershipClient::OwnershipClient(const session::Origin& self, haptics::Mailbox<GrantedBodies>& orders,
                                  const session::OwnershipSettings& settings)
     : self_{self}, settings_{settings}, orders_mailbox_{orders} {}
 
@@ -32,16 +28,10 @@ void OwnershipClient::withdraw(std::uint32_t object_index) {
       std::find_if(objects_.begin(), objects_.end(), [&](const auto& object) { return object->index == object_index; });
   if (at == objects_.end()) return;
   const auto position = at - objects_.begin();
-  withdrawn_[object_index] = std::move(*at);
   objects_.erase(at);
   bodies_.erase(bodies_.begin() + position);
   std::move(orders_.bodies.begin() + position + 1, orders_.bodies.end(), orders_.bodies.begin() + position);
   post_orders();
-}
-
-OwnershipClient::GrantedCoupling* OwnershipClient::coupling_in_use(Object& object) noexcept {
-  if (object.couplings.empty() || object.couplings.back().first_orders_without != 0) return nullptr;
-  return &object.couplings.back();
 }
 
 OwnershipClient::Object* OwnershipClient::find(std::uint64_t id) {
@@ -82,9 +72,6 @@ void OwnershipClient::on_reports(const BodyReports& reports) {
     if (at == objects_.end()) continue;
     Object& object = **at;
     object.claimant.set_touching(report.is_touched);
-    while (!object.couplings.empty() && object.couplings.front().first_orders_without != 0 &&
-           object.couplings.front().first_orders_without <= reports.orders_seen)
-      object.couplings.pop_front();
     BodyStatus& status = bodies_[static_cast<std::size_t>(at - objects_.begin())];
     status.is_touched = report.is_touched;
     status.pose = sharing::pose_of(report.state, object.body.centre);
@@ -102,38 +89,30 @@ void OwnershipClient::on_reports(const BodyReports& reports) {
 void OwnershipClient::update_coupling(Object& object, std::int64_t now_ns) {
   using Role = session::Claimant::Role;
   const Role role = object.claimant.role(now_ns);
-  GrantedCoupling* const current = coupling_in_use(object);
+  const bool is_coupled = object.coupling.fencing != 0;
   const bool granted = role == Role::kLeader || role == Role::kCopy;
-  if (granted && current != nullptr && current->fencing == object.claimant.fencing()) return;
+  if (granted && is_coupled && object.coupling.fencing == object.claimant.fencing()) return;
   const bool has_live_peers =
-      role == Role::kRequesting && current != nullptr && now_ns - object.peer_received_ns < kMaxPeerSilenceNs;
+      role == Role::kRequesting && is_coupled && now_ns - object.peer_received_ns < kMaxPeerSilenceNs;
   if (has_live_peers) return;
-  if (current != nullptr) current->first_orders_without = orders_.number + 1;
+  object.coupling = {};
   if (!granted) return;
   const session::ObjectGrant& grant = object.claimant.grant();
-  haptics::CouplingSettings settings;
-  settings.copies = grant.touchers.size();
-  settings.stiffness = kCouplingStiffness;
-  settings.delay =
-      1e-9 * static_cast<double>(std::clamp(grant.channel_delay_ns, kMinChannelDelayNs, kMaxChannelDelayNs));
-  object.couplings.push_back(
-      {grant.fencing,
-       std::make_unique<haptics::CopyCoupling>(settings, object.claimant.copy_index(), object.body.settings), 0});
+  object.coupling = {grant.fencing, static_cast<std::uint32_t>(grant.touchers.size()),
+                     static_cast<std::uint32_t>(object.claimant.copy_index()),
+                     std::clamp(grant.channel_delay_ns, kMinChannelDelayNs, kMaxChannelDelayNs)};
   object.peer_received_ns = now_ns;
   ++couplings_made_;
 }
 
 void OwnershipClient::post_orders() {
-  ++orders_.number;
   orders_.count = static_cast<std::uint32_t>(objects_.size());
   for (std::uint32_t i = 0; i < orders_.count; ++i) {
-    Object& object = *objects_[i];
-    BodyOrder& order = orders_.bodies[i];
+    const Object& object = *objects_[i];
+    GrantedBody& order = orders_.bodies[i];
     order.object = object.index;
     order.received = object.received;
-    const GrantedCoupling* const current = coupling_in_use(object);
-    order.coupling = current == nullptr ? nullptr : current->coupling.get();
-    order.coupling_fencing = current == nullptr ? 0 : current->fencing;
+    order.coupling = object.coupling;
   }
   orders_mailbox_.post(orders_);
 }

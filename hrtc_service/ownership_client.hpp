@@ -2,19 +2,15 @@
 /// haptic thread simulates, publishes or couples to the copies of peers.
 ///
 ///     reports of the haptic thread --+--> Claimant, one for each object --+--> claims
-///     grants, poses of others -------+                                    +--> orders for the haptic thread (Bodies)
+///     grants, poses of others -------+                                    +--> orders for the servo (BodyIntake)
 ///
-/// This class constructs the couplings, because construction allocates. A coupling exists until the haptic thread has
-/// received orders that do not name it. If the host is gone and the grant expires, the copies remain coupled as long as
-/// they receive samples from each other. Other programs ignore the poses of the copies until a host grants the object
-/// again.
+/// If the host is gone and the grant expires, the copies remain coupled as long as they receive samples from each
+/// other. Other programs ignore the poses of the copies until a host grants the object again.
 ///
 /// Times are arguments. No DDS. Service thread. Not realtime.
 #pragma once
 
 #include <cstdint>
-#include <deque>
-#include <map>
 #include <memory>
 #include <optional>
 #include <vector>
@@ -30,17 +26,15 @@ inline constexpr std::int64_t kPosePeriodNs = 4'000'000;  ///< min time between 
 
 class OwnershipClient {
  public:
-  /// `orders`: mailbox to the haptic thread; must outlive the client.
-  OwnershipClient(const session::Origin& self, haptics::Mailbox<BodyOrders>& orders,
+  /// `orders`: mailbox to the servo; must outlive the client.
+  OwnershipClient(const session::Origin& self, haptics::Mailbox<GrantedBodies>& orders,
                   const session::OwnershipSettings& settings = {});
 
   /// Adds a movable object, at most kMaxBodies at a time. Call it in the order of the arrivals in the haptic thread.
   void add(std::uint32_t object_index, std::uint64_t object_id, const sharing::SharedBody& body);
 
-  /// Stops claims and orders for a withdrawn object. Its couplings exist until `free_withdrawn`.
+  /// Removes a withdrawn object.
   void withdraw(std::uint32_t object_index);
-  /// Frees a withdrawn object, after the haptic thread has returned it.
-  void free_withdrawn(std::uint32_t object_index) { withdrawn_.erase(object_index); }
 
   void on_grant(const session::ObjectGrant& grant, std::int64_t now_ns);
   void on_pose(const session::ObjectPose& pose, std::int64_t now_ns);
@@ -68,11 +62,6 @@ class OwnershipClient {
   [[nodiscard]] std::uint64_t implausible() const noexcept;
 
  private:
-  struct GrantedCoupling {
-    std::uint64_t fencing = 0;  // of the grant
-    std::unique_ptr<haptics::CopyCoupling> coupling;
-    std::uint64_t first_orders_without = 0;  // number of the first orders that do not name it; 0: in use
-  };
   struct Object {
     std::uint32_t index;
     std::uint64_t id;
@@ -80,7 +69,7 @@ class OwnershipClient {
     session::Claimant claimant;
     session::PoseAdmission pose_admission;
     sharing::ReceivedPose received;
-    std::deque<GrantedCoupling> couplings;  // only the last one may be in use
+    GrantedCoupling coupling;  // in use
     std::int64_t peer_received_ns = 0;
     // Figures.
     std::uint64_t last_fencing = 0;            // of the coupling in `ledger`
@@ -89,17 +78,15 @@ class OwnershipClient {
   };
 
   [[nodiscard]] Object* find(std::uint64_t id);
-  [[nodiscard]] static GrantedCoupling* coupling_in_use(Object& object) noexcept;
-  /// Constructs or releases the object's coupling according to the role of this HRTC.
+  /// Sets or releases the object's coupling according to the role of this HRTC.
   void update_coupling(Object& object, std::int64_t now_ns);
   void post_orders();
 
   session::Origin self_;
   session::OwnershipSettings settings_;
-  haptics::Mailbox<BodyOrders>& orders_mailbox_;
-  BodyOrders orders_;
+  haptics::Mailbox<GrantedBodies>& orders_mailbox_;
+  GrantedBodies orders_;
   std::vector<std::unique_ptr<Object>> objects_;
-  std::map<std::uint32_t, std::unique_ptr<Object>> withdrawn_;  // by index
   std::vector<BodyStatus> bodies_;
   std::int64_t transit_with_margin_ns_ = 0;
   BodyReports reports_;

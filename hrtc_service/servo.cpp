@@ -5,11 +5,11 @@
 
 namespace tactus::hrtc_service {
 
-Servo::Servo(const ServoSettings& settings, ServoLink& link, Intake& intake)
+Servo::Servo(const ServoSettings& settings, ServoLink& link, Intake& intake, BodyOrderLink& orders)
     : link_{link},
       arrivals_{intake.arrivals()},
       cycle_{settings.cycle, settings.specs, intake.departures(), link.logs_queries ? &link.log : nullptr},
-      bodies_{settings.cycle, link.bodies} {
+      bodies_{settings.cycle, link.bodies, orders} {
   cycle_.set_observer(settings.recorder);
   snapshot_.nodes.resize(settings.snapshot_nodes);
 }

@@ -41,8 +41,8 @@ class Servo {
   using Inputs = std::array<ProbeInput, kMaxProbes>;
   using Outputs = std::array<ProbeOutput, kMaxProbes>;
 
-  /// Allocates everything. `link` and `intake` must outlive the servo.
-  Servo(const ServoSettings& settings, ServoLink& link, Intake& intake);
+  /// Allocates everything. The references must outlive the servo.
+  Servo(const ServoSettings& settings, ServoLink& link, Intake& intake, BodyOrderLink& orders);
 
   /// Computes the forces. Sets `inputs[i].near` from the link. The result is valid until the next touch.
   const Outputs& touch(Inputs& inputs, std::int64_t now_ns) noexcept;

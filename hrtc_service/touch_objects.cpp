@@ -3,22 +3,22 @@
 #include <utility>
 
 namespace tactus::hrtc_service {
-namespace {
-
-Vec3d wide(const std::array<float, 3>& p) { return {p[0], p[1], p[2]}; }
-
-}  // namespace
 
 TouchObjects::TouchObjects(const spm::PoolSettings& settings)
     : pool_{settings}, nodes_{settings.tree_nodes}, cache_{pool_} {}
 
-TouchObjects::Object* TouchObjects::not_withdrawn(std::uint32_t object) noexcept {
+TouchObjects::Object* TouchObjects::not_withdrawn(std::uint32_t object) const noexcept {
   if (object >= kMaxObjects || objects_[object] == nullptr || objects_[object]->is_withdrawn) return nullptr;
   return objects_[object].get();
 }
 
 TouchObject* TouchObjects::find(std::uint32_t object) noexcept {
   Object* const found = not_withdrawn(object);
+  return found == nullptr ? nullptr : &found->touch;
+}
+
+const TouchObject* TouchObjects::find(std::uint32_t object) const noexcept {
+  const Object* const found = not_withdrawn(object);
   return found == nullptr ? nullptr : &found->touch;
 }
 
@@ -37,7 +37,7 @@ std::optional<Arrival> TouchObjects::add(const ObjectDescription& description, c
   touch.placement = description.placement;
   touch.material = description.material;
   touch.body = description.body;
-  touch.bounds = {wide(base.summary.bounds_min), wide(base.summary.bounds_max)};
+  touch.bounds = spm::bounds_of(base.summary);
   touch.deviation = base.summary.deviation;
   touch.forest =
       std::make_unique<spm::Forest>(pool_, nodes_, spm::ObjectIndex{touch.index}, base.summary,

@@ -49,8 +49,11 @@ class TouchObjects {
   /// Frees a region or an object that the haptic thread has returned.
   void free(const Departure& departure);
 
+  /// Returns whether the haptic thread may use an object with this index, withdrawn or not.
+  [[nodiscard]] bool has(std::uint32_t object) const noexcept { return objects_[object] != nullptr; }
   /// Returns an object that is not withdrawn, or null.
   [[nodiscard]] TouchObject* find(std::uint32_t object) noexcept;
+  [[nodiscard]] const TouchObject* find(std::uint32_t object) const noexcept;
   /// Returns the index of an object in the cache. The object must exist.
   [[nodiscard]] spm::ObjectIndex in_cache(std::uint32_t object) const noexcept { return objects_[object]->in_cache; }
   [[nodiscard]] const spm::Pool& pool() const noexcept { return pool_; }
@@ -64,7 +67,7 @@ class TouchObjects {
     std::vector<bool> is_retired;  // by region
     bool is_withdrawn = false;
   };
-  [[nodiscard]] Object* not_withdrawn(std::uint32_t object) noexcept;
+  [[nodiscard]] Object* not_withdrawn(std::uint32_t object) const noexcept;
 
   spm::Pool pool_;
   spm::NodePool nodes_;

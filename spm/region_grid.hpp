@@ -27,6 +27,12 @@ struct CellBox {
   }
 };
 
+/// The bounds of a model's vertices.
+[[nodiscard]] inline CellBox bounds_of(const ModelSummary& summary) noexcept {
+  const auto wide = [](const std::array<float, 3>& p) { return Vec3d{p[0], p[1], p[2]}; };
+  return {wide(summary.bounds_min), wide(summary.bounds_max)};
+}
+
 class RegionGrid {
  public:
   /// Allocates. `regions` must have passed violations().

@@ -221,7 +221,7 @@ void SharedSession::on_viewer_pose(const session::ObjectPose& pose) {
 
 void SharedSession::haptic_cycle(std::size_t i) {
   Hrtc& hrtc = *hrtcs_[i];
-  hrtc.core.intake().tick();
+  hrtc.core.tick_intake();
   hrtc_service::Servo& servo = hrtc.core.servo();
   for (User& user : users_) {
     if (user.hrtc != i || user.device == nullptr) continue;

@@ -259,7 +259,7 @@ void VirtualSession::step() {
       read_device(user);
     }
   }
-  core_.intake().tick();
+  core_.tick_intake();
   hrtc_service::Servo& servo = core_.servo();
   const hrtc_service::Servo::Outputs& outputs = servo.touch(inputs_, now_ns_);
   for (std::size_t user = 0; user < hands_.size(); ++user) deliver_output(user, outputs[user]);

@@ -76,7 +76,7 @@ TEST_F(HostCoreTest, AnHrtcThatJoinsLoadsTheObjectAndReachesExactContact) {
     study::exchange_membership(host, membership, now_);
     while (const auto demand = core.gateway().demand(now_)) host.on_demand(*demand, now_);
     while (const auto outgoing = host.next_chunk(now_)) core.gateway().on_chunk(outgoing->chunk, now_);
-    core.intake().tick();
+    core.tick_intake();
     const double progress = std::min(1.0, cycle / 2000.0);  // from 20 mm outside to 2 mm inside
     inputs[0].device.position = {radius + 0.02 - 0.022 * progress, 0, 0};
     const hrtc_service::ProbeOutput& probe = core.servo().touch(inputs, now_)[0];

@@ -9,6 +9,7 @@
 #include <random>
 #include <span>
 
+#include "hrtc_service/body_intake.hpp"
 #include "hrtc_service/intake_sender.hpp"
 #include "hrtc_service/servo.hpp"
 #include "spm/codec/load_region.hpp"
@@ -47,7 +48,8 @@ class IntakeTest : public testing::Test {
     intake_ = std::make_unique<Intake>(pool_, link_->intake);
     ServoSettings settings;
     settings.specs.fill({});
-    servo_ = std::make_unique<Servo>(settings, *link_, *intake_);
+    body_intake_ = std::make_unique<BodyIntake>(intake_->objects(), link_->bodies);
+    servo_ = std::make_unique<Servo>(settings, *link_, *intake_, body_intake_->orders());
     sender_ = std::make_unique<IntakeSender>(link_->intake, pool_);
   }
   [[nodiscard]] static const spm::codec::CompressedModel& model() { return encoded_->compressed(); }
@@ -72,10 +74,10 @@ class IntakeTest : public testing::Test {
     for (IntakeAnswer answer; sender_->take(answer);) results.push_back(answer.result);
     return results;
   }
-  /// Runs a cycle of the servo with a tip at the surface, and returns the force.
+  /// Runs a cycle of the servo, and returns the force.
   double run_cycle() {
     inputs_[0].active = true;
-    inputs_[0].device.position = {model().summary().bounds_max[0] + 0.002, 0, 0};
+    inputs_[0].device.position = tip_;
     inputs_[0].device.time_ns = now_ns_;
     const Servo::Outputs& outputs = servo_->touch(inputs_, now_ns_);
     servo_->publish(now_ns_, now_ns_ + 1'000'000);
@@ -90,9 +92,11 @@ class IntakeTest : public testing::Test {
   const spm::PoolSettings pool_ = spm::PoolSettings::for_slots(8192);
   std::unique_ptr<ServoLink> link_;
   std::unique_ptr<Intake> intake_;
+  std::unique_ptr<BodyIntake> body_intake_;
   std::unique_ptr<Servo> servo_;
   std::unique_ptr<IntakeSender> sender_;
   Servo::Inputs inputs_;
+  Vec3d tip_{model().summary().bounds_max[0] + 0.002, 0, 0};  // m, 1 mm in the surface
   std::int64_t now_ns_ = 1'000'000'000;
 };
 spm::offline::BuiltModel* IntakeTest::built_ = nullptr;
@@ -187,6 +191,106 @@ TEST_F(IntakeTest, AfterAHeaderThatNoGatewayWritesLaterMessagesAreIgnored) {
   EXPECT_TRUE(intake_->is_broken());
   for (int cycle = 0; cycle < 200; ++cycle) (void)run_cycle();
   EXPECT_EQ(servo_->cycle().objects().size(), 1u) << "what has arrived stays";
+}
+
+/// A movable object in the servo, and the gateway's orders for it.
+class BodyIntakeTest : public IntakeTest {
+ protected:
+  static constexpr std::uint32_t kBody = 2;  // index of the object
+
+  BodyIntakeTest() {
+    tip_ = {1, 0, 0};
+    IntakeObject movable = object();
+    movable.body = {0.5, {1e-3, 1e-3, 1e-3}, 0.5, -1};
+    sender_->add_object(kBody, movable, model().base());
+    sender_->add_object(kBody + 1, object(), model().base());
+    (void)exchange();
+    for (int cycle = 0; cycle < 100; ++cycle) (void)run_cycle();
+    grants_.count = 1;
+    grants_.bodies[0] = grant_at({0, 0, 0.1});
+  }
+  [[nodiscard]] GrantedBody grant_at(const Vec3d& position) {
+    GrantedBody grant;
+    grant.object = kBody;
+    grant.received.state.position = position;
+    grant.received.session_ns = now_ns_;
+    grant.received.number = ++poses_;
+    return grant;
+  }
+  /// Posts the grants and runs cycles until the body has reached the received pose. Returns the report of the body.
+  BodyReport report() {
+    grants_.clock.local_ns = grants_.clock.session_ns = now_ns_;
+    link_->bodies.granted.post(grants_);
+    for (int cycle = 0; cycle < 200; ++cycle) {
+      body_intake_->tick();
+      (void)run_cycle();
+    }
+    BodyReports reports;
+    EXPECT_TRUE(link_->bodies.reports_for_gateway.take(reports));
+    EXPECT_EQ(reports.count, 1u);
+    return reports.bodies[0];
+  }
+
+  GrantedBodies grants_;
+  std::uint64_t poses_ = 0;
+};
+
+TEST_F(BodyIntakeTest, WrongGrantsChangeNothing) {
+  EXPECT_NEAR(report().state.position.z(), 0.1, 1e-6);
+  const auto expect_unchanged = [this](const char* what) {
+    EXPECT_NEAR(report().state.position.z(), 0.1, 1e-6) << what;
+    EXPECT_EQ(report().coupling_fencing, 0u) << what;
+    grants_.count = 1;
+    grants_.bodies[0] = grant_at({0, 0, 0.2});
+  };
+  grants_.bodies[0] = grant_at({0, 0, 0.2});
+  grants_.bodies[0].received.state.position.x() = std::numeric_limits<double>::quiet_NaN();
+  expect_unchanged("a position that is not a number");
+  grants_.bodies[0].received.state.orientation = {0, 0, 0, 0};
+  expect_unchanged("no rotation");
+  grants_.bodies[0].coupling = {1, haptics::kMaxCopies + 1, 0, kMinChannelDelayNs};
+  expect_unchanged("too many copies");
+  grants_.bodies[0].coupling = {1, 2, 2, kMinChannelDelayNs};
+  expect_unchanged("a copy that does not exist");
+  grants_.bodies[0].coupling = {1, 2, 0, kMaxChannelDelayNs + 1};
+  expect_unchanged("a delay that is too long");
+  grants_.bodies[0].object = kMaxObjects;
+  expect_unchanged("an index that no object can have");
+  grants_.bodies[0].object = kBody + 1;
+  expect_unchanged("an object that cannot move");
+  grants_.count = 0;
+  expect_unchanged("no body");
+  grants_.count = ~0u;
+  EXPECT_NEAR(report().state.position.z(), 0.2, 1e-4) << "the first ones count";
+}
+
+TEST_F(BodyIntakeTest, CouplingsOfOldGrantsAreFreedAndNewOnesTakeTheirPlace) {
+  for (std::uint64_t fencing = 1; fencing < 6; ++fencing) {
+    grants_.bodies[0].coupling = {fencing, 2, static_cast<std::uint32_t>(fencing % 2), kMinChannelDelayNs};
+    EXPECT_EQ(report().coupling_fencing, fencing);
+    EXPECT_EQ(body_intake_->couplings(), 1u);
+  }
+  grants_.bodies[0].coupling = {};
+  EXPECT_EQ(report().coupling_fencing, 0u);
+  EXPECT_EQ(body_intake_->couplings(), 0u);
+}
+
+TEST_F(BodyIntakeTest, ACouplingExistsUntilTheServoHasReturnedItsObject) {
+  grants_.bodies[0].coupling = {1, 2, 0, kMinChannelDelayNs};
+  (void)report();
+  sender_->withdraw(kBody);
+  sender_->flush();
+  intake_->tick();
+  grants_.count = 0;
+  link_->bodies.granted.post(grants_);
+  body_intake_->tick();
+  EXPECT_EQ(body_intake_->couplings(), 1u);
+  for (int cycle = 0; cycle < 100; ++cycle) {
+    (void)run_cycle();
+    intake_->tick();
+    body_intake_->tick();
+  }
+  EXPECT_EQ(body_intake_->couplings(), 0u);
 }
 
 // Flips bits of messages on their way, and writes random positions of the ring. The mesh that the servo touches must

@@ -58,7 +58,7 @@ class BoxOnOrgan : public ::testing::Test {
   /// Makes the HRTC receive the box at rest on the organ, from its host. Returns that state.
   haptics::BodyState receive_resting_box() {
     const haptics::BodyState resting = state_after_drop();
-    orders_.number = orders_.count = 1;
+    orders_.count = 1;
     orders_.bodies[0].object = 1;
     orders_.bodies[0].received = {resting, 0, 1};
     return resting;
@@ -70,7 +70,8 @@ class BoxOnOrgan : public ::testing::Test {
     run_prepared_cycle();
   }
   void run_prepared_cycle() {
-    session_.core().link().bodies.orders.post(orders_);
+    session_.core().link().bodies.granted.post(orders_);
+    session_.core().tick_intake();
     outputs_ = session_.touch_with_bodies();
     (void)session_.core().servo().refine(spm::Budget{1u << 20});
     (void)session_.core().link().bodies.reports_for_sender.take(reports_);
@@ -80,7 +81,7 @@ class BoxOnOrgan : public ::testing::Test {
   spm::offline::BuiltModel organ_{spm::offline::build_model(organ_mesh_)};
   spm::offline::BuiltModel box_{spm::offline::build_model(box_mesh(kBoxHalfEdge))};
   LocalSession session_;
-  hrtc_service::BodyOrders orders_;
+  hrtc_service::GrantedBodies orders_;
   hrtc_service::BodyReports reports_;
   std::array<hrtc_service::ProbeOutput, hrtc_service::kMaxProbes> outputs_;
 };
@@ -170,8 +171,8 @@ TEST(ToolAndBody, AStylusPushesABoxAlongTheGroundAndFeelsItsFriction) {
   const session::Material material{1000, 3, 0.5, 0.4};
   LocalSession session{{box.model()}, 1, spm::PoolSettings::for_slots(1 << 14), 2, loader, material, kMass};
   hrtc_service::BodyReports reports;
-  hrtc_service::BodyOrders orders;
-  orders.number = orders.count = 1;
+  hrtc_service::GrantedBodies orders;
+  orders.count = 1;
   orders.bodies[0].object = 0;
   orders.bodies[0].received.number = 1;
   orders.bodies[0].received.state.position = {0, 0, kGround + kPushedHalfEdge};
@@ -182,7 +183,8 @@ TEST(ToolAndBody, AStylusPushesABoxAlongTheGroundAndFeelsItsFriction) {
     const Vec3d velocity = cycle < 300 ? Vec3d::Zero() : Vec3d{-kSpeed, 0, 0};
     hand += 1e-3 * velocity;
     session.prepare(hand, velocity);
-    session.core().link().bodies.orders.post(orders);
+    session.core().link().bodies.granted.post(orders);
+    session.core().tick_intake();
     const hrtc_service::Servo::Outputs& outputs = session.touch_with_bodies();
     (void)session.core().servo().refine(spm::Budget{1u << 20});
     (void)session.core().link().bodies.reports_for_sender.take(reports);

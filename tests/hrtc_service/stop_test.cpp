@@ -85,7 +85,7 @@ class EmergencyStop : public ::testing::Test {
       study::exchange_membership(host_, membership_, now);
       while (auto demand = gateway.demand(now)) host_.on_demand(*demand, now);
       while (auto chunk = host_.next_chunk(now)) gateway.on_chunk(chunk->chunk, now);
-      core_.intake().tick();
+      core_.tick_intake();
       std::this_thread::yield();
     }
   }

@@ -103,7 +103,7 @@ class Threads : public ::testing::Test {
     study::exchange_membership(host_, membership_, now_ns);
     while (auto demand = gateway.demand(now_ns)) host_.on_demand(*demand, now_ns);
     while (auto chunk = host_.next_chunk(now_ns)) gateway.on_chunk(chunk->chunk, now_ns);
-    core_.intake().tick();
+    core_.tick_intake();
   }
   void count_contacts() {
     if (!core_.gateway().has_new_reports()) return;

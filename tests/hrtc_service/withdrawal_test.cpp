@@ -143,7 +143,7 @@ class WithdrawalTest : public testing::Test {
       for (const session::ObjectClaim& claim : gateway.claims()) host->core->on_claim(claim, now_);
       while (auto outgoing = host->core->next_chunk(now_)) gateway.on_chunk(outgoing->chunk, now_);
     }
-    core_->intake().tick();
+    core_->tick_intake();
   }
   /// Runs until `condition` holds, at most `cycles`. Returns whether it holds.
   template <class Condition>

@@ -147,7 +147,7 @@ class LocalSession {
   };
 
   void exchange() {
-    core_.intake().tick();
+    core_.tick_intake();
     gateway().tick(now_, membership_.clock());
     membership_.tick(now_);
     if (connected) study::exchange_membership(host_, membership_, now_);
@@ -163,7 +163,7 @@ class LocalSession {
       gateway().on_chunk(chunks_.front().sample, now_);
       chunks_.pop_front();
     }
-    core_.intake().tick();
+    core_.tick_intake();
   }
 
   std::vector<spm::Model> models_;

@@ -1,0 +1,104 @@
+#include "hrtc_service/body_intake.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace tactus::hrtc_service {
+namespace {
+
+// N/m. With it, the copies of two users who press with 6 N from opposite sides are 1.2 mm apart.
+constexpr double kCouplingStiffness = 10'000;
+
+bool is_valid(const GrantedCoupling& coupling) noexcept {
+  return coupling.fencing == 0 ||
+         (coupling.copies >= 1 && coupling.copies <= haptics::kMaxCopies && coupling.copy_index < coupling.copies &&
+          coupling.delay_ns >= kMinChannelDelayNs && coupling.delay_ns <= kMaxChannelDelayNs);
+}
+
+bool is_valid(const haptics::BodyState& state) noexcept {
+  constexpr double kMax = 1e9, kUnitTolerance = 1e-3;                                       // as in session/check.cpp
+  const auto moderate = [](const Vec3d& v) { return v.array().abs().maxCoeff() <= kMax; };  // false for NaN
+  return state.position.allFinite() && moderate(state.position) && state.velocity.allFinite() &&
+         moderate(state.velocity) && state.angular_velocity.allFinite() && moderate(state.angular_velocity) &&
+         std::abs(state.orientation.norm() - 1) <= kUnitTolerance;
+}
+
+/// Whether times of the map can be added and subtracted without overflow.
+bool is_valid(const session::ClockMap& clock) noexcept {
+  constexpr std::int64_t kMaxNs = INT64_C(1) << 61;
+  const auto moderate = [](std::int64_t ns) { return ns > -kMaxNs && ns < kMaxNs; };
+  return moderate(clock.local_ns) && moderate(clock.session_ns) && moderate(clock.slew_until_ns) &&
+         moderate(clock.bound_ns) && std::abs(clock.slew) <= 1 && std::abs(clock.drift) <= 1;
+}
+
+}  // namespace
+
+/// Makes a coupling of the body, or releases the one in use.
+void BodyIntake::set_coupling(Body& body, const GrantedCoupling& granted, const haptics::BodySettings& settings) {
+  const bool has_coupling = !body.couplings.empty() && body.couplings.back().first_orders_without == 0;
+  if (granted.fencing == (has_coupling ? body.couplings.back().granted.fencing : 0)) return;
+  if (has_coupling) body.couplings.back().first_orders_without = posted_ + 1;
+  body.order.coupling = nullptr;
+  body.order.coupling_fencing = granted.fencing;
+  if (granted.fencing == 0) return;
+  haptics::CouplingSettings coupling;
+  coupling.copies = granted.copies;
+  coupling.stiffness = kCouplingStiffness;
+  coupling.delay = 1e-9 * static_cast<double>(granted.delay_ns);
+  body.couplings.push_back(
+      {granted, std::make_unique<haptics::CopyCoupling>(coupling, granted.copy_index, settings), 0});
+  body.order.coupling = body.couplings.back().coupling.get();
+}
+
+void BodyIntake::apply(const GrantedBody& granted) {
+  if (granted.object >= kMaxObjects) return;
+  const TouchObject* const object = objects_.find(granted.object);
+  if (object == nullptr || !object->body || !is_valid(granted.coupling) || !is_valid(granted.received.state)) return;
+  Body& body = bodies_[granted.object];
+  body.order.object = granted.object;
+  body.order.publish_fencing = granted.publish_fencing;
+  body.order.received = granted.received;
+  set_coupling(body, granted.coupling, object->body->settings);
+}
+
+void BodyIntake::post() {
+  BodyOrders orders;
+  orders.number = ++posted_;
+  orders.clock = granted_.clock;
+  for (std::uint32_t index = 0; index < kMaxObjects && orders.count < kMaxBodies; ++index) {
+    const TouchObject* const object = objects_.find(index);
+    if (object == nullptr || !object->body || bodies_[index].order.object == spm::kNone) continue;
+    orders.bodies[orders.count++] = bodies_[index].order;
+  }
+  order_link_.orders.post(orders);
+}
+
+void BodyIntake::free_unused() {
+  const std::uint64_t seen = order_link_.seen.load(std::memory_order_acquire);
+  for (std::uint32_t index = 0; index < kMaxObjects; ++index) {
+    Body& body = bodies_[index];
+    if (body.order.object == spm::kNone) continue;
+    if (!objects_.has(index)) {  // the haptic thread has returned it
+      body = {};
+      continue;
+    }
+    while (!body.couplings.empty() && body.couplings.front().first_orders_without != 0 &&
+           body.couplings.front().first_orders_without <= seen)
+      body.couplings.pop_front();
+  }
+}
+
+std::size_t BodyIntake::couplings() const noexcept {
+  std::size_t count = 0;
+  for (const Body& body : bodies_) count += body.couplings.size();
+  return count;
+}
+
+void BodyIntake::tick() {
+  free_unused();
+  if (!link_.granted.take(granted_) || !is_valid(granted_.clock)) return;
+  for (std::uint32_t i = 0; i < std::min(granted_.count, kMaxBodies); ++i) apply(granted_.bodies[i]);
+  post();
+}
+
+}  // namespace tactus::hrtc_service
