@@ -58,7 +58,7 @@ void add_table(Report& report, const Movement& movement, const States& states) {
 
 Report run(const Settings& settings) {
   const LoadedModel subject = load_model(settings.model, settings.faces);
-  const double scale = settings.length / (longest_side(subject.model.summary) / subject.model.summary.metres_per_unit);
+  const double scale = settings.length / (model_length(subject.model.summary) / subject.model.summary.metres_per_unit);
   char text[160];
   std::snprintf(text, sizeof text, "%.2f m long, 3 mm tip, tremor 0.1 mm, %g s of each movement, seed %u; link %s",
                 settings.length, settings.seconds, settings.seed, settings.link.c_str());

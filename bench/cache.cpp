@@ -142,7 +142,7 @@ Report run(const Settings& settings) {
                                          [&](const Vec3d& p) { return finest.distance(p); });
   path.insert(path.end(), path.rbegin(), path.rend());
   const Vec3d away = Eigen::Map<const spm::Vec3f>(summary.bounds_max.data()).cast<double>() +
-                     Vec3d::Constant(3 * longest_side(summary) / unit);
+                     Vec3d::Constant(3 * model_length(summary) / unit);
 
   char text[256];
   std::snprintf(text, sizeof text, "radius %g mm, %g cm/s, %g s with return, path seed %llu", settings.radius * 1e3,

@@ -180,7 +180,7 @@ Report run(const Settings& settings) {
 
   char text[256];
   std::snprintf(text, sizeof text, "radius %g mm, %g cm/s for %g s, %.3g m long, %u regions of %.3g mm, path seed %llu",
-                settings.radius * 1e3, settings.speed * 1e2, settings.seconds, longest_side(summary), summary.regions,
+                settings.radius * 1e3, settings.speed * 1e2, settings.seconds, model_length(summary), summary.regions,
                 summary.grid.cell_size * unit * 1e3, static_cast<unsigned long long>(settings.seed));
   Report report{{subject.name, summary.digest, summary.faces, text}};
   const std::string cell = "steps of one cell", jump = "jumps by one cell";

@@ -19,7 +19,7 @@ constexpr std::uint32_t kSeed = 1;
 States follow(double seconds) {
   const LoadedModel subject = load_model("", kFaces);
   const spm::ModelSummary& summary = subject.model.summary;
-  return simulate(subject.model, kLength * summary.metres_per_unit / longest_side(summary), movements()[1], seconds,
+  return simulate(subject.model, kLength * summary.metres_per_unit / model_length(summary), movements()[1], seconds,
                   kSeed);
 }
 

@@ -209,7 +209,7 @@ HrtcRun run_hrtc(const LoadedModel& subject, const Settings& settings, const std
   session.cycle.radius = session.loader.radius = settings.radius;
   SessionRun run{subject.model, scale, session};
   run.settle(spm::Vec3d{Eigen::Map<const spm::Vec3f>(summary.bounds_max.data()).cast<double>() * scale} +
-             spm::Vec3d::Constant(3 * longest_side(summary)));
+             spm::Vec3d::Constant(3 * model_length(summary)));
   hrtc_service::Governor governor{kDeadlineNs};
   HrtcRun outcome;
   const Priority priority;
@@ -301,7 +301,7 @@ Report run(const Settings& settings) {
       text, sizeof text,
       "radius %g mm, %g cm/s, %g mm deep, %g s, pool %g of the model, budget %u, path seed %llu, %.3g m long, %s",
       settings.radius * 1e3, settings.speed * 1e2, settings.depth * 1e3, settings.seconds, settings.pool_share,
-      settings.budget, static_cast<unsigned long long>(settings.seed), longest_side(summary), ours.priority);
+      settings.budget, static_cast<unsigned long long>(settings.seed), model_length(summary), ours.priority);
   Report report{{subject.name, summary.digest, summary.faces, text}};
   const bool is_small = summary.faces <= kSmallModel, is_huge = summary.faces >= kHugeModel;
   const Population all{"all cycles", path_size}, compared{"cycles compared", theirs.compared_cycles};
@@ -378,7 +378,7 @@ Report run_curve(const Settings& settings) {
     scale_to_edge(subject, kHandEdge);
     char name[64];
     std::snprintf(name, sizeof name, "cycles, %.2g faces, %.2g cm", static_cast<double>(faces),
-                  100 * longest_side(subject.model.summary));
+                  100 * model_length(subject.model.summary));
     curve.push_back({name, faces, subject.model.summary.digest, measure(subject, settings, 0)});
   }
 

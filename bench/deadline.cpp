@@ -185,7 +185,7 @@ Report run(const Settings& settings) {
   const std::vector<Vec3d> path = surface_path(subject.model.positions, subject.finest, path_settings,
                                                [&](const Vec3d& p) { return finest.distance(p); });
   const Vec3d away = Eigen::Map<const spm::Vec3f>(summary.bounds_max.data()).cast<double>() +
-                     Vec3d::Constant(3 * longest_side(summary) / unit);
+                     Vec3d::Constant(3 * model_length(summary) / unit);
 
   char text[256];
   std::snprintf(text, sizeof text,

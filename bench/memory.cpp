@@ -253,7 +253,7 @@ Path make_path(const LoadedModel& subject, const Settings& settings) {
     path.distances.push_back(finest.distance(centre) * unit);
   }
   path.away = Eigen::Map<const spm::Vec3f>(summary.bounds_max.data()).cast<double>() * unit +
-              Vec3d::Constant(3 * longest_side(summary));
+              Vec3d::Constant(3 * model_length(summary));
   return path;
 }
 
@@ -305,7 +305,7 @@ Report run(const Settings& settings) {
   char text[256];
   std::snprintf(text, sizeof text,
                 "radius %g mm, %g cm/s for %g s, %.3g m long, %u regions, memory %.4g MiB, seed %llu",
-                settings.radius * 1e3, settings.speed * 1e2, settings.seconds, longest_side(summary), summary.regions,
+                settings.radius * 1e3, settings.speed * 1e2, settings.seconds, model_length(summary), summary.regions,
                 static_cast<double>(settings.memory) / kMiB, static_cast<unsigned long long>(settings.seed));
   const Population with_memory{"HRTC with --memory", 1}, with_small{"HRTC with a small pool", 1};
   const Population certificate_of_any_probe{"certificate for any probe", 1};

@@ -50,11 +50,6 @@ void scale_to_edge(LoadedModel& subject, double mean_edge) {
   subject.model.summary.metres_per_unit = mean_edge * 3 * static_cast<double>(subject.finest.size()) / sum;
 }
 
-double longest_side(const spm::ModelSummary& summary) {
-  double longest = 0;
-  for (std::size_t axis = 0; axis < 3; ++axis)
-    longest = std::max(longest, double{summary.bounds_max[axis]} - summary.bounds_min[axis]);
-  return longest * summary.metres_per_unit;
-}
+double model_length(const spm::ModelSummary& summary) { return spm::longest_side(summary) * summary.metres_per_unit; }
 
 }  // namespace tactus::bench

@@ -28,6 +28,6 @@ constexpr double kHandEdge = 0.0002;  ///< m
 /// Scales the model so that the mean edge of its finest mesh is `mean_edge` metres long.
 void scale_to_edge(LoadedModel& subject, double mean_edge);
 /// Returns the longest side of the model's bounds, m.
-[[nodiscard]] double longest_side(const spm::ModelSummary& summary);
+[[nodiscard]] double model_length(const spm::ModelSummary& summary);
 
 }  // namespace tactus::bench

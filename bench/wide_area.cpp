@@ -160,7 +160,7 @@ using States = std::vector<session::ProbeState>;
 class Subject {
  public:
   explicit Subject(const Settings& settings) : loaded{load_model({}, settings.faces)} {
-    scale = kLength * loaded.model.summary.metres_per_unit / longest_side(loaded.model.summary);
+    scale = kLength * loaded.model.summary.metres_per_unit / model_length(loaded.model.summary);
     spm::offline::write_model(path("model.spm"), loaded.model, {});
     std::ofstream config{path("host.yaml")};
     config.precision(17);
