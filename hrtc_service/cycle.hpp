@@ -9,7 +9,7 @@
 /// is up, the hand is coupled to the contact point and the orientation of the object, and not to its surface.
 ///
 /// Probes no longer touch a withdrawn object, and its forces on hands decrease to zero. A share of each cycle's budget
-/// removes its mesh. After that, the cycle returns the object to the loader, and its index can be used again.
+/// removes its mesh. After that, the cycle returns the object to the intake, and its index can be used again.
 ///
 /// Results depend only on the arguments of `touch` and `refine` and on the earlier calls, except that a clock may end
 /// refinement. `refine` reports the budget that it used until then. With that budget and without a clock, it computes
@@ -89,7 +89,7 @@ class CycleObserver {
   virtual void moved(const TouchObject& object, const Placement& placement) noexcept = 0;
   virtual void touched(const std::array<ProbeInput, kMaxProbes>& probes, std::int64_t now_ns, const Arrival* arrivals,
                        std::uint32_t arrival_count, const CycleResult& result) noexcept = 0;
-  /// `departed`: the regions and objects returned to the loader. `departures_fit`: the ring of departures is not full.
+  /// `departed`: the regions and objects returned to the intake. `departures_fit`: the ring of departures is not full.
   virtual void refined(Cycle& cycle, std::span<const Departure> departed, bool departures_fit) noexcept = 0;
 };
 

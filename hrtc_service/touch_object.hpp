@@ -1,4 +1,4 @@
-/// Data of an object in the haptic thread, and the messages between that thread and the loader.
+/// Data of an object in the haptic thread, and the messages between that thread and the intake.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -38,18 +38,22 @@ static_assert(kMaxObjects <= 64, "bits in NearObjects");
 
 using sharing::Placement;
 
-/// An object of the haptic thread. The loader makes it, and destroys it after its Departure or after the end of the
-/// haptic thread. Until then only the haptic thread uses `forest`.
-struct TouchObject {
-  std::uint32_t index = 0;  ///< index in the cache, and bit in NearObjects
+/// An object without its mesh.
+struct ObjectDescription {
+  std::uint32_t index = 0;  ///< index in the haptic thread, below kMaxObjects; bit in NearObjects
   std::uint64_t id = 0;
   std::uint64_t digest = 0;  ///< of the model
   std::string name;          ///< in the session, for log lines
   Placement placement;       ///< at its arrival
   session::Material material;
   std::optional<sharing::SharedBody> body;  ///< only of a movable object
-  spm::CellBox bounds;                      ///< model frame
-  double deviation = 0;                     ///< max distance of any version of the mesh from the finest, file units
+};
+
+/// An object of the haptic thread. TouchObjects makes it, and destroys it after its Departure or after the end of the
+/// haptic thread. Until then only the haptic thread uses `forest`.
+struct TouchObject : ObjectDescription {
+  spm::CellBox bounds;   ///< model frame
+  double deviation = 0;  ///< max distance of any version of the mesh from the finest, file units
   std::unique_ptr<spm::Forest> forest;
 };
 
@@ -80,7 +84,7 @@ struct NearObjects {
   }
 };
 
-/// A message from the loader to the haptic thread: an object or a region has been loaded, a region is to be retired, or
+/// A message from the intake to the haptic thread: an object or a region has been loaded, a region is to be retired, or
 /// an object is withdrawn.
 struct Arrival {
   enum class Kind : std::uint8_t {
@@ -94,7 +98,7 @@ struct Arrival {
   spm::RegionList list;  ///< only of kRegion
 };
 
-/// A message from the haptic thread to the loader: no record of the region is applied any more, or the haptic thread
+/// A message from the haptic thread to the intake: no record of the region is applied any more, or the haptic thread
 /// has removed a withdrawn object with all its regions.
 struct Departure {
   std::uint32_t object = 0;          ///< index

@@ -30,13 +30,7 @@ std::optional<Arrival> TouchObjects::add(const ObjectDescription& description, c
   object->in_cache = admitted.object;
   object->is_retired.resize(base.regions.size());
   TouchObject& touch = object->touch;
-  touch.index = description.index;
-  touch.id = description.id;
-  touch.digest = description.digest;
-  touch.name = description.name;
-  touch.placement = description.placement;
-  touch.material = description.material;
-  touch.body = description.body;
+  static_cast<ObjectDescription&>(touch) = description;
   touch.bounds = spm::bounds_of(base.summary);
   touch.deviation = base.summary.deviation;
   touch.forest =

@@ -12,7 +12,6 @@
 #include <array>
 #include <memory>
 #include <optional>
-#include <string>
 #include <vector>
 
 #include "hrtc_service/touch_object.hpp"
@@ -20,17 +19,6 @@
 #include "spm/pool.hpp"
 
 namespace tactus::hrtc_service {
-
-/// An object without its mesh.
-struct ObjectDescription {
-  std::uint32_t index = 0;  ///< index in the haptic thread, below kMaxObjects
-  std::uint64_t id = 0;
-  std::uint64_t digest = 0;  ///< of the model
-  std::string name;          ///< in the session, for log lines
-  Placement placement;       ///< at its arrival
-  session::Material material;
-  std::optional<sharing::SharedBody> body;  ///< only of a movable object
-};
 
 class TouchObjects {
  public:
