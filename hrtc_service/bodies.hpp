@@ -17,7 +17,7 @@
 /// steps. A cycle that is late by less than half a period computes one step. So the simulated time of a copy follows
 /// session time, and the copy uses the samples of its peers at an even rate.
 ///
-/// Allocates at construction only. Realtime. Haptic thread, except the link.
+/// Allocates at construction only. Realtime. Runs in the haptic thread, except BodyLink.
 #pragma once
 
 #include <array>
@@ -46,7 +46,7 @@ struct BodyOrder {
 };
 
 struct BodyOrders {
-  std::uint64_t number = 0;  ///< increases with each change
+  std::uint64_t number = 0;  ///< increases with each post
   session::ClockMap clock;   ///< local clock to session time
   std::uint32_t count = 0;
   std::array<BodyOrder, kMaxBodies> bodies;
@@ -55,12 +55,11 @@ struct BodyOrders {
 /// The exchange between BodyIntake and Bodies, in one process.
 struct BodyOrderLink {
   haptics::Mailbox<BodyOrders> orders;
-  std::atomic<std::uint64_t> seen{
-      0};  ///< number of the newest orders in use; couplings that they do not name are unused
+  std::atomic<std::uint64_t> seen{0};  ///< number of the newest orders in use
 };
 
 inline constexpr std::int64_t kMinChannelDelayNs = 3'000'000;    ///< a shorter delay makes a coupling unstable
-inline constexpr std::int64_t kMaxChannelDelayNs = 400'000'000;  ///< a coupling stores no longer history
+inline constexpr std::int64_t kMaxChannelDelayNs = 400'000'000;  ///< max history that a coupling stores
 
 /// A coupling that a host has granted.
 struct GrantedCoupling {

@@ -78,7 +78,7 @@ void BodyIntake::free_unused() {
   for (std::uint32_t index = 0; index < kMaxObjects; ++index) {
     Body& body = bodies_[index];
     if (body.order.object == spm::kNone) continue;
-    if (!objects_.has(index)) {  // the haptic thread has returned it
+    if (!objects_.is_index_used(index)) {  // the haptic thread has returned it
       body = {};
       continue;
     }

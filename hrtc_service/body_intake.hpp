@@ -3,7 +3,8 @@
 ///     BodyLink::granted --> [check, make couplings] --> BodyOrderLink::orders --> haptic thread (Bodies)
 ///                           [free]                  <-- BodyOrderLink::seen   <-'
 ///
-/// A coupling exists until the haptic thread has received orders that do not name it, or has returned its object.
+/// A coupling exists until the haptic thread has received orders for its object that do not name it, or has returned
+/// the object.
 /// Trusts nothing in the link: for an object with wrong numbers, the last orders remain.
 ///
 /// One thread, the one of the intake. Allocates.

@@ -279,7 +279,7 @@ void Cycle::coarsen_withdrawn(spm::Budget& budget, spm::Budget& granted, const R
   budget.units += share.units;
 }
 
-/// Returns to the loader the withdrawn objects whose nodes and records are all free.
+/// Returns to the intake the withdrawn objects whose nodes and records are all free.
 void Cycle::return_removed_objects() noexcept {
   for (auto at = withdrawn_.begin(); at != withdrawn_.end();) {
     TouchObject& object = **at;
@@ -371,7 +371,7 @@ void Cycle::reset_changes(const TouchObject& object, std::uint32_t changes, bool
   since = changes > 0 ? 0 : since + 1;
 }
 
-/// Returns to the loader the retired regions without applied records.
+/// Returns to the intake the retired regions without applied records.
 void Cycle::return_retired_regions(TouchObject& object) noexcept {
   while (departures_.write_available() > 0 && departed_.size() < departed_.capacity()) {
     const spm::RegionId region = object.forest->take_retired();

@@ -159,12 +159,12 @@ class World {
     const TouchObject& touch = object(number);
     const spm::codec::CompressedModel& model = *models_[number];
     const spm::Cache& cache = objects_.cache();
-    const spm::ObjectIndex in_cache = objects_.in_cache(number);
-    if (spm::index(region) >= model.summary().regions || cache.is_loaded(in_cache, region))
+    const spm::ObjectIndex cache_index = objects_.cache_index(number);
+    if (spm::index(region) >= model.summary().regions || cache.is_loaded(cache_index, region))
       throw ImpossibleCall("region " + std::to_string(spm::index(region)) + " of object '" + touch.name +
                            "' cannot have come");
     Arrival arrival;
-    const std::optional<spm::RegionData> data = spm::codec::region_data(model, region, cache, in_cache);
+    const std::optional<spm::RegionData> data = spm::codec::region_data(model, region, cache, cache_index);
     if (!data || objects_.add_region(number, *data, arrival) != spm::AcceptResult::kAccepted)
       throw ImpossibleCall("region " + std::to_string(spm::index(region)) + " of object '" + touch.name +
                            "' does not fit as it did");
@@ -296,31 +296,31 @@ class Replay {
 
   void process(const trace::FlightEvent& event) {
     expect_start();
-    using Kind = trace::FlightEvent::Kind;
+    using enum trace::FlightEvent::Kind;
     const spm::RegionId region{event.region};
     switch (event.kind) {
-      case Kind::kStopped:
+      case kStopped:
         ++report_.stops;
         return world().stop(static_cast<haptics::Fault>(event.fault));
-      case Kind::kReset:
+      case kReset:
         ++report_.resets;
         return world().reset_faults();
-      case Kind::kObjectArrived:
+      case kObjectArrived:
         arrivals_.push_back(object_arrival(event.object));
         return;
-      case Kind::kRegionArrived:
+      case kRegionArrived:
         ++report_.regions_arrived;
         arrivals_.push_back(world_->region(event.object, region));
         return;
-      case Kind::kRegionRetired:
+      case kRegionRetired:
         arrivals_.push_back(world_->retirement(event.object, region));
         return;
-      case Kind::kObjectWithdrawn:
+      case kObjectWithdrawn:
         ++report_.objects_withdrawn;
         arrivals_.push_back(world_->withdrawal(event.object));
         return;
-      case Kind::kRegionDeparted:
-      case Kind::kObjectDeparted:
+      case kRegionDeparted:
+      case kObjectDeparted:
         ++recorded_departures_;
         return;
     }

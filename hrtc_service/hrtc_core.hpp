@@ -1,8 +1,8 @@
 /// Assembles an HRTC from gateway, intake and servo, without DDS, threads, devices and files.
 ///
-///     samples, times --> Gateway <== ServoLink ==> Intake --> Servo <-- probe inputs, limit of refinement
-///                          |                                    |
-///              demands, claims, events                        forces
+///     samples, times --> Gateway <== ServoLink ==> Intake, BodyIntake --> Servo <-- probe inputs, limit of refinement
+///                          |             ^============================>     |
+///              demands, claims, events                                    forces
 ///
 /// Services, studies, benchmarks and tests all assemble an HRTC here.
 #pragma once

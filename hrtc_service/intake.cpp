@@ -14,7 +14,7 @@ namespace tactus::hrtc_service {
 namespace {
 
 constexpr std::size_t kRingEntries = 4096;
-/// Max bytes of a base mesh besides the memory of the pool: its regions.
+/// Max bytes of the regions of a base mesh, which the pool does not hold.
 constexpr std::uint64_t kMaxDirectoryBytes = 128u << 20;
 
 /// Copies plain values from the beginning of a message.
@@ -84,7 +84,7 @@ Intake::Intake(const spm::PoolSettings& settings, IntakeLink& link)
   touch_memory(departures_);
 }
 
-/// Returns whether no arrival waits for the haptic thread to make room.
+/// Returns true if no arrival waits for space in the ring.
 bool Intake::push_arrivals() {
   if (pending_ && arrivals_.push(*pending_)) pending_.reset();
   return !pending_;
@@ -193,7 +193,7 @@ void Intake::tick() {
     process_message();
     header_.reset();
   }
-  constexpr std::size_t kMaxKept = 1u << 20;  // bytes; base meshes need more, seldom
+  constexpr std::size_t kMaxKept = 1u << 20;  // bytes; only base meshes need more
   if (message_.capacity() > kMaxKept && !header_) message_ = {};
 }
 

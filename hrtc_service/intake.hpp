@@ -3,8 +3,8 @@
 ///     IntakeLink::messages --> [assemble, check] --> TouchObjects --> arrivals ring --> haptic thread
 ///     IntakeLink::answers  <-- [free]            <------------------- departures ring <-'
 ///
-/// Trusts nothing in the link: a wrong message is refused and changes nothing. After a header that no gateway writes,
-/// the intake reads no further, because it cannot find the next message.
+/// Trusts nothing in the link: a wrong message is refused and changes nothing. After an invalid header (unknown kind,
+/// index or size) the intake reads no further, because it cannot find the next message.
 ///
 /// One thread, not the haptic one. Allocates.
 #pragma once
@@ -33,7 +33,7 @@ class Intake {
   [[nodiscard]] ArrivalRing& arrivals() noexcept { return arrivals_; }
   [[nodiscard]] DepartureRing& departures() noexcept { return departures_; }
   [[nodiscard]] const TouchObjects& objects() const noexcept { return objects_; }
-  /// Returns whether the gateway has written a header that no gateway writes. Later messages are ignored.
+  /// Returns whether a header was invalid. Later messages are ignored.
   [[nodiscard]] bool is_broken() const noexcept { return is_broken_; }
 
  private:

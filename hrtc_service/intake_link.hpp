@@ -1,11 +1,11 @@
-/// The messages by which the gateway passes objects and regions to the servo's process, and their answers.
+/// The messages by which the gateway passes objects and regions to the intake of the servo, and the answers.
 ///
-///     gateway                                                        servo's process
+///     gateway                                                        servo
 ///     Loader --> IntakeSender --messages--> SharedRing of bytes --> Intake --arrivals--> haptic thread
 ///                     ^-----------answers-- SharedRing ------------'
 ///
-/// A message is an IntakeHeader, a struct of its kind and arrays, as their bytes in memory. Both processes are the same
-/// build on the same machine.
+/// A message consists of the bytes of an IntakeHeader, of the struct for its kind, and of its arrays. Both ends are of
+/// the same build, on the same machine.
 #pragma once
 
 #include <array>
@@ -59,7 +59,7 @@ struct IntakeAnswer {
   spm::AcceptResult result = spm::AcceptResult::kAccepted;  ///< of kObject and kRegion
   std::uint32_t object = 0;                                 ///< index
   spm::RegionId region{};
-  std::uint64_t processed = 0;  ///< number of messages processed since the start
+  std::uint64_t processed = 0;  ///< number of messages that the intake has processed
   spm::Cache::Space free;       ///< memory of the pool that is free now
 };
 

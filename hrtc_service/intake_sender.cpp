@@ -59,7 +59,7 @@ void IntakeSender::withdraw(std::uint32_t index) { append(IntakeKind::kWithdraw,
 void IntakeSender::flush() {
   sent_ += messages_.push(std::span{waiting_}.subspan(sent_));
   if (sent_ < waiting_.size()) return;
-  constexpr std::size_t kMaxKept = 1u << 20;  // bytes of capacity; base meshes need more, seldom
+  constexpr std::size_t kMaxKept = 1u << 20;  // bytes; only base meshes need more
   waiting_.clear();
   if (waiting_.capacity() > kMaxKept) waiting_.shrink_to_fit();
   sent_ = 0;

@@ -19,7 +19,7 @@ namespace tactus::hrtc_service {
 
 class IntakeSender {
  public:
-  /// `link` must outlive the sender. `pool`: settings of the pool at the other end, which is empty.
+  /// `link` must outlive the sender. `pool`: settings of the intake's pool, which must be empty.
   IntakeSender(IntakeLink& link, const spm::PoolSettings& pool);
 
   /// Each of these appends a message to those that `flush` sends. `base.summary` replaces `object.summary`.
@@ -32,13 +32,13 @@ class IntakeSender {
 
   /// Returns false if no answer waits.
   [[nodiscard]] bool take(IntakeAnswer& answer);
-  /// Returns the memory of the pool that is free after all messages, at least.
-  [[nodiscard]] const spm::Cache::Space& free() const noexcept { return free_; }
+  /// Returns a lower bound of the pool memory that is free once the intake has processed all messages.
+  [[nodiscard]] const spm::Cache::Space& free_space() const noexcept { return free_; }
 
  private:
   struct Cost {
     std::uint64_t message;     // number of the message
-    spm::Cache::Space memory;  // that it may take
+    spm::Cache::Space memory;  // max memory that it takes
   };
   /// Appends a message that may take `cost`. `parts`: objects and spans, whose bytes are copied.
   template <class... Parts>
@@ -48,7 +48,7 @@ class IntakeSender {
   RingReader<IntakeAnswer, IntakeLink::kAnswers> answers_;
   std::vector<std::byte> waiting_;  // bytes that the ring has not taken yet begin at `sent_`
   std::size_t sent_ = 0;
-  std::uint64_t message_count_ = 0;  // since the start
+  std::uint64_t message_count_ = 0;
   std::deque<Cost> unanswered_;
   spm::Cache::Space reported_;  // free memory in the newest answer
   spm::Cache::Space free_;      // reported_ without the costs of unanswered messages

@@ -8,8 +8,8 @@
 /// cache of the store. A region that leaves the pool remains in the store, so it can be loaded again without the
 /// network.
 ///
-/// A region counts as loaded from its message to the intake on. The answer of the intake revokes this if it has refused
-/// the region.
+/// A region counts as loaded once its message to the intake is appended. The answer of the intake revokes this if the
+/// intake has refused the region.
 ///
 /// The loader evicts a region from the store in two steps:
 ///  1. It retires the region: demands no longer list it in `have`.
@@ -136,8 +136,8 @@ class Loader {
     std::uint32_t index = spm::kNone;  ///< kNone: the base mesh was not sent to the intake
     std::uint64_t records_received = 0, records_received_again = 0, regions_received = 0, regions_released = 0;
   };
-  /// Called with each object that the loader has removed, after the intake has returned it. A later object may
-  /// get its index.
+  /// Called with each object that the loader has removed: after the intake has returned it, or before it was sent. A
+  /// later object may get its index.
   std::function<void(const ObjectInfo&)> on_object_gone;
 
   void on_catalogue(const session::CatalogueEntry& entry);
@@ -158,7 +158,7 @@ class Loader {
   /// and `later` as if in 0.5 s.
   void want(std::uint32_t object_index, std::vector<std::uint32_t> regions, std::vector<std::uint32_t> later);
 
-  /// Predicts, evicts, and passes regions to the haptic thread. Call it every few milliseconds. Sets `near` to the
+  /// Predicts, evicts, and sends regions to the intake. Call it every few milliseconds. Sets `near` to the
   /// objects near each probe.
   void tick(std::int64_t now_ns, const std::array<ReportedProbe, kMaxProbes>& probes,
             std::array<NearObjects, kMaxProbes>& near);
@@ -179,7 +179,7 @@ class Loader {
 
   /// Returns the objects that were sent to the intake and are not withdrawn.
   [[nodiscard]] std::vector<ObjectInfo> objects() const;
-  /// Returns the withdrawn objects that the haptic thread has not returned yet.
+  /// Returns the withdrawn objects that the intake has not returned yet.
   [[nodiscard]] std::vector<ObjectInfo> withdrawn_objects() const;
   [[nodiscard]] const session::CatalogueEntry& entry(std::uint32_t object_index) const {
     return by_index_[object_index]->entry;
@@ -344,7 +344,7 @@ class Loader {
   /// Estimates the memory that loading a region would take, without its records that are already loaded.
   [[nodiscard]] spm::Cache::Space space_to_load(const Object& object, std::uint32_t region) const noexcept;
   void load_soonest();
-  /// Decodes a stored region into the pool. Returns the memory that is missing for that, zero if the pool was not full.
+  /// Decodes a stored region and sends it to the intake. Returns the memory that the pool lacks for it, zero if it fits.
   [[nodiscard]] spm::Cache::Space load(Object& object, std::uint32_t region);
   void coarsen();
   void process_answers();
@@ -359,7 +359,7 @@ class Loader {
     if (on_event) on_event(session::Severity::kWarning, text);
   }
 
-  [[nodiscard]] std::uint32_t slots_used() const noexcept { return pool_.slots - intake_.free().slots; }
+  [[nodiscard]] std::uint32_t slots_used() const noexcept { return pool_.slots - intake_.free_space().slots; }
 
   spm::PoolSettings pool_;
   LoaderSettings settings_;
@@ -408,7 +408,7 @@ class Loader {
   struct Departing {
     Object* object;
     std::uint32_t region;
-    spm::Cache::Space space;  // memory that its release frees, at least
+    spm::Cache::Space space;  // estimated memory that its release frees
   };
   std::vector<Departing> departing_;
   spm::Cache::Space missing_space_;      // estimated memory that the pool lacks for stored regions of `pool_targets_`

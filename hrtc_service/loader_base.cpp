@@ -1,4 +1,4 @@
-// Base meshes: the loader checks them, reserves memory for them, and passes objects to the haptic thread.
+// Base meshes: the loader checks them, reserves memory for them, and sends objects to the intake.
 #include <algorithm>
 #include <utility>
 
@@ -26,10 +26,10 @@ void Loader::on_base_mesh(Object& object, const std::vector<std::uint8_t>& bytes
   }
   delivery_.answer_base_stored(object.info.id);  // also if it does not fit: another request would change nothing
   if (object.ready || object.base_slots > 0 || !reserve_base(object, decoded->mesh)) return;
-  if (!pending_bases_.empty() || object.base_slots > intake_.free().slots) {
+  if (!pending_bases_.empty() || object.base_slots > intake_.free_space().slots) {
     report_info("object " + object.info.name + ": waits until regions are coarsened, its base mesh takes " +
-                std::to_string(object.base_slots) + " slots, the pool has " + std::to_string(intake_.free().slots) +
-                " free");
+                std::to_string(object.base_slots) + " slots, the pool has " +
+                std::to_string(intake_.free_space().slots) + " free");
     pending_bases_.push_back({&object, std::move(*decoded)});
     return;
   }
@@ -80,7 +80,7 @@ std::uint64_t Loader::base_credit() const {
 
 /// Admits the base meshes whose slots have become free, in the order of their arrival.
 void Loader::admit_pending_bases() {
-  while (!pending_bases_.empty() && pending_bases_.front().object->base_slots <= intake_.free().slots) {
+  while (!pending_bases_.empty() && pending_bases_.front().object->base_slots <= intake_.free_space().slots) {
     PendingBase pending = std::move(pending_bases_.front());
     pending_bases_.pop_front();
     admit_base(*pending.object, std::move(pending.base));

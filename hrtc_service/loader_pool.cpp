@@ -53,7 +53,7 @@ void Loader::load_soonest() {
     if (note.pool_state() != PoolState::kNotLoaded || note.store_state() == StoreState::kAbsent || note.is_faulty != 0)
       continue;
     if (contact.time_to_contact > kSoon) {
-      const spm::Cache::Space& free = intake_.free();
+      const spm::Cache::Space& free = intake_.free_space();
       const bool fits = free.slots >= cost.slots + reserve.slots && free.blocks >= cost.blocks + reserve.blocks;
       if (fits && !is_full && early_loads++ < kMaxEarlyLoads) static_cast<void>(load(object, contact.region));
       continue;
@@ -70,7 +70,7 @@ spm::Cache::Space Loader::load(Object& object, std::uint32_t region) {
   const spm::RegionData& data = store_.get(number, spm::RegionId{region});
   const auto parts = static_cast<std::uint32_t>(data.parts.size());
   const std::uint32_t blocks = spm::ListBlock::blocks_for(object.record_counts[region]);
-  if (parts > intake_.free().slots || blocks > intake_.free().blocks) return {std::max(parts, 1u), blocks};
+  if (parts > intake_.free_space().slots || blocks > intake_.free_space().blocks) return {std::max(parts, 1u), blocks};
   const double slots = slot_estimate(object, region);
   if (slots > 0) undecoded_share_ += 0.1 * (static_cast<double>(parts) / slots - undecoded_share_);
   intake_.add_region(object.info.index, data);
@@ -100,7 +100,7 @@ void Loader::coarsen() {
   const spm::Cache::Space reserve = reserve_of(pool_);
   const spm::Cache::Space target{std::max(missing_space_.slots, reserve.slots) + pending_base_slots(),
                                  std::max(missing_space_.blocks, reserve.blocks)};
-  spm::Cache::Space expected = intake_.free();
+  spm::Cache::Space expected = intake_.free_space();
   for (const Departing& departing : departing_) {
     expected.slots += departing.space.slots;
     expected.blocks += departing.space.blocks;

@@ -94,8 +94,8 @@ bool Loader::store_or_refuse(Object& object, const session::DeliveryClient::Mess
   delivery_.answer_stored(object.info.id, message.region);
   if (note.pool_state() == PoolState::kLoaded) store_.mark_loaded(number, region);
   const spm::Cache::Space space = space_to_load(object, message.region);
-  if (note.pool_state() == PoolState::kNotLoaded && intake_.free().slots >= space.slots &&
-      intake_.free().blocks >= space.blocks)
+  if (note.pool_state() == PoolState::kNotLoaded && intake_.free_space().slots >= space.slots &&
+      intake_.free_space().blocks >= space.blocks)
     static_cast<void>(load(object, message.region));
   return true;
 }

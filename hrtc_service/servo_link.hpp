@@ -2,12 +2,13 @@
 ///
 ///     gateway                                                  servo
 ///     objects and decoded regions       -- intake --------->   Intake --> Cycle
+///     answers, free memory              <- intake ----------   Intake
 ///     objects near each probe           -- near ----------->   Cycle
-///     orders for bodies, peers' copies  -- bodies --------->   Bodies
+///     grants of bodies                  -- bodies --------->   BodyIntake --> Bodies
+///     samples of peers' copies          -- bodies --------->   Bodies
 ///     emergency stop and reset          -- stop word ------>   Cycle
 ///     local stops, by button or signal  <- counter ---------   obeyed before the gateway knows of them
 ///     object whose regions a viewer needs -- request ------>   Servo
-///     their results, and free memory    <- intake ----------   Intake
 ///     probes, bodies, mesh hashes       <- mailboxes -------   after each cycle
 ///     queries for the contact log       <- log -------------   Cycle
 ///

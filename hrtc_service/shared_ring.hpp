@@ -19,7 +19,7 @@ namespace tactus::hrtc_service {
 template <class T, std::uint32_t kCapacity>
 struct SharedRing {
   static_assert(std::is_trivially_copyable_v<T>, "the other process copies the bits of an entry");
-  static_assert((kCapacity & (kCapacity - 1)) == 0, "a position modulo the capacity must continue at its overflow");
+  static_assert((kCapacity & (kCapacity - 1)) == 0, "positions stay correct when the counter overflows");
 
   alignas(64) std::atomic<std::uint64_t> pushed{0};  ///< number of entries since the start
   alignas(64) std::atomic<std::uint64_t> popped{0};

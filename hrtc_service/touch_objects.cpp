@@ -27,7 +27,7 @@ std::optional<Arrival> TouchObjects::add(const ObjectDescription& description, c
   spm::Cache::Admitted admitted = cache_.admit(base);
   if (!admitted.fits) return std::nullopt;
   auto object = std::make_unique<Object>();
-  object->in_cache = admitted.object;
+  object->cache_index = admitted.object;
   object->is_retired.resize(base.regions.size());
   TouchObject& touch = object->touch;
   static_cast<ObjectDescription&>(touch) = description;
@@ -44,7 +44,7 @@ spm::AcceptResult TouchObjects::add_region(std::uint32_t number, const spm::Regi
   Object* const object = not_withdrawn(number);
   if (object == nullptr) return spm::AcceptResult::kMalformed;
   spm::RegionList list;
-  const spm::AcceptResult result = cache_.accept(object->in_cache, region, list);
+  const spm::AcceptResult result = cache_.accept(object->cache_index, region, list);
   if (result == spm::AcceptResult::kAccepted) arrival = {Arrival::Kind::kRegion, &object->touch, region.region, list};
   return result;
 }
@@ -52,7 +52,7 @@ spm::AcceptResult TouchObjects::add_region(std::uint32_t number, const spm::Regi
 std::optional<Arrival> TouchObjects::retire(std::uint32_t number, spm::RegionId region) {
   Object* const object = not_withdrawn(number);
   if (object == nullptr || spm::index(region) >= object->is_retired.size() ||
-      !cache_.is_loaded(object->in_cache, region) || object->is_retired[spm::index(region)])
+      !cache_.is_loaded(object->cache_index, region) || object->is_retired[spm::index(region)])
     return std::nullopt;
   object->is_retired[spm::index(region)] = true;
   return Arrival{Arrival::Kind::kRetire, &object->touch, region, {}};
@@ -68,14 +68,14 @@ std::optional<Arrival> TouchObjects::withdraw(std::uint32_t number) {
 void TouchObjects::free(const Departure& departure) {
   std::unique_ptr<Object>& object = objects_[departure.object];
   if (!departure.is_object()) {
-    cache_.release(object->in_cache, departure.region);
+    cache_.release(object->cache_index, departure.region);
     object->is_retired[spm::index(departure.region)] = false;
     return;
   }
   for (std::uint32_t region = 0; region < object->is_retired.size(); ++region)
-    if (cache_.is_loaded(object->in_cache, spm::RegionId{region}))
-      cache_.release(object->in_cache, spm::RegionId{region});
-  cache_.remove(object->in_cache);
+    if (cache_.is_loaded(object->cache_index, spm::RegionId{region}))
+      cache_.release(object->cache_index, spm::RegionId{region});
+  cache_.remove(object->cache_index);
   object.reset();
 }
 

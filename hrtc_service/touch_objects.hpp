@@ -1,10 +1,11 @@
 /// Holds the objects of the haptic thread and the memory of their meshes.
 ///
-///     described objects, base meshes, regions --> [check, decode into the pool] --> arrivals
-///     departures -->                              [free]
+///     objects, base meshes, regions, --> [check, write into the pool] --> arrivals
+///     retirements, withdrawals
+///     departures                     --> [free]
 ///
-/// Checks everything that it receives: a wrong base mesh, region or order is refused and changes nothing. So the
-/// haptic thread can use what it gets without further checks.
+/// Regions, retirements and withdrawals are checked, and refused without a change if they are wrong. So the haptic thread
+/// can use what it gets without further checks.
 ///
 /// One thread, not the haptic one. Allocates.
 #pragma once
@@ -28,7 +29,7 @@ class TouchObjects {
   /// Adds an object whose base mesh has passed spm::violations. Returns nothing if its index is in use or the base mesh
   /// does not fit.
   [[nodiscard]] std::optional<Arrival> add(const ObjectDescription& description, const spm::BaseMesh& base);
-  /// Decodes a region into the pool. If the result is not kAccepted, `arrival` is unchanged.
+  /// Writes a region into the pool. If the result is not kAccepted, `arrival` is unchanged.
   [[nodiscard]] spm::AcceptResult add_region(std::uint32_t object, const spm::RegionData& region, Arrival& arrival);
   /// Retires a loaded region. Returns nothing if it is not loaded or is already retired.
   [[nodiscard]] std::optional<Arrival> retire(std::uint32_t object, spm::RegionId region);
@@ -38,12 +39,14 @@ class TouchObjects {
   void free(const Departure& departure);
 
   /// Returns whether the haptic thread may use an object with this index, withdrawn or not.
-  [[nodiscard]] bool has(std::uint32_t object) const noexcept { return objects_[object] != nullptr; }
+  [[nodiscard]] bool is_index_used(std::uint32_t object) const noexcept { return objects_[object] != nullptr; }
   /// Returns an object that is not withdrawn, or null.
   [[nodiscard]] TouchObject* find(std::uint32_t object) noexcept;
   [[nodiscard]] const TouchObject* find(std::uint32_t object) const noexcept;
   /// Returns the index of an object in the cache. The object must exist.
-  [[nodiscard]] spm::ObjectIndex in_cache(std::uint32_t object) const noexcept { return objects_[object]->in_cache; }
+  [[nodiscard]] spm::ObjectIndex cache_index(std::uint32_t object) const noexcept {
+    return objects_[object]->cache_index;
+  }
   [[nodiscard]] const spm::Pool& pool() const noexcept { return pool_; }
   [[nodiscard]] const spm::Cache& cache() const noexcept { return cache_; }
   [[nodiscard]] const spm::NodePool& nodes() const noexcept { return nodes_; }
@@ -51,7 +54,7 @@ class TouchObjects {
  private:
   struct Object {
     TouchObject touch;
-    spm::ObjectIndex in_cache{};
+    spm::ObjectIndex cache_index{};
     std::vector<bool> is_retired;  // by region
     bool is_withdrawn = false;
   };

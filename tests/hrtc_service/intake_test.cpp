@@ -1,4 +1,4 @@
-// The intake of a servo whose gateway writes wrong or damaged messages.
+// Tests the intake of a servo with wrong and damaged messages of the gateway.
 
 #include "hrtc_service/intake.hpp"
 
@@ -114,8 +114,8 @@ TEST_F(IntakeTest, AnObjectAndItsRegionsReachTheServo) {
   ASSERT_EQ(servo_->cycle().objects().size(), 1u);
   EXPECT_EQ(servo_->cycle().objects()[0]->name, "ball");
   EXPECT_GT(run_cycle(), 0.1);
-  EXPECT_EQ(sender_->free().slots, cache().slots_free());
-  EXPECT_EQ(sender_->free().blocks, cache().blocks_free());
+  EXPECT_EQ(sender_->free_space().slots, cache().slots_free());
+  EXPECT_EQ(sender_->free_space().blocks, cache().blocks_free());
 }
 
 TEST_F(IntakeTest, OrdersForObjectsAndRegionsThatAreNotThereChangeNothing) {
@@ -181,7 +181,7 @@ TEST_F(IntakeTest, AWrongObjectIsRefused) {
   EXPECT_EQ(cache().slots_used(), 0u);
 }
 
-TEST_F(IntakeTest, AfterAHeaderThatNoGatewayWritesLaterMessagesAreIgnored) {
+TEST_F(IntakeTest, AfterAnInvalidHeaderLaterMessagesAreIgnored) {
   sender_->add_object(0, object(), model().base());
   (void)exchange();
   RingWriter writer{link_->intake.messages};
@@ -190,7 +190,7 @@ TEST_F(IntakeTest, AfterAHeaderThatNoGatewayWritesLaterMessagesAreIgnored) {
   intake_->tick();
   EXPECT_TRUE(intake_->is_broken());
   for (int cycle = 0; cycle < 200; ++cycle) (void)run_cycle();
-  EXPECT_EQ(servo_->cycle().objects().size(), 1u) << "what has arrived stays";
+  EXPECT_EQ(servo_->cycle().objects().size(), 1u) << "loaded objects remain";
 }
 
 /// A movable object in the servo, and the gateway's orders for it.
@@ -217,7 +217,7 @@ class BodyIntakeTest : public IntakeTest {
     grant.received.number = ++poses_;
     return grant;
   }
-  /// Posts the grants and runs cycles until the body has reached the received pose. Returns the report of the body.
+  /// Posts the grants, and runs enough cycles for the body to reach the received pose. Returns the report of the body.
   BodyReport report() {
     grants_.clock.local_ns = grants_.clock.session_ns = now_ns_;
     link_->bodies.granted.post(grants_);
