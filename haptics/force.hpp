@@ -179,6 +179,10 @@ class ForceRenderer {
     visit.any("device time", time_ns_), visit.any("angular velocity", angular_velocity_);
   }
 
+  /// Limits of settings and device together, N and N m.
+  [[nodiscard]] double max_force() const noexcept { return std::min(settings_.max_force, spec_.max_force); }
+  [[nodiscard]] double max_torque() const noexcept { return std::min(settings_.max_torque, spec_.max_torque); }
+
  private:
   void render(const ProxyResult& proxy, const DeviceState& device, const ContactImpedance& impedance, double pose_age,
               double dt, const ProxyResult* unchanged) noexcept;
@@ -195,8 +199,6 @@ class ForceRenderer {
   /// Applies all limits to a force and a torque.
   void limit(const Vec3d& force, const Vec3d& torque, double pose_age, double dt) noexcept;
   [[nodiscard]] Vec3d slewed(const Vec3d& wanted, const Vec3d& before, double largest) noexcept;
-  [[nodiscard]] double max_force() const noexcept { return std::min(settings_.max_force, spec_.max_force); }
-  [[nodiscard]] double max_torque() const noexcept { return std::min(settings_.max_torque, spec_.max_torque); }
   /// Applies the surface ramp to a force.
   [[nodiscard]] Vec3d ramped(const Vec3d& pressed, const Vec3d& normal) noexcept;
   void fade(Vec3d& force, Vec3d& torque, double dt) noexcept;

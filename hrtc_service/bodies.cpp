@@ -157,8 +157,8 @@ void Bodies::follow_if_superseded(Body& body, haptics::SharedObject& simulated, 
 
 void Bodies::apply_received_poses(Cycle& cycle, std::int64_t now_ns) noexcept {
   add_new_bodies(cycle);
+  process_orders();  // also without bodies, so that no orders wait that name a freed coupling
   if (count_ == 0) return;
-  process_orders();
   const std::int64_t session_ns = orders_.clock.session_time(now_ns);
   for (std::uint32_t i = 0; i < count_; ++i) {
     Body& body = bodies_[i];
@@ -175,21 +175,22 @@ void Bodies::apply_received_poses(Cycle& cycle, std::int64_t now_ns) noexcept {
   }
 }
 
-Vec3d Bodies::limit_force(std::uint32_t probe, const Vec3d& force, const haptics::DeviceState& device,
-                          double energy_to_body, double stored, const ProbeOutput& output) noexcept {
+Vec3d Bodies::limit_force(const Cycle& cycle, std::uint32_t probe, const Vec3d& force,
+                          const haptics::DeviceState& device, double energy_to_body, double stored,
+                          const ProbeOutput& output) noexcept {
   Vec3d allowed = ports_[probe].step(force, device.position, energy_to_body, settings_.period, true, stored);
-  allowed *= clamp_factor(allowed.norm(), settings_.force.max_force);
+  allowed *= clamp_factor(allowed.norm(), cycle.renderer(probe).max_force());
   if ((output.status & session::kFault) != 0) allowed.setZero();
   ports_[probe].limited(allowed);
   return allowed;
 }
 
-Vec3d Bodies::limit_torque(std::uint32_t probe, const Vec3d& torque, bool control, double stored,
+Vec3d Bodies::limit_torque(const Cycle& cycle, std::uint32_t probe, const Vec3d& torque, bool control, double stored,
                            const ProbeOutput& output) noexcept {
   RotationalPort& rotational = rotational_ports_[probe];
   const double energy_to_body = std::exchange(rotational.energy_to_body, 0);
   Vec3d allowed = rotational.port.step(torque, rotational.angle, energy_to_body, settings_.period, control, stored);
-  allowed *= clamp_factor(allowed.norm(), settings_.force.max_torque);
+  allowed *= clamp_factor(allowed.norm(), cycle.renderer(probe).max_torque());
   if ((output.status & session::kFault) != 0) allowed.setZero();
   rotational.port.limited(allowed);
   return allowed;
@@ -216,7 +217,7 @@ void Bodies::limit_touch(const Cycle& cycle, std::uint32_t p, const haptics::Dev
   // The spring on the body damps motion along the surface, too. So the force on the hand must damp this motion.
   force -= share * damping * (relative - relative.dot(touch.normal) * touch.normal);
   const double stored = spring_energy(stiffness, (touch.anchor - device.position).norm(), settings_.force.max_force);
-  output.force = plain(limit_force(p, force, device, energy_to_body, stored, output));
+  output.force = plain(limit_force(cycle, p, force, device, energy_to_body, stored, output));
   hand.spring = {touch.anchor, device.position, device.velocity, share * stiffness, share * damping};
 }
 
@@ -237,7 +238,7 @@ void Bodies::limit_tool(const Cycle& cycle, std::uint32_t p, const haptics::Devi
   const double share = force_share(force.norm(), damped.norm());
   force -= share * damping * (relative - relative.dot(tool.normal) * tool.normal);
   const double stored = spring_energy(stiffness, tool.displacement.norm(), settings_.force.max_force);
-  output.force = plain(limit_force(p, force, device, energy_to_body, stored, output));
+  output.force = plain(limit_force(cycle, p, force, device, energy_to_body, stored, output));
   hand.spring = {tool.point, tool.point - tool.displacement, device.velocity, share * stiffness, share * damping};
 
   const haptics::ContactImpedance impedance{body.object->material.stiffness, damping};
@@ -267,10 +268,10 @@ void Bodies::limit_held(const Cycle& cycle, std::uint32_t p, const haptics::Devi
   const haptics::ToolGrip& grip = held.grip;
   const double stretch = (held.hold.pose.position - device.position).norm();
   const double stored = spring_energy(grip.stiffness, stretch, settings_.force.max_force);
-  output.force = plain(limit_force(p, force, device, energy_to_body, stored, output));
+  output.force = plain(limit_force(cycle, p, force, device, energy_to_body, stored, output));
   if (renderer.has_torque())
-    output.torque =
-        plain(limit_torque(p, torque, true, spring_energy(grip.rotational_stiffness, turn.norm(), max_torque), output));
+    output.torque = plain(limit_torque(cycle, p, torque, true,
+                                       spring_energy(grip.rotational_stiffness, turn.norm(), max_torque), output));
   hand.spring = {held.hold.pose.position, device.position, device.velocity, share * grip.stiffness, share * damping};
   hand.rotational_spring = {-turn, renderer.angular_velocity(), torque_share * grip.rotational_stiffness,
                             torque_share * grip.angular_damping};
@@ -314,7 +315,7 @@ void Bodies::limit_forces(const Cycle& cycle, const std::array<ProbeInput, kMaxP
     } else if (has_fault) {
       hand.spring = {};
       hand.rotational_spring = {};
-      output.force = plain(limit_force(p, Vec3d::Zero(), device, energy_to_body, 0, output));
+      output.force = plain(limit_force(cycle, p, Vec3d::Zero(), device, energy_to_body, 0, output));
     } else if (hand.is_hold) {
       limit_held(cycle, p, device, energy_to_body, output);
     } else if (cycle.tool(p) != nullptr) {
@@ -322,7 +323,8 @@ void Bodies::limit_forces(const Cycle& cycle, const std::array<ProbeInput, kMaxP
     } else {
       limit_touch(cycle, p, device, energy_to_body, output);
     }
-    if (!hand.is_hold || hand.body == kMaxBodies || has_fault) (void)limit_torque(p, Vec3d::Zero(), false, 0, output);
+    if (!hand.is_hold || hand.body == kMaxBodies || has_fault)
+      (void)limit_torque(cycle, p, Vec3d::Zero(), false, 0, output);
     reductions_[p].force = vec(output.force) - force;
     reductions_[p].torque = vec(output.torque) - torque;
   }

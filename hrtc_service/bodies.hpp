@@ -171,12 +171,13 @@ class Bodies {
   void limit_held(const Cycle& cycle, std::uint32_t probe, const haptics::DeviceState& device, double energy_to_body,
                   ProbeOutput& output) noexcept;
   /// Returns the part of a force on the hand that its port permits. `stored`: energy in the spring, J.
-  [[nodiscard]] Vec3d limit_force(std::uint32_t probe, const Vec3d& force, const haptics::DeviceState& device,
-                                  double energy_to_body, double stored, const ProbeOutput& output) noexcept;
+  [[nodiscard]] Vec3d limit_force(const Cycle& cycle, std::uint32_t probe, const Vec3d& force,
+                                  const haptics::DeviceState& device, double energy_to_body, double stored,
+                                  const ProbeOutput& output) noexcept;
   /// Returns the part of a torque on the hand that its rotational port permits. If `control` is false, the port only
   /// observes the energy.
-  [[nodiscard]] Vec3d limit_torque(std::uint32_t probe, const Vec3d& torque, bool control, double stored,
-                                   const ProbeOutput& output) noexcept;
+  [[nodiscard]] Vec3d limit_torque(const Cycle& cycle, std::uint32_t probe, const Vec3d& torque, bool control,
+                                   double stored, const ProbeOutput& output) noexcept;
   void fade_reduction(std::uint32_t probe, ProbeOutput& output) noexcept;
   void process_orders() noexcept;
   void apply_coupling_order(std::uint32_t i) noexcept;

@@ -11,9 +11,12 @@ constexpr double kCouplingStiffness = 10'000;
 
 bool is_valid(const GrantedCoupling& coupling) noexcept {
   return coupling.fencing == 0 ||
-         (coupling.copies >= 1 && coupling.copies <= haptics::kMaxCopies && coupling.copy_index < coupling.copies &&
+         (coupling.copies >= 2 && coupling.copies <= haptics::kMaxCopies && coupling.copy_index < coupling.copies &&
           coupling.delay_ns >= kMinChannelDelayNs && coupling.delay_ns <= kMaxChannelDelayNs);
 }
+
+/// Whether differences between such times do not overflow.
+bool moderate(std::int64_t ns) noexcept { return ns > -(INT64_C(1) << 60) && ns < INT64_C(1) << 60; }
 
 bool is_valid(const haptics::BodyState& state) noexcept {
   constexpr double kMax = 1e9, kUnitTolerance = 1e-3;                                       // as in session/check.cpp
@@ -23,12 +26,10 @@ bool is_valid(const haptics::BodyState& state) noexcept {
          std::abs(state.orientation.norm() - 1) <= kUnitTolerance;
 }
 
-/// Whether times of the map can be added and subtracted without overflow.
 bool is_valid(const session::ClockMap& clock) noexcept {
-  constexpr std::int64_t kMaxNs = INT64_C(1) << 61;
-  const auto moderate = [](std::int64_t ns) { return ns > -kMaxNs && ns < kMaxNs; };
   return moderate(clock.local_ns) && moderate(clock.session_ns) && moderate(clock.slew_until_ns) &&
-         moderate(clock.bound_ns) && std::abs(clock.slew) <= 1 && std::abs(clock.drift) <= 1;
+         clock.bound_ns >= 0 && clock.bound_ns <= session::kClockUnknown && std::abs(clock.slew) <= 1 &&
+         std::abs(clock.drift) <= 1;
 }
 
 }  // namespace
@@ -53,8 +54,12 @@ void BodyIntake::set_coupling(Body& body, const GrantedCoupling& granted, const 
 void BodyIntake::apply(const GrantedBody& granted) {
   if (granted.object >= kMaxObjects) return;
   const TouchObject* const object = objects_.find(granted.object);
-  if (object == nullptr || !object->body || !is_valid(granted.coupling) || !is_valid(granted.received.state)) return;
+  if (object == nullptr || !object->body || !is_valid(granted.coupling) || !is_valid(granted.received.state) ||
+      !moderate(granted.received.session_ns))
+    return;
   Body& body = bodies_[granted.object];
+  if (body.touched != object) body = {};  // an earlier object had this index
+  body.touched = object;
   body.order.object = granted.object;
   body.order.publish_fencing = granted.publish_fencing;
   body.order.received = granted.received;
@@ -78,10 +83,9 @@ void BodyIntake::free_unused() {
   for (std::uint32_t index = 0; index < kMaxObjects; ++index) {
     Body& body = bodies_[index];
     if (body.order.object == spm::kNone) continue;
-    if (!objects_.is_index_used(index)) {  // the haptic thread has returned it
-      body = {};
-      continue;
-    }
+    if (!objects_.is_index_used(index)) body = {};  // the haptic thread has returned it
+    // Orders do not name a withdrawn object, so the haptic thread may use its couplings whatever orders it has seen.
+    if (objects_.find(index) == nullptr) continue;
     while (!body.couplings.empty() && body.couplings.front().first_orders_without != 0 &&
            body.couplings.front().first_orders_without <= seen)
       body.couplings.pop_front();

@@ -63,6 +63,8 @@ class Gateway {
 
   /// Processes the servo's reports, and ticks loader and ownership client. Call it every few milliseconds.
   void tick(std::int64_t now_ns, const session::ClockMap& clock);
+  /// Sends messages to the intake that did not fit into the ring. Returns whether all are sent.
+  bool send_waiting() { return loader_.send_waiting(); }
   /// Returns the claims of the last tick.
   [[nodiscard]] const std::vector<session::ObjectClaim>& claims() const noexcept { return claims_; }
   /// Returns the next demand to publish, or nothing when none is due.

@@ -29,7 +29,7 @@ class HrtcCore {
   /// Allocates pool, tree nodes, rings and servo. Throws std::bad_alloc if that fails.
   HrtcCore(const session::Origin& self, const HrtcCoreSettings& settings)
       : link_{settings.logs_queries, settings.emergency_stop_signals},
-        intake_{settings.pool, link_.intake},
+        intake_{settings.pool, link_.intake, settings.gateway.loader.directory_bytes},
         body_intake_{intake_.objects(), link_.bodies},
         servo_{settings.servo, link_, intake_, body_intake_.orders()},
         gateway_{settings.pool, self, gateway_settings(settings), link_} {}
@@ -42,6 +42,9 @@ class HrtcCore {
   [[nodiscard]] const Gateway& gateway() const noexcept { return gateway_; }
   /// Passes to the servo what the gateway has sent. Call it after each tick of the gateway and after received samples.
   void tick_intake() {
+    intake_.tick();
+    // A base mesh is larger than the ring. The limit ends the loop if the intake waits for the haptic thread.
+    for (int left = 256; left > 0 && !gateway_.send_waiting(); --left) intake_.tick();
     intake_.tick();
     body_intake_.tick();
   }

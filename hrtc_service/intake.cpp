@@ -3,17 +3,21 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <numeric>
 #include <span>
 
 #include "hrtc_service/bodies.hpp"
 #include "hrtc_service/ring_memory.hpp"
 #include "session/check.hpp"
+#include "spm/directory.hpp"
 #include "spm/region_data.hpp"
 
 namespace tactus::hrtc_service {
 namespace {
 
 constexpr std::size_t kRingEntries = 4096;
+constexpr double kMaxMaterial = 1e6;  // N/m, N s/m and friction, far above those of any device
+constexpr int kMaxMessages = 1024;    // in one tick
 /// Max bytes of the regions of a base mesh, which the pool does not hold.
 constexpr std::uint64_t kMaxDirectoryBytes = 128u << 20;
 
@@ -50,7 +54,9 @@ class MessageReader {
 bool is_valid(const IntakeObject& object) {
   return std::find(object.name.begin(), object.name.end(), '\0') != object.name.end() &&
          session::invalid_field(object.pose) == nullptr && std::isfinite(object.scale) && object.scale > 0 &&
-         session::invalid_field(object.material) == nullptr && session::invalid_field(object.body) == nullptr;
+         session::invalid_field(object.material) == nullptr && object.material.stiffness <= kMaxMaterial &&
+         object.material.damping <= kMaxMaterial && object.material.static_friction <= kMaxMaterial &&
+         session::invalid_field(object.body) == nullptr;
 }
 
 ObjectDescription description_of(std::uint32_t index, const IntakeObject& object) {
@@ -73,13 +79,14 @@ ObjectDescription description_of(std::uint32_t index, const IntakeObject& object
 
 }  // namespace
 
-Intake::Intake(const spm::PoolSettings& settings, IntakeLink& link)
+Intake::Intake(const spm::PoolSettings& settings, IntakeLink& link, std::uint64_t directory_bytes)
     : objects_{settings},
       messages_{link.messages},
       answers_{link.answers},
       arrivals_{kRingEntries},
       departures_{kRingEntries},
-      max_bytes_{settings.bytes() + kMaxDirectoryBytes} {
+      max_bytes_{settings.bytes() + std::min(directory_bytes, kMaxDirectoryBytes)},
+      max_directory_bytes_{directory_bytes} {
   touch_memory(arrivals_);
   touch_memory(departures_);
 }
@@ -100,6 +107,7 @@ void Intake::process_departures() {
   Departure departure;
   while (answers_.space() > 0 && departures_.pop(departure)) {
     objects_.free(departure);
+    if (departure.is_object()) directory_bytes_[departure.object] = 0;
     const spm::Cache& cache = objects_.cache();
     (void)answers_.push({departure.is_object() ? IntakeAnswer::Kind::kObjectGone : IntakeAnswer::Kind::kRegionGone,
                          spm::AcceptResult::kAccepted,
@@ -138,10 +146,16 @@ spm::AcceptResult Intake::add_object() {
       !is_valid(object) || !spm::violations(base).empty())
     return spm::AcceptResult::kMalformed;
   const bool is_movable = object.body.mass > 0;
-  if (is_movable && movable_ == kMaxBodies) return spm::AcceptResult::kMalformed;
+  if (objects_.is_index_used(header_->object) || (is_movable && movable_ == kMaxBodies))
+    return spm::AcceptResult::kMalformed;
+  const std::uint64_t directory = spm::directory_bytes(base.summary, objects_.pool().settings);
+  if (directory >
+      max_directory_bytes_ - std::accumulate(directory_bytes_.begin(), directory_bytes_.end(), std::uint64_t{0}))
+    return spm::AcceptResult::kPoolFull;
   pending_ = objects_.add(description_of(header_->object, object), base);
   if (!pending_) return spm::AcceptResult::kPoolFull;
   movable_ += is_movable ? 1 : 0;
+  directory_bytes_[header_->object] = directory;
   return spm::AcceptResult::kAccepted;
 }
 
@@ -181,6 +195,7 @@ void Intake::process_message() {
       const TouchObject* const object = objects_.find(header_->object);
       if (object != nullptr && object->body) --movable_;
       pending_ = objects_.withdraw(header_->object);
+      if (!objects_.is_index_used(header_->object)) kind = IntakeAnswer::Kind::kObjectGone;
       break;
     }
   }
@@ -189,7 +204,9 @@ void Intake::process_message() {
 
 void Intake::tick() {
   process_departures();
-  while (!is_broken_ && push_arrivals() && answers_.space() > 0 && assemble()) {
+  // The limit of messages is for a gateway that writes faster than the intake reads.
+  for (int left = kMaxMessages; left > 0 && !is_broken_ && push_arrivals() && answers_.space() > 0 && assemble();
+       --left) {
     process_message();
     header_.reset();
   }

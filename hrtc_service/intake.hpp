@@ -9,6 +9,7 @@
 /// One thread, not the haptic one. Allocates.
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <deque>
@@ -24,7 +25,8 @@ class Intake {
  public:
   /// Allocates the memory of all meshes and the rings. `link` must outlive the intake, which must outlive the last
   /// cycle of the servo.
-  Intake(const spm::PoolSettings& settings, IntakeLink& link);
+  /// `directory_bytes`: max bytes of the directories of all objects (spm/directory.hpp).
+  Intake(const spm::PoolSettings& settings, IntakeLink& link, std::uint64_t directory_bytes = ~std::uint64_t{0});
 
   /// Processes the messages and departures that have arrived. Call it every few milliseconds, and soon after the gateway
   /// has sent messages.
@@ -50,12 +52,14 @@ class Intake {
   RingWriter<IntakeAnswer, IntakeLink::kAnswers> answers_;
   ArrivalRing arrivals_;
   DepartureRing departures_;
-  std::optional<Arrival> pending_;      // an arrival for which the ring was full
-  std::uint64_t max_bytes_;             // of a message
-  std::optional<IntakeHeader> header_;  // of the message that is being assembled
-  std::vector<std::byte> message_;      // without its header
-  std::uint64_t processed_ = 0;         // messages
-  std::uint32_t movable_ = 0;           // objects with a body
+  std::optional<Arrival> pending_;  // an arrival for which the ring was full
+  std::uint64_t max_bytes_;         // of a message
+  std::uint64_t max_directory_bytes_;
+  std::array<std::uint64_t, kMaxObjects> directory_bytes_{};  // by object index
+  std::optional<IntakeHeader> header_;                        // of the message that is being assembled
+  std::vector<std::byte> message_;                            // without its header
+  std::uint64_t processed_ = 0;                               // messages
+  std::uint32_t movable_ = 0;                                 // objects with a body
   bool is_broken_ = false;
 };
 

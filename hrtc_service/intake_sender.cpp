@@ -56,13 +56,14 @@ void IntakeSender::retire(std::uint32_t index, spm::RegionId region) { append(In
 
 void IntakeSender::withdraw(std::uint32_t index) { append(IntakeKind::kWithdraw, index, {}); }
 
-void IntakeSender::flush() {
+bool IntakeSender::flush() {
   sent_ += messages_.push(std::span{waiting_}.subspan(sent_));
-  if (sent_ < waiting_.size()) return;
+  if (sent_ < waiting_.size()) return false;
   constexpr std::size_t kMaxKept = 1u << 20;  // bytes; only base meshes need more
   waiting_.clear();
   if (waiting_.capacity() > kMaxKept) waiting_.shrink_to_fit();
   sent_ = 0;
+  return true;
 }
 
 bool IntakeSender::take(IntakeAnswer& answer) {

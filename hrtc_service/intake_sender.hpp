@@ -27,8 +27,9 @@ class IntakeSender {
   void add_region(std::uint32_t index, const spm::RegionData& region);
   void retire(std::uint32_t index, spm::RegionId region);
   void withdraw(std::uint32_t index);
-  /// Sends what fits into the ring. Call it after messages were appended, and again every few milliseconds.
-  void flush();
+  /// Sends what fits into the ring. Returns whether that was all. Call it after messages were appended, and again until it
+  /// returns true.
+  bool flush();
 
   /// Returns false if no answer waits.
   [[nodiscard]] bool take(IntakeAnswer& answer);

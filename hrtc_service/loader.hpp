@@ -163,6 +163,9 @@ class Loader {
   void tick(std::int64_t now_ns, const std::array<ReportedProbe, kMaxProbes>& probes,
             std::array<NearObjects, kMaxProbes>& near);
 
+  /// Sends messages to the intake that did not fit into the ring. Returns whether all are sent.
+  bool send_waiting() { return intake_.flush(); }
+
   /// Returns the next demand to publish, or nothing when none is due.
   [[nodiscard]] std::optional<session::Demand> demand(std::int64_t now_ns) { return delivery_.demand(now_ns); }
 
@@ -275,7 +278,7 @@ class Loader {
     std::uint32_t base_slots = 0, base_nodes = 0;          // slots and tree nodes reserved for its base mesh
     bool ready = false;                                    // the base mesh was sent to the intake
     bool withdrawn = false;                                // only after `ready`
-    bool refused = false;                                  // base mesh or directory does not fit
+    bool refused = false;  // base mesh or directory does not fit, or the intake refused it
   };
 
   [[nodiscard]] bool reserve_directory(Object& object);
@@ -289,6 +292,7 @@ class Loader {
   // Withdrawal (loader_withdrawal.cpp).
   void withdraw(Object& object);
   void free_withdrawn(Object& object);
+  void keep_refused(Object& object);
   void forget(Object& object);
   void open_postponed();
   [[nodiscard]] bool prediction_is_current(std::int64_t now_ns,
@@ -349,6 +353,7 @@ class Loader {
   void coarsen();
   void process_answers();
   void process_region_answer(Object& object, std::uint32_t region, spm::AcceptResult result);
+  void end_departure(Object& object, std::uint32_t region);
   void mark_loaded(Object& object, std::uint32_t region);
   void mark_unloaded(Object& object, std::uint32_t region);
   void find_near(const std::array<ReportedProbe, kMaxProbes>& probes, std::array<NearObjects, kMaxProbes>& near);

@@ -143,18 +143,15 @@ void Loader::process_answers() {
     switch (answer.kind) {
       case IntakeAnswer::Kind::kObject:
         if (answer.result == spm::AcceptResult::kAccepted) break;
-        report_warning("object " + object.info.name + ": refused by the force computation");
-        if (!object.withdrawn) withdraw(object);
-        free_withdrawn(object);
+        report_warning("object " + object.info.name + ": refused by the intake of the servo");
+        object.refused = true;
+        if (!object.withdrawn) withdraw(object);  // the intake answers that the object is gone
         break;
       case IntakeAnswer::Kind::kRegion:
         if (!object.withdrawn && region < object.notes.size()) process_region_answer(object, region, answer.result);
         break;
       case IntakeAnswer::Kind::kRegionGone:
-        object.notes[region].set(PoolState::kNotLoaded);
-        std::erase_if(departing_, [&](const Departing& departing) {
-          return departing.object == &object && departing.region == region;
-        });
+        end_departure(object, region);
         ++figures_.regions_coarsened;
         break;
       case IntakeAnswer::Kind::kObjectGone:
@@ -166,18 +163,32 @@ void Loader::process_answers() {
   }
 }
 
+void Loader::end_departure(Object& object, std::uint32_t region) {
+  object.notes[region].set(PoolState::kNotLoaded);
+  std::erase_if(departing_,
+                [&](const Departing& departing) { return departing.object == &object && departing.region == region; });
+}
+
 /// After a refusal, later messages contain the records of the region again.
 void Loader::process_region_answer(Object& object, std::uint32_t region, spm::AcceptResult result) {
   RegionProgress& note = object.notes[region];
-  if (result == spm::AcceptResult::kAccepted) note.was_incomplete = 0;
-  if (result == spm::AcceptResult::kAccepted || note.pool_state() != PoolState::kLoaded) return;
-  mark_unloaded(object, region);
-  note.set(PoolState::kNotLoaded);
+  if (result == spm::AcceptResult::kAccepted) {
+    note.was_incomplete = 0;
+    return;
+  }
+  if (note.pool_state() == PoolState::kLoaded) {
+    mark_unloaded(object, region);
+    note.set(PoolState::kNotLoaded);
+  } else {  // retired meanwhile
+    end_departure(object, region);
+  }
   ++figures_.refused_other;
   // A record can be missing because the intake has refused another region.
   const bool is_first_time = result == spm::AcceptResult::kIncomplete && note.was_incomplete == 0;
   note.was_incomplete = result == spm::AcceptResult::kIncomplete ? 1 : 0;
-  if (is_first_time || result == spm::AcceptResult::kPoolFull || note.is_faulty != 0) return;
+  if (is_first_time || result == spm::AcceptResult::kPoolFull || note.is_faulty != 0 ||
+      note.store_state() == StoreState::kAbsent)
+    return;
   note.is_faulty = 1;
   ++faulty_regions_;
   report_warning("object " + object.info.name + ": region " + std::to_string(region) +

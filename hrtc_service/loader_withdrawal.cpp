@@ -53,9 +53,28 @@ void Loader::free_withdrawn(Object& object) {
   base_nodes_ -= object.base_nodes;
   directory_bytes_ -= spm::directory_bytes(object.summary, pool_);
   by_index_[object.info.index] = nullptr;
+  if (object.refused) {
+    keep_refused(object);
+    return;
+  }
   report_info("object " + object.info.name + ": freed");
   forget(object);
   open_postponed();
+}
+
+/// Keeps an object that the intake has refused, so that no later catalogue entry opens it again.
+void Loader::keep_refused(Object& object) {
+  ++figures_.objects_refused;
+  auto kept = std::make_unique<Object>();
+  kept->entry = object.entry;
+  kept->summary = object.summary;
+  kept->info.name = object.info.name;
+  kept->info.id = object.info.id;
+  kept->info.digest = object.info.digest;
+  kept->info.scale = object.info.scale;
+  kept->refused = true;
+  forget(object);
+  objects_[kept->info.id] = std::move(kept);
 }
 
 void Loader::forget(Object& object) {

@@ -45,6 +45,7 @@ Cache::Cache(Pool& pool)
       front_{2 * std::size_t{pool.settings.slots}},
       list_counts_(pool.settings.slots),
       checksums_(pool.settings.slots),
+      listed_in_(pool.settings.slots),
       free_{pool.settings.slots},
       free_blocks_(pool.settings.list_blocks),
       free_block_count_{pool.settings.list_blocks} {
@@ -197,6 +198,22 @@ AcceptResult Cache::decode(ObjectIndex object, RecordId record, const RegionData
   return AcceptResult::kAccepted;
 }
 
+bool Cache::add_to_list(Slot first_slot) noexcept {
+  const auto is_listed = [this](Slot slot) {
+    return list_counts_[slot] == kBaseSlot || listed_in_[slot] == list_number_;
+  };
+  for (Slot slot = first_slot; slot != kNone; slot = pool_.parts[slot].next) {
+    const LoadedPart& part = pool_.parts[slot];
+    if (!is_listed(part.parent)) return false;
+    for (std::uint32_t i = 0; i < part.born_count; ++i)
+      if (!is_listed(part.born_x[i])) return false;
+    for (std::uint32_t i = 0; i < part.deformed_count; ++i)
+      if (!is_listed(slot_of(part.deformed[i].face()))) return false;
+  }
+  for (Slot slot = first_slot; slot != kNone; slot = pool_.parts[slot].next) listed_in_[slot] = list_number_;
+  return true;
+}
+
 void Cache::free_record(ObjectIndex object, Slot first_slot) noexcept {
   const std::uint32_t base = objects_[object].summary.base_vertices;
   records_.erase(key(object, RecordId{index(pool_.vertices[first_slot].id) - base}));
@@ -230,6 +247,10 @@ AcceptResult Cache::accept(ObjectIndex number, const RegionData& data, RegionLis
   const auto length = static_cast<std::uint32_t>(total(list));
   if (ListBlock::blocks_for(length) > free_block_count_) return AcceptResult::kPoolFull;
 
+  if (++list_number_ == 0) {
+    std::fill(listed_in_.begin(), listed_in_.end(), 0u);
+    list_number_ = 1;
+  }
   RegionList new_list;
   BlockIndex block = kNone;
   const auto append = [&](Slot slot) noexcept {
@@ -276,6 +297,10 @@ AcceptResult Cache::accept(ObjectIndex number, const RegionData& data, RegionLis
           if (result != AcceptResult::kAccepted && find(number, record) != kNone) free_record(number, slot);
           ++accepted;
         }
+      }
+      if (result == AcceptResult::kAccepted && !add_to_list(slot)) {
+        result = AcceptResult::kMalformed;
+        if (list_counts_[slot] == 0) free_record(number, slot);
       }
       if (result == AcceptResult::kAccepted && list_counts_[slot] == kMaxLists) result = AcceptResult::kPoolFull;
       if (result != AcceptResult::kAccepted) break;

@@ -30,7 +30,7 @@ enum class AcceptResult : std::uint8_t {
   kLoaded,      ///< the region is loaded already
   kPoolFull,    ///< no slot or list block is free, or 32,767 loaded regions list a record: release regions, try again
   kIncomplete,  ///< a needed record is neither loaded nor in the message: request the region again
-  kMalformed    ///< the message contradicts the model or the loaded records, or its list is not closed
+  kMalformed    ///< the message contradicts the model or the loaded records, or its list is not closed and in order
 };
 
 /// The face rows of a base mesh, for the haptic thread. They are valid until the object is removed.
@@ -124,6 +124,9 @@ class Cache {
   }
   [[nodiscard]] AcceptResult decode(ObjectIndex object, RecordId record, const RegionData& data, std::uint32_t& part,
                                     const PositionPredictor::Residuals& residuals) noexcept;
+  /// Adds a record to the list that is being accepted. Returns false if it needs a vertex or face that is neither in the
+  /// base mesh nor of an earlier record of the list. Otherwise a record could be freed before one that needs it.
+  [[nodiscard]] bool add_to_list(Slot first_slot) noexcept;
   void free_record(ObjectIndex object, Slot first_slot) noexcept;
   void release_list(ObjectIndex number, const RegionList& list) noexcept;
   /// The next free slot after the last allocated one, so that neighbours in a list are neighbours in memory.
@@ -138,6 +141,8 @@ class Cache {
   Front front_;
   IdVector<Slot, std::uint16_t> list_counts_;  // by first slot: number of loaded regions that list the record
   IdVector<Slot, std::uint32_t> checksums_;    // by first slot: see checksum.hpp
+  IdVector<Slot, std::uint32_t> listed_in_;    // number of the last accepted list with the slot
+  std::uint32_t list_number_ = 0;              // of the list that is being accepted
   FreeSet free_;                               // slots
   Slot last_slot_{};
   std::vector<BlockIndex> free_blocks_;

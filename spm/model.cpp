@@ -87,8 +87,12 @@ void check_summary(const ModelSummary& s, Findings& findings) {
                    " has less than 2^24 steps");
     }
   }
-  if (!(std::isfinite(s.deviation) && s.deviation >= 0)) {
-    findings.add("deviation: found ", s.deviation, ", expected a finite length");
+  double squared_diagonal = 0;
+  for (std::size_t axis = 0; axis < 3; ++axis)
+    squared_diagonal += std::pow(double{s.bounds_max[axis]} - double{s.bounds_min[axis]}, 2);
+  constexpr double kRounding = 1.07, kTiny = 1e-37;  // of a radius code, and below the exact ones
+  if (!(s.deviation >= 0 && s.deviation <= kRounding * std::sqrt(squared_diagonal) + kTiny)) {
+    findings.add("deviation: found ", s.deviation, ", expected at most the diagonal of the bounds");
   }
   if (!(std::isfinite(s.metres_per_unit) && s.metres_per_unit > 0)) {
     findings.add("metres per unit: found ", s.metres_per_unit, ", expected a finite positive factor");

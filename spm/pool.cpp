@@ -13,7 +13,7 @@ static_assert(std::uint64_t{kMaxObjects} * kMaxVertices <= 1ull << FlatIndex::kK
 std::uint64_t PoolSettings::bytes() const noexcept {
   const std::uint64_t per_slot = sizeof(RecordPart) + sizeof(Vertex) + sizeof(float) + 2 * sizeof(FaceRow) +
                                  sizeof(SlotState) + 2 * LoadedFront<RowIndex, Slot>::kBytesPerFace +
-                                 sizeof(std::uint16_t) + sizeof(std::uint32_t);
+                                 sizeof(std::uint16_t) + 2 * sizeof(std::uint32_t);
   return per_slot * slots + FlatIndex::bytes(slots) + FlatIndex::bytes(2 * slots) + FreeSet::bytes(slots) +
          std::uint64_t{kTreeNodeBytes} * tree_nodes +
          (kTreeNodeBytes + sizeof(std::uint32_t)) * std::uint64_t{kMaxPreviousLeaves} +

@@ -59,6 +59,8 @@ static_assert(sizeof(FaceRow) == 32);
 
 /// Returns the row of face `i` (0 or 1) of slot `slot`.
 [[nodiscard]] constexpr RowIndex row_of(Slot slot, std::uint32_t i) noexcept { return RowIndex{2 * index(slot) + i}; }
+/// Returns the slot with that row.
+[[nodiscard]] constexpr Slot slot_of(RowIndex row) noexcept { return Slot{index(row) / 2}; }
 
 /// Size of an AB-tree node, see spm/ab_tree.hpp.
 inline constexpr std::uint32_t kTreeNodeBytes = 384;

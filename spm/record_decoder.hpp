@@ -56,6 +56,7 @@ class RecordDecoder {
     if (source.born_count > kBornPerPart || source.deformed_count > kDeformedPerPart || source.radius >= kRadiusCodes)
       return RecordResult::kMalformed;
     if (is_first_part_ && source.parent != kNone) {
+      if (index(source.parent) >= summary_.vertices) return RecordResult::kMalformed;
       target.parent = store_.vertex(source.parent);
       if (target.parent == kNone) return RecordResult::kIncomplete;
       if (target.parent == u_) return RecordResult::kMalformed;
@@ -128,6 +129,7 @@ class RecordDecoder {
       if (position >= ring_.size()) return RecordResult::kMalformed;
       x = ring_[position];
     } else {
+      if (index(named_x) >= summary_.vertices) return RecordResult::kMalformed;
       x = store_.vertex(named_x);
       if (x == kNone) return RecordResult::kIncomplete;
       ring_.add(x);

@@ -292,6 +292,8 @@ void ViewerCore::load(std::int64_t now_ns) {
   std::array<hrtc_service::NearObjects, hrtc_service::kMaxProbes> near{};
   loader_->tick(now_ns, probes, near);
   intake_->tick();
+  for (int left = 256; left > 0 && !loader_->send_waiting(); --left) intake_->tick();
+  intake_->tick();
 }
 
 void ViewerCore::process_arrivals() {

@@ -12,8 +12,10 @@
 #include "hrtc_service/body_intake.hpp"
 #include "hrtc_service/intake_sender.hpp"
 #include "hrtc_service/servo.hpp"
+#include "spm/checksum.hpp"
 #include "spm/codec/load_region.hpp"
 #include "spm/codec/model_codec.hpp"
+#include "spm/directory.hpp"
 #include "spm/offline/build.hpp"
 #include "spm/offline/generate.hpp"
 #include "tests/support/constants.hpp"
@@ -40,14 +42,14 @@ class IntakeTest : public testing::Test {
   }
   IntakeTest() { start(); }
 
-  /// Replaces the servo and its memory by new ones.
-  void start() {
+  /// Replaces the servo and its memory by new ones. `max_force`: of each device, N.
+  void start(double max_force = haptics::DeviceSpec{}.max_force) {
     servo_.reset();
     intake_.reset();
     link_ = std::make_unique<ServoLink>();
     intake_ = std::make_unique<Intake>(pool_, link_->intake);
     ServoSettings settings;
-    settings.specs.fill({});
+    settings.specs.fill({max_force});
     body_intake_ = std::make_unique<BodyIntake>(intake_->objects(), link_->bodies);
     servo_ = std::make_unique<Servo>(settings, *link_, *intake_, body_intake_->orders());
     sender_ = std::make_unique<IntakeSender>(link_->intake, pool_);
@@ -78,6 +80,7 @@ class IntakeTest : public testing::Test {
   double run_cycle() {
     inputs_[0].active = true;
     inputs_[0].device.position = tip_;
+    inputs_[0].device.velocity = velocity_;
     inputs_[0].device.time_ns = now_ns_;
     const Servo::Outputs& outputs = servo_->touch(inputs_, now_ns_);
     servo_->publish(now_ns_, now_ns_ + 1'000'000);
@@ -96,6 +99,7 @@ class IntakeTest : public testing::Test {
   std::unique_ptr<Servo> servo_;
   std::unique_ptr<IntakeSender> sender_;
   Servo::Inputs inputs_;
+  Vec3d velocity_ = Vec3d::Zero();
   Vec3d tip_{model().summary().bounds_max[0] + 0.002, 0, 0};  // m, 1 mm in the surface
   std::int64_t now_ns_ = 1'000'000'000;
 };
@@ -136,7 +140,7 @@ TEST_F(IntakeTest, OrdersForObjectsAndRegionsThatAreNotThereChangeNothing) {
   sender_->retire(3, RegionId{0});
   sender_->retire(3, RegionId{0});  // already retired
   EXPECT_THAT(exchange(),
-              testing::ElementsAre(AcceptResult::kAccepted, AcceptResult::kPoolFull, AcceptResult::kAccepted,
+              testing::ElementsAre(AcceptResult::kAccepted, AcceptResult::kMalformed, AcceptResult::kAccepted,
                                    AcceptResult::kAccepted, AcceptResult::kAccepted, AcceptResult::kLoaded,
                                    AcceptResult::kAccepted, AcceptResult::kAccepted));
   for (int cycle = 0; cycle < 100; ++cycle) (void)run_cycle();
@@ -179,6 +183,53 @@ TEST_F(IntakeTest, AWrongObjectIsRefused) {
   ++base.summary.base_faces;
   EXPECT_EQ(result_of(object(), base), AcceptResult::kMalformed) << "a face is missing";
   EXPECT_EQ(cache().slots_used(), 0u);
+}
+
+// The checksum of a region comes from the gateway, too. Without record R0, which R1 needs, the pool would free R0 first.
+TEST_F(IntakeTest, AListWithoutARecordThatAnotherOneNeedsIsRefused) {
+  const spm::Model whole = built_->model();
+  const std::vector<std::uint32_t> checksums = spm::record_checksums(whole);
+  spm::BaseMesh base = model().base();
+  const auto parent_is_record = [&](std::uint32_t record) {
+    return index(whole.first_part(spm::RecordId{record}).parent) >= base.summary.base_vertices;
+  };
+  const spm::RegionData honest = region(0);
+  std::uint32_t last = honest.list.back().first + honest.list.back().count - 1;
+  while (!parent_is_record(last)) --last;
+  base.regions[1].record_count = 1;
+  base.regions[1].checksum = checksums[last];
+  sender_->add_object(0, object(), base);
+  sender_->add_region(0, honest);
+  spm::RegionData open;
+  open.region = RegionId{1};
+  open.list = {{last, 1}};
+  sender_->add_region(0, open);
+  EXPECT_THAT(exchange(),
+              testing::ElementsAre(AcceptResult::kAccepted, AcceptResult::kAccepted, AcceptResult::kMalformed));
+  EXPECT_THAT(cache().violations(), IsEmpty());
+}
+
+TEST_F(IntakeTest, ARecordWhoseParentDoesNotExistIsRefused) {
+  sender_->add_object(0, object(), model().base());
+  spm::RegionData wrong = region(0);
+  for (const std::uint32_t beyond : {0u, 1u << 30, 0x7fffffffu - model().summary().base_vertices}) {
+    wrong.parts[0].parent = spm::VertexId{model().summary().vertices + beyond};
+    sender_->add_region(0, wrong);
+  }
+  EXPECT_THAT(exchange(), testing::ElementsAre(AcceptResult::kAccepted, AcceptResult::kMalformed,
+                                               AcceptResult::kMalformed, AcceptResult::kMalformed));
+}
+
+TEST_F(IntakeTest, ObjectsWhoseDirectoriesDoNotFitAreRefused) {
+  const std::uint64_t one = spm::directory_bytes(model().summary(), pool_);
+  Intake small{pool_, link_->intake, one + one / 2};
+  sender_->add_object(0, object(), model().base());
+  sender_->add_object(1, object(), model().base());
+  sender_->flush();
+  small.tick();
+  std::vector<AcceptResult> results;
+  for (IntakeAnswer answer; sender_->take(answer);) results.push_back(answer.result);
+  EXPECT_THAT(results, testing::ElementsAre(AcceptResult::kAccepted, AcceptResult::kPoolFull));
 }
 
 TEST_F(IntakeTest, AfterAnInvalidHeaderLaterMessagesAreIgnored) {
@@ -278,19 +329,44 @@ TEST_F(BodyIntakeTest, CouplingsOfOldGrantsAreFreedAndNewOnesTakeTheirPlace) {
 TEST_F(BodyIntakeTest, ACouplingExistsUntilTheServoHasReturnedItsObject) {
   grants_.bodies[0].coupling = {1, 2, 0, kMinChannelDelayNs};
   (void)report();
+  // The servo takes neither the orders with the second coupling nor those without the object before it is withdrawn.
+  grants_.bodies[0].coupling.fencing = 2;
+  link_->bodies.granted.post(grants_);
+  body_intake_->tick();
   sender_->withdraw(kBody);
   sender_->flush();
   intake_->tick();
   grants_.count = 0;
   link_->bodies.granted.post(grants_);
   body_intake_->tick();
-  EXPECT_EQ(body_intake_->couplings(), 1u);
+  (void)run_cycle();
+  body_intake_->tick();
+  EXPECT_EQ(body_intake_->couplings(), 2u);
   for (int cycle = 0; cycle < 100; ++cycle) {
     (void)run_cycle();
     intake_->tick();
     body_intake_->tick();
   }
   EXPECT_EQ(body_intake_->couplings(), 0u);
+}
+
+// The spring on the body also damps motion along its surface, which adds to the force on the hand.
+TEST_F(BodyIntakeTest, TheForceOnAHandThatStrokesABodyIsWithinTheLimitOfItsDevice) {
+  start(1);  // N
+  IntakeObject rough = object();
+  rough.material.damping = 100;
+  rough.body = {50, {1, 1, 1}, 0.5, -1};
+  sender_->add_object(kBody, rough, model().base());
+  (void)exchange();
+  const double radius = model().summary().bounds_max[0];
+  double largest = 0;
+  for (int cycle = 0; cycle < 1000; ++cycle) {
+    tip_ = {radius + 0.004 - 1e-5 * std::min(cycle, 400), 0, 2e-4 * std::max(0, cycle - 500)};
+    velocity_ = {0, 0, cycle < 500 ? 0 : 0.2};
+    largest = std::max(largest, run_cycle());
+  }
+  EXPECT_GT(largest, 0.5);
+  EXPECT_LE(largest, 1 + 1e-9);
 }
 
 // Flips bits of messages on their way, and writes random positions of the ring. The mesh that the servo touches must
