@@ -87,7 +87,8 @@ TEST_F(LiftTest, TwoUsersAtTwoHrtcsLiftHoldAndPutDownACrateTooHeavyForOne) {
     const auto& published = participant["figures"];
     EXPECT_GE(published[figures::kCopyGroups].get<double>(), 1);
     EXPECT_GT(published[figures::kCopiesApart].get<double>(), 0);
-    EXPECT_LT(published[figures::kCopiesApart].get<double>(), 15'000);
+    // 4 to 6 mm on a machine without other load. The distance grows with the delay of the samples.
+    EXPECT_LT(published[figures::kCopiesApart].get<double>(), 25'000);
     expect_passive_ports(published);
   }
 }
