@@ -351,7 +351,7 @@ TEST_F(BodyIntakeTest, ACouplingExistsUntilTheServoHasReturnedItsObject) {
 }
 
 // The spring on the body also damps motion along its surface, which adds to the force on the hand.
-TEST_F(BodyIntakeTest, TheForceOnAHandThatStrokesABodyIsWithinTheLimitOfItsDevice) {
+TEST_F(BodyIntakeTest, TheForceOnAHandThatSlidesAlongABodyIsWithinTheLimitOfItsDevice) {
   start(1);  // N
   IntakeObject rough = object();
   rough.material.damping = 100;
