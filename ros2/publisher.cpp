@@ -138,7 +138,8 @@ void Publisher::publish_transforms(std::int64_t now_ns, const Header& header) {
 /// Publishes the meshes that changed; all of them to a new reader.
 void Publisher::publish_markers() {
   const int matches = markers_.matches();
-  if (matches > marker_matches_) sent_meshes_.clear();  // a new reader gets all meshes
+  if (matches > marker_matches_)  // a new reader gets all meshes, and the others the deletions that are due
+    for (auto& [frame, number] : sent_meshes_) number = 0;
   marker_matches_ = matches;
   if (markers_.matched() == 0) return;
   MarkerArray message;
