@@ -97,9 +97,8 @@ bool Intake::push_arrivals() {
   return !pending_;
 }
 
-void Intake::answer(IntakeAnswer::Kind kind, spm::RegionId region, spm::AcceptResult result) {
+void Intake::answer(IntakeAnswer::Kind kind, std::uint32_t object, spm::RegionId region, spm::AcceptResult result) {
   const spm::Cache& cache = objects_.cache();
-  const std::uint32_t object = header_ ? header_->object : 0;
   (void)answers_.push({kind, result, object, region, processed_, {cache.slots_free(), cache.blocks_free()}});
 }
 
@@ -108,13 +107,8 @@ void Intake::process_departures() {
   while (answers_.space() > 0 && departures_.pop(departure)) {
     objects_.free(departure);
     if (departure.is_object()) directory_bytes_[departure.object] = 0;
-    const spm::Cache& cache = objects_.cache();
-    (void)answers_.push({departure.is_object() ? IntakeAnswer::Kind::kObjectGone : IntakeAnswer::Kind::kRegionGone,
-                         spm::AcceptResult::kAccepted,
-                         departure.object,
-                         departure.region,
-                         processed_,
-                         {cache.slots_free(), cache.blocks_free()}});
+    answer(departure.is_object() ? IntakeAnswer::Kind::kObjectGone : IntakeAnswer::Kind::kRegionGone, departure.object,
+           departure.region, spm::AcceptResult::kAccepted);
   }
 }
 
@@ -199,7 +193,7 @@ void Intake::process_message() {
       break;
     }
   }
-  answer(kind, region, result);
+  answer(kind, header_->object, region, result);
 }
 
 void Intake::tick() {

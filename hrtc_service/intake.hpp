@@ -12,7 +12,6 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
-#include <deque>
 #include <optional>
 #include <vector>
 
@@ -43,7 +42,7 @@ class Intake {
   void process_departures();
   [[nodiscard]] bool assemble();
   void process_message();
-  void answer(IntakeAnswer::Kind kind, spm::RegionId region, spm::AcceptResult result);
+  void answer(IntakeAnswer::Kind kind, std::uint32_t object, spm::RegionId region, spm::AcceptResult result);
   [[nodiscard]] spm::AcceptResult add_object();
   [[nodiscard]] spm::AcceptResult add_region(spm::RegionId& region);
 
