@@ -185,7 +185,8 @@ TEST_F(Ros2Test, MarkersShowTheMeshInTheFrameOfItsObject) {
   EXPECT_THAT(high, near({0.1, 0.1, 0.1}, 0.002));
 
   host.signal(SIGTERM);
-  EXPECT_TRUE(rviz.wait_for_line("^marker: tactus/sphere tactus/sphere 0 11 2 0 0 ")) << "deletes the marker";
+  EXPECT_TRUE(rviz.wait_for_line("^marker: tactus/sphere tactus/sphere 0 11 2 0 0 "))
+      << rviz.output() << ros.output() << host.output();
 }
 
 TEST_F(Ros2Test, AProbeFollowsTargetPosesUntilTheyEnd) {
