@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <utility>
 
+#include "hrtc_service/shared_check.hpp"
+
 namespace tactus::hrtc_service {
 namespace {
 
@@ -10,6 +12,8 @@ namespace {
 constexpr std::int64_t kReleaseDelayNs = 100'000'000;
 // Time for which a released body is simulated without a new owner. Longer than a lease.
 constexpr std::int64_t kMaxUnownedNs = 300'000'000;
+// Number of peers' samples in one cycle. Peers send one in each of their cycles.
+constexpr std::uint32_t kMaxCopyArrivals = 4 * kMaxBodies * haptics::kMaxCopies;
 
 Placement placement_of(const haptics::BodyState& state, const TouchObject& object) {
   return Placement{sharing::pose_of(state, object.body->centre), object.placement.scale()};
@@ -40,14 +44,8 @@ haptics::PassivitySettings rotational_port_settings() noexcept {
 
 }  // namespace
 
-BodyLink::BodyLink() {
-  while (copies.push(CopyArrival{})) {  // touch the memory before the haptic thread does
-  }
-  copies.consume_all([](const CopyArrival&) {});
-}
-
 Bodies::Bodies(const CycleSettings& settings, BodyLink& link, BodyOrderLink& orders)
-    : settings_{settings}, link_{link}, order_link_{orders} {
+    : settings_{settings}, copies_{link.copies}, reports_out_{link.reports}, order_link_{orders} {
   for (RotationalPort& rotational : rotational_ports_)
     rotational.port = haptics::PassivityController{rotational_port_settings()};
   simulated_.resize(kMaxBodies, haptics::SharedObject{haptics::BodySettings{}});
@@ -129,12 +127,13 @@ void Bodies::process_orders() noexcept {
     }
     order_link_.seen.store(orders_.number, std::memory_order_release);
   }
-  while (link_.copies.pop(arrival_)) {
-    const std::uint32_t i = body_of(arrival_.object);
+  CopyArrival arrived;
+  for (std::uint32_t left = kMaxCopyArrivals; left > 0 && copies_.pop(arrived); --left) {
+    const std::uint32_t i = body_of(arrived.object);
     if (i == kMaxBodies || bodies_[i].order.coupling == nullptr ||
-        bodies_[i].order.coupling_fencing != arrival_.coupling_fencing)
+        bodies_[i].order.coupling_fencing != arrived.coupling_fencing || !is_valid(arrived.sample))
       continue;
-    bodies_[i].order.coupling->on_sample(arrival_.copy_index, arrival_.sample);
+    bodies_[i].order.coupling->on_sample(arrived.copy_index, arrived.sample);
   }
 }
 
@@ -454,8 +453,7 @@ void Bodies::report(std::int64_t now_ns, std::int64_t session_ns) noexcept {
   }
   for (std::uint32_t p = 0; p < kMaxProbes; ++p) reports_.ports[p] = ports_[p].ledger();
   for (std::uint32_t p = 0; p < kMaxProbes; ++p) reports_.rotational_ports[p] = rotational_ports_[p].port.ledger();
-  link_.reports_for_sender.post(reports_);
-  link_.reports_for_gateway.post(reports_);
+  reports_out_.post(reports_);
 }
 
 }  // namespace tactus::hrtc_service

@@ -17,12 +17,13 @@
 /// steps. A cycle that is late by less than half a period computes one step. So the simulated time of a copy follows
 /// session time, and the copy uses the samples of its peers at an even rate.
 ///
-/// Allocates at construction only. Realtime. Runs in the haptic thread, except BodyLink.
+/// Trusts no sample of a peer in the link: a wrong one is ignored.
+///
+/// Allocates at construction only. Realtime. Haptic thread.
 #pragma once
 
 #include <array>
 #include <atomic>
-#include <boost/lockfree/spsc_queue.hpp>
 #include <cstdint>
 #include <vector>
 
@@ -31,6 +32,8 @@
 #include "haptics/ramp.hpp"
 #include "haptics/shared_object.hpp"
 #include "hrtc_service/cycle.hpp"
+#include "hrtc_service/shared_mailbox.hpp"
+#include "hrtc_service/shared_ring.hpp"
 #include "session/clock.hpp"
 #include "sharing/pose_interpolator.hpp"
 
@@ -88,7 +91,6 @@ struct CopyArrival {
   std::uint64_t coupling_fencing = 0;
   haptics::CopySample sample;
 };
-using CopyRing = boost::lockfree::spsc_queue<CopyArrival>;
 
 struct BodyReport {
   std::uint32_t object = 0;
@@ -114,11 +116,10 @@ struct BodyReports {
 
 /// The exchange between the servo's process and the gateway.
 struct BodyLink {
-  BodyLink();
-
-  haptics::Mailbox<GrantedBodies> granted;                                ///< to BodyIntake
-  CopyRing copies{1024};                                                  ///< to the servo
-  haptics::Mailbox<BodyReports> reports_for_sender, reports_for_gateway;  ///< from the servo
+  static constexpr std::uint32_t kCopies = 1024;
+  SharedMailbox<GrantedBodies> granted;     ///< to BodyIntake
+  SharedRing<CopyArrival, kCopies> copies;  ///< to Bodies
+  SharedMailbox<BodyReports> reports;       ///< to the gateway
 };
 
 class Bodies {
@@ -194,7 +195,8 @@ class Bodies {
   [[nodiscard]] std::uint32_t body_of(std::uint32_t object) const noexcept;
 
   CycleSettings settings_;
-  BodyLink& link_;
+  RingReader<CopyArrival, BodyLink::kCopies> copies_;
+  MailboxWriter<BodyReports> reports_out_;
   BodyOrderLink& order_link_;
   BodyOrders orders_;
   std::uint64_t objects_changed_ = 0;  // Cycle::objects_changed at the last update of bodies_
@@ -221,7 +223,6 @@ class Bodies {
   std::array<HandSpring, kMaxProbes> springs_;
   sharing::Scene scene_;
   BodyReports reports_;
-  CopyArrival arrival_;
 };
 
 }  // namespace tactus::hrtc_service

@@ -16,7 +16,8 @@ constexpr std::int64_t kReleasedEndpointsNs = 2000 * kMs;  // lifetime of the en
 
 BodyExchange::BodyExchange(wire::Participants& participants, BodyLink& link, Gateway& gateway)
     : participants_{participants},
-      link_{link},
+      copies_out_{link.copies},
+      reports_in_{link.reports},
       gateway_{gateway},
       claims_out_{participants, wire::topics::kObjectClaim},
       poses_out_{participants, wire::topics::kObjectPose} {}
@@ -52,7 +53,7 @@ void BodyExchange::on_copy(std::uint32_t object, const session::ObjectCopy& copy
   const std::int64_t transit_ns = session_now_ns - copy.session_time_ns;
   if (transit_ns > copy_transit_ns_.load(std::memory_order_relaxed))
     copy_transit_ns_.store(transit_ns, std::memory_order_relaxed);
-  (void)link_.copies.push({object, copy.copy_index, copy.fencing, sharing::sample_of(copy)});
+  (void)copies_out_.push({object, copy.copy_index, copy.fencing, sharing::sample_of(copy)});
 }
 
 void BodyExchange::sync_endpoints(std::int64_t now_ns) {
@@ -107,7 +108,7 @@ std::uint64_t BodyExchange::implausible() const {
 void BodyExchange::send() {
   const Slots& slots = slots_out_.latest();
   BodyReports reports;
-  if (!link_.reports_for_sender.take(reports)) return;
+  if (!reports_in_.take(reports)) return;
   for (std::uint32_t i = 0; i < reports.count; ++i) {
     const BodyReport& body = reports.bodies[i];
     const Slot& slot = slots[body.object];

@@ -69,11 +69,12 @@ class BodyExchange {
   void on_copy(std::uint32_t object, const session::ObjectCopy& copy);
 
   wire::Participants& participants_;
-  BodyLink& link_;
+  RingWriter<CopyArrival, BodyLink::kCopies> copies_out_;
+  MailboxReader<BodyReports> reports_in_;  // sender thread only
   Gateway& gateway_;
   wire::Writer<session::ObjectClaim> claims_out_;
   wire::Writer<session::ObjectPose> poses_out_;  // sender thread only
-  mutable std::mutex ring_mutex_;                // guards the producer's end of BodyLink::copies, and copy_admissions_
+  mutable std::mutex ring_mutex_;                // guards copies_out_ and copy_admissions_
   std::array<session::CopyAdmission, kMaxObjects> copy_admissions_;
   std::uint64_t past_implausible_ = 0;  // copies that the admissions of removed objects dropped
   std::array<std::atomic<std::int64_t>, kMaxObjects> copy_received_ns_{};

@@ -1,7 +1,8 @@
 #include "hrtc_service/body_intake.hpp"
 
 #include <algorithm>
-#include <cmath>
+
+#include "hrtc_service/shared_check.hpp"
 
 namespace tactus::hrtc_service {
 namespace {
@@ -13,23 +14,6 @@ bool is_valid(const GrantedCoupling& coupling) noexcept {
   return coupling.fencing == 0 ||
          (coupling.copies >= 2 && coupling.copies <= haptics::kMaxCopies && coupling.copy_index < coupling.copies &&
           coupling.delay_ns >= kMinChannelDelayNs && coupling.delay_ns <= kMaxChannelDelayNs);
-}
-
-/// Whether differences between such times do not overflow.
-bool moderate(std::int64_t ns) noexcept { return ns > -(INT64_C(1) << 60) && ns < INT64_C(1) << 60; }
-
-bool is_valid(const haptics::BodyState& state) noexcept {
-  constexpr double kMax = 1e9, kUnitTolerance = 1e-3;                                       // as in session/check.cpp
-  const auto moderate = [](const Vec3d& v) { return v.array().abs().maxCoeff() <= kMax; };  // false for NaN
-  return state.position.allFinite() && moderate(state.position) && state.velocity.allFinite() &&
-         moderate(state.velocity) && state.angular_velocity.allFinite() && moderate(state.angular_velocity) &&
-         std::abs(state.orientation.norm() - 1) <= kUnitTolerance;
-}
-
-bool is_valid(const session::ClockMap& clock) noexcept {
-  return moderate(clock.local_ns) && moderate(clock.session_ns) && moderate(clock.slew_until_ns) &&
-         clock.bound_ns >= 0 && clock.bound_ns <= session::kClockUnknown && std::abs(clock.slew) <= 1 &&
-         std::abs(clock.drift) <= 1;
 }
 
 }  // namespace
@@ -55,7 +39,7 @@ void BodyIntake::apply(const GrantedBody& granted) {
   if (granted.object >= kMaxObjects) return;
   const TouchObject* const object = objects_.find(granted.object);
   if (object == nullptr || !object->body || !is_valid(granted.coupling) || !is_valid(granted.received.state) ||
-      !moderate(granted.received.session_ns))
+      !is_moderate(granted.received.session_ns))
     return;
   Body& body = bodies_[granted.object];
   if (body.touched != object) body = {};  // an earlier object had this index
@@ -100,7 +84,7 @@ std::size_t BodyIntake::couplings() const noexcept {
 
 void BodyIntake::tick() {
   free_unused();
-  if (!link_.granted.take(granted_) || !is_valid(granted_.clock)) return;
+  if (!granted_in_.take(granted_) || !is_valid(granted_.clock)) return;
   for (std::uint32_t i = 0; i < std::min(granted_.count, kMaxBodies); ++i) apply(granted_.bodies[i]);
   post();
 }

@@ -23,7 +23,7 @@ namespace tactus::hrtc_service {
 class BodyIntake {
  public:
   /// The arguments must outlive this object.
-  BodyIntake(const TouchObjects& objects, BodyLink& link) : objects_{objects}, link_{link} {}
+  BodyIntake(const TouchObjects& objects, BodyLink& link) : objects_{objects}, granted_in_{link.granted} {}
 
   /// Processes the newest orders of the gateway, and frees couplings. Call it every few milliseconds, and soon after the
   /// gateway has posted orders.
@@ -50,7 +50,7 @@ class BodyIntake {
   void free_unused();
 
   const TouchObjects& objects_;
-  BodyLink& link_;
+  MailboxReader<GrantedBodies> granted_in_;
   BodyOrderLink order_link_;
   GrantedBodies granted_;
   std::uint64_t posted_ = 0;              // number of the newest orders

@@ -33,7 +33,7 @@ class ContactLogger {
 
  private:
   trace::ContactLogWriter log_;
-  ContactQuery::LogRing& queries_;
+  RingReader<trace::LoggedQuery, ContactQuery::kLogEntries> queries_;
   std::array<std::uint32_t, kMaxObjects> numbers_{};  // in the log, by object index
   std::uint32_t next_number_ = 0;
   trace::LoggedQuery query_;

@@ -31,7 +31,7 @@ void ContactQuery::run(std::uint32_t probe, const Vec3d& tip, std::int64_t now_n
     }
     exact = exact && object_exact;
     output.contacts += found;
-    if (log_ == nullptr) continue;
+    if (!log_) continue;
     entry_.time_ns = now_ns;
     entry_.probe = probe;
     entry_.since_change = cycles_since_change[object.index];

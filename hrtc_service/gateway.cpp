@@ -11,7 +11,9 @@ constexpr std::int64_t kMaxTransitNs = 1'000'000'000;  // a larger difference is
 
 Gateway::Gateway(const spm::PoolSettings& pool, const session::Origin& self, const GatewaySettings& settings,
                  ServoLink& link)
-    : link_{link},
+    : reports_in_{link.reports},
+      body_reports_in_{link.bodies.reports},
+      near_out_{link.near_objects},
       loader_{pool, self, settings.loader, link.intake},
       ownership_{self, link.bodies.granted, settings.ownership} {
   loader_.on_event = [this](session::Severity severity, const std::string& text) {
@@ -46,7 +48,7 @@ void Gateway::on_transit(std::int64_t transit_ns, std::int64_t session_now_ns) n
 }
 
 void Gateway::take_reports() {
-  has_new_reports_ = link_.reports_for_gateway.take(probe_reports_);
+  has_new_reports_ = reports_in_.take(probe_reports_);
   if (!has_new_reports_) return;
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
     const ProbeOutput& probe = probe_reports_.probes[i];
@@ -73,13 +75,13 @@ void Gateway::tick(std::int64_t now_ns, const session::ClockMap& clock) {
   take_reports();
   claims_.clear();
   if (!ownership_.bodies().empty()) {
-    if (link_.bodies.reports_for_gateway.take(body_reports_)) ownership_.on_reports(body_reports_);
+    if (body_reports_in_.take(body_reports_)) ownership_.on_reports(body_reports_);
     ownership_.on_transits(transit_);
     claims_ = ownership_.tick(now_ns, clock);
     move_objects();
   }
   loader_.tick(now_ns, reported_probes_, near_objects_);
-  link_.near_objects.post(near_objects_);
+  near_out_.post(near_objects_);
 }
 
 std::vector<session::CatalogueEntry> Gateway::collect_moved() {

@@ -93,7 +93,9 @@ class Gateway {
   void take_reports();
   void move_objects();
 
-  ServoLink& link_;
+  MailboxReader<ProbeReports> reports_in_;
+  MailboxReader<BodyReports> body_reports_in_;
+  MailboxWriter<std::array<NearObjects, kMaxProbes>> near_out_;
   Loader loader_;
   OwnershipClient ownership_;
   session::TransitEstimator transit_;

@@ -7,11 +7,12 @@
 #include <memory>
 
 #include "hrtc_service/realtime.hpp"
+#include "hrtc_service/ring_memory.hpp"
 
 namespace tactus::hrtc_service {
 
 HapticThread::HapticThread(const HapticSettings& settings, Servo& servo)
-    : settings_{settings}, servo_{servo}, traces_{2 * ServoLink::kRingEntries}, governor_{settings.deadline_ns} {
+    : settings_{settings}, servo_{servo}, traces_{kTraces}, governor_{settings.deadline_ns} {
   touch_memory(traces_);
   frames_.fill(settings.frame);
 }

@@ -63,6 +63,7 @@ struct HapticSettings {
 class HapticThread {
  public:
   using TraceRing = boost::lockfree::spsc_queue<CycleTrace>;
+  static constexpr std::size_t kTraces = 8192;
 
   /// `servo` must outlive the thread. While the thread runs, other threads may call only `Servo::snapshot` and
   /// `Servo::snapshots_done`.

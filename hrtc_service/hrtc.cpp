@@ -108,7 +108,7 @@ Hrtc::Impl::Impl(HrtcOptions given)
   add_local_users();
   // The directory is made after every step that may throw, so that a failed start leaves none.
   if (!options.snapshot.empty()) expect_snapshot_directory(options.snapshot);
-  if (!options.log.empty()) contact_log = std::make_unique<ContactLogger>(options.log, core.link().log);
+  if (!options.log.empty()) contact_log = std::make_unique<ContactLogger>(options.log, core.log());
   if (!options.snapshot.empty()) {
     std::filesystem::create_directories(options.snapshot);
     snapshots.emplace(options.snapshot, options.address.participant, loader);
@@ -267,10 +267,11 @@ void Hrtc::Impl::send_states() {
   const std::int64_t step_ns = options.haptic.period_ns() / 20;
   const auto gap_ns = static_cast<std::int64_t>(1e9 / options.state_rate) - kMs / 2;
   std::int64_t sent_ns = 0;
+  MailboxReader<ProbeReports> reports{core.link().reports};
   ProbeReports latest;
   while (sending) {
     wire::sleep_until(std::max(latest.next_due_ns, monotonic_ns()) + step_ns);
-    if (!core.link().reports_for_sender.take(latest)) continue;
+    if (!reports.take(latest)) continue;
     devices.send_commands(latest);
     exchange.send();
     if (latest.time_ns - sent_ns >= gap_ns) {

@@ -7,6 +7,8 @@
 /// Services, studies, benchmarks and tests all assemble an HRTC here.
 #pragma once
 
+#include <memory>
+
 #include "hrtc_service/body_intake.hpp"
 #include "hrtc_service/gateway.hpp"
 #include "hrtc_service/intake.hpp"
@@ -20,19 +22,18 @@ struct HrtcCoreSettings {
   ServoSettings servo;
   GatewaySettings gateway;  ///< radius and tool of the loader are taken from the cycle
   bool logs_queries = false;
-  const std::atomic<std::uint32_t>* emergency_stop_signals =
-      nullptr;  ///< number of local stops by a signal; null: none
 };
 
 class HrtcCore {
  public:
   /// Allocates pool, tree nodes, rings and servo. Throws std::bad_alloc if that fails.
   HrtcCore(const session::Origin& self, const HrtcCoreSettings& settings)
-      : link_{settings.logs_queries, settings.emergency_stop_signals},
-        intake_{settings.pool, link_.intake, settings.gateway.loader.directory_bytes},
-        body_intake_{intake_.objects(), link_.bodies},
-        servo_{settings.servo, link_, intake_, body_intake_.orders()},
-        gateway_{settings.pool, self, gateway_settings(settings), link_} {}
+      : link_{std::make_unique<ServoLink>()},
+        log_{settings.logs_queries ? std::make_unique<ContactQuery::LogRing>() : nullptr},
+        intake_{settings.pool, link_->intake, settings.gateway.loader.directory_bytes},
+        body_intake_{intake_.objects(), link_->bodies},
+        servo_{settings.servo, *link_, intake_, body_intake_.orders(), log_.get()},
+        gateway_{settings.pool, self, gateway_settings(settings), *link_} {}
   HrtcCore(const HrtcCore&) = delete;
   HrtcCore& operator=(const HrtcCore&) = delete;
 
@@ -50,7 +51,9 @@ class HrtcCore {
   }
   [[nodiscard]] Intake& intake() noexcept { return intake_; }
   [[nodiscard]] const Intake& intake() const noexcept { return intake_; }
-  [[nodiscard]] ServoLink& link() noexcept { return link_; }
+  [[nodiscard]] ServoLink& link() noexcept { return *link_; }
+  /// Returns the ring of logged queries. Requires HrtcCoreSettings::logs_queries.
+  [[nodiscard]] ContactQuery::LogRing& log() noexcept { return *log_; }
   [[nodiscard]] const spm::Pool& pool() const noexcept { return intake_.objects().pool(); }
   [[nodiscard]] const spm::NodePool& nodes() const noexcept { return intake_.objects().nodes(); }
 
@@ -62,7 +65,8 @@ class HrtcCore {
     return gateway;
   }
 
-  ServoLink link_;
+  std::unique_ptr<ServoLink> link_;
+  std::unique_ptr<ContactQuery::LogRing> log_;  // null: the servo logs no queries
   Intake intake_;
   BodyIntake body_intake_;
   Servo servo_;

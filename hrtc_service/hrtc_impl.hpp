@@ -157,6 +157,7 @@ struct Hrtc::Impl {
   std::uint64_t first_cycle = 0;  // number of the first reported cycle; 0: none
   std::int64_t first_cycle_ns = 0;
   ShownSender shown;
+  MailboxReader<MeshHashes> mesh_hashes{core.link().mesh_hashes};
   std::optional<SnapshotTaker> snapshots;  // only with HrtcOptions::snapshot
   std::uint32_t save_requests_seen = 0;
   struct {

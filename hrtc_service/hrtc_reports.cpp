@@ -79,7 +79,7 @@ void Hrtc::Impl::send_metrics(bool with_percentiles) {
   sample.figures.push_back({names::kCollaborating, static_cast<double>(groups.collaborating())});
   gateway.ownership().add_figures(sample.figures);
   static_assert(kMaxObjects <= session::kMaxMeshes);
-  const MeshHashes& hashes = core.link().mesh_hashes.latest();
+  const MeshHashes& hashes = mesh_hashes.latest();
   for (const Loader::ObjectInfo& object : loader.objects()) sample.meshes.push_back({object.id, hashes[object.index]});
   (void)metrics_out.send(sample);
   sample.meshes.clear();

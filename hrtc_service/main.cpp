@@ -66,7 +66,7 @@ int main(int argc, char** argv) {
   options.address.participant = "hrtc";
   options.flight.folder = std::filesystem::temp_directory_path() / "tactus-flight";
   options.save_requests = &wire::save_signals();
-  options.core.emergency_stop_signals = &wire::emergency_stop_signals();
+  options.core.servo.emergency_stop_signals = &wire::emergency_stop_signals();
   constexpr std::uint32_t kMinSlots = 256;
   constexpr double kToolDeadline = 400;  // us; a cycle with a tool may take more than 200 us
   std::uint32_t slots = 1u << 16;

@@ -12,9 +12,9 @@ constexpr std::int64_t kWakeUpMarginNs = 4'000'000;      // added to the transit
 
 }  // namespace
 
-OwnershipClient::OwnershipClient(const session::Origin& self, haptics::Mailbox<GrantedBodies>& orders,
+OwnershipClient::OwnershipClient(const session::Origin& self, SharedMailbox<GrantedBodies>& orders,
                                  const session::OwnershipSettings& settings)
-    : self_{self}, settings_{settings}, orders_mailbox_{orders} {}
+    : self_{self}, settings_{settings}, orders_out_{orders} {}
 
 void OwnershipClient::add(std::uint32_t object_index, std::uint64_t object_id, const sharing::SharedBody& body) {
   TACTUS_CHECK(objects_.size() < kMaxBodies);
@@ -114,7 +114,7 @@ void OwnershipClient::post_orders() {
     order.received = object.received;
     order.coupling = object.coupling;
   }
-  orders_mailbox_.post(orders_);
+  orders_out_.post(orders_);
 }
 
 std::vector<session::ObjectClaim> OwnershipClient::tick(std::int64_t now_ns, const session::ClockMap& clock) {

@@ -27,7 +27,7 @@ inline constexpr std::int64_t kPosePeriodNs = 4'000'000;  ///< min time between 
 class OwnershipClient {
  public:
   /// `orders`: mailbox to the servo; must outlive the client.
-  OwnershipClient(const session::Origin& self, haptics::Mailbox<GrantedBodies>& orders,
+  OwnershipClient(const session::Origin& self, SharedMailbox<GrantedBodies>& orders,
                   const session::OwnershipSettings& settings = {});
 
   /// Adds a movable object, at most kMaxBodies at a time. Call it in the order of the arrivals in the haptic thread.
@@ -84,7 +84,7 @@ class OwnershipClient {
 
   session::Origin self_;
   session::OwnershipSettings settings_;
-  haptics::Mailbox<GrantedBodies>& orders_mailbox_;
+  MailboxWriter<GrantedBodies> orders_out_;
   GrantedBodies orders_;
   std::vector<std::unique_ptr<Object>> objects_;
   std::vector<BodyStatus> bodies_;

@@ -5,24 +5,39 @@
 
 namespace tactus::hrtc_service {
 
-Servo::Servo(const ServoSettings& settings, ServoLink& link, Intake& intake, BodyOrderLink& orders)
+Servo::Servo(const ServoSettings& settings, ServoLink& link, Intake& intake, BodyOrderLink& orders,
+             ContactQuery::LogRing* log)
     : link_{link},
+      near_objects_{link.near_objects},
+      reports_{link.reports},
+      mesh_hashes_{link.mesh_hashes},
+      shown_reports_{link.shown_reports},
       arrivals_{intake.arrivals()},
-      cycle_{settings.cycle, settings.specs, intake.departures(), link.logs_queries ? &link.log : nullptr},
-      bodies_{settings.cycle, link.bodies, orders} {
+      cycle_{settings.cycle, settings.specs, intake.departures(), log},
+      bodies_{settings.cycle, link.bodies, orders},
+      stop_signals_{settings.emergency_stop_signals} {
   cycle_.set_observer(settings.recorder);
   snapshot_.nodes.resize(settings.snapshot_nodes);
 }
 
-/// Requests a local stop when a stop button is pressed, and again when a reset has ended its stop while it is pressed.
-/// Returns whether one is pressed. The buttons of a failed device do not count, because nobody can release them.
-bool Servo::check_stop_buttons(const Inputs& inputs, std::uint32_t resets) noexcept {
+/// Returns the stop word to obey. It is stopped while a stop button is pressed, and while the gateway has not issued a
+/// stop for a local stop. A pressed button counts as a local stop, and as another one when a reset has ended its stop
+/// while it is pressed. The buttons of a failed device do not count, because nobody can release them.
+StopWord Servo::read_stop(const Inputs& inputs) noexcept {
+  const std::uint32_t issued = link_.local_stops_issued();
+  StopWord word = link_.stop();  // after `issued`, because the gateway sets the word first
   const bool was_pressed =
       std::exchange(stop_pressed_, std::any_of(inputs.begin(), inputs.end(), [](const auto& input) {
                       return input.active && !input.failed && (input.device.buttons & haptics::kStopButton) != 0;
                     }));
-  if (stop_pressed_ && (!was_pressed || resets != stop_.resets)) link_.request_local_stop();
-  return stop_pressed_;
+  if (stop_pressed_ && (!was_pressed || word.resets != stop_.resets)) ++local_stops_;
+  if (stop_signals_ != nullptr) {
+    const std::uint32_t signals = stop_signals_->load(std::memory_order_relaxed);
+    local_stops_ += signals - std::exchange(stop_signals_seen_, signals);
+  }
+  link_.set_local_stops(local_stops_);
+  word.stopped = word.stopped || stop_pressed_ || issued != local_stops_;
+  return word;
 }
 
 /// Applies the stop after the reset, so that an earlier reset cannot end the stop.
@@ -34,11 +49,9 @@ void Servo::obey(StopWord word) noexcept {
 }
 
 const Servo::Outputs& Servo::touch(Inputs& inputs, std::int64_t now_ns) noexcept {
-  StopWord word = link_.stop();
-  word.stopped = check_stop_buttons(inputs, word.resets) || word.stopped;
-  obey(word);
+  obey(read_stop(inputs));
   const auto arrived = static_cast<std::uint32_t>(arrivals_.pop(arrived_.data(), arrived_.size()));
-  const std::array<NearObjects, kMaxProbes>& near = link_.near_objects.latest();
+  const std::array<NearObjects, kMaxProbes>& near = near_objects_.latest();
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) inputs[i].near = near[i];
   bodies_.apply_received_poses(cycle_, now_ns);
   outputs_ = cycle_.touch(inputs, now_ns, arrived_.data(), arrived).probes;
@@ -50,15 +63,13 @@ const Servo::Outputs& Servo::touch(Inputs& inputs, std::int64_t now_ns) noexcept
 void Servo::publish(std::int64_t now_ns, std::int64_t next_due_ns) noexcept {
   link_.acknowledge_stop(stop_);
   bodies_.simulate(cycle_, now_ns);
-  const ProbeReports reports{now_ns, next_due_ns, ++cycles_, outputs_, cycle_.result().interventions};
-  link_.reports_for_sender.post(reports);
-  link_.reports_for_gateway.post(reports);
+  reports_.post({now_ns, next_due_ns, ++cycles_, outputs_, cycle_.result().interventions});
 }
 
 const CycleResult& Servo::refine(spm::Budget budget, const RefineLimit& limit) noexcept {
   const CycleResult& result = cycle_.refine(snapshot_.is_copying ? spm::Budget{0} : budget, limit);
   for (const TouchObject* object : cycle_.objects()) hashes_[object->index] = object->forest->mesh_hash();
-  link_.mesh_hashes.post(hashes_);
+  mesh_hashes_.post(hashes_);
   if (const std::uint32_t requested = link_.take_shown_request(); requested != spm::kNone) report_shown(requested);
   if (snapshot_.is_copying) continue_snapshot();
   return result;
@@ -72,7 +83,7 @@ void Servo::report_shown(std::uint32_t object_index) noexcept {
     shown_.mesh_hash = object->forest->mesh_hash();
     shown_.count =
         object->forest->copy_in_use(shown_.regions.data(), static_cast<std::uint32_t>(shown_.regions.size()));
-    link_.shown_reports.post(shown_);
+    shown_reports_.post(shown_);
   }
 }
 

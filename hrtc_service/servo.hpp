@@ -34,6 +34,8 @@ struct ServoSettings {
   std::array<haptics::DeviceSpec, kMaxProbes> specs;  ///< limits of the probes' devices, world units
   CycleObserver* recorder = nullptr;                  ///< observer of every cycle; must outlive the servo
   std::uint32_t snapshot_nodes = 0;                   ///< max number of tree nodes in a snapshot; 0: no snapshots
+  /// Number of local stops that a signal handler requests; must outlive the servo. Null: none.
+  const std::atomic<std::uint32_t>* emergency_stop_signals = nullptr;
 };
 
 class Servo {
@@ -41,8 +43,10 @@ class Servo {
   using Inputs = std::array<ProbeInput, kMaxProbes>;
   using Outputs = std::array<ProbeOutput, kMaxProbes>;
 
-  /// Allocates everything. The references must outlive the servo.
-  Servo(const ServoSettings& settings, ServoLink& link, Intake& intake, BodyOrderLink& orders);
+  /// Allocates everything. The references must outlive the servo, and `log`, the ring for the queries of the contact
+  /// log; null: none.
+  Servo(const ServoSettings& settings, ServoLink& link, Intake& intake, BodyOrderLink& orders,
+        ContactQuery::LogRing* log = nullptr);
 
   /// Computes the forces. Sets `inputs[i].near` from the link. The result is valid until the next touch.
   const Outputs& touch(Inputs& inputs, std::int64_t now_ns) noexcept;
@@ -67,17 +71,23 @@ class Servo {
   [[nodiscard]] std::vector<SnapshotFace> snapshot(std::uint32_t object_index) const;
 
  private:
-  [[nodiscard]] bool check_stop_buttons(const Inputs& inputs, std::uint32_t resets) noexcept;
+  [[nodiscard]] StopWord read_stop(const Inputs& inputs) noexcept;
   void obey(StopWord word) noexcept;
   void continue_snapshot() noexcept;
   void report_shown(std::uint32_t object_index) noexcept;
 
   ServoLink& link_;
+  MailboxReader<std::array<NearObjects, kMaxProbes>> near_objects_;
+  MailboxWriter<ProbeReports> reports_;
+  MailboxWriter<MeshHashes> mesh_hashes_;
+  MailboxWriter<ShownReport> shown_reports_;
   ArrivalRing& arrivals_;
   Cycle cycle_;
   Bodies bodies_;
   StopWord stop_;
   bool stop_pressed_ = false;  // in the last cycle
+  const std::atomic<std::uint32_t>* stop_signals_;
+  std::uint32_t stop_signals_seen_ = 0, local_stops_ = 0;
   std::uint64_t cycles_ = 0;
   Outputs outputs_;  // of the last touch, with forces limited by `bodies_`
   std::array<Arrival, 64> arrived_;

@@ -10,21 +10,19 @@
 ///     local stops, by button or signal  <- counter ---------   obeyed before the gateway knows of them
 ///     object whose regions a viewer needs -- request ------>   Servo
 ///     probes, bodies, mesh hashes       <- mailboxes -------   after each cycle
-///     queries for the contact log       <- log -------------   Cycle
 ///
-/// Every queue has one producer and one consumer. Nothing here blocks. Memory is allocated and touched at construction.
+/// The queries for the contact log have a ring of their own (ContactQuery::LogRing).
+///
+/// Plain values only, no pointer: two processes can share it. The servo checks all that it reads here. Nothing blocks.
 #pragma once
 
 #include <array>
 #include <atomic>
-#include <boost/lockfree/spsc_queue.hpp>
 #include <cstdint>
 
-#include "haptics/mailbox.hpp"
 #include "hrtc_service/bodies.hpp"
-#include "hrtc_service/cycle.hpp"
 #include "hrtc_service/intake_link.hpp"
-#include "hrtc_service/ring_memory.hpp"
+#include "hrtc_service/shared_mailbox.hpp"
 #include "hrtc_service/touch_object.hpp"
 #include "session/messages.hpp"
 
@@ -60,45 +58,20 @@ struct ShownReport {
 };
 
 struct ServoLink {
-  static constexpr std::size_t kRingEntries = 4096;
-
-  /// `log_queries`: the servo logs its queries. `emergency_stop_signals`: number of local stops that a signal handler
-  /// requests; null: none.
-  explicit ServoLink(bool log_queries = false, const std::atomic<std::uint32_t>* emergency_stop_signals = nullptr)
-      : log{log_queries ? kRingEntries : 1},
-        logs_queries{log_queries},
-        emergency_stop_signals_{emergency_stop_signals} {
-    touch_memory(log);
-  }
-
   // Gateway to servo.
-  haptics::Mailbox<std::array<NearObjects, kMaxProbes>> near_objects;
+  SharedMailbox<std::array<NearObjects, kMaxProbes>> near_objects;
   /// Sets the stop word for the next cycle. Wait-free. One thread at a time calls this and `obeys_stop`.
   void set_stop(StopWord word) noexcept { stop_word_.store(word.bits(), std::memory_order_release); }
-  /// The stop word that the servo obeys. It is stopped while the gateway has not issued a stop for a local stop.
   [[nodiscard]] StopWord stop() const noexcept {
-    const bool is_issued = local_stops() == local_stops_issued_.load(std::memory_order_acquire);
-    StopWord word = StopWord::from_bits(stop_word_.load(std::memory_order_acquire));
-    word.stopped = word.stopped || !is_issued;
-    return word;
+    return StopWord::from_bits(stop_word_.load(std::memory_order_acquire));
   }
-
-  // Local stops: emergency stops that are requested at this HRTC. The servo obeys one in its next cycle. Then the gateway
-  // issues a stop, which a reset can name, sets the stop word, and after that the number of local stops.
-  void request_local_stop() noexcept { button_stops_.fetch_add(1, std::memory_order_relaxed); }
-  /// Number of local stops, by button or signal.
-  [[nodiscard]] std::uint32_t local_stops() const noexcept {
-    const std::uint32_t signals =
-        emergency_stop_signals_ == nullptr ? 0 : emergency_stop_signals_->load(std::memory_order_relaxed);
-    return button_stops_.load(std::memory_order_relaxed) + signals;
-  }
-  [[nodiscard]] std::uint32_t local_stops_issued() const noexcept {
-    return local_stops_issued_.load(std::memory_order_relaxed);
-  }
+  /// Sets the number of local stops for which the gateway has set the stop word. Call it after `set_stop`.
   void set_local_stops_issued(std::uint32_t count) noexcept {
     local_stops_issued_.store(count, std::memory_order_release);
   }
-
+  [[nodiscard]] std::uint32_t local_stops_issued() const noexcept {
+    return local_stops_issued_.load(std::memory_order_acquire);
+  }
   /// Requests that the servo reports the regions of an object's mesh. A new request replaces one that is not answered.
   void request_shown(std::uint32_t object_index) noexcept {
     shown_request_.store(object_index, std::memory_order_relaxed);
@@ -110,16 +83,18 @@ struct ServoLink {
   }
 
   // Servo to gateway.
-  haptics::Mailbox<ProbeReports> reports_for_sender, reports_for_gateway;
-  haptics::Mailbox<MeshHashes> mesh_hashes;
-  haptics::Mailbox<ShownReport> shown_reports;
-  Cycle::LogRing log;
-  const bool logs_queries;
+  SharedMailbox<ProbeReports> reports;
+  SharedMailbox<MeshHashes> mesh_hashes;
+  SharedMailbox<ShownReport> shown_reports;
   void acknowledge_stop(StopWord word) noexcept { stop_obeyed_.store(word.bits(), std::memory_order_release); }
   /// Returns whether the published forces obey the newest stop word.
   [[nodiscard]] bool obeys_stop() const noexcept {
     return stop_obeyed_.load(std::memory_order_acquire) == stop_word_.load(std::memory_order_relaxed);
   }
+  /// Number of local stops, by button or signal: emergency stops that are requested at this HRTC. The servo obeys one in
+  /// its next cycle. Then the gateway issues a stop, which a reset can name.
+  void set_local_stops(std::uint32_t count) noexcept { local_stops_.store(count, std::memory_order_relaxed); }
+  [[nodiscard]] std::uint32_t local_stops() const noexcept { return local_stops_.load(std::memory_order_relaxed); }
 
   // In both directions.
   IntakeLink intake;
@@ -127,8 +102,7 @@ struct ServoLink {
 
  private:
   std::atomic<std::uint32_t> stop_word_{0}, stop_obeyed_{0};  // StopWord::bits
-  const std::atomic<std::uint32_t>* const emergency_stop_signals_;
-  std::atomic<std::uint32_t> button_stops_{0}, local_stops_issued_{0};
+  std::atomic<std::uint32_t> local_stops_{0}, local_stops_issued_{0};
   std::atomic<std::uint32_t> shown_request_{spm::kNone};
 };
 

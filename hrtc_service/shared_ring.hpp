@@ -18,7 +18,9 @@ namespace tactus::hrtc_service {
 
 template <class T, std::uint32_t kCapacity>
 struct SharedRing {
-  static_assert(std::is_trivially_copyable_v<T>, "the other process copies the bits of an entry");
+  // As for SharedMailbox.
+  static_assert(std::is_trivially_destructible_v<T> && std::is_standard_layout_v<T>,
+                "the other process copies the bits of an entry");
   static_assert((kCapacity & (kCapacity - 1)) == 0, "positions stay correct when the counter overflows");
 
   alignas(64) std::atomic<std::uint64_t> pushed{0};  ///< number of entries since the start

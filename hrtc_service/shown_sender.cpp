@@ -34,7 +34,7 @@ void ShownSender::send(std::int64_t now_ns, const session::Origin& origin) {
 
 void ShownSender::request_next(std::int64_t now_ns) {
   if (now_ns - requested_ns_ < kRequestTimeoutNs) return;
-  const MeshHashes& hashes = link_.mesh_hashes.latest();
+  const MeshHashes& hashes = mesh_hashes_.latest();
   const Loader::ObjectInfo* next = nullptr;
   const std::vector<Loader::ObjectInfo> objects = loader_.objects();
   std::int64_t longest_ns = 0;
@@ -54,11 +54,11 @@ void ShownSender::request_next(std::int64_t now_ns) {
 
 void ShownSender::tick(std::int64_t now_ns, const session::Origin& origin) {
   if (out_.matched() == 0) {
-    (void)link_.shown_reports.take(report_);  // of the time when a reader was matched
+    (void)reports_.take(report_);  // of the time when a reader was matched
     requested_ns_ = 0;
     return;
   }
-  if (link_.shown_reports.take(report_)) {
+  if (reports_.take(report_)) {
     send(now_ns, origin);
     requested_ns_ = 0;
   }

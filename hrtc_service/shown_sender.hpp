@@ -16,7 +16,11 @@ class ShownSender {
  public:
   /// All must outlive the sender.
   ShownSender(wire::Participants& participants, ServoLink& link, const Loader& loader)
-      : link_{link}, loader_{loader}, out_{participants, wire::topics::kShownRegions} {}
+      : link_{link},
+        mesh_hashes_{link.mesh_hashes},
+        reports_{link.shown_reports},
+        loader_{loader},
+        out_{participants, wire::topics::kShownRegions} {}
 
   /// Sends the regions that the servo has copied, and requests those of the next object that is due.
   void tick(std::int64_t now_ns, const session::Origin& origin);
@@ -30,6 +34,8 @@ class ShownSender {
     std::int64_t at_ns = 0;
   };
   ServoLink& link_;
+  MailboxReader<MeshHashes> mesh_hashes_;
+  MailboxReader<ShownReport> reports_;
   const Loader& loader_;
   wire::Writer<session::ShownRegions> out_;
   std::array<Sent, kMaxObjects> sent_{};  // by object index

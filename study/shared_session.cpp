@@ -63,6 +63,9 @@ struct SharedSession::Hrtc {
   hrtc_service::HrtcCore core;
   hrtc_service::Membership membership;
   hrtc_service::Servo::Inputs inputs{};
+  hrtc_service::MailboxReader<hrtc_service::BodyReports> reports_in{core.link().bodies.reports};
+  hrtc_service::RingWriter<hrtc_service::CopyArrival, hrtc_service::BodyLink::kCopies> copies_out{
+      core.link().bodies.copies};
   hrtc_service::BodyReports reports;
   std::uint32_t probes = 0, index = 0;
   std::uint32_t pose_sequence = 0;
@@ -236,8 +239,7 @@ void SharedSession::haptic_cycle(std::size_t i) {
   servo.publish(hrtc.now_ns(), hrtc.now_ns() + kMs);
   (void)servo.refine(spm::Budget{1u << 20});
   if (settings_.observer != nullptr) settings_.observer->on_end();
-  if (hrtc_service::BodyReports reports; hrtc.core.link().bodies.reports_for_sender.take(reports))
-    hrtc.reports = reports;
+  (void)hrtc.reports_in.take(hrtc.reports);
 }
 
 void SharedSession::send_reports(std::size_t i) {
@@ -252,7 +254,7 @@ void SharedSession::send_reports(std::size_t i) {
             [copy_index = body.copy_index, fencing = body.coupling_fencing, copy](Hrtc& peer) {
               const std::int64_t session_ns = peer.session_ns();
               peer.core.gateway().on_transit(session_ns - copy.session_time_ns, session_ns);
-              (void)peer.core.link().bodies.copies.push({peer.index, copy_index, fencing, sharing::sample_of(copy)});
+              (void)peer.copies_out.push({peer.index, copy_index, fencing, sharing::sample_of(copy)});
               peer.core.gateway().on_peer_received(peer.index, peer.now_ns());
             });
   }

@@ -102,6 +102,7 @@ TEST(Allocation, SixtySecondsOfRefinementAndCoarseningAllocateNothing) {
     return (radius + 0.0025) *
            Vec3d{std::cos(angle), std::sin(angle) * std::cos(angle / 7), std::sin(angle) * std::sin(angle / 7)};
   };
+  hrtc_service::MailboxReader<hrtc_service::ShownReport> shown_reports{session.core().link().shown_reports};
   hrtc_service::ShownReport shown;
   std::uint64_t reports = 0;
   for (int cycle = 0; cycle < 60000; ++cycle) {
@@ -114,7 +115,7 @@ TEST(Allocation, SixtySecondsOfRefinementAndCoarseningAllocateNothing) {
       allocations += counter.count();
       return cycle_result;
     }();
-    if (session.core().link().shown_reports.take(shown)) {
+    if (shown_reports.take(shown)) {
       ++reports;
       ASSERT_EQ(shown.mesh_hash, session.cycle().objects()[0]->forest->mesh_hash());
     }

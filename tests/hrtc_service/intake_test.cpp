@@ -271,13 +271,13 @@ class BodyIntakeTest : public IntakeTest {
   /// Posts the grants, and runs enough cycles for the body to reach the received pose. Returns the report of the body.
   BodyReport report() {
     grants_.clock.local_ns = grants_.clock.session_ns = now_ns_;
-    link_->bodies.granted.post(grants_);
+    MailboxWriter{link_->bodies.granted}.post(grants_);
     for (int cycle = 0; cycle < 200; ++cycle) {
       body_intake_->tick();
       (void)run_cycle();
     }
     BodyReports reports;
-    EXPECT_TRUE(link_->bodies.reports_for_gateway.take(reports));
+    EXPECT_TRUE(MailboxReader{link_->bodies.reports}.take(reports));
     EXPECT_EQ(reports.count, 1u);
     return reports.bodies[0];
   }
@@ -331,13 +331,13 @@ TEST_F(BodyIntakeTest, ACouplingExistsUntilTheServoHasReturnedItsObject) {
   (void)report();
   // The servo takes neither the orders with the second coupling nor those without the object before it is withdrawn.
   grants_.bodies[0].coupling.fencing = 2;
-  link_->bodies.granted.post(grants_);
+  MailboxWriter{link_->bodies.granted}.post(grants_);
   body_intake_->tick();
   sender_->withdraw(kBody);
   sender_->flush();
   intake_->tick();
   grants_.count = 0;
-  link_->bodies.granted.post(grants_);
+  MailboxWriter{link_->bodies.granted}.post(grants_);
   body_intake_->tick();
   (void)run_cycle();
   body_intake_->tick();

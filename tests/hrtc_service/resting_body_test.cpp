@@ -70,11 +70,11 @@ class BoxOnOrgan : public ::testing::Test {
     run_prepared_cycle();
   }
   void run_prepared_cycle() {
-    session_.core().link().bodies.granted.post(orders_);
+    hrtc_service::MailboxWriter{session_.core().link().bodies.granted}.post(orders_);
     session_.core().tick_intake();
     outputs_ = session_.touch_with_bodies();
     (void)session_.core().servo().refine(spm::Budget{1u << 20});
-    (void)session_.core().link().bodies.reports_for_sender.take(reports_);
+    (void)hrtc_service::MailboxReader{session_.core().link().bodies.reports}.take(reports_);
   }
 
   spm::offline::TriangleMesh organ_mesh_ = spm::offline::generate(spm::offline::Shape::kOrgan, 40'000);
@@ -183,11 +183,11 @@ TEST(ToolAndBody, AStylusPushesABoxAlongTheGroundAndFeelsItsFriction) {
     const Vec3d velocity = cycle < 300 ? Vec3d::Zero() : Vec3d{-kSpeed, 0, 0};
     hand += 1e-3 * velocity;
     session.prepare(hand, velocity);
-    session.core().link().bodies.granted.post(orders);
+    hrtc_service::MailboxWriter{session.core().link().bodies.granted}.post(orders);
     session.core().tick_intake();
     const hrtc_service::Servo::Outputs& outputs = session.touch_with_bodies();
     (void)session.core().servo().refine(spm::Budget{1u << 20});
-    (void)session.core().link().bodies.reports_for_sender.take(reports);
+    (void)hrtc_service::MailboxReader{session.core().link().bodies.reports}.take(reports);
     if (cycle < 1000) continue;
     ++pushed_cycles;
     force_sum += outputs[0].force[0];

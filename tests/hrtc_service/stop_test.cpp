@@ -93,7 +93,7 @@ class EmergencyStop : public ::testing::Test {
   [[nodiscard]] hrtc_service::HrtcCoreSettings core_settings(const spm::Model& model) const {
     hrtc_service::HrtcCoreSettings settings;
     settings.pool = spm::PoolSettings::for_slots(model.summary.parts + 600);
-    settings.emergency_stop_signals = &signals_;
+    settings.servo.emergency_stop_signals = &signals_;
     return settings;
   }
   [[nodiscard]] static hrtc_service::HapticSettings haptic_settings() {
@@ -173,11 +173,13 @@ TEST_F(EmergencyStop, AResetOfAnEarlierLocalStopDoesNotEndALaterOne) {
   hrtc_service::StopSwitch stops{session::Origin{kSession, kHrtc, 1, 0}, core_.link()};
   std::vector<session::StopRecord> records;
   ++signals_;
+  hand_.wait_for_writes(2);  // the haptic thread counts the signals
   EXPECT_TRUE(stops.issue_local_stop());
   hand_.wait_for_writes(2);
   ASSERT_TRUE(stops.acknowledge(records));
   const std::vector<session::StopName> earlier = session::standing_stops(records);
   ++signals_;
+  hand_.wait_for_writes(2);
   EXPECT_TRUE(stops.issue_local_stop());
   EXPECT_TRUE(stops.on_reset({{kSession, 51, 1, 0}, 1, earlier, ""}));
   hand_.wait_for_writes(100);

@@ -116,7 +116,7 @@ class Threads : public ::testing::Test {
   void drain_rings() {
     for (hrtc_service::CycleTrace trace; haptic_.traces().pop(trace);) {
     }
-    for (trace::LoggedQuery query; core_.link().log.pop(query);) {
+    for (trace::LoggedQuery query; queries_.pop(query);) {
       ++logged_queries_;
       mesh_hashes_.insert(query.mesh_hash);
     }
@@ -171,6 +171,7 @@ class Threads : public ::testing::Test {
   hrtc_service::HapticCommands commands_;
   std::uint64_t contact_reports_ = 0, exact_reports_ = 0, logged_queries_ = 0;
   std::set<std::uint64_t> mesh_hashes_;
+  hrtc_service::RingReader<trace::LoggedQuery, hrtc_service::ContactQuery::kLogEntries> queries_{core_.log()};
 };
 
 TEST_F(Threads, TheHapticThreadMakesNoSystemCallWhileTheLoaderLoadsAndEvictsRegions) {

@@ -463,7 +463,7 @@ TEST_F(WithdrawalTest, TheNinthMovableObjectStaysFixedAfterAnotherIsRemoved) {
   run(500);
   EXPECT_TRUE(touches()) << "a movable object would have moved away from the tip";
   BodyReports reports;
-  ASSERT_TRUE(core_->link().bodies.reports_for_sender.take(reports));
+  ASSERT_TRUE(MailboxReader{core_->link().bodies.reports}.take(reports));
   EXPECT_EQ(reports.count, 7u);
   EXPECT_EQ(core_->gateway().ownership().bodies().size(), 7u);
 }
@@ -486,7 +486,7 @@ TEST_F(WithdrawalTest, TheContactLogNamesTheRightObjectWhenAnIndexIsReused) {
   const std::filesystem::path file = folder.path() / "contacts";
   constexpr int kObjects = static_cast<int>(kMaxObjects) + 3;
   {
-    ContactLogger logger{file, core_->link().log};
+    ContactLogger logger{file, core_->log()};
     core_->gateway().on_object = [&](const ObjectDescription& object) { logger.add(object); };
     membership_->on_object_gone = [&](const Loader::ObjectInfo& object) {
       removed_.push_back(object);

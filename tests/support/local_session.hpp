@@ -71,9 +71,11 @@ class LocalSession {
     hrtc_service::ServoLink& link = core_.link();
     std::array<hrtc_service::Arrival, 64> arrived;
     const auto count = static_cast<std::uint32_t>(core_.intake().arrivals().pop(arrived.data(), arrived.size()));
-    for (std::size_t i = 0; i < inputs_.size(); ++i) inputs_[i].near = link.near_objects.latest()[i];
+    (void)hrtc_service::MailboxReader{link.near_objects}.take(near_);
+    for (std::size_t i = 0; i < inputs_.size(); ++i) inputs_[i].near = near_[i];
     const hrtc_service::CycleResult& result = cycle().touch(inputs_, now_, arrived.data(), count);
-    link.reports_for_gateway.post({now_, now_ + kPeriodNs, cycles_, result.probes, result.interventions});
+    hrtc_service::MailboxWriter{link.reports}.post(
+        {now_, now_ + kPeriodNs, cycles_, result.probes, result.interventions});
     return result;
   }
   /// Computes all forces of the servo, including those of bodies.
@@ -84,7 +86,7 @@ class LocalSession {
   }
 
   /// Pops the next entry of the contact log; false if there is none.
-  bool take_log(trace::LoggedQuery& entry) { return core_.link().log.pop(entry); }
+  bool take_log(trace::LoggedQuery& entry) { return queries_.pop(entry); }
 
   /// Inputs of the next `touch`. `prepare` sets the input of the first probe; a test may set the others.
   [[nodiscard]] std::array<hrtc_service::ProbeInput, hrtc_service::kMaxProbes>& inputs() { return inputs_; }
@@ -175,6 +177,8 @@ class LocalSession {
   std::uint32_t delay_;
   std::uint64_t cycles_ = 0;
   std::array<hrtc_service::ProbeInput, hrtc_service::kMaxProbes> inputs_;
+  std::array<hrtc_service::NearObjects, hrtc_service::kMaxProbes> near_{};
+  hrtc_service::RingReader<trace::LoggedQuery, hrtc_service::ContactQuery::kLogEntries> queries_{core_.log()};
   std::deque<Delayed<session::Demand>> demands_;
   std::deque<Delayed<session::BulkChunk>> chunks_;
 };
