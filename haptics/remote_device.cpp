@@ -19,27 +19,27 @@ void RoundTripBound::add(double seconds, double dt) noexcept {
   value_ += (bound - value_) * (1 - std::exp(-dt / (bound > value_ ? kRise : kFall)));
 }
 
-void RemoteDevice::on_pose(RemotePose pose) noexcept {
+TimedPose RemoteTiming::on_pose(RemotePose pose) noexcept {
   const double dt = started_ ? static_cast<double>(pose.arrived_ns - newest_ns_) * 1e-9 : 0;
   started_ = true;
   newest_ns_ = pose.arrived_ns;
-  pose.measured_ns = std::clamp(pose.measured_ns, pose.arrived_ns - kOldest, pose.arrived_ns);
+  pose.measured_ns = std::clamp(pose.measured_ns, pose.arrived_ns - kMaxTransitNs, pose.arrived_ns);
   const std::uint32_t sent = commands_.load(std::memory_order_acquire);
   if (pose.command_applied != 0 && static_cast<std::int32_t>(sent - pose.command_applied) >= 0)
     round_trip_.add(static_cast<double>(pose.arrived_ns - sent_ns(pose.command_applied)) * 1e-9, dt);
   shown_round_trip_.store(round_trip_.value(), std::memory_order_relaxed);
-  poses_.post({pose, round_trip_.value()});
   has_pose_.store(true, std::memory_order_release);
+  return {pose, round_trip_.value()};
 }
 
-std::uint32_t RemoteDevice::on_command(std::int64_t cycle_ns) noexcept {
+std::uint32_t RemoteTiming::on_command(std::int64_t cycle_ns) noexcept {
   const std::uint32_t number = commands_.load(std::memory_order_relaxed) + 1;
   sent_ns_[number % kStoredCommands].store(cycle_ns, std::memory_order_relaxed);
   commands_.store(number, std::memory_order_release);
   return number;
 }
 
-std::int64_t RemoteDevice::sent_ns(std::uint32_t command) const noexcept {
+std::int64_t RemoteTiming::sent_ns(std::uint32_t command) const noexcept {
   // Meanwhile on_command may overwrite the oldest entries, so only the newest half is read. An older command gets the
   // time of the oldest entry of this half.
   const std::uint32_t sent = commands_.load(std::memory_order_acquire);
@@ -47,9 +47,8 @@ std::int64_t RemoteDevice::sent_ns(std::uint32_t command) const noexcept {
   return sent_ns_[kept % kStoredCommands].load(std::memory_order_relaxed);
 }
 
-DeviceState RemoteDevice::read(std::int64_t) noexcept {
-  const Mail& mail = poses_.latest();
-  const RemotePose& pose = mail.pose;
+DeviceState state_of(const TimedPose& timed) noexcept {
+  const RemotePose& pose = timed.pose;
   DeviceState state;
   state.position = {pose.position[0], pose.position[1], pose.position[2]};
   state.velocity = {pose.velocity[0], pose.velocity[1], pose.velocity[2]};
@@ -58,7 +57,7 @@ DeviceState RemoteDevice::read(std::int64_t) noexcept {
   state.time_ns = pose.measured_ns;
   state.sequence = pose.sequence;
   state.transit = static_cast<double>(pose.arrived_ns - pose.measured_ns) * 1e-9;
-  state.round_trip = mail.round_trip;
+  state.round_trip = timed.round_trip;
   return state;
 }
 

@@ -51,14 +51,21 @@ struct RemotePose {
   std::int64_t arrived_ns = 0;
 };
 
-class RemoteDevice final : public Device {
- public:
-  /// `spec`: limits of the device, as its sender reports them.
-  explicit RemoteDevice(const DeviceSpec& spec = {}) : spec_{spec} {}
+/// A pose with the bound of the round trip when it arrived, s.
+struct TimedPose {
+  RemotePose pose;
+  double round_trip = RoundTripBound::kUnknown;
+};
 
-  /// Sets the newest pose. A plausible window must have accepted it (session/sequence_window.hpp). One network thread
-  /// at a time.
-  void on_pose(RemotePose pose) noexcept;
+/// Returns the state of the device. Realtime.
+[[nodiscard]] DeviceState state_of(const TimedPose& timed) noexcept;
+
+/// Measures the round trip to the device.
+class RemoteTiming {
+ public:
+  /// Bounds the transit of a pose, and adds the round trip. A plausible window must have accepted the pose
+  /// (session/sequence_window.hpp). One network thread at a time.
+  [[nodiscard]] TimedPose on_pose(RemotePose pose) noexcept;
   /// Registers a command with the force of the cycle that began at `cycle_ns`. Returns the number of the command,
   /// from 1. Sender thread only.
   [[nodiscard]] std::uint32_t on_command(std::int64_t cycle_ns) noexcept;
@@ -67,25 +74,15 @@ class RemoteDevice final : public Device {
   /// Bound of the round trip, s; any thread.
   [[nodiscard]] double round_trip() const noexcept { return shown_round_trip_.load(std::memory_order_relaxed); }
 
-  [[nodiscard]] const DeviceSpec& spec() const noexcept override { return spec_; }
-  /// The newest pose; before the first: the origin, with time 0. Realtime.
-  [[nodiscard]] DeviceState read(std::int64_t now_ns) noexcept override;
-  void write(const Vec3d&) noexcept override {}
-  [[nodiscard]] DeviceHealth health() const noexcept override { return DeviceHealth::kReady; }
+  /// A longer transit means that a clock is wrong, so it is cut to this, ns.
+  static constexpr std::int64_t kMaxTransitNs = 10'000'000'000;
 
  private:
-  static constexpr std::int64_t kOldest = 10'000'000'000;  // ns, max transit; a longer one means that a clock is wrong
   static constexpr std::uint32_t kStoredCommands =
       1024;  // commands whose time is stored; a command older than the last 512 counts as 512 commands old
-  struct Mail {
-    RemotePose pose;
-    double round_trip = RoundTripBound::kUnknown;
-  };
 
   [[nodiscard]] std::int64_t sent_ns(std::uint32_t command) const noexcept;
 
-  DeviceSpec spec_;
-  Mailbox<Mail> poses_;
   std::array<std::atomic<std::int64_t>, kStoredCommands> sent_ns_{};  // by command modulo kStoredCommands
   std::atomic<std::uint32_t> commands_{0};
   std::atomic<bool> has_pose_{false};
@@ -94,6 +91,30 @@ class RemoteDevice final : public Device {
   RoundTripBound round_trip_;
   std::int64_t newest_ns_ = 0;
   bool started_ = false;
+};
+
+/// The device for a haptic thread in the process that receives the poses.
+class RemoteDevice final : public Device {
+ public:
+  /// `spec`: limits of the device, as its sender reports them.
+  explicit RemoteDevice(const DeviceSpec& spec = {}) : spec_{spec} {}
+
+  // As in RemoteTiming. `on_pose` also makes the pose the newest.
+  void on_pose(const RemotePose& pose) noexcept { poses_.post(timing_.on_pose(pose)); }
+  [[nodiscard]] std::uint32_t on_command(std::int64_t cycle_ns) noexcept { return timing_.on_command(cycle_ns); }
+  [[nodiscard]] bool has_pose() const noexcept { return timing_.has_pose(); }
+  [[nodiscard]] double round_trip() const noexcept { return timing_.round_trip(); }
+
+  [[nodiscard]] const DeviceSpec& spec() const noexcept override { return spec_; }
+  /// The newest pose; before the first: the origin, with time 0. Realtime.
+  [[nodiscard]] DeviceState read(std::int64_t) noexcept override { return state_of(poses_.latest()); }
+  void write(const Vec3d&) noexcept override {}
+  [[nodiscard]] DeviceHealth health() const noexcept override { return DeviceHealth::kReady; }
+
+ private:
+  DeviceSpec spec_;
+  RemoteTiming timing_;
+  Mailbox<TimedPose> poses_;
 };
 
 }  // namespace tactus::haptics

@@ -5,16 +5,20 @@
 #include <algorithm>
 #include <future>
 #include <memory>
+#include <utility>
 
 #include "hrtc_service/realtime.hpp"
 #include "hrtc_service/ring_memory.hpp"
 
 namespace tactus::hrtc_service {
 
-HapticThread::HapticThread(const HapticSettings& settings, Servo& servo)
-    : settings_{settings}, servo_{servo}, traces_{kTraces}, governor_{settings.deadline_ns} {
+HapticThread::HapticThread(const HapticSettings& settings, Servo& servo, DeviceLink& link, const LocalDevices& local)
+    : settings_{settings},
+      servo_{servo},
+      traces_{kTraces},
+      governor_{settings.deadline_ns},
+      devices_{link, local, settings.frame} {
   touch_memory(traces_);
-  frames_.fill(settings.frame);
 }
 
 HapticThread::~HapticThread() { stop(); }
@@ -40,39 +44,6 @@ std::string HapticThread::start() {
 void HapticThread::stop() {
   running_ = false;
   if (thread_.joinable()) thread_.join();
-}
-
-void HapticThread::obey(const HapticCommands& commands) noexcept {
-  if (commands.snapshots != current_.snapshots) servo_.begin_snapshot();
-  for (std::uint32_t i = 0; i < kMaxProbes; ++i)
-    if (current_.devices[i] != nullptr && commands.devices[i] != current_.devices[i])
-      current_.devices[i]->write_wrench(Vec3d::Zero(), Vec3d::Zero());
-  current_ = commands;
-  obeyed_.store(commands.number, std::memory_order_release);
-}
-
-void HapticThread::read_devices(std::int64_t now_ns) noexcept {
-  for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
-    ProbeInput& input = inputs_[i];
-    input.active = current_.devices[i] != nullptr;
-    if (!input.active) continue;
-    input.device = current_.devices[i]->read(now_ns);
-    input.failed = current_.devices[i]->health() == haptics::DeviceHealth::kFailed;
-    input.pose_age = static_cast<double>(now_ns - input.device.time_ns) * 1e-9;
-    if (current_.framed[i])
-      input.device = frames_[i].to_world(input.device, (input.device.buttons & haptics::kClutchButton) != 0);
-  }
-}
-
-void HapticThread::write_forces() noexcept {
-  for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
-    if (current_.devices[i] == nullptr) continue;
-    const Vec3d force = vec(servo_.outputs()[i].force), torque = vec(servo_.outputs()[i].torque);
-    if (current_.framed[i])
-      current_.devices[i]->write_wrench(frames_[i].force_to_device(force), frames_[i].torque_to_device(torque));
-    else
-      current_.devices[i]->write_wrench(force, torque);
-  }
 }
 
 void HapticThread::trace(const CycleResult& result, const CycleTimes& times, std::int64_t wake_late,
@@ -101,10 +72,11 @@ void HapticThread::run() {
   while (running_.load(std::memory_order_relaxed)) {
     const std::int64_t wake_late = clock.wait_next();
     const std::int64_t now_ns = monotonic_ns();
-    if (HapticCommands commands; commands_.take(commands)) obey(commands);
-    read_devices(now_ns);
-    servo_.touch(inputs_, now_ns);
-    write_forces();
+    if (const std::uint32_t requested = snapshots_requested_.load(std::memory_order_relaxed);
+        std::exchange(snapshots_begun_, requested) != requested)
+      servo_.begin_snapshot();
+    devices_.read(now_ns, inputs_);
+    devices_.write(servo_.touch(inputs_, now_ns));
     servo_.publish(now_ns, clock.due_ns());
     const CycleResult& result = servo_.refine(kAll, governor_.limit());
     trace(result, {clock.due_ns() - period_ns, now_ns, monotonic_ns(), clock.due_ns()}, wake_late,
@@ -115,8 +87,7 @@ void HapticThread::run() {
       governor_.observe(costs.visits * spm::Budget::kVisit + costs.changes * spm::Budget::kChange, costs.refit,
                         costs.total(), costs.predicted_total);
   }
-  for (haptics::Device* device : current_.devices)
-    if (device != nullptr) device->write(Vec3d::Zero());
+  devices_.release();
 }
 
 }  // namespace tactus::hrtc_service

@@ -1,12 +1,11 @@
 /// Runs the servo in a thread of its own: reads the devices, computes a cycle each period, and writes the forces.
 ///
-///   commands --> read devices -> Servo::touch -> write forces -> Servo::publish -> Servo::refine --> traces
+///   read devices -> Servo::touch -> write forces -> Servo::publish -> Servo::refine --> traces
 ///
 /// The loop does not allocate, lock or log, and its only system calls are the sleep and those of device drivers.
 /// docs/explanation/cycle.md follows one pose through the loop.
 #pragma once
 
-#include <algorithm>
 #include <atomic>
 #include <boost/lockfree/spsc_queue.hpp>
 #include <cmath>
@@ -17,26 +16,12 @@
 #include <vector>
 
 #include "haptics/device.hpp"
-#include "haptics/mailbox.hpp"
 #include "hrtc_service/governor.hpp"
 #include "hrtc_service/late_cycles.hpp"
+#include "hrtc_service/probe_devices.hpp"
 #include "hrtc_service/servo.hpp"
 
 namespace tactus::hrtc_service {
-
-/// Commands for the haptic thread. The service owns the devices. It destroys a device only after the thread has obeyed
-/// commands that do not name it.
-struct HapticCommands {
-  std::uint64_t number = 0;                            ///< increases with each command
-  std::array<haptics::Device*, kMaxProbes> devices{};  ///< by probe; null: no probe
-  std::array<bool, kMaxProbes> framed{};               ///< poses are in the device frame of HapticSettings
-  std::uint32_t snapshots = 0;                         ///< increases with each request to copy the active meshes
-};
-
-/// Returns the age of the probe's pose, us.
-[[nodiscard]] inline std::uint32_t age_us(const ProbeOutput& probe) noexcept {
-  return static_cast<std::uint32_t>(std::clamp(probe.pose_age * 1e6f, 0.0f, 4e9f));
-}
 
 /// Measurements of one cycle.
 struct CycleTrace {
@@ -65,21 +50,17 @@ class HapticThread {
   using TraceRing = boost::lockfree::spsc_queue<CycleTrace>;
   static constexpr std::size_t kTraces = 8192;
 
-  /// `servo` must outlive the thread. While the thread runs, other threads may call only `Servo::snapshot` and
-  /// `Servo::snapshots_done`.
-  HapticThread(const HapticSettings& settings, Servo& servo);
+  /// `servo`, `link` and the devices in `local` must outlive the thread. While the thread runs, other threads may call
+  /// only `Servo::snapshot` and `Servo::snapshots_done`.
+  HapticThread(const HapticSettings& settings, Servo& servo, DeviceLink& link, const LocalDevices& local = {});
   ~HapticThread();
 
   /// Starts the thread, and returns a log line about its priority.
   [[nodiscard]] std::string start();
   void stop();
 
-  [[nodiscard]] haptics::Mailbox<HapticCommands>& commands() noexcept { return commands_; }
-  /// Returns whether the thread has obeyed the commands with this number or later ones. If so, it uses no other devices
-  /// than those that these commands name.
-  [[nodiscard]] bool has_obeyed(std::uint64_t number) const noexcept {
-    return obeyed_.load(std::memory_order_acquire) >= number;
-  }
+  /// Requests a copy of the active meshes. Returns the number of the copy (Servo::snapshots_done). One thread.
+  std::uint32_t request_snapshot() noexcept { return snapshots_requested_.fetch_add(1, std::memory_order_relaxed) + 1; }
   [[nodiscard]] TraceRing& traces() noexcept { return traces_; }
   /// Returns the sampler of the thread's system counters. Call it only after `start`.
   [[nodiscard]] UsageSampler& usage() noexcept { return *usage_; }
@@ -89,48 +70,23 @@ class HapticThread {
 
  private:
   void run();
-  void obey(const HapticCommands& commands) noexcept;
-  void read_devices(std::int64_t now_ns) noexcept;
-  void write_forces() noexcept;
   void trace(const CycleResult& result, const CycleTimes& times, std::int64_t wake_late,
              std::uint64_t skipped) noexcept;
 
   HapticSettings settings_;
   Servo& servo_;
-  haptics::Mailbox<HapticCommands> commands_;
   TraceRing traces_;
   Governor governor_;
   std::thread thread_;
   std::unique_ptr<UsageSampler> usage_;
   std::atomic<bool> running_{false};
   std::atomic<std::uint64_t> traces_dropped_{0};
-  std::atomic<std::uint64_t> obeyed_{0};  // number of the newest commands
+  std::atomic<std::uint32_t> snapshots_requested_{0};
 
   // Haptic thread only.
-  HapticCommands current_;
-  std::array<haptics::DeviceFrame, kMaxProbes> frames_;
+  ProbeDevices devices_;
   Servo::Inputs inputs_;
-};
-
-/// Posts commands to a haptic thread. One thread.
-class HapticCommandPoster {
- public:
-  explicit HapticCommandPoster(HapticThread& to) : to_{to} {}
-
-  /// Applies `change` to the current commands, and posts the result.
-  template <class Change>
-  void post(Change&& change) {
-    change(commands_);
-    ++commands_.number;
-    to_.commands().post(commands_);
-  }
-  /// Returns whether the thread has obeyed the commands with this number or later ones.
-  [[nodiscard]] bool obeyed(std::uint64_t number) const noexcept { return to_.has_obeyed(number); }
-  [[nodiscard]] const HapticCommands& now() const noexcept { return commands_; }
-
- private:
-  HapticThread& to_;
-  HapticCommands commands_;
+  std::uint32_t snapshots_begun_ = 0;
 };
 
 }  // namespace tactus::hrtc_service

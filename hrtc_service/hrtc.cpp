@@ -63,6 +63,13 @@ HrtcCoreSettings core_settings(const HrtcOptions& options, FlightSaver* flight) 
   return settings;
 }
 
+LocalDevices local_devices(const HrtcOptions& options) {
+  LocalDevices devices{};
+  for (std::size_t i = 0; i < std::min<std::size_t>(options.local_users.size(), kMaxProbes); ++i)
+    devices[i] = options.local_users[i].device.get();
+  return devices;
+}
+
 HapticSettings haptic_settings(const HrtcOptions& options) {
   HapticSettings settings = options.haptic;
   settings.period = options.core.servo.cycle.period;
@@ -76,12 +83,12 @@ Hrtc::Impl::Impl(HrtcOptions given)
       participants{without_bulk_writers(options.address)},
       flight{flight_saver(options)},
       core{participants.origin(), core_settings(options, flight.get())},
-      haptic{haptic_settings(options), core.servo()},
+      haptic{haptic_settings(options), core.servo(), core.link().devices, local_devices(options)},
       membership{participants.origin(),
                  {options.address.participant, options.address.session, options.max_users},
                  gateway,
                  monotonic_ns()},
-      devices{participants, orders, [this](session::Intent&& intent) { inbox.put(std::move(intent)); }},
+      devices{participants, core.link().devices, [this](session::Intent&& intent) { inbox.put(std::move(intent)); }},
       roster_out{participants, wire::topics::kRoster},
       demand_out{participants, wire::topics::kDemand},
       clock_out{participants, wire::topics::kClock},
@@ -155,11 +162,12 @@ void Hrtc::Impl::receive(session::RosterEntry&& entry) {
   inbox.put(std::move(entry), kUrgency<session::RosterEntry>);
 }
 
+/// Adds them before all others, so that they get the first probes, as in `local_devices`.
 void Hrtc::Impl::add_local_users() {
-  for (LocalUser& local : options.local_users) {
+  for (const LocalUser& local : options.local_users) {
     const std::optional<std::uint32_t> probe = membership.add_local(local.user);
     if (!probe) throw haptics::DeviceError("no probe left for user " + local.user + "; raise --users");
-    devices.add_local(*probe, local.user, std::move(local.device));
+    devices.add_local(*probe, local.user);
   }
 }
 

@@ -122,7 +122,6 @@ struct Hrtc::Impl {
   const Loader& loader{core.gateway().loader()};
   HapticThread haptic;
   Membership membership;
-  HapticCommandPoster orders{haptic};
   UserDevices devices;
   StopSwitch stops{participants.origin(), core.link()};
   bool stopped = false;  // at the last pass of the service thread

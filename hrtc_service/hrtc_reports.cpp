@@ -153,7 +153,7 @@ void Hrtc::Impl::drain_rings() {
 void Hrtc::Impl::take_snapshots(std::int64_t now_ns) {
   if (!snapshots) return;
   try {
-    snapshots->tick(now_ns, touches_exactly(gateway.reports()), gateway.reported_probes(), core.servo(), orders);
+    snapshots->tick(now_ns, touches_exactly(gateway.reports()), gateway.reported_probes(), core.servo(), haptic);
   } catch (const std::runtime_error& error) {
     spdlog::error("{}", error.what());
     exit_code = 1;

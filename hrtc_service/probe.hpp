@@ -7,6 +7,8 @@
 /// World frame, SI. Haptic thread. Realtime.
 #pragma once
 
+#include <algorithm>
+#include <array>
 #include <cstdint>
 #include <span>
 
@@ -41,6 +43,11 @@ struct ProbeOutput {
   float pose_age = 0;               ///< s
   std::uint32_t pose_sequence = 0;  ///< haptics::DeviceState::sequence
 };
+
+/// Returns the age of the probe's pose, us.
+[[nodiscard]] inline std::uint32_t age_us(const ProbeOutput& probe) noexcept {
+  return static_cast<std::uint32_t>(std::clamp(probe.pose_age * 1e6f, 0.0f, 4e9f));
+}
 
 /// One of the spheres that cover a probe for refinement and queries. World frame.
 struct TouchSphere {

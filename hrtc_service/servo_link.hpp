@@ -4,6 +4,7 @@
 ///     objects and decoded regions       -- intake --------->   Intake --> Cycle
 ///     answers, free memory              <- intake ----------   Intake
 ///     objects near each probe           -- near ----------->   Cycle
+///     poses of users at clients         -- devices -------->   ProbeDevices
 ///     grants of bodies                  -- bodies --------->   BodyIntake --> Bodies
 ///     samples of peers' copies          -- bodies --------->   Bodies
 ///     emergency stop and reset          -- stop word ------>   Cycle
@@ -21,6 +22,7 @@
 #include <cstdint>
 
 #include "hrtc_service/bodies.hpp"
+#include "hrtc_service/device_link.hpp"
 #include "hrtc_service/intake_link.hpp"
 #include "hrtc_service/shared_mailbox.hpp"
 #include "hrtc_service/touch_object.hpp"
@@ -59,6 +61,7 @@ struct ShownReport {
 
 struct ServoLink {
   // Gateway to servo.
+  DeviceLink devices;
   SharedMailbox<std::array<NearObjects, kMaxProbes>> near_objects;
   /// Sets the stop word for the next cycle. Wait-free. One thread at a time calls this and `obeys_stop`.
   void set_stop(StopWord word) noexcept { stop_word_.store(word.bits(), std::memory_order_release); }

@@ -7,6 +7,7 @@
 #include <cstdint>
 
 #include "haptics/coupling.hpp"
+#include "hrtc_service/device_link.hpp"
 #include "session/clock.hpp"
 
 namespace tactus::hrtc_service {
@@ -21,5 +22,12 @@ namespace tactus::hrtc_service {
 [[nodiscard]] bool is_valid(const session::ClockMap& clock) noexcept;
 /// Returns whether body, force and waves are finite and at most 1e9, and no energy is negative.
 [[nodiscard]] bool is_valid(const haptics::CopySample& sample) noexcept;
+/// Returns whether the source is known, and the start of a hand is finite, at most 1e9 and a unit quaternion.
+[[nodiscard]] bool is_valid(const ProbeOrder& order) noexcept;
+/// Returns whether the path has 1 to kMaxHandWaypoints waypoints, with moderate times and valid poses.
+[[nodiscard]] bool is_valid(const haptics::HandPath& path) noexcept;
+/// Returns whether pose and velocity are valid, the times moderate and the transit from 0 to
+/// RemoteTiming::kMaxTransitNs.
+[[nodiscard]] bool is_valid(const haptics::TimedPose& timed) noexcept;
 
 }  // namespace tactus::hrtc_service

@@ -105,11 +105,10 @@ void SnapshotTaker::write(const Servo& servo, std::uint32_t number) const {
 }
 
 void SnapshotTaker::tick(std::int64_t now_ns, bool touches_exactly, const std::array<ReportedProbe, kMaxProbes>& probes,
-                         const Servo& servo, HapticCommandPoster& orders) {
-  if (is_requested_) {
-    if (servo.snapshots_done() != orders.now().snapshots) return;
-    write(servo, orders.now().snapshots);
-    is_requested_ = false;
+                         const Servo& servo, HapticThread& haptic) {
+  if (requested_ != 0) {
+    if (servo.snapshots_done() != requested_) return;
+    write(servo, std::exchange(requested_, 0));
     ++snapshots_taken_;
     contact_began_ns_ = 0;
     return;
@@ -128,8 +127,7 @@ void SnapshotTaker::tick(std::int64_t now_ns, bool touches_exactly, const std::a
     contacts_[object.index] = loader_.regions_at_probes(object.index, probes);
     predictions_[object.index] = loader_.predicted(object.index);
   }
-  is_requested_ = true;
-  orders.post([](HapticCommands& commands) { ++commands.snapshots; });
+  requested_ = haptic.request_snapshot();
 }
 
 }  // namespace tactus::hrtc_service

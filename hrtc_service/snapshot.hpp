@@ -38,7 +38,7 @@ class SnapshotTaker {
   /// Requests a snapshot when it is due, or writes the requested one when the servo has copied it. `touches_exactly`: a
   /// probe is in exact contact. Throws as `write_snapshot`.
   void tick(std::int64_t now_ns, bool touches_exactly, const std::array<ReportedProbe, kMaxProbes>& probes,
-            const Servo& servo, HapticCommandPoster& orders);
+            const Servo& servo, HapticThread& haptic);
 
  private:
   void write(const Servo& servo, std::uint32_t number) const;
@@ -48,7 +48,7 @@ class SnapshotTaker {
   const Loader& loader_;
   std::int64_t contact_began_ns_ = 0;
   int snapshots_taken_ = 0;
-  bool is_requested_ = false;  // the servo is copying a snapshot
+  std::uint32_t requested_ = 0;  // number of the snapshot that the servo is copying; 0: none
   // Of the objects at the request, by object index.
   std::array<std::uint64_t, kMaxObjects> digests_{};
   std::array<std::vector<std::uint32_t>, kMaxObjects> contacts_, predictions_;

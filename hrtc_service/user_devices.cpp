@@ -10,22 +10,20 @@
 
 namespace tactus::hrtc_service {
 
-UserDevices::UserDevices(wire::Participants& participants, HapticCommandPoster& orders, OnIntent on_intent)
-    : participants_{participants}, orders_{orders}, on_intent_{std::move(on_intent)} {}
+UserDevices::UserDevices(wire::Participants& participants, DeviceLink& link, OnIntent on_intent)
+    : participants_{participants}, link_{link}, orders_out_{link.orders}, on_intent_{std::move(on_intent)} {}
 UserDevices::~UserDevices() = default;
 
-void UserDevices::set_device(std::uint32_t probe, haptics::Device* device) {
-  orders_.post([&](HapticCommands& commands) { commands.devices[probe] = device; });
+void UserDevices::order(std::uint32_t probe, const ProbeOrder& order) {
+  orders_[probe] = order;
+  orders_out_.post(orders_);
 }
 
-void UserDevices::add_local(std::uint32_t probe, const std::string& name, std::unique_ptr<haptics::Device> device) {
+void UserDevices::add_local(std::uint32_t probe, const std::string& name) {
   User& user = users_[probe];
   user.name = name;
   user.id = session::id_of(name);
-  user.local_device = std::move(device);
   user_ids_[probe] = user.id;
-  orders_.post([&](HapticCommands& commands) { commands.framed[probe] = true; });
-  set_device(probe, user.local_device.get());
 }
 
 void UserDevices::add(std::uint32_t probe, const std::string& name, std::uint64_t client) {
@@ -33,17 +31,19 @@ void UserDevices::add(std::uint32_t probe, const std::string& name, std::uint64_
   user.name = name;
   user.id = session::id_of(name);
   user.client = client;
+  user.number = ++users_added_;
   user_ids_[probe] = user.id;
   user.intents = std::make_unique<wire::Reader<session::Intent>>(participants_, wire::topics::kIntent, on_intent_,
                                                                  wire::EndpointOptions{wire::user_partition(name)});
-  listen_to_device(user);
+  listen_to_device(probe, user);
 }
 
 /// Opens the reader of a client's device poses. Its callback passes the poses to the haptic thread directly, without a
 /// delay by the service thread.
-void UserDevices::listen_to_device(User& user) {
-  user.remote = std::make_unique<haptics::RemoteDevice>();
-  const auto on_pose = [this, remote = user.remote.get(), id = user.id, client = user.client,
+void UserDevices::listen_to_device(std::uint32_t probe, User& user) {
+  user.remote = std::make_unique<haptics::RemoteTiming>();
+  const auto on_pose = [this, remote = user.remote.get(), id = user.id, client = user.client, number = user.number,
+                        out = MailboxWriter{link_.poses[probe]},
                         window =
                             session::SenderWindow{session::kCycleNumbers}](const session::DevicePose& pose) mutable {
     if (pose.user_id != id || pose.origin.participant != client) return;
@@ -60,7 +60,7 @@ void UserDevices::listen_to_device(User& user) {
     remote_pose.command_applied = pose.command_applied;
     remote_pose.measured_ns = pose.session_time_ns - session_offset_ns_.load(std::memory_order_relaxed);
     remote_pose.arrived_ns = now_ns;
-    remote->on_pose(remote_pose);
+    out.post({number, remote->on_pose(remote_pose)});
   };
   user.poses = std::make_unique<wire::Reader<session::DevicePose>>(
       participants_, wire::topics::kDevicePose, on_pose, wire::EndpointOptions{wire::user_partition(user.name)});
@@ -70,13 +70,13 @@ void UserDevices::remove(std::uint32_t probe) {
   const auto at = users_.find(probe);
   if (at == users_.end()) return;
   User& user = at->second;
-  set_device(probe, nullptr);
+  order(probe, {});
   remote_endpoints_[probe] = {};
   const std::uint64_t remotes = remote_endpoints_out_.post(remote_endpoints_);
   user_ids_[probe] = 0;
   user.intents.reset();
   user.poses.reset();
-  departed_users_.push_back({std::move(user), orders_.now().number, remotes});
+  departed_users_.push_back({std::move(user), remotes});
   users_.erase(at);
   free_departed();
 }
@@ -84,9 +84,8 @@ void UserDevices::remove(std::uint32_t probe) {
 void UserDevices::free_departed() {
   departed_users_.erase(std::remove_if(departed_users_.begin(), departed_users_.end(),
                                        [this](const DepartedUser& departed) {
-                                         const bool has_commands = departed.user.commands != nullptr;
-                                         return orders_.obeyed(departed.orders) &&
-                                                (!has_commands || remote_endpoints_out_.is_adopted(departed.remotes));
+                                         return departed.user.commands == nullptr ||
+                                                remote_endpoints_out_.is_adopted(departed.remotes);
                                        }),
                         departed_users_.end());
 }
@@ -94,26 +93,23 @@ void UserDevices::free_departed() {
 void UserDevices::on_intent(const session::Intent& intent, std::int64_t ahead_ns) {
   for (auto& [probe, user] : users_) {
     if (user.id != intent.user_id || user.client != intent.origin.participant || intent.path.empty()) continue;
-    if (orders_.now().devices[probe] != nullptr && user.hand == nullptr) continue;  // it has a local or remote device
-    if (user.hand == nullptr) {
-      haptics::HandSettings hand;
-      sharing::set_start(intent, hand);
-      hand.seed = probe + 1;
-      user.hand = std::make_unique<haptics::SimulatedDevice>(hand);
-      set_device(probe, user.hand.get());
+    if (orders_[probe].source == PoseSource::kRemote) continue;
+    if (orders_[probe].source == PoseSource::kNone) {
+      const session::Pose& start = intent.path.front().pose;
+      order(probe, {PoseSource::kHand, probe + 1, user.number, start.position, start.orientation});
     }
-    user.hand->paths().post(sharing::hand_path(intent, ahead_ns));
+    MailboxWriter{link_.paths[probe]}.post({user.number, sharing::hand_path(intent, ahead_ns)});
   }
 }
 
 void UserDevices::open_remote_devices() {
   for (auto& [probe, user] : users_) {
-    if (user.remote == nullptr || !user.remote->has_pose() || orders_.now().devices[probe] != nullptr) continue;
+    if (user.remote == nullptr || !user.remote->has_pose() || orders_[probe].source != PoseSource::kNone) continue;
     user.commands = std::make_unique<wire::Writer<session::DeviceCommand>>(
         participants_, wire::topics::kDeviceCommand, wire::EndpointOptions{wire::user_partition(user.name)});
     remote_endpoints_[probe] = {user.remote.get(), user.id, user.commands.get()};
     remote_endpoints_out_.post(remote_endpoints_);
-    set_device(probe, user.remote.get());
+    order(probe, {.source = PoseSource::kRemote, .user = user.number});
     spdlog::info("user {} has a remote device", user.name);
   }
 }
@@ -122,7 +118,7 @@ void UserDevices::add_figures(std::vector<session::Figure>& figures) const {
   namespace names = session::figures;
   double remotes = 0, round_trip = 0;
   for (const auto& [probe, user] : users_) {
-    if (user.remote == nullptr || orders_.now().devices[probe] != user.remote.get()) continue;
+    if (orders_[probe].source != PoseSource::kRemote) continue;
     ++remotes;
     round_trip = std::max(round_trip, user.remote->round_trip());
   }

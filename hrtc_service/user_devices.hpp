@@ -1,13 +1,12 @@
-/// Manages the devices of this HRTC's users, and the endpoints of devices at clients.
+/// Orders the sources of the poses of this HRTC's users, and has the endpoints of devices at clients.
 ///
-///     at this machine               LocalUser                                  --> Device
-///     at a client, simulated here   intent          --> service's inbox        --> SimulatedDevice
-///     at a client                   device_pose     --> (DDS)                  --> RemoteDevice
-///                                   device_command  <-- sender <-- reports     <--
+///     at a client, simulated here   intent          --> service's inbox --> DeviceLink::paths
+///     at a client                   device_pose     --> (DDS)           --> DeviceLink::poses
+///                                   device_command  <-- sender          <-- reports
 ///
-/// The haptic thread receives all devices in its commands. The sender receives the devices at clients by a Handover.
-/// When a user has left, the user's devices are destroyed as soon as neither thread uses them. Service thread, unless a
-/// comment names another one.
+/// The servo has the devices at this machine. The sender receives the devices at clients by a Handover. When a user has
+/// left, the user's writer is destroyed as soon as the sender does not use it. Service thread, unless a comment names
+/// another one.
 #pragma once
 
 #include <array>
@@ -21,9 +20,9 @@
 #include <vector>
 
 #include "haptics/remote_device.hpp"
-#include "haptics/simulated_device.hpp"
+#include "hrtc_service/device_link.hpp"
 #include "hrtc_service/handover.hpp"
-#include "hrtc_service/haptic_thread.hpp"
+#include "hrtc_service/servo_link.hpp"
 #include "session/messages.hpp"
 #include "session/sequence_window.hpp"
 #include "wire/endpoints.hpp"
@@ -33,26 +32,28 @@ namespace tactus::hrtc_service {
 class UserDevices {
  public:
   using OnIntent = std::function<void(session::Intent&&)>;
-  /// `on_intent` receives the intents of this HRTC's users, in threads of DDS. `participants`, `orders` and the objects
+  /// `on_intent` receives the intents of this HRTC's users, in threads of DDS. `participants`, `link` and the objects
   /// that `on_intent` uses must outlive this object.
-  UserDevices(wire::Participants& participants, HapticCommandPoster& orders, OnIntent on_intent);
+  UserDevices(wire::Participants& participants, DeviceLink& link, OnIntent on_intent);
   ~UserDevices();
 
   /// Adds a user whose device is at this machine.
-  void add_local(std::uint32_t probe, const std::string& user, std::unique_ptr<haptics::Device> device);
+  void add_local(std::uint32_t probe, const std::string& user);
   /// Adds a client's user: opens the endpoints of its intents and poses.
   void add(std::uint32_t probe, const std::string& user, std::uint64_t client);
-  /// Removes a user: closes the endpoints, and commands the haptic thread to stop using the device.
+  /// Removes a user: closes the endpoints, and orders that the probe has no device.
   void remove(std::uint32_t probe);
 
   /// Sets the path that a simulated hand follows. `ahead_ns`: local clock minus session time.
   void on_intent(const session::Intent& intent, std::int64_t ahead_ns);
-  /// Passes to the haptic thread the devices that have sent their first pose since the last call.
+  /// Orders that the servo uses the devices that have sent their first pose since the last call.
   void open_remote_devices();
-  /// Destroys the devices of users who have left, if no thread uses them any more. Call it every few milliseconds.
+  /// Destroys the writers of users who have left, if the sender does not use them any more. Call it every few
+  /// milliseconds.
   void free_departed();
-  /// Returns the number of users who have left and whose devices still exist.
+  /// Returns the number of users who have left and whose writers still exist.
   [[nodiscard]] std::size_t departed_count() const noexcept { return departed_users_.size(); }
+  [[nodiscard]] const ProbeOrders& orders() const noexcept { return orders_; }
   /// Sets the offset for later poses: session time minus local clock.
   void on_clock(std::int64_t session_offset_ns) noexcept { session_offset_ns_ = session_offset_ns; }
 
@@ -72,31 +73,33 @@ class UserDevices {
     std::string name;
     std::uint64_t id = 0;
     std::uint64_t client = 0;                                        // participant; 0: the device is at this machine
-    std::unique_ptr<haptics::Device> local_device;                   // device at this machine
-    std::unique_ptr<haptics::SimulatedDevice> hand;                  // after its first intent
-    std::unique_ptr<haptics::RemoteDevice> remote;                   // receives the poses of a device at the client
+    std::uint64_t number = 0;                                        // as in ProbeOrder::user
+    std::unique_ptr<haptics::RemoteTiming> remote;                   // of a device at the client
     std::unique_ptr<wire::Writer<session::DeviceCommand>> commands;  // after the first pose
     std::unique_ptr<wire::Reader<session::Intent>> intents;
     std::unique_ptr<wire::Reader<session::DevicePose>> poses;  // declared last: its callback uses `remote`
   };
-  /// A user who has left. `orders` and `remotes`: numbers of the first lists that do not name the user's devices.
+  /// A user who has left. `remotes`: number of the first list that does not name the user's device.
   struct DepartedUser {
     User user;
-    std::uint64_t orders = 0, remotes = 0;
+    std::uint64_t remotes = 0;
   };
   /// A remote device and its writer, for the sender.
   struct RemoteEndpoint {
-    haptics::RemoteDevice* device = nullptr;  // null: this probe has none
+    haptics::RemoteTiming* device = nullptr;  // null: this probe has none
     std::uint64_t user_id = 0;
     wire::Writer<session::DeviceCommand>* commands = nullptr;
   };
   using RemoteEndpoints = std::array<RemoteEndpoint, kMaxProbes>;
 
-  void listen_to_device(User& user);
-  void set_device(std::uint32_t probe, haptics::Device* device);
+  void listen_to_device(std::uint32_t probe, User& user);
+  void order(std::uint32_t probe, const ProbeOrder& order);
 
   wire::Participants& participants_;
-  HapticCommandPoster& orders_;
+  DeviceLink& link_;
+  MailboxWriter<ProbeOrders> orders_out_;
+  ProbeOrders orders_{};
+  std::uint64_t users_added_ = 0;
   OnIntent on_intent_;
   std::array<std::atomic<std::uint64_t>, kMaxProbes> user_ids_{};
   std::atomic<std::int64_t> session_offset_ns_{0};

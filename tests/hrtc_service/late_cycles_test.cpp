@@ -357,11 +357,8 @@ std::vector<LateVerdict> verdicts_on(const Cause& cause, LateClass expected) {
   HrtcCoreSettings core_settings;
   core_settings.pool = spm::PoolSettings::for_slots(64);
   HrtcCore core{session::Origin{1, 2, 3, 0}, core_settings};
-  HapticThread haptic{settings, core.servo()};
   DelayingDevice device{cause};
-  HapticCommands commands;
-  commands.devices[0] = &device;
-  haptic.commands().post(commands);
+  HapticThread haptic{settings, core.servo(), core.link().devices, {&device}};
   (void)haptic.start();
   LateCycleClassifier classifier;
   std::vector<LateVerdict> all_verdicts;

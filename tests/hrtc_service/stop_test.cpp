@@ -66,7 +66,6 @@ haptics::HandSettings hand_at(double x) {
 class EmergencyStop : public ::testing::Test {
  protected:
   void SetUp() override {
-    orders_.post([this](hrtc_service::HapticCommands& commands) { commands.devices[0] = &hand_; });
     (void)haptic_.start();
     haptics::HandPath path;
     path.waypoints[path.count++] = {hrtc_service::monotonic_ns(), {radius_ - 0.002, 0, 0}};
@@ -111,8 +110,7 @@ class EmergencyStop : public ::testing::Test {
   hrtc_service::HrtcCore core_{session::Origin{kSession, kHrtc, 1, 0}, core_settings(model_)};
   hrtc_service::Membership membership_{
       session::Origin{kSession, kHrtc, 1, 0}, {"hrtc", "session"}, core_.gateway(), hrtc_service::monotonic_ns()};
-  hrtc_service::HapticThread haptic_{haptic_settings(), core_.servo()};
-  hrtc_service::HapticCommandPoster orders_{haptic_};
+  hrtc_service::HapticThread haptic_{haptic_settings(), core_.servo(), core_.link().devices, {&hand_}};
   const spm::codec::EncodedModel encoded_{model_};
   host_service::HostCore host_{session::Origin{kSession, kHost, 1, 0},
                                host_service::host_of("sphere", encoded_.compressed()), hrtc_service::monotonic_ns()};

@@ -121,11 +121,6 @@ class Threads : public ::testing::Test {
       mesh_hashes_.insert(query.mesh_hash);
     }
   }
-  void request_snapshot() {
-    commands_.snapshots = 1;
-    haptic_.commands().post(commands_);
-  }
-
   [[nodiscard]] hrtc_service::FlightOptions flight_options() const {
     hrtc_service::FlightOptions options;
     options.folder = folder_.path();
@@ -162,31 +157,29 @@ class Threads : public ::testing::Test {
   hrtc_service::FlightSaver flight_{flight_options(),
                                     hrtc_service::flight_start("desk", hrtc_service::CycleSettings{}, pool_, {}), 1};
   hrtc_service::HrtcCore core_{kHrtcOrigin, core_settings()};
-  hrtc_service::HapticThread haptic_{haptic_settings(), core_.servo()};
+  SystemCallRecordingHand device_{hand_settings()};
+  hrtc_service::HapticThread haptic_{haptic_settings(), core_.servo(), core_.link().devices, {&device_}};
   const std::int64_t start_ns_ = hrtc_service::monotonic_ns();
   host_service::HostCore host_{session::Origin{kSession, kHost, 1, 0},
                                host_service::host_of("sphere", encoded_.compressed()), start_ns_};
   hrtc_service::Membership membership_{kHrtcOrigin, {"hrtc", "session"}, core_.gateway(), start_ns_};
-  SystemCallRecordingHand device_{hand_settings()};
-  hrtc_service::HapticCommands commands_;
   std::uint64_t contact_reports_ = 0, exact_reports_ = 0, logged_queries_ = 0;
   std::set<std::uint64_t> mesh_hashes_;
   hrtc_service::RingReader<trace::LoggedQuery, hrtc_service::ContactQuery::kLogEntries> queries_{core_.log()};
 };
 
 TEST_F(Threads, TheHapticThreadMakesNoSystemCallWhileTheLoaderLoadsAndEvictsRegions) {
-  commands_.devices[0] = &device_;
-  haptic_.commands().post(commands_);
   flight_.start();
   test_support::SystemCalls::clear();
   (void)haptic_.start();
 
+  bool is_snapshot_requested = false;
   // Waits for enough exact contacts, coarsened regions and a snapshot. The timeout of ctest limits the wait.
   while (exact_reports_ < 200 || core_.gateway().loader().figures().regions_coarsened < 3 ||
          core_.servo().snapshots_done() == 0) {
     const std::int64_t now_ns = hrtc_service::monotonic_ns();
     move_hand(now_ns);
-    if (contact_reports_ == 100) request_snapshot();
+    if (contact_reports_ >= 100 && !std::exchange(is_snapshot_requested, true)) (void)haptic_.request_snapshot();
     exchange(now_ns);
     count_contacts();
     drain_rings();

@@ -1,4 +1,4 @@
-// Devices and writers of users who have left an HRTC are freed, but not while a thread may use them.
+// Writers of users who have left an HRTC are freed, but not while the sender may use them.
 
 #include "hrtc_service/user_devices.hpp"
 
@@ -8,7 +8,7 @@
 #include <string>
 #include <thread>
 
-#include "hrtc_service/hrtc_core.hpp"
+#include "hrtc_service/probe_devices.hpp"
 #include "hrtc_service/realtime.hpp"
 
 namespace tactus::hrtc_service {
@@ -22,86 +22,82 @@ wire::SessionAddress address(const std::string& participant) {
   return address;
 }
 
-/// The haptic thread runs. The test's thread is the sender: after a call of send_commands, its writers count as in use
-/// until the next call.
+/// The test's thread is the sender: after a call of send_commands, its writers count as in use until the next call.
 class UserDevicesTest : public testing::Test {
  protected:
-  UserDevicesTest() {
-    HapticSettings settings;
-    settings.priority = 0;
-    HrtcCoreSettings core_settings;
-    core_settings.pool = spm::PoolSettings::for_slots(64);
-    core_.emplace(participants_.origin(), core_settings);
-    haptic_.emplace(settings, core_->servo());
-    haptic_commands_.emplace(*haptic_);
-    devices_.emplace(participants_, *haptic_commands_, [](session::Intent&&) {});
-    (void)haptic_->start();
-  }
-  ~UserDevicesTest() override { haptic_->stop(); }
-
-  /// Publishes poses of the user until its device is in the commands to the haptic thread. The timeout of
-  /// ctest limits the wait.
+  /// Publishes poses of the user until the servo has the order to use its device. The timeout of ctest limits the wait.
   void open_device(const std::string& user) {
     wire::Writer<session::DevicePose> poses{client_, wire::topics::kDevicePose,
                                             wire::EndpointOptions{wire::user_partition(user)}};
     session::DevicePose pose;
     pose.user_id = session::id_of(user);
-    while (haptic_commands_->now().devices[0] == nullptr) {
+    while (devices_.orders()[0].source != PoseSource::kRemote) {
       pose.origin = client_.origin();
       ++pose.sequence;
       (void)poses.send(pose);
-      devices_->open_remote_devices();
+      devices_.open_remote_devices();
       std::this_thread::yield();
     }
   }
 
   wire::Participants participants_{address("hrtc")};
   wire::Participants client_{address("client")};
-  std::optional<HrtcCore> core_;
-  std::optional<HapticThread> haptic_;
-  std::optional<HapticCommandPoster> haptic_commands_;
-  std::optional<UserDevices> devices_;
+  DeviceLink link_;
+  UserDevices devices_{participants_, link_, [](session::Intent&&) {}};
 };
 
 TEST_F(UserDevicesTest, DevicesAndWritersAreFreedAfterTheirUsersHaveLeft) {
   ProbeReports report;
   for (int round = 0; round < 10; ++round) {
     const std::string user = "user " + std::to_string(round);
-    devices_->add(0, user, client_.origin().participant);
+    devices_.add(0, user, client_.origin().participant);
     open_device(user);
     report.probes[0].active = true;
-    devices_->send_commands(report);
-    devices_->remove(0);
-    while (devices_->departed_count() > 0) {
-      devices_->send_commands(report);
-      devices_->free_departed();
+    devices_.send_commands(report);
+    devices_.remove(0);
+    while (devices_.departed_count() > 0) {
+      devices_.send_commands(report);
+      devices_.free_departed();
       std::this_thread::yield();
     }
   }
   for (int round = 0; round < 20; ++round) {  // users without a device, for whom nothing is sent
     const std::string user = "hand " + std::to_string(round);
-    devices_->add(0, user, client_.origin().participant);
-    devices_->remove(0);
+    devices_.add(0, user, client_.origin().participant);
+    devices_.remove(0);
   }
-  while (devices_->departed_count() > 0) devices_->free_departed();
-  EXPECT_EQ(devices_->user_at(0), 0u);
+  while (devices_.departed_count() > 0) devices_.free_departed();
+  EXPECT_EQ(devices_.user_at(0), 0u);
+}
+
+TEST_F(UserDevicesTest, TheServoReadsThePosesOfAClientsDevice) {
+  ProbeDevices probes{link_, {}, haptics::DeviceFrame{}};
+  std::array<ProbeInput, kMaxProbes> inputs;
+  devices_.add(0, "ann", client_.origin().participant);
+  probes.read(monotonic_ns(), inputs);
+  EXPECT_FALSE(inputs[0].active) << "no pose has arrived";
+  open_device("ann");
+  probes.read(monotonic_ns(), inputs);
+  EXPECT_TRUE(inputs[0].active);
+  EXPECT_GT(inputs[0].device.sequence, 0u);
+  devices_.remove(0);
+  probes.read(monotonic_ns(), inputs);
+  EXPECT_FALSE(inputs[0].active);
 }
 
 TEST_F(UserDevicesTest, AWriterIsNotDestroyedWhileTheSenderMayUseIt) {
-  devices_->add(0, "ann", client_.origin().participant);
+  devices_.add(0, "ann", client_.origin().participant);
   open_device("ann");
   ProbeReports report;
   report.probes[0].active = true;
-  devices_->send_commands(report);
-  const std::uint64_t removal = haptic_commands_->now().number + 1;  // number of the commands without the device
-  devices_->remove(0);
-  while (!haptic_commands_->obeyed(removal)) std::this_thread::yield();
-  devices_->free_departed();
+  devices_.send_commands(report);
+  devices_.remove(0);
+  devices_.free_departed();
 
-  EXPECT_EQ(devices_->departed_count(), 1u) << "the sender may still use the writer";
-  devices_->send_commands(report);
-  devices_->free_departed();
-  EXPECT_EQ(devices_->departed_count(), 0u);
+  EXPECT_EQ(devices_.departed_count(), 1u) << "the sender may still use the writer";
+  devices_.send_commands(report);
+  devices_.free_departed();
+  EXPECT_EQ(devices_.departed_count(), 0u);
 }
 
 TEST(Handover, AnObjectLivesUntilTheOtherThreadHasTakenALaterList) {

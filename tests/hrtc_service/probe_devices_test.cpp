@@ -1,0 +1,181 @@
+#include "hrtc_service/probe_devices.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cstring>
+#include <limits>
+#include <random>
+
+namespace tactus::hrtc_service {
+namespace {
+
+constexpr std::int64_t kPeriodNs = 1'000'000;
+constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+
+class ProbeDevicesTest : public testing::Test {
+ protected:
+  void read() { devices_.read(now_ns_ += kPeriodNs, inputs_); }
+  void read(int cycles) {
+    for (int cycle = 0; cycle < cycles; ++cycle) read();
+  }
+  void order(const ProbeOrder& order) {
+    ProbeOrders orders{};
+    orders[1] = order;
+    MailboxWriter{link_.orders}.post(orders);
+  }
+  void send_path(std::uint64_t user, const std::array<double, 3>& position) {
+    UserPath path{user, {}};
+    path.path.waypoints[path.path.count++] = {now_ns_, position};
+    MailboxWriter{link_.paths[1]}.post(path);
+  }
+  [[nodiscard]] haptics::TimedPose pose_at(double x) const {
+    haptics::TimedPose timed;
+    timed.pose.position = {x, 0, 0};
+    timed.pose.sequence = 7;
+    timed.pose.measured_ns = now_ns_ - 2 * kPeriodNs;
+    timed.pose.arrived_ns = now_ns_;
+    return timed;
+  }
+  void send_pose(std::uint64_t user, const haptics::TimedPose& pose) {
+    MailboxWriter{link_.poses[1]}.post({user, pose});
+  }
+  [[nodiscard]] const ProbeInput& input() const { return inputs_[1]; }
+  [[nodiscard]] double x() const { return input().device.position.x(); }
+
+  std::int64_t now_ns_ = 1'000'000'000;
+  DeviceLink link_;
+  haptics::SimulatedDevice local_{{.start = {0.5, 0, 0}}};
+  ProbeDevices devices_{link_, {&local_}, haptics::DeviceFrame{Eigen::Quaterniond::Identity(), {0, 0, 1}, 1}};
+  std::array<ProbeInput, kMaxProbes> inputs_;
+};
+
+TEST_F(ProbeDevicesTest, AProbeWithALocalDeviceAlwaysHasIt) {
+  ProbeOrders orders{};
+  orders[0] = {.source = PoseSource::kRemote, .user = 3};
+  MailboxWriter{link_.orders}.post(orders);
+  read();
+  EXPECT_TRUE(inputs_[0].active);
+  EXPECT_TRUE(inputs_[0].device.position.isApprox(Vec3d{0.5, 0, 1})) << "in the world frame";
+  for (std::uint32_t i = 1; i < kMaxProbes; ++i) EXPECT_FALSE(inputs_[i].active);
+}
+
+TEST_F(ProbeDevicesTest, AHandFollowsItsPathAndFeelsTheForce) {
+  order({.source = PoseSource::kHand, .user = 1, .start = {0.1, 0, 0}});
+  read();
+  EXPECT_TRUE(input().active);
+  EXPECT_DOUBLE_EQ(x(), 0.1);
+  send_path(1, {0.2, 0, 0});
+  read(1000);
+  EXPECT_NEAR(x(), 0.2, 0.001);
+
+  std::array<ProbeOutput, kMaxProbes> outputs{};
+  outputs[1].force = {2, 0, 0};
+  for (int cycle = 0; cycle < 1000; ++cycle) {
+    devices_.write(outputs);
+    read();
+  }
+  EXPECT_NEAR(x(), 0.2 + 2.0 / haptics::HandSettings{}.hand_stiffness, 0.001);
+}
+
+TEST_F(ProbeDevicesTest, APathThatArrivesBeforeTheOrderForItsUserIsKept) {
+  send_path(1, {0.2, 0, 0});
+  read();
+  order({.source = PoseSource::kHand, .user = 1});
+  read(1000);
+  EXPECT_NEAR(x(), 0.2, 0.001);
+}
+
+TEST_F(ProbeDevicesTest, ALaterUserDoesNotGetThePathOrThePoseOfAnEarlierOne) {
+  order({.source = PoseSource::kHand, .user = 1});
+  send_path(1, {0.2, 0, 0});
+  read(1000);
+  order({.source = PoseSource::kHand, .user = 2, .start = {0.1, 0, 0}});
+  read(1000);
+  EXPECT_NEAR(x(), 0.1, 0.001);
+
+  order({.source = PoseSource::kRemote, .user = 3});
+  send_pose(3, pose_at(0.3));
+  read();
+  EXPECT_DOUBLE_EQ(x(), 0.3);
+  order({.source = PoseSource::kRemote, .user = 4});
+  read();
+  EXPECT_DOUBLE_EQ(x(), 0);
+  EXPECT_GT(input().pose_age, 0.5) << "without a pose, the force is off";
+}
+
+TEST_F(ProbeDevicesTest, ARemotePoseHasItsAgeAndTransit) {
+  order({.source = PoseSource::kRemote, .user = 1});
+  send_pose(1, pose_at(0.3));
+  read(5);
+  EXPECT_TRUE(input().active);
+  EXPECT_EQ(input().device.sequence, 7u);
+  EXPECT_NEAR(input().pose_age, 7e-3, 1e-9);
+  EXPECT_NEAR(input().device.transit, 2e-3, 1e-9);
+}
+
+TEST_F(ProbeDevicesTest, WrongOrdersPathsAndPosesAreIgnored) {
+  order({.source = PoseSource::kHand, .user = 1});
+  read();
+  send_path(1, {kNan, 0, 0});
+  read();
+  EXPECT_EQ(x(), 0);
+  UserPath long_path{1, {}};
+  long_path.path.count = 1000;
+  MailboxWriter{link_.paths[1]}.post(long_path);
+  read(10);
+  EXPECT_EQ(x(), 0);
+
+  order({.source = PoseSource::kHand, .user = 2, .start = {1e300, 0, 0}});
+  read();
+  EXPECT_FALSE(input().active);
+  order({.source = static_cast<PoseSource>(77), .user = 3});
+  read();
+  EXPECT_FALSE(input().active);
+
+  order({.source = PoseSource::kRemote, .user = 4});
+  send_pose(4, pose_at(0.3));
+  read();
+  haptics::TimedPose wrong[] = {pose_at(kNan), pose_at(0.4), pose_at(0.4), pose_at(0.4)};
+  wrong[1].pose.orientation = {0, 0, 0, 0};
+  wrong[2].pose.measured_ns = std::numeric_limits<std::int64_t>::min();
+  wrong[3].round_trip = -1;
+  for (const haptics::TimedPose& pose : wrong) {
+    send_pose(4, pose);
+    read();
+    EXPECT_DOUBLE_EQ(x(), 0.3);
+  }
+}
+
+// Any bits in the link give finite states. The sanitizers check the accesses.
+TEST_F(ProbeDevicesTest, AnyBitsInTheLinkGiveFiniteStates) {
+  std::mt19937_64 random{20261126};
+  int active = 0;
+  for (int step = 0; step < 20000; ++step) {
+    ProbeOrder random_order{.source = static_cast<PoseSource>(random() % 4), .user = random() % 3};
+    if (random() % 4 == 0) random_order.start[random() % 3] = std::bit_cast<double>(random());
+    order(random_order);
+    UserPath path{random() % 3, {}};
+    path.path.count = static_cast<std::uint32_t>(random() % 3 == 0 ? random() : 1 + random() % 16);
+    for (haptics::HandPath::Waypoint& waypoint : path.path.waypoints) {
+      waypoint.time_ns = now_ns_ + static_cast<std::int64_t>(random() % (200 * kPeriodNs));
+      if (random() % 64 == 0) waypoint.position[random() % 3] = std::bit_cast<double>(random());
+    }
+    MailboxWriter{link_.paths[1]}.post(path);
+    haptics::TimedPose pose = pose_at(0.1);
+    auto* const bytes = reinterpret_cast<unsigned char*>(&pose);
+    if (random() % 2 == 0) bytes[random() % sizeof pose] ^= static_cast<unsigned char>(1u << random() % 8);
+    send_pose(random() % 3, pose);
+    if (random() % 5 == 0) link_.orders.posted = random();
+    if (random() % 5 == 0) link_.paths[1].posted = random();
+    read();
+    if (!input().active) continue;
+    ++active;
+    ASSERT_TRUE(input().device.position.allFinite()) << "step " << step;
+    ASSERT_TRUE(input().device.velocity.allFinite()) << "step " << step;
+    ASSERT_TRUE(input().device.orientation.coeffs().allFinite()) << "step " << step;
+  }
+  EXPECT_GT(active, 5000);
+}
+
+}  // namespace
+}  // namespace tactus::hrtc_service
