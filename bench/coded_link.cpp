@@ -14,7 +14,7 @@ LinkRun send_deadband_coded(const States& states, const std::vector<std::uint32_
   cell.seconds = static_cast<double>(states.size()) * 1e-3;
   latency::RunSettings settings = run_settings();
   settings.link_seed = seed;
-  const latency::Timestamps stamps = latency::measure_locally(cell, settings, wire::stop_signal(), sent);
+  const latency::Timestamps stamps = latency::measure_locally(cell, settings, realtime::stop_signal(), sent);
   LinkRun run;
   std::vector<bool> has_arrived(states.size(), false);
   for (const latency::Arrival& arrival : stamps.arrivals) {

@@ -22,7 +22,7 @@
 #include "bench/session_run.hpp"
 #include "bench/stopwatch.hpp"
 #include "bench/surface_path.hpp"
-#include "hrtc_service/governor.hpp"
+#include "hrtc_service/servo/governor.hpp"
 #include "spm/fcl/fixed_mesh.hpp"
 #include "spm/triangle.hpp"
 

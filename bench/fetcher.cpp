@@ -67,19 +67,19 @@ void Fetcher::request_next() {
     return;  // a region must be in a published demand before it retires
   received_.reset();
   requested_ = last_region_ = (last_region_ + 1) % region_count_;
-  requested_ns_ = wire::monotonic_ns();
+  requested_ns_ = realtime::monotonic_ns();
   client_.set_wanted(object_, {{*requested_, 0}});
 }
 
 void Fetcher::run(std::int64_t until_ns, Samples* times) {
   times_ = times;
   session::PeriodicTimer heartbeat_timer{kHeartbeatPeriodNs};
-  for (std::int64_t now; (now = wire::monotonic_ns()) < until_ns && !wire::stop_signal();) {
+  for (std::int64_t now; (now = realtime::monotonic_ns()) < until_ns && !realtime::stop_signal();) {
     for (auto& arrived : inbox_.take(kMaxInboxWait))
       std::visit([&](const auto& sample) { receive(sample, arrived.at_ns); }, arrived.sample);
     if (heartbeat_timer.due(now)) publish_heartbeat();
     if (times_ != nullptr && ready_ && !requested_) request_next();
-    while (std::optional<session::Demand> demand = client_.demand(wire::monotonic_ns()))
+    while (std::optional<session::Demand> demand = client_.demand(realtime::monotonic_ns()))
       (void)demand_out_.send(*demand);
     if (object_ != 0) (void)client_.take_released(object_);
   }

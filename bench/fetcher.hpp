@@ -21,7 +21,7 @@ class Fetcher {
   /// Joins the session as the HRTC `address.participant`. Requests regions of the first object in the catalogue.
   explicit Fetcher(const wire::SessionAddress& address);
 
-  /// Takes part in the session until `until_ns` (monotonic) or wire::stop_signal. If `times` is not null, also requests
+  /// Takes part in the session until `until_ns` (monotonic) or realtime::stop_signal. If `times` is not null, also requests
   /// regions, one at a time, and adds to `times` the ms from each request to the complete region. Retires a region
   /// before it requests the next.
   void run(std::int64_t until_ns, Samples* times);

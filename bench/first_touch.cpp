@@ -179,7 +179,7 @@ double download(const netem::LinkedPair& pair, std::size_t bytes) {
     pair.enter_namespace(Side::kB);
     const Socket socket;
     const sockaddr_in server_address = address_of(Side::kA);
-    const std::int64_t start_ns = wire::monotonic_ns();
+    const std::int64_t start_ns = realtime::monotonic_ns();
     Socket::expect(
         ::connect(socket.descriptor(), reinterpret_cast<const sockaddr*>(&server_address), sizeof server_address) == 0,
         "connect");
@@ -189,7 +189,7 @@ double download(const netem::LinkedPair& pair, std::size_t bytes) {
       Socket::expect(count > 0, "recv");
       received += static_cast<std::size_t>(count);
     }
-    ms = static_cast<double>(wire::monotonic_ns() - start_ns) * 1e-6;
+    ms = static_cast<double>(realtime::monotonic_ns() - start_ns) * 1e-6;
   };
   try {
     in_own_thread(receive);

@@ -11,8 +11,8 @@
 
 #include "bench/bench_main.hpp"
 #include "latency/run.hpp"
+#include "realtime/process.hpp"
 #include "wire/participants.hpp"
-#include "wire/process.hpp"
 
 namespace tactus::bench {
 
@@ -77,7 +77,7 @@ inline void run_rounds(std::vector<Configuration>& configurations, const RoundSe
       Configuration& configuration = configurations[(i + static_cast<std::size_t>(round)) % configurations.size()];
       if (round % configuration.round_interval != 0) continue;
       configuration.test.seconds = settings.seconds;
-      configuration.add(latency::run_locally(configuration.test, run_options, wire::stop_signal()));
+      configuration.add(latency::run_locally(configuration.test, run_options, realtime::stop_signal()));
     }
   }
 }
@@ -91,17 +91,17 @@ inline void add_rows(Report& report, const std::string& quantity, const Configur
     report.add_percentiles(quantity + percentile, "runs", "us", *samples);
 }
 
-/// Calls bench_main. If wire::stop_signal is set when `run` throws or returns, it counts as interrupted, because rows
+/// Calls bench_main. If realtime::stop_signal is set when `run` throws or returns, it counts as interrupted, because rows
 /// may be missing.
 template <class Run>
 int latency_main(App& app, int argc, char** argv, Run&& run) {
   return bench_main(app, argc, argv, [&]() -> Report {
     try {
       Report report = run();
-      if (wire::stop_signal()) throw Interrupted{};
+      if (realtime::stop_signal()) throw Interrupted{};
       return report;
     } catch (const std::exception&) {
-      if (wire::stop_signal()) throw Interrupted{};
+      if (realtime::stop_signal()) throw Interrupted{};
       throw;
     }
   });

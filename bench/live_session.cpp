@@ -13,7 +13,7 @@ namespace {
 using std::chrono::milliseconds;
 
 void throw_if_stopped() {
-  if (wire::stop_signal()) throw std::runtime_error{"interrupted"};
+  if (realtime::stop_signal()) throw std::runtime_error{"interrupted"};
 }
 
 }  // namespace
@@ -39,7 +39,7 @@ struct LiveSession::Impl {
   void store(const session::Demand& demand) {
     if (demand.serving_host == observed.serving_host) return;
     observed.serving_host = demand.serving_host;
-    observed.serving_since_ns = wire::monotonic_ns();
+    observed.serving_since_ns = realtime::monotonic_ns();
   }
   void store(const session::ProbeState& state) {
     observed.states.push_back({state.user_id, state.sequence, state.status, state.session_time_ns, state.force});
@@ -126,10 +126,10 @@ std::string program_path(const std::string& name) {
 }
 
 std::int64_t wait_for_text(const e2e::Process& process, std::size_t from, const std::string& text, milliseconds limit) {
-  const std::int64_t end_ns = wire::monotonic_ns() + std::chrono::nanoseconds{limit}.count();
-  while (wire::monotonic_ns() < end_ns) {
+  const std::int64_t end_ns = realtime::monotonic_ns() + std::chrono::nanoseconds{limit}.count();
+  while (realtime::monotonic_ns() < end_ns) {
     throw_if_stopped();
-    if (process.output().find(text, from) != std::string::npos) return wire::monotonic_ns();
+    if (process.output().find(text, from) != std::string::npos) return realtime::monotonic_ns();
     std::this_thread::sleep_for(std::chrono::microseconds{300});  // resolution of the returned time
   }
   return 0;

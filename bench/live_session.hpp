@@ -15,9 +15,9 @@
 #include <vector>
 
 #include "netem/pair.hpp"
+#include "realtime/process.hpp"
 #include "tests/support/process.hpp"
 #include "wire/endpoints.hpp"
-#include "wire/process.hpp"
 
 namespace tactus::bench {
 
@@ -56,7 +56,7 @@ class LiveSession {
   [[nodiscard]] ObservedSession observed() const;
   void forget_states();
   /// Waits until `condition` holds. Throws std::runtime_error after `limit`, with `what` in its text, and at
-  /// wire::stop_signal.
+  /// realtime::stop_signal.
   void wait_until(const char* what, const std::function<bool(const ObservedSession&)>& condition,
                   std::chrono::milliseconds limit = std::chrono::seconds{20});
 
@@ -77,7 +77,7 @@ void in_own_thread(const std::function<void()>& work);
 /// time at which it appeared, monotonic ns, or 0 if it has not appeared within `limit`.
 [[nodiscard]] std::int64_t wait_for_text(const e2e::Process& process, std::size_t from, const std::string& text,
                                          std::chrono::milliseconds limit);
-/// Sleeps. Throws std::runtime_error at wire::stop_signal.
+/// Sleeps. Throws std::runtime_error at realtime::stop_signal.
 void pause(std::chrono::milliseconds time);
 
 }  // namespace tactus::bench

@@ -50,7 +50,7 @@ void add_records(Report& report, const Settings& settings, const std::atomic<boo
 }
 
 Report run(const Settings& settings) {
-  const std::atomic<bool>& stop = wire::stop_signal();
+  const std::atomic<bool>& stop = realtime::stop_signal();
   latency::RunSettings run_options = run_settings();
   run_options.link_seed = settings.seed;
 

@@ -24,7 +24,7 @@
 #include "bench/models.hpp"
 #include "bench/session_run.hpp"
 #include "bench/surface_path.hpp"
-#include "hrtc_service/flight_saver.hpp"
+#include "hrtc_service/servo/flight_saver.hpp"
 #include "spm/directory.hpp"
 #include "spm/fcl/fixed_mesh.hpp"
 #include "spm/offline/certificate.hpp"

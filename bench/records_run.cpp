@@ -8,7 +8,7 @@
 
 #include "latency/load.hpp"
 #include "netem/pair.hpp"
-#include "wire/process.hpp"
+#include "realtime/process.hpp"
 
 namespace tactus::bench {
 namespace {
@@ -57,11 +57,11 @@ RecordsRun run_records(const std::string& link, double seconds, std::size_t burs
 
   (void)sink->take_bursts();
   const std::uint64_t received_before = sink->bytes(), sent_before = load->sent_bytes();
-  const std::int64_t began = wire::monotonic_ns();
+  const std::int64_t began = realtime::monotonic_ns();
   wait(seconds, stop);
   RecordsRun run;
   const auto bytes = static_cast<double>(sink->bytes() - received_before);
-  run.mbyte_per_s = bytes * 1e3 / static_cast<double>(wire::monotonic_ns() - began);
+  run.mbyte_per_s = bytes * 1e3 / static_cast<double>(realtime::monotonic_ns() - began);
   run.sent_per_received = bytes > 0 ? static_cast<double>(load->sent_bytes() - sent_before) / bytes : 0;
   Samples sizes;
   for (const latency::MeshSink::Burst& burst : sink->take_bursts()) {

@@ -9,7 +9,7 @@ namespace tactus::bench {
 
 namespace {
 
-// Distances from the probe, m, as in hrtc_service/cycle.hpp: regions are refined within kRefineMargin, and coarsened
+// Distances from the probe, m, as in hrtc_service/servo/cycle.hpp: regions are refined within kRefineMargin, and coarsened
 // beyond kRetainMargin.
 constexpr double kRetainMargin = 0.002;
 constexpr double kRefineMargin = 0.0005;

@@ -54,16 +54,17 @@ int join(const std::string& session) {
   address.session = session;
   address.participant = "joiner." + std::to_string(getpid());
   std::atomic<std::int64_t> received_ns{0};
-  const std::int64_t start_ns = wire::monotonic_ns();
+  const std::int64_t start_ns = realtime::monotonic_ns();
   {
     wire::Participants participants{address};
-    const std::int64_t created_ns = wire::monotonic_ns();
+    const std::int64_t created_ns = realtime::monotonic_ns();
     const wire::Reader<session::ProbeState> states{participants, wire::topics::kProbeState, [&](session::ProbeState&&) {
                                                      std::int64_t none = 0;
-                                                     received_ns.compare_exchange_strong(none, wire::monotonic_ns());
+                                                     received_ns.compare_exchange_strong(none,
+                                                                                         realtime::monotonic_ns());
                                                    }};
     // The callback takes the time; the precision of this wait does not matter.
-    while (received_ns == 0 && wire::monotonic_ns() - start_ns < 10'000'000'000) std::this_thread::sleep_for(500us);
+    while (received_ns == 0 && realtime::monotonic_ns() - start_ns < 10'000'000'000) std::this_thread::sleep_for(500us);
     std::printf("created %.3f received %.3f\n", static_cast<double>(created_ns - start_ns) * 1e-6,
                 received_ns == 0 ? kUnfinished : static_cast<double>(received_ns - start_ns) * 1e-6);
     std::fflush(stdout);
@@ -118,17 +119,17 @@ class Rejoin {
     pause(duration);
     unblock_ingress(Side::kA);
     unblock_ingress(Side::kB);
-    const std::int64_t end_ns = wire::monotonic_ns();
+    const std::int64_t end_ns = realtime::monotonic_ns();
     const std::uint64_t right = right_incarnation_;
     try {
       session_.wait_until(
           "agreement", [&](const ObservedSession& observed) { return all_agree(observed, end_ns, right); },
           kMaxAgreementTime);
     } catch (const std::runtime_error&) {
-      if (wire::stop_signal()) throw;
+      if (realtime::stop_signal()) throw;
       return kUnfinished;
     }
-    const double ms = static_cast<double>(wire::monotonic_ns() - end_ns) * 1e-6;
+    const double ms = static_cast<double>(realtime::monotonic_ns() - end_ns) * 1e-6;
     pause(2s);
     return ms;
   }

@@ -14,8 +14,8 @@
 #include "bench/session_run.hpp"
 #include "bench/touch_path.hpp"
 #include "hrtc_service/flight_replay.hpp"
-#include "hrtc_service/flight_store.hpp"
-#include "hrtc_service/realtime.hpp"
+#include "hrtc_service/servo/flight_store.hpp"
+#include "realtime/periodic_clock.hpp"
 #include "spm/offline/model_file.hpp"
 #include "tests/support/temporary_folder.hpp"
 
@@ -134,9 +134,9 @@ void replay(Report& report, const std::string& name, const std::string& file, co
   std::fprintf(stderr, "replaying %s\n", name.c_str());
   hrtc_service::FlightReplayOptions options;
   options.model = [&](std::uint64_t digest) { return digest == model.summary().digest ? &model : nullptr; };
-  const std::int64_t start_ns = hrtc_service::monotonic_ns();
+  const std::int64_t start_ns = realtime::monotonic_ns();
   const hrtc_service::FlightReport flight = hrtc_service::replay_flight(file, options);
-  const double replay_s = static_cast<double>(hrtc_service::monotonic_ns() - start_ns) * 1e-9;
+  const double replay_s = static_cast<double>(realtime::monotonic_ns() - start_ns) * 1e-9;
   const Population recording{"recording, " + name, 1}, cycles{"cycles, " + name, flight.cycles};
   const auto count = [&](const char* what, std::uint64_t value) {
     report.add_value(what, cycles, "", static_cast<double>(value));
@@ -198,10 +198,10 @@ void measure_cost(Report& report) {
         inputs[i].active = true;
         inputs[i].device.position = path[cycle];
       }
-      const std::int64_t start_ns = hrtc_service::monotonic_ns();
+      const std::int64_t start_ns = realtime::monotonic_ns();
       recorder.touched(inputs, start_ns, nullptr, 0, session.haptic().result());
       recorder.refined(session.haptic(), {}, true);
-      const auto cost_ns = static_cast<double>(hrtc_service::monotonic_ns() - start_ns);
+      const auto cost_ns = static_cast<double>(realtime::monotonic_ns() - start_ns);
       (cycle % 1000 == 999 ? costs_with_state_ns : costs_ns).add(cost_ns);
       if (cycle % 20 == 0) store.drain();
     }

@@ -65,9 +65,9 @@ void terminate(Process& program) {
 /// Waits until `done` returns true, which is tested every 5 ms. Returns false if `limit_ns` passes first.
 template <class Done>
 bool wait_until(std::int64_t limit_ns, Done&& done) {
-  for (const std::int64_t until = wire::monotonic_ns() + limit_ns; !done();
+  for (const std::int64_t until = realtime::monotonic_ns() + limit_ns; !done();
        std::this_thread::sleep_for(milliseconds{5}))
-    if (wire::monotonic_ns() > until || wire::stop_signal()) return false;
+    if (realtime::monotonic_ns() > until || realtime::stop_signal()) return false;
   return true;
 }
 
@@ -140,7 +140,7 @@ std::array<WindowPercentiles, 3> run_trouble(const Testbed& testbed, const Scale
   SessionObserver observer{testbed.address(session, "observer")};
   Fetcher fetcher{testbed.address(session, "fetcher")};
   const auto run_fetcher = [&](double seconds, Samples* times) {
-    fetcher.run(wire::monotonic_ns() + static_cast<std::int64_t>(seconds * 1e9), times);
+    fetcher.run(realtime::monotonic_ns() + static_cast<std::int64_t>(seconds * 1e9), times);
   };
   for (int tries = 0; !(fetcher.ready() && observer.exact_users() >= 2); ++tries) {
     if (tries > 100)
@@ -148,7 +148,7 @@ std::array<WindowPercentiles, 3> run_trouble(const Testbed& testbed, const Scale
     run_fetcher(0.1, nullptr);
   }
   std::array<WindowPercentiles, 3> runs;
-  for (int window = 0; window < settings.windows && !wire::stop_signal(); ++window) {
+  for (int window = 0; window < settings.windows && !realtime::stop_signal(); ++window) {
     std::fprintf(stderr, "trouble: %d of %d\n", window + 1, settings.windows);
     for (const Impairment impairment : {Impairment::kNone, Impairment::kFrozen, Impairment::kThrottled}) {
       run_fetcher(1, nullptr);  // the impaired HRTC recovers from the window before
@@ -190,15 +190,15 @@ JoiningRun run_joining(const Testbed& testbed, int count, Tips tips) {
   const auto host = testbed.host(session);
   SessionObserver observer{testbed.address(session, "observer")};
   std::vector<std::unique_ptr<Process>> hrtcs;
-  const std::int64_t began = wire::monotonic_ns();
+  const std::int64_t began = realtime::monotonic_ns();
   for (int i = 0; i < count; ++i)
     hrtcs.push_back(testbed.hrtc(
         session, "hrtc-" + std::to_string(i), tips == Tips::kMoving ? "slow" : Testbed::resting_recording(i),
         {"--priority", "0", "--users", "1", "--pool", "16384", "--rate", "100", "--state-rate", "20"}));
   JoiningRun joining;
-  joining.started_s = static_cast<double>(wire::monotonic_ns() - began) / 1e9;
+  joining.started_s = static_cast<double>(realtime::monotonic_ns() - began) / 1e9;
   (void)wait_until(20 * kSecond, [&] { return observer.exact_users() >= hrtcs.size(); });
-  joining.ready_s = static_cast<double>(wire::monotonic_ns() - began) / 1e9;
+  joining.ready_s = static_cast<double>(realtime::monotonic_ns() - began) / 1e9;
   joining.exact_users = observer.exact_users();
   const auto cpu_of_all = [&] {
     double sum = cpu_seconds(host->pid());
@@ -254,7 +254,7 @@ CodedRun run_coded(const Testbed& testbed, const ScaleSettings& settings, int pr
   const auto add_totals = [&](double sign) {
     coded.cores += sign * cpu_seconds(host->pid());
     for (const auto& hrtc : hrtcs) coded.cores += sign * cpu_seconds(hrtc->pid());
-    coded.seconds += sign * static_cast<double>(wire::monotonic_ns()) / 1e9;
+    coded.seconds += sign * static_cast<double>(realtime::monotonic_ns()) / 1e9;
     coded.cycles += sign * sum_of(session::figures::kCycles);
     coded.overruns += sign * sum_of(session::figures::kOverruns);
     coded.preempted += sign * sum_of(session::figures::kPreempted);
@@ -367,7 +367,7 @@ void report_joining(const Testbed& testbed, const ScaleSettings& settings, Repor
     const int max = tips == Tips::kResting ? settings.joining_hrtcs : settings.joining_hrtcs / 2;
     const int min = settings.min_joining_hrtcs > 0 ? settings.min_joining_hrtcs : settings.joining_hrtcs / 8;
     for (const int count : doubled_counts(min, std::max(max, 1))) {
-      if (wire::stop_signal()) return;
+      if (realtime::stop_signal()) return;
       const JoiningRun joining = run_joining(testbed, count, tips);
       const Population population{std::string{"HRTCs, tips "} + (tips == Tips::kResting ? "at rest" : "at 5 cm/s"),
                                   static_cast<std::size_t>(count)};
@@ -388,7 +388,7 @@ void report_joining(const Testbed& testbed, const ScaleSettings& settings, Repor
 
 void report_coded(const Testbed& testbed, const ScaleSettings& settings, Report& report) {
   for (const int probes : doubled_counts(settings.probes / 8, settings.probes)) {
-    if (wire::stop_signal()) return;
+    if (realtime::stop_signal()) return;
     const CodedRun coded = run_coded(testbed, settings, probes);
     const std::string name = std::to_string(probes) + " probes at 5 cm/s";
     const Population population{"probes at 5 cm/s", static_cast<std::size_t>(probes)};

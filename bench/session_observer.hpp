@@ -9,11 +9,11 @@
 #include <utility>
 
 #include "bench/figures.hpp"
+#include "realtime/process.hpp"
 #include "session/figures.hpp"
 #include "session/messages.hpp"
 #include "wire/endpoints.hpp"
 #include "wire/participants.hpp"
-#include "wire/process.hpp"
 
 namespace tactus::bench {
 
@@ -81,7 +81,7 @@ class SessionObserver {
 
   void on_state(const session::ProbeState& state) {
     const std::lock_guard lock{mutex_};
-    const double age_us = static_cast<double>(wire::monotonic_ns() - state.origin.time_ns) / 1e3;
+    const double age_us = static_cast<double>(realtime::monotonic_ns() - state.origin.time_ns) / 1e3;
     if (ages_ != nullptr && state.user_id == user_with_ages_) ages_->add(age_us);
     if (counting_) {
       delivery_.ages_us.add(age_us);

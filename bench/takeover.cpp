@@ -133,7 +133,7 @@ class Takeover {
     const std::size_t serving = before.serving_host == session::id_of(kHosts[0]) ? 0 : 1;
     std::int64_t killed_ns = 0;
     kill_windows_.push_back(measure_window([&] {
-      killed_ns = wire::monotonic_ns();
+      killed_ns = realtime::monotonic_ns();
       hosts_[serving]->signal(SIGKILL);
     }));
     const ObservedSession after = session_.observed();
@@ -247,9 +247,9 @@ class Takeover {
     session_.forget_states();
     const std::size_t printed = desk_->output().size();
     begin();
-    const std::int64_t end_ns = wire::monotonic_ns() + std::chrono::nanoseconds{kWindow}.count();
+    const std::int64_t end_ns = realtime::monotonic_ns() + std::chrono::nanoseconds{kWindow}.count();
     records_ns_ = wait_for_text(*desk_, printed, "arrive again", kWindow);
-    while (wire::monotonic_ns() < end_ns) pause(10ms);
+    while (realtime::monotonic_ns() < end_ns) pause(10ms);
     WindowResult window;
     const std::vector<ObservedSession::State> states = session_.observed().states;
     std::map<std::uint64_t, ObservedSession::State> last;  // by user

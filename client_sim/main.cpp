@@ -9,9 +9,9 @@
 
 #include "client_sim/report_page.hpp"
 #include "client_sim/sim.hpp"
+#include "realtime/process.hpp"
 #include "session/modes.hpp"
 #include "wire/command_line.hpp"
-#include "wire/process.hpp"
 
 namespace {
 
@@ -105,7 +105,7 @@ int main(int argc, char** argv) {
   } catch (const CLI::ParseError& error) {
     return app.exit(error) == 0 ? 0 : 2;
   }
-  const std::atomic<bool>& stop = wire::stop_signal();
+  const std::atomic<bool>& stop = realtime::stop_signal();
   try {
     if (list) {
       for (const client_sim::BuiltInScenario& built_in : client_sim::built_in_scenarios())

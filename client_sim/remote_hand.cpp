@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <utility>
 
+#include "realtime/realtime.hpp"
 #include "sharing/hand_path.hpp"
-#include "wire/realtime.hpp"
 
 namespace tactus::client_sim {
 namespace {
@@ -33,13 +33,13 @@ RemoteHand::~RemoteHand() {
 
 void RemoteHand::set_intent(const session::Intent& intent, const session::ClockMap& map) {
   clock_.post(map);
-  const std::int64_t now_ns = wire::monotonic_ns();
+  const std::int64_t now_ns = realtime::monotonic_ns();
   device_.paths().post(sharing::hand_path(intent, now_ns - map.session_time(now_ns)));
 }
 
 void RemoteHand::on_command(const session::DeviceCommand& command) {
   if (command.user_id != user_id_ || command.origin.participant != hrtc_id_) return;
-  const std::int64_t now_ns = wire::monotonic_ns();
+  const std::int64_t now_ns = realtime::monotonic_ns();
   const session::Admission admission = commands_seen_.admit(command.origin, command.sequence, now_ns);
   if (admission == session::Admission::kImplausible) implausible_.fetch_add(1, std::memory_order_relaxed);
   if (!session::accepted(admission)) return;
@@ -49,16 +49,16 @@ void RemoteHand::on_command(const session::DeviceCommand& command) {
 void RemoteHand::run() {
   pthread_setname_np(pthread_self(), "remote hand");
   // A refusal is no error, because poses that are late only reduce the stiffness.
-  (void)wire::enter_realtime("remote hand", kPriority);
+  (void)realtime::enter_realtime("remote hand", kPriority);
   const auto period_ns = static_cast<std::int64_t>(1e9 / settings_.rate);
-  std::int64_t due_ns = wire::monotonic_ns();
+  std::int64_t due_ns = realtime::monotonic_ns();
   session::DevicePose pose;
   pose.user_id = user_id_;
   pose.radius = settings_.radius;
   while (running_) {
-    due_ns = std::max(due_ns + period_ns, wire::monotonic_ns());
-    wire::sleep_until(due_ns);
-    const std::int64_t now_ns = wire::monotonic_ns();
+    due_ns = std::max(due_ns + period_ns, realtime::monotonic_ns());
+    realtime::sleep_until(due_ns);
+    const std::int64_t now_ns = realtime::monotonic_ns();
     const ReceivedCommand& command = command_.latest();
     const double command_age = static_cast<double>(now_ns - command.arrived_ns) * 1e-9;
     const double share = std::clamp((kZeroBy - command_age) / (kZeroBy - kHold), 0.0, 1.0);

@@ -17,7 +17,7 @@
 namespace tactus::client_sim {
 namespace {
 
-using wire::monotonic_ns;
+using realtime::monotonic_ns;
 
 using Sample = std::variant<session::RosterEntry, session::CatalogueEntry, session::ProbeState, session::Metrics,
                             session::EmergencyStop, session::ForceReset, session::SessionEnd, session::ClockSample,

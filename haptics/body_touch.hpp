@@ -5,7 +5,7 @@
 /// The stiffness is that of ContactImpedance. Without a grab the spring pushes while the device is inside the body,
 /// with the friction of the proxy. Two probes that press from opposite sides can lift a body. With a grab the spring
 /// also pulls: it ends at the point of the body where the grab began, until the grab button is released. The shape of
-/// the body is any Surface in the body's frame. Tests and studies use this class; an HRTC uses hrtc_service/bodies.hpp.
+/// the body is any Surface in the body's frame. Tests and studies use this class; an HRTC uses hrtc_service/servo/bodies.hpp.
 ///
 /// World frame unless a name says `body`, SI. One thread at a time. Realtime: the cost is one step of the proxy.
 #pragma once

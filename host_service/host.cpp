@@ -11,9 +11,9 @@
 
 #include "host_service/host_core.hpp"
 #include "host_service/model_store.hpp"
+#include "realtime/realtime.hpp"
 #include "wire/endpoints.hpp"
 #include "wire/inbox.hpp"
-#include "wire/realtime.hpp"
 
 namespace tactus::host_service {
 
@@ -21,9 +21,9 @@ using session::Severity;
 
 namespace {
 
+using realtime::monotonic_ns;
 using std::chrono::microseconds;
 using std::chrono::milliseconds;
-using wire::monotonic_ns;
 
 constexpr milliseconds kMaxUnmatchedWait{5};  // while readers of an HRTC are not matched
 constexpr milliseconds kMaxWait{50};          // otherwise; the loop reads the stop flag at least this often
@@ -106,7 +106,8 @@ std::vector<ServedObject> open_models(const HostOptions& options, const Log& log
 /// of DDS start, which inherit the priority, and after all models are open. Models are built with the normal priority,
 /// because building takes all processors for minutes.
 const wire::SessionAddress& address_after_raising_priority(const HostOptions& options, const Log& log) {
-  if (options.raise_priority) log(Severity::kInfo, wire::raise_priority("host '" + options.address.participant + "'"));
+  if (options.raise_priority)
+    log(Severity::kInfo, realtime::raise_priority("host '" + options.address.participant + "'"));
   return options.address;
 }
 

@@ -7,8 +7,8 @@
 
 #include "host_service/host.hpp"
 #include "host_service/model_store.hpp"
+#include "realtime/process.hpp"
 #include "wire/command_line.hpp"
-#include "wire/process.hpp"
 
 namespace {
 
@@ -73,7 +73,7 @@ int main(int argc, char** argv) {
                                                         : spdlog::level::info;
     spdlog::log(level, "{}", line);
   };
-  const std::atomic<bool>& stop = wire::stop_signal();
+  const std::atomic<bool>& stop = realtime::stop_signal();
   try {
     if (!config.empty()) options.objects = host_service::read_config(config);
     for (const std::filesystem::path& model : models) {

@@ -4,7 +4,7 @@
 
 #include <algorithm>
 
-#include "hrtc_service/realtime.hpp"
+#include "realtime/periodic_clock.hpp"
 #include "session/units.hpp"
 
 namespace tactus::hrtc_service {
@@ -45,7 +45,7 @@ void BodyExchange::remove(std::uint32_t object_index, std::uint64_t object_id) {
 
 void BodyExchange::on_copy(std::uint32_t object, const session::ObjectCopy& copy) {
   if (copy.origin.participant == participants_.origin().participant) return;
-  const std::int64_t now_ns = monotonic_ns();
+  const std::int64_t now_ns = realtime::monotonic_ns();
   const std::int64_t session_now_ns = now_ns + session_offset_ns_.load(std::memory_order_relaxed);
   const std::lock_guard lock{ring_mutex_};
   if (!copy_admissions_[object].accept(copy, now_ns, session_now_ns)) return;

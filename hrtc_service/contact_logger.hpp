@@ -10,8 +10,8 @@
 #include <cstdint>
 #include <filesystem>
 
-#include "hrtc_service/contact_query.hpp"
 #include "hrtc_service/loader.hpp"
+#include "hrtc_service/servo/contact_query.hpp"
 #include "trace/contact_log.hpp"
 
 namespace tactus::hrtc_service {

@@ -4,7 +4,7 @@
 #include <string>
 
 #include "haptics/force.hpp"
-#include "hrtc_service/touch_object.hpp"
+#include "hrtc_service/servo/touch_object.hpp"
 #include "spm/flat_index.hpp"
 #include "spm/pool.hpp"
 

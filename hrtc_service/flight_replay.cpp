@@ -10,10 +10,10 @@
 #include <utility>
 #include <vector>
 
-#include "hrtc_service/build_id.hpp"
 #include "hrtc_service/flight_check.hpp"
-#include "hrtc_service/flight_recorder.hpp"
-#include "hrtc_service/touch_objects.hpp"
+#include "hrtc_service/servo/build_id.hpp"
+#include "hrtc_service/servo/flight_recorder.hpp"
+#include "hrtc_service/servo/touch_objects.hpp"
 #include "spm/codec/load_region.hpp"
 
 namespace tactus::hrtc_service {

@@ -12,7 +12,7 @@
 #include <functional>
 #include <string>
 
-#include "hrtc_service/cycle.hpp"
+#include "hrtc_service/servo/cycle.hpp"
 #include "spm/codec/compressed_model.hpp"
 #include "trace/flight_file.hpp"
 

@@ -11,7 +11,8 @@ constexpr std::int64_t kMaxTransitNs = 1'000'000'000;  // a larger difference is
 
 Gateway::Gateway(const spm::PoolSettings& pool, const session::Origin& self, const GatewaySettings& settings,
                  ServoLink& link)
-    : reports_in_{link.reports},
+    : link_{link},
+      reports_in_{link.reports},
       body_reports_in_{link.bodies.reports},
       near_out_{link.near_objects},
       loader_{pool, self, settings.loader, link.intake},
@@ -72,6 +73,7 @@ void Gateway::move_objects() {
 }
 
 void Gateway::tick(std::int64_t now_ns, const session::ClockMap& clock) {
+  link_.beat();
   take_reports();
   claims_.clear();
   if (!ownership_.bodies().empty()) {

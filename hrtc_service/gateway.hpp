@@ -19,7 +19,7 @@
 
 #include "hrtc_service/loader.hpp"
 #include "hrtc_service/ownership_client.hpp"
-#include "hrtc_service/servo_link.hpp"
+#include "hrtc_service/servo/servo_link.hpp"
 #include "session/clock.hpp"
 #include "session/transit.hpp"
 
@@ -93,6 +93,7 @@ class Gateway {
   void take_reports();
   void move_objects();
 
+  ServoLink& link_;
   MailboxReader<ProbeReports> reports_in_;
   MailboxReader<BodyReports> body_reports_in_;
   MailboxWriter<std::array<NearObjects, kMaxProbes>> near_out_;

@@ -13,7 +13,7 @@
 
 #include "hrtc_service/handover.hpp"
 #include "hrtc_service/remote_users.hpp"
-#include "hrtc_service/touch_object.hpp"
+#include "hrtc_service/servo/touch_object.hpp"
 #include "wire/endpoints.hpp"
 
 namespace tactus::hrtc_service {

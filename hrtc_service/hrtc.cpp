@@ -10,7 +10,7 @@
 #include <variant>
 
 #include "hrtc_service/hrtc_impl.hpp"
-#include "hrtc_service/realtime.hpp"
+#include "realtime/periodic_clock.hpp"
 #include "session/units.hpp"
 
 namespace tactus::hrtc_service {
@@ -22,6 +22,8 @@ constexpr std::int64_t kMinServiceAtRestNs = 8 * kMs;  // while Loader::at_rest
 constexpr std::int64_t kServicePeriodFactor = 10;      // period / duration of the last pass
 constexpr std::int64_t kMaxServiceNs = 10 * kMs;
 constexpr std::int64_t kSceneMetricsNs = 100 * kMs;
+constexpr std::int64_t kBaseMeshNs = kMs;        // period while a base mesh does not fit into the intake's ring
+constexpr std::int64_t kMaxPassNs = 2000 * kMs;  // a longer pass means that the service thread hangs
 
 wire::SessionAddress without_bulk_writers(wire::SessionAddress address) {
   address.only_reads_bulk = true;
@@ -32,35 +34,9 @@ bool is_same(const session::StopName& a, const session::StopName& b) {
   return a.participant == b.participant && a.incarnation == b.incarnation && a.number == b.number;
 }
 
-std::array<haptics::DeviceSpec, kMaxProbes> specs_of(const HrtcOptions& options) {
-  std::array<haptics::DeviceSpec, kMaxProbes> specs;
-  for (std::uint32_t i = 0; i < kMaxProbes; ++i)
-    if (i < options.local_users.size())
-      specs[i] = options.haptic.frame.to_world(options.local_users[i].device->spec());
-    else if (options.core.servo.cycle.tool != nullptr)  // a client itself limits the torque to that of its device
-      specs[i].max_torque = options.core.servo.cycle.force.max_torque;
-  return specs;
-}
-
 void log_event(session::Severity severity, const std::string& text) {
   constexpr spdlog::level::level_enum kLevels[] = {spdlog::level::info, spdlog::level::warn, spdlog::level::err};
   spdlog::log(kLevels[static_cast<std::size_t>(severity)], "{}", text);
-}
-
-std::unique_ptr<FlightSaver> flight_saver(const HrtcOptions& options) {
-  if (options.flight.seconds <= 0) return nullptr;
-  return std::make_unique<FlightSaver>(
-      options.flight,
-      flight_start(options.address.participant, options.core.servo.cycle, options.core.pool, specs_of(options)),
-      static_cast<std::uint32_t>(std::min<std::size_t>(options.max_users, kMaxProbes)));
-}
-
-HrtcCoreSettings core_settings(const HrtcOptions& options, FlightSaver* flight) {
-  HrtcCoreSettings settings = options.core;
-  settings.servo.specs = specs_of(options);
-  settings.servo.recorder = flight == nullptr ? nullptr : &flight->recorder();
-  settings.gateway.loader.clock = monotonic_ns;
-  return settings;
 }
 
 LocalDevices local_devices(const HrtcOptions& options) {
@@ -70,9 +46,23 @@ LocalDevices local_devices(const HrtcOptions& options) {
   return devices;
 }
 
-HapticSettings haptic_settings(const HrtcOptions& options) {
-  HapticSettings settings = options.haptic;
-  settings.period = options.core.servo.cycle.period;
+ServoOptions servo_options(const HrtcOptions& options) {
+  ServoOptions servo;
+  servo.participant = options.address.participant;
+  servo.pool = options.core.pool;
+  servo.directory_bytes = options.core.gateway.loader.directory_bytes;
+  servo.servo = options.core.servo;
+  servo.haptic = options.haptic;
+  servo.local = local_devices(options);
+  servo.max_users = options.max_users;
+  servo.flight = options.flight;
+  servo.save_requests = options.save_requests;
+  return servo;
+}
+
+GatewaySettings service_gateway_settings(const HrtcOptions& options) {
+  GatewaySettings settings = gateway_settings(options.core);
+  settings.loader.clock = realtime::monotonic_ns;
   return settings;
 }
 
@@ -81,14 +71,14 @@ HapticSettings haptic_settings(const HrtcOptions& options) {
 Hrtc::Impl::Impl(HrtcOptions given)
     : options{std::move(given)},
       participants{without_bulk_writers(options.address)},
-      flight{flight_saver(options)},
-      core{participants.origin(), core_settings(options, flight.get())},
-      haptic{haptic_settings(options), core.servo(), core.link().devices, local_devices(options)},
+      log_ring{options.log.empty() ? nullptr : std::make_unique<ContactQuery::LogRing>()},
+      servo{servo_options(options), *link, log_ring.get()},
+      gateway{options.core.pool, participants.origin(), service_gateway_settings(options), *link},
       membership{participants.origin(),
                  {options.address.participant, options.address.session, options.max_users},
                  gateway,
-                 monotonic_ns()},
-      devices{participants, core.link().devices, [this](session::Intent&& intent) { inbox.put(std::move(intent)); }},
+                 realtime::monotonic_ns()},
+      devices{participants, link->devices, [this](session::Intent&& intent) { inbox.put(std::move(intent)); }},
       roster_out{participants, wire::topics::kRoster},
       demand_out{participants, wire::topics::kDemand},
       clock_out{participants, wire::topics::kClock},
@@ -98,8 +88,9 @@ Hrtc::Impl::Impl(HrtcOptions given)
       groups{participants, [this](session::ProbeState&& state) { inbox.put(FullRateState{std::move(state)}); }},
       states{participants, options.core.servo.cycle.radius, options.uses_deadband,
              devices,      membership.remote_users(),       groups},
-      exchange{participants, core.link().bodies, gateway},
-      shown{participants, core.link(), loader} {
+      exchange{participants, link->bodies, gateway},
+      shown{participants, *link, loader} {
+  servo.on_event = log_event;
   gateway.on_event = log_event;
   gateway.on_object = [this](const ObjectDescription& object) {
     exchange.add(object);
@@ -115,10 +106,10 @@ Hrtc::Impl::Impl(HrtcOptions given)
   add_local_users();
   // The directory is made after every step that may throw, so that a failed start leaves none.
   if (!options.snapshot.empty()) expect_snapshot_directory(options.snapshot);
-  if (!options.log.empty()) contact_log = std::make_unique<ContactLogger>(options.log, core.log());
+  if (!options.log.empty()) contact_log = std::make_unique<ContactLogger>(options.log, *log_ring);
   if (!options.snapshot.empty()) {
     std::filesystem::create_directories(options.snapshot);
-    snapshots.emplace(options.snapshot, options.address.participant, loader);
+    snapshots.emplace(options.snapshot, options.address.participant, loader, *link);
   }
   listen(wire::topics::kStop);
   listen(wire::topics::kReset);
@@ -140,10 +131,8 @@ Hrtc::Impl::Impl(HrtcOptions given)
 }
 
 Hrtc::Impl::~Impl() {
-  haptic.stop();
   sending = false;
   if (sender.joinable()) sender.join();
-  if (flight) static_cast<void>(flight->stop());
 }
 
 void Hrtc::Impl::receive(session::EmergencyStop&& stop) {
@@ -164,9 +153,11 @@ void Hrtc::Impl::receive(session::RosterEntry&& entry) {
 
 /// Adds them before all others, so that they get the first probes, as in `local_devices`.
 void Hrtc::Impl::add_local_users() {
+  std::uint32_t next = 0;
   for (const LocalUser& local : options.local_users) {
     const std::optional<std::uint32_t> probe = membership.add_local(local.user);
     if (!probe) throw haptics::DeviceError("no probe left for user " + local.user + "; raise --users");
+    if (*probe != next++) throw haptics::DeviceError("user " + local.user + " has two devices; expected one");
     devices.add_local(*probe, local.user);
   }
 }
@@ -184,7 +175,7 @@ void Hrtc::Impl::process(const session::Intent& intent, std::int64_t now_ns) {
 
 /// Answers at once, because a delay adds to the error of the measurement.
 void Hrtc::Impl::process(const session::ClockSample& sample, std::int64_t now_ns) {
-  membership.on_clock(sample, now_ns, monotonic_ns());
+  membership.on_clock(sample, now_ns, realtime::monotonic_ns());
   process_output();
 }
 
@@ -236,7 +227,7 @@ void Hrtc::Impl::process_output() {
   }
   if (output.roster) send(std::move(*output.roster));
   // Other programs compare their scene with the scene in the metrics, so the metrics are due soon.
-  if (output.scene_changed) metrics.make_due_within(monotonic_ns(), kSceneMetricsNs);
+  if (output.scene_changed) metrics.make_due_within(realtime::monotonic_ns(), kSceneMetricsNs);
   if (output.name_conflict) {
     exit_code = 2;
     ended = true;
@@ -249,7 +240,13 @@ void Hrtc::Impl::acknowledge_stops() {
   if (stops.issue_local_stop()) spdlog::warn("emergency stop at this HRTC, by the stop button of a device or a signal");
   if (stops.acknowledge(stops_acknowledged)) membership.on_stops(stops_acknowledged);
   const bool before = std::exchange(stopped, stops.stopped());
-  if (stopped && !before && flight) flight->save("emergency stop", false);
+  if (stopped && !before) request_flight("emergency stop");
+}
+
+void Hrtc::Impl::request_flight(const std::string& reason) {
+  FlightRequest request;
+  reason.copy(request.reason.data(), request.reason.size() - 1);
+  (void)flight_requests.push(request);
 }
 
 void Hrtc::Impl::send(session::RosterEntry entry) {
@@ -261,24 +258,24 @@ void Hrtc::Impl::send(session::RosterEntry entry) {
 void Hrtc::Impl::tick_gateway(std::int64_t now_ns) {
   exchange.tick(now_ns, membership.clock());
   gateway.tick(now_ns, membership.clock());
-  core.tick_intake();
   exchange.send_claims();
   if (gateway.has_new_reports()) process_reports();
 }
 
-/// Sends probe states, commands and copies, and samples the system counters of the haptic thread. Runs in the sender
-/// thread. The haptic thread notifies no thread, so this one wakes by timer after the planned start of each cycle, and
-/// every twentieth of a period until the cycle's reports are there.
+/// Sends probe states, commands and copies, and heartbeats to the servo while the service thread makes passes. Runs in
+/// the sender thread. The haptic thread notifies no thread, so this one wakes by timer after the planned start of each
+/// cycle, and every twentieth of a period until the cycle's reports are there.
 void Hrtc::Impl::send_states() {
   pthread_setname_np(pthread_self(), "sender");
   prctl(PR_SET_TIMERSLACK, 1000);  // ns; by default ordinary threads wake 50 us late
   const std::int64_t step_ns = options.haptic.period_ns() / 20;
   const auto gap_ns = static_cast<std::int64_t>(1e9 / options.state_rate) - kMs / 2;
   std::int64_t sent_ns = 0;
-  MailboxReader<ProbeReports> reports{core.link().reports};
+  MailboxReader<ProbeReports> reports{link->reports};
   ProbeReports latest;
   while (sending) {
-    wire::sleep_until(std::max(latest.next_due_ns, monotonic_ns()) + step_ns);
+    realtime::sleep_until(std::max(latest.next_due_ns, realtime::monotonic_ns()) + step_ns);
+    if (realtime::monotonic_ns() - pass_ns.load(std::memory_order_relaxed) < kMaxPassNs) link->beat();
     if (!reports.take(latest)) continue;
     devices.send_commands(latest);
     exchange.send();
@@ -286,8 +283,7 @@ void Hrtc::Impl::send_states() {
       sent_ns = latest.time_ns;
       states.send(latest, sender_clock.latest());
     }
-    haptic.usage().sample(monotonic_ns());
-    if (reference_timer) reference_timer->usage().sample(monotonic_ns());
+    if (reference_timer) reference_timer->usage().sample(realtime::monotonic_ns());
   }
 }
 
@@ -306,21 +302,17 @@ void Hrtc::Impl::serve(std::int64_t now_ns) {
   devices.free_departed();
   if (sync_groups.due(now_ns)) groups.sync(membership.remote_users(), membership.user_ids());
   drain_rings();
-  if (options.save_requests != nullptr && save_requests_seen != *options.save_requests) {
-    save_requests_seen = *options.save_requests;
-    if (flight) flight->save("requested by a signal", true);
-  }
   take_snapshots(now_ns);
   if (!membership.has_found_host()) check_for_hosts(now_ns);
 }
 
 void Hrtc::Impl::send_requests() {
-  const std::int64_t now_ns = monotonic_ns();
+  const std::int64_t now_ns = realtime::monotonic_ns();
   while (auto demand = gateway.demand(now_ns)) {
     demand->origin = participants.origin();
     (void)demand_out.send(*demand);
   }
-  if (auto request = membership.clock_request(monotonic_ns())) {
+  if (auto request = membership.clock_request(realtime::monotonic_ns())) {
     const std::int64_t sent_ns = request->sample.t0_ns;
     request->sample.origin = participants.origin();
     request->sample.t0_ns = sent_ns;
@@ -343,21 +335,19 @@ void Hrtc::Impl::check_for_hosts(std::int64_t now_ns) {
 }
 
 void Hrtc::Impl::finish() {
-  haptic.stop();
+  if (!servo.stop()) exit_code = 1;
   sending = false;
   if (sender.joinable()) sender.join();
   reference_timer.reset();
   late_cycles.finish();
   drain_rings();
-  if (flight && !flight->stop()) exit_code = 1;
-  if (haptic.traces_dropped() > 0)
-    spdlog::warn("{} cycles are missing in the metrics: the service thread was too slow", haptic.traces_dropped());
+  if (link->traces_dropped() > 0)
+    spdlog::warn("{} cycles are missing in the metrics: the service thread was too slow", link->traces_dropped());
   if (inbox.dropped() > 0) spdlog::warn("{} samples found the inbox full and were dropped", inbox.dropped());
   if (contact_log) {
     for (const Loader::ObjectInfo& object : loader.objects()) contact_log->close(object);
     for (const Loader::ObjectInfo& object : loader.withdrawn_objects()) contact_log->close(object);
-    if (core.servo().cycle().log_dropped() > 0)
-      spdlog::warn("{} contact log entries were dropped", core.servo().cycle().log_dropped());
+    if (link->log_dropped() > 0) spdlog::warn("{} contact log entries were dropped", link->log_dropped());
     if (!contact_log->finish()) {
       spdlog::error("the contact log {} is incomplete: its last entries cannot be written (disk full?)",
                     options.log.string());
@@ -370,21 +360,12 @@ void Hrtc::Impl::finish() {
     send_metrics(true);
     std::this_thread::sleep_for(std::chrono::milliseconds{20});
   }
-  wire::send_leave_messages([this] { send(membership.roster_entry(true, monotonic_ns())); });
+  wire::send_leave_messages([this] { send(membership.roster_entry(true, realtime::monotonic_ns())); });
 }
 
 int Hrtc::Impl::run(const std::atomic<bool>& stop) {
-  if (options.haptic.priority > 0) spdlog::info("{}", wire::lock_memory());
-  started_ns = monotonic_ns();
-  if (flight) {
-    flight->on_event = [](bool is_warning, const std::string& text) {
-      spdlog::log(is_warning ? spdlog::level::warn : spdlog::level::info, "{}", text);
-    };
-    flight->start();
-    spdlog::info("flight recorder: the last {:g} s, {:.1f} MiB at most", options.flight.seconds,
-                 static_cast<double>(flight->max_bytes()) / (1 << 20));
-  }
-  spdlog::info("{}", haptic.start());
+  started_ns = realtime::monotonic_ns();
+  servo.start();
   if (options.reference_timer)
     reference_timer = std::make_unique<ReferenceTimer>(options.haptic.period_ns(), options.haptic.priority);
   sending = true;
@@ -402,21 +383,22 @@ int Hrtc::Impl::run(const std::atomic<bool>& stop) {
   // detector also runs between passes.
   PeriodicTimer pass{kMinServiceNs}, watch{kMinServiceNs};
   while (!stop && !ended) {
-    const std::int64_t before_ns = monotonic_ns();
+    const std::int64_t before_ns = realtime::monotonic_ns();
     const std::int64_t watch_ns = membership.watch_period_ns();
     if (watch_ns > 0) watch.set_period(watch_ns);
-    const auto patience =
+    pass_ns = before_ns;
+    auto patience =
         watch_ns > 0 ? std::min(pass.remaining(before_ns), watch.remaining(before_ns)) : pass.remaining(before_ns);
+    if (!gateway.send_waiting()) patience = std::min(patience, decltype(patience){kBaseMeshNs / 1000});
     for (const Inbox::Arrived& arrived : inbox.take(patience))
       std::visit([&](const auto& sample) { process(sample, arrived.at_ns); }, arrived.sample);
-    core.tick_intake();
-    const std::int64_t now_ns = monotonic_ns();
+    const std::int64_t now_ns = realtime::monotonic_ns();
     if (watch_ns > 0 && watch.due(now_ns) && membership.watch_hosts(now_ns)) pass.make_due();
     process_output();
     if (!pass.due(now_ns)) continue;
     serve(now_ns);
     const std::int64_t min_ns = loader.at_rest() ? kMinServiceAtRestNs : kMinServiceNs;
-    pass.set_period(std::clamp(kServicePeriodFactor * (monotonic_ns() - now_ns), min_ns, kMaxServiceNs));
+    pass.set_period(std::clamp(kServicePeriodFactor * (realtime::monotonic_ns() - now_ns), min_ns, kMaxServiceNs));
   }
   finish();
   return exit_code;

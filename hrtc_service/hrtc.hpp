@@ -2,6 +2,7 @@
 ///
 ///   thread   work                                              woken by
 ///   haptic   devices, cycle                                    timer, each cycle
+///   intake   checks messages of the gateway, saves recordings  timer, each cycle
 ///   sender   probe states, commands, copies                    timer, after each cycle
 ///   service  roster, clock, loader, metrics, log               urgent samples, timer every 2 to 10 ms
 ///   flight   flight recorder                                   timer, every 20 ms
@@ -17,9 +18,8 @@
 #include <string>
 #include <vector>
 
-#include "hrtc_service/flight_saver.hpp"
-#include "hrtc_service/haptic_thread.hpp"
 #include "hrtc_service/hrtc_core.hpp"
+#include "hrtc_service/servo/servo_runner.hpp"
 #include "wire/participants.hpp"
 
 namespace tactus::hrtc_service {
@@ -41,7 +41,7 @@ struct HrtcOptions {
   std::filesystem::path log;       ///< contact log; empty: none
   std::filesystem::path snapshot;  ///< directory for snapshots; empty: none
   FlightOptions flight;
-  /// Counts the requests (SIGUSR1) to write the flight recording. Null: no requests.
+  /// As ServoOptions::save_requests.
   const std::atomic<std::uint32_t>* save_requests = nullptr;
   double host_patience = 0;      ///< max time to wait for a first host, s; 0: no limit
   bool reference_timer = false;  ///< also run and measure a ReferenceTimer at the same priority

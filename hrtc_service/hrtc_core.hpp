@@ -4,25 +4,34 @@
 ///                          |             ^============================>     |
 ///              demands, claims, events                                    forces
 ///
-/// Services, studies, benchmarks and tests all assemble an HRTC here.
+/// Studies, benchmarks and tests assemble an HRTC here, and call all of it in one thread. In a service, the servo has
+/// threads of its own (servo/servo_runner.hpp).
 #pragma once
 
 #include <memory>
 
-#include "hrtc_service/body_intake.hpp"
 #include "hrtc_service/gateway.hpp"
-#include "hrtc_service/intake.hpp"
-#include "hrtc_service/servo.hpp"
-#include "hrtc_service/servo_link.hpp"
+#include "hrtc_service/servo/body_intake.hpp"
+#include "hrtc_service/servo/intake.hpp"
+#include "hrtc_service/servo/servo.hpp"
+#include "hrtc_service/servo/servo_link.hpp"
 
 namespace tactus::hrtc_service {
 
 struct HrtcCoreSettings {
   spm::PoolSettings pool;
   ServoSettings servo;
-  GatewaySettings gateway;  ///< radius and tool of the loader are taken from the cycle
-  bool logs_queries = false;
+  GatewaySettings gateway;    ///< radius and tool of the loader are taken from the cycle
+  bool logs_queries = false;  ///< the ring of HrtcCore::log exists
 };
+
+/// Returns the gateway's settings with those that it must share with the servo.
+[[nodiscard]] inline GatewaySettings gateway_settings(const HrtcCoreSettings& settings) {
+  GatewaySettings gateway = settings.gateway;
+  gateway.loader.radius = settings.servo.cycle.radius;
+  gateway.loader.tool = settings.servo.cycle.tool;
+  return gateway;
+}
 
 class HrtcCore {
  public:
@@ -58,13 +67,6 @@ class HrtcCore {
   [[nodiscard]] const spm::NodePool& nodes() const noexcept { return intake_.objects().nodes(); }
 
  private:
-  [[nodiscard]] static GatewaySettings gateway_settings(const HrtcCoreSettings& settings) {
-    GatewaySettings gateway = settings.gateway;
-    gateway.loader.radius = settings.servo.cycle.radius;
-    gateway.loader.tool = settings.servo.cycle.tool;
-    return gateway;
-  }
-
   std::unique_ptr<ServoLink> link_;
   std::unique_ptr<ContactQuery::LogRing> log_;  // null: the servo logs no queries
   Intake intake_;

@@ -22,9 +22,9 @@
 #include "hrtc_service/gateway.hpp"
 #include "hrtc_service/group_endpoints.hpp"
 #include "hrtc_service/hrtc.hpp"
-#include "hrtc_service/late_cycles.hpp"
 #include "hrtc_service/membership.hpp"
 #include "hrtc_service/reference_timer.hpp"
+#include "hrtc_service/servo/late_cycles.hpp"
 #include "hrtc_service/shown_sender.hpp"
 #include "hrtc_service/snapshot.hpp"
 #include "hrtc_service/state_sender.hpp"
@@ -95,6 +95,7 @@ struct Hrtc::Impl {
 
   void process_output();
   void acknowledge_stops();
+  void request_flight(const std::string& reason);
   void process_reports();
   void log_fault(std::uint32_t slot, std::uint32_t status);
   void log_hold(std::uint32_t slot, const ProbeOutput& probe);
@@ -116,14 +117,14 @@ struct Hrtc::Impl {
   HrtcOptions options;
   wire::Participants participants;
   Inbox inbox{1u << 14};
-  std::unique_ptr<FlightSaver> flight;  // null: no flight recorder
-  HrtcCore core;
-  Gateway& gateway{core.gateway()};
-  const Loader& loader{core.gateway().loader()};
-  HapticThread haptic;
+  std::unique_ptr<ServoLink> link{std::make_unique<ServoLink>()};
+  std::unique_ptr<ContactQuery::LogRing> log_ring;  // null: the servo logs no queries
+  ServoRunner servo;
+  Gateway gateway;
+  const Loader& loader{gateway.loader()};
   Membership membership;
   UserDevices devices;
-  StopSwitch stops{participants.origin(), core.link()};
+  StopSwitch stops{participants.origin(), *link};
   bool stopped = false;  // at the last pass of the service thread
   std::vector<session::StopRecord> stops_acknowledged;
   session::StopName stop_received;  // newest stop; used by the callback only
@@ -155,10 +156,12 @@ struct Hrtc::Impl {
   std::uint32_t overruns_unlogged = 0;
   std::uint64_t first_cycle = 0;  // number of the first reported cycle; 0: none
   std::int64_t first_cycle_ns = 0;
+  RingReader<CycleTrace, ServoLink::kTraces> traces{link->traces};
+  RingReader<ThreadUsage, ServoLink::kUsages> usages{link->usages};
+  RingWriter<FlightRequest, ServoLink::kFlightRequests> flight_requests{link->flight_requests};
   ShownSender shown;
-  MailboxReader<MeshHashes> mesh_hashes{core.link().mesh_hashes};
+  MailboxReader<MeshHashes> mesh_hashes{link->mesh_hashes};
   std::optional<SnapshotTaker> snapshots;  // only with HrtcOptions::snapshot
-  std::uint32_t save_requests_seen = 0;
   struct {
     // Times of the first catalogue entry, base mesh and exact contact; 0: none.
     std::int64_t catalogue_ns = 0, base_ns = 0, exact_ns = 0;
@@ -167,6 +170,7 @@ struct Hrtc::Impl {
 
   std::thread sender;
   std::atomic<bool> sending{false};
+  std::atomic<std::int64_t> pass_ns{0};  // begin of the service thread's last pass
 
   // Declared last, so that the callbacks of readers end before the members that they use are destroyed.
   std::vector<std::shared_ptr<void>> readers;

@@ -7,7 +7,7 @@
 #include <utility>
 
 #include "hrtc_service/hrtc_impl.hpp"
-#include "hrtc_service/realtime.hpp"
+#include "realtime/periodic_clock.hpp"
 
 namespace tactus::hrtc_service {
 namespace {
@@ -102,7 +102,7 @@ void Hrtc::Impl::process_reports() {
 /// Logs the costs of an overrun, at most one line in each second.
 void Hrtc::Impl::log_overrun(const CycleTrace& trace, const LateVerdict& verdict) {
   ++overruns_unlogged;
-  if (!overrun_logged.due(monotonic_ns())) return;
+  if (!overrun_logged.due(realtime::monotonic_ns())) return;
   const CycleCosts& costs = trace.costs;
   const auto us = [](auto ns) { return ns / 1000; };
   spdlog::warn(
@@ -118,7 +118,7 @@ void Hrtc::Impl::log_overrun(const CycleTrace& trace, const LateVerdict& verdict
 }
 
 void Hrtc::Impl::classify_late_cycles() {
-  haptic.usage().drain([this](const ThreadUsage& usage) { late_cycles.add(usage); });
+  for (ThreadUsage usage; usages.pop(usage);) late_cycles.add(usage);
   while (const std::optional<LateVerdict> verdict = late_cycles.next()) {
     statistics.add(verdict->late_class);
     if (verdict->late_class == LateClass::kOverrun) log_overrun(late_traces.front(), *verdict);
@@ -128,9 +128,9 @@ void Hrtc::Impl::classify_late_cycles() {
 
 void Hrtc::Impl::drain_rings() {
   CycleTrace trace;
-  while (haptic.traces().pop(trace)) {
+  while (traces.pop(trace)) {
     statistics.add(trace);
-    if (trace.targets_dropped && targets_logged.due(monotonic_ns()))
+    if (trace.targets_dropped && targets_logged.due(realtime::monotonic_ns()))
       spdlog::warn(
           "the mesh near a probe remains partly coarse: more than {} regions of an object need refinement, or the "
           "probe "
@@ -153,7 +153,7 @@ void Hrtc::Impl::drain_rings() {
 void Hrtc::Impl::take_snapshots(std::int64_t now_ns) {
   if (!snapshots) return;
   try {
-    snapshots->tick(now_ns, touches_exactly(gateway.reports()), gateway.reported_probes(), core.servo(), haptic);
+    snapshots->tick(now_ns, touches_exactly(gateway.reports()), gateway.reported_probes());
   } catch (const std::runtime_error& error) {
     spdlog::error("{}", error.what());
     exit_code = 1;
@@ -174,7 +174,7 @@ void Hrtc::Impl::log_fault(std::uint32_t probe, std::uint32_t status) {
   const std::string user = membership.has_user(probe) ? "user " + membership.name_at(probe) : "a user that has left";
   if ((fault & session::kFault) != 0) {
     spdlog::warn("the force of {} is off until a reset: {}", user, session::fault_reason(status));
-    if (flight) flight->save(session::fault_reason(status), false);
+    request_flight(session::fault_reason(status));
   } else if (membership.has_user(probe)) {
     spdlog::info("the force of {} is on again", user);
   }

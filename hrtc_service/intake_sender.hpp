@@ -10,7 +10,7 @@
 #include <type_traits>
 #include <vector>
 
-#include "hrtc_service/intake_link.hpp"
+#include "hrtc_service/servo/intake_link.hpp"
 #include "spm/model.hpp"
 #include "spm/pool.hpp"
 #include "spm/region_data.hpp"

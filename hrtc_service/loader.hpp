@@ -43,8 +43,8 @@
 #include <vector>
 
 #include "hrtc_service/intake_sender.hpp"
-#include "hrtc_service/tool_touch.hpp"
-#include "hrtc_service/touch_objects.hpp"
+#include "hrtc_service/servo/tool_touch.hpp"
+#include "hrtc_service/servo/touch_objects.hpp"
 #include "session/delivery_client.hpp"
 #include "session/severity.hpp"
 #include "spm/codec/base_codec.hpp"

@@ -9,11 +9,11 @@
 #include "haptics/plugin_device.hpp"
 #include "haptics/replay_device.hpp"
 #include "hrtc_service/hrtc.hpp"
+#include "realtime/process.hpp"
 #include "spm/directory.hpp"
 #include "spm/offline/generate.hpp"
 #include "spm/offline/import.hpp"
 #include "wire/command_line.hpp"
-#include "wire/process.hpp"
 
 namespace {
 
@@ -65,8 +65,8 @@ int main(int argc, char** argv) {
   options.address.session = "tactus";
   options.address.participant = "hrtc";
   options.flight.folder = std::filesystem::temp_directory_path() / "tactus-flight";
-  options.save_requests = &wire::save_signals();
-  options.core.servo.emergency_stop_signals = &wire::emergency_stop_signals();
+  options.save_requests = &realtime::save_signals();
+  options.core.servo.emergency_stop_signals = &realtime::emergency_stop_signals();
   constexpr std::uint32_t kMinSlots = 256;
   constexpr double kToolDeadline = 400;  // us; a cycle with a tool may take more than 200 us
   std::uint32_t slots = 1u << 16;
@@ -191,7 +191,7 @@ int main(int argc, char** argv) {
     }
     slots = options.core.pool.slots;
   }
-  options.core.servo.cycle.period = 1 / rate;
+  options.core.servo.cycle.period = options.haptic.period = 1 / rate;
   options.core.servo.cycle.radius = radius_mm * 1e-3;
   options.core.servo.cycle.force.max_force = max_force;
   options.core.servo.cycle.force.max_torque = max_torque;
@@ -199,14 +199,13 @@ int main(int argc, char** argv) {
   options.haptic.deadline_ns = static_cast<std::int64_t>(deadline_us * 1e3);
   options.haptic.frame = haptics::DeviceFrame{
       Eigen::Quaterniond::Identity(), {frame_offset[0], frame_offset[1], frame_offset[2]}, frame_scale};
-  options.core.logs_queries = !options.log.empty();
   options.core.servo.snapshot_nodes = options.snapshot.empty() ? 0 : options.core.pool.tree_nodes;
   options.address.probe_priority = options.haptic.priority > 10 ? options.haptic.priority - 10 : 0;
 
   spdlog::set_default_logger(spdlog::stderr_color_mt("tactus-hrtc"));
   spdlog::set_pattern("%H:%M:%S.%e %n %^%l%$ %v");
   wire::set_log_sink([](const std::string& text) { spdlog::warn("dds: {}", text); });
-  const std::atomic<bool>& stop = wire::stop_signal();
+  const std::atomic<bool>& stop = realtime::stop_signal();
   try {
     for (const auto& [user, device] : local) {
       const bool replayed = options.local_users.size() < replays.size();

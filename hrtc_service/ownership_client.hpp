@@ -15,7 +15,7 @@
 #include <optional>
 #include <vector>
 
-#include "hrtc_service/bodies.hpp"
+#include "hrtc_service/servo/bodies.hpp"
 #include "session/figures.hpp"
 #include "session/ownership.hpp"
 #include "session/transit.hpp"

@@ -6,7 +6,7 @@
 #include <algorithm>
 #include <future>
 
-#include "hrtc_service/realtime.hpp"
+#include "realtime/periodic_clock.hpp"
 
 namespace tactus::hrtc_service {
 namespace {
@@ -19,7 +19,7 @@ ReferenceTimer::ReferenceTimer(std::int64_t period_ns, int priority) {
   std::promise<pid_t> thread_id;
   thread_ = std::thread{[this, period_ns, priority, &thread_id] {
     pthread_setname_np(pthread_self(), "timer");
-    if (priority > 0) (void)wire::enter_realtime("timer", priority);
+    if (priority > 0) (void)realtime::enter_realtime("timer", priority);
     thread_id.set_value(gettid());
     run(period_ns);
   }};
@@ -49,20 +49,20 @@ std::uint32_t ReferenceTimer::steps_for_work() noexcept {
   constexpr std::uint32_t kMeasuredSteps = 10000;
   std::int64_t min_ns = kWorkNs;
   for (int round = 0; round < 8; ++round) {
-    const std::int64_t began = monotonic_ns();
+    const std::int64_t began = realtime::monotonic_ns();
     compute(kMeasuredSteps);
-    min_ns = std::min(min_ns, monotonic_ns() - began);
+    min_ns = std::min(min_ns, realtime::monotonic_ns() - began);
   }
   return static_cast<std::uint32_t>(kMeasuredSteps * kWorkNs / std::max<std::int64_t>(min_ns, 1));
 }
 
 void ReferenceTimer::run(std::int64_t period_ns) {
   const std::uint32_t steps = steps_for_work();
-  for (PeriodicClock clock{period_ns}; running_;) {
+  for (realtime::PeriodicClock clock{period_ns}; running_;) {
     (void)clock.wait_next();
-    const std::int64_t began = monotonic_ns();
+    const std::int64_t began = realtime::monotonic_ns();
     compute(steps);
-    cycles_.push({clock.due_ns() - period_ns, began, monotonic_ns(), clock.due_ns()});
+    cycles_.push({clock.due_ns() - period_ns, began, realtime::monotonic_ns(), clock.due_ns()});
   }
 }
 

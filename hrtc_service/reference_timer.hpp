@@ -7,7 +7,7 @@
 #include <memory>
 #include <thread>
 
-#include "hrtc_service/late_cycles.hpp"
+#include "hrtc_service/servo/late_cycles.hpp"
 #include "hrtc_service/statistics.hpp"
 
 namespace tactus::hrtc_service {

@@ -7,7 +7,7 @@
 #include <cstdint>
 
 #include "hrtc_service/loader.hpp"
-#include "hrtc_service/servo_link.hpp"
+#include "hrtc_service/servo/servo_link.hpp"
 #include "wire/endpoints.hpp"
 
 namespace tactus::hrtc_service {

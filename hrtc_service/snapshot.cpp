@@ -91,26 +91,42 @@ void write_snapshot(const std::filesystem::path& file, const std::vector<Snapsho
   }
 }
 
-SnapshotTaker::SnapshotTaker(std::filesystem::path directory, std::string name, const Loader& loader)
-    : directory_{std::move(directory)}, name_{std::move(name)}, loader_{loader} {}
+SnapshotTaker::SnapshotTaker(std::filesystem::path directory, std::string name, const Loader& loader, ServoLink& link)
+    : directory_{std::move(directory)},
+      name_{std::move(name)},
+      loader_{loader},
+      link_{link},
+      parts_{link.snapshot_parts} {}
 
-void SnapshotTaker::write(const Servo& servo, std::uint32_t number) const {
+/// Takes the faces that have arrived. Returns whether the snapshot is complete.
+bool SnapshotTaker::take_parts() {
+  for (SnapshotPart part; parts_.pop(part);) {
+    if (part.object == spm::kNone) return true;
+    if (part.object < kMaxObjects) faces_[part.object].push_back(part.face);
+  }
+  return false;
+}
+
+void SnapshotTaker::write() {
+  ++snapshots_taken_;
   for (const Loader::ObjectInfo& object : loader_.objects()) {
-    const std::vector<SnapshotFace> faces = servo.snapshot(object.index);
+    const std::vector<SnapshotFace> faces = std::exchange(faces_[object.index], {});
     if (faces.empty() || object.digest != digests_[object.index]) continue;
-    const std::filesystem::path file = directory_ / (name_ + "-" + object.name + "-" + std::to_string(number) + ".ply");
+    const std::filesystem::path file =
+        directory_ / (name_ + "-" + object.name + "-" + std::to_string(snapshots_taken_) + ".ply");
     write_snapshot(file, faces, loader_.grid(object.index), contacts_[object.index], predictions_[object.index]);
     spdlog::info("snapshot {} ({} faces)", file.string(), faces.size());
   }
+  faces_ = {};
 }
 
-void SnapshotTaker::tick(std::int64_t now_ns, bool touches_exactly, const std::array<ReportedProbe, kMaxProbes>& probes,
-                         const Servo& servo, HapticThread& haptic) {
-  if (requested_ != 0) {
-    if (servo.snapshots_done() != requested_) return;
-    write(servo, std::exchange(requested_, 0));
-    ++snapshots_taken_;
+void SnapshotTaker::tick(std::int64_t now_ns, bool touches_exactly,
+                         const std::array<ReportedProbe, kMaxProbes>& probes) {
+  if (is_requested_) {
+    if (!take_parts()) return;
+    is_requested_ = false;
     contact_began_ns_ = 0;
+    write();
     return;
   }
   if (!touches_exactly) {
@@ -127,7 +143,8 @@ void SnapshotTaker::tick(std::int64_t now_ns, bool touches_exactly, const std::a
     contacts_[object.index] = loader_.regions_at_probes(object.index, probes);
     predictions_[object.index] = loader_.predicted(object.index);
   }
-  requested_ = haptic.request_snapshot();
+  is_requested_ = true;
+  link_.request_snapshot();
 }
 
 }  // namespace tactus::hrtc_service

@@ -8,9 +8,8 @@
 #include <string>
 #include <vector>
 
-#include "hrtc_service/haptic_thread.hpp"
 #include "hrtc_service/loader.hpp"
-#include "hrtc_service/servo.hpp"
+#include "hrtc_service/servo/servo_link.hpp"
 #include "spm/region_grid.hpp"
 
 namespace tactus::hrtc_service {
@@ -32,23 +31,26 @@ class SnapshotTaker {
  public:
   static constexpr int kMaxSnapshots = 5;
 
-  /// `name`: name of the HRTC. `loader` must outlive the object.
-  SnapshotTaker(std::filesystem::path directory, std::string name, const Loader& loader);
+  /// `name`: name of the HRTC. `loader` and `link` must outlive the object.
+  SnapshotTaker(std::filesystem::path directory, std::string name, const Loader& loader, ServoLink& link);
 
   /// Requests a snapshot when it is due, or writes the requested one when the servo has copied it. `touches_exactly`: a
   /// probe is in exact contact. Throws as `write_snapshot`.
-  void tick(std::int64_t now_ns, bool touches_exactly, const std::array<ReportedProbe, kMaxProbes>& probes,
-            const Servo& servo, HapticThread& haptic);
+  void tick(std::int64_t now_ns, bool touches_exactly, const std::array<ReportedProbe, kMaxProbes>& probes);
 
  private:
-  void write(const Servo& servo, std::uint32_t number) const;
+  [[nodiscard]] bool take_parts();
+  void write();
 
   std::filesystem::path directory_;
   std::string name_;
   const Loader& loader_;
+  ServoLink& link_;
+  RingReader<SnapshotPart, ServoLink::kSnapshotParts> parts_;
   std::int64_t contact_began_ns_ = 0;
   int snapshots_taken_ = 0;
-  std::uint32_t requested_ = 0;  // number of the snapshot that the servo is copying; 0: none
+  bool is_requested_ = false;                                 // the servo is copying a snapshot
+  std::array<std::vector<SnapshotFace>, kMaxObjects> faces_;  // that have arrived, by object index
   // Of the objects at the request, by object index.
   std::array<std::uint64_t, kMaxObjects> digests_{};
   std::array<std::vector<std::uint32_t>, kMaxObjects> contacts_, predictions_;

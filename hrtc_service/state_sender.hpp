@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "hrtc_service/group_endpoints.hpp"
-#include "hrtc_service/servo_link.hpp"
+#include "hrtc_service/servo/servo_link.hpp"
 #include "hrtc_service/user_devices.hpp"
 #include "session/clock.hpp"
 #include "session/probe_coding.hpp"

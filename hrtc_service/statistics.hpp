@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "hrtc_service/haptic_thread.hpp"
+#include "hrtc_service/servo/servo_link.hpp"
 #include "session/figures.hpp"
 #include "session/messages.hpp"
 #include "session/percentile.hpp"

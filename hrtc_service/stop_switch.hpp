@@ -12,7 +12,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "hrtc_service/servo_link.hpp"
+#include "hrtc_service/servo/servo_link.hpp"
 #include "session/stop_latch.hpp"
 
 namespace tactus::hrtc_service {

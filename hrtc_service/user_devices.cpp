@@ -4,14 +4,17 @@
 
 #include <algorithm>
 
-#include "hrtc_service/realtime.hpp"
+#include "realtime/periodic_clock.hpp"
 #include "session/figures.hpp"
 #include "sharing/hand_path.hpp"
 
 namespace tactus::hrtc_service {
 
 UserDevices::UserDevices(wire::Participants& participants, DeviceLink& link, OnIntent on_intent)
-    : participants_{participants}, link_{link}, orders_out_{link.orders}, on_intent_{std::move(on_intent)} {}
+    : participants_{participants}, link_{link}, orders_out_{link.orders}, on_intent_{std::move(on_intent)} {
+  const ProbeOrders before = MailboxReader{link.orders}.latest();  // of an earlier gateway
+  for (const ProbeOrder& order : before) users_added_ = std::max(users_added_, order.user);
+}
 UserDevices::~UserDevices() = default;
 
 void UserDevices::order(std::uint32_t probe, const ProbeOrder& order) {
@@ -47,7 +50,7 @@ void UserDevices::listen_to_device(std::uint32_t probe, User& user) {
                         window =
                             session::SenderWindow{session::kCycleNumbers}](const session::DevicePose& pose) mutable {
     if (pose.user_id != id || pose.origin.participant != client) return;
-    const std::int64_t now_ns = monotonic_ns();
+    const std::int64_t now_ns = realtime::monotonic_ns();
     const session::Admission admission = window.admit(pose.origin, pose.sequence, now_ns);
     if (admission == session::Admission::kImplausible) implausible_.fetch_add(1, std::memory_order_relaxed);
     if (!session::accepted(admission)) return;

@@ -1,4 +1,4 @@
-/// Orders the sources of the poses of this HRTC's users, and has the endpoints of devices at clients.
+/// Orders the source of each probe's poses, and owns the endpoints of devices at clients.
 ///
 ///     at a client, simulated here   intent          --> service's inbox --> DeviceLink::paths
 ///     at a client                   device_pose     --> (DDS)           --> DeviceLink::poses
@@ -20,9 +20,9 @@
 #include <vector>
 
 #include "haptics/remote_device.hpp"
-#include "hrtc_service/device_link.hpp"
 #include "hrtc_service/handover.hpp"
-#include "hrtc_service/servo_link.hpp"
+#include "hrtc_service/servo/device_link.hpp"
+#include "hrtc_service/servo/servo_link.hpp"
 #include "session/messages.hpp"
 #include "session/sequence_window.hpp"
 #include "wire/endpoints.hpp"

@@ -15,7 +15,7 @@
 #include <utility>
 
 #include "latency/carrier.hpp"
-#include "wire/process.hpp"
+#include "realtime/process.hpp"
 
 namespace tactus::latency {
 namespace {
@@ -142,7 +142,7 @@ class CycloneCarrier final : public Carrier {
 
  private:
   void receive(dds_entity_t reader) {
-    const std::int64_t now = wire::monotonic_ns();
+    const std::int64_t now = realtime::monotonic_ns();
     tactus_idl_ProbeState sample{};
     void* samples[]{&sample};
     dds_sample_info_t info;
@@ -207,7 +207,7 @@ class CycloneSink final : public LoadSink {
     std::array<void*, kMaxSamples> samples{};
     std::array<dds_sample_info_t, kMaxSamples> infos;
     for (int count; (count = dds_take(reader, samples.data(), infos.data(), kMaxSamples, kMaxSamples)) > 0;) {
-      const std::int64_t now = wire::monotonic_ns();
+      const std::int64_t now = realtime::monotonic_ns();
       for (int i = 0; i < count; ++i) {
         if (!infos[static_cast<std::size_t>(i)].valid_data) continue;
         if (first_ns_ == 0)

@@ -7,8 +7,8 @@
 #include <fstream>
 
 #include "latency/carrier.hpp"
+#include "realtime/process.hpp"
 #include "wire/endpoints.hpp"
-#include "wire/process.hpp"
 
 namespace tactus::latency {
 namespace {
@@ -56,7 +56,7 @@ class DdsCarrier final : public Carrier {
         writer_{participants, topic, {role == Role::kPinger ? kPings : kEchoes}},
         reader_{participants,
                 topic,
-                [this](Sample&& sample) { callback_(decode(sample), wire::monotonic_ns()); },
+                [this](Sample&& sample) { callback_(decode(sample), realtime::monotonic_ns()); },
                 {role == Role::kPinger ? kEchoes : kPings}} {}
 
   bool send(const Packet& packet) noexcept override {

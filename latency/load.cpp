@@ -3,10 +3,10 @@
 #include <algorithm>
 #include <utility>
 
+#include "realtime/realtime.hpp"
 #include "spm/codec/model_codec.hpp"
 #include "spm/offline/build.hpp"
 #include "spm/offline/generate.hpp"
-#include "wire/realtime.hpp"
 
 namespace tactus::latency {
 namespace {
@@ -77,14 +77,14 @@ void MeshSource::serve() {
   entry.base_bytes = server.base_bytes(object);
   (void)catalogue_.send(entry);
   const double bytes_per_ns = mbit_ * 1e6 / 8 * 1e-9;
-  std::int64_t next_ns = wire::monotonic_ns();
+  std::int64_t next_ns = realtime::monotonic_ns();
   std::chrono::microseconds timeout{0};
   while (!stop_) {
     for (const auto& arrived : demands_.take(timeout)) (void)server.on_demand(arrived.sample, arrived.at_ns);
     timeout = std::chrono::microseconds{0};
     constexpr int kChunksPerRound = 64;
     for (int i = 0; i < kChunksPerRound; ++i) {
-      const std::int64_t now_ns = wire::monotonic_ns();
+      const std::int64_t now_ns = realtime::monotonic_ns();
       const bool may_send = mbit_ == kUnpaced || now_ns >= next_ns;
       const auto out = server.next(now_ns, [&](std::uint64_t) { return may_send; });
       if (!out) {
@@ -110,8 +110,8 @@ void MeshSource::flood() {
   chunk.pieces[0].payload.assign(size, 0x5a);
   const double chunks_per_period = mbit_ * 1e6 / 8 * kPeriodNs * 1e-9 / static_cast<double>(size);
   double due = 0;  // chunks
-  for (std::int64_t next = wire::monotonic_ns(); !stop_; next += kPeriodNs) {
-    if (mbit_ != kUnpaced) wire::sleep_until(next);
+  for (std::int64_t next = realtime::monotonic_ns(); !stop_; next += kPeriodNs) {
+    if (mbit_ != kUnpaced) realtime::sleep_until(next);
     // After the history was full, does not send the missed chunks later: the rate is an upper limit.
     due = mbit_ == kUnpaced ? 1 : std::min(due + chunks_per_period, chunks_per_period + 1);
     for (; due >= 1 && !stop_; due -= 1) {
@@ -147,7 +147,7 @@ void MeshSink::run() {
     for (const auto& arrived : inbox_.take(kInboxTimeout))
       std::visit([&](const auto& sample) { on_sample(sample, arrived.at_ns); }, arrived.sample);
     if (host_ == 0) continue;
-    const std::int64_t now_ns = wire::monotonic_ns();
+    const std::int64_t now_ns = realtime::monotonic_ns();
     client_.on_host_heartbeat(host_, host_incarnation_, now_ns);
     request_next_regions(now_ns);
     while (auto demand = client_.demand(now_ns)) {

@@ -9,9 +9,9 @@
 #include "latency/report.hpp"
 #include "latency/run.hpp"
 #include "netem/profile.hpp"
+#include "realtime/process.hpp"
 #include "wire/command_line.hpp"
 #include "wire/participants.hpp"
-#include "wire/process.hpp"
 
 namespace tactus::latency {
 namespace {
@@ -200,7 +200,7 @@ int main(int argc, char** argv) {
   } catch (const CLI::ParseError& error) {
     return app.exit(error) == 0 ? 0 : kWrongInput;
   }
-  const std::atomic<bool>& cancelled = tactus::wire::stop_signal();
+  const std::atomic<bool>& cancelled = tactus::realtime::stop_signal();
   try {
     return *serve_command ? serve_all(options, cancelled) : run(options, run_info(argc, argv), cancelled);
   } catch (const std::exception& error) {

@@ -12,7 +12,7 @@
 #include "latency/load.hpp"
 #include "latency/schedule.hpp"
 #include "latency/serve_process.hpp"
-#include "wire/realtime.hpp"
+#include "realtime/realtime.hpp"
 
 namespace tactus::latency {
 namespace {
@@ -110,7 +110,7 @@ class Echoer {
  private:
   void answer(const Packet& ping, std::int64_t now) {
     if (!ready_) return;  // the constructor still makes the carrier
-    carrier_->send({ping.sequence, number_, now, wire::monotonic_ns()});
+    carrier_->send({ping.sequence, number_, now, realtime::monotonic_ns()});
     if (arrivals_.size() < arrivals_.capacity()) arrivals_.push_back({ping.sequence, number_, now});
   }
 
@@ -216,7 +216,7 @@ std::unique_ptr<LoadSource> make_load(const TestCase& test, const std::string& s
 void send_pings(const TestCase& test, const PingSelection& selection, Carrier& carrier, Timestamps& timestamps,
                 const std::atomic<bool>& cancelled) {
   const double period_ns = 1e9 / test.rate_hz;
-  const std::int64_t start = wire::monotonic_ns() + 20'000'000;
+  const std::int64_t start = realtime::monotonic_ns() + 20'000'000;
   const std::int64_t give_up = start + static_cast<std::int64_t>(test.seconds * 1e9) + 1'000'000'000;
   const std::vector<std::uint32_t> ticks = ticks_of(test);
   for (std::size_t i = 0; i < timestamps.pings.size(); ++i)
@@ -226,11 +226,11 @@ void send_pings(const TestCase& test, const PingSelection& selection, Carrier& c
     const std::uint32_t i = selection.empty() ? number : selection[number];
     Ping& ping = timestamps.pings.at(i);
     if (cancelled) throw LatencyError("interrupted");
-    if (wire::monotonic_ns() < ping.intended_ns) {
-      wire::sleep_until(ping.intended_ns);
+    if (realtime::monotonic_ns() < ping.intended_ns) {
+      realtime::sleep_until(ping.intended_ns);
       ping.waited = true;
     }
-    const std::int64_t now = wire::monotonic_ns();
+    const std::int64_t now = realtime::monotonic_ns();
     if (now > give_up) return;
     ping.sent_ns = now;
     ping.refused = !carrier.send({i, 0, ping.intended_ns, now});
@@ -289,7 +289,7 @@ Timestamps measure(const TestCase& test, ControlConnection& control, const SideS
 
   if (load) load->start();
   // Only now, because threads inherit the priority of the thread that creates them.
-  timestamps.notes.push_back(side.priority > 0 ? wire::enter_realtime("pinger", side.priority)
+  timestamps.notes.push_back(side.priority > 0 ? realtime::enter_realtime("pinger", side.priority)
                                                : "pinger: no real-time priority requested");
   send_pings(test, selection, *carrier, timestamps, cancelled);
   const std::size_t all = (selection.empty() ? timestamps.pings.size() : selection.size()) * test.readers;

@@ -12,7 +12,7 @@
 #include <thread>
 
 #include "latency/carrier.hpp"
-#include "wire/realtime.hpp"
+#include "realtime/realtime.hpp"
 
 namespace tactus::latency {
 namespace {
@@ -89,13 +89,13 @@ class UdpCarrier final : public Carrier {
   }
 
   void receive() {
-    if (priority_ > 0) (void)wire::enter_realtime("receiver", priority_);
+    if (priority_ > 0) (void)realtime::enter_realtime("receiver", priority_);
     std::array<std::uint8_t, 2048> bytes;
     while (!closing_) {
       sockaddr_in from{};
       socklen_t size = sizeof from;
       const ssize_t got = ::recvfrom(socket_, bytes.data(), bytes.size(), 0, reinterpret_cast<sockaddr*>(&from), &size);
-      const std::int64_t now = wire::monotonic_ns();
+      const std::int64_t now = realtime::monotonic_ns();
       Datagram datagram{};
       if (got != static_cast<ssize_t>(payload_)) continue;
       std::memcpy(&datagram, bytes.data(), sizeof datagram);

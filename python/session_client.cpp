@@ -6,13 +6,13 @@
 #include <type_traits>
 #include <utility>
 
+#include "realtime/process.hpp"
 #include "session/time_reference.hpp"
-#include "wire/process.hpp"
 
 namespace tactus::python {
 namespace {
 
-using wire::monotonic_ns;
+using realtime::monotonic_ns;
 
 constexpr std::int64_t kBeatNs = 100'000'000;
 constexpr std::int64_t kClockRequestNs = 100'000'000;  // between two clock requests, once the clock is synchronised

@@ -4,17 +4,17 @@
 #include <chrono>
 #include <utility>
 
+#include "realtime/process.hpp"
 #include "ros2/publisher.hpp"
 #include "ros2/targets.hpp"
 #include "viewer/viewer_participant.hpp"
 #include "wire/error.hpp"
-#include "wire/process.hpp"
 #include "wire/ros2.hpp"
 
 namespace tactus::ros2 {
 namespace {
 
-using wire::monotonic_ns;
+using realtime::monotonic_ns;
 
 /// Refinement in a tick. It takes some 0.5 ms.
 constexpr std::uint32_t kBudget = 1u << 14;

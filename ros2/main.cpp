@@ -3,9 +3,9 @@
 #include <iostream>
 #include <string>
 
+#include "realtime/process.hpp"
 #include "ros2/bridge.hpp"
 #include "wire/command_line.hpp"
-#include "wire/process.hpp"
 #include "wire/ros2.hpp"
 
 namespace {
@@ -52,7 +52,7 @@ int main(int argc, char** argv) {
   } catch (const CLI::ParseError& error) {
     return app.exit(error) == 0 ? 0 : 2;
   }
-  const std::atomic<bool>& stop = wire::stop_signal();
+  const std::atomic<bool>& stop = realtime::stop_signal();
   try {
     constexpr std::uint32_t kMinSlots = 1000;
     options.pool = spm::PoolSettings::for_bytes(memory);

@@ -21,7 +21,7 @@ inline constexpr char kHostBodySteps[] =
 // An HRTC: cycles.
 inline constexpr char kCycles[] = "hrtc.cycles";
 inline constexpr char kRate[] = "hrtc.rate_hz";  ///< mean since the start
-// Late cycles by cause (hrtc_service/late_cycles.hpp).
+// Late cycles by cause (hrtc_service/servo/late_cycles.hpp).
 inline constexpr char kOverruns[] = "hrtc.overruns";
 inline constexpr char kPreempted[] = "hrtc.preempted";
 inline constexpr char kLateUnknown[] = "hrtc.late_unknown";

@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "haptics/surface.hpp"
-#include "hrtc_service/touch_object.hpp"
+#include "hrtc_service/servo/touch_object.hpp"
 
 namespace tactus::study {
 

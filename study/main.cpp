@@ -8,13 +8,13 @@
 #include <nlohmann/json.hpp>
 #include <thread>
 
+#include "realtime/process.hpp"
 #include "study/results.hpp"
 #include "study/runner.hpp"
 #include "study/scenario_run.hpp"
 #include "study/study.hpp"
 #include "study/tables.hpp"
 #include "tactus/commit.hpp"
-#include "wire/process.hpp"
 
 namespace {
 
@@ -198,7 +198,7 @@ int main(int argc, char** argv) {
     const std::string word = argv[i];
     command += word.find(' ') == std::string::npos ? " " + word : " '" + word + "'";
   }
-  const std::atomic<bool>& cancelled = wire::stop_signal();
+  const std::atomic<bool>& cancelled = realtime::stop_signal();
   try {
     return run(options, command, cancelled);
   } catch (const std::exception& error) {

@@ -15,7 +15,7 @@
 #include "client_sim/operator.hpp"
 #include "haptics/simulated_device.hpp"
 #include "host_service/host_core.hpp"
-#include "hrtc_service/bodies.hpp"
+#include "hrtc_service/servo/bodies.hpp"
 #include "netem/profile.hpp"
 #include "session/units.hpp"
 #include "study/subject.hpp"

@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "hrtc_service/touch_object.hpp"
+#include "hrtc_service/servo/touch_object.hpp"
 #include "netem/profile.hpp"
 #include "session/messages.hpp"
 #include "study/scenario_run.hpp"

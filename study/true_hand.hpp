@@ -4,7 +4,7 @@
 #pragma once
 
 #include "haptics/body_touch.hpp"
-#include "hrtc_service/tool_touch.hpp"
+#include "hrtc_service/servo/tool_touch.hpp"
 #include "session/messages.hpp"
 #include "spm/finest_tree.hpp"
 

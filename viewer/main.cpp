@@ -8,12 +8,12 @@
 #include <string>
 #include <thread>
 
+#include "realtime/process.hpp"
 #include "spm/offline/generate.hpp"
 #include "spm/offline/import.hpp"
 #include "viewer/tokens.hpp"
 #include "viewer/viewer.hpp"
 #include "wire/command_line.hpp"
-#include "wire/process.hpp"
 
 namespace {
 
@@ -43,11 +43,11 @@ std::filesystem::path page_folder(const char* installed, const char* built) {
 /// Serves the page "Touch it now", which has a session of its own.
 int serve_demo(tactus::viewer::ServerSettings server, const std::atomic<bool>& stop) {
   using namespace tactus;
-  const viewer::ViewerCore no_session{{}, {"view", "demo", spm::PoolSettings::for_slots(1)}, wire::monotonic_ns()};
+  const viewer::ViewerCore no_session{{}, {"view", "demo", spm::PoolSettings::for_slots(1)}, realtime::monotonic_ns()};
   viewer::PageServer pages{server, no_session};
   std::cout << "http://localhost:" << pages.port() << "/" << std::endl;
   while (!stop) {
-    pages.poll(wire::monotonic_ns());
+    pages.poll(realtime::monotonic_ns());
     std::this_thread::sleep_for(std::chrono::milliseconds{2});  // `poll` never waits
   }
   return 0;
@@ -117,7 +117,7 @@ int main(int argc, char** argv) {
   } catch (const CLI::ParseError& error) {
     return app.exit(error) == 0 ? 0 : 2;
   }
-  const std::atomic<bool>& stop = wire::stop_signal();
+  const std::atomic<bool>& stop = realtime::stop_signal();
   (void)nice(10);  // a picture may be late; a force may not
   if (options.server.folder.empty())
     options.server.folder = is_demo ? page_folder("touch", TACTUS_TOUCH_PAGE) : page_folder("view", TACTUS_PAGE);

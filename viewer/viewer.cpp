@@ -7,14 +7,14 @@
 #include <utility>
 #include <variant>
 
+#include "realtime/process.hpp"
 #include "viewer/playback.hpp"
 #include "viewer/viewer_participant.hpp"
-#include "wire/process.hpp"
 
 namespace tactus::viewer {
 namespace {
 
-using wire::monotonic_ns;
+using realtime::monotonic_ns;
 
 constexpr std::chrono::milliseconds kTick{4};
 constexpr std::int64_t kMaxAdvanceNs = 100'000'000;  // of a recording; after a delay, playback is late and not faster

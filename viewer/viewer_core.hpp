@@ -27,8 +27,8 @@
 #include <utility>
 #include <vector>
 
-#include "hrtc_service/intake.hpp"
 #include "hrtc_service/loader.hpp"
+#include "hrtc_service/servo/intake.hpp"
 #include "session/clock.hpp"
 #include "session/ownership.hpp"
 #include "session/periodic.hpp"

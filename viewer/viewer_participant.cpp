@@ -6,16 +6,16 @@
 #include <variant>
 #include <vector>
 
+#include "realtime/process.hpp"
 #include "session/units.hpp"
 #include "wire/endpoints.hpp"
 #include "wire/error.hpp"
 #include "wire/inbox.hpp"
-#include "wire/process.hpp"
 
 namespace tactus::viewer {
 namespace {
 
-using wire::monotonic_ns;
+using realtime::monotonic_ns;
 
 using Sample = std::variant<session::RosterEntry, session::CatalogueEntry, session::BulkChunk, session::ProbeState,
                             session::Metrics, session::ShownRegions, session::ObjectPose, session::EmergencyStop,

@@ -10,7 +10,7 @@
 #include <utility>
 #include <vector>
 
-#include "wire/process.hpp"
+#include "realtime/process.hpp"
 
 namespace tactus::wire {
 
@@ -39,7 +39,7 @@ class Inbox {
         ++dropped_;
         return;
       }
-      samples_.push_back({monotonic_ns(), std::move(sample)});
+      samples_.push_back({realtime::monotonic_ns(), std::move(sample)});
     }
     if (urgency != Urgency::kWaits) arrived_.notify_one();
   }

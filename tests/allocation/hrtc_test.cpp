@@ -8,7 +8,8 @@
 #include <optional>
 #include <vector>
 
-#include "hrtc_service/flight_recorder.hpp"
+#include "hrtc_service/servo/flight_recorder.hpp"
+#include "hrtc_service/servo/probe_devices.hpp"
 #include "spm/offline/build.hpp"
 #include "spm/offline/generate.hpp"
 #include "study/shared_session.hpp"
@@ -206,6 +207,34 @@ TEST(Allocation, HoldsAndBodiesAllocateNothingWhileACrateIsGrabbedHandedOverRele
   EXPECT_EQ(session.operator_of(ann).tally().grabs, 1u);
   EXPECT_EQ(session.operator_of(bob).tally().grabs, 1u);
   EXPECT_TRUE(held_by_both && coupled && pushed) << held_by_both << coupled << pushed;
+}
+
+TEST(Allocation, ChangesOfUsersAndTheirDevicesAllocateNothing) {
+  hrtc_service::DeviceLink link;
+  hrtc_service::ProbeDevices devices{link, {}, haptics::DeviceFrame{}};
+  std::array<hrtc_service::ProbeInput, hrtc_service::kMaxProbes> inputs;
+  std::array<hrtc_service::ProbeOutput, hrtc_service::kMaxProbes> outputs{};
+  hrtc_service::MailboxWriter orders_out{link.orders};
+  std::uint64_t allocations = 0, active = 0;
+  for (std::int64_t cycle = 0; cycle < 1000; ++cycle) {
+    hrtc_service::ProbeOrders orders{};
+    for (std::uint32_t i = 0; i < hrtc_service::kMaxProbes; ++i) {
+      orders[i].source = static_cast<hrtc_service::PoseSource>((cycle / 10 + i) % 3);
+      orders[i].user = static_cast<std::uint64_t>(cycle / 20);
+      hrtc_service::UserPath path{orders[i].user, {}};
+      path.path.waypoints[path.path.count++] = {cycle * 1'000'000, {0.1, 0, 0}};
+      hrtc_service::MailboxWriter{link.paths[i]}.post(path);
+      hrtc_service::MailboxWriter{link.poses[i]}.post({orders[i].user, {}});
+    }
+    orders_out.post(orders);
+    const test_support::AllocationCounter counter;
+    devices.read(cycle * 1'000'000, inputs);
+    devices.write(outputs);
+    allocations += counter.count();
+    for (const hrtc_service::ProbeInput& input : inputs) active += input.active ? 1 : 0;
+  }
+  EXPECT_EQ(allocations, 0u);
+  EXPECT_GT(active, 4000u);
 }
 
 }  // namespace

@@ -48,7 +48,7 @@ class BuildId : public ::testing::Test {
     const std::string out = (folder_.path() / "build_id.out").string();
     const std::string command = "'" TACTUS_CMAKE "' '-DSOURCE=" + folder_.path().string() + "' '-DOUT=" + out +
                                 "' -DCOMPILER=c '-DOPTIONS=" + options +
-                                "' -P '" TACTUS_SOURCE_DIR "/hrtc_service/build_id.cmake'";
+                                "' -P '" TACTUS_SOURCE_DIR "/hrtc_service/servo/build_id.cmake'";
     EXPECT_EQ(std::system(command.c_str()), 0) << command;
     return test_support::read_bytes(out);
   }
@@ -56,10 +56,10 @@ class BuildId : public ::testing::Test {
 };
 
 TEST_F(BuildId, ChangesWithEachFileThatComputesForces) {
-  const std::set<std::string> files = files_behind("hrtc_service/servo.cpp");
+  const std::set<std::string> files = files_behind("hrtc_service/servo/servo.cpp");
   for (const char* const file :
-       {"hrtc_service/cycle.cpp", "hrtc_service/sphere_touch.cpp", "hrtc_service/tool_touch.cpp",
-        "hrtc_service/held_object.cpp", "hrtc_service/bodies.cpp", "sharing/body.cpp", "haptics/proxy.cpp",
+       {"hrtc_service/servo/cycle.cpp", "hrtc_service/servo/sphere_touch.cpp", "hrtc_service/servo/tool_touch.cpp",
+        "hrtc_service/servo/held_object.cpp", "hrtc_service/servo/bodies.cpp", "sharing/body.cpp", "haptics/proxy.cpp",
         "spm/forest.cpp", "spm/triangle_gap_kernel.inc"})
     ASSERT_THAT(files, testing::Contains(file));
   for (const std::string& file : files) put(file, "before");

@@ -11,7 +11,7 @@
 #include <random>
 #include <set>
 
-#include "hrtc_service/flight_store.hpp"
+#include "hrtc_service/servo/flight_store.hpp"
 #include "spm/offline/build.hpp"
 #include "spm/offline/generate.hpp"
 #include "tests/hrtc_service/flight_files.hpp"

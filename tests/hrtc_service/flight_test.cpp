@@ -10,8 +10,8 @@
 #include <memory>
 #include <random>
 
-#include "hrtc_service/flight_saver.hpp"
-#include "hrtc_service/flight_store.hpp"
+#include "hrtc_service/servo/flight_saver.hpp"
+#include "hrtc_service/servo/flight_store.hpp"
 #include "spm/offline/build.hpp"
 #include "spm/offline/generate.hpp"
 #include "spm/rotation.hpp"

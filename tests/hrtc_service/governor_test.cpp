@@ -1,4 +1,4 @@
-#include "hrtc_service/governor.hpp"
+#include "hrtc_service/servo/governor.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,6 +1,6 @@
 // Tests the intake of a servo with wrong and damaged messages of the gateway.
 
-#include "hrtc_service/intake.hpp"
+#include "hrtc_service/servo/intake.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -9,9 +9,9 @@
 #include <random>
 #include <span>
 
-#include "hrtc_service/body_intake.hpp"
 #include "hrtc_service/intake_sender.hpp"
-#include "hrtc_service/servo.hpp"
+#include "hrtc_service/servo/body_intake.hpp"
+#include "hrtc_service/servo/servo.hpp"
 #include "spm/checksum.hpp"
 #include "spm/codec/load_region.hpp"
 #include "spm/codec/model_codec.hpp"

@@ -1,7 +1,7 @@
 // Checks the classes of late cycles whose causes are known: in simulated histories, and after delays that the test
 // causes in the real haptic thread.
 
-#include "hrtc_service/late_cycles.hpp"
+#include "hrtc_service/servo/late_cycles.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -23,9 +23,9 @@
 #include <thread>
 #include <vector>
 
-#include "hrtc_service/haptic_thread.hpp"
 #include "hrtc_service/hrtc_core.hpp"
-#include "hrtc_service/realtime.hpp"
+#include "hrtc_service/servo/haptic_thread.hpp"
+#include "realtime/periodic_clock.hpp"
 #include "tests/support/constants.hpp"
 
 namespace tactus::hrtc_service {
@@ -358,16 +358,17 @@ std::vector<LateVerdict> verdicts_on(const Cause& cause, LateClass expected) {
   core_settings.pool = spm::PoolSettings::for_slots(64);
   HrtcCore core{session::Origin{1, 2, 3, 0}, core_settings};
   DelayingDevice device{cause};
-  HapticThread haptic{settings, core.servo(), core.link().devices, {&device}};
+  HapticThread haptic{settings, core.servo(), core.link(), {&device}};
+  RingReader traces{core.link().traces};
   (void)haptic.start();
   LateCycleClassifier classifier;
   std::vector<LateVerdict> all_verdicts;
-  // Reads the counters and classifies cycles for `ns`, as the sender of an HRTC does.
+  // Reads the counters and classifies cycles for `ns`, as the intake thread of an HRTC does.
   const auto classify_for = [&](std::int64_t ns) {
-    for (const std::int64_t until_ns = monotonic_ns() + ns; monotonic_ns() < until_ns;) {
-      wire::sleep_until(monotonic_ns() + kPeriod);
-      haptic.usage().sample(monotonic_ns());
-      for (CycleTrace trace; haptic.traces().pop(trace);) classifier.add(trace.times);
+    for (const std::int64_t until_ns = realtime::monotonic_ns() + ns; realtime::monotonic_ns() < until_ns;) {
+      realtime::sleep_until(realtime::monotonic_ns() + kPeriod);
+      haptic.usage().sample(realtime::monotonic_ns());
+      for (CycleTrace trace; traces.pop(trace);) classifier.add(trace.times);
       haptic.usage().drain([&](const ThreadUsage& usage) { classifier.add(usage); });
       while (const auto verdict = classifier.next()) all_verdicts.push_back(*verdict);
     }
@@ -427,7 +428,7 @@ TEST_F(CausedDelays, AWaitForALockIsAnOverrun) {
   cause.prepare = [&] { mutex.lock(); };
   cause.in_cycle = [&] { const std::lock_guard lock{mutex}; };
   cause.during_cycle = [&] {
-    wire::sleep_until(monotonic_ns() + kDelay);
+    realtime::sleep_until(realtime::monotonic_ns() + kDelay);
     mutex.unlock();
   };
   const std::vector<LateVerdict> verdicts = expect_overruns(cause);
@@ -436,7 +437,7 @@ TEST_F(CausedDelays, AWaitForALockIsAnOverrun) {
 
 TEST_F(CausedDelays, ASystemCallThatSleepsIsAnOverrun) {
   Cause cause;
-  cause.in_cycle = [] { wire::sleep_until(monotonic_ns() + kDelay); };
+  cause.in_cycle = [] { realtime::sleep_until(realtime::monotonic_ns() + kDelay); };
   const std::vector<LateVerdict> verdicts = expect_overruns(cause);
   EXPECT_GE(median(verdicts, &LateVerdict::blocked), 1u);
 }
@@ -491,7 +492,7 @@ class Competitor {
     (void)sched_setscheduler(0, SCHED_IDLE, &no_priority);
   }
   /// Takes the processor after `wait_ns`.
-  void begin(std::int64_t wait_ns) { begin_ns_ = monotonic_ns() + wait_ns; }
+  void begin(std::int64_t wait_ns) { begin_ns_ = realtime::monotonic_ns() + wait_ns; }
   [[nodiscard]] bool done() const { return begin_ns_ == kNever; }
 
  private:
@@ -507,10 +508,10 @@ class Competitor {
   void run() {
     share_processor();
     while (!ended_) {
-      wire::sleep_until(monotonic_ns() + 50 * kUs);
+      realtime::sleep_until(realtime::monotonic_ns() + 50 * kUs);
       std::int64_t begin_ns = begin_ns_;
-      if (monotonic_ns() < begin_ns) continue;
-      for (const std::int64_t until_ns = monotonic_ns() + kDelay; monotonic_ns() < until_ns;) {
+      if (realtime::monotonic_ns() < begin_ns) continue;
+      for (const std::int64_t until_ns = realtime::monotonic_ns() + kDelay; realtime::monotonic_ns() < until_ns;) {
       }
       begin_ns_.compare_exchange_strong(begin_ns, kNever);
     }

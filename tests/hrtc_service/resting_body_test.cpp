@@ -10,7 +10,7 @@
 
 #include "haptics/simulated_device.hpp"
 #include "host_service/host_core.hpp"
-#include "hrtc_service/bodies.hpp"
+#include "hrtc_service/servo/bodies.hpp"
 #include "spm/offline/build.hpp"
 #include "spm/offline/generate.hpp"
 #include "tests/support/constants.hpp"
@@ -113,6 +113,87 @@ TEST_F(BoxOnOrgan, StaysAtRestWhenAHandTouchesItAndFallsBackAfterALift) {
   EXPECT_GT(reports_.bodies[0].state.position.z(), resting.position.z() + 0.005);
   for (int cycle = 0; cycle < 250; ++cycle) run_cycle(hand + Vec3d{0, 0, 5e-5 * cycle}, false);
   EXPECT_NEAR(reports_.bodies[0].state.position.z(), resting.position.z(), 0.002);
+}
+
+TEST_F(BoxOnOrgan, WithoutAGatewayItsForceEndsWithin60MsAndReturnsWithTheGateway) {
+  const haptics::BodyState resting = receive_resting_box();
+  const auto force = [&] { return hrtc_service::vec(outputs_[0].force).norm(); };
+  Vec3d hand = resting.position + Vec3d{0, 0, kBoxHalfEdge + 0.0125};
+  for (int cycle = 0; cycle < 600; ++cycle) {
+    if (cycle < 400) hand.z() -= 0.01 / 400;
+    run_cycle(hand, false);
+  }
+  const double before = force();
+  ASSERT_GT(before, 0.1);
+  session_.has_gateway = false;
+  for (int cycle = 1; cycle <= 30; ++cycle) run_cycle(hand, false);
+  EXPECT_GT(force(), 0.5 * before) << "a busy gateway";
+  for (int cycle = 31; cycle <= 60; ++cycle) run_cycle(hand, false);
+  for (int cycle = 0; cycle < 100; ++cycle) {
+    EXPECT_EQ(force(), 0);
+    run_cycle(hand, false);
+  }
+  session_.has_gateway = true;
+  for (int cycle = 0; cycle < 200; ++cycle) run_cycle(hand, false);
+  EXPECT_GT(force(), 0.5 * before);
+}
+
+TEST_F(BoxOnOrgan, WithoutAGatewayAHandLetsGoOfItWithin60Ms) {
+  const haptics::BodyState resting = receive_resting_box();
+  Vec3d hand = resting.position + Vec3d{0, 0, kBoxHalfEdge + 0.0125};
+  for (int cycle = 0; cycle < 600; ++cycle) {
+    if (cycle < 400) hand.z() -= 0.01 / 400;
+    run_cycle(hand, cycle >= 400);
+  }
+  const auto holds = [&] { return (outputs_[0].status & session::kHolding) != 0; };
+  ASSERT_TRUE(holds());
+  session_.has_gateway = false;
+  for (int cycle = 1; cycle <= 30; ++cycle) run_cycle(hand, true);
+  EXPECT_TRUE(holds()) << "a busy gateway";
+  for (int cycle = 31; cycle <= 62; ++cycle) run_cycle(hand, true);
+  EXPECT_FALSE(holds());
+  session_.has_gateway = true;
+  for (int cycle = 0; cycle < 200; ++cycle) run_cycle(hand, true);
+  EXPECT_FALSE(holds()) << "until the hand opens and closes again";
+}
+
+TEST_F(BoxOnOrgan, WithoutAGatewayTheOrganCanBeTouchedForFiveSeconds) {
+  (void)receive_resting_box();
+  const auto& bottom = *std::min_element(organ_mesh_.positions.begin(), organ_mesh_.positions.end(),
+                                         [](const auto& a, const auto& b) { return a[2] < b[2]; });
+  const Vec3d pressed{bottom[0], bottom[1], bottom[2] - 0.0015};  // a tip has a radius of 3 mm
+  for (int cycle = 0; cycle < 600; ++cycle) run_cycle(pressed - Vec3d{0, 0, std::max(0.0, 0.01 - 3e-5 * cycle)}, false);
+  const Vec3d force = hrtc_service::vec(outputs_[0].force);
+  ASSERT_GT(force.norm(), 0.5);
+  session_.has_gateway = false;
+  for (int cycle = 0; cycle < 4900; ++cycle) {
+    run_cycle(pressed, false);
+    ASSERT_LT((hrtc_service::vec(outputs_[0].force) - force).norm(), 0.05 * force.norm()) << "cycle " << cycle;
+  }
+  double before = force.norm();
+  for (int cycle = 4900; cycle < 5600; ++cycle) {
+    run_cycle(pressed, false);
+    const double now = hrtc_service::vec(outputs_[0].force).norm();
+    ASSERT_LT(before - now, 0.01 * force.norm()) << "the force ends gradually, cycle " << cycle;
+    before = now;
+  }
+  EXPECT_EQ(before, 0);
+  session_.has_gateway = true;
+  for (int cycle = 0; cycle < 600; ++cycle) run_cycle(pressed, false);
+  EXPECT_LT((hrtc_service::vec(outputs_[0].force) - force).norm(), 0.05 * force.norm());
+}
+
+TEST_F(BoxOnOrgan, APauseOfTheWholeMachineIsNoSilenceOfTheGateway) {
+  const haptics::BodyState resting = receive_resting_box();
+  const Vec3d pressed = resting.position + Vec3d{0, 0, kBoxHalfEdge + 0.0025};
+  for (int cycle = 0; cycle < 600; ++cycle) run_cycle(pressed + Vec3d{0, 0, std::max(0.0, 0.01 - 3e-5 * cycle)}, false);
+  const double force = hrtc_service::vec(outputs_[0].force).norm();
+  session_.has_gateway = false;
+  session_.pause(1'000'000'000);
+  for (int cycle = 0; cycle < 10; ++cycle) {
+    run_cycle(pressed, false);
+    EXPECT_GT(hrtc_service::vec(outputs_[0].force).norm(), 0.5 * force);
+  }
 }
 
 /// A device state with one number that is not finite.

@@ -1,4 +1,4 @@
-#include "hrtc_service/shared_ring.hpp"
+#include "hrtc_service/servo/shared_ring.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -7,10 +7,10 @@
 
 #include "haptics/simulated_device.hpp"
 #include "host_service/host_core.hpp"
-#include "hrtc_service/haptic_thread.hpp"
 #include "hrtc_service/hrtc_core.hpp"
-#include "hrtc_service/realtime.hpp"
+#include "hrtc_service/servo/haptic_thread.hpp"
 #include "hrtc_service/stop_switch.hpp"
+#include "realtime/periodic_clock.hpp"
 #include "spm/codec/model_codec.hpp"
 #include "spm/offline/build.hpp"
 #include "spm/offline/generate.hpp"
@@ -68,7 +68,7 @@ class EmergencyStop : public ::testing::Test {
   void SetUp() override {
     (void)haptic_.start();
     haptics::HandPath path;
-    path.waypoints[path.count++] = {hrtc_service::monotonic_ns(), {radius_ - 0.002, 0, 0}};
+    path.waypoints[path.count++] = {realtime::monotonic_ns(), {radius_ - 0.002, 0, 0}};
     hand_.paths().post(path);
     wait_for_force();
   }
@@ -77,7 +77,7 @@ class EmergencyStop : public ::testing::Test {
   /// Lets host and HRTC exchange samples until the hand feels a force. The timeout of ctest limits the wait.
   void wait_for_force() {
     while (hand_.force() < 0.1) {
-      const std::int64_t now = hrtc_service::monotonic_ns();
+      const std::int64_t now = realtime::monotonic_ns();
       hrtc_service::Gateway& gateway = core_.gateway();
       gateway.tick(now, membership_.clock());
       membership_.tick(now);
@@ -109,11 +109,11 @@ class EmergencyStop : public ::testing::Test {
   ForceRecordingHand hand_{hand_at(radius_ + 0.02)};
   hrtc_service::HrtcCore core_{session::Origin{kSession, kHrtc, 1, 0}, core_settings(model_)};
   hrtc_service::Membership membership_{
-      session::Origin{kSession, kHrtc, 1, 0}, {"hrtc", "session"}, core_.gateway(), hrtc_service::monotonic_ns()};
-  hrtc_service::HapticThread haptic_{haptic_settings(), core_.servo(), core_.link().devices, {&hand_}};
+      session::Origin{kSession, kHrtc, 1, 0}, {"hrtc", "session"}, core_.gateway(), realtime::monotonic_ns()};
+  hrtc_service::HapticThread haptic_{haptic_settings(), core_.servo(), core_.link(), {&hand_}};
   const spm::codec::EncodedModel encoded_{model_};
   host_service::HostCore host_{session::Origin{kSession, kHost, 1, 0},
-                               host_service::host_of("sphere", encoded_.compressed()), hrtc_service::monotonic_ns()};
+                               host_service::host_of("sphere", encoded_.compressed()), realtime::monotonic_ns()};
 };
 
 TEST_F(EmergencyStop, AStopAfterAResetInOneCycleZeroesTheForce) {

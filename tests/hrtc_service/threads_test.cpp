@@ -15,10 +15,10 @@
 #include "haptics/simulated_device.hpp"
 #include "host_service/host_core.hpp"
 #include "hrtc_service/flight_replay.hpp"
-#include "hrtc_service/flight_saver.hpp"
-#include "hrtc_service/haptic_thread.hpp"
 #include "hrtc_service/hrtc_core.hpp"
-#include "hrtc_service/realtime.hpp"
+#include "hrtc_service/servo/flight_saver.hpp"
+#include "hrtc_service/servo/haptic_thread.hpp"
+#include "realtime/periodic_clock.hpp"
 #include "spm/codec/model_codec.hpp"
 #include "spm/offline/build.hpp"
 #include "spm/offline/generate.hpp"
@@ -57,7 +57,7 @@ TEST(SystemCallFilter, RecordsTheCallsThatItDoesNotAllow) {
   test_support::SystemCalls::clear();
   std::thread{[] {
     test_support::SystemCalls::allow_only(SYS_clock_nanosleep);
-    wire::sleep_until(hrtc_service::monotonic_ns() + 1000);
+    realtime::sleep_until(realtime::monotonic_ns() + 1000);
     (void)syscall(SYS_gettid);
   }}.join();
   const std::map<long, std::uint64_t> tried = test_support::SystemCalls::attempts();  // the thread's end may add calls
@@ -114,7 +114,7 @@ class Threads : public ::testing::Test {
   }
   /// Empties the rings that the haptic thread fills.
   void drain_rings() {
-    for (hrtc_service::CycleTrace trace; haptic_.traces().pop(trace);) {
+    for (hrtc_service::CycleTrace trace; traces_.pop(trace);) {
     }
     for (trace::LoggedQuery query; queries_.pop(query);) {
       ++logged_queries_;
@@ -158,14 +158,15 @@ class Threads : public ::testing::Test {
                                     hrtc_service::flight_start("desk", hrtc_service::CycleSettings{}, pool_, {}), 1};
   hrtc_service::HrtcCore core_{kHrtcOrigin, core_settings()};
   SystemCallRecordingHand device_{hand_settings()};
-  hrtc_service::HapticThread haptic_{haptic_settings(), core_.servo(), core_.link().devices, {&device_}};
-  const std::int64_t start_ns_ = hrtc_service::monotonic_ns();
+  hrtc_service::HapticThread haptic_{haptic_settings(), core_.servo(), core_.link(), {&device_}};
+  const std::int64_t start_ns_ = realtime::monotonic_ns();
   host_service::HostCore host_{session::Origin{kSession, kHost, 1, 0},
                                host_service::host_of("sphere", encoded_.compressed()), start_ns_};
   hrtc_service::Membership membership_{kHrtcOrigin, {"hrtc", "session"}, core_.gateway(), start_ns_};
   std::uint64_t contact_reports_ = 0, exact_reports_ = 0, logged_queries_ = 0;
   std::set<std::uint64_t> mesh_hashes_;
   hrtc_service::RingReader<trace::LoggedQuery, hrtc_service::ContactQuery::kLogEntries> queries_{core_.log()};
+  hrtc_service::RingReader<hrtc_service::CycleTrace, hrtc_service::ServoLink::kTraces> traces_{core_.link().traces};
 };
 
 TEST_F(Threads, TheHapticThreadMakesNoSystemCallWhileTheLoaderLoadsAndEvictsRegions) {
@@ -177,9 +178,9 @@ TEST_F(Threads, TheHapticThreadMakesNoSystemCallWhileTheLoaderLoadsAndEvictsRegi
   // Waits for enough exact contacts, coarsened regions and a snapshot. The timeout of ctest limits the wait.
   while (exact_reports_ < 200 || core_.gateway().loader().figures().regions_coarsened < 3 ||
          core_.servo().snapshots_done() == 0) {
-    const std::int64_t now_ns = hrtc_service::monotonic_ns();
+    const std::int64_t now_ns = realtime::monotonic_ns();
     move_hand(now_ns);
-    if (contact_reports_ >= 100 && !std::exchange(is_snapshot_requested, true)) (void)haptic_.request_snapshot();
+    if (contact_reports_ >= 100 && !std::exchange(is_snapshot_requested, true)) core_.link().request_snapshot();
     exchange(now_ns);
     count_contacts();
     drain_rings();

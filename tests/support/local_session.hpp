@@ -56,11 +56,13 @@ class LocalSession {
   void prepare(const spm::Vec3d& device, const spm::Vec3d& velocity) {
     now_ += kPeriodNs;
     ++cycles_;
-    if (cycles_ % 2 == 0) exchange();
+    if (cycles_ % 2 == 0 && has_gateway) exchange();
     inputs_[0].active = true;
     inputs_[0].device.position = device;
     inputs_[0].device.velocity = velocity;
   }
+  /// Lets time pass without a cycle.
+  void pause(std::int64_t ns) noexcept { now_ += ns; }
   /// Second half of `step`, the work of the haptic thread: refines, and then computes the forces.
   const hrtc_service::CycleResult& run_cycle(std::uint32_t units) noexcept {
     core_.servo().refine(spm::Budget{units});
@@ -140,6 +142,7 @@ class LocalSession {
 
   std::vector<std::string> events;  ///< log lines of the gateway
   bool connected = true;            ///< false: new samples between host and HRTC are lost
+  bool has_gateway = true;          ///< false: the gateway does nothing
 
  private:
   template <class Sample>

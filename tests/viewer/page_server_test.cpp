@@ -7,11 +7,11 @@
 #include <nlohmann/json.hpp>
 #include <thread>
 
+#include "realtime/process.hpp"
 #include "session/units.hpp"
 #include "tests/support/temporary_folder.hpp"
 #include "tests/viewer/page_client.hpp"
 #include "tests/viewer/viewer_session.hpp"
-#include "wire/process.hpp"
 
 namespace tactus::viewer {
 namespace {
@@ -39,7 +39,7 @@ class PageServerTest : public ViewerSession {
     server_->on_page_closed = [this](PageId) { ++closed_pages_; };
     thread_ = std::thread{[this] {
       while (!ended_) {
-        server_->poll(wire::monotonic_ns());
+        server_->poll(realtime::monotonic_ns());
         pages_ = server_->pages();
         has_reader_ = server_->has_reader();
         std::this_thread::sleep_for(std::chrono::milliseconds{1});

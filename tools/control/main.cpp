@@ -23,8 +23,8 @@
 namespace {
 
 using namespace tactus;
+using realtime::monotonic_ns;
 using std::chrono::milliseconds;
-using wire::monotonic_ns;
 
 constexpr char kExamples[] = R"(
 Examples:
@@ -260,7 +260,7 @@ int main(int argc, char** argv) {
     return app.exit(error) == 0 ? 0 : 2;
   }
   try {
-    const std::atomic<bool>& interrupted = wire::stop_signal();
+    const std::atomic<bool>& interrupted = realtime::stop_signal();
     if (is_local) return stop_local_hrtcs();
     if (stop->parsed()) return stop_forces(address, request, interrupted);
     if (reset->parsed()) return reset_forces(address, request, interrupted);

@@ -24,8 +24,8 @@
 #include <sstream>
 #include <thread>
 
+#include "realtime/realtime.hpp"
 #include "wire/endpoints.hpp"
-#include "wire/realtime.hpp"
 
 namespace tactus::doctor {
 namespace {
@@ -150,11 +150,11 @@ void measure_lateness(const Settings& settings, const std::atomic<bool>& cancell
     facts.has_fifo = ::pthread_setschedparam(::pthread_self(), SCHED_FIFO, &requested) == 0;
     constexpr std::int64_t kPeriod_ns = 1'000'000;
     std::vector<double> late_us;
-    std::int64_t due = wire::monotonic_ns();
+    std::int64_t due = realtime::monotonic_ns();
     for (const std::int64_t end = due + static_cast<std::int64_t>(settings.seconds * 1e9); due < end && !cancelled;) {
-      due = std::max(due + kPeriod_ns, wire::monotonic_ns());
-      wire::sleep_until(due);
-      late_us.push_back(static_cast<double>(wire::monotonic_ns() - due) * 1e-3);
+      due = std::max(due + kPeriod_ns, realtime::monotonic_ns());
+      realtime::sleep_until(due);
+      late_us.push_back(static_cast<double>(realtime::monotonic_ns() - due) * 1e-3);
     }
     std::sort(late_us.begin(), late_us.end());
     const auto at = [&](double share) {
@@ -166,9 +166,9 @@ void measure_lateness(const Settings& settings, const std::atomic<bool>& cancell
 
 double clock_read_ns() {
   constexpr int kReads = 10'000;
-  const std::int64_t begin = wire::monotonic_ns();
-  for (int i = 0; i < kReads; ++i) static_cast<void>(wire::monotonic_ns());
-  return static_cast<double>(wire::monotonic_ns() - begin) / kReads;
+  const std::int64_t begin = realtime::monotonic_ns();
+  for (int i = 0; i < kReads; ++i) static_cast<void>(realtime::monotonic_ns());
+  return static_cast<double>(realtime::monotonic_ns() - begin) / kReads;
 }
 
 /// Returns whether the system locks as much memory as an HRTC with the default pool has. Touches none of it.
@@ -216,11 +216,11 @@ void inspect_ports(int domain, Facts& facts) {
 void try_to_match(const Settings& settings, const std::atomic<bool>& cancelled, Facts& facts) {
   try {
     wire::SessionAddress sender = settings.address;
-    sender.session = "doctor." + std::to_string(::getpid()) + "." + std::to_string(wire::monotonic_ns());
+    sender.session = "doctor." + std::to_string(::getpid()) + "." + std::to_string(realtime::monotonic_ns());
     wire::SessionAddress receiver = sender;
     sender.participant = "one";
     receiver.participant = "two";
-    const std::int64_t begin = wire::monotonic_ns();
+    const std::int64_t begin = realtime::monotonic_ns();
     wire::Participants from{sender}, to{receiver};
     const wire::Writer<session::Metrics> session_writer{from, wire::topics::kMetrics};
     const wire::Writer<session::ProbeState> probe_writer{from, wire::topics::kProbeState};
@@ -229,7 +229,7 @@ void try_to_match(const Settings& settings, const std::atomic<bool>& cancelled, 
     const wire::Reader<session::ProbeState> probe_reader{to, wire::topics::kProbeState, [](session::ProbeState&&) {}};
     const wire::Reader<session::BulkChunk> bulk_reader{to, wire::topics::kBase, [](session::BulkChunk&&) {}};
     while (!cancelled) {
-      const double elapsed_s = static_cast<double>(wire::monotonic_ns() - begin) * 1e-9;
+      const double elapsed_s = static_cast<double>(realtime::monotonic_ns() - begin) * 1e-9;
       if (session_writer.matched() + probe_writer.matched() + bulk_writer.matched() == 3)
         facts.match_time_s = elapsed_s;
       if (facts.match_time_s || elapsed_s > kMatchTimeout_s) return;

@@ -3,9 +3,9 @@
 #include <algorithm>
 #include <iostream>
 
+#include "realtime/process.hpp"
 #include "tools/doctor/findings.hpp"
 #include "wire/command_line.hpp"
-#include "wire/process.hpp"
 
 namespace {
 
@@ -44,7 +44,7 @@ int main(int argc, char** argv) {
   } catch (const CLI::ParseError& error) {
     return app.exit(error) == 0 ? 0 : 2;
   }
-  const std::atomic<bool>& cancelled = wire::stop_signal();
+  const std::atomic<bool>& cancelled = realtime::stop_signal();
   try {
     const std::vector<doctor::Finding> findings = doctor::judge(doctor::collect_facts(settings, cancelled));
     if (cancelled) return 130;

@@ -15,6 +15,7 @@
 #include <variant>
 #include <vector>
 
+#include "realtime/process.hpp"
 #include "session/messages.hpp"
 #include "tools/scene/scene.hpp"
 #include "trace/cdr.hpp"
@@ -22,7 +23,6 @@
 #include "trace/idl_schema.hpp"
 #include "trace/mcap.hpp"
 #include "wire/command_line.hpp"
-#include "wire/process.hpp"
 #include "wire/tap.hpp"
 
 namespace {
@@ -321,7 +321,7 @@ int main(int argc, char** argv) {
   } catch (const CLI::ParseError& error) {
     return app.exit(error) == 0 ? 0 : 2;
   }
-  const std::atomic<bool>& cancelled = wire::stop_signal();
+  const std::atomic<bool>& cancelled = realtime::stop_signal();
   try {
     if (!csv.empty()) return to_csv(file, csv);
     return record(address, file, settings, cancelled);

@@ -19,7 +19,7 @@
 namespace {
 
 using namespace tactus;
-using wire::monotonic_ns;
+using realtime::monotonic_ns;
 
 constexpr char kExamples[] = R"(
 Examples:
@@ -188,7 +188,7 @@ int main(int argc, char** argv) {
   } catch (const CLI::ParseError& error) {
     return app.exit(error) == 0 ? 0 : 2;
   }
-  const std::atomic<bool>& cancelled = wire::stop_signal();
+  const std::atomic<bool>& cancelled = realtime::stop_signal();
   std::signal(SIGPIPE, SIG_IGN);  // a failed write ends the program, which then leaves the session
   try {
     return options.once ? show_once(options, cancelled) : show_repeatedly(options, cancelled);

@@ -20,7 +20,7 @@
 namespace {
 
 using namespace tactus;
-using wire::monotonic_ns;
+using realtime::monotonic_ns;
 
 constexpr char kExamples[] = R"(
 Examples:
@@ -230,7 +230,7 @@ int main(int argc, char** argv) {
   } catch (const CLI::ParseError& error) {
     return app.exit(error) == 0 ? 0 : 2;
   }
-  const std::atomic<bool>& cancelled = wire::stop_signal();
+  const std::atomic<bool>& cancelled = realtime::stop_signal();
   std::signal(SIGPIPE, SIG_IGN);  // a failed write ends the program, which then leaves the session
   try {
     options.topic = full_name(options.topic);

@@ -4,7 +4,7 @@
 #include <utility>
 #include <vector>
 
-#include "wire/process.hpp"
+#include "realtime/process.hpp"
 #include "wire/transport/announcements.hpp"
 #include "wire/transport/rtps_message.hpp"
 #include "wire/transport/trimming.hpp"
@@ -30,7 +30,7 @@ class FilterTransport final : public WholeMessageTransport {
     if (!announcement) return pass_on(lower, message, size, first, last, until);
     std::vector<rtps::Locator_t> to;
     for (; first != last; ++first) to.push_back(*first);
-    const std::vector<rtps::Locator_t> due = announcements_.due(&lower, *announcement, to, monotonic_ns());
+    const std::vector<rtps::Locator_t> due = announcements_.due(&lower, *announcement, to, realtime::monotonic_ns());
     if (due.empty()) return true;
     rtps::Locators from{due.begin()}, end{due.end()};
     return pass_on(lower, message, size, from, end, until);

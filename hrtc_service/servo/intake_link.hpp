@@ -1,0 +1,72 @@
+/// The messages by which the gateway passes objects and regions to the intake of the servo, and the answers.
+///
+///     gateway                                                        servo
+///     Loader --> IntakeSender --messages--> SharedRing of bytes --> Intake --arrivals--> haptic thread
+///                     ^-----------answers-- SharedRing ------------'
+///
+/// A message consists of the bytes of an IntakeHeader, of the struct for its kind, and of its arrays. Both ends are of
+/// the same build, on the same machine.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+
+#include "hrtc_service/servo/shared_ring.hpp"
+#include "hrtc_service/servo/touch_object.hpp"
+#include "session/messages.hpp"
+#include "spm/cache.hpp"
+
+namespace tactus::hrtc_service {
+
+enum class IntakeKind : std::uint32_t {
+  kObject,   ///< IntakeObject; then positions, radii, faces and regions of the base mesh
+  kRegion,   ///< IntakeRegion; then list, sent, residuals and parts of a RegionData
+  kRetire,   ///< RegionId
+  kWithdraw  ///< nothing; the last message of an object
+};
+
+struct IntakeHeader {
+  IntakeKind kind = IntakeKind::kObject;
+  std::uint32_t object = 0;  ///< index, below kMaxObjects
+  std::uint64_t bytes = 0;   ///< size of the message without this header
+};
+
+struct IntakeObject {
+  std::uint64_t id = 0;
+  std::array<char, session::kMaxName + 1> name{};  ///< ends with a zero byte
+  session::Pose pose;
+  double scale = 1;
+  session::Material material;
+  session::Body body;
+  spm::ModelSummary summary{};
+};
+
+struct IntakeRegion {
+  spm::RegionId region{};
+  std::uint32_t list = 0, sent = 0, residuals = 0, parts = 0;  ///< sizes of the arrays
+};
+
+/// Reports the result of a message, or that the haptic thread has returned a region or an object.
+struct IntakeAnswer {
+  enum class Kind : std::uint8_t {
+    kObject,      ///< an object has been added or refused
+    kRegion,      ///< a region has been loaded or refused
+    kOther,       ///< another message has been processed
+    kRegionGone,  ///< the haptic thread has returned a retired region, and its memory is free
+    kObjectGone   ///< the haptic thread has returned a withdrawn object, and all its memory is free
+  } kind = Kind::kOther;
+  spm::AcceptResult result = spm::AcceptResult::kAccepted;  ///< of kObject and kRegion
+  std::uint32_t object = 0;                                 ///< index
+  spm::RegionId region{};
+  std::uint64_t processed = 0;  ///< number of messages that the intake has processed
+  spm::Cache::Space free;       ///< memory of the pool that is free now
+};
+
+struct IntakeLink {
+  static constexpr std::uint32_t kMessageBytes = 1u << 18, kAnswers = 4096;
+  SharedRing<std::byte, kMessageBytes> messages;
+  SharedRing<IntakeAnswer, kAnswers> answers;
+};
+
+}  // namespace tactus::hrtc_service

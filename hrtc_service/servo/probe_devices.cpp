@@ -1,0 +1,93 @@
+#include "hrtc_service/servo/probe_devices.hpp"
+
+#include <utility>
+
+#include "hrtc_service/servo/shared_check.hpp"
+
+namespace tactus::hrtc_service {
+namespace {
+
+template <class Probe, std::size_t... kNumbers>
+std::array<Probe, sizeof...(kNumbers)> make_probes(DeviceLink& link, const LocalDevices& local,
+                                                   const haptics::DeviceFrame& frame,
+                                                   std::index_sequence<kNumbers...>) {
+  return {Probe{link, kNumbers, local[kNumbers], frame}...};
+}
+
+}  // namespace
+
+ProbeDevices::ProbeDevices(DeviceLink& link, const LocalDevices& local, const haptics::DeviceFrame& frame)
+    : orders_{link.orders}, probes_{make_probes<Probe>(link, local, frame, std::make_index_sequence<kMaxProbes>{})} {}
+
+/// Begins with a new device if the order is for another user or source. No memory is allocated.
+void ProbeDevices::obey(Probe& probe, const ProbeOrder& order) noexcept {
+  const PoseSource source = is_valid(order) ? order.source : PoseSource::kNone;
+  if (source == probe.order.source && order.user == probe.order.user) return;
+  probe.order = order;
+  probe.order.source = source;
+  probe.has_pose = false;
+  probe.hand.reset();
+  if (source != PoseSource::kHand) return;
+  haptics::HandSettings settings;
+  settings.start = vec(order.start);
+  settings.start_orientation = quaternion(order.orientation);
+  settings.seed = order.seed;
+  probe.hand.emplace(settings);
+}
+
+/// A path may arrive before the order for its user, so the newest one is kept.
+void ProbeDevices::take_path(Probe& probe) noexcept {
+  if (probe.paths.take(probe.path)) probe.is_path_new = is_valid(probe.path.path);
+  if (!probe.is_path_new || !probe.hand || probe.path.user != probe.order.user) return;
+  probe.is_path_new = false;
+  probe.hand->paths().post(probe.path.path);
+}
+
+void ProbeDevices::take_pose(Probe& probe, std::int64_t now_ns) noexcept {
+  const UserPose& newest = probe.poses.latest();
+  if (newest.user != probe.order.user || !is_valid(newest.pose) || newest.pose.pose.arrived_ns > now_ns) return;
+  probe.pose = haptics::state_of(newest.pose);
+  probe.has_pose = true;
+}
+
+void ProbeDevices::read(std::int64_t now_ns, std::array<ProbeInput, kMaxProbes>& inputs) noexcept {
+  const ProbeOrders& orders = orders_.latest();
+  for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
+    Probe& probe = probes_[i];
+    ProbeInput& input = inputs[i];
+    input.active = true;
+    input.failed = false;
+    if (probe.local != nullptr) {
+      input.device = probe.local->read(now_ns);
+      input.failed = probe.local->health() == haptics::DeviceHealth::kFailed;
+    } else {
+      obey(probe, orders[i]);
+      take_path(probe);
+      take_pose(probe, now_ns);
+      input.active = probe.hand || (probe.order.source == PoseSource::kRemote && probe.has_pose);
+      if (!input.active) continue;
+      input.device = probe.hand ? probe.hand->read(now_ns) : probe.pose;
+    }
+    input.pose_age = static_cast<double>(now_ns - input.device.time_ns) * 1e-9;
+    if (probe.local != nullptr)
+      input.device = probe.frame.to_world(input.device, (input.device.buttons & haptics::kClutchButton) != 0);
+  }
+}
+
+void ProbeDevices::write(const std::array<ProbeOutput, kMaxProbes>& outputs) noexcept {
+  for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
+    Probe& probe = probes_[i];
+    const Vec3d force = vec(outputs[i].force), torque = vec(outputs[i].torque);
+    if (probe.local != nullptr)
+      probe.local->write_wrench(probe.frame.force_to_device(force), probe.frame.torque_to_device(torque));
+    else if (probe.hand)
+      probe.hand->write_wrench(force, torque);
+  }
+}
+
+void ProbeDevices::release() noexcept {
+  for (Probe& probe : probes_)
+    if (probe.local != nullptr) probe.local->write_wrench(Vec3d::Zero(), Vec3d::Zero());
+}
+
+}  // namespace tactus::hrtc_service

@@ -1,0 +1,69 @@
+/// Holds the objects of the haptic thread and the memory of their meshes.
+///
+///     objects, base meshes, regions, --> [check, write into the pool] --> arrivals
+///     retirements, withdrawals
+///     departures                     --> [free]
+///
+/// Regions, retirements and withdrawals are checked, and refused without a change if they are wrong. So the haptic thread
+/// can use what it gets without further checks.
+///
+/// One thread, not the haptic one. Allocates.
+#pragma once
+
+#include <array>
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "hrtc_service/servo/touch_object.hpp"
+#include "spm/cache.hpp"
+#include "spm/pool.hpp"
+
+namespace tactus::hrtc_service {
+
+class TouchObjects {
+ public:
+  /// Allocates the memory of all meshes.
+  explicit TouchObjects(const spm::PoolSettings& settings);
+
+  /// Adds an object whose base mesh has passed spm::violations. Returns nothing if its index is in use or the base mesh
+  /// does not fit.
+  [[nodiscard]] std::optional<Arrival> add(const ObjectDescription& description, const spm::BaseMesh& base);
+  /// Writes a region into the pool. If the result is not kAccepted, `arrival` is unchanged.
+  [[nodiscard]] spm::AcceptResult add_region(std::uint32_t object, const spm::RegionData& region, Arrival& arrival);
+  /// Retires a loaded region. Returns nothing if it is not loaded or is already retired.
+  [[nodiscard]] std::optional<Arrival> retire(std::uint32_t object, spm::RegionId region);
+  /// Withdraws an object. Returns nothing if there is no such object or it is already withdrawn.
+  [[nodiscard]] std::optional<Arrival> withdraw(std::uint32_t object);
+  /// Frees a region or an object that the haptic thread has returned.
+  void free(const Departure& departure);
+
+  /// Returns whether the haptic thread may use an object with this index, withdrawn or not.
+  [[nodiscard]] bool is_index_used(std::uint32_t object) const noexcept { return objects_[object] != nullptr; }
+  /// Returns an object that is not withdrawn, or null.
+  [[nodiscard]] TouchObject* find(std::uint32_t object) noexcept;
+  [[nodiscard]] const TouchObject* find(std::uint32_t object) const noexcept;
+  /// Returns the index of an object in the cache. The object must exist.
+  [[nodiscard]] spm::ObjectIndex cache_index(std::uint32_t object) const noexcept {
+    return objects_[object]->cache_index;
+  }
+  [[nodiscard]] const spm::Pool& pool() const noexcept { return pool_; }
+  [[nodiscard]] const spm::Cache& cache() const noexcept { return cache_; }
+  [[nodiscard]] const spm::NodePool& nodes() const noexcept { return nodes_; }
+
+ private:
+  struct Object {
+    TouchObject touch;
+    spm::ObjectIndex cache_index{};
+    std::vector<bool> is_retired;  // by region
+    bool is_withdrawn = false;
+  };
+  [[nodiscard]] Object* not_withdrawn(std::uint32_t object) const noexcept;
+
+  spm::Pool pool_;
+  spm::NodePool nodes_;
+  spm::Cache cache_;
+  std::array<std::unique_ptr<Object>, kMaxObjects> objects_;
+};
+
+}  // namespace tactus::hrtc_service
