@@ -52,6 +52,7 @@ ServoOptions servo_options(const HrtcOptions& options) {
   servo.pool = options.core.pool;
   servo.directory_bytes = options.core.gateway.loader.directory_bytes;
   servo.servo = options.core.servo;
+  servo.servo.watches_gateway = false;
   servo.haptic = options.haptic;
   servo.local = local_devices(options);
   servo.max_users = options.max_users;

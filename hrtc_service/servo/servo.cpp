@@ -26,7 +26,8 @@ Servo::Servo(const ServoSettings& settings, ServoLink& link, Intake& intake, Bod
       stop_signals_{settings.emergency_stop_signals},
       force_{settings.cycle.force},
       period_{settings.cycle.period},
-      gateway_patience_{settings.gateway_patience} {
+      gateway_patience_{settings.gateway_patience},
+      watches_gateway_{settings.watches_gateway} {
   cycle_.set_observer(settings.recorder);
   snapshot_.nodes.resize(settings.snapshot_nodes);
 }
@@ -69,7 +70,7 @@ void Servo::age_without_gateway(std::int64_t now_ns) noexcept {
   const std::uint64_t heartbeats = link_.heartbeats();
   const bool has_new_heartbeat = std::exchange(heartbeats_, heartbeats) != heartbeats;
   silence_ = has_new_heartbeat || heartbeats == 0 ? 0 : silence_ + std::clamp(passed, 0.0, 2 * period_);
-  if (silence_ <= kSilence) return;
+  if (!watches_gateway_ || silence_ <= kSilence) return;
   for (std::uint32_t i = 0; i < kMaxProbes; ++i) {
     const bool is_movable = cycle_.can_move(outputs_[i].object);
     const double late = silence_ - (is_movable ? kSilence : gateway_patience_);

@@ -35,6 +35,8 @@ struct ServoSettings {
   /// Number of local stops that a signal handler requests; must outlive the servo. Null: none.
   const std::atomic<std::uint32_t>* emergency_stop_signals = nullptr;
   double gateway_patience = 5;  ///< s, time for which fixed objects can be touched without the gateway
+  /// False: the gateway is in the same process, so its silence shows only that the machine is busy, and changes no force.
+  bool watches_gateway = true;
 };
 
 class Servo {
@@ -92,7 +94,8 @@ class Servo {
   std::uint32_t stop_signals_seen_ = 0, local_stops_ = 0;
   std::uint64_t cycles_ = 0;
   haptics::ForceSettings force_;
-  double period_, gateway_patience_;     // s
+  double period_, gateway_patience_;  // s
+  bool watches_gateway_;
   std::uint64_t heartbeats_ = 0;         // of the gateway, newest
   double silence_ = 0;                   // s, of the gateway, in cycles of this servo
   std::int64_t silence_updated_ns_ = 0;  // time of the last cycle
