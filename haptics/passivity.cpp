@@ -13,9 +13,9 @@ Vec3d PassivityController::step(const Vec3d& force, const Vec3d& position, doubl
     return force_;
   }
   const Vec3d displacement = started_ ? Vec3d(position - position_) : Vec3d(Vec3d::Zero());
+  ledger_.energy = energy_at(position, passed_on);
   started_ = true;
   position_ = position;
-  ledger_.energy -= force_.dot(displacement) + passed_on;
   ledger_.lowest = std::min(ledger_.lowest, ledger_.energy);
   if (const double above = ledger_.energy - settings_.credit - stored; above > 0) {
     ledger_.discarded += above;

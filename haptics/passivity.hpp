@@ -22,6 +22,7 @@
 /// that is constant during a cycle).
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 
 #include "spm/model.hpp"
@@ -51,6 +52,10 @@ class PassivityController {
   /// discarded.
   [[nodiscard]] Vec3d step(const Vec3d& force, const Vec3d& position, double passed_on, double dt, bool control = true,
                            double stored = 0) noexcept;
+  /// Returns E at the next pose, as `step` would count it, and leaves the account unchanged.
+  [[nodiscard]] double energy_at(const Vec3d& position, double passed_on) const noexcept {
+    return ledger_.energy - (started_ ? force_.dot(position - position_) : 0.0) - passed_on;
+  }
   /// Sets the force that the hand received, if it differs from the result of `step`.
   void limited(const Vec3d& force) noexcept { force_ = force; }
 
@@ -70,6 +75,45 @@ class PassivityController {
   Ledger ledger_;
   Vec3d position_ = Vec3d::Zero(), force_ = Vec3d::Zero();
   bool started_ = false;
+};
+
+/// Limits how fast a spring between hand and body regains its strength, so that it gains no energy.
+///
+/// A spring loses strength when poses are old. Meanwhile hand and body may move apart without a force. If the spring
+/// then had its full strength at once, its energy would come from nowhere. So a rise costs the energy
+///
+///     (strength - strength before) * stored energy of the full spring
+///
+/// and may use what earlier falls of the same contact have released, or what the port's E exceeds the spring's energy.
+/// Without either, the spring stays weak until the hand approaches the body, where the spring is short and a rise costs
+/// little.
+///
+/// SI. One thread at a time. Realtime.
+class StrengthLimiter {
+ public:
+  /// Begins a contact, whose first strength is not limited.
+  void reset() noexcept { *this = {}; }
+
+  /// Returns the strength of the spring until the next cycle, 0 to `wanted`. `wanted`: strength before this limit, 0 to
+  /// 1; `stored`: energy of the spring at full strength, J; `energy`: E of its port, J.
+  [[nodiscard]] double step(double wanted, double stored, double energy) noexcept {
+    constexpr double kFree = 5e-7;  // J, energy of a short spring, which is not counted
+    if (!has_strength_ || stored <= kFree) {
+      has_strength_ = true;
+      released_ = stored <= kFree ? 0 : released_;
+      return strength_ = wanted;
+    }
+    const double cost = (wanted - strength_) * stored;
+    const double available = std::max({0.0, released_, energy - strength_ * stored});
+    if (cost > available) wanted = strength_ + available / stored;
+    released_ = std::max(0.0, released_ - (wanted - strength_) * stored);
+    return strength_ = wanted;
+  }
+
+ private:
+  bool has_strength_ = false;
+  double strength_ = 0;  // of the last cycle
+  double released_ = 0;  // J, released by falls of the strength and not used by a rise
 };
 
 }  // namespace tactus::haptics

@@ -174,6 +174,14 @@ void Bodies::apply_received_poses(Cycle& cycle, std::int64_t now_ns) noexcept {
   }
 }
 
+double Bodies::strength_factor(const Cycle& cycle, std::uint32_t probe, const haptics::DeviceState& device,
+                               double energy_to_body, double stored) noexcept {
+  const double wanted = cycle.renderer(probe).strength();
+  const double energy = ports_[probe].energy_at(device.position, energy_to_body);
+  const double strength = strengths_[probe].step(wanted, stored, energy);
+  return wanted > 0 ? strength / wanted : 1;
+}
+
 Vec3d Bodies::limit_force(const Cycle& cycle, std::uint32_t probe, const Vec3d& force,
                           const haptics::DeviceState& device, double energy_to_body, double stored,
                           const ProbeOutput& output) noexcept {
@@ -210,12 +218,12 @@ void Bodies::limit_touch(const Cycle& cycle, std::uint32_t p, const haptics::Dev
   Vec3d wanted = stiffness * (touch.anchor - device.position);
   const double push = std::max(0.0, wanted.dot(touch.normal));
   wanted += std::max(-push, -damping * relative.dot(touch.normal)) * touch.normal;
-  Vec3d force = vec(output.force);
+  const double stored = spring_energy(stiffness, (touch.anchor - device.position).norm(), settings_.force.max_force);
+  Vec3d force = strength_factor(cycle, p, device, energy_to_body, stored) * vec(output.force);
   const double share = force_share(force.norm(), wanted.norm());
 
   // The spring on the body damps motion along the surface, too. So the force on the hand must damp this motion.
   force -= share * damping * (relative - relative.dot(touch.normal) * touch.normal);
-  const double stored = spring_energy(stiffness, (touch.anchor - device.position).norm(), settings_.force.max_force);
   output.force = plain(limit_force(cycle, p, force, device, energy_to_body, stored, output));
   hand.spring = {touch.anchor, device.position, device.velocity, share * stiffness, share * damping};
 }
@@ -233,10 +241,12 @@ void Bodies::limit_tool(const Cycle& cycle, std::uint32_t p, const haptics::Devi
   const Vec3d wanted = stiffness * tool.displacement;
   const double push = std::max(0.0, wanted.dot(tool.normal));
   const Vec3d damped = wanted + std::max(-push, -damping * relative.dot(tool.normal)) * tool.normal;
-  Vec3d force = vec(output.force);
+  const double stored = spring_energy(stiffness, tool.displacement.norm(), settings_.force.max_force);
+  const double factor = strength_factor(cycle, p, device, energy_to_body, stored);
+  Vec3d force = factor * vec(output.force);
+  output.torque = plain(Vec3d(factor * vec(output.torque)));
   const double share = force_share(force.norm(), damped.norm());
   force -= share * damping * (relative - relative.dot(tool.normal) * tool.normal);
-  const double stored = spring_energy(stiffness, tool.displacement.norm(), settings_.force.max_force);
   output.force = plain(limit_force(cycle, p, force, device, energy_to_body, stored, output));
   hand.spring = {tool.point, tool.point - tool.displacement, device.velocity, share * stiffness, share * damping};
 
@@ -245,7 +255,7 @@ void Bodies::limit_tool(const Cycle& cycle, std::uint32_t p, const haptics::Devi
       renderer.tool_grip(impedance, settings_.period, device.round_trip).rotational_stiffness * tool.rotation;
   const Vec3d torque = renderer.has_torque()
                            ? vec(output.torque)
-                           : Vec3d(renderer.strength() *
+                           : Vec3d(factor * renderer.strength() *
                                    clamp_factor(coupling_torque.norm(), settings_.force.max_torque) * coupling_torque);
   hand.torque = -torque - (tool.pose.position - tool.point).cross(share * wanted);
 }
@@ -258,19 +268,26 @@ void Bodies::limit_held(const Cycle& cycle, std::uint32_t p, const haptics::Devi
   const Cycle::HoldState& held = cycle.hold_state(p);
   const haptics::ForceRenderer& renderer = cycle.renderer(p);
   const double damping = held.impedance.damping;
-  const Vec3d force = vec(output.force), torque = vec(output.torque);
-  const Vec3d turn = haptics::rotation_to(held.hold, device);
-  const double max_torque = settings_.force.max_torque, wanted = held.pull.torque.norm();
-  const double share = force_share(force.norm(), held.pull.force.norm());
-  const double torque_share = renderer.has_torque() ? force_share(torque.norm(), wanted)
-                                                    : renderer.strength() * clamp_factor(wanted, max_torque);
   const haptics::ToolGrip& grip = held.grip;
   const double stretch = (held.hold.pose.position - device.position).norm();
   const double stored = spring_energy(grip.stiffness, stretch, settings_.force.max_force);
+  const double factor = strength_factor(cycle, p, device, energy_to_body, stored);
+  const Vec3d force = factor * vec(output.force);
+  const double share = force_share(force.norm(), held.pull.force.norm());
   output.force = plain(limit_force(cycle, p, force, device, energy_to_body, stored, output));
-  if (renderer.has_torque())
-    output.torque = plain(limit_torque(cycle, p, torque, true,
-                                       spring_energy(grip.rotational_stiffness, turn.norm(), max_torque), output));
+
+  const Vec3d turn = haptics::rotation_to(held.hold, device);
+  const double max_torque = settings_.force.max_torque, wanted = held.pull.torque.norm();
+  double torque_share = factor * renderer.strength() * clamp_factor(wanted, max_torque);
+  if (renderer.has_torque()) {
+    const double stored_turn = spring_energy(grip.rotational_stiffness, turn.norm(), max_torque);
+    RotationalPort& rotational = rotational_ports_[p];
+    const double energy = rotational.port.energy_at(rotational.angle, rotational.energy_to_body);
+    const double strength = rotational.strength.step(renderer.strength(), stored_turn, energy);
+    const Vec3d torque = (renderer.strength() > 0 ? strength / renderer.strength() : 1.0) * vec(output.torque);
+    torque_share = force_share(torque.norm(), wanted);
+    output.torque = plain(limit_torque(cycle, p, torque, true, stored_turn, output));
+  }
   hand.spring = {held.hold.pose.position, device.position, device.velocity, share * grip.stiffness, share * damping};
   hand.rotational_spring = {-turn, renderer.angular_velocity(), torque_share * grip.rotational_stiffness,
                             torque_share * grip.angular_damping};
@@ -289,7 +306,7 @@ void Bodies::limit_forces(const Cycle& cycle, const std::array<ProbeInput, kMaxP
     ProbeOutput& output = outputs[p];
     const Vec3d force = vec(output.force), torque = vec(output.torque);
     HandSpring& hand = springs_[p];
-    hand.body = kMaxBodies;
+    const std::uint32_t body_before = std::exchange(hand.body, kMaxBodies);
     const double energy_to_body = std::exchange(energy_to_body_[p], 0);
     if (!output.active) {  // reset for the next user
       reductions_[p] = {};
@@ -309,6 +326,8 @@ void Bodies::limit_forces(const Cycle& cycle, const std::array<ProbeInput, kMaxP
     hand.is_hold = (output.status & session::kHolding) != 0;
     if ((output.status & session::kInContact) != 0) hand.body = body_of(output.object);
     hand.torque.setZero();
+    if (hand.body != body_before || has_fault) strengths_[p].reset();
+    if (hand.body != body_before || has_fault || !hand.is_hold) rotational.strength.reset();
     if (hand.body == kMaxBodies) {
       (void)ports_[p].step(Vec3d::Zero(), device.position, energy_to_body, settings_.period, false);
     } else if (has_fault) {

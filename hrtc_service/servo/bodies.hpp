@@ -179,6 +179,10 @@ class Bodies {
   /// observes the energy.
   [[nodiscard]] Vec3d limit_torque(const Cycle& cycle, std::uint32_t probe, const Vec3d& torque, bool control,
                                    double stored, const ProbeOutput& output) noexcept;
+  /// Returns the factor for a probe's force and its springs after the limit of StrengthLimiter, 0 to 1. `stored`: as
+  /// in `limit_force`.
+  [[nodiscard]] double strength_factor(const Cycle& cycle, std::uint32_t probe, const haptics::DeviceState& device,
+                                       double energy_to_body, double stored) noexcept;
   void fade_reduction(std::uint32_t probe, ProbeOutput& output) noexcept;
   void process_orders() noexcept;
   void apply_coupling_order(std::uint32_t i) noexcept;
@@ -205,11 +209,13 @@ class Bodies {
   std::vector<haptics::SharedObject> simulated_;  // simulations, by index in bodies_; size kMaxBodies
   std::array<haptics::PassivityController, kMaxProbes> ports_;
   std::array<double, kMaxProbes> energy_to_body_{};  // J, of each probe since the last step of its port
+  std::array<haptics::StrengthLimiter, kMaxProbes> strengths_;
   struct RotationalPort {
     haptics::PassivityController port;
     double energy_to_body = 0;    // J
     Vec3d angle = Vec3d::Zero();  // sum of the device's rotation vectors, rad
     Eigen::Quaterniond orientation = Eigen::Quaterniond::Identity();
+    haptics::StrengthLimiter strength;
   };
   std::array<RotationalPort, kMaxProbes> rotational_ports_;
   /// The force and torque that a port has removed, N and N m. When its body is withdrawn, the removed part fades out,

@@ -49,9 +49,15 @@ void Cycle::move(const TouchObject& object, const Placement& placement) noexcept
   if (!placement.valid() || std::find(objects_.begin(), objects_.end(), &object) == objects_.end()) return;
   if (observer_ != nullptr) observer_->moved(object, placement);
   ObjectState& state = states_[object.index];
+  const Vec3d centre = 0.5 * (object.bounds.low + object.bounds.high);
+  const bool appears = (placement.to_world(centre) - state.placement.to_world(centre)).norm() > kMaxStep;
   if (!state.moved) state.previous_placement = state.placement;
-  state.moved = true;
+  state.moved = !appears;
   state.placement = placement;
+  if (appears) {
+    state.changed = kAllProbes;
+    for (UnchangedSphere& unchanged : state.unchanged) unchanged.appeared = true;
+  }
   moved_objects_ |= std::uint64_t{1} << object.index;
 }
 

@@ -163,9 +163,11 @@ class Cycle {
   }
 
   /// Sets the pose of an object. In the next `touch`, the object moves the proxies that touch it, and pushes the
-  /// proxies in its path. Ignores an invalid pose. From the first call on the object counts as near every tip.
-  /// Realtime.
+  /// proxies in its path. If its centre moves by more than kMaxStep, it appears at its new place and pushes none: so far
+  /// moves only an object whose pose was unknown. Ignores an invalid pose. From the first call on the object counts as
+  /// near every tip. Realtime.
   void move(const TouchObject& object, const Placement& placement) noexcept;
+  static constexpr double kMaxStep = 0.05;  ///< m, of an object in a cycle
 
   /// Processes the arrivals and computes the forces. `now_ns` is the time in the log.
   const CycleResult& touch(const std::array<ProbeInput, kMaxProbes>& probes, std::int64_t now_ns,

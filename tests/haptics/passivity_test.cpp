@@ -2,8 +2,10 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
+#include <random>
 
 #include "haptics/simulated_device.hpp"
 #include "tests/support/constants.hpp"
@@ -137,6 +139,45 @@ TEST(Passivity, BoundsTheCreditAndRefusesInputThatIsNotFinite) {
   EXPECT_EQ(port.step({1, 0, 0}, {nan, 0, 0}, 0, kCycle).norm(), 0);
   EXPECT_EQ(port.ledger().invalid_inputs, 2u);
   EXPECT_TRUE(std::isfinite(port.ledger().energy));
+}
+
+// A rise of strength that costs energy is limited to the energy of earlier falls.
+TEST(StrengthLimiter, LimitsARiseOnlyIfTheSpringIsLongerThanAtTheFall) {
+  constexpr double kStored = 0.01;  // J
+  StrengthLimiter limiter;
+  EXPECT_EQ(limiter.step(1, kStored, kStored), 1) << "the first strength";
+  EXPECT_EQ(limiter.step(0.25, kStored, kStored), 0.25);
+  EXPECT_EQ(limiter.step(1, kStored, 0), 1) << "as long as before";
+  EXPECT_EQ(limiter.step(0, kStored, 0), 0);
+  EXPECT_DOUBLE_EQ(limiter.step(1, 4 * kStored, 0), 0.25) << "four times the energy";
+  EXPECT_DOUBLE_EQ(limiter.step(1, 4 * kStored, 2 * kStored), 0.5) << "the hand has given more";
+  EXPECT_EQ(limiter.step(1, 1e-9, 0), 1) << "the hand is back at the body";
+  (void)limiter.step(0, kStored, 0);
+  limiter.reset();
+  EXPECT_EQ(limiter.step(0.5, kStored, 0), 0.5) << "another contact";
+}
+
+TEST(StrengthLimiter, ASpringWithChangingStrengthNeverGivesMoreThanItHasReceived) {
+  constexpr double kStiffness = 1000, kSpeed = 2e-4;  // N/m; m in a step
+  std::mt19937_64 random{7};
+  const auto uniform = [&](double from, double to) { return std::uniform_real_distribution{from, to}(random); };
+  for (int run = 0; run < 100; ++run) {
+    StrengthLimiter limiter;
+    double stretch = 0, strength = 1, energy = 0, lowest = 0;
+    int limited = 0;
+    for (int step = 0; step < 2000; ++step) {
+      const double before = stretch;
+      stretch = std::clamp(stretch + uniform(-kSpeed, kSpeed), 0.0, 0.01);
+      energy += strength * 0.5 * kStiffness * (stretch * stretch - before * before);  // work of the ends
+      const double wanted = step / 100 % 2 == 0 ? uniform(0.9, 1) : uniform(0, 0.5);
+      strength = limiter.step(wanted, 0.5 * kStiffness * stretch * stretch, energy);
+      ASSERT_LE(strength, wanted);
+      limited += strength < wanted ? 1 : 0;
+      lowest = std::min(lowest, energy);
+    }
+    EXPECT_GE(lowest, -1e-6) << "run " << run;
+    EXPECT_GT(limited, 0) << "run " << run;
+  }
 }
 
 }  // namespace

@@ -22,8 +22,9 @@ namespace {
 using spm::Vec3d;
 using test_support::LocalSession;
 
-constexpr double kBoxHalfEdge = 0.01;  // m, of the box on the organ
-constexpr double kMass = 0.2;          // kg, of each box
+constexpr double kBoxHalfEdge = 0.01;     // m, of the box on the organ
+constexpr double kMass = 0.2;             // kg, of each box
+constexpr double kMinPortEnergy = -1e-6;  // J, as in scenarios
 constexpr session::Material kRough{1000, 3, 0.9, 0.8};
 
 spm::offline::TriangleMesh box_mesh(double half_edge) {
@@ -241,47 +242,165 @@ TEST_F(BoxOnOrgan, OneInvalidStateOfAHandThatPressesOrHoldsItLeavesItsStateFinit
   }
 }
 
-TEST(ToolAndBody, AStylusPushesABoxAlongTheGroundAndFeelsItsFriction) {
-  constexpr double kPushedHalfEdge = 0.03, kSpeed = 0.05;  // m, m/s
-  constexpr double kGround = -1;                           // m, as in LocalSession
-  const spm::offline::BuiltModel box{spm::offline::build_model(box_mesh(kPushedHalfEdge))};
-  const spm::offline::TriangleMesh stylus = spm::offline::stylus();
-  const spm::MeshProbe probe{stylus.positions, stylus.faces};
-  hrtc_service::LoaderSettings loader;
-  loader.tool = &probe;
-  const session::Material material{1000, 3, 0.5, 0.4};
-  LocalSession session{{box.model()}, 1, spm::PoolSettings::for_slots(1 << 14), 2, loader, material, kMass};
-  hrtc_service::BodyReports reports;
-  hrtc_service::GrantedBodies orders;
-  orders.count = 1;
-  orders.bodies[0].object = 0;
-  orders.bodies[0].received.number = 1;
-  orders.bodies[0].received.state.position = {0, 0, kGround + kPushedHalfEdge};
-  Vec3d hand{0.05, 0.002, kGround + 0.02};
-  double box_x = 0, force_sum = 0;
+/// A box on the ground beside a hand with a tip or a stylus.
+class BoxOnGround {
+ public:
+  static constexpr double kHalfEdge = 0.03;  // m
+  static constexpr double kGround = -1;      // m, as in LocalSession
+
+  explicit BoxOnGround(bool has_tool)
+      : session_{{box_.model()},
+                 1,
+                 spm::PoolSettings::for_slots(1 << 14),
+                 2,
+                 loader_settings(has_tool ? &stylus_ : nullptr),
+                 kMaterial,
+                 kMass} {
+    orders_.count = 1;
+    orders_.bodies[0].object = 0;
+    orders_.bodies[0].received.number = 1;
+    orders_.bodies[0].received.state.position = {0, 0, kGround + kHalfEdge};
+  }
+
+  /// Runs a cycle. `pose_age`: age of the device's state in s; a state above 0 s is that of the last cycle.
+  void run_cycle(const Vec3d& hand, const Vec3d& velocity, double pose_age = 0, bool grab = false) {
+    haptics::DeviceState& device = session_.inputs()[0].device;
+    const haptics::DeviceState before = device;
+    session_.prepare(hand, velocity);
+    device.buttons = grab ? std::uint32_t{haptics::kGrabButton} : 0u;
+    if (pose_age > 0) device = before;
+    session_.inputs()[0].pose_age = pose_age;
+    hrtc_service::MailboxWriter{session_.core().link().bodies.granted}.post(orders_);
+    session_.core().tick_intake();
+    output_ = session_.touch_with_bodies()[0];
+    (void)session_.core().servo().refine(spm::Budget{1u << 20});
+    (void)hrtc_service::MailboxReader{session_.core().link().bodies.reports}.take(reports_);
+  }
+
+  void set_gateway(bool has_gateway) { session_.has_gateway = has_gateway; }
+  [[nodiscard]] const hrtc_service::ProbeOutput& output() const { return output_; }
+  [[nodiscard]] const hrtc_service::BodyReports& reports() const { return reports_; }
+  [[nodiscard]] const haptics::BodyState& body() const { return reports_.bodies[0].state; }
+
+ private:
+  static constexpr session::Material kMaterial{1000, 3, 0.5, 0.4};
+
+  static hrtc_service::LoaderSettings loader_settings(const spm::MeshProbe* tool) {
+    hrtc_service::LoaderSettings settings;
+    settings.tool = tool;
+    return settings;
+  }
+
+  spm::offline::BuiltModel box_{spm::offline::build_model(box_mesh(kHalfEdge))};
+  spm::offline::TriangleMesh stylus_mesh_ = spm::offline::stylus();
+  spm::MeshProbe stylus_{stylus_mesh_.positions, stylus_mesh_.faces};
+  LocalSession session_;
+  hrtc_service::GrantedBodies orders_;
+  hrtc_service::BodyReports reports_;
+  hrtc_service::ProbeOutput output_;
+};
+
+TEST(BodyOnGround, AStylusPushesABoxAlongTheGroundAndFeelsItsFriction) {
+  constexpr double kSpeed = 0.05;  // m/s
+  BoxOnGround session{true};
+  Vec3d hand{0.05, 0.002, BoxOnGround::kGround + 0.02};
+  double force_sum = 0;
   int pushed_cycles = 0;
   for (int cycle = 0; cycle < 1300; ++cycle) {
     const Vec3d velocity = cycle < 300 ? Vec3d::Zero() : Vec3d{-kSpeed, 0, 0};
     hand += 1e-3 * velocity;
-    session.prepare(hand, velocity);
-    hrtc_service::MailboxWriter{session.core().link().bodies.granted}.post(orders);
-    session.core().tick_intake();
-    const hrtc_service::Servo::Outputs& outputs = session.touch_with_bodies();
-    (void)session.core().servo().refine(spm::Budget{1u << 20});
-    (void)hrtc_service::MailboxReader{session.core().link().bodies.reports}.take(reports);
+    session.run_cycle(hand, velocity);
     if (cycle < 1000) continue;
     ++pushed_cycles;
-    force_sum += outputs[0].force[0];
-    box_x = reports.bodies[0].state.position.x();
+    force_sum += session.output().force[0];
   }
-  ASSERT_EQ(reports.count, 1u);
-  EXPECT_TRUE(reports.bodies[0].is_touched);
+  ASSERT_EQ(session.reports().count, 1u);
+  EXPECT_TRUE(session.reports().bodies[0].is_touched);
   EXPECT_NEAR(force_sum / pushed_cycles, 0.5 * kMass * 9.81, 0.15) << "the friction of the ground";
-  EXPECT_NEAR(box_x, hand.x() - 0.003 - kPushedHalfEdge + 0.001, 0.001)
+  EXPECT_NEAR(session.body().position.x(), hand.x() - 0.003 - BoxOnGround::kHalfEdge + 0.001, 0.001)
       << "in front of the tip, which 1 N displaces by 1 mm from the device";
-  EXPECT_NEAR(reports.bodies[0].state.position.z(), kGround + kPushedHalfEdge, 5e-4);
-  EXPECT_LT(haptics::log_map(reports.bodies[0].state.orientation).norm(), 0.15) << "the push is 2 mm off the centre";
-  EXPECT_GE(reports.ports[0].lowest, -1e-6);
+  EXPECT_NEAR(session.body().position.z(), BoxOnGround::kGround + BoxOnGround::kHalfEdge, 5e-4);
+  EXPECT_LT(haptics::log_map(session.body().orientation).norm(), 0.15) << "the push is 2 mm off the centre";
+  EXPECT_GE(session.reports().ports[0].lowest, kMinPortEnergy);
+}
+
+TEST(BodyOnGround, ABoxThatIsFarFromItsStartPassesNoHandOnItsWay) {
+  for (const bool has_tool : {false, true}) {
+    SCOPED_TRACE(has_tool ? "stylus" : "tip");
+    BoxOnGround session{has_tool};
+    const Vec3d hand{0, 0, BoxOnGround::kGround + 2 * BoxOnGround::kHalfEdge + 0.0125};
+    for (int cycle = 0; cycle < 500; ++cycle) {
+      session.run_cycle(hand, Vec3d::Zero());
+      ASSERT_EQ(hrtc_service::vec(session.output().force).norm(), 0) << "cycle " << cycle;
+    }
+    EXPECT_NEAR(session.body().position.z(), BoxOnGround::kGround + BoxOnGround::kHalfEdge, 1e-6);
+    EXPECT_FALSE(session.reports().bodies[0].is_touched);
+  }
+}
+
+enum class Silent { kDevice, kGateway };
+
+/// Pushes a box, and moves the hand on by 10 mm while device or gateway are silent and no force acts.
+void push_through_silence(BoxOnGround& session, Silent silent) {
+  constexpr double kSpeed = 0.05;  // m/s
+  constexpr int kSilent = 200;     // cycles
+  Vec3d hand{0.05, 0.002, BoxOnGround::kGround + 0.02};
+  const auto push = [&](int cycles, double speed) {
+    for (int cycle = 0; cycle < cycles; ++cycle) {
+      const Vec3d velocity{-speed, 0, 0};
+      hand += 1e-3 * velocity;
+      session.run_cycle(hand, velocity);
+    }
+  };
+  push(300, 0);
+  push(700, kSpeed);
+  ASSERT_TRUE(session.reports().bodies[0].is_touched);
+  ASSERT_GE(session.reports().ports[0].lowest, kMinPortEnergy);
+  session.set_gateway(silent != Silent::kGateway);
+  for (int cycle = 1; cycle <= kSilent; ++cycle) {
+    const Vec3d velocity{-kSpeed, 0, 0};
+    hand += 1e-3 * velocity;
+    session.run_cycle(hand, velocity, silent == Silent::kDevice ? 1e-3 * cycle : 0);
+  }
+  ASSERT_EQ(hrtc_service::vec(session.output().force).norm(), 0);
+  session.set_gateway(true);
+  push(500, 0);
+  EXPECT_GE(session.reports().ports[0].lowest, kMinPortEnergy);
+}
+
+TEST(BodyOnGround, AForceThatReturnsAfterSilenceGivesABoxNoEnergyThatTheHandHasNotGiven) {
+  for (const bool has_tool : {false, true})
+    for (const Silent silent : {Silent::kDevice, Silent::kGateway}) {
+      SCOPED_TRACE(std::string{has_tool ? "stylus" : "tip"} +
+                   (silent == Silent::kDevice ? ", silent device" : ", silent gateway"));
+      BoxOnGround session{has_tool};
+      push_through_silence(session, silent);
+    }
+}
+
+TEST(BodyOnGround, AHoldThatWeakensForAMomentGivesABoxNoEnergyThatTheHandHasNotGiven) {
+  BoxOnGround session{false};
+  const double top = BoxOnGround::kGround + 2 * BoxOnGround::kHalfEdge;
+  Vec3d hand{0, 0, top + 0.0125};
+  for (int cycle = 0; cycle < 600; ++cycle) {
+    if (cycle < 400) hand.z() -= 0.01 / 400;
+    session.run_cycle(hand, Vec3d::Zero(), 0, cycle >= 400);
+  }
+  const auto lift = [&](int cycles, double speed) {
+    for (int cycle = 0; cycle < cycles; ++cycle) {
+      hand.z() += 1e-3 * speed;
+      session.run_cycle(hand, {0, 0, speed}, 0, true);
+    }
+  };
+  lift(1000, 0.05);
+  lift(200, 0);
+  ASSERT_NE(session.output().status & session::kHolding, 0u);
+  ASSERT_GE(session.reports().ports[0].lowest, kMinPortEnergy);
+  for (int cycle = 1; cycle <= 50; ++cycle) session.run_cycle(hand, Vec3d::Zero(), 1e-3 * cycle, true);
+  lift(1000, 0);
+  EXPECT_NE(session.output().status & session::kHolding, 0u);
+  EXPECT_GE(session.reports().ports[0].lowest, kMinPortEnergy);
+  EXPECT_GE(session.reports().rotational_ports[0].lowest, kMinPortEnergy);
 }
 
 }  // namespace
