@@ -50,7 +50,7 @@ struct tactus_device {
   double target[kAxes], position[kAxes]; /* m; the tip moves to the target at kMaxTipSpeed */
   struct axis sticks[kAxes];
   uint32_t buttons;
-  uint32_t stop; /* the stop button, until a pose has reported it, however short the press was */
+  uint32_t stop;                /* the stop button, until a pose has reported it, however short the press was */
   int has_dropped;              /* the kernel has dropped events, and the packet with the gap has not ended yet */
   double rumble, target_rumble; /* shares of full rumble: last sent, and of the newest force */
   int64_t time_ns, rumbled_ns;

@@ -51,7 +51,8 @@ Value Value::parse(const std::string& text, const std::string& source) {
     return {source, "", YAML::Load(text)};
   } catch (const YAML::Exception& error) {
     Value{source, "", {}}.fail_at(
-        error.mark, "not YAML: " + error.msg + "; check brackets, quotes and indents in this line and the lines before");
+        error.mark,
+        "not YAML: " + error.msg + "; check brackets, quotes and indents in this line and the lines before");
   }
 }
 

@@ -249,7 +249,8 @@ TEST_F(MembershipTest, ASimulationExitsAndNamesTheMissingHrtcAndObject) {
   ASSERT_TRUE(desk.wait_for_line("serves"));
   Process sim_without_host{in_session("sim", {"--scenario", "touch", "--patience", "10"})};
   EXPECT_EQ(sim_without_host.wait(), 1);
-  EXPECT_THAT(sim_without_host.output(), HasSubstr("Stopped early: no host serves object #1; found HRTC desk and no object"));
+  EXPECT_THAT(sim_without_host.output(),
+              HasSubstr("Stopped early: no host serves object #1; found HRTC desk and no object"));
   EXPECT_THAT(sim_without_host.output(), HasSubstr("waited 10 s"));
 }
 

@@ -153,7 +153,8 @@ static void take_roster(struct Client* client) {
       client->best_round_trip_ns = INT64_MAX;
     }
     for (uint32_t i = 0; i < entry.served_users._length; ++i) {
-      if (entry.participant != client->hrtc_id || client->has_probe || strcmp(entry.served_users._buffer[i].user, kUser) != 0)
+      if (entry.participant != client->hrtc_id || client->has_probe ||
+          strcmp(entry.served_users._buffer[i].user, kUser) != 0)
         continue;
       client->pose.probe = entry.served_users._buffer[i].probe_number;
       client->has_probe = true;
