@@ -9,6 +9,7 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 
 #include "hrtc_service/gateway.hpp"
 #include "hrtc_service/servo/body_intake.hpp"
@@ -42,19 +43,28 @@ class HrtcCore {
         intake_{settings.pool, link_->intake, settings.gateway.loader.directory_bytes},
         body_intake_{intake_.objects(), link_->bodies},
         servo_{settings.servo, *link_, intake_, body_intake_.orders(), log_.get()},
-        gateway_{settings.pool, self, gateway_settings(settings), *link_} {}
+        pool_{settings.pool},
+        gateway_settings_{gateway_settings(settings)} {
+    replace_gateway(self);
+  }
   HrtcCore(const HrtcCore&) = delete;
   HrtcCore& operator=(const HrtcCore&) = delete;
 
+  /// Replaces the gateway by a new one without callbacks, as after its end. The servo keeps all it has.
+  void replace_gateway(const session::Origin& self) {
+    gateway_.reset();
+    gateway_.emplace(pool_, self, gateway_settings_, *link_);
+  }
+
   [[nodiscard]] Servo& servo() noexcept { return servo_; }
   [[nodiscard]] const Servo& servo() const noexcept { return servo_; }
-  [[nodiscard]] Gateway& gateway() noexcept { return gateway_; }
-  [[nodiscard]] const Gateway& gateway() const noexcept { return gateway_; }
+  [[nodiscard]] Gateway& gateway() noexcept { return *gateway_; }
+  [[nodiscard]] const Gateway& gateway() const noexcept { return *gateway_; }
   /// Passes to the servo what the gateway has sent. Call it after each tick of the gateway and after received samples.
   void tick_intake() {
     intake_.tick();
     // A base mesh is larger than the ring. The limit ends the loop if the intake waits for the haptic thread.
-    for (int left = 256; left > 0 && !gateway_.send_waiting(); --left) intake_.tick();
+    for (int left = 256; left > 0 && !gateway_->send_waiting(); --left) intake_.tick();
     intake_.tick();
     body_intake_.tick();
   }
@@ -72,7 +82,9 @@ class HrtcCore {
   Intake intake_;
   BodyIntake body_intake_;
   Servo servo_;
-  Gateway gateway_;
+  spm::PoolSettings pool_;
+  GatewaySettings gateway_settings_;
+  std::optional<Gateway> gateway_;
 };
 
 }  // namespace tactus::hrtc_service

@@ -22,7 +22,23 @@ std::uint32_t size_of(const auto& values) noexcept { return static_cast<std::uin
 }  // namespace
 
 IntakeSender::IntakeSender(IntakeLink& link, const spm::PoolSettings& pool)
-    : messages_{link.messages}, answers_{link.answers}, reported_{pool.slots, pool.list_blocks}, free_{reported_} {}
+    : is_attached_{link.messages.pushed.load() == 0 && link.attach_requests.load() == 0},
+      residents_{link.residents},
+      messages_{link.messages},
+      answers_{link.answers} {
+  if (is_attached_)
+    free_ = reported_ = {pool.slots, pool.list_blocks};
+  else
+    request_ = link.attach_requests.fetch_add(1, std::memory_order_release) + 1;
+}
+
+bool IntakeSender::take_residents(Residents& residents) {
+  if (is_attached_ || !residents_.take(residents) || residents.request != request_) return false;
+  is_attached_ = true;
+  answers_.skip_to(residents.answers_begin);
+  free_ = reported_ = residents.free;
+  return true;
+}
 
 template <class... Parts>
 void IntakeSender::append(IntakeKind kind, std::uint32_t index, const spm::Cache::Space& cost, const Parts&... parts) {
@@ -57,6 +73,7 @@ void IntakeSender::retire(std::uint32_t index, spm::RegionId region) { append(In
 void IntakeSender::withdraw(std::uint32_t index) { append(IntakeKind::kWithdraw, index, {}); }
 
 bool IntakeSender::flush() {
+  if (!is_attached_) return waiting_.empty();
   sent_ += messages_.push(std::span{waiting_}.subspan(sent_));
   if (sent_ < waiting_.size()) return false;
   constexpr std::size_t kMaxKept = 1u << 20;  // bytes; only base meshes need more
@@ -67,7 +84,7 @@ bool IntakeSender::flush() {
 }
 
 bool IntakeSender::take(IntakeAnswer& answer) {
-  if (!answers_.pop(answer)) return false;
+  if (!is_attached_ || !answers_.pop(answer)) return false;
   reported_ = answer.free;
   while (!unanswered_.empty() && unanswered_.front().message <= answer.processed) unanswered_.pop_front();
   free_ = reported_;

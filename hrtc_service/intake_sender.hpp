@@ -19,8 +19,14 @@ namespace tactus::hrtc_service {
 
 class IntakeSender {
  public:
-  /// `link` must outlive the sender. `pool`: settings of the intake's pool, which must be empty.
+  /// Attaches to the intake if an earlier sender has used the link. `link` must outlive the sender. `pool`: settings of
+  /// the intake's pool, which is empty if nobody has used the link.
   IntakeSender(IntakeLink& link, const spm::PoolSettings& pool);
+
+  /// Returns whether the intake has answered the attach. Until then nothing is sent, and no memory counts as free.
+  [[nodiscard]] bool is_attached() const noexcept { return is_attached_; }
+  /// Takes the answer to the attach, once. Returns false if there is none yet, or if no attach was necessary.
+  [[nodiscard]] bool take_residents(Residents& residents);
 
   /// Each of these appends a message to those that `flush` sends. `base.summary` replaces `object.summary`.
   void add_object(std::uint32_t index, IntakeObject object, const spm::BaseMesh& base);
@@ -45,6 +51,9 @@ class IntakeSender {
   template <class... Parts>
   void append(IntakeKind kind, std::uint32_t index, const spm::Cache::Space& cost, const Parts&... parts);
 
+  bool is_attached_;
+  std::uint32_t request_ = 0;  // of the attach
+  MailboxReader<Residents> residents_;
   RingWriter<std::byte, IntakeLink::kMessageBytes> messages_;
   RingReader<IntakeAnswer, IntakeLink::kAnswers> answers_;
   std::vector<std::byte> waiting_;  // bytes that the ring has not taken yet begin at `sent_`

@@ -351,7 +351,9 @@ void Loader::find_near(const std::array<ReportedProbe, kMaxProbes>& probes, std:
 
 void Loader::tick(std::int64_t now_ns, const std::array<ReportedProbe, kMaxProbes>& probes,
                   std::array<NearObjects, kMaxProbes>& near) {
+  process_attach(now_ns);
   process_answers();
+  withdraw_residents(now_ns);
   admit_pending_bases();
   collect_released();
   store_waiting(now_ns);

@@ -24,6 +24,10 @@
 /// The base mesh of a new object reserves its slots at once. If regions occupy these slots, the base mesh waits until
 /// the haptic thread has coarsened them. It is refused only if it does not fit besides the other base meshes.
 ///
+/// If an earlier gateway has used the link, the servo still has its objects and regions. The loader keeps an object when
+/// a host offers it again, and then knows which of its regions are loaded, without their data in the store. It withdraws
+/// the objects that no host has offered for `resident_patience_ns`.
+///
 /// An object is withdrawn when its last host withdraws it or sends a leave message. Predictions, demands and the store
 /// then omit it at once. Its memory in the pool is freed when the intake has returned it. If its hosts are only
 /// silent, the object and its loaded regions remain, because a user may be touching it and a host may come back.
@@ -79,6 +83,8 @@ struct LoaderSettings {
   /// Regions that were wanted within this time are evicted after all others. Contacts separated by less time belong to
   /// one visit.
   std::int64_t recently_wanted_ns = 300'000'000;
+  /// Time after which an object of an earlier gateway is withdrawn, if no host has offered it.
+  std::int64_t resident_patience_ns = 10'000'000'000;
   /// Clock for the cost of prediction, ns. The loader limits that cost to a share of the time. Null: the cost is 0.
   std::int64_t (*clock)() = nullptr;
   /// Max bytes of the directories of all objects (spm/directory.hpp). An object whose directory does not fit is
@@ -315,7 +321,12 @@ class Loader {
   [[nodiscard]] std::uint64_t base_credit() const;
   void admit_pending_bases();
   void drop_pending_base(Object& object);
-  [[nodiscard]] std::uint32_t take_index() noexcept;
+  void process_attach(std::int64_t now_ns);
+  void withdraw_residents(std::int64_t now_ns);
+  [[nodiscard]] std::uint32_t resident_index(const Object& object) const noexcept;
+  [[nodiscard]] bool can_admit(const Object& object) const noexcept;
+  [[nodiscard]] std::uint32_t free_index() const noexcept;
+  [[nodiscard]] std::uint32_t take_index(const Object& object) noexcept;
   void admit_base(Object& object, spm::codec::DecodedBase decoded);
   void update_broad_phase(const Object& object);
 
@@ -376,6 +387,8 @@ class Loader {
   std::map<std::uint64_t, std::unique_ptr<Object>> objects_;    // by id
   std::vector<Object*> active_;                                 // ready and not withdrawn, in the order of arrivals
   std::array<Object*, kMaxObjects> by_index_{};                 // ready; null: none
+  std::array<Resident, kMaxObjects> residents_{};               // of an earlier gateway, not offered yet
+  std::int64_t attached_ns_ = 0;                                // time of the attach
   std::uint32_t next_index_ = 0;                                // at which the search for a free index starts
   std::map<std::uint64_t, session::CatalogueEntry> postponed_;  // by id; entries to open when another object is gone
   struct PredictedContact {

@@ -26,10 +26,11 @@ void Loader::on_base_mesh(Object& object, const std::vector<std::uint8_t>& bytes
   }
   delivery_.answer_base_stored(object.info.id);  // also if it does not fit: another request would change nothing
   if (object.ready || object.base_slots > 0 || !reserve_base(object, decoded->mesh)) return;
-  if (!pending_bases_.empty() || object.base_slots > intake_.free_space().slots) {
-    report_info("object " + object.info.name + ": waits until regions are coarsened, its base mesh takes " +
-                std::to_string(object.base_slots) + " slots, the pool has " +
-                std::to_string(intake_.free_space().slots) + " free");
+  if (!pending_bases_.empty() || !can_admit(object)) {
+    if (intake_.is_attached())
+      report_info("object " + object.info.name + ": waits until regions are coarsened, its base mesh takes " +
+                  std::to_string(object.base_slots) + " slots, the pool has " +
+                  std::to_string(intake_.free_space().slots) + " free");
     pending_bases_.push_back({&object, std::move(*decoded)});
     return;
   }
@@ -80,7 +81,7 @@ std::uint64_t Loader::base_credit() const {
 
 /// Admits the base meshes whose slots have become free, in the order of their arrival.
 void Loader::admit_pending_bases() {
-  while (!pending_bases_.empty() && pending_bases_.front().object->base_slots <= intake_.free_space().slots) {
+  while (!pending_bases_.empty() && can_admit(*pending_bases_.front().object)) {
     PendingBase pending = std::move(pending_bases_.front());
     pending_bases_.pop_front();
     admit_base(*pending.object, std::move(pending.base));
@@ -97,10 +98,56 @@ void Loader::drop_pending_base(Object& object) {
   pending_bases_.erase(pending);
 }
 
-/// Returns the next index that no object has. The index of a removed object is used again as late as possible.
-std::uint32_t Loader::take_index() noexcept {
-  while (by_index_[next_index_] != nullptr) next_index_ = (next_index_ + 1) % kMaxObjects;
-  return std::exchange(next_index_, (next_index_ + 1) % kMaxObjects);
+/// Learns which objects of an earlier gateway the servo has.
+void Loader::process_attach(std::int64_t now_ns) {
+  Residents residents;
+  if (!intake_.take_residents(residents)) return;
+  residents_ = residents.objects;
+  attached_ns_ = now_ns;
+}
+
+/// Withdraws the objects of an earlier gateway that no host has offered in time.
+void Loader::withdraw_residents(std::int64_t now_ns) {
+  if (now_ns - attached_ns_ < settings_.resident_patience_ns) return;
+  for (std::uint32_t i = 0; i < kMaxObjects; ++i)
+    if (residents_[i].exists && !std::exchange(residents_[i].is_withdrawn, true)) intake_.withdraw(i);
+}
+
+/// Returns the index at which the servo has this object from an earlier gateway, or kNone.
+std::uint32_t Loader::resident_index(const Object& object) const noexcept {
+  for (std::uint32_t i = 0; i < kMaxObjects; ++i) {
+    const Resident& resident = residents_[i];
+    if (resident.exists && !resident.is_withdrawn && resident.id == object.info.id &&
+        resident.digest == object.info.digest)
+      return i;
+  }
+  return spm::kNone;
+}
+
+bool Loader::can_admit(const Object& object) const noexcept {
+  if (!intake_.is_attached()) return false;
+  return resident_index(object) != spm::kNone ||
+         (object.base_slots <= intake_.free_space().slots && free_index() != spm::kNone);
+}
+
+/// Returns the next index that no object has, or kNone. The index of a removed object is used again as late as possible.
+std::uint32_t Loader::free_index() const noexcept {
+  for (std::uint32_t i = 0; i < kMaxObjects; ++i) {
+    const std::uint32_t index = (next_index_ + i) % kMaxObjects;
+    if (by_index_[index] == nullptr && !residents_[index].exists) return index;
+  }
+  return spm::kNone;
+}
+
+/// Returns the index for an object that can be admitted.
+std::uint32_t Loader::take_index(const Object& object) noexcept {
+  if (const std::uint32_t index = resident_index(object); index != spm::kNone) {
+    residents_[index] = {};
+    return index;
+  }
+  const std::uint32_t index = free_index();
+  next_index_ = (index + 1) % kMaxObjects;
+  return index;
 }
 
 /// Sends a base mesh, for which the pool has free slots, to the intake.
@@ -108,7 +155,7 @@ void Loader::admit_base(Object& object, spm::codec::DecodedBase decoded) {
   const spm::BaseMesh& base = decoded.mesh;
   object.summary = base.summary;
   object.tables = std::move(decoded.tables);
-  object.info.index = take_index();
+  object.info.index = take_index(object);
   store_.admit(spm::ObjectIndex{object.info.index}, object.summary, object.tables);
   object.notes.resize(base.regions.size());
   std::uint32_t largest = 0;

@@ -80,7 +80,8 @@ spm::Cache::Space Loader::load(Object& object, std::uint32_t region) {
 }
 
 void Loader::mark_loaded(Object& object, std::uint32_t region) {
-  store_.mark_loaded(spm::ObjectIndex{object.info.index}, spm::RegionId{region});
+  if (object.notes[region].store_state() != StoreState::kAbsent)
+    store_.mark_loaded(spm::ObjectIndex{object.info.index}, spm::RegionId{region});
   object.notes[region].set(PoolState::kLoaded);
   object.loaded.push_back(region);
 }
@@ -137,12 +138,19 @@ void Loader::coarsen() {
 void Loader::process_answers() {
   IntakeAnswer answer;
   while (intake_.take(answer)) {
-    if (answer.object >= kMaxObjects || by_index_[answer.object] == nullptr) continue;
+    if (answer.object >= kMaxObjects) continue;
+    if (answer.kind == IntakeAnswer::Kind::kObjectGone) residents_[answer.object] = {};
+    if (by_index_[answer.object] == nullptr) continue;
     Object& object = *by_index_[answer.object];
     const std::uint32_t region = spm::index(answer.region);
     switch (answer.kind) {
       case IntakeAnswer::Kind::kObject:
-        if (answer.result == spm::AcceptResult::kAccepted) break;
+        if (answer.result == spm::AcceptResult::kAccepted || answer.result == spm::AcceptResult::kLoaded) break;
+        if (answer.result == spm::AcceptResult::kIncomplete) {  // the servo has it as it was for an earlier gateway
+          postpone(object.entry);
+          if (!object.withdrawn) withdraw(object);
+          break;
+        }
         report_warning("object " + object.info.name + ": refused by the intake of the servo");
         object.refused = true;
         if (!object.withdrawn) withdraw(object);  // the intake answers that the object is gone
@@ -164,6 +172,8 @@ void Loader::process_answers() {
 }
 
 void Loader::end_departure(Object& object, std::uint32_t region) {
+  // An earlier gateway may have retired the region.
+  if (object.notes[region].pool_state() == PoolState::kLoaded) mark_unloaded(object, region);
   object.notes[region].set(PoolState::kNotLoaded);
   std::erase_if(departing_,
                 [&](const Departing& departing) { return departing.object == &object && departing.region == region; });
@@ -174,6 +184,10 @@ void Loader::process_region_answer(Object& object, std::uint32_t region, spm::Ac
   RegionProgress& note = object.notes[region];
   if (result == spm::AcceptResult::kAccepted) {
     note.was_incomplete = 0;
+    return;
+  }
+  if (result == spm::AcceptResult::kLoaded) {  // by an earlier gateway
+    if (note.pool_state() == PoolState::kNotLoaded) mark_loaded(object, region);
     return;
   }
   if (note.pool_state() == PoolState::kLoaded) {

@@ -80,15 +80,47 @@ ObjectDescription description_of(std::uint32_t index, const IntakeObject& object
 }  // namespace
 
 Intake::Intake(const spm::PoolSettings& settings, IntakeLink& link, std::uint64_t directory_bytes)
-    : objects_{settings},
+    : link_{link},
+      objects_{settings},
       messages_{link.messages},
       answers_{link.answers},
+      residents_{link.residents},
       arrivals_{kRingEntries},
       departures_{kRingEntries},
       max_bytes_{settings.bytes() + std::min(directory_bytes, kMaxDirectoryBytes)},
       max_directory_bytes_{directory_bytes} {
   touch_memory(arrivals_);
   touch_memory(departures_);
+}
+
+/// Answers a gateway that continues with the link of an earlier one.
+void Intake::attach_if_requested() {
+  const std::uint32_t request = link_.attach_requests.load(std::memory_order_acquire);
+  if (request == attached_) return;
+  attached_ = request;
+  messages_.discard();
+  header_.reset();
+  message_.clear();
+  is_broken_ = false;
+  processed_ = 0;
+  kept_object_ = spm::kNone;
+  const spm::Cache& cache = objects_.cache();
+  const Residents residents{
+      request, answers_.position(), {cache.slots_free(), cache.blocks_free()}, objects_.residents()};
+  for (std::uint32_t i = 0; i < kMaxObjects; ++i)
+    waits_for_gateway_[i] = residents.objects[i].exists && !residents.objects[i].is_withdrawn;
+  residents_.post(residents);
+}
+
+/// Answers which regions of a kept object are loaded. Returns true if no answer is missing.
+bool Intake::answer_loaded_regions() {
+  for (; kept_object_ != spm::kNone && next_region_ < objects_.regions_of(kept_object_); ++next_region_) {
+    if (!objects_.is_in_use(kept_object_, spm::RegionId{next_region_})) continue;
+    if (answers_.space() == 0) return false;
+    answer(IntakeAnswer::Kind::kRegion, kept_object_, spm::RegionId{next_region_}, spm::AcceptResult::kLoaded);
+  }
+  kept_object_ = spm::kNone;
+  return true;
 }
 
 /// Returns true if no arrival waits for space in the ring.
@@ -140,6 +172,7 @@ spm::AcceptResult Intake::add_object() {
       !is_valid(object) || !spm::violations(base).empty())
     return spm::AcceptResult::kMalformed;
   const bool is_movable = object.body.mass > 0;
+  if (waits_for_gateway_[header_->object]) return keep_object(description_of(header_->object, object));
   if (objects_.is_index_used(header_->object) || (is_movable && movable_ == kMaxBodies))
     return spm::AcceptResult::kMalformed;
   const std::uint64_t directory = spm::directory_bytes(base.summary, objects_.pool().settings);
@@ -151,6 +184,23 @@ spm::AcceptResult Intake::add_object() {
   movable_ += is_movable ? 1 : 0;
   directory_bytes_[header_->object] = directory;
   return spm::AcceptResult::kAccepted;
+}
+
+/// Keeps an object that was there before the attach. Returns kIncomplete if it differs from the object of that name now.
+spm::AcceptResult Intake::keep_object(const ObjectDescription& description) {
+  const TouchObject& kept = *objects_.find(description.index);
+  const session::Material &is = kept.material, &was = description.material;
+  const bool is_same = kept.id == description.id && kept.digest == description.digest &&
+                       kept.name == description.name && kept.placement.scale() == description.placement.scale() &&
+                       is.stiffness == was.stiffness && is.damping == was.damping &&
+                       is.static_friction == was.static_friction && is.dynamic_friction == was.dynamic_friction &&
+                       kept.body.has_value() == description.body.has_value() &&
+                       (kept.body || kept.placement.numbers() == description.placement.numbers());
+  if (!is_same) return spm::AcceptResult::kIncomplete;
+  waits_for_gateway_[description.index] = false;
+  kept_object_ = description.index;
+  next_region_ = 0;
+  return spm::AcceptResult::kLoaded;
 }
 
 spm::AcceptResult Intake::add_region(spm::RegionId& region) {
@@ -186,6 +236,7 @@ void Intake::process_message() {
         pending_ = objects_.retire(header_->object, region);
       break;
     case IntakeKind::kWithdraw: {
+      waits_for_gateway_[header_->object] = false;
       const TouchObject* const object = objects_.find(header_->object);
       if (object != nullptr && object->body) --movable_;
       pending_ = objects_.withdraw(header_->object);
@@ -197,9 +248,11 @@ void Intake::process_message() {
 }
 
 void Intake::tick() {
+  attach_if_requested();
   process_departures();
   // The limit of messages is for a gateway that writes faster than the intake reads.
-  for (int left = kMaxMessages; left > 0 && !is_broken_ && push_arrivals() && answers_.space() > 0 && assemble();
+  for (int left = kMaxMessages;
+       left > 0 && !is_broken_ && push_arrivals() && answer_loaded_regions() && answers_.space() > 0 && assemble();
        --left) {
     process_message();
     header_.reset();

@@ -4,7 +4,7 @@
 ///     IntakeLink::answers  <-- [free]            <------------------- departures ring <-'
 ///
 /// Trusts nothing in the link: a wrong message is refused and changes nothing. After an invalid header (unknown kind,
-/// index or size) the intake reads no further, because it cannot find the next message.
+/// index or size) the intake reads no further until another gateway attaches, because it cannot find the next message.
 ///
 /// One thread, not the haptic one. Allocates.
 #pragma once
@@ -34,21 +34,26 @@ class Intake {
   [[nodiscard]] ArrivalRing& arrivals() noexcept { return arrivals_; }
   [[nodiscard]] DepartureRing& departures() noexcept { return departures_; }
   [[nodiscard]] const TouchObjects& objects() const noexcept { return objects_; }
-  /// Returns whether a header was invalid. Later messages are ignored.
+  /// Returns whether a header was invalid. Later messages of this gateway are ignored.
   [[nodiscard]] bool is_broken() const noexcept { return is_broken_; }
 
  private:
+  void attach_if_requested();
+  [[nodiscard]] bool answer_loaded_regions();
   [[nodiscard]] bool push_arrivals();
   void process_departures();
   [[nodiscard]] bool assemble();
   void process_message();
   void answer(IntakeAnswer::Kind kind, std::uint32_t object, spm::RegionId region, spm::AcceptResult result);
   [[nodiscard]] spm::AcceptResult add_object();
+  [[nodiscard]] spm::AcceptResult keep_object(const ObjectDescription& description);
   [[nodiscard]] spm::AcceptResult add_region(spm::RegionId& region);
 
+  IntakeLink& link_;
   TouchObjects objects_;
   RingReader<std::byte, IntakeLink::kMessageBytes> messages_;
   RingWriter<IntakeAnswer, IntakeLink::kAnswers> answers_;
+  MailboxWriter<Residents> residents_;
   ArrivalRing arrivals_;
   DepartureRing departures_;
   std::optional<Arrival> pending_;  // an arrival for which the ring was full
@@ -60,6 +65,10 @@ class Intake {
   std::uint64_t processed_ = 0;                               // messages
   std::uint32_t movable_ = 0;                                 // objects with a body
   bool is_broken_ = false;
+  std::uint32_t attached_ = 0;                         // newest attach that is answered
+  std::array<bool, kMaxObjects> waits_for_gateway_{};  // there before the attach, and not sent by the new gateway yet
+  std::uint32_t kept_object_ = spm::kNone;             // whose regions are being answered
+  std::uint32_t next_region_ = 0;                      // of that object
 };
 
 }  // namespace tactus::hrtc_service

@@ -6,12 +6,23 @@
 ///
 /// A message consists of the bytes of an IntakeHeader, of the struct for its kind, and of its arrays. Both ends are of
 /// the same build, on the same machine.
+///
+/// A gateway that begins with a link that an earlier one has used attaches first, and sends nothing until the intake
+/// has answered:
+///
+///     gateway                                             intake
+///     increments attach_requests    -------------------> drops the rest of the earlier gateway's messages
+///     learns which objects the servo has  <--residents---
+///     kObject with the same id, digest and index  ------> keeps the object, and answers kLoaded for it and its regions
+///     kWithdraw for the objects that no host offers  ---> removes them
 #pragma once
 
 #include <array>
+#include <atomic>
 #include <cstddef>
 #include <cstdint>
 
+#include "hrtc_service/servo/shared_mailbox.hpp"
 #include "hrtc_service/servo/shared_ring.hpp"
 #include "hrtc_service/servo/touch_object.hpp"
 #include "session/messages.hpp"
@@ -56,17 +67,35 @@ struct IntakeAnswer {
     kRegionGone,  ///< the haptic thread has returned a retired region, and its memory is free
     kObjectGone   ///< the haptic thread has returned a withdrawn object, and all its memory is free
   } kind = Kind::kOther;
-  spm::AcceptResult result = spm::AcceptResult::kAccepted;  ///< of kObject and kRegion
-  std::uint32_t object = 0;                                 ///< index
+  spm::AcceptResult result =
+      spm::AcceptResult::kAccepted;  ///< of kObject and kRegion; kLoaded: the servo has it already
+  std::uint32_t object = 0;          ///< index
   spm::RegionId region{};
   std::uint64_t processed = 0;  ///< number of messages that the intake has processed
   spm::Cache::Space free;       ///< memory of the pool that is free now
+};
+
+/// An object that the servo has when a gateway attaches.
+struct Resident {
+  std::uint64_t id = 0, digest = 0;
+  bool exists = false;
+  bool is_withdrawn = false;  ///< its memory is still in use
+};
+
+/// The answer to an attach.
+struct Residents {
+  std::uint32_t request = 0;                    ///< IntakeLink::attach_requests
+  std::uint64_t answers_begin = 0;              ///< RingWriter::position of the first answer for this gateway
+  spm::Cache::Space free;                       ///< as in IntakeAnswer
+  std::array<Resident, kMaxObjects> objects{};  ///< by index
 };
 
 struct IntakeLink {
   static constexpr std::uint32_t kMessageBytes = 1u << 18, kAnswers = 4096;
   SharedRing<std::byte, kMessageBytes> messages;
   SharedRing<IntakeAnswer, kAnswers> answers;
+  std::atomic<std::uint32_t> attach_requests{0};
+  SharedMailbox<Residents> residents;
 };
 
 }  // namespace tactus::hrtc_service

@@ -96,7 +96,8 @@ void ServoRunner::run() {
     realtime::sleep_until(next_pass_ns(realtime::monotonic_ns()));
     intake_.tick();
     body_intake_.tick();
-    if (intake_.is_broken() && !std::exchange(is_broken_reported_, true))
+    const bool was_broken = std::exchange(is_broken_, intake_.is_broken());
+    if (is_broken_ && !was_broken)
       report(session::Severity::kError, "the gateway sent an invalid message, so no further regions are loaded");
     const std::int64_t now_ns = realtime::monotonic_ns();
     haptic_.usage().sample(now_ns);

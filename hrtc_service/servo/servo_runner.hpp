@@ -79,7 +79,7 @@ class ServoRunner {
   std::uint32_t saves_seen_ = 0, snapshots_sent_ = 0;
   std::int64_t snapshot_sent_ns_ = 0;
   std::vector<SnapshotPart> unsent_;  // of the newest snapshot, in reverse order
-  bool is_broken_reported_ = false;
+  bool is_broken_ = false;
 };
 
 }  // namespace tactus::hrtc_service

@@ -50,6 +50,8 @@ class RingWriter {
     ring_.pushed.store(pushed_, std::memory_order_release);
     return count;
   }
+  /// Returns the number of entries pushed since the ring was made, by this and earlier writers.
+  [[nodiscard]] std::uint64_t position() const noexcept { return pushed_; }
   /// Returns false if the ring is full.
   [[nodiscard]] bool push(const T& entry) noexcept { return push(std::span{&entry, 1}) == 1; }
 
@@ -81,6 +83,13 @@ class RingReader {
     popped_ += count;
     ring_.popped.store(popped_, std::memory_order_release);
     return count;
+  }
+  /// Discards all entries that wait.
+  void discard() noexcept { skip_to(ring_.pushed.load(std::memory_order_acquire)); }
+  /// Continues at a position of the writer (RingWriter::position).
+  void skip_to(std::uint64_t position) noexcept {
+    popped_ = position;
+    ring_.popped.store(popped_, std::memory_order_release);
   }
   /// Returns false if no entry waits.
   [[nodiscard]] bool pop(T& entry) noexcept { return pop(std::span{&entry, 1}) == 1; }

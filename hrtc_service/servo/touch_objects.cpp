@@ -22,6 +22,25 @@ const TouchObject* TouchObjects::find(std::uint32_t object) const noexcept {
   return found == nullptr ? nullptr : &found->touch;
 }
 
+std::uint32_t TouchObjects::regions_of(std::uint32_t object) const noexcept {
+  const Object* const found = not_withdrawn(object);
+  return found == nullptr ? 0 : static_cast<std::uint32_t>(found->is_retired.size());
+}
+
+bool TouchObjects::is_in_use(std::uint32_t object, spm::RegionId region) const noexcept {
+  const Object* const found = not_withdrawn(object);
+  return found != nullptr && spm::index(region) < found->is_retired.size() &&
+         cache_.is_loaded(found->cache_index, region) && !found->is_retired[spm::index(region)];
+}
+
+std::array<Resident, kMaxObjects> TouchObjects::residents() const noexcept {
+  std::array<Resident, kMaxObjects> residents;
+  for (std::uint32_t i = 0; i < kMaxObjects; ++i)
+    if (const Object* const object = objects_[i].get(); object != nullptr)
+      residents[i] = {object->touch.id, object->touch.digest, true, object->is_withdrawn};
+  return residents;
+}
+
 std::optional<Arrival> TouchObjects::add(const ObjectDescription& description, const spm::BaseMesh& base) {
   if (description.index >= kMaxObjects || objects_[description.index] != nullptr) return std::nullopt;
   spm::Cache::Admitted admitted = cache_.admit(base);
@@ -50,10 +69,8 @@ spm::AcceptResult TouchObjects::add_region(std::uint32_t number, const spm::Regi
 }
 
 std::optional<Arrival> TouchObjects::retire(std::uint32_t number, spm::RegionId region) {
+  if (!is_in_use(number, region)) return std::nullopt;
   Object* const object = not_withdrawn(number);
-  if (object == nullptr || spm::index(region) >= object->is_retired.size() ||
-      !cache_.is_loaded(object->cache_index, region) || object->is_retired[spm::index(region)])
-    return std::nullopt;
   object->is_retired[spm::index(region)] = true;
   return Arrival{Arrival::Kind::kRetire, &object->touch, region, {}};
 }

@@ -15,6 +15,7 @@
 #include <optional>
 #include <vector>
 
+#include "hrtc_service/servo/intake_link.hpp"
 #include "hrtc_service/servo/touch_object.hpp"
 #include "spm/cache.hpp"
 #include "spm/pool.hpp"
@@ -43,6 +44,12 @@ class TouchObjects {
   /// Returns an object that is not withdrawn, or null.
   [[nodiscard]] TouchObject* find(std::uint32_t object) noexcept;
   [[nodiscard]] const TouchObject* find(std::uint32_t object) const noexcept;
+  /// Returns the number of regions of an object that is not withdrawn, or 0.
+  [[nodiscard]] std::uint32_t regions_of(std::uint32_t object) const noexcept;
+  /// Returns whether a region of such an object is loaded and not retired.
+  [[nodiscard]] bool is_in_use(std::uint32_t object, spm::RegionId region) const noexcept;
+  /// Returns which objects there are, by index.
+  [[nodiscard]] std::array<Resident, kMaxObjects> residents() const noexcept;
   /// Returns the index of an object in the cache. The object must exist.
   [[nodiscard]] spm::ObjectIndex cache_index(std::uint32_t object) const noexcept {
     return objects_[object]->cache_index;

@@ -244,6 +244,96 @@ TEST_F(IntakeTest, AfterAnInvalidHeaderLaterMessagesAreIgnored) {
   EXPECT_EQ(servo_->cycle().objects().size(), 1u) << "loaded objects remain";
 }
 
+/// Two gateways, one after the other.
+class AttachTest : public IntakeTest {
+ protected:
+  AttachTest() {
+    sender_->add_object(3, object(), model().base());
+    for (std::uint32_t number = 0; number < 3; ++number) sender_->add_region(3, region(number));
+    EXPECT_THAT(exchange(), testing::Each(AcceptResult::kAccepted));
+    for (int cycle = 0; cycle < 100; ++cycle) (void)run_cycle();
+  }
+  /// Begins with another gateway. Returns what it learns of the servo.
+  Residents attach() {
+    sender_ = std::make_unique<IntakeSender>(link_->intake, pool_);
+    intake_->tick();
+    Residents residents;
+    EXPECT_TRUE(sender_->take_residents(residents));
+    return residents;
+  }
+};
+
+TEST_F(AttachTest, TheServoKeepsObjectsAndRegionsAndDropsTheRestOfAMessage) {
+  sender_->retire(3, RegionId{2});
+  (void)exchange();
+  RingWriter writer{link_->intake.messages};
+  const IntakeHeader half{IntakeKind::kObject, 5, 1000};
+  (void)writer.push(std::as_bytes(std::span{&half, 1}));
+  intake_->tick();
+
+  sender_ = std::make_unique<IntakeSender>(link_->intake, pool_);
+  sender_->add_object(3, object(), model().base());
+  EXPECT_FALSE(sender_->flush()) << "before the answer to the attach";
+  EXPECT_EQ(sender_->free_space().slots, 0u);
+  intake_->tick();
+  Residents residents;
+  ASSERT_TRUE(sender_->take_residents(residents));
+  EXPECT_FALSE(sender_->take_residents(residents)) << "only once";
+  for (std::uint32_t i = 0; i < kMaxObjects; ++i) EXPECT_EQ(residents.objects[i].exists, i == 3) << i;
+  EXPECT_EQ(residents.objects[3].id, object().id);
+  EXPECT_EQ(residents.objects[3].digest, model().summary().digest);
+  EXPECT_FALSE(residents.objects[3].is_withdrawn);
+
+  EXPECT_THAT(exchange(), testing::ElementsAre(AcceptResult::kLoaded, AcceptResult::kLoaded, AcceptResult::kLoaded))
+      << "the object and the two regions that are not retired";
+  EXPECT_EQ(sender_->free_space().slots, cache().slots_free());
+  sender_->add_region(3, region(5));
+  sender_->add_region(3, region(0));
+  sender_->add_object(3, object(), model().base());
+  EXPECT_THAT(exchange(),
+              testing::ElementsAre(AcceptResult::kAccepted, AcceptResult::kLoaded, AcceptResult::kMalformed))
+      << "the index is in use again";
+  EXPECT_EQ(servo_->cycle().objects().size(), 1u);
+  EXPECT_THAT(cache().violations(), IsEmpty());
+}
+
+TEST_F(AttachTest, AnObjectThatHasChangedMustBeWithdrawnFirst) {
+  (void)attach();
+  IntakeObject changed = object();
+  changed.scale = 2;
+  sender_->add_object(3, changed, model().base());
+  EXPECT_THAT(exchange(), testing::ElementsAre(AcceptResult::kIncomplete));
+  sender_->withdraw(3);
+  for (int cycle = 0; cycle < 100; ++cycle) {
+    (void)exchange();
+    (void)run_cycle();
+  }
+  EXPECT_EQ(cache().slots_used(), 0u);
+  sender_->add_object(3, changed, model().base());
+  EXPECT_THAT(exchange(), testing::ElementsAre(AcceptResult::kAccepted));
+}
+
+TEST_F(AttachTest, AnswersForTheEarlierGatewayAreNotTaken) {
+  sender_->add_region(3, region(7));
+  sender_->flush();
+  intake_->tick();  // its answer waits
+  const Residents residents = attach();
+  EXPECT_EQ(residents.free.slots, cache().slots_free());
+  EXPECT_THAT(exchange(), IsEmpty());
+}
+
+TEST_F(AttachTest, AnInvalidHeaderOfTheEarlierGatewayIsForgotten) {
+  RingWriter writer{link_->intake.messages};
+  const IntakeHeader wrong{IntakeKind::kRegion, 0, ~std::uint64_t{0}};
+  (void)writer.push(std::as_bytes(std::span{&wrong, 1}));
+  intake_->tick();
+  ASSERT_TRUE(intake_->is_broken());
+  (void)attach();
+  EXPECT_FALSE(intake_->is_broken());
+  sender_->add_region(3, region(5));
+  EXPECT_THAT(exchange(), testing::ElementsAre(AcceptResult::kAccepted));
+}
+
 /// A movable object in the servo, and the gateway's orders for it.
 class BodyIntakeTest : public IntakeTest {
  protected:

@@ -469,5 +469,61 @@ TEST_F(OrganSession, LoadedRegionsStayInExactContactWhenTheHostIsDisconnected) {
   EXPECT_EQ(session.loader().serving_host(session.entry(0).object_id), 0u) << "the HRTC has removed the host";
 }
 
+// The gateway dies while a hand presses, and another begins with the same link.
+TEST_F(OrganSession, AnotherGatewayContinuesWithoutAChangeOfTheForce) {
+  const spm::Model model = built_->model();
+  LocalSession session{{model}, 1, spm::PoolSettings::for_slots(1 << 15)};
+  for (int cycle = 0; cycle < 2000; ++cycle) session.step(position(cycle), velocity(cycle));
+  const Vec3d pressed = position(2000);
+  for (int cycle = 0; cycle < 500; ++cycle) session.step(pressed, Vec3d::Zero());
+  const auto force = session.step(pressed, Vec3d::Zero()).probes[0].force;
+  const std::uint64_t loaded = session.loader().figures().regions_loaded;
+  ASSERT_GT(loaded, 0u);
+  const std::uint32_t slots = session.loader().figures().slots_used;
+
+  session.restart_gateway();
+  ASSERT_EQ(session.loader().figures().regions_loaded, 0u);
+  for (int cycle = 0; cycle < 1000; ++cycle) {
+    const hrtc_service::ProbeOutput& probe = session.step(pressed, Vec3d::Zero()).probes[0];
+    ASSERT_EQ(probe.force, force) << "cycle " << cycle;
+    ASSERT_NE(probe.status & session::kExact, 0u) << "cycle " << cycle;
+  }
+  EXPECT_EQ(session.loader().figures().regions_loaded, loaded);
+  EXPECT_EQ(session.loader().figures().regions_received, 0u) << "what the servo has is not sent again";
+  EXPECT_EQ(session.loader().figures().slots_used, slots);
+  EXPECT_EQ(session.cycle().objects().size(), 1u);
+
+  std::uint64_t exact = 0, contact = 0;
+  for (int cycle = 2000; cycle < 8000; ++cycle) {
+    const std::uint32_t status = session.step(position(cycle), velocity(cycle)).probes[0].status;
+    contact += (status & session::kInContact) != 0 ? 1 : 0;
+    exact += (status & session::kExact) != 0 ? 1 : 0;
+  }
+  EXPECT_GT(contact, 5000u);
+  EXPECT_GT(static_cast<double>(exact), 0.99 * static_cast<double>(contact));
+  EXPECT_GT(session.loader().figures().regions_received, 0u);
+  EXPECT_EQ(session.loader().figures().refused_other, 0u);
+  EXPECT_THAT(session.core().intake().objects().cache().violations(), ::testing::IsEmpty());
+}
+
+TEST_F(OrganSession, AnObjectThatNoHostOffersToAnotherGatewayIsWithdrawn) {
+  hrtc_service::LoaderSettings settings;
+  settings.resident_patience_ns = 500'000'000;
+  LocalSession session{{built_->model()}, 1, spm::PoolSettings::for_slots(1 << 15), 2, settings};
+  for (int cycle = 0; cycle < 500; ++cycle) session.step(position(0), Vec3d::Zero());
+  session.connected = false;
+  session.restart_gateway();
+  for (int cycle = 0; cycle < 400; ++cycle) session.step(position(0), Vec3d::Zero());
+  EXPECT_EQ(session.cycle().objects().size(), 1u);
+  for (int cycle = 0; cycle < 500; ++cycle) session.step(position(0), Vec3d::Zero());
+  EXPECT_EQ(session.cycle().objects().size(), 0u);
+  EXPECT_EQ(session.core().intake().objects().cache().slots_used(), 0u);
+
+  session.connected = true;
+  session.membership().on_catalogue(session.entry(0));
+  for (int cycle = 0; cycle < 1500; ++cycle) session.step(position(0), Vec3d::Zero());
+  EXPECT_EQ(session.cycle().objects().size(), 1u) << "when its host offers it again";
+}
+
 }  // namespace
 }  // namespace tactus

@@ -5,6 +5,7 @@
 
 #include <deque>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -31,18 +32,26 @@ class LocalSession {
       : models_{models},
         encoded_{models_.begin(), models_.end()},
         host_{session::Origin{kSession, kHost, 1, 0}, host_settings(encoded_, scale, material, mass), now_},
-        core_{session::Origin{kSession, kHrtc, 1, 0}, core_settings(settings, loader, targets)},
-        membership_{session::Origin{kSession, kHrtc, 1, 0}, {"hrtc", "session"}, core_.gateway(), now_},
+        core_{hrtc_origin(), core_settings(settings, loader, targets)},
         delay_{delay_cycles} {
-    gateway().on_event = [this](session::Severity, const std::string& text) { events.push_back(text); };
-    study::exchange_membership(host_, membership_, now_);
+    join();
+  }
+
+  /// Replaces the gateway by a new one, which knows nothing of the session.
+  void restart_gateway() {
+    ++incarnation_;
+    membership_.reset();
+    core_.replace_gateway(hrtc_origin());
+    demands_.clear();
+    chunks_.clear();
+    join();
   }
 
   /// Gives the HRTC a catalogue entry in which the object is withdrawn or offered again.
   void set_withdrawn(std::size_t object, bool withdrawn) {
     session::CatalogueEntry entry = host_.catalogue()[object];
     entry.withdrawn = withdrawn;
-    membership_.on_catalogue(entry);
+    membership_->on_catalogue(entry);
   }
 
   /// Runs one cycle with one tip at `device` (world frame; m and m/s). Host and loader run in every second cycle.
@@ -94,7 +103,7 @@ class LocalSession {
   [[nodiscard]] std::array<hrtc_service::ProbeInput, hrtc_service::kMaxProbes>& inputs() { return inputs_; }
   [[nodiscard]] const session::CatalogueEntry& entry(std::size_t object) const { return host_.catalogue()[object]; }
   [[nodiscard]] hrtc_service::HrtcCore& core() noexcept { return core_; }
-  [[nodiscard]] hrtc_service::Membership& membership() noexcept { return membership_; }
+  [[nodiscard]] hrtc_service::Membership& membership() noexcept { return *membership_; }
   [[nodiscard]] hrtc_service::Gateway& gateway() noexcept { return core_.gateway(); }
   [[nodiscard]] hrtc_service::Cycle& cycle() noexcept { return core_.servo().cycle(); }
   [[nodiscard]] const hrtc_service::Loader& loader() const noexcept { return core_.gateway().loader(); }
@@ -151,11 +160,21 @@ class LocalSession {
     Sample sample;
   };
 
+  [[nodiscard]] session::Origin hrtc_origin() const { return {kSession, kHrtc, incarnation_, 0}; }
+  void join() {
+    membership_.emplace(hrtc_origin(), hrtc_service::MembershipSettings{"hrtc", "session"}, core_.gateway(), now_);
+    gateway().on_event = [this](session::Severity, const std::string& text) { events.push_back(text); };
+    if (!connected) return;
+    study::exchange_membership(host_, *membership_, now_);
+    // DDS repeats the catalogue for a late reader.
+    for (const session::CatalogueEntry& entry : host_.catalogue()) membership_->on_catalogue(entry);
+  }
+
   void exchange() {
     core_.tick_intake();
-    gateway().tick(now_, membership_.clock());
-    membership_.tick(now_);
-    if (connected) study::exchange_membership(host_, membership_, now_);
+    gateway().tick(now_, membership_->clock());
+    membership_->tick(now_);
+    if (connected) study::exchange_membership(host_, *membership_, now_);
     while (auto demand = gateway().demand(now_))
       if (connected) demands_.push_back({cycles_ + delay_, std::move(*demand)});
     while (!demands_.empty() && demands_.front().due_cycle <= cycles_) {
@@ -174,9 +193,10 @@ class LocalSession {
   std::vector<spm::Model> models_;
   std::vector<spm::codec::EncodedModel> encoded_;
   std::int64_t now_ = 1'000'000'000;
+  std::uint64_t incarnation_ = 1;  // of the HRTC
   host_service::HostCore host_;
   hrtc_service::HrtcCore core_;
-  hrtc_service::Membership membership_;
+  std::optional<hrtc_service::Membership> membership_;
   std::uint32_t delay_;
   std::uint64_t cycles_ = 0;
   std::array<hrtc_service::ProbeInput, hrtc_service::kMaxProbes> inputs_;
