@@ -76,7 +76,8 @@ Hrtc::Impl::Impl(HrtcOptions given)
       servo{servo_options(options), *link, log_ring.get()},
       gateway{options.core.pool, participants.origin(), service_gateway_settings(options), *link},
       membership{participants.origin(),
-                 {options.address.participant, options.address.session, options.max_users},
+                 {options.address.participant, options.address.session, options.max_users,
+                  UserDevices::users_in(link->devices)},
                  gateway,
                  realtime::monotonic_ns()},
       devices{participants, link->devices, [this](session::Intent&& intent) { inbox.put(std::move(intent)); }},
@@ -300,6 +301,7 @@ void Hrtc::Impl::serve(std::int64_t now_ns) {
   shown.tick(now_ns, participants.origin());
   if (metrics.due(now_ns)) send_metrics(all_metrics.due(now_ns));
   devices.open_remote_devices();
+  if (now_ns - started_ns > kEarlierUsersNs) devices.remove_earlier_users();
   devices.free_departed();
   if (sync_groups.due(now_ns)) groups.sync(membership.remote_users(), membership.user_ids());
   drain_rings();

@@ -44,6 +44,7 @@ struct Hrtc::Impl {
   static constexpr std::int64_t kTargetsLogNs = 10'000'000'000;
   static constexpr std::int64_t kGroupsNs = 20'000'000;
   static constexpr std::int64_t kNoHostLogNs = 5'000'000'000;
+  static constexpr std::int64_t kEarlierUsersNs = 5'000'000'000;  // for which users of an earlier gateway keep probes
 
   using PeriodicTimer = session::PeriodicTimer;
   struct HostAnswer {

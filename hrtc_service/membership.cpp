@@ -1,6 +1,7 @@
 #include "hrtc_service/membership.hpp"
 
 #include <algorithm>
+#include <span>
 #include <stdexcept>
 #include <utility>
 
@@ -35,6 +36,11 @@ bool contains(const std::vector<std::string>& names, const std::string& name) {
   return std::find(names.begin(), names.end(), name) != names.end();
 }
 
+/// Without the probes that --users no longer permits.
+std::span<const std::uint64_t> earlier_users(const MembershipSettings& settings) noexcept {
+  return std::span{settings.earlier_users}.first(std::min(settings.max_users, kMaxProbes));
+}
+
 }  // namespace
 
 Membership::Membership(const session::Origin& self, const MembershipSettings& settings, Gateway& gateway,
@@ -46,7 +52,7 @@ Membership::Membership(const session::Origin& self, const MembershipSettings& se
       clock_{self, {}, now_ns},
       failure_detector_{self, {}},
       remote_users_{self.participant},
-      user_table_{std::min(settings.max_users, kMaxProbes)},
+      user_table_{std::min(settings.max_users, kMaxProbes), earlier_users(settings)},
       heartbeat_{kHeartbeatNs},
       clock_request_{kClockFastNs},
       modes_{kModesNs},

@@ -30,6 +30,8 @@ namespace tactus::hrtc_service {
 struct MembershipSettings {
   std::string name, session;
   std::uint32_t max_users = kMaxProbes;
+  /// id_of the users who had the probes under an earlier gateway, by probe; 0: none. They get the same ones.
+  std::array<std::uint64_t, kMaxProbes> earlier_users{};
 };
 
 struct SessionEvent {

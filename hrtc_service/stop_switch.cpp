@@ -12,7 +12,16 @@ InheritingMutex::InheritingMutex() {
   pthread_mutexattr_destroy(&attributes);
 }
 
-void StopSwitch::post_to_haptic_thread() noexcept { link_.set_stop({latch_.stopped(), latch_.resets()}); }
+StopSwitch::StopSwitch(const session::Origin& self, ServoLink& link)
+    : link_{link}, latch_{self}, resets_before_{link.stop().resets} {
+  if (!link.stop().stopped) return;
+  latch_.issue_stop();
+  post_to_haptic_thread();
+}
+
+void StopSwitch::post_to_haptic_thread() noexcept {
+  link_.set_stop({latch_.stopped(), resets_before_ + latch_.resets()});
+}
 
 bool StopSwitch::on_stop(const session::StopName& stop) {
   const std::lock_guard lock{mutex_};

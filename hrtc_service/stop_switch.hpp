@@ -32,12 +32,13 @@ class InheritingMutex {
   pthread_mutex_t mutex_;
 };
 
-/// Holds the stops and resets that an HRTC received. Threads: any except the haptic thread. The lock is
+/// Holds the stops and resets that an HRTC received. A stop that stands in the link at the start, from an earlier gateway,
+/// becomes a stop of this HRTC, because the names of the earlier stops are lost. Threads: any except the haptic thread. The lock is
 /// held only for bounded work without allocation.
 class StopSwitch {
  public:
   /// `link` must outlive the switch, and no other object may set its stop.
-  StopSwitch(const session::Origin& self, ServoLink& link) : link_{link}, latch_{self} {}
+  StopSwitch(const session::Origin& self, ServoLink& link);
 
   // These three pass stops and resets to the haptic thread, which obeys in its next cycle. They return true for a new
   // reset, and for a new stop that no reset has ended.
@@ -60,6 +61,7 @@ class StopSwitch {
   ServoLink& link_;
   mutable InheritingMutex mutex_;  // guards the members below
   session::StopLatch latch_;
+  std::uint32_t resets_before_;     // of earlier gateways
   std::uint64_t acknowledged_ = 0;  // StopLatch::changes at the last acknowledgement
 };
 

@@ -11,11 +11,26 @@
 namespace tactus::hrtc_service {
 
 UserDevices::UserDevices(wire::Participants& participants, DeviceLink& link, OnIntent on_intent)
-    : participants_{participants}, link_{link}, orders_out_{link.orders}, on_intent_{std::move(on_intent)} {
-  const ProbeOrders before = MailboxReader{link.orders}.latest();  // of an earlier gateway
-  for (const ProbeOrder& order : before) users_added_ = std::max(users_added_, order.user);
+    : participants_{participants},
+      link_{link},
+      orders_out_{link.orders},
+      orders_{MailboxReader{link.orders}.latest()},
+      on_intent_{std::move(on_intent)} {
+  for (const ProbeOrder& order : orders_) users_added_ = std::max(users_added_, order.user);
 }
 UserDevices::~UserDevices() = default;
+
+std::array<std::uint64_t, kMaxProbes> UserDevices::users_in(const DeviceLink& link) {
+  std::array<std::uint64_t, kMaxProbes> users{};
+  const ProbeOrders orders = MailboxReader{link.orders}.latest();
+  for (std::uint32_t i = 0; i < kMaxProbes; ++i) users[i] = orders[i].user_id;
+  return users;
+}
+
+void UserDevices::remove_earlier_users() {
+  for (std::uint32_t i = 0; i < kMaxProbes; ++i)
+    if (orders_[i].user_id != 0 && users_.count(i) == 0) order(i, {});
+}
 
 void UserDevices::order(std::uint32_t probe, const ProbeOrder& order) {
   orders_[probe] = order;
@@ -34,7 +49,8 @@ void UserDevices::add(std::uint32_t probe, const std::string& name, std::uint64_
   user.name = name;
   user.id = session::id_of(name);
   user.client = client;
-  user.number = ++users_added_;
+  if (orders_[probe].user_id != user.id) order(probe, {.user = ++users_added_, .user_id = user.id});
+  user.number = orders_[probe].user;
   user_ids_[probe] = user.id;
   user.intents = std::make_unique<wire::Reader<session::Intent>>(participants_, wire::topics::kIntent, on_intent_,
                                                                  wire::EndpointOptions{wire::user_partition(name)});
@@ -99,7 +115,7 @@ void UserDevices::on_intent(const session::Intent& intent, std::int64_t ahead_ns
     if (orders_[probe].source == PoseSource::kRemote) continue;
     if (orders_[probe].source == PoseSource::kNone) {
       const session::Pose& start = intent.path.front().pose;
-      order(probe, {PoseSource::kHand, probe + 1, user.number, start.position, start.orientation});
+      order(probe, {PoseSource::kHand, probe + 1, user.number, user.id, start.position, start.orientation});
     }
     MailboxWriter{link_.paths[probe]}.post({user.number, sharing::hand_path(intent, ahead_ns)});
   }
@@ -107,12 +123,14 @@ void UserDevices::on_intent(const session::Intent& intent, std::int64_t ahead_ns
 
 void UserDevices::open_remote_devices() {
   for (auto& [probe, user] : users_) {
-    if (user.remote == nullptr || !user.remote->has_pose() || orders_[probe].source != PoseSource::kNone) continue;
+    if (user.remote == nullptr || !user.remote->has_pose() || user.commands != nullptr ||
+        orders_[probe].source == PoseSource::kHand)
+      continue;
     user.commands = std::make_unique<wire::Writer<session::DeviceCommand>>(
         participants_, wire::topics::kDeviceCommand, wire::EndpointOptions{wire::user_partition(user.name)});
     remote_endpoints_[probe] = {user.remote.get(), user.id, user.commands.get()};
     remote_endpoints_out_.post(remote_endpoints_);
-    order(probe, {.source = PoseSource::kRemote, .user = user.number});
+    order(probe, {.source = PoseSource::kRemote, .user = user.number, .user_id = user.id});
     spdlog::info("user {} has a remote device", user.name);
   }
 }

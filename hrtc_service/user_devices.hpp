@@ -37,9 +37,14 @@ class UserDevices {
   UserDevices(wire::Participants& participants, DeviceLink& link, OnIntent on_intent);
   ~UserDevices();
 
+  /// Returns the ids of the users who have the probes, by probe, 0: none. Before the first `add` these are the users of an
+  /// earlier gateway.
+  [[nodiscard]] static std::array<std::uint64_t, kMaxProbes> users_in(const DeviceLink& link);
+
   /// Adds a user whose device is at this machine.
   void add_local(std::uint32_t probe, const std::string& user);
-  /// Adds a client's user: opens the endpoints of its intents and poses.
+  /// Adds a client's user: opens the endpoints of its intents and poses. If the user had the probe under an earlier
+  /// gateway, its device continues without a break.
   void add(std::uint32_t probe, const std::string& user, std::uint64_t client);
   /// Removes a user: closes the endpoints, and orders that the probe has no device.
   void remove(std::uint32_t probe);
@@ -48,6 +53,8 @@ class UserDevices {
   void on_intent(const session::Intent& intent, std::int64_t ahead_ns);
   /// Orders that the servo uses the devices that have sent their first pose since the last call.
   void open_remote_devices();
+  /// Removes the users of an earlier gateway who have not come back.
+  void remove_earlier_users();
   /// Destroys the writers of users who have left, if the sender does not use them any more. Call it every few
   /// milliseconds.
   void free_departed();
@@ -98,7 +105,7 @@ class UserDevices {
   wire::Participants& participants_;
   DeviceLink& link_;
   MailboxWriter<ProbeOrders> orders_out_;
-  ProbeOrders orders_{};
+  ProbeOrders orders_;  // at first those of an earlier gateway
   std::uint64_t users_added_ = 0;
   OnIntent on_intent_;
   std::array<std::atomic<std::uint64_t>, kMaxProbes> user_ids_{};

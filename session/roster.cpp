@@ -273,7 +273,9 @@ std::uint64_t scene_hash(const Roster& roster, const Origin& self, Role role) {
   return XXH3_64bits(there.data(), there.size() * sizeof there[0]);
 }
 
-UserTable::UserTable(std::size_t capacity) : users_(capacity) {
+UserTable::UserTable(std::size_t capacity, std::span<const std::uint64_t> earlier)
+    : users_(capacity), earlier_{earlier.begin(), earlier.end()} {
+  earlier_.resize(capacity);
   if (capacity > kMaxUsers) {
     throw std::invalid_argument{"user table: found " + std::to_string(capacity) + ", expected at most " +
                                 std::to_string(kMaxUsers)};
@@ -281,11 +283,21 @@ UserTable::UserTable(std::size_t capacity) : users_(capacity) {
 }
 
 std::optional<std::uint32_t> UserTable::grant(const std::string& user) {
+  if (user.empty()) return std::nullopt;
+  const auto free_number_of = [&](std::uint64_t owner) {
+    for (std::size_t i = 0; i < users_.size(); ++i)
+      if (users_[i].empty() && earlier_[i] == owner) return users_.begin() + static_cast<std::ptrdiff_t>(i);
+    return users_.end();
+  };
   auto at = std::find(users_.begin(), users_.end(), user);
-  if (user.empty() || at == users_.end()) at = std::find(users_.begin(), users_.end(), std::string{});
-  if (user.empty() || at == users_.end()) return std::nullopt;
+  if (at == users_.end()) at = free_number_of(id_of(user));
+  if (at == users_.end()) at = free_number_of(0);
+  if (at == users_.end()) at = std::find(users_.begin(), users_.end(), std::string{});
+  if (at == users_.end()) return std::nullopt;
   *at = user;
-  return static_cast<std::uint32_t>(at - users_.begin());
+  const auto number = static_cast<std::uint32_t>(at - users_.begin());
+  earlier_[number] = 0;
+  return number;
 }
 
 bool UserTable::release(const std::string& user) {

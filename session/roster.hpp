@@ -12,6 +12,7 @@
 #include <cstdint>
 #include <map>
 #include <optional>
+#include <span>
 #include <string>
 #include <utility>
 #include <vector>
@@ -136,17 +137,20 @@ class Roster {
 /// Assigns probe numbers to the users that an HRTC has accepted.
 class UserTable {
  public:
-  /// Throws std::invalid_argument if `capacity` is above kMaxUsers.
-  explicit UserTable(std::size_t capacity);
+  /// `earlier`: id_of the users to whom numbers belonged before a restart, by number; 0: none. Throws
+  /// std::invalid_argument if `capacity` is above kMaxUsers.
+  explicit UserTable(std::size_t capacity, std::span<const std::uint64_t> earlier = {});
 
-  /// Returns the user's probe number, a free one for a new user; none when no number is free.
+  /// Returns the user's probe number, a free one for a new user; none when no number is free. A new user gets the number
+  /// of an earlier user only if no other is free.
   [[nodiscard]] std::optional<std::uint32_t> grant(const std::string& user);
   /// Frees the number of a user. Returns false when the user had none.
   bool release(const std::string& user);
   [[nodiscard]] std::vector<UserProbe> list() const;
 
  private:
-  std::vector<std::string> users_;  // by probe; empty: free
+  std::vector<std::string> users_;      // by probe; empty: free
+  std::vector<std::uint64_t> earlier_;  // by probe: id_of the user before a restart, until another user gets it
 };
 
 }  // namespace tactus::session

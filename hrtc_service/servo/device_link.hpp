@@ -29,6 +29,7 @@ struct ProbeOrder {
   PoseSource source = PoseSource::kNone;
   std::uint32_t seed = 1;                         ///< of a simulated hand's tremor
   std::uint64_t user = 0;                         ///< number of the user; a later user of the probe has a larger one
+  std::uint64_t user_id = 0;                      ///< id_of that user, for a later gateway; 0: none
   std::array<double, 3> start{};                  ///< position of a simulated hand until its first path, world, m
   std::array<double, 4> orientation{0, 0, 0, 1};  ///< of that hand, unit quaternion x, y, z, w
 };

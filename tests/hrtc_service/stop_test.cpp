@@ -167,6 +167,31 @@ TEST_F(EmergencyStop, ASignalZeroesTheForceWithoutTheGatewayAndStandsUntilAReset
   wait_for_force();
 }
 
+TEST_F(EmergencyStop, AStopStandsUnderAnotherGatewayUntilAResetNamesItsStop) {
+  std::vector<session::StopRecord> records;
+  std::uint32_t resets = 0;
+  for (std::uint64_t incarnation = 1; incarnation <= 3; ++incarnation) {
+    SCOPED_TRACE("gateway " + std::to_string(incarnation));
+    {
+      hrtc_service::StopSwitch stops{session::Origin{kSession, kHrtc, 2 * incarnation, 0}, core_.link()};
+      EXPECT_FALSE(stops.stopped());
+      EXPECT_TRUE(stops.on_stop({51, 1, static_cast<std::uint32_t>(incarnation)}));
+      hand_.wait_for_writes(2);
+      EXPECT_EQ(hand_.force(), 0);
+    }
+    hrtc_service::StopSwitch stops{session::Origin{kSession, kHrtc, 2 * incarnation + 1, 0}, core_.link()};
+    EXPECT_TRUE(stops.stopped());
+    hand_.wait_for_writes(100);
+    EXPECT_EQ(hand_.force(), 0);
+    ASSERT_TRUE(stops.acknowledge(records));
+    const std::vector<session::StopName> standing = session::standing_stops(records);
+    ASSERT_EQ(standing.size(), 1u);
+    EXPECT_EQ(standing[0].participant, kHrtc);
+    EXPECT_TRUE(stops.on_reset({{kSession, 51, 1, 0}, ++resets, standing, ""}));
+    wait_for_force();
+  }
+}
+
 TEST_F(EmergencyStop, AResetOfAnEarlierLocalStopDoesNotEndALaterOne) {
   hrtc_service::StopSwitch stops{session::Origin{kSession, kHrtc, 1, 0}, core_.link()};
   std::vector<session::StopRecord> records;

@@ -99,6 +99,46 @@ TEST_F(UserDevicesTest, AWriterIsNotDestroyedWhileTheSenderMayUseIt) {
   EXPECT_EQ(devices_.departed_count(), 0u);
 }
 
+TEST_F(UserDevicesTest, AHandContinuesUnderAnotherGateway) {
+  ProbeDevices probes{link_, {}, haptics::DeviceFrame{}};
+  std::array<ProbeInput, kMaxProbes> inputs;
+  const std::uint64_t client = client_.origin().participant;
+  const auto move_to = [&](UserDevices& devices, double x) {
+    session::Intent intent;
+    intent.user_id = session::id_of("ann");
+    intent.origin = client_.origin();
+    intent.path.resize(1);
+    intent.path[0].pose.position = {x, 0, 0};
+    devices.on_intent(intent, 0);
+  };
+  std::int64_t now_ns = realtime::monotonic_ns();
+  const auto x_after = [&](int cycles) {
+    for (int cycle = 0; cycle < cycles; ++cycle) probes.read(now_ns += 1'000'000, inputs);
+    return inputs[1].device.position.x();
+  };
+  devices_.add(1, "ann", client);
+  move_to(devices_, 0);
+  (void)x_after(1);
+  move_to(devices_, 0.1);
+  const double before = x_after(500);
+  ASSERT_GT(before, 0.01);
+
+  UserDevices second{participants_, link_, [](session::Intent&&) {}};
+  EXPECT_EQ(UserDevices::users_in(link_)[1], session::id_of("ann"));
+  EXPECT_NEAR(x_after(1), before, 2e-3) << "without its user";
+  second.add(1, "ann", client);
+  EXPECT_NEAR(x_after(1), before, 4e-3);
+  EXPECT_TRUE(inputs[1].active);
+  second.remove_earlier_users();
+  move_to(second, -0.1);
+  EXPECT_LT(x_after(2000), -0.05);
+
+  UserDevices third{participants_, link_, [](session::Intent&&) {}};
+  third.remove_earlier_users();
+  (void)x_after(1);
+  EXPECT_FALSE(inputs[1].active) << "its user has not come back";
+}
+
 TEST(Handover, AnObjectLivesUntilTheOtherThreadHasTakenALaterList) {
   Handover<std::array<int*, 2>> handover;
   DeferredDestruction<std::unique_ptr<int>> deferred;

@@ -236,5 +236,16 @@ TEST(UserTable, GrantEachUserOneSlotUpToTheCapacity) {
   EXPECT_THROW(UserTable{kMaxUsers + 1}, std::invalid_argument);
 }
 
+TEST(UserTable, UsersKeepTheirNumbersOverARestart) {
+  const std::vector<std::uint64_t> earlier{id_of("ann"), 0, id_of("bob"), id_of("cid")};
+  UserTable served_users{4, earlier};
+  EXPECT_EQ(served_users.grant("dan"), 1u) << "the only number that belonged to nobody";
+  EXPECT_EQ(served_users.grant("bob"), 2u);
+  EXPECT_EQ(served_users.grant("eve"), 0u) << "no other is free";
+  EXPECT_EQ(served_users.grant("ann"), 3u);
+  EXPECT_TRUE(served_users.release("bob"));
+  EXPECT_EQ(served_users.grant("fay"), 2u) << "the number of a user who has left belongs to nobody";
+}
+
 }  // namespace
 }  // namespace tactus::session
