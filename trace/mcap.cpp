@@ -74,10 +74,19 @@ std::uint32_t crc_of(const Bytes& bytes, std::uint32_t before = 0) {
 }  // namespace
 
 McapWriter::McapWriter(std::filesystem::path file, const std::string& library)
-    : name_{std::move(file)}, file_{std::fopen(name_.c_str(), "wb"), &std::fclose} {
-  if (!file_) throw McapError("cannot write " + name_.string() + ": " + std::strerror(errno));
+    : name_{std::move(file)}, file_{nullptr, &std::fclose} {
+  using std::filesystem::file_type;
+  const auto fail = [&] { throw McapError("cannot write " + name_.string() + ": " + std::strerror(errno)); };
+  std::error_code ignored;
+  const file_type type = symlink_status(name_, ignored).type();
+  // A device or a pipe cannot be replaced, and a link would be replaced instead of its file.
+  const bool can_replace = type == file_type::regular || type == file_type::not_found;
+  const std::string opened = name_.string() + (can_replace ? ".part" : "");
+  file_.reset(std::fopen(opened.c_str(), "wb"));
+  if (!file_) fail();
   put({kMagic.begin(), kMagic.end()});
   put(Encoder{}.text("").text(library).record(kHeader));
+  if (std::fflush(file_.get()) != 0 || (can_replace && std::rename(opened.c_str(), name_.c_str()) != 0)) fail();
 }
 
 McapWriter::~McapWriter() {

@@ -3,8 +3,9 @@
 ///
 ///   header | chunk, its message indices | chunk ... | data end | schemas, channels, statistics, chunk indices | footer
 ///
-/// The writer writes a chunk when it is full, or at flush(). So the file of a killed writer has all earlier chunks,
-/// which can be read from front to end. Chunks are not compressed. One thread at a time; not for a haptic thread.
+/// The file gets its name when it has the header, and the writer writes a chunk when it is full, or at flush(). So the
+/// file of a killed writer has all earlier chunks, which can be read from front to end. Chunks are not compressed. One
+/// thread at a time; not for a haptic thread.
 #pragma once
 
 #include <cstdint>

@@ -1,6 +1,7 @@
 #include "wire/profile_elements.hpp"
 
 #include <cstring>
+#include <fastdds/dds/domain/DomainParticipantFactory.hpp>
 
 #include "wire/library.hpp"
 

@@ -16,7 +16,6 @@
 namespace tactus::spm::offline {
 namespace {
 
-using test_support::read_bytes;
 using test_support::sorted_faces;
 using test_support::write_bytes;
 using ::testing::HasSubstr;

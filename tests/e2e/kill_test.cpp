@@ -1,0 +1,105 @@
+/// Kills programs that write files, at random moments. Each file must then be absent or whole. The seed is in the
+/// message of a failure.
+#include <fstream>
+#include <iterator>
+#include <random>
+#include <thread>
+
+#include "tests/e2e/session_test.hpp"
+#include "trace/mcap.hpp"
+
+namespace tactus::e2e {
+namespace {
+
+namespace fs = std::filesystem;
+using Clock = std::chrono::steady_clock;
+using Seconds = std::chrono::duration<double>;
+
+std::string bytes_of(const fs::path& file) {
+  std::ifstream in{file, std::ios::binary};
+  return {std::istreambuf_iterator<char>{in}, {}};
+}
+
+class KillTest : public SessionTest {
+ protected:
+  void wait_at_most(Seconds limit) {
+    std::this_thread::sleep_for(limit * std::uniform_real_distribution{0.0, 1.0}(random_));
+  }
+
+  /// Kills builds of a model, of which every second one would replace an earlier model.
+  void kill_builds(int kills) {
+    const std::string mesh = models().sphere + ".ply";
+    const auto build = [&](const std::string& model) {
+      return program("mesh", {"build", mesh, path(model), "--cell-faces", "100"});
+    };
+    const auto began = Clock::now();
+    Process whole{build("whole.spm")};
+    ASSERT_TRUE(exits_with(0, whole));
+    const Seconds duration = Clock::now() - began;
+    const std::string expected = bytes_of(path("whole.spm")), earlier = bytes_of(models().organ);
+    int finished = 0;
+    for (int i = 0; i < kills; ++i) {
+      SCOPED_TRACE("build " + std::to_string(i) + ", seed " + std::to_string(kSeed));
+      const fs::path model = path("model.spm");
+      const bool replaces = i % 2 == 1;
+      fs::remove(model);
+      if (replaces) fs::copy_file(models().organ, model);
+      Process killed{build("model.spm")};
+      wait_at_most(1.1 * duration);
+      killed.signal(SIGKILL);
+      (void)killed.wait();
+      const std::string found = bytes_of(model);
+      if (found == expected)
+        ++finished;
+      else if (replaces)
+        EXPECT_TRUE(found == earlier) << found.size() << " bytes";
+      else
+        EXPECT_FALSE(fs::exists(model)) << found.size() << " bytes";
+    }
+    EXPECT_LT(finished, kills) << "no build was killed";
+  }
+
+  /// Kills recorders of a session. Every third one is writing the index at the end of its file.
+  void kill_recorders(int kills) {
+    Process museum{host("museum", models().sphere)};
+    Process desk{hrtc("desk")};
+    ASSERT_TRUE(desk.wait_for_line("object sphere found"));
+    std::uint64_t messages = 0;
+    for (int i = 0; i < kills; ++i) {
+      SCOPED_TRACE("recorder " + std::to_string(i) + ", seed " + std::to_string(kSeed));
+      const std::string file = path("recording" + std::to_string(i) + ".mcap");
+      Process killed{in_session("record", {file})};
+      wait_at_most(Seconds{1.5});
+      if (i % 3 == 2) {
+        killed.signal(SIGINT);
+        wait_at_most(Seconds{0.1});
+      }
+      killed.signal(SIGKILL);
+      (void)killed.wait();
+      if (!fs::exists(file)) continue;
+      try {
+        trace::McapReader reader{file};
+        trace::McapMessage message;
+        while (reader.next(message)) ++messages;
+      } catch (const trace::McapError& error) {
+        ADD_FAILURE() << error.what();
+      }
+      fs::remove(file);
+    }
+    EXPECT_GT(messages, 0u);
+  }
+
+ private:
+  static constexpr std::uint64_t kSeed = 20261126;
+  std::mt19937_64 random_{kSeed};
+};
+
+TEST_F(KillTest, AKilledBuildLeavesTheEarlierModelOrAWholeOne) { kill_builds(20); }
+TEST_F(KillTest, AKilledRecorderLeavesNoFileOrAReadableOne) { kill_recorders(12); }
+
+using TwoHundredKills = KillTest;
+TEST_F(TwoHundredKills, OfBuildsLeaveTheEarlierModelOrAWholeOne) { kill_builds(200); }
+TEST_F(TwoHundredKills, OfRecordersLeaveNoFileOrAReadableOne) { kill_recorders(200); }
+
+}  // namespace
+}  // namespace tactus::e2e
