@@ -11,7 +11,7 @@
 #include "client_sim/sim.hpp"
 #include "realtime/process.hpp"
 #include "session/modes.hpp"
-#include "wire/command_line.hpp"
+#include "wire/address/command_line.hpp"
 
 namespace {
 

@@ -27,14 +27,14 @@ set(interface
   haptics/device.hpp haptics/device_plugin.h haptics/mailbox.hpp haptics/simulated_device.hpp
   realtime/process.hpp realtime/realtime.hpp
   session/clock.hpp session/figures.hpp session/messages.hpp session/roster.hpp session/sequence_window.hpp session/severity.hpp
-  wire/endpoints.hpp wire/error.hpp wire/participants.hpp wire/topics.hpp)
+  wire/address/address.hpp wire/endpoints.hpp wire/error.hpp wire/participants.hpp wire/topics.hpp)
 foreach(header IN LISTS interface)
   get_filename_component(folder ${header} DIRECTORY)
   install(FILES ${header} DESTINATION ${headers}/${folder})
 endforeach()
 
 target_compile_definitions(tactus_wire INTERFACE $<INSTALL_INTERFACE:TACTUS_QOS_DIR="$<INSTALL_PREFIX>/${CMAKE_INSTALL_DATADIR}/tactus/qos">)
-install(TARGETS tactus_idl tactus_haptics tactus_realtime tactus_session tactus_yaml tactus_wire EXPORT tactus ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
+install(TARGETS tactus_idl tactus_haptics tactus_realtime tactus_session tactus_yaml tactus_wire_address tactus_wire EXPORT tactus ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
 install(EXPORT tactus NAMESPACE tactus:: DESTINATION ${package} FILE tactusTargets.cmake)
 install(DIRECTORY qos/ DESTINATION ${CMAKE_INSTALL_DATADIR}/tactus/qos)
 install(FILES idl/tactus.idl idl/flight.idl idl/foxglove.idl idl/ros2.idl DESTINATION ${CMAKE_INSTALL_DATADIR}/tactus/idl)

@@ -8,7 +8,7 @@
 #include "host_service/host.hpp"
 #include "host_service/model_store.hpp"
 #include "realtime/process.hpp"
-#include "wire/command_line.hpp"
+#include "wire/address/command_line.hpp"
 
 namespace {
 

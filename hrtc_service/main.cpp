@@ -13,7 +13,7 @@
 #include "spm/directory.hpp"
 #include "spm/offline/generate.hpp"
 #include "spm/offline/import.hpp"
-#include "wire/command_line.hpp"
+#include "wire/address/command_line.hpp"
 
 namespace {
 

@@ -10,7 +10,7 @@
 #include "latency/run.hpp"
 #include "netem/profile.hpp"
 #include "realtime/process.hpp"
-#include "wire/command_line.hpp"
+#include "wire/address/command_line.hpp"
 #include "wire/participants.hpp"
 
 namespace tactus::latency {

@@ -5,7 +5,7 @@
 
 #include "realtime/process.hpp"
 #include "ros2/bridge.hpp"
-#include "wire/command_line.hpp"
+#include "wire/address/command_line.hpp"
 #include "wire/ros2.hpp"
 
 namespace {

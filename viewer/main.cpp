@@ -13,7 +13,7 @@
 #include "spm/offline/import.hpp"
 #include "viewer/tokens.hpp"
 #include "viewer/viewer.hpp"
-#include "wire/command_line.hpp"
+#include "wire/address/command_line.hpp"
 
 namespace {
 

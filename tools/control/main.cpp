@@ -16,7 +16,7 @@
 
 #include "session/stop_latch.hpp"
 #include "session/units.hpp"
-#include "wire/command_line.hpp"
+#include "wire/address/command_line.hpp"
 #include "wire/endpoints.hpp"
 #include "wire/inbox.hpp"
 

@@ -5,7 +5,7 @@
 
 #include "realtime/process.hpp"
 #include "tools/doctor/findings.hpp"
-#include "wire/command_line.hpp"
+#include "wire/address/command_line.hpp"
 
 namespace {
 

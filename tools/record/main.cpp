@@ -22,7 +22,7 @@
 #include "trace/foxglove.hpp"
 #include "trace/idl_schema.hpp"
 #include "trace/mcap.hpp"
-#include "wire/command_line.hpp"
+#include "wire/address/command_line.hpp"
 #include "wire/tap.hpp"
 
 namespace {

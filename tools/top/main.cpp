@@ -12,7 +12,7 @@
 
 #include "tools/terminal_output.hpp"
 #include "tools/top/overview.hpp"
-#include "wire/command_line.hpp"
+#include "wire/address/command_line.hpp"
 #include "wire/endpoints.hpp"
 #include "wire/inbox.hpp"
 

@@ -12,7 +12,7 @@
 
 #include "tools/terminal_output.hpp"
 #include "tools/watch/sample_text.hpp"
-#include "wire/command_line.hpp"
+#include "wire/address/command_line.hpp"
 #include "wire/inbox.hpp"
 #include "wire/tap.hpp"
 #include "wire/topics.hpp"

@@ -4,7 +4,7 @@
 #include <CLI/CLI.hpp>
 #include <string>
 
-#include "wire/participants.hpp"
+#include "wire/address/address.hpp"
 
 namespace tactus::wire {
 
