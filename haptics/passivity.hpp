@@ -80,13 +80,13 @@ class PassivityController {
 /// Limits how fast a spring between hand and body regains its strength, so that it gains no energy.
 ///
 /// A spring loses strength when poses are old. Meanwhile hand and body may move apart without a force. If the spring
-/// then had its full strength at once, its energy would come from nowhere. So a rise costs the energy
+/// then had its full strength at once, no hand would have supplied its energy. So a rise costs the energy
 ///
 ///     (strength - strength before) * stored energy of the full spring
 ///
-/// and may use what earlier falls of the same contact have released, or what the port's E exceeds the spring's energy.
-/// Without either, the spring stays weak until the hand approaches the body, where the spring is short and a rise costs
-/// little.
+/// and may use the energy that earlier falls in the same contact have released, or the part of the port's E above the
+/// energy of the spring. Without either, the spring stays weak until the hand approaches the body, where the spring is
+/// short and a rise costs little.
 ///
 /// SI. One thread at a time. Realtime.
 class StrengthLimiter {

@@ -23,7 +23,7 @@ std::uint32_t size_of(const auto& values) noexcept { return static_cast<std::uin
 
 IntakeSender::IntakeSender(IntakeLink& link, const spm::PoolSettings& pool)
     : is_attached_{link.messages.pushed.load() == 0 && link.attach_requests.load() == 0},
-      residents_{link.residents},
+      attach_answers_{link.attach_answers},
       messages_{link.messages},
       answers_{link.answers} {
   if (is_attached_)
@@ -32,11 +32,11 @@ IntakeSender::IntakeSender(IntakeLink& link, const spm::PoolSettings& pool)
     request_ = link.attach_requests.fetch_add(1, std::memory_order_release) + 1;
 }
 
-bool IntakeSender::take_residents(Residents& residents) {
-  if (is_attached_ || !residents_.take(residents) || residents.request != request_) return false;
+bool IntakeSender::take_attach_answer(AttachAnswer& answer) {
+  if (is_attached_ || !attach_answers_.take(answer) || answer.request != request_) return false;
   is_attached_ = true;
-  answers_.skip_to(residents.answers_begin);
-  free_ = reported_ = residents.free;
+  answers_.skip_to(answer.answers_begin);
+  free_ = reported_ = answer.free;
   return true;
 }
 

@@ -26,7 +26,7 @@ class IntakeSender {
   /// Returns whether the intake has answered the attach. Until then nothing is sent, and no memory counts as free.
   [[nodiscard]] bool is_attached() const noexcept { return is_attached_; }
   /// Takes the answer to the attach, once. Returns false if there is none yet, or if no attach was necessary.
-  [[nodiscard]] bool take_residents(Residents& residents);
+  [[nodiscard]] bool take_attach_answer(AttachAnswer& answer);
 
   /// Each of these appends a message to those that `flush` sends. `base.summary` replaces `object.summary`.
   void add_object(std::uint32_t index, IntakeObject object, const spm::BaseMesh& base);
@@ -53,7 +53,7 @@ class IntakeSender {
 
   bool is_attached_;
   std::uint32_t request_ = 0;  // of the attach
-  MailboxReader<Residents> residents_;
+  MailboxReader<AttachAnswer> attach_answers_;
   RingWriter<std::byte, IntakeLink::kMessageBytes> messages_;
   RingReader<IntakeAnswer, IntakeLink::kAnswers> answers_;
   std::vector<std::byte> waiting_;  // bytes that the ring has not taken yet begin at `sent_`

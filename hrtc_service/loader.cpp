@@ -353,7 +353,7 @@ void Loader::tick(std::int64_t now_ns, const std::array<ReportedProbe, kMaxProbe
                   std::array<NearObjects, kMaxProbes>& near) {
   process_attach(now_ns);
   process_answers();
-  withdraw_residents(now_ns);
+  withdraw_kept_objects(now_ns);
   admit_pending_bases();
   collect_released();
   store_waiting(now_ns);

@@ -24,9 +24,9 @@
 /// The base mesh of a new object reserves its slots at once. If regions occupy these slots, the base mesh waits until
 /// the haptic thread has coarsened them. It is refused only if it does not fit besides the other base meshes.
 ///
-/// If an earlier gateway has used the link, the servo still has its objects and regions. The loader keeps an object when
-/// a host offers it again, and then knows which of its regions are loaded, without their data in the store. It withdraws
-/// the objects that no host has offered for `resident_patience_ns`.
+/// If an earlier gateway has used the link, the servo still has its objects and regions. The loader keeps an object
+/// when a host offers it again. The intake then answers which of its regions are loaded, and their data are not in the
+/// store. The loader withdraws the objects that no host has offered for `kept_patience_ns`.
 ///
 /// An object is withdrawn when its last host withdraws it or sends a leave message. Predictions, demands and the store
 /// then omit it at once. Its memory in the pool is freed when the intake has returned it. If its hosts are only
@@ -84,7 +84,7 @@ struct LoaderSettings {
   /// one visit.
   std::int64_t recently_wanted_ns = 300'000'000;
   /// Time after which an object of an earlier gateway is withdrawn, if no host has offered it.
-  std::int64_t resident_patience_ns = 10'000'000'000;
+  std::int64_t kept_patience_ns = 10'000'000'000;
   /// Clock for the cost of prediction, ns. The loader limits that cost to a share of the time. Null: the cost is 0.
   std::int64_t (*clock)() = nullptr;
   /// Max bytes of the directories of all objects (spm/directory.hpp). An object whose directory does not fit is
@@ -322,9 +322,10 @@ class Loader {
   void admit_pending_bases();
   void drop_pending_base(Object& object);
   void process_attach(std::int64_t now_ns);
-  void withdraw_residents(std::int64_t now_ns);
-  [[nodiscard]] std::uint32_t resident_index(const Object& object) const noexcept;
-  [[nodiscard]] bool can_admit(const Object& object) const noexcept;
+  void withdraw_kept_objects(std::int64_t now_ns);
+  [[nodiscard]] std::uint32_t kept_index(const Object& object) const noexcept;
+  [[nodiscard]] bool can_admit(const Object& object);
+  void withdraw_kept(std::uint32_t index);
   [[nodiscard]] std::uint32_t free_index() const noexcept;
   [[nodiscard]] std::uint32_t take_index(const Object& object) noexcept;
   void admit_base(Object& object, spm::codec::DecodedBase decoded);
@@ -387,7 +388,7 @@ class Loader {
   std::map<std::uint64_t, std::unique_ptr<Object>> objects_;    // by id
   std::vector<Object*> active_;                                 // ready and not withdrawn, in the order of arrivals
   std::array<Object*, kMaxObjects> by_index_{};                 // ready; null: none
-  std::array<Resident, kMaxObjects> residents_{};               // of an earlier gateway, not offered yet
+  std::array<KeptObject, kMaxObjects> kept_objects_{};          // of an earlier gateway, not offered yet
   std::int64_t attached_ns_ = 0;                                // time of the attach
   std::uint32_t next_index_ = 0;                                // at which the search for a free index starts
   std::map<std::uint64_t, session::CatalogueEntry> postponed_;  // by id; entries to open when another object is gone

@@ -26,8 +26,9 @@ void Loader::on_base_mesh(Object& object, const std::vector<std::uint8_t>& bytes
   }
   delivery_.answer_base_stored(object.info.id);  // also if it does not fit: another request would change nothing
   if (object.ready || object.base_slots > 0 || !reserve_base(object, decoded->mesh)) return;
-  if (!pending_bases_.empty() || !can_admit(object)) {
-    if (intake_.is_attached())
+  const bool is_kept = kept_index(object) != spm::kNone;
+  if ((!is_kept && !pending_bases_.empty()) || !can_admit(object)) {
+    if (object.base_slots > intake_.free_space().slots && intake_.is_attached())
       report_info("object " + object.info.name + ": waits until regions are coarsened, its base mesh takes " +
                   std::to_string(object.base_slots) + " slots, the pool has " +
                   std::to_string(intake_.free_space().slots) + " free");
@@ -79,13 +80,19 @@ std::uint64_t Loader::base_credit() const {
   return std::min<std::uint64_t>(bytes, settings_.delivery.credit);
 }
 
-/// Admits the base meshes whose slots have become free, in the order of their arrival.
+/// Admits the base meshes whose slots have become free, in the order of their arrival. The objects that the servo has
+/// need no slots, so they do not wait for others.
 void Loader::admit_pending_bases() {
-  while (!pending_bases_.empty() && can_admit(*pending_bases_.front().object)) {
-    PendingBase pending = std::move(pending_bases_.front());
-    pending_bases_.pop_front();
+  const auto admit = [&](std::deque<PendingBase>::iterator at) {
+    PendingBase pending = std::move(*at);
+    pending_bases_.erase(at);
     admit_base(*pending.object, std::move(pending.base));
-  }
+  };
+  const auto is_kept = [&](const PendingBase& pending) { return kept_index(*pending.object) != spm::kNone; };
+  for (auto at = pending_bases_.begin();
+       (at = std::find_if(pending_bases_.begin(), pending_bases_.end(), is_kept)) != pending_bases_.end();)
+    admit(at);
+  while (!pending_bases_.empty() && can_admit(*pending_bases_.front().object)) admit(pending_bases_.begin());
 }
 
 /// Frees the reservation of an object whose base mesh waits for slots. Does nothing for other objects.
@@ -98,51 +105,63 @@ void Loader::drop_pending_base(Object& object) {
   pending_bases_.erase(pending);
 }
 
-/// Learns which objects of an earlier gateway the servo has.
+/// Takes the list of the objects that the servo has from an earlier gateway.
 void Loader::process_attach(std::int64_t now_ns) {
-  Residents residents;
-  if (!intake_.take_residents(residents)) return;
-  residents_ = residents.objects;
+  AttachAnswer answer;
+  if (!intake_.take_attach_answer(answer)) return;
+  kept_objects_ = answer.objects;
   attached_ns_ = now_ns;
 }
 
 /// Withdraws the objects of an earlier gateway that no host has offered in time.
-void Loader::withdraw_residents(std::int64_t now_ns) {
-  if (now_ns - attached_ns_ < settings_.resident_patience_ns) return;
+void Loader::withdraw_kept_objects(std::int64_t now_ns) {
+  if (now_ns - attached_ns_ < settings_.kept_patience_ns) return;
   for (std::uint32_t i = 0; i < kMaxObjects; ++i)
-    if (residents_[i].exists && !std::exchange(residents_[i].is_withdrawn, true)) intake_.withdraw(i);
+    if (kept_objects_[i].exists && !delivery_.is_offered(kept_objects_[i].id, kept_objects_[i].digest))
+      withdraw_kept(i);
+}
+
+void Loader::withdraw_kept(std::uint32_t index) {
+  if (!std::exchange(kept_objects_[index].is_withdrawn, true)) intake_.withdraw(index);
 }
 
 /// Returns the index at which the servo has this object from an earlier gateway, or kNone.
-std::uint32_t Loader::resident_index(const Object& object) const noexcept {
+std::uint32_t Loader::kept_index(const Object& object) const noexcept {
   for (std::uint32_t i = 0; i < kMaxObjects; ++i) {
-    const Resident& resident = residents_[i];
-    if (resident.exists && !resident.is_withdrawn && resident.id == object.info.id &&
-        resident.digest == object.info.digest)
-      return i;
+    const KeptObject& kept = kept_objects_[i];
+    if (kept.exists && !kept.is_withdrawn && kept.id == object.info.id && kept.digest == object.info.digest) return i;
   }
   return spm::kNone;
 }
 
-bool Loader::can_admit(const Object& object) const noexcept {
+/// Returns whether the servo can take the object now. If it has another model of that name from an earlier gateway,
+/// withdraws that first.
+bool Loader::can_admit(const Object& object) {
   if (!intake_.is_attached()) return false;
-  return resident_index(object) != spm::kNone ||
-         (object.base_slots <= intake_.free_space().slots && free_index() != spm::kNone);
+  if (kept_index(object) != spm::kNone) return true;
+  bool has_other = false;
+  for (std::uint32_t i = 0; i < kMaxObjects; ++i) {
+    if (!kept_objects_[i].exists || kept_objects_[i].id != object.info.id) continue;
+    has_other = true;
+    withdraw_kept(i);
+  }
+  return !has_other && object.base_slots <= intake_.free_space().slots && free_index() != spm::kNone;
 }
 
-/// Returns the next index that no object has, or kNone. The index of a removed object is used again as late as possible.
+/// Returns the next index that no object has, or kNone. The index of a removed object is used again as late as
+/// possible.
 std::uint32_t Loader::free_index() const noexcept {
   for (std::uint32_t i = 0; i < kMaxObjects; ++i) {
     const std::uint32_t index = (next_index_ + i) % kMaxObjects;
-    if (by_index_[index] == nullptr && !residents_[index].exists) return index;
+    if (by_index_[index] == nullptr && !kept_objects_[index].exists) return index;
   }
   return spm::kNone;
 }
 
 /// Returns the index for an object that can be admitted.
 std::uint32_t Loader::take_index(const Object& object) noexcept {
-  if (const std::uint32_t index = resident_index(object); index != spm::kNone) {
-    residents_[index] = {};
+  if (const std::uint32_t index = kept_index(object); index != spm::kNone) {
+    kept_objects_[index] = {};
     return index;
   }
   const std::uint32_t index = free_index();

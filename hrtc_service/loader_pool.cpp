@@ -1,5 +1,6 @@
 // The pool: decodes the regions that probes will touch soonest, sends them to the intake, and frees memory for them.
 #include <algorithm>
+#include <utility>
 
 #include "hrtc_service/loader.hpp"
 
@@ -139,21 +140,21 @@ void Loader::process_answers() {
   IntakeAnswer answer;
   while (intake_.take(answer)) {
     if (answer.object >= kMaxObjects) continue;
-    if (answer.kind == IntakeAnswer::Kind::kObjectGone) residents_[answer.object] = {};
+    if (answer.kind == IntakeAnswer::Kind::kObjectGone && std::exchange(kept_objects_[answer.object], {}).exists)
+      open_postponed();  // refused objects may fit now
     if (by_index_[answer.object] == nullptr) continue;
     Object& object = *by_index_[answer.object];
     const std::uint32_t region = spm::index(answer.region);
     switch (answer.kind) {
       case IntakeAnswer::Kind::kObject:
         if (answer.result == spm::AcceptResult::kAccepted || answer.result == spm::AcceptResult::kLoaded) break;
-        if (answer.result == spm::AcceptResult::kIncomplete) {  // the servo has it as it was for an earlier gateway
-          postpone(object.entry);
-          if (!object.withdrawn) withdraw(object);
-          break;
-        }
         report_warning("object " + object.info.name + ": refused by the intake of the servo");
         object.refused = true;
         if (!object.withdrawn) withdraw(object);  // the intake answers that the object is gone
+        break;
+      case IntakeAnswer::Kind::kDiffers:  // opened again as soon as it is gone
+        postpone(object.entry);
+        if (!object.withdrawn) withdraw(object);
         break;
       case IntakeAnswer::Kind::kRegion:
         if (!object.withdrawn && region < object.notes.size()) process_region_answer(object, region, answer.result);
@@ -182,11 +183,9 @@ void Loader::end_departure(Object& object, std::uint32_t region) {
 /// After a refusal, later messages contain the records of the region again.
 void Loader::process_region_answer(Object& object, std::uint32_t region, spm::AcceptResult result) {
   RegionProgress& note = object.notes[region];
-  if (result == spm::AcceptResult::kAccepted) {
-    note.was_incomplete = 0;
-    return;
-  }
-  if (result == spm::AcceptResult::kLoaded) {  // by an earlier gateway
+  if (result == spm::AcceptResult::kAccepted) note.was_incomplete = 0;
+  if (result == spm::AcceptResult::kAccepted || result == spm::AcceptResult::kLoaded) {
+    // Loaded by an earlier gateway, or returned after an earlier gateway retired it and before this one sent it.
     if (note.pool_state() == PoolState::kNotLoaded) mark_loaded(object, region);
     return;
   }

@@ -14,7 +14,10 @@ constexpr std::int64_t kWakeUpMarginNs = 4'000'000;      // added to the transit
 
 OwnershipClient::OwnershipClient(const session::Origin& self, SharedMailbox<GrantedBodies>& orders,
                                  const session::OwnershipSettings& settings)
-    : self_{self}, settings_{settings}, orders_out_{orders} {}
+    : self_{self}, settings_{settings}, orders_out_{orders} {
+  const GrantedBodies before = MailboxReader{orders}.latest();
+  for (const GrantedBody& body : before.bodies) pose_number_ = std::max(pose_number_, body.received.number);
+}
 
 void OwnershipClient::add(std::uint32_t object_index, std::uint64_t object_id, const sharing::SharedBody& body) {
   TACTUS_CHECK(objects_.size() < kMaxBodies);
@@ -48,7 +51,7 @@ void OwnershipClient::on_pose(const session::ObjectPose& pose, std::int64_t now_
   if (object == nullptr || pose.origin.participant == self_.participant || !object->pose_admission.accept(pose, now_ns))
     return;
   object->claimant.on_pose(pose.fencing, now_ns);
-  object->received = {sharing::state_of(pose, object->body.centre), pose.session_time_ns, object->received.number + 1};
+  object->received = {sharing::state_of(pose, object->body.centre), pose.session_time_ns, ++pose_number_};
   post_orders();
 }
 

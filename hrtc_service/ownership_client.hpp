@@ -85,6 +85,7 @@ class OwnershipClient {
   session::Origin self_;
   session::OwnershipSettings settings_;
   MailboxWriter<GrantedBodies> orders_out_;
+  std::uint64_t pose_number_ = 0;  // of the newest received pose, also under earlier gateways
   GrantedBodies orders_;
   std::vector<std::unique_ptr<Object>> objects_;
   std::vector<BodyStatus> bodies_;

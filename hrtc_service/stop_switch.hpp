@@ -32,9 +32,9 @@ class InheritingMutex {
   pthread_mutex_t mutex_;
 };
 
-/// Holds the stops and resets that an HRTC received. A stop that stands in the link at the start, from an earlier gateway,
-/// becomes a stop of this HRTC, because the names of the earlier stops are lost. Threads: any except the haptic thread. The lock is
-/// held only for bounded work without allocation.
+/// Holds the stops and resets that an HRTC received. At the start, a stop in the link becomes a stop of this HRTC,
+/// because its name is lost. Threads: any except the haptic thread. The lock is held only for bounded work without
+/// allocation.
 class StopSwitch {
  public:
   /// `link` must outlive the switch, and no other object may set its stop.

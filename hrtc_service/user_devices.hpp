@@ -37,8 +37,8 @@ class UserDevices {
   UserDevices(wire::Participants& participants, DeviceLink& link, OnIntent on_intent);
   ~UserDevices();
 
-  /// Returns the ids of the users who have the probes, by probe, 0: none. Before the first `add` these are the users of an
-  /// earlier gateway.
+  /// Returns the ids of the users who have the probes, by probe; 0: none. Before the first `add`, these are the users
+  /// of an earlier gateway.
   [[nodiscard]] static std::array<std::uint64_t, kMaxProbes> users_in(const DeviceLink& link);
 
   /// Adds a user whose device is at this machine.

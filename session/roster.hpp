@@ -141,8 +141,8 @@ class UserTable {
   /// std::invalid_argument if `capacity` is above kMaxUsers.
   explicit UserTable(std::size_t capacity, std::span<const std::uint64_t> earlier = {});
 
-  /// Returns the user's probe number, a free one for a new user; none when no number is free. A new user gets the number
-  /// of an earlier user only if no other is free.
+  /// Returns the user's probe number, a free one for a new user; none when no number is free. A new user gets the
+  /// number of an earlier user only if no other is free.
   [[nodiscard]] std::optional<std::uint32_t> grant(const std::string& user);
   /// Frees the number of a user. Returns false when the user had none.
   bool release(const std::string& user);

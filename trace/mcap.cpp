@@ -1,5 +1,6 @@
 #include "trace/mcap.hpp"
 
+#include <unistd.h>
 #include <zlib.h>
 
 #include <algorithm>
@@ -81,6 +82,7 @@ McapWriter::McapWriter(std::filesystem::path file, const std::string& library)
   const file_type type = symlink_status(name_, ignored).type();
   // A device or a pipe cannot be replaced, and a link would be replaced instead of its file.
   const bool can_replace = type == file_type::regular || type == file_type::not_found;
+  if (can_replace && type == file_type::regular && access(name_.c_str(), W_OK) != 0) fail();
   const std::string opened = name_.string() + (can_replace ? ".part" : "");
   file_.reset(std::fopen(opened.c_str(), "wb"));
   if (!file_) fail();

@@ -306,7 +306,8 @@ void Bodies::limit_forces(const Cycle& cycle, const std::array<ProbeInput, kMaxP
     ProbeOutput& output = outputs[p];
     const Vec3d force = vec(output.force), torque = vec(output.torque);
     HandSpring& hand = springs_[p];
-    const std::uint32_t body_before = std::exchange(hand.body, kMaxBodies);
+    hand.body = kMaxBodies;
+    const std::uint32_t object_before = std::exchange(hand.object, spm::kNone);
     const double energy_to_body = std::exchange(energy_to_body_[p], 0);
     if (!output.active) {  // reset for the next user
       reductions_[p] = {};
@@ -325,9 +326,10 @@ void Bodies::limit_forces(const Cycle& cycle, const std::array<ProbeInput, kMaxP
     const bool has_fault = (output.status & session::kFault) != 0;
     hand.is_hold = (output.status & session::kHolding) != 0;
     if ((output.status & session::kInContact) != 0) hand.body = body_of(output.object);
+    if (hand.body != kMaxBodies) hand.object = output.object;
     hand.torque.setZero();
-    if (hand.body != body_before || has_fault) strengths_[p].reset();
-    if (hand.body != body_before || has_fault || !hand.is_hold) rotational.strength.reset();
+    if (hand.object != object_before || has_fault) strengths_[p].reset();
+    if (hand.object != object_before || has_fault || !hand.is_hold) rotational.strength.reset();
     if (hand.body == kMaxBodies) {
       (void)ports_[p].step(Vec3d::Zero(), device.position, energy_to_body, settings_.period, false);
     } else if (has_fault) {

@@ -156,7 +156,8 @@ class Bodies {
   };
   /// Springs between a hand and the body that it touches.
   struct HandSpring {
-    std::uint32_t body = kMaxBodies;  // index in bodies_; kMaxBodies: none
+    std::uint32_t body = kMaxBodies;    // index in bodies_, which changes when others leave; kMaxBodies: none
+    std::uint32_t object = spm::kNone;  // index of its object
     haptics::PointSpring spring;
     bool is_hold = false;                         // the hand holds the body
     haptics::RotationalSpring rotational_spring;  // valid if `is_hold`

@@ -163,9 +163,9 @@ class Cycle {
   }
 
   /// Sets the pose of an object. In the next `touch`, the object moves the proxies that touch it, and pushes the
-  /// proxies in its path. If its centre moves by more than kMaxStep, it appears at its new place and pushes none: so far
-  /// moves only an object whose pose was unknown. Ignores an invalid pose. From the first call on the object counts as
-  /// near every tip. Realtime.
+  /// proxies in its path. If its centre moves by more than kMaxStep, it appears at its new place and pushes none. Only
+  /// an object whose pose was unknown moves that far in one cycle. Ignores an invalid pose. From the first call on the
+  /// object counts as near every tip. Realtime.
   void move(const TouchObject& object, const Placement& placement) noexcept;
   static constexpr double kMaxStep = 0.05;  ///< m, of an object in a cycle
 

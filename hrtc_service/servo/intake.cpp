@@ -59,6 +59,17 @@ bool is_valid(const IntakeObject& object) {
          session::invalid_field(object.body) == nullptr;
 }
 
+bool is_same(const session::Material& a, const session::Material& b) noexcept {
+  return a.stiffness == b.stiffness && a.damping == b.damping && a.static_friction == b.static_friction &&
+         a.dynamic_friction == b.dynamic_friction;
+}
+
+/// For bodies of one model and scale.
+bool is_same(const sharing::SharedBody& a, const sharing::SharedBody& b) noexcept {
+  return a.settings.mass == b.settings.mass && a.settings.inertia == b.settings.inertia &&
+         a.settings.friction == b.settings.friction && a.ground == b.ground;
+}
+
 ObjectDescription description_of(std::uint32_t index, const IntakeObject& object) {
   ObjectDescription description;
   description.index = index;
@@ -84,7 +95,7 @@ Intake::Intake(const spm::PoolSettings& settings, IntakeLink& link, std::uint64_
       objects_{settings},
       messages_{link.messages},
       answers_{link.answers},
-      residents_{link.residents},
+      attach_answers_{link.attach_answers},
       arrivals_{kRingEntries},
       departures_{kRingEntries},
       max_bytes_{settings.bytes() + std::min(directory_bytes, kMaxDirectoryBytes)},
@@ -105,11 +116,11 @@ void Intake::attach_if_requested() {
   processed_ = 0;
   kept_object_ = spm::kNone;
   const spm::Cache& cache = objects_.cache();
-  const Residents residents{
-      request, answers_.position(), {cache.slots_free(), cache.blocks_free()}, objects_.residents()};
+  const AttachAnswer answer{
+      request, answers_.position(), {cache.slots_free(), cache.blocks_free()}, objects_.kept_objects()};
   for (std::uint32_t i = 0; i < kMaxObjects; ++i)
-    waits_for_gateway_[i] = residents.objects[i].exists && !residents.objects[i].is_withdrawn;
-  residents_.post(residents);
+    waits_for_gateway_[i] = answer.objects[i].exists && !answer.objects[i].is_withdrawn;
+  attach_answers_.post(answer);
 }
 
 /// Answers which regions of a kept object are loaded. Returns true if no answer is missing.
@@ -161,7 +172,8 @@ bool Intake::assemble() {
   return message_.size() == header_->bytes;
 }
 
-spm::AcceptResult Intake::add_object() {
+/// `kind`: set if the object differs from that of an earlier gateway.
+spm::AcceptResult Intake::add_object(IntakeAnswer::Kind& kind) {
   MessageReader in{message_};
   IntakeObject object;
   spm::BaseMesh base;
@@ -172,7 +184,11 @@ spm::AcceptResult Intake::add_object() {
       !is_valid(object) || !spm::violations(base).empty())
     return spm::AcceptResult::kMalformed;
   const bool is_movable = object.body.mass > 0;
-  if (waits_for_gateway_[header_->object]) return keep_object(description_of(header_->object, object));
+  if (waits_for_gateway_[header_->object]) {
+    if (keep_object(description_of(header_->object, object))) return spm::AcceptResult::kLoaded;
+    kind = IntakeAnswer::Kind::kDiffers;
+    return spm::AcceptResult::kMalformed;
+  }
   if (objects_.is_index_used(header_->object) || (is_movable && movable_ == kMaxBodies))
     return spm::AcceptResult::kMalformed;
   const std::uint64_t directory = spm::directory_bytes(base.summary, objects_.pool().settings);
@@ -186,21 +202,19 @@ spm::AcceptResult Intake::add_object() {
   return spm::AcceptResult::kAccepted;
 }
 
-/// Keeps an object that was there before the attach. Returns kIncomplete if it differs from the object of that name now.
-spm::AcceptResult Intake::keep_object(const ObjectDescription& description) {
-  const TouchObject& kept = *objects_.find(description.index);
-  const session::Material &is = kept.material, &was = description.material;
-  const bool is_same = kept.id == description.id && kept.digest == description.digest &&
-                       kept.name == description.name && kept.placement.scale() == description.placement.scale() &&
-                       is.stiffness == was.stiffness && is.damping == was.damping &&
-                       is.static_friction == was.static_friction && is.dynamic_friction == was.dynamic_friction &&
-                       kept.body.has_value() == description.body.has_value() &&
-                       (kept.body || kept.placement.numbers() == description.placement.numbers());
-  if (!is_same) return spm::AcceptResult::kIncomplete;
-  waits_for_gateway_[description.index] = false;
-  kept_object_ = description.index;
+/// Keeps an object of an earlier gateway. Returns false if it differs from the object of that index now.
+bool Intake::keep_object(const ObjectDescription& now) {
+  const TouchObject& kept = *objects_.find(now.index);
+  if (kept.id != now.id || kept.digest != now.digest || kept.name != now.name ||
+      kept.placement.scale() != now.placement.scale() || !is_same(kept.material, now.material) ||
+      kept.body.has_value() != now.body.has_value())
+    return false;
+  // A body has moved since the earlier gateway sent it.
+  if (kept.body ? !is_same(*kept.body, *now.body) : kept.placement.numbers() != now.placement.numbers()) return false;
+  waits_for_gateway_[now.index] = false;
+  kept_object_ = now.index;
   next_region_ = 0;
-  return spm::AcceptResult::kLoaded;
+  return true;
 }
 
 spm::AcceptResult Intake::add_region(spm::RegionId& region) {
@@ -225,7 +239,7 @@ void Intake::process_message() {
   switch (header_->kind) {
     case IntakeKind::kObject:
       kind = IntakeAnswer::Kind::kObject;
-      result = add_object();
+      result = add_object(kind);
       break;
     case IntakeKind::kRegion:
       kind = IntakeAnswer::Kind::kRegion;

@@ -45,15 +45,15 @@ class Intake {
   [[nodiscard]] bool assemble();
   void process_message();
   void answer(IntakeAnswer::Kind kind, std::uint32_t object, spm::RegionId region, spm::AcceptResult result);
-  [[nodiscard]] spm::AcceptResult add_object();
-  [[nodiscard]] spm::AcceptResult keep_object(const ObjectDescription& description);
+  [[nodiscard]] spm::AcceptResult add_object(IntakeAnswer::Kind& kind);
+  [[nodiscard]] bool keep_object(const ObjectDescription& description);
   [[nodiscard]] spm::AcceptResult add_region(spm::RegionId& region);
 
   IntakeLink& link_;
   TouchObjects objects_;
   RingReader<std::byte, IntakeLink::kMessageBytes> messages_;
   RingWriter<IntakeAnswer, IntakeLink::kAnswers> answers_;
-  MailboxWriter<Residents> residents_;
+  MailboxWriter<AttachAnswer> attach_answers_;
   ArrivalRing arrivals_;
   DepartureRing departures_;
   std::optional<Arrival> pending_;  // an arrival for which the ring was full

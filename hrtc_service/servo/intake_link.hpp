@@ -12,7 +12,7 @@
 ///
 ///     gateway                                             intake
 ///     increments attach_requests    -------------------> drops the rest of the earlier gateway's messages
-///     learns which objects the servo has  <--residents---
+///     receives the list of the servo's objects  <------  answers the attach
 ///     kObject with the same id, digest and index  ------> keeps the object, and answers kLoaded for it and its regions
 ///     kWithdraw for the objects that no host offers  ---> removes them
 #pragma once
@@ -61,7 +61,8 @@ struct IntakeRegion {
 /// Reports the result of a message, or that the haptic thread has returned a region or an object.
 struct IntakeAnswer {
   enum class Kind : std::uint8_t {
-    kObject,      ///< an object has been added or refused
+    kObject,      ///< an object has been added, kept or refused
+    kDiffers,     ///< the servo has the object as it was for an earlier gateway, and it must be withdrawn first
     kRegion,      ///< a region has been loaded or refused
     kOther,       ///< another message has been processed
     kRegionGone,  ///< the haptic thread has returned a retired region, and its memory is free
@@ -76,18 +77,18 @@ struct IntakeAnswer {
 };
 
 /// An object that the servo has when a gateway attaches.
-struct Resident {
+struct KeptObject {
   std::uint64_t id = 0, digest = 0;
   bool exists = false;
   bool is_withdrawn = false;  ///< its memory is still in use
 };
 
 /// The answer to an attach.
-struct Residents {
-  std::uint32_t request = 0;                    ///< IntakeLink::attach_requests
-  std::uint64_t answers_begin = 0;              ///< RingWriter::position of the first answer for this gateway
-  spm::Cache::Space free;                       ///< as in IntakeAnswer
-  std::array<Resident, kMaxObjects> objects{};  ///< by index
+struct AttachAnswer {
+  std::uint32_t request = 0;                      ///< IntakeLink::attach_requests
+  std::uint64_t answers_begin = 0;                ///< RingWriter::position of the first answer for this gateway
+  spm::Cache::Space free;                         ///< as in IntakeAnswer
+  std::array<KeptObject, kMaxObjects> objects{};  ///< by index
 };
 
 struct IntakeLink {
@@ -95,7 +96,7 @@ struct IntakeLink {
   SharedRing<std::byte, kMessageBytes> messages;
   SharedRing<IntakeAnswer, kAnswers> answers;
   std::atomic<std::uint32_t> attach_requests{0};
-  SharedMailbox<Residents> residents;
+  SharedMailbox<AttachAnswer> attach_answers;
 };
 
 }  // namespace tactus::hrtc_service

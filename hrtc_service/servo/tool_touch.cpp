@@ -38,7 +38,7 @@ void ToolTouch::move_to(const ProbeStep& step, const haptics::ToolPose& goal) no
   }
   const haptics::ToolPose before = tool_.last().pose;
   tool_.set_grip(step.renderer.tool_grip(impedance_of(step), step.period, step.input.device.round_trip));
-  const bool changed = step.mesh_changed || surface.moving() || near != objects_before_;
+  const bool changed = step.mesh_changed || step.mesh_changed_here || surface.moving() || near != objects_before_;
   const haptics::ToolPose& now = tool_.step(goal, step.period, {objects_.data(), surface.count()}, changed).pose;
   objects_before_ = near;
   constexpr double kSmoothing = 0.008;  // s

@@ -33,12 +33,12 @@ bool TouchObjects::is_in_use(std::uint32_t object, spm::RegionId region) const n
          cache_.is_loaded(found->cache_index, region) && !found->is_retired[spm::index(region)];
 }
 
-std::array<Resident, kMaxObjects> TouchObjects::residents() const noexcept {
-  std::array<Resident, kMaxObjects> residents;
+std::array<KeptObject, kMaxObjects> TouchObjects::kept_objects() const noexcept {
+  std::array<KeptObject, kMaxObjects> objects;
   for (std::uint32_t i = 0; i < kMaxObjects; ++i)
     if (const Object* const object = objects_[i].get(); object != nullptr)
-      residents[i] = {object->touch.id, object->touch.digest, true, object->is_withdrawn};
-  return residents;
+      objects[i] = {object->touch.id, object->touch.digest, true, object->is_withdrawn};
+  return objects;
 }
 
 std::optional<Arrival> TouchObjects::add(const ObjectDescription& description, const spm::BaseMesh& base) {

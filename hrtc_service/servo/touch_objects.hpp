@@ -49,7 +49,7 @@ class TouchObjects {
   /// Returns whether a region of such an object is loaded and not retired.
   [[nodiscard]] bool is_in_use(std::uint32_t object, spm::RegionId region) const noexcept;
   /// Returns which objects there are, by index.
-  [[nodiscard]] std::array<Resident, kMaxObjects> residents() const noexcept;
+  [[nodiscard]] std::array<KeptObject, kMaxObjects> kept_objects() const noexcept;
   /// Returns the index of an object in the cache. The object must exist.
   [[nodiscard]] spm::ObjectIndex cache_index(std::uint32_t object) const noexcept {
     return objects_[object]->cache_index;

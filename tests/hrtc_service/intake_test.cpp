@@ -254,12 +254,12 @@ class AttachTest : public IntakeTest {
     for (int cycle = 0; cycle < 100; ++cycle) (void)run_cycle();
   }
   /// Begins with another gateway. Returns what it learns of the servo.
-  Residents attach() {
+  AttachAnswer attach() {
     sender_ = std::make_unique<IntakeSender>(link_->intake, pool_);
     intake_->tick();
-    Residents residents;
-    EXPECT_TRUE(sender_->take_residents(residents));
-    return residents;
+    AttachAnswer answer;
+    EXPECT_TRUE(sender_->take_attach_answer(answer));
+    return answer;
   }
 };
 
@@ -276,13 +276,13 @@ TEST_F(AttachTest, TheServoKeepsObjectsAndRegionsAndDropsTheRestOfAMessage) {
   EXPECT_FALSE(sender_->flush()) << "before the answer to the attach";
   EXPECT_EQ(sender_->free_space().slots, 0u);
   intake_->tick();
-  Residents residents;
-  ASSERT_TRUE(sender_->take_residents(residents));
-  EXPECT_FALSE(sender_->take_residents(residents)) << "only once";
-  for (std::uint32_t i = 0; i < kMaxObjects; ++i) EXPECT_EQ(residents.objects[i].exists, i == 3) << i;
-  EXPECT_EQ(residents.objects[3].id, object().id);
-  EXPECT_EQ(residents.objects[3].digest, model().summary().digest);
-  EXPECT_FALSE(residents.objects[3].is_withdrawn);
+  AttachAnswer answer;
+  ASSERT_TRUE(sender_->take_attach_answer(answer));
+  EXPECT_FALSE(sender_->take_attach_answer(answer)) << "only once";
+  for (std::uint32_t i = 0; i < kMaxObjects; ++i) EXPECT_EQ(answer.objects[i].exists, i == 3) << i;
+  EXPECT_EQ(answer.objects[3].id, object().id);
+  EXPECT_EQ(answer.objects[3].digest, model().summary().digest);
+  EXPECT_FALSE(answer.objects[3].is_withdrawn);
 
   EXPECT_THAT(exchange(), testing::ElementsAre(AcceptResult::kLoaded, AcceptResult::kLoaded, AcceptResult::kLoaded))
       << "the object and the two regions that are not retired";
@@ -302,7 +302,7 @@ TEST_F(AttachTest, AnObjectThatHasChangedMustBeWithdrawnFirst) {
   IntakeObject changed = object();
   changed.scale = 2;
   sender_->add_object(3, changed, model().base());
-  EXPECT_THAT(exchange(), testing::ElementsAre(AcceptResult::kIncomplete));
+  EXPECT_THAT(exchange(), testing::ElementsAre(AcceptResult::kMalformed));
   sender_->withdraw(3);
   for (int cycle = 0; cycle < 100; ++cycle) {
     (void)exchange();
@@ -317,8 +317,8 @@ TEST_F(AttachTest, AnswersForTheEarlierGatewayAreNotTaken) {
   sender_->add_region(3, region(7));
   sender_->flush();
   intake_->tick();  // its answer waits
-  const Residents residents = attach();
-  EXPECT_EQ(residents.free.slots, cache().slots_free());
+  const AttachAnswer answer = attach();
+  EXPECT_EQ(answer.free.slots, cache().slots_free());
   EXPECT_THAT(exchange(), IsEmpty());
 }
 

@@ -506,9 +506,29 @@ TEST_F(OrganSession, AnotherGatewayContinuesWithoutAChangeOfTheForce) {
   EXPECT_THAT(session.core().intake().objects().cache().violations(), ::testing::IsEmpty());
 }
 
+TEST_F(OrganSession, AnObjectThatHasChangedForAnotherGatewayIsReplaced) {
+  LocalSession session{{built_->model()}, 1, spm::PoolSettings::for_slots(1 << 15)};
+  for (int cycle = 0; cycle < 500; ++cycle) session.step(position(0), Vec3d::Zero());
+  ASSERT_EQ(session.cycle().objects().size(), 1u);
+  const auto stiffness = [&] { return session.cycle().objects()[0]->material.stiffness; };
+  const double before = stiffness();
+  session.connected = false;
+  session.restart_gateway();
+  session::CatalogueEntry entry = session.entry(0);
+  entry.material.stiffness = 2 * before;
+  session.connected = true;
+  session.membership().on_catalogue(entry);
+  for (int cycle = 0; cycle < 1500; ++cycle) {
+    session.step(position(0), Vec3d::Zero());
+    ASSERT_LE(session.cycle().objects().size(), 1u) << "both at a time";
+  }
+  ASSERT_EQ(session.cycle().objects().size(), 1u);
+  EXPECT_EQ(stiffness(), 2 * before);
+}
+
 TEST_F(OrganSession, AnObjectThatNoHostOffersToAnotherGatewayIsWithdrawn) {
   hrtc_service::LoaderSettings settings;
-  settings.resident_patience_ns = 500'000'000;
+  settings.kept_patience_ns = 500'000'000;
   LocalSession session{{built_->model()}, 1, spm::PoolSettings::for_slots(1 << 15), 2, settings};
   for (int cycle = 0; cycle < 500; ++cycle) session.step(position(0), Vec3d::Zero());
   session.connected = false;
