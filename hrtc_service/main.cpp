@@ -1,5 +1,6 @@
 #include <spdlog/sinks/stdout_color_sinks.h>
 #include <spdlog/spdlog.h>
+#include <unistd.h>
 
 #include <CLI/CLI.hpp>
 #include <atomic>
@@ -64,7 +65,7 @@ int main(int argc, char** argv) {
   hrtc_service::HrtcOptions options;
   options.address.session = "tactus";
   options.address.participant = "hrtc";
-  options.flight.folder = std::filesystem::temp_directory_path() / "tactus-flight";
+  options.flight.folder = std::filesystem::temp_directory_path() / ("tactus-flight-" + std::to_string(geteuid()));
   options.save_requests = &realtime::save_signals();
   options.core.servo.emergency_stop_signals = &realtime::emergency_stop_signals();
   constexpr std::uint32_t kMinSlots = 256;

@@ -4,6 +4,8 @@
 #include <cerrno>
 #include <cstring>
 
+#include "trace/private_file.hpp"
+
 namespace tactus::trace {
 namespace {
 
@@ -65,7 +67,7 @@ std::uint64_t triangle_key(const std::array<float, 9>& corners) noexcept {
   return key;
 }
 
-ContactLogWriter::ContactLogWriter(const std::filesystem::path& path) : file_{std::fopen(path.c_str(), "wb")} {
+ContactLogWriter::ContactLogWriter(const std::filesystem::path& path) : file_{open_private(path)} {
   if (file_ == nullptr) throw LogError("cannot write the contact log " + path.string() + ": " + std::strerror(errno));
   put(kLogMagic, sizeof kLogMagic);
   put(&kVersion, sizeof kVersion);

@@ -8,6 +8,8 @@
 #include <cerrno>
 #include <cstring>
 
+#include "trace/private_file.hpp"
+
 namespace tactus::trace {
 namespace {
 
@@ -84,7 +86,7 @@ McapWriter::McapWriter(std::filesystem::path file, const std::string& library)
   const bool can_replace = type == file_type::regular || type == file_type::not_found;
   if (can_replace && type == file_type::regular && access(name_.c_str(), W_OK) != 0) fail();
   const std::string opened = name_.string() + (can_replace ? ".part" : "");
-  file_.reset(std::fopen(opened.c_str(), "wb"));
+  file_.reset(open_private(opened, can_replace));
   if (!file_) fail();
   put({kMagic.begin(), kMagic.end()});
   put(Encoder{}.text("").text(library).record(kHeader));

@@ -1,6 +1,8 @@
 #include "hrtc_service/servo/flight_saver.hpp"
 
 #include <pthread.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <cmath>
@@ -32,6 +34,22 @@ std::string now_text() {
   return out.data();
 }
 
+/// Throws if another user has made the folder: that user could read the recordings, and let a link lead them to another
+/// place.
+void check_owner(const std::filesystem::path& folder) {
+  struct stat status {};
+  if (::stat(folder.c_str(), &status) == 0 && status.st_uid != ::geteuid() && status.st_uid != 0)
+    throw std::runtime_error("the folder " + folder.string() +
+                             " for flight recordings belongs to another user; name another with --flight-folder");
+}
+
+/// Makes a folder that only its owner can read.
+void make_private_folder(const std::filesystem::path& folder) {
+  namespace fs = std::filesystem;
+  if (fs::create_directories(folder)) fs::permissions(folder, fs::perms::owner_all);
+  check_owner(folder);
+}
+
 }  // namespace
 
 std::uint64_t limit_flight(FlightOptions& options, std::uint64_t memory_bytes, double period,
@@ -50,6 +68,7 @@ FlightSaver::FlightSaver(const FlightOptions& options, const trace::FlightStart&
       recorder_{cycles_per_second(start)},
       max_bytes_{std::min(FlightStore::bytes_for(options.seconds, start.period, probes), options.max_bytes)},
       store_{recorder_, start, options.seconds, max_bytes_} {
+  check_owner(options.folder);
   if (!options.file.empty()) {
     std::FILE* const file = std::fopen(options.file.c_str(), "ab");
     if (file == nullptr) throw std::runtime_error("cannot write the flight recording " + options.file.string());
@@ -95,7 +114,10 @@ bool FlightSaver::stop() {
 
 bool FlightSaver::write(const std::filesystem::path& file, const std::string& reason) {
   try {
-    if (file.has_parent_path()) std::filesystem::create_directories(file.parent_path());
+    if (file.parent_path() == options_.folder)
+      make_private_folder(options_.folder);
+    else if (file.has_parent_path())
+      std::filesystem::create_directories(file.parent_path());
     const std::uint64_t cycles = store_.write(file, reason);
     if (on_event) on_event(false, "flight recording " + file.string() + ": " + std::to_string(cycles) + " cycles");
     return true;

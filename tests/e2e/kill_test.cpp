@@ -94,8 +94,8 @@ class KillTest : public SessionTest {
   std::mt19937_64 random_{kSeed};
 };
 
-TEST_F(KillTest, AKilledBuildLeavesTheEarlierModelOrAWholeOne) { kill_builds(10); }
-TEST_F(KillTest, AKilledRecorderLeavesNoFileOrAReadableOne) { kill_recorders(6); }
+TEST_F(KillTest, AKilledBuildLeavesTheEarlierModelOrAWholeOne) { kill_builds(4); }
+TEST_F(KillTest, AKilledRecorderLeavesNoFileOrAReadableOne) { kill_recorders(4); }
 
 using TwoHundredKills = KillTest;
 TEST_F(TwoHundredKills, OfBuildsLeaveTheEarlierModelOrAWholeOne) { kill_builds(200); }

@@ -2,6 +2,9 @@
 
 #include <gtest/gtest.h>
 
+#include <filesystem>
+#include <fstream>
+
 #include "tests/support/temporary_folder.hpp"
 
 namespace tactus::trace {
@@ -24,6 +27,16 @@ TEST(ContactLog, AClosedFileHasAllEntries) {
   ASSERT_EQ(reader.next(), ContactLogReader::Entry::kTotals);
   EXPECT_EQ(reader.totals.object, 3u);
   EXPECT_EQ(reader.next(), ContactLogReader::Entry::kEnd);
+}
+
+TEST(ContactLog, OnlyItsOwnerCanReadItAlsoIfItReplacesAnother) {
+  const test_support::TemporaryFolder folder;
+  const std::filesystem::path log = folder.path() / "a.hlog";
+  std::ofstream{log} << "an earlier log that everybody can read";
+  std::filesystem::permissions(log, std::filesystem::perms{0644});
+  ContactLogWriter writer{log};
+  EXPECT_TRUE(writer.close());
+  EXPECT_EQ(status(log).permissions(), std::filesystem::perms{0600});
 }
 
 }  // namespace

@@ -3,6 +3,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <filesystem>
+#include <fstream>
 #include <random>
 
 #include "tests/support/temporary_folder.hpp"
@@ -157,6 +159,25 @@ TEST_F(Mcap, AnErrorNamesAFileThatCannotBeWritten) {
   } catch (const McapError& error) {
     EXPECT_THAT(error.what(), testing::HasSubstr(unwritable_path));
   }
+}
+
+TEST_F(Mcap, OnlyItsOwnerCanReadAFile) {
+  std::ofstream{file_} << "an earlier file that everybody can read";
+  std::filesystem::permissions(file_, std::filesystem::perms{0644});
+  { const McapWriter writer{file_, "test"}; }
+  EXPECT_EQ(std::filesystem::status(file_).permissions(), std::filesystem::perms{0600});
+}
+
+// In a folder that others can write, a link of another user would lead the recording to another file.
+TEST_F(Mcap, ALinkInThePlaceOfTheUnfinishedFileIsNotFollowed) {
+  const std::filesystem::path other = folder_.path() / "other";
+  std::ofstream{other} << "untouched";
+  create_symlink(other, file_ + ".part");
+  { const McapWriter writer{file_, "test"}; }
+  std::string found;
+  std::getline(std::ifstream{other}, found);
+  EXPECT_EQ(found, "untouched");
+  EXPECT_TRUE(is_regular_file(std::filesystem::symlink_status(file_)));
 }
 
 TEST_F(Mcap, ReportsAFullDisk) {
