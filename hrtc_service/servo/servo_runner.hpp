@@ -40,7 +40,8 @@ struct ServoOptions {
 class ServoRunner {
  public:
   /// Allocates everything. `link`, the devices and `log`, the ring of logged queries or null, must outlive the runner.
-  /// Throws std::runtime_error if the file of the flight recorder cannot be written.
+  /// Throws std::runtime_error if the file of the flight recorder cannot be written, or its folder
+  /// belongs to another user.
   ServoRunner(const ServoOptions& options, ServoLink& link, ContactQuery::LogRing* log);
   ~ServoRunner();
 

@@ -22,6 +22,7 @@ std::string bytes_of(const fs::path& file) {
 
 class KillTest : public SessionTest {
  protected:
+  /// Waits a random time, because a program may be killed at any moment.
   void wait_at_most(Seconds limit) {
     std::this_thread::sleep_for(limit * std::uniform_real_distribution{0.0, 1.0}(random_));
   }

@@ -89,6 +89,17 @@ class EmergencyStop : public ::testing::Test {
     }
   }
 
+  /// Resets the stop of this HRTC, which must be the only one. `number`: of the reset.
+  void reset_own_stop(hrtc_service::StopSwitch& stops, std::uint32_t number) {
+    std::vector<session::StopRecord> records;
+    ASSERT_TRUE(stops.acknowledge(records));
+    const std::vector<session::StopName> standing = session::standing_stops(records);
+    ASSERT_EQ(standing.size(), 1u);
+    EXPECT_EQ(standing[0].participant, kHrtc);
+    EXPECT_TRUE(stops.on_reset({{kSession, 51, 1, 0}, number, standing, ""}));
+    wait_for_force();
+  }
+
   [[nodiscard]] hrtc_service::HrtcCoreSettings core_settings(const spm::Model& model) const {
     hrtc_service::HrtcCoreSettings settings;
     settings.pool = spm::PoolSettings::for_slots(model.summary.parts + 600);
@@ -159,16 +170,10 @@ TEST_F(EmergencyStop, ASignalZeroesTheForceWithoutTheGatewayAndStandsUntilAReset
   EXPECT_FALSE(stops.issue_local_stop()) << "one stop for one signal";
   hand_.wait_for_writes(100);
   EXPECT_EQ(hand_.force(), 0);
-  ASSERT_TRUE(stops.acknowledge(records));
-  const std::vector<session::StopName> standing = session::standing_stops(records);
-  ASSERT_EQ(standing.size(), 1u);
-  EXPECT_EQ(standing[0].participant, kHrtc);
-  EXPECT_TRUE(stops.on_reset({{kSession, 51, 1, 0}, 2, standing, ""}));
-  wait_for_force();
+  reset_own_stop(stops, 2);
 }
 
 TEST_F(EmergencyStop, AStopStandsUnderAnotherGatewayUntilAResetNamesItsStop) {
-  std::vector<session::StopRecord> records;
   std::uint32_t resets = 0;
   for (std::uint64_t incarnation = 1; incarnation <= 3; ++incarnation) {
     SCOPED_TRACE("gateway " + std::to_string(incarnation));
@@ -183,12 +188,7 @@ TEST_F(EmergencyStop, AStopStandsUnderAnotherGatewayUntilAResetNamesItsStop) {
     EXPECT_TRUE(stops.stopped());
     hand_.wait_for_writes(100);
     EXPECT_EQ(hand_.force(), 0);
-    ASSERT_TRUE(stops.acknowledge(records));
-    const std::vector<session::StopName> standing = session::standing_stops(records);
-    ASSERT_EQ(standing.size(), 1u);
-    EXPECT_EQ(standing[0].participant, kHrtc);
-    EXPECT_TRUE(stops.on_reset({{kSession, 51, 1, 0}, ++resets, standing, ""}));
-    wait_for_force();
+    ASSERT_NO_FATAL_FAILURE(reset_own_stop(stops, ++resets));
   }
 }
 
