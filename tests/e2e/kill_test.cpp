@@ -20,6 +20,15 @@ std::string bytes_of(const fs::path& file) {
   return {std::istreambuf_iterator<char>{in}, {}};
 }
 
+/// Returns the number of messages in a recording, which may be one in progress.
+std::uint64_t messages_in(const std::string& file) {
+  trace::McapReader reader{file};
+  trace::McapMessage message;
+  std::uint64_t messages = 0;
+  while (reader.next(message)) ++messages;
+  return messages;
+}
+
 class KillTest : public SessionTest {
  protected:
   /// Waits a random time, because a program may be killed at any moment.
@@ -60,7 +69,8 @@ class KillTest : public SessionTest {
     EXPECT_LT(finished, kills) << "no build was killed";
   }
 
-  /// Kills recorders of a session. Every third one is writing the index at the end of its file.
+  /// Kills recorders of a session. Of three, the second one has written messages, and the third one is writing the index
+  /// at the end of its file.
   void kill_recorders(int kills) {
     Process museum{host("museum", models().sphere)};
     Process desk{hrtc("desk")};
@@ -70,6 +80,12 @@ class KillTest : public SessionTest {
       SCOPED_TRACE("recorder " + std::to_string(i) + ", seed " + std::to_string(kSeed));
       const std::string file = path("recording" + std::to_string(i) + ".mcap");
       Process killed{in_session("record", {file})};
+      if (i % 3 == 1) {
+        // A recorder flushes its file every second, and how long it needs to join depends on the machine.
+        ASSERT_TRUE(killed.wait_for_line("recording session"));
+        const auto began = Clock::now();
+        while (messages_in(file) == 0 && Clock::now() - began < kWatchdog) std::this_thread::sleep_for(Seconds{0.05});
+      }
       wait_at_most(Seconds{1.5});
       if (i % 3 == 2) {
         killed.signal(SIGINT);
@@ -79,9 +95,7 @@ class KillTest : public SessionTest {
       (void)killed.wait();
       if (!fs::exists(file)) continue;
       try {
-        trace::McapReader reader{file};
-        trace::McapMessage message;
-        while (reader.next(message)) ++messages;
+        messages += messages_in(file);
       } catch (const trace::McapError& error) {
         ADD_FAILURE() << error.what();
       }
