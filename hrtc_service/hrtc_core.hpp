@@ -65,6 +65,10 @@ class HrtcCore {
     intake_.tick();
     // A base mesh is larger than the ring. The limit ends the loop if the intake waits for the haptic thread.
     for (int left = 256; left > 0 && !gateway_->send_waiting(); --left) intake_.tick();
+    tick_servo();
+  }
+  /// Passes to the servo what is in the link.
+  void tick_servo() {
     intake_.tick();
     body_intake_.tick();
   }

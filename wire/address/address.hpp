@@ -19,7 +19,8 @@ inline constexpr int kMaxDomain = (32768 - 7650) / 250 - (kTrafficClasses - 1);
 inline constexpr int kDefaultDomain = 20;
 
 /// Default directory of the profiles. For a program in its build tree, this is `qos/` of the source tree. For others,
-/// it is `share/tactus/qos` next to the program's `bin`; if that does not exist, the directory chosen at build time.
+/// it is `share/tactus/qos` next to the program's `bin` or `libexec`; if that does not exist, the directory chosen at
+/// build time.
 [[nodiscard]] std::filesystem::path default_qos_directory();
 
 inline constexpr std::uint16_t kDiscoveryServerPort = 11811;

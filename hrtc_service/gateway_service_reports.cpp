@@ -6,7 +6,7 @@
 #include <stdexcept>
 #include <utility>
 
-#include "hrtc_service/hrtc_impl.hpp"
+#include "hrtc_service/gateway_service_impl.hpp"
 #include "realtime/periodic_clock.hpp"
 
 namespace tactus::hrtc_service {
@@ -20,7 +20,7 @@ bool touches_exactly(const ProbeReports& reports) {
 
 }  // namespace
 
-void Hrtc::Impl::send_metrics(bool with_percentiles) {
+void GatewayService::Impl::send_metrics(bool with_percentiles) {
   namespace names = session::figures;
   session::Metrics sample;
   sample.origin = participants.origin();
@@ -87,7 +87,7 @@ void Hrtc::Impl::send_metrics(bool with_percentiles) {
   if (!sample.figures.empty()) (void)losses_out.send(sample);
 }
 
-void Hrtc::Impl::process_reports() {
+void GatewayService::Impl::process_reports() {
   const ProbeReports& reports = gateway.reports();
   if (first_cycle == 0) {
     first_cycle = reports.cycle;
@@ -100,7 +100,7 @@ void Hrtc::Impl::process_reports() {
 }
 
 /// Logs the costs of an overrun, at most one line in each second.
-void Hrtc::Impl::log_overrun(const CycleTrace& trace, const LateVerdict& verdict) {
+void GatewayService::Impl::log_overrun(const CycleTrace& trace, const LateVerdict& verdict) {
   ++overruns_unlogged;
   if (!overrun_logged.due(realtime::monotonic_ns())) return;
   const CycleCosts& costs = trace.costs;
@@ -117,7 +117,7 @@ void Hrtc::Impl::log_overrun(const CycleTrace& trace, const LateVerdict& verdict
   overruns_unlogged = 0;
 }
 
-void Hrtc::Impl::classify_late_cycles() {
+void GatewayService::Impl::classify_late_cycles() {
   for (ThreadUsage usage; usages.pop(usage);) late_cycles.add(usage);
   while (const std::optional<LateVerdict> verdict = late_cycles.next()) {
     statistics.add(verdict->late_class);
@@ -126,7 +126,7 @@ void Hrtc::Impl::classify_late_cycles() {
   }
 }
 
-void Hrtc::Impl::drain_rings() {
+void GatewayService::Impl::drain_rings() {
   CycleTrace trace;
   while (traces.pop(trace)) {
     statistics.add(trace);
@@ -136,7 +136,7 @@ void Hrtc::Impl::drain_rings() {
           "probe "
           "spans more than {} cells of the grid; raise --targets, or build the model with larger cells (tactus mesh "
           "build --cell-faces)",
-          options.core.servo.cycle.targets, spm::RegionGrid::kMaxCells);
+          options.servo.cycle.targets, spm::RegionGrid::kMaxCells);
     late_cycles.add(trace.times);
     if (trace.times.late()) late_traces.push_back(trace);
   }
@@ -150,7 +150,7 @@ void Hrtc::Impl::drain_rings() {
   }
 }
 
-void Hrtc::Impl::take_snapshots(std::int64_t now_ns) {
+void GatewayService::Impl::take_snapshots(std::int64_t now_ns) {
   if (!snapshots) return;
   try {
     snapshots->tick(now_ns, touches_exactly(gateway.reports()), gateway.reported_probes());
@@ -161,14 +161,14 @@ void Hrtc::Impl::take_snapshots(std::int64_t now_ns) {
   }
 }
 
-void Hrtc::Impl::measure_first_touch(std::int64_t now_ns) {
+void GatewayService::Impl::measure_first_touch(std::int64_t now_ns) {
   if (first.base_ns == 0 && !loader.objects().empty()) first.base_ns = now_ns;
   if (first.exact_ns != 0 || !touches_exactly(gateway.reports())) return;
   first.exact_ns = gateway.reports().time_ns;
   first.bytes = loader.delivery_counters().payload_bytes;
 }
 
-void Hrtc::Impl::log_fault(std::uint32_t probe, std::uint32_t status) {
+void GatewayService::Impl::log_fault(std::uint32_t probe, std::uint32_t status) {
   const std::uint32_t fault = status & (session::kFault | session::kFaultReason);
   if (fault == std::exchange(faults_logged[probe], fault)) return;
   const std::string user = membership.has_user(probe) ? "user " + membership.name_at(probe) : "a user that has left";
@@ -180,7 +180,7 @@ void Hrtc::Impl::log_fault(std::uint32_t probe, std::uint32_t status) {
   }
 }
 
-void Hrtc::Impl::log_hold(std::uint32_t probe, const ProbeOutput& output) {
+void GatewayService::Impl::log_hold(std::uint32_t probe, const ProbeOutput& output) {
   constexpr std::uint32_t kHold = session::kHolding | session::kHoldRefused;
   const std::uint32_t now = output.status & kHold, before = std::exchange(holds_logged[probe], now);
   if (now == before || !membership.has_user(probe)) return;

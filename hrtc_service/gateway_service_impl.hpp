@@ -1,7 +1,7 @@
-/// The members of an HRTC, for the sources that implement its threads. Nothing else includes this file.
+/// The members of the gateway's service, for the sources that implement its threads. Nothing else includes this file.
 ///
-///   hrtc.cpp          samples, passes of the service thread, sender thread, start and end
-///   hrtc_reports.cpp  reports of the haptic thread: metrics, logs, snapshots
+///   gateway_service.cpp          samples, passes of the service thread, sender thread, start and end
+///   gateway_service_reports.cpp  reports of the haptic thread: metrics, logs, snapshots
 #pragma once
 
 #include <array>
@@ -20,8 +20,8 @@
 #include "hrtc_service/body_exchange.hpp"
 #include "hrtc_service/contact_logger.hpp"
 #include "hrtc_service/gateway.hpp"
+#include "hrtc_service/gateway_service.hpp"
 #include "hrtc_service/group_endpoints.hpp"
-#include "hrtc_service/hrtc.hpp"
 #include "hrtc_service/membership.hpp"
 #include "hrtc_service/reference_timer.hpp"
 #include "hrtc_service/servo/late_cycles.hpp"
@@ -37,7 +37,7 @@
 
 namespace tactus::hrtc_service {
 
-struct Hrtc::Impl {
+struct GatewayService::Impl {
   static constexpr std::int64_t kMetricsNs = 500'000'000;
   static constexpr std::int64_t kAllMetricsNs = 5'000'000'000;
   static constexpr std::int64_t kOverrunLogNs = 1'000'000'000;
@@ -65,7 +65,7 @@ struct Hrtc::Impl {
                               session::Metrics, FullRateState, session::ObjectGrant, session::ObjectPose>;
   using Inbox = wire::Inbox<Sample>;
 
-  explicit Impl(HrtcOptions given);
+  Impl(const HrtcOptions& given, ServoLink& servo_link, ContactQuery::LogRing* log, const spm::MeshProbe* tool);
   ~Impl();
   int run(const std::atomic<bool>& stop);
 
@@ -115,17 +115,16 @@ struct Hrtc::Impl {
   void take_snapshots(std::int64_t now_ns);
   void finish();
 
-  HrtcOptions options;
+  const HrtcOptions options;
+  ServoLink& link;
+  const bool is_successor{link.heartbeats() > 0};  // the servo had an earlier gateway
   wire::Participants participants;
   Inbox inbox{1u << 14};
-  std::unique_ptr<ServoLink> link{std::make_unique<ServoLink>()};
-  std::unique_ptr<ContactQuery::LogRing> log_ring;  // null: the servo logs no queries
-  ServoRunner servo;
   Gateway gateway;
   const Loader& loader{gateway.loader()};
   Membership membership;
   UserDevices devices;
-  StopSwitch stops{participants.origin(), *link};
+  StopSwitch stops{participants.origin(), link};
   bool stopped = false;  // at the last pass of the service thread
   std::vector<session::StopRecord> stops_acknowledged;
   session::StopName stop_received;  // newest stop; used by the callback only
@@ -157,11 +156,11 @@ struct Hrtc::Impl {
   std::uint32_t overruns_unlogged = 0;
   std::uint64_t first_cycle = 0;  // number of the first reported cycle; 0: none
   std::int64_t first_cycle_ns = 0;
-  RingReader<CycleTrace, ServoLink::kTraces> traces{link->traces};
-  RingReader<ThreadUsage, ServoLink::kUsages> usages{link->usages};
-  RingWriter<FlightRequest, ServoLink::kFlightRequests> flight_requests{link->flight_requests};
+  RingReader<CycleTrace, ServoLink::kTraces> traces{link.traces};
+  RingReader<ThreadUsage, ServoLink::kUsages> usages{link.usages};
+  RingWriter<FlightRequest, ServoLink::kFlightRequests> flight_requests{link.flight_requests};
   ShownSender shown;
-  MailboxReader<MeshHashes> mesh_hashes{link->mesh_hashes};
+  MailboxReader<MeshHashes> mesh_hashes{link.mesh_hashes};
   std::optional<SnapshotTaker> snapshots;  // only with HrtcOptions::snapshot
   struct {
     // Times of the first catalogue entry, base mesh and exact contact; 0: none.

@@ -1,15 +1,17 @@
-#include "hrtc_service/hrtc.hpp"
+#include "hrtc_service/gateway_service.hpp"
 
 #include <spdlog/spdlog.h>
 #include <sys/prctl.h>
 
 #include <algorithm>
 #include <filesystem>
+#include <string>
 #include <thread>
 #include <utility>
 #include <variant>
 
-#include "hrtc_service/hrtc_impl.hpp"
+#include "hrtc_service/gateway_service_impl.hpp"
+#include "hrtc_service/program/log.hpp"
 #include "realtime/periodic_clock.hpp"
 #include "session/units.hpp"
 
@@ -34,53 +36,41 @@ bool is_same(const session::StopName& a, const session::StopName& b) {
   return a.participant == b.participant && a.incarnation == b.incarnation && a.number == b.number;
 }
 
-void log_event(session::Severity severity, const std::string& text) {
-  constexpr spdlog::level::level_enum kLevels[] = {spdlog::level::info, spdlog::level::warn, spdlog::level::err};
-  spdlog::log(kLevels[static_cast<std::size_t>(severity)], "{}", text);
-}
-
-LocalDevices local_devices(const HrtcOptions& options) {
-  LocalDevices devices{};
-  for (std::size_t i = 0; i < std::min<std::size_t>(options.local_users.size(), kMaxProbes); ++i)
-    devices[i] = options.local_users[i].device.get();
-  return devices;
-}
-
-ServoOptions servo_options(const HrtcOptions& options) {
-  ServoOptions servo;
-  servo.participant = options.address.participant;
-  servo.pool = options.core.pool;
-  servo.directory_bytes = options.core.gateway.loader.directory_bytes;
-  servo.servo = options.core.servo;
-  servo.servo.watches_gateway = false;
-  servo.haptic = options.haptic;
-  servo.local = local_devices(options);
-  servo.max_users = options.max_users;
-  servo.flight = options.flight;
-  servo.save_requests = options.save_requests;
-  return servo;
-}
-
-GatewaySettings service_gateway_settings(const HrtcOptions& options) {
-  GatewaySettings settings = gateway_settings(options.core);
+GatewaySettings gateway_settings(const HrtcOptions& options, const spm::MeshProbe* tool) {
+  GatewaySettings settings;
+  settings.loader.radius = options.servo.cycle.radius;
+  settings.loader.tool = tool;
+  settings.loader.strategy = options.prediction;
+  settings.loader.directory_bytes = options.directory_bytes;
   settings.loader.clock = realtime::monotonic_ns;
   return settings;
 }
 
+/// Returns the name of the contact log: `wanted`, or for a gateway that continues with a servo, a new file beside it
+/// (desk-2.log), so that the log of the earlier gateway remains.
+std::filesystem::path log_file(const std::filesystem::path& wanted, bool is_successor) {
+  if (!is_successor) return wanted;
+  for (int number = 2;; ++number) {
+    std::filesystem::path file = wanted;
+    file.replace_filename(wanted.stem().string() + "-" + std::to_string(number) + wanted.extension().string());
+    if (!std::filesystem::exists(file)) return file;
+  }
+}
+
 }  // namespace
 
-Hrtc::Impl::Impl(HrtcOptions given)
-    : options{std::move(given)},
+GatewayService::Impl::Impl(const HrtcOptions& given, ServoLink& servo_link, ContactQuery::LogRing* log,
+                           const spm::MeshProbe* tool)
+    : options{given},
+      link{servo_link},
       participants{without_bulk_writers(options.address)},
-      log_ring{options.log.empty() ? nullptr : std::make_unique<ContactQuery::LogRing>()},
-      servo{servo_options(options), *link, log_ring.get()},
-      gateway{options.core.pool, participants.origin(), service_gateway_settings(options), *link},
+      gateway{options.pool, participants.origin(), gateway_settings(options, tool), link},
       membership{participants.origin(),
                  {options.address.participant, options.address.session, options.max_users,
-                  UserDevices::users_in(link->devices)},
+                  UserDevices::users_in(link.devices)},
                  gateway,
                  realtime::monotonic_ns()},
-      devices{participants, link->devices, [this](session::Intent&& intent) { inbox.put(std::move(intent)); }},
+      devices{participants, link.devices, [this](session::Intent&& intent) { inbox.put(std::move(intent)); }},
       roster_out{participants, wire::topics::kRoster},
       demand_out{participants, wire::topics::kDemand},
       clock_out{participants, wire::topics::kClock},
@@ -88,11 +78,10 @@ Hrtc::Impl::Impl(HrtcOptions given)
       metrics_out{participants, wire::topics::kMetrics},
       losses_out{participants, wire::topics::kMetrics, {wire::kLossesPartition}},
       groups{participants, [this](session::ProbeState&& state) { inbox.put(FullRateState{std::move(state)}); }},
-      states{participants, options.core.servo.cycle.radius, options.uses_deadband,
-             devices,      membership.remote_users(),       groups},
-      exchange{participants, link->bodies, gateway},
-      shown{participants, *link, loader} {
-  servo.on_event = log_event;
+      states{participants, options.servo.cycle.radius, options.uses_deadband,
+             devices,      membership.remote_users(),  groups},
+      exchange{participants, link.bodies, gateway},
+      shown{participants, link, loader} {
   gateway.on_event = log_event;
   gateway.on_object = [this](const ObjectDescription& object) {
     exchange.add(object);
@@ -108,10 +97,10 @@ Hrtc::Impl::Impl(HrtcOptions given)
   add_local_users();
   // The directory is made after every step that may throw, so that a failed start leaves none.
   if (!options.snapshot.empty()) expect_snapshot_directory(options.snapshot);
-  if (!options.log.empty()) contact_log = std::make_unique<ContactLogger>(options.log, *log_ring);
+  if (!options.log.empty()) contact_log = std::make_unique<ContactLogger>(log_file(options.log, is_successor), *log);
   if (!options.snapshot.empty()) {
     std::filesystem::create_directories(options.snapshot);
-    snapshots.emplace(options.snapshot, options.address.participant, loader, *link);
+    snapshots.emplace(options.snapshot, options.address.participant, loader, link);
   }
   listen(wire::topics::kStop);
   listen(wire::topics::kReset);
@@ -132,29 +121,29 @@ Hrtc::Impl::Impl(HrtcOptions given)
       [this](session::ClockSample&& answer) { inbox.put(HostAnswer{std::move(answer)}); }, own));
 }
 
-Hrtc::Impl::~Impl() {
+GatewayService::Impl::~Impl() {
   sending = false;
   if (sender.joinable()) sender.join();
 }
 
-void Hrtc::Impl::receive(session::EmergencyStop&& stop) {
+void GatewayService::Impl::receive(session::EmergencyStop&& stop) {
   const bool is_new = stops.on_stop(stop.name());
   // A roster entry may have reported the stop before, but without its reason.
   if (is_new || !is_same(stop.name(), stop_received)) inbox.put(session::EmergencyStop{stop});
   stop_received = stop.name();
 }
 
-void Hrtc::Impl::receive(session::ForceReset&& reset) {
+void GatewayService::Impl::receive(session::ForceReset&& reset) {
   if (stops.on_reset(reset)) inbox.put(std::move(reset));
 }
 
-void Hrtc::Impl::receive(session::RosterEntry&& entry) {
+void GatewayService::Impl::receive(session::RosterEntry&& entry) {
   if (stops.on_roster(entry)) inbox.put(RelayedStop{session::text(entry)});
   inbox.put(std::move(entry), kUrgency<session::RosterEntry>);
 }
 
 /// Adds them before all others, so that they get the first probes, as in `local_devices`.
-void Hrtc::Impl::add_local_users() {
+void GatewayService::Impl::add_local_users() {
   std::uint32_t next = 0;
   for (const LocalUser& local : options.local_users) {
     const std::optional<std::uint32_t> probe = membership.add_local(local.user);
@@ -164,24 +153,24 @@ void Hrtc::Impl::add_local_users() {
   }
 }
 
-void Hrtc::Impl::process(const session::CatalogueEntry& entry, std::int64_t now_ns) {
+void GatewayService::Impl::process(const session::CatalogueEntry& entry, std::int64_t now_ns) {
   if (ended) return;  // the last metrics must still contain the objects that hosts withdraw at the end
   if (first.catalogue_ns == 0) first.catalogue_ns = now_ns;
   membership.on_catalogue(entry);
 }
 
 /// Converts the intent from session time to the clock of this machine.
-void Hrtc::Impl::process(const session::Intent& intent, std::int64_t now_ns) {
+void GatewayService::Impl::process(const session::Intent& intent, std::int64_t now_ns) {
   devices.on_intent(intent, now_ns - membership.clock().session_time(now_ns));
 }
 
 /// Answers at once, because a delay adds to the error of the measurement.
-void Hrtc::Impl::process(const session::ClockSample& sample, std::int64_t now_ns) {
+void GatewayService::Impl::process(const session::ClockSample& sample, std::int64_t now_ns) {
   membership.on_clock(sample, now_ns, realtime::monotonic_ns());
   process_output();
 }
 
-void Hrtc::Impl::process(const session::Control& control, std::int64_t) {
+void GatewayService::Impl::process(const session::Control& control, std::int64_t) {
   switch (control.kind) {
     case session::ControlKind::kStart:
       spdlog::info("session {} starts", options.address.session);
@@ -192,25 +181,25 @@ void Hrtc::Impl::process(const session::Control& control, std::int64_t) {
   }
 }
 
-void Hrtc::Impl::process(const session::EmergencyStop& stop, std::int64_t) {
+void GatewayService::Impl::process(const session::EmergencyStop& stop, std::int64_t) {
   spdlog::warn("emergency stop: {}", stop.text);
 }
 
-void Hrtc::Impl::process(const RelayedStop& stop, std::int64_t) {
+void GatewayService::Impl::process(const RelayedStop& stop, std::int64_t) {
   spdlog::warn("emergency stop, relayed by {}", stop.by);
 }
 
-void Hrtc::Impl::process(const session::ForceReset& reset, std::int64_t) {
+void GatewayService::Impl::process(const session::ForceReset& reset, std::int64_t) {
   spdlog::info("forces are reset: {}{}", reset.text, stops.stopped() ? "; another stop is in force" : "");
 }
 
-void Hrtc::Impl::process(const session::SessionEnd& end, std::int64_t) {
+void GatewayService::Impl::process(const session::SessionEnd& end, std::int64_t) {
   spdlog::info("session {} ends{}{}", options.address.session, end.text.empty() ? "" : ": ", end.text);
   ended = true;
 }
 
 /// Sends the samples of the membership, logs its events, and adds and removes users.
-void Hrtc::Impl::process_output() {
+void GatewayService::Impl::process_output() {
   MembershipOutput& output = membership.output;
   for (const SessionEvent& event : output.events) log_event(event.severity, event.text);
   for (session::ClockSample& sample : output.clock) {
@@ -238,26 +227,26 @@ void Hrtc::Impl::process_output() {
 }
 
 /// Acknowledges in the roster the stops that the servo has obeyed, and saves the cycles before a stop.
-void Hrtc::Impl::acknowledge_stops() {
+void GatewayService::Impl::acknowledge_stops() {
   if (stops.issue_local_stop()) spdlog::warn("emergency stop at this HRTC, by the stop button of a device or a signal");
   if (stops.acknowledge(stops_acknowledged)) membership.on_stops(stops_acknowledged);
   const bool before = std::exchange(stopped, stops.stopped());
   if (stopped && !before) request_flight("emergency stop");
 }
 
-void Hrtc::Impl::request_flight(const std::string& reason) {
+void GatewayService::Impl::request_flight(const std::string& reason) {
   FlightRequest request;
   reason.copy(request.reason.data(), request.reason.size() - 1);
   (void)flight_requests.push(request);
 }
 
-void Hrtc::Impl::send(session::RosterEntry entry) {
+void GatewayService::Impl::send(session::RosterEntry entry) {
   entry.origin = participants.origin();
   (void)roster_out.send(entry);
 }
 
 /// Ticks the gateway between the two halves of the body exchange.
-void Hrtc::Impl::tick_gateway(std::int64_t now_ns) {
+void GatewayService::Impl::tick_gateway(std::int64_t now_ns) {
   exchange.tick(now_ns, membership.clock());
   gateway.tick(now_ns, membership.clock());
   exchange.send_claims();
@@ -267,17 +256,17 @@ void Hrtc::Impl::tick_gateway(std::int64_t now_ns) {
 /// Sends probe states, commands and copies, and heartbeats to the servo while the service thread makes passes. Runs in
 /// the sender thread. The haptic thread notifies no thread, so this one wakes by timer after the planned start of each
 /// cycle, and every twentieth of a period until the cycle's reports are there.
-void Hrtc::Impl::send_states() {
+void GatewayService::Impl::send_states() {
   pthread_setname_np(pthread_self(), "sender");
   prctl(PR_SET_TIMERSLACK, 1000);  // ns; by default ordinary threads wake 50 us late
   const std::int64_t step_ns = options.haptic.period_ns() / 20;
   const auto gap_ns = static_cast<std::int64_t>(1e9 / options.state_rate) - kMs / 2;
   std::int64_t sent_ns = 0;
-  MailboxReader<ProbeReports> reports{link->reports};
+  MailboxReader<ProbeReports> reports{link.reports};
   ProbeReports latest;
   while (sending) {
     realtime::sleep_until(std::max(latest.next_due_ns, realtime::monotonic_ns()) + step_ns);
-    if (realtime::monotonic_ns() - pass_ns.load(std::memory_order_relaxed) < kMaxPassNs) link->beat();
+    if (realtime::monotonic_ns() - pass_ns.load(std::memory_order_relaxed) < kMaxPassNs) link.beat();
     if (!reports.take(latest)) continue;
     devices.send_commands(latest);
     exchange.send();
@@ -289,7 +278,7 @@ void Hrtc::Impl::send_states() {
   }
 }
 
-void Hrtc::Impl::serve(std::int64_t now_ns) {
+void GatewayService::Impl::serve(std::int64_t now_ns) {
   tick_gateway(now_ns);
   measure_first_touch(now_ns);
   acknowledge_stops();
@@ -309,7 +298,7 @@ void Hrtc::Impl::serve(std::int64_t now_ns) {
   if (!membership.has_found_host()) check_for_hosts(now_ns);
 }
 
-void Hrtc::Impl::send_requests() {
+void GatewayService::Impl::send_requests() {
   const std::int64_t now_ns = realtime::monotonic_ns();
   while (auto demand = gateway.demand(now_ns)) {
     demand->origin = participants.origin();
@@ -324,7 +313,7 @@ void Hrtc::Impl::send_requests() {
 }
 
 /// Logs a warning while no host is found, and ends the program after `host_patience`.
-void Hrtc::Impl::check_for_hosts(std::int64_t now_ns) {
+void GatewayService::Impl::check_for_hosts(std::int64_t now_ns) {
   if (now_ns - started_ns > kNoHostLogNs && no_host.due(now_ns))
     spdlog::warn(
         "no host found in session {} on domain {}; still looking (is tactus-host running with the same --session and "
@@ -337,20 +326,19 @@ void Hrtc::Impl::check_for_hosts(std::int64_t now_ns) {
   ended = true;
 }
 
-void Hrtc::Impl::finish() {
-  if (!servo.stop()) exit_code = 1;
+void GatewayService::Impl::finish() {
   sending = false;
   if (sender.joinable()) sender.join();
   reference_timer.reset();
   late_cycles.finish();
   drain_rings();
-  if (link->traces_dropped() > 0)
-    spdlog::warn("{} cycles are missing in the metrics: the service thread was too slow", link->traces_dropped());
+  if (link.traces_dropped() > 0)
+    spdlog::warn("{} cycles are missing in the metrics: the service thread was too slow", link.traces_dropped());
   if (inbox.dropped() > 0) spdlog::warn("{} samples found the inbox full and were dropped", inbox.dropped());
   if (contact_log) {
     for (const Loader::ObjectInfo& object : loader.objects()) contact_log->close(object);
     for (const Loader::ObjectInfo& object : loader.withdrawn_objects()) contact_log->close(object);
-    if (link->log_dropped() > 0) spdlog::warn("{} contact log entries were dropped", link->log_dropped());
+    if (link.log_dropped() > 0) spdlog::warn("{} contact log entries were dropped", link.log_dropped());
     if (!contact_log->finish()) {
       spdlog::error("the contact log {} is incomplete: its last entries cannot be written (disk full?)",
                     options.log.string());
@@ -366,20 +354,19 @@ void Hrtc::Impl::finish() {
   wire::send_leave_messages([this] { send(membership.roster_entry(true, realtime::monotonic_ns())); });
 }
 
-int Hrtc::Impl::run(const std::atomic<bool>& stop) {
+int GatewayService::Impl::run(const std::atomic<bool>& stop) {
   started_ns = realtime::monotonic_ns();
-  servo.start();
   if (options.reference_timer)
     reference_timer = std::make_unique<ReferenceTimer>(options.haptic.period_ns(), options.haptic.priority);
   sending = true;
   sender = std::thread{[this] { send_states(); }};
-  spdlog::info("{} serves {} probes in session {} on domain {}; pool of {} slots, {:.1f} MiB{}",
-               options.address.participant, options.max_users, options.address.session, options.address.domain,
-               options.core.pool.slots, static_cast<double>(options.core.pool.bytes()) / (1 << 20),
-               options.core.gateway.loader.directory_bytes == ~std::uint64_t{0}
-                   ? std::string{}
-                   : fmt::format(", and {:.1f} MiB for directories",
-                                 static_cast<double>(options.core.gateway.loader.directory_bytes) / (1 << 20)));
+  spdlog::info(
+      "{} serves {} probes in session {} on domain {}; pool of {} slots, {:.1f} MiB{}", options.address.participant,
+      options.max_users, options.address.session, options.address.domain, options.pool.slots,
+      static_cast<double>(options.pool.bytes()) / (1 << 20),
+      options.directory_bytes == ~std::uint64_t{0}
+          ? std::string{}
+          : fmt::format(", and {:.1f} MiB for directories", static_cast<double>(options.directory_bytes) / (1 << 20)));
   // A timer starts each pass, not the arrival of a sample, because the number of samples grows with the square of the
   // session's size. Passes should take only a tenth of a processor. Otherwise they would slow down an overloaded
   // machine more and more: answers arrive later, so prediction looks further ahead and takes more time. The failure
@@ -407,8 +394,10 @@ int Hrtc::Impl::run(const std::atomic<bool>& stop) {
   return exit_code;
 }
 
-Hrtc::Hrtc(HrtcOptions options) : impl_{std::make_unique<Impl>(std::move(options))} {}
-Hrtc::~Hrtc() = default;
-int Hrtc::run(const std::atomic<bool>& stop) { return impl_->run(stop); }
+GatewayService::GatewayService(const HrtcOptions& options, ServoLink& link, ContactQuery::LogRing* log,
+                               const spm::MeshProbe* tool)
+    : impl_{std::make_unique<Impl>(options, link, log, tool)} {}
+GatewayService::~GatewayService() = default;
+int GatewayService::run(const std::atomic<bool>& stop) { return impl_->run(stop); }
 
 }  // namespace tactus::hrtc_service

@@ -1,0 +1,32 @@
+/// Opens the devices and the tool that the options of an HRTC name.
+#pragma once
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "hrtc_service/program/options.hpp"
+#include "spm/mesh_probe.hpp"
+
+namespace tactus::hrtc_service {
+
+/// Loads the tool: a mesh file in metres, or "stylus". Null if `name` is empty. Throws std::runtime_error that says what
+/// was found and what was expected.
+[[nodiscard]] std::unique_ptr<const spm::MeshProbe> load_tool(const std::string& name);
+
+/// The devices at this machine and the tool, for a servo.
+class OpenedDevices {
+ public:
+  /// Opens them, and logs which they are. Throws std::runtime_error that names a device, recording or mesh that cannot
+  /// be used.
+  explicit OpenedDevices(const HrtcOptions& options);
+
+  /// Returns the options of a servo with these devices, which must outlive it. It obeys the signals of this process.
+  [[nodiscard]] ServoOptions servo_options(const HrtcOptions& options) const;
+
+ private:
+  std::vector<std::unique_ptr<haptics::Device>> devices_;
+  std::unique_ptr<const spm::MeshProbe> tool_;
+};
+
+}  // namespace tactus::hrtc_service

@@ -1,0 +1,49 @@
+/// The memory that the processes of servo and gateway share: a ServoLink, and the ring of logged queries if there is a
+/// contact log.
+///
+///     servo:   SharedBlock::create(...)          --> memory without a name, of a size that nobody can change
+///     gateway: SharedBlock::open(descriptor)     --> the same memory; refused if another build has made it
+///
+/// The servo reads nothing here without a check (servo_link.hpp), and never reads the header again.
+#pragma once
+
+#include <sys/types.h>
+
+#include <cstddef>
+
+#include "hrtc_service/servo/contact_query.hpp"
+#include "hrtc_service/servo/servo_link.hpp"
+
+namespace tactus::hrtc_service {
+
+class SharedBlock {
+ public:
+  /// Allocates a block and constructs its content. Throws std::system_error.
+  [[nodiscard]] static SharedBlock create(bool has_log);
+  /// Maps the block of `descriptor`, which it takes over. Throws std::runtime_error if it is not a block, or if the
+  /// program that made it is another build than this one.
+  [[nodiscard]] static SharedBlock open(int descriptor);
+  ~SharedBlock();
+  SharedBlock(SharedBlock&& other) noexcept;
+  SharedBlock(const SharedBlock&) = delete;
+  SharedBlock& operator=(const SharedBlock&) = delete;
+
+  [[nodiscard]] ServoLink& link() const noexcept;
+  /// Returns the ring of logged queries; null: none.
+  [[nodiscard]] ContactQuery::LogRing* log() const noexcept;
+  /// Returns the process id of the servo, which has made the block.
+  [[nodiscard]] pid_t servo() const noexcept;
+  /// A descriptor of the memory, closed by an exec. The block closes it.
+  [[nodiscard]] int descriptor() const noexcept { return descriptor_; }
+  [[nodiscard]] std::size_t bytes() const noexcept { return bytes_; }
+
+ private:
+  struct Content;
+  SharedBlock(int descriptor, std::size_t bytes);
+
+  int descriptor_;
+  std::size_t bytes_;
+  void* memory_ = nullptr;
+};
+
+}  // namespace tactus::hrtc_service
