@@ -75,6 +75,28 @@ double status_bytes(int pid, const std::string& name) {
   return 0;
 }
 
+/// Returns the resident part of a mapping whose name contains `name`, bytes.
+double mapped_bytes(int pid, const std::string& name) {
+  std::ifstream mappings{"/proc/" + std::to_string(pid) + "/smaps"};
+  double bytes = 0;
+  bool is_wanted = false;
+  for (std::string line; std::getline(mappings, line);) {
+    if (line.find('-') < line.find(' ')) is_wanted = line.find(name) != std::string::npos;  // the head of a mapping
+    if (is_wanted && line.rfind("Rss:", 0) == 0) bytes += std::stod(line.substr(4)) * 1024;
+  }
+  return bytes;
+}
+
+/// Returns the peak resident memory of both processes of an HRTC, bytes. The block that they share counts once.
+double peak_resident(const Process& hrtc) {
+  double bytes = 0;
+  for (const pid_t pid : hrtc.pids()) {
+    bytes += status_bytes(pid, "VmHWM");
+    if (pid != hrtc.pid()) bytes -= mapped_bytes(pid, "memfd:tactus-hrtc");
+  }
+  return bytes;
+}
+
 struct ProgramRun {
   double peak_resident = 0;                      // bytes
   std::uint64_t queries = 0, exact_queries = 0;  // in the contact log
@@ -116,7 +138,7 @@ class Programs {
   double measure_idle() {
     Process hrtc{hrtc_command("idle", {"--memory", std::to_string(kIdlePoolBytes)})};
     (void)hrtc.wait(whole_path());
-    const double resident = status_bytes(hrtc.pid(), "VmHWM") - static_cast<double>(kIdlePoolBytes);
+    const double resident = peak_resident(hrtc) - static_cast<double>(kIdlePoolBytes);
     hrtc.signal(SIGTERM);
     (void)hrtc.wait();
     if (resident <= 0) throw std::runtime_error("the idle HRTC ended early:\n" + hrtc.output());
@@ -132,7 +154,7 @@ class Programs {
     Process hrtc{hrtc_command(name, memory)};
     (void)hrtc.wait(whole_path());
     ProgramRun run;
-    run.peak_resident = status_bytes(hrtc.pid(), "VmHWM");
+    run.peak_resident = peak_resident(hrtc);
     hrtc.signal(SIGTERM);
     run.exit_status = hrtc.wait().value_or(-1);
     host.signal(SIGTERM);

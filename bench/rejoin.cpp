@@ -13,7 +13,7 @@
 #include "bench/figures.hpp"
 #include "bench/latency_bench.hpp"
 #include "bench/live_session.hpp"
-#include "bench/models.hpp"
+#include "bench/resting_touch.hpp"
 #include "tests/support/temporary_folder.hpp"
 
 namespace tactus::bench {
@@ -28,24 +28,6 @@ struct Settings {
 };
 
 constexpr auto kMaxAgreementTime = 10s;
-
-constexpr double kTipRadius = 0.003;   // m, the default of tactus-hrtc
-constexpr double kDepth = 0.0002;      // m
-constexpr double kStartHeight = 0.01;  // m above the point of contact
-
-/// Writes the recording of a tip that comes down on the highest vertex of the model and rests there. All users of
-/// this recording need the same mesh to the bit. Simulated hands would rest at different points, because of friction
-/// and tremor.
-void write_touch(const std::string& model, const std::string& file) {
-  const LoadedModel loaded = load_model(model, 0);
-  const double unit = loaded.model.summary.metres_per_unit;
-  const auto top = std::max_element(loaded.model.positions.begin(), loaded.model.positions.end(),
-                                    [](const auto& a, const auto& b) { return a[2] < b[2]; });
-  const double x = (*top)[0] * unit, y = (*top)[1] * unit, z = (*top)[2] * unit + kTipRadius - kDepth;
-  char rows[200];
-  std::snprintf(rows, sizeof rows, "0,%.9f,%.9f,%.9f\n0.5,%.9f,%.9f,%.9f\n", x, y, z + kStartHeight, x, y, z);
-  test_support::write_bytes(file, rows);
-}
 
 /// Joins a session once. Prints the time from the start until its DDS participants exist, and until the first probe
 /// state arrives, ms.
@@ -80,7 +62,7 @@ class Rejoin {
     const std::string mesh = path("organ.ply");
     run("mesh", {"generate", "organ", mesh, "--faces", "50000", "--seed", "7"});
     run("mesh", {"build", mesh, path("organ.spm")});
-    write_touch(path("organ.spm"), path("touch.csv"));
+    write_resting_touch(path("organ.spm"), path("touch.csv"));
     host_ = session_.start(Side::kA, "host", {"--name", "museum", "--cache", path("cache"), path("organ.spm")});
     left_ = start_hrtc(Side::kA, "left", "ann");
     right_ = start_hrtc(Side::kB, "right", "bob");
@@ -140,7 +122,7 @@ class Rejoin {
   double partition_with_restart() {
     return partition(Cut::kBoth, 2s, [this] {
       right_incarnation_ = session_.observed().roster.at(session::id_of("right")).origin.incarnation;
-      right_->signal(SIGKILL);
+      right_->signal_all(SIGKILL);
       (void)right_->wait(5s);
       right_ = start_hrtc(Side::kB, "right", "bob");
     });

@@ -42,7 +42,7 @@ using std::chrono::milliseconds;
 constexpr std::int64_t kSecond = 1'000'000'000;
 
 /// Returns the CPU time of a running process, s. Returns 0 if the process has ended.
-double cpu_seconds(int pid) {
+double cpu_seconds(pid_t pid) {
   std::ifstream file{"/proc/" + std::to_string(pid) + "/stat"};
   std::string text;
   std::getline(file, text);
@@ -54,6 +54,13 @@ double cpu_seconds(int pid) {
   double user = 0, system = 0;
   fields >> user >> system;
   return (user + system) / static_cast<double>(::sysconf(_SC_CLK_TCK));
+}
+
+/// Returns the CPU time of a running program and of the processes that it has started, s.
+double cpu_seconds(const Process& program) {
+  double sum = 0;
+  for (const pid_t pid : program.pids()) sum += cpu_seconds(pid);
+  return sum;
 }
 
 /// Terminates a program and waits for its end.
@@ -107,9 +114,9 @@ class Throttle {
   explicit Throttle(Process& program)
       : thread_{[this, &program] {
           while (!done_) {
-            program.signal(SIGSTOP);
+            program.signal_all(SIGSTOP);
             std::this_thread::sleep_for(milliseconds{90});  // stopped
-            program.signal(SIGCONT);
+            program.signal_all(SIGCONT);
             std::this_thread::sleep_for(milliseconds{10});
           }
         }} {}
@@ -156,12 +163,12 @@ std::array<WindowPercentiles, 3> run_trouble(const Testbed& testbed, const Scale
       observer.add_ages_of("healthy", &ages_us);
       {
         std::optional<Throttle> throttle;
-        if (impairment == Impairment::kFrozen) impaired->signal(SIGSTOP);
+        if (impairment == Impairment::kFrozen) impaired->signal_all(SIGSTOP);
         if (impairment == Impairment::kThrottled) throttle.emplace(*impaired);
         run_fetcher(settings.seconds, &times_ms);
       }
       observer.add_ages_of("healthy", nullptr);
-      impaired->signal(SIGCONT);
+      impaired->signal_all(SIGCONT);
       WindowPercentiles& percentiles = runs[static_cast<std::size_t>(impairment)];
       percentiles.records_p99_ms.add(times_ms.percentile(0.99));
       percentiles.age_p99_us.add(ages_us.percentile(0.99));
@@ -201,8 +208,8 @@ JoiningRun run_joining(const Testbed& testbed, int count, Tips tips) {
   joining.ready_s = static_cast<double>(realtime::monotonic_ns() - began) / 1e9;
   joining.exact_users = observer.exact_users();
   const auto cpu_of_all = [&] {
-    double sum = cpu_seconds(host->pid());
-    for (const auto& hrtc : hrtcs) sum += cpu_seconds(hrtc->pid());
+    double sum = cpu_seconds(*host);
+    for (const auto& hrtc : hrtcs) sum += cpu_seconds(*hrtc);
     return sum;
   };
   joining.cpu_s = cpu_of_all();
@@ -252,8 +259,8 @@ CodedRun run_coded(const Testbed& testbed, const ScaleSettings& settings, int pr
     return sum;
   };
   const auto add_totals = [&](double sign) {
-    coded.cores += sign * cpu_seconds(host->pid());
-    for (const auto& hrtc : hrtcs) coded.cores += sign * cpu_seconds(hrtc->pid());
+    coded.cores += sign * cpu_seconds(*host);
+    for (const auto& hrtc : hrtcs) coded.cores += sign * cpu_seconds(*hrtc);
     coded.seconds += sign * static_cast<double>(realtime::monotonic_ns()) / 1e9;
     coded.cycles += sign * sum_of(session::figures::kCycles);
     coded.overruns += sign * sum_of(session::figures::kOverruns);

@@ -15,6 +15,7 @@ bool ContactLogger::drain() {
     query_.object = numbers_[query_.object];
     log_.write(query_);
   }
+  log_.flush();
   return log_.healthy();
 }
 

@@ -208,6 +208,7 @@ bool Roster::track_rival(Member& member, const RosterEntry& entry, std::int64_t 
 
 std::vector<RosterEvent> Roster::tick(std::int64_t now_ns) {
   std::vector<RosterEvent> events;
+  excuse_silence(now_ns);
   forget_rivals(own_, now_ns);
   for (auto at = members_.begin(); at != members_.end();) {
     Member& member = at->second;
@@ -229,6 +230,15 @@ std::vector<RosterEvent> Roster::tick(std::int64_t now_ns) {
     }
   }
   return events;
+}
+
+/// If this program itself has not run, for example because it was suspended, others may have sent heartbeats that it has
+/// not processed yet. So this time does not count as their silence.
+void Roster::excuse_silence(std::int64_t now_ns) {
+  const std::int64_t missed_ns = ticked_ns_ ? now_ns - *ticked_ns_ - settings_.max_tick_ns : 0;
+  ticked_ns_ = now_ns;
+  if (missed_ns <= 0) return;
+  for (auto& [id, member] : members_) member.received_ns = std::min(member.received_ns + missed_ns, now_ns);
 }
 
 /// Deletes silent rivals, so that new ones can be stored.

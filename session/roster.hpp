@@ -29,6 +29,7 @@ struct RosterSettings {
   // Times since the last heartbeat.
   std::int64_t late_ns = 250'000'000;       ///< the participant is late
   std::int64_t gone_ns = 500'000'000;       ///< the participant is gone
+  std::int64_t max_tick_ns = 100'000'000;   ///< a longer time between two ticks means that this program did not run
   std::int64_t forget_ns = 10'000'000'000;  ///< its record is deleted; longer than any transit
 };
 
@@ -66,7 +67,8 @@ class Roster {
 
   /// Applies an entry; ignores entries of other sessions.
   [[nodiscard]] std::vector<RosterEvent> on_entry(const RosterEntry& entry, std::int64_t now_ns);
-  /// Detects participants that are late or gone.
+  /// Detects participants that are late or gone. The time since the last tick counts only up to
+  /// RosterSettings::max_tick_ns: if this program was suspended, that is no silence of the others.
   [[nodiscard]] std::vector<RosterEvent> tick(std::int64_t now_ns);
 
   /// The newest entry of a present participant, or null. Valid until the next call that changes the roster.
@@ -119,12 +121,14 @@ class Roster {
                              std::vector<RosterEvent>& events);
   bool track_rival(Member& member, const RosterEntry& entry, std::int64_t now_ns,
                    std::vector<RosterEvent>& events) const;
+  void excuse_silence(std::int64_t now_ns);
   void forget_rivals(Member& member, std::int64_t now_ns) const;
   void forget_absent();
 
   Origin self_;
   RosterSettings settings_;
   Member own_;
+  std::optional<std::int64_t> ticked_ns_;  // time of the last tick
   std::uint64_t implausible_ = 0;
   std::map<std::uint64_t, Member> members_;                                   // by participant
   std::map<std::pair<std::uint64_t, std::uint64_t>, std::uint32_t> refused_;  // participant, incarnation -> version

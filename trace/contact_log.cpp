@@ -85,6 +85,8 @@ void ContactLogWriter::put(const void* data, std::size_t size) {
   healthy_ = healthy_ && std::fwrite(data, 1, size, file_) == size;
 }
 
+void ContactLogWriter::flush() { healthy_ = healthy_ && std::fflush(file_) == 0; }
+
 void ContactLogWriter::write(const LoggedObject& object) {
   const ObjectHead head{object.digest, object.scale, object.index, static_cast<std::uint32_t>(object.name.size())};
   put(&kObjectTag, 1);

@@ -76,8 +76,10 @@ class ContactLogWriter {
   void write(const LoggedObject& object);
   void write(const LoggedQuery& query);
   void write(const LoggedTotals& totals);
+  /// Gives the buffered entries to the system, so that they remain if this program is killed.
+  void flush();
   /// False after a failed write, for example on a full disk. Writes are buffered: a failure may show only in a later
-  /// write or at the close. Earlier entries remain readable.
+  /// write, a flush or at the close. Earlier entries remain readable.
   [[nodiscard]] bool healthy() const noexcept { return healthy_; }
   /// Writes the buffered entries. Returns whether the file has all entries. No entry may be written afterwards.
   [[nodiscard]] bool close();

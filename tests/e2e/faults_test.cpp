@@ -138,7 +138,7 @@ users:
            seen.figure("left", figures::kRemoteProbes) == 1 && seen.figure("right", figures::kRemoteProbes) == 1;
   })) << users.output();
 
-  left.signal(SIGKILL);
+  left.signal_all(SIGKILL);
   ASSERT_EQ(left.wait(), 128 + SIGKILL);
 
   ASSERT_TRUE(observer.until([](const Seen& seen) { return seen.figure("right", figures::kRemoteProbes) == 0; }));

@@ -151,7 +151,7 @@ TEST_F(LiftTest, AHostPutsDownTheObjectThatAKilledHrtcHeld) {
   const std::uint64_t published = observer.seen().metrics_count("desk");
   ASSERT_TRUE(observer.until([&](const Seen& seen) { return seen.metrics_count("desk") > published; }))
       << "metrics that follow half a second later";
-  desk.signal(SIGKILL);
+  desk.signal_all(SIGKILL);
   (void)users.wait();
   EXPECT_TRUE(exits_with(0, store));
   const nlohmann::json all = report();

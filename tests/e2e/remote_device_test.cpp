@@ -13,7 +13,7 @@ using Seen = Observer::Seen;
 
 class RemoteDeviceTest : public SessionTest {};
 
-constexpr char kLongTouch[] = R"(name: remote device
+constexpr char kLongTouchOfADevice[] = R"(name: remote device
 duration: 120
 users:
   - name: ann
@@ -29,7 +29,7 @@ TEST_F(RemoteDeviceTest, ARemoteDeviceReceivesForcesOfTheExactSurfaceAndNoForceW
   Observer observer{address("observer")};
   Process museum{host("museum", models().sphere)};
   Process desk{hrtc("desk")};
-  Process users{sim(kLongTouch)};
+  Process users{sim(kLongTouchOfADevice)};
   ASSERT_TRUE(observer.until([](const Seen& seen) {
     const StateCounts ann = seen.user("ann");
     return ann.exact > 100 && !has_no_force(ann.last) && ann.last.origin.participant == session::id_of("desk");
@@ -62,7 +62,7 @@ TEST_F(RemoteDeviceTest, ARemoteDeviceIgnoresACommandWhoseSequenceNumberIsTooLar
   Observer observer{address("observer")};
   Process museum{host("museum", models().sphere)};
   Process desk{hrtc("desk")};
-  Process users{sim(kLongTouch)};
+  Process users{sim(kLongTouchOfADevice)};
   ASSERT_TRUE(observer.until([](const Seen& seen) { return seen.user("ann").exact > 100; })) << users.output();
   const wire::EndpointOptions partition{wire::user_partition("ann")};
   std::mutex mutex;

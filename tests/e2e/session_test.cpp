@@ -120,7 +120,7 @@ std::vector<std::string> SessionTest::program(const std::string& name, std::vect
   static const std::map<std::string, std::string> kPrograms{
       {"host", TACTUS_HOST},       {"hrtc", TACTUS_HRTC},     {"sim", TACTUS_SIM},       {"mesh", TACTUS_MESH},
       {"control", TACTUS_CONTROL}, {"record", TACTUS_RECORD}, {"replay", TACTUS_REPLAY}, {"view", TACTUS_VIEW},
-      {"watch", TACTUS_WATCH},     {"top", TACTUS_TOP},       {"ros2", TACTUS_ROS2}};
+      {"watch", TACTUS_WATCH},     {"top", TACTUS_TOP},       {"ros2", TACTUS_ROS2},     {"gateway", TACTUS_GATEWAY}};
   arguments.insert(arguments.begin(), kPrograms.at(name));
   return arguments;
 }

@@ -33,22 +33,45 @@ class RosterTest : public testing::Test {
     return changes(roster_.on_entry(received, now));
   }
 
+  /// Ticks every 10 ms, as programs do.
+  std::vector<RosterChange> tick_until(std::int64_t end_ns) {
+    std::vector<RosterChange> all;
+    for (; ticked_ns_ < end_ns; ticked_ns_ = std::min(ticked_ns_ + 10 * kMs, end_ns))
+      for (const RosterChange change : changes(roster_.tick(ticked_ns_))) all.push_back(change);
+    for (const RosterChange change : changes(roster_.tick(end_ns))) all.push_back(change);
+    return all;
+  }
+
   Roster roster_{{kSession, id_of("me"), 50, 0}, RosterSettings{}};
+  std::int64_t ticked_ns_ = 0;
 };
 
 TEST_F(RosterTest, ReportsASilentParticipantAsLateThenAsGone) {
   EXPECT_THAT(receive(entry("a", 1, 1), 0), ElementsAre(RosterChange::kJoined));
-  EXPECT_THAT(changes(roster_.tick(249 * kMs)), IsEmpty());
+  EXPECT_THAT(tick_until(249 * kMs), IsEmpty());
   const std::vector<RosterEvent> late = roster_.tick(250 * kMs);
   ASSERT_THAT(changes(late), ElementsAre(RosterChange::kLate));
   EXPECT_THAT(text(late[0]), HasSubstr("'a' has sent no heartbeat for 250 ms"));
   EXPECT_TRUE(roster_.is_late(id_of("a")));
   EXPECT_THAT(changes(roster_.tick(260 * kMs)), IsEmpty()) << "a late participant is reported once";
   EXPECT_THAT(receive(entry("a", 1, 2), 300 * kMs), ElementsAre(RosterChange::kRecovered));
-  EXPECT_THAT(changes(roster_.tick(800 * kMs)), ElementsAre(RosterChange::kGone));
+  EXPECT_THAT(tick_until(800 * kMs), ElementsAre(RosterChange::kLate, RosterChange::kGone));
   EXPECT_EQ(roster_.find(id_of("a")), nullptr);
   EXPECT_THAT(receive(entry("a", 1, 3), 900 * kMs), ElementsAre(RosterChange::kJoined))
       << "the same incarnation after a partition of the network";
+}
+
+TEST_F(RosterTest, TheTimeInWhichThisProgramWasSuspendedIsNoSilenceOfTheOthers) {
+  EXPECT_THAT(receive(entry("a", 1, 1), 0), ElementsAre(RosterChange::kJoined));
+  EXPECT_THAT(receive(entry("b", 1, 1), 0), ElementsAre(RosterChange::kJoined));
+  EXPECT_THAT(tick_until(100 * kMs), IsEmpty());
+  ticked_ns_ = 5000 * kMs;  // it was suspended in between
+  EXPECT_THAT(tick_until(5010 * kMs), IsEmpty());
+  EXPECT_THAT(receive(entry("a", 1, 30), 5010 * kMs), IsEmpty());
+  EXPECT_THAT(tick_until(5480 * kMs), ElementsAre(RosterChange::kLate, RosterChange::kLate, RosterChange::kGone))
+      << "b has not sent anything since";
+  EXPECT_NE(roster_.find(id_of("a")), nullptr);
+  EXPECT_EQ(roster_.find(id_of("b")), nullptr);
 }
 
 TEST_F(RosterTest, AParticipantThatLeftJoinsAgainOnlyAfterARestart) {
@@ -136,7 +159,7 @@ TEST_F(RosterTest, RefusesMoreThanTheMaxParticipants) {
   for (std::size_t i = 0; i < kMaxParticipants; ++i) (void)receive(entry("p" + std::to_string(i), 1, 1), 0);
   EXPECT_THAT(receive(entry("surplus", 1, 1), 0), ElementsAre(RosterChange::kFull));
   EXPECT_EQ(roster_.entries().size(), kMaxParticipants);
-  (void)roster_.tick(1000 * kMs);
+  (void)tick_until(1000 * kMs);
   EXPECT_THAT(receive(entry("surplus", 2, 1), 1000 * kMs), ElementsAre(RosterChange::kJoined));
 }
 
@@ -148,7 +171,7 @@ TEST_F(RosterTest, ParticipantsThatLeftLongAgoAreDropped) {
     client.heartbeat = 2;
     client.leaving = i % 2 == 0;  // the other clients only become silent
     (void)receive(client, now_ns + kMs);
-    (void)roster_.tick(now_ns + 600 * kMs);
+    (void)tick_until(now_ns + 600 * kMs);
     ASSERT_LE(roster_.stored_participants(), 12u);
   }
 }

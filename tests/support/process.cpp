@@ -95,6 +95,11 @@ void Process::signal(int number) {
   if (!status_) ::kill(pid_, number);
 }
 
+void Process::signal_all(int number) {
+  const std::lock_guard lock{mutex_};
+  if (!status_) ::kill(-pid_, number);
+}
+
 std::optional<int> Process::wait(std::chrono::milliseconds limit) {
   std::unique_lock lock{mutex_};
   changed_.wait_for(lock, limit, [this] { return status_.has_value(); });
@@ -104,6 +109,14 @@ std::optional<int> Process::wait(std::chrono::milliseconds limit) {
 bool Process::running() const {
   const std::lock_guard lock{mutex_};
   return !status_;
+}
+
+std::vector<pid_t> Process::pids() const {
+  std::vector<pid_t> all{pid_};
+  const std::string number = std::to_string(pid_);
+  std::ifstream children{"/proc/" + number + "/task/" + number + "/children"};
+  for (pid_t child = 0; children >> child;) all.push_back(child);
+  return all;
 }
 
 bool Process::left_nothing_running() const {

@@ -37,12 +37,16 @@ class Process {
   [[nodiscard]] bool wait_for_line(const std::string& pattern, std::chrono::milliseconds limit = kWatchdog) const;
   /// Sends a signal to the program, not to its group. Does nothing once the program has ended.
   void signal(int number);
+  /// Sends a signal to the program and to all that it has started. Does nothing once the program has ended.
+  void signal_all(int number);
   /// Waits until the program has ended and no process holds its output pipe. Returns the exit status, or 128 plus the
   /// signal that killed the program. Returns nothing after `limit`. Once a status is returned, the output is complete.
   [[nodiscard]] std::optional<int> wait(std::chrono::milliseconds limit = kWatchdog);
   /// False once the program has ended and its output is complete.
   [[nodiscard]] bool running() const;
   [[nodiscard]] pid_t pid() const noexcept { return pid_; }
+  /// Returns the id of the program, and then those of the processes that its main thread has started and that run.
+  [[nodiscard]] std::vector<pid_t> pids() const;
   /// True if no process of the program's group runs. Call it after the program has ended.
   [[nodiscard]] bool left_nothing_running() const;
 

@@ -29,6 +29,22 @@ TEST(ContactLog, AClosedFileHasAllEntries) {
   EXPECT_EQ(reader.next(), ContactLogReader::Entry::kEnd);
 }
 
+TEST(ContactLog, AFlushedEntryRemainsIfTheProgramIsKilled) {
+  const test_support::TemporaryFolder folder;
+  ContactLogWriter writer{folder.path() / "a.hlog"};
+  writer.write(LoggedTotals{3, 500, 100, 5, 1});
+  writer.flush();
+  ContactLogReader reader{folder.path() / "a.hlog"};  // reads what a kill would leave
+  EXPECT_EQ(reader.next(), ContactLogReader::Entry::kTotals);
+}
+
+TEST(ContactLog, AFlushReportsAFullDisk) {
+  ContactLogWriter writer{"/dev/full"};
+  writer.write(LoggedTotals{0, 500, 100, 5, 1});
+  writer.flush();
+  EXPECT_FALSE(writer.healthy());
+}
+
 TEST(ContactLog, OnlyItsOwnerCanReadItAlsoIfItReplacesAnother) {
   const test_support::TemporaryFolder folder;
   const std::filesystem::path log = folder.path() / "a.hlog";

@@ -1,0 +1,218 @@
+// Measures what users of an HRTC feel when its network part, tactus-gateway, is killed or suspended: the change of the
+// forces, late cycles, and the time until the session has the HRTC again.
+#include <signal.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <map>
+#include <thread>
+
+#include "bench/figures.hpp"
+#include "bench/latency_bench.hpp"
+#include "bench/live_session.hpp"
+#include "bench/resting_touch.hpp"
+#include "trace/flight_file.hpp"
+
+namespace tactus::bench {
+namespace {
+
+using namespace std::chrono_literals;
+using netem::Side;
+
+constexpr double kPeriodNs = 1e6;  // of the HRTC's cycles
+
+struct Settings {
+  int kills = 100;  // of each kind
+};
+
+struct Kind {
+  const char* name;
+  int signal;
+};
+constexpr Kind kKinds[] = {
+    {"SIGKILL", SIGKILL}, {"SIGSEGV", SIGSEGV}, {"SIGABRT", SIGABRT}, {"SIGSTOP for 2 s", SIGSTOP}};
+
+/// A time in which the servo had no gateway, or an equally long one before it, monotonic ns.
+struct Window {
+  std::int64_t begin_ns, end_ns;
+};
+
+/// A host, and an HRTC whose two users rest on one point.
+class TouchedSession {
+ public:
+  TouchedSession() {
+    run("mesh", {"generate", "organ", path("organ.ply"), "--faces", "50000", "--seed", "7"});
+    run("mesh", {"build", path("organ.ply"), path("organ.spm")});
+    write_resting_touch(path("organ.spm"), path("touch.csv"));
+    host_ = session_.start(Side::kA, "host", {"--name", "museum", path("organ.spm")});
+    hrtc_ = session_.start(
+        Side::kB, "hrtc",
+        {"--name", "desk", "--users", "2", "--replay", "ann=" + path("touch.csv"), "--replay",
+         "bob=" + path("touch.csv"), "--no-coding", "--flight-recorder", "3600", "--flight-file", path("flight.mcap")});
+    wait_for_touch(0);
+    pause(1s);
+  }
+
+  /// Ends or suspends the gateway. Returns the time without states of both users.
+  Window kill(int signal) {
+    const std::vector<pid_t> pids = hrtc_->pids();
+    if (pids.size() != 2) throw std::runtime_error{"no gateway runs:\n" + hrtc_->output()};
+    const std::int64_t begin_ns = realtime::monotonic_ns();
+    ::kill(pids[1], signal);
+    if (signal == SIGSTOP) {
+      pause(2s);
+      ::kill(pids[1], SIGCONT);
+    }
+    const std::int64_t end_ns = wait_for_touch(signal == SIGSTOP ? 0 : incarnation_);
+    pause(end_ns == 0 ? 0ms : 500ms);
+    return {begin_ns, end_ns};
+  }
+
+  /// Ends the HRTC, and returns its recording.
+  std::string recording() {
+    hrtc_->signal(SIGTERM);
+    if (hrtc_->wait(60s) != 0) throw std::runtime_error{"the HRTC failed:\n" + hrtc_->output()};
+    return path("flight.mcap");
+  }
+
+ private:
+  /// Waits until both users touch exactly in states of a gateway that is not `former`. Returns the time of it.
+  std::int64_t wait_for_touch(std::uint64_t former) {
+    session_.forget_states();
+    session_.wait_until("exact contact of both users", [&](const ObservedSession& observed) {
+      const auto desk = observed.roster.find(session::id_of("desk"));
+      if (desk == observed.roster.end() || desk->second.origin.incarnation == former) return false;
+      incarnation_ = desk->second.origin.incarnation;
+      return touches(observed, "ann") && touches(observed, "bob");
+    });
+    return realtime::monotonic_ns();
+  }
+  static bool touches(const ObservedSession& observed, const char* user) {
+    constexpr std::uint32_t kBits = session::kInContact | session::kExact;
+    return std::any_of(observed.states.begin(), observed.states.end(), [&](const auto& state) {
+      return state.user == session::id_of(user) && (state.status & kBits) == kBits;
+    });
+  }
+  static void run(const std::string& name, std::vector<std::string> arguments) {
+    arguments.insert(arguments.begin(), program_path(name));
+    e2e::Process program{arguments};
+    if (program.wait(120s) != 0) throw std::runtime_error{"tactus-" + name + " failed: " + program.output()};
+  }
+  [[nodiscard]] std::string path(const std::string& name) const { return folder_.path() / name; }
+
+  test_support::TemporaryFolder folder_;
+  LiveSession session_{"veth"};
+  std::unique_ptr<e2e::Process> host_, hrtc_;
+  std::uint64_t incarnation_ = 0;  // of the newest gateway
+};
+
+/// The cycles of a recording.
+struct Cycles {
+  std::vector<std::int64_t> times_ns;
+  std::vector<std::array<double, 2>> forces;  // N, of the two users
+};
+Cycles read(const std::string& file) {
+  struct Cycle {
+    std::int64_t time_ns = 0;
+    std::array<double, 2> forces{};
+  };
+  std::map<std::uint64_t, Cycle> by_number;
+  trace::FlightFileReader reader{file};
+  for (trace::FlightMessage message; reader.next(message);) {
+    if (const auto* touch = std::get_if<trace::FlightTouch>(&message)) by_number[touch->cycle].time_ns = touch->time_ns;
+    const auto* probe = std::get_if<trace::FlightProbe>(&message);
+    if (probe != nullptr && probe->probe < 2)
+      by_number[probe->cycle].forces[probe->probe] = std::hypot(probe->force[0], probe->force[1], probe->force[2]);
+  }
+  Cycles cycles;
+  for (const auto& [number, cycle] : by_number) {
+    cycles.times_ns.push_back(cycle.time_ns);
+    cycles.forces.push_back(cycle.forces);
+  }
+  return cycles;
+}
+
+/// What happened in a set of windows.
+struct Outcome {
+  Samples intervals_ms;      // between two cycles
+  std::uint64_t late = 0;    // intervals above 1.5 periods
+  double force_change = 0;   // N, largest difference to the force at the begin of a window
+  double min_force = 1e300;  // N
+
+  void add(const Cycles& cycles, const Window& window) {
+    const auto begin = std::lower_bound(cycles.times_ns.begin(), cycles.times_ns.end(), window.begin_ns);
+    const auto first = static_cast<std::size_t>(begin - cycles.times_ns.begin());
+    for (std::size_t i = first + 1; i < cycles.times_ns.size() && cycles.times_ns[i] < window.end_ns; ++i) {
+      const auto interval = static_cast<double>(cycles.times_ns[i] - cycles.times_ns[i - 1]);
+      intervals_ms.add(interval * 1e-6);
+      late += interval > 1.5 * kPeriodNs ? 1 : 0;
+      for (int user = 0; user < 2; ++user) {
+        force_change = std::max(force_change, std::abs(cycles.forces[i][user] - cycles.forces[first][user]));
+        min_force = std::min(min_force, cycles.forces[i][user]);
+      }
+    }
+  }
+  [[nodiscard]] double late_per_million() const {
+    return 1e6 * static_cast<double>(late) / static_cast<double>(intervals_ms.size());
+  }
+};
+
+Report run(const Settings& settings) {
+  char text[120];
+  std::snprintf(text, sizeof text, "%d kills of each kind; two replayed users at rest; veth", settings.kills);
+  Report report{{"a host, and an HRTC with two users, 50,000 faces", 0, 0, text}};
+  const auto measure = [&] {
+    TouchedSession session;
+    std::vector<Window> without;
+    for (const Kind& kind : kKinds) {
+      Samples back_ms;
+      for (int i = 0; i < settings.kills; ++i) {
+        std::fprintf(stderr, "\r%s %d of %d    ", kind.name, i + 1, settings.kills);
+        without.push_back(session.kill(kind.signal));
+        const double ms = static_cast<double>(without.back().end_ns - without.back().begin_ns) * 1e-6;
+        back_ms.add(kind.signal == SIGSTOP ? ms - 2000 : ms);
+      }
+      const std::string figure = std::string{kind.name} + ": time until both users are in the session again";
+      report.add_percentiles(figure, "kills", "ms", back_ms);
+      report.add_at_most(figure + ", p99", {"kills", back_ms.size()}, "ms", back_ms.percentile(0.99), 3000);
+    }
+    std::fprintf(stderr, "\n");
+    const Cycles cycles = read(session.recording());
+    // The references lie just before the kills: half a second in which nothing happens.
+    Outcome killed, reference;
+    for (const Window& window : without) {
+      killed.add(cycles, window);
+      reference.add(cycles, {window.begin_ns - 450'000'000, window.begin_ns});
+    }
+    report.add_at_most("largest change of a force without a gateway", {"cycles", killed.intervals_ms.size()}, "N",
+                       killed.force_change, 0);
+    report.add_at_least("smallest force without a gateway", {"cycles", killed.intervals_ms.size()}, "N",
+                        killed.min_force, 0.05);
+    report.add_percentiles("time between two cycles, without a gateway", "cycles", "ms", killed.intervals_ms);
+    report.add_percentiles("time between two cycles, half a second before", "cycles", "ms", reference.intervals_ms);
+    report.add_value("late cycles half a second before", {"cycles", reference.intervals_ms.size()}, "per million",
+                     reference.late_per_million());
+    report.add_at_most("late cycles without a gateway minus half a second before",
+                       {"cycles", killed.intervals_ms.size()}, "per million",
+                       killed.late_per_million() - reference.late_per_million(), 100);
+  };
+  in_own_thread(measure);
+  return report;
+}
+
+}  // namespace
+}  // namespace tactus::bench
+
+int main(int argc, char** argv) {
+  tactus::bench::Settings settings;
+  tactus::bench::App app{"gateway", "Measures the end of the network part of an HRTC; needs root",
+                         "5 kills of each kind, for CI"};
+  app.add_option("--kills", settings.kills, "number of kills of each kind")->check(CLI::Range(1, 10000));
+  return tactus::bench::latency_main(app, argc, argv, [&] {
+    if (app.quick) settings.kills = 5;
+    return tactus::bench::run(settings);
+  });
+}
