@@ -1,5 +1,5 @@
-// Measures what users of an HRTC feel when its network part, tactus-gateway, is killed or suspended: the change of the
-// forces, late cycles, and the time until the session has the HRTC again.
+// Kills and suspends the gateway of an HRTC, and measures the change of its users' forces, late cycles, and the time
+// until the session receives the users' states again.
 #include <signal.h>
 
 #include <CLI/CLI.hpp>
@@ -67,7 +67,7 @@ class TouchedSession {
       ::kill(pids[1], SIGCONT);
     }
     const std::int64_t end_ns = wait_for_touch(signal == SIGSTOP ? 0 : incarnation_);
-    pause(end_ns == 0 ? 0ms : 500ms);
+    pause(500ms);
     return {begin_ns, end_ns};
   }
 
@@ -81,11 +81,14 @@ class TouchedSession {
  private:
   /// Waits until both users touch exactly in states of a gateway that is not `former`. Returns the time of it.
   std::int64_t wait_for_touch(std::uint64_t former) {
-    session_.forget_states();
-    session_.wait_until("exact contact of both users", [&](const ObservedSession& observed) {
+    session_.wait_until("the HRTC", [&](const ObservedSession& observed) {
       const auto desk = observed.roster.find(session::id_of("desk"));
       if (desk == observed.roster.end() || desk->second.origin.incarnation == former) return false;
       incarnation_ = desk->second.origin.incarnation;
+      return true;
+    });
+    session_.forget_states();  // those of the earlier gateway
+    session_.wait_until("exact contact of both users", [](const ObservedSession& observed) {
       return touches(observed, "ann") && touches(observed, "bob");
     });
     return realtime::monotonic_ns();
@@ -175,7 +178,7 @@ Report run(const Settings& settings) {
         const double ms = static_cast<double>(without.back().end_ns - without.back().begin_ns) * 1e-6;
         back_ms.add(kind.signal == SIGSTOP ? ms - 2000 : ms);
       }
-      const std::string figure = std::string{kind.name} + ": time until both users are in the session again";
+      const std::string figure = std::string{kind.name} + ": time until both users are back";
       report.add_percentiles(figure, "kills", "ms", back_ms);
       report.add_at_most(figure + ", p99", {"kills", back_ms.size()}, "ms", back_ms.percentile(0.99), 3000);
     }
@@ -187,17 +190,16 @@ Report run(const Settings& settings) {
       killed.add(cycles, window);
       reference.add(cycles, {window.begin_ns - 450'000'000, window.begin_ns});
     }
-    report.add_at_most("largest change of a force without a gateway", {"cycles", killed.intervals_ms.size()}, "N",
+    report.add_at_most("largest change of a force, no gateway", {"cycles", killed.intervals_ms.size()}, "N",
                        killed.force_change, 0);
-    report.add_at_least("smallest force without a gateway", {"cycles", killed.intervals_ms.size()}, "N",
-                        killed.min_force, 0.05);
-    report.add_percentiles("time between two cycles, without a gateway", "cycles", "ms", killed.intervals_ms);
-    report.add_percentiles("time between two cycles, half a second before", "cycles", "ms", reference.intervals_ms);
-    report.add_value("late cycles half a second before", {"cycles", reference.intervals_ms.size()}, "per million",
+    report.add_at_least("smallest force, no gateway", {"cycles", killed.intervals_ms.size()}, "N", killed.min_force,
+                        0.05);
+    report.add_percentiles("time between two cycles, no gateway", "cycles", "ms", killed.intervals_ms);
+    report.add_percentiles("time between two cycles, before", "cycles", "ms", reference.intervals_ms);
+    report.add_value("late cycles before", {"cycles", reference.intervals_ms.size()}, "per million",
                      reference.late_per_million());
-    report.add_at_most("late cycles without a gateway minus half a second before",
-                       {"cycles", killed.intervals_ms.size()}, "per million",
-                       killed.late_per_million() - reference.late_per_million(), 100);
+    report.add_at_most("late cycles, difference of no gateway to before", {"cycles", killed.intervals_ms.size()},
+                       "per million", killed.late_per_million() - reference.late_per_million(), 100);
   };
   in_own_thread(measure);
   return report;
@@ -208,7 +210,7 @@ Report run(const Settings& settings) {
 
 int main(int argc, char** argv) {
   tactus::bench::Settings settings;
-  tactus::bench::App app{"gateway", "Measures the end of the network part of an HRTC; needs root",
+  tactus::bench::App app{"gateway", "Measures the end of an HRTC's gateway; needs root",
                          "5 kills of each kind, for CI"};
   app.add_option("--kills", settings.kills, "number of kills of each kind")->check(CLI::Range(1, 10000));
   return tactus::bench::latency_main(app, argc, argv, [&] {

@@ -3,7 +3,9 @@
 namespace tactus::hrtc_service {
 
 ContactLogger::ContactLogger(const std::filesystem::path& file, ContactQuery::LogRing& queries)
-    : log_{file}, queries_{queries} {}
+    : log_{file}, queries_{queries} {
+  numbers_.fill(spm::kNone);
+}
 
 void ContactLogger::add(const ObjectDescription& object) {
   numbers_[object.index] = next_number_++;
@@ -13,7 +15,7 @@ void ContactLogger::add(const ObjectDescription& object) {
 bool ContactLogger::drain() {
   while (queries_.pop(query_)) {
     query_.object = numbers_[query_.object];
-    log_.write(query_);
+    if (query_.object != spm::kNone) log_.write(query_);
   }
   log_.flush();
   return log_.healthy();

@@ -1,7 +1,8 @@
 /// Writes the contact log of an HRTC.
 ///
 /// The haptic thread identifies an object by its index, which a later object may get. The log numbers the objects in
-/// the order of their arrival, so that a number always means the same object.
+/// the order of their arrival, so that a number always means the same object. After the end of a gateway, the servo
+/// has objects that the log of the next gateway does not contain yet. Their queries are not logged.
 ///
 /// Service thread.
 #pragma once
@@ -34,7 +35,7 @@ class ContactLogger {
  private:
   trace::ContactLogWriter log_;
   RingReader<trace::LoggedQuery, ContactQuery::kLogEntries> queries_;
-  std::array<std::uint32_t, kMaxObjects> numbers_{};  // in the log, by object index
+  std::array<std::uint32_t, kMaxObjects> numbers_;  // in the log, by object index; kNone: not in the log yet
   std::uint32_t next_number_ = 0;
   trace::LoggedQuery query_;
 };

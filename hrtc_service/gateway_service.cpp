@@ -94,11 +94,19 @@ GatewayService::Impl::Impl(const HrtcOptions& given, ServoLink& servo_link, Cont
     states.set_object_id(object.index, 0);
     if (contact_log) contact_log->close(object);
   };
+  if (is_successor) {  // what the earlier gateway has reported is not reported again
+    stopped = link.stop().stopped;
+    const ProbeReports reports = MailboxReader{link.reports}.latest();
+    for (std::uint32_t i = 0; i < kMaxProbes; ++i)
+      faults_logged[i] = reports.probes[i].status & (session::kFault | session::kFaultReason);
+  }
   add_local_users();
   // The directory is made after every step that may throw, so that a failed start leaves none.
   if (!options.snapshot.empty()) expect_snapshot_directory(options.snapshot);
   if (!options.log.empty()) contact_log = std::make_unique<ContactLogger>(log_file(options.log, is_successor), *log);
-  if (!options.snapshot.empty()) {
+  if (!options.snapshot.empty() && is_successor) {
+    spdlog::info("no further snapshots, because an earlier gateway has ended");
+  } else if (!options.snapshot.empty()) {
     std::filesystem::create_directories(options.snapshot);
     snapshots.emplace(options.snapshot, options.address.participant, loader, link);
   }
@@ -295,7 +303,7 @@ void GatewayService::Impl::serve(std::int64_t now_ns) {
   if (sync_groups.due(now_ns)) groups.sync(membership.remote_users(), membership.user_ids());
   drain_rings();
   take_snapshots(now_ns);
-  if (!membership.has_found_host()) check_for_hosts(now_ns);
+  if (!membership.has_found_host() && !is_successor) check_for_hosts(now_ns);
 }
 
 void GatewayService::Impl::send_requests() {
@@ -326,7 +334,16 @@ void GatewayService::Impl::check_for_hosts(std::int64_t now_ns) {
   ended = true;
 }
 
+/// Waits until the servo has ended, so that logs and metrics have all of its cycles.
+void GatewayService::Impl::end_servo() {
+  link.end(exit_code);
+  constexpr int kMaxWaits = 300;  // of 1 ms; the servo's process looks every 50 ms
+  for (int i = 0; i < kMaxWaits && !link.has_servo_ended(); ++i)
+    std::this_thread::sleep_for(std::chrono::milliseconds{1});
+}
+
 void GatewayService::Impl::finish() {
+  end_servo();
   sending = false;
   if (sender.joinable()) sender.join();
   reference_timer.reset();

@@ -1,5 +1,5 @@
-/// The half of an HRTC that the network reaches: joins a session, loads the objects of all hosts, gives probes to users,
-/// and publishes what the servo reports.
+/// The gateway of an HRTC: joins a session, loads the objects of all hosts, gives probes to users, and publishes the
+/// reports of the servo.
 ///
 ///   thread   work                                              woken by
 ///   sender   probe states, commands, copies                    timer, after each cycle

@@ -113,6 +113,7 @@ struct GatewayService::Impl {
   void classify_late_cycles();
   void drain_rings();
   void take_snapshots(std::int64_t now_ns);
+  void end_servo();
   void finish();
 
   const HrtcOptions options;

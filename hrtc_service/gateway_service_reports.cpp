@@ -163,7 +163,7 @@ void GatewayService::Impl::take_snapshots(std::int64_t now_ns) {
 
 void GatewayService::Impl::measure_first_touch(std::int64_t now_ns) {
   if (first.base_ns == 0 && !loader.objects().empty()) first.base_ns = now_ns;
-  if (first.exact_ns != 0 || !touches_exactly(gateway.reports())) return;
+  if (first.exact_ns != 0 || first.catalogue_ns == 0 || !touches_exactly(gateway.reports())) return;
   first.exact_ns = gateway.reports().time_ns;
   first.bytes = loader.delivery_counters().payload_bytes;
 }

@@ -4,10 +4,11 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <cstdio>
 #include <fstream>
 #include <iostream>
 #include <memory>
+#include <stop_token>
+#include <thread>
 
 #include "hrtc_service/gateway_service.hpp"
 #include "hrtc_service/program/log.hpp"
@@ -24,6 +25,7 @@ using namespace tactus;
 
 /// Runs servo and gateway in this process.
 int run_both(const hrtc_service::HrtcOptions& options) {
+  prctl(PR_SET_NAME, "tactus-hrtc");  // by which `tactus control stop --local` finds it
   const std::atomic<bool>& stop = realtime::stop_signal();
   if (!options.warning.empty()) hrtc_service::log_event(session::Severity::kWarning, options.warning);
   const hrtc_service::OpenedDevices devices{options};
@@ -34,22 +36,53 @@ int run_both(const hrtc_service::HrtcOptions& options) {
   servo.on_event = hrtc_service::log_event;
   hrtc_service::GatewayService gateway{options, block.link(), block.log(), servo_options.servo.cycle.tool};
   servo.start();
+  bool is_saved = true;
+  std::jthread end{[&](const std::stop_token& token) {  // as the supervisor does between two processes
+    while (!token.stop_requested() && block.link().ended() < 0)
+      std::this_thread::sleep_for(std::chrono::milliseconds{5});
+    is_saved = servo.stop();
+    block.link().set_servo_ended();
+  }};
   const int status = gateway.run(stop);
-  return servo.stop() ? status : std::max(status, 1);
+  end.request_stop();
+  end.join();
+  return is_saved ? status : std::max(status, 1);
+}
+
+/// Ends this process 5 s after its servo, if it hangs and has not ended by itself.
+void end_after(pid_t servo) {
+  std::thread{[servo] {
+    while (getppid() == servo) std::this_thread::sleep_for(std::chrono::seconds{1});
+    std::this_thread::sleep_for(std::chrono::seconds{5});
+    _exit(1);
+  }}.detach();
 }
 
 /// Runs the gateway of a servo in the process that has started this one.
 int run_gateway(const hrtc_service::HrtcOptions& options) {
   const std::atomic<bool>& stop = realtime::stop_signal();
   // Ctrl-C reaches both processes, but only tactus-hrtc ends this one. The other signals are for the servo.
-  for (const int number : {SIGINT, SIGUSR1, SIGUSR2}) signal(number, SIG_IGN);
+  sigset_t blocked;  // by tactus-hrtc, until here
+  sigemptyset(&blocked);
+  for (const int number : {SIGINT, SIGUSR1, SIGUSR2}) {
+    signal(number, SIG_IGN);
+    sigaddset(&blocked, number);
+  }
+  sigprocmask(SIG_UNBLOCK, &blocked, nullptr);
   const hrtc_service::SharedBlock block = hrtc_service::SharedBlock::open(options.link);
   prctl(PR_SET_PDEATHSIG, SIGTERM);
   if (getppid() != block.servo()) throw std::runtime_error("tactus-hrtc has ended");
   // If memory is short, the system should end this process, not the servo.
   std::ofstream{"/proc/self/oom_score_adj"} << 500;
-  const std::unique_ptr<const spm::MeshProbe> tool = hrtc_service::load_tool(options.tool);
-  return hrtc_service::GatewayService{options, block.link(), block.log(), tool.get()}.run(stop);
+  end_after(block.servo());
+  try {
+    const std::unique_ptr<const spm::MeshProbe> tool = hrtc_service::load_tool(options.tool);
+    return hrtc_service::GatewayService{options, block.link(), block.log(), tool.get()}.run(stop);
+  } catch (const std::exception& error) {
+    if (block.link().heartbeats() == 0) throw;
+    hrtc_service::log_event(session::Severity::kError, error.what());
+    return hrtc_service::kStartAgain;
+  }
 }
 
 }  // namespace

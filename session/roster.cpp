@@ -125,6 +125,7 @@ void Roster::on_new_name(const RosterEntry& entry, std::int64_t now_ns, std::vec
   (void)member.heartbeats.admit(entry.heartbeat, now_ns);
   member.present = true;
   member.received_ns = now_ns;
+  member.missed_ns = 0;
   events.push_back({RosterChange::kJoined, entry, 0});
 }
 
@@ -140,6 +141,7 @@ void Roster::on_older_incarnation(Member& member, const RosterEntry& entry, std:
   member.heartbeats = heartbeats;
   member.present = true;
   member.received_ns = now_ns;
+  member.missed_ns = 0;
   events.push_back({RosterChange::kJoined, entry, 0});
 }
 
@@ -164,6 +166,7 @@ void Roster::on_newest_incarnation(Member& member, const RosterEntry& entry, std
     member.heartbeats = heartbeats;
     member.left = true;
     member.received_ns = now_ns;
+    member.missed_ns = 0;
     return;
   }
   if (!member.present) {
@@ -180,6 +183,7 @@ void Roster::on_newest_incarnation(Member& member, const RosterEntry& entry, std
   member.entry = entry;
   member.heartbeats = heartbeats;
   member.received_ns = now_ns;
+  member.missed_ns = 0;
 }
 
 /// Counts the heartbeats of a rival, and adds an event for a new name conflict. Returns true when enough heartbeats
@@ -208,11 +212,11 @@ bool Roster::track_rival(Member& member, const RosterEntry& entry, std::int64_t 
 
 std::vector<RosterEvent> Roster::tick(std::int64_t now_ns) {
   std::vector<RosterEvent> events;
-  excuse_silence(now_ns);
+  add_missed_time(now_ns);
   forget_rivals(own_, now_ns);
   for (auto at = members_.begin(); at != members_.end();) {
     Member& member = at->second;
-    const std::int64_t silent = now_ns - member.received_ns;
+    const std::int64_t silent = now_ns - member.received_ns - member.missed_ns;
     forget_rivals(member, now_ns);
     if (!member.present && silent >= settings_.forget_ns && member.rivals.empty()) {
       at = members_.erase(at);
@@ -232,13 +236,17 @@ std::vector<RosterEvent> Roster::tick(std::int64_t now_ns) {
   return events;
 }
 
-/// If this program itself has not run, for example because it was suspended, others may have sent heartbeats that it has
-/// not processed yet. So this time does not count as their silence.
-void Roster::excuse_silence(std::int64_t now_ns) {
+/// If this program has not run, for example because it was suspended, others may have sent heartbeats that it has not
+/// processed yet. So this time does not count as their silence.
+void Roster::add_missed_time(std::int64_t now_ns) {
   const std::int64_t missed_ns = ticked_ns_ ? now_ns - *ticked_ns_ - settings_.max_tick_ns : 0;
   ticked_ns_ = now_ns;
   if (missed_ns <= 0) return;
-  for (auto& [id, member] : members_) member.received_ns = std::min(member.received_ns + missed_ns, now_ns);
+  for (auto& [id, member] : members_) {
+    member.missed_ns += missed_ns;
+    for (auto& [incarnation, rival] : member.rivals) rival.received_ns += missed_ns;
+  }
+  for (auto& [incarnation, rival] : own_.rivals) rival.received_ns += missed_ns;
 }
 
 /// Deletes silent rivals, so that new ones can be stored.

@@ -67,8 +67,8 @@ class Roster {
 
   /// Applies an entry; ignores entries of other sessions.
   [[nodiscard]] std::vector<RosterEvent> on_entry(const RosterEntry& entry, std::int64_t now_ns);
-  /// Detects participants that are late or gone. The time since the last tick counts only up to
-  /// RosterSettings::max_tick_ns: if this program was suspended, that is no silence of the others.
+  /// Detects participants that are late or gone. Of the time since the last tick, at most RosterSettings::max_tick_ns
+  /// counts: while this program was suspended, it could not process what others sent.
   [[nodiscard]] std::vector<RosterEvent> tick(std::int64_t now_ns);
 
   /// The newest entry of a present participant, or null. Valid until the next call that changes the roster.
@@ -106,6 +106,7 @@ class Roster {
     RosterEntry entry;
     SequenceWindow heartbeats{kHeartbeatNumbers};
     std::int64_t received_ns = 0;
+    std::int64_t missed_ns = 0;  // since then, in which this program did not run
     bool present = false;  // false: left or gone, stored to recognise its delayed entries
     bool left = false;
     bool late = false;
@@ -121,7 +122,7 @@ class Roster {
                              std::vector<RosterEvent>& events);
   bool track_rival(Member& member, const RosterEntry& entry, std::int64_t now_ns,
                    std::vector<RosterEvent>& events) const;
-  void excuse_silence(std::int64_t now_ns);
+  void add_missed_time(std::int64_t now_ns);
   void forget_rivals(Member& member, std::int64_t now_ns) const;
   void forget_absent();
 

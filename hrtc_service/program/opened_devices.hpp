@@ -21,7 +21,8 @@ class OpenedDevices {
   /// be used.
   explicit OpenedDevices(const HrtcOptions& options);
 
-  /// Returns the options of a servo with these devices, which must outlive it. It obeys the signals of this process.
+  /// Returns the options of a servo with these devices, which must outlive it. This servo obeys the signals of this
+  /// process.
   [[nodiscard]] ServoOptions servo_options(const HrtcOptions& options) const;
 
  private:

@@ -21,8 +21,8 @@ Examples:
   tactus-hrtc --session lab --name desk4 --device bob=./mydevice.so,/dev/ttyACM0
   tactus-hrtc --session lab --name desk5 --tool stylus
 
-The haptic thread runs in this process, which starts the network part, tactus-gateway, and starts it again if it is
-killed. SIGUSR1 saves the flight recording. SIGUSR2 is an emergency stop of the session.
+The haptic thread runs in this process. It starts the gateway, tactus-gateway, which exchanges samples with the session,
+and starts it again if it is killed. SIGUSR1 saves the flight recording. SIGUSR2 is an emergency stop of the session.
 Exit status: 0 ended by the session or a signal, 1 no host found or an output file failed, 2 wrong input or a name in use.)";
 
 /// Returns the text before and after the first `=`. Throws CLI::ValidationError if one of them is empty.
@@ -106,7 +106,7 @@ void add_force_options(CLI::App& app, Arguments& given, HrtcOptions& options) {
       ->capture_default_str()
       ->check(CLI::Range(0.001, 10.0));
   app.add_option("--gateway-patience", options.servo.gateway_patience,
-                 "Time for which fixed objects can be touched while the network part does not run, s")
+                 "Time for which fixed objects can be touched while the gateway does not run, s")
       ->capture_default_str()
       ->check(CLI::Range(0.0, 3600.0));
 }
@@ -147,7 +147,8 @@ void add_session_options(CLI::App& app, HrtcOptions& options) {
                "Send deadband-coded states to the session (default), or with --no-coding every probe state");
   app.add_flag("--reference-timer", options.reference_timer,
                "Also measure a thread of the same priority that only waits");
-  app.add_flag("--one-process", options.one_process, "Run the haptic thread and the network part in one process");
+  app.add_flag("--one-process", options.one_process,
+               "Run the haptic thread and the gateway in one process, for a debugger");
   app.add_option("--link", options.link)->group("");  // of tactus-hrtc for tactus-gateway; not in the help
 }
 

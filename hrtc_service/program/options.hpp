@@ -14,6 +14,9 @@
 
 namespace tactus::hrtc_service {
 
+/// Exit status of a gateway that has failed while the servo may go on. tactus-hrtc then starts it again.
+inline constexpr int kStartAgain = 75;
+
 /// A user whose device is at this machine.
 struct LocalUser {
   std::string user;
@@ -39,8 +42,8 @@ struct HrtcOptions {
   double state_rate = 1000;        ///< max rate of probe states, Hz
   bool uses_deadband = true;       ///< false: the session receives every probe state
   bool one_process = false;        ///< servo and gateway run in the process tactus-gateway
-  int link = -1;                   ///< descriptor of the SharedBlock, for a gateway that tactus-hrtc has started
-  std::string warning;             ///< for the user; empty: none
+  int link = -1;        ///< descriptor of the SharedBlock that tactus-hrtc shares with this gateway; -1: none
+  std::string warning;  ///< for the user; empty: none
 };
 
 struct ReadOptions {

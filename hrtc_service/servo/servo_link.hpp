@@ -20,6 +20,7 @@
 /// Plain values only, no pointer: two processes can share it. The servo checks all that it reads here. Nothing blocks.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <atomic>
 #include <cstdint>
@@ -125,6 +126,13 @@ struct ServoLink {
     return shown_request_.exchange(spm::kNone, std::memory_order_relaxed);
   }
 
+  /// Declares that the gateway ends the HRTC with this exit status, 0 to 255. The servo ends its threads then.
+  void end(int status) noexcept { ended_.store(static_cast<std::uint32_t>(status) + 1, std::memory_order_release); }
+  /// Returns the declared exit status, or -1.
+  [[nodiscard]] int ended() const noexcept {
+    return static_cast<int>(std::min(ended_.load(std::memory_order_acquire), 256u)) - 1;
+  }
+
   SharedRing<FlightRequest, kFlightRequests> flight_requests;
   /// Requests a copy of the active meshes, which arrives in `snapshot_parts`. One thread, not before the last copy has
   /// arrived.
@@ -153,6 +161,9 @@ struct ServoLink {
   [[nodiscard]] bool obeys_stop() const noexcept {
     return stop_obeyed_.load(std::memory_order_acquire) == stop_word_.load(std::memory_order_relaxed);
   }
+  /// Declares that the threads of the servo have ended, so that nothing in the link changes any more.
+  void set_servo_ended() noexcept { servo_ended_.store(true, std::memory_order_release); }
+  [[nodiscard]] bool has_servo_ended() const noexcept { return servo_ended_.load(std::memory_order_acquire); }
   /// Number of local stops, by button or signal: emergency stops that are requested at this HRTC. The servo obeys one
   /// in its next cycle. Then the gateway issues a stop, which a reset can name.
   void set_local_stops(std::uint32_t count) noexcept { local_stops_.store(count, std::memory_order_relaxed); }
@@ -168,6 +179,8 @@ struct ServoLink {
   std::atomic<std::uint32_t> shown_request_{spm::kNone};
   std::atomic<std::uint64_t> heartbeats_{0}, traces_dropped_{0}, log_dropped_{0};
   std::atomic<std::uint32_t> snapshot_requests_{0};
+  std::atomic<std::uint32_t> ended_{0};  // exit status + 1; 0: not ended
+  std::atomic<bool> servo_ended_{false};
 };
 
 }  // namespace tactus::hrtc_service

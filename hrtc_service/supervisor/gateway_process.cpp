@@ -43,8 +43,17 @@ void GatewayProcess::start() {
   posix_spawn_file_actions_init(&actions);
   posix_spawn_file_actions_adddup2(&actions, link_, kLink);
   posix_spawn_file_actions_addclosefrom_np(&actions, kLink + 1);
+  // These signals are for the servo, and would end the child before it can ignore them.
+  sigset_t blocked;
+  sigemptyset(&blocked);
+  for (const int number : {SIGINT, SIGUSR1, SIGUSR2}) sigaddset(&blocked, number);
+  posix_spawnattr_t attributes;
+  posix_spawnattr_init(&attributes);
+  posix_spawnattr_setsigmask(&attributes, &blocked);
+  posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETSIGMASK);
   pid_t child = 0;
-  const int error = posix_spawn(&child, command_[0].c_str(), &actions, nullptr, arguments.data(), environ);
+  const int error = posix_spawn(&child, command_[0].c_str(), &actions, &attributes, arguments.data(), environ);
+  posix_spawnattr_destroy(&attributes);
   posix_spawn_file_actions_destroy(&actions);
   if (error != 0) throw std::system_error{error, std::generic_category(), command_[0]};
   child_ = child;

@@ -1,7 +1,7 @@
-/// Starts the network part of an HRTC, tactus-gateway, as a child process.
+/// Starts the gateway of an HRTC, tactus-gateway, as a child process.
 ///
 /// The child gets the descriptor of the shared block and no other descriptor of this process except the standard ones,
-/// so it cannot reach a device. It is started without a copy of this process's memory (posix_spawn), because after a
+/// so it inherits no device. It is started without a copy of this process's memory (posix_spawn), because after a
 /// fork() each page that the haptic thread writes would cost a page fault.
 ///
 /// Main thread.
@@ -29,7 +29,7 @@ class GatewayProcess {
   GatewayProcess(const GatewayProcess&) = delete;
   GatewayProcess& operator=(const GatewayProcess&) = delete;
 
-  /// Starts it. Call it at first, and each time after the child has ended. Throws std::system_error.
+  /// Starts it, if none runs. The child begins with SIGINT, SIGUSR1 and SIGUSR2 blocked. Throws std::system_error.
   void start();
   /// Waits until the child has ended, at most `limit`. Returns its status, as waitpid() does, or nothing if it runs.
   [[nodiscard]] std::optional<int> wait(std::chrono::milliseconds limit);

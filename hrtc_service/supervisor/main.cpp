@@ -1,3 +1,4 @@
+#include <signal.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -21,15 +22,18 @@ using namespace tactus;
 
 int run(const hrtc_service::HrtcOptions& options, const std::vector<std::string>& arguments) {
   const std::atomic<bool>& stop = realtime::stop_signal();
+  signal(SIGCHLD, SIG_DFL);  // a parent that ignores it would hide the end of the gateway
   const hrtc_service::OpenedDevices devices{options};
   const hrtc_service::SharedBlock block = hrtc_service::SharedBlock::create(!options.log.empty());
   hrtc_service::GatewayProcess gateway{arguments, block.descriptor()};
   hrtc_service::ServoRunner servo{devices.servo_options(options), block.link(), block.log()};
   servo.on_event = hrtc_service::log_event;
   servo.start();
-  hrtc_service::Supervisor supervisor{gateway, block.link(), stop, hrtc_service::log_event};
+  bool is_saved = true;
+  hrtc_service::Supervisor supervisor{gateway, block.link(), stop, [&] { is_saved = servo.stop(); },
+                                      hrtc_service::log_event};
   const int status = supervisor.run();
-  return servo.stop() ? status : std::max(status, 1);
+  return is_saved ? status : std::max(status, 1);
 }
 
 }  // namespace

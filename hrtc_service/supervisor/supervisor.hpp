@@ -1,14 +1,15 @@
-/// Keeps the network part of an HRTC running while the servo runs in this process.
+/// Keeps the gateway of an HRTC running while the servo runs in this process.
 ///
-///   the gateway exits                       the HRTC ends with its exit status
-///   a signal kills it                       it starts again; the servo goes on without it meanwhile
-///   a signal kills it before it has joined  the HRTC ends, because it would probably be killed again
-///   it is silent for 10 s                   it is killed
+///   the gateway exits                        the HRTC ends with its exit status
+///   a signal kills it, or it fails           it starts again; the servo goes on without it meanwhile
+///   the same before its first heartbeat ever the HRTC ends, because that would probably happen again
+///   its heartbeat stops for 10 s             it is killed
 ///
 /// Main thread.
 #pragma once
 
 #include <atomic>
+#include <cstdint>
 #include <functional>
 #include <string>
 
@@ -20,21 +21,26 @@ namespace tactus::hrtc_service {
 
 class Supervisor {
  public:
-  /// The references must outlive the supervisor. `stop`: ends the HRTC. `on_event` receives lines for operators.
-  Supervisor(GatewayProcess& gateway, const ServoLink& link, const std::atomic<bool>& stop,
+  /// The references must outlive the supervisor. `stop`: ends the HRTC. `end_servo` ends the threads of the servo; it is
+  /// called once, before the gateway ends. `on_event` receives lines for operators.
+  Supervisor(GatewayProcess& gateway, ServoLink& link, const std::atomic<bool>& stop, std::function<void()> end_servo,
              std::function<void(session::Severity, const std::string&)> on_event);
 
   /// Starts the gateway. Returns when it has ended and is not to be started again. Returns the exit status of the HRTC.
-  /// Throws std::system_error if the program cannot be started.
+  /// Throws std::system_error if the program cannot be started at first.
   [[nodiscard]] int run();
 
  private:
   [[nodiscard]] int wait_for_end();
-  [[nodiscard]] bool start_again(int signal);
+  [[nodiscard]] int status_at_end(int wait_status);
+  [[nodiscard]] bool start_again();
+  void end_servo();
+  [[nodiscard]] bool is_ending() const { return stop_ || link_.ended() >= 0; }
 
   GatewayProcess& gateway_;
-  const ServoLink& link_;
+  ServoLink& link_;
   const std::atomic<bool>& stop_;
+  std::function<void()> end_servo_;
   std::function<void(session::Severity, const std::string&)> on_event_;
   std::int64_t pause_ns_ = 0;  // before the next start
 };

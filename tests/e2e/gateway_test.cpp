@@ -1,10 +1,10 @@
-/// An HRTC whose network part is killed, suspended or hangs. The servo goes on, and a new gateway continues with it.
+/// An HRTC whose gateway is killed or suspended. The servo goes on, and a new gateway continues with it.
 #include <algorithm>
 #include <cmath>
 #include <map>
 #include <thread>
 
-#include "session/figures.hpp"
+#include "realtime/process.hpp"
 #include "tests/e2e/session_test.hpp"
 #include "trace/flight_file.hpp"
 
@@ -15,6 +15,7 @@ namespace fs = std::filesystem;
 using Clock = std::chrono::steady_clock;
 using Seconds = std::chrono::duration<double>;
 using Seen = Observer::Seen;
+using testing::AnyOf;
 using testing::HasSubstr;
 using testing::Not;
 
@@ -27,21 +28,28 @@ users:
     script: [{approach: {object: "#1", direction: [0, 1, 0], speed: 0.2}}, {hold: {seconds: 3500, force: 1}}]
 )";
 
+constexpr char kOneUserTouches[] = R"(name: one touches
+duration: 3600
+users:
+  - name: cid
+    script: [{approach: {object: "#1", direction: [0, 1, 0], speed: 0.2}}, {hold: {seconds: 3500, force: 1}}]
+)";
+
 class GatewayTest : public SessionTest {
  protected:
-  static constexpr double kMaxChange = 0.05;  // N, of a force of 1 N
+  static constexpr double kWeight = 0.981, kMaxChange = 0.001;  // N
 
   /// Returns the process id of the gateway that the HRTC has started, or 0.
   [[nodiscard]] static pid_t gateway_of(const Process& hrtc) {
     const std::vector<pid_t> pids = hrtc.pids();
     return pids.size() == 2 ? pids[1] : 0;
   }
-  /// Waits until both users have exact contact in states of a gateway with another incarnation than `former`. Returns
+  /// Waits until these users have exact contact in states of a gateway with another incarnation than `former`. Returns
   /// false after the watchdog.
-  [[nodiscard]] static bool both_touch(Observer& observer, std::uint64_t former = 0) {
+  [[nodiscard]] static bool touch(const std::vector<std::string>& users, Observer& observer, std::uint64_t former = 0) {
     observer.forget_states();
     return observer.until([&](const Seen& seen) {
-      for (const char* name : {"ann", "bob"}) {
+      for (const std::string& name : users) {
         const StateCounts user = seen.user(name);
         if (user.exact == 0 || user.last.origin.incarnation == former) return false;
       }
@@ -68,18 +76,32 @@ class GatewayTest : public SessionTest {
     return all;
   }
 
-  /// Ends gateways by each of these signals while two users touch a fixed object. The forces may not change.
+  /// Ends gateways by each of these signals. Meanwhile two weights, devices of the HRTC, rest on a fixed object, and a
+  /// user at a client presses on it. The forces on the weights may not change.
   void kill_gateways(int kills) {
     Observer observer{address("observer")};
     Process museum{host("museum", models().sphere)};
-    Process desk{hrtc("desk", {"--flight-file", path("flight.mcap"), "--flight-recorder", "3600", "--users", "2"})};
-    Process users{sim(kTwoUsersTouch)};
-    ASSERT_TRUE(both_touch(observer)) << users.output() << desk.output();
-    std::this_thread::sleep_for(Seconds{1});  // until the hands rest
-    const auto rested = Clock::now();
+    Process desk{
+        hrtc("desk", {"--flight-file", path("flight.mcap"), "--flight-recorder", "3600", "--users", "3", "--device",
+                      "ann=" TACTUS_EXAMPLE_WEIGHT ",0.3", "--device", "bob=" TACTUS_EXAMPLE_WEIGHT ",0.2"})};
+    Process users{sim(kOneUserTouches)};
+    const auto rests = [](const Seen& seen, const char* user) {
+      const session::ProbeState state = seen.user(user).last;
+      return std::abs(state.force[2] - kWeight) < kMaxChange && std::abs(state.velocity[2]) < 1e-4;
+    };
+    ASSERT_TRUE(observer.until([&](const Seen& seen) {
+      return rests(seen, "ann") && rests(seen, "bob") && seen.user("cid").exact > 0;
+    })) << users.output()
+        << desk.output();
+    const std::vector<std::string> kAll{"ann", "bob", "cid"};
+    const std::int64_t rested_ns = realtime::monotonic_ns();
     std::vector<double> pauses;  // s, between a kill and the first states of both users
     for (int i = 0; i < kills; ++i) {
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)  // a sanitizer catches SIGSEGV
+      constexpr int kSignals[] = {SIGKILL, SIGABRT, SIGSTOP};
+#else
       constexpr int kSignals[] = {SIGKILL, SIGSEGV, SIGSTOP, SIGABRT};
+#endif
       const int number = kSignals[i % std::size(kSignals)];
       SCOPED_TRACE("kill " + std::to_string(i) + " by signal " + std::to_string(number));
       const pid_t gateway = gateway_of(desk);
@@ -91,27 +113,22 @@ class GatewayTest : public SessionTest {
         ::kill(gateway, SIGCONT);
       }
       const auto began = Clock::now();
-      ASSERT_TRUE(both_touch(observer, number == SIGSTOP ? 0 : incarnation)) << desk.output();
+      ASSERT_TRUE(touch(kAll, observer, number == SIGSTOP ? 0 : incarnation)) << desk.output();
       pauses.push_back(Seconds{Clock::now() - began}.count());
     }
-    const double touched = Seconds{Clock::now() - rested}.count();
     desk.signal(SIGTERM);
     ASSERT_TRUE(exits_with(0, desk));
-    EXPECT_THAT(desk.output(), HasSubstr("the network part (tactus-gateway) was killed by SIGKILL; it starts again"));
+    EXPECT_THAT(desk.output(), HasSubstr("the gateway (tactus-gateway) was killed by SIGKILL; it starts again"));
     std::sort(pauses.begin(), pauses.end());
-    EXPECT_LT(pauses.back(), 3) << "s, the longest time without states";
+    EXPECT_LT(pauses[pauses.size() * 99 / 100], 5) << "s, p99 of the time without states, beside other tests";
     const std::vector<Cycle> cycles = read_recording(path("flight.mcap"));
     ASSERT_GT(cycles.size(), 2000u);
-    for (const double force : cycles.back().forces) EXPECT_NEAR(force, 1, 0.1) << "N, with which the hands press";
-    const auto differs = [&](const Cycle& cycle) {
-      for (int user = 0; user < 2; ++user)
-        if (std::abs(cycle.forces[user] - cycles.back().forces[user]) > kMaxChange) return true;
-      return false;
+    const auto differs = [](const Cycle& cycle) {
+      return std::abs(cycle.forces[0] - kWeight) > kMaxChange || std::abs(cycle.forces[1] - kWeight) > kMaxChange;
     };
     const auto changed = std::find_if(cycles.rbegin(), cycles.rend(), differs);
-    ASSERT_NE(changed, cycles.rend()) << "the hands pressed from the first cycle on";
-    EXPECT_GT(static_cast<double>(cycles.back().time_ns - changed->time_ns) * 1e-9, touched)
-        << "s, in which the forces did not change";
+    ASSERT_NE(changed, cycles.rend()) << "the weights rested from the first cycle on";
+    EXPECT_LT(changed->time_ns, rested_ns) << "a force changed after a gateway was killed";
   }
 };
 
@@ -125,22 +142,31 @@ TEST_F(GatewayTest, WithoutItAFixedObjectIsTouchedForTheGivenTime) {
   Process museum{host("museum", models().sphere)};
   Process desk{hrtc("desk", {"--flight-file", path("flight.mcap"), "--gateway-patience", "0.5"})};
   Process users{sim(kTwoUsersTouch)};
-  ASSERT_TRUE(both_touch(observer)) << users.output() << desk.output();
+  ASSERT_TRUE(touch({"ann", "bob"}, observer)) << users.output() << desk.output();
   std::this_thread::sleep_for(Seconds{1});
   const pid_t gateway = gateway_of(desk);
+  ASSERT_GT(gateway, 0);
+  const std::int64_t stopped_ns = realtime::monotonic_ns();
   ::kill(gateway, SIGSTOP);
-  std::this_thread::sleep_for(Seconds{1.5});
+  std::this_thread::sleep_for(Seconds{2});
+  const std::int64_t continued_ns = realtime::monotonic_ns();
   ::kill(gateway, SIGCONT);
-  ASSERT_TRUE(both_touch(observer)) << desk.output();
+  ASSERT_TRUE(touch({"ann", "bob"}, observer)) << desk.output();
   std::this_thread::sleep_for(Seconds{1});
   desk.signal(SIGTERM);
   ASSERT_TRUE(exits_with(0, desk));
   const std::vector<Cycle> cycles = read_recording(path("flight.mcap"));
-  const auto is_zero = [](const Cycle& cycle) { return cycle.forces[0] == 0 && cycle.forces[1] == 0; };
   const auto has_forces = [](const Cycle& cycle) { return cycle.forces[0] > 0.5 && cycle.forces[1] > 0.5; };
-  const auto touched = std::find_if(cycles.begin(), cycles.end(), has_forces);
-  const auto ended = std::find_if(touched, cycles.end(), is_zero);
+  const auto stopped =
+      std::find_if(cycles.begin(), cycles.end(), [&](const Cycle& cycle) { return cycle.time_ns >= stopped_ns; });
+  const auto ended =
+      std::find_if(stopped, cycles.end(), [](const Cycle& cycle) { return cycle.forces == std::array<double, 2>{}; });
   ASSERT_NE(ended, cycles.end()) << "the forces stayed";
+  EXPECT_LT(ended->time_ns, continued_ns) << "the forces ended only when the gateway continued";
+  const auto decreased = std::find_if(stopped, cycles.end(), [&](const Cycle& cycle) { return !has_forces(cycle); });
+  // Half a second of patience, and then half a second in which the force decreases. A cycle in which the servo did not
+  // run does not count.
+  EXPECT_GT(static_cast<double>(decreased->time_ns - stopped_ns) * 1e-9, 0.5);
   EXPECT_NE(std::find_if(ended, cycles.end(), has_forces), cycles.end()) << "the forces do not return";
 }
 
@@ -157,9 +183,10 @@ TEST_F(GatewayTest, IsNotStartedAgainIfItIsKilledBeforeItHasJoined) {
   Process desk{hrtc("desk")};
   pid_t gateway = 0;
   while ((gateway = gateway_of(desk)) == 0 && desk.running()) std::this_thread::yield();
+  ASSERT_GT(gateway, 0) << desk.output();
   ::kill(gateway, SIGKILL);
   EXPECT_TRUE(exits_with(1, desk));
-  EXPECT_THAT(desk.output(), HasSubstr("was killed by SIGKILL before it had joined the session"));
+  EXPECT_THAT(desk.output(), HasSubstr("the gateway (tactus-gateway) was killed by SIGKILL at the start"));
 }
 
 TEST_F(GatewayTest, IsAPartOfTactusHrtcAndNotStartedAlone) {
@@ -168,13 +195,26 @@ TEST_F(GatewayTest, IsAPartOfTactusHrtcAndNotStartedAlone) {
   EXPECT_THAT(alone.output(), HasSubstr("tactus-gateway is a part of tactus-hrtc, which starts it"));
 }
 
+TEST_F(GatewayTest, EndsWithTheSessionAfterTheServo) {
+  Process museum{host("museum", models().sphere)};
+  Process desk{hrtc("desk", {"--log", path("desk.log")})};
+  Process users{in_session("sim", {"--scenario", "touch", "--seconds", "4"})};
+  EXPECT_TRUE(exits_with(0, users)) << users.output();
+  EXPECT_TRUE(exits_with(0, desk));
+  EXPECT_THAT(desk.output(), Not(HasSubstr("entries were dropped")));
+  Process audit{program("mesh", {"audit", path("desk.log"), models().sphere})};
+  EXPECT_TRUE(exits_with(0, audit)) << audit.output();
+}
+
 TEST_F(GatewayTest, MayRunInTheProcessOfTheServo) {
   Observer observer{address("observer")};
   Process museum{host("museum", models().sphere)};
   Process desk{hrtc("desk", {"--one-process", "--log", path("desk.log")})};
   Process users{sim(kTwoUsersTouch)};
-  ASSERT_TRUE(both_touch(observer)) << users.output() << desk.output();
+  ASSERT_TRUE(touch({"ann", "bob"}, observer)) << users.output() << desk.output();
   EXPECT_EQ(gateway_of(desk), 0);
+  EXPECT_EQ(test_support::read_bytes("/proc/" + std::to_string(desk.pid()) + "/comm"), "tactus-hrtc\n")
+      << "a local stop searches for this name";
   desk.signal(SIGTERM);
   EXPECT_TRUE(exits_with(0, desk));
   Process audit{program("mesh", {"audit", path("desk.log"), models().sphere})};
@@ -187,7 +227,7 @@ TEST_F(GatewayTest, TheServoHasNoDdsNoImporterAndNoXmlParser) {
   ASSERT_TRUE(observer.until([](const Seen& seen) { return seen.is_present("desk"); })) << desk.output();
   const std::string servo = test_support::read_bytes("/proc/" + std::to_string(desk.pid()) + "/maps");
   const std::string gateway = test_support::read_bytes("/proc/" + std::to_string(gateway_of(desk)) + "/maps");
-  EXPECT_THAT(gateway, HasSubstr("libfastrtps")) << "the search finds it where it is";
+  EXPECT_THAT(gateway, AnyOf(HasSubstr("libfastrtps"), HasSubstr("libfastdds"))) << "the search finds it where it is";
   EXPECT_THAT(servo, HasSubstr("weight"));
   for (const char* library : {"fastrtps", "fastdds", "fastcdr", "assimp", "tinyxml"})
     EXPECT_THAT(servo, Not(HasSubstr(library)));

@@ -179,7 +179,7 @@ TEST_F(RosterTest, ParticipantsThatLeftLongAgoAreDropped) {
 TEST_F(RosterTest, EachFurtherNameConflictIsReported) {
   for (std::uint64_t incarnation = 100; incarnation < 120; ++incarnation) {
     const std::int64_t now_ns = static_cast<std::int64_t>(incarnation) * 2000 * kMs;
-    (void)roster_.tick(now_ns);
+    (void)tick_until(now_ns);
     EXPECT_THAT(receive(entry("me", incarnation, 9), now_ns), IsEmpty());
     EXPECT_THAT(receive(entry("me", incarnation, 10), now_ns), IsEmpty());
     EXPECT_THAT(receive(entry("me", incarnation, 11), now_ns), ElementsAre(RosterChange::kNameConflict)) << incarnation;

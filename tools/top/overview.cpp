@@ -57,6 +57,13 @@ double length(const std::array<double, 3>& vector) { return std::hypot(vector[0]
 bool has_forces(const session::RosterEntry& entry) { return entry.role == Role::kHrtc || entry.role == Role::kHost; }
 
 /// Returns whether an entry with this key exists or may be added. Samples from the network must not fill the memory.
+/// A screen is drawn every half a second or more seldom, so a long time between two ticks means nothing.
+session::RosterSettings settings_of_a_screen() {
+  session::RosterSettings settings;
+  settings.max_tick_ns = std::numeric_limits<std::int64_t>::max() / 2;
+  return settings;
+}
+
 template <class Value>
 bool has_room(const std::map<std::uint64_t, Value>& all, std::uint64_t key) {
   constexpr std::size_t kMaxEntries = 4096;
@@ -101,7 +108,7 @@ std::string Overview::Figures::percentage(const std::string& used, const std::st
 }
 
 Overview::Overview(const session::Origin& self, std::string title, std::int64_t now_ns)
-    : title_{std::move(title)}, roster_{self, {}}, begin_ns_{now_ns}, screen_ns_{now_ns} {}
+    : title_{std::move(title)}, roster_{self, settings_of_a_screen()}, begin_ns_{now_ns}, screen_ns_{now_ns} {}
 
 void Overview::on_sample(const session::RosterEntry& entry, std::int64_t now_ns) {
   apply(roster_.on_entry(entry, now_ns), now_ns);
