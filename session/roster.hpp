@@ -107,7 +107,7 @@ class Roster {
     SequenceWindow heartbeats{kHeartbeatNumbers};
     std::int64_t received_ns = 0;
     std::int64_t missed_ns = 0;  // since then, in which this program did not run
-    bool present = false;  // false: left or gone, stored to recognise its delayed entries
+    bool present = false;        // false: left or gone, stored to recognise its delayed entries
     bool left = false;
     bool late = false;
     std::map<std::uint64_t, Rival> rivals;  // by incarnation

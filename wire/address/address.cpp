@@ -10,7 +10,7 @@ std::filesystem::path default_qos_directory() {
   if (!error) {
     const auto inside = program.lexically_relative(TACTUS_BUILD_DIR);
     if (!inside.empty() && *inside.begin() != "..") return TACTUS_SOURCE_QOS_DIR;
-    const auto prefix = program.parent_path().parent_path();  // of a program in bin
+    const auto prefix = program.parent_path().parent_path();   // of a program in bin
     for (const auto& folder : {prefix, prefix.parent_path()})  // or in libexec/tactus
       if (std::filesystem::is_directory(folder / "share/tactus/qos", error)) return folder / "share/tactus/qos";
   }
