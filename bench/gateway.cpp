@@ -44,8 +44,8 @@ struct Window {
 class TouchedSession {
  public:
   TouchedSession() {
-    run("mesh", {"generate", "organ", path("organ.ply"), "--faces", "50000", "--seed", "7"});
-    run("mesh", {"build", path("organ.ply"), path("organ.spm")});
+    run_program("mesh", {"generate", "organ", path("organ.ply"), "--faces", "50000", "--seed", "7"});
+    run_program("mesh", {"build", path("organ.ply"), path("organ.spm")});
     write_resting_touch(path("organ.spm"), path("touch.csv"));
     host_ = session_.start(Side::kA, "host", {"--name", "museum", path("organ.spm")});
     hrtc_ = session_.start(
@@ -98,11 +98,6 @@ class TouchedSession {
     return std::any_of(observed.states.begin(), observed.states.end(), [&](const auto& state) {
       return state.user == session::id_of(user) && (state.status & kBits) == kBits;
     });
-  }
-  static void run(const std::string& name, std::vector<std::string> arguments) {
-    arguments.insert(arguments.begin(), program_path(name));
-    e2e::Process program{arguments};
-    if (program.wait(120s) != 0) throw std::runtime_error{"tactus-" + name + " failed: " + program.output()};
   }
   [[nodiscard]] std::string path(const std::string& name) const { return folder_.path() / name; }
 

@@ -125,6 +125,13 @@ std::string program_path(const std::string& name) {
   return std::filesystem::read_symlink("/proc/self/exe").parent_path() / ("tactus-" + name);
 }
 
+void run_program(const std::string& name, std::vector<std::string> arguments) {
+  arguments.insert(arguments.begin(), program_path(name));
+  e2e::Process program{arguments};
+  if (program.wait(std::chrono::seconds{120}) != 0)
+    throw std::runtime_error{"tactus-" + name + " failed: " + program.output()};
+}
+
 std::int64_t wait_for_text(const e2e::Process& process, std::size_t from, const std::string& text, milliseconds limit) {
   const std::int64_t end_ns = realtime::monotonic_ns() + std::chrono::nanoseconds{limit}.count();
   while (realtime::monotonic_ns() < end_ns) {

@@ -73,6 +73,9 @@ void in_own_thread(const std::function<void()>& work);
 /// Returns the path of tactus-`name` in the folder of the running program.
 [[nodiscard]] std::string program_path(const std::string& name);
 
+/// Runs tactus-`name` of that folder to its end. Throws std::runtime_error with its output if it fails.
+void run_program(const std::string& name, std::vector<std::string> arguments);
+
 /// Waits until `text` appears in the output of the process, after the first `from` bytes of this output. Returns the
 /// time at which it appeared, monotonic ns, or 0 if it has not appeared within `limit`.
 [[nodiscard]] std::int64_t wait_for_text(const e2e::Process& process, std::size_t from, const std::string& text,

@@ -60,8 +60,8 @@ class Rejoin {
  public:
   Rejoin() {
     const std::string mesh = path("organ.ply");
-    run("mesh", {"generate", "organ", mesh, "--faces", "50000", "--seed", "7"});
-    run("mesh", {"build", mesh, path("organ.spm")});
+    run_program("mesh", {"generate", "organ", mesh, "--faces", "50000", "--seed", "7"});
+    run_program("mesh", {"build", mesh, path("organ.spm")});
     write_resting_touch(path("organ.spm"), path("touch.csv"));
     host_ = session_.start(Side::kA, "host", {"--name", "museum", "--cache", path("cache"), path("organ.spm")});
     left_ = start_hrtc(Side::kA, "left", "ann");
@@ -170,11 +170,6 @@ class Rejoin {
     command.insert(command.end(), arguments.begin(), arguments.end());
     e2e::Process process{command};
     if (process.wait(5s) != 0) throw std::runtime_error{"nft: " + process.output()};
-  }
-  static void run(const std::string& name, std::vector<std::string> arguments) {
-    arguments.insert(arguments.begin(), program_path(name));
-    e2e::Process program{arguments};
-    if (program.wait(120s) != 0) throw std::runtime_error{"tactus-" + name + " failed: " + program.output()};
   }
   [[nodiscard]] std::string path(const std::string& name) const { return folder_.path() / name; }
 
