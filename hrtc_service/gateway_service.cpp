@@ -337,7 +337,8 @@ void GatewayService::Impl::check_for_hosts(std::int64_t now_ns) {
 /// Waits until the servo has ended, so that logs and metrics have all of its cycles.
 void GatewayService::Impl::end_servo() {
   link.end(exit_code);
-  constexpr int kMaxWaits = 300;  // of 1 ms; the servo's process looks every 50 ms
+  // Nothing notifies of a flag in shared memory. The process of the servo reads `end` every 50 ms.
+  constexpr int kMaxWaits = 300;  // of 1 ms
   for (int i = 0; i < kMaxWaits && !link.has_servo_ended(); ++i)
     std::this_thread::sleep_for(std::chrono::milliseconds{1});
 }

@@ -4,9 +4,12 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <atomic>
+#include <chrono>
 #include <fstream>
 #include <iostream>
 #include <memory>
+#include <stdexcept>
 #include <stop_token>
 #include <thread>
 
@@ -37,7 +40,8 @@ int run_both(const hrtc_service::HrtcOptions& options) {
   hrtc_service::GatewayService gateway{options, block.link(), block.log(), servo_options.servo.cycle.tool};
   servo.start();
   bool is_saved = true;
-  std::jthread end{[&](const std::stop_token& token) {  // as the supervisor does between two processes
+  // As the supervisor does between two processes. It polls, because nothing notifies of a flag in the block.
+  std::jthread end{[&](const std::stop_token& token) {
     while (!token.stop_requested() && block.link().ended() < 0)
       std::this_thread::sleep_for(std::chrono::milliseconds{5});
     is_saved = servo.stop();
@@ -49,7 +53,8 @@ int run_both(const hrtc_service::HrtcOptions& options) {
   return is_saved ? status : std::max(status, 1);
 }
 
-/// Ends this process 5 s after its servo, if it hangs and has not ended by itself.
+/// Ends this process 5 s after its servo, if it hangs and has not ended by itself. Polls, because the signal of the
+/// parent's end only sets a flag, which a process that hangs does not read.
 void end_after(pid_t servo) {
   std::thread{[servo] {
     while (getppid() == servo) std::this_thread::sleep_for(std::chrono::seconds{1});

@@ -13,6 +13,8 @@
 ///     probes, bodies, mesh hashes       <- mailboxes -------   after each cycle
 ///     traces of cycles, thread usage    <- rings -----------   after each cycle, and every 4 ms
 ///     recordings and snapshots wanted   -- requests ------->   ServoRunner
+///     exit status of an HRTC that ends  -- word ----------->   supervisor, which ends the servo
+///     whether the servo has ended       <- flag ------------   supervisor
 ///     faces of a snapshot               <- ring ------------   ServoRunner
 ///
 /// The queries for the contact log have a ring of their own (ContactQuery::LogRing).

@@ -5,6 +5,8 @@
 #include <sys/wait.h>
 
 #include <algorithm>
+#include <chrono>
+#include <cstdint>
 #include <optional>
 #include <system_error>
 #include <thread>
@@ -105,6 +107,7 @@ bool Supervisor::start_again() {
   for (;;) {
     const std::int64_t until_ns = realtime::monotonic_ns() + pause_ns_;
     pause_ns_ = std::clamp(2 * pause_ns_, kMinPauseNs, kMaxPauseNs);
+    // Waits in steps, because a signal that sets `stop_` may arrive in another thread.
     while (!stop_ && realtime::monotonic_ns() < until_ns) std::this_thread::sleep_for(kPoll);
     if (stop_) return false;
     try {

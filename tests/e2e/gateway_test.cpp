@@ -109,7 +109,7 @@ class GatewayTest : public SessionTest {
       const std::uint64_t incarnation = observer.seen().user("ann").last.origin.incarnation;
       ::kill(gateway, number);
       if (number == SIGSTOP) {
-        std::this_thread::sleep_for(Seconds{2});
+        std::this_thread::sleep_for(Seconds{2});  // the suspension under test
         ::kill(gateway, SIGCONT);
       }
       const auto began = Clock::now();
@@ -143,16 +143,16 @@ TEST_F(GatewayTest, WithoutItAFixedObjectIsTouchedForTheGivenTime) {
   Process desk{hrtc("desk", {"--flight-file", path("flight.mcap"), "--gateway-patience", "0.5"})};
   Process users{sim(kTwoUsersTouch)};
   ASSERT_TRUE(touch({"ann", "bob"}, observer)) << users.output() << desk.output();
-  std::this_thread::sleep_for(Seconds{1});
+  std::this_thread::sleep_for(Seconds{1});  // the hands come to rest
   const pid_t gateway = gateway_of(desk);
   ASSERT_GT(gateway, 0);
   const std::int64_t stopped_ns = realtime::monotonic_ns();
   ::kill(gateway, SIGSTOP);
-  std::this_thread::sleep_for(Seconds{2});
+  std::this_thread::sleep_for(Seconds{2});  // the suspension under test
   const std::int64_t continued_ns = realtime::monotonic_ns();
   ::kill(gateway, SIGCONT);
   ASSERT_TRUE(touch({"ann", "bob"}, observer)) << desk.output();
-  std::this_thread::sleep_for(Seconds{1});
+  std::this_thread::sleep_for(Seconds{1});  // the recording gets the cycles in which the forces return
   desk.signal(SIGTERM);
   ASSERT_TRUE(exits_with(0, desk));
   const std::vector<Cycle> cycles = read_recording(path("flight.mcap"));
