@@ -61,6 +61,7 @@ class GatewayTest : public SessionTest {
     std::int64_t time_ns = 0;
     std::array<double, 2> forces{};  // N, of the two users
   };
+  [[nodiscard]] static double norm(const std::array<double, 3>& v) { return std::hypot(v[0], v[1], v[2]); }
   /// Returns the cycles that the servo has recorded.
   [[nodiscard]] static std::vector<Cycle> read_recording(const std::string& file) {
     std::map<std::uint64_t, Cycle> cycles;  // by number
@@ -68,8 +69,7 @@ class GatewayTest : public SessionTest {
     for (trace::FlightMessage message; reader.next(message);) {
       if (const auto* touch = std::get_if<trace::FlightTouch>(&message)) cycles[touch->cycle].time_ns = touch->time_ns;
       const auto* probe = std::get_if<trace::FlightProbe>(&message);
-      if (probe != nullptr && probe->probe < 2)
-        cycles[probe->cycle].forces[probe->probe] = std::hypot(probe->force[0], probe->force[1], probe->force[2]);
+      if (probe != nullptr && probe->probe < 2) cycles[probe->cycle].forces[probe->probe] = norm(probe->force);
     }
     std::vector<Cycle> all;
     for (const auto& [number, cycle] : cycles) all.push_back(cycle);
@@ -142,8 +142,12 @@ TEST_F(GatewayTest, WithoutItAFixedObjectIsTouchedForTheGivenTime) {
   Process museum{host("museum", models().sphere)};
   Process desk{hrtc("desk", {"--flight-file", path("flight.mcap"), "--gateway-patience", "0.5"})};
   Process users{sim(kTwoUsersTouch)};
-  ASSERT_TRUE(touch({"ann", "bob"}, observer)) << users.output() << desk.output();
-  std::this_thread::sleep_for(Seconds{1});  // the hands come to rest
+  const auto rests = [](const Seen& seen, const char* user) {
+    const session::ProbeState state = seen.user(user).last;
+    return std::abs(norm(state.force) - 1) < 0.1 && norm(state.velocity) < 1e-3;
+  };
+  ASSERT_TRUE(observer.until([&](const Seen& seen) { return rests(seen, "ann") && rests(seen, "bob"); }))
+      << users.output() << desk.output();
   const pid_t gateway = gateway_of(desk);
   ASSERT_GT(gateway, 0);
   const std::int64_t stopped_ns = realtime::monotonic_ns();
@@ -163,10 +167,11 @@ TEST_F(GatewayTest, WithoutItAFixedObjectIsTouchedForTheGivenTime) {
       std::find_if(stopped, cycles.end(), [](const Cycle& cycle) { return cycle.forces == std::array<double, 2>{}; });
   ASSERT_NE(ended, cycles.end()) << "the forces stayed";
   EXPECT_LT(ended->time_ns, continued_ns) << "the forces ended only when the gateway continued";
-  const auto decreased = std::find_if(stopped, cycles.end(), [&](const Cycle& cycle) { return !has_forces(cycle); });
+  const auto last = std::find_if(std::make_reverse_iterator(ended), std::make_reverse_iterator(stopped), has_forces);
+  ASSERT_NE(last, std::make_reverse_iterator(stopped)) << "no forces without a gateway";
   // Half a second of patience, and then half a second in which the force decreases. A cycle in which the servo did not
   // run does not count.
-  EXPECT_GT(static_cast<double>(decreased->time_ns - stopped_ns) * 1e-9, 0.5);
+  EXPECT_GT(static_cast<double>(last->time_ns - stopped_ns) * 1e-9, 0.5);
   EXPECT_NE(std::find_if(ended, cycles.end(), has_forces), cycles.end()) << "the forces do not return";
 }
 
