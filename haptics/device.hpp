@@ -4,6 +4,7 @@
 #include <Eigen/Geometry>
 #include <cstdint>
 #include <stdexcept>
+#include <string>
 
 #include "spm/model.hpp"
 
@@ -47,6 +48,9 @@ class DeviceError : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
 };
+
+/// Checks the limits of a device whose driver is `library`. Throws DeviceError if one is impossible.
+void check(const DeviceSpec& spec, const std::string& library);
 
 enum class DeviceHealth : std::uint8_t {
   kReady,

@@ -37,25 +37,6 @@ const tactus_device_driver& driver_in(void* handle, const std::string& library) 
   return *driver;
 }
 
-/// Checks the limits that a driver reports. Throws DeviceError with the reason when a limit is impossible.
-DeviceSpec checked(const tactus_device_spec& reported, const std::string& library) {
-  const auto positive = [&](double value, const char* what) {
-    if (!(std::isfinite(value) && value > 0))
-      throw DeviceError("device driver " + library + ": " + what + ": found " + std::to_string(value) +
-                        ", expected a number above 0");
-    return value;
-  };
-  if (!(std::isfinite(reported.max_torque) && reported.max_torque >= 0))
-    throw DeviceError("device driver " + library + ": max_torque: found " + std::to_string(reported.max_torque) +
-                      ", expected a number that is not below 0");
-  return {positive(reported.max_force, "max_force"),
-          positive(reported.max_stiffness, "max_stiffness"),
-          positive(reported.damping, "damping"),
-          positive(reported.workspace_radius, "workspace_radius"),
-          reported.max_torque,
-          positive(reported.max_rotational_stiffness, "max_rotational_stiffness")};
-}
-
 }  // namespace
 
 PluginDevice::PluginDevice(const std::string& library, const std::string& config)
@@ -77,7 +58,9 @@ PluginDevice::PluginDevice(const std::string& library, const std::string& config
   writes_torque_ = driver_->abi >= 2 && driver_->write_wrench != nullptr;
   if (!writes_torque_) reported.max_torque = 0;
   try {
-    spec_ = checked(reported, library);
+    spec_ = {reported.max_force,        reported.max_stiffness, reported.damping,
+             reported.workspace_radius, reported.max_torque,    reported.max_rotational_stiffness};
+    check(spec_, library);
   } catch (const DeviceError&) {
     driver_->close(device_);
     throw;

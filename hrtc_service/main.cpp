@@ -1,7 +1,5 @@
-#include <signal.h>
 #include <spdlog/spdlog.h>
 #include <sys/prctl.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <atomic>
@@ -19,6 +17,7 @@
 #include "hrtc_service/program/options.hpp"
 #include "hrtc_service/servo/servo_runner.hpp"
 #include "hrtc_service/servo/shared_block.hpp"
+#include "realtime/child_process.hpp"
 #include "realtime/process.hpp"
 #include "wire/participants.hpp"
 
@@ -53,33 +52,13 @@ int run_both(const hrtc_service::HrtcOptions& options) {
   return is_saved ? status : std::max(status, 1);
 }
 
-/// Ends this process 5 s after its servo, if it hangs and has not ended by itself. Polls, because the signal of the
-/// parent's end only sets a flag, which a process that hangs does not read.
-void end_after(pid_t servo) {
-  std::thread{[servo] {
-    while (getppid() == servo) std::this_thread::sleep_for(std::chrono::seconds{1});
-    std::this_thread::sleep_for(std::chrono::seconds{5});
-    _exit(1);
-  }}.detach();
-}
-
 /// Runs the gateway of a servo in the process that has started this one.
 int run_gateway(const hrtc_service::HrtcOptions& options) {
   const std::atomic<bool>& stop = realtime::stop_signal();
-  // Ctrl-C reaches both processes, but only tactus-hrtc ends this one. The other signals are for the servo.
-  sigset_t blocked;  // by tactus-hrtc, until here
-  sigemptyset(&blocked);
-  for (const int number : {SIGINT, SIGUSR1, SIGUSR2}) {
-    signal(number, SIG_IGN);
-    sigaddset(&blocked, number);
-  }
-  sigprocmask(SIG_UNBLOCK, &blocked, nullptr);
   const hrtc_service::SharedBlock block = hrtc_service::SharedBlock::open(options.link);
-  prctl(PR_SET_PDEATHSIG, SIGTERM);
-  if (getppid() != block.servo()) throw std::runtime_error("tactus-hrtc has ended");
+  realtime::follow_parent(block.servo());
   // If memory is short, the system should end this process, not the servo.
   std::ofstream{"/proc/self/oom_score_adj"} << 500;
-  end_after(block.servo());
   try {
     const std::unique_ptr<const spm::MeshProbe> tool = hrtc_service::load_tool(options.tool);
     return hrtc_service::GatewayService{options, block.link(), block.log(), tool.get()}.run(stop);

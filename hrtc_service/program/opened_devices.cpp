@@ -4,8 +4,8 @@
 #include <cstdio>
 #include <stdexcept>
 
-#include "haptics/plugin_device.hpp"
 #include "haptics/replay_device.hpp"
+#include "hrtc_service/device/driver_process.hpp"
 #include "hrtc_service/program/log.hpp"
 #include "realtime/process.hpp"
 #include "spm/offline/generate.hpp"
@@ -14,11 +14,18 @@
 namespace tactus::hrtc_service {
 namespace {
 
-/// Opens a device by its driver. `text`: "FILE" or "FILE,CONFIG".
-std::unique_ptr<haptics::Device> open_plugin(const std::string& text) {
-  const std::size_t comma = text.find(',');
-  const std::string config = comma == std::string::npos ? "" : text.substr(comma + 1);
-  auto device = std::make_unique<haptics::PluginDevice>(text.substr(0, comma), config);
+/// Opens the device of a user by its driver.
+std::unique_ptr<haptics::Device> open_driver(const LocalUser& local, const HapticSettings& haptic) {
+  const std::size_t comma = local.device.find(',');
+  DriverSettings settings;
+  settings.library = local.device.substr(0, comma);
+  settings.config = comma == std::string::npos ? "" : local.device.substr(comma + 1);
+  settings.period_ns = haptic.period_ns();
+  settings.priority = haptic.priority;
+  const auto log_end = [user = local.user](const std::string& text) {
+    log_event(session::Severity::kError, "user " + user + ": " + text);
+  };
+  auto device = std::make_unique<DriverProcess>(settings, log_end);
   log_event(session::Severity::kInfo, "device " + device->name());
   return device;
 }
@@ -41,7 +48,7 @@ OpenedDevices::OpenedDevices(const HrtcOptions& options) {
     if (local.is_replayed)
       devices_.push_back(std::make_unique<haptics::ReplayDevice>(local.device));
     else
-      devices_.push_back(open_plugin(local.device));
+      devices_.push_back(open_driver(local, options.haptic));
   }
   tool_ = load_tool(options.tool);
   if (tool_ == nullptr) return;

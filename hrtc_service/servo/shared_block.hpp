@@ -9,10 +9,11 @@
 
 #include <sys/types.h>
 
-#include <cstddef>
+#include <utility>
 
 #include "hrtc_service/servo/contact_query.hpp"
 #include "hrtc_service/servo/servo_link.hpp"
+#include "realtime/shared_memory.hpp"
 
 namespace tactus::hrtc_service {
 
@@ -23,27 +24,20 @@ class SharedBlock {
   /// Maps the block of `descriptor`, which it takes over. Throws std::runtime_error if it is not a block, or if the
   /// program that made it is another build than this one.
   [[nodiscard]] static SharedBlock open(int descriptor);
-  ~SharedBlock();
-  SharedBlock(SharedBlock&& other) noexcept;
-  SharedBlock(const SharedBlock&) = delete;
-  SharedBlock& operator=(const SharedBlock&) = delete;
 
   [[nodiscard]] ServoLink& link() const noexcept;
   /// Returns the ring of logged queries; null: none.
   [[nodiscard]] ContactQuery::LogRing* log() const noexcept;
   /// Returns the process id of the servo, which has made the block.
   [[nodiscard]] pid_t servo() const noexcept;
-  /// A descriptor of the memory, closed by an exec. The block closes it.
-  [[nodiscard]] int descriptor() const noexcept { return descriptor_; }
-  [[nodiscard]] std::size_t bytes() const noexcept { return bytes_; }
+  [[nodiscard]] const realtime::SharedMemory& memory() const noexcept { return memory_; }
 
  private:
   struct Content;
-  SharedBlock(int descriptor, std::size_t bytes);
+  explicit SharedBlock(realtime::SharedMemory memory) : memory_{std::move(memory)} {}
+  [[nodiscard]] Content& content() const noexcept;
 
-  int descriptor_;
-  std::size_t bytes_;
-  void* memory_ = nullptr;
+  realtime::SharedMemory memory_;
 };
 
 }  // namespace tactus::hrtc_service

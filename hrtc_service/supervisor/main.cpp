@@ -1,4 +1,3 @@
-#include <signal.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -6,6 +5,7 @@
 #include <iostream>
 #include <string>
 #include <system_error>
+#include <utility>
 #include <vector>
 
 #include "hrtc_service/program/log.hpp"
@@ -14,6 +14,7 @@
 #include "hrtc_service/servo/servo_runner.hpp"
 #include "hrtc_service/servo/shared_block.hpp"
 #include "hrtc_service/supervisor/supervisor.hpp"
+#include "realtime/child_process.hpp"
 #include "realtime/process.hpp"
 
 namespace {
@@ -22,10 +23,12 @@ using namespace tactus;
 
 int run(const hrtc_service::HrtcOptions& options, const std::vector<std::string>& arguments) {
   const std::atomic<bool>& stop = realtime::stop_signal();
-  signal(SIGCHLD, SIG_DFL);  // a parent that ignores it would hide the end of the gateway
   const hrtc_service::OpenedDevices devices{options};
   const hrtc_service::SharedBlock block = hrtc_service::SharedBlock::create(!options.log.empty());
-  hrtc_service::GatewayProcess gateway{arguments, block.descriptor()};
+  std::vector<std::string> command{realtime::helper_program("tactus-gateway")};
+  command.insert(command.end(), arguments.begin(), arguments.end());
+  command.insert(command.end(), {"--link", std::to_string(realtime::ChildProcess::kSharedMemory)});
+  realtime::ChildProcess gateway{std::move(command), block.memory().descriptor()};
   hrtc_service::ServoRunner servo{devices.servo_options(options), block.link(), block.log()};
   servo.on_event = hrtc_service::log_event;
   servo.start();
@@ -43,8 +46,9 @@ int main(int argc, char** argv) {
   if (!options) return exit_status;
   try {
     if (options->one_process) {
-      execv(hrtc_service::gateway_program().c_str(), argv);
-      throw std::system_error{errno, std::generic_category(), hrtc_service::gateway_program()};
+      const std::string gateway = realtime::helper_program("tactus-gateway");
+      execv(gateway.c_str(), argv);
+      throw std::system_error{errno, std::generic_category(), gateway};
     }
     hrtc_service::begin_log("tactus-hrtc");
     if (!options->warning.empty()) hrtc_service::log_event(session::Severity::kWarning, options->warning);

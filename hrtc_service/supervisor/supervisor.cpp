@@ -1,7 +1,6 @@
 #include "hrtc_service/supervisor/supervisor.hpp"
 
 #include <signal.h>
-#include <string.h>
 #include <sys/wait.h>
 
 #include <algorithm>
@@ -28,17 +27,9 @@ constexpr std::int64_t kEndNs = 5'000 * kMs;          // max time for the end
 constexpr std::int64_t kSteadyNs = 10'000 * kMs;      // after which a gateway is started again without a pause
 constexpr std::int64_t kMinPauseNs = 100 * kMs, kMaxPauseNs = 1'000 * kMs;
 
-/// Returns how a process ended, for example "was killed by SIGSEGV".
-std::string text_of_end(int wait_status) {
-  if (WIFEXITED(wait_status)) return "has failed";
-  const char* name = sigabbrev_np(WTERMSIG(wait_status));
-  return "was killed by " +
-         (name == nullptr ? "signal " + std::to_string(WTERMSIG(wait_status)) : std::string{"SIG"} + name);
-}
-
 }  // namespace
 
-Supervisor::Supervisor(GatewayProcess& gateway, ServoLink& link, const std::atomic<bool>& stop,
+Supervisor::Supervisor(realtime::ChildProcess& gateway, ServoLink& link, const std::atomic<bool>& stop,
                        std::function<void()> end_servo, std::function<void(Severity, const std::string&)> on_event)
     : gateway_{gateway}, link_{link}, stop_{stop}, end_servo_{std::move(end_servo)}, on_event_{std::move(on_event)} {}
 
@@ -92,7 +83,7 @@ int Supervisor::wait_for_end() {
 int Supervisor::status_at_end(int wait_status) {
   const int declared = link_.ended();
   if (WIFEXITED(wait_status) && WEXITSTATUS(wait_status) != kStartAgain) return WEXITSTATUS(wait_status);
-  const std::string text = "the gateway (tactus-gateway) " + text_of_end(wait_status);
+  const std::string text = "the gateway (tactus-gateway) " + realtime::text_of_end(wait_status);
   if (is_ending()) {
     on_event_(Severity::kWarning, text + " at the end");
     return std::max(declared, 1);

@@ -14,7 +14,7 @@
 #include <string>
 
 #include "hrtc_service/servo/servo_link.hpp"
-#include "hrtc_service/supervisor/gateway_process.hpp"
+#include "realtime/child_process.hpp"
 #include "session/severity.hpp"
 
 namespace tactus::hrtc_service {
@@ -23,8 +23,8 @@ class Supervisor {
  public:
   /// The references must outlive the supervisor. `stop`: ends the HRTC. `end_servo` ends the threads of the servo; it is
   /// called once, before the gateway ends. `on_event` receives lines for operators.
-  Supervisor(GatewayProcess& gateway, ServoLink& link, const std::atomic<bool>& stop, std::function<void()> end_servo,
-             std::function<void(session::Severity, const std::string&)> on_event);
+  Supervisor(realtime::ChildProcess& gateway, ServoLink& link, const std::atomic<bool>& stop,
+             std::function<void()> end_servo, std::function<void(session::Severity, const std::string&)> on_event);
 
   /// Starts the gateway. Returns when it has ended and is not to be started again. Returns the exit status of the HRTC.
   /// Throws std::system_error if the program cannot be started at first.
@@ -37,7 +37,7 @@ class Supervisor {
   void end_servo();
   [[nodiscard]] bool is_ending() const { return stop_ || link_.ended() >= 0; }
 
-  GatewayProcess& gateway_;
+  realtime::ChildProcess& gateway_;
   ServoLink& link_;
   const std::atomic<bool>& stop_;
   std::function<void()> end_servo_;

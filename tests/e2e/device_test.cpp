@@ -21,6 +21,30 @@ TEST_F(DeviceTest, TheForceOnAWeightAtRestEqualsItsWeight) {
   EXPECT_TRUE(exits_with(0, desk));
 }
 
+TEST_F(DeviceTest, ADriverThatIsKilledEndsTheForceOfItsUserAlone) {
+  Observer observer{address("observer")};
+  Process museum{host("museum", models().sphere)};
+  Process desk{hrtc("desk", {"--device", "ann=" TACTUS_EXAMPLE_WEIGHT ",0.3", "--device",
+                             "bob=" TACTUS_EXAMPLE_WEIGHT ",0.2", "--users", "2"})};
+  const auto rests = [](const Seen& seen, const char* user) {
+    return std::abs(seen.user(user).last.force[2] - 0.981) < 1e-3;
+  };
+  ASSERT_TRUE(observer.until([&](const Seen& seen) { return rests(seen, "ann") && rests(seen, "bob"); }))
+      << desk.output();
+  ::kill(desk.child("tactus-device"), SIGKILL);  // of ann, which was opened first
+  EXPECT_TRUE(observer.until([](const Seen& seen) { return seen.user("ann").faults > 0; })) << desk.output();
+  observer.forget_states();
+  ASSERT_TRUE(observer.until([](const Seen& seen) { return seen.user("bob").exact > 100; })) << desk.output();
+  const Seen seen = observer.seen();
+  EXPECT_TRUE(rests(seen, "bob"));
+  EXPECT_EQ(seen.user("bob").faults, 0u);
+  EXPECT_EQ(seen.user("ann").last.force, (std::array<double, 3>{}));
+  desk.signal(SIGINT);
+  EXPECT_TRUE(exits_with(0, desk));
+  EXPECT_THAT(desk.output(),
+              testing::HasSubstr("user ann: device weight in oil: the process of its driver was killed"));
+}
+
 TEST_F(DeviceTest, ADeviceThatCannotBeOpenedIsWrongInput) {
   Process no_file{hrtc("desk", {"--device", "ann=/nowhere/driver.so"})};
   EXPECT_TRUE(exits_with(2, no_file));

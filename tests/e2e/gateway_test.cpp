@@ -40,10 +40,7 @@ class GatewayTest : public SessionTest {
   static constexpr double kWeight = 0.981, kMaxChange = 0.001;  // N
 
   /// Returns the process id of the gateway that the HRTC has started, or 0.
-  [[nodiscard]] static pid_t gateway_of(const Process& hrtc) {
-    const std::vector<pid_t> pids = hrtc.pids();
-    return pids.size() == 2 ? pids[1] : 0;
-  }
+  [[nodiscard]] static pid_t gateway_of(const Process& hrtc) { return hrtc.child("tactus-gateway"); }
   /// Waits until these users have exact contact in states of a gateway with another incarnation than `former`. Returns
   /// false after the watchdog.
   [[nodiscard]] static bool touch(const std::vector<std::string>& users, Observer& observer, std::uint64_t former = 0) {
@@ -175,10 +172,11 @@ TEST_F(GatewayTest, WithoutItAFixedObjectIsTouchedForTheGivenTime) {
   EXPECT_NE(std::find_if(ended, cycles.end(), has_forces), cycles.end()) << "the forces do not return";
 }
 
-TEST_F(GatewayTest, LeavesTheSessionIfTheServoIsKilled) {
+TEST_F(GatewayTest, LeavesTheSessionIfTheServoIsKilledAndTheDriverEnds) {
   Observer observer{address("observer")};
-  Process desk{hrtc("desk")};
+  Process desk{hrtc("desk", {"--device", "ann=" TACTUS_EXAMPLE_WEIGHT ",0.3"})};
   ASSERT_TRUE(observer.until([](const Seen& seen) { return seen.is_present("desk"); })) << desk.output();
+  ASSERT_GT(desk.child("tactus-device"), 0);
   desk.signal(SIGKILL);
   EXPECT_TRUE(observer.until([](const Seen& seen) { return seen.has_left("desk"); }));
   EXPECT_TRUE(exits_with(128 + SIGKILL, desk));
@@ -226,15 +224,16 @@ TEST_F(GatewayTest, MayRunInTheProcessOfTheServo) {
   EXPECT_TRUE(exits_with(0, audit)) << audit.output();
 }
 
-TEST_F(GatewayTest, TheServoHasNoDdsNoImporterAndNoXmlParser) {
+TEST_F(GatewayTest, TheServoHasNoDdsNoImporterNoXmlParserAndNoDriver) {
   Observer observer{address("observer")};
   Process desk{hrtc("desk", {"--device", "ann=" TACTUS_EXAMPLE_WEIGHT ",0.3"})};
   ASSERT_TRUE(observer.until([](const Seen& seen) { return seen.is_present("desk"); })) << desk.output();
   const std::string servo = test_support::read_bytes("/proc/" + std::to_string(desk.pid()) + "/maps");
   const std::string gateway = test_support::read_bytes("/proc/" + std::to_string(gateway_of(desk)) + "/maps");
   EXPECT_THAT(gateway, AnyOf(HasSubstr("libfastrtps"), HasSubstr("libfastdds"))) << "the search finds it where it is";
-  EXPECT_THAT(servo, HasSubstr("weight"));
-  for (const char* library : {"fastrtps", "fastdds", "fastcdr", "assimp", "tinyxml"})
+  const std::string device = test_support::read_bytes("/proc/" + std::to_string(desk.child("tactus-device")) + "/maps");
+  EXPECT_THAT(device, HasSubstr("weight"));
+  for (const char* library : {"fastrtps", "fastdds", "fastcdr", "assimp", "tinyxml", "weight"})
     EXPECT_THAT(servo, Not(HasSubstr(library)));
 }
 

@@ -17,7 +17,7 @@ TEST(SharedBlock, IsTheSameMemoryForAnotherProcess) {
   const SharedBlock block = SharedBlock::create(true);
   ASSERT_NE(block.log(), nullptr);
   RingReader<trace::LoggedQuery, ContactQuery::kLogEntries> queries{*block.log()};
-  const int descriptor = ::dup(block.descriptor());
+  const int descriptor = ::dup(block.memory().descriptor());
   const pid_t child = ::fork();
   if (child == 0) {  // without gtest, which would report twice
     const SharedBlock opened = SharedBlock::open(descriptor);
@@ -41,15 +41,15 @@ TEST(SharedBlock, IsTheSameMemoryForAnotherProcess) {
 TEST(SharedBlock, HasNoRingOfQueriesWithoutAContactLog) {
   const SharedBlock block = SharedBlock::create(false);
   EXPECT_EQ(block.log(), nullptr);
-  const SharedBlock opened = SharedBlock::open(::dup(block.descriptor()));
+  const SharedBlock opened = SharedBlock::open(::dup(block.memory().descriptor()));
   EXPECT_EQ(opened.log(), nullptr);
-  EXPECT_EQ(opened.bytes(), block.bytes());
+  EXPECT_EQ(opened.bytes(), block.memory().bytes());
   EXPECT_LT(opened.bytes(), sizeof(ServoLink) + 4096);
 }
 
 TEST(SharedBlock, CannotBecomeShorterUnderTheServo) {
   const SharedBlock block = SharedBlock::create(false);
-  EXPECT_EQ(::ftruncate(block.descriptor(), 1), -1);
+  EXPECT_EQ(::ftruncate(block.memory().descriptor(), 1), -1);
   EXPECT_EQ(errno, EPERM);
 }
 
@@ -58,9 +58,9 @@ TEST(SharedBlock, IsRefusedIfItIsNoneOrOfAnotherBuild) {
   EXPECT_THROW((void)SharedBlock::open(::open("/dev/null", O_RDWR | O_CLOEXEC)), std::runtime_error);
   EXPECT_THROW((void)SharedBlock::open(::memfd_create("empty", MFD_CLOEXEC | MFD_ALLOW_SEALING)), std::runtime_error);
   const SharedBlock block = SharedBlock::create(false);
-  ASSERT_EQ(::pwrite(block.descriptor(), "another", 7, 0), 7);
+  ASSERT_EQ(::pwrite(block.memory().descriptor(), "another", 7, 0), 7);
   try {
-    (void)SharedBlock::open(::dup(block.descriptor()));
+    (void)SharedBlock::open(::dup(block.memory().descriptor()));
     FAIL() << "a block of another build";
   } catch (const std::runtime_error& error) {
     EXPECT_THAT(error.what(), testing::HasSubstr("another build"));

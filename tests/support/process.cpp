@@ -119,6 +119,15 @@ std::vector<pid_t> Process::pids() const {
   return all;
 }
 
+pid_t Process::child(const std::string& name) const {
+  for (const pid_t pid : pids()) {
+    std::string found;
+    std::getline(std::ifstream{"/proc/" + std::to_string(pid) + "/comm"} >> std::ws, found);
+    if (found == name && pid != pid_) return pid;
+  }
+  return 0;
+}
+
 bool Process::left_nothing_running() const {
   for (const auto& entry : std::filesystem::directory_iterator{"/proc"}) {
     std::ifstream file{entry.path() / "stat"};

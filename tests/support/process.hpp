@@ -47,6 +47,8 @@ class Process {
   [[nodiscard]] pid_t pid() const noexcept { return pid_; }
   /// Returns the id of the program, and then those of the processes that its main thread has started and that run.
   [[nodiscard]] std::vector<pid_t> pids() const;
+  /// Returns the id of the first process of this name that its main thread has started and that runs, or 0.
+  [[nodiscard]] pid_t child(const std::string& name) const;
   /// True if no process of the program's group runs. Call it after the program has ended.
   [[nodiscard]] bool left_nothing_running() const;
 

@@ -1,0 +1,140 @@
+#include "hrtc_service/device/driver_process.hpp"
+
+#include <linux/futex.h>
+#include <signal.h>
+#include <sys/syscall.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstring>
+#include <limits>
+#include <new>
+#include <optional>
+#include <utility>
+
+#include "realtime/process.hpp"
+
+namespace tactus::hrtc_service {
+namespace {
+
+using haptics::DeviceError;
+using haptics::Vec3d;
+
+realtime::SharedMemory make_memory(const DriverSettings& settings) {
+  realtime::SharedMemory memory = realtime::SharedMemory::create("tactus-device", sizeof(DriverLink));
+  auto* const link = new (memory.data()) DriverLink;
+  link->hrtc = getpid();
+  link->period_ns = settings.period_ns;
+  return memory;
+}
+
+std::vector<std::string> command_of(const DriverSettings& settings) {
+  return {realtime::helper_program("tactus-device"), std::to_string(settings.priority), settings.library,
+          settings.config};
+}
+
+/// Returns the text until the first zero byte, without characters that could change a terminal.
+template <std::size_t kSize>
+std::string text_of(const std::array<char, kSize>& characters) {
+  std::string text(characters.data(), strnlen(characters.data(), kSize));
+  std::replace_if(
+      text.begin(), text.end(), [](unsigned char c) { return c < ' ' || c == 0x7f; }, '?');
+  return text;
+}
+
+/// Returns whether each number is at most 1e9, and the orientation is about a unit quaternion. False for a number that
+/// is not finite.
+bool is_moderate(const haptics::DeviceState& state) noexcept {
+  constexpr double kMax = 1e9, kTolerance = 0.1;
+  return (state.position.array().abs() <= kMax).all() && (state.velocity.array().abs() <= kMax).all() &&
+         std::abs(state.orientation.norm() - 1) <= kTolerance;
+}
+
+}  // namespace
+
+DriverProcess::DriverProcess(const DriverSettings& settings, std::function<void(const std::string&)> on_end)
+    : memory_{make_memory(settings)},
+      process_{command_of(settings), memory_.descriptor()},
+      commands_{link().commands},
+      states_{link().states} {
+  open(settings.library);
+  watcher_ = std::jthread{[this, report = std::move(on_end)](const std::stop_token& token) { watch(token, report); }};
+}
+
+DriverProcess::~DriverProcess() {
+  write(Vec3d::Zero());
+  watcher_.request_stop();
+  watcher_.join();
+  if (has_ended_) return;
+  process_.signal(SIGTERM);
+  constexpr std::chrono::seconds kMaxEnd{2};
+  (void)process_.wait(kMaxEnd);
+}
+
+void DriverProcess::open(const std::string& library) {
+  constexpr std::int64_t kMaxNs = 60'000'000'000;
+  constexpr std::chrono::milliseconds kPoll{2};  // the end of the opening notifies nobody
+  process_.start();
+  const std::int64_t until_ns = realtime::monotonic_ns() + kMaxNs;
+  while (link().is_open.load(std::memory_order_acquire) == 0) {
+    if (const std::optional<int> status = process_.wait(kPoll)) {
+      const std::string reason = error();
+      throw DeviceError(reason.empty() ? "device driver " + library + ": its process " + realtime::text_of_end(*status)
+                                       : reason);
+    }
+    if (realtime::monotonic_ns() > until_ns)
+      throw DeviceError("device driver " + library + ": found no open device after 60 s");
+  }
+  name_ = text_of(link().name);
+  spec_ = link().spec;
+  haptics::check(spec_, library);
+}
+
+/// Waits for the end of the process, which no one expects.
+void DriverProcess::watch(const std::stop_token& token, const std::function<void(const std::string&)>& on_end) {
+  constexpr std::chrono::milliseconds kPoll{50};  // also the time after which a stop is noticed
+  while (!token.stop_requested()) {
+    const std::optional<int> status = process_.wait(kPoll);
+    if (!status) continue;
+    const std::string reason = error();
+    on_end("device " + name_ + ": the process of its driver " + realtime::text_of_end(*status) +
+           (reason.empty() ? "" : ": " + reason) + "; it gets no force until the HRTC starts again");
+    has_ended_ = true;
+    return;
+  }
+}
+
+std::string DriverProcess::error() const { return text_of(link().error); }
+
+haptics::DeviceState DriverProcess::read(std::int64_t now_ns) noexcept {
+  cycle_ns_ = now_ns;
+  const DriverState& newest = states_.latest();
+  has_failed_ = has_failed_ || newest.failed != 0;
+  haptics::DeviceState state = newest.device;
+  constexpr std::int64_t kMaxAgeNs = 1'000'000'000'000;
+  state.time_ns = std::clamp(state.time_ns, now_ns - kMaxAgeNs, now_ns);  // a later time would keep a pose new
+  if (!is_moderate(state)) state.position.fill(std::numeric_limits<double>::quiet_NaN());  // which latches a fault
+  state.orientation.normalize();
+  state.sequence = 0;
+  state.transit = 0;
+  state.round_trip = static_cast<double>(kReadAheadNs + kWakeNs) * 1e-9;
+  return state;
+}
+
+void DriverProcess::write_wrench(const Vec3d& force, const Vec3d& torque) noexcept {
+  DriverCommand command;
+  Eigen::Map<Vec3d>(command.force.data()) = force;
+  Eigen::Map<Vec3d>(command.torque.data()) = torque;
+  command.cycle_ns = cycle_ns_;
+  commands_.post(command);
+  link().commands_posted.fetch_add(1, std::memory_order_release);
+  syscall(SYS_futex, &link().commands_posted, FUTEX_WAKE, 1, nullptr, nullptr, 0);
+}
+
+haptics::DeviceHealth DriverProcess::health() const noexcept {
+  return has_failed_ || has_ended_ ? haptics::DeviceHealth::kFailed : haptics::DeviceHealth::kReady;
+}
+
+}  // namespace tactus::hrtc_service

@@ -1,0 +1,69 @@
+/// A device whose driver runs in a process of its own, tactus-device.
+///
+/// A driver of a vendor is foreign code. In its own process, it can crash or hang without an end of the other forces,
+/// and its libraries do not share the memory of the haptic thread. The force that a driver has received last stays for at
+/// most 10 ms if the haptic thread computes no other (driver_loop.hpp). If the driver's process ends, or reports a
+/// failure, the device has failed: it gets no force until the HRTC starts again.
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <functional>
+#include <string>
+#include <thread>
+
+#include "haptics/device.hpp"
+#include "hrtc_service/device/driver_link.hpp"
+#include "realtime/child_process.hpp"
+#include "realtime/shared_memory.hpp"
+
+namespace tactus::hrtc_service {
+
+struct DriverSettings {
+  std::string library;  ///< a path, or a name in the system's library path
+  std::string config;   ///< for the driver
+  std::int64_t period_ns = 1'000'000;
+  int priority = 60;  ///< of SCHED_FIFO; 0: ordinary scheduling
+};
+
+class DriverProcess final : public haptics::Device {
+ public:
+  /// Starts the process, and waits until the driver has opened the device, at most 60 s. `on_end` receives a line if
+  /// the process ends before this object; another thread calls it. Throws DeviceError with the driver's reason, or
+  /// std::system_error. The process ends with the calling thread.
+  DriverProcess(const DriverSettings& settings, std::function<void(const std::string&)> on_end);
+  /// Commands zero force, and waits until the driver has closed the device, at most 2 s.
+  ~DriverProcess() override;
+  DriverProcess(const DriverProcess&) = delete;
+  DriverProcess& operator=(const DriverProcess&) = delete;
+
+  [[nodiscard]] const std::string& name() const noexcept { return name_; }
+  [[nodiscard]] const haptics::DeviceSpec& spec() const noexcept override { return spec_; }
+  /// The newest state; its position is not finite if a number of it is not plausible. Realtime.
+  [[nodiscard]] haptics::DeviceState read(std::int64_t now_ns) noexcept override;
+  /// One system call, which wakes the other process. Realtime.
+  void write_wrench(const haptics::Vec3d& force, const haptics::Vec3d& torque) noexcept override;
+  void write(const haptics::Vec3d& force) noexcept override { write_wrench(force, haptics::Vec3d::Zero()); }
+  [[nodiscard]] haptics::DeviceHealth health() const noexcept override;
+
+ private:
+  [[nodiscard]] DriverLink& link() const noexcept { return *reinterpret_cast<DriverLink*>(memory_.data()); }
+  void open(const std::string& library);
+  void watch(const std::stop_token& token, const std::function<void(const std::string&)>& on_end);
+  [[nodiscard]] std::string error() const;
+
+  realtime::SharedMemory memory_;
+  realtime::ChildProcess process_;
+  std::string name_;
+  haptics::DeviceSpec spec_;
+  std::atomic<bool> has_ended_{false};
+  std::jthread watcher_;
+
+  // Haptic thread only.
+  MailboxWriter<DriverCommand> commands_;
+  MailboxReader<DriverState> states_;
+  std::int64_t cycle_ns_ = 0;
+  bool has_failed_ = false;
+};
+
+}  // namespace tactus::hrtc_service

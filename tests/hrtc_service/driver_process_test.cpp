@@ -1,0 +1,228 @@
+#include "hrtc_service/device/driver_process.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <signal.h>
+
+#include <cmath>
+#include <fstream>
+#include <functional>
+#include <mutex>
+#include <sstream>
+#include <string>
+#include <thread>
+#include <utility>
+#include <vector>
+
+#include "realtime/process.hpp"
+#include "realtime/realtime.hpp"
+#include "tests/support/constants.hpp"
+#include "tests/support/temporary_folder.hpp"
+
+namespace tactus::hrtc_service {
+namespace {
+
+using haptics::DeviceHealth;
+using haptics::DeviceState;
+using haptics::Vec3d;
+using realtime::monotonic_ns;
+using testing::AllOf;
+using testing::HasSubstr;
+
+/// A write that the driver with defects has recorded.
+struct Write {
+  std::int64_t time_ns = 0;
+  double force = 0;  // N
+};
+
+class DriverProcessTest : public testing::Test {
+ protected:
+  static constexpr std::int64_t kMaxNs = 20'000 * kMs;  // for an event, on a busy machine
+
+  [[nodiscard]] DriverSettings with_defect(const std::string& defect) const {
+    DriverSettings settings;
+    settings.library = TACTUS_DRIVER_WITH_DEFECTS;
+    settings.config = defect + ":" + file_;
+    settings.priority = 0;
+    return settings;
+  }
+  [[nodiscard]] std::function<void(const std::string&)> record_end() {
+    return [this](const std::string& text) {
+      const std::lock_guard lock{mutex_};
+      end_ += text;
+    };
+  }
+  /// Runs cycles of 1 ms with this force until the condition holds. Returns false if it does not within a time limit.
+  static bool runs_until(DriverProcess& device, double force, const std::function<bool(const DeviceState&)>& holds) {
+    const std::int64_t until_ns = monotonic_ns() + kMaxNs;
+    for (std::int64_t due_ns = monotonic_ns(); due_ns < until_ns; due_ns += kMs) {
+      realtime::sleep_until(due_ns);
+      const DeviceState state = device.read(monotonic_ns());
+      device.write({0, 0, force});
+      if (holds(state)) return true;
+    }
+    return false;
+  }
+  /// The driver received the force: it returns positions of 1 mm for each N.
+  static std::function<bool(const DeviceState&)> has_force(double force) {
+    return [force](const DeviceState& state) { return std::abs(state.position.z() - 0.001 * force) < 1e-9; };
+  }
+  [[nodiscard]] std::vector<Write> writes() const {
+    std::vector<Write> all;
+    std::ifstream lines{file_};
+    for (Write write; lines >> write.time_ns >> write.force;) all.push_back(write);
+    return all;
+  }
+  [[nodiscard]] std::string written_text() const {
+    std::stringstream text;
+    text << std::ifstream{file_}.rdbuf();
+    return text.str();
+  }
+  /// Commands the force that shows the defect, until the device has failed.
+  [[nodiscard]] bool fails(DriverProcess& device) {
+    return runs_until(device, 3, [&](const DeviceState&) { return device.health() == DeviceHealth::kFailed; });
+  }
+  [[nodiscard]] std::string reported_end() const {
+    const std::lock_guard lock{mutex_};
+    return end_;
+  }
+
+  test_support::TemporaryFolder folder_;
+  std::string file_ = (folder_.path() / "writes").string();
+
+ private:
+  mutable std::mutex mutex_;
+  std::string end_;
+};
+
+std::string error_of(const DriverSettings& settings) {
+  try {
+    const DriverProcess device{settings, [](const std::string&) {}};
+  } catch (const haptics::DeviceError& error) {
+    return error.what();
+  }
+  return "";
+}
+
+TEST_F(DriverProcessTest, TheForceOnTheExampleDeviceCarriesItsWeight) {
+  DriverSettings settings;
+  settings.library = TACTUS_EXAMPLE_WEIGHT;
+  settings.config = "0.21";
+  DriverProcess device{settings, record_end()};
+  EXPECT_EQ(device.name(), "weight in oil");
+  EXPECT_EQ(device.spec().max_force, 5);
+  double force = 0;
+  int steady = 0;
+  const std::int64_t until_ns = monotonic_ns() + kMaxNs;
+  for (std::int64_t due_ns = monotonic_ns(); due_ns < until_ns && steady < 200; due_ns += kMs) {
+    realtime::sleep_until(due_ns);
+    const DeviceState state = device.read(monotonic_ns());
+    EXPECT_NEAR(state.round_trip, 0.00015, 1e-9);
+    force = 1000 * std::max(0.0, 0.2 - state.position.z());
+    device.write({0, 0, force});
+    steady = std::abs(force - 0.981) < 1e-3 ? steady + 1 : 0;
+  }
+  EXPECT_EQ(steady, 200) << "the last force was " << force << " N";
+  EXPECT_EQ(device.health(), DeviceHealth::kReady);
+  EXPECT_EQ(reported_end(), "");
+}
+
+TEST_F(DriverProcessTest, AnOpenErrorNamesTheReasonOfTheDriver) {
+  DriverSettings settings;
+  settings.library = "/nowhere/driver.so";
+  EXPECT_THAT(error_of(settings), HasSubstr("/nowhere/driver.so: cannot open shared object file"));
+  settings.library = TACTUS_DRIVER_WITH_DEFECTS;
+  settings.config = "none";
+  EXPECT_EQ(error_of(settings), "device device with a defect, config 'none': found 'none', expected DEFECT:FILE");
+  EXPECT_THAT(error_of(with_defect("killed while it opens")),
+              AllOf(HasSubstr("device driver " TACTUS_DRIVER_WITH_DEFECTS), HasSubstr("was killed by SIGKILL")));
+}
+
+TEST_F(DriverProcessTest, TheForceIsZeroTenMsAfterTheLastCommand) {
+  DriverProcess device{with_defect("none"), record_end()};
+  ASSERT_TRUE(runs_until(device, 1, has_force(1)));
+  const std::int64_t last_ns = monotonic_ns();
+  const auto is_zero_again = [&] {
+    const std::vector<Write> all = writes();
+    return !all.empty() && all.back().force == 0;
+  };
+  while (!is_zero_again() && monotonic_ns() < last_ns + kMaxNs)
+    std::this_thread::sleep_for(std::chrono::milliseconds{5});
+  const std::vector<Write> all = writes();
+  ASSERT_GE(all.size(), 2u);
+  ASSERT_EQ(all.back().force, 0);
+  const Write& before = all[all.size() - 2];
+  EXPECT_EQ(before.force, 1);
+  const double silence = static_cast<double>(all.back().time_ns - before.time_ns) * 1e-9;
+  EXPECT_GE(silence, 0.010);
+  EXPECT_LT(silence, 0.1) << "s, beside other tests";
+  ASSERT_TRUE(runs_until(device, 2, has_force(2))) << "the driver goes on with the next command";
+}
+
+TEST_F(DriverProcessTest, AnOldCommandIsNotObeyed) {
+  DriverProcess device{with_defect("none"), record_end()};
+  (void)device.read(monotonic_ns() - 11 * kMs);  // the cycle began then
+  device.write({0, 0, 2});
+  const std::int64_t until_ns = monotonic_ns() + kMaxNs;
+  while (writes().empty() && monotonic_ns() < until_ns) std::this_thread::sleep_for(std::chrono::milliseconds{5});
+  ASSERT_FALSE(writes().empty());
+  EXPECT_EQ(writes().front().force, 0);
+}
+
+TEST_F(DriverProcessTest, TheEndWritesZeroForceAndClosesTheDevice) {
+  {
+    DriverProcess device{with_defect("none"), record_end()};
+    ASSERT_TRUE(runs_until(device, 1, has_force(1)));
+  }
+  EXPECT_THAT(written_text(), testing::EndsWith(" 0\nclosed\n"));
+  EXPECT_EQ(reported_end(), "");
+}
+
+TEST_F(DriverProcessTest, ADriverThatIsKilledHasFailed) {
+  DriverProcess device{with_defect("killed"), record_end()};
+  EXPECT_TRUE(fails(device));
+  EXPECT_THAT(reported_end(),
+              AllOf(HasSubstr("device device with a defect: the process of its driver was killed by SIGKILL"),
+                    HasSubstr("it gets no force until the HRTC starts again")));
+}
+
+TEST_F(DriverProcessTest, ADriverThatExitsHasFailed) {
+  DriverProcess device{with_defect("exits"), record_end()};
+  EXPECT_TRUE(fails(device));
+  EXPECT_THAT(reported_end(), HasSubstr("the process of its driver has ended"));
+}
+
+TEST_F(DriverProcessTest, ADriverThatHangsIsEnded) {
+  DriverProcess device{with_defect("hangs"), record_end()};
+  EXPECT_TRUE(fails(device));
+  EXPECT_THAT(reported_end(), HasSubstr("a call of the driver did not return within 0.5 s"));
+}
+
+TEST_F(DriverProcessTest, AFailureThatTheDriverReportsIsPermanent) {
+  DriverProcess device{with_defect("fails"), record_end()};
+  EXPECT_TRUE(fails(device));
+  EXPECT_TRUE(runs_until(device, 0, [](const DeviceState&) { return true; }));
+  EXPECT_EQ(device.health(), DeviceHealth::kFailed);
+  EXPECT_EQ(reported_end(), "") << "its process runs";
+}
+
+TEST_F(DriverProcessTest, ANumberThatIsNotPlausibleMakesThePositionNotFinite) {  // the force renderer latches a fault
+  for (const char* defect : {"far", "without orientation"}) {
+    DriverProcess device{with_defect(defect), record_end()};
+    EXPECT_TRUE(device.read(monotonic_ns()).position.allFinite());
+    EXPECT_TRUE(runs_until(device, 3, [](const DeviceState& state) { return !state.position.allFinite(); })) << defect;
+  }
+}
+
+TEST_F(DriverProcessTest, ADriverThatDamagesTheSharedMemoryDoesNotEndTheHrtc) {
+  DriverProcess device{with_defect("damages"), record_end()};
+  int cycles = 0;
+  EXPECT_TRUE(runs_until(device, 3, [&](const DeviceState& state) {
+    EXPECT_LE(state.time_ns, monotonic_ns());
+    EXPECT_TRUE(!state.position.allFinite() || state.position.norm() < 1e10);
+    return ++cycles == 500;
+  }));
+}
+
+}  // namespace
+}  // namespace tactus::hrtc_service

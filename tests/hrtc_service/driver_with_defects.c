@@ -1,0 +1,89 @@
+/* A driver without a device. Its configuration is "DEFECT:FILE". It appends a line to FILE for each write, with the time
+ * in ns and the force, and the line "closed" at its end. The defect shows in the first read after a force of 3 N. */
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "haptics/device_plugin.h"
+
+struct tactus_device {
+  char defect[32];
+  FILE* file;
+  double force; /* newest, N */
+};
+
+static struct tactus_device* open_device(const char* config, char* error, size_t error_size) {
+  struct tactus_device* device = calloc(1, sizeof *device);
+  const char* colon = strchr(config, ':');
+  if (device == NULL || colon == NULL || (size_t)(colon - config) >= sizeof device->defect) {
+    snprintf(error, error_size, "found '%s', expected DEFECT:FILE", config);
+    free(device);
+    return NULL;
+  }
+  memcpy(device->defect, config, (size_t)(colon - config));
+  device->file = fopen(colon + 1, "a");
+  if (device->file == NULL) {
+    snprintf(error, error_size, "found no writable file %s", colon + 1);
+    free(device);
+    return NULL;
+  }
+  if (strcmp(device->defect, "killed while it opens") == 0) raise(SIGKILL);
+  return device;
+}
+
+static void close_device(struct tactus_device* device) {
+  fprintf(device->file, "closed\n");
+  fclose(device->file);
+  free(device);
+}
+
+static void spec_of_device(struct tactus_device* device, struct tactus_device_spec* spec) {
+  (void)device;
+  spec->max_force = 5;
+}
+
+/* Writes 0xFF into the memory that the process shares with the HRTC. */
+static void damage_shared_memory(void) {
+  FILE* maps = fopen("/proc/self/maps", "r");
+  char line[512];
+  while (maps != NULL && fgets(line, sizeof line, maps) != NULL) {
+    unsigned long begin = 0, end = 0;
+    if (strstr(line, "memfd:tactus-device") != NULL && sscanf(line, "%lx-%lx", &begin, &end) == 2)
+      memset((void*)begin, 0xFF, end - begin);
+  }
+  if (maps != NULL) fclose(maps);
+}
+
+static int read_device(struct tactus_device* device, int64_t now_ns, struct tactus_device_pose* pose) {
+  (void)now_ns;
+  pose->position[2] = 0.001 * device->force; /* shows the written force to the test */
+  if (device->force != 3) return TACTUS_DEVICE_POSE;
+  if (strcmp(device->defect, "killed") == 0) raise(SIGKILL);
+  if (strcmp(device->defect, "exits") == 0) exit(0);
+  if (strcmp(device->defect, "hangs") == 0)
+    for (;;) pause();
+  if (strcmp(device->defect, "fails") == 0) return TACTUS_DEVICE_FAILED;
+  if (strcmp(device->defect, "far") == 0) pose->velocity[0] = pose->position[0] = 1e300;
+  if (strcmp(device->defect, "without orientation") == 0) memset(pose->orientation, 0, sizeof pose->orientation);
+  if (strcmp(device->defect, "damages") == 0) damage_shared_memory();
+  return TACTUS_DEVICE_POSE;
+}
+
+static int write_device(struct tactus_device* device, const double force[3]) {
+  struct timespec now;
+  clock_gettime(CLOCK_MONOTONIC, &now);
+  device->force = force[2];
+  fprintf(device->file, "%lld %g\n", (long long)now.tv_sec * 1000000000 + now.tv_nsec, force[2]);
+  fflush(device->file);
+  return 0;
+}
+
+const struct tactus_device_driver* tactus_device_entry(void) {
+  static const struct tactus_device_driver driver = {TACTUS_DEVICE_ABI, "device with a defect", open_device,
+                                                     close_device,      spec_of_device,         read_device,
+                                                     write_device,      NULL};
+  return &driver;
+}
