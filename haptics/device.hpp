@@ -59,8 +59,8 @@ enum class DeviceHealth : std::uint8_t {
 };
 
 /// The constructor opens the device, or throws DeviceError. The destructor commands zero force and closes the device.
-/// `read` and `write` run in one thread, in an HRTC the haptic thread; they are realtime, except for the system calls
-/// of a real device.
+/// `read` and `write` run in one thread: in an HRTC the haptic thread, in which they are realtime, and for a driver that
+/// of its process.
 class Device {
  public:
   virtual ~Device() = default;

@@ -8,8 +8,11 @@
  * them off when poses grow old. A driver writes the forces that it receives, and does not switch off the protection
  * that the device itself has.
  *
- * read and write are called once per cycle, by default at 1 kHz, in the haptic thread, and must not block. If the SDK
- * blocks, the driver reads in a thread of its own, and read returns the newest pose with its time. */
+ * Each device has a process of its own, tactus-device, in which all functions are called by one thread. A crash of the
+ * driver therefore ends the forces of its device alone. read and write are called once per cycle, by default at 1 kHz.
+ * They should take less than half a millisecond, otherwise poses are old. If the SDK takes longer, the driver reads in a
+ * thread of its own, and read returns the newest pose with its time. A call that does not return within half a second
+ * ends the process. */
 #ifndef TACTUS_HAPTICS_DEVICE_PLUGIN_H
 #define TACTUS_HAPTICS_DEVICE_PLUGIN_H
 
@@ -62,13 +65,13 @@ struct tactus_device_driver {
   uint32_t abi;     /* TACTUS_DEVICE_ABI */
   const char* name; /* for logs */
   /* Opens a device. `config` is the text after the comma, or empty. Returns NULL on failure, with the reason in `error`
-   * (at most `error_size` bytes with the final zero): what, where, found, expected. Not called in the haptic thread. */
+   * (at most `error_size` bytes with the final zero): what, where, found, expected. May take up to 60 s. */
   struct tactus_device* (*open)(const char* config, char* error, size_t error_size);
   /* Closes the device. The last write before it was zero force; there was no write if Tactus has refused the limits
-   * of the device. Not called in the haptic thread. */
+   * of the device. */
   void (*close)(struct tactus_device* device);
   void (*spec)(struct tactus_device* device, struct tactus_device_spec* spec);
-  /* Returns TACTUS_DEVICE_POSE, _NO_NEWS or _FAILED. `now_ns`: CLOCK_MONOTONIC at the start of the cycle. */
+  /* Returns TACTUS_DEVICE_POSE, _NO_NEWS or _FAILED. `now_ns`: CLOCK_MONOTONIC at the call, shortly before a cycle. */
   int (*read)(struct tactus_device* device, int64_t now_ns, struct tactus_device_pose* pose);
   /* Sets the force on the user's hand, N, until the next write. Called once per cycle, after read. Returns 0, or a
    * different value after a permanent failure. */

@@ -25,6 +25,10 @@ namespace tactus::realtime {
 /// std::runtime_error if the parent has ended.
 void follow_parent(pid_t parent);
 
+/// Forbids this thread, and all that it creates later, to read or change other processes as a debugger does. Only
+/// processes that they start remain open to them. Needs no rights. Returns false if the kernel has no Landlock.
+bool forbid_debugging_others() noexcept;
+
 /// The child gets the descriptor of the shared memory and no other descriptor of this process except the standard ones,
 /// so it inherits no device. It is started without a copy of this process's memory (posix_spawn), because after a
 /// fork() each page that the haptic thread writes would cost a page fault.

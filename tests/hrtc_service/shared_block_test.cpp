@@ -43,8 +43,8 @@ TEST(SharedBlock, HasNoRingOfQueriesWithoutAContactLog) {
   EXPECT_EQ(block.log(), nullptr);
   const SharedBlock opened = SharedBlock::open(::dup(block.memory().descriptor()));
   EXPECT_EQ(opened.log(), nullptr);
-  EXPECT_EQ(opened.bytes(), block.memory().bytes());
-  EXPECT_LT(opened.bytes(), sizeof(ServoLink) + 4096);
+  EXPECT_EQ(opened.memory().bytes(), block.memory().bytes());
+  EXPECT_LT(opened.memory().bytes(), sizeof(ServoLink) + 4096);
 }
 
 TEST(SharedBlock, CannotBecomeShorterUnderTheServo) {
