@@ -19,10 +19,10 @@
 
 namespace tactus::hrtc_service {
 
-/// Time from a pose, or to a force, beyond that of a driver in the haptic thread. The driver reads `kReadAheadNs` before
-/// the planned start of a cycle. Its force follows that of the cycle by less than `kWakeNs` on a machine with real-time
-/// priority. So the loop has this round trip, which lowers the stiffness that is stable.
-inline constexpr std::int64_t kReadAheadNs = 100'000, kWakeNs = 50'000;
+/// The driver reads the device this time before the planned start of a cycle. From then on it searches for the command
+/// of the cycle at times with this distance, so that the haptic thread need not wake it. So the loop has about the sum of
+/// both as a round trip, beyond that of a driver in the haptic thread. It lowers the stiffness that is stable.
+inline constexpr std::int64_t kReadAheadNs = 100'000, kPollNs = 50'000;
 
 /// A force for the hand, in the device's frame.
 struct DriverCommand {
@@ -50,7 +50,6 @@ struct DriverLink {
   std::array<char, 512> error{};          ///< the reason of a failure
   std::atomic<std::uint32_t> is_open{0};  ///< not 0: the driver has opened the device, and sent a first state
 
-  std::atomic<std::uint32_t> commands_posted{0};  ///< tactus-device sleeps until it changes
   SharedMailbox<DriverCommand> commands;
   SharedMailbox<DriverState> states;
 };

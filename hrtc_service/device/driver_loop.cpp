@@ -1,12 +1,6 @@
 #include "hrtc_service/device/driver_loop.hpp"
 
-#include <linux/futex.h>
-#include <sys/syscall.h>
-#include <unistd.h>
-
 #include <algorithm>
-#include <cerrno>
-#include <ctime>
 
 #include "realtime/process.hpp"
 #include "realtime/realtime.hpp"
@@ -17,29 +11,23 @@ using haptics::Vec3d;
 using realtime::monotonic_ns;
 
 DriverLoop::DriverLoop(haptics::Device& device, DriverLink& link) noexcept
-    : device_{device},
-      link_{link},
-      period_ns_{link.period_ns},
-      commands_{link.commands},
-      states_{link.states},
-      seen_{link.commands_posted.load(std::memory_order_acquire)} {}
+    : device_{device}, period_ns_{link.period_ns}, commands_{link.commands}, states_{link.states} {}
 
 void DriverLoop::run(const std::atomic<bool>& stop) noexcept {
-  DriverCommand command;
+  std::int64_t cycle_ns = monotonic_ns();  // planned start of the next cycle
   while (!stop.load(std::memory_order_relaxed)) {
+    realtime::sleep_until(cycle_ns - kReadAheadNs);
     send_state();
-    const bool is_posted =
-        wait_for_command((exerts_force_ ? written_ns_ : monotonic_ns()) + kMaxSilenceNs) && commands_.take(command);
+    const bool is_commanded = wait_for_command(cycle_ns);
+    const std::int64_t now_ns = monotonic_ns();
+    if (is_commanded)
+      write_newest();
+    else if (exerts_force_ && now_ns - written_ns_ >= kMaxSilenceNs)
+      write(Vec3d::Zero(), Vec3d::Zero());
+    cycle_ns = period_ns_ + (is_commanded ? std::clamp(command_.cycle_ns, now_ns - period_ns_, now_ns) : now_ns);
     steps_.fetch_add(1, std::memory_order_relaxed);
-    if (is_posted) {
-      write(command);
-      const std::int64_t now_ns = monotonic_ns();
-      realtime::sleep_until(std::clamp(command.cycle_ns + period_ns_ - kReadAheadNs, now_ns, now_ns + period_ns_));
-    } else if (exerts_force_ && monotonic_ns() - written_ns_ >= kMaxSilenceNs) {
-      write({});
-    }
   }
-  write({});
+  write(Vec3d::Zero(), Vec3d::Zero());
 }
 
 void DriverLoop::send_state() noexcept {
@@ -50,30 +38,30 @@ void DriverLoop::send_state() noexcept {
   states_.post(state);
 }
 
-/// Returns true after a command, and false at `until_ns` or after a signal.
-bool DriverLoop::wait_for_command(std::int64_t until_ns) noexcept {
-  constexpr std::int64_t kNsPerS = 1'000'000'000;
-  const timespec until{until_ns / kNsPerS, until_ns % kNsPerS};
-  std::uint32_t posted = 0;
-  while ((posted = link_.commands_posted.load(std::memory_order_acquire)) == seen_) {
-    // With FUTEX_WAIT_BITSET the time is absolute.
-    const long result =
-        syscall(SYS_futex, &link_.commands_posted, FUTEX_WAIT_BITSET, seen_, &until, nullptr, FUTEX_BITSET_MATCH_ANY);
-    if (result != 0 && errno != EAGAIN) return false;
+/// Returns false if this cycle and the next one bring no command. From then on, searches only once for each cycle.
+bool DriverLoop::wait_for_command(std::int64_t cycle_ns) noexcept {
+  const std::int64_t until_ns = is_commanded_ ? cycle_ns + 2 * period_ns_ : 0;
+  std::int64_t poll_ns = cycle_ns;
+  while (!(is_commanded_ = commands_.take(command_))) {
+    if (poll_ns >= until_ns) return false;
+    poll_ns = std::max(poll_ns + kPollNs, monotonic_ns());
+    realtime::sleep_until(poll_ns);
   }
-  seen_ = posted;
   return true;
 }
 
-/// Writes the force of a command, or zero if the command is old.
-void DriverLoop::write(const DriverCommand& command) noexcept {
-  const std::int64_t now_ns = monotonic_ns();
-  const bool is_old = now_ns - command.cycle_ns > kMaxSilenceNs;
-  const Vec3d force = is_old ? Vec3d::Zero() : Vec3d{command.force.data()};
-  const Vec3d torque = is_old ? Vec3d::Zero() : Vec3d{command.torque.data()};
+/// Writes the newest command, or zero force if it is old.
+void DriverLoop::write_newest() noexcept {
+  if (monotonic_ns() - command_.cycle_ns > kMaxSilenceNs)
+    write(Vec3d::Zero(), Vec3d::Zero());
+  else
+    write(Vec3d{command_.force.data()}, Vec3d{command_.torque.data()});
+}
+
+void DriverLoop::write(const Vec3d& force, const Vec3d& torque) noexcept {
   device_.write_wrench(force, torque);
   exerts_force_ = !force.isZero(0) || !torque.isZero(0);
-  written_ns_ = now_ns;
+  written_ns_ = monotonic_ns();
 }
 
 }  // namespace tactus::hrtc_service

@@ -1,13 +1,15 @@
 /// Operates a device by the commands of an HRTC.
 ///
-///     read the state --> send it --> wait for a command --> write it --> sleep until shortly before the next cycle --+
-///           ^                          | none for 10 ms                                                              |
-///           |                          v                                                                             |
-///           |                        write zero force                                                                |
-///           +---------------------------+----------------------------------------------------------------------------+
+///     sleep until kReadAheadNs before the next cycle --> read the state, send it
+///           ^                                               |
+///           |                                               v
+///           +-- write the command of the cycle <---- sleep for kPollNs <--+
+///           |                                               |             |
+///           |                                               +-------------+  no command
+///           +-- none for two cycles: go on without one; none for 10 ms: write zero force
 ///
 /// So the driver's calls alternate as in a haptic thread. A force stays on the hand for at most 10 ms after the command,
-/// plus the time that the driver takes for a read.
+/// plus the time that the driver takes for a call. The haptic thread wakes nobody, because that takes it some 20 us.
 #pragma once
 
 #include <atomic>
@@ -34,15 +36,16 @@ class DriverLoop {
 
  private:
   void send_state() noexcept;
-  [[nodiscard]] bool wait_for_command(std::int64_t until_ns) noexcept;
-  void write(const DriverCommand& command) noexcept;
+  [[nodiscard]] bool wait_for_command(std::int64_t cycle_ns) noexcept;
+  void write_newest() noexcept;
+  void write(const haptics::Vec3d& force, const haptics::Vec3d& torque) noexcept;
 
   haptics::Device& device_;
-  DriverLink& link_;
   const std::int64_t period_ns_;  // of the haptic thread
   MailboxReader<DriverCommand> commands_;
   MailboxWriter<DriverState> states_;
-  std::uint32_t seen_ = 0;       // DriverLink::commands_posted
+  DriverCommand command_;        // newest
+  bool is_commanded_ = false;    // the last search has found a command
   bool exerts_force_ = false;    // the newest command was not zero
   std::int64_t written_ns_ = 0;  // time of the newest command
   std::atomic<std::uint32_t> steps_{0};

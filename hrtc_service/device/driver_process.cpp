@@ -1,8 +1,6 @@
 #include "hrtc_service/device/driver_process.hpp"
 
-#include <linux/futex.h>
 #include <signal.h>
-#include <sys/syscall.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -119,7 +117,7 @@ haptics::DeviceState DriverProcess::read(std::int64_t now_ns) noexcept {
   state.orientation.normalize();
   state.sequence = 0;
   state.transit = 0;
-  state.round_trip = static_cast<double>(kReadAheadNs + kWakeNs) * 1e-9;
+  state.round_trip = static_cast<double>(kReadAheadNs + kPollNs) * 1e-9;
   return state;
 }
 
@@ -129,8 +127,6 @@ void DriverProcess::write_wrench(const Vec3d& force, const Vec3d& torque) noexce
   Eigen::Map<Vec3d>(command.torque.data()) = torque;
   command.cycle_ns = cycle_ns_;
   commands_.post(command);
-  link().commands_posted.fetch_add(1, std::memory_order_release);
-  syscall(SYS_futex, &link().commands_posted, FUTEX_WAKE, 1, nullptr, nullptr, 0);
 }
 
 haptics::DeviceHealth DriverProcess::health() const noexcept {

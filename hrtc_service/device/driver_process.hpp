@@ -41,7 +41,7 @@ class DriverProcess final : public haptics::Device {
   [[nodiscard]] const haptics::DeviceSpec& spec() const noexcept override { return spec_; }
   /// The newest state; its position is not finite if a number of it is not plausible. Realtime.
   [[nodiscard]] haptics::DeviceState read(std::int64_t now_ns) noexcept override;
-  /// One system call, which wakes the other process. Realtime.
+  /// Realtime.
   void write_wrench(const haptics::Vec3d& force, const haptics::Vec3d& torque) noexcept override;
   void write(const haptics::Vec3d& force) noexcept override { write_wrench(force, haptics::Vec3d::Zero()); }
   [[nodiscard]] haptics::DeviceHealth health() const noexcept override;

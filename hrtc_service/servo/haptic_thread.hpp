@@ -2,8 +2,7 @@
 ///
 ///   read devices -> Servo::touch -> write forces -> Servo::publish -> Servo::refine --> traces
 ///
-/// The loop does not allocate, lock or log. Its only system calls are the sleep, and one for each device, which wakes the
-/// process of its driver.
+/// The loop does not allocate, lock or log, and its only system call is the sleep.
 /// docs/explanation/cycle.md follows one pose through the loop.
 #pragma once
 

@@ -8,7 +8,7 @@
 /// A probe with a device at this machine always has this device. The orders decide about the others. This class trusts
 /// nothing in the link: a wrong order means no device, and it ignores a wrong path or pose.
 ///
-/// Haptic thread. Realtime. A write makes one system call for each driver.
+/// Haptic thread. Realtime.
 #pragma once
 
 #include <array>
