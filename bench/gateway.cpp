@@ -13,6 +13,7 @@
 #include "bench/figures.hpp"
 #include "bench/latency_bench.hpp"
 #include "bench/live_session.hpp"
+#include "bench/memory_group.hpp"
 #include "bench/resting_touch.hpp"
 #include "trace/flight_file.hpp"
 
@@ -32,8 +33,12 @@ struct Kind {
   const char* name;
   int signal;
 };
-constexpr Kind kKinds[] = {
-    {"SIGKILL", SIGKILL}, {"SIGSEGV", SIGSEGV}, {"SIGABRT", SIGABRT}, {"SIGSTOP for 2 s", SIGSTOP}};
+constexpr int kNoMemory = 0;
+constexpr Kind kKinds[] = {{"SIGKILL", SIGKILL},
+                           {"SIGSEGV", SIGSEGV},
+                           {"SIGABRT", SIGABRT},
+                           {"SIGSTOP for 2 s", SIGSTOP},
+                           {"lack of memory", kNoMemory}};
 
 /// A time in which the servo had no gateway, or an equally long one before it, monotonic ns.
 struct Window {
@@ -53,18 +58,22 @@ class TouchedSession {
         {"--name", "desk", "--users", "2", "--replay", "ann=" + path("touch.csv"), "--replay",
          "bob=" + path("touch.csv"), "--no-coding", "--flight-recorder", "3600", "--flight-file", path("flight.mcap")});
     wait_for_touch(0);
+    memory_.add(hrtc_->pid());
+    memory_.add(gateway());
     pause(1s);
   }
 
   /// Ends or suspends the gateway. Returns the time without states of both users.
   Window kill(int signal) {
-    const std::vector<pid_t> pids = hrtc_->pids();
-    if (pids.size() != 2) throw std::runtime_error{"no gateway runs:\n" + hrtc_->output()};
+    const pid_t victim = gateway();
     const std::int64_t begin_ns = realtime::monotonic_ns();
-    ::kill(pids[1], signal);
+    if (signal == kNoMemory)
+      memory_.exhaust(victim);
+    else
+      ::kill(victim, signal);
     if (signal == SIGSTOP) {
       pause(2s);
-      ::kill(pids[1], SIGCONT);
+      ::kill(victim, SIGCONT);
     }
     const std::int64_t end_ns = wait_for_touch(signal == SIGSTOP ? 0 : incarnation_);
     pause(500ms);
@@ -79,6 +88,11 @@ class TouchedSession {
   }
 
  private:
+  [[nodiscard]] pid_t gateway() const {
+    const pid_t gateway = hrtc_->child("tactus-gateway");
+    if (gateway == 0) throw std::runtime_error{"no gateway runs:\n" + hrtc_->output()};
+    return gateway;
+  }
   /// Waits until both users touch exactly in states of a gateway that is not `former`. Returns the time of it.
   std::int64_t wait_for_touch(std::uint64_t former) {
     session_.wait_until("the HRTC", [&](const ObservedSession& observed) {
@@ -102,6 +116,7 @@ class TouchedSession {
   [[nodiscard]] std::string path(const std::string& name) const { return folder_.path() / name; }
 
   test_support::TemporaryFolder folder_;
+  MemoryGroup memory_;
   LiveSession session_{"veth"};
   std::unique_ptr<e2e::Process> host_, hrtc_;
   std::uint64_t incarnation_ = 0;  // of the newest gateway

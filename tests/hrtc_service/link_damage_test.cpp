@@ -2,9 +2,11 @@
 /// objects and users, but never exceeds its limits or reads other memory, which AddressSanitizer checks.
 #include <gtest/gtest.h>
 
+#include <atomic>
 #include <cstring>
 #include <limits>
 #include <random>
+#include <thread>
 
 #include "hrtc_service/servo/probe_devices.hpp"
 #include "spm/offline/build.hpp"
@@ -80,13 +82,32 @@ class LinkDamageTest : public testing::Test {
   }
 
   void damage_link(int writes) {
-    for (int cycle = 0; cycle < writes / kWritesPerCycle; ++cycle) {
+    const int cycles = writes / kWritesPerCycle;
+    for (int cycle = 0; cycle < cycles; ++cycle) {
       for (int i = 0; i < kWritesPerCycle; ++i) damage();
       run_cycle();
       if (cycle % kCyclesPerRestore == kCyclesPerRestore - 1) restore();
     }
-    EXPECT_EQ(wrong_, 0);
+    expect_no_force_above_limits(cycles);
+  }
+  /// The same by a second thread, so that a value also changes between a check and its use.
+  void damage_link_during_cycles(int writes) {
     const int cycles = writes / kWritesPerCycle;
+    std::atomic<int> cycle{0};
+    std::jthread writer{[&] {
+      for (int done = 0; done < writes;) {
+        if (done < kWritesPerCycle * (cycle + 1)) damage(), ++done;
+      }
+    }};
+    for (; cycle < cycles; ++cycle) {
+      run_cycle();
+      if (cycle % kCyclesPerRestore == kCyclesPerRestore - 1) restore();
+    }
+    writer.join();
+    expect_no_force_above_limits(cycles);
+  }
+  void expect_no_force_above_limits(int cycles) const {
+    EXPECT_EQ(wrong_, 0);
     EXPECT_GT(forces_[0], cycles / 20) << "of a fixed object; too few, so the limits were hardly tested";
     EXPECT_GT(forces_[1], 0) << "of a movable object";
   }
@@ -112,8 +133,16 @@ class LinkDamageTest : public testing::Test {
 
 TEST_F(LinkDamageTest, OfAMillionWritesExceedsNoLimit) { damage_link(1'000'000); }
 
+// ThreadSanitizer would report each of these writes.
+#ifndef __SANITIZE_THREAD__
+TEST_F(LinkDamageTest, OfAMillionWritesDuringCyclesExceedsNoLimit) { damage_link_during_cycles(1'000'000); }
+#endif
+
 using LinkDamageNightly = LinkDamageTest;
 TEST_F(LinkDamageNightly, OfTenMillionWritesExceedsNoLimit) { damage_link(10'000'000); }
+#ifndef __SANITIZE_THREAD__
+TEST_F(LinkDamageNightly, OfTenMillionWritesDuringCyclesExceedsNoLimit) { damage_link_during_cycles(10'000'000); }
+#endif
 
 }  // namespace
 }  // namespace tactus::hrtc_service

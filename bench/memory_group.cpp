@@ -1,0 +1,80 @@
+#include "bench/memory_group.hpp"
+
+#include <fcntl.h>
+#include <poll.h>
+#include <sys/mman.h>
+#include <sys/syscall.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstring>
+#include <fstream>
+#include <stdexcept>
+#include <system_error>
+
+namespace tactus::bench {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::size_t kStep = 1 << 20, kMargin = 32 * kStep;  // bytes
+
+/// In a child after a fork, so it allocates nothing by `new`. Returns whether `victim` has ended.
+bool take_memory(int group, int victim) {
+  if (::write(group, "0", 1) != 1) return false;  // 0: this process
+  pollfd end{victim, POLLIN, 0};
+  for (std::size_t taken = 0; taken < 16 * kMargin; taken += kStep) {
+    void* const memory = mmap(nullptr, kStep, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+    if (memory == MAP_FAILED) return false;
+    std::memset(memory, 1, kStep);
+    if (poll(&end, 1, 0) == 1) return true;
+  }
+  return poll(&end, 1, 1000) == 1;
+}
+
+}  // namespace
+
+MemoryGroup::MemoryGroup() : is_version_1_{fs::exists("/sys/fs/cgroup/memory/memory.limit_in_bytes")} {
+  const fs::path root = is_version_1_ ? "/sys/fs/cgroup/memory" : "/sys/fs/cgroup";
+  folder_ = root / ("tactus-bench-" + std::to_string(getpid()));
+  std::error_code error;
+  fs::create_directory(folder_, error);
+  if (!fs::exists(folder_ / (is_version_1_ ? "memory.limit_in_bytes" : "memory.max")))
+    throw std::runtime_error("found no control group with a limit of memory at " + folder_.string() +
+                             ", expected root and the controller memory");
+}
+
+MemoryGroup::~MemoryGroup() { ::rmdir(folder_.c_str()); }
+
+void MemoryGroup::add(pid_t process) const { write("cgroup.procs", std::to_string(process)); }
+
+void MemoryGroup::exhaust(pid_t victim) const {
+  const std::string limit = is_version_1_ ? "memory.limit_in_bytes" : "memory.max";
+  write(limit, std::to_string(used_bytes() + kMargin));
+  const int group = ::open((folder_ / "cgroup.procs").c_str(), O_WRONLY | O_CLOEXEC);
+  const int victim_fd = static_cast<int>(syscall(SYS_pidfd_open, victim, 0));
+  const pid_t child = fork();
+  if (child == 0) _exit(take_memory(group, victim_fd) ? 0 : 1);
+  int status = -1;
+  while (waitpid(child, &status, 0) < 0 && errno == EINTR) {
+  }
+  ::close(group);
+  ::close(victim_fd);
+  write(limit, is_version_1_ ? "-1" : "max");
+  if (status != 0) throw std::runtime_error("a lack of memory did not end process " + std::to_string(victim));
+}
+
+void MemoryGroup::write(const std::string& file, const std::string& text) const {
+  std::ofstream stream{folder_ / file};
+  stream << text << std::flush;
+  if (!stream) throw std::system_error{errno, std::generic_category(), (folder_ / file).string() + ": " + text};
+}
+
+std::size_t MemoryGroup::used_bytes() const {
+  std::size_t bytes = 0;
+  std::ifstream{folder_ / (is_version_1_ ? "memory.usage_in_bytes" : "memory.current")} >> bytes;
+  return bytes;
+}
+
+}  // namespace tactus::bench

@@ -1,0 +1,35 @@
+/// Makes memory short for some processes, so that the system ends one of them. Needs root.
+#pragma once
+
+#include <sys/types.h>
+
+#include <cstddef>
+#include <filesystem>
+#include <string>
+
+namespace tactus::bench {
+
+/// A control group (cgroup, version 1 or 2) with a limit of memory. Processes that they start belong to it, too.
+class MemoryGroup {
+ public:
+  /// Throws std::runtime_error if the system has no such groups.
+  MemoryGroup();
+  /// Removes the group, if its processes have ended.
+  ~MemoryGroup();
+  MemoryGroup(const MemoryGroup&) = delete;
+  MemoryGroup& operator=(const MemoryGroup&) = delete;
+
+  void add(pid_t process) const;
+  /// Limits the group to slightly more than it uses. Then another process in it takes memory until `victim` has ended.
+  /// Throws std::runtime_error if the system ends that process instead.
+  void exhaust(pid_t victim) const;
+
+ private:
+  void write(const std::string& file, const std::string& text) const;
+  [[nodiscard]] std::size_t used_bytes() const;
+
+  bool is_version_1_;
+  std::filesystem::path folder_;
+};
+
+}  // namespace tactus::bench
