@@ -3,6 +3,7 @@
 #include <sys/resource.h>
 
 #include <CLI/CLI.hpp>
+#include <cmath>
 #include <cstdint>
 #include <cstdio>
 #include <map>
@@ -39,19 +40,27 @@ struct Command {
   double pose_age_us;       // of the pose in the same cycle
 };
 
+/// Returns the number of the cycle, or -1 if the driver's process has reduced the force, as after a timeout.
+std::int64_t number_of(double force) { return force == std::floor(force) ? static_cast<std::int64_t>(force) : -1; }
+
 /// Runs cycles at 1 kHz. The force along y is the number of the cycle, so that a pose shows the command that it follows.
 Figures run_cycles(haptics::Device& device, double seconds) {
   Figures figures;
   std::map<std::int64_t, Command> commands;  // by cycle
+  constexpr std::int64_t kFirst = 200;       // before it, the forces grow from zero
   const std::int64_t begin_ns = realtime::monotonic_ns() + kPeriodNs;
   const auto cycles = static_cast<std::int64_t>(seconds * 1000);
-  for (std::int64_t cycle = 1; cycle <= cycles; ++cycle) {
+  for (std::int64_t cycle = 1; cycle < kFirst + cycles; ++cycle) {
     realtime::sleep_until(begin_ns + cycle * kPeriodNs);
     const std::int64_t now_ns = realtime::monotonic_ns();
     const haptics::DeviceState state = device.read(now_ns);
+    if (cycle < kFirst) {
+      device.write({0, 1, 0});
+      continue;
+    }
     const double age_us = static_cast<double>(now_ns - state.time_ns) * 1e-3;
     figures.pose_age_us.add(age_us);
-    if (const auto command = commands.find(std::llround(state.position.y())); command != commands.end()) {
+    if (const auto command = commands.find(number_of(state.position.y())); command != commands.end()) {
       const double late_us = state.position.x() * 1e6 - static_cast<double>(command->second.written_ns) * 1e-3;
       figures.force_late_us.add(late_us);
       figures.round_trip_us.add(command->second.pose_age_us + late_us);

@@ -42,7 +42,7 @@ MemoryGroup::MemoryGroup() : is_version_1_{fs::exists("/sys/fs/cgroup/memory/mem
   fs::create_directory(folder_, error);
   if (!fs::exists(folder_ / (is_version_1_ ? "memory.limit_in_bytes" : "memory.max")))
     throw std::runtime_error("found no control group with a limit of memory at " + folder_.string() +
-                             ", expected root and the controller memory");
+                             ", expected root and cgroups that limit memory");
 }
 
 MemoryGroup::~MemoryGroup() { ::rmdir(folder_.c_str()); }

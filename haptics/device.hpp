@@ -36,7 +36,7 @@ struct DeviceState {
   std::uint32_t buttons = 0;  ///< Button
   std::int64_t time_ns = 0;   ///< time of the measurement, on the clock given to `read`
 
-  // Only of a device on another machine:
+  // Only of a device in another process or on another machine:
   std::uint32_t sequence = 0;  ///< the sender's sequence number of the pose
   double transit = 0;          ///< s, transit of the pose; part of pose_age, but not of the age that makes a pose stale
   double round_trip = 0;       ///< s, bound of the round trip from HRTC to device and back (stable_stiffness)
@@ -59,8 +59,8 @@ enum class DeviceHealth : std::uint8_t {
 };
 
 /// The constructor opens the device, or throws DeviceError. The destructor commands zero force and closes the device.
-/// `read` and `write` run in one thread: in an HRTC the haptic thread, in which they are realtime, and for a driver that
-/// of its process.
+/// `read` and `write` run in one thread. The calls of a driver run in the main thread of tactus-device, those of other
+/// devices in the haptic thread, where they are realtime.
 class Device {
  public:
   virtual ~Device() = default;

@@ -8,10 +8,11 @@
  * them off when poses grow old. A driver writes the forces that it receives, and does not switch off the protection
  * that the device itself has.
  *
- * Each device has a process of its own, tactus-device, in which all functions are called by one thread. A crash of the
- * driver therefore ends the forces of its device alone. read and write are called once per cycle, by default at 1 kHz.
- * They should take less than half a millisecond, otherwise poses are old. If the SDK takes longer, the driver reads in a
- * thread of its own, and read returns the newest pose with its time. A call that does not return within half a second
+ * Each device has a process of its own, tactus-device, in which one thread calls all functions. If a driver crashes,
+ * other devices go on, and its own device keeps its last force until its own watchdog acts. read and write are called
+ * once per cycle, by default at 1 kHz, and together must take less than a cycle. The time of a read adds to the delay of
+ * the force loop, and so lowers the largest stiffness. If the SDK takes long, the driver reads in a thread of its own,
+ * and read returns the newest pose with its time. A call of read or write that does not return within half a second
  * ends the process. */
 #ifndef TACTUS_HAPTICS_DEVICE_PLUGIN_H
 #define TACTUS_HAPTICS_DEVICE_PLUGIN_H
@@ -30,7 +31,7 @@ extern "C" {
 /* Results of read. */
 #define TACTUS_DEVICE_POSE 0    /* a pose */
 #define TACTUS_DEVICE_NO_NEWS 1 /* no new pose; the last one grows old, and the force fades after 10 ms */
-#define TACTUS_DEVICE_FAILED -1 /* permanent; the force is off, with a status bit, until an operator sends a reset */
+#define TACTUS_DEVICE_FAILED -1 /* permanent; the force is off, with a status bit, until the HRTC starts again */
 
 /* tactus_device_spec.flags */
 #define TACTUS_DEVICE_HAS_VELOCITY 1u /* poses have velocities; otherwise Tactus derives them from positions */
@@ -73,8 +74,8 @@ struct tactus_device_driver {
   void (*spec)(struct tactus_device* device, struct tactus_device_spec* spec);
   /* Returns TACTUS_DEVICE_POSE, _NO_NEWS or _FAILED. `now_ns`: CLOCK_MONOTONIC at the call, shortly before a cycle. */
   int (*read)(struct tactus_device* device, int64_t now_ns, struct tactus_device_pose* pose);
-  /* Sets the force on the user's hand, N, until the next write. Called once per cycle, after read. Returns 0, or a
-   * different value after a permanent failure. */
+  /* Sets the force on the user's hand, N, until the next write. Called after read, once per cycle with a command, and
+   * with zero while commands are missing. Returns 0, or a different value after a permanent failure. */
   int (*write)(struct tactus_device* device, const double force[3]);
   /* ABI 1 ends here. */
   /* Sets force and torque about the tip, N m; called instead of write. NULL: forces only. */

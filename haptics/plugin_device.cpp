@@ -2,6 +2,7 @@
 
 #include <dlfcn.h>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <utility>
@@ -93,7 +94,7 @@ DeviceState PluginDevice::read(std::int64_t now_ns) noexcept {
   if (!has_pose_ && !has_velocity_) state_.velocity.setZero();  // the filter starts anew with the next position
   state_.position = position;
   state_.orientation = {pose.orientation[3], pose.orientation[0], pose.orientation[1], pose.orientation[2]};
-  state_.time_ns = pose.time_ns;
+  state_.time_ns = std::min(pose.time_ns, now_ns);  // a later time would make the pose new for longer
   state_.buttons = pose.buttons;
   return state_;
 }

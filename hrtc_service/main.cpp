@@ -56,10 +56,10 @@ int run_both(const hrtc_service::HrtcOptions& options) {
 int run_gateway(const hrtc_service::HrtcOptions& options) {
   const std::atomic<bool>& stop = realtime::stop_signal();
   const hrtc_service::SharedBlock block = hrtc_service::SharedBlock::open(options.link);
-  realtime::follow_parent(block.servo());
   // The library that reads packets of the network runs in this process, and the servo is another one of the same user.
   if (!realtime::forbid_debugging_others())
     hrtc_service::log_event(session::Severity::kWarning, "the kernel has no Landlock; see docs/explanation/threats.md");
+  realtime::follow_parent(block.servo());
   // If memory is short, the system should end this process, not the servo.
   std::ofstream{"/proc/self/oom_score_adj"} << 500;
   try {

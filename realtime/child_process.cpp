@@ -11,6 +11,7 @@
 #include <unistd.h>
 
 #include <cerrno>
+#include <cstdint>
 #include <filesystem>
 #include <stdexcept>
 #include <system_error>
@@ -20,7 +21,7 @@
 namespace tactus::realtime {
 namespace {
 
-/// Signals for the parent, which also reach the child, or which an operator sends by name.
+/// Signals for the parent. The terminal sends SIGINT to the child too, and operators send the others to programs.
 sigset_t signals_of_the_parent() {
   sigset_t signals;
   sigemptyset(&signals);
@@ -64,11 +65,16 @@ void follow_parent(pid_t parent) {
 }
 
 bool forbid_debugging_others() noexcept {
-  // Landlock keeps a process from all others outside its domain. A domain has to restrict something more, and device
-  // files are nothing that this process makes.
-  landlock_ruleset_attr rules{};
-  rules.handled_access_fs = LANDLOCK_ACCESS_FS_MAKE_BLOCK;
-  const int descriptor = static_cast<int>(syscall(SYS_landlock_create_ruleset, &rules, sizeof rules, 0));
+  // A process cannot debug processes outside its Landlock domain. The rules of a domain must forbid something more, so
+  // these forbid to make block devices, and signals to others where the kernel (6.12) can.
+  struct {
+    std::uint64_t files = LANDLOCK_ACCESS_FS_MAKE_BLOCK, network = 0, scope = 0;
+  } rules;  // as landlock_ruleset_attr of Linux 6.12, which older headers lack
+  constexpr std::uint64_t kScopeSignal = 1u << 1;
+  const long version = syscall(SYS_landlock_create_ruleset, nullptr, 0, LANDLOCK_CREATE_RULESET_VERSION);
+  if (version >= 6) rules.scope = kScopeSignal;
+  const int descriptor = static_cast<int>(
+      syscall(SYS_landlock_create_ruleset, &rules, version >= 6 ? sizeof rules : sizeof rules.files, 0));
   if (descriptor < 0) return false;
   const bool is_restricted =
       prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) == 0 && syscall(SYS_landlock_restrict_self, descriptor, 0) == 0;
@@ -109,6 +115,7 @@ void ChildProcess::start() {
 }
 
 std::optional<int> ChildProcess::wait(std::chrono::milliseconds limit) {
+  if (child_ == 0) return std::nullopt;
   pollfd end{process_fd_, POLLIN, 0};  // without a descriptor, poll() only waits
   (void)poll(&end, 1, static_cast<int>(limit.count()));
   int status = 0;

@@ -20,13 +20,14 @@ namespace tactus::realtime {
 /// Returns how a process ended, for example "was killed by SIGSEGV", "has failed" or "has ended". `wait_status`: as of waitpid().
 [[nodiscard]] std::string text_of_end(int wait_status);
 
-/// In a child: ends this process with its parent. SIGTERM requests an end, and so does the end of the parent; 5 s after
-/// that, a process that hangs is ended. Ignores the signals that the terminal and operators send to the parent. Throws
-/// std::runtime_error if the parent has ended.
+/// In a child: ends this process with its parent. When the parent ends, the child gets SIGTERM. If it still runs 5 to 6 s
+/// later, it ends itself by _exit(). Ignores SIGINT, SIGUSR1 and SIGUSR2. Throws std::runtime_error if the parent has
+/// ended.
 void follow_parent(pid_t parent);
 
-/// Forbids this thread, and all that it creates later, to read or change other processes as a debugger does. Only
-/// processes that they start remain open to them. Needs no rights. Returns false if the kernel has no Landlock.
+/// Forbids this process to read or change other processes as a debugger does, except those that it starts; from Linux 6.12
+/// on, also to send them signals. Call it before there is a second thread. Needs no rights. Returns false if the kernel
+/// has no Landlock.
 bool forbid_debugging_others() noexcept;
 
 /// The child gets the descriptor of the shared memory and no other descriptor of this process except the standard ones,

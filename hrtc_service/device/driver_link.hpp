@@ -19,9 +19,9 @@
 
 namespace tactus::hrtc_service {
 
-/// The driver reads the device this time before the planned start of a cycle. From then on it searches for the command
-/// of the cycle at times with this distance, so that the haptic thread need not wake it. So the loop has about the sum of
-/// both as a round trip, beyond that of a driver in the haptic thread. It lowers the stiffness that is stable.
+/// The driver's read should be done `kReadAheadNs` before the planned start of a cycle. From that start on, its process
+/// polls for the command every `kPollNs`. Together they delay the force loop by about 0.15 ms more than a driver in the
+/// haptic thread would, and the time of a read comes on top. This lowers the largest stable stiffness.
 inline constexpr std::int64_t kReadAheadNs = 100'000, kPollNs = 50'000;
 
 /// A force for the hand, in the device's frame.
@@ -33,16 +33,19 @@ struct DriverCommand {
 /// State of the device.
 struct DriverState {
   haptics::DeviceState device;
+  std::int64_t read_ns = 0;  ///< mean time that the driver needs for a read
   std::uint32_t failed = 0;  ///< not 0: the driver has reported a permanent failure
 };
 
 struct DriverLink {
-  static constexpr std::uint64_t kLayout = 1;  ///< increases when this struct changes
+  static constexpr std::uint64_t kLayout = 1;  ///< increases when this struct or one of its parts changes
 
   // Written by the HRTC before the other process starts.
   std::uint64_t layout = kLayout;
   pid_t hrtc = 0;
   std::int64_t period_ns = 0;  ///< of the haptic thread
+
+  std::atomic<std::uint32_t> is_ending{0};  ///< not 0: tactus-device should end
 
   // Written by tactus-device before it sets `is_open`, or before it ends with an error.
   haptics::DeviceSpec spec;

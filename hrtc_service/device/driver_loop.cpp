@@ -1,7 +1,5 @@
 #include "hrtc_service/device/driver_loop.hpp"
 
-#include <algorithm>
-
 #include "realtime/process.hpp"
 #include "realtime/realtime.hpp"
 
@@ -11,37 +9,51 @@ using haptics::Vec3d;
 using realtime::monotonic_ns;
 
 DriverLoop::DriverLoop(haptics::Device& device, DriverLink& link) noexcept
-    : device_{device}, period_ns_{link.period_ns}, commands_{link.commands}, states_{link.states} {}
+    : device_{device},
+      is_ending_{link.is_ending},
+      period_ns_{link.period_ns},
+      timeout_ns_{timeout_ns(link.period_ns)},
+      commands_{link.commands},
+      states_{link.states} {}
 
-void DriverLoop::run(const std::atomic<bool>& stop) noexcept {
-  std::int64_t cycle_ns = monotonic_ns();  // planned start of the next cycle
-  while (!stop.load(std::memory_order_relaxed)) {
-    realtime::sleep_until(cycle_ns - kReadAheadNs);
+void DriverLoop::run() noexcept {
+  std::int64_t next_ns = monotonic_ns();  // planned start of the next cycle
+  while (is_ending_.load(std::memory_order_relaxed) == 0) {
+    realtime::sleep_until(next_ns - kReadAheadNs - std::min(read_ns_, period_ns_ / 2));
     send_state();
-    const bool is_commanded = wait_for_command(cycle_ns);
-    const std::int64_t now_ns = monotonic_ns();
-    if (is_commanded)
-      write_newest();
-    else if (exerts_force_ && now_ns - written_ns_ >= kMaxSilenceNs)
-      write(Vec3d::Zero(), Vec3d::Zero());
-    cycle_ns = period_ns_ + (is_commanded ? std::clamp(command_.cycle_ns, now_ns - period_ns_, now_ns) : now_ns);
+    if (wait_for_command(next_ns)) {
+      const std::int64_t now_ns = monotonic_ns();
+      cycle_ns_ = std::clamp(command_.cycle_ns, now_ns - 2 * timeout_ns_, now_ns);
+      next_ns = std::max(cycle_ns_, now_ns - period_ns_) + period_ns_;
+      write_command();
+    } else {
+      next_ns = monotonic_ns() + period_ns_;
+    }
+    if (monotonic_ns() - cycle_ns_ >= timeout_ns_) {
+      strength_ = 0;
+      device_.write(Vec3d::Zero());
+    }
     steps_.fetch_add(1, std::memory_order_relaxed);
   }
-  write(Vec3d::Zero(), Vec3d::Zero());
+  device_.write(Vec3d::Zero());
 }
 
 void DriverLoop::send_state() noexcept {
+  constexpr int kMeanOf = 64;  // reads; a single slow one changes neither the time of the next read nor the stiffness
   DriverState state;
-  const std::int64_t now_ns = monotonic_ns();
-  state.device = device_.read(now_ns);
+  const std::int64_t began_ns = monotonic_ns();
+  state.device = device_.read(began_ns);
+  read_ns_ += (monotonic_ns() - began_ns - read_ns_) / kMeanOf;
+  state.read_ns = read_ns_;
   state.failed = device_.health() == haptics::DeviceHealth::kFailed ? 1 : 0;
   states_.post(state);
 }
 
-/// Returns false if this cycle and the next one bring no command. From then on, searches only once for each cycle.
-bool DriverLoop::wait_for_command(std::int64_t cycle_ns) noexcept {
-  const std::int64_t until_ns = is_commanded_ ? cycle_ns + 2 * period_ns_ : 0;
-  std::int64_t poll_ns = cycle_ns;
+/// Returns false if this cycle and the next one bring no command, or the timeout is over. Without commands it looks only
+/// once in each cycle.
+bool DriverLoop::wait_for_command(std::int64_t next_ns) noexcept {
+  const std::int64_t until_ns = is_commanded_ ? std::min(next_ns + 2 * period_ns_, cycle_ns_ + timeout_ns_) : 0;
+  std::int64_t poll_ns = next_ns;
   while (!(is_commanded_ = commands_.take(command_))) {
     if (poll_ns >= until_ns) return false;
     poll_ns = std::max(poll_ns + kPollNs, monotonic_ns());
@@ -50,18 +62,12 @@ bool DriverLoop::wait_for_command(std::int64_t cycle_ns) noexcept {
   return true;
 }
 
-/// Writes the newest command, or zero force if it is old.
-void DriverLoop::write_newest() noexcept {
-  if (monotonic_ns() - command_.cycle_ns > kMaxSilenceNs)
-    write(Vec3d::Zero(), Vec3d::Zero());
-  else
-    write(Vec3d{command_.force.data()}, Vec3d{command_.torque.data()});
-}
-
-void DriverLoop::write(const Vec3d& force, const Vec3d& torque) noexcept {
-  device_.write_wrench(force, torque);
-  exerts_force_ = !force.isZero(0) || !torque.isZero(0);
-  written_ns_ = monotonic_ns();
+/// Writes the force of the newest command. One that is too old has no effect, because zero force follows at once.
+void DriverLoop::write_command() noexcept {
+  constexpr double kRecovery = 0.1;  // s, as after old poses (haptics/force.hpp)
+  if (monotonic_ns() - cycle_ns_ >= timeout_ns_) return;
+  strength_ = std::min(1.0, strength_ + static_cast<double>(period_ns_) * 1e-9 / kRecovery);
+  device_.write_wrench(strength_ * Vec3d{command_.force.data()}, strength_ * Vec3d{command_.torque.data()});
 }
 
 }  // namespace tactus::hrtc_service

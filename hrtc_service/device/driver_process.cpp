@@ -1,6 +1,5 @@
 #include "hrtc_service/device/driver_process.hpp"
 
-#include <signal.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -62,13 +61,11 @@ DriverProcess::DriverProcess(const DriverSettings& settings, std::function<void(
 }
 
 DriverProcess::~DriverProcess() {
-  write(Vec3d::Zero());
+  request_end();
   watcher_.request_stop();
   watcher_.join();
-  if (has_ended_) return;
-  process_.signal(SIGTERM);
   constexpr std::chrono::seconds kMaxEnd{2};
-  (void)process_.wait(kMaxEnd);
+  if (!has_ended_) (void)process_.wait(kMaxEnd);
 }
 
 void DriverProcess::open(const std::string& library) {
@@ -82,6 +79,7 @@ void DriverProcess::open(const std::string& library) {
       throw DeviceError(reason.empty() ? "device driver " + library + ": its process " + realtime::text_of_end(*status)
                                        : reason);
     }
+    if (realtime::stop_signal()) throw DeviceError("device driver " + library + ": interrupted while it opened");
     if (realtime::monotonic_ns() > until_ns)
       throw DeviceError("device driver " + library + ": found no open device after 60 s");
   }
@@ -96,10 +94,11 @@ void DriverProcess::watch(const std::stop_token& token, const std::function<void
   while (!token.stop_requested()) {
     const std::optional<int> status = process_.wait(kPoll);
     if (!status) continue;
+    has_ended_ = true;
+    if (is_ending_) return;
     const std::string reason = error();
     on_end("device " + name_ + ": the process of its driver " + realtime::text_of_end(*status) +
            (reason.empty() ? "" : ": " + reason) + "; it gets no force until the HRTC starts again");
-    has_ended_ = true;
     return;
   }
 }
@@ -108,17 +107,20 @@ std::string DriverProcess::error() const { return text_of(link().error); }
 
 haptics::DeviceState DriverProcess::read(std::int64_t now_ns) noexcept {
   cycle_ns_ = now_ns;
-  const DriverState& newest = states_.latest();
+  DriverState newest;
+  if (!states_.take(newest)) return state_;
   has_failed_ = has_failed_ || newest.failed != 0;
-  haptics::DeviceState state = newest.device;
-  constexpr std::int64_t kMaxAgeNs = 1'000'000'000'000;
-  state.time_ns = std::clamp(state.time_ns, now_ns - kMaxAgeNs, now_ns);  // a later time would keep a pose new
-  if (!is_moderate(state)) state.position.fill(std::numeric_limits<double>::quiet_NaN());  // which latches a fault
-  state.orientation.normalize();
-  state.sequence = 0;
-  state.transit = 0;
-  state.round_trip = static_cast<double>(kReadAheadNs + kPollNs) * 1e-9;
-  return state;
+  constexpr std::int64_t kMaxAgeNs = 1'000'000'000'000, kMaxReadNs = 1'000'000;
+  const std::int64_t delay_ns = kReadAheadNs + kPollNs + std::clamp<std::int64_t>(newest.read_ns, 0, kMaxReadNs);
+  state_ = newest.device;
+  // A later time would make the pose new for longer. The next state of a driver without news has this time again.
+  state_.time_ns = std::clamp(state_.time_ns, now_ns - kMaxAgeNs, now_ns);
+  if (!is_moderate(state_)) state_.position.fill(std::numeric_limits<double>::quiet_NaN());  // which latches a fault
+  state_.orientation.normalize();
+  state_.sequence = 0;
+  state_.transit = 0;
+  state_.round_trip = static_cast<double>(delay_ns) * 1e-9;
+  return state_;
 }
 
 void DriverProcess::write_wrench(const Vec3d& force, const Vec3d& torque) noexcept {

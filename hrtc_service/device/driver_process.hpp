@@ -1,9 +1,9 @@
 /// A device whose driver runs in a process of its own, tactus-device.
 ///
-/// A driver of a vendor is foreign code. In its own process, it can crash or hang without an end of the other forces,
-/// and its libraries do not share the memory of the haptic thread. The force that a driver has received last stays for at
-/// most 10 ms if the haptic thread computes no other (driver_loop.hpp). If the driver's process ends, or reports a
-/// failure, the device has failed: it gets no force until the HRTC starts again.
+/// A driver of a vendor is foreign code. If it crashes or hangs, the other forces go on, and its libraries do not share
+/// the memory of the haptic thread. A force stays for at most 10 ms if the haptic thread computes no other
+/// (driver_loop.hpp). If the driver's process ends, or reports a failure, the device has failed: Tactus commands no force
+/// to it until the HRTC starts again.
 #pragma once
 
 #include <atomic>
@@ -28,14 +28,20 @@ struct DriverSettings {
 
 class DriverProcess final : public haptics::Device {
  public:
-  /// Starts the process, and waits until the driver has opened the device, at most 60 s. `on_end` receives a line if
-  /// the process ends before this object; another thread calls it. Throws DeviceError with the driver's reason, or
-  /// std::system_error. The process ends with the calling thread.
+  /// Starts the process, and waits until the driver has opened the device, at most 60 s or until a signal requests the
+  /// end of this program. `on_end` receives a line if the process ends before this object; another thread calls it.
+  /// Throws DeviceError with the driver's reason, or std::system_error.
   DriverProcess(const DriverSettings& settings, std::function<void(const std::string&)> on_end);
-  /// Commands zero force, and waits until the driver has closed the device, at most 2 s.
+  /// Waits until the driver has written zero force and closed the device, at most 2 s. Then kills its process.
   ~DriverProcess() override;
   DriverProcess(const DriverProcess&) = delete;
   DriverProcess& operator=(const DriverProcess&) = delete;
+
+  /// Lets the driver write zero force and close the device, and does not wait for it.
+  void request_end() noexcept {
+    is_ending_ = true;
+    link().is_ending = 1;
+  }
 
   [[nodiscard]] const std::string& name() const noexcept { return name_; }
   [[nodiscard]] const haptics::DeviceSpec& spec() const noexcept override { return spec_; }
@@ -56,12 +62,13 @@ class DriverProcess final : public haptics::Device {
   realtime::ChildProcess process_;
   std::string name_;
   haptics::DeviceSpec spec_;
-  std::atomic<bool> has_ended_{false};
+  std::atomic<bool> is_ending_{false}, has_ended_{false};
   std::jthread watcher_;
 
   // Haptic thread only.
   MailboxWriter<DriverCommand> commands_;
   MailboxReader<DriverState> states_;
+  haptics::DeviceState state_;  // newest
   std::int64_t cycle_ns_ = 0;
   bool has_failed_ = false;
 };

@@ -1,4 +1,5 @@
 /// tactus-device: runs the driver of one device for tactus-hrtc, which starts it.
+#include <signal.h>
 #include <unistd.h>
 
 #include <array>
@@ -19,7 +20,6 @@
 #include "haptics/plugin_device.hpp"
 #include "hrtc_service/device/driver_loop.hpp"
 #include "realtime/child_process.hpp"
-#include "realtime/process.hpp"
 #include "realtime/realtime.hpp"
 #include "realtime/shared_memory.hpp"
 
@@ -35,12 +35,14 @@ void set_text(std::array<char, kSize>& characters, const std::string& text) {
 }
 
 /// Ends this process if a call of the driver does not return within half a second. The system then closes the device.
-/// Counts only the time in which this process runs. Polls, so that the loop has no work for it.
-void end_if_it_hangs(const std::stop_token& token, const DriverLoop& loop, DriverLink& link) {
+/// Counts only the time in which this process runs. Ends the loop if tactus-hrtc has ended. Polls, so that the loop has
+/// no work for it.
+void watch(const std::stop_token& token, const DriverLoop& loop, DriverLink& link, pid_t hrtc) {
   constexpr std::chrono::milliseconds kPoll{50};
   std::uint32_t steps = loop.steps();
   for (int unchanged = 0; unchanged < 10 && !token.stop_requested(); ++unchanged) {
     std::this_thread::sleep_for(kPoll);
+    if (getppid() != hrtc) link.is_ending = 1;
     if (std::exchange(steps, loop.steps()) != steps) unchanged = 0;
   }
   if (token.stop_requested()) return;
@@ -48,20 +50,28 @@ void end_if_it_hangs(const std::stop_token& token, const DriverLoop& loop, Drive
   _exit(1);
 }
 
+/// A signal to all processes of a terminal or a service would end or suspend this one before tactus-hrtc has commanded
+/// zero force. tactus-hrtc ends it.
+void ignore_signals() {
+  for (const int number : {SIGTERM, SIGHUP, SIGQUIT, SIGPIPE, SIGTSTP, SIGTTIN, SIGTTOU}) signal(number, SIG_IGN);
+}
+
 int run(DriverLink& link, int priority, const char* library, const char* config) {
-  const std::atomic<bool>& stop = realtime::stop_signal();
-  realtime::follow_parent(link.hrtc);
+  const pid_t hrtc = link.hrtc;
+  ignore_signals();
+  realtime::follow_parent(hrtc);
   haptics::PluginDevice device{library, config};
   set_text(link.name, device.name());
   link.spec = device.spec();
-  // The HRTC reports at its start whether the system grants both.
-  (void)realtime::lock_memory();
-  (void)realtime::enter_realtime("device", priority);
   DriverLoop loop{device, link};
   loop.begin();
+  const std::jthread watcher{[&](const std::stop_token& token) { watch(token, loop, link, hrtc); }};
+  if (priority > 0) {  // the HRTC reports at its start whether the system grants both
+    (void)realtime::lock_memory();
+    (void)realtime::enter_realtime("device", priority);
+  }
   link.is_open.store(1, std::memory_order_release);
-  const std::jthread watcher{[&](const std::stop_token& token) { end_if_it_hangs(token, loop, link); }};
-  loop.run(stop);
+  loop.run();
   return 0;
 }
 

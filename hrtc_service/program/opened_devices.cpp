@@ -5,7 +5,6 @@
 #include <stdexcept>
 
 #include "haptics/replay_device.hpp"
-#include "hrtc_service/device/driver_process.hpp"
 #include "hrtc_service/program/log.hpp"
 #include "realtime/process.hpp"
 #include "spm/offline/generate.hpp"
@@ -15,7 +14,7 @@ namespace tactus::hrtc_service {
 namespace {
 
 /// Opens the device of a user by its driver.
-std::unique_ptr<haptics::Device> open_driver(const LocalUser& local, const HapticSettings& haptic) {
+std::unique_ptr<DriverProcess> open_driver(const LocalUser& local, const HapticSettings& haptic) {
   const std::size_t comma = local.device.find(',');
   DriverSettings settings;
   settings.library = local.device.substr(0, comma);
@@ -48,7 +47,7 @@ OpenedDevices::OpenedDevices(const HrtcOptions& options) {
     if (local.is_replayed)
       devices_.push_back(std::make_unique<haptics::ReplayDevice>(local.device));
     else
-      devices_.push_back(open_driver(local, options.haptic));
+      drivers_.push_back(static_cast<DriverProcess*>(devices_.emplace_back(open_driver(local, options.haptic)).get()));
   }
   tool_ = load_tool(options.tool);
   if (tool_ == nullptr) return;
@@ -56,6 +55,10 @@ OpenedDevices::OpenedDevices(const HrtcOptions& options) {
   std::snprintf(text, sizeof text, ": %zu triangles, %.1f mm from the tip at most",
                 static_cast<std::size_t>(tool_->triangles()), tool_->radius() * 1e3);
   log_event(session::Severity::kInfo, "tool " + options.tool + text);
+}
+
+OpenedDevices::~OpenedDevices() {
+  for (DriverProcess* driver : drivers_) driver->request_end();
 }
 
 ServoOptions OpenedDevices::servo_options(const HrtcOptions& options) const {

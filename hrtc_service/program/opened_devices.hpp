@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "hrtc_service/device/driver_process.hpp"
 #include "hrtc_service/program/options.hpp"
 #include "spm/mesh_probe.hpp"
 
@@ -20,6 +21,10 @@ class OpenedDevices {
   /// Opens them, and logs which they are. Throws std::runtime_error that names a device, recording or mesh that cannot
   /// be used.
   explicit OpenedDevices(const HrtcOptions& options);
+  /// Closes all devices at the same time.
+  ~OpenedDevices();
+  OpenedDevices(const OpenedDevices&) = delete;
+  OpenedDevices& operator=(const OpenedDevices&) = delete;
 
   /// Returns the options of a servo with these devices, which must outlive it. This servo obeys the signals of this
   /// process.
@@ -27,6 +32,7 @@ class OpenedDevices {
 
  private:
   std::vector<std::unique_ptr<haptics::Device>> devices_;
+  std::vector<DriverProcess*> drivers_;  // those of `devices_` with a driver
   std::unique_ptr<const spm::MeshProbe> tool_;
 };
 

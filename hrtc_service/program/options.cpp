@@ -22,7 +22,7 @@ Examples:
   tactus-hrtc --session lab --name desk5 --tool stylus
 
 The haptic thread runs in this process. It starts the gateway, tactus-gateway, which exchanges samples with the session,
-and starts it again if it is killed. SIGUSR1 saves the flight recording. SIGUSR2 is an emergency stop of the session.
+and starts it again if it is killed. For each --device it starts tactus-device, which runs the driver. SIGUSR1 saves the flight recording. SIGUSR2 is an emergency stop of the session.
 Exit status: 0 ended by the session or a signal, 1 no host found or an output file failed, 2 wrong input or a name in use.)";
 
 /// Returns the text before and after the first `=`. Throws CLI::ValidationError if one of them is empty.
@@ -85,7 +85,8 @@ void add_cycle_options(CLI::App& app, Arguments& given, HrtcOptions& options) {
                      "Maximum time of a cycle's own work, us; limits refinement (default with --tool: 400)")
           ->capture_default_str()
           ->check(CLI::Range(20.0, 10000.0));
-  app.add_option("--priority", options.haptic.priority, "SCHED_FIFO priority of the haptic thread; 0: none")
+  app.add_option("--priority", options.haptic.priority,
+                 "SCHED_FIFO priority of the haptic thread and of drivers; 0: none")
       ->capture_default_str()
       ->check(CLI::Range(0, 98));
 }

@@ -1,6 +1,6 @@
 /// Chooses the device of each probe, reads the devices and writes their forces.
 ///
-///     drivers at this machine ---------------------------+
+///     devices at this machine ---------------------------+
 ///     DeviceLink::paths --> simulated hand of the probe -+--> ProbeInput of the cycle
 ///     DeviceLink::poses --> newest pose -----------------+
 ///     DeviceLink::orders --> selects one of them

@@ -34,9 +34,9 @@ TEST_F(DeviceTest, ADriverThatIsKilledEndsTheForceOfItsUserAlone) {
   ::kill(desk.child("tactus-device"), SIGKILL);  // of ann, which was opened first
   EXPECT_TRUE(observer.until([](const Seen& seen) { return seen.user("ann").faults > 0; })) << desk.output();
   observer.forget_states();
-  ASSERT_TRUE(observer.until([](const Seen& seen) { return seen.user("bob").exact > 100; })) << desk.output();
+  ASSERT_TRUE(observer.until([&](const Seen& seen) { return seen.user("bob").exact > 100 && rests(seen, "bob"); }))
+      << desk.output();
   const Seen seen = observer.seen();
-  EXPECT_TRUE(rests(seen, "bob"));
   EXPECT_EQ(seen.user("bob").faults, 0u);
   EXPECT_EQ(seen.user("ann").last.force, (std::array<double, 3>{}));
   desk.signal(SIGINT);

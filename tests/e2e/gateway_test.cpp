@@ -37,7 +37,7 @@ users:
 
 class GatewayTest : public SessionTest {
  protected:
-  static constexpr double kWeight = 0.981, kMaxChange = 0.001;  // N
+  static constexpr double kMaxChange = 0.001;  // N
 
   /// Returns the process id of the gateway that the HRTC has started, or 0.
   [[nodiscard]] static pid_t gateway_of(const Process& hrtc) { return hrtc.child("tactus-gateway"); }
@@ -73,18 +73,19 @@ class GatewayTest : public SessionTest {
     return all;
   }
 
-  /// Ends gateways by each of these signals. Meanwhile two weights, devices of the HRTC, rest on a fixed object, and a
-  /// user at a client presses on it. The forces on the weights may not change.
+  /// Ends gateways by each of these signals. Meanwhile two replayed hands of the HRTC rest on a fixed object, and a user
+  /// at a client presses on it. The forces on the replayed hands may not change.
   void kill_gateways(int kills) {
     Observer observer{address("observer")};
     Process museum{host("museum", models().sphere)};
-    Process desk{
-        hrtc("desk", {"--flight-file", path("flight.mcap"), "--flight-recorder", "3600", "--users", "3", "--device",
-                      "ann=" TACTUS_EXAMPLE_WEIGHT ",0.3", "--device", "bob=" TACTUS_EXAMPLE_WEIGHT ",0.2"})};
+    // The tip comes down on the sphere, and rests half a millimetre deep. The radii are 3 mm and 50 mm.
+    test_support::write_bytes(path("touch.csv"), "0,0,0,0.1\n0.5,0,0,0.0525\n");
+    Process desk{hrtc("desk", {"--flight-file", path("flight.mcap"), "--flight-recorder", "3600", "--users", "3",
+                               "--replay", "ann=" + path("touch.csv"), "--replay", "bob=" + path("touch.csv")})};
     Process users{sim(kOneUserTouches)};
     const auto rests = [](const Seen& seen, const char* user) {
       const session::ProbeState state = seen.user(user).last;
-      return std::abs(state.force[2] - kWeight) < kMaxChange && std::abs(state.velocity[2]) < 1e-4;
+      return state.force[2] > 0.1 && std::abs(state.velocity[2]) < 1e-4;
     };
     ASSERT_TRUE(observer.until([&](const Seen& seen) {
       return rests(seen, "ann") && rests(seen, "bob") && seen.user("cid").exact > 0;
@@ -120,12 +121,17 @@ class GatewayTest : public SessionTest {
     EXPECT_LT(pauses[pauses.size() * 99 / 100], 5) << "s, p99 of the time without states, beside other tests";
     const std::vector<Cycle> cycles = read_recording(path("flight.mcap"));
     ASSERT_GT(cycles.size(), 2000u);
-    const auto differs = [](const Cycle& cycle) {
-      return std::abs(cycle.forces[0] - kWeight) > kMaxChange || std::abs(cycle.forces[1] - kWeight) > kMaxChange;
+    const auto rested =
+        std::find_if(cycles.begin(), cycles.end(), [&](const Cycle& cycle) { return cycle.time_ns >= rested_ns; });
+    ASSERT_NE(rested, cycles.end());
+    const std::array<double, 2> forces = std::prev(cycles.end(), 100)->forces;  // before those that end the HRTC
+    EXPECT_GT(forces[0], 0.1);
+    const auto differs = [&](const Cycle& cycle) {
+      return std::abs(cycle.forces[0] - forces[0]) > kMaxChange || std::abs(cycle.forces[1] - forces[1]) > kMaxChange;
     };
-    const auto changed = std::find_if(cycles.rbegin(), cycles.rend(), differs);
-    ASSERT_NE(changed, cycles.rend()) << "the weights rested from the first cycle on";
-    EXPECT_LT(changed->time_ns, rested_ns) << "a force changed after a gateway was killed";
+    const auto changed = std::find_if(rested, cycles.end() - 100, differs);
+    EXPECT_EQ(changed, cycles.end() - 100)
+        << "a force changed to " << changed->forces[0] << " N after a gateway was killed";
   }
 };
 

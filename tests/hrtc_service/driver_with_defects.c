@@ -1,5 +1,6 @@
 /* A driver without a device. Its configuration is "DEFECT:FILE". It appends a line to FILE for each write, with the time
  * in ns and the force, and the line "closed" at its end. The defect shows in the first read after a force of 3 N. */
+#include <pthread.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -12,7 +13,8 @@
 struct tactus_device {
   char defect[32];
   FILE* file;
-  double force; /* newest, N */
+  double force;     /* newest, N */
+  int is_triggered; /* the defect has shown */
 };
 
 static struct tactus_device* open_device(const char* config, char* error, size_t error_size) {
@@ -45,20 +47,21 @@ static void spec_of_device(struct tactus_device* device, struct tactus_device_sp
   spec->max_force = 5;
 }
 
-/* Writes 0xFF into the memory that the process shares with the HRTC. */
-static void damage_shared_memory(void) {
+/* Writes wrong values, again and again, into the memory that the process shares with the HRTC. */
+static void* damage_shared_memory(void* unused) {
+  (void)unused;
   FILE* maps = fopen("/proc/self/maps", "r");
   char line[512];
   while (maps != NULL && fgets(line, sizeof line, maps) != NULL) {
     unsigned long begin = 0, end = 0;
     if (strstr(line, "memfd:tactus-device") != NULL && sscanf(line, "%lx-%lx", &begin, &end) == 2)
-      memset((void*)begin, 0xFF, end - begin);
+      for (int i = 0; i < 1000; ++i) memset((void*)begin, i % 2 == 0 ? 0xFF : 0x7E, end - begin);
   }
   if (maps != NULL) fclose(maps);
+  return NULL;
 }
 
 static int read_device(struct tactus_device* device, int64_t now_ns, struct tactus_device_pose* pose) {
-  (void)now_ns;
   pose->position[2] = 0.001 * device->force; /* shows the written force to the test */
   if (device->force != 3) return TACTUS_DEVICE_POSE;
   if (strcmp(device->defect, "killed") == 0) raise(SIGKILL);
@@ -68,7 +71,15 @@ static int read_device(struct tactus_device* device, int64_t now_ns, struct tact
   if (strcmp(device->defect, "fails") == 0) return TACTUS_DEVICE_FAILED;
   if (strcmp(device->defect, "far") == 0) pose->velocity[0] = pose->position[0] = 1e300;
   if (strcmp(device->defect, "without orientation") == 0) memset(pose->orientation, 0, sizeof pose->orientation);
-  if (strcmp(device->defect, "damages") == 0) damage_shared_memory();
+  if (strcmp(device->defect, "from the future") == 0) {
+    pose->time_ns = now_ns + 1000000000000;
+    if (device->is_triggered) return TACTUS_DEVICE_NO_NEWS;
+  }
+  pthread_t thread;
+  if (strcmp(device->defect, "damages") == 0 && !device->is_triggered &&
+      pthread_create(&thread, NULL, damage_shared_memory, NULL) == 0)
+    pthread_detach(thread);
+  device->is_triggered = 1;
   return TACTUS_DEVICE_POSE;
 }
 
