@@ -59,6 +59,7 @@ struct Sim::Impl {
         core{options.scenario, settings()},
         clock{main.participants.origin(), {}, monotonic_ns()},
         roster{main.participants.origin(), {}} {
+    if (main.participants.may_write(wire::topics::kEnd.name)) end_out.emplace(main.participants, wire::topics::kEnd);
     listen(wire::topics::kRoster);
     listen(wire::topics::kCatalogue);
     listen(wire::topics::kProbeState);
@@ -145,7 +146,7 @@ struct Sim::Impl {
     }
     for (session::SessionEnd& end : messages.ends) {
       end.origin = main.participants.origin();
-      (void)end_out.send(end);
+      if (end_out) (void)end_out->send(end);
     }
     for (session::Intent& intent : messages.intents) {
       const auto other = others.find(intent.origin.participant);
@@ -190,13 +191,13 @@ struct Sim::Impl {
     wire::send_leave_messages([this] {
       for (const auto& [from, entry] : leave_messages) (void)from->roster.send(entry);
     });
-    (void)end_out.wait_acknowledged(std::chrono::milliseconds{200});
+    if (end_out) (void)end_out->wait_acknowledged(std::chrono::milliseconds{200});
   }
 
   SimOptions options;
   Presence main;
   wire::Writer<session::Control> control_out{main.participants, wire::topics::kControl};
-  wire::Writer<session::SessionEnd> end_out{main.participants, wire::topics::kEnd};
+  std::optional<wire::Writer<session::SessionEnd>> end_out;  // nothing: the keys do not permit to end the session
   std::map<std::uint64_t, std::unique_ptr<Presence>> others;
   std::map<std::uint64_t, RemoteUser> remotes;  // by user
   std::vector<std::pair<Presence*, session::RosterEntry>> leave_messages;

@@ -34,7 +34,7 @@ foreach(header IN LISTS interface)
 endforeach()
 
 target_compile_definitions(tactus_wire INTERFACE $<INSTALL_INTERFACE:TACTUS_QOS_DIR="$<INSTALL_PREFIX>/${CMAKE_INSTALL_DATADIR}/tactus/qos">)
-install(TARGETS tactus_idl tactus_haptics tactus_realtime tactus_session tactus_yaml tactus_wire_address tactus_wire EXPORT tactus ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
+install(TARGETS tactus_idl tactus_haptics tactus_keys tactus_realtime tactus_session tactus_yaml tactus_wire_address tactus_wire EXPORT tactus ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
 install(EXPORT tactus NAMESPACE tactus:: DESTINATION ${package} FILE tactusTargets.cmake)
 install(DIRECTORY qos/ DESTINATION ${CMAKE_INSTALL_DATADIR}/tactus/qos)
 install(FILES idl/tactus.idl idl/flight.idl idl/foxglove.idl idl/ros2.idl DESTINATION ${CMAKE_INSTALL_DATADIR}/tactus/idl)

@@ -18,8 +18,10 @@
 #include <map>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <string>
 
+#include "keys/member.hpp"
 #include "wire/flow.hpp"
 #include "wire/library.hpp"
 #include "wire/participants.hpp"
@@ -70,6 +72,7 @@ struct Participants::Impl {
   std::uint64_t participant_id = 0;
   bool probe_realtime = false;
   Flow flow;
+  std::optional<keys::Member> member;    ///< nothing: the session has no keys
   std::unique_ptr<ServerWatch> servers;  ///< the listener of the session participant
   std::array<dds::DomainParticipant*, kTrafficClasses> participants{};
   std::map<std::string, dds::DataWriterQos> writer_qos;  ///< by profile, as TopicSpec::profile

@@ -28,6 +28,8 @@ Qos with_partition(const Participants::Impl& participants, const std::string& pa
   return qos;
 }
 
+std::string for_part(const std::string& partition) { return partition.empty() ? "" : " for " + partition; }
+
 }  // namespace
 
 std::string user_partition(const std::string& user) { return "u/" + user; }
@@ -42,14 +44,22 @@ template <class Sample>
 struct Writer<Sample>::Impl final : dds::DataWriterListener {
   Impl(Participants& in, const TopicSpec<Sample>& spec, const EndpointOptions& options)
       : participants{in}, participant{in.impl().participant(spec.traffic)} {
+    if (!in.may_write(spec.name))
+      throw WireError(std::string{"topic "} + spec.name + ": the keys of " +
+                      std::string{name_of(in.impl().member->role)} + " '" + in.impl().member->name +
+                      "' do not permit to write it; see docs/how-to/secure.md");
     const auto qos = with_partition<dds::PublisherQos>(in.impl(), options.partition, dds::PUBLISHER_QOS_DEFAULT);
     publisher = participant.create_publisher(qos);
     if (publisher == nullptr) throw WireError(std::string{"topic "} + spec.name + ": DDS cannot create a publisher");
     writer = publisher->create_datawriter(&topic_of(in, spec), in.impl().writer_qos.at(spec.profile), this);
     if (writer == nullptr) {
       participant.delete_publisher(publisher);
+      const auto& member = in.impl().member;
+      const std::string rights = member ? "; the keys of " + std::string{name_of(member->role)} + " '" + member->name +
+                                              "' may not permit it" + for_part(options.partition)
+                                        : "";
       throw WireError(std::string{"topic "} + spec.name + ": DDS refuses a writer with profile '" + spec.profile +
-                      "_writer'");
+                      "_writer'" + rights);
     }
   }
   ~Impl() override {

@@ -9,13 +9,16 @@
 #include <algorithm>
 #include <chrono>
 #include <set>
+#include <string_view>
 #include <system_error>
 #include <utility>
 
+#include "keys/documents.hpp"
 #include "wire/dds.hpp"
 #include "wire/discovery.hpp"
 #include "wire/incarnation.hpp"
 #include "wire/profiles.hpp"
+#include "wire/security.hpp"
 #include "wire/topics.hpp"
 #include "wire/transport/filter_transport.hpp"
 
@@ -107,6 +110,7 @@ dds::DomainParticipant* join(Participants::Impl& impl, TrafficClass traffic, con
     throw WireError(file_of(impl, traffic).string() + ": no participant profile '" + profile + "'; expected one");
   }
   apply(impl.address.discovery, qos);
+  if (impl.member) secure(impl.address.keys, qos);
   disable_type_propagation(qos);
   std::string ignored;
   if (traffic == TrafficClass::kBulk && impl.address.only_reads_bulk && impl.address.discovery.servers.empty()) {
@@ -115,7 +119,9 @@ dds::DomainParticipant* join(Participants::Impl& impl, TrafficClass traffic, con
   }
   const FilterSettings filters{std::make_shared<Gate>(), ignored, traffic != TrafficClass::kSession};
   for (auto& udp : qos.transport().user_transports) {
-    if (std::dynamic_pointer_cast<transport::UDPv4TransportDescriptor>(udp) == nullptr) continue;
+    const auto descriptor = std::dynamic_pointer_cast<transport::UDPv4TransportDescriptor>(udp);
+    if (descriptor == nullptr) continue;
+    if (impl.member) descriptor->maxMessageSize = kSecuredMessageBytes;
     udp = std::make_shared<FilterTransportDescriptor>(udp, filters);
   }
   const std::set<int> before = datagram_sockets();
@@ -182,6 +188,11 @@ Participants::Participants(SessionAddress address) : impl_{std::make_unique<Impl
     const auto clock = std::chrono::nanoseconds(std::chrono::system_clock::now().time_since_epoch()).count();
     address.incarnation = next_incarnation(incarnation_file(), static_cast<std::uint64_t>(std::max<long>(1, clock)));
   }
+  if (!address.keys.empty() && !address.discovery.servers.empty())
+    throw WireError(
+        "--discovery-server cannot be used with --keys, because the discovery server of Fast DDS 2.9 has no "
+        "security; expected multicast or --peer");
+  if (!address.keys.empty()) impl_->member = read_keys(address.keys);
   impl_->session_id = session::id_of(address.session);
   impl_->participant_id = session::id_of(address.participant);
   impl_->address = std::move(address);
@@ -210,6 +221,13 @@ session::Origin Participants::origin() const noexcept {
 }
 
 std::vector<std::string> Participants::lost_servers() const { return impl_->servers->lost(); }
+
+bool Participants::may_write(const char* topic) const {
+  if (!impl_->member) return true;
+  const std::vector<keys::WriteRight> rights = keys::rights_of(impl_->member->role);
+  return std::any_of(rights.begin(), rights.end(),
+                     [&](const keys::WriteRight& right) { return std::string_view{right.topic} == topic; });
+}
 
 bool Participants::probe_is_realtime() const noexcept { return impl_->probe_realtime; }
 

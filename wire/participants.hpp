@@ -36,6 +36,10 @@ class Participants {
   /// find programs that start, but keeps its connections.
   [[nodiscard]] std::vector<std::string> lost_servers() const;
 
+  /// Returns false if the keys of this program do not permit it to write a topic. A topic of users may also be restricted
+  /// to some of them.
+  [[nodiscard]] bool may_write(const char* topic) const;
+
   /// True if the probe participant's threads run at `probe_priority`; false if that is 0 or the system refused it.
   [[nodiscard]] bool probe_is_realtime() const noexcept;
 

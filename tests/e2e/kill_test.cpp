@@ -5,6 +5,7 @@
 #include <random>
 #include <thread>
 
+#include "keys/authority.hpp"
 #include "tests/e2e/session_test.hpp"
 #include "trace/mcap.hpp"
 
@@ -34,6 +35,40 @@ class KillTest : public SessionTest {
   /// Waits a random time, because a program may be killed at any moment.
   void wait_at_most(Seconds limit) {
     std::this_thread::sleep_for(limit * std::uniform_real_distribution{0.0, 1.0}(random_));
+  }
+
+  /// Kills the making of keys, of which every third one replaces earlier keys, and every third one revokes them.
+  void kill_keys(int kills) {
+    const keys::Authority authority = keys::Authority::create(path("lab-keys"));
+    const auto run = [&](std::vector<std::string> arguments) { return program("keys", std::move(arguments)); };
+    const auto began = Clock::now();
+    Process whole{run({"add-hrtc", path("lab-keys"), "desk"})};
+    ASSERT_TRUE(exits_with(0, whole));
+    const Seconds duration = Clock::now() - began;
+    const std::time_t now = std::time(nullptr);
+    int complete = 0;
+    for (int i = 0; i < kills; ++i) {
+      SCOPED_TRACE("keys " + std::to_string(i) + ", seed " + std::to_string(kSeed));
+      const std::string name = "new" + std::to_string(i);
+      std::vector<std::string> arguments{"add-host", path("lab-keys"), name};
+      if (i % 3 == 1) arguments = {"add-hrtc", path("lab-keys"), "desk", "--replace"};
+      if (i % 3 == 2) arguments = {"revoke", path("lab-keys"), "desk"};
+      Process killed{run(arguments)};
+      wait_at_most(1.1 * duration);
+      killed.signal(SIGKILL);
+      (void)killed.wait();
+      for (const keys::Member& member : authority.members()) {
+        try {
+          (void)keys::read_member(authority.folder_of(member.name), now + 60);
+        } catch (const keys::KeyError& error) {
+          EXPECT_THAT(error.what(), testing::HasSubstr("is revoked"));
+        }
+      }
+      if (fs::exists(authority.folder_of(name))) ++complete;
+      Process again{run({"add-hrtc", path("lab-keys"), "desk", "--replace"})};
+      ASSERT_TRUE(exits_with(0, again)) << again.output();
+    }
+    EXPECT_TRUE(complete > 0 || kills < 100) << "none was complete, so the kills came too early";
   }
 
   /// Kills builds of a model, of which every second one would replace an earlier model.
@@ -110,10 +145,12 @@ class KillTest : public SessionTest {
 };
 
 TEST_F(KillTest, AKilledBuildLeavesTheEarlierModelOrAWholeOne) { kill_builds(4); }
+TEST_F(KillTest, KilledKeysAreAbsentOrWhole) { kill_keys(10); }
 TEST_F(KillTest, AKilledRecorderLeavesNoFileOrAReadableOne) { kill_recorders(4); }
 
 using TwoHundredKills = KillTest;
 TEST_F(TwoHundredKills, OfBuildsLeaveTheEarlierModelOrAWholeOne) { kill_builds(200); }
+TEST_F(TwoHundredKills, LeaveKeysAbsentOrWhole) { kill_keys(200); }
 TEST_F(TwoHundredKills, OfRecordersLeaveNoFileOrAReadableOne) { kill_recorders(200); }
 
 }  // namespace

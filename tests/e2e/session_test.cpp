@@ -118,9 +118,10 @@ std::string SessionTest::write(const std::string& name, const std::string& text)
 
 std::vector<std::string> SessionTest::program(const std::string& name, std::vector<std::string> arguments) {
   static const std::map<std::string, std::string> kPrograms{
-      {"host", TACTUS_HOST},       {"hrtc", TACTUS_HRTC},     {"sim", TACTUS_SIM},       {"mesh", TACTUS_MESH},
-      {"control", TACTUS_CONTROL}, {"record", TACTUS_RECORD}, {"replay", TACTUS_REPLAY}, {"view", TACTUS_VIEW},
-      {"watch", TACTUS_WATCH},     {"top", TACTUS_TOP},       {"ros2", TACTUS_ROS2},     {"gateway", TACTUS_GATEWAY}};
+      {"host", TACTUS_HOST},       {"hrtc", TACTUS_HRTC},   {"sim", TACTUS_SIM},       {"mesh", TACTUS_MESH},
+      {"control", TACTUS_CONTROL}, {"keys", TACTUS_KEYS},   {"record", TACTUS_RECORD}, {"replay", TACTUS_REPLAY},
+      {"view", TACTUS_VIEW},       {"watch", TACTUS_WATCH}, {"top", TACTUS_TOP},       {"ros2", TACTUS_ROS2},
+      {"gateway", TACTUS_GATEWAY}};
   arguments.insert(arguments.begin(), kPrograms.at(name));
   return arguments;
 }

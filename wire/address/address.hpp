@@ -43,6 +43,9 @@ struct SessionAddress {
   int domain = kDefaultDomain;  ///< base domain; the program also uses the next two
   Discovery discovery;
   std::filesystem::path qos = default_qos_directory();
+  /// Folder of this program's keys, which `tactus keys` has made. All programs of a session have keys of one authority.
+  /// Empty: everyone who reaches the network can read and write everything.
+  std::filesystem::path keys;
   std::uint64_t incarnation = 0;  ///< 0: a new number is issued (wire/incarnation.hpp)
   /// True: one DDS participant for all classes, with the profile of class session; for measurements.
   bool one_participant = false;

@@ -23,7 +23,7 @@ inline void add_discovery_options(CLI::App& app, Discovery& discovery) {
       ->excludes(peers);
 }
 
-/// Adds --session, --name, --domain, --qos and the options of discovery. `address` contains the defaults; the help text
+/// Adds --session, --name, --domain, --qos, --keys and the options of discovery. `address` contains the defaults; the help text
 /// calls the program `who`.
 inline void add_address_options(CLI::App& app, SessionAddress& address, const std::string& who) {
   app.add_option("--session", address.session, "Session to join")->capture_default_str();
@@ -33,6 +33,8 @@ inline void add_address_options(CLI::App& app, SessionAddress& address, const st
       ->capture_default_str();
   add_discovery_options(app, address.discovery);
   app.add_option("--qos", address.qos, "Directory of the QoS profiles")->capture_default_str();
+  app.add_option("--keys", address.keys, "Folder of this program's keys, of tactus keys; default: no encryption")
+      ->type_name("DIR");
 }
 
 }  // namespace tactus::wire

@@ -20,6 +20,9 @@
 /// A search for leaks needs system calls that this process has not, and a crash has to end it as without a sanitizer.
 extern "C" const char* __asan_default_options() { return "detect_leaks=0:handle_segv=0:handle_abort=0"; }
 #endif
+#ifdef __SANITIZE_THREAD__
+extern "C" const char* __tsan_default_options() { return "handle_segv=0:handle_abort=0"; }
+#endif
 
 namespace {
 

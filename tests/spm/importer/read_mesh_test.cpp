@@ -89,9 +89,12 @@ std::vector<MeshFile> strip_files() {
   const std::vector<std::array<float, 3>> positions{{0, 0, 0}, {0, 1, 0}, {1, 0, 0}, {1, 1, 0}, {2, 0, 0}, {2, 1, 0}};
   const std::vector<std::int32_t> strips{1, 0, 3, 2, 5, 4, -1, 0, 2, 1, -1, 3, 3, 2, 5};
   const auto header = [](const char* format) {
-    return std::string{"ply\nformat "} + format +
-           " 1.0\ncomment a scan\nelement vertex 6\nproperty float x\nproperty float y\nproperty float z\n"
-           "property uchar confidence\nelement tristrips 1\nproperty list int int vertex_indices\nend_header\n";
+    std::string text = "ply\nformat ";
+    text += format;
+    text +=
+        " 1.0\ncomment a scan\nelement vertex 6\nproperty float x\nproperty float y\nproperty float z\n"
+        "property uchar confidence\nelement tristrips 1\nproperty list int int vertex_indices\nend_header\n";
+    return text;
   };
   std::string text = header("ascii");
   for (const auto& p : positions)

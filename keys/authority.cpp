@@ -1,0 +1,231 @@
+#include "keys/authority.hpp"
+
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstdlib>
+#include <cstring>
+#include <utility>
+
+#include "keys/certificates.hpp"
+#include "keys/documents.hpp"
+
+namespace tactus::keys {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::time_t kDay = 24 * 3600;
+constexpr int kAuthorityDays = 3650;
+constexpr std::time_t kClockTolerance = 3600;  // s; the clock of another machine may be late
+
+constexpr char kAuthorityFolder[] = "authority", kMembersFolder[] = "members";
+constexpr char kIdentityKey[] = "identity-ca.key", kPermissionsKey[] = "permissions-ca.key";
+
+[[noreturn]] void fail(const fs::path& path, const char* what) {
+  throw KeyError(path.string() + ": " + what + ": " + std::strerror(errno));
+}
+
+/// Writes a new file that only its owner can read, and waits until the disk has it.
+void write_file(const fs::path& path, const std::string& text) {
+  const int file = ::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, S_IRUSR | S_IWUSR);
+  if (file < 0) fail(path, "cannot be made");
+  const bool is_written =
+      ::write(file, text.data(), text.size()) == static_cast<ssize_t>(text.size()) && ::fsync(file) == 0;
+  const int error = errno;
+  ::close(file);
+  errno = error;
+  if (!is_written) fail(path, "cannot be written");
+}
+
+void sync_folder(const fs::path& folder) {
+  const int descriptor = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  if (descriptor < 0) return;
+  (void)::fsync(descriptor);
+  ::close(descriptor);
+}
+
+/// A new folder, or a new file, that gets its name only when it is complete. Without `commit` nothing remains.
+class Pending {
+ public:
+  /// `path` is in an existing folder.
+  static Pending folder(const fs::path& path) {
+    Pending pending{path};
+    std::string name = pending.pattern();
+    if (::mkdtemp(name.data()) == nullptr) fail(path, "cannot be made");
+    pending.temporary_ = name;
+    return pending;
+  }
+  static Pending file(const fs::path& path, const std::string& text) {
+    Pending pending{path};
+    std::string name = pending.pattern();
+    const int file = ::mkstemp(name.data());
+    if (file < 0) fail(path, "cannot be made");
+    ::close(file);
+    fs::remove(name);
+    pending.temporary_ = name;
+    write_file(name, text);
+    return pending;
+  }
+  Pending(Pending&& other) noexcept : path_{std::move(other.path_)}, temporary_{std::exchange(other.temporary_, {})} {}
+  Pending(const Pending&) = delete;
+  Pending& operator=(const Pending&) = delete;
+  ~Pending() {
+    std::error_code ignored;
+    if (!temporary_.empty()) fs::remove_all(temporary_, ignored);
+  }
+  [[nodiscard]] const fs::path& temporary() const noexcept { return temporary_; }
+  void commit() {
+    if (fs::is_directory(temporary_)) sync_folder(temporary_);
+    if (::rename(temporary_.c_str(), path_.c_str()) != 0) fail(path_, "cannot be made");
+    temporary_.clear();
+    sync_folder(path_.parent_path());
+  }
+
+ private:
+  explicit Pending(fs::path path) : path_{std::move(path)} {}
+  [[nodiscard]] std::string pattern() const {
+    return path_.parent_path() / ("." + path_.filename().string() + ".XXXXXX");
+  }
+  fs::path path_, temporary_;
+};
+
+/// Names become file names, and parts of certificates and of permissions.
+void check_name(const char* what, const std::string& name) {
+  constexpr std::size_t kMaxName = 63;
+  const bool has_only_valid = std::all_of(name.begin(), name.end(), [](char c) {
+    return (c >= '0' && c <= '9') || (c >= 'A' && c <= 'Z') || (c >= 'a' && c <= 'z') || c == '-' || c == '_' ||
+           c == '.';
+  });
+  if (name.empty() || name.size() > kMaxName || !has_only_valid || name.front() == '.')
+    throw KeyError(std::string{what} + ": found '" + name +
+                   "', expected 1 to 63 letters, digits, hyphens, underscores and points, no point at the begin");
+}
+
+Issuer read_issuer(const fs::path& folder, const char* certificate, const char* key) {
+  return {read_certificate(folder / certificate), read_key(folder / key)};
+}
+Issuer identities_of(const fs::path& folder) {
+  return read_issuer(folder / kAuthorityFolder, files::kIdentityCa, kIdentityKey);
+}
+
+std::time_t now() { return std::time(nullptr); }
+
+void copy(const fs::path& from, const fs::path& to, const char* name) {
+  fs::copy_file(from / name, to / name);
+  fs::permissions(to / name, fs::perms::owner_read | fs::perms::owner_write);
+}
+
+}  // namespace
+
+Authority Authority::create(const fs::path& folder) {
+  if (fs::exists(folder)) throw KeyError(folder.string() + ": exists, expected a new folder");
+  // A name of the folder may have a separator at its end.
+  const fs::path path = folder.has_filename() ? fs::absolute(folder) : fs::absolute(folder).parent_path();
+  const std::string group = path.filename();
+  check_name("name of the authority", group);
+  if (!fs::is_directory(path.parent_path())) throw KeyError(path.parent_path().string() + ": found no folder");
+  Pending pending = Pending::folder(path);
+  const fs::path authority = pending.temporary() / kAuthorityFolder;
+  fs::create_directory(authority);
+  fs::permissions(authority, fs::perms::owner_all);
+  fs::create_directory(pending.temporary() / kMembersFolder);
+  const std::time_t from = now() - kClockTolerance, until = now() + kAuthorityDays * kDay;
+  const Issuer identities = make_issuer({group, "authority", "identities"}, from, until);
+  const Issuer permissions = make_issuer({group, "authority", "permissions"}, from, until);
+  write_file(authority / files::kIdentityCa, pem_of(*identities.certificate));
+  write_file(authority / kIdentityKey, pem_of(*identities.key));
+  write_file(authority / files::kPermissionsCa, pem_of(*permissions.certificate));
+  write_file(authority / kPermissionsKey, pem_of(*permissions.key));
+  write_file(authority / files::kGovernance, sign(permissions, governance_document()));
+  write_file(authority / files::kRevoked, pem_of(*make_revoked_list(identities, {}, now())));
+  sync_folder(authority);
+  pending.commit();
+  return Authority{path};
+}
+
+Authority::Authority(fs::path folder) : folder_{std::move(folder)} {
+  if (!fs::exists(folder_ / kAuthorityFolder / kIdentityKey))
+    throw KeyError(folder_.string() + ": found no authority, expected a folder of tactus keys init");
+}
+
+fs::path Authority::folder_of(const std::string& name) const { return folder_ / kMembersFolder / name; }
+
+fs::path Authority::add(const NewMember& added) const {
+  constexpr int kMaxDays = kAuthorityDays;
+  check_name("name", added.name);
+  for (const std::string& user : added.users) check_name("user", user);
+  if (added.days < 1 || added.days > kMaxDays)
+    throw KeyError("days: found " + std::to_string(added.days) + ", expected 1 to " + std::to_string(kMaxDays));
+  const fs::path folder = folder_of(added.name);
+  if (fs::exists(folder) && !added.replaces)
+    throw KeyError(folder.string() + ": exists; --replace makes new keys and revokes the old ones");
+  const fs::path authority = folder_ / kAuthorityFolder;
+  const Issuer identities = identities_of(folder_);
+  const Issuer permissions = read_issuer(authority, files::kPermissionsCa, kPermissionsKey);
+  const std::time_t from = now() - kClockTolerance;
+  const std::time_t until = std::min(now() + added.days * kDay, valid_until(*identities.certificate));
+  const Subject subject{subject_of(*identities.certificate).group, std::string{name_of(added.role)}, added.name};
+  const Key key = make_key();
+  const Certificate certificate = issue(identities, subject, *key, from, until);
+  Pending pending = Pending::folder(folder);
+  const fs::path& made = pending.temporary();
+  for (const char* name : {files::kIdentityCa, files::kPermissionsCa, files::kGovernance}) copy(authority, made, name);
+  write_file(made / files::kCertificate, pem_of(*certificate));
+  write_file(made / files::kPrivateKey, pem_of(*key));
+  write_file(made / files::kPermissions,
+             sign(permissions, permissions_document(subject_text(*certificate), added.role, added.users, from, until)));
+  if (fs::exists(folder)) {
+    revoke(added.name);
+    fs::remove_all(folder);
+  }
+  copy(authority, made, files::kRevoked);
+  pending.commit();
+  return folder;
+}
+
+void Authority::revoke(const std::string& name) const {
+  check_name("name", name);
+  const fs::path file = folder_of(name) / files::kCertificate;
+  if (!fs::exists(file)) throw KeyError(file.string() + ": not found, expected a member of this authority");
+  std::vector<std::string> serials = serials_of(*read_revoked_list(folder_ / kAuthorityFolder / files::kRevoked));
+  const std::string serial = serial_of(*read_certificate(file));
+  if (std::find(serials.begin(), serials.end(), serial) == serials.end()) serials.push_back(serial);
+  write_revoked(serials);
+}
+
+/// The authority has the list first, so a repetition of an interrupted revocation completes it.
+void Authority::write_revoked(const std::vector<std::string>& serials) const {
+  const std::string text = pem_of(*make_revoked_list(identities_of(folder_), serials, now()));
+  Pending::file(folder_ / kAuthorityFolder / files::kRevoked, text).commit();
+  for (const auto& entry : fs::directory_iterator{folder_ / kMembersFolder})
+    if (entry.path().filename().string().front() != '.') Pending::file(entry.path() / files::kRevoked, text).commit();
+}
+
+std::vector<Member> Authority::members() const {
+  const std::vector<std::string> revoked = serials_of(*read_revoked_list(folder_ / kAuthorityFolder / files::kRevoked));
+  std::vector<Member> members;
+  for (const auto& entry : fs::directory_iterator{folder_ / kMembersFolder}) {
+    const std::string name = entry.path().filename();
+    if (name.front() == '.') continue;  // of an interrupted run
+    const Certificate certificate = read_certificate(entry.path() / files::kCertificate);
+    const Subject subject = subject_of(*certificate);
+    Member member;
+    member.name = name;
+    for (const Role role : kRoles)
+      if (name_of(role) == subject.unit) member.role = role;
+    member.group = subject.group;
+    member.valid_from = valid_from(*certificate);
+    member.valid_until = valid_until(*certificate);
+    member.serial = serial_of(*certificate);
+    member.is_revoked = std::find(revoked.begin(), revoked.end(), member.serial) != revoked.end();
+    members.push_back(std::move(member));
+  }
+  std::sort(members.begin(), members.end(), [](const Member& a, const Member& b) { return a.name < b.name; });
+  return members;
+}
+
+}  // namespace tactus::keys

@@ -1,0 +1,50 @@
+/// Makes the keys of a secured session.
+///
+/// An authority is a folder with two certificate authorities: one for identities, one for permissions. They differ,
+/// because some versions of Fast DDS accept permissions that a member has signed if both are the same (CVE-2023-24010).
+///
+///     lab-keys/authority/   private keys of both authorities; stays where it was made
+///     lab-keys/members/desk/   all that the program `desk` needs; copied to its machine
+///
+/// Every file and folder gets its name only when it is complete. One process at a time.
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "keys/member.hpp"
+
+namespace tactus::keys {
+
+struct NewMember {
+  std::string name;
+  Role role = Role::kObserver;
+  std::vector<std::string> users;  ///< of a member with role kUser or kOperator: names of the users that it may bring
+  int days = 365;                  ///< for which the certificate is valid
+  bool replaces = false;           ///< a member of this name may exist; its certificate is revoked
+};
+
+class Authority {
+ public:
+  /// Makes a new authority in a folder that does not exist yet. Throws KeyError.
+  static Authority create(const std::filesystem::path& folder);
+  /// Opens the authority of a folder. Throws KeyError if it is none.
+  explicit Authority(std::filesystem::path folder);
+
+  /// Makes the keys of a member, and returns its folder. Throws KeyError.
+  std::filesystem::path add(const NewMember& member) const;
+  /// Revokes the certificate of a member, and writes the new list of revoked certificates into the folders of all
+  /// members. Throws KeyError.
+  void revoke(const std::string& name) const;
+  /// Returns the members by name.
+  [[nodiscard]] std::vector<Member> members() const;
+  [[nodiscard]] std::filesystem::path folder_of(const std::string& name) const;
+
+ private:
+  void write_revoked(const std::vector<std::string>& serials) const;
+
+  std::filesystem::path folder_;
+};
+
+}  // namespace tactus::keys

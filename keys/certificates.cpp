@@ -1,0 +1,266 @@
+#include "keys/certificates.hpp"
+
+#include <openssl/bio.h>
+#include <openssl/bn.h>
+#include <openssl/ec.h>
+#include <openssl/err.h>
+#include <openssl/pem.h>
+#include <openssl/pkcs7.h>
+#include <openssl/x509v3.h>
+
+#include <array>
+
+#include "keys/member.hpp"
+
+namespace tactus::keys {
+namespace {
+
+struct FreeMore {
+  void operator()(BIO* bio) const noexcept { BIO_free_all(bio); }
+  void operator()(BIGNUM* number) const noexcept { BN_free(number); }
+  void operator()(ASN1_STRING* value) const noexcept { ASN1_STRING_free(value); }  // also a time or an integer
+  void operator()(PKCS7* message) const noexcept { PKCS7_free(message); }
+  void operator()(X509_EXTENSION* extension) const noexcept { X509_EXTENSION_free(extension); }
+  void operator()(X509_REVOKED* entry) const noexcept { X509_REVOKED_free(entry); }
+};
+template <class T>
+using Owner = std::unique_ptr<T, FreeMore>;
+
+[[noreturn]] void fail(const std::string& what) {
+  std::array<char, 256> reason{};
+  const unsigned long code = ERR_get_error();
+  if (code != 0) ERR_error_string_n(code, reason.data(), reason.size());
+  ERR_clear_error();
+  throw KeyError(what + (code != 0 ? std::string{": "} + reason.data() : ""));
+}
+/// Throws unless a function of OpenSSL has succeeded.
+void require(bool succeeded, const char* what) {
+  if (!succeeded) fail(what);
+}
+
+Owner<BIO> memory() {
+  Owner<BIO> bio{BIO_new(BIO_s_mem())};
+  require(bio != nullptr, "memory");
+  return bio;
+}
+std::string text_of(BIO& bio) {
+  char* data = nullptr;
+  const long size = BIO_get_mem_data(&bio, &data);
+  return {data, static_cast<std::size_t>(size)};
+}
+
+void add_extension(X509& certificate, X509& issuer, int kind, const char* value) {
+  X509V3_CTX context{};
+  X509V3_set_ctx(&context, &issuer, &certificate, nullptr, nullptr, 0);
+  const Owner<X509_EXTENSION> extension{X509V3_EXT_conf_nid(nullptr, &context, kind, value)};
+  require(extension != nullptr && X509_add_ext(&certificate, extension.get(), -1) == 1, "extension of a certificate");
+}
+
+void set_subject(X509& certificate, const Subject& subject) {
+  X509_NAME* const name = X509_get_subject_name(&certificate);
+  const std::pair<const char*, const std::string*> parts[] = {
+      {"O", &subject.group}, {"OU", &subject.unit}, {"CN", &subject.name}};
+  for (const auto& [kind, text] : parts) {
+    require(X509_NAME_add_entry_by_txt(name, kind, MBSTRING_UTF8, reinterpret_cast<const unsigned char*>(text->data()),
+                                       static_cast<int>(text->size()), -1, 0) == 1,
+            "subject of a certificate");
+  }
+}
+
+/// Makes a certificate without signature.
+Certificate draft(const Subject& subject, EVP_PKEY& key, std::time_t from, std::time_t until) {
+  Certificate certificate{X509_new()};
+  const Owner<BIGNUM> serial{BN_new()};
+  require(certificate != nullptr && serial != nullptr, "memory");
+  constexpr int kSerialBits = 159;  // a serial number has at most 20 bytes, and is positive
+  require(BN_rand(serial.get(), kSerialBits, BN_RAND_TOP_ONE, BN_RAND_BOTTOM_ANY) == 1 &&
+              BN_to_ASN1_INTEGER(serial.get(), X509_get_serialNumber(certificate.get())) != nullptr,
+          "serial number");
+  require(X509_set_version(certificate.get(), X509_VERSION_3) == 1 &&
+              X509_time_adj_ex(X509_getm_notBefore(certificate.get()), 0, 0, &from) != nullptr &&
+              X509_time_adj_ex(X509_getm_notAfter(certificate.get()), 0, 0, &until) != nullptr &&
+              X509_set_pubkey(certificate.get(), &key) == 1,
+          "certificate");
+  set_subject(*certificate, subject);
+  return certificate;
+}
+
+void sign_certificate(X509& certificate, X509& issuer, EVP_PKEY& key) {
+  require(X509_set_issuer_name(&certificate, X509_get_subject_name(&issuer)) == 1 &&
+              X509_sign(&certificate, &key, EVP_sha256()) > 0,
+          "signature of a certificate");
+}
+
+Owner<BIO> open_file(const std::filesystem::path& file) {
+  Owner<BIO> bio{BIO_new_file(file.c_str(), "r")};
+  if (bio == nullptr) fail(file.string() + ": cannot be read");
+  return bio;
+}
+
+std::time_t time_of(const ASN1_TIME* time) {
+  std::tm utc{};
+  require(ASN1_TIME_to_tm(time, &utc) == 1, "time of a certificate");
+  return timegm(&utc);
+}
+
+std::string hex_of(const ASN1_INTEGER* number) {
+  const Owner<BIGNUM> value{ASN1_INTEGER_to_BN(number, nullptr)};
+  require(value != nullptr, "serial number");
+  char* const hex = BN_bn2hex(value.get());
+  require(hex != nullptr, "serial number");
+  const std::string text = hex;
+  OPENSSL_free(hex);
+  return text;
+}
+
+std::string entry_of(X509& certificate, int kind) {
+  X509_NAME* const name = X509_get_subject_name(&certificate);
+  const int at = X509_NAME_get_index_by_NID(name, kind, -1);
+  if (at < 0) return "";
+  unsigned char* text = nullptr;
+  const int size = ASN1_STRING_to_UTF8(&text, X509_NAME_ENTRY_get_data(X509_NAME_get_entry(name, at)));
+  if (size < 0) return "";
+  const std::string result(reinterpret_cast<const char*>(text), static_cast<std::size_t>(size));
+  OPENSSL_free(text);
+  return result;
+}
+
+}  // namespace
+
+Key make_key() {
+  Key key{EVP_EC_gen("P-256")};
+  require(key != nullptr, "private key");
+  return key;
+}
+
+Issuer make_issuer(const Subject& subject, std::time_t from, std::time_t until) {
+  Issuer issuer;
+  issuer.key = make_key();
+  issuer.certificate = draft(subject, *issuer.key, from, until);
+  X509& certificate = *issuer.certificate;
+  add_extension(certificate, certificate, NID_basic_constraints, "critical,CA:TRUE");
+  add_extension(certificate, certificate, NID_key_usage, "critical,digitalSignature,keyCertSign,cRLSign");
+  sign_certificate(certificate, certificate, *issuer.key);
+  return issuer;
+}
+
+Certificate issue(const Issuer& issuer, const Subject& subject, EVP_PKEY& key, std::time_t from, std::time_t until) {
+  Certificate certificate = draft(subject, key, from, until);
+  add_extension(*certificate, *issuer.certificate, NID_basic_constraints, "critical,CA:FALSE");
+  add_extension(*certificate, *issuer.certificate, NID_key_usage, "critical,digitalSignature");
+  sign_certificate(*certificate, *issuer.certificate, *issuer.key);
+  return certificate;
+}
+
+RevokedList make_revoked_list(const Issuer& issuer, const std::vector<std::string>& serials, std::time_t now) {
+  RevokedList list{X509_CRL_new()};
+  const Owner<ASN1_TIME> from{ASN1_TIME_set(nullptr, now)};
+  // A list that has expired would refuse all members, so it does not expire before the authority.
+  const Owner<ASN1_TIME> until{ASN1_TIME_set(nullptr, valid_until(*issuer.certificate))};
+  require(list != nullptr && from != nullptr && until != nullptr && X509_CRL_set_version(list.get(), 1) == 1 &&
+              X509_CRL_set_issuer_name(list.get(), X509_get_subject_name(issuer.certificate.get())) == 1 &&
+              X509_CRL_set1_lastUpdate(list.get(), from.get()) == 1 &&
+              X509_CRL_set1_nextUpdate(list.get(), until.get()) == 1,
+          "list of revoked certificates");
+  for (const std::string& serial : serials) {
+    BIGNUM* parsed = nullptr;
+    require(BN_hex2bn(&parsed, serial.c_str()) > 0, "serial number");
+    const Owner<BIGNUM> number{parsed};
+    const Owner<ASN1_INTEGER> value{BN_to_ASN1_INTEGER(number.get(), nullptr)};
+    Owner<X509_REVOKED> entry{X509_REVOKED_new()};
+    require(value != nullptr && entry != nullptr && X509_REVOKED_set_serialNumber(entry.get(), value.get()) == 1 &&
+                X509_REVOKED_set_revocationDate(entry.get(), from.get()) == 1 &&
+                X509_CRL_add0_revoked(list.get(), entry.get()) == 1,
+            "list of revoked certificates");
+    (void)entry.release();  // the list owns it now
+  }
+  require(X509_CRL_sort(list.get()) == 1 && X509_CRL_sign(list.get(), issuer.key.get(), EVP_sha256()) > 0,
+          "list of revoked certificates");
+  return list;
+}
+
+std::string sign(const Issuer& issuer, const std::string& text) {
+  const auto input = [&] {
+    Owner<BIO> bio{BIO_new_mem_buf(text.data(), static_cast<int>(text.size()))};
+    require(bio != nullptr, "memory");
+    return bio;
+  };
+  constexpr int kFlags = PKCS7_DETACHED | PKCS7_TEXT;
+  const Owner<PKCS7> message{PKCS7_sign(issuer.certificate.get(), issuer.key.get(), nullptr, input().get(), kFlags)};
+  const Owner<BIO> output = memory();
+  require(message != nullptr && SMIME_write_PKCS7(output.get(), message.get(), input().get(), kFlags) == 1,
+          "signature of a document");
+  return text_of(*output);
+}
+
+std::string pem_of(X509& certificate) {
+  const Owner<BIO> bio = memory();
+  require(PEM_write_bio_X509(bio.get(), &certificate) == 1, "certificate");
+  return text_of(*bio);
+}
+std::string pem_of(EVP_PKEY& key) {
+  const Owner<BIO> bio = memory();
+  require(PEM_write_bio_PrivateKey(bio.get(), &key, nullptr, nullptr, 0, nullptr, nullptr) == 1, "private key");
+  return text_of(*bio);
+}
+std::string pem_of(X509_CRL& list) {
+  const Owner<BIO> bio = memory();
+  require(PEM_write_bio_X509_CRL(bio.get(), &list) == 1, "list of revoked certificates");
+  return text_of(*bio);
+}
+
+Certificate read_certificate(const std::filesystem::path& file) {
+  Certificate certificate{PEM_read_bio_X509(open_file(file).get(), nullptr, nullptr, nullptr)};
+  if (certificate == nullptr) fail(file.string() + ": found no certificate (PEM)");
+  return certificate;
+}
+Key read_key(const std::filesystem::path& file) {
+  // Without a password: the program starts alone.
+  Key key{PEM_read_bio_PrivateKey(open_file(file).get(), nullptr, nullptr, const_cast<char*>(""))};
+  if (key == nullptr) fail(file.string() + ": found no private key without a password (PEM)");
+  return key;
+}
+RevokedList read_revoked_list(const std::filesystem::path& file) {
+  RevokedList list{PEM_read_bio_X509_CRL(open_file(file).get(), nullptr, nullptr, nullptr)};
+  if (list == nullptr) fail(file.string() + ": found no list of revoked certificates (PEM)");
+  return list;
+}
+
+Subject subject_of(X509& certificate) {
+  return {entry_of(certificate, NID_organizationName), entry_of(certificate, NID_organizationalUnitName),
+          entry_of(certificate, NID_commonName)};
+}
+
+std::string subject_text(X509& certificate) {
+  const Owner<BIO> bio = memory();
+  require(X509_NAME_print_ex(bio.get(), X509_get_subject_name(&certificate), 0, XN_FLAG_RFC2253) >= 0, "subject");
+  return text_of(*bio);
+}
+
+std::string serial_of(X509& certificate) { return hex_of(X509_get0_serialNumber(&certificate)); }
+
+std::vector<std::string> serials_of(X509_CRL& list) {
+  std::vector<std::string> serials;
+  STACK_OF(X509_REVOKED)* const entries = X509_CRL_get_REVOKED(&list);
+  for (int i = 0; i < sk_X509_REVOKED_num(entries); ++i)
+    serials.push_back(hex_of(X509_REVOKED_get0_serialNumber(sk_X509_REVOKED_value(entries, i))));
+  return serials;
+}
+
+std::time_t valid_from(X509& certificate) { return time_of(X509_get0_notBefore(&certificate)); }
+std::time_t valid_until(X509& certificate) { return time_of(X509_get0_notAfter(&certificate)); }
+
+bool is_issued_by(X509& certificate, X509& authority) {
+  const bool is_valid = X509_NAME_cmp(X509_get_issuer_name(&certificate), X509_get_subject_name(&authority)) == 0 &&
+                        X509_verify(&certificate, X509_get0_pubkey(&authority)) == 1;
+  ERR_clear_error();
+  return is_valid;
+}
+
+bool belongs_to(EVP_PKEY& key, X509& certificate) {
+  const bool belongs = X509_check_private_key(&certificate, &key) == 1;
+  ERR_clear_error();
+  return belongs;
+}
+
+}  // namespace tactus::keys

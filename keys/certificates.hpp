@@ -1,0 +1,63 @@
+/// Certificates and signatures, by OpenSSL. Throws KeyError with OpenSSL's reason.
+#pragma once
+
+#include <openssl/evp.h>
+#include <openssl/x509.h>
+
+#include <ctime>
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <vector>
+
+namespace tactus::keys {
+
+struct Free {
+  void operator()(EVP_PKEY* key) const noexcept { EVP_PKEY_free(key); }
+  void operator()(X509* certificate) const noexcept { X509_free(certificate); }
+  void operator()(X509_CRL* list) const noexcept { X509_CRL_free(list); }
+};
+using Key = std::unique_ptr<EVP_PKEY, Free>;
+using Certificate = std::unique_ptr<X509, Free>;
+using RevokedList = std::unique_ptr<X509_CRL, Free>;
+
+/// A certificate authority: its certificate, and the key that signs.
+struct Issuer {
+  Certificate certificate;
+  Key key;
+};
+
+/// Subject of a certificate: O=group, OU=unit, CN=name.
+struct Subject {
+  std::string group, unit, name;
+};
+
+[[nodiscard]] Key make_key();  ///< on the curve P-256
+[[nodiscard]] Issuer make_issuer(const Subject& subject, std::time_t from, std::time_t until);
+[[nodiscard]] Certificate issue(const Issuer& issuer, const Subject& subject, EVP_PKEY& key, std::time_t from,
+                                std::time_t until);
+/// Returns a list of these serial numbers (hexadecimal).
+[[nodiscard]] RevokedList make_revoked_list(const Issuer& issuer, const std::vector<std::string>& serials,
+                                            std::time_t now);
+/// Returns the text as S/MIME, signed by the issuer itself.
+[[nodiscard]] std::string sign(const Issuer& issuer, const std::string& text);
+
+// PEM, from and to text.
+[[nodiscard]] std::string pem_of(X509& certificate);
+[[nodiscard]] std::string pem_of(EVP_PKEY& key);
+[[nodiscard]] std::string pem_of(X509_CRL& list);
+[[nodiscard]] Certificate read_certificate(const std::filesystem::path& file);
+[[nodiscard]] Key read_key(const std::filesystem::path& file);
+[[nodiscard]] RevokedList read_revoked_list(const std::filesystem::path& file);
+
+[[nodiscard]] Subject subject_of(X509& certificate);
+[[nodiscard]] std::string subject_text(X509& certificate);  ///< as RFC 2253 writes it
+[[nodiscard]] std::string serial_of(X509& certificate);
+[[nodiscard]] std::vector<std::string> serials_of(X509_CRL& list);
+[[nodiscard]] std::time_t valid_from(X509& certificate);
+[[nodiscard]] std::time_t valid_until(X509& certificate);
+/// Returns whether the authority has signed the certificate.
+[[nodiscard]] bool is_issued_by(X509& certificate, X509& authority);
+[[nodiscard]] bool belongs_to(EVP_PKEY& key, X509& certificate);
+
+}  // namespace tactus::keys

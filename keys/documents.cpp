@@ -1,0 +1,130 @@
+#include "keys/documents.hpp"
+
+#include <algorithm>
+#include <array>
+#include <iterator>
+
+namespace tactus::keys {
+namespace {
+
+constexpr char kHead[] =
+    "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n"
+    "<dds xmlns:xsi=\"http://www.w3.org/2001/XMLSchema-instance\" "
+    "xsi:noNamespaceSchemaLocation=\"http://www.omg.org/spec/DDS-Security/20170901/";
+// All domains: the base domain of a session is an option of its programs.
+constexpr char kDomains[] = "<domains><id_range><min>0</min><max>232</max></id_range></domains>\n";
+
+constexpr unsigned bit(Role role) { return 1u << static_cast<unsigned>(role); }
+constexpr unsigned kHost = bit(Role::kHost), kHrtc = bit(Role::kHrtc), kUser = bit(Role::kUser),
+                   kOperator = bit(Role::kOperator), kObserver = bit(Role::kObserver),
+                   kAll = kHost | kHrtc | kUser | kOperator | kObserver;
+
+struct Rule {
+  WriteRight right;
+  unsigned roles;
+};
+// As the column "writer" of docs/reference/topics.md.
+constexpr std::array kRules{
+    Rule{{"tactus_roster", false}, kAll},
+    Rule{{"tactus_clock", false}, kAll},
+    Rule{{"tactus_stop", false}, kAll},
+    Rule{{"tactus_catalogue", false}, kHost},
+    Rule{{"tactus_base", false}, kHost},
+    Rule{{"tactus_records", false}, kHost},
+    Rule{{"tactus_object_grant", false}, kHost},
+    Rule{{"tactus_metrics", false}, kHost | kHrtc},
+    Rule{{"tactus_object_pose", false}, kHost | kHrtc},
+    Rule{{"tactus_demand", false}, kHrtc | kUser | kOperator | kObserver},
+    Rule{{"tactus_shown_regions", false}, kHrtc},
+    Rule{{"tactus_probe_state", false}, kHrtc},
+    Rule{{"tactus_device_command", false}, kHrtc},
+    Rule{{"tactus_object_claim", false}, kHrtc},
+    Rule{{"tactus_object_copy", false}, kHrtc},
+    Rule{{"tactus_intent", true}, kUser | kOperator},
+    Rule{{"tactus_device_pose", true}, kUser | kOperator},
+    Rule{{"tactus_control", false}, kUser | kOperator},
+    Rule{{"tactus_reset", false}, kOperator},
+    Rule{{"tactus_end", false}, kOperator},
+};
+
+std::string element(const std::string& name, const std::string& text) {
+  return "<" + name + ">" + text + "</" + name + ">";
+}
+
+/// Names of users may have characters that XML reserves.
+std::string escaped(const std::string& text) {
+  std::string result;
+  for (const char c : text) {
+    if (c == '&')
+      result += "&amp;";
+    else if (c == '<')
+      result += "&lt;";
+    else if (c == '>')
+      result += "&gt;";
+    else
+      result += c;
+  }
+  return result;
+}
+
+std::string time_text(std::time_t time) {
+  std::array<char, 32> text{};
+  std::tm utc{};
+  gmtime_r(&time, &utc);
+  std::strftime(text.data(), text.size(), "%Y-%m-%dT%H:%M:%S", &utc);
+  return text.data();
+}
+
+std::string criteria(const std::string& kind, const std::vector<std::string>& topics,
+                     const std::vector<std::string>& partitions) {
+  std::string topic_list, partition_list;
+  for (const std::string& topic : topics) topic_list += element("topic", topic);
+  for (const std::string& partition : partitions) partition_list += element("partition", escaped(partition));
+  return element(kind, element("topics", topic_list) + element("partitions", partition_list)) + "\n";
+}
+
+}  // namespace
+
+std::vector<WriteRight> rights_of(Role role) {
+  std::vector<WriteRight> rights;
+  for (const Rule& rule : kRules)
+    if ((rule.roles & bit(role)) != 0) rights.push_back(rule.right);
+  return rights;
+}
+
+std::string governance_document() {
+  return std::string{kHead} + "omg_shared_ca_governance.xsd\">\n<domain_access_rules><domain_rule>\n" + kDomains +
+         "<allow_unauthenticated_participants>false</allow_unauthenticated_participants>\n"
+         "<enable_join_access_control>true</enable_join_access_control>\n"
+         "<discovery_protection_kind>NONE</discovery_protection_kind>\n"
+         "<liveliness_protection_kind>NONE</liveliness_protection_kind>\n"
+         // Protects discovery of endpoints and data alike, once for each message.
+         "<rtps_protection_kind>ENCRYPT</rtps_protection_kind>\n"
+         "<topic_access_rules><topic_rule><topic_expression>*</topic_expression>\n"
+         "<enable_discovery_protection>false</enable_discovery_protection>\n"
+         "<enable_liveliness_protection>false</enable_liveliness_protection>\n"
+         "<enable_read_access_control>true</enable_read_access_control>\n"
+         "<enable_write_access_control>true</enable_write_access_control>\n"
+         "<metadata_protection_kind>NONE</metadata_protection_kind>\n"
+         "<data_protection_kind>NONE</data_protection_kind>\n"
+         "</topic_rule></topic_access_rules>\n</domain_rule></domain_access_rules></dds>\n";
+}
+
+std::string permissions_document(const std::string& subject, Role role, const std::vector<std::string>& users,
+                                 std::time_t valid_from, std::time_t valid_until) {
+  std::vector<std::string> everywhere, of_users, user_partitions;
+  for (const WriteRight& right : rights_of(role)) (right.of_user ? of_users : everywhere).push_back(right.topic);
+  for (const std::string& user : users) user_partitions.push_back("*/u/" + user);  // of any session
+  std::string rules =
+      element("allow_rule", kDomains + criteria("publish", everywhere, {"*"}) + criteria("subscribe", {"*"}, {"*"}));
+  // A rule of its own: within one, Fast DDS 2.9 accepts the topic of one list with the partition of another.
+  if (!of_users.empty() && !users.empty())
+    rules += "\n" + element("allow_rule", kDomains + criteria("publish", of_users, user_partitions));
+  return std::string{kHead} + "omg_shared_ca_permissions.xsd\">\n<permissions><grant name=\"member\">\n" +
+         element("subject_name", escaped(subject)) + "\n" +
+         element("validity",
+                 element("not_before", time_text(valid_from)) + element("not_after", time_text(valid_until))) +
+         "\n" + rules + "\n" + element("default", "DENY") + "\n</grant></permissions></dds>\n";
+}
+
+}  // namespace tactus::keys

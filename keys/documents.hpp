@@ -1,0 +1,28 @@
+/// The documents of DDS Security 1.1 that say what members may do, as XML.
+#pragma once
+
+#include <ctime>
+#include <string>
+#include <vector>
+
+#include "keys/member.hpp"
+
+namespace tactus::keys {
+
+/// A topic that members of some roles may write.
+struct WriteRight {
+  const char* topic;
+  bool of_user;  ///< only in the partitions of the member's users
+};
+/// Returns the topics that a role may write. Every member may read all topics.
+[[nodiscard]] std::vector<WriteRight> rights_of(Role role);
+
+/// Returns the rules of a secured session: only members join, and every RTPS message is encrypted.
+[[nodiscard]] std::string governance_document();
+
+/// Returns what one member may do. `subject`: name of the certificate's subject, as RFC 2253 writes it.
+[[nodiscard]] std::string permissions_document(const std::string& subject, Role role,
+                                               const std::vector<std::string>& users, std::time_t valid_from,
+                                               std::time_t valid_until);
+
+}  // namespace tactus::keys

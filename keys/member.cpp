@@ -1,0 +1,84 @@
+#include "keys/member.hpp"
+
+#include <sys/stat.h>
+
+#include <algorithm>
+#include <array>
+
+#include "keys/certificates.hpp"
+
+namespace tactus::keys {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::array<std::string_view, std::size(kRoles)> kNames{"host", "hrtc", "user", "operator", "observer"};
+
+Role role_of(const std::string& name, const fs::path& file) {
+  const auto found = std::find(kNames.begin(), kNames.end(), name);
+  if (found == kNames.end())
+    throw KeyError(file.string() + ": found the role '" + name + "', expected a certificate of tactus keys");
+  return static_cast<Role>(found - kNames.begin());
+}
+
+std::string date_of(std::time_t time) {
+  std::array<char, 32> text{};
+  std::tm utc{};
+  gmtime_r(&time, &utc);
+  std::strftime(text.data(), text.size(), "%Y-%m-%d %H:%M UTC", &utc);
+  return text.data();
+}
+
+/// Other users of the machine could act as this member.
+void check_owner(const fs::path& file) {
+  struct stat status {};
+  if (::stat(file.c_str(), &status) == 0 && (status.st_mode & (S_IRWXG | S_IRWXO)) != 0)
+    throw KeyError(file.string() + ": other users can read it, expected only its owner; run: chmod 600 " +
+                   file.string());
+}
+
+}  // namespace
+
+std::string_view name_of(Role role) noexcept { return kNames[static_cast<std::size_t>(role)]; }
+
+Member read_member(const fs::path& folder, std::time_t now) {
+  using namespace files;
+  for (const char* name :
+       {kIdentityCa, kPermissionsCa, kCertificate, kPrivateKey, kGovernance, kPermissions, kRevoked}) {
+    if (!fs::exists(folder / name))
+      throw KeyError((folder / name).string() +
+                     ": not found, expected the folder of a member that tactus keys has made");
+  }
+  const Certificate certificate = read_certificate(folder / kCertificate);
+  const Certificate authority = read_certificate(folder / kIdentityCa);
+  const std::string file = (folder / kCertificate).string();
+  if (!is_issued_by(*certificate, *authority))
+    throw KeyError(file + ": found a certificate of another authority than " + (folder / kIdentityCa).string());
+  check_owner(folder / kPrivateKey);
+  if (!belongs_to(*read_key(folder / kPrivateKey), *certificate))
+    throw KeyError((folder / kPrivateKey).string() + ": found the key of another certificate than " + file);
+  const Subject subject = subject_of(*certificate);
+  Member member;
+  member.name = subject.name;
+  member.role = role_of(subject.unit, file);
+  member.group = subject.group;
+  member.valid_from = valid_from(*certificate);
+  member.valid_until = valid_until(*certificate);
+  member.serial = serial_of(*certificate);
+  const RevokedList list = read_revoked_list(folder / kRevoked);
+  const std::vector<std::string> revoked = serials_of(*list);
+  member.is_revoked = std::find(revoked.begin(), revoked.end(), member.serial) != revoked.end();
+  const std::string who = std::string{name_of(member.role)} + " '" + member.name + "'";
+  if (member.is_revoked)
+    throw KeyError(file + ": the certificate of " + who + " is revoked; the owner of the authority can make a new one");
+  if (now < member.valid_from)
+    throw KeyError(file + ": the certificate of " + who + " is valid from " + date_of(member.valid_from) +
+                   " on; is the clock of this machine right?");
+  if (now > member.valid_until)
+    throw KeyError(file + ": the certificate of " + who + " has expired on " + date_of(member.valid_until) +
+                   "; make a new one with: tactus keys add-" + std::string{name_of(member.role)} + " AUTHORITY " +
+                   member.name + " --replace");
+  return member;
+}
+
+}  // namespace tactus::keys

@@ -1,0 +1,58 @@
+/// The keys of one program of a secured session.
+///
+/// `tactus keys` makes a folder for each member; its program takes the folder with --keys. A member is a program with a
+/// role, and the certificate states both. DDS Security 1.1 defines the content of the files.
+#pragma once
+
+#include <cstdint>
+#include <ctime>
+#include <filesystem>
+#include <stdexcept>
+#include <string>
+#include <string_view>
+
+namespace tactus::keys {
+
+/// Thrown for folders and names that cannot be used. The message names the file, what was found and what was expected,
+/// and the command that mends it.
+class KeyError : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+
+enum class Role : std::uint32_t {
+  kHost,      ///< serves objects
+  kHrtc,      ///< computes forces, and publishes the states of its users
+  kUser,      ///< brings users, who move their own hands only
+  kOperator,  ///< may do what a user may, and reset forces and end the session
+  kObserver   ///< reads; writes only its presence and a stop
+};
+inline constexpr Role kRoles[] = {Role::kHost, Role::kHrtc, Role::kUser, Role::kOperator, Role::kObserver};
+[[nodiscard]] std::string_view name_of(Role role) noexcept;
+
+/// Names of the files in the folder of a member.
+namespace files {
+inline constexpr const char* kIdentityCa = "identity-ca.pem";
+inline constexpr const char* kPermissionsCa = "permissions-ca.pem";
+inline constexpr const char* kCertificate = "certificate.pem";
+inline constexpr const char* kPrivateKey = "private-key.pem";
+inline constexpr const char* kGovernance = "governance.p7s";
+inline constexpr const char* kPermissions = "permissions.p7s";
+inline constexpr const char* kRevoked = "revoked.pem";  ///< list of the revoked certificates
+}  // namespace files
+
+struct Member {
+  std::string name;
+  Role role = Role::kObserver;
+  std::string group;  ///< name of the authority, the same for all members of a session
+  std::time_t valid_from = 0, valid_until = 0;
+  std::string serial;  ///< of the certificate, hexadecimal
+  bool is_revoked = false;
+};
+
+/// Reads the folder of a member, and checks it as its program needs it: all files are there, the identity authority has
+/// issued the certificate, the private key belongs to it and only its owner can read it, and the certificate is valid
+/// at `now` and not revoked. Throws KeyError.
+[[nodiscard]] Member read_member(const std::filesystem::path& folder, std::time_t now);
+
+}  // namespace tactus::keys

@@ -1,0 +1,97 @@
+/// Sessions in which only members of an authority take part, with all messages encrypted.
+#include "keys/authority.hpp"
+#include "tests/e2e/session_test.hpp"
+
+namespace tactus::e2e {
+namespace {
+
+using keys::Role;
+using Seen = Observer::Seen;
+using testing::HasSubstr;
+using testing::Not;
+
+class SecuredTest : public SessionTest {
+ protected:
+  [[nodiscard]] std::string keys_of(const std::string& name, Role role, std::vector<std::string> users = {}) const {
+    keys::NewMember member;
+    member.name = name;
+    member.role = role;
+    member.users = std::move(users);
+    return authority_.add(member).string();
+  }
+  [[nodiscard]] std::vector<std::string> with_keys(std::vector<std::string> command, const std::string& folder) const {
+    command.insert(command.end(), {"--keys", folder});
+    return command;
+  }
+  [[nodiscard]] wire::SessionAddress observer_address(const std::string& folder) const {
+    wire::SessionAddress made = address("observer");
+    made.keys = folder;
+    return made;
+  }
+
+  keys::Authority authority_ = keys::Authority::create(path("lab-keys"));
+};
+
+TEST_F(SecuredTest, OnlyMembersTakePart) {
+  Observer observer{observer_address(keys_of("observer", Role::kObserver))};
+  const keys::Authority other = keys::Authority::create(path("other-keys"));
+  keys::NewMember foreign;
+  foreign.name = "foreign";
+  foreign.role = Role::kOperator;
+  Observer without{address("plain")};
+  Observer stranger{observer_address(other.add(foreign))};
+  Process museum{with_keys(host("museum", models().sphere), keys_of("museum", Role::kHost))};
+  Process desk{with_keys(hrtc("desk"), keys_of("desk", Role::kHrtc))};
+  Process users{with_keys(in_session("sim", {"--scenario", "touch", "--seconds", "4"}),
+                          keys_of("sim", Role::kOperator, {"ann"}))};
+  EXPECT_TRUE(exits_with(0, users)) << users.output() << desk.output() << museum.output();
+  EXPECT_THAT(users.output(), HasSubstr("exact 100.00 %"));
+  EXPECT_TRUE(exits_with(0, desk));
+  EXPECT_TRUE(exits_with(0, museum));
+  EXPECT_GT(observer.seen().user("ann").exact, 0u);
+  for (Observer* outside : {&without, &stranger}) {
+    EXPECT_EQ(outside->seen().user("ann").count, 0u);
+    EXPECT_FALSE(outside->seen().has_left("desk"));
+  }
+}
+
+TEST_F(SecuredTest, TheKeysOfAUserPermitNeitherAResetNorAnotherUser) {
+  const std::string laptop = keys_of("laptop", Role::kUser, {"ann"});
+  Process reset{with_keys(in_session("control", {"reset"}), laptop)};
+  EXPECT_TRUE(exits_with(2, reset));
+  EXPECT_THAT(reset.output(), HasSubstr("topic tactus_reset: the keys of user 'laptop' do not permit to write it"));
+  wire::Participants participants{observer_address(laptop)};
+  const wire::EndpointOptions ann{wire::user_partition("ann")}, bob{wire::user_partition("bob")};
+  EXPECT_NO_THROW((wire::Writer<session::Intent>{participants, wire::topics::kIntent, ann}));
+  try {
+    const wire::Writer<session::Intent> intent{participants, wire::topics::kIntent, bob};
+    FAIL() << "moves the hand of another user";
+  } catch (const wire::WireError& error) {
+    EXPECT_THAT(error.what(), HasSubstr("the keys of user 'laptop' may not permit it for u/bob"));
+  }
+}
+
+TEST_F(SecuredTest, RevokedKeysAreRefusedByTheMemberAndByOthers) {
+  const std::string lost = keys_of("lost", Role::kOperator, {"ann"}), copy = path("copy");
+  std::filesystem::copy(lost, copy);
+  Observer observer{observer_address(keys_of("observer", Role::kObserver))};
+  authority_.revoke("lost");
+  Process refused{with_keys(hrtc("desk"), lost)};
+  EXPECT_TRUE(exits_with(2, refused));
+  EXPECT_THAT(refused.output(), HasSubstr("the certificate of operator 'lost' is revoked"));
+  // The thief keeps the old list. The host has the new one.
+  Process museum{with_keys(host("museum", models().sphere), keys_of("museum", Role::kHost))};
+  Observer thief{observer_address(copy)};
+  ASSERT_TRUE(observer.until([](const Seen& seen) { return seen.is_present("museum"); })) << museum.output();
+  std::this_thread::sleep_for(std::chrono::seconds{1});  // a match would come within 0.1 s
+  EXPECT_FALSE(thief.seen().is_present("museum"));
+}
+
+TEST_F(SecuredTest, ADiscoveryServerIsRefusedWithTheReason) {
+  Process desk{with_keys(in_session("hrtc", {"--discovery-server", "127.0.0.1"}), keys_of("desk", Role::kHrtc))};
+  EXPECT_TRUE(exits_with(2, desk));
+  EXPECT_THAT(desk.output(), HasSubstr("--discovery-server cannot be used with --keys"));
+}
+
+}  // namespace
+}  // namespace tactus::e2e

@@ -1,0 +1,157 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <sys/stat.h>
+
+#include <ctime>
+#include <filesystem>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "keys/authority.hpp"
+#include "keys/documents.hpp"
+#include "tests/support/temporary_folder.hpp"
+
+namespace tactus::keys {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::AllOf;
+using testing::HasSubstr;
+using testing::Not;
+
+constexpr std::time_t kDay = 24 * 3600;
+
+std::string error_of(const std::function<void()>& action) {
+  try {
+    action();
+  } catch (const KeyError& error) {
+    return error.what();
+  }
+  return "";
+}
+
+class KeysTest : public testing::Test {
+ protected:
+  /// Returns the reason for which a program with these keys does not start.
+  static std::string error_of_member(const fs::path& folder, std::time_t now = std::time(nullptr)) {
+    return error_of([&] { (void)read_member(folder, now); });
+  }
+  [[nodiscard]] static NewMember hrtc(const std::string& name) {
+    NewMember member;
+    member.name = name;
+    member.role = Role::kHrtc;
+    return member;
+  }
+
+  test_support::TemporaryFolder folder_;
+  Authority authority_ = Authority::create(folder_.path() / "lab-keys");
+};
+
+TEST_F(KeysTest, AMemberHasNameRoleAndTheTimeForWhichItIsValid) {
+  NewMember added = hrtc("desk");
+  added.days = 30;
+  const std::time_t now = std::time(nullptr);
+  const Member member = read_member(authority_.add(added), now);
+  EXPECT_EQ(member.name, "desk");
+  EXPECT_EQ(member.role, Role::kHrtc);
+  EXPECT_EQ(member.group, "lab-keys");
+  EXPECT_NEAR(static_cast<double>(member.valid_until - now), 30.0 * kDay, 60);
+  EXPECT_FALSE(member.is_revoked);
+}
+
+TEST_F(KeysTest, OnlyTheOwnerCanReadWhatIsMade) {
+  (void)authority_.add(hrtc("desk"));
+  for (const auto& entry : fs::recursive_directory_iterator{folder_.path() / "lab-keys"}) {
+    struct stat status {};
+    ASSERT_EQ(::stat(entry.path().c_str(), &status), 0);
+    if (!entry.is_regular_file()) continue;
+    EXPECT_EQ(status.st_mode & 0077, 0u) << entry.path();
+  }
+}
+
+TEST_F(KeysTest, KeysAreRefusedOutsideTheirTime) {
+  const fs::path desk = authority_.add(hrtc("desk"));
+  const std::time_t now = std::time(nullptr);
+  EXPECT_EQ(error_of_member(desk, now + 364 * kDay), "");
+  EXPECT_THAT(error_of_member(desk, now + 366 * kDay),
+              AllOf(HasSubstr("has expired on"), HasSubstr("tactus keys add-hrtc AUTHORITY desk --replace")));
+  EXPECT_THAT(error_of_member(desk, now - kDay), HasSubstr("is the clock of this machine right?"));
+}
+
+TEST_F(KeysTest, RevokedKeysAreRefusedAndOthersAreNot) {
+  const fs::path desk = authority_.add(hrtc("desk")), lab = authority_.add(hrtc("lab"));
+  authority_.revoke("desk");
+  EXPECT_THAT(error_of_member(desk), HasSubstr("the certificate of hrtc 'desk' is revoked"));
+  EXPECT_EQ(error_of_member(lab), "");
+  authority_.revoke("desk");
+  EXPECT_THAT(error_of_member(authority_.add(hrtc("late"))), "") << "a later member has the list too";
+  const std::vector<Member> members = authority_.members();
+  ASSERT_EQ(members.size(), 3u);
+  EXPECT_EQ(members[0].name, "desk");
+  EXPECT_TRUE(members[0].is_revoked);
+  EXPECT_FALSE(members[1].is_revoked);
+}
+
+TEST_F(KeysTest, AReplacementRevokesTheEarlierKeys) {
+  const fs::path desk = authority_.add(hrtc("desk")), copy = folder_.path() / "copy";
+  fs::copy(desk, copy);
+  EXPECT_THAT(error_of([&] { (void)authority_.add(hrtc("desk")); }), HasSubstr("--replace"));
+  NewMember again = hrtc("desk");
+  again.replaces = true;
+  EXPECT_EQ(error_of_member(authority_.add(again)), "");
+  fs::copy_file(desk / files::kRevoked, copy / files::kRevoked, fs::copy_options::overwrite_existing);
+  EXPECT_THAT(error_of_member(copy), HasSubstr("is revoked"));
+}
+
+TEST_F(KeysTest, NamesTheFileThatIsMissingOrOfAnotherMember) {
+  const Authority other = Authority::create(folder_.path() / "other-keys");
+  const fs::path desk = authority_.add(hrtc("desk")), lab = authority_.add(hrtc("lab")),
+                 foreign = other.add(hrtc("desk"));
+  const auto replace = [&](const char* file, const fs::path& from) {
+    fs::copy_file(from / file, desk / file, fs::copy_options::overwrite_existing);
+  };
+  EXPECT_THAT(error_of_member(folder_.path()),
+              HasSubstr("identity-ca.pem: not found, expected the folder of a member"));
+  replace(files::kPrivateKey, lab);
+  EXPECT_THAT(error_of_member(desk), HasSubstr("private-key.pem: found the key of another certificate"));
+  replace(files::kCertificate, foreign);
+  EXPECT_THAT(error_of_member(desk), HasSubstr("found a certificate of another authority"));
+  test_support::write_bytes(desk / files::kCertificate, "nothing");
+  EXPECT_THAT(error_of_member(desk), HasSubstr("certificate.pem: found no certificate (PEM)"));
+  fs::permissions(lab / files::kPrivateKey, fs::perms::group_read, fs::perm_options::add);
+  EXPECT_THAT(error_of_member(lab), HasSubstr("chmod 600"));
+}
+
+TEST_F(KeysTest, WrongNamesAndFoldersAreRefused) {
+  for (const char* name : {"", "../desk", "a/b", ".hidden", "O=lab", "two words"})
+    EXPECT_THAT(error_of([&] { (void)authority_.add(hrtc(name)); }), HasSubstr("expected 1 to 63 letters")) << name;
+  NewMember member = hrtc("desk");
+  member.users = {"ann*"};
+  EXPECT_THAT(error_of([&] { (void)authority_.add(member); }), HasSubstr("user: found 'ann*'"));
+  member = hrtc("desk");
+  member.days = 0;
+  EXPECT_THAT(error_of([&] { (void)authority_.add(member); }), HasSubstr("days: found 0, expected 1 to 3650"));
+  EXPECT_THAT(error_of([&] { authority_.revoke("nobody"); }), HasSubstr("expected a member of this authority"));
+  EXPECT_THAT(error_of([&] { (void)Authority::create(folder_.path() / "lab-keys"); }), HasSubstr("exists"));
+  EXPECT_THAT(error_of([&] { (void)Authority::create(folder_.path() / "no" / "keys"); }), HasSubstr("found no folder"));
+  EXPECT_THAT(error_of([&] { (void)Authority{folder_.path()}; }), HasSubstr("found no authority"));
+}
+
+TEST(Permissions, AUserMovesTheHandsOfItsUsersOnly) {
+  const std::string text = permissions_document("CN=laptop", Role::kUser, {"ann", "bob"}, 0, kDay);
+  EXPECT_THAT(text, HasSubstr("<publish><topics><topic>tactus_intent</topic><topic>tactus_device_pose</topic></topics>"
+                              "<partitions><partition>*/u/ann</partition><partition>*/u/bob</partition></partitions>"));
+  EXPECT_THAT(text, AllOf(Not(HasSubstr("tactus_reset")), Not(HasSubstr("tactus_end")), HasSubstr("tactus_stop")));
+  EXPECT_THAT(text, HasSubstr("<default>DENY</default>"));
+  EXPECT_THAT(permissions_document("CN=boss", Role::kOperator, {"ann"}, 0, kDay), HasSubstr("tactus_reset"));
+  const std::string observer = permissions_document("CN=screen", Role::kObserver, {}, 0, kDay);
+  EXPECT_THAT(observer, AllOf(Not(HasSubstr("tactus_intent")), HasSubstr("tactus_stop"), HasSubstr("tactus_roster")));
+}
+
+TEST(Permissions, EscapesWhatXmlReserves) {
+  EXPECT_THAT(permissions_document("CN=a<b&c", Role::kHost, {}, 0, kDay), HasSubstr("CN=a&lt;b&amp;c"));
+}
+
+}  // namespace
+}  // namespace tactus::keys

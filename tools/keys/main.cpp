@@ -1,0 +1,144 @@
+// tactus-keys: makes, lists and revokes the keys of a secured session.
+#include <CLI/CLI.hpp>
+#include <array>
+#include <ctime>
+#include <exception>
+#include <filesystem>
+#include <functional>
+#include <iostream>
+#include <string>
+#include <vector>
+
+#include "keys/authority.hpp"
+
+namespace {
+
+using namespace tactus;
+namespace fs = std::filesystem;
+
+constexpr char kExamples[] = R"(
+Examples:
+  tactus-keys init lab-keys                          a new authority; keep this folder on one machine
+  tactus-keys add-host lab-keys museum               a host named museum
+  tactus-keys add-hrtc lab-keys desk                 an HRTC named desk
+  tactus-keys add-user lab-keys laptop ann bob       a program named laptop that brings the users ann and bob
+  tactus-keys export lab-keys desk /media/usb/desk   the folder for the machine of desk
+  tactus-hrtc --session lab --name desk --keys /media/usb/desk
+
+All programs of a session need keys of one authority. Everything that they send is encrypted, and others cannot join.
+Exit status: 0 done, 2 wrong input.)";
+
+std::string date_of(std::time_t time) {
+  std::array<char, 32> text{};
+  std::tm utc{};
+  gmtime_r(&time, &utc);
+  std::strftime(text.data(), text.size(), "%Y-%m-%d", &utc);
+  return text.data();
+}
+
+const char* purpose_of(keys::Role role) {
+  switch (role) {
+    case keys::Role::kHost:
+      return "Make the keys of a VE host: it serves objects";
+    case keys::Role::kHrtc:
+      return "Make the keys of an HRTC: it computes forces and publishes the states of its users";
+    case keys::Role::kUser:
+      return "Make the keys of a program that brings users: it moves the hands of these users only";
+    case keys::Role::kOperator:
+      return "Make the keys of an operator, who may also reset forces and end the session";
+    case keys::Role::kObserver:
+      return "Make the keys of an observer, who reads everything and can stop the forces";
+  }
+  return "";
+}
+
+void show(const keys::Authority& authority) {
+  const std::time_t now = std::time(nullptr);
+  std::printf("%-24s %-9s %-11s %s\n", "name", "role", "valid until", "state");
+  for (const keys::Member& member : authority.members()) {
+    const char* state = "valid";
+    if (member.is_revoked)
+      state = "revoked";
+    else if (now > member.valid_until)
+      state = "expired";
+    std::printf("%-24s %-9s %-11s %s\n", member.name.c_str(), std::string{name_of(member.role)}.c_str(),
+                date_of(member.valid_until).c_str(), state);
+  }
+}
+
+/// Copies the folder of a member. Only its owner can read the copy.
+void export_member(const keys::Authority& authority, const std::string& name, const fs::path& to) {
+  const fs::path from = authority.folder_of(name);
+  if (!fs::is_directory(from)) throw keys::KeyError(from.string() + ": not found, expected a member of this authority");
+  if (fs::exists(to)) throw keys::KeyError(to.string() + ": exists, expected a new folder");
+  fs::create_directory(to);
+  fs::permissions(to, fs::perms::owner_all);
+  for (const auto& entry : fs::directory_iterator{from}) {
+    fs::copy_file(entry.path(), to / entry.path().filename());
+    fs::permissions(to / entry.path().filename(), fs::perms::owner_read | fs::perms::owner_write);
+  }
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  CLI::App app{"Keys of a secured session: makes, lists and revokes them.", "tactus-keys"};
+  app.footer(kExamples);
+  app.require_subcommand(1);
+  fs::path folder, to;
+  std::string name;
+  keys::NewMember member;
+  std::function<void()> action;
+  const auto command = [&](const std::string& what, const std::string& purpose, std::function<void()> run) {
+    CLI::App* const added = app.add_subcommand(what, purpose);
+    added->add_option("AUTHORITY", folder, "Folder of the authority")->required();
+    added->callback([&action, run = std::move(run)] { action = run; });
+    return added;
+  };
+  command("init", "Make a new authority in a new folder, whose name is the name of the authority", [&] {
+    (void)keys::Authority::create(folder);
+    std::printf("%s is a new authority. Its folder 'authority' can make keys for everyone: keep it on this machine.\n",
+                folder.c_str());
+  });
+  for (const keys::Role role : keys::kRoles) {
+    CLI::App* const add = command("add-" + std::string{name_of(role)}, purpose_of(role), [&, role] {
+      member.role = role;
+      if (member.users.empty() && (role == keys::Role::kUser || role == keys::Role::kOperator))
+        member.users = {member.name};
+      const fs::path made = keys::Authority{folder}.add(member);
+      std::printf("%s has the keys of %s %s. Copy it to its machine, for example by tactus keys export.\n",
+                  made.c_str(), std::string{name_of(role)}.c_str(), member.name.c_str());
+    });
+    add->add_option("NAME", member.name, "Name of the program in the session")->required();
+    if (role == keys::Role::kUser || role == keys::Role::kOperator)
+      add->add_option("USER", member.users, "Users that the program may bring; default: one named NAME");
+    add->add_option("--days", member.days, "Days for which the keys are valid")->capture_default_str();
+    add->add_flag("--replace", member.replaces, "Revoke earlier keys of this name");
+  }
+  command("revoke", "Revoke the keys of a member",
+          [&] {
+            const keys::Authority authority{folder};
+            authority.revoke(name);
+            std::printf(
+                "The keys of %s are revoked. Programs refuse them when they have the new list: copy revoked.pem from\n"
+                "%s to the folders of all members, and start their programs again.\n",
+                name.c_str(), (folder / "authority").c_str());
+          })
+      ->add_option("NAME", name, "Name of the member")
+      ->required();
+  command("show", "List the members", [&] { show(keys::Authority{folder}); });
+  CLI::App* const exported = command("export", "Copy the folder of a member, for its machine",
+                                     [&] { export_member(keys::Authority{folder}, name, to); });
+  exported->add_option("NAME", name, "Name of the member")->required();
+  exported->add_option("TO", to, "New folder")->required();
+  try {
+    app.parse(argc, argv);
+    action();
+    return 0;
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? 0 : 2;
+  } catch (const std::exception& error) {
+    std::cerr << "tactus-keys: " << error.what() << '\n';
+    return 2;
+  }
+}
