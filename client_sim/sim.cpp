@@ -214,6 +214,7 @@ Sim::~Sim() = default;
 
 Report Sim::run(const std::atomic<bool>& stop, const std::function<void(const std::string&)>& log) {
   Impl& sim = *impl_;
+  if (!sim.end_out) log("these keys do not permit to end the session, so its other programs go on; an operator's do");
   std::string last_logged;
   bool stopped = false;
   while (!sim.core.finished()) {

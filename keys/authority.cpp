@@ -1,6 +1,8 @@
 #include "keys/authority.hpp"
 
 #include <fcntl.h>
+#include <stdio.h>
+#include <sys/file.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -33,6 +35,7 @@ constexpr char kIdentityKey[] = "identity-ca.key", kPermissionsKey[] = "permissi
 void write_file(const fs::path& path, const std::string& text) {
   const int file = ::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, S_IRUSR | S_IWUSR);
   if (file < 0) fail(path, "cannot be made");
+  errno = ENOSPC;  // for a write that is too short
   const bool is_written =
       ::write(file, text.data(), text.size()) == static_cast<ssize_t>(text.size()) && ::fsync(file) == 0;
   const int error = errno;
@@ -84,6 +87,13 @@ class Pending {
     temporary_.clear();
     sync_folder(path_.parent_path());
   }
+  /// Takes the place of a folder, in one step. The destructor removes the earlier one.
+  void exchange() {
+    sync_folder(temporary_);
+    if (::renameat2(AT_FDCWD, temporary_.c_str(), AT_FDCWD, path_.c_str(), RENAME_EXCHANGE) != 0)
+      fail(path_, "cannot be replaced");
+    sync_folder(path_.parent_path());
+  }
 
  private:
   explicit Pending(fs::path path) : path_{std::move(path)} {}
@@ -91,6 +101,21 @@ class Pending {
     return path_.parent_path() / ("." + path_.filename().string() + ".XXXXXX");
   }
   fs::path path_, temporary_;
+};
+
+/// Lets other programs that change the authority wait.
+class Lock {
+ public:
+  explicit Lock(const fs::path& folder)
+      : descriptor_{::open((folder / kAuthorityFolder).c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC)} {
+    if (descriptor_ < 0 || ::flock(descriptor_, LOCK_EX) != 0) fail(folder, "cannot be locked");
+  }
+  ~Lock() { ::close(descriptor_); }
+  Lock(const Lock&) = delete;
+  Lock& operator=(const Lock&) = delete;
+
+ private:
+  int descriptor_;
 };
 
 /// Names become file names, and parts of certificates and of permissions.
@@ -141,7 +166,7 @@ Authority Authority::create(const fs::path& folder) {
   write_file(authority / files::kPermissionsCa, pem_of(*permissions.certificate));
   write_file(authority / kPermissionsKey, pem_of(*permissions.key));
   write_file(authority / files::kGovernance, sign(permissions, governance_document()));
-  write_file(authority / files::kRevoked, pem_of(*make_revoked_list(identities, {}, now())));
+  write_file(authority / files::kRevoked, pem_of(*make_revoked_list(identities, {}, now() - kClockTolerance)));
   sync_folder(authority);
   pending.commit();
   return Authority{path};
@@ -155,6 +180,7 @@ Authority::Authority(fs::path folder) : folder_{std::move(folder)} {
 fs::path Authority::folder_of(const std::string& name) const { return folder_ / kMembersFolder / name; }
 
 fs::path Authority::add(const NewMember& added) const {
+  const Lock lock{folder_};
   constexpr int kMaxDays = kAuthorityDays;
   check_name("name", added.name);
   for (const std::string& user : added.users) check_name("user", user);
@@ -168,6 +194,7 @@ fs::path Authority::add(const NewMember& added) const {
   const Issuer permissions = read_issuer(authority, files::kPermissionsCa, kPermissionsKey);
   const std::time_t from = now() - kClockTolerance;
   const std::time_t until = std::min(now() + added.days * kDay, valid_until(*identities.certificate));
+  if (until <= now()) throw KeyError(folder_.string() + ": the authority has expired; make a new one, with new keys");
   const Subject subject{subject_of(*identities.certificate).group, std::string{name_of(added.role)}, added.name};
   const Key key = make_key();
   const Certificate certificate = issue(identities, subject, *key, from, until);
@@ -178,17 +205,24 @@ fs::path Authority::add(const NewMember& added) const {
   write_file(made / files::kPrivateKey, pem_of(*key));
   write_file(made / files::kPermissions,
              sign(permissions, permissions_document(subject_text(*certificate), added.role, added.users, from, until)));
-  if (fs::exists(folder)) {
-    revoke(added.name);
-    fs::remove_all(folder);
-  }
+  const bool exists = fs::exists(folder);
+  // Without a certificate, of an earlier run that was killed, there is nothing to revoke.
+  if (exists && fs::exists(folder / files::kCertificate)) revoke_certificate(added.name);
   copy(authority, made, files::kRevoked);
-  pending.commit();
+  if (exists)
+    pending.exchange();
+  else
+    pending.commit();
   return folder;
 }
 
 void Authority::revoke(const std::string& name) const {
   check_name("name", name);
+  const Lock lock{folder_};
+  revoke_certificate(name);
+}
+
+void Authority::revoke_certificate(const std::string& name) const {
   const fs::path file = folder_of(name) / files::kCertificate;
   if (!fs::exists(file)) throw KeyError(file.string() + ": not found, expected a member of this authority");
   std::vector<std::string> serials = serials_of(*read_revoked_list(folder_ / kAuthorityFolder / files::kRevoked));
@@ -199,7 +233,7 @@ void Authority::revoke(const std::string& name) const {
 
 /// The authority has the list first, so a repetition of an interrupted revocation completes it.
 void Authority::write_revoked(const std::vector<std::string>& serials) const {
-  const std::string text = pem_of(*make_revoked_list(identities_of(folder_), serials, now()));
+  const std::string text = pem_of(*make_revoked_list(identities_of(folder_), serials, now() - kClockTolerance));
   Pending::file(folder_ / kAuthorityFolder / files::kRevoked, text).commit();
   for (const auto& entry : fs::directory_iterator{folder_ / kMembersFolder})
     if (entry.path().filename().string().front() != '.') Pending::file(entry.path() / files::kRevoked, text).commit();
@@ -210,7 +244,8 @@ std::vector<Member> Authority::members() const {
   std::vector<Member> members;
   for (const auto& entry : fs::directory_iterator{folder_ / kMembersFolder}) {
     const std::string name = entry.path().filename();
-    if (name.front() == '.') continue;  // of an interrupted run
+    // Of an interrupted run.
+    if (name.front() == '.' || !fs::exists(entry.path() / files::kCertificate)) continue;
     const Certificate certificate = read_certificate(entry.path() / files::kCertificate);
     const Subject subject = subject_of(*certificate);
     Member member;

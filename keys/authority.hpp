@@ -6,7 +6,7 @@
 ///     lab-keys/authority/   private keys of both authorities; stays where it was made
 ///     lab-keys/members/desk/   all that the program `desk` needs; copied to its machine
 ///
-/// Every file and folder gets its name only when it is complete. One process at a time.
+/// Every file and folder gets its name only when it is complete. A second process that makes or revokes keys waits.
 #pragma once
 
 #include <filesystem>
@@ -42,6 +42,7 @@ class Authority {
   [[nodiscard]] std::filesystem::path folder_of(const std::string& name) const;
 
  private:
+  void revoke_certificate(const std::string& name) const;
   void write_revoked(const std::vector<std::string>& serials) const;
 
   std::filesystem::path folder_;

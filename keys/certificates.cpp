@@ -257,6 +257,15 @@ bool is_issued_by(X509& certificate, X509& authority) {
   return is_valid;
 }
 
+bool is_issued_by(X509_CRL& list, X509& authority) {
+  const bool is_valid = X509_NAME_cmp(X509_CRL_get_issuer(&list), X509_get_subject_name(&authority)) == 0 &&
+                        X509_CRL_verify(&list, X509_get0_pubkey(&authority)) == 1;
+  ERR_clear_error();
+  return is_valid;
+}
+
+std::time_t valid_from(X509_CRL& list) { return time_of(X509_CRL_get0_lastUpdate(&list)); }
+
 bool belongs_to(EVP_PKEY& key, X509& certificate) {
   const bool belongs = X509_check_private_key(&certificate, &key) == 1;
   ERR_clear_error();

@@ -58,6 +58,8 @@ struct Subject {
 [[nodiscard]] std::time_t valid_until(X509& certificate);
 /// Returns whether the authority has signed the certificate.
 [[nodiscard]] bool is_issued_by(X509& certificate, X509& authority);
+[[nodiscard]] bool is_issued_by(X509_CRL& list, X509& authority);
+[[nodiscard]] std::time_t valid_from(X509_CRL& list);
 [[nodiscard]] bool belongs_to(EVP_PKEY& key, X509& certificate);
 
 }  // namespace tactus::keys

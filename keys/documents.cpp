@@ -14,6 +14,8 @@ constexpr char kHead[] =
 // All domains: the base domain of a session is an option of its programs.
 constexpr char kDomains[] = "<domains><id_range><min>0</min><max>232</max></id_range></domains>\n";
 
+constexpr std::time_t kZoneMargin = 24 * 3600;
+
 constexpr unsigned bit(Role role) { return 1u << static_cast<unsigned>(role); }
 constexpr unsigned kHost = bit(Role::kHost), kHrtc = bit(Role::kHrtc), kUser = bit(Role::kUser),
                    kOperator = bit(Role::kOperator), kObserver = bit(Role::kObserver),
@@ -51,7 +53,7 @@ std::string element(const std::string& name, const std::string& text) {
   return "<" + name + ">" + text + "</" + name + ">";
 }
 
-/// Names of users may have characters that XML reserves.
+/// Names of subjects may have characters that XML reserves.
 std::string escaped(const std::string& text) {
   std::string result;
   for (const char c : text) {
@@ -67,6 +69,7 @@ std::string escaped(const std::string& text) {
   return result;
 }
 
+/// Fast DDS reads these times as local ones, so they have a margin of a day; the certificate has the exact times.
 std::string time_text(std::time_t time) {
   std::array<char, 32> text{};
   std::tm utc{};
@@ -122,8 +125,8 @@ std::string permissions_document(const std::string& subject, Role role, const st
     rules += "\n" + element("allow_rule", kDomains + criteria("publish", of_users, user_partitions));
   return std::string{kHead} + "omg_shared_ca_permissions.xsd\">\n<permissions><grant name=\"member\">\n" +
          element("subject_name", escaped(subject)) + "\n" +
-         element("validity",
-                 element("not_before", time_text(valid_from)) + element("not_after", time_text(valid_until))) +
+         element("validity", element("not_before", time_text(valid_from - kZoneMargin)) +
+                                 element("not_after", time_text(valid_until + kZoneMargin))) +
          "\n" + rules + "\n" + element("default", "DENY") + "\n</grant></permissions></dds>\n";
 }
 

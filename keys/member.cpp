@@ -45,9 +45,10 @@ Member read_member(const fs::path& folder, std::time_t now) {
   using namespace files;
   for (const char* name :
        {kIdentityCa, kPermissionsCa, kCertificate, kPrivateKey, kGovernance, kPermissions, kRevoked}) {
-    if (!fs::exists(folder / name))
+    std::error_code error;
+    if (!fs::exists(folder / name, error))
       throw KeyError((folder / name).string() +
-                     ": not found, expected the folder of a member that tactus keys has made");
+                     ": not found, or not readable; expected the folder of a member that tactus keys has made");
   }
   const Certificate certificate = read_certificate(folder / kCertificate);
   const Certificate authority = read_certificate(folder / kIdentityCa);
@@ -66,6 +67,12 @@ Member read_member(const fs::path& folder, std::time_t now) {
   member.valid_until = valid_until(*certificate);
   member.serial = serial_of(*certificate);
   const RevokedList list = read_revoked_list(folder / kRevoked);
+  if (!is_issued_by(*list, *authority))
+    throw KeyError((folder / kRevoked).string() + ": found the list of another authority than " +
+                   (folder / kIdentityCa).string());
+  if (now < valid_from(*list))
+    throw KeyError((folder / kRevoked).string() + ": valid from " + date_of(valid_from(*list)) +
+                   " on; is the clock of this machine right?");
   const std::vector<std::string> revoked = serials_of(*list);
   member.is_revoked = std::find(revoked.begin(), revoked.end(), member.serial) != revoked.end();
   const std::string who = std::string{name_of(member.role)} + " '" + member.name + "'";

@@ -46,6 +46,7 @@ std::string PointedUsers::chosen_hrtc(const TouchRequest& request) const {
 
 /// Returns why the source cannot have this user; empty: it can. `leaving`: the leaving user with this name, or null.
 std::string PointedUsers::refusal(SourceId source, const TouchRequest& request, const User* leaving) const {
+  if (!no_users.empty()) return no_users;
   if (has_user(source)) return "this " + source_name_ + " has a probe already";
   if (leaving == nullptr && users_.size() >= kMaxUsers)
     return source_name_ + "s have " + std::to_string(kMaxUsers) + " probes already";

@@ -59,6 +59,9 @@ class PointedUsers {
   /// Called with the reason when a source gets no probe, or loses it without having given it back.
   std::function<void(SourceId source, const std::string& reason)> on_refused;
 
+  /// The reason for which no one may be a user; empty: users may join.
+  std::string no_users;
+
   /// If a leaving user of this program still has the name, the request waits until that user is removed.
   void on_touch(SourceId source, const TouchRequest& request, std::int64_t now_ns);
   void on_hand(SourceId source, const HandRequest& request, std::int64_t now_ns);

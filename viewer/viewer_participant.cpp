@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <map>
+#include <set>
 #include <utility>
 #include <variant>
 #include <vector>
@@ -66,6 +67,8 @@ struct ViewerParticipant::Impl {
         demand_out{participants, wire::topics::kDemand},
         clock_out{participants, wire::topics::kClock},
         stop_out{participants, wire::topics::kStop} {
+    if (!participants.may_write(wire::topics::kIntent.name))
+      users.no_users = "the keys of this viewer do not permit users; expected keys of tactus keys add-user";
     listen(wire::topics::kRoster);
     listen(wire::topics::kCatalogue);
     listen(wire::topics::kProbeState);
@@ -123,12 +126,18 @@ struct ViewerParticipant::Impl {
     std::unique_ptr<Client>& client = clients[entry.origin.participant];
     const bool joins_again = client && client->left_ns != 0 && !entry.leaving;
     if (client && !joins_again) return client.get();
+    if (refused.count(entry.origin.participant) != 0) {
+      clients.erase(entry.origin.participant);
+      if (entry.leaving) refused.erase(entry.origin.participant);
+      return nullptr;
+    }
     try {
       client = std::make_unique<Client>(address, entry);
       return client.get();
     } catch (const wire::WireError& error) {
       core.add_event("client '" + entry.name + "' cannot join: " + error.what(), monotonic_ns());
       clients.erase(entry.origin.participant);
+      refused.insert(entry.origin.participant);
       return nullptr;
     }
   }
@@ -175,6 +184,7 @@ struct ViewerParticipant::Impl {
   bool loads_meshes = false;
   session::PeriodicTimer tick{kTickNs};
   std::map<std::uint64_t, std::unique_ptr<Client>> clients;  // by participant
+  std::set<std::uint64_t> refused;                           // participants that cannot join, until they leave
   wire::Writer<session::RosterEntry> roster_out;
   wire::Writer<session::Demand> demand_out;
   wire::Writer<session::ClockSample> clock_out;

@@ -138,7 +138,10 @@ dds::DomainParticipant* join(Participants::Impl& impl, TrafficClass traffic, con
   }
   if (made == nullptr) {
     throw WireError("cannot join DDS domain " + std::to_string(domain) + " with profile '" + profile + "' of " +
-                    file_of(impl, traffic).string() + ": " + log.take());
+                    file_of(impl, traffic).string() + ": " + log.take() +
+                    (impl.member ? "; the files in " + impl.address.keys.string() +
+                                       " may not fit together: copy the whole folder of the member again"
+                                 : ""));
   }
   mark_new_sockets(before, impl.flow.sockets[index]);
   return made;

@@ -5,6 +5,8 @@
 #include <ctime>
 #include <filesystem>
 #include <functional>
+#include <iterator>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -112,7 +114,7 @@ TEST_F(KeysTest, NamesTheFileThatIsMissingOrOfAnotherMember) {
     fs::copy_file(from / file, desk / file, fs::copy_options::overwrite_existing);
   };
   EXPECT_THAT(error_of_member(folder_.path()),
-              HasSubstr("identity-ca.pem: not found, expected the folder of a member"));
+              HasSubstr("identity-ca.pem: not found, or not readable; expected the folder of a member"));
   replace(files::kPrivateKey, lab);
   EXPECT_THAT(error_of_member(desk), HasSubstr("private-key.pem: found the key of another certificate"));
   replace(files::kCertificate, foreign);
@@ -121,6 +123,30 @@ TEST_F(KeysTest, NamesTheFileThatIsMissingOrOfAnotherMember) {
   EXPECT_THAT(error_of_member(desk), HasSubstr("certificate.pem: found no certificate (PEM)"));
   fs::permissions(lab / files::kPrivateKey, fs::perms::group_read, fs::perm_options::add);
   EXPECT_THAT(error_of_member(lab), HasSubstr("chmod 600"));
+}
+
+TEST_F(KeysTest, AListOfAnotherAuthorityIsRefused) {
+  const Authority other = Authority::create(folder_.path() / "other-keys");
+  const fs::path desk = authority_.add(hrtc("desk")), foreign = other.add(hrtc("desk"));
+  fs::copy_file(foreign / files::kRevoked, desk / files::kRevoked, fs::copy_options::overwrite_existing);
+  EXPECT_THAT(error_of_member(desk), HasSubstr("revoked.pem: found the list of another authority"));
+}
+
+TEST_F(KeysTest, AMachineWhoseClockIsLateAcceptsTheList) {
+  const fs::path desk = authority_.add(hrtc("desk")), lab = authority_.add(hrtc("lab"));
+  authority_.revoke("lab");
+  EXPECT_EQ(error_of_member(desk, std::time(nullptr) - 1800), "");
+}
+
+TEST_F(KeysTest, ADamagedMemberIsNotListedAndCanBeReplaced) {
+  const fs::path desk = authority_.add(hrtc("desk"));
+  fs::remove(desk / files::kCertificate);
+  EXPECT_TRUE(authority_.members().empty());
+  NewMember again = hrtc("desk");
+  again.replaces = true;
+  EXPECT_EQ(error_of_member(authority_.add(again)), "");
+  EXPECT_EQ(std::distance(fs::directory_iterator{desk.parent_path()}, fs::directory_iterator{}), 1)
+      << "the earlier folder is removed";
 }
 
 TEST_F(KeysTest, WrongNamesAndFoldersAreRefused) {
@@ -147,6 +173,30 @@ TEST(Permissions, AUserMovesTheHandsOfItsUsersOnly) {
   EXPECT_THAT(permissions_document("CN=boss", Role::kOperator, {"ann"}, 0, kDay), HasSubstr("tactus_reset"));
   const std::string observer = permissions_document("CN=screen", Role::kObserver, {}, 0, kDay);
   EXPECT_THAT(observer, AllOf(Not(HasSubstr("tactus_intent")), HasSubstr("tactus_stop"), HasSubstr("tactus_roster")));
+}
+
+TEST(Permissions, HaveAMarginForTheTimeZoneOfAMachine) {  // Fast DDS reads them as local times
+  const std::string text = permissions_document("CN=desk", Role::kHrtc, {}, 10 * kDay, 20 * kDay);
+  EXPECT_THAT(text, HasSubstr("<not_before>1970-01-10T00:00:00</not_before>"));
+  EXPECT_THAT(text, HasSubstr("<not_after>1970-01-22T00:00:00</not_after>"));
+}
+
+TEST(Permissions, AreThoseOfTheRole) {
+  const auto topics_of = [](Role role) {
+    std::set<std::string> topics;
+    for (const WriteRight& right : rights_of(role)) topics.insert(right.topic);
+    return topics;
+  };
+  EXPECT_EQ(topics_of(Role::kObserver),
+            (std::set<std::string>{"tactus_roster", "tactus_clock", "tactus_stop", "tactus_demand"}));
+  EXPECT_EQ(topics_of(Role::kHost),
+            (std::set<std::string>{"tactus_roster", "tactus_clock", "tactus_stop", "tactus_catalogue", "tactus_base",
+                                   "tactus_records", "tactus_object_grant", "tactus_metrics", "tactus_object_pose"}));
+  for (const Role role : {Role::kHost, Role::kHrtc, Role::kUser, Role::kObserver}) {
+    EXPECT_EQ(topics_of(role).count("tactus_reset") + topics_of(role).count("tactus_end"), 0u) << name_of(role);
+  }
+  for (const Role role : {Role::kHost, Role::kUser, Role::kOperator, Role::kObserver})
+    EXPECT_EQ(topics_of(role).count("tactus_probe_state"), 0u) << name_of(role);
 }
 
 TEST(Permissions, EscapesWhatXmlReserves) {

@@ -22,10 +22,10 @@ Examples:
   tactus-keys add-host lab-keys museum               a host named museum
   tactus-keys add-hrtc lab-keys desk                 an HRTC named desk
   tactus-keys add-user lab-keys laptop ann bob       a program named laptop that brings the users ann and bob
-  tactus-keys export lab-keys desk /media/usb/desk   the folder for the machine of desk
-  tactus-hrtc --session lab --name desk --keys /media/usb/desk
+  tactus-keys export lab-keys desk desk-keys         a copy for the machine of desk
+  tactus-hrtc --session lab --name desk --keys desk-keys
 
-All programs of a session need keys of one authority. Everything that they send is encrypted, and others cannot join.
+All programs of a session need keys of one authority. All samples are encrypted, and others cannot join.
 Exit status: 0 done, 2 wrong input.)";
 
 std::string date_of(std::time_t time) {
@@ -72,10 +72,17 @@ void export_member(const keys::Authority& authority, const std::string& name, co
   if (!fs::is_directory(from)) throw keys::KeyError(from.string() + ": not found, expected a member of this authority");
   if (fs::exists(to)) throw keys::KeyError(to.string() + ": exists, expected a new folder");
   fs::create_directory(to);
-  fs::permissions(to, fs::perms::owner_all);
-  for (const auto& entry : fs::directory_iterator{from}) {
-    fs::copy_file(entry.path(), to / entry.path().filename());
-    fs::permissions(to / entry.path().filename(), fs::perms::owner_read | fs::perms::owner_write);
+  try {
+    fs::permissions(to, fs::perms::owner_all);
+    for (const auto& entry : fs::directory_iterator{from}) {
+      fs::copy_file(entry.path(), to / entry.path().filename());
+      fs::permissions(to / entry.path().filename(), fs::perms::owner_read | fs::perms::owner_write);
+    }
+  } catch (const fs::filesystem_error& error) {
+    std::error_code ignored;
+    fs::remove_all(to, ignored);
+    throw keys::KeyError(to.string() + ": " + error.code().message() +
+                         "; the file system may have no owners of files: use scp, or tar");
   }
 }
 
