@@ -20,9 +20,10 @@ namespace fs = std::filesystem;
 
 constexpr std::size_t kStep = 1 << 20, kMargin = 32 * kStep;  // bytes
 
-/// In a child after a fork, so it allocates nothing by `new`. Returns whether `victim` has ended.
-bool take_memory(int group, int victim) {
-  if (::write(group, "0", 1) != 1) return false;  // 0: this process
+/// In a child after a fork, so it allocates nothing by `new`. Returns whether `victim` has ended. If its end does not free
+/// enough, the system ends this child next, which has the second largest score.
+bool take_memory(int group, int score, int victim) {
+  if (::write(score, "400", 3) != 3 || ::write(group, "0", 1) != 1) return false;  // 0: this process
   pollfd end{victim, POLLIN, 0};
   for (std::size_t taken = 0; taken < 16 * kMargin; taken += kStep) {
     void* const memory = mmap(nullptr, kStep, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
@@ -55,14 +56,19 @@ void MemoryGroup::exhaust(pid_t victim) const {
   const int group = ::open((folder_ / "cgroup.procs").c_str(), O_WRONLY | O_CLOEXEC);
   const int victim_fd = static_cast<int>(syscall(SYS_pidfd_open, victim, 0));
   const pid_t child = fork();
-  if (child == 0) _exit(take_memory(group, victim_fd) ? 0 : 1);
+  if (child == 0) {
+    const int score = ::open("/proc/self/oom_score_adj", O_WRONLY | O_CLOEXEC);
+    _exit(take_memory(group, score, victim_fd) ? 0 : 1);
+  }
   int status = -1;
   while (waitpid(child, &status, 0) < 0 && errno == EINTR) {
   }
+  pollfd end{victim_fd, POLLIN, 0};
+  const bool has_ended = poll(&end, 1, 1000) == 1;
   ::close(group);
   ::close(victim_fd);
   write(limit, is_version_1_ ? "-1" : "max");
-  if (status != 0) throw std::runtime_error("a lack of memory did not end process " + std::to_string(victim));
+  if (!has_ended) throw std::runtime_error("a lack of memory did not end process " + std::to_string(victim));
 }
 
 void MemoryGroup::write(const std::string& file, const std::string& text) const {

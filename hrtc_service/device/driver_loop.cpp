@@ -24,8 +24,8 @@ void DriverLoop::run() noexcept {
     if (wait_for_command(next_ns)) {
       const std::int64_t now_ns = monotonic_ns();
       cycle_ns_ = std::clamp(command_.cycle_ns, now_ns - 2 * timeout_ns_, now_ns);
-      next_ns = std::max(cycle_ns_, now_ns - period_ns_) + period_ns_;
       write_command();
+      next_ns = planned_start() + period_ns_;
     } else {
       next_ns = monotonic_ns() + period_ns_;
     }
@@ -36,6 +36,15 @@ void DriverLoop::run() noexcept {
     steps_.fetch_add(1, std::memory_order_relaxed);
   }
   device_.write(Vec3d::Zero());
+}
+
+/// Returns the planned start of the newest cycle with a command. The haptic thread wakes up late by a varying time, and
+/// never early. So this is the earliest of the recent starts, moved by periods. It may move later by 1 us in each cycle.
+std::int64_t DriverLoop::planned_start() noexcept {
+  const std::int64_t passed_ns = cycle_ns_ - planned_ns_ + period_ns_ / 5;  // a start may be early by a fifth
+  const std::int64_t expected_ns = planned_ns_ + passed_ns / period_ns_ * period_ns_ + 1'000;
+  planned_ns_ = planned_ns_ == 0 ? cycle_ns_ : std::min(cycle_ns_, expected_ns);
+  return planned_ns_;
 }
 
 void DriverLoop::send_state() noexcept {

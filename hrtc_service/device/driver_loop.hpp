@@ -40,6 +40,7 @@ class DriverLoop {
   void send_state() noexcept;
   [[nodiscard]] bool wait_for_command(std::int64_t cycle_ns) noexcept;
   void write_command() noexcept;
+  [[nodiscard]] std::int64_t planned_start() noexcept;
 
   haptics::Device& device_;
   const std::atomic<std::uint32_t>& is_ending_;
@@ -47,11 +48,12 @@ class DriverLoop {
   const std::int64_t timeout_ns_;
   MailboxReader<DriverCommand> commands_;
   MailboxWriter<DriverState> states_;
-  DriverCommand command_;      // newest
-  bool is_commanded_ = false;  // the last cycle had a command
-  double strength_ = 0;        // 0 to 1: share of the commanded force
-  std::int64_t read_ns_ = 0;   // mean time of a read
-  std::int64_t cycle_ns_ = 0;  // start of the newest cycle with a command
+  DriverCommand command_;        // newest
+  bool is_commanded_ = false;    // the last cycle had a command
+  double strength_ = 0;          // 0 to 1: share of the commanded force
+  std::int64_t read_ns_ = 0;     // mean time of a read
+  std::int64_t cycle_ns_ = 0;    // start of the newest cycle with a command
+  std::int64_t planned_ns_ = 0;  // start that was planned for that cycle
   std::atomic<std::uint32_t> steps_{0};
 };
 
