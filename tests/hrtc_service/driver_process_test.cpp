@@ -89,7 +89,7 @@ class DriverProcessTest : public testing::Test {
   [[nodiscard]] std::string wait_for_end() const {
     const std::int64_t until_ns = monotonic_ns() + kMaxNs;
     while (reported_end().empty() && monotonic_ns() < until_ns)
-      std::this_thread::sleep_for(std::chrono::milliseconds{5});
+      std::this_thread::sleep_for(std::chrono::milliseconds{5});  // a file notifies nobody
     return reported_end();
   }
   [[nodiscard]] std::string reported_end() const {
@@ -158,7 +158,7 @@ TEST_F(DriverProcessTest, TheForceIsZeroTenMsAfterTheLastCommand) {
     return !all.empty() && all.back().force == 0;
   };
   while (!is_zero_again() && monotonic_ns() < last_ns + kMaxNs)
-    std::this_thread::sleep_for(std::chrono::milliseconds{5});
+    std::this_thread::sleep_for(std::chrono::milliseconds{5});  // a file notifies nobody
   const std::vector<Write> all = writes();
   ASSERT_GE(all.size(), 2u);
   ASSERT_EQ(all.back().force, 0);
@@ -178,7 +178,7 @@ TEST_F(DriverProcessTest, AnOldCommandIsNotObeyed) {
   device.write({0, 0, 2});
   const std::int64_t until_ns = monotonic_ns() + kMaxNs;
   while (writes().size() < before + 20 && monotonic_ns() < until_ns)
-    std::this_thread::sleep_for(std::chrono::milliseconds{5});
+    std::this_thread::sleep_for(std::chrono::milliseconds{5});  // a file notifies nobody
   const std::vector<Write> all = writes();
   EXPECT_GE(all.size(), before + 20) << "zero forces";
   EXPECT_TRUE(std::all_of(all.begin(), all.end(), [](const Write& write) { return write.force == 0; }));
@@ -262,7 +262,7 @@ TEST_F(DriverProcessTest, AKilledHrtcLeavesNoForce) {
   const std::int64_t until_ns = monotonic_ns() + kMaxNs;
   const auto waits_for = [&](const std::string& text) {
     while (written_text().find(text) == std::string::npos && monotonic_ns() < until_ns)
-      std::this_thread::sleep_for(std::chrono::milliseconds{5});
+      std::this_thread::sleep_for(std::chrono::milliseconds{5});  // a file notifies nobody
   };
   waits_for(" 1\n");
   ::kill(hrtc, SIGKILL);
