@@ -28,6 +28,7 @@ void DriverLoop::run() noexcept {
       next_ns = planned_start() + period_ns_;
     } else {
       next_ns = monotonic_ns() + period_ns_;
+      if (strength_ > 0) next_ns = std::min(next_ns, cycle_ns_ + timeout_ns_ + kReadAheadNs);
     }
     if (monotonic_ns() - cycle_ns_ >= timeout_ns_) {
       strength_ = 0;
