@@ -240,24 +240,14 @@ void Authority::write_revoked(const std::vector<std::string>& serials) const {
 }
 
 std::vector<Member> Authority::members() const {
-  const std::vector<std::string> revoked = serials_of(*read_revoked_list(folder_ / kAuthorityFolder / files::kRevoked));
+  const RevokedList revoked = read_revoked_list(folder_ / kAuthorityFolder / files::kRevoked);
   std::vector<Member> members;
   for (const auto& entry : fs::directory_iterator{folder_ / kMembersFolder}) {
     const std::string name = entry.path().filename();
     // Of an interrupted run.
     if (name.front() == '.' || !fs::exists(entry.path() / files::kCertificate)) continue;
-    const Certificate certificate = read_certificate(entry.path() / files::kCertificate);
-    const Subject subject = subject_of(*certificate);
-    Member member;
-    member.name = name;
-    for (const Role role : kRoles)
-      if (name_of(role) == subject.unit) member.role = role;
-    member.group = subject.group;
-    member.valid_from = valid_from(*certificate);
-    member.valid_until = valid_until(*certificate);
-    member.serial = serial_of(*certificate);
-    member.is_revoked = std::find(revoked.begin(), revoked.end(), member.serial) != revoked.end();
-    members.push_back(std::move(member));
+    const fs::path file = entry.path() / files::kCertificate;
+    members.push_back(member_of(*read_certificate(file), *revoked, file));
   }
   std::sort(members.begin(), members.end(), [](const Member& a, const Member& b) { return a.name < b.name; });
   return members;

@@ -10,6 +10,8 @@
 #include <string>
 #include <vector>
 
+#include "keys/member.hpp"
+
 namespace tactus::keys {
 
 struct Free {
@@ -61,5 +63,8 @@ struct Subject {
 [[nodiscard]] bool is_issued_by(X509_CRL& list, X509& authority);
 [[nodiscard]] std::time_t valid_from(X509_CRL& list);
 [[nodiscard]] bool belongs_to(EVP_PKEY& key, X509& certificate);
+
+/// Returns the member of a certificate. Throws KeyError, which names `file`, if its unit is no role.
+[[nodiscard]] Member member_of(X509& certificate, X509_CRL& revoked, const std::filesystem::path& file);
 
 }  // namespace tactus::keys

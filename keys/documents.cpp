@@ -70,13 +70,7 @@ std::string escaped(const std::string& text) {
 }
 
 /// Fast DDS reads these times as local ones, so they have a margin of a day; the certificate has the exact times.
-std::string time_text(std::time_t time) {
-  std::array<char, 32> text{};
-  std::tm utc{};
-  gmtime_r(&time, &utc);
-  std::strftime(text.data(), text.size(), "%Y-%m-%dT%H:%M:%S", &utc);
-  return text.data();
-}
+std::string time_text(std::time_t time) { return utc_text(time, "%Y-%m-%dT%H:%M:%S"); }
 
 std::string criteria(const std::string& kind, const std::vector<std::string>& topics,
                      const std::vector<std::string>& partitions) {

@@ -21,13 +21,7 @@ Role role_of(const std::string& name, const fs::path& file) {
   return static_cast<Role>(found - kNames.begin());
 }
 
-std::string date_of(std::time_t time) {
-  std::array<char, 32> text{};
-  std::tm utc{};
-  gmtime_r(&time, &utc);
-  std::strftime(text.data(), text.size(), "%Y-%m-%d %H:%M UTC", &utc);
-  return text.data();
-}
+std::string minute_text(std::time_t time) { return utc_text(time, "%Y-%m-%d %H:%M UTC"); }
 
 /// Other users of the machine could act as this member.
 void check_owner(const fs::path& file) {
@@ -39,7 +33,29 @@ void check_owner(const fs::path& file) {
 
 }  // namespace
 
+std::string utc_text(std::time_t time, const char* format) {
+  std::array<char, 32> text{};
+  std::tm utc{};
+  gmtime_r(&time, &utc);
+  std::strftime(text.data(), text.size(), format, &utc);
+  return text.data();
+}
+
 std::string_view name_of(Role role) noexcept { return kNames[static_cast<std::size_t>(role)]; }
+
+Member member_of(X509& certificate, X509_CRL& revoked, const fs::path& file) {
+  const Subject subject = subject_of(certificate);
+  const std::vector<std::string> serials = serials_of(revoked);
+  Member member;
+  member.name = subject.name;
+  member.role = role_of(subject.unit, file);
+  member.group = subject.group;
+  member.valid_from = valid_from(certificate);
+  member.valid_until = valid_until(certificate);
+  member.serial = serial_of(certificate);
+  member.is_revoked = std::find(serials.begin(), serials.end(), member.serial) != serials.end();
+  return member;
+}
 
 Member read_member(const fs::path& folder, std::time_t now) {
   using namespace files;
@@ -58,31 +74,22 @@ Member read_member(const fs::path& folder, std::time_t now) {
   check_owner(folder / kPrivateKey);
   if (!belongs_to(*read_key(folder / kPrivateKey), *certificate))
     throw KeyError((folder / kPrivateKey).string() + ": found the key of another certificate than " + file);
-  const Subject subject = subject_of(*certificate);
-  Member member;
-  member.name = subject.name;
-  member.role = role_of(subject.unit, file);
-  member.group = subject.group;
-  member.valid_from = valid_from(*certificate);
-  member.valid_until = valid_until(*certificate);
-  member.serial = serial_of(*certificate);
   const RevokedList list = read_revoked_list(folder / kRevoked);
   if (!is_issued_by(*list, *authority))
     throw KeyError((folder / kRevoked).string() + ": found the list of another authority than " +
                    (folder / kIdentityCa).string());
   if (now < valid_from(*list))
-    throw KeyError((folder / kRevoked).string() + ": valid from " + date_of(valid_from(*list)) +
+    throw KeyError((folder / kRevoked).string() + ": valid from " + minute_text(valid_from(*list)) +
                    " on; is the clock of this machine right?");
-  const std::vector<std::string> revoked = serials_of(*list);
-  member.is_revoked = std::find(revoked.begin(), revoked.end(), member.serial) != revoked.end();
+  const Member member = member_of(*certificate, *list, folder / kCertificate);
   const std::string who = std::string{name_of(member.role)} + " '" + member.name + "'";
   if (member.is_revoked)
     throw KeyError(file + ": the certificate of " + who + " is revoked; the owner of the authority can make a new one");
   if (now < member.valid_from)
-    throw KeyError(file + ": the certificate of " + who + " is valid from " + date_of(member.valid_from) +
+    throw KeyError(file + ": the certificate of " + who + " is valid from " + minute_text(member.valid_from) +
                    " on; is the clock of this machine right?");
   if (now > member.valid_until)
-    throw KeyError(file + ": the certificate of " + who + " has expired on " + date_of(member.valid_until) +
+    throw KeyError(file + ": the certificate of " + who + " has expired on " + minute_text(member.valid_until) +
                    "; make a new one with: tactus keys add-" + std::string{name_of(member.role)} + " AUTHORITY " +
                    member.name + " --replace");
   return member;

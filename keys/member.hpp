@@ -50,6 +50,9 @@ struct Member {
   bool is_revoked = false;
 };
 
+/// Returns a time in UTC, of at most 31 characters. `format`: as of strftime().
+[[nodiscard]] std::string utc_text(std::time_t time, const char* format);
+
 /// Reads the folder of a member, and checks it as its program needs it: all files are there, the identity authority has
 /// issued the certificate, the private key belongs to it and only its owner can read it, and the certificate is valid
 /// at `now` and not revoked. Throws KeyError.

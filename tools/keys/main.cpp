@@ -1,6 +1,5 @@
 // tactus-keys: makes, lists and revokes the keys of a secured session.
 #include <CLI/CLI.hpp>
-#include <array>
 #include <ctime>
 #include <exception>
 #include <filesystem>
@@ -28,14 +27,6 @@ Examples:
 All programs of a session need keys of one authority. All samples are encrypted, and others cannot join.
 Exit status: 0 done, 2 wrong input.)";
 
-std::string date_of(std::time_t time) {
-  std::array<char, 32> text{};
-  std::tm utc{};
-  gmtime_r(&time, &utc);
-  std::strftime(text.data(), text.size(), "%Y-%m-%d", &utc);
-  return text.data();
-}
-
 const char* purpose_of(keys::Role role) {
   switch (role) {
     case keys::Role::kHost:
@@ -62,7 +53,7 @@ void show(const keys::Authority& authority) {
     else if (now > member.valid_until)
       state = "expired";
     std::printf("%-24s %-9s %-11s %s\n", member.name.c_str(), std::string{name_of(member.role)}.c_str(),
-                date_of(member.valid_until).c_str(), state);
+                keys::utc_text(member.valid_until, "%Y-%m-%d").c_str(), state);
   }
 }
 
