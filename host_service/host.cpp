@@ -111,12 +111,14 @@ const wire::SessionAddress& address_after_raising_priority(const HostOptions& op
   return options.address;
 }
 
-HostCoreSettings core_settings(const HostOptions& options, const std::vector<ServedObject>& served) {
+HostCoreSettings core_settings(const HostOptions& options, const std::vector<ServedObject>& served,
+                               std::size_t chunk_bytes) {
   HostCoreSettings settings;
   settings.name = options.address.participant;
   settings.session = options.address.session;
   for (const ServedObject& object : served) settings.objects.push_back({object.config, &object.model.compressed()});
   settings.at = options.at;
+  settings.chunk_bytes = chunk_bytes;
   return settings;
 }
 
@@ -129,7 +131,7 @@ struct Host::Impl {
         stop{stop_flag},
         served{open_models(options, log, stop)},
         participants{address_after_raising_priority(options, log)},
-        core{participants.origin(), core_settings(options, served), monotonic_ns()} {
+        core{participants.origin(), core_settings(options, served, participants.chunk_bytes()), monotonic_ns()} {
     core.on_event = [this](Severity severity, const std::string& text) { log(severity, text); };
     core.on_receiver = [this](std::uint64_t id, const std::string& name) {
       bulk.try_emplace(id, participants, name);

@@ -46,7 +46,7 @@ HostCore::HostCore(const session::Origin& self, const HostCoreSettings& settings
     : self_{self},
       name_{settings.name},
       session_{settings.session},
-      delivery_{self},
+      delivery_{self, settings.chunk_bytes},
       roster_{self, {}},
       clock_{self, {}, now_ns},
       stops_{self},

@@ -41,6 +41,7 @@ struct HostCoreSettings {
   std::vector<HostedObject> objects;  ///< each with a different name
   std::array<double, 3> at{0, 0, 0};  ///< m, position of the first object without a pose; others follow along x
   ObjectAuthoritySettings authority;
+  std::size_t chunk_bytes = session::kMaxPayload;  ///< as of session::DeliveryServer
 };
 
 /// Returns the settings of a host with one object, which is at the origin and has the scale of its model.

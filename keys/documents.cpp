@@ -93,16 +93,15 @@ std::string governance_document() {
   return std::string{kHead} + "omg_shared_ca_governance.xsd\">\n<domain_access_rules><domain_rule>\n" + kDomains +
          "<allow_unauthenticated_participants>false</allow_unauthenticated_participants>\n"
          "<enable_join_access_control>true</enable_join_access_control>\n"
-         "<discovery_protection_kind>NONE</discovery_protection_kind>\n"
+         "<discovery_protection_kind>ENCRYPT_WITH_ORIGIN_AUTHENTICATION</discovery_protection_kind>\n"
          "<liveliness_protection_kind>NONE</liveliness_protection_kind>\n"
-         // Protects discovery of endpoints and data alike, once for each message.
-         "<rtps_protection_kind>ENCRYPT</rtps_protection_kind>\n"
+         "<rtps_protection_kind>NONE</rtps_protection_kind>\n"
          "<topic_access_rules><topic_rule><topic_expression>*</topic_expression>\n"
-         "<enable_discovery_protection>false</enable_discovery_protection>\n"
+         "<enable_discovery_protection>true</enable_discovery_protection>\n"
          "<enable_liveliness_protection>false</enable_liveliness_protection>\n"
          "<enable_read_access_control>true</enable_read_access_control>\n"
          "<enable_write_access_control>true</enable_write_access_control>\n"
-         "<metadata_protection_kind>NONE</metadata_protection_kind>\n"
+         "<metadata_protection_kind>ENCRYPT_WITH_ORIGIN_AUTHENTICATION</metadata_protection_kind>\n"
          "<data_protection_kind>NONE</data_protection_kind>\n"
          "</topic_rule></topic_access_rules>\n</domain_rule></domain_access_rules></dds>\n";
 }

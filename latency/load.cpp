@@ -65,7 +65,7 @@ void MeshSource::start() {
 
 /// Serves the model as host_service does. The rate of the test limits the traffic in addition to the pacer.
 void MeshSource::serve() {
-  session::DeliveryServer server{participants_.origin()};
+  session::DeliveryServer server{participants_.origin(), participants_.chunk_bytes()};
   const std::uint64_t object = session::id_of(kObjectName);
   server.add(object, model());
   session::CatalogueEntry entry;

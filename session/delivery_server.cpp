@@ -61,7 +61,7 @@ std::uint64_t count_records(const std::vector<spm::Interval>& intervals) {
 
 }  // namespace
 
-DeliveryServer::DeliveryServer(const Origin& self) : self_{self} {}
+DeliveryServer::DeliveryServer(const Origin& self, std::size_t chunk_bytes) : self_{self}, chunk_bytes_{chunk_bytes} {}
 
 void DeliveryServer::add(std::uint64_t object_id, const spm::codec::CompressedModel& model) {
   const std::span<const std::uint8_t> base = model.spans().base;
@@ -281,8 +281,8 @@ void DeliveryServer::plan(Service& service, const Object& object, std::size_t fr
   message.number = ++service.planned;
   if (service.demand.need_base) {
     message.contact_in_us = kBaseContactUs;
-    message.pieces =
-        MessagePieces::cut(static_cast<std::uint32_t>(object.model.spans().base.size()), spm::kNone, free_bytes);
+    message.pieces = MessagePieces::cut(static_cast<std::uint32_t>(object.model.spans().base.size()), spm::kNone,
+                                        free_bytes, chunk_bytes_);
     message.checksum = object.base_checksum;
   } else {
     const Wanted wanted = service.to_send.back();
@@ -291,7 +291,8 @@ void DeliveryServer::plan(Service& service, const Object& object, std::size_t fr
     message.contact_in_us = wanted.contact_in_us;
     message.records = service.covered.missing(list_of(object.model, wanted.region));
     service.encoded = spm::codec::encode_region(object.model, spm::RegionId{wanted.region}, message.records);
-    message.pieces = MessagePieces::cut(static_cast<std::uint32_t>(service.encoded.size()), wanted.region, free_bytes);
+    message.pieces =
+        MessagePieces::cut(static_cast<std::uint32_t>(service.encoded.size()), wanted.region, free_bytes, chunk_bytes_);
     message.checksum = checksum_of(service.encoded);
   }
   service.messages.push_back(std::move(message));
@@ -331,11 +332,11 @@ std::optional<Outgoing> DeliveryServer::next(std::uint64_t hrtc, HrtcState& stat
     soonest = object_id;
     contact_in_us = *own;
   }
-  if (soonest && unanswered(state) + kMaxPayload > state.credit) soonest.reset();
+  if (soonest && unanswered(state) + chunk_bytes_ > state.credit) soonest.reset();
   if (!soonest) state.pacer.set_idle();
   // The next chunk of this object echoes the epoch too. It is sent now or as soon as the pacer allows.
   const std::optional<std::uint64_t> next_object = soonest;
-  if (soonest && !state.pacer.may_send(kMaxPayload, now_ns)) {
+  if (soonest && !state.pacer.may_send(static_cast<std::uint32_t>(chunk_bytes_), now_ns)) {
     soonest.reset();
     if (state.pacer.next_ns() > now_ns) due_ns_ = std::min(due_ns_, state.pacer.next_ns());
   }
@@ -375,7 +376,7 @@ Outgoing DeliveryServer::send_pieces(std::uint64_t hrtc, HrtcState& state, std::
   Service& service = state.services.at(object_id);
   const Object& object = objects_.at(object_id);
   BulkChunk chunk = make_chunk(state, service, now_ns);
-  std::size_t free_bytes = kMaxPayload;
+  std::size_t free_bytes = chunk_bytes_;
   while (auto piece = next_piece(state, service, object, chunk, free_bytes)) {
     free_bytes -= header_bytes(piece->region, piece->count) + piece->payload.size();
     chunk.pieces.push_back(std::move(*piece));

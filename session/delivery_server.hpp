@@ -68,8 +68,9 @@ struct DeliveryCounters {
 
 class DeliveryServer {
  public:
-  /// `self`: session, participant and incarnation of all chunks.
-  explicit DeliveryServer(const Origin& self);
+  /// `self`: session, participant and incarnation of all chunks. `chunk_bytes`: max encoded size of the pieces of a chunk,
+  /// at most kMaxPayload; smaller if messages need bytes for their protection (wire::Participants::chunk_bytes).
+  explicit DeliveryServer(const Origin& self, std::size_t chunk_bytes = kMaxPayload);
 
   /// The data that `model` borrows must outlive the server.
   void add(std::uint64_t object_id, const spm::codec::CompressedModel& model);
@@ -191,6 +192,7 @@ class DeliveryServer {
   }
 
   Origin self_;
+  std::size_t chunk_bytes_;
   std::map<std::uint64_t, Object> objects_;
   std::map<std::uint64_t, HrtcState> hrtcs_;                  // by HRTC
   std::uint64_t last_served_ = 0;                             // HRTC of the last chunk

@@ -117,7 +117,8 @@ dds::DomainParticipant* join(Participants::Impl& impl, TrafficClass traffic, con
     ignored = kReadsBulk;
     qos.name(kReadsBulk);
   }
-  const FilterSettings filters{std::make_shared<Gate>(), ignored, traffic != TrafficClass::kSession};
+  const FilterSettings filters{std::make_shared<Gate>(), ignored, traffic != TrafficClass::kSession,
+                               impl.member.has_value()};
   for (auto& udp : qos.transport().user_transports) {
     const auto descriptor = std::dynamic_pointer_cast<transport::UDPv4TransportDescriptor>(udp);
     if (descriptor == nullptr) continue;
@@ -230,6 +231,10 @@ bool Participants::may_write(const char* topic) const {
   const std::vector<keys::WriteRight> rights = keys::rights_of(impl_->member->role);
   return std::any_of(rights.begin(), rights.end(),
                      [&](const keys::WriteRight& right) { return std::string_view{right.topic} == topic; });
+}
+
+std::size_t Participants::chunk_bytes() const noexcept {
+  return session::kMaxPayload - (impl_->member ? kProtectionBytes : 0);
 }
 
 bool Participants::probe_is_realtime() const noexcept { return impl_->probe_realtime; }

@@ -161,6 +161,24 @@ TEST_F(DeliveryServerTest, FillsEveryChunkButTheLast) {
   EXPECT_GE(shared_chunks.size(), 3u) << "chunks with the end of one message and the beginning of the next";
 }
 
+TEST_F(DeliveryServerTest, ChunksAreAsSmallAsTheirMessagesNeed) {
+  constexpr std::size_t kChunkBytes = kMaxPayload - 120;
+  DeliveryServer server{kSender, kChunkBytes};
+  server.add(kObject, encoded_.compressed());
+  ASSERT_EQ(server.on_demand(make_demand(1, {4, 2, 7, 1, 5}), 0), DeliveryServer::DemandResult::kApplied);
+  std::size_t full = 0;
+  for (std::int64_t now_ns = 0; now_ns < 1'000'000'000; now_ns += 1'000'000) {
+    while (const auto sent = server.next(now_ns)) {
+      std::size_t bytes = 0;
+      for (const BulkPiece& piece : sent->chunk.pieces)
+        bytes += header_bytes(piece.region, piece.count) + piece.payload.size();
+      ASSERT_LE(bytes, kChunkBytes);
+      if (bytes > kChunkBytes - 64) ++full;
+    }
+  }
+  EXPECT_GT(full, 3u);
+}
+
 TEST_F(DeliveryServerTest, OmitsTheRecordsOfRegionsInTheDemand) {
   Demand demand = make_demand(1, {3});
   demand.have = {{0, 2}};

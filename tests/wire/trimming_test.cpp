@@ -4,14 +4,13 @@
 
 #include <vector>
 
+#include "rtps_bytes.hpp"
+
 namespace tactus::wire {
 namespace {
 
-using Bytes = std::vector<std::uint8_t>;
+using namespace test;
 
-const Bytes kHeader{'R', 'T', 'P', 'S', 2, 2, 1, 15, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1};
-const Bytes kInfoDestination{0x0e, 0x01, 12, 0, 9, 9, 9, 9, 9, 9, 9, 9, 9, 9, 9, 9};
-const Bytes kInfoTime{0x09, 0x01, 8, 0, 0, 0, 0, 0, 0, 0, 0, 0};
 const Bytes kHeartbeat{0x07, 0x01, 28, 0, 0, 0, 0, 0, 0, 0, 3, 2, 0, 0, 0, 0,
                        1,    0,    0,  0, 0, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0};
 
@@ -28,11 +27,6 @@ Bytes statistics() {
   made.resize(60);
   return made;
 }
-Bytes message_of(const std::vector<Bytes>& parts) {
-  Bytes made = kHeader;
-  for (const Bytes& part : parts) made.insert(made.end(), part.begin(), part.end());
-  return made;
-}
 /// The trimmed message; empty if `trim` leaves the message unchanged.
 Bytes trimmed(const Bytes& bytes) {
   TrimmedMessage out;
@@ -44,6 +38,15 @@ TEST(TrimmingTest, RemovesDestinationTimeAndStatistics) {
   EXPECT_EQ(trimmed(message_of({kInfoDestination, kInfoTime, sample(), statistics()})), message_of({sample()}));
   EXPECT_EQ(trimmed(message_of({kInfoTime, sample(), statistics()})), message_of({sample()}))
       << "without a destination";
+}
+
+TEST(TrimmingTest, AnEncryptedSampleIsTrimmedAsAWhole) {
+  const Bytes prefix = submessage(kSecurePrefixId, Bytes(20, 1)), body = submessage(kSecureBodyId, Bytes(8, 2)),
+              postfix = submessage(kSecurePostfixId, Bytes(20, 3));
+  EXPECT_EQ(trimmed(message_of({kInfoDestination, kInfoTime, prefix, body, postfix, statistics()})),
+            message_of({prefix, body, postfix}));
+  EXPECT_TRUE(trimmed(message_of({kInfoDestination, kInfoTime, prefix, postfix, statistics()})).empty()) << "no body";
+  EXPECT_TRUE(trimmed(message_of({kInfoTime, prefix, body, postfix, kHeartbeat, statistics()})).empty());
 }
 
 TEST(TrimmingTest, OtherMessagesAreUnchanged) {

@@ -3,6 +3,7 @@
 ///     sent      announcements: dropped if the receiver got the same one recently    (announcements.hpp)
 ///               samples:       sent without the submessages that no reader uses     (trimming.hpp)
 ///     received  all messages:  delayed until the participant has been created       (gate.hpp)
+///               all messages:  with keys, dropped if they are not protected         (protection.hpp)
 ///               announcements: dropped if their participant is ignored              (announcements.hpp)
 ///               all messages:  passed on without statistics                         (rtps_message.hpp)
 ///
@@ -25,6 +26,7 @@ struct FilterSettings {
   std::shared_ptr<Gate> gate;  ///< opened by the caller after the participant has been created
   std::string ignored;         ///< name of the participants to ignore; empty: none
   bool trims_samples = false;  ///< true: samples are trimmed (trimming.hpp)
+  bool has_keys = false;       ///< true: messages without protection are dropped (protection.hpp)
 };
 
 /// Wraps a UDP transport descriptor of the profiles. The maxMessageSize of the profiles is the size of the largest

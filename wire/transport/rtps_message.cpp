@@ -49,6 +49,17 @@ std::optional<Submessage> find_submessage(const std::uint8_t* message, std::uint
   return std::nullopt;
 }
 
+std::optional<EncryptedSubmessage> encrypted_at(const std::uint8_t* message, std::uint32_t size,
+                                                std::uint32_t at) noexcept {
+  const std::optional<Submessage> prefix = submessage_at(message, size, at);
+  if (!prefix || prefix->id != kSecurePrefixId || prefix->last) return std::nullopt;
+  const std::optional<Submessage> body = submessage_at(message, size, prefix->next);
+  if (!body || body->id != kSecureBodyId || body->last) return std::nullopt;
+  const std::optional<Submessage> postfix = submessage_at(message, size, body->next);
+  if (!postfix || postfix->id != kSecurePostfixId) return std::nullopt;
+  return EncryptedSubmessage{*prefix, *postfix};
+}
+
 GuidPrefix sender_of(const std::uint8_t* message) noexcept {
   GuidPrefix sender;
   std::copy_n(message + kSenderAt, sender.size(), sender.begin());

@@ -10,6 +10,7 @@ namespace tactus::wire {
 inline constexpr std::uint32_t kRtpsHeader = 20;       ///< bytes before the first submessage
 inline constexpr std::uint32_t kSubmessageHeader = 4;  ///< header: id, flags, length
 inline constexpr std::uint8_t kPadId = 0x01, kInfoTimeId = 0x09, kInfoDestinationId = 0x0e, kDataId = 0x15;
+inline constexpr std::uint8_t kSecureBodyId = 0x30, kSecurePrefixId = 0x31, kSecurePostfixId = 0x32;
 inline constexpr std::uint8_t kStatisticsId = 0x80;  ///< a vendor's submessage that Debian's build of Fast DDS adds
 
 /// A range of bytes in a message, and the byte order of its numbers.
@@ -38,6 +39,15 @@ struct Submessage {
 /// The first submessage with this id. The message must have at least kRtpsHeader bytes.
 [[nodiscard]] std::optional<Submessage> find_submessage(const std::uint8_t* message, std::uint32_t size,
                                                         std::uint8_t id) noexcept;
+
+/// An encrypted submessage: three submessages in a row (DDS Security 1.1, 9.5.2.3).
+struct EncryptedSubmessage {
+  Submessage prefix;   ///< names the key
+  Submessage postfix;  ///< proves sender and content
+};
+/// The encrypted submessage at offset `at`; none if one of its three submessages is missing.
+[[nodiscard]] std::optional<EncryptedSubmessage> encrypted_at(const std::uint8_t* message, std::uint32_t size,
+                                                              std::uint32_t at) noexcept;
 
 using GuidPrefix = std::array<std::uint8_t, 12>;
 /// The participant that sent a message. The message must have at least kRtpsHeader bytes.

@@ -26,8 +26,9 @@ struct TrimmedMessage {
   std::uint32_t size;
 };
 
-/// Trims a message that has these submessages: destination (optional), time, one sample, statistics. Returns false for
-/// a message to send unchanged: any other one, one that does not fit `out`, and a discovery sample without destination.
+/// Trims a message that has these submessages: destination (optional), time, one sample, statistics. The sample may be
+/// encrypted. Returns false for a message to send unchanged: any other one, one that does not fit `out`, and a plain
+/// discovery sample without destination.
 [[nodiscard]] bool trim(const std::uint8_t* message, std::uint32_t size, TrimmedMessage& out) noexcept;
 
 }  // namespace tactus::wire

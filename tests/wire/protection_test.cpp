@@ -1,0 +1,88 @@
+#include "wire/transport/protection.hpp"
+
+#include <gtest/gtest.h>
+
+#include <random>
+#include <vector>
+
+#include "rtps_bytes.hpp"
+
+namespace tactus::wire {
+namespace {
+
+using namespace test;
+
+Bytes sample(const Bytes& writer, const Bytes& payload = {0, 1, 0, 0, 5, 5, 5, 5}) { return data(writer, 1, payload); }
+/// An encrypted submessage that states `proofs` and has the bytes of `present` ones.
+Bytes encrypted(std::uint8_t key, std::uint8_t proofs, unsigned present) {
+  Bytes made = submessage(kSecurePrefixId, {0, 0, 0, 4, 0, 0, 0, key, 1, 2, 3, 4, 1, 2, 3, 4, 5, 6, 7, 8});
+  const Bytes body = submessage(kSecureBodyId, Bytes(40, 9));
+  Bytes tag(16, 7);
+  tag.insert(tag.end(), {0, 0, 0, proofs});
+  tag.resize(tag.size() + 20 * std::size_t{present}, 6);
+  const Bytes postfix = submessage(kSecurePostfixId, tag);
+  made.insert(made.end(), body.begin(), body.end());
+  made.insert(made.end(), postfix.begin(), postfix.end());
+  return made;
+}
+Refusal refusal(const std::vector<Bytes>& parts) {
+  const Bytes message = message_of(parts);
+  return refusal_of(message.data(), static_cast<std::uint32_t>(message.size()));
+}
+
+const Bytes kAnnouncement{0x00, 0x01, 0x00, 0xc2}, kAuthentication{0x00, 0x02, 0x01, 0xc3}, kUserWriter{0, 0, 1, 2},
+    kEndpointDiscovery{0x00, 0x00, 0x03, 0xc2}, kKeyExchange{0xff, 0x02, 0x02, 0xc3};
+
+TEST(ProtectionTest, AnnouncementsAndAuthenticationArePlain) {
+  EXPECT_EQ(refusal({kInfoTime, sample(kAnnouncement)}), Refusal::kNone);
+  EXPECT_EQ(refusal({kInfoDestination, kInfoTime, sample(kAuthentication)}), Refusal::kNone);
+}
+
+TEST(ProtectionTest, AllOtherPlainSubmessagesAreRefused) {
+  for (const Bytes& writer : {kUserWriter, kEndpointDiscovery, kKeyExchange})
+    EXPECT_EQ(refusal({kInfoDestination, kInfoTime, sample(writer)}), Refusal::kPlain);
+  constexpr std::uint8_t kAckNack = 0x06, kHeartbeat = 0x07, kGap = 0x08, kInfoSource = 0x0c, kDataFragment = 0x16,
+                         kWholeMessagePrefix = 0x33;
+  for (const std::uint8_t id : {kAckNack, kHeartbeat, kGap, kInfoSource, kDataFragment, kWholeMessagePrefix})
+    EXPECT_EQ(refusal({submessage(id, Bytes(28, 0))}), Refusal::kPlain) << int{id};
+  EXPECT_EQ(refusal({sample(kAnnouncement), sample(kUserWriter)}), Refusal::kPlain) << "after one that is accepted";
+  EXPECT_EQ(refusal({encrypted(1, 1, 1), sample(kUserWriter)}), Refusal::kPlain);
+}
+
+TEST(ProtectionTest, APlainAnnouncementCannotEndAParticipant) {
+  EXPECT_EQ(refusal({kInfoTime, sample(kAnnouncement, {})}), Refusal::kLeave);
+}
+
+TEST(ProtectionTest, AnEncryptedSubmessageProvesItsOrigin) {
+  EXPECT_EQ(refusal({kInfoTime, encrypted(1, 1, 1)}), Refusal::kNone);
+  EXPECT_EQ(refusal({encrypted(1, 3, 3), encrypted(2, 1, 1)}), Refusal::kNone);
+  EXPECT_EQ(refusal({encrypted(1, 0, 0)}), Refusal::kNoOrigin);
+  EXPECT_EQ(refusal({encrypted(1, 1, 0)}), Refusal::kNoOrigin) << "states a proof that it does not have";
+  EXPECT_EQ(refusal({encrypted(1, 0, 1)}), Refusal::kNoOrigin) << "does not state the proof that it has";
+  EXPECT_EQ(refusal({encrypted(1, 1, 1), encrypted(1, 0, 0)}), Refusal::kNoOrigin) << "after one that is accepted";
+  EXPECT_EQ(refusal({encrypted(0, 0, 0)}), Refusal::kNone) << "the exchange of keys has a key for two participants";
+}
+
+TEST(ProtectionTest, CutMessagesAreRefusedAndNotReadBeyondTheirEnd) {
+  const Bytes whole = message_of({encrypted(1, 1, 1)});
+  for (std::size_t size = 0; size < whole.size(); ++size) {
+    if (size == kRtpsHeader) continue;  // no submessage
+    const Bytes cut(whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(size));
+    EXPECT_NE(refusal_of(cut.data(), static_cast<std::uint32_t>(size)), Refusal::kNone) << size;
+  }
+}
+
+TEST(ProtectionTest, DamagedMessagesAreNotReadBeyondTheirEnd) {
+  const Bytes whole = message_of({kInfoDestination, sample(kAnnouncement), encrypted(1, 2, 2)});
+  std::mt19937 random{7};
+  for (int i = 0; i < 100'000; ++i) {
+    Bytes damaged = whole;
+    for (int k = 0; k < 3; ++k) damaged[random() % damaged.size()] = static_cast<std::uint8_t>(random());
+    damaged.resize(random() % (whole.size() + 1));
+    damaged.shrink_to_fit();
+    (void)refusal_of(damaged.data(), static_cast<std::uint32_t>(damaged.size()));  // sanitizers detect wrong reads
+  }
+}
+
+}  // namespace
+}  // namespace tactus::wire
