@@ -92,7 +92,12 @@ class RingReader {
     ring_.popped.store(popped_, std::memory_order_release);
   }
   /// Returns false if no entry waits.
-  [[nodiscard]] bool pop(T& entry) noexcept { return pop(std::span{&entry, 1}) == 1; }
+  [[nodiscard]] bool pop(T& entry) noexcept {
+    if (waiting() == 0) return false;
+    entry = ring_.entries[popped_ % kCapacity];
+    skip_to(popped_ + 1);
+    return true;
+  }
 
  private:
   SharedRing<T, kCapacity>& ring_;
