@@ -6,6 +6,7 @@
 #pragma once
 
 #include <cstdio>
+#include <filesystem>
 #include <string>
 #include <vector>
 
@@ -49,7 +50,8 @@ struct Configuration {
 
   std::string name;
   latency::TestCase test;
-  int round_interval = 1;  ///< the configuration runs in every `round_interval`-th round
+  std::filesystem::path keys{};  ///< of latency::SideSettings
+  int round_interval = 1;        ///< the configuration runs in every `round_interval`-th round
   Percentiles age{}, half_round_trip{}, half_round_trip_sent{};
   Samples mesh_mbyte_per_s{};
   double expected = 0, lost = 0, echoes_lost = 0;  ///< probe states of all runs
@@ -70,13 +72,14 @@ struct Configuration {
 
 /// Runs every configuration once in each round. The order rotates from round to round.
 inline void run_rounds(std::vector<Configuration>& configurations, const RoundSettings& settings) {
-  const latency::RunSettings run_options = run_settings();
+  latency::RunSettings run_options = run_settings();
   for (int round = 0; round < settings.rounds; ++round) {
     std::fprintf(stderr, "round %d of %d\n", round + 1, settings.rounds);
     for (std::size_t i = 0; i < configurations.size(); ++i) {
       Configuration& configuration = configurations[(i + static_cast<std::size_t>(round)) % configurations.size()];
       if (round % configuration.round_interval != 0) continue;
       configuration.test.seconds = settings.seconds;
+      run_options.side.keys = configuration.keys;
       configuration.add(latency::run_locally(configuration.test, run_options, realtime::stop_signal()));
     }
   }

@@ -10,6 +10,7 @@
 #include <cerrno>
 #include <cstdlib>
 #include <cstring>
+#include <string_view>
 #include <utility>
 
 #include "keys/certificates.hpp"
@@ -118,17 +119,20 @@ class Lock {
   int descriptor_;
 };
 
-/// Names become file names, and parts of certificates and of permissions.
-void check_name(const char* what, const std::string& name) {
+/// Names become file names, and parts of certificates and of permissions. `more`: further characters that may occur.
+void check_name(const char* what, const std::string& name, std::string_view more = ".") {
   constexpr std::size_t kMaxName = 63;
-  const bool has_only_valid = std::all_of(name.begin(), name.end(), [](char c) {
+  const bool has_only_valid = std::all_of(name.begin(), name.end(), [&](char c) {
     return (c >= '0' && c <= '9') || (c >= 'A' && c <= 'Z') || (c >= 'a' && c <= 'z') || c == '-' || c == '_' ||
-           c == '.';
+           more.find(c) != std::string_view::npos;
   });
   if (name.empty() || name.size() > kMaxName || !has_only_valid || name.front() == '.')
-    throw KeyError(std::string{what} + ": found '" + name +
-                   "', expected 1 to 63 letters, digits, hyphens, underscores and points, no point at the begin");
+    throw KeyError(std::string{what} + ": found '" + name + "', expected 1 to 63 letters, digits, hyphens" +
+                   (more.empty() ? " and underscores" : ", underscores and points, no point at the begin"));
 }
+
+/// A point separates the name of a member from that of one of its programs (keys/identity.hpp).
+void check_member_name(const std::string& name) { check_name("name", name, ""); }
 
 Issuer read_issuer(const fs::path& folder, const char* certificate, const char* key) {
   return {read_certificate(folder / certificate), read_key(folder / key)};
@@ -182,7 +186,7 @@ fs::path Authority::folder_of(const std::string& name) const { return folder_ / 
 fs::path Authority::add(const NewMember& added) const {
   const Lock lock{folder_};
   constexpr int kMaxDays = kAuthorityDays;
-  check_name("name", added.name);
+  check_member_name(added.name);
   for (const std::string& user : added.users) check_name("user", user);
   if (added.days < 1 || added.days > kMaxDays)
     throw KeyError("days: found " + std::to_string(added.days) + ", expected 1 to " + std::to_string(kMaxDays));
@@ -217,7 +221,7 @@ fs::path Authority::add(const NewMember& added) const {
 }
 
 void Authority::revoke(const std::string& name) const {
-  check_name("name", name);
+  check_member_name(name);
   const Lock lock{folder_};
   revoke_certificate(name);
 }

@@ -21,6 +21,7 @@ struct FreeMore {
   void operator()(ASN1_STRING* value) const noexcept { ASN1_STRING_free(value); }  // also a time or an integer
   void operator()(PKCS7* message) const noexcept { PKCS7_free(message); }
   void operator()(X509_EXTENSION* extension) const noexcept { X509_EXTENSION_free(extension); }
+  void operator()(X509_NAME* name) const noexcept { X509_NAME_free(name); }
   void operator()(X509_REVOKED* entry) const noexcept { X509_REVOKED_free(entry); }
 };
 template <class T>
@@ -56,19 +57,22 @@ void add_extension(X509& certificate, X509& issuer, int kind, const char* value)
   require(extension != nullptr && X509_add_ext(&certificate, extension.get(), -1) == 1, "extension of a certificate");
 }
 
-void set_subject(X509& certificate, const Subject& subject) {
-  X509_NAME* const name = X509_get_subject_name(&certificate);
-  const std::pair<const char*, const std::string*> parts[] = {
-      {"O", &subject.group}, {"OU", &subject.unit}, {"CN", &subject.name}};
+void set_name(X509_NAME& name, const Subject& subject) {
+  const std::pair<const char*, const std::string*> parts[] = {{"O", &subject.group},
+                                                              {"OU", &subject.unit},
+                                                              {"CN", &subject.name},
+                                                              {"serialNumber", &subject.serial},
+                                                              {"dnQualifier", &subject.until}};
   for (const auto& [kind, text] : parts) {
-    require(X509_NAME_add_entry_by_txt(name, kind, MBSTRING_UTF8, reinterpret_cast<const unsigned char*>(text->data()),
+    if (text->empty()) continue;
+    require(X509_NAME_add_entry_by_txt(&name, kind, MBSTRING_UTF8, reinterpret_cast<const unsigned char*>(text->data()),
                                        static_cast<int>(text->size()), -1, 0) == 1,
             "subject of a certificate");
   }
 }
 
-/// Makes a certificate without signature.
-Certificate draft(const Subject& subject, EVP_PKEY& key, std::time_t from, std::time_t until) {
+/// Makes a certificate without subject and signature.
+Certificate draft(EVP_PKEY& key, std::time_t from, std::time_t until) {
   Certificate certificate{X509_new()};
   const Owner<BIGNUM> serial{BN_new()};
   require(certificate != nullptr && serial != nullptr, "memory");
@@ -81,7 +85,6 @@ Certificate draft(const Subject& subject, EVP_PKEY& key, std::time_t from, std::
               X509_time_adj_ex(X509_getm_notAfter(certificate.get()), 0, 0, &until) != nullptr &&
               X509_set_pubkey(certificate.get(), &key) == 1,
           "certificate");
-  set_subject(*certificate, subject);
   return certificate;
 }
 
@@ -136,16 +139,20 @@ Key make_key() {
 Issuer make_issuer(const Subject& subject, std::time_t from, std::time_t until) {
   Issuer issuer;
   issuer.key = make_key();
-  issuer.certificate = draft(subject, *issuer.key, from, until);
+  issuer.certificate = draft(*issuer.key, from, until);
   X509& certificate = *issuer.certificate;
+  set_name(*X509_get_subject_name(&certificate), subject);
   add_extension(certificate, certificate, NID_basic_constraints, "critical,CA:TRUE");
   add_extension(certificate, certificate, NID_key_usage, "critical,digitalSignature,keyCertSign,cRLSign");
   sign_certificate(certificate, certificate, *issuer.key);
   return issuer;
 }
 
-Certificate issue(const Issuer& issuer, const Subject& subject, EVP_PKEY& key, std::time_t from, std::time_t until) {
-  Certificate certificate = draft(subject, key, from, until);
+Certificate issue(const Issuer& issuer, Subject subject, EVP_PKEY& key, std::time_t from, std::time_t until) {
+  Certificate certificate = draft(key, from, until);
+  subject.serial = serial_of(*certificate);
+  subject.until = std::to_string(until);
+  set_name(*X509_get_subject_name(certificate.get()), subject);
   add_extension(*certificate, *issuer.certificate, NID_basic_constraints, "critical,CA:FALSE");
   add_extension(*certificate, *issuer.certificate, NID_key_usage, "critical,digitalSignature");
   sign_certificate(*certificate, *issuer.certificate, *issuer.key);
@@ -228,7 +235,17 @@ RevokedList read_revoked_list(const std::filesystem::path& file) {
 
 Subject subject_of(X509& certificate) {
   return {entry_of(certificate, NID_organizationName), entry_of(certificate, NID_organizationalUnitName),
-          entry_of(certificate, NID_commonName)};
+          entry_of(certificate, NID_commonName), entry_of(certificate, NID_serialNumber),
+          entry_of(certificate, NID_dnQualifier)};
+}
+
+std::array<std::uint8_t, 32> hash_of(const Subject& subject) {
+  const Owner<X509_NAME> name{X509_NAME_new()};
+  require(name != nullptr, "memory");
+  set_name(*name, subject);
+  std::array<std::uint8_t, 32> hash{};
+  require(X509_NAME_digest(name.get(), EVP_sha256(), hash.data(), nullptr) == 1, "hash of a subject");
+  return hash;
 }
 
 std::string subject_text(X509& certificate) {

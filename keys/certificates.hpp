@@ -4,6 +4,8 @@
 #include <openssl/evp.h>
 #include <openssl/x509.h>
 
+#include <array>
+#include <cstdint>
 #include <ctime>
 #include <filesystem>
 #include <memory>
@@ -29,14 +31,17 @@ struct Issuer {
   Key key;
 };
 
-/// Subject of a certificate: O=group, OU=unit, CN=name.
+/// Subject of a certificate: O=group, OU=unit, CN=name, serialNumber=serial, dnQualifier=until. A subject with serial
+/// number and time of expiry belongs to one certificate only, so whoever knows the subject knows both.
 struct Subject {
   std::string group, unit, name;
+  std::string serial{}, until{};  ///< of a member; seconds since 1970
 };
 
 [[nodiscard]] Key make_key();  ///< on the curve P-256
 [[nodiscard]] Issuer make_issuer(const Subject& subject, std::time_t from, std::time_t until);
-[[nodiscard]] Certificate issue(const Issuer& issuer, const Subject& subject, EVP_PKEY& key, std::time_t from,
+/// Adds serial number and time of expiry to the subject.
+[[nodiscard]] Certificate issue(const Issuer& issuer, Subject subject, EVP_PKEY& key, std::time_t from,
                                 std::time_t until);
 /// Returns a list of these serial numbers (hexadecimal).
 [[nodiscard]] RevokedList make_revoked_list(const Issuer& issuer, const std::vector<std::string>& serials,
@@ -53,7 +58,8 @@ struct Subject {
 [[nodiscard]] RevokedList read_revoked_list(const std::filesystem::path& file);
 
 [[nodiscard]] Subject subject_of(X509& certificate);
-[[nodiscard]] std::string subject_text(X509& certificate);  ///< as RFC 2253 writes it
+[[nodiscard]] std::array<std::uint8_t, 32> hash_of(const Subject& subject);  ///< SHA-256 of its DER encoding
+[[nodiscard]] std::string subject_text(X509& certificate);                   ///< as RFC 2253 writes it
 [[nodiscard]] std::string serial_of(X509& certificate);
 [[nodiscard]] std::vector<std::string> serials_of(X509_CRL& list);
 [[nodiscard]] std::time_t valid_from(X509& certificate);

@@ -14,6 +14,9 @@ constexpr char kHead[] =
 // All domains: the base domain of a session is an option of its programs.
 constexpr char kDomains[] = "<domains><id_range><min>0</min><max>232</max></id_range></domains>\n";
 
+/// The partitions of the sessions of `tactus latency` (latency/measure.cpp).
+constexpr char kTestSessions[] = "latency.*";
+
 constexpr std::time_t kZoneMargin = 24 * 3600;
 
 constexpr unsigned bit(Role role) { return 1u << static_cast<unsigned>(role); }
@@ -25,7 +28,7 @@ struct Rule {
   WriteRight right;
   unsigned roles;
 };
-// As the column "writer" of docs/reference/topics.md.
+// As the column "writer" of docs/reference/topics.md. Testers may write all topics.
 constexpr std::array kRules{
     Rule{{"tactus_roster", false}, kAll},
     Rule{{"tactus_clock", false}, kAll},
@@ -85,7 +88,10 @@ std::string criteria(const std::string& kind, const std::vector<std::string>& to
 std::vector<WriteRight> rights_of(Role role) {
   std::vector<WriteRight> rights;
   for (const Rule& rule : kRules)
-    if ((rule.roles & bit(role)) != 0) rights.push_back(rule.right);
+    if (role == Role::kTester)
+      rights.push_back({rule.right.topic, false});
+    else if ((rule.roles & bit(role)) != 0)
+      rights.push_back(rule.right);
   return rights;
 }
 
@@ -112,7 +118,8 @@ std::string permissions_document(const std::string& subject, Role role, const st
   for (const WriteRight& right : rights_of(role)) (right.of_user ? of_users : everywhere).push_back(right.topic);
   for (const std::string& user : users) user_partitions.push_back("*/u/" + user);  // of any session
   std::string rules =
-      element("allow_rule", kDomains + criteria("publish", everywhere, {"*"}) + criteria("subscribe", {"*"}, {"*"}));
+      element("allow_rule", kDomains + criteria("publish", everywhere, {role == Role::kTester ? kTestSessions : "*"}) +
+                                criteria("subscribe", {"*"}, {"*"}));
   // A rule of its own: within one, Fast DDS 2.9 accepts the topic of one list with the partition of another.
   if (!of_users.empty() && !users.empty())
     rules += "\n" + element("allow_rule", kDomains + criteria("publish", of_users, user_partitions));

@@ -12,7 +12,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::array<std::string_view, std::size(kRoles)> kNames{"host", "hrtc", "user", "operator", "observer"};
+constexpr std::array<std::string_view, std::size(kRoles)> kNames{"host",     "hrtc",     "user",
+                                                                 "operator", "observer", "tester"};
 
 Role role_of(const std::string& name, const fs::path& file) {
   const auto found = std::find(kNames.begin(), kNames.end(), name);
@@ -29,6 +30,15 @@ void check_owner(const fs::path& file) {
   if (::stat(file.c_str(), &status) == 0 && (status.st_mode & (S_IRWXG | S_IRWXO)) != 0)
     throw KeyError(file.string() + ": other users can read it, expected only its owner; run: chmod 600 " +
                    file.string());
+}
+
+/// Reads the list of revoked certificates of this authority.
+RevokedList read_list(const fs::path& folder, X509& authority) {
+  RevokedList list = read_revoked_list(folder / files::kRevoked);
+  if (!is_issued_by(*list, authority))
+    throw KeyError((folder / files::kRevoked).string() + ": found the list of another authority than " +
+                   (folder / files::kIdentityCa).string());
+  return list;
 }
 
 }  // namespace
@@ -53,6 +63,9 @@ Member member_of(X509& certificate, X509_CRL& revoked, const fs::path& file) {
   member.valid_from = valid_from(certificate);
   member.valid_until = valid_until(certificate);
   member.serial = serial_of(certificate);
+  if (subject.serial != member.serial || subject.until != std::to_string(member.valid_until))
+    throw KeyError(file.string() + ": found a certificate of an earlier version of tactus keys; make a new one with: " +
+                   "tactus keys add-" + subject.unit + " AUTHORITY " + subject.name + " --replace");
   member.is_revoked = std::find(serials.begin(), serials.end(), member.serial) != serials.end();
   return member;
 }
@@ -74,10 +87,7 @@ Member read_member(const fs::path& folder, std::time_t now) {
   check_owner(folder / kPrivateKey);
   if (!belongs_to(*read_key(folder / kPrivateKey), *certificate))
     throw KeyError((folder / kPrivateKey).string() + ": found the key of another certificate than " + file);
-  const RevokedList list = read_revoked_list(folder / kRevoked);
-  if (!is_issued_by(*list, *authority))
-    throw KeyError((folder / kRevoked).string() + ": found the list of another authority than " +
-                   (folder / kIdentityCa).string());
+  const RevokedList list = read_list(folder, *authority);
   if (now < valid_from(*list))
     throw KeyError((folder / kRevoked).string() + ": valid from " + minute_text(valid_from(*list)) +
                    " on; is the clock of this machine right?");
@@ -93,6 +103,10 @@ Member read_member(const fs::path& folder, std::time_t now) {
                    "; make a new one with: tactus keys add-" + std::string{name_of(member.role)} + " AUTHORITY " +
                    member.name + " --replace");
   return member;
+}
+
+std::vector<std::string> read_revoked(const fs::path& folder) {
+  return serials_of(*read_list(folder, *read_certificate(folder / files::kIdentityCa)));
 }
 
 }  // namespace tactus::keys

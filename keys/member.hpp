@@ -10,6 +10,7 @@
 #include <stdexcept>
 #include <string>
 #include <string_view>
+#include <vector>
 
 namespace tactus::keys {
 
@@ -25,9 +26,11 @@ enum class Role : std::uint32_t {
   kHrtc,      ///< computes forces, and publishes the states of its users
   kUser,      ///< brings users, who move their own hands only
   kOperator,  ///< may do what a user may, and reset forces and end the session
-  kObserver   ///< reads; writes only its presence and a stop
+  kObserver,  ///< reads; writes only its presence and a stop
+  kTester     ///< writes every topic, but only in sessions of `tactus latency`
 };
-inline constexpr Role kRoles[] = {Role::kHost, Role::kHrtc, Role::kUser, Role::kOperator, Role::kObserver};
+inline constexpr Role kRoles[] = {Role::kHost,     Role::kHrtc,     Role::kUser,
+                                  Role::kOperator, Role::kObserver, Role::kTester};
 [[nodiscard]] std::string_view name_of(Role role) noexcept;
 
 /// Names of the files in the folder of a member.
@@ -57,5 +60,9 @@ struct Member {
 /// issued the certificate, the private key belongs to it and only its owner can read it, and the certificate is valid
 /// at `now` and not revoked. Throws KeyError.
 [[nodiscard]] Member read_member(const std::filesystem::path& folder, std::time_t now);
+
+/// Returns the serial numbers of the revoked certificates (hexadecimal), from the folder of a member. Throws KeyError if
+/// the list is not there, or of another authority.
+[[nodiscard]] std::vector<std::string> read_revoked(const std::filesystem::path& folder);
 
 }  // namespace tactus::keys

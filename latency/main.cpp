@@ -192,6 +192,10 @@ int main(int argc, char** argv) {
   add_run(*run_command, options);
   add_serve(*serve_command, options);
   for (CLI::App* const command : {run_command, serve_command}) {
+    command
+        ->add_option("--keys", options.settings.side.keys,
+                     "Folder of keys that `tactus keys add-tester` has made; default: no encryption")
+        ->type_name("DIR");
     command->add_option("--qos", options.settings.side.qos, "Directory of the QoS profiles");
     tactus::wire::add_discovery_options(*command, options.settings.side.discovery);
   }

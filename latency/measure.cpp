@@ -39,6 +39,8 @@ wire::SessionAddress address_of(const std::string& session, const std::string& p
   address.domain = side.domain;
   address.discovery = side.discovery;
   address.qos = side.qos;
+  address.keys = side.keys;
+  address.naming = wire::Naming::kInstance;
   address.probe_priority = side.priority;
   return address;
 }

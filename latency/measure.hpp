@@ -55,7 +55,8 @@ struct SideSettings {
   int domain = 20;                         ///< first of three DDS domains
   wire::Discovery discovery;               ///< each side has its own; unused with raw-udp
   std::filesystem::path qos;
-  int priority = 60;  ///< SCHED_FIFO of the pinger and of receiving threads; 0: none
+  std::filesystem::path keys;  ///< folder of keys with role tester; empty: without keys
+  int priority = 60;           ///< SCHED_FIFO of the pinger and of receiving threads; 0: none
 };
 
 /// Sequence numbers of the pings to send, ascending; empty: all pings of the schedule.

@@ -49,6 +49,7 @@ Timestamps measure_locally(const TestCase& test, const RunSettings& settings, co
   }
   std::vector<std::string> options{"--qos", settings.side.qos.string(), "--priority",
                                    std::to_string(settings.side.priority)};
+  if (!settings.side.keys.empty()) options.insert(options.end(), {"--keys", settings.side.keys.string()});
   for (const std::string& peer : settings.side.discovery.peers) options.insert(options.end(), {"--peer", peer});
   for (const std::string& server : settings.side.discovery.servers)
     options.insert(options.end(), {"--discovery-server", server});

@@ -108,6 +108,7 @@ std::unique_ptr<ScriptSession> join_session(const std::string& session, const st
   wire::SessionAddress address;
   address.session = session;
   address.participant = name.empty() ? "script-" + std::to_string(getpid()) : name;
+  if (name.empty()) address.naming = wire::Naming::kInstance;
   address.domain = domain;
   address.discovery = {peers, servers};
   address.only_reads_bulk = true;

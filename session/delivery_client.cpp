@@ -178,6 +178,10 @@ std::vector<DeliveryClient::Message> DeliveryClient::on_chunk(const BulkChunk& c
     return {};
   }
   Stream& stream = at->second;
+  if (chunk.sender != 0 && chunk.sender != stream.host) {  // a member that states to be the host
+    ++counters_.foreign;
+    return {};
+  }
   Object& object = objects_.at(stream.object_id);
   Host& host = hosts_.at(stream.host);
   const std::uint32_t one_way_us = static_cast<std::uint32_t>(now_ns / kNsPerUs) - chunk.sent_us;

@@ -21,10 +21,10 @@
 #include <optional>
 #include <string>
 
-#include "keys/member.hpp"
 #include "wire/flow.hpp"
 #include "wire/library.hpp"
 #include "wire/participants.hpp"
+#include "wire/security.hpp"
 #include "wire/server_watch.hpp"
 
 namespace tactus::wire {
@@ -66,13 +66,17 @@ class Guarded : public LibraryType<Support> {
   bool has_one_instance_;
 };
 
+/// False for a chunk, which has a stream instead of an origin (session/messages.hpp).
+template <class Sample>
+inline constexpr bool kHasOrigin = !std::is_same_v<Sample, session::BulkChunk>;
+
 struct Participants::Impl {
   SessionAddress address;
   std::uint64_t session_id = 0;
   std::uint64_t participant_id = 0;
   bool probe_realtime = false;
   Flow flow;
-  std::optional<keys::Member> member;    ///< nothing: the session has no keys
+  std::unique_ptr<Security> security;    ///< null: the session has no keys
   std::unique_ptr<ServerWatch> servers;  ///< the listener of the session participant
   std::array<dds::DomainParticipant*, kTrafficClasses> participants{};
   std::map<std::string, dds::DataWriterQos> writer_qos;  ///< by profile, as TopicSpec::profile
@@ -84,6 +88,10 @@ struct Participants::Impl {
   }
   /// Returns the topic, and creates it with `type` for the first endpoint. Throws WireError.
   dds::Topic& topic(const char* name, TrafficClass traffic, dds::TypeSupport type);
+  /// Returns whether a sample counts that names `claimed` (id; 0: nobody) as its sender. Without keys, all do.
+  [[nodiscard]] bool is_author(const dds::SampleInfo& sample, std::uint64_t claimed, const char* topic) const;
+  /// Returns the id of the program that has written the sample; 0 without keys.
+  [[nodiscard]] std::uint64_t author_of(const dds::SampleInfo& sample) const;
   /// Returns `<session>/<part>`, or `<session>` if `part` is empty. Throws WireError if `part` has a wildcard.
   [[nodiscard]] std::string partition(const std::string& part) const;
 
@@ -104,8 +112,10 @@ class MatchCount {
   std::atomic<int> count_{0};
 };
 
-/// Reports, once for each text, that an endpoint of this program and one of another do not match. `own`, `other`: reader
-/// or writer. Without a log sink, prints the report to the standard error.
+/// Passes a text to the log sink, once for each text. Without a log sink, prints it to the standard error.
+void report(const std::string& text);
+
+/// Reports that an endpoint of this program and one of another do not match. `own`, `other`: reader or writer.
 void report_mismatch(const char* own, const char* other, const std::string& topic, dds::QosPolicyId_t policy);
 
 /// Captures the log messages of Fast DDS while it exists; the sink then receives none. Only one may exist at a time.

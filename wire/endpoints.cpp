@@ -11,10 +11,6 @@
 namespace tactus::wire {
 namespace {
 
-/// False for a chunk, which has a stream instead of an origin (session/messages.hpp).
-template <class Sample>
-constexpr bool kHasOrigin = !std::is_same_v<Sample, session::BulkChunk>;
-
 template <class Sample>
 dds::Topic& topic_of(Participants& participants, const TopicSpec<Sample>& spec) {
   return participants.impl().topic(spec.name, spec.traffic,
@@ -28,11 +24,19 @@ Qos with_partition(const Participants::Impl& participants, const std::string& pa
   return qos;
 }
 
+constexpr char kUserPart[] = "u/";
+
+/// Returns the id of the user whose samples are in this partition; 0 if it is not that of a user.
+std::uint64_t user_of(const std::string& partition) {
+  const std::string part = kUserPart;
+  return partition.compare(0, part.size(), part) == 0 ? session::id_of(partition.substr(part.size())) : 0;
+}
+
 std::string for_part(const std::string& partition) { return partition.empty() ? "" : " for " + partition; }
 
 }  // namespace
 
-std::string user_partition(const std::string& user) { return "u/" + user; }
+std::string user_partition(const std::string& user) { return kUserPart + user; }
 std::string hrtc_partition(const std::string& hrtc) { return "h/" + hrtc; }
 std::string group_partition(std::uint64_t group) {
   std::array<char, 24> text{};
@@ -45,19 +49,18 @@ struct Writer<Sample>::Impl final : dds::DataWriterListener {
   Impl(Participants& in, const TopicSpec<Sample>& spec, const EndpointOptions& options)
       : participants{in}, participant{in.impl().participant(spec.traffic)} {
     if (!in.may_write(spec.name))
-      throw WireError(std::string{"topic "} + spec.name + ": the keys of " +
-                      std::string{name_of(in.impl().member->role)} + " '" + in.impl().member->name +
-                      "' do not permit to write it; see docs/how-to/secure.md");
+      throw WireError(std::string{"topic "} + spec.name + ": the keys of " + in.impl().security->who() +
+                      " do not permit to write it; see docs/how-to/secure.md");
     const auto qos = with_partition<dds::PublisherQos>(in.impl(), options.partition, dds::PUBLISHER_QOS_DEFAULT);
     publisher = participant.create_publisher(qos);
     if (publisher == nullptr) throw WireError(std::string{"topic "} + spec.name + ": DDS cannot create a publisher");
     writer = publisher->create_datawriter(&topic_of(in, spec), in.impl().writer_qos.at(spec.profile), this);
     if (writer == nullptr) {
       participant.delete_publisher(publisher);
-      const auto& member = in.impl().member;
-      const std::string rights = member ? "; the keys of " + std::string{name_of(member->role)} + " '" + member->name +
-                                              "' may not permit it" + for_part(options.partition)
-                                        : "";
+      const Security* const security = in.impl().security.get();
+      const std::string rights =
+          security == nullptr ? ""
+                              : "; the keys of " + security->who() + " may not permit it" + for_part(options.partition);
       throw WireError(std::string{"topic "} + spec.name + ": DDS refuses a writer with profile '" + spec.profile +
                       "_writer'" + rights);
     }
@@ -138,7 +141,11 @@ bool Writer<Sample>::wait_acknowledged(std::chrono::milliseconds limit) noexcept
 template <class Sample>
 struct Reader<Sample>::Impl final : dds::DataReaderListener {
   Impl(Participants& in, const TopicSpec<Sample>& spec, OnSample callback, const EndpointOptions& options)
-      : participants{in}, participant{in.impl().participant(spec.traffic)}, on_sample{std::move(callback)} {
+      : participants{in},
+        participant{in.impl().participant(spec.traffic)},
+        topic{spec.name},
+        user{user_of(options.partition)},
+        on_sample{std::move(callback)} {
     const auto qos = with_partition<dds::SubscriberQos>(in.impl(), options.partition, dds::SUBSCRIBER_QOS_DEFAULT);
     subscriber = participant.create_subscriber(qos);
     if (subscriber == nullptr) throw WireError(std::string{"topic "} + spec.name + ": DDS cannot create a subscriber");
@@ -189,6 +196,22 @@ struct Reader<Sample>::Impl final : dds::DataReaderListener {
       invalid_reason = wrong;
       return;
     }
+    if constexpr (requires { sample.user_id; }) {
+      if (user != 0 && sample.user_id != user) {
+        ++invalid;
+        invalid_reason = "user_id: expected the user of the partition";
+        return;
+      }
+    }
+    std::uint64_t claimed = 0;
+    if constexpr (kHasOrigin<Sample>)
+      claimed = sample.origin.participant;
+    else
+      sample.sender = participants.impl().author_of(info);
+    if (!participants.impl().is_author(info, claimed, topic)) {
+      ++refused;
+      return;
+    }
     ++received;
     on_sample(std::move(sample));
   }
@@ -207,6 +230,8 @@ struct Reader<Sample>::Impl final : dds::DataReaderListener {
 
   Participants& participants;
   dds::DomainParticipant& participant;
+  const char* topic;
+  std::uint64_t user;  // whose samples the reader expects; 0: of all
   OnSample on_sample;
   dds::Subscriber* subscriber = nullptr;
   dds::DataReader* reader = nullptr;
@@ -215,7 +240,7 @@ struct Reader<Sample>::Impl final : dds::DataReaderListener {
   typename IdlOf<Sample>::Type encoded;
   Sample sample{};
   MatchCount matches;
-  std::atomic<std::uint64_t> received{0}, invalid{0}, foreign{0}, lost{0};
+  std::atomic<std::uint64_t> received{0}, invalid{0}, foreign{0}, refused{0}, lost{0};
   std::atomic<const char*> invalid_reason{""};
 };
 
@@ -237,7 +262,7 @@ int Reader<Sample>::matched() const noexcept {
 
 template <class Sample>
 ReaderCounts Reader<Sample>::counts() const noexcept {
-  return {impl_->received, impl_->invalid, impl_->foreign, impl_->lost};
+  return {impl_->received, impl_->invalid, impl_->foreign, impl_->refused, impl_->lost};
 }
 
 template <class Sample>

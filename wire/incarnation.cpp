@@ -13,12 +13,17 @@
 
 namespace tactus::wire {
 
-std::filesystem::path incarnation_file() {
+std::filesystem::path state_folder() {
   if (const char* const state = std::getenv("XDG_STATE_HOME"); state != nullptr && *state == '/')
-    return std::filesystem::path{state} / "tactus/incarnation";
+    return std::filesystem::path{state} / "tactus";
   if (const char* const home = std::getenv("HOME"); home != nullptr && *home == '/')
-    return std::filesystem::path{home} / ".local/state/tactus/incarnation";
+    return std::filesystem::path{home} / ".local/state/tactus";
   return {};
+}
+
+std::filesystem::path incarnation_file() {
+  const std::filesystem::path folder = state_folder();
+  return folder.empty() ? folder : folder / "incarnation";
 }
 
 std::uint64_t next_incarnation(const std::filesystem::path& file, std::uint64_t clock_ns) noexcept try {

@@ -14,8 +14,9 @@
 
 namespace tactus::wire {
 
-/// `$XDG_STATE_HOME/tactus/incarnation`, else `~/.local/state/tactus/incarnation`; empty when neither
-/// XDG_STATE_HOME nor HOME is an absolute path.
+/// `$XDG_STATE_HOME/tactus`, else `~/.local/state/tactus`; empty when neither XDG_STATE_HOME nor HOME is an absolute path.
+[[nodiscard]] std::filesystem::path state_folder();
+/// `incarnation` in the state folder; empty when there is none.
 [[nodiscard]] std::filesystem::path incarnation_file();
 
 /// Returns the larger of `clock_ns` (system clock) and the number in `file` plus one, and stores it in `file`. Safe for

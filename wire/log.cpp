@@ -15,7 +15,7 @@ struct LogState {
   std::function<void(const std::string&)> sink;
   bool capturing = false;
   std::string captured;
-  std::set<std::string> mismatches;  // the reported ones
+  std::set<std::string> reported;
 };
 
 LogState& log_state() {
@@ -68,17 +68,20 @@ const char* name_of(dds::QosPolicyId_t policy) {
 
 }  // namespace
 
-void report_mismatch(const char* own, const char* other, const std::string& topic, dds::QosPolicyId_t policy) {
-  const std::string text = "the " + std::string{own} + " of topic " + topic + " does not match a " + other +
-                           " of another program, because their " + name_of(policy) +
-                           " differs; do all programs have the same files in --qos?";
+void report(const std::string& text) {
   LogState& state = log_state();
   const std::lock_guard<std::mutex> lock{state.mutex};
-  if (!state.mismatches.insert(text).second) return;
+  if (!state.reported.insert(text).second) return;
   if (state.sink)
     state.sink(text);
   else
     std::fprintf(stderr, "%s\n", text.c_str());
+}
+
+void report_mismatch(const char* own, const char* other, const std::string& topic, dds::QosPolicyId_t policy) {
+  report("the " + std::string{own} + " of topic " + topic + " does not match a " + other +
+         " of another program, because their " + name_of(policy) +
+         " differs; do all programs have the same files in --qos?");
 }
 
 void set_log_sink(std::function<void(const std::string&)> sink) {

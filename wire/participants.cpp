@@ -110,7 +110,7 @@ dds::DomainParticipant* join(Participants::Impl& impl, TrafficClass traffic, con
     throw WireError(file_of(impl, traffic).string() + ": no participant profile '" + profile + "'; expected one");
   }
   apply(impl.address.discovery, qos);
-  if (impl.member) secure(impl.address.keys, qos);
+  if (impl.security) impl.security->apply(qos);
   disable_type_propagation(qos);
   std::string ignored;
   if (traffic == TrafficClass::kBulk && impl.address.only_reads_bulk && impl.address.discovery.servers.empty()) {
@@ -118,11 +118,11 @@ dds::DomainParticipant* join(Participants::Impl& impl, TrafficClass traffic, con
     qos.name(kReadsBulk);
   }
   const FilterSettings filters{std::make_shared<Gate>(), ignored, traffic != TrafficClass::kSession,
-                               impl.member.has_value()};
+                               impl.security.get()};
   for (auto& udp : qos.transport().user_transports) {
     const auto descriptor = std::dynamic_pointer_cast<transport::UDPv4TransportDescriptor>(udp);
     if (descriptor == nullptr) continue;
-    if (impl.member) descriptor->maxMessageSize = kSecuredMessageBytes;
+    if (impl.security) descriptor->maxMessageSize = kSecuredMessageBytes;
     udp = std::make_shared<FilterTransportDescriptor>(udp, filters);
   }
   const std::set<int> before = datagram_sockets();
@@ -132,7 +132,8 @@ dds::DomainParticipant* join(Participants::Impl& impl, TrafficClass traffic, con
     const InheritedPriority priority{traffic == TrafficClass::kProbe ? impl.address.probe_priority : 0};
     if (traffic == TrafficClass::kSession)
       impl.servers = std::make_unique<ServerWatch>(impl.address.discovery.servers, qos);
-    dds::DomainParticipantListener* const listener = traffic == TrafficClass::kSession ? impl.servers.get() : nullptr;
+    dds::DomainParticipantListener* listener = impl.security.get();
+    if (listener == nullptr && traffic == TrafficClass::kSession) listener = impl.servers.get();
     made = factory->create_participant(domain, qos, listener, dds::StatusMask::none());
     filters.gate->open();
     if (traffic == TrafficClass::kProbe) impl.probe_realtime = priority.applied();
@@ -140,9 +141,9 @@ dds::DomainParticipant* join(Participants::Impl& impl, TrafficClass traffic, con
   if (made == nullptr) {
     throw WireError("cannot join DDS domain " + std::to_string(domain) + " with profile '" + profile + "' of " +
                     file_of(impl, traffic).string() + ": " + log.take() +
-                    (impl.member ? "; the files in " + impl.address.keys.string() +
-                                       " may not fit together: copy the whole folder of the member again"
-                                 : ""));
+                    (impl.security ? "; the files in " + impl.address.keys.string() +
+                                         " may not fit together: copy the whole folder of the member again"
+                                   : ""));
   }
   mark_new_sockets(before, impl.flow.sockets[index]);
   return made;
@@ -178,6 +179,13 @@ void copy_profiles(Participants::Impl& impl, TrafficClass traffic, const Profile
   if (!missing.empty()) throw WireError(missing);
 }
 
+GuidPrefix prefix_of(const dds::SampleInfo& sample) {
+  const auto& bytes = sample.sample_identity.writer_guid().guidPrefix.value;
+  GuidPrefix prefix;
+  std::copy(std::begin(bytes), std::end(bytes), prefix.begin());
+  return prefix;
+}
+
 }  // namespace
 
 Participants::Participants(SessionAddress address) : impl_{std::make_unique<Impl>()} {
@@ -196,7 +204,7 @@ Participants::Participants(SessionAddress address) : impl_{std::make_unique<Impl
     throw WireError(
         "--discovery-server cannot be used with --keys, because the discovery server of Fast DDS 2.9 has no "
         "security; expected multicast or --peer");
-  if (!address.keys.empty()) impl_->member = read_keys(address.keys);
+  if (!address.keys.empty()) impl_->security = std::make_unique<Security>(address);
   impl_->session_id = session::id_of(address.session);
   impl_->participant_id = session::id_of(address.participant);
   impl_->address = std::move(address);
@@ -227,14 +235,14 @@ session::Origin Participants::origin() const noexcept {
 std::vector<std::string> Participants::lost_servers() const { return impl_->servers->lost(); }
 
 bool Participants::may_write(const char* topic) const {
-  if (!impl_->member) return true;
-  const std::vector<keys::WriteRight> rights = keys::rights_of(impl_->member->role);
+  if (!impl_->security) return true;
+  const std::vector<keys::WriteRight> rights = keys::rights_of(impl_->security->member().role);
   return std::any_of(rights.begin(), rights.end(),
                      [&](const keys::WriteRight& right) { return std::string_view{right.topic} == topic; });
 }
 
 std::size_t Participants::chunk_bytes() const noexcept {
-  return session::kMaxPayload - (impl_->member ? kProtectionBytes : 0);
+  return session::kMaxPayload - (impl_->security ? kProtectionBytes : 0);
 }
 
 bool Participants::probe_is_realtime() const noexcept { return impl_->probe_realtime; }
@@ -246,6 +254,14 @@ Participants::Impl::~Impl() {
     participant->delete_contained_entities();
     dds::DomainParticipantFactory::get_instance()->delete_participant(participant);
   }
+}
+
+bool Participants::Impl::is_author(const dds::SampleInfo& sample, std::uint64_t claimed, const char* topic) const {
+  return security == nullptr || security->members().is_author(prefix_of(sample), claimed, topic);
+}
+
+std::uint64_t Participants::Impl::author_of(const dds::SampleInfo& sample) const {
+  return security == nullptr ? 0 : security->members().id_of(prefix_of(sample));
 }
 
 dds::Topic& Participants::Impl::topic(const char* name, TrafficClass traffic, dds::TypeSupport type) {

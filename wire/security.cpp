@@ -1,11 +1,20 @@
 #include "wire/security.hpp"
 
+#include <algorithm>
 #include <ctime>
 #include <string>
+#include <system_error>
+#include <utility>
+#include <vector>
 
+#include "keys/identity.hpp"
+#include "wire/dds.hpp"
 #include "wire/error.hpp"
+#include "wire/incarnation.hpp"
+#include "wire/transport/protection.hpp"
 
 namespace tactus::wire {
+namespace {
 
 keys::Member read_keys(const std::filesystem::path& folder) {
   try {
@@ -15,11 +24,84 @@ keys::Member read_keys(const std::filesystem::path& folder) {
   }
 }
 
-void secure(const std::filesystem::path& folder, dds::DomainParticipantQos& qos) {
+/// Returns the member of these keys, and completes the name of the program.
+keys::Member name_program(SessionAddress& address) {
+  keys::Member member = read_keys(address.keys);
+  if (address.naming == Naming::kInstance) {
+    address.participant = keys::instance_name(member.name, address.participant);
+    address.naming = Naming::kGiven;
+  }
+  if (!keys::is_name_of(address.participant, member.name))
+    throw WireError("the name of this program is '" + address.participant + "', but its keys are those of " +
+                    std::string{name_of(member.role)} + " '" + member.name + "'; expected --name " + member.name);
+  return member;
+}
+
+std::filesystem::path audit_file(const SessionAddress& address) {
+  std::filesystem::path file = address.audit;
+  if (file.empty()) {
+    const std::filesystem::path state = state_folder();
+    if (state.empty()) throw WireError("--audit FILE is missing, because neither XDG_STATE_HOME nor HOME is set");
+    file = state / "audit" / (address.session + "." + address.participant + ".jsonl");
+  }
+  std::error_code error;
+  if (file.has_parent_path()) std::filesystem::create_directories(file.parent_path(), error);
+  return file;
+}
+
+const char* event_of(Refusal refusal) {
+  switch (refusal) {
+    case Refusal::kNone:
+      break;
+    case Refusal::kPlain:
+      return "plain message";
+    case Refusal::kNoOrigin:
+      return "message without proof of origin";
+    case Refusal::kLeave:
+      return "plain message that a program has left";
+    case Refusal::kMalformed:
+      return "malformed message";
+  }
+  return "";
+}
+
+}  // namespace
+
+Security::Security(SessionAddress& address)
+    : folder_{address.keys},
+      member_{name_program(address)},
+      identity_{text_of(keys::identity_of(member_, address.participant))},
+      audit_{audit_file(address), address.session, address.participant},
+      members_{folder_, member_, audit_} {
+  audit_.add({"started", std::string{name_of(member_.role)} + " " + member_.name, "", ""});
+  if (const std::string error = audit_.write(); !error.empty()) throw WireError("audit log: " + error);
+  thread_ = std::thread{[this] { watch(); }};
+}
+
+Security::~Security() {
+  {
+    const std::lock_guard<std::mutex> lock{mutex_};
+    is_ending_ = true;
+  }
+  ending_.notify_all();
+  thread_.join();
+}
+
+std::string Security::who() const { return std::string{name_of(member_.role)} + " '" + member_.name + "'"; }
+
+bool Security::admits(const std::uint8_t* message, std::uint32_t size, const rtps::Locator_t& from) {
+  const auto address = [&] { return rtps::IPLocator::toIPv4string(from); };
+  const Refusal refusal = refusal_of(message, size);
+  if (refusal == Refusal::kNone) return members_.admits(message, size, address);
+  audit_.add({event_of(refusal), "", address(), ""});
+  return false;
+}
+
+void Security::apply(dds::DomainParticipantQos& qos) const {
   auto& properties = qos.properties().properties();
   const auto add = [&](const char* name, const std::string& value) { properties.emplace_back(name, value); };
   const auto add_file = [&](const std::string& name, const char* file) {
-    add(name.c_str(), "file://" + std::filesystem::absolute(folder / file).string());
+    add(name.c_str(), "file://" + std::filesystem::absolute(folder_ / file).string());
   };
   using namespace keys::files;
   const std::string identity = "dds.sec.auth.builtin.PKI-DH.", access = "dds.sec.access.builtin.Access-Permissions.";
@@ -33,6 +115,30 @@ void secure(const std::filesystem::path& folder, dds::DomainParticipantQos& qos)
   add_file(access + "governance", kGovernance);
   add_file(access + "permissions", kPermissions);
   add("dds.sec.crypto.plugin", "builtin.AES-GCM-GMAC");
+  qos.user_data().data_vec({identity_.begin(), identity_.end()});
+}
+
+void Security::onParticipantAuthentication(dds::DomainParticipant*, rtps::ParticipantAuthenticationInfo&& info) {
+  GuidPrefix prefix;
+  std::copy(std::begin(info.guid.guidPrefix.value), std::end(info.guid.guidPrefix.value), prefix.begin());
+  members_.on_authentication(prefix, info.status == rtps::ParticipantAuthenticationInfo::AUTHORIZED_PARTICIPANT);
+}
+
+/// Writes the audit log twice a second, and checks certificates every kCheckInterval.
+void Security::watch() {
+  constexpr std::chrono::milliseconds kWriteInterval{500};
+  auto next_check = std::chrono::steady_clock::now() + kCheckInterval;
+  std::unique_lock<std::mutex> lock{mutex_};
+  while (!is_ending_) {
+    ending_.wait_for(lock, kWriteInterval, [this] { return is_ending_; });
+    lock.unlock();
+    if (std::chrono::steady_clock::now() >= next_check) {
+      next_check += kCheckInterval;
+      for (const std::string& text : members_.check_again(std::time(nullptr))) report(text);
+    }
+    if (const std::string error = audit_.write(); !error.empty()) report("audit log: " + error);
+    lock.lock();
+  }
 }
 
 }  // namespace tactus::wire

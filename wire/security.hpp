@@ -1,10 +1,19 @@
-/// DDS Security for a participant.
+/// The keys of a program: DDS Security for its participants, and the checks that the library does not make.
 #pragma once
 
+#include <chrono>
+#include <condition_variable>
 #include <filesystem>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <thread>
 
 #include "keys/member.hpp"
-#include "wire/dds.hpp"
+#include "wire/address/address.hpp"
+#include "wire/audit.hpp"
+#include "wire/library.hpp"
+#include "wire/members.hpp"
 
 namespace tactus::wire {
 
@@ -16,10 +25,44 @@ inline constexpr std::uint32_t kSecuredMessageBytes = 16384;
 /// reader, and up to 3 of padding. Enough for three readers.
 inline constexpr std::uint32_t kProtectionBytes = 56 + 3 * 20 + 4;
 
-/// Reads the keys of a folder. Throws WireError if they cannot be used now.
-[[nodiscard]] keys::Member read_keys(const std::filesystem::path& folder);
+/// Must outlive the participants. Has a thread, which writes the audit log and checks the certificates of all members
+/// again. Threads: any.
+class Security final : public dds::DomainParticipantListener {
+ public:
+  /// A revoked certificate is cut off after this time, and its participants are gone after their lease of 4 s.
+  static constexpr std::chrono::seconds kCheckInterval{5};
 
-/// Lets the participant use these keys: only members of their authority match, and all messages are encrypted.
-void secure(const std::filesystem::path& folder, dds::DomainParticipantQos& qos);
+  /// Reads the keys that the address names, and completes the name of the program (Naming). Throws WireError if the keys
+  /// cannot be used now, or if they are those of another name.
+  explicit Security(SessionAddress& address);
+  ~Security() override;
+  Security(const Security&) = delete;
+  Security& operator=(const Security&) = delete;
+
+  /// Lets a participant use the keys: only members of the authority match, and all messages are encrypted.
+  void apply(dds::DomainParticipantQos& qos) const;
+
+  /// Returns whether the library may read a message that came from this address. Writes refusals to the audit log.
+  [[nodiscard]] bool admits(const std::uint8_t* message, std::uint32_t size, const rtps::Locator_t& from);
+
+  [[nodiscard]] const keys::Member& member() const noexcept { return member_; }
+  [[nodiscard]] std::string who() const;  ///< role and 'name', for messages
+  [[nodiscard]] Members& members() noexcept { return members_; }
+
+ private:
+  void onParticipantAuthentication(dds::DomainParticipant* participant,
+                                   rtps::ParticipantAuthenticationInfo&& info) override;
+  void watch();
+
+  const std::filesystem::path folder_;
+  const keys::Member member_;
+  const std::string identity_;  // as announced
+  AuditLog audit_;
+  Members members_;
+  std::mutex mutex_;  // for `is_ending_`
+  std::condition_variable ending_;
+  bool is_ending_ = false;
+  std::thread thread_;
+};
 
 }  // namespace tactus::wire

@@ -51,7 +51,7 @@ class Raw final : public ReadOnlyType<Guarded<Support>, RawSample<typename Suppo
 class RawReader final : public dds::DataReaderListener {
  public:
   RawReader(dds::DomainParticipant& participant, dds::Topic& topic, const std::vector<std::string>& partitions,
-            dds::DataReaderQos qos, std::function<void(const Encoded&)> on_sample)
+            dds::DataReaderQos qos, std::function<void(const Encoded&, const dds::SampleInfo&)> on_sample)
       : participant_{participant}, data_{topic}, on_sample_{std::move(on_sample)} {
     dds::SubscriberQos subscriber = dds::SUBSCRIBER_QOS_DEFAULT;
     for (const std::string& partition : partitions) subscriber.partition().push_back(partition.c_str());
@@ -78,7 +78,7 @@ class RawReader final : public dds::DataReaderListener {
     if (closed_) return;
     dds::SampleInfo info;
     while (succeeded(from->take_next_sample(data_.get(), &info)))
-      if (info.valid_data) on_sample_(*static_cast<const Encoded*>(data_.get()));
+      if (info.valid_data) on_sample_(*static_cast<const Encoded*>(data_.get()), info);
   }
 
  private:
@@ -104,7 +104,7 @@ class RawReader final : public dds::DataReaderListener {
   std::mutex mutex_;
   bool closed_ = false;
   Data data_;
-  std::function<void(const Encoded&)> on_sample_;
+  std::function<void(const Encoded&, const dds::SampleInfo&)> on_sample_;
 };
 
 /// Used only for its return type.
@@ -159,13 +159,16 @@ struct Tap::Impl {
           {spec.name, topic.get_type_name(), is_group_topic ? "g/*" : std::string{", u/*, h/*, "} + kLossesPartition});
       readers.push_back(std::make_unique<RawReader>(
           in.participant(spec.traffic), topic, partitions, in.reader_qos.at(spec.profile),
-          [on_sample, on_decoded, number, session_id = in.session_id](const Encoded& encoded) {
+          [&in, on_sample, on_decoded, number, name = spec.name](const Encoded& encoded, const dds::SampleInfo& info) {
+            std::uint64_t claimed = 0;
+            if constexpr (kHasOrigin<Sample>) claimed = Raw<Support>::decoded(encoded).participant();
+            if (!in.is_author(info, claimed, name)) return;
             on_sample(number, encoded.bytes);
             if (!on_decoded) return;
             Sample sample;
             from_idl(Raw<Support>::decoded(encoded), sample);
             if constexpr (requires { sample.origin; })
-              if (sample.origin.session != session_id) return;
+              if (sample.origin.session != in.session_id) return;
             if (invalid_field(sample) == nullptr) on_decoded(AnySample{std::move(sample)});
           }));
     });

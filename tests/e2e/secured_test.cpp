@@ -20,16 +20,19 @@ class SecuredTest : public SessionTest {
     return authority_.add(member).string();
   }
   [[nodiscard]] std::vector<std::string> with_keys(std::vector<std::string> command, const std::string& folder) const {
-    command.insert(command.end(), {"--keys", folder});
+    command.insert(command.end(), {"--keys", folder, "--audit", audit_of(std::filesystem::path{folder}.filename())});
     return command;
   }
+  [[nodiscard]] std::string audit_of(const std::string& member) const { return path(member + ".jsonl"); }
   [[nodiscard]] static std::vector<std::string> in_zone(const std::string& zone, std::vector<std::string> command) {
     command.insert(command.begin(), {"/usr/bin/env", "TZ=" + zone});
     return command;
   }
   [[nodiscard]] wire::SessionAddress observer_address(const std::string& folder) const {
     wire::SessionAddress made = address("observer");
+    made.naming = wire::Naming::kInstance;
     made.keys = folder;
+    made.audit = audit_of("observer");
     return made;
   }
 

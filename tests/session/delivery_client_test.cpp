@@ -245,6 +245,7 @@ TEST_F(DeliveryClientTest, IgnoresForeignAndMalformedChunks) {
         chunk.pieces.push_back({spm::kNone, 0, 1, 0, {1}});
       },
       [](BulkChunk& chunk) { chunk.epoch += 100; },
+      [](BulkChunk& chunk) { chunk.sender = kHost + 1; },
       [](BulkChunk& chunk) { chunk.pieces[0].payload.resize(kMaxPayload + 1); }};
   for (const auto& vary : variations) {
     std::vector<BulkChunk> sent = chunks(4, "x", 1);

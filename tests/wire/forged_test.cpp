@@ -67,12 +67,20 @@ GuidPrefix prefix_of(Participants& participants, TrafficClass traffic) {
 /// A secured session of two members, in which `desk` reads what `museum` writes.
 class ForgedTest : public testing::Test {
  protected:
+  [[nodiscard]] std::filesystem::path audit_of(const std::string& name) const {
+    return folder_.path() / (name + ".jsonl");
+  }
+  /// Waits for a line with this text in the audit log of `desk`.
+  [[nodiscard]] bool is_in_audit_log(const std::string& text) const {
+    return eventually([&] { return test_support::read_bytes(audit_of("desk")).find(text) != std::string::npos; });
+  }
   [[nodiscard]] SessionAddress member(const std::string& name) const {
     SessionAddress made = address(session_, name);
     keys::NewMember wanted;
     wanted.name = name;
     wanted.role = keys::Role::kOperator;
     made.keys = authority_.add(wanted);
+    made.audit = audit_of(name);
     return made;
   }
 
@@ -98,6 +106,57 @@ TEST_F(ForgedTest, APlainSampleInTheNameOfAMemberIsRefused) {
     }
   }
   while (const auto sample = inbox.next(500ms)) EXPECT_NE(sample->text, "forged");
+  EXPECT_TRUE(is_in_audit_log(R"("event":"plain message","from":"127.0.0.1")"));
+}
+
+TEST_F(ForgedTest, AMemberCannotSendInTheNameOfAnother) {
+  Inbox<ses::EmergencyStop> inbox;
+  Reader<ses::EmergencyStop> reader{desk_, topics::kStop, inbox.callback()};
+  Participants liar{member("liar")};
+  Writer<ses::EmergencyStop> writer{liar, topics::kStop};
+  ASSERT_TRUE(send_until_received(writer, inbox, full_sample<ses::EmergencyStop>(liar)));
+
+  liar.impl().participant_id = session::id_of("museum");  // as changed software would
+  const auto forged = full_sample<ses::EmergencyStop>(liar);
+  ASSERT_EQ(forged.origin.participant, session::id_of("museum"));
+  EXPECT_TRUE(eventually([&] { return writer.send(forged) == SendStatus::kSent && reader.counts().refused > 3; }));
+  while (const auto sample = inbox.next(0ms)) EXPECT_NE(sample->origin.participant, session::id_of("museum"));
+  EXPECT_TRUE(is_in_audit_log(R"("event":"false sender","subject":"operator liar","detail":"tactus_stop")"));
+
+  EXPECT_TRUE(eventually([&] {
+    EXPECT_EQ(writer.send(forged), SendStatus::kSent);
+    return reader.counts().refused >= Members::kMaxRefused;
+  }));
+  EXPECT_TRUE(is_in_audit_log(R"("event":"cut off","subject":"operator liar","detail":"too many refused samples")"));
+  EXPECT_TRUE(eventually([&] { return reader.matched() == 0; })) << "the library still sends to a member that lies";
+}
+
+TEST_F(ForgedTest, AMemberThatIsRevokedDuringTheSessionIsCutOff) {
+  Inbox<ses::EmergencyStop> inbox;
+  Reader<ses::EmergencyStop> reader{desk_, topics::kStop, inbox.callback()};
+  Writer<ses::EmergencyStop> writer{museum_, topics::kStop};
+  const auto stop = full_sample<ses::EmergencyStop>(museum_);
+  ASSERT_TRUE(send_until_received(writer, inbox, stop));
+
+  std::filesystem::copy_file(museum_.address().keys / keys::files::kRevoked, folder_.path() / "before");
+  authority_.revoke("museum");
+  const auto revoked = std::chrono::steady_clock::now();
+  EXPECT_TRUE(is_in_audit_log(R"("event":"cut off","subject":"operator museum","detail":"revoked")"));
+  EXPECT_LT(std::chrono::steady_clock::now() - revoked, 10s);
+  while (inbox.next(0ms)) {
+  }
+  EXPECT_EQ(writer.send(stop), SendStatus::kSent);
+  EXPECT_FALSE(inbox.next(500ms));
+  Participants again{[&] {
+    SessionAddress made = address(session_, "museum.2");
+    made.keys = folder_.path() / "copy";  // has the earlier list of revoked certificates
+    made.audit = audit_of("again");
+    std::filesystem::copy(museum_.address().keys, made.keys);
+    std::filesystem::copy_file(folder_.path() / "before", made.keys / keys::files::kRevoked,
+                               std::filesystem::copy_options::overwrite_existing);
+    return made;
+  }()};
+  EXPECT_TRUE(is_in_audit_log(R"("event":"cut off","subject":"operator museum","from":)"));
 }
 
 }  // namespace

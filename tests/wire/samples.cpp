@@ -110,7 +110,7 @@ ses::BulkChunk full_sample(const Participants&) {
 
 template <>
 ses::Intent full_sample(const Participants& from) {
-  return {from.origin(), 31, 2, 33, 34, {{100, kPose}, {200, {{-4, 5, -6}, {0, 0.6, 0, 0.8}}}}};
+  return {from.origin(), ses::id_of("ann"), 2, 33, 34, {{100, kPose}, {200, {{-4, 5, -6}, {0, 0.6, 0, 0.8}}}}};
 }
 
 template <>
@@ -137,12 +137,12 @@ ses::ProbeState full_sample(const Participants& from) {
 
 template <>
 ses::DevicePose full_sample(const Participants& from) {
-  return {from.origin(), 51, 1, 53, 54, kPose, {0.1, 0.2, 0.3}, 0.004, 0x80000001u, 55};
+  return {from.origin(), ses::id_of("ann"), 1, 53, 54, kPose, {0.1, 0.2, 0.3}, 0.004, 0x80000001u, 55};
 }
 
 template <>
 ses::DeviceCommand full_sample(const Participants& from) {
-  return {from.origin(), 61, 1, 63, 64, {1, 2, 3}, {4, 5, 6}, {0, 0, 1}, ses::kExact, 0.125f, 65};
+  return {from.origin(), ses::id_of("ann"), 1, 63, 64, {1, 2, 3}, {4, 5, 6}, {0, 0, 1}, ses::kExact, 0.125f, 65};
 }
 
 template <>

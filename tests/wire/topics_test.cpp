@@ -56,6 +56,18 @@ TEST_F(TwoPrograms, EveryFieldOfEveryTopicArrives) {
   });
 }
 
+TEST_F(TwoPrograms, ThePartitionOfAUserHasOnlySamplesOfThisUser) {
+  const EndpointOptions ann{user_partition("ann")};
+  Inbox<ses::Intent> inbox;
+  Reader<ses::Intent> reader{beta_, topics::kIntent, inbox.callback(), ann};
+  Writer<ses::Intent> writer{alpha_, topics::kIntent, ann};
+  auto intent = full_sample<ses::Intent>(alpha_);
+  ASSERT_TRUE(send_until_received(writer, inbox, intent));
+  intent.user_id = ses::id_of("bob");
+  EXPECT_TRUE(eventually([&] { return writer.send(intent) == SendStatus::kSent && reader.counts().invalid > 0; }));
+  EXPECT_THAT(reader.invalid_reason(), testing::HasSubstr("user_id: expected the user of the partition"));
+}
+
 TEST_F(TwoPrograms, ALateJoinerReceivesTransientLocalTopics) {
   expect_late_joiner_receives(topics::kCatalogue);
   expect_late_joiner_receives(topics::kControl);

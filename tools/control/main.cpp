@@ -223,6 +223,7 @@ int announce(const wire::SessionAddress& address, const wire::TopicSpec<Sample>&
 int main(int argc, char** argv) {
   wire::SessionAddress address;
   address.participant = "control-" + std::to_string(getpid());
+  address.naming = wire::Naming::kInstance;
   Request request;
   CLI::App app{"Sends an emergency stop, reset, mode or end to all programs of a session.", "tactus-control"};
   app.footer(kExamples);

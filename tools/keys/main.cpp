@@ -39,6 +39,8 @@ const char* purpose_of(keys::Role role) {
       return "Make the keys of an operator, who may also reset forces and end the session";
     case keys::Role::kObserver:
       return "Make the keys of an observer, who reads everything and can stop the forces";
+    case keys::Role::kTester:
+      return "Make the keys of tactus latency: it writes everything, but only in sessions of its own";
   }
   return "";
 }

@@ -303,6 +303,7 @@ int to_csv(const std::string& file, const std::filesystem::path& directory) {
 int main(int argc, char** argv) {
   wire::SessionAddress address;
   address.participant = "record-" + std::to_string(getpid());
+  address.naming = wire::Naming::kInstance;
   std::string file;
   RecordSettings settings;
   std::string csv;

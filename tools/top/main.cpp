@@ -173,6 +173,7 @@ int main(int argc, char** argv) {
   Options options;
   options.address.session = "tactus";
   options.address.participant = "top-" + std::to_string(getpid());
+  options.address.naming = wire::Naming::kInstance;
   options.address.only_reads_bulk = true;
   CLI::App app{"Shows users, HRTCs, hosts, rates and faults of a session.", "tactus-top"};
   app.footer(kExamples);

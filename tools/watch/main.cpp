@@ -214,6 +214,7 @@ int main(int argc, char** argv) {
   Options options;
   options.address.session = "tactus";
   options.address.participant = "watch-" + std::to_string(getpid());
+  options.address.naming = wire::Naming::kInstance;
   options.address.only_reads_bulk = true;
   CLI::App app{"Prints the samples of a topic of a session.", "tactus-watch"};
   app.footer(kExamples);

@@ -36,16 +36,26 @@ struct Discovery {
   std::vector<std::string> servers;
 };
 
+/// The name of a program with keys is that of its keys, or NAME.INSTANCE for several programs with the same keys.
+enum class Naming {
+  kGiven,    ///< with keys, the name must be one of these
+  kInstance  ///< with keys, the name is an INSTANCE, and NAME is put before it
+};
+
 /// The identity of a program and its session.
 struct SessionAddress {
-  std::string session;          ///< 1..kMaxName bytes, without control characters and * ? [ ] / backslash
-  std::string participant;      ///< name with the same rules; unique in the session
+  std::string session;      ///< 1..kMaxName bytes, without control characters and * ? [ ] / backslash
+  std::string participant;  ///< name with the same rules; unique in the session
+  Naming naming = Naming::kGiven;
   int domain = kDefaultDomain;  ///< base domain; the program also uses the next two
   Discovery discovery;
   std::filesystem::path qos = default_qos_directory();
   /// Folder of this program's keys, which `tactus keys` has made. All programs of a session have keys of one authority.
   /// Empty: everyone who reaches the network can read and write everything.
   std::filesystem::path keys;
+  /// With keys, the file of the audit log (wire/audit.hpp). Empty: SESSION.NAME.jsonl in `audit` of the state folder
+  /// (wire/incarnation.hpp).
+  std::filesystem::path audit;
   std::uint64_t incarnation = 0;  ///< 0: a new number is issued (wire/incarnation.hpp)
   /// True: one DDS participant for all classes, with the profile of class session; for measurements.
   bool one_participant = false;

@@ -23,18 +23,22 @@ inline void add_discovery_options(CLI::App& app, Discovery& discovery) {
       ->excludes(peers);
 }
 
-/// Adds --session, --name, --domain, --qos, --keys and the options of discovery. `address` contains the defaults; the help text
-/// calls the program `who`.
+/// Adds --session, --name, --domain, --qos, --keys, --audit and the options of discovery. `address` contains the
+/// defaults; the help text calls the program `who`.
 inline void add_address_options(CLI::App& app, SessionAddress& address, const std::string& who) {
   app.add_option("--session", address.session, "Session to join")->capture_default_str();
-  app.add_option("--name", address.participant, "Name of this " + who + ", unique in the session")
-      ->capture_default_str();
+  app.add_option("--name", address.participant,
+                 "Name of this " + who + ", unique in the session; with --keys, that of the keys")
+      ->capture_default_str()
+      ->each([&address](const std::string&) { address.naming = Naming::kGiven; });
   app.add_option("--domain", address.domain, "First of the three DDS domains that the session uses")
       ->capture_default_str();
   add_discovery_options(app, address.discovery);
   app.add_option("--qos", address.qos, "Directory of the QoS profiles")->capture_default_str();
   app.add_option("--keys", address.keys, "Folder of this program's keys, of tactus keys; default: no encryption")
       ->type_name("DIR");
+  app.add_option("--audit", address.audit, "File of the audit log; default: in ~/.local/state/tactus/audit")
+      ->type_name("FILE");
 }
 
 }  // namespace tactus::wire

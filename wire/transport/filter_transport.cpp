@@ -5,8 +5,8 @@
 #include <vector>
 
 #include "realtime/process.hpp"
+#include "wire/security.hpp"
 #include "wire/transport/announcements.hpp"
-#include "wire/transport/protection.hpp"
 #include "wire/transport/rtps_message.hpp"
 #include "wire/transport/trimming.hpp"
 
@@ -40,7 +40,8 @@ class FilterTransport final : public WholeMessageTransport {
   void receive(transport::TransportReceiverInterface* next, const rtps::octet* message, std::uint32_t size,
                const rtps::Locator_t& local, const rtps::Locator_t& remote) override {
     descriptor_.settings.gate->pass();
-    if (descriptor_.settings.has_keys && refusal_of(message, size) != Refusal::kNone) return;
+    if (descriptor_.settings.security != nullptr && !descriptor_.settings.security->admits(message, size, remote))
+      return;
     if (!announcements_.on_received(message, size)) return;
     next->OnDataReceived(message, size_without_statistics(message, size), local, remote);
   }

@@ -4,6 +4,7 @@
 ///               samples:       sent without the submessages that no reader uses     (trimming.hpp)
 ///     received  all messages:  delayed until the participant has been created       (gate.hpp)
 ///               all messages:  with keys, dropped if they are not protected         (protection.hpp)
+///               all messages:  with keys, dropped if their sender is no member      (members.hpp)
 ///               announcements: dropped if their participant is ignored              (announcements.hpp)
 ///               all messages:  passed on without statistics                         (rtps_message.hpp)
 ///
@@ -22,11 +23,13 @@
 
 namespace tactus::wire {
 
+class Security;
+
 struct FilterSettings {
-  std::shared_ptr<Gate> gate;  ///< opened by the caller after the participant has been created
-  std::string ignored;         ///< name of the participants to ignore; empty: none
-  bool trims_samples = false;  ///< true: samples are trimmed (trimming.hpp)
-  bool has_keys = false;       ///< true: messages without protection are dropped (protection.hpp)
+  std::shared_ptr<Gate> gate;    ///< opened by the caller after the participant has been created
+  std::string ignored;           ///< name of the participants to ignore; empty: none
+  bool trims_samples = false;    ///< true: samples are trimmed (trimming.hpp)
+  Security* security = nullptr;  ///< with keys: decides which received messages count; must outlive the transport
 };
 
 /// Wraps a UDP transport descriptor of the profiles. The maxMessageSize of the profiles is the size of the largest

@@ -1,0 +1,81 @@
+#include "keys/identity.hpp"
+
+#include <algorithm>
+#include <charconv>
+#include <utility>
+#include <vector>
+
+#include "keys/certificates.hpp"
+
+namespace tactus::keys {
+namespace {
+
+constexpr char kSeparator = '\n', kInstance = '.';
+constexpr std::size_t kMaxText = 255;
+
+std::vector<std::string_view> fields_of(std::string_view text) {
+  std::vector<std::string_view> fields;
+  for (std::size_t begin = 0; begin <= text.size();) {
+    const std::size_t end = std::min(text.find(kSeparator, begin), text.size());
+    fields.push_back(text.substr(begin, end - begin));
+    begin = end + 1;
+  }
+  return fields;
+}
+
+}  // namespace
+
+std::string instance_name(const std::string& member, const std::string& instance) {
+  return member + kInstance + instance;
+}
+
+bool is_name_of(std::string_view participant, std::string_view member) noexcept {
+  if (participant.substr(0, member.size()) != member) return false;
+  const std::string_view rest = participant.substr(member.size());
+  return rest.empty() || (rest.size() > 1 && rest.front() == kInstance);
+}
+
+Identity identity_of(const Member& member, std::string participant) {
+  return {member.role, member.name, member.serial, member.valid_until, std::move(participant)};
+}
+
+std::string text_of(const Identity& identity) {
+  std::string text{name_of(identity.role)};
+  for (const std::string& field :
+       {identity.name, identity.serial, std::to_string(identity.valid_until), identity.participant})
+    text += kSeparator + field;
+  return text;
+}
+
+std::optional<Identity> read_identity(std::string_view text) {
+  const std::vector<std::string_view> fields = fields_of(text);
+  constexpr std::size_t kFields = 5;
+  if (text.size() > kMaxText || fields.size() != kFields) return std::nullopt;
+  Identity identity;
+  const auto* const role =
+      std::find_if(std::begin(kRoles), std::end(kRoles), [&](Role known) { return name_of(known) == fields[0]; });
+  if (role == std::end(kRoles) || fields[1].empty()) return std::nullopt;
+  identity.role = *role;
+  identity.name = fields[1];
+  identity.serial = fields[2];
+  const std::string_view until = fields[3];
+  const auto [end, error] = std::from_chars(until.data(), until.data() + until.size(), identity.valid_until);
+  if (error != std::errc{} || end != until.data() + until.size()) return std::nullopt;
+  identity.participant = fields[4];
+  if (!is_name_of(identity.participant, identity.name)) return std::nullopt;
+  return identity;
+}
+
+GuidBegin guid_begin_of(const std::string& group, const Identity& identity) {
+  const auto hash = hash_of({group, std::string{name_of(identity.role)}, identity.name, identity.serial,
+                             std::to_string(identity.valid_until)});
+  GuidBegin begin;
+  std::uint8_t above = 1;  // the first bit of the GUID is set, and the hash follows
+  for (std::size_t i = 0; i < begin.size(); ++i) {
+    begin[i] = static_cast<std::uint8_t>(above << 7u | hash[i] >> 1u);
+    above = hash[i] & 1u;
+  }
+  return begin;
+}
+
+}  // namespace tactus::keys

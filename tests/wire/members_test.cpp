@@ -1,0 +1,196 @@
+#include "wire/members.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <string>
+#include <vector>
+
+#include "keys/authority.hpp"
+#include "rtps_bytes.hpp"
+#include "session/messages.hpp"
+#include "tests/support/temporary_folder.hpp"
+
+namespace tactus::wire {
+namespace {
+
+using namespace test;
+using keys::Role;
+using testing::HasSubstr;
+using testing::Not;
+
+class MembersTest : public testing::Test {
+ protected:
+  keys::Member add(const std::string& name, Role role) {
+    keys::NewMember member;
+    member.name = name;
+    member.role = role;
+    return keys::read_member(authority_.add(member), now_);
+  }
+  /// A participant of the program of this member.
+  static GuidPrefix prefix_of(const keys::Member& member, std::uint8_t number = 1) {
+    const keys::GuidBegin begin = keys::guid_begin_of(member.group, keys::identity_of(member, member.name));
+    GuidPrefix prefix{};
+    std::copy(begin.begin(), begin.end(), prefix.begin());
+    prefix.back() = number;
+    return prefix;
+  }
+  static Bytes announcement(const GuidPrefix& sender, const std::string& identity) {
+    Bytes payload{0, 3, 0, 0};
+    const auto add_parameter = [&](std::uint8_t id, Bytes value) {
+      value.resize((value.size() + 3) / 4 * 4);
+      payload.insert(payload.end(),
+                     {id, 0, static_cast<std::uint8_t>(value.size()), static_cast<std::uint8_t>(value.size() >> 8u)});
+      payload.insert(payload.end(), value.begin(), value.end());
+    };
+    Bytes guid(sender.begin(), sender.end());
+    guid.insert(guid.end(), {0, 0, 1, 0xc1});
+    add_parameter(0x50, guid);
+    Bytes text{static_cast<std::uint8_t>(identity.size()), 0, 0, 0};
+    text.insert(text.end(), identity.begin(), identity.end());
+    add_parameter(0x2c, text);
+    payload.insert(payload.end(), {1, 0, 0, 0});
+    return data({0x00, 0x01, 0x00, 0xc2}, 1, payload);
+  }
+  bool admits(const std::vector<Bytes>& parts, const GuidPrefix& sender) {
+    const Bytes message = message_of(parts, sender);
+    return members_.admits(message.data(), static_cast<std::uint32_t>(message.size()), [] { return "10.0.0.9"; });
+  }
+  bool admits(const keys::Member& member, const std::string& participant) {
+    const GuidPrefix sender = prefix_of(member);
+    return admits({announcement(sender, text_of(keys::identity_of(member, participant)))}, sender);
+  }
+  std::string audit() {
+    EXPECT_EQ(audit_.write(), "");
+    return test_support::read_bytes(folder_.path() / "audit.jsonl");
+  }
+
+  const std::time_t now_ = std::time(nullptr);
+  test_support::TemporaryFolder folder_;
+  keys::Authority authority_ = keys::Authority::create(folder_.path() / "lab-keys");
+  keys::Member self_ = add("desk", Role::kHrtc);
+  AuditLog audit_{folder_.path() / "audit.jsonl", "lab", "desk"};
+  Members members_{authority_.folder_of("desk"), self_, audit_};
+};
+
+TEST_F(MembersTest, AProgramIsAdmittedWithTheIdentityOfItsKeys) {
+  const keys::Member museum = add("museum", Role::kHost), ann = add("ann", Role::kOperator);
+  EXPECT_TRUE(admits(museum, "museum"));
+  EXPECT_TRUE(admits(ann, "ann.control-7"));
+  EXPECT_EQ(members_.id_of(prefix_of(museum)), session::id_of("museum"));
+  EXPECT_EQ(members_.id_of(prefix_of(ann)), session::id_of("ann.control-7"));
+  EXPECT_EQ(audit(), "");
+}
+
+TEST_F(MembersTest, NobodyIsAdmittedWithAnotherIdentity) {
+  const keys::Member museum = add("museum", Role::kHost), ann = add("ann", Role::kUser);
+  const GuidPrefix sender = prefix_of(ann);
+  keys::Identity better = keys::identity_of(ann, "ann"), later = better;
+  better.role = Role::kOperator;
+  later.valid_until += 1;
+  for (const std::string& text : {text_of(keys::identity_of(museum, "museum")), text_of(better), text_of(later),
+                                  text_of(keys::identity_of(ann, "museum")), text_of(keys::identity_of(ann, "annabel")),
+                                  text_of(keys::identity_of(ann, "ann.")), std::string{}, std::string(300, 'x')})
+    EXPECT_FALSE(admits({announcement(sender, text)}, sender)) << text;
+  EXPECT_THAT(audit(), HasSubstr(R"("event":"unknown program","from":"10.0.0.9","detail":"states to be host museum")"));
+  const Bytes honest = announcement(sender, text_of(keys::identity_of(ann, "ann")));
+  EXPECT_FALSE(admits({honest, announcement(prefix_of(museum), text_of(keys::identity_of(museum, "museum")))}, sender))
+      << "a second announcement in the message, with the GUID of another participant";
+}
+
+TEST_F(MembersTest, ASampleCountsIfItsAuthorClaimsItAndMayWriteIt) {
+  const keys::Member museum = add("museum", Role::kHost), ann = add("ann", Role::kUser);
+  ASSERT_TRUE(admits(museum, "museum"));
+  ASSERT_TRUE(admits(ann, "ann"));
+  const std::uint64_t museum_id = session::id_of("museum"), ann_id = session::id_of("ann");
+  EXPECT_TRUE(members_.is_author(prefix_of(museum), museum_id, "tactus_catalogue"));
+  EXPECT_TRUE(members_.is_author(prefix_of(museum), 0, "tactus_records"));
+  EXPECT_FALSE(members_.is_author(prefix_of(ann), museum_id, "tactus_roster"));
+  EXPECT_FALSE(members_.is_author(prefix_of(ann), ann_id, "tactus_reset"));
+  EXPECT_FALSE(members_.is_author(prefix_of(ann), 0, "tactus_records"));
+  EXPECT_FALSE(members_.is_author(prefix_of(ann, 2), ann_id, "tactus_roster")) << "a participant that nobody knows";
+  const std::string log = audit();
+  EXPECT_THAT(log, HasSubstr(R"("event":"false sender","subject":"user ann","detail":"tactus_roster","count":1)"));
+  EXPECT_THAT(log, HasSubstr(R"("event":"not permitted","subject":"user ann","detail":"tactus_reset","count":1)"));
+  EXPECT_THAT(log, Not(HasSubstr("museum")));
+}
+
+TEST_F(MembersTest, AMemberWithTooManyRefusedSamplesIsCutOff) {
+  const keys::Member ann = add("ann", Role::kUser);
+  ASSERT_TRUE(admits(ann, "ann"));
+  for (std::uint32_t i = 0; i < Members::kMaxRefused; ++i) {
+    EXPECT_TRUE(admits({kInfoTime}, prefix_of(ann)));
+    EXPECT_FALSE(members_.is_author(prefix_of(ann), 7, "tactus_roster"));
+  }
+  EXPECT_FALSE(admits({kInfoTime}, prefix_of(ann)));
+  EXPECT_FALSE(admits(ann, "ann"));
+  EXPECT_FALSE(members_.is_author(prefix_of(ann), session::id_of("ann"), "tactus_roster"));
+}
+
+TEST_F(MembersTest, RevokedAndExpiredMembersAreCutOffDuringTheSession) {
+  const keys::Member museum = add("museum", Role::kHost), ann = add("ann", Role::kUser);
+  ASSERT_TRUE(admits(museum, "museum"));
+  ASSERT_TRUE(admits(ann, "ann"));
+  EXPECT_TRUE(members_.check_again(now_).empty());
+  authority_.revoke("museum");
+  EXPECT_THAT(members_.check_again(now_), testing::ElementsAre(HasSubstr("the keys of host museum are revoked")));
+  EXPECT_FALSE(admits({kInfoTime}, prefix_of(museum)));
+  EXPECT_TRUE(admits({kInfoTime}, prefix_of(ann)));
+  EXPECT_THAT(members_.check_again(ann.valid_until + 1),
+              testing::ElementsAre(HasSubstr("the keys of user ann are expired"),
+                                   HasSubstr("tactus keys add-hrtc AUTHORITY desk --replace")));
+  EXPECT_FALSE(admits({kInfoTime}, prefix_of(ann)));
+}
+
+TEST_F(MembersTest, AReplacementIsAdmittedAndItsPredecessorIsNot) {
+  const keys::Member lost = add("ann", Role::kUser);
+  keys::NewMember again;
+  again.name = "ann";
+  again.role = Role::kUser;
+  again.replaces = true;
+  const keys::Member replacement = keys::read_member(authority_.add(again), now_);
+  EXPECT_TRUE(members_.check_again(now_).empty());
+  EXPECT_FALSE(admits(lost, "ann"));
+  EXPECT_TRUE(admits(replacement, "ann"));
+}
+
+TEST_F(MembersTest, AListThatCannotBeReadDoesNotEndTheEarlierOne) {
+  const keys::Member museum = add("museum", Role::kHost);
+  authority_.revoke("museum");
+  ASSERT_TRUE(members_.check_again(now_).empty());
+  test_support::write_bytes(authority_.folder_of("desk") / keys::files::kRevoked, "damaged");
+  EXPECT_THAT(members_.check_again(now_), testing::ElementsAre(HasSubstr("the earlier list stays in force")));
+  EXPECT_FALSE(admits(museum, "museum"));
+}
+
+TEST(AuditLogTest, EqualEventsAreOneLineAndManyDifferentOnesAreCounted) {
+  const test_support::TemporaryFolder folder;
+  AuditLog log{folder.path() / "audit.jsonl", "lab", "desk"};
+  for (int i = 0; i < 3; ++i) log.add({"plain message", "", "10.0.0.9", ""});
+  for (std::size_t i = 0; i < AuditLog::kMaxEvents + 9; ++i) log.add({"plain message", "", std::to_string(i), ""});
+  ASSERT_EQ(log.write(), "");
+  ASSERT_EQ(log.write(), "");
+  const std::string text = test_support::read_bytes(folder.path() / "audit.jsonl");
+  EXPECT_EQ(std::count(text.begin(), text.end(), '\n'), static_cast<std::ptrdiff_t>(AuditLog::kMaxEvents) + 1);
+  EXPECT_THAT(text, HasSubstr(R"("from":"10.0.0.9","count":3)"));
+  EXPECT_THAT(text, HasSubstr(R"("event":"further events","count":10)"));
+  EXPECT_NE(AuditLog(folder.path() / "absent/audit.jsonl", "lab", "desk").write(), "absent") << "nothing to write";
+}
+
+TEST(AuditLogTest, AFullFileIsSetAsideAndOnlyItsOwnerCanReadIt) {
+  const test_support::TemporaryFolder folder;
+  const std::filesystem::path file = folder.path() / "audit.jsonl";
+  AuditLog log{file, "lab", "desk"};
+  log.add({"started", "hrtc desk", "", ""});
+  ASSERT_EQ(log.write(), "");
+  EXPECT_EQ(std::filesystem::status(file).permissions() & std::filesystem::perms::all,
+            std::filesystem::perms::owner_read | std::filesystem::perms::owner_write);
+  test_support::write_bytes(file, std::string(AuditLog::kMaxBytes + 1, 'x'));
+  log.add({"joined", "user \xff", "", ""});
+  ASSERT_EQ(log.write(), "");
+  EXPECT_EQ(std::filesystem::file_size(file.string() + ".1"), AuditLog::kMaxBytes + 1);
+  EXPECT_LT(std::filesystem::file_size(file), 300u);
+}
+
+}  // namespace
+}  // namespace tactus::wire

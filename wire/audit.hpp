@@ -1,0 +1,49 @@
+/// The audit log of a secured session: who was refused, and why.
+///
+/// One JSON object in each line. Equal events are counted, and written at most once in a second. Above kMaxBytes, the file
+/// becomes FILE.1, and a new one begins, so two files use at most twice this size. Only the owner can read them.
+///
+///     {"time":"2026-11-26T10:00:00Z","session":"lab","program":"desk","event":"false sender",
+///      "subject":"user laptop","from":"10.0.0.7","detail":"tactus_stop","count":3}
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <map>
+#include <mutex>
+#include <string>
+#include <tuple>
+
+namespace tactus::wire {
+
+struct AuditEvent {
+  std::string event;    ///< what was refused (docs/reference/audit.md)
+  std::string subject;  ///< role and name of the member; empty if nobody has proved an identity
+  std::string from;     ///< address of the sender, if known
+  std::string detail;
+
+  [[nodiscard]] auto key() const { return std::tie(event, subject, from, detail); }
+  [[nodiscard]] bool operator<(const AuditEvent& other) const { return key() < other.key(); }
+};
+
+class AuditLog {
+ public:
+  static constexpr std::uintmax_t kMaxBytes = 16u << 20u;
+  /// Max number of different events in one second; further ones are only counted, as the event `further events`.
+  static constexpr std::size_t kMaxEvents = 256;
+
+  AuditLog(std::filesystem::path file, std::string session, std::string program);
+
+  /// Any thread; does not write.
+  void add(AuditEvent event);
+  /// Writes the events since the last call. Returns why the file cannot be written; empty if it can. One thread.
+  [[nodiscard]] std::string write();
+
+ private:
+  const std::filesystem::path file_;
+  const std::string session_, program_;
+  std::mutex mutex_;
+  std::map<AuditEvent, std::uint64_t> pending_;  // counts
+};
+
+}  // namespace tactus::wire

@@ -1,0 +1,90 @@
+/// The members of a secured session, and the only place that decides whose messages and samples count.
+///
+///     announcement       identity = hash in the GUID, not revoked, not expired    -> the library discovers the sender
+///     any other message  the sender's certificate is not cut off                  -> the library reads it
+///     sample             its author is the member that it claims, and the role
+///                        of this member may write the topic                       -> the program gets it
+///
+/// A certificate counts as known from the first announcement of one of its programs on. The library authenticates GUIDs
+/// (keys/identity.hpp). A certificate is cut off when it is revoked or has expired, or
+/// when kMaxRefused samples of it were refused. Then all its messages are dropped, so the library loses its participants
+/// when their leases end.
+///
+/// Threads: any. Cost of a message or a sample: one lookup in a tree, with a shared lock.
+#pragma once
+
+#include <cstdint>
+#include <ctime>
+#include <filesystem>
+#include <functional>
+#include <map>
+#include <optional>
+#include <shared_mutex>
+#include <string>
+#include <vector>
+
+#include "keys/identity.hpp"
+#include "keys/member.hpp"
+#include "wire/audit.hpp"
+#include "wire/transport/rtps_message.hpp"
+
+namespace tactus::wire {
+
+class Members {
+ public:
+  /// Number of refused samples after which a certificate is cut off.
+  static constexpr std::uint32_t kMaxRefused = 100;
+  /// Max number of participants that are known at a time, three for each program.
+  static constexpr std::size_t kMaxParticipants = 4096;
+
+  /// `folder`: with the keys of this program. `audit` gets an event for each refusal; must outlive this.
+  Members(std::filesystem::path folder, keys::Member self, AuditLog& audit);
+
+  /// Returns whether the library may read a message. `from` returns the address of its sender.
+  using Address = std::function<std::string()>;
+  [[nodiscard]] bool admits(const std::uint8_t* message, std::uint32_t size, const Address& from);
+
+  /// Returns whether a sample counts that this participant has written to a topic, and that names `claimed` (id) as its
+  /// sender. `claimed` is 0 for samples that name no sender.
+  [[nodiscard]] bool is_author(const GuidPrefix& participant, std::uint64_t claimed, const char* topic);
+
+  /// Returns the id of the program with this participant; 0 if it is no member.
+  [[nodiscard]] std::uint64_t id_of(const GuidPrefix& participant) const;
+
+  /// The library reports whether a participant has proved its identity.
+  void on_authentication(const GuidPrefix& participant, bool succeeded);
+
+  /// Reads the list of revoked certificates again, and cuts off those that are revoked or have expired. Returns what an
+  /// operator should know: a list that cannot be read, and the end of this program's own certificate.
+  [[nodiscard]] std::vector<std::string> check_again(std::time_t now);
+
+ private:
+  struct Certificate {
+    std::string subject;  // role and name
+    std::string serial;
+    std::time_t valid_until = 0;
+    std::uint32_t refused = 0;
+    bool is_cut_off = false;
+  };
+  struct Participant {
+    keys::GuidBegin certificate{};
+    keys::Role role = keys::Role::kObserver;
+    std::uint64_t id = 0;  // of the program's name
+    std::int64_t announced_ns = 0;
+  };
+
+  [[nodiscard]] bool admits_announcement(const RtpsBytes& payload, const GuidPrefix& sender, const Address& from);
+  [[nodiscard]] const char* reason_to_cut_off(const keys::Identity& identity, const keys::GuidBegin& begin) const;
+  [[nodiscard]] bool make_room();
+  void cut_off(Certificate& certificate, const char* why);
+
+  const std::filesystem::path folder_;
+  const keys::Member self_;
+  AuditLog& audit_;
+  mutable std::shared_mutex mutex_;  // for the members below
+  std::vector<std::string> revoked_;
+  std::map<keys::GuidBegin, Certificate> certificates_;
+  std::map<GuidPrefix, Participant> participants_;
+};
+
+}  // namespace tactus::wire
