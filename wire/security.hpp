@@ -50,8 +50,7 @@ class Security final : public dds::DomainParticipantListener {
   [[nodiscard]] Members& members() noexcept { return members_; }
 
  private:
-  void onParticipantAuthentication(dds::DomainParticipant* participant,
-                                   rtps::ParticipantAuthenticationInfo&& info) override;
+  void onParticipantAuthentication(dds::DomainParticipant*, rtps::ParticipantAuthenticationInfo&& info) override;
   void watch();
 
   const std::filesystem::path folder_;
