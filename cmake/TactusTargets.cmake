@@ -2,23 +2,27 @@
 
 set(CMAKE_POSITION_INDEPENDENT_CODE ON)
 set(TACTUS_SANITIZE "" CACHE STRING "Sanitizers for every target, e.g. address,undefined or thread")
+option(TACTUS_FUZZ "Build the fuzz targets of tests/fuzz for libFuzzer; needs clang" OFF)
 option(TACTUS_WERROR "Treat warnings as errors" OFF)
 
 add_library(tactus_options INTERFACE)
 set_target_properties(tactus_options PROPERTIES EXPORT_NAME options)
 target_compile_features(tactus_options INTERFACE cxx_std_20)
 # -Wno-subobject-linkage: in a joined source, g++ takes the unnamed namespace of each source for one of a header.
+# -Wno-error=maybe-uninitialized: g++ 14 takes members of std::optional for uninitialized, depending on what they
+# inline.
 # -ffp-contract=off: tests compare geometry bit for bit, so every compiler must give the same bits.
 target_compile_options(tactus_options INTERFACE "$<BUILD_INTERFACE:-Wall;-Wextra;-Wpedantic;-Wshadow;-Wconversion;-Wno-sign-conversion;-Wno-psabi>"
-                       $<BUILD_INTERFACE:$<$<AND:$<BOOL:${CMAKE_UNITY_BUILD}>,$<COMPILE_LANGUAGE:CXX>>:-Wno-subobject-linkage>>
-                       -ffp-contract=off $<BUILD_INTERFACE:$<$<BOOL:${TACTUS_WERROR}>:-Werror>>)
+                       $<BUILD_INTERFACE:$<$<AND:$<BOOL:${CMAKE_UNITY_BUILD}>,$<COMPILE_LANGUAGE:CXX>,$<CXX_COMPILER_ID:GNU>>:-Wno-subobject-linkage>>
+                       -ffp-contract=off $<BUILD_INTERFACE:$<$<BOOL:${TACTUS_WERROR}>:-Werror>>
+                       $<BUILD_INTERFACE:$<$<AND:$<CXX_COMPILER_ID:GNU>,$<VERSION_GREATER_EQUAL:$<CXX_COMPILER_VERSION>,14>>:-Wno-error=maybe-uninitialized>>)
 target_include_directories(tactus_options INTERFACE $<BUILD_INTERFACE:${PROJECT_SOURCE_DIR}>)
 # Debian 13's TinyXML-2 defines it for its users, and a precompiled header is only used with the same definitions.
 target_compile_definitions(tactus_options INTERFACE $<BUILD_INTERFACE:_FILE_OFFSET_BITS=64>)
 if(TACTUS_SANITIZE)
   # With sanitizers, g++ 12 takes members of std::regex and others for uninitialized.
   target_compile_options(tactus_options INTERFACE -fsanitize=${TACTUS_SANITIZE} -fno-sanitize-recover=all -fno-omit-frame-pointer
-                         -Wno-maybe-uninitialized)
+                         $<$<CXX_COMPILER_ID:GNU>:-Wno-maybe-uninitialized>)
   if(TACTUS_SANITIZE STREQUAL thread)  # Boost.Asio has fences, which ThreadSanitizer does not see
     target_compile_options(tactus_options INTERFACE -Wno-tsan)
   endif()

@@ -1,0 +1,141 @@
+/// Writes the seeds of all fuzz targets to the folder of the first argument: valid files and messages, from which a fuzzer
+/// finds its way to damaged ones. The second argument is the folder of the sources.
+#include <cstdio>
+#include <exception>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <string>
+#include <vector>
+
+#include "client_sim/scenario.hpp"
+#include "spm/codec/base_codec.hpp"
+#include "spm/codec/model_codec.hpp"
+#include "spm/codec/region_codec.hpp"
+#include "spm/offline/model_file.hpp"
+#include "tests/support/random_model.hpp"
+#include "tests/wire/rtps_bytes.hpp"
+#include "trace/flight_file.hpp"
+#include "trace/mcap.hpp"
+#include "wire/topics.hpp"
+
+namespace tactus::fuzz {
+namespace {
+
+namespace fs = std::filesystem;
+using Bytes = std::vector<std::uint8_t>;
+
+class Seeds {
+ public:
+  explicit Seeds(fs::path folder) : folder_{std::move(folder)} {}
+  /// Returns the path of a new seed.
+  [[nodiscard]] fs::path next(const std::string& target) {
+    fs::create_directories(folder_ / target);
+    return folder_ / target / std::to_string(++count_);
+  }
+  void add(const std::string& target, std::span<const std::uint8_t> bytes) {
+    std::ofstream{next(target), std::ios::binary}.write(reinterpret_cast<const char*>(bytes.data()),
+                                                        static_cast<std::streamsize>(bytes.size()));
+  }
+  void add(const std::string& target, const std::string& text) {
+    add(target, {reinterpret_cast<const std::uint8_t*>(text.data()), text.size()});
+  }
+
+ private:
+  fs::path folder_;
+  int count_ = 0;
+};
+
+void add_models(Seeds& seeds) {
+  const spm::OwnedModel owned = test_support::random_model(1, 500, 3);  // as in region.cpp
+  const spm::codec::EncodedModel encoded{owned.model()};
+  const spm::codec::CompressedModel& model = encoded.compressed();
+  seeds.add("base", model.spans().base);
+  for (std::uint32_t region = 0; region < model.summary().regions && region < 5; ++region) {
+    const std::vector<spm::Interval> list = model.intervals_of(spm::RegionId{region});
+    seeds.add("region", spm::codec::encode_region(model, spm::RegionId{region}, list));
+  }
+  spm::offline::write_model(seeds.next("model_file"), owned.model(), {"seed.obj", {}});
+}
+
+void add_samples(Seeds& seeds) {
+  std::uint8_t topic = 0;
+  wire::topics::for_each([&](const auto&) {
+    for (const std::size_t size : {100u, 400u}) {
+      Bytes bytes{topic, 0, 1, 0, 0};  // little-endian CDR
+      bytes.resize(size);
+      seeds.add("sample", bytes);
+    }
+    ++topic;
+  });
+}
+
+void add_datagrams(Seeds& seeds) {
+  using namespace wire::test;
+  const std::string identity = "host\nmuseum\n0A1B\n1800000000\nmuseum";
+  Bytes announcement{0, 3, 0, 0, 0x2c, 0, 40, 0, static_cast<std::uint8_t>(identity.size()), 0, 0, 0};
+  announcement.insert(announcement.end(), identity.begin(), identity.end());
+  announcement.resize(4 + 4 + 40);
+  announcement.insert(announcement.end(), {1, 0, 0, 0});
+  seeds.add("datagram", message_of({kInfoTime, data({0x00, 0x01, 0x00, 0xc2}, 1, announcement)}));
+  seeds.add("datagram", message_of({kInfoDestination, kInfoTime, data({0, 0, 1, 2}, 9, {0, 1, 0, 0, 5, 5, 5, 5}),
+                                    submessage(wire::kStatisticsId, Bytes(56, 0))}));
+  seeds.add("datagram",
+            message_of({submessage(wire::kSecurePrefixId, Bytes(20, 1)), submessage(wire::kSecureBodyId, Bytes(40, 2)),
+                        submessage(wire::kSecurePostfixId, Bytes(40, 1))}));
+  seeds.add("datagram", std::string(wire::kRtpsHeader, 'R') + identity);
+}
+
+void add_recordings(Seeds& seeds) {
+  trace::McapWriter writer{seeds.next("recording"), "seeds"};
+  const auto channel = writer.add_channel(writer.add_schema("a::B", "omgidl", "module a { struct B { long c; }; };"),
+                                          "tactus_roster", "cdr", {{"partition", "lab"}});
+  const Bytes message{0, 1, 0, 0, 7, 0, 0, 0};
+  for (std::uint32_t i = 0; i < 3; ++i) writer.write(channel, 1000 + i, 900 + i, i, message);
+  writer.flush();
+  writer.write(channel, 2000, 1900, 3, message);
+  writer.close();
+
+  trace::FlightFileWriter flight{seeds.next("flight")};
+  for (const trace::FlightMessage& part :
+       {trace::FlightMessage{trace::FlightStart{}}, trace::FlightMessage{trace::FlightObject{}},
+        trace::FlightMessage{trace::FlightState{}}, trace::FlightMessage{trace::FlightEvent{}},
+        trace::FlightMessage{trace::FlightMove{}}, trace::FlightMessage{trace::FlightProbe{}},
+        trace::FlightMessage{trace::FlightTouch{}}, trace::FlightMessage{trace::FlightRefine{}}})
+    flight.write(part);
+  flight.close();
+}
+
+void add_texts(Seeds& seeds, const fs::path& sources) {
+  for (const client_sim::BuiltInScenario& scenario : client_sim::built_in_scenarios())
+    seeds.add("scenario", std::string{scenario.text});
+  fs::copy_file(sources / "examples/object/crate.yaml", seeds.next("host_config"));
+  for (const char* request :
+       {R"({"token": "0a"})", R"({"seen": 8})", R"({"stop": "a reason"})",
+        R"({"touch": {"user": "guest", "hrtc": "desk"}})", R"({"hand": {"target": [0.5, -1, 2], "grab": true}})",
+        R"({"show": "desk"})", R"({"release": true})", R"({"play": true})", R"({"seek": 12.5})",
+        R"({"camera": {"position": [0, 0, 1], "direction": [0, 0, -1], "angle": 0.8, "height": 600}})"})
+    seeds.add("page_request", std::string{request});
+}
+
+}  // namespace
+}  // namespace tactus::fuzz
+
+int main(int argc, char** argv) try {
+  using namespace tactus::fuzz;
+  if (argc != 3) {
+    std::fputs("usage: fuzz_seeds FOLDER SOURCES\n", stderr);
+    return 2;
+  }
+  std::filesystem::remove_all(argv[1]);
+  Seeds seeds{argv[1]};
+  add_models(seeds);
+  add_samples(seeds);
+  add_datagrams(seeds);
+  add_recordings(seeds);
+  add_texts(seeds, argv[2]);
+  return 0;
+} catch (const std::exception& error) {
+  std::fprintf(stderr, "fuzz_seeds: %s\n", error.what());
+  return 1;
+}
