@@ -50,8 +50,8 @@ struct Configuration {
 
   std::string name;
   latency::TestCase test;
-  std::filesystem::path keys{};  ///< of latency::SideSettings
   int round_interval = 1;        ///< the configuration runs in every `round_interval`-th round
+  std::filesystem::path keys{};  ///< of latency::SideSettings
   Percentiles age{}, half_round_trip{}, half_round_trip_sent{};
   Samples mesh_mbyte_per_s{};
   double expected = 0, lost = 0, echoes_lost = 0;  ///< probe states of all runs
