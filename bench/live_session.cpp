@@ -76,6 +76,7 @@ wire::SessionAddress LiveSession::address(const std::string& participant) const 
   wire::SessionAddress address;
   address.session = session_;
   address.participant = participant;
+  address.plain = true;
   return address;
 }
 
@@ -83,7 +84,7 @@ std::unique_ptr<LiveSession::Process> LiveSession::start(netem::Side side, const
                                                          std::vector<std::string> arguments) {
   std::vector<std::string> command{"/usr/bin/nsenter", "--net=/run/netns/" + pair_.name(side), program_path(name)};
   command.insert(command.end(), arguments.begin(), arguments.end());
-  command.insert(command.end(), {"--session", session_});
+  command.insert(command.end(), {"--session", session_, "--plain"});
   return std::make_unique<Process>(std::move(command));
 }
 

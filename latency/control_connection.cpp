@@ -1,5 +1,6 @@
 #include "latency/control_connection.hpp"
 
+#include <arpa/inet.h>
 #include <netdb.h>
 #include <netinet/in.h>
 #include <netinet/tcp.h>
@@ -98,13 +99,16 @@ void ControlConnection::receive_block(void* data, std::size_t bytes, std::chrono
   received_.erase(0, bytes);
 }
 
-int listen_at(std::uint16_t port) {
-  const int listener = ::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
-  const int yes = 1;
-  ::setsockopt(listener, SOL_SOCKET, SO_REUSEADDR, &yes, sizeof yes);
+int listen_at(const std::string& address, std::uint16_t port) {
   sockaddr_in own{};
   own.sin_family = AF_INET;
   own.sin_port = htons(port);
+  if (::inet_pton(AF_INET, address.c_str(), &own.sin_addr) != 1)
+    throw LatencyError("--listen: found '" + address +
+                       "', expected an IPv4 address of this machine, or 0.0.0.0 for all");
+  const int listener = ::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+  const int yes = 1;
+  ::setsockopt(listener, SOL_SOCKET, SO_REUSEADDR, &yes, sizeof yes);
   if (::bind(listener, reinterpret_cast<sockaddr*>(&own), sizeof own) != 0 || ::listen(listener, 4) != 0) {
     const int error = errno;
     ::close(listener);

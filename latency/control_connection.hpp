@@ -38,8 +38,9 @@ class ControlConnection {
   std::string received_;  // not yet consumed
 };
 
-/// Returns a socket that listens on `port` of all interfaces; port 0 means a free port. Throws LatencyError.
-[[nodiscard]] int listen_at(std::uint16_t port);
+/// Returns a socket that listens on `port` of the interface with this IPv4 address, 0.0.0.0 for all; port 0 means a free
+/// port. Throws LatencyError.
+[[nodiscard]] int listen_at(const std::string& address, std::uint16_t port);
 /// Returns the port of a socket that listen_at returned.
 [[nodiscard]] std::uint16_t port_of(int listener);
 /// Waits for the next incoming connection and returns its socket, or -1 if `cancelled` becomes true first.

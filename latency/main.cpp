@@ -28,7 +28,7 @@ Examples:
   tactus-latency run --topic records --payload 64,1200 --readers 1,4
 
 On two machines:
-  tactus-latency serve                      (on one)
+  tactus-latency serve --listen 0.0.0.0     (on one)
   tactus-latency run --to OTHER-HOST        (on the other)
 
 Options from --transport to --link accept several values, separated by commas. Every combination of values is a test.
@@ -56,6 +56,7 @@ struct Options {
   RunSettings settings;
   std::vector<std::string> loads{"0"};
   std::string to, json, html;
+  std::string listen = "127.0.0.1";
   std::uint16_t port = kPort;
   int control = -1;
 };
@@ -96,6 +97,9 @@ void add_run(CLI::App& app, Options& o) {
 }
 
 void add_serve(CLI::App& app, Options& o) {
+  app.add_option("--listen", o.listen,
+                 "IPv4 address to listen on; 0.0.0.0: all. Everyone who reaches it can start tests")
+      ->capture_default_str();
   app.add_option("--port", o.port, "TCP port to listen on; 0: a free port")->capture_default_str();
   app.add_option("--priority", o.settings.side.priority, "Maximum SCHED_FIFO priority of receivers; 0: none")
       ->capture_default_str()
@@ -158,7 +162,7 @@ int serve_all(const Options& o, const std::atomic<bool>& cancelled) {
     }
     return 0;
   }
-  const int listener = listen_at(o.port);
+  const int listener = listen_at(o.listen, o.port);
   std::cerr << "listening on port " << port_of(listener) << "; the other side: tactus-latency run --to HOST\n";
   for (int socket; (socket = accept_from(listener, cancelled)) >= 0;) {
     std::cerr << "a pinger has connected\n";

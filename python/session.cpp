@@ -104,7 +104,8 @@ std::filesystem::path qos_directory() {
 std::unique_ptr<ScriptSession> join_session(const std::string& session, const std::string& name, int domain,
                                             const std::vector<std::string>& peers,
                                             const std::vector<std::string>& servers,
-                                            const std::optional<std::filesystem::path>& qos) {
+                                            const std::optional<std::filesystem::path>& qos,
+                                            const std::optional<std::filesystem::path>& keys, bool plain) {
   wire::SessionAddress address;
   address.session = session;
   address.participant = name.empty() ? "script-" + std::to_string(getpid()) : name;
@@ -113,6 +114,8 @@ std::unique_ptr<ScriptSession> join_session(const std::string& session, const st
   address.discovery = {peers, servers};
   address.only_reads_bulk = true;
   address.qos = qos ? *qos : qos_directory();
+  if (keys) address.keys = *keys;
+  address.plain = plain;
   return std::make_unique<ScriptSession>(address);
 }
 
@@ -318,10 +321,13 @@ void add_session(py::module_& module) {
       "RuntimeError.")
       .def(py::init(&join_session), py::arg("session"), py::arg("name") = "", py::kw_only(),
            py::arg("domain") = wire::kDefaultDomain, py::arg("peers") = std::vector<std::string>{},
-           py::arg("servers") = std::vector<std::string>{}, py::arg("qos") = py::none(),
+           py::arg("servers") = std::vector<std::string>{}, py::arg("qos") = py::none(), py::arg("keys") = py::none(),
+           py::arg("plain") = false,
            "Joins a session. Raises WireError.\n\nname: of this participant; default script-PID. domain: base domain. "
            "peers: machines that multicast does not find.\nservers: discovery servers. qos: folder of the QoS "
-           "profiles, default those of Tactus.")
+           "profiles, default those of Tactus.\nkeys: folder of keys of tactus keys. plain: without keys, also take "
+           "part with "
+           "programs of other machines.")
       .def("close", &ScriptSession::close, "Leaves the session.")
       .def("__enter__", [](const py::object& self) { return self; })
       .def("__exit__", [](ScriptSession& self, const py::args&) { self.close(); })

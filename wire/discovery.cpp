@@ -7,6 +7,8 @@
 #include <cstdlib>
 #include <memory>
 
+#include "wire/transport/local_addresses.hpp"
+
 namespace tactus::wire {
 namespace {
 
@@ -56,6 +58,17 @@ void apply(const Discovery& discovery, dds::DomainParticipantQos& qos) {
     if (!add_discovery_server(qos, server_locator(server), number++))
       throw WireError(std::to_string(discovery.servers.size()) + " discovery servers; expected at most 256");
   }
+}
+
+void require_local(const Discovery& discovery) {
+  LocalAddresses local;
+  const auto require = [&](const std::string& name, const rtps::Locator_t& at) {
+    if (!local.contains(at))
+      throw WireError("'" + name + "' is another machine, and this program has no keys; expected --keys DIR " +
+                      "(docs/how-to/secure.md), or --plain for a session that everyone can read and change");
+  };
+  for (const std::string& peer : discovery.peers) require(peer, locator(peer, 0));
+  for (const std::string& server : discovery.servers) require(server, server_locator(server));
 }
 
 void ignore_environment() {

@@ -1,3 +1,5 @@
+#include <unistd.h>
+
 #include <cstdio>
 #include <fastdds/dds/log/Log.hpp>
 #include <memory>
@@ -74,6 +76,8 @@ void report(const std::string& text) {
   if (!state.reported.insert(text).second) return;
   if (state.sink)
     state.sink(text);
+  else if (::isatty(STDERR_FILENO) != 0)
+    std::fprintf(stderr, "\x1b[31m%s\x1b[0m\n", text.c_str());  // red
   else
     std::fprintf(stderr, "%s\n", text.c_str());
 }

@@ -25,6 +25,8 @@
 namespace tactus::wire {
 namespace {
 
+constexpr char kPlain[] = "NOT SECURED (--plain): everyone who reaches the network can read and change this session";
+
 /// DDS name of the participants that only read bulk, by which they ignore each other.
 constexpr char kReadsBulk[] = "tactus_bulk_reader";
 
@@ -118,11 +120,12 @@ dds::DomainParticipant* join(Participants::Impl& impl, TrafficClass traffic, con
     qos.name(kReadsBulk);
   }
   const FilterSettings filters{std::make_shared<Gate>(), ignored, traffic != TrafficClass::kSession,
-                               impl.security.get()};
+                               !impl.security && !impl.address.plain, impl.security.get()};
   for (auto& udp : qos.transport().user_transports) {
     const auto descriptor = std::dynamic_pointer_cast<transport::UDPv4TransportDescriptor>(udp);
     if (descriptor == nullptr) continue;
     if (impl.security) descriptor->maxMessageSize = kSecuredMessageBytes;
+    if (filters.only_local) descriptor->TTL = 0;  // multicast reaches no other machine
     udp = std::make_shared<FilterTransportDescriptor>(udp, filters);
   }
   const std::set<int> before = datagram_sockets();
@@ -204,6 +207,10 @@ Participants::Participants(SessionAddress address) : impl_{std::make_unique<Impl
     throw WireError(
         "--discovery-server cannot be used with --keys, because the discovery server of Fast DDS 2.9 has no "
         "security; expected multicast or --peer");
+  if (!address.keys.empty() && address.plain)
+    throw WireError("--plain cannot be used with --keys; expected one of them");
+  if (address.keys.empty() && !address.plain) require_local(address.discovery);
+  if (address.plain) report(kPlain);
   if (!address.keys.empty()) impl_->security = std::make_unique<Security>(address);
   impl_->session_id = session::id_of(address.session);
   impl_->participant_id = session::id_of(address.participant);

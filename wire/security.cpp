@@ -49,20 +49,21 @@ std::filesystem::path audit_file(const SessionAddress& address) {
   return file;
 }
 
+/// Returns the event of the audit log; null for messages that the library of a member sends too.
 const char* event_of(Refusal refusal) {
   switch (refusal) {
     case Refusal::kNone:
+    case Refusal::kControl:
+    case Refusal::kLeave:
       break;
     case Refusal::kPlain:
       return "plain message";
     case Refusal::kNoOrigin:
       return "message without proof of origin";
-    case Refusal::kLeave:
-      return "plain message that a program has left";
     case Refusal::kMalformed:
       return "malformed message";
   }
-  return "";
+  return nullptr;
 }
 
 }  // namespace
@@ -93,7 +94,7 @@ bool Security::admits(const std::uint8_t* message, std::uint32_t size, const rtp
   const auto address = [&] { return rtps::IPLocator::toIPv4string(from); };
   const Refusal refusal = refusal_of(message, size);
   if (refusal == Refusal::kNone) return members_.admits(message, size, address);
-  audit_.add({event_of(refusal), "", address(), ""});
+  if (const char* const event = event_of(refusal)) audit_.add({event, "", address(), ""});
   return false;
 }
 

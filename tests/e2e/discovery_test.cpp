@@ -16,6 +16,7 @@ namespace {
 
 using Seen = Observer::Seen;
 using testing::HasSubstr;
+using testing::Not;
 
 using Command = std::vector<std::string>;
 
@@ -144,7 +145,7 @@ class WithoutMulticast : public DiscoveryTest {
   }
   /// Like `in_namespace`, with the profiles that have TTL 0.
   [[nodiscard]] Command without_multicast(netem::Side side, const Command& command) const {
-    return in_namespace(side, command) + Command{"--qos", qos_};
+    return in_namespace(side, command) + Command{"--plain", "--qos", qos_};
   }
   /// Expects that users on side B touch an object of a host on side A, with these options.
   void expect_a_session(const Command& options_a, const Command& options_b) {
@@ -177,6 +178,40 @@ TEST_F(WithoutMulticast, ClientsOfOneServerFindEachOther) {
   Process server{in_namespace(netem::Side::kA, server_command("11811"))};
   const Command use_server{"--discovery-server", netem::LinkedPair::address(netem::Side::kA)};
   expect_a_session(use_server, use_server);
+}
+
+/// Two machines with multicast between them.
+class TwoMachines : public DiscoveryTest {
+ protected:
+  void SetUp() override {
+    if (const std::string reason = netem::missing_privilege(); !reason.empty()) GTEST_SKIP() << reason;
+    pair_.emplace(netem::parse_link("veth"));
+  }
+  [[nodiscard]] Command on(netem::Side side, const Command& command) const {
+    return Command{"/sbin/ip", "netns", "exec", pair_->name(side)} + command;
+  }
+
+  std::optional<netem::LinkedPair> pair_;
+};
+
+TEST_F(TwoMachines, FindEachOtherWithoutKeysOnlyIfBothArePlain) {
+  Process museum{on(netem::Side::kA, host("museum", models().sphere) + Command{"--plain"})};
+  Process local{on(netem::Side::kB, hrtc("local", {"--wait-host", "2"}))};
+  EXPECT_EQ(local.wait(), 1) << local.output();
+  EXPECT_THAT(local.output(), HasSubstr("there are programs on other machines. Without keys"));
+  Process desk{on(netem::Side::kB, hrtc("desk", {"--wait-host", "20", "--plain"}))};
+  EXPECT_TRUE(desk.wait_for_line("host 'museum' joined")) << desk.output();
+  EXPECT_THAT(desk.output(), HasSubstr("NOT SECURED (--plain)"));
+  EXPECT_THAT(museum.output(), Not(HasSubstr("HRTC 'local'")));
+}
+
+TEST_F(TwoMachines, AnotherMachineMayBeNamedOnlyWithKeysOrPlain) {
+  const std::string other = netem::LinkedPair::address(netem::Side::kA);
+  for (const char* option : {"--peer", "--discovery-server"}) {
+    Process desk{on(netem::Side::kB, hrtc("desk", {option, other}))};
+    EXPECT_EQ(desk.wait(), 2);
+    EXPECT_THAT(desk.output(), HasSubstr("'" + other + "' is another machine, and this program has no keys"));
+  }
 }
 
 }  // namespace

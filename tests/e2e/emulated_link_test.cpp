@@ -25,6 +25,7 @@ class EmulatedLinkTest : public SessionTest {
                                                              const std::vector<std::string>& command) {
     std::vector<std::string> full_command{"/sbin/ip", "netns", "exec", pair.name(side)};
     full_command.insert(full_command.end(), command.begin(), command.end());
+    full_command.emplace_back("--plain");
     return full_command;
   }
   [[nodiscard]] double first_base_us();
@@ -34,7 +35,9 @@ class EmulatedLinkTest : public SessionTest {
 double EmulatedLinkTest::first_base_us() {
   const netem::LinkedPair pair{netem::parse_link("P0:delay=50")};
   pair.enter_namespace(Side::kB);
-  Observer observer{address("observer")};
+  wire::SessionAddress as_observer = address("observer");
+  as_observer.plain = true;
+  Observer observer{as_observer};
   Process museum{in_namespace(pair, Side::kA, host("museum", models().organ))};
   EXPECT_TRUE(observer.until([](const Seen& seen) { return seen.is_present("museum"); })) << museum.output();
   Process desk{in_namespace(pair, Side::kB, hrtc("desk"))};

@@ -79,6 +79,14 @@ TEST_F(OverviewTest, ShowsThatASessionIsEmpty) {
   EXPECT_FALSE(overview_.has_participants());
 }
 
+TEST_F(OverviewTest, WarnsInTheSecondLine) {
+  Overview overview{origin("top"), "session lab", now_ns_, "NOT SECURED (--plain)"};
+  const std::vector<Line> lines = overview.screen(now_ns_);
+  ASSERT_GE(lines.size(), 2u);
+  EXPECT_EQ(lines[1].text, "NOT SECURED (--plain)");
+  EXPECT_EQ(lines[1].emphasis, Emphasis::kAlert);
+}
+
 TEST_F(OverviewTest, CountsParticipantsAndStates) {
   run(kSecond);
   state(0);

@@ -41,9 +41,10 @@ TEST(ProtectionTest, AnnouncementsAndAuthenticationArePlain) {
 TEST(ProtectionTest, AllOtherPlainSubmessagesAreRefused) {
   for (const Bytes& writer : {kUserWriter, kEndpointDiscovery, kKeyExchange})
     EXPECT_EQ(refusal({kInfoDestination, kInfoTime, sample(writer)}), Refusal::kPlain);
-  constexpr std::uint8_t kAckNack = 0x06, kHeartbeat = 0x07, kGap = 0x08, kInfoSource = 0x0c, kDataFragment = 0x16,
-                         kWholeMessagePrefix = 0x33;
-  for (const std::uint8_t id : {kAckNack, kHeartbeat, kGap, kInfoSource, kDataFragment, kWholeMessagePrefix})
+  for (const std::uint8_t id : {kAckNackId, kHeartbeatId, kGapId})
+    EXPECT_EQ(refusal({submessage(id, Bytes(28, 0))}), Refusal::kControl) << int{id};
+  constexpr std::uint8_t kInfoSource = 0x0c, kDataFragment = 0x16, kWholeMessagePrefix = 0x33;
+  for (const std::uint8_t id : {kInfoSource, kDataFragment, kWholeMessagePrefix})
     EXPECT_EQ(refusal({submessage(id, Bytes(28, 0))}), Refusal::kPlain) << int{id};
   EXPECT_EQ(refusal({sample(kAnnouncement), sample(kUserWriter)}), Refusal::kPlain) << "after one that is accepted";
   EXPECT_EQ(refusal({encrypted(1, 1, 1), sample(kUserWriter)}), Refusal::kPlain);

@@ -52,7 +52,7 @@ class Observer {
   explicit Observer(const wire::SessionAddress& address)
       : participants_{address},
         overview_{participants_.origin(), "session " + address.session + ", domain " + std::to_string(address.domain),
-                  monotonic_ns()} {}
+                  monotonic_ns(), address.plain ? "NOT SECURED (--plain)" : ""} {}
 
   [[nodiscard]] top::Overview& overview() { return overview_; }
   /// Waits, at most kPollPeriod, and applies the samples that have arrived.

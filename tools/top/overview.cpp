@@ -107,8 +107,12 @@ std::string Overview::Figures::percentage(const std::string& used, const std::st
   return fixed(100 * part->second / whole->second, 0);
 }
 
-Overview::Overview(const session::Origin& self, std::string title, std::int64_t now_ns)
-    : title_{std::move(title)}, roster_{self, settings_of_a_screen()}, begin_ns_{now_ns}, screen_ns_{now_ns} {}
+Overview::Overview(const session::Origin& self, std::string title, std::int64_t now_ns, std::string warning)
+    : title_{std::move(title)},
+      warning_{std::move(warning)},
+      roster_{self, settings_of_a_screen()},
+      begin_ns_{now_ns},
+      screen_ns_{now_ns} {}
 
 void Overview::on_sample(const session::RosterEntry& entry, std::int64_t now_ns) {
   apply(roster_.on_entry(entry, now_ns), now_ns);
@@ -181,6 +185,7 @@ std::vector<Line> Overview::screen(std::int64_t now_ns) {
   std::erase_if(absent_, [&](const auto& of) { return now_ns - of.second.since_ns > kShowAbsentNs; });
   while (!events_.empty() && now_ns - events_.front().at_ns > kShowAbsentNs) events_.pop_front();
   std::vector<Line> lines{title_line()};
+  if (!warning_.empty()) lines.push_back({warning_, Emphasis::kAlert});
   add_stop_lines(lines);
   add_table(sorted(user_rows(now_ns)), "llrrrrlrl", lines);
   add_table(sorted(hrtc_rows(now_ns)), "llrrrrrrrr", lines);

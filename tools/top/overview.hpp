@@ -17,8 +17,8 @@ namespace tactus::top {
 
 class Overview {
  public:
-  /// `self`: this program. `title`: name of the session, for the first line.
-  Overview(const session::Origin& self, std::string title, std::int64_t now_ns);
+  /// `self`: this program. `title`: name of the session, for the first line. `warning`: the second line, if not empty.
+  Overview(const session::Origin& self, std::string title, std::int64_t now_ns, std::string warning = {});
 
   // Samples in the order of their arrival, with its time.
   void on_sample(const session::RosterEntry& entry, std::int64_t now_ns);
@@ -80,7 +80,7 @@ class Overview {
   [[nodiscard]] std::vector<Row> event_rows(std::int64_t now_ns) const;
   [[nodiscard]] std::string name_of_user(std::uint64_t user) const;
 
-  std::string title_;
+  std::string title_, warning_;
   session::Roster roster_;
   std::map<std::uint64_t, Absent> absent_;           // by participant
   std::map<std::uint64_t, Figures> figures_;         // by participant

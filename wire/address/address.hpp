@@ -51,8 +51,10 @@ struct SessionAddress {
   Discovery discovery;
   std::filesystem::path qos = default_qos_directory();
   /// Folder of this program's keys, which `tactus keys` has made. All programs of a session have keys of one authority.
-  /// Empty: everyone who reaches the network can read and write everything.
+  /// Empty: everyone who reaches the network can read and write everything. So without keys a program takes part only with
+  /// programs of its own machine, unless `plain` is true.
   std::filesystem::path keys;
+  bool plain = false;  ///< true: without keys, also with programs of other machines
   /// With keys, the file of the audit log (wire/audit.hpp). Empty: SESSION.NAME.jsonl in `audit` of the state folder
   /// (wire/incarnation.hpp).
   std::filesystem::path audit;

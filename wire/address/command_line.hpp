@@ -23,7 +23,7 @@ inline void add_discovery_options(CLI::App& app, Discovery& discovery) {
       ->excludes(peers);
 }
 
-/// Adds --session, --name, --domain, --qos, --keys, --audit and the options of discovery. `address` contains the
+/// Adds --session, --name, --domain, --qos, --keys, --plain, --audit and the options of discovery. `address` contains the
 /// defaults; the help text calls the program `who`.
 inline void add_address_options(CLI::App& app, SessionAddress& address, const std::string& who) {
   app.add_option("--session", address.session, "Session to join")->capture_default_str();
@@ -35,8 +35,11 @@ inline void add_address_options(CLI::App& app, SessionAddress& address, const st
       ->capture_default_str();
   add_discovery_options(app, address.discovery);
   app.add_option("--qos", address.qos, "Directory of the QoS profiles")->capture_default_str();
-  app.add_option("--keys", address.keys, "Folder of this program's keys, of tactus keys; default: no encryption")
+  app.add_option("--keys", address.keys,
+                 "Folder of this program's keys, of tactus keys; default: no encryption, and only this machine")
       ->type_name("DIR");
+  app.add_flag("--plain", address.plain,
+               "Without --keys: also take part with programs of other machines, without encryption");
   app.add_option("--audit", address.audit, "File of the audit log; default: in ~/.local/state/tactus/audit")
       ->type_name("FILE");
 }

@@ -5,13 +5,20 @@
 #include <vector>
 
 #include "realtime/process.hpp"
+#include "wire/dds.hpp"
 #include "wire/security.hpp"
 #include "wire/transport/announcements.hpp"
+#include "wire/transport/local_addresses.hpp"
 #include "wire/transport/rtps_message.hpp"
 #include "wire/transport/trimming.hpp"
 
 namespace tactus::wire {
 namespace {
+
+constexpr char kOtherMachine[] =
+    "there are programs on other machines. Without keys, this program takes part only with programs of its own "
+    "machine; "
+    "expected --keys DIR (docs/how-to/secure.md), or --plain for a session that everyone can read and change";
 
 class FilterTransport final : public WholeMessageTransport {
  public:
@@ -40,6 +47,10 @@ class FilterTransport final : public WholeMessageTransport {
   void receive(transport::TransportReceiverInterface* next, const rtps::octet* message, std::uint32_t size,
                const rtps::Locator_t& local, const rtps::Locator_t& remote) override {
     descriptor_.settings.gate->pass();
+    if (descriptor_.settings.only_local && !local_.contains(remote)) {
+      report(kOtherMachine);
+      return;
+    }
     if (descriptor_.settings.security != nullptr && !descriptor_.settings.security->admits(message, size, remote))
       return;
     if (!announcements_.on_received(message, size)) return;
@@ -49,6 +60,7 @@ class FilterTransport final : public WholeMessageTransport {
  private:
   FilterTransportDescriptor descriptor_;
   Announcements announcements_;
+  LocalAddresses local_;
 };
 
 }  // namespace

@@ -3,6 +3,7 @@
 ///     sent      announcements: dropped if the receiver got the same one recently    (announcements.hpp)
 ///               samples:       sent without the submessages that no reader uses     (trimming.hpp)
 ///     received  all messages:  delayed until the participant has been created       (gate.hpp)
+///               all messages:  without keys, dropped if they are of another machine, unless it is wanted
 ///               all messages:  with keys, dropped if they are not protected         (protection.hpp)
 ///               all messages:  with keys, dropped if their sender is no member      (members.hpp)
 ///               announcements: dropped if their participant is ignored              (announcements.hpp)
@@ -29,6 +30,7 @@ struct FilterSettings {
   std::shared_ptr<Gate> gate;    ///< opened by the caller after the participant has been created
   std::string ignored;           ///< name of the participants to ignore; empty: none
   bool trims_samples = false;    ///< true: samples are trimmed (trimming.hpp)
+  bool only_local = false;       ///< true: messages of other machines are dropped
   Security* security = nullptr;  ///< with keys: decides which received messages count; must outlive the transport
 };
 

@@ -62,6 +62,10 @@ Refusal refusal_of(const std::uint8_t* message, std::uint32_t size) noexcept {
         part = encrypted->postfix;
         break;
       }
+      case kAckNackId:
+      case kHeartbeatId:
+      case kGapId:
+        return Refusal::kControl;
       default:
         return Refusal::kPlain;
     }

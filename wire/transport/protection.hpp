@@ -16,8 +16,9 @@ namespace tactus::wire {
 enum class Refusal : std::uint8_t {
   kNone,
   kPlain,     ///< the message has a submessage that must be encrypted
+  kControl,   ///< a plain acknowledgement or heartbeat; the library sends some of its unused endpoints for discovery
   kNoOrigin,  ///< an encrypted submessage has no proof of its origin for any receiver
-  kLeave,     ///< a plain message states that a participant has left (CVE-2023-50257)
+  kLeave,     ///< a plain message states that a participant has left (CVE-2023-50257); the library sends one at its end
   kMalformed  ///< no RTPS message, or a submessage that is not complete
 };
 

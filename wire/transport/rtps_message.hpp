@@ -9,7 +9,8 @@ namespace tactus::wire {
 
 inline constexpr std::uint32_t kRtpsHeader = 20;       ///< bytes before the first submessage
 inline constexpr std::uint32_t kSubmessageHeader = 4;  ///< header: id, flags, length
-inline constexpr std::uint8_t kPadId = 0x01, kInfoTimeId = 0x09, kInfoDestinationId = 0x0e, kDataId = 0x15;
+inline constexpr std::uint8_t kPadId = 0x01, kInfoTimeId = 0x09, kInfoDestinationId = 0x0e, kDataId = 0x15,
+                              kAckNackId = 0x06, kHeartbeatId = 0x07, kGapId = 0x08;
 inline constexpr std::uint8_t kSecureBodyId = 0x30, kSecurePrefixId = 0x31, kSecurePostfixId = 0x32;
 inline constexpr std::uint8_t kStatisticsId = 0x80;  ///< a vendor's submessage that Debian's build of Fast DDS adds
 

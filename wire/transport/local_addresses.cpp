@@ -1,0 +1,44 @@
+#include "wire/transport/local_addresses.hpp"
+
+#include <ifaddrs.h>
+#include <netinet/in.h>
+
+#include <cstring>
+
+#include "realtime/process.hpp"
+
+namespace tactus::wire {
+namespace {
+
+std::set<std::uint32_t> read_addresses() {
+  std::set<std::uint32_t> addresses;
+  ifaddrs* first = nullptr;
+  if (::getifaddrs(&first) != 0) return addresses;
+  for (const ifaddrs* i = first; i != nullptr; i = i->ifa_next)
+    if (i->ifa_addr != nullptr && i->ifa_addr->sa_family == AF_INET)
+      addresses.insert(reinterpret_cast<const sockaddr_in*>(i->ifa_addr)->sin_addr.s_addr);
+  ::freeifaddrs(first);
+  return addresses;
+}
+
+}  // namespace
+
+LocalAddresses::LocalAddresses() : addresses_{read_addresses()}, read_ns_{realtime::monotonic_ns()} {}
+
+bool LocalAddresses::contains(const rtps::Locator_t& locator) {
+  constexpr std::size_t kAddressAt = 12;  // an IPv4 address has the last four of 16 bytes
+  constexpr std::int64_t kReadIntervalNs = 1'000'000'000;
+  const auto* const bytes = locator.address + kAddressAt;
+  if (bytes[0] == IN_LOOPBACKNET) return true;
+  std::uint32_t address = 0;
+  std::memcpy(&address, bytes, sizeof address);
+  const std::lock_guard lock{mutex_};
+  if (addresses_.count(address) != 0) return true;
+  const std::int64_t now_ns = realtime::monotonic_ns();
+  if (now_ns - read_ns_ < kReadIntervalNs) return false;
+  read_ns_ = now_ns;
+  addresses_ = read_addresses();
+  return addresses_.count(address) != 0;
+}
+
+}  // namespace tactus::wire
