@@ -41,7 +41,7 @@ class Participants {
   [[nodiscard]] bool may_write(const char* topic) const;
 
   /// Max encoded size of the pieces of a chunk whose message fits one Ethernet frame. With keys it is smaller, because each
-  /// message has the bytes of its protection, and a proof of its origin for each of at most three readers.
+  /// message has the bytes of its protection, and a proof of its origin for each of at most two readers.
   [[nodiscard]] std::size_t chunk_bytes() const noexcept;
 
   /// True if the probe participant's threads run at `probe_priority`; false if that is 0 or the system refused it.

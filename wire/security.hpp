@@ -21,9 +21,9 @@ namespace tactus::wire {
 /// secured participant are larger than a frame, and the network divides them.
 inline constexpr std::uint32_t kSecuredMessageBytes = 16384;
 
-/// Bytes that protection adds to a message with one sample: 56 for encryption, 20 for the proof of its origin to each
-/// reader, and up to 3 of padding. Enough for three readers.
-inline constexpr std::uint32_t kProtectionBytes = 56 + 3 * 20 + 4;
+/// Bytes that protection adds to a message with one sample: 56 for encryption, and 20 for the proof of its origin to each
+/// reader. Enough for two readers, an HRTC and a recorder.
+inline constexpr std::uint32_t kProtectionBytes = 56 + 2 * 20;
 
 /// Must outlive the participants. Has a thread, which writes the audit log and checks the certificates of all members
 /// again. Threads: any.

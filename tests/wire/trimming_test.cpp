@@ -40,13 +40,22 @@ TEST(TrimmingTest, RemovesDestinationTimeAndStatistics) {
       << "without a destination";
 }
 
-TEST(TrimmingTest, AnEncryptedSampleIsTrimmedAsAWhole) {
-  const Bytes prefix = submessage(kSecurePrefixId, Bytes(20, 1)), body = submessage(kSecureBodyId, Bytes(8, 2)),
-              postfix = submessage(kSecurePostfixId, Bytes(20, 3));
-  EXPECT_EQ(trimmed(message_of({kInfoDestination, kInfoTime, prefix, body, postfix, statistics()})),
-            message_of({prefix, body, postfix}));
-  EXPECT_TRUE(trimmed(message_of({kInfoDestination, kInfoTime, prefix, postfix, statistics()})).empty()) << "no body";
-  EXPECT_TRUE(trimmed(message_of({kInfoTime, prefix, body, postfix, kHeartbeat, statistics()})).empty());
+/// An encrypted submessage of this size.
+Bytes encrypted(std::size_t size) {
+  Bytes made = submessage(kSecurePrefixId, Bytes(20, 1));
+  for (const Bytes& part : {submessage(kSecureBodyId, Bytes(4 + size, 2)), submessage(kSecurePostfixId, Bytes(40, 3))})
+    made.insert(made.end(), part.begin(), part.end());
+  return made;
+}
+
+TEST(TrimmingTest, OfAnEncryptedMessageOnlyTheSampleRemains) {
+  const Bytes time = encrypted(12), data = encrypted(40);
+  EXPECT_EQ(trimmed(message_of({kInfoDestination, time, data, statistics()})), message_of({data}));
+  EXPECT_EQ(trimmed(message_of({time, data, statistics()})), message_of({data}));
+  EXPECT_TRUE(trimmed(message_of({data, data, statistics()})).empty()) << "two samples";
+  EXPECT_TRUE(trimmed(message_of({time, data, data, statistics()})).empty());
+  EXPECT_TRUE(trimmed(message_of({time, data, kHeartbeat, statistics()})).empty());
+  EXPECT_TRUE(trimmed(message_of({time, statistics()})).empty());
 }
 
 TEST(TrimmingTest, OtherMessagesAreUnchanged) {

@@ -57,7 +57,7 @@ std::optional<EncryptedSubmessage> encrypted_at(const std::uint8_t* message, std
   if (!body || body->id != kSecureBodyId || body->last) return std::nullopt;
   const std::optional<Submessage> postfix = submessage_at(message, size, body->next);
   if (!postfix || postfix->id != kSecurePostfixId) return std::nullopt;
-  return EncryptedSubmessage{*prefix, *postfix};
+  return EncryptedSubmessage{*prefix, *body, *postfix};
 }
 
 GuidPrefix sender_of(const std::uint8_t* message) noexcept {

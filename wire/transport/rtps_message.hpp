@@ -43,7 +43,8 @@ struct Submessage {
 
 /// An encrypted submessage: three submessages in a row (DDS Security 1.1, 9.5.2.3).
 struct EncryptedSubmessage {
-  Submessage prefix;   ///< names the key
+  Submessage prefix;  ///< names the key
+  Submessage body;
   Submessage postfix;  ///< proves sender and content
 };
 /// The encrypted submessage at offset `at`; none if one of its three submessages is missing.

@@ -26,9 +26,9 @@ struct TrimmedMessage {
   std::uint32_t size;
 };
 
-/// Trims a message that has these submessages: destination (optional), time, one sample, statistics. The sample may be
-/// encrypted. Returns false for a message to send unchanged: any other one, one that does not fit `out`, and a plain
-/// discovery sample without destination.
+/// Trims a message that has these submessages: destination (optional), time, one sample, statistics. Time and sample may
+/// be encrypted, each by itself. Returns false for a message to send unchanged: any other one, one that does not fit
+/// `out`, and a plain discovery sample without destination.
 [[nodiscard]] bool trim(const std::uint8_t* message, std::uint32_t size, TrimmedMessage& out) noexcept;
 
 }  // namespace tactus::wire
