@@ -76,7 +76,7 @@ wire::SessionAddress LiveSession::address(const std::string& participant) const 
   wire::SessionAddress address;
   address.session = session_;
   address.participant = participant;
-  address.plain = true;
+  address.is_test = true;
   return address;
 }
 

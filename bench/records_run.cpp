@@ -46,7 +46,7 @@ RecordsRun run_records(const std::string& link, double seconds, std::size_t burs
   wire::SessionAddress address;
   address.session = "records." + std::to_string(::getpid());
   address.participant = "host";
-  address.plain = true;
+  address.is_test = true;
   latency::TestCase cell;
   cell.load_mbit = latency::kUnpaced;
   const auto sink = make_in_namespace<latency::MeshSink>(pair, netem::Side::kB, cell, address, burst_bytes);

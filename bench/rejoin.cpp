@@ -34,7 +34,7 @@ constexpr auto kMaxAgreementTime = 10s;
 int join(const std::string& session) {
   wire::SessionAddress address;
   address.session = session;
-  address.plain = true;
+  address.is_test = true;
   address.participant = "joiner." + std::to_string(getpid());
   std::atomic<std::int64_t> received_ns{0};
   const std::int64_t start_ns = realtime::monotonic_ns();

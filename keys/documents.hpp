@@ -19,8 +19,8 @@ struct WriteRight {
 
 /// Returns the rules of a secured session: only members join, and every submessage of discovery and of samples is
 /// encrypted, with a proof of its origin for each receiver. Fast DDS accepts whole messages without such a proof, and
-/// nobody can see inside an encrypted message whether its submessages name another sender, so messages are not encrypted
-/// as a whole.
+/// nobody can see inside an encrypted message whether its submessages name another sender, so messages are not
+/// encrypted as a whole.
 [[nodiscard]] std::string governance_document();
 
 /// Returns what one member may do. `subject`: name of the certificate's subject, as RFC 2253 writes it.

@@ -11,7 +11,7 @@ namespace tactus::keys {
 namespace {
 
 constexpr char kSeparator = '\n', kInstance = '.';
-constexpr std::size_t kMaxText = 255;
+constexpr std::size_t kMaxText = 255, kMaxName = 63, kMaxSerial = 40;
 
 std::vector<std::string_view> fields_of(std::string_view text) {
   std::vector<std::string_view> fields;
@@ -21,6 +21,15 @@ std::vector<std::string_view> fields_of(std::string_view text) {
     begin = end + 1;
   }
   return fields;
+}
+
+bool is_digit(char c) { return c >= '0' && c <= '9'; }
+bool is_name_character(char c) {
+  return is_digit(c) || (c >= 'A' && c <= 'Z') || (c >= 'a' && c <= 'z') || c == '-' || c == '_';
+}
+template <class Condition>
+bool has_only(std::string_view text, std::size_t max, const Condition& condition) {
+  return !text.empty() && text.size() <= max && std::all_of(text.begin(), text.end(), condition);
 }
 
 }  // namespace
@@ -54,7 +63,12 @@ std::optional<Identity> read_identity(std::string_view text) {
   Identity identity;
   const auto* const role =
       std::find_if(std::begin(kRoles), std::end(kRoles), [&](Role known) { return name_of(known) == fields[0]; });
-  if (role == std::end(kRoles) || fields[1].empty()) return std::nullopt;
+  // Only what an authority issues: OpenSSL refuses other characters in a subject.
+  if (role == std::end(kRoles) || !has_only(fields[1], kMaxName, is_name_character) ||
+      !has_only(fields[2], kMaxSerial, [](char c) { return is_digit(c) || (c >= 'A' && c <= 'F'); }) ||
+      !has_only(fields[3], 20, is_digit) ||
+      !has_only(fields[4], kMaxName, [](char c) { return is_name_character(c) || c == '.'; }))
+    return std::nullopt;
   identity.role = *role;
   identity.name = fields[1];
   identity.serial = fields[2];

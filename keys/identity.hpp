@@ -1,8 +1,9 @@
 /// The identity that a program states when it joins a secured session, and the proof that it is true.
 ///
-/// A program announces itself in plain text, before anybody has authenticated it. The subject of its certificate contains
-/// the same identity, and the GUIDs of its participants begin with a hash of that subject, which the authentication
-/// checks (DDS Security 1.1, 9.3.3). So an identity whose hash is the begin of an authenticated GUID is true.
+/// A program announces itself in plain text, before anybody has authenticated it. The subject of its certificate
+/// contains the same identity, and the GUIDs of its participants begin with a hash of that subject, which the
+/// authentication checks (DDS Security 1.1, 9.3.3). So an identity is true if an authenticated GUID begins with its
+/// hash.
 #pragma once
 
 #include <array>
@@ -35,8 +36,8 @@ struct Identity {
 
 /// The text that a program announces, of at most 255 bytes.
 [[nodiscard]] std::string text_of(const Identity& identity);
-/// Returns the identity in a received text; none if it is malformed, or if the name of the program is not one that the
-/// member may use.
+/// Returns the identity in a received text; none if it has characters that no authority issues, or if the name of the
+/// program is not one that the member may use. Names of programs have letters, digits, hyphens, underscores and points.
 [[nodiscard]] std::optional<Identity> read_identity(std::string_view text);
 
 /// The first bytes of the GUIDs of all participants of a program with this identity, whose authority is `group`. Throws

@@ -53,6 +53,12 @@ std::string utc_text(std::time_t time, const char* format) {
 
 std::string_view name_of(Role role) noexcept { return kNames[static_cast<std::size_t>(role)]; }
 
+std::string replace_command(Role role, const std::string& name) {
+  const bool has_users = role == Role::kUser || role == Role::kOperator;
+  return "tactus keys add-" + std::string{name_of(role)} + " AUTHORITY " + name + (has_users ? " USER..." : "") +
+         " --replace";
+}
+
 Member member_of(X509& certificate, X509_CRL& revoked, const fs::path& file) {
   const Subject subject = subject_of(certificate);
   const std::vector<std::string> serials = serials_of(revoked);
@@ -65,7 +71,7 @@ Member member_of(X509& certificate, X509_CRL& revoked, const fs::path& file) {
   member.serial = serial_of(certificate);
   if (subject.serial != member.serial || subject.until != std::to_string(member.valid_until))
     throw KeyError(file.string() + ": found a certificate of an earlier version of tactus keys; make a new one with: " +
-                   "tactus keys add-" + subject.unit + " AUTHORITY " + subject.name + " --replace");
+                   replace_command(member.role, subject.name));
   member.is_revoked = std::find(serials.begin(), serials.end(), member.serial) != serials.end();
   return member;
 }
@@ -100,8 +106,7 @@ Member read_member(const fs::path& folder, std::time_t now) {
                    " on; is the clock of this machine right?");
   if (now > member.valid_until)
     throw KeyError(file + ": the certificate of " + who + " has expired on " + minute_text(member.valid_until) +
-                   "; make a new one with: tactus keys add-" + std::string{name_of(member.role)} + " AUTHORITY " +
-                   member.name + " --replace");
+                   "; make a new one with: " + replace_command(member.role, member.name));
   return member;
 }
 

@@ -26,7 +26,7 @@ enum class Role : std::uint32_t {
   kHrtc,      ///< computes forces, and publishes the states of its users
   kUser,      ///< brings users, who move their own hands only
   kOperator,  ///< may do what a user may, and reset forces and end the session
-  kObserver,  ///< reads; writes only its presence and a stop
+  kObserver,  ///< reads; writes only its presence, stops, and demands of a viewer
   kTester     ///< writes every topic, but only in sessions of `tactus latency`
 };
 inline constexpr Role kRoles[] = {Role::kHost,     Role::kHrtc,     Role::kUser,
@@ -56,13 +56,16 @@ struct Member {
 /// Returns a time in UTC, of at most 31 characters. `format`: as of strftime().
 [[nodiscard]] std::string utc_text(std::time_t time, const char* format);
 
+/// Returns the command that makes new keys for a member.
+[[nodiscard]] std::string replace_command(Role role, const std::string& name);
+
 /// Reads the folder of a member, and checks it as its program needs it: all files are there, the identity authority has
 /// issued the certificate, the private key belongs to it and only its owner can read it, and the certificate is valid
 /// at `now` and not revoked. Throws KeyError.
 [[nodiscard]] Member read_member(const std::filesystem::path& folder, std::time_t now);
 
-/// Returns the serial numbers of the revoked certificates (hexadecimal), from the folder of a member. Throws KeyError if
-/// the list is not there, or of another authority.
+/// Returns the serial numbers of the revoked certificates (hexadecimal), from the folder of a member. Throws KeyError
+/// if the list is not there, or of another authority.
 [[nodiscard]] std::vector<std::string> read_revoked(const std::filesystem::path& folder);
 
 }  // namespace tactus::keys

@@ -40,7 +40,7 @@ wire::SessionAddress address_of(const std::string& session, const std::string& p
   address.discovery = side.discovery;
   address.qos = side.qos;
   address.keys = side.keys;
-  address.plain = side.keys.empty();  // the session has nothing that needs protection
+  address.is_test = true;
   address.naming = wire::Naming::kInstance;
   address.probe_priority = side.priority;
   return address;

@@ -60,7 +60,7 @@ SessionClient::SessionClient(const wire::SessionAddress& address)
       roster_{participants_.origin(), {}},
       joined_ns_{monotonic_ns()} {
   self_.role = session::Role::kClient;
-  self_.name = address.participant;
+  self_.name = participants_.address().participant;
   self_.session = address.session;
   listen(wire::topics::kRoster);
   listen(wire::topics::kCatalogue);

@@ -1,10 +1,10 @@
-/// The audit log of a secured session: who was refused, and why.
+/// The audit log of a secured session: who joined, who was refused, and why.
 ///
-/// One JSON object in each line. Equal events are counted, and written at most once in a second. Above kMaxBytes, the file
-/// becomes FILE.1, and a new one begins, so two files use at most twice this size. Only the owner can read them.
+/// One JSON object in each line. Equal events are counted, and written at most twice in a second. Above kMaxBytes, the
+/// file becomes FILE.1, and a new one begins, so two files use at most twice this size. Only the owner can read them.
 ///
 ///     {"time":"2026-11-26T10:00:00Z","session":"lab","program":"desk","event":"false sender",
-///      "subject":"user laptop","from":"10.0.0.7","detail":"tactus_stop","count":3}
+///      "subject":"user laptop","detail":"tactus_stop","count":3}
 #pragma once
 
 #include <cstdint>
@@ -18,7 +18,7 @@ namespace tactus::wire {
 
 struct AuditEvent {
   std::string event;    ///< what was refused (docs/reference/audit.md)
-  std::string subject;  ///< role and name of the member; empty if nobody has proved an identity
+  std::string subject;  ///< role and name of the member; with `from`, as the sender states them
   std::string from;     ///< address of the sender, if known
   std::string detail;
 
@@ -29,7 +29,8 @@ struct AuditEvent {
 class AuditLog {
  public:
   static constexpr std::uintmax_t kMaxBytes = 16u << 20u;
-  /// Max number of different events in one second; further ones are only counted, as the event `further events`.
+  /// Max number of different events between two calls of `write`; further ones are only counted, as the event `further
+  /// events`.
   static constexpr std::size_t kMaxEvents = 256;
 
   AuditLog(std::filesystem::path file, std::string session, std::string program);

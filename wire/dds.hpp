@@ -89,7 +89,7 @@ struct Participants::Impl {
   /// Returns the topic, and creates it with `type` for the first endpoint. Throws WireError.
   dds::Topic& topic(const char* name, TrafficClass traffic, dds::TypeSupport type);
   /// Returns whether a sample counts that names `claimed` (id; 0: nobody) as its sender. Without keys, all do.
-  [[nodiscard]] bool is_author(const dds::SampleInfo& sample, std::uint64_t claimed, const char* topic) const;
+  [[nodiscard]] bool is_author(const dds::SampleInfo& sample, std::uint64_t claimed, const char* topic) const noexcept;
   /// Returns the id of the program that has written the sample; 0 without keys.
   [[nodiscard]] std::uint64_t author_of(const dds::SampleInfo& sample) const;
   /// Returns `<session>/<part>`, or `<session>` if `part` is empty. Throws WireError if `part` has a wildcard.

@@ -14,7 +14,8 @@
 
 namespace tactus::wire {
 
-/// `$XDG_STATE_HOME/tactus`, else `~/.local/state/tactus`; empty when neither XDG_STATE_HOME nor HOME is an absolute path.
+/// `$XDG_STATE_HOME/tactus`, else `~/.local/state/tactus`; empty when neither XDG_STATE_HOME nor HOME is an absolute
+/// path.
 [[nodiscard]] std::filesystem::path state_folder();
 /// `incarnation` in the state folder; empty when there is none.
 [[nodiscard]] std::filesystem::path incarnation_file();

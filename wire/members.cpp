@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <mutex>
+#include <set>
 #include <string_view>
 #include <utility>
 
@@ -12,8 +13,9 @@
 namespace tactus::wire {
 namespace {
 
-constexpr std::uint32_t kUserData = 0x2c, kGuid = 0x50;  // parameters (RTPS 2.2, 9.6.2)
-constexpr std::int64_t kSilentNs = 60'000'000'000;       // after which an unused participant makes room
+constexpr std::uint32_t kUserData = 0x2c, kGuid = 0x50, kKeyHash = 0x70;  // parameters (RTPS 2.2, 9.6.2)
+constexpr std::int64_t kRoomIntervalNs = 1'000'000'000;
+constexpr std::int64_t kSilentNs = 60'000'000'000;  // after which an unused participant makes room
 constexpr std::array<std::uint8_t, 4> kAnnouncements{0x00, 0x01, 0x00, 0xc2};
 
 std::string subject_of(const keys::Identity& identity) {
@@ -45,56 +47,87 @@ Members::Members(std::filesystem::path folder, keys::Member self, AuditLog& audi
 
 bool Members::admits(const std::uint8_t* message, std::uint32_t size, const Address& from) {
   const GuidPrefix sender = sender_of(message);
+  bool is_plain = false;  // announcements and authentication
   std::uint32_t at = kRtpsHeader;
   while (const std::optional<Submessage> found = submessage_at(message, size, at)) {
     const std::optional<RtpsData> data = data_of(*found);
     if (data && data->writer == kAnnouncements && !admits_announcement(data->payload, sender, from)) return false;
+    is_plain = is_plain || data.has_value();
     if (found->last) break;
     at = found->next;
   }
   const std::shared_lock lock{mutex_};
+  if (!is_plain && participants_.count(sender) == 0) return false;
   const auto known = certificates_.find(begin_of(sender));
   return known == certificates_.end() || !known->second.is_cut_off;
 }
 
 bool Members::admits_announcement(const RtpsBytes& payload, const GuidPrefix& sender, const Address& from) {
+  constexpr std::uint32_t kAlignment = 4;
   std::optional<keys::Identity> identity;
-  bool is_own_guid = false;
+  int guids = 0, identities = 0;
+  bool is_well_formed = true;
   ParameterList parameters = parameters_of(payload);
   while (const auto parameter = parameters.next()) {
     const RtpsBytes& value = parameter->value;
-    if (parameter->id == kGuid && value.size >= sender.size())
-      is_own_guid = std::equal(sender.begin(), sender.end(), value.at);
+    // The library rounds lengths up, and takes a key hash for the GUID.
+    if (value.size % kAlignment != 0 || parameter->id == kKeyHash) is_well_formed = false;
+    if (parameter->id == kGuid) {
+      ++guids;
+      if (value.size < sender.size() || !std::equal(sender.begin(), sender.end(), value.at)) is_well_formed = false;
+    }
     if (parameter->id == kUserData && value.size >= 4) {
+      ++identities;
       const std::uint32_t length = std::min(value.number(0, 4), value.size - 4);
       identity = keys::read_identity({reinterpret_cast<const char*>(value.at) + 4, length});
     }
   }
+  if (is_well_formed && guids == 1 && identities == 1 && identity) return record(*identity, sender, from);
+  audit_.add({"unknown program", "", from(), identity ? "states to be " + subject_of(*identity) : ""});
+  return false;
+}
+
+/// Records the participant of an announcement. Returns false if it is refused.
+bool Members::record(const keys::Identity& identity, const GuidPrefix& sender, const Address& from) {
   const std::int64_t now_ns = realtime::monotonic_ns();
-  if (is_own_guid) {
+  const std::uint64_t id = session::id_of(identity.participant);
+  {
     const std::unique_lock lock{mutex_};
     if (const auto known = participants_.find(sender); known != participants_.end()) {
-      known->second.announced_ns = now_ns;
-      return !certificates_.at(known->second.certificate).is_cut_off;
+      Participant& participant = known->second;
+      const Certificate& certificate = certificates_.at(participant.certificate);
+      if (certificate.is_cut_off || certificate.name != identity.name || certificate.role != identity.role ||
+          certificate.serial != identity.serial || certificate.valid_until != identity.valid_until)
+        return false;
+      participant.announced_ns = now_ns;
+      if (std::find(participant.ids.begin(), participant.ids.end(), id) == participant.ids.end() &&
+          participant.ids.size() < Participant::kMaxIds && !is_id_of_another(id, participant.certificate))
+        participant.ids.push_back(id);
+      return true;
     }
   }
-  if (!identity || !is_own_guid || keys::guid_begin_of(self_.group, *identity) != begin_of(sender)) {
-    audit_.add({"unknown program", "", from(), identity ? "states to be " + subject_of(*identity) : ""});
+  const keys::GuidBegin begin = begin_of(sender);
+  if (keys::guid_begin_of(self_.group, identity) != begin) {
+    audit_.add({"unknown program", "", from(), "states to be " + subject_of(identity)});
     return false;
   }
   const std::unique_lock lock{mutex_};
   // Everyone can state an identity that fits to a GUID. So nothing is stored for those that are refused.
-  if (const char* const why = reason_to_cut_off(*identity, begin_of(sender))) {
-    audit_.add({"cut off", subject_of(*identity), from(), why});
+  if (const char* const why = reason_to_cut_off(identity, begin)) {
+    audit_.add({"cut off", subject_of(identity), from(), why});
+    return false;
+  }
+  if (is_id_of_another(id, begin)) {
+    audit_.add({"unknown program", "", from(), "has the id of another program"});
     return false;
   }
   if (!make_room()) {
     audit_.add({"too many programs", "", from(), ""});
     return false;
   }
-  certificates_.try_emplace(begin_of(sender),
-                            Certificate{subject_of(*identity), identity->serial, identity->valid_until});
-  participants_[sender] = {begin_of(sender), identity->role, session::id_of(identity->participant), now_ns};
+  certificates_.try_emplace(
+      begin, Certificate{subject_of(identity), identity.name, identity.serial, identity.role, identity.valid_until});
+  participants_[sender] = {begin, {id}, now_ns};
   return true;
 }
 
@@ -106,16 +139,32 @@ const char* Members::reason_to_cut_off(const keys::Identity& identity, const key
   return known != certificates_.end() && known->second.is_cut_off ? "too many refused samples" : nullptr;
 }
 
-/// Forgets participants that have been silent for long, if there are too many.
-bool Members::make_room() {
-  if (participants_.size() < kMaxParticipants) return true;
-  const std::int64_t oldest_ns = realtime::monotonic_ns() - kSilentNs;
-  std::erase_if(participants_, [&](const auto& entry) { return entry.second.announced_ns < oldest_ns; });
-  std::erase_if(certificates_, [&](const auto& certificate) {
-    return !certificate.second.is_cut_off &&
-           std::none_of(participants_.begin(), participants_.end(),
-                        [&](const auto& entry) { return entry.second.certificate == certificate.first; });
+/// Ids are hashes, which a member could make equal to that of another member by the name of an instance. Only those that
+/// have proved their identity keep an id from others.
+bool Members::is_id_of_another(std::uint64_t id, const keys::GuidBegin& certificate) const {
+  return std::any_of(participants_.begin(), participants_.end(), [&](const auto& entry) {
+    const Participant& other = entry.second;
+    return other.is_proved && other.certificate != certificate && !certificates_.at(other.certificate).is_cut_off &&
+           std::find(other.ids.begin(), other.ids.end(), id) != other.ids.end();
   });
+}
+
+/// Forgets participants that have been silent for long, and those that have not proved their identity, if there are too
+/// many. At most once in a second, because it takes long.
+bool Members::make_room() {
+  const auto unproved = std::count_if(participants_.begin(), participants_.end(),
+                                      [](const auto& entry) { return !entry.second.is_proved; });
+  if (participants_.size() < kMaxParticipants && static_cast<std::size_t>(unproved) < kMaxUnproved) return true;
+  const std::int64_t now_ns = realtime::monotonic_ns();
+  if (now_ns - made_room_ns_ < kRoomIntervalNs) return false;
+  made_room_ns_ = now_ns;
+  std::erase_if(participants_, [&](const auto& entry) {
+    return !entry.second.is_proved || now_ns - entry.second.announced_ns > kSilentNs;
+  });
+  std::set<keys::GuidBegin> used;
+  for (const auto& [prefix, participant] : participants_) used.insert(participant.certificate);
+  std::erase_if(certificates_,
+                [&](const auto& entry) { return used.count(entry.first) == 0 && entry.second.refused < kMaxRefused; });
   return participants_.size() < kMaxParticipants;
 }
 
@@ -129,16 +178,16 @@ bool Members::is_author(const GuidPrefix& participant, std::uint64_t claimed, co
     const std::shared_lock lock{mutex_};
     const auto author = participants_.find(participant);
     if (author == participants_.end()) return false;  // it was not admitted, so the library cannot have matched it
-    const bool is_true = claimed == 0 || author->second.id == claimed;
-    if (is_true && may_write(author->second.role, topic))
-      return !certificates_.at(author->second.certificate).is_cut_off;
+    const std::vector<std::uint64_t>& ids = author->second.ids;
+    const Certificate& certificate = certificates_.at(author->second.certificate);
+    const bool is_true = claimed == 0 || std::find(ids.begin(), ids.end(), claimed) != ids.end();
+    if (is_true && may_write(certificate.role, topic)) return !certificate.is_cut_off;
   }
   const std::unique_lock lock{mutex_};
   const auto author = participants_.find(participant);
   if (author == participants_.end()) return false;
   Certificate& certificate = certificates_.at(author->second.certificate);
-  audit_.add(
-      {may_write(author->second.role, topic) ? "false sender" : "not permitted", certificate.subject, "", topic});
+  audit_.add({may_write(certificate.role, topic) ? "false sender" : "not permitted", certificate.subject, "", topic});
   if (++certificate.refused == kMaxRefused) cut_off(certificate, "too many refused samples");
   return false;
 }
@@ -146,17 +195,19 @@ bool Members::is_author(const GuidPrefix& participant, std::uint64_t claimed, co
 std::uint64_t Members::id_of(const GuidPrefix& participant) const {
   const std::shared_lock lock{mutex_};
   const auto known = participants_.find(participant);
-  return known == participants_.end() ? 0 : known->second.id;
+  return known == participants_.end() ? 0 : known->second.ids.front();
 }
 
 void Members::on_authentication(const GuidPrefix& participant, bool succeeded) {
-  const std::shared_lock lock{mutex_};
-  const auto known = certificates_.find(begin_of(participant));
-  const std::string stated = known == certificates_.end() ? "" : known->second.subject;
-  if (succeeded)
+  const std::unique_lock lock{mutex_};
+  const auto known = participants_.find(participant);
+  const std::string stated = known == participants_.end() ? "" : certificates_.at(known->second.certificate).subject;
+  if (succeeded && known != participants_.end()) {
+    known->second.is_proved = true;
     audit_.add({"joined", stated, "", ""});
-  else
+  } else {
     audit_.add({"not authenticated", "", "", stated.empty() ? "" : "states to be " + stated});
+  }
 }
 
 std::vector<std::string> Members::check_again(std::time_t now) {
@@ -172,8 +223,13 @@ std::vector<std::string> Members::check_again(std::time_t now) {
   const auto is_revoked = [&](const std::string& serial) {
     return std::find(revoked_.begin(), revoked_.end(), serial) != revoked_.end();
   };
+  std::set<keys::GuidBegin> proved;
+  for (const auto& [prefix, participant] : participants_)
+    if (participant.is_proved) proved.insert(participant.certificate);
   for (auto& [begin, certificate] : certificates_) {
     if (certificate.is_cut_off || (!is_revoked(certificate.serial) && now <= certificate.valid_until)) continue;
+    certificate.is_cut_off = true;
+    if (proved.count(begin) == 0) continue;  // anybody may have stated it
     cut_off(certificate, is_revoked(certificate.serial) ? "revoked" : "expired");
     reports.push_back("the keys of " + certificate.subject + " are " +
                       (is_revoked(certificate.serial) ? "revoked" : "expired") +
@@ -184,7 +240,7 @@ std::vector<std::string> Members::check_again(std::time_t now) {
   else if (now > self_.valid_until)
     reports.push_back(
         "the keys of this program have expired; other programs refuse its messages. Make new ones with: " +
-        std::string{"tactus keys add-"} + std::string{name_of(self_.role)} + " AUTHORITY " + self_.name + " --replace");
+        keys::replace_command(self_.role, self_.name));
   return reports;
 }
 

@@ -1,14 +1,14 @@
-/// The members of a secured session, and the only place that decides whose messages and samples count.
+/// The members of a secured session, and the only class that decides whose messages and samples count.
 ///
 ///     announcement       identity = hash in the GUID, not revoked, not expired    -> the library discovers the sender
-///     any other message  the sender's certificate is not cut off                  -> the library reads it
+///     authentication     the sender's certificate is not cut off                  -> the library reads it
+///     any other message  the sender is recorded, and not cut off                  -> the library reads it
 ///     sample             its author is the member that it claims, and the role
 ///                        of this member may write the topic                       -> the program gets it
 ///
-/// A certificate counts as known from the first announcement of one of its programs on. The library authenticates GUIDs
-/// (keys/identity.hpp). A certificate is cut off when it is revoked or has expired, or
-/// when kMaxRefused samples of it were refused. Then all its messages are dropped, so the library loses its participants
-/// when their leases end.
+/// The class records a certificate when the first of its programs announces itself. The library authenticates GUIDs
+/// (keys/identity.hpp). A certificate is cut off when it is revoked or has expired, or when kMaxRefused samples of it
+/// were refused. Then all its messages are dropped, so the library loses its participants when their leases end.
 ///
 /// Threads: any. Cost of a message or a sample: one lookup in a tree, with a shared lock.
 #pragma once
@@ -34,8 +34,9 @@ class Members {
  public:
   /// Number of refused samples after which a certificate is cut off.
   static constexpr std::uint32_t kMaxRefused = 100;
-  /// Max number of participants that are known at a time, three for each program.
-  static constexpr std::size_t kMaxParticipants = 4096;
+  /// Max number of participants that are recorded at a time, three for each program; and of those among them that have
+  /// not proved their identity yet. Everyone can announce identities without keys.
+  static constexpr std::size_t kMaxParticipants = 4096, kMaxUnproved = 256;
 
   /// `folder`: with the keys of this program. `audit` gets an event for each refusal; must outlive this.
   Members(std::filesystem::path folder, keys::Member self, AuditLog& audit);
@@ -44,8 +45,8 @@ class Members {
   using Address = std::function<std::string()>;
   [[nodiscard]] bool admits(const std::uint8_t* message, std::uint32_t size, const Address& from);
 
-  /// Returns whether a sample counts that this participant has written to a topic, and that names `claimed` (id) as its
-  /// sender. `claimed` is 0 for samples that name no sender.
+  /// Returns whether a program has to process a sample. `participant` has written it to `topic`; `claimed` is the id of
+  /// the sender that the sample names, 0 if it names none.
   [[nodiscard]] bool is_author(const GuidPrefix& participant, std::uint64_t claimed, const char* topic);
 
   /// Returns the id of the program with this participant; 0 if it is no member.
@@ -54,27 +55,33 @@ class Members {
   /// The library reports whether a participant has proved its identity.
   void on_authentication(const GuidPrefix& participant, bool succeeded);
 
-  /// Reads the list of revoked certificates again, and cuts off those that are revoked or have expired. Returns what an
-  /// operator should know: a list that cannot be read, and the end of this program's own certificate.
+  /// Reads the list of revoked certificates again, and cuts off those that are revoked or have expired. Returns
+  /// messages for the log: members that were cut off, a list that cannot be read, and the end of this program's own
+  /// certificate.
   [[nodiscard]] std::vector<std::string> check_again(std::time_t now);
 
  private:
   struct Certificate {
     std::string subject;  // role and name
-    std::string serial;
+    std::string name, serial;
+    keys::Role role = keys::Role::kObserver;
     std::time_t valid_until = 0;
     std::uint32_t refused = 0;
     bool is_cut_off = false;
   };
   struct Participant {
+    static constexpr std::size_t kMaxIds = 4;
     keys::GuidBegin certificate{};
-    keys::Role role = keys::Role::kObserver;
-    std::uint64_t id = 0;  // of the program's name
+    // Of the names that its announcements state. The name is not authenticated, but all are names of its member.
+    std::vector<std::uint64_t> ids;
     std::int64_t announced_ns = 0;
+    bool is_proved = false;
   };
 
   [[nodiscard]] bool admits_announcement(const RtpsBytes& payload, const GuidPrefix& sender, const Address& from);
+  [[nodiscard]] bool record(const keys::Identity& identity, const GuidPrefix& sender, const Address& from);
   [[nodiscard]] const char* reason_to_cut_off(const keys::Identity& identity, const keys::GuidBegin& begin) const;
+  [[nodiscard]] bool is_id_of_another(std::uint64_t id, const keys::GuidBegin& certificate) const;
   [[nodiscard]] bool make_room();
   void cut_off(Certificate& certificate, const char* why);
 
@@ -85,6 +92,7 @@ class Members {
   std::vector<std::string> revoked_;
   std::map<keys::GuidBegin, Certificate> certificates_;
   std::map<GuidPrefix, Participant> participants_;
+  std::int64_t made_room_ns_ = 0;
 };
 
 }  // namespace tactus::wire

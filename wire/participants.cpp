@@ -120,10 +120,16 @@ dds::DomainParticipant* join(Participants::Impl& impl, TrafficClass traffic, con
     qos.name(kReadsBulk);
   }
   const FilterSettings filters{std::make_shared<Gate>(), ignored, traffic != TrafficClass::kSession,
-                               !impl.security && !impl.address.plain, impl.security.get()};
+                               !impl.security && !impl.address.plain && !impl.address.is_test, impl.security.get()};
+  if (qos.transport().use_builtin_transports && (filters.only_local || filters.security != nullptr))
+    throw WireError(file_of(impl, traffic).string() + ": found built-in transports, expected only UDPv4");
   for (auto& udp : qos.transport().user_transports) {
     const auto descriptor = std::dynamic_pointer_cast<transport::UDPv4TransportDescriptor>(udp);
-    if (descriptor == nullptr) continue;
+    if (descriptor == nullptr) {
+      if (filters.only_local || filters.security != nullptr)
+        throw WireError(file_of(impl, traffic).string() + ": found a transport that is not UDPv4, expected only UDPv4");
+      continue;
+    }
     if (impl.security) descriptor->maxMessageSize = kSecuredMessageBytes;
     if (filters.only_local) descriptor->TTL = 0;  // multicast reaches no other machine
     udp = std::make_shared<FilterTransportDescriptor>(udp, filters);
@@ -209,9 +215,12 @@ Participants::Participants(SessionAddress address) : impl_{std::make_unique<Impl
         "security; expected multicast or --peer");
   if (!address.keys.empty() && address.plain)
     throw WireError("--plain cannot be used with --keys; expected one of them");
-  if (address.keys.empty() && !address.plain) require_local(address.discovery);
+  if (address.keys.empty() && !address.plain && !address.is_test) require_local(address.discovery);
   if (address.plain) report(kPlain);
-  if (!address.keys.empty()) impl_->security = std::make_unique<Security>(address);
+  if (!address.keys.empty()) {
+    impl_->security = std::make_unique<Security>(address);
+    check_name("participant", address.participant);
+  }
   impl_->session_id = session::id_of(address.session);
   impl_->participant_id = session::id_of(address.participant);
   impl_->address = std::move(address);
@@ -263,8 +272,11 @@ Participants::Impl::~Impl() {
   }
 }
 
-bool Participants::Impl::is_author(const dds::SampleInfo& sample, std::uint64_t claimed, const char* topic) const {
+bool Participants::Impl::is_author(const dds::SampleInfo& sample, std::uint64_t claimed,
+                                   const char* topic) const noexcept try {
   return security == nullptr || security->members().is_author(prefix_of(sample), claimed, topic);
+} catch (...) {  // out of memory
+  return false;
 }
 
 std::uint64_t Participants::Impl::author_of(const dds::SampleInfo& sample) const {

@@ -36,12 +36,12 @@ class Participants {
   /// find programs that start, but keeps its connections.
   [[nodiscard]] std::vector<std::string> lost_servers() const;
 
-  /// Returns false if the keys of this program do not permit it to write a topic. A topic of users may also be restricted
-  /// to some of them.
+  /// Returns false if the keys of this program do not permit it to write a topic. A topic of users may also be
+  /// restricted to some of them.
   [[nodiscard]] bool may_write(const char* topic) const;
 
-  /// Max encoded size of the pieces of a chunk whose message fits one Ethernet frame. With keys it is smaller, because each
-  /// message has the bytes of its protection, and a proof of its origin for each of at most two readers.
+  /// Max encoded size of the pieces of a chunk whose message fits one Ethernet frame. With keys it is smaller, because
+  /// each message has the bytes of its protection, and a proof of its origin for each of at most two readers.
   [[nodiscard]] std::size_t chunk_bytes() const noexcept;
 
   /// True if the probe participant's threads run at `probe_priority`; false if that is 0 or the system refused it.

@@ -31,6 +31,10 @@ keys::Member name_program(SessionAddress& address) {
     address.participant = keys::instance_name(member.name, address.participant);
     address.naming = Naming::kGiven;
   }
+  if (!keys::read_identity(text_of(keys::identity_of(member, address.participant))) &&
+      keys::is_name_of(address.participant, member.name))
+    throw WireError("the name of this program is '" + address.participant +
+                    "'; with keys, expected at most 63 letters, digits, hyphens, underscores and points");
   if (!keys::is_name_of(address.participant, member.name))
     throw WireError("the name of this program is '" + address.participant + "', but its keys are those of " +
                     std::string{name_of(member.role)} + " '" + member.name + "'; expected --name " + member.name);
@@ -60,6 +64,8 @@ const char* event_of(Refusal refusal) {
       return "plain message";
     case Refusal::kNoOrigin:
       return "message without proof of origin";
+    case Refusal::kOther:
+      return "authentication of another participant";
     case Refusal::kMalformed:
       return "malformed message";
   }
@@ -90,11 +96,13 @@ Security::~Security() {
 
 std::string Security::who() const { return std::string{name_of(member_.role)} + " '" + member_.name + "'"; }
 
-bool Security::admits(const std::uint8_t* message, std::uint32_t size, const rtps::Locator_t& from) {
+bool Security::admits(const std::uint8_t* message, std::uint32_t size, const rtps::Locator_t& from) noexcept try {
   const auto address = [&] { return rtps::IPLocator::toIPv4string(from); };
   const Refusal refusal = refusal_of(message, size);
   if (refusal == Refusal::kNone) return members_.admits(message, size, address);
   if (const char* const event = event_of(refusal)) audit_.add({event, "", address(), ""});
+  return false;
+} catch (...) {  // out of memory, or OpenSSL failed
   return false;
 }
 
@@ -119,10 +127,11 @@ void Security::apply(dds::DomainParticipantQos& qos) const {
   qos.user_data().data_vec({identity_.begin(), identity_.end()});
 }
 
-void Security::onParticipantAuthentication(dds::DomainParticipant*, rtps::ParticipantAuthenticationInfo&& info) {
+void Security::onParticipantAuthentication(dds::DomainParticipant*, rtps::ParticipantAuthenticationInfo&& info) try {
   GuidPrefix prefix;
   std::copy(std::begin(info.guid.guidPrefix.value), std::end(info.guid.guidPrefix.value), prefix.begin());
   members_.on_authentication(prefix, info.status == rtps::ParticipantAuthenticationInfo::AUTHORIZED_PARTICIPANT);
+} catch (...) {  // out of memory: the audit log lacks an event
 }
 
 /// Writes the audit log twice a second, and checks certificates every kCheckInterval.
@@ -133,11 +142,15 @@ void Security::watch() {
   while (!is_ending_) {
     ending_.wait_for(lock, kWriteInterval, [this] { return is_ending_; });
     lock.unlock();
-    if (std::chrono::steady_clock::now() >= next_check) {
-      next_check += kCheckInterval;
-      for (const std::string& text : members_.check_again(std::time(nullptr))) report(text);
+    try {
+      if (std::chrono::steady_clock::now() >= next_check) {
+        next_check += kCheckInterval;
+        for (const std::string& text : members_.check_again(std::time(nullptr))) report(text);
+      }
+      if (const std::string error = audit_.write(); !error.empty()) report("audit log: " + error);
+    } catch (const std::exception& error) {  // the next time may succeed
+      report(std::string{"audit log: "} + error.what());
     }
-    if (const std::string error = audit_.write(); !error.empty()) report("audit log: " + error);
     lock.lock();
   }
 }

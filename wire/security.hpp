@@ -21,29 +21,31 @@ namespace tactus::wire {
 /// secured participant are larger than a frame, and the network divides them.
 inline constexpr std::uint32_t kSecuredMessageBytes = 16384;
 
-/// Bytes that protection adds to a message with one sample: 56 for encryption, and 20 for the proof of its origin to each
-/// reader. Enough for two readers, an HRTC and a recorder.
+/// Bytes that protection adds to a message with one sample: 56 for encryption, and 20 for the proof of its origin to
+/// each reader. Enough for two readers, an HRTC and a recorder.
 inline constexpr std::uint32_t kProtectionBytes = 56 + 2 * 20;
 
 /// Must outlive the participants. Has a thread, which writes the audit log and checks the certificates of all members
 /// again. Threads: any.
 class Security final : public dds::DomainParticipantListener {
  public:
-  /// A revoked certificate is cut off after this time, and its participants are gone after their lease of 4 s.
+  /// A certificate is cut off at most this time after the new list of revoked ones is there, or after it has expired.
+  /// Its participants are gone after their lease of 4 s.
   static constexpr std::chrono::seconds kCheckInterval{5};
 
-  /// Reads the keys that the address names, and completes the name of the program (Naming). Throws WireError if the keys
-  /// cannot be used now, or if they are those of another name.
+  /// Reads the keys that the address names, and completes the name of the program (Naming). Throws WireError if the
+  /// keys cannot be used now, or if they are those of another name.
   explicit Security(SessionAddress& address);
   ~Security() override;
   Security(const Security&) = delete;
   Security& operator=(const Security&) = delete;
 
-  /// Lets a participant use the keys: only members of the authority match, and all messages are encrypted.
+  /// Lets a participant use the keys: only members of the authority match, and samples and discovery of endpoints are
+  /// encrypted.
   void apply(dds::DomainParticipantQos& qos) const;
 
   /// Returns whether the library may read a message that came from this address. Writes refusals to the audit log.
-  [[nodiscard]] bool admits(const std::uint8_t* message, std::uint32_t size, const rtps::Locator_t& from);
+  [[nodiscard]] bool admits(const std::uint8_t* message, std::uint32_t size, const rtps::Locator_t& from) noexcept;
 
   [[nodiscard]] const keys::Member& member() const noexcept { return member_; }
   [[nodiscard]] std::string who() const;  ///< role and 'name', for messages

@@ -58,7 +58,9 @@ class MembersTest : public testing::Test {
   }
   bool admits(const keys::Member& member, const std::string& participant) {
     const GuidPrefix sender = prefix_of(member);
-    return admits({announcement(sender, text_of(keys::identity_of(member, participant)))}, sender);
+    const bool is_admitted = admits({announcement(sender, text_of(keys::identity_of(member, participant)))}, sender);
+    if (is_admitted) members_.on_authentication(sender, true);
+    return is_admitted;
   }
   std::string audit() {
     EXPECT_EQ(audit_.write(), "");
@@ -79,7 +81,7 @@ TEST_F(MembersTest, AProgramIsAdmittedWithTheIdentityOfItsKeys) {
   EXPECT_TRUE(admits(ann, "ann.control-7"));
   EXPECT_EQ(members_.id_of(prefix_of(museum)), session::id_of("museum"));
   EXPECT_EQ(members_.id_of(prefix_of(ann)), session::id_of("ann.control-7"));
-  EXPECT_EQ(audit(), "");
+  EXPECT_THAT(audit(), Not(HasSubstr("unknown program")));
 }
 
 TEST_F(MembersTest, NobodyIsAdmittedWithAnotherIdentity) {
@@ -98,6 +100,36 @@ TEST_F(MembersTest, NobodyIsAdmittedWithAnotherIdentity) {
       << "a second announcement in the message, with the GUID of another participant";
 }
 
+TEST_F(MembersTest, TextsThatNoAuthorityIssuesAreRefused) {
+  const keys::Member ann = add("ann", Role::kUser);
+  const GuidPrefix sender = prefix_of(ann);
+  const std::string until = std::to_string(ann.valid_until);
+  for (const std::string& text : std::vector<std::string>{
+           "user\n" + std::string(65, 'a') + "\n0A\n" + until + "\n" + std::string(65, 'a'),
+           "user\nann\xff\n0A\n" + until + "\nann\xff", "user\nann\n@\n" + until + "\nann", "user\nann\n0A\n-1\nann",
+           "user\nann\n0A\n99999999999999999999\nann", "user\nann\n0A\n" + until + "\nann.\x1b[31m"})
+    EXPECT_FALSE(admits({announcement(sender, text)}, sender)) << text;
+}
+
+TEST_F(MembersTest, AnAnnouncementCannotNameAnotherParticipantToTheLibrary) {
+  const keys::Member ann = add("ann", Role::kUser), museum = add("museum", Role::kHost);
+  ASSERT_TRUE(admits(ann, "ann"));
+  const std::string identity = text_of(keys::identity_of(ann, "ann"));
+  Bytes key_hash{0, 3, 0, 0, 0x70, 0, 16, 0};
+  const GuidPrefix other = prefix_of(museum);
+  key_hash.insert(key_hash.end(), other.begin(), other.end());
+  key_hash.insert(key_hash.end(), {0, 0, 1, 0xc1, 1, 0, 0, 0});
+  EXPECT_FALSE(admits({data({0x00, 0x01, 0x00, 0xc2}, 1, key_hash)}, prefix_of(ann)));
+  EXPECT_FALSE(admits({kInfoTime}, prefix_of(museum))) << "it has not announced itself";
+}
+
+TEST_F(MembersTest, AForgedNameOfAProgramDoesNotReplaceItsName) {
+  const keys::Member museum = add("museum", Role::kHost);
+  ASSERT_TRUE(admits(museum, "museum.x"));  // by someone who repeats the announcement with another name
+  ASSERT_TRUE(admits(museum, "museum"));
+  EXPECT_TRUE(members_.is_author(prefix_of(museum), session::id_of("museum"), "tactus_roster"));
+}
+
 TEST_F(MembersTest, ASampleCountsIfItsAuthorClaimsItAndMayWriteIt) {
   const keys::Member museum = add("museum", Role::kHost), ann = add("ann", Role::kUser);
   ASSERT_TRUE(admits(museum, "museum"));
@@ -112,7 +144,7 @@ TEST_F(MembersTest, ASampleCountsIfItsAuthorClaimsItAndMayWriteIt) {
   const std::string log = audit();
   EXPECT_THAT(log, HasSubstr(R"("event":"false sender","subject":"user ann","detail":"tactus_roster","count":1)"));
   EXPECT_THAT(log, HasSubstr(R"("event":"not permitted","subject":"user ann","detail":"tactus_reset","count":1)"));
-  EXPECT_THAT(log, Not(HasSubstr("museum")));
+  EXPECT_THAT(log, Not(HasSubstr(R"("subject":"host museum","detail")")));
 }
 
 TEST_F(MembersTest, AMemberWithTooManyRefusedSamplesIsCutOff) {
@@ -174,7 +206,9 @@ TEST(AuditLogTest, EqualEventsAreOneLineAndManyDifferentOnesAreCounted) {
   EXPECT_EQ(std::count(text.begin(), text.end(), '\n'), static_cast<std::ptrdiff_t>(AuditLog::kMaxEvents) + 1);
   EXPECT_THAT(text, HasSubstr(R"("from":"10.0.0.9","count":3)"));
   EXPECT_THAT(text, HasSubstr(R"("event":"further events","count":10)"));
-  EXPECT_NE(AuditLog(folder.path() / "absent/audit.jsonl", "lab", "desk").write(), "absent") << "nothing to write";
+  AuditLog without_folder{folder.path() / "absent/audit.jsonl", "lab", "desk"};
+  without_folder.add({"started", "hrtc desk", "", ""});
+  EXPECT_THAT(without_folder.write(), HasSubstr("audit.jsonl: No such file"));
 }
 
 TEST(AuditLogTest, AFullFileIsSetAsideAndOnlyItsOwnerCanReadIt) {

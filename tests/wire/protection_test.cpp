@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <random>
+#include <string>
 #include <vector>
 
 #include "rtps_bytes.hpp"
@@ -13,16 +14,42 @@ namespace {
 using namespace test;
 
 Bytes sample(const Bytes& writer, const Bytes& payload = {0, 1, 0, 0, 5, 5, 5, 5}) { return data(writer, 1, payload); }
+Bytes secure_body() {
+  Bytes body{0, 0, 0, 36};
+  body.resize(40, 9);
+  return body;
+}
 /// An encrypted submessage that states `proofs` and has the bytes of `present` ones.
 Bytes encrypted(std::uint8_t key, std::uint8_t proofs, unsigned present) {
   Bytes made = submessage(kSecurePrefixId, {0, 0, 0, 4, 0, 0, 0, key, 1, 2, 3, 4, 1, 2, 3, 4, 5, 6, 7, 8});
-  const Bytes body = submessage(kSecureBodyId, Bytes(40, 9));
+  const Bytes body = submessage(kSecureBodyId, secure_body());
   Bytes tag(16, 7);
   tag.insert(tag.end(), {0, 0, 0, proofs});
   tag.resize(tag.size() + 20 * std::size_t{present}, 6);
   const Bytes postfix = submessage(kSecurePostfixId, tag);
   made.insert(made.end(), body.begin(), body.end());
   made.insert(made.end(), postfix.begin(), postfix.end());
+  return made;
+}
+const Bytes kSender(12, 1);  // of message_of
+
+/// A message of the authentication from `source`, with the handshake of `participant`.
+Bytes handshake(const Bytes& source, const Bytes& participant) {
+  Bytes made{0, 1, 0, 0};
+  made.insert(made.end(), source.begin(), source.end());
+  made.resize(4 + 96);
+  const auto add_property = [&](const std::string& name, const Bytes& value) {
+    made.insert(made.end(), {static_cast<std::uint8_t>(name.size() + 1), 0, 0, 0});
+    made.insert(made.end(), name.begin(), name.end());
+    made.resize((made.size() + 4) / 4 * 4);
+    made.insert(made.end(), {static_cast<std::uint8_t>(value.size()), 0, 0, 0});
+    made.insert(made.end(), value.begin(), value.end());
+  };
+  Bytes data{0, 0x50, 0, 16};  // big-endian
+  data.insert(data.end(), participant.begin(), participant.end());
+  data.insert(data.end(), {0, 0, 1, 0xc1, 0, 1, 0, 0});
+  add_property("c.id", {'P', 'E', 'M', 0});
+  add_property("c.pdata", data);
   return made;
 }
 Refusal refusal(const std::vector<Bytes>& parts) {
@@ -35,7 +62,32 @@ const Bytes kAnnouncement{0x00, 0x01, 0x00, 0xc2}, kAuthentication{0x00, 0x02, 0
 
 TEST(ProtectionTest, AnnouncementsAndAuthenticationArePlain) {
   EXPECT_EQ(refusal({kInfoTime, sample(kAnnouncement)}), Refusal::kNone);
-  EXPECT_EQ(refusal({kInfoDestination, kInfoTime, sample(kAuthentication)}), Refusal::kNone);
+  EXPECT_EQ(refusal({kInfoDestination, kInfoTime, sample(kAuthentication, handshake(kSender, kSender))}),
+            Refusal::kNone);
+}
+
+TEST(ProtectionTest, TheAuthenticationSpeaksForItsSender) {
+  Bytes other = kSender;
+  other[11] = 2;
+  EXPECT_EQ(refusal({sample(kAuthentication, handshake(other, kSender))}), Refusal::kOther);
+  EXPECT_EQ(refusal({sample(kAuthentication, handshake(kSender, other))}), Refusal::kOther);
+  Bytes without_participant = handshake(kSender, kSender);
+  without_participant[without_participant.size() - 36] = 'x';  // "c.pdata" becomes "x.pdata"
+  EXPECT_EQ(refusal({sample(kAuthentication, without_participant)}), Refusal::kOther);
+  EXPECT_EQ(refusal({sample(kAuthentication)}), Refusal::kOther) << "too short";
+}
+
+TEST(ProtectionTest, InlineQosCannotEndAParticipant) {
+  const auto announcement_with = [](std::uint8_t low, std::uint8_t high) {
+    Bytes made = sample(kAnnouncement);
+    made[1] |= 0x02;
+    made.insert(made.begin() + 24, {low, high, 4, 0, 0, 0, 0, 1, 1, 0, 0, 0});
+    made[2] = static_cast<std::uint8_t>(made[2] + 12);
+    return made;
+  };
+  EXPECT_EQ(refusal({announcement_with(0x71, 0)}), Refusal::kLeave) << "status";
+  EXPECT_EQ(refusal({announcement_with(0x70, 0)}), Refusal::kLeave) << "key hash";
+  EXPECT_EQ(refusal({announcement_with(0x0f, 0x80)}), Refusal::kNone) << "the announcement that it answers";
 }
 
 TEST(ProtectionTest, AllOtherPlainSubmessagesAreRefused) {

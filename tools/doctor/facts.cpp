@@ -217,6 +217,7 @@ void try_to_match(const Settings& settings, const std::atomic<bool>& cancelled, 
   try {
     wire::SessionAddress sender = settings.address;
     sender.session = "doctor." + std::to_string(::getpid()) + "." + std::to_string(realtime::monotonic_ns());
+    sender.is_test = true;
     wire::SessionAddress receiver = sender;
     sender.participant = "one";
     receiver.participant = "two";

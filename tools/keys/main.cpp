@@ -103,6 +103,9 @@ int main(int argc, char** argv) {
   for (const keys::Role role : keys::kRoles) {
     CLI::App* const add = command("add-" + std::string{name_of(role)}, purpose_of(role), [&, role] {
       member.role = role;
+      if (member.replaces && member.users.empty() && (role == keys::Role::kUser || role == keys::Role::kOperator))
+        throw keys::KeyError(
+            "USER: found none, expected the users of the new keys; --replace does not keep the earlier ones");
       if (member.users.empty() && (role == keys::Role::kUser || role == keys::Role::kOperator))
         member.users = {member.name};
       const fs::path made = keys::Authority{folder}.add(member);
@@ -120,8 +123,8 @@ int main(int argc, char** argv) {
             const keys::Authority authority{folder};
             authority.revoke(name);
             std::printf(
-                "The keys of %s are revoked. Programs refuse them when they have the new list: copy revoked.pem from\n"
-                "%s to the folders of all members, and start their programs again.\n",
+                "The keys of %s are revoked. Copy revoked.pem from %s to the folders of keys on the other machines.\n"
+                "Running programs read it within 5 s, and then refuse all messages of these keys.\n",
                 name.c_str(), (folder / "authority").c_str());
           })
       ->add_option("NAME", name, "Name of the member")

@@ -204,7 +204,7 @@ int record(const wire::SessionAddress& address, const std::string& file, const R
            const std::atomic<bool>& cancelled) {
   wire::Participants participants{address};
   Recording recording{file};  // after the step that may throw, so that a failed start replaces no earlier recording
-  SharedScene drawn{{session::id_of(address.session), session::id_of(address.participant), 0, 0}};
+  SharedScene drawn{{session::id_of(address.session), participants.origin().participant, 0, 0}};
   {
     wire::Tap::OnDecoded on_decoded;
     if (settings.scene) on_decoded = [&](const wire::AnySample& sample) { drawn.add(sample); };

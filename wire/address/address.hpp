@@ -38,7 +38,7 @@ struct Discovery {
 
 /// The name of a program with keys is that of its keys, or NAME.INSTANCE for several programs with the same keys.
 enum class Naming {
-  kGiven,    ///< with keys, the name must be one of these
+  kGiven,    ///< with keys, the name must be NAME or NAME.INSTANCE
   kInstance  ///< with keys, the name is an INSTANCE, and NAME is put before it
 };
 
@@ -51,10 +51,11 @@ struct SessionAddress {
   Discovery discovery;
   std::filesystem::path qos = default_qos_directory();
   /// Folder of this program's keys, which `tactus keys` has made. All programs of a session have keys of one authority.
-  /// Empty: everyone who reaches the network can read and write everything. So without keys a program takes part only with
-  /// programs of its own machine, unless `plain` is true.
+  /// Empty: no encryption. Then the program takes part only with programs of its own machine. With `plain` it also
+  /// takes part with other machines, and everyone who reaches the network can read and write the session.
   std::filesystem::path keys;
-  bool plain = false;  ///< true: without keys, also with programs of other machines
+  bool plain = false;    ///< true: without keys, also with programs of other machines; each program warns
+  bool is_test = false;  ///< true: as `plain`, without a warning: the session of a test, which has nothing to protect
   /// With keys, the file of the audit log (wire/audit.hpp). Empty: SESSION.NAME.jsonl in `audit` of the state folder
   /// (wire/incarnation.hpp).
   std::filesystem::path audit;

@@ -1,5 +1,6 @@
 #include "wire/transport/filter_transport.hpp"
 
+#include <atomic>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -48,7 +49,7 @@ class FilterTransport final : public WholeMessageTransport {
                const rtps::Locator_t& local, const rtps::Locator_t& remote) override {
     descriptor_.settings.gate->pass();
     if (descriptor_.settings.only_local && !local_.contains(remote)) {
-      report(kOtherMachine);
+      if (!has_reported_.exchange(true)) report(kOtherMachine);
       return;
     }
     if (descriptor_.settings.security != nullptr && !descriptor_.settings.security->admits(message, size, remote))
@@ -61,6 +62,7 @@ class FilterTransport final : public WholeMessageTransport {
   FilterTransportDescriptor descriptor_;
   Announcements announcements_;
   LocalAddresses local_;
+  std::atomic<bool> has_reported_{false};
 };
 
 }  // namespace

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <optional>
+#include <string_view>
 
 #include "wire/transport/rtps_message.hpp"
 
@@ -14,6 +15,7 @@ constexpr EntityId kAnnouncements{0x00, 0x01, 0x00, 0xc2}, kAuthentication{0x00,
 
 // Sizes in an encrypted submessage (DDS Security 1.1, 9.5.2.3).
 constexpr std::uint32_t kPrefixSize = 20, kKeyAt = 4, kKeySize = 4;
+constexpr std::array<std::uint8_t, 4> kAesGcm256{0, 0, 0, 4};  // the kind of all keys of the library
 constexpr std::uint32_t kCommonMac = 16, kMac = 20;
 
 /// The exchange of keys between two participants uses a key that only these two have. Its number is 0.
@@ -30,12 +32,75 @@ std::uint32_t proofs_in(const Submessage& postfix) {
   return std::min(count.number(0, 4), count.from(4).size / kMac);
 }
 
-Refusal refusal_of_data(const Submessage& submessage) {
+/// Returns whether the encrypted bytes are inside of their submessage. The library does not check it.
+bool is_complete(const Submessage& body) {
+  if (body.body.size < 4) return false;
+  RtpsBytes length = body.body;
+  length.little_endian = false;
+  return length.number(0, 4) <= body.body.size - 4;
+}
+
+bool is_of(const GuidPrefix& sender, const std::uint8_t* guid) {
+  return std::equal(sender.begin(), sender.end(), guid);
+}
+
+/// Calls `visit` with what follows each binary property of this name in a message of the authentication. Returns false if
+/// the name occurs in another form.
+template <class Visit>
+bool visit_property(const RtpsBytes& payload, std::string_view name, const Visit& visit) {
+  const auto* const end = payload.at + payload.size;
+  const std::uint32_t length = static_cast<std::uint32_t>(name.size()) + 1, padded = (length + 3) / 4 * 4;
+  for (const auto* at = payload.at;; ++at) {
+    at = std::search(at, end, name.begin(), name.end() + 1);  // with the zero byte at its end
+    if (at == end) return true;
+    const auto from = static_cast<std::uint32_t>(at - payload.at);
+    if (from < 4 || payload.number(from - 4, 4) != length || payload.size - from < padded + 4) return false;
+    const std::uint32_t size = payload.number(from + padded, 4);
+    if (size > payload.size - from - padded - 4 || !visit(RtpsBytes{at + padded + 4, size, false})) return false;
+  }
+}
+
+/// Returns whether a message of the authentication speaks for its sender (ParticipantGenericMessage, DDS Security 1.1,
+/// 7.4.3 and 9.3.2.5).
+bool is_of_sender(RtpsBytes payload, const GuidPrefix& sender) {
+  constexpr std::uint32_t kEncapsulation = 4, kFixedPart = 96, kGuid = 0x50;
+  if (payload.size < kEncapsulation + kFixedPart) return false;
+  payload.little_endian = (payload.at[1] & 1u) != 0;
+  if (!is_of(sender, payload.at + kEncapsulation)) return false;
+  int certificates = 0, participants = 0;
+  const bool has_its_form = visit_property(payload, "c.id", [&](const RtpsBytes&) { return ++certificates > 0; }) &&
+                            visit_property(payload, "c.pdata", [&](const RtpsBytes& data) {
+                              ParameterList parameters{data};
+                              int guids = 0;
+                              while (const auto parameter = parameters.next()) {
+                                if (parameter->id != kGuid) continue;
+                                if (parameter->value.size < sender.size() || !is_of(sender, parameter->value.at))
+                                  return false;
+                                ++guids;
+                              }
+                              ++participants;
+                              return guids == 1;
+                            });
+  return has_its_form && certificates == participants && certificates <= 1;
+}
+
+/// Inline QoS can state that the participant has left. The library itself sends only the announcement to which one answers.
+bool is_harmless(const RtpsBytes& inline_qos) {
+  constexpr std::uint32_t kAnswered = 0x800f, kAlignment = 4;
+  ParameterList parameters{inline_qos};
+  while (const auto parameter = parameters.next())
+    if (parameter->id != kAnswered || parameter->value.size % kAlignment != 0) return false;
+  return true;
+}
+
+Refusal refusal_of_data(const Submessage& submessage, const GuidPrefix& sender) {
   const std::optional<RtpsData> data = data_of(submessage);
   if (!data) return Refusal::kMalformed;
-  if (data->writer == kAuthentication) return Refusal::kNone;
-  if (data->writer != kAnnouncements) return Refusal::kPlain;
-  return data->payload.size != 0 ? Refusal::kNone : Refusal::kLeave;
+  if (data->writer != kAuthentication && data->writer != kAnnouncements) return Refusal::kPlain;
+  if (data->payload.size == 0 || !is_harmless(data->inline_qos)) return Refusal::kLeave;
+  if (submessage.body.number(2, 2) != 16) return Refusal::kMalformed;  // bytes up to the payload
+  if (data->writer == kAuthentication && !is_of_sender(data->payload, sender)) return Refusal::kOther;
+  return Refusal::kNone;
 }
 
 }  // namespace
@@ -53,11 +118,14 @@ Refusal refusal_of(const std::uint8_t* message, std::uint32_t size) noexcept {
       case kStatisticsId:
         break;
       case kDataId:
-        if (const Refusal refusal = refusal_of_data(*part); refusal != Refusal::kNone) return refusal;
+        if (const Refusal refusal = refusal_of_data(*part, sender_of(message)); refusal != Refusal::kNone)
+          return refusal;
         break;
       case kSecurePrefixId: {
         const std::optional<EncryptedSubmessage> encrypted = encrypted_at(message, size, at);
-        if (!encrypted || encrypted->prefix.body.size < kPrefixSize) return Refusal::kMalformed;
+        if (!encrypted || encrypted->prefix.body.size < kPrefixSize || !is_complete(encrypted->body) ||
+            !std::equal(kAesGcm256.begin(), kAesGcm256.end(), encrypted->prefix.body.at))
+          return Refusal::kMalformed;
         if (!is_key_exchange(encrypted->prefix) && proofs_in(encrypted->postfix) == 0) return Refusal::kNoOrigin;
         part = encrypted->postfix;
         break;

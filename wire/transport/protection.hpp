@@ -6,7 +6,11 @@
 /// also accepts a submessage without proof of its origin, although the governance demands this proof, so that every
 /// member could send as another (src/cpp/security/cryptography/AESGCMGMAC_Transform.cpp, deserialize_SecureDataTag).
 ///
-/// Plain are only the announcements of participants and the messages of the authentication, which cannot be encrypted.
+/// A message of the authentication must speak for its sender: the library checks that the certificate fits to the GUID in
+/// the handshake (c.pdata), but not that this is the GUID of the participant that it authenticates.
+///
+/// Only the announcements of participants and the messages of the authentication are unencrypted, because DDS Security
+/// cannot encrypt them.
 #pragma once
 
 #include <cstdint>
@@ -15,11 +19,15 @@ namespace tactus::wire {
 
 enum class Refusal : std::uint8_t {
   kNone,
-  kPlain,     ///< the message has a submessage that must be encrypted
-  kControl,   ///< a plain acknowledgement or heartbeat; the library sends some of its unused endpoints for discovery
+  kPlain,  ///< the message has a submessage that must be encrypted
+  /// A plain control message of RTPS. The library sends some from endpoints of discovery that it does not use.
+  kControl,
   kNoOrigin,  ///< an encrypted submessage has no proof of its origin for any receiver
-  kLeave,     ///< a plain message states that a participant has left (CVE-2023-50257); the library sends one at its end
-  kMalformed  ///< no RTPS message, or a submessage that is not complete
+  /// A plain message states that a participant has left (CVE-2023-50257). The library sends one when its participant
+  /// ends.
+  kLeave,
+  kOther,     ///< a message of the authentication speaks for another participant than its sender
+  kMalformed  ///< no RTPS message, or a submessage that is not complete, or has another form than the library sends
 };
 
 /// Returns why a participant with keys must not process this message. Never reads outside of the message. Cost: some

@@ -73,7 +73,9 @@ std::optional<RtpsData> data_of(const Submessage& submessage) noexcept {
   std::copy_n(body.at + kWriterAt, data.writer.size(), data.writer.begin());
   data.sequence = std::uint64_t{body.number(kSequenceAt, 4)} << 32u | body.number(kSequenceAt + 4, 4);
   data.payload = body.from(kToInlineQosAt + 2 + body.number(kToInlineQosAt, 2));
+  data.inline_qos = data.payload.from(data.payload.size);
   if ((submessage.flags & kInlineQosFlag) != 0) {
+    data.inline_qos = data.payload;
     ParameterList inline_qos{data.payload};
     while (inline_qos.next()) {
     }

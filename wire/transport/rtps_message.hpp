@@ -59,7 +59,8 @@ using GuidPrefix = std::array<std::uint8_t, 12>;
 struct RtpsData {
   std::array<std::uint8_t, 4> writer;  ///< entity id
   std::uint64_t sequence;
-  RtpsBytes payload;  ///< with its encapsulation header; empty if the sample has no data
+  RtpsBytes inline_qos;  ///< parameter list, with the payload after it; empty without inline QoS
+  RtpsBytes payload;     ///< with its encapsulation header; empty if the sample has no data
 
   /// True for the writers of discovery and of vendors, false for writers of user topics (9.3.1.2).
   [[nodiscard]] bool is_built_in() const noexcept { return (writer[3] & 0xc0u) != 0; }
