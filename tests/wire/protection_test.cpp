@@ -31,7 +31,7 @@ Bytes encrypted(std::uint8_t key, std::uint8_t proofs, unsigned present) {
   made.insert(made.end(), postfix.begin(), postfix.end());
   return made;
 }
-const Bytes kSender(12, 1);  // of message_of
+const Bytes kSender = Bytes(12, 1);  // of message_of
 
 /// A message of the authentication from `source`, with the handshake of `participant`.
 Bytes handshake(const Bytes& source, const Bytes& participant) {
