@@ -99,6 +99,7 @@ class Pending {
  private:
   explicit Pending(fs::path path) : path_{std::move(path)} {}
   [[nodiscard]] std::string pattern() const {
+    // As mkdtemp() and mkstemp() demand it.
     return path_.parent_path() / ("." + path_.filename().string() + ".XXXXXX");
   }
   fs::path path_, temporary_;

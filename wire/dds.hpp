@@ -1,6 +1,7 @@
 /// Helpers around Fast DDS for the sources of wire/. Only wire/ and its tests include this header.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <atomic>
 #include <fastdds/dds/domain/DomainParticipant.hpp>
@@ -111,6 +112,12 @@ class MatchCount {
  private:
   std::atomic<int> count_{0};
 };
+
+[[nodiscard]] inline GuidPrefix prefix_of(const rtps::GUID_t& guid) {
+  GuidPrefix prefix;
+  std::copy(std::begin(guid.guidPrefix.value), std::end(guid.guidPrefix.value), prefix.begin());
+  return prefix;
+}
 
 /// Passes a text to the log sink, once for each text. Without a log sink, prints it to the standard error.
 void report(const std::string& text);

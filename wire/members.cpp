@@ -13,10 +13,9 @@
 namespace tactus::wire {
 namespace {
 
-constexpr std::uint32_t kUserData = 0x2c, kGuid = 0x50, kKeyHash = 0x70;  // parameters (RTPS 2.2, 9.6.2)
+constexpr std::uint32_t kUserData = 0x2c, kKeyHash = 0x70;  // parameters (RTPS 2.2, 9.6.2)
 constexpr std::int64_t kRoomIntervalNs = 1'000'000'000;
 constexpr std::int64_t kSilentNs = 60'000'000'000;  // after which an unused participant makes room
-constexpr std::array<std::uint8_t, 4> kAnnouncements{0x00, 0x01, 0x00, 0xc2};
 
 std::string subject_of(const keys::Identity& identity) {
   return std::string{name_of(identity.role)} + " " + identity.name;
@@ -72,7 +71,7 @@ bool Members::admits_announcement(const RtpsBytes& payload, const GuidPrefix& se
     const RtpsBytes& value = parameter->value;
     // The library rounds lengths up, and takes a key hash for the GUID.
     if (value.size % kAlignment != 0 || parameter->id == kKeyHash) is_well_formed = false;
-    if (parameter->id == kGuid) {
+    if (parameter->id == kGuidParameter) {
       ++guids;
       if (value.size < sender.size() || !std::equal(sender.begin(), sender.end(), value.at)) is_well_formed = false;
     }

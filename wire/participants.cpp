@@ -188,13 +188,6 @@ void copy_profiles(Participants::Impl& impl, TrafficClass traffic, const Profile
   if (!missing.empty()) throw WireError(missing);
 }
 
-GuidPrefix prefix_of(const dds::SampleInfo& sample) {
-  const auto& bytes = sample.sample_identity.writer_guid().guidPrefix.value;
-  GuidPrefix prefix;
-  std::copy(std::begin(bytes), std::end(bytes), prefix.begin());
-  return prefix;
-}
-
 }  // namespace
 
 Participants::Participants(SessionAddress address) : impl_{std::make_unique<Impl>()} {
@@ -274,13 +267,14 @@ Participants::Impl::~Impl() {
 
 bool Participants::Impl::is_author(const dds::SampleInfo& sample, std::uint64_t claimed,
                                    const char* topic) const noexcept try {
-  return security == nullptr || security->members().is_author(prefix_of(sample), claimed, topic);
+  return security == nullptr ||
+         security->members().is_author(prefix_of(sample.sample_identity.writer_guid()), claimed, topic);
 } catch (...) {  // out of memory
   return false;
 }
 
 std::uint64_t Participants::Impl::author_of(const dds::SampleInfo& sample) const {
-  return security == nullptr ? 0 : security->members().id_of(prefix_of(sample));
+  return security == nullptr ? 0 : security->members().id_of(prefix_of(sample.sample_identity.writer_guid()));
 }
 
 dds::Topic& Participants::Impl::topic(const char* name, TrafficClass traffic, dds::TypeSupport type) {

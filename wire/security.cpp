@@ -31,13 +31,12 @@ keys::Member name_program(SessionAddress& address) {
     address.participant = keys::instance_name(member.name, address.participant);
     address.naming = Naming::kGiven;
   }
-  if (!keys::read_identity(text_of(keys::identity_of(member, address.participant))) &&
-      keys::is_name_of(address.participant, member.name))
-    throw WireError("the name of this program is '" + address.participant +
-                    "'; with keys, expected at most 63 letters, digits, hyphens, underscores and points");
   if (!keys::is_name_of(address.participant, member.name))
     throw WireError("the name of this program is '" + address.participant + "', but its keys are those of " +
                     std::string{name_of(member.role)} + " '" + member.name + "'; expected --name " + member.name);
+  if (!keys::read_identity(text_of(keys::identity_of(member, address.participant))))
+    throw WireError("the name of this program is '" + address.participant +
+                    "'; with keys, expected at most 63 letters, digits, hyphens, underscores and points");
   return member;
 }
 
@@ -128,9 +127,8 @@ void Security::apply(dds::DomainParticipantQos& qos) const {
 }
 
 void Security::onParticipantAuthentication(dds::DomainParticipant*, rtps::ParticipantAuthenticationInfo&& info) try {
-  GuidPrefix prefix;
-  std::copy(std::begin(info.guid.guidPrefix.value), std::end(info.guid.guidPrefix.value), prefix.begin());
-  members_.on_authentication(prefix, info.status == rtps::ParticipantAuthenticationInfo::AUTHORIZED_PARTICIPANT);
+  members_.on_authentication(prefix_of(info.guid),
+                             info.status == rtps::ParticipantAuthenticationInfo::AUTHORIZED_PARTICIPANT);
 } catch (...) {  // out of memory: the audit log lacks an event
 }
 

@@ -124,13 +124,27 @@ TEST_F(DiscoveryTest, AnInvalidServerOrPeerIsNamed) {
   EXPECT_THAT(both.output(), HasSubstr("--peer"));
 }
 
-/// A link that multicast does not cross, because the programs send it with TTL 0. The host is on side A, the other
-/// programs are on side B.
-class WithoutMulticast : public DiscoveryTest {
+/// Two machines with multicast between them.
+class TwoMachines : public DiscoveryTest {
  protected:
   void SetUp() override {
     if (const std::string reason = netem::missing_privilege(); !reason.empty()) GTEST_SKIP() << reason;
     pair_.emplace(netem::parse_link("veth"));
+  }
+  [[nodiscard]] Command on(netem::Side side, const Command& command) const {
+    return Command{"/sbin/ip", "netns", "exec", pair_->name(side)} + command;
+  }
+
+  std::optional<netem::LinkedPair> pair_;
+};
+
+/// A link that multicast does not cross, because the programs send it with TTL 0. The host is on side A, the other
+/// programs are on side B.
+class WithoutMulticast : public TwoMachines {
+ protected:
+  void SetUp() override {
+    TwoMachines::SetUp();
+    if (IsSkipped()) return;
     std::filesystem::copy(wire::default_qos_directory(), qos_);
     for (const char* file : {"session.xml", "probe.xml", "bulk.xml"}) {
       std::ifstream in{qos_ / file};
@@ -140,12 +154,9 @@ class WithoutMulticast : public DiscoveryTest {
       std::ofstream{qos_ / file} << text.replace(text.find(ttl), ttl.size(), "<TTL>0</TTL>");
     }
   }
-  [[nodiscard]] Command in_namespace(netem::Side side, const Command& command) const {
-    return Command{"/sbin/ip", "netns", "exec", pair_->name(side)} + command;
-  }
-  /// Like `in_namespace`, with the profiles that have TTL 0.
+  /// Like `on`, with the profiles that have TTL 0.
   [[nodiscard]] Command without_multicast(netem::Side side, const Command& command) const {
-    return in_namespace(side, command) + Command{"--plain", "--qos", qos_};
+    return on(side, command) + Command{"--plain", "--qos", qos_};
   }
   /// Expects that users on side B touch an object of a host on side A, with these options.
   void expect_a_session(const Command& options_a, const Command& options_b) {
@@ -156,7 +167,6 @@ class WithoutMulticast : public DiscoveryTest {
   }
 
   const std::filesystem::path qos_ = path("qos");
-  std::optional<netem::LinkedPair> pair_;
 };
 
 TEST_F(WithoutMulticast, NoProgramIsFoundUnlessNamed) {
@@ -175,24 +185,10 @@ TEST_F(WithoutMulticast, ProgramsFindEachOtherIfAtLeastOneNamesTheOther) {
 
 TEST_F(WithoutMulticast, ClientsOfOneServerFindEachOther) {
   if (const std::string reason = missing_server(); !reason.empty()) GTEST_SKIP() << reason;
-  Process server{in_namespace(netem::Side::kA, server_command("11811"))};
+  Process server{on(netem::Side::kA, server_command("11811"))};
   const Command use_server{"--discovery-server", netem::LinkedPair::address(netem::Side::kA)};
   expect_a_session(use_server, use_server);
 }
-
-/// Two machines with multicast between them.
-class TwoMachines : public DiscoveryTest {
- protected:
-  void SetUp() override {
-    if (const std::string reason = netem::missing_privilege(); !reason.empty()) GTEST_SKIP() << reason;
-    pair_.emplace(netem::parse_link("veth"));
-  }
-  [[nodiscard]] Command on(netem::Side side, const Command& command) const {
-    return Command{"/sbin/ip", "netns", "exec", pair_->name(side)} + command;
-  }
-
-  std::optional<netem::LinkedPair> pair_;
-};
 
 TEST_F(TwoMachines, FindEachOtherWithoutKeysOnlyIfBothArePlain) {
   Process museum{on(netem::Side::kA, host("museum", models().sphere) + Command{"--plain"})};

@@ -57,13 +57,6 @@ Bytes encoded(const Sample& sample) {
   return bytes;
 }
 
-GuidPrefix prefix_of(Participants& participants, TrafficClass traffic) {
-  const auto& value = participants.impl().participant(traffic).guid().guidPrefix.value;
-  GuidPrefix prefix;
-  std::copy(std::begin(value), std::end(value), prefix.begin());
-  return prefix;
-}
-
 /// A secured session of two members, in which `desk` reads what `museum` writes.
 class ForgedTest : public testing::Test {
  protected:
@@ -102,7 +95,7 @@ TEST_F(ForgedTest, APlainSampleInTheNameOfAMemberIsRefused) {
   for (std::uint32_t entity = 0; entity < 32; ++entity) {
     for (const unsigned char kind : {'\x02', '\x03'}) {  // writers with and without key
       const Bytes sample = data({0, 0, static_cast<std::uint8_t>(entity), kind}, 1'000'000, encoded(forged));
-      injector.send(message_of({sample}, prefix_of(museum_, TrafficClass::kProbe)));
+      injector.send(message_of({sample}, prefix_of(museum_.impl().participant(TrafficClass::kProbe).guid())));
     }
   }
   while (const auto sample = inbox.next(500ms)) EXPECT_NE(sample->text, "forged");

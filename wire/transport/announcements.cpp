@@ -11,14 +11,13 @@ using rtps::IPLocator;
 
 constexpr std::uint32_t kMetatrafficUnicast = 0x32, kName = 0x62;  // parameters (RTPS 2.2, 9.6.2)
 constexpr std::uint32_t kLocatorSize = 24, kPortAt = 4, kAddressAt = 8;
-constexpr std::array<std::uint8_t, 4> kAnnouncer{0x00, 0x01, 0x00, 0xc2};  // entity id of participant data (9.3.1.5)
 constexpr std::size_t kMaxEntries = 4096;
 
 /// Returns the DATA submessage of the participant announcement in a message, if there is one.
 std::optional<RtpsData> announcement_in(const std::uint8_t* message, std::uint32_t size) {
   const std::optional<Submessage> found = find_submessage(message, size, kDataId);
   std::optional<RtpsData> data = found ? data_of(*found) : std::nullopt;
-  if (data && data->writer != kAnnouncer) data.reset();
+  if (data && data->writer != kAnnouncements) data.reset();
   return data;
 }
 

@@ -18,8 +18,7 @@ namespace {
 
 constexpr char kOtherMachine[] =
     "there are programs on other machines. Without keys, this program takes part only with programs of its own "
-    "machine; "
-    "expected --keys DIR (docs/how-to/secure.md), or --plain for a session that everyone can read and change";
+    "machine; expected --keys DIR (docs/how-to/secure.md), or --plain for a session that everyone can read and change";
 
 class FilterTransport final : public WholeMessageTransport {
  public:

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <optional>
+#include <string>
 #include <string_view>
 
 #include "wire/transport/rtps_message.hpp"
@@ -10,8 +11,7 @@
 namespace tactus::wire {
 namespace {
 
-using EntityId = std::array<std::uint8_t, 4>;
-constexpr EntityId kAnnouncements{0x00, 0x01, 0x00, 0xc2}, kAuthentication{0x00, 0x02, 0x01, 0xc3};
+constexpr EntityId kAuthentication{0x00, 0x02, 0x01, 0xc3};
 
 // Sizes in an encrypted submessage (DDS Security 1.1, 9.5.2.3).
 constexpr std::uint32_t kPrefixSize = 20, kKeyAt = 4, kKeySize = 4;
@@ -48,10 +48,12 @@ bool is_of(const GuidPrefix& sender, const std::uint8_t* guid) {
 /// the name occurs in another form.
 template <class Visit>
 bool visit_property(const RtpsBytes& payload, std::string_view name, const Visit& visit) {
+  const std::string text = std::string{name} + '\0';
   const auto* const end = payload.at + payload.size;
-  const std::uint32_t length = static_cast<std::uint32_t>(name.size()) + 1, padded = (length + 3) / 4 * 4;
+  const auto length = static_cast<std::uint32_t>(text.size());
+  const std::uint32_t padded = (length + 3) / 4 * 4;
   for (const auto* at = payload.at;; ++at) {
-    at = std::search(at, end, name.begin(), name.end() + 1);  // with the zero byte at its end
+    at = std::search(at, end, text.begin(), text.end());
     if (at == end) return true;
     const auto from = static_cast<std::uint32_t>(at - payload.at);
     if (from < 4 || payload.number(from - 4, 4) != length || payload.size - from < padded + 4) return false;
@@ -63,7 +65,7 @@ bool visit_property(const RtpsBytes& payload, std::string_view name, const Visit
 /// Returns whether a message of the authentication speaks for its sender (ParticipantGenericMessage, DDS Security 1.1,
 /// 7.4.3 and 9.3.2.5).
 bool is_of_sender(RtpsBytes payload, const GuidPrefix& sender) {
-  constexpr std::uint32_t kEncapsulation = 4, kFixedPart = 96, kGuid = 0x50;
+  constexpr std::uint32_t kEncapsulation = 4, kFixedPart = 96;
   if (payload.size < kEncapsulation + kFixedPart) return false;
   payload.little_endian = (payload.at[1] & 1u) != 0;
   if (!is_of(sender, payload.at + kEncapsulation)) return false;
@@ -73,7 +75,7 @@ bool is_of_sender(RtpsBytes payload, const GuidPrefix& sender) {
                               ParameterList parameters{data};
                               int guids = 0;
                               while (const auto parameter = parameters.next()) {
-                                if (parameter->id != kGuid) continue;
+                                if (parameter->id != kGuidParameter) continue;
                                 if (parameter->value.size < sender.size() || !is_of(sender, parameter->value.at))
                                   return false;
                                 ++guids;

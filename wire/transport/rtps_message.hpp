@@ -55,9 +55,14 @@ using GuidPrefix = std::array<std::uint8_t, 12>;
 /// The participant that sent a message. The message must have at least kRtpsHeader bytes.
 [[nodiscard]] GuidPrefix sender_of(const std::uint8_t* message) noexcept;
 
+/// Entity id of a writer.
+using EntityId = std::array<std::uint8_t, 4>;
+inline constexpr EntityId kAnnouncements{0x00, 0x01, 0x00, 0xc2};  ///< of participants (9.3.1.5)
+inline constexpr std::uint32_t kGuidParameter = 0x50;              ///< in an announcement: GUID of the participant
+
 /// The content of a DATA submessage (9.4.5.3).
 struct RtpsData {
-  std::array<std::uint8_t, 4> writer;  ///< entity id
+  EntityId writer;
   std::uint64_t sequence;
   RtpsBytes inline_qos;  ///< parameter list, with the payload after it; empty without inline QoS
   RtpsBytes payload;     ///< with its encapsulation header; empty if the sample has no data
