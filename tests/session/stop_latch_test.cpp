@@ -480,9 +480,15 @@ class StopSimulation {
   std::uint64_t incarnation_ = 0;
 };
 
+#if defined(__SANITIZE_THREAD__) || defined(__SANITIZE_ADDRESS__)
+constexpr std::uint32_t kInterleavings = 300;
+#else
+constexpr std::uint32_t kInterleavings = 5000;  // of each of the two tests
+#endif
+
 TEST(StopSimulation, ForcesAreOnIfAndOnlyIfEveryStopWasNamedByAReset) {
   int seeds_with_forces = 0, seeds_without_forces = 0;
-  for (std::uint32_t seed = 1; seed <= 300; ++seed) {
+  for (std::uint32_t seed = 1; seed <= kInterleavings; ++seed) {
     StopSimulation simulation{seed};
     simulation.run(false);
     ASSERT_TRUE(simulation.all_senders_are_done()) << "seed " << seed;
@@ -499,7 +505,7 @@ TEST(StopSimulation, ForcesAreOnIfAndOnlyIfEveryStopWasNamedByAReset) {
 
 TEST(StopSimulation, NoForceIsOnWithoutAResetWhileHrtcsRestart) {
   int seeds_without_forces = 0;
-  for (std::uint32_t seed = 1; seed <= 300; ++seed) {
+  for (std::uint32_t seed = 1; seed <= kInterleavings; ++seed) {
     StopSimulation simulation{seed};
     simulation.run(true);
     if (!simulation.every_stop_was_named()) {
