@@ -92,7 +92,7 @@ void Report::add_percentiles(const std::string& figure, const std::string& popul
     if (static_cast<double>(samples.size()) * (1 - share) > 0.999) shares.emplace(share, nullptr);
   for (const PercentileBound& bound : bounds) shares[bound.share] = &bound;
   for (const auto& [share, bound] : shares) {
-    const std::string name = figure + (share == 1 ? ", max" : ", p" + number(100 * share));
+    const std::string name = prefix_ + figure + (share == 1 ? ", max" : ", p" + number(100 * share));
     rows_.push_back({name, {population, samples.size()}, samples.percentile(share), unit});
     rows_.back().virtual_time = virtual_time_;
     if (bound == nullptr) continue;
@@ -102,17 +102,17 @@ void Report::add_percentiles(const std::string& figure, const std::string& popul
 }
 
 void Report::add_value(const std::string& figure, const Population& population, const std::string& unit, double value) {
-  rows_.push_back({figure, population, value, unit, Limit::kNone, 0, virtual_time_});
+  rows_.push_back({prefix_ + figure, population, value, unit, Limit::kNone, 0, virtual_time_});
 }
 
 void Report::add_at_most(const std::string& figure, const Population& population, const std::string& unit, double value,
                          double bound) {
-  rows_.push_back({figure, population, value, unit, Limit::kAtMost, bound, virtual_time_});
+  rows_.push_back({prefix_ + figure, population, value, unit, Limit::kAtMost, bound, virtual_time_});
 }
 
 void Report::add_at_least(const std::string& figure, const Population& population, const std::string& unit,
                           double value, double bound) {
-  rows_.push_back({figure, population, value, unit, Limit::kAtLeast, bound, virtual_time_});
+  rows_.push_back({prefix_ + figure, population, value, unit, Limit::kAtLeast, bound, virtual_time_});
 }
 
 int Report::finish(const std::string& bench, const std::string& command, const std::string& json) const {

@@ -66,6 +66,8 @@ class Report {
 
   /// Sets Row::virtual_time of the rows that are added after this call.
   void set_virtual_time(bool on) noexcept { virtual_time_ = on; }
+  /// Puts this text before Row::figure of the rows that are added after this call.
+  void set_prefix(std::string prefix) { prefix_ = std::move(prefix); }
 
   /// Adds rows with p50, p99, p99.9 and the maximum of `samples`, and with every percentile in `bounds`. If there are
   /// too few samples to distinguish p99 or p99.9 from the maximum, its row is omitted. `population` is
@@ -99,6 +101,7 @@ class Report {
   std::vector<Row> rows_;
   std::vector<std::string> notes_;
   bool virtual_time_ = false;
+  std::string prefix_;
 };
 
 }  // namespace tactus::bench

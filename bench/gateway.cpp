@@ -4,26 +4,22 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstdio>
-#include <map>
 #include <thread>
 
 #include "bench/figures.hpp"
+#include "bench/flight_cycles.hpp"
 #include "bench/latency_bench.hpp"
 #include "bench/live_session.hpp"
 #include "bench/memory_group.hpp"
 #include "bench/resting_touch.hpp"
-#include "trace/flight_file.hpp"
 
 namespace tactus::bench {
 namespace {
 
 using namespace std::chrono_literals;
 using netem::Side;
-
-constexpr double kPeriodNs = 1e6;  // of the HRTC's cycles
 
 struct Settings {
   int kills = 100;  // of each kind
@@ -39,11 +35,6 @@ constexpr Kind kKinds[] = {{"SIGKILL", SIGKILL},
                            {"SIGABRT", SIGABRT},
                            {"SIGSTOP for 2 s", SIGSTOP},
                            {"lack of memory", kNoMemory}};
-
-/// A time in which the servo had no gateway, or an equally long one before it, monotonic ns.
-struct Window {
-  std::int64_t begin_ns, end_ns;
-};
 
 /// A host, and an HRTC whose two users rest on one point.
 class TouchedSession {
@@ -103,15 +94,9 @@ class TouchedSession {
     });
     session_.forget_states();  // those of the earlier gateway
     session_.wait_until("exact contact of both users", [](const ObservedSession& observed) {
-      return touches(observed, "ann") && touches(observed, "bob");
+      return observed.touches_exactly("ann") && observed.touches_exactly("bob");
     });
     return realtime::monotonic_ns();
-  }
-  static bool touches(const ObservedSession& observed, const char* user) {
-    constexpr std::uint32_t kBits = session::kInContact | session::kExact;
-    return std::any_of(observed.states.begin(), observed.states.end(), [&](const auto& state) {
-      return state.user == session::id_of(user) && (state.status & kBits) == kBits;
-    });
   }
   [[nodiscard]] std::string path(const std::string& name) const { return folder_.path() / name; }
 
@@ -120,61 +105,6 @@ class TouchedSession {
   LiveSession session_{"veth"};
   std::unique_ptr<e2e::Process> host_, hrtc_;
   std::uint64_t incarnation_ = 0;  // of the newest gateway
-};
-
-/// The cycles of a recording.
-struct Cycles {
-  std::vector<std::int64_t> times_ns;
-  std::vector<std::array<double, 2>> forces;  // N, of the two users
-};
-Cycles read(const std::string& file) {
-  struct Cycle {
-    std::int64_t time_ns = 0;
-    std::array<double, 2> forces{};
-  };
-  std::map<std::uint64_t, Cycle> by_number;
-  trace::FlightFileReader reader{file};
-  for (trace::FlightMessage message; reader.next(message);) {
-    if (const auto* touch = std::get_if<trace::FlightTouch>(&message)) by_number[touch->cycle].time_ns = touch->time_ns;
-    const auto* probe = std::get_if<trace::FlightProbe>(&message);
-    if (probe != nullptr && probe->probe < 2)
-      by_number[probe->cycle].forces[probe->probe] = std::hypot(probe->force[0], probe->force[1], probe->force[2]);
-  }
-  Cycles cycles;
-  for (const auto& [number, cycle] : by_number) {
-    cycles.times_ns.push_back(cycle.time_ns);
-    cycles.forces.push_back(cycle.forces);
-  }
-  return cycles;
-}
-
-/// What happened in a set of windows.
-struct Outcome {
-  Samples intervals_ms;      // between two cycles
-  std::uint64_t late = 0;    // intervals above 1.5 periods
-  double force_change = 0;   // N, largest difference to the force at the begin of a window
-  double min_force = 1e300;  // N
-
-  void add(const Cycles& cycles, const Window& window) {
-    const auto begin = std::lower_bound(cycles.times_ns.begin(), cycles.times_ns.end(), window.begin_ns);
-    const auto first = static_cast<std::size_t>(begin - cycles.times_ns.begin());
-    for (std::size_t i = first + 1; i < cycles.times_ns.size() && cycles.times_ns[i] < window.end_ns; ++i) {
-      const auto interval = static_cast<double>(cycles.times_ns[i] - cycles.times_ns[i - 1]);
-      intervals_ms.add(interval * 1e-6);
-      late += interval > 1.5 * kPeriodNs ? 1 : 0;
-      for (int user = 0; user < 2; ++user) {
-        force_change = std::max(force_change, std::abs(cycles.forces[i][user] - cycles.forces[first][user]));
-        min_force = std::min(min_force, cycles.forces[i][user]);
-      }
-    }
-  }
-  [[nodiscard]] double late_per_million() const {
-    return 1e6 * static_cast<double>(late) / static_cast<double>(intervals_ms.size());
-  }
-  /// Returns the standard error of `late_per_million`, if each cycle is late by chance.
-  [[nodiscard]] double standard_error() const {
-    return 1e6 * std::sqrt(static_cast<double>(late)) / static_cast<double>(intervals_ms.size());
-  }
 };
 
 Report run(const Settings& settings) {
@@ -197,9 +127,9 @@ Report run(const Settings& settings) {
       report.add_at_most(figure + ", p99", {"kills", back_ms.size()}, "ms", back_ms.percentile(0.99), 3000);
     }
     std::fprintf(stderr, "\n");
-    const Cycles cycles = read(session.recording());
+    const Cycles cycles = read_cycles(session.recording());
     // The references lie just before the kills: half a second in which nothing happens.
-    Outcome killed, reference;
+    CycleFigures killed, reference;
     for (const Window& window : without) {
       killed.add(cycles, window);
       reference.add(cycles, {window.begin_ns - 450'000'000, window.begin_ns});

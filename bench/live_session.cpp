@@ -2,6 +2,7 @@
 
 #include <unistd.h>
 
+#include <algorithm>
 #include <exception>
 #include <filesystem>
 #include <stdexcept>
@@ -42,7 +43,8 @@ struct LiveSession::Impl {
     observed.serving_since_ns = realtime::monotonic_ns();
   }
   void store(const session::ProbeState& state) {
-    observed.states.push_back({state.user_id, state.sequence, state.status, state.session_time_ns, state.force});
+    observed.states.push_back({state.user_id, state.sequence, state.status, state.session_time_ns, state.force,
+                               state.origin.incarnation, realtime::monotonic_ns()});
   }
 
   wire::Participants participants;
@@ -62,6 +64,13 @@ double ObservedSession::figure(const std::string& participant, const std::string
   for (const session::Figure& figure : entry->second.figures)
     if (figure.name == name) return figure.value;
   return -1;
+}
+
+bool ObservedSession::touches_exactly(const std::string& user, std::uint64_t since) const {
+  constexpr std::uint32_t kBits = session::kInContact | session::kExact;
+  return std::any_of(states.begin(), states.end(), [&](const State& state) {
+    return state.user == session::id_of(user) && (state.status & kBits) == kBits && state.incarnation > since;
+  });
 }
 
 LiveSession::LiveSession(const std::string& link)
@@ -123,7 +132,9 @@ void in_own_thread(const std::function<void()>& work) {
 }
 
 std::string program_path(const std::string& name) {
-  return std::filesystem::read_symlink("/proc/self/exe").parent_path() / ("tactus-" + name);
+  const std::filesystem::path folder = std::filesystem::read_symlink("/proc/self/exe").parent_path();
+  const std::filesystem::path here = folder / ("tactus-" + name);
+  return std::filesystem::exists(here) ? here : folder.parent_path() / "bin" / here.filename();  // for a test
 }
 
 void run_program(const std::string& name, std::vector<std::string> arguments) {

@@ -33,11 +33,15 @@ struct ObservedSession {
     std::uint32_t status;
     std::int64_t time_ns;  ///< session time of the cycle
     std::array<double, 3> force;
+    std::uint64_t incarnation;  ///< of the HRTC
+    std::int64_t received_ns;   ///< monotonic
   };
   std::vector<State> states;  ///< probe states since forget_states() was called last
 
   /// Returns the newest value of a figure of a participant, or -1 if there is none.
   [[nodiscard]] double figure(const std::string& participant, const std::string& name) const;
+  /// Whether one of `states` is an exact contact of the user, from an HRTC whose incarnation is larger than `since`.
+  [[nodiscard]] bool touches_exactly(const std::string& user, std::uint64_t since = 0) const;
 };
 
 class LiveSession {
@@ -70,7 +74,7 @@ class LiveSession {
 /// Runs `work` in a new thread, which may move into a namespace, and rethrows its exception.
 void in_own_thread(const std::function<void()>& work);
 
-/// Returns the path of tactus-`name` in the folder of the running program.
+/// Returns the path of tactus-`name`, in the folder of the running benchmark, or in `bin` next to the folder of a test.
 [[nodiscard]] std::string program_path(const std::string& name);
 
 /// Runs tactus-`name` of that folder to its end. Throws std::runtime_error with its output if it fails.

@@ -70,7 +70,7 @@ class Rejoin {
     session_.wait_until(
         "exact contact of both users and agreement of all participants",
         [](const ObservedSession& observed) {
-          return has_exact_contact(observed, "ann") && has_exact_contact(observed, "bob") && all_agree(observed, 0, 0);
+          return observed.touches_exactly("ann") && observed.touches_exactly("bob") && all_agree(observed, 0, 0);
         },
         60s);
   }
@@ -130,12 +130,6 @@ class Rejoin {
   }
 
  private:
-  static bool has_exact_contact(const ObservedSession& observed, const char* user) {
-    constexpr std::uint32_t kBits = session::kInContact | session::kExact;
-    return std::any_of(observed.states.begin(), observed.states.end(), [&](const auto& state) {
-      return state.user == session::id_of(user) && (state.status & kBits) == kBits;
-    });
-  }
   /// Returns true if host and HRTCs have equal scenes and mesh hashes. Uses metrics after `since_ns` only. The right
   /// HRTC must have an incarnation after `right_since`.
   static bool all_agree(const ObservedSession& observed, std::int64_t since_ns, std::uint64_t right_since) {

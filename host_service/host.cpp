@@ -12,6 +12,7 @@
 #include "host_service/host_core.hpp"
 #include "host_service/model_store.hpp"
 #include "realtime/realtime.hpp"
+#include "realtime/service_manager.hpp"
 #include "wire/endpoints.hpp"
 #include "wire/inbox.hpp"
 
@@ -216,13 +217,17 @@ int Host::Impl::run() {
   }
   log_info("host '" + options.address.participant + "' is in session '" + options.address.session + "' on domain " +
            std::to_string(options.address.domain));
+  realtime::ServiceManager service_manager;
+  service_manager.ready();
   microseconds max_wait{0};
   while (!stop && core.end() == HostEnd::kNone) {
     for (const Inbox::Arrived& arrived : inbox.take(max_wait))
       std::visit([&](const auto& sample) { on_sample(sample, arrived.at_ns); }, arrived.sample);
     send(core.tick(monotonic_ns()));
     max_wait = send_chunks();
+    service_manager.alive(monotonic_ns());
   }
+  service_manager.stopping();
   if (stop) log_info("stopped by a signal");
   leave();
   return core.end() == HostEnd::kNameTaken ? 2 : 0;

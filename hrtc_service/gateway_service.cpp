@@ -258,7 +258,9 @@ void GatewayService::Impl::tick_gateway(std::int64_t now_ns) {
   exchange.tick(now_ns, membership.clock());
   gateway.tick(now_ns, membership.clock());
   exchange.send_claims();
-  if (gateway.has_new_reports()) process_reports();
+  if (!gateway.has_new_reports()) return;
+  process_reports();
+  service_manager.alive(now_ns);  // the haptic thread works, too
 }
 
 /// Sends probe states, commands and copies, and heartbeats to the servo while the service thread makes passes. Runs in
@@ -385,6 +387,7 @@ int GatewayService::Impl::run(const std::atomic<bool>& stop) {
       options.directory_bytes == ~std::uint64_t{0}
           ? std::string{}
           : fmt::format(", and {:.1f} MiB for directories", static_cast<double>(options.directory_bytes) / (1 << 20)));
+  service_manager.ready();
   // A timer starts each pass, not the arrival of a sample, because the number of samples grows with the square of the
   // session's size. Passes should take only a tenth of a processor. Otherwise they would slow down an overloaded
   // machine more and more: answers arrive later, so prediction looks further ahead and takes more time. The failure
@@ -408,6 +411,7 @@ int GatewayService::Impl::run(const std::atomic<bool>& stop) {
     const std::int64_t min_ns = loader.at_rest() ? kMinServiceAtRestNs : kMinServiceNs;
     pass.set_period(std::clamp(kServicePeriodFactor * (realtime::monotonic_ns() - now_ns), min_ns, kMaxServiceNs));
   }
+  service_manager.stopping();
   finish();
   return exit_code;
 }

@@ -31,6 +31,7 @@
 #include "hrtc_service/statistics.hpp"
 #include "hrtc_service/stop_switch.hpp"
 #include "hrtc_service/user_devices.hpp"
+#include "realtime/service_manager.hpp"
 #include "session/periodic.hpp"
 #include "wire/endpoints.hpp"
 #include "wire/inbox.hpp"
@@ -147,6 +148,7 @@ struct GatewayService::Impl {
 
   PeriodicTimer metrics{kMetricsNs}, all_metrics{kAllMetricsNs}, no_host{kNoHostLogNs}, sync_groups{kGroupsNs};
   std::int64_t started_ns = 0;
+  realtime::ServiceManager service_manager;
   bool ended = false;
   int exit_code = 0;
   std::array<std::uint32_t, kMaxProbes> faults_logged{};  // status bits

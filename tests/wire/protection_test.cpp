@@ -88,6 +88,7 @@ TEST(ProtectionTest, InlineQosCannotEndAParticipant) {
   EXPECT_EQ(refusal({announcement_with(0x71, 0)}), Refusal::kLeave) << "status";
   EXPECT_EQ(refusal({announcement_with(0x70, 0)}), Refusal::kLeave) << "key hash";
   EXPECT_EQ(refusal({announcement_with(0x0f, 0x80)}), Refusal::kNone) << "the announcement that it answers";
+  EXPECT_EQ(refusal({announcement_with(0x83, 0x00)}), Refusal::kNone) << "the same, by the name of the standard";
 }
 
 TEST(ProtectionTest, AllOtherPlainSubmessagesAreRefused) {

@@ -32,6 +32,7 @@ constexpr std::array kCommands{
     Command{"top", "tactus-top", "show users, HRTCs, hosts, rates and faults of a session in the terminal"},
     Command{"watch", "tactus-watch", "print the samples of a topic of a session"},
     Command{"control", "tactus-control", "send an emergency stop, reset, mode or end to a session"},
+    Command{"chaos", "tactus-chaos", "cause faults in a running session of this machine, and check that it recovers"},
     Command{"keys", "tactus-keys", "make, list and revoke the keys of a secured session"},
     Command{"record", "tactus-record", "record every topic of a session in an MCAP file"},
     Command{"replay", "tactus-replay", "recompute the forces of a flight recording and compare them to the bit"},

@@ -1,0 +1,22 @@
+#include "bench/coded_rows.hpp"
+#include "bench/fault_runs.hpp"
+#include "bench/records_run.hpp"
+#include "realtime/process.hpp"
+
+namespace tactus::bench {
+
+void measure_narrow_link(const FaultSettings& settings, Report& report) {
+  // At 1 kHz, states alone would fill this link, so HRTCs send them deadband-coded.
+  add_coded_isolation(report, 2, settings.seconds / 3, 20);
+}
+
+void measure_loss_of_fragments(const FaultSettings& settings, Report& report) {
+  for (const char* percent : {"5", "1"}) {
+    const RecordsRun run = run_records(std::string{"P0:loss="} + percent, settings.seconds / 2, 50'000, settings.seed,
+                                       realtime::stop_signal());
+    report.add_at_most(std::string{"max delivery time of 50 kB of records, loss "} + percent + " %",
+                       {"bursts", run.burst_ms.size()}, "ms", run.burst_ms.max(), 500);
+  }
+}
+
+}  // namespace tactus::bench

@@ -1,0 +1,27 @@
+/// Causes random faults in a session in a network namespace, and checks that the session recovers from each of them, that
+/// no process grows, and that a replay computes the same forces.
+#include <gtest/gtest.h>
+
+#include "bench/fault_runs.hpp"
+#include "bench/live_session.hpp"
+#include "netem/pair.hpp"
+
+namespace tactus::bench {
+namespace {
+
+/// Expects that every row of the report holds.
+void expect_recovery(double seconds) {
+  if (const std::string missing = netem::missing_privilege(); !missing.empty()) GTEST_SKIP() << missing;
+  FaultSettings settings;
+  settings.seconds = seconds;
+  Report report{{"a host, and an HRTC with two users", 0, 0, ""}};
+  in_own_thread([&] { measure_random_faults(settings, report); });
+  for (const Row& row : report.rows())
+    EXPECT_NE(row.verdict(), Verdict::kFallsShort) << row.figure << ": " << row.value << ' ' << row.unit;
+}
+
+TEST(RandomFaults, OfAMinuteLeaveTheSessionWhole) { expect_recovery(60); }
+TEST(LongRandomFaults, OfAnHourLeaveTheSessionWhole) { expect_recovery(3600); }
+
+}  // namespace
+}  // namespace tactus::bench

@@ -1,0 +1,330 @@
+// tactus-chaos: causes faults in a running session of this machine, and checks that the session recovers.
+#include <unistd.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <array>
+#include <cstdio>
+#include <fstream>
+#include <iostream>
+#include <map>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <variant>
+
+#include "realtime/process.hpp"
+#include "session/percentile.hpp"
+#include "tools/chaos/health.hpp"
+#include "tools/chaos/network_faults.hpp"
+#include "tools/chaos/plan.hpp"
+#include "tools/chaos/programs.hpp"
+#include "wire/address/command_line.hpp"
+#include "wire/endpoints.hpp"
+#include "wire/inbox.hpp"
+
+namespace {
+
+using namespace tactus;
+using namespace tactus::chaos;
+using realtime::monotonic_ns;
+
+constexpr char kExamples[] = R"(
+Examples:
+  tactus-chaos --session lab --domain 40
+  tactus-chaos --session lab --domain 40 --only suspend --only loss --seconds 600 --seed 7
+
+Without --restart it kills gateways only, which HRTCs start again. The faults loss and cut need root and nft, and affect
+the packets that arrive at this machine, or at the network namespace of this program. Ctrl-C ends every fault. Users feel
+the faults: do not run it while a person holds a device.
+Exit status: 0 the session recovered from every fault and broke no rule, 1 it did not, 2 wrong input or no session,
+130 interrupted.)";
+
+constexpr auto kPollPeriod = std::chrono::milliseconds{10};
+constexpr std::int64_t kSecond = 1'000'000'000;
+constexpr std::int64_t kCalmNs = 2 * kSecond;       // in which the session has to be complete before the first fault
+constexpr std::int64_t kReferenceNs = 2 * kSecond;  // in which the users and participants of the reference are found
+
+struct Options {
+  wire::SessionAddress address;
+  std::uint64_t seed = 1;
+  double seconds = 60, pause = 4, patience = 20;
+  std::vector<std::string> only;
+  bool restart = false, with_devices = false;
+  HealthSettings health;
+  std::string json;
+};
+
+/// Thrown when a signal ends the program.
+struct Interrupted {};
+
+/// Reads the session, without a place in its roster.
+class Observer {
+ public:
+  Observer(const wire::SessionAddress& address, const HealthSettings& settings)
+      : participants_{address}, health_{participants_.origin(), settings} {}
+
+  [[nodiscard]] Health& health() { return health_; }
+  /// Waits at most kPollPeriod, and applies the samples that have arrived. Throws Interrupted.
+  void receive() {
+    for (const auto& arrived : inbox_.take(kPollPeriod))
+      std::visit([&](const auto& sample) { health_.on_sample(sample, arrived.at_ns); }, arrived.sample);
+    health_.tick(monotonic_ns());
+    if (realtime::stop_signal()) throw Interrupted{};
+  }
+  void receive_for(double seconds) {
+    const std::int64_t end_ns = monotonic_ns() + static_cast<std::int64_t>(seconds * 1e9);
+    while (monotonic_ns() < end_ns) receive();
+  }
+  [[nodiscard]] std::uint64_t dropped() const { return inbox_.dropped(); }
+
+ private:
+  template <class Sample>
+  wire::Reader<Sample> reader(const wire::TopicSpec<Sample>& topic) {
+    return {participants_, topic, [this](Sample&& sample) { inbox_.put(std::move(sample)); }};
+  }
+
+  wire::Participants participants_;
+  Health health_;
+  wire::Inbox<std::variant<session::RosterEntry, session::ProbeState>> inbox_{1u << 14};
+  // The readers are the last members, so that they are destroyed first: their callbacks use the inbox.
+  wire::Reader<session::RosterEntry> roster_ = reader(wire::topics::kRoster);
+  wire::Reader<session::ProbeState> states_ = reader(wire::topics::kProbeState);
+};
+
+/// A program at the begin of the run.
+struct Measured {
+  Program program;
+  Resources before;
+};
+
+class Run {
+ public:
+  explicit Run(const Options& options)
+      : options_{options}, observer_{options.address, options.health}, network_{options.address.domain} {}
+
+  /// Returns the exit status.
+  int run() {
+    const std::vector<FaultKind> kinds = possible_kinds();
+    find_reference();
+    Plan plan{options_.seed, kinds, options_.pause};
+    for (const Program& program : found_programs())
+      if (const auto resources = resources_of(program)) measured_.push_back({program, *resources});
+    const std::int64_t begin_ns = monotonic_ns(), end_ns = begin_ns + static_cast<std::int64_t>(options_.seconds * 1e9);
+    std::printf("seed %llu, %g s of faults in session %s with %s\n", static_cast<unsigned long long>(options_.seed),
+                options_.seconds, options_.address.session.c_str(), observer_.health().reference_text().c_str());
+    while (monotonic_ns() < end_ns) {
+      const Fault fault = plan.next(found_programs());
+      observer_.receive_for(fault.pause);
+      std::printf("%7.1f s  %s", static_cast<double>(monotonic_ns() - begin_ns) * 1e-9, text(fault).c_str());
+      std::fflush(stdout);
+      apply(fault);
+    }
+    report();
+    return unrecovered_ == 0 && observer_.health().violations().empty() ? 0 : 1;
+  }
+
+ private:
+  [[nodiscard]] std::vector<FaultKind> possible_kinds() const {
+    const std::string obstacle = NetworkFaults::obstacle();
+    std::vector<FaultKind> kinds;
+    for (std::size_t i = 0; i < kFaultKinds; ++i) {
+      const auto kind = static_cast<FaultKind>(i);
+      const bool is_named = std::count(options_.only.begin(), options_.only.end(), name(kind)) > 0;
+      if (!options_.only.empty() && !is_named) continue;
+      if ((kind == FaultKind::kLoss || kind == FaultKind::kCut) && !obstacle.empty()) {
+        if (is_named) throw std::runtime_error(std::string{"no fault "} + name(kind) + ": " + obstacle);
+        std::printf("without the fault %s: %s\n", name(kind), obstacle.c_str());
+        continue;
+      }
+      kinds.push_back(kind);
+    }
+    return kinds;
+  }
+
+  /// Returns the programs of the session. Throws std::runtime_error if a person may hold one of their devices.
+  [[nodiscard]] std::vector<Program> found_programs() const {
+    const std::vector<Program> programs = programs_of(options_.address.session, options_.restart);
+    for (const Program& program : programs)
+      if (program.has_driver && !options_.with_devices)
+        throw std::runtime_error(program.label + " has a device that a person may hold; --with-devices permits it");
+    return programs;
+  }
+
+  /// Waits until the session has users, and remembers who takes part.
+  void find_reference() {
+    Health& health = observer_.health();
+    observer_.receive_for(static_cast<double>(kReferenceNs) * 1e-9);
+    const std::int64_t end_ns = monotonic_ns() + static_cast<std::int64_t>(options_.patience * 1e9);
+    for (std::int64_t calm_since_ns = 0; calm_since_ns == 0 || monotonic_ns() - calm_since_ns < kCalmNs;) {
+      if (calm_since_ns == 0) health.set_reference(monotonic_ns());
+      observer_.receive();
+      const std::vector<std::string> missing = health.missing(monotonic_ns());
+      if (health.reference_text().empty() || !missing.empty())
+        calm_since_ns = 0;
+      else if (calm_since_ns == 0)
+        calm_since_ns = monotonic_ns();
+      if (monotonic_ns() < end_ns) continue;
+      throw std::runtime_error(missing.empty() ? "found nobody in session " + options_.address.session + ", domain " +
+                                                     std::to_string(options_.address.domain)
+                                               : "the session is not well before any fault: " + missing.front());
+    }
+    if (found_programs().empty())
+      throw std::runtime_error("no program of session " + options_.address.session +
+                               " runs on this machine, or they belong to another user");
+  }
+
+  void apply(const Fault& fault) {
+    if (fault.program.empty()) {
+      network_.lose(fault.kind == FaultKind::kCut ? 100 : fault.percent, fault.seconds);
+      observer_.receive_for(fault.seconds);
+      network_.end();
+    } else {
+      const std::vector<Program> programs = found_programs();
+      const auto affected = std::find_if(programs.begin(), programs.end(), [&](const Program& program) {
+        return program.label == fault.program && applies(fault.kind, program);
+      });
+      if (affected == programs.end()) {
+        std::printf(": it has ended\n");
+        return;
+      }
+      if (fault.kind == FaultKind::kSuspend) {
+        const Suspension suspension{*affected, fault.seconds};
+        observer_.receive_for(fault.seconds);
+      } else {
+        kill_and_restart(*affected);
+      }
+    }
+    wait_for_recovery(fault);
+  }
+
+  void wait_for_recovery(const Fault& fault) {
+    // The observer may not have noticed a fault that has just begun: a silent participant is late after 0.25 s.
+    constexpr double kNoticeSeconds = 0.4;
+    const std::int64_t end_ns = monotonic_ns(), limit_ns = end_ns + static_cast<std::int64_t>(options_.patience * 1e9);
+    std::int64_t back_ns = end_ns;
+    std::vector<std::string> missing;
+    do {
+      observer_.receive();
+      missing = observer_.health().missing(monotonic_ns());
+      if (!missing.empty()) back_ns = monotonic_ns();
+      if (monotonic_ns() > limit_ns) break;
+    } while (!missing.empty() ||
+             static_cast<double>(monotonic_ns() - std::max(back_ns, end_ns)) * 1e-9 < kNoticeSeconds);
+    Recovery& recovery = recoveries_[fault.kind];
+    ++recovery.faults;
+    if (!missing.empty()) {
+      ++unrecovered_;
+      std::printf(": NOT RECOVERED after %g s: %s\n", options_.patience, missing.front().c_str());
+      return;
+    }
+    recovery.seconds.add(static_cast<double>(back_ns - end_ns) * 1e-9);
+    std::printf(": complete %.2f s after its end\n", static_cast<double>(back_ns - end_ns) * 1e-9);
+  }
+
+  void report() {
+    const Health& health = observer_.health();
+    nlohmann::json json{{"seed", options_.seed},
+                        {"seconds", options_.seconds},
+                        {"states", health.states()},
+                        {"max_force", health.max_force()},
+                        {"unrecovered", unrecovered_},
+                        {"violations", health.violations()},
+                        {"faults", nlohmann::json::array()},
+                        {"programs", nlohmann::json::array()}};
+    std::printf("\n%-10s%8s%14s%14s%14s\n", "fault", "times", "recovered", "median, s", "max, s");
+    for (const auto& [kind, recovery] : recoveries_) {
+      const bool any = recovery.seconds.size() > 0;
+      const double median = any ? recovery.seconds.percentile(0.5) : 0, max = any ? recovery.seconds.max() : 0;
+      std::printf("%-10s%8zu%14zu%14.2f%14.2f\n", name(kind), recovery.faults, recovery.seconds.size(), median, max);
+      json["faults"].push_back({{"kind", name(kind)},
+                                {"times", recovery.faults},
+                                {"recovered", recovery.seconds.size()},
+                                {"median_s", median},
+                                {"max_s", max}});
+    }
+    std::printf("\n%-24s%16s%12s%14s%8s\n", "program of the whole run", "resident, MB", "growth", "descriptors",
+                "growth");
+    for (const auto& [program, before] : measured_) {
+      const auto after = resources_of(program);
+      if (!after) continue;
+      const double growth = after->resident_mb - before.resident_mb;
+      const long more = static_cast<long>(after->descriptors) - static_cast<long>(before.descriptors);
+      std::printf("%-24s%16.1f%+12.1f%14zu%+8ld\n", program.label.c_str(), after->resident_mb, growth,
+                  after->descriptors, more);
+      json["programs"].push_back({{"label", program.label},
+                                  {"resident_mb", after->resident_mb},
+                                  {"growth_mb", growth},
+                                  {"descriptors", after->descriptors},
+                                  {"descriptors_growth", more}});
+    }
+    std::printf("\n%llu probe states, largest force %.2f N\n", static_cast<unsigned long long>(health.states()),
+                health.max_force());
+    for (const std::string& violation : health.violations()) std::printf("BROKEN RULE %s\n", violation.c_str());
+    if (options_.json.empty()) return;
+    std::ofstream file{options_.json};
+    file << json.dump(1) << '\n';
+    if (!file.flush()) throw std::runtime_error("cannot write " + options_.json);
+  }
+
+  struct Recovery {
+    std::size_t faults = 0;
+    session::Samples<> seconds;  // of those from which the session recovered
+  };
+
+  const Options& options_;
+  Observer observer_;
+  NetworkFaults network_;
+  std::vector<Measured> measured_;
+  std::map<FaultKind, Recovery> recoveries_;
+  std::size_t unrecovered_ = 0;
+};
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  Options options;
+  options.address.session = "tactus";
+  options.address.participant = "chaos-" + std::to_string(getpid());
+  options.address.naming = wire::Naming::kInstance;
+  options.address.only_reads_bulk = true;
+  CLI::App app{"Causes faults in a running session of this machine, and checks that the session recovers.",
+               "tactus-chaos"};
+  app.footer(kExamples);
+  wire::add_address_options(app, options.address, "program");
+  std::vector<std::string> kinds;
+  for (std::size_t i = 0; i < kFaultKinds; ++i) kinds.emplace_back(name(static_cast<FaultKind>(i)));
+  app.add_option("--only", options.only, "Cause faults of this kind; repeatable; default: all that are possible")
+      ->check(CLI::IsMember(kinds));
+  app.add_option("--seed", options.seed, "Number that selects the faults")->capture_default_str();
+  app.add_option("--seconds", options.seconds, "Time in which faults begin")
+      ->capture_default_str()
+      ->check(CLI::Range(0.0, 1e6));
+  app.add_option("--pause", options.pause, "Max seconds from a recovery to the next fault")
+      ->capture_default_str()
+      ->check(CLI::Range(0.0, 3600.0));
+  app.add_option("--patience", options.patience, "Seconds in which the session has to recover from a fault")
+      ->capture_default_str()
+      ->check(CLI::Range(0.5, 3600.0));
+  app.add_flag("--restart", options.restart, "Also kill hosts and HRTCs, and start them again with their command");
+  app.add_flag("--with-devices", options.with_devices, "Permit faults although an HRTC has a device with a driver");
+  app.add_option("--max-force", options.health.max_force, "Largest force that a probe may have, N")
+      ->capture_default_str()
+      ->check(CLI::PositiveNumber);
+  app.add_option("--json", options.json, "Also write the results to this file");
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? 0 : 2;
+  }
+  (void)realtime::stop_signal();
+  try {
+    return Run{options}.run();
+  } catch (const Interrupted&) {
+    std::printf("\ninterrupted: every fault has ended\n");
+    return 130;
+  } catch (const std::exception& error) {
+    std::cerr << "tactus-chaos: " << error.what() << '\n';
+    return 2;
+  }
+}

@@ -1,0 +1,59 @@
+#include "tools/chaos/network_faults.hpp"
+
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cmath>
+#include <cstdio>
+#include <cstring>
+#include <stdexcept>
+
+namespace tactus::chaos {
+namespace {
+
+constexpr char kRemoval[] = "add table inet tactus_chaos\ndelete table inet tactus_chaos\n";
+
+/// Runs a script of nft. Returns whether nft has accepted it.
+bool run_nft(const std::string& script, bool is_quiet) {
+  std::FILE* const input = ::popen(is_quiet ? "/usr/sbin/nft -f - 2>/dev/null" : "/usr/sbin/nft -f -", "w");
+  if (input == nullptr) return false;
+  std::fputs(script.c_str(), input);
+  return ::pclose(input) == 0;
+}
+
+}  // namespace
+
+NetworkFaults::NetworkFaults(int domain) : domain_{domain} { end(); }
+
+NetworkFaults::~NetworkFaults() { end(); }
+
+std::string NetworkFaults::obstacle() {
+  if (::access("/usr/sbin/nft", X_OK) != 0) return "there is no /usr/sbin/nft (Debian: apt-get install nftables)";
+  if (::geteuid() != 0) return "they need root";
+  if (!run_nft(kRemoval, true)) return "nft is refused, as in a container without CAP_NET_ADMIN";
+  return {};
+}
+
+void NetworkFaults::lose(int percent, double seconds) {
+  constexpr int kFirstPort = 7400, kPortsOfADomain = 250, kDomains = 3;  // of RTPS (wire/address/address.hpp)
+  const int first = kFirstPort + kPortsOfADomain * domain_, last = first + kPortsOfADomain * kDomains - 1;
+  const std::string share = percent >= 100 ? "" : "numgen random mod 100 < " + std::to_string(percent);
+  char rules[600];
+  // The set makes the kernel end the fault: its only element has a time limit.
+  std::snprintf(rules, sizeof rules,
+                "table inet tactus_chaos {\n"
+                "  set active { type inet_proto; flags timeout; elements = { udp timeout %ldms } }\n"
+                "  chain in {\n"
+                "    type filter hook input priority -10; policy accept;\n"
+                "    meta l4proto @active udp dport %d-%d %s drop\n"
+                "  }\n"
+                "}\n",
+                std::max(1L, std::lround(seconds * 1e3)), first, last, share.c_str());
+  if (!run_nft(std::string{kRemoval} + rules, false))
+    throw std::runtime_error("nft refuses a rule for packets to lose");
+}
+
+void NetworkFaults::end() { (void)run_nft(kRemoval, true); }
+
+}  // namespace tactus::chaos

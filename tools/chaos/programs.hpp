@@ -1,0 +1,60 @@
+/// Finds the programs of a session on this machine, and suspends, kills and starts them.
+#pragma once
+
+#include <sys/types.h>
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace tactus::chaos {
+
+/// Who starts a program again after it was killed.
+enum class Restart : std::uint8_t {
+  kNobody,
+  kItsSupervisor,  ///< the gateway of an HRTC
+  kChaos           ///< this program, with the command, folder, environment and output of the killed one
+};
+
+struct Program {
+  pid_t pid = 0;
+  std::uint64_t started = 0;  ///< start of the process in clock ticks; with `pid`, its name
+  std::string label;          ///< such as "host museum"; unique
+  Restart restart = Restart::kNobody;
+  bool has_driver = false;  ///< an HRTC with the device of a vendor, which a person may hold
+};
+
+/// Returns the hosts, HRTCs, gateways and other programs of a session, by label. Reads /proc, so it does not list the
+/// programs of other users unless it runs as root. Omits this process. `may_start`: whether hosts and HRTCs may be killed,
+/// because this program starts them again. It starts no program of a container.
+[[nodiscard]] std::vector<Program> programs_of(const std::string& session, bool may_start);
+
+/// Memory and descriptors of a process.
+struct Resources {
+  double resident_mb = 0;
+  std::size_t descriptors = 0;
+};
+/// Returns nothing if the program has ended.
+[[nodiscard]] std::optional<Resources> resources_of(const Program& program);
+
+/// Suspends a program until `resume` or the destructor. A child process resumes it after `seconds` even if this process
+/// is killed.
+class Suspension {
+ public:
+  /// Throws std::runtime_error if the program has ended or belongs to another user.
+  Suspension(const Program& program, double seconds);
+  ~Suspension();
+  Suspension(const Suspension&) = delete;
+  Suspension& operator=(const Suspension&) = delete;
+
+ private:
+  int process_ = -1;  // descriptor of the program
+  pid_t child_ = 0;
+};
+
+/// Kills a program, and starts it again if its `restart` is kChaos. The new process is no child that ends with this one.
+/// Throws std::runtime_error.
+void kill_and_restart(const Program& program);
+
+}  // namespace tactus::chaos
