@@ -10,6 +10,7 @@
 #include "tests/support/temporary_folder.hpp"
 #include "tools/doctor/facts.hpp"
 #include "tools/doctor/findings.hpp"
+#include "tools/doctor/vulnerabilities.hpp"
 
 namespace tactus::doctor {
 namespace {
@@ -17,6 +18,7 @@ namespace {
 using testing::ElementsAre;
 using testing::HasSubstr;
 using testing::IsEmpty;
+using testing::Not;
 
 /// A machine without defects.
 Facts sound_machine() {
@@ -130,6 +132,17 @@ INSTANTIATE_TEST_SUITE_P(
         Defect{"EnvironmentVariable", [](Facts& f) { f.variables = {"ROS_DISCOVERY_SERVER"}; }, Severity::kAdvice,
                "environment", "ROS_DISCOVERY_SERVER", "--discovery-server"}),
     [](const auto& defect) { return defect.param.name; });
+
+TEST(Doctor, ListsTheVulnerabilitiesOfBothVersionsOfTheLibrary) {
+  for (const char* version : {"2.9.1", "3.1.2"}) {
+    int count = 0;
+    for (const Vulnerability& one : vulnerabilities(version)) count += one.count;
+    EXPECT_GE(count, 28) << version;
+    EXPECT_THAT(text(vulnerabilities(version), version), HasSubstr("CVE-2025-64438")) << version;
+  }
+  EXPECT_THAT(text(vulnerabilities("3.1.2"), "3.1.2"), Not(HasSubstr("CVE-2023-50257"))) << "corrected there";
+  EXPECT_THAT(vulnerabilities("9.9.9"), IsEmpty());
+}
 
 TEST(Doctor, NeedsNoMulticastWithUnicastDiscovery) {
   Facts facts = sound_machine();

@@ -42,7 +42,10 @@ Exit status: 0 the session recovered from every fault and broke no rule, 1 it di
 
 constexpr auto kPollPeriod = std::chrono::milliseconds{10};
 constexpr std::int64_t kSecond = 1'000'000'000;
-constexpr std::int64_t kCalmNs = 2 * kSecond;       // in which the session has to be complete before the first fault
+constexpr std::int64_t kCalmNs = 2 * kSecond;  // in which the session has to be complete before the first fault
+/// Part of the run after which the growth of memory is measured. Until then, programs reach parts of their memory that
+/// they have not used before.
+constexpr double kWarmUp = 0.25;
 constexpr std::int64_t kReferenceNs = 2 * kSecond;  // in which the users and participants of the reference are found
 
 struct Options {
@@ -92,7 +95,7 @@ class Observer {
   wire::Reader<session::ProbeState> states_ = reader(wire::topics::kProbeState);
 };
 
-/// A program at the begin of the run.
+/// A program after the first part of the run.
 struct Measured {
   Program program;
   Resources before;
@@ -108,12 +111,12 @@ class Run {
     const std::vector<FaultKind> kinds = possible_kinds();
     find_reference();
     Plan plan{options_.seed, kinds, options_.pause};
-    for (const Program& program : found_programs())
-      if (const auto resources = resources_of(program)) measured_.push_back({program, *resources});
     const std::int64_t begin_ns = monotonic_ns(), end_ns = begin_ns + static_cast<std::int64_t>(options_.seconds * 1e9);
     std::printf("seed %llu, %g s of faults in session %s with %s\n", static_cast<unsigned long long>(options_.seed),
                 options_.seconds, options_.address.session.c_str(), observer_.health().reference_text().c_str());
     while (monotonic_ns() < end_ns) {
+      if (measured_.empty() && static_cast<double>(monotonic_ns() - begin_ns) * 1e-9 >= kWarmUp * options_.seconds)
+        measure_programs();
       const Fault fault = plan.next(found_programs());
       observer_.receive_for(fault.pause);
       std::printf("%7.1f s  %s", static_cast<double>(monotonic_ns() - begin_ns) * 1e-9, text(fault).c_str());
@@ -172,6 +175,11 @@ class Run {
     if (found_programs().empty())
       throw std::runtime_error("no program of session " + options_.address.session +
                                " runs on this machine, or they belong to another user");
+  }
+
+  void measure_programs() {
+    for (const Program& program : found_programs())
+      if (const auto resources = resources_of(program)) measured_.push_back({program, *resources});
   }
 
   void apply(const Fault& fault) {
@@ -243,8 +251,7 @@ class Run {
                                 {"median_s", median},
                                 {"max_s", max}});
     }
-    std::printf("\n%-24s%16s%12s%14s%8s\n", "program of the whole run", "resident, MB", "growth", "descriptors",
-                "growth");
+    std::printf("\n%-24s%16s%12s%14s%8s\n", "program", "resident, MB", "growth", "descriptors", "growth");
     for (const auto& [program, before] : measured_) {
       const auto after = resources_of(program);
       if (!after) continue;

@@ -6,6 +6,7 @@
 #include <set>
 
 #include "session/messages.hpp"
+#include "tools/doctor/vulnerabilities.hpp"
 
 namespace tactus::doctor {
 namespace {
@@ -236,13 +237,14 @@ void judge_discovery(const Facts& facts, Findings& findings) {
 void judge_software(const Facts& facts, Findings& findings) {
   findings.good("versions", "tactus " TACTUS_VERSION ", protocol " + std::to_string(session::kProtocolVersion) +
                                 ", Fast DDS " + facts.library + ", kernel " + facts.kernel);
-  if (facts.library == "2.9.1") {
-    findings.advice(
-        "vulnerabilities",
-        "Fast DDS 2.9.1 of Debian 12 has published vulnerabilities that a single packet can exploit (CVE-2024-28231, "
-        "CVE-2025-64438 and about 30 more)",
-        "use it in trusted networks only; let the firewall pass UDP 7400 to 32767 from known machines only");
-  }
+  int open = 0;
+  for (const Vulnerability& one : vulnerabilities(facts.library)) open += one.count;
+  if (open > 0)
+    findings.advice("vulnerabilities",
+                    "the Debian package of Fast DDS " + facts.library + " lacks corrections of " +
+                        std::to_string(open) + " published vulnerabilities (CVE), many of which need only a packet",
+                    "tactus doctor --vulnerabilities lists them; let the firewall pass UDP 7400 to 32767 from known "
+                    "machines only");
   if (facts.stale_segments.empty()) {
     findings.good("shared memory", "no segments of ended programs in /dev/shm");
   } else {

@@ -5,7 +5,9 @@
 
 #include "realtime/process.hpp"
 #include "tools/doctor/findings.hpp"
+#include "tools/doctor/vulnerabilities.hpp"
 #include "wire/address/command_line.hpp"
+#include "wire/footprint.hpp"
 
 namespace {
 
@@ -23,7 +25,7 @@ Exit status: 0 no fault, 1 a fault, 2 wrong input, 130 interrupted.)";
 int main(int argc, char** argv) {
   using namespace tactus;
   doctor::Settings settings;
-  bool as_json = false;
+  bool as_json = false, lists_vulnerabilities = false;
   CLI::App app{"Checks whether this machine is fit for a session: network, real time, clock, ports, versions.",
                "tactus-doctor"};
   app.footer(kExamples);
@@ -38,11 +40,18 @@ int main(int argc, char** argv) {
   app.add_option("--seconds", settings.seconds, "Duration of the wake-up measurement")
       ->capture_default_str()
       ->check(CLI::Range(0.1, 3600.0));
+  app.add_flag("--vulnerabilities", lists_vulnerabilities,
+               "Only list the published vulnerabilities of the DDS library, and what limits their harm");
   app.add_flag("--json", as_json, "Print the findings as JSON");
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
     return app.exit(error) == 0 ? 0 : 2;
+  }
+  if (lists_vulnerabilities) {
+    const std::string version = wire::library_version();
+    std::cout << doctor::text(doctor::vulnerabilities(version), version);
+    return 0;
   }
   const std::atomic<bool>& cancelled = realtime::stop_signal();
   try {
