@@ -127,6 +127,17 @@ INSTANTIATE_TEST_SUITE_P(
                Severity::kFault, "discovery", "through 10.0.0.5", "fast-discovery-server"},
         Defect{"OldLibrary", [](Facts& f) { f.library = "2.9.1"; }, Severity::kAdvice, "vulnerabilities", "CVE",
                "firewall"},
+        Defect{"UnusableKeys", [](Facts& f) { f.keys_error = "desk/certificate.pem has expired"; }, Severity::kFault,
+               "keys", "has expired", "secure.md"},
+        Defect{"KeysThatExpireSoon",
+               [](Facts& f) {
+                 f.now = 1'800'000'000;
+                 f.member.emplace();
+                 f.member->name = "desk";
+                 f.member->role = keys::Role::kHrtc;
+                 f.member->valid_until = f.now + 3 * 24 * 3600;
+               },
+               Severity::kAdvice, "keys", "in 3 days", "tactus keys add-hrtc AUTHORITY desk --replace"},
         Defect{"StaleSharedMemory", [](Facts& f) { f.stale_segments = {"fastrtps_port7412"}; }, Severity::kAdvice,
                "shared memory", "fastrtps_port7412", "fastdds shm clean"},
         Defect{"EnvironmentVariable", [](Facts& f) { f.variables = {"ROS_DISCOVERY_SERVER"}; }, Severity::kAdvice,

@@ -287,6 +287,12 @@ Facts collect_facts(const Settings& settings, const std::atomic<bool>& cancelled
   utsname system{};
   if (::uname(&system) == 0) facts.kernel = system.release;
   facts.library = wire::library_version();
+  facts.now = std::time(nullptr);
+  try {
+    if (!settings.keys.empty()) facts.member = keys::read_member(settings.keys, facts.now);
+  } catch (const keys::KeyError& error) {
+    facts.keys_error = error.what();
+  }
   facts.stale_segments = stale_segments();
   try_to_match(settings, cancelled, facts);
   return facts;

@@ -3,11 +3,13 @@
 
 #include <atomic>
 #include <cstdint>
+#include <ctime>
 #include <filesystem>
 #include <optional>
 #include <string>
 #include <vector>
 
+#include "keys/member.hpp"
 #include "wire/footprint.hpp"
 #include "wire/participants.hpp"
 
@@ -41,9 +43,12 @@ struct Facts {
   std::string clock_source;  ///< empty: unknown
   double clock_read_ns = 0;  ///< cost of reading CLOCK_MONOTONIC
   int domain = 0;
-  int local_programs = 0;                   ///< other programs on this machine in the session domain
-  std::vector<int> blocked_ports;           ///< discovery ports that another program uses and does not share
-  int first_ephemeral_port = 0;             ///< first port of net.ipv4.ip_local_port_range
+  int local_programs = 0;              ///< other programs on this machine in the session domain
+  std::vector<int> blocked_ports;      ///< discovery ports that another program uses and does not share
+  int first_ephemeral_port = 0;        ///< first port of net.ipv4.ip_local_port_range
+  std::optional<keys::Member> member;  ///< of the keys
+  std::string keys_error;              ///< why the keys cannot be used; empty if they can, or if there are none
+  std::time_t now = 0;
   std::string kernel, library;              ///< versions of the kernel and of Fast DDS
   std::vector<std::string> stale_segments;  ///< Fast DDS files in /dev/shm that no visible program uses
   std::vector<std::string> variables;       ///< environment variables that are set for the DDS library
@@ -58,6 +63,7 @@ struct Facts {
 
 struct Settings {
   wire::SessionAddress address;  ///< domain, discovery, qos; collect_facts generates session and participant
+  std::filesystem::path keys;    ///< folder of a program's keys; empty: none
   int priority = 60;
   double seconds = 2;  ///< duration of the lateness measurement
 };

@@ -234,6 +234,26 @@ void judge_discovery(const Facts& facts, Findings& findings) {
   }
 }
 
+void judge_keys(const Facts& facts, Findings& findings) {
+  constexpr std::time_t kDay = 24 * 3600, kSoon = 14 * kDay;
+  if (!facts.keys_error.empty()) {
+    findings.fault("keys", facts.keys_error, "docs/how-to/secure.md explains the folder and its rights");
+    return;
+  }
+  if (!facts.member) {
+    findings.good("keys", "none given with --keys; without keys, a session is for one machine");
+    return;
+  }
+  const keys::Member& member = *facts.member;
+  const std::string found = std::string{keys::name_of(member.role)} + " '" + member.name + "' of the authority '" +
+                            member.group + "', valid until " + keys::utc_text(member.valid_until, "%Y-%m-%d");
+  if (member.valid_until - facts.now < kSoon)
+    findings.advice("keys", found + ", in " + std::to_string((member.valid_until - facts.now) / kDay) + " days",
+                    "on the machine of the authority: " + keys::replace_command(member.role, member.name));
+  else
+    findings.good("keys", found);
+}
+
 void judge_software(const Facts& facts, Findings& findings) {
   findings.good("versions", "tactus " TACTUS_VERSION ", protocol " + std::to_string(session::kProtocolVersion) +
                                 ", Fast DDS " + facts.library + ", kernel " + facts.kernel);
@@ -273,6 +293,7 @@ std::vector<Finding> judge(const Facts& facts) {
   judge_clock(facts, findings);
   judge_domain(facts, findings);
   judge_discovery(facts, findings);
+  judge_keys(facts, findings);
   judge_software(facts, findings);
   return findings.all;
 }

@@ -6,13 +6,11 @@ namespace {
 // What limits the harm.
 constexpr char kProcess[] =
     "the gateway ends or is taken over, not the servo: forces stay limited, and the HRTC starts another gateway; a "
-    "host, "
-    "client or viewer ends";
+    "host, client or viewer ends";
 constexpr char kKeys[] =
     "with keys, the transport drops such messages before the library reads them; without keys, the gateway ends or is "
     "taken over, not the servo, and a host, client or viewer ends";
-with keys, the transport drops plain messages of this kind before the library ";
-           constexpr char kMembers[] = "Tactus checks the certificates of all members every 5 s itself";
+constexpr char kMembers[] = "Tactus checks the certificates of all members every 5 s itself";
 constexpr char kOwnDocuments[] = "tactus keys writes these documents";
 constexpr char kUnused[] = "Tactus does not use it";
 
