@@ -108,6 +108,23 @@ class SessionTest(FolderTest):
         with self.assertRaisesRegex(ValueError, "hrtc: found 'other', expected 'desk'"):
             session.join("bob", "other")
 
+    def test_a_script_with_keys_sees_a_secured_session_and_one_without_sees_nobody(self):
+        def keys(*arguments):
+            subprocess.run([BIN / "tactus-keys", *arguments], cwd=self.folder, check=True, stdout=subprocess.DEVNULL)
+        keys("init", "lab")
+        for role, member, *users in (("host", "museum"), ("hrtc", "desk"), ("user", "script", "zoe")):
+            keys(f"add-{role}", "lab", member, *users)
+        members = self.folder / "lab/members"
+        self.start("host", "--config", "wall.yaml", "--name", "museum", "--keys", str(members / "museum"))
+        self.start("hrtc", "--name", "desk", "--keys", str(members / "desk"))
+        session = self.join(name="script", keys=members / "script")
+        session.wait(lambda: {"museum", "desk"} <= session.participants.keys(), 30)
+        session.join("zoe", "desk")
+        self.assertGreater(len(session.drive("zoe", np.linspace([0, 0, 0.05], [0.01, 0, 0.05], 500))), 10)
+        self.assertEqual(self.join().participants, {})
+        with self.assertRaisesRegex(tactus.WireError, "expected the folder of a member"):
+            self.join(keys=self.folder)
+
     def test_a_recording_has_the_rows_of_the_tables_of_the_recorder(self):
         session = self.join()
         self.start_wall()
