@@ -131,6 +131,7 @@ int main(int argc, char** argv) {
       return 2;
     }
     if (!tool.empty()) options.server.tool = tool_json(tool);
+    options.server.is_plain = options.address.plain;
     options.log = [](const std::string& text) { std::cerr << "tactus-view: " << text << '\n'; };
     if (!viewer::is_loopback(options.server.address)) {
       const viewer::Tokens tokens = token_file.empty() ? viewer::make_tokens() : viewer::kept_tokens(token_file);

@@ -148,6 +148,7 @@ struct PageServer::Impl {
         files{read_files(settings.folder)},
         acceptor{io} {
     files["/tool.json"] = {"application/json", settings.tool};
+    files["/session.json"] = {"application/json", settings.is_plain ? R"({"isPlain":true})" : R"({"isPlain":false})"};
     beast::error_code error;
     const asio::ip::address address = asio::ip::make_address(settings.address, error);
     if (error) throw ServerError{"address '" + settings.address + "': expected an IP address, for example 127.0.0.1"};

@@ -36,6 +36,7 @@ struct ServerSettings {
   std::string observer_token;
   /// Mesh of every probe as JSON: `positions`, x y z in m, and `faces`. null: a probe is a sphere.
   std::string tool = "null";
+  bool is_plain = false;  ///< the session is not secured although it has several machines: the pages warn
 };
 
 /// True if `address` can be reached only from this machine.

@@ -86,6 +86,8 @@ TEST_F(PageServerTest, ServesTheFilesOfThePage) {
   EXPECT_EQ(body, "<!doctype html>");
   EXPECT_EQ(http_status(server_->port(), "/view.js?v=1", {}, &body), 200u);
   EXPECT_EQ(body, "let page;");
+  EXPECT_EQ(http_status(server_->port(), "/session.json", {}, &body), 200u);
+  EXPECT_EQ(body, R"({"isPlain":false})");
   EXPECT_EQ(http_status(server_->port(), "/../page_server_test.cpp"), 404u);
   EXPECT_EQ(http_status(server_->port(), "/other"), 404u);
 }

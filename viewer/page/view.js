@@ -594,6 +594,8 @@ function start() {
     view.setTool(found);
     state.toolFaces = found?.faces.length ?? 0;
   }).catch((error) => { state.error = error.message; });
+  fetch("session.json").then((answer) => answer.json()).then(({ isPlain }) => { element("plain").hidden = !isPlain; })
+    .catch((error) => { state.error = error.message; });
   makeLayers();
   setInterval(() => {
     showUsers();
