@@ -16,8 +16,7 @@
 #include "spm/codec/region_codec.hpp"
 #include "tests/support/constants.hpp"
 #include "tests/support/random_model.hpp"
-#include "wire/convert.hpp"
-#include "wire/library.hpp"
+#include "tests/wire/encoding.hpp"
 #include "wire/tap.hpp"
 #include "wire/topics.hpp"
 
@@ -40,15 +39,6 @@ const spm::OwnedModel& subject() {
 const spm::codec::CompressedModel& compressed_subject() {
   static const spm::codec::EncodedModel encoded{subject().model()};
   return encoded.compressed();
-}
-
-Bytes encoded(const BulkChunk& chunk) {
-  IdlOf<BulkChunk>::Support support;
-  IdlOf<BulkChunk>::Type sample;
-  to_idl(chunk, sample);
-  rtps::SerializedPayload_t payload{4096};
-  if (!encode(support, sample, payload)) throw std::runtime_error("the chunk cannot be encoded");
-  return {payload.data, payload.data + payload.length};
 }
 
 /// Whether these bytes are a host's message of the region. Remembers the messages that are.
@@ -118,7 +108,7 @@ class Exchange {
   void send(const BulkChunk& chunk, Outcomes& outcomes) {
     const bool is_base = chunk.kind() == session::BulkKind::kBase;
     const char* const topic = is_base ? topics::kBase.name : topics::kRecords.name;
-    Bytes bytes = encoded(chunk);
+    Bytes bytes = test::encoded(chunk);
     if (chunks_++ == damaged_chunk_ && damages_) {
       const std::size_t bit = random_() % (bytes.size() * 8);
       bytes[bit / 8] ^= static_cast<std::uint8_t>(1u << bit % 8);

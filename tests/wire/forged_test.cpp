@@ -2,8 +2,12 @@
 /// another member as their sender.
 #include <arpa/inet.h>
 #include <gmock/gmock.h>
+#include <net/ethernet.h>
+#include <net/if.h>
+#include <netpacket/packet.h>
 #include <sys/socket.h>
 
+#include <algorithm>
 #include <string>
 #include <vector>
 
@@ -11,12 +15,15 @@
 #include "rtps_bytes.hpp"
 #include "support.hpp"
 #include "tests/support/temporary_folder.hpp"
-#include "wire/convert.hpp"
+#include "tests/wire/encoding.hpp"
 #include "wire/dds.hpp"
+#include "wire/transport/protection.hpp"
 #include "wire/transport/rtps_message.hpp"
 
 namespace tactus::wire::test {
 namespace {
+
+using testing::AnyOf;
 
 /// Sends datagrams to all ports of a domain at which a participant of this machine may receive samples.
 class Injector {
@@ -44,17 +51,51 @@ class Injector {
   int socket_ = ::socket(AF_INET, SOCK_DGRAM, 0);
 };
 
-template <class Sample>
-Bytes encoded(const Sample& sample) {
-  typename IdlOf<Sample>::Type converted;
-  to_idl(sample, converted);
-  typename IdlOf<Sample>::Support type;
-  constexpr std::uint32_t kMaxBytes = 4096;
-  rtps::SerializedPayload_t payload{kMaxBytes};
-  EXPECT_TRUE(encode(type, converted, payload));
-  Bytes bytes{payload.data, payload.data + payload.length};
+/// The payload of a submessage ends at a multiple of four bytes.
+Bytes padded(Bytes bytes) {
   bytes.resize((bytes.size() + 3) / 4 * 4);
   return bytes;
+}
+
+/// Captures all packets of the loopback interface.
+class Capture {
+ public:
+  Capture() : socket_{::socket(AF_PACKET, SOCK_DGRAM | SOCK_NONBLOCK, htons(ETH_P_IP))} {
+    sockaddr_ll loopback{};
+    loopback.sll_family = AF_PACKET;
+    loopback.sll_protocol = htons(ETH_P_IP);
+    loopback.sll_ifindex = static_cast<int>(::if_nametoindex("lo"));
+    constexpr int kBuffer = 64 << 20;
+    if (is_permitted() && (::setsockopt(socket_, SOL_SOCKET, SO_RCVBUFFORCE, &kBuffer, sizeof kBuffer) != 0 ||
+                           ::bind(socket_, reinterpret_cast<const sockaddr*>(&loopback), sizeof loopback) != 0))
+      ADD_FAILURE() << "cannot capture";
+  }
+  ~Capture() { ::close(socket_); }
+  Capture(const Capture&) = delete;
+  Capture& operator=(const Capture&) = delete;
+  [[nodiscard]] bool is_permitted() const noexcept { return socket_ >= 0; }
+
+  /// Returns the messages of RTPS to the ports of a session, since the last call.
+  [[nodiscard]] std::vector<Bytes> messages(int domain) {
+    constexpr std::size_t kUdpHeader = 8, kMaxPacket = 65536;
+    std::vector<Bytes> all;
+    Bytes packet(kMaxPacket);
+    for (ssize_t size; (size = ::recv(socket_, packet.data(), packet.size(), 0)) > 0;) {
+      const std::size_t ip_header = (packet[0] & 0xfu) * 4;
+      if (packet[9] != IPPROTO_UDP || static_cast<std::size_t>(size) < ip_header + kUdpHeader) continue;
+      const int port = packet[ip_header + 2] << 8 | packet[ip_header + 3];
+      if (port < 7400 + 250 * domain || port >= 7400 + 250 * (domain + kTrafficClasses)) continue;
+      all.emplace_back(packet.begin() + static_cast<std::ptrdiff_t>(ip_header + kUdpHeader), packet.begin() + size);
+    }
+    return all;
+  }
+
+ private:
+  int socket_;
+};
+
+bool contains(const Bytes& message, const std::string& text) {
+  return std::search(message.begin(), message.end(), text.begin(), text.end()) != message.end();
 }
 
 /// A secured session of two members, in which `desk` reads what `museum` writes.
@@ -94,12 +135,48 @@ TEST_F(ForgedTest, APlainSampleInTheNameOfAMemberIsRefused) {
   const Injector injector{desk_.address().domain + 1};
   for (std::uint32_t entity = 0; entity < 32; ++entity) {
     for (const unsigned char kind : {'\x02', '\x03'}) {  // writers with and without key
-      const Bytes sample = data({0, 0, static_cast<std::uint8_t>(entity), kind}, 1'000'000, encoded(forged));
+      const Bytes sample = data({0, 0, static_cast<std::uint8_t>(entity), kind}, 1'000'000, padded(encoded(forged)));
       injector.send(message_of({sample}, prefix_of(museum_.impl().participant(TrafficClass::kProbe).guid())));
     }
   }
   while (const auto sample = inbox.next(500ms)) EXPECT_NE(sample->text, "forged");
   EXPECT_TRUE(is_in_audit_log(R"("event":"plain message","from":"127.0.0.1")"));
+}
+
+/// Sends stops with this text from one participant to another, and returns all messages of both.
+std::vector<Bytes> captured_stops(Capture& capture, Participants& from, Participants& to, const std::string& text) {
+  Inbox<ses::EmergencyStop> inbox;
+  Reader<ses::EmergencyStop> reader{to, topics::kStop, inbox.callback()};
+  Writer<ses::EmergencyStop> writer{from, topics::kStop};
+  auto stop = full_sample<ses::EmergencyStop>(from);
+  stop.text = text;
+  EXPECT_TRUE(send_until_received(writer, inbox, stop));
+  return capture.messages(from.address().domain);
+}
+
+TEST(CaptureTest, ShowsTheSamplesOfASessionWithoutKeys) {
+  Capture capture;
+  if (!capture.is_permitted()) GTEST_SKIP() << "needs the right to capture packets (CAP_NET_RAW)";
+  const std::string session = unique_session("capture");
+  Participants museum{address(session, "museum")}, desk{address(session, "desk")};
+  const std::vector<Bytes> messages = captured_stops(capture, museum, desk, "the needle is bent");
+  EXPECT_TRUE(std::any_of(messages.begin(), messages.end(),
+                          [](const Bytes& message) { return contains(message, "the needle is bent"); }));
+}
+
+TEST_F(ForgedTest, ACaptureShowsNoSampleAndNoMessageThatMustBeEncrypted) {
+  Capture capture;
+  if (!capture.is_permitted()) GTEST_SKIP() << "needs the right to capture packets (CAP_NET_RAW)";
+  const std::vector<Bytes> messages = captured_stops(capture, museum_, desk_, "the needle is bent");
+  std::size_t admitted = 0;
+  for (const Bytes& message : messages) {
+    EXPECT_FALSE(contains(message, "the needle is bent"));
+    const Refusal refusal = refusal_of(message.data(), static_cast<std::uint32_t>(message.size()));
+    // The library also sends these two kinds, which have no content; all receivers refuse them.
+    EXPECT_THAT(refusal, AnyOf(Refusal::kNone, Refusal::kControl, Refusal::kLeave));
+    admitted += refusal == Refusal::kNone ? 1 : 0;
+  }
+  EXPECT_GT(admitted, 20u) << "of " << messages.size();
 }
 
 TEST_F(ForgedTest, AMemberCannotSendInTheNameOfAnother) {
