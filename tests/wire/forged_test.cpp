@@ -176,7 +176,7 @@ TEST_F(ForgedTest, ACaptureShowsNoSampleAndNoMessageThatMustBeEncrypted) {
     EXPECT_THAT(refusal, AnyOf(Refusal::kNone, Refusal::kControl, Refusal::kLeave));
     admitted += refusal == Refusal::kNone ? 1 : 0;
   }
-  EXPECT_GT(admitted, 20u) << "of " << messages.size();
+  EXPECT_GT(admitted, 5u) << "of " << messages.size() << ": the capture has missed the session";
 }
 
 TEST_F(ForgedTest, AMemberCannotSendInTheNameOfAnother) {
