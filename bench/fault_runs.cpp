@@ -427,7 +427,7 @@ void measure_random_faults(const FaultSettings& settings, Report& report) {
   const Population all{"faults", faults}, programs{"programs that were not started again", json.at("programs").size()};
   report.add_at_least("number of faults", all, "", static_cast<double>(faults), settings.seconds / 10);
   report.add_at_most("faults from which the session did not recover", all, "", json.at("unrecovered").get<double>(), 0);
-  report.add_at_most("broken rules", {"probe states", json.at("states").get<std::size_t>()}, "",
+  report.add_at_most("violations", {"probe states", json.at("states").get<std::size_t>()}, "",
                      static_cast<double>(json.at("violations").size()), 0);
   report.add_at_most("growth of the memory of a program, max", programs, "MB", max_growth_mb, 1);
   report.add_at_most("growth of the number of descriptors of a program, max", programs, "", more_descriptors, 0);

@@ -69,7 +69,7 @@ struct CycleFigures {
   [[nodiscard]] double late_per_million() const {
     return 1e6 * static_cast<double>(late) / static_cast<double>(intervals_ms.size());
   }
-  /// Returns the standard error of `late_per_million`, if each cycle is late by chance.
+  /// Returns the standard error of `late_per_million`, assuming independent late cycles.
   [[nodiscard]] double standard_error() const {
     return 1e6 * std::sqrt(static_cast<double>(late)) / static_cast<double>(intervals_ms.size());
   }

@@ -1,7 +1,7 @@
 /// Reports the state of a program to systemd, if systemd has started it as a service of Type=notify. Source of the
 /// protocol: sd_notify(3). Without systemd, all functions do nothing.
 ///
-/// The library of systemd is not used: it would load six others into programs whose libraries are kept few.
+/// The library of systemd is not used, because it would load six more libraries.
 #pragma once
 
 #include <cstdint>
@@ -21,8 +21,8 @@ class ServiceManager {
   void ready() const noexcept { send("READY=1"); }
   /// Reports that the service ends. Any thread.
   void stopping() const noexcept { send("STOPPING=1"); }
-  /// Reports that the service works, at most three times in the time of the watchdog. Call it in each pass of the main
-  /// loop. systemd restarts a service that has not called it for that time. One thread.
+  /// Reports that the service works, at most three times in each watchdog timeout. Call it in each pass of the main loop.
+  /// systemd restarts a service that does not report within the watchdog timeout. One thread.
   void alive(std::int64_t now_ns) noexcept;
 
  private:

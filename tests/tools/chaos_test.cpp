@@ -155,7 +155,9 @@ TEST_F(HealthTest, ReportsAStateOfAnEarlierProcess) {
   EXPECT_THAT(health_.violations(), ElementsAre(HasSubstr("earlier process")));
 }
 
-TEST(ChaosPrograms, FindsNoProgramOfAnUnknownSession) { EXPECT_THAT(programs_of("no such session", true), IsEmpty()); }
+TEST(ChaosPrograms, FindsNoProgramOfAnUnknownSession) {
+  EXPECT_THAT(programs_of("no such session", 20, true), IsEmpty());
+}
 
 TEST(ChaosPrograms, KnowsTheResourcesOfAProcessWhileItRuns) {
   Program missing;

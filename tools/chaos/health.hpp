@@ -1,5 +1,5 @@
-/// Judges the health of a session by its samples: who is missing, and whether a sample breaks a rule that holds in spite
-/// of faults.
+/// Judges the health of a session by its samples: who is missing, and whether a sample violates a rule that holds even
+/// during faults.
 ///
 /// No DDS and no clock: samples and times are arguments. One thread at a time.
 #pragma once
@@ -28,15 +28,15 @@ class Health {
   void on_sample(const session::ProbeState& state, std::int64_t now_ns);
   void tick(std::int64_t now_ns);
 
-  /// From now on, all hosts, HRTCs, clients and users of this moment have to be there.
+  /// From now on, `missing` expects all hosts, HRTCs, clients and users of this moment: the reference.
   void set_reference(std::int64_t now_ns);
-  /// Returns what the session lacks in comparison with the reference, each as a text such as "host museum". A user is
-  /// there while fresh states arrive whose forces are not off, and whose contacts are exact if they were so before.
+  /// Returns who of the reference is not present, each as a text such as "host museum". A user is present while fresh
+  /// states arrive, its forces are on, and its contacts are exact if they were exact before.
   [[nodiscard]] std::vector<std::string> missing(std::int64_t now_ns) const;
   /// Lists the participants and users of the reference; empty if there are none.
   [[nodiscard]] std::string reference_text() const;
 
-  /// Broken rules: forces above the limit, and states of an HRTC's earlier process after those of a later one.
+  /// Violations: forces above the limit, and states of an HRTC's old process after the first state of a new one.
   [[nodiscard]] const std::vector<std::string>& violations() const noexcept { return violations_; }
   /// Number of states that arrived.
   [[nodiscard]] std::uint64_t states() const noexcept { return states_; }

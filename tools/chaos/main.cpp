@@ -37,14 +37,14 @@ Examples:
 Without --restart it kills gateways only, which HRTCs start again. The faults loss and cut need root and nft, and affect
 the packets that arrive at this machine, or at the network namespace of this program. Ctrl-C ends every fault. Users feel
 the faults: do not run it while a person holds a device.
-Exit status: 0 the session recovered from every fault and broke no rule, 1 it did not, 2 wrong input or no session,
+Exit status: 0 the session recovered from every fault without a violation, 1 it did not, 2 wrong input or no session,
 130 interrupted.)";
 
 constexpr auto kPollPeriod = std::chrono::milliseconds{10};
 constexpr std::int64_t kSecond = 1'000'000'000;
 constexpr std::int64_t kCalmNs = 2 * kSecond;  // in which the session has to be complete before the first fault
-/// Part of the run after which the growth of memory is measured. Until then, programs reach parts of their memory that
-/// they have not used before.
+/// Part of the run after which the growth of memory is measured. Until then it grows because programs touch pages of
+/// their memory for the first time.
 constexpr double kWarmUp = 0.25;
 constexpr std::int64_t kReferenceNs = 2 * kSecond;  // in which the users and participants of the reference are found
 
@@ -147,7 +147,8 @@ class Run {
 
   /// Returns the programs of the session. Throws std::runtime_error if a person may hold one of their devices.
   [[nodiscard]] std::vector<Program> found_programs() const {
-    const std::vector<Program> programs = programs_of(options_.address.session, options_.restart);
+    const std::vector<Program> programs =
+        programs_of(options_.address.session, options_.address.domain, options_.restart);
     for (const Program& program : programs)
       if (program.has_driver && !options_.with_devices)
         throw std::runtime_error(program.label + " has a device that a person may hold; --with-devices permits it");
@@ -170,7 +171,7 @@ class Run {
       if (monotonic_ns() < end_ns) continue;
       throw std::runtime_error(missing.empty() ? "found nobody in session " + options_.address.session + ", domain " +
                                                      std::to_string(options_.address.domain)
-                                               : "the session is not well before any fault: " + missing.front());
+                                               : "the session is not complete before any fault: " + missing.front());
     }
     if (found_programs().empty())
       throw std::runtime_error("no program of session " + options_.address.session +
@@ -267,7 +268,7 @@ class Run {
     }
     std::printf("\n%llu probe states, largest force %.2f N\n", static_cast<unsigned long long>(health.states()),
                 health.max_force());
-    for (const std::string& violation : health.violations()) std::printf("BROKEN RULE %s\n", violation.c_str());
+    for (const std::string& violation : health.violations()) std::printf("violation: %s\n", violation.c_str());
     if (options_.json.empty()) return;
     std::ofstream file{options_.json};
     file << json.dump(1) << '\n';

@@ -1,4 +1,4 @@
-/// Lets this machine lose received packets of a session, by a rule of nftables. Needs root and the program nft.
+/// Drops received packets of a session, by a rule of nftables. Needs root and the program nft.
 #pragma once
 
 #include <string>
@@ -13,10 +13,10 @@ class NetworkFaults {
   NetworkFaults(const NetworkFaults&) = delete;
   NetworkFaults& operator=(const NetworkFaults&) = delete;
 
-  /// Returns why there can be no such fault on this machine, or an empty string.
+  /// Returns why this machine cannot drop packets, or an empty string.
   [[nodiscard]] static std::string obstacle();
-  /// Loses `percent` of the packets that arrive in the network namespace of this process, also those from the machine
-  /// itself, for `seconds`. The kernel ends the fault even if this process is killed. Throws std::runtime_error.
+  /// Drops `percent` of the packets that arrive for the session's domains in the network namespace of this process, also
+  /// those from the machine itself, for `seconds`. The kernel ends the fault even if this process is killed. Throws std::runtime_error.
   void lose(int percent, double seconds);
   /// Ends the fault.
   void end();

@@ -13,8 +13,8 @@ namespace tactus::chaos {
 enum class FaultKind : std::uint8_t {
   kSuspend,  ///< a program does not run for a time (SIGSTOP, SIGCONT)
   kKill,     ///< a program is killed (SIGKILL), and starts again
-  kLoss,     ///< the network of this machine loses a share of the session's packets
-  kCut       ///< the network of this machine loses all packets of the session
+  kLoss,     ///< this machine drops a share of the packets that arrive for the session
+  kCut       ///< this machine drops all of them
 };
 inline constexpr std::size_t kFaultKinds = 4;
 /// Name on the command line and in reports.

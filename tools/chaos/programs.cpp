@@ -27,7 +27,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr char kDefaultSession[] = "tactus";
+constexpr char kDefaultSession[] = "tactus", kDefaultDomain[] = "20";
 constexpr int kMaxEndMs = 5000;  // time in which the kernel ends a killed process
 
 fs::path folder_of(pid_t pid) { return fs::path{"/proc"} / std::to_string(pid); }
@@ -155,14 +155,15 @@ struct Command {
   }
 };
 
-std::optional<Program> program_of(pid_t pid, const std::string& session, bool may_start) {
+std::optional<Program> program_of(pid_t pid, const std::string& session, int domain, bool may_start) {
   std::error_code none;
   const std::string file = fs::read_symlink(folder_of(pid) / "exe", none).filename();
-  if (none || !file.starts_with("tactus-")) return std::nullopt;
+  static const std::set<std::string> parts_of_a_session{"tactus-host", "tactus-hrtc", "tactus-gateway",
+                                                        "tactus-sim",  "tactus-view", "tactus-ros2"};
+  if (none || !parts_of_a_session.contains(file)) return std::nullopt;
   const std::vector<std::string> arguments = split_at_zeros(read_file(folder_of(pid) / "cmdline"));
-  // A driver's process belongs to its HRTC, and a dispatcher becomes another program.
-  static const std::set<std::string> others{"tactus-device", "tactus-chaos", "tactus-mesh", "tactus-import"};
-  if (others.contains(file) || option(arguments, "--session", kDefaultSession) != session) return std::nullopt;
+  if (option(arguments, "--session", kDefaultSession) != session) return std::nullopt;
+  if (std::atoi(option(arguments, "--domain", kDefaultDomain).c_str()) != domain) return std::nullopt;
   Program program;
   program.pid = pid;
   program.started = start_of(pid);
@@ -180,12 +181,12 @@ std::optional<Program> program_of(pid_t pid, const std::string& session, bool ma
 
 }  // namespace
 
-std::vector<Program> programs_of(const std::string& session, bool may_start) {
+std::vector<Program> programs_of(const std::string& session, int domain, bool may_start) {
   std::vector<Program> programs;
   for (const auto& entry : fs::directory_iterator{"/proc"}) {
     const pid_t pid = static_cast<pid_t>(std::strtol(entry.path().filename().c_str(), nullptr, 10));
     if (pid <= 0 || pid == ::getpid()) continue;
-    if (auto program = program_of(pid, session, may_start)) programs.push_back(std::move(*program));
+    if (auto program = program_of(pid, session, domain, may_start)) programs.push_back(std::move(*program));
   }
   std::sort(programs.begin(), programs.end(), [](const Program& a, const Program& b) {
     return a.label != b.label ? a.label < b.label : a.started < b.started;

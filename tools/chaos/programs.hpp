@@ -19,16 +19,16 @@ enum class Restart : std::uint8_t {
 
 struct Program {
   pid_t pid = 0;
-  std::uint64_t started = 0;  ///< start of the process in clock ticks; with `pid`, its name
+  std::uint64_t started = 0;  ///< start of the process in clock ticks; identifies it together with `pid`
   std::string label;          ///< such as "host museum"; unique
   Restart restart = Restart::kNobody;
   bool has_driver = false;  ///< an HRTC with the device of a vendor, which a person may hold
 };
 
-/// Returns the hosts, HRTCs, gateways and other programs of a session, by label. Reads /proc, so it does not list the
-/// programs of other users unless it runs as root. Omits this process. `may_start`: whether hosts and HRTCs may be killed,
+/// Returns the hosts, HRTCs, gateways, simulations, viewers and bridges of a session, by label. Compares the options
+/// --session and --domain of all processes in /proc. Does not list the programs of other users unless it runs as root. `may_start`: whether hosts and HRTCs may be killed,
 /// because this program starts them again. It starts no program of a container.
-[[nodiscard]] std::vector<Program> programs_of(const std::string& session, bool may_start);
+[[nodiscard]] std::vector<Program> programs_of(const std::string& session, int domain, bool may_start);
 
 /// Memory and descriptors of a process.
 struct Resources {
@@ -53,7 +53,7 @@ class Suspension {
   pid_t child_ = 0;
 };
 
-/// Kills a program, and starts it again if its `restart` is kChaos. The new process is no child that ends with this one.
+/// Kills a program, and starts it again if its `restart` is kChaos. The new process outlives this one.
 /// Throws std::runtime_error.
 void kill_and_restart(const Program& program);
 

@@ -42,7 +42,7 @@ int main(int argc, char** argv) {
       ->capture_default_str()
       ->check(CLI::Range(0.1, 3600.0));
   app.add_flag("--vulnerabilities", lists_vulnerabilities,
-               "Only list the published vulnerabilities of the DDS library, and what limits their harm");
+               "Only list the published vulnerabilities of the DDS library, and their mitigations");
   app.add_flag("--json", as_json, "Print the findings as JSON");
   try {
     app.parse(argc, argv);

@@ -3,7 +3,7 @@
 namespace tactus::doctor {
 namespace {
 
-// What limits the harm.
+// Mitigations.
 constexpr char kProcess[] =
     "the gateway ends or is taken over, not the servo: forces stay limited, and the HRTC starts another gateway; a "
     "host, client or viewer ends";
@@ -22,26 +22,27 @@ struct Entry {
 };
 constexpr Entry kAll[] = {
     {kDebian12,
-     {"CVE-2023-50257", 1, "state that a participant has left", "a packet",
+     {"CVE-2023-50257", 1, "state that a participant has left", "one packet",
       "with keys, the transport drops such messages; without keys, other machines are not admitted"}},
-    {kDebian12, {"CVE-2024-28231", 1, "heap overflow by DATA", "a packet", kKeys}},
-    {kDebian12, {"CVE-2024-30258, 30259", 2, "crash or overflow by malformed RTPS", "a packet", kKeys}},
+    {kDebian12, {"CVE-2024-28231", 1, "heap overflow in the handling of samples", "one packet", kKeys}},
+    {kDebian12, {"CVE-2024-30258, 30259", 2, "crash or overflow by malformed RTPS", "one packet", kKeys}},
     {kDebian12, {"CVE-2025-24807", 1, "permissions of an expired authority", "keys", kMembers}},
     {kBoth,
-     {"CVE-2025-62599 to 62603, 64098", 6, "overflow or lack of memory by security tokens", "a packet; keys in use",
-      kProcess}},
-    {kBoth, {"CVE-2025-62799, 65865, 2026-22590", 3, "overflow by DATA_FRAG", "a packet", kKeys}},
-    {kBoth, {"CVE-2025-64438", 1, "endless loop and memory by GAP", "a packet", kKeys}},
-    {kBoth, {"CVE-2025-65016", 1, "wrong order of notifications", "a packet", kKeys}},
-    {kBoth, {"CVE-2025-63829", 1, "endless loop by times in QoS", "a packet", kProcess}},
+     {"CVE-2025-62599 to 62603, 64098", 6, "overflow or lack of memory by security tokens",
+      "one packet, if the session uses keys", kProcess}},
+    {kBoth,
+     {"CVE-2025-62799, 65865, 2026-22590", 3, "buffer overflow in the handling of fragments", "one packet", kKeys}},
+    {kBoth, {"CVE-2025-64438", 1, "endless loop and lack of memory", "one packet", kKeys}},
+    {kBoth, {"CVE-2025-65016", 1, "wrong order of notifications", "one packet", kKeys}},
+    {kBoth, {"CVE-2025-63829", 1, "endless loop by times in QoS", "one packet", kProcess}},
     {kBoth, {"CVE-2025-67108", 1, "stay in the session after the certificate has expired", "a certificate", kMembers}},
-    {kBoth, {"CVE-2026-22591", 1, "large filter expression", "a packet", kProcess}},
-    {kBoth, {"CVE-2026-45092", 1, "memory by many participants", "many packets; keys in use", kProcess}},
-    {kBoth, {"CVE-2026-45093, 53588", 2, "framing of TCP", "TCP", kUnused}},
+    {kBoth, {"CVE-2026-22591", 1, "large filter expression", "one packet", kProcess}},
+    {kBoth, {"CVE-2026-45092", 1, "lack of memory", "many packets, if the session uses keys", kProcess}},
+    {kBoth, {"CVE-2026-45093, 53588", 2, "wrong framing of TCP", "TCP", kUnused}},
     {kBoth, {"CVE-2026-45094 to 45096", 3, "crash by governance or permissions", "a local file", kOwnDocuments}},
     {kDebian13, {"CVE-2026-45097", 1, "bounds in dynamic data", "dynamic types", kUnused}},
     {kBoth,
-     {"CVE-2026-45098, 49861 to 49863, 53589, 53590, 55063", 7, "further missing bounds in the decoder", "a packet",
+     {"CVE-2026-45098, 49861 to 49863, 53589, 53590, 55063", 7, "further missing bounds in the decoder", "one packet",
       kProcess}}};
 
 }  // namespace
@@ -55,12 +56,16 @@ std::vector<Vulnerability> vulnerabilities(const std::string& version) {
 }
 
 std::string text(const std::vector<Vulnerability>& open, const std::string& version) {
-  if (open.empty()) return "no list for Fast DDS " + version + "; lists are there for 2.9 and 3.1\n";
+  if (open.empty()) return "no list for Fast DDS " + version + "; expected 2.9 or 3.1\n";
   std::string all =
       "Published vulnerabilities without a correction in the Debian package of Fast DDS " + version + ":\n";
   for (const Vulnerability& one : open) {
-    all.append("\n").append(one.ids).append("\n  harm:  ").append(one.harm);
-    all.append("\n  needs: ").append(one.needs).append("\n  limit: ").append(one.limit).append("\n");
+    all.append("\n").append(one.ids).append("\n  impact:       ").append(one.impact);
+    all.append("\n  precondition: ")
+        .append(one.precondition)
+        .append("\n  mitigation:   ")
+        .append(one.mitigation)
+        .append("\n");
   }
   return all;
 }

@@ -1,4 +1,4 @@
-/// Lists the published vulnerabilities of the DDS library, and what limits the harm of each.
+/// Lists the published vulnerabilities of the DDS library, and the mitigation of each.
 #pragma once
 
 #include <string>
@@ -7,11 +7,11 @@
 namespace tactus::doctor {
 
 struct Vulnerability {
-  const char* ids;    ///< one CVE, or several alike
-  int count;          ///< of CVEs
-  const char* harm;   ///< what an attacker can do
-  const char* needs;  ///< what the attacker needs
-  const char* limit;  ///< what limits the harm in a session of Tactus
+  const char* ids;           ///< one CVE, or several alike
+  int count;                 ///< of CVEs
+  const char* impact;        ///< what an attacker can do
+  const char* precondition;  ///< what the attacker needs
+  const char* mitigation;    ///< what limits the impact in a session of Tactus
 };
 
 /// Returns those without a correction in the Debian package of this version of Fast DDS; none for an unknown version.
