@@ -23,7 +23,7 @@ namespace {
 using namespace std::chrono_literals;
 using Arguments = std::vector<std::string>;
 
-/// A row of another benchmark, and the bound that a fault puts on it.
+/// A row of another benchmark, and its bound there, or a bound for a row without one.
 struct BoundedRow {
   const char* figure;  ///< the exact name
   double at_most;
@@ -60,7 +60,7 @@ const std::vector<Fault>& faults() {
        {Benchmark{"takeover",
                   {},
                   {"--quick"},
-                  {{"time from SIGKILL to the first demand to the other host, p99", 250},
+                  {{"time from SIGKILL to the first demand to the other host, p99", 50},
                    {"mean overruns in a window with a kill minus those in a window without", 0},
                    {"max force step", 0.4},  // 5 % of the largest force in 1 ms
                    {"records received again by an HRTC that holds all, from the restarted only host", 0}}}}},
@@ -83,23 +83,23 @@ const std::vector<Fault>& faults() {
        {Benchmark{"loss",
                   {},
                   {"--quick"},
-                  {{"loss 1 %: age of information p99", 4},
-                   {"loss 5 %: age of information p99", 5},
-                   {"loss 10 %: age of information p99", 6},
-                   {"loss 30 %: age of information p99", 10}}}}},
+                  {{"loss 1 %: age of information p99", 1.5},
+                   {"loss 5 %: age of information p99", 2.5},
+                   {"loss 10 %: age of information p99", 3},
+                   {"loss 30 %: age of information p99", 5}}}}},
       {"R8",
        "1 to 30 % of the packets with regions are lost",
        {Benchmark{"loss",
                   {},
                   {"--quick"},
-                  {{"loss 1 %: delivery of 50 kB of records, p99", 60},
-                   {"loss 5 %: delivery of 50 kB of records, p99", 100},
-                   {"loss 10 %: delivery of 50 kB of records, p99", 150},
-                   {"loss 30 %: delivery of 50 kB of records, p99", 400},
+                  {{"loss 1 %: delivery of 50 kB of records, p99", 30},
+                   {"loss 5 %: delivery of 50 kB of records, p99", 60},
+                   {"loss 10 %: delivery of 50 kB of records, p99", 80},
+                   {"loss 30 %: delivery of 50 kB of records, p99", 200},
                    {"loss 10 %: bytes sent for each byte delivered", 1.5},
                    {"loss 30 %: bytes sent for each byte delivered", 2.5}}}}},
       {"R9", "a link of 2 Mbit/s", {measure_narrow_link}},
-      {"R9b", "5 % loss and then 1 %", {measure_loss_of_fragments}},
+      {"R9b", "loss of 5 % and of 1 %, without a long silence", {measure_loss_of_fragments}},
       {"R10",
        "packets are reordered and arrive twice",
        {Benchmark{"simulate", {"--schedules", "10000"}, {"--quick"}, {{"schedules with a broken condition", 0}}}}},
@@ -147,7 +147,7 @@ const std::vector<Fault>& faults() {
        {Benchmark{"memory",
                   {},
                   {"--quick"},
-                  {{"resident memory minus idle HRTC and --memory", 32},
+                  {{"resident memory minus idle HRTC and --memory", 8},
                    {"exit status of the HRTC", 0},
                    {"distance error above the error bound", 0}}}}},
       {"R22",
@@ -181,7 +181,15 @@ class Runner {
 
   void add_rows(const Fault& fault, Report& report) {
     report.set_prefix(std::string{fault.name} + ", " + fault.text + ": ");
-    for (const Source& source : fault.sources) std::visit([&](const auto& how) { measure(how, report); }, source);
+    for (const Source& source : fault.sources) {
+      try {
+        std::visit([&](const auto& how) { measure(how, report); }, source);
+      } catch (const std::exception& error) {  // the other faults are measured nevertheless
+        if (realtime::stop_signal()) throw;
+        report.add_at_most("the measurement failed", {"run", 1}, "", kUnfinished, 0);
+        report.add_note(std::string{fault.name} + ": " + error.what());
+      }
+    }
   }
 
  private:

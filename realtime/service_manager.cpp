@@ -16,7 +16,7 @@ ServiceManager::ServiceManager() {
   address_ = address;
   if (address_.size() >= sizeof sockaddr_un::sun_path) return;
   if (address_[0] == '@') address_[0] = '\0';
-  socket_ = ::socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
+  socket_ = ::socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0);
   constexpr std::int64_t kReports = 3;  // in the time of the watchdog
   if (const char* const us = std::getenv("WATCHDOG_USEC")) interval_ns_ = std::atoll(us) * 1000 / kReports;
 }
@@ -28,16 +28,17 @@ ServiceManager::~ServiceManager() {
 void ServiceManager::alive(std::int64_t now_ns) noexcept {
   if (interval_ns_ <= 0 || now_ns - reported_ns_ < interval_ns_) return;
   reported_ns_ = now_ns;
-  send("WATCHDOG=1");
+  send("WATCHDOG=1", MSG_DONTWAIT);
 }
 
-void ServiceManager::send(const char* state) const noexcept {
+void ServiceManager::send(const char* state, int flags) const noexcept {
   if (socket_ < 0) return;
   sockaddr_un to{};
   to.sun_family = AF_UNIX;
   std::memcpy(to.sun_path, address_.data(), address_.size());
   const auto size = static_cast<socklen_t>(offsetof(sockaddr_un, sun_path) + address_.size());
-  (void)::sendto(socket_, state, std::strlen(state), MSG_NOSIGNAL, reinterpret_cast<const sockaddr*>(&to), size);
+  (void)::sendto(socket_, state, std::strlen(state), MSG_NOSIGNAL | flags, reinterpret_cast<const sockaddr*>(&to),
+                 size);
 }
 
 }  // namespace tactus::realtime

@@ -17,16 +17,16 @@ class ServiceManager {
   ServiceManager(const ServiceManager&) = delete;
   ServiceManager& operator=(const ServiceManager&) = delete;
 
-  /// Reports that the service has started. Any thread.
+  /// Reports that the service has started. Waits while the queue of systemd is full. Any thread.
   void ready() const noexcept { send("READY=1"); }
-  /// Reports that the service ends. Any thread.
+  /// Reports that the service ends. Waits as `ready`. Any thread.
   void stopping() const noexcept { send("STOPPING=1"); }
   /// Reports that the service works, at most three times in each watchdog timeout. Call it in each pass of the main loop.
   /// systemd restarts a service that does not report within the watchdog timeout. One thread.
   void alive(std::int64_t now_ns) noexcept;
 
  private:
-  void send(const char* state) const noexcept;
+  void send(const char* state, int flags = 0) const noexcept;
 
   int socket_ = -1;
   std::string address_;           // path; a first zero marks an abstract one

@@ -74,18 +74,21 @@ TEST(ServiceManager, WithoutAWatchdogReportsNoWork) {
 }
 
 TEST(ServiceManager, WithoutSystemdDoesNothing) {
+  ManagerSocket socket;
   ::unsetenv("NOTIFY_SOCKET");
   ServiceManager manager;
   manager.ready();
   manager.alive(10 * kSecond);
   manager.stopping();
+  EXPECT_EQ(socket.next(), "");
 }
 
 TEST(ServiceManager, IgnoresAnAddressThatIsTooLong) {
-  ::setenv("NOTIFY_SOCKET", ("/" + std::string(200, 'x')).c_str(), 1);
+  ManagerSocket socket;
+  ::setenv("NOTIFY_SOCKET", (std::getenv("NOTIFY_SOCKET") + std::string(200, 'x')).c_str(), 1);
   const ServiceManager manager;
   manager.ready();
-  ::unsetenv("NOTIFY_SOCKET");
+  EXPECT_EQ(socket.next(), "");
 }
 
 }  // namespace

@@ -1,10 +1,19 @@
+#include <fcntl.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <signal.h>
+#include <unistd.h>
 
+#include <chrono>
+#include <filesystem>
+#include <fstream>
+#include <optional>
 #include <set>
+#include <thread>
 
 #include "tests/support/constants.hpp"
+#include "tests/support/process.hpp"
+#include "tests/support/temporary_folder.hpp"
 #include "tools/chaos/health.hpp"
 #include "tools/chaos/plan.hpp"
 #include "tools/chaos/programs.hpp"
@@ -155,16 +164,102 @@ TEST_F(HealthTest, ReportsAStateOfAnEarlierProcess) {
   EXPECT_THAT(health_.violations(), ElementsAre(HasSubstr("earlier process")));
 }
 
-TEST(ChaosPrograms, FindsNoProgramOfAnUnknownSession) {
-  EXPECT_THAT(programs_of("no such session", 20, true), IsEmpty());
+/// A process whose program has the name of a host. It ends when this object is destroyed.
+class FakeHost {
+ public:
+  FakeHost() {
+    std::filesystem::copy_file("/bin/bash", folder_.path() / "tactus-host");
+    // The shell ignores the arguments after the command.
+    process_.emplace(std::vector<std::string>{folder_.path() / "tactus-host", "-c",
+                                              "echo runs; while :; do sleep 0.05; done", "--session", session_,
+                                              "--domain=40", "--name", "museum"});
+  }
+  ~FakeHost() {
+    for (const Program& program : found()) ::kill(program.pid, SIGKILL);
+  }
+  FakeHost(const FakeHost&) = delete;
+  FakeHost& operator=(const FakeHost&) = delete;
+
+  [[nodiscard]] std::vector<Program> found(int domain = 40, bool may_start = true) const {
+    return programs_of(session_, domain, may_start);
+  }
+  /// Waits until exactly one such program runs that is not `former`.
+  [[nodiscard]] std::optional<Program> wait_for_another_than(pid_t former) const {
+    for (int i = 0; i < 500; ++i) {
+      const std::vector<Program> programs = found();
+      if (programs.size() == 1 && programs[0].pid != former) return programs[0];
+      std::this_thread::sleep_for(std::chrono::milliseconds{10});  // until /proc shows the other process
+    }
+    return std::nullopt;
+  }
+  [[nodiscard]] e2e::Process& process() { return *process_; }
+
+ private:
+  std::string session_ = "chaos." + std::to_string(::getpid());
+  test_support::TemporaryFolder folder_;
+  std::optional<e2e::Process> process_;
+};
+
+/// The letter that /proc shows: T is a suspended process.
+char state_of(pid_t pid) {
+  std::ifstream file{"/proc/" + std::to_string(pid) + "/stat"};
+  std::string stat;
+  std::getline(file, stat);
+  return stat.at(stat.rfind(')') + 2);
+}
+bool gets_state(pid_t pid, bool is_suspended) {
+  for (int i = 0; i < 500; ++i) {
+    if ((state_of(pid) == 'T') == is_suspended) return true;
+    std::this_thread::sleep_for(std::chrono::milliseconds{10});
+  }
+  return false;
 }
 
-TEST(ChaosPrograms, KnowsTheResourcesOfAProcessWhileItRuns) {
-  Program missing;
-  missing.pid = 1;
-  missing.started = 1;  // before any process
-  EXPECT_FALSE(resources_of(missing).has_value());
-  EXPECT_THROW(Suspension(missing, 1), std::runtime_error);
+TEST(ChaosPrograms, AreFoundBySessionAndDomain) {
+  FakeHost host;
+  ASSERT_TRUE(host.process().wait_for_line("runs"));
+  const std::vector<Program> found = host.found();
+  ASSERT_EQ(found.size(), 1u);
+  EXPECT_EQ(found[0].label, "host museum");
+  EXPECT_EQ(found[0].restart, Restart::kChaos);
+  EXPECT_EQ(host.found(40, false).at(0).restart, Restart::kNobody);
+  EXPECT_THAT(host.found(41), IsEmpty()) << "another domain";
+  EXPECT_THAT(programs_of("no such session", 40, true), IsEmpty());
+  const auto resources = resources_of(found[0]);
+  ASSERT_TRUE(resources);
+  EXPECT_GT(resources->resident_mb, 0.5);
+  EXPECT_GE(resources->descriptors, 3u);
+}
+
+TEST(ChaosPrograms, AreSuspendedForATime) {
+  FakeHost host;
+  ASSERT_TRUE(host.process().wait_for_line("runs"));
+  const Program program = host.found().at(0);
+  {
+    const Suspension suspension{program, 60};
+    EXPECT_TRUE(gets_state(program.pid, true));
+  }
+  EXPECT_TRUE(gets_state(program.pid, false));
+  const Suspension suspension{program, 0.2};
+  EXPECT_TRUE(gets_state(program.pid, true));
+  EXPECT_TRUE(gets_state(program.pid, false)) << "the child process has to resume it";
+}
+
+TEST(ChaosPrograms, StartAgainWithTheirCommandAndOutputAndWithoutDescriptorsOfThisProcess) {
+  FakeHost host;
+  ASSERT_TRUE(host.process().wait_for_line("runs"));
+  const Program before = host.found().at(0);
+  const int inherited = ::open("/dev/null", O_RDONLY);  // as a socket of the DDS library, without O_CLOEXEC
+  kill_and_restart(before);
+  ::close(inherited);
+  const std::optional<Program> after = host.wait_for_another_than(before.pid);
+  ASSERT_TRUE(after);
+  EXPECT_EQ(after->label, "host museum");
+  for (const auto& entry : std::filesystem::directory_iterator{"/proc/" + std::to_string(after->pid) + "/fd"})
+    EXPECT_NE(entry.path().filename(), std::to_string(inherited));
+  EXPECT_FALSE(resources_of(before)) << "the killed process";
+  EXPECT_THROW(Suspension(before, 1), ProgramEnded);
+  EXPECT_THROW(kill_and_restart(before), ProgramEnded);
 }
 
 }  // namespace

@@ -6,8 +6,9 @@
 namespace tactus::chaos {
 namespace {
 
-constexpr std::size_t kMaxViolations = 100;  // stored
-constexpr double kRounding = 1 + 1e-6;       // of a force that is equal to the limit
+constexpr std::size_t kMaxViolations = 100;        // stored
+constexpr std::int64_t kRecentNs = 2'000'000'000;  // age of an exact contact of the reference
+constexpr double kRounding = 1 + 1e-6;             // of a force that is equal to the limit
 
 }  // namespace
 
@@ -49,7 +50,7 @@ void Health::on_sample(const session::ProbeState& state, std::int64_t now_ns) {
   user.newest = state;
   user.received_ns = now_ns;
   constexpr std::uint32_t kExactContact = session::kInContact | session::kExact;
-  user.was_exact = user.was_exact || (state.status & kExactContact) == kExactContact;
+  if ((state.status & kExactContact) == kExactContact) user.exact_ns = now_ns;
 }
 
 void Health::tick(std::int64_t now_ns) { (void)roster_.tick(now_ns); }
@@ -60,10 +61,9 @@ void Health::set_reference(std::int64_t now_ns) {
   roster_.for_each([&](const session::RosterEntry& entry) {
     if (entry.role != session::Role::kViewer) participants_[entry.origin.participant] = text(entry);
   });
-  for (auto& [id, user] : states_of_) {
-    if (now_ns - user.received_ns <= settings_.max_silence_ns) users_[id] = user.was_exact;
-    user.was_exact = false;
-  }
+  for (const auto& [id, user] : states_of_)
+    if (now_ns - user.received_ns <= settings_.max_silence_ns)
+      users_[id] = user.exact_ns != 0 && now_ns - user.exact_ns <= kRecentNs;
 }
 
 /// Returns why the user cannot touch as before, or null.

@@ -35,6 +35,8 @@ class Health {
   [[nodiscard]] std::vector<std::string> missing(std::int64_t now_ns) const;
   /// Lists the participants and users of the reference; empty if there are none.
   [[nodiscard]] std::string reference_text() const;
+  /// Whether the reference has users.
+  [[nodiscard]] bool has_users() const noexcept { return !users_.empty(); }
 
   /// Violations: forces above the limit, and states of an HRTC's old process after the first state of a new one.
   [[nodiscard]] const std::vector<std::string>& violations() const noexcept { return violations_; }
@@ -46,7 +48,7 @@ class Health {
   struct User {
     session::ProbeState newest;
     std::int64_t received_ns = 0;
-    bool was_exact = false;  // since the last call of set_reference
+    std::int64_t exact_ns = 0;  // arrival of the newest exact contact; 0: none
   };
   void report(std::uint64_t user, const char* violation);
   [[nodiscard]] std::string name_of(std::uint64_t user) const;

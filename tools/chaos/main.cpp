@@ -4,6 +4,7 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <array>
+#include <csignal>
 #include <cstdio>
 #include <fstream>
 #include <iostream>
@@ -42,7 +43,8 @@ Exit status: 0 the session recovered from every fault without a violation, 1 it 
 
 constexpr auto kPollPeriod = std::chrono::milliseconds{10};
 constexpr std::int64_t kSecond = 1'000'000'000;
-constexpr std::int64_t kCalmNs = 2 * kSecond;  // in which the session has to be complete before the first fault
+constexpr std::int64_t kSearchNs = 20 * kSecond;  // for a session that is complete
+constexpr std::int64_t kCalmNs = 2 * kSecond;     // in which the session has to be complete before the first fault
 /// Part of the run after which the growth of memory is measured. Until then it grows because programs touch pages of
 /// their memory for the first time.
 constexpr double kWarmUp = 0.25;
@@ -155,11 +157,12 @@ class Run {
     return programs;
   }
 
-  /// Waits until the session has users, and remembers who takes part.
+  /// Waits until the session is complete, and remembers who takes part.
   void find_reference() {
     Health& health = observer_.health();
     observer_.receive_for(static_cast<double>(kReferenceNs) * 1e-9);
-    const std::int64_t end_ns = monotonic_ns() + static_cast<std::int64_t>(options_.patience * 1e9);
+    const std::int64_t end_ns =
+        monotonic_ns() + std::max(kSearchNs, static_cast<std::int64_t>(options_.patience * 1e9));
     for (std::int64_t calm_since_ns = 0; calm_since_ns == 0 || monotonic_ns() - calm_since_ns < kCalmNs;) {
       if (calm_since_ns == 0) health.set_reference(monotonic_ns());
       observer_.receive();
@@ -169,13 +172,16 @@ class Run {
       else if (calm_since_ns == 0)
         calm_since_ns = monotonic_ns();
       if (monotonic_ns() < end_ns) continue;
-      throw std::runtime_error(missing.empty() ? "found nobody in session " + options_.address.session + ", domain " +
-                                                     std::to_string(options_.address.domain)
-                                               : "the session is not complete before any fault: " + missing.front());
+      if (health.reference_text().empty())
+        throw std::runtime_error("found nobody in session " + options_.address.session + ", domain " +
+                                 std::to_string(options_.address.domain));
+      throw std::runtime_error("the session was not complete for 2 s before any fault" +
+                               (missing.empty() ? std::string{} : "; missing: " + missing.front()));
     }
     if (found_programs().empty())
       throw std::runtime_error("no program of session " + options_.address.session +
                                " runs on this machine, or they belong to another user");
+    if (!health.has_users()) std::printf("there is no user, so forces and contacts are not checked\n");
   }
 
   void measure_programs() {
@@ -184,33 +190,39 @@ class Run {
   }
 
   void apply(const Fault& fault) {
+    std::int64_t end_ns = monotonic_ns() + static_cast<std::int64_t>(fault.seconds * 1e9);
     if (fault.program.empty()) {
       network_.lose(fault.kind == FaultKind::kCut ? 100 : fault.percent, fault.seconds);
+      end_ns = monotonic_ns() + static_cast<std::int64_t>(fault.seconds * 1e9);  // then the kernel ends the fault
       observer_.receive_for(fault.seconds);
       network_.end();
-    } else {
-      const std::vector<Program> programs = found_programs();
-      const auto affected = std::find_if(programs.begin(), programs.end(), [&](const Program& program) {
-        return program.label == fault.program && applies(fault.kind, program);
-      });
-      if (affected == programs.end()) {
-        std::printf(": it has ended\n");
-        return;
-      }
+      return wait_for_recovery(fault, end_ns);
+    }
+    const std::vector<Program> programs = found_programs();
+    const auto affected = std::find_if(programs.begin(), programs.end(), [&](const Program& program) {
+      return program.label == fault.program && applies(fault.kind, program);
+    });
+    try {
+      if (affected == programs.end()) throw ProgramEnded{"it has ended"};
       if (fault.kind == FaultKind::kSuspend) {
         const Suspension suspension{*affected, fault.seconds};
         observer_.receive_for(fault.seconds);
+        end_ns = monotonic_ns();
       } else {
         kill_and_restart(*affected);
+        end_ns = monotonic_ns();
       }
+    } catch (const ProgramEnded& ended) {
+      std::printf(": %s\n", ended.what());
+      return;
     }
-    wait_for_recovery(fault);
+    wait_for_recovery(fault, end_ns);
   }
 
-  void wait_for_recovery(const Fault& fault) {
+  void wait_for_recovery(const Fault& fault, std::int64_t end_ns) {
     // The observer may not have noticed a fault that has just begun: a silent participant is late after 0.25 s.
     constexpr double kNoticeSeconds = 0.4;
-    const std::int64_t end_ns = monotonic_ns(), limit_ns = end_ns + static_cast<std::int64_t>(options_.patience * 1e9);
+    const std::int64_t limit_ns = end_ns + static_cast<std::int64_t>(options_.patience * 1e9);
     std::int64_t back_ns = end_ns;
     std::vector<std::string> missing;
     do {
@@ -243,14 +255,21 @@ class Run {
                         {"programs", nlohmann::json::array()}};
     std::printf("\n%-10s%8s%14s%14s%14s\n", "fault", "times", "recovered", "median, s", "max, s");
     for (const auto& [kind, recovery] : recoveries_) {
-      const bool any = recovery.seconds.size() > 0;
-      const double median = any ? recovery.seconds.percentile(0.5) : 0, max = any ? recovery.seconds.max() : 0;
-      std::printf("%-10s%8zu%14zu%14.2f%14.2f\n", name(kind), recovery.faults, recovery.seconds.size(), median, max);
-      json["faults"].push_back({{"kind", name(kind)},
-                                {"times", recovery.faults},
-                                {"recovered", recovery.seconds.size()},
-                                {"median_s", median},
-                                {"max_s", max}});
+      nlohmann::json result{{"kind", name(kind)},  // without a maximum if the session did not recover from one of them
+                            {"times", recovery.faults},
+                            {"recovered", recovery.seconds.size()},
+                            {"median_s", nullptr},
+                            {"max_s", nullptr}};
+      std::printf("%-10s%8zu%14zu", name(kind), recovery.faults, recovery.seconds.size());
+      if (recovery.seconds.size() == recovery.faults) {
+        const double median = recovery.seconds.percentile(0.5), max = recovery.seconds.max();
+        result["median_s"] = median;
+        result["max_s"] = max;
+        std::printf("%14.2f%14.2f\n", median, max);
+      } else {
+        std::printf("%14s%14s\n", "-", "-");
+      }
+      json["faults"].push_back(std::move(result));
     }
     std::printf("\n%-24s%16s%12s%14s%8s\n", "program", "resident, MB", "growth", "descriptors", "growth");
     for (const auto& [program, before] : measured_) {
@@ -269,6 +288,9 @@ class Run {
     std::printf("\n%llu probe states, largest force %.2f N\n", static_cast<unsigned long long>(health.states()),
                 health.max_force());
     for (const std::string& violation : health.violations()) std::printf("violation: %s\n", violation.c_str());
+    if (observer_.dropped() > 0)
+      std::printf("this machine is too slow: %llu samples were not read, so results may be too bad\n",
+                  static_cast<unsigned long long>(observer_.dropped()));
     if (options_.json.empty()) return;
     std::ofstream file{options_.json};
     file << json.dump(1) << '\n';
@@ -326,12 +348,14 @@ int main(int argc, char** argv) {
     return app.exit(error) == 0 ? 0 : 2;
   }
   (void)realtime::stop_signal();
+  std::signal(SIGPIPE, SIG_IGN);  // Ctrl-C also ends nft
   try {
     return Run{options}.run();
   } catch (const Interrupted&) {
     std::printf("\ninterrupted: every fault has ended\n");
     return 130;
   } catch (const std::exception& error) {
+    if (realtime::stop_signal()) return 130;  // it has interrupted a step
     std::cerr << "tactus-chaos: " << error.what() << '\n';
     return 2;
   }

@@ -4,7 +4,9 @@
 #include <sys/types.h>
 
 #include <cstdint>
+#include <memory>
 #include <optional>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -13,7 +15,7 @@ namespace tactus::chaos {
 /// Who starts a program again after it was killed.
 enum class Restart : std::uint8_t {
   kNobody,
-  kItsSupervisor,  ///< the gateway of an HRTC
+  kItsSupervisor,  ///< of a gateway: its HRTC; of a service: systemd
   kChaos           ///< this program, with the command, folder, environment and output of the killed one
 };
 
@@ -27,7 +29,7 @@ struct Program {
 
 /// Returns the hosts, HRTCs, gateways, simulations, viewers and bridges of a session, by label. Compares the options
 /// --session and --domain of all processes in /proc. Does not list the programs of other users unless it runs as root. `may_start`: whether hosts and HRTCs may be killed,
-/// because this program starts them again. It starts no program of a container.
+/// because this program starts them again. It starts no program of a container or of another user.
 [[nodiscard]] std::vector<Program> programs_of(const std::string& session, int domain, bool may_start);
 
 /// Memory and descriptors of a process.
@@ -38,23 +40,32 @@ struct Resources {
 /// Returns nothing if the program has ended.
 [[nodiscard]] std::optional<Resources> resources_of(const Program& program);
 
+/// Thrown if a program ended before its fault.
+class ProgramEnded : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+
 /// Suspends a program until `resume` or the destructor. A child process resumes it after `seconds` even if this process
 /// is killed.
 class Suspension {
  public:
-  /// Throws std::runtime_error if the program has ended or belongs to another user.
+  /// Throws ProgramEnded, and std::runtime_error if the program belongs to another user.
   Suspension(const Program& program, double seconds);
   ~Suspension();
   Suspension(const Suspension&) = delete;
   Suspension& operator=(const Suspension&) = delete;
 
  private:
-  int process_ = -1;  // descriptor of the program
-  pid_t child_ = 0;
+  class Process;
+  void end_child() const noexcept;
+
+  std::unique_ptr<Process> process_;
+  pid_t child_;
 };
 
 /// Kills a program, and starts it again if its `restart` is kChaos. The new process outlives this one.
-/// Throws std::runtime_error.
+/// Throws ProgramEnded, and std::runtime_error if the program cannot be killed or started.
 void kill_and_restart(const Program& program);
 
 }  // namespace tactus::chaos
