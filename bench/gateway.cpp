@@ -13,7 +13,7 @@
 #include "bench/latency_bench.hpp"
 #include "bench/live_session.hpp"
 #include "bench/memory_group.hpp"
-#include "bench/resting_touch.hpp"
+#include "bench/touched_session.hpp"
 
 namespace tactus::bench {
 namespace {
@@ -37,17 +37,13 @@ constexpr Kind kKinds[] = {{"SIGKILL", SIGKILL},
                            {"lack of memory", kNoMemory}};
 
 /// A host, and an HRTC whose two users rest on one point.
-class TouchedSession {
+class TwoUsers {
  public:
-  TouchedSession() {
-    run_program("mesh", {"generate", "organ", path("organ.ply"), "--faces", "50000", "--seed", "7"});
-    run_program("mesh", {"build", path("organ.ply"), path("organ.spm")});
-    write_resting_touch(path("organ.spm"), path("touch.csv"));
-    host_ = session_.start(Side::kA, "host", {"--name", "museum", path("organ.spm")});
-    hrtc_ = session_.start(
-        Side::kB, "hrtc",
-        {"--name", "desk", "--users", "2", "--replay", "ann=" + path("touch.csv"), "--replay",
-         "bob=" + path("touch.csv"), "--no-coding", "--flight-recorder", "3600", "--flight-file", path("flight.mcap")});
+  TwoUsers() {
+    touched_.start_host(Side::kA);
+    hrtc_ = touched_.start_hrtc(
+        Side::kB, "desk", {"ann", "bob"},
+        {"--users", "2", "--no-coding", "--flight-recorder", "3600", "--flight-file", touched_.path("flight.mcap")});
     wait_for_touch(0);
     memory_.add(hrtc_->pid());
     memory_.add(gateway());
@@ -75,7 +71,7 @@ class TouchedSession {
   std::string recording() {
     hrtc_->signal(SIGTERM);
     if (hrtc_->wait(60s) != 0) throw std::runtime_error{"the HRTC failed:\n" + hrtc_->output()};
-    return path("flight.mcap");
+    return touched_.path("flight.mcap");
   }
 
  private:
@@ -86,24 +82,23 @@ class TouchedSession {
   }
   /// Waits until both users touch exactly in states of a gateway that is not `former`. Returns the time of it.
   std::int64_t wait_for_touch(std::uint64_t former) {
-    session_.wait_until("the HRTC", [&](const ObservedSession& observed) {
+    LiveSession& session = touched_.session();
+    session.wait_until("the HRTC", [&](const ObservedSession& observed) {
       const auto desk = observed.roster.find(session::id_of("desk"));
       if (desk == observed.roster.end() || desk->second.origin.incarnation == former) return false;
       incarnation_ = desk->second.origin.incarnation;
       return true;
     });
-    session_.forget_states();  // those of the earlier gateway
-    session_.wait_until("exact contact of both users", [](const ObservedSession& observed) {
+    session.forget_states();  // those of the earlier gateway
+    session.wait_until("exact contact of both users", [](const ObservedSession& observed) {
       return observed.touches_exactly("ann") && observed.touches_exactly("bob");
     });
     return realtime::monotonic_ns();
   }
-  [[nodiscard]] std::string path(const std::string& name) const { return folder_.path() / name; }
 
-  test_support::TemporaryFolder folder_;
   MemoryGroup memory_;
-  LiveSession session_{"veth"};
-  std::unique_ptr<e2e::Process> host_, hrtc_;
+  TouchedSession touched_{50'000};
+  std::unique_ptr<e2e::Process> hrtc_;
   std::uint64_t incarnation_ = 0;  // of the newest gateway
 };
 
@@ -112,7 +107,7 @@ Report run(const Settings& settings) {
   std::snprintf(text, sizeof text, "%d kills of each kind; two replayed users at rest; veth", settings.kills);
   Report report{{"a host, and an HRTC with two users, 50,000 faces", 0, 0, text}};
   const auto measure = [&] {
-    TouchedSession session;
+    TwoUsers session;
     std::vector<Window> without;
     for (const Kind& kind : kKinds) {
       Samples back_ms;
