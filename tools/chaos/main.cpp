@@ -47,7 +47,7 @@ constexpr std::int64_t kSearchNs = 20 * kSecond;  // for a session that is compl
 constexpr std::int64_t kCalmNs = 2 * kSecond;     // in which the session has to be complete before the first fault
 /// Part of the run after which the growth of memory is measured. Until then it grows because programs touch pages of
 /// their memory for the first time.
-constexpr double kWarmUp = 0.25;
+constexpr double kWarmUp = 0.5;
 constexpr std::int64_t kReferenceNs = 2 * kSecond;  // in which the users and participants of the reference are found
 
 struct Options {
