@@ -1,5 +1,5 @@
-// Runs the safety tests R1 to R26: each causes one kind of fault and compares its effects with bounds. Some are measured
-// by other benchmarks or by tests, which this one starts; the others in fault_runs.cpp.
+// Runs the safety tests R1 to R26: each causes one kind of fault and compares its effects with bounds. It starts other
+// benchmarks and tests for some of them, and measures the others (fault_runs.hpp).
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <array>

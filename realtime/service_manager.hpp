@@ -21,8 +21,8 @@ class ServiceManager {
   void ready() const noexcept { send("READY=1"); }
   /// Reports that the service ends. Waits as `ready`. Any thread.
   void stopping() const noexcept { send("STOPPING=1"); }
-  /// Reports that the service works, at most three times in each watchdog timeout. Call it in each pass of the main loop.
-  /// systemd restarts a service that does not report within the watchdog timeout. One thread.
+  /// Reports that the service works, at most three times in each watchdog timeout. Call it in each pass of the main
+  /// loop. systemd restarts a service that does not report within the watchdog timeout. One thread.
   void alive(std::int64_t now_ns) noexcept;
 
  private:

@@ -1,5 +1,5 @@
-/// Causes random faults in a session in a network namespace, and checks that the session recovers from each of them, that
-/// no process grows, and that a replay computes the same forces.
+/// Causes random faults in a session in a network namespace. Checks that the session recovers from each of them, that no
+/// process grows, and that a replay computes the same forces.
 #include <gtest/gtest.h>
 
 #include "bench/fault_runs.hpp"

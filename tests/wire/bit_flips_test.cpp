@@ -1,5 +1,5 @@
-/// Changes one bit of an encoded chunk between a host and an HRTC. UDP detects such an error too, but not in the memory of
-/// a switch or of a program.
+/// Changes one bit of an encoded chunk between a host and an HRTC. UDP detects such an error too, but not in the memory
+/// of a switch or of a program.
 #include <gtest/gtest.h>
 
 #include <algorithm>

@@ -36,8 +36,8 @@ Examples:
   tactus-chaos --session lab --domain 40 --only suspend --only loss --seconds 600 --seed 7
 
 Without --restart it kills gateways only, which HRTCs start again. The faults loss and cut need root and nft, and affect
-the packets that arrive at this machine, or at the network namespace of this program. Ctrl-C ends every fault. Users feel
-the faults: do not run it while a person holds a device.
+the packets that arrive at this machine, or at the network namespace of this program. Ctrl-C ends every fault. Users
+feel the faults: do not run it while a person holds a device.
 Exit status: 0 the session recovered from every fault without a violation, 1 it did not, 2 wrong input or no session,
 130 interrupted.)";
 

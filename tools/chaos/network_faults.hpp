@@ -15,8 +15,9 @@ class NetworkFaults {
 
   /// Returns why this machine cannot drop packets, or an empty string.
   [[nodiscard]] static std::string obstacle();
-  /// Drops `percent` of the packets that arrive for the session's domains in the network namespace of this process, also
-  /// those from the machine itself, for `seconds`. The kernel ends the fault even if this process is killed. Throws std::runtime_error.
+  /// Drops `percent` of the packets that arrive for the session's domains in this process's network namespace, also
+  /// those from the machine itself, for `seconds`. The kernel ends the fault even if this process is killed. Throws
+  /// std::runtime_error.
   void lose(int percent, double seconds);
   /// Ends the fault.
   void end();

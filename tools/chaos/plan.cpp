@@ -7,8 +7,8 @@
 namespace tactus::chaos {
 namespace {
 
-// Limits of the durations, s. The shortest are below the time after which a silent program is late (0.25 s), the longest
-// above that after which it is gone (0.5 s).
+// Limits of the durations, s. The shortest are below the time after which a silent program is late (0.25 s), the
+// longest above that after which it is gone (0.5 s).
 constexpr double kMinPause = 0.5, kMinSuspension = 0.1, kMaxSuspension = 3, kMinCut = 0.1, kMaxCut = 3, kMinLoss = 1,
                  kMaxLoss = 5;
 constexpr int kMinPercent = 1, kMaxPercent = 30;

@@ -105,7 +105,7 @@ std::string rights_of(const fs::path& folder) {
   return rights;
 }
 
-/// Whether this process may start the other again with the same rights. This process gives no rights away, and takes none.
+/// Whether this process may start the other again with the same rights. It gives no rights away, and takes none.
 bool has_same_rights(pid_t pid) {
   const std::string ours = rights_of("/proc/self");
   return !ours.empty() && rights_of(folder_of(pid)) == ours;

@@ -28,8 +28,9 @@ struct Program {
 };
 
 /// Returns the hosts, HRTCs, gateways, simulations, viewers and bridges of a session, by label. Compares the options
-/// --session and --domain of all processes in /proc. Does not list the programs of other users unless it runs as root. `may_start`: whether hosts and HRTCs may be killed,
-/// because this program starts them again. It starts no program of a container or of another user.
+/// --session and --domain of all processes in /proc. Does not list the programs of other users unless it runs as root.
+/// `may_start`: whether hosts and HRTCs may be killed, because this program starts them again. It starts no program of a
+/// container or of another user.
 [[nodiscard]] std::vector<Program> programs_of(const std::string& session, int domain, bool may_start);
 
 /// Memory and descriptors of a process.

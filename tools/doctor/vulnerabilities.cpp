@@ -23,7 +23,7 @@ struct Entry {
 constexpr Entry kAll[] = {
     {kDebian12,
      {"CVE-2023-50257", 1, "state that a participant has left", "one packet",
-      "with keys, the transport drops such messages; without keys, use one machine, or a trusted network with --plain"}},
+      "with keys, the transport drops such messages; without keys, use one machine or a trusted network"}},
     {kDebian12, {"CVE-2024-28231", 1, "heap overflow in the handling of samples", "one packet", kKeys}},
     {kDebian12, {"CVE-2024-30258, 30259", 2, "crash or overflow by malformed RTPS", "one packet", kKeys}},
     {kDebian12, {"CVE-2025-24807", 1, "permissions of an expired authority", "keys", kMembers}},

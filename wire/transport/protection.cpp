@@ -86,8 +86,8 @@ bool is_of_sender(RtpsBytes payload, const GuidPrefix& sender) {
   return has_its_form && certificates == participants && certificates <= 1;
 }
 
-/// Inline QoS can state that the participant has left. The library itself sends only the announcement to which one answers,
-/// Fast DDS 3 also by its standard name.
+/// Inline QoS can state that the participant has left. The library itself sends only the announcement to which one
+/// answers, Fast DDS 3 also by its standard name.
 bool is_harmless(const RtpsBytes& inline_qos) {
   constexpr std::uint32_t kAnsweredOfFastDds = 0x800f, kAnswered = 0x0083, kAlignment = 4;
   ParameterList parameters{inline_qos};
