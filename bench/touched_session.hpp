@@ -36,11 +36,10 @@ class TouchedSession {
     return session_.start(side, "hrtc", hrtc_arguments(name, users, std::move(more)));
   }
   /// Waits until the user touches exactly in states that arrive from now on.
-  void wait_for_touch(const std::string& user, std::uint64_t since_incarnation = 0) {
+  void wait_for_touch(const std::string& user) {
     session_.forget_states();
-    session_.wait_until(("exact contact of " + user).c_str(), [&](const ObservedSession& observed) {
-      return observed.touches_exactly(user, since_incarnation);
-    });
+    session_.wait_until(("exact contact of " + user).c_str(),
+                        [&](const ObservedSession& observed) { return observed.touches_exactly(user); });
   }
 
  private:

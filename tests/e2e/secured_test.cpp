@@ -53,6 +53,8 @@ TEST_F(SecuredTest, OnlyMembersTakePart) {
   Process users{with_keys(in_session("sim", {"--scenario", "touch", "--seconds", "4"}),
                           keys_of("sim", Role::kOperator, {"ann"}))};
   EXPECT_TRUE(exits_with(0, users)) << users.output() << desk.output() << museum.output();
+  // A busy machine may deliver the first region after the first contact; without regions no contact would be exact.
+  EXPECT_THAT(users.output(), testing::ContainsRegex("ann +desk +[0-9.]+ +[0-9.]+ +[0-9.]+ +(9[0-9]|100)\\.[0-9]+ "));
   EXPECT_TRUE(exits_with(0, desk));
   EXPECT_TRUE(exits_with(0, museum));
   EXPECT_GT(observer.seen().user("ann").exact, 0u);

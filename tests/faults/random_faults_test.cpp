@@ -1,5 +1,5 @@
-/// Causes random faults in a session in a network namespace. Checks that the session recovers from each of them, that no
-/// process grows, and that a replay computes the same forces.
+/// Causes random faults in a session in a network namespace. Checks that the session recovers from each of them, that
+/// no process grows, and that a replay computes the same forces.
 #include <gtest/gtest.h>
 
 #include "bench/fault_runs.hpp"
@@ -11,6 +11,7 @@ namespace {
 
 /// Expects that every row of the report holds.
 void expect_recovery(double seconds) {
+  // Without its own network namespace, it would drop packets of other programs of this machine.
   if (const std::string missing = netem::missing_privilege(); !missing.empty()) GTEST_SKIP() << missing;
   FaultSettings settings;
   settings.seconds = seconds;

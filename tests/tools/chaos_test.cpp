@@ -164,6 +164,16 @@ TEST_F(HealthTest, ReportsAStateOfAnEarlierProcess) {
   EXPECT_THAT(health_.violations(), ElementsAre(HasSubstr("earlier process")));
 }
 
+/// Polls `condition` for at most 5 s, because /proc reports no changes.
+template <class Condition>
+bool eventually(const Condition& condition) {
+  for (int i = 0; i < 500; ++i) {
+    if (condition()) return true;
+    std::this_thread::sleep_for(std::chrono::milliseconds{10});  // between two reads of /proc
+  }
+  return false;
+}
+
 /// A process whose program has the name of a host. It ends when this object is destroyed.
 class FakeHost {
  public:
@@ -185,12 +195,9 @@ class FakeHost {
   }
   /// Waits until exactly one such program runs that is not `former`.
   [[nodiscard]] std::optional<Program> wait_for_another_than(pid_t former) const {
-    for (int i = 0; i < 500; ++i) {
-      const std::vector<Program> programs = found();
-      if (programs.size() == 1 && programs[0].pid != former) return programs[0];
-      std::this_thread::sleep_for(std::chrono::milliseconds{10});  // until /proc shows the other process
-    }
-    return std::nullopt;
+    std::vector<Program> programs;
+    const bool runs = eventually([&] { return (programs = found()).size() == 1 && programs[0].pid != former; });
+    return runs ? std::optional{programs[0]} : std::nullopt;
   }
   [[nodiscard]] e2e::Process& process() { return *process_; }
 
@@ -208,11 +215,7 @@ char state_of(pid_t pid) {
   return stat.at(stat.rfind(')') + 2);
 }
 bool gets_state(pid_t pid, bool is_suspended) {
-  for (int i = 0; i < 500; ++i) {
-    if ((state_of(pid) == 'T') == is_suspended) return true;
-    std::this_thread::sleep_for(std::chrono::milliseconds{10});
-  }
-  return false;
+  return eventually([&] { return (state_of(pid) == 'T') == is_suspended; });
 }
 
 TEST(ChaosPrograms, AreFoundBySessionAndDomain) {

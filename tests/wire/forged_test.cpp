@@ -73,6 +73,7 @@ class Capture {
   ~Capture() { ::close(socket_); }
   Capture(const Capture&) = delete;
   Capture& operator=(const Capture&) = delete;
+  /// False for a user without CAP_NET_RAW: then there is nothing to capture, and the test is skipped.
   [[nodiscard]] bool is_permitted() const noexcept { return socket_ >= 0; }
 
   /// Returns the messages of RTPS to the ports of a session, since the last call.

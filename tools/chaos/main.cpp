@@ -190,10 +190,10 @@ class Run {
   }
 
   void apply(const Fault& fault) {
-    std::int64_t end_ns = monotonic_ns() + static_cast<std::int64_t>(fault.seconds * 1e9);
     if (fault.program.empty()) {
       network_.lose(fault.kind == FaultKind::kCut ? 100 : fault.percent, fault.seconds);
-      end_ns = monotonic_ns() + static_cast<std::int64_t>(fault.seconds * 1e9);  // then the kernel ends the fault
+      const std::int64_t end_ns =
+          monotonic_ns() + static_cast<std::int64_t>(fault.seconds * 1e9);  // then the kernel ends the fault
       observer_.receive_for(fault.seconds);
       network_.end();
       return wait_for_recovery(fault, end_ns);
@@ -207,16 +207,14 @@ class Run {
       if (fault.kind == FaultKind::kSuspend) {
         const Suspension suspension{*affected, fault.seconds};
         observer_.receive_for(fault.seconds);
-        end_ns = monotonic_ns();
       } else {
         kill_and_restart(*affected);
-        end_ns = monotonic_ns();
       }
     } catch (const ProgramEnded& ended) {
       std::printf(": %s\n", ended.what());
       return;
     }
-    wait_for_recovery(fault, end_ns);
+    wait_for_recovery(fault, monotonic_ns());
   }
 
   void wait_for_recovery(const Fault& fault, std::int64_t end_ns) {
