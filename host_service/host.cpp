@@ -133,6 +133,7 @@ struct Host::Impl {
         served{open_models(options, log, stop)},
         participants{address_after_raising_priority(options, log)},
         core{participants.origin(), core_settings(options, served, participants.chunk_bytes()), monotonic_ns()} {
+    for (const ServedObject& object : served) participants.expect_permitted("object", object.config.name);
     core.on_event = [this](Severity severity, const std::string& text) { log(severity, text); };
     core.on_receiver = [this](std::uint64_t id, const std::string& name) {
       bulk.try_emplace(id, participants, name);

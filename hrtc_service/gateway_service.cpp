@@ -67,7 +67,8 @@ GatewayService::Impl::Impl(const HrtcOptions& given, ServoLink& servo_link, Cont
       gateway{options.pool, participants.origin(), gateway_settings(options, tool), link},
       membership{participants.origin(),
                  {options.address.participant, options.address.session, options.max_users,
-                  UserDevices::users_in(link.devices)},
+                  UserDevices::users_in(link.devices),
+                  [this](const std::string& user) { return participants.permits(user); }},
                  gateway,
                  realtime::monotonic_ns()},
       devices{participants, link.devices, [this](session::Intent&& intent) { inbox.put(std::move(intent)); }},
@@ -154,6 +155,7 @@ void GatewayService::Impl::receive(session::RosterEntry&& entry) {
 void GatewayService::Impl::add_local_users() {
   std::uint32_t next = 0;
   for (const LocalUser& local : options.local_users) {
+    participants.expect_permitted("user", local.user);
     const std::optional<std::uint32_t> probe = membership.add_local(local.user);
     if (!probe) throw haptics::DeviceError("no probe left for user " + local.user + "; raise --users");
     if (*probe != next++) throw haptics::DeviceError("user " + local.user + " has two devices; expected one");

@@ -151,6 +151,11 @@ void Membership::add_users(const session::RosterEntry& client) {
                                        " refused: another user of that name has probe " + std::to_string(taken->first));
       continue;
     }
+    if (settings_.permits && !settings_.permits(name)) {
+      report(Severity::kWarning, "user " + name + " of client " + client.name +
+                                     " refused: the keys of this HRTC do not permit to serve this user");
+      continue;
+    }
     const std::optional<std::uint32_t> probe = user_table_.grant(name);
     if (!probe) {
       report(Severity::kWarning, "user " + name + " refused: all " + std::to_string(user_table_.list().size()) +

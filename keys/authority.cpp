@@ -15,6 +15,7 @@
 
 #include "keys/certificates.hpp"
 #include "keys/documents.hpp"
+#include "keys/identity.hpp"
 
 namespace tactus::keys {
 namespace {
@@ -135,6 +136,21 @@ void check_name(const char* what, const std::string& name, std::string_view more
 /// A point separates the name of a member from that of one of its programs (keys/identity.hpp).
 void check_member_name(const std::string& name) { check_name("name", name, ""); }
 
+/// Returns the names that restrict a new member.
+Permitted permitted_of(const NewMember& added) {
+  const bool brings_users = added.role == Role::kUser || added.role == Role::kOperator;
+  if (added.permitted.empty()) return brings_users ? Permitted{added.name} : Permitted{};
+  if (!brings_users && added.role != Role::kHrtc && added.role != Role::kHost)
+    throw KeyError("found " + text_of(added.permitted) + ", expected no users or objects for the role " +
+                   std::string{name_of(added.role)});
+  const std::string kind = added.role == Role::kHost ? "object" : "user";
+  for (const std::string& name : added.permitted) check_name(kind.c_str(), name);
+  if (const std::size_t size = text_of(added.permitted).size(); size > kMaxPermitted)
+    throw KeyError("names of " + kind + "s: found " + std::to_string(size) + " characters, expected at most " +
+                   std::to_string(kMaxPermitted));
+  return added.permitted;
+}
+
 Issuer read_issuer(const fs::path& folder, const char* certificate, const char* key) {
   return {read_certificate(folder / certificate), read_key(folder / key)};
 }
@@ -188,7 +204,7 @@ fs::path Authority::add(const NewMember& added) const {
   const Lock lock{folder_};
   constexpr int kMaxDays = kAuthorityDays;
   check_member_name(added.name);
-  for (const std::string& user : added.users) check_name("user", user);
+  const Permitted permitted = permitted_of(added);
   if (added.days < 1 || added.days > kMaxDays)
     throw KeyError("days: found " + std::to_string(added.days) + ", expected 1 to " + std::to_string(kMaxDays));
   const fs::path folder = folder_of(added.name);
@@ -200,7 +216,8 @@ fs::path Authority::add(const NewMember& added) const {
   const std::time_t from = now() - kClockTolerance;
   const std::time_t until = std::min(now() + added.days * kDay, valid_until(*identities.certificate));
   if (until <= now()) throw KeyError(folder_.string() + ": the authority has expired; make a new one, with new keys");
-  const Subject subject{subject_of(*identities.certificate).group, std::string{name_of(added.role)}, added.name};
+  const Subject subject{subject_of(*identities.certificate).group, std::string{name_of(added.role)}, added.name,
+                        permitted};
   const Key key = make_key();
   const Certificate certificate = issue(identities, subject, *key, from, until);
   Pending pending = Pending::folder(folder);
@@ -209,7 +226,7 @@ fs::path Authority::add(const NewMember& added) const {
   write_file(made / files::kCertificate, pem_of(*certificate));
   write_file(made / files::kPrivateKey, pem_of(*key));
   write_file(made / files::kPermissions,
-             sign(permissions, permissions_document(subject_text(*certificate), added.role, added.users, from, until)));
+             sign(permissions, permissions_document(subject_text(*certificate), added.role, permitted, from, until)));
   const bool exists = fs::exists(folder);
   // Without a certificate, of an earlier run that was killed, there is nothing to revoke.
   if (exists && fs::exists(folder / files::kCertificate)) revoke_certificate(added.name);

@@ -20,9 +20,9 @@ namespace tactus::keys {
 struct NewMember {
   std::string name;
   Role role = Role::kObserver;
-  std::vector<std::string> users;  ///< of a member with role kUser or kOperator: names of the users that it may bring
-  int days = 365;                  ///< for which the certificate is valid
-  bool replaces = false;           ///< a member of this name may exist; its certificate is revoked
+  Permitted permitted;    ///< empty, for a user or an operator: one user with the name of the member
+  int days = 365;         ///< for which the certificate is valid
+  bool replaces = false;  ///< a member of this name may exist; its certificate is revoked
 };
 
 class Authority {

@@ -58,9 +58,11 @@ void add_extension(X509& certificate, X509& issuer, int kind, const char* value)
 }
 
 void set_name(X509_NAME& name, const Subject& subject) {
+  const std::string permitted = keys::text_of(subject.permitted);
   const std::pair<const char*, const std::string*> parts[] = {{"O", &subject.group},
                                                               {"OU", &subject.unit},
                                                               {"CN", &subject.name},
+                                                              {"description", &permitted},
                                                               {"serialNumber", &subject.serial},
                                                               {"dnQualifier", &subject.until}};
   for (const auto& [kind, text] : parts) {
@@ -235,8 +237,8 @@ RevokedList read_revoked_list(const std::filesystem::path& file) {
 
 Subject subject_of(X509& certificate) {
   return {entry_of(certificate, NID_organizationName), entry_of(certificate, NID_organizationalUnitName),
-          entry_of(certificate, NID_commonName), entry_of(certificate, NID_serialNumber),
-          entry_of(certificate, NID_dnQualifier)};
+          entry_of(certificate, NID_commonName),       permitted_in(entry_of(certificate, NID_description)),
+          entry_of(certificate, NID_serialNumber),     entry_of(certificate, NID_dnQualifier)};
 }
 
 std::array<std::uint8_t, 32> hash_of(const Subject& subject) {

@@ -31,10 +31,12 @@ struct Issuer {
   Key key;
 };
 
-/// Subject of a certificate: O=group, OU=unit, CN=name, serialNumber=serial, dnQualifier=until. A subject with serial
-/// number and time of expiry belongs to one certificate only, so whoever knows the subject knows both.
+/// Subject of a certificate: O=group, OU=unit, CN=name, description=permitted (separated by spaces), serialNumber=serial,
+/// dnQualifier=until. A subject with serial number and time of expiry belongs to one certificate only, so whoever knows
+/// the subject knows all that it states.
 struct Subject {
   std::string group, unit, name;
+  Permitted permitted{};
   std::string serial{}, until{};  ///< of a member; seconds since 1970
 };
 

@@ -22,7 +22,8 @@ struct Identity {
   std::string name;             ///< of the member
   std::string serial;           ///< of its certificate, hexadecimal
   std::time_t valid_until = 0;  ///< of its certificate
-  std::string participant;      ///< name of the program in the session (is_name_of)
+  Permitted permitted;
+  std::string participant;  ///< name of the program in the session (is_name_of)
 };
 
 /// Several programs with the same keys are named NAME.INSTANCE. No other member can have such a name, because names of
@@ -34,7 +35,7 @@ struct Identity {
 /// Returns the identity of a program with these keys.
 [[nodiscard]] Identity identity_of(const Member& member, std::string participant);
 
-/// The text that a program announces, of at most 255 bytes.
+/// The text that a program announces, of at most 511 bytes.
 [[nodiscard]] std::string text_of(const Identity& identity);
 /// Returns the identity in a received text; none if it has characters that no authority issues, or if the name of the
 /// program is not one that the member may use. Names of programs have letters, digits, hyphens, underscores and points.

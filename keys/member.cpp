@@ -15,6 +15,8 @@ namespace fs = std::filesystem;
 constexpr std::array<std::string_view, std::size(kRoles)> kNames{"host",     "hrtc",     "user",
                                                                  "operator", "observer", "tester"};
 
+constexpr char kBetweenNames = ' ';
+
 Role role_of(const std::string& name, const fs::path& file) {
   const auto found = std::find(kNames.begin(), kNames.end(), name);
   if (found == kNames.end())
@@ -54,9 +56,26 @@ std::string utc_text(std::time_t time, const char* format) {
 std::string_view name_of(Role role) noexcept { return kNames[static_cast<std::size_t>(role)]; }
 
 std::string replace_command(Role role, const std::string& name) {
-  const bool has_users = role == Role::kUser || role == Role::kOperator;
-  return "tactus keys add-" + std::string{name_of(role)} + " AUTHORITY " + name + (has_users ? " USER..." : "") +
-         " --replace";
+  return "tactus keys add-" + std::string{name_of(role)} + " AUTHORITY " + name + " --replace";
+}
+
+std::string text_of(const Permitted& permitted) {
+  std::string text;
+  for (const std::string& name : permitted) {
+    if (!text.empty()) text += kBetweenNames;
+    text += name;
+  }
+  return text;
+}
+
+Permitted permitted_in(std::string_view text) {
+  Permitted permitted;
+  while (!text.empty()) {
+    const std::size_t end = std::min(text.find(kBetweenNames), text.size());
+    permitted.emplace_back(text.substr(0, end));
+    text.remove_prefix(std::min(end + 1, text.size()));
+  }
+  return permitted;
 }
 
 Member member_of(X509& certificate, X509_CRL& revoked, const fs::path& file) {
@@ -66,10 +85,13 @@ Member member_of(X509& certificate, X509_CRL& revoked, const fs::path& file) {
   member.name = subject.name;
   member.role = role_of(subject.unit, file);
   member.group = subject.group;
+  member.permitted = subject.permitted;
   member.valid_from = valid_from(certificate);
   member.valid_until = valid_until(certificate);
   member.serial = serial_of(certificate);
-  if (subject.serial != member.serial || subject.until != std::to_string(member.valid_until))
+  const bool has_users = member.role == Role::kUser || member.role == Role::kOperator;
+  if (subject.serial != member.serial || subject.until != std::to_string(member.valid_until) ||
+      (has_users && member.permitted.empty()))
     throw KeyError(file.string() + ": found a certificate of an earlier version of tactus keys; make a new one with: " +
                    replace_command(member.role, subject.name));
   member.is_revoked = std::find(serials.begin(), serials.end(), member.serial) != serials.end();

@@ -44,9 +44,23 @@ inline constexpr const char* kPermissions = "permissions.p7s";
 inline constexpr const char* kRevoked = "revoked.pem";  ///< list of the revoked certificates
 }  // namespace files
 
+/// Names that restrict what a member may write; the certificate states them.
+///
+///     kUser, kOperator   the users that it brings
+///     kHrtc              the users that it serves; empty: all
+///     kHost              the objects that it offers and moves; empty: all
+///     others             empty
+using Permitted = std::vector<std::string>;
+/// The names, separated by spaces. Names have no spaces.
+[[nodiscard]] std::string text_of(const Permitted& permitted);
+[[nodiscard]] Permitted permitted_in(std::string_view text);
+/// Largest size of that text, bytes, so that an announcement fits one frame.
+inline constexpr std::size_t kMaxPermitted = 255;
+
 struct Member {
   std::string name;
   Role role = Role::kObserver;
+  Permitted permitted;
   std::string group;  ///< name of the authority, the same for all members of a session
   std::time_t valid_from = 0, valid_until = 0;
   std::string serial;  ///< of the certificate, hexadecimal
@@ -56,7 +70,7 @@ struct Member {
 /// Returns a time in UTC, of at most 31 characters. `format`: as of strftime().
 [[nodiscard]] std::string utc_text(std::time_t time, const char* format);
 
-/// Returns the command that makes new keys for a member.
+/// Returns the command that makes new keys for a member, with the same permitted names.
 [[nodiscard]] std::string replace_command(Role role, const std::string& name);
 
 /// Reads the folder of a member, and checks it as its program needs it: all files are there, the identity authority has

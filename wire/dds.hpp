@@ -71,6 +71,17 @@ class Guarded : public LibraryType<Support> {
 template <class Sample>
 inline constexpr bool kHasOrigin = !std::is_same_v<Sample, session::BulkChunk>;
 
+/// Returns what a sample states about its author. The sample must outlive the claim.
+template <class Sample>
+[[nodiscard]] Claim claim_of(const Sample& sample) {
+  Claim claim;
+  if constexpr (kHasOrigin<Sample>) claim.participant = sample.origin.participant;
+  if constexpr (requires { sample.user_id; }) claim.user = sample.user_id;
+  if constexpr (requires { sample.object_id; }) claim.object = sample.object_id;
+  if constexpr (std::is_same_v<Sample, session::RosterEntry>) claim.entry = &sample;
+  return claim;
+}
+
 struct Participants::Impl {
   SessionAddress address;
   std::uint64_t session_id = 0;
@@ -89,8 +100,8 @@ struct Participants::Impl {
   }
   /// Returns the topic, and creates it with `type` for the first endpoint. Throws WireError.
   dds::Topic& topic(const char* name, TrafficClass traffic, dds::TypeSupport type);
-  /// Returns whether a sample counts that names `claimed` (id; 0: nobody) as its sender. Without keys, all do.
-  [[nodiscard]] bool is_author(const dds::SampleInfo& sample, std::uint64_t claimed, const char* topic) const noexcept;
+  /// Returns whether a sample with this claim counts. Without keys, all do.
+  [[nodiscard]] bool is_author(const dds::SampleInfo& sample, const Claim& claim, const char* topic) const noexcept;
   /// Returns the id of the program that has written the sample; 0 without keys.
   [[nodiscard]] std::uint64_t author_of(const dds::SampleInfo& sample) const;
   /// Returns `<session>/<part>`, or `<session>` if `part` is empty. Throws WireError if `part` has a wildcard.

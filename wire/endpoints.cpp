@@ -26,13 +26,16 @@ Qos with_partition(const Participants::Impl& participants, const std::string& pa
 
 constexpr char kUserPart[] = "u/";
 
-/// Returns the id of the user whose samples are in this partition; 0 if it is not that of a user.
-std::uint64_t user_of(const std::string& partition) {
+/// Returns the name of the user whose samples are in this partition; empty if it is not that of a user.
+std::string user_of(const std::string& partition) {
   const std::string part = kUserPart;
-  return partition.compare(0, part.size(), part) == 0 ? session::id_of(partition.substr(part.size())) : 0;
+  return partition.compare(0, part.size(), part) == 0 ? partition.substr(part.size()) : "";
 }
 
-std::string for_part(const std::string& partition) { return partition.empty() ? "" : " for " + partition; }
+std::uint64_t user_id_of(const std::string& partition) {
+  const std::string user = user_of(partition);
+  return user.empty() ? 0 : session::id_of(user);
+}
 
 }  // namespace
 
@@ -51,18 +54,15 @@ struct Writer<Sample>::Impl final : dds::DataWriterListener {
     if (!in.may_write(spec.name))
       throw WireError(std::string{"topic "} + spec.name + ": the keys of " + in.impl().security->who() +
                       " do not permit to write it; see docs/how-to/secure.md");
+    if (const std::string user = user_of(options.partition); !user.empty()) in.expect_permitted("user", user);
     const auto qos = with_partition<dds::PublisherQos>(in.impl(), options.partition, dds::PUBLISHER_QOS_DEFAULT);
     publisher = participant.create_publisher(qos);
     if (publisher == nullptr) throw WireError(std::string{"topic "} + spec.name + ": DDS cannot create a publisher");
     writer = publisher->create_datawriter(&topic_of(in, spec), in.impl().writer_qos.at(spec.profile), this);
     if (writer == nullptr) {
       participant.delete_publisher(publisher);
-      const Security* const security = in.impl().security.get();
-      const std::string rights =
-          security == nullptr ? ""
-                              : "; the keys of " + security->who() + " may not permit it" + for_part(options.partition);
       throw WireError(std::string{"topic "} + spec.name + ": DDS refuses a writer with profile '" + spec.profile +
-                      "_writer'" + rights);
+                      "_writer'");
     }
   }
   ~Impl() override {
@@ -144,7 +144,7 @@ struct Reader<Sample>::Impl final : dds::DataReaderListener {
       : participants{in},
         participant{in.impl().participant(spec.traffic)},
         topic{spec.name},
-        user{user_of(options.partition)},
+        user{user_id_of(options.partition)},
         on_sample{std::move(callback)} {
     const auto qos = with_partition<dds::SubscriberQos>(in.impl(), options.partition, dds::SUBSCRIBER_QOS_DEFAULT);
     subscriber = participant.create_subscriber(qos);
@@ -203,12 +203,8 @@ struct Reader<Sample>::Impl final : dds::DataReaderListener {
         return;
       }
     }
-    std::uint64_t claimed = 0;
-    if constexpr (kHasOrigin<Sample>)
-      claimed = sample.origin.participant;
-    else
-      sample.sender = participants.impl().author_of(info);
-    if (!participants.impl().is_author(info, claimed, topic)) {
+    if constexpr (!kHasOrigin<Sample>) sample.sender = participants.impl().author_of(info);
+    if (!participants.impl().is_author(info, claim_of(sample), topic)) {
       ++refused;
       return;
     }

@@ -8,7 +8,6 @@
 
 #include "keys/documents.hpp"
 #include "realtime/process.hpp"
-#include "session/messages.hpp"
 
 namespace tactus::wire {
 namespace {
@@ -37,6 +36,27 @@ bool may_write(keys::Role role, std::string_view topic) {
   }();
   const std::vector<std::string_view>& topics = topics_by_role.at(role);
   return std::find(topics.begin(), topics.end(), topic) != topics.end();
+}
+
+/// Returns whether the keys of a member permit the role that its program has in the session.
+bool may_be(keys::Role role, session::Role in_session) {
+  switch (in_session) {
+    case session::Role::kHost:
+      return role == keys::Role::kHost;
+    case session::Role::kHrtc:
+      return role == keys::Role::kHrtc;
+    case session::Role::kClient:
+      return role == keys::Role::kUser || role == keys::Role::kOperator;
+    case session::Role::kViewer:
+      return true;
+  }
+  return false;
+}
+
+std::vector<std::uint64_t> ids_of(const keys::Permitted& names) {
+  std::vector<std::uint64_t> ids;
+  for (const std::string& name : names) ids.push_back(session::id_of(name));
+  return ids;
 }
 
 }  // namespace
@@ -96,7 +116,8 @@ bool Members::record(const keys::Identity& identity, const GuidPrefix& sender, c
       Participant& participant = known->second;
       const Certificate& certificate = certificates_.at(participant.certificate);
       if (certificate.is_cut_off || certificate.name != identity.name || certificate.role != identity.role ||
-          certificate.serial != identity.serial || certificate.valid_until != identity.valid_until)
+          certificate.serial != identity.serial || certificate.valid_until != identity.valid_until ||
+          certificate.permitted != identity.permitted)
         return false;
       participant.announced_ns = now_ns;
       if (std::find(participant.ids.begin(), participant.ids.end(), id) == participant.ids.end() &&
@@ -124,8 +145,8 @@ bool Members::record(const keys::Identity& identity, const GuidPrefix& sender, c
     audit_.add({"too many programs", "", from(), ""});
     return false;
   }
-  certificates_.try_emplace(
-      begin, Certificate{subject_of(identity), identity.name, identity.serial, identity.role, identity.valid_until});
+  certificates_.try_emplace(begin, Certificate{subject_of(identity), identity.name, identity.serial, identity.role,
+                                               identity.valid_until, identity.permitted, ids_of(identity.permitted)});
   participants_[sender] = {begin, {id}, now_ns};
   return true;
 }
@@ -172,21 +193,45 @@ void Members::cut_off(Certificate& certificate, const char* why) {
   audit_.add({"cut off", certificate.subject, "", why});
 }
 
-bool Members::is_author(const GuidPrefix& participant, std::uint64_t claimed, const char* topic) {
+const char* Members::refusal_of(const Participant& author, const Certificate& certificate, const Claim& claim,
+                                const char* topic) {
+  if (!may_write(certificate.role, topic)) return "not permitted";
+  if (claim.participant != 0 && std::find(author.ids.begin(), author.ids.end(), claim.participant) == author.ids.end())
+    return "false sender";
+  if (certificate.role == keys::Role::kTester) return nullptr;
+  const std::vector<std::uint64_t>& permitted = certificate.permitted_ids;
+  const auto is_permitted = [&](std::uint64_t id) {
+    return permitted.empty() || std::find(permitted.begin(), permitted.end(), id) != permitted.end();
+  };
+  if (certificate.role == keys::Role::kHost) {
+    if (claim.object != 0 && !is_permitted(claim.object)) return "object not permitted";
+  } else if (claim.user != 0 && !is_permitted(claim.user)) {
+    return "user not permitted";
+  }
+  if (claim.entry == nullptr) return nullptr;
+  if (!may_be(certificate.role, claim.entry->role)) return "role not permitted";
+  const auto has_permitted_name = [&](const std::string& user) { return is_permitted(session::id_of(user)); };
+  const bool has_permitted_users =
+      std::all_of(claim.entry->users.begin(), claim.entry->users.end(), has_permitted_name) &&
+      std::all_of(claim.entry->served_users.begin(), claim.entry->served_users.end(),
+                  [&](const session::UserProbe& served) { return has_permitted_name(served.user); });
+  return has_permitted_users ? nullptr : "user not permitted";
+}
+
+bool Members::is_author(const GuidPrefix& participant, const Claim& claim, const char* topic) {
   {
     const std::shared_lock lock{mutex_};
     const auto author = participants_.find(participant);
     if (author == participants_.end()) return false;  // it was not admitted, so the library cannot have matched it
-    const std::vector<std::uint64_t>& ids = author->second.ids;
     const Certificate& certificate = certificates_.at(author->second.certificate);
-    const bool is_true = claimed == 0 || std::find(ids.begin(), ids.end(), claimed) != ids.end();
-    if (is_true && may_write(certificate.role, topic)) return !certificate.is_cut_off;
+    if (refusal_of(author->second, certificate, claim, topic) == nullptr) return !certificate.is_cut_off;
   }
   const std::unique_lock lock{mutex_};
   const auto author = participants_.find(participant);
   if (author == participants_.end()) return false;
   Certificate& certificate = certificates_.at(author->second.certificate);
-  audit_.add({may_write(certificate.role, topic) ? "false sender" : "not permitted", certificate.subject, "", topic});
+  if (const char* const why = refusal_of(author->second, certificate, claim, topic))
+    audit_.add({why, certificate.subject, "", topic});
   if (++certificate.refused == kMaxRefused) cut_off(certificate, "too many refused samples");
   return false;
 }

@@ -3,8 +3,9 @@
 ///     announcement       identity = hash in the GUID, not revoked, not expired    -> the library discovers the sender
 ///     authentication     the sender's certificate is not cut off                  -> the library reads it
 ///     any other message  the sender is recorded, and not cut off                  -> the library reads it
-///     sample             its author is the member that it claims, and the role
-///                        of this member may write the topic                       -> the program gets it
+///     sample             its author is the member that it claims, the role of
+///                        this member may write the topic, and its keys permit the
+///                        users and the object that the sample names               -> the program gets it
 ///
 /// The class records a certificate when the first of its programs announces itself. The library authenticates GUIDs
 /// (keys/identity.hpp). A certificate is cut off when it is revoked or has expired, or when kMaxRefused samples of it
@@ -25,10 +26,19 @@
 
 #include "keys/identity.hpp"
 #include "keys/member.hpp"
+#include "session/messages.hpp"
 #include "wire/audit.hpp"
 #include "wire/transport/rtps_message.hpp"
 
 namespace tactus::wire {
+
+/// What a sample states about its author.
+struct Claim {
+  std::uint64_t participant = 0;                ///< id of the sender; 0: the sample names none
+  std::uint64_t user = 0;                       ///< id of the user that it moves or represents; 0: none
+  std::uint64_t object = 0;                     ///< id of the object that it offers or moves; 0: none
+  const session::RosterEntry* entry = nullptr;  ///< the sample, if it is a roster entry
+};
 
 class Members {
  public:
@@ -45,9 +55,8 @@ class Members {
   using Address = std::function<std::string()>;
   [[nodiscard]] bool admits(const std::uint8_t* message, std::uint32_t size, const Address& from);
 
-  /// Returns whether a program has to process a sample. `participant` has written it to `topic`; `claimed` is the id of
-  /// the sender that the sample names, 0 if it names none.
-  [[nodiscard]] bool is_author(const GuidPrefix& participant, std::uint64_t claimed, const char* topic);
+  /// Returns whether a program has to process a sample that `participant` has written to `topic`.
+  [[nodiscard]] bool is_author(const GuidPrefix& participant, const Claim& claim, const char* topic);
 
   /// Returns the id of the program with this participant; 0 if it is no member.
   [[nodiscard]] std::uint64_t id_of(const GuidPrefix& participant) const;
@@ -66,6 +75,8 @@ class Members {
     std::string name, serial;
     keys::Role role = keys::Role::kObserver;
     std::time_t valid_until = 0;
+    keys::Permitted permitted;
+    std::vector<std::uint64_t> permitted_ids;
     std::uint32_t refused = 0;
     bool is_cut_off = false;
   };
@@ -83,6 +94,9 @@ class Members {
   [[nodiscard]] const char* reason_to_cut_off(const keys::Identity& identity, const keys::GuidBegin& begin) const;
   [[nodiscard]] bool is_id_of_another(std::uint64_t id, const keys::GuidBegin& certificate) const;
   [[nodiscard]] bool make_room();
+  /// The event of the audit log that refuses a sample; null if it is not refused.
+  [[nodiscard]] static const char* refusal_of(const Participant& author, const Certificate& certificate,
+                                              const Claim& claim, const char* topic);
   void cut_off(Certificate& certificate, const char* why);
 
   const std::filesystem::path folder_;

@@ -250,6 +250,18 @@ bool Participants::may_write(const char* topic) const {
                      [&](const keys::WriteRight& right) { return std::string_view{right.topic} == topic; });
 }
 
+bool Participants::permits(const std::string& name) const {
+  if (!impl_->security) return true;
+  const keys::Permitted& permitted = impl_->security->member().permitted;
+  return permitted.empty() || std::find(permitted.begin(), permitted.end(), name) != permitted.end();
+}
+
+void Participants::expect_permitted(const char* kind, const std::string& name) const {
+  if (permits(name)) return;
+  throw WireError(std::string{kind} + " '" + name + "': the keys of " + impl_->security->who() + " permit only " +
+                  keys::text_of(impl_->security->member().permitted) + "; see docs/how-to/secure.md");
+}
+
 std::size_t Participants::chunk_bytes() const noexcept {
   return session::kMaxPayload - (impl_->security ? kProtectionBytes : 0);
 }
@@ -265,10 +277,10 @@ Participants::Impl::~Impl() {
   }
 }
 
-bool Participants::Impl::is_author(const dds::SampleInfo& sample, std::uint64_t claimed,
-                                   const char* topic) const noexcept try {
+bool Participants::Impl::is_author(const dds::SampleInfo& sample, const Claim& claim, const char* topic) const noexcept
+    try {
   return security == nullptr ||
-         security->members().is_author(prefix_of(sample.sample_identity.writer_guid()), claimed, topic);
+         security->members().is_author(prefix_of(sample.sample_identity.writer_guid()), claim, topic);
 } catch (...) {  // out of memory
   return false;
 }

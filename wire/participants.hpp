@@ -36,9 +36,12 @@ class Participants {
   /// find programs that start, but keeps its connections.
   [[nodiscard]] std::vector<std::string> lost_servers() const;
 
-  /// Returns false if the keys of this program do not permit it to write a topic. A topic of users may also be
-  /// restricted to some of them.
+  /// Returns false if the keys of this program do not permit it to write a topic.
   [[nodiscard]] bool may_write(const char* topic) const;
+  /// Returns false if the keys of this program restrict it to other users, or (a host) to other objects.
+  [[nodiscard]] bool permits(const std::string& name) const;
+  /// Throws WireError if it does not. `kind`: "user" or "object", for the message.
+  void expect_permitted(const char* kind, const std::string& name) const;
 
   /// Max encoded size of the pieces of a chunk whose message fits one Ethernet frame. With keys it is smaller, because
   /// each message has the bytes of its protection, and a proof of its origin for each of at most two readers.

@@ -160,13 +160,11 @@ struct Tap::Impl {
       readers.push_back(std::make_unique<RawReader>(
           in.participant(spec.traffic), topic, partitions, in.reader_qos.at(spec.profile),
           [&in, on_sample, on_decoded, number, name = spec.name](const Encoded& encoded, const dds::SampleInfo& info) {
-            std::uint64_t claimed = 0;
-            if constexpr (kHasOrigin<Sample>) claimed = Raw<Support>::decoded(encoded).participant();
-            if (!in.is_author(info, claimed, name)) return;
+            Sample sample;
+            if (in.security || on_decoded) from_idl(Raw<Support>::decoded(encoded), sample);
+            if (!in.is_author(info, claim_of(sample), name)) return;
             on_sample(number, encoded.bytes);
             if (!on_decoded) return;
-            Sample sample;
-            from_idl(Raw<Support>::decoded(encoded), sample);
             if constexpr (requires { sample.origin; })
               if (sample.origin.session != in.session_id) return;
             if (invalid_field(sample) == nullptr) on_decoded(AnySample{std::move(sample)});

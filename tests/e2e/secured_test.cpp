@@ -12,11 +12,11 @@ using testing::Not;
 
 class SecuredTest : public SessionTest {
  protected:
-  [[nodiscard]] std::string keys_of(const std::string& name, Role role, std::vector<std::string> users = {}) const {
+  [[nodiscard]] std::string keys_of(const std::string& name, Role role, keys::Permitted permitted = {}) const {
     keys::NewMember member;
     member.name = name;
     member.role = role;
-    member.users = std::move(users);
+    member.permitted = std::move(permitted);
     return authority_.add(member).string();
   }
   [[nodiscard]] std::vector<std::string> with_keys(std::vector<std::string> command, const std::string& folder) const {
@@ -76,8 +76,20 @@ TEST_F(SecuredTest, TheKeysOfAUserPermitNeitherAResetNorAnotherUser) {
     const wire::Writer<session::Intent> intent{participants, wire::topics::kIntent, bob};
     FAIL() << "moves the hand of another user";
   } catch (const wire::WireError& error) {
-    EXPECT_THAT(error.what(), HasSubstr("the keys of user 'laptop' may not permit it for u/bob"));
+    EXPECT_THAT(error.what(), HasSubstr("user 'bob': the keys of user 'laptop' permit only ann"));
   }
+}
+
+TEST_F(SecuredTest, AnHrtcServesAndAHostOffersOnlyWhatTheirKeysName) {
+  Process false_host{with_keys(host("other", models().sphere), keys_of("other", Role::kHost, {"vase"}))};
+  EXPECT_TRUE(exits_with(2, false_host));
+  EXPECT_THAT(false_host.output(), HasSubstr("object 'sphere': the keys of host 'other' permit only vase"));
+  Process museum{with_keys(host("museum", models().sphere), keys_of("museum", Role::kHost, {"vase", "sphere"}))};
+  Process desk{with_keys(hrtc("desk"), keys_of("desk", Role::kHrtc, {"bob"}))};
+  Process users{with_keys(in_session("sim", {"--scenario", "touch", "--seconds", "60"}),
+                          keys_of("sim", Role::kOperator, {"ann"}))};
+  EXPECT_TRUE(desk.wait_for_line("user ann of client sim refused: the keys of this HRTC do not permit"))
+      << desk.output() << users.output();
 }
 
 TEST_F(SecuredTest, RevokedKeysAreRefusedByTheMemberAndByOthers) {

@@ -62,6 +62,20 @@ TEST_F(KeysTest, AMemberHasNameRoleAndTheTimeForWhichItIsValid) {
   EXPECT_FALSE(member.is_revoked);
 }
 
+TEST_F(KeysTest, ACertificateStatesThePermittedNames) {
+  const auto permitted_of = [&](const NewMember& added) {
+    return read_member(authority_.add(added), std::time(nullptr)).permitted;
+  };
+  NewMember desk = hrtc("desk"), sim;
+  EXPECT_EQ(permitted_of(desk), Permitted{}) << "all users";
+  desk.replaces = true;
+  desk.permitted = {"ann", "bob.2"};
+  EXPECT_EQ(permitted_of(desk), (Permitted{"ann", "bob.2"}));
+  sim.name = "sim";
+  sim.role = Role::kOperator;
+  EXPECT_EQ(permitted_of(sim), Permitted{"sim"});
+}
+
 TEST_F(KeysTest, OnlyTheOwnerCanReadWhatIsMade) {
   (void)authority_.add(hrtc("desk"));
   for (const auto& entry : fs::recursive_directory_iterator{folder_.path() / "lab-keys"}) {
@@ -153,8 +167,13 @@ TEST_F(KeysTest, WrongNamesAndFoldersAreRefused) {
   for (const char* name : {"", "../desk", "a/b", ".hidden", "O=lab", "two words"})
     EXPECT_THAT(error_of([&] { (void)authority_.add(hrtc(name)); }), HasSubstr("expected 1 to 63 letters")) << name;
   NewMember member = hrtc("desk");
-  member.users = {"ann*"};
+  member.permitted = {"ann*"};
   EXPECT_THAT(error_of([&] { (void)authority_.add(member); }), HasSubstr("user: found 'ann*'"));
+  member.permitted.assign(5, std::string(63, 'a'));
+  EXPECT_THAT(error_of([&] { (void)authority_.add(member); }), HasSubstr("found 319 characters, expected at most 255"));
+  member.permitted = {"ann"};
+  member.role = Role::kObserver;
+  EXPECT_THAT(error_of([&] { (void)authority_.add(member); }), HasSubstr("expected no users or objects"));
   member = hrtc("desk");
   member.days = 0;
   EXPECT_THAT(error_of([&] { (void)authority_.add(member); }), HasSubstr("days: found 0, expected 1 to 3650"));

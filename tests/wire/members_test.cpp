@@ -21,10 +21,11 @@ using testing::Not;
 
 class MembersTest : public testing::Test {
  protected:
-  keys::Member add(const std::string& name, Role role) {
+  keys::Member add(const std::string& name, Role role, keys::Permitted permitted = {}) {
     keys::NewMember member;
     member.name = name;
     member.role = role;
+    member.permitted = std::move(permitted);
     return keys::read_member(authority_.add(member), now_);
   }
   /// A participant of the program of this member.
@@ -87,12 +88,14 @@ TEST_F(MembersTest, AProgramIsAdmittedWithTheIdentityOfItsKeys) {
 TEST_F(MembersTest, NobodyIsAdmittedWithAnotherIdentity) {
   const keys::Member museum = add("museum", Role::kHost), ann = add("ann", Role::kUser);
   const GuidPrefix sender = prefix_of(ann);
-  keys::Identity better = keys::identity_of(ann, "ann"), later = better;
+  keys::Identity better = keys::identity_of(ann, "ann"), later = better, more = better;
   better.role = Role::kOperator;
   later.valid_until += 1;
-  for (const std::string& text : {text_of(keys::identity_of(museum, "museum")), text_of(better), text_of(later),
-                                  text_of(keys::identity_of(ann, "museum")), text_of(keys::identity_of(ann, "annabel")),
-                                  text_of(keys::identity_of(ann, "ann.")), std::string{}, std::string(300, 'x')})
+  more.permitted.push_back("bob");
+  for (const std::string& text :
+       {text_of(keys::identity_of(museum, "museum")), text_of(better), text_of(later), text_of(more),
+        text_of(keys::identity_of(ann, "museum")), text_of(keys::identity_of(ann, "annabel")),
+        text_of(keys::identity_of(ann, "ann.")), std::string{}, std::string(300, 'x')})
     EXPECT_FALSE(admits({announcement(sender, text)}, sender)) << text;
   EXPECT_THAT(audit(), HasSubstr(R"("event":"unknown program","from":"10.0.0.9","detail":"states to be host museum")"));
   const Bytes honest = announcement(sender, text_of(keys::identity_of(ann, "ann")));
@@ -102,13 +105,16 @@ TEST_F(MembersTest, NobodyIsAdmittedWithAnotherIdentity) {
 
 TEST_F(MembersTest, TextsThatNoAuthorityIssuesAreRefused) {
   const keys::Member ann = add("ann", Role::kUser);
-  const GuidPrefix sender = prefix_of(ann);
   const std::string until = std::to_string(ann.valid_until);
   for (const std::string& text : std::vector<std::string>{
-           "user\n" + std::string(65, 'a') + "\n0A\n" + until + "\n" + std::string(65, 'a'),
-           "user\nann\xff\n0A\n" + until + "\nann\xff", "user\nann\n@\n" + until + "\nann", "user\nann\n0A\n-1\nann",
-           "user\nann\n0A\n99999999999999999999\nann", "user\nann\n0A\n" + until + "\nann.\x1b[31m"})
-    EXPECT_FALSE(admits({announcement(sender, text)}, sender)) << text;
+           "user\n" + std::string(65, 'a') + "\n0A\n" + until + "\nann\n" + std::string(65, 'a'),
+           "user\nann\xff\n0A\n" + until + "\nann\nann\xff", "user\nann\n@\n" + until + "\nann\nann",
+           "user\nann\n0A\n-1\nann\nann", "user\nann\n0A\n99999999999999999999\nann\nann",
+           "user\nann\n0A\n" + until + "\nann\nann.\x1b[31m", "user\nann\n0A\n" + until + "\n*\nann",
+           "user\nann\n0A\n" + until + "\nann  bob\nann",
+           "user\nann\n0A\n" + until + "\n" + std::string(300, 'a') + "\nann"})
+    EXPECT_FALSE(keys::read_identity(text)) << text;
+  EXPECT_TRUE(keys::read_identity("user\nann\n0A\n" + until + "\nann bob\nann"));
 }
 
 TEST_F(MembersTest, AnAnnouncementCannotNameAnotherParticipantToTheLibrary) {
@@ -127,7 +133,7 @@ TEST_F(MembersTest, AForgedNameOfAProgramDoesNotReplaceItsName) {
   const keys::Member museum = add("museum", Role::kHost);
   ASSERT_TRUE(admits(museum, "museum.x"));  // by someone who repeats the announcement with another name
   ASSERT_TRUE(admits(museum, "museum"));
-  EXPECT_TRUE(members_.is_author(prefix_of(museum), session::id_of("museum"), "tactus_roster"));
+  EXPECT_TRUE(members_.is_author(prefix_of(museum), {session::id_of("museum")}, "tactus_roster"));
 }
 
 TEST_F(MembersTest, ASampleCountsIfItsAuthorClaimsItAndMayWriteIt) {
@@ -135,16 +141,69 @@ TEST_F(MembersTest, ASampleCountsIfItsAuthorClaimsItAndMayWriteIt) {
   ASSERT_TRUE(admits(museum, "museum"));
   ASSERT_TRUE(admits(ann, "ann"));
   const std::uint64_t museum_id = session::id_of("museum"), ann_id = session::id_of("ann");
-  EXPECT_TRUE(members_.is_author(prefix_of(museum), museum_id, "tactus_catalogue"));
-  EXPECT_TRUE(members_.is_author(prefix_of(museum), 0, "tactus_records"));
-  EXPECT_FALSE(members_.is_author(prefix_of(ann), museum_id, "tactus_roster"));
-  EXPECT_FALSE(members_.is_author(prefix_of(ann), ann_id, "tactus_reset"));
-  EXPECT_FALSE(members_.is_author(prefix_of(ann), 0, "tactus_records"));
-  EXPECT_FALSE(members_.is_author(prefix_of(ann, 2), ann_id, "tactus_roster")) << "a participant that nobody knows";
+  EXPECT_TRUE(members_.is_author(prefix_of(museum), {museum_id}, "tactus_catalogue"));
+  EXPECT_TRUE(members_.is_author(prefix_of(museum), {0}, "tactus_records"));
+  EXPECT_FALSE(members_.is_author(prefix_of(ann), {museum_id}, "tactus_roster"));
+  EXPECT_FALSE(members_.is_author(prefix_of(ann), {ann_id}, "tactus_reset"));
+  EXPECT_FALSE(members_.is_author(prefix_of(ann), {0}, "tactus_records"));
+  EXPECT_FALSE(members_.is_author(prefix_of(ann, 2), {ann_id}, "tactus_roster")) << "a participant that nobody knows";
   const std::string log = audit();
   EXPECT_THAT(log, HasSubstr(R"("event":"false sender","subject":"user ann","detail":"tactus_roster","count":1)"));
   EXPECT_THAT(log, HasSubstr(R"("event":"not permitted","subject":"user ann","detail":"tactus_reset","count":1)"));
   EXPECT_THAT(log, Not(HasSubstr(R"("subject":"host museum","detail")")));
+}
+
+TEST_F(MembersTest, KeysRestrictAnHrtcToItsUsersAndAHostToItsObjects) {
+  const keys::Member desk = add("lab", Role::kHrtc, {"ann", "bob"}), open = add("open", Role::kHrtc);
+  const keys::Member museum = add("museum", Role::kHost, {"vase"});
+  ASSERT_TRUE(admits(desk, "lab") && admits(open, "open") && admits(museum, "museum"));
+  const auto of_user = [&](const keys::Member& member, const std::string& user) {
+    return members_.is_author(prefix_of(member), {session::id_of(member.name), session::id_of(user)},
+                              "tactus_probe_state");
+  };
+  EXPECT_TRUE(of_user(desk, "ann"));
+  EXPECT_TRUE(of_user(desk, "bob"));
+  EXPECT_FALSE(of_user(desk, "eve"));
+  EXPECT_TRUE(of_user(open, "eve"));
+  const auto of_object = [&](const keys::Member& member, const std::string& object) {
+    return members_.is_author(prefix_of(member), {session::id_of(member.name), 0, session::id_of(object)},
+                              "tactus_object_pose");
+  };
+  EXPECT_TRUE(of_object(museum, "vase"));
+  EXPECT_FALSE(of_object(museum, "crate"));
+  EXPECT_TRUE(of_object(desk, "crate")) << "an HRTC moves the objects that its users hold";
+  const std::string log = audit();
+  EXPECT_THAT(log, HasSubstr(R"("event":"user not permitted","subject":"hrtc lab","detail":"tactus_probe_state")"));
+  EXPECT_THAT(log,
+              HasSubstr(R"("event":"object not permitted","subject":"host museum","detail":"tactus_object_pose")"));
+}
+
+TEST_F(MembersTest, ARosterEntryHasTheRoleAndTheUsersOfTheKeys) {
+  const keys::Member lab = add("lab", Role::kHrtc, {"ann"}), laptop = add("laptop", Role::kUser, {"ann"});
+  const keys::Member screen = add("screen", Role::kObserver);
+  ASSERT_TRUE(admits(lab, "lab") && admits(laptop, "laptop") && admits(screen, "screen"));
+  const auto counts = [&](const keys::Member& member, const session::RosterEntry& entry) {
+    return members_.is_author(prefix_of(member), {session::id_of(member.name), 0, 0, &entry}, "tactus_roster");
+  };
+  session::RosterEntry client, hrtc, viewer;
+  client.role = session::Role::kClient;
+  client.users = {"ann"};
+  hrtc.role = session::Role::kHrtc;
+  hrtc.served_users = {{"ann", 0}};
+  EXPECT_TRUE(counts(laptop, client));
+  EXPECT_TRUE(counts(laptop, viewer));
+  EXPECT_TRUE(counts(lab, hrtc));
+  EXPECT_TRUE(counts(screen, viewer));
+  EXPECT_FALSE(counts(laptop, hrtc));
+  EXPECT_FALSE(counts(screen, client));
+  client.users.emplace_back("bob");
+  hrtc.served_users.push_back({"bob", 1});
+  EXPECT_FALSE(counts(laptop, client));
+  EXPECT_FALSE(counts(lab, hrtc));
+  const std::string log = audit();
+  EXPECT_THAT(log, HasSubstr(R"("event":"role not permitted","subject":"user laptop","detail":"tactus_roster")"));
+  EXPECT_THAT(log, HasSubstr(R"("event":"role not permitted","subject":"observer screen","detail":"tactus_roster")"));
+  EXPECT_THAT(log, HasSubstr(R"("event":"user not permitted","subject":"hrtc lab","detail":"tactus_roster")"));
 }
 
 TEST_F(MembersTest, AMemberWithTooManyRefusedSamplesIsCutOff) {
@@ -152,11 +211,11 @@ TEST_F(MembersTest, AMemberWithTooManyRefusedSamplesIsCutOff) {
   ASSERT_TRUE(admits(ann, "ann"));
   for (std::uint32_t i = 0; i < Members::kMaxRefused; ++i) {
     EXPECT_TRUE(admits({kInfoTime}, prefix_of(ann)));
-    EXPECT_FALSE(members_.is_author(prefix_of(ann), 7, "tactus_roster"));
+    EXPECT_FALSE(members_.is_author(prefix_of(ann), {7}, "tactus_roster"));
   }
   EXPECT_FALSE(admits({kInfoTime}, prefix_of(ann)));
   EXPECT_FALSE(admits(ann, "ann"));
-  EXPECT_FALSE(members_.is_author(prefix_of(ann), session::id_of("ann"), "tactus_roster"));
+  EXPECT_FALSE(members_.is_author(prefix_of(ann), {session::id_of("ann")}, "tactus_roster"));
 }
 
 TEST_F(MembersTest, RevokedAndExpiredMembersAreCutOffDuringTheSession) {

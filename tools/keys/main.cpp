@@ -19,7 +19,7 @@ constexpr char kExamples[] = R"(
 Examples:
   tactus-keys init lab-keys                          a new authority; keep this folder on one machine
   tactus-keys add-host lab-keys museum               a host named museum
-  tactus-keys add-hrtc lab-keys desk                 an HRTC named desk
+  tactus-keys add-hrtc lab-keys desk ann bob         an HRTC named desk that serves only ann and bob
   tactus-keys add-user lab-keys laptop ann bob       a program named laptop that brings the users ann and bob
   tactus-keys export lab-keys desk desk-keys         a copy for the machine of desk
   tactus-hrtc --session lab --name desk --keys desk-keys
@@ -30,9 +30,9 @@ Exit status: 0 done, 2 wrong input.)";
 const char* purpose_of(keys::Role role) {
   switch (role) {
     case keys::Role::kHost:
-      return "Make the keys of a VE host: it serves objects";
+      return "Make the keys of a VE host: it serves objects, all or only those that are named";
     case keys::Role::kHrtc:
-      return "Make the keys of an HRTC: it computes forces and publishes the states of its users";
+      return "Make the keys of an HRTC: it computes the forces of its users, of all or only those that are named";
     case keys::Role::kUser:
       return "Make the keys of a program that brings users: it moves the hands of these users only";
     case keys::Role::kOperator:
@@ -45,18 +45,51 @@ const char* purpose_of(keys::Role role) {
   return "";
 }
 
+/// The argument that names the users or objects of this role; null if it has none.
+const char* names_of(keys::Role role) {
+  switch (role) {
+    case keys::Role::kHost:
+      return "OBJECT";
+    case keys::Role::kHrtc:
+    case keys::Role::kUser:
+    case keys::Role::kOperator:
+      return "USER";
+    case keys::Role::kObserver:
+    case keys::Role::kTester:
+      break;
+  }
+  return nullptr;
+}
+/// Whether the role is for all users or objects if none is named.
+bool is_for_all(keys::Role role) { return role == keys::Role::kHost || role == keys::Role::kHrtc; }
+
+std::string permitted_text(const keys::Member& member) {
+  if (!member.permitted.empty()) return keys::text_of(member.permitted);
+  if (!is_for_all(member.role)) return "";
+  return member.role == keys::Role::kHost ? "all objects" : "all users";
+}
+
 void show(const keys::Authority& authority) {
   const std::time_t now = std::time(nullptr);
-  std::printf("%-24s %-9s %-11s %s\n", "name", "role", "valid until", "state");
+  std::printf("%-24s %-9s %-11s %-8s %s\n", "name", "role", "valid until", "state", "users or objects");
   for (const keys::Member& member : authority.members()) {
     const char* state = "valid";
     if (member.is_revoked)
       state = "revoked";
     else if (now > member.valid_until)
       state = "expired";
-    std::printf("%-24s %-9s %-11s %s\n", member.name.c_str(), std::string{name_of(member.role)}.c_str(),
-                keys::utc_text(member.valid_until, "%Y-%m-%d").c_str(), state);
+    std::printf("%-24s %-9s %-11s %-8s %s\n", member.name.c_str(), std::string{name_of(member.role)}.c_str(),
+                keys::utc_text(member.valid_until, "%Y-%m-%d").c_str(), state, permitted_text(member).c_str());
   }
+}
+
+/// Returns the names that the earlier keys of a member have.
+keys::Permitted earlier_names(const keys::Authority& authority, const keys::NewMember& again) {
+  for (const keys::Member& earlier : authority.members())
+    if (earlier.name == again.name && earlier.role == again.role) return earlier.permitted;
+  throw keys::KeyError(std::string{names_of(again.role)} + ": found none, and no earlier keys of the " +
+                       std::string{name_of(again.role)} + " '" + again.name + "'; expected names" +
+                       (is_for_all(again.role) ? ", or --all" : ""));
 }
 
 /// Copies the folder of a member. Only its owner can read the copy.
@@ -88,6 +121,7 @@ int main(int argc, char** argv) {
   fs::path folder, to;
   std::string name;
   keys::NewMember member;
+  bool for_all = false;
   std::function<void()> action;
   const auto command = [&](const std::string& what, const std::string& purpose, std::function<void()> run) {
     CLI::App* const added = app.add_subcommand(what, purpose);
@@ -103,20 +137,28 @@ int main(int argc, char** argv) {
   for (const keys::Role role : keys::kRoles) {
     CLI::App* const add = command("add-" + std::string{name_of(role)}, purpose_of(role), [&, role] {
       member.role = role;
-      if (member.replaces && member.users.empty() && (role == keys::Role::kUser || role == keys::Role::kOperator))
-        throw keys::KeyError(
-            "USER: found none, expected the users of the new keys; --replace does not keep the earlier ones");
-      if (member.users.empty() && (role == keys::Role::kUser || role == keys::Role::kOperator))
-        member.users = {member.name};
-      const fs::path made = keys::Authority{folder}.add(member);
+      const keys::Authority authority{folder};
+      if (member.replaces && member.permitted.empty() && !for_all && names_of(role) != nullptr)
+        member.permitted = earlier_names(authority, member);
+      const fs::path made = authority.add(member);
       std::printf("%s has the keys of %s %s. Copy it to its machine, for example by tactus keys export.\n",
                   made.c_str(), std::string{name_of(role)}.c_str(), member.name.c_str());
     });
     add->add_option("NAME", member.name, "Name of the program in the session")->required();
-    if (role == keys::Role::kUser || role == keys::Role::kOperator)
-      add->add_option("USER", member.users, "Users that the program may bring; default: one named NAME");
+    if (const char* const names = names_of(role)) {
+      const char* const purpose = role == keys::Role::kHost ? "Objects that the host may offer; default: all"
+                                  : role == keys::Role::kHrtc
+                                      ? "Users that the HRTC may serve; default: all"
+                                      : "Users that the program may bring; default: one named NAME";
+      CLI::Option* const named = add->add_option(names, member.permitted, purpose);
+      if (is_for_all(role))
+        add->add_flag("--all", for_all, "With --replace: do not keep the earlier names")->excludes(named);
+    }
     add->add_option("--days", member.days, "Days for which the keys are valid")->capture_default_str();
-    add->add_flag("--replace", member.replaces, "Revoke earlier keys of this name");
+    add->add_flag("--replace", member.replaces,
+                  names_of(role) == nullptr
+                      ? "Revoke earlier keys of this name"
+                      : "Revoke earlier keys of this name; their names are kept if none is given");
   }
   command("revoke", "Revoke the keys of a member",
           [&] {
