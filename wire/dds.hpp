@@ -102,6 +102,8 @@ struct Participants::Impl {
   dds::Topic& topic(const char* name, TrafficClass traffic, dds::TypeSupport type);
   /// Returns whether a sample with this claim counts. Without keys, all do.
   [[nodiscard]] bool is_author(const dds::SampleInfo& sample, const Claim& claim, const char* topic) const noexcept;
+  /// With keys, writes to the audit log that a participant sends more than the rate of a topic.
+  void report_excess(const GuidPrefix& participant, const char* topic) const noexcept;
   /// Returns the id of the program that has written the sample; 0 without keys.
   [[nodiscard]] std::uint64_t author_of(const dds::SampleInfo& sample) const;
   /// Returns `<session>/<part>`, or `<session>` if `part` is empty. Throws WireError if `part` has a wildcard.

@@ -4,9 +4,11 @@
 #include <cstdio>
 #include <utility>
 
+#include "realtime/process.hpp"
 #include "session/check.hpp"
 #include "wire/convert.hpp"
 #include "wire/dds.hpp"
+#include "wire/rate_limit.hpp"
 
 namespace tactus::wire {
 namespace {
@@ -144,6 +146,7 @@ struct Reader<Sample>::Impl final : dds::DataReaderListener {
       : participants{in},
         participant{in.impl().participant(spec.traffic)},
         topic{spec.name},
+        limit{spec.max_rate},
         user{user_id_of(options.partition)},
         on_sample{std::move(callback)} {
     const auto qos = with_partition<dds::SubscriberQos>(in.impl(), options.partition, dds::SUBSCRIBER_QOS_DEFAULT);
@@ -183,7 +186,13 @@ struct Reader<Sample>::Impl final : dds::DataReaderListener {
   }
 
   void take(const dds::SampleInfo& info) {
-    if (info.sample_identity.writer_guid().guidPrefix == participant.guid().guidPrefix) return;
+    const GuidPrefix author = prefix_of(info.sample_identity.writer_guid());
+    if (author == prefix_of(participant.guid())) return;
+    if (!limit.admits(author, realtime::monotonic_ns())) {
+      ++excess;
+      participants.impl().report_excess(author, topic);
+      return;
+    }
     if constexpr (kHasOrigin<Sample>) {
       if (encoded.stamp().session() != participants.impl().session_id) {
         ++foreign;
@@ -227,6 +236,7 @@ struct Reader<Sample>::Impl final : dds::DataReaderListener {
   Participants& participants;
   dds::DomainParticipant& participant;
   const char* topic;
+  RateLimit limit;
   std::uint64_t user;  // whose samples the reader expects; 0: of all
   OnSample on_sample;
   dds::Subscriber* subscriber = nullptr;
@@ -236,7 +246,7 @@ struct Reader<Sample>::Impl final : dds::DataReaderListener {
   typename IdlOf<Sample>::Type encoded;
   Sample sample{};
   MatchCount matches;
-  std::atomic<std::uint64_t> received{0}, invalid{0}, foreign{0}, refused{0}, lost{0};
+  std::atomic<std::uint64_t> received{0}, invalid{0}, foreign{0}, refused{0}, excess{0}, lost{0};
   std::atomic<const char*> invalid_reason{""};
 };
 
@@ -258,7 +268,7 @@ int Reader<Sample>::matched() const noexcept {
 
 template <class Sample>
 ReaderCounts Reader<Sample>::counts() const noexcept {
-  return {impl_->received, impl_->invalid, impl_->foreign, impl_->refused, impl_->lost};
+  return {impl_->received, impl_->invalid, impl_->foreign, impl_->refused, impl_->excess, impl_->lost};
 }
 
 template <class Sample>

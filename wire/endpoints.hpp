@@ -65,6 +65,7 @@ struct ReaderCounts {
   std::uint64_t invalid = 0;   ///< undecodable, out of bounds or not finite; dropped
   std::uint64_t foreign = 0;   ///< of another session; dropped
   std::uint64_t refused = 0;   ///< with keys: of another member than it claims, or not permitted; dropped
+  std::uint64_t excess = 0;    ///< above TopicSpec::max_rate of their participant; dropped
   std::uint64_t lost = 0;      ///< lost according to DDS; on keep-last topics also samples that newer ones replaced
 };
 

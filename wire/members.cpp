@@ -236,6 +236,13 @@ bool Members::is_author(const GuidPrefix& participant, const Claim& claim, const
   return false;
 }
 
+void Members::report_excess(const GuidPrefix& participant, const char* topic) const {
+  const std::shared_lock lock{mutex_};
+  const auto known = participants_.find(participant);
+  if (known != participants_.end())
+    audit_.add({"too many samples", certificates_.at(known->second.certificate).subject, "", topic});
+}
+
 std::uint64_t Members::id_of(const GuidPrefix& participant) const {
   const std::shared_lock lock{mutex_};
   const auto known = participants_.find(participant);

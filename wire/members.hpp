@@ -58,6 +58,9 @@ class Members {
   /// Returns whether a program has to process a sample that `participant` has written to `topic`.
   [[nodiscard]] bool is_author(const GuidPrefix& participant, const Claim& claim, const char* topic);
 
+  /// Writes to the audit log that a participant sends more than the rate of a topic.
+  void report_excess(const GuidPrefix& participant, const char* topic) const;
+
   /// Returns the id of the program with this participant; 0 if it is no member.
   [[nodiscard]] std::uint64_t id_of(const GuidPrefix& participant) const;
 

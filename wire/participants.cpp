@@ -285,6 +285,11 @@ bool Participants::Impl::is_author(const dds::SampleInfo& sample, const Claim& c
   return false;
 }
 
+void Participants::Impl::report_excess(const GuidPrefix& participant, const char* topic) const noexcept try {
+  if (security) security->members().report_excess(participant, topic);
+} catch (...) {  // out of memory: the audit log lacks an event
+}
+
 std::uint64_t Participants::Impl::author_of(const dds::SampleInfo& sample) const {
   return security == nullptr ? 0 : security->members().id_of(prefix_of(sample.sample_identity.writer_guid()));
 }

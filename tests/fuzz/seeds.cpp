@@ -9,11 +9,13 @@
 #include <vector>
 
 #include "client_sim/scenario.hpp"
+#include "keys/authority.hpp"
 #include "spm/codec/base_codec.hpp"
 #include "spm/codec/model_codec.hpp"
 #include "spm/codec/region_codec.hpp"
 #include "spm/offline/model_file.hpp"
 #include "tests/support/random_model.hpp"
+#include "tests/support/temporary_folder.hpp"
 #include "tests/wire/rtps_bytes.hpp"
 #include "trace/flight_file.hpp"
 #include "trace/mcap.hpp"
@@ -72,7 +74,7 @@ void add_samples(Seeds& seeds) {
 
 void add_datagrams(Seeds& seeds) {
   using namespace wire::test;
-  const std::string identity = "host\nmuseum\n0A1B\n1800000000\nmuseum";
+  const std::string identity = "host\nmuseum\n0A1B\n1800000000\n\nmuseum";
   Bytes announcement{0, 3, 0, 0, 0x2c, 0, 40, 0, static_cast<std::uint8_t>(identity.size()), 0, 0, 0};
   announcement.insert(announcement.end(), identity.begin(), identity.end());
   announcement.resize(4 + 4 + 40);
@@ -84,6 +86,20 @@ void add_datagrams(Seeds& seeds) {
             message_of({submessage(wire::kSecurePrefixId, Bytes(20, 1)), submessage(wire::kSecureBodyId, Bytes(40, 2)),
                         submessage(wire::kSecurePostfixId, Bytes(40, 1))}));
   seeds.add("datagram", std::string(wire::kRtpsHeader, 'R') + identity);
+}
+
+void add_keys(Seeds& seeds) {
+  const test_support::TemporaryFolder folder;
+  const keys::Authority authority = keys::Authority::create(folder.path() / "seeds");
+  keys::NewMember member;
+  member.name = "laptop";
+  member.role = keys::Role::kUser;
+  member.permitted = {"ann", "bob"};
+  const fs::path made = authority.add(member);
+  authority.revoke("laptop");
+  char kind = 0;
+  for (const char* file : {keys::files::kCertificate, keys::files::kRevoked, keys::files::kPrivateKey})
+    seeds.add("keys", kind++ + test_support::read_bytes(made / file));
 }
 
 void add_recordings(Seeds& seeds) {
@@ -132,6 +148,7 @@ int main(int argc, char** argv) try {
   add_models(seeds);
   add_samples(seeds);
   add_datagrams(seeds);
+  add_keys(seeds);
   add_recordings(seeds);
   add_texts(seeds, argv[2]);
   return 0;

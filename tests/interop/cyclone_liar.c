@@ -59,7 +59,8 @@ static dds_entity_t join(dds_domainid_t domain, const char* keys, const char* id
   /* The messages of the handshake must not be divided: Tactus drops unencrypted fragments. */
   checked("domain", dds_create_domain(domain,
                                       "<General><MaxMessageSize>14000B</MaxMessageSize>"
-                                      "<FragmentSize>12000B</FragmentSize></General>"));
+                                      "<FragmentSize>12000B</FragmentSize></General>"
+                                      "<Discovery><LeaseDuration>2s</LeaseDuration></Discovery>"));
   dds_qos_t* qos = dds_create_qos();
   dds_qset_userdata(qos, identity, strlen(identity));
   set_plugin(qos, "auth", CYCLONE_auth, "authentication");

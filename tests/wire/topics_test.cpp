@@ -68,6 +68,20 @@ TEST_F(TwoPrograms, ThePartitionOfAUserHasOnlySamplesOfThisUser) {
   EXPECT_THAT(reader.invalid_reason(), testing::HasSubstr("user_id: expected the user of the partition"));
 }
 
+TEST_F(TwoPrograms, AFloodOfSamplesIsLimitedToTheRateOfItsTopic) {
+  std::atomic<std::uint32_t> arrived{0};
+  Reader<ses::EmergencyStop> reader{beta_, topics::kStop, [&](ses::EmergencyStop&&) { ++arrived; }};
+  Writer<ses::EmergencyStop> writer{alpha_, topics::kStop};
+  const auto begin = std::chrono::steady_clock::now();
+  const auto stop = full_sample<ses::EmergencyStop>(alpha_);
+  EXPECT_TRUE(eventually([&] {
+    EXPECT_EQ(writer.send(stop), SendStatus::kSent);
+    return reader.counts().excess > 100;
+  }));
+  const std::chrono::duration<double> seconds = std::chrono::steady_clock::now() - begin;
+  EXPECT_LE(arrived, topics::kStop.max_rate * (1 + seconds.count()) + 1);
+}
+
 TEST_F(TwoPrograms, ALateJoinerReceivesTransientLocalTopics) {
   expect_late_joiner_receives(topics::kCatalogue);
   expect_late_joiner_receives(topics::kControl);
