@@ -3,7 +3,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <chrono>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "keys/authority.hpp"
@@ -204,6 +206,24 @@ TEST_F(MembersTest, ARosterEntryHasTheRoleAndTheUsersOfTheKeys) {
   EXPECT_THAT(log, HasSubstr(R"("event":"role not permitted","subject":"user laptop","detail":"tactus_roster")"));
   EXPECT_THAT(log, HasSubstr(R"("event":"role not permitted","subject":"observer screen","detail":"tactus_roster")"));
   EXPECT_THAT(log, HasSubstr(R"("event":"user not permitted","subject":"hrtc lab","detail":"tactus_roster")"));
+}
+
+TEST_F(MembersTest, IdentitiesThatNobodyProvesDoNotKeepMembersOut) {
+  const keys::Member museum = add("museum", Role::kHost);
+  ASSERT_TRUE(admits(museum, "museum"));
+  keys::Member claimed = museum;
+  bool is_full = false;
+  for (int i = 0; i < 10'000 && !is_full; ++i) {
+    claimed.serial = std::to_string(i);
+    const GuidPrefix sender = prefix_of(claimed);
+    is_full =
+        !admits({announcement(sender, text_of(keys::identity_of(claimed, "museum.x" + std::to_string(i))))}, sender);
+  }
+  EXPECT_TRUE(is_full) << "a flood of identities is limited";
+  EXPECT_THAT(audit(), HasSubstr(R"("event":"too many programs")"));
+  EXPECT_TRUE(admits({kInfoTime}, prefix_of(museum))) << "a member that has proved its identity stays";
+  std::this_thread::sleep_for(std::chrono::seconds{1});  // unproved identities make room once in a second
+  EXPECT_TRUE(admits(add("late", Role::kHost), "late"));
 }
 
 TEST_F(MembersTest, AMemberWithTooManyRefusedSamplesIsCutOff) {
