@@ -5,6 +5,7 @@
 //             real-time priority.
 //   joining   32 HRTCs start within a second. Measures the time until the last of them has an exact contact. The tips
 //             rest at 32 points, or move. Repeats this with fewer HRTCs.
+//   secured   8 HRTCs start within a second, with keys and without.
 //   coded     64 probes at 1 kHz, 8 to an HRTC, follow 64 paths. Compares the deadband-coded states that the HRTCs sent
 //             with those that an observer received, and measures CPU time. Repeats this with fewer probes.
 //   crowding  8 HRTCs follow one path. Divides the bytes that the host sends to 8 by the bytes that it sends to one.
@@ -393,6 +394,28 @@ void report_joining(const Testbed& testbed, const ScaleSettings& settings, Repor
   }
 }
 
+void report_secured(Testbed& testbed, const ScaleSettings& settings, Report& report) {
+  Samples plain_s, secured_s;
+  std::size_t exact_users = 0;
+  for (int pair = 0; pair < settings.secured_pairs && !realtime::stop_signal(); ++pair) {
+    for (const bool has_keys : {pair % 2 != 0, pair % 2 == 0}) {
+      testbed.set_keys(has_keys);
+      const JoiningRun joining = run_joining(testbed, settings.secured_hrtcs, Tips::kResting);
+      (has_keys ? secured_s : plain_s).add(joining.ready_s);
+      exact_users += joining.exact_users;
+    }
+  }
+  testbed.set_keys(false);
+  const std::string count = std::to_string(settings.secured_hrtcs);
+  const Population runs{"runs of " + count + " HRTCs", secured_s.size()};
+  report.add_value("time until the last exact contact, without keys, median", runs, "s", plain_s.percentile(0.5));
+  report.add_value("time until the last exact contact, with keys, median", runs, "s", secured_s.percentile(0.5));
+  report.add_at_most("time until the last exact contact, with keys minus without, medians", runs, "s",
+                     secured_s.percentile(0.5) - plain_s.percentile(0.5), 2);
+  report.add_at_least("users with an exact contact, with and without keys", runs, "", static_cast<double>(exact_users),
+                      2 * settings.secured_hrtcs * settings.secured_pairs);
+}
+
 void report_coded(const Testbed& testbed, const ScaleSettings& settings, Report& report) {
   for (const int probes : doubled_counts(settings.probes / 8, settings.probes)) {
     if (realtime::stop_signal()) return;
@@ -436,13 +459,14 @@ void report_state(const ScaleSettings& settings, Report& report) {
 
 Report run(const ScaleSettings& settings) {
   const auto wanted = [&](const char* part) { return settings.part.empty() || settings.part == part; };
-  const Testbed testbed{settings};
+  Testbed testbed{settings};
   char text[160];
   std::snprintf(text, sizeof text, "organ of %u faces, %d windows of %g s of each kind, tips at 5 and 30 cm/s",
                 settings.faces, settings.windows, settings.seconds);
   Report report{{"organ", testbed.digest(), settings.faces, text}};
   if (wanted("trouble")) report_trouble(testbed, settings, report);
   if (wanted("joining")) report_joining(testbed, settings, report);
+  if (wanted("secured")) report_secured(testbed, settings, report);
   if (wanted("coded")) report_coded(testbed, settings, report);
   if (wanted("crowding")) report_crowding(testbed, settings, report);
   if (wanted("state")) report_state(settings, report);
@@ -457,7 +481,8 @@ int main(int argc, char** argv) {
   tactus::bench::App app{
       "scale",
       "Measures the effect of many HRTCs on a host and on each other: delays caused by an impaired HRTC, joining of 32 "
-      "HRTCs, delivery of deadband-coded states of 64 probes, bytes sent to 8 HRTCs on one path, memory of the host",
+      "HRTCs, and of 8 with keys, delivery of deadband-coded states of 64 probes, bytes sent to 8 HRTCs on one path, "
+      "memory of the host",
       "smaller models, 2 windows of each kind, 4 HRTCs that join, 8 probes"};
   app.add_option("--faces", settings.faces, "faces of the generated organ")->check(CLI::Range(10'000, 10'000'000));
   app.add_option("--pairs", settings.windows, "windows of each kind")->check(CLI::Range(1, 100));
@@ -470,12 +495,14 @@ int main(int argc, char** argv) {
       ->check(CLI::Range(1, 64));
   app.add_option("--domain", settings.domain, "first of the three DDS domains used")->check(CLI::Range(1, 95));
   app.add_option("--part", settings.part, "runs only this part")
-      ->check(CLI::IsMember({"trouble", "joining", "coded", "crowding", "state"}));
+      ->check(CLI::IsMember({"trouble", "joining", "secured", "coded", "crowding", "state"}));
   return tactus::bench::latency_main(app, argc, argv, [&] {
     if (app.quick) {
       settings.faces = settings.state_faces = 200'000;
       settings.windows = 2;
       settings.joining_hrtcs = 4;
+      settings.secured_hrtcs = 4;
+      settings.secured_pairs = 1;
       settings.probes = 8;
     }
     if (settings.min_joining_hrtcs > settings.joining_hrtcs)

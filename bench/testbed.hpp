@@ -1,6 +1,7 @@
 /// The programs, model and recordings of the benchmark of many HRTCs.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <cstdio>
 #include <filesystem>
@@ -13,6 +14,7 @@
 
 #include "bench/models.hpp"
 #include "bench/surface_path.hpp"
+#include "keys/authority.hpp"
 #include "spm/fcl/fixed_mesh.hpp"
 #include "spm/offline/model_file.hpp"
 #include "tests/support/process.hpp"
@@ -30,6 +32,8 @@ struct ScaleSettings {
   double seconds = 2;  // length of each window
   int joining_hrtcs = 32;
   int min_joining_hrtcs = 0;              // 0: an eighth of joining_hrtcs
+  int secured_hrtcs = 8;                  // number of HRTCs that join with keys
+  int secured_pairs = 3;                  // number of joins with keys, and without
   int probes = 64;                        // 8 at each HRTC
   std::uint32_t state_faces = 2'950'000;  // of the model of part "state", for about 10,000 regions
 };
@@ -53,16 +57,20 @@ class Testbed {
     if (settings.part.empty() || settings.part == "coded")
       for (int i = 0; i < settings.probes; ++i) write_moving(i);  // on the slow path
     write_path("fast.csv", subject, kFastSpeed);
-    for (int i = 0; i < settings.joining_hrtcs; ++i) write_resting(i);  // on the fast path
+    const int resting = std::max(settings.joining_hrtcs, settings.secured_hrtcs);
+    for (int i = 0; i < resting; ++i) write_resting(i, resting);  // on the fast path
     programs_ = std::filesystem::read_symlink("/proc/self/exe").parent_path();
   }
 
   [[nodiscard]] std::uint64_t digest() const noexcept { return digest_; }
 
+  /// Whether the programs and observers that start from now on have keys.
+  void set_keys(bool has_keys) noexcept { has_keys_ = has_keys; }
+
   /// Starts a host in `session`, which serves the model when this returns. Throws std::runtime_error if the host ends
   /// first, or does not serve the model within 60 s.
   [[nodiscard]] std::unique_ptr<e2e::Process> host(const std::string& session) const {
-    auto host = start("tactus-host", session, {"--name", "host", "--config", (folder_.path() / "host.yaml").string()});
+    auto host = start("host", session, "host", {"--config", (folder_.path() / "host.yaml").string()});
     if (!host->wait_for_line("serving 'object'", std::chrono::seconds{60}))
       throw std::runtime_error("the host does not serve:\n" + host->output());
     return host;
@@ -70,8 +78,8 @@ class Testbed {
   /// Starts an HRTC with one user of the same name, whose tip replays the recording `path`.
   [[nodiscard]] std::unique_ptr<e2e::Process> hrtc(const std::string& session, const std::string& name,
                                                    const std::string& path, std::vector<std::string> more = {}) const {
-    more.insert(more.end(), {"--name", name, "--replay", name + "=" + (folder_.path() / (path + ".csv")).string()});
-    return start("tactus-hrtc", session, more);
+    more.insert(more.end(), {"--replay", name + "=" + (folder_.path() / (path + ".csv")).string()});
+    return start("hrtc", session, name, more);
   }
   /// Starts an HRTC with one user for each recording of `paths`. A user's name is "HRTC-RECORDING".
   [[nodiscard]] std::unique_ptr<e2e::Process> hrtc(const std::string& session, const std::string& name,
@@ -80,7 +88,7 @@ class Testbed {
     for (const std::string& path : paths)
       arguments.insert(arguments.end(),
                        {"--replay", name + "-" + path + "=" + (folder_.path() / (path + ".csv")).string()});
-    return start("tactus-hrtc", session, arguments);
+    return start("hrtc", session, name, arguments);
   }
   /// Returns the name of the recording of a tip that moves.
   [[nodiscard]] static std::string moving_recording(int index) { return "path-" + std::to_string(index); }
@@ -92,16 +100,35 @@ class Testbed {
     address.participant = participant;
     address.domain = settings_.domain;
     address.qos = wire::default_qos_directory();
+    if (has_keys_) {
+      address.keys = keys_of(participant, keys::Role::kObserver);
+      address.audit = folder_.path() / (participant + ".jsonl");
+    }
     return address;
   }
 
  private:
-  [[nodiscard]] std::unique_ptr<e2e::Process> start(const std::string& program, const std::string& session,
+  /// Starts the program tactus-`kind`, a host or an HRTC.
+  [[nodiscard]] std::unique_ptr<e2e::Process> start(const std::string& kind, const std::string& session,
+                                                    const std::string& name,
                                                     const std::vector<std::string>& more) const {
-    std::vector<std::string> command{(programs_ / program).string(), "--session", session, "--domain",
-                                     std::to_string(settings_.domain)};
+    std::vector<std::string> command{
+        (programs_ / ("tactus-" + kind)).string(), "--session", session, "--name", name, "--domain",
+        std::to_string(settings_.domain)};
+    if (has_keys_) {
+      const std::string keys = keys_of(name, kind == "host" ? keys::Role::kHost : keys::Role::kHrtc);
+      command.insert(command.end(), {"--keys", keys, "--audit", (folder_.path() / (name + ".jsonl")).string()});
+    }
     command.insert(command.end(), more.begin(), more.end());
     return std::make_unique<e2e::Process>(std::move(command));
+  }
+  /// Returns the folder of the keys of a program, which are made for its first start.
+  [[nodiscard]] std::string keys_of(const std::string& name, keys::Role role) const {
+    keys::NewMember member;
+    member.name = name;
+    member.role = role;
+    const std::filesystem::path made = authority_.folder_of(name);
+    return std::filesystem::exists(made) ? made.string() : authority_.add(member).string();
   }
   /// Writes the recording of a tip that follows a path at `speed`, m/s, and stores the path in `path_`.
   void write_path(const std::string& name, const LoadedModel& subject, double speed) {
@@ -121,12 +148,11 @@ class Testbed {
     if (!out.flush()) throw std::runtime_error("cannot write " + name);
   }
   /// Writes the recording of a tip that rests at a point of `path_`. The points of all HRTCs are evenly spaced.
-  void write_resting(int index) const {
+  void write_resting(int index, int count) const {
     const std::string name = resting_recording(index) + ".csv";
     std::ofstream out{folder_.path() / name};
     out.precision(9);
-    const std::size_t at =
-        path_.size() * static_cast<std::size_t>(index) / static_cast<std::size_t>(settings_.joining_hrtcs);
+    const std::size_t at = path_.size() * static_cast<std::size_t>(index) / static_cast<std::size_t>(count);
     for (const double time : {0.0, 60.0}) write_row(out, time, path_[at]);
     if (!out.flush()) throw std::runtime_error("cannot write " + name);
   }
@@ -157,6 +183,8 @@ class Testbed {
   std::vector<spm::Vec3d> path_;  // the path that write_path wrote last, m
   test_support::TemporaryFolder folder_;
   std::filesystem::path programs_;
+  const keys::Authority authority_ = keys::Authority::create(folder_.path() / "bench-keys");
+  bool has_keys_ = false;
 };
 
 }  // namespace tactus::bench

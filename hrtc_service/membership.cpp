@@ -153,7 +153,7 @@ void Membership::add_users(const session::RosterEntry& client) {
     }
     if (settings_.permits && !settings_.permits(name)) {
       report(Severity::kWarning, "user " + name + " of client " + client.name +
-                                     " refused: the keys of this HRTC do not permit to serve this user");
+                                     " refused: the keys of this HRTC do not permit it to serve the user");
       continue;
     }
     const std::optional<std::uint32_t> probe = user_table_.grant(name);

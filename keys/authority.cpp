@@ -141,13 +141,13 @@ Permitted permitted_of(const NewMember& added) {
   const bool brings_users = added.role == Role::kUser || added.role == Role::kOperator;
   if (added.permitted.empty()) return brings_users ? Permitted{added.name} : Permitted{};
   if (!brings_users && added.role != Role::kHrtc && added.role != Role::kHost)
-    throw KeyError("found " + text_of(added.permitted) + ", expected no users or objects for the role " +
+    throw KeyError("names: found '" + text_of(added.permitted) + "', expected no users or objects for the role " +
                    std::string{name_of(added.role)});
   const std::string kind = added.role == Role::kHost ? "object" : "user";
   for (const std::string& name : added.permitted) check_name(kind.c_str(), name);
   if (const std::size_t size = text_of(added.permitted).size(); size > kMaxPermitted)
-    throw KeyError("names of " + kind + "s: found " + std::to_string(size) + " characters, expected at most " +
-                   std::to_string(kMaxPermitted));
+    throw KeyError("names of " + kind + "s: found " + std::to_string(size) +
+                   " characters with the spaces between the names, expected at most " + std::to_string(kMaxPermitted));
   return added.permitted;
 }
 
@@ -261,15 +261,18 @@ void Authority::write_revoked(const std::vector<std::string>& serials) const {
     if (entry.path().filename().string().front() != '.') Pending::file(entry.path() / files::kRevoked, text).commit();
 }
 
+std::optional<Member> Authority::find(const std::string& name) const {
+  const fs::path file = folder_of(name) / files::kCertificate;
+  if (!fs::exists(file)) return std::nullopt;  // or the folder is of an interrupted run
+  return member_of(*read_certificate(file), *read_revoked_list(folder_ / kAuthorityFolder / files::kRevoked), file);
+}
+
 std::vector<Member> Authority::members() const {
-  const RevokedList revoked = read_revoked_list(folder_ / kAuthorityFolder / files::kRevoked);
   std::vector<Member> members;
   for (const auto& entry : fs::directory_iterator{folder_ / kMembersFolder}) {
     const std::string name = entry.path().filename();
-    // Of an interrupted run.
-    if (name.front() == '.' || !fs::exists(entry.path() / files::kCertificate)) continue;
-    const fs::path file = entry.path() / files::kCertificate;
-    members.push_back(member_of(*read_certificate(file), *revoked, file));
+    if (name.front() == '.') continue;  // of an interrupted run
+    if (std::optional<Member> member = find(name)) members.push_back(std::move(*member));
   }
   std::sort(members.begin(), members.end(), [](const Member& a, const Member& b) { return a.name < b.name; });
   return members;

@@ -10,6 +10,7 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -37,6 +38,8 @@ class Authority {
   /// Revokes the certificate of a member, and writes the new list of revoked certificates into the folders of all
   /// members. Throws KeyError.
   void revoke(const std::string& name) const;
+  /// Returns the member of this name; none if there is none, or if its folder has no certificate. Throws KeyError.
+  [[nodiscard]] std::optional<Member> find(const std::string& name) const;
   /// Returns the members by name.
   [[nodiscard]] std::vector<Member> members() const;
   [[nodiscard]] std::filesystem::path folder_of(const std::string& name) const;

@@ -31,9 +31,9 @@ struct Issuer {
   Key key;
 };
 
-/// Subject of a certificate: O=group, OU=unit, CN=name, description=permitted (separated by spaces), serialNumber=serial,
-/// dnQualifier=until. A subject with serial number and time of expiry belongs to one certificate only, so whoever knows
-/// the subject knows all that it states.
+/// Subject of a certificate: O=group, OU=unit, CN=name, description=permitted (separated by spaces),
+/// serialNumber=serial, dnQualifier=until. A subject with serial number and time of expiry belongs to one certificate
+/// only, so whoever knows the subject knows all that it states.
 struct Subject {
   std::string group, unit, name;
   Permitted permitted{};

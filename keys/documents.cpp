@@ -11,7 +11,7 @@ constexpr char kHead[] =
     "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n"
     "<dds xmlns:xsi=\"http://www.w3.org/2001/XMLSchema-instance\" "
     "xsi:noNamespaceSchemaLocation=\"http://www.omg.org/spec/DDS-Security/20170901/";
-// All domains: the base domain of a session is an option of its programs. Cyclone DDS has none above 230.
+// All domains: the base domain of a session is an option of its programs. Cyclone DDS knows no domain above 230.
 constexpr char kDomains[] = "<domains><id_range><min>0</min><max>230</max></id_range></domains>\n";
 
 /// The partitions of the sessions of `tactus latency` (latency/measure.cpp).

@@ -11,7 +11,7 @@ namespace tactus::keys {
 namespace {
 
 constexpr char kSeparator = '\n', kInstance = '.';
-constexpr std::size_t kMaxText = 511, kMaxName = 63, kMaxSerial = 40;
+constexpr std::size_t kMaxText = 767, kMaxName = 63, kMaxSerial = 40;
 
 std::vector<std::string_view> fields_of(std::string_view text) {
   std::vector<std::string_view> fields;

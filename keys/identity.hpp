@@ -35,7 +35,7 @@ struct Identity {
 /// Returns the identity of a program with these keys.
 [[nodiscard]] Identity identity_of(const Member& member, std::string participant);
 
-/// The text that a program announces, of at most 511 bytes.
+/// The text that a program announces, of at most 767 bytes.
 [[nodiscard]] std::string text_of(const Identity& identity);
 /// Returns the identity in a received text; none if it has characters that no authority issues, or if the name of the
 /// program is not one that the member may use. Names of programs have letters, digits, hyphens, underscores and points.

@@ -92,8 +92,10 @@ Member member_of(X509& certificate, X509_CRL& revoked, const fs::path& file) {
   const bool has_users = member.role == Role::kUser || member.role == Role::kOperator;
   if (subject.serial != member.serial || subject.until != std::to_string(member.valid_until) ||
       (has_users && member.permitted.empty()))
-    throw KeyError(file.string() + ": found a certificate of an earlier version of tactus keys; make a new one with: " +
-                   replace_command(member.role, subject.name));
+    throw KeyError(file.string() +
+                   ": found a certificate of an earlier version of tactus keys; make a new one with: tactus keys add-" +
+                   std::string{name_of(member.role)} + " AUTHORITY " + subject.name + (has_users ? " USER..." : "") +
+                   " --replace");
   member.is_revoked = std::find(serials.begin(), serials.end(), member.serial) != serials.end();
   return member;
 }

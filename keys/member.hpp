@@ -55,7 +55,7 @@ using Permitted = std::vector<std::string>;
 [[nodiscard]] std::string text_of(const Permitted& permitted);
 [[nodiscard]] Permitted permitted_in(std::string_view text);
 /// Largest size of that text, bytes, so that an announcement fits one frame.
-inline constexpr std::size_t kMaxPermitted = 255;
+inline constexpr std::size_t kMaxPermitted = 511;
 
 struct Member {
   std::string name;

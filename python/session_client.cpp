@@ -59,7 +59,7 @@ SessionClient::SessionClient(const wire::SessionAddress& address)
       clock_{participants_.origin(), {}, monotonic_ns()},
       roster_{participants_.origin(), {}},
       joined_ns_{monotonic_ns()} {
-  self_.role = session::Role::kClient;
+  self_.role = participants_.may_write(wire::topics::kIntent.name) ? session::Role::kClient : session::Role::kViewer;
   self_.name = participants_.address().participant;
   self_.session = address.session;
   listen(wire::topics::kRoster);
@@ -266,6 +266,7 @@ std::string SessionClient::end_reason() const {
 }
 
 void SessionClient::add_user(const std::string& user, const std::string& hrtc) {
+  participants_.expect_permitted("user", user);
   const std::lock_guard lock{mutex_};
   if (!self_.requested_hrtc.empty() && self_.requested_hrtc != hrtc)
     throw std::invalid_argument("hrtc: found '" + hrtc + "', expected '" + self_.requested_hrtc +

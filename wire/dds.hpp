@@ -100,9 +100,9 @@ struct Participants::Impl {
   }
   /// Returns the topic, and creates it with `type` for the first endpoint. Throws WireError.
   dds::Topic& topic(const char* name, TrafficClass traffic, dds::TypeSupport type);
-  /// Returns whether a sample with this claim counts. Without keys, all do.
+  /// Returns whether a sample with this claim counts. Without keys, all samples count.
   [[nodiscard]] bool is_author(const dds::SampleInfo& sample, const Claim& claim, const char* topic) const noexcept;
-  /// With keys, writes to the audit log that a participant sends more than the rate of a topic.
+  /// Reports that a participant sends more than the rate of a topic: in the log, and with keys in the audit log.
   void report_excess(const GuidPrefix& participant, const char* topic) const noexcept;
   /// Returns the id of the program that has written the sample; 0 without keys.
   [[nodiscard]] std::uint64_t author_of(const dds::SampleInfo& sample) const;

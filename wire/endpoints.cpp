@@ -49,6 +49,14 @@ std::string group_partition(std::uint64_t group) {
   return text.data();
 }
 
+// claim_of finds these fields by their names.
+static_assert(requires(session::ProbeState s, session::DevicePose d, session::DeviceCommand c, session::Intent i) {
+  s.user_id, d.user_id, c.user_id, i.user_id;
+});
+static_assert(requires(session::CatalogueEntry e, session::ObjectPose p, session::ObjectGrant g) {
+  e.object_id, p.object_id, g.object_id;
+});
+
 template <class Sample>
 struct Writer<Sample>::Impl final : dds::DataWriterListener {
   Impl(Participants& in, const TopicSpec<Sample>& spec, const EndpointOptions& options)
@@ -188,9 +196,13 @@ struct Reader<Sample>::Impl final : dds::DataReaderListener {
   void take(const dds::SampleInfo& info) {
     const GuidPrefix author = prefix_of(info.sample_identity.writer_guid());
     if (author == prefix_of(participant.guid())) return;
-    if (!limit.admits(author, realtime::monotonic_ns())) {
+    if (const std::int64_t now_ns = realtime::monotonic_ns(); !limit.admits(author, now_ns)) {
+      constexpr std::int64_t kReportNs = 1'000'000'000;
       ++excess;
-      participants.impl().report_excess(author, topic);
+      if (now_ns - excess_reported_ns > kReportNs) {
+        excess_reported_ns = now_ns;
+        participants.impl().report_excess(author, topic);
+      }
       return;
     }
     if constexpr (kHasOrigin<Sample>) {
@@ -237,6 +249,7 @@ struct Reader<Sample>::Impl final : dds::DataReaderListener {
   dds::DomainParticipant& participant;
   const char* topic;
   RateLimit limit;
+  std::int64_t excess_reported_ns = 0;
   std::uint64_t user;  // whose samples the reader expects; 0: of all
   OnSample on_sample;
   dds::Subscriber* subscriber = nullptr;

@@ -159,8 +159,8 @@ const char* Members::reason_to_cut_off(const keys::Identity& identity, const key
   return known != certificates_.end() && known->second.is_cut_off ? "too many refused samples" : nullptr;
 }
 
-/// Ids are hashes, which a member could make equal to that of another member by the name of an instance. Only those that
-/// have proved their identity keep an id from others.
+/// Ids are hashes, which a member could make equal to that of another member by the name of an instance. Only those
+/// that have proved their identity keep an id from others.
 bool Members::is_id_of_another(std::uint64_t id, const keys::GuidBegin& certificate) const {
   return std::any_of(participants_.begin(), participants_.end(), [&](const auto& entry) {
     const Participant& other = entry.second;
@@ -203,19 +203,28 @@ const char* Members::refusal_of(const Participant& author, const Certificate& ce
   const auto is_permitted = [&](std::uint64_t id) {
     return permitted.empty() || std::find(permitted.begin(), permitted.end(), id) != permitted.end();
   };
-  if (certificate.role == keys::Role::kHost) {
-    if (claim.object != 0 && !is_permitted(claim.object)) return "object not permitted";
-  } else if (claim.user != 0 && !is_permitted(claim.user)) {
+  if (certificate.role == keys::Role::kHost && claim.object != 0 && !is_permitted(claim.object))
+    return "object not permitted";
+  if (certificate.role != keys::Role::kHost && claim.user != 0 && !is_permitted(claim.user))
     return "user not permitted";
-  }
   if (claim.entry == nullptr) return nullptr;
   if (!may_be(certificate.role, claim.entry->role)) return "role not permitted";
-  const auto has_permitted_name = [&](const std::string& user) { return is_permitted(session::id_of(user)); };
-  const bool has_permitted_users =
-      std::all_of(claim.entry->users.begin(), claim.entry->users.end(), has_permitted_name) &&
-      std::all_of(claim.entry->served_users.begin(), claim.entry->served_users.end(),
-                  [&](const session::UserProbe& served) { return has_permitted_name(served.user); });
-  return has_permitted_users ? nullptr : "user not permitted";
+  return has_permitted_users(certificate, *claim.entry) ? nullptr : "user not permitted";
+}
+
+/// A client lists the users that it brings, and an HRTC those that it serves. Others list none.
+bool Members::has_permitted_users(const Certificate& certificate, const session::RosterEntry& entry) {
+  const auto is_permitted = [&](const std::string& user) {
+    return std::find(certificate.permitted.begin(), certificate.permitted.end(), user) != certificate.permitted.end();
+  };
+  const bool serves_all = certificate.role == keys::Role::kHrtc && certificate.permitted.empty();
+  const bool brings = certificate.role == keys::Role::kUser || certificate.role == keys::Role::kOperator;
+  const auto& served = entry.served_users;
+  return (entry.users.empty() || (brings && std::all_of(entry.users.begin(), entry.users.end(), is_permitted))) &&
+         (served.empty() || serves_all ||
+          (certificate.role == keys::Role::kHrtc &&
+           std::all_of(served.begin(), served.end(),
+                       [&](const session::UserProbe& user) { return is_permitted(user.user); })));
 }
 
 bool Members::is_author(const GuidPrefix& participant, const Claim& claim, const char* topic) {
@@ -230,8 +239,9 @@ bool Members::is_author(const GuidPrefix& participant, const Claim& claim, const
   const auto author = participants_.find(participant);
   if (author == participants_.end()) return false;
   Certificate& certificate = certificates_.at(author->second.certificate);
-  if (const char* const why = refusal_of(author->second, certificate, claim, topic))
-    audit_.add({why, certificate.subject, "", topic});
+  const char* const why = refusal_of(author->second, certificate, claim, topic);
+  if (why == nullptr) return !certificate.is_cut_off;  // an announcement has added the id since
+  audit_.add({why, certificate.subject, "", topic});
   if (++certificate.refused == kMaxRefused) cut_off(certificate, "too many refused samples");
   return false;
 }

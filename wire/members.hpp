@@ -11,7 +11,8 @@
 /// (keys/identity.hpp). A certificate is cut off when it is revoked or has expired, or when kMaxRefused samples of it
 /// were refused. Then all its messages are dropped, so the library loses its participants when their leases end.
 ///
-/// Threads: any. Cost of a message or a sample: one lookup in a tree, with a shared lock.
+/// Threads: any. Cost of a message or a sample: one lookup in a tree and, for a restricted member, a search of its
+/// permitted names, with a shared lock.
 #pragma once
 
 #include <cstdint>
@@ -32,7 +33,7 @@
 
 namespace tactus::wire {
 
-/// What a sample states about its author.
+/// The fields of a sample that the keys of its author must permit.
 struct Claim {
   std::uint64_t participant = 0;                ///< id of the sender; 0: the sample names none
   std::uint64_t user = 0;                       ///< id of the user that it moves or represents; 0: none
@@ -100,6 +101,7 @@ class Members {
   /// The event of the audit log that refuses a sample; null if it is not refused.
   [[nodiscard]] static const char* refusal_of(const Participant& author, const Certificate& certificate,
                                               const Claim& claim, const char* topic);
+  [[nodiscard]] static bool has_permitted_users(const Certificate& certificate, const session::RosterEntry& entry);
   void cut_off(Certificate& certificate, const char* why);
 
   const std::filesystem::path folder_;

@@ -286,6 +286,8 @@ bool Participants::Impl::is_author(const dds::SampleInfo& sample, const Claim& c
 }
 
 void Participants::Impl::report_excess(const GuidPrefix& participant, const char* topic) const noexcept try {
+  report(std::string{"topic "} + topic +
+         ": a participant sends more samples than the limit of its rate; those above it " + "are dropped");
   if (security) security->members().report_excess(participant, topic);
 } catch (...) {  // out of memory: the audit log lacks an event
 }

@@ -40,7 +40,7 @@ class Participants {
   [[nodiscard]] bool may_write(const char* topic) const;
   /// Returns false if the keys of this program restrict it to other users, or (a host) to other objects.
   [[nodiscard]] bool permits(const std::string& name) const;
-  /// Throws WireError if it does not. `kind`: "user" or "object", for the message.
+  /// Throws WireError unless `permits(name)`. `kind`: "user" or "object", for the message.
   void expect_permitted(const char* kind, const std::string& name) const;
 
   /// Max encoded size of the pieces of a chunk whose message fits one Ethernet frame. With keys it is smaller, because

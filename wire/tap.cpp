@@ -161,7 +161,7 @@ struct Tap::Impl {
           in.participant(spec.traffic), topic, partitions, in.reader_qos.at(spec.profile),
           [&in, on_sample, on_decoded, number, name = spec.name](const Encoded& encoded, const dds::SampleInfo& info) {
             Sample sample;
-            if (in.security || on_decoded) from_idl(Raw<Support>::decoded(encoded), sample);
+            if ((in.security && kHasOrigin<Sample>) || on_decoded) from_idl(Raw<Support>::decoded(encoded), sample);
             if (!in.is_author(info, claim_of(sample), name)) return;
             on_sample(number, encoded.bytes);
             if (!on_decoded) return;

@@ -13,8 +13,8 @@ struct TopicSpec {
   const char* name;
   TrafficClass traffic;
   const char* profile;
-  /// Samples of one participant that a reader accepts in a second: about ten times as many as programs send with the
-  /// largest number of users, objects and HRTCs.
+  /// Samples of one participant that a reader accepts in a second: more than programs send with the largest number of
+  /// users, objects and HRTCs, and the largest rates of their options.
   std::uint32_t max_rate;
 };
 
@@ -31,20 +31,20 @@ inline constexpr TopicSpec<session::Control> kControl{"tactus_control", TrafficC
 inline constexpr TopicSpec<session::ForceReset> kReset{"tactus_reset", TrafficClass::kSession, "reset", 500};
 inline constexpr TopicSpec<session::SessionEnd> kEnd{"tactus_end", TrafficClass::kSession, "end", 200};
 
-inline constexpr TopicSpec<session::BulkChunk> kBase{"tactus_base", TrafficClass::kBulk, "base", 200'000};
-inline constexpr TopicSpec<session::BulkChunk> kRecords{"tactus_records", TrafficClass::kBulk, "records", 200'000};
+inline constexpr TopicSpec<session::BulkChunk> kBase{"tactus_base", TrafficClass::kBulk, "base", 1'000'000};
+inline constexpr TopicSpec<session::BulkChunk> kRecords{"tactus_records", TrafficClass::kBulk, "records", 1'000'000};
 
 /// An emergency stop is in the probe class, because the packets and receive threads of that class have priority.
 inline constexpr TopicSpec<session::EmergencyStop> kStop{"tactus_stop", TrafficClass::kProbe, "stop", 500};
 inline constexpr TopicSpec<session::ProbeState> kProbeState{"tactus_probe_state", TrafficClass::kProbe, "probe_state",
-                                                            32'000};
+                                                            100'000};
 /// Full-rate states use the topic of kProbeState with other profiles, in a group's partition (mode `collaborate`).
 inline constexpr TopicSpec<session::ProbeState> kProbeStateFullRate{"tactus_probe_state", TrafficClass::kProbe,
-                                                                    "probe_state_full_rate", 32'000};
+                                                                    "probe_state_full_rate", 100'000};
 inline constexpr TopicSpec<session::DevicePose> kDevicePose{"tactus_device_pose", TrafficClass::kProbe, "device_pose",
-                                                            32'000};
+                                                            100'000};
 inline constexpr TopicSpec<session::DeviceCommand> kDeviceCommand{"tactus_device_command", TrafficClass::kProbe,
-                                                                  "device_command", 32'000};
+                                                                  "device_command", 100'000};
 inline constexpr TopicSpec<session::Intent> kIntent{"tactus_intent", TrafficClass::kProbe, "intent", 20'000};
 inline constexpr TopicSpec<session::ObjectPose> kObjectPose{"tactus_object_pose", TrafficClass::kProbe, "object_pose",
                                                             40'000};
@@ -53,7 +53,7 @@ inline constexpr TopicSpec<session::ObjectClaim> kObjectClaim{"tactus_object_cla
 inline constexpr TopicSpec<session::ObjectGrant> kObjectGrant{"tactus_object_grant", TrafficClass::kProbe,
                                                               "object_grant", 10'000};
 inline constexpr TopicSpec<session::ObjectCopy> kObjectCopy{"tactus_object_copy", TrafficClass::kProbe, "object_copy",
-                                                            32'000};
+                                                            100'000};
 /// Clock samples are in the probe class, so that they wait in the same queues as probe states. The times of probe
 /// states depend on clock samples.
 inline constexpr TopicSpec<session::ClockSample> kClock{"tactus_clock", TrafficClass::kProbe, "clock", 20'000};

@@ -92,6 +92,25 @@ TEST_F(SecuredTest, AnHrtcServesAndAHostOffersOnlyWhatTheirKeysName) {
       << desk.output() << users.output();
 }
 
+TEST_F(SecuredTest, NewKeysKeepTheNamesOfTheEarlierOnes) {
+  const auto keys = [&](std::vector<std::string> arguments) {
+    Process process{program("keys", std::move(arguments))};
+    EXPECT_TRUE(exits_with(0, process)) << process.output();
+    return process.output();
+  };
+  const std::string lab = path("lab-keys");
+  keys({"add-hrtc", lab, "desk", "ann", "bob"});
+  keys({"add-hrtc", lab, "desk", "--replace"});
+  EXPECT_THAT(keys({"show", lab}), testing::ContainsRegex("desk +hrtc +[0-9-]+ +valid +ann bob"));
+  keys({"add-hrtc", lab, "desk", "eve", "--replace"});
+  EXPECT_THAT(keys({"show", lab}), testing::ContainsRegex("desk +hrtc +[0-9-]+ +valid +eve"));
+  keys({"add-hrtc", lab, "desk", "--replace", "--all"});
+  keys({"add-user", lab, "laptop"});
+  const std::string members = keys({"show", lab});
+  EXPECT_THAT(members, testing::ContainsRegex("desk +hrtc +[0-9-]+ +valid +all users"));
+  EXPECT_THAT(members, testing::ContainsRegex("laptop +user +[0-9-]+ +valid +laptop"));
+}
+
 TEST_F(SecuredTest, RevokedKeysAreRefusedByTheMemberAndByOthers) {
   const std::string lost = keys_of("lost", Role::kOperator, {"ann"}), copy = path("copy");
   std::filesystem::copy(lost, copy);

@@ -1,5 +1,5 @@
-/// Writes the seeds of all fuzz targets to the folder of the first argument: valid files and messages, from which a fuzzer
-/// finds its way to damaged ones. The second argument is the folder of the sources.
+/// Writes the seeds of all fuzz targets to the folder of the first argument: valid files and messages, from which a
+/// fuzzer finds its way to damaged ones. The second argument is the folder of the sources.
 #include <cstdio>
 #include <exception>
 #include <filesystem>
@@ -10,6 +10,7 @@
 
 #include "client_sim/scenario.hpp"
 #include "keys/authority.hpp"
+#include "keys/identity.hpp"
 #include "spm/codec/base_codec.hpp"
 #include "spm/codec/model_codec.hpp"
 #include "spm/codec/region_codec.hpp"
@@ -74,12 +75,22 @@ void add_samples(Seeds& seeds) {
 
 void add_datagrams(Seeds& seeds) {
   using namespace wire::test;
-  const std::string identity = "host\nmuseum\n0A1B\n1800000000\n\nmuseum";
-  Bytes announcement{0, 3, 0, 0, 0x2c, 0, 40, 0, static_cast<std::uint8_t>(identity.size()), 0, 0, 0};
+  // As datagram.cpp's authority would issue it: the GUID begins with the hash of the identity.
+  const keys::Identity museum{keys::Role::kHost, "museum", "0A1B", 4'000'000'000, {"vase", "crate"}, "museum"};
+  const std::string identity = text_of(museum);
+  wire::GuidPrefix sender{};
+  const keys::GuidBegin begin = keys::guid_begin_of("lab-keys", museum);
+  std::copy(begin.begin(), begin.end(), sender.begin());
+  Bytes announcement{0, 3, 0, 0, 0x50, 0, 16, 0};
+  announcement.insert(announcement.end(), sender.begin(), sender.end());
+  announcement.insert(announcement.end(), {0, 0, 1, 0xc1});
+  const auto size = static_cast<std::uint8_t>((identity.size() + 3) / 4 * 4);
+  announcement.insert(announcement.end(), {0x2c, 0, static_cast<std::uint8_t>(size + 4), 0,
+                                           static_cast<std::uint8_t>(identity.size()), 0, 0, 0});
   announcement.insert(announcement.end(), identity.begin(), identity.end());
-  announcement.resize(4 + 4 + 40);
+  announcement.resize(announcement.size() + size - identity.size());
   announcement.insert(announcement.end(), {1, 0, 0, 0});
-  seeds.add("datagram", message_of({kInfoTime, data({0x00, 0x01, 0x00, 0xc2}, 1, announcement)}));
+  seeds.add("datagram", message_of({kInfoTime, data({0x00, 0x01, 0x00, 0xc2}, 1, announcement)}, sender));
   seeds.add("datagram", message_of({kInfoDestination, kInfoTime, data({0, 0, 1, 2}, 9, {0, 1, 0, 0, 5, 5, 5, 5}),
                                     submessage(wire::kStatisticsId, Bytes(56, 0))}));
   seeds.add("datagram",

@@ -3,8 +3,8 @@
  *
  *     cyclone-liar SESSION DOMAIN KEYS IDENTITY NAME VICTIM
  *
- * KEYS is the folder of the member, IDENTITY the text that it announces, NAME its name in the session, and VICTIM that of
- * the other member. It sends until a signal ends it.
+ * KEYS is the folder of the member, IDENTITY the text that it announces, NAME its name in the session, and VICTIM that
+ * of the other member. It sends until a signal ends it.
  */
 #include <signal.h>
 #include <stdio.h>
@@ -63,9 +63,9 @@ static dds_entity_t join(dds_domainid_t domain, const char* keys, const char* id
                                       "<Discovery><LeaseDuration>2s</LeaseDuration></Discovery>"));
   dds_qos_t* qos = dds_create_qos();
   dds_qset_userdata(qos, identity, strlen(identity));
-  set_plugin(qos, "auth", CYCLONE_auth, "authentication");
-  set_plugin(qos, "crypto", CYCLONE_crypto, "crypto");
-  set_plugin(qos, "access", CYCLONE_ac, "access_control");
+  set_plugin(qos, "auth", CYCLONE_AUTH, "authentication");
+  set_plugin(qos, "crypto", CYCLONE_CRYPTO, "crypto");
+  set_plugin(qos, "access", CYCLONE_ACCESS, "access_control");
   set_file(qos, "dds.sec.auth.identity_ca", keys, "identity-ca.pem");
   set_file(qos, "dds.sec.auth.identity_certificate", keys, "certificate.pem");
   set_file(qos, "dds.sec.auth.private_key", keys, "private-key.pem");

@@ -112,7 +112,8 @@ class SessionTest(FolderTest):
         def keys(*arguments):
             subprocess.run([BIN / "tactus-keys", *arguments], cwd=self.folder, check=True, stdout=subprocess.DEVNULL)
         keys("init", "lab")
-        for role, member, *users in (("host", "museum"), ("hrtc", "desk"), ("user", "script", "zoe")):
+        for role, member, *users in (("host", "museum"), ("hrtc", "desk"), ("user", "script", "zoe"),
+                                      ("observer", "watcher")):
             keys(f"add-{role}", "lab", member, *users)
         members = self.folder / "lab/members"
         self.start("host", "--config", "wall.yaml", "--name", "museum", "--keys", str(members / "museum"))
@@ -121,6 +122,11 @@ class SessionTest(FolderTest):
         session.wait(lambda: {"museum", "desk"} <= session.participants.keys(), 30)
         session.join("zoe", "desk")
         self.assertGreater(len(session.drive("zoe", np.linspace([0, 0, 0.05], [0.01, 0, 0.05], 500))), 10)
+        with self.assertRaisesRegex(tactus.WireError, "user 'bob': the keys of user 'script' permit only zoe"):
+            session.join("bob", "desk")
+        watcher = self.join(name="watcher", keys=members / "watcher")
+        session.wait(lambda: any(name.startswith("watcher") for name in session.participants), 30)
+        self.assertIn("museum", watcher.participants)
         self.assertEqual(self.join().participants, {})
         with self.assertRaisesRegex(tactus.WireError, "expected the folder of a member"):
             self.join(keys=self.folder)

@@ -109,11 +109,13 @@ class ForgedTest : public testing::Test {
   [[nodiscard]] bool is_in_audit_log(const std::string& text) const {
     return eventually([&] { return test_support::read_bytes(audit_of("desk")).find(text) != std::string::npos; });
   }
-  [[nodiscard]] SessionAddress member(const std::string& name) const {
+  [[nodiscard]] SessionAddress member(const std::string& name, keys::Role role = keys::Role::kOperator,
+                                      keys::Permitted permitted = {}) const {
     SessionAddress made = address(session_, name);
     keys::NewMember wanted;
     wanted.name = name;
-    wanted.role = keys::Role::kOperator;
+    wanted.role = role;
+    wanted.permitted = std::move(permitted);
     made.keys = authority_.add(wanted);
     made.audit = audit_of(name);
     return made;
@@ -146,7 +148,8 @@ TEST_F(ForgedTest, APlainSampleInTheNameOfAMemberIsRefused) {
 
 constexpr std::size_t kCapturedStops = 20;
 
-/// Sends kCapturedStops stops, or more, with this text from one participant to another, and returns all messages of both.
+/// Sends kCapturedStops stops, or more, with this text from one participant to another, and returns all messages of
+/// both.
 std::vector<Bytes> captured_stops(Capture& capture, Participants& from, Participants& to, const std::string& text) {
   Inbox<ses::EmergencyStop> inbox;
   Reader<ses::EmergencyStop> reader{to, topics::kStop, inbox.callback()};
@@ -203,6 +206,47 @@ TEST_F(ForgedTest, AMemberCannotSendInTheNameOfAnother) {
   }));
   EXPECT_TRUE(is_in_audit_log(R"("event":"cut off","subject":"operator liar","detail":"too many refused samples")"));
   EXPECT_TRUE(eventually([&] { return reader.matched() == 0; })) << "the library still sends to a member that lies";
+}
+
+TEST_F(ForgedTest, AnHrtcCannotSendStatesOfUsersThatItsKeysDoNotName) {
+  Participants lab{member("lab", keys::Role::kHrtc, {"ann"})};
+  Inbox<ses::ProbeState> inbox;
+  Reader<ses::ProbeState> reader{desk_, topics::kProbeState, inbox.callback()};
+  Writer<ses::ProbeState> writer{lab, topics::kProbeState};
+  auto state = full_sample<ses::ProbeState>(lab);
+  state.user_id = ses::id_of("ann");
+  ASSERT_TRUE(send_until_received(writer, inbox, state));
+  state.user_id = ses::id_of("bob");
+  EXPECT_TRUE(eventually([&] { return writer.send(state) == SendStatus::kSent && reader.counts().refused > 3; }));
+  while (const auto sample = inbox.next(0ms)) EXPECT_EQ(sample->user_id, ses::id_of("ann"));
+  EXPECT_TRUE(is_in_audit_log(R"("event":"user not permitted","subject":"hrtc lab","detail":"tactus_probe_state")"));
+}
+
+TEST_F(ForgedTest, AHostCannotOfferObjectsThatItsKeysDoNotName) {
+  Participants vault{member("vault", keys::Role::kHost, {"vase"})};
+  Inbox<ses::CatalogueEntry> inbox;
+  Reader<ses::CatalogueEntry> reader{desk_, topics::kCatalogue, inbox.callback()};
+  Writer<ses::CatalogueEntry> writer{vault, topics::kCatalogue};
+  auto entry = full_sample<ses::CatalogueEntry>(vault);
+  const auto offer = [&](const char* object) {
+    entry.object = object;
+    entry.object_id = ses::id_of(object);
+    EXPECT_EQ(writer.send(entry), SendStatus::kSent);
+  };
+  offer("crate");
+  offer("vase");
+  const auto received = inbox.next();
+  ASSERT_TRUE(received);
+  EXPECT_EQ(received->object, "vase");
+  EXPECT_TRUE(is_in_audit_log(R"("event":"object not permitted","subject":"host vault","detail":"tactus_catalogue")"));
+}
+
+TEST_F(ForgedTest, AMemberThatSendsMoreThanTheRateOfATopicIsInTheAuditLog) {
+  Reader<ses::EmergencyStop> reader{desk_, topics::kStop, [](ses::EmergencyStop&&) {}};
+  Writer<ses::EmergencyStop> writer{museum_, topics::kStop};
+  const auto stop = full_sample<ses::EmergencyStop>(museum_);
+  EXPECT_TRUE(eventually([&] { return writer.send(stop) == SendStatus::kSent && reader.counts().excess > 0; }));
+  EXPECT_TRUE(is_in_audit_log(R"("event":"too many samples","subject":"operator museum","detail":"tactus_stop")"));
 }
 
 TEST_F(ForgedTest, AMemberThatIsRevokedDuringTheSessionIsCutOff) {

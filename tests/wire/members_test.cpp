@@ -97,7 +97,7 @@ TEST_F(MembersTest, NobodyIsAdmittedWithAnotherIdentity) {
   for (const std::string& text :
        {text_of(keys::identity_of(museum, "museum")), text_of(better), text_of(later), text_of(more),
         text_of(keys::identity_of(ann, "museum")), text_of(keys::identity_of(ann, "annabel")),
-        text_of(keys::identity_of(ann, "ann.")), std::string{}, std::string(300, 'x')})
+        text_of(keys::identity_of(ann, "ann.")), std::string{}, std::string(900, 'x')})
     EXPECT_FALSE(admits({announcement(sender, text)}, sender)) << text;
   EXPECT_THAT(audit(), HasSubstr(R"("event":"unknown program","from":"10.0.0.9","detail":"states to be host museum")"));
   const Bytes honest = announcement(sender, text_of(keys::identity_of(ann, "ann")));
@@ -114,7 +114,7 @@ TEST_F(MembersTest, TextsThatNoAuthorityIssuesAreRefused) {
            "user\nann\n0A\n-1\nann\nann", "user\nann\n0A\n99999999999999999999\nann\nann",
            "user\nann\n0A\n" + until + "\nann\nann.\x1b[31m", "user\nann\n0A\n" + until + "\n*\nann",
            "user\nann\n0A\n" + until + "\nann  bob\nann",
-           "user\nann\n0A\n" + until + "\n" + std::string(300, 'a') + "\nann"})
+           "user\nann\n0A\n" + until + "\n" + std::string(600, 'a') + "\nann"})
     EXPECT_FALSE(keys::read_identity(text)) << text;
   EXPECT_TRUE(keys::read_identity("user\nann\n0A\n" + until + "\nann bob\nann"));
 }
@@ -182,12 +182,13 @@ TEST_F(MembersTest, KeysRestrictAnHrtcToItsUsersAndAHostToItsObjects) {
 
 TEST_F(MembersTest, ARosterEntryHasTheRoleAndTheUsersOfTheKeys) {
   const keys::Member lab = add("lab", Role::kHrtc, {"ann"}), laptop = add("laptop", Role::kUser, {"ann"});
-  const keys::Member screen = add("screen", Role::kObserver);
-  ASSERT_TRUE(admits(lab, "lab") && admits(laptop, "laptop") && admits(screen, "screen"));
+  const keys::Member screen = add("screen", Role::kObserver), museum = add("museum", Role::kHost);
+  ASSERT_TRUE(admits(lab, "lab") && admits(laptop, "laptop") && admits(screen, "screen") && admits(museum, "museum"));
   const auto counts = [&](const keys::Member& member, const session::RosterEntry& entry) {
     return members_.is_author(prefix_of(member), {session::id_of(member.name), 0, 0, &entry}, "tactus_roster");
   };
-  session::RosterEntry client, hrtc, viewer;
+  session::RosterEntry client, hrtc, host, viewer;
+  host.role = session::Role::kHost;
   client.role = session::Role::kClient;
   client.users = {"ann"};
   hrtc.role = session::Role::kHrtc;
@@ -198,6 +199,11 @@ TEST_F(MembersTest, ARosterEntryHasTheRoleAndTheUsersOfTheKeys) {
   EXPECT_TRUE(counts(screen, viewer));
   EXPECT_FALSE(counts(laptop, hrtc));
   EXPECT_FALSE(counts(screen, client));
+  EXPECT_TRUE(counts(museum, host));
+  host.users = viewer.users = {"ann"};
+  EXPECT_FALSE(counts(museum, host));
+  EXPECT_FALSE(counts(screen, viewer)) << "it brings no users";
+  EXPECT_TRUE(counts(laptop, viewer));
   client.users.emplace_back("bob");
   hrtc.served_users.push_back({"bob", 1});
   EXPECT_FALSE(counts(laptop, client));

@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <functional>
 #include <iostream>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -30,9 +31,9 @@ Exit status: 0 done, 2 wrong input.)";
 const char* purpose_of(keys::Role role) {
   switch (role) {
     case keys::Role::kHost:
-      return "Make the keys of a VE host: it serves objects, all or only those that are named";
+      return "Make the keys of a VE host: it serves all objects, or only the named ones";
     case keys::Role::kHrtc:
-      return "Make the keys of an HRTC: it computes the forces of its users, of all or only those that are named";
+      return "Make the keys of an HRTC: it computes the forces of all users, or only of the named ones";
     case keys::Role::kUser:
       return "Make the keys of a program that brings users: it moves the hands of these users only";
     case keys::Role::kOperator:
@@ -83,15 +84,6 @@ void show(const keys::Authority& authority) {
   }
 }
 
-/// Returns the names that the earlier keys of a member have.
-keys::Permitted earlier_names(const keys::Authority& authority, const keys::NewMember& again) {
-  for (const keys::Member& earlier : authority.members())
-    if (earlier.name == again.name && earlier.role == again.role) return earlier.permitted;
-  throw keys::KeyError(std::string{names_of(again.role)} + ": found none, and no earlier keys of the " +
-                       std::string{name_of(again.role)} + " '" + again.name + "'; expected names" +
-                       (is_for_all(again.role) ? ", or --all" : ""));
-}
-
 /// Copies the folder of a member. Only its owner can read the copy.
 void export_member(const keys::Authority& authority, const std::string& name, const fs::path& to) {
   const fs::path from = authority.folder_of(name);
@@ -138,8 +130,10 @@ int main(int argc, char** argv) {
     CLI::App* const add = command("add-" + std::string{name_of(role)}, purpose_of(role), [&, role] {
       member.role = role;
       const keys::Authority authority{folder};
-      if (member.replaces && member.permitted.empty() && !for_all && names_of(role) != nullptr)
-        member.permitted = earlier_names(authority, member);
+      if (member.replaces && member.permitted.empty() && !for_all) {
+        const std::optional<keys::Member> earlier = authority.find(member.name);
+        if (earlier && earlier->role == role) member.permitted = earlier->permitted;
+      }
       const fs::path made = authority.add(member);
       std::printf("%s has the keys of %s %s. Copy it to its machine, for example by tactus keys export.\n",
                   made.c_str(), std::string{name_of(role)}.c_str(), member.name.c_str());
@@ -155,10 +149,11 @@ int main(int argc, char** argv) {
         add->add_flag("--all", for_all, "With --replace: do not keep the earlier names")->excludes(named);
     }
     add->add_option("--days", member.days, "Days for which the keys are valid")->capture_default_str();
-    add->add_flag("--replace", member.replaces,
-                  names_of(role) == nullptr
-                      ? "Revoke earlier keys of this name"
-                      : "Revoke earlier keys of this name; their names are kept if none is given");
+    add->add_flag(
+        "--replace", member.replaces,
+        names_of(role) == nullptr
+            ? "Revoke earlier keys of this name"
+            : "Revoke earlier keys of this name. The new ones keep their USER or OBJECT names unless you give names");
   }
   command("revoke", "Revoke the keys of a member",
           [&] {
