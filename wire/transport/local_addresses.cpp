@@ -26,9 +26,9 @@ std::set<std::uint32_t> read_addresses() {
 LocalAddresses::LocalAddresses() : addresses_{read_addresses()}, read_ns_{realtime::monotonic_ns()} {}
 
 bool LocalAddresses::contains(const rtps::Locator_t& locator) {
-  constexpr std::size_t kAddressAt = 12;  // an IPv4 address has the last four of 16 bytes
+  constexpr std::size_t kIpv4At = 12;  // an IPv4 address has the last four of 16 bytes
   constexpr std::int64_t kReadIntervalNs = 1'000'000'000;
-  const auto* const bytes = locator.address + kAddressAt;
+  const auto* const bytes = locator.address + kIpv4At;
   if (bytes[0] == IN_LOOPBACKNET) return true;
   std::uint32_t address = 0;
   std::memcpy(&address, bytes, sizeof address);
