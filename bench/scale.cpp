@@ -208,6 +208,7 @@ JoiningRun run_joining(const Testbed& testbed, int count, Tips tips) {
   (void)wait_until(20 * kSecond, [&] { return observer.exact_users() >= hrtcs.size(); });
   joining.ready_s = static_cast<double>(realtime::monotonic_ns() - began) / 1e9;
   joining.exact_users = observer.exact_users();
+  std::fprintf(stderr, "joining: %zu users have an exact contact after %.2f s\n", joining.exact_users, joining.ready_s);
   const auto cpu_of_all = [&] {
     double sum = cpu_seconds(*host);
     for (const auto& hrtc : hrtcs) sum += cpu_seconds(*hrtc);

@@ -249,6 +249,25 @@ TEST_F(ForgedTest, AMemberThatSendsMoreThanTheRateOfATopicIsInTheAuditLog) {
   EXPECT_TRUE(is_in_audit_log(R"("event":"too many samples","subject":"operator museum","detail":"tactus_stop")"));
 }
 
+TEST_F(ForgedTest, ManyMembersThatJoinAtOnceAllFindEachOther) {
+  constexpr int kMembers = 10;
+  struct Member {
+    explicit Member(const SessionAddress& at) : participants{at} {}
+    Participants participants;
+    Writer<ses::RosterEntry> writer{participants, topics::kRoster};
+    Reader<ses::RosterEntry> reader{participants, topics::kRoster, [](ses::RosterEntry&&) {}};
+  };
+  std::vector<SessionAddress> addresses;
+  for (int i = 0; i < kMembers; ++i) addresses.push_back(member("m" + std::to_string(i)));
+  std::vector<std::unique_ptr<Member>> members;
+  for (const SessionAddress& at : addresses) members.push_back(std::make_unique<Member>(at));
+  EXPECT_TRUE(eventually([&] {
+    return std::all_of(members.begin(), members.end(), [](const auto& joined) {
+      return joined->reader.matched() == kMembers - 1 && joined->writer.matched() == kMembers - 1;
+    });
+  }));
+}
+
 TEST_F(ForgedTest, AMemberThatIsRevokedDuringTheSessionIsCutOff) {
   Inbox<ses::EmergencyStop> inbox;
   Reader<ses::EmergencyStop> reader{desk_, topics::kStop, inbox.callback()};

@@ -1,6 +1,7 @@
 #include "wire/transport/filter_transport.hpp"
 
 #include <atomic>
+#include <mutex>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -54,6 +55,10 @@ class FilterTransport final : public WholeMessageTransport {
     if (descriptor_.settings.security != nullptr && !descriptor_.settings.security->admits(message, size, remote))
       return;
     if (!announcements_.on_received(message, size)) return;
+    // Fast DDS 2.9.1 prepares the handshakes with all participants in the same variables, without a lock. If two receive
+    // threads do so at once, the handshake with one of the two never starts, or the program crashes.
+    std::unique_lock lock{handshake_mutex_, std::defer_lock};
+    if (descriptor_.settings.security != nullptr && find_submessage(message, size, kDataId)) lock.lock();
     next->OnDataReceived(message, size_without_statistics(message, size), local, remote);
   }
 
@@ -62,6 +67,7 @@ class FilterTransport final : public WholeMessageTransport {
   Announcements announcements_;
   LocalAddresses local_;
   std::atomic<bool> has_reported_{false};
+  std::mutex handshake_mutex_;  // held while the library reads a plain message of a secured session
 };
 
 }  // namespace
