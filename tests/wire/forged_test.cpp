@@ -249,23 +249,39 @@ TEST_F(ForgedTest, AMemberThatSendsMoreThanTheRateOfATopicIsInTheAuditLog) {
   EXPECT_TRUE(is_in_audit_log(R"("event":"too many samples","subject":"operator museum","detail":"tactus_stop")"));
 }
 
-TEST_F(ForgedTest, ManyMembersThatJoinAtOnceAllFindEachOther) {
-  constexpr int kMembers = 10;
-  struct Member {
-    explicit Member(const SessionAddress& at) : participants{at} {}
-    Participants participants;
-    Writer<ses::RosterEntry> writer{participants, topics::kRoster};
-    Reader<ses::RosterEntry> reader{participants, topics::kRoster, [](ses::RosterEntry&&) {}};
-  };
-  std::vector<SessionAddress> addresses;
-  for (int i = 0; i < kMembers; ++i) addresses.push_back(member("m" + std::to_string(i)));
-  std::vector<std::unique_ptr<Member>> members;
-  for (const SessionAddress& at : addresses) members.push_back(std::make_unique<Member>(at));
-  EXPECT_TRUE(eventually([&] {
-    return std::all_of(members.begin(), members.end(), [](const auto& joined) {
-      return joined->reader.matched() == kMembers - 1 && joined->writer.matched() == kMembers - 1;
+/// A program that writes and reads the roster.
+struct RosterProgram {
+  explicit RosterProgram(const SessionAddress& at) : participants{at} {}
+  Participants participants;
+  Writer<ses::RosterEntry> writer{participants, topics::kRoster};
+  Reader<ses::RosterEntry> reader{participants, topics::kRoster, [](ses::RosterEntry&&) {}};
+};
+
+/// Starts a program at each address, and waits until all have found each other.
+bool all_find_each_other(const std::vector<SessionAddress>& addresses) {
+  std::vector<std::unique_ptr<RosterProgram>> programs;
+  for (const SessionAddress& at : addresses) programs.push_back(std::make_unique<RosterProgram>(at));
+  const int others = static_cast<int>(programs.size()) - 1;
+  return eventually([&] {
+    return std::all_of(programs.begin(), programs.end(), [&](const auto& program) {
+      return program->reader.matched() == others && program->writer.matched() == others;
     });
-  }));
+  });
+}
+
+constexpr int kManyPrograms = 10;
+
+TEST_F(ForgedTest, ManyMembersThatJoinAtOnceAllFindEachOther) {
+  std::vector<SessionAddress> addresses;
+  for (int i = 0; i < kManyPrograms; ++i) addresses.push_back(member("m" + std::to_string(i)));
+  EXPECT_TRUE(all_find_each_other(addresses));
+}
+
+TEST(JoiningTest, ManyProgramsThatJoinAtOnceAllFindEachOther) {
+  const std::string session = unique_session("many");
+  std::vector<SessionAddress> addresses;
+  for (int i = 0; i < kManyPrograms; ++i) addresses.push_back(address(session, "p" + std::to_string(i)));
+  EXPECT_TRUE(all_find_each_other(addresses));
 }
 
 TEST_F(ForgedTest, AMemberThatIsRevokedDuringTheSessionIsCutOff) {
