@@ -126,7 +126,7 @@ class SessionTest(FolderTest):
             session.join("bob", "desk")
         watcher = self.join(name="watcher", keys=members / "watcher")
         session.wait(lambda: any(name.startswith("watcher") for name in session.participants), 30)
-        self.assertIn("museum", watcher.participants)
+        watcher.wait(lambda: "museum" in watcher.participants, 30)
         self.assertEqual(self.join().participants, {})
         with self.assertRaisesRegex(tactus.WireError, "expected the folder of a member"):
             self.join(keys=self.folder)
