@@ -15,7 +15,6 @@
 
 #include "keys/certificates.hpp"
 #include "keys/documents.hpp"
-#include "keys/identity.hpp"
 
 namespace tactus::keys {
 namespace {
