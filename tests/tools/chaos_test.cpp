@@ -2,6 +2,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <signal.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <chrono>
@@ -179,9 +180,12 @@ class FakeHost {
  public:
   FakeHost() {
     std::filesystem::copy_file("/bin/bash", folder_.path() / "tactus-host");
-    // The shell ignores the arguments after the command.
+    // It waits for a line that nobody writes. It starts no other process, because a process has the command line of its
+    // parent until it runs its own program. The shell ignores the arguments after the command.
+    const std::filesystem::path fifo = folder_.path() / "fifo";
+    EXPECT_EQ(::mkfifo(fifo.c_str(), S_IRUSR | S_IWUSR), 0);
     process_.emplace(std::vector<std::string>{folder_.path() / "tactus-host", "-c",
-                                              "echo runs; while :; do sleep 0.05; done", "--session", session_,
+                                              "echo runs; read -r _ <>" + fifo.string(), "--session", session_,
                                               "--domain=40", "--name", "museum"});
   }
   ~FakeHost() {

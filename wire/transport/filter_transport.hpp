@@ -7,6 +7,7 @@
 ///               all messages:  with keys, dropped if they are not protected         (protection.hpp)
 ///               all messages:  with keys, dropped if their sender is no member      (members.hpp)
 ///               announcements: dropped if their participant is ignored              (announcements.hpp)
+///               announcements, handshakes: passed on one at a time
 ///               all messages:  passed on without statistics                         (rtps_message.hpp)
 ///
 /// Reason for the gate: Fast DDS 2.9.1 announces a participant before the participant can receive. Other participants
@@ -14,6 +15,10 @@
 /// their next periodic announcement, up to half a second later. With the gate, early messages wait in the socket
 /// buffers. Figure of decision 11 (`scripts/bench rejoin`): of 100 participants that join a session, 98 receive their
 /// first probe state within 50 ms; before that decision, 81.
+///
+/// Reason for one at a time: while one receive thread of Fast DDS 2.9.1 matches the endpoints of a participant, another
+/// may update the addresses of this participant, without a lock. With keys, both prepare handshakes in the same
+/// variables: one of two handshakes never starts, or the program crashes (decision 51).
 #pragma once
 
 #include <memory>
