@@ -18,11 +18,11 @@ bool all_finite(const Array& values) noexcept {
 }
 
 /// Sums and products of larger numbers could overflow.
-constexpr double kMaxMagnitude = 1e9;
+constexpr double kMaxNumber = 1e9;
 template <class Array>
 bool all_moderate(const Array& values) noexcept {
   return std::all_of(values.begin(), values.end(),
-                     [](double v) { return std::abs(v) <= kMaxMagnitude; });  // false for NaN
+                     [](double v) { return std::abs(v) <= kMaxNumber; });  // false for NaN
 }
 
 /// True for a time whose difference from another such time, or from a local clock, does not overflow.
@@ -291,7 +291,7 @@ const char* invalid_field(const ObjectCopy& c) noexcept {
   if (!all_moderate(c.user_force)) return "user_force: expected at most 1e9";
   for (const CopyChannel& channel : c.channels) {
     if (!all_moderate(channel.wave)) return "channels.wave: expected at most 1e9";
-    if (!not_negative(channel.energy) || channel.energy > kMaxMagnitude) return "channels.energy: expected 0 up to 1e9";
+    if (!not_negative(channel.energy) || channel.energy > kMaxNumber) return "channels.energy: expected 0 up to 1e9";
   }
   return nullptr;
 }

@@ -9,37 +9,10 @@
  * if the session ended after a command and a probe state with this force had arrived, 2 for wrong arguments or an error
  * of DDS, otherwise 1.
  */
-#include <signal.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
-#include <time.h>
-#include <xxhash.h>
-
-#include "dds/dds.h"
+#include "cyclone_program.h"
 #include "tactus.h"
 
 static const char kName[] = "cyclone", kUser[] = "carl";
-static volatile sig_atomic_t stopped = 0;
-
-static void stop(int signal) {
-  (void)signal;
-  stopped = 1;
-}
-
-static uint64_t id_of(const char* name) { return XXH3_64bits(name, strlen(name)); }
-
-static int64_t now_ns(clockid_t clock) {
-  struct timespec t;
-  clock_gettime(clock, &t);
-  return (int64_t)t.tv_sec * 1000000000 + t.tv_nsec;
-}
-
-static dds_entity_t checked(const char* what, dds_entity_t made) {
-  if (made >= 0) return made;
-  fprintf(stderr, "%s: %s\n", what, dds_strretcode(-made));
-  exit(2);
-}
 
 /* A reader or writer of a topic in a partition. A state topic is reliable and transient local, another topic best
    effort and volatile. A reader of the roster is best effort too: a reliable one would delay all heartbeats after a

@@ -6,36 +6,8 @@
  * KEYS is the folder of the member, IDENTITY the text that it announces, NAME its name in the session, and VICTIM that
  * of the other member. It sends until a signal ends it.
  */
-#include <signal.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
-#include <time.h>
-#include <xxhash.h>
-
-#include "dds/dds.h"
+#include "cyclone_program.h"
 #include "tactus.h"
-
-static volatile sig_atomic_t stopped = 0;
-
-static void stop(int signal) {
-  (void)signal;
-  stopped = 1;
-}
-
-static uint64_t id_of(const char* name) { return XXH3_64bits(name, strlen(name)); }
-
-static int64_t now_ns(clockid_t clock) {
-  struct timespec t;
-  clock_gettime(clock, &t);
-  return (int64_t)t.tv_sec * 1000000000 + t.tv_nsec;
-}
-
-static dds_entity_t checked(const char* what, dds_entity_t made) {
-  if (made >= 0) return made;
-  fprintf(stderr, "%s: %s\n", what, dds_strretcode(-made));
-  exit(2);
-}
 
 static void set_plugin(dds_qos_t* qos, const char* kind, const char* library, const char* functions) {
   char property[64], function[64];
