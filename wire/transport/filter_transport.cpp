@@ -55,23 +55,22 @@ class FilterTransport final : public WholeMessageTransport {
     if (descriptor_.settings.security != nullptr && !descriptor_.settings.security->admits(message, size, remote))
       return;
     if (!announcements_.on_received(message, size)) return;
-    std::unique_lock lock{discovery_mutex_, std::defer_lock};
-    if (is_discovery(message, size)) lock.lock();
+    std::unique_lock lock{handshake_mutex_, std::defer_lock};
+    if (starts_handshake(message, size)) lock.lock();
     next->OnDataReceived(message, size_without_statistics(message, size), local, remote);
   }
 
  private:
-  /// Whether the message is an announcement or of a handshake. With keys, all other messages are encrypted.
-  [[nodiscard]] bool is_discovery(const rtps::octet* message, std::uint32_t size) const {
-    return descriptor_.settings.security != nullptr ? find_submessage(message, size, kDataId).has_value()
-                                                    : Announcements::sequence_of(message, size).has_value();
+  /// Whether the message is an announcement or of a handshake of a secured session, whose other messages are encrypted.
+  [[nodiscard]] bool starts_handshake(const rtps::octet* message, std::uint32_t size) const {
+    return descriptor_.settings.security != nullptr && find_submessage(message, size, kDataId).has_value();
   }
 
   FilterTransportDescriptor descriptor_;
   Announcements announcements_;
   LocalAddresses local_;
   std::atomic<bool> has_reported_{false};
-  std::mutex discovery_mutex_;
+  std::mutex handshake_mutex_;
 };
 
 }  // namespace

@@ -7,7 +7,7 @@
 ///               all messages:  with keys, dropped if they are not protected         (protection.hpp)
 ///               all messages:  with keys, dropped if their sender is no member      (members.hpp)
 ///               announcements: dropped if their participant is ignored              (announcements.hpp)
-///               announcements, handshakes: passed on one at a time
+///               announcements, handshakes: with keys, passed on one at a time
 ///               all messages:  passed on without statistics                         (rtps_message.hpp)
 ///
 /// Reason for the gate: Fast DDS 2.9.1 announces a participant before the participant can receive. Other participants
@@ -16,9 +16,8 @@
 /// buffers. Figure of decision 11 (`scripts/bench rejoin`): of 100 participants that join a session, 98 receive their
 /// first probe state within 50 ms; before that decision, 81.
 ///
-/// Reason for one at a time: while one receive thread of Fast DDS 2.9.1 matches the endpoints of a participant, another
-/// may update the addresses of this participant, without a lock. With keys, both prepare handshakes in the same
-/// variables: one of two handshakes never starts, or the program crashes (decision 51).
+/// Reason for one at a time: Fast DDS 2.9.1 prepares handshakes in variables that its receive threads share without a
+/// lock. If two threads do so at once, one of the handshakes never starts, or the program crashes (decision 51).
 #pragma once
 
 #include <memory>
