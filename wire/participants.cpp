@@ -16,6 +16,7 @@
 #include "keys/documents.hpp"
 #include "wire/dds.hpp"
 #include "wire/discovery.hpp"
+#include "wire/footprint.hpp"
 #include "wire/incarnation.hpp"
 #include "wire/profiles.hpp"
 #include "wire/security.hpp"
@@ -119,8 +120,14 @@ dds::DomainParticipant* join(Participants::Impl& impl, TrafficClass traffic, con
     ignored = kReadsBulk;
     qos.name(kReadsBulk);
   }
-  const FilterSettings filters{std::make_shared<Gate>(), ignored, traffic != TrafficClass::kSession,
-                               !impl.security && !impl.address.plain && !impl.address.is_test, impl.security.get()};
+  const auto domain = static_cast<dds::DomainId_t>(impl.address.domain + static_cast<int>(index));
+  const FilterSettings filters{static_cast<int>(domain),
+                               std::make_shared<Gate>(),
+                               ignored,
+                               std::make_shared<std::atomic<bool>>(false),
+                               traffic != TrafficClass::kSession,
+                               !impl.security && !impl.address.plain && !impl.address.is_test,
+                               impl.security.get()};
   if (qos.transport().use_builtin_transports && (filters.only_local || filters.security != nullptr))
     throw WireError(file_of(impl, traffic).string() + ": found built-in transports, expected only UDPv4");
   for (auto& udp : qos.transport().user_transports) {
@@ -135,7 +142,6 @@ dds::DomainParticipant* join(Participants::Impl& impl, TrafficClass traffic, con
     udp = std::make_shared<FilterTransportDescriptor>(udp, filters);
   }
   const std::set<int> before = datagram_sockets();
-  const auto domain = static_cast<dds::DomainId_t>(impl.address.domain + static_cast<int>(index));
   dds::DomainParticipant* made = nullptr;
   {
     const InheritedPriority priority{traffic == TrafficClass::kProbe ? impl.address.probe_priority : 0};
@@ -153,6 +159,12 @@ dds::DomainParticipant* join(Participants::Impl& impl, TrafficClass traffic, con
                     (impl.security ? "; the files in " + impl.address.keys.string() +
                                          " may not fit together: copy the whole folder of the member again"
                                    : ""));
+  }
+  if (*filters.multicast_is_taken && impl.address.discovery.peers.empty() && impl.address.discovery.servers.empty()) {
+    factory->delete_participant(made);
+    throw WireError("cannot join DDS domain " + std::to_string(domain) + ": another program uses UDP " +
+                    std::to_string(discovery_port(static_cast<int>(domain))) +
+                    " and does not share it; find it with ss -lunp, or use another --domain");
   }
   mark_new_sockets(before, impl.flow.sockets[index]);
   return made;

@@ -6,6 +6,7 @@
 
 #include <filesystem>
 #include <fstream>
+#include <set>
 #include <string>
 
 #include "support.hpp"
@@ -204,6 +205,58 @@ TEST(ProbeSockets, HaveTheTosAndPriorityOfFlowYaml) {
   const int before = count_marked();
   const Participants participants{unique_address("marks")};
   EXPECT_GT(count_marked(), before);
+}
+
+/// UDP ports of the sockets of this process, without ephemeral ones.
+std::set<int> open_ports() {
+  std::set<int> ports;
+  for (const auto& entry : fs::directory_iterator("/proc/self/fd")) {
+    sockaddr_in at{};
+    socklen_t size = sizeof at;
+    const int fd = std::stoi(entry.path().filename().string());
+    if (getsockname(fd, reinterpret_cast<sockaddr*>(&at), &size) != 0 || at.sin_family != AF_INET) continue;
+    if (const int port = ntohs(at.sin_port); port != 0 && port < discovery_port(kMaxDomain + kTrafficClasses))
+      ports.insert(port);
+  }
+  return ports;
+}
+
+TEST(Ports, OfAProgramThatJoinsAgainAndAgainStayThoseOfItsDomains) {
+  const std::set<int> before = open_ports();
+  for (int i = 0; i < 42; ++i) {  // 126 participants, each with two ports
+    const Participants participants{unique_address("again")};
+    std::set<int> used;
+    for (const int port : open_ports())
+      if (before.count(port) == 0) used.insert((port - discovery_port(test_domain())) % 250);
+    ASSERT_THAT(used, testing::Each(testing::Lt(100))) << "after " << i << " joins";
+  }
+}
+
+/// A socket at a port that it does not share with other programs.
+class PrivatePort {
+ public:
+  explicit PrivatePort(int port) {
+    sockaddr_in at{};
+    at.sin_family = AF_INET;
+    at.sin_port = htons(static_cast<std::uint16_t>(port));
+    EXPECT_EQ(bind(socket_, reinterpret_cast<const sockaddr*>(&at), sizeof at), 0);
+  }
+  ~PrivatePort() { close(socket_); }
+  PrivatePort(const PrivatePort&) = delete;
+  PrivatePort& operator=(const PrivatePort&) = delete;
+
+ private:
+  const int socket_ = socket(AF_INET, SOCK_DGRAM, 0);
+};
+
+TEST(Ports, OfDiscoveryThatAnotherProgramDoesNotShareAreNamed) {
+  SessionAddress tested = unique_address("taken");
+  tested.domain = 46;  // other tests have domains from 50, and would find the port taken too
+  const PrivatePort taken{discovery_port(tested.domain + 2)};
+  EXPECT_THAT(join_error(tested),
+              testing::AllOf(HasSubstr("domain 48"), HasSubstr("UDP 19400"), HasSubstr("--domain")));
+  tested.discovery.peers = {"127.0.0.1"};
+  EXPECT_EQ(join_error(tested), "");
 }
 
 TEST(ProbeThreads, ReportWhetherTheirPriorityIsGranted) {

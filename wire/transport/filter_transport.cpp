@@ -8,6 +8,7 @@
 
 #include "realtime/process.hpp"
 #include "wire/dds.hpp"
+#include "wire/footprint.hpp"
 #include "wire/security.hpp"
 #include "wire/transport/announcements.hpp"
 #include "wire/transport/local_addresses.hpp"
@@ -27,6 +28,20 @@ class FilterTransport final : public WholeMessageTransport {
       : WholeMessageTransport{descriptor}, descriptor_{descriptor}, announcements_{descriptor.settings.ignored} {}
 
   [[nodiscard]] transport::TransportDescriptorInterface* get_configuration() override { return &descriptor_; }
+
+  bool getDefaultMetatrafficUnicastLocators(rtps::LocatorList_t& locators, std::uint32_t) const override {
+    return low_level_transport_->getDefaultMetatrafficUnicastLocators(locators, first_port());
+  }
+  bool getDefaultUnicastLocators(rtps::LocatorList_t& locators, std::uint32_t) const override {
+    return low_level_transport_->getDefaultUnicastLocators(locators, first_port() + 1);
+  }
+
+  bool OpenInputChannel(const rtps::Locator_t& at, transport::TransportReceiverInterface* receiver,
+                        std::uint32_t max_bytes) override {
+    const bool opened = WholeMessageTransport::OpenInputChannel(at, receiver, max_bytes);
+    if (!opened && rtps::IPLocator::isMulticast(at)) *descriptor_.settings.multicast_is_taken = true;
+    return opened;
+  }
 
   bool send_whole(Lower& lower, const rtps::octet* message, std::uint32_t size, Receivers& first, Receivers& last,
                   const Time& until) override {
@@ -61,6 +76,10 @@ class FilterTransport final : public WholeMessageTransport {
   }
 
  private:
+  [[nodiscard]] std::uint32_t first_port() const {
+    return static_cast<std::uint32_t>(own_port(descriptor_.settings.domain, 0));
+  }
+
   /// Whether the message is an announcement or of a handshake of a secured session, whose other messages are encrypted.
   [[nodiscard]] bool starts_handshake(const rtps::octet* message, std::uint32_t size) const {
     return descriptor_.settings.security != nullptr && find_submessage(message, size, kDataId).has_value();

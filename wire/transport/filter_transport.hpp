@@ -16,10 +16,15 @@
 /// buffers. Figure of decision 11 (`scripts/bench rejoin`): of 100 participants that join a session, 98 receive their
 /// first probe state within 50 ms; before that decision, 81.
 ///
+/// The filters also choose the ports at which a participant begins to search for free ones: those of the first program
+/// of the machine (footprint.hpp). Fast DDS begins at the number of the participant in the process, and uses no number
+/// again. After 120 participants the ports of one domain would reach those of the next.
+///
 /// Reason for one at a time: Fast DDS 2.9.1 prepares handshakes in variables that its receive threads share without a
 /// lock. If two threads do so at once, one of the handshakes never starts, or the program crashes (decision 51).
 #pragma once
 
+#include <atomic>
 #include <memory>
 #include <string>
 
@@ -31,10 +36,12 @@ namespace tactus::wire {
 class Security;
 
 struct FilterSettings {
-  std::shared_ptr<Gate> gate;    ///< opened by the caller after the participant has been created
-  std::string ignored;           ///< name of the participants to ignore; empty: none
-  bool trims_samples = false;    ///< true: samples are trimmed (trimming.hpp)
-  bool only_local = false;       ///< true: messages of other machines are dropped
+  int domain = 0;              ///< DDS domain of the participant
+  std::shared_ptr<Gate> gate;  ///< opened by the caller after the participant has been created
+  std::string ignored;         ///< name of the participants to ignore; empty: none
+  std::shared_ptr<std::atomic<bool>> multicast_is_taken;  ///< set if the port of multicast discovery cannot be opened
+  bool trims_samples = false;                             ///< true: samples are trimmed (trimming.hpp)
+  bool only_local = false;                                ///< true: messages of other machines are dropped
   Security* security = nullptr;  ///< with keys: decides which received messages count; must outlive the transport
 };
 
