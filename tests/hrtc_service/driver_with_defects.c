@@ -93,8 +93,8 @@ static int write_device(struct tactus_device* device, const double force[3]) {
 }
 
 const struct tactus_device_driver* tactus_device_entry(void) {
-  static const struct tactus_device_driver driver = {TACTUS_DEVICE_ABI, "device with a defect", open_device,
-                                                     close_device,      spec_of_device,         read_device,
-                                                     write_device,      NULL};
+  static const struct tactus_device_driver driver = {
+      TACTUS_DEVICE_ABI, "device with a defect", open_device, close_device, spec_of_device,
+      read_device,       write_device,           NULL};
   return &driver;
 }
