@@ -84,7 +84,7 @@ class Testbed {
   /// Starts an HRTC with one user for each recording of `paths`. A user's name is "HRTC-RECORDING".
   [[nodiscard]] std::unique_ptr<e2e::Process> hrtc(const std::string& session, const std::string& name,
                                                    const std::vector<std::string>& paths) const {
-    std::vector<std::string> arguments{"--name", name};
+    std::vector<std::string> arguments;
     for (const std::string& path : paths)
       arguments.insert(arguments.end(),
                        {"--replay", name + "-" + path + "=" + (folder_.path() / (path + ".csv")).string()});

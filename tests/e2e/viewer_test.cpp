@@ -141,6 +141,7 @@ TEST_F(ViewerTest, ThePageTakesAProbeTouchesAndGivesItBack) {
   Observer observer{address("observer")};
   Page page{port_of(viewer)};
   ASSERT_TRUE(page.until([&] { return page.faces > 0 && !page.scene["objects"].empty(); })) << viewer.output();
+  ASSERT_TRUE(viewer.wait_for_line("HRTC 'desk' joined")) << viewer.output();
   page.request({{"touch", {{"user", "guest"}}}});
   ASSERT_TRUE(page.until([&] { return page.scene["users"].size() == 1; })) << viewer.output();
   EXPECT_EQ(page.scene["users"][0]["name"], "guest");

@@ -43,13 +43,14 @@ void NetworkFaults::lose(int percent, double seconds) {
   const std::string share = percent >= 100 ? "" : "numgen random mod 100 < " + std::to_string(percent);
   const std::string table = table_of(domain_);
   char rules[600];
-  // The set makes the kernel end the fault: its only element has a time limit.
+  // The set makes the kernel end the fault: its only element has a time limit. The ports are those of any transport
+  // header ("th"), because nft 1.1 refuses those of UDP beside a set of protocols.
   std::snprintf(rules, sizeof rules,
                 "%s {\n"
                 "  set active { type inet_proto; flags timeout; elements = { udp timeout %ldms } }\n"
                 "  chain in {\n"
                 "    type filter hook input priority -10; policy accept;\n"
-                "    meta l4proto @active udp dport %d-%d %s drop\n"
+                "    meta l4proto @active th dport %d-%d %s drop\n"
                 "  }\n"
                 "}\n",
                 table.c_str(), std::max(1L, std::lround(seconds * 1e3)), first, last, share.c_str());

@@ -24,6 +24,7 @@ constexpr char kOtherMachine[] =
 
 class FilterTransport final : public WholeMessageTransport {
  public:
+  using Receiver = transport::TransportReceiverInterface;
   explicit FilterTransport(const FilterTransportDescriptor& descriptor)
       : WholeMessageTransport{descriptor}, descriptor_{descriptor}, announcements_{descriptor.settings.ignored} {}
 
@@ -36,8 +37,7 @@ class FilterTransport final : public WholeMessageTransport {
     return low_level_transport_->getDefaultUnicastLocators(locators, first_port() + 1);
   }
 
-  bool OpenInputChannel(const rtps::Locator_t& at, transport::TransportReceiverInterface* receiver,
-                        std::uint32_t max_bytes) override {
+  bool OpenInputChannel(const rtps::Locator_t& at, Receiver* receiver, std::uint32_t max_bytes) override {
     const bool opened = WholeMessageTransport::OpenInputChannel(at, receiver, max_bytes);
     if (!opened && rtps::IPLocator::isMulticast(at)) *descriptor_.settings.multicast_is_taken = true;
     return opened;
