@@ -100,7 +100,7 @@ TEST_F(SecuredTest, NewKeysKeepTheNamesOfTheEarlierOnes) {
   };
   const std::string lab = path("lab-keys");
   keys({"add-hrtc", lab, "desk", "ann", "bob"});
-  keys({"add-hrtc", lab, "desk", "--replace"});
+  EXPECT_THAT(keys({"add-hrtc", lab, "desk", "--replace"}), HasSubstr("The earlier keys of desk are revoked"));
   EXPECT_THAT(keys({"show", lab}), testing::ContainsRegex("desk +hrtc +[0-9-]+ +valid +ann bob"));
   keys({"add-hrtc", lab, "desk", "eve", "--replace"});
   EXPECT_THAT(keys({"show", lab}), testing::ContainsRegex("desk +hrtc +[0-9-]+ +valid +eve"));
@@ -109,6 +109,23 @@ TEST_F(SecuredTest, NewKeysKeepTheNamesOfTheEarlierOnes) {
   const std::string members = keys({"show", lab});
   EXPECT_THAT(members, testing::ContainsRegex("desk +hrtc +[0-9-]+ +valid +all users"));
   EXPECT_THAT(members, testing::ContainsRegex("laptop +user +[0-9-]+ +valid +laptop"));
+}
+
+TEST_F(SecuredTest, AWrongNameOrRoleReplacesNoKeys) {
+  const std::string lab = path("lab-keys");
+  (void)keys_of("museum", Role::kHost);
+  const auto error_of = [&](std::vector<std::string> arguments) {
+    Process process{program("keys", std::move(arguments))};
+    EXPECT_TRUE(exits_with(2, process));
+    return process.output();
+  };
+  EXPECT_THAT(error_of({"add-hrtc", lab, "museum", "--replace"}), HasSubstr("expected add-host or another name"));
+  EXPECT_THAT(error_of({"add-hrtc", lab, "museum"}), HasSubstr("has the keys of role host"));
+  EXPECT_THAT(error_of({"add-hrtc", lab, "musuem", "--replace"}), HasSubstr("found no member 'musuem'"));
+  EXPECT_FALSE(authority_.find("museum")->is_revoked);
+  authority_.revoke("museum");
+  Process changed{program("keys", {"add-hrtc", lab, "museum", "--replace"})};
+  EXPECT_TRUE(exits_with(0, changed)) << changed.output();
 }
 
 TEST_F(SecuredTest, RevokedKeysAreRefusedByTheMemberAndByOthers) {

@@ -104,6 +104,22 @@ void export_member(const keys::Authority& authority, const std::string& name, co
   }
 }
 
+/// Throws KeyError if a member has keys of another role that are not revoked: a wrong command would revoke them.
+void check_role(const std::optional<keys::Member>& earlier, keys::Role role) {
+  if (!earlier || earlier->role == role || earlier->is_revoked) return;
+  const std::string name{name_of(earlier->role)};
+  throw keys::KeyError(earlier->name + ": has the keys of role " + name + ", expected add-" + name +
+                       " or another name; to change the role, revoke these keys first");
+}
+
+/// `which`: begin of the message, such as "The keys of desk".
+void print_revoked(const fs::path& authority, const std::string& which) {
+  std::printf(
+      "%s are revoked. Copy revoked.pem from %s to the folders of keys on the other machines.\n"
+      "Running programs read it within 5 s, and then refuse all messages of these keys.\n",
+      which.c_str(), (authority / "authority").c_str());
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -130,13 +146,16 @@ int main(int argc, char** argv) {
     CLI::App* const add = command("add-" + std::string{name_of(role)}, purpose_of(role), [&, role] {
       member.role = role;
       const keys::Authority authority{folder};
-      if (member.replaces && member.permitted.empty() && !for_all) {
-        const std::optional<keys::Member> earlier = authority.find(member.name);
-        if (earlier && earlier->role == role) member.permitted = earlier->permitted;
-      }
+      const std::optional<keys::Member> earlier = authority.find(member.name);
+      check_role(earlier, role);
+      if (member.replaces && !fs::exists(authority.folder_of(member.name)))
+        throw keys::KeyError("--replace: found no member '" + member.name + "', expected one of tactus keys show");
+      if (member.replaces && member.permitted.empty() && !for_all && earlier && earlier->role == role)
+        member.permitted = earlier->permitted;
       const fs::path made = authority.add(member);
       std::printf("%s has the keys of %s %s. Copy it to its machine, for example by tactus keys export.\n",
                   made.c_str(), std::string{name_of(role)}.c_str(), member.name.c_str());
+      if (earlier) print_revoked(folder, "The earlier keys of " + member.name);
     });
     add->add_option("NAME", member.name, "Name of the program in the session")->required();
     if (const char* const names = names_of(role)) {
@@ -159,10 +178,7 @@ int main(int argc, char** argv) {
           [&] {
             const keys::Authority authority{folder};
             authority.revoke(name);
-            std::printf(
-                "The keys of %s are revoked. Copy revoked.pem from %s to the folders of keys on the other machines.\n"
-                "Running programs read it within 5 s, and then refuse all messages of these keys.\n",
-                name.c_str(), (folder / "authority").c_str());
+            print_revoked(folder, "The keys of " + name);
           })
       ->add_option("NAME", name, "Name of the member")
       ->required();
