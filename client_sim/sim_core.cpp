@@ -217,7 +217,7 @@ void SimCore::gather(std::int64_t now_ns) {
     stop_reason_ += "; found " + list_of("HRTC", hrtcs) + " and " + list_of("object", objects);
     const bool waits_long = seconds(now_ns - first_tick_ns_) > kUsualWait;
     if (waits_long && (hrtcs.empty() || objects.empty()))
-      stop_reason_ += " (do all programs have the same --session and --domain?)";
+      stop_reason_ += " (do all programs have the same --session and --domain, and keys of one authority or none?)";
     return;
   }
   if (seconds(now_ns - first_peer_ns_) < settings_.name_check) return;

@@ -55,8 +55,8 @@ std::string utc_text(std::time_t time, const char* format) {
 
 std::string_view name_of(Role role) noexcept { return kNames[static_cast<std::size_t>(role)]; }
 
-std::string replace_command(Role role, const std::string& name) {
-  return "tactus keys add-" + std::string{name_of(role)} + " AUTHORITY " + name + " --replace";
+std::string replace_command(const Member& member) {
+  return "tactus keys add-" + std::string{name_of(member.role)} + " " + member.group + " " + member.name + " --replace";
 }
 
 std::string text_of(const Permitted& permitted) {
@@ -130,7 +130,7 @@ Member read_member(const fs::path& folder, std::time_t now) {
                    " on; is the clock of this machine right?");
   if (now > member.valid_until)
     throw KeyError(file + ": the certificate of " + who + " has expired on " + minute_text(member.valid_until) +
-                   "; make a new one with: " + replace_command(member.role, member.name));
+                   "; make a new one on the machine of the authority with: " + replace_command(member));
   return member;
 }
 

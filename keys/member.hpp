@@ -70,8 +70,9 @@ struct Member {
 /// Returns a time in UTC, of at most 31 characters. `format`: as of strftime().
 [[nodiscard]] std::string utc_text(std::time_t time, const char* format);
 
-/// Returns the command that makes new keys for a member, with the same permitted names.
-[[nodiscard]] std::string replace_command(Role role, const std::string& name);
+/// Returns the command that makes new keys for a member, with the same permitted names. It works in the folder that has
+/// the one of the authority, if that was not renamed.
+[[nodiscard]] std::string replace_command(const Member& member);
 
 /// Reads the folder of a member, and checks it as its program needs it: all files are there, the identity authority has
 /// issued the certificate, the private key belongs to it and only its owner can read it, and the certificate is valid

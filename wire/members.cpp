@@ -300,8 +300,9 @@ std::vector<std::string> Members::check_again(std::time_t now) {
     reports.push_back("the keys of this program are revoked; other programs refuse its messages");
   else if (now > self_.valid_until)
     reports.push_back(
-        "the keys of this program have expired; other programs refuse its messages. Make new ones with: " +
-        keys::replace_command(self_.role, self_.name));
+        "the keys of this program have expired; other programs refuse its messages. Make new ones on the machine of "
+        "the authority with: " +
+        keys::replace_command(self_));
   return reports;
 }
 

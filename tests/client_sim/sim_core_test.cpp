@@ -163,7 +163,7 @@ TEST(SimCore, ReportsMissingParticipantsAndFailsAfterItsTimeout) {
   EXPECT_EQ(session.core.stop_reason(),
             "no HRTC #1, #2 in session 's'; no host serves object #1, #2; found no HRTC and no object");
   session.run(3);
-  EXPECT_THAT(session.core.stop_reason(), HasSubstr("(do all programs have the same --session and --domain?)"));
+  EXPECT_THAT(session.core.stop_reason(), HasSubstr("(do all programs have the same --session and --domain, "));
   session.run(2);
   EXPECT_EQ(session.core.state(), SimState::kFailed);
   EXPECT_THAT(session.core.report().stop_reason, HasSubstr("waited 5 s"));

@@ -91,7 +91,7 @@ TEST_F(KeysTest, KeysAreRefusedOutsideTheirTime) {
   const std::time_t now = std::time(nullptr);
   EXPECT_EQ(error_of_member(desk, now + 364 * kDay), "");
   EXPECT_THAT(error_of_member(desk, now + 366 * kDay),
-              AllOf(HasSubstr("has expired on"), HasSubstr("tactus keys add-hrtc AUTHORITY desk --replace")));
+              AllOf(HasSubstr("has expired on"), HasSubstr("tactus keys add-hrtc lab-keys desk --replace")));
   EXPECT_THAT(error_of_member(desk, now - kDay), HasSubstr("is the clock of this machine right?"));
 }
 

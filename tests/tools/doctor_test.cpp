@@ -136,8 +136,9 @@ INSTANTIATE_TEST_SUITE_P(
                  f.member->name = "desk";
                  f.member->role = keys::Role::kHrtc;
                  f.member->valid_until = f.now + 3 * 24 * 3600;
+                 f.member->group = "lab-keys";
                },
-               Severity::kAdvice, "keys", "in 3 days", "tactus keys add-hrtc AUTHORITY desk --replace"},
+               Severity::kAdvice, "keys", "in 3 days", "tactus keys add-hrtc lab-keys desk --replace"},
         Defect{"StaleSharedMemory", [](Facts& f) { f.stale_segments = {"fastrtps_port7412"}; }, Severity::kAdvice,
                "shared memory", "fastrtps_port7412", "fastdds shm clean"},
         Defect{"EnvironmentVariable", [](Facts& f) { f.variables = {"ROS_DISCOVERY_SERVER"}; }, Severity::kAdvice,

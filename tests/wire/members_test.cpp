@@ -255,7 +255,7 @@ TEST_F(MembersTest, RevokedAndExpiredMembersAreCutOffDuringTheSession) {
   EXPECT_TRUE(admits({kInfoTime}, prefix_of(ann)));
   EXPECT_THAT(members_.check_again(ann.valid_until + 1),
               testing::ElementsAre(HasSubstr("the keys of user ann are expired"),
-                                   HasSubstr("tactus keys add-hrtc AUTHORITY desk --replace")));
+                                   HasSubstr("tactus keys add-hrtc lab-keys desk --replace")));
   EXPECT_FALSE(admits({kInfoTime}, prefix_of(ann)));
 }
 

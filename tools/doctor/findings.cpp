@@ -249,7 +249,7 @@ void judge_keys(const Facts& facts, Findings& findings) {
                             member.group + "', valid until " + keys::utc_text(member.valid_until, "%Y-%m-%d");
   if (member.valid_until - facts.now < kSoon)
     findings.advice("keys", found + ", in " + std::to_string((member.valid_until - facts.now) / kDay) + " days",
-                    "on the machine of the authority: " + keys::replace_command(member.role, member.name));
+                    "on the machine of the authority: " + keys::replace_command(member));
   else
     findings.good("keys", found);
 }
