@@ -75,7 +75,7 @@ std::string escaped(const std::string& text) {
 /// Fast DDS reads these times as local ones, so they have a margin of a day; the certificate has the exact times.
 std::string time_text(std::time_t time) { return utc_text(time, "%Y-%m-%dT%H:%M:%S"); }
 
-/// The begin of a document of this schema. Appended, because GCC 12 warns of strings that are added to a new one.
+/// The beginning of a document of this schema. Appended, because GCC 12 warns of strings that are added to a new one.
 std::string beginning_with(const char* schema) {
   std::string text;
   text.append(kHead).append(schema).append("\">\n");

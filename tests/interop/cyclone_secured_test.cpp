@@ -16,7 +16,7 @@
 namespace tactus::e2e {
 namespace {
 
-/// Only with Fast DDS 2.9: version 3.1 and Cyclone DDS 0.10 do not find each other with keys.
+/// Only with Fast DDS 2.9: with keys, a program with version 3.1 receives nothing from Cyclone DDS; not analysed.
 class CycloneSecuredTest : public SessionTest {
  protected:
   [[nodiscard]] keys::Member add(const std::string& name) const {
