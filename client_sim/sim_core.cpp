@@ -235,7 +235,7 @@ std::string SimCore::missing_probes() const {
                                        [&](const session::UserProbe& probe) { return probe.user == user; });
     if (!served) missing += (missing.empty() ? "" : ", ") + user + " by " + sim_user.hrtc;
   }
-  return missing.empty() ? "" : "not served: " + missing;
+  return missing.empty() ? "" : "not served: " + missing + "; the log of the HRTC says why";
 }
 
 session::Origin SimCore::origin_of(std::size_t presence, std::int64_t now_ns) const {
@@ -286,8 +286,7 @@ SimMessages SimCore::tick(std::int64_t now_ns, std::int64_t session_now_ns) {
 
   if (state_ == SimState::kGathering && taken_name_.empty()) gather(now_ns);
   if (!taken_name_.empty()) {
-    stop_reason_ = "another program named '" + taken_name_ + "' is already in session '" + settings_.session +
-                   "'; this program ends; start it with another --name";
+    stop_reason_ = session::name_taken_text(taken_name_, settings_.session);
     state_ = SimState::kFailed;
     send_heartbeats(now_ns, true, out);
     return out;

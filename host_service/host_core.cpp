@@ -125,8 +125,7 @@ void HostCore::react(const session::RosterEvent& event, std::int64_t now_ns) {
   const std::uint64_t id = entry.origin.participant;
   if (event.change != RosterChange::kChanged) report(session::severity(event), session::text(event));
   if (event.change == RosterChange::kNameConflict && id == self_.participant && event.entry_must_leave) {
-    report(Severity::kError, "another host named '" + name_ + "' is already in session '" + session_ +
-                                 "'; this host ends; start it with another --name");
+    report(Severity::kError, session::name_taken_text(name_, session_));
     end_ = HostEnd::kNameTaken;
   }
   metrics_due_.make_due_within(now_ns, kMetricsSoonNs);  // so that programs which compare scenes get the new one soon

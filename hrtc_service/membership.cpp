@@ -89,9 +89,7 @@ void Membership::on_event(const session::RosterEvent& event, std::int64_t) {
   if (entry.role == session::Role::kHost && is_new)
     heartbeat_.repeat_soon();  // the host may not have received our entry
   if (event.change == RosterChange::kNameConflict && participant == self_.participant) {
-    if (event.entry_must_leave)
-      report(Severity::kError, "another program named '" + settings_.name + "' is already in session '" +
-                                   settings_.session + "'; this HRTC ends; start it with another --name");
+    if (event.entry_must_leave) report(Severity::kError, session::name_taken_text(settings_.name, settings_.session));
     output.name_conflict = output.name_conflict || event.entry_must_leave;
     return;
   }

@@ -22,8 +22,6 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::time_t kDay = 24 * 3600;
-constexpr int kAuthorityDays = 3650;
-constexpr std::time_t kClockTolerance = 3600;  // s; the clock of another machine may be late
 
 constexpr char kAuthorityFolder[] = "authority", kMembersFolder[] = "members";
 constexpr char kIdentityKey[] = "identity-ca.key", kPermissionsKey[] = "permissions-ca.key";
@@ -50,6 +48,15 @@ void sync_folder(const fs::path& folder) {
   if (descriptor < 0) return;
   (void)::fsync(descriptor);
   ::close(descriptor);
+}
+
+constexpr std::string_view kUnique = ".XXXXXX";  // mkdtemp() and mkstemp() replace the X
+
+/// Names of members and of their files begin with no point; those of Pending do.
+bool is_hidden(const fs::path& path) { return path.filename().string().front() == '.'; }
+bool is_temporary(const fs::path& path) {
+  const std::string name = path.filename();
+  return is_hidden(path) && name.size() > 1 + kUnique.size() && name[name.size() - kUnique.size()] == '.';
 }
 
 /// A new folder, or a new file, that gets its name only when it is complete. Without `commit` nothing remains.
@@ -99,8 +106,7 @@ class Pending {
  private:
   explicit Pending(fs::path path) : path_{std::move(path)} {}
   [[nodiscard]] std::string pattern() const {
-    // As mkdtemp() and mkstemp() demand it.
-    return path_.parent_path() / ("." + path_.filename().string() + ".XXXXXX");
+    return path_.parent_path() / ("." + path_.filename().string().append(kUnique));
   }
   fs::path path_, temporary_;
 };
@@ -178,7 +184,7 @@ Authority Authority::create(const fs::path& folder) {
   fs::create_directory(authority);
   fs::permissions(authority, fs::perms::owner_all);
   fs::create_directory(pending.temporary() / kMembersFolder);
-  const std::time_t from = now() - kClockTolerance, until = now() + kAuthorityDays * kDay;
+  const std::time_t from = now() - kClockTolerance, until = now() + kMaxDays * kDay;
   const Issuer identities = make_issuer({group, "authority", "identities"}, from, until);
   const Issuer permissions = make_issuer({group, "authority", "permissions"}, from, until);
   write_file(authority / files::kIdentityCa, pem_of(*identities.certificate));
@@ -186,22 +192,25 @@ Authority Authority::create(const fs::path& folder) {
   write_file(authority / files::kPermissionsCa, pem_of(*permissions.certificate));
   write_file(authority / kPermissionsKey, pem_of(*permissions.key));
   write_file(authority / files::kGovernance, sign(permissions, governance_document()));
-  write_file(authority / files::kRevoked, pem_of(*make_revoked_list(identities, {}, now() - kClockTolerance)));
+  write_file(authority / files::kRevoked, pem_of(*make_revoked_list(identities, {}, now())));
   sync_folder(authority);
   pending.commit();
   return Authority{path};
 }
 
 Authority::Authority(fs::path folder) : folder_{std::move(folder)} {
-  if (!fs::exists(folder_ / kAuthorityFolder / kIdentityKey))
-    throw KeyError(folder_.string() + ": found no authority, expected a folder of tactus keys init");
+  std::error_code error;
+  if (fs::exists(folder_ / kAuthorityFolder / kIdentityKey, error)) return;
+  const bool is_absent = !error || error == std::errc::no_such_file_or_directory;
+  throw KeyError(folder_.string() + ": found no authority" + (is_absent ? "" : ": " + error.message()) +
+                 ", expected a folder of tactus keys init");
 }
 
 fs::path Authority::folder_of(const std::string& name) const { return folder_ / kMembersFolder / name; }
 
 fs::path Authority::add(const NewMember& added) const {
   const Lock lock{folder_};
-  constexpr int kMaxDays = kAuthorityDays;
+  remove_remains();
   check_member_name(added.name);
   const Permitted permitted = permitted_of(added);
   if (added.days < 1 || added.days > kMaxDays)
@@ -213,7 +222,7 @@ fs::path Authority::add(const NewMember& added) const {
   const Issuer identities = identities_of(folder_);
   const Issuer permissions = read_issuer(authority, files::kPermissionsCa, kPermissionsKey);
   const std::time_t from = now() - kClockTolerance;
-  const std::time_t until = std::min(now() + added.days * kDay, valid_until(*identities.certificate));
+  const std::time_t until = std::min(now() + added.days * kDay, valid_until());
   if (until <= now()) throw KeyError(folder_.string() + ": the authority has expired; make a new one, with new keys");
   const Subject subject{subject_of(*identities.certificate).group, std::string{name_of(added.role)}, added.name,
                         permitted};
@@ -240,7 +249,23 @@ fs::path Authority::add(const NewMember& added) const {
 void Authority::revoke(const std::string& name) const {
   check_member_name(name);
   const Lock lock{folder_};
+  remove_remains();
   revoke_certificate(name);
+}
+
+/// Removes temporary files and folders. The caller has the lock, so no other process uses them.
+void Authority::remove_remains() const {
+  std::vector<fs::path> remains;
+  for (const char* part : {kAuthorityFolder, kMembersFolder})
+    for (const auto& entry : fs::recursive_directory_iterator{folder_ / part})
+      if (is_temporary(entry.path())) remains.push_back(entry.path());
+  for (const fs::path& path : remains) fs::remove_all(path);
+}
+
+RevokedKeys Authority::revoked() const { return read_revoked(folder_ / kAuthorityFolder); }
+
+std::time_t Authority::valid_until() const {
+  return keys::valid_until(*read_certificate(folder_ / kAuthorityFolder / files::kIdentityCa));
 }
 
 void Authority::revoke_certificate(const std::string& name) const {
@@ -254,10 +279,10 @@ void Authority::revoke_certificate(const std::string& name) const {
 
 /// The authority has the list first, so a repetition of an interrupted revocation completes it.
 void Authority::write_revoked(const std::vector<std::string>& serials) const {
-  const std::string text = pem_of(*make_revoked_list(identities_of(folder_), serials, now() - kClockTolerance));
+  const std::string text = pem_of(*make_revoked_list(identities_of(folder_), serials, now()));
   Pending::file(folder_ / kAuthorityFolder / files::kRevoked, text).commit();
   for (const auto& entry : fs::directory_iterator{folder_ / kMembersFolder})
-    if (entry.path().filename().string().front() != '.') Pending::file(entry.path() / files::kRevoked, text).commit();
+    if (!is_hidden(entry.path())) Pending::file(entry.path() / files::kRevoked, text).commit();
 }
 
 std::optional<Member> Authority::find(const std::string& name) const {
@@ -269,9 +294,8 @@ std::optional<Member> Authority::find(const std::string& name) const {
 std::vector<Member> Authority::members() const {
   std::vector<Member> members;
   for (const auto& entry : fs::directory_iterator{folder_ / kMembersFolder}) {
-    const std::string name = entry.path().filename();
-    if (name.front() == '.') continue;  // of an interrupted run
-    if (std::optional<Member> member = find(name)) members.push_back(std::move(*member));
+    if (is_hidden(entry.path())) continue;
+    if (std::optional<Member> member = find(entry.path().filename())) members.push_back(std::move(*member));
   }
   std::sort(members.begin(), members.end(), [](const Member& a, const Member& b) { return a.name < b.name; });
   return members;

@@ -6,9 +6,11 @@
 ///     lab-keys/authority/   private keys of both authorities; stays where it was made
 ///     lab-keys/members/desk/   all that the program `desk` needs; copied to its machine
 ///
-/// Every file and folder gets its name only when it is complete. A second process that makes or revokes keys waits.
+/// Every file and folder gets its name only when it is complete. A second process that makes or revokes keys waits, and
+/// removes what an earlier one that was killed has left.
 #pragma once
 
+#include <ctime>
 #include <filesystem>
 #include <optional>
 #include <string>
@@ -17,6 +19,9 @@
 #include "keys/member.hpp"
 
 namespace tactus::keys {
+
+/// An authority is valid for this number of days.
+inline constexpr int kMaxDays = 3650;
 
 struct NewMember {
   std::string name;
@@ -43,10 +48,14 @@ class Authority {
   /// Returns the members by name.
   [[nodiscard]] std::vector<Member> members() const;
   [[nodiscard]] std::filesystem::path folder_of(const std::string& name) const;
+  [[nodiscard]] RevokedKeys revoked() const;
+  /// Returns when the authority expires, and all its keys with it.
+  [[nodiscard]] std::time_t valid_until() const;
 
  private:
   void revoke_certificate(const std::string& name) const;
   void write_revoked(const std::vector<std::string>& serials) const;
+  void remove_remains() const;
 
   std::filesystem::path folder_;
 };

@@ -9,6 +9,7 @@
 #include <openssl/x509v3.h>
 
 #include <array>
+#include <cstring>
 
 #include "keys/member.hpp"
 
@@ -20,6 +21,7 @@ struct FreeMore {
   void operator()(BIGNUM* number) const noexcept { BN_free(number); }
   void operator()(ASN1_STRING* value) const noexcept { ASN1_STRING_free(value); }  // also a time or an integer
   void operator()(PKCS7* message) const noexcept { PKCS7_free(message); }
+  void operator()(STACK_OF(X509) * list) const noexcept { sk_X509_free(list); }  // not its certificates
   void operator()(X509_EXTENSION* extension) const noexcept { X509_EXTENSION_free(extension); }
   void operator()(X509_NAME* name) const noexcept { X509_NAME_free(name); }
   void operator()(X509_REVOKED* entry) const noexcept { X509_REVOKED_free(entry); }
@@ -28,11 +30,16 @@ template <class T>
 using Owner = std::unique_ptr<T, FreeMore>;
 
 [[noreturn]] void fail(const std::string& what) {
-  std::array<char, 256> reason{};
   const unsigned long code = ERR_get_error();
-  if (code != 0) ERR_error_string_n(code, reason.data(), reason.size());
   ERR_clear_error();
-  throw KeyError(what + (code != 0 ? std::string{": "} + reason.data() : ""));
+  const char* const reason =
+      ERR_SYSTEM_ERROR(code) ? std::strerror(ERR_GET_REASON(code)) : ERR_reason_error_string(code);
+  throw KeyError(what + (reason != nullptr ? std::string{": "} + reason : ""));
+}
+/// `remedy` begins with a separator.
+[[noreturn]] void fail_to_read(const std::filesystem::path& file, const char* expected, const char* remedy = "") {
+  ERR_clear_error();
+  throw KeyError(file.string() + ": found no " + expected + remedy);
 }
 /// Throws unless a function of OpenSSL has succeeded.
 void require(bool succeeded, const char* what) {
@@ -163,7 +170,7 @@ Certificate issue(const Issuer& issuer, Subject subject, EVP_PKEY& key, std::tim
 
 RevokedList make_revoked_list(const Issuer& issuer, const std::vector<std::string>& serials, std::time_t now) {
   RevokedList list{X509_CRL_new()};
-  const Owner<ASN1_TIME> from{ASN1_TIME_set(nullptr, now)};
+  const Owner<ASN1_TIME> from{ASN1_TIME_set(nullptr, now - kClockTolerance)};
   // A list that has expired would refuse all members, so it does not expire before the authority.
   const Owner<ASN1_TIME> until{ASN1_TIME_set(nullptr, valid_until(*issuer.certificate))};
   require(list != nullptr && from != nullptr && until != nullptr && X509_CRL_set_version(list.get(), 1) == 1 &&
@@ -220,19 +227,33 @@ std::string pem_of(X509_CRL& list) {
 
 Certificate read_certificate(const std::filesystem::path& file) {
   Certificate certificate{PEM_read_bio_X509(open_file(file).get(), nullptr, nullptr, nullptr)};
-  if (certificate == nullptr) fail(file.string() + ": found no certificate (PEM)");
+  if (certificate == nullptr) fail_to_read(file, "certificate (PEM)");
   return certificate;
 }
 Key read_key(const std::filesystem::path& file) {
   // Without a password: the program starts alone.
   Key key{PEM_read_bio_PrivateKey(open_file(file).get(), nullptr, nullptr, const_cast<char*>(""))};
-  if (key == nullptr) fail(file.string() + ": found no private key without a password (PEM)");
+  if (key == nullptr) fail_to_read(file, "private key without a password (PEM)");
   return key;
 }
 RevokedList read_revoked_list(const std::filesystem::path& file) {
   RevokedList list{PEM_read_bio_X509_CRL(open_file(file).get(), nullptr, nullptr, nullptr)};
-  if (list == nullptr) fail(file.string() + ": found no list of revoked certificates (PEM)");
+  if (list == nullptr)
+    fail_to_read(file, "list of revoked certificates (PEM)", "; copy revoked.pem from the authority again");
   return list;
+}
+std::string read_signed(const std::filesystem::path& file, X509& signer) {
+  BIO* text = nullptr;
+  const Owner<PKCS7> message{SMIME_read_PKCS7(open_file(file).get(), &text)};
+  const Owner<BIO> signed_text{text}, output = memory();
+  const Owner<STACK_OF(X509)> signers{sk_X509_new_null()};
+  require(signers != nullptr && sk_X509_push(signers.get(), &signer) > 0, "memory");
+  // Only by this certificate, whatever certificates the message contains.
+  constexpr int kFlags = PKCS7_NOINTERN | PKCS7_NOVERIFY | PKCS7_TEXT;
+  if (message == nullptr || signed_text == nullptr ||
+      PKCS7_verify(message.get(), signers.get(), nullptr, signed_text.get(), output.get(), kFlags) != 1)
+    fail_to_read(file, "document that the authority has signed", "; copy the whole folder of the member again");
+  return text_of(*output);
 }
 
 Subject subject_of(X509& certificate) {
@@ -283,7 +304,7 @@ bool is_issued_by(X509_CRL& list, X509& authority) {
   return is_valid;
 }
 
-std::time_t valid_from(X509_CRL& list) { return time_of(X509_CRL_get0_lastUpdate(&list)); }
+std::time_t made_at(X509_CRL& list) { return time_of(X509_CRL_get0_lastUpdate(&list)) + kClockTolerance; }
 
 bool belongs_to(EVP_PKEY& key, X509& certificate) {
   const bool belongs = X509_check_private_key(&certificate, &key) == 1;

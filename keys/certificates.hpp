@@ -45,7 +45,9 @@ struct Subject {
 /// Adds serial number and time of expiry to the subject.
 [[nodiscard]] Certificate issue(const Issuer& issuer, Subject subject, EVP_PKEY& key, std::time_t from,
                                 std::time_t until);
-/// Returns a list of these serial numbers (hexadecimal).
+/// The clock of a machine that reads keys may be late by this time, s.
+inline constexpr std::time_t kClockTolerance = 3600;
+/// Returns a list of these serial numbers (hexadecimal), valid from kClockTolerance before `now` on.
 [[nodiscard]] RevokedList make_revoked_list(const Issuer& issuer, const std::vector<std::string>& serials,
                                             std::time_t now);
 /// Returns the text as S/MIME, signed by the issuer itself.
@@ -58,6 +60,8 @@ struct Subject {
 [[nodiscard]] Certificate read_certificate(const std::filesystem::path& file);
 [[nodiscard]] Key read_key(const std::filesystem::path& file);
 [[nodiscard]] RevokedList read_revoked_list(const std::filesystem::path& file);
+/// Returns the text of a file by `sign`, if `signer` has signed it.
+[[nodiscard]] std::string read_signed(const std::filesystem::path& file, X509& signer);
 
 [[nodiscard]] Subject subject_of(X509& certificate);
 [[nodiscard]] std::array<std::uint8_t, 32> hash_of(const Subject& subject);  ///< SHA-256 of its DER encoding
@@ -69,7 +73,7 @@ struct Subject {
 /// Returns whether the authority has signed the certificate.
 [[nodiscard]] bool is_issued_by(X509& certificate, X509& authority);
 [[nodiscard]] bool is_issued_by(X509_CRL& list, X509& authority);
-[[nodiscard]] std::time_t valid_from(X509_CRL& list);
+[[nodiscard]] std::time_t made_at(X509_CRL& list);
 [[nodiscard]] bool belongs_to(EVP_PKEY& key, X509& certificate);
 
 /// Returns the member of a certificate. Throws KeyError, which names `file`, if its unit is no role.

@@ -72,6 +72,8 @@ std::string escaped(const std::string& text) {
   return result;
 }
 
+std::string subject_element(const std::string& subject) { return element("subject_name", escaped(subject)); }
+
 /// Fast DDS reads these times as local ones, so they have a margin of a day; the certificate has the exact times.
 std::string time_text(std::time_t time) { return utc_text(time, "%Y-%m-%dT%H:%M:%S"); }
 
@@ -100,6 +102,14 @@ std::vector<WriteRight> rights_of(Role role) {
     else if ((rule.roles & bit(role)) != 0)
       rights.push_back(rule.right);
   return rights;
+}
+
+std::vector<Role> writers_of(std::string_view topic) {
+  std::vector<Role> roles;
+  for (const Rule& rule : kRules)
+    for (const Role role : kRoles)
+      if (rule.right.topic == topic && (rule.roles & bit(role)) != 0) roles.push_back(role);
+  return roles;
 }
 
 std::string governance_document() {
@@ -131,10 +141,14 @@ std::string permissions_document(const std::string& subject, Role role, const st
   if (!of_users.empty() && !users.empty())
     rules += "\n" + element("allow_rule", kDomains + criteria("publish", of_users, user_partitions));
   return beginning_with("omg_shared_ca_permissions.xsd") + "<permissions><grant name=\"member\">\n" +
-         element("subject_name", escaped(subject)) + "\n" +
+         subject_element(subject) + "\n" +
          element("validity", element("not_before", time_text(valid_from - kZoneMargin)) +
                                  element("not_after", time_text(valid_until + kZoneMargin))) +
          "\n" + rules + "\n" + element("default", "DENY") + "\n</grant></permissions></dds>\n";
+}
+
+bool is_for(const std::string& permissions, const std::string& subject) {
+  return permissions.find(subject_element(subject)) != std::string::npos;
 }
 
 }  // namespace tactus::keys

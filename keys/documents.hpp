@@ -3,6 +3,7 @@
 
 #include <ctime>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "keys/member.hpp"
@@ -16,6 +17,8 @@ struct WriteRight {
 };
 /// Returns the topics that a role may write. Every member may read all topics.
 [[nodiscard]] std::vector<WriteRight> rights_of(Role role);
+/// Returns the roles that may write a topic, other than kTester.
+[[nodiscard]] std::vector<Role> writers_of(std::string_view topic);
 
 /// Returns the rules of a secured session: only members join, and every submessage of discovery and of samples is
 /// encrypted, with a proof of its origin for each receiver. Fast DDS accepts whole messages without such a proof, and
@@ -27,5 +30,8 @@ struct WriteRight {
 [[nodiscard]] std::string permissions_document(const std::string& subject, Role role,
                                                const std::vector<std::string>& users, std::time_t valid_from,
                                                std::time_t valid_until);
+
+/// Returns whether permissions are those of this subject.
+[[nodiscard]] bool is_for(const std::string& permissions, const std::string& subject);
 
 }  // namespace tactus::keys

@@ -6,6 +6,7 @@
 #include <array>
 
 #include "keys/certificates.hpp"
+#include "keys/documents.hpp"
 
 namespace tactus::keys {
 namespace {
@@ -26,12 +27,19 @@ Role role_of(const std::string& name, const fs::path& file) {
 
 std::string minute_text(std::time_t time) { return utc_text(time, "%Y-%m-%d %H:%M UTC"); }
 
+/// One word of a command line.
+std::string quoted(const std::string& text) {
+  std::string word = "'";
+  for (const char c : text) word += c == '\'' ? std::string{"'\\''"} : std::string{c};
+  return word + "'";
+}
+
 /// Other users of the machine could act as this member.
 void check_owner(const fs::path& file) {
   struct stat status {};
   if (::stat(file.c_str(), &status) == 0 && (status.st_mode & (S_IRWXG | S_IRWXO)) != 0)
     throw KeyError(file.string() + ": other users can read it, expected only its owner; run: chmod 600 " +
-                   file.string());
+                   quoted(file.string()));
 }
 
 /// Reads the list of revoked certificates of this authority.
@@ -41,6 +49,16 @@ RevokedList read_list(const fs::path& folder, X509& authority) {
     throw KeyError((folder / files::kRevoked).string() + ": found the list of another authority than " +
                    (folder / files::kIdentityCa).string());
   return list;
+}
+
+/// Fast DDS states no reason for documents that it refuses.
+void check_documents(const fs::path& folder, X509& certificate) {
+  const Certificate authority = read_certificate(folder / files::kPermissionsCa);
+  (void)read_signed(folder / files::kGovernance, *authority);
+  const fs::path permissions = folder / files::kPermissions;
+  if (!is_for(read_signed(permissions, *authority), subject_text(certificate)))
+    throw KeyError(permissions.string() + ": found the permissions of another certificate than " +
+                   (folder / files::kCertificate).string() + "; copy the whole folder of the member again");
 }
 
 }  // namespace
@@ -102,6 +120,10 @@ Member member_of(X509& certificate, X509_CRL& revoked, const fs::path& file) {
 
 Member read_member(const fs::path& folder, std::time_t now) {
   using namespace files;
+  std::error_code ignored;
+  if (!fs::is_directory(folder, ignored))
+    throw KeyError(folder.string() +
+                   ": found no folder that can be read, expected that of a member, made by tactus keys");
   for (const char* name :
        {kIdentityCa, kPermissionsCa, kCertificate, kPrivateKey, kGovernance, kPermissions, kRevoked}) {
     std::error_code error;
@@ -117,10 +139,11 @@ Member read_member(const fs::path& folder, std::time_t now) {
   check_owner(folder / kPrivateKey);
   if (!belongs_to(*read_key(folder / kPrivateKey), *certificate))
     throw KeyError((folder / kPrivateKey).string() + ": found the key of another certificate than " + file);
+  check_documents(folder, *certificate);
   const RevokedList list = read_list(folder, *authority);
-  if (now < valid_from(*list))
-    throw KeyError((folder / kRevoked).string() + ": valid from " + minute_text(valid_from(*list)) +
-                   " on; is the clock of this machine right?");
+  if (now < made_at(*list) - kClockTolerance)
+    throw KeyError((folder / kRevoked).string() + ": found a list of " + minute_text(made_at(*list)) +
+                   "; is the clock of this machine right?");
   const Member member = member_of(*certificate, *list, folder / kCertificate);
   const std::string who = std::string{name_of(member.role)} + " '" + member.name + "'";
   if (member.is_revoked)
@@ -134,8 +157,15 @@ Member read_member(const fs::path& folder, std::time_t now) {
   return member;
 }
 
-std::vector<std::string> read_revoked(const fs::path& folder) {
-  return serials_of(*read_list(folder, *read_certificate(folder / files::kIdentityCa)));
+RevokedKeys read_revoked(const fs::path& folder) {
+  const RevokedList list = read_list(folder, *read_certificate(folder / files::kIdentityCa));
+  return {serials_of(*list), made_at(*list)};
+}
+
+std::string text_of(const RevokedKeys& revoked) {
+  const std::size_t count = revoked.serials.size();
+  return std::to_string(count) + (count == 1 ? " revoked key, list of " : " revoked keys, list of ") +
+         minute_text(revoked.made);
 }
 
 }  // namespace tactus::keys

@@ -75,12 +75,18 @@ struct Member {
 [[nodiscard]] std::string replace_command(const Member& member);
 
 /// Reads the folder of a member, and checks it as its program needs it: all files are there, the identity authority has
-/// issued the certificate, the private key belongs to it and only its owner can read it, and the certificate is valid
-/// at `now` and not revoked. Throws KeyError.
+/// issued the certificate, the private key belongs to it and only its owner can read it, the permissions are those of
+/// this certificate, and the certificate is valid at `now` and not revoked. Throws KeyError.
 [[nodiscard]] Member read_member(const std::filesystem::path& folder, std::time_t now);
 
-/// Returns the serial numbers of the revoked certificates (hexadecimal), from the folder of a member. Throws KeyError
-/// if the list is not there, or of another authority.
-[[nodiscard]] std::vector<std::string> read_revoked(const std::filesystem::path& folder);
+/// The list of revoked certificates.
+struct RevokedKeys {
+  std::vector<std::string> serials;  ///< hexadecimal
+  std::time_t made = 0;              ///< when the authority has made the list
+};
+/// Returns the list in the folder of a member. Throws KeyError if there is none, or that of another authority.
+[[nodiscard]] RevokedKeys read_revoked(const std::filesystem::path& folder);
+/// For messages, such as '2 revoked keys, list of 2026-11-26 10:00 UTC'.
+[[nodiscard]] std::string text_of(const RevokedKeys& revoked);
 
 }  // namespace tactus::keys

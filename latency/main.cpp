@@ -196,10 +196,8 @@ int main(int argc, char** argv) {
   add_run(*run_command, options);
   add_serve(*serve_command, options);
   for (CLI::App* const command : {run_command, serve_command}) {
-    command
-        ->add_option("--keys", options.settings.side.keys,
-                     "Folder of keys that `tactus keys add-tester` has made; default: no encryption")
-        ->type_name("DIR");
+    tactus::wire::add_keys_option(*command, options.settings.side.keys,
+                                  "Folder of keys that `tactus keys add-tester` has made; default: no encryption");
     command->add_option("--qos", options.settings.side.qos, "Directory of the QoS profiles");
     tactus::wire::add_discovery_options(*command, options.settings.side.discovery);
   }

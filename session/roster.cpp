@@ -70,12 +70,16 @@ std::string text(const RosterEvent& event) {
              std::to_string(kProtocolVersion);
     case RosterChange::kNameConflict:
       return who + " runs twice: incarnations " + std::to_string(event.entry.origin.incarnation) + " and " +
-             std::to_string(event.other) +
-             " both send heartbeats under this name; the one that joined later leaves; start it with another --name";
+             std::to_string(event.other) + " both send heartbeats under this name; the one that joined later leaves";
     case RosterChange::kFull:
       return who + " refused: the session has " + std::to_string(kMaxParticipants) + " participants already";
   }
   return who;
+}
+
+std::string name_taken_text(const std::string& name, const std::string& session) {
+  return "another program named '" + name + "' is already in session '" + session +
+         "'; this program ends; start it with another --name, and with --keys also with keys of that name";
 }
 
 Roster::Roster(const Origin& self, const RosterSettings& settings) : self_{self}, settings_{settings} {

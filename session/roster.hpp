@@ -57,6 +57,8 @@ struct RosterEvent {
 [[nodiscard]] Severity severity(const RosterEvent& event) noexcept;
 /// Text of an event, one line for a log.
 [[nodiscard]] std::string text(const RosterEvent& event);
+/// Text for the program that has to leave because another one has its name.
+[[nodiscard]] std::string name_taken_text(const std::string& name, const std::string& session);
 /// Role and name of a participant.
 [[nodiscard]] std::string text(const RosterEntry& entry);
 

@@ -4,6 +4,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <cstring>
 #include <ctime>
@@ -16,6 +17,7 @@ namespace tactus::wire {
 namespace {
 
 constexpr char kFurther[] = "further events";
+constexpr std::int64_t kMinIntervalNs = 1'000'000'000, kMaxIntervalNs = 60'000'000'000;
 
 /// Keeps the lines valid, whatever bytes a sender has sent.
 std::string line_of(const nlohmann::ordered_json& object) {
@@ -29,16 +31,26 @@ AuditLog::AuditLog(std::filesystem::path file, std::string session, std::string 
 
 void AuditLog::add(AuditEvent event) {
   const std::lock_guard<std::mutex> lock{mutex_};
-  if (pending_.size() >= kMaxEvents && pending_.count(event) == 0) event = {kFurther, "", "", ""};
-  ++pending_[std::move(event)];
+  if (events_.size() >= kMaxEvents && events_.count(event) == 0) event = {kFurther, "", "", ""};
+  ++events_[std::move(event)].count;
 }
 
-std::string AuditLog::write() {
-  std::map<AuditEvent, std::uint64_t> events;
-  {
-    const std::lock_guard<std::mutex> lock{mutex_};
-    events.swap(pending_);
+std::vector<std::pair<AuditEvent, std::uint64_t>> AuditLog::take_due(std::int64_t now_ns, bool all) {
+  std::vector<std::pair<AuditEvent, std::uint64_t>> due;
+  const std::lock_guard<std::mutex> lock{mutex_};
+  all = all || events_.size() >= kMaxEvents;
+  for (auto& [event, repeated] : events_) {
+    if (repeated.count == 0 || (!all && now_ns < repeated.due_ns)) continue;
+    due.emplace_back(event, std::exchange(repeated.count, 0));
+    repeated.interval_ns = std::clamp(2 * repeated.interval_ns, kMinIntervalNs, kMaxIntervalNs);
+    repeated.due_ns = now_ns + repeated.interval_ns;
   }
+  std::erase_if(events_, [&](const auto& entry) { return all || now_ns >= entry.second.due_ns; });
+  return due;
+}
+
+std::string AuditLog::write(std::int64_t now_ns, bool all) {
+  const std::vector<std::pair<AuditEvent, std::uint64_t>> events = take_due(now_ns, all);
   if (events.empty()) return "";
   const std::string time = keys::utc_text(std::time(nullptr), "%Y-%m-%dT%H:%M:%SZ");
   std::string lines;

@@ -1,7 +1,8 @@
 /// The audit log of a secured session: who joined, who was refused, and why.
 ///
-/// One JSON object in each line. Equal events are counted, and written at most twice in a second. Above kMaxBytes, the
-/// file becomes FILE.1, and a new one begins, so two files use at most twice this size. Only the owner can read them.
+/// One JSON object in each line. Equal events are counted: the first is written at once, and the further ones together
+/// after 1, 2, 4, ... and at most 60 s. Above kMaxBytes, the file becomes FILE.1, and a new one begins, so two files
+/// use at most twice this size. Only the owner can read them.
 ///
 ///     {"time":"2026-11-26T10:00:00Z","session":"lab","program":"desk","event":"false sender",
 ///      "subject":"user laptop","detail":"tactus_stop","count":3}
@@ -13,6 +14,8 @@
 #include <mutex>
 #include <string>
 #include <tuple>
+#include <utility>
+#include <vector>
 
 namespace tactus::wire {
 
@@ -29,22 +32,29 @@ struct AuditEvent {
 class AuditLog {
  public:
   static constexpr std::uintmax_t kMaxBytes = 16u << 20u;
-  /// Max number of different events between two calls of `write`; further ones are only counted, as the event `further
-  /// events`.
+  /// Max number of different events at a time; further ones are only counted, as the event `further events`.
   static constexpr std::size_t kMaxEvents = 256;
 
   AuditLog(std::filesystem::path file, std::string session, std::string program);
 
   /// Any thread; does not write.
   void add(AuditEvent event);
-  /// Writes the events since the last call. Returns why the file cannot be written; empty if it can. One thread.
-  [[nodiscard]] std::string write();
+  /// Writes the events that are due; also the others if there are kMaxEvents, or if `all`. Returns why the file cannot
+  /// be written; empty if it can. One thread.
+  [[nodiscard]] std::string write(std::int64_t now_ns, bool all = false);
 
  private:
+  struct Repeated {
+    std::uint64_t count = 0;  // since the last line
+    std::int64_t due_ns = 0, interval_ns = 0;
+  };
+
+  [[nodiscard]] std::vector<std::pair<AuditEvent, std::uint64_t>> take_due(std::int64_t now_ns, bool all);
+
   const std::filesystem::path file_;
   const std::string session_, program_;
   std::mutex mutex_;
-  std::map<AuditEvent, std::uint64_t> pending_;  // counts
+  std::map<AuditEvent, Repeated> events_;
 };
 
 }  // namespace tactus::wire

@@ -4,6 +4,7 @@
 #include <cstdio>
 #include <utility>
 
+#include "keys/documents.hpp"
 #include "realtime/process.hpp"
 #include "session/check.hpp"
 #include "wire/convert.hpp"
@@ -39,6 +40,16 @@ std::uint64_t user_id_of(const std::string& partition) {
   return user.empty() ? 0 : session::id_of(user);
 }
 
+/// The commands that make keys with which a program may write a topic.
+std::string commands_for(const char* topic) {
+  std::string commands;
+  for (const keys::Role role : keys::writers_of(topic)) {
+    if (!commands.empty()) commands += " or ";
+    commands += "tactus keys add-" + std::string{name_of(role)};
+  }
+  return commands;
+}
+
 }  // namespace
 
 std::string user_partition(const std::string& user) { return kUserPart + user; }
@@ -63,7 +74,7 @@ struct Writer<Sample>::Impl final : dds::DataWriterListener {
       : participants{in}, participant{in.impl().participant(spec.traffic)} {
     if (!in.may_write(spec.name))
       throw WireError(std::string{"topic "} + spec.name + ": the keys of " + in.impl().security->who() +
-                      " do not permit to write it; see docs/how-to/secure.md");
+                      " do not permit to write it, expected " + commands_for(spec.name));
     if (const std::string user = user_of(options.partition); !user.empty()) in.expect_permitted("user", user);
     const auto qos = with_partition<dds::PublisherQos>(in.impl(), options.partition, dds::PUBLISHER_QOS_DEFAULT);
     publisher = participant.create_publisher(qos);

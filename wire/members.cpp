@@ -20,6 +20,9 @@ std::string subject_of(const keys::Identity& identity) {
   return std::string{name_of(identity.role)} + " " + identity.name;
 }
 
+/// Two certificates of a member differ by their serial number.
+std::string serial_text(const std::string& serial) { return ", serial number " + serial; }
+
 /// The begin of the GUIDs of all participants with one certificate.
 keys::GuidBegin begin_of(const GuidPrefix& prefix) {
   keys::GuidBegin begin;
@@ -134,7 +137,7 @@ bool Members::record(const keys::Identity& identity, const GuidPrefix& sender, c
   const std::unique_lock lock{mutex_};
   // Everyone can state an identity that fits to a GUID. So nothing is stored for those that are refused.
   if (const char* const why = reason_to_cut_off(identity, begin)) {
-    audit_.add({"cut off", subject_of(identity), from(), why});
+    audit_.add({"cut off", subject_of(identity), from(), why + serial_text(identity.serial)});
     return false;
   }
   if (is_id_of_another(id, begin)) {
@@ -151,9 +154,13 @@ bool Members::record(const keys::Identity& identity, const GuidPrefix& sender, c
   return true;
 }
 
+bool Members::is_revoked(const std::string& serial) const {
+  return std::find(revoked_.serials.begin(), revoked_.serials.end(), serial) != revoked_.serials.end();
+}
+
 /// Returns why a certificate is refused; null if it is not.
 const char* Members::reason_to_cut_off(const keys::Identity& identity, const keys::GuidBegin& begin) const {
-  if (std::find(revoked_.begin(), revoked_.end(), identity.serial) != revoked_.end()) return "revoked";
+  if (is_revoked(identity.serial)) return "revoked";
   if (std::time(nullptr) > identity.valid_until) return "expired";
   const auto known = certificates_.find(begin);
   return known != certificates_.end() && known->second.is_cut_off ? "too many refused samples" : nullptr;
@@ -190,7 +197,7 @@ bool Members::make_room() {
 
 void Members::cut_off(Certificate& certificate, const char* why) {
   certificate.is_cut_off = true;
-  audit_.add({"cut off", certificate.subject, "", why});
+  audit_.add({"cut off", certificate.subject, "", why + serial_text(certificate.serial)});
 }
 
 const char* Members::refusal_of(const Participant& author, const Certificate& certificate, const Claim& claim,
@@ -273,17 +280,21 @@ void Members::on_authentication(const GuidPrefix& participant, bool succeeded) {
 
 std::vector<std::string> Members::check_again(std::time_t now) {
   std::vector<std::string> reports;
-  std::optional<std::vector<std::string>> list;
+  std::optional<keys::RevokedKeys> list;
   try {
     list = keys::read_revoked(folder_);
   } catch (const keys::KeyError& error) {
     reports.push_back(std::string{error.what()} + "; the earlier list stays in force");
   }
   const std::unique_lock lock{mutex_};
-  if (list) revoked_ = std::move(*list);
-  const auto is_revoked = [&](const std::string& serial) {
-    return std::find(revoked_.begin(), revoked_.end(), serial) != revoked_.end();
-  };
+  if (list && list->made < revoked_.made) {
+    reports.push_back((folder_ / keys::files::kRevoked).string() + ": found " + text_of(*list) +
+                      ", which is older than " + text_of(revoked_) + "; the newer list stays in force");
+  } else if (list && list->serials != revoked_.serials) {
+    revoked_ = std::move(*list);
+    reports.push_back("read a new list: " + text_of(revoked_));
+    audit_.add({"new list", "", "", text_of(revoked_)});
+  }
   std::set<keys::GuidBegin> proved;
   for (const auto& [prefix, participant] : participants_)
     if (participant.is_proved) proved.insert(participant.certificate);
@@ -292,8 +303,10 @@ std::vector<std::string> Members::check_again(std::time_t now) {
     certificate.is_cut_off = true;
     if (proved.count(begin) == 0) continue;  // anybody may have stated it
     cut_off(certificate, is_revoked(certificate.serial) ? "revoked" : "expired");
-    reports.push_back("the keys of " + certificate.subject + " are " +
-                      (is_revoked(certificate.serial) ? "revoked" : "expired") +
+    reports.push_back("the keys of " + certificate.subject +
+                      (is_revoked(certificate.serial)
+                           ? " are revoked"
+                           : " have expired on " + keys::utc_text(certificate.valid_until, "%Y-%m-%d %H:%M UTC")) +
                       "; its messages are refused from now on");
   }
   if (is_revoked(self_.serial))

@@ -68,8 +68,9 @@ class Members {
   /// The library reports whether a participant has proved its identity.
   void on_authentication(const GuidPrefix& participant, bool succeeded);
 
-  /// Reads the list of revoked certificates again, and cuts off those that are revoked or have expired. Returns
-  /// messages for the log: members that were cut off, a list that cannot be read, and the end of this program's own
+  /// Reads the list of revoked certificates again, and cuts off those that are revoked or have expired. An older list
+  /// than the last one is not used, because a copy of it would make revoked keys valid again. Returns messages for the
+  /// log: a new list, or one that cannot be used, members that were cut off, and the end of this program's own
   /// certificate.
   [[nodiscard]] std::vector<std::string> check_again(std::time_t now);
 
@@ -95,6 +96,7 @@ class Members {
 
   [[nodiscard]] bool admits_announcement(const RtpsBytes& payload, const GuidPrefix& sender, const Address& from);
   [[nodiscard]] bool record(const keys::Identity& identity, const GuidPrefix& sender, const Address& from);
+  [[nodiscard]] bool is_revoked(const std::string& serial) const;
   [[nodiscard]] const char* reason_to_cut_off(const keys::Identity& identity, const keys::GuidBegin& begin) const;
   [[nodiscard]] bool is_id_of_another(std::uint64_t id, const keys::GuidBegin& certificate) const;
   [[nodiscard]] bool make_room();
@@ -108,7 +110,7 @@ class Members {
   const keys::Member self_;
   AuditLog& audit_;
   mutable std::shared_mutex mutex_;  // for the members below
-  std::vector<std::string> revoked_;
+  keys::RevokedKeys revoked_;
   std::map<keys::GuidBegin, Certificate> certificates_;
   std::map<GuidPrefix, Participant> participants_;
   std::int64_t made_room_ns_ = 0;

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "keys/identity.hpp"
+#include "realtime/process.hpp"
 #include "wire/dds.hpp"
 #include "wire/error.hpp"
 #include "wire/incarnation.hpp"
@@ -80,7 +81,8 @@ Security::Security(SessionAddress& address)
       audit_{audit_file(address), address.session, address.participant},
       members_{folder_, member_, audit_} {
   audit_.add({"started", std::string{name_of(member_.role)} + " " + member_.name, "", ""});
-  if (const std::string error = audit_.write(); !error.empty()) throw WireError("audit log: " + error);
+  if (const std::string error = audit_.write(realtime::monotonic_ns()); !error.empty())
+    throw WireError("audit log: " + error + "; --audit FILE names another file");
   thread_ = std::thread{[this] { watch(); }};
 }
 
@@ -137,15 +139,16 @@ void Security::watch() {
   constexpr std::chrono::milliseconds kWriteInterval{500};
   auto next_check = std::chrono::steady_clock::now() + kCheckInterval;
   std::unique_lock<std::mutex> lock{mutex_};
-  while (!is_ending_) {
-    ending_.wait_for(lock, kWriteInterval, [this] { return is_ending_; });
+  for (bool is_last = false; !is_last;) {
+    is_last = ending_.wait_for(lock, kWriteInterval, [this] { return is_ending_; });
     lock.unlock();
     try {
       if (std::chrono::steady_clock::now() >= next_check) {
         next_check += kCheckInterval;
         for (const std::string& text : members_.check_again(std::time(nullptr))) report(text);
       }
-      if (const std::string error = audit_.write(); !error.empty()) report("audit log: " + error);
+      if (const std::string error = audit_.write(realtime::monotonic_ns(), is_last); !error.empty())
+        report("audit log: " + error);
     } catch (const std::exception& error) {  // the next time may succeed
       report(std::string{"audit log: "} + error.what());
     }

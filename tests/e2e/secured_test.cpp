@@ -68,7 +68,8 @@ TEST_F(SecuredTest, TheKeysOfAUserPermitNeitherAResetNorAnotherUser) {
   const std::string laptop = keys_of("laptop", Role::kUser, {"ann"});
   Process reset{with_keys(in_session("control", {"reset"}), laptop)};
   EXPECT_TRUE(exits_with(2, reset));
-  EXPECT_THAT(reset.output(), HasSubstr("topic tactus_reset: the keys of user 'laptop' do not permit to write it"));
+  EXPECT_THAT(reset.output(), HasSubstr("topic tactus_reset: the keys of user 'laptop' do not permit to write it, "
+                                        "expected tactus keys add-operator"));
   wire::Participants participants{observer_address(laptop)};
   const wire::EndpointOptions ann{wire::user_partition("ann")}, bob{wire::user_partition("bob")};
   EXPECT_NO_THROW((wire::Writer<session::Intent>{participants, wire::topics::kIntent, ann}));
@@ -90,6 +91,12 @@ TEST_F(SecuredTest, AnHrtcServesAndAHostOffersOnlyWhatTheirKeysName) {
                           keys_of("sim", Role::kOperator, {"ann"}))};
   EXPECT_TRUE(desk.wait_for_line("user ann of client sim refused: the keys of this HRTC do not permit"))
       << desk.output() << users.output();
+}
+
+TEST_F(SecuredTest, AnEmptyNameOfTheFolderDoesNotMeanNoKeys) {
+  Process desk{in_session("hrtc", {"--keys", ""})};
+  EXPECT_TRUE(exits_with(2, desk));
+  EXPECT_THAT(desk.output(), HasSubstr("--keys: found no name, expected a folder of tactus keys"));
 }
 
 TEST_F(SecuredTest, NewKeysKeepTheNamesOfTheEarlierOnes) {
@@ -122,8 +129,11 @@ TEST_F(SecuredTest, AWrongNameOrRoleReplacesNoKeys) {
   EXPECT_THAT(error_of({"add-hrtc", lab, "museum", "--replace"}), HasSubstr("expected add-host or another name"));
   EXPECT_THAT(error_of({"add-hrtc", lab, "museum"}), HasSubstr("has the keys of role host"));
   EXPECT_THAT(error_of({"add-hrtc", lab, "musuem", "--replace"}), HasSubstr("found no member 'musuem'"));
+  EXPECT_THAT(error_of({"add-hrtc", lab, "desk", "--days", "abc"}),
+              HasSubstr("--days: Value abc not in range 1 to 3650"));
   EXPECT_FALSE(authority_.find("museum")->is_revoked);
   authority_.revoke("museum");
+  EXPECT_THAT(error_of({"export", lab, "museum", path("museum-keys")}), HasSubstr("is revoked"));
   Process changed{program("keys", {"add-hrtc", lab, "museum", "--replace"})};
   EXPECT_TRUE(exits_with(0, changed)) << changed.output();
 }

@@ -1,4 +1,5 @@
-/// Files of keys: a certificate, a list of revoked certificates, or a private key. The first byte selects one of them.
+/// Files of keys: a certificate, a list of revoked certificates, a private key, or a signed document. The first byte
+/// selects one of them.
 #include "keys/certificates.hpp"
 #include "tests/fuzz/target.hpp"
 
@@ -7,7 +8,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   if (size == 0) return 0;
   const fuzz::MemoryFile file{{data + 1, size - 1}};
   try {
-    switch (data[0] % 3) {
+    switch (data[0] % 4) {
       case 0: {
         static const keys::RevokedList none{X509_CRL_new()};
         const keys::Certificate certificate = keys::read_certificate(file.path());
@@ -20,11 +21,16 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
       case 1: {
         const keys::RevokedList list = keys::read_revoked_list(file.path());
         (void)keys::serials_of(*list);
-        (void)keys::valid_from(*list);
+        (void)keys::made_at(*list);
         break;
       }
-      default:
+      case 2:
         (void)keys::read_key(file.path());
+        break;
+      default: {
+        static const keys::Issuer authority = keys::make_issuer({"lab-keys", "authority", "permissions"}, 0, 1);
+        (void)keys::read_signed(file.path(), *authority.certificate);
+      }
     }
   } catch (const keys::KeyError&) {
   }

@@ -109,7 +109,8 @@ void add_keys(Seeds& seeds) {
   const fs::path made = authority.add(member);
   authority.revoke("laptop");
   char kind = 0;
-  for (const char* file : {keys::files::kCertificate, keys::files::kRevoked, keys::files::kPrivateKey})
+  for (const char* file :
+       {keys::files::kCertificate, keys::files::kRevoked, keys::files::kPrivateKey, keys::files::kPermissions})
     seeds.add("keys", kind++ + test_support::read_bytes(made / file));
 }
 

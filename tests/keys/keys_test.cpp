@@ -103,6 +103,8 @@ TEST_F(KeysTest, RevokedKeysAreRefusedAndOthersAreNot) {
   authority_.revoke("desk");
   EXPECT_THAT(error_of_member(authority_.add(hrtc("late"))), "") << "a later member has the list too";
   const std::vector<Member> members = authority_.members();
+  EXPECT_EQ(authority_.revoked().serials, std::vector<std::string>{authority_.find("desk")->serial});
+  EXPECT_NEAR(static_cast<double>(authority_.revoked().made - std::time(nullptr)), 0, 60);
   ASSERT_EQ(members.size(), 3u);
   EXPECT_EQ(members[0].name, "desk");
   EXPECT_TRUE(members[0].is_revoked);
@@ -127,6 +129,7 @@ TEST_F(KeysTest, NamesTheFileThatIsMissingOrOfAnotherMember) {
   const auto replace = [&](const char* file, const fs::path& from) {
     fs::copy_file(from / file, desk / file, fs::copy_options::overwrite_existing);
   };
+  EXPECT_THAT(error_of_member(folder_.path() / "misspelt"), HasSubstr("misspelt: found no folder"));
   EXPECT_THAT(error_of_member(folder_.path()),
               HasSubstr("identity-ca.pem: not found, or not readable; expected the folder of a member"));
   replace(files::kPrivateKey, lab);
@@ -136,7 +139,26 @@ TEST_F(KeysTest, NamesTheFileThatIsMissingOrOfAnotherMember) {
   test_support::write_bytes(desk / files::kCertificate, "nothing");
   EXPECT_THAT(error_of_member(desk), HasSubstr("certificate.pem: found no certificate (PEM)"));
   fs::permissions(lab / files::kPrivateKey, fs::perms::group_read, fs::perm_options::add);
-  EXPECT_THAT(error_of_member(lab), HasSubstr("chmod 600"));
+  const fs::path spaces = folder_.path() / "ann's keys";
+  fs::copy(lab, spaces);
+  EXPECT_THAT(error_of_member(spaces), HasSubstr("/ann'\\''s keys/private-key.pem'")) << "one word for a shell";
+}
+
+TEST_F(KeysTest, DocumentsOfAnotherMemberOrAuthorityAreRefused) {
+  const Authority other = Authority::create(folder_.path() / "other-keys");
+  const fs::path desk = authority_.add(hrtc("desk")), lab = authority_.add(hrtc("lab")),
+                 foreign = other.add(hrtc("desk"));
+  for (const char* file : {files::kPermissions, files::kGovernance}) {
+    const std::string own = test_support::read_bytes(desk / file);
+    for (const std::string& text : {test_support::read_bytes(foreign / file), own.substr(0, own.size() / 2),
+                                    std::string{}, std::string{"no document"}}) {
+      test_support::write_bytes(desk / file, text);
+      EXPECT_THAT(error_of_member(desk), HasSubstr(std::string{file} + ": found no document that the authority has"));
+    }
+    test_support::write_bytes(desk / file, own);
+  }
+  test_support::write_bytes(desk / files::kPermissions, test_support::read_bytes(lab / files::kPermissions));
+  EXPECT_THAT(error_of_member(desk), HasSubstr("permissions.p7s: found the permissions of another certificate"));
 }
 
 TEST_F(KeysTest, AListOfAnotherAuthorityIsRefused) {
@@ -144,6 +166,10 @@ TEST_F(KeysTest, AListOfAnotherAuthorityIsRefused) {
   const fs::path desk = authority_.add(hrtc("desk")), foreign = other.add(hrtc("desk"));
   fs::copy_file(foreign / files::kRevoked, desk / files::kRevoked, fs::copy_options::overwrite_existing);
   EXPECT_THAT(error_of_member(desk), HasSubstr("revoked.pem: found the list of another authority"));
+  test_support::write_bytes(desk / files::kRevoked, "");
+  EXPECT_THAT(error_of_member(desk),
+              AllOf(HasSubstr("copy revoked.pem from the authority again"), Not(HasSubstr("error:"))))
+      << "no text of OpenSSL";
 }
 
 TEST_F(KeysTest, AMachineWhoseClockIsLateAcceptsTheList) {
@@ -161,6 +187,19 @@ TEST_F(KeysTest, ADamagedMemberIsNotListedAndCanBeReplaced) {
   EXPECT_EQ(error_of_member(authority_.add(again)), "");
   EXPECT_EQ(std::distance(fs::directory_iterator{desk.parent_path()}, fs::directory_iterator{}), 1)
       << "the earlier folder is removed";
+}
+
+TEST_F(KeysTest, WhatAKilledRunHasLeftIsRemoved) {
+  const fs::path desk = authority_.add(hrtc("desk")), members = desk.parent_path();
+  const std::vector<fs::path> remains{members / ".late.aB3xYz", desk / ".revoked.pem.aB3xYz",
+                                      members.parent_path() / "authority/.revoked.pem.aB3xYz"};
+  const fs::path own = members / ".git";  // of the user
+  for (const fs::path& path : {remains[0], own}) fs::create_directory(path);
+  test_support::write_bytes(remains[0] / files::kPrivateKey, "secret");
+  for (const fs::path& path : {remains[1], remains[2]}) test_support::write_bytes(path, "part");
+  authority_.revoke("desk");
+  for (const fs::path& path : remains) EXPECT_FALSE(fs::exists(path)) << path;
+  EXPECT_TRUE(fs::exists(own));
 }
 
 TEST_F(KeysTest, WrongNamesAndFoldersAreRefused) {
@@ -217,6 +256,11 @@ TEST(Permissions, AreThoseOfTheRole) {
   }
   for (const Role role : {Role::kHost, Role::kUser, Role::kOperator, Role::kObserver})
     EXPECT_EQ(topics_of(role).count("tactus_probe_state"), 0u) << name_of(role);
+}
+
+TEST(Permissions, NameTheRolesThatMayWriteATopic) {
+  EXPECT_EQ(writers_of("tactus_reset"), std::vector<Role>{Role::kOperator});
+  EXPECT_EQ(writers_of("tactus_metrics"), (std::vector<Role>{Role::kHost, Role::kHrtc}));
 }
 
 TEST(Permissions, EscapesWhatXmlReserves) {

@@ -138,7 +138,7 @@ INSTANTIATE_TEST_SUITE_P(
                  f.member->valid_until = f.now + 3 * 24 * 3600;
                  f.member->group = "lab-keys";
                },
-               Severity::kAdvice, "keys", "in 3 days", "tactus keys add-hrtc lab-keys desk --replace"},
+               Severity::kAdvice, "keys", "expire in 3 days", "tactus keys add-hrtc lab-keys desk --replace"},
         Defect{"StaleSharedMemory", [](Facts& f) { f.stale_segments = {"fastrtps_port7412"}; }, Severity::kAdvice,
                "shared memory", "fastrtps_port7412", "fastdds shm clean"},
         Defect{"EnvironmentVariable", [](Facts& f) { f.variables = {"ROS_DISCOVERY_SERVER"}; }, Severity::kAdvice,

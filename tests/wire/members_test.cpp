@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "keys/authority.hpp"
+#include "keys/certificates.hpp"
 #include "rtps_bytes.hpp"
 #include "session/messages.hpp"
 #include "tests/support/temporary_folder.hpp"
@@ -66,7 +67,7 @@ class MembersTest : public testing::Test {
     return is_admitted;
   }
   std::string audit() {
-    EXPECT_EQ(audit_.write(), "");
+    EXPECT_EQ(audit_.write(0, true), "");
     return test_support::read_bytes(folder_.path() / "audit.jsonl");
   }
 
@@ -250,11 +251,13 @@ TEST_F(MembersTest, RevokedAndExpiredMembersAreCutOffDuringTheSession) {
   ASSERT_TRUE(admits(ann, "ann"));
   EXPECT_TRUE(members_.check_again(now_).empty());
   authority_.revoke("museum");
-  EXPECT_THAT(members_.check_again(now_), testing::ElementsAre(HasSubstr("the keys of host museum are revoked")));
+  EXPECT_THAT(members_.check_again(now_), testing::ElementsAre(HasSubstr("read a new list: 1 revoked key, list of"),
+                                                               HasSubstr("the keys of host museum are revoked")));
   EXPECT_FALSE(admits({kInfoTime}, prefix_of(museum)));
+  EXPECT_THAT(audit(), HasSubstr("\"subject\":\"host museum\",\"detail\":\"revoked, serial number " + museum.serial));
   EXPECT_TRUE(admits({kInfoTime}, prefix_of(ann)));
   EXPECT_THAT(members_.check_again(ann.valid_until + 1),
-              testing::ElementsAre(HasSubstr("the keys of user ann are expired"),
+              testing::ElementsAre(HasSubstr("the keys of user ann have expired on"),
                                    HasSubstr("tactus keys add-hrtc lab-keys desk --replace")));
   EXPECT_FALSE(admits({kInfoTime}, prefix_of(ann)));
 }
@@ -266,7 +269,7 @@ TEST_F(MembersTest, AReplacementIsAdmittedAndItsPredecessorIsNot) {
   again.role = Role::kUser;
   again.replaces = true;
   const keys::Member replacement = keys::read_member(authority_.add(again), now_);
-  EXPECT_TRUE(members_.check_again(now_).empty());
+  EXPECT_THAT(members_.check_again(now_), testing::ElementsAre(HasSubstr("read a new list")));
   EXPECT_FALSE(admits(lost, "ann"));
   EXPECT_TRUE(admits(replacement, "ann"));
 }
@@ -274,10 +277,27 @@ TEST_F(MembersTest, AReplacementIsAdmittedAndItsPredecessorIsNot) {
 TEST_F(MembersTest, AListThatCannotBeReadDoesNotEndTheEarlierOne) {
   const keys::Member museum = add("museum", Role::kHost);
   authority_.revoke("museum");
-  ASSERT_TRUE(members_.check_again(now_).empty());
+  ASSERT_THAT(members_.check_again(now_), testing::ElementsAre(HasSubstr("read a new list")));
   test_support::write_bytes(authority_.folder_of("desk") / keys::files::kRevoked, "damaged");
   EXPECT_THAT(members_.check_again(now_), testing::ElementsAre(HasSubstr("the earlier list stays in force")));
   EXPECT_FALSE(admits(museum, "museum"));
+}
+
+TEST_F(MembersTest, AnOlderListMakesNoRevokedKeysValidAgain) {
+  const keys::Member museum = add("museum", Role::kHost);
+  authority_.revoke("museum");
+  ASSERT_EQ(members_.check_again(now_).size(), 1u);
+  const keys::Issuer issuer{keys::read_certificate(folder_.path() / "lab-keys/authority/identity-ca.pem"),
+                            keys::read_key(folder_.path() / "lab-keys/authority/identity-ca.key")};
+  const auto replace_list = [&](std::time_t made) {
+    test_support::write_bytes(authority_.folder_of("desk") / keys::files::kRevoked,
+                              keys::pem_of(*keys::make_revoked_list(issuer, {}, made)));
+    return members_.check_again(now_);
+  };
+  EXPECT_THAT(replace_list(now_ - 60), testing::ElementsAre(HasSubstr("the newer list stays in force")));
+  EXPECT_FALSE(admits(museum, "museum"));
+  EXPECT_THAT(replace_list(now_ + 60), testing::ElementsAre(HasSubstr("read a new list: 0 revoked keys")));
+  EXPECT_TRUE(admits(museum, "museum"));
 }
 
 TEST(AuditLogTest, EqualEventsAreOneLineAndManyDifferentOnesAreCounted) {
@@ -285,15 +305,37 @@ TEST(AuditLogTest, EqualEventsAreOneLineAndManyDifferentOnesAreCounted) {
   AuditLog log{folder.path() / "audit.jsonl", "lab", "desk"};
   for (int i = 0; i < 3; ++i) log.add({"plain message", "", "10.0.0.9", ""});
   for (std::size_t i = 0; i < AuditLog::kMaxEvents + 9; ++i) log.add({"plain message", "", std::to_string(i), ""});
-  ASSERT_EQ(log.write(), "");
-  ASSERT_EQ(log.write(), "");
+  ASSERT_EQ(log.write(0), "");
+  ASSERT_EQ(log.write(0), "");
   const std::string text = test_support::read_bytes(folder.path() / "audit.jsonl");
   EXPECT_EQ(std::count(text.begin(), text.end(), '\n'), static_cast<std::ptrdiff_t>(AuditLog::kMaxEvents) + 1);
   EXPECT_THAT(text, HasSubstr(R"("from":"10.0.0.9","count":3)"));
   EXPECT_THAT(text, HasSubstr(R"("event":"further events","count":10)"));
   AuditLog without_folder{folder.path() / "absent/audit.jsonl", "lab", "desk"};
   without_folder.add({"started", "hrtc desk", "", ""});
-  EXPECT_THAT(without_folder.write(), HasSubstr("audit.jsonl: No such file"));
+  EXPECT_THAT(without_folder.write(0), HasSubstr("audit.jsonl: No such file"));
+}
+
+TEST(AuditLogTest, ARepeatedEventIsWrittenEveryMinuteAndAtTheEnd) {
+  constexpr std::int64_t kSecond = 1'000'000'000;
+  const test_support::TemporaryFolder folder;
+  const std::filesystem::path file = folder.path() / "audit.jsonl";
+  AuditLog log{file, "lab", "desk"};
+  const auto lines_within = [&](std::int64_t begin_s, std::int64_t end_s) {
+    test_support::write_bytes(file, "");
+    for (std::int64_t at = 10 * begin_s; at < 10 * end_s; ++at) {  // tenths of a second
+      log.add({"unknown program", "", "10.0.0.9", ""});
+      EXPECT_EQ(log.write(at * kSecond / 10), "");
+    }
+    const std::string text = test_support::read_bytes(file);
+    return std::count(text.begin(), text.end(), '\n');
+  };
+  EXPECT_EQ(lines_within(0, 60), 6) << "after 0, 1, 3, 7, 15 and 31 s";
+  EXPECT_EQ(lines_within(60, 660), 10);
+  test_support::write_bytes(file, "");
+  EXPECT_EQ(log.write(660 * kSecond, true), "");
+  EXPECT_THAT(test_support::read_bytes(file), HasSubstr("\"count\":")) << "the rest, at the end of the program";
+  EXPECT_EQ(lines_within(1000, 1001), 1) << "after a pause it is a new event";
 }
 
 TEST(AuditLogTest, AFullFileIsSetAsideAndOnlyItsOwnerCanReadIt) {
@@ -301,12 +343,12 @@ TEST(AuditLogTest, AFullFileIsSetAsideAndOnlyItsOwnerCanReadIt) {
   const std::filesystem::path file = folder.path() / "audit.jsonl";
   AuditLog log{file, "lab", "desk"};
   log.add({"started", "hrtc desk", "", ""});
-  ASSERT_EQ(log.write(), "");
+  ASSERT_EQ(log.write(0), "");
   EXPECT_EQ(std::filesystem::status(file).permissions() & std::filesystem::perms::all,
             std::filesystem::perms::owner_read | std::filesystem::perms::owner_write);
   test_support::write_bytes(file, std::string(AuditLog::kMaxBytes + 1, 'x'));
   log.add({"joined", "user \xff", "", ""});
-  ASSERT_EQ(log.write(), "");
+  ASSERT_EQ(log.write(0), "");
   EXPECT_EQ(std::filesystem::file_size(file.string() + ".1"), AuditLog::kMaxBytes + 1);
   EXPECT_LT(std::filesystem::file_size(file), 300u);
 }

@@ -289,7 +289,10 @@ Facts collect_facts(const Settings& settings, const std::atomic<bool>& cancelled
   facts.library = wire::library_version();
   facts.now = std::time(nullptr);
   try {
-    if (!settings.keys.empty()) facts.member = keys::read_member(settings.keys, facts.now);
+    if (!settings.keys.empty()) {
+      facts.member = keys::read_member(settings.keys, facts.now);
+      facts.revoked = keys::read_revoked(settings.keys);
+    }
   } catch (const keys::KeyError& error) {
     facts.keys_error = error.what();
   }

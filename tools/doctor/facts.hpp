@@ -47,6 +47,7 @@ struct Facts {
   std::vector<int> blocked_ports;      ///< discovery ports that another program uses and does not share
   int first_ephemeral_port = 0;        ///< first port of net.ipv4.ip_local_port_range
   std::optional<keys::Member> member;  ///< of the keys
+  keys::RevokedKeys revoked;           ///< the list in the folder of the keys
   std::string keys_error;              ///< why the keys cannot be used; empty if they can, or if there are none
   std::time_t now = 0;
   std::string kernel, library;              ///< versions of the kernel and of Fast DDS

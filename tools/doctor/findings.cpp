@@ -246,9 +246,10 @@ void judge_keys(const Facts& facts, Findings& findings) {
   }
   const keys::Member& member = *facts.member;
   const std::string found = std::string{keys::name_of(member.role)} + " '" + member.name + "' of the authority '" +
-                            member.group + "', valid until " + keys::utc_text(member.valid_until, "%Y-%m-%d");
+                            member.group + "', valid until " + keys::utc_text(member.valid_until, "%Y-%m-%d") + "; " +
+                            keys::text_of(facts.revoked);
   if (member.valid_until - facts.now < kSoon)
-    findings.advice("keys", found + ", in " + std::to_string((member.valid_until - facts.now) / kDay) + " days",
+    findings.advice("keys", "expire in " + std::to_string((member.valid_until - facts.now) / kDay) + " days: " + found,
                     "on the machine of the authority: " + keys::replace_command(member));
   else
     findings.good("keys", found);

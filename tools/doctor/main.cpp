@@ -34,7 +34,7 @@ int main(int argc, char** argv) {
       ->check(CLI::Range(wire::kMinDomain, wire::kMaxDomain));
   wire::add_discovery_options(app, settings.address.discovery);
   app.add_option("--qos", settings.address.qos, "Directory of the QoS profiles")->capture_default_str();
-  app.add_option("--keys", settings.keys, "Folder of a program's keys, to check too")->type_name("DIR");
+  wire::add_keys_option(app, settings.keys, "Folder of a program's keys, to check too");
   app.add_option("--priority", settings.priority, "SCHED_FIFO priority to try")
       ->capture_default_str()
       ->check(CLI::Range(1, 98));

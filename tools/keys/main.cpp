@@ -82,13 +82,16 @@ void show(const keys::Authority& authority) {
     std::printf("%-24s %-9s %-11s %-8s %s\n", member.name.c_str(), std::string{name_of(member.role)}.c_str(),
                 keys::utc_text(member.valid_until, "%Y-%m-%d").c_str(), state, permitted_text(member).c_str());
   }
+  std::printf("%s. The authority is valid until %s, and no keys are longer.\n",
+              keys::text_of(authority.revoked()).c_str(), keys::utc_text(authority.valid_until(), "%Y-%m-%d").c_str());
 }
 
-/// Copies the folder of a member. Only its owner can read the copy.
+/// Copies the folder of a member, if a program can use it. Only its owner can read the copy.
 void export_member(const keys::Authority& authority, const std::string& name, const fs::path& to) {
   const fs::path from = authority.folder_of(name);
   if (!fs::is_directory(from)) throw keys::KeyError(from.string() + ": not found, expected a member of this authority");
   if (fs::exists(to)) throw keys::KeyError(to.string() + ": exists, expected a new folder");
+  (void)keys::read_member(from, std::time(nullptr));
   fs::create_directory(to);
   try {
     fs::permissions(to, fs::perms::owner_all);
@@ -167,7 +170,9 @@ int main(int argc, char** argv) {
       if (is_for_all(role))
         add->add_flag("--all", for_all, "With --replace: do not keep the earlier names")->excludes(named);
     }
-    add->add_option("--days", member.days, "Days for which the keys are valid")->capture_default_str();
+    add->add_option("--days", member.days, "Days for which the keys are valid")
+        ->capture_default_str()
+        ->check(CLI::Range(1, keys::kMaxDays));
     add->add_flag(
         "--replace", member.replaces,
         names_of(role) == nullptr
@@ -193,6 +198,9 @@ int main(int argc, char** argv) {
     return 0;
   } catch (const CLI::ParseError& error) {
     return app.exit(error) == 0 ? 0 : 2;
+  } catch (const fs::filesystem_error& error) {
+    std::cerr << "tactus-keys: " << error.path1().string() << ": " << error.code().message() << '\n';
+    return 2;
   } catch (const std::exception& error) {
     std::cerr << "tactus-keys: " << error.what() << '\n';
     return 2;

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <CLI/CLI.hpp>
+#include <filesystem>
 #include <string>
 
 #include "wire/address/address.hpp"
@@ -23,8 +24,16 @@ inline void add_discovery_options(CLI::App& app, Discovery& discovery) {
       ->excludes(peers);
 }
 
-/// Adds --session, --name, --domain, --qos, --keys, --plain, --audit and the options of discovery. `address` contains the
-/// defaults; the help text calls the program `who`.
+/// Adds --keys. `purpose`: for the help text.
+inline CLI::Option* add_keys_option(CLI::App& app, std::filesystem::path& keys, const std::string& purpose) {
+  const auto is_named = [](const std::string& text) {  // an empty variable of a script must not mean 'no keys'
+    return text.empty() ? std::string{"found no name, expected a folder of tactus keys"} : std::string{};
+  };
+  return app.add_option("--keys", keys, purpose)->check(is_named, "")->type_name("DIR");
+}
+
+/// Adds --session, --name, --domain, --qos, --keys, --plain, --audit and the options of discovery. `address` contains
+/// the defaults; the help text calls the program `who`.
 inline void add_address_options(CLI::App& app, SessionAddress& address, const std::string& who) {
   app.add_option("--session", address.session, "Session to join")->capture_default_str();
   app.add_option("--name", address.participant,
@@ -35,9 +44,8 @@ inline void add_address_options(CLI::App& app, SessionAddress& address, const st
       ->capture_default_str();
   add_discovery_options(app, address.discovery);
   app.add_option("--qos", address.qos, "Directory of the QoS profiles")->capture_default_str();
-  app.add_option("--keys", address.keys,
-                 "Folder of this program's keys, of tactus keys; default: no encryption, and only this machine")
-      ->type_name("DIR");
+  add_keys_option(app, address.keys,
+                  "Folder of this program's keys, of tactus keys; default: no encryption, and only this machine");
   app.add_flag("--plain", address.plain,
                "Without --keys: also take part with programs of other machines, without encryption");
   app.add_option("--audit", address.audit, "File of the audit log; default: in ~/.local/state/tactus/audit")
