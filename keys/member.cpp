@@ -25,8 +25,6 @@ Role role_of(const std::string& name, const fs::path& file) {
   return static_cast<Role>(found - kNames.begin());
 }
 
-std::string minute_text(std::time_t time) { return utc_text(time, "%Y-%m-%d %H:%M UTC"); }
-
 /// One word of a command line.
 std::string quoted(const std::string& text) {
   std::string word = "'";
@@ -142,17 +140,17 @@ Member read_member(const fs::path& folder, std::time_t now) {
   check_documents(folder, *certificate);
   const RevokedList list = read_list(folder, *authority);
   if (now < made_at(*list) - kClockTolerance)
-    throw KeyError((folder / kRevoked).string() + ": found a list of " + minute_text(made_at(*list)) +
+    throw KeyError((folder / kRevoked).string() + ": found a list of " + utc_text(made_at(*list)) +
                    "; is the clock of this machine right?");
   const Member member = member_of(*certificate, *list, folder / kCertificate);
   const std::string who = std::string{name_of(member.role)} + " '" + member.name + "'";
   if (member.is_revoked)
     throw KeyError(file + ": the certificate of " + who + " is revoked; the owner of the authority can make a new one");
   if (now < member.valid_from)
-    throw KeyError(file + ": the certificate of " + who + " is valid from " + minute_text(member.valid_from) +
+    throw KeyError(file + ": the certificate of " + who + " is valid from " + utc_text(member.valid_from) +
                    " on; is the clock of this machine right?");
   if (now > member.valid_until)
-    throw KeyError(file + ": the certificate of " + who + " has expired on " + minute_text(member.valid_until) +
+    throw KeyError(file + ": the certificate of " + who + " has expired on " + utc_text(member.valid_until) +
                    "; make a new one on the machine of the authority with: " + replace_command(member));
   return member;
 }
@@ -165,7 +163,7 @@ RevokedKeys read_revoked(const fs::path& folder) {
 std::string text_of(const RevokedKeys& revoked) {
   const std::size_t count = revoked.serials.size();
   return std::to_string(count) + (count == 1 ? " revoked key, list of " : " revoked keys, list of ") +
-         minute_text(revoked.made);
+         utc_text(revoked.made);
 }
 
 }  // namespace tactus::keys

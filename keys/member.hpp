@@ -68,7 +68,7 @@ struct Member {
 };
 
 /// Returns a time in UTC, of at most 31 characters. `format`: as of strftime().
-[[nodiscard]] std::string utc_text(std::time_t time, const char* format);
+[[nodiscard]] std::string utc_text(std::time_t time, const char* format = "%Y-%m-%d %H:%M:%S UTC");
 
 /// Returns the command that makes new keys for a member, with the same permitted names. It works in the folder that has
 /// the one of the authority, if that was not renamed.
@@ -86,7 +86,7 @@ struct RevokedKeys {
 };
 /// Returns the list in the folder of a member. Throws KeyError if there is none, or that of another authority.
 [[nodiscard]] RevokedKeys read_revoked(const std::filesystem::path& folder);
-/// For messages, such as '2 revoked keys, list of 2026-11-26 10:00 UTC'.
+/// For messages, such as '2 revoked keys, list of 2026-11-26 10:00:00 UTC'.
 [[nodiscard]] std::string text_of(const RevokedKeys& revoked);
 
 }  // namespace tactus::keys

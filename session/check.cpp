@@ -129,6 +129,9 @@ const char* invalid_field(const RosterEntry& r) noexcept {
   const auto in_session = [](std::int64_t time_ns) { return time_ns >= 0 && time_ns <= kMaxSessionNs; };
   if (!in_session(r.session_time_ns)) return "session_time_ns: expected 0..2^60";
   if (r.joined_ns != kNotJoined && !in_session(r.joined_ns)) return "joined_ns: expected 0..2^60, or 2^63 - 1";
+  constexpr std::int64_t kMaxDate = INT64_C(253402300799);  // the end of the year 9999
+  if (r.revoked_made_s < 0 || r.revoked_made_s > kMaxDate)
+    return "revoked_made_s: expected a time before the year 10000";
   return nullptr;
 }
 

@@ -18,7 +18,7 @@
 namespace tactus::session {
 
 /// Raise this number when a change makes older programs misread newer samples.
-inline constexpr std::uint32_t kProtocolVersion = 16;
+inline constexpr std::uint32_t kProtocolVersion = 17;
 
 // Bounds. idl/tactus.idl repeats them; a test compares both.
 inline constexpr std::size_t kMaxName = 63;
@@ -97,6 +97,8 @@ struct RosterEntry {
   std::int64_t session_time_ns = 0;     ///< session time at sending, by the program's own clock
   std::int64_t joined_ns = kNotJoined;  ///< session time at which the program joined
   bool force_on = false;                ///< HRTC only: a force is on, so session time must not step
+  /// When the authority has made the sender's list of revoked keys, s since 1970; 0: no keys. `wire` sets it.
+  std::int64_t revoked_made_s = 0;
 };
 
 struct Pose {

@@ -30,6 +30,7 @@ void to_idl(const session::RosterEntry& from, idl::RosterEntry& to) {
   to.session_time_ns(from.session_time_ns);
   to.joined_ns(from.joined_ns);
   to.force_on(from.force_on);
+  to.revoked_made_s(from.revoked_made_s);
 }
 
 void from_idl(const idl::RosterEntry& from, session::RosterEntry& to) {
@@ -56,6 +57,7 @@ void from_idl(const idl::RosterEntry& from, session::RosterEntry& to) {
   to.session_time_ns = from.session_time_ns();
   to.joined_ns = from.joined_ns();
   to.force_on = from.force_on();
+  to.revoked_made_s = from.revoked_made_s();
 }
 
 void to_idl(const session::CatalogueEntry& from, idl::CatalogueEntry& to) {

@@ -2,6 +2,7 @@
 
 #include <array>
 #include <cstdio>
+#include <type_traits>
 #include <utility>
 
 #include "keys/documents.hpp"
@@ -137,6 +138,8 @@ SendStatus Writer<Sample>::send(const Sample& sample) noexcept try {
     return SendStatus::kInvalid;
   }
   to_idl(sample, impl_->encoded);
+  if constexpr (std::is_same_v<Sample, session::RosterEntry>)
+    if (participants.security) impl_->encoded.revoked_made_s(participants.security->members().list_made());
   return succeeded(impl_->writer->write(&impl_->encoded)) ? SendStatus::kSent : SendStatus::kBlocked;
 } catch (...) {  // out of memory
   return SendStatus::kBlocked;

@@ -14,6 +14,8 @@ namespace {
 
 constexpr std::uint32_t kUserData = 0x2c, kKeyHash = 0x70;  // parameters (RTPS 2.2, 9.6.2)
 constexpr std::int64_t kRoomIntervalNs = 1'000'000'000;
+constexpr std::int64_t kPresentNs = 10'000'000'000;  // since the last announcement
+constexpr int kChecksOfDifference = 3;
 constexpr std::int64_t kSilentNs = 60'000'000'000;  // after which an unused participant makes room
 
 std::string subject_of(const keys::Identity& identity) {
@@ -240,14 +242,22 @@ bool Members::is_author(const GuidPrefix& participant, const Claim& claim, const
     const auto author = participants_.find(participant);
     if (author == participants_.end()) return false;  // it was not admitted, so the library cannot have matched it
     const Certificate& certificate = certificates_.at(author->second.certificate);
-    if (refusal_of(author->second, certificate, claim, topic) == nullptr) return !certificate.is_cut_off;
+    const bool has_known_list = claim.entry == nullptr || claim.entry->revoked_made_s == certificate.list_made;
+    if (has_known_list && refusal_of(author->second, certificate, claim, topic) == nullptr)
+      return !certificate.is_cut_off;
   }
   const std::unique_lock lock{mutex_};
   const auto author = participants_.find(participant);
   if (author == participants_.end()) return false;
   Certificate& certificate = certificates_.at(author->second.certificate);
   const char* const why = refusal_of(author->second, certificate, claim, topic);
-  if (why == nullptr) return !certificate.is_cut_off;  // an announcement has added the id since
+  if (why == nullptr) {  // an announcement has added the id since, or the list is new
+    if (claim.entry != nullptr && claim.entry->revoked_made_s != certificate.list_made) {
+      certificate.list_made = claim.entry->revoked_made_s;
+      certificate.checks_of_difference = 0;
+    }
+    return !certificate.is_cut_off;
+  }
   audit_.add({why, certificate.subject, "", topic});
   if (++certificate.refused == kMaxRefused) cut_off(certificate, "too many refused samples");
   return false;
@@ -278,6 +288,22 @@ void Members::on_authentication(const GuidPrefix& participant, bool succeeded) {
   }
 }
 
+std::time_t Members::list_made() const {
+  const std::shared_lock lock{mutex_};
+  return revoked_.made;
+}
+
+/// Returns a message that names the program with the older list.
+std::string Members::difference(const Certificate& certificate) const {
+  const bool is_own_older = revoked_.made < certificate.list_made;
+  const std::string own = keys::utc_text(revoked_.made), other = keys::utc_text(certificate.list_made);
+  return (is_own_older ? folder_.string() + ": found the list of revoked keys of " + own + ", but " +
+                             certificate.subject + " has that of " + other
+                       : "the list of revoked keys of " + certificate.subject + " is that of " + other +
+                             ", but this program has that of " + own) +
+         "; copy the newest revoked.pem from the authority";
+}
+
 std::vector<std::string> Members::check_again(std::time_t now) {
   std::vector<std::string> reports;
   std::optional<keys::RevokedKeys> list;
@@ -294,19 +320,30 @@ std::vector<std::string> Members::check_again(std::time_t now) {
     revoked_ = std::move(*list);
     reports.push_back("read a new list: " + text_of(revoked_));
     audit_.add({"new list", "", "", text_of(revoked_)});
+    for (auto& [begin, certificate] : certificates_) certificate.checks_of_difference = 0;
   }
-  std::set<keys::GuidBegin> proved;
-  for (const auto& [prefix, participant] : participants_)
-    if (participant.is_proved) proved.insert(participant.certificate);
+  const std::int64_t now_ns = realtime::monotonic_ns();
+  std::set<keys::GuidBegin> proved, present;
+  for (const auto& [prefix, participant] : participants_) {
+    if (!participant.is_proved) continue;
+    proved.insert(participant.certificate);
+    if (now_ns - participant.announced_ns < kPresentNs) present.insert(participant.certificate);
+  }
   for (auto& [begin, certificate] : certificates_) {
-    if (certificate.is_cut_off || (!is_revoked(certificate.serial) && now <= certificate.valid_until)) continue;
+    if (certificate.is_cut_off) continue;
+    if (!is_revoked(certificate.serial) && now <= certificate.valid_until) {
+      const bool differs = certificate.list_made != 0 && certificate.list_made != revoked_.made;
+      if (!differs || present.count(begin) == 0) continue;
+      // Not at once: other programs may not yet have read a list that has just been copied.
+      if (++certificate.checks_of_difference == kChecksOfDifference) reports.push_back(difference(certificate));
+      continue;
+    }
     certificate.is_cut_off = true;
     if (proved.count(begin) == 0) continue;  // anybody may have stated it
     cut_off(certificate, is_revoked(certificate.serial) ? "revoked" : "expired");
     reports.push_back("the keys of " + certificate.subject +
-                      (is_revoked(certificate.serial)
-                           ? " are revoked"
-                           : " have expired on " + keys::utc_text(certificate.valid_until, "%Y-%m-%d %H:%M UTC")) +
+                      (is_revoked(certificate.serial) ? " are revoked"
+                                                      : " have expired on " + keys::utc_text(certificate.valid_until)) +
                       "; its messages are refused from now on");
   }
   if (is_revoked(self_.serial))

@@ -70,9 +70,12 @@ class Members {
 
   /// Reads the list of revoked certificates again, and cuts off those that are revoked or have expired. An older list
   /// than the last one is not used, because a copy of it would make revoked keys valid again. Returns messages for the
-  /// log: a new list, or one that cannot be used, members that were cut off, and the end of this program's own
-  /// certificate.
+  /// log: a new list, or one that cannot be used, members that were cut off, members that use another list, and the end
+  /// of this program's own certificate.
   [[nodiscard]] std::vector<std::string> check_again(std::time_t now);
+
+  /// Returns when the authority has made the list of revoked certificates that this program uses.
+  [[nodiscard]] std::time_t list_made() const;
 
  private:
   struct Certificate {
@@ -82,6 +85,8 @@ class Members {
     std::time_t valid_until = 0;
     keys::Permitted permitted;
     std::vector<std::uint64_t> permitted_ids;
+    std::time_t list_made = 0;     // of the list of revoked certificates that the member uses; 0: not yet known
+    int checks_of_difference = 0;  // since that list and the own one differ
     std::uint32_t refused = 0;
     bool is_cut_off = false;
   };
@@ -105,6 +110,7 @@ class Members {
                                               const Claim& claim, const char* topic);
   [[nodiscard]] static bool has_permitted_users(const Certificate& certificate, const session::RosterEntry& entry);
   void cut_off(Certificate& certificate, const char* why);
+  [[nodiscard]] std::string difference(const Certificate& certificate) const;
 
   const std::filesystem::path folder_;
   const keys::Member self_;

@@ -300,6 +300,29 @@ TEST_F(MembersTest, AnOlderListMakesNoRevokedKeysValidAgain) {
   EXPECT_TRUE(admits(museum, "museum"));
 }
 
+TEST_F(MembersTest, AMemberWithAnotherListOfRevokedKeysIsNamed) {
+  const keys::Member museum = add("museum", Role::kHost);
+  ASSERT_TRUE(admits(museum, "museum"));
+  const std::time_t own = members_.list_made();
+  const auto messages_after = [&](std::time_t made) {
+    session::RosterEntry entry;
+    entry.role = session::Role::kHost;
+    entry.revoked_made_s = made;
+    EXPECT_TRUE(members_.is_author(prefix_of(museum), {session::id_of("museum"), 0, 0, &entry}, "tactus_roster"));
+    std::vector<std::string> messages;
+    for (int check = 0; check < 6; ++check)
+      for (std::string& message : members_.check_again(now_)) messages.push_back(std::move(message));
+    return messages;
+  };
+  EXPECT_THAT(messages_after(own), testing::IsEmpty());
+  EXPECT_THAT(messages_after(own + 60),
+              testing::ElementsAre(
+                  testing::ContainsRegex("desk: found the list of .*, but host museum has that of .*; copy the new")));
+  EXPECT_THAT(messages_after(own - 60),
+              testing::ElementsAre(testing::ContainsRegex("list of revoked keys of host museum is that of")));
+  EXPECT_THAT(messages_after(own), testing::IsEmpty());
+}
+
 TEST(AuditLogTest, EqualEventsAreOneLineAndManyDifferentOnesAreCounted) {
   const test_support::TemporaryFolder folder;
   AuditLog log{folder.path() / "audit.jsonl", "lab", "desk"};

@@ -139,7 +139,7 @@ inline auto fields(const ses::RosterEntry& r) {
   return std::tuple{fields(r.origin),  r.protocol,       r.role,          r.name,
                     r.session,         r.requested_hrtc, r.users,         fields(r.served_users),
                     r.heartbeat,       r.leaving,        fields(r.stops), r.reference,
-                    r.session_time_ns, r.joined_ns,      r.force_on};
+                    r.session_time_ns, r.joined_ns,      r.force_on,      r.revoked_made_s};
 }
 inline auto fields(const ses::CatalogueEntry& c) {
   const spm::ModelSummary& s = c.summary;
