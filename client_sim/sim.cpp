@@ -123,7 +123,7 @@ struct Sim::Impl {
     for (session::RosterEntry& entry : messages.roster) {
       Presence& from = presence_of(entry.origin.participant, entry.name);
       for (const std::string& user : entry.users) {
-        from.participants.expect_permitted("user", user);
+        from.participants.expect_permitted(user);
         if (const User* const remote = find_remote(user)) {
           RemoteHandSettings& hand = remotes[session::id_of(user)].settings;
           hand.user = user;

@@ -90,6 +90,9 @@ void check(const HostOptions& options) {
 
 std::vector<ServedObject> open_models(const HostOptions& options, const Log& log, const std::atomic<bool>& stop) {
   check(options);
+  std::vector<std::string> names;
+  for (const ObjectConfig& object : options.objects) names.push_back(object.name);
+  wire::check_keys(options.address, names);  // before the models are built, which may take minutes
   const ModelStore store{options.cache, [&](const std::string& line) { log(Severity::kInfo, line); }, stop};
   std::vector<ServedObject> served;
   for (const ObjectConfig& object : options.objects) {
@@ -133,7 +136,6 @@ struct Host::Impl {
         served{open_models(options, log, stop)},
         participants{address_after_raising_priority(options, log)},
         core{participants.origin(), core_settings(options, served, participants.chunk_bytes()), monotonic_ns()} {
-    for (const ServedObject& object : served) participants.expect_permitted("object", object.config.name);
     core.on_event = [this](Severity severity, const std::string& text) { log(severity, text); };
     core.on_receiver = [this](std::uint64_t id, const std::string& name) {
       bulk.try_emplace(id, participants, name);

@@ -155,7 +155,7 @@ void GatewayService::Impl::receive(session::RosterEntry&& entry) {
 void GatewayService::Impl::add_local_users() {
   std::uint32_t next = 0;
   for (const LocalUser& local : options.local_users) {
-    participants.expect_permitted("user", local.user);
+    participants.expect_permitted(local.user);
     const std::optional<std::uint32_t> probe = membership.add_local(local.user);
     if (!probe) throw haptics::DeviceError("no probe left for user " + local.user + "; raise --users");
     if (*probe != next++) throw haptics::DeviceError("user " + local.user + " has two devices; expected one");

@@ -266,7 +266,7 @@ std::string SessionClient::end_reason() const {
 }
 
 void SessionClient::add_user(const std::string& user, const std::string& hrtc) {
-  participants_.expect_permitted("user", user);
+  participants_.expect_permitted(user);
   const std::lock_guard lock{mutex_};
   if (!self_.requested_hrtc.empty() && self_.requested_hrtc != hrtc)
     throw std::invalid_argument("hrtc: found '" + hrtc + "', expected '" + self_.requested_hrtc +

@@ -76,7 +76,7 @@ struct Writer<Sample>::Impl final : dds::DataWriterListener {
     if (!in.may_write(spec.name))
       throw WireError(std::string{"topic "} + spec.name + ": the keys of " + in.impl().security->who() +
                       " do not permit to write it, expected " + commands_for(spec.name));
-    if (const std::string user = user_of(options.partition); !user.empty()) in.expect_permitted("user", user);
+    if (const std::string user = user_of(options.partition); !user.empty()) in.expect_permitted(user);
     const auto qos = with_partition<dds::PublisherQos>(in.impl(), options.partition, dds::PUBLISHER_QOS_DEFAULT);
     publisher = participant.create_publisher(qos);
     if (publisher == nullptr) throw WireError(std::string{"topic "} + spec.name + ": DDS cannot create a publisher");

@@ -263,15 +263,17 @@ bool Participants::may_write(const char* topic) const {
 }
 
 bool Participants::permits(const std::string& name) const {
-  if (!impl_->security) return true;
-  const keys::Permitted& permitted = impl_->security->member().permitted;
-  return permitted.empty() || std::find(permitted.begin(), permitted.end(), name) != permitted.end();
+  return !impl_->security || wire::permits(impl_->security->member(), name);
 }
 
-void Participants::expect_permitted(const char* kind, const std::string& name) const {
-  if (permits(name)) return;
-  throw WireError(std::string{kind} + " '" + name + "': the keys of " + impl_->security->who() + " permit only " +
-                  keys::text_of(impl_->security->member().permitted) + "; see docs/how-to/secure.md");
+void Participants::expect_permitted(const std::string& user) const {
+  if (impl_->security) wire::expect_permitted(impl_->security->member(), "user", user);
+}
+
+void check_keys(SessionAddress address, const std::vector<std::string>& objects) {
+  if (address.keys.empty()) return;
+  const keys::Member member = read_keys(address);
+  for (const std::string& object : objects) expect_permitted(member, "object", object);
 }
 
 std::size_t Participants::chunk_bytes() const noexcept {

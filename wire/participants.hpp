@@ -40,8 +40,8 @@ class Participants {
   [[nodiscard]] bool may_write(const char* topic) const;
   /// Returns false if the keys of this program restrict it to other users, or (a host) to other objects.
   [[nodiscard]] bool permits(const std::string& name) const;
-  /// Throws WireError unless `permits(name)`. `kind`: "user" or "object", for the message.
-  void expect_permitted(const char* kind, const std::string& name) const;
+  /// Throws WireError unless `permits(user)`.
+  void expect_permitted(const std::string& user) const;
 
   /// Max encoded size of the pieces of a chunk whose message fits one Ethernet frame. With keys it is smaller, because
   /// each message has the bytes of its protection, and a proof of its origin for each of at most two readers.
@@ -56,6 +56,10 @@ class Participants {
  private:
   std::unique_ptr<Impl> impl_;
 };
+
+/// Throws WireError if the keys of this address cannot be used now, or do not permit one of these objects. For a host,
+/// which opens its models for a long time before it joins.
+void check_keys(SessionAddress address, const std::vector<std::string>& objects);
 
 /// Sets the function that receives the warnings and errors of the DDS library, and reports of endpoints whose QoS does
 /// not match, for the whole process. Without a sink the former are dropped, and the latter go to the standard error. A

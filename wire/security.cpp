@@ -17,7 +17,7 @@
 namespace tactus::wire {
 namespace {
 
-keys::Member read_keys(const std::filesystem::path& folder) {
+keys::Member read_folder(const std::filesystem::path& folder) {
   try {
     return keys::read_member(folder, std::time(nullptr));
   } catch (const keys::KeyError& error) {
@@ -25,21 +25,7 @@ keys::Member read_keys(const std::filesystem::path& folder) {
   }
 }
 
-/// Returns the member of these keys, and completes the name of the program.
-keys::Member name_program(SessionAddress& address) {
-  keys::Member member = read_keys(address.keys);
-  if (address.naming == Naming::kInstance) {
-    address.participant = keys::instance_name(member.name, address.participant);
-    address.naming = Naming::kGiven;
-  }
-  if (!keys::is_name_of(address.participant, member.name))
-    throw WireError("the name of this program is '" + address.participant + "', but its keys are those of " +
-                    std::string{name_of(member.role)} + " '" + member.name + "'; expected --name " + member.name);
-  if (!keys::read_identity(text_of(keys::identity_of(member, address.participant))))
-    throw WireError("the name of this program is '" + address.participant +
-                    "'; with keys, expected at most 63 letters, digits, hyphens, underscores and points");
-  return member;
-}
+std::string text_of(const keys::Member& member) { return std::string{name_of(member.role)} + " '" + member.name + "'"; }
 
 std::filesystem::path audit_file(const SessionAddress& address) {
   std::filesystem::path file = address.audit;
@@ -74,9 +60,35 @@ const char* event_of(Refusal refusal) {
 
 }  // namespace
 
+keys::Member read_keys(SessionAddress& address) {
+  keys::Member member = read_folder(address.keys);
+  if (address.naming == Naming::kInstance) {
+    address.participant = keys::instance_name(member.name, address.participant);
+    address.naming = Naming::kGiven;
+  }
+  if (!keys::is_name_of(address.participant, member.name))
+    throw WireError("the name of this program is '" + address.participant + "', but its keys are those of " +
+                    text_of(member) + "; expected --name " + member.name);
+  if (!keys::read_identity(text_of(keys::identity_of(member, address.participant))))
+    throw WireError("the name of this program is '" + address.participant +
+                    "'; with keys, expected at most 63 letters, digits, hyphens, underscores and points");
+  return member;
+}
+
+bool permits(const keys::Member& member, const std::string& name) {
+  const keys::Permitted& permitted = member.permitted;
+  return permitted.empty() || std::find(permitted.begin(), permitted.end(), name) != permitted.end();
+}
+
+void expect_permitted(const keys::Member& member, const char* kind, const std::string& name) {
+  if (permits(member, name)) return;
+  throw WireError(std::string{kind} + " '" + name + "': the keys of " + text_of(member) + " permit only " +
+                  keys::text_of(member.permitted) + "; see docs/how-to/secure.md");
+}
+
 Security::Security(SessionAddress& address)
     : folder_{address.keys},
-      member_{name_program(address)},
+      member_{read_keys(address)},
       identity_{text_of(keys::identity_of(member_, address.participant))},
       audit_{audit_file(address), address.session, address.participant},
       members_{folder_, member_, audit_} {
@@ -95,7 +107,7 @@ Security::~Security() {
   thread_.join();
 }
 
-std::string Security::who() const { return std::string{name_of(member_.role)} + " '" + member_.name + "'"; }
+std::string Security::who() const { return text_of(member_); }
 
 bool Security::admits(const std::uint8_t* message, std::uint32_t size, const rtps::Locator_t& from) noexcept try {
   const auto address = [&] { return rtps::IPLocator::toIPv4string(from); };

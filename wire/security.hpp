@@ -25,6 +25,14 @@ inline constexpr std::uint32_t kSecuredMessageBytes = 16384;
 /// each reader. Enough for two readers, an HRTC and a recorder.
 inline constexpr std::uint32_t kProtectionBytes = 56 + 2 * 20;
 
+/// Reads the keys that an address names, and completes the name of the program (Naming). Throws WireError if the keys
+/// cannot be used now, or if they are those of another name.
+[[nodiscard]] keys::Member read_keys(SessionAddress& address);
+/// Returns whether the keys of a member do not restrict it to other users, or (a host) to other objects.
+[[nodiscard]] bool permits(const keys::Member& member, const std::string& name);
+/// Throws WireError unless `permits`. `kind`: "user" or "object", for the message.
+void expect_permitted(const keys::Member& member, const char* kind, const std::string& name);
+
 /// Must outlive the participants. Has a thread, which writes the audit log and checks the certificates of all members
 /// again. Threads: any.
 class Security final : public dds::DomainParticipantListener {
@@ -33,8 +41,7 @@ class Security final : public dds::DomainParticipantListener {
   /// Its participants are gone after their lease of 4 s.
   static constexpr std::chrono::seconds kCheckInterval{5};
 
-  /// Reads the keys that the address names, and completes the name of the program (Naming). Throws WireError if the
-  /// keys cannot be used now, or if they are those of another name.
+  /// As read_keys.
   explicit Security(SessionAddress& address);
   ~Security() override;
   Security(const Security&) = delete;
