@@ -93,9 +93,9 @@ bool SessionClock::on_answer(const ClockSample& answer, std::int64_t local_now_n
   return true;
 }
 
-/// Steers the map towards the best measurement. Steps only for the first measurement and for an error above `step_ns`.
-/// If a step is due while a force is on, session time continues without step and slew, and only its error bound
-/// changes.
+/// Steers the map towards the best measurement. Steps only for the first measurement without a force, and for an error
+/// above `step_ns`. If a step is due while a force is on, session time continues without step and slew, and only its
+/// error bound changes.
 void SessionClock::steer(std::int64_t local_now_ns) {
   const auto bound_now = [&](const Measurement& m) {
     return m.bound_ns + std::llround(static_cast<double>(local_now_ns - m.local_ns) * settings_.drift);
@@ -106,7 +106,7 @@ void SessionClock::steer(std::int64_t local_now_ns) {
   const std::int64_t target = local_now_ns + best.offset_ns;
   const std::int64_t continued = map_.session_time(local_now_ns);
   const bool is_far = std::abs(target - continued) > settings_.step_ns + bound_now(best);
-  const bool must_step = !synchronised_ || is_far;
+  const bool must_step = is_far || (!synchronised_ && !force_on_);
   waits_for_force_off_ = must_step && force_on_;
   if (waits_for_force_off_) {
     const std::int64_t wrong_ns = synchronised_ ? std::abs(target - continued) + bound_now(best) : kClockUnknown;
@@ -114,7 +114,7 @@ void SessionClock::steer(std::int64_t local_now_ns) {
     return;
   }
   const std::int64_t session = must_step ? target : continued;
-  if (must_step) joined_ns_ = session;
+  if (must_step || !synchronised_) joined_ns_ = session;
   const std::int64_t error = target - session;
   const double slew = error > 0 ? settings_.max_slew : error < 0 ? -settings_.max_slew : 0;
   const auto duration = std::llround(static_cast<double>(std::abs(error)) / settings_.max_slew);

@@ -12,8 +12,8 @@
 /// age, because two clocks drift apart. The first answer sets the clock. After that the clock runs slightly faster or
 /// slower until it agrees with the reference. It steps only when the error is above `step_ns` plus the error bound:
 /// then two sessions that began separately have merged. While the caller reports that a force is on, the clock is
-/// neither set nor stepped, because coupled objects and simulated hands move by session time. Meanwhile the clock
-/// continues, and its bound states the error.
+/// neither set nor stepped, because coupled objects and simulated hands move by session time. It then follows smaller
+/// errors as always, also that of the first answer. With a larger one it continues, and its bound states the error.
 ///
 /// Local monotonic nanoseconds are arguments; no clock inside. One thread; a ClockMap may be copied to other threads.
 /// Source: RFC 5905, section 8 (four-stamp exchange) and its clock filter (lowest delay in a window).

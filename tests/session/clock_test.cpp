@@ -163,6 +163,21 @@ TEST(SessionClock, DoesNotSynchroniseForTheFirstTimeWhileAForceIsOn) {
   EXPECT_LT(std::abs(pair.error(910 * kMs)), 2 * kMs);
 }
 
+TEST(SessionClock, FollowsAFirstAnswerWithASmallErrorWhileAForceIsOn) {
+  ClockPair pair{0, 0};
+  pair.restart_requester(60 * kMs);  // programs that one command starts
+  pair.requester_.set_reference(10, 1, pair.local(60 * kMs));
+  pair.requester_.set_force_on(true);
+  ASSERT_TRUE(pair.exchange(1000 * kMs, kMs, kMs));
+
+  EXPECT_TRUE(pair.requester_.synchronised());
+  EXPECT_FALSE(pair.requester_.waits_for_force_off());
+  EXPECT_NEAR(static_cast<double>(pair.error(1003 * kMs)), -60.0 * kMs, 1.0 * kMs) << "no step";
+  EXPECT_GE(pair.error_bound(1003 * kMs), std::abs(pair.error(1003 * kMs)));
+  EXPECT_LT(std::abs(pair.error(2500 * kMs)), 2 * kMs);
+  EXPECT_NE(pair.requester_.joined_ns(), kNotJoined);
+}
+
 TEST(SessionClock, AnswersRequestsOnlyAsTheReference) {
   SessionClock alone{kReference, {}, 0};
   EXPECT_FALSE(alone.answers_requests());
