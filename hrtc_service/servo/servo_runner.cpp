@@ -47,7 +47,6 @@ ServoOptions with_one_period(ServoOptions options) {
 
 ServoRunner::ServoRunner(const ServoOptions& options, ServoLink& link, ContactQuery::LogRing* log)
     : options_{with_one_period(options)},
-      link_{link},
       flight_{flight_saver(options)},
       intake_{options.pool, link.intake, options.directory_bytes},
       body_intake_{intake_.objects(), link.bodies},

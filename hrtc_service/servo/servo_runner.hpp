@@ -64,7 +64,6 @@ class ServoRunner {
   }
 
   ServoOptions options_;
-  ServoLink& link_;
   std::unique_ptr<FlightSaver> flight_;  // null: no flight recorder
   Intake intake_;
   BodyIntake body_intake_;

@@ -58,6 +58,7 @@ TEST_F(SecuredTest, OnlyMembersTakePart) {
   EXPECT_TRUE(exits_with(0, desk));
   EXPECT_TRUE(exits_with(0, museum));
   EXPECT_GT(observer.seen().user("ann").exact, 0u);
+  EXPECT_EQ(observer.seen().roster["desk"].revoked_made_s, authority_.revoked().made) << "others compare the lists";
   for (Observer* outside : {&without, &stranger}) {
     EXPECT_EQ(outside->seen().user("ann").count, 0u);
     EXPECT_FALSE(outside->seen().has_left("desk"));

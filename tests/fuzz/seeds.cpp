@@ -1,6 +1,7 @@
 /// Writes the seeds of all fuzz targets to the folder of the first argument: valid files and messages, from which a
 /// fuzzer finds its way to damaged ones. The second argument is the folder of the sources.
 #include <cstdio>
+#include <cstring>
 #include <exception>
 #include <filesystem>
 #include <fstream>
@@ -134,6 +135,22 @@ void add_recordings(Seeds& seeds) {
   flight.close();
 }
 
+/// Writes with a cycle after each, at places that are spread over the whole memory.
+void add_writes(Seeds& seeds) {
+  for (std::uint32_t seed = 0; seed < 8; ++seed) {
+    Bytes bytes;
+    for (std::uint32_t i = 0; i < 64; ++i) {
+      const std::uint32_t offset = (seed * 64 + i) * 8191;
+      Bytes write(16, static_cast<std::uint8_t>(seed % 2 == 0 ? 0xff : i));
+      std::memcpy(write.data(), &offset, sizeof offset);
+      write[4] = 7;
+      write[5] = 1;
+      bytes.insert(bytes.end(), write.begin(), write.end());
+    }
+    seeds.add("shared_block", bytes);
+  }
+}
+
 void add_texts(Seeds& seeds, const fs::path& sources) {
   for (const client_sim::BuiltInScenario& scenario : client_sim::built_in_scenarios())
     seeds.add("scenario", std::string{scenario.text});
@@ -161,6 +178,7 @@ int main(int argc, char** argv) try {
   add_samples(seeds);
   add_datagrams(seeds);
   add_keys(seeds);
+  add_writes(seeds);
   add_recordings(seeds);
   add_texts(seeds, argv[2]);
   return 0;
