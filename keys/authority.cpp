@@ -50,13 +50,14 @@ void sync_folder(const fs::path& folder) {
   ::close(descriptor);
 }
 
-constexpr std::string_view kUnique = ".XXXXXX";  // mkdtemp() and mkstemp() replace the X
+constexpr std::string_view kNew = ".new-", kUnique = ".XXXXXX";  // mkdtemp() and mkstemp() replace the X
 
 /// Names of members and of their files begin with no point; those of Pending do.
 bool is_hidden(const fs::path& path) { return path.filename().string().front() == '.'; }
 bool is_temporary(const fs::path& path) {
   const std::string name = path.filename();
-  return is_hidden(path) && name.size() > 1 + kUnique.size() && name[name.size() - kUnique.size()] == '.';
+  return name.size() > kNew.size() + kUnique.size() && name.compare(0, kNew.size(), kNew) == 0 &&
+         name[name.size() - kUnique.size()] == '.';
 }
 
 /// A new folder, or a new file, that gets its name only when it is complete. Without `commit` nothing remains.
@@ -106,7 +107,7 @@ class Pending {
  private:
   explicit Pending(fs::path path) : path_{std::move(path)} {}
   [[nodiscard]] std::string pattern() const {
-    return path_.parent_path() / ("." + path_.filename().string().append(kUnique));
+    return path_.parent_path() / std::string{kNew}.append(path_.filename().string()).append(kUnique);
   }
   fs::path path_, temporary_;
 };
@@ -210,7 +211,6 @@ fs::path Authority::folder_of(const std::string& name) const { return folder_ / 
 
 fs::path Authority::add(const NewMember& added) const {
   const Lock lock{folder_};
-  remove_remains();
   check_member_name(added.name);
   const Permitted permitted = permitted_of(added);
   if (added.days < 1 || added.days > kMaxDays)
@@ -243,23 +243,26 @@ fs::path Authority::add(const NewMember& added) const {
     pending.exchange();
   else
     pending.commit();
+  remove_remains();
   return folder;
 }
 
 void Authority::revoke(const std::string& name) const {
   check_member_name(name);
   const Lock lock{folder_};
-  remove_remains();
   revoke_certificate(name);
+  remove_remains();
 }
 
 /// Removes temporary files and folders. The caller has the lock, so no other process uses them.
 void Authority::remove_remains() const {
-  std::vector<fs::path> remains;
-  for (const char* part : {kAuthorityFolder, kMembersFolder})
-    for (const auto& entry : fs::recursive_directory_iterator{folder_ / part})
+  std::vector<fs::path> folders{folder_ / kAuthorityFolder, folder_ / kMembersFolder}, remains;
+  std::error_code ignored;  // what cannot be read or removed stays
+  for (const auto& member : fs::directory_iterator{folder_ / kMembersFolder, ignored}) folders.push_back(member.path());
+  for (const fs::path& folder : folders)
+    for (const auto& entry : fs::directory_iterator{folder, ignored})
       if (is_temporary(entry.path())) remains.push_back(entry.path());
-  for (const fs::path& path : remains) fs::remove_all(path);
+  for (const fs::path& path : remains) fs::remove_all(path, ignored);
 }
 
 RevokedKeys Authority::revoked() const { return read_revoked(folder_ / kAuthorityFolder); }
@@ -279,7 +282,8 @@ void Authority::revoke_certificate(const std::string& name) const {
 
 /// The authority has the list first, so a repetition of an interrupted revocation completes it.
 void Authority::write_revoked(const std::vector<std::string>& serials) const {
-  const std::string text = pem_of(*make_revoked_list(identities_of(folder_), serials, now()));
+  const std::time_t made = std::max(now(), revoked().made + 1);  // programs refuse a list that is older than theirs
+  const std::string text = pem_of(*make_revoked_list(identities_of(folder_), serials, made));
   Pending::file(folder_ / kAuthorityFolder / files::kRevoked, text).commit();
   for (const auto& entry : fs::directory_iterator{folder_ / kMembersFolder})
     if (!is_hidden(entry.path())) Pending::file(entry.path() / files::kRevoked, text).commit();

@@ -6,8 +6,8 @@
 ///     lab-keys/authority/   private keys of both authorities; stays where it was made
 ///     lab-keys/members/desk/   all that the program `desk` needs; copied to its machine
 ///
-/// Every file and folder gets its name only when it is complete. A second process that makes or revokes keys waits, and
-/// removes what an earlier one that was killed has left.
+/// Every file and folder gets its name only when it is complete. A process that makes or revokes keys waits for others,
+/// and removes temporary files of one that was killed. Only `create` leaves such a folder, `.new-NAME.XXXXXX`.
 #pragma once
 
 #include <ctime>

@@ -239,7 +239,8 @@ Key read_key(const std::filesystem::path& file) {
 RevokedList read_revoked_list(const std::filesystem::path& file) {
   RevokedList list{PEM_read_bio_X509_CRL(open_file(file).get(), nullptr, nullptr, nullptr)};
   if (list == nullptr)
-    fail_to_read(file, "list of revoked certificates (PEM)", "; copy revoked.pem from the authority again");
+    fail_to_read(file, "list of revoked certificates (PEM)",
+                 "; copy that of the authority, or of another member, again");
   return list;
 }
 std::string read_signed(const std::filesystem::path& file, X509& signer) {
@@ -248,7 +249,7 @@ std::string read_signed(const std::filesystem::path& file, X509& signer) {
   const Owner<BIO> signed_text{text}, output = memory();
   const Owner<STACK_OF(X509)> signers{sk_X509_new_null()};
   require(signers != nullptr && sk_X509_push(signers.get(), &signer) > 0, "memory");
-  // Only by this certificate, whatever certificates the message contains.
+  // NOINTERN: only `signer` counts, not the certificates in the message. NOVERIFY: its own issuer is not checked.
   constexpr int kFlags = PKCS7_NOINTERN | PKCS7_NOVERIFY | PKCS7_TEXT;
   if (message == nullptr || signed_text == nullptr ||
       PKCS7_verify(message.get(), signers.get(), nullptr, signed_text.get(), output.get(), kFlags) != 1)

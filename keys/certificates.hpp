@@ -60,7 +60,7 @@ inline constexpr std::time_t kClockTolerance = 3600;
 [[nodiscard]] Certificate read_certificate(const std::filesystem::path& file);
 [[nodiscard]] Key read_key(const std::filesystem::path& file);
 [[nodiscard]] RevokedList read_revoked_list(const std::filesystem::path& file);
-/// Returns the text of a file by `sign`, if `signer` has signed it.
+/// Returns the text of a file by `sign`. Throws KeyError unless `signer` has signed it.
 [[nodiscard]] std::string read_signed(const std::filesystem::path& file, X509& signer);
 
 [[nodiscard]] Subject subject_of(X509& certificate);
@@ -73,7 +73,7 @@ inline constexpr std::time_t kClockTolerance = 3600;
 /// Returns whether the authority has signed the certificate.
 [[nodiscard]] bool is_issued_by(X509& certificate, X509& authority);
 [[nodiscard]] bool is_issued_by(X509_CRL& list, X509& authority);
-[[nodiscard]] std::time_t made_at(X509_CRL& list);
+[[nodiscard]] std::time_t made_at(X509_CRL& list);  ///< its begin of validity plus kClockTolerance
 [[nodiscard]] bool belongs_to(EVP_PKEY& key, X509& certificate);
 
 /// Returns the member of a certificate. Throws KeyError, which names `file`, if its unit is no role.

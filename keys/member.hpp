@@ -86,7 +86,7 @@ struct RevokedKeys {
 };
 /// Returns the list in the folder of a member. Throws KeyError if there is none, or that of another authority.
 [[nodiscard]] RevokedKeys read_revoked(const std::filesystem::path& folder);
-/// For messages, such as '2 revoked keys, list of 2026-11-26 10:00:00 UTC'.
+/// Returns a text such as '2 revoked keys, list of 2026-11-26 10:00:00 UTC'.
 [[nodiscard]] std::string text_of(const RevokedKeys& revoked);
 
 }  // namespace tactus::keys

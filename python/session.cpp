@@ -114,6 +114,7 @@ std::unique_ptr<ScriptSession> join_session(const std::string& session, const st
   address.discovery = {peers, servers};
   address.only_reads_bulk = true;
   address.qos = qos ? *qos : qos_directory();
+  if (keys && keys->empty()) throw wire::WireError("keys: found no name, expected a folder of tactus keys");
   if (keys) address.keys = *keys;
   address.plain = plain;
   return std::make_unique<ScriptSession>(address);

@@ -11,9 +11,9 @@
 /// Of the newest answers, the clock uses the one with the smallest error bound. The bound of an answer grows with its
 /// age, because two clocks drift apart. The first answer sets the clock. After that the clock runs slightly faster or
 /// slower until it agrees with the reference. It steps only when the error is above `step_ns` plus the error bound:
-/// then two sessions that began separately have merged. While the caller reports that a force is on, the clock is
-/// neither set nor stepped, because coupled objects and simulated hands move by session time. It then follows smaller
-/// errors as always, also that of the first answer. With a larger one it continues, and its bound states the error.
+/// then two sessions that began separately have merged. While the caller reports that a force is on, the clock
+/// only slews, because coupled objects and simulated hands move by session time. If it would have to step, it continues
+/// as it is, and its bound states the error.
 ///
 /// Local monotonic nanoseconds are arguments; no clock inside. One thread; a ClockMap may be copied to other threads.
 /// Source: RFC 5905, section 8 (four-stamp exchange) and its clock filter (lowest delay in a window).
@@ -48,8 +48,8 @@ struct ClockMap {
 
   /// Session time at a local time not before `local_ns`.
   [[nodiscard]] std::int64_t session_time(std::int64_t at_local_ns) const noexcept;
-  /// Max error of session time. It is 0 for the reference itself, and kClockUnknown until the clock has followed the
-  /// first answer; while a force is on, that takes several answers. When the reference changes, the error against the
+  /// Max error of session time. It is 0 for the reference itself, and kClockUnknown until an answer has set the clock,
+  /// or the clock slews to it (SessionClock). When the reference changes, the error against the
   /// previous reference is returned until the new one answers, or kClockUnknown if this program was the reference.
   [[nodiscard]] std::int64_t error_bound(std::int64_t at_local_ns) const noexcept;
 };
@@ -59,7 +59,7 @@ inline constexpr std::int64_t kClockUnknown = INT64_C(1) << 60;
 
 class SessionClock {
  public:
-  /// Begins with session time 0 at `local_now_ns`; the first answer of a reference sets another.
+  /// Begins with session time 0 at `local_now_ns`; the first answer of a reference sets another, unless a force is on.
   SessionClock(const Origin& self, const ClockSettings& settings, std::int64_t local_now_ns);
 
   /// Sets the reference that time_reference has elected. If it is this program, the clock runs freely. `participant` 0:

@@ -45,7 +45,7 @@ std::vector<std::pair<AuditEvent, std::uint64_t>> AuditLog::take_due(std::int64_
     repeated.interval_ns = std::clamp(2 * repeated.interval_ns, kMinIntervalNs, kMaxIntervalNs);
     repeated.due_ns = now_ns + repeated.interval_ns;
   }
-  std::erase_if(events_, [&](const auto& entry) { return all || now_ns >= entry.second.due_ns; });
+  std::erase_if(events_, [&](const auto& entry) { return all || now_ns >= entry.second.due_ns + kMaxIntervalNs; });
   return due;
 }
 

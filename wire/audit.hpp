@@ -1,8 +1,9 @@
 /// The audit log of a secured session: who joined, who was refused, and why.
 ///
-/// One JSON object in each line. Equal events are counted: the first is written at once, and the further ones together
-/// after 1, 2, 4, ... and at most 60 s. Above kMaxBytes, the file becomes FILE.1, and a new one begins, so two files
-/// use at most twice this size. Only the owner can read them.
+/// One JSON object in each line. Equal events are counted: the next call of `write` writes the first, and later calls
+/// write the further ones together after 1, 2, 4, ... and at most 60 s. A minute without the event ends this. Above
+/// kMaxBytes, the file becomes FILE.1, and a new one begins, so two files use at most twice this size. Only the owner
+/// can read them.
 ///
 ///     {"time":"2026-11-26T10:00:00Z","session":"lab","program":"desk","event":"false sender",
 ///      "subject":"user laptop","detail":"tactus_stop","count":3}
@@ -32,7 +33,7 @@ struct AuditEvent {
 class AuditLog {
  public:
   static constexpr std::uintmax_t kMaxBytes = 16u << 20u;
-  /// Max number of different events at a time; further ones are only counted, as the event `further events`.
+  /// Max number of different events that are recorded; further ones are only counted, as the event `further events`.
   static constexpr std::size_t kMaxEvents = 256;
 
   AuditLog(std::filesystem::path file, std::string session, std::string program);

@@ -75,7 +75,7 @@ struct Writer<Sample>::Impl final : dds::DataWriterListener {
       : participants{in}, participant{in.impl().participant(spec.traffic)} {
     if (!in.may_write(spec.name))
       throw WireError(std::string{"topic "} + spec.name + ": the keys of " + in.impl().security->who() +
-                      " do not permit to write it, expected " + commands_for(spec.name));
+                      " do not permit to write it; make keys with " + commands_for(spec.name));
     if (const std::string user = user_of(options.partition); !user.empty()) in.expect_permitted(user);
     const auto qos = with_partition<dds::PublisherQos>(in.impl(), options.partition, dds::PUBLISHER_QOS_DEFAULT);
     publisher = participant.create_publisher(qos);

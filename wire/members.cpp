@@ -242,7 +242,7 @@ bool Members::is_author(const GuidPrefix& participant, const Claim& claim, const
     const auto author = participants_.find(participant);
     if (author == participants_.end()) return false;  // it was not admitted, so the library cannot have matched it
     const Certificate& certificate = certificates_.at(author->second.certificate);
-    const bool has_known_list = claim.entry == nullptr || claim.entry->revoked_made_s == certificate.list_made;
+    const bool has_known_list = claim.entry == nullptr || claim.entry->revoked_made_s == author->second.list_made;
     if (has_known_list && refusal_of(author->second, certificate, claim, topic) == nullptr)
       return !certificate.is_cut_off;
   }
@@ -252,10 +252,7 @@ bool Members::is_author(const GuidPrefix& participant, const Claim& claim, const
   Certificate& certificate = certificates_.at(author->second.certificate);
   const char* const why = refusal_of(author->second, certificate, claim, topic);
   if (why == nullptr) {  // an announcement has added the id since, or the list is new
-    if (claim.entry != nullptr && claim.entry->revoked_made_s != certificate.list_made) {
-      certificate.list_made = claim.entry->revoked_made_s;
-      certificate.checks_of_difference = 0;
-    }
+    if (claim.entry != nullptr) author->second.list_made = claim.entry->revoked_made_s;
     return !certificate.is_cut_off;
   }
   audit_.add({why, certificate.subject, "", topic});
@@ -293,51 +290,59 @@ std::time_t Members::list_made() const {
   return revoked_.made;
 }
 
-/// Returns a message that names the program with the older list.
-std::string Members::difference(const Certificate& certificate) const {
-  const bool is_own_older = revoked_.made < certificate.list_made;
-  const std::string own = keys::utc_text(revoked_.made), other = keys::utc_text(certificate.list_made);
-  return (is_own_older ? folder_.string() + ": found the list of revoked keys of " + own + ", but " +
-                             certificate.subject + " has that of " + other
-                       : "the list of revoked keys of " + certificate.subject + " is that of " + other +
-                             ", but this program has that of " + own) +
-         "; copy the newest revoked.pem from the authority";
-}
-
-std::vector<std::string> Members::check_again(std::time_t now) {
-  std::vector<std::string> reports;
+/// Reads the list of revoked certificates again.
+void Members::read_list(std::vector<std::string>& reports) {
+  const std::string file = (folder_ / keys::files::kRevoked).string();
   std::optional<keys::RevokedKeys> list;
   try {
     list = keys::read_revoked(folder_);
   } catch (const keys::KeyError& error) {
     reports.push_back(std::string{error.what()} + "; the earlier list stays in force");
+    return;
   }
   const std::unique_lock lock{mutex_};
-  if (list && list->made < revoked_.made) {
-    reports.push_back((folder_ / keys::files::kRevoked).string() + ": found " + text_of(*list) +
-                      ", which is older than " + text_of(revoked_) + "; the newer list stays in force");
-  } else if (list && list->serials != revoked_.serials) {
+  if (list->made < revoked_.made) {
+    reports.push_back(file + ": found the list of " + keys::utc_text(list->made) + ", older than that of " +
+                      keys::utc_text(revoked_.made) + ", which stays in force; copy the newest one from the authority");
+  } else if (list->made != revoked_.made || list->serials != revoked_.serials) {
     revoked_ = std::move(*list);
     reports.push_back("read a new list: " + text_of(revoked_));
     audit_.add({"new list", "", "", text_of(revoked_)});
-    for (auto& [begin, certificate] : certificates_) certificate.checks_of_difference = 0;
+    for (auto& [prefix, participant] : participants_) participant.checks_of_difference = 0;
   }
+}
+
+/// Adds messages about present programs whose list of revoked certificates is another one.
+void Members::compare_lists(std::vector<std::string>& reports) {
   const std::int64_t now_ns = realtime::monotonic_ns();
-  std::set<keys::GuidBegin> proved, present;
-  for (const auto& [prefix, participant] : participants_) {
-    if (!participant.is_proved) continue;
-    proved.insert(participant.certificate);
-    if (now_ns - participant.announced_ns < kPresentNs) present.insert(participant.certificate);
+  for (auto& [prefix, participant] : participants_) {
+    const bool is_present = participant.is_proved && now_ns - participant.announced_ns < kPresentNs;
+    if (!is_present || participant.list_made == 0 || participant.list_made == revoked_.made) continue;
+    // Not at once: the other program may not yet have read a list that has just been copied. And once only, because a
+    // member may state any time.
+    if (++participant.checks_of_difference != kChecksOfDifference) continue;
+    const std::string& other = certificates_.at(participant.certificate).subject;
+    const bool is_own_older = revoked_.made < participant.list_made;
+    const std::string older = keys::utc_text(std::min(revoked_.made, participant.list_made)),
+                      newer = keys::utc_text(std::max(revoked_.made, participant.list_made));
+    reports.push_back(
+        (is_own_older
+             ? folder_.string() + ": found the list of revoked keys of " + older + "; " + other + " has a newer one"
+             : other + " uses the list of revoked keys of " + older + "; this program has a newer one") +
+        ", of " + newer + "; copy the newest revoked.pem from the authority");
   }
+}
+
+std::vector<std::string> Members::check_again(std::time_t now) {
+  std::vector<std::string> reports;
+  read_list(reports);
+  const std::unique_lock lock{mutex_};
+  compare_lists(reports);
+  std::set<keys::GuidBegin> proved;
+  for (const auto& [prefix, participant] : participants_)
+    if (participant.is_proved) proved.insert(participant.certificate);
   for (auto& [begin, certificate] : certificates_) {
-    if (certificate.is_cut_off) continue;
-    if (!is_revoked(certificate.serial) && now <= certificate.valid_until) {
-      const bool differs = certificate.list_made != 0 && certificate.list_made != revoked_.made;
-      if (!differs || present.count(begin) == 0) continue;
-      // Not at once: other programs may not yet have read a list that has just been copied.
-      if (++certificate.checks_of_difference == kChecksOfDifference) reports.push_back(difference(certificate));
-      continue;
-    }
+    if (certificate.is_cut_off || (!is_revoked(certificate.serial) && now <= certificate.valid_until)) continue;
     certificate.is_cut_off = true;
     if (proved.count(begin) == 0) continue;  // anybody may have stated it
     cut_off(certificate, is_revoked(certificate.serial) ? "revoked" : "expired");

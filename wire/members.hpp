@@ -85,8 +85,6 @@ class Members {
     std::time_t valid_until = 0;
     keys::Permitted permitted;
     std::vector<std::uint64_t> permitted_ids;
-    std::time_t list_made = 0;     // of the list of revoked certificates that the member uses; 0: not yet known
-    int checks_of_difference = 0;  // since that list and the own one differ
     std::uint32_t refused = 0;
     bool is_cut_off = false;
   };
@@ -97,6 +95,8 @@ class Members {
     std::vector<std::uint64_t> ids;
     std::int64_t announced_ns = 0;
     bool is_proved = false;
+    std::time_t list_made = 0;     // of the list of revoked certificates that it uses; 0: not yet known
+    int checks_of_difference = 0;  // in which that list and the own one differed
   };
 
   [[nodiscard]] bool admits_announcement(const RtpsBytes& payload, const GuidPrefix& sender, const Address& from);
@@ -110,7 +110,8 @@ class Members {
                                               const Claim& claim, const char* topic);
   [[nodiscard]] static bool has_permitted_users(const Certificate& certificate, const session::RosterEntry& entry);
   void cut_off(Certificate& certificate, const char* why);
-  [[nodiscard]] std::string difference(const Certificate& certificate) const;
+  void read_list(std::vector<std::string>& reports);
+  void compare_lists(std::vector<std::string>& reports);
 
   const std::filesystem::path folder_;
   const keys::Member self_;

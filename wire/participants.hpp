@@ -57,8 +57,8 @@ class Participants {
   std::unique_ptr<Impl> impl_;
 };
 
-/// Throws WireError if the keys of this address cannot be used now, or do not permit one of these objects. For a host,
-/// which opens its models for a long time before it joins.
+/// Throws WireError if the keys of this address cannot be used now, or do not permit one of these objects. A host calls
+/// it before it opens its models, which may take minutes.
 void check_keys(SessionAddress address, const std::vector<std::string>& objects);
 
 /// Sets the function that receives the warnings and errors of the DDS library, and reports of endpoints whose QoS does

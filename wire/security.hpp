@@ -28,7 +28,7 @@ inline constexpr std::uint32_t kProtectionBytes = 56 + 2 * 20;
 /// Reads the keys that an address names, and completes the name of the program (Naming). Throws WireError if the keys
 /// cannot be used now, or if they are those of another name.
 [[nodiscard]] keys::Member read_keys(SessionAddress& address);
-/// Returns whether the keys of a member do not restrict it to other users, or (a host) to other objects.
+/// Returns whether the keys of a member permit this user or, for a host, this object.
 [[nodiscard]] bool permits(const keys::Member& member, const std::string& name);
 /// Throws WireError unless `permits`. `kind`: "user" or "object", for the message.
 void expect_permitted(const keys::Member& member, const char* kind, const std::string& name);
@@ -41,7 +41,7 @@ class Security final : public dds::DomainParticipantListener {
   /// Its participants are gone after their lease of 4 s.
   static constexpr std::chrono::seconds kCheckInterval{5};
 
-  /// As read_keys.
+  /// Throws WireError like read_keys, and if the audit log cannot be written.
   explicit Security(SessionAddress& address);
   ~Security() override;
   Security(const Security&) = delete;

@@ -69,8 +69,8 @@ TEST_F(SecuredTest, TheKeysOfAUserPermitNeitherAResetNorAnotherUser) {
   const std::string laptop = keys_of("laptop", Role::kUser, {"ann"});
   Process reset{with_keys(in_session("control", {"reset"}), laptop)};
   EXPECT_TRUE(exits_with(2, reset));
-  EXPECT_THAT(reset.output(), HasSubstr("topic tactus_reset: the keys of user 'laptop' do not permit to write it, "
-                                        "expected tactus keys add-operator"));
+  EXPECT_THAT(reset.output(), HasSubstr("topic tactus_reset: the keys of user 'laptop' do not permit to write it; "
+                                        "make keys with tactus keys add-operator"));
   wire::Participants participants{observer_address(laptop)};
   const wire::EndpointOptions ann{wire::user_partition("ann")}, bob{wire::user_partition("bob")};
   EXPECT_NO_THROW((wire::Writer<session::Intent>{participants, wire::topics::kIntent, ann}));
@@ -131,7 +131,7 @@ TEST_F(SecuredTest, AWrongNameOrRoleReplacesNoKeys) {
   EXPECT_THAT(error_of({"add-hrtc", lab, "museum"}), HasSubstr("has the keys of role host"));
   EXPECT_THAT(error_of({"add-hrtc", lab, "musuem", "--replace"}), HasSubstr("found no member 'musuem'"));
   EXPECT_THAT(error_of({"add-hrtc", lab, "desk", "--days", "abc"}),
-              HasSubstr("--days: Value abc not in range 1 to 3650"));
+              testing::AllOf(HasSubstr("--days"), HasSubstr("3650")));
   EXPECT_FALSE(authority_.find("museum")->is_revoked);
   authority_.revoke("museum");
   EXPECT_THAT(error_of({"export", lab, "museum", path("museum-keys")}), HasSubstr("is revoked"));

@@ -150,7 +150,9 @@ TEST_F(KeysTest, DocumentsOfAnotherMemberOrAuthorityAreRefused) {
                  foreign = other.add(hrtc("desk"));
   for (const char* file : {files::kPermissions, files::kGovernance}) {
     const std::string own = test_support::read_bytes(desk / file);
-    for (const std::string& text : {test_support::read_bytes(foreign / file), own.substr(0, own.size() / 2),
+    std::string changed = own;
+    changed.at(changed.find("<domains>") + 1) = 'D';
+    for (const std::string& text : {test_support::read_bytes(foreign / file), changed, own.substr(0, own.size() / 2),
                                     std::string{}, std::string{"no document"}}) {
       test_support::write_bytes(desk / file, text);
       EXPECT_THAT(error_of_member(desk), HasSubstr(std::string{file} + ": found no document that the authority has"));
@@ -167,8 +169,7 @@ TEST_F(KeysTest, AListOfAnotherAuthorityIsRefused) {
   fs::copy_file(foreign / files::kRevoked, desk / files::kRevoked, fs::copy_options::overwrite_existing);
   EXPECT_THAT(error_of_member(desk), HasSubstr("revoked.pem: found the list of another authority"));
   test_support::write_bytes(desk / files::kRevoked, "");
-  EXPECT_THAT(error_of_member(desk),
-              AllOf(HasSubstr("copy revoked.pem from the authority again"), Not(HasSubstr("error:"))))
+  EXPECT_THAT(error_of_member(desk), AllOf(HasSubstr("copy that of the authority"), Not(HasSubstr("error:"))))
       << "no text of OpenSSL";
 }
 
@@ -189,17 +190,27 @@ TEST_F(KeysTest, ADamagedMemberIsNotListedAndCanBeReplaced) {
       << "the earlier folder is removed";
 }
 
-TEST_F(KeysTest, WhatAKilledRunHasLeftIsRemoved) {
+TEST_F(KeysTest, TemporaryFilesOfAKilledRunAreRemoved) {
   const fs::path desk = authority_.add(hrtc("desk")), members = desk.parent_path();
-  const std::vector<fs::path> remains{members / ".late.aB3xYz", desk / ".revoked.pem.aB3xYz",
-                                      members.parent_path() / "authority/.revoked.pem.aB3xYz"};
-  const fs::path own = members / ".git";  // of the user
-  for (const fs::path& path : {remains[0], own}) fs::create_directory(path);
+  const std::vector<fs::path> remains{members / ".new-late.aB3xYz", desk / ".new-revoked.pem.aB3xYz",
+                                      members.parent_path() / "authority/.new-revoked.pem.aB3xYz"};
+  const std::vector<fs::path> of_user{members / ".git", members / ".desk.backup"};
+  for (const fs::path& path : {remains[0], of_user[0], of_user[1]}) fs::create_directory(path);
   test_support::write_bytes(remains[0] / files::kPrivateKey, "secret");
   for (const fs::path& path : {remains[1], remains[2]}) test_support::write_bytes(path, "part");
   authority_.revoke("desk");
   for (const fs::path& path : remains) EXPECT_FALSE(fs::exists(path)) << path;
-  EXPECT_TRUE(fs::exists(own));
+  for (const fs::path& path : of_user) EXPECT_TRUE(fs::exists(path)) << path;
+}
+
+TEST_F(KeysTest, EachListIsNewerThanTheOneBeforeEvenIfTheClockIsNot) {
+  (void)authority_.add(hrtc("desk"));
+  std::time_t before = authority_.revoked().made;
+  for (int i = 0; i < 3; ++i) {  // within a second
+    authority_.revoke("desk");
+    EXPECT_GT(authority_.revoked().made, before);
+    before = authority_.revoked().made;
+  }
 }
 
 TEST_F(KeysTest, WrongNamesAndFoldersAreRefused) {

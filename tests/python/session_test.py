@@ -130,6 +130,8 @@ class SessionTest(FolderTest):
         self.assertEqual(self.join().participants, {})
         with self.assertRaisesRegex(tactus.WireError, "expected the folder of a member"):
             self.join(keys=self.folder)
+        with self.assertRaisesRegex(tactus.WireError, "keys: found no name"):
+            self.join(keys="")
 
     def test_a_recording_has_the_rows_of_the_tables_of_the_recorder(self):
         session = self.join()

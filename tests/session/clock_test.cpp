@@ -148,7 +148,7 @@ TEST(SessionClock, DoesNotStepWhileAForceIsOn) {
   EXPECT_LT(std::abs(pair.error(5010 * kMs)), 2 * kMs);
 }
 
-TEST(SessionClock, DoesNotSynchroniseForTheFirstTimeWhileAForceIsOn) {
+TEST(SessionClock, DoesNotFollowAFirstAnswerWithALargeErrorWhileAForceIsOn) {
   ClockPair pair{0, 0};
   pair.restart_requester(600 * kMs);
   pair.requester_.set_reference(10, 1, pair.local(600 * kMs));

@@ -82,7 +82,7 @@ void show(const keys::Authority& authority) {
     std::printf("%-24s %-9s %-11s %-8s %s\n", member.name.c_str(), std::string{name_of(member.role)}.c_str(),
                 keys::utc_text(member.valid_until, "%Y-%m-%d").c_str(), state, permitted_text(member).c_str());
   }
-  std::printf("%s. The authority is valid until %s, and no keys are longer.\n",
+  std::printf("%s. The authority and all keys expire on %s at the latest.\n",
               keys::text_of(authority.revoked()).c_str(), keys::utc_text(authority.valid_until(), "%Y-%m-%d").c_str());
 }
 
