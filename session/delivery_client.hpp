@@ -60,7 +60,7 @@ struct DeliverySettings {
   std::int64_t partial_timeout_ns =
       2'000'000'000;                          ///< time without a new piece after which an incomplete message is dropped
   std::uint32_t credit = 256 * 1024;          ///< initial credit: bytes in flight from a host to this HRTC
-  std::uint32_t max_credit = 8u << 20;        ///< max credit; the credit grows with rate and round trip
+  std::uint32_t max_credit = kMaxCredit;      ///< max credit; the credit grows with rate and round trip
   std::size_t max_partial_bytes = 64u << 20;  ///< max bytes of incomplete messages; above it the messages
                                               ///< without a new piece for longest are dropped
 };

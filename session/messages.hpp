@@ -33,6 +33,7 @@ inline constexpr std::size_t kMaxFigures = 128;
 inline constexpr std::size_t kMaxShownRegions = 1024;
 inline constexpr std::size_t kMaxMeshes = 64;  ///< objects of one HRTC
 inline constexpr std::size_t kMaxWaypoints = 16;
+inline constexpr std::uint32_t kMaxCredit = 8u << 20;  ///< bytes; a host has no more in flight to one HRTC
 inline constexpr std::size_t kMaxSurfacePoints = 32;
 inline constexpr std::size_t kMaxTouchers = 8;  ///< HRTCs that simulate one object together
 inline constexpr std::size_t kMaxStops = 32;    ///< issuers of stops and resets that one program records

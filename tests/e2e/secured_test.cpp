@@ -8,7 +8,6 @@ namespace {
 using keys::Role;
 using Seen = Observer::Seen;
 using testing::HasSubstr;
-using testing::Not;
 
 class SecuredTest : public SessionTest {
  protected:

@@ -342,6 +342,18 @@ TEST(Force, LimitsTheTorqueAndItsRateAndSendsNoneToAForceOnlyDevice) {
   EXPECT_EQ(none.step(tool, grip, {}, impedance, kFreshAge, kCycle).bits, 0u);
 }
 
+TEST(Force, ChangesByAtMost5000NewtonAndItsTorqueByAtMost150NewtonMetresASecond) {
+  ForceSettings settings;
+  settings.soft_start = 0;
+  settings.max_torque = 10;
+  ForceRenderer renderer{settings, device_with_torque(10)};
+  const ContactImpedance impedance{1000, 0};
+  const ToolGrip grip = renderer.tool_grip(impedance, kCycle);
+  const ForceResult& result = renderer.step(pressed_tool(0.02, 3), grip, {}, impedance, kFreshAge, kCycle);
+  EXPECT_NEAR(result.force.norm(), 5000 * kCycle, 1e-9);
+  EXPECT_NEAR(result.torque.norm(), 150 * kCycle, 1e-9);
+}
+
 TEST(Force, AFaultEndsATorqueAndAFastRotationDuringATorqueIsAFault) {
   const ContactImpedance impedance{1000, 0};
   const auto render = [&](ForceRenderer& renderer, const DeviceState& device, double pose_age) -> const ForceResult& {

@@ -161,7 +161,12 @@ TEST(Check, NamesTheWrongFieldOfProbeSamples) {
   Intent intent;
   intent.path = {{1, {}}, {2, {}}};
   expect_invalid(intent, "path", [](auto& i) { i.path.clear(); });
-  expect_invalid(intent, "path", [](auto& i) { i.path.resize(17); });
+  const auto with_waypoints = [](Intent& i, std::int64_t count) {
+    i.path.clear();
+    for (std::int64_t time = 1; time <= count; ++time) i.path.push_back({time, {}});
+  };
+  with_waypoints(intent, 16);
+  expect_invalid(intent, "path", [&](auto& i) { with_waypoints(i, 17); });
   expect_invalid(intent, "path", [](auto& i) { i.path[1].session_time_ns = 1; });
   expect_invalid(intent, "position", [](auto& i) { i.path[0].pose.position[1] = kNan; });
   expect_invalid(intent, "orientation", [](auto& i) { i.path[1].pose.orientation = {0, 0, 0, 1.1}; });

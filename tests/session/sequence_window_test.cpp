@@ -162,6 +162,17 @@ TEST(TimeWindow, AcceptsAClockWithAnyOffsetAndDrift) {
     ASSERT_TRUE(accepted(window.admit(INT64_C(77'000'000) * kMs + ms * kMs - ms * 200, ms * kMs))) << ms;
 }
 
+TEST(TimeWindow, ATimeMayBeOneSecondAheadAndTenSecondsBehind) {
+  for (const std::int64_t difference : {1000 * kMs, -10'000 * kMs}) {
+    for (const bool is_outside : {false, true}) {
+      TimeWindow window;
+      for (std::int64_t ms = 0; ms < 10; ++ms) ASSERT_TRUE(accepted(window.admit(ms * kMs, ms * kMs)));
+      const std::int64_t time = 10 * kMs + difference + (is_outside ? (difference > 0 ? kMs : -kMs) : 0);
+      EXPECT_EQ(accepted(window.admit(time, 10 * kMs)), !is_outside) << difference;
+    }
+  }
+}
+
 TEST(TimeWindow, AcceptsAStepOfTheClockAfterThreeConsistentTimes) {
   TimeWindow window;
   for (std::int64_t ms = 0; ms < 10; ++ms) (void)window.admit(ms * kMs, ms * kMs);

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <chrono>
+#include <cstring>
 #include <string>
 #include <thread>
 #include <vector>
@@ -229,18 +230,32 @@ TEST_F(MembersTest, IdentitiesThatNobodyProvesDoNotKeepMembersOut) {
   const keys::Member museum = add("museum", Role::kHost);
   ASSERT_TRUE(admits(museum, "museum"));
   keys::Member claimed = museum;
-  bool is_full = false;
-  for (int i = 0; i < 10'000 && !is_full; ++i) {
+  const auto claim = [&](std::size_t i) {
     claimed.serial = std::to_string(i);
     const GuidPrefix sender = prefix_of(claimed);
-    is_full =
-        !admits({announcement(sender, text_of(keys::identity_of(claimed, "museum.x" + std::to_string(i))))}, sender);
-  }
-  EXPECT_TRUE(is_full) << "a flood of identities is limited";
+    return admits({announcement(sender, text_of(keys::identity_of(claimed, "museum.x" + std::to_string(i))))}, sender);
+  };
+  for (std::size_t i = 0; i < 256; ++i) ASSERT_TRUE(claim(i)) << i;
+  EXPECT_FALSE(claim(256)) << "a flood of identities is limited";
   EXPECT_THAT(audit(), HasSubstr(R"("event":"too many programs")"));
   EXPECT_TRUE(admits({kInfoTime}, prefix_of(museum))) << "a member that has proved its identity stays";
   std::this_thread::sleep_for(std::chrono::seconds{1});  // unproved identities make room once in a second
   EXPECT_TRUE(admits(add("late", Role::kHost), "late"));
+}
+
+TEST_F(MembersTest, RecordsAtMost4096Participants) {
+  const std::string museum = text_of(keys::identity_of(add("museum", Role::kHost), "museum"));
+  GuidPrefix sender = prefix_of(*authority_.find("museum"));
+  const auto join = [&](std::size_t i) {
+    std::memcpy(&sender[8], &i, 4);
+    const bool is_admitted = admits({announcement(sender, museum)}, sender);
+    members_.on_authentication(sender, true);
+    return is_admitted;
+  };
+  for (std::size_t i = 0; i < 4096; ++i) ASSERT_TRUE(join(i)) << i;
+  EXPECT_FALSE(join(4096));
+  EXPECT_TRUE(join(7)) << "one that is recorded";
+  EXPECT_THAT(audit(), HasSubstr(R"("event":"too many programs")"));
 }
 
 TEST_F(MembersTest, AMemberWithTooManyRefusedSamplesIsCutOff) {
