@@ -28,10 +28,7 @@ void require_surface(const TriangleMesh& mesh, const CleanReport& cleaned) {
     throw ModelError{"no surface: found 0 usable triangles (" + std::to_string(dropped) +
                      " degenerate ones dropped), expected at least 1"};
   }
-  if (mesh.faces.size() >= kMaxFaces) {
-    throw ModelError{"too many faces: found " + std::to_string(mesh.faces.size()) + ", expected below " +
-                     std::to_string(kMaxFaces)};
-  }
+  require_face_count(mesh.faces.size());
 }
 
 /// Throws ModelError if cleaning dropped most faces or vertices: the mesh was probably read wrongly. `vertices`,
@@ -349,6 +346,12 @@ class Assembler {
 };
 
 }  // namespace
+
+void require_face_count(std::size_t faces) {
+  if (faces < kMaxFaces) return;
+  throw ModelError{"too many faces: found " + std::to_string(faces) + ", expected at most " +
+                   std::to_string(kMaxFaces - 1)};
+}
 
 BuiltModel build_model(TriangleMesh mesh, const BuildOptions& options, const Progress& progress) {
   if (progress) progress("clean", 0);

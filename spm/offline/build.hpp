@@ -38,6 +38,9 @@ struct BuiltModel : OwnedModel {
   CleanReport cleaned;
 };
 
+/// Throws ModelError that names the limit if a model cannot have so many faces.
+void require_face_count(std::size_t faces);
+
 /// Builds a model from a mesh, which need not be clean. Equal meshes and options give equal bytes. Throws ModelError if
 /// no face is left after cleaning, if there are too many faces, or if cleaning dropped most faces or vertices and
 /// `losses` does not allow it.

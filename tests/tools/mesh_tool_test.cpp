@@ -207,7 +207,10 @@ TEST_F(MeshTool, RefusesBadInputWithAMessageThatNamesIt) {
       {{"export", path("good.ply"), path("x.ply")}, "good.ply: not an .spm file"},
       {{"export", path("good.spm"), path("x.xyz")}, "x.xyz: extension"},
       {{"generate", "cube", path("x.ply")}, "cube"},
+      {{"build", path("good.ply"), path("x.spm"), "--base-faces", "268435456"}, "268435455"},
       {{"generate", "sphere", path("x.ply"), "--faces", "3"}, "faces: found 3"},
+      {{"generate", "sphere", path("x.ply"), "--faces", "268435456"},
+       "faces: found 268435456, expected 8 to 268435455"},
       {{"generate", "sphere", path("x.xyz")}, "x.xyz: extension"},
       {{"generate", "sphere", path("no/x.ply")}, "x.ply: cannot be written"},
   };

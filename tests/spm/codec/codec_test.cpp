@@ -178,6 +178,24 @@ TEST(BaseCodec, RefusesEveryTruncation) {
   }
 }
 
+TEST(BaseCodec, RefusesTooManyFacesAndNamesTheLimit) {
+  OwnedModel owned = random_model(kCodecSeed, 10, 2);
+  const EncodedModel encoded{owned.model()};
+  owned.summary.faces = kMaxFaces;
+  const Bytes base = encode_base(owned.model(), encoded.compressed().tables());
+  constexpr const char* kMessage = "faces: found 268435456, expected 1 to 268435455";
+
+  const Result<DecodedBase> decoded = decode_base(base);
+  ASSERT_FALSE(decoded);
+  EXPECT_THAT(decoded.error().text, HasSubstr(kMessage));
+
+  ModelSpans spans = encoded.compressed().spans();  // of an .spm file
+  spans.base = base;
+  const Result<CompressedModel> opened = CompressedModel::open(spans);
+  ASSERT_FALSE(opened);
+  EXPECT_THAT(opened.error().text, HasSubstr(kMessage));
+}
+
 TEST(BaseCodec, ReturnsNoInvalidMeshForMutatedBytes) {
   const Bytes bytes = base_bytes(50);
   std::mt19937_64 random{kCodecSeed};

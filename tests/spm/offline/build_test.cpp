@@ -339,6 +339,12 @@ TEST(Build, RefusesAMeshWithoutASurface) {
   EXPECT_THROW(static_cast<void>(build_model(TriangleMesh{})), ModelError);
 }
 
+TEST(Build, RefusesTooManyFacesAndNamesTheLimit) {
+  EXPECT_NO_THROW(require_face_count(kMaxFaces - 1));
+  EXPECT_THAT([] { require_face_count(kMaxFaces); },
+              ::testing::ThrowsMessage<ModelError>("too many faces: found 268435456, expected at most 268435455"));
+}
+
 TEST(Build, RefusesAFaceWithAVertexThatDoesNotExist) {
   const TriangleMesh damaged{{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}}, {{0, 1, 3}}};
   EXPECT_THROW(static_cast<void>(build_model(damaged)), ModelError);

@@ -102,8 +102,10 @@ TEST(Generate, AnotherSeedGivesAnotherOrgan) {
   EXPECT_EQ(generate(Shape::kOrgan, 1000, 2).positions, generate(Shape::kOrgan, 1000, 2).positions);
 }
 
-TEST(Generate, RefusesTooFewFacesAndUnknownShapes) {
+TEST(Generate, RefusesTooFewOrTooManyFacesAndUnknownShapes) {
   EXPECT_THROW(static_cast<void>(generate(Shape::kSphere, 7)), ModelError);
+  for (const std::string_view name : shape_names())
+    EXPECT_THROW(static_cast<void>(generate(shape_from_name(name), kMaxFaces)), ModelError) << name;
   EXPECT_THROW(static_cast<void>(shape_from_name("cube")), ModelError);
 }
 

@@ -20,6 +20,7 @@ using test_support::ReferenceMesh;
 using ::testing::Contains;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
+using ::testing::Not;
 
 BuiltModel valid_model() {
   BuildOptions options;
@@ -59,7 +60,9 @@ const std::vector<Damage> kDamages{
     {"NoFaces", [](BuiltModel& m) { m.summary.faces = 0; }, "faces: found 0"},
     {"FaceThatNoRecordBears", [](BuiltModel& m) { m.parts[m.summary.records - 1].born_count = 1; },
      "neither in the base mesh nor born"},
-    {"TooManyFaces", [](BuiltModel& m) { m.summary.faces = kMaxFaces - 1; }, "parts have room"},
+    {"TooManyFaces", [](BuiltModel& m) { m.summary.faces = kMaxFaces; },
+     "faces: found 268435456, expected 1 to 268435455"},
+    {"MoreFacesThanThePartsBear", [](BuiltModel& m) { m.summary.faces = kMaxFaces - 1; }, "parts have room"},
     {"VerticesMissing", [](BuiltModel& m) { m.positions.pop_back(); }, "positions: found"},
     {"PartsMissing", [](BuiltModel& m) { m.parts.pop_back(); }, "parts: found"},
     {"PositionNotFinite", [](BuiltModel& m) { m.positions[5][1] = std::nanf(""); }, "vertex 5: position not finite"},
@@ -232,6 +235,13 @@ TEST(Violations, AModelWithRandomDamageIsReportedOrEachOfItsRegionsCanBeApplied)
     }
   }
   EXPECT_LT(passed, 3000u);
+}
+
+TEST(Violations, AcceptsTheMaxNumberOfFaces) {
+  BuiltModel model = valid_model();
+  model.summary.faces = kMaxFaces - 1;
+  EXPECT_THAT(violations(model.model()), Not(Contains(HasSubstr("expected 1 to"))))
+      << "the parts are too few, but the number of faces is valid";
 }
 
 TEST(Violations, ReportsAWrongChecksum) {
