@@ -271,6 +271,24 @@ TEST_P(RunTime, AFullPoolRefusesARegionAndChangesNothing) {
   EXPECT_GT(refused, 0u);
 }
 
+TEST(CacheCounts, AnObjectIsRefusedWhileThereAre64Others) {
+  const OwnedModel owned = random_model(1, 50, kCells);
+  const spm::BaseMesh base = spm::base_mesh_of(owned.model());
+  constexpr std::uint32_t kMax = 64;
+  spm::Pool pool{spm::PoolSettings::for_slots((kMax + 1) * spm::Cache::slots_for_base(base))};
+  spm::Cache cache{pool};
+  for (std::uint32_t i = 0; i < kMax; ++i) ASSERT_TRUE(cache.admit(base).fits) << i;
+  const std::uint32_t free_before = cache.slots_free();
+  ASSERT_GE(free_before, spm::Cache::slots_for_base(base));
+
+  EXPECT_FALSE(cache.admit(base).fits);
+  EXPECT_EQ(cache.slots_free(), free_before);
+  EXPECT_THAT(cache.violations(), IsEmpty());
+
+  cache.remove(spm::ObjectIndex{5});
+  EXPECT_TRUE(cache.admit(base).fits);
+}
+
 TEST(CacheCounts, ARegionIsRefusedWhileTheRegionCounterOfItsRecordsIsFull) {
   const OwnedModel owned = random_model(1, kRecords, kCells);
   const spm::Model model = owned.model();
