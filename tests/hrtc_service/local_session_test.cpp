@@ -335,6 +335,21 @@ TEST_F(OrganSession, TargetsAboveTheSettingAreDroppedAndTheStatusBitIsSet) {
   EXPECT_LT(exact_with_one, exact - 500);
 }
 
+TEST(ContactQuery, ReturnsAtMost2048ContactsAndSetsTheStatusBitIfThereAreMore) {
+  constexpr double kScale = 0.02;  // the sphere, of 0.1 m in its file, lies within the tip
+  for (const std::uint32_t faces : {2048u, 2050u}) {
+    const spm::offline::BuiltModel built =
+        spm::offline::build_model(spm::offline::generate(spm::offline::Shape::kSphere, faces));
+    ASSERT_EQ(built.summary.faces, faces);
+    LocalSession session{{built.model()}, kScale, spm::PoolSettings::for_slots(1 << 14)};
+    for (int cycle = 0; cycle < 1000; ++cycle) session.step(Vec3d::Zero(), Vec3d::Zero());
+    const hrtc_service::ProbeOutput& probe = session.step(Vec3d::Zero(), Vec3d::Zero()).probes[0];
+    ASSERT_NE(probe.status & session::kExact, 0u) << "some regions are not refined";
+    EXPECT_EQ(probe.contacts, 2048u);
+    EXPECT_EQ((probe.status & session::kContactsTruncated) != 0, faces > 2048) << faces << " faces";
+  }
+}
+
 TEST_F(OrganSession, TouchDoesNotChangeTheMesh) {
   LocalSession session{{built_->model()}, 1, spm::PoolSettings::for_slots(1 << 14)};
   const auto hash = [&] {
