@@ -1,0 +1,83 @@
+// The limits of the options of tactus-hrtc, and of the tool that one of them names.
+
+#include "hrtc_service/program/options.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "hrtc_service/program/opened_devices.hpp"
+#include "spm/pool.hpp"
+#include "tests/support/temporary_folder.hpp"
+
+namespace tactus::hrtc_service {
+namespace {
+
+using testing::AllOf;
+using testing::HasSubstr;
+
+ReadOptions options_of(std::vector<std::string> arguments) {
+  arguments.insert(arguments.begin(), "tactus-hrtc");
+  std::vector<char*> argv;
+  for (std::string& argument : arguments) argv.push_back(argument.data());
+  return read_options(static_cast<int>(argv.size()), argv.data());
+}
+
+/// Returns the error message of refused options.
+std::string refusal(const std::vector<std::string>& arguments) {
+  testing::internal::CaptureStderr();
+  const ReadOptions found = options_of(arguments);
+  std::string message = testing::internal::GetCapturedStderr();
+  EXPECT_FALSE(found.options);
+  EXPECT_EQ(found.exit_status, 2);
+  return message;
+}
+
+TEST(HrtcOptions, APoolHas256To2To26Slots) {
+  constexpr std::uint32_t kMin = 256, kMax = 67'108'864;
+  for (const std::uint32_t slots : {kMin, kMax}) {
+    const ReadOptions accepted = options_of({"--pool", std::to_string(slots)});
+    ASSERT_TRUE(accepted.options) << slots;
+    EXPECT_EQ(accepted.options->pool.slots, slots);
+  }
+  for (const std::uint32_t slots : {kMin - 1, kMax + 1})
+    EXPECT_THAT(refusal({"--pool", std::to_string(slots)}),
+                AllOf(HasSubstr("--pool"), HasSubstr(std::to_string(slots)), HasSubstr("256"), HasSubstr("67108864")));
+}
+
+TEST(HrtcOptions, MemoryHoldsAPoolOf256To2To26Slots) {
+  const std::uint64_t memory = 2 * spm::PoolSettings::for_slots(spm::kMaxSlots).bytes();
+  const ReadOptions accepted = options_of({"--memory", std::to_string(memory)});
+  ASSERT_TRUE(accepted.options);
+  EXPECT_EQ(accepted.options->pool.slots, 67'108'864u);
+  EXPECT_THAT(refusal({"--memory", "1000"}), AllOf(HasSubstr("--memory"), HasSubstr("expected room for 256")));
+}
+
+TEST(HrtcOptions, OneTo65536RegionsOfAnObjectAreRefinedAtATime) {
+  for (const std::uint32_t targets : {1u, 65'536u}) {
+    const ReadOptions accepted = options_of({"--targets", std::to_string(targets)});
+    ASSERT_TRUE(accepted.options) << targets;
+    EXPECT_EQ(accepted.options->servo.cycle.targets, targets);
+  }
+  for (const char* targets : {"0", "65537"})
+    EXPECT_THAT(refusal({"--targets", targets}), AllOf(HasSubstr("--targets"), HasSubstr(targets), HasSubstr("65536")));
+}
+
+TEST(HrtcOptions, AVertexOfAToolIsAtMostOneMetreFromItsTip) {
+  const test_support::TemporaryFolder folder;
+  const std::string file = folder.path() / "tool.obj";
+  const auto load = [&](const char* height) {
+    test_support::write_bytes(file, std::string{"v 0 0 "} + height + "\nv 0.01 0 0\nv 0 0.01 0\nf 1 2 3\n");
+    return load_tool(file);
+  };
+  EXPECT_EQ(load("1")->radius(), 1);
+  EXPECT_THAT([&] { (void)load("1.001"); },
+              testing::ThrowsMessage<std::runtime_error>(
+                  AllOf(HasSubstr("--tool " + file + ": found a vertex at 1.001"), HasSubstr("at most 1"))));
+}
+
+}  // namespace
+}  // namespace tactus::hrtc_service
