@@ -2,6 +2,7 @@
 #include <filesystem>
 #include <map>
 
+#include "spm/pool.hpp"
 #include "tests/e2e/session_test.hpp"
 
 namespace tactus::e2e {
@@ -86,6 +87,12 @@ class WrongInputTest : public SessionTest {
       for (const std::string& file : changed)
         if (before.count(file) == 0) std::filesystem::remove_all(file);
     }
+  }
+
+  /// A memory that is too small for the pool of a viewer or a bridge.
+  [[nodiscard]] static WrongInput memory_of_999_slots() {
+    const std::string memory = std::to_string(spm::PoolSettings::for_slots(999).bytes());
+    return {{"--memory", memory}, {"found " + memory + " bytes, which hold 999 slots", "expected at least 1000"}};
   }
 
   /// Wrong values of the options that every program of a session has. `valid_arguments` are added to each, so that
@@ -217,8 +224,12 @@ TEST_F(WrongInputTest, IsRefusedByRos2) {
                              {{"--ros-domain", "22"}, {"--ros-domain: found 22", "expected one outside 20 to 22"}},
                              {{"--rate", "2000"}, {"--rate", "2000", "1000"}},
                              {{"--hrtc", "desk", "--read-only"}, {"--hrtc", "--read-only"}},
-                             {{"--memory", "1000"}, {"--memory", "1000"}},
+                             memory_of_999_slots(),
                          });
+}
+
+TEST_F(WrongInputTest, IsRefusedByTheViewer) {
+  expect_refused("view", {{{"surplus"}, {"surplus"}}, memory_of_999_slots()});
 }
 
 TEST_F(WrongInputTest, IsRefusedByTheMeshTool) {
