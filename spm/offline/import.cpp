@@ -36,12 +36,6 @@ namespace {
 
 namespace channel = import_channel;
 
-/// Limits of the child: a constant, and more for each byte of the files that it reads. An OBJ file of 2 GB took 4.7 bytes
-/// of memory for each byte, and 14 MB/s. With one digit for each coordinate, it takes much more memory.
-constexpr std::uint64_t kMemory = 1ULL << 30, kMemoryPerByte = 64;
-constexpr std::uint64_t kSeconds = 10, kBytesPerSecond = 2'000'000;
-/// Limit of the elapsed time, as a multiple of that of the computing time.
-constexpr std::uint64_t kWallClockFactor = 10;
 constexpr int kMaxRequests = 1000;  // for files
 /// How often the parent looks at the time: while the child can request files, and after that.
 constexpr int kPollMs = 100, kEndPollMs = 5;
@@ -193,9 +187,10 @@ class ImportProcess {
       }
       timespec used{};
       clock_gettime(clock, &used);
-      if (static_cast<std::uint64_t>(used.tv_sec) >= seconds_limit())
-        end_child("takes more than " + std::to_string(seconds_limit()) + " s of computing time");
-      const std::chrono::seconds wall_clock_limit{kWallClockFactor * seconds_limit()};
+      const channel::Limits limits = channel::limits_for(bytes_);
+      if (static_cast<std::uint64_t>(used.tv_sec) >= limits.computing_s)
+        end_child("takes more than " + std::to_string(limits.computing_s) + " s of computing time");
+      const std::chrono::seconds wall_clock_limit{limits.elapsed_s};
       if (std::chrono::steady_clock::now() - began > wall_clock_limit)
         end_child("takes more than " + std::to_string(wall_clock_limit.count()) + " s");
     }
@@ -254,9 +249,8 @@ class ImportProcess {
   /// At most the memory of this machine, because a file with holes has more bytes than it takes on the disk.
   [[nodiscard]] std::uint64_t memory_limit() const {
     const auto machine = static_cast<std::uint64_t>(sysconf(_SC_PHYS_PAGES) * sysconf(_SC_PAGESIZE));
-    return std::min(kMemory + kMemoryPerByte * bytes_, machine);
+    return std::min(channel::limits_for(bytes_).memory_bytes, machine);
   }
-  [[nodiscard]] std::uint64_t seconds_limit() const { return kSeconds + bytes_ / kBytesPerSecond; }
 
   void answer(const Descriptor& file) const {
     channel::Answer answer = file.get() < 0 ? channel::Answer::kRefused : channel::Answer::kOpened;

@@ -1,4 +1,4 @@
-/// How import_mesh() and the program tactus-import, its child process, exchange data.
+/// How import_mesh() and the program tactus-import, its child process, exchange data, and the limits of the child.
 ///
 ///     import_mesh()  <-- name of a file -----  tactus-import     kSocket, one packet each
 ///                    --- its descriptor ---->
@@ -27,5 +27,20 @@ struct ResultHeader {
   std::uint64_t message_bytes = 0;  // 0: no error
   std::uint64_t vertices = 0, faces = 0;
 };
+
+/// Limits of the child.
+struct Limits {
+  std::uint64_t memory_bytes = 0;
+  std::uint64_t computing_s = 0, elapsed_s = 0;
+};
+
+/// Returns the limits for files of this size: a constant, and more for each byte. An OBJ file of 2 GB took 4.7 bytes of
+/// memory for each byte, and 14 MB/s. With one digit for each coordinate, it takes much more memory.
+[[nodiscard]] constexpr Limits limits_for(std::uint64_t bytes) noexcept {
+  constexpr std::uint64_t kMemory = 1ULL << 30, kMemoryPerByte = 64;
+  constexpr std::uint64_t kSeconds = 10, kBytesPerSecond = 2'000'000, kElapsedFactor = 10;
+  const std::uint64_t computing_s = kSeconds + bytes / kBytesPerSecond;
+  return {kMemory + kMemoryPerByte * bytes, computing_s, kElapsedFactor * computing_s};
+}
 
 }  // namespace tactus::spm::offline::import_channel

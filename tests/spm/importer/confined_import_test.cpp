@@ -15,6 +15,7 @@
 
 #include "spm/model.hpp"
 #include "spm/offline/import.hpp"
+#include "spm/offline/import_channel.hpp"
 #include "tests/support/temporary_folder.hpp"
 
 namespace tactus::spm::offline {
@@ -66,6 +67,18 @@ TEST_F(ConfinedImport, PrintsAMessageOfTheReaderAsOneLineOfText) {
   EXPECT_EQ(error_of_reader("message"), path("message.obj").string() + ":  [2Jall is well ");
 }
 
+TEST(ImportLimits, GrowWithTheSizeOfTheFiles) {
+  using import_channel::limits_for;
+  EXPECT_EQ(limits_for(0).memory_bytes, std::uint64_t{1} << 30);
+  EXPECT_EQ(limits_for(1000).memory_bytes, (std::uint64_t{1} << 30) + 64'000);
+  EXPECT_EQ(limits_for(0).computing_s, 10u);
+  EXPECT_EQ(limits_for(1'999'999).computing_s, 10u);
+  EXPECT_EQ(limits_for(2'000'000).computing_s, 11u);
+  EXPECT_EQ(limits_for(2'000'000'000).computing_s, 1010u);
+  EXPECT_EQ(limits_for(0).elapsed_s, 100u);
+  EXPECT_EQ(limits_for(2'000'000'000).elapsed_s, 10'100u);
+}
+
 TEST_F(ConfinedImport, EndsAReaderThatRequestsTooManyFiles) {
   EXPECT_THAT(error_of_reader("ask"), HasSubstr("requests more than 1000 files"));
 }
@@ -87,6 +100,20 @@ TEST_F(ConfinedImport, LimitsTheComputingTime) {
 #if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
 TEST_F(ConfinedImport, LimitsTheMemoryOfTheReader) {
   EXPECT_THAT(error_of_reader("allocate"), HasSubstr("needs more than 1024 MiB of memory"));
+}
+
+TEST_F(ConfinedImport, TheReaderHasMoreMemoryForALargerFile) {
+  constexpr std::uint64_t kBytes = 4u << 20;  // of a file with a hole
+  const auto reserved_mib = [&] {
+    const std::string error = import_error(path("reserve.obj"));
+    return std::atoi(error.substr(error.rfind(' ') + 1).c_str());
+  };
+  setenv("TACTUS_IMPORT", TACTUS_SPM_HOSTILE_READER, 1);
+  write_bytes(path("reserve.obj"), "v 0 0 0\n");
+  const int small = reserved_mib();
+  EXPECT_THAT(small, testing::AllOf(testing::Gt(900), testing::Le(1024)));
+  std::filesystem::resize_file(path("reserve.obj"), kBytes);
+  EXPECT_THAT(reserved_mib() - small, testing::AllOf(testing::Ge(64 * 4 - 1), testing::Le(64 * 4 + 1)));
 }
 #endif
 

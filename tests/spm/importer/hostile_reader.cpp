@@ -1,5 +1,6 @@
 // Takes the place of tactus-import: confined as it is, but as if a hostile file had taken it over. The name of the
 // model says what it does.
+#include <sys/mman.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
@@ -37,6 +38,11 @@ void put_header(std::uint64_t message_bytes, std::uint64_t vertices, std::uint64
   put(&header, sizeof header);
 }
 
+void put_message(const std::string& message) {
+  put_header(message.size(), 0, 0);
+  put(message.data(), message.size());
+}
+
 /// Asks for a file. The answer is lost, and its descriptor is closed by the kernel.
 void ask_for(const std::string& name) {
   if (send(channel::kSocket, name.data(), name.size(), MSG_NOSIGNAL) < 0) _exit(9);
@@ -68,6 +74,10 @@ int main(int, char** argv) {
     } catch (const std::bad_alloc&) {
       return channel::kOutOfMemory;
     }
+  } else if (behavior == "reserve") {  // address space, without a touch of it
+    std::uint64_t mib = 0;
+    while (mmap(nullptr, 1 << 20, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0) != MAP_FAILED) ++mib;
+    put_message("reserved " + std::to_string(mib));
   } else if (behavior == "compute") {
     compute();
   } else if (behavior == "close") {
@@ -100,9 +110,7 @@ int main(int, char** argv) {
     put(triangle.data(), sizeof triangle);
     put(face.data(), sizeof face);
   } else if (behavior == "message") {
-    const std::string message = "\033[2Jall is well\n";
-    put_header(message.size(), 0, 0);
-    put(message.data(), message.size());
+    put_message("\033[2Jall is well\n");
   } else if (behavior == "long_message") {
     put_header(UINT64_MAX, 0, 0);
   }
