@@ -49,6 +49,12 @@ CatalogueEntry body() {
   return c;
 }
 
+ObjectGrant grant_with_touchers(std::uint64_t count) {
+  ObjectGrant g;
+  for (std::uint64_t i = 1; i <= count; ++i) g.touchers.push_back({i, 1, 1});
+  return g;
+}
+
 ObjectCopy copy() {
   ObjectCopy c;
   c.copy_index = 1;
@@ -197,10 +203,14 @@ TEST(Check, NamesTheWrongFieldOfSharedObjectSamples) {
   expect_invalid(body(), "body.ground", [](auto& c) { c.body.ground = kInf; });
   expect_invalid(ObjectClaim{}, "one_way_ns", [](auto& c) { c.one_way_ns = -1; });
   expect_invalid(ObjectGrant{}, "channel_delay_ns", [](auto& g) { g.channel_delay_ns = std::int64_t{1} << 50; });
-  expect_invalid(ObjectGrant{}, "touchers", [](auto& g) { g.touchers.resize(9); });
+  expect_invalid(grant_with_touchers(8), "touchers: expected at most 8", [](auto& g) { g = grant_with_touchers(9); });
   expect_invalid(ObjectGrant{}, "touchers", [](auto& g) { g.touchers = {{1, 2, 3}, {1, 3, 3}}; });
   expect_invalid(copy(), "session_time_ns", [](auto& c) { c.session_time_ns = -1; });
-  expect_invalid(copy(), "channels", [](auto& c) { c.channels.resize(9); });
+  expect_invalid(copy(), "channels", [](auto& c) {
+    c.channels.resize(8);
+    EXPECT_THAT(invalid_field(c), IsNull());
+    c.channels.resize(9);
+  });
   expect_invalid(copy(), "copy_index", [](auto& c) { c.copy_index = 2; });
   expect_invalid(copy(), "orientation", [](auto& c) { c.body.orientation[3] = 0; });
   expect_invalid(copy(), "velocity", [](auto& c) { c.velocity[2] = kNan; });

@@ -75,7 +75,7 @@ TEST_F(TwoHrtcs, FormNoGroupAtDifferentObjects) {
 }
 
 TEST_F(TwoHrtcs, FormNoGroupOfMoreThanTheMaxUsersUnlessCommanded) {
-  const std::size_t max = ModeSettings{}.max_collaborating;
+  constexpr std::size_t kMax = 8;
   const auto stay_with = [&](std::size_t others) {
     for (int i = 0; i < 50; ++i, now_ += 20 * kMs) {
       first_.on_probe(kAnn, kFirstHrtc, {0.1, 0, 0}, now_);
@@ -84,12 +84,12 @@ TEST_F(TwoHrtcs, FormNoGroupOfMoreThanTheMaxUsersUnlessCommanded) {
       first_.tick(now_);
     }
   };
-  stay_with(max - 1);
+  stay_with(kMax - 1);
   EXPECT_THAT(first_.groups(), ElementsAre(100));
-  stay_with(max);
+  stay_with(kMax);
   EXPECT_THAT(first_.groups(), IsEmpty());
   first_.set_command(parse_mode("collaborate"));
-  stay_with(max);
+  stay_with(kMax);
   EXPECT_THAT(first_.groups(), ::testing::SizeIs(1));
 }
 

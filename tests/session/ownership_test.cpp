@@ -452,6 +452,39 @@ TEST(OwnershipArbiter, GrantsToTouchersDespiteOneImplausibleClaim) {
   }
 }
 
+TEST(OwnershipArbiter, GrantsToEightTouchersAndToTheNinthWhenOneOfThemReleasesTheObject) {
+  constexpr std::uint64_t kMax = 8, kNinth = 9;
+  OwnershipArbiter arbiter{origin_of(kHost, kHostIncarnation), kObject, {}, 0};
+  Claimant ninth{origin_of(kNinth, 1), kObject, {}};
+  std::int64_t now = 300 * kMs;
+  std::uint32_t sequence = 0;
+  std::optional<ObjectGrant> grant;
+  const auto exchange = [&](std::uint64_t touchers) {
+    now += 20 * kMs;
+    ++sequence;
+    for (std::uint64_t i = 1; i <= kMax; ++i) arbiter.on_claim(claim_of(i, 1, sequence, i <= touchers), now);
+    if (const std::optional<ObjectClaim> claim = ninth.tick(now)) arbiter.on_claim(*claim, now);
+    grant = arbiter.tick(now);
+    ASSERT_TRUE(grant);
+    ninth.on_grant(*grant, now);
+  };
+  exchange(kMax);
+  ASSERT_EQ(grant->touchers.size(), kMax);
+  const std::uint64_t fencing = grant->fencing;
+
+  ninth.set_touching(true);
+  for (int i = 0; i < 50; ++i) exchange(kMax);
+  EXPECT_EQ(grant->touchers.size(), kMax);
+  EXPECT_EQ(grant->fencing, fencing) << "the ninth HRTC must not disturb the others";
+  EXPECT_EQ(ninth.copy_index(), kMaxTouchers);
+  EXPECT_EQ(ninth.role(now), Claimant::Role::kRequesting);
+
+  exchange(kMax - 1);
+  EXPECT_EQ(grant->touchers.size(), kMax);
+  EXPECT_EQ(grant->touchers.back().participant, kNinth);
+  EXPECT_EQ(ninth.role(now), Claimant::Role::kCopy);
+}
+
 TEST(OwnershipArbiter, IgnoresAnImplausibleFencingNumber) {
   OwnershipArbiter arbiter{origin_of(kHost, kHostIncarnation), kObject, {}, 0};
   std::int64_t now = 300 * kMs;
