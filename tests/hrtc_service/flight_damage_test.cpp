@@ -279,6 +279,22 @@ TEST_P(FlightDamage, AReplayOfAMessageWithADamagedFieldEnds) {
   EXPECT_GT(refused, damaged / 4);
 }
 
+TEST_P(FlightDamage, AReplayRefusesTargetsAndSlotsAboveTheirLimits) {
+  const auto replay_with = [&](auto trace::FlightStart::*field, std::uint32_t value) {
+    Messages messages = recorded_;
+    for (trace::FlightMessage& message : messages)
+      if (auto* const start = std::get_if<trace::FlightStart>(&message)) start->*field = value;
+    return replay(messages);
+  };
+  constexpr std::uint32_t kMaxTargets = 65'536, kMaxSlots = 67'108'864;
+  for (const std::uint32_t targets : {0u, kMaxTargets + 1})
+    EXPECT_THAT(replay_with(&trace::FlightStart::targets, targets), testing::HasSubstr("targets, expected 1 to 65536"));
+  EXPECT_THAT(replay_with(&trace::FlightStart::targets, kMaxTargets), testing::AnyOf("same", "differs"));
+  EXPECT_THAT(replay_with(&trace::FlightStart::slots, kMaxSlots + 1), testing::HasSubstr("1 to 67108864"));
+  EXPECT_THAT(replay_with(&trace::FlightStart::slots, kMaxSlots), testing::HasSubstr("a pool of bytes"))
+      << "the memory is limited, too";
+}
+
 TEST_P(FlightDamage, AReplayDetectsImpossibleEvents) {
   using Kind = trace::FlightEvent::Kind;
   Messages messages = recorded_;
