@@ -74,7 +74,7 @@ int main(int, char** argv) {
     } catch (const std::bad_alloc&) {
       return channel::kOutOfMemory;
     }
-  } else if (behavior == "reserve") {  // address space, without a touch of it
+  } else if (behavior == "reserve") {  // address space, without writing to it
     std::uint64_t mib = 0;
     while (mmap(nullptr, 1 << 20, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0) != MAP_FAILED) ++mib;
     put_message("reserved " + std::to_string(mib));
