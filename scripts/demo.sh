@@ -8,7 +8,7 @@
 
 usage() {
   cat <<EOF
-Usage: $command [--model FILE]... [--seconds N] [--json FILE] [--keep DIR] [--quick]
+Usage: $command [--model FILE]... [--seconds N] [--json FILE] [--keep DIR] [--quick] [--secured]
 
 Makes two models. Then runs two VE hosts, two HRTCs and five simulated users on this machine, and prints the session's
 report and an audit of the contacts against the original models. If N is at least 14, two users at different HRTCs
@@ -19,6 +19,7 @@ together raise a crate of 0.8 kg by 10 cm and hold it for 2 s.
   --json FILE    write the report as JSON into this file
   --keep DIR     leave models, logs, snapshots and report in this folder; without it they are deleted at the end
   --quick        generate smaller models, for CI
+  --secured      make keys, and encrypt all samples of the session with them
 
   $command
   $command --model bunny.obj --seconds 10 --keep out/bunny
@@ -35,6 +36,7 @@ touching=20
 json=''
 keep=''
 quick=no
+secured=no
 organ_faces=500000
 terrain_faces=400000
 while [[ $# -gt 0 ]]; do
@@ -44,6 +46,7 @@ while [[ $# -gt 0 ]]; do
     --json) need_value "$@"; json=$2; shift ;;
     --keep) need_value "$@"; keep=$2; shift ;;
     --quick) quick=yes; organ_faces=60000; terrain_faces=40000 ;;
+    --secured) secured=yes ;;
     -h | --help) usage; exit 0 ;;
     *) fail "unknown option '$1'; see $command --help" ;;
   esac
@@ -209,7 +212,16 @@ free_domain() {
 }
 domain=$(free_domain)
 session="demo-$$"
-common=(--session "$session" --domain "$domain")
+# join ROLE NAME [USER...]: sets `options`, with which the program NAME joins the session. With --secured makes its keys.
+join() {
+  options=(--session "$session" --domain "$domain" --name "$2")
+  [[ $secured == yes ]] || return 0
+  run "$bin/tactus-keys" "add-$1" "$work/keys-of-$session" "${@:2}" >>"$work/keys.log"
+  options+=(--keys "$work/keys-of-$session/members/$2")
+}
+if [[ $secured == yes ]]; then
+  run "$bin/tactus-keys" init "$work/keys-of-$session" >"$work/keys.log"
+fi
 say "session $session on domain $domain: ${#models[@]} models, pools of $slots slots, caches of $blocks blocks"
 
 name_of=()
@@ -219,15 +231,19 @@ for i in "${!models[@]}"; do
   ((i % 2 == 0)) && served_a+=("${models[i]}") || served_b+=("${models[i]}")
 done
 hrtcs=(hrtc-1 hrtc-2)
-launch host-a "$bin/tactus-host" "${common[@]}" --name host-a "${crate[@]}" "${served_a[@]}"
-launch host-b "$bin/tactus-host" "${common[@]}" --name host-b "${served_b[@]}" --at 0.5 0 0
+join host host-a
+launch host-a "$bin/tactus-host" "${options[@]}" "${crate[@]}" "${served_a[@]}"
+join host host-b
+launch host-b "$bin/tactus-host" "${options[@]}" "${served_b[@]}" --at 0.5 0 0
 hrtc_pids=()
 for name in "${hrtcs[@]}"; do
-  launch "$name" "$bin/tactus-hrtc" "${common[@]}" --name "$name" --pool "$slots" --compressed-cache "$blocks" --log "$work/$name.hlog" \
-    --snapshot "$work/snapshots-$name" --reference-timer
+  join hrtc "$name"
+  launch "$name" "$bin/tactus-hrtc" "${options[@]}" --pool "$slots" --compressed-cache "$blocks" \
+    --log "$work/$name.hlog" --snapshot "$work/snapshots-$name" --reference-timer
   hrtc_pids+=("$child")
 done
-launch sim "$bin/tactus-sim" "${common[@]}" --scenario "$scenario" --seconds "$touching" --json "$work/report.json"
+join operator sim ann bob cyn dan eve
+launch sim "$bin/tactus-sim" "${options[@]}" --scenario "$scenario" --seconds "$touching" --json "$work/report.json"
 sim=$child
 say "touching for $touching s"
 

@@ -160,6 +160,7 @@ const char* invalid_field(const Demand& d) noexcept {
   if (d.gaps.size() > kMaxGaps) return "gaps: expected at most 128 intervals";
   if (!ascending(d.gaps)) return "gaps: expected ascending intervals of sequences below 0xffffffff";
   if (d.wanted.size() > kMaxWanted) return "wanted: expected at most 256 regions";
+  if (d.credit > kMaxCredit) return "credit: expected at most 8388608";
   return nullptr;
 }
 

@@ -118,7 +118,7 @@ DeliveryServer::DemandResult DeliveryServer::on_demand(const Demand& demand, std
 
   if (demand.origin.time_ns >= state.credit_time_ns) {
     state.credit_time_ns = demand.origin.time_ns;
-    state.credit = std::min(demand.credit, kMaxCredit);
+    state.credit = demand.credit;
   }
   if (demand.serving_host != self_.participant) {
     if (service.partly_sent() != nullptr) count(state, [](DeliveryCounters& c) { ++c.messages_dropped; });

@@ -5,11 +5,12 @@
 #include "bench/fault_runs.hpp"
 #include "bench/live_session.hpp"
 #include "netem/pair.hpp"
+#include "tests/support/sanitizer.hpp"
 
 namespace tactus::bench {
 namespace {
 
-/// Expects that every row of the report holds.
+/// Expects that every row of the report holds. With a sanitizer, which keeps freed memory, the memory is not judged.
 void expect_recovery(double seconds) {
   // Without its own network namespace, it would drop packets of other programs of this machine.
   if (const std::string missing = netem::missing_privilege(); !missing.empty()) GTEST_SKIP() << missing;
@@ -17,8 +18,10 @@ void expect_recovery(double seconds) {
   settings.seconds = seconds;
   Report report{{"a host, and an HRTC with two users", 0, 0, ""}};
   in_own_thread([&] { measure_random_faults(settings, report); });
-  for (const Row& row : report.rows())
+  for (const Row& row : report.rows()) {
+    if (test_support::kSanitized && row.unit == "MB") continue;
     EXPECT_NE(row.verdict(), Verdict::kFallsShort) << row.figure << ": " << row.value << ' ' << row.unit;
+  }
 }
 
 TEST(RandomFaults, OfAMinuteLeaveTheSessionWhole) { expect_recovery(60); }

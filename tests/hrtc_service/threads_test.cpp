@@ -24,6 +24,7 @@
 #include "spm/offline/generate.hpp"
 #include "study/membership_exchange.hpp"
 #include "tests/support/constants.hpp"
+#include "tests/support/sanitizer.hpp"
 #include "tests/support/system_calls.hpp"
 #include "tests/support/temporary_folder.hpp"
 

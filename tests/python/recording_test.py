@@ -32,7 +32,7 @@ def roster_entry(name, users):
     sample.add("I", 0)                                       # served_users
     sample.add("Q?", 99, False)                              # heartbeat, leaving
     sample.add("I", 1).add("QQIII", 11, 12, 13, 14, 15)      # stops
-    return sample.add("Qqq?", 5, 1234, 2**63 - 1, True).sample()
+    return sample.add("Qqq?q", 5, 1234, 2**63 - 1, True, 0).sample()  # from reference to revoked_made_s
 
 
 class RecordingTest(FolderTest):

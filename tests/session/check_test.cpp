@@ -145,6 +145,9 @@ TEST(Check, NamesTheWrongFieldOfADemand) {
   expect_invalid(Demand{}, "have", [](auto& d) { d.have = {{5, 2}, {6, 1}}; });
   expect_invalid(Demand{}, "have", [](auto& d) { d.have = {{0xfffffff0u, 0x20}}; });
   expect_invalid(Demand{}, "wanted", [](auto& d) { d.wanted.resize(257); });
+  Demand of_largest_credit;
+  of_largest_credit.credit = 8u << 20;
+  expect_invalid(of_largest_credit, "credit: expected at most 8388608", [](auto& d) { ++d.credit; });
   expect_invalid(Demand{}, "gaps", [](auto& d) { d.gaps = {{5, 1}, {5, 1}}; });
   expect_invalid(Demand{}, "gaps", [](auto& d) {
     for (std::uint32_t i = 0; i < 129; ++i) d.gaps.push_back({2 * i, 1});

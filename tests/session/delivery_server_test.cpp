@@ -373,23 +373,6 @@ TEST_F(DeliveryServerTest, StaysWithinTheCredit) {
   EXPECT_LE(server_.bytes_in_flight(kHrtc), demand.credit);
 }
 
-TEST_F(DeliveryServerTest, NoHrtcCanGrantMoreThanTheLargestCredit) {
-  const OwnedModel large = random_model(1, 400'000, 3);
-  const spm::codec::EncodedModel encoded{large.model()};
-  DeliveryServer server{kSender};
-  server.add(kObject, encoded.compressed());
-  Demand demand = make_demand(1, {});
-  demand.digest = large.model().summary.digest;
-  for (std::uint32_t region = 0; region < large.model().summary.regions && region < kMaxWanted; ++region)
-    demand.wanted.push_back({region, region});
-  demand.credit = ~std::uint32_t{0};
-  ASSERT_EQ(server.on_demand(demand, now_), DeliveryServer::DemandResult::kApplied);
-  for (int tick = 0; tick < 60'000; ++tick, now_ += kMs)
-    while (server.next(now_)) continue;
-  EXPECT_LE(server.bytes_in_flight(kHrtc), 8u << 20);
-  EXPECT_GT(server.bytes_in_flight(kHrtc), 7u << 20) << "the credit is the limit";
-}
-
 TEST_F(DeliveryServerTest, AnUnansweredMessageCountsAsInFlight) {
   submit(make_demand(1, {3}));
   std::size_t bytes = 0;

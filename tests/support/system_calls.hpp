@@ -24,13 +24,6 @@
 
 namespace tactus::test_support {
 
-/// True in builds with a sanitizer, whose runtime makes system calls of its own.
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-inline constexpr bool kSanitized = true;
-#else
-inline constexpr bool kSanitized = false;
-#endif
-
 class SystemCalls {
  public:
   /// From now on the calling thread may only make the system call with number `allowed`. Call it once per thread.

@@ -211,8 +211,9 @@ TEST_F(StaleSegments, AreNotTheLockFilesThatAProgramHasOpen) {
 TEST(DoctorProgram, ExitsWithStatusOneOnlyForAFault) {
   e2e::Process doctor{{TACTUS_DOCTOR, "--seconds", "0.1", "--domain", "94", "--json"}};
   const std::optional<int> status = doctor.wait();
+  const nlohmann::json output = nlohmann::json::parse(doctor.output());
   bool has_fault = false;
-  for (const auto& finding : nlohmann::json::parse(doctor.output()).at("findings")) {
+  for (const auto& finding : output.at("findings")) {
     has_fault = has_fault || finding.at("severity") == "fault";
     EXPECT_EQ(finding.at("remedy").get<std::string>().empty(), finding.at("severity") == "good") << finding;
   }

@@ -223,6 +223,21 @@ TEST_F(PageServerWithTokensTest, AWrongTokenOrARequestWithoutATokenEndsTheConnec
   EXPECT_EQ(stop_reason(), "");
 }
 
+TEST_F(PageServerWithTokensTest, SixteenPagesThatHaveSentNoTokenHavePlacesOfTheirOwn) {
+  std::vector<std::unique_ptr<PageClient>> pages;
+  const auto connect = [&] { pages.push_back(std::make_unique<PageClient>(server_->port())); };
+  for (std::size_t i = 0; i < PageServer::kMaxPages; ++i) {
+    connect();
+    pages.back()->send(R"({"token": "observer-token"})");
+    ASSERT_EQ(nlohmann::json::parse(first_text(*pages.back()))["control"], false) << i;
+  }
+  for (std::size_t i = 0; i < PageServer::kMaxPages; ++i) connect();
+  EXPECT_THROW(PageClient{server_->port()}, std::runtime_error);
+  pages.back()->send(R"({"token": "observer-token"})");
+  EXPECT_EQ(first_text(*pages.back()), "closed");
+  EXPECT_THAT(wait_for_event(), testing::HasSubstr("16 pages are connected already"));
+}
+
 TEST_F(PageServerTest, APageThatReportsNothingGetsEightMessages) {
   PageClient page{server_->port()};
   page.reports_seen = false;

@@ -235,8 +235,8 @@ TEST_F(MembersTest, IdentitiesThatNobodyProvesDoNotKeepMembersOut) {
     const GuidPrefix sender = prefix_of(claimed);
     return admits({announcement(sender, text_of(keys::identity_of(claimed, "museum.x" + std::to_string(i))))}, sender);
   };
-  for (std::size_t i = 0; i < 256; ++i) ASSERT_TRUE(claim(i)) << i;
-  EXPECT_FALSE(claim(256)) << "a flood of identities is limited";
+  for (std::size_t i = 0; i < 512; ++i) ASSERT_TRUE(claim(i)) << i << ": the first 256 make room for the others";
+  EXPECT_FALSE(claim(512)) << "a flood of identities is limited";
   EXPECT_THAT(audit(), HasSubstr(R"("event":"too many programs")"));
   EXPECT_TRUE(admits({kInfoTime}, prefix_of(museum))) << "a member that has proved its identity stays";
   std::this_thread::sleep_for(std::chrono::seconds{1});  // unproved identities make room once in a second
@@ -330,7 +330,7 @@ TEST_F(MembersTest, AMemberWithAnotherListOfRevokedKeysIsNamed) {
     std::vector<std::string> messages;
     for (int check = 0; check < 6; ++check)
       for (std::string& message : members_.check_again(now_)) {
-        EXPECT_TRUE(check >= 2 || message.find("newer one") == std::string::npos) << "the list may just be copied";
+        EXPECT_TRUE(check >= 1 || message.find("newer one") == std::string::npos) << "the list may just be copied";
         messages.push_back(std::move(message));
       }
     return messages;
@@ -379,9 +379,8 @@ TEST(AuditLogTest, ARepeatedEventIsWrittenEveryMinuteAndAtTheEnd) {
   EXPECT_EQ(lines_within(0, 60), 6) << "after 0, 1, 3, 7, 15 and 31 s";
   EXPECT_EQ(lines_within(60, 660), 10);
   EXPECT_EQ(log.write(800 * kSecond), "") << "after a pause";
-  EXPECT_EQ(log.write(801 * kSecond), "");
-  EXPECT_EQ(lines_within(1000, 1000), 0);
-  EXPECT_EQ(lines_within(1000, 1003), 3) << "it is a new event";
+  EXPECT_EQ(log.write(930 * kSecond), "");
+  EXPECT_EQ(lines_within(1000, 1003), 2) << "it is a new event";
   test_support::write_bytes(file, "");
   EXPECT_EQ(log.write(1003 * kSecond, true), "");
   EXPECT_THAT(test_support::read_bytes(file), HasSubstr("\"count\":")) << "the rest, at the end of the program";
