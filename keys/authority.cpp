@@ -202,8 +202,7 @@ Authority Authority::create(const fs::path& folder) {
 Authority::Authority(fs::path folder) : folder_{std::move(folder)} {
   std::error_code error;
   if (fs::exists(folder_ / kAuthorityFolder / kIdentityKey, error)) return;
-  const bool is_absent = !error || error == std::errc::no_such_file_or_directory;
-  throw KeyError(folder_.string() + ": found no authority" + (is_absent ? "" : ": " + error.message()) +
+  throw KeyError(folder_.string() + ": found no authority" + (error ? ": " + error.message() : "") +
                  ", expected a folder of tactus keys init");
 }
 
@@ -257,11 +256,13 @@ void Authority::revoke(const std::string& name) const {
 /// Removes temporary files and folders. The caller has the lock, so no other process uses them.
 void Authority::remove_remains() const {
   std::vector<fs::path> folders{folder_ / kAuthorityFolder, folder_ / kMembersFolder}, remains;
-  std::error_code ignored;  // what cannot be read or removed stays
-  for (const auto& member : fs::directory_iterator{folder_ / kMembersFolder, ignored}) folders.push_back(member.path());
+  std::error_code ignored;  // files that cannot be read or removed stay
+  const fs::directory_iterator end;
+  for (fs::directory_iterator at{folder_ / kMembersFolder, ignored}; at != end; at.increment(ignored))
+    folders.push_back(at->path());
   for (const fs::path& folder : folders)
-    for (const auto& entry : fs::directory_iterator{folder, ignored})
-      if (is_temporary(entry.path())) remains.push_back(entry.path());
+    for (fs::directory_iterator at{folder, ignored}; at != end; at.increment(ignored))
+      if (is_temporary(at->path())) remains.push_back(at->path());
   for (const fs::path& path : remains) fs::remove_all(path, ignored);
 }
 

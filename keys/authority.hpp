@@ -6,8 +6,9 @@
 ///     lab-keys/authority/   private keys of both authorities; stays where it was made
 ///     lab-keys/members/desk/   all that the program `desk` needs; copied to its machine
 ///
-/// Every file and folder gets its name only when it is complete. A process that makes or revokes keys waits for others,
-/// and removes temporary files of one that was killed. Only `create` leaves such a folder, `.new-NAME.XXXXXX`.
+/// Every file and folder gets its name only when it is complete. A process that makes or revokes keys waits for other such
+/// processes, and then removes the temporary files of those that were killed. The exception is `create`: if it is
+/// killed, its folder `.new-NAME.XXXXXX` stays.
 #pragma once
 
 #include <ctime>

@@ -17,7 +17,7 @@ together raise a crate of 0.8 kg by 10 cm and hold it for 2 s.
   --model FILE   touch this model; repeatable. One model replaces the generated organ, two or more replace both models
   --seconds N    duration of the touches (default 20)
   --json FILE    write the report as JSON into this file
-  --keep DIR     leave models, logs, snapshots and report in this folder; without it they are deleted at the end
+  --keep DIR     leave models, logs, snapshots, report and keys in this folder; without it they are deleted at the end
   --quick        generate smaller models, for CI
   --secured      make keys, and encrypt all samples of the session with them
 
@@ -217,7 +217,7 @@ join() {
   options=(--session "$session" --domain "$domain" --name "$2")
   [[ $secured == yes ]] || return 0
   run "$bin/tactus-keys" "add-$1" "$work/keys-of-$session" "${@:2}" >>"$work/keys.log"
-  options+=(--keys "$work/keys-of-$session/members/$2")
+  options+=(--keys "$work/keys-of-$session/members/$2" --audit "$work/$2.audit.jsonl")
 }
 if [[ $secured == yes ]]; then
   run "$bin/tactus-keys" init "$work/keys-of-$session" >"$work/keys.log"

@@ -93,8 +93,8 @@ bool SessionClock::on_answer(const ClockSample& answer, std::int64_t local_now_n
   return true;
 }
 
-/// Steers the map towards the best measurement. Steps only for the first measurement without a force, and for an error
-/// above `step_ns`. If a step is due while a force is on, session time continues without step and slew, and only its
+/// Steers the map towards the best measurement. Steps if the error is above `step_ns`, and at the first measurement if
+/// no force is on. If a step is due while a force is on, session time continues without step and slew, and only its
 /// error bound changes.
 void SessionClock::steer(std::int64_t local_now_ns) {
   const auto bound_now = [&](const Measurement& m) {

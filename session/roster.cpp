@@ -79,7 +79,7 @@ std::string text(const RosterEvent& event) {
 
 std::string name_taken_text(const std::string& name, const std::string& session) {
   return "another program named '" + name + "' is already in session '" + session +
-         "'; this program ends; start it with another --name, and with --keys also with keys of that name";
+         "'; this program ends; start it with another --name; if it has --keys, it needs keys of that name";
 }
 
 Roster::Roster(const Origin& self, const RosterSettings& settings) : self_{self}, settings_{settings} {

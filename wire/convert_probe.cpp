@@ -14,6 +14,7 @@ static_assert(idl::kMaxFigures == session::kMaxFigures);
 static_assert(idl::kMaxMeshes == session::kMaxMeshes);
 static_assert(idl::kMaxShownRegions == session::kMaxShownRegions);
 static_assert(idl::kMaxWaypoints == session::kMaxWaypoints);
+static_assert(idl::kMaxCredit == session::kMaxCredit);
 static_assert(idl::kMaxSurfacePoints == session::kMaxSurfacePoints);
 static_assert(idl::kMaxTouchers == session::kMaxTouchers);
 

@@ -41,14 +41,11 @@ std::uint64_t user_id_of(const std::string& partition) {
   return user.empty() ? 0 : session::id_of(user);
 }
 
-/// The commands that make keys with which a program may write a topic.
-std::string commands_for(const char* topic) {
-  std::string commands;
-  for (const keys::Role role : keys::writers_of(topic)) {
-    if (!commands.empty()) commands += " or ";
-    commands += "tactus keys add-" + std::string{name_of(role)};
-  }
-  return commands;
+/// What to do if the keys of a program do not permit to write a topic.
+std::string remedy_for(const char* topic) {
+  const std::vector<keys::Role> roles = keys::writers_of(topic);
+  return roles.size() == 1 ? "make keys with tactus keys add-" + std::string{name_of(roles.front())}
+                           : "tactus keys --help names the command for the keys of each program";
 }
 
 }  // namespace
@@ -75,7 +72,7 @@ struct Writer<Sample>::Impl final : dds::DataWriterListener {
       : participants{in}, participant{in.impl().participant(spec.traffic)} {
     if (!in.may_write(spec.name))
       throw WireError(std::string{"topic "} + spec.name + ": the keys of " + in.impl().security->who() +
-                      " do not permit to write it; make keys with " + commands_for(spec.name));
+                      " do not permit to write it; " + remedy_for(spec.name));
     if (const std::string user = user_of(options.partition); !user.empty()) in.expect_permitted(user);
     const auto qos = with_partition<dds::PublisherQos>(in.impl(), options.partition, dds::PUBLISHER_QOS_DEFAULT);
     publisher = participant.create_publisher(qos);

@@ -8,6 +8,7 @@
 
 #include "keys/documents.hpp"
 #include "realtime/process.hpp"
+#include "session/check.hpp"
 
 namespace tactus::wire {
 namespace {
@@ -15,7 +16,7 @@ namespace {
 constexpr std::uint32_t kUserData = 0x2c, kKeyHash = 0x70;  // parameters (RTPS 2.2, 9.6.2)
 constexpr std::int64_t kRoomIntervalNs = 1'000'000'000;
 constexpr std::int64_t kPresentNs = 10'000'000'000;  // since the last announcement
-constexpr int kChecksOfDifference = 3;
+constexpr int kDifferingChecks = 3;
 constexpr std::int64_t kSilentNs = 60'000'000'000;  // after which an unused participant makes room
 
 std::string subject_of(const keys::Identity& identity) {
@@ -252,7 +253,8 @@ bool Members::is_author(const GuidPrefix& participant, const Claim& claim, const
   Certificate& certificate = certificates_.at(author->second.certificate);
   const char* const why = refusal_of(author->second, certificate, claim, topic);
   if (why == nullptr) {  // an announcement has added the id since, or the list is new
-    if (claim.entry != nullptr) author->second.list_made = claim.entry->revoked_made_s;
+    if (claim.entry != nullptr && session::invalid_field(*claim.entry) == nullptr)
+      author->second.list_made = claim.entry->revoked_made_s;
     return !certificate.is_cut_off;
   }
   audit_.add({why, certificate.subject, "", topic});
@@ -308,7 +310,7 @@ void Members::read_list(std::vector<std::string>& reports) {
     revoked_ = std::move(*list);
     reports.push_back("read a new list: " + text_of(revoked_));
     audit_.add({"new list", "", "", text_of(revoked_)});
-    for (auto& [prefix, participant] : participants_) participant.checks_of_difference = 0;
+    for (auto& [prefix, participant] : participants_) participant.differing_checks = 0;
   }
 }
 
@@ -317,10 +319,11 @@ void Members::compare_lists(std::vector<std::string>& reports) {
   const std::int64_t now_ns = realtime::monotonic_ns();
   for (auto& [prefix, participant] : participants_) {
     const bool is_present = participant.is_proved && now_ns - participant.announced_ns < kPresentNs;
-    if (!is_present || participant.list_made == 0 || participant.list_made == revoked_.made) continue;
-    // Not at once: the other program may not yet have read a list that has just been copied. And once only, because a
-    // member may state any time.
-    if (++participant.checks_of_difference != kChecksOfDifference) continue;
+    if (!is_present || participant.list_made == 0) continue;
+    participant.differing_checks = participant.list_made == revoked_.made ? 0 : participant.differing_checks + 1;
+    // The other program may read a list that has just been copied up to 5 s later. There is one report of a difference,
+    // because a changed program can state any time.
+    if (participant.differing_checks != kDifferingChecks) continue;
     const std::string& other = certificates_.at(participant.certificate).subject;
     const bool is_own_older = revoked_.made < participant.list_made;
     const std::string older = keys::utc_text(std::min(revoked_.made, participant.list_made)),

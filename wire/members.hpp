@@ -68,9 +68,9 @@ class Members {
   /// The library reports whether a participant has proved its identity.
   void on_authentication(const GuidPrefix& participant, bool succeeded);
 
-  /// Reads the list of revoked certificates again, and cuts off those that are revoked or have expired. An older list
-  /// than the last one is not used, because a copy of it would make revoked keys valid again. Returns messages for the
-  /// log: a new list, or one that cannot be used, members that were cut off, members that use another list, and the end
+  /// Reads the list of revoked certificates again, and cuts off those that are revoked or have expired. Does not
+  /// use a list that is older than the one in use, because revoked keys would become valid again. Returns messages for
+  /// the log: a new list, or one that cannot be used, members that were cut off, members that use another list, and the end
   /// of this program's own certificate.
   [[nodiscard]] std::vector<std::string> check_again(std::time_t now);
 
@@ -95,8 +95,8 @@ class Members {
     std::vector<std::uint64_t> ids;
     std::int64_t announced_ns = 0;
     bool is_proved = false;
-    std::time_t list_made = 0;     // of the list of revoked certificates that it uses; 0: not yet known
-    int checks_of_difference = 0;  // in which that list and the own one differed
+    std::time_t list_made = 0;  // of the list of revoked certificates that it uses; 0: not yet known
+    int differing_checks = 0;   // number of checks since that list and the own one differ
   };
 
   [[nodiscard]] bool admits_announcement(const RtpsBytes& payload, const GuidPrefix& sender, const Address& from);

@@ -2,8 +2,10 @@
 /// (4 bytes), size - 1 (1 byte, of which 3 bits count), number of cycles after it (1 byte, of which 2 bits count), 2
 /// unused bytes, and the bytes to write (8 bytes). The servo keeps its state from one input to the next.
 #include <algorithm>
+#include <array>
 #include <cstdlib>
 #include <cstring>
+#include <span>
 
 #include "tests/fuzz/target.hpp"
 #include "tests/support/damaged_link.hpp"

@@ -31,8 +31,8 @@ class SessionTest(FolderTest):
     def setUp(self):
         super().setUp()
         SessionTest.count += 1
-        # A session uses three domains, so its first domain is 1, 4, ... or 43. Other tests use those from 46.
-        self.domain = 1 + 3 * ((os.getpid() + SessionTest.count) % 15)
+        # A session uses three domains, so its first domain is 1, 4, ... or 94.
+        self.domain = 1 + 3 * ((os.getpid() + SessionTest.count) % 32)
         self.session = f"python.{os.getpid()}.{SessionTest.count}"
         self.wall.save(self.folder / "wall.spm")
         (self.folder / "wall.yaml").write_text("objects:\n  - {model: wall.spm, material: {stiffness: 700}}\n")

@@ -71,8 +71,8 @@ SimulatedHrtc::SimulatedHrtc(World& world, std::uint64_t id, const HrtcFaults& f
 
 void SimulatedHrtc::on_start() {
   DeliverySettings settings;
-  settings.credit = kMaxCredit / 2;
-  settings.max_credit = kMaxCredit;
+  settings.credit = kSimulatedMaxCredit / 2;
+  settings.max_credit = kSimulatedMaxCredit;
   settings.max_partial_bytes = kMaxPartialBytes;
   client_ = std::make_unique<DeliveryClient>(self(), settings);
   failure_detector_ = std::make_unique<FailureDetector>(self(), FailureDetectorSettings{});
@@ -309,7 +309,7 @@ void SimulatedHrtc::check_demand(const Cache& cache, const Demand& demand) {
         world_.report_violation(claim() + ", whose record " + std::to_string(record) + " is not held");
   }
   if (demand.wanted.size() > 2 * kWantedDistance + 1) world_.report_violation("a demand wants too many regions");
-  if (demand.credit > kMaxCredit) world_.report_violation("a demand gives more than the max credit");
+  if (demand.credit > kSimulatedMaxCredit) world_.report_violation("a demand gives more than the max credit");
   if (demand.epoch < cache.epoch) world_.report_violation("an epoch is smaller than the previous epoch");
 }
 

@@ -27,7 +27,7 @@ inline constexpr std::uint64_t kFirstObject = 300;
 inline constexpr std::uint64_t kObjects = 2;
 inline constexpr std::uint32_t kWantedDistance = 2;  ///< regions up to this distance from the touched one are wanted
 inline constexpr std::uint32_t kRetireDistance = 4;  ///< regions beyond this distance are retired
-inline constexpr std::uint32_t kMaxCredit = 48 * 1024;
+inline constexpr std::uint32_t kSimulatedMaxCredit = 48 * 1024;
 inline constexpr std::size_t kMaxPartialBytes = 200'000;
 [[nodiscard]] const spm::OwnedModel& model_of(std::uint64_t object);
 [[nodiscard]] const spm::codec::CompressedModel& compressed_of(std::uint64_t object);

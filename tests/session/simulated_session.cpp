@@ -57,7 +57,7 @@ class SimulatedHost : public Program {
       if (!out) return 10 * kMs;
       ++chunks_;
       if (!out->chunk.pieces.empty() && world_.find(out->hrtc)->is_running()) world_.last_payload_ns = world_.now_ns;
-      if (server_->bytes_in_flight(out->hrtc) > kMaxCredit)
+      if (server_->bytes_in_flight(out->hrtc) > kSimulatedMaxCredit)
         world_.report_violation("more bytes are in flight than the credit allows");
       if (world_.bug == InjectedBug::kHostsDropHrtcs && world_.chance(0.02)) server_->on_hrtc_gone(out->hrtc);
       send(out->hrtc, std::move(out->chunk));

@@ -2,6 +2,7 @@
 /// may then lose objects and users, but never exceeds its limits or reads other memory, which AddressSanitizer checks.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstring>

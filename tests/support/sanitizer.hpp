@@ -1,4 +1,4 @@
-/// Whether a sanitizer watches this build: it keeps freed memory and makes system calls of its own.
+/// Whether this build has a sanitizer, which delays the reuse of freed memory and makes system calls of its own.
 #pragma once
 
 namespace tactus::test_support {

@@ -204,7 +204,8 @@ TEST_F(ForgedTest, AMemberCannotSendInTheNameOfAnother) {
     EXPECT_EQ(writer.send(forged), SendStatus::kSent);
     return reader.counts().refused >= Members::kMaxRefused;
   }));
-  EXPECT_TRUE(is_in_audit_log(R"("event":"cut off","subject":"operator liar","detail":"too many refused samples, serial)"));
+  EXPECT_TRUE(
+      is_in_audit_log(R"("event":"cut off","subject":"operator liar","detail":"too many refused samples, serial)"));
   EXPECT_TRUE(eventually([&] { return reader.matched() == 0; })) << "the library still sends to a member that lies";
 }
 

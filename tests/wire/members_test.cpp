@@ -235,8 +235,12 @@ TEST_F(MembersTest, IdentitiesThatNobodyProvesDoNotKeepMembersOut) {
     const GuidPrefix sender = prefix_of(claimed);
     return admits({announcement(sender, text_of(keys::identity_of(claimed, "museum.x" + std::to_string(i))))}, sender);
   };
-  for (std::size_t i = 0; i < 512; ++i) ASSERT_TRUE(claim(i)) << i << ": the first 256 make room for the others";
-  EXPECT_FALSE(claim(512)) << "a flood of identities is limited";
+  // A full record makes room once in a second, so the number of admitted ones depends on the time that this takes.
+  std::size_t admitted = 0;
+  while (admitted < 10'000 && claim(admitted)) ++admitted;
+  EXPECT_LT(admitted, 10'000u) << "a flood of identities is limited";
+  EXPECT_GE(admitted, 512u);
+  EXPECT_EQ(admitted % 256, 0u);
   EXPECT_THAT(audit(), HasSubstr(R"("event":"too many programs")"));
   EXPECT_TRUE(admits({kInfoTime}, prefix_of(museum))) << "a member that has proved its identity stays";
   std::this_thread::sleep_for(std::chrono::seconds{1});  // unproved identities make room once in a second
@@ -324,6 +328,9 @@ TEST_F(MembersTest, AMemberWithAnotherListOfRevokedKeysIsNamed) {
   const std::time_t own = members_.list_made();
   const auto messages_after = [&](std::time_t made) {
     session::RosterEntry entry;
+    entry.name = "museum";
+    entry.session = "lab";
+    entry.origin = {session::id_of(entry.session), session::id_of(entry.name), 1, 0};
     entry.role = session::Role::kHost;
     entry.revoked_made_s = made;
     EXPECT_TRUE(members_.is_author(prefix_of(museum), {session::id_of("museum"), 0, 0, &entry}, "tactus_roster"));
@@ -339,6 +346,7 @@ TEST_F(MembersTest, AMemberWithAnotherListOfRevokedKeysIsNamed) {
   EXPECT_THAT(messages_after(own + 60),
               testing::ElementsAre(testing::ContainsRegex("desk: found the list of .*; host museum has a newer one")));
   EXPECT_THAT(messages_after(own + 120), testing::IsEmpty()) << "a member can state any time";
+  EXPECT_THAT(messages_after(INT64_MAX), testing::IsEmpty()) << "no date";
   EXPECT_THAT(after_list_of(own + 60), testing::ElementsAre(HasSubstr("read a new list: 0 revoked keys")));
   EXPECT_EQ(members_.list_made(), own + 60) << "also with the same keys";
   EXPECT_THAT(

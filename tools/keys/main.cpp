@@ -199,7 +199,9 @@ int main(int argc, char** argv) {
   } catch (const CLI::ParseError& error) {
     return app.exit(error) == 0 ? 0 : 2;
   } catch (const fs::filesystem_error& error) {
-    std::cerr << "tactus-keys: " << error.path1().string() << ": " << error.code().message() << '\n';
+    std::cerr << "tactus-keys: " << error.path1().string()
+              << (error.path2().empty() ? "" : " to " + error.path2().string()) << ": " << error.code().message()
+              << '\n';
     return 2;
   } catch (const std::exception& error) {
     std::cerr << "tactus-keys: " << error.what() << '\n';
