@@ -6,8 +6,8 @@
 ///     lab-keys/authority/   private keys of both authorities; stays where it was made
 ///     lab-keys/members/desk/   all that the program `desk` needs; copied to its machine
 ///
-/// Every file and folder gets its name only when it is complete. A process that makes or revokes keys waits for other such
-/// processes, and then removes the temporary files of those that were killed. The exception is `create`: if it is
+/// Every file and folder gets its name only when it is complete. A process that makes or revokes keys waits for other
+/// such processes, and then removes the temporary files of those that were killed. The exception is `create`: if it is
 /// killed, its folder `.new-NAME.XXXXXX` stays.
 #pragma once
 

@@ -68,9 +68,9 @@ class Members {
   /// The library reports whether a participant has proved its identity.
   void on_authentication(const GuidPrefix& participant, bool succeeded);
 
-  /// Reads the list of revoked certificates again, and cuts off those that are revoked or have expired. Does not
-  /// use a list that is older than the one in use, because revoked keys would become valid again. Returns messages for
-  /// the log: a new list, or one that cannot be used, members that were cut off, members that use another list, and the end
+  /// Reads the list of revoked certificates again, and cuts off those that are revoked or have expired. Does not use a
+  /// list that is older than the one in use, because revoked keys would become valid again. Returns messages for the
+  /// log: a new list, or one that cannot be used, members that were cut off, members that use another list, and the end
   /// of this program's own certificate.
   [[nodiscard]] std::vector<std::string> check_again(std::time_t now);
 

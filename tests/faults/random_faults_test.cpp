@@ -10,8 +10,8 @@
 namespace tactus::bench {
 namespace {
 
-/// Expects that every row of the report holds. A sanitizer delays the reuse of freed memory, so the growth of the memory is
-/// not checked in its builds.
+/// Expects that every row of the report holds. A sanitizer delays the reuse of freed memory, so the growth of memory
+/// is not checked in its builds.
 void expect_recovery(double seconds) {
   // Without its own network namespace, it would drop packets of other programs of this machine.
   if (const std::string missing = netem::missing_privilege(); !missing.empty()) GTEST_SKIP() << missing;

@@ -1,6 +1,6 @@
-/// The memory that the gateway of an HRTC can write, as its servo reads it. Each 16 bytes of the input are a write: offset
-/// (4 bytes), size - 1 (1 byte, of which 3 bits count), number of cycles after it (1 byte, of which 2 bits count), 2
-/// unused bytes, and the bytes to write (8 bytes). The servo keeps its state from one input to the next.
+/// The memory that the gateway of an HRTC can write, as its servo reads it. Each 16 bytes of the input are a write:
+/// offset (4 bytes), size - 1 (1 byte, of which 3 bits count), number of cycles after it (1 byte, of which 2 bits
+/// count), 2 unused bytes, and the bytes to write (8 bytes). The servo keeps its state from one input to the next.
 #include <algorithm>
 #include <array>
 #include <cstdlib>
