@@ -1,6 +1,7 @@
 /// Resources that a session needs on a machine: ports, sizes of datagrams and socket buffers, and the library.
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
 #include <string>
 
@@ -13,6 +14,8 @@ namespace tactus::wire {
 [[nodiscard]] constexpr int own_port(int domain, int program) noexcept {
   return discovery_port(domain) + 10 + 2 * program;
 }
+/// Whether programs receive messages of discovery at this port; all others of RTPS are for samples (RTPS 2.2, 9.6.1.1).
+[[nodiscard]] constexpr bool is_discovery_port(std::uint32_t port) noexcept { return port % 2 == 0; }
 
 /// Sizes in bytes, each the largest one that the three traffic classes of a qos directory set.
 struct Footprint {

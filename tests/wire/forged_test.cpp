@@ -17,6 +17,7 @@
 #include "tests/support/temporary_folder.hpp"
 #include "tests/wire/encoding.hpp"
 #include "wire/dds.hpp"
+#include "wire/footprint.hpp"
 #include "wire/transport/protection.hpp"
 #include "wire/transport/rtps_message.hpp"
 
@@ -76,8 +77,8 @@ class Capture {
   /// False for a user without CAP_NET_RAW: then there is nothing to capture, and the test is skipped.
   [[nodiscard]] bool is_permitted() const noexcept { return socket_ >= 0; }
 
-  /// Returns the messages of RTPS to the ports of a session, since the last call.
-  [[nodiscard]] std::vector<Bytes> messages(int domain) {
+  /// Returns the messages of RTPS to the ports of a session, or to those of discovery, since the last call.
+  [[nodiscard]] std::vector<Bytes> messages(int domain, bool only_discovery = false) {
     constexpr std::size_t kUdpHeader = 8, kMaxPacket = 65536;
     std::vector<Bytes> all;
     Bytes packet(kMaxPacket);
@@ -86,6 +87,7 @@ class Capture {
       if (packet[9] != IPPROTO_UDP || static_cast<std::size_t>(size) < ip_header + kUdpHeader) continue;
       const int port = packet[ip_header + 2] << 8 | packet[ip_header + 3];
       if (port < 7400 + 250 * domain || port >= 7400 + 250 * (domain + kTrafficClasses)) continue;
+      if (only_discovery && !is_discovery_port(static_cast<std::uint32_t>(port))) continue;
       all.emplace_back(packet.begin() + static_cast<std::ptrdiff_t>(ip_header + kUdpHeader), packet.begin() + size);
     }
     return all;
@@ -184,6 +186,21 @@ TEST_F(ForgedTest, ACaptureShowsNoSampleAndNoMessageThatMustBeEncrypted) {
     admitted += refusal == Refusal::kNone ? 1 : 0;
   }
   EXPECT_GE(admitted, kCapturedStops) << "of " << messages.size() << ": the capture has missed the session";
+}
+
+TEST_F(ForgedTest, MessagesOfDiscoveryKeepTheirTimesOfSending) {
+  Capture capture;
+  if (!capture.is_permitted()) GTEST_SKIP() << "needs the right to capture packets (CAP_NET_RAW)";
+  Reader<ses::ClockSample> reader{desk_, topics::kClock, [](ses::ClockSample&&) {}};
+  Writer<ses::ClockSample> writer{museum_, topics::kClock};
+  ASSERT_TRUE(eventually([&] { return writer.matched() == 1 && reader.matched() == 1; }));
+  const std::vector<Bytes> messages = capture.messages(museum_.address().domain, true);
+  ASSERT_FALSE(messages.empty());
+  for (const Bytes& message : messages) {
+    const auto first = submessage_at(message.data(), static_cast<std::uint32_t>(message.size()), kRtpsHeader);
+    ASSERT_TRUE(first);
+    EXPECT_NE(first->id, kSecurePrefixId) << "a trimmed message";
+  }
 }
 
 TEST_F(ForgedTest, AMemberCannotSendInTheNameOfAnother) {

@@ -67,6 +67,7 @@ TEST(TrimmingTest, OtherMessagesAreUnchanged) {
   EXPECT_TRUE(trimmed(message_of({kInfoDestination, kInfoTime, sample(), sample(), statistics()})).empty());
   EXPECT_TRUE(trimmed(message_of({kInfoDestination, kInfoTime, sample(), kHeartbeat, statistics()})).empty());
   EXPECT_TRUE(trimmed(message_of({kInfoTime, sample(kBuiltIn), statistics()})).empty()) << "a sample of discovery";
+  EXPECT_TRUE(trimmed(message_of({kInfoDestination, kInfoTime, sample(kBuiltIn), statistics()})).empty());
 }
 
 TEST(TrimmingTest, ATrimmedMessageThatLooksLikeStatisticsIsPadded) {

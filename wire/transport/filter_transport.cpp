@@ -46,7 +46,8 @@ class FilterTransport final : public WholeMessageTransport {
   bool send_whole(Lower& lower, const rtps::octet* message, std::uint32_t size, Receivers& first, Receivers& last,
                   const Time& until) override {
     TrimmedMessage trimmed;
-    if (descriptor_.settings.trims_samples && trim(message, size, trimmed)) {
+    if (descriptor_.settings.trims_samples && first != last &&
+        !is_discovery_port(rtps::IPLocator::getPhysicalPort(*first)) && trim(message, size, trimmed)) {
       message = trimmed.bytes.data();
       size = trimmed.size;
     }

@@ -32,7 +32,7 @@ bool trim(const std::uint8_t* message, std::uint32_t size, TrimmedMessage& out) 
     begin = part->next;
     part = submessage_at(message, size, begin);
     const std::optional<RtpsData> data = part ? data_of(*part) : std::nullopt;
-    if (!data || (data->is_built_in() && !has_destination)) return false;
+    if (!data || data->is_built_in()) return false;
     end = part->next;
   }
   if (end > size || end + kStatisticsSize != size || message[end] != kStatisticsId) return false;
