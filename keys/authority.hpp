@@ -8,7 +8,7 @@
 ///
 /// Every file and folder gets its name only when it is complete. A process that makes or revokes keys waits for other
 /// such processes, and then removes the temporary files of those that were killed. The exception is `create`: if it is
-/// killed, its folder `.new-NAME.XXXXXX` stays.
+/// killed, its folder `.new-NAME.*` stays.
 #pragma once
 
 #include <ctime>

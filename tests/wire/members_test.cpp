@@ -326,7 +326,7 @@ TEST_F(MembersTest, AMemberWithAnotherListOfRevokedKeysIsNamed) {
   const keys::Member museum = add("museum", Role::kHost);
   ASSERT_TRUE(admits(museum, "museum"));
   const std::time_t own = members_.list_made();
-  const auto messages_after = [&](std::time_t made) {
+  const auto messages_after = [&](std::time_t made, int earlier_checks = 0) {
     session::RosterEntry entry;
     entry.name = "museum";
     entry.session = "lab";
@@ -337,7 +337,8 @@ TEST_F(MembersTest, AMemberWithAnotherListOfRevokedKeysIsNamed) {
     std::vector<std::string> messages;
     for (int check = 0; check < 6; ++check)
       for (std::string& message : members_.check_again(now_)) {
-        EXPECT_TRUE(check >= 1 || message.find("newer one") == std::string::npos) << "the list may just be copied";
+        EXPECT_TRUE(earlier_checks + check >= 2 || message.find("newer one") == std::string::npos)
+            << "the list may just be copied";
         messages.push_back(std::move(message));
       }
     return messages;
@@ -350,7 +351,7 @@ TEST_F(MembersTest, AMemberWithAnotherListOfRevokedKeysIsNamed) {
   EXPECT_THAT(after_list_of(own + 60), testing::ElementsAre(HasSubstr("read a new list: 0 revoked keys")));
   EXPECT_EQ(members_.list_made(), own + 60) << "also with the same keys";
   EXPECT_THAT(
-      messages_after(own),
+      messages_after(own, 1),
       testing::ElementsAre(testing::ContainsRegex("host museum uses the list of .*; this program has a newer")));
 }
 
