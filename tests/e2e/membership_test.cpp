@@ -236,7 +236,7 @@ TEST_F(MembershipTest, AnHrtcExitsIfItFindsNoHostWithinItsTimeLimit) {
   Process desk{hrtc("desk", {"--wait-host", "2"})};
   EXPECT_EQ(desk.wait(), 1);
   EXPECT_THAT(desk.output(), HasSubstr("no host found in session " + session_ + " on domain " +
-                                       std::to_string(domain_) + " within 2 s"));
+                                       std::to_string(domain_.first()) + " within 2 s"));
 }
 
 TEST_F(MembershipTest, ASimulationExitsAndNamesTheMissingHrtcAndObject) {

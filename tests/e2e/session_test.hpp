@@ -17,6 +17,7 @@
 
 #include "tests/support/process.hpp"
 #include "tests/support/temporary_folder.hpp"
+#include "tests/support/test_domain.hpp"
 #include "wire/endpoints.hpp"
 
 namespace tactus::e2e {
@@ -117,7 +118,7 @@ class SessionTest : public ::testing::Test {
   [[nodiscard]] wire::SessionAddress address(const std::string& participant) const;
 
   test_support::TemporaryFolder folder_;
-  int domain_;
+  test_support::TestDomain domain_;
   std::string session_;
 };
 

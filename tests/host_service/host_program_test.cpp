@@ -15,6 +15,7 @@
 #include "spm/offline/generate.hpp"
 #include "spm/offline/write_mesh.hpp"
 #include "tests/support/temporary_folder.hpp"
+#include "tests/support/test_domain.hpp"
 
 namespace tactus::host_service {
 namespace {
@@ -38,7 +39,7 @@ class HostProgramTest : public testing::Test {
     std::vector<std::string> all{TACTUS_HOST, "--cache", (folder_.path() / "cache").string(), "--session",
                                  "test.program." + std::to_string(getpid())};
     if (std::find(arguments.begin(), arguments.end(), "--domain") == arguments.end()) {
-      all.insert(all.end(), {"--domain", std::to_string(50 + 3 * (getpid() % 13))});
+      all.insert(all.end(), {"--domain", std::to_string(test_support::test_domain())});
     }
     all.insert(all.end(), arguments.begin(), arguments.end());
     std::vector<char*> argv;

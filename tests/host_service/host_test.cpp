@@ -23,6 +23,7 @@
 #include "spm/offline/model_file.hpp"
 #include "spm/offline/write_mesh.hpp"
 #include "tests/support/temporary_folder.hpp"
+#include "tests/support/test_domain.hpp"
 #include "wire/endpoints.hpp"
 
 namespace tactus::host_service {
@@ -41,7 +42,7 @@ wire::SessionAddress address(const std::string& participant) {
   wire::SessionAddress address;
   address.session = "test.host." + std::to_string(getpid());
   address.participant = participant;
-  address.domain = 50 + 3 * (static_cast<int>(getpid()) % 13);
+  address.domain = test_support::test_domain();
   return address;
 }
 

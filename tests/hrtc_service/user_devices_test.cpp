@@ -10,6 +10,7 @@
 
 #include "hrtc_service/servo/probe_devices.hpp"
 #include "realtime/periodic_clock.hpp"
+#include "tests/support/test_domain.hpp"
 
 namespace tactus::hrtc_service {
 namespace {
@@ -18,7 +19,7 @@ wire::SessionAddress address(const std::string& participant) {
   wire::SessionAddress address;
   address.session = "test.user_devices." + std::to_string(getpid());
   address.participant = participant;
-  address.domain = 50 + 3 * (static_cast<int>(getpid()) % 13);
+  address.domain = test_support::test_domain();
   return address;
 }
 

@@ -63,7 +63,7 @@ TEST_F(CycloneSecuredTest, AMemberOnCycloneDdsTakesPartButCannotSendInTheNameOfA
                                                       EXPECT_EQ(stop.origin.participant, session::id_of("liar"));
                                                       if (texts.insert(stop.text).second) changed.notify_all();
                                                     }};
-  const Process process{{TACTUS_CYCLONE_LIAR, session_, std::to_string(domain_ + 1), authority_.folder_of("liar"),
+  const Process process{{TACTUS_CYCLONE_LIAR, session_, std::to_string(domain_.first() + 1), authority_.folder_of("liar"),
                          text_of(keys::identity_of(liar, "liar")), "liar", "museum"}};
   {
     std::unique_lock lock{mutex};

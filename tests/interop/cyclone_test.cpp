@@ -17,7 +17,7 @@ TEST_F(CycloneTest, AClientOnCycloneDdsReadsTheSessionAndBringsADeviceThatReceiv
   Observer observer{address("observer")};
   Process museum{host("museum", models().sphere)};
   Process desk{hrtc("desk")};
-  Process carl{{TACTUS_CYCLONE_DEVICE, session_, std::to_string(domain_), "desk", "sphere"}};
+  Process carl{{TACTUS_CYCLONE_DEVICE, session_, std::to_string(domain_.first()), "desk", "sphere"}};
   for (const char* line :
        {"participant: museum", "participant: desk", "object: sphere of museum, 20000 faces", "probe: 0 of desk",
         "clock: synchronised", "shown: sphere by desk", "received force: .* N upwards", "probe state: probe 0 at z"}) {

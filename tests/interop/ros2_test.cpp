@@ -97,7 +97,7 @@ class Ros2Test : public SessionTest {
     return line_when(node, topic, [](const Line&) { return true; });
   }
 
-  int ros_domain_ = 97 + domain_ % 4;  // above the domains of all sessions of tests
+  int ros_domain_ = 97 + domain_.first() % 4;  // above the domains of all sessions of tests
 };
 
 auto near(const std::array<double, 3>& values, double tolerance) {

@@ -8,6 +8,7 @@
 
 #include "tests/support/process.hpp"
 #include "tests/support/temporary_folder.hpp"
+#include "tests/support/test_domain.hpp"
 #include "tools/doctor/facts.hpp"
 #include "tools/doctor/findings.hpp"
 #include "tools/doctor/vulnerabilities.hpp"
@@ -209,7 +210,8 @@ TEST_F(StaleSegments, AreNotTheLockFilesThatAProgramHasOpen) {
 }
 
 TEST(DoctorProgram, ExitsWithStatusOneOnlyForAFault) {
-  e2e::Process doctor{{TACTUS_DOCTOR, "--seconds", "0.1", "--domain", "94", "--json"}};
+  const test_support::TestDomain domain;
+  e2e::Process doctor{{TACTUS_DOCTOR, "--seconds", "0.1", "--domain", std::to_string(domain.first()), "--json"}};
   const std::optional<int> status = doctor.wait();
   const nlohmann::json output = nlohmann::json::parse(doctor.output());
   bool has_fault = false;

@@ -15,6 +15,7 @@
 #include <tuple>
 #include <vector>
 
+#include "tests/support/test_domain.hpp"
 #include "wire/endpoints.hpp"
 
 namespace tactus::wire::test {
@@ -25,9 +26,7 @@ namespace ses = session;
 /// Time after which a test that waits for an event fails.
 inline constexpr auto kWatchdog = 20s;
 
-/// The first of the three domains of a test, from 50 to 86. It depends on the process, so that tests may run in
-/// parallel. Two processes with the same domain have different sessions.
-inline int test_domain() { return 50 + 3 * (static_cast<int>(getpid()) % 13); }
+using test_support::test_domain;
 
 inline std::string unique_session(const std::string& tag) {
   static std::atomic<int> count{0};
