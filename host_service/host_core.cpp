@@ -251,7 +251,11 @@ session::Metrics HostCore::metrics(std::int64_t now_ns) const {
   add(names::kHostHrtcs, static_cast<double>(receivers_.size()));
   add(names::kHostImplausible, static_cast<double>(roster_.implausible() + clock_.implausible() + demands_implausible_ +
                                                    authority_.implausible()));
-  if (!authority_.empty()) add(names::kHostBodySteps, static_cast<double>(authority_.steps()));
+  add(names::kHostDemandsRefused, static_cast<double>(demands_refused_));
+  if (!authority_.empty()) {
+    add(names::kHostBodySteps, static_cast<double>(authority_.steps()));
+    add(names::kHostClaimsRefused, static_cast<double>(authority_.claims_refused()));
+  }
   for (const auto& [id, counters] : delivery_.counters_by_hrtc()) {
     const auto hrtc = receivers_.find(id);
     if (hrtc == receivers_.end()) continue;

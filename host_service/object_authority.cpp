@@ -103,6 +103,12 @@ std::uint64_t ObjectAuthority::implausible() const noexcept {
   return all;
 }
 
+std::uint64_t ObjectAuthority::claims_refused() const noexcept {
+  std::uint64_t all = 0;
+  for (const auto& [id, object] : objects_) all += object.arbiter == nullptr ? 0 : object.arbiter->refused();
+  return all;
+}
+
 void ObjectAuthority::simulate(Object& object, std::int64_t now_ns, std::int64_t session_now_ns) {
   if (!object.is_simulated_here) {
     object.is_simulated_here = true;

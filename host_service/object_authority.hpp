@@ -67,6 +67,8 @@ class ObjectAuthority {
   [[nodiscard]] std::uint64_t steps() const noexcept { return steps_; }
   /// Returns the number of claims and poses that were dropped because a number or time was not plausible.
   [[nodiscard]] std::uint64_t implausible() const noexcept;
+  /// Returns the number of claims of OwnershipArbiter::refused(), summed over all objects.
+  [[nodiscard]] std::uint64_t claims_refused() const noexcept;
 
  private:
   struct Object {

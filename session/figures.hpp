@@ -15,6 +15,10 @@ inline constexpr char kHostRecords[] = "host.records";
 inline constexpr char kHostHrtcs[] = "host.hrtcs";
 inline constexpr char kHostImplausible[] =
     "host.implausible";  ///< samples dropped because number or time was outside its window
+inline constexpr char kHostDemandsRefused[] =
+    "host.demands_refused";  ///< demands dropped because they list regions that a model does not have
+inline constexpr char kHostClaimsRefused[] =
+    "host.claims_refused";  ///< claims of further HRTCs beside kMaxTouchers that simulate the object
 inline constexpr char kHostBodySteps[] =
     "host.body_steps";  ///< steps of 1 ms, over all objects that the host simulated
 

@@ -98,7 +98,11 @@ void OwnershipArbiter::on_claim(const ObjectClaim& claim, std::int64_t now_ns) {
     *lease = {toucher, until_ns, claim.one_way_ns};
     return;
   }
-  if (!claim.touching || leases_.size() == kMaxTouchers) return;
+  if (!claim.touching) return;
+  if (leases_.size() == kMaxTouchers) {
+    ++refused_;
+    return;
+  }
   leases_.push_back({toucher, now_ns + lease_time_ns(settings_, claim.one_way_ns), claim.one_way_ns});
   raise_fencing(now_ns);
 }

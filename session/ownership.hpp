@@ -65,6 +65,9 @@ class OwnershipArbiter {
   /// Number of claims and fencing numbers dropped because they were outside their windows
   /// (session/sequence_window.hpp).
   [[nodiscard]] std::uint64_t implausible() const noexcept { return implausible_; }
+  /// Number of claims of HRTCs that the object was not granted to, because kMaxTouchers simulated it already. An HRTC
+  /// claims again every `period_ns`.
+  [[nodiscard]] std::uint64_t refused() const noexcept { return refused_; }
 
  private:
   struct Lease {
@@ -90,7 +93,7 @@ class OwnershipArbiter {
   SequenceWindow fencing_window_;           // fencing numbers of claims, of others' poses and of this host
   std::vector<Lease> leases_;               // oldest first
   std::vector<ClaimSender> claim_senders_;  // at most kMaxClaimSenders, all touchers among them
-  std::uint64_t implausible_ = 0;
+  std::uint64_t implausible_ = 0, refused_ = 0;
   std::int64_t channel_delay_ns_ = 0;
   std::uint32_t sequence_ = 0;
   std::int64_t last_grant_ns_ = 0;

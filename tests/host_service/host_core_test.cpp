@@ -203,6 +203,34 @@ TEST_F(HostCoreTest, MakesEndpointsForAViewerAtItsFirstDemandUntilItLeaves) {
   EXPECT_THAT(receivers, testing::IsEmpty());
 }
 
+TEST_F(HostCoreTest, CountsDemandsAndClaimsThatItRefuses) {
+  HostCore host{kSelf, settings_with_body(), now_};
+  const auto figure_of = [&](const char* name) {
+    for (const session::Figure& figure : host.metrics(now_).figures)
+      if (figure.name == name) return figure.value;
+    return -1.0;
+  };
+  session::Demand demand;
+  demand.origin = {kSession, kHrtc, 1, 0};
+  demand.object_id = host.catalogue().front().object_id;
+  demand.digest = model_.summary.digest;
+  demand.have = {{model_.summary.regions, 1}};
+  session::ObjectClaim claim;
+  claim.object_id = demand.object_id;
+  claim.touching = true;
+
+  EXPECT_EQ(figure_of(session::figures::kHostDemandsRefused), 0);
+  EXPECT_EQ(figure_of(session::figures::kHostClaimsRefused), 0);
+  host.on_demand(demand, now_);
+  for (std::uint64_t hrtc = 1; hrtc <= session::kMaxTouchers + 1; ++hrtc) {
+    claim.origin = {kSession, 1000 + hrtc, 1, 0};
+    host.on_claim(claim, now_);
+  }
+
+  EXPECT_EQ(figure_of(session::figures::kHostDemandsRefused), 1);
+  EXPECT_EQ(figure_of(session::figures::kHostClaimsRefused), 1);
+}
+
 TEST_F(HostCoreTest, AcknowledgesAStopInTheNextTick) {
   HostCore host{kSelf, host_of("sphere", encoded_.compressed()), now_};
   ASSERT_TRUE(host.tick(now_).roster);

@@ -472,8 +472,10 @@ TEST(OwnershipArbiter, GrantsToEightTouchersAndToTheNinthWhenOneOfThemReleasesTh
   ASSERT_EQ(grant->touchers.size(), kMax);
   const std::uint64_t fencing = grant->fencing;
 
+  EXPECT_EQ(arbiter.refused(), 0u);
   ninth.set_touching(true);
   for (int i = 0; i < 50; ++i) exchange(kMax);
+  EXPECT_EQ(arbiter.refused(), 50u);
   EXPECT_EQ(grant->touchers.size(), kMax);
   EXPECT_EQ(grant->fencing, fencing) << "the ninth HRTC must not disturb the others";
   EXPECT_EQ(ninth.copy_index(), kMaxTouchers);
@@ -483,6 +485,7 @@ TEST(OwnershipArbiter, GrantsToEightTouchersAndToTheNinthWhenOneOfThemReleasesTh
   EXPECT_EQ(grant->touchers.size(), kMax);
   EXPECT_EQ(grant->touchers.back().participant, kNinth);
   EXPECT_EQ(ninth.role(now), Claimant::Role::kCopy);
+  EXPECT_EQ(arbiter.refused(), 50u);
 }
 
 TEST(OwnershipArbiter, IgnoresAnImplausibleFencingNumber) {
