@@ -60,8 +60,9 @@ int run_gateway(const hrtc_service::HrtcOptions& options) {
   if (!realtime::forbid_debugging_others())
     hrtc_service::log_event(session::Severity::kWarning, "the kernel has no Landlock; see docs/explanation/threats.md");
   realtime::follow_parent(block.servo());
-  // If memory is short, the system should end this process, not the servo.
-  std::ofstream{"/proc/self/oom_score_adj"} << 500;
+  // If memory is short, the system should end this process, also if the servo has far more memory: this adds the most
+  // that the memory of a process can count.
+  std::ofstream{"/proc/self/oom_score_adj"} << 1000;
   try {
     const std::unique_ptr<const spm::MeshProbe> tool = hrtc_service::load_tool(options.tool);
     return hrtc_service::GatewayService{options, block.link(), block.log(), tool.get()}.run(stop);

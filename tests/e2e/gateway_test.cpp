@@ -196,6 +196,18 @@ TEST_F(GatewayTest, IsNotStartedAgainIfItIsKilledBeforeItHasJoined) {
   EXPECT_THAT(desk.output(), HasSubstr("the gateway (tactus-gateway) was killed by SIGKILL at the start"));
 }
 
+TEST_F(GatewayTest, IsTheFirstProcessThatTheSystemEndsIfMemoryIsShort) {
+  Observer observer{address("observer")};
+  Process desk{hrtc("desk")};
+  ASSERT_TRUE(observer.until([](const Seen& seen) { return seen.is_present("desk"); })) << desk.output();
+  const auto score_of = [](pid_t pid) {
+    return test_support::read_bytes("/proc/" + std::to_string(pid) + "/oom_score_adj");
+  };
+  // A process that has all memory has a score of 1000 without this value.
+  EXPECT_EQ(score_of(gateway_of(desk)), "1000\n");
+  EXPECT_EQ(score_of(desk.pid()), score_of(::getpid()));
+}
+
 TEST_F(GatewayTest, IsAPartOfTactusHrtcAndNotStartedAlone) {
   Process alone{program("gateway", {"--session", "lab"})};
   EXPECT_TRUE(exits_with(2, alone));
