@@ -38,14 +38,16 @@ struct Arguments {
   std::uint32_t slots = 1u << 16;
   std::uint32_t cache_blocks = 0;
   std::uint64_t memory_bytes = 0;
-  double rate = 1000, deadline_us = 250, radius_mm = 3, frame_scale = 1;
+  double rate = 1000, radius_mm = 3, frame_scale = 1;
+  std::optional<double> deadline_us;
   std::vector<double> frame_offset{0, 0, 0};
   std::vector<std::string> replays, drivers;
-  CLI::Option *cache = nullptr, *memory = nullptr, *deadline = nullptr;
+  CLI::Option *cache = nullptr, *memory = nullptr;
 };
 
 constexpr std::uint32_t kMinSlots = 256;
-constexpr double kToolDeadline = 400;  // us; a cycle with a tool may take more than 200 us
+/// Default deadline divided by the period of the cycles; a cycle of 1 ms with a tool may take more than 200 us.
+constexpr double kTipDeadline = 0.25, kToolDeadline = 0.4;
 
 void add_memory_options(CLI::App& app, Arguments& given) {
   CLI::Option* pool =
@@ -80,11 +82,10 @@ void add_cycle_options(CLI::App& app, Arguments& given, HrtcOptions& options) {
       ->capture_default_str()
       ->check(CLI::Range(1u, kMaxProbes));
   app.add_option("--rate", given.rate, "Cycles per second")->capture_default_str()->check(CLI::Range(100.0, 10000.0));
-  given.deadline =
-      app.add_option("--deadline", given.deadline_us,
-                     "Maximum time of a cycle's own work, us; limits refinement (default with --tool: 400)")
-          ->capture_default_str()
-          ->check(CLI::Range(20.0, 10000.0));
+  app.add_option("--deadline", given.deadline_us,
+                 "Maximum time of a cycle's own work, us; limits refinement (default: 25 % of the period of the "
+                 "cycles, with --tool 40 %)")
+      ->check(CLI::Range(20.0, 10000.0));
   app.add_option("--priority", options.haptic.priority,
                  "SCHED_FIFO priority of the haptic thread and of drivers; 0: none")
       ->capture_default_str()
@@ -212,8 +213,8 @@ ReadOptions read_options(int argc, char** argv) {
   }
   options.servo.cycle.period = options.haptic.period = 1 / given.rate;
   options.servo.cycle.radius = given.radius_mm * 1e-3;
-  const bool has_deadline = options.tool.empty() || given.deadline->count() > 0;
-  options.haptic.deadline_ns = static_cast<std::int64_t>((has_deadline ? given.deadline_us : kToolDeadline) * 1e3);
+  const double default_us = (options.tool.empty() ? kTipDeadline : kToolDeadline) * 1e6 / given.rate;
+  options.haptic.deadline_ns = static_cast<std::int64_t>(given.deadline_us.value_or(default_us) * 1e3);
   const std::vector<double>& offset = given.frame_offset;
   options.haptic.frame =
       haptics::DeviceFrame{Eigen::Quaterniond::Identity(), {offset[0], offset[1], offset[2]}, given.frame_scale};

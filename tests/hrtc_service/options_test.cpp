@@ -66,6 +66,18 @@ TEST(HrtcOptions, OneTo65536RegionsOfAnObjectAreRefinedAtATime) {
     EXPECT_THAT(refusal({"--targets", targets}), AllOf(HasSubstr("--targets"), HasSubstr(targets), HasSubstr("65536")));
 }
 
+TEST(HrtcOptions, TheDeadlineIsAShareOfThePeriodUnlessItIsGiven) {
+  const auto deadline_ns = [](const std::vector<std::string>& arguments) {
+    const ReadOptions accepted = options_of(arguments);
+    return accepted.options ? accepted.options->haptic.deadline_ns : 0;
+  };
+  EXPECT_EQ(deadline_ns({}), 250'000);
+  EXPECT_EQ(deadline_ns({"--tool", "stylus"}), 400'000);
+  EXPECT_EQ(deadline_ns({"--rate", "100"}), 2'500'000) << "refinement has the same share of the time at each rate";
+  EXPECT_EQ(deadline_ns({"--rate", "10000"}), 25'000);
+  EXPECT_EQ(deadline_ns({"--rate", "100", "--deadline", "60"}), 60'000);
+}
+
 TEST(HrtcOptions, AVertexOfAToolIsAtMostOneMetreFromItsTip) {
   const test_support::TemporaryFolder folder;
   const std::string file = folder.path() / "tool.obj";

@@ -63,8 +63,8 @@ TEST_F(CycloneSecuredTest, AMemberOnCycloneDdsTakesPartButCannotSendInTheNameOfA
                                                       EXPECT_EQ(stop.origin.participant, session::id_of("liar"));
                                                       if (texts.insert(stop.text).second) changed.notify_all();
                                                     }};
-  const Process process{{TACTUS_CYCLONE_LIAR, session_, std::to_string(domain_.first() + 1), authority_.folder_of("liar"),
-                         text_of(keys::identity_of(liar, "liar")), "liar", "museum"}};
+  const Process process{{TACTUS_CYCLONE_LIAR, session_, std::to_string(domain_.first() + 1),
+                         authority_.folder_of("liar"), text_of(keys::identity_of(liar, "liar")), "liar", "museum"}};
   {
     std::unique_lock lock{mutex};
     ASSERT_TRUE(changed.wait_for(lock, kWatchdog, [&] { return !texts.empty(); })) << process.output();
