@@ -258,7 +258,7 @@ std::optional<Program> program_of(pid_t pid, const std::string& session, int dom
   program.has_driver = (file == "tactus-hrtc" || file == "tactus-gateway") && has_option(arguments, "--device");
   const bool is_service = file == "tactus-host" || file == "tactus-hrtc";
   const bool has_parent_hrtc = file == "tactus-gateway" && has_option(arguments, "--link");
-  if (has_parent_hrtc || (is_service && is_service_of_systemd(pid)))
+  if (has_parent_hrtc || (is_service && may_start && is_service_of_systemd(pid)))
     program.restart = Restart::kItsSupervisor;
   else if (is_service && may_start && shares_namespaces(pid) && has_same_rights(pid))
     program.restart = Restart::kChaos;
