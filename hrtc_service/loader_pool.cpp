@@ -96,9 +96,9 @@ void Loader::mark_unloaded(Object& object, std::uint32_t region) {
 
 /// Orders the haptic thread to coarsen regions, the longest unwanted first, until enough space will be free: for the
 /// pending base meshes, and for the missing regions or the reserve, whichever is larger. At most kMaxDeparting regions
-/// are being coarsened at a time.
+/// are being coarsened at a time: with fewer, a fast tip waits for memory (docs/decisions/0046-intake.md).
 void Loader::coarsen() {
-  constexpr std::size_t kMaxDeparting = 16;
+  constexpr std::size_t kMaxDeparting = 64;
   const spm::Cache::Space reserve = reserve_of(pool_);
   const spm::Cache::Space target{std::max(missing_space_.slots, reserve.slots) + pending_base_slots(),
                                  std::max(missing_space_.blocks, reserve.blocks)};
