@@ -1,6 +1,7 @@
 /// An HRTC whose gateway is killed or suspended. The servo goes on, and a new gateway continues with it.
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <map>
 #include <thread>
 
@@ -166,14 +167,18 @@ TEST_F(GatewayTest, WithoutItAFixedObjectIsTouchedForTheGivenTime) {
   const auto has_forces = [](const Cycle& cycle) { return cycle.forces[0] > 0.5 && cycle.forces[1] > 0.5; };
   const auto stopped =
       std::find_if(cycles.begin(), cycles.end(), [&](const Cycle& cycle) { return cycle.time_ns >= stopped_ns; });
-  const auto ended =
-      std::find_if(stopped, cycles.end(), [](const Cycle& cycle) { return cycle.forces == std::array<double, 2>{}; });
-  ASSERT_NE(ended, cycles.end()) << "the forces stayed";
-  EXPECT_LT(ended->time_ns, continued_ns) << "the forces ended only when the gateway continued";
-  // Half a second of patience, and then half a second in which the force decreases. The recording of a busy machine may
-  // lack cycles, and a cycle in which the servo did not run does not count.
-  EXPECT_GT(static_cast<double>(ended->time_ns - stopped_ns) * 1e-9, 0.5);
-  EXPECT_NE(std::find_if(ended, cycles.end(), has_forces), cycles.end()) << "the forces do not return";
+  const auto continued =
+      std::find_if(stopped, cycles.end(), [&](const Cycle& cycle) { return cycle.time_ns >= continued_ns; });
+  // On a busy machine, the poses of a late cycle can be stale, and its forces zero. So the last force counts, not the
+  // first cycle without one.
+  const auto last = std::find_if(std::make_reverse_iterator(continued), std::make_reverse_iterator(stopped),
+                                 [](const Cycle& cycle) { return cycle.forces != std::array<double, 2>{}; });
+  ASSERT_NE(last, std::make_reverse_iterator(stopped)) << "the forces ended at once";
+  // Half a second of patience, and then half a second in which the force decreases.
+  const double seconds = static_cast<double>(last->time_ns - stopped_ns) * 1e-9;
+  EXPECT_GT(seconds, 0.5);
+  EXPECT_LT(seconds, 1.5) << "the forces stayed";
+  EXPECT_NE(std::find_if(continued, cycles.end(), has_forces), cycles.end()) << "the forces do not return";
 }
 
 TEST_F(GatewayTest, LeavesTheSessionIfTheServoIsKilledAndTheDriverEnds) {
