@@ -41,7 +41,7 @@ class TestDomain {
   int socket_, first_ = 0;
 };
 
-/// The first domain of all sessions of this process that are at this address. They have different names.
+/// The first domain of the sessions of this process, for tests whose sessions may share it: these have different names.
 inline int test_domain() {
   static const TestDomain domain;
   return domain.first();
