@@ -396,13 +396,14 @@ void report_joining(const Testbed& testbed, const ScaleSettings& settings, Repor
 }
 
 void report_secured(Testbed& testbed, const ScaleSettings& settings, Report& report) {
-  Samples plain_s, secured_s;
+  Samples plain_s, secured_s, plain_cpu_s, secured_cpu_s;
   std::size_t exact_users = 0;
   for (int pair = 0; pair < settings.secured_pairs && !realtime::stop_signal(); ++pair) {
     for (const bool has_keys : {pair % 2 != 0, pair % 2 == 0}) {
       testbed.set_keys(has_keys);
       const JoiningRun joining = run_joining(testbed, settings.secured_hrtcs, Tips::kResting);
       (has_keys ? secured_s : plain_s).add(joining.ready_s);
+      (has_keys ? secured_cpu_s : plain_cpu_s).add(joining.cpu_s);
       exact_users += joining.exact_users;
     }
   }
@@ -411,6 +412,9 @@ void report_secured(Testbed& testbed, const ScaleSettings& settings, Report& rep
   const Population runs{"runs of " + count + " HRTCs", secured_s.size()};
   report.add_value("time until the last exact contact, without keys, median", runs, "s", plain_s.percentile(0.5));
   report.add_value("time until the last exact contact, with keys, median", runs, "s", secured_s.percentile(0.5));
+  const std::string cpu_time = "CPU time of host and HRTCs until the last exact contact";
+  report.add_value(cpu_time + ", without keys, median", runs, "s", plain_cpu_s.percentile(0.5));
+  report.add_value(cpu_time + ", with keys, median", runs, "s", secured_cpu_s.percentile(0.5));
   report.add_at_most("time until the last exact contact, with keys minus without, medians", runs, "s",
                      secured_s.percentile(0.5) - plain_s.percentile(0.5), 2);
   report.add_at_least("users with an exact contact, with and without keys", runs, "", static_cast<double>(exact_users),
