@@ -1,12 +1,21 @@
 // Kills and suspends the gateway of an HRTC, and measures the change of its users' forces, late cycles, and the time
 // until the session receives the users' states again.
 #include <signal.h>
+#include <sys/mman.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <cerrno>
+#include <chrono>
 #include <cmath>
 #include <cstdio>
+#include <cstring>
+#include <map>
+#include <string>
 #include <thread>
+#include <vector>
 
 #include "bench/figures.hpp"
 #include "bench/flight_cycles.hpp"
@@ -36,6 +45,31 @@ constexpr Kind kKinds[] = {{"SIGKILL", SIGKILL},
                            {"SIGSTOP for 2 s", SIGSTOP},
                            {"lack of memory", kNoMemory}};
 
+/// Before each kill, nothing happens for this time. Then a process that has nothing to do with the session works for this
+/// time.
+constexpr auto kReference = 500ms;
+
+/// Starts a process that works for `time`, takes as much memory as a gateway, and ends.
+void run_other_process(std::chrono::nanoseconds time) {
+  constexpr std::size_t kBytes = 50u << 20, kStep = 1u << 20;
+  const std::int64_t begin_ns = realtime::monotonic_ns();
+  const pid_t child = fork();
+  if (child == 0) {  // allocates nothing by `new` after a fork
+    for (std::size_t taken = 0; taken < kBytes; taken += kStep) {
+      void* const memory = mmap(nullptr, kStep, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+      if (memory != MAP_FAILED) std::memset(memory, 1, kStep);
+      const auto next_ns =
+          begin_ns + time.count() * static_cast<std::int64_t>(taken) / static_cast<std::int64_t>(kBytes);
+      while (realtime::monotonic_ns() < next_ns) {
+      }
+    }
+    _exit(0);
+  }
+  int status = 0;
+  while (child > 0 && waitpid(child, &status, 0) < 0 && errno == EINTR) {
+  }
+}
+
 /// A host, and an HRTC whose two users rest on one point.
 class TwoUsers {
  public:
@@ -47,7 +81,8 @@ class TwoUsers {
     wait_for_touch(0);
     memory_.add(hrtc_->pid());
     memory_.add(gateway());
-    pause(1s);
+    pause(kReference);
+    run_other_process(kReference);
   }
 
   /// Ends or suspends the gateway. Returns the time without states of both users.
@@ -63,7 +98,8 @@ class TwoUsers {
       ::kill(victim, SIGCONT);
     }
     const std::int64_t end_ns = wait_for_touch(signal == SIGSTOP ? 0 : incarnation_);
-    pause(500ms);
+    pause(kReference);
+    run_other_process(kReference);
     return {begin_ns, end_ns};
   }
 
@@ -108,13 +144,14 @@ Report run(const Settings& settings) {
   Report report{{"a host, and an HRTC with two users, 50,000 faces", 0, 0, text}};
   const auto measure = [&] {
     TwoUsers session;
-    std::vector<Window> without;
+    std::map<std::string, std::vector<Window>> without;  // by kind
     for (const Kind& kind : kKinds) {
       Samples back_ms;
       for (int i = 0; i < settings.kills; ++i) {
         std::fprintf(stderr, "\r%s %d of %d    ", kind.name, i + 1, settings.kills);
-        without.push_back(session.kill(kind.signal));
-        const double ms = static_cast<double>(without.back().end_ns - without.back().begin_ns) * 1e-6;
+        const Window window = session.kill(kind.signal);
+        without[kind.name].push_back(window);
+        const double ms = static_cast<double>(window.end_ns - window.begin_ns) * 1e-6;
         back_ms.add(kind.signal == SIGSTOP ? ms - 2000 : ms);
       }
       const std::string figure = std::string{kind.name} + ": time until both users are back";
@@ -123,26 +160,37 @@ Report run(const Settings& settings) {
     }
     std::fprintf(stderr, "\n");
     const Cycles cycles = read_cycles(session.recording());
-    // The references lie just before the kills: half a second in which nothing happens.
-    CycleFigures killed, reference;
-    for (const Window& window : without) {
-      killed.add(cycles, window);
-      reference.add(cycles, {window.begin_ns - 450'000'000, window.begin_ns});
+    CycleFigures killed, idle, busy;
+    for (const auto& [kind, windows] : without) {
+      CycleFigures of_kind;
+      for (const Window& window : windows) {
+        of_kind.add(cycles, window);
+        killed.add(cycles, window);
+        constexpr std::int64_t kReferenceNs = std::chrono::nanoseconds{kReference}.count(), kEdgeNs = 50'000'000;
+        busy.add(cycles, {window.begin_ns - kReferenceNs + kEdgeNs, window.begin_ns});
+        idle.add(cycles, {window.begin_ns - 2 * kReferenceNs + kEdgeNs, window.begin_ns - kReferenceNs});
+      }
+      const Population of{"cycles", of_kind.intervals_ms.size()};
+      report.add_value(kind + ": late cycles", of, "per million", of_kind.late_per_million());
+      report.add_value(kind + ": time between two cycles, max", of, "ms", of_kind.intervals_ms.max());
     }
     report.add_at_most("largest change of a force, no gateway", {"cycles", killed.intervals_ms.size()}, "N",
                        killed.force_change, 0);
     report.add_at_least("smallest force, no gateway", {"cycles", killed.intervals_ms.size()}, "N", killed.min_force,
                         0.05);
     report.add_percentiles("time between two cycles, no gateway", "cycles", "ms", killed.intervals_ms);
-    report.add_percentiles("time between two cycles, before", "cycles", "ms", reference.intervals_ms);
-    report.add_value("late cycles before", {"cycles", reference.intervals_ms.size()}, "per million",
-                     reference.late_per_million());
+    report.add_percentiles("time between two cycles, before, with another process", "cycles", "ms", busy.intervals_ms);
+    report.add_value("late cycles before, idle", {"cycles", idle.intervals_ms.size()}, "per million",
+                     idle.late_per_million());
+    report.add_value("late cycles before, with another process", {"cycles", busy.intervals_ms.size()}, "per million",
+                     busy.late_per_million());
     report.add_value("late cycles, no gateway", {"cycles", killed.intervals_ms.size()}, "per million",
                      killed.late_per_million());
-    // On a machine with other load, cycles are late without a kill too. So the difference is compared with its chance.
-    const double error = std::hypot(killed.standard_error(), reference.standard_error());
+    // On a virtual machine, cycles are late without a kill too, and more often while processes start, work and end. So the
+    // difference is compared with its chance.
+    const double error = std::hypot(killed.standard_error(), busy.standard_error());
     report.add_at_most("late cycles, difference of the two", {"cycles", killed.intervals_ms.size()}, "standard errors",
-                       (killed.late_per_million() - reference.late_per_million()) / std::max(error, 1.0), 3);
+                       (killed.late_per_million() - busy.late_per_million()) / std::max(error, 1.0), 3);
   };
   in_own_thread(measure);
   return report;
