@@ -183,7 +183,7 @@ void TouchTally::add(const session::ProbeState& state, std::int64_t start_ns, st
   if (!session::accepted(admission)) return;
   ++states;
   const double age = static_cast<double>(received_ns - state.session_time_ns) * 1e-3;
-  age_us.add(age);
+  age_us.add(static_cast<float>(age));
   course.add(static_cast<double>(state.session_time_ns - start_ns) * 1e-9, state, age);
   const bool contact_now = (state.status & session::kInContact) != 0;
   const bool exact_now = contact_now && (state.status & session::kExact) != 0;

@@ -23,17 +23,17 @@ class TouchTally {
   void add(const session::ProbeState& state, std::int64_t start_ns, std::int64_t received_ns);
 
   std::uint64_t states = 0;
-  std::uint64_t states_lost = 0;         ///< missing sequence numbers
-  double served = 0;                     ///< s covered by probe states; each covers at most 50 ms until the next
-  double contact = 0;                    ///< s of `served` in contact
-  double exact = 0;                      ///< s of `contact` in exact contact
-  double first_touch = -1;               ///< s from the start to the first contact; < 0: none
-  double first_exact = -1;               ///< s from the start to the first exact contact; < 0: none
-  double force_max = 0;                  ///< N
-  std::uint32_t touches = 0;             ///< number of contacts that began after at least 20 ms without contact
-  std::uint32_t faults = 0;              ///< number of faults that were latched
-  std::string fault_reason;              ///< of the last fault
-  session::Samples<> age_us{1'000'000};  ///< ages of probe states at arrival
+  std::uint64_t states_lost = 0;            ///< missing sequence numbers
+  double served = 0;                        ///< s covered by probe states; each covers at most 50 ms until the next
+  double contact = 0;                       ///< s of `served` in contact
+  double exact = 0;                         ///< s of `contact` in exact contact
+  double first_touch = -1;                  ///< s from the start to the first contact; < 0: none
+  double first_exact = -1;                  ///< s from the start to the first exact contact; < 0: none
+  double force_max = 0;                     ///< N
+  std::uint32_t touches = 0;                ///< number of contacts that began after at least 20 ms without contact
+  std::uint32_t faults = 0;                 ///< number of faults that were latched
+  std::string fault_reason;                 ///< of the last fault
+  session::Samples<float> age_us{100'000};  ///< ages of the newest probe states at arrival
   TouchCourse course;
 
   [[nodiscard]] double force_mean() const noexcept { return contact > 0 ? force_seconds_ / contact : 0; }

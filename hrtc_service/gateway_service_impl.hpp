@@ -142,7 +142,7 @@ struct GatewayService::Impl {
   BodyExchange exchange;
 
   CycleStatistics statistics;
-  Samples timer_samples{1'000'000};
+  Samples timer_samples{kMaxSamples};
   std::unique_ptr<ReferenceTimer> reference_timer;
   std::unique_ptr<ContactLogger> contact_log;
 

@@ -34,8 +34,9 @@ class Samples {
  public:
   /// Stores all samples.
   Samples() = default;
-  /// Stores the newest `capacity` samples; none if it is 0.
-  explicit Samples(std::size_t capacity) : capacity_{capacity} {}
+  /// Stores the newest `capacity` samples; none if it is 0. Writes to all memory at once, so that a program that adds
+  /// samples for hours does not grow.
+  explicit Samples(std::size_t capacity) : capacity_{capacity}, values_(capacity) { values_.clear(); }
 
   void reserve(std::size_t count) { values_.reserve(count); }
   void add(Value value) {

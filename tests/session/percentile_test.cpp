@@ -70,6 +70,14 @@ TEST(Percentile, WithALimitedNumberOfSamplesDropsTheOldest) {
   EXPECT_EQ(newest.percentile(0), 1);
 }
 
+TEST(Percentile, WithALimitedNumberOfSamplesTakesMemoryOnlyAtFirst) {
+  constexpr std::size_t kSamples = 1000;
+  Samples<> newest{kSamples};
+  const double* const at_first = newest.values().data();
+  for (std::size_t i = 0; i < 2 * kSamples; ++i) newest.add(static_cast<double>(i));
+  EXPECT_EQ(newest.values().data(), at_first);
+}
+
 TEST(Percentile, WithALimitOfNoSamplesStoresNone) {
   Samples<> none{0};
   none.add(1);

@@ -236,6 +236,8 @@ TEST(ChaosPrograms, AreFoundBySessionAndDomain) {
   ASSERT_TRUE(resources);
   EXPECT_GT(resources->resident_mb, 0.5);
   EXPECT_GE(resources->descriptors, 3u);
+  EXPECT_GE(age_of(found[0]), 0);
+  EXPECT_LT(age_of(found[0]), 30);
 }
 
 TEST(ChaosPrograms, AreSuspendedForATime) {

@@ -48,6 +48,8 @@ constexpr std::int64_t kCalmNs = 2 * kSecond;     // in which the session has to
 /// Part of the run after which the growth of memory is measured. Until then it grows because programs touch pages of
 /// their memory for the first time.
 constexpr double kWarmUp = 0.5;
+/// Minimum age of a program whose growth is measured, s: one that was killed shortly before has not touched them yet.
+constexpr double kMinAge = 60;
 constexpr std::int64_t kReferenceNs = 2 * kSecond;  // in which the users and participants of the reference are found
 
 struct Options {
@@ -116,9 +118,12 @@ class Run {
     const std::int64_t begin_ns = monotonic_ns(), end_ns = begin_ns + static_cast<std::int64_t>(options_.seconds * 1e9);
     std::printf("seed %llu, %g s of faults in session %s with %s\n", static_cast<unsigned long long>(options_.seed),
                 options_.seconds, options_.address.session.c_str(), observer_.health().reference_text().c_str());
+    bool is_warm = false;
     while (monotonic_ns() < end_ns) {
-      if (measured_.empty() && static_cast<double>(monotonic_ns() - begin_ns) * 1e-9 >= kWarmUp * options_.seconds)
+      if (!is_warm && static_cast<double>(monotonic_ns() - begin_ns) * 1e-9 >= kWarmUp * options_.seconds) {
+        is_warm = true;
         measure_programs();
+      }
       const Fault fault = plan.next(found_programs());
       observer_.receive_for(fault.pause);
       std::printf("%7.1f s  %s", static_cast<double>(monotonic_ns() - begin_ns) * 1e-9, text(fault).c_str());
@@ -185,8 +190,10 @@ class Run {
   }
 
   void measure_programs() {
-    for (const Program& program : found_programs())
+    for (const Program& program : found_programs()) {
+      if (age_of(program) < std::min(kMinAge, kWarmUp * options_.seconds)) continue;
       if (const auto resources = resources_of(program)) measured_.push_back({program, *resources});
+    }
   }
 
   void apply(const Fault& fault) {

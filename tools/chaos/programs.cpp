@@ -7,6 +7,7 @@
 #include <sys/stat.h>
 #include <sys/syscall.h>
 #include <sys/wait.h>
+#include <time.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -300,6 +301,13 @@ std::optional<Resources> resources_of(const Program& program) {
   for (fs::directory_iterator at{folder_of(program.pid) / "fd", none}, end; !none && at != end; at.increment(none))
     ++resources.descriptors;
   return resources;
+}
+
+double age_of(const Program& program) {
+  timespec now{};
+  ::clock_gettime(CLOCK_BOOTTIME, &now);
+  return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec) -
+         static_cast<double>(program.started) / static_cast<double>(::sysconf(_SC_CLK_TCK));
 }
 
 Suspension::Suspension(const Program& program, double seconds)

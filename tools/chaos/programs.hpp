@@ -40,6 +40,8 @@ struct Resources {
 };
 /// Returns nothing if the program has ended.
 [[nodiscard]] std::optional<Resources> resources_of(const Program& program);
+/// Returns the time since the start of the program, s.
+[[nodiscard]] double age_of(const Program& program);
 
 /// Thrown if a program ended before its fault.
 class ProgramEnded : public std::runtime_error {
