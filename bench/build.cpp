@@ -7,11 +7,13 @@
 #include <cmath>
 #include <cstdio>
 #include <limits>
+#include <optional>
 #include <string>
 #include <utility>
 
 #include "bench/bench_main.hpp"
 #include "bench/figures.hpp"
+#include "spm/offline/certificate.hpp"
 #include "spm/offline/generate.hpp"
 #include "spm/offline/import.hpp"
 #include "spm/offline/parallel.hpp"
@@ -25,6 +27,8 @@ using namespace spm::offline;
 
 constexpr std::uint64_t kSeed = 1;
 constexpr double kLength = 0.1;                  // m
+constexpr double kTipRadius = 3e-3;              // m
+constexpr double kTipSpeed = 0.05;               // m/s
 constexpr std::uint32_t kLargeFaces = 20000000;  // min size whose bound is on the time instead of the rate
 constexpr std::uint32_t kMinRateFaces = 500000;  // min size with a bound on the rate; the serial stages dominate below
 
@@ -32,7 +36,8 @@ struct Settings {
   std::string model;
   std::uint32_t faces = 1000000;
   std::uint32_t base_faces = spm::offline::SimplifyOptions{}.base_faces;
-  double pairs = 0;  // mm, max distance of the vertices of a contracted pair
+  double pairs = 0;              // mm, max distance of the vertices of a contracted pair
+  std::uint32_t tile_faces = 0;  // 0: no comparison with tiles
   unsigned threads = 2;
   std::uint32_t repeats = 3;
   bool quick = false;
@@ -81,18 +86,49 @@ Built build(TriangleMesh mesh, const BuildOptions& options) {
   return built;
 }
 
-/// Adds the mean numbers of records and intervals of a closed list, on which loading time depends.
-void report_lists(Report& report, const spm::Model& model) {
-  double records = 0, intervals = 0;
+/// Lengths of closed lists, on which loading time depends.
+struct Lists {
+  Samples records, intervals;  // one sample a region
+};
+Lists lists_of(const spm::Model& model) {
+  Lists lists;
   for (const spm::Region& region : model.regions) {
-    records += region.record_count;
-    intervals += region.interval_count;
+    lists.records.add(region.record_count);
+    lists.intervals.add(region.interval_count);
   }
-  report.add_value("records of a closed list, mean", {"regions", model.summary.regions}, "",
-                   records / model.summary.regions);
-  report.add_value("intervals of a closed list, mean", {"regions", model.summary.regions}, "",
-                   intervals / model.summary.regions);
+  return lists;
+}
+
+void report_lists(Report& report, const spm::Model& model) {
+  const Lists lists = lists_of(model);
+  const Population regions{"regions", model.summary.regions};
+  report.add_value("records of a closed list, mean", regions, "", lists.records.mean());
+  report.add_value("records of a closed list, p99", regions, "", lists.records.percentile(0.99));
+  report.add_value("intervals of a closed list, mean", regions, "", lists.intervals.mean());
   report.add_value("base faces", {"model", 1}, "", model.summary.base_faces);
+}
+
+/// What tiles may cost, because the vertices of several tiles stay until three rounds are over.
+struct TileFigures {
+  double mean_records = 0, p99_records = 0, slots = 0;
+};
+TileFigures tile_figures(const spm::Model& model) {
+  const double unit = model.summary.metres_per_unit;
+  const Lists lists = lists_of(model);
+  return {lists.records.mean(), lists.records.percentile(0.99),
+          static_cast<double>(certify(model, kTipRadius / unit, kTipSpeed / unit).parts)};
+}
+
+/// Adds the figures of the model with tiles, divided by those of the model without.
+void report_tiles(Report& report, const TileFigures& without, const TileFigures& with, std::uint32_t tile_faces) {
+  const Population models{"two models", 2};
+  const std::string divided = ", with tiles of " + std::to_string(tile_faces) + " faces divided by without";
+  report.add_value("slots that a tip needs at most", {"model", 1}, "", without.slots);
+  report.add_at_most("records of a closed list, mean" + divided, models, "times",
+                     with.mean_records / without.mean_records, 1.05);
+  report.add_at_most("records of a closed list, p99" + divided, models, "times", with.p99_records / without.p99_records,
+                     1.25);
+  report.add_at_most("slots that a tip needs at most" + divided, models, "times", with.slots / without.slots, 1.2);
 }
 
 Report run(const Settings& settings) {
@@ -112,6 +148,13 @@ Report run(const Settings& settings) {
   options.simplify.base_faces = settings.base_faces;
   options.pair_distance = 1e-3 * settings.pairs;
 
+  std::optional<TileFigures> with_tiles;
+  if (settings.tile_faces > 0) {
+    std::fprintf(stderr, "building with tiles\n");
+    BuildOptions tiled = options;
+    tiled.simplify.tile_faces = settings.tile_faces;
+    with_tiles = tile_figures(build(mesh, tiled).model.model());
+  }
   // A large mesh is built once. The last build takes ownership of the mesh and frees it early.
   const std::uint32_t repeats = is_large ? 1 : settings.repeats;
   Built fastest;
@@ -147,6 +190,7 @@ Report run(const Settings& settings) {
   const Population import_and_builds{"import and builds", 1 + std::size_t{repeats}};
   report.add_value("resident memory, max", import_and_builds, "GiB", peak / (1 << 30));
   report_lists(report, model);
+  if (with_tiles) report_tiles(report, tile_figures(model), *with_tiles, settings.tile_faces);
   const std::string distance = "rms distance from the base mesh at 10 cm";
   const Deviation deviation = deviation_from_base(model);
   const Population sampled{"sampled finest vertices", deviation.vertices};
@@ -180,6 +224,9 @@ int main(int argc, char** argv) {
   app.add_option("--pairs", settings.pairs,
                  "contract vertices within this distance, mm, at a model length of 10 cm; adds bounds on the base mesh")
       ->check(CLI::Range(0.0, 100.0));
+  app.add_option("--tile-faces", settings.tile_faces,
+                 "also build with tiles of this number of faces, a power of two, and compare")
+      ->check(CLI::Range(0u, 1u << 27));
   app.add_option("--threads", settings.threads, "number of threads that build")->check(CLI::Range(1u, 256u));
   app.add_option("--repeats", settings.repeats, "builds, of which the fastest counts; 1 from 20 million faces on")
       ->check(CLI::Range(1u, 100u));
@@ -187,6 +234,7 @@ int main(int argc, char** argv) {
     if (app.quick) {
       settings.faces = std::min(settings.faces, 200000u);
       settings.repeats = 1;
+      settings.tile_faces = 1u << 16;
     }
     return tactus::bench::run(settings);
   });

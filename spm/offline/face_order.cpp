@@ -148,7 +148,7 @@ void order(PlacedFace* faces, std::size_t count) {
 /// number of faces of the left part. Each pass splits all such blocks once, in parallel. Returns the start of each
 /// block and the end of the last.
 template <class LeftOf, class Split>
-std::vector<std::size_t> split_all(std::vector<PlacedFace>& faces, std::size_t max, unsigned threads, LeftOf left_of,
+std::vector<std::size_t> split_all(std::span<PlacedFace> faces, std::size_t max, unsigned threads, LeftOf left_of,
                                    Split split) {
   std::vector<std::size_t> starts{0, faces.size()}, middles, next;
   while (true) {
@@ -176,7 +176,7 @@ std::vector<std::size_t> split_all(std::vector<PlacedFace>& faces, std::size_t m
 
 }  // namespace
 
-std::vector<std::size_t> divide(std::vector<PlacedFace>& faces, std::size_t max, double share, unsigned threads) {
+std::vector<std::size_t> divide(std::span<PlacedFace> faces, std::size_t max, double share, unsigned threads) {
   const auto left_of = [share](std::size_t count) {
     const auto left = static_cast<std::size_t>(share * static_cast<double>(count));
     return std::clamp<std::size_t>(left, 1, count - 1);

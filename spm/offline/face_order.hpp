@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "spm/offline/triangle_mesh.hpp"
@@ -30,7 +31,7 @@ void split_along_longest_axis(PlacedFace* faces, std::size_t count, std::size_t 
 /// Sorts the faces into compact blocks of at most `max` faces. Returns the start of each block and the end of the last.
 /// Splits a larger block so that the left part has the share `share` (0 to 1) of its faces. With another share, the
 /// blocks have other borders. O(n log blocks).
-[[nodiscard]] std::vector<std::size_t> divide(std::vector<PlacedFace>& faces, std::size_t max, double share,
+[[nodiscard]] std::vector<std::size_t> divide(std::span<PlacedFace> faces, std::size_t max, double share,
                                               unsigned threads);
 
 }  // namespace tactus::spm::offline

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <functional>
 #include <optional>
+#include <span>
 
 #include "spm/offline/face_order.hpp"
 #include "spm/offline/parallel.hpp"
@@ -12,7 +13,8 @@
 namespace tactus::spm::offline {
 namespace {
 
-constexpr std::uint32_t kShrink = 4;  // faces of a block before a round, divided by those after it
+constexpr std::uint32_t kShrink = 4;      // faces of a block before a round, divided by those after it
+constexpr std::uint32_t kTileRounds = 3;  // rounds in which each block lies in one tile
 
 /// Returns a power of two that scales the mean edge to about 1. Scaling by it has no rounding error.
 float scale_of(const TriangleMesh& mesh, unsigned threads) {
@@ -46,11 +48,15 @@ class Simplifier {
     surface_.local_number.assign(mesh.positions.size(), 0);
     alive_.resize(mesh.faces.size());
     for (std::uint32_t f = 0; f < alive_.size(); ++f) alive_[f] = f;
+    const std::size_t tile_faces = options_.tile_faces > 0 ? std::max(options_.tile_faces, 16u) : alive_.size();
+    for (std::size_t at = 0; at < alive_.size(); at += tile_faces) tiles_.push_back(at);
+    tiles_.push_back(alive_.size());
   }
 
   Collapses run() {
     for (std::uint32_t round = 0;; ++round) {
       out_.rounds.push_back(out_.segments.size());
+      if (round == kTileRounds) tiles_ = {0, alive_.size()};
       const std::size_t before = alive_.size();
       if (before <= options_.block_faces || before <= options_.base_faces) break;
       simplify_blocks(round);
@@ -96,16 +102,23 @@ class Simplifier {
     return *patches_[worker];
   }
 
-  /// Drops from `alive_` the faces that collapses have removed.
+  /// Drops from `alive_` and its tiles the faces that collapses have removed.
   void drop_removed() {
-    alive_.erase(std::remove_if(alive_.begin(), alive_.end(),
-                                [this](std::uint32_t f) { return (surface_.state[f] & Surface::kAlive) == 0; }),
-                 alive_.end());
+    std::size_t to = 0;
+    for (std::size_t tile = 0; tile + 1 < tiles_.size(); ++tile) {
+      const std::size_t first = tiles_[tile];
+      tiles_[tile] = to;
+      for (std::size_t i = first; i < tiles_[tile + 1]; ++i)
+        if ((surface_.state[alive_[i]] & Surface::kAlive) != 0) alive_[to++] = alive_[i];
+    }
+    alive_.resize(to);
+    tiles_.back() = to;
   }
 
   std::vector<std::size_t> even_blocks() const {
     std::vector<std::size_t> blocks;
-    for (std::size_t at = 0; at < alive_.size(); at += options_.block_faces) blocks.push_back(at);
+    for (std::size_t tile = 0; tile + 1 < tiles_.size(); ++tile)
+      for (std::size_t at = tiles_[tile]; at < tiles_[tile + 1]; at += options_.block_faces) blocks.push_back(at);
     blocks.push_back(alive_.size());
     return blocks;
   }
@@ -123,7 +136,14 @@ class Simplifier {
       }
     });
     constexpr std::array<double, 4> kShares{0.38, 0.6, 0.44, 0.67};
-    std::vector<std::size_t> blocks = divide(placed, options_.block_faces, kShares[round % kShares.size()], threads_);
+    std::vector<std::size_t> blocks{0};
+    for (std::size_t tile = 0; tile + 1 < tiles_.size(); ++tile) {
+      const std::span<PlacedFace> faces{placed.data() + tiles_[tile], placed.data() + tiles_[tile + 1]};
+      if (faces.empty()) continue;
+      const double share = kShares[round % kShares.size()];
+      const std::vector<std::size_t> starts = divide(faces, options_.block_faces, share, threads_);
+      for (std::size_t i = 1; i < starts.size(); ++i) blocks.push_back(tiles_[tile] + starts[i]);
+    }
     for (std::size_t i = 0; i < placed.size(); ++i) alive_[i] = placed[i].face;
     return blocks;
   }
@@ -214,6 +234,7 @@ class Simplifier {
   Surface surface_;
   std::vector<std::optional<Patch>> patches_;  // by worker
   std::vector<std::uint32_t> alive_;           // faces that are not removed, in the order of the blocks
+  std::vector<std::size_t> tiles_;             // index of the first face of each tile in `alive_`, and the end
   Collapses out_;
 };
 

@@ -14,6 +14,10 @@
 /// the round before. Each block is simplified alone, on any thread, to a quarter of its faces. Only vertices with all
 /// their faces in the block take part. The last round has a single block. The blocks depend on the mesh alone, so the
 /// result does not depend on the number of threads.
+///
+/// With SimplifyOptions::tile_faces, the mesh is also cut into tiles, and each block of the first three rounds lies in
+/// one tile. So the vertices of several tiles stay until a tile has a 64th of its faces, and until then tiles do not
+/// depend on each other.
 /// Sources: Garland, Heckbert 1997 (quadrics); Dey et al. 1999 (link condition).
 #pragma once
 
@@ -39,6 +43,9 @@ struct SimplifyOptions {
   /// cracks and tunnels close, parts merge. Applies to the last round only. File units; 0: no such collapse.
   double pair_distance = 0;
   std::uint32_t block_faces = 1u << 15;  ///< maximum number of faces of a block; affects the result
+  /// Number of successive faces that make a tile; 0: the mesh is one tile. With a power of two and the faces in the
+  /// order of face_order.hpp, tiles are compact. Affects the result.
+  std::uint32_t tile_faces = 0;
 };
 
 struct Collapse {

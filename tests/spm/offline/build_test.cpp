@@ -10,6 +10,7 @@
 #include <random>
 #include <set>
 
+#include "spm/offline/face_order.hpp"
 #include "spm/offline/generate.hpp"
 #include "spm/surface_points.hpp"
 #include "spm/triangle.hpp"
@@ -25,13 +26,16 @@ using test_support::sorted_faces;
 using test_support::ZooMesh;
 using ::testing::IsEmpty;
 
-/// The simplification treats a mesh as a whole, in blocks, or as a whole with contractions of near vertex pairs.
-enum class Simplification { kWhole, kBlocks, kPairs };
+/// The simplification treats a mesh as a whole, in blocks, in blocks of several tiles, or as a whole with contractions of
+/// near vertex pairs.
+enum class Simplification { kWhole, kBlocks, kTiles, kPairs };
 
 BuildOptions small_options(Simplification simplification, unsigned threads = 2) {
   BuildOptions options;
   options.threads = threads;
-  if (simplification == Simplification::kBlocks) options.simplify.block_faces = 64;
+  const bool in_tiles = simplification == Simplification::kTiles;
+  if (in_tiles || simplification == Simplification::kBlocks) options.simplify.block_faces = 64;
+  if (in_tiles) options.simplify.tile_faces = 256;
   if (simplification == Simplification::kPairs) options.simplify.pair_distance = 0.5;
   options.simplify.base_faces = 12;
   options.partition.cell_faces = 40;
@@ -63,14 +67,14 @@ class EveryMesh : public ::testing::TestWithParam<std::tuple<ZooMesh, Simplifica
 };
 
 std::string name_of(const ::testing::TestParamInfo<std::tuple<ZooMesh, Simplification>>& test) {
-  constexpr std::array<const char*, 3> kSuffixes{"Whole", "InBlocks", "WithPairs"};
+  constexpr std::array<const char*, 4> kSuffixes{"Whole", "InBlocks", "InTiles", "WithPairs"};
   return std::get<0>(test.param).name + kSuffixes[static_cast<std::size_t>(std::get<1>(test.param))];
 }
 
 INSTANTIATE_TEST_SUITE_P(Zoo, EveryMesh,
                          ::testing::Combine(::testing::ValuesIn(mesh_zoo()),
                                             ::testing::Values(Simplification::kWhole, Simplification::kBlocks,
-                                                              Simplification::kPairs)),
+                                                              Simplification::kTiles, Simplification::kPairs)),
                          name_of);
 
 TEST_P(EveryMesh, GivesAModelWithoutViolations) { EXPECT_THAT(violations(built_.model()), IsEmpty()); }
@@ -245,6 +249,36 @@ TEST(Build, BlocksLengthenTheClosedListsByAtMost10Percent) {
   };
   const std::uint64_t whole = listed_records(1u << 20), blocks = listed_records(1u << 12);
   EXPECT_LE(blocks * 100, whole * 110) << "whole " << whole << ", in blocks " << blocks;
+}
+
+TEST(Simplify, RetainsTheVerticesOfSeveralTilesInTheFirstThreeRounds) {
+  constexpr std::uint32_t kTileFaces = 4096;
+  TriangleMesh mesh = generate(Shape::kOrgan, 60000, 3);
+  std::vector<Triangle> ordered;
+  for (const std::uint32_t f : face_order(mesh)) ordered.push_back(mesh.faces[f]);
+  mesh.faces = std::move(ordered);
+  SimplifyOptions options;
+  options.block_faces = 512;
+  options.tile_faces = kTileFaces;
+  const Collapses collapses = simplify(mesh, options);
+
+  std::vector<std::set<std::uint32_t>> tiles(mesh.positions.size());  // by vertex
+  for (std::uint32_t f = 0; f < mesh.faces.size(); ++f)
+    for (const std::uint32_t v : mesh.faces[f]) tiles[v].insert(f / kTileFaces);
+  std::size_t within_tiles = 0, between_tiles = 0;
+  ASSERT_GT(collapses.rounds.size(), 4u);
+  for (std::size_t s = 0; s < collapses.segments.size(); ++s) {
+    const Segment& segment = collapses.segments[s];
+    const bool is_early = s < collapses.rounds[3];
+    for (std::uint32_t i = 0; i < segment.size(); ++i) {
+      const Collapse& collapse = segment.sequence[i];
+      const bool is_within = tiles[collapse.u].size() == 1 && tiles[collapse.u] == tiles[collapse.t];
+      if (is_early) EXPECT_TRUE(is_within) << "collapse of vertex " << collapse.u;
+      ++(is_within ? within_tiles : between_tiles);
+    }
+  }
+  EXPECT_GT(within_tiles, mesh.positions.size() / 2);
+  EXPECT_GT(between_tiles, 0u) << "in later rounds";
 }
 
 TEST(Build, ReachesTheNumberOfBaseFacesRequestedOnASmoothSurface) {
