@@ -45,8 +45,8 @@ constexpr Kind kKinds[] = {{"SIGKILL", SIGKILL},
                            {"SIGSTOP for 2 s", SIGSTOP},
                            {"lack of memory", kNoMemory}};
 
-/// Before each kill, nothing happens for this time. Then a process that has nothing to do with the session works for this
-/// time.
+/// Before each kill, nothing happens for this time. Then a process that has nothing to do with the session works for
+/// this time.
 constexpr auto kReference = 500ms;
 
 /// Starts a process that works for `time`, takes as much memory as a gateway, and ends.
@@ -186,8 +186,8 @@ Report run(const Settings& settings) {
                      busy.late_per_million());
     report.add_value("late cycles, no gateway", {"cycles", killed.intervals_ms.size()}, "per million",
                      killed.late_per_million());
-    // On a virtual machine, cycles are late without a kill too, and more often while processes start, work and end. So the
-    // difference is compared with its chance.
+    // On a virtual machine, cycles are late without a kill too, and more often while processes start, work and end. So
+    // the difference is compared with its chance.
     const double error = std::hypot(killed.standard_error(), busy.standard_error());
     report.add_at_most("late cycles, difference of the two", {"cycles", killed.intervals_ms.size()}, "standard errors",
                        (killed.late_per_million() - busy.late_per_million()) / std::max(error, 1.0), 3);
