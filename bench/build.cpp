@@ -234,7 +234,7 @@ int main(int argc, char** argv) {
     if (app.quick) {
       settings.faces = std::min(settings.faces, 200000u);
       settings.repeats = 1;
-      settings.tile_faces = 1u << 16;
+      if (settings.tile_faces == 0) settings.tile_faces = 1u << 16;
     }
     return tactus::bench::run(settings);
   });

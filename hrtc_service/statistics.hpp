@@ -53,8 +53,7 @@ class CycleStatistics {
   }
   [[nodiscard]] std::uint64_t cycles() const noexcept { return cycles_; }
 
-  /// Appends the figures. `with_percentiles` takes some 5 ms for 100,000 cycles. The next call reports the cycles after
-  /// this one as recent.
+  /// Appends the figures; percentiles take O(stored cycles). The next call reports the cycles after this one as recent.
   void add_figures(std::vector<session::Figure>& out, bool with_percentiles) {
     namespace names = session::figures;
     out.push_back({names::kCycles, static_cast<double>(cycles_)});

@@ -48,8 +48,8 @@ constexpr std::int64_t kCalmNs = 2 * kSecond;     // in which the session has to
 /// Part of the run after which the growth of memory is measured. Until then it grows because programs touch pages of
 /// their memory for the first time.
 constexpr double kWarmUp = 0.5;
-/// Minimum age of a program whose growth is measured, s: one that was killed shortly before has not touched them yet.
-constexpr double kMinAge = 60;
+/// Age from which the growth of a program is measured, s: one that was killed before has not touched these pages yet.
+constexpr double kMinAge = 10;
 constexpr std::int64_t kReferenceNs = 2 * kSecond;  // in which the users and participants of the reference are found
 
 struct Options {
@@ -99,7 +99,7 @@ class Observer {
   wire::Reader<session::ProbeState> states_ = reader(wire::topics::kProbeState);
 };
 
-/// A program after the first part of the run.
+/// A program after the first part of the run, or when it was kMinAge old if that was later.
 struct Measured {
   Program program;
   Resources before;
@@ -118,12 +118,8 @@ class Run {
     const std::int64_t begin_ns = monotonic_ns(), end_ns = begin_ns + static_cast<std::int64_t>(options_.seconds * 1e9);
     std::printf("seed %llu, %g s of faults in session %s with %s\n", static_cast<unsigned long long>(options_.seed),
                 options_.seconds, options_.address.session.c_str(), observer_.health().reference_text().c_str());
-    bool is_warm = false;
     while (monotonic_ns() < end_ns) {
-      if (!is_warm && static_cast<double>(monotonic_ns() - begin_ns) * 1e-9 >= kWarmUp * options_.seconds) {
-        is_warm = true;
-        measure_programs();
-      }
+      if (static_cast<double>(monotonic_ns() - begin_ns) * 1e-9 >= kWarmUp * options_.seconds) measure_programs();
       const Fault fault = plan.next(found_programs());
       observer_.receive_for(fault.pause);
       std::printf("%7.1f s  %s", static_cast<double>(monotonic_ns() - begin_ns) * 1e-9, text(fault).c_str());
@@ -189,9 +185,13 @@ class Run {
     if (!health.has_users()) std::printf("there is no user, so forces and contacts are not checked\n");
   }
 
+  /// Measures the programs that are old enough and not measured yet.
   void measure_programs() {
     for (const Program& program : found_programs()) {
-      if (age_of(program) < std::min(kMinAge, kWarmUp * options_.seconds)) continue;
+      const bool is_measured = std::any_of(measured_.begin(), measured_.end(), [&](const Measured& measured) {
+        return measured.program.pid == program.pid && measured.program.started == program.started;
+      });
+      if (is_measured || age_of(program) < kMinAge) continue;
       if (const auto resources = resources_of(program)) measured_.push_back({program, *resources});
     }
   }
