@@ -14,13 +14,15 @@ target_precompile_headers(tactus_test_precompiled PRIVATE
 # in ctest.
 #   PROGRAMS tactus-host ...      programs that the test starts; the macro TACTUS_HOST is the path of tactus-host
 #   SHARDS n                      n ctest entries, so that a long program uses several processors
+#   ALONE 'Suite.*'               filter of test cases with bounds on times or on what a force does in a time; they get
+#                                 an entry of their own, which runs while no other test does
 #   NIGHTLY 'Suite.*'             filter of long test cases, which get an entry of their own with label nightly
 #   TIMEOUT s                     default 120; five times as long under a sanitizer
 # scripts/test gives ctest two slots for each processor. A test takes two slots, but one with label dds takes one slot,
 # because it mostly waits for other processes.
 # The report of each entry goes to reports/ENTRY.xml in the build folder, where scripts/test counts cases.
 function(tactus_test name)
-  cmake_parse_arguments(ARG "" "LABEL;TIMEOUT;SHARDS;NIGHTLY" "SOURCES;LINK;PROGRAMS" ${ARGN})
+  cmake_parse_arguments(ARG "" "LABEL;TIMEOUT;SHARDS;ALONE;NIGHTLY" "SOURCES;LINK;PROGRAMS" ${ARGN})
   set(target ${name}_test)
   add_executable(${target} ${ARG_SOURCES})
   tactus_imports(${target})
@@ -45,6 +47,7 @@ function(tactus_test name)
     set(processors 1)
   endif()
   set(properties TIMEOUT ${ARG_TIMEOUT} COST ${cost} PROCESSORS ${processors})
+  string(JOIN ":" elsewhere ${ARG_ALONE} ${ARG_NIGHTLY})
   set(reports "GTEST_OUTPUT=xml:${PROJECT_BINARY_DIR}/reports")
   foreach(shard RANGE 1 ${ARG_SHARDS})
     set(entry ${name})
@@ -53,12 +56,17 @@ function(tactus_test name)
     endif()
     math(EXPR index "${shard} - 1")
     set(environment "${reports}/${entry}.xml;GTEST_TOTAL_SHARDS=${ARG_SHARDS};GTEST_SHARD_INDEX=${index}")
-    if(ARG_NIGHTLY)
-      list(APPEND environment "GTEST_FILTER=-${ARG_NIGHTLY}")
+    if(elsewhere)
+      list(APPEND environment "GTEST_FILTER=-${elsewhere}")
     endif()
     add_test(NAME ${entry} COMMAND ${target})
     set_tests_properties(${entry} PROPERTIES ${properties} LABELS ${ARG_LABEL} ENVIRONMENT "${environment}")
   endforeach()
+  if(ARG_ALONE)
+    add_test(NAME ${name}_alone COMMAND ${target})
+    set_tests_properties(${name}_alone PROPERTIES ${properties} RUN_SERIAL TRUE LABELS "${ARG_LABEL}"
+      ENVIRONMENT "${reports}/${name}_alone.xml;GTEST_FILTER=${ARG_ALONE}")
+  endif()
   if(ARG_NIGHTLY)
     add_test(NAME ${name}_nightly COMMAND ${target})
     set_tests_properties(${name}_nightly PROPERTIES ${properties} LABELS "${ARG_LABEL};nightly"
