@@ -68,7 +68,7 @@ GatewayService::Impl::Impl(const HrtcOptions& given, ServoLink& servo_link, Cont
       membership{
           participants.origin(),
           {options.address.participant, options.address.session, options.max_users, UserDevices::users_in(link.devices),
-           [this](const std::string& user) { return participants.permits(user); }},
+           [this](const std::string& user, std::uint64_t client) { return participants.may_serve(user, client); }},
           gateway,
           realtime::monotonic_ns()},
       devices{participants, link.devices, [this](session::Intent&& intent) { inbox.put(std::move(intent)); }},

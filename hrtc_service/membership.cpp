@@ -149,7 +149,7 @@ void Membership::add_users(const session::RosterEntry& client) {
                                        " refused: another user of that name has probe " + std::to_string(taken->first));
       continue;
     }
-    if (settings_.permits && !settings_.permits(name)) {
+    if (settings_.may_serve && !settings_.may_serve(name, client.origin.participant)) {
       report(Severity::kWarning, "user " + name + " of client " + client.name +
                                      " refused: the keys of this HRTC do not permit it to serve the user");
       continue;

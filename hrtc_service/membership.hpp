@@ -32,8 +32,9 @@ struct MembershipSettings {
   std::uint32_t max_users = kMaxProbes;
   /// id_of the users who had the probes under an earlier gateway, by probe; 0: none. They get the same ones.
   std::array<std::uint64_t, kMaxProbes> earlier_users{};
-  /// Returns whether the keys of this program permit to serve a user. Empty: it may serve all.
-  std::function<bool(const std::string& user)> permits{};
+  /// Returns whether the keys of this program permit it to serve a user whom the program with the id `client` brings.
+  /// Empty: it may serve all.
+  std::function<bool(const std::string& user, std::uint64_t client)> may_serve{};
 };
 
 struct SessionEvent {

@@ -88,6 +88,16 @@ void PointedUsers::on_touch(SourceId source, const TouchRequest& request, std::i
   users_.push_back(std::move(user));
 }
 
+void PointedUsers::refuse(std::uint64_t client, const std::string& reason) {
+  const auto refused = std::find_if(users_.begin(), users_.end(), [&](const User& user) {
+    return user.entry.origin.participant == client && !user.is_leaving();
+  });
+  if (refused == users_.end()) return;
+  const SourceId source = refused->source;
+  users_.erase(refused);
+  if (on_refused) on_refused(source, reason);
+}
+
 void PointedUsers::on_hand(SourceId source, const HandRequest& request, std::int64_t now_ns) {
   for (User& user : users_) {
     if (user.source != source || user.is_leaving()) continue;

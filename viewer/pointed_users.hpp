@@ -69,6 +69,8 @@ class PointedUsers {
   void on_release(SourceId source);
   /// All users leave.
   void release_all();
+  /// The user of this client cannot join: its source gets no probe.
+  void refuse(std::uint64_t client, const std::string& reason);
 
   /// Returns the samples to send. Call it every few milliseconds.
   [[nodiscard]] PointedUserMessages tick(std::int64_t now_ns);

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <map>
-#include <set>
 #include <utility>
 #include <variant>
 #include <vector>
@@ -121,23 +120,21 @@ struct ViewerParticipant::Impl {
     }
   }
 
-  /// Returns the client of an entry, and makes its participant if it has none. Null: DDS has refused it.
+  /// Returns the client of an entry, and makes its participant if it has none. Null: the keys do not permit its user, or
+  /// it cannot join; then its source gets no probe.
   Client* client_of(const session::RosterEntry& entry) {
     std::unique_ptr<Client>& client = clients[entry.origin.participant];
     const bool joins_again = client && client->left_ns != 0 && !entry.leaving;
     if (client && !joins_again) return client.get();
-    if (refused.count(entry.origin.participant) != 0) {
-      clients.erase(entry.origin.participant);
-      if (entry.leaving) refused.erase(entry.origin.participant);
-      return nullptr;
-    }
     try {
+      participants.expect_permitted(entry.users.front());
       client = std::make_unique<Client>(address, entry);
       return client.get();
     } catch (const wire::WireError& error) {
       core.add_event("client '" + entry.name + "' cannot join: " + error.what(), monotonic_ns());
-      clients.erase(entry.origin.participant);
-      refused.insert(entry.origin.participant);
+      const std::uint64_t id = entry.origin.participant;
+      clients.erase(id);
+      users.refuse(id, error.what());
       return nullptr;
     }
   }
@@ -184,7 +181,6 @@ struct ViewerParticipant::Impl {
   bool loads_meshes = false;
   session::PeriodicTimer tick{kTickNs};
   std::map<std::uint64_t, std::unique_ptr<Client>> clients;  // by participant
-  std::set<std::uint64_t> refused;                           // participants that cannot join, until they leave
   wire::Writer<session::RosterEntry> roster_out;
   wire::Writer<session::Demand> demand_out;
   wire::Writer<session::ClockSample> clock_out;

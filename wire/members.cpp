@@ -269,6 +269,17 @@ void Members::report_excess(const GuidPrefix& participant, const char* topic) co
     audit_.add({"too many samples", certificates_.at(known->second.certificate).subject, "", topic});
 }
 
+void Members::report_refused_user(std::uint64_t client, const std::string& user) const {
+  const std::shared_lock lock{mutex_};
+  const auto brings = std::find_if(participants_.begin(), participants_.end(), [&](const auto& known) {
+    const Participant& participant = known.second;
+    return participant.is_proved &&
+           std::find(participant.ids.begin(), participant.ids.end(), client) != participant.ids.end();
+  });
+  if (brings != participants_.end())
+    audit_.add({"user not served", certificates_.at(brings->second.certificate).subject, "", user});
+}
+
 std::uint64_t Members::id_of(const GuidPrefix& participant) const {
   const std::shared_lock lock{mutex_};
   const auto known = participants_.find(participant);

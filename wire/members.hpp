@@ -62,6 +62,9 @@ class Members {
   /// Writes to the audit log that a participant sends more than the rate of a topic.
   void report_excess(const GuidPrefix& participant, const char* topic) const;
 
+  /// Writes to the audit log that this program, an HRTC, may not serve a user whom the program with this id brings.
+  void report_refused_user(std::uint64_t client, const std::string& user) const;
+
   /// Returns the id of the program with this participant; 0 if it is no member.
   [[nodiscard]] std::uint64_t id_of(const GuidPrefix& participant) const;
 

@@ -262,8 +262,10 @@ bool Participants::may_write(const char* topic) const {
                      [&](const keys::WriteRight& right) { return std::string_view{right.topic} == topic; });
 }
 
-bool Participants::permits(const std::string& name) const {
-  return !impl_->security || wire::permits(impl_->security->member(), name);
+bool Participants::may_serve(const std::string& user, std::uint64_t client) {
+  if (!impl_->security || wire::permits(impl_->security->member(), user)) return true;
+  impl_->security->members().report_refused_user(client, user);
+  return false;
 }
 
 void Participants::expect_permitted(const std::string& user) const {

@@ -38,9 +38,10 @@ class Participants {
 
   /// Returns false if the keys of this program do not permit it to write a topic.
   [[nodiscard]] bool may_write(const char* topic) const;
-  /// Returns false if the keys of this program restrict it to other users, or (a host) to other objects.
-  [[nodiscard]] bool permits(const std::string& name) const;
-  /// Throws WireError unless `permits(user)`.
+  /// Returns whether the keys of this program, an HRTC, permit it to serve a user whom the program with the id `client`
+  /// brings. If they do not, the audit log names that program.
+  [[nodiscard]] bool may_serve(const std::string& user, std::uint64_t client);
+  /// Throws WireError if the keys of this program restrict it to other users.
   void expect_permitted(const std::string& user) const;
 
   /// Max encoded size of the pieces of a chunk whose message fits one Ethernet frame. With keys it is smaller, because

@@ -91,6 +91,10 @@ TEST_F(SecuredTest, AnHrtcServesAndAHostOffersOnlyWhatTheirKeysName) {
                           keys_of("sim", Role::kOperator, {"ann"}))};
   EXPECT_TRUE(desk.wait_for_line("user ann of client sim refused: the keys of this HRTC do not permit"))
       << desk.output() << users.output();
+  desk.signal(SIGINT);
+  EXPECT_TRUE(exits_with(0, desk));
+  EXPECT_THAT(test_support::read_bytes(audit_of("desk")),
+              HasSubstr(R"("event":"user not served","subject":"operator sim","detail":"ann")"));
 }
 
 TEST_F(SecuredTest, AnEmptyNameOfTheFolderDoesNotMeanNoKeys) {

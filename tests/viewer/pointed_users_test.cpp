@@ -200,6 +200,21 @@ TEST_F(PointedUsersTest, ANameThatAnotherUserHasIsRefused) {
   EXPECT_THAT(refusals_[0].reason, HasSubstr("'ann' is taken"));
 }
 
+TEST_F(PointedUsersTest, AUserWhoCannotJoinIsRefusedAtOnceAndMayTryAgain) {
+  step(10 * kMs);
+  users_.on_touch(kPage, {"guest", ""}, now_ns_);
+  users_.refuse(session::id_of("view.guest"), "the keys permit only ann");
+  ASSERT_EQ(refusals_.size(), 1u);
+  EXPECT_EQ(refusals_[0].page, kPage);
+  EXPECT_EQ(refusals_[0].reason, "the keys permit only ann");
+  EXPECT_FALSE(users_.has_user(kPage));
+  step(100 * kMs);
+  EXPECT_THAT(entries_, IsEmpty());
+  bring_guest();
+  EXPECT_EQ(refusals_.size(), 1u);
+  EXPECT_TRUE(users_.has_user(kPage));
+}
+
 TEST_F(PointedUsersTest, AnHrtcThatIsAbsentIsNamedInTheRefusal) {
   step(10 * kMs);
   users_.on_touch(kPage, {"guest", "lab"}, now_ns_);
