@@ -10,6 +10,8 @@
 #include <string_view>
 #include <vector>
 
+#include "tactus/commit.hpp"
+
 namespace {
 
 constexpr int kWrongInput = 2;
@@ -46,7 +48,7 @@ void print_help(std::FILE* out) {
   std::fputs("Usage: tactus COMMAND [OPTION...]\n\n", out);
   for (const Command& c : kCommands) std::fprintf(out, "  %-11s%s\n", c.name.data(), c.purpose.data());
   std::fputs(
-      "\nEach command has --help. Examples:\n"
+      "\nEach command has --help. tactus --version prints the version. Examples:\n"
       "  tactus mesh generate organ --faces 500000 --seed 1 organ.ply\n"
       "  tactus mesh build organ.ply organ.spm --size 0.2\n"
       "  tactus host --session lab --name host-a --domain 40 organ.spm\n"
@@ -74,6 +76,10 @@ int main(int argc, char** argv) {
   const std::string_view first_word{argv[1]};
   if (first_word == "--help" || first_word == "-h") {
     print_help(stdout);
+    return 0;
+  }
+  if (first_word == "--version") {
+    std::puts("tactus " TACTUS_VERSION ", commit " TACTUS_COMMIT);
     return 0;
   }
   const std::string two_words = std::string{first_word} + " " + (argc > 2 ? argv[2] : "");
