@@ -54,6 +54,10 @@ class Operator {
 
   /// True once the script has ended; never for a script that repeats.
   [[nodiscard]] bool done() const noexcept { return is_done_; }
+  /// Number of the action at which the script is, from 1; 0 if the script has ended or repeats.
+  [[nodiscard]] std::size_t unfinished_action() const noexcept {
+    return is_done_ || user_.repeats_script ? 0 : action_ + 1;
+  }
   [[nodiscard]] const OperatorTally& tally() const noexcept { return tally_; }
   [[nodiscard]] const User& user() const noexcept { return user_; }
   /// True while the operator follows a surface, or holds with a force.

@@ -265,6 +265,15 @@ void SimCore::send_heartbeats(std::int64_t now_ns, bool leaving, SimMessages& ou
   }
 }
 
+void SimCore::log_unfinished_scripts() {
+  for (const SimUser& sim_user : users_) {
+    const User& user = sim_user.script_operator.user();
+    if (const std::size_t action = sim_user.script_operator.unfinished_action(); action != 0)
+      log_event("the duration ended during action " + std::to_string(action) + " of " +
+                std::to_string(user.script.size()) + " of the script of " + user.name);
+  }
+}
+
 void SimCore::begin_ending(std::int64_t now_ns, SimMessages& out) {
   state_ = SimState::kEnding;
   end_ns_ = now_ns;
@@ -329,8 +338,9 @@ SimMessages SimCore::tick(std::int64_t now_ns, std::int64_t session_now_ns) {
     const bool all_done = std::all_of(users_.begin(), users_.end(),
                                       [](const SimUser& sim_user) { return sim_user.script_operator.done(); });
     if (!requested_stop_.empty()) stop_reason_ = requested_stop_;
-    if (all_done || !requested_stop_.empty() || seconds(now_ns - start_ns_) >= scenario_.duration)
-      begin_ending(now_ns, out);
+    const bool is_time_over = seconds(now_ns - start_ns_) >= scenario_.duration;
+    if (is_time_over && requested_stop_.empty()) log_unfinished_scripts();
+    if (all_done || !requested_stop_.empty() || is_time_over) begin_ending(now_ns, out);
   } else if (state_ == SimState::kEnding && (last_figures_are_in() || seconds(now_ns - end_ns_) >= settings_.linger)) {
     state_ = SimState::kEnded;
     send_heartbeats(now_ns, true, out);

@@ -120,6 +120,7 @@ class SimCore {
   void gather(std::int64_t now_ns);
   void assign_users(const std::vector<std::string>& hrtcs);
   [[nodiscard]] std::string missing_probes() const;
+  void log_unfinished_scripts();
   void begin_ending(std::int64_t now_ns, SimMessages& out);
   [[nodiscard]] bool last_figures_are_in() const;
   void process_events(const std::vector<session::RosterEvent>& events);

@@ -233,8 +233,14 @@ TEST(SimCore, StartsWhenAllUsersAreServedAndEndsAfterTheDuration) {
   EXPECT_EQ(session.core.state(), SimState::kEnded);
   EXPECT_TRUE(session.roster.back().leaving);
   EXPECT_EQ(session.core.report().stop_reason, "");
-  EXPECT_NEAR(session.core.report().duration, 1, 0.02);
-  EXPECT_EQ(session.core.report().records_total, 2000u);
+  const Report report = session.core.report();
+  EXPECT_NEAR(report.duration, 1, 0.02);
+  EXPECT_EQ(report.records_total, 2000u);
+  EXPECT_EQ(std::count_if(report.events.begin(), report.events.end(),
+                          [](const ReportEvent& event) {
+                            return event.text.find("ended during action 1 of 2 of the script") != std::string::npos;
+                          }),
+            2);
 }
 
 TEST(SimCore, ReportsTimesOfEventsRelativeToTheStart) {
