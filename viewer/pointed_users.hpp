@@ -69,7 +69,7 @@ class PointedUsers {
   void on_release(SourceId source);
   /// All users leave.
   void release_all();
-  /// The user of this client cannot join: its source gets no probe.
+  /// The user of this client cannot join: its source gets no probe, and no leave message is sent.
   void refuse(std::uint64_t client, const std::string& reason);
 
   /// Returns the samples to send. Call it every few milliseconds.

@@ -120,19 +120,22 @@ struct ViewerParticipant::Impl {
     }
   }
 
-  /// Returns the client of an entry, and makes its participant if it has none. Null: the keys do not permit its user, or
+  /// Returns the client of an entry, and makes its participant if it has none. Null: it leaves before it has joined, or
   /// it cannot join; then its source gets no probe.
   Client* client_of(const session::RosterEntry& entry) {
     std::unique_ptr<Client>& client = clients[entry.origin.participant];
     const bool joins_again = client && client->left_ns != 0 && !entry.leaving;
     if (client && !joins_again) return client.get();
+    const std::uint64_t id = entry.origin.participant;
+    if (entry.leaving) {
+      clients.erase(id);
+      return nullptr;
+    }
     try {
       participants.expect_permitted(entry.users.front());
       client = std::make_unique<Client>(address, entry);
       return client.get();
     } catch (const wire::WireError& error) {
-      core.add_event("client '" + entry.name + "' cannot join: " + error.what(), monotonic_ns());
-      const std::uint64_t id = entry.origin.participant;
       clients.erase(id);
       users.refuse(id, error.what());
       return nullptr;

@@ -262,7 +262,7 @@ bool Participants::may_write(const char* topic) const {
                      [&](const keys::WriteRight& right) { return std::string_view{right.topic} == topic; });
 }
 
-bool Participants::may_serve(const std::string& user, std::uint64_t client) {
+bool Participants::may_serve(const std::string& user, std::uint64_t client) const {
   if (!impl_->security || wire::permits(impl_->security->member(), user)) return true;
   impl_->security->members().report_refused_user(client, user);
   return false;

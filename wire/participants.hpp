@@ -40,7 +40,7 @@ class Participants {
   [[nodiscard]] bool may_write(const char* topic) const;
   /// Returns whether the keys of this program, an HRTC, permit it to serve a user whom the program with the id `client`
   /// brings. If they do not, the audit log names that program.
-  [[nodiscard]] bool may_serve(const std::string& user, std::uint64_t client);
+  [[nodiscard]] bool may_serve(const std::string& user, std::uint64_t client) const;
   /// Throws WireError if the keys of this program restrict it to other users.
   void expect_permitted(const std::string& user) const;
 

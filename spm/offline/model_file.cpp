@@ -98,7 +98,8 @@ void check_header(const Header& header, std::size_t size, const std::filesystem:
   if (header.version != kModelFileVersion) {
     fail(path, std::string{"format version "} + std::to_string(header.version) + ", this program reads version " +
                    std::to_string(kModelFileVersion) +
-                   (header.version > kModelFileVersion ? "; it was written by a later release, or is damaged" : ""));
+                   (header.version > kModelFileVersion ? "; it was written by a later release, or is damaged"
+                                                       : "; it was written by an earlier release, or is damaged"));
   }
   if (header.sections != kSections) {
     fail(path, "found " + std::to_string(header.sections) + " sections, expected " + std::to_string(kSections));

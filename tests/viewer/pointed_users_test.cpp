@@ -213,6 +213,9 @@ TEST_F(PointedUsersTest, AUserWhoCannotJoinIsRefusedAtOnceAndMayTryAgain) {
   bring_guest();
   EXPECT_EQ(refusals_.size(), 1u);
   EXPECT_TRUE(users_.has_user(kPage));
+  users_.on_release(kPage);
+  users_.refuse(session::id_of("view.guest"), "too late");
+  EXPECT_EQ(refusals_.size(), 1u) << "the user leaves already";
 }
 
 TEST_F(PointedUsersTest, AnHrtcThatIsAbsentIsNamedInTheRefusal) {

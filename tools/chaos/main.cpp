@@ -230,10 +230,14 @@ class Run {
     const std::int64_t limit_ns = end_ns + static_cast<std::int64_t>(options_.patience * 1e9);
     std::int64_t back_ns = end_ns;
     std::vector<std::string> missing;
+    std::string last_missing;
     do {
       observer_.receive();
       missing = observer_.health().missing(monotonic_ns());
-      if (!missing.empty()) back_ns = monotonic_ns();
+      if (!missing.empty()) {
+        back_ns = monotonic_ns();
+        last_missing = missing.front();
+      }
       if (monotonic_ns() > limit_ns) break;
     } while (!missing.empty() ||
              static_cast<double>(monotonic_ns() - std::max(back_ns, end_ns)) * 1e-9 < kNoticeSeconds);
@@ -244,8 +248,11 @@ class Run {
       std::printf(": NOT RECOVERED after %g s: %s\n", options_.patience, missing.front().c_str());
       return;
     }
-    recovery.seconds.add(static_cast<double>(back_ns - end_ns) * 1e-9);
-    std::printf(": complete %.2f s after its end\n", static_cast<double>(back_ns - end_ns) * 1e-9);
+    constexpr double kLongSeconds = 1;
+    const double seconds = static_cast<double>(back_ns - end_ns) * 1e-9;
+    recovery.seconds.add(seconds);
+    std::printf(": complete %.2f s after its end%s\n", seconds,
+                seconds < kLongSeconds ? "" : ("; missing until then: " + last_missing).c_str());
   }
 
   void report() {
