@@ -183,7 +183,7 @@ struct Host::Impl {
   void on_sample(const session::EmergencyStop& sample, std::int64_t) { core.on_stop(sample); }
   void on_sample(const session::ForceReset& reset, std::int64_t) { core.on_reset(reset); }
   void on_sample(const session::SessionEnd& end, std::int64_t) { core.on_end(end); }
-  void on_sample(const session::CatalogueEntry& entry, std::int64_t at_ns) { core.on_catalogue(entry, at_ns); }
+  void on_sample(const session::CatalogueEntry& entry, std::int64_t) { core.on_catalogue(entry); }
   void on_sample(const session::ObjectClaim& claim, std::int64_t at_ns) { core.on_claim(claim, at_ns); }
   void on_sample(const session::ObjectPose& pose, std::int64_t at_ns) { core.on_pose(pose, at_ns); }
 

@@ -115,8 +115,9 @@ void HostCore::on_roster(const session::RosterEntry& entry, std::int64_t now_ns)
   if (stops_.on_roster(entry)) report(Severity::kWarning, "emergency stop, relayed by " + session::text(entry));
   for (const session::RosterEvent& event : roster_.on_entry(entry, now_ns)) react(event, now_ns);
   const session::RosterEntry* const known = roster_.find(entry.origin.participant);
-  if (known != nullptr && known->role == session::Role::kHost)
-    authority_.on_host(known->origin.participant, known->joined_ns, now_ns);
+  // Entries that the roster has refused, for example delayed ones, do not end the silence of a host.
+  if (known != nullptr && known->role == session::Role::kHost && known->heartbeat == entry.heartbeat)
+    authority_.on_host(known->origin, known->joined_ns, now_ns);
 }
 
 void HostCore::react(const session::RosterEvent& event, std::int64_t now_ns) {
@@ -130,7 +131,7 @@ void HostCore::react(const session::RosterEvent& event, std::int64_t now_ns) {
   }
   metrics_due_.make_due_within(now_ns, kMetricsSoonNs);  // so that programs which compare scenes get the new one soon
   const bool gone = event.change == RosterChange::kLeft || event.change == RosterChange::kGone;
-  if (entry.role == session::Role::kHost && gone) authority_.on_host_gone(id, now_ns);
+  if (entry.role == session::Role::kHost && gone) authority_.on_host_gone(id);
   const bool is_new = event.change == RosterChange::kJoined || event.change == RosterChange::kRestarted;
   if (entry.role == session::Role::kHrtc && is_new) {
     heartbeat_.repeat_soon();  // the HRTC requests regions only after it has received this host's entry
@@ -195,8 +196,9 @@ const HostMessages& HostCore::tick(std::int64_t now_ns) {
   ticked_ns_ = now_ns;
   for (const session::RosterEvent& event : roster_.tick(now_ns)) react(event, now_ns);
   session::update_session_clock(roster_, self_, session::Role::kHost, false, now_ns, clock_);
-  authority_.on_host(self_.participant, clock_.joined_ns(), now_ns);
+  authority_.on_host(self_, clock_.joined_ns(), now_ns);
   if (std::exchange(stops_announced_, stops_.changes()) != stops_.changes()) heartbeat_.make_due();
+  heartbeat_.set_period(authority_.shares_objects() ? kSharedHeartbeatNs : kHeartbeatNs);
   if (heartbeat_.due(now_ns)) messages_.roster = roster_entry(now_ns);
   const bool follows = clock_.reference() != 0 && clock_.reference() != self_.participant;
   if (follows && request_due_.due(now_ns)) messages_.clock_request = clock_.request(now_ns);
@@ -218,7 +220,9 @@ void HostCore::move_objects(std::int64_t now_ns) {
     objects_due_ns_ = now_ns + kHeldNs;
 }
 
-std::int64_t HostCore::due_ns() const noexcept { return std::min(objects_due_ns_, delivery_.due_ns()); }
+std::int64_t HostCore::due_ns() const noexcept {
+  return std::min({objects_due_ns_, delivery_.due_ns(), heartbeat_.next_ns()});
+}
 
 session::RosterEntry HostCore::roster_entry(std::int64_t now_ns) {
   session::RosterEntry entry;

@@ -93,9 +93,7 @@ class HostCore {
   void on_stop(const session::EmergencyStop& stop) { (void)stops_.on_stop(stop.name()); }
   void on_reset(const session::ForceReset& reset) { (void)stops_.on_reset(reset); }
   void on_end(const session::SessionEnd& end);
-  void on_catalogue(const session::CatalogueEntry& entry, std::int64_t now_ns) {
-    authority_.on_catalogue(entry, now_ns);
-  }
+  void on_catalogue(const session::CatalogueEntry& entry) { authority_.on_catalogue(entry); }
   void on_claim(const session::ObjectClaim& claim, std::int64_t now_ns) { authority_.on_claim(claim, now_ns); }
   void on_pose(const session::ObjectPose& pose, std::int64_t now_ns) {
     authority_.on_pose(pose, now_ns, clock_.map().session_time(now_ns));

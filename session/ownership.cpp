@@ -21,18 +21,22 @@ auto find_participant(List& list, std::uint64_t participant, ParticipantOf parti
 }  // namespace
 
 OwnershipArbiter::OwnershipArbiter(const Origin& self, std::uint64_t object_id, const OwnershipSettings& settings,
-                                   std::int64_t now_ns, std::uint64_t fencing)
+                                   std::int64_t now_ns)
     : self_{self},
       object_id_{object_id},
       settings_{settings},
       first_grant_ns_{now_ns + settings.lease_ns},
-      fencing_{fencing},
-      fencing_window_{kFencingNumbers, std::max(fencing, self.incarnation), now_ns} {
-  if (fencing_ != 0) raise_fencing(now_ns);
+      fencing_window_{kFencingNumbers, self.incarnation, now_ns} {}
+
+void OwnershipArbiter::stand_by() noexcept {
+  first_grant_ns_ = kNever;
+  is_granting_ = false;
 }
 
-/// Makes a new fencing number and channel delay for the present touchers. The next grant publishes both.
+/// Makes a new fencing number and channel delay for the present touchers. The next grant publishes both. Before the
+/// first grant, the number of the other host remains, because its leases may be valid.
 void OwnershipArbiter::raise_fencing(std::int64_t now_ns) {
+  if (!is_granting_) return;
   // Larger than any number that this host may have granted in an earlier incarnation.
   fencing_ = std::max(fencing_, self_.incarnation) + 1;
   (void)fencing_window_.admit(fencing_, now_ns);
@@ -41,13 +45,14 @@ void OwnershipArbiter::raise_fencing(std::int64_t now_ns) {
   for (const Lease& lease : leases_) channel_delay_ns_ = std::max(channel_delay_ns_, lease.transit_ns);
 }
 
-void OwnershipArbiter::on_pose(std::uint64_t fencing, std::int64_t now_ns) {
-  if (fencing <= fencing_) return;
+bool OwnershipArbiter::on_pose(std::uint64_t fencing, std::int64_t now_ns) {
+  if (fencing <= fencing_) return false;
   const Admission admission = fencing_window_.admit(fencing, now_ns);
   implausible_ += admission == Admission::kImplausible ? 1 : 0;
-  if (!accepted(admission)) return;
+  if (!accepted(admission)) return false;
   fencing_ = fencing;
   raise_fencing(now_ns);
+  return true;
 }
 
 /// Returns the entry of a sender of claims, a new one if necessary. If all entries are in use, the new one replaces the
@@ -84,7 +89,7 @@ void OwnershipArbiter::forget(std::uint64_t participant) {
 
 void OwnershipArbiter::on_claim(const ObjectClaim& claim, std::int64_t now_ns) {
   if (claim.object_id != object_id_ || claim.origin.session != self_.session) return;
-  on_pose(claim.fencing, now_ns);
+  (void)on_pose(claim.fencing, now_ns);
   if (!accept_number(claim, now_ns)) return;
   const std::uint64_t participant = claim.origin.participant;
   const auto lease = find_participant(leases_, participant, [](const Lease& l) { return l.toucher.participant; });
@@ -100,7 +105,7 @@ void OwnershipArbiter::on_claim(const ObjectClaim& claim, std::int64_t now_ns) {
   }
   if (!claim.touching) return;
   if (leases_.size() == kMaxTouchers) {
-    ++refused_;
+    refused_ += stands_by() ? 0 : 1;
     return;
   }
   leases_.push_back({toucher, now_ns + lease_time_ns(settings_, claim.one_way_ns), claim.one_way_ns});
@@ -114,9 +119,13 @@ std::optional<ObjectGrant> OwnershipArbiter::tick(std::int64_t now_ns) {
     leases_.erase(expired, leases_.end());
     raise_fencing(now_ns);
   }
+  if (now_ns < first_grant_ns_) return std::nullopt;
+  if (!is_granting_) {
+    is_granting_ = true;
+    raise_fencing(now_ns);
+  }
   const std::int64_t period_ns = leases_.empty() ? settings_.idle_ns : settings_.period_ns;
-  if (now_ns < first_grant_ns_ || (!fencing_changed_ && now_ns - last_grant_ns_ < period_ns)) return std::nullopt;
-  if (fencing_ == 0) raise_fencing(now_ns);
+  if (!fencing_changed_ && now_ns - last_grant_ns_ < period_ns) return std::nullopt;
   fencing_changed_ = false;
   last_grant_ns_ = now_ns;
   ObjectGrant grant;
@@ -130,9 +139,7 @@ std::optional<ObjectGrant> OwnershipArbiter::tick(std::int64_t now_ns) {
   return grant;
 }
 
-bool OwnershipArbiter::host_simulates(std::int64_t now_ns) const noexcept {
-  return now_ns >= first_grant_ns_ && leases_.empty() && fencing_ != 0;
-}
+bool OwnershipArbiter::host_simulates() const noexcept { return is_granting_ && leases_.empty(); }
 
 Claimant::Claimant(const Origin& self, std::uint64_t object_id, const OwnershipSettings& settings)
     : self_{self}, object_id_{object_id}, settings_{settings} {}

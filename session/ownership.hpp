@@ -16,8 +16,9 @@
 /// So a toucher's lease ends before the host takes the object back, and this needs no synchronised clocks. The lease
 /// time is a constant plus twice the transit that the claim states, so that grants arrive in time on long links.
 ///
-/// A host that starts waits for the shortest lease time before it simulates: another host may have granted a lease.
-/// It learns the current fencing number from claims and poses.
+/// A host that starts waits for the shortest lease time before it grants: another host may have granted a lease. It
+/// learns the current fencing number from claims and poses. If several hosts serve the object, all but one stand by.
+/// They process claims and poses too, so each of them knows the touchers and can take the object over.
 ///
 /// A toucher feels the object before the first grant arrives. Until then it simulates the object for itself
 /// (Claimant::Role::kRequesting). With the grant, its state becomes the state of the object.
@@ -46,21 +47,28 @@ struct OwnershipSettings {
 /// The host's part: grants one object to its touchers.
 class OwnershipArbiter {
  public:
-  /// `fencing`: PoseAdmission::confirmed_fencing of the poses that this host has received; 0: none is confirmed.
-  OwnershipArbiter(const Origin& self, std::uint64_t object_id, const OwnershipSettings& settings, std::int64_t now_ns,
-                   std::uint64_t fencing = 0);
+  OwnershipArbiter(const Origin& self, std::uint64_t object_id, const OwnershipSettings& settings, std::int64_t now_ns);
+
+  /// Another host grants the object: until `take_over` there is no grant.
+  void stand_by() noexcept;
+  /// Grants the object from `from_ns` on. A lease of a toucher whose claims this host has not received must have ended
+  /// by then.
+  void take_over(std::int64_t from_ns) noexcept { first_grant_ns_ = from_ns; }
+  [[nodiscard]] bool stands_by() const noexcept { return first_grant_ns_ == kNever; }
 
   /// Starts, renews or ends the lease of the claim's sender.
   void on_claim(const ObjectClaim& claim, std::int64_t now_ns);
-  /// Reports the fencing number of a pose or claim of another program.
-  void on_pose(std::uint64_t fencing, std::int64_t now_ns);
+  /// Reports the fencing number of a pose or claim of another program. Returns whether it is the largest so far: then
+  /// another host has granted the object.
+  bool on_pose(std::uint64_t fencing, std::int64_t now_ns);
   /// Forgets the claim numbers of an HRTC that has left the session. Its lease continues until it expires.
   void forget(std::uint64_t participant);
-  /// Ends expired leases. Returns the grant to publish now, or none when no grant is due.
+  /// Ends expired leases. Returns the grant to publish now, or none when no grant is due. Call it before
+  /// `host_simulates`.
   [[nodiscard]] std::optional<ObjectGrant> tick(std::int64_t now_ns);
 
   /// Whether the host itself has to simulate the object, under `fencing()`.
-  [[nodiscard]] bool host_simulates(std::int64_t now_ns) const noexcept;
+  [[nodiscard]] bool host_simulates() const noexcept;
   [[nodiscard]] std::uint64_t fencing() const noexcept { return fencing_; }
   /// Number of claims and fencing numbers dropped because they were outside their windows
   /// (session/sequence_window.hpp).
@@ -88,7 +96,9 @@ class OwnershipArbiter {
   Origin self_;
   std::uint64_t object_id_;
   OwnershipSettings settings_;
-  std::int64_t first_grant_ns_;  // `lease_ns` after the start: an earlier lease may still be valid
+  static constexpr std::int64_t kNever = INT64_MAX;
+  std::int64_t first_grant_ns_;  // a lease that is not in `leases_` may be valid until then
+  bool is_granting_ = false;     // since `first_grant_ns_`
   std::uint64_t fencing_ = 0;
   SequenceWindow fencing_window_;           // fencing numbers of claims, of others' poses and of this host
   std::vector<Lease> leases_;               // oldest first
@@ -185,10 +195,6 @@ class PoseAdmission {
   /// (session/sequence_window.hpp).
   [[nodiscard]] bool accept(const ObjectPose& pose, std::int64_t now_ns) noexcept;
   [[nodiscard]] std::uint64_t fencing() const noexcept { return fencing_window_.newest(); }
-  /// Newest fencing number, or 0 while only one pose has carried it: that number may be wrong.
-  [[nodiscard]] std::uint64_t confirmed_fencing() const noexcept {
-    return fencing_window_.confirmed() ? fencing_window_.newest() : 0;
-  }
   [[nodiscard]] std::uint64_t implausible() const noexcept { return implausible_; }
 
  private:

@@ -20,6 +20,8 @@ class PeriodicTimer {
   [[nodiscard]] std::chrono::microseconds remaining(std::int64_t now_ns) const {
     return std::chrono::microseconds{now_ns < next_ns_ ? (next_ns_ - now_ns + 999) / 1000 : 0};
   }
+  /// Time at which the timer is due.
+  [[nodiscard]] std::int64_t next_ns() const noexcept { return next_ns_; }
   /// Makes the timer due now.
   void make_due() { next_ns_ = 0; }
   /// Makes the timer due within `within_ns`. With repeated calls it is due at most once in each `within_ns`.

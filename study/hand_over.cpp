@@ -91,7 +91,7 @@ Figures hand_over(const std::vector<HandOverUser>& users, double seconds, const 
     }
     std::size_t publishing = 0;
     if (const auto grant = arbiter.tick(now_ns)) broadcast(0, *grant);
-    if (arbiter.host_simulates(now_ns)) {
+    if (arbiter.host_simulates()) {
       ++publishing;
       publish(0, host, arbiter.fencing());
     }

@@ -169,6 +169,29 @@ TEST_F(HostCoreTest, PublishesPosesOnlyAfterItsClockFollowsTheSession) {
   EXPECT_NEAR(static_cast<double>(pose.session_time_ns - pose.origin.time_ns), kAhead, 2 * kMs);
 }
 
+TEST_F(HostCoreTest, SendsHeartbeatsMoreOftenWhileAnotherHostServesItsMovableObject) {
+  HostCore host{kSelf, settings_with_body(), now_};
+  const auto heartbeats_in_3_s = [&] {
+    std::size_t heartbeats = 0;
+    const std::int64_t end_ns = now_ + 3000 * kMs;
+    while (now_ < end_ns) {
+      heartbeats += host.tick(now_).roster ? 1u : 0u;
+      now_ = std::min(now_ + 50 * kMs, std::max(now_ + kMs, host.due_ns()));
+    }
+    return heartbeats;
+  };
+  session::CatalogueEntry other = host.catalogue().back();
+  ASSERT_TRUE(sharing::can_move(other));
+  other.origin = {kSession, kHost + 1, 1, 0};
+
+  EXPECT_NEAR(static_cast<double>(heartbeats_in_3_s()), 30, 1);
+  host.on_catalogue(other);
+  EXPECT_NEAR(static_cast<double>(heartbeats_in_3_s()), 100, 5);
+  other.withdrawn = true;
+  host.on_catalogue(other);
+  EXPECT_NEAR(static_cast<double>(heartbeats_in_3_s()), 30, 2);
+}
+
 TEST_F(HostCoreTest, MakesEndpointsForAViewerAtItsFirstDemandUntilItLeaves) {
   HostCore host{kSelf, host_of("sphere", encoded_.compressed()), now_};
   std::vector<std::string> receivers;

@@ -4,7 +4,10 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <functional>
 #include <optional>
+#include <utility>
+#include <vector>
 
 #include "tests/support/constants.hpp"
 
@@ -45,6 +48,34 @@ class ObjectAuthorityTest : public ::testing::Test {
       if (!messages.grants.empty()) grant_ = messages.grants.back();
     }
   }
+  /// Adds the cube, and an older host that serves it too.
+  void add_with_older_host() {
+    object_authority_.add(cube(0), now_);
+    object_authority_.on_host(self_, 2'000 * kMs, now_);
+    object_authority_.on_host(older_, 1'000 * kMs, now_);
+    object_authority_.on_catalogue(cube(0, older_));
+  }
+  /// Runs while `host` sends a heartbeat every 30 ms.
+  void run_with_heartbeats(std::int64_t ms, const session::Origin& host, std::int64_t joined_ns) {
+    for (; ms >= 30; ms -= 30) {
+      run(30);
+      object_authority_.on_host(host, joined_ns, now_);
+    }
+  }
+  void run_with_older_host(std::int64_t ms) { run_with_heartbeats(ms, older_, 1'000 * kMs); }
+  /// Publishes `count` poses of the older host.
+  void poses_of_older_host(std::uint32_t count) {
+    session::ObjectPose pose;
+    pose.origin = older_;
+    pose.object_id = kObject;
+    pose.fencing = 2000;
+    pose.session_time_ns = now_;
+    pose.pose.position = {4, 5, 0};
+    for (; count > 0; --count) {
+      pose.sequence = ++older_poses_;
+      object_authority_.on_pose(pose, now_, now_);
+    }
+  }
   void claim(std::uint64_t participant, bool touching) {
     session::ObjectClaim claim;
     claim.origin = origin_of(participant, 1);
@@ -54,8 +85,10 @@ class ObjectAuthorityTest : public ::testing::Test {
     object_authority_.on_claim(claim, now_);
   }
 
-  ObjectAuthority object_authority_{origin_of(100, 1000)};
+  const session::Origin self_ = origin_of(100, 1000), older_ = origin_of(90, 900);
+  ObjectAuthority object_authority_{self_};
   std::int64_t now_ = 0;
+  std::uint32_t older_poses_ = 0;
   std::size_t poses_ = 0, grants_ = 0;
   std::uint32_t claims_ = 0;
   std::optional<session::ObjectPose> pose_;
@@ -136,60 +169,113 @@ TEST_F(ObjectAuthorityTest, ATouchingHrtcWithoutClaimsLosesTheObjectAfterTheLeas
   EXPECT_GT(poses_, 0u);
 }
 
-TEST_F(ObjectAuthorityTest, TheHostThatJoinedFirstIsTheAuthorityAndTheOtherContinuesFromItsLastPose) {
-  object_authority_.add(cube(0), now_);
-  const session::Origin older = origin_of(90, 900);
-  object_authority_.on_host(100, 2'000 * kMs, now_);
-  object_authority_.on_host(older.participant, 1'000 * kMs, now_);
-  object_authority_.on_catalogue(cube(0, older), now_);
+TEST_F(ObjectAuthorityTest, TheHostThatJoinedFirstIsTheAuthorityAndTheOtherTakesOverFromItsLastPose) {
+  add_with_older_host();
   claim(7, true);
-  run(400);
+  run_with_older_host(600);
   EXPECT_EQ(poses_ + grants_, 0u);
-  session::ObjectPose pose;
-  pose.origin = older;
-  pose.object_id = kObject;
-  pose.fencing = 2000;
-  pose.session_time_ns = now_;
-  pose.pose.position = {4, 5, 0};
-  for (pose.sequence = 1; pose.sequence <= 2; ++pose.sequence) object_authority_.on_pose(pose, now_, now_);
-  object_authority_.on_host_gone(older.participant, now_);
-  run(600);
+  poses_of_older_host(2);
+  object_authority_.on_host_gone(older_.participant);
+  run(250);
   ASSERT_TRUE(pose_);
   EXPECT_GT(pose_->fencing, 2000u);
   EXPECT_NEAR(pose_->pose.position[0], 4, 1e-3);
-  object_authority_.on_catalogue(cube(0, origin_of(90, 1)), now_);
-  object_authority_.on_host(older.participant, 60'000 * kMs, now_);  // the older host is back, but now it joined later
+  const session::Origin restarted = origin_of(older_.participant, older_.incarnation + 1);
+  object_authority_.on_catalogue(cube(0, restarted));
+  object_authority_.on_host(restarted, 60'000 * kMs, now_);  // the older host is back, but now it joined later
   poses_ = 0;
-  run(1000);
+  run_with_heartbeats(1000, restarted, 60'000 * kMs);
   EXPECT_GT(poses_, 0u);
 }
 
+TEST_F(ObjectAuthorityTest, TakesOverFromAHostThatIsSilentForAQuarterOfASecond) {
+  add_with_older_host();
+  run_with_older_host(600);
+  poses_of_older_host(2);
+  run(249);
+  EXPECT_EQ(poses_ + grants_, 0u) << "a lease of the other host may be valid";
+  run(1);
+  EXPECT_EQ(poses_, 1u);
+  EXPECT_EQ(grants_, 1u);
+  ASSERT_TRUE(pose_);
+  EXPECT_GT(pose_->fencing, 2000u);
+  EXPECT_NEAR(pose_->pose.position[0], 4, 1e-3);
+  object_authority_.on_host(older_, 1'000 * kMs, now_);
+  poses_ = grants_ = 0;
+  run_with_older_host(600);
+  EXPECT_EQ(poses_ + grants_, 0u) << "the other host has returned";
+}
+
+TEST_F(ObjectAuthorityTest, DoesNotTakeOverWhilePosesOfAHostWithoutHeartbeatsArrive) {
+  add_with_older_host();
+  for (int i = 0; i < 10; ++i) {
+    poses_of_older_host(1);
+    run(200);
+  }
+  EXPECT_EQ(poses_ + grants_, 0u);
+}
+
+TEST_F(ObjectAuthorityTest, ItsOwnPauseDoesNotCountAsSilenceOfAnotherHost) {
+  add_with_older_host();
+  run_with_older_host(600);
+  now_ += 2000 * kMs;
+  run(50);
+  object_authority_.on_host(older_, 1'000 * kMs, now_);
+  run_with_older_host(600);
+  EXPECT_EQ(poses_ + grants_, 0u);
+}
+
+TEST_F(ObjectAuthorityTest, GrantsTheObjectToItsTouchersWhenItTakesOver) {
+  add_with_older_host();
+  run_with_older_host(600);
+  for (int i = 0; i < 13; ++i) {
+    claim(7, true);
+    run(20);
+  }
+  EXPECT_EQ(poses_, 0u);
+  ASSERT_TRUE(grant_);
+  ASSERT_EQ(grant_->touchers.size(), 1u);
+  EXPECT_EQ(grant_->touchers[0].participant, 7u);
+}
+
 TEST_F(ObjectAuthorityTest, AHostWithAWrongClockDoesNotBecomeTheAuthority) {
-  object_authority_.on_host(100, 2'000 * kMs, now_);
+  const session::Origin wrong = origin_of(90, 1);  // its clock shows 1970
+  object_authority_.on_host(self_, 2'000 * kMs, now_);
   object_authority_.add(cube(0), now_);
   run(300);
-  object_authority_.on_catalogue(cube(0, origin_of(90, 1)), now_);  // its clock shows 1970
-  object_authority_.on_host(90, session::kNotJoined, now_);
-  run(1000);
-  object_authority_.on_host(90, 60'000 * kMs, now_);
+  object_authority_.on_catalogue(cube(0, wrong));
+  run_with_heartbeats(1000, wrong, session::kNotJoined);
   poses_ = 0;
-  run(1000);
+  run_with_heartbeats(1000, wrong, 60'000 * kMs);
   EXPECT_GT(poses_, 0u);
 }
 
 TEST_F(ObjectAuthorityTest, AHostThatReturnsAfterAShortSilenceIsTheAuthorityAgain) {
-  object_authority_.on_host(100, 2'000 * kMs, now_);
-  object_authority_.on_host(90, 1'000 * kMs, now_);
-  object_authority_.add(cube(0), now_);
-  object_authority_.on_catalogue(cube(0, origin_of(90, 1)), now_);
+  add_with_older_host();
   run(100);
-  object_authority_.on_host_gone(90, now_);
+  object_authority_.on_host_gone(older_.participant);
   run(1000);
   EXPECT_GT(grants_, 0u);
-  object_authority_.on_host(90, 1'000 * kMs, now_);  // within the DDS lease, so no catalogue arrives again
+  object_authority_.on_host(older_, 1'000 * kMs, now_);  // within the DDS lease, so no catalogue arrives again
   grants_ = 0;
-  run(1000);
+  run_with_older_host(1000);
   EXPECT_EQ(grants_, 0u);
+}
+
+TEST_F(ObjectAuthorityTest, AHostThatRestartsWithoutTheObjectIsNotItsAuthority) {
+  add_with_older_host();
+  run_with_older_host(600);
+  run_with_heartbeats(600, origin_of(older_.participant, older_.incarnation + 1), 1'000 * kMs);
+  EXPECT_GT(poses_, 0u);
+}
+
+TEST_F(ObjectAuthorityTest, AHostThatServesTheObjectAsAStaticOneIsNotItsAuthority) {
+  add_with_older_host();
+  session::CatalogueEntry wall = cube(0, older_);
+  wall.body = {};
+  object_authority_.on_catalogue(wall);
+  run_with_older_host(600);
+  EXPECT_GT(poses_, 0u);
 }
 
 TEST_F(ObjectAuthorityTest, ARestartedHostGrantsLargerFencingNumbers) {
@@ -212,6 +298,164 @@ TEST_F(ObjectAuthorityTest, IgnoresStaticObjects) {
   EXPECT_TRUE(object_authority_.empty());
   run(1000);
   EXPECT_EQ(poses_ + grants_, 0u);
+}
+
+/// Several hosts of one cube, an HRTC, and a viewer that accepts poses as all receivers do. In virtual time.
+class SharedCube : public ::testing::Test {
+ protected:
+  struct Host {
+    session::Origin origin;
+    ObjectAuthority authority;
+    std::int64_t suspended_until_ns = 0;
+    std::vector<std::function<void(ObjectAuthority&)>> postponed;  // samples that arrived while it was suspended
+  };
+
+  /// Hosts that joined one after the other, with a cube at this height.
+  void start_hosts(std::size_t count, double height) {
+    for (std::size_t i = 0; i < count; ++i) {
+      const session::Origin origin = origin_of(90 + i, 900 + i);
+      hosts_.push_back({origin, ObjectAuthority{origin}, 0, {}});
+    }
+    for (Host& host : hosts_) host.authority.add(cube(height, host.origin), now_);
+    for (const Host& host : hosts_)
+      for (Host& other : hosts_) other.authority.on_catalogue(cube(height, host.origin));
+    heartbeats();
+  }
+  void kill(std::size_t host) { hosts_[host].suspended_until_ns = INT64_MAX; }
+  void suspend(std::size_t host, std::int64_t ms) { hosts_[host].suspended_until_ns = now_ + ms * kMs; }
+  void run(std::int64_t ms) {
+    for (const std::int64_t end = now_ + ms * kMs; now_ < end;) step();
+  }
+
+  std::vector<Host> hosts_;
+  session::Claimant hrtc_{origin_of(7, 1), kObject, {}};
+  double hrtc_height_ = 0.5;  // of the cube while the HRTC owns it
+  // What the viewer has accepted.
+  std::optional<session::ObjectPose> pose_;
+  std::int64_t accepted_ns_ = 0, max_gap_ns_ = 0;
+  double max_height_ = 0;
+
+ private:
+  void send(const session::Origin& from, const std::function<void(ObjectAuthority&)>& sample) {
+    for (Host& host : hosts_) {
+      if (host.origin.participant == from.participant || host.suspended_until_ns == INT64_MAX) continue;
+      if (now_ < host.suspended_until_ns)
+        host.postponed.push_back(sample);
+      else
+        sample(host.authority);
+    }
+  }
+  void heartbeats() {
+    for (std::size_t i = 0; i < hosts_.size(); ++i) {
+      if (now_ < hosts_[i].suspended_until_ns) continue;
+      const session::Origin origin = hosts_[i].origin;
+      const auto heartbeat = [=, this, joined_ns = static_cast<std::int64_t>(i) * kMs](ObjectAuthority& authority) {
+        authority.on_host(origin, joined_ns, now_);
+      };
+      heartbeat(hosts_[i].authority);
+      send(origin, heartbeat);
+    }
+  }
+  void publish(const session::ObjectPose& pose) {
+    send(pose.origin, [=, this](ObjectAuthority& authority) { authority.on_pose(pose, now_, now_); });
+    if (!viewer_.accept(pose, now_)) return;
+    max_gap_ns_ = std::max(max_gap_ns_, now_ - accepted_ns_);
+    accepted_ns_ = now_;
+    max_height_ = std::max(max_height_, pose.pose.position[2]);
+    pose_ = pose;
+  }
+  void step() {
+    now_ += kMs;
+    if (now_ % (30 * kMs) == 0) heartbeats();
+    for (Host& host : hosts_) {
+      if (now_ < host.suspended_until_ns) continue;
+      // A host that resumes may run before it reads the samples that arrived meanwhile.
+      const ObjectAuthority::Messages messages = host.authority.tick(now_, now_);
+      for (const session::ObjectGrant& grant : messages.grants) hrtc_.on_grant(grant, now_);
+      for (const session::ObjectPose& pose : messages.poses) publish(pose);
+      for (const auto& sample : std::exchange(host.postponed, {})) sample(host.authority);
+    }
+    if (const auto claim = hrtc_.tick(now_))
+      send(claim->origin, [=, this](ObjectAuthority& authority) { authority.on_claim(*claim, now_); });
+    if (hrtc_.role(now_) != session::Claimant::Role::kOwner || now_ % (4 * kMs) != 0) return;
+    session::ObjectPose pose;
+    pose.origin = origin_of(7, 1);
+    pose.object_id = kObject;
+    pose.sequence = ++hrtc_poses_;
+    pose.fencing = hrtc_.fencing();
+    pose.session_time_ns = now_;
+    pose.pose.position = {1, 2, hrtc_height_};
+    publish(pose);
+  }
+
+  std::int64_t now_ = 0;
+  std::uint32_t hrtc_poses_ = 0;
+  session::PoseAdmission viewer_;
+};
+
+TEST_F(SharedCube, ANewAuthorityPublishesPosesAQuarterOfASecondAfterTheEarlierOneDied) {
+  start_hosts(3, 0);
+  run(2000);
+  for (std::size_t i = 0; i < 2; ++i) {
+    ASSERT_TRUE(pose_);
+    EXPECT_EQ(pose_->origin.participant, hosts_[i].origin.participant);
+    kill(i);
+    max_gap_ns_ = 0;
+    run(300);
+    EXPECT_EQ(pose_->origin.participant, hosts_[i + 1].origin.participant);
+    run(1000);
+    EXPECT_LE(max_gap_ns_, 455 * kMs) << "a pose every 200 ms before, and 255 ms without one";
+  }
+}
+
+TEST_F(SharedCube, AnHrtcThatHoldsTheCubeKeepsItWhenTheAuthorityDies) {
+  start_hosts(2, 0);
+  run(1000);
+  hrtc_.set_touching(true);
+  run(500);
+  ASSERT_EQ(pose_->origin.participant, 7u);
+  max_gap_ns_ = 0;
+  kill(0);
+  run(1000);
+  EXPECT_EQ(pose_->origin.participant, 7u);
+  EXPECT_LE(max_gap_ns_, 60 * kMs);
+  hrtc_height_ = 0.2;
+  run(300);
+  hrtc_.set_touching(false);
+  run(10);
+  EXPECT_EQ(pose_->origin.participant, hosts_[1].origin.participant);
+  EXPECT_NEAR(pose_->pose.position[2], 0.2, 0.01);
+}
+
+TEST_F(SharedCube, AnHrtcThatReleasesTheCubeDuringATakeoverLeavesItWhereItIs) {
+  start_hosts(2, 0);
+  run(1000);
+  hrtc_.set_touching(true);
+  run(500);
+  kill(0);
+  run(150);  // the lease of the HRTC is still valid
+  hrtc_height_ = 0.2;
+  run(10);
+  hrtc_.set_touching(false);
+  max_height_ = 0;
+  run(300);
+  EXPECT_EQ(pose_->origin.participant, hosts_[1].origin.participant);
+  EXPECT_LE(max_height_, 0.21);
+}
+
+TEST_F(SharedCube, AnAuthorityThatWasSuspendedTakesOverFromThePosesOfTheOther) {
+  start_hosts(2, 2);
+  run(600);
+  ASSERT_TRUE(pose_);
+  ASSERT_GT(pose_->pose.position[2], 0.5) << "the cube falls";
+  suspend(0, 3000);
+  run(2990);
+  EXPECT_EQ(pose_->origin.participant, hosts_[1].origin.participant);
+  EXPECT_NEAR(pose_->pose.position[2], 0, 1e-3);
+  max_height_ = 0;
+  run(2000);
+  EXPECT_EQ(pose_->origin.participant, hosts_[0].origin.participant);
+  EXPECT_LE(max_height_, 1e-3);
 }
 
 }  // namespace

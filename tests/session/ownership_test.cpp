@@ -78,7 +78,7 @@ class OwnershipSimulation {
       ASSERT_LE(publishers.size(), 1u) << "poses of two owners were accepted under fencing number " << fencing;
     // A restarted host may simulate the object during the lease of an owner, under another fencing number.
     if (host_incarnation_ > 1) return;
-    int owners = host_->host_simulates(now_) ? 1 : 0;
+    int owners = host_->host_simulates() ? 1 : 0;
     for (const Hrtc& hrtc : hrtcs_) {
       const Claimant::Role role = hrtc.claimant->role(now_);
       if (role == Claimant::Role::kOwner && hrtc.suspended_until <= now_) ++owners;
@@ -189,7 +189,7 @@ class OwnershipSimulation {
     if (const auto grant = host_->tick(now_)) {
       for (std::size_t i = 0; i < kHrtcs; ++i) send(kHostIndex, i, *grant);
     }
-    if (host_->host_simulates(now_))
+    if (host_->host_simulates())
       publish_pose(kHostIndex, kHost, host_incarnation_ * kHostIncarnation, host_->fencing(), host_sequence_);
   }
 
@@ -219,7 +219,7 @@ TEST(Ownership, TheHostSimulatesAnObjectBeforeAndAfterATouch) {
   session.run(30);
   EXPECT_EQ(session.role(0), Claimant::Role::kOwner);
   EXPECT_EQ(session.shown_publisher(), 1u);
-  EXPECT_FALSE(session.host().host_simulates(session.now()));
+  EXPECT_FALSE(session.host().host_simulates());
   session.claimant(0).set_touching(false);
   EXPECT_EQ(session.role(0), Claimant::Role::kWatching);
   session.run(30);
@@ -255,7 +255,7 @@ TEST(Ownership, ASuspendedOwnerLosesTheObjectAfterItsLeaseAndItsLatePoseIsRefuse
   ASSERT_EQ(session.role(0), Claimant::Role::kOwner);
   session.suspend(0, session.now() + 600 * kMs);
   session.run(300);
-  EXPECT_TRUE(session.host().host_simulates(session.now()));
+  EXPECT_TRUE(session.host().host_simulates());
   EXPECT_EQ(session.shown_publisher(), kHost);
   const std::uint64_t refused_before = session.refused();
   session.run(310);  // the owner resumes and sends one more pose
@@ -278,7 +278,7 @@ TEST(Ownership, TheLeaseGrowsWithTheRoundTrip) {
   session.run(850);
   EXPECT_EQ(session.role(0), Claimant::Role::kRequesting);
   session.run(400);
-  EXPECT_TRUE(session.host().host_simulates(session.now()));
+  EXPECT_TRUE(session.host().host_simulates());
   session.check_invariants();
 }
 
@@ -292,7 +292,7 @@ TEST(Ownership, ADisconnectedOwnerStopsBeforeTheHostSimulatesTheObject) {
   for (int ms = 0; ms < 500; ++ms) {
     session.run(1);
     if (owner_stopped == 0 && session.role(0) != Claimant::Role::kOwner) owner_stopped = session.now();
-    if (host_started == 0 && session.host().host_simulates(session.now())) host_started = session.now();
+    if (host_started == 0 && session.host().host_simulates()) host_started = session.now();
   }
   ASSERT_GT(owner_stopped, 0);
   ASSERT_GT(host_started, 0);
@@ -352,7 +352,7 @@ void expect_one_owner(OwnershipSimulation& session, const Touches& touches) {
   }
   EXPECT_EQ(simulating, touching);
   EXPECT_EQ(leading, touching > 0 ? 1 : 0);
-  EXPECT_EQ(session.host().host_simulates(session.now()), touching == 0);
+  EXPECT_EQ(session.host().host_simulates(), touching == 0);
   EXPECT_GT(session.shown_ns(), session.now() - 50 * kMs) << "no program simulates the object";
 }
 
@@ -444,7 +444,7 @@ TEST(OwnershipArbiter, GrantsToTouchersDespiteOneImplausibleClaim) {
       arbiter.on_claim(claim_of(1, 3, ++sequence, true), now += 20 * kMs);
       (void)arbiter.tick(now);
     }
-    ASSERT_FALSE(arbiter.host_simulates(now)) << "an HRTC touches the object";
+    ASSERT_FALSE(arbiter.host_simulates()) << "an HRTC touches the object";
     arbiter.on_claim(claim_of(1, 3, ++sequence, false), now += 20 * kMs);
     const std::optional<ObjectGrant> grant = arbiter.tick(now);
     ASSERT_TRUE(grant);
