@@ -3,6 +3,7 @@
 #include <cstring>
 #include <nlohmann/json.hpp>
 
+#include "keys/authority.hpp"
 #include "session/figures.hpp"
 #include "tests/e2e/session_test.hpp"
 #include "tests/viewer/page_client.hpp"
@@ -42,6 +43,7 @@ class Page {
   void stop_forces() { request({{"stop", "a test"}}); }
 
   nlohmann::json scene = nlohmann::json::object(), figures = nlohmann::json::object();
+  std::string notice;
   std::uint32_t faces = 0;  // of the newest mesh frame, as the next
   std::uint64_t mesh_hash = 0;
   bool has_probe = false;
@@ -56,6 +58,8 @@ class Page {
         scene = std::move(text);
       else if (text["type"] == "figures")
         figures = std::move(text);
+      else if (text["type"] == "notice")
+        notice = text["text"];
       return;
     }
     const auto read = [&](std::size_t at, auto& value) { std::memcpy(&value, &message.bytes[at], sizeof value); };
@@ -163,6 +167,34 @@ TEST_F(ViewerTest, ThePageTakesAProbeTouchesAndGivesItBack) {
   page.request({{"release", true}});
   ASSERT_TRUE(page.until([&] { return page.scene["users"].empty(); }));
   EXPECT_TRUE(observer.until([](const Observer::Seen& seen) { return seen.has_left("view.guest"); }));
+}
+
+TEST_F(ViewerTest, WithKeysAPageShowsTheSessionAndBringsOnlyUsersThatTheKeysPermit) {
+  const keys::Authority authority = keys::Authority::create(path("lab-keys"));
+  const auto with_keys = [&](const std::string& name, keys::Role role, std::vector<std::string> command) {
+    keys::NewMember member;
+    member.name = name;
+    member.role = role;
+    if (role == keys::Role::kUser) member.permitted = {"ann"};
+    command.insert(command.end(), {"--keys", authority.add(member).string(), "--audit", path(name + ".jsonl")});
+    return command;
+  };
+  Process host_a{with_keys("host-a", keys::Role::kHost, host("host-a", models().organ))};
+  Process desk{with_keys("desk", keys::Role::kHrtc, hrtc("desk"))};
+  Process viewer{with_keys("view", keys::Role::kUser, view())};
+  Page page{port_of(viewer)};
+  ASSERT_TRUE(page.until([&] { return page.faces > 0 && !page.scene["objects"].empty(); })) << viewer.output();
+  ASSERT_TRUE(viewer.wait_for_line("HRTC 'desk' joined")) << viewer.output();
+  page.request({{"touch", {{"user", "guest"}}}});
+  ASSERT_TRUE(page.until([&] { return !page.notice.empty(); })) << viewer.output();
+  EXPECT_THAT(page.notice, testing::HasSubstr("user 'guest': the keys of user 'view' permit only ann"));
+  page.request({{"touch", {{"user", "ann"}}}});
+  ASSERT_TRUE(page.until([&] {
+    page.request({{"hand", {{"target", {0, 0, 1}}, {"grab", false}}}});
+    return page.scene["users"].size() == 1 && page.has_probe;
+  })) << viewer.output();
+  EXPECT_EQ(page.scene["users"][0]["name"], "ann");
+  EXPECT_EQ(page.scene["users"][0]["hrtc"], "desk");
 }
 
 TEST_F(ViewerTest, AViewerThatIsKilledDisturbsNobodyAndANewOneShowsTheSession) {
