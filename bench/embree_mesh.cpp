@@ -254,8 +254,7 @@ struct EmbreeTool::Scenes {
                       true,
                       {found.point[0][lane], found.point[1][lane], found.point[2][lane]},
                       {found.normal[0][lane], found.normal[1][lane], found.normal[2][lane]},
-                      found.depth[lane],
-                      spm::RowIndex{pending[lane].primID0}});
+                      found.depth[lane]});
     }
     count = 0;
   }

@@ -148,9 +148,9 @@ void compare_with_all(Comparison& to, const QueryScene& scene, ProbeKind kind, s
       high = high.cwiseMax(p);
     }
   }
-  for (const spm::RowIndex row : tree.shown()) {
-    const std::array<Vec3d, 3> face = spm::shown_corners(tree, row);
-    const spm::FaceId id{tree.row(row).face};
+  for (const spm::LeafLane at : tree.shown()) {
+    const std::array<Vec3d, 3> face = spm::shown_corners(tree, at);
+    const spm::FaceId id = tree.face(at);
     if (kind == ProbeKind::kSphere) {
       const double gap = gap_to(scene, pose, face);
       if (std::abs(gap) * scene.unit < kTangencyTolerance) {
@@ -166,7 +166,7 @@ void compare_with_all(Comparison& to, const QueryScene& scene, ProbeKind kind, s
     if ((face_low.array() > high.array()).any() || (face_high.array() < low.array()).any()) continue;
     for (std::uint32_t t = 0; t < tool.size(); ++t)
       if (spm::PairContact c; spm::intersect(face, tool[t], c))
-        expected.push_back(key_of(spm::MeshContact{id, t, tree.row(row).finest != 0, c.point, c.normal, c.depth, row}));
+        expected.push_back(key_of(spm::MeshContact{id, t, tree.is_finest(at), c.point, c.normal, c.depth}));
   }
   std::sort(expected.begin(), expected.end());
   ++to.cycles;

@@ -27,7 +27,8 @@ spm::PoolSettings pool_for(const spm::ModelSummary& summary, double share) {
 
 /// A shown face, described by ids, so that faces of two forests can be compared although their rows differ.
 struct ShownFace {
-  std::uint32_t face, finest;
+  std::uint32_t face;
+  bool finest;
   std::array<std::uint32_t, 3> vertices;
   std::array<float, 9> corners;
   [[nodiscard]] bool operator==(const ShownFace& other) const noexcept {
@@ -37,13 +38,15 @@ struct ShownFace {
 
 std::vector<ShownFace> shown_mesh(const HrtcModel& hrtc) {
   std::vector<ShownFace> faces;
-  for (const spm::RowIndex number : hrtc.forest().tree().shown()) {
-    const spm::FaceRow& row = hrtc.pool().faces[number];
-    ShownFace face{index(row.face), row.finest, {}, hrtc.forest().tree().corners(number)};
+  const spm::AbTree& tree = hrtc.forest().tree();
+  for (const auto& [row, shown] : hrtc.forest().shown_faces()) {
+    const spm::LeafLane at = hrtc.forest().place_of(row);
+    ShownFace face{index(tree.face(at)), tree.is_finest(at), {}, tree.corners(at)};
     for (std::size_t corner = 0; corner < 3; ++corner)
-      face.vertices[corner] = index(hrtc.pool().vertices[row.vertices[corner]].id);
+      face.vertices[corner] = index(hrtc.pool().vertices[shown.corners[corner]].id);
     faces.push_back(face);
   }
+  std::sort(faces.begin(), faces.end(), [](const ShownFace& a, const ShownFace& b) { return a.face < b.face; });
   return faces;
 }
 

@@ -137,9 +137,9 @@ class ScriptRefinement {
     const Call call{*this};
     std::pair<std::vector<std::array<float, 9>>, std::vector<std::uint32_t>> result;
     const spm::AbTree& tree = refinement_.forest().tree();
-    for (const spm::RowIndex row : tree.shown()) {
-      result.first.push_back(tree.corners(row));
-      result.second.push_back(spm::index(tree.row(row).face));
+    for (const spm::LeafLane at : tree.shown()) {
+      result.first.push_back(tree.corners(at));
+      result.second.push_back(spm::index(tree.face(at)));
     }
     return result;
   }

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstring>
 #include <limits>
+#include <utility>
 
 namespace tactus::spm {
 namespace {
@@ -145,39 +146,34 @@ NodeIndex AbTree::make_leaf(std::uint32_t id) noexcept {
       root_ = at;
     } else {
       TreeNode& parent = nodes_.nodes_[above];
-      parent.child[node.id & 7u] = index(at);
+      parent.set_node(node.id & 7u, at);
       parent.mask = static_cast<std::uint8_t>(parent.mask | 1u << (node.id & 7u));
     }
   }
   return at;
 }
 
-void AbTree::insert(RowIndex row_index) noexcept {
-  FaceRow& row = pool_.faces[row_index];
-  TACTUS_ASSERT(row.node == kNone && index(row.face) < finest_faces_);
-  const NodeIndex leaf = make_leaf(index(row.face) >> 3);
+void AbTree::insert(RowIndex row, FaceId face, const std::array<Slot, 3>& corners, bool is_finest) noexcept {
+  TACTUS_ASSERT(!pool_.shown_at[row].is_shown() && index(face) < finest_faces_);
+  const NodeIndex leaf = make_leaf(index(face) >> 3);
   TreeNode& node = nodes_.nodes_[leaf];
   store_node(node);
-  const unsigned lane = lane_of(row.face);
-  node.child[lane] = index(row_index);
+  const unsigned lane = lane_of(face);
   node.mask = static_cast<std::uint8_t>(node.mask | 1u << lane);
-  row.node = leaf;
-  for (std::uint32_t corner = 0; corner < 3; ++corner)
-    node.set_corner(lane, corner, pool_.vertices[row.vertices[corner]]);
-  node.set_finest(lane, row.finest != 0);
+  pool_.shown_at[row] = LeafLane{leaf, lane};
+  for (std::uint32_t corner = 0; corner < 3; ++corner) node.set_corner(lane, corner, pool_.vertices[corners[corner]]);
+  node.set_finest(lane, is_finest);
   mark_child(leaf, node, lane);
 }
 
-void AbTree::remove(RowIndex row_index) noexcept {
-  FaceRow& row = pool_.faces[row_index];
-  TACTUS_ASSERT(row.node != kNone);
-  TreeNode& node = nodes_.nodes_[row.node];
+void AbTree::remove(RowIndex row) noexcept {
+  const LeafLane at = std::exchange(pool_.shown_at[row], LeafLane{});
+  TACTUS_ASSERT(at.is_shown());
+  TreeNode& node = nodes_.nodes_[at.leaf()];
   store_node(node);
-  const unsigned lane = lane_of(row.face);
-  node.mask = static_cast<std::uint8_t>(node.mask & ~(1u << lane));
-  clear_lane(node, lane);
-  mark_child(row.node, node, lane);
-  row.node = kNone;
+  node.mask = static_cast<std::uint8_t>(node.mask & ~(1u << at.lane()));
+  clear_lane(node, at.lane());
+  mark_child(at.leaf(), node, at.lane());
 }
 
 std::uint32_t AbTree::copy_leaves(std::uint32_t from, TreeNode* out, std::uint32_t capacity) const noexcept {
@@ -198,7 +194,7 @@ std::uint32_t AbTree::copy_leaves(std::uint32_t from, TreeNode* out, std::uint32
       const std::uint64_t end = (std::uint64_t{node.id} * TreeNode::kWidth + child + 1) << 3 * (node.level - 2);
       if (end <= from) break;
       stack[depth++] = node.node(child);
-      prefetch(node.node(child));
+      prefetch_triangles(node.node(child));
     }
   }
   return copied;
@@ -212,10 +208,9 @@ std::array<float, 9> corners_of(const TreeNode& node, unsigned lane) noexcept {
 }
 }  // namespace
 
-std::array<float, 9> AbTree::corners(RowIndex row_index) const noexcept {
-  const FaceRow& row = pool_.faces[row_index];
-  TACTUS_ASSERT(row.node != kNone);
-  return corners_of(nodes_[row.node], lane_of(row.face));
+std::array<float, 9> AbTree::corners(LeafLane at) const noexcept {
+  TACTUS_ASSERT(at.is_shown());
+  return corners_of(nodes_[at.leaf()], at.lane());
 }
 
 std::array<float, 9> AbTree::corners(const Contact& contact) const noexcept {
@@ -282,21 +277,23 @@ RefitCount AbTree::refit(ChangeDetector* change_detectors, std::uint32_t detecto
   return count;
 }
 
-std::vector<RowIndex> AbTree::shown() const {
-  std::vector<RowIndex> rows;
+std::vector<LeafLane> AbTree::shown() const {
+  std::vector<LeafLane> places;
   std::vector<NodeIndex> stack;
   if (root_ != kNone) stack.push_back(root_);
   while (!stack.empty()) {
-    const TreeNode& node = nodes_[stack.back()];
+    const NodeIndex at = stack.back();
+    const TreeNode& node = nodes_[at];
     stack.pop_back();
     if (node.level > 1) {
       for (unsigned bits = node.mask; bits != 0; bits &= ~(1u << highest_bit(bits)))
         stack.push_back(node.node(highest_bit(bits)));
     } else {
-      for (unsigned bits = node.mask; bits != 0; bits &= bits - 1) rows.push_back(node.row(std::countr_zero(bits)));
+      for (unsigned bits = node.mask; bits != 0; bits &= bits - 1)
+        places.emplace_back(at, static_cast<unsigned>(std::countr_zero(bits)));
     }
   }
-  return rows;
+  return places;
 }
 
 std::vector<std::string> AbTree::violations() const {
@@ -314,22 +311,16 @@ std::vector<std::string> AbTree::violations() const {
       found.push_back(name + " is not indexed");
     for (unsigned i = 0; i < TreeNode::kWidth; ++i) {
       TreeNode expected = node;
-      clear_lane(expected, i);
-      if ((node.mask >> i & 1u) != 0 && node.level == 1) {
-        const FaceRow& row = pool_.faces[node.row(i)];
-        if (row.face != node.face(i) || row.node != at) found.push_back(name + " has a row of another face or node");
-        if ((node.finest >> i & 1u) != row.finest)
-          found.push_back(name + " has a wrong version of child " + std::to_string(i));
-        for (std::size_t k = 0; k < lanes::kTriangleRows; ++k)
-          expected.lanes[k][i] = pool_.vertices[row.vertices[k / 3]].position[k % 3];
-      } else if ((node.mask >> i & 1u) != 0) {
+      const bool is_leaf = node.level == 1, is_present = (node.mask >> i & 1u) != 0;
+      if (!is_leaf || !is_present) clear_lane(expected, i);
+      if (is_present && !is_leaf) {
         const TreeNode& below = nodes_[node.node(i)];
         if (below.parent != at || below.level + 1 != node.level || below.id != node.id * 8 + i)
           found.push_back(name + " has a child with another parent, level or id");
         set_box(expected, i, bounds_of(below));
         stack.push_back(node.node(i));
       }
-      const std::size_t rows = node.level == 1 ? lanes::kTriangleRows : lanes::kBoxRows;
+      const std::size_t rows = is_leaf ? lanes::kTriangleRows : lanes::kBoxRows;
       for (std::size_t k = 0; k < rows; ++k)
         if (std::memcmp(&expected.lanes[k][i], &node.lanes[k][i], sizeof(float)) != 0) {
           found.push_back(name + " has old coordinates or a wrong box for child " + std::to_string(i));

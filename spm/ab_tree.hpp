@@ -16,6 +16,7 @@
 #pragma once
 
 #include <array>
+#include <bit>
 #include <cstdint>
 #include <limits>
 #include <string>
@@ -33,9 +34,9 @@
 
 namespace tactus::spm {
 
-/// A node of level 1 contains the triangles of its faces; a higher node contains the boxes of its children. A query
-/// therefore reads four or five cache lines for eight triangles or boxes. Lanes without a child are NaN (see
-/// spm/lanes.hpp).
+/// A node of level 1 contains the triangles of its faces; a higher node contains the boxes and the indices of its
+/// children. A query therefore reads four or five cache lines for eight triangles or boxes. Lanes without a child are
+/// NaN (see spm/lanes.hpp).
 struct alignas(64) TreeNode {
   static constexpr int kWidth = lanes::kLanes;
   std::array<lanes::Floats, lanes::kTriangleRows> lanes;
@@ -47,10 +48,14 @@ struct alignas(64) TreeNode {
   std::uint8_t dirty;             ///< bits of the children that changed; if it is not 0, this node is deformed
   std::uint8_t finest;            ///< at level 1: bits of the faces in their finest version
   std::uint64_t previous_number;  ///< at level 1: AbTree::previous_number_ when the node was last stored or created
-  alignas(64) std::array<std::uint32_t, kWidth> child;  ///< NodeIndex, or RowIndex at level 1
 
-  [[nodiscard]] NodeIndex node(unsigned lane) const noexcept { return NodeIndex{child[lane]}; }
-  [[nodiscard]] RowIndex row(unsigned lane) const noexcept { return RowIndex{child[lane]}; }
+  /// Child of a node above level 1. Its index is in the row after those of the boxes.
+  [[nodiscard]] NodeIndex node(unsigned lane) const noexcept {
+    return NodeIndex{std::bit_cast<std::uint32_t>(lanes[lanes::kBoxRows][lane])};
+  }
+  void set_node(unsigned lane, NodeIndex child) noexcept {
+    lanes[lanes::kBoxRows][lane] = std::bit_cast<float>(index(child));
+  }
   /// The face of a lane at level 1.
   [[nodiscard]] FaceId face(unsigned lane) const noexcept { return FaceId{id * kWidth + lane}; }
 
@@ -59,6 +64,7 @@ struct alignas(64) TreeNode {
     lanes[3 * corner + 1][lane] = vertex.position[1];
     lanes[3 * corner + 2][lane] = vertex.position[2];
   }
+  [[nodiscard]] bool is_finest(unsigned lane) const noexcept { return (finest >> lane & 1u) != 0; }
   void set_finest(unsigned lane, bool value) noexcept {
     finest = static_cast<std::uint8_t>((finest & ~(1u << lane)) | unsigned{value} << lane);
   }
@@ -73,6 +79,9 @@ class NodePool {
   [[nodiscard]] std::uint32_t free_nodes() const noexcept { return free_.count(); }
   [[nodiscard]] std::uint32_t used_nodes() const noexcept { return free_.size() - free_.count(); }
   [[nodiscard]] const TreeNode& operator[](NodeIndex node) const noexcept { return nodes_[node]; }
+  [[nodiscard]] NodeIndex index_of(const TreeNode& node) const noexcept {
+    return NodeIndex{static_cast<std::uint32_t>(&node - nodes_.values().data())};
+  }
 
  private:
   friend class AbTree;
@@ -100,7 +109,6 @@ struct NearestFace {
   FaceId face{};
   Vec3d point;
   double squared_distance = 0;
-  RowIndex row{};
 };
 
 /// A sphere in which a refit looks for changes of the mesh. A refit sets `is_changed` but never clears it, and only
@@ -146,20 +154,21 @@ class AbTree {
   [[nodiscard]] std::uint32_t height() const noexcept { return height_; }
   static constexpr int kMaxHeight = 10;
 
-  /// Shows the face in `row`. NodePool::free_nodes() must be at least height(). `refit` updates the boxes.
-  void insert(RowIndex row) noexcept;
+  /// Shows a face in the version with these corners. NodePool::free_nodes() must be at least height(). `refit` updates
+  /// the boxes.
+  void insert(RowIndex row, FaceId face, const std::array<Slot, 3>& corners, bool is_finest) noexcept;
   /// Hides the face in `row`.
   void remove(RowIndex row) noexcept;
   /// Moves corner `corner` of a shown face to `vertex`. `is_finest` states whether the face then has its finest
   /// version.
-  void update(const FaceRow& row, std::uint32_t corner, const Vertex& vertex, bool is_finest) noexcept {
-    TACTUS_ASSERT(row.node != kNone);
-    TreeNode& node = nodes_.nodes_[row.node];
+  void update(RowIndex row, std::uint32_t corner, const Vertex& vertex, bool is_finest) noexcept {
+    const LeafLane at = pool_.shown_at[row];
+    TACTUS_ASSERT(at.is_shown());
+    TreeNode& node = nodes_.nodes_[at.leaf()];
     store_node(node);
-    const unsigned lane = lane_of(row.face);
-    node.set_corner(lane, corner, vertex);
-    node.set_finest(lane, is_finest);
-    mark_child(row.node, node, lane);
+    node.set_corner(at.lane(), corner, vertex);
+    node.set_finest(at.lane(), is_finest);
+    mark_child(at.leaf(), node, at.lane());
   }
 
   /// The prefetch functions load the memory that the functions above need. Before `insert`, call `prefetch_entry` and,
@@ -167,14 +176,14 @@ class AbTree {
   void prefetch_entry(FaceId face) const noexcept { nodes_.index_.prefetch(leaf_key(face)); }
   void prefetch_insert(FaceId face) const noexcept {
     const NodeIndex node{nodes_.index_.find(leaf_key(face))};
-    if (node != kNone) prefetch(node);
+    if (node != kNone) prefetch_triangles(node);
   }
-  void prefetch_remove(const FaceRow& row) const noexcept {
-    if (row.node != kNone) prefetch(row.node);
+  void prefetch_remove(LeafLane at) const noexcept {
+    if (at.is_shown()) prefetch_triangles(at.leaf());
   }
-  void prefetch_update(const FaceRow& row, std::uint32_t corner) const noexcept {
-    if (row.node == kNone) return;
-    const TreeNode& node = nodes_.nodes_[row.node];
+  void prefetch_update(LeafLane at, std::uint32_t corner) const noexcept {
+    if (!at.is_shown()) return;
+    const TreeNode& node = nodes_.nodes_[at.leaf()];
     spm::prefetch(&node.lanes[3 * corner]);
     spm::prefetch(&node.lanes[3 * corner + 2]);
     spm::prefetch(&node.parent);
@@ -201,16 +210,17 @@ class AbTree {
     return nearest(point, max_distance, 0, found, nullptr, 0) > 0;
   }
   static constexpr std::uint32_t kMaxNearest = 96;
-  /// Also writes the rows of all triangles whose distance exceeds that of the nearest one by at most `margin`, in the
-  /// order of FaceIds. Writes at most min(`capacity`, kMaxNearest) rows. Returns their number, but at least 1 if there
-  /// is a nearest triangle.
+  /// Also writes the places of all triangles whose distance exceeds that of the nearest one by at most `margin`, in the
+  /// order of FaceIds. Writes at most min(`capacity`, kMaxNearest) places. Returns their number, at least 1 if there is
+  /// a nearest triangle.
   [[nodiscard]] std::uint32_t nearest(const Vec3d& point, double max_distance, double margin, NearestFace& found,
-                                      RowIndex* rows, std::uint32_t capacity,
+                                      LeafLane* places, std::uint32_t capacity,
                                       const CandidateCaches* caches = nullptr) const noexcept;
 
-  [[nodiscard]] const FaceRow& row(RowIndex row) const noexcept { return pool_.faces[row]; }
-  /// Coordinates x y z of the three corners. The face must be shown.
-  [[nodiscard]] std::array<float, 9> corners(RowIndex row) const noexcept;
+  /// The shown face in a place, whether this version is the finest, and coordinates x y z of the three corners.
+  [[nodiscard]] FaceId face(LeafLane at) const noexcept { return nodes_[at.leaf()].face(at.lane()); }
+  [[nodiscard]] bool is_finest(LeafLane at) const noexcept { return nodes_[at.leaf()].is_finest(at.lane()); }
+  [[nodiscard]] std::array<float, 9> corners(LeafLane at) const noexcept;
   /// The corners of the face of a contact that a query returned after the last change of the tree.
   [[nodiscard]] std::array<float, 9> corners(const Contact& contact) const noexcept;
   /// Copies the nodes of level 1 whose ids are at least `from`, in ascending order, at most `capacity`. Returns their
@@ -220,10 +230,10 @@ class AbTree {
   [[nodiscard]] NodeIndex root() const noexcept { return root_; }
   [[nodiscard]] const TreeNode& node(NodeIndex node) const noexcept { return nodes_[node]; }
 
-  /// Checks nodes, masks, boxes and faces. O(nodes), allocates: tests.
+  /// Checks nodes, masks and boxes. O(nodes), allocates: tests.
   [[nodiscard]] std::vector<std::string> violations() const;
-  /// Returns the rows of all shown faces, ascending by FaceId. O(nodes), allocates.
-  [[nodiscard]] std::vector<RowIndex> shown() const;
+  /// Returns the places of all shown faces, ascending by FaceId. O(nodes), allocates.
+  [[nodiscard]] std::vector<LeafLane> shown() const;
 
  private:
   static constexpr int kStack = 7 * kMaxHeight + 8;
@@ -250,18 +260,13 @@ class AbTree {
     for (std::uint32_t at = first_previous_; at != kNone; at = nodes_.next_previous_[at])
       visit(nodes_.previous_nodes_[at]);
   }
-  /// Prefetches the triangles of a node of level 1.
+  /// Prefetches all of a node.
   void prefetch_triangles(NodeIndex node) const noexcept {
     for (int row = 0; row < lanes::kTriangleRows; row += 2) spm::prefetch(&nodes_[node].lanes[row]);
   }
   /// Prefetches the boxes and indices of the children of a higher node.
   void prefetch_children(NodeIndex node) const noexcept {
-    for (int row = 0; row < lanes::kBoxRows; row += 2) spm::prefetch(&nodes_[node].lanes[row]);
-    spm::prefetch(&nodes_[node].child);
-  }
-  void prefetch(NodeIndex node) const noexcept {
-    prefetch_triangles(node);
-    spm::prefetch(&nodes_[node].child);
+    for (int row = 0; row <= lanes::kBoxRows; row += 2) spm::prefetch(&nodes_[node].lanes[row]);
   }
   /// Prefetches the boxes of a node and its parent index, for `refit`.
   void prefetch_boxes(NodeIndex node) const noexcept {

@@ -239,8 +239,8 @@ bool AbTree::sweep(const Vec3d& from, const Vec3d& to, double radius, SweepConta
   }
 }
 
-std::uint32_t AbTree::nearest(const Vec3d& point, double max_distance, double margin, NearestFace& best, RowIndex* rows,
-                              std::uint32_t capacity, const CandidateCaches* caches) const noexcept {
+std::uint32_t AbTree::nearest(const Vec3d& point, double max_distance, double margin, NearestFace& best,
+                              LeafLane* places, std::uint32_t capacity, const CandidateCaches* caches) const noexcept {
   if (root_ == kNone) return 0;
   const FloatPoint p{point};
   best.squared_distance = max_distance * max_distance;
@@ -249,7 +249,7 @@ std::uint32_t AbTree::nearest(const Vec3d& point, double max_distance, double ma
   float squared_limit = p.squared(reach);
   struct Near {
     FaceId face;
-    RowIndex row;
+    NodeIndex leaf;
     double squared;
   };
   std::array<Near, kMaxNearest> near_faces;
@@ -276,14 +276,14 @@ std::uint32_t AbTree::nearest(const Vec3d& point, double max_distance, double ma
           squared < best.squared_distance || (squared == best.squared_distance && (!found || face < best.face));
       if (nearer) {
         found = true;
-        best = {face, {closest.point[0][i], closest.point[1][i], closest.point[2][i]}, squared, node.row(i)};
+        best = {face, {closest.point[0][i], closest.point[1][i], closest.point[2][i]}, squared};
         reach = std::sqrt(squared) + margin;
         squared_reach = std::max(squared, reach * reach);
         squared_limit = p.squared(reach);
       }
       if (capacity == 0) continue;
       if (near_count == capacity) drop_far();
-      if (near_count < capacity) near_faces[near_count++] = {face, node.row(i), squared};
+      if (near_count < capacity) near_faces[near_count++] = {face, nodes_.index_of(node), squared};
     }
   };
   const auto search = [&]() noexcept {
@@ -310,7 +310,7 @@ std::uint32_t AbTree::nearest(const Vec3d& point, double max_distance, double ma
         int at = depth++;  // inserts the farthest child first, so that the nearest is popped first
         for (; at > first && stack[at - 1].squared < squared[i]; --at) stack[at] = stack[at - 1];
         stack[at] = {node.node(i), squared[i]};
-        prefetch(node.node(i));
+        prefetch_triangles(node.node(i));
       }
     }
   };
@@ -327,7 +327,7 @@ std::uint32_t AbTree::nearest(const Vec3d& point, double max_distance, double ma
   drop_far();
   std::sort(near_faces.begin(), near_faces.begin() + near_count,
             [](const Near& a, const Near& b) { return a.face < b.face; });
-  for (std::uint32_t i = 0; i < near_count; ++i) rows[i] = near_faces[i].row;
+  for (std::uint32_t i = 0; i < near_count; ++i) places[i] = LeafLane{near_faces[i].leaf, lane_of(near_faces[i].face)};
   return std::max(1u, near_count);
 }
 

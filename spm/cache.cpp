@@ -40,15 +40,17 @@ bool well_formed(std::span<const Interval> intervals, std::uint32_t limit) noexc
 
 Cache::Cache(Pool& pool)
     : pool_{pool},
-      records_{pool.settings.slots},
-      faces_{2 * pool.settings.slots},
+      slots_{pool.settings.slots, pool.settings.slots},
+      rows_{2 * pool.settings.slots, 2 * pool.settings.slots},
       front_{2 * std::size_t{pool.settings.slots}},
       list_counts_(pool.settings.slots),
       checksums_(pool.settings.slots),
+      object_of_(pool.settings.slots),
       listed_in_(pool.settings.slots),
       free_{pool.settings.slots},
       free_blocks_(pool.settings.list_blocks),
       free_block_count_{pool.settings.list_blocks} {
+  TACTUS_CHECK(pool.settings.slots <= kMaxSlots);
   for (std::uint32_t i = 0; i < free_block_count_; ++i) free_blocks_[i] = BlockIndex{free_block_count_ - 1 - i};
 }
 
@@ -81,30 +83,35 @@ Cache::Admitted Cache::admit(const BaseMesh& base) {
   for (Slot& slot : slots) {
     slot = allocate_slot();
     list_counts_[slot] = kBaseSlot;
+    object_of_[slot] = static_cast<std::uint8_t>(number);
     pool_.parts[slot] = LoadedPart{};
     pool_.parts[slot].next = kNone;
     pool_.state[slot] = SlotState{};
   }
   for (std::uint32_t i = 0; i < vertices; ++i) {
     pool_.vertices[slots[i]] = {base.positions[i], VertexId{i}};
-    pool_.radius[slots[i]] = radius_of(base.radii[i]);
   }
   object.base_slots.values() = slots;
 
   result.base.faces.reserve(faces);
+  std::vector<RowIndex> rows;
+  rows.reserve(faces);
   for (std::uint32_t i = 0; i < faces; ++i) {
     const BaseFace& face = base.faces[i];
-    const RowIndex row_index = row_of(slots[i / 2], i % 2);
-    FaceRow& row = pool_.faces[row_index];
-    for (int corner = 0; corner < 3; ++corner) row.vertices[corner] = object.base_slots[face.corners[corner]];
-    front_.set(row_index, row.vertices);
-    row.face = face.face;
-    row.finest = face.finest;
-    row.node = kNone;
-    faces_.insert(key(result.object, face.face), index(row_index));
-    result.base.faces.push_back(row_index);
+    BaseSlots::Face loaded{.row = row_of(slots[i / 2], i % 2), .is_finest = face.finest != 0};
+    for (std::size_t corner = 0; corner < 3; ++corner) {
+      const VertexId vertex = face.corners[corner];
+      loaded.corners[corner] = object.base_slots[vertex];
+      loaded.radius = std::max(loaded.radius, base.radii[index(vertex)]);
+    }
+    front_.set(loaded.row, loaded.corners);
+    pool_.parts[slots[i / 2]].born[i % 2] = BornRef::make(face.face, 0, loaded.is_finest);
+    pool_.shown_at[loaded.row] = LeafLane{};
+    rows_.insert(key(result.object, face.face), index(loaded.row));
+    rows.push_back(loaded.row);
+    result.base.faces.push_back(loaded);
   }
-  front_.link(std::span<const RowIndex>{result.base.faces});
+  front_.link(std::span<const RowIndex>{rows});
   object.record_counts.values().reserve(base.regions.size());
   object.checksums.values().reserve(base.regions.size());
   for (const Region& region : base.regions) {
@@ -120,8 +127,10 @@ void Cache::remove(ObjectIndex number) noexcept {
   TACTUS_CHECK(object.is_used);
   for (const BlockIndex block : object.first_blocks.values()) TACTUS_CHECK(block == kNone);
   const std::vector<Slot>& slots = object.base_slots.values();
-  for (std::uint32_t i = 0; i < object.base_faces; ++i)
-    faces_.erase(key(number, pool_.faces[row_of(slots[i / 2], i % 2)].face));
+  for (std::uint32_t i = 0; i < object.base_faces; ++i) {
+    const RowIndex row = row_of(slots[i / 2], i % 2);
+    rows_.erase(key(number, pool_.face_of(row)), index(row), key_of_row());
+  }
   for (const Slot slot : slots) {
     list_counts_[slot] = 0;
     free_.release(index(slot));
@@ -143,12 +152,11 @@ struct Cache::DecoderStore {
     const std::uint32_t base = owner.summary.base_vertices;
     return index(id) < base ? owner.base_slots[id] : cache.find(object, RecordId{index(id) - base});
   }
-  [[nodiscard]] RowIndex face(FaceId id) const noexcept { return RowIndex{cache.faces_.find(key(object, id))}; }
+  [[nodiscard]] RowIndex face(FaceId id) const noexcept { return cache.find(object, id); }
   [[nodiscard]] RowIndex add_born_face(FaceId id, Slot slot, std::uint32_t i) const noexcept {
     const RowIndex row = row_of(slot, i);
-    cache.faces_.insert(key(object, id), index(row));
-    cache.pool_.faces[row].face = id;
-    cache.pool_.faces[row].node = kNone;
+    cache.rows_.insert(key(object, id), index(row));
+    cache.pool_.shown_at[row] = LeafLane{};
     return row;
   }
   [[nodiscard]] const std::array<float, 3>& position(Slot slot) const noexcept {
@@ -159,7 +167,7 @@ struct Cache::DecoderStore {
 AcceptResult Cache::decode(ObjectIndex object, RecordId record, const RegionData& data, std::uint32_t& part,
                            const PositionPredictor::Residuals& residuals) noexcept {
   const ModelSummary& summary = objects_[object].summary;
-  const VertexId id{summary.base_vertices + index(record)};
+  const VertexId id = vertex_of(object, record);
   const Slot u = next_slot();  // the loop allocates it
   DecoderStore store{*this, object};
   RecordDecoder<DecoderStore> decoder{store, summary, u};
@@ -172,9 +180,10 @@ AcceptResult Cache::decode(ObjectIndex object, RecordId record, const RegionData
     const Slot before = slot;
     slot = allocate_slot();
     if (before != kNone) pool_.parts[before].next = slot;
-    if (before == kNone) records_.insert(key(object, record), index(slot));
     pool_.state[slot] = SlotState{};
     pool_.vertices[slot] = {position, id};
+    object_of_[slot] = static_cast<std::uint8_t>(index(object));
+    if (before == kNone) slots_.insert(key(object, id), index(slot));
     list_counts_[slot] = 0;
     switch (decoder.add(source, slot, pool_.parts[slot])) {
       case RecordResult::kDecoded:
@@ -184,7 +193,6 @@ AcceptResult Cache::decode(ObjectIndex object, RecordId record, const RegionData
       case RecordResult::kMalformed:
         return AcceptResult::kMalformed;
     }
-    pool_.radius[slot] = radius_of(source.radius);
     if (before == kNone) {
       if (!decoder.restore_position(residuals, position)) return AcceptResult::kMalformed;
       pool_.vertices[slot].position = position;
@@ -215,8 +223,7 @@ bool Cache::add_to_list(Slot first_slot) noexcept {
 }
 
 void Cache::free_record(ObjectIndex object, Slot first_slot) noexcept {
-  const std::uint32_t base = objects_[object].summary.base_vertices;
-  records_.erase(key(object, RecordId{index(pool_.vertices[first_slot].id) - base}));
+  slots_.erase(key(object, pool_.vertices[first_slot].id), index(first_slot), key_of_slot());
   for (Slot slot = first_slot; slot != kNone;) {
     const LoadedPart& part = pool_.parts[slot];
     TACTUS_CHECK(pool_.state[slot].bits == 0);
@@ -226,8 +233,9 @@ void Cache::free_record(ObjectIndex object, Slot first_slot) noexcept {
       corner = part.parent;
     }
     for (std::uint32_t i = 0; i < part.born_count; ++i) {
-      front_.unlink(row_of(slot, i), part.born[i].order());
-      faces_.erase(key(object, part.born[i].face()));
+      const RowIndex row = row_of(slot, i);
+      front_.unlink(row, part.born[i].order());
+      rows_.erase(key(object, part.born[i].face()), index(row), key_of_row());
     }
     const Slot next = part.next;
     free_.release(index(slot));
@@ -248,7 +256,7 @@ AcceptResult Cache::accept(ObjectIndex number, const RegionData& data, RegionLis
   if (ListBlock::blocks_for(length) > free_block_count_) return AcceptResult::kPoolFull;
 
   if (++list_number_ == 0) {
-    std::fill(listed_in_.begin(), listed_in_.end(), 0u);
+    std::fill(listed_in_.begin(), listed_in_.end(), std::uint8_t{0});
     list_number_ = 1;
   }
   RegionList new_list;

@@ -11,11 +11,12 @@
 /// Source: Liu, Georganas, Roth, 3DIM 2005, section 3 (local cache, loaded fronting).
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <string>
 #include <vector>
 
-#include "spm/flat_index.hpp"
+#include "spm/compact_index.hpp"
 #include "spm/free_set.hpp"
 #include "spm/loaded_front.hpp"
 #include "spm/model.hpp"
@@ -33,9 +34,15 @@ enum class AcceptResult : std::uint8_t {
   kMalformed    ///< the message contradicts the model or the loaded records, or its list is not closed and in order
 };
 
-/// The face rows of a base mesh, for the haptic thread. They are valid until the object is removed.
+/// The faces of a base mesh in the pool, for the haptic thread. They are valid until the object is removed.
 struct BaseSlots {
-  std::vector<RowIndex> faces;  ///< in the order of BaseMesh::faces
+  struct Face {
+    RowIndex row{};
+    std::array<Slot, 3> corners{};
+    std::uint16_t radius = 0;  ///< greatest radius code of the corners, see record.hpp
+    bool is_finest = false;
+  };
+  std::vector<Face> faces;  ///< in the order of BaseMesh::faces
 };
 
 struct CacheCounters {
@@ -85,7 +92,7 @@ class Cache {
   [[nodiscard]] bool is_loaded(ObjectIndex object, RegionId region) const noexcept;
 
   [[nodiscard]] bool has_record(ObjectIndex object, RecordId record) const noexcept {
-    return records_.find(key(object, record)) != kNone;
+    return find(object, record) != kNone;
   }
   /// The length of the region's list, loaded or not.
   [[nodiscard]] std::uint32_t records_of(ObjectIndex object, RegionId region) const noexcept {
@@ -116,11 +123,34 @@ class Cache {
   };
 
   template <class Id>
+  [[nodiscard]] static std::uint64_t key(std::uint8_t object, Id id) noexcept {
+    return std::uint64_t{object} << 31 | index(id);
+  }
+  template <class Id>
   [[nodiscard]] static std::uint64_t key(ObjectIndex object, Id id) noexcept {
-    return std::uint64_t{index(object)} << 31 | index(id);
+    return key(static_cast<std::uint8_t>(index(object)), id);
+  }
+  /// The functions that return the key of a number in `slots_` and in `rows_`.
+  [[nodiscard]] auto key_of_slot() const noexcept {
+    return [this](std::uint32_t number) {
+      const Slot slot{number};
+      return key(object_of_[slot], pool_.vertices[slot].id);
+    };
+  }
+  [[nodiscard]] auto key_of_row() const noexcept {
+    return [this](std::uint32_t number) {
+      const RowIndex row{number};
+      return key(object_of_[slot_of(row)], pool_.face_of(row));
+    };
+  }
+  [[nodiscard]] VertexId vertex_of(ObjectIndex object, RecordId record) const noexcept {
+    return VertexId{objects_[object].summary.base_vertices + index(record)};
   }
   [[nodiscard]] Slot find(ObjectIndex object, RecordId record) const noexcept {
-    return Slot{records_.find(key(object, record))};
+    return Slot{slots_.find(key(object, vertex_of(object, record)), key_of_slot())};
+  }
+  [[nodiscard]] RowIndex find(ObjectIndex object, FaceId face) const noexcept {
+    return RowIndex{rows_.find(key(object, face), key_of_row())};
   }
   [[nodiscard]] AcceptResult decode(ObjectIndex object, RecordId record, const RegionData& data, std::uint32_t& part,
                                     const PositionPredictor::Residuals& residuals) noexcept;
@@ -136,13 +166,14 @@ class Cache {
   Pool& pool_;
   IdVector<ObjectIndex, Object> objects_;
   std::uint32_t next_object_ = 0;  // index at which the search for a free one starts
-  FlatIndex records_;              // (object, RecordId) -> first slot
-  FlatIndex faces_;                // (object, FaceId) -> face row, of every face of the base mesh or a loaded record
+  CompactIndex slots_;             // (object, VertexId) -> first slot of a loaded record
+  CompactIndex rows_;              // (object, FaceId) -> row of a face of a base mesh or of a loaded record
   Front front_;
   IdVector<Slot, std::uint16_t> list_counts_;  // by first slot: number of loaded regions that list the record
   IdVector<Slot, std::uint32_t> checksums_;    // by first slot: see checksum.hpp
-  IdVector<Slot, std::uint32_t> listed_in_;    // number of the last accepted list with the slot
-  std::uint32_t list_number_ = 0;              // of the list that is being accepted
+  IdVector<Slot, std::uint8_t> object_of_;     // ObjectIndex
+  IdVector<Slot, std::uint8_t> listed_in_;     // number of the last accepted list with the slot; 0: none
+  std::uint8_t list_number_ = 0;               // of the list that is being accepted
   FreeSet free_;                               // slots
   Slot last_slot_{};
   std::vector<BlockIndex> free_blocks_;

@@ -2,8 +2,8 @@
 
 #include <algorithm>
 #include <array>
+#include <cstring>
 #include <map>
-#include <set>
 
 #include "spm/prefetch.hpp"
 
@@ -139,7 +139,7 @@ void Forest::set_targets(const Applied* regions, std::uint32_t count) noexcept {
   entries_to_coarsen_ = oldest_ != kNone ? entries_to_coarsen() : 0;
 }
 
-const Slot* Forest::entry(State& state, std::uint32_t number) noexcept {
+const PackedSlot* Forest::entry(State& state, std::uint32_t number) noexcept {
   const std::uint32_t block_number = number / ListBlock::kEntries;
   for (; state.block_number < block_number; ++state.block_number) state.block = pool_.blocks[state.block].after;
   for (; state.block_number > block_number; --state.block_number) state.block = pool_.blocks[state.block].before;
@@ -148,9 +148,9 @@ const Slot* Forest::entry(State& state, std::uint32_t number) noexcept {
 
 /// Prefetches the memory of the next records in a list, because a dozen cache misses are most of the cost of a split.
 /// There are three passes, because each pass needs addresses that the pass before has loaded.
-void Forest::prefetch_records(const Slot* slots, std::uint32_t count, bool splitting) const noexcept {
+void Forest::prefetch_records(const PackedSlot* slots, std::uint32_t count, bool splitting) const noexcept {
   const IdVector<Slot, LoadedPart>& parts = pool_.parts;
-  const IdVector<RowIndex, FaceRow>& rows = pool_.faces;
+  const IdVector<RowIndex, LeafLane>& rows = pool_.shown_at;
   const IdVector<Slot, Vertex>& vertices = pool_.vertices;
   std::array<Slot, kPrefetched> changing;
   std::uint32_t changes = 0;
@@ -199,22 +199,17 @@ bool Forest::has_previous_nodes_for(Slot slot) const noexcept {
   return tree_.free_previous_nodes() >= faces;
 }
 
+void Forest::show_base_face(const BaseSlots::Face& face) noexcept {
+  tree_.insert(face.row, pool_.face_of(face.row), face.corners, face.is_finest);
+}
+
 void Forest::split(Slot slot) noexcept {
-  IdVector<RowIndex, FaceRow>& rows = pool_.faces;
   const Vertex& vertex = pool_.vertices[slot];
   for_each_change(
       pool_.parts, slot, slot,
-      [&](LoadedPart::DeformedRef ref) {
-        FaceRow& row = rows[ref.face()];
-        row.vertices[ref.corner()] = slot;
-        row.finest = ref.is_finest();
-        tree_.update(row, ref.corner(), vertex, ref.is_finest());
-      },
+      [&](LoadedPart::DeformedRef ref) { tree_.update(ref.face(), ref.corner(), vertex, ref.is_finest()); },
       [&](BornRef ref, const std::array<Slot, 3>& corners, Slot part, std::uint32_t i) {
-        FaceRow& row = rows[row_of(part, i)];
-        row.vertices = corners;
-        row.finest = ref.is_finest();
-        tree_.insert(row_of(part, i));
+        tree_.insert(row_of(part, i), ref.face(), corners, ref.is_finest());
       });
   pool_.state[slot].bits |= SlotState::kShown;
   hash_ ^= hash_of(vertex.id);
@@ -224,7 +219,6 @@ void Forest::split(Slot slot) noexcept {
 /// Undoes a split.
 void Forest::collapse(Slot slot) noexcept {
   const IdVector<Slot, LoadedPart>& parts = pool_.parts;
-  IdVector<RowIndex, FaceRow>& rows = pool_.faces;
   const Slot parent = parts[slot].parent;
   const Vertex& vertex = pool_.vertices[parent];
   for (Slot at = slot; at != kNone; at = parts[at].next) {
@@ -232,10 +226,7 @@ void Forest::collapse(Slot slot) noexcept {
     for (std::uint32_t i = 0; i < part.born_count; ++i) tree_.remove(row_of(at, i));
     for (std::uint32_t i = 0; i < part.deformed_count; ++i) {
       const LoadedPart::DeformedRef ref = part.deformed[i];
-      FaceRow& row = rows[ref.face()];
-      row.vertices[ref.corner()] = parent;
-      row.finest = 0;
-      tree_.update(row, ref.corner(), vertex, false);
+      tree_.update(ref.face(), ref.corner(), vertex, false);
     }
   }
   pool_.state[slot].bits &= static_cast<std::uint16_t>(~SlotState::kShown);
@@ -245,7 +236,7 @@ void Forest::collapse(Slot slot) noexcept {
 
 Advance Forest::refine(State& state, Budget& budget) noexcept {
   while (state.cursor < state.target_entries) {
-    const Slot* slots = entry(state, state.cursor);
+    const PackedSlot* slots = entry(state, state.cursor);
     const std::uint32_t count = std::min(
         {kPrefetched, state.target_entries - state.cursor, ListBlock::kEntries - state.cursor % ListBlock::kEntries});
     prefetch_records(slots, count, true);
@@ -272,7 +263,7 @@ Advance Forest::refine(State& state, Budget& budget) noexcept {
 /// Coarsens at most `entries` list entries and subtracts them from `entries`.
 Advance Forest::coarsen(State& state, Budget& budget, std::uint32_t& entries) noexcept {
   while (state.cursor > 0 && entries > 0) {
-    const Slot* last = entry(state, state.cursor - 1);
+    const PackedSlot* last = entry(state, state.cursor - 1);
     const std::uint32_t count = std::min({kPrefetched, (state.cursor - 1) % ListBlock::kEntries + 1, entries});
     prefetch_records(last - (count - 1), count, false);
     for (std::uint32_t i = 0; i < count; ++i) {
@@ -312,7 +303,7 @@ Advance Forest::hide_all(Budget& budget) noexcept {
   for (; base_cursor_ > 0; --base_cursor_) {
     if (budget.units < Budget::kChange) return Advance::kBudget;
     if (tree_.free_previous_nodes() == 0) return Advance::kPreviousFull;
-    tree_.remove(base_.faces[base_cursor_ - 1]);
+    tree_.remove(base_.faces[base_cursor_ - 1].row);
     budget.units -= Budget::kChange;
   }
   return Advance::kDone;
@@ -324,7 +315,7 @@ Advance Forest::advance(Budget& budget) noexcept {
     if (budget.units < Budget::kChange) return Advance::kBudget;
     if (nodes_.free_nodes() < tree_.height()) return Advance::kNodesFull;
     if (tree_.free_previous_nodes() == 0) return Advance::kPreviousFull;
-    tree_.insert(base_.faces[base_cursor_]);
+    show_base_face(base_.faces[base_cursor_]);
     budget.units -= Budget::kChange;
   }
   Advance refining = Advance::kDone;
@@ -381,7 +372,7 @@ bool Forest::restore(std::uint32_t base_faces, const InUse* regions, std::uint32
   if (base_faces > base_.faces.size() || base_cursor_ > 0) return false;
   for (; base_cursor_ < base_faces; ++base_cursor_) {
     if (nodes_.free_nodes() < tree_.height() || tree_.free_previous_nodes() == 0) return false;
-    tree_.insert(base_.faces[base_cursor_]);
+    show_base_face(base_.faces[base_cursor_]);
   }
   for (std::uint32_t i = 0; i < count; ++i) {
     const RegionId region = regions[i].region;
@@ -414,6 +405,37 @@ bool Forest::is_exact(const Vec3d& centre, double radius) const noexcept {
   return all && seen;
 }
 
+std::map<RowIndex, Forest::ShownFace> Forest::shown_faces() const {
+  std::map<VertexId, Slot> shown;  // records in topological order
+  for (const RegionId region : state_index_.ids()) {
+    if (!is_loaded(region)) continue;
+    const State& state = state_of(region);
+    std::uint32_t left = state.cursor;
+    for (BlockIndex block = state.list.first_block; left > 0; block = pool_.blocks[block].after)
+      for (std::uint32_t i = 0; i < ListBlock::kEntries && left > 0; ++i, --left) {
+        const Slot slot = pool_.blocks[block].slots[i];
+        shown[pool_.vertices[slot].id] = slot;
+      }
+  }
+  std::map<RowIndex, ShownFace> faces;
+  for (std::size_t i = 0; i < base_cursor_; ++i)
+    faces[base_.faces[i].row] = {base_.faces[i].corners, base_.faces[i].is_finest};
+  for (const auto& entry : shown) {
+    const Slot slot = entry.second;
+    for_each_change(
+        pool_.parts, slot, slot,
+        [&](LoadedPart::DeformedRef ref) {
+          ShownFace& face = faces[ref.face()];
+          face.corners[ref.corner()] = slot;
+          face.is_finest = ref.is_finest();
+        },
+        [&](BornRef ref, const std::array<Slot, 3>& corners, Slot part, std::uint32_t i) {
+          faces[row_of(part, i)] = {corners, ref.is_finest()};
+        });
+  }
+  return faces;
+}
+
 std::vector<std::string> Forest::violations() const {
   std::vector<std::string> found;
   std::map<Slot, std::uint32_t> wanted;  // number of applied entries of each record
@@ -431,8 +453,6 @@ std::vector<std::string> Forest::violations() const {
         ++wanted[pool_.blocks[block].slots[i]];
   }
   std::uint64_t hash = 0;
-  std::set<RowIndex> expected_rows;
-  for (std::size_t i = 0; i < base_cursor_; ++i) expected_rows.insert(base_.faces[i]);
   for (const auto& [slot, count] : wanted) {
     const SlotState state = pool_.state[slot];
     const std::string name = "record of vertex " + std::to_string(index(pool_.vertices[slot].id));
@@ -441,25 +461,26 @@ std::vector<std::string> Forest::violations() const {
                       std::to_string(count));
     if (!state.shown()) found.push_back(name + " is wanted but not shown");
     hash ^= hash_of(pool_.vertices[slot].id);
-    for (Slot at = slot; at != kNone; at = pool_.parts[at].next)
-      for (std::uint32_t i = 0; i < pool_.parts[at].born_count; ++i) expected_rows.insert(row_of(at, i));
   }
   if (hash != hash_) found.push_back("the mesh hash differs from a recount: a record is shown but not wanted");
-  for (const RowIndex row_index : tree_.shown()) {
-    const FaceRow& row = pool_.faces[row_index];
-    if (expected_rows.erase(row_index) == 0)
-      found.push_back("face " + std::to_string(index(row.face)) + " is shown, but no shown record bears it");
-    for (int i = 0; i < 3; ++i) {
-      const Vertex& vertex = pool_.vertices[row.vertices[i]];
-      const bool is_record = pool_.state[row.vertices[i]].shown();
-      const bool is_base = pool_.state[row.vertices[i]].bits == 0 && wanted.count(row.vertices[i]) == 0;
-      if (!is_record && !is_base)
-        found.push_back("face " + std::to_string(index(row.face)) + " has the corner " +
-                        std::to_string(index(vertex.id)) + ", which is not shown");
+  const std::map<RowIndex, ShownFace> expected = shown_faces();
+  for (const auto& [row, face] : expected) {
+    const LeafLane at = pool_.shown_at[row];
+    const std::string name = "face " + std::to_string(index(pool_.face_of(row)));
+    if (!at.is_shown()) {
+      found.push_back(name + " should be shown");
+      continue;
     }
+    if (tree_.face(at) != pool_.face_of(row)) found.push_back(name + " is in the place of another face");
+    if (tree_.is_finest(at) != face.is_finest) found.push_back(name + " has a wrong version");
+    const std::array<float, 9> shown = tree_.corners(at);
+    for (std::size_t i = 0; i < 3; ++i)
+      if (std::memcmp(&shown[3 * i], &pool_.vertices[face.corners[i]].position, 3 * sizeof(float)) != 0)
+        found.push_back(name + " has another corner than vertex " +
+                        std::to_string(index(pool_.vertices[face.corners[i]].id)));
   }
-  if (!expected_rows.empty())
-    found.push_back(std::to_string(expected_rows.size()) + " faces that should be shown are not");
+  if (const std::size_t shown = tree_.shown().size(); shown != expected.size())
+    found.push_back(std::to_string(shown) + " faces are shown, expected " + std::to_string(expected.size()));
   for (std::string& text : tree_.violations()) found.push_back(std::move(text));
   return found;
 }

@@ -21,7 +21,9 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <cstdint>
+#include <map>
 #include <string>
 #include <vector>
 
@@ -151,6 +153,15 @@ class Forest {
   [[nodiscard]] bool is_exact(const Vec3d& centre, double radius) const noexcept;
 
   [[nodiscard]] const AbTree& tree() const noexcept { return tree_; }
+  [[nodiscard]] const BaseSlots& base() const noexcept { return base_; }
+  /// The place of a face in `tree()`, if it is shown.
+  [[nodiscard]] LeafLane place_of(RowIndex row) const noexcept { return pool_.shown_at[row]; }
+  struct ShownFace {
+    std::array<Slot, 3> corners{};
+    bool is_finest = false;
+  };
+  /// Returns all shown faces, as they follow from the shown records. O(pool), allocates: tests.
+  [[nodiscard]] std::map<RowIndex, ShownFace> shown_faces() const;
   [[nodiscard]] const RegionGrid& grid() const noexcept { return grid_; }
   [[nodiscard]] const ForestCounters& counters() const noexcept { return counters_; }
   /// The mesh hash: the xor of the hashes of all shown records. The set of shown records determines every corner of
@@ -195,12 +206,13 @@ class Forest {
   [[nodiscard]] Advance coarsen(State& state, Budget& budget, std::uint32_t& entries) noexcept;
   [[nodiscard]] Advance hide_all(Budget& budget) noexcept;
   [[nodiscard]] std::uint32_t entries_to_coarsen() const noexcept;
-  [[nodiscard]] const Slot* entry(State& state, std::uint32_t number) noexcept;
+  [[nodiscard]] const PackedSlot* entry(State& state, std::uint32_t number) noexcept;
   [[nodiscard]] bool has_tree_nodes_for(Slot slot) const noexcept;
   [[nodiscard]] bool has_previous_nodes_for(Slot slot) const noexcept;
+  void show_base_face(const BaseSlots::Face& face) noexcept;
   void split(Slot slot) noexcept;
   void collapse(Slot slot) noexcept;
-  void prefetch_records(const Slot* slots, std::uint32_t count, bool splitting) const noexcept;
+  void prefetch_records(const PackedSlot* slots, std::uint32_t count, bool splitting) const noexcept;
 
   Pool& pool_;
   NodePool& nodes_;

@@ -153,7 +153,8 @@ struct ProbeWalk {
   std::uint32_t pose = probe.pose_;
   int depth = 0;
   std::uint32_t pairs = 0;  // number of pairs in probe.pairs_ that are not tested yet
-  std::array<RowIndex, TrianglePairs::kWidth> rows{};
+  std::array<FaceId, TrianglePairs::kWidth> faces{};
+  std::array<bool, TrianglePairs::kWidth> are_finest{};
   std::array<std::uint32_t, TrianglePairs::kWidth> triangles{};
   float rotation[3][3]{}, translation[3]{};         // from the probe's frame to the object's frame, with the scale
   float inverse[3][3]{}, inverse_translation[3]{};  // from the object's frame to the probe's frame
@@ -210,7 +211,8 @@ struct ProbeWalk {
         batch.object[i][axis][pairs] = leaf.lanes[3 * i + axis][lane];
         batch.probe[i][axis][pairs] = probe.vertices_[axis][corners[i]];
       }
-    rows[pairs] = leaf.row(lane);
+    faces[pairs] = leaf.face(lane);
+    are_finest[pairs] = leaf.is_finest(lane);
     triangles[pairs] = triangle;
     if (++pairs == TrianglePairs::kWidth) flush();
   }
@@ -237,14 +239,12 @@ struct ProbeWalk {
       const auto lane = static_cast<unsigned>(std::countr_zero(hit));
       const std::uint32_t at = result.contacts++;
       if (at >= capacity) continue;
-      const FaceRow& face = tree.row(rows[lane]);
-      out[at] = {face.face,
+      out[at] = {faces[lane],
                  probe.probe_.number_[triangles[lane]],
-                 face.finest != 0,
+                 are_finest[lane],
                  {found.point[0][lane], found.point[1][lane], found.point[2][lane]},
                  {found.normal[0][lane], found.normal[1][lane], found.normal[2][lane]},
-                 found.depth[lane],
-                 rows[lane]};
+                 found.depth[lane]};
     }
     pairs = 0;
   }

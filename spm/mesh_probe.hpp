@@ -32,7 +32,6 @@ struct MeshContact {
   bool is_finest = false;      ///< the face is in its finest version
   Vec3d point, normal;
   double depth = 0;
-  RowIndex row{};
 };
 
 /// Eight pairs of a shown face and a probe triangle that may be near each other.

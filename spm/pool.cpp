@@ -1,20 +1,22 @@
 #include "spm/pool.hpp"
 
 #include "spm/candidate_cache.hpp"
+#include "spm/compact_index.hpp"
 #include "spm/flat_index.hpp"
 #include "spm/free_set.hpp"
 #include "spm/loaded_front.hpp"
 
 namespace tactus::spm {
 
-static_assert(2ull * kMaxSlots <= 1ull << FlatIndex::kValueBits);
+static_assert(2ull * kMaxSlots < kNone / 2 && kMaxCompressedBlocks <= 1u << FlatIndex::kValueBits &&
+              kMaxObjects <= 256);
 static_assert(std::uint64_t{kMaxObjects} * kMaxVertices <= 1ull << FlatIndex::kKeyBits);
 
 std::uint64_t PoolSettings::bytes() const noexcept {
-  const std::uint64_t per_slot = sizeof(RecordPart) + sizeof(Vertex) + sizeof(float) + 2 * sizeof(FaceRow) +
-                                 sizeof(SlotState) + 2 * LoadedFront<RowIndex, Slot>::kBytesPerFace +
-                                 sizeof(std::uint16_t) + 2 * sizeof(std::uint32_t);
-  return per_slot * slots + FlatIndex::bytes(slots) + FlatIndex::bytes(2 * slots) + FreeSet::bytes(slots) +
+  const std::uint64_t per_slot = sizeof(RecordPart) + sizeof(Vertex) + 2 * sizeof(LeafLane) + sizeof(SlotState) +
+                                 2 * LoadedFront<RowIndex, Slot>::kBytesPerFace + sizeof(std::uint16_t) +
+                                 sizeof(std::uint32_t) + 2 * sizeof(std::uint8_t);
+  return per_slot * slots + CompactIndex::bytes(slots) + CompactIndex::bytes(2 * slots) + FreeSet::bytes(slots) +
          std::uint64_t{kTreeNodeBytes} * tree_nodes +
          (kTreeNodeBytes + sizeof(std::uint32_t)) * std::uint64_t{kMaxPreviousLeaves} +
          CandidateCaches::kCount * sizeof(CandidateCache) + FlatIndex::bytes(tree_nodes) + FreeSet::bytes(tree_nodes) +
@@ -36,11 +38,8 @@ Pool::Pool(PoolSettings pool_settings)
     : settings{pool_settings},
       parts(settings.slots),
       vertices(settings.slots),
-      radius(settings.slots),
-      faces(2 * std::size_t{settings.slots}),
+      shown_at(2 * std::size_t{settings.slots}),
       state(settings.slots),
-      blocks(settings.list_blocks) {
-  for (FaceRow& row : faces) row.node = kNone;
-}
+      blocks(settings.list_blocks) {}
 
 }  // namespace tactus::spm

@@ -10,7 +10,8 @@
 ///     front()                          returns the LoadedFront<Face, Vertex>
 ///     vertex(VertexId)                 returns the vertex, or kNone if it is not loaded
 ///     face(FaceId)                     returns the face, or kNone if it is not loaded
-///     add_born_face(FaceId, Part, i)   adds a face that is not loaded, as face `i` of `Part`; returns its index
+///     add_born_face(FaceId, Part, i)   adds a face that is not loaded, as face `i` of `Part`, whose `born[i]` is set;
+///                                      returns its index
 ///     position(Vertex)                 returns three floats
 ///
 /// Realtime if the functions of `Store` are. Source: Rossignac 1999 (Edgebreaker).
@@ -135,10 +136,10 @@ class RecordDecoder {
       ring_.add(x);
     }
     if (x == u_ || x == target.parent || store_.face(ref.face()) != kNone) return RecordResult::kMalformed;
+    target.born[target.born_count] = ref;
     const Face face = store_.add_born_face(ref.face(), at, target.born_count);
     store_.front().set(face, born_face(ref.order(), u_, target.parent, x));
     split_.add_born_face(face, ref.order());
-    target.born[target.born_count] = ref;
     target.born_x[target.born_count++] = x;
     return RecordResult::kDecoded;
   }

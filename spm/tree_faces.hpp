@@ -9,20 +9,21 @@
 
 namespace tactus::spm {
 
-/// Calls `visit(node, lane)` for each face, where `node` is a leaf and `lane` is its lane with the face.
+/// Calls `visit(at, leaf)` for each face, where `at` is its place and `leaf` the node of this place.
 template <class Visit>
 void for_each_face(const AbTree& tree, Visit visit) {
   std::vector<NodeIndex> stack;
   if (tree.root() != kNone) stack.push_back(tree.root());
   while (!stack.empty()) {
-    const TreeNode& node = tree.node(stack.back());
+    const NodeIndex at = stack.back();
+    const TreeNode& node = tree.node(at);
     stack.pop_back();
     for (unsigned lane = 0; lane < TreeNode::kWidth; ++lane) {
       if ((node.mask >> lane & 1u) == 0) continue;
       if (node.level > 1)
         stack.push_back(node.node(lane));
       else
-        visit(node, lane);
+        visit(LeafLane{at, lane}, node);
     }
   }
 }

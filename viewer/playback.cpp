@@ -120,8 +120,8 @@ void Playback::read(const std::filesystem::path& file) {
   }
   // A record takes at least one block of 20 bytes; on the wire some have 9. Less than 1/16 free makes the loader evict.
   constexpr double kBlocksPerByte = 0.25;
-  pool_.compressed_blocks = static_cast<std::uint32_t>(
-      std::clamp(kBlocksPerByte * static_cast<double>(bulk_bytes), double{1u << 16}, double{spm::kMaxSlots}));
+  pool_.compressed_blocks = static_cast<std::uint32_t>(std::clamp(kBlocksPerByte * static_cast<double>(bulk_bytes),
+                                                                  double{1u << 16}, double{spm::kMaxCompressedBlocks}));
 }
 
 /// Joins the pieces of each stream to messages. The streams to different HRTCs have different pieces.

@@ -4,32 +4,30 @@
 #include <array>
 #include <cmath>
 
-#include "spm/tree_faces.hpp"
+#include "spm/finest_tree.hpp"
 
 namespace tactus::viewer {
 
 using spm::Vec3d;
 
-std::vector<BaseRegion> base_regions(const spm::Forest& forest, const spm::Pool& pool) {
+std::vector<BaseRegion> base_regions(const spm::Forest& forest) {
   const spm::RegionGrid& grid = forest.grid();
   std::vector<BaseRegion> regions(grid.size());
-  spm::for_each_face(forest.tree(), [&](const spm::TreeNode& node, unsigned lane) {
-    std::array<Vec3d, 3> corners;
-    for (std::size_t i = 0; i < 9; ++i) corners[i / 3][static_cast<Eigen::Index>(i % 3)] = node.lanes[i][lane];
+  for (const spm::BaseSlots::Face& face : forest.base().faces) {
+    const std::array<Vec3d, 3> corners = spm::shown_corners(forest.tree(), forest.place_of(face.row));
     const Vec3d centre = (corners[0] + corners[1] + corners[2]) / 3;
     double radius = 0;
     for (const Vec3d& corner : corners) radius = std::max(radius, (corner - centre).norm());
-    float error = 0;
-    for (const spm::Slot slot : pool.faces[node.row(lane)].vertices) error = std::max(error, pool.radius[slot]);
+    const float error = spm::radius_of(face.radius);
     const auto add = [&](spm::RegionId region) {
       BaseRegion& each = regions[spm::index(region)];
       each.error = std::max(each.error, error);
       ++each.faces;
     };
-    if (grid.for_each_intersecting(centre, radius, [&](spm::RegionId region, double) { add(region); })) return;
+    if (grid.for_each_intersecting(centre, radius, [&](spm::RegionId region, double) { add(region); })) continue;
     for (std::uint32_t region = 0; region < grid.size(); ++region)
       if (grid.box(spm::RegionId{region}).squared_distance(centre) <= radius * radius) add(spm::RegionId{region});
-  });
+  }
   return regions;
 }
 

@@ -33,7 +33,7 @@ struct BaseRegion {
 };
 /// Returns the base mesh in each region. `forest` must show its base mesh, without refinement. O(faces x regions in
 /// their bounds).
-[[nodiscard]] std::vector<BaseRegion> base_regions(const spm::Forest& forest, const spm::Pool& pool);
+[[nodiscard]] std::vector<BaseRegion> base_regions(const spm::Forest& forest);
 
 class ScreenRefinement {
  public:

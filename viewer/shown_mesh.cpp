@@ -32,10 +32,10 @@ void ShownMesh::update(const spm::Forest& forest) {
   faces_ = finest_faces_ = 0;
   changed_ = false;
 
-  spm::for_each_face(forest.tree(), [&](const spm::TreeNode& node, unsigned lane) {
-    const std::uint32_t pool_row = spm::index(node.row(lane));
-    if (pool_row >= page_row_of_.size()) page_row_of_.resize(pool_row + 1, spm::kNone);
-    std::uint32_t& row = page_row_of_[pool_row];
+  spm::for_each_face(forest.tree(), [&](spm::LeafLane at, const spm::TreeNode& node) {
+    const unsigned lane = at.lane();
+    if (at.number() >= page_row_of_.size()) page_row_of_.resize(at.number() + 1, spm::kNone);
+    std::uint32_t& row = page_row_of_[at.number()];
     if (row == spm::kNone) row = take_row();
     Face face;
     for (std::size_t i = 0; i < face.corners.size(); ++i) face.corners[i] = node.lanes[i][lane];

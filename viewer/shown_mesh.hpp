@@ -46,7 +46,7 @@ class ShownMesh {
   std::vector<std::uint32_t> changes_;  // by row: number of its last change
   std::vector<std::uint32_t> seen_;     // by row: number of the last update in which a face had it
   std::vector<std::uint32_t> free_rows_;
-  std::vector<std::uint32_t> page_row_of_;  // by RowIndex of the pool; kNone: it has no shown face
+  std::vector<std::uint32_t> page_row_of_;  // by LeafLane::number(); kNone: no face is shown there
   std::uint32_t updates_ = 0, change_number_ = 0;
   std::uint64_t mesh_hash_ = 0, base_faces_ = 0;
   std::uint32_t faces_ = 0, finest_faces_ = 0;

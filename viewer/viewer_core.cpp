@@ -359,7 +359,7 @@ void ViewerCore::set_targets(const Loaded& loaded) {
 }
 
 void ViewerCore::set_base_regions(Loaded& loaded) {
-  loaded.base_regions = base_regions(*loaded.object->forest, intake_->objects().pool());
+  loaded.base_regions = base_regions(*loaded.object->forest);
   double entries = 0;
   for (std::uint32_t region = 0; region < loaded.base_regions.size(); ++region)
     entries += loader_->records_of(loaded.object->index, region);

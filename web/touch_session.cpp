@@ -126,8 +126,9 @@ bool TouchSession::update_mesh() {
   std::uint32_t fine_faces = 0;
   mesh_.corners.clear();
   mesh_.fine.clear();
-  spm::for_each_face(forest.tree(), [&](const spm::TreeNode& node, unsigned lane) {
-    const std::uint8_t finest = node.finest >> lane & 1u;
+  spm::for_each_face(forest.tree(), [&](spm::LeafLane at, const spm::TreeNode& node) {
+    const unsigned lane = at.lane();
+    const std::uint8_t finest = node.is_finest(lane) ? 1 : 0;
     fine_faces += finest;
     mesh_.fine.push_back(finest);
     std::array<float, spm::lanes::kTriangleRows> corners;

@@ -58,7 +58,7 @@ void add_memory_options(CLI::App& app, Arguments& given) {
   given.cache =
       app.add_option("--compressed-cache", given.cache_blocks,
                      "Blocks of 20 bytes for compressed records; a record takes one or two (default: 6 for each slot)")
-          ->check(CLI::Range(1u, spm::kMaxSlots));
+          ->check(CLI::Range(1u, spm::kMaxCompressedBlocks));
   given.memory = app.add_option("--memory", given.memory_bytes,
                                 "Memory for all models and the flight recorder, instead of --pool: 16MiB, 1GiB")
                      ->transform(CLI::AsSizeValue(false))

@@ -254,8 +254,8 @@ TEST(Tool, IsPushedOutWithoutAJumpWhenASurfaceRisesUnderIt) {
                                 f[2] + static_cast<std::uint32_t>(upper.positions.size())});
   Scene scene{cube(), two_sheets};
   const auto lies_in_upper_sheet = [&](std::uint32_t face) {
-    for (const spm::RowIndex row : scene.shown.tree().shown())
-      if (index(scene.shown.tree().row(row).face) == face) return scene.shown.triangle(row)[0].z() > rise / 2;
+    for (const spm::LeafLane at : scene.shown.tree().shown())
+      if (index(scene.shown.tree().face(at)) == face) return scene.shown.triangle(at)[0].z() > rise / 2;
     return false;
   };
   std::vector<bool> upper_faces;

@@ -36,14 +36,14 @@ constexpr bool takes_only() {
 }
 static_assert(takes_only<decltype(Pool::parts), Slot, RowIndex, VertexId, RecordId, PartIndex>());
 static_assert(takes_only<decltype(Pool::vertices), Slot, RowIndex, VertexId>());
-static_assert(takes_only<decltype(Pool::faces), RowIndex, Slot, FaceId, NodeIndex>());
+static_assert(takes_only<decltype(Pool::shown_at), RowIndex, Slot, FaceId, NodeIndex>());
 static_assert(takes_only<decltype(Pool::blocks), BlockIndex, Slot, RowIndex>());
 static_assert(takes_only<decltype(Model::parts), PartIndex, RecordId, Slot>());
 static_assert(takes_only<NodePool, NodeIndex, RowIndex, Slot, FaceId>());
 
-static_assert(std::is_invocable_v<decltype(&AbTree::insert), AbTree&, RowIndex>);
-static_assert(!std::is_invocable_v<decltype(&AbTree::insert), AbTree&, Slot>);
-static_assert(!std::is_invocable_v<decltype(&AbTree::insert), AbTree&, FaceId>);
+static_assert(std::is_invocable_v<decltype(&AbTree::remove), AbTree&, RowIndex>);
+static_assert(!std::is_invocable_v<decltype(&AbTree::remove), AbTree&, Slot>);
+static_assert(!std::is_invocable_v<decltype(&AbTree::remove), AbTree&, FaceId>);
 static_assert(!std::is_invocable_v<decltype(&Forest::retire), Forest&, RecordId>);
 static_assert(!std::is_invocable_v<decltype(&Forest::hash_of), RecordId>);
 static_assert(!std::is_invocable_v<decltype(&Cache::has_record), const Cache&, ObjectIndex, VertexId>);

@@ -40,12 +40,12 @@ Found all_pairs(const Shown& shown, const PlacedProbe& probe, std::uint32_t tria
   std::vector<Triangle3d> tool;
   for (std::uint32_t t = 0; t < triangles; ++t) tool.push_back(probe.triangle(t));
   Found found;
-  for (const RowIndex row : shown.tree().shown()) {
-    const Triangle3d face = shown.triangle(row);
+  for (const LeafLane at : shown.tree().shown()) {
+    const Triangle3d face = shown.triangle(at);
     for (std::uint32_t t = 0; t < triangles; ++t) {
       PairContact contact;
       if (!boxes_apart(face, tool[t]) && intersect(face, tool[t], contact))
-        found.emplace_back(index(shown.tree().row(row).face), t, contact.depth, flat(contact.point, contact.normal));
+        found.emplace_back(index(shown.tree().face(at)), t, contact.depth, flat(contact.point, contact.normal));
     }
   }
   std::sort(found.begin(), found.end());
@@ -62,7 +62,6 @@ Found by_query(const Shown& shown, PlacedProbe& probe) {
   Found found;
   for (const MeshContact& c : contacts) {
     EXPECT_EQ(c.is_finest, index(c.face) % 2 == 1);
-    EXPECT_EQ(shown.tree().row(c.row).face, c.face);
     found.emplace_back(index(c.face), c.triangle, c.depth, flat(c.point, c.normal));
   }
   std::sort(found.begin(), found.end());

@@ -74,7 +74,7 @@ Triangle3d triangle_of(const std::array<float, 9>& corners) {
 
 std::vector<Triangle3d> shown_triangles(const spm::AbTree& tree) {
   std::vector<Triangle3d> triangles;
-  for (const spm::RowIndex row_index : tree.shown()) triangles.push_back(triangle_of(tree.corners(row_index)));
+  for (const spm::LeafLane at : tree.shown()) triangles.push_back(triangle_of(tree.corners(at)));
   return triangles;
 }
 
@@ -101,12 +101,13 @@ TEST_P(RunTime, RefiningAllRegionsShowsTheFinestMesh) {
 
   const auto finest = spm::finest_faces(model_);
   std::uint32_t compared = 0;
-  for (const spm::RowIndex row_index : hrtc.forest().tree().shown()) {
-    const spm::FaceRow& row = hrtc.row(row_index);
-    if (row.finest == 0) continue;
+  const spm::AbTree& tree = hrtc.forest().tree();
+  for (const auto& [row, face] : hrtc.forest().shown_faces()) {
+    const spm::LeafLane at = hrtc.forest().place_of(row);
+    if (!tree.is_finest(at)) continue;
     ++compared;
-    for (int corner = 0; corner < 3; ++corner)
-      EXPECT_EQ(index(hrtc.vertex_id(row.vertices[corner])), finest[index(row.face)][corner]);
+    for (std::size_t corner = 0; corner < 3; ++corner)
+      EXPECT_EQ(index(hrtc.vertex_id(face.corners[corner])), finest[index(tree.face(at))][corner]);
   }
   EXPECT_GT(compared, model_.summary.faces / 2);
   EXPECT_THAT(hrtc.forest().violations(), IsEmpty());
@@ -129,22 +130,14 @@ TEST_P(RunTime, ASphereWithANaNIsNeverExact) {
   EXPECT_FALSE(forest.is_exact(middle, kNaN));
 }
 
-TEST_P(RunTime, EveryShownVertexHasTheRadiusOfItsRecord) {
+TEST_P(RunTime, EachBaseFaceHasTheGreatestRadiusOfItsCorners) {
   HrtcModel hrtc{model_, large_pool()};
-  const auto expect_radii = [&] {
-    for (const spm::RowIndex row_index : hrtc.forest().tree().shown())
-      for (const spm::Slot slot : hrtc.row(row_index).vertices) {
-        const std::uint32_t vertex = index(hrtc.vertex_id(slot));
-        const std::uint32_t base = model_.summary.base_vertices;
-        const std::uint16_t code =
-            vertex < base ? model_.base_radii[vertex] : model_.first_part(spm::RecordId{vertex - base}).radius;
-        ASSERT_EQ(hrtc.radius(slot), spm::radius_of(code)) << "vertex " << vertex;
-      }
-  };
-  expect_radii();
-  load_all(hrtc);
-  ASSERT_EQ(hrtc.refine(regions_), Advance::kDone);
-  expect_radii();
+  for (const spm::BaseSlots::Face& face : hrtc.forest().base().faces) {
+    std::uint16_t greatest = 0;
+    for (const spm::Slot slot : face.corners)
+      greatest = std::max(greatest, model_.base_radii[index(hrtc.vertex_id(slot))]);
+    EXPECT_EQ(face.radius, greatest) << "row " << index(face.row);
+  }
 }
 
 TEST_P(RunTime, LoadsEveryRecordToTheBitInAnyOrderOfRegions) {
@@ -406,10 +399,10 @@ TEST_P(RunTime, QueriesAgreeWithBruteForce) {
 
     std::vector<std::uint32_t> expected;
     double nearest_squared = 1e300;
-    for (const spm::RowIndex row_index : tree.shown()) {
-      const double squared = squared_distance(centre, triangle_of(tree.corners(row_index)));
+    for (const spm::LeafLane at : tree.shown()) {
+      const double squared = squared_distance(centre, triangle_of(tree.corners(at)));
       nearest_squared = std::min(nearest_squared, squared);
-      if (squared <= radius * radius) expected.push_back(index(hrtc.row(row_index).face));
+      if (squared <= radius * radius) expected.push_back(index(tree.face(at)));
     }
     const std::uint32_t found = tree.find_contacts(centre, radius, contacts.data(), 4096);
     std::vector<std::uint32_t> faces;
@@ -422,15 +415,14 @@ TEST_P(RunTime, QueriesAgreeWithBruteForce) {
     ASSERT_NEAR(nearest.squared_distance, nearest_squared, 1e-14 * size_ * size_) << "beyond the rounding of the lanes";
     const double margin = unit() * 0.02 * size_;
     const double limit = std::sqrt(nearest_squared) + margin;
-    std::vector<spm::RowIndex> expected_rows;
-    for (const spm::RowIndex row_index : tree.shown())
-      if (squared_distance(centre, triangle_of(tree.corners(row_index))) <= limit * limit)
-        expected_rows.push_back(row_index);
-    std::vector<spm::RowIndex> rows(spm::AbTree::kMaxNearest);
-    rows.resize(tree.nearest(centre, 1e9, margin, nearest, rows.data(), spm::AbTree::kMaxNearest));
-    if (expected_rows.size() <= rows.size()) {
-      ASSERT_EQ(rows, expected_rows) << "both are in tree order";
-      with_neighbours += rows.size() > 1 ? 1 : 0;
+    std::vector<spm::LeafLane> expected_places;
+    for (const spm::LeafLane at : tree.shown())
+      if (squared_distance(centre, triangle_of(tree.corners(at))) <= limit * limit) expected_places.push_back(at);
+    std::vector<spm::LeafLane> places(spm::AbTree::kMaxNearest);
+    places.resize(tree.nearest(centre, 1e9, margin, nearest, places.data(), spm::AbTree::kMaxNearest));
+    if (expected_places.size() <= places.size()) {
+      ASSERT_EQ(places, expected_places) << "both are in tree order";
+      with_neighbours += places.size() > 1 ? 1 : 0;
     }
 
     // In every second round the sphere touches the mesh at the start, like the sphere of a proxy.
@@ -455,8 +447,8 @@ TEST_P(RunTime, AChangeDetectorReportsChangesInItsSphereAndChangesWhoseBoxContai
   using Faces = std::map<std::uint32_t, std::array<float, 9>>;  // corners by face id
   const auto shown_faces = [&] {
     Faces shown;
-    for (const spm::RowIndex row_index : hrtc.forest().tree().shown())
-      shown[index(hrtc.row(row_index).face)] = hrtc.forest().tree().corners(row_index);
+    const spm::AbTree& tree = hrtc.forest().tree();
+    for (const spm::LeafLane at : tree.shown()) shown[index(tree.face(at))] = tree.corners(at);
     return shown;
   };
   const auto append_differing = [](const Faces& faces, const Faces& others, std::vector<Triangle3d>& differing) {
@@ -717,7 +709,7 @@ TEST_P(RunTime, CopyingTheLeavesInPartsCopiesAllShownFaces) {
   }
 
   std::vector<std::array<float, 9>> expected;
-  for (const spm::RowIndex row_index : tree.shown()) expected.push_back(tree.corners(row_index));
+  for (const spm::LeafLane at : tree.shown()) expected.push_back(tree.corners(at));
   EXPECT_EQ(copied, expected);
 }
 
@@ -740,6 +732,33 @@ TEST(FlatIndex, AgreesWithAMapUnderRandomInsertsAndErases) {
     }
   }
   EXPECT_EQ(table.size(), expected.size());
+}
+
+TEST(CompactIndex, AgreesWithAMapUnderRandomInsertsAndErases) {
+  for (const std::uint32_t limit : {200u, 1u << 30}) {  // 24 bits of the hash in a bucket, or 1
+    std::mt19937_64 random{7};
+    spm::CompactIndex table{100, limit};
+    std::map<std::uint32_t, std::uint64_t> key_of;  // by number
+    std::map<std::uint64_t, std::uint32_t> expected;
+    for (int step = 0; step < 20000; ++step) {
+      const std::uint64_t key = random() % 150;
+      const auto entry = expected.find(key);
+      ASSERT_EQ(table.find(key, [&](std::uint32_t number) { return key_of.at(number); }),
+                entry == expected.end() ? spm::kNone : entry->second);
+      if (entry != expected.end()) {
+        table.erase(key, entry->second, [&](std::uint32_t number) { return key_of.at(number); });
+        key_of.erase(entry->second);
+        expected.erase(entry);
+      } else if (expected.size() < 100) {
+        auto number = static_cast<std::uint32_t>(random() % limit);
+        while (key_of.count(number) != 0) number = (number + 1) % limit;
+        table.insert(key, number);
+        key_of[number] = key;
+        expected[key] = number;
+      }
+    }
+    EXPECT_EQ(table.size(), expected.size());
+  }
 }
 
 }  // namespace

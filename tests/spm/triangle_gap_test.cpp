@@ -143,8 +143,8 @@ TEST(NearPairs, IncludeAllPairsWithinTheMarginInAnyPoseAndScale) {
       for (std::uint32_t i = 0; i < touch.contacts; ++i)
         found.emplace(index(pairs[i / 8].face[i % 8]), probe.number(pairs[i / 8].triangle[i % 8]));
       returned += found.size();
-      for (const RowIndex row : shown.tree().shown()) {
-        const Triangle3d face = shown.triangle(row);
+      for (const LeafLane at : shown.tree().shown()) {
+        const Triangle3d face = shown.triangle(at);
         if ((face[0] - pose.translation()).norm() > 0.04) continue;
         for (std::uint32_t t = 0; t < probe.triangles(); ++t) {
           const Triangle3d triangle = placed.triangle(t);
@@ -153,8 +153,7 @@ TEST(NearPairs, IncludeAllPairsWithinTheMarginInAnyPoseAndScale) {
           PairContact contact;
           if (triangle_distance(face, triangle) > margin * (1 - 1e-6) && !intersect(face, triangle, contact)) continue;
           ++near;
-          ASSERT_EQ(found.count({index(shown.tree().row(row).face), t}), 1u)
-              << "round " << round << ", margin " << margin;
+          ASSERT_EQ(found.count({index(shown.tree().face(at)), t}), 1u) << "round " << round << ", margin " << margin;
         }
       }
     }

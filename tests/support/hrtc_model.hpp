@@ -85,9 +85,7 @@ class HrtcModel {
     for (spm::RegionId region; (region = forest_->take_retired()) != spm::kNone;) cache_.release(object_, region);
   }
 
-  [[nodiscard]] const spm::FaceRow& row(spm::RowIndex row) const { return pool_.faces[row]; }
   [[nodiscard]] spm::VertexId vertex_id(spm::Slot slot) const { return pool_.vertices[slot].id; }
-  [[nodiscard]] float radius(spm::Slot slot) const { return pool_.radius[slot]; }
   [[nodiscard]] const spm::Pool& pool() const { return pool_; }
 
   /// Overwrites the vertex ids in the slots of released records, so that they match no record. Requires that no region

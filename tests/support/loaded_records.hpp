@@ -34,7 +34,7 @@ inline std::string loaded_difference(const spm::Model& model, const spm::Pool& p
       if (std::memcmp(&pool.vertices[slot].position, &model.positions[vertex], sizeof model.positions[vertex]) != 0) {
         return record_name + ": position";
       }
-      if (pool.vertices[slot].id != spm::VertexId{vertex} || pool.radius[slot] != spm::radius_of(expected.radius))
+      if (pool.vertices[slot].id != spm::VertexId{vertex} || loaded.radius != expected.radius)
         return record_name + ": radius";
       if (pool.vertices[loaded.parent].id != expected.parent) return record_name + ": parent";
       if (loaded.born_count != expected.born_count || loaded.deformed_count != expected.deformed_count)
@@ -45,7 +45,7 @@ inline std::string loaded_difference(const spm::Model& model, const spm::Pool& p
       }
       for (int i = 0; i < loaded.deformed_count; ++i) {
         const spm::LoadedPart::DeformedRef ref = loaded.deformed[i];
-        if (spm::DeformedRef::make(pool.faces[ref.face()].face, ref.corner(), ref.is_finest()).bits !=
+        if (spm::DeformedRef::make(pool.face_of(ref.face()), ref.corner(), ref.is_finest()).bits !=
             expected.deformed[i].bits) {
           return record_name + ": deformed face";
         }

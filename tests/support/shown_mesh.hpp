@@ -22,12 +22,13 @@ class ShownMesh {
             spm::PoolSettings::for_slots(std::max(faces_ / 2 + 1, static_cast<std::uint32_t>(mesh.positions.size())))},
         nodes_{faces_ * 2 + 64},
         tree_{pool_, nodes_, spm::ObjectIndex{1}, faces_} {
+    corners_.resize(faces_);
     const std::vector<std::uint32_t> order = spm::offline::face_order(mesh);
     for (std::uint32_t v = 0; v < mesh.positions.size(); ++v)
       pool_.vertices[spm::Slot{v}] = {mesh.positions[v], spm::VertexId{v}};
     for (std::uint32_t f = 0; f < faces_; ++f) {
       const auto& [a, b, c] = mesh.faces[order[f]];
-      pool_.faces[spm::RowIndex{f}] = {{spm::Slot{a}, spm::Slot{b}, spm::Slot{c}}, spm::FaceId{f}, spm::kNone, f % 2};
+      corners_[f] = {spm::Slot{a}, spm::Slot{b}, spm::Slot{c}};
     }
     show([](std::uint32_t) { return true; });
   }
@@ -37,18 +38,18 @@ class ShownMesh {
   void show(const IsShown& is_shown) {
     for (std::uint32_t f = 0; f < faces_; ++f) {
       const spm::RowIndex row{f};
-      const bool was_shown = pool_.faces[row].node != spm::kNone;
-      if (is_shown(f) && !was_shown) tree_.insert(row);
+      const bool was_shown = pool_.shown_at[row].is_shown();
+      if (is_shown(f) && !was_shown) tree_.insert(row, spm::FaceId{f}, corners_[f], f % 2 == 1);
       if (!is_shown(f) && was_shown) tree_.remove(row);
     }
     tree_.refit();
   }
 
   [[nodiscard]] const spm::AbTree& tree() const { return tree_; }
-  [[nodiscard]] spm::Triangle3d triangle(spm::RowIndex row) const {
+  [[nodiscard]] spm::Triangle3d triangle(spm::LeafLane at) const {
     spm::Triangle3d triangle;
     for (std::size_t i = 0; i < 3; ++i) {
-      const std::array<float, 3>& p = pool_.vertices[pool_.faces[row].vertices[i]].position;
+      const std::array<float, 3>& p = pool_.vertices[corners_[spm::index(tree_.face(at))][i]].position;
       triangle[i] = {p[0], p[1], p[2]};
     }
     return triangle;
@@ -56,6 +57,7 @@ class ShownMesh {
 
  private:
   std::uint32_t faces_;
+  std::vector<std::array<spm::Slot, 3>> corners_;  // by face
   spm::Pool pool_;
   spm::NodePool nodes_;
   spm::AbTree tree_;
