@@ -92,7 +92,7 @@ class Cache {
   [[nodiscard]] bool is_loaded(ObjectIndex object, RegionId region) const noexcept;
 
   [[nodiscard]] bool has_record(ObjectIndex object, RecordId record) const noexcept {
-    return find(object, record) != kNone;
+    return index(object) < objects_.size() && find(object, record) != kNone;
   }
   /// The length of the region's list, loaded or not.
   [[nodiscard]] std::uint32_t records_of(ObjectIndex object, RegionId region) const noexcept {
