@@ -45,6 +45,8 @@ constexpr double kMiB = 1 << 20;
 constexpr double kApproachTime = 6;  // s before the first touch, in which host and HRTC connect
 constexpr std::uint64_t kIdlePoolBytes = 3u << 20;
 constexpr double kTolerance = 1e-6;  // m, of distances
+/// With less memory, the parts of the pool that do not depend on its number of slots count more for each face.
+constexpr std::uint64_t kMemoryOfManyFaces = 64u << 20;
 
 struct Settings {
   std::string model;
@@ -279,6 +281,13 @@ Path make_path(const LoadedModel& subject, const Settings& settings) {
   return path;
 }
 
+double bytes_of_face(const spm::PoolSettings& pool) { return static_cast<double>(pool.bytes()) / (2.0 * pool.slots); }
+
+double bytes_of_decoded_face(spm::PoolSettings pool) {
+  pool.compressed_blocks = 0;
+  return bytes_of_face(pool);
+}
+
 /// Returns the slots of a pool for the base mesh and a tenth of the slots and tree nodes that a probe needs at most.
 std::uint32_t slots_of_small_pool(const spm::Model& model, const spm::offline::Certificate& certificate) {
   const std::uint32_t base_nodes = spm::tree_nodes_above(model.base_faces, model.summary.faces);
@@ -342,6 +351,10 @@ Report run(const Settings& settings) {
   report.add_value("certificate: slots without the base mesh", certificate_of_any_probe, "", certificate.parts);
   report.add_value("slots of the pool", with_memory, "", shares.pool.slots);
   report.add_value("slots of the pool", with_small, "", small_slots);
+  report.add_at_most("pool without compressed cache, by decoded face", with_memory, "bytes",
+                     bytes_of_decoded_face(shares.pool), settings.memory >= kMemoryOfManyFaces ? 120 : 200);
+  report.add_value("compressed cache, by decoded face", with_memory, "bytes",
+                   bytes_of_face(shares.pool) - bytes_of_decoded_face(shares.pool));
   report.add_value("flight recorder, max", with_memory, "MiB", static_cast<double>(recorder) / kMiB);
   report.add_value("directory of the model", with_memory, "MiB",
                    static_cast<double>(spm::directory_bytes(summary, shares.pool)) / kMiB);

@@ -5,7 +5,6 @@
 
 #include "haptics/force.hpp"
 #include "hrtc_service/servo/touch_object.hpp"
-#include "spm/flat_index.hpp"
 #include "spm/pool.hpp"
 
 namespace tactus::hrtc_service {
@@ -37,10 +36,10 @@ void expect_placement(const trace::PlacementNumbers& found) {
 }
 
 void expect_pool(const trace::FlightStart& start, std::uint64_t max_bytes) {
-  constexpr std::uint32_t kMaxNodes = 1u << spm::FlatIndex::kValueBits;
   expect(start.slots > 0 && start.slots <= spm::kMaxSlots, "slots", start.slots,
          "1 to " + std::to_string(spm::kMaxSlots));
-  expect(start.tree_nodes < kMaxNodes, "tree nodes", start.tree_nodes, "below " + std::to_string(kMaxNodes));
+  expect(start.tree_nodes < spm::kMaxTreeNodes, "tree nodes", start.tree_nodes,
+         "below " + std::to_string(spm::kMaxTreeNodes));
   spm::PoolSettings pool;
   pool.slots = start.slots;
   pool.tree_nodes = start.tree_nodes;

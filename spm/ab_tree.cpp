@@ -91,7 +91,7 @@ inline unsigned highest_bit(unsigned bits) noexcept { return static_cast<unsigne
 NodePool::NodePool(std::uint32_t nodes)
     : nodes_(nodes),
       free_{nodes},
-      index_{nodes},
+      index_{nodes, nodes},
       previous_nodes_(kMaxPreviousLeaves),
       next_previous_(kMaxPreviousLeaves) {
   for (std::uint32_t i = 0; i < kMaxPreviousLeaves; ++i) next_previous_[i] = i + 1 < kMaxPreviousLeaves ? i + 1 : kNone;
@@ -121,7 +121,7 @@ NodeIndex AbTree::make_leaf(std::uint32_t id) noexcept {
   NodeIndex at = kNone;  // the lowest ancestor that exists
   std::uint32_t level = 1;
   for (; level <= height_; ++level) {
-    at = NodeIndex{nodes_.index_.find(key(level))};
+    at = nodes_.find(key(level));
     if (at != kNone) break;
   }
   NodeIndex near = at;
@@ -133,6 +133,7 @@ NodeIndex AbTree::make_leaf(std::uint32_t id) noexcept {
     at = near = NodeIndex{nodes_.free_.allocate(near != kNone ? index(near) : 0)};
     TreeNode& node = nodes_.nodes_[at];
     node.lanes = kNoLanes;
+    node.object = object_;
     node.parent = above;
     node.id = id >> 3 * (level - 1);
     node.level = static_cast<std::uint8_t>(level);
@@ -251,7 +252,7 @@ RefitCount AbTree::refit(ChangeDetector* change_detectors, std::uint32_t detecto
           clear_lane(above, lane);
           mark_child(node.parent, above, lane);
         }
-        nodes_.index_.erase(NodePool::key(object_, level, node.id));
+        nodes_.index_.erase(NodePool::key(node), index(at), nodes_.key_of_node());
         nodes_.free_.release(index(at));
       } else if (at != root_) {
         TreeNode& above = nodes[node.parent];
@@ -307,8 +308,7 @@ std::vector<std::string> AbTree::violations() const {
     const std::string name = "node " + std::to_string(node.id) + " of level " + std::to_string(node.level);
     if (node.dirty != 0) found.push_back(name + " is still marked");
     if (node.mask == 0) found.push_back(name + " is empty");
-    if (nodes_.index_.find(NodePool::key(object_, node.level, node.id)) != index(at))
-      found.push_back(name + " is not indexed");
+    if (nodes_.find(NodePool::key(object_, node.level, node.id)) != at) found.push_back(name + " is not indexed");
     for (unsigned i = 0; i < TreeNode::kWidth; ++i) {
       TreeNode expected = node;
       const bool is_leaf = node.level == 1, is_present = (node.mask >> i & 1u) != 0;

@@ -23,8 +23,8 @@
 #include <vector>
 
 #include "spm/candidate_cache.hpp"
+#include "spm/compact_index.hpp"
 #include "spm/contact.hpp"
-#include "spm/flat_index.hpp"
 #include "spm/free_set.hpp"
 #include "spm/lanes.hpp"
 #include "spm/model.hpp"
@@ -48,6 +48,7 @@ struct alignas(64) TreeNode {
   std::uint8_t dirty;             ///< bits of the children that changed; if it is not 0, this node is deformed
   std::uint8_t finest;            ///< at level 1: bits of the faces in their finest version
   std::uint64_t previous_number;  ///< at level 1: AbTree::previous_number_ when the node was last stored or created
+  ObjectIndex object;             ///< whose tree has the node
 
   /// Child of a node above level 1. Its index is in the row after those of the boxes.
   [[nodiscard]] NodeIndex node(unsigned lane) const noexcept {
@@ -88,9 +89,16 @@ class NodePool {
   [[nodiscard]] static std::uint64_t key(ObjectIndex object, std::uint32_t level, std::uint32_t id) noexcept {
     return std::uint64_t{index(object)} << 29 | std::uint64_t{level} << 25 | id;
   }
+  [[nodiscard]] static std::uint64_t key(const TreeNode& node) noexcept {
+    return key(node.object, node.level, node.id);
+  }
+  [[nodiscard]] auto key_of_node() const noexcept {
+    return [this](std::uint32_t number) { return key(nodes_[NodeIndex{number}]); };
+  }
+  [[nodiscard]] NodeIndex find(std::uint64_t key) const noexcept { return NodeIndex{index_.find(key, key_of_node())}; }
   IdVector<NodeIndex, TreeNode> nodes_;
   FreeSet free_;
-  FlatIndex index_;
+  CompactIndex index_;  // (object, level, id) -> node
   std::vector<TreeNode> previous_nodes_;
   std::vector<std::uint32_t> next_previous_;  // linked lists in previous_nodes_: one for each tree, one of free nodes
   std::uint32_t first_free_previous_ = 0;     // head of the list of free nodes
@@ -175,7 +183,7 @@ class AbTree {
   /// once the table entry is in the CPU cache, `prefetch_insert`.
   void prefetch_entry(FaceId face) const noexcept { nodes_.index_.prefetch(leaf_key(face)); }
   void prefetch_insert(FaceId face) const noexcept {
-    const NodeIndex node{nodes_.index_.find(leaf_key(face))};
+    const NodeIndex node{nodes_.index_.guess(leaf_key(face))};
     if (node != kNone) prefetch_triangles(node);
   }
   void prefetch_remove(LeafLane at) const noexcept {

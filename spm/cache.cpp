@@ -228,9 +228,9 @@ void Cache::free_record(ObjectIndex object, Slot first_slot) noexcept {
     const LoadedPart& part = pool_.parts[slot];
     TACTUS_CHECK(pool_.state[slot].bits == 0);
     for (int i = 0; i < part.deformed_count; ++i) {
-      Slot& corner = front_.corners(part.deformed[i].face())[part.deformed[i].corner()];
-      TACTUS_CHECK(corner == first_slot);
-      corner = part.parent;
+      const Front::CornerRef corner{part.deformed[i].face(), part.deformed[i].corner()};
+      TACTUS_CHECK(front_.corners(corner.face)[corner.corner] == first_slot);
+      front_.set_corner(corner, part.parent);
     }
     for (std::uint32_t i = 0; i < part.born_count; ++i) {
       const RowIndex row = row_of(slot, i);

@@ -107,7 +107,7 @@ class Cache {
   [[nodiscard]] std::vector<std::string> violations() const;
 
  private:
-  using Front = LoadedFront<RowIndex, Slot>;
+  using Front = LoadedFront<RowIndex, Slot, PackedSlot>;
   struct DecoderStore;
   struct Object {
     bool is_used = false;

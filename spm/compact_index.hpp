@@ -15,6 +15,7 @@
 
 #include "spm/assert.hpp"
 #include "spm/ids.hpp"
+#include "spm/prefetch.hpp"
 
 namespace tactus::spm {
 
@@ -43,6 +44,13 @@ class CompactIndex {
       if (bucket == bucket_of(hash, number) && key_of(number) == key) return number;
     }
   }
+
+  /// The number that `find` is likely to return, without its key. For prefetches.
+  [[nodiscard]] std::uint32_t guess(std::uint64_t key) const noexcept {
+    return find(key, [key](std::uint32_t) { return key; });
+  }
+  /// Prefetches the bucket at which a search for `key` starts.
+  void prefetch(std::uint64_t key) const noexcept { spm::prefetch(&buckets_[first_bucket(hash_of(key))]); }
 
   /// `key` must be absent, and `number` below the limit.
   void insert(std::uint64_t key, std::uint32_t number) noexcept {

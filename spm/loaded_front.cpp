@@ -2,10 +2,12 @@
 
 #include <algorithm>
 
+#include "spm/pool.hpp"
+
 namespace tactus::spm {
 
-template <class Face, class Vertex>
-void LoadedFront<Face, Vertex>::link(std::span<const Face> faces) {
+template <class Face, class Vertex, class Stored>
+void LoadedFront<Face, Vertex, Stored>::link(std::span<const Face> faces) {
   struct Edge {
     std::uint64_t ends;  // the two vertices, the lower index first
     std::uint32_t at;
@@ -28,8 +30,8 @@ void LoadedFront<Face, Vertex>::link(std::span<const Face> faces) {
   }
 }
 
-template <class Face, class Vertex>
-void LoadedFront<Face, Vertex>::link_split(const Split& split) noexcept {
+template <class Face, class Vertex, class Stored>
+void LoadedFront<Face, Vertex, Stored>::link_split(const Split& split) noexcept {
   if (split.deformed_count_ > Split::kMaxDeformed || split.born_count_ > Split::kMaxBorn) return;
   using Born = typename Split::Born;
   const auto at = [](const Born& born, int corner) { return number({born.face, static_cast<std::uint32_t>(corner)}); };
@@ -53,16 +55,16 @@ void LoadedFront<Face, Vertex>::link_split(const Split& split) noexcept {
   }
 }
 
-template <class Face, class Vertex>
-void LoadedFront<Face, Vertex>::unlink(Face face, std::uint32_t order) noexcept {
+template <class Face, class Vertex, class Stored>
+void LoadedFront<Face, Vertex, Stored>::unlink(Face face, std::uint32_t order) noexcept {
   const BornCorners at = born_corners(order);
-  const Links links = faces_[face].opposite;
+  const Links links = opposite_[face];
   const std::uint32_t inner = links[static_cast<std::size_t>(at.t)], outer = links[static_cast<std::size_t>(at.u)];
   link(inner, outer);
   link(links[static_cast<std::size_t>(at.x)], kNone);
 }
 
-template class LoadedFront<RowIndex, Slot>;
+template class LoadedFront<RowIndex, Slot, PackedSlot>;
 template class LoadedFront<FaceId, VertexId>;
 
 ModelFront base_front(const ModelSummary& summary, std::span<const BaseFace> base_faces) {

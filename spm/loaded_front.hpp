@@ -25,8 +25,9 @@
 
 namespace tactus::spm {
 
-/// `Face` and `Vertex` are RowIndex and Slot in the cache, FaceId and VertexId elsewhere.
-template <class Face, class Vertex>
+/// `Face` and `Vertex` are RowIndex and Slot in the cache, FaceId and VertexId elsewhere. `Stored` has the same values as
+/// `Vertex`, perhaps in fewer bytes.
+template <class Face, class Vertex, class Stored = Vertex>
 class LoadedFront {
  public:
   using Corners = std::array<Vertex, 3>;
@@ -36,21 +37,28 @@ class LoadedFront {
     std::uint32_t corner;
   };
 
-  static constexpr std::size_t kBytesPerFace = 24;
+  static constexpr std::size_t kBytesPerFace = 3 * (sizeof(Stored) + sizeof(std::uint32_t));
 
-  explicit LoadedFront(std::size_t faces) : faces_(faces, Entry{kNowhere, kNoLinks}) {}
+  explicit LoadedFront(std::size_t faces)
+      : corners_(faces, {Stored{kNone}, Stored{kNone}, Stored{kNone}}), opposite_(faces, kNoLinks) {}
 
-  [[nodiscard]] Corners& corners(Face face) noexcept { return faces_[face].corners; }
-  [[nodiscard]] const Corners& corners(Face face) const noexcept { return faces_[face].corners; }
+  [[nodiscard]] Corners corners(Face face) const noexcept {
+    const auto& [a, b, c] = corners_[face];
+    return {a, b, c};
+  }
+  void set_corner(CornerRef at, Vertex vertex) noexcept { corners_[at.face][at.corner] = vertex; }
 
   /// Sets the corners of a face and removes its links.
-  void set(Face face, const Corners& corners) noexcept { faces_[face] = {corners, kNoLinks}; }
+  void set(Face face, const Corners& corners) noexcept {
+    corners_[face] = {Stored{corners[0]}, Stored{corners[1]}, Stored{corners[2]}};
+    opposite_[face] = kNoLinks;
+  }
   /// Links faces across their common edges. Their corners must have been set. O(n log n), allocates.
   void link(std::span<const Face> faces);
 
   /// Moves `at` to the next face around its vertex, counter-clockwise seen from outside. False if there is none.
   [[nodiscard]] bool swing(CornerRef& at) const noexcept {
-    const std::uint32_t opposite = faces_[at.face].opposite[next_corner(at.corner)];
+    const std::uint32_t opposite = opposite_[at.face][next_corner(at.corner)];
     if (opposite == kNone) return false;
     at = {Face{opposite >> 2}, next_corner(opposite & 3u)};
     return true;
@@ -89,15 +97,9 @@ class LoadedFront {
  private:
   // By corner: the corner across the edge opposite to it, as face << 2 | corner, or kNone.
   using Links = std::array<std::uint32_t, 3>;
-  static constexpr Corners kNowhere{kNone, kNone, kNone};
   static constexpr Links kNoLinks{kNone, kNone, kNone};
-  struct Entry {
-    Corners corners;
-    Links opposite;
-  };
-  static_assert(sizeof(Entry) == kBytesPerFace);
   [[nodiscard]] std::uint32_t& opposite(std::uint32_t number) noexcept {
-    return faces_[Face{number >> 2}].opposite[number & 3u];
+    return opposite_[Face{number >> 2}][number & 3u];
   }
   [[nodiscard]] static std::uint32_t next_corner(std::uint32_t corner) noexcept { return corner == 2 ? 0 : corner + 1; }
   [[nodiscard]] static std::uint32_t previous_corner(std::uint32_t corner) noexcept {
@@ -110,7 +112,8 @@ class LoadedFront {
   }
   [[nodiscard]] static std::uint32_t number(CornerRef at) noexcept { return index(at.face) << 2 | at.corner; }
 
-  IdVector<Face, Entry> faces_;
+  IdVector<Face, std::array<Stored, 3>> corners_;
+  IdVector<Face, Links> opposite_;
 };
 
 using ModelFront = LoadedFront<FaceId, VertexId>;

@@ -14,13 +14,13 @@ static_assert(std::uint64_t{kMaxObjects} * kMaxVertices <= 1ull << FlatIndex::kK
 
 std::uint64_t PoolSettings::bytes() const noexcept {
   const std::uint64_t per_slot = sizeof(RecordPart) + sizeof(Vertex) + 2 * sizeof(LeafLane) + sizeof(SlotState) +
-                                 2 * LoadedFront<RowIndex, Slot>::kBytesPerFace + sizeof(std::uint16_t) +
+                                 2 * LoadedFront<RowIndex, Slot, PackedSlot>::kBytesPerFace + sizeof(std::uint16_t) +
                                  sizeof(std::uint32_t) + 2 * sizeof(std::uint8_t);
   return per_slot * slots + CompactIndex::bytes(slots) + CompactIndex::bytes(2 * slots) + FreeSet::bytes(slots) +
          std::uint64_t{kTreeNodeBytes} * tree_nodes +
          (kTreeNodeBytes + sizeof(std::uint32_t)) * std::uint64_t{kMaxPreviousLeaves} +
-         CandidateCaches::kCount * sizeof(CandidateCache) + FlatIndex::bytes(tree_nodes) + FreeSet::bytes(tree_nodes) +
-         (sizeof(ListBlock) + sizeof(std::uint32_t)) * list_blocks +
+         CandidateCaches::kCount * sizeof(CandidateCache) + CompactIndex::bytes(tree_nodes) +
+         FreeSet::bytes(tree_nodes) + (sizeof(ListBlock) + sizeof(std::uint32_t)) * list_blocks +
          (kCompressedBlockBytes + 3 * sizeof(std::uint16_t)) * std::uint64_t{compressed_blocks} +
          FlatIndex::bytes(compressed_blocks);
 }

@@ -22,8 +22,10 @@
 
 namespace tactus::spm {
 
-/// Within these limits, an object and a RecordId fit into a key of FlatIndex, and a face row fits into CompactIndex.
+/// Within these limits, an object and a RecordId fit into a key of FlatIndex, a face row into CompactIndex, and a face
+/// of a tree node into LeafLane.
 inline constexpr std::uint32_t kMaxSlots = 1u << 24;
+inline constexpr std::uint32_t kMaxTreeNodes = 1u << 27;
 inline constexpr std::uint32_t kMaxCompressedBlocks = 1u << 26;
 inline constexpr std::uint32_t kMaxObjects = 64;
 
@@ -37,7 +39,7 @@ struct PoolSettings {
   /// Returns settings in proportion to `slots`. The slots are for the decoded records, the tree nodes for the shown
   /// mesh, and the compressed blocks for the regions that a probe may touch within a round trip.
   static PoolSettings for_slots(std::uint32_t slots) noexcept {
-    return {slots, slots / 4 + std::min(slots / 2 + 1024, 6144u), slots / 13 + 256,
+    return {slots, slots / 8 + std::min(5 * slots / 8 + 1024, 5120u), slots / 13 + 256,
             std::min(6 * slots, kMaxCompressedBlocks)};
   }
   /// Returns the largest settings of `for_slots` that need at most `bytes`; 0 slots if not even one fits.
@@ -84,7 +86,7 @@ inline constexpr std::uint32_t kMaxPreviousLeaves = 1024;
 /// Size of a block of the compressed cache, see spm/codec/compressed_cache.hpp.
 inline constexpr std::uint32_t kCompressedBlockBytes = 20;
 
-/// A Slot in three bytes.
+/// A Slot in three bytes. kNone does not fit, and becomes another slot.
 class PackedSlot {
  public:
   constexpr PackedSlot() noexcept = default;

@@ -7,7 +7,7 @@
 /// `Store` is the storage of the caller for decoded records:
 ///
 ///     Vertex, Face, Part               index types of the decoded record
-///     front()                          returns the LoadedFront<Face, Vertex>
+///     front()                          returns the LoadedFront of `Face` and `Vertex`
 ///     vertex(VertexId)                 returns the vertex, or kNone if it is not loaded
 ///     face(FaceId)                     returns the face, or kNone if it is not loaded
 ///     add_born_face(FaceId, Part, i)   adds a face that is not loaded, as face `i` of `Part`, whose `born[i]` is set;
@@ -19,6 +19,8 @@
 
 #include <array>
 #include <cstdint>
+#include <type_traits>
+#include <utility>
 
 #include "spm/loaded_front.hpp"
 #include "spm/model.hpp"
@@ -90,7 +92,7 @@ class RecordDecoder {
   [[nodiscard]] const VertexRing<Vertex>& ring() const noexcept { return ring_; }
 
  private:
-  using Front = LoadedFront<Face, Vertex>;
+  using Front = std::remove_cvref_t<decltype(std::declval<Store&>().front())>;
 
   [[nodiscard]] RecordResult deform(DeformedRef ref, Decoded& target) noexcept {
     Front& front = store_.front();
@@ -99,7 +101,7 @@ class RecordDecoder {
     } else if (last_corner_.face = store_.face(ref.face()); last_corner_.face == kNone) {
       return RecordResult::kIncomplete;
     }
-    std::array<Vertex, 3>& corners = front.corners(last_corner_.face);
+    const std::array<Vertex, 3> corners = front.corners(last_corner_.face);
     std::uint32_t corner = ref.corner();
     if (target.parent == kNone) {
       if (corner == kCornerOfParent) return RecordResult::kMalformed;
@@ -114,8 +116,8 @@ class RecordDecoder {
     if (target.parent == u_ || next == u_ || before == u_) return RecordResult::kMalformed;
     ring_.add(next);
     ring_.add(before);
-    corners[corner] = u_;
     last_corner_.corner = corner;
+    front.set_corner(last_corner_, u_);
     split_.deform(last_corner_);
     target.deformed[target.deformed_count++] = Decoded::DeformedRef::make(last_corner_.face, corner, ref.is_finest());
     return RecordResult::kDecoded;

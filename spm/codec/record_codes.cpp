@@ -138,7 +138,7 @@ class RecordEncoder {
   /// Adds the corners of the part's deformed faces, except the parent vertex.
   void gather_ring(const RecordPart& part, Ring& ring) const {
     for (int i = 0; i < part.deformed_count; ++i) {
-      const std::array<VertexId, 3>& corners = front_.corners(part.deformed[i].face());
+      const std::array<VertexId, 3> corners = front_.corners(part.deformed[i].face());
       ring.add(corners[(part.deformed[i].corner() + 1) % 3]);
       ring.add(corners[(part.deformed[i].corner() + 2) % 3]);
     }
@@ -236,7 +236,7 @@ class RecordEncoder {
     for_each_change(
         model_.parts, PartIndex{index(record)}, u,
         [&](DeformedRef ref) {
-          front_.corners(ref.face())[ref.corner()] = u;
+          front_.set_corner({ref.face(), ref.corner()}, u);
           faces.deform({ref.face(), ref.corner()});
         },
         [&](BornRef ref, const std::array<VertexId, 3>& corners, PartIndex, std::uint32_t) {

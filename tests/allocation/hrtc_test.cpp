@@ -74,7 +74,8 @@ TEST(Allocation, ApartFromItsBaseMeshAnObjectUsesTheBytesOfItsDirectory) {
   spm::Cache cache{pool};
   const double before = heap_bytes();
   spm::Cache::Admitted admitted = cache.admit(base);
-  const double base_bytes = static_cast<double>(4 * (model.summary.base_vertices + model.summary.base_faces));
+  const auto base_bytes = static_cast<double>(sizeof(std::uint32_t) * model.summary.base_vertices +
+                                              sizeof(spm::BaseSlots::Face) * model.summary.base_faces);
   const spm::Forest forest{pool,
                            nodes,
                            admitted.object,
