@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "spm/codec/load_region.hpp"
+#include "spm/directory.hpp"
 
 namespace tactus::host_service {
 
@@ -14,17 +15,17 @@ using haptics::Vec3d;
 constexpr double kRefineRadius = sharing::kBodySearchDistance;  // m, radius around a contact that is refined
 constexpr int kMaxNew = 8;                                      // max regions decoded in one call of `refine_around`
 
-std::uint32_t base_slots(const std::vector<StaticObject>& objects) {
-  std::uint32_t slots = 0;
-  for (const StaticObject& object : objects) slots += spm::Cache::slots_for_base(object.model->base());
-  return slots;
-}
-
 /// Returns the settings of a pool that holds the base meshes, and besides them `slots` slots for regions.
 spm::PoolSettings pool_for(const std::vector<StaticObject>& objects, std::uint32_t slots) {
-  const std::uint32_t base = base_slots(objects);
-  spm::PoolSettings settings = spm::PoolSettings::for_slots(slots + base);
-  settings.tree_nodes += base;
+  std::uint32_t base_slots = 0, base_nodes = 0;
+  for (const StaticObject& object : objects) {
+    const spm::BaseMesh& base = object.model->base();
+    base_slots += spm::Cache::slots_for_base(base.summary);
+    base_nodes += spm::tree_nodes_above(base.faces, base.summary.faces);
+  }
+  spm::PoolSettings settings = spm::PoolSettings::for_slots(slots);
+  settings.slots += base_slots;
+  settings.tree_nodes += base_nodes;
   return settings;
 }
 

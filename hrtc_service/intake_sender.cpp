@@ -55,7 +55,7 @@ void IntakeSender::append(IntakeKind kind, std::uint32_t index, const spm::Cache
 
 void IntakeSender::add_object(std::uint32_t index, IntakeObject object, const spm::BaseMesh& base) {
   object.summary = base.summary;
-  append(IntakeKind::kObject, index, {spm::Cache::slots_for_base(base), 0}, object, base.positions, base.radii,
+  append(IntakeKind::kObject, index, {spm::Cache::slots_for_base(base.summary), 0}, object, base.positions, base.radii,
          base.faces, base.regions);
 }
 

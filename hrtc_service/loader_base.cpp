@@ -41,7 +41,7 @@ void Loader::on_base_mesh(Object& object, const std::vector<std::uint8_t>& bytes
 /// Reserves slots and tree nodes for a base mesh. Returns false and marks the object as refused if they do not fit
 /// besides the other base meshes.
 bool Loader::reserve_base(Object& object, const spm::BaseMesh& base) {
-  const std::uint32_t slots = spm::Cache::slots_for_base(base);
+  const std::uint32_t slots = spm::Cache::slots_for_base(base.summary);
   const std::uint32_t nodes = spm::tree_nodes_above(base.faces, object.summary.faces);
   const std::uint32_t slots_left = pool_.slots - base_slots_;
   const std::uint32_t nodes_left = pool_.tree_nodes - base_nodes_;

@@ -48,9 +48,9 @@ struct alignas(64) TreeNode {
   std::uint8_t dirty;             ///< bits of the children that changed; if it is not 0, this node is deformed
   std::uint8_t finest;            ///< at level 1: bits of the faces in their finest version
   std::uint64_t previous_number;  ///< at level 1: AbTree::previous_number_ when the node was last stored or created
-  ObjectIndex object;             ///< whose tree has the node
+  ObjectIndex object;             ///< the object of this tree
 
-  /// Child of a node above level 1. Its index is in the row after those of the boxes.
+  /// Child of a node above level 1. Row kBoxRows contains its index.
   [[nodiscard]] NodeIndex node(unsigned lane) const noexcept {
     return NodeIndex{std::bit_cast<std::uint32_t>(lanes[lanes::kBoxRows][lane])};
   }

@@ -54,14 +54,10 @@ Cache::Cache(Pool& pool)
   for (std::uint32_t i = 0; i < free_block_count_; ++i) free_blocks_[i] = BlockIndex{free_block_count_ - 1 - i};
 }
 
-std::uint32_t Cache::slots_for_base(const BaseMesh& base) noexcept {
-  return static_cast<std::uint32_t>(std::max(base.positions.size(), (base.faces.size() + 1) / 2));
-}
-
 Cache::Admitted Cache::admit(const BaseMesh& base) {
   const auto vertices = static_cast<std::uint32_t>(base.positions.size());
   const auto faces = static_cast<std::uint32_t>(base.faces.size());
-  const std::uint32_t needed = slots_for_base(base);
+  const std::uint32_t needed = slots_for_base(base.summary);
   if (needed > free_.count()) return {};
   std::uint32_t number = next_object_;
   for (std::uint32_t tried = 0; number < objects_.size() && objects_[ObjectIndex{number}].is_used; ++tried) {
@@ -98,14 +94,14 @@ Cache::Admitted Cache::admit(const BaseMesh& base) {
   rows.reserve(faces);
   for (std::uint32_t i = 0; i < faces; ++i) {
     const BaseFace& face = base.faces[i];
-    BaseSlots::Face loaded{.row = row_of(slots[i / 2], i % 2), .is_finest = face.finest != 0};
+    BaseSlots::Face loaded{.row = row_of(slots[i / 2], i % 2)};
     for (std::size_t corner = 0; corner < 3; ++corner) {
       const VertexId vertex = face.corners[corner];
       loaded.corners[corner] = object.base_slots[vertex];
       loaded.radius = std::max(loaded.radius, base.radii[index(vertex)]);
     }
     front_.set(loaded.row, loaded.corners);
-    pool_.parts[slots[i / 2]].born[i % 2] = BornRef::make(face.face, 0, loaded.is_finest);
+    pool_.parts[slots[i / 2]].born[i % 2] = BornRef::make(face.face, 0, face.finest != 0);
     pool_.shown_at[loaded.row] = LeafLane{};
     rows_.insert(key(result.object, face.face), index(loaded.row));
     rows.push_back(loaded.row);

@@ -11,6 +11,7 @@
 /// Source: Liu, Georganas, Roth, 3DIM 2005, section 3 (local cache, loaded fronting).
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <string>
@@ -39,8 +40,7 @@ struct BaseSlots {
   struct Face {
     RowIndex row{};
     std::array<Slot, 3> corners{};
-    std::uint16_t radius = 0;  ///< greatest radius code of the corners, see record.hpp
-    bool is_finest = false;
+    std::uint16_t radius = 0;  ///< max radius code of the corners, see record.hpp
   };
   std::vector<Face> faces;  ///< in the order of BaseMesh::faces
 };
@@ -57,7 +57,9 @@ class Cache {
   explicit Cache(Pool& pool);
 
   /// Returns the number of slots that `admit` needs.
-  [[nodiscard]] static std::uint32_t slots_for_base(const BaseMesh& base) noexcept;
+  [[nodiscard]] static std::uint32_t slots_for_base(const ModelSummary& summary) noexcept {
+    return std::max(summary.base_vertices, (summary.base_faces + 1) / 2);
+  }
   struct Admitted {
     bool fits = false;
     ObjectIndex object{};
@@ -76,9 +78,10 @@ class Cache {
   /// list in slots. If the result is not kAccepted, the cache is unchanged. O(list + sent).
   [[nodiscard]] AcceptResult accept(ObjectIndex object, const RegionData& data, RegionList& list) noexcept;
 
-  /// Returns the bytes that the cache needs for all regions of an object, loaded or not.
+  /// Returns the bytes that the cache needs for the base mesh of an object and for all its regions, loaded or not.
   [[nodiscard]] static std::uint64_t directory_bytes(const ModelSummary& summary) noexcept {
-    return std::uint64_t{summary.regions} * 3 * sizeof(std::uint32_t);
+    return std::uint64_t{slots_for_base(summary)} * sizeof(Slot) +
+           std::uint64_t{summary.regions} * 3 * sizeof(std::uint32_t);
   }
 
   /// Unloads a region: frees its list and the records that no other loaded region lists. The haptic thread must have

@@ -1,11 +1,11 @@
-/// A hash map of fixed capacity from keys to numbers that does not store the keys. It uses open addressing and 6 bytes
-/// an entry, half of FlatIndex.
+/// A hash map of fixed capacity from keys to numbers that does not store the keys. It uses open addressing and at most
+/// 5.4 bytes an entry, half of FlatIndex.
 ///
-/// An entry has a number, and in its other bits a part of the hash of its key. If this part is the hash's, the caller's
-/// `key_of(number)` says whether the key is the one that is looked for. So a search reads the memory of `key_of` about
-/// once.
+/// A bucket contains a number and some bits of the hash of its key. `find` first compares these bits with those of the
+/// hash. If they are equal, it calls `key_of(number)` and compares the keys. So a search calls `key_of` about once.
+/// `erase` calls `key_of` for each number up to the next empty bucket.
 ///
-/// The map is at most two thirds full, so `find`, `insert` and `erase` are O(1) on average. Realtime after
+/// The map is at most three quarters full, so `find`, `insert` and `erase` are O(1) on average. Realtime after
 /// construction. One thread at a time.
 #pragma once
 
@@ -45,7 +45,8 @@ class CompactIndex {
     }
   }
 
-  /// The number that `find` is likely to return, without its key. For prefetches.
+  /// The first number with the right bits of the hash, or kNone. `find` returns the same, except if two keys have these
+  /// bits. For prefetches.
   [[nodiscard]] std::uint32_t guess(std::uint64_t key) const noexcept {
     return find(key, [key](std::uint32_t) { return key; });
   }
@@ -88,12 +89,12 @@ class CompactIndex {
   static constexpr std::uint32_t kEmpty = kNone;  // no bucket has it: `insert` takes no number with all bits set
 
   [[nodiscard]] static std::uint64_t buckets_for(std::uint32_t entries) noexcept {
-    return entries + entries / 2ull + 8;
+    return entries + entries / 3ull + 8;
   }
   [[nodiscard]] static std::uint32_t hash_of(std::uint64_t key) noexcept {
     return static_cast<std::uint32_t>(key * 0x9e3779b97f4a7c15ull >> 32);
   }
-  /// The first bucket of a key follows from the upper bits of its hash, the bits in the bucket are the lower ones.
+  /// The upper bits of the hash determine the first bucket. The bucket contains some of the lower bits.
   [[nodiscard]] std::size_t first_bucket(std::uint32_t hash) const noexcept {
     return std::uint64_t{hash} * buckets_.size() >> 32;
   }

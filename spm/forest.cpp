@@ -200,7 +200,8 @@ bool Forest::has_previous_nodes_for(Slot slot) const noexcept {
 }
 
 void Forest::show_base_face(const BaseSlots::Face& face) noexcept {
-  tree_.insert(face.row, pool_.face_of(face.row), face.corners, face.is_finest);
+  const BornRef ref = pool_.born(face.row);
+  tree_.insert(face.row, ref.face(), face.corners, ref.is_finest());
 }
 
 void Forest::split(Slot slot) noexcept {
@@ -419,7 +420,7 @@ std::map<RowIndex, Forest::ShownFace> Forest::shown_faces() const {
   }
   std::map<RowIndex, ShownFace> faces;
   for (std::size_t i = 0; i < base_cursor_; ++i)
-    faces[base_.faces[i].row] = {base_.faces[i].corners, base_.faces[i].is_finest};
+    faces[base_.faces[i].row] = {base_.faces[i].corners, pool_.born(base_.faces[i].row).is_finest()};
   for (const auto& entry : shown) {
     const Slot slot = entry.second;
     for_each_change(

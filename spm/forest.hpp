@@ -65,10 +65,11 @@ class Forest {
   /// `pool` and `nodes` must outlive the forest. Not realtime: allocates.
   Forest(Pool& pool, NodePool& nodes, ObjectIndex object, const ModelSummary& summary, RegionGrid grid, BaseSlots base);
 
-  /// Returns the bytes that the forest needs for all regions of an object, loaded or not.
+  /// Returns the bytes that the forest needs for the base mesh of an object and for all its regions, loaded or not.
   [[nodiscard]] static std::uint64_t directory_bytes(const ModelSummary& summary, const PoolSettings& pool) noexcept {
     constexpr std::uint64_t kPerLoaded = sizeof(State) + 2 * sizeof(RegionId) + sizeof(std::uint32_t);
-    return RegionGrid::bytes(summary.regions) + std::uint64_t{summary.regions} * sizeof(std::uint32_t) +
+    return std::uint64_t{summary.base_faces} * sizeof(BaseSlots::Face) + RegionGrid::bytes(summary.regions) +
+           std::uint64_t{summary.regions} * sizeof(std::uint32_t) +
            std::uint64_t{max_loaded(summary.regions, pool)} * kPerLoaded;
   }
 
@@ -160,7 +161,7 @@ class Forest {
     std::array<Slot, 3> corners{};
     bool is_finest = false;
   };
-  /// Returns all shown faces, as they follow from the shown records. O(pool), allocates: tests.
+  /// Returns the faces that the shown records imply, without reading the tree. O(pool), allocates: tests.
   [[nodiscard]] std::map<RowIndex, ShownFace> shown_faces() const;
   [[nodiscard]] const RegionGrid& grid() const noexcept { return grid_; }
   [[nodiscard]] const ForestCounters& counters() const noexcept { return counters_; }

@@ -19,7 +19,7 @@ PoolSettings pool_in(std::uint64_t memory, const ModelSummary& summary) {
 Cache::Admitted admit(Cache& cache, const BaseMesh& base, std::uint64_t memory) {
   Cache::Admitted admitted = cache.admit(base);
   if (!admitted.fits)
-    throw std::runtime_error("the base mesh needs " + std::to_string(Cache::slots_for_base(base)) +
+    throw std::runtime_error("the base mesh needs " + std::to_string(Cache::slots_for_base(base.summary)) +
                              " slots, but a pool in " + std::to_string(memory) + " bytes of memory has only " +
                              std::to_string(cache.slots_free()));
   return admitted;

@@ -25,6 +25,11 @@ std::uint64_t PoolSettings::bytes() const noexcept {
          FlatIndex::bytes(compressed_blocks);
 }
 
+PoolSettings PoolSettings::for_slots(std::uint32_t slots) noexcept {
+  const std::uint32_t tree_nodes = std::min(slots / 4 * 3 + 1536, std::max(slots / 8 + 6144, 9216u));
+  return {slots, tree_nodes, slots / 14 + 256, std::min(6 * slots, kMaxCompressedBlocks)};
+}
+
 PoolSettings PoolSettings::for_bytes(std::uint64_t bytes) noexcept {
   std::uint32_t fits = 0, too_many = kMaxSlots + 1;
   while (too_many - fits > 1) {

@@ -22,8 +22,8 @@
 
 namespace tactus::spm {
 
-/// Within these limits, an object and a RecordId fit into a key of FlatIndex, a face row into CompactIndex, and a face
-/// of a tree node into LeafLane.
+/// With at most kMaxObjects objects, an object and a RecordId fit into a key of FlatIndex. With at most kMaxSlots slots,
+/// a face row fits into CompactIndex. With at most kMaxTreeNodes nodes, a face of a node fits into LeafLane.
 inline constexpr std::uint32_t kMaxSlots = 1u << 24;
 inline constexpr std::uint32_t kMaxTreeNodes = 1u << 27;
 inline constexpr std::uint32_t kMaxCompressedBlocks = 1u << 26;
@@ -36,12 +36,10 @@ struct PoolSettings {
   std::uint32_t list_blocks = 1u << 13;  ///< blocks of 82 list entries; if none is free, a region is refused
   /// Blocks of the compressed cache. A record takes one, seldom two. If none is free, a region is refused.
   std::uint32_t compressed_blocks = 1u << 18;
-  /// Returns settings in proportion to `slots`. The slots are for the decoded records, the tree nodes for the shown
-  /// mesh, and the compressed blocks for the regions that a probe may touch within a round trip.
-  static PoolSettings for_slots(std::uint32_t slots) noexcept {
-    return {slots, slots / 8 + std::min(5 * slots / 8 + 1024, 5120u), slots / 13 + 256,
-            std::min(6 * slots, kMaxCompressedBlocks)};
-  }
+  /// Returns settings for `slots`. The slots are for the decoded records, the tree nodes for the shown mesh, and the
+  /// compressed blocks for the regions that a probe may touch within a round trip. In a small pool most records are
+  /// shown, and a shown record needs about one node.
+  static PoolSettings for_slots(std::uint32_t slots) noexcept;
   /// Returns the largest settings of `for_slots` that need at most `bytes`; 0 slots if not even one fits.
   static PoolSettings for_bytes(std::uint64_t bytes) noexcept;
   /// Returns the bytes of memory that these settings need, without directories.
@@ -86,7 +84,7 @@ inline constexpr std::uint32_t kMaxPreviousLeaves = 1024;
 /// Size of a block of the compressed cache, see spm/codec/compressed_cache.hpp.
 inline constexpr std::uint32_t kCompressedBlockBytes = 20;
 
-/// A Slot in three bytes. kNone does not fit, and becomes another slot.
+/// A Slot in three bytes. It cannot be kNone.
 class PackedSlot {
  public:
   constexpr PackedSlot() noexcept = default;
@@ -100,7 +98,7 @@ class PackedSlot {
  private:
   std::array<std::uint8_t, 3> bytes_{};
 };
-static_assert(kMaxSlots <= 1u << 24);
+static_assert(PackedSlot{Slot{kMaxSlots - 1}} == Slot{kMaxSlots - 1});
 
 /// A block of a region's list of record slots. Blocks are linked both ways: the forest walks forwards to refine and
 /// backwards to coarsen.
@@ -140,8 +138,9 @@ struct Pool {
   IdVector<Slot, SlotState> state;
   IdVector<BlockIndex, ListBlock> blocks;
 
-  /// The face of a row in use. The part of a slot of the base mesh also names its faces.
-  [[nodiscard]] FaceId face_of(RowIndex row) const noexcept { return parts[slot_of(row)].born[index(row) % 2].face(); }
+  /// The face of a row in use, also of a base mesh.
+  [[nodiscard]] BornRef born(RowIndex row) const noexcept { return parts[slot_of(row)].born[index(row) % 2]; }
+  [[nodiscard]] FaceId face_of(RowIndex row) const noexcept { return born(row).face(); }
 };
 
 }  // namespace tactus::spm

@@ -101,6 +101,21 @@ TEST(Scenery, ABoxComesToRestOnACoarserMeshWhenSlotsAreTooFew) {
   EXPECT_NEAR(pose.position[2], organ().top().z() + 0.01, 0.004);
 }
 
+TEST(Scenery, ShowsTheBaseMeshesOfManyObjects) {
+  std::vector<StaticObject> objects(40, organ().object());
+  for (std::size_t i = 0; i < objects.size(); ++i) objects[i].pose.position[0] = static_cast<double>(i);
+  const Scenery alone{{organ().object()}, 200}, scenery{objects, 200};
+  for (std::size_t i = 0; i < organ().vertices.size(); i += 997) {
+    haptics::SurfaceHit expected, found;
+    ASSERT_TRUE(alone.surface().closest(organ().vertices[i], 0.1, expected));
+    for (const StaticObject& object : objects) {
+      const Vec3d offset{object.pose.position[0], 0, 0};
+      ASSERT_TRUE(scenery.surface().closest(organ().vertices[i] + offset, 0.1, found)) << offset.x();
+      EXPECT_LT((found.point - offset - expected.point).norm(), 1e-9) << offset.x();
+    }
+  }
+}
+
 TEST(Scenery, RegionsWithoutContactsFreeTheirSlotsForOthers) {
   Scenery scenery{{organ().object()}, 6000};
   std::uint64_t exact = 0, requested = 0;

@@ -43,7 +43,7 @@ double scale_of(const spm::Model& model) {
 }
 
 std::uint32_t base_slots(const spm::offline::BuiltModel& built) {
-  return spm::Cache::slots_for_base(spm::base_mesh_of(built.model()));
+  return spm::Cache::slots_for_base(built.model().summary);
 }
 
 /// A tip circles on a large sphere, whose regions fill the pool. A host offers a second sphere only later.

@@ -469,7 +469,7 @@ TEST_F(WithdrawalTest, TheNinthMovableObjectStaysFixedAfterAnotherIsRemoved) {
 }
 
 TEST_F(WithdrawalTest, AnObjectThatDidNotFitIsLoadedAfterAnotherIsRemoved) {
-  start(spm::PoolSettings::for_slots(spm::Cache::slots_for_base(large_sphere().model().base()) + 200));
+  start(spm::PoolSettings::for_slots(spm::Cache::slots_for_base(large_sphere().model().summary()) + 200));
   Host& first = add_host("first", "first", large_sphere(), {0, 0, 0});
   ASSERT_TRUE(run_until([&] { return core_->servo().cycle().objects().size() == 1; }));
   add_host("second", "second", large_sphere(), {0.2, 0, 0});

@@ -14,6 +14,8 @@
 #include <set>
 #include <thread>
 
+#include "spm/checksum.hpp"
+#include "spm/flat_index.hpp"
 #include "spm/triangle_pair.hpp"
 #include "tests/support/hrtc_model.hpp"
 #include "tests/support/loaded_records.hpp"
@@ -268,11 +270,11 @@ TEST(CacheCounts, AnObjectIsRefusedWhileThereAre64Others) {
   const OwnedModel owned = random_model(1, 50, kCells);
   const spm::BaseMesh base = spm::base_mesh_of(owned.model());
   constexpr std::uint32_t kMax = 64;
-  spm::Pool pool{spm::PoolSettings::for_slots((kMax + 1) * spm::Cache::slots_for_base(base))};
+  spm::Pool pool{spm::PoolSettings::for_slots((kMax + 1) * spm::Cache::slots_for_base(base.summary))};
   spm::Cache cache{pool};
   for (std::uint32_t i = 0; i < kMax; ++i) ASSERT_TRUE(cache.admit(base).fits) << i;
   const std::uint32_t free_before = cache.slots_free();
-  ASSERT_GE(free_before, spm::Cache::slots_for_base(base));
+  ASSERT_GE(free_before, spm::Cache::slots_for_base(base.summary));
 
   EXPECT_FALSE(cache.admit(base).fits);
   EXPECT_EQ(cache.slots_free(), free_before);
@@ -313,6 +315,42 @@ TEST(CacheCounts, ARegionIsRefusedWhileTheRegionCounterOfItsRecordsIsFull) {
 
   cache.release(admitted.object, RegionId{0});
   EXPECT_EQ(accept(kMax), AcceptResult::kAccepted);
+}
+
+TEST(CacheCounts, AListIsStillCheckedAfter255OtherLists) {
+  const OwnedModel owned = random_model(1, kRecords, kCells);
+  const spm::Model model = owned.model();
+  const std::vector<std::uint32_t> checksums = spm::record_checksums(model);
+  spm::BaseMesh base = spm::base_mesh_of(model);
+  // The false list has only the last record of a region's list, whose parent is added by another record.
+  RegionId region{0};
+  spm::RecordId last{};
+  for (const RegionId candidate : all_regions(model)) {
+    const std::span<const spm::Interval> list = model.intervals_of(candidate);
+    if (list.empty()) continue;
+    const spm::RecordId end{list.back().first + list.back().count - 1};
+    if (index(model.first_part(end).parent) < model.summary.base_vertices) continue;
+    region = candidate;
+    last = end;
+  }
+  ASSERT_NE(index(last), 0u);
+  spm::Region false_region = base.regions[index(region)];
+  false_region.record_count = false_region.part_count = 1;
+  false_region.checksum = checksums[index(last)];
+  spm::RegionData data = HrtcModel{model, large_pool()}.message(region);
+  data.region = RegionId{0};
+  base.regions = {base.regions[index(region)], false_region};
+  spm::Pool pool{large_pool()};
+  spm::Cache cache{pool};
+  const spm::Cache::Admitted admitted = cache.admit(base);
+  spm::RegionList list;
+  ASSERT_EQ(cache.accept(admitted.object, data, list), AcceptResult::kAccepted);
+
+  spm::RegionData false_data;
+  false_data.region = RegionId{1};
+  false_data.list = {{index(last), 1}};
+  for (int i = 0; i < 600; ++i)
+    ASSERT_EQ(cache.accept(admitted.object, false_data, list), AcceptResult::kMalformed) << i;
 }
 
 TEST_P(RunTime, AMessageThatLacksARecordIsIncompleteAndChangesNothing) {
