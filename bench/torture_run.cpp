@@ -17,7 +17,7 @@ constexpr std::size_t kMaxProblems = 10;
 constexpr std::uint32_t kMaxWanted = 12;  // regions in a target
 constexpr double kMinBudget = 1, kMaxBudget = 3e5;
 
-/// Returns settings with one tree node per two slots. An HRTC has one per three, but random regions need more, because
+/// Returns settings with one tree node per two slots. An HRTC has fewer, but random regions need more, because
 /// they share fewer tree nodes than regions around a probe.
 spm::PoolSettings pool_for(const spm::ModelSummary& summary, double share) {
   spm::PoolSettings settings = spm::PoolSettings::for_slots(slots_for(summary, share));
@@ -40,7 +40,7 @@ std::vector<ShownFace> shown_mesh(const HrtcModel& hrtc) {
   std::vector<ShownFace> faces;
   const spm::AbTree& tree = hrtc.forest().tree();
   for (const auto& [row, shown] : hrtc.forest().shown_faces()) {
-    const spm::LeafLane at = hrtc.forest().place_of(row);
+    const spm::LeafLane at = hrtc.forest().shown_at(row);
     ShownFace face{index(tree.face(at)), tree.is_finest(at), {}, tree.corners(at)};
     for (std::size_t corner = 0; corner < 3; ++corner)
       face.vertices[corner] = index(hrtc.pool().vertices[shown.corners[corner]].id);

@@ -279,7 +279,7 @@ RefitCount AbTree::refit(ChangeDetector* change_detectors, std::uint32_t detecto
 }
 
 std::vector<LeafLane> AbTree::shown() const {
-  std::vector<LeafLane> places;
+  std::vector<LeafLane> leaf_lanes;
   std::vector<NodeIndex> stack;
   if (root_ != kNone) stack.push_back(root_);
   while (!stack.empty()) {
@@ -291,10 +291,10 @@ std::vector<LeafLane> AbTree::shown() const {
         stack.push_back(node.node(highest_bit(bits)));
     } else {
       for (unsigned bits = node.mask; bits != 0; bits &= bits - 1)
-        places.emplace_back(at, static_cast<unsigned>(std::countr_zero(bits)));
+        leaf_lanes.emplace_back(at, static_cast<unsigned>(std::countr_zero(bits)));
     }
   }
-  return places;
+  return leaf_lanes;
 }
 
 std::vector<std::string> AbTree::violations() const {

@@ -218,16 +218,18 @@ class AbTree {
     return nearest(point, max_distance, 0, found, nullptr, 0) > 0;
   }
   static constexpr std::uint32_t kMaxNearest = 96;
-  /// Also writes the places of all triangles whose distance exceeds that of the nearest one by at most `margin`, in the
-  /// order of FaceIds. Writes at most min(`capacity`, kMaxNearest) places. Returns their number, at least 1 if there is
+  /// Also writes leaf and lane of all triangles whose distance exceeds that of the nearest one by at most `margin`, in the
+  /// order of FaceIds. Writes at most min(`capacity`, kMaxNearest) entries. Returns their number, at least 1 if there is
   /// a nearest triangle.
   [[nodiscard]] std::uint32_t nearest(const Vec3d& point, double max_distance, double margin, NearestFace& found,
-                                      LeafLane* places, std::uint32_t capacity,
+                                      LeafLane* leaf_lanes, std::uint32_t capacity,
                                       const CandidateCaches* caches = nullptr) const noexcept;
 
-  /// The shown face in a place, whether this version is the finest, and coordinates x y z of the three corners.
+  /// The face that is shown in a lane of a leaf.
   [[nodiscard]] FaceId face(LeafLane at) const noexcept { return nodes_[at.leaf()].face(at.lane()); }
+  /// Whether it is shown in its finest version.
   [[nodiscard]] bool is_finest(LeafLane at) const noexcept { return nodes_[at.leaf()].is_finest(at.lane()); }
+  /// The coordinates x y z of its three corners.
   [[nodiscard]] std::array<float, 9> corners(LeafLane at) const noexcept;
   /// The corners of the face of a contact that a query returned after the last change of the tree.
   [[nodiscard]] std::array<float, 9> corners(const Contact& contact) const noexcept;
@@ -240,7 +242,7 @@ class AbTree {
 
   /// Checks nodes, masks and boxes. O(nodes), allocates: tests.
   [[nodiscard]] std::vector<std::string> violations() const;
-  /// Returns the places of all shown faces, ascending by FaceId. O(nodes), allocates.
+  /// Returns leaf and lane of all shown faces, ascending by FaceId. O(nodes), allocates.
   [[nodiscard]] std::vector<LeafLane> shown() const;
 
  private:
@@ -268,7 +270,7 @@ class AbTree {
     for (std::uint32_t at = first_previous_; at != kNone; at = nodes_.next_previous_[at])
       visit(nodes_.previous_nodes_[at]);
   }
-  /// Prefetches all of a node.
+  /// Prefetches all of a leaf.
   void prefetch_triangles(NodeIndex node) const noexcept {
     for (int row = 0; row < lanes::kTriangleRows; row += 2) spm::prefetch(&nodes_[node].lanes[row]);
   }

@@ -240,7 +240,8 @@ bool AbTree::sweep(const Vec3d& from, const Vec3d& to, double radius, SweepConta
 }
 
 std::uint32_t AbTree::nearest(const Vec3d& point, double max_distance, double margin, NearestFace& best,
-                              LeafLane* places, std::uint32_t capacity, const CandidateCaches* caches) const noexcept {
+                              LeafLane* leaf_lanes, std::uint32_t capacity,
+                              const CandidateCaches* caches) const noexcept {
   if (root_ == kNone) return 0;
   const FloatPoint p{point};
   best.squared_distance = max_distance * max_distance;
@@ -327,7 +328,8 @@ std::uint32_t AbTree::nearest(const Vec3d& point, double max_distance, double ma
   drop_far();
   std::sort(near_faces.begin(), near_faces.begin() + near_count,
             [](const Near& a, const Near& b) { return a.face < b.face; });
-  for (std::uint32_t i = 0; i < near_count; ++i) places[i] = LeafLane{near_faces[i].leaf, lane_of(near_faces[i].face)};
+  for (std::uint32_t i = 0; i < near_count; ++i)
+    leaf_lanes[i] = LeafLane{near_faces[i].leaf, lane_of(near_faces[i].face)};
   return std::max(1u, near_count);
 }
 

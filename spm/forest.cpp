@@ -472,12 +472,12 @@ std::vector<std::string> Forest::violations() const {
       found.push_back(name + " should be shown");
       continue;
     }
-    if (tree_.face(at) != pool_.face_of(row)) found.push_back(name + " is in the place of another face");
+    if (tree_.face(at) != pool_.face_of(row)) found.push_back(name + " is shown in the lane of another face");
     if (tree_.is_finest(at) != face.is_finest) found.push_back(name + " has a wrong version");
     const std::array<float, 9> shown = tree_.corners(at);
     for (std::size_t i = 0; i < 3; ++i)
       if (std::memcmp(&shown[3 * i], &pool_.vertices[face.corners[i]].position, 3 * sizeof(float)) != 0)
-        found.push_back(name + " has another corner than vertex " +
+        found.push_back(name + " is not shown with vertex " +
                         std::to_string(index(pool_.vertices[face.corners[i]].id)));
   }
   if (const std::size_t shown = tree_.shown().size(); shown != expected.size())

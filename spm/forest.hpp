@@ -155,8 +155,8 @@ class Forest {
 
   [[nodiscard]] const AbTree& tree() const noexcept { return tree_; }
   [[nodiscard]] const BaseSlots& base() const noexcept { return base_; }
-  /// The place of a face in `tree()`, if it is shown.
-  [[nodiscard]] LeafLane place_of(RowIndex row) const noexcept { return pool_.shown_at[row]; }
+  /// Leaf and lane in `tree()` that show the face.
+  [[nodiscard]] LeafLane shown_at(RowIndex row) const noexcept { return pool_.shown_at[row]; }
   struct ShownFace {
     std::array<Slot, 3> corners{};
     bool is_finest = false;

@@ -14,7 +14,7 @@ std::vector<BaseRegion> base_regions(const spm::Forest& forest) {
   const spm::RegionGrid& grid = forest.grid();
   std::vector<BaseRegion> regions(grid.size());
   for (const spm::BaseSlots::Face& face : forest.base().faces) {
-    const std::array<Vec3d, 3> corners = spm::shown_corners(forest.tree(), forest.place_of(face.row));
+    const std::array<Vec3d, 3> corners = spm::shown_corners(forest.tree(), forest.shown_at(face.row));
     const Vec3d centre = (corners[0] + corners[1] + corners[2]) / 3;
     double radius = 0;
     for (const Vec3d& corner : corners) radius = std::max(radius, (corner - centre).norm());

@@ -123,12 +123,16 @@ TEST_F(ViewerTest, APageShowsObjectsUsersForcesAndFiguresAndStopsTheForces) {
            observer.seen().figure("desk", session::figures::kRegionsReceived);
   }));
 
-  // The hand rests, so the mesh of the HRTC does not change.
+  // When the hand rests, the mesh of the HRTC changes no more, and all have the same one.
   const auto published_hash = [&] { return page.figures.value("/meshes/desk/organ"_json_pointer, std::string{}); };
-  ASSERT_TRUE(page.until([&] { return page.mesh_hash != 0 && published_hash() == std::to_string(page.mesh_hash); }));
-  ASSERT_TRUE(observer.until([&](const Observer::Seen& seen) {
+  const auto observed_hash = [&] {
+    const Observer::Seen seen = observer.seen();
     const auto meshes = seen.meshes.find("desk");
-    return meshes != seen.meshes.end() && meshes->second.back().hash == page.mesh_hash;
+    return meshes != seen.meshes.end() ? meshes->second.back().hash : 0;
+  };
+  ASSERT_TRUE(page.until([&] {
+    return page.mesh_hash != 0 && published_hash() == std::to_string(page.mesh_hash) &&
+           observed_hash() == page.mesh_hash;
   }));
 
   page.stop_forces();

@@ -105,7 +105,7 @@ TEST_P(RunTime, RefiningAllRegionsShowsTheFinestMesh) {
   std::uint32_t compared = 0;
   const spm::AbTree& tree = hrtc.forest().tree();
   for (const auto& [row, face] : hrtc.forest().shown_faces()) {
-    const spm::LeafLane at = hrtc.forest().place_of(row);
+    const spm::LeafLane at = hrtc.forest().shown_at(row);
     if (!tree.is_finest(at)) continue;
     ++compared;
     for (std::size_t corner = 0; corner < 3; ++corner)

@@ -192,6 +192,19 @@ TEST(Certificate, ThePoolInTheCertifiedMemoryIsEnoughForAnySphere) {
   }
 }
 
+TEST(MemoryShares, TheDirectoryOf28MillionFacesFitsInto16MiB) {
+  ModelSummary summary{};
+  summary.faces = 28'000'000;
+  summary.records = 14'000'000;
+  summary.regions = 103'295;  // of the generated organ
+  summary.base_faces = 500;
+  for (const std::uint64_t memory : {16u << 20, 24u << 20, 64u << 20}) {
+    const MemoryShares shares = memory_shares(memory);
+    EXPECT_GE(shares.directories, directory_bytes(summary, shares.pool)) << memory;
+    EXPECT_LE(shares.directories + shares.pool.bytes(), memory);
+  }
+}
+
 TEST(Certificate, NoPoolIsEnoughForMoreSlotsThanAPoolCanHave) {
   ModelSummary summary{};
   summary.base_vertices = 1000;
