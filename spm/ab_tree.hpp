@@ -218,8 +218,8 @@ class AbTree {
     return nearest(point, max_distance, 0, found, nullptr, 0) > 0;
   }
   static constexpr std::uint32_t kMaxNearest = 96;
-  /// Also writes leaf and lane of all triangles whose distance exceeds that of the nearest one by at most `margin`, in the
-  /// order of FaceIds. Writes at most min(`capacity`, kMaxNearest) entries. Returns their number, at least 1 if there is
+  /// Also writes leaf and lane of all triangles whose distance exceeds that of the nearest one by at most `margin`, in
+  /// the order of FaceIds. Writes at most min(`capacity`, kMaxNearest). Returns their number, at least 1 if there is
   /// a nearest triangle.
   [[nodiscard]] std::uint32_t nearest(const Vec3d& point, double max_distance, double margin, NearestFace& found,
                                       LeafLane* leaf_lanes, std::uint32_t capacity,

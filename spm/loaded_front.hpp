@@ -25,8 +25,8 @@
 
 namespace tactus::spm {
 
-/// `Face` and `Vertex` are RowIndex and Slot in the cache, FaceId and VertexId elsewhere. `Stored` is the type of stored
-/// corners. If it cannot be kNone, the corners of a face are undefined until `set`.
+/// `Face` and `Vertex` are RowIndex and Slot in the cache, FaceId and VertexId elsewhere. `Stored` is the type of
+/// stored corners. If it cannot be kNone, the corners of a face are undefined until `set`.
 template <class Face, class Vertex, class Stored = Vertex>
 class LoadedFront {
  public:

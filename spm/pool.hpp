@@ -22,8 +22,8 @@
 
 namespace tactus::spm {
 
-/// With at most kMaxObjects objects, an object and a RecordId fit into a key of FlatIndex. With at most kMaxSlots slots,
-/// a face row fits into CompactIndex. With at most kMaxTreeNodes nodes, a face of a node fits into LeafLane.
+/// With at most kMaxObjects objects, an object and a RecordId fit into a key of FlatIndex. With at most kMaxSlots
+/// slots, a face row fits into CompactIndex. With at most kMaxTreeNodes nodes, a face of a node fits into LeafLane.
 inline constexpr std::uint32_t kMaxSlots = 1u << 24;
 inline constexpr std::uint32_t kMaxTreeNodes = 1u << 27;
 inline constexpr std::uint32_t kMaxCompressedBlocks = 1u << 26;
