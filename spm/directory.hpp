@@ -1,5 +1,5 @@
 /// The sizes of directories. The directory of an object lists its regions, the loaded regions, and the records that
-/// were received before. It has an entry for each region and record of the model and is not part of the pool.
+/// were received before. It has an entry for each region, each record and each base face, and is not part of the pool.
 #pragma once
 
 #include <algorithm>

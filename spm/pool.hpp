@@ -51,7 +51,7 @@ struct Vertex {
   VertexId id;
 };
 
-/// The place of a shown face in its AB-tree. It stays valid while the face is shown.
+/// The leaf of the AB-tree that shows a face, and the lane of this leaf. Both stay the same while the face is shown.
 class LeafLane {
  public:
   /// The face is not shown.

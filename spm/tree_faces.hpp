@@ -9,7 +9,7 @@
 
 namespace tactus::spm {
 
-/// Calls `visit(at, leaf)` for each face, where `at` is its place and `leaf` the node of this place.
+/// Calls `visit(at, leaf)` for each face, where `at` is its LeafLane and `leaf` the node `at.leaf()`.
 template <class Visit>
 void for_each_face(const AbTree& tree, Visit visit) {
   std::vector<NodeIndex> stack;
