@@ -3,15 +3,14 @@
 #include <algorithm>
 #include <cmath>
 #include <sstream>
-#include <unordered_set>
 
 #include "spm/checksum.hpp"
+#include "spm/morton.hpp"
 #include "spm/position_code.hpp"
 
 namespace tactus::spm {
 namespace {
 
-constexpr std::uint32_t kMaxDepth = 8;  // RegionGrid::kMaxDepth
 constexpr std::size_t kMaxMessages = 20;
 
 /// Collects at most kMaxMessages messages, because a broken file can cause thousands.
@@ -145,20 +144,10 @@ void check_base_faces(const ModelSummary& s, std::span<const BaseFace> faces, Fi
   }
 }
 
-std::uint64_t cell_key(std::uint32_t depth, std::uint32_t x, std::uint32_t y, std::uint32_t z) {
-  return std::uint64_t{depth} << 48 | std::uint64_t{x} << 32 | std::uint64_t{y} << 16 | z;
-}
-
 void check_cells(const ModelSummary& s, std::span<const Region> regions, Findings& findings) {
-  std::unordered_set<std::uint64_t> cells;
-  cells.reserve(regions.size());
+  std::uint64_t end = 0;  // Morton code after the previous cell, at the maximum depth
   for (std::size_t i = 0; i < regions.size() && !findings.full(); ++i) {
     const Region& r = regions[i];
-    if (r.depth > kMaxDepth) {
-      findings.add("region ", i, ": depth ", r.depth, ", expected at most ", kMaxDepth);
-    } else if (!cells.insert(cell_key(r.depth, r.cell[0], r.cell[1], r.cell[2])).second) {
-      findings.add("region ", i, ": its cell is used twice");
-    }
     if (r.occupied[0] == 0 && r.occupied[1] == 0) findings.add("region ", i, ": no part of its cell is occupied");
     if (r.face_count == 0 || r.face_count > s.faces) {
       findings.add("region ", i, ": ", r.face_count, " faces, expected 1 to ", s.faces);
@@ -167,15 +156,19 @@ void check_cells(const ModelSummary& s, std::span<const Region> regions, Finding
       findings.add("region ", i, ": ", r.record_count, " records in ", r.part_count, " parts, expected at most ",
                    s.records, " in ", s.parts);
     }
-  }
-  if (!findings.none()) return;
-  for (std::size_t i = 0; i < regions.size() && !findings.full(); ++i) {
-    const Region& r = regions[i];
-    for (std::uint32_t up = 1; up <= r.depth; ++up) {
-      if (cells.count(cell_key(r.depth - up, r.cell[0] >> up, r.cell[1] >> up, r.cell[2] >> up)) != 0) {
-        findings.add("region ", i, ": its cell lies within the cell of another region");
-      }
+    if (r.depth > kMaxCellDepth) {
+      findings.add("region ", i, ": depth ", r.depth, ", expected at most ", kMaxCellDepth);
+      continue;
     }
+    const std::uint32_t largest = std::uint32_t{std::max({r.cell[0], r.cell[1], r.cell[2]})} >> r.depth;
+    if (largest >= kMaxCellsPerSide) {
+      findings.add("region ", i, ": in cell ", largest, " of an axis, expected below ", kMaxCellsPerSide);
+      continue;
+    }
+    const std::uint32_t levels = kMaxCellDepth - r.depth;
+    const std::uint64_t code = morton(r.cell[0], r.cell[1], r.cell[2]) << 3 * levels;
+    if (code < end) findings.add("region ", i, ": its cell is not after that of the previous region");
+    end = std::max(end, code + (std::uint64_t{1} << 3 * levels));
   }
 }
 

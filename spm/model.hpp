@@ -35,6 +35,8 @@ struct GridFrame {
   std::array<double, 3> origin;
   double cell_size;
 };
+inline constexpr std::uint32_t kMaxCellDepth = 8;
+inline constexpr std::uint32_t kMaxCellsPerSide = 1u << 13;  ///< cells of depth 0 along an axis
 
 /// A region: a labelled cell and its closed list.
 struct Region {
@@ -95,7 +97,7 @@ struct Model {
   std::span<const std::uint16_t> base_radii;        ///< radius codes by VertexId below `base_vertices`, see record.hpp
   std::span<const BaseFace> base_faces;
   IdSpan<PartIndex, const RecordPart> parts;  ///< the first parts of all records, by RecordId; then all other parts
-  std::span<const Region> regions;
+  std::span<const Region> regions;            ///< in the order of the Morton codes of their cells
   std::span<const Interval> intervals;
 
   [[nodiscard]] std::span<const Interval> intervals_of(RegionId region) const noexcept {
@@ -129,7 +131,7 @@ struct BaseMesh {
   std::vector<std::array<float, 3>> positions;  ///< positions of the base vertices
   std::vector<std::uint16_t> radii;             ///< radius codes of the base vertices
   std::vector<BaseFace> faces;
-  /// first_interval and interval_count are 0, because each region message contains its list.
+  /// As in Model, but first_interval and interval_count are 0, because each region message contains its list.
   std::vector<Region> regions;
 };
 [[nodiscard]] BaseMesh base_mesh_of(const Model& model);

@@ -1,63 +1,71 @@
 #include "spm/region_grid.hpp"
 
 #include <algorithm>
-#include <bit>
 #include <limits>
 
 namespace tactus::spm {
 namespace {
 
 /// Returns the size of the hash table, such that it is at most half full.
-std::size_t buckets_for(std::size_t cells) noexcept {
+std::size_t buckets_for(std::size_t pages) noexcept {
   std::size_t places = 16;
-  while (places < 2 * cells) places *= 2;
+  while (places < 2 * pages) places *= 2;
   return places;
 }
 
 }  // namespace
 
-RegionGrid::RegionGrid(const GridFrame& frame, std::span<const Region> regions)
-    : frame_{frame}, regions_{static_cast<std::uint32_t>(regions.size())} {
-  // Collects the divided cells, each of them once.
-  std::vector<Cell> above;
-  for (const Region& region : regions)
-    for (std::uint32_t up = 1; up <= region.depth; ++up)
-      above.push_back(
-          {{static_cast<std::uint16_t>(region.cell[0] >> up), static_cast<std::uint16_t>(region.cell[1] >> up),
-            static_cast<std::uint16_t>(region.cell[2] >> up)},
-           static_cast<std::uint16_t>(region.depth - up),
-           0});
-  const auto order = [](const Cell& a, const Cell& b) { return a.depth != b.depth ? a.depth < b.depth : a.at < b.at; };
-  std::sort(above.begin(), above.end(), order);
-  const auto same = [](const Cell& a, const Cell& b) { return a.depth == b.depth && a.at == b.at; };
-  above.erase(std::unique(above.begin(), above.end(), same), above.end());
-
-  cells_.reserve(regions.size() + above.size());
+RegionGrid::RegionGrid(const GridFrame& frame, std::span<const Region> regions) : frame_{frame} {
+  cells_.reserve(regions.size());
   for (const Region& region : regions) {
-    cells_.push_back({region.cell, region.depth, std::uint64_t{region.occupied[1]} << 32 | region.occupied[0]});
-    for (int axis = 0; axis < 3; ++axis)
+    cells_.push_back({{region.cell, region.depth}, std::uint64_t{region.occupied[1]} << 32 | region.occupied[0]});
+    for (std::size_t axis = 0; axis < 3; ++axis)
       extent_[axis] = std::max(extent_[axis], static_cast<double>(region.cell[axis] >> region.depth));
   }
-  cells_.insert(cells_.end(), above.begin(), above.end());
-  buckets_.assign(buckets_for(cells_.size()), kNone);
+  const auto key_at = [this](std::uint32_t region) {
+    const Place cell = cells_[region].place.around(0);
+    return key_of({cell.at[0] / kPageSide, cell.at[1] / kPageSide, cell.at[2] / kPageSide});
+  };
+  for (std::uint32_t first = 0, end = 0; first < size(); first = end) {
+    while (end < size() && key_at(end) == key_at(first)) ++end;
+    add_page(key_at(first), first, end);
+  }
+  pages_.shrink_to_fit();
+  ends_.shrink_to_fit();
+  buckets_.assign(buckets_for(pages_.size()), kNone);
   mask_ = static_cast<std::uint32_t>(buckets_.size() - 1);
-  for (std::uint32_t number = 0; number < cells_.size(); ++number) insert(number);
+  for (std::uint32_t page = 0; page < pages_.size(); ++page) {
+    std::uint32_t bucket = first_bucket(pages_[page].key);
+    while (buckets_[bucket] != kNone) bucket = (bucket + 1) & mask_;
+    buckets_[bucket] = page;
+  }
 }
 
-void RegionGrid::insert(std::uint32_t number) noexcept {
-  const Cell& cell = cells_[number];
-  std::uint32_t bucket = first_bucket(cell.depth, cell.at[0], cell.at[1], cell.at[2]);
-  while (buckets_[bucket] != kNone) bucket = (bucket + 1) & mask_;
-  buckets_[bucket] = number;
+void RegionGrid::add_page(std::uint64_t key, std::uint32_t first_region, std::uint32_t end_region) {
+  Page page{.key = key, .first_region = first_region};
+  const auto divided = [](const Cell& cell) { return cell.place.depth > 0; };
+  if (std::any_of(cells_.begin() + first_region, cells_.begin() + end_region, divided))
+    page.ends = static_cast<std::uint32_t>(ends_.size());
+  for (std::uint32_t region = first_region; region < end_region;) {
+    const Place cell = cells_[region].place.around(0);
+    const std::uint32_t bit = bit_of(cell.at[0] % kPageSide, cell.at[1] % kPageSide, cell.at[2] % kPageSide);
+    page.labelled[bit / 64] |= std::uint64_t{1} << bit % 64;
+    region = end_of(cell, region, end_region);
+    if (page.ends != kNone) ends_.push_back(region);
+  }
+  for (std::uint32_t word = 1; word < Page::kWords; ++word)
+    page.before[word] = static_cast<std::uint16_t>(page.before[word - 1] + std::popcount(page.labelled[word - 1]));
+  pages_.push_back(page);
 }
 
 std::uint64_t RegionGrid::bytes(std::uint32_t regions) noexcept {
-  const std::size_t cells = regions + regions / 8;
-  return cells * sizeof(Cell) + buckets_for(cells) * sizeof(std::uint32_t);
+  const std::size_t pages = regions / 24 + 1;
+  return regions * sizeof(Cell) + pages * sizeof(Page) + buckets_for(pages) * sizeof(std::uint32_t) +
+         regions / 4 * sizeof(std::uint32_t);
 }
 
 double RegionGrid::squared_distance(RegionId region, const Vec3d& p) const noexcept {
-  const CellBox box = box_of(cells_[index(region)]);
+  const CellBox box = this->box(region);
   const double quarter = (box.high[0] - box.low[0]) / 4;
   double squared[3][4];  // squared distance along one axis, by axis and quarter
   for (int axis = 0; axis < 3; ++axis)

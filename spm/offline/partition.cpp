@@ -5,13 +5,15 @@
 #include <cmath>
 #include <limits>
 
+#include "spm/morton.hpp"
 #include "spm/offline/parallel.hpp"
 
 namespace tactus::spm::offline {
 namespace {
 
 constexpr std::uint32_t kMaxDepth = 6;
-constexpr double kMaxCellsPerSide = 1000;  // so that coordinates at kMaxDepth fit 16 bits
+constexpr double kLongestSide = 1000;  // max cells of the longest side, so that coordinates at kMaxDepth fit 16 bits
+static_assert(kMaxDepth <= kMaxCellDepth && kLongestSide < kMaxCellsPerSide);
 
 class Partitioner {
  public:
@@ -31,7 +33,7 @@ class Partitioner {
     });
     const double side = (high - low).maxCoeff();
     const double even = std::sqrt(area * options.cell_faces / static_cast<double>(mesh.faces.size()));
-    const double cell = std::min(std::max(even, side / kMaxCellsPerSide), 1.01 * side);
+    const double cell = std::min(std::max(even, side / kLongestSide), 1.01 * side);
     margin_ = 1e-6 * cell + 4 * static_cast<double>(std::numeric_limits<float>::epsilon()) * largest;
     // The model is in the middle of the grid, slightly inside the outermost cells.
     out_.grid.cell_size = cell;
@@ -259,18 +261,6 @@ bool triangle_intersects_cube(const std::array<Vec3d, 3>& triangle, const Vec3d&
     }
   }
   return true;
-}
-
-std::uint64_t morton(std::uint32_t x, std::uint32_t y, std::uint32_t z) {
-  const auto spread = [](std::uint64_t v) {
-    v &= 0x1fffff;
-    v = (v | v << 32) & 0x1f00000000ffff;
-    v = (v | v << 16) & 0x1f0000ff0000ff;
-    v = (v | v << 8) & 0x100f00f00f00f00f;
-    v = (v | v << 4) & 0x10c30c30c30c30c3;
-    return (v | v << 2) & 0x1249249249249249;
-  };
-  return spread(x) | spread(y) << 1 | spread(z) << 2;
 }
 
 Partition partition(const TriangleMesh& mesh, const PartitionOptions& options, unsigned threads) {

@@ -38,7 +38,4 @@ struct Partition {
 [[nodiscard]] bool triangle_intersects_cube(const std::array<Vec3d, 3>& triangle, const Vec3d& centre,
                                             double half_edge);
 
-/// The Morton code of a cell: the lowest 21 bits of x, y and z interleaved, the bits of x lowest.
-[[nodiscard]] std::uint64_t morton(std::uint32_t x, std::uint32_t y, std::uint32_t z);
-
 }  // namespace tactus::spm::offline

@@ -9,6 +9,8 @@
 #include <set>
 #include <vector>
 
+#include "tests/support/cells.hpp"
+
 namespace tactus::spm {
 namespace {
 
@@ -29,6 +31,7 @@ class Cells {
       region.occupied = {~0u, ~0u};
       regions_.push_back(region);
     }
+    test_support::sort_cells(regions_);
   }
   [[nodiscard]] RegionGrid grid() const {
     return {GridFrame{{-kHalf, -kHalf, -kHalf}, 1}, std::span<const Region>{regions_}};

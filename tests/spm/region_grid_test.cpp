@@ -6,18 +6,21 @@
 
 #include <algorithm>
 #include <limits>
+#include <numeric>
 #include <random>
 #include <vector>
+
+#include "tests/support/cells.hpp"
 
 namespace tactus::spm {
 namespace {
 
 struct Grid {
-  GridFrame frame{{-1, 2, 0.5}, 0.25};
+  GridFrame frame{{-2.5, 0.5, -1}, 0.25};
   std::vector<Region> regions;
 };
 
-/// Random cells of depth 0. One cell is divided into eight cells of depth 1.
+/// Random cells of depth 0 in eight pages. One cell is divided into cells of depth 1, and one of these again.
 Grid random_grid(std::mt19937_64& random) {
   Grid grid;
   const auto add = [&](std::uint16_t depth, std::uint32_t x, std::uint32_t y, std::uint32_t z) {
@@ -29,15 +32,22 @@ Grid random_grid(std::mt19937_64& random) {
         for (std::uint32_t bit = 0; bit < 32; ++bit) word |= static_cast<std::uint32_t>(random() % 8 == 0) << bit;
     grid.regions.push_back(region);
   };
-  for (std::uint32_t x = 0; x < 4; ++x)
-    for (std::uint32_t y = 0; y < 4; ++y)
-      for (std::uint32_t z = 0; z < 4; ++z) {
-        if (x == 1 && y == 2 && z == 1) {
-          for (std::uint32_t i = 0; i < 8; ++i) add(1, 2 * x + (i & 1), 2 * y + (i >> 1 & 1), 2 * z + (i >> 2));
+  const auto add_children = [&](std::uint16_t depth, std::uint32_t x, std::uint32_t y, std::uint32_t z,
+                                std::uint32_t except) {
+    for (std::uint32_t i = 0; i < 8; ++i)
+      if (i != except) add(depth, 2 * x + (i & 1), 2 * y + (i >> 1 & 1), 2 * z + (i >> 2));
+  };
+  for (std::uint32_t x = 6; x < 10; ++x)
+    for (std::uint32_t y = 6; y < 10; ++y)
+      for (std::uint32_t z = 6; z < 10; ++z) {
+        if (x == 7 && y == 8 && z == 7) {
+          add_children(1, x, y, z, 5);
+          add_children(2, 2 * x + 1, 2 * y, 2 * z + 1, 8);
         } else if (random() % 3 != 0) {
           add(0, x, y, z);
         }
       }
+  test_support::sort_cells(grid.regions);
   return grid;
 }
 
@@ -62,7 +72,7 @@ TEST(RegionGrid, ASphereIntersectsTheCellsWithAnOccupiedSubcellWithinItsRadius) 
   std::mt19937_64 random{5};
   std::uniform_real_distribution<double> unit{0, 1};
   std::uint64_t intersecting = 0, box_only = 0;
-  for (int round = 0; round < 200; ++round) {
+  for (int round = 0; round < 300; ++round) {
     const Grid grid = random_grid(random);
     const RegionGrid region_grid{grid.frame, grid.regions};
     const Vec3d centre = Vec3d{-1.2, 1.8, 0.3} + 1.4 * Vec3d{unit(random), unit(random), unit(random)};
@@ -102,6 +112,7 @@ Grid nested_grid() {
       region.occupied = {~0u, ~0u};
       grid.regions.push_back(region);
     }
+  test_support::sort_cells(grid.regions);
   return grid;
 }
 
@@ -116,11 +127,8 @@ TEST(RegionGrid, AQueryUsesTheSameStackAtEveryDepth) {
     found.push_back(index(region));
   };
   ASSERT_TRUE(region_grid.for_each_intersecting(corner, 1.0, visit));
-  // Children are visited in order. The first child of each depth is divided, so its children come before its siblings.
-  std::vector<std::uint32_t> expected;
-  for (std::uint32_t depth = 8; depth > 0; --depth)
-    for (std::uint32_t i = 0; i < grid.regions.size(); ++i)
-      if (grid.regions[i].depth == depth) expected.push_back(i);
+  std::vector<std::uint32_t> expected(grid.regions.size());
+  std::iota(expected.begin(), expected.end(), 0u);
   EXPECT_EQ(found, expected);
   for (const void* frame : frames) EXPECT_EQ(frame, frames.front());
 }

@@ -7,6 +7,7 @@
 #include <set>
 
 #include "spm/checksum.hpp"
+#include "spm/morton.hpp"
 
 namespace tactus::test_support {
 namespace {
@@ -211,21 +212,27 @@ class RandomModelBuilder {
       extent = std::max(extent, double{summary.bounds_max[axis]} - summary.bounds_min[axis]);
     }
     summary.grid.cell_size = extent * 1.001 / cells;
-    std::map<std::array<std::uint16_t, 3>, std::vector<std::uint32_t>> faces_of_cell;
+    struct Cell {
+      std::array<std::uint16_t, 3> at{};
+      std::vector<std::uint32_t> faces;
+    };
+    std::map<std::uint64_t, Cell> cells_in_order;  // by Morton code
     for (std::uint32_t f = 0; f < faces_.size(); ++f) {
-      std::array<std::uint16_t, 3> cell{};
+      std::array<std::uint16_t, 3> at{};
       for (std::size_t axis = 0; axis < 3; ++axis) {
         const double from_origin = model_.positions[faces_[f].corners[0]][axis] - summary.grid.origin[axis];
-        cell[axis] = static_cast<std::uint16_t>(from_origin / summary.grid.cell_size);
+        at[axis] = static_cast<std::uint16_t>(from_origin / summary.grid.cell_size);
       }
-      faces_of_cell[cell].push_back(f);
+      Cell& cell = cells_in_order[spm::morton(at[0], at[1], at[2])];
+      cell.at = at;
+      cell.faces.push_back(f);
     }
-    for (const auto& [cell, faces] : faces_of_cell) {
+    for (const auto& [code, cell] : cells_in_order) {
       std::set<std::uint32_t> list;
-      for (const std::uint32_t f : faces) {
+      for (const std::uint32_t f : cell.faces) {
         if (faces_[f].last_record != kNone) add_with_dependencies(faces_[f].last_record, list);
       }
-      add_region(cell, list, static_cast<std::uint32_t>(faces.size()));
+      add_region(cell.at, list, static_cast<std::uint32_t>(cell.faces.size()));
     }
     summary.regions = static_cast<std::uint32_t>(model_.regions.size());
     const std::vector<std::uint32_t> checksums = spm::region_checksums(model_.model());

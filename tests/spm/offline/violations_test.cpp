@@ -117,7 +117,7 @@ const std::vector<Damage> kDamages{
     {"MaxLevelWrong", [](BuiltModel& m) { ++m.summary.max_level; }, "max level"},
     {"ChainIntoARecord", [](BuiltModel& m) { m.parts[9].next = PartIndex{10}; }, "record 9: continues in part 10"},
     {"ChainBeyondTheEnd", [](BuiltModel& m) { m.parts[9].next = PartIndex{m.summary.parts}; }, "record 9: continues"},
-    {"CellTwice", [](BuiltModel& m) { m.regions[1].cell = m.regions[0].cell; }, "its cell is used twice"},
+    {"CellTwice", [](BuiltModel& m) { m.regions[1].cell = m.regions[0].cell; }, "region 1: its cell is not after"},
     {"CellWithinAnother",
      [](BuiltModel& m) {
        m.regions[1].depth = static_cast<std::uint16_t>(m.regions[0].depth + 1);
@@ -125,7 +125,14 @@ const std::vector<Damage> kDamages{
          m.regions[1].cell[k] = static_cast<std::uint16_t>(2 * m.regions[0].cell[k]);
        }
      },
-     "lies within the cell"},
+     "region 1: its cell is not after"},
+    {"CellBeforeThePrevious", [](BuiltModel& m) { std::swap(m.regions[1], m.regions[2]); }, "its cell is not after"},
+    {"CellTooFar",
+     [](BuiltModel& m) {
+       m.regions.back().depth = 1;
+       m.regions.back().cell[2] = 2 * kMaxCellsPerSide;
+     },
+     "in cell 8192 of an axis, expected below 8192"},
     {"CellTooDeep", [](BuiltModel& m) { m.regions[1].depth = 60; }, "depth 60"},
     {"IntervalsBeyondTheEnd", [](BuiltModel& m) { m.regions[1].interval_count += 10000000; }, "region 1: intervals"},
     {"IntervalsNotAscending",
