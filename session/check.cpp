@@ -25,6 +25,14 @@ bool all_moderate(const Array& values) noexcept {
                      [](double v) { return std::abs(v) <= kMaxNumber; });  // false for NaN
 }
 
+/// A hand does not move faster, m/s.
+constexpr double kMaxHandSpeed = 1000;
+template <class Array>
+bool is_speed_of_hand(const Array& velocity) noexcept {
+  return std::all_of(velocity.begin(), velocity.end(), [](double v) { return std::abs(v) <= kMaxHandSpeed; });
+}
+constexpr char kTooFast[] = "velocity: expected at most 1000 m/s";
+
 /// True for a time whose difference from another such time, or from a local clock, does not overflow.
 bool is_time(std::int64_t ns) noexcept { return ns > -(std::int64_t{1} << 61) && ns < std::int64_t{1} << 61; }
 constexpr char kNoTime[] = "session_time_ns: expected within 2^61 ns of zero";
@@ -51,7 +59,7 @@ bool ascending(const std::vector<spm::Interval>& intervals) noexcept {
 }  // namespace
 
 const char* invalid_field(const Pose& pose) noexcept {
-  if (!all_finite(pose.position)) return "pose.position: expected finite numbers";
+  if (!all_moderate(pose.position)) return "pose.position: expected at most 1e9";
   double square = 0;
   for (const double v : pose.orientation) square += v * v;
   if (!(std::abs(std::sqrt(square) - 1) <= kUnitTolerance)) return "pose.orientation: expected a unit quaternion";
@@ -69,18 +77,28 @@ const char* invalid_field(const Material& m) noexcept {
 }
 
 const char* invalid_field(const Body& b) noexcept {
-  if (!not_negative(b.mass)) return "body.mass: expected finite, at least 0";
   if (b.mass == 0) return nullptr;  // the other fields have no meaning
+  // The inverse of a smaller one, multiplied by other numbers within their bounds, could overflow.
+  constexpr double kMinMass = 1e-6, kMinInertia = 1e-12;
+  if (!(b.mass >= kMinMass && b.mass <= kMaxNumber)) return "body.mass: expected 0, or 1e-6 to 1e9";
   const auto& i = b.inertia;
   for (const double about : i) {
-    if (!positive(about)) return "body.inertia: expected finite, above 0";
+    if (!(about >= kMinInertia && about <= kMaxNumber)) return "body.inertia: expected 1e-12 to 1e9";
   }
   constexpr double kRelativeTolerance = 1e-9;
   if (i[0] + i[1] + i[2] < (2 - kRelativeTolerance) * std::max({i[0], i[1], i[2]})) {
     return "body.inertia: expected no moment larger than the other two together";
   }
-  if (!not_negative(b.friction)) return "body.friction: expected finite, at least 0";
-  if (!std::isfinite(b.ground)) return "body.ground: expected a finite number";
+  if (!(b.friction >= 0 && b.friction <= kMaxNumber)) return "body.friction: expected 0 to 1e9";
+  if (!(std::abs(b.ground) <= kMaxNumber)) return "body.ground: expected at most 1e9";
+  return nullptr;
+}
+
+const char* invalid_scale(double scale, const spm::ModelSummary& summary) noexcept {
+  if (!positive(scale)) return "scale: expected finite, above 0";
+  for (std::size_t axis = 0; axis < 3; ++axis)
+    for (const double bound : {double{summary.bounds_min[axis]}, double{summary.bounds_max[axis]}})
+      if (!(std::abs(scale * bound) <= kMaxNumber)) return "scale: expected scaled bounds of at most 1e9 m";
   return nullptr;
 }
 
@@ -141,8 +159,8 @@ const char* invalid_field(const CatalogueEntry& c) noexcept {
   if (id_of(c.host) != c.origin.participant) return "host: expected the name with id origin.participant";
   if (id_of(c.object) != c.object_id) return "object: expected the name with id object_id";
   if (c.withdrawn) return nullptr;  // the other fields have no meaning
-  if (!positive(c.scale)) return "scale: expected finite, above 0";
   if (const char* f = invalid_field(c.summary)) return f;
+  if (const char* f = invalid_scale(c.scale, c.summary)) return f;
   if (const char* f = invalid_field(c.pose)) return f;
   if (const char* f = invalid_field(c.material)) return f;
   if (c.surface.points.size() > kMaxSurfacePoints) return "surface.points: expected at most 32";
@@ -233,9 +251,9 @@ const char* invalid_field(const Intent& i) noexcept {
 const char* invalid_field(const ProbeState& p) noexcept {
   if (!is_time(p.session_time_ns)) return kNoTime;
   if (const char* f = invalid_field(p.device)) return f;
-  if (!all_finite(p.proxy)) return "proxy: expected finite numbers";
-  if (!all_finite(p.velocity)) return "velocity: expected finite numbers";
-  if (!all_finite(p.force)) return "force: expected finite numbers";
+  if (!all_moderate(p.proxy)) return "proxy: expected at most 1e9";
+  if (!is_speed_of_hand(p.velocity)) return kTooFast;
+  if (!all_moderate(p.force)) return "force: expected at most 1e9";
   if (!not_negative(p.radius)) return "radius: expected finite, at least 0";
   if (!not_negative(p.error_bound)) return "error_bound: expected finite, at least 0";
   if (!not_negative(p.stiffness)) return "stiffness: expected finite, at least 0";
@@ -245,15 +263,15 @@ const char* invalid_field(const ProbeState& p) noexcept {
 const char* invalid_field(const DevicePose& d) noexcept {
   if (!is_time(d.session_time_ns)) return kNoTime;
   if (const char* f = invalid_field(d.pose)) return f;
-  if (!all_finite(d.velocity)) return "velocity: expected finite numbers";
+  if (!is_speed_of_hand(d.velocity)) return kTooFast;
   if (!not_negative(d.radius)) return "radius: expected finite, at least 0";
   return nullptr;
 }
 
 const char* invalid_field(const DeviceCommand& d) noexcept {
-  if (!all_finite(d.force)) return "force: expected finite numbers";
-  if (!all_finite(d.torque)) return "torque: expected finite numbers";
-  if (!all_finite(d.normal)) return "normal: expected finite numbers";
+  if (!all_moderate(d.force)) return "force: expected at most 1e9";
+  if (!all_moderate(d.torque)) return "torque: expected at most 1e9";
+  if (!all_moderate(d.normal)) return "normal: expected at most 1e9";
   if (!not_negative(d.error_bound)) return "error_bound: expected finite, at least 0";
   return nullptr;
 }
@@ -261,8 +279,8 @@ const char* invalid_field(const DeviceCommand& d) noexcept {
 const char* invalid_field(const ObjectPose& o) noexcept {
   if (!is_time(o.session_time_ns)) return kNoTime;
   if (const char* f = invalid_field(o.pose)) return f;
-  if (!all_finite(o.velocity)) return "velocity: expected finite numbers";
-  if (!all_finite(o.angular_velocity)) return "angular_velocity: expected finite numbers";
+  if (!all_moderate(o.velocity)) return "velocity: expected at most 1e9";
+  if (!all_moderate(o.angular_velocity)) return "angular_velocity: expected at most 1e9";
   return nullptr;
 }
 

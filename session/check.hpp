@@ -10,6 +10,8 @@ namespace tactus::session {
 /// O(size), no allocation. Thread: any.
 [[nodiscard]] const char* invalid_field(const RosterEntry& sample) noexcept;
 [[nodiscard]] const char* invalid_field(const CatalogueEntry& sample) noexcept;
+/// Checks the metres per file unit of a model.
+[[nodiscard]] const char* invalid_scale(double scale, const spm::ModelSummary& summary) noexcept;
 [[nodiscard]] const char* invalid_field(const Demand& sample) noexcept;
 [[nodiscard]] const char* invalid_field(const Metrics& sample) noexcept;
 [[nodiscard]] const char* invalid_field(const ShownRegions& sample) noexcept;

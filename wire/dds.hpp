@@ -104,6 +104,8 @@ struct Participants::Impl {
   [[nodiscard]] bool is_author(const dds::SampleInfo& sample, const Claim& claim, const char* topic) const noexcept;
   /// Reports that a participant sends more than the rate of a topic: in the log, and with keys in the audit log.
   void report_excess(const GuidPrefix& participant, const char* topic) const noexcept;
+  /// See Members::report_invalid.
+  void report_invalid(const GuidPrefix& participant, const char* topic, const char* reason) const noexcept;
   /// Returns the id of the program that has written the sample; 0 without keys.
   [[nodiscard]] std::uint64_t author_of(const dds::SampleInfo& sample) const;
   /// Returns `<session>/<part>`, or `<session>` if `part` is empty. Throws WireError if `part` has a wildcard.
@@ -133,7 +135,7 @@ class MatchCount {
 }
 
 /// Passes a text to the log sink, once for each text. Without a log sink, prints it to the standard error.
-void report(const std::string& text);
+void report(const std::string& text, session::Severity severity = session::Severity::kWarning);
 
 /// Reports that an endpoint of this program and one of another do not match. `own`, `other`: reader or writer.
 void report_mismatch(const char* own, const char* other, const std::string& topic, dds::QosPolicyId_t policy);

@@ -223,17 +223,16 @@ struct Reader<Sample>::Impl final : dds::DataReaderListener {
       }
     }
     from_idl(encoded, sample);
-    if (const char* wrong = invalid_field(sample)) {
+    const char* wrong = invalid_field(sample);
+    if constexpr (requires { sample.user_id; }) {
+      if (wrong == nullptr && user != 0 && sample.user_id != user)
+        wrong = "user_id: expected the user of the partition";
+    }
+    if (wrong != nullptr) {
       ++invalid;
       invalid_reason = wrong;
+      participants.impl().report_invalid(author, topic, wrong);
       return;
-    }
-    if constexpr (requires { sample.user_id; }) {
-      if (user != 0 && sample.user_id != user) {
-        ++invalid;
-        invalid_reason = "user_id: expected the user of the partition";
-        return;
-      }
     }
     if constexpr (!kHasOrigin<Sample>) sample.sender = participants.impl().author_of(info);
     if (!participants.impl().is_author(info, claim_of(sample), topic)) {

@@ -14,7 +14,7 @@ namespace {
 
 struct LogState {
   std::mutex mutex;
-  std::function<void(const std::string&)> sink;
+  LogSink sink;
   bool capturing = false;
   std::string captured;
   std::set<std::string> reported;
@@ -33,7 +33,7 @@ class Consumer final : public dds::LogConsumer {
     if (state.capturing) {
       state.captured += (state.captured.empty() ? "" : "; ") + entry.message;
     } else if (state.sink) {
-      state.sink(entry.message);
+      state.sink(session::Severity::kWarning, "dds: " + entry.message);
     }
   }
 };
@@ -70,12 +70,12 @@ const char* name_of(dds::QosPolicyId_t policy) {
 
 }  // namespace
 
-void report(const std::string& text) {
+void report(const std::string& text, session::Severity severity) {
   LogState& state = log_state();
   const std::lock_guard<std::mutex> lock{state.mutex};
   if (!state.reported.insert(text).second) return;
   if (state.sink)
-    state.sink(text);
+    state.sink(severity, text);
   else if (::isatty(STDERR_FILENO) != 0)
     std::fprintf(stderr, "\x1b[31m%s\x1b[0m\n", text.c_str());  // red
   else
@@ -88,7 +88,7 @@ void report_mismatch(const char* own, const char* other, const std::string& topi
          " differs; do all programs have the same files in --qos?");
 }
 
-void set_log_sink(std::function<void(const std::string&)> sink) {
+void set_log_sink(LogSink sink) {
   redirect_log();
   LogState& state = log_state();
   const std::lock_guard<std::mutex> lock{state.mutex};

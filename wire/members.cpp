@@ -258,8 +258,21 @@ bool Members::is_author(const GuidPrefix& participant, const Claim& claim, const
     return !certificate.is_cut_off;
   }
   audit_.add({why, certificate.subject, "", topic});
-  if (++certificate.refused == kMaxRefused) cut_off(certificate, "too many refused samples");
+  count_refused(certificate);
   return false;
+}
+
+void Members::count_refused(Certificate& certificate) {
+  if (++certificate.refused == kMaxRefused) cut_off(certificate, "too many refused samples");
+}
+
+void Members::report_invalid(const GuidPrefix& participant, const char* topic, const char* reason) {
+  const std::unique_lock lock{mutex_};
+  const auto author = participants_.find(participant);
+  if (author == participants_.end()) return;
+  Certificate& certificate = certificates_.at(author->second.certificate);
+  audit_.add({"invalid sample", certificate.subject, "", std::string{topic} + ", " + reason});
+  count_refused(certificate);
 }
 
 void Members::report_excess(const GuidPrefix& participant, const char* topic) const {

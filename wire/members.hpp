@@ -9,7 +9,7 @@
 ///
 /// The class records a certificate when the first of its programs announces itself. The library authenticates GUIDs
 /// (keys/identity.hpp). A certificate is cut off when it is revoked or has expired, or when kMaxRefused samples of it
-/// were refused. Then all its messages are dropped, so the library loses its participants when their leases end.
+/// were refused or invalid. Then all its messages are dropped, so the library loses its participants when their leases end.
 ///
 /// Threads: any. Cost of a message or a sample: one lookup in a tree and, for a restricted member, a search of its
 /// permitted names, with a shared lock.
@@ -43,7 +43,7 @@ struct Claim {
 
 class Members {
  public:
-  /// Number of refused samples after which a certificate is cut off.
+  /// Number of refused and invalid samples after which a certificate is cut off.
   static constexpr std::uint32_t kMaxRefused = 100;
   /// Max number of participants that are recorded at a time, three for each program; and of those among them that have
   /// not proved their identity yet. Everyone can announce identities without keys.
@@ -58,6 +58,9 @@ class Members {
 
   /// Returns whether a program has to process a sample that `participant` has written to `topic`.
   [[nodiscard]] bool is_author(const GuidPrefix& participant, const Claim& claim, const char* topic);
+
+  /// Counts a sample whose content no program of this project sends. `reason`: field, and what was expected.
+  void report_invalid(const GuidPrefix& participant, const char* topic, const char* reason);
 
   /// Writes to the audit log that a participant sends more than the rate of a topic.
   void report_excess(const GuidPrefix& participant, const char* topic) const;
@@ -112,6 +115,7 @@ class Members {
   [[nodiscard]] static const char* refusal_of(const Participant& author, const Certificate& certificate,
                                               const Claim& claim, const char* topic);
   [[nodiscard]] static bool has_permitted_users(const Certificate& certificate, const session::RosterEntry& entry);
+  void count_refused(Certificate& certificate);
   void cut_off(Certificate& certificate, const char* why);
   void read_list(std::vector<std::string>& reports);
   void compare_lists(std::vector<std::string>& reports);

@@ -221,7 +221,7 @@ Participants::Participants(SessionAddress address) : impl_{std::make_unique<Impl
   if (!address.keys.empty() && address.plain)
     throw WireError("--plain cannot be used with --keys; expected one of them");
   if (address.keys.empty() && !address.plain && !address.is_test) require_local(address.discovery);
-  if (address.plain) report(kPlain);
+  if (address.plain) report(kPlain, session::Severity::kError);
   if (!address.keys.empty()) {
     impl_->security = std::make_unique<Security>(address);
     check_name("participant", address.participant);
@@ -305,6 +305,12 @@ void Participants::Impl::report_excess(const GuidPrefix& participant, const char
   report(std::string{"topic "} + topic +
          ": a participant sends more samples than the limit of its rate; those above it " + "are dropped");
   if (security) security->members().report_excess(participant, topic);
+} catch (...) {  // out of memory: the audit log lacks an event
+}
+
+void Participants::Impl::report_invalid(const GuidPrefix& participant, const char* topic,
+                                        const char* reason) const noexcept try {
+  if (security) security->members().report_invalid(participant, topic, reason);
 } catch (...) {  // out of memory: the audit log lacks an event
 }
 

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "session/messages.hpp"
+#include "session/severity.hpp"
 #include "wire/address/address.hpp"
 #include "wire/error.hpp"
 
@@ -62,9 +63,11 @@ class Participants {
 /// it before it opens its models, which may take minutes.
 void check_keys(SessionAddress address, const std::vector<std::string>& objects);
 
-/// Sets the function that receives the warnings and errors of the DDS library, and reports of endpoints whose QoS does
-/// not match, for the whole process. Without a sink the former are dropped, and the latter go to the standard error. A
-/// thread of the library calls the sink.
-void set_log_sink(std::function<void(const std::string&)> sink);
+/// Receives the errors of the DDS library, which begin with "dds: ", and reports of this module, for example of endpoints
+/// whose QoS does not match.
+using LogSink = std::function<void(session::Severity, const std::string&)>;
+/// Sets the sink of the whole process. Without one, the errors of the library are dropped, and the reports go to the
+/// standard error output. A thread of the library calls the sink.
+void set_log_sink(LogSink sink);
 
 }  // namespace tactus::wire

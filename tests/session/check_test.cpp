@@ -110,6 +110,10 @@ TEST(Check, NamesTheWrongFieldOfACatalogueEntry) {
   expect_invalid(catalogue(), "orientation", [](auto& c) { c.pose.orientation = {0, 0, 0, 1.01}; });
   expect_invalid(catalogue(), "orientation", [](auto& c) { c.pose.orientation[0] = kNan; });
   expect_invalid(catalogue(), "position", [](auto& c) { c.pose.position[0] = kInf; });
+  expect_invalid(catalogue(), "scale: expected scaled bounds", [](auto& c) {
+    c.summary.bounds_max[1] = 1e30f;
+    c.scale = 1e-20;
+  });
   expect_invalid(catalogue(), "records", [](auto& c) { c.summary.records = 5; });
   expect_invalid(catalogue(), "records", [](auto& c) { c.summary.base_vertices = 9; });
   expect_invalid(catalogue(), "faces", [](auto& c) { c.summary.base_faces = 13; });
@@ -182,11 +186,14 @@ TEST(Check, NamesTheWrongFieldOfProbeSamples) {
   expect_invalid(ProbeState{}, "orientation", [](auto& p) { p.device.orientation = {0, 0, 0, 0}; });
   expect_invalid(ProbeState{}, "proxy", [](auto& p) { p.proxy[0] = kNan; });
   expect_invalid(ProbeState{}, "velocity", [](auto& p) { p.velocity[1] = kInf; });
+  expect_invalid(ProbeState{}, "velocity: expected at most 1000 m/s", [](auto& p) { p.velocity[1] = 1001; });
+  expect_invalid(ProbeState{}, "position", [](auto& p) { p.device.position[0] = 2e9; });
   expect_invalid(ProbeState{}, "force", [](auto& p) { p.force[2] = -kInf; });
   expect_invalid(ProbeState{}, "radius", [](auto& p) { p.radius = -1e-9; });
   expect_invalid(ProbeState{}, "error_bound", [](auto& p) { p.error_bound = -1; });
   expect_invalid(DevicePose{}, "position", [](auto& d) { d.pose.position[2] = kNan; });
   expect_invalid(DevicePose{}, "velocity", [](auto& d) { d.velocity[0] = kNan; });
+  expect_invalid(DevicePose{}, "velocity: expected at most 1000 m/s", [](auto& d) { d.velocity[2] = -1001; });
   expect_invalid(DevicePose{}, "radius", [](auto& d) { d.radius = kNan; });
   expect_invalid(DeviceCommand{}, "force", [](auto& d) { d.force[0] = kNan; });
   expect_invalid(DeviceCommand{}, "torque", [](auto& d) { d.torque[0] = kNan; });
@@ -200,6 +207,7 @@ TEST(Check, NamesTheWrongFieldOfProbeSamples) {
 TEST(Check, NamesTheWrongFieldOfSharedObjectSamples) {
   expect_invalid(body(), "body.mass", [](auto& c) { c.body.mass = -1; });
   expect_invalid(body(), "body.mass", [](auto& c) { c.body.mass = kNan; });
+  expect_invalid(body(), "body.mass", [](auto& c) { c.body.mass = 1e-300; });
   expect_invalid(body(), "body.inertia", [](auto& c) { c.body.inertia[1] = 0; });
   expect_invalid(body(), "body.inertia", [](auto& c) { c.body.inertia[2] = 0.01; });
   expect_invalid(body(), "body.friction", [](auto& c) { c.body.friction = -0.1; });

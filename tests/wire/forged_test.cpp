@@ -240,6 +240,21 @@ TEST_F(ForgedTest, AnHrtcCannotSendStatesOfUsersThatItsKeysDoNotName) {
   EXPECT_TRUE(is_in_audit_log(R"("event":"user not permitted","subject":"hrtc lab","detail":"tactus_probe_state")"));
 }
 
+TEST_F(ForgedTest, ASampleWithAWrongFieldIsInTheAuditLog) {
+  const EndpointOptions of_ann{user_partition("ann")};
+  Inbox<ses::Intent> inbox;
+  Reader<ses::Intent> reader{desk_, topics::kIntent, inbox.callback(), of_ann};
+  Writer<ses::Intent> writer{museum_, topics::kIntent, of_ann};
+  auto intent = full_sample<ses::Intent>(museum_);
+  intent.user_id = ses::id_of("ann");
+  ASSERT_TRUE(send_until_received(writer, inbox, intent));
+  intent.user_id = ses::id_of("bob");
+  EXPECT_TRUE(eventually([&] { return writer.send(intent) == SendStatus::kSent && reader.counts().invalid > 3; }));
+  while (const auto sample = inbox.next(0ms)) EXPECT_EQ(sample->user_id, ses::id_of("ann"));
+  EXPECT_TRUE(is_in_audit_log(R"("event":"invalid sample","subject":"operator museum",)"
+                              R"("detail":"tactus_intent, user_id: expected the user of the partition")"));
+}
+
 TEST_F(ForgedTest, AHostCannotOfferObjectsThatItsKeysDoNotName) {
   Participants vault{member("vault", keys::Role::kHost, {"vase"})};
   Inbox<ses::CatalogueEntry> inbox;

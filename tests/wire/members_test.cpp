@@ -274,6 +274,23 @@ TEST_F(MembersTest, AMemberWithTooManyRefusedSamplesIsCutOff) {
   EXPECT_FALSE(members_.is_author(prefix_of(ann), {session::id_of("ann")}, "tactus_roster"));
 }
 
+TEST_F(MembersTest, AMemberWithTooManyInvalidSamplesIsCutOff) {
+  const keys::Member ann = add("ann", Role::kUser);
+  ASSERT_TRUE(admits(ann, "ann"));
+  for (std::uint32_t i = 0; i < Members::kMaxRefused; ++i) {
+    EXPECT_TRUE(admits({kInfoTime}, prefix_of(ann)));
+    members_.report_invalid(prefix_of(ann), "tactus_intent", "path: expected ascending times");
+  }
+  EXPECT_THAT(audit(), HasSubstr(R"("event":"invalid sample","subject":"user ann",)"
+                                 R"("detail":"tactus_intent, path: expected ascending times")"));
+  EXPECT_FALSE(admits({kInfoTime}, prefix_of(ann)));
+}
+
+TEST_F(MembersTest, AnInvalidSampleOfAnUnknownParticipantIsNobodys) {
+  members_.report_invalid(prefix_of(add("ann", Role::kUser)), "tactus_intent", "path: expected ascending times");
+  EXPECT_THAT(audit(), testing::Not(HasSubstr("invalid sample")));
+}
+
 TEST_F(MembersTest, RevokedAndExpiredMembersAreCutOffDuringTheSession) {
   const keys::Member museum = add("museum", Role::kHost), ann = add("ann", Role::kUser);
   ASSERT_TRUE(admits(museum, "museum"));

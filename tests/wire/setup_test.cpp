@@ -337,7 +337,7 @@ TEST_F(DamagedQos, AReaderThatRequestsMoreThanAWriterOffersIsReported) {
   std::ofstream{directory_ / "probe.xml"} << text;
   std::mutex mutex;
   std::string reported;
-  set_log_sink([&](const std::string& message) {
+  set_log_sink([&](ses::Severity, const std::string& message) {
     const std::lock_guard lock{mutex};
     reported += message;
   });
