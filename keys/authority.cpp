@@ -266,6 +266,22 @@ void Authority::remove_remains() const {
   for (const fs::path& path : remains) fs::remove_all(path, ignored);
 }
 
+void Authority::export_member(const std::string& name, const fs::path& to) const {
+  const fs::path from = folder_of(name);
+  if (!fs::is_directory(from)) throw KeyError(from.string() + ": not found, expected a member of this authority");
+  if (fs::exists(to)) throw KeyError(to.string() + ": exists, expected a new folder");
+  (void)read_member(from, now());
+  Pending pending = Pending::folder(to);
+  try {
+    for (const auto& entry : fs::directory_iterator{from})
+      if (!is_hidden(entry.path())) copy(from, pending.temporary(), entry.path().filename().c_str());
+  } catch (const fs::filesystem_error& error) {
+    throw KeyError(to.string() + ": " + error.code().message() +
+                   "; the file system may have no owners of files: use scp, or tar");
+  }
+  pending.commit();
+}
+
 RevokedKeys Authority::revoked() const { return read_revoked(folder_ / kAuthorityFolder); }
 
 std::time_t Authority::valid_until() const {

@@ -49,6 +49,9 @@ class Authority {
   /// Returns the members by name.
   [[nodiscard]] std::vector<Member> members() const;
   [[nodiscard]] std::filesystem::path folder_of(const std::string& name) const;
+  /// Copies the folder of a member to the new folder `to`, if a program can use it. Only its owner can read the copy.
+  /// Throws KeyError; then, or if it is killed, there is no folder `to`.
+  void export_member(const std::string& name, const std::filesystem::path& to) const;
   [[nodiscard]] RevokedKeys revoked() const;
   /// Returns when the authority expires, and all its keys with it.
   [[nodiscard]] std::time_t valid_until() const;

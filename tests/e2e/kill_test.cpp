@@ -37,7 +37,7 @@ class KillTest : public SessionTest {
     std::this_thread::sleep_for(limit * std::uniform_real_distribution{0.0, 1.0}(random_));
   }
 
-  /// Kills the making of keys, of which every third one replaces earlier keys, and every third one revokes them.
+  /// Kills the making of keys, in turn with their replacement, revocation and export, and the making of authorities.
   void kill_keys(int kills) {
     const keys::Authority authority = keys::Authority::create(path("lab-keys"));
     const auto run = [&](std::vector<std::string> arguments) { return program("keys", std::move(arguments)); };
@@ -51,8 +51,10 @@ class KillTest : public SessionTest {
       SCOPED_TRACE("keys " + std::to_string(i) + ", seed " + std::to_string(kSeed));
       const std::string name = "new" + std::to_string(i);
       std::vector<std::string> arguments{"add-host", path("lab-keys"), name};
-      if (i % 3 == 1) arguments = {"add-hrtc", path("lab-keys"), "desk", "--replace"};
-      if (i % 3 == 2) arguments = {"revoke", path("lab-keys"), "desk"};
+      if (i % 5 == 1) arguments = {"add-hrtc", path("lab-keys"), "desk", "--replace"};
+      if (i % 5 == 2) arguments = {"revoke", path("lab-keys"), "desk"};
+      if (i % 5 == 3) arguments = {"export", path("lab-keys"), "desk", path(name)};
+      if (i % 5 == 4) arguments = {"init", path(name)};
       Process killed{run(arguments)};
       wait_at_most(1.1 * duration);
       killed.signal(SIGKILL);
@@ -64,6 +66,8 @@ class KillTest : public SessionTest {
           EXPECT_THAT(error.what(), testing::HasSubstr("is revoked"));
         }
       }
+      if (i % 5 == 3 && fs::exists(path(name))) (void)keys::read_member(path(name), now + 60);
+      if (i % 5 == 4 && fs::exists(path(name))) (void)keys::Authority{path(name)}.members();
       if (fs::exists(authority.folder_of(name))) ++complete;
       Process again{run({"add-hrtc", path("lab-keys"), "desk", "--replace"})};
       ASSERT_TRUE(exits_with(0, again)) << again.output();

@@ -86,27 +86,6 @@ void show(const keys::Authority& authority) {
               keys::text_of(authority.revoked()).c_str(), keys::utc_text(authority.valid_until(), "%Y-%m-%d").c_str());
 }
 
-/// Copies the folder of a member, if a program can use it. Only its owner can read the copy.
-void export_member(const keys::Authority& authority, const std::string& name, const fs::path& to) {
-  const fs::path from = authority.folder_of(name);
-  if (!fs::is_directory(from)) throw keys::KeyError(from.string() + ": not found, expected a member of this authority");
-  if (fs::exists(to)) throw keys::KeyError(to.string() + ": exists, expected a new folder");
-  (void)keys::read_member(from, std::time(nullptr));
-  fs::create_directory(to);
-  try {
-    fs::permissions(to, fs::perms::owner_all);
-    for (const auto& entry : fs::directory_iterator{from}) {
-      fs::copy_file(entry.path(), to / entry.path().filename());
-      fs::permissions(to / entry.path().filename(), fs::perms::owner_read | fs::perms::owner_write);
-    }
-  } catch (const fs::filesystem_error& error) {
-    std::error_code ignored;
-    fs::remove_all(to, ignored);
-    throw keys::KeyError(to.string() + ": " + error.code().message() +
-                         "; the file system may have no owners of files: use scp, or tar");
-  }
-}
-
 /// Throws KeyError if a member has keys of another role that are not revoked: a wrong command would revoke them.
 void check_role(const std::optional<keys::Member>& earlier, keys::Role role) {
   if (!earlier || earlier->role == role || earlier->is_revoked) return;
@@ -189,7 +168,7 @@ int main(int argc, char** argv) {
       ->required();
   command("show", "List the members", [&] { show(keys::Authority{folder}); });
   CLI::App* const exported = command("export", "Copy the folder of a member, for its machine",
-                                     [&] { export_member(keys::Authority{folder}, name, to); });
+                                     [&] { keys::Authority{folder}.export_member(name, to); });
   exported->add_option("NAME", name, "Name of the member")->required();
   exported->add_option("TO", to, "New folder")->required();
   try {
