@@ -1,10 +1,8 @@
-#include <spdlog/sinks/stdout_color_sinks.h>
-#include <spdlog/spdlog.h>
-
 #include <CLI/CLI.hpp>
 #include <cstdlib>
 #include <exception>
 
+#include "event_log/event_log.hpp"
 #include "host_service/host.hpp"
 #include "host_service/model_store.hpp"
 #include "realtime/process.hpp"
@@ -63,29 +61,22 @@ int main(int argc, char** argv) {
   }
   std::copy(at.begin(), at.end(), options.at.begin());
 
-  spdlog::set_default_logger(spdlog::stderr_color_mt("tactus-host"));
-  spdlog::set_pattern("%H:%M:%S.%e %n %^%l%$ %v");
-  wire::set_log_sink([](const std::string& text) { spdlog::warn("dds: {}", text); });
-  const host_service::Log log = [](session::Severity severity, const std::string& line) {
-    using session::Severity;
-    const auto level = severity == Severity::kError     ? spdlog::level::err
-                       : severity == Severity::kWarning ? spdlog::level::warn
-                                                        : spdlog::level::info;
-    spdlog::log(level, "{}", line);
-  };
+  event_log::begin("tactus-host");
+  wire::set_log_sink(event_log::write);
   const std::atomic<bool>& stop = realtime::stop_signal();
   try {
     if (!config.empty()) options.objects = host_service::read_config(config);
     for (const std::filesystem::path& model : models) {
       options.objects.push_back(host_service::object_from_model(model));
     }
-    host_service::Host host{std::move(options), log, stop};
+    host_service::Host host{std::move(options), event_log::write, stop};
     return host.run();
   } catch (const host_service::Stopped&) {
-    spdlog::info("stopped by a signal before all models were open; no partly built model is left");
+    event_log::write(session::Severity::kInfo,
+                     "stopped by a signal before all models were open; no partly built model is left");
     std::_Exit(0);  // a thread may still read a model, so no global may be destroyed
   } catch (const std::exception& error) {
-    spdlog::error("{}", error.what());
+    event_log::write(session::Severity::kError, error.what());
     return 2;
   }
 }

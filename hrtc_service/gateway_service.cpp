@@ -10,8 +10,8 @@
 #include <utility>
 #include <variant>
 
+#include "event_log/event_log.hpp"
 #include "hrtc_service/gateway_service_impl.hpp"
-#include "hrtc_service/program/log.hpp"
 #include "realtime/periodic_clock.hpp"
 #include "session/units.hpp"
 
@@ -83,7 +83,7 @@ GatewayService::Impl::Impl(const HrtcOptions& given, ServoLink& servo_link, Cont
              devices,      membership.remote_users(),  groups},
       exchange{participants, link.bodies, gateway},
       shown{participants, link, loader} {
-  gateway.on_event = log_event;
+  gateway.on_event = event_log::write;
   gateway.on_object = [this](const ObjectDescription& object) {
     exchange.add(object);
     states.set_object_id(object.index, object.id);
@@ -211,7 +211,7 @@ void GatewayService::Impl::process(const session::SessionEnd& end, std::int64_t)
 /// Sends the samples of the membership, logs its events, and adds and removes users.
 void GatewayService::Impl::process_output() {
   MembershipOutput& output = membership.output;
-  for (const SessionEvent& event : output.events) log_event(event.severity, event.text);
+  for (const SessionEvent& event : output.events) event_log::write(event.severity, event.text);
   for (session::ClockSample& sample : output.clock) {
     sample.origin = participants.origin();
     (void)clock_out.send(sample);

@@ -11,8 +11,8 @@
 #include <stop_token>
 #include <thread>
 
+#include "event_log/event_log.hpp"
 #include "hrtc_service/gateway_service.hpp"
-#include "hrtc_service/program/log.hpp"
 #include "hrtc_service/program/opened_devices.hpp"
 #include "hrtc_service/program/options.hpp"
 #include "hrtc_service/servo/servo_runner.hpp"
@@ -29,13 +29,13 @@ using namespace tactus;
 int run_both(const hrtc_service::HrtcOptions& options) {
   prctl(PR_SET_NAME, "tactus-hrtc");  // by which `tactus control stop --local` finds it
   const std::atomic<bool>& stop = realtime::stop_signal();
-  if (!options.warning.empty()) hrtc_service::log_event(session::Severity::kWarning, options.warning);
+  if (!options.warning.empty()) event_log::write(session::Severity::kWarning, options.warning);
   const hrtc_service::OpenedDevices devices{options};
   hrtc_service::ServoOptions servo_options = devices.servo_options(options);
   servo_options.servo.watches_gateway = false;
   const hrtc_service::SharedBlock block = hrtc_service::SharedBlock::create(!options.log.empty());
   hrtc_service::ServoRunner servo{servo_options, block.link(), block.log()};
-  servo.on_event = hrtc_service::log_event;
+  servo.on_event = event_log::write;
   hrtc_service::GatewayService gateway{options, block.link(), block.log(), servo_options.servo.cycle.tool};
   servo.start();
   bool is_saved = true;
@@ -58,7 +58,7 @@ int run_gateway(const hrtc_service::HrtcOptions& options) {
   const hrtc_service::SharedBlock block = hrtc_service::SharedBlock::open(options.link);
   // The library that reads packets of the network runs in this process, and the servo is another one of the same user.
   if (!realtime::forbid_debugging_others())
-    hrtc_service::log_event(session::Severity::kWarning, "the kernel has no Landlock; see docs/explanation/threats.md");
+    event_log::write(session::Severity::kWarning, "the kernel has no Landlock; see docs/explanation/threats.md");
   realtime::follow_parent(block.servo());
   // If memory is short, the system should end this process, also if the servo has far more memory: this adds the most
   // that the memory of a process can count.
@@ -68,7 +68,7 @@ int run_gateway(const hrtc_service::HrtcOptions& options) {
     return hrtc_service::GatewayService{options, block.link(), block.log(), tool.get()}.run(stop);
   } catch (const std::exception& error) {
     if (block.link().heartbeats() == 0) throw;
-    hrtc_service::log_event(session::Severity::kError, error.what());
+    event_log::write(session::Severity::kError, error.what());
     return hrtc_service::kStartAgain;
   }
 }
@@ -78,8 +78,8 @@ int run_gateway(const hrtc_service::HrtcOptions& options) {
 int main(int argc, char** argv) {
   const auto [options, exit_status] = hrtc_service::read_options(argc, argv);
   if (!options) return exit_status;
-  hrtc_service::begin_log(options->one_process ? "tactus-hrtc" : "tactus-gateway");
-  wire::set_log_sink([](const std::string& text) { spdlog::warn("dds: {}", text); });
+  event_log::begin(options->one_process ? "tactus-hrtc" : "tactus-gateway");
+  wire::set_log_sink(event_log::write);
   try {
     if (!options->one_process && options->link < 0)
       throw std::runtime_error("tactus-gateway is a part of tactus-hrtc, which starts it");

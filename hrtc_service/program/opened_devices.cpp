@@ -4,8 +4,8 @@
 #include <cstdio>
 #include <stdexcept>
 
+#include "event_log/event_log.hpp"
 #include "haptics/replay_device.hpp"
-#include "hrtc_service/program/log.hpp"
 #include "realtime/process.hpp"
 #include "spm/offline/generate.hpp"
 #include "spm/offline/import.hpp"
@@ -22,10 +22,10 @@ std::unique_ptr<DriverProcess> open_driver(const LocalUser& local, const HapticS
   settings.period_ns = haptic.period_ns();
   settings.priority = haptic.priority;
   const auto log_end = [user = local.user](const std::string& text) {
-    log_event(session::Severity::kError, "user " + user + ": " + text);
+    event_log::write(session::Severity::kError, "user " + user + ": " + text);
   };
   auto device = std::make_unique<DriverProcess>(settings, log_end);
-  log_event(session::Severity::kInfo, "device " + device->name());
+  event_log::write(session::Severity::kInfo, "device " + device->name());
   return device;
 }
 
@@ -54,7 +54,7 @@ OpenedDevices::OpenedDevices(const HrtcOptions& options) {
   char text[128];
   std::snprintf(text, sizeof text, ": %zu triangles, %.1f mm from the tip at most",
                 static_cast<std::size_t>(tool_->triangles()), tool_->radius() * 1e3);
-  log_event(session::Severity::kInfo, "tool " + options.tool + text);
+  event_log::write(session::Severity::kInfo, "tool " + options.tool + text);
 }
 
 OpenedDevices::~OpenedDevices() {

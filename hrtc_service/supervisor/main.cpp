@@ -8,7 +8,7 @@
 #include <utility>
 #include <vector>
 
-#include "hrtc_service/program/log.hpp"
+#include "event_log/event_log.hpp"
 #include "hrtc_service/program/opened_devices.hpp"
 #include "hrtc_service/program/options.hpp"
 #include "hrtc_service/servo/servo_runner.hpp"
@@ -30,11 +30,10 @@ int run(const hrtc_service::HrtcOptions& options, const std::vector<std::string>
   command.insert(command.end(), {"--link", std::to_string(realtime::ChildProcess::kSharedMemory)});
   realtime::ChildProcess gateway{std::move(command), block.memory().descriptor()};
   hrtc_service::ServoRunner servo{devices.servo_options(options), block.link(), block.log()};
-  servo.on_event = hrtc_service::log_event;
+  servo.on_event = event_log::write;
   servo.start();
   bool is_saved = true;
-  hrtc_service::Supervisor supervisor{gateway, block.link(), stop, [&] { is_saved = servo.stop(); },
-                                      hrtc_service::log_event};
+  hrtc_service::Supervisor supervisor{gateway, block.link(), stop, [&] { is_saved = servo.stop(); }, event_log::write};
   const int status = supervisor.run();
   return is_saved ? status : std::max(status, 1);
 }
@@ -50,8 +49,8 @@ int main(int argc, char** argv) {
       execv(gateway.c_str(), argv);
       throw std::system_error{errno, std::generic_category(), gateway};
     }
-    hrtc_service::begin_log("tactus-hrtc");
-    if (!options->warning.empty()) hrtc_service::log_event(session::Severity::kWarning, options->warning);
+    event_log::begin("tactus-hrtc");
+    if (!options->warning.empty()) event_log::write(session::Severity::kWarning, options->warning);
     return run(*options, {argv + 1, argv + argc});
   } catch (const std::exception& error) {
     std::cerr << "tactus-hrtc: " << error.what() << '\n';

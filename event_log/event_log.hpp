@@ -1,0 +1,16 @@
+/// Writes the log of a host or an HRTC to the standard error output, limited by LimitedSink.
+#pragma once
+
+#include <string>
+
+#include "session/severity.hpp"
+
+namespace tactus::event_log {
+
+/// Names this process in each later line of the log.
+void begin(const std::string& process);
+
+/// Writes a line. Any thread, not the haptic one.
+void write(session::Severity severity, const std::string& text);
+
+}  // namespace tactus::event_log
