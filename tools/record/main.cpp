@@ -3,11 +3,14 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <cerrno>
 #include <chrono>
+#include <cstdio>
+#include <cstring>
 #include <filesystem>
-#include <fstream>
 #include <iostream>
 #include <map>
+#include <memory>
 #include <mutex>
 #include <optional>
 #include <thread>
@@ -22,6 +25,7 @@
 #include "trace/foxglove.hpp"
 #include "trace/idl_schema.hpp"
 #include "trace/mcap.hpp"
+#include "trace/private_file.hpp"
 #include "wire/address/command_line.hpp"
 #include "wire/tap.hpp"
 
@@ -254,7 +258,7 @@ int to_csv(const std::string& file, const std::filesystem::path& directory) {
   std::filesystem::create_directories(directory);
   std::map<const std::string*, trace::IdlSchema> schemas;
   struct Table {
-    std::ofstream out;
+    std::unique_ptr<std::FILE, decltype(&std::fclose)> out{nullptr, &std::fclose};
     std::filesystem::path path;
     std::uint64_t rows = 0;
   };
@@ -265,6 +269,12 @@ int to_csv(const std::string& file, const std::filesystem::path& directory) {
     std::string text = "\"";
     for (const char c : cell) text += c == '"' ? "\"\"" : std::string{c};
     return text + '"';
+  };
+  const auto fail = [](const std::filesystem::path& path) {
+    throw std::runtime_error("cannot write " + path.string() + ": " + std::strerror(errno));
+  };
+  const auto write = [&fail](const Table& table, const std::string& line) {
+    if (std::fputs((line + '\n').c_str(), table.out.get()) == EOF) fail(table.path);
   };
   trace::McapMessage message;
   while (reader.next(message)) {
@@ -277,21 +287,20 @@ int to_csv(const std::string& file, const std::filesystem::path& directory) {
       const int number = ++used[message.topic];
       table->second.path =
           directory / (file_name(message.topic) + (number > 1 ? "-" + std::to_string(number) : "") + ".csv");
-      table->second.out.open(table->second.path);
-      table->second.out << "log_time_ns,sequence";
-      for (const std::string& column : schema.columns(message.schema)) table->second.out << ',' << column;
-      table->second.out << '\n';
+      table->second.out.reset(trace::open_private(table->second.path));
+      if (!table->second.out) fail(table->second.path);
+      std::string heading = "log_time_ns,sequence";
+      for (const std::string& column : schema.columns(message.schema)) heading += ',' + column;
+      write(table->second, heading);
     }
-    std::ofstream& out = table->second.out;
-    out << message.log_time << ',' << message.sequence;
+    std::string row = std::to_string(message.log_time) + ',' + std::to_string(message.sequence);
     for (const std::string& cell : schema.values(message.schema, {message.bytes.data(), message.bytes.size()}))
-      out << ',' << quoted(cell);
-    out << '\n';
+      row += ',' + quoted(cell);
+    write(table->second, row);
     ++table->second.rows;
   }
   for (auto& [channel, table] : tables) {
-    table.out.close();
-    if (!table.out) throw std::runtime_error("cannot write " + table.path.string());
+    if (std::fclose(table.out.release()) != 0) fail(table.path);
     std::cout << table.path.string() << ": " << table.rows << " rows\n";
   }
   if (reader.is_truncated()) std::cout << file << " is truncated; everything before is included\n";
