@@ -42,8 +42,7 @@ void BodyIntake::apply(const GrantedBody& granted) {
       !is_moderate(granted.received.session_ns))
     return;
   Body& body = bodies_[granted.object];
-  if (body.touched != object) body = {};  // an earlier object had this index
-  body.touched = object;
+  body.serial = objects_.serial_at(granted.object);
   body.order.object = granted.object;
   body.order.publish_fencing = granted.publish_fencing;
   body.order.received = granted.received;
@@ -67,7 +66,8 @@ void BodyIntake::free_unused() {
   for (std::uint32_t index = 0; index < kMaxObjects; ++index) {
     Body& body = bodies_[index];
     if (body.order.object == spm::kNone) continue;
-    if (!objects_.is_index_used(index)) body = {};  // the haptic thread has returned it
+    // The haptic thread has returned the object. Another one may have its index since the last pass.
+    if (objects_.serial_at(index) != body.serial) body = {};
     // Orders do not name a withdrawn object, so the haptic thread may use its couplings whatever orders it has seen.
     if (objects_.find(index) == nullptr) continue;
     while (!body.couplings.empty() && body.couplings.front().first_orders_without != 0 &&

@@ -40,7 +40,7 @@ class BodyIntake {
     std::uint64_t first_orders_without = 0;  // number of the first orders that do not name it; 0: in use
   };
   struct Body {
-    const TouchObject* touched = nullptr;
+    std::uint64_t serial = 0;  // of the object, in TouchObjects
     BodyOrder order;
     std::deque<Coupling> couplings;  // only the last one may be in use
   };

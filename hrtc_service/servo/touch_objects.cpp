@@ -46,6 +46,7 @@ std::optional<Arrival> TouchObjects::add(const ObjectDescription& description, c
   spm::Cache::Admitted admitted = cache_.admit(base);
   if (!admitted.fits) return std::nullopt;
   auto object = std::make_unique<Object>();
+  object->serial = ++added_;
   object->cache_index = admitted.object;
   object->is_retired.resize(base.regions.size());
   TouchObject& touch = object->touch;

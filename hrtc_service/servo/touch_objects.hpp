@@ -41,6 +41,11 @@ class TouchObjects {
 
   /// Returns whether the haptic thread may use an object with this index, withdrawn or not.
   [[nodiscard]] bool is_index_used(std::uint32_t object) const noexcept { return objects_[object] != nullptr; }
+  /// Returns the serial number of the object with this index, withdrawn or not; 0 if there is none. No two objects have
+  /// the same number.
+  [[nodiscard]] std::uint64_t serial_at(std::uint32_t object) const noexcept {
+    return objects_[object] == nullptr ? 0 : objects_[object]->serial;
+  }
   /// Returns an object that is not withdrawn, or null.
   [[nodiscard]] TouchObject* find(std::uint32_t object) noexcept;
   [[nodiscard]] const TouchObject* find(std::uint32_t object) const noexcept;
@@ -61,6 +66,7 @@ class TouchObjects {
  private:
   struct Object {
     TouchObject touch;
+    std::uint64_t serial = 0;
     spm::ObjectIndex cache_index{};
     std::vector<bool> is_retired;  // by region
     bool is_withdrawn = false;
@@ -71,6 +77,7 @@ class TouchObjects {
   spm::NodePool nodes_;
   spm::Cache cache_;
   std::array<std::unique_ptr<Object>, kMaxObjects> objects_;
+  std::uint64_t added_ = 0;  // objects
 };
 
 }  // namespace tactus::hrtc_service
