@@ -300,7 +300,7 @@ void Bodies::limit_forces(const Cycle& cycle, const std::array<ProbeInput, kMaxP
     reports_.grabs += (began & session::kHolding) != 0 ? 1 : 0;
     reports_.refused += (began & session::kHoldRefused) != 0 ? 1 : 0;
   }
-  for (std::uint32_t p = 0; p < kMaxProbes; ++p) fade_reduction(p, outputs[p]);
+  for (std::uint32_t p = 0; p < kMaxProbes; ++p) fade_reduction(cycle, p, outputs[p]);
   if (count_ == 0) return;
   for (std::uint32_t p = 0; p < kMaxProbes; ++p) {
     ProbeOutput& output = outputs[p];
@@ -311,8 +311,9 @@ void Bodies::limit_forces(const Cycle& cycle, const std::array<ProbeInput, kMaxP
     const double energy_to_body = std::exchange(energy_to_body_[p], 0);
     if (!output.active) {  // reset for the next user
       reductions_[p] = {};
-      ports_[p].limited(Vec3d::Zero());
-      rotational_ports_[p].port.limited(Vec3d::Zero());
+      ports_[p].reset();
+      rotational_ports_[p].port.reset();
+      rotational_ports_[p].energy_to_body = 0;
       continue;
     }
     const haptics::DeviceState& device = inputs[p].device;
@@ -350,19 +351,20 @@ void Bodies::limit_forces(const Cycle& cycle, const std::array<ProbeInput, kMaxP
   }
 }
 
-/// Adds the fading reduction to the rendered force and torque. The added vector is never longer than the rendered one,
-/// so a fault or a stop still makes the force zero.
-void Bodies::fade_reduction(std::uint32_t p, ProbeOutput& output) noexcept {
+/// Adds the fading reduction to the rendered force and torque, within the limits of the device. The added vector is
+/// never longer than the rendered one, so a fault or a stop still makes the force zero.
+void Bodies::fade_reduction(const Cycle& cycle, std::uint32_t p, ProbeOutput& output) noexcept {
   Reduction& reduction = reductions_[p];
-  const auto add = [](haptics::Ramp& ramp, Plain3& rendered, double step) {
+  const auto add = [](haptics::Ramp& ramp, Plain3& rendered, double step, double max) {
     if (ramp.done()) return;
-    const double length = ramp.remaining().norm(), max = vec(rendered).norm();
-    const double share = std::min(1.0, max / length);
-    rendered = plain(Vec3d(vec(rendered) + share * ramp.remaining()));
+    const double share = std::min(1.0, vec(rendered).norm() / ramp.remaining().norm());
+    const Vec3d sum = vec(rendered) + share * ramp.remaining();
+    rendered = plain(Vec3d(clamp_factor(sum.norm(), max) * sum));
     ramp.advance(step);
   };
-  add(reduction.fading, output.force, haptics::kSurfaceRamp * settings_.period);
-  add(reduction.fading_torque, output.torque, haptics::kTorqueRamp * settings_.period);
+  const haptics::ForceRenderer& renderer = cycle.renderer(p);
+  add(reduction.fading, output.force, haptics::kSurfaceRamp * settings_.period, renderer.max_force());
+  add(reduction.fading_torque, output.torque, haptics::kTorqueRamp * settings_.period, renderer.max_torque());
 }
 
 std::uint32_t Bodies::steps_due(Body& body, std::int64_t session_ns) const noexcept {

@@ -184,7 +184,7 @@ class Bodies {
   /// in `limit_force`.
   [[nodiscard]] double strength_factor(const Cycle& cycle, std::uint32_t probe, const haptics::DeviceState& device,
                                        double energy_to_body, double stored) noexcept;
-  void fade_reduction(std::uint32_t probe, ProbeOutput& output) noexcept;
+  void fade_reduction(const Cycle& cycle, std::uint32_t probe, ProbeOutput& output) noexcept;
   void process_orders() noexcept;
   void apply_coupling_order(std::uint32_t i) noexcept;
   /// Returns the number of steps from the simulated time to now. After the first touch or a jump of session time, sets
