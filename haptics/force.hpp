@@ -56,8 +56,10 @@ enum class Fault : std::uint8_t {
   kForceNotFinite = 2,  ///< the computed force was NaN or infinite
   kDeviceFailed = 3,    ///< DeviceHealth::kFailed
   kEmergencyStop = 4,
-  kTooFast = 5  ///< the tip moved faster than ForceSettings::max_speed while a force acted on it
+  kTooFast = 5,  ///< the tip moved faster than ForceSettings::max_speed while a force acted on it
+  kOverload = 6  ///< the cycles took too long for stable forces
 };
+inline constexpr Fault kLastFault = Fault::kOverload;
 
 /// N/s: rate of the surface ramp.
 inline constexpr double kSurfaceRamp = 45;
@@ -161,7 +163,7 @@ class ForceRenderer {
     static_assert(sizeof(ForceResult) == 64, "carry the new member");
     visit.number("force", result_.force), visit.number("torque", result_.torque);
     visit.any("force bits", result_.bits), visit.any("force bits that began", result_.began);
-    visit.choice("fault", result_.fault, Fault::kNone, Fault::kTooFast);
+    visit.choice("fault", result_.fault, Fault::kNone, kLastFault);
     visit.number("strength", gain_), visit.number("rise time", rise_time_);
     visit.any("force bits before", bits_before_);
     Vec3d remaining = ramp_.remaining();

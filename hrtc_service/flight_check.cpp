@@ -86,7 +86,7 @@ class Check {
     using Kind = trace::FlightEvent::Kind;
     const auto kind = static_cast<std::uint32_t>(event.kind), last = static_cast<std::uint32_t>(Kind::kObjectDeparted);
     expect(kind <= last, "event", kind, "at most " + std::to_string(last));
-    constexpr auto kLastFault = static_cast<std::uint32_t>(haptics::Fault::kTooFast);
+    constexpr auto kLastFault = static_cast<std::uint32_t>(haptics::kLastFault);
     if (event.kind == Kind::kStopped)
       expect(event.fault > 0 && event.fault <= kLastFault, "fault", event.fault, "1 to " + std::to_string(kLastFault));
     expect_object(event.object);

@@ -60,6 +60,8 @@ const char* fault_reason(std::uint32_t status) noexcept {
       return "emergency stop";
     case 5:
       return "the tip moved too fast against a force";
+    case 6:
+      return "the haptic thread was overloaded";
     default:
       return "unknown";
   }

@@ -3,12 +3,22 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <ctime>
 #include <future>
 #include <memory>
 
 #include "realtime/periodic_clock.hpp"
 
 namespace tactus::hrtc_service {
+namespace {
+
+std::int64_t thread_cpu_ns() noexcept {
+  timespec now{};
+  ::clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
+  return std::int64_t{now.tv_sec} * 1'000'000'000 + now.tv_nsec;
+}
+
+}  // namespace
 
 HapticThread::HapticThread(const HapticSettings& settings, Servo& servo, ServoLink& link, const LocalDevices& local)
     : settings_{settings},
@@ -16,6 +26,7 @@ HapticThread::HapticThread(const HapticSettings& settings, Servo& servo, ServoLi
       link_{link},
       traces_{link.traces},
       governor_{settings.deadline_ns},
+      overload_{settings.period_ns()},
       devices_{link.devices, local, settings.frame} {}
 
 HapticThread::~HapticThread() { stop(); }
@@ -81,6 +92,8 @@ void HapticThread::run() {
           clock.skipped() - skipped);
     skipped = clock.skipped();
     const CycleCosts& costs = result.costs;
+    if (overload_.observe(realtime::monotonic_ns() - now_ns, thread_cpu_ns))
+      servo_.cycle().stop(haptics::Fault::kOverload);
     if (costs.predicted_total > 0)
       governor_.observe(costs.visits * spm::Budget::kVisit + costs.changes * spm::Budget::kChange, costs.refit,
                         costs.total(), costs.predicted_total);

@@ -2,7 +2,8 @@
 ///
 ///   read devices -> Servo::touch -> write forces -> Servo::publish -> Servo::refine --> traces
 ///
-/// The loop does not allocate, lock or log, and its only system call is the sleep.
+/// The loop does not allocate, lock or log. Its only system call is the sleep, and one in cycles that take several
+/// periods (Overload).
 /// docs/explanation/cycle.md follows one pose through the loop.
 #pragma once
 
@@ -17,6 +18,7 @@
 #include "haptics/device.hpp"
 #include "hrtc_service/servo/governor.hpp"
 #include "hrtc_service/servo/late_cycles.hpp"
+#include "hrtc_service/servo/overload.hpp"
 #include "hrtc_service/servo/probe_devices.hpp"
 #include "hrtc_service/servo/servo.hpp"
 
@@ -57,6 +59,7 @@ class HapticThread {
   ServoLink& link_;
   RingWriter<CycleTrace, ServoLink::kTraces> traces_;
   Governor governor_;
+  Overload overload_;
   std::thread thread_;
   std::unique_ptr<UsageSampler> usage_;
   std::atomic<bool> running_{false};
