@@ -129,6 +129,7 @@ py::array_t<std::uint32_t> regions_near(const SharedModel& model, const Numbers&
   if (!model.grid().for_each_intersecting(at, radius,
                                           [&](spm::RegionId region, double) { found.push_back(spm::index(region)); })) {
     // The sphere contains so many cells that it is faster to test every region.
+    found.clear();
     for (std::uint32_t i = 0; i < model.grid().size(); ++i)
       if (model.grid().squared_distance(spm::RegionId{i}, at) <= radius * radius) found.push_back(i);
   }

@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "spm/assert.hpp"
+#include "spm/hash_multiplier.hpp"
 #include "spm/ids.hpp"
 #include "spm/prefetch.hpp"
 
@@ -91,8 +92,8 @@ class CompactIndex {
   [[nodiscard]] static std::uint64_t buckets_for(std::uint32_t entries) noexcept {
     return entries + entries / 3ull + 8;
   }
-  [[nodiscard]] static std::uint32_t hash_of(std::uint64_t key) noexcept {
-    return static_cast<std::uint32_t>(key * 0x9e3779b97f4a7c15ull >> 32);
+  [[nodiscard]] std::uint32_t hash_of(std::uint64_t key) const noexcept {
+    return static_cast<std::uint32_t>(key * multiplier_ >> 32);
   }
   /// The upper bits of the hash determine the first bucket. The bucket contains some of the lower bits.
   [[nodiscard]] std::size_t first_bucket(std::uint32_t hash) const noexcept {
@@ -110,6 +111,7 @@ class CompactIndex {
   }
 
   std::vector<std::uint32_t> buckets_;
+  std::uint64_t multiplier_ = hash_multiplier();
   int number_bits_;
   std::uint32_t number_mask_;
   std::uint32_t size_ = 0;

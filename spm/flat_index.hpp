@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "spm/assert.hpp"
+#include "spm/hash_multiplier.hpp"
 #include "spm/ids.hpp"
 #include "spm/prefetch.hpp"
 
@@ -74,7 +75,7 @@ class FlatIndex {
     return entries + entries / 2ull + 8;
   }
   [[nodiscard]] std::size_t first_bucket(std::uint64_t key) const noexcept {
-    return (key * 0x9e3779b97f4a7c15ull >> 32) * buckets_.size() >> 32;
+    return (key * multiplier_ >> 32) * buckets_.size() >> 32;
   }
   [[nodiscard]] std::size_t next_bucket(std::size_t at) const noexcept {
     return at + 1 == buckets_.size() ? 0 : at + 1;
@@ -85,6 +86,7 @@ class FlatIndex {
   }
 
   std::vector<std::uint64_t> buckets_;
+  std::uint64_t multiplier_ = hash_multiplier();
   std::uint32_t size_ = 0;
 };
 

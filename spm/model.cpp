@@ -124,16 +124,15 @@ void check_radius(const char* what, std::size_t number, std::uint16_t code, doub
 bool distinct(const std::array<VertexId, 3>& c) { return c[0] != c[1] && c[1] != c[2] && c[2] != c[0]; }
 
 void check_base_faces(const ModelSummary& s, std::span<const BaseFace> faces, Findings& findings) {
-  std::vector<bool> seen(s.faces, false);
+  std::vector<FaceId> ids;
+  ids.reserve(faces.size());
+  for (const BaseFace& f : faces) ids.push_back(f.face);
+  std::sort(ids.begin(), ids.end());
+  if (const auto twice = std::adjacent_find(ids.begin(), ids.end()); twice != ids.end())
+    findings.add("base faces: face id ", *twice, " is used twice");
   for (std::size_t i = 0; i < faces.size() && !findings.full(); ++i) {
     const BaseFace& f = faces[i];
-    if (index(f.face) >= s.faces) {
-      findings.add("base face ", i, ": face id ", f.face, ", expected below ", s.faces);
-    } else if (seen[index(f.face)]) {
-      findings.add("base face ", i, ": face id ", f.face, " is used twice");
-    } else {
-      seen[index(f.face)] = true;
-    }
+    if (index(f.face) >= s.faces) findings.add("base face ", i, ": face id ", f.face, ", expected below ", s.faces);
     if (f.finest > 1) findings.add("base face ", i, ": finest is ", f.finest, ", expected 0 or 1");
     for (const VertexId corner : f.corners) {
       if (index(corner) >= s.base_vertices) {
@@ -243,6 +242,8 @@ class RecordChecker {
       const RecordPart& part = model_.parts[p];
       ++chain_length_[record_];
       check_part(part, u);
+      if (part.born_count == 0 && part.deformed_count == 0)
+        findings_.add("record ", record_, ": one of its parts changes no face");
       changes += std::size_t{part.born_count} + part.deformed_count;
       if (findings_.full()) return;
       if (part.next == kNone) break;
@@ -255,7 +256,8 @@ class RecordChecker {
       p = part.next;
       is_part_used_[p] = true;
     }
-    if (changes == 0) findings_.add("record ", record_, ": changes no face");
+    if (changes > kMaxChanges)
+      findings_.add("record ", record_, ": changes ", changes, " faces, expected at most ", kMaxChanges);
     std::uint32_t expected = 1;
     for (std::size_t i = first_needed_.back(); i < needed_.size(); ++i) {
       expected = std::max<std::uint32_t>(expected, 1u + level_[needed_[i]]);

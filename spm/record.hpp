@@ -25,6 +25,8 @@ namespace tactus::spm {
 
 inline constexpr int kBornPerPart = 2;
 inline constexpr int kDeformedPerPart = 9;
+/// Max number of born and deformed faces of a record. A cycle applies a record as a whole.
+inline constexpr std::uint32_t kMaxChanges = 256;
 /// One bit of a vertex reference is reserved, see kInRing in region_data.hpp.
 inline constexpr std::uint32_t kMaxVertices = 1u << 31;
 /// A face reference shares its 32 bits with a corner and a flag, see BornRef.

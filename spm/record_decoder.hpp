@@ -56,7 +56,10 @@ class RecordDecoder {
     target.next = kNone;
     target.born_count = target.deformed_count = 0;
     target.radius = source.radius;
-    if (source.born_count > kBornPerPart || source.deformed_count > kDeformedPerPart || source.radius >= kRadiusCodes)
+    const std::uint32_t changes = std::uint32_t{source.born_count} + source.deformed_count;
+    changes_ += changes;
+    if (source.born_count > kBornPerPart || source.deformed_count > kDeformedPerPart || changes == 0 ||
+        changes_ > kMaxChanges || source.radius >= kRadiusCodes)
       return RecordResult::kMalformed;
     if (is_first_part_ && source.parent != kNone) {
       if (index(source.parent) >= summary_.vertices) return RecordResult::kMalformed;
@@ -150,6 +153,7 @@ class RecordDecoder {
   const ModelSummary& summary_;
   Vertex u_;
   Vertex parent_ = kNone;
+  std::uint32_t changes_ = 0;  // born and deformed faces
   bool is_first_part_ = true;
   VertexRing<Vertex> ring_;
   typename Front::Split split_;

@@ -22,10 +22,7 @@ RegionGrid::RegionGrid(const GridFrame& frame, std::span<const Region> regions) 
     for (std::size_t axis = 0; axis < 3; ++axis)
       extent_[axis] = std::max(extent_[axis], static_cast<double>(region.cell[axis] >> region.depth));
   }
-  const auto key_at = [this](std::uint32_t region) {
-    const Place cell = cells_[region].place.around(0);
-    return key_of({cell.at[0] / kPageSide, cell.at[1] / kPageSide, cell.at[2] / kPageSide});
-  };
+  const auto key_at = [this](std::uint32_t region) { return key_of(cells_[region].place); };
   for (std::uint32_t first = 0, end = 0; first < size(); first = end) {
     while (end < size() && key_at(end) == key_at(first)) ++end;
     add_page(key_at(first), first, end);
@@ -62,6 +59,21 @@ std::uint64_t RegionGrid::bytes(std::uint32_t regions) noexcept {
   const std::size_t pages = regions / 24 + 1;
   return regions * sizeof(Cell) + pages * sizeof(Page) + buckets_for(pages) * sizeof(std::uint32_t) +
          regions / 4 * sizeof(std::uint32_t);
+}
+
+std::uint64_t RegionGrid::bytes(std::span<const Region> regions) noexcept {
+  std::size_t pages = 0, ends = 0;
+  std::uint64_t before = ~std::uint64_t{0};
+  for (const Region& region : regions) {
+    const std::uint64_t key = key_of(Place{region.cell, region.depth});
+    pages += key != before ? 1 : 0;
+    ends += region.depth > 0 ? 1 : 0;
+    before = key;
+  }
+  // A page with a divided cell stores the ends of its other cells, too.
+  const std::size_t cells_with_ends = ends == 0 ? 0 : std::min(regions.size(), ends + pages * 512);
+  return regions.size() * sizeof(Cell) + pages * sizeof(Page) + buckets_for(pages) * sizeof(std::uint32_t) +
+         cells_with_ends * sizeof(std::uint32_t);
 }
 
 double RegionGrid::squared_distance(RegionId region, const Vec3d& p) const noexcept {

@@ -17,6 +17,7 @@
 #include <span>
 #include <vector>
 
+#include "spm/hash_multiplier.hpp"
 #include "spm/ids.hpp"
 #include "spm/model.hpp"
 
@@ -46,13 +47,16 @@ class RegionGrid {
   /// Estimates the bytes of a grid. Assumes 24 regions in a page, and that a quarter of the regions is in pages with
   /// divided cells.
   [[nodiscard]] static std::uint64_t bytes(std::uint32_t regions) noexcept;
+  /// Returns the bytes of the grid of these regions, or a little more.
+  [[nodiscard]] static std::uint64_t bytes(std::span<const Region> regions) noexcept;
 
   /// The squared distance of `p` from the nearest occupied subcell; 0 inside. About 20 ns.
   [[nodiscard]] double squared_distance(RegionId region, const Vec3d& p) const noexcept;
 
   /// Calls `visit(RegionId, squared distance)` once for each region within `radius` of `centre`, in a fixed order. If
   /// the bounds of the sphere contain more than `kMaxCells` cells of depth 0, a coordinate is not finite, or the radius
-  /// is NaN or negative, returns false and visits nothing.
+  /// is NaN or negative, returns false and visits nothing. Returns false, too, if it has tested `kMaxTests` regions and
+  /// cells; then some regions may be missing.
   template <class Visit>
   bool for_each_intersecting(const Vec3d& centre, double radius, Visit&& visit) const noexcept {
     if (!centre.allFinite() || !(radius >= 0)) return false;
@@ -68,14 +72,16 @@ class RegionGrid {
       cells *= high[axis] - low[axis] + 1;
     }
     if (cells > kMaxCells) return false;
+    std::uint32_t tests_left = kMaxTests;
     for (std::uint32_t z = low[2] / kPageSide; z <= high[2] / kPageSide; ++z)
       for (std::uint32_t y = low[1] / kPageSide; y <= high[1] / kPageSide; ++y)
         for (std::uint32_t x = low[0] / kPageSide; x <= high[0] / kPageSide; ++x)
           if (const Page* page = find({x, y, z}))
-            visit_page(*page, {x, y, z}, low, high, centre, radius * radius, visit);
-    return true;
+            visit_page(*page, {x, y, z}, low, high, centre, radius * radius, visit, tests_left);
+    return tests_left > 0;
   }
   static constexpr std::uint64_t kMaxCells = 4096;
+  static constexpr std::uint32_t kMaxTests = 8192;
 
  private:
   static constexpr std::uint32_t kPageSide = 8;
@@ -113,7 +119,7 @@ class RegionGrid {
   /// Visits the regions of a page in the cells from `low` to `high`.
   template <class Visit>
   void visit_page(const Page& page, const Coordinates& at, const Coordinates& low, const Coordinates& high,
-                  const Vec3d& centre, double squared_radius, Visit& visit) const noexcept {
+                  const Vec3d& centre, double squared_radius, Visit& visit, std::uint32_t& tests_left) const noexcept {
     Coordinates first, last;  // relative to the page
     for (std::size_t axis = 0; axis < 3; ++axis) {
       const std::uint32_t begin = at[axis] * kPageSide;
@@ -128,10 +134,11 @@ class RegionGrid {
           if (left >> 63 == 0) continue;
           const std::uint32_t cell = page.before[word] + static_cast<std::uint32_t>(std::popcount(left)) - 1;
           if (page.ends == kNone) {
-            visit_regions(page.first_region + cell, page.first_region + cell + 1, centre, squared_radius, visit);
+            visit_regions(page.first_region + cell, page.first_region + cell + 1, centre, squared_radius, visit,
+                          tests_left);
           } else {
             const std::uint32_t begin = cell == 0 ? page.first_region : ends_[page.ends + cell - 1];
-            visit_regions(begin, ends_[page.ends + cell], centre, squared_radius, visit);
+            visit_regions(begin, ends_[page.ends + cell], centre, squared_radius, visit, tests_left);
           }
         }
   }
@@ -139,9 +146,9 @@ class RegionGrid {
   /// Visits the regions from `region` to before `end`, all of one cell of depth 0, within the radius. Skips all regions
   /// in a cell of any depth that the sphere does not intersect.
   template <class Visit>
-  void visit_regions(std::uint32_t region, std::uint32_t end, const Vec3d& centre, double squared_radius,
-                     Visit& visit) const noexcept {
-    while (region < end) {
+  void visit_regions(std::uint32_t region, std::uint32_t end, const Vec3d& centre, double squared_radius, Visit& visit,
+                     std::uint32_t& tests_left) const noexcept {
+    for (; region < end && tests_left > 0; --tests_left) {
       const Place place = cells_[region].place;
       std::uint32_t depth = 0;
       while (depth <= place.depth && box_of(place.around(depth)).squared_distance(centre) <= squared_radius) ++depth;
@@ -177,11 +184,16 @@ class RegionGrid {
     static constexpr std::array<std::uint32_t, kPageSide> kSpread{0, 1, 8, 9, 64, 65, 72, 73};
     return kSpread[x] | kSpread[y] << 1 | kSpread[z] << 2;
   }
+  /// The key of the page that contains a cell.
+  [[nodiscard]] static std::uint64_t key_of(const Place& cell) noexcept {
+    const Place at = cell.around(0);
+    return key_of(Coordinates{at.at[0] / kPageSide, at.at[1] / kPageSide, at.at[2] / kPageSide});
+  }
   [[nodiscard]] static std::uint64_t key_of(const Coordinates& page) noexcept {
     return std::uint64_t{page[0]} | std::uint64_t{page[1]} << 16 | std::uint64_t{page[2]} << 32;
   }
   [[nodiscard]] std::uint32_t first_bucket(std::uint64_t key) const noexcept {
-    return static_cast<std::uint32_t>((key * 0x9e3779b97f4a7c15ull) >> 32) & mask_;
+    return static_cast<std::uint32_t>((key * multiplier_) >> 32) & mask_;
   }
   /// Returns null if no cell of the page is labelled.
   [[nodiscard]] const Page* find(const Coordinates& page) const noexcept {
@@ -199,6 +211,7 @@ class RegionGrid {
   std::vector<Page> pages_;          // in Morton order
   std::vector<std::uint32_t> ends_;  // by labelled cell of depth 0 of the pages with divided cells: its last region + 1
   std::vector<std::uint32_t> buckets_;  // hash table with open addressing: indices in pages_, or kNone
+  std::uint64_t multiplier_ = hash_multiplier();
   std::uint32_t mask_ = 0;
 };
 

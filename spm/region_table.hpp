@@ -11,6 +11,7 @@
 #include <span>
 #include <vector>
 
+#include "spm/hash_multiplier.hpp"
 #include "spm/ids.hpp"
 
 namespace tactus::spm {
@@ -63,7 +64,7 @@ class RegionTable {
   /// The region's position in the hash table, or the free position for it.
   [[nodiscard]] std::uint32_t find(RegionId region) const noexcept {
     const auto mask = static_cast<std::uint32_t>(buckets_.size() - 1);
-    std::uint32_t bucket = index(region) * 0x9e3779b9u >> (32 - bits_);
+    auto bucket = static_cast<std::uint32_t>(index(region) * multiplier_ >> (64 - bits_));
     while (buckets_[bucket] != kNone && entries_[buckets_[bucket]].region != region) bucket = (bucket + 1) & mask;
     return bucket;
   }
@@ -91,7 +92,8 @@ class RegionTable {
   std::vector<Entry> entries_;            // only the first count_ are valid
   std::vector<std::uint32_t> bucket_of_;  // by entry: index in buckets_
   std::vector<std::uint32_t> buckets_;    // hash table with open addressing: indices in entries_, or kNone
-  unsigned bits_ = 1;                     // log2 of the size of buckets_
+  std::uint64_t multiplier_ = hash_multiplier();
+  unsigned bits_ = 1;  // log2 of the size of buckets_
   std::uint32_t count_ = 0;
   bool has_limit_ = false;  // `reduce` has set limit_: `capacity_` entries are at least as urgent as limit_
   Entry limit_{};

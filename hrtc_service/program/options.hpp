@@ -27,7 +27,7 @@ struct LocalUser {
 struct HrtcOptions {
   wire::SessionAddress address;
   spm::PoolSettings pool;
-  std::uint64_t directory_bytes = std::numeric_limits<std::uint64_t>::max();  ///< as LoaderSettings::directory_bytes
+  std::uint64_t directory_bytes = 256u << 20;  ///< as LoaderSettings::directory_bytes
   spm::Strategy prediction = spm::Strategy::kMixture;
   ServoSettings servo;    ///< `cycle.tool` is not set
   HapticSettings haptic;  ///< `period` is that of the cycle

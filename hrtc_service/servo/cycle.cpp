@@ -123,9 +123,7 @@ void Cycle::process_arrival(const Arrival& arrival) noexcept {
         ++movable_count_;
         movable_ |= std::uint64_t{1} << arrival.object->index;
       }
-      // Refinement of a region may move the surface by up to the object's deviation.
-      reach_ = std::max(reach_, arrival.object->deviation * arrival.object->placement.scale() + settings_.radius);
-      for (SphereTouch& sphere : spheres_) sphere.set_reach(reach_);
+      set_reach();
       break;
     case Arrival::Kind::kRegion:
       arrival.object->forest->add(arrival.region, arrival.list);
@@ -139,9 +137,18 @@ void Cycle::process_arrival(const Arrival& arrival) noexcept {
   }
 }
 
+/// Refinement of a region may move the surface by up to the object's deviation.
+void Cycle::set_reach() noexcept {
+  double reach = haptics::ProxySettings{}.reach;
+  for (const TouchObject* object : objects_)
+    reach = std::max(reach, object->deviation * object->placement.scale() + settings_.radius);
+  for (SphereTouch& sphere : spheres_) sphere.set_reach(reach);
+}
+
 void Cycle::withdraw(TouchObject& object) noexcept {
   const std::uint64_t bit = std::uint64_t{1} << object.index;
   objects_.erase(std::find(objects_.begin(), objects_.end(), &object));
+  set_reach();
   withdrawn_.push_back(&object);
   ++objects_changed_;
   object.forest->store_previous(false);

@@ -139,7 +139,7 @@ class Cycle {
     const auto can_move = [this](std::uint32_t object) { return this->can_move(object); };
     for (HeldObject& held : held_) held.for_each_carried(visit, can_move);
     for (haptics::ForceRenderer& force : forces_) force.for_each_carried(visit);
-    visit.choice("fault", stop_fault_, haptics::Fault::kNone, haptics::Fault::kTooFast);
+    visit.choice("fault", stop_fault_, haptics::Fault::kNone, haptics::kLastFault);
     for (ProbeOutput& output : result_.probes) {
       visit.flag("flag of a probe", output.active);
       visit.number("proxy of a probe", output.proxy);
@@ -244,6 +244,7 @@ class Cycle {
   }
 
   void process_arrival(const Arrival& arrival) noexcept;
+  void set_reach() noexcept;
   void withdraw(TouchObject& object) noexcept;
   void reset_probe(std::uint32_t probe) noexcept;
   [[nodiscard]] bool gather_surface(std::uint32_t probe) noexcept;
@@ -277,7 +278,6 @@ class Cycle {
   std::vector<SphereTouch> spheres_;                   // by probe
   std::deque<ToolTouch> tools_;                        // by probe; none without a tool
   std::array<HeldObject, kMaxProbes> held_;            // by probe
-  double reach_ = haptics::ProxySettings{}.reach;      // reach of the proxies, m; increases with the objects' deviation
   std::vector<haptics::ForceRenderer> forces_;         // by probe
   haptics::Fault stop_fault_ = haptics::Fault::kNone;  // fault of all probes
   std::array<ObjectsSurface, kMaxProbes> surfaces_;

@@ -8,6 +8,7 @@
 
 #include "hrtc_service/servo/bodies.hpp"
 #include "hrtc_service/servo/ring_memory.hpp"
+#include "realtime/periodic_clock.hpp"
 #include "session/check.hpp"
 #include "spm/directory.hpp"
 #include "spm/region_data.hpp"
@@ -18,6 +19,7 @@ namespace {
 constexpr std::size_t kRingEntries = 4096;
 constexpr double kMaxMaterial = 1e6;  // N/m, N s/m and friction, far above those of any device
 constexpr int kMaxMessages = 1024;    // in one tick
+constexpr std::int64_t kMaxTickNs = 50'000'000;
 /// Max bytes of the regions of a base mesh, which the pool does not hold.
 constexpr std::uint64_t kMaxDirectoryBytes = 128u << 20;
 
@@ -53,7 +55,8 @@ class MessageReader {
 
 bool is_valid(const IntakeObject& object) {
   return std::find(object.name.begin(), object.name.end(), '\0') != object.name.end() &&
-         session::invalid_field(object.pose) == nullptr && std::isfinite(object.scale) && object.scale > 0 &&
+         session::invalid_field(object.pose) == nullptr &&
+         session::invalid_scale(object.scale, object.summary) == nullptr &&
          session::invalid_field(object.material) == nullptr && object.material.stiffness <= kMaxMaterial &&
          object.material.damping <= kMaxMaterial && object.material.static_friction <= kMaxMaterial &&
          session::invalid_field(object.body) == nullptr;
@@ -179,6 +182,10 @@ spm::AcceptResult Intake::add_object(IntakeAnswer::Kind& kind) {
   spm::BaseMesh base;
   if (!in.get(object)) return spm::AcceptResult::kMalformed;
   base.summary = object.summary;
+  const std::uint64_t directories_left =
+      max_directory_bytes_ - std::accumulate(directory_bytes_.begin(), directory_bytes_.end(), std::uint64_t{0});
+  const std::uint64_t estimate = spm::directory_bytes(base.summary, objects_.pool().settings);
+  if (!waits_for_gateway_[header_->object] && estimate > directories_left) return spm::AcceptResult::kPoolFull;
   if (!in.get(base.positions, base.summary.base_vertices) || !in.get(base.radii, base.summary.base_vertices) ||
       !in.get(base.faces, base.summary.base_faces) || !in.get(base.regions, base.summary.regions) || !in.at_end() ||
       !is_valid(object) || !spm::violations(base).empty())
@@ -191,10 +198,9 @@ spm::AcceptResult Intake::add_object(IntakeAnswer::Kind& kind) {
   }
   if (objects_.is_index_used(header_->object) || (is_movable && movable_ == kMaxBodies))
     return spm::AcceptResult::kMalformed;
-  const std::uint64_t directory = spm::directory_bytes(base.summary, objects_.pool().settings);
-  if (directory >
-      max_directory_bytes_ - std::accumulate(directory_bytes_.begin(), directory_bytes_.end(), std::uint64_t{0}))
-    return spm::AcceptResult::kPoolFull;
+  const std::uint64_t grid = spm::RegionGrid::bytes(std::span<const spm::Region>{base.regions});
+  const std::uint64_t directory = estimate - spm::RegionGrid::bytes(base.summary.regions) + grid;
+  if (directory > directories_left) return spm::AcceptResult::kPoolFull;
   pending_ = objects_.add(description_of(header_->object, object), base);
   if (!pending_) return spm::AcceptResult::kPoolFull;
   movable_ += is_movable ? 1 : 0;
@@ -264,11 +270,13 @@ void Intake::process_message() {
 void Intake::tick() {
   attach_if_requested();
   process_departures();
-  // The limit of messages is for a gateway that writes faster than the intake reads.
+  // The limits are for a gateway that writes faster than the intake reads.
+  const std::int64_t end_ns = realtime::monotonic_ns() + kMaxTickNs;
   for (int left = kMaxMessages;
        left > 0 && !is_broken_ && push_arrivals() && answer_loaded_regions() && answers_.space() > 0 && assemble();
        --left) {
     process_message();
+    if (realtime::monotonic_ns() > end_ns) left = 1;
     header_.reset();
   }
   constexpr std::size_t kMaxKept = 1u << 20;  // bytes; only base meshes need more

@@ -51,6 +51,7 @@ void add_border_plane(Quadric& quadric, const Offset& edge, const Offset& normal
 }
 
 Patch::Patch(Surface& surface, const SimplifyOptions& options) : surface_{surface}, options_{options} {
+  static_assert(kRingCapacity <= kMaxChanges);
   options_.max_star = std::min(options_.max_star, kRingCapacity - 2);
 }
 

@@ -133,6 +133,38 @@ TEST(RegionGrid, AQueryUsesTheSameStackAtEveryDepth) {
   for (const void* frame : frames) EXPECT_EQ(frame, frames.front());
 }
 
+TEST(RegionGrid, AQueryTestsALimitedNumberOfRegions) {
+  Grid grid;
+  for (std::uint16_t x = 0; x < 32; ++x)
+    for (std::uint16_t y = 0; y < 32; ++y)
+      for (std::uint16_t z = 0; z < 32; ++z) {
+        Region region{};
+        region.depth = 8;
+        region.cell = {x, y, z};
+        region.occupied = {~0u, ~0u};
+        grid.regions.push_back(region);
+      }
+  test_support::sort_cells(grid.regions);
+  const RegionGrid region_grid{grid.frame, grid.regions};
+  const Vec3d corner{grid.frame.origin[0], grid.frame.origin[1], grid.frame.origin[2]};
+  std::uint32_t visited = 0;
+  const auto visit = [&](RegionId, double) { ++visited; };
+  EXPECT_FALSE(region_grid.for_each_intersecting(corner, 1.0, visit));
+  EXPECT_EQ(visited, RegionGrid::kMaxTests);
+  visited = 0;
+  EXPECT_TRUE(region_grid.for_each_intersecting(corner, grid.frame.cell_size / 256, visit));
+  EXPECT_GT(visited, 1u);
+}
+
+TEST(RegionGrid, StatesItsBytes) {
+  std::mt19937_64 random{7};
+  const Grid grid = random_grid(random);
+  // Eight pages. One of them has a divided cell, so it stores the ends of its cells.
+  const std::uint64_t bytes = RegionGrid::bytes(std::span<const Region>{grid.regions});
+  EXPECT_GE(bytes, 16 * grid.regions.size() + 8 * 96);
+  EXPECT_LE(bytes, 20 * grid.regions.size() + 8 * 96 + 4 * 16);
+}
+
 TEST(RegionGrid, RefusesASphereWithANaNOrANegativeRadius) {
   std::mt19937_64 random{6};
   const Grid grid = random_grid(random);

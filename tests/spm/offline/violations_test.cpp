@@ -115,6 +115,12 @@ const std::vector<Damage> kDamages{
     {"BaseRadiiMissing", [](BuiltModel& m) { m.base_radii.pop_back(); }, "base radii: found"},
     {"DeviationBelowTheLargestRadius", [](BuiltModel& m) { m.summary.deviation *= 0.9; }, "deviation: found"},
     {"MaxLevelWrong", [](BuiltModel& m) { ++m.summary.max_level; }, "max level"},
+    {"PartWithoutAFace",
+     [](BuiltModel& m) {
+       RecordPart& part = m.parts[9];
+       part.born_count = part.deformed_count = 0;
+     },
+     "record 9: one of its parts changes no face"},
     {"ChainIntoARecord", [](BuiltModel& m) { m.parts[9].next = PartIndex{10}; }, "record 9: continues in part 10"},
     {"ChainBeyondTheEnd", [](BuiltModel& m) { m.parts[9].next = PartIndex{m.summary.parts}; }, "record 9: continues"},
     {"CellTwice", [](BuiltModel& m) { m.regions[1].cell = m.regions[0].cell; }, "region 1: its cell is not after"},
