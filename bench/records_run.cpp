@@ -2,33 +2,15 @@
 
 #include <unistd.h>
 
-#include <exception>
-#include <memory>
 #include <thread>
 
+#include "bench/in_namespace.hpp"
 #include "latency/load.hpp"
 #include "netem/pair.hpp"
 #include "realtime/process.hpp"
 
 namespace tactus::bench {
 namespace {
-
-/// Creates a T in a thread that has entered the namespace, so that all sockets of T are in this namespace.
-template <class T, class... Arguments>
-std::unique_ptr<T> make_in_namespace(const netem::LinkedPair& pair, netem::Side side, Arguments&&... arguments) {
-  std::unique_ptr<T> made;
-  std::exception_ptr error;
-  std::thread{[&] {
-    try {
-      pair.enter_namespace(side);
-      made = std::make_unique<T>(std::forward<Arguments>(arguments)...);
-    } catch (...) {
-      error = std::current_exception();
-    }
-  }}.join();
-  if (error != nullptr) std::rethrow_exception(error);
-  return made;
-}
 
 void wait(double seconds, const std::atomic<bool>& stop) {
   const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(seconds);

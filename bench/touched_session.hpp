@@ -15,7 +15,8 @@ namespace tactus::bench {
 /// A thread constructs and uses it as a LiveSession.
 class TouchedSession {
  public:
-  explicit TouchedSession(int faces = 20'000) {
+  /// `faces`: of the object. `link`: as of LiveSession.
+  explicit TouchedSession(int faces = 20'000, const std::string& link = "veth") : session_{link} {
     run_program("mesh", {"generate", "organ", path("organ.ply"), "--faces", std::to_string(faces), "--seed", "7"});
     run_program("mesh", {"build", path("organ.ply"), path("organ.spm")});
     write_resting_touch(path("organ.spm"), path("touch.csv"));
@@ -44,7 +45,7 @@ class TouchedSession {
 
  private:
   test_support::TemporaryFolder folder_;
-  LiveSession session_{"veth"};
+  LiveSession session_;
   std::unique_ptr<e2e::Process> host_;
 };
 
