@@ -19,6 +19,8 @@ void measure_loss_of_fragments(const FaultSettings& settings, Report& report) {
                         static_cast<double>(run.burst_ms.size()) / (0.8 * settings.seconds / 2), 5);
     report.add_at_most(std::string{"max delivery time of 50 kB of records, loss "} + percent + " %",
                        {"bursts", run.burst_ms.size()}, "ms", run.burst_ms.max(), 500);
+    // Without fragments, the kernel uses no memory to reassemble datagrams, so a loss cannot fill this memory.
+    report.add_at_most(std::string{"IP fragments received, loss "} + percent + " %", {"run", 1}, "", run.fragments, 0);
   }
 }
 

@@ -85,6 +85,9 @@ class TwoUsers {
     run_other_process(kReference);
   }
 
+  /// When the newest gateway was found in the roster, monotonic ns.
+  [[nodiscard]] std::int64_t joined_ns() const noexcept { return joined_ns_; }
+
   /// Ends or suspends the gateway. Returns the time without states of both users.
   Window kill(int signal) {
     const pid_t victim = gateway();
@@ -125,6 +128,7 @@ class TwoUsers {
       incarnation_ = desk->second.origin.incarnation;
       return true;
     });
+    joined_ns_ = realtime::monotonic_ns();
     session.forget_states();  // those of the earlier gateway
     session.wait_until("exact contact of both users", [](const ObservedSession& observed) {
       return observed.touches_exactly("ann") && observed.touches_exactly("bob");
@@ -136,6 +140,7 @@ class TwoUsers {
   TouchedSession touched_{50'000};
   std::unique_ptr<e2e::Process> hrtc_;
   std::uint64_t incarnation_ = 0;  // of the newest gateway
+  std::int64_t joined_ns_ = 0;
 };
 
 Report run(const Settings& settings) {
@@ -145,6 +150,7 @@ Report run(const Settings& settings) {
   const auto measure = [&] {
     TwoUsers session;
     std::map<std::string, std::vector<Window>> without;  // by kind
+    Samples joined_ms;                                   // of all kinds that end the gateway
     for (const Kind& kind : kKinds) {
       Samples back_ms;
       for (int i = 0; i < settings.kills; ++i) {
@@ -153,12 +159,18 @@ Report run(const Settings& settings) {
         without[kind.name].push_back(window);
         const double ms = static_cast<double>(window.end_ns - window.begin_ns) * 1e-6;
         back_ms.add(kind.signal == SIGSTOP ? ms - 2000 : ms);
+        if (kind.signal != SIGSTOP) joined_ms.add(static_cast<double>(session.joined_ns() - window.begin_ns) * 1e-6);
+        // The HRTC waits before it starts a gateway again whose predecessor was killed shortly before.
+        if (joined_ms.size() == 1)
+          report.add_at_most("first kill: time until the next gateway is in the session", {"kill", 1}, "ms",
+                             joined_ms.max(), 1000);
       }
       const std::string figure = std::string{kind.name} + ": time until both users are back";
       report.add_percentiles(figure, "kills", "ms", back_ms);
       report.add_at_most(figure + ", p99", {"kills", back_ms.size()}, "ms", back_ms.percentile(0.99), 3000);
     }
     std::fprintf(stderr, "\n");
+    report.add_percentiles("time until the next gateway is in the session", "kills", "ms", joined_ms);
     const Cycles cycles = read_cycles(session.recording());
     CycleFigures killed, idle, busy;
     for (const auto& [kind, windows] : without) {

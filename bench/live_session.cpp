@@ -38,6 +38,8 @@ struct LiveSession::Impl {
   void store(const session::RosterEntry& entry) { observed.roster[entry.origin.participant] = entry; }
   void store(const session::Metrics& sample) { observed.metrics[sample.origin.participant] = sample; }
   void store(const session::Demand& demand) {
+    ObservedSession::Stream& stream = observed.streams[demand.origin.participant];
+    if (demand.newest > 0 && demand.stream != stream.id) stream = {demand.stream, realtime::monotonic_ns()};
     if (demand.serving_host == observed.serving_host) return;
     observed.serving_host = demand.serving_host;
     observed.serving_since_ns = realtime::monotonic_ns();

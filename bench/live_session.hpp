@@ -27,6 +27,12 @@ struct ObservedSession {
   std::map<std::uint64_t, session::Metrics> metrics;  ///< newest of each participant
   std::uint64_t serving_host = 0;                     ///< Demand::serving_host of the newest demand for any object
   std::int64_t serving_since_ns = 0;                  ///< arrival of the first demand with this host, monotonic
+  /// The stream of a host to an HRTC. Each start of a host begins a new one.
+  struct Stream {
+    std::uint32_t id = 0;
+    std::int64_t acknowledged_ns = 0;  ///< arrival of the first demand that acknowledges a chunk of it, monotonic
+  };
+  std::map<std::uint64_t, Stream> streams;  ///< the newest with an acknowledged chunk, by HRTC; for one object
   struct State {
     std::uint64_t user;
     std::uint32_t sequence;

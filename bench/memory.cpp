@@ -22,6 +22,7 @@
 #include "bench/figures.hpp"
 #include "bench/hrtc_model.hpp"
 #include "bench/models.hpp"
+#include "bench/process_status.hpp"
 #include "bench/session_run.hpp"
 #include "bench/surface_path.hpp"
 #include "hrtc_service/servo/flight_saver.hpp"
@@ -69,14 +70,6 @@ struct Path {
   std::vector<double> distances;  // m, from the finest mesh
   Vec3d away = Vec3d::Zero();     // m, far from the model
 };
-
-/// Returns a value of /proc/PID/status such as "VmHWM", in bytes; 0 if the process has ended.
-double status_bytes(int pid, const std::string& name) {
-  std::ifstream status{"/proc/" + std::to_string(pid) + "/status"};
-  for (std::string line; std::getline(status, line);)
-    if (line.rfind(name + ":", 0) == 0) return std::stod(line.substr(name.size() + 1)) * 1024;
-  return 0;
-}
 
 /// Returns the resident part of a mapping whose name contains `name`, bytes.
 double mapped_bytes(int pid, const std::string& name) {

@@ -2,6 +2,9 @@
 
 #include <unistd.h>
 
+#include <fstream>
+#include <sstream>
+#include <string>
 #include <thread>
 
 #include "bench/in_namespace.hpp"
@@ -11,6 +14,20 @@
 
 namespace tactus::bench {
 namespace {
+
+/// Number of IP fragments that the namespace of the constructing thread has received since its begin.
+struct ReceivedFragments {
+  double count = kUnfinished;
+  ReceivedFragments() {
+    // Of two lines that begin with "Ip:", the first has the names of the values in the second.
+    std::ifstream file{"/proc/thread-self/net/snmp"};
+    std::string names_line, values_line;
+    if (!std::getline(file, names_line) || !std::getline(file, values_line)) return;
+    std::istringstream names{names_line}, values{values_line};
+    for (std::string name, value; names >> name && values >> value;)
+      if (name == "ReasmReqds") count = std::stod(value);
+  }
+};
 
 void wait(double seconds, const std::atomic<bool>& stop) {
   const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(seconds);
@@ -52,6 +69,8 @@ RecordsRun run_records(const std::string& link, double seconds, std::size_t burs
     sizes.add(static_cast<double>(burst.bytes) * 1e-3);
   }
   run.burst_kb = sizes.mean();
+  for (const netem::Side side : {netem::Side::kA, netem::Side::kB})
+    run.fragments += make_in_namespace<ReceivedFragments>(pair, side)->count;
   return run;
 }
 

@@ -15,6 +15,7 @@ struct RecordsRun {
   double burst_kb = 0;           ///< mean size of a burst
   double mbyte_per_s = 0;        ///< payload of complete messages received per second, MB/s
   double sent_per_received = 0;  ///< payload sent divided by payload of complete messages received
+  double fragments = 0;          ///< IP fragments that both sides have received; each waits in the kernel for others
 };
 
 /// Requests regions over `link` (netem::parse_link) for `seconds`. Requests them in bursts of about `burst_bytes`, or

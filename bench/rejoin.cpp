@@ -14,6 +14,7 @@
 #include "bench/latency_bench.hpp"
 #include "bench/live_session.hpp"
 #include "bench/resting_touch.hpp"
+#include "session/figures.hpp"
 #include "tests/support/temporary_folder.hpp"
 
 namespace tactus::bench {
@@ -92,14 +93,24 @@ class Rejoin {
 
   /// Direction in which the partition drops datagrams. The host is at A, the right HRTC at B.
   enum class Cut { kBoth, kToB, kToA };
-  /// Partitions the network, calls `meanwhile` and waits for `duration`. Returns the time from the end of the partition
-  /// until all agree, ms. Returns kUnfinished if that takes too long.
+  struct Recovery {
+    double agreed_ms = kUnfinished;      ///< from the end of the partition until all agree
+    double fresh_ms = kUnfinished;       ///< until the first probe state of the left HRTC arrives at side B
+    double records_again = kUnfinished;  ///< records that the right HRTC has received again, without its restart
+  };
+  /// Partitions the network, calls `meanwhile` and waits for `duration`. All results are kUnfinished if the agreement
+  /// takes too long.
   template <class Meanwhile>
-  double partition(Cut cut, std::chrono::milliseconds duration, const Meanwhile& meanwhile) {
+  Recovery partition(Cut cut, std::chrono::milliseconds duration, const Meanwhile& meanwhile) {
+    const auto records_again = [this] {
+      return session_.observed().figure("right", session::figures::kRecordsReceivedAgain);
+    };
+    const double records_before = records_again();
     if (cut != Cut::kToA) block_ingress(Side::kB);
     if (cut != Cut::kToB) block_ingress(Side::kA);
     meanwhile();
     pause(duration);
+    session_.forget_states();
     unblock_ingress(Side::kA);
     unblock_ingress(Side::kB);
     const std::int64_t end_ns = realtime::monotonic_ns();
@@ -110,17 +121,22 @@ class Rejoin {
           kMaxAgreementTime);
     } catch (const std::runtime_error&) {
       if (realtime::stop_signal()) throw;
-      return kUnfinished;
+      return {};
     }
-    const double ms = static_cast<double>(realtime::monotonic_ns() - end_ns) * 1e-6;
+    Recovery recovery;
+    recovery.agreed_ms = static_cast<double>(realtime::monotonic_ns() - end_ns) * 1e-6;
+    for (const ObservedSession::State& state : session_.observed().states)
+      if (state.user == session::id_of("ann") && state.received_ns >= end_ns)
+        recovery.fresh_ms = std::min(recovery.fresh_ms, static_cast<double>(state.received_ns - end_ns) * 1e-6);
     pause(2s);
-    return ms;
+    recovery.records_again = records_again() - records_before;
+    return recovery;
   }
-  double partition(Cut cut, std::chrono::milliseconds duration) {
+  Recovery partition(Cut cut, std::chrono::milliseconds duration) {
     return partition(cut, duration, [] {});
   }
   /// Kills the right HRTC during a partition and starts it again.
-  double partition_with_restart() {
+  Recovery partition_with_restart() {
     return partition(Cut::kBoth, 2s, [this] {
       right_incarnation_ = session_.observed().roster.at(session::id_of("right")).origin.incarnation;
       right_->signal_all(SIGKILL);
@@ -174,6 +190,11 @@ class Rejoin {
   std::uint64_t right_incarnation_ = 0;
 };
 
+/// One sample a partition.
+struct Recovered {
+  Samples fresh_ms, records_again;
+};
+
 Report run(const Settings& settings) {
   char text[120];
   std::snprintf(text, sizeof text, "%d joins, %d rounds of each partition; veth", settings.joins, settings.rounds);
@@ -201,16 +222,29 @@ Report run(const Settings& settings) {
     using Cut = Rejoin::Cut;
     const auto measure_rounds = [&](const char* name, const auto& run_once) {
       Samples agreed_ms;
+      Recovered recovered;
       for (int i = 0; i < settings.rounds; ++i) {
         std::fprintf(stderr, "\r%s, %d of %d   ", name, i + 1, settings.rounds);
-        agreed_ms.add(run_once());
+        const Rejoin::Recovery recovery = run_once();
+        agreed_ms.add(recovery.agreed_ms);
+        recovered.fresh_ms.add(recovery.fresh_ms);
+        recovered.records_again.add(recovery.records_again);
       }
       report.add_percentiles(std::string{name} + ": time from its end until all agree", "partitions", "ms", agreed_ms);
       report.add_at_most(std::string{name} + ": max time from its end until all agree",
                          {"partitions", agreed_ms.size()}, "ms", agreed_ms.max(), 2000);
+      return recovered;
     };
-    measure_rounds("partition of 1 s", [&] { return rejoin.partition(Cut::kBoth, 1s); });
-    measure_rounds("partition of 5 s", [&] { return rejoin.partition(Cut::kBoth, 5s); });
+    const auto measure_cut = [&](const char* name, std::chrono::milliseconds duration, double max_fresh_ms) {
+      const Recovered recovered = measure_rounds(name, [&] { return rejoin.partition(Cut::kBoth, duration); });
+      const Population partitions{"partitions", recovered.fresh_ms.size()};
+      report.add_at_most(std::string{name} + ": max time from its end until a probe state arrives", partitions, "ms",
+                         recovered.fresh_ms.max(), max_fresh_ms);
+      report.add_at_most(std::string{name} + ": max number of records received again", partitions, "",
+                         recovered.records_again.max(), 0);
+    };
+    measure_cut("partition of 1 s", 1s, 100);
+    measure_cut("partition of 5 s", 5s, 1000);
     measure_rounds("partition of 3 s towards the host", [&] { return rejoin.partition(Cut::kToA, 3s); });
     measure_rounds("partition of 3 s from the host", [&] { return rejoin.partition(Cut::kToB, 3s); });
     measure_rounds("partition of 2 s with a restarted HRTC", [&] { return rejoin.partition_with_restart(); });

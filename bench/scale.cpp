@@ -1,7 +1,7 @@
 // Measures the effect of many HRTCs on a host and on each other. Starts tactus-host and tactus-hrtc as a user does.
 //
 //   trouble   One HRTC is impaired: it is frozen, or it runs for a tenth of the time. Measures the delay of records and
-//             probe states for the other programs. In a second series, all programs but the impaired HRTC have
+//             probe states for the other programs, and the memory of the host. In a second series, all programs but the impaired HRTC have
 //             real-time priority.
 //   joining   32 HRTCs start within a second. Measures the time until the last of them has an exact contact. The tips
 //             rest at 32 points, or move. Repeats this with fewer HRTCs.
@@ -27,6 +27,7 @@
 #include "bench/fetcher.hpp"
 #include "bench/latency_bench.hpp"
 #include "bench/models.hpp"
+#include "bench/process_status.hpp"
 #include "bench/session_observer.hpp"
 #include "bench/testbed.hpp"
 #include "session/delivery_server.hpp"
@@ -104,9 +105,10 @@ class RealTimePriority {
 enum class Impairment { kNone, kFrozen, kThrottled };
 enum class OthersPriority { kOrdinary, kRealTime };  // of all programs but the impaired HRTC
 
-/// Percentiles of the windows with one impairment.
-struct WindowPercentiles {
-  Samples records_p99_ms, age_p99_us;  // one sample a window
+/// Results of the windows with one impairment, one sample a window.
+struct WindowResults {
+  Samples records_p99_ms, age_p99_us;
+  Samples host_growth_mb;  // of the memory of the host, without the pages of the files that it maps
 };
 
 /// Lets a process run for 10 ms of every 100 ms.
@@ -131,9 +133,8 @@ class Throttle {
   std::thread thread_;
 };
 
-/// Runs all windows with the others at priority `others`. Returns the percentiles by Impairment.
-std::array<WindowPercentiles, 3> run_trouble(const Testbed& testbed, const ScaleSettings& settings,
-                                             OthersPriority others) {
+/// Runs all windows with the others at priority `others`. Returns the results by Impairment.
+std::array<WindowResults, 3> run_trouble(const Testbed& testbed, const ScaleSettings& settings, OthersPriority others) {
   const std::string session = others == OthersPriority::kOrdinary ? "trouble" : "trouble-rt";
   // The impaired HRTC represents an HRTC on another machine, which takes no CPU time from the others. Therefore its
   // priority is always ordinary.
@@ -155,13 +156,14 @@ std::array<WindowPercentiles, 3> run_trouble(const Testbed& testbed, const Scale
       throw std::runtime_error("the HRTCs have no exact contact:\n" + healthy->output() + impaired->output());
     run_fetcher(0.1, nullptr);
   }
-  std::array<WindowPercentiles, 3> runs;
+  std::array<WindowResults, 3> runs;
   for (int window = 0; window < settings.windows && !realtime::stop_signal(); ++window) {
     std::fprintf(stderr, "trouble: %d of %d\n", window + 1, settings.windows);
     for (const Impairment impairment : {Impairment::kNone, Impairment::kFrozen, Impairment::kThrottled}) {
       run_fetcher(1, nullptr);  // the impaired HRTC recovers from the window before
       Samples times_ms, ages_us;
       observer.add_ages_of("healthy", &ages_us);
+      const double host_bytes = status_bytes(host->pid(), "RssAnon");
       {
         std::optional<Throttle> throttle;
         if (impairment == Impairment::kFrozen) impaired->signal_all(SIGSTOP);
@@ -169,10 +171,12 @@ std::array<WindowPercentiles, 3> run_trouble(const Testbed& testbed, const Scale
         run_fetcher(settings.seconds, &times_ms);
       }
       observer.add_ages_of("healthy", nullptr);
+      const double host_growth_mb = (status_bytes(host->pid(), "RssAnon") - host_bytes) * 1e-6;
       impaired->signal_all(SIGCONT);
-      WindowPercentiles& percentiles = runs[static_cast<std::size_t>(impairment)];
-      percentiles.records_p99_ms.add(times_ms.percentile(0.99));
-      percentiles.age_p99_us.add(ages_us.percentile(0.99));
+      WindowResults& results = runs[static_cast<std::size_t>(impairment)];
+      results.records_p99_ms.add(times_ms.percentile(0.99));
+      results.age_p99_us.add(ages_us.percentile(0.99));
+      results.host_growth_mb.add(host_growth_mb);
     }
   }
   for (const auto& program : {host.get(), healthy.get(), impaired.get()}) terminate(*program);
@@ -352,7 +356,7 @@ DeliveryState run_state(const ScaleSettings& settings) {
 void report_trouble(const Testbed& testbed, const ScaleSettings& settings, Report& report) {
   const std::array<const char*, 3> names{"all HRTCs run", "one HRTC frozen", "one HRTC throttled to 10 %"};
   for (const OthersPriority others : {OthersPriority::kOrdinary, OthersPriority::kRealTime}) {
-    const std::array<WindowPercentiles, 3> trouble = run_trouble(testbed, settings, others);
+    const std::array<WindowResults, 3> trouble = run_trouble(testbed, settings, others);
     const std::string priority =
         others == OthersPriority::kOrdinary ? ", ordinary priority" : ", real-time priority of the others";
     for (std::size_t i = 0; i < 3; ++i) {
@@ -367,6 +371,9 @@ void report_trouble(const Testbed& testbed, const ScaleSettings& settings, Repor
       report.add_at_most("median p99 of the age of probe states, divided by that when all HRTCs run",
                          {names[i] + priority + ", windows", trouble[i].age_p99_us.size()}, "times",
                          trouble[i].age_p99_us.percentile(0.5) / trouble[0].age_p99_us.percentile(0.5), 1.1);
+      report.add_at_most("max growth of the host's memory in a window",
+                         {names[i] + priority + ", windows", trouble[i].host_growth_mb.size()}, "MB",
+                         trouble[i].host_growth_mb.max(), 1);
     }
   }
 }
