@@ -311,8 +311,8 @@ TEST_F(GatewayTest, WithoutItAMovableObjectExertsNoForceAfter60Ms) {
   ASSERT_GT(killed - cycles.begin(), 100);
   ASSERT_GT(continued - killed, 100);
   EXPECT_TRUE(std::any_of(killed - 100, killed, [](const Cycle& cycle) { return cycle.forces[0] > kPressed; }));
-  // A late cycle counts for at most two periods, as in the servo: if the whole machine was busy, so was the gateway. With
-  // no late cycle, this time is that of the clock. One more cycle, because the kill falls between two of them.
+  // A late cycle counts for at most two periods, as in the servo: if the whole machine was busy, so was the gateway.
+  // Without late cycles, this is the time of the clock. One cycle more, because the kill falls between two of them.
   constexpr std::int64_t kPeriodNs = 1'000'000, kZeroNs = 60 * kPeriodNs + kPeriodNs;
   std::int64_t silence_ns = 0, before_ns = killed_ns, last_force_ns = killed_ns;
   std::ptrdiff_t checked = 0;
@@ -332,9 +332,10 @@ TEST_F(GatewayTest, WithoutItAMovableObjectExertsNoForceAfter60Ms) {
   EXPECT_LE(20 * std::count_if(killed, continued, lacks_force), continued - killed);
 }
 
-/// Every shipped driver is in use while the memory maps are read: none ends for lack of its hardware. tactus-evdev reads
-/// a named pipe instead of a mouse, and tactus-haply talks to a simulated service. The example driver is the third one.
-/// The servo loads no library after its start, so one look at its maps is enough.
+/// The test reads the memory maps while every shipped driver is in use. None ends for lack of its hardware:
+/// tactus-evdev reads a named pipe instead of a mouse, and tactus-haply talks to a simulated service. The third is the
+/// example.
+/// The HRTC opens drivers only at its start, so a later state of the maps is enough.
 TEST_F(GatewayTest, TheServoHasNoDdsNoImporterNoXmlParserAndNoDriver) {
   const std::string mouse = path("mouse");
   ASSERT_EQ(::mkfifo(mouse.c_str(), 0600), 0);
