@@ -2,121 +2,28 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <boost/asio/io_context.hpp>
-#include <boost/asio/ip/tcp.hpp>
-#include <boost/beast/core.hpp>
-#include <boost/beast/websocket.hpp>
 #include <chrono>
 #include <functional>
 #include <limits>
-#include <mutex>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <thread>
 #include <vector>
 
 #include "haptics/plugin_device.hpp"
+#include "tests/devices/haply_service.hpp"
 
 namespace tactus::haptics {
 namespace {
 
-namespace asio = boost::asio;
-namespace beast = boost::beast;
 using Json = nlohmann::json;
+using test_support::HaplyService;
 using namespace std::chrono_literals;
 
 std::int64_t now_ns() {
   return std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::steady_clock::now().time_since_epoch())
       .count();
 }
-
-/// A simulated service for one connection. It sends an inventory, and then an answer to each message.
-class HaplyService {
- public:
-  static constexpr const char* kInventory =
-      R"({"session_id": 7, "inverse3": [{"device_id": "04A1", "config": {"type": "inverse3"}, "state": {}, "status": {}},
-                                        {"device_id": "049D", "config": {"type": "inverse3"}, "state": {}, "status": {}}]})";
-
-  static constexpr const char* kSilence = "silence";
-
-  /// The answer to message `number`. An empty answer closes the connection, and kSilence sends nothing more.
-  using Answer = std::function<std::string(std::size_t number)>;
-  explicit HaplyService(Answer answer, std::string inventory = kInventory)
-      : answer_{std::move(answer)}, inventory_{std::move(inventory)}, thread_{[this] { serve(); }} {}
-  ~HaplyService() {
-    beast::error_code ignored;
-    acceptor_.close(ignored);
-    if (!accepted_) asio::ip::tcp::socket{context_}.connect(endpoint_, ignored);  // wakes the accepting thread
-    thread_.join();
-  }
-
-  [[nodiscard]] std::string address() const { return "127.0.0.1:" + std::to_string(endpoint_.port()); }
-  [[nodiscard]] std::vector<Json> received() const {
-    const std::lock_guard lock{mutex_};
-    return received_;
-  }
-  /// Waits until `condition` holds for the received messages. Returns false after 10 s.
-  [[nodiscard]] bool receives(const std::function<bool(const std::vector<Json>&)>& condition) const {
-    for (const auto end = std::chrono::steady_clock::now() + 10s; std::chrono::steady_clock::now() < end;
-         std::this_thread::sleep_for(1ms))  // poll, because the thread of the service signals no arrival
-      if (condition(received())) return true;
-    return false;
-  }
-
-  /// A state of both devices. The position x of the second device grows with `number`.
-  static std::string state(std::size_t number) {
-    Json message = Json::parse(kInventory);
-    for (Json& device : message["inverse3"]) {
-      device.erase("config");
-      device["state"]["cursor_position"] = {{"x", 9}, {"y", 9}, {"z", 9}};
-      device["state"]["cursor_velocity"] = {{"x", 0}, {"y", 0}, {"z", 0}};
-    }
-    Json& second = message["inverse3"][1]["state"];
-    second["cursor_position"] = {{"x", 1e-6 * static_cast<double>(number)}, {"y", -0.12}, {"z", 0.15}};
-    second["cursor_velocity"] = {{"x", 0.25}, {"y", 0}, {"z", 0}};
-    return message.dump();
-  }
-
- private:
-  void serve() {
-    beast::error_code error;
-    asio::ip::tcp::socket socket{context_};
-    acceptor_.accept(socket, error);
-    accepted_ = true;
-    if (error) return;
-    beast::websocket::stream<asio::ip::tcp::socket> stream{std::move(socket)};
-    stream.accept(error);
-    stream.text(true);
-    if (!error) stream.write(asio::buffer(inventory_), error);
-    for (std::size_t number = 0; !error; ++number) {
-      beast::flat_buffer buffer;
-      stream.read(buffer, error);
-      if (error) return;
-      const std::string text = beast::buffers_to_string(buffer.data());
-      {
-        const std::lock_guard lock{mutex_};
-        received_.push_back(Json::parse(text));
-      }
-      const std::string answer = answer_(number);
-      if (answer.empty()) return;
-      if (answer == kSilence) {
-        stream.read(buffer, error);  // until the other side closes
-        return;
-      }
-      stream.write(asio::buffer(answer), error);
-    }
-  }
-
-  Answer answer_;
-  std::string inventory_;
-  asio::io_context context_;
-  asio::ip::tcp::acceptor acceptor_{context_, {asio::ip::address_v4::loopback(), 0}};
-  asio::ip::tcp::endpoint endpoint_ = acceptor_.local_endpoint();
-  std::atomic<bool> accepted_{false};
-  mutable std::mutex mutex_;
-  std::vector<Json> received_;
-  std::thread thread_;
-};
 
 std::string haply_open_error(const std::string& config) {
   try {

@@ -62,6 +62,12 @@ TEST_F(SecuredTest, OnlyMembersTakePart) {
     EXPECT_EQ(outside->seen().user("ann").count, 0u);
     EXPECT_FALSE(outside->seen().has_left("desk"));
   }
+  for (const char* member : {"museum", "desk"}) {
+    const std::string log = test_support::read_bytes(audit_of(member));
+    EXPECT_THAT(log, testing::ContainsRegex(R"("event":"unknown program","from":"[0-9.]+","count")")) << "without keys";
+    EXPECT_THAT(log, testing::ContainsRegex(
+                         R"("event":"unknown program","from":"[0-9.]+","detail":"states to be operator foreign")"));
+  }
 }
 
 TEST_F(SecuredTest, TheKeysOfAUserPermitNeitherAResetNorAnotherUser) {
