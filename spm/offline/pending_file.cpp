@@ -1,11 +1,14 @@
 #include "spm/offline/pending_file.hpp"
 
+#include <fcntl.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
 #include <cerrno>
 #include <cstdlib>
 #include <cstring>
+#include <random>
+#include <sstream>
 #include <utility>
 
 #include "spm/offline/triangle_mesh.hpp"
@@ -19,7 +22,11 @@ namespace {
 
 }  // namespace
 
-PendingFile::PendingFile(const std::filesystem::path& path) : path_{path}, temporary_{path.string() + ".XXXXXX"} {
+PendingFile::PendingFile(const std::filesystem::path& path) : path_{path} {
+  const std::filesystem::path folder = path.has_parent_path() ? path.parent_path() : ".";
+  fd_ = ::open(folder.c_str(), O_TMPFILE | O_WRONLY | O_CLOEXEC, S_IRUSR | S_IWUSR);
+  if (fd_ >= 0) return;
+  temporary_ = path.string() + ".XXXXXX";  // the file system has no files without a name
   fd_ = ::mkstemp(temporary_.data());
   if (fd_ < 0) fail(path_);
 }
@@ -41,12 +48,24 @@ void PendingFile::write(const void* data, std::size_t size) {
   }
 }
 
+/// Gives the file a temporary name, because only a file with a name can replace another one. Returns false and sets errno
+/// if that fails.
+bool PendingFile::give_name() {
+  std::ostringstream name;
+  name << path_.string() << '.' << std::hex << std::random_device{}();
+  const std::string file = "/proc/self/fd/" + std::to_string(fd_);
+  if (::linkat(AT_FDCWD, file.c_str(), AT_FDCWD, name.str().c_str(), AT_SYMLINK_FOLLOW) != 0) return false;
+  temporary_ = name.str();
+  return true;
+}
+
 void PendingFile::commit() {
   const mode_t mask = ::umask(0);
   ::umask(mask);
   const bool synced = ::fchmod(fd_, 0666 & ~mask) == 0 && ::fsync(fd_) == 0;
+  const bool named = !synced || !temporary_.empty() || give_name();
   const bool closed = ::close(std::exchange(fd_, -1)) == 0;
-  if (!synced || !closed || ::rename(temporary_.c_str(), path_.c_str()) != 0) fail(path_);
+  if (!synced || !named || !closed || ::rename(temporary_.c_str(), path_.c_str()) != 0) fail(path_);
   temporary_.clear();
 }
 

@@ -7,9 +7,9 @@
 
 namespace tactus::spm::offline {
 
-/// Writes a temporary file in the folder of `path`; `commit` syncs it and renames it to `path`. Without `commit`, the
-/// destructor removes the temporary file, and `path` is unchanged. All functions throw ModelError that names path and
-/// cause.
+/// Writes a file without a name in the folder of `path`; `commit` syncs it and gives it this name. Without `commit`, also
+/// if the process is killed, nothing remains, and `path` is unchanged. On a file system that has only files with names,
+/// the file has a temporary one, which a killed process leaves. All functions throw ModelError that names path and cause.
 class PendingFile {
  public:
   explicit PendingFile(const std::filesystem::path& path);
@@ -23,8 +23,10 @@ class PendingFile {
   void commit();
 
  private:
+  [[nodiscard]] bool give_name();
+
   std::filesystem::path path_;
-  std::string temporary_;  // name of the temporary file; empty after the rename
+  std::string temporary_;  // temporary name; empty if the file has none, and after the rename
   int fd_ = -1;
   std::size_t written_ = 0;
 };
