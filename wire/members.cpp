@@ -299,6 +299,20 @@ std::uint64_t Members::id_of(const GuidPrefix& participant) const {
   return known == participants_.end() ? 0 : known->second.ids.front();
 }
 
+/// The library waits for a participant that never answers in the handshake, and reports no failure.
+void Members::on_announcement(const GuidPrefix& participant) {
+  const std::int64_t now_ns = realtime::monotonic_ns();
+  const std::unique_lock lock{mutex_};
+  const auto known = participants_.find(participant);
+  if (known == participants_.end() || known->second.is_proved) return;
+  const Certificate& certificate = certificates_.at(known->second.certificate);
+  if (certificate.serial == self_.serial) return;  // the own announcements come back, and need no handshake
+  std::int64_t& since_ns = known->second.expected_since_ns;
+  if (since_ns == 0) since_ns = now_ns;
+  if (now_ns - since_ns > std::chrono::nanoseconds{kMaxHandshake}.count())
+    audit_.add({"not authenticated", "", "", "states to be " + certificate.subject + ", and does not prove it"});
+}
+
 void Members::on_authentication(const GuidPrefix& participant, bool succeeded) {
   const std::unique_lock lock{mutex_};
   const auto known = participants_.find(participant);

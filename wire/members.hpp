@@ -15,6 +15,7 @@
 /// permitted names, with a shared lock.
 #pragma once
 
+#include <chrono>
 #include <cstdint>
 #include <ctime>
 #include <filesystem>
@@ -48,6 +49,8 @@ class Members {
   /// Max number of participants that are recorded at a time, three for each program; and of those among them that have
   /// not proved their identity yet. Everyone can announce identities without keys.
   static constexpr std::size_t kMaxParticipants = 4096, kMaxUnproved = 256;
+  /// Longer than the handshake takes if several of its messages are lost: the library repeats each after half a second.
+  static constexpr std::chrono::seconds kMaxHandshake{3};
 
   /// `folder`: with the keys of this program. `audit` gets an event for each refusal; must outlive this.
   Members(std::filesystem::path folder, keys::Member self, AuditLog& audit);
@@ -70,6 +73,10 @@ class Members {
 
   /// Returns the id of the program with this participant; 0 if it is no member.
   [[nodiscard]] std::uint64_t id_of(const GuidPrefix& participant) const;
+
+  /// The library has received an announcement that `admits` let pass. Writes to the audit log that the participant has
+  /// not proved its identity kMaxHandshake after its first announcement.
+  void on_announcement(const GuidPrefix& participant);
 
   /// The library reports whether a participant has proved its identity.
   void on_authentication(const GuidPrefix& participant, bool succeeded);
@@ -100,6 +107,7 @@ class Members {
     // Of the names that its announcements state. The name is not authenticated, but all are names of its member.
     std::vector<std::uint64_t> ids;
     std::int64_t announced_ns = 0;
+    std::int64_t expected_since_ns = 0;  // first announcement that the library has received; 0: none
     bool is_proved = false;
     std::time_t list_made = 0;  // of the list of revoked certificates that it uses; 0: not yet known
     int differing_checks = 0;   // number of checks since that list and the own one differ

@@ -119,6 +119,11 @@ bool Security::admits(const std::uint8_t* message, std::uint32_t size, const rtp
   return false;
 }
 
+void Security::on_announcement(const std::uint8_t* message) noexcept try {
+  members_.on_announcement(sender_of(message));
+} catch (...) {  // out of memory: the audit log lacks an event
+}
+
 void Security::apply(dds::DomainParticipantQos& qos) const {
   auto& properties = qos.properties().properties();
   const auto add = [&](const char* name, const std::string& value) { properties.emplace_back(name, value); };

@@ -54,6 +54,9 @@ class Security final : public dds::DomainParticipantListener {
   /// Returns whether the library may read a message that came from this address. Writes refusals to the audit log.
   [[nodiscard]] bool admits(const std::uint8_t* message, std::uint32_t size, const rtps::Locator_t& from) noexcept;
 
+  /// Reports to the members that the library reads an announcement. `message`: one that `admits` has let pass.
+  void on_announcement(const std::uint8_t* message) noexcept;
+
   [[nodiscard]] const keys::Member& member() const noexcept { return member_; }
   [[nodiscard]] std::string who() const;  ///< role and 'name', for messages
   [[nodiscard]] Members& members() noexcept { return members_; }

@@ -71,6 +71,8 @@ class FilterTransport final : public WholeMessageTransport {
     if (descriptor_.settings.security != nullptr && !descriptor_.settings.security->admits(message, size, remote))
       return;
     if (!announcements_.on_received(message, size)) return;
+    if (descriptor_.settings.security != nullptr && Announcements::sequence_of(message, size))
+      descriptor_.settings.security->on_announcement(message);
     std::unique_lock lock{handshake_mutex_, std::defer_lock};
     if (starts_handshake(message, size)) lock.lock();
     next->OnDataReceived(message, size_without_statistics(message, size), local, remote);
