@@ -2,6 +2,7 @@
 
 set(CMAKE_POSITION_INDEPENDENT_CODE ON)
 set(TACTUS_SANITIZE "" CACHE STRING "Sanitizers for every target, e.g. address,undefined or thread")
+option(TACTUS_COVERAGE "Count how often each line is executed" OFF)
 option(TACTUS_FUZZ "Build the fuzz targets of tests/fuzz for libFuzzer; needs clang" OFF)
 option(TACTUS_WERROR "Treat warnings as errors" OFF)
 
@@ -27,6 +28,10 @@ if(TACTUS_SANITIZE)
     target_compile_options(tactus_options INTERFACE -Wno-tsan)
   endif()
   target_link_options(tactus_options INTERFACE -fsanitize=${TACTUS_SANITIZE})
+endif()
+if(TACTUS_COVERAGE)
+  target_compile_options(tactus_options INTERFACE --coverage -fprofile-update=atomic)
+  target_link_options(tactus_options INTERFACE --coverage)
 endif()
 
 # Precompiled headers of other libraries that most sources include: for our libraries here, for tests in

@@ -17,7 +17,7 @@ target_precompile_headers(tactus_test_precompiled PRIVATE
 #   ALONE 'Suite.*'               filter of test cases with bounds on times or on what a force does in a time; they get
 #                                 an entry of their own, which runs while no other test does
 #   NIGHTLY 'Suite.*'             filter of long test cases, which get an entry of their own with label nightly
-#   TIMEOUT s                     default 120; five times as long under a sanitizer
+#   TIMEOUT s                     default 120; five times as long in a Debug build, with or without a sanitizer
 # scripts/test gives ctest two slots for each processor. A test takes two slots, but one with label dds takes one slot,
 # because it mostly waits for other processes.
 # The report of each entry goes to reports/ENTRY.xml in the build folder, where scripts/test counts cases.
@@ -34,7 +34,7 @@ function(tactus_test name)
   if(NOT ARG_TIMEOUT)
     set(ARG_TIMEOUT 120)
   endif()
-  if(TACTUS_SANITIZE)
+  if(CMAKE_BUILD_TYPE STREQUAL "Debug")
     math(EXPR ARG_TIMEOUT "${ARG_TIMEOUT} * 5")
   endif()
   if(NOT ARG_SHARDS)
