@@ -1,8 +1,8 @@
 // Measures the effect of many HRTCs on a host and on each other. Starts tactus-host and tactus-hrtc as a user does.
 //
 //   trouble   One HRTC is impaired: it is frozen, or it runs for a tenth of the time. Measures the delay of records and
-//             probe states for the other programs, and the memory of the host. In a second series, all programs but the impaired HRTC have
-//             real-time priority.
+//             probe states for the other programs, and the memory of the host. In a second series, all programs but the
+//             impaired HRTC have real-time priority.
 //   joining   32 HRTCs start within a second. Measures the time until the last of them has an exact contact. The tips
 //             rest at 32 points, or move. Repeats this with fewer HRTCs.
 //   secured   8 HRTCs start within a second, with keys and without.
@@ -171,7 +171,8 @@ std::array<WindowResults, 3> run_trouble(const Testbed& testbed, const ScaleSett
         run_fetcher(settings.seconds, &times_ms);
       }
       observer.add_ages_of("healthy", nullptr);
-      const double host_growth_mb = (status_bytes(host->pid(), "RssAnon") - host_bytes) * 1e-6;
+      const double host_bytes_after = status_bytes(host->pid(), "RssAnon");  // 0: the host has ended
+      const double host_growth_mb = host_bytes_after > 0 ? (host_bytes_after - host_bytes) * 1e-6 : kUnfinished;
       impaired->signal_all(SIGCONT);
       WindowResults& results = runs[static_cast<std::size_t>(impairment)];
       results.records_p99_ms.add(times_ms.percentile(0.99));

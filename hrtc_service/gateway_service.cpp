@@ -383,12 +383,10 @@ int GatewayService::Impl::run(const std::atomic<bool>& stop) {
   sending = true;
   sender = std::thread{[this] { send_states(); }};
   spdlog::info(
-      "{} serves {} probes in session {} on domain {}; pool of {} slots, {:.1f} MiB{}", options.address.participant,
-      options.max_users, options.address.session, options.address.domain, options.pool.slots,
-      static_cast<double>(options.pool.bytes()) / (1 << 20),
-      options.directory_bytes == ~std::uint64_t{0}
-          ? std::string{}
-          : fmt::format(", and {:.1f} MiB for directories", static_cast<double>(options.directory_bytes) / (1 << 20)));
+      "{} serves {} probes in session {} on domain {}; pool of {} slots, {:.1f} MiB, and {:.1f} MiB for directories",
+      options.address.participant, options.max_users, options.address.session, options.address.domain,
+      options.pool.slots, static_cast<double>(options.pool.bytes()) / (1 << 20),
+      static_cast<double>(options.directory_bytes) / (1 << 20));
   service_manager.ready();
   // A timer starts each pass, not the arrival of a sample, because the number of samples grows with the square of the
   // session's size. Passes should take only a tenth of a processor. Otherwise they would slow down an overloaded

@@ -10,6 +10,9 @@
 #include <cerrno>
 #include <cstdlib>
 #include <cstring>
+#include <fstream>
+#include <iterator>
+#include <string>
 #include <string_view>
 #include <utility>
 
@@ -166,17 +169,25 @@ Issuer identities_of(const fs::path& folder) {
 
 std::time_t now() { return std::time(nullptr); }
 
+/// Copies a file such that only its owner can read it, and waits until the disk has it.
 void copy(const fs::path& from, const fs::path& to, const char* name) {
-  fs::copy_file(from / name, to / name);
+  std::ifstream in{from / name, std::ios::binary};
+  const std::string text{std::istreambuf_iterator<char>{in}, {}};
+  if (!in) fail(from / name, "cannot be read");
+  write_file(to / name, text);
   fs::permissions(to / name, fs::perms::owner_read | fs::perms::owner_write);
+}
+
+/// Returns the absolute path of a folder, whose name may have a separator at its end.
+fs::path without_separator(const fs::path& folder) {
+  return folder.has_filename() ? fs::absolute(folder) : fs::absolute(folder).parent_path();
 }
 
 }  // namespace
 
 Authority Authority::create(const fs::path& folder) {
   if (fs::exists(folder)) throw KeyError(folder.string() + ": exists, expected a new folder");
-  // A name of the folder may have a separator at its end.
-  const fs::path path = folder.has_filename() ? fs::absolute(folder) : fs::absolute(folder).parent_path();
+  const fs::path path = without_separator(folder);
   const std::string group = path.filename();
   check_name("name of the authority", group);
   if (!fs::is_directory(path.parent_path())) throw KeyError(path.parent_path().string() + ": found no folder");
@@ -267,11 +278,11 @@ void Authority::remove_remains() const {
 }
 
 void Authority::export_member(const std::string& name, const fs::path& to) const {
-  const fs::path from = folder_of(name);
+  const fs::path from = folder_of(name), target = without_separator(to);
   if (!fs::is_directory(from)) throw KeyError(from.string() + ": not found, expected a member of this authority");
-  if (fs::exists(to)) throw KeyError(to.string() + ": exists, expected a new folder");
+  if (fs::exists(target)) throw KeyError(to.string() + ": exists, expected a new folder");
   (void)read_member(from, now());
-  Pending pending = Pending::folder(to);
+  Pending pending = Pending::folder(target);
   try {
     for (const auto& entry : fs::directory_iterator{from})
       if (!is_hidden(entry.path())) copy(from, pending.temporary(), entry.path().filename().c_str());

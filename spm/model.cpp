@@ -161,7 +161,7 @@ void check_cells(const ModelSummary& s, std::span<const Region> regions, Finding
     }
     const std::uint32_t largest = std::uint32_t{std::max({r.cell[0], r.cell[1], r.cell[2]})} >> r.depth;
     if (largest >= kMaxCellsPerSide) {
-      findings.add("region ", i, ": in cell ", largest, " of an axis, expected below ", kMaxCellsPerSide);
+      findings.add("region ", i, ": cell ", largest, " along an axis at depth 0, expected below ", kMaxCellsPerSide);
       continue;
     }
     const std::uint32_t levels = kMaxCellDepth - r.depth;

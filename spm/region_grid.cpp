@@ -63,17 +63,19 @@ std::uint64_t RegionGrid::bytes(std::uint32_t regions) noexcept {
 
 std::uint64_t RegionGrid::bytes(std::span<const Region> regions) noexcept {
   std::size_t pages = 0, ends = 0;
-  std::uint64_t before = ~std::uint64_t{0};
-  for (const Region& region : regions) {
-    const std::uint64_t key = key_of(Place{region.cell, region.depth});
-    pages += key != before ? 1 : 0;
-    ends += region.depth > 0 ? 1 : 0;
-    before = key;
+  for (std::size_t first = 0; first < regions.size(); ++pages) {
+    const auto place_of = [&](std::size_t region) { return Place{regions[region].cell, regions[region].depth}; };
+    std::size_t cells = 0;
+    bool is_divided = false;
+    std::size_t end = first;
+    for (; end < regions.size() && key_of(place_of(end)) == key_of(place_of(first)); ++end) {
+      is_divided = is_divided || regions[end].depth > 0;
+      if (end == first || place_of(end).around(0) != place_of(end - 1).around(0)) ++cells;
+    }
+    if (is_divided) ends += cells;
+    first = end;
   }
-  // A page with a divided cell stores the ends of its other cells, too.
-  const std::size_t cells_with_ends = ends == 0 ? 0 : std::min(regions.size(), ends + pages * 512);
-  return regions.size() * sizeof(Cell) + pages * sizeof(Page) + buckets_for(pages) * sizeof(std::uint32_t) +
-         cells_with_ends * sizeof(std::uint32_t);
+  return regions.size() * sizeof(Cell) + pages * sizeof(Page) + (buckets_for(pages) + ends) * sizeof(std::uint32_t);
 }
 
 double RegionGrid::squared_distance(RegionId region, const Vec3d& p) const noexcept {

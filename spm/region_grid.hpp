@@ -47,7 +47,7 @@ class RegionGrid {
   /// Estimates the bytes of a grid. Assumes 24 regions in a page, and that a quarter of the regions is in pages with
   /// divided cells.
   [[nodiscard]] static std::uint64_t bytes(std::uint32_t regions) noexcept;
-  /// Returns the bytes of the grid of these regions, or a little more.
+  /// Returns the bytes of the grid of these regions.
   [[nodiscard]] static std::uint64_t bytes(std::span<const Region> regions) noexcept;
 
   /// The squared distance of `p` from the nearest occupied subcell; 0 inside. About 20 ns.
@@ -55,8 +55,8 @@ class RegionGrid {
 
   /// Calls `visit(RegionId, squared distance)` once for each region within `radius` of `centre`, in a fixed order. If
   /// the bounds of the sphere contain more than `kMaxCells` cells of depth 0, a coordinate is not finite, or the radius
-  /// is NaN or negative, returns false and visits nothing. Returns false, too, if it has tested `kMaxTests` regions and
-  /// cells; then some regions may be missing.
+  /// is NaN or negative, returns false and visits nothing. Also returns false after `kMaxTests` tests of regions; then
+  /// `visit` was called for some of them only.
   template <class Visit>
   bool for_each_intersecting(const Vec3d& centre, double radius, Visit&& visit) const noexcept {
     if (!centre.allFinite() || !(radius >= 0)) return false;

@@ -13,6 +13,7 @@ using spm::Vec3d;
 std::vector<BaseRegion> base_regions(const spm::Forest& forest) {
   const spm::RegionGrid& grid = forest.grid();
   std::vector<BaseRegion> regions(grid.size());
+  std::vector<spm::RegionId> found;
   for (const spm::BaseSlots::Face& face : forest.base().faces) {
     const std::array<Vec3d, 3> corners = spm::shown_corners(forest.tree(), forest.shown_at(face.row));
     const Vec3d centre = (corners[0] + corners[1] + corners[2]) / 3;
@@ -24,9 +25,14 @@ std::vector<BaseRegion> base_regions(const spm::Forest& forest) {
       each.error = std::max(each.error, error);
       ++each.faces;
     };
-    if (grid.for_each_intersecting(centre, radius, [&](spm::RegionId region, double) { add(region); })) continue;
-    for (std::uint32_t region = 0; region < grid.size(); ++region)
-      if (grid.box(spm::RegionId{region}).squared_distance(centre) <= radius * radius) add(spm::RegionId{region});
+    found.clear();
+    if (!grid.for_each_intersecting(centre, radius, [&](spm::RegionId region, double) { found.push_back(region); })) {
+      found.clear();
+      for (std::uint32_t region = 0; region < grid.size(); ++region)
+        if (grid.box(spm::RegionId{region}).squared_distance(centre) <= radius * radius)
+          found.push_back(spm::RegionId{region});
+    }
+    for (const spm::RegionId region : found) add(region);
   }
   return regions;
 }

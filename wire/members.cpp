@@ -263,6 +263,11 @@ bool Members::is_author(const GuidPrefix& participant, const Claim& claim, const
 }
 
 void Members::count_refused(Certificate& certificate) {
+  const std::int64_t now_ns = realtime::monotonic_ns();
+  if (now_ns - certificate.refused_since_ns > std::chrono::nanoseconds{kRefusedWindow}.count()) {
+    certificate.refused_since_ns = now_ns;
+    certificate.refused = 0;
+  }
   if (++certificate.refused == kMaxRefused) cut_off(certificate, "too many refused samples");
 }
 

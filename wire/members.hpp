@@ -9,7 +9,7 @@
 ///
 /// The class records a certificate when the first of its programs announces itself. The library authenticates GUIDs
 /// (keys/identity.hpp). A certificate is cut off when it is revoked or has expired, or when kMaxRefused samples of it
-/// were refused or invalid. Then all its messages are dropped, so the library loses its participants when their leases end.
+/// were refused or invalid within kRefusedWindow. Then all its messages are dropped, so the library loses its participants when their leases end.
 ///
 /// Threads: any. Cost of a message or a sample: one lookup in a tree and, for a restricted member, a search of its
 /// permitted names, with a shared lock.
@@ -44,13 +44,14 @@ struct Claim {
 
 class Members {
  public:
-  /// Number of refused and invalid samples after which a certificate is cut off.
+  /// Number of refused and invalid samples in kRefusedWindow after which a certificate is cut off.
   static constexpr std::uint32_t kMaxRefused = 100;
+  static constexpr std::chrono::seconds kRefusedWindow{60};
   /// Max number of participants that are recorded at a time, three for each program; and of those among them that have
   /// not proved their identity yet. Everyone can announce identities without keys.
   static constexpr std::size_t kMaxParticipants = 4096, kMaxUnproved = 256;
-  /// Longer than the handshake takes if several of its messages are lost: the library repeats each after half a second.
-  static constexpr std::chrono::seconds kMaxHandshake{3};
+  /// Longer than the handshake takes if many of its messages are lost: the library repeats each after half a second.
+  static constexpr std::chrono::seconds kMaxHandshake{10};
 
   /// `folder`: with the keys of this program. `audit` gets an event for each refusal; must outlive this.
   Members(std::filesystem::path folder, keys::Member self, AuditLog& audit);
@@ -98,7 +99,8 @@ class Members {
     std::time_t valid_until = 0;
     keys::Permitted permitted;
     std::vector<std::uint64_t> permitted_ids;
-    std::uint32_t refused = 0;
+    std::uint32_t refused = 0;  // samples in the window, of which the first was refused at this time
+    std::int64_t refused_since_ns = 0;
     bool is_cut_off = false;
   };
   struct Participant {

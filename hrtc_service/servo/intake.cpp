@@ -199,7 +199,8 @@ spm::AcceptResult Intake::add_object(IntakeAnswer::Kind& kind) {
   if (objects_.is_index_used(header_->object) || (is_movable && movable_ == kMaxBodies))
     return spm::AcceptResult::kMalformed;
   const std::uint64_t grid = spm::RegionGrid::bytes(std::span<const spm::Region>{base.regions});
-  const std::uint64_t directory = estimate - spm::RegionGrid::bytes(base.summary.regions) + grid;
+  // The estimate contains two grids: the other one is in the gateway.
+  const std::uint64_t directory = estimate - 2 * spm::RegionGrid::bytes(base.summary.regions) + grid;
   if (directory > directories_left) return spm::AcceptResult::kPoolFull;
   pending_ = objects_.add(description_of(header_->object, object), base);
   if (!pending_) return spm::AcceptResult::kPoolFull;

@@ -1,12 +1,13 @@
-/// Detects that the own work of the haptic thread takes several periods, cycle after cycle.
+/// Detects that the haptic thread needs several periods of CPU time in many cycles.
 ///
-/// Forces are stable at the planned rate of cycles only. Meshes of a gateway are checked for validity, but valid meshes
-/// can also take too much time. Other programs can delay a cycle too, so only the thread's CPU time counts.
+/// Forces are stable only at the planned rate of cycles. The intake checks that a mesh is valid, but a valid mesh can
+/// take too much time. Other programs can delay a cycle too, so the time on the clock does not count.
 ///
-/// A cycle is heavy if it takes more than kPeriods. 50 heavy cycles in a row are an overload, and so is a share above a
-/// sixth that lasts.
+/// A cycle is heavy if it takes more than kPeriods of CPU time. 50 heavy cycles in a row are an overload, and so are
+/// heavy cycles that stay more than a sixth of all cycles. The CPU time of a cycle is an estimate: that since the last
+/// reading, less the time on the clock of the cycles between.
 ///
-/// One thread. Realtime; a heavy cycle makes one system call.
+/// One thread. Realtime; a cycle that takes more than kPeriods on the clock makes one system call.
 #pragma once
 
 #include <cstdint>

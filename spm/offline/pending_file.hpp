@@ -7,9 +7,10 @@
 
 namespace tactus::spm::offline {
 
-/// Writes a file without a name in the folder of `path`; `commit` syncs it and gives it this name. Without `commit`, also
-/// if the process is killed, nothing remains, and `path` is unchanged. On a file system that has only files with names,
-/// the file has a temporary one, which a killed process leaves. All functions throw ModelError that names path and cause.
+/// Writes a file without a name in the folder of `path`. `commit` syncs it and gives it the name `path`, and replaces a
+/// file of that name. Without `commit`, also if the process is killed, `path` is unchanged and nothing remains. But if the
+/// file system has only files with names, a killed process leaves a file with a temporary one. All functions throw
+/// ModelError that names path and cause.
 class PendingFile {
  public:
   explicit PendingFile(const std::filesystem::path& path);

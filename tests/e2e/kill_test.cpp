@@ -105,6 +105,7 @@ class KillTest : public SessionTest {
       for (const auto& entry : fs::directory_iterator{model.parent_path()}) {
         const bool is_temporary = entry.path().filename().string().rfind("model.spm.", 0) == 0;
         EXPECT_FALSE(is_temporary && has_nameless_files) << entry.path();
+        if (is_temporary) fs::remove(entry.path());
       }
       const std::string found = bytes_of(model);
       if (found == expected) {

@@ -138,7 +138,7 @@ const std::vector<Damage> kDamages{
        m.regions.back().depth = 1;
        m.regions.back().cell[2] = 2 * kMaxCellsPerSide;
      },
-     "in cell 8192 of an axis, expected below 8192"},
+     "cell 8192 along an axis at depth 0, expected below 8192"},
     {"CellTooDeep", [](BuiltModel& m) { m.regions[1].depth = 60; }, "depth 60"},
     {"IntervalsBeyondTheEnd", [](BuiltModel& m) { m.regions[1].interval_count += 10000000; }, "region 1: intervals"},
     {"IntervalsNotAscending",
