@@ -16,6 +16,7 @@
 #include <exception>
 #include <new>
 #include <sstream>
+#include <stdexcept>
 #include <string>
 
 #include "spm/model.hpp"
@@ -236,13 +237,19 @@ std::string described(const aiScene& scene, const Found& found) {
   return text.empty() ? "nothing" : text;
 }
 
+/// Throws ModelError with a reason, which may be empty if assimp states none.
+[[noreturn]] void fail_to_read(const std::filesystem::path& path, const std::string& reason) {
+  fail(path, "cannot be read as a model: " +
+                 (reason.empty() ? "the file is damaged, or its format differs from its extension" : reason));
+}
+
 TriangleMesh read_scene(const std::filesystem::path& path, ModelFiles& files, Found& found) {
   Assimp::Importer importer;
   importer.SetIOHandler(new ReadOnlyFiles{files});  // the importer deletes it
   importer.SetPropertyBool(AI_CONFIG_IMPORT_NO_SKELETON_MESHES, true);
   const aiScene* scene = importer.ReadFile(path.filename().string(), 0);
   if (const std::exception_ptr error = importer.GetException()) std::rethrow_exception(error);  // std::bad_alloc, too
-  if (scene == nullptr) fail(path, std::string{"cannot be read as a model: "} + importer.GetErrorString());
+  if (scene == nullptr) fail_to_read(path, importer.GetErrorString());
   check_indices(*scene, path);
   if (scene->mRootNode != nullptr) check_nodes(*scene->mRootNode, path);
   TriangleMesh mesh;
@@ -318,9 +325,14 @@ TriangleMesh read_mesh(const std::filesystem::path& model, ModelFiles& files, Lo
   } catch (const ModelError&) {
     throw;
   } catch (const std::bad_alloc&) {
-    throw;  // the caller knows the limit
-  } catch (const std::exception& e) {
-    fail(model, std::string{"cannot be read as a model: "} + e.what());
+    // The caller knows the limit.
+    throw;
+  } catch (const std::runtime_error& e) {
+    // An error of assimp, whose text is for users.
+    fail_to_read(model, e.what());
+  } catch (const std::exception&) {
+    // Such as std::out_of_range, whose text is the name of a C++ function ("stoi").
+    fail_to_read(model, "");
   }
 }
 

@@ -309,7 +309,9 @@ class ImportProcess {
       check(read(message.data(), message.size()));
       for (char& c : message)
         if (static_cast<unsigned char>(c) < ' ') c = ' ';
-      if (message.rfind(model_.string(), 0) == 0) throw ModelError{message};
+      if (const std::string name = model_.string() + ": "; message.rfind(name, 0) == 0) message.erase(0, name.size());
+      if (message.find_first_not_of(' ') == std::string::npos)
+        message = "the reader returned neither a mesh nor a reason, so the file is damaged or hostile";
       fail(model_, message);
     }
     TriangleMesh mesh;

@@ -16,11 +16,13 @@
 #include "spm/model.hpp"
 #include "spm/offline/import.hpp"
 #include "spm/offline/import_channel.hpp"
+#include "tests/spm/importer/names_file_and_reason.hpp"
 #include "tests/support/temporary_folder.hpp"
 
 namespace tactus::spm::offline {
 namespace {
 
+using test_support::NamesFileAndReason;
 using test_support::write_bytes;
 using testing::HasSubstr;
 using testing::StartsWith;
@@ -65,6 +67,11 @@ TEST_F(ConfinedImport, AcceptsOnlyAValidMesh) {
 
 TEST_F(ConfinedImport, PrintsAMessageOfTheReaderAsOneLineOfText) {
   EXPECT_EQ(error_of_reader("message"), path("message.obj").string() + ":  [2Jall is well ");
+}
+
+TEST_F(ConfinedImport, AddsAReasonToAMessageOfTheReaderThatHasNone) {
+  for (const char* behavior : {"only_name", "only_spaces"})
+    EXPECT_THAT(error_of_reader(behavior), HasSubstr("returned neither a mesh nor a reason")) << behavior;
 }
 
 TEST(ImportLimits, GrowWithTheSizeOfTheFiles) {
@@ -197,7 +204,7 @@ TEST_F(ConfinedImport, EndsWithAMeshOrAMessageForEachInvalidModelOfAssimp) {
   int count = 0;
   for (const auto& file : std::filesystem::directory_iterator{models}) {
     const std::string error = import_error(file.path());
-    EXPECT_THAT(error, testing::AnyOf("no error", StartsWith(file.path().string() + ": ")));
+    EXPECT_THAT(error, testing::AnyOf("no error", NamesFileAndReason(file.path().string())));
     ++count;
   }
   EXPECT_GT(count, 5);

@@ -111,6 +111,10 @@ int main(int, char** argv) {
     put(face.data(), sizeof face);
   } else if (behavior == "message") {
     put_message("\033[2Jall is well\n");
+  } else if (behavior == "only_name") {
+    put_message(model.string() + ": ");
+  } else if (behavior == "only_spaces") {
+    put_message(" \n");
   } else if (behavior == "long_message") {
     put_header(UINT64_MAX, 0, 0);
   }

@@ -6,13 +6,17 @@
 #include <algorithm>
 #include <array>
 #include <cstring>
+#include <memory>
 #include <sstream>
+#include <stdexcept>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "spm/model.hpp"
 #include "spm/offline/generate.hpp"
 #include "spm/offline/write_mesh.hpp"
+#include "tests/spm/importer/names_file_and_reason.hpp"
 #include "tests/support/temporary_folder.hpp"
 
 namespace tactus::spm::importer {
@@ -23,6 +27,7 @@ using offline::ModelError;
 using offline::Shape;
 using offline::Triangle;
 using offline::TriangleMesh;
+using test_support::NamesFileAndReason;
 using ::testing::HasSubstr;
 
 /// One file, in memory.
@@ -59,8 +64,44 @@ void expect_refused_or_valid_indices(const std::string& name, const std::string&
     for (const Triangle& face : mesh.faces)
       for (const std::uint32_t vertex : face) ASSERT_LT(vertex, mesh.positions.size());
   } catch (const ModelError& e) {
-    ASSERT_THAT(e.what(), HasSubstr(name));
+    ASSERT_THAT(e.what(), NamesFileAndReason(name));
   }
+}
+
+/// Files whose second open() throws. The reader opens the first one, and assimp the second.
+template <class Exception>
+class BrokenFiles : public ModelFiles {
+ public:
+  explicit BrokenFiles(const char* text) : text_{text} {}
+  std::unique_ptr<std::istream> open(const std::string&) override {
+    if (std::exchange(opened_, true)) throw Exception{text_};
+    return std::make_unique<std::istringstream>("v 0 0 0\n");
+  }
+
+ private:
+  const char* text_;
+  bool opened_ = false;
+};
+
+template <class Exception>
+std::string error_of_exception(const char* text) {
+  BrokenFiles<Exception> files{text};
+  try {
+    static_cast<void>(read_mesh("broken.obj", files, offline::LossPolicy::kRefuse));
+  } catch (const ModelError& e) {
+    return e.what();
+  }
+  return {};
+}
+
+TEST(ReadMesh, StatesAReasonWhateverIsThrownWhileAssimpReads) {
+  EXPECT_EQ(error_of_exception<std::runtime_error>("line 3 has no vertex"),
+            "broken.obj: cannot be read as a model: line 3 has no vertex");
+  for (const std::string& error :
+       {error_of_exception<std::runtime_error>(""), error_of_exception<std::out_of_range>("stoi"),
+        error_of_exception<std::length_error>("vector::_M_default_append")})
+    EXPECT_EQ(error,
+              "broken.obj: cannot be read as a model: the file is damaged, or its format differs from its extension");
 }
 
 /// The bytes that write_mesh() writes for a format.
@@ -140,7 +181,7 @@ TEST(ReadMesh, RefusesEveryTruncationOfABinaryFile) {
   for (const char* name : {"cut.ply", "cut.stl"}) {
     const std::string bytes = bytes_of(name, mesh);
     for (std::size_t size = 0; size < bytes.size(); size += 61) {
-      EXPECT_NE(read_error(name, bytes.substr(0, size)), "") << name << " cut to " << size;
+      EXPECT_THAT(read_error(name, bytes.substr(0, size)), NamesFileAndReason(name)) << "cut to " << size;
     }
   }
 }
