@@ -35,7 +35,8 @@ struct Limits {
 };
 
 /// Returns the limits for files of this size: a constant, and more for each byte. An OBJ file of 2 GB took 4.7 bytes of
-/// memory for each byte, and 14 MB/s. With one digit for each coordinate, it takes much more memory.
+/// memory for each byte, and 14 MB/s; the nightly test LargeImport reports both for a similar file. With one digit for
+/// each coordinate, a file takes much more memory for each byte.
 [[nodiscard]] constexpr Limits limits_for(std::uint64_t bytes) noexcept {
   constexpr std::uint64_t kMemory = 1ULL << 30, kMemoryPerByte = 64;
   constexpr std::uint64_t kSeconds = 10, kBytesPerSecond = 2'000'000, kElapsedFactor = 10;
