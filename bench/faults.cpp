@@ -202,7 +202,10 @@ const std::vector<Fault>& faults() {
            "scale",
            {"--part", "joining"},
            {"--part", "joining", "--quick"},
-           {{"time until all HRTCs are started", 1, "at rest"}, {"time until the last exact contact", 5, "at rest"}}}}},
+           {{"time until all HRTCs are started", 1, "at rest"},
+            {"time until the last exact contact", 5, "at rest"},
+            {"median p99 of the delivery time of a region for an earlier HRTC, divided by that before HRTCs join", 1.1},
+            {"median p99 of the age of probe states of an earlier user, divided by that before HRTCs join", 1.1}}}}},
       {"R25", "a second host takes over a movable object", {measure_body_takeover}},
       {"R26", "random faults", {measure_random_faults}}};
   return all;
