@@ -155,6 +155,52 @@ class PoseObserver {
   wire::Reader<session::ObjectPose> poses_;
 };
 
+enum class WrongClock { kAhead, kBehind };
+
+/// Compares the ages of the states of an HRTC with a wrong clock with those of an HRTC with the clock of the host.
+void measure_clock(const FaultSettings& settings, WrongClock clock, Report& report) {
+  constexpr std::int64_t kHour = 3600;  // s
+  const bool is_behind = clock == WrongClock::kBehind;
+  TouchedSession touched;
+  LiveSession& session = touched.session();
+  // The programs of a time namespace have another monotonic clock. A clock cannot be before the start of the machine.
+  // So the other programs are ahead of the HRTC whose clock is behind.
+  const auto start = [&](Side side, const std::string& name, const std::vector<std::string>& arguments, bool is_ahead) {
+    std::vector<std::string> command{"/usr/bin/nsenter", "--net=/run/netns/" + session.pair().name(side)};
+    if (is_ahead)
+      command.insert(command.end(), {"/usr/bin/unshare", "--time", "--monotonic", std::to_string(kHour), "--fork"});
+    command.push_back(program_path(name));
+    command.insert(command.end(), arguments.begin(), arguments.end());
+    command.insert(command.end(), {"--session", session.address("").session, "--plain"});
+    return std::make_unique<Process>(command);
+  };
+  const auto host = start(Side::kA, "host", {"--name", "museum", touched.path("organ.spm")}, is_behind);
+  const auto right = start(Side::kB, "hrtc", touched.hrtc_arguments("right", {"bob"}, {"--no-coding"}), is_behind);
+  const auto wrong = start(Side::kB, "hrtc", touched.hrtc_arguments("wrong", {"ann"}, {"--no-coding"}), !is_behind);
+  touched.wait_for_touch("ann");
+  touched.wait_for_touch("bob");
+  pause(2s);
+  session.forget_states();
+  pause(std::chrono::milliseconds{static_cast<long>(settings.seconds * 1e3 / 6)});
+  const ObservedSession observed = session.observed();
+  // The entry of the host states the session time that belongs to the host's clock.
+  const session::RosterEntry& entry = observed.roster.at(session::id_of("museum"));
+  const std::int64_t host_ahead_ns = is_behind ? kHour * 1'000'000'000 : 0;  // of the clock of this program
+  const std::int64_t ahead_ns = entry.session_time_ns - (entry.origin.time_ns - host_ahead_ns);
+  std::map<std::uint64_t, Samples> ages_ms;
+  for (const ObservedSession::State& state : observed.states)
+    ages_ms[state.user].add(static_cast<double>(state.received_ns + ahead_ns - state.time_ns) * 1e-6);
+  const Samples &ann = ages_ms[session::id_of("ann")], &bob = ages_ms[session::id_of("bob")];
+  const std::string wrong_clock = is_behind ? "HRTC with a clock an hour behind" : "HRTC with a clock an hour ahead";
+  const Population states{"states", ann.size()};
+  report.add_percentiles("age of states, " + wrong_clock, "states", "ms", ann);
+  report.add_percentiles("age of states, HRTC with the clock of the host, beside an " + wrong_clock, "states", "ms",
+                         bob);
+  report.add_at_least("min age of states, " + wrong_clock, states, "ms", ann.percentile(0), 0);
+  report.add_at_most("difference of the median ages, " + wrong_clock, states, "ms",
+                     std::abs(ann.percentile(0.5) - bob.percentile(0.5)), 0.5);
+}
+
 }  // namespace
 
 void measure_killed_hrtc(const FaultSettings& settings, Report& report) {
@@ -252,39 +298,7 @@ void measure_flood(const FaultSettings& settings, Report& report) {
 }
 
 void measure_wrong_clock(const FaultSettings& settings, Report& report) {
-  constexpr char kAhead[] = "3600";  // s
-  TouchedSession touched;
-  LiveSession& session = touched.session();
-  touched.start_host(Side::kA);
-  const auto right = touched.start_hrtc(Side::kB, "right", {"bob"}, {"--no-coding"});
-  // The programs of a time namespace have another monotonic clock.
-  std::vector<std::string> command{"/usr/bin/nsenter", "--net=/run/netns/" + session.pair().name(Side::kB),
-                                   "/usr/bin/unshare", "--time",
-                                   "--monotonic",      kAhead,
-                                   "--fork",           program_path("hrtc")};
-  const std::vector<std::string> arguments = touched.hrtc_arguments("wrong", {"ann"}, {"--no-coding"});
-  command.insert(command.end(), arguments.begin(), arguments.end());
-  command.insert(command.end(), {"--session", session.address("").session, "--plain"});
-  const Process wrong{command};
-  touched.wait_for_touch("ann");
-  touched.wait_for_touch("bob");
-  pause(2s);
-  session.forget_states();
-  pause(std::chrono::milliseconds{static_cast<long>(settings.seconds * 1e3 / 6)});
-  const ObservedSession observed = session.observed();
-  // The clock of the host is that of this program. Its entry states the session time that belongs to it.
-  const session::RosterEntry& host = observed.roster.at(session::id_of("museum"));
-  const std::int64_t ahead_ns = host.session_time_ns - host.origin.time_ns;
-  std::map<std::uint64_t, Samples> ages_ms;
-  for (const ObservedSession::State& state : observed.states)
-    ages_ms[state.user].add(static_cast<double>(state.received_ns + ahead_ns - state.time_ns) * 1e-6);
-  const Samples &ann = ages_ms[session::id_of("ann")], &bob = ages_ms[session::id_of("bob")];
-  report.add_percentiles("age of states, HRTC with a clock an hour ahead", "states", "ms", ann);
-  report.add_percentiles("age of states, HRTC with the clock of the host", "states", "ms", bob);
-  report.add_at_least("min age of states, HRTC with a clock an hour ahead", {"states", ann.size()}, "ms",
-                      ann.percentile(0), 0);
-  report.add_at_most("difference of the median ages", {"states", ann.size()}, "ms",
-                     std::abs(ann.percentile(0.5) - bob.percentile(0.5)), 0.5);
+  for (const WrongClock clock : {WrongClock::kAhead, WrongClock::kBehind}) measure_clock(settings, clock, report);
 }
 
 void measure_full_disk(const FaultSettings&, Report& report) {

@@ -4,7 +4,8 @@
 //             probe states for the other programs, and the memory of the host. In a second series, all programs but the
 //             impaired HRTC have real-time priority.
 //   joining   32 HRTCs start within a second. Measures the time until the last of them has an exact contact. The tips
-//             rest at 32 points, or move. Repeats this with fewer HRTCs.
+//             rest at 32 points, or move. Repeats this with fewer HRTCs. In a second session, measures the delay of
+//             records and probe states for earlier programs before and while the HRTCs start.
 //   secured   8 HRTCs start within a second, with keys and without.
 //   coded     64 probes at 1 kHz, 8 to an HRTC, follow 64 paths. Compares the deadband-coded states that the HRTCs sent
 //             with those that an observer received, and measures CPU time. Repeats this with fewer probes.
@@ -20,6 +21,7 @@
 #include <cstdio>
 #include <fstream>
 #include <memory>
+#include <optional>
 #include <thread>
 #include <vector>
 
@@ -133,6 +135,10 @@ class Throttle {
   std::thread thread_;
 };
 
+void run_fetcher(Fetcher& fetcher, double seconds, Samples* times) {
+  fetcher.run(realtime::monotonic_ns() + static_cast<std::int64_t>(seconds * 1e9), times);
+}
+
 /// Runs all windows with the others at priority `others`. Returns the results by Impairment.
 std::array<WindowResults, 3> run_trouble(const Testbed& testbed, const ScaleSettings& settings, OthersPriority others) {
   const std::string session = others == OthersPriority::kOrdinary ? "trouble" : "trouble-rt";
@@ -148,19 +154,16 @@ std::array<WindowResults, 3> run_trouble(const Testbed& testbed, const ScaleSett
       session, "healthy", "slow", others == OthersPriority::kOrdinary ? ordinary_priority : std::vector<std::string>{});
   SessionObserver observer{testbed.address(session, "observer")};
   Fetcher fetcher{testbed.address(session, "fetcher")};
-  const auto run_fetcher = [&](double seconds, Samples* times) {
-    fetcher.run(realtime::monotonic_ns() + static_cast<std::int64_t>(seconds * 1e9), times);
-  };
   for (int tries = 0; !(fetcher.ready() && observer.exact_users() >= 2); ++tries) {
     if (tries > 100)
       throw std::runtime_error("the HRTCs have no exact contact:\n" + healthy->output() + impaired->output());
-    run_fetcher(0.1, nullptr);
+    run_fetcher(fetcher, 0.1, nullptr);
   }
   std::array<WindowResults, 3> runs;
   for (int window = 0; window < settings.windows && !realtime::stop_signal(); ++window) {
     std::fprintf(stderr, "trouble: %d of %d\n", window + 1, settings.windows);
     for (const Impairment impairment : {Impairment::kNone, Impairment::kFrozen, Impairment::kThrottled}) {
-      run_fetcher(1, nullptr);  // the impaired HRTC recovers from the window before
+      run_fetcher(fetcher, 1, nullptr);  // the impaired HRTC recovers from the window before
       Samples times_ms, ages_us;
       observer.add_ages_of("healthy", &ages_us);
       const double host_bytes = status_bytes(host->pid(), "RssAnon");
@@ -168,7 +171,7 @@ std::array<WindowResults, 3> run_trouble(const Testbed& testbed, const ScaleSett
         std::optional<Throttle> throttle;
         if (impairment == Impairment::kFrozen) impaired->signal_all(SIGSTOP);
         if (impairment == Impairment::kThrottled) throttle.emplace(*impaired);
-        run_fetcher(settings.seconds, &times_ms);
+        run_fetcher(fetcher, settings.seconds, &times_ms);
       }
       observer.add_ages_of("healthy", nullptr);
       const double host_bytes_after = status_bytes(host->pid(), "RssAnon");  // 0: the host has ended
@@ -197,6 +200,13 @@ struct JoiningRun {
 
 enum class Tips { kResting, kMoving };
 
+/// Starts an HRTC of a session that many HRTCs join.
+std::unique_ptr<Process> start_joining(const Testbed& testbed, const std::string& session, int index, Tips tips) {
+  return testbed.hrtc(session, "hrtc-" + std::to_string(index),
+                      tips == Tips::kMoving ? "slow" : Testbed::resting_recording(index),
+                      {"--priority", "0", "--users", "1", "--pool", "16384", "--rate", "100", "--state-rate", "20"});
+}
+
 JoiningRun run_joining(const Testbed& testbed, int count, Tips tips) {
   std::fprintf(stderr, "joining: %d HRTCs\n", count);
   const std::string session = "joining";
@@ -204,10 +214,7 @@ JoiningRun run_joining(const Testbed& testbed, int count, Tips tips) {
   SessionObserver observer{testbed.address(session, "observer")};
   std::vector<std::unique_ptr<Process>> hrtcs;
   const std::int64_t began = realtime::monotonic_ns();
-  for (int i = 0; i < count; ++i)
-    hrtcs.push_back(testbed.hrtc(
-        session, "hrtc-" + std::to_string(i), tips == Tips::kMoving ? "slow" : Testbed::resting_recording(i),
-        {"--priority", "0", "--users", "1", "--pool", "16384", "--rate", "100", "--state-rate", "20"}));
+  for (int i = 0; i < count; ++i) hrtcs.push_back(start_joining(testbed, session, i, tips));
   JoiningRun joining;
   joining.started_s = static_cast<double>(realtime::monotonic_ns() - began) / 1e9;
   (void)wait_until(20 * kSecond, [&] { return observer.exact_users() >= hrtcs.size(); });
@@ -227,6 +234,75 @@ JoiningRun run_joining(const Testbed& testbed, int count, Tips tips) {
   for (const auto& hrtc : hrtcs) (void)hrtc->wait();
   terminate(*host);
   return joining;
+}
+
+/// Runs `fetcher` with real-time priority until the returned thread is destroyed. Adds the times of its regions to
+/// `times`, unless this is null.
+std::jthread run_in_thread(Fetcher& fetcher, Samples* times) {
+  return std::jthread{[&fetcher, times](const std::stop_token& token) {
+    const RealTimePriority real_time;
+    while (!token.stop_requested() && !realtime::stop_signal()) run_fetcher(fetcher, 0.05, times);
+  }};
+}
+
+struct EarlierPrograms {
+  WindowResults before, joining;  // the results of the windows before and while HRTCs join
+};
+
+/// Lets `count` HRTCs join a session again and again, and measures the delays of programs that have joined it earlier.
+/// The HRTCs that join represent HRTCs on other machines, which take no CPU time from the earlier programs. So the
+/// earlier programs have real-time priority.
+EarlierPrograms run_earlier_programs(const Testbed& testbed, const ScaleSettings& settings, int count) {
+  const std::string session = "joining-later";
+  std::optional<RealTimePriority> real_time;
+  if (!real_time.emplace().granted())
+    std::fprintf(stderr, "joining: SCHED_RR is not permitted, so that other programs affect the times\n");
+  const auto host = testbed.host(session);
+  const auto healthy = testbed.hrtc(session, "healthy", "slow");
+  Fetcher fetcher{testbed.address(session, "fetcher")};
+  for (int tries = 0; !fetcher.ready(); ++tries) {
+    if (tries > 200) throw std::runtime_error("the base mesh does not arrive:\n" + host->output());
+    run_fetcher(fetcher, 0.1, nullptr);
+  }
+  EarlierPrograms results;
+  for (int window = 0; window < settings.windows && !realtime::stop_signal(); ++window) {
+    std::fprintf(stderr, "joining: %d HRTCs, window %d of %d\n", count, window + 1, settings.windows);
+    std::optional<SessionObserver> observer;  // a new one, which has not received the exact contacts of the last window
+    {
+      // The fetcher runs all the time, because the host would remove a participant without heartbeats.
+      const std::jthread fetching = run_in_thread(fetcher, nullptr);
+      real_time.emplace();  // for the threads of the observer
+      observer.emplace(testbed.address(session, "observer"));
+      real_time.reset();
+      std::this_thread::sleep_for(std::chrono::seconds{1});  // so that the end of the last HRTCs has no effect
+      if (!wait_until(20 * kSecond, [&] { return observer->exact_users() >= 1; }))
+        throw std::runtime_error("the HRTC has no exact contact:\n" + healthy->output());
+    }
+    std::vector<std::unique_ptr<Process>> hrtcs;
+    for (WindowResults* const to : {&results.before, &results.joining}) {
+      Samples times_ms, ages_us;
+      observer->add_ages_of("healthy", &ages_us);
+      bool has_joined = true;
+      {
+        const std::jthread fetching = run_in_thread(fetcher, &times_ms);
+        const std::int64_t end_ns =
+            realtime::monotonic_ns() + static_cast<std::int64_t>(settings.seconds * static_cast<double>(kSecond));
+        if (to == &results.joining) {
+          for (int i = 0; i < count; ++i) hrtcs.push_back(start_joining(testbed, session, i, Tips::kResting));
+          has_joined = wait_until(20 * kSecond, [&] { return observer->exact_users() >= hrtcs.size() + 1; });
+        }
+        (void)wait_until(20 * kSecond, [&] { return realtime::monotonic_ns() >= end_ns; });
+      }
+      observer->add_ages_of("healthy", nullptr);
+      to->records_p99_ms.add(has_joined ? times_ms.percentile(0.99) : kUnfinished);
+      to->age_p99_us.add(has_joined ? ages_us.percentile(0.99) : kUnfinished);
+    }
+    const std::jthread fetching = run_in_thread(fetcher, nullptr);
+    for (const auto& hrtc : hrtcs) hrtc->signal(SIGTERM);
+    for (const auto& hrtc : hrtcs) (void)hrtc->wait();
+  }
+  for (const auto& program : {healthy.get(), host.get()}) terminate(*program);
+  return results;
 }
 
 // ---- coded
@@ -403,6 +479,22 @@ void report_joining(const Testbed& testbed, const ScaleSettings& settings, Repor
   }
 }
 
+void report_earlier_programs(const Testbed& testbed, const ScaleSettings& settings, Report& report) {
+  const int count = settings.joining_hrtcs;
+  const auto [before, joining] = run_earlier_programs(testbed, settings, count);
+  const Population windows{"windows in which " + std::to_string(count) + " HRTCs join", joining.age_p99_us.size()};
+  for (const WindowResults* const results : {&before, &joining}) {
+    const std::string when = results == &before ? "windows before HRTCs join" : windows.name;
+    report.add_percentiles("delivery time of a region for an earlier HRTC, p99", when, "ms", results->records_p99_ms);
+    report.add_percentiles("age of probe states of an earlier user, p99", when, "us", results->age_p99_us);
+  }
+  report.add_at_most(
+      "median p99 of the delivery time of a region for an earlier HRTC, divided by that before HRTCs join", windows,
+      "times", joining.records_p99_ms.percentile(0.5) / before.records_p99_ms.percentile(0.5), 1.1);
+  report.add_at_most("median p99 of the age of probe states of an earlier user, divided by that before HRTCs join",
+                     windows, "times", joining.age_p99_us.percentile(0.5) / before.age_p99_us.percentile(0.5), 1.1);
+}
+
 void report_secured(Testbed& testbed, const ScaleSettings& settings, Report& report) {
   Samples plain_s, secured_s, plain_cpu_s, secured_cpu_s;
   std::size_t exact_users = 0;
@@ -478,7 +570,10 @@ Report run(const ScaleSettings& settings) {
                 settings.faces, settings.windows, settings.seconds);
   Report report{{"organ", testbed.digest(), settings.faces, text}};
   if (wanted("trouble")) report_trouble(testbed, settings, report);
-  if (wanted("joining")) report_joining(testbed, settings, report);
+  if (wanted("joining")) {
+    report_joining(testbed, settings, report);
+    report_earlier_programs(testbed, settings, report);
+  }
   if (wanted("secured")) report_secured(testbed, settings, report);
   if (wanted("coded")) report_coded(testbed, settings, report);
   if (wanted("crowding")) report_crowding(testbed, settings, report);

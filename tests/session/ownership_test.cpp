@@ -19,6 +19,7 @@ namespace {
 /// difference must exceed the number of fencing numbers of one incarnation.
 constexpr std::uint64_t kHostIncarnation = 1'000'000;
 constexpr std::size_t kHrtcs = 4;
+constexpr std::size_t kHostIndex = kHrtcs, kViewer = kHrtcs + 1;  // indices of programs after those of the HRTCs
 
 Origin origin_of(std::uint64_t participant, std::uint64_t incarnation) {
   Origin origin;
@@ -59,6 +60,8 @@ class OwnershipSimulation {
   OwnershipArbiter& host() { return *host_; }
   /// Disconnects an HRTC or the host until the given time.
   void disconnect(std::size_t program, std::int64_t until) { disconnected_until_[program] = until; }
+  /// Loses what one program sends to another one until the given time. The other direction works.
+  void cut(std::size_t from, std::size_t to, std::int64_t until) { cut_until_[{from, to}] = until; }
   /// Suspends an HRTC until the given time. If it was the owner, it publishes one pose when it resumes, before it reads
   /// the samples that were postponed.
   void suspend(std::size_t i, std::int64_t until) {
@@ -113,16 +116,19 @@ class OwnershipSimulation {
     Claimant::Role role_at_suspension = Claimant::Role::kWatching;
     std::uint64_t fencing_at_suspension = 0;
   };
-  static constexpr std::size_t kHostIndex = kHrtcs, kViewer = kHrtcs + 1;
 
   double uniform() { return std::uniform_real_distribution<double>{0, 1}(random_); }
   [[nodiscard]] bool is_disconnected(std::size_t program) const {
     const auto until = disconnected_until_.find(program);
     return until != disconnected_until_.end() && until->second > now_;
   }
+  [[nodiscard]] bool is_cut(std::size_t from, std::size_t to) const {
+    const auto until = cut_until_.find({from, to});
+    return until != cut_until_.end() && until->second > now_;
+  }
 
   void send(std::size_t from, std::size_t to, const Message& message) {
-    if (is_disconnected(from) || is_disconnected(to) || uniform() < link_.loss) return;
+    if (is_disconnected(from) || is_disconnected(to) || is_cut(from, to) || uniform() < link_.loss) return;
     for (int copies = uniform() < link_.duplication ? 2 : 1; copies > 0; --copies) {
       const auto jitter_ns = static_cast<std::int64_t>(uniform() * static_cast<double>(link_.jitter_ms * kMs));
       in_flight_.push({now_ + link_.delay_ms * kMs + jitter_ns, ++order_, to, message});
@@ -204,6 +210,7 @@ class OwnershipSimulation {
   std::vector<PoseAdmission> pose_admissions_;
   std::priority_queue<Packet, std::vector<Packet>, std::greater<>> in_flight_;
   std::map<std::size_t, std::int64_t> disconnected_until_;
+  std::map<std::pair<std::size_t, std::size_t>, std::int64_t> cut_until_;  // by sender and receiver
   std::map<std::uint64_t, std::set<std::pair<std::uint64_t, std::uint64_t>>>
       publishers_;  // by fencing number: participant, incarnation
   std::int64_t shown_ns_ = 0;
@@ -299,6 +306,43 @@ TEST(Ownership, ADisconnectedOwnerStopsBeforeTheHostSimulatesTheObject) {
   EXPECT_LE(owner_stopped, host_started);
 }
 
+TEST(Ownership, ACutInOneDirectionEndsTheLeaseBeforeAnotherProgramSimulatesTheObject) {
+  constexpr std::int64_t kDelayMs = 5;
+  const std::int64_t max_lease_ms = OwnershipSettings{}.lease_ns / kMs + 2 * kDelayMs;
+  for (const bool claims_are_lost : {true, false}) {
+    SCOPED_TRACE(claims_are_lost ? "claims are lost" : "grants are lost");
+    OwnershipSimulation session{1, {0, 0, kDelayMs, 0}};
+    const auto run = [&](std::int64_t ms) {
+      for (; ms > 0; --ms) {
+        session.run(1);
+        session.check_invariants();
+        if (HasFatalFailure()) return;
+      }
+    };
+    run(300);
+    session.claimant(0).set_touching(true);
+    run(30);
+    ASSERT_EQ(session.role(0), Claimant::Role::kOwner);
+    const std::int64_t until = session.now() + 3000 * kMs;
+    if (claims_are_lost)
+      session.cut(0, kHostIndex, until);
+    else
+      session.cut(kHostIndex, 0, until);
+    run(max_lease_ms);
+    EXPECT_EQ(session.role(0), Claimant::Role::kRequesting) << "its lease has ended";
+    EXPECT_EQ(session.host().host_simulates(), claims_are_lost) << "the host receives the claims, so nobody simulates";
+    // Another HRTC touches the object: as the owner, or beside a toucher that does not know of its grant.
+    session.claimant(1).set_touching(true);
+    run(500);
+    EXPECT_EQ(session.role(0), Claimant::Role::kRequesting);
+    EXPECT_EQ(session.role(1), claims_are_lost ? Claimant::Role::kOwner : Claimant::Role::kCopy);
+    run((until - session.now()) / kMs + 100);
+    const std::set<Claimant::Role> roles{session.role(0), session.role(1)};
+    EXPECT_EQ(roles, (std::set<Claimant::Role>{Claimant::Role::kLeader, Claimant::Role::kCopy}));
+    if (HasFailure()) return;
+  }
+}
+
 TEST(Ownership, ARestartedHostGrantsALargerFencingNumber) {
   OwnershipSimulation session{1};
   session.run(300);
@@ -317,11 +361,11 @@ TEST(Ownership, ARestartedHostGrantsALargerFencingNumber) {
 
 using Touches = std::array<bool, kHrtcs>;
 
-/// Disconnects, suspends or restarts a random program, or begins or ends a touch.
+/// Disconnects, suspends or restarts a random program, cuts a direction of a link, or begins or ends a touch.
 void apply_random_event(std::mt19937& random, bool host_restarts, OwnershipSimulation& session, Touches& touches) {
   const auto below = [&](int bound) { return static_cast<int>(random() % static_cast<unsigned>(bound)); };
   const auto hrtc = static_cast<std::size_t>(below(kHrtcs));
-  switch (below(10)) {
+  switch (below(11)) {
     case 0:
       session.disconnect(static_cast<std::size_t>(below(kHrtcs + 1)), session.now() + below(600) * kMs);
       break;
@@ -336,6 +380,12 @@ void apply_random_event(std::mt19937& random, bool host_restarts, OwnershipSimul
     case 3:
       if (host_restarts) session.start_host();
       break;
+    case 4: {
+      const bool claims_are_lost = below(2) == 0;
+      session.cut(claims_are_lost ? hrtc : kHostIndex, claims_are_lost ? kHostIndex : hrtc,
+                  session.now() + below(600) * kMs);
+      break;
+    }
     default:
       session.claimant(hrtc).set_touching(touches[hrtc] = !touches[hrtc]);
   }
