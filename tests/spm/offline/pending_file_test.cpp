@@ -60,7 +60,6 @@ TEST_F(PendingFileTest, LeavesNoFileWithoutACommit) {
     PendingFile file{folder_.path() / "file"};
     file.write("new", 3);
     EXPECT_EQ(file.written(), 3u);
-    EXPECT_EQ(names().size(), 1u);
   }
   EXPECT_THAT(names(), IsEmpty());
 }
