@@ -2,9 +2,9 @@
 ///
 ///     announcement       identity = hash in the GUID, not revoked, not expired,
 ///                        lease < kMaxLease, few unproved ones of its address    -> the library discovers the sender
-///     authentication     the sender's certificate is not cut off                  -> the library reads it
-///     any other message  the sender is recorded, not cut off, and proved or
-///                        announced within its lease                             -> the library reads it
+///     any other message  the sender is recorded, its certificate is not cut off,
+///                        and it is proved or has announced itself within its
+///                        lease                                                  -> the library reads it
 ///     sample             its author is the member that it claims, the role of
 ///                        this member may write the topic, and its keys permit the
 ///                        users and the object that the sample names               -> the program gets it
