@@ -13,8 +13,9 @@
 namespace tactus::wire {
 namespace {
 
-constexpr std::uint32_t kUserData = 0x2c, kKeyHash = 0x70;  // parameters (RTPS 2.2, 9.6.2)
-constexpr std::int64_t kRoomIntervalNs = 1'000'000'000;
+constexpr std::uint32_t kLease = 0x02, kUserData = 0x2c, kKeyHash = 0x70;  // parameters (RTPS 2.2, 9.6.2)
+constexpr std::int64_t kSecondNs = 1'000'000'000;
+constexpr std::int64_t kRoomIntervalNs = kSecondNs;
 constexpr std::int64_t kPresentNs = 10'000'000'000;  // since the last announcement
 constexpr int kDifferingChecks = 3;
 constexpr std::int64_t kSilentNs = 60'000'000'000;  // after which an unused participant makes room
@@ -72,24 +73,23 @@ Members::Members(std::filesystem::path folder, keys::Member self, AuditLog& audi
 
 bool Members::admits(const std::uint8_t* message, std::uint32_t size, const Address& from) {
   const GuidPrefix sender = sender_of(message);
-  bool is_plain = false;  // announcements and authentication
   std::uint32_t at = kRtpsHeader;
   while (const std::optional<Submessage> found = submessage_at(message, size, at)) {
     const std::optional<RtpsData> data = data_of(*found);
     if (data && data->writer == kAnnouncements && !admits_announcement(data->payload, sender, from)) return false;
-    is_plain = is_plain || data.has_value();
     if (found->last) break;
     at = found->next;
   }
   const std::shared_lock lock{mutex_};
-  if (!is_plain && participants_.count(sender) == 0) return false;
-  const auto known = certificates_.find(begin_of(sender));
-  return known == certificates_.end() || !known->second.is_cut_off;
+  const auto author = participants_.find(sender);
+  if (author == participants_.end() || has_ended(author->second)) return false;
+  return !certificates_.at(author->second.certificate).is_cut_off;
 }
 
 bool Members::admits_announcement(const RtpsBytes& payload, const GuidPrefix& sender, const Address& from) {
   constexpr std::uint32_t kAlignment = 4;
   std::optional<keys::Identity> identity;
+  std::int64_t lease_ns = kSecondNs;
   int guids = 0, identities = 0;
   bool is_well_formed = true;
   ParameterList parameters = parameters_of(payload);
@@ -101,31 +101,44 @@ bool Members::admits_announcement(const RtpsBytes& payload, const GuidPrefix& se
       ++guids;
       if (value.size < sender.size() || !std::equal(sender.begin(), sender.end(), value.at)) is_well_formed = false;
     }
+    if (parameter->id == kLease && value.size >= 8) {
+      const std::uint32_t seconds = value.number(0, 4);  // the infinite lease has the most
+      if (seconds >= kMaxLease.count()) is_well_formed = false;
+      lease_ns = std::max(lease_ns, (std::int64_t{seconds} + 1) * kSecondNs);  // 1 s for the fraction
+    }
     if (parameter->id == kUserData && value.size >= 4) {
       ++identities;
       const std::uint32_t length = std::min(value.number(0, 4), value.size - 4);
       identity = keys::read_identity({reinterpret_cast<const char*>(value.at) + 4, length});
     }
   }
-  if (is_well_formed && guids == 1 && identities == 1 && identity) return record(*identity, sender, from);
+  if (is_well_formed && guids == 1 && identities == 1 && identity) return record(*identity, sender, lease_ns, from);
   audit_.add({"unknown program", "", from(), identity ? "states to be " + subject_of(*identity) : ""});
   return false;
 }
 
 /// Records the participant of an announcement. Returns false if it is refused.
-bool Members::record(const keys::Identity& identity, const GuidPrefix& sender, const Address& from) {
+bool Members::record(const keys::Identity& identity, const GuidPrefix& sender, std::int64_t lease_ns,
+                     const Address& from) {
   const std::int64_t now_ns = realtime::monotonic_ns();
   const std::uint64_t id = session::id_of(identity.participant);
   {
     const std::unique_lock lock{mutex_};
-    if (const auto known = participants_.find(sender); known != participants_.end()) {
+    const auto known = participants_.find(sender);
+    if (known != participants_.end() && !known->second.is_proved && may_forget(known->second, now_ns)) {
+      participants_.erase(known);  // it begins again
+    } else if (known != participants_.end()) {
       Participant& participant = known->second;
       const Certificate& certificate = certificates_.at(participant.certificate);
       if (certificate.is_cut_off || certificate.name != identity.name || certificate.role != identity.role ||
           certificate.serial != identity.serial || certificate.valid_until != identity.valid_until ||
           certificate.permitted != identity.permitted)
         return false;
+      if (!participant.is_proved &&
+          now_ns - participant.recorded_ns > std::chrono::nanoseconds{kMaxUnprovedTime}.count())
+        return false;
       participant.announced_ns = now_ns;
+      participant.lease_ns = std::max(participant.lease_ns, lease_ns);
       if (std::find(participant.ids.begin(), participant.ids.end(), id) == participant.ids.end() &&
           participant.ids.size() < Participant::kMaxIds && !is_id_of_another(id, participant.certificate))
         participant.ids.push_back(id);
@@ -147,13 +160,14 @@ bool Members::record(const keys::Identity& identity, const GuidPrefix& sender, c
     audit_.add({"unknown program", "", from(), "has the id of another program"});
     return false;
   }
-  if (!make_room()) {
-    audit_.add({"too many programs", "", from(), ""});
+  const std::string address = from();
+  if (!make_room(address)) {
+    audit_.add({"too many programs", "", address, ""});
     return false;
   }
   certificates_.try_emplace(begin, Certificate{subject_of(identity), identity.name, identity.serial, identity.role,
                                                identity.valid_until, identity.permitted, ids_of(identity.permitted)});
-  participants_[sender] = {begin, {id}, now_ns};
+  participants_[sender] = {begin, {id}, now_ns, address, now_ns, lease_ns};
   return true;
 }
 
@@ -179,23 +193,39 @@ bool Members::is_id_of_another(std::uint64_t id, const keys::GuidBegin& certific
   });
 }
 
-/// Forgets participants that have been silent for long, and those that have not proved their identity, if there are too
-/// many. At most once in a second, because it takes long.
-bool Members::make_room() {
-  const auto unproved = std::count_if(participants_.begin(), participants_.end(),
-                                      [](const auto& entry) { return !entry.second.is_proved; });
-  if (participants_.size() < kMaxParticipants && static_cast<std::size_t>(unproved) < kMaxUnproved) return true;
+bool Members::has_room(const std::string& address) const {
+  std::size_t unproved = 0, from_address = 0;
+  for (const auto& [prefix, participant] : participants_) {
+    if (participant.is_proved) continue;
+    ++unproved;
+    from_address += participant.address == address ? 1 : 0;
+  }
+  return participants_.size() < kMaxParticipants && unproved < kMaxUnproved && from_address < kMaxUnprovedFromAddress;
+}
+
+/// Returns whether a participant has been silent for so long that the library no longer stores it. The library gets
+/// messages of an unproved one until its lease has ended (has_ended), and stores it for another lease.
+bool Members::may_forget(const Participant& participant, std::int64_t now_ns) {
+  return now_ns - participant.announced_ns > (participant.is_proved ? kSilentNs : 2 * participant.lease_ns);
+}
+
+/// Forgets silent participants if there are too many. At most once in a second, because it takes long.
+bool Members::make_room(const std::string& address) {
+  if (has_room(address)) return true;
   const std::int64_t now_ns = realtime::monotonic_ns();
   if (now_ns - made_room_ns_ < kRoomIntervalNs) return false;
   made_room_ns_ = now_ns;
-  std::erase_if(participants_, [&](const auto& entry) {
-    return !entry.second.is_proved || now_ns - entry.second.announced_ns > kSilentNs;
-  });
+  std::erase_if(participants_, [&](const auto& entry) { return may_forget(entry.second, now_ns); });
   std::set<keys::GuidBegin> used;
   for (const auto& [prefix, participant] : participants_) used.insert(participant.certificate);
   std::erase_if(certificates_,
                 [&](const auto& entry) { return used.count(entry.first) == 0 && entry.second.refused < kMaxRefused; });
-  return participants_.size() < kMaxParticipants;
+  return has_room(address);
+}
+
+/// Returns whether a participant without a proved identity has announced nothing for its lease.
+bool Members::has_ended(const Participant& participant) {
+  return !participant.is_proved && realtime::monotonic_ns() - participant.announced_ns > participant.lease_ns;
 }
 
 void Members::cut_off(Certificate& certificate, const char* why) {

@@ -1,8 +1,10 @@
 /// The members of a secured session, and the only class that decides whose messages and samples count.
 ///
-///     announcement       identity = hash in the GUID, not revoked, not expired    -> the library discovers the sender
-///     authentication     the sender's certificate is not cut off                  -> the library reads it
-///     any other message  the sender is recorded, and not cut off                  -> the library reads it
+///     announcement       identity = hash in the GUID, not revoked, not expired,
+///                        lease < kMaxLease, few unproved ones of its address    -> the library discovers the sender
+///     any other message  the sender is recorded, its certificate is not cut off,
+///                        and it is proved or has announced itself within its
+///                        lease                                                  -> the library reads it
 ///     sample             its author is the member that it claims, the role of
 ///                        this member may write the topic, and its keys permit the
 ///                        users and the object that the sample names               -> the program gets it
@@ -47,9 +49,18 @@ class Members {
   /// Number of refused and invalid samples in kRefusedWindow after which a certificate is cut off.
   static constexpr std::uint32_t kMaxRefused = 100;
   static constexpr std::chrono::seconds kRefusedWindow{60};
-  /// Max number of participants that are recorded at a time, three for each program; and of those among them that have
-  /// not proved their identity yet. Everyone can announce identities without keys.
-  static constexpr std::size_t kMaxParticipants = 4096, kMaxUnproved = 256;
+  /// Max number of participants that are recorded at a time, three for each program.
+  static constexpr std::size_t kMaxParticipants = 4096;
+  /// Max number of recorded participants that have not proved their identity yet, of all addresses and of one. Everyone
+  /// can announce identities without keys, and the library stores each until its lease ends. It stores 256 participants
+  /// in each traffic class (qos/), so 159 places of a class stay free for members: 256 - 96, without the own one. The
+  /// participants of 16 programs of one machine can join at once; the others wait until some have proved their identity.
+  static constexpr std::size_t kMaxUnproved = 96, kMaxUnprovedFromAddress = 48;
+  /// An announcement with a longer lease is refused. Programs of this project state 4 s, other libraries up to 20 s.
+  static constexpr std::chrono::seconds kMaxLease{30};
+  /// Time after the first announcement of an unproved participant, after which its announcements are refused until its
+  /// lease has ended. Otherwise it could occupy its place for ever.
+  static constexpr std::chrono::seconds kMaxUnprovedTime{30};
   /// Longer than the handshake takes if many of its messages are lost: the library repeats each after half a second.
   static constexpr std::chrono::seconds kMaxHandshake{10};
 
@@ -109,6 +120,9 @@ class Members {
     // Of the names that its announcements state. The name is not authenticated, but all are names of its member.
     std::vector<std::uint64_t> ids;
     std::int64_t announced_ns = 0;
+    std::string address = {};            // of the sender of its first announcement
+    std::int64_t recorded_ns = 0;        // time of its first announcement
+    std::int64_t lease_ns = 0;           // the longest one that it has stated
     std::int64_t expected_since_ns = 0;  // first announcement that the library has received; 0: none
     bool is_proved = false;
     std::time_t list_made = 0;  // of the list of revoked certificates that it uses; 0: not yet known
@@ -116,11 +130,15 @@ class Members {
   };
 
   [[nodiscard]] bool admits_announcement(const RtpsBytes& payload, const GuidPrefix& sender, const Address& from);
-  [[nodiscard]] bool record(const keys::Identity& identity, const GuidPrefix& sender, const Address& from);
+  [[nodiscard]] bool record(const keys::Identity& identity, const GuidPrefix& sender, std::int64_t lease_ns,
+                            const Address& from);
   [[nodiscard]] bool is_revoked(const std::string& serial) const;
   [[nodiscard]] const char* reason_to_cut_off(const keys::Identity& identity, const keys::GuidBegin& begin) const;
   [[nodiscard]] bool is_id_of_another(std::uint64_t id, const keys::GuidBegin& certificate) const;
-  [[nodiscard]] bool make_room();
+  [[nodiscard]] static bool has_ended(const Participant& participant);
+  [[nodiscard]] static bool may_forget(const Participant& participant, std::int64_t now_ns);
+  [[nodiscard]] bool has_room(const std::string& address) const;
+  [[nodiscard]] bool make_room(const std::string& address);
   /// The event of the audit log that refuses a sample; null if it is not refused.
   [[nodiscard]] static const char* refusal_of(const Participant& author, const Certificate& certificate,
                                               const Claim& claim, const char* topic);

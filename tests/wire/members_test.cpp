@@ -40,7 +40,7 @@ class MembersTest : public testing::Test {
     prefix.back() = number;
     return prefix;
   }
-  static Bytes announcement(const GuidPrefix& sender, const std::string& identity) {
+  static Bytes announcement(const GuidPrefix& sender, const std::string& identity, std::uint32_t lease_s = 0) {
     Bytes payload{0, 3, 0, 0};
     const auto add_parameter = [&](std::uint8_t id, Bytes value) {
       value.resize((value.size() + 3) / 4 * 4);
@@ -51,15 +51,19 @@ class MembersTest : public testing::Test {
     Bytes guid(sender.begin(), sender.end());
     guid.insert(guid.end(), {0, 0, 1, 0xc1});
     add_parameter(0x50, guid);
+    Bytes lease;
+    for (unsigned shift = 0; shift < 32; shift += 8) lease.push_back(static_cast<std::uint8_t>(lease_s >> shift));
+    lease.resize(8);  // without fraction
+    add_parameter(0x02, lease);
     Bytes text{static_cast<std::uint8_t>(identity.size()), 0, 0, 0};
     text.insert(text.end(), identity.begin(), identity.end());
     add_parameter(0x2c, text);
     payload.insert(payload.end(), {1, 0, 0, 0});
     return data({0x00, 0x01, 0x00, 0xc2}, 1, payload);
   }
-  bool admits(const std::vector<Bytes>& parts, const GuidPrefix& sender) {
+  bool admits(const std::vector<Bytes>& parts, const GuidPrefix& sender, const char* from = "10.0.0.9") {
     const Bytes message = message_of(parts, sender);
-    return members_.admits(message.data(), static_cast<std::uint32_t>(message.size()), [] { return "10.0.0.9"; });
+    return members_.admits(message.data(), static_cast<std::uint32_t>(message.size()), [&] { return from; });
   }
   bool admits(const keys::Member& member, const std::string& participant) {
     const GuidPrefix sender = prefix_of(member);
@@ -226,25 +230,66 @@ TEST_F(MembersTest, ARosterEntryHasTheRoleAndTheUsersOfTheKeys) {
   EXPECT_THAT(log, HasSubstr(R"("event":"user not permitted","subject":"hrtc lab","detail":"tactus_roster")"));
 }
 
-TEST_F(MembersTest, IdentitiesThatNobodyProvesDoNotKeepMembersOut) {
-  const keys::Member museum = add("museum", Role::kHost);
-  ASSERT_TRUE(admits(museum, "museum"));
-  keys::Member claimed = museum;
-  const auto claim = [&](std::size_t i) {
-    claimed.serial = std::to_string(i);
-    const GuidPrefix sender = prefix_of(claimed);
-    return admits({announcement(sender, text_of(keys::identity_of(claimed, "museum.x" + std::to_string(i))))}, sender);
-  };
-  // A full record makes room once in a second, so the number of admitted ones depends on the time that this takes.
+/// Announcements that state the identity of a member, each with another GUID. Nobody proves them.
+class UnprovedTest : public MembersTest {
+ protected:
+  /// Announces this number of participants that have not announced themselves before. Returns how many are admitted.
+  std::size_t announce(std::size_t count, const char* from) {
+    std::size_t admitted = 0;
+    for (std::size_t i = 0; i < count; ++i) {
+      GuidPrefix sender = prefix_of(museum_);
+      ++announced_;
+      std::memcpy(&sender[8], &announced_, 4);
+      admitted += admits({announcement(sender, identity_)}, sender, from) ? 1 : 0;
+    }
+    return admitted;
+  }
+
+  const keys::Member museum_ = add("museum", Role::kHost);
+  const std::string identity_ = text_of(keys::identity_of(museum_, "museum"));
+  std::uint32_t announced_ = 0;
+};
+
+TEST_F(UnprovedTest, AnAddressHasFewPlacesAndTheOthersStayFree) {
+  EXPECT_EQ(announce(1000, "10.0.0.7"), Members::kMaxUnprovedFromAddress);
+  EXPECT_THAT(audit(), HasSubstr(R"("event":"too many programs","from":"10.0.0.7")"));
+  EXPECT_TRUE(admits(add("late", Role::kHost), "late")) << "from another address";
+}
+
+TEST_F(UnprovedTest, AllAddressesTogetherLeaveMostPlacesOfTheLibraryToMembers) {
+  constexpr std::size_t kPlaces = 256;  // total_participants in qos/
   std::size_t admitted = 0;
-  while (admitted < 10'000 && claim(admitted)) ++admitted;
-  EXPECT_LT(admitted, 10'000u) << "a flood of identities is limited";
-  EXPECT_GE(admitted, 512u);
-  EXPECT_EQ(admitted % 256, 0u);
-  EXPECT_THAT(audit(), HasSubstr(R"("event":"too many programs")"));
-  EXPECT_TRUE(admits({kInfoTime}, prefix_of(museum))) << "a member that has proved its identity stays";
-  std::this_thread::sleep_for(std::chrono::seconds{1});  // unproved identities make room once in a second
-  EXPECT_TRUE(admits(add("late", Role::kHost), "late"));
+  for (const char* from : {"10.0.0.5", "10.0.0.6", "10.0.0.7"}) admitted += announce(1000, from);
+  EXPECT_EQ(admitted, Members::kMaxUnproved);
+  EXPECT_LE(Members::kMaxUnproved, kPlaces / 2);
+}
+
+TEST_F(UnprovedTest, PlacesAreFreeAgainWhenTheLibraryHasForgottenTheirParticipants) {
+  EXPECT_EQ(announce(1000, "10.0.0.7"), Members::kMaxUnprovedFromAddress);
+  std::this_thread::sleep_for(std::chrono::milliseconds{3100});  // twice the lease of 1 s, and 1 s to the next search
+  EXPECT_EQ(announce(1000, "10.0.0.7"), Members::kMaxUnprovedFromAddress);
+}
+
+TEST_F(UnprovedTest, AParticipantThatHasAnnouncedNothingForItsLeaseCannotStayInTheLibrary) {
+  ASSERT_EQ(announce(1, "10.0.0.7"), 1u);
+  GuidPrefix sender = prefix_of(museum_);
+  std::memcpy(&sender[8], &announced_, 4);
+  EXPECT_TRUE(admits({kInfoTime}, sender));
+  std::this_thread::sleep_for(std::chrono::milliseconds{1100});
+  EXPECT_FALSE(admits({kInfoTime}, sender));
+}
+
+TEST_F(UnprovedTest, ALongLeaseIsRefused) {
+  const GuidPrefix sender = prefix_of(museum_);
+  for (const std::uint32_t lease_s : {30u, 100u, 0x7fffffffu, 0xffffffffu})
+    EXPECT_FALSE(admits({announcement(sender, identity_, lease_s)}, sender)) << lease_s;
+  EXPECT_TRUE(admits({announcement(sender, identity_, 29)}, sender));
+}
+
+TEST_F(UnprovedTest, AFloodRemovesNoMember) {
+  ASSERT_TRUE(admits(museum_, "museum"));
+  for (const char* from : {"10.0.0.5", "10.0.0.6", "10.0.0.7", "10.0.0.9"}) (void)announce(1000, from);
+  EXPECT_TRUE(admits({kInfoTime}, prefix_of(museum_)));
 }
 
 TEST_F(MembersTest, RecordsAtMost4096Participants) {

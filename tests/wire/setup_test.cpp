@@ -353,6 +353,48 @@ TEST_F(DamagedQos, AReaderThatRequestsMoreThanAWriterOffersIsReported) {
   set_log_sink(nullptr);
 }
 
+/// A program that sends control samples.
+struct ControlProgram {
+  ControlProgram(const std::string& session, const std::string& name) : participants{address(session, name)} {}
+  Participants participants;
+  Inbox<ses::Control> inbox;
+  Writer<ses::Control> writer{participants, topics::kControl};
+  Reader<ses::Control> reader{participants, topics::kControl, inbox.callback()};
+};
+
+TEST_F(DamagedQos, AProgramBeyondTheLimitOfParticipantsIsNotFoundUntilAnotherLeaves) {
+  constexpr int kOthers = 3;  // with the program itself, the limit of 4
+  for (const char* file : {"session.xml", "probe.xml", "bulk.xml"})
+    replace(file, "<total_participants><initial>16</initial><maximum>256</maximum>",
+            "<total_participants><initial>4</initial><maximum>4</maximum>");
+  Participants limited{address_};
+  Inbox<ses::Control> inbox;
+  const Reader<ses::Control> reader{limited, topics::kControl, inbox.callback()};
+  std::vector<std::unique_ptr<ControlProgram>> others;
+  for (int i = 0; i < kOthers; ++i) {
+    others.push_back(std::make_unique<ControlProgram>(address_.session, "p" + std::to_string(i)));
+    ASSERT_TRUE(eventually([&] { return reader.matched() == i + 1; })) << i;
+  }
+
+  ControlProgram further{address_.session, "further"};
+  auto sample = full_sample<ses::Control>(further.participants);
+  ASSERT_EQ(further.writer.send(sample), SendStatus::kSent);
+  for (const auto& other : others)
+    EXPECT_TRUE(other->inbox.next()) << "the others find it: " << other->participants.address().participant;
+  EXPECT_FALSE(inbox.next(1s)) << "two announcements";
+  EXPECT_EQ(reader.matched(), kOthers);
+  sample = full_sample<ses::Control>(others.front()->participants);
+  ASSERT_EQ(others.front()->writer.send(sample), SendStatus::kSent);
+  const auto received = inbox.next();
+  ASSERT_TRUE(received) << "the limit affects no other program";
+  EXPECT_EQ(received->origin.participant, ses::id_of("p0"));
+
+  others.pop_back();
+  const auto late = inbox.next();
+  ASSERT_TRUE(late) << "its place is free";
+  EXPECT_EQ(late->origin.participant, ses::id_of("further"));
+}
+
 TEST_F(DamagedQos, AChangedFileTakesEffectInTheSameProcess) {
   EXPECT_EQ(join_error(address_), "");
   fs::remove(directory_ / "bulk.xml");
