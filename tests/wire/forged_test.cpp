@@ -216,16 +216,16 @@ TEST_F(ForgedTest, AnHrtcCannotSendStatesOfUsersThatItsKeysDoNotName) {
 }
 
 TEST_F(ForgedTest, ASampleWithAWrongFieldIsInTheAuditLog) {
-  const EndpointOptions of_ann{user_partition("ann")};
+  const EndpointOptions of_user{user_partition("museum")};
   Inbox<ses::Intent> inbox;
-  Reader<ses::Intent> reader{desk_, topics::kIntent, inbox.callback(), of_ann};
-  Writer<ses::Intent> writer{museum_, topics::kIntent, of_ann};
+  Reader<ses::Intent> reader{desk_, topics::kIntent, inbox.callback(), of_user};
+  Writer<ses::Intent> writer{museum_, topics::kIntent, of_user};
   auto intent = full_sample<ses::Intent>(museum_);
-  intent.user_id = ses::id_of("ann");
+  intent.user_id = ses::id_of("museum");
   ASSERT_TRUE(send_until_received(writer, inbox, intent));
   intent.user_id = ses::id_of("bob");
   EXPECT_TRUE(eventually([&] { return writer.send(intent) == SendStatus::kSent && reader.counts().invalid > 3; }));
-  while (const auto sample = inbox.next(0ms)) EXPECT_EQ(sample->user_id, ses::id_of("ann"));
+  while (const auto sample = inbox.next(0ms)) EXPECT_EQ(sample->user_id, ses::id_of("museum"));
   EXPECT_TRUE(is_in_audit_log(R"("event":"invalid sample","subject":"operator museum",)"
                               R"("detail":"tactus_intent, user_id: expected the user of the partition")"));
 }
