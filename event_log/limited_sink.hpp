@@ -10,8 +10,8 @@
 
 namespace tactus::event_log {
 
-/// Passes at most kMaxLines lines of each level in kWindow to another sink. If lines were left out, the next window begins
-/// with a line that states their number. Any thread.
+/// Passes at most kMaxLines lines of each level in kWindow to another sink. If lines were left out, the next window
+/// begins with a line that states their number. Any thread.
 class LimitedSink final : public spdlog::sinks::dist_sink<std::mutex> {
  public:
   static constexpr std::uint32_t kMaxLines = 200;

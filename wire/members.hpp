@@ -11,7 +11,8 @@
 ///
 /// The class records a certificate when the first of its programs announces itself. The library authenticates GUIDs
 /// (keys/identity.hpp). A certificate is cut off when it is revoked or has expired, or when kMaxRefused samples of it
-/// were refused or invalid within kRefusedWindow. Then all its messages are dropped, so the library loses its participants when their leases end.
+/// were refused or invalid within kRefusedWindow. Then all its messages are dropped, so the library loses its
+/// participants when their leases end.
 ///
 /// Threads: any. Cost of a message or a sample: one lookup in a tree and, for a restricted member, a search of its
 /// permitted names, with a shared lock.
@@ -54,7 +55,7 @@ class Members {
   /// Max number of recorded participants that have not proved their identity yet, of all addresses and of one. Everyone
   /// can announce identities without keys, and the library stores each until its lease ends. It stores 256 participants
   /// in each traffic class (qos/), so 159 places of a class stay free for members: 256 - 96, without the own one. The
-  /// participants of 16 programs of one machine can join at once; the others wait until some have proved their identity.
+  /// participants of 16 programs of one machine can join at once; others wait until some have proved their identity.
   static constexpr std::size_t kMaxUnproved = 96, kMaxUnprovedFromAddress = 48;
   /// An announcement with a longer lease is refused. Programs of this project state 4 s, other libraries up to 20 s.
   static constexpr std::chrono::seconds kMaxLease{30};

@@ -63,8 +63,8 @@ class Participants {
 /// it before it opens its models, which may take minutes.
 void check_keys(SessionAddress address, const std::vector<std::string>& objects);
 
-/// Receives the errors of the DDS library, which begin with "dds: ", and reports of this module, for example of endpoints
-/// whose QoS does not match.
+/// Receives the errors of the DDS library, which begin with "dds: ", and reports of this module, for example of
+/// endpoints whose QoS does not match.
 using LogSink = std::function<void(session::Severity, const std::string&)>;
 /// Sets the sink of the whole process. Without one, the errors of the library are dropped, and the reports go to the
 /// standard error output. A thread of the library calls the sink.

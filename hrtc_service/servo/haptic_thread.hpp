@@ -2,8 +2,8 @@
 ///
 ///   read devices -> Servo::touch -> write forces -> Servo::publish -> Servo::refine --> traces
 ///
-/// The loop does not allocate, lock or log. Its system calls are the sleep and, after a cycle of more than three periods,
-/// a reading of the CPU time (Overload).
+/// The loop does not allocate, lock or log. Its system calls are the sleep and, after a cycle of more than three
+/// periods, a reading of the CPU time (Overload).
 /// docs/explanation/cycle.md follows one pose through the loop.
 #pragma once
 

@@ -21,8 +21,8 @@ class Overload {
 
   explicit Overload(std::int64_t period_ns) noexcept : max_ns_{kPeriods * period_ns} {}
 
-  /// Counts a cycle whose work took `work_ns` on the clock. `cpu_ns()` returns the CPU time of the thread so far. Returns
-  /// true when an overload begins.
+  /// Counts a cycle whose work took `work_ns` on the clock. `cpu_ns()` returns the CPU time of the thread so far.
+  /// Returns true when an overload begins.
   template <class CpuTime>
   [[nodiscard]] bool observe(std::int64_t work_ns, const CpuTime& cpu_ns) noexcept {
     if (work_ns <= max_ns_) {

@@ -8,8 +8,8 @@
 namespace tactus::spm::offline {
 
 /// Writes a file without a name in the folder of `path`. `commit` syncs it and gives it the name `path`, and replaces a
-/// file of that name. Without `commit`, also if the process is killed, `path` is unchanged and nothing remains. But if the
-/// file system has only files with names, a killed process leaves a file with a temporary one. All functions throw
+/// file of that name. Without `commit`, also if the process is killed, `path` is unchanged and nothing remains. But if
+/// the file system has only files with names, a killed process leaves a file with a temporary one. All functions throw
 /// ModelError that names path and cause.
 class PendingFile {
  public:

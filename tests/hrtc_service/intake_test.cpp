@@ -462,8 +462,8 @@ TEST_F(BodyIntakeTest, AnObjectDoesNotGetTheCouplingOfAnEarlierOneWithItsIndex) 
   for (std::uint32_t i = 0; i < orders.count; ++i) EXPECT_EQ(orders.bodies[i].coupling, nullptr);
 }
 
-// What a port has removed from the force of a body fades after its withdrawal. Meanwhile the hand touches another object
-// that pushes in the direction of the removed part.
+// What a port has removed from the force of a body fades after its withdrawal. Meanwhile the hand touches another
+// object, which pushes in the direction of the removed part.
 TEST_F(BodyIntakeTest, TheForceIsWithinTheLimitAfterTheWithdrawalOfABody) {
   const double max = 1;  // N
   const double radius = model().summary().bounds_max[0];
