@@ -47,10 +47,10 @@ struct MemoryShares {
   PoolSettings pool;
   std::uint64_t directories;  ///< bytes
 };
-/// Divides the memory for models, `bytes`, between directories and pool. The directories get an eighth, or up to 11 MiB
-/// if the pool keeps 5 MiB or half. 11 MiB is enough for a model of 29 million faces.
+/// Divides the memory for models, `bytes`, between directories and pool. The directories get an eighth, or up to 10 MiB
+/// if the pool keeps 5 MiB or half. 10 MiB is enough for a model of 30 million faces.
 [[nodiscard]] inline MemoryShares memory_shares(std::uint64_t bytes) noexcept {
-  constexpr std::uint64_t kDirectories = 11u << 20, kPool = 5u << 20;
+  constexpr std::uint64_t kDirectories = 10u << 20, kPool = 5u << 20;
   const std::uint64_t beside_pool = bytes - std::min(bytes / 2, kPool);
   const std::uint64_t directories = std::max(bytes / 8, std::min(kDirectories, beside_pool));
   return {PoolSettings::for_bytes(bytes - directories), directories};
