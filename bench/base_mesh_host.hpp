@@ -28,11 +28,11 @@
 
 namespace tactus::bench {
 
-/// The constructor has to run in the namespace of the host (make_in_namespace). One thread uses it. It does not forward
-/// stops.
+/// The constructor has to run in the namespace of the host (make_in_namespace). One thread uses it. The host does not
+/// forward stops.
 class BaseMeshHost {
  public:
-  /// `hrtc`: name of the HRTC. `model` must outlive the host. It should not fit into the pool of the HRTC, which then
+  /// `hrtc`: name of the HRTC. `model` must outlive the host. It should be too large for the pool of the HRTC, which then
   /// decodes the base mesh and refuses the object. The removal of an admitted base mesh would take seconds.
   BaseMeshHost(const wire::SessionAddress& address, const std::string& hrtc, const spm::codec::CompressedModel& model);
   ~BaseMeshHost();

@@ -48,7 +48,7 @@ struct MemoryShares {
   std::uint64_t directories;  ///< bytes
 };
 /// Divides the memory for models, `bytes`, between directories and pool. The directories get an eighth, or up to 10 MiB
-/// if the pool keeps 5 MiB or half. 10 MiB is enough for a model of 30 million faces.
+/// if the pool keeps 5 MiB or half. 10 MiB is enough for a model of 31 million faces.
 [[nodiscard]] inline MemoryShares memory_shares(std::uint64_t bytes) noexcept {
   constexpr std::uint64_t kDirectories = 10u << 20, kPool = 5u << 20;
   const std::uint64_t beside_pool = bytes - std::min(bytes / 2, kPool);

@@ -56,7 +56,7 @@ void RegionGrid::add_page(std::uint64_t key, std::uint32_t first_region, std::ui
 }
 
 std::uint64_t RegionGrid::bytes(std::uint32_t regions) noexcept {
-  const std::size_t pages = regions / 24 + 1;
+  const std::size_t pages = regions / 40 + 1;
   return regions * sizeof(Cell) + pages * sizeof(Page) + buckets_for(pages) * sizeof(std::uint32_t) +
          regions / 4 * sizeof(std::uint32_t);
 }

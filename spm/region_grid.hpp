@@ -44,7 +44,7 @@ class RegionGrid {
 
   [[nodiscard]] std::uint32_t size() const noexcept { return static_cast<std::uint32_t>(cells_.size()); }
   [[nodiscard]] CellBox box(RegionId region) const noexcept { return box_of(cells_[index(region)].place); }
-  /// Estimates the bytes of a grid. Assumes 24 regions in a page, and that a quarter of the regions is in pages with
+  /// Estimates the bytes of a grid. Assumes 40 regions in a page, and that a quarter of the regions is in pages with
   /// divided cells.
   [[nodiscard]] static std::uint64_t bytes(std::uint32_t regions) noexcept;
   /// Returns the bytes of the grid of these regions.

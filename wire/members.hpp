@@ -59,8 +59,8 @@ class Members {
   static constexpr std::size_t kMaxUnproved = 96, kMaxUnprovedFromAddress = 48;
   /// An announcement with a longer lease is refused. Programs of this project state 4 s, other libraries up to 20 s.
   static constexpr std::chrono::seconds kMaxLease{30};
-  /// Time after the first announcement of an unproved participant, after which its announcements are refused until its
-  /// lease has ended. Otherwise it could occupy its place for ever.
+  /// Time after the first announcement of an unproved participant, after which its announcements are refused for two of
+  /// its leases. Otherwise it could occupy its place for ever.
   static constexpr std::chrono::seconds kMaxUnprovedTime{30};
   /// Longer than the handshake takes if many of its messages are lost: the library repeats each after half a second.
   static constexpr std::chrono::seconds kMaxHandshake{10};

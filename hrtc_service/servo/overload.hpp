@@ -3,9 +3,9 @@
 /// Forces are stable only at the planned rate of cycles. The intake checks that a mesh is valid, but a valid mesh can
 /// take too much time. Other programs can delay a cycle too, so the time on the clock does not count.
 ///
-/// A cycle is heavy if it takes more than kPeriods of CPU time. 50 heavy cycles in a row are an overload, and so are
-/// heavy cycles that stay more than a sixth of all cycles. The CPU time of a cycle is an estimate: that since the last
-/// reading, less the time on the clock of the cycles between.
+/// A cycle is heavy if it takes more than kPeriods of CPU time. 50 heavy cycles in a row are an overload, or more than
+/// a sixth of all cycles for some time. The CPU time since the last reading, minus the clock time of the cycles in
+/// between, estimates the CPU time of a cycle.
 ///
 /// One thread. Realtime; a cycle that takes more than kPeriods on the clock makes one system call.
 #pragma once

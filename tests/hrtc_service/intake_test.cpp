@@ -462,44 +462,6 @@ TEST_F(BodyIntakeTest, AnObjectDoesNotGetTheCouplingOfAnEarlierOneWithItsIndex) 
   for (std::uint32_t i = 0; i < orders.count; ++i) EXPECT_EQ(orders.bodies[i].coupling, nullptr);
 }
 
-// What a port has removed from the force of a body fades after its withdrawal. Meanwhile the hand touches another
-// object, which pushes in the direction of the removed part.
-TEST_F(BodyIntakeTest, TheForceIsWithinTheLimitAfterTheWithdrawalOfABody) {
-  const double max = 1;  // N
-  const double radius = model().summary().bounds_max[0];
-  double largest = 0;
-  for (int round = 0; round < 40; ++round) {
-    start(max);
-    IntakeObject left = object(), right = object();
-    left.body = {50, {1, 1, 1}, 0.5, -1};
-    left.pose.position = {-radius, 0, 0};
-    left.material.damping = right.material.damping = 100;
-    right.pose.position = {radius - 0.001, 0, 0};
-    tip_ = {0.02, 0.05, 0};
-    sender_->add_object(kBody, left, model().base());
-    sender_->add_object(kBody + 1, right, model().base());
-    (void)exchange();
-    for (int cycle = 0; cycle < 100; ++cycle) (void)run_cycle();
-    // Into the gap between both, against the movable one, with a fast motion along it.
-    const double speed = 0.1 + 0.02 * round;
-    for (int cycle = 0; cycle < 60; ++cycle) {
-      velocity_ = {0, -speed, 0};
-      tip_ = {0.0015 - 1e-4 * std::min(cycle, 40), 0.05 - speed * 1e-3 * cycle, 0};
-      largest = std::max(largest, run_cycle());
-    }
-    sender_->withdraw(kBody);
-    sender_->flush();
-    intake_->tick();
-    for (int cycle = 0; cycle < 300; ++cycle) {
-      velocity_ = Vec3d::Zero();
-      tip_.x() = std::min(tip_.x() + 2e-4, 0.006);
-      largest = std::max(largest, run_cycle());
-    }
-  }
-  EXPECT_GT(largest, 0.5);
-  EXPECT_LE(largest, max * (1 + 1e-9));
-}
-
 // The spring on the body also damps motion along its surface, which adds to the force on the hand.
 TEST_F(BodyIntakeTest, TheForceOnAHandThatSlidesAlongABodyIsWithinTheLimitOfItsDevice) {
   start(1);  // N

@@ -1,5 +1,5 @@
-/// Programs that are no members, or no longer, and write samples into a secured session. Its members accept none, and
-/// the audit log names the program.
+/// Programs that are not members, or no longer, write samples into a secured session. Its members accept none, and the
+/// audit log names the program.
 #include <gmock/gmock.h>
 
 #include <ctime>
@@ -52,8 +52,8 @@ class OutsiderTest : public SecuredSession {
     EXPECT_EQ(reader.matched(), 1) << "only the member";
   }
 
-  /// The keys of a program that another authority with the name of the session's has made. Only the signature of the
-  /// certificate is wrong: the identity that the program states fits to its GUID. The participant with the smaller GUID
+  /// The keys of a program, made by another authority of the same name. Only the signature of the certificate is wrong:
+  /// the identity that the program states matches its GUID. The participant with the smaller GUID
   /// begins the handshake.
   [[nodiscard]] SessionAddress wrongly_signed(bool begins_handshake) const {
     std::filesystem::create_directory(folder_.path() / "elsewhere");
