@@ -32,8 +32,8 @@ namespace tactus::bench {
 /// forward stops.
 class BaseMeshHost {
  public:
-  /// `hrtc`: name of the HRTC. `model` must outlive the host. It should be too large for the pool of the HRTC, which then
-  /// decodes the base mesh and refuses the object. The removal of an admitted base mesh would take seconds.
+  /// `hrtc`: name of the HRTC. `model` must outlive the host. It should be too large for the pool of the HRTC, which
+  /// then decodes the base mesh and refuses the object. The removal of an admitted base mesh would take seconds.
   BaseMeshHost(const wire::SessionAddress& address, const std::string& hrtc, const spm::codec::CompressedModel& model);
   ~BaseMeshHost();
   BaseMeshHost(const BaseMeshHost&) = delete;
