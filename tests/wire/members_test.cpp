@@ -275,7 +275,7 @@ TEST_F(UnprovedTest, AParticipantThatHasAnnouncedNothingForItsLeaseCannotStayInT
   GuidPrefix sender = prefix_of(museum_);
   std::memcpy(&sender[8], &announced_, 4);
   EXPECT_TRUE(admits({kInfoTime}, sender));
-  std::this_thread::sleep_for(std::chrono::milliseconds{1100});
+  std::this_thread::sleep_for(std::chrono::milliseconds{1100});  // the lease of 1 s, whose end nothing shows
   EXPECT_FALSE(admits({kInfoTime}, sender));
 }
 

@@ -53,8 +53,7 @@ class OutsiderTest : public SecuredSession {
   }
 
   /// The keys of a program, made by another authority of the same name. Only the signature of the certificate is wrong:
-  /// the identity that the program states matches its GUID. The participant with the smaller GUID
-  /// begins the handshake.
+  /// the identity that the program states matches its GUID. The participant with the smaller GUID begins the handshake.
   [[nodiscard]] SessionAddress wrongly_signed(bool begins_handshake) const {
     std::filesystem::create_directory(folder_.path() / "elsewhere");
     const keys::Authority other = keys::Authority::create(folder_.path() / "elsewhere/lab-keys");
