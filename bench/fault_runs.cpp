@@ -19,9 +19,11 @@
 #include <random>
 #include <thread>
 
+#include "bench/cycle_log.hpp"
 #include "bench/flight_cycles.hpp"
 #include "bench/live_session.hpp"
 #include "bench/touched_session.hpp"
+#include "tools/chaos/programs.hpp"
 #include "trace/mcap.hpp"
 
 namespace tactus::bench {
@@ -378,15 +380,27 @@ void measure_body_takeover(const FaultSettings& settings, Report& report) {
 
 namespace {
 
-/// Runs `tactus chaos` with these kinds of fault, and adds its results to the report.
-void inject(TouchedSession& touched, const std::string& what, const std::vector<std::string>& kinds, double seconds,
-            std::uint64_t seed, Report& report) {
-  const std::string results = touched.path("chaos.json");
-  std::vector<std::string> arguments{"--seconds", std::to_string(seconds), "--seed", std::to_string(seed), "--json",
-                                     results};
-  for (const std::string& kind : kinds) arguments.insert(arguments.end(), {"--only", kind});
+/// A run of `tactus chaos`.
+struct Injection {
+  std::string name;                ///< begins the names of its rows
+  std::vector<std::string> kinds;  ///< of faults
+  double seconds;
+  bool kills_services = false;  ///< also hosts and HRTCs, which it starts again
+};
+
+/// Runs `tactus chaos`, and adds its results to the report. Meanwhile checks the cycles of an HRTC if there is a `log`.
+void inject(TouchedSession& touched, const Injection& injection, std::uint64_t seed, CycleLog* log, Report& report) {
+  const std::string results = touched.path("chaos.json"), &what = injection.name;
+  std::vector<std::string> arguments{
+      "--seconds", std::to_string(injection.seconds), "--seed", std::to_string(seed), "--json", results};
+  for (const std::string& kind : injection.kinds) arguments.insert(arguments.end(), {"--only", kind});
+  if (injection.kills_services) arguments.emplace_back("--restart");
   const auto chaos = touched.session().start(Side::kB, "chaos", std::move(arguments));
-  const auto status = chaos->wait(std::chrono::seconds{static_cast<long>(seconds) + 120});
+  const std::int64_t begin_ns = realtime::monotonic_ns();
+  std::optional<int> status;
+  while (!(status = chaos->wait(1s)) && ms_since(begin_ns) < 1e3 * (injection.seconds + 120)) {
+    if (log != nullptr) log->poll();
+  }
   std::fprintf(stderr, "%s", chaos->output().c_str());
   if (!status || *status > 1) throw std::runtime_error("tactus chaos failed");
   std::ifstream file{results};
@@ -399,11 +413,12 @@ void inject(TouchedSession& touched, const std::string& what, const std::vector<
                      {"faults", times}, "s", kind.at("max_s").is_null() ? kUnfinished : kind.at("max_s").get<double>());
   }
   const Population all{"faults", faults};
-  report.add_at_least(what + "number of faults", all, "", static_cast<double>(faults), seconds / 10);
+  report.add_at_least(what + "number of faults", all, "", static_cast<double>(faults), injection.seconds / 10);
   report.add_at_most(what + "faults from which the session did not recover", all, "",
                      json.at("unrecovered").get<double>(), 0);
   report.add_at_most(what + "violations", {"probe states", json.at("states").get<std::size_t>()}, "",
                      static_cast<double>(json.at("violations").size()), 0);
+  if (injection.kills_services) return;  // a program that has just started still grows
   for (const nlohmann::json& program : json.at("programs")) {
     const std::string label = program.at("label").get<std::string>();
     report.add_at_most(what + "growth of the memory of " + label, {"run", 1}, "MB",
@@ -413,30 +428,60 @@ void inject(TouchedSession& touched, const std::string& what, const std::vector<
   }
 }
 
+/// Ends the programs of a session that `tactus chaos` has started.
+void end_programs(LiveSession& session) {
+  const wire::SessionAddress address = session.address("");
+  const auto programs = [&] { return chaos::programs_of(address.session, address.domain, false); };
+  const std::int64_t begin_ns = realtime::monotonic_ns();
+  for (const chaos::Program& program : programs()) ::kill(program.pid, SIGTERM);
+  while (!programs().empty() && ms_since(begin_ns) < 20e3) pause(50ms);
+  for (const chaos::Program& program : programs()) ::kill(program.pid, SIGKILL);
+}
+
 }  // namespace
 
 void measure_random_faults(const FaultSettings& settings, Report& report) {
-  TouchedSession touched;
+  TouchedSession touched{20'000, "veth", Protection::kSecured};
   touched.start_host(Side::kB);
   const std::string flight = touched.path("flight.mcap");
-  // The size of a recording depends on what happens in its time, so a long one would hide a growth of the memory.
-  constexpr auto kRecorded = 2s;
-  const auto desk = touched.start_hrtc(
-      Side::kB, "desk", {"ann", "bob"},
-      {"--no-coding", "--flight-recorder", std::to_string(kRecorded.count()), "--flight-file", flight});
-  touched.wait_for_touch("ann");
-  touched.wait_for_touch("bob");
-  pause(kRecorded + 2s);
-  inject(touched, "", {"suspend", "kill", "loss", "cut"}, settings.seconds * 3 / 4, settings.seed, report);
+  // The size of a recording depends on what happens in its time, so a longer one would hide a growth of the memory.
+  const auto start_hrtc = [&] {
+    auto hrtc = touched.start_hrtc(Side::kB, "desk", {"ann", "bob"},
+                                   {"--no-coding", "--flight-recorder", std::to_string(CycleLog::kStored),
+                                    "--flight-file", flight, "--flight-folder", touched.path("flights")});
+    touched.wait_for_touch("ann");
+    touched.wait_for_touch("bob");
+    return hrtc;
+  };
+  auto desk = start_hrtc();
+  pause(std::chrono::seconds{CycleLog::kStored + 2});
+  CycleLog log{*desk};
+  inject(touched, {"", {"suspend", "kill", "loss", "cut"}, settings.seconds / 2}, settings.seed, &log, report);
   // The gateway is not killed here, so its memory can be measured.
-  inject(touched, "without kills: ", {"suspend", "loss", "cut"}, settings.seconds / 4, settings.seed, report);
+  inject(touched, {"without kills: ", {"suspend", "loss", "cut"}, settings.seconds / 4}, settings.seed, &log, report);
   touched.wait_for_touch("ann");
+  log.poll();
   desk->signal(SIGTERM);
   if (desk->wait(60s) != 0) throw std::runtime_error{"the HRTC failed:\n" + desk->output()};
+  ForceChecker& checker = log.checker();
+  checker.check(flight);
+  for (const std::string& text : checker.texts()) report.add_note(text);
+  const Population cycles{"cycles", checker.cycles()};
+  report.add_at_most("cycles that are in no flight recording", cycles, "", static_cast<double>(checker.missing()), 0);
+  report.add_at_most("forces and cycles that break a rule", cycles, "", static_cast<double>(checker.violations()), 0);
+  report.add_value("largest force of a cycle", cycles, "N", checker.max_force());
+  report.add_value("largest change of a force in a cycle", cycles, "N", checker.max_step());
   // The replay computes every cycle of the recording again, and finds out whether all forces are the same.
   Process replay{{program_path("replay"), flight, "--model", touched.path("organ.spm")}};
   report.add_at_most("exit status of the replay of the last cycles", {"recording", 1}, "",
                      replay.wait(300s).value_or(127), 0);
+
+  desk = start_hrtc();
+  const Injection kills{"with kills of hosts and HRTCs: ", {"suspend", "kill"}, settings.seconds / 4, true};
+  inject(touched, kills, settings.seed, nullptr, report);
+  touched.wait_for_touch("ann");
+  touched.wait_for_touch("bob");
+  end_programs(touched.session());
 }
 
 }  // namespace tactus::bench

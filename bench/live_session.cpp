@@ -75,8 +75,9 @@ bool ObservedSession::touches_exactly(const std::string& user, std::uint64_t sin
   });
 }
 
-LiveSession::LiveSession(const std::string& link)
+LiveSession::LiveSession(const std::string& link, Protection protection)
     : pair_{netem::parse_link(link)}, session_{"bench." + std::to_string(getpid())} {
+  if (protection == Protection::kSecured) keys_ = std::make_unique<SessionKeys>(folder_.path());
   pair_.enter_namespace(netem::Side::kB);
   impl_ = std::make_unique<Impl>(address("observer"));
 }
@@ -88,6 +89,7 @@ wire::SessionAddress LiveSession::address(const std::string& participant) const 
   address.session = session_;
   address.participant = participant;
   address.is_test = true;
+  if (keys_) keys_->secure(address);
   return address;
 }
 
@@ -95,7 +97,15 @@ std::unique_ptr<LiveSession::Process> LiveSession::start(netem::Side side, const
                                                          std::vector<std::string> arguments) {
   std::vector<std::string> command{"/usr/bin/nsenter", "--net=/run/netns/" + pair_.name(side), program_path(name)};
   command.insert(command.end(), arguments.begin(), arguments.end());
-  command.insert(command.end(), {"--session", session_, "--plain"});
+  command.insert(command.end(), {"--session", session_});
+  if (keys_) {
+    const auto option = std::find(arguments.begin(), arguments.end(), "--name");
+    const bool has_name = arguments.end() - option > 1;
+    const std::vector<std::string> keys = keys_->arguments(name, has_name ? *(option + 1) : name);
+    command.insert(command.end(), keys.begin(), keys.end());
+  } else {
+    command.push_back("--plain");
+  }
   return std::make_unique<Process>(std::move(command));
 }
 

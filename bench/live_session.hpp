@@ -7,6 +7,7 @@
 
 #include <chrono>
 #include <condition_variable>
+#include <cstdint>
 #include <functional>
 #include <map>
 #include <memory>
@@ -14,9 +15,11 @@
 #include <string>
 #include <vector>
 
+#include "bench/session_keys.hpp"
 #include "netem/pair.hpp"
 #include "realtime/process.hpp"
 #include "tests/support/process.hpp"
+#include "tests/support/temporary_folder.hpp"
 #include "wire/endpoints.hpp"
 
 namespace tactus::bench {
@@ -50,14 +53,20 @@ struct ObservedSession {
   [[nodiscard]] bool touches_exactly(const std::string& user, std::uint64_t since = 0) const;
 };
 
+enum class Protection : std::uint8_t {
+  kPlain,   ///< no keys
+  kSecured  ///< every program has keys
+};
+
 class LiveSession {
  public:
   using Process = e2e::Process;
   /// `link` has the syntax of netem::parse_link.
-  explicit LiveSession(const std::string& link);
+  explicit LiveSession(const std::string& link, Protection protection = Protection::kPlain);
   ~LiveSession();
 
-  /// Starts the program tactus-`name` as a participant of this session.
+  /// Starts the program tactus-`name` as a participant of this session. In a secured session it gets the keys of the
+  /// participant that the option --name of its arguments names, or of one with the name of the program.
   [[nodiscard]] std::unique_ptr<Process> start(netem::Side side, const std::string& name,
                                                std::vector<std::string> arguments);
   [[nodiscard]] wire::SessionAddress address(const std::string& participant) const;
@@ -74,6 +83,8 @@ class LiveSession {
   struct Impl;
   netem::LinkedPair pair_;
   std::string session_;
+  test_support::TemporaryFolder folder_;
+  std::unique_ptr<SessionKeys> keys_;  // null: a plain session
   std::unique_ptr<Impl> impl_;
 };
 

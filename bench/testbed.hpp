@@ -13,8 +13,8 @@
 #include <vector>
 
 #include "bench/models.hpp"
+#include "bench/session_keys.hpp"
 #include "bench/surface_path.hpp"
-#include "keys/authority.hpp"
 #include "spm/fcl/fixed_mesh.hpp"
 #include "spm/offline/model_file.hpp"
 #include "tests/support/process.hpp"
@@ -100,10 +100,7 @@ class Testbed {
     address.participant = participant;
     address.domain = settings_.domain;
     address.qos = wire::default_qos_directory();
-    if (has_keys_) {
-      address.keys = keys_of(participant, keys::Role::kObserver);
-      address.audit = folder_.path() / (participant + ".jsonl");
-    }
+    if (has_keys_) keys_.secure(address);
     return address;
   }
 
@@ -116,19 +113,11 @@ class Testbed {
         (programs_ / ("tactus-" + kind)).string(), "--session", session, "--name", name, "--domain",
         std::to_string(settings_.domain)};
     if (has_keys_) {
-      const std::string keys = keys_of(name, kind == "host" ? keys::Role::kHost : keys::Role::kHrtc);
-      command.insert(command.end(), {"--keys", keys, "--audit", (folder_.path() / (name + ".jsonl")).string()});
+      const std::vector<std::string> keys = keys_.arguments(kind, name);
+      command.insert(command.end(), keys.begin(), keys.end());
     }
     command.insert(command.end(), more.begin(), more.end());
     return std::make_unique<e2e::Process>(std::move(command));
-  }
-  /// Returns the folder of the keys of a program, which are made for its first start.
-  [[nodiscard]] std::string keys_of(const std::string& name, keys::Role role) const {
-    keys::NewMember member;
-    member.name = name;
-    member.role = role;
-    const std::filesystem::path made = authority_.folder_of(name);
-    return std::filesystem::exists(made) ? made.string() : authority_.add(member).string();
   }
   /// Writes the recording of a tip that follows a path at `speed`, m/s, and stores the path in `path_`.
   void write_path(const std::string& name, const LoadedModel& subject, double speed) {
@@ -183,7 +172,7 @@ class Testbed {
   std::vector<spm::Vec3d> path_;  // the path that write_path wrote last, m
   test_support::TemporaryFolder folder_;
   std::filesystem::path programs_;
-  const keys::Authority authority_ = keys::Authority::create(folder_.path() / "bench-keys");
+  const SessionKeys keys_{folder_.path()};
   bool has_keys_ = false;
 };
 

@@ -15,8 +15,10 @@ namespace tactus::bench {
 /// A thread constructs and uses it as a LiveSession.
 class TouchedSession {
  public:
-  /// `faces`: of the object. `link`: as of LiveSession.
-  explicit TouchedSession(int faces = 20'000, const std::string& link = "veth") : session_{link} {
+  /// `faces`: of the object. `link`, `protection`: as of LiveSession.
+  explicit TouchedSession(int faces = 20'000, const std::string& link = "veth",
+                          Protection protection = Protection::kPlain)
+      : session_{link, protection} {
     run_program("mesh", {"generate", "organ", path("organ.ply"), "--faces", std::to_string(faces), "--seed", "7"});
     run_program("mesh", {"build", path("organ.ply"), path("organ.spm")});
     write_resting_touch(path("organ.spm"), path("touch.csv"));
