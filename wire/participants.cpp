@@ -20,6 +20,7 @@
 #include "wire/incarnation.hpp"
 #include "wire/profiles.hpp"
 #include "wire/security.hpp"
+#include "wire/sent_keys.hpp"
 #include "wire/topics.hpp"
 #include "wire/transport/filter_transport.hpp"
 
@@ -150,6 +151,7 @@ dds::DomainParticipant* join(Participants::Impl& impl, TrafficClass traffic, con
     dds::DomainParticipantListener* listener = impl.security.get();
     if (listener == nullptr && traffic == TrafficClass::kSession) listener = impl.servers.get();
     made = factory->create_participant(domain, qos, listener, dds::StatusMask::none());
+    if (made != nullptr && impl.security) free_sent_keys(*made);
     filters.gate->open();
     if (traffic == TrafficClass::kProbe) impl.probe_realtime = priority.applied();
   }
