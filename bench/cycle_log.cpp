@@ -17,7 +17,8 @@ constexpr double kAgeTolerance = 1e-4;  // s, of the age at which a force has to
 constexpr std::size_t kMaxTexts = 10;
 constexpr std::int64_t kRequestNs = 2'000'000'000;
 
-double norm(const std::array<double, 3>& v) { return std::hypot(v[0], v[1], v[2]); }
+/// Not std::hypot, which returns 0 for (0, 0, NaN) in libstdc++ 12.
+double norm(const std::array<double, 3>& v) { return std::sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]); }
 
 }  // namespace
 
