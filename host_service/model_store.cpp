@@ -146,7 +146,7 @@ std::optional<MappedModel> open_cached(const std::filesystem::path& path, LogLin
 spm::offline::BuiltModel build(const std::filesystem::path& model, LogLines& lines) {
   lines.add(model.string() + ": building");
   std::string last_stage;
-  return spm::offline::build_model(spm::offline::import_mesh(model), {}, [&](std::string_view stage, double) {
+  return spm::offline::build_model_file(model, {}, [&](std::string_view stage, double) {
     lines.expect_open();
     if (stage == last_stage) return;
     last_stage = stage;

@@ -63,6 +63,18 @@ bool is_temporary(const fs::path& path) {
          name[name.size() - kUnique.size()] == '.';
 }
 
+/// Removes the temporary files and folders that would have got this name.
+void remove_temporary(const fs::path& folder, const std::string& name) {
+  std::error_code ignored;
+  std::vector<fs::path> remains;
+  const std::string begin = std::string{kNew} + name + ".";
+  for (fs::directory_iterator at{folder, ignored}, end; at != end; at.increment(ignored))
+    if (is_temporary(at->path()) && at->path().filename().string().size() == begin.size() + kUnique.size() - 1 &&
+        at->path().filename().string().compare(0, begin.size(), begin) == 0)
+      remains.push_back(at->path());
+  for (const fs::path& path : remains) fs::remove_all(path, ignored);
+}
+
 /// A new folder, or a new file, that gets its name only when it is complete. Without `commit` nothing remains.
 class Pending {
  public:
@@ -102,13 +114,21 @@ class Pending {
   /// Takes the place of a folder, in one step. The destructor removes the earlier one.
   void exchange() {
     sync_folder(temporary_);
-    if (::renameat2(AT_FDCWD, temporary_.c_str(), AT_FDCWD, path_.c_str(), RENAME_EXCHANGE) != 0)
-      fail(path_, "cannot be replaced");
+    if (::renameat2(AT_FDCWD, temporary_.c_str(), AT_FDCWD, path_.c_str(), RENAME_EXCHANGE) != 0) {
+      if (errno != EINVAL) fail(path_, "cannot be replaced");
+      replace();
+    }
     sync_folder(path_.parent_path());
   }
 
  private:
   explicit Pending(fs::path path) : path_{std::move(path)} {}
+  /// For file systems without an exchange, such as NFS: between its two steps there is no folder of this name.
+  void replace() {
+    Pending earlier = folder(path_);
+    if (::rename(path_.c_str(), earlier.temporary_.c_str()) != 0) fail(path_, "cannot be replaced");
+    commit();
+  }
   [[nodiscard]] std::string pattern() const {
     return path_.parent_path() / std::string{kNew}.append(path_.filename().string()).append(kUnique);
   }
@@ -281,6 +301,8 @@ void Authority::export_member(const std::string& name, const fs::path& to) const
   const fs::path from = folder_of(name), target = without_separator(to);
   if (!fs::is_directory(from)) throw KeyError(from.string() + ": not found, expected a member of this authority");
   if (fs::exists(target)) throw KeyError(to.string() + ": exists, expected a new folder");
+  const Lock lock{folder_};  // for keys that are not replaced during the copy
+  remove_temporary(target.parent_path(), target.filename());
   (void)read_member(from, now());
   Pending pending = Pending::folder(target);
   try {
@@ -303,7 +325,13 @@ void Authority::revoke_certificate(const std::string& name) const {
   const fs::path file = folder_of(name) / files::kCertificate;
   if (!fs::exists(file)) throw KeyError(file.string() + ": not found, expected a member of this authority");
   std::vector<std::string> serials = serials_of(*read_revoked_list(folder_ / kAuthorityFolder / files::kRevoked));
-  const std::string serial = serial_of(*read_certificate(file));
+  std::string serial;
+  try {
+    serial = serial_of(*read_certificate(file));
+  } catch (const KeyError& error) {
+    throw KeyError(std::string{error.what()} + "; without it, these keys cannot be revoked. If nobody has a copy of " +
+                   "them, remove the file, and add the member again with --replace");
+  }
   if (std::find(serials.begin(), serials.end(), serial) == serials.end()) serials.push_back(serial);
   write_revoked(serials);
 }
@@ -323,14 +351,12 @@ std::optional<Member> Authority::find(const std::string& name) const {
   return member_of(*read_certificate(file), *read_revoked_list(folder_ / kAuthorityFolder / files::kRevoked), file);
 }
 
-std::vector<Member> Authority::members() const {
-  std::vector<Member> members;
-  for (const auto& entry : fs::directory_iterator{folder_ / kMembersFolder}) {
-    if (is_hidden(entry.path())) continue;
-    if (std::optional<Member> member = find(entry.path().filename())) members.push_back(std::move(*member));
-  }
-  std::sort(members.begin(), members.end(), [](const Member& a, const Member& b) { return a.name < b.name; });
-  return members;
+std::vector<std::string> Authority::names() const {
+  std::vector<std::string> names;
+  for (const auto& entry : fs::directory_iterator{folder_ / kMembersFolder})
+    if (!is_hidden(entry.path())) names.push_back(entry.path().filename());
+  std::sort(names.begin(), names.end());
+  return names;
 }
 
 }  // namespace tactus::keys

@@ -6,9 +6,9 @@
 ///     lab-keys/authority/   private keys of both authorities; stays where it was made
 ///     lab-keys/members/desk/   all that the program `desk` needs; copied to its machine
 ///
-/// Every file and folder gets its name only when it is complete. A process that makes or revokes keys waits for other
-/// such processes, and then removes the temporary files of those that were killed. The exception is `create`: if it is
-/// killed, its folder `.new-NAME.*` stays.
+/// Every file and folder gets its name only when it is complete. A process that makes, revokes or exports keys waits for
+/// other such processes, and then removes the temporary files of those that were killed. If `create` or
+/// `export_member` is killed, its folder `.new-NAME.*` stays; the next export to this name removes that of an export.
 #pragma once
 
 #include <ctime>
@@ -46,8 +46,8 @@ class Authority {
   void revoke(const std::string& name) const;
   /// Returns the member of this name; none if there is none, or if its folder has no certificate. Throws KeyError.
   [[nodiscard]] std::optional<Member> find(const std::string& name) const;
-  /// Returns the members by name.
-  [[nodiscard]] std::vector<Member> members() const;
+  /// Returns the names of all members, sorted.
+  [[nodiscard]] std::vector<std::string> names() const;
   [[nodiscard]] std::filesystem::path folder_of(const std::string& name) const;
   /// Copies the folder of a member to the new folder `to`, if a program can use it. Only its owner can read the copy.
   /// Throws KeyError; then, or if it is killed, there is no folder `to`.

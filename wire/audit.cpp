@@ -66,12 +66,32 @@ std::string AuditLog::write(std::int64_t now_ns, bool all) {
   if (std::filesystem::file_size(file_, ignored) > kMaxBytes && !ignored)
     std::filesystem::rename(file_, file_.string() + ".1", ignored);
   const int file = ::open(file_.c_str(), O_WRONLY | O_APPEND | O_CREAT | O_CLOEXEC | O_NOFOLLOW, S_IRUSR | S_IWUSR);
-  if (file < 0) return file_.string() + ": " + std::strerror(errno);
+  if (file < 0) {
+    const std::string error = file_.string() + ": " + std::strerror(errno);
+    put_back(events);
+    return error;
+  }
+  const off_t end = ::lseek(file, 0, SEEK_END);
   errno = ENOSPC;  // for a write that is too short
   const bool is_written = ::write(file, lines.data(), lines.size()) == static_cast<ssize_t>(lines.size());
   const std::string error = is_written ? "" : file_.string() + ": " + std::strerror(errno);
+  if (!is_written) {
+    (void)!::ftruncate(file, end);  // no part of a line remains
+    put_back(events);
+  }
   ::close(file);
   return error;
+}
+
+/// The next call of `write` writes these events.
+void AuditLog::put_back(const std::vector<std::pair<AuditEvent, std::uint64_t>>& events) {
+  const std::lock_guard<std::mutex> lock{mutex_};
+  for (const auto& [event, count] : events) {
+    const bool is_known = events_.size() < kMaxEvents || events_.count(event) > 0;
+    Repeated& repeated = events_[is_known ? event : AuditEvent{kFurther, "", "", ""}];
+    repeated.count += count;
+    repeated.due_ns = 0;
+  }
 }
 
 }  // namespace tactus::wire

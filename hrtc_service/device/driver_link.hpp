@@ -35,10 +35,13 @@ struct DriverState {
   haptics::DeviceState device;
   std::int64_t read_ns = 0;  ///< mean time that the driver needs for a read
   std::uint32_t failed = 0;  ///< not 0: the driver has reported a permanent failure
+  /// Number of times that the stop button was pressed. A press that begins and ends between two reads of the HRTC is not
+  /// in its newest state.
+  std::uint32_t stops = 0;
 };
 
 struct DriverLink {
-  static constexpr std::uint64_t kLayout = 1;  ///< increases when this struct or one of its parts changes
+  static constexpr std::uint64_t kLayout = 2;  ///< increases when this struct or one of its parts changes
 
   // Written by the HRTC before the other process starts.
   std::uint64_t layout = kLayout;

@@ -56,6 +56,10 @@ void DriverLoop::send_state() noexcept {
   read_ns_ += (monotonic_ns() - began_ns - read_ns_) / kMeanOf;
   state.read_ns = read_ns_;
   state.failed = device_.health() == haptics::DeviceHealth::kFailed ? 1 : 0;
+  const bool is_stopped = (state.device.buttons & haptics::kStopButton) != 0;
+  if (is_stopped && !is_stopped_) ++stops_;
+  is_stopped_ = is_stopped;
+  state.stops = stops_;
   states_.post(state);
 }
 

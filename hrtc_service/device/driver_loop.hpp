@@ -50,6 +50,8 @@ class DriverLoop {
   MailboxWriter<DriverState> states_;
   DriverCommand command_;        // newest
   bool is_commanded_ = false;    // the last cycle had a command
+  bool is_stopped_ = false;      // the stop button was pressed in the last read
+  std::uint32_t stops_ = 0;      // number of its presses
   double strength_ = 0;          // 0 to 1: share of the commanded force
   std::int64_t read_ns_ = 0;     // mean time of a read
   std::int64_t cycle_ns_ = 0;    // start of the newest cycle with a command

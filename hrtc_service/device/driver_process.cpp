@@ -113,6 +113,7 @@ haptics::DeviceState DriverProcess::read(std::int64_t now_ns) noexcept {
   constexpr std::int64_t kMaxAgeNs = 1'000'000'000'000, kMaxReadNs = 1'000'000;
   const std::int64_t delay_ns = kReadAheadNs + kPollNs + std::clamp<std::int64_t>(newest.read_ns, 0, kMaxReadNs);
   state_ = newest.device;
+  if (std::exchange(stops_, newest.stops) != newest.stops) state_.buttons |= haptics::kStopButton;
   // A later time would make the pose new for longer. The next state of a driver without news has this time again.
   state_.time_ns = std::clamp(state_.time_ns, now_ns - kMaxAgeNs, now_ns);
   if (!is_moderate(state_)) state_.position.fill(std::numeric_limits<double>::quiet_NaN());  // which latches a fault

@@ -70,6 +70,7 @@ class DriverProcess final : public haptics::Device {
   MailboxReader<DriverState> states_;
   haptics::DeviceState state_;  // newest
   std::int64_t cycle_ns_ = 0;
+  std::uint32_t stops_ = 0;  // DriverState::stops of the newest state
   bool has_failed_ = false;
 };
 

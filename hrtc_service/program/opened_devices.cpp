@@ -35,7 +35,12 @@ std::unique_ptr<const spm::MeshProbe> load_tool(const std::string& name) {
   if (name.empty()) return nullptr;
   constexpr double kMaxRadius = 1;  // m; a larger mesh probably has another unit
   const spm::offline::TriangleMesh mesh = name == "stylus" ? spm::offline::stylus() : spm::offline::import_mesh(name);
-  auto tool = std::make_unique<const spm::MeshProbe>(mesh.positions, mesh.faces);
+  std::unique_ptr<const spm::MeshProbe> tool;
+  try {
+    tool = std::make_unique<const spm::MeshProbe>(mesh.positions, mesh.faces);
+  } catch (const std::exception& error) {
+    throw std::runtime_error("--tool " + name + ": " + error.what());
+  }
   if (tool->radius() > kMaxRadius)
     throw std::runtime_error("--tool " + name + ": found a vertex at " + std::to_string(tool->radius()) +
                              " from the origin, expected metres, at most " + std::to_string(kMaxRadius));

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <new>
 #include <numeric>
 #include <string>
 #include <utility>
@@ -379,6 +380,8 @@ BuiltModel build_model_file(const std::filesystem::path& path, const BuildOption
     return build_model(std::move(mesh), options, progress);
   } catch (const ModelError& e) {
     throw ModelError{path.string() + ": " + e.what()};
+  } catch (const std::bad_alloc&) {
+    throw ModelError{path.string() + ": the build needs more memory than this program can get"};
   }
 }
 

@@ -20,6 +20,9 @@
 #include <cstdlib>
 #include <cstring>
 #include <ctime>
+#include <fstream>
+#include <limits>
+#include <new>
 #include <set>
 #include <string>
 #include <string_view>
@@ -88,6 +91,55 @@ std::filesystem::path importer_program() {
   throw ModelError{"found no program tactus-import, expected it in " TACTUS_IMPORT_FOLDER
                    "; the variable TACTUS_IMPORT can name it"};
 }
+
+/// Returns the limit of memory of this process's control group and of those around it, such as that of a service or of a
+/// container.
+std::uint64_t memory_of_control_group() {
+  std::uint64_t least = std::numeric_limits<std::uint64_t>::max();
+  std::ifstream groups{"/proc/self/cgroup"};
+  for (std::string line; std::getline(groups, line);) {
+    if (line.rfind("0::/", 0) != 0) continue;
+    const std::filesystem::path root{"/sys/fs/cgroup"};
+    for (std::filesystem::path group = root / line.substr(4);; group = group.parent_path()) {
+      std::ifstream limit{group / "memory.max"};  // a number, or "max"
+      if (std::uint64_t bytes = 0; limit >> bytes) least = std::min(least, bytes);
+      if (group == root || group == group.parent_path()) break;
+    }
+  }
+  return least;
+}
+
+/// A message must not command the terminal.
+void replace_control_characters(std::string& text) {
+  for (std::size_t i = 0; i < text.size(); ++i) {
+    const auto code = static_cast<unsigned char>(text[i]);
+    // The bytes 0xc2 0x80 to 0xc2 0x9f are the control characters U+0080 to U+009F.
+    const bool is_second = i > 0 && static_cast<unsigned char>(text[i - 1]) == 0xc2 && code >= 0x80 && code < 0xa0;
+    if (is_second) text[i - 1] = ' ';
+    if (is_second || code < ' ' || code == 0x7f) text[i] = ' ';
+  }
+}
+
+/// Lets this process wait for its children, even if it ignores SIGCHLD, until the end of the object.
+class WaitableChildren {
+ public:
+  WaitableChildren() {
+    struct sigaction waitable {};
+    waitable.sa_handler = SIG_DFL;
+    if (sigaction(SIGCHLD, nullptr, &before_) != 0) return;
+    is_ignored_ = before_.sa_handler == SIG_IGN || (before_.sa_flags & SA_NOCLDWAIT) != 0;
+    if (is_ignored_) sigaction(SIGCHLD, &waitable, nullptr);
+  }
+  ~WaitableChildren() {
+    if (is_ignored_) sigaction(SIGCHLD, &before_, nullptr);
+  }
+  WaitableChildren(const WaitableChildren&) = delete;
+  WaitableChildren& operator=(const WaitableChildren&) = delete;
+
+ private:
+  struct sigaction before_ {};
+  bool is_ignored_ = false;
+};
 
 /// The child process that reads a model.
 class ImportProcess {
@@ -163,6 +215,8 @@ class ImportProcess {
     posix_spawnattr_destroy(&attributes);
     if (error != 0) child_ = -1;
     require_no_error(error, program);
+    // If memory is short, the system ends the reader instead of this program.
+    std::ofstream{"/proc/" + std::to_string(child_) + "/oom_score_adj"} << 1000;
   }
 
   /// Opens files for the child until it ends, or until it has exceeded a limit and is killed. Returns its status, as
@@ -243,13 +297,14 @@ class ImportProcess {
 #ifndef TACTUS_SANITIZED  // sanitizers reserve terabytes of addresses
     limit(RLIMIT_AS, memory_limit());
 #endif
-    limit(RLIMIT_FSIZE, memory_limit());
+    limit(RLIMIT_FSIZE, memory_limit() / 2);  // the reader still has the mesh when it writes it
     limit(RLIMIT_NOFILE, 64);
   }
-  /// At most the memory of this machine, because a file with holes has more bytes than it takes on the disk.
+  /// At most the memory of this machine and of the control group, because a file with holes has more bytes than it takes
+  /// on the disk.
   [[nodiscard]] std::uint64_t memory_limit() const {
     const auto machine = static_cast<std::uint64_t>(sysconf(_SC_PHYS_PAGES) * sysconf(_SC_PAGESIZE));
-    return std::min(channel::limits_for(bytes_).memory_bytes, machine);
+    return std::min({channel::limits_for(bytes_).memory_bytes, machine, memory_of_group_});
   }
 
   void answer(const Descriptor& file) const {
@@ -279,6 +334,8 @@ class ImportProcess {
     if (WIFSIGNALED(status)) {
       const int signal = WTERMSIG(status);
       if (signal == SIGXFSZ) fail(model_, memory);
+      if (signal == SIGKILL)
+        fail(model_, "the reader was killed, probably because this machine or its container has too little memory");
       fail(model_, std::string{"the reader crashed ("} + strsignal(signal) +
                        "), so the file is damaged or hostile; expected a model");
     }
@@ -307,8 +364,7 @@ class ImportProcess {
     if (header.message_bytes > 0) {
       std::string message(std::min<std::uint64_t>(header.message_bytes, channel::kMaxMessage), '\0');
       check(read(message.data(), message.size()));
-      for (char& c : message)
-        if (static_cast<unsigned char>(c) < ' ') c = ' ';
+      replace_control_characters(message);
       if (const std::string name = model_.string() + ": "; message.rfind(name, 0) == 0) message.erase(0, name.size());
       if (message.find_first_not_of(' ') == std::string::npos)
         message = "the reader returned neither a mesh nor a reason, so the file is damaged or hostile";
@@ -332,13 +388,19 @@ class ImportProcess {
   pid_t child_ = -1;
   std::set<std::pair<dev_t, ino_t>> known_files_;  // that the child has opened
   std::uint64_t bytes_ = 0;                        // their size
+  const std::uint64_t memory_of_group_ = memory_of_control_group();
+  const WaitableChildren waitable_;
 };
 
 }  // namespace
 
 TriangleMesh import_mesh(const std::filesystem::path& path, LossPolicy losses) {
   check_readable(path);
-  return ImportProcess{path, losses}.mesh();
+  try {
+    return ImportProcess{path, losses}.mesh();
+  } catch (const std::bad_alloc&) {
+    fail(path, "the mesh needs more memory than this program can get");
+  }
 }
 
 }  // namespace tactus::spm::offline

@@ -89,6 +89,7 @@ TEST(HrtcOptions, AVertexOfAToolIsAtMostOneMetreFromItsTip) {
   EXPECT_THAT([&] { (void)load("1.001"); },
               testing::ThrowsMessage<std::runtime_error>(
                   AllOf(HasSubstr("--tool " + file + ": found a vertex at 1.001"), HasSubstr("at most 1"))));
+  EXPECT_THAT([&] { (void)load("1e39"); }, testing::ThrowsMessage<std::runtime_error>(HasSubstr("tool.obj: ")));
 }
 
 }  // namespace

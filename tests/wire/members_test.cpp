@@ -13,6 +13,7 @@
 #include "keys/certificates.hpp"
 #include "rtps_bytes.hpp"
 #include "session/messages.hpp"
+#include "tests/support/file_size_limit.hpp"
 #include "tests/support/temporary_folder.hpp"
 
 namespace tactus::wire {
@@ -431,6 +432,25 @@ TEST(AuditLogTest, EqualEventsAreOneLineAndManyDifferentOnesAreCounted) {
   AuditLog without_folder{folder.path() / "absent/audit.jsonl", "lab", "desk"};
   without_folder.add({"started", "hrtc desk", "", ""});
   EXPECT_THAT(without_folder.write(0), HasSubstr("audit.jsonl: No such file"));
+}
+
+TEST(AuditLogTest, EventsThatCannotBeWrittenAreWrittenLater) {
+  const test_support::TemporaryFolder folder;
+  const std::filesystem::path file = folder.path() / "audit.jsonl";
+  AuditLog log{file, "lab", "desk"};
+  log.add({"started", "hrtc desk", "", ""});
+  ASSERT_EQ(log.write(0), "");
+  const std::string before = test_support::read_bytes(file);
+  {
+    const test_support::FileSizeLimit full_disk{before.size() + 10};
+    for (int i = 0; i < 3; ++i) log.add({"plain message", "", "10.0.0.9", ""});
+    EXPECT_THAT(log.write(1), HasSubstr("audit.jsonl: "));
+    EXPECT_EQ(test_support::read_bytes(file), before) << "no part of a line";
+    EXPECT_THAT(log.write(2, true), HasSubstr("audit.jsonl: "));
+  }
+  EXPECT_EQ(log.write(3), "");
+  EXPECT_THAT(test_support::read_bytes(file).substr(before.size()),
+              AllOf(testing::StartsWith("{"), HasSubstr(R"("from":"10.0.0.9","count":3)")));
 }
 
 TEST(AuditLogTest, ARepeatedEventIsWrittenEveryMinuteAndAtTheEnd) {

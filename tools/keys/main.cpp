@@ -73,17 +73,43 @@ std::string permitted_text(const keys::Member& member) {
 void show(const keys::Authority& authority) {
   const std::time_t now = std::time(nullptr);
   std::printf("%-24s %-9s %-11s %-8s %s\n", "name", "role", "valid until", "state", "users or objects");
-  for (const keys::Member& member : authority.members()) {
-    const char* state = "valid";
-    if (member.is_revoked)
-      state = "revoked";
-    else if (now > member.valid_until)
-      state = "expired";
-    std::printf("%-24s %-9s %-11s %-8s %s\n", member.name.c_str(), std::string{name_of(member.role)}.c_str(),
-                keys::utc_text(member.valid_until, "%Y-%m-%d").c_str(), state, permitted_text(member).c_str());
+  std::string error;  // of the first member whose certificate cannot be read
+  for (const std::string& name : authority.names()) {
+    try {
+      const std::optional<keys::Member> member = authority.find(name);
+      if (!member) continue;
+      const char* state = "valid";
+      if (member->is_revoked)
+        state = "revoked";
+      else if (now > member->valid_until)
+        state = "expired";
+      std::printf("%-24s %-9s %-11s %-8s %s\n", name.c_str(), std::string{name_of(member->role)}.c_str(),
+                  keys::utc_text(member->valid_until, "%Y-%m-%d").c_str(), state, permitted_text(*member).c_str());
+    } catch (const keys::KeyError& found) {
+      std::printf("%-24s %-9s %-11s %-8s\n", name.c_str(), "?", "?", "damaged");
+      if (error.empty()) error = found.what();
+    }
   }
   std::printf("%s. The authority and all keys expire on %s at the latest.\n",
               keys::text_of(authority.revoked()).c_str(), keys::utc_text(authority.valid_until(), "%Y-%m-%d").c_str());
+  if (!error.empty()) throw keys::KeyError(error);
+}
+
+/// Returns the keys that new ones of this name replace; none if there are none, or if their certificate is of an earlier
+/// version. Throws KeyError if that was restricted to names that are now unknown.
+std::optional<keys::Member> earlier_keys(const keys::Authority& authority, const keys::NewMember& member,
+                                         bool for_all) {
+  try {
+    return authority.find(member.name);
+  } catch (const keys::KeyError& error) {
+    const char* const names = names_of(member.role);
+    if (!member.replaces) throw;
+    if (names != nullptr && member.permitted.empty() && !for_all)
+      throw keys::KeyError(std::string{error.what()} + "; found no " + names + ", expected names" +
+                           (is_for_all(member.role) ? " or --all" : "") +
+                           ", because those of the earlier keys are unknown");
+    return std::nullopt;
+  }
 }
 
 /// Throws KeyError if a member has keys of another role that are not revoked: a wrong command would revoke them.
@@ -128,7 +154,8 @@ int main(int argc, char** argv) {
     CLI::App* const add = command("add-" + std::string{name_of(role)}, purpose_of(role), [&, role] {
       member.role = role;
       const keys::Authority authority{folder};
-      const std::optional<keys::Member> earlier = authority.find(member.name);
+      const std::optional<keys::Member> earlier = earlier_keys(authority, member, for_all);
+      const bool had_keys = fs::exists(authority.folder_of(member.name) / keys::files::kCertificate);
       check_role(earlier, role);
       if (member.replaces && !fs::exists(authority.folder_of(member.name)))
         throw keys::KeyError("--replace: found no member '" + member.name + "', expected one of tactus keys show");
@@ -137,7 +164,7 @@ int main(int argc, char** argv) {
       const fs::path made = authority.add(member);
       std::printf("%s has the keys of %s %s. Copy it to its machine, for example by tactus keys export.\n",
                   made.c_str(), std::string{name_of(role)}.c_str(), member.name.c_str());
-      if (earlier) print_revoked(folder, "The earlier keys of " + member.name);
+      if (had_keys) print_revoked(folder, "The earlier keys of " + member.name);
     });
     add->add_option("NAME", member.name, "Name of the program in the session")->required();
     if (const char* const names = names_of(role)) {

@@ -58,6 +58,7 @@ TEST_F(ConfinedImport, NamesTheFileIfTheReaderCrashes) {
   EXPECT_THAT(error_of_reader("crash"), HasSubstr("the reader crashed (Segmentation fault), so the file is damaged"));
   EXPECT_THAT(error_of_reader("abort"), HasSubstr("the reader crashed (Aborted)"));
   EXPECT_THAT(error_of_reader("status"), HasSubstr("ended with status 7"));
+  EXPECT_THAT(error_of_reader("killed"), HasSubstr("too little memory")) << "as the system does";
 }
 
 TEST_F(ConfinedImport, AcceptsOnlyAValidMesh) {
@@ -66,7 +67,7 @@ TEST_F(ConfinedImport, AcceptsOnlyAValidMesh) {
 }
 
 TEST_F(ConfinedImport, PrintsAMessageOfTheReaderAsOneLineOfText) {
-  EXPECT_EQ(error_of_reader("message"), path("message.obj").string() + ":  [2Jall is well ");
+  EXPECT_EQ(error_of_reader("message"), path("message.obj").string() + ":  [2Jall  is   well ");
 }
 
 TEST_F(ConfinedImport, AddsAReasonToAMessageOfTheReaderThatHasNone) {
@@ -179,6 +180,14 @@ TEST_F(ConfinedImport, ReadsOtherFilesInTheFolderOfTheModel) {
   std::filesystem::current_path(folder_.path());
   EXPECT_EQ(import_mesh("model.gltf").faces.size(), 1u);
   std::filesystem::current_path(before);
+}
+
+TEST_F(ConfinedImport, ReadsAModelInAProcessThatIgnoresItsChildren) {
+  write_bytes(path("triangle.bin"), triangle_bytes());
+  write_bytes(path("model.gltf"), gltf_with_buffer("triangle.bin"));
+  const auto before = ::signal(SIGCHLD, SIG_IGN);
+  EXPECT_EQ(import_mesh(path("model.gltf")).faces.size(), 1u);
+  EXPECT_EQ(::signal(SIGCHLD, before), SIG_IGN) << "as before the import";
 }
 
 TEST_F(ConfinedImport, ReadsNoFileOutsideTheFolderOfTheModel) {

@@ -110,7 +110,9 @@ int main(int, char** argv) {
     put(triangle.data(), sizeof triangle);
     put(face.data(), sizeof face);
   } else if (behavior == "message") {
-    put_message("\033[2Jall is well\n");
+    put_message("\033[2Jall\x7f is \xc2\x9bwell\n");
+  } else if (behavior == "killed") {
+    raise(SIGKILL);
   } else if (behavior == "only_name") {
     put_message(model.string() + ": ");
   } else if (behavior == "only_spaces") {
