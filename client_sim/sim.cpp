@@ -84,8 +84,7 @@ struct Sim::Impl {
   template <class Typed>
   void listen(const wire::TopicSpec<Typed>& topic) {
     readers.push_back(std::make_shared<wire::Reader<Typed>>(main.participants, topic, [this](Typed&& sample) {
-      constexpr bool kEnd = std::is_same_v<Typed, session::SessionEnd>;
-      inbox.put(std::move(sample), kEnd ? wire::Urgency::kMustArrive : wire::Urgency::kWakes);
+      inbox.put(std::move(sample), wire::kIsSentOnce<Typed> ? wire::Urgency::kMustArrive : wire::Urgency::kWakes);
     }));
   }
 

@@ -163,8 +163,7 @@ struct Host::Impl {
   template <class T>
   void listen(const wire::TopicSpec<T>& topic) {
     readers.push_back(std::make_shared<wire::Reader<T>>(participants, topic, [this](T&& sample) {
-      constexpr bool kEnd = std::is_same_v<T, session::SessionEnd>;
-      inbox.put(std::move(sample), kEnd ? wire::Urgency::kMustArrive : wire::Urgency::kWakes);
+      inbox.put(std::move(sample), wire::kIsSentOnce<T> ? wire::Urgency::kMustArrive : wire::Urgency::kWakes);
     }));
   }
 

@@ -180,7 +180,7 @@ struct GatewayService::Impl {
   /// Samples that every program sends to every other do not wake the service, because a large session has many of them.
   template <class Typed>
   static constexpr wire::Urgency kUrgency =
-      std::is_same_v<Typed, session::SessionEnd> ? wire::Urgency::kMustArrive
+      wire::kIsSentOnce<Typed> ? wire::Urgency::kMustArrive
       : std::is_same_v<Typed, session::RosterEntry> || std::is_same_v<Typed, session::ClockSample> ||
               std::is_same_v<Typed, session::ProbeState> || std::is_same_v<Typed, session::Metrics>
           ? wire::Urgency::kWaits

@@ -6,8 +6,8 @@
 ///     lab-keys/authority/   private keys of both authorities; stays where it was made
 ///     lab-keys/members/desk/   all that the program `desk` needs; copied to its machine
 ///
-/// Every file and folder gets its name only when it is complete. A process that makes, revokes or exports keys waits for
-/// other such processes, and then removes the temporary files of those that were killed. If `create` or
+/// Every file and folder gets its name only when it is complete. A process that makes, revokes or exports keys waits
+/// for other such processes, and then removes the temporary files of those that were killed. If `create` or
 /// `export_member` is killed, its folder `.new-NAME.*` stays; the next export to this name removes that of an export.
 #pragma once
 

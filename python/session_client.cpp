@@ -80,8 +80,7 @@ SessionClient::~SessionClient() {
 template <class Typed>
 void SessionClient::listen(const wire::TopicSpec<Typed>& topic) {
   readers_.push_back(std::make_shared<wire::Reader<Typed>>(participants_, topic, [this](Typed&& sample) {
-    constexpr bool kEnd = std::is_same_v<Typed, session::SessionEnd>;
-    inbox_.put(std::move(sample), kEnd ? wire::Urgency::kMustArrive : wire::Urgency::kWakes);
+    inbox_.put(std::move(sample), wire::kIsSentOnce<Typed> ? wire::Urgency::kMustArrive : wire::Urgency::kWakes);
   }));
 }
 

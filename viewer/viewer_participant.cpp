@@ -83,7 +83,10 @@ struct ViewerParticipant::Impl {
   template <class Typed>
   void listen(const wire::TopicSpec<Typed>& topic, const wire::EndpointOptions& endpoint = {}) {
     readers.push_back(std::make_shared<wire::Reader<Typed>>(
-        participants, topic, [this](Typed&& sample) { inbox.put(std::move(sample), wire::Urgency::kWaits); },
+        participants, topic,
+        [this](Typed&& sample) {
+          inbox.put(std::move(sample), wire::kIsSentOnce<Typed> ? wire::Urgency::kMustArrive : wire::Urgency::kWaits);
+        },
         endpoint));
   }
 

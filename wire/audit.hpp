@@ -2,8 +2,8 @@
 ///
 /// One JSON object in each line. The next call of `write` writes the first of equal events. Further ones are counted
 /// and written as one line after 1 s, then after 2 s, 4 s and so on, at most 60 s. An event that does not occur for
-/// this interval and 60 s more counts as new. Events that cannot be written are written later. Above kMaxBytes, the file becomes FILE.1, and a new one begins, so two
-/// files use at most twice this size. Only the owner can read them.
+/// this interval and 60 s more counts as new. Events that cannot be written are written later. Above kMaxBytes, the
+/// file becomes FILE.1, and a new one begins, so two files use at most twice this size. Only the owner can read them.
 ///
 ///     {"time":"2026-11-26T10:00:00Z","session":"lab","program":"desk","event":"false sender",
 ///      "subject":"user laptop","detail":"tactus_stop","count":3}

@@ -17,11 +17,11 @@ namespace tactus::wire {
 enum class Urgency : std::uint8_t {
   kWaits,      ///< the sample does not wake the consumer: it waits until another one does, or until `take` times out
   kWakes,      ///< the sample wakes the consumer
-  kMustArrive  ///< as kWakes; also uses a reserve when the inbox is full, because the sample is not repeated
+  kMustArrive  ///< as kWakes; also uses a reserve when the inbox is full, because the sample is sent once
 };
 
 /// Many producers, one consumer. Drops and counts samples above the capacity. All topics recover from such losses
-/// except the end of a session, which is put with kMustArrive.
+/// except those whose samples are sent once (kIsSentOnce in topics.hpp), which are put with kMustArrive.
 template <class Sample>
 class Inbox {
  public:
@@ -57,7 +57,7 @@ class Inbox {
   }
 
  private:
-  static constexpr std::size_t kReserve = 16;
+  static constexpr std::size_t kReserve = 1024;
   const std::size_t capacity_;
   mutable std::mutex mutex_;
   std::condition_variable arrived_;

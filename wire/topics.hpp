@@ -1,6 +1,8 @@
 /// The topics of a session, declared once.
 #pragma once
 
+#include <type_traits>
+
 #include "session/messages.hpp"
 #include "wire/participants.hpp"
 
@@ -17,6 +19,12 @@ struct TopicSpec {
   /// users, objects and HRTCs, and the largest rates of their options.
   std::uint32_t max_rate;
 };
+
+/// Whether samples of this type are sent once. All others are repeated, or replaced by newer ones.
+template <class Sample>
+inline constexpr bool kIsSentOnce = std::is_same_v<Sample, session::CatalogueEntry> ||
+                                    std::is_same_v<Sample, session::Control> ||
+                                    std::is_same_v<Sample, session::SessionEnd>;
 
 namespace topics {
 

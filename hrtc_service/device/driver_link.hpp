@@ -35,8 +35,8 @@ struct DriverState {
   haptics::DeviceState device;
   std::int64_t read_ns = 0;  ///< mean time that the driver needs for a read
   std::uint32_t failed = 0;  ///< not 0: the driver has reported a permanent failure
-  /// Number of times that the stop button was pressed. A press that begins and ends between two reads of the HRTC is not
-  /// in its newest state.
+  /// Number of times that the stop button was pressed. If a press begins and ends between two reads of the HRTC, the
+  /// newest state does not show it.
   std::uint32_t stops = 0;
 };
 

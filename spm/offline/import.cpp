@@ -92,8 +92,8 @@ std::filesystem::path importer_program() {
                    "; the variable TACTUS_IMPORT can name it"};
 }
 
-/// Returns the limit of memory of this process's control group and of those around it, such as that of a service or of a
-/// container.
+/// Returns the smallest limit of memory of this process's control group and of those around it, such as that of a
+/// service or of a container.
 std::uint64_t memory_of_control_group() {
   std::uint64_t least = std::numeric_limits<std::uint64_t>::max();
   std::ifstream groups{"/proc/self/cgroup"};
@@ -300,8 +300,8 @@ class ImportProcess {
     limit(RLIMIT_FSIZE, memory_limit() / 2);  // the reader still has the mesh when it writes it
     limit(RLIMIT_NOFILE, 64);
   }
-  /// At most the memory of this machine and of the control group, because a file with holes has more bytes than it takes
-  /// on the disk.
+  /// At most the memory of this machine and of the control group, because a file with holes has more bytes than it
+  /// takes on the disk.
   [[nodiscard]] std::uint64_t memory_limit() const {
     const auto machine = static_cast<std::uint64_t>(sysconf(_SC_PHYS_PAGES) * sysconf(_SC_PAGESIZE));
     return std::min({channel::limits_for(bytes_).memory_bytes, machine, memory_of_group_});

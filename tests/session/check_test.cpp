@@ -83,6 +83,13 @@ TEST(Check, NamesTheWrongFieldOfARosterEntry) {
   expect_invalid(roster(), "role", [](auto& r) { r.role = static_cast<Role>(4); });
   expect_invalid(roster(), "name", [](auto& r) { r.name.clear(); });
   expect_invalid(roster(), "name", [](auto& r) { r.name = "q"; });
+  for (const char* name : {"a*b", "a?", "a[b", "a]", "a/b", "a\\b", "a\n", "a\x7f"}) {
+    expect_invalid(roster(), "name: ", [&](auto& r) {
+      r.name = name;
+      r.origin.participant = id_of(name);
+    });
+    expect_invalid(roster(), "users: ", [&](auto& r) { r.users = {name}; });
+  }
   expect_invalid(roster(), "session", [](auto& r) { r.session = "t"; });
   expect_invalid(roster(), "requested_hrtc", [](auto& r) { r.requested_hrtc.assign(64, 'c'); });
   expect_invalid(roster(), "requested_hrtc", [](auto& r) { r.requested_hrtc = std::string("a\0b", 3); });

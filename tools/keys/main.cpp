@@ -95,8 +95,8 @@ void show(const keys::Authority& authority) {
   if (!error.empty()) throw keys::KeyError(error);
 }
 
-/// Returns the keys that new ones of this name replace; none if there are none, or if their certificate is of an earlier
-/// version. Throws KeyError if that was restricted to names that are now unknown.
+/// Returns the keys that new ones of this name replace; none if there are none, or if their certificate cannot be read
+/// and the new ones state their names. Throws KeyError otherwise.
 std::optional<keys::Member> earlier_keys(const keys::Authority& authority, const keys::NewMember& member,
                                          bool for_all) {
   try {
